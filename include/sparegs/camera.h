@@ -1,0 +1,90 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// Central cameras as COLMAP defines them: intrinsics with distortion, projection to pixels and its
+// inverse. Pure functions in double precision; no images, no files.
+//
+// Camera axes: x right, y down, z forward. Pixel coordinates: (0,0) is the upper left corner of the
+// image, the centre of the first pixel is (0.5, 0.5).
+
+#include <stdbool.h>
+
+#include "sparegs/status.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+// COLMAP's model ids (src/base/camera_models.h of COLMAP 3.8).
+typedef enum sgs_camera_model {
+    SGS_CAMERA_SIMPLE_PINHOLE = 0,        // f, cx, cy
+    SGS_CAMERA_PINHOLE = 1,               // fx, fy, cx, cy
+    SGS_CAMERA_SIMPLE_RADIAL = 2,         // f, cx, cy, k
+    SGS_CAMERA_RADIAL = 3,                // f, cx, cy, k1, k2
+    SGS_CAMERA_OPENCV = 4,                // fx, fy, cx, cy, k1, k2, p1, p2
+    SGS_CAMERA_OPENCV_FISHEYE = 5,        // fx, fy, cx, cy, k1, k2, k3, k4
+    SGS_CAMERA_FULL_OPENCV = 6,           // fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6
+    SGS_CAMERA_FOV = 7,                   // fx, fy, cx, cy, omega
+    SGS_CAMERA_SIMPLE_RADIAL_FISHEYE = 8, // f, cx, cy, k
+    SGS_CAMERA_RADIAL_FISHEYE = 9,        // f, cx, cy, k1, k2
+    SGS_CAMERA_THIN_PRISM_FISHEYE = 10,   // fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, sx1, sy1
+    SGS_CAMERA_MODEL_COUNT = 11
+} sgs_camera_model;
+
+typedef struct sgs_camera {
+    sgs_camera_model model;
+    int width, height; // pixels
+    double params[12]; // in the model's order above; unused entries are 0
+} sgs_camera;
+
+// World to camera: p_cam = rotation * p_world + translation. Rotation row-major, orthonormal.
+typedef struct sgs_pose {
+    double rotation[9];
+    double translation[3];
+} sgs_pose;
+
+// Number of parameters of a model, 0 for an unknown id.
+int sgs_camera_param_count(sgs_camera_model model);
+
+// COLMAP's name of a model ("OPENCV"), NULL for an unknown id.
+const char *sgs_camera_model_name(sgs_camera_model model);
+
+// Finds a model by COLMAP's name; returns false if there is none.
+bool sgs_camera_model_from_name(const char *name, sgs_camera_model *model);
+
+// True for the models whose distortion acts on the angle from the axis (rays beyond 90 degrees may exist).
+bool sgs_camera_is_fisheye(sgs_camera_model model);
+
+// Checks sizes in [1, 65536], finite parameters, positive focal lengths. On failure sgs_last_error()
+// says what is wrong (without a file name: the caller adds it).
+sgs_status sgs_camera_validate(const sgs_camera *camera);
+
+// Focal lengths in pixels (fx, fy) and principal point (cx, cy) in pixels. Cannot fail.
+void sgs_camera_intrinsics(const sgs_camera *camera, double *fx, double *fy, double *cx, double *cy);
+
+// The same lens seen by an image of another size: focal lengths and principal point scale per axis.
+// A one-focal model whose axes scale differently becomes the two-focal model of the same lens.
+sgs_camera sgs_camera_resized(const sgs_camera *camera, int width, int height);
+
+// Projects a point in camera axes to pixel coordinates. False when the point has no image (behind the
+// camera for a perspective model, or outside the domain where the distortion is monotonic).
+bool sgs_camera_project(const sgs_camera *camera, const double point[3], double pixel[2]);
+
+// Unit direction in camera axes of the ray through a pixel coordinate. Newton inversion of the
+// distortion; false when it does not converge or the pixel lies outside the lens's valid image.
+bool sgs_camera_unproject(const sgs_camera *camera, const double pixel[2], double direction[3]);
+
+// Camera centre in world space: -Rᵀ t.
+void sgs_pose_center(const sgs_pose *pose, double center[3]);
+
+// Pose from a quaternion (w,x,y,z, any positive norm) and translation, COLMAP's convention. Fails with
+// SGS_STATUS_FORMAT for a zero or non-finite quaternion or translation.
+sgs_status sgs_pose_from_quaternion(const double qvec[4], const double tvec[3], sgs_pose *pose);
+
+// Quaternion (w,x,y,z), unit, w >= 0, of a pose's rotation.
+void sgs_pose_quaternion(const sgs_pose *pose, double qvec[4]);
+
+#ifdef __cplusplus
+}
+#endif

@@ -1,0 +1,54 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// Images in and out, behind one C header: 8-bit photographs (OpenImageIO), PNG for people
+// (OpenImageIO) and multi-channel EXR for compositors (OpenEXR). Every writer writes to a temporary
+// file in the target folder and renames it, so a failed write leaves the earlier file intact.
+
+#include "sparegs/scene.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+// Reads a photograph as 3 or 4 planes of 8 bit (grey becomes RGB, 16-bit is rounded). On failure
+// image->pixels is NULL and the error names the file.
+sgs_status sgs_image8_read(const char *path, sgs_image8 *image);
+
+// Width and height from the file's header only.
+sgs_status sgs_image8_probe(const char *path, int *width, int *height);
+
+// Area-averaging by an integer factor: out size = max(1, size / factor) (floor); each output pixel is the exact
+// area average of its source rectangle of width/out_width by height/out_height source pixels.
+sgs_status sgs_image8_downscale(const sgs_image8 *image, int out_width, int out_height, sgs_image8 *out);
+
+// Frees the pixels and zeroes the struct; accepts an empty one.
+void sgs_image8_free(sgs_image8 *image);
+
+// Writes planar 8-bit RGB or RGBA or grey (channels 1, 3, 4) as PNG.
+sgs_status sgs_png_write(const char *path, const sgs_image8 *image);
+
+// One EXR channel: a float plane or, when uints is set, a 32-bit unsigned plane. Row-major, top row first.
+typedef struct sgs_exr_channel {
+    const char *name;       // "R", "depth.Z", ...
+    const float *floats;    // [height][width]
+    const uint32_t *uints;  // or this; exactly one is non-NULL
+    int half;               // store the floats as half
+} sgs_exr_channel;
+
+typedef struct sgs_exr_info {
+    int width, height;
+    const double *world_to_camera;     // 16, row-major, column vectors (p' = M p), or NULL
+    const double *world_to_ndc;        // likewise
+    const char *depth_definition;      // text attribute "sparegs:depthDefinition", or NULL
+    const char *view_name;             // text attribute "sparegs:view", or NULL
+} sgs_exr_info;
+
+// Writes a scan-line EXR, ZIP compressed, with data window = display window, Rec. 709 chromaticities and
+// the attributes above. Matrices are stored in EXR's row-vector convention (transposed).
+sgs_status sgs_exr_write(const char *path, const sgs_exr_info *info, const sgs_exr_channel *channels, int channel_count);
+
+#ifdef __cplusplus
+}
+#endif

@@ -1,0 +1,102 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// Rendering a model from a camera: the Embree tracer, and the slow double-precision reference that
+// defines what it must compute. No training, no files.
+//
+// Response of a Gaussian to a ray x(t) = c + t d, |d| = 1 (M = S^-1 R^T, p = M (c - mean), g = M d):
+// rho^2 = |p x g|^2 / |g|^2 at t = -(p.g) / |g|^2; alpha = min(0.99, o exp(-rho^2 / 2)). A hit counts when
+// alpha >= 1/255 and t > near. Hits blend in the order (t, id); the first one that would take the
+// transmittance below 1e-4 and all behind it do not count.
+//
+// Filter `3dgs`: scales become s'^2 = s^2 + 0.3 (z / f)^2 with z the camera depth of the mean (its distance, for
+// fisheye lenses) and f = sqrt(fx fy): the 0.3 px^2 dilation of 3DGS. Filter `none`: the bare Gaussian. Filter
+// `mip`: s'^2 = s^2 + f3^2 with the model's 3D filter f3, then + 0.1 (z / f)^2 with Mip-Splatting's opacity factors.
+
+#include <stdint.h>
+
+#include "sparegs/camera.h"
+#include "sparegs/gaussians.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef enum sgs_filter { SGS_FILTER_3DGS = 0, SGS_FILTER_NONE = 1, SGS_FILTER_MIP = 2 } sgs_filter;
+
+typedef struct sgs_render_options {
+    sgs_filter filter;
+    double near_distance;    // hits at t <= near do not count; default 0.2 (3DGS's cull), world units
+    int sh_degree;           // highest band used, 0..3; default 3
+    const float *filter_3d;  // [count] Mip-Splatting's f3 in world units, or NULL (0); used by SGS_FILTER_MIP only
+} sgs_render_options;
+
+sgs_render_options sgs_render_options_default(void);
+
+// Planes of a rendered view, [height][width] row-major, top row first, each NULL when not wanted. Owned
+// by the caller. Distances are along the unit ray, in world units.
+typedef struct sgs_frame {
+    int width, height;    // must equal the camera's
+    float *color[3];      // linear blend of the SH colours, premultiplied, WITHOUT background
+    float *transmittance; // T left after the last counted hit; alpha = 1 - T
+    float *depth_mean;    // sum(w t) / sum(w); 0 where nothing was hit
+    float *depth_median;  // t of the hit that takes T to 0.5 or below; 0 if none does
+    float *depth_first;   // smallest t of a counted hit; 0 where nothing was hit
+    float *hits;          // number of counted hits
+} sgs_frame;
+
+// Allocates all planes of a frame (64-byte aligned); on failure everything is NULL.
+sgs_status sgs_frame_create(int width, int height, sgs_frame *frame);
+void sgs_frame_free(sgs_frame *frame);
+
+typedef struct sgs_renderer sgs_renderer;
+
+// Builds the BVH over a model, which must outlive the renderer and not change (call
+// sgs_renderer_update after a change). On failure *renderer is NULL.
+sgs_status sgs_renderer_create(const sgs_gaussians *model, sgs_renderer **renderer);
+void sgs_renderer_destroy(sgs_renderer *renderer);
+// Rebuilds after the model changed.
+sgs_status sgs_renderer_update(sgs_renderer *renderer);
+// Renders one view. Bits do not depend on the number of threads.
+sgs_status sgs_renderer_render(sgs_renderer *renderer, const sgs_camera *camera, const sgs_pose *pose,
+                               const sgs_render_options *options, sgs_frame *frame);
+
+// ---- The oracle: brute force over all primitives, double precision, no BVH, no SIMD. O(pixels x primitives). ----
+
+// Planes as in sgs_frame, in double.
+typedef struct sgs_reference_frame {
+    int width, height;
+    double *color[3];
+    double *transmittance, *depth_mean, *depth_median, *depth_first, *hits;
+} sgs_reference_frame;
+
+sgs_status sgs_reference_frame_create(int width, int height, sgs_reference_frame *frame);
+void sgs_reference_frame_free(sgs_reference_frame *frame);
+
+// One counted hit of one ray.
+typedef struct sgs_hit {
+    uint32_t primitive;
+    double t, alpha, transmittance; // T in front of the hit
+} sgs_hit;
+
+// params: [count][SGS_PARAM_COUNT] doubles in SGS_PARAM_ order (so that finite differences can perturb them
+// below float resolution).
+sgs_status sgs_reference_render(const double *params, size_t count, const sgs_camera *camera, const sgs_pose *pose,
+                                const sgs_render_options *options, sgs_reference_frame *frame);
+
+// Counted hits of the ray through pixel (x, y)'s centre, in blending order. Writes at most `capacity`; returns the number there are.
+size_t sgs_reference_hits(const double *params, size_t count, const sgs_camera *camera, const sgs_pose *pose,
+                          const sgs_render_options *options, int x, int y, sgs_hit *hits, size_t capacity);
+
+// Gradients of L given dL/dcolor (3 planes) and dL/dT (plane, may be NULL) of the render above:
+// d_params [count][SGS_PARAM_COUNT] receives dL/d(stored parameter) (logit, log, unnormalised quaternion), overwritten.
+// d_mean_no_sh [count][3], optional: dL/dmean without the part through the SH direction. The 0.99 clamp of alpha is ignored in
+// the gradient, as in 3DGS (straight-through); a colour channel clamped at 0 gets none. The path of the 3dgs filter through z is included.
+sgs_status sgs_reference_backward(const double *params, size_t count, const sgs_camera *camera, const sgs_pose *pose,
+                                  const sgs_render_options *options, const double *const d_color[3],
+                                  const double *d_transmittance, double *d_params, double *d_mean_no_sh);
+
+#ifdef __cplusplus
+}
+#endif

@@ -1,0 +1,46 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// How the library reports trouble: one status code per fallible call, one thread-local sentence that
+// names the file, the place in it and the fix, and a callback for warnings. The library itself never
+// prints and never exits.
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+// X-macro: enumerator suffix, human text.
+#define SGS_STATUS_LIST(X)                                                                         \
+    X(OK, "success")                                                                               \
+    X(INVALID_ARGUMENT, "invalid argument")                                                        \
+    X(OUT_OF_MEMORY, "out of memory")                                                              \
+    X(IO, "file cannot be read or written")                                                        \
+    X(FORMAT, "file content is invalid")                                                           \
+    X(UNSUPPORTED, "not supported")                                                                \
+    X(LIMIT, "a limit was reached")                                                                \
+    X(INTERNAL, "internal error")
+
+typedef enum sgs_status {
+#define SGS_STATUS_ENUM(name, text) SGS_STATUS_##name,
+    SGS_STATUS_LIST(SGS_STATUS_ENUM)
+#undef SGS_STATUS_ENUM
+} sgs_status;
+
+// Short constant text for a status; never NULL, cannot fail.
+const char *sgs_status_text(sgs_status status);
+
+// The sentence that explains the last failed call of this thread, "" if there was none. Owned by the
+// library; valid until the next failing call on the same thread.
+const char *sgs_last_error(void);
+
+// Receives one line (no newline) per warning, possibly from several threads at once.
+typedef void (*sgs_warning_fn)(void *user, const char *message);
+
+// Sets the process-wide warning receiver; NULL drops warnings (the default). Not thread-safe against
+// running library calls: set it once at start.
+void sgs_set_warning_handler(sgs_warning_fn fn, void *user);
+
+#ifdef __cplusplus
+}
+#endif

@@ -1,0 +1,103 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// Training a model on a scene: the 3DGS loop on the ray tracer, with SPARE-GS regulating its structure.
+// Owns the model, the optimiser state, the BVH. Writes files only when asked.
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "sparegs/gaussians.h"
+#include "sparegs/render.h"
+#include "sparegs/scene.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef enum sgs_schedule { SGS_SCHEDULE_SCALED = 0, SGS_SCHEDULE_PAPER = 1 } sgs_schedule;
+typedef enum sgs_optimizer { SGS_OPTIMIZER_SPARSE = 0, SGS_OPTIMIZER_DENSE = 1 } sgs_optimizer;
+typedef enum sgs_pipeline { SGS_PIPELINE_3DGS = 0 } sgs_pipeline;
+enum { SGS_SPARE_BMD = 1, SGS_SPARE_RAP = 2, SGS_SPARE_EDT = 4, SGS_SPARE_ALL = 7 };
+enum { SGS_DEMAND_H = 1, SGS_DEMAND_V = 2, SGS_DEMAND_C = 4, SGS_DEMAND_ALL = 7 };
+typedef enum sgs_stop_reason { SGS_STOP_NONE = 0, SGS_STOP_SCHEDULE, SGS_STOP_EQUILIBRIUM, SGS_STOP_SIGNAL } sgs_stop_reason;
+
+typedef struct sgs_train_options {
+    int iterations;           // >= 1; 30000
+    sgs_schedule schedule;    // scaled
+    sgs_pipeline pipeline;    // 3dgs
+    sgs_filter filter;        // 3dgs
+    sgs_optimizer optimizer;  // sparse
+    int sh_degree;            // 0..3; 3
+    float background[3];      // black
+    bool background_random;   // a new colour per iteration instead
+    size_t max_gaussians;     // hard cap; 0 = none
+    uint64_t seed;            // 0
+    unsigned spare;           // SGS_SPARE_ bits; all
+    int spare_grid;           // voxels per axis, 2..256; 32
+    double spare_tau_alpha;   // 0.05
+    double spare_eps_loss;    // 0.008
+    double spare_eps_count;   // 0.01
+    int spare_patience;       // 2
+    int spare_interval;       // iterations of the 30 000-iteration schedule between two equilibrium checks; 1000
+    unsigned spare_demand;    // SGS_DEMAND_ bits; all
+    const sgs_gaussians *init; // start from this model (copied) instead of the point cloud; NULL
+    size_t random_points;     // size of the random cloud when the scene has no points; 100000
+} sgs_train_options;
+
+sgs_train_options sgs_train_options_default(void);
+
+// Seconds of wall clock by phase, since the start of the training.
+typedef struct sgs_train_seconds {
+    double gather, forward, loss, backward, optimizer, bvh_refit, bvh_build, density, spare, image_io, total;
+} sgs_train_seconds;
+
+// What one call of sgs_trainer_step did.
+typedef struct sgs_step_info {
+    int iteration;        // 1-based, the iteration just done
+    size_t view;          // index into scene->views
+    double loss;          // 0.8 L1 + 0.2 (1 - SSIM) of this view
+    double loss_average;  // EMA, bias-corrected
+    double psnr_average;  // EMA of the training views' PSNR (float image against the photo), dB
+    size_t gaussians;     // after the step
+    size_t visible;       // primitives with a gradient in this step
+    bool structural;      // a structural update happened: the next fields are valid
+    size_t densified, pruned, spare_pruned; // rows added (clones + split children - split parents), removed, removed by RAP alone
+    size_t regions;             // non-empty voxels (0 when SPARE-GS is off)
+    double over_budget_share;   // share of primitives in voxels over their quota
+    double mean_weight;         // mean w over primitives
+    size_t bmd_suppressed, bmd_boosted; // primitives whose densification decision w reversed (off, on)
+    double spare_seconds;       // of this update
+    sgs_stop_reason stop;       // other than NONE: training is over
+} sgs_step_info;
+
+typedef struct sgs_trainer sgs_trainer;
+
+// The scene (with loaded images) must outlive the trainer. Options are copied. On failure *trainer is
+// NULL. Fails with INVALID_ARGUMENT (names the option) when an option is out of range.
+sgs_status sgs_trainer_create(const sgs_scene *scene, const sgs_train_options *options, sgs_trainer **trainer);
+void sgs_trainer_destroy(sgs_trainer *trainer);
+
+// One iteration. After the last one info->stop is set; further calls fail with LIMIT.
+sgs_status sgs_trainer_step(sgs_trainer *trainer, sgs_step_info *info);
+
+// The model as it stands; owned by the trainer, invalidated by the next step. Row order changes at structural updates.
+const sgs_gaussians *sgs_trainer_model(const sgs_trainer *trainer);
+int sgs_trainer_iteration(const sgs_trainer *trainer);
+sgs_train_seconds sgs_trainer_seconds(const sgs_trainer *trainer);
+// In words, why training ended ("loss changed 0.5 %, count 0.2 % in two checks"); "" before that. Owned by the trainer.
+const char *sgs_trainer_stop_text(const sgs_trainer *trainer);
+
+// Number of primitives the trainer started from, and a copy of the initial cloud for input.ply (points [n][3], colours [n][3]), owned by the trainer.
+size_t sgs_trainer_initial_cloud(const sgs_trainer *trainer, const float **points, const unsigned char **colors);
+
+// The whole state (parameters, moments, statistics, schedule, counters) to one file, atomically, and back. Load
+// replaces the trainer's state; the trainer must have been created with the same options and scene (checked: the error names what differs).
+sgs_status sgs_trainer_save_checkpoint(const sgs_trainer *trainer, const char *path);
+sgs_status sgs_trainer_load_checkpoint(sgs_trainer *trainer, const char *path);
+
+#ifdef __cplusplus
+}
+#endif

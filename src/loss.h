@@ -1,0 +1,35 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// The photometric loss 0.8 L1 + 0.2 (1 - SSIM) and its exact gradient, in float, vectorised and
+// threaded. (3DGS's window: 11x11 Gaussian, sigma 1.5, zero padding, weights not renormalised at borders.)
+
+#include "sparegs/scene.h"
+
+typedef struct sgsi_loss_workspace sgsi_loss_workspace;
+
+sgs_status sgsi_loss_create(sgsi_loss_workspace **workspace);
+void sgsi_loss_destroy(sgsi_loss_workspace *workspace); // accepts NULL
+// Makes sure the workspace suits images up to this size, so that sgsi_loss_evaluate allocates nothing.
+sgs_status sgsi_loss_reserve(sgsi_loss_workspace *workspace, int width, int height);
+
+typedef struct sgsi_loss_input {
+    int width, height;
+    size_t stride;                // floats per row of every float plane, multiple of 16, >= width
+    const float *color[3];        // rendered, premultiplied, without background; [height][stride], 64-byte aligned
+    const float *transmittance;   // [height][stride]
+    float background[3];
+    const sgs_image8 *target;     // RGB, or RGB + straight alpha: composited over `background` first
+    float ssim_weight;            // lambda = 0.2
+} sgsi_loss_input;
+
+typedef struct sgsi_loss_output {
+    double loss, l1, ssim, mse;   // mse of the clamped image, for PSNR
+    float *d_color[3];            // dL/d(color), [height][stride]; columns >= width are set to 0
+    float *d_transmittance;       // dL/dT through the background: sum over channels of background * dL/dI
+} sgsi_loss_output;
+
+// I = clamp(color + T * background, 0, 1) is compared; the gradient is zero where the clamp acts (upper: I > 1, lower: I < 0).
+// Sums do not depend on the number of threads.
+sgs_status sgsi_loss_evaluate(sgsi_loss_workspace *workspace, const sgsi_loss_input *input, sgsi_loss_output *output);

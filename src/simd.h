@@ -1,0 +1,75 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// Sixteen virtual lanes: the vocabulary in which every kernel is written once and compiled per
+// instruction set. A translation unit defines SGSI_ISA (0 baseline, 1 AVX2+FMA, 2 AVX-512) before
+// including this file. AVX2 and AVX-512 perform the same IEEE operations in the same order, so they give
+// the same bits; the baseline has no fused multiply-add and rounds twice.
+//
+// vf: 16 floats; vi: 16 int32; vm: 16 booleans. Loads and stores named _u take any address, the others 64-byte alignment.
+
+#include <stdint.h>
+
+#ifndef SGSI_ISA
+#error "define SGSI_ISA before including simd.h"
+#endif
+
+#define SGSI_CONCAT2(a, b) a##b
+#define SGSI_CONCAT(a, b) SGSI_CONCAT2(a, b)
+#if SGSI_ISA == 2
+#include "simd_avx512.h"
+#define SGSI_KERNEL(name) SGSI_CONCAT(name, _avx512)
+#elif SGSI_ISA == 1
+#include "simd_avx2.h"
+#define SGSI_KERNEL(name) SGSI_CONCAT(name, _avx2)
+#else
+#include "simd_baseline.h"
+#define SGSI_KERNEL(name) SGSI_CONCAT(name, _baseline)
+#endif
+
+// Everything below is built from the primitives of the three headers.
+
+static inline vf vf_abs(vf a)
+{
+    return vf_max(a, vf_sub(vf_zero(), a));
+}
+
+static inline vf vf_clamp(vf a, vf low, vf high)
+{
+    return vf_min(vf_max(a, low), high);
+}
+
+// Sum of the lanes by the fixed tree (i, i+8), (i, i+4), (i, i+2), (i, i+1): the same on every ISA.
+static inline float vf_sum(vf a)
+{
+    float x[16] __attribute__((aligned(64)));
+    vf_store(x, a);
+    for (int stride = 8; stride; stride /= 2)
+        for (int i = 0; i < stride; ++i)
+            x[i] += x[i + stride];
+    return x[0];
+}
+
+// 2^x for x in [-126, 126]: round to nearest integer n, then a degree-6 minimax polynomial on [-0.5, 0.5]. Relative
+// error below 1.2e-7 (tests/test_simd.c measures it against double). No special cases: NaN in, garbage out.
+static inline vf vf_exp2(vf x)
+{
+    const vf magic = vf_set1(12582912.0f); // 1.5 * 2^23: adding it rounds to an integer in the low mantissa bits
+    const vf shifted = vf_add(x, magic);
+    const vf r = vf_sub(x, vf_sub(shifted, magic));
+    vf p = vf_set1(1.540343e-4f);
+    p = vf_fma(p, r, vf_set1(1.3398644e-3f));
+    p = vf_fma(p, r, vf_set1(9.6180355e-3f));
+    p = vf_fma(p, r, vf_set1(5.5503212e-2f));
+    p = vf_fma(p, r, vf_set1(0.24022651f));
+    p = vf_fma(p, r, vf_set1(0.69314720f));
+    p = vf_fma(p, r, vf_set1(1.0f));
+    return vi_as_vf(vi_add(vf_as_vi(p), vi_sll(vf_as_vi(shifted), 23)));
+}
+
+// e^x for x in [-87, 87].
+static inline vf vf_exp(vf x)
+{
+    return vf_exp2(vf_mul(x, vf_set1(1.44269504f)));
+}

@@ -1,0 +1,125 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// The sixteen lanes as two AVX registers. Included by simd.h only.
+
+#include <immintrin.h>
+
+typedef struct vf { __m256 a, b; } vf;
+typedef struct vi { __m256i a, b; } vi;
+typedef struct vm { __m256 a, b; } vm;
+
+#define SGSI_V1(type, name, intrinsic)                                                             \
+    static inline type name(type x) { return (type){intrinsic(x.a), intrinsic(x.b)}; }
+#define SGSI_V2(name, intrinsic)                                                                   \
+    static inline vf name(vf x, vf y) { return (vf){intrinsic(x.a, y.a), intrinsic(x.b, y.b)}; }
+#define SGSI_V3(name, intrinsic)                                                                   \
+    static inline vf name(vf x, vf y, vf z)                                                        \
+    {                                                                                              \
+        return (vf){intrinsic(x.a, y.a, z.a), intrinsic(x.b, y.b, z.b)};                           \
+    }
+#define SGSI_COMPARE(name, predicate)                                                              \
+    static inline vm name(vf x, vf y)                                                              \
+    {                                                                                              \
+        return (vm){_mm256_cmp_ps(x.a, y.a, predicate), _mm256_cmp_ps(x.b, y.b, predicate)};       \
+    }
+
+static inline vf vf_load(const float *p) { return (vf){_mm256_load_ps(p), _mm256_load_ps(p + 8)}; }
+static inline vf vf_load_u(const float *p) { return (vf){_mm256_loadu_ps(p), _mm256_loadu_ps(p + 8)}; }
+static inline void vf_store(float *p, vf x) { _mm256_store_ps(p, x.a), _mm256_store_ps(p + 8, x.b); }
+static inline void vf_store_u(float *p, vf x) { _mm256_storeu_ps(p, x.a), _mm256_storeu_ps(p + 8, x.b); }
+static inline void vf_store_masked(float *p, vm m, vf x)
+{
+    _mm256_maskstore_ps(p, _mm256_castps_si256(m.a), x.a);
+    _mm256_maskstore_ps(p + 8, _mm256_castps_si256(m.b), x.b);
+}
+static inline vf vf_set1(float x) { return (vf){_mm256_set1_ps(x), _mm256_set1_ps(x)}; }
+static inline vf vf_zero(void) { return (vf){_mm256_setzero_ps(), _mm256_setzero_ps()}; }
+SGSI_V2(vf_add, _mm256_add_ps)
+SGSI_V2(vf_sub, _mm256_sub_ps)
+SGSI_V2(vf_mul, _mm256_mul_ps)
+SGSI_V2(vf_div, _mm256_div_ps)
+SGSI_V2(vf_min, _mm256_min_ps)
+SGSI_V2(vf_max, _mm256_max_ps)
+SGSI_V1(vf, vf_sqrt, _mm256_sqrt_ps)
+SGSI_V3(vf_fma, _mm256_fmadd_ps)
+SGSI_V3(vf_fnma, _mm256_fnmadd_ps)
+SGSI_V3(vf_fms, _mm256_fmsub_ps)
+SGSI_COMPARE(vf_lt, _CMP_LT_OQ)
+SGSI_COMPARE(vf_le, _CMP_LE_OQ)
+SGSI_COMPARE(vf_gt, _CMP_GT_OQ)
+SGSI_COMPARE(vf_ge, _CMP_GE_OQ)
+
+static inline vf vf_select(vm m, vf x, vf y)
+{
+    return (vf){_mm256_blendv_ps(y.a, x.a, m.a), _mm256_blendv_ps(y.b, x.b, m.b)};
+}
+static inline vf vf_keep(vm m, vf x) { return (vf){_mm256_and_ps(m.a, x.a), _mm256_and_ps(m.b, x.b)}; }
+static inline vm vm_and(vm x, vm y) { return (vm){_mm256_and_ps(x.a, y.a), _mm256_and_ps(x.b, y.b)}; }
+static inline vm vm_or(vm x, vm y) { return (vm){_mm256_or_ps(x.a, y.a), _mm256_or_ps(x.b, y.b)}; }
+static inline vm vm_andnot(vm x, vm y) { return (vm){_mm256_andnot_ps(y.a, x.a), _mm256_andnot_ps(y.b, x.b)}; }
+static inline vm vm_none(void) { return (vm){_mm256_setzero_ps(), _mm256_setzero_ps()}; }
+static inline vm vm_not(vm x)
+{
+    const __m256 ones = _mm256_castsi256_ps(_mm256_set1_epi32(-1));
+    return (vm){_mm256_xor_ps(x.a, ones), _mm256_xor_ps(x.b, ones)};
+}
+static inline unsigned vm_bits(vm x)
+{
+    return (unsigned)_mm256_movemask_ps(x.a) | (unsigned)_mm256_movemask_ps(x.b) << 8;
+}
+static inline int vm_any(vm x) { return _mm256_movemask_ps(_mm256_or_ps(x.a, x.b)) != 0; }
+static inline vm vm_from_bits(unsigned bits)
+{
+    const __m256i lane = _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128);
+    const __m256i low = _mm256_and_si256(_mm256_set1_epi32((int)bits), lane);
+    const __m256i high = _mm256_and_si256(_mm256_set1_epi32((int)(bits >> 8)), lane);
+    return (vm){_mm256_castsi256_ps(_mm256_cmpeq_epi32(low, lane)), _mm256_castsi256_ps(_mm256_cmpeq_epi32(high, lane))};
+}
+
+static inline vi vi_load(const int32_t *p)
+{
+    return (vi){_mm256_load_si256((const __m256i *)p), _mm256_load_si256((const __m256i *)(p + 8))};
+}
+static inline void vi_store(int32_t *p, vi x)
+{
+    _mm256_store_si256((__m256i *)p, x.a);
+    _mm256_store_si256((__m256i *)(p + 8), x.b);
+}
+static inline vi vi_set1(int32_t x) { return (vi){_mm256_set1_epi32(x), _mm256_set1_epi32(x)}; }
+static inline vi vi_add(vi x, vi y) { return (vi){_mm256_add_epi32(x.a, y.a), _mm256_add_epi32(x.b, y.b)}; }
+static inline vi vi_sll(vi x, int n) { return (vi){_mm256_slli_epi32(x.a, n), _mm256_slli_epi32(x.b, n)}; }
+static inline vi vi_sra(vi x, int n) { return (vi){_mm256_srai_epi32(x.a, n), _mm256_srai_epi32(x.b, n)}; }
+static inline vf vi_as_vf(vi x) { return (vf){_mm256_castsi256_ps(x.a), _mm256_castsi256_ps(x.b)}; }
+static inline vi vf_as_vi(vf x) { return (vi){_mm256_castps_si256(x.a), _mm256_castps_si256(x.b)}; }
+static inline vf vi_to_vf(vi x) { return (vf){_mm256_cvtepi32_ps(x.a), _mm256_cvtepi32_ps(x.b)}; }
+static inline vi vf_to_vi(vf x) { return (vi){_mm256_cvtps_epi32(x.a), _mm256_cvtps_epi32(x.b)}; }
+static inline vf vf_load_u8(const uint8_t *p)
+{
+    const __m128i bytes = _mm_loadu_si128((const __m128i *)p);
+    return (vf){_mm256_cvtepi32_ps(_mm256_cvtepu8_epi32(bytes)),
+                _mm256_cvtepi32_ps(_mm256_cvtepu8_epi32(_mm_srli_si128(bytes, 8)))};
+}
+
+// Lane k of the result is the sum over the lanes of v[k], by the tree of vf_sum.
+static inline vf vf_sum16(const vf v[16])
+{
+    vf result;
+    for (int half = 0; half < 2; ++half) {
+        __m256 a[8], b[4], c[2];
+        for (int k = 0; k < 8; ++k)
+            a[k] = _mm256_add_ps(v[8 * half + k].a, v[8 * half + k].b);
+        for (int k = 0; k < 4; ++k) // low quarter: k, high quarter: k + 4
+            b[k] = _mm256_add_ps(_mm256_permute2f128_ps(a[k], a[k + 4], 0x20), _mm256_permute2f128_ps(a[k], a[k + 4], 0x31));
+        for (int k = 0; k < 2; ++k)
+            c[k] = _mm256_add_ps(_mm256_shuffle_ps(b[k], b[k + 2], 0x44), _mm256_shuffle_ps(b[k], b[k + 2], 0xEE));
+        const __m256 d = _mm256_add_ps(_mm256_shuffle_ps(c[0], c[1], 0x88), _mm256_shuffle_ps(c[0], c[1], 0xDD));
+        const __m256 ordered = _mm256_shuffle_ps(d, d, 0xD8); // 0, 2, 1, 3 -> 0, 1, 2, 3
+        if (half)
+            result.b = ordered;
+        else
+            result.a = ordered;
+    }
+    return result;
+}

@@ -1,0 +1,76 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// The sixteen lanes as one AVX-512 register. Included by simd.h only.
+
+#include <immintrin.h>
+
+typedef __m512 vf;
+typedef __m512i vi;
+typedef __mmask16 vm;
+
+static inline vf vf_load(const float *p) { return _mm512_load_ps(p); }
+static inline vf vf_load_u(const float *p) { return _mm512_loadu_ps(p); }
+static inline void vf_store(float *p, vf a) { _mm512_store_ps(p, a); }
+static inline void vf_store_u(float *p, vf a) { _mm512_storeu_ps(p, a); }
+static inline void vf_store_masked(float *p, vm m, vf a) { _mm512_mask_storeu_ps(p, m, a); }
+static inline vf vf_set1(float a) { return _mm512_set1_ps(a); }
+static inline vf vf_zero(void) { return _mm512_setzero_ps(); }
+static inline vf vf_add(vf a, vf b) { return _mm512_add_ps(a, b); }
+static inline vf vf_sub(vf a, vf b) { return _mm512_sub_ps(a, b); }
+static inline vf vf_mul(vf a, vf b) { return _mm512_mul_ps(a, b); }
+static inline vf vf_div(vf a, vf b) { return _mm512_div_ps(a, b); }
+static inline vf vf_sqrt(vf a) { return _mm512_sqrt_ps(a); }
+static inline vf vf_fma(vf a, vf b, vf c) { return _mm512_fmadd_ps(a, b, c); }   // a b + c
+static inline vf vf_fnma(vf a, vf b, vf c) { return _mm512_fnmadd_ps(a, b, c); } // c - a b
+static inline vf vf_fms(vf a, vf b, vf c) { return _mm512_fmsub_ps(a, b, c); }   // a b - c
+static inline vf vf_min(vf a, vf b) { return _mm512_min_ps(a, b); } // b when a lane of a or b is NaN
+static inline vf vf_max(vf a, vf b) { return _mm512_max_ps(a, b); }
+
+static inline vm vf_lt(vf a, vf b) { return _mm512_cmp_ps_mask(a, b, _CMP_LT_OQ); }
+static inline vm vf_le(vf a, vf b) { return _mm512_cmp_ps_mask(a, b, _CMP_LE_OQ); }
+static inline vm vf_gt(vf a, vf b) { return _mm512_cmp_ps_mask(a, b, _CMP_GT_OQ); }
+static inline vm vf_ge(vf a, vf b) { return _mm512_cmp_ps_mask(a, b, _CMP_GE_OQ); }
+static inline vf vf_select(vm m, vf a, vf b) { return _mm512_mask_blend_ps(m, b, a); } // m ? a : b
+static inline vf vf_keep(vm m, vf a) { return _mm512_maskz_mov_ps(m, a); }             // m ? a : 0
+static inline vm vm_and(vm a, vm b) { return a & b; }
+static inline vm vm_or(vm a, vm b) { return a | b; }
+static inline vm vm_andnot(vm a, vm b) { return (vm)(a & ~b); } // a and not b
+static inline vm vm_not(vm a) { return (vm)~a; }
+static inline vm vm_none(void) { return 0; }
+static inline int vm_any(vm a) { return a != 0; }
+static inline unsigned vm_bits(vm a) { return a; }
+static inline vm vm_from_bits(unsigned bits) { return (vm)bits; }
+
+static inline vi vi_load(const int32_t *p) { return _mm512_load_si512(p); }
+static inline void vi_store(int32_t *p, vi a) { _mm512_store_si512(p, a); }
+static inline vi vi_set1(int32_t a) { return _mm512_set1_epi32(a); }
+static inline vi vi_add(vi a, vi b) { return _mm512_add_epi32(a, b); }
+#define vi_sll(a, n) _mm512_slli_epi32(a, n)
+#define vi_sra(a, n) _mm512_srai_epi32(a, n)
+static inline vf vi_as_vf(vi a) { return _mm512_castsi512_ps(a); }
+static inline vi vf_as_vi(vf a) { return _mm512_castps_si512(a); }
+static inline vf vi_to_vf(vi a) { return _mm512_cvtepi32_ps(a); }
+static inline vi vf_to_vi(vf a) { return _mm512_cvtps_epi32(a); } // round to nearest even
+// 16 bytes to 16 floats 0..255.
+static inline vf vf_load_u8(const uint8_t *p)
+{
+    return _mm512_cvtepi32_ps(_mm512_cvtepu8_epi32(_mm_loadu_si128((const __m128i *)p)));
+}
+
+// Lane k of the result is the sum over the lanes of v[k], by the tree of vf_sum.
+static inline vf vf_sum16(const vf v[16])
+{
+    vf a[8], b[4], c[2];
+    for (int k = 0; k < 8; ++k) // 256-bit halves of v[k] and v[k + 8]
+        a[k] = _mm512_add_ps(_mm512_shuffle_f32x4(v[k], v[k + 8], 0x44), _mm512_shuffle_f32x4(v[k], v[k + 8], 0xEE));
+    for (int k = 0; k < 4; ++k) // quarters: result quarters are k, k+8, k+4, k+12
+        b[k] = _mm512_add_ps(_mm512_shuffle_f32x4(a[k], a[k + 4], 0x88), _mm512_shuffle_f32x4(a[k], a[k + 4], 0xDD));
+    for (int k = 0; k < 2; ++k) // pairs: each quarter holds k, k, k+2, k+2
+        c[k] = _mm512_add_ps(_mm512_shuffle_ps(b[k], b[k + 2], 0x44), _mm512_shuffle_ps(b[k], b[k + 2], 0xEE));
+    const vf d = _mm512_add_ps(_mm512_shuffle_ps(c[0], c[1], 0x88), _mm512_shuffle_ps(c[0], c[1], 0xDD));
+    // Lane (quarter, j) now holds v[quarter base + order(j)], j -> 0, 2, 1, 3 and quarters 0, 8, 4, 12.
+    const vi order = _mm512_setr_epi32(0, 2, 1, 3, 8, 10, 9, 11, 4, 6, 5, 7, 12, 14, 13, 15);
+    return _mm512_permutexvar_ps(order, d);
+}

@@ -1,0 +1,79 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Parallel loops on OpenMP.
+
+#define _GNU_SOURCE
+#include "threads.h"
+
+#include <omp.h>
+#include <sched.h>
+
+#include "sparegs/runtime.h"
+
+static int thread_count;
+
+void sgsi_threads_set(int count)
+{
+    thread_count = count < 0 ? 0 : count;
+}
+
+void sgs_set_threads(int count)
+{
+    sgsi_threads_set(count);
+}
+
+int sgs_threads(void)
+{
+    return sgsi_threads();
+}
+
+int sgsi_threads(void)
+{
+    if (!thread_count) {
+        cpu_set_t mask;
+        thread_count = sched_getaffinity(0, sizeof mask, &mask) ? omp_get_num_procs() : CPU_COUNT(&mask);
+        if (thread_count < 1)
+            thread_count = 1;
+    }
+    return thread_count;
+}
+
+void sgsi_parallel_for(size_t count, size_t chunk, sgsi_item_fn body, void *context)
+{
+    if (!chunk)
+        chunk = 1;
+    const int threads = sgsi_threads();
+    if (threads == 1 || count <= chunk) {
+        for (size_t item = 0; item < count; ++item)
+            body(context, item, 0);
+        return;
+    }
+#pragma omp parallel num_threads(threads)
+    {
+        const int thread = omp_get_thread_num();
+#pragma omp for schedule(dynamic, chunk)
+        for (size_t item = 0; item < count; ++item)
+            body(context, item, thread);
+    }
+}
+
+typedef struct range_loop {
+    size_t count, grain;
+    sgsi_range_fn body;
+    void *context;
+} range_loop;
+
+static void run_range(void *context, size_t item, int thread)
+{
+    const range_loop *loop = context;
+    const size_t begin = item * loop->grain;
+    const size_t end = begin + loop->grain < loop->count ? begin + loop->grain : loop->count;
+    loop->body(loop->context, begin, end, thread);
+}
+
+void sgsi_parallel_ranges(size_t count, size_t grain, sgsi_range_fn body, void *context)
+{
+    range_loop loop = {count, grain, body, context};
+    sgsi_parallel_for((count + grain - 1) / grain, 1, run_range, &loop);
+}

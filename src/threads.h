@@ -1,0 +1,22 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// Parallel loops. The only file that knows OpenMP is threads.c. Results never depend on the number of
+// threads: callers cut work into items that write disjoint memory, and reduce in item order.
+
+#include <stddef.h>
+
+// Number of threads of the coming loops. Default: cores of the affinity mask.
+void sgsi_threads_set(int count);
+int sgsi_threads(void);
+
+// Runs body(context, item, thread) for every item in [0, count), each once, in any order; `thread` is in
+// [0, sgsi_threads()). Items are handed out `chunk` at a time (0 = pick one). Returns when all are done.
+typedef void (*sgsi_item_fn)(void *context, size_t item, int thread);
+void sgsi_parallel_for(size_t count, size_t chunk, sgsi_item_fn body, void *context);
+
+// The same over index ranges: body(context, begin, end, thread) with end - begin <= grain, begin a
+// multiple of grain. The cutting depends on grain only, never on the number of threads.
+typedef void (*sgsi_range_fn)(void *context, size_t begin, size_t end, int thread);
+void sgsi_parallel_ranges(size_t count, size_t grain, sgsi_range_fn body, void *context);

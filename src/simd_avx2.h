@@ -123,3 +123,34 @@ static inline vf vf_sum16(const vf v[16])
     }
     return result;
 }
+
+static inline void transpose8(__m256 r[8])
+{
+    __m256 q[2][4];
+    for (int g = 0; g < 2; ++g) {
+        const __m256 a = _mm256_unpacklo_ps(r[4 * g], r[4 * g + 1]), b = _mm256_unpackhi_ps(r[4 * g], r[4 * g + 1]);
+        const __m256 c = _mm256_unpacklo_ps(r[4 * g + 2], r[4 * g + 3]), d = _mm256_unpackhi_ps(r[4 * g + 2], r[4 * g + 3]);
+        q[g][0] = _mm256_shuffle_ps(a, c, 0x44);
+        q[g][1] = _mm256_shuffle_ps(a, c, 0xEE);
+        q[g][2] = _mm256_shuffle_ps(b, d, 0x44);
+        q[g][3] = _mm256_shuffle_ps(b, d, 0xEE);
+    }
+    for (int k = 0; k < 4; ++k) {
+        r[k] = _mm256_permute2f128_ps(q[0][k], q[1][k], 0x20);
+        r[4 + k] = _mm256_permute2f128_ps(q[0][k], q[1][k], 0x31);
+    }
+}
+
+// Transposes 16 rows of 16 lanes in place.
+static inline void vf_transpose16(vf r[16])
+{
+    __m256 quadrant[2][2][8];
+    for (int i = 0; i < 16; ++i) {
+        quadrant[0][i / 8][i % 8] = r[i].a;
+        quadrant[1][i / 8][i % 8] = r[i].b;
+    }
+    for (int i = 0; i < 4; ++i)
+        transpose8(quadrant[i / 2][i % 2]);
+    for (int i = 0; i < 16; ++i)
+        r[i] = (vf){quadrant[i / 8][0][i % 8], quadrant[i / 8][1][i % 8]};
+}

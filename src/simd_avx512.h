@@ -74,3 +74,25 @@ static inline vf vf_sum16(const vf v[16])
     const vi order = _mm512_setr_epi32(0, 2, 1, 3, 8, 10, 9, 11, 4, 6, 5, 7, 12, 14, 13, 15);
     return _mm512_permutexvar_ps(order, d);
 }
+
+// Transposes 16 rows of 16 lanes in place.
+static inline void vf_transpose16(vf r[16])
+{
+    vf q[4][4];
+    for (int g = 0; g < 4; ++g) {
+        const vf a = _mm512_unpacklo_ps(r[4 * g], r[4 * g + 1]), b = _mm512_unpackhi_ps(r[4 * g], r[4 * g + 1]);
+        const vf c = _mm512_unpacklo_ps(r[4 * g + 2], r[4 * g + 3]), d = _mm512_unpackhi_ps(r[4 * g + 2], r[4 * g + 3]);
+        q[g][0] = _mm512_castpd_ps(_mm512_unpacklo_pd(_mm512_castps_pd(a), _mm512_castps_pd(c)));
+        q[g][1] = _mm512_castpd_ps(_mm512_unpackhi_pd(_mm512_castps_pd(a), _mm512_castps_pd(c)));
+        q[g][2] = _mm512_castpd_ps(_mm512_unpacklo_pd(_mm512_castps_pd(b), _mm512_castps_pd(d)));
+        q[g][3] = _mm512_castpd_ps(_mm512_unpackhi_pd(_mm512_castps_pd(b), _mm512_castps_pd(d)));
+    }
+    for (int k = 0; k < 4; ++k) { // quarter L of q[g][k] is column 4 L + k of rows 4 g .. 4 g + 3
+        const vf x0 = _mm512_shuffle_f32x4(q[0][k], q[1][k], 0x44), x1 = _mm512_shuffle_f32x4(q[0][k], q[1][k], 0xEE);
+        const vf y0 = _mm512_shuffle_f32x4(q[2][k], q[3][k], 0x44), y1 = _mm512_shuffle_f32x4(q[2][k], q[3][k], 0xEE);
+        r[k] = _mm512_shuffle_f32x4(x0, y0, 0x88);
+        r[4 + k] = _mm512_shuffle_f32x4(x0, y0, 0xDD);
+        r[8 + k] = _mm512_shuffle_f32x4(x1, y1, 0x88);
+        r[12 + k] = _mm512_shuffle_f32x4(x1, y1, 0xDD);
+    }
+}

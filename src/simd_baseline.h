@@ -87,3 +87,14 @@ static inline vf vf_sum16(const vf v[16])
     }
     return r;
 }
+
+// Transposes 16 rows of 16 lanes in place.
+static inline void vf_transpose16(vf r[16])
+{
+    for (int i = 0; i < 16; ++i)
+        for (int k = 0; k < i; ++k) {
+            const float kept = r[i].x[k];
+            r[i].x[k] = r[k].x[i];
+            r[k].x[i] = kept;
+        }
+}

@@ -1,0 +1,135 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// Temporary folders and small files for tests that read and write; to be included after cmocka.h.
+
+#include <dirent.h>
+#include <fcntl.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/resource.h>
+#include <sys/stat.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+typedef struct temp_folder {
+    char path[256];
+} temp_folder;
+
+static inline temp_folder temp_folder_make(void)
+{
+    temp_folder folder;
+    const char *base = getenv("TMPDIR");
+    snprintf(folder.path, sizeof folder.path, "%s/sparegs_test_XXXXXX", base && *base ? base : "/tmp");
+    assert_non_null(mkdtemp(folder.path));
+    return folder;
+}
+
+// Path of a file in the folder; valid until the fourth call after this one.
+static inline const char *temp_path(const temp_folder *folder, const char *name)
+{
+    static char paths[4][512];
+    static int next;
+    char *path = paths[next++ % 4];
+    snprintf(path, sizeof paths[0], "%s/%s", folder->path, name);
+    return path;
+}
+
+static inline size_t temp_folder_count(const temp_folder *folder)
+{
+    size_t count = 0;
+    DIR *directory = opendir(folder->path);
+    assert_non_null(directory);
+    for (const struct dirent *entry = readdir(directory); entry; entry = readdir(directory))
+        count += entry->d_name[0] != '.';
+    closedir(directory);
+    return count;
+}
+
+// Removes the files in the folder and the folder; it has no sub-folders.
+static inline void temp_folder_remove(const temp_folder *folder)
+{
+    DIR *directory = opendir(folder->path);
+    assert_non_null(directory);
+    for (const struct dirent *entry = readdir(directory); entry; entry = readdir(directory)) {
+        if (strcmp(entry->d_name, ".") && strcmp(entry->d_name, ".."))
+            assert_int_equal(unlinkat(dirfd(directory), entry->d_name, 0), 0);
+    }
+    closedir(directory);
+    assert_int_equal(rmdir(folder->path), 0);
+}
+
+static inline void file_put(const char *path, const void *bytes, size_t size)
+{
+    FILE *stream = fopen(path, "wb");
+    assert_non_null(stream);
+    assert_int_equal(fwrite(bytes, 1, size, stream), size);
+    assert_int_equal(fclose(stream), 0);
+}
+
+// NUL-terminated beyond *size; release with free.
+static inline unsigned char *file_get(const char *path, size_t *size)
+{
+    FILE *stream = fopen(path, "rb");
+    assert_non_null(stream);
+    assert_int_equal(fseek(stream, 0, SEEK_END), 0);
+    *size = (size_t)ftell(stream);
+    rewind(stream);
+    unsigned char *bytes = malloc(*size + 1);
+    assert_non_null(bytes);
+    assert_int_equal(fread(bytes, 1, *size, stream), *size);
+    bytes[*size] = 0;
+    fclose(stream);
+    return bytes;
+}
+
+// Until files_unlimited(), writing behind byte `bytes` of any file fails (EFBIG), as on a full disk.
+static inline void files_limited(size_t bytes)
+{
+    signal(SIGXFSZ, SIG_IGN);
+    const struct rlimit limit = {.rlim_cur = bytes, .rlim_max = RLIM_INFINITY};
+    assert_int_equal(setrlimit(RLIMIT_FSIZE, &limit), 0);
+}
+
+static inline void files_unlimited(void)
+{
+    const struct rlimit limit = {.rlim_cur = RLIM_INFINITY, .rlim_max = RLIM_INFINITY};
+    assert_int_equal(setrlimit(RLIMIT_FSIZE, &limit), 0);
+}
+
+// Runs a program (looked up in PATH) and returns its exit status, 127 when it is not installed. Its output
+// (stdout and stderr) goes to `output`, NUL-terminated and cut at `capacity`.
+static inline int run_program(const char *const arguments[], char *output, size_t capacity)
+{
+    int ends[2];
+    assert_int_equal(pipe(ends), 0);
+    fflush(NULL);
+    const pid_t child = fork();
+    assert_true(child >= 0);
+    if (!child) {
+        dup2(ends[1], STDOUT_FILENO);
+        dup2(ends[1], STDERR_FILENO);
+        close(ends[0]);
+        close(ends[1]);
+        execvp(arguments[0], (char *const *)arguments);
+        _exit(127);
+    }
+    close(ends[1]);
+    size_t length = 0;
+    char drained[256];
+    for (;;) {
+        const bool room = length + 1 < capacity;
+        const ssize_t got = read(ends[0], room ? output + length : drained, room ? capacity - 1 - length : sizeof drained);
+        if (got <= 0)
+            break;
+        length += room ? (size_t)got : 0;
+    }
+    output[length] = 0;
+    close(ends[0]);
+    int status;
+    assert_int_equal(waitpid(child, &status, 0), child);
+    return WIFEXITED(status) ? WEXITSTATUS(status) : 128;
+}

@@ -7,6 +7,7 @@
 #include <dirent.h>
 #include <fcntl.h>
 #include <signal.h>
+#include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -122,7 +123,8 @@ static inline int run_program(const char *const arguments[], char *output, size_
     char drained[256];
     for (;;) {
         const bool room = length + 1 < capacity;
-        const ssize_t got = read(ends[0], room ? output + length : drained, room ? capacity - 1 - length : sizeof drained);
+        const ssize_t got = room ? read(ends[0], output + length, capacity - 1 - length)
+                                 : read(ends[0], drained, sizeof drained);
         if (got <= 0)
             break;
         length += room ? (size_t)got : 0;

@@ -60,7 +60,7 @@ static void activate_rotation(const double *stored, sgsi_reference_primitive *ou
     const double norm = sqrt(stored[0] * stored[0] + dot(stored + 1, stored + 1));
     out->quaternion_norm = norm;
     for (int k = 0; k < 4; ++k)
-        out->quaternion[k] = norm > 0 ? stored[k] / norm : (k == 0);
+        out->quaternion[k] = norm == 0 ? (k == 0) : stored[k] / norm; // NaN stays NaN
     const double w = out->quaternion[0], x = out->quaternion[1], y = out->quaternion[2], z = out->quaternion[3];
     const double rotation[9] = {
         1 - 2 * (y * y + z * z), 2 * (x * y - w * z),     2 * (x * z + w * y),

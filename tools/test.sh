@@ -1,0 +1,19 @@
+#!/usr/bin/env bash
+# SPDX-FileCopyrightText: 2026 The sparegs authors
+# SPDX-License-Identifier: Apache-2.0
+
+# Installs what is missing, builds and runs the tests; with --long also the tests that take minutes each.
+# Further arguments go to ctest: tools/test.sh -R ply
+set -euo pipefail
+
+root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
+tests=()
+if [ "${1:-}" = --long ]; then
+    tests=(-C long)
+    shift
+fi
+
+"$root/tools/setup.sh"
+cmake -S "$root" -B "$root/build" -DCMAKE_BUILD_TYPE=Release
+cmake --build "$root/build" -j "$(nproc)"
+ctest --test-dir "$root/build" --output-on-failure "${tests[@]}" "$@"

@@ -3,10 +3,10 @@
 
 // The photometric loss of 3DGS, L = (1 - lambda) mean|I - G| + lambda (1 - mean SSIM), and its gradient.
 //
-// This file cuts the image into blocks, hands them to the threads and adds up their sums; the mathematics stands at the top
-// of loss_kernels.inl. A block is at most LOSS_BLOCK_WIDTH x LOSS_BLOCK_HEIGHT pixels and recomputes a halo of ten pixels on
-// every side, so blocks share nothing. The cutting depends on the image alone and the blocks' sums are added in
-// block order, so the result does not depend on the number of threads.
+// This file cuts the image into blocks, hands them to the threads and adds up their sums; the mathematics
+// stands at the top of loss_kernels.inl. A block is at most LOSS_BLOCK_WIDTH x LOSS_BLOCK_HEIGHT pixels and
+// recomputes a halo of ten pixels on every side, so blocks share nothing. The cutting depends on the image
+// alone and the blocks' sums are added in block order, so the result does not depend on the number of threads.
 
 #include "loss.h"
 
@@ -134,11 +134,13 @@ static sgs_status check(const sgsi_loss_input *input, const sgsi_loss_output *ou
         complete = complete && input->color[c] && output->d_color[c];
     if (!complete)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "loss: a plane is missing");
-    if (target->width != input->width || target->height != input->height || (target->channels != 3 && target->channels != 4))
+    if (target->width != input->width || target->height != input->height || target->channels < 3 ||
+        target->channels > 4)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "loss: a %d x %d image against a %d x %d target of %d channels",
                          input->width, input->height, target->width, target->height, target->channels);
     if (input->stride % 16 || input->stride < (size_t)input->width)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "loss: rows of %zu floats for a width of %d", input->stride, input->width);
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "loss: rows of %zu floats for a width of %d",
+                         input->stride, input->width);
     return SGS_STATUS_OK;
 }
 

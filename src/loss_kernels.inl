@@ -7,7 +7,8 @@
 // Per channel, with I the clamped image, G the target, w the 11 x 11 Gaussian window (zero outside the
 // image, not renormalised), E[.] the convolution with w:
 //
-//   S = (2 m1 m2 + C1)(2 s12 + C2) / ((m1^2 + m2^2 + C1)(s1^2 + s2^2 + C2)),  m = E[.], s^2 = E[.^2] - m^2, s12 = E[IG] - m1 m2.
+//   S = (2 m1 m2 + C1)(2 s12 + C2) / ((m1^2 + m2^2 + C1)(s1^2 + s2^2 + C2)),
+//   m = E[.], s^2 = E[.^2] - m^2, s12 = E[IG] - m1 m2.
 //
 // Taken literally this loses half of a float's digits: E[I^2] - m^2 cancels, and near the end of training, when
 // I is close to G, so do the numerator against the denominator and the three terms of the gradient against each other.
@@ -17,9 +18,9 @@
 //   numerator / denominator = (D - E[e]^2)/D * (F - V)/F   =>   S = (1 - u)(1 - v),  u = E[e]^2 / D,  v = V / F,
 //   1 - S = u (1 - v) + v,
 //
-// and only F still contains E[I^2] - m^2. There the values are shifted by 1/2, which quarters the squares. A shift leaves a
-// variance alone only where the weights inside the image sum to W = 1; at the borders, with I' = I - 1/2 inside
-// and zero outside, m = E[I'] + W/2 and
+// and only F still contains E[I^2] - m^2. There the values are shifted by 1/2, which quarters the squares. A
+// shift leaves a variance alone only where the weights inside the image sum to W = 1; at the borders, with I' =
+// I - 1/2 inside and zero outside, m = E[I'] + W/2 and
 //
 //   E[I^2] - m^2 = E[I'^2] - E[I']^2 + (1 - W)(E[I'] + W/4).
 //
@@ -29,12 +30,14 @@
 //   dS/d(E[I^2]+E[G^2]) =  c,  c = (1 - u) v / F
 //   dS/dm1              =  2a, a = (1 - u) E[e] / F - (1 - v) (E[e] / D)(1 - E[e] m1 / D) - m1 c
 //
-// and through the (symmetric) window dS/dI = 2 (conv(a) - e conv(b) + I conv(c)). Shifting m1 in a and I in the last term
-// by the same 1/2 changes nothing, because conv is linear, and keeps them small: that is what the code does.
+// and through the (symmetric) window dS/dI = 2 (conv(a) - e conv(b) + I conv(c)). Shifting m1 in a and I in the
+// last term by the same 1/2 changes nothing, because conv is linear, and keeps them small: that is what the
+// code does.
 //
-// Walk: four rows at a time down the block. Source rows (I', e, I'^2 + G'^2, e^2) -> vertical pass -> horizontal pass and
-// the algebra above -> horizontal pass over a, b, c -> vertical pass -> gradient. Everything lives in
-// rings of 16 rows; halos are recomputed by the neighbouring blocks, which costs less than passing planes through memory.
+// Walk: four rows at a time down the block. Source rows (I', e, I'^2 + G'^2, e^2) -> vertical pass ->
+// horizontal pass and the algebra above -> horizontal pass over a, b, c -> vertical pass -> gradient.
+// Everything lives in rings of 16 rows, about 100 KB per thread; halos are computed again by the neighbouring
+// blocks, so that no intermediate plane passes through memory.
 
 #include "loss_kernels.h"
 
@@ -96,8 +99,10 @@ static void load_row(const channel_block *block, int row)
         const int count = input->width - x;
         vf i = vf_zero(), e = vf_zero(), q = vf_zero();
         if (y >= 0 && y < input->height && x >= 0 && count > 0) {
-            const vf value = vf_clamp(composite(input, block->channel, (size_t)y * input->stride + (size_t)x), vf_zero(), one);
-            const vf target = load_target(input, block->channel, (size_t)y * (size_t)input->width + (size_t)x, count);
+            const size_t at = (size_t)y * input->stride + (size_t)x;
+            const size_t pixel = (size_t)y * (size_t)input->width + (size_t)x;
+            const vf value = vf_clamp(composite(input, block->channel, at), vf_zero(), one);
+            const vf target = load_target(input, block->channel, pixel, count);
             const vm real = vm_from_bits(count >= 16 ? 0xFFFFu : (1u << count) - 1);
             const vf g = vf_sub(target, half);
             i = vf_keep(real, vf_sub(value, half));
@@ -112,7 +117,8 @@ static void load_row(const channel_block *block, int row)
 }
 
 // The window down 14 rows of a ring that start at `first`, for four neighbouring output rows of one column of vectors.
-static inline void convolve_down(const float *ring, size_t pitch, int first, const vf window[LOSS_RADIUS + 1], vf out[GROUP])
+static inline void convolve_down(const float *ring, size_t pitch, int first, const vf window[LOSS_RADIUS + 1],
+                                 vf out[GROUP])
 {
 #pragma GCC unroll 16
     for (int row = 0; row < WINDOW_ROWS; ++row) {
@@ -324,7 +330,8 @@ static void run_channel(channel_block *block, sgsi_loss_sums *sums)
     clear_padding(block);
 }
 
-void SGSI_KERNEL(sgsi_loss_block)(const sgsi_loss_job *job, size_t item, sgsi_loss_scratch *scratch, sgsi_loss_sums *sums)
+void SGSI_KERNEL(sgsi_loss_block)(const sgsi_loss_job *job, size_t item, sgsi_loss_scratch *scratch,
+                                  sgsi_loss_sums *sums)
 {
     const int column = (int)(item % (size_t)job->blocks_x), row = (int)(item / (size_t)job->blocks_x);
     channel_block block = {.job = job, .scratch = scratch};

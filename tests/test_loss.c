@@ -1,8 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The loss against an obvious double-precision version: the textbook formula of SSIM, 121 taps per moment, no separability, no shift.
-// That version is itself checked by finite differences, and the comparison is checked by planting errors in it.
+// The loss against an obvious double-precision version: the textbook formula of SSIM, 121 taps per moment, no
+// separability, no shift. That version is itself checked by finite differences, and the comparison is checked
+// by planting errors in it.
 
 #include <math.h>
 #include <setjmp.h>
@@ -76,7 +77,8 @@ static scene make_scene(int width, int height, int channels, content kind, const
         s.transmittance[i] = NAN; // padding must not be read into the result
     for (int y = 0; y < height; ++y)
         for (int x = 0; x < width; ++x)
-            s.transmittance[(size_t)y * s.stride + (size_t)x] = (float)sgsi_random_uniform(9, (uint64_t)y * 10007 + (uint64_t)x);
+            s.transmittance[(size_t)y * s.stride + (size_t)x] =
+                (float)sgsi_random_uniform(9, (uint64_t)y * 10007 + (uint64_t)x);
     for (int c = 0; c < 3; ++c) {
         s.color[c] = take(padded, sizeof(float));
         s.d_color[c] = take(padded, sizeof(float));
@@ -132,7 +134,8 @@ static double window_sum(const scene *s, const double *p, const double *q, int x
 }
 
 // Unclamped rendered value and composited target of one channel, in double.
-static void load_channel(const scene *s, int c, const double *color, double *raw, double *image, double *target, plant error)
+static void load_channel(const scene *s, int c, const double *color, double *raw, double *image, double *target,
+                         plant error)
 {
     const size_t plane = (size_t)s->width * (size_t)s->height;
     for (int y = 0; y < s->height; ++y)
@@ -148,7 +151,8 @@ static void load_channel(const scene *s, int c, const double *color, double *raw
 }
 
 // Loss of one channel added to `t`, and with gradients wanted dL/dI into d_image.
-static void reference_channel(const scene *s, const double *image, const double *target, truth *t, double *d_image, plant error)
+static void reference_channel(const scene *s, const double *image, const double *target, truth *t, double *d_image,
+                              plant error)
 {
     const size_t padded = s->stride * (size_t)s->height;
     const double values = 3.0 * s->width * s->height, lambda = (double)s->ssim_weight;
@@ -166,7 +170,8 @@ static void reference_channel(const scene *s, const double *image, const double 
             t->ssim += a * b / (d * f) / values;
             t->l1 += fabs(image[at] - target[at]) / values;
             t->mse += (image[at] - target[at]) * (image[at] - target[at]) / values;
-            map[0][at] = 2 * m2 * b / (d * f) - 2 * m2 * a / (d * f) - 2 * m1 * a * b / (d * d * f) + 2 * m1 * a * b / (d * f * f);
+            map[0][at] = 2 * m2 * b / (d * f) - 2 * m2 * a / (d * f) - 2 * m1 * a * b / (d * d * f) +
+                         2 * m1 * a * b / (d * f * f);
             map[1][at] = -a * b / (d * f * f);
             map[2][at] = 2 * a / (d * f);
         }
@@ -318,7 +323,8 @@ static void loss_and_gradient_match_double_brute_force(void **state)
         }
     for (int isa = 0; isa < SGS_ISA_COUNT; ++isa)
         for (int kind = 0; kind < CONTENT_COUNT && sgs_isa_supported((sgs_isa)isa); ++kind)
-            print_message("%-8s %-5s largest error %.1e\n", sgs_isa_name((sgs_isa)isa), content_names[kind], worst[isa][kind]);
+            print_message("%-8s %-5s largest error %.1e\n", sgs_isa_name((sgs_isa)isa), content_names[kind],
+                          worst[isa][kind]);
 }
 
 static void brute_force_gradient_matches_finite_differences(void **state)
@@ -373,10 +379,11 @@ typedef struct record {
 static record evaluate_record(scene *s)
 {
     const sgsi_loss_output output = evaluate(s);
-    record r = {.sums = {output.loss, output.l1, output.ssim, output.mse}, .plane_floats = s->stride * (size_t)s->height};
-    r.planes = take(4 * r.plane_floats, sizeof(float));
+    const size_t floats = s->stride * (size_t)s->height;
+    record r = {.sums = {output.loss, output.l1, output.ssim, output.mse}, .plane_floats = floats};
+    r.planes = take(4 * floats, sizeof(float));
     for (int c = 0; c < 4; ++c)
-        memcpy(r.planes + (size_t)c * r.plane_floats, c < 3 ? s->d_color[c] : s->d_transmittance, r.plane_floats * sizeof(float));
+        memcpy(r.planes + (size_t)c * floats, c < 3 ? s->d_color[c] : s->d_transmittance, floats * sizeof(float));
     return r;
 }
 
@@ -428,9 +435,10 @@ static void identical_images_have_no_loss_and_no_gradient(void **state)
     scene s = make_scene(41, 29, 3, CONTENT_NOISE, black);
     for (int c = 0; c < 3; ++c)
         for (int y = 0; y < s.height; ++y)
-            for (int x = 0; x < s.width; ++x)
-                s.color[c][(size_t)y * s.stride + (size_t)x] =
-                    (float)s.target.pixels[((size_t)c * (size_t)s.height + (size_t)y) * (size_t)s.width + (size_t)x] / 255.0f;
+            for (int x = 0; x < s.width; ++x) {
+                const size_t pixel = ((size_t)c * (size_t)s.height + (size_t)y) * (size_t)s.width + (size_t)x;
+                s.color[c][(size_t)y * s.stride + (size_t)x] = (float)s.target.pixels[pixel] / 255.0f;
+            }
     const sgsi_loss_output output = evaluate(&s);
     assert_true(output.loss == 0.0 && output.ssim == 1.0 && output.mse == 0.0);
     for (size_t i = 0; i < s.stride * (size_t)s.height; ++i)
@@ -504,7 +512,9 @@ static void bad_input_is_refused(void **state)
         .width = 20, .height = 10, .stride = s.stride, .color = {s.color[0], s.color[1], s.color[2]},
         .transmittance = s.transmittance, .target = &s.target, .ssim_weight = 0.2f,
     };
-    sgsi_loss_output output = {.d_color = {s.d_color[0], s.d_color[1], s.d_color[2]}, .d_transmittance = s.d_transmittance};
+    sgsi_loss_output output = {
+        .d_color = {s.d_color[0], s.d_color[1], s.d_color[2]}, .d_transmittance = s.d_transmittance,
+    };
     assert_int_equal(sgsi_loss_evaluate(workspace, &good, &output), SGS_STATUS_OK);
     sgsi_loss_input bad = good;
     bad.width = 19;

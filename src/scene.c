@@ -1,0 +1,527 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// A scene: what the files say (scene_find.c, colmap.c, transforms.c) and the photographs, joined.
+//
+// Order of things: find the files, read cameras and points, sort by name, read the photographs in parallel,
+// drop the views without one, fit every camera to the size its photograph has after down-scaling, split,
+// measure the extent. Views depend on their own file only, and warnings are sent afterwards in view order,
+// so the result and the messages are the same for any number of threads.
+//
+// From 3DGS: the width of 1600 px, every N-th of the sorted names as test set, and the extent (1.1 times
+// the largest distance of a training camera from their mean). Different: images are area-averaged, not
+// bicubic; the intrinsics follow the image's real size per axis instead of a kept field of view; names are
+// sorted after views without a photograph are gone.
+
+#include "sparegs/scene.h"
+
+#include <float.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "colmap.h"
+#include "core.h"
+#include "image_oiio.h"
+#include "scene_find.h"
+#include "sparegs/image.h"
+#include "threads.h"
+#include "transforms.h"
+
+enum { AUTOMATIC_WIDTH = 1600, MAX_WARNINGS = 5 };
+
+// One photograph on its way in.
+typedef struct slot {
+    sgs_status status;
+    char *error;
+    int file_width, file_height; // before down-scaling
+    int width, height;           // after it
+    int channels;
+} slot;
+
+typedef struct loader {
+    const sgs_scene_options *options;
+    sgsi_scene_files files;
+    sgsi_dataset dataset;
+    slot *slots; // parallel to dataset.frames
+    sgs_scene *scene;
+} loader;
+
+sgs_scene_options sgs_scene_options_default(void)
+{
+    return (sgs_scene_options){.load_images = 1};
+}
+
+void sgs_scene_destroy(sgs_scene *scene)
+{
+    if (!scene)
+        return;
+    for (size_t i = 0; i < scene->view_count; ++i) {
+        sgsi_free(scene->views[i].name);
+        sgsi_free(scene->views[i].image_path);
+        sgs_image8_free(&scene->views[i].image);
+    }
+    sgsi_free(scene->views);
+    sgsi_free(scene->points);
+    sgsi_free(scene->colors);
+    sgsi_free(scene->path);
+    sgsi_free(scene->model_path);
+    sgsi_free(scene);
+}
+
+static sgs_status no_memory(const char *path)
+{
+    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory for the scene", path);
+}
+
+// ---- photographs -------------------------------------------------------------------------------------
+
+static void reduced_size(int downscale, slot *s)
+{
+    s->width = s->file_width;
+    s->height = s->file_height;
+    if (downscale == 0 && s->file_width > AUTOMATIC_WIDTH) {
+        s->width = AUTOMATIC_WIDTH;
+        s->height = (int)((long long)s->file_height * AUTOMATIC_WIDTH / s->file_width);
+    } else if (downscale > 1) {
+        s->width = s->file_width / downscale;
+        s->height = s->file_height / downscale;
+    }
+    s->width = s->width < 1 ? 1 : s->width;
+    s->height = s->height < 1 ? 1 : s->height;
+}
+
+static sgs_status load_image(const loader *l, slot *s, sgs_view *view)
+{
+    if (!l->options->load_images) {
+        const sgs_status status = sgsi_oiio_probe(view->image_path, &s->file_width, &s->file_height, &s->channels);
+        reduced_size(l->options->downscale, s);
+        return status;
+    }
+    sgs_status status = sgs_image8_read(view->image_path, &view->image);
+    if (status)
+        return status;
+    s->file_width = view->image.width;
+    s->file_height = view->image.height;
+    s->channels = view->image.channels;
+    reduced_size(l->options->downscale, s);
+    if (s->width == s->file_width && s->height == s->file_height)
+        return SGS_STATUS_OK;
+    sgs_image8 reduced;
+    status = sgs_image8_downscale(&view->image, s->width, s->height, &reduced);
+    sgs_image8_free(&view->image);
+    view->image = reduced;
+    return status;
+}
+
+static void load_view(void *context, size_t i, int thread)
+{
+    const loader *l = context;
+    slot *s = &l->slots[i];
+    (void)thread;
+    s->status = load_image(l, s, &l->scene->views[i]);
+    if (s->status)
+        s->error = sgsi_strdup(sgs_last_error()); // of this thread; told later by the caller's
+}
+
+static int frame_order(const void *a, const void *b)
+{
+    const sgsi_frame *x = a, *y = b;
+    return strcmp(x->name, y->name);
+}
+
+// Views in the order of their names, each with the path of its photograph.
+static sgs_status make_views(loader *l)
+{
+    sgs_scene *scene = l->scene;
+    const size_t count = l->dataset.frame_count;
+    qsort(l->dataset.frames, count, sizeof *l->dataset.frames, frame_order);
+    scene->views = sgsi_calloc(count, sizeof *scene->views);
+    l->slots = sgsi_calloc(count, sizeof *l->slots);
+    if (!scene->views || !l->slots)
+        return no_memory(scene->path);
+    scene->view_count = count;
+    const char *images_dir = l->options->images_dir;
+    for (size_t i = 0; i < count; ++i) {
+        sgsi_frame *frame = &l->dataset.frames[i];
+        sgs_view *view = &scene->views[i];
+        *view = (sgs_view){.name = frame->name, .pose = frame->pose, .split = frame->split};
+        frame->name = NULL;
+        // transforms.json writes the folder into every name; --images replaces it.
+        const bool replaced = !l->files.colmap && images_dir && !strncmp(view->name, "images/", 7);
+        char *moved = replaced ? sgsi_format("%s/%s", images_dir, view->name + 7) : NULL;
+        view->image_path = replaced && !moved ? NULL
+                                              : sgsi_scene_image_path(l->files.image_folder, moved ? moved : view->name);
+        sgsi_free(moved);
+        if (!view->image_path)
+            return no_memory(scene->path);
+    }
+    return SGS_STATUS_OK;
+}
+
+// Completes a camera whose file gave no size (see sgsi_frame) and fits it to its photograph.
+static sgs_status fit_camera(const sgsi_frame *frame, const slot *s, const sgs_view *view, sgs_camera *out)
+{
+    sgs_camera camera = frame->camera;
+    if (camera.width == 0) {
+        camera.width = s->file_width;
+        camera.height = s->file_height;
+        if (frame->angle_x > 0)
+            camera.params[0] = camera.params[1] = 0.5 * s->file_width / tan(0.5 * frame->angle_x);
+        if (isnan(camera.params[2]))
+            camera.params[2] = 0.5 * s->file_width;
+        if (isnan(camera.params[3]))
+            camera.params[3] = 0.5 * s->file_height;
+    }
+    *out = sgs_camera_resized(&camera, s->width, s->height);
+    if (sgs_camera_validate(out))
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: camera of '%s': %s", view->image_path, view->name, sgs_last_error());
+    return SGS_STATUS_OK;
+}
+
+static void drop_view(sgs_view *view)
+{
+    sgsi_free(view->name);
+    sgsi_free(view->image_path);
+    sgs_image8_free(&view->image);
+}
+
+// Warns of the views without a photograph, closes the gaps, fits the cameras of the others.
+static sgs_status keep_readable_views(loader *l)
+{
+    sgs_scene *scene = l->scene;
+    const size_t count = scene->view_count;
+    size_t kept = 0, mismatched = 0, first_mismatched = 0;
+    bool reduced = false;
+    sgs_status status = SGS_STATUS_OK;
+    for (size_t i = 0; i < count; ++i) {
+        const slot *s = &l->slots[i];
+        sgs_view *view = &scene->views[i];
+        if (!status && s->status == SGS_STATUS_OUT_OF_MEMORY)
+            status = sgsi_fail(s->status, "%s", s->error ? s->error : "no memory for the images");
+        if (!status && !s->status)
+            status = fit_camera(&l->dataset.frames[i], s, view, &view->camera);
+        if (s->status || status) {
+            if (!status && scene->images_missing++ < MAX_WARNINGS)
+                sgsi_warn("%s; the view is skipped", s->error ? s->error : view->image_path);
+            drop_view(view);
+            continue;
+        }
+        const sgs_camera *model = &l->dataset.frames[i].camera;
+        const double stretch = model->width ? (double)s->file_width * model->height / s->file_height / model->width : 1;
+        if (fabs(stretch - 1) > 0.02 && mismatched++ == 0)
+            first_mismatched = kept;
+        reduced = reduced || (l->options->downscale == 0 && s->width != s->file_width);
+        scene->has_alpha |= s->channels == 4;
+        scene->views[kept++] = *view;
+    }
+    scene->view_count = kept;
+    if (status)
+        return status;
+    if (scene->images_missing > MAX_WARNINGS)
+        sgsi_warn("%s: %zu of %zu registered images cannot be read and are skipped", scene->path, scene->images_missing,
+                  count);
+    if (kept == 0)
+        return sgsi_fail(SGS_STATUS_IO, "%s: none of the %zu registered images can be read; the first: %s",
+                         l->files.image_folder, count, l->slots[0].error ? l->slots[0].error : "no reason known");
+    if (reduced)
+        sgsi_warn("%s: images wider than %d px are reduced to %d px; --downscale 1 keeps their size", scene->path,
+                  AUTOMATIC_WIDTH, AUTOMATIC_WIDTH);
+    if (mismatched)
+        sgsi_warn("%s: the sides of %zu image(s), the first '%s', are in another ratio than their camera's; were they "
+                  "rotated or cropped?", scene->path, mismatched, scene->views[first_mismatched].name);
+    return SGS_STATUS_OK;
+}
+
+static int text_order(const void *a, const void *b)
+{
+    return strcmp(*(const char *const *)a, *(const char *const *)b);
+}
+
+// Photographs that the model does not know. Runs before views are dropped: a broken image has a pose.
+static sgs_status count_unposed(loader *l)
+{
+    sgs_scene *scene = l->scene;
+    if (!l->files.colmap)
+        return SGS_STATUS_OK; // its folder also holds depth maps and other splits
+    const char **known = sgsi_alloc(scene->view_count, sizeof *known);
+    if (!known)
+        return no_memory(scene->path);
+    const size_t prefix = strlen(l->files.image_folder) + 1;
+    for (size_t i = 0; i < scene->view_count; ++i)
+        known[i] = scene->views[i].image_path + prefix;
+    qsort(known, scene->view_count, sizeof *known, text_order);
+    char examples[256];
+    scene->images_unposed = sgsi_scene_count_unknown(l->files.image_folder, known, scene->view_count, examples,
+                                                     sizeof examples);
+    sgsi_free(known);
+    if (scene->images_unposed)
+        sgsi_warn("%s: %zu image(s) have no pose in the model and are ignored: %s%s", l->files.image_folder,
+                  scene->images_unposed, examples, scene->images_unposed > 3 ? ", ..." : "");
+    return SGS_STATUS_OK;
+}
+
+// ---- names and the split -----------------------------------------------------------------------------
+
+static const char *base_name(const char *name)
+{
+    const char *slash = strrchr(name, '/');
+    return slash ? slash + 1 : name;
+}
+
+// How well NAME names the view: 0 exactly, 1 without folder, 2 without extension, -1 not at all.
+static int match_level(const char *view_name, const char *name)
+{
+    const char *base = base_name(view_name);
+    const char *dot = strrchr(base, '.');
+    if (!strcmp(view_name, name))
+        return 0;
+    if (!strcmp(base, name))
+        return 1;
+    if (!dot)
+        return -1;
+    const size_t length = strlen(name);
+    const bool full = (size_t)(dot - view_name) == length && !strncmp(view_name, name, length);
+    const bool short_form = (size_t)(dot - base) == length && !strncmp(base, name, length);
+    return full || short_form ? 2 : -1;
+}
+
+ptrdiff_t sgs_scene_find_view(const sgs_scene *scene, const char *name)
+{
+    for (int level = 0; level < 3; ++level) {
+        for (size_t i = 0; i < scene->view_count; ++i) {
+            if (match_level(scene->views[i].name, name) == level)
+                return (ptrdiff_t)i;
+        }
+    }
+    return -1;
+}
+
+// Levenshtein's distance, capped lengths: only for "did you mean".
+static size_t edit_distance(const char *a, const char *b)
+{
+    enum { LONGEST = 128 };
+    size_t row[LONGEST + 1];
+    const size_t n = strnlen(a, LONGEST), m = strnlen(b, LONGEST);
+    for (size_t j = 0; j <= m; ++j)
+        row[j] = j;
+    for (size_t i = 1; i <= n; ++i) {
+        size_t diagonal = row[0];
+        row[0] = i;
+        for (size_t j = 1; j <= m; ++j) {
+            const size_t replaced = diagonal + (a[i - 1] != b[j - 1]);
+            const size_t shorter = (row[j] < row[j - 1] ? row[j] : row[j - 1]) + 1;
+            diagonal = row[j];
+            row[j] = replaced < shorter ? replaced : shorter;
+        }
+    }
+    return row[m];
+}
+
+static sgs_status unknown_test_image(const sgs_scene *scene, const char *name)
+{
+    const char *nearest[3] = {NULL};
+    size_t distances[3] = {SIZE_MAX, SIZE_MAX, SIZE_MAX};
+    for (size_t i = 0; i < scene->view_count; ++i) {
+        const char *candidate = scene->views[i].name;
+        size_t distance = edit_distance(name, base_name(candidate));
+        for (int k = 0; k < 3; ++k) {
+            if (distance < distances[k]) {
+                const char *text = nearest[k];
+                const size_t number = distances[k];
+                nearest[k] = candidate;
+                distances[k] = distance;
+                candidate = text;
+                distance = number;
+            }
+        }
+    }
+    return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                     "%s: no loaded view is called '%.200s', which is to be held out; the nearest names are %s%s%s%s%s",
+                     scene->path, name, nearest[0], nearest[1] ? ", " : "", nearest[1] ? nearest[1] : "",
+                     nearest[2] ? ", " : "", nearest[2] ? nearest[2] : "");
+}
+
+static sgs_status hold_out(sgs_scene *scene, const char *name)
+{
+    const ptrdiff_t found = sgs_scene_find_view(scene, name);
+    if (found < 0)
+        return unknown_test_image(scene, name);
+    // A name without its folder may mean several views; all of them are held out.
+    const int level = match_level(scene->views[found].name, name);
+    for (size_t i = 0; i < scene->view_count; ++i) {
+        if (match_level(scene->views[i].name, name) == level)
+            scene->views[i].split = SGS_SPLIT_TEST;
+    }
+    return SGS_STATUS_OK;
+}
+
+static sgs_status split_by_names(sgs_scene *scene, const char *list)
+{
+    for (size_t i = 0; i < scene->view_count; ++i)
+        scene->views[i].split = SGS_SPLIT_TRAIN;
+    char *names = sgsi_strdup(list);
+    if (!names)
+        return no_memory(scene->path);
+    sgs_status status = SGS_STATUS_OK;
+    char *rest = NULL;
+    for (char *name = strtok_r(names, ",", &rest); name && !status; name = strtok_r(NULL, ",", &rest)) {
+        name += strspn(name, " ");
+        for (size_t length = strlen(name); length && name[length - 1] == ' '; --length)
+            name[length - 1] = 0;
+        if (*name)
+            status = hold_out(scene, name);
+    }
+    sgsi_free(names);
+    return status;
+}
+
+static sgs_status split_views(const loader *l)
+{
+    sgs_scene *scene = l->scene;
+    const int every = l->options->test_every;
+    sgs_status status = SGS_STATUS_OK;
+    if (l->options->test_images)
+        status = split_by_names(scene, l->options->test_images);
+    else if (l->dataset.has_split && every)
+        sgsi_warn("%s: the scene's own test views are used, not every %d-th one", scene->path, every);
+    else if (every) {
+        for (size_t i = 0; i < scene->view_count; ++i)
+            scene->views[i].split = i % (size_t)every == 0 ? SGS_SPLIT_TEST : SGS_SPLIT_TRAIN;
+    }
+    if (status)
+        return status;
+    for (size_t i = 0; i < scene->view_count; ++i) {
+        if (scene->views[i].split == SGS_SPLIT_TRAIN)
+            return SGS_STATUS_OK;
+    }
+    return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: all %zu views are held out and none is left to train on; hold "
+                     "out fewer", scene->path, scene->view_count);
+}
+
+// ---- extent ------------------------------------------------------------------------------------------
+
+static int double_order(const void *a, const void *b)
+{
+    const double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+// Cameras in one place say nothing about the size of the scene, so half the median distance of the points
+// does: a camera path around an object has about that radius. Without points, 1.
+static sgs_status extent_from_points(sgs_scene *scene)
+{
+    scene->extent = 1;
+    if (scene->point_count == 0)
+        return SGS_STATUS_OK;
+    double *distances = sgsi_alloc(scene->point_count, sizeof *distances);
+    if (!distances)
+        return no_memory(scene->path);
+    for (size_t i = 0; i < scene->point_count; ++i) {
+        const float *p = scene->points + 3 * i;
+        distances[i] = hypot(hypot(p[0] - scene->center[0], p[1] - scene->center[1]), p[2] - scene->center[2]);
+    }
+    qsort(distances, scene->point_count, sizeof *distances, double_order);
+    const double median = distances[scene->point_count / 2];
+    sgsi_free(distances);
+    if (median > 0 && isfinite(median))
+        scene->extent = 0.5 * median;
+    return SGS_STATUS_OK;
+}
+
+static sgs_status measure_extent(sgs_scene *scene)
+{
+    size_t count = 0;
+    double sum[3] = {0}, largest = 0, magnitude = 0, center[3];
+    for (size_t i = 0; i < scene->view_count; ++i) {
+        if (scene->views[i].split != SGS_SPLIT_TRAIN)
+            continue;
+        sgs_pose_center(&scene->views[i].pose, center);
+        for (int k = 0; k < 3; ++k)
+            sum[k] += center[k];
+        ++count;
+    }
+    for (int k = 0; k < 3; ++k) {
+        scene->center[k] = sum[k] / (double)count;
+        magnitude = fmax(magnitude, fabs(scene->center[k]));
+    }
+    for (size_t i = 0; i < scene->view_count; ++i) {
+        if (scene->views[i].split != SGS_SPLIT_TRAIN)
+            continue;
+        sgs_pose_center(&scene->views[i].pose, center);
+        const double distance = hypot(hypot(center[0] - scene->center[0], center[1] - scene->center[1]),
+                                      center[2] - scene->center[2]);
+        largest = fmax(largest, distance);
+    }
+    scene->extent = 1.1 * largest;
+    if (!(magnitude < FLT_MAX) || !(scene->extent < FLT_MAX))
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: the cameras are too far apart to be real; is the model damaged?",
+                         scene->model_path);
+    // Below rounding noise the cameras are in one place.
+    if (scene->extent > 1e-9 * (1e-3 + magnitude))
+        return SGS_STATUS_OK;
+    return extent_from_points(scene);
+}
+
+// ---- all of it ---------------------------------------------------------------------------------------
+
+static sgs_status load(loader *l)
+{
+    sgs_scene *scene = l->scene;
+    sgs_status status = sgsi_scene_find(scene->path, l->options->images_dir, &l->files);
+    if (status)
+        return status;
+    scene->model_path = sgsi_strdup(l->files.model_path);
+    if (!scene->model_path)
+        return no_memory(scene->path);
+    status = l->files.colmap ? sgsi_colmap_read(scene->model_path, &l->dataset)
+                             : sgsi_transforms_read(scene->model_path, &l->dataset);
+    if (status)
+        return status;
+    scene->format = l->dataset.format;
+    scene->point_count = l->dataset.point_count;
+    scene->points = l->dataset.points;
+    scene->colors = l->dataset.colors;
+    l->dataset.points = NULL;
+    l->dataset.colors = NULL;
+    status = make_views(l);
+    if (status)
+        return status;
+    sgsi_parallel_for(scene->view_count, 1, load_view, l);
+    status = count_unposed(l);
+    if (!status)
+        status = keep_readable_views(l);
+    if (!status)
+        status = split_views(l);
+    if (!status)
+        status = measure_extent(scene);
+    scene->white_background = l->dataset.white_background && scene->has_alpha;
+    return status;
+}
+
+sgs_status sgs_scene_load(const char *path, const sgs_scene_options *options, sgs_scene **scene)
+{
+    const sgs_scene_options defaults = sgs_scene_options_default();
+    loader l = {.options = options ? options : &defaults};
+    *scene = NULL;
+    if (!path || !*path)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "no scene is named; name its folder");
+    if (l.options->downscale < 0 || l.options->test_every < 0)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: down-scaling by %d or holding out every %d-th view is not "
+                         "possible; use positive numbers", path, l.options->downscale, l.options->test_every);
+    l.scene = sgsi_calloc(1, sizeof *l.scene);
+    if (l.scene)
+        l.scene->path = sgsi_strdup(path);
+    sgs_status status = l.scene && l.scene->path ? load(&l) : no_memory(path);
+    for (size_t i = 0; l.slots && i < l.dataset.frame_count; ++i)
+        sgsi_free(l.slots[i].error);
+    sgsi_free(l.slots);
+    sgsi_dataset_free(&l.dataset);
+    sgsi_scene_files_free(&l.files);
+    if (status) {
+        sgs_scene_destroy(l.scene);
+        return status;
+    }
+    *scene = l.scene;
+    return SGS_STATUS_OK;
+}

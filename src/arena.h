@@ -1,0 +1,24 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// Bump allocator that keeps its memory: what one step needed, the next has already.
+
+#include <stddef.h>
+#include <stdint.h>
+
+typedef struct sgsi_arena_chunk {
+    uint32_t *words;
+    size_t capacity;
+} sgsi_arena_chunk;
+
+typedef struct sgsi_arena {
+    sgsi_arena_chunk *chunks;
+    size_t chunk_count, chunk_capacity;
+    size_t current, used; // chunk in use and words used in it
+} sgsi_arena;
+
+// 32-bit words, uninitialised, valid until the next reset; NULL when out of memory.
+uint32_t *sgsi_arena_take(sgsi_arena *arena, size_t words);
+void sgsi_arena_reset(sgsi_arena *arena);
+void sgsi_arena_free(sgsi_arena *arena);

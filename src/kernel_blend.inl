@@ -1,0 +1,334 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Blending and its gradient, sixteen pixels (a 4x4 block) at a time.
+//
+// Exact order without sorting lanes. The elements of a block come in the order of its centre ray; in a lane two of them
+// may be swapped. Blending needs the order only through the transmittance in front of each hit,
+// T_i = product of (1 - alpha_j) over the hits with (t_j, id_j) < (t_i, id_i), so nothing is moved: the running
+// product gives T_i where the orders agree, and where a later element turns out to lie in front (t_i below the running
+// maximum of t in some lane) we walk back over its neighbours, rebuild its T from the prefix before them and multiply
+// its (1 - alpha) into theirs. Elements keep their place, so that colours and gradient sums stay uniform over the lanes.
+//
+// Stop rule without order: a hit counts iff T_i (1 - alpha_i) >= 1e-4. Along a ray that product only falls, so
+// this is "stop before the first hit that would take T below 1e-4".
+//
+// Backward, v = alpha dL/dalpha. With w = T alpha, q_i = w_i (c_i . dC) and behind_i = the sum of q over the hits
+// behind i plus T_end (background terms): dL/dalpha_i = q_i / alpha_i - behind_i / (1 - alpha_i), so
+//     v_i = q_i - behind_i alpha_i / (1 - alpha_i).
+// alpha = 2^(lo - E) gives dL/dlo ~ v, dL/d(rho^2) = -v / 2 (the 0.99 clamp passed straight through, as 3DGS does).
+// Let m be the vector from the mean to the ray's point of largest response in the primitive's metric: rho^2 = |m|^2 and,
+// since t maximises the response, d(rho^2)/dM = 2 m m^T M^-T and d(rho^2)/dmean = -2 M^T m with t held fixed.
+// In the frame of trace.h m = (a, b, -E / (P sqrt(h))) / sqrt(h), a = A C / G, b = B C / G, h = log2(e) / 2. So the sums of v,
+// v m and v m m^T say everything about mean, scales, rotation and opacity; nothing in them cancels.
+
+#define ALPHA_MAX 0.99f
+#define TRANSMITTANCE_MIN 1e-4f
+
+typedef struct block_rays {
+    vf u, v, near; // near: smallest t that counts, in units of |d|
+    vf length;     // |d|
+    vm valid;
+} block_rays;
+
+static inline block_rays load_block(const sgsi_tile_rays *rays, int b, float near_distance)
+{
+    block_rays block;
+    block.u = vf_load(rays->u[b]);
+    block.v = vf_load(rays->v[b]);
+    block.length = vf_sqrt(vf_fma(block.u, block.u, vf_fma(block.v, block.v, vf_set1(1.0f))));
+    block.near = vf_div(vf_set1(near_distance), block.length);
+    block.valid = vm_from_bits(rays->valid[b]);
+    return block;
+}
+
+typedef struct response {
+    vf alpha, t; // alpha is 0 and t is -infinity where there is no hit
+    vf a, b, e;
+    vm hit;
+} response;
+
+static inline response respond(const float *r, const block_rays *block)
+{
+    const vf a = vf_fma(block->v, vf_set1(r[2]), vf_fma(block->u, vf_set1(r[1]), vf_set1(r[0])));
+    const vf b = vf_fma(block->v, vf_set1(r[5]), vf_fma(block->u, vf_set1(r[4]), vf_set1(r[3])));
+    const vf c = vf_fma(block->v, vf_set1(r[8]), vf_fma(block->u, vf_set1(r[7]), vf_set1(r[6])));
+    const vf n2 = vf_fma(a, a, vf_mul(b, b));
+    const vf inv_g = vf_div(vf_set1(1.0f), vf_fma(vf_set1(r[10]), n2, vf_mul(c, c)));
+    const vf c_g = vf_mul(c, inv_g);
+    response x;
+    x.e = vf_mul(n2, inv_g);
+    x.a = vf_mul(a, c_g);
+    x.b = vf_mul(b, c_g);
+    const vf exponent = vf_sub(vf_set1(r[9]), x.e);
+    x.t = vf_mul(vf_set1(r[11]), c_g);
+    x.hit = vm_and(vm_and(vf_ge(exponent, vf_set1(-SGSI_LOG2_255)), vf_gt(x.t, block->near)), block->valid);
+    x.alpha = vf_keep(x.hit, vf_min(vf_exp2(vf_max(exponent, vf_set1(-10.0f))), vf_set1(ALPHA_MAX)));
+    x.t = vf_select(x.hit, x.t, vf_set1(-INFINITY));
+    return x;
+}
+
+// In which lanes does element j (id_j) lie in front of element i (id_i)?
+static inline vm in_front(vf t_j, uint32_t id_j, vf t_i, uint32_t id_i)
+{
+    return id_j < id_i ? vf_le(t_j, t_i) : vf_lt(t_j, t_i);
+}
+
+// Element i lies in front of some earlier element in the lanes `late`. Returns its transmittance, corrects theirs.
+static inline vf walk_back(sgsi_scratch *s, const uint32_t *order, uint32_t i, vf t, vf alpha, vm hit, vm late)
+{
+    const vf one = vf_set1(1.0f);
+    const vf through = vf_sub(one, alpha);
+    const uint32_t id = s->tile_ids[order[i]];
+    vf product = one;
+    uint32_t j = i;
+    do {
+        --j;
+        const vf t_j = vf_load(s->t + 16 * j);
+        const vm before = in_front(t_j, s->tile_ids[order[j]], t, id);
+        product = vf_mul(product, vf_select(before, vf_sub(one, vf_load(s->alpha + 16 * j)), one));
+        const vf t_front = vf_load(s->transmittance + 16 * j);
+        vf_store(s->transmittance + 16 * j, vf_mul(t_front, vf_select(vm_andnot(hit, before), through, one)));
+    } while (j && vm_any(vm_and(late, vf_le(t, vf_load(s->t_before + 16 * j)))));
+    s->walk[i] = i - j;
+    return vf_mul(vf_load(s->prefix + 16 * j), product);
+}
+
+// True when no element from `begin` on can lie in front of distance `stop` (units of |d|) in this block.
+static inline bool rest_is_hidden(const sgsi_scratch *s, const sgsi_tile_rays *rays, int b, uint32_t begin, float stop)
+{
+    const uint32_t *order = s->order + (size_t)b * s->capacity;
+    for (uint32_t i = begin; i < s->entry_count[b]; ++i) {
+        const float *r = s->tile_records + 16 * (size_t)order[i];
+        const float c_max = r[6] + r[7] * rays->block_u[b] + r[8] * rays->block_v[b] +
+                            fabsf(r[7]) * rays->block_half_u[b] + fabsf(r[8]) * rays->block_half_v[b];
+        if (!(r[11] > stop * 1.0001f * c_max * (1.0f + r[15] * r[15] * r[10])))
+            return false;
+    }
+    return true;
+}
+
+static inline float largest_lane(vf x)
+{
+    float lanes[16] __attribute__((aligned(64)));
+    vf_store(lanes, x);
+    float largest = lanes[0];
+    for (int i = 1; i < 16; ++i)
+        largest = lanes[i] > largest ? lanes[i] : largest;
+    return largest;
+}
+
+// Evaluates the elements of a block in its order: alpha, t and T of each, the walk lengths; drops those that hit no
+// pixel and, when `may_stop`, those behind the point where all pixels are opaque. Returns the number kept.
+static inline uint32_t evaluate_block(sgsi_scratch *s, const sgsi_tile_rays *rays, int b, const block_rays *block,
+                                      uint32_t *order, uint32_t count, bool may_stop, bool keep_responses,
+                                      uint64_t *evaluations)
+{
+    const vf one = vf_set1(1.0f);
+    vf prefix = one, t_last = vf_set1(-INFINITY);
+    uint32_t kept = 0, i = 0;
+    for (; i < count; ++i) {
+        const response x = respond(s->tile_records + 16 * (size_t)order[i], block);
+        if (!vm_any(x.hit))
+            continue;
+        order[kept] = order[i];
+        vf_store(s->alpha + 16 * kept, x.alpha);
+        vf_store(s->t + 16 * kept, x.t);
+        vf_store(s->prefix + 16 * kept, prefix);
+        vf_store(s->t_before + 16 * kept, t_last);
+        if (keep_responses) {
+            vf_store(s->a + 16 * kept, x.a);
+            vf_store(s->b + 16 * kept, x.b);
+            vf_store(s->e + 16 * kept, x.e);
+        }
+        const vm late = vm_and(x.hit, vf_le(x.t, t_last));
+        s->walk[kept] = 0;
+        vf transmittance = prefix;
+        if (vm_any(late))
+            transmittance = walk_back(s, order, kept, x.t, x.alpha, x.hit, late);
+        vf_store(s->transmittance + 16 * kept, transmittance);
+        prefix = vf_mul(prefix, vf_sub(one, x.alpha));
+        t_last = vf_max(t_last, x.t);
+        ++kept;
+        if (may_stop && kept % 8 == 0 && !vm_any(vm_and(block->valid, vf_ge(prefix, vf_set1(TRANSMITTANCE_MIN)))) &&
+            rest_is_hidden(s, rays, b, i + 1, largest_lane(t_last))) {
+            ++i;
+            break;
+        }
+    }
+    *evaluations += i;
+    return kept;
+}
+
+static inline void store_block(float *plane, const sgsi_tile_target *target, int b, vf value)
+{
+    float lanes[16] __attribute__((aligned(64)));
+    vf_store(lanes, value);
+    const int x = target->rays->x + 4 * (b % 4), y = target->rays->y + 4 * (b / 4);
+    const int columns = target->width - x < 4 ? target->width - x : 4;
+    for (int row = 0; row < 4 && y + row < target->height; ++row)
+        for (int column = 0; column < columns; ++column)
+            plane[(size_t)(y + row) * target->stride + (size_t)(x + column)] = lanes[4 * row + column];
+}
+
+static inline vf load_block_plane(const float *plane, const sgsi_tile_target *target, int b)
+{
+    float lanes[16] __attribute__((aligned(64))) = {0};
+    const int x = target->rays->x + 4 * (b % 4), y = target->rays->y + 4 * (b / 4);
+    const int columns = target->width - x < 4 ? target->width - x : 4;
+    for (int row = 0; row < 4 && y + row < target->height; ++row)
+        for (int column = 0; column < columns; ++column)
+            lanes[4 * row + column] = plane[(size_t)(y + row) * target->stride + (size_t)(x + column)];
+    return vf_load(lanes);
+}
+
+typedef struct blended {
+    vf color[3], transmittance, stop; // stop: distance of the hit that ended the ray, in units of |d|
+    vf weight, depth, median, first, hits;
+} blended;
+
+static inline blended blend_block(const sgsi_scratch *s, const uint32_t *order, uint32_t count, bool distances)
+{
+    const vf one = vf_set1(1.0f), zero = vf_zero();
+    blended out = {.color = {zero, zero, zero}, .transmittance = one, .stop = vf_set1(INFINITY), .weight = zero,
+                   .depth = zero, .median = zero, .first = vf_set1(INFINITY), .hits = zero};
+    for (uint32_t i = 0; i < count; ++i) {
+        const float *r = s->tile_records + 16 * (size_t)order[i] + SGSI_RECORD_COLOR;
+        const vf alpha = vf_load(s->alpha + 16 * i), t = vf_load(s->t + 16 * i);
+        const vf front = vf_load(s->transmittance + 16 * i), through = vf_sub(one, alpha);
+        const vf back = vf_mul(front, through);
+        const vm counts = vf_ge(back, vf_set1(TRANSMITTANCE_MIN));
+        const vf w = vf_keep(counts, vf_mul(front, alpha));
+        out.color[0] = vf_fma(w, vf_set1(r[0]), out.color[0]);
+        out.color[1] = vf_fma(w, vf_set1(r[1]), out.color[1]);
+        out.color[2] = vf_fma(w, vf_set1(r[2]), out.color[2]);
+        out.transmittance = vf_mul(out.transmittance, vf_select(counts, through, one));
+        const vm hit = vf_gt(alpha, zero);
+        out.stop = vf_min(vf_select(vm_andnot(hit, counts), t, vf_set1(INFINITY)), out.stop);
+        if (distances) {
+            const vm counted = vm_and(hit, counts);
+            out.weight = vf_add(out.weight, w);
+            out.depth = vf_fma(w, vf_select(counted, t, zero), out.depth);
+            out.first = vf_min(vf_select(counted, t, vf_set1(INFINITY)), out.first);
+            out.hits = vf_add(out.hits, vf_keep(counted, one));
+            const vm crossing = vm_and(counted, vm_and(vf_gt(front, vf_set1(0.5f)), vf_le(back, vf_set1(0.5f))));
+            out.median = vf_select(crossing, t, out.median);
+        }
+    }
+    return out;
+}
+
+static void store_distances(sgsi_tile_target *target, int b, const block_rays *block, const blended *out)
+{
+    const vm any = vf_gt(out->weight, vf_zero());
+    if (target->depth_mean)
+        store_block(target->depth_mean, target, b,
+                    vf_keep(any, vf_mul(vf_div(out->depth, vf_select(any, out->weight, vf_set1(1.0f))), block->length)));
+    if (target->depth_median)
+        store_block(target->depth_median, target, b, vf_mul(out->median, block->length));
+    if (target->depth_first)
+        store_block(target->depth_first, target, b, vf_keep(any, vf_mul(vf_select(any, out->first, vf_zero()), block->length)));
+    if (target->hits)
+        store_block(target->hits, target, b, out->hits);
+}
+
+static void tile_forward(sgsi_scratch *s, sgsi_tile_target *target)
+{
+    const sgsi_tile_rays *rays = target->rays;
+    const bool distances = target->depth_mean || target->depth_median || target->depth_first || target->hits;
+    float stop = 0.0f;
+    for (int b = 0; b < SGSI_BLOCKS; ++b) {
+        const block_rays block = load_block(rays, b, target->near_distance);
+        uint32_t *order = s->order + (size_t)b * s->capacity;
+        const uint32_t kept = evaluate_block(s, rays, b, &block, order, s->entry_count[b], true, false, &target->evaluations);
+        s->entry_count[b] = kept;
+        if (rays->x + 4 * (b % 4) >= target->width || rays->y + 4 * (b / 4) >= target->height)
+            continue;
+        const blended out = distances ? blend_block(s, order, kept, true) : blend_block(s, order, kept, false);
+        for (int c = 0; c < 3; ++c)
+            store_block(target->color[c], target, b, out.color[c]);
+        store_block(target->transmittance, target, b, out.transmittance);
+        if (distances)
+            store_distances(target, b, &block, &out);
+        const float block_stop = largest_lane(vf_select(block.valid, vf_mul(out.stop, block.length), vf_zero()));
+        stop = block_stop > stop ? block_stop : stop;
+    }
+    target->stop_distance = stop;
+}
+
+// Repeats the walk of element i for the colour sums: a pair that a lane swaps trades places in `behind`.
+static inline void walk_behind(sgsi_scratch *s, const uint32_t *order, uint32_t i, float *behind)
+{
+    const vf t = vf_load(s->t + 16 * i), q = vf_load(s->q + 16 * i);
+    const vm hit = vf_gt(vf_load(s->alpha + 16 * i), vf_zero());
+    const uint32_t id = s->tile_ids[order[i]];
+    vf gained = vf_load(behind + 16 * i);
+    for (uint32_t j = i; j-- > i - s->walk[i];) {
+        const vm swapped = vm_andnot(hit, in_front(vf_load(s->t + 16 * j), s->tile_ids[order[j]], t, id));
+        gained = vf_add(gained, vf_keep(swapped, vf_load(s->q + 16 * j)));
+        vf_store(behind + 16 * j, vf_sub(vf_load(behind + 16 * j), vf_keep(swapped, q)));
+    }
+    vf_store(behind + 16 * i, gained);
+}
+
+static void backward_block(sgsi_scratch *s, const sgsi_tile_list *list, sgsi_tile_target *target, int b)
+{
+    const vf one = vf_set1(1.0f), zero = vf_zero();
+    uint32_t *order = list->elements + list->block_begin[b];
+    const uint32_t count = list->block_begin[b + 1] - list->block_begin[b];
+    if (!count)
+        return;
+    const block_rays block = load_block(target->rays, b, target->near_distance);
+    evaluate_block(s, target->rays, b, &block, order, count, false, true, &target->evaluations);
+    const vf dr = load_block_plane(target->d_color[0], target, b), dg = load_block_plane(target->d_color[1], target, b);
+    const vf db = load_block_plane(target->d_color[2], target, b);
+    // Weights and q; `prefix` is free again and becomes the correction of `behind`.
+    float *behind = s->prefix;
+    vf end = one;
+    for (uint32_t i = 0; i < count; ++i) {
+        const float *r = s->tile_records + 16 * (size_t)order[i] + SGSI_RECORD_COLOR;
+        const vf alpha = vf_load(s->alpha + 16 * i), front = vf_load(s->transmittance + 16 * i);
+        const vf through = vf_sub(one, alpha);
+        const vm counts = vf_ge(vf_mul(front, through), vf_set1(TRANSMITTANCE_MIN));
+        const vf w = vf_keep(counts, vf_mul(front, alpha));
+        end = vf_mul(end, vf_select(counts, through, one));
+        const vf shade = vf_fma(vf_set1(r[0]), dr, vf_fma(vf_set1(r[1]), dg, vf_mul(vf_set1(r[2]), db)));
+        vf_store(s->transmittance + 16 * i, w);
+        vf_store(s->q + 16 * i, vf_mul(w, shade));
+        vf_store(behind + 16 * i, zero);
+    }
+    for (uint32_t i = 0; i < count; ++i)
+        if (s->walk[i])
+            walk_behind(s, order, i, behind);
+    vf run = vf_mul(end, load_block_plane(target->d_transmittance, target, b));
+    for (uint32_t i = count; i-- > 0;) {
+        const vf alpha = vf_load(s->alpha + 16 * i), w = vf_load(s->transmittance + 16 * i);
+        const vf q = vf_load(s->q + 16 * i), a = vf_load(s->a + 16 * i), bb = vf_load(s->b + 16 * i);
+        const vf e = vf_load(s->e + 16 * i);
+        const vm counted = vf_gt(w, zero);
+        const vf hidden = vf_mul(vf_add(run, vf_load(behind + 16 * i)), vf_div(alpha, vf_sub(one, alpha)));
+        const vf v = vf_keep(counted, vf_sub(q, hidden));
+        run = vf_add(run, q);
+        const vf va = vf_mul(v, a), vb = vf_mul(v, bb), ve = vf_mul(v, e);
+        const vf terms[16] = {vf_mul(w, dr), vf_mul(w, dg), vf_mul(w, db), v, va, vb, ve, vf_mul(va, a), vf_mul(va, bb),
+                              vf_mul(vb, bb), vf_mul(va, e), vf_mul(vb, e), vf_mul(ve, e), vf_keep(counted, one), zero, zero};
+        float *sum = s->sums + 16 * (size_t)order[i];
+        vf_store(sum, vf_add(vf_load(sum), vf_sum16(terms)));
+    }
+}
+
+static void tile_backward(sgsi_scratch *s, const sgsi_tile_list *list, sgsi_tile_target *target)
+{
+    const tile_frame16 frame = broadcast_frame(target->rays->frame);
+    for (size_t i = 0; i < list->count; i += 16) {
+        vf r[16];
+        tile_coefficients(s->soa + i * 16, &frame, r);
+        r[15] = vf_zero();
+        vf_transpose16(r);
+        for (size_t k = 0; k < 16 && i + k < list->count; ++k)
+            vf_store(s->tile_records + 16 * (i + k), r[k]);
+    }
+    memset(s->sums, 0, list->count * SGSI_RECORD * sizeof *s->sums);
+    for (int b = 0; b < SGSI_BLOCKS; ++b)
+        backward_block(s, list, target, b);
+}

@@ -1,0 +1,32 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// One instruction set's kernels. Included by kernels_<isa>.c after simd.h.
+
+#include "kernels.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "kernel_gaussian.inl"
+#include "kernel_project.inl"
+#include "kernel_tile.inl"
+#include "kernel_blend.inl"
+#include "kernel_optimize.inl"
+
+const sgsi_kernels SGSI_KERNEL(sgsi_kernels) = {
+#if SGSI_ISA == 2
+    .name = "avx512",
+#elif SGSI_ISA == 1
+    .name = "avx2",
+#else
+    .name = "baseline",
+#endif
+    .project = project,
+    .load_candidates = load_candidates,
+    .tile_filter = tile_filter,
+    .tile_sort = tile_sort,
+    .tile_forward = tile_forward,
+    .tile_backward = tile_backward,
+    .optimize = optimize,
+};

@@ -1,0 +1,94 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// The kernels: everything that runs per primitive, per tile or per hit, compiled once per instruction
+// set from kernel_*.inl and reached through one table.
+
+#include "trace.h"
+
+// ---- per view: parameters -> records, bounds, visibility statistics ----
+typedef struct sgsi_project {
+    const float *params;  // model layout
+    size_t count;
+    sgsi_view view;
+    float *records;       // [capacity][16]
+    sgsi_bounds *bounds;  // [capacity]
+    uint32_t *visible_count; // d_i: += 1 for a projected radius > 0 that meets the image; NULL = no statistics
+    float *radius_max;       // rho_i, pixels
+} sgsi_project;
+
+// ---- per tile ----
+// Scratch of one thread; arrays grow together (capacity primitives).
+typedef struct sgsi_scratch {
+    size_t capacity;
+    float *soa;           // [capacity / 16][16][16] candidate records, transposed
+    uint32_t *candidates; // [capacity] ids in the order of soa
+    float *tile_records;  // [capacity][16]
+    uint32_t *tile_ids;   // [capacity]
+    uint64_t *entries;    // [16][capacity]: key bits << 32 | index, per block
+    uint32_t *order;      // [16][capacity]: indices into tile_records in the block's order
+    float *alpha, *t, *transmittance, *prefix, *t_before; // [capacity][16]
+    float *a, *b, *e, *q;                                 // [capacity][16], backward only
+    float *sums;          // [capacity][16]
+    uint32_t *walk;       // [capacity]: how far element i had to walk back to find its place
+    uint32_t entry_count[SGSI_BLOCKS]; // elements in `order`
+} sgsi_scratch;
+
+// One tile of an image to blend or to differentiate.
+typedef struct sgsi_tile_target {
+    const sgsi_tile_rays *rays;
+    int width, height;
+    size_t stride;                     // floats per row
+    float *color[3], *transmittance;   // forward, always
+    float *depth_mean, *depth_median, *depth_first, *hits; // forward, each may be NULL
+    const float *d_color[3], *d_transmittance; // backward
+    float near_distance;
+    float far;           // candidates that begin behind it were left out; INFINITY = complete
+    float stop_distance; // out: largest distance at which a pixel stopped; INFINITY when one did not
+    uint64_t evaluations, counted; // out, added to: block evaluations and counted hits
+} sgsi_tile_target;
+
+// ---- per step: sums -> gradients -> Adam ----
+typedef struct sgsi_optimize {
+    float *params, *m, *v; // model layout
+    size_t count;
+    sgsi_view view;
+    const float *sums;      // [capacity][16]
+    const uint8_t *touched; // [capacity / 16]: 0 = no sums there
+    bool dense;             // update every row
+    bool apply;             // false: statistics only (3DGS makes no step on densification iterations)
+    float rate_mean, rate_rotation, rate_scale, rate_opacity, rate_dc, rate_rest;
+    float beta1, beta2, epsilon;
+    float correction1, correction2; // 1 / (1 - beta1^t), 1 / sqrt(1 - beta2^t); 1 without bias correction
+    float *gradient_sum;    // a_i, or NULL
+    float tan_half_x, tan_half_y;
+    float *gradients;       // [capacity][59] in model layout, or NULL: writes dL/dparameter instead of stepping (tests)
+} sgsi_optimize;
+
+typedef struct sgsi_kernels {
+    const char *name;
+    // Blocks [begin, end) of 16 primitives.
+    void (*project)(const sgsi_project *input, size_t begin, size_t end);
+    // Transposes the records of scratch->candidates[0..count) into scratch->soa.
+    void (*load_candidates)(sgsi_scratch *scratch, const float *records, size_t count);
+    // Keeps the candidates that can meet the tile (nearer than far): tile_records, tile_ids. Returns their number.
+    size_t (*tile_filter)(sgsi_scratch *scratch, const sgsi_tile_rays *rays, size_t candidate_count, float far);
+    // Block lists in the order of the block's centre ray.
+    void (*tile_sort)(sgsi_scratch *scratch, const sgsi_tile_rays *rays, size_t count);
+    // Blends all blocks; compacts each block's list to the elements that hit.
+    void (*tile_forward)(sgsi_scratch *scratch, sgsi_tile_target *target);
+    // Adds to scratch->sums[0..count) for the lists of `list`.
+    void (*tile_backward)(sgsi_scratch *scratch, const sgsi_tile_list *list, sgsi_tile_target *target);
+    // Returns the number of rows whose gradient was not finite (they are left alone).
+    size_t (*optimize)(const sgsi_optimize *input, size_t begin, size_t end);
+} sgsi_kernels;
+
+extern const sgsi_kernels sgsi_kernels_baseline;
+#ifdef SGSI_X86
+extern const sgsi_kernels sgsi_kernels_avx2;
+extern const sgsi_kernels sgsi_kernels_avx512;
+#endif
+
+// The table of the chosen instruction set.
+const sgsi_kernels *sgsi_kernels_get(void);

@@ -1,0 +1,311 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Ray tables. Every pixel's direction comes from sgs_camera_unproject, so any central camera works; a tile
+// writes its directions on the tangent plane through its own centre, where neighbouring pixels differ by
+// small, exactly spaced numbers whatever the lens.
+
+#include "rays.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "core.h"
+#include "threads.h"
+
+typedef struct direction_map {
+    const sgs_camera *camera;
+    float (*directions)[3]; // [height * width]; NaN where the lens has no ray
+} direction_map;
+
+static void unproject_row(void *context, size_t y, int thread)
+{
+    (void)thread;
+    const direction_map *map = context;
+    for (int x = 0; x < map->camera->width; ++x) {
+        float *out = map->directions[y * (size_t)map->camera->width + (size_t)x];
+        double d[3];
+        const bool valid = sgs_camera_unproject(map->camera, (double[2]){x + 0.5, (double)y + 0.5}, d);
+        for (int k = 0; k < 3; ++k)
+            out[k] = valid ? (float)d[k] : NAN;
+    }
+}
+
+static void normalize(float v[3])
+{
+    const float length = sqrtf(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+    for (int k = 0; k < 3; ++k)
+        v[k] /= length;
+}
+
+static float dot(const float a[3], const float b[3])
+{
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+// Adds up the directions of a pixel rectangle (clipped to the image). Returns how many there are.
+static int sum_directions(const direction_map *map, int x0, int y0, int size, float sum[3])
+{
+    int count = 0;
+    sum[0] = sum[1] = sum[2] = 0.0f;
+    for (int y = y0; y < y0 + size && y < map->camera->height; ++y) {
+        for (int x = x0; x < x0 + size && x < map->camera->width; ++x) {
+            const float *d = map->directions[(size_t)y * (size_t)map->camera->width + (size_t)x];
+            if (isnan(d[0]))
+                continue;
+            for (int k = 0; k < 3; ++k)
+                sum[k] += d[k];
+            ++count;
+        }
+    }
+    return count;
+}
+
+static float smallest_cosine(const direction_map *map, int x0, int y0, int width, int height, const float axis[3])
+{
+    float cosine = 1.0f;
+    for (int y = y0; y < y0 + height && y < map->camera->height; ++y) {
+        for (int x = x0; x < x0 + width && x < map->camera->width; ++x) {
+            const float c = dot(map->directions[(size_t)y * (size_t)map->camera->width + (size_t)x], axis);
+            if (c < cosine) // false for NaN
+                cosine = c;
+        }
+    }
+    return cosine;
+}
+
+// e1, e2 orthogonal to d0; e1 as close to the camera's x axis as possible (to z for sideways tiles).
+static void complete_frame(float frame[9])
+{
+    const float *d0 = frame;
+    const float seed[3] = {fabsf(d0[0]) < 0.9f ? 1.0f : 0.0f, 0.0f, fabsf(d0[0]) < 0.9f ? 0.0f : 1.0f};
+    const float along = dot(seed, d0);
+    for (int k = 0; k < 3; ++k)
+        frame[3 + k] = seed[k] - along * d0[k];
+    normalize(frame + 3);
+    frame[6] = d0[1] * frame[5] - d0[2] * frame[4];
+    frame[7] = d0[2] * frame[3] - d0[0] * frame[5];
+    frame[8] = d0[0] * frame[4] - d0[1] * frame[3];
+}
+
+static void fill_block(const direction_map *map, sgsi_tile_rays *tile, int b)
+{
+    float low[2] = {INFINITY, INFINITY}, high[2] = {-INFINITY, -INFINITY};
+    tile->valid[b] = 0;
+    for (int i = 0; i < 16; ++i) {
+        const int x = tile->x + 4 * (b % 4) + i % 4, y = tile->y + 4 * (b / 4) + i / 4;
+        tile->u[b][i] = tile->v[b][i] = 0.0f;
+        if (x >= map->camera->width || y >= map->camera->height)
+            continue;
+        const float *d = map->directions[(size_t)y * (size_t)map->camera->width + (size_t)x];
+        const float along = dot(d, tile->frame);
+        if (!(along > 0.0f)) // NaN too
+            continue;
+        const float uv[2] = {dot(d, tile->frame + 3) / along, dot(d, tile->frame + 6) / along};
+        for (int k = 0; k < 2; ++k) {
+            low[k] = fminf(low[k], uv[k]);
+            high[k] = fmaxf(high[k], uv[k]);
+        }
+        tile->u[b][i] = uv[0];
+        tile->v[b][i] = uv[1];
+        tile->valid[b] |= (uint16_t)(1u << i);
+    }
+    const bool any = tile->valid[b] != 0;
+    tile->block_u[b] = any ? 0.5f * (low[0] + high[0]) : 0.0f;
+    tile->block_v[b] = any ? 0.5f * (low[1] + high[1]) : 0.0f;
+    tile->block_half_u[b] = any ? 0.5f * (high[0] - low[0]) * 1.00001f : 0.0f;
+    tile->block_half_v[b] = any ? 0.5f * (high[1] - low[1]) * 1.00001f : 0.0f;
+    if (any) {
+        tile->half_u = fmaxf(tile->half_u, fmaxf(fabsf(low[0]), fabsf(high[0])));
+        tile->half_v = fmaxf(tile->half_v, fmaxf(fabsf(low[1]), fabsf(high[1])));
+    }
+}
+
+static void fill_tile(const direction_map *map, sgsi_tile_rays *tile)
+{
+    float sum[3];
+    if (sum_directions(map, tile->x, tile->y, SGSI_TILE, sum)) {
+        memcpy(tile->frame, sum, sizeof sum);
+        normalize(tile->frame);
+    } else {
+        tile->frame[2] = 1.0f;
+    }
+    complete_frame(tile->frame);
+    tile->half_u = tile->half_v = 0.0f;
+    for (int b = 0; b < SGSI_BLOCKS; ++b)
+        fill_block(map, tile, b);
+}
+
+static float cone_tangent(float cosine)
+{
+    const float c = fmaxf(cosine, 0.05f);
+    return sqrtf(fmaxf(0.0f, 1.0f - c * c)) / c;
+}
+
+static void fill_bin(sgsi_rays *rays, const direction_map *map, int bin)
+{
+    const int size = rays->bin_tiles * SGSI_TILE, step = size / 4;
+    const int x0 = bin % rays->bins_x * size, y0 = bin / rays->bins_x * size;
+    rays->bin_valid[bin] = 0;
+    for (int i = 0; i < 16; ++i) {
+        const int x = x0 + i % 4 * step, y = y0 + i / 4 * step;
+        float direction[3];
+        if (!sum_directions(map, x, y, step, direction)) {
+            for (int k = 0; k < 3; ++k)
+                rays->bin_directions[bin][k][i] = k == 2 ? 1.0f : 0.0f;
+            continue;
+        }
+        normalize(direction);
+        rays->bin_valid[bin] |= 1u << i;
+        for (int k = 0; k < 3; ++k)
+            rays->bin_directions[bin][k][i] = direction[k];
+        rays->tan_cone = fmaxf(rays->tan_cone, cone_tangent(smallest_cosine(map, x, y, step, step, direction) - 1e-7f));
+    }
+}
+
+static void fill_image_cone(sgsi_rays *rays, const direction_map *map)
+{
+    float axis[3] = {0.0f, 0.0f, 0.0f};
+    for (int bin = 0; bin < rays->bins_x * rays->bins_y; ++bin)
+        for (int i = 0; i < 16; ++i)
+            for (int k = 0; k < 3; ++k)
+                if (rays->bin_valid[bin] >> i & 1)
+                    axis[k] += rays->bin_directions[bin][k][i];
+    if (!(dot(axis, axis) > 1e-6f))
+        axis[2] = 1.0f;
+    normalize(axis);
+    const float cosine = smallest_cosine(map, 0, 0, map->camera->width, map->camera->height, axis) - 1e-4f;
+    memcpy(rays->axis, axis, sizeof axis);
+    rays->cone_cos = fmaxf(cosine, -1.0f);
+    rays->cone_sin = sqrtf(fmaxf(0.0f, 1.0f - rays->cone_cos * rays->cone_cos));
+}
+
+sgs_status sgsi_rays_create(const sgs_camera *camera, int bin_tiles, sgsi_rays **rays)
+{
+    *rays = NULL;
+    const sgs_status status = sgs_camera_validate(camera);
+    if (status)
+        return status;
+    sgsi_rays *made = sgsi_calloc(1, sizeof *made);
+    direction_map map = {camera, sgsi_alloc((size_t)camera->width * (size_t)camera->height, sizeof *map.directions)};
+    if (!made || !map.directions)
+        goto out_of_memory;
+    const int bin = bin_tiles * SGSI_TILE;
+    made->camera = *camera;
+    made->tiles_x = (camera->width + SGSI_TILE - 1) / SGSI_TILE;
+    made->tiles_y = (camera->height + SGSI_TILE - 1) / SGSI_TILE;
+    made->bin_tiles = bin_tiles;
+    made->bins_x = (camera->width + bin - 1) / bin;
+    made->bins_y = (camera->height + bin - 1) / bin;
+    made->fisheye = sgs_camera_is_fisheye(camera->model);
+    double fx, fy, cx, cy;
+    sgs_camera_intrinsics(camera, &fx, &fy, &cx, &cy);
+    made->fx = (float)fx, made->fy = (float)fy, made->cx = (float)cx, made->cy = (float)cy;
+    made->focal = (float)sqrt(fx * fy);
+    const size_t tile_count = (size_t)made->tiles_x * (size_t)made->tiles_y, bin_count = (size_t)made->bins_x * (size_t)made->bins_y;
+    made->tiles = sgsi_calloc(tile_count, sizeof *made->tiles);
+    made->bin_directions = sgsi_calloc(bin_count, sizeof *made->bin_directions);
+    made->bin_valid = sgsi_calloc(bin_count, sizeof *made->bin_valid);
+    if (!made->tiles || !made->bin_directions || !made->bin_valid)
+        goto out_of_memory;
+    sgsi_parallel_for((size_t)camera->height, 8, unproject_row, &map);
+    for (size_t i = 0; i < tile_count; ++i) {
+        made->tiles[i].x = (int)(i % (size_t)made->tiles_x) * SGSI_TILE;
+        made->tiles[i].y = (int)(i / (size_t)made->tiles_x) * SGSI_TILE;
+        fill_tile(&map, &made->tiles[i]);
+    }
+    for (size_t i = 0; i < bin_count; ++i)
+        fill_bin(made, &map, (int)i);
+    fill_image_cone(made, &map);
+    sgsi_free(map.directions);
+    *rays = made;
+    return SGS_STATUS_OK;
+
+out_of_memory:
+    sgsi_free(map.directions);
+    sgsi_rays_destroy(made);
+    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the rays of a %dx%d camera", camera->width, camera->height);
+}
+
+void sgsi_rays_destroy(sgsi_rays *rays)
+{
+    if (!rays)
+        return;
+    sgsi_free(rays->tiles);
+    sgsi_free(rays->bin_directions);
+    sgsi_free(rays->bin_valid);
+    sgsi_free(rays);
+}
+
+enum { CACHE_SLOTS = 256 };
+
+struct sgsi_ray_cache {
+    int bin_tiles;
+    size_t byte_limit, bytes;
+    unsigned long clock;
+    struct {
+        sgsi_rays *rays;
+        size_t bytes;
+        unsigned long used;
+    } slots[CACHE_SLOTS];
+};
+
+sgs_status sgsi_ray_cache_create(int bin_tiles, size_t byte_limit, sgsi_ray_cache **cache)
+{
+    *cache = sgsi_calloc(1, sizeof **cache);
+    if (!*cache)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the ray cache");
+    (*cache)->bin_tiles = bin_tiles;
+    (*cache)->byte_limit = byte_limit;
+    return SGS_STATUS_OK;
+}
+
+void sgsi_ray_cache_destroy(sgsi_ray_cache *cache)
+{
+    if (!cache)
+        return;
+    for (int i = 0; i < CACHE_SLOTS; ++i)
+        sgsi_rays_destroy(cache->slots[i].rays);
+    sgsi_free(cache);
+}
+
+static bool same_camera(const sgs_camera *a, const sgs_camera *b)
+{
+    return a->model == b->model && a->width == b->width && a->height == b->height &&
+           !memcmp(a->params, b->params, sizeof a->params);
+}
+
+sgs_status sgsi_ray_cache_get(sgsi_ray_cache *cache, const sgs_camera *camera, const sgsi_rays **rays)
+{
+    *rays = NULL;
+    for (int i = 0; i < CACHE_SLOTS; ++i) {
+        if (cache->slots[i].rays && same_camera(&cache->slots[i].rays->camera, camera)) {
+            cache->slots[i].used = ++cache->clock;
+            *rays = cache->slots[i].rays;
+            return SGS_STATUS_OK;
+        }
+    }
+    const size_t bytes = (size_t)camera->width * (size_t)camera->height * sizeof(sgsi_tile_rays) / (SGSI_TILE * SGSI_TILE);
+    for (;;) {
+        int oldest = -1, empty = -1;
+        for (int i = 0; i < CACHE_SLOTS; ++i) {
+            if (!cache->slots[i].rays)
+                empty = i;
+            else if (oldest < 0 || cache->slots[i].used < cache->slots[oldest].used)
+                oldest = i;
+        }
+        if (empty >= 0 && (oldest < 0 || cache->bytes + bytes <= cache->byte_limit)) {
+            const sgs_status status = sgsi_rays_create(camera, cache->bin_tiles, &cache->slots[empty].rays);
+            if (status)
+                return status;
+            cache->slots[empty].bytes = bytes;
+            cache->slots[empty].used = ++cache->clock;
+            cache->bytes += bytes;
+            *rays = cache->slots[empty].rays;
+            return SGS_STATUS_OK;
+        }
+        cache->bytes -= cache->slots[oldest].bytes;
+        sgsi_rays_destroy(cache->slots[oldest].rays);
+        cache->slots[oldest].rays = NULL;
+    }
+}

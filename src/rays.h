@@ -1,0 +1,19 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// The rays of a camera, laid out for the kernels: tile by tile, block by block, and the cone packets that
+// ask the BVH. Depends on the intrinsics only, so it is made once per camera and kept.
+
+#include "trace.h"
+
+// bin_tiles: tiles per side of a gather bin (1, 2, 4, ...). On failure *rays is NULL.
+sgs_status sgsi_rays_create(const sgs_camera *camera, int bin_tiles, sgsi_rays **rays);
+void sgsi_rays_destroy(sgsi_rays *rays); // accepts NULL
+
+// Ray tables by camera, least recently used first out. One user thread at a time.
+typedef struct sgsi_ray_cache sgsi_ray_cache;
+sgs_status sgsi_ray_cache_create(int bin_tiles, size_t byte_limit, sgsi_ray_cache **cache);
+void sgsi_ray_cache_destroy(sgsi_ray_cache *cache);
+// The table stays valid until the next call.
+sgs_status sgsi_ray_cache_get(sgsi_ray_cache *cache, const sgs_camera *camera, const sgsi_rays **rays);

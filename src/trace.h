@@ -1,0 +1,104 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// The data that the tracer and its kernels share: what is known of a primitive for one view, of a tile's
+// rays for one camera, and the sums that the backward pass leaves per primitive.
+//
+// Geometry. The camera sits at the origin of camera axes; delta = R_wc (mean - c). In the primitive's own
+// metric M = S'^-1 R^T R_wc^T the mean is at M delta, distance P = |M delta|. Rotate that space so that M delta lies on
+// the third axis and divide by P / |delta|: a ray d then has coordinates (gx, gy, gz) with gx = gy = 0, gz = 1 towards the
+// mean, and
+//     rho^2 = P^2 (gx^2 + gy^2) / |g|^2,    t = |delta| gz / |g|^2   (in units of |d|).
+// With kappa = P^2 log2(e) / 2 folded into A = sqrt(kappa) gx, B = sqrt(kappa) gy, C = gz:
+//     G = (A^2 + B^2) / kappa + C^2,   E = (A^2 + B^2) / G,   alpha = 2^(log2 o - E),   t = |delta| C / G.
+// A, B, C are linear in d. A tile writes its rays as d = d0 + u e1 + v e2 (any central camera, no unit length needed:
+// rho is homogeneous), so they become affine in (u, v), with nothing that cancels at the footprint.
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "bvh.h"
+#include "sparegs/render.h"
+
+enum {
+    SGSI_TILE = 16,        // pixels
+    SGSI_BLOCKS = 16,      // blocks of 4x4 pixels per tile
+    SGSI_RECORD = 16       // floats per record
+};
+
+// What a view knows of a primitive: one cache line.
+enum {
+    SGSI_RECORD_A = 0,         // 3: row of A in camera axes
+    SGSI_RECORD_B = 3,
+    SGSI_RECORD_C = 6,
+    SGSI_RECORD_LOG_OPACITY = 9, // log2 of the opacity; SGSI_UNTRACED when the view cannot see it
+    SGSI_RECORD_INV_KAPPA = 10,
+    SGSI_RECORD_DISTANCE = 11, // |delta|
+    SGSI_RECORD_COLOR = 12,    // 3: clamped at 0
+    SGSI_RECORD_REACH = 15     // in tiles: q, bound on sqrt(A^2 + B^2) / C inside the support
+};
+#define SGSI_UNTRACED (-1e30f)
+#define SGSI_LOG2_255 7.9943534368588578f
+#define SGSI_HALF_LOG2E 0.72134752044448170f
+
+// What the backward pass sums per primitive, over counted hits: v = alpha dL/dalpha, a = A C / G, b = B C / G, E.
+enum {
+    SGSI_SUM_COLOR = 0, // 3: dL/dcolour = sum w dL/dC
+    SGSI_SUM_V = 3,
+    SGSI_SUM_VA = 4,
+    SGSI_SUM_VB = 5,
+    SGSI_SUM_VE = 6,
+    SGSI_SUM_VAA = 7,
+    SGSI_SUM_VAB = 8,
+    SGSI_SUM_VBB = 9,
+    SGSI_SUM_VAE = 10,
+    SGSI_SUM_VBE = 11,
+    SGSI_SUM_VEE = 12,
+    SGSI_SUM_HITS = 13
+};
+
+// The rays of a 16x16-pixel tile, camera axes. Lane i of block b is pixel (4 (b % 4) + i % 4, 4 (b / 4) + i / 4).
+typedef struct sgsi_tile_rays {
+    float u[SGSI_BLOCKS][16], v[SGSI_BLOCKS][16];
+    float block_u[16], block_v[16];           // centres of the blocks' ranges of (u, v)
+    float block_half_u[16], block_half_v[16]; // half extents, over valid pixels
+    float half_u, half_v;                     // max |u|, |v| of the tile
+    float frame[9];                           // d0, e1, e2: orthonormal
+    uint16_t valid[SGSI_BLOCKS];              // pixels inside the image with a ray
+    int x, y;                                 // upper left pixel
+} sgsi_tile_rays;
+
+// Everything that depends on the camera's intrinsics only.
+typedef struct sgsi_rays {
+    sgs_camera camera;
+    int tiles_x, tiles_y;
+    sgsi_tile_rays *tiles; // [tiles_y][tiles_x], 64-byte aligned
+    int bin_tiles;         // tiles per bin side; a bin is gathered by one packet of 4x4 cone rays
+    int bins_x, bins_y;
+    float (*bin_directions)[3][16]; // camera axes, unit
+    uint32_t *bin_valid;
+    float tan_cone;        // tangent of the widest cone ray's half angle
+    float axis[3], cone_cos, cone_sin; // circumscribed cone of the whole image
+    float focal, fx, fy, cx, cy;
+    bool fisheye;
+} sgsi_rays;
+
+// A view as the kernels see it.
+typedef struct sgsi_view {
+    const sgsi_rays *rays;
+    float rotation[9]; // world to camera
+    float center[3];   // world
+    float near_distance;
+    float dilation;    // 0.3 / f^2 for the 3dgs filter, 0 for none
+    int sh_degree;
+} sgsi_view;
+
+// Bits of a tile's candidates for the backward pass.
+typedef struct sgsi_tile_list {
+    uint32_t *ids;         // [count] primitives, near to far by |delta|
+    uint32_t *elements;    // per block: indices into ids, in the block's order
+    uint32_t block_begin[SGSI_BLOCKS + 1];
+    uint32_t count;
+} sgsi_tile_list;

@@ -1,0 +1,599 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Orchestration of one view. A work item of the forward pass is a bin (a square of tiles): its packet of cone rays
+// asks the BVH, the candidates are put in one order (distance of the mean, then id) so that nothing depends on the
+// traversal, and every tile of the bin is filtered, sorted and blended by the kernels. The backward pass runs over the same
+// tiles from their lists, leaves one cache line of sums per (tile, primitive), and adds these up per primitive in tile order:
+// each thread owns a range of primitives and walks all slots, so sums do not depend on the number of threads.
+//
+// Depth guesses. Per tile we remember how far the last visit of the view had to look. Candidates that begin behind the guess are
+// left out, by the BVH (far of the ray) and, exactly and independently of the tree, by the tile's own test. If a pixel of the
+// tile then fails to become opaque in front of the guess, the bin is gathered again without a limit and the tile redone.
+
+#include "tracer.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "arena.h"
+#include "core.h"
+#include "threads.h"
+
+enum { REDUCE_SLOTS = 1 << 18, MAX_THREADS = 1024 };
+
+typedef struct thread_state {
+    sgsi_scratch scratch;
+    sgsi_gather_list gathered;
+    uint64_t *keys, *keys_spare; // [key_capacity]
+    size_t key_capacity;
+    sgsi_arena arena;
+    sgs_status status;
+    double gather_seconds, blend_seconds;
+    sgsi_trace_counts counts;
+} thread_state;
+
+struct sgsi_tracer {
+    sgsi_bvh *bvh;
+    size_t capacity, count, built_count;
+    float *records;
+    sgsi_bounds *bounds;
+    float *sums;
+    uint8_t *touched;
+    sgsi_tile_list *lists;
+    size_t list_capacity;
+    uint32_t *slot_ids; // backward: [slot_capacity]
+    float *slot_sums;   // [slot_capacity][16]
+    size_t *slot_begin; // [list_capacity + 1]
+    size_t slot_capacity;
+    thread_state *threads[MAX_THREADS];
+    sgsi_trace_seconds seconds;
+    sgsi_trace_counts counts;
+};
+
+sgs_status sgsi_tracer_create(sgsi_tracer **tracer)
+{
+    *tracer = NULL;
+    sgsi_tracer *made = sgsi_calloc(1, sizeof *made);
+    if (!made)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the tracer");
+    const sgs_status status = sgsi_bvh_create(&made->bvh);
+    if (status) {
+        sgsi_free(made);
+        return status;
+    }
+    *tracer = made;
+    return SGS_STATUS_OK;
+}
+
+static void free_thread(thread_state *thread)
+{
+    if (!thread)
+        return;
+    sgsi_scratch *s = &thread->scratch;
+    void *const arrays[] = {s->soa, s->candidates, s->tile_records, s->tile_ids, s->entries, s->order, s->alpha, s->t,
+                            s->transmittance, s->prefix, s->t_before, s->a, s->b, s->e, s->q, s->sums, s->walk,
+                            thread->gathered.ids, thread->keys, thread->keys_spare};
+    for (size_t i = 0; i < sizeof arrays / sizeof *arrays; ++i)
+        sgsi_free(arrays[i]);
+    sgsi_arena_free(&thread->arena);
+    sgsi_free(thread);
+}
+
+void sgsi_tracer_destroy(sgsi_tracer *tracer)
+{
+    if (!tracer)
+        return;
+    for (int i = 0; i < MAX_THREADS; ++i)
+        free_thread(tracer->threads[i]);
+    sgsi_bvh_destroy(tracer->bvh);
+    void *const arrays[] = {tracer->records, tracer->bounds, tracer->sums, tracer->touched, tracer->lists,
+                            tracer->slot_ids, tracer->slot_sums, tracer->slot_begin};
+    for (size_t i = 0; i < sizeof arrays / sizeof *arrays; ++i)
+        sgsi_free(arrays[i]);
+    sgsi_free(tracer);
+}
+
+static sgs_status prepare_threads(sgsi_tracer *tracer)
+{
+    for (int i = 0; i < sgsi_threads() && i < MAX_THREADS; ++i) {
+        if (!tracer->threads[i])
+            tracer->threads[i] = sgsi_calloc(1, sizeof *tracer->threads[i]);
+        if (!tracer->threads[i])
+            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the tracer's threads");
+        tracer->threads[i]->status = SGS_STATUS_OK;
+    }
+    return SGS_STATUS_OK;
+}
+
+static sgs_status reserve_primitives(sgsi_tracer *tracer, size_t capacity)
+{
+    if (capacity <= tracer->capacity)
+        return SGS_STATUS_OK;
+    sgsi_free(tracer->records);
+    sgsi_free(tracer->bounds);
+    sgsi_free(tracer->sums);
+    sgsi_free(tracer->touched);
+    tracer->records = sgsi_alloc(capacity, SGSI_RECORD * sizeof *tracer->records);
+    tracer->bounds = sgsi_alloc(capacity, sizeof *tracer->bounds);
+    tracer->sums = sgsi_alloc(capacity, SGSI_RECORD * sizeof *tracer->sums);
+    tracer->touched = sgsi_calloc(capacity / SGS_LANES + 1, 1);
+    tracer->built_count = 0;
+    tracer->capacity = capacity;
+    if (tracer->records && tracer->bounds && tracer->sums && tracer->touched)
+        return SGS_STATUS_OK;
+    tracer->capacity = 0;
+    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to trace %zu primitives", capacity);
+}
+
+void sgsi_view_set(sgsi_view *view, const sgsi_rays *rays, const sgs_pose *pose, const sgs_render_options *options)
+{
+    double center[3];
+    sgs_pose_center(pose, center);
+    *view = (sgsi_view){.rays = rays,
+                        .near_distance = (float)options->near_distance,
+                        .dilation = options->filter == SGS_FILTER_3DGS ? 0.3f / (rays->focal * rays->focal) : 0.0f,
+                        .sh_degree = options->sh_degree};
+    for (int k = 0; k < 9; ++k)
+        view->rotation[k] = (float)pose->rotation[k];
+    for (int k = 0; k < 3; ++k)
+        view->center[k] = (float)center[k];
+}
+
+static void project_range(void *context, size_t begin, size_t end, int thread)
+{
+    (void)thread;
+    sgsi_kernels_get()->project(context, begin, end);
+}
+
+sgs_status sgsi_tracer_project(sgsi_tracer *tracer, const sgs_gaussians *model, const sgsi_view *view,
+                               uint32_t *visible_count, float *radius_max)
+{
+    const double start = sgsi_seconds();
+    const sgs_status status = reserve_primitives(tracer, model->capacity);
+    if (status)
+        return status;
+    tracer->count = model->count;
+    sgsi_project input = {.params = model->data, .count = model->count, .view = *view, .records = tracer->records,
+                          .bounds = tracer->bounds, .visible_count = visible_count, .radius_max = radius_max};
+    sgsi_parallel_ranges((model->count + SGS_LANES - 1) / SGS_LANES, 32, project_range, &input);
+    tracer->seconds.project = sgsi_seconds() - start;
+    return SGS_STATUS_OK;
+}
+
+sgs_status sgsi_tracer_commit(sgsi_tracer *tracer, bool rebuild, sgsi_bvh_quality quality)
+{
+    const double start = sgsi_seconds();
+    tracer->seconds.bvh_build = tracer->seconds.bvh_refit = 0.0;
+    rebuild = rebuild || tracer->built_count != tracer->count || !tracer->count;
+    const sgs_status status = rebuild ? sgsi_bvh_build(tracer->bvh, tracer->bounds, tracer->count, quality)
+                                      : sgsi_bvh_refit(tracer->bvh);
+    if (status)
+        return status;
+    tracer->built_count = tracer->count;
+    *(rebuild ? &tracer->seconds.bvh_build : &tracer->seconds.bvh_refit) = sgsi_seconds() - start;
+    return SGS_STATUS_OK;
+}
+
+// Grows the scratch arrays together; contents are lost.
+static bool reserve_scratch(sgsi_scratch *s, size_t capacity)
+{
+    if (capacity <= s->capacity)
+        return true;
+    capacity = (capacity + capacity / 4 + 255) / 256 * 256;
+    const struct {
+        void **array;
+        size_t bytes; // per primitive
+    } arrays[] = {{(void **)&s->soa, 64}, {(void **)&s->candidates, 4}, {(void **)&s->tile_records, 64},
+                  {(void **)&s->tile_ids, 4}, {(void **)&s->entries, 8 * SGSI_BLOCKS}, {(void **)&s->order, 4 * SGSI_BLOCKS},
+                  {(void **)&s->alpha, 64}, {(void **)&s->t, 64}, {(void **)&s->transmittance, 64},
+                  {(void **)&s->prefix, 64}, {(void **)&s->t_before, 64}, {(void **)&s->a, 64}, {(void **)&s->b, 64},
+                  {(void **)&s->e, 64}, {(void **)&s->q, 64}, {(void **)&s->sums, 64}, {(void **)&s->walk, 4}};
+    s->capacity = 0;
+    for (size_t i = 0; i < sizeof arrays / sizeof *arrays; ++i) {
+        sgsi_free(*arrays[i].array);
+        *arrays[i].array = sgsi_alloc(capacity, arrays[i].bytes);
+        if (!*arrays[i].array)
+            return false;
+    }
+    s->capacity = capacity;
+    return true;
+}
+
+typedef struct forward_pass {
+    sgsi_tracer *tracer;
+    const sgsi_view *view;
+    sgsi_planes *planes;
+    float *depth_guess;
+    bool keep_lists;
+} forward_pass;
+
+// Ascending by the whole key, in three passes over the distance's bits and a repair of ties.
+static uint64_t *sort_keys(uint64_t *keys, uint64_t *spare, size_t count)
+{
+    uint64_t *from = keys, *to = spare;
+    if (count > 256) {
+        for (int shift = 32; shift < 64; shift += 11) {
+            uint32_t begin[2048] = {0};
+            for (size_t i = 0; i < count; ++i)
+                ++begin[from[i] >> shift & 2047];
+            uint32_t total = 0;
+            for (int k = 0; k < 2048; ++k) {
+                const uint32_t size = begin[k];
+                begin[k] = total;
+                total += size;
+            }
+            for (size_t i = 0; i < count; ++i)
+                to[begin[from[i] >> shift & 2047]++] = from[i];
+            uint64_t *const swap = from;
+            from = to;
+            to = swap;
+        }
+    }
+    for (size_t i = 1; i < count; ++i) {
+        const uint64_t key = from[i];
+        size_t at = i;
+        for (; at && from[at - 1] > key; --at)
+            from[at] = from[at - 1];
+        from[at] = key;
+    }
+    return from;
+}
+
+static float bin_far(const forward_pass *pass, int bin)
+{
+    const sgsi_rays *rays = pass->view->rays;
+    if (!pass->depth_guess)
+        return INFINITY;
+    float far = 0.0f;
+    for (int k = 0; k < rays->bin_tiles * rays->bin_tiles; ++k) {
+        const int x = bin % rays->bins_x * rays->bin_tiles + k % rays->bin_tiles;
+        const int y = bin / rays->bins_x * rays->bin_tiles + k / rays->bin_tiles;
+        if (x < rays->tiles_x && y < rays->tiles_y)
+            far = fmaxf(far, pass->depth_guess[y * rays->tiles_x + x]);
+    }
+    return far;
+}
+
+// Asks the BVH, sorts, loads the records of a bin. Returns the number of candidates, or sets state->status.
+static size_t gather_bin(const forward_pass *pass, thread_state *state, int bin, float far)
+{
+    const sgsi_rays *rays = pass->view->rays;
+    const sgsi_view *view = pass->view;
+    sgsi_packet packet = {.origin = {view->center[0], view->center[1], view->center[2]}, .valid = rays->bin_valid[bin]};
+    for (int i = 0; i < 16; ++i) {
+        for (int k = 0; k < 3; ++k) // camera to world
+            packet.direction[k][i] = view->rotation[k] * rays->bin_directions[bin][0][i] +
+                                     view->rotation[3 + k] * rays->bin_directions[bin][1][i] +
+                                     view->rotation[6 + k] * rays->bin_directions[bin][2][i];
+        packet.far[i] = far * 1.0001f;
+    }
+    state->gathered.count = 0;
+    state->status = sgsi_bvh_gather(pass->tracer->bvh, &packet, &state->gathered);
+    const size_t gathered = state->gathered.count;
+    if (gathered > state->key_capacity) {
+        sgsi_free(state->keys);
+        sgsi_free(state->keys_spare);
+        state->key_capacity = gathered + gathered / 2;
+        state->keys = sgsi_alloc(state->key_capacity, sizeof *state->keys);
+        state->keys_spare = sgsi_alloc(state->key_capacity, sizeof *state->keys_spare);
+        if (!state->keys || !state->keys_spare)
+            state->key_capacity = 0;
+    }
+    if (!state->status && (gathered > state->key_capacity || !reserve_scratch(&state->scratch, gathered + 16)))
+        state->status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the %zu candidates of a bin", gathered);
+    if (state->status)
+        return 0;
+    size_t count = 0;
+    for (size_t i = 0; i < gathered; ++i) {
+        const uint32_t id = state->gathered.ids[i];
+        const float *record = pass->tracer->records + (size_t)id * SGSI_RECORD;
+        uint32_t bits;
+        memcpy(&bits, record + SGSI_RECORD_DISTANCE, sizeof bits);
+        if (record[SGSI_RECORD_LOG_OPACITY] > SGSI_UNTRACED)
+            state->keys[count++] = (uint64_t)bits << 32 | id;
+    }
+    const uint64_t *sorted = sort_keys(state->keys, state->keys_spare, count);
+    for (size_t i = 0; i < count; ++i)
+        state->scratch.candidates[i] = (uint32_t)sorted[i];
+    sgsi_kernels_get()->load_candidates(&state->scratch, pass->tracer->records, count);
+    state->counts.gathered += count;
+    return count;
+}
+
+static void keep_list(thread_state *state, sgsi_tile_list *list, size_t count)
+{
+    const sgsi_scratch *s = &state->scratch;
+    size_t elements = 0;
+    for (int b = 0; b < SGSI_BLOCKS; ++b) {
+        list->block_begin[b] = (uint32_t)elements;
+        elements += s->entry_count[b];
+    }
+    list->block_begin[SGSI_BLOCKS] = (uint32_t)elements;
+    list->count = (uint32_t)count;
+    uint32_t *words = sgsi_arena_take(&state->arena, count + elements);
+    if (!words) {
+        list->count = 0;
+        state->status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the lists of a tile");
+        return;
+    }
+    list->ids = words;
+    list->elements = words + count;
+    memcpy(list->ids, s->tile_ids, count * sizeof *words);
+    for (int b = 0; b < SGSI_BLOCKS; ++b)
+        memcpy(list->elements + list->block_begin[b], s->order + (size_t)b * s->capacity, s->entry_count[b] * sizeof *words);
+}
+
+// Drops the primitives of a tile that no block kept, so that lists and sums hold only what was hit.
+static size_t compact_tile(sgsi_scratch *s, size_t count)
+{
+    uint32_t *map = s->walk; // free between blocks
+    memset(map, 0, count * sizeof *map);
+    for (int b = 0; b < SGSI_BLOCKS; ++b)
+        for (uint32_t i = 0; i < s->entry_count[b]; ++i)
+            map[s->order[(size_t)b * s->capacity + i]] = 1;
+    size_t kept = 0;
+    for (size_t i = 0; i < count; ++i) {
+        if (!map[i])
+            continue;
+        map[i] = (uint32_t)kept;
+        s->tile_ids[kept++] = s->tile_ids[i];
+    }
+    for (int b = 0; b < SGSI_BLOCKS; ++b)
+        for (uint32_t i = 0; i < s->entry_count[b]; ++i)
+            s->order[(size_t)b * s->capacity + i] = map[s->order[(size_t)b * s->capacity + i]];
+    return kept;
+}
+
+// Returns false when the guess was too near.
+static bool blend_tile(const forward_pass *pass, thread_state *state, int tile, size_t candidates, float far)
+{
+    const sgsi_kernels *kernels = sgsi_kernels_get();
+    const sgsi_tile_rays *rays = &pass->view->rays->tiles[tile];
+    const sgsi_planes *planes = pass->planes;
+    const size_t count = kernels->tile_filter(&state->scratch, rays, candidates, far);
+    kernels->tile_sort(&state->scratch, rays, count);
+    sgsi_tile_target target = {.rays = rays, .width = planes->width, .height = planes->height, .stride = planes->stride,
+                               .color = {planes->color[0], planes->color[1], planes->color[2]},
+                               .transmittance = planes->transmittance, .depth_mean = planes->depth_mean,
+                               .depth_median = planes->depth_median, .depth_first = planes->depth_first,
+                               .hits = planes->hits, .near_distance = pass->view->near_distance, .far = far};
+    kernels->tile_forward(&state->scratch, &target);
+    if (!(target.stop_distance <= far))
+        return false;
+    if (pass->depth_guess)
+        pass->depth_guess[tile] = target.stop_distance * 1.05f;
+    state->counts.candidates += count;
+    state->counts.evaluations += target.evaluations;
+    for (int b = 0; b < SGSI_BLOCKS; ++b)
+        state->counts.elements += state->scratch.entry_count[b];
+    if (pass->keep_lists)
+        keep_list(state, &pass->tracer->lists[tile], compact_tile(&state->scratch, count));
+    return true;
+}
+
+static void forward_bin(void *context, size_t item, int thread)
+{
+    const forward_pass *pass = context;
+    thread_state *state = pass->tracer->threads[thread];
+    const sgsi_rays *rays = pass->view->rays;
+    const int bin = (int)item;
+    if (state->status)
+        return;
+    const double start = sgsi_seconds();
+    size_t candidates = gather_bin(pass, state, bin, bin_far(pass, bin));
+    const double gathered = sgsi_seconds();
+    bool complete = !pass->depth_guess;
+    for (int k = 0; k < rays->bin_tiles * rays->bin_tiles && !state->status; ++k) {
+        const int x = bin % rays->bins_x * rays->bin_tiles + k % rays->bin_tiles;
+        const int y = bin / rays->bins_x * rays->bin_tiles + k / rays->bin_tiles;
+        const int tile = y * rays->tiles_x + x;
+        if (x >= rays->tiles_x || y >= rays->tiles_y)
+            continue;
+        const float far = pass->depth_guess ? pass->depth_guess[tile] : INFINITY;
+        if (blend_tile(pass, state, tile, candidates, far))
+            continue;
+        if (!complete) {
+            candidates = gather_bin(pass, state, bin, INFINITY);
+            complete = true;
+            ++state->counts.regathered;
+        }
+        if (!state->status)
+            blend_tile(pass, state, tile, candidates, INFINITY);
+    }
+    state->gather_seconds += gathered - start;
+    state->blend_seconds += sgsi_seconds() - gathered;
+}
+
+static sgs_status reserve_lists(sgsi_tracer *tracer, size_t tiles)
+{
+    if (tiles <= tracer->list_capacity)
+        return SGS_STATUS_OK;
+    sgsi_free(tracer->lists);
+    sgsi_free(tracer->slot_begin);
+    tracer->lists = sgsi_calloc(tiles, sizeof *tracer->lists);
+    tracer->slot_begin = sgsi_calloc(tiles + 1, sizeof *tracer->slot_begin);
+    tracer->list_capacity = tracer->lists && tracer->slot_begin ? tiles : 0;
+    return tracer->list_capacity ? SGS_STATUS_OK : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the lists of %zu tiles", tiles);
+}
+
+static sgs_status collect_threads(sgsi_tracer *tracer, double wall, double *gather, double *blend)
+{
+    double gather_seconds = 0.0, blend_seconds = 0.0;
+    sgs_status status = SGS_STATUS_OK;
+    for (int i = 0; i < sgsi_threads(); ++i) {
+        thread_state *state = tracer->threads[i];
+        gather_seconds += state->gather_seconds;
+        blend_seconds += state->blend_seconds;
+        tracer->counts.gathered += state->counts.gathered;
+        tracer->counts.candidates += state->counts.candidates;
+        tracer->counts.evaluations += state->counts.evaluations;
+        tracer->counts.elements += state->counts.elements;
+        tracer->counts.regathered += state->counts.regathered;
+        status = status ? status : state->status;
+    }
+    const double total = gather_seconds + blend_seconds;
+    *gather = total > 0.0 ? wall * gather_seconds / total : 0.0;
+    *blend = wall - *gather;
+    return status == SGS_STATUS_OUT_OF_MEMORY ? sgsi_fail(status, "no memory for the candidates of a tile") : status;
+}
+
+sgs_status sgsi_tracer_forward(sgsi_tracer *tracer, const sgsi_view *view, sgsi_planes *planes, float *depth_guess, bool keep_lists)
+{
+    const double start = sgsi_seconds();
+    const sgsi_rays *rays = view->rays;
+    sgs_status status = prepare_threads(tracer);
+    if (!status)
+        status = reserve_lists(tracer, (size_t)rays->tiles_x * (size_t)rays->tiles_y);
+    if (status)
+        return status;
+    tracer->counts = (sgsi_trace_counts){0};
+    for (int i = 0; i < sgsi_threads(); ++i) {
+        thread_state *state = tracer->threads[i];
+        sgsi_arena_reset(&state->arena);
+        state->gather_seconds = state->blend_seconds = 0.0;
+        state->counts = (sgsi_trace_counts){0};
+    }
+    forward_pass pass = {tracer, view, planes, depth_guess, keep_lists};
+    sgsi_parallel_for((size_t)rays->bins_x * (size_t)rays->bins_y, 1, forward_bin, &pass);
+    return collect_threads(tracer, sgsi_seconds() - start, &tracer->seconds.gather, &tracer->seconds.forward);
+}
+
+typedef struct backward_pass {
+    sgsi_tracer *tracer;
+    const sgsi_view *view;
+    const sgsi_planes *planes;
+    const float *d_color[3], *d_transmittance;
+    size_t first_tile, last_tile; // of this chunk
+} backward_pass;
+
+static void backward_tile(void *context, size_t item, int thread)
+{
+    const backward_pass *pass = context;
+    sgsi_tracer *tracer = pass->tracer;
+    const size_t tile = pass->first_tile + item;
+    const sgsi_tile_list *list = &tracer->lists[tile];
+    thread_state *state = tracer->threads[thread];
+    if (!list->count || state->status)
+        return;
+    sgsi_scratch *s = &state->scratch;
+    if (!reserve_scratch(s, list->count + 16)) {
+        state->status = SGS_STATUS_OUT_OF_MEMORY;
+        return;
+    }
+    memcpy(s->candidates, list->ids, list->count * sizeof *list->ids);
+    memcpy(s->tile_ids, list->ids, list->count * sizeof *list->ids);
+    const sgsi_kernels *kernels = sgsi_kernels_get();
+    kernels->load_candidates(s, tracer->records, list->count);
+    sgsi_tile_target target = {.rays = &pass->view->rays->tiles[tile], .width = pass->planes->width,
+                               .height = pass->planes->height, .stride = pass->planes->stride,
+                               .d_color = {pass->d_color[0], pass->d_color[1], pass->d_color[2]},
+                               .d_transmittance = pass->d_transmittance, .near_distance = pass->view->near_distance};
+    kernels->tile_backward(s, list, &target);
+    const size_t slot = tracer->slot_begin[tile] - tracer->slot_begin[pass->first_tile];
+    memcpy(tracer->slot_ids + slot, list->ids, list->count * sizeof *list->ids);
+    memcpy(tracer->slot_sums + slot * SGSI_RECORD, s->sums, list->count * SGSI_RECORD * sizeof *s->sums);
+}
+
+// Adds the chunk's slots to the primitives of one range of blocks.
+static void reduce_range(void *context, size_t item, int thread)
+{
+    (void)thread;
+    const backward_pass *pass = context;
+    sgsi_tracer *tracer = pass->tracer;
+    const size_t blocks = (tracer->count + SGS_LANES - 1) / SGS_LANES, ranges = (size_t)sgsi_threads();
+    const uint32_t begin = (uint32_t)(blocks * item / ranges * SGS_LANES);
+    const uint32_t length = (uint32_t)(blocks * (item + 1) / ranges * SGS_LANES) - begin;
+    const size_t slots = tracer->slot_begin[pass->last_tile] - tracer->slot_begin[pass->first_tile];
+    for (size_t slot = 0; slot < slots; ++slot) {
+        const uint32_t id = tracer->slot_ids[slot];
+        if (id - begin >= length)
+            continue;
+        const size_t block = id / SGS_LANES;
+        if (!tracer->touched[block]) {
+            tracer->touched[block] = 1;
+            memset(tracer->sums + block * SGS_LANES * SGSI_RECORD, 0, SGS_LANES * SGSI_RECORD * sizeof(float));
+        }
+        float *sum = tracer->sums + (size_t)id * SGSI_RECORD;
+        const float *add = tracer->slot_sums + slot * SGSI_RECORD;
+        for (int k = 0; k < SGSI_RECORD; ++k)
+            sum[k] += add[k];
+    }
+}
+
+static sgs_status reserve_slots(sgsi_tracer *tracer, size_t slots)
+{
+    if (slots <= tracer->slot_capacity)
+        return SGS_STATUS_OK;
+    sgsi_free(tracer->slot_ids);
+    sgsi_free(tracer->slot_sums);
+    tracer->slot_ids = sgsi_alloc(slots, sizeof *tracer->slot_ids);
+    tracer->slot_sums = sgsi_alloc(slots, SGSI_RECORD * sizeof *tracer->slot_sums);
+    tracer->slot_capacity = tracer->slot_ids && tracer->slot_sums ? slots : 0;
+    return tracer->slot_capacity ? SGS_STATUS_OK : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu gradient slots", slots);
+}
+
+sgs_status sgsi_tracer_backward(sgsi_tracer *tracer, const sgsi_view *view, const sgsi_planes *planes,
+                                float *const d_color[3], float *d_transmittance)
+{
+    const double start = sgsi_seconds();
+    const size_t tiles = (size_t)view->rays->tiles_x * (size_t)view->rays->tiles_y;
+    double reducing = 0.0;
+    memset(tracer->touched, 0, tracer->capacity / SGS_LANES);
+    tracer->slot_begin[0] = 0;
+    for (size_t i = 0; i < tiles; ++i)
+        tracer->slot_begin[i + 1] = tracer->slot_begin[i] + tracer->lists[i].count;
+    backward_pass pass = {.tracer = tracer, .view = view, .planes = planes,
+                          .d_color = {d_color[0], d_color[1], d_color[2]}, .d_transmittance = d_transmittance};
+    for (size_t first = 0; first < tiles; first = pass.last_tile) {
+        size_t last = first + 1;
+        while (last < tiles && tracer->slot_begin[last + 1] - tracer->slot_begin[first] <= REDUCE_SLOTS)
+            ++last;
+        pass.first_tile = first;
+        pass.last_tile = last;
+        const size_t slots = tracer->slot_begin[last] - tracer->slot_begin[first];
+        const sgs_status status = reserve_slots(tracer, slots > REDUCE_SLOTS ? slots : REDUCE_SLOTS);
+        if (status)
+            return status;
+        sgsi_parallel_for(last - first, 1, backward_tile, &pass);
+        const double reduce_start = sgsi_seconds();
+        sgsi_parallel_for((size_t)sgsi_threads(), 1, reduce_range, &pass);
+        reducing += sgsi_seconds() - reduce_start;
+    }
+    tracer->seconds.reduce = reducing;
+    tracer->seconds.backward = sgsi_seconds() - start - reducing;
+    for (int i = 0; i < sgsi_threads(); ++i)
+        if (tracer->threads[i]->status)
+            return sgsi_fail(tracer->threads[i]->status, "no memory for the gradients of a tile");
+    return SGS_STATUS_OK;
+}
+
+const float *sgsi_tracer_sums(const sgsi_tracer *tracer)
+{
+    return tracer->sums;
+}
+
+const uint8_t *sgsi_tracer_touched(const sgsi_tracer *tracer)
+{
+    return tracer->touched;
+}
+
+const float *sgsi_tracer_records(const sgsi_tracer *tracer)
+{
+    return tracer->records;
+}
+
+sgsi_trace_seconds sgsi_tracer_seconds(const sgsi_tracer *tracer)
+{
+    return tracer->seconds;
+}
+
+sgsi_trace_counts sgsi_tracer_counts(const sgsi_tracer *tracer)
+{
+    return tracer->counts;
+}
+
+const sgsi_bvh *sgsi_tracer_bvh(const sgsi_tracer *tracer)
+{
+    return tracer->bvh;
+}

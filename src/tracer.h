@@ -1,0 +1,61 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// The way of one view: project the primitives, follow with the BVH, gather and blend tile by tile, and back
+// again with gradients. Owns records, bounds, lists, sums and scratch; knows nothing of losses, optimisers or files.
+
+#include "kernels.h"
+
+typedef struct sgsi_tracer sgsi_tracer;
+
+// Wall-clock seconds of the last calls, by phase.
+typedef struct sgsi_trace_seconds {
+    double project, bvh_refit, bvh_build, gather, forward, backward, reduce;
+} sgsi_trace_seconds;
+
+// What the last forward (and backward) did.
+typedef struct sgsi_trace_counts {
+    uint64_t gathered;            // candidates of all bins
+    uint64_t candidates;          // candidates of all tiles after the tile's test
+    uint64_t evaluations;         // (block, primitive) pairs evaluated forward
+    uint64_t elements;            // pairs kept: some pixel was hit
+    uint64_t regathered;          // bins gathered again because a depth guess was too near
+} sgsi_trace_counts;
+
+// Image planes of the forward pass: [height][stride], stride a multiple of 16. The depth planes may be NULL.
+typedef struct sgsi_planes {
+    int width, height;
+    size_t stride;
+    float *color[3], *transmittance;
+    float *depth_mean, *depth_median, *depth_first, *hits;
+} sgsi_planes;
+
+sgs_status sgsi_tracer_create(sgsi_tracer **tracer);
+void sgsi_tracer_destroy(sgsi_tracer *tracer); // accepts NULL
+
+// Fills records and bounds of `count` primitives for a view. visible_count / radius_max [capacity] may be NULL.
+sgs_status sgsi_tracer_project(sgsi_tracer *tracer, const sgs_gaussians *model, const sgsi_view *view,
+                               uint32_t *visible_count, float *radius_max);
+
+// Brings the BVH to the projected bounds: refit, or build when `rebuild` or when the count changed.
+sgs_status sgsi_tracer_commit(sgsi_tracer *tracer, bool rebuild, sgsi_bvh_quality quality);
+
+// Gathers and blends. depth_guess [tiles] or NULL: per tile the distance behind which everything was hidden at the last
+// visit (INFINITY: unknown); read, then replaced. keep_lists: needed before a backward pass.
+sgs_status sgsi_tracer_forward(sgsi_tracer *tracer, const sgsi_view *view, sgsi_planes *planes, float *depth_guess,
+                               bool keep_lists);
+
+// Gradients of the last forward pass with lists: fills sums and touched.
+sgs_status sgsi_tracer_backward(sgsi_tracer *tracer, const sgsi_view *view, const sgsi_planes *planes,
+                                float *const d_color[3], float *d_transmittance);
+
+const float *sgsi_tracer_sums(const sgsi_tracer *tracer);      // [capacity][16]
+const uint8_t *sgsi_tracer_touched(const sgsi_tracer *tracer); // [capacity / 16]
+const float *sgsi_tracer_records(const sgsi_tracer *tracer);   // [capacity][16]
+sgsi_trace_seconds sgsi_tracer_seconds(const sgsi_tracer *tracer);
+sgsi_trace_counts sgsi_tracer_counts(const sgsi_tracer *tracer);
+const sgsi_bvh *sgsi_tracer_bvh(const sgsi_tracer *tracer);
+
+// Fills a view from a camera's rays and a pose. filter: SGS_FILTER_3DGS or SGS_FILTER_NONE.
+void sgsi_view_set(sgsi_view *view, const sgsi_rays *rays, const sgs_pose *pose, const sgs_render_options *options);

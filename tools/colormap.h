@@ -1,0 +1,21 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// Pictures of numbers: a plane of floats as an 8-bit image for people. The exact values belong in an EXR.
+
+#include "sparegs/image.h"
+
+typedef struct value_range {
+    float low, high;
+} value_range;
+
+// The 1 % and 99 % quantiles of the positive values; {0, 1} if there are none.
+value_range plane_range(const float *plane, size_t count);
+
+// Colours the positive values from dark (low) to light (high); zero and below become black. out->pixels is allocated.
+// False when out of memory.
+bool plane_colored(const float *plane, int width, int height, value_range range, sgs_image8 *out);
+
+// Grey, 0 black and 1 white. False when out of memory.
+bool plane_grey(const float *plane, int width, int height, sgs_image8 *out);

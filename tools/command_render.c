@@ -1,0 +1,247 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// `sparegs render`: views of a stored model as EXR or PNG, by the tracer or, with --reference, by the brute-force
+// renderer that defines what the tracer must compute.
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "camera_file.h"
+#include "commands.h"
+#include "frame_files.h"
+#include "interrupt.h"
+#include "output.h"
+#include "progress.h"
+#include "shared_options.h"
+
+static const char description[] =
+    "Draws MODEL (a PLY file, or the folder of a training run: its newest iteration) from the cameras\n"
+    "of SCENE, or from those of a cameras.json. Writes DIR/STEM.exr with all quantities as layers, or\n"
+    "DIR/STEM.png and DIR/STEM.AOV.png, STEM being the view's image name without its extension, and\n"
+    "prints the paths. EXR colours are premultiplied by alpha, without background, and scene-linear:\n"
+    "trained colours are display (sRGB) values and are decoded, unless --exr-encoding srgb keeps them.\n"
+    "PNGs are laid over the background.";
+
+typedef struct render_values {
+    const char *output, *view, *camera;
+    int split, format, encoding;
+    unsigned aovs;
+    bool reference;
+} render_values;
+
+#define AT(member) offsetof(render_values, member)
+
+static const option render_options[] = {
+    {"output", 'o', OPTION_TEXT, AT(output), 0, 0, "DIR", NULL, NULL, NULL, "folder to write to; needed"},
+    {"view", 0, OPTION_TEXT, AT(view), 0, 0, "NAME", NULL, "see --split", NULL,
+     "draw this view only: an image name, with or without folder and extension"},
+    {"split", 0, OPTION_CHOICE, AT(split), 0, 0, "test|train|all", "test", "test, or all when no image is held out",
+     NULL, "the views to draw"},
+    {"camera", 0, OPTION_TEXT, AT(camera), 0, 0, "FILE", NULL, "none", NULL,
+     "draw from the cameras of this cameras.json instead of a SCENE"},
+    {"aov", 0, OPTION_SET, AT(aovs), 0, 0, AOV_WORDS, "rgba,depth", NULL, NULL, "quantities to write"},
+    {"format", 0, OPTION_CHOICE, AT(format), 0, 0, "exr|png", "exr", NULL, NULL, "file format"},
+    {"exr-encoding", 0, OPTION_CHOICE, AT(encoding), 0, 0, "linear|srgb", "linear", NULL, NULL,
+     "colours of an EXR: decoded to scene-linear, or the display values as trained"},
+    {"reference", 0, OPTION_FLAG, AT(reference), 0, 0, NULL, NULL, NULL, NULL,
+     "draw by brute force in double precision: exact and slow"},
+};
+
+enum { FORMAT_EXR = 0 };
+static const sgs_split splits[] = {SGS_SPLIT_TEST, SGS_SPLIT_TRAIN, SGS_SPLIT_ALL};
+
+typedef struct rendering {
+    const render_values *values;
+    const drawing_values *drawing;
+    const sgs_gaussians *model;
+    sgs_renderer *renderer; // NULL with --reference
+    double *params;         // with --reference
+    size_t drawn;
+} rendering;
+
+static bool draw_reference(const rendering *job, const sgs_camera *camera, const sgs_pose *pose,
+                           const sgs_render_options *options, sgs_frame *frame)
+{
+    sgs_reference_frame exact = {0};
+    bool done = !sgs_reference_frame_create(camera->width, camera->height, &exact) &&
+                !sgs_reference_render(job->params, job->model->count, camera, pose, options, &exact);
+    const double *const from[] = {exact.color[0],   exact.color[1],     exact.color[2],    exact.transmittance,
+                                  exact.depth_mean, exact.depth_median, exact.depth_first, exact.hits};
+    float *const to[] = {frame->color[0],   frame->color[1],     frame->color[2],    frame->transmittance,
+                         frame->depth_mean, frame->depth_median, frame->depth_first, frame->hits};
+    const size_t pixels = (size_t)camera->width * (size_t)camera->height;
+    for (size_t k = 0; k < sizeof to / sizeof *to && done; ++k)
+        for (size_t i = 0; i < pixels; ++i)
+            to[k][i] = (float)from[k][i];
+    sgs_reference_frame_free(&exact);
+    return done;
+}
+
+static bool draw(rendering *job, const char *name, const sgs_camera *camera, const sgs_pose *pose)
+{
+    sgs_render_options options = sgs_render_options_default();
+    options.filter = (sgs_filter)job->drawing->filter;
+    sgs_frame frame = {0};
+    bool done = !sgs_frame_create(camera->width, camera->height, &frame);
+    if (done)
+        done = job->renderer ? !sgs_renderer_render(job->renderer, camera, pose, &options, &frame)
+                             : draw_reference(job, camera, pose, &options, &frame);
+    if (!done)
+        fail_library();
+    frame_files files = {.folder = job->values->output,
+                         .name = name,
+                         .camera = camera,
+                         .pose = pose,
+                         .aovs = job->values->aovs,
+                         .encoding = (exr_encoding)job->values->encoding};
+    memcpy(files.background, job->drawing->background.rgb, sizeof files.background);
+    if (done)
+        done = job->values->format == FORMAT_EXR ? frame_write_exr(&files, &frame) : frame_write_png(&files, &frame);
+    sgs_frame_free(&frame);
+    ++job->drawn;
+    return done;
+}
+
+static bool draw_scene(rendering *job, const sgs_scene *scene, bool split_given)
+{
+    if (job->values->view) {
+        const ptrdiff_t v = sgs_scene_find_view(scene, job->values->view);
+        if (v >= 0)
+            return draw(job, scene->views[v].name, &scene->views[v].camera, &scene->views[v].pose);
+        const char **names = calloc(scene->view_count + 1, sizeof *names);
+        for (size_t i = 0; names && i < scene->view_count; ++i)
+            names[i] = scene->views[i].name;
+        const char *nearest = names ? nearest_word(job->values->view, names, scene->view_count) : NULL;
+        fail_run("%s: has no view '%s'; the nearest is '%s'", scene->path, job->values->view, nearest ? nearest : "");
+        free(names);
+        return false;
+    }
+    sgs_split split = splits[job->values->split];
+    if (!split_given && !scene_split_count(scene, split))
+        split = SGS_SPLIT_ALL;
+    const size_t total = scene_split_count(scene, split);
+    if (!total) {
+        fail_run("%s: no view is in this split; hold some out by --eval, --test-every or --test-images", scene->path);
+        return false;
+    }
+    for (size_t v = 0; v < scene->view_count && !interrupt_signal(); ++v) {
+        const sgs_view *view = &scene->views[v];
+        if (view_in_split(view, split) && !draw(job, view->name, &view->camera, &view->pose))
+            return false;
+    }
+    return true;
+}
+
+static bool draw_camera_file(rendering *job)
+{
+    named_camera *cameras;
+    size_t count;
+    if (!camera_file_read(job->values->camera, &cameras, &count))
+        return false;
+    bool done = true;
+    for (size_t i = 0; i < count && done && !interrupt_signal(); ++i)
+        if (!job->values->view || !strcmp(job->values->view, cameras[i].name))
+            done = draw(job, cameras[i].name, &cameras[i].camera, &cameras[i].pose);
+    if (done && !job->drawn && !interrupt_signal()) {
+        fail_run("%s: has no camera '%s'", job->values->camera, job->values->view);
+        done = false;
+    }
+    camera_file_free(cameras, count);
+    return done;
+}
+
+// The model's parameters in double, row by row.
+static double *exact_params(const sgs_gaussians *model)
+{
+    double *params = malloc((model->count + 1) * SGS_PARAM_COUNT * sizeof *params);
+    for (size_t i = 0; params && i < model->count; ++i)
+        for (int k = 0; k < SGS_PARAM_COUNT; ++k)
+            params[i * SGS_PARAM_COUNT + (size_t)k] = (double)*sgs_gaussians_at(model, i, k);
+    return params;
+}
+
+static bool render_model(const char *ply_path, const sgs_scene *scene, const drawing_values *drawing,
+                         const render_values *values, bool split_given)
+{
+    sgs_gaussians *model = NULL;
+    if (sgs_ply_read(ply_path, &model)) {
+        fail_library();
+        return false;
+    }
+    rendering job = {.values = values, .drawing = drawing, .model = model};
+    bool done = true;
+    if (values->reference) {
+        job.params = exact_params(model);
+        done = job.params != NULL;
+        if (!done)
+            fail_run("%s: no memory for %zu primitives in double precision", ply_path, model->count);
+    } else if (sgs_renderer_create(model, &job.renderer)) {
+        fail_library();
+        done = false;
+    }
+    if (done)
+        done = scene ? draw_scene(&job, scene, split_given) : draw_camera_file(&job);
+    sgs_renderer_destroy(job.renderer);
+    free(job.params);
+    sgs_gaussians_destroy(model);
+    return done;
+}
+
+static int run_render(const command_line *line, const render_values *values, scene_values *data,
+                      drawing_values *drawing)
+{
+    model_path located;
+    sgs_scene *scene = NULL;
+    int status = model_locate(line->operands[0], &located) ? -1 : EXIT_FAILED;
+    if (status < 0)
+        status = scene_settle(data, line, located.config);
+    if (status < 0 && !(make_folder(values->output) && check_writable(values->output)))
+        status = EXIT_FAILED;
+    if (status < 0 && !values->camera) {
+        scene = scene_open(line->operands[1], data, false);
+        status = scene ? -1 : EXIT_FAILED;
+    }
+    if (status < 0) {
+        drawing_settle(drawing, line, located.config, scene);
+        const bool done = render_model(located.ply_path, scene, drawing, values, option_given(line, "split"));
+        status = done ? interrupt_status() : EXIT_FAILED;
+    }
+    sgs_scene_destroy(scene);
+    model_path_free(&located);
+    return status;
+}
+
+int command_render(int argc, char **argv)
+{
+    common_values common;
+    scene_values data;
+    drawing_values drawing;
+    render_values values = {0};
+    option_group groups[] = {{.title = "Rendering",
+                              .options = render_options,
+                              .count = sizeof render_options / sizeof *render_options,
+                              .values = &values},
+                             drawing_group(&drawing),
+                             scene_group(&data),
+                             common_group(&common)};
+    command_line line = {.command = "render",
+                         .synopsis = "MODEL SCENE|--camera FILE -o DIR [options]",
+                         .description = description,
+                         .groups = groups,
+                         .group_count = sizeof groups / sizeof *groups,
+                         .operand_minimum = 1,
+                         .operand_maximum = 2};
+    int status = command_line_parse(&line, argc, argv);
+    if (status < 0 && (line.operand_count == 2) == (values.camera != NULL))
+        status =
+            fail_usage("render needs a SCENE or --camera FILE, one of them; usage: sparegs render %s", line.synopsis);
+    if (status < 0 && !values.output)
+        status = fail_usage("render needs -o DIR, the folder to write to; usage: sparegs render %s", line.synopsis);
+    if (status < 0)
+        status = common_apply(&common, &line);
+    if (status >= 0)
+        return status;
+    interrupt_watch();
+    return run_render(&line, &values, &data, &drawing);
+}

@@ -1,0 +1,355 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// `sparegs train`: data set in, model and records out. The order of things: prove that OUT can be written, load,
+// create the trainer, and only then touch what an earlier run left; train; save the model; free the trainer's
+// memory, read the saved model back and measure exactly that file on the held-out and the training views.
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "commands.h"
+#include "evaluate.h"
+#include "interrupt.h"
+#include "output.h"
+#include "progress.h"
+#include "run_folder.h"
+#include "sparegs/metrics.h"
+#include "sparegs/runtime.h"
+#include "train_options.h"
+
+static const char description[] =
+    "Trains 3D Gaussians on SCENE: a folder with a COLMAP model (sparse/0, sparse or colmap/sparse/0,\n"
+    "binary or text) and its images, or with transforms_train.json or transforms.json (NeRF synthetic,\n"
+    "nerfstudio). Writes into OUT:\n"
+    "  point_cloud/iteration_N/point_cloud.ply  the model, as every 3DGS viewer reads it\n"
+    "  cameras.json, input.ply, config.json     cameras, initial cloud, options as used\n"
+    "  train.csv, spare.csv, summary.json       the course of the training and its result\n"
+    "  checkpoint/                              full state for --resume\n"
+    "SIGINT and SIGTERM finish the iteration and save; a second one ends at once.";
+
+typedef struct training {
+    common_values common;
+    scene_values data;
+    train_values values;
+    const char *scene_path;
+    sgs_scene *scene;
+    sgs_trainer *trainer;
+    run_folder folder;
+    double load_seconds, train_seconds;
+    sgs_stop_reason stop;
+    // kept when the trainer is gone
+    int iterations;
+    size_t gaussians;
+    char *stop_text;
+    sgs_train_seconds seconds;
+    char hash[17];
+    split_score test, train;
+} training;
+
+// ---- Before the first iteration ----
+
+static bool load_scene(training *run, bool background_given)
+{
+    const double start = clock_seconds();
+    run->scene = scene_open(run->scene_path, &run->data, true);
+    if (!run->scene)
+        return false;
+    run->load_seconds = clock_seconds() - start;
+    if (run->scene->white_background && !background_given)
+        for (int c = 0; c < 3; ++c)
+            run->values.background.rgb[c] = 1;
+    const size_t test = scene_split_count(run->scene, SGS_SPLIT_TEST);
+    print_note("%s: %zu training images, %zu held out, %zu points, loaded in %.1f s", run->scene_path,
+               run->scene->view_count - test, test, run->scene->point_count, run->load_seconds);
+    if (!run->scene->point_count && !run->values.init)
+        print_note("%s: no points; starting from %llu random ones", run->scene_path,
+                   (unsigned long long)run->values.random_points);
+    return true;
+}
+
+static bool create_trainer(training *run)
+{
+    sgs_train_options options = train_library_options(&run->values, run->common.seed);
+    sgs_gaussians *init = NULL;
+    bool ready = true;
+    if (run->values.init) {
+        model_path located;
+        ready = model_locate(run->values.init, &located);
+        if (ready && sgs_ply_read(located.ply_path, &init)) {
+            fail_library();
+            ready = false;
+        }
+        model_path_free(&located);
+    }
+    options.init = init;
+    if (ready && sgs_trainer_create(run->scene, &options, &run->trainer)) {
+        fail_library();
+        ready = false;
+    }
+    sgs_gaussians_destroy(init);
+    return ready;
+}
+
+// Continues from a checkpoint where --resume finds one. Returns 1 continued, 0 start at zero, -1 failed.
+static int resume(training *run, const char *config_path, const json_t *config)
+{
+    json_error_t error;
+    json_t *stored = file_exists(config_path) ? json_load_file(config_path, 0, &error) : NULL;
+    if (!stored) {
+        if (file_exists(config_path))
+            fail_run("%s: line %d: %s; the run cannot be continued, train without --resume", config_path, error.line,
+                     error.text);
+        else
+            print_note("%s: there is no run to continue; starting at iteration 0", run->values.output);
+        return file_exists(config_path) ? -1 : 0;
+    }
+    const bool agrees = train_config_agrees(config_path, stored, config);
+    json_decref(stored);
+    if (!agrees)
+        return -1;
+    const int loaded = run_folder_load_checkpoint(&run->folder, run->trainer);
+    if (loaded > 0)
+        print_note("%s: continuing at iteration %d", run->values.output, sgs_trainer_iteration(run->trainer));
+    else if (!loaded)
+        print_note("%s: there is no checkpoint yet; starting at iteration 0", run->values.output);
+    return loaded;
+}
+
+static bool write_first_files(const training *run)
+{
+    const float *points;
+    const unsigned char *colors;
+    const size_t count = sgs_trainer_initial_cloud(run->trainer, &points, &colors);
+    char *cameras = format_text("%s/cameras.json", run->values.output);
+    char *input = format_text("%s/input.ply", run->values.output);
+    const bool written = !sgs_scene_write_cameras_json(run->scene, cameras) &&
+                         (!count || !points || !sgs_ply_write_points(input, points, colors, count));
+    if (!written)
+        fail_library();
+    free(cameras);
+    free(input);
+    return written;
+}
+
+static bool open_folder(training *run)
+{
+    char *config_path = format_text("%s/config.json", run->values.output);
+    json_t *config = train_config(run->scene_path, &run->values, &run->data, &run->common);
+    const int resumed = run->values.resume ? resume(run, config_path, config) : 0;
+    bool ready = resumed >= 0;
+    if (ready && !resumed && run_folder_is_used(&run->folder))
+        ready = run_folder_clear(&run->folder);
+    ready = ready && write_json(config_path, json_incref(config)) && write_first_files(run) &&
+            run_folder_open_tables(&run->folder, sgs_trainer_iteration(run->trainer));
+    run->train_seconds = resumed > 0 ? sgs_trainer_seconds(run->trainer).total : 0;
+    json_decref(config);
+    free(config_path);
+    return ready;
+}
+
+// ---- The iterations ----
+
+static bool is_save_point(const training *run, int iteration)
+{
+    for (int i = 0; i < run->values.save_at.count; ++i)
+        if (run->values.save_at.values[i] == iteration)
+            return true;
+    return false;
+}
+
+// What is due after an iteration that is not the last. Failing to save here is a warning: the disk may have
+// room again later, and the training is worth more than this file.
+static void save_due(const training *run, int iteration)
+{
+    if (is_save_point(run, iteration) &&
+        !run_folder_save_model(&run->folder, sgs_trainer_model(run->trainer), iteration))
+        print_warning("the model of iteration %d is not saved; training goes on", iteration);
+    if (run->values.checkpoint_every && iteration % run->values.checkpoint_every == 0 &&
+        !run_folder_save_checkpoint(&run->folder, run->trainer))
+        print_warning("the checkpoint of iteration %d is not saved; training goes on", iteration);
+}
+
+static bool iterate(training *run)
+{
+    const int total = run->values.iterations;
+    progress_start(sgs_trainer_iteration(run->trainer));
+    while (run->stop == SGS_STOP_NONE) {
+        if (interrupt_signal()) {
+            run->stop = SGS_STOP_SIGNAL;
+            break;
+        }
+        if (sgs_trainer_iteration(run->trainer) >= total) {
+            run->stop = SGS_STOP_SCHEDULE; // resumed from a checkpoint of the last iteration
+            break;
+        }
+        sgs_step_info info = {0};
+        const double start = clock_seconds();
+        const sgs_status status = sgs_trainer_step(run->trainer, &info);
+        run->train_seconds += clock_seconds() - start;
+        if (status == SGS_STATUS_LIMIT) {
+            run->stop = SGS_STOP_EQUILIBRIUM; // resumed from a checkpoint made in equilibrium
+            break;
+        }
+        if (status) {
+            progress_end();
+            fail_library();
+            return false;
+        }
+        run->stop = info.stop;
+        run_folder_record(&run->folder, &info, run->train_seconds, info.stop != SGS_STOP_NONE);
+        progress_step(&(progress_state){info.iteration, total, info.loss_average, info.psnr_average, info.gaussians});
+        if (info.stop == SGS_STOP_NONE)
+            save_due(run, info.iteration);
+    }
+    progress_end();
+    return true;
+}
+
+// ---- After the last iteration ----
+
+static bool save_results(training *run)
+{
+    const sgs_gaussians *model = sgs_trainer_model(run->trainer);
+    run->iterations = sgs_trainer_iteration(run->trainer);
+    run->gaussians = model->count;
+    run->seconds = sgs_trainer_seconds(run->trainer);
+    run->stop_text = format_text("%s", sgs_trainer_stop_text(run->trainer));
+    sgs_gaussians_hash(model, run->hash);
+    if (!run->iterations)
+        return true;
+    bool saved = run_folder_save_model(&run->folder, model, run->iterations);
+    if (run->stop == SGS_STOP_SIGNAL)
+        saved = run_folder_save_checkpoint(&run->folder, run->trainer) && saved;
+    return saved;
+}
+
+static bool evaluate(training *run)
+{
+    char *path = format_text("%s/point_cloud/iteration_%d/point_cloud.ply", run->values.output, run->iterations);
+    sgs_gaussians *model = NULL;
+    evaluator judge = {0};
+    const drawing_values drawing = {.filter = run->values.filter, .background = run->values.background};
+    bool done = !sgs_ply_read(path, &model);
+    if (!done)
+        fail_library();
+    done = done && evaluator_open(&judge, model, run->scene, &drawing) &&
+           evaluate_split(&judge, SGS_SPLIT_TEST, &run->test) && evaluate_split(&judge, SGS_SPLIT_TRAIN, &run->train);
+    evaluator_close(&judge);
+    sgs_gaussians_destroy(model);
+    free(path);
+    return done;
+}
+
+static json_t *summary_json(const training *run)
+{
+    static const char *const reasons[] = {[SGS_STOP_NONE] = "schedule",
+                                          [SGS_STOP_SCHEDULE] = "schedule",
+                                          [SGS_STOP_EQUILIBRIUM] = "equilibrium",
+                                          [SGS_STOP_SIGNAL] = "signal"};
+    const sgs_train_seconds *s = &run->seconds;
+    const struct {
+        const char *name;
+        double value;
+    } phases[] = {{"gather", s->gather},          {"forward", s->forward},     {"loss", s->loss},
+                  {"backward", s->backward},      {"optimizer", s->optimizer}, {"bvh_refit", s->bvh_refit},
+                  {"bvh_build", s->bvh_build},    {"density", s->density},     {"spare", s->spare},
+                  {"image_io", run->load_seconds}};
+    json_t *summary = json_object(), *seconds = json_object();
+    for (size_t i = 0; i < sizeof phases / sizeof *phases; ++i)
+        json_object_set_new(seconds, phases[i].name, json_number(phases[i].value));
+    json_object_set_new(summary, "iterations", json_integer(run->iterations));
+    json_object_set_new(summary, "stop_reason", json_string(reasons[run->stop]));
+    json_object_set_new(summary, "stop_text", json_string(run->stop_text));
+    json_object_set_new(summary, "gaussians", json_integer((json_int_t)run->gaussians));
+    json_object_set_new(summary, "train_seconds", json_number(run->train_seconds));
+    json_object_set_new(summary, "seconds", seconds);
+    json_object_set_new(summary, "test", split_score_json(&run->test));
+    json_object_set_new(summary, "train", split_score_json(&run->train));
+    json_object_set_new(summary, "threads", json_integer(sgs_threads()));
+    json_object_set_new(summary, "isa", json_string(sgs_isa_name(sgs_get_isa())));
+    json_object_set_new(summary, "peak_rss_bytes", json_integer((json_int_t)sgs_peak_rss()));
+    json_object_set_new(summary, "model_hash", json_string(run->hash));
+    json_object_set_new(summary, "seed", json_integer((json_int_t)run->common.seed));
+    return summary;
+}
+
+static void print_score(const char *label, const split_score *score)
+{
+    if (score->images)
+        printf("%s PSNR %.2f dB, SSIM %.4f (%zu images)\n", label, score->psnr, score->ssim, score->images);
+}
+
+static bool report(const training *run)
+{
+    char *path = format_text("%s/summary.json", run->values.output);
+    json_t *summary = summary_json(run);
+    bool done = write_json(path, json_incref(summary));
+    free(path);
+    if (run->common.json)
+        return print_json(summary) && done;
+    json_decref(summary);
+    printf("%d iterations in %.1f s%s%s, %zu primitives, model %s\n", run->iterations, run->train_seconds,
+           *run->stop_text ? ": " : "", run->stop_text, run->gaussians, run->hash);
+    print_score("held-out images:", &run->test);
+    print_score("training images:", &run->train);
+    if (run->iterations)
+        printf("%s/point_cloud/iteration_%d/point_cloud.ply\n", run->values.output, run->iterations);
+    return done;
+}
+
+static int train(training *run, bool background_given)
+{
+    if (!run_folder_prepare(&run->folder, run->values.output))
+        return EXIT_FAILED;
+    if (!load_scene(run, background_given)) {
+        run_folder_leave(&run->folder);
+        return EXIT_FAILED;
+    }
+    if (interrupt_signal())
+        return interrupt_status();
+    if (!create_trainer(run) || !open_folder(run))
+        return EXIT_FAILED;
+    bool done = iterate(run);
+    run_folder_close_tables(&run->folder);
+    done = done && save_results(run);
+    sgs_trainer_destroy(run->trainer);
+    run->trainer = NULL;
+    if (done && run->stop != SGS_STOP_SIGNAL)
+        done = evaluate(run);
+    if (!done || !report(run))
+        return EXIT_FAILED;
+    return interrupt_status();
+}
+
+int command_train(int argc, char **argv)
+{
+    training run = {0};
+    option_group groups[TRAIN_GROUP_COUNT + 2];
+    train_groups(&run.values, groups);
+    groups[TRAIN_GROUP_COUNT] = scene_group(&run.data);
+    groups[TRAIN_GROUP_COUNT + 1] = common_group(&run.common);
+    command_line line = {.command = "train",
+                         .synopsis = "SCENE -o OUT [options]",
+                         .description = description,
+                         .groups = groups,
+                         .group_count = sizeof groups / sizeof *groups,
+                         .operand_minimum = 1,
+                         .operand_maximum = 1};
+    int status = command_line_parse(&line, argc, argv);
+    if (status < 0)
+        status = scene_settle(&run.data, &line, NULL);
+    if (status < 0 && !run.values.output)
+        status = fail_usage("train needs -o OUT, the folder to write to; usage: sparegs train %s", line.synopsis);
+    if (status < 0)
+        status = common_apply(&run.common, &line);
+    if (status >= 0)
+        return status;
+    run.scene_path = line.operands[0];
+    interrupt_watch();
+    status = train(&run, option_given(&line, "background"));
+    sgs_trainer_destroy(run.trainer);
+    sgs_scene_destroy(run.scene);
+    free(run.stop_text);
+    return status;
+}

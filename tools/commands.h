@@ -1,0 +1,10 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// The commands of the program. Each gets argv with its own name first and returns the exit status.
+
+int command_train(int argc, char **argv);
+int command_eval(int argc, char **argv);
+int command_render(int argc, char **argv);
+int command_info(int argc, char **argv);

@@ -1,0 +1,122 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Evaluation. A photograph with an alpha channel is laid over the background by the same quantisation as the
+// drawn image, so that both sides of the comparison are treated alike.
+
+#include "evaluate.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "interrupt.h"
+#include "output.h"
+#include "progress.h"
+#include "sparegs/metrics.h"
+
+bool evaluator_open(evaluator *judge, const sgs_gaussians *model, const sgs_scene *scene, const drawing_values *drawing)
+{
+    *judge = (evaluator){.scene = scene, .render = sgs_render_options_default()};
+    judge->render.filter = (sgs_filter)drawing->filter;
+    memcpy(judge->background, drawing->background.rgb, sizeof judge->background);
+    if (sgs_renderer_create(model, &judge->renderer)) {
+        fail_library();
+        return false;
+    }
+    return true;
+}
+
+void evaluator_close(evaluator *judge)
+{
+    sgs_renderer_destroy(judge->renderer);
+    judge->renderer = NULL;
+}
+
+// The photograph as three planes over the background.
+static bool flatten_photo(const sgs_image8 *photo, const float background[3], sgs_image8 *flat)
+{
+    const size_t pixels = (size_t)photo->width * (size_t)photo->height;
+    float *planes = malloc(4 * pixels * sizeof *planes);
+    if (!planes) {
+        fail_run("no memory to compare a photo of %d x %d", photo->width, photo->height);
+        return false;
+    }
+    for (size_t i = 0; i < pixels; ++i) {
+        const float alpha = photo->channels > 3 ? (float)photo->pixels[3 * pixels + i] / 255.0F : 1.0F;
+        for (size_t c = 0; c < 3; ++c)
+            planes[c * pixels + i] = alpha * ((float)photo->pixels[c * pixels + i] / 255.0F);
+        planes[3 * pixels + i] = 1.0F - alpha;
+    }
+    const float *const color[3] = {planes, planes + pixels, planes + 2 * pixels};
+    const sgs_status status =
+        sgs_image8_from_planes(color, planes + 3 * pixels, background, photo->width, photo->height, flat);
+    free(planes);
+    if (status)
+        fail_library();
+    return !status;
+}
+
+bool evaluate_view(const evaluator *judge, const sgs_view *view, view_score *score, sgs_image8 *drawn,
+                   sgs_image8 *photo)
+{
+    sgs_image8 images[2] = {0};
+    sgs_frame frame = {0};
+    bool done = flatten_photo(&view->image, judge->background, &images[1]);
+    if (done) {
+        done = !sgs_frame_create(view->camera.width, view->camera.height, &frame) &&
+               !sgs_renderer_render(judge->renderer, &view->camera, &view->pose, &judge->render, &frame) &&
+               !sgs_image8_from_planes((const float *const *)frame.color, frame.transmittance, judge->background,
+                                       frame.width, frame.height, &images[0]);
+        if (!done)
+            fail_library();
+    }
+    sgs_frame_free(&frame);
+    if (done)
+        *score = (view_score){sgs_psnr(&images[0], &images[1]), sgs_ssim(&images[0], &images[1])};
+    sgs_image8 *const out[2] = {drawn, photo};
+    for (int k = 0; k < 2; ++k) {
+        if (out[k] && done)
+            *out[k] = images[k];
+        else
+            sgs_image8_free(&images[k]);
+    }
+    return done;
+}
+
+bool evaluate_split(const evaluator *judge, sgs_split split, split_score *score)
+{
+    *score = (split_score){0};
+    split_score sum = {0};
+    const size_t total = scene_split_count(judge->scene, split);
+    for (size_t v = 0; v < judge->scene->view_count; ++v) {
+        const sgs_view *view = &judge->scene->views[v];
+        if (!view_in_split(view, split))
+            continue;
+        if (interrupt_signal())
+            return true;
+        progress_count(split == SGS_SPLIT_TEST ? "evaluating held-out images" : "evaluating training images",
+                       sum.images, total);
+        view_score one;
+        if (!evaluate_view(judge, view, &one, NULL, NULL)) {
+            progress_end();
+            return false;
+        }
+        ++sum.images;
+        sum.psnr += one.psnr;
+        sum.ssim += one.ssim;
+    }
+    progress_end();
+    if (sum.images)
+        *score = (split_score){sum.images, sum.psnr / (double)sum.images, sum.ssim / (double)sum.images};
+    return true;
+}
+
+json_t *split_score_json(const split_score *score)
+{
+    json_t *object = json_object();
+    json_object_set_new(object, "images", json_integer((json_int_t)score->images));
+    json_object_set_new(object, "psnr", score->images ? json_number(score->psnr) : json_null());
+    json_object_set_new(object, "ssim", score->images ? json_number(score->ssim) : json_null());
+    json_object_set_new(object, "lpips", json_null());
+    return object;
+}

@@ -1,0 +1,30 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// A drawn frame as files: one EXR with a layer per quantity for compositors, or one PNG per quantity for people.
+
+#include <stdbool.h>
+
+#include "sparegs/render.h"
+
+// Bits in the order of the words of --aov.
+enum { AOV_RGBA = 1, AOV_DEPTH = 2, AOV_DEPTH_MEDIAN = 4, AOV_DEPTH_FIRST = 8, AOV_TRANSMITTANCE = 16, AOV_HITS = 32 };
+#define AOV_WORDS "rgba,depth,depth_median,depth_first,transmittance,hits"
+
+typedef enum exr_encoding { EXR_LINEAR = 0, EXR_SRGB = 1 } exr_encoding;
+
+typedef struct frame_files {
+    const char *folder, *name; // of the view, with its extension
+    const sgs_camera *camera;
+    const sgs_pose *pose;
+    unsigned aovs;
+    exr_encoding encoding; // EXR only
+    float background[3];   // PNG only
+} frame_files;
+
+// FOLDER/STEM.exr. May overwrite the frame's colour planes. Prints the path on stdout, or the error.
+bool frame_write_exr(const frame_files *files, sgs_frame *frame);
+
+// FOLDER/STEM.png and FOLDER/STEM.AOV.png.
+bool frame_write_png(const frame_files *files, const sgs_frame *frame);

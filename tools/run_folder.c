@@ -1,0 +1,183 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// The folder of a run. Whatever moment the process is killed at, the folder holds a readable checkpoint if it
+// ever held one: the newest is renamed to state.previous.bin before the next is written, and that one appears
+// under its name only when complete.
+
+#include "run_folder.h"
+
+#include <errno.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "output.h"
+#include "progress.h"
+#include "sparegs/runtime.h"
+
+enum { ROW_EVERY = 100 };
+
+static const char train_header[] =
+    "iteration,seconds,loss,gaussians,psnr_train,densified,pruned,spare_pruned,rss_bytes";
+static const char spare_header[] =
+    "iteration,regions,gaussians,over_budget_share,mean_weight,bmd_suppressed,bmd_boosted,rap_pruned,seconds";
+
+bool run_folder_prepare(run_folder *folder, const char *path)
+{
+    *folder = (run_folder){.path = path};
+    return make_folder(path) && check_writable(path);
+}
+
+void run_folder_leave(const run_folder *folder)
+{
+    rmdir(folder->path); // fails, as it should, when anything is in it
+}
+
+bool run_folder_is_used(const run_folder *folder)
+{
+    char *config = format_text("%s/config.json", folder->path);
+    const bool used = file_exists(config);
+    free(config);
+    return used;
+}
+
+// Removes OUT/name if it is there.
+static bool remove_file(const run_folder *folder, const char *name)
+{
+    char *path = format_text("%s/%s", folder->path, name);
+    const bool gone = !unlink(path) || errno == ENOENT;
+    if (!gone)
+        fail_run("%s: cannot be removed: %s", path, strerror(errno));
+    free(path);
+    return gone;
+}
+
+bool run_folder_clear(const run_folder *folder)
+{
+    static const char *const names[] = {"summary.json", "train.csv", "spare.csv", "checkpoint/state.bin",
+                                        "checkpoint/state.previous.bin"};
+    for (size_t i = 0; i < sizeof names / sizeof *names; ++i)
+        if (!remove_file(folder, names[i]))
+            return false;
+    char *clouds = format_text("%s/point_cloud", folder->path), *kept = NULL;
+    bool done = true;
+    if (file_exists(clouds)) {
+        int k = 1;
+        for (kept = format_text("%s.%d", clouds, k); file_exists(kept); kept = format_text("%s.%d", clouds, ++k))
+            free(kept);
+        done = !rename(clouds, kept);
+        if (done)
+            print_note("%s: the models of an earlier run are now in %s", folder->path, kept);
+        else
+            fail_run("%s: cannot be renamed: %s", clouds, strerror(errno));
+    }
+    free(kept);
+    free(clouds);
+    return done;
+}
+
+bool run_folder_open_tables(run_folder *folder, int iteration)
+{
+    char *train = format_text("%s/train.csv", folder->path), *spare = format_text("%s/spare.csv", folder->path);
+    folder->train_csv = csv_open(train, train_header, iteration);
+    folder->spare_csv = folder->train_csv ? csv_open(spare, spare_header, iteration) : NULL;
+    folder->row_iteration = iteration;
+    free(train);
+    free(spare);
+    return folder->spare_csv != NULL;
+}
+
+void run_folder_close_tables(run_folder *folder)
+{
+    bool complete = true;
+    if (folder->train_csv)
+        complete = !ferror(folder->train_csv) && !fclose(folder->train_csv);
+    if (folder->spare_csv)
+        complete = !ferror(folder->spare_csv) && !fclose(folder->spare_csv) && complete;
+    if (!complete)
+        print_warning("%s: train.csv or spare.csv is incomplete: disk full?", folder->path);
+    folder->train_csv = folder->spare_csv = NULL;
+}
+
+void run_folder_record(run_folder *folder, const sgs_step_info *info, double seconds, bool last)
+{
+    if (info->structural) {
+        folder->densified += info->densified;
+        folder->pruned += info->pruned;
+        folder->spare_pruned += info->spare_pruned;
+        if (info->regions) {
+            fprintf(folder->spare_csv, "%d,%zu,%zu,%.6f,%.6f,%zu,%zu,%zu,%.6f\n", info->iteration, info->regions,
+                    info->gaussians, info->over_budget_share, info->mean_weight, info->bmd_suppressed,
+                    info->bmd_boosted, info->spare_pruned, info->spare_seconds);
+            fflush(folder->spare_csv);
+        }
+    }
+    if (info->iteration % ROW_EVERY && !last)
+        return;
+    fprintf(folder->train_csv, "%d,%.3f,%.6f,%zu,%.4f,%zu,%zu,%zu,%llu\n", info->iteration, seconds, info->loss_average,
+            info->gaussians, info->psnr_average, folder->densified, folder->pruned, folder->spare_pruned,
+            sgs_current_rss());
+    fflush(folder->train_csv);
+    folder->densified = folder->pruned = folder->spare_pruned = 0;
+    folder->row_iteration = info->iteration;
+}
+
+bool run_folder_save_model(const run_folder *folder, const sgs_gaussians *model, int iteration)
+{
+    char *path = format_text("%s/point_cloud/iteration_%d/point_cloud.ply", folder->path, iteration);
+    bool saved = make_folder_of(path);
+    if (saved && sgs_ply_write(path, model)) {
+        fail_library();
+        saved = false;
+    }
+    free(path);
+    return saved;
+}
+
+static char *checkpoint_path(const run_folder *folder, bool previous)
+{
+    return format_text("%s/checkpoint/state%s.bin", folder->path, previous ? ".previous" : "");
+}
+
+bool run_folder_save_checkpoint(const run_folder *folder, const sgs_trainer *trainer)
+{
+    char *newest = checkpoint_path(folder, false), *previous = checkpoint_path(folder, true);
+    bool saved = make_folder_of(newest);
+    if (saved && rename(newest, previous) && errno != ENOENT) {
+        fail_run("%s: cannot be renamed: %s", newest, strerror(errno));
+        saved = false;
+    }
+    if (saved && sgs_trainer_save_checkpoint(trainer, newest)) {
+        fail_library();
+        saved = false;
+    }
+    free(newest);
+    free(previous);
+    return saved;
+}
+
+int run_folder_load_checkpoint(const run_folder *folder, sgs_trainer *trainer)
+{
+    int result = 0;
+    for (int previous = 0; previous < 2 && result < 1; ++previous) {
+        char *path = checkpoint_path(folder, previous);
+        if (file_exists(path)) {
+            const sgs_status status = sgs_trainer_load_checkpoint(trainer, path);
+            result = status ? -1 : 1;
+            if (status && !previous)
+                print_warning("%s; trying the checkpoint before it", sgs_last_error());
+            else if (status)
+                fail_library();
+            free(path);
+            continue;
+        }
+        // The newest was damaged and there is no other one to fall back to.
+        if (previous && result < 0)
+            fail_run(
+                "%s: is damaged or of another run, and there is none before it; train without --resume to start again",
+                folder->path);
+        free(path);
+    }
+    return result;
+}

@@ -1,0 +1,45 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// OUT, the folder of a training run: its models, tables and checkpoints. Functions that return bool have
+// printed their error when they return false.
+
+#include <stdbool.h>
+#include <stdio.h>
+
+#include "sparegs/trainer.h"
+
+typedef struct run_folder {
+    const char *path;
+    FILE *train_csv, *spare_csv;
+    // sums since the last row of train.csv
+    size_t densified, pruned, spare_pruned;
+    int row_iteration; // of the last row
+} run_folder;
+
+// Creates the folder and proves that it can be written to.
+bool run_folder_prepare(run_folder *folder, const char *path);
+
+// Removes the folder if it is empty: nothing came of the run.
+void run_folder_leave(const run_folder *folder);
+
+// True if an earlier run left its config.json there.
+bool run_folder_is_used(const run_folder *folder);
+
+// Makes room for a new run: earlier models move to point_cloud.K, earlier results and checkpoints go.
+bool run_folder_clear(const run_folder *folder);
+
+// Opens the tables; rows beyond `iteration` (where the run continues) are dropped.
+bool run_folder_open_tables(run_folder *folder, int iteration);
+void run_folder_close_tables(run_folder *folder);
+// Adds the rows that this step earns; `last` adds the final one.
+void run_folder_record(run_folder *folder, const sgs_step_info *info, double seconds, bool last);
+
+// OUT/point_cloud/iteration_N/point_cloud.ply
+bool run_folder_save_model(const run_folder *folder, const sgs_gaussians *model, int iteration);
+
+// OUT/checkpoint/state.bin; the one before stays as state.previous.bin.
+bool run_folder_save_checkpoint(const run_folder *folder, const sgs_trainer *trainer);
+// Loads the newest readable checkpoint: 1 loaded, 0 there is none, -1 there are some and none fits (printed).
+int run_folder_load_checkpoint(const run_folder *folder, sgs_trainer *trainer);

@@ -1,0 +1,145 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Option tables shared by the commands, and the rule where a value comes from: the command line, else the
+// config.json of the run that made the model, else the data set's convention.
+
+#include "shared_options.h"
+
+#include <string.h>
+
+#include "output.h"
+#include "progress.h"
+#include "sparegs/runtime.h"
+
+static const option common_options[] = {
+    {"threads", 0, OPTION_INTEGER, offsetof(common_values, threads), 0, 4096, "N", "0",
+     "0 = all cores of the affinity mask", NULL, "threads to work with; results do not depend on it"},
+    {"isa", 0, OPTION_CHOICE, offsetof(common_values, isa), 0, 0, "baseline|avx2|avx512", NULL,
+     "the best this machine has", NULL, "instruction set of the kernels"},
+    {"seed", 0, OPTION_COUNT, offsetof(common_values, seed), 0, 9007199254740991.0, "N", "0", NULL, NULL,
+     "seed of every random choice (training makes some, the other commands none)"},
+    {"json", 0, OPTION_FLAG, offsetof(common_values, json), 0, 0, NULL, NULL, NULL, NULL,
+     "print the result as one JSON object on stdout"},
+    {"quiet", 0, OPTION_FLAG, offsetof(common_values, quiet), 0, 0, NULL, NULL, NULL, NULL, "no progress, no notes"},
+};
+
+option_group common_group(common_values *values)
+{
+    *values = (common_values){.isa = -1};
+    return (option_group){.title = "Common options",
+                          .options = common_options,
+                          .count = sizeof common_options / sizeof *common_options,
+                          .values = values};
+}
+
+int common_apply(const common_values *values, const command_line *line)
+{
+    messages_set_quiet(values->quiet);
+    sgs_set_threads(values->threads);
+    if (option_given(line, "isa") && sgs_set_isa((sgs_isa)values->isa))
+        return fail_library();
+    return -1;
+}
+
+static const option scene_options[] = {
+    {"images", 0, OPTION_TEXT, offsetof(scene_values, images), 0, 0, "DIR", NULL, "images", NULL,
+     "image folder beside the sparse model"},
+    {"downscale", 0, OPTION_INTEGER, offsetof(scene_values, downscale), 1, 64, "K", NULL, "1, or to 1600 px width",
+     NULL, "divide width and height by K, averaging areas"},
+    {"eval", 0, OPTION_FLAG, offsetof(scene_values, eval), 0, 0, NULL, NULL, NULL, NULL,
+     "hold out every 8th image: --test-every 8"},
+    {"test-every", 0, OPTION_INTEGER, offsetof(scene_values, test_every), 2, 1000000, "N", NULL, "none", "images",
+     "hold out the images whose index in the sorted names is a multiple of N"},
+    {"test-images", 0, OPTION_TEXT, offsetof(scene_values, test_images), 0, 0, "A,B,...", NULL, "none", NULL,
+     "hold out the images of these names"},
+};
+
+option_group scene_group(scene_values *values)
+{
+    *values = (scene_values){0};
+    return (option_group){.title = "Data set",
+                          .options = scene_options,
+                          .count = sizeof scene_options / sizeof *scene_options,
+                          .values = values};
+}
+
+int scene_settle(scene_values *values, const command_line *line, const json_t *config)
+{
+    const int splits =
+        option_given(line, "eval") + option_given(line, "test-every") + option_given(line, "test-images");
+    if (splits > 1)
+        return fail_usage("--eval, --test-every and --test-images exclude each other; give one of them");
+    if (values->eval)
+        values->test_every = 8;
+    if (!splits) {
+        values->test_every = (int)json_integer_value(config_option(config, "test_every"));
+        values->test_images = json_string_value(config_option(config, "test_images"));
+    }
+    if (!option_given(line, "images"))
+        values->images = json_string_value(config_option(config, "images"));
+    if (!option_given(line, "downscale"))
+        values->downscale = (int)json_integer_value(config_option(config, "downscale"));
+    return -1;
+}
+
+sgs_scene *scene_open(const char *path, const scene_values *values, bool load_images)
+{
+    sgs_scene_options options = sgs_scene_options_default();
+    options.images_dir = values->images;
+    options.downscale = values->downscale;
+    options.test_every = values->test_every;
+    options.test_images = values->test_images;
+    options.load_images = load_images;
+    sgs_scene *scene = NULL;
+    if (sgs_scene_load(path, &options, &scene)) {
+        fail_library();
+        return NULL;
+    }
+    return scene;
+}
+
+bool view_in_split(const sgs_view *view, sgs_split split)
+{
+    return split == SGS_SPLIT_ALL || view->split == split;
+}
+
+size_t scene_split_count(const sgs_scene *scene, sgs_split split)
+{
+    size_t count = 0;
+    for (size_t v = 0; v < scene->view_count; ++v)
+        count += view_in_split(&scene->views[v], split);
+    return count;
+}
+
+static const option drawing_options[] = {
+    {"filter", 0, OPTION_CHOICE, offsetof(drawing_values, filter), 0, 0, "3dgs|none", "3dgs",
+     "as the run was trained, or 3dgs", NULL, "pixel filter: the 0.3 px^2 dilation of 3DGS, or the bare Gaussians"},
+    {"background", 0, OPTION_COLOR, offsetof(drawing_values, background), 0, 0, "R,G,B", "0,0,0",
+     "as the run was trained, or 0,0,0", NULL, "colour behind the model, display values from 0 to 1"},
+};
+
+option_group drawing_group(drawing_values *values)
+{
+    *values = (drawing_values){0};
+    return (option_group){.title = "Drawing",
+                          .options = drawing_options,
+                          .count = sizeof drawing_options / sizeof *drawing_options,
+                          .values = values};
+}
+
+void drawing_settle(drawing_values *values, const command_line *line, const json_t *config, const sgs_scene *scene)
+{
+    const char *filter = json_string_value(config_option(config, "filter"));
+    if (!option_given(line, "filter") && filter && !strcmp(filter, "none"))
+        values->filter = SGS_FILTER_NONE;
+    if (option_given(line, "background"))
+        return;
+    const json_t *background = config_option(config, "background");
+    for (size_t c = 0; c < 3; ++c) {
+        if (json_is_array(background))
+            values->background.rgb[c] = (float)json_number_value(json_array_get(background, c));
+        else if (!background && scene && scene->white_background)
+            values->background.rgb[c] = 1;
+    }
+}

@@ -1,0 +1,47 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// The options that several commands share, and what they set: threads and instruction set; the data set
+// and its split; how a stored model is drawn.
+
+#include <jansson.h>
+
+#include "options.h"
+#include "sparegs/render.h"
+#include "sparegs/scene.h"
+
+typedef struct common_values {
+    int threads, isa;
+    uint64_t seed;
+    bool quiet, json;
+} common_values;
+
+option_group common_group(common_values *values);
+// Sets threads, instruction set and quietness. Returns -1 to go on, or an exit status.
+int common_apply(const common_values *values, const command_line *line);
+
+typedef struct scene_values {
+    const char *images, *test_images;
+    int downscale, test_every;
+    bool eval;
+} scene_values;
+
+option_group scene_group(scene_values *values);
+// Settles --eval and the options that exclude each other; with a run's config (or NULL) fills in what it recorded and
+// the command line left open. The strings stay owned by argv and config. Returns -1, or an exit status.
+int scene_settle(scene_values *values, const command_line *line, const json_t *config);
+// Loads the scene; NULL after printing the error.
+sgs_scene *scene_open(const char *path, const scene_values *values, bool load_images);
+// Views of a split.
+size_t scene_split_count(const sgs_scene *scene, sgs_split split);
+bool view_in_split(const sgs_view *view, sgs_split split);
+
+typedef struct drawing_values {
+    int filter; // sgs_filter
+    color_value background;
+} drawing_values;
+
+option_group drawing_group(drawing_values *values);
+// What the command line left open comes from the run's config, then from the scene.
+void drawing_settle(drawing_values *values, const command_line *line, const json_t *config, const sgs_scene *scene);

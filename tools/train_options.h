@@ -1,0 +1,35 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// The options of `sparegs train`, their record in OUT/config.json, and the check that a resumed run is
+// asked for with the options it was started with.
+
+#include "shared_options.h"
+#include "sparegs/trainer.h"
+
+typedef struct train_values {
+    const char *output, *init;
+    int iterations, schedule, pipeline, filter, optimizer, sh_degree;
+    unsigned spare, spare_demand;
+    int spare_grid, spare_patience, spare_interval, checkpoint_every;
+    double spare_tau_alpha, spare_eps_loss, spare_eps_count;
+    uint64_t max_gaussians, random_points;
+    color_value background;
+    integer_list save_at;
+    bool resume;
+} train_values;
+
+// Three groups: output, training, SPARE-GS, all filling one struct.
+enum { TRAIN_GROUP_COUNT = 3 };
+void train_groups(train_values *values, option_group groups[TRAIN_GROUP_COUNT]);
+
+// The library's options. init is left NULL.
+sgs_train_options train_library_options(const train_values *values, uint64_t seed);
+
+// OUT/config.json: versions, machine settings and under "options" every option as used.
+json_t *train_config(const char *scene_path, const train_values *values, const scene_values *scene,
+                     const common_values *common);
+
+// True if `stored` (an earlier config) shapes the training as `now` does; else prints which option differs.
+bool train_config_agrees(const char *config_path, const json_t *stored, const json_t *now);

@@ -1,0 +1,49 @@
+# shellcheck shell=bash
+# SPDX-FileCopyrightText: 2026 The sparegs authors
+# SPDX-License-Identifier: Apache-2.0
+
+# What the tests of the program share: a folder that goes away, runs with an expected exit status, checks that
+# name the property they hold. Sourced by test_cli_*.sh; call `finish` last.
+
+program=$SPAREGS_PROGRAM
+# shellcheck disable=SC2034 # used by the tests
+room=$SPAREGS_SOURCE/tests/data/room
+temporary=$(mktemp -d)
+trap 'rm -rf "$temporary"' EXIT
+failures=0
+checks=0
+
+# run STATUS ARGUMENT...: runs the program; its output is in $temporary/stdout and stderr.
+run() {
+    local expected=$1 status=0
+    shift
+    last_command="sparegs $*"
+    "$program" "$@" >"$temporary/stdout" 2>"$temporary/stderr" || status=$?
+    check "exit_status_$expected" test "$status" -eq "$expected"
+}
+
+# check PROPERTY COMMAND...: the command must succeed.
+check() {
+    local property=$1
+    shift
+    checks=$((checks + 1))
+    if ! "$@" >"$temporary/check" 2>&1; then
+        failures=$((failures + 1))
+        echo "FAIL: $property after: $last_command"
+        echo "      checked by: $*"
+        sed 's/^/      /' "$temporary/check" "$temporary/stderr" | head -20
+    fi
+}
+
+# says TEXT: stderr has the text. one_line: stderr is a single line that begins as errors do.
+says() { check "stderr_says: $1" grep -qF -- "$1" "$temporary/stderr"; }
+prints() { check "stdout_has: $1" grep -qF -- "$1" "$temporary/stdout"; }
+one_line() { check one_line_of_error test "$(grep -c '^sparegs: ' "$temporary/stderr")" = "$(wc -l <"$temporary/stderr")" -a \
+    "$(wc -l <"$temporary/stderr")" = 1; }
+# json FILE EXPRESSION: jq finds the expression true.
+json() { check "json: $2" jq -e "$2" "$1"; }
+
+finish() {
+    echo "$((checks - failures)) of $checks checks passed"
+    [ "$failures" -eq 0 ]
+}

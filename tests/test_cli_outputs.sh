@@ -1,0 +1,92 @@
+#!/usr/bin/env bash
+# SPDX-FileCopyrightText: 2026 The sparegs authors
+# SPDX-License-Identifier: Apache-2.0
+
+# eval, render and info over a briefly trained model: their numbers agree with each other, their files open elsewhere.
+set -euo pipefail
+. "$(dirname "$0")/cli_support.sh"
+model=$temporary/model
+run 0 train "$room" -o "$model" --downscale 4 --eval --iterations 40 --quiet
+
+# eval_agrees_with_the_training_summary
+run 0 eval "$model" "$room" --json
+cp "$temporary/stdout" "$temporary/eval.json"
+json "$temporary/eval.json" '(.images | length) == 5 and .mean.lpips == null'
+json "$temporary/eval.json" '.images[0].name == "0001.jpg" and .images[0].psnr > 5 and .images[0].ssim > 0'
+check the_mean_is_that_of_the_summary jq -es '(.[0].mean.psnr - .[1].test.psnr | fabs) < 1e-6 and
+    (.[0].mean.ssim - .[1].test.ssim | fabs) < 1e-6' "$temporary/eval.json" "$model/summary.json"
+run 0 eval "$model" "$room" --split all --json
+json "$temporary/stdout" '.images | length == 35'
+run 0 eval "$model/point_cloud/iteration_40/point_cloud.ply" "$room" --downscale 4 --test-images 0002.jpg,0003.jpg --json
+json "$temporary/stdout" '[.images[].name] == ["0002.jpg", "0003.jpg"]'
+
+# eval_saves_pictures_beside_photos
+run 0 eval "$model" "$room" --save "$temporary/saved"
+prints "mean"
+prints "PSNR "
+for name in 0001 0001_photo 0009 0009_photo; do
+    check "picture_${name}_opens" oiiotool "$temporary/saved/$name.png"
+    check the_size_is_that_of_the_view \
+        bash -c "oiiotool --info '$temporary/saved/$name.png' | grep -qE '120 x +67|120 x +68'"
+done
+
+# render_writes_exr_layers
+run 0 render "$model" "$room" --view 0009.jpg --aov rgba,depth,depth_first,depth_median,transmittance,hits -o "$temporary/exr"
+prints "$temporary/exr/0009.exr"
+check channels_are_there bash -c "oiiotool --info -v '$temporary/exr/0009.exr' >'$temporary/info'"
+for text in "R, G, B, A" depth.Z depth_first.Z depth_median.Z transmittance.T hits.count; do
+    check "channel $text" grep -qF "$text" "$temporary/info"
+done
+check matrices_are_in_the_header grep -qi 'worldToCamera' "$temporary/info"
+check depth_is_defined_in_the_header grep -q 'depthDefinition' "$temporary/info"
+
+# render_by_name_without_extension_and_by_split
+run 0 render "$model" "$room" --view 0009 -o "$temporary/exr2" --aov rgba
+check "same_picture_by_either_name" oiiotool --fail 0 "$temporary/exr/0009.exr" --ch R,G,B,A "$temporary/exr2/0009.exr" --diff
+run 0 render "$model" "$room" -o "$temporary/split"
+check five_held_out_views test "$(find "$temporary/split" -name '*.exr' | wc -l)" = 5
+run 1 render "$model" "$room" --view 009.jpg -o "$temporary/exr"
+one_line
+says "the nearest is '0009.jpg'"
+
+# exr_colours_are_linear_unless_asked
+run 0 render "$model" "$room" --view 0009 -o "$temporary/srgb" --aov rgba --exr-encoding srgb
+check linear_differs_from_srgb bash -c "! oiiotool --fail 0.01 '$temporary/exr2/0009.exr' '$temporary/srgb/0009.exr' --diff"
+
+# render_writes_png_like_eval
+run 0 render "$model" "$room" --view 0009 -o "$temporary/png" --format png --aov rgba,depth,transmittance,hits
+for name in 0009.png 0009.depth.png 0009.transmittance.png 0009.hits.png; do
+    check "picture_${name}_opens" oiiotool "$temporary/png/$name"
+done
+check render_and_eval_draw_the_same cmp "$temporary/png/0009.png" "$temporary/saved/0009.png"
+
+# the_reference_draws_the_same (the room at 60 x 33 pixels)
+run 0 render "$model" "$room" --view 0009 --downscale 8 -o "$temporary/fast" --aov rgba,depth
+run 0 render "$model" "$room" --view 0009 --downscale 8 -o "$temporary/slow" --aov rgba,depth --reference
+check reference_and_tracer_agree oiiotool --fail 0.002 --hardfail 0.05 "$temporary/fast/0009.exr" --ch R,G,B,A \
+    "$temporary/slow/0009.exr" --ch R,G,B,A --diff
+
+# render_takes_cameras_json
+run 0 render "$model" --camera "$model/cameras.json" --view "$(jq -r '.[8].img_name' "$model/cameras.json")" -o "$temporary/camera"
+check one_picture test "$(find "$temporary/camera" -name '*.exr' | wc -l)" = 1
+echo '[{"width": 10, "height": 10, "fx": 10, "fy": 10, "position": [0, 0, 0], "rotation": [[2,0,0],[0,1,0],[0,0,1]]}]' \
+    >"$temporary/sheared.json"
+run 1 render "$model" --camera "$temporary/sheared.json" -o "$temporary/camera"
+one_line
+says "not a rotation"
+
+# info_describes_models_and_scenes
+run 0 info "$model" --json
+json "$temporary/stdout" '.type == "model" and .iteration == 40 and .gaussians > 0 and .sh_degree == 3 and .opacity.median > 0'
+check same_hash jq -es '.[0].model_hash == .[1].model_hash' "$temporary/stdout" "$model/summary.json"
+run 0 info "$model"
+prints "gaussians:"
+run 0 info "$room" --eval --json
+json "$temporary/stdout" '.type == "scene" and .views == 35 and .test_views == 5 and .points > 0 and .warnings == []'
+json "$temporary/stdout" '.cameras | length == 1 and .[0].model == "OPENCV" and .[0].width == 480'
+head -c 5000 "$model/point_cloud/iteration_40/point_cloud.ply" >"$temporary/cut.ply"
+run 1 info "$temporary/cut.ply"
+one_line
+says "cut.ply"
+
+finish

@@ -1,0 +1,119 @@
+#!/usr/bin/env bash
+# SPDX-FileCopyrightText: 2026 The sparegs authors
+# SPDX-License-Identifier: Apache-2.0
+
+# Tiny trainings by the program: the files of OUT and their keys, resuming, stopping on a signal, a full disk.
+set -euo pipefail
+. "$(dirname "$0")/cli_support.sh"
+out=$temporary/out
+data=("$room" --downscale 4 --threads 2 --quiet)
+
+# training_writes_what_it_promises
+run 0 train "${data[@]}" -o "$out" --eval --iterations 20 --save-at 10 --checkpoint-every 5 --json
+cp "$temporary/stdout" "$temporary/printed.json"
+check quiet_is_quiet test ! -s "$temporary/stderr"
+for file in point_cloud/iteration_10/point_cloud.ply point_cloud/iteration_20/point_cloud.ply cameras.json input.ply \
+    config.json train.csv spare.csv summary.json checkpoint/state.bin checkpoint/state.previous.bin; do
+    check "there_is_$file" test -s "$out/$file"
+done
+check no_temporary_file_is_left test -z "$(find "$out" -name '*.tmp*' -o -name '.sparegs*')"
+check printed_summary_is_the_file cmp "$temporary/printed.json" "$out/summary.json"
+json "$out/summary.json" '.iterations == 20 and .stop_reason == "schedule" and .gaussians > 0 and .train_seconds > 0'
+json "$out/summary.json" '[.seconds | has("gather", "forward", "loss", "backward", "optimizer", "bvh_refit", "bvh_build",
+    "density", "spare", "image_io")] | all'
+json "$out/summary.json" '.test.images == 5 and .test.psnr > 5 and .test.ssim > 0 and .test.lpips == null'
+json "$out/summary.json" '.train.images == 30 and .train.psnr > 5 and .train.ssim > 0'
+json "$out/summary.json" '.threads == 2 and (.isa | type) == "string" and .peak_rss_bytes > 1000000 and .seed == 0'
+json "$out/summary.json" '.model_hash | test("^[0-9a-f]{16}$")'
+json "$out/config.json" '.options.iterations == 20 and .options.test_every == 8 and .options.downscale == 4 and .seed == 0'
+json "$out/config.json" '.options.spare == ["bmd", "rap", "edt"] and .options.background == [0, 0, 0]'
+json "$out/cameras.json" 'length > 0 and (.[0] | has("id", "img_name", "width", "height", "position", "rotation", "fx", "fy"))'
+check train_csv_has_its_columns grep -qx \
+    'iteration,seconds,loss,gaussians,psnr_train,densified,pruned,spare_pruned,rss_bytes' "$out/train.csv"
+check train_csv_ends_with_the_last_iteration grep -q '^20,' "$out/train.csv"
+check spare_csv_has_its_columns grep -qx \
+    'iteration,regions,gaussians,over_budget_share,mean_weight,bmd_suppressed,bmd_boosted,rap_pruned,seconds' "$out/spare.csv"
+check ply_has_62_properties test "$(head -c 4000 "$out/point_cloud/iteration_20/point_cloud.ply" | grep -ac '^property float')" = 62
+hash=$(jq -r .model_hash "$out/summary.json")
+
+# progress_is_a_line_per_100_iterations
+run 0 train "$room" --downscale 8 -o "$temporary/lines" --iterations 200 --spare off
+says "100/200"
+says "200/200"
+prints "training images: PSNR"
+check no_escape_codes_in_a_log test -z "$(tr -d -c '\033' <"$temporary/stderr")"
+
+# without_a_test_split_the_test_score_is_null
+json "$temporary/lines/summary.json" '.test.images == 0 and .test.psnr == null and .train.images == 35'
+
+# resume_reaches_the_same_model
+rm "$out/summary.json"
+run 0 train "${data[@]}" -o "$out" --eval --iterations 20 --checkpoint-every 5 --resume
+json "$out/summary.json" ".model_hash == \"$hash\""
+
+# resume_falls_back_when_the_newest_checkpoint_is_damaged
+cp "$out/checkpoint/state.previous.bin" "$temporary/previous"
+truncate -s 100 "$out/checkpoint/state.bin"
+run 0 train "${data[@]}" -o "$out" --eval --iterations 20 --checkpoint-every 0 --resume
+says "warning"
+says "state.bin"
+json "$out/summary.json" ".model_hash == \"$hash\""
+check csv_rows_are_not_doubled test "$(grep -c '^20,' "$out/train.csv")" = 1
+truncate -s 100 "$out/checkpoint/state.bin" "$out/checkpoint/state.previous.bin"
+run 1 train "${data[@]}" -o "$out" --eval --iterations 20 --resume
+
+# resume_refuses_other_options
+run 1 train "${data[@]}" -o "$out" --eval --iterations 30 --resume
+one_line
+says "--iterations was 20"
+run 1 train "${data[@]}" -o "$out" --eval --iterations 20 --spare-grid 16 --resume
+says "--spare-grid was 32"
+
+# resume_without_a_run_starts_at_zero
+run 0 train "$room" --downscale 8 -o "$temporary/fresh" --iterations 5 --resume
+says "starting at iteration 0"
+
+# a_new_run_keeps_the_models_of_the_old_one
+run 0 train "$room" --downscale 8 -o "$temporary/fresh" --iterations 3
+check old_models_are_kept test -s "$temporary/fresh/point_cloud.1/iteration_5/point_cloud.ply"
+check only_the_new_model_is_current test "$(ls "$temporary/fresh/point_cloud")" = iteration_3
+
+# signals_save_and_tell
+for signal in INT:130 TERM:143; do
+    rm -rf "$out"
+    last_command="train, then SIG${signal%:*}"
+    "$program" train "${data[@]}" -o "$out" --iterations 1000000 --spare off >"$temporary/stdout" 2>"$temporary/stderr" &
+    process=$!
+    for _ in $(seq 200); do
+        grep -q '^100,' "$out/train.csv" 2>/dev/null && break
+        sleep 0.1
+    done
+    kill -"${signal%:*}" "$process"
+    status=0
+    wait "$process" || status=$?
+    check "status_${signal#*:}" test "$status" -eq "${signal#*:}"
+    json "$out/summary.json" '.stop_reason == "signal" and .iterations >= 100 and .test.images == 0 and .test.psnr == null'
+    check a_checkpoint_is_saved test -s "$out/checkpoint/state.bin"
+    check the_model_is_saved test -s "$out/point_cloud/iteration_$(jq .iterations "$out/summary.json")/point_cloud.ply"
+done
+
+# a_full_disk_leaves_the_earlier_files (a limit on the size of files stands for the full disk)
+run 0 train "$room" --downscale 8 -o "$temporary/full" --iterations 3
+cp "$temporary/full/summary.json" "$temporary/before.json"
+# shellcheck disable=SC2016
+check fails_with_status_1 bash -c 'trap "" XFSZ; ulimit -f 16; status=0
+    "$0" train "$1" --downscale 8 -o "$2" --iterations 3 --quiet --resume 2>"$3" || status=$?; [ $status = 1 ]' \
+    "$program" "$room" "$temporary/full" "$temporary/stderr"
+says "cannot be written"
+check summary_is_intact cmp "$temporary/full/summary.json" "$temporary/before.json"
+check no_temporary_file_is_left test -z "$(find "$temporary/full" -name '*.tmp*' -o -name '.sparegs*')"
+
+# max_gaussians_caps_the_initial_cloud
+run 0 train "$room" --downscale 8 -o "$temporary/capped" --iterations 3 --max-gaussians 500 --quiet
+json "$temporary/capped/summary.json" '.gaussians <= 500'
+
+# init_starts_from_a_model
+run 0 train "$room" --downscale 8 -o "$temporary/refined" --iterations 1 --init "$temporary/capped" --quiet
+json "$temporary/refined/summary.json" '.gaussians <= 500'
+
+finish

@@ -1,0 +1,134 @@
+#!/usr/bin/env bash
+# SPDX-FileCopyrightText: 2026 The sparegs authors
+# SPDX-License-Identifier: Apache-2.0
+
+# The command line before any work: help, versions, and mistakes that name their remedy and end with status 2;
+# inputs that are not there or cannot be written, with status 1.
+set -euo pipefail
+. "$(dirname "$0")/cli_support.sh"
+
+# help_lists_what_exists
+run 0 help
+for command in train eval render info; do prints "  $command"; done
+for command in train eval render info; do
+    run 0 help "$command"
+    prints "Usage: sparegs $command"
+    prints "--threads N"
+    cp "$temporary/stdout" "$temporary/help"
+    run 0 "$command" --help
+    check help_is_the_same_both_ways cmp "$temporary/stdout" "$temporary/help"
+    check help_fits_100_columns awk 'length > 100 { print; bad = 1 } END { exit bad }' "$temporary/stdout"
+done
+run 0 help train
+for text in iterations schedule images downscale eval test-every test-images pipeline spare spare-grid spare-tau-alpha \
+    spare-eps-loss spare-eps-count spare-patience spare-interval spare-demand max-gaussians filter optimizer sh-degree \
+    background save-at checkpoint-every resume init isa seed json quiet; do
+    prints "--$text"
+done
+run 0 --version
+prints "sparegs "
+prints "Embree"
+prints "ISA: "
+
+# mistakes_name_the_nearest
+run 2
+run 2 trian
+says "the nearest is 'train'"
+one_line
+run 2 help rendr
+says "the nearest is 'render'"
+run 2 --versoin
+says "'--version'"
+run 2 train "$room" -o "$temporary/out" --itertions 3
+says "the nearest is --iterations"
+run 2 train "$room" -o "$temporary/out" --iter 3
+says "the nearest is --iterations"
+run 2 eval a b --splt test
+says "the nearest is --split"
+run 2 render a b -o "$temporary/out" --format pgn
+says "exr|png"
+says "the nearest is png"
+run 2 train "$room" -o "$temporary/out" -x
+says "-x"
+
+# values_out_of_range_name_option_and_range
+out_of_range() {
+    run 2 train "$room" -o "$temporary/out" "--$1" "$2"
+    says "--$1: '"
+    says "$3"
+    one_line
+}
+out_of_range iterations 0 "from 1 to"
+out_of_range iterations -5 "from 1 to"
+out_of_range iterations 12x "whole number"
+out_of_range iterations 99999999999999999999 "from 1 to"
+out_of_range sh-degree 4 "from 0 to 3"
+out_of_range spare-grid 1 "from 2 to 256"
+out_of_range spare-tau-alpha nan "from 0 to 1"
+out_of_range spare-eps-loss 1.5 "from 0 to 1"
+out_of_range background 0,0 "R,G,B"
+out_of_range background 0,0,2 "from 0 to 1"
+out_of_range spare bmd,rip "on|off|bmd,rap,edt"
+out_of_range spare-demand x "h,v,c"
+out_of_range isa sse9 "baseline|avx2|avx512"
+out_of_range save-at 100,x "from 1 to"
+out_of_range downscale 0 "from 1 to 64"
+out_of_range threads -1 "from 0 to"
+out_of_range max-gaussians -1 "from 0 to"
+out_of_range test-every 1 "from 2 to"
+run 2 train "$room" -o "$temporary/out" --iterations=0
+says "--iterations: '0'"
+
+# incomplete_lines_say_what_is_needed
+run 2 train
+says "SCENE"
+run 2 train "$room"
+says "-o OUT"
+run 2 train "$room" -o
+says "needs a value"
+run 2 train "$room" -o --quiet
+says "needs a value"
+run 2 train "$room" -o "$temporary/out" --json=1
+says "takes no value"
+run 2 train "$room" other -o "$temporary/out"
+says "one argument too many"
+run 2 train "$room" -o "$temporary/out" --eval --test-every 4
+says "exclude each other"
+run 2 eval model.ply
+run 2 render model.ply "$room"
+says "-o DIR"
+run 2 render model.ply -o "$temporary/out"
+says "SCENE"
+check nothing_was_written test ! -e "$temporary/out"
+
+# inputs_that_are_not_there
+run 1 train "$temporary/nowhere" -o "$temporary/out" --quiet
+one_line
+says "$temporary/nowhere"
+check nothing_was_written test ! -e "$temporary/out"
+run 1 eval "$temporary/nowhere.ply" "$room"
+one_line
+says "$temporary/nowhere.ply"
+mkdir "$temporary/empty"
+run 1 eval "$temporary/empty" "$room"
+one_line
+says "point_cloud"
+run 1 render "$temporary/nowhere.ply" "$room" -o "$temporary/out"
+one_line
+run 1 info "$temporary/nowhere"
+one_line
+run 1 info "$temporary/empty"
+one_line
+
+# outputs_that_cannot_be_written
+echo "not a folder" >"$temporary/file"
+run 1 train "$room" -o "$temporary/file/out" --quiet
+one_line
+says "$temporary/file"
+run 1 train "$room" -o "$temporary/file" --quiet
+one_line
+check the_file_is_intact grep -qx "not a folder" "$temporary/file"
+run 1 train "$room" -o /proc/sparegs --quiet
+one_line
+
+finish

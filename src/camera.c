@@ -379,8 +379,8 @@ static bool invert_radial(const lens *l, double target, double *r)
             break;
         const double h = g + 2 * x * x * slope;
         double next = x - error / h;
-        if (h > 0 && fabs(next - x) <= 2e-16 * x)
-            break;
+        if (h > 0 && fabs(next - x) <= 2e-16 * x && fabs(error) <= 1e-12 * target)
+            break; // without the second condition, the tiny steps beside a pole would end it
         if (!(h > 0) || !(next > low && next < high))
             next = 0.5 * (low + high);
         x = next;

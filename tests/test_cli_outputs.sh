@@ -34,7 +34,8 @@ done
 run 0 render "$model" "$room" --view 0009.jpg --aov rgba,depth,depth_first,depth_median,transmittance,hits -o "$temporary/exr"
 prints "$temporary/exr/0009.exr"
 check channels_are_there bash -c "oiiotool --info -v '$temporary/exr/0009.exr' >'$temporary/info'"
-for text in "R, G, B, A" depth.Z depth_first.Z depth_median.Z transmittance.T hits.count; do
+check rgba_come_first grep -qE 'channel list: R[^,]*, G[^,]*, B[^,]*, A' "$temporary/info"
+for text in depth.Z depth_first.Z depth_median.Z transmittance.T hits.count; do
     check "channel $text" grep -qF "$text" "$temporary/info"
 done
 check matrices_are_in_the_header grep -qi 'worldToCamera' "$temporary/info"

@@ -137,10 +137,11 @@ static bool open_folder(training *run)
     char *config_path = format_text("%s/config.json", run->values.output);
     json_t *config = train_config(run->scene_path, &run->values, &run->data, &run->common);
     const int resumed = run->values.resume ? resume(run, config_path, config) : 0;
-    bool ready = resumed >= 0;
+    // What an earlier run left goes only after the disk has taken the first files of this one.
+    bool ready = resumed >= 0 && write_first_files(run);
     if (ready && !resumed && run_folder_is_used(&run->folder))
         ready = run_folder_clear(&run->folder);
-    ready = ready && write_json(config_path, json_incref(config)) && write_first_files(run) &&
+    ready = ready && write_json(config_path, json_incref(config)) &&
             run_folder_open_tables(&run->folder, sgs_trainer_iteration(run->trainer));
     run->train_seconds = resumed > 0 ? sgs_trainer_seconds(run->trainer).total : 0;
     json_decref(config);

@@ -1,0 +1,20 @@
+#!/usr/bin/env bash
+# SPDX-FileCopyrightText: 2026 The sparegs authors
+# SPDX-License-Identifier: Apache-2.0
+
+# setup_elsewhere_prints_the_list: without dpkg and apt-get, tools/setup.sh names the packages and stops.
+set -euo pipefail
+temporary=$(mktemp -d)
+trap 'rm -rf "$temporary"' EXIT
+for tool in bash cut id; do ln -s "$(command -v $tool)" "$temporary/$tool"; done
+
+status=0
+PATH=$temporary bash "$SPAREGS_SOURCE/tools/setup.sh" >"$temporary/out" 2>"$temporary/err" || status=$?
+[ "$status" -eq 1 ] || { echo "FAIL: status $status"; cat "$temporary/err"; exit 1; }
+for package in cmake libembree-dev libopenimageio-dev libjansson-dev; do
+    grep -q "^ *$package$" "$temporary/err" || { echo "FAIL: $package is not in the list"; cat "$temporary/err"; exit 1; }
+done
+for script in "$SPAREGS_SOURCE"/tools/*.sh "$SPAREGS_SOURCE/.ci/run"; do
+    [ -x "$script" ] || { echo "FAIL: $script is not executable"; exit 1; }
+    bash -n "$script"
+done

@@ -503,10 +503,9 @@ static sgs_status read_points_text(loader *l, lines *t)
 
 static bool file_present(const char *folder, const char *name)
 {
-    char *path = sgsi_format("%s/%s", folder, name);
-    const bool present = path && !access(path, F_OK);
-    sgsi_free(path);
-    return present;
+    char path[PATH_MAX];
+    const int length = snprintf(path, sizeof path, "%s/%s", folder, name);
+    return length > 0 && length < PATH_MAX && !access(path, F_OK);
 }
 
 static bool binary_present(const char *folder)

@@ -271,9 +271,17 @@ static void exr_is_read_by_another_program(void **state)
     }
     assert_int_equal(status, 0);
     static const char *const expected[] = {
-        "3 x    2, 3 channel", "R (half)", "depth.Z (float)", "hits (uint)", "openexr",
-        "worldToCamera: 1, 5, 9, 0, 2, 6, 10, 0, 3, 7, 11, 0, 4, 8, 12, 1", "compression: \"zip\"", "sparegs:depthDefinition: \"mean",
-        "sparegs:view: \"folder/DSC_0430.JPG\"", "Software: \"sparegs "};
+        "3 x    2, 3 channel",
+        "R (half)",
+        "depth.Z (float)",
+        "hits (uint)",
+        "openexr",
+        "worldToCamera: 1, 5, 9, 0, 2, 6, 10, 0, 3, 7, 11, 0, 4, 8, 12, 1",
+        "compression: \"zip\"",
+        "sparegs:depthDefinition: \"mean",
+        "sparegs:view: \"folder/DSC_0430.JPG\"",
+        "Software: \"sparegs ",
+    };
     for (size_t k = 0; k < sizeof expected / sizeof *expected; ++k) {
         if (!strcasestr(output, expected[k]))
             fail_msg("oiiotool does not say '%s' but:\n%s", expected[k], output);

@@ -3,7 +3,7 @@
 #pragma once
 
 // A data set on disk made ready for training: views (camera, pose, photograph), the sparse point
-// cloud, the split. Reads COLMAP (binary and text) and NeRF/nerfstudio transforms. Writes nothing.
+// cloud, the split. Reads COLMAP (binary and text) and NeRF/nerfstudio transforms. Writes only cameras.json.
 
 #include <stddef.h>
 #include <stdint.h>
@@ -72,6 +72,10 @@ void sgs_scene_destroy(sgs_scene *scene);
 
 // Index of the view called NAME (exact, then without folder, then without extension), or -1.
 ptrdiff_t sgs_scene_find_view(const sgs_scene *scene, const char *name);
+
+// Writes the cameras.json of 3DGS (id, img_name, width, height, position, camera-to-world rotation rows, fy, fx;
+// held-out views first), atomically. Fails with IO or OUT_OF_MEMORY.
+sgs_status sgs_scene_write_cameras_json(const sgs_scene *scene, const char *path);
 
 #ifdef __cplusplus
 }

@@ -200,7 +200,10 @@ static void point_at_lines(const exr_writer *writer, exr_encode_pipeline_t *enco
 
 static exr_result_t write_pixels(exr_writer *writer)
 {
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wmissing-field-initializers" // OpenEXR 3.2 and later name only the first field
     exr_encode_pipeline_t encoder = EXR_ENCODE_PIPELINE_INITIALIZER;
+#pragma GCC diagnostic pop
     int32_t lines = 0;
     exr_result_t result = exr_get_scanlines_per_chunk(writer->context, 0, &lines);
     for (int y = 0; !result && y < writer->info->height; y += lines) {

@@ -47,8 +47,8 @@ typedef struct sgsi_gather_list {
     size_t count, capacity;
 } sgsi_gather_list;
 
-// Appends the id of every primitive whose bounds a ray of the packet may cross at a distance in [0, far], each once, in no
-// particular order. Thread-safe for different lists. Fails with OUT_OF_MEMORY.
+// Appends the id of every primitive whose bounds a ray of the packet may cross at a distance in [0, far], in no particular
+// order and possibly more than once. Thread-safe for different lists. Fails with OUT_OF_MEMORY.
 sgs_status sgsi_bvh_gather(const sgsi_bvh *bvh, const sgsi_packet *packet, sgsi_gather_list *list);
 
 // Bytes that Embree holds for this tree, by its memory monitor.

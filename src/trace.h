@@ -61,7 +61,7 @@ enum {
 
 // The rays of a 16x16-pixel tile, camera axes. Lane i of block b is pixel (4 (b % 4) + i % 4, 4 (b / 4) + i / 4).
 typedef struct sgsi_tile_rays {
-    float u[SGSI_BLOCKS][16], v[SGSI_BLOCKS][16];
+    _Alignas(64) float u[SGSI_BLOCKS][16], v[SGSI_BLOCKS][16];
     float block_u[16], block_v[16];           // centres of the blocks' ranges of (u, v)
     float block_half_u[16], block_half_v[16]; // half extents, over valid pixels
     float half_u, half_v;                     // max |u|, |v| of the tile

@@ -294,8 +294,11 @@ static size_t gather_bin(const forward_pass *pass, thread_state *state, int bin,
             state->keys[count++] = (uint64_t)bits << 32 | id;
     }
     const uint64_t *sorted = sort_keys(state->keys, state->keys_spare, count);
+    size_t unique = 0; // where rays of a packet part, Embree follows them one by one and meets a primitive again
     for (size_t i = 0; i < count; ++i)
-        state->scratch.candidates[i] = (uint32_t)sorted[i];
+        if (!i || sorted[i] != sorted[i - 1])
+            state->scratch.candidates[unique++] = (uint32_t)sorted[i];
+    count = unique;
     sgsi_kernels_get()->load_candidates(&state->scratch, pass->tracer->records, count);
     state->counts.gathered += count;
     return count;

@@ -66,8 +66,8 @@ static inline vf load_bytes(const uint8_t *bytes, int count)
 // Image before the clamp: colour over the background.
 static inline vf composite(const sgsi_loss_input *input, int channel, size_t at)
 {
-    return vf_fma(vf_load(input->transmittance + at), vf_set1(input->background[channel]),
-                  vf_load(input->color[channel] + at));
+    return vf_fma(vf_load_u(input->transmittance + at), vf_set1(input->background[channel]),
+                  vf_load_u(input->color[channel] + at));
 }
 
 // Target values at 16 pixels, of which `count` exist; straight alpha over the background.
@@ -232,12 +232,12 @@ static inline void store_gradient(const channel_block *block, size_t at, vf grad
 {
     sgsi_loss_output *output = block->job->output;
     const vf background = vf_set1(block->job->input->background[block->channel]);
-    vf_store(output->d_color[block->channel] + at, gradient);
+    vf_store_u(output->d_color[block->channel] + at, gradient);
     if (block->channel)
-        gradient = vf_fma(background, gradient, vf_load(output->d_transmittance + at));
+        gradient = vf_fma(background, gradient, vf_load_u(output->d_transmittance + at));
     else
         gradient = vf_mul(background, gradient);
-    vf_store(output->d_transmittance + at, gradient);
+    vf_store_u(output->d_transmittance + at, gradient);
 }
 
 // Vertical pass over the derivatives and the gradient of the output rows [first, first + 4) of the block.
@@ -303,8 +303,8 @@ static void clear_padding(const channel_block *block)
     for (int y = block->y; y < block->y + block->height; ++y)
         for (size_t x = (size_t)begin; x < stride; x += 16) {
             const size_t at = (size_t)y * stride + x;
-            vf_store(job->output->d_color[block->channel] + at, vf_zero());
-            vf_store(job->output->d_transmittance + at, vf_zero());
+            vf_store_u(job->output->d_color[block->channel] + at, vf_zero());
+            vf_store_u(job->output->d_transmittance + at, vf_zero());
         }
 }
 

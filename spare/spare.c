@@ -246,13 +246,14 @@ static size_t collect_regions(const cell *cells, size_t voxels, spare_region *re
     return count;
 }
 
-// An unsigned integer in the order of the doubles; -0 is +0.
+// The bits of doubles that are not negative sort as integers; -0 becomes +0. A negative mean cannot come from sums of
+// norms, counts and squares; it would rank highest.
 static uint64_t ordered_bits(double value)
 {
     uint64_t bits;
     value += 0.0;
     memcpy(&bits, &value, sizeof bits);
-    return bits >> 63 ? ~bits : bits | (uint64_t)1 << 63;
+    return bits;
 }
 
 // Stable radix sort by key, eight bits at a time; bytes that all keys share are skipped. The result is in *items.

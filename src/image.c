@@ -11,14 +11,65 @@
 
 #include "sparegs/image.h"
 
+#include <stdio.h>
 #include <string.h>
 
 #include "core.h"
 #include "image_oiio.h"
 
+// The marker that ends a scan: entropy-coded bytes hold 0xff only before 0 or a restart marker.
+static int scan_end(FILE *stream)
+{
+    int c = getc_unlocked(stream);
+    while (c != EOF) {
+        if (c != 0xff) {
+            c = getc_unlocked(stream);
+            continue;
+        }
+        c = getc_unlocked(stream);
+        if (c != 0 && c != 0xff && !(c >= 0xd0 && c <= 0xd7))
+            return c;
+    }
+    return EOF;
+}
+
+// True for a JPEG file whose end-of-image marker is missing. Decoders fill such a picture up with grey and
+// report nothing, and a trainer would learn the grey. Walks from segment to segment (ITU T.81, annex B),
+// since what cameras append behind the picture may be long.
+static bool is_truncated_jpeg(const char *path)
+{
+    FILE *stream = fopen(path, "rb");
+    if (!stream)
+        return false;
+    bool truncated = false;
+    int marker = getc_unlocked(stream) == 0xff && getc_unlocked(stream) == 0xd8 ? 0xd8 : 0;
+    while (marker && marker != 0xd9 && !truncated) {
+        if (marker != 0xd8) {
+            const int high = getc_unlocked(stream), low = getc_unlocked(stream);
+            truncated = low == EOF || fseek(stream, high * 256L + low - 2, SEEK_CUR);
+        }
+        if (marker == 0xda) {
+            marker = scan_end(stream);
+        } else {
+            marker = getc_unlocked(stream);
+            if (marker != EOF && marker != 0xff)
+                break; // not a segment: for the decoder to judge
+            while (marker == 0xff)
+                marker = getc_unlocked(stream);
+        }
+        truncated = truncated || marker == EOF;
+    }
+    fclose(stream);
+    return truncated;
+}
+
 sgs_status sgs_image8_read(const char *path, sgs_image8 *image)
 {
-    return sgsi_oiio_read(path, image);
+    const sgs_status status = sgsi_oiio_read(path, image);
+    if (status || !is_truncated_jpeg(path))
+        return status;
+    sgs_image8_free(image);
+    return sgsi_fail(SGS_STATUS_FORMAT, "%s: ends before its picture does; it is truncated: copy it again", path);
 }
 
 sgs_status sgs_image8_probe(const char *path, int *width, int *height)

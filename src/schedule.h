@@ -1,0 +1,30 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// When things happen in a training run: the milestones of the 30 000-iteration schedule, as published or
+// scaled to another length. Pure numbers.
+
+#include <stdbool.h>
+
+#include "sparegs/trainer.h"
+
+typedef struct sgsi_schedule {
+    int iterations;
+    int densify_from, densify_until, densify_interval;
+    int reset_interval, reset_until; // opacity resets; 0 = none
+    int sh_interval;                 // one more SH band every so many iterations
+    double rate_span;                // iterations over which the position rate decays
+    int check_interval;              // SPARE-GS's equilibrium checks
+    double loss_decay;               // of the loss average behind those checks
+} sgsi_schedule;
+
+// train_views: number of training views (an average of the loss spans at least one epoch).
+sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, size_t train_views);
+
+// A structural update happens at this iteration (1-based).
+bool sgsi_schedule_is_structural(const sgsi_schedule *schedule, int iteration);
+// An opacity reset follows it.
+bool sgsi_schedule_is_reset(const sgsi_schedule *schedule, int iteration);
+// Factor between the first and the last position rate: 1 at 0, 0.01 at the end, log-linear.
+double sgsi_schedule_rate(const sgsi_schedule *schedule, int iteration);

@@ -1,0 +1,546 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// The loop. One iteration, in 3DGS's order (specs of 3DGS, section 9): rate and SH ramp, pick a view, project, refit or rebuild
+// the BVH, forward, loss, backward, statistics, structural update, opacity reset, optimiser step. Two quirks of the
+// original are kept because they shape quality: there is no optimiser step on iterations with a structural update, and
+// moments of new rows start at zero under a step counter that goes on.
+
+#include <math.h>
+#include <string.h>
+
+#include "core.h"
+#include "threads.h"
+#include "trainer_state.h"
+
+enum { TRAIN_BIN_TILES = 2 };
+
+sgs_train_options sgs_train_options_default(void)
+{
+    return (sgs_train_options){.iterations = 30000, .schedule = SGS_SCHEDULE_SCALED, .pipeline = SGS_PIPELINE_3DGS,
+                               .filter = SGS_FILTER_3DGS, .optimizer = SGS_OPTIMIZER_SPARSE, .sh_degree = 3,
+                               .spare = SGS_SPARE_ALL, .spare_grid = 32, .spare_tau_alpha = 0.05, .spare_eps_loss = 0.008,
+                               .spare_eps_count = 0.01, .spare_patience = 2, .spare_interval = 1000,
+                               .spare_demand = SGS_DEMAND_ALL, .random_points = 100000};
+}
+
+static sgs_status check_options(const sgs_train_options *o)
+{
+#define SGSI_REQUIRE(condition, text)                                                              \
+    if (!(condition))                                                                              \
+    return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, text)
+    SGSI_REQUIRE(o->iterations >= 1 && o->iterations <= 10000000, "iterations must be between 1 and 10000000");
+    SGSI_REQUIRE(o->pipeline == SGS_PIPELINE_3DGS, "pipeline must be 3dgs");
+    SGSI_REQUIRE(o->filter == SGS_FILTER_3DGS || o->filter == SGS_FILTER_NONE, "filter must be 3dgs or none");
+    SGSI_REQUIRE(o->sh_degree >= 0 && o->sh_degree <= 3, "SH degree must be between 0 and 3");
+    SGSI_REQUIRE(o->spare_grid >= 2 && o->spare_grid <= 256, "the SPARE-GS grid must be between 2 and 256");
+    SGSI_REQUIRE(o->spare_tau_alpha >= 0 && o->spare_tau_alpha <= 1, "SPARE-GS's tau_alpha must be between 0 and 1");
+    SGSI_REQUIRE(o->spare_eps_loss >= 0 && o->spare_eps_count >= 0, "SPARE-GS's tolerances must not be negative");
+    SGSI_REQUIRE(o->spare_patience >= 1 && o->spare_interval >= 1, "SPARE-GS's patience and interval must be at least 1");
+    for (int c = 0; c < 3; ++c)
+        SGSI_REQUIRE(o->background[c] >= 0 && o->background[c] <= 1, "background colours must be between 0 and 1");
+#undef SGSI_REQUIRE
+    return SGS_STATUS_OK;
+}
+
+// Random cloud: in the cube around the origin for NeRF synthetic scenes, around the cameras otherwise.
+static sgs_status random_cloud(sgs_trainer *trainer)
+{
+    const sgs_scene *scene = trainer->scene;
+    size_t n = trainer->options.random_points;
+    if (trainer->options.max_gaussians && n > trainer->options.max_gaussians)
+        n = trainer->options.max_gaussians;
+    trainer->cloud_points = sgsi_alloc(n ? n : 1, 3 * sizeof(float));
+    trainer->cloud_colors = sgsi_alloc(n ? n : 1, 3);
+    if (!trainer->cloud_points || !trainer->cloud_colors)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu random points", n);
+    const bool cube = scene->white_background != 0;
+    const double half = cube ? 1.3 : 3.0 * scene->extent;
+    for (size_t i = 0; i < 3 * n; ++i) {
+        const double u = sgsi_random_uniform(trainer->options.seed ^ 0xC10D, i);
+        trainer->cloud_points[i] = (float)((cube ? 0.0 : scene->center[i % 3]) + half * (2.0 * u - 1.0));
+        // The original draws SH coefficients in [0, 1] / 255: colours just above middle grey.
+        const double coefficient = sgsi_random_uniform(trainer->options.seed ^ 0xC0108, i) / 255.0;
+        trainer->cloud_colors[i] = (unsigned char)(255.0 * (0.5 + 0.28209479177387814 * coefficient) + 0.5);
+    }
+    trainer->cloud_count = n;
+    return SGS_STATUS_OK;
+}
+
+// The scene's cloud, thinned at random to the cap.
+static sgs_status scene_cloud(sgs_trainer *trainer)
+{
+    const sgs_scene *scene = trainer->scene;
+    const size_t cap = trainer->options.max_gaussians, n = scene->point_count;
+    const size_t wanted = cap && cap < n ? cap : n;
+    trainer->cloud_points = sgsi_alloc(wanted, 3 * sizeof(float));
+    trainer->cloud_colors = sgsi_alloc(wanted, 3);
+    if (!trainer->cloud_points || !trainer->cloud_colors)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu points", wanted);
+    if (wanted < n)
+        sgsi_warn("the sparse model has %zu points; %zu are drawn at random to honour the cap", n, wanted);
+    size_t taken = 0;
+    for (size_t i = 0; i < n && taken < wanted; ++i) {
+        // Selection sampling (Knuth, algorithm S): each subset of the size equally likely, order kept.
+        if ((double)(n - i) * sgsi_random_uniform(trainer->options.seed ^ 0x5A3D, i) >= (double)(wanted - taken))
+            continue;
+        memcpy(trainer->cloud_points + 3 * taken, scene->points + 3 * i, 3 * sizeof(float));
+        memcpy(trainer->cloud_colors + 3 * taken, scene->colors + 3 * i, 3);
+        ++taken;
+    }
+    trainer->cloud_count = taken;
+    return SGS_STATUS_OK;
+}
+
+static sgs_status copy_initial_model(sgs_trainer *trainer, const sgs_gaussians *from)
+{
+    const size_t cap = trainer->options.max_gaussians;
+    size_t wanted = cap && cap < from->count ? cap : from->count, taken = 0;
+    sgs_status status = sgs_gaussians_create(wanted + SGS_LANES, &trainer->model);
+    if (!status)
+        status = sgs_gaussians_resize(trainer->model, wanted);
+    if (status)
+        return status;
+    for (size_t i = 0; i < from->count && taken < wanted; ++i) {
+        if ((double)(from->count - i) * sgsi_random_uniform(trainer->options.seed ^ 0x5A3D, i) >= (double)(wanted - taken))
+            continue;
+        float params[SGS_PARAM_COUNT];
+        sgs_gaussians_get(from, i, params);
+        sgs_gaussians_set(trainer->model, taken++, params);
+    }
+    return SGS_STATUS_OK;
+}
+
+static sgs_status create_model(sgs_trainer *trainer)
+{
+    sgs_status status;
+    if (trainer->options.init) {
+        status = copy_initial_model(trainer, trainer->options.init);
+        trainer->options.init = NULL;
+    } else {
+        status = trainer->scene->point_count ? scene_cloud(trainer) : random_cloud(trainer);
+        if (!status)
+            status = sgs_gaussians_init_points(trainer->cloud_points, trainer->cloud_colors, trainer->cloud_count,
+                                               0.01 * trainer->scene->extent, &trainer->model);
+    }
+    if (status)
+        return status;
+    trainer->model->sh_degree = trainer->options.sh_degree;
+    status = sgsi_density_sort(trainer->model);
+    if (status)
+        return status;
+    trainer->m = sgsi_calloc(trainer->model->capacity, SGS_PARAM_COUNT * sizeof(float));
+    trainer->v = sgsi_calloc(trainer->model->capacity, SGS_PARAM_COUNT * sizeof(float));
+    if (!trainer->m || !trainer->v)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the optimiser of %zu primitives", trainer->model->count);
+    return sgsi_statistics_reserve(&trainer->statistics, trainer->model->capacity);
+}
+
+static sgs_status create_views(sgs_trainer *trainer)
+{
+    const sgs_scene *scene = trainer->scene;
+    trainer->train_views = sgsi_calloc(scene->view_count ? scene->view_count : 1, sizeof *trainer->train_views);
+    trainer->order = sgsi_calloc(scene->view_count ? scene->view_count : 1, sizeof *trainer->order);
+    trainer->depth_guesses = sgsi_calloc(scene->view_count ? scene->view_count : 1, sizeof *trainer->depth_guesses);
+    trainer->tile_counts = sgsi_calloc(scene->view_count ? scene->view_count : 1, sizeof *trainer->tile_counts);
+    if (!trainer->train_views || !trainer->order || !trainer->depth_guesses || !trainer->tile_counts)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu views", scene->view_count);
+    int width = 1, height = 1;
+    for (size_t i = 0; i < scene->view_count; ++i) {
+        const sgs_view *view = &scene->views[i];
+        if (view->split != SGS_SPLIT_TRAIN || !view->image.pixels)
+            continue;
+        const size_t k = trainer->train_view_count++;
+        const size_t tiles = (size_t)((view->camera.width + SGSI_TILE - 1) / SGSI_TILE) * (size_t)((view->camera.height + SGSI_TILE - 1) / SGSI_TILE);
+        trainer->train_views[k] = i;
+        trainer->tile_counts[k] = tiles;
+        trainer->depth_guesses[k] = sgsi_alloc(tiles, sizeof(float));
+        if (!trainer->depth_guesses[k])
+            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu views", scene->view_count);
+        for (size_t t = 0; t < tiles; ++t)
+            trainer->depth_guesses[k][t] = INFINITY;
+        width = view->camera.width > width ? view->camera.width : width;
+        height = view->camera.height > height ? view->camera.height : height;
+    }
+    if (!trainer->train_view_count)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: no view is left for training; hold out fewer", scene->path);
+    trainer->plane_floats = ((size_t)width + 15) / 16 * 16 * (size_t)height;
+    trainer->planes = sgsi_calloc(trainer->plane_floats, 8 * sizeof(float));
+    if (!trainer->planes)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for images of %dx%d pixels", width, height);
+    return sgsi_loss_reserve(trainer->loss, width, height);
+}
+
+sgs_status sgs_trainer_create(const sgs_scene *scene, const sgs_train_options *options, sgs_trainer **trainer)
+{
+    *trainer = NULL;
+    sgs_status status = check_options(options);
+    if (status)
+        return status;
+    sgs_trainer *made = sgsi_calloc(1, sizeof *made);
+    if (!made)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a trainer");
+    made->scene = scene;
+    made->options = *options;
+    made->structure_changed = true;
+    made->progress.last_reset = -1;
+    spare_equilibrium_begin(&made->progress.equilibrium);
+    status = sgsi_tracer_create(&made->tracer);
+    if (!status)
+        status = sgsi_ray_cache_create(TRAIN_BIN_TILES, (size_t)1 << 30, &made->rays);
+    if (!status)
+        status = sgsi_loss_create(&made->loss);
+    if (!status)
+        status = create_views(made);
+    if (!status)
+        status = create_model(made);
+    if (status) {
+        sgs_trainer_destroy(made);
+        return status;
+    }
+    made->schedule = sgsi_schedule_make(options, made->train_view_count);
+    *trainer = made;
+    return SGS_STATUS_OK;
+}
+
+void sgs_trainer_destroy(sgs_trainer *trainer)
+{
+    if (!trainer)
+        return;
+    for (size_t i = 0; trainer->depth_guesses && i < trainer->train_view_count; ++i)
+        sgsi_free(trainer->depth_guesses[i]);
+    sgsi_loss_destroy(trainer->loss);
+    sgsi_ray_cache_destroy(trainer->rays);
+    sgsi_tracer_destroy(trainer->tracer);
+    sgsi_statistics_free(&trainer->statistics);
+    sgs_gaussians_destroy(trainer->model);
+    void *const arrays[] = {trainer->m, trainer->v, trainer->train_views, trainer->order, trainer->depth_guesses,
+                            trainer->tile_counts, trainer->planes, trainer->cloud_points, trainer->cloud_colors};
+    for (size_t i = 0; i < sizeof arrays / sizeof *arrays; ++i)
+        sgsi_free(arrays[i]);
+    sgsi_free(trainer);
+}
+
+// A random permutation per epoch, drawn from the seed and the epoch alone.
+static size_t next_view(sgs_trainer *trainer)
+{
+    sgsi_progress *progress = &trainer->progress;
+    const size_t n = trainer->train_view_count;
+    if (progress->order_position >= n || (!progress->order_position && !progress->order_epoch)) {
+        progress->order_position = 0;
+        ++progress->order_epoch;
+    }
+    if (!progress->order_position) {
+        const uint64_t seed = sgsi_random_bits(trainer->options.seed ^ 0x0EDE2, progress->order_epoch);
+        for (size_t i = 0; i < n; ++i)
+            trainer->order[i] = (uint32_t)i;
+        for (size_t i = n; i-- > 1;) {
+            const size_t k = (size_t)(sgsi_random_uniform(seed, i) * (double)(i + 1));
+            const uint32_t kept = trainer->order[i];
+            trainer->order[i] = trainer->order[k];
+            trainer->order[k] = kept;
+        }
+    }
+    return trainer->order[progress->order_position++];
+}
+
+static int active_sh_degree(const sgs_trainer *trainer, int iteration)
+{
+    const int degree = iteration / trainer->schedule.sh_interval;
+    return degree < trainer->options.sh_degree ? degree : trainer->options.sh_degree;
+}
+
+typedef struct step_state {
+    int iteration;
+    size_t guess; // index into train_views
+    const sgs_view *source;
+    sgsi_view view;
+    sgsi_planes planes;
+    float *d_color[3], *d_transmittance;
+    float background[3];
+    bool collects, structural, resets;
+    sgsi_loss_output loss;
+} step_state;
+
+static void set_planes(sgs_trainer *trainer, step_state *step)
+{
+    float *block = trainer->planes;
+    const size_t n = trainer->plane_floats;
+    const int width = step->source->camera.width, height = step->source->camera.height;
+    step->planes = (sgsi_planes){.width = width, .height = height, .stride = ((size_t)width + 15) / 16 * 16,
+                                 .color = {block, block + n, block + 2 * n}, .transmittance = block + 3 * n};
+    for (int c = 0; c < 3; ++c)
+        step->d_color[c] = block + (size_t)(4 + c) * n;
+    step->d_transmittance = block + 7 * n;
+}
+
+static sgs_status trace_forward(sgs_trainer *trainer, step_state *step)
+{
+    sgs_train_seconds *seconds = &trainer->progress.seconds;
+    const sgsi_rays *rays;
+    sgs_status status = sgsi_ray_cache_get(trainer->rays, &step->source->camera, &rays);
+    if (status)
+        return status;
+    const sgs_render_options options = {.filter = trainer->options.filter, .near_distance = 0.2,
+                                        .sh_degree = active_sh_degree(trainer, step->iteration)};
+    sgsi_view_set(&step->view, rays, &step->source->pose, &options);
+    set_planes(trainer, step);
+    const sgsi_statistics *statistics = step->collects ? &trainer->statistics : NULL;
+    status = sgsi_tracer_project(trainer->tracer, trainer->model, &step->view, statistics ? statistics->visible_count : NULL,
+                                 statistics ? statistics->radius_max : NULL);
+    if (!status)
+        status = sgsi_tracer_commit(trainer->tracer, trainer->structure_changed, SGSI_BVH_LOW);
+    if (!status)
+        status = sgsi_tracer_forward(trainer->tracer, &step->view, &step->planes, trainer->depth_guesses[step->guess], true);
+    if (status)
+        return status;
+    trainer->structure_changed = false;
+    const sgsi_trace_seconds spent = sgsi_tracer_seconds(trainer->tracer);
+    seconds->bvh_build += spent.bvh_build;
+    seconds->bvh_refit += spent.bvh_refit;
+    seconds->gather += spent.gather;
+    seconds->forward += spent.project + spent.forward;
+    return SGS_STATUS_OK;
+}
+
+static sgs_status evaluate_loss(sgs_trainer *trainer, step_state *step)
+{
+    const double start = sgsi_seconds();
+    const sgsi_planes *planes = &step->planes;
+    const sgsi_loss_input input = {.width = planes->width, .height = planes->height, .stride = planes->stride,
+                                   .color = {planes->color[0], planes->color[1], planes->color[2]},
+                                   .transmittance = planes->transmittance,
+                                   .background = {step->background[0], step->background[1], step->background[2]},
+                                   .target = &step->source->image, .ssim_weight = 0.2f};
+    step->loss = (sgsi_loss_output){.d_color = {step->d_color[0], step->d_color[1], step->d_color[2]},
+                                    .d_transmittance = step->d_transmittance};
+    const sgs_status status = sgsi_loss_evaluate(trainer->loss, &input, &step->loss);
+    trainer->progress.seconds.loss += sgsi_seconds() - start;
+    return status;
+}
+
+typedef struct optimize_job {
+    sgsi_optimize input;
+    size_t broken[1024];
+} optimize_job;
+
+static void optimize_range(void *context, size_t begin, size_t end, int thread)
+{
+    optimize_job *job = context;
+    job->broken[thread] += sgsi_kernels_get()->optimize(&job->input, begin, end);
+}
+
+static void optimize_step(sgs_trainer *trainer, const step_state *step)
+{
+    const double start = sgsi_seconds();
+    const sgs_train_options *o = &trainer->options;
+    const sgs_camera *camera = &step->source->camera;
+    const bool dense = o->optimizer == SGS_OPTIMIZER_DENSE;
+    const bool apply = !step->structural;
+    sgsi_progress *progress = &trainer->progress;
+    progress->adam_step += apply;
+    const double t = progress->adam_step;
+    const double rate = 1.6e-4 * trainer->scene->extent * sgsi_schedule_rate(&trainer->schedule, step->iteration);
+    optimize_job job = {.input = {.params = trainer->model->data, .m = trainer->m, .v = trainer->v,
+                                  .count = trainer->model->count, .view = step->view,
+                                  .sums = sgsi_tracer_sums(trainer->tracer), .touched = sgsi_tracer_touched(trainer->tracer),
+                                  .dense = dense, .apply = apply, .rate_mean = (float)rate, .rate_rotation = 1e-3f,
+                                  .rate_scale = 5e-3f, .rate_opacity = 0.025f, .rate_dc = 2.5e-3f, .rate_rest = 1.25e-4f,
+                                  .beta1 = 0.9f, .beta2 = 0.999f, .epsilon = 1e-15f,
+                                  .correction1 = dense && apply ? (float)(1.0 / (1.0 - pow(0.9, t))) : 1.0f,
+                                  .correction2 = dense && apply ? (float)(1.0 / sqrt(1.0 - pow(0.999, t))) : 1.0f,
+                                  .gradient_sum = step->collects ? trainer->statistics.gradient_sum : NULL,
+                                  .tan_half_x = 0.5f * (float)camera->width / step->view.rays->fx,
+                                  .tan_half_y = 0.5f * (float)camera->height / step->view.rays->fy}};
+    if (apply || step->collects)
+        sgsi_parallel_ranges((trainer->model->count + SGS_LANES - 1) / SGS_LANES, 64, optimize_range, &job);
+    size_t broken = 0;
+    for (int i = 0; i < sgsi_threads(); ++i)
+        broken += job.broken[i];
+    if (broken)
+        sgsi_warn("iteration %d, view %s: the gradients of %zu primitives are not finite; they are left as they were",
+                  step->iteration, step->source->name, broken);
+    progress->seconds.optimizer += sgsi_seconds() - start;
+}
+
+static spare_options spare_settings(const sgs_train_options *o)
+{
+    spare_options spare = spare_options_default();
+    spare.grid = o->spare_grid;
+    spare.tau_alpha = o->spare_tau_alpha;
+    spare.use_h = o->spare_demand & SGS_DEMAND_H;
+    spare.use_v = o->spare_demand & SGS_DEMAND_V;
+    spare.use_c = o->spare_demand & SGS_DEMAND_C;
+    return spare;
+}
+
+static sgs_status update_structure(sgs_trainer *trainer, const step_state *step, sgs_step_info *info)
+{
+    const double start = sgsi_seconds();
+    const sgs_train_options *o = &trainer->options;
+    const sgsi_schedule *schedule = &trainer->schedule;
+    sgsi_progress *progress = &trainer->progress;
+    const double extent = trainer->scene->extent;
+    const bool rests = spare_pruning_rests(step->iteration, progress->last_reset, schedule->densify_interval);
+    const sgsi_density_options options = {.gradient_threshold = 2e-4, .opacity_min = 0.005, .size_split = 0.01 * extent,
+                                          .size_max = step->iteration > schedule->reset_interval ? 0.1 * extent : INFINITY,
+                                          .max_count = o->max_gaussians, .seed = o->seed, .iteration = step->iteration,
+                                          .spare_densify = o->spare & SGS_SPARE_BMD,
+                                          .spare_prune = (o->spare & SGS_SPARE_RAP) && !rests, .spare = spare_settings(o)};
+    sgsi_density_result result;
+    const sgs_status status = sgsi_density_update(trainer->model, &trainer->m, &trainer->v, &trainer->statistics, &options, &result);
+    if (status)
+        return status;
+    trainer->structure_changed = true;
+    info->structural = true;
+    info->densified = result.cloned + result.split;
+    info->pruned = result.pruned;
+    info->spare_pruned = result.spare_pruned;
+    info->regions = result.regions;
+    info->over_budget_share = result.over_budget_share;
+    info->mean_weight = result.mean_weight;
+    info->bmd_suppressed = result.bmd_suppressed;
+    info->bmd_boosted = result.bmd_boosted;
+    info->spare_seconds = result.spare_seconds;
+    progress->seconds.spare += result.spare_seconds;
+    progress->seconds.density += sgsi_seconds() - start - result.spare_seconds;
+    return SGS_STATUS_OK;
+}
+
+static void reset_opacity(sgs_trainer *trainer, int iteration)
+{
+    sgsi_density_reset_opacity(trainer->model, trainer->m, trainer->v, 0.01);
+    trainer->progress.last_reset = iteration;
+    trainer->progress.reset_since_check = 1;
+    for (size_t i = 0; i < trainer->train_view_count; ++i)
+        for (size_t t = 0; t < trainer->tile_counts[i]; ++t)
+            trainer->depth_guesses[i][t] = INFINITY; // nothing is opaque now
+}
+
+static void describe_equilibrium(sgs_trainer *trainer)
+{
+    const spare_equilibrium *e = &trainer->progress.equilibrium;
+    snprintf(trainer->stop_text, sizeof trainer->stop_text,
+             "stopped at %d of %d: loss changed %.2f %%, count %.2f %% in the last of %d checks", trainer->progress.iteration,
+             trainer->options.iterations, 100.0 * e->last_loss_change, 100.0 * e->last_count_change, trainer->options.spare_patience);
+}
+
+static sgs_stop_reason decide_stop(sgs_trainer *trainer, const step_state *step)
+{
+    sgsi_progress *progress = &trainer->progress;
+    const sgs_train_options *o = &trainer->options;
+    if (o->spare & SGS_SPARE_EDT) {
+        spare_equilibrium_observe(&progress->equilibrium, step->loss.loss, trainer->schedule.loss_decay);
+        if (step->iteration % trainer->schedule.check_interval == 0) {
+            const bool still = spare_equilibrium_check(&progress->equilibrium, trainer->model->count, progress->reset_since_check,
+                                                       o->spare_eps_loss, o->spare_eps_count, o->spare_patience);
+            progress->reset_since_check = 0;
+            if (still && step->iteration < o->iterations) {
+                describe_equilibrium(trainer);
+                return SGS_STOP_EQUILIBRIUM;
+            }
+        }
+    }
+    if (step->iteration < o->iterations)
+        return SGS_STOP_NONE;
+    snprintf(trainer->stop_text, sizeof trainer->stop_text, "all %d iterations done", o->iterations);
+    return SGS_STOP_SCHEDULE;
+}
+
+static double follow(double *average, double *weight, double value)
+{
+    if (isfinite(value)) {
+        *average = 0.98 * *average + 0.02 * value;
+        *weight = 0.98 * *weight + 0.02;
+    }
+    return *weight > 0.0 ? *average / *weight : 0.0;
+}
+
+static void fill_info(sgs_trainer *trainer, const step_state *step, sgs_step_info *info)
+{
+    sgsi_progress *progress = &trainer->progress;
+    info->iteration = step->iteration;
+    info->view = (size_t)(step->source - trainer->scene->views);
+    info->loss = step->loss.loss;
+    info->loss_average = follow(&progress->loss_average, &progress->loss_weight, step->loss.loss);
+    info->psnr_average = follow(&progress->psnr_average, &progress->psnr_weight, -10.0 * log10(fmax(step->loss.mse, 1e-12)));
+    info->gaussians = trainer->model->count;
+}
+
+static size_t count_visible(const sgs_trainer *trainer)
+{
+    const uint8_t *touched = sgsi_tracer_touched(trainer->tracer);
+    size_t blocks = 0;
+    for (size_t i = 0; i < (trainer->model->count + SGS_LANES - 1) / SGS_LANES; ++i)
+        blocks += touched[i];
+    return blocks * SGS_LANES;
+}
+
+sgs_status sgs_trainer_step(sgs_trainer *trainer, sgs_step_info *info)
+{
+    const double start = sgsi_seconds();
+    sgsi_progress *progress = &trainer->progress;
+    *info = (sgs_step_info){.mean_weight = 1.0};
+    if (progress->stop != SGS_STOP_NONE)
+        return sgsi_fail(SGS_STATUS_LIMIT, "training is over after %d iterations", progress->iteration);
+    const int iteration = progress->iteration + 1;
+    step_state step = {.iteration = iteration, .structural = sgsi_schedule_is_structural(&trainer->schedule, iteration),
+                       .collects = iteration < trainer->schedule.densify_until,
+                       .resets = sgsi_schedule_is_reset(&trainer->schedule, iteration)};
+    step.guess = next_view(trainer);
+    step.source = &trainer->scene->views[trainer->train_views[step.guess]];
+    for (int c = 0; c < 3; ++c)
+        step.background[c] = trainer->options.background_random
+                                 ? (float)sgsi_random_uniform(trainer->options.seed ^ 0xBAC6, 3 * (uint64_t)iteration + (uint64_t)c)
+                                 : trainer->options.background[c];
+    sgs_status status = trace_forward(trainer, &step);
+    if (!status)
+        status = evaluate_loss(trainer, &step);
+    if (!status)
+        status = sgsi_tracer_backward(trainer->tracer, &step.view, &step.planes, step.d_color, step.d_transmittance);
+    if (status)
+        return status;
+    const sgsi_trace_seconds spent = sgsi_tracer_seconds(trainer->tracer);
+    progress->seconds.backward += spent.backward + spent.reduce;
+    info->visible = count_visible(trainer);
+    optimize_step(trainer, &step);
+    if (step.structural)
+        status = update_structure(trainer, &step, info);
+    if (status)
+        return status;
+    if (step.resets)
+        reset_opacity(trainer, iteration);
+    progress->iteration = iteration;
+    fill_info(trainer, &step, info);
+    info->stop = decide_stop(trainer, &step);
+    progress->stop = info->stop;
+    progress->seconds.total += sgsi_seconds() - start;
+    return SGS_STATUS_OK;
+}
+
+const sgs_gaussians *sgs_trainer_model(const sgs_trainer *trainer)
+{
+    return trainer->model;
+}
+
+int sgs_trainer_iteration(const sgs_trainer *trainer)
+{
+    return trainer->progress.iteration;
+}
+
+sgs_train_seconds sgs_trainer_seconds(const sgs_trainer *trainer)
+{
+    return trainer->progress.seconds;
+}
+
+const char *sgs_trainer_stop_text(const sgs_trainer *trainer)
+{
+    return trainer->stop_text;
+}
+
+size_t sgs_trainer_initial_cloud(const sgs_trainer *trainer, const float **points, const unsigned char **colors)
+{
+    *points = trainer->cloud_points;
+    *colors = trainer->cloud_colors;
+    return trainer->cloud_count;
+}

@@ -1,0 +1,52 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// The trainer's inside, shared by trainer.c (the loop) and checkpoint.c (to disk and back).
+
+#include "density.h"
+#include "loss.h"
+#include "rays.h"
+#include "schedule.h"
+#include "sparegs/trainer.h"
+#include "tracer.h"
+
+// Everything a resumed run must find again, besides arrays.
+typedef struct sgsi_progress {
+    int32_t iteration;          // done
+    int32_t adam_step;          // optimiser steps made (bias correction of dense Adam)
+    int32_t last_reset;         // iteration of the last opacity reset, -1 = none
+    int32_t reset_since_check;
+    uint32_t order_position, order_epoch; // of the view permutation
+    int32_t stop;               // sgs_stop_reason
+    int32_t reserved;
+    double loss_average, loss_weight; // for the progress line
+    double psnr_average, psnr_weight;
+    spare_equilibrium equilibrium;
+    sgs_train_seconds seconds;
+} sgsi_progress;
+
+struct sgs_trainer {
+    const sgs_scene *scene;
+    sgs_train_options options;
+    sgsi_schedule schedule;
+    sgs_gaussians *model;
+    float *m, *v; // Adam's moments, model layout
+    sgsi_statistics statistics;
+    sgsi_tracer *tracer;
+    sgsi_ray_cache *rays;
+    sgsi_loss_workspace *loss;
+    size_t *train_views; // indices into scene->views
+    size_t train_view_count;
+    uint32_t *order;     // permutation of train_views of this epoch
+    float **depth_guesses; // per training view, [tiles]
+    size_t *tile_counts;   // per training view
+    float *planes;       // colour, transmittance and their gradients: 8 planes
+    size_t plane_floats; // per plane
+    bool structure_changed;
+    sgsi_progress progress;
+    float *cloud_points;
+    unsigned char *cloud_colors;
+    size_t cloud_count;
+    char stop_text[160];
+};

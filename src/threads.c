@@ -14,7 +14,7 @@ static int thread_count;
 
 void sgsi_threads_set(int count)
 {
-    thread_count = count < 0 ? 0 : count;
+    thread_count = count < 0 ? 0 : count > SGSI_THREADS_MAX ? SGSI_THREADS_MAX : count;
 }
 
 void sgs_set_threads(int count)
@@ -34,6 +34,8 @@ int sgsi_threads(void)
         thread_count = sched_getaffinity(0, sizeof mask, &mask) ? omp_get_num_procs() : CPU_COUNT(&mask);
         if (thread_count < 1)
             thread_count = 1;
+        if (thread_count > SGSI_THREADS_MAX)
+            thread_count = SGSI_THREADS_MAX;
     }
     return thread_count;
 }

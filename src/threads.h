@@ -7,7 +7,9 @@
 
 #include <stddef.h>
 
-// Number of threads of the coming loops. Default: cores of the affinity mask.
+enum { SGSI_THREADS_MAX = 4096 };
+
+// Number of threads of the coming loops, at most SGSI_THREADS_MAX. Default: cores of the affinity mask.
 void sgsi_threads_set(int count);
 int sgsi_threads(void);
 

@@ -20,7 +20,7 @@
 #include "core.h"
 #include "threads.h"
 
-enum { REDUCE_SLOTS = 1 << 18, MAX_THREADS = 1024 };
+enum { REDUCE_SLOTS = 1 << 18, MAX_THREADS = SGSI_THREADS_MAX };
 
 typedef struct thread_state {
     sgsi_scratch scratch;
@@ -66,16 +66,23 @@ sgs_status sgsi_tracer_create(sgsi_tracer **tracer)
     return SGS_STATUS_OK;
 }
 
+void sgsi_scratch_free(sgsi_scratch *s)
+{
+    void *const arrays[] = {s->soa, s->candidates, s->tile_records, s->tile_ids, s->entries, s->order, s->alpha, s->t,
+                            s->transmittance, s->prefix, s->t_before, s->a, s->b, s->e, s->q, s->sums, s->walk};
+    for (size_t i = 0; i < sizeof arrays / sizeof *arrays; ++i)
+        sgsi_free(arrays[i]);
+    *s = (sgsi_scratch){0};
+}
+
 static void free_thread(thread_state *thread)
 {
     if (!thread)
         return;
-    sgsi_scratch *s = &thread->scratch;
-    void *const arrays[] = {s->soa, s->candidates, s->tile_records, s->tile_ids, s->entries, s->order, s->alpha, s->t,
-                            s->transmittance, s->prefix, s->t_before, s->a, s->b, s->e, s->q, s->sums, s->walk,
-                            thread->gathered.ids, thread->keys, thread->keys_spare};
-    for (size_t i = 0; i < sizeof arrays / sizeof *arrays; ++i)
-        sgsi_free(arrays[i]);
+    sgsi_scratch_free(&thread->scratch);
+    sgsi_free(thread->gathered.ids);
+    sgsi_free(thread->keys);
+    sgsi_free(thread->keys_spare);
     sgsi_arena_free(&thread->arena);
     sgsi_free(thread);
 }
@@ -96,7 +103,7 @@ void sgsi_tracer_destroy(sgsi_tracer *tracer)
 
 static sgs_status prepare_threads(sgsi_tracer *tracer)
 {
-    for (int i = 0; i < sgsi_threads() && i < MAX_THREADS; ++i) {
+    for (int i = 0; i < sgsi_threads(); ++i) {
         if (!tracer->threads[i])
             tracer->threads[i] = sgsi_calloc(1, sizeof *tracer->threads[i]);
         if (!tracer->threads[i])
@@ -175,8 +182,7 @@ sgs_status sgsi_tracer_commit(sgsi_tracer *tracer, bool rebuild, sgsi_bvh_qualit
     return SGS_STATUS_OK;
 }
 
-// Grows the scratch arrays together; contents are lost.
-static bool reserve_scratch(sgsi_scratch *s, size_t capacity)
+bool sgsi_scratch_reserve(sgsi_scratch *s, size_t capacity)
 {
     if (capacity <= s->capacity)
         return true;
@@ -280,7 +286,7 @@ static size_t gather_bin(const forward_pass *pass, thread_state *state, int bin,
         if (!state->keys || !state->keys_spare)
             state->key_capacity = 0;
     }
-    if (!state->status && (gathered > state->key_capacity || !reserve_scratch(&state->scratch, gathered + 16)))
+    if (!state->status && (gathered > state->key_capacity || !sgsi_scratch_reserve(&state->scratch, gathered + 16)))
         state->status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the %zu candidates of a bin", gathered);
     if (state->status)
         return 0;
@@ -480,7 +486,7 @@ static void backward_tile(void *context, size_t item, int thread)
     if (!list->count || state->status)
         return;
     sgsi_scratch *s = &state->scratch;
-    if (!reserve_scratch(s, list->count + 16)) {
+    if (!sgsi_scratch_reserve(s, list->count + 16)) {
         state->status = SGS_STATUS_OUT_OF_MEMORY;
         return;
     }
@@ -594,6 +600,11 @@ sgsi_trace_seconds sgsi_tracer_seconds(const sgsi_tracer *tracer)
 sgsi_trace_counts sgsi_tracer_counts(const sgsi_tracer *tracer)
 {
     return tracer->counts;
+}
+
+const sgsi_tile_list *sgsi_tracer_lists(const sgsi_tracer *tracer)
+{
+    return tracer->lists;
 }
 
 const sgsi_bvh *sgsi_tracer_bvh(const sgsi_tracer *tracer)

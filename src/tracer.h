@@ -55,7 +55,12 @@ const uint8_t *sgsi_tracer_touched(const sgsi_tracer *tracer); // [capacity / 16
 const float *sgsi_tracer_records(const sgsi_tracer *tracer);   // [capacity][16]
 sgsi_trace_seconds sgsi_tracer_seconds(const sgsi_tracer *tracer);
 sgsi_trace_counts sgsi_tracer_counts(const sgsi_tracer *tracer);
+const sgsi_tile_list *sgsi_tracer_lists(const sgsi_tracer *tracer); // [tiles], of the last forward pass that kept them
 const sgsi_bvh *sgsi_tracer_bvh(const sgsi_tracer *tracer);
+
+// Scratch of the kernels for `capacity` primitives: grows all arrays together, contents are lost. False when out of memory.
+bool sgsi_scratch_reserve(sgsi_scratch *scratch, size_t capacity);
+void sgsi_scratch_free(sgsi_scratch *scratch);
 
 // Fills a view from a camera's rays and a pose. filter: SGS_FILTER_3DGS or SGS_FILTER_NONE.
 void sgsi_view_set(sgsi_view *view, const sgsi_rays *rays, const sgs_pose *pose, const sgs_render_options *options);

@@ -1,0 +1,338 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// The sixteen lanes of src/simd.h, on every instruction set the machine has: each operation against its
+// plain C meaning, the exponential against double precision over its whole range, sums against the documented tree to the
+// bit, and AVX2 against AVX-512 to the bit: on that rests the promise that a training run gives the same model on both.
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include <cmocka.h>
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "core.h"
+#include "simd_probe.h"
+#include "sparegs/runtime.h"
+
+static const simd_probe *probes[SGS_ISA_COUNT];
+static int probe_count;
+
+static int find_probes(void **state)
+{
+    (void)state;
+    probes[probe_count++] = &simd_probe_baseline;
+#ifdef SGSI_X86
+    if (sgs_isa_supported(SGS_ISA_AVX2))
+        probes[probe_count++] = &simd_probe_avx2;
+    if (sgs_isa_supported(SGS_ISA_AVX512))
+        probes[probe_count++] = &simd_probe_avx512;
+#endif
+    return 0;
+}
+
+static float random_float(uint64_t seed, uint64_t counter, double low, double high)
+{
+    return (float)(low + (high - low) * sgsi_random_uniform(seed, counter));
+}
+
+static void fill(float *x, size_t count, uint64_t seed, double low, double high)
+{
+    for (size_t i = 0; i < count; ++i)
+        x[i] = random_float(seed, i, low, high);
+}
+
+// ---- The exponential ----
+
+enum { GRID = 1 << 20 };
+
+// Dense where the polynomial works, random over the range, and every integer and half integer with its neighbours.
+static size_t exp2_arguments(float *x)
+{
+    size_t count = 0;
+    for (; count < GRID; ++count)
+        x[count] = (float)((double)count / GRID - 0.5);
+    for (; count < 2 * GRID; ++count)
+        x[count] = random_float(1, count, -126, 126);
+    for (int twice = -252; twice <= 252; ++twice) {
+        const float at = 0.5f * (float)twice;
+        const float around[3] = {nextafterf(at, -1000), at, nextafterf(at, 1000)};
+        for (int k = 0; k < 3; ++k)
+            if (fabsf(around[k]) <= 126.0f)
+                x[count++] = around[k];
+    }
+    while (count % 16)
+        x[count++] = 0.0f;
+    return count;
+}
+
+static void exp2_is_within_1_2e_7_of_double_over_its_whole_range(void **state)
+{
+    (void)state;
+    float *x = sgsi_alloc(2 * GRID + 2048, sizeof *x), *y = sgsi_alloc(2 * GRID + 2048, sizeof *y);
+    const size_t count = exp2_arguments(x);
+    for (int k = 0; k < probe_count; ++k) {
+        double worst = 0;
+        probes[k]->exp2(x, y, count);
+        for (size_t i = 0; i < count; ++i) {
+            const double expected = exp2(x[i]), error = fabs(y[i] - expected) / expected;
+            if (!(error <= worst))
+                worst = error;
+        }
+        print_message("exp2 %s: worst relative error %.3g\n", probes[k]->name, worst);
+        assert_true(worst <= 1.2e-7);
+    }
+    sgsi_free(x);
+    sgsi_free(y);
+}
+
+// The argument is rounded twice on its way to base 2 (product and constant), each by 2^-24 of |x log2(e)|.
+static void exp_is_exp2_of_a_rounded_product(void **state)
+{
+    (void)state;
+    float x[4096] __attribute__((aligned(64))), y[4096] __attribute__((aligned(64)));
+    fill(x, 4096, 2, -87, 87);
+    for (int k = 0; k < probe_count; ++k) {
+        probes[k]->exp(x, y, 4096);
+        for (int i = 0; i < 4096; ++i)
+            assert_true(fabs(y[i] - exp(x[i])) <= exp(x[i]) * 1.2e-7 * (1 + fabs((double)x[i])));
+    }
+}
+
+// ---- Lane by lane ----
+
+static void arithmetic_is_ieee_and_fma_is_fused_on_vector_isas(void **state)
+{
+    (void)state;
+    float x[16] __attribute__((aligned(64))), y[16] __attribute__((aligned(64))), z[16] __attribute__((aligned(64)));
+    float out[PROBE_ARITHMETIC_COUNT][16] __attribute__((aligned(64)));
+    for (uint64_t seed = 0; seed < 200; ++seed) {
+        fill(x, 16, 3 * seed, -1, 1);
+        fill(y, 16, 3 * seed + 1, -2, 2);
+        fill(z, 16, 3 * seed + 2, -1, 1);
+        for (int k = 0; k < probe_count; ++k) {
+            const bool fused = probes[k] != &simd_probe_baseline;
+            probes[k]->arithmetic(x, y, z, out);
+            for (int i = 0; i < 16; ++i) {
+                const float product = x[i] * y[i];
+                assert_true(out[PROBE_ADD][i] == x[i] + y[i]);
+                assert_true(out[PROBE_SUB][i] == x[i] - y[i]);
+                assert_true(out[PROBE_MUL][i] == product);
+                assert_true(out[PROBE_DIV][i] == x[i] / y[i]);
+                assert_true(out[PROBE_FMA][i] == (fused ? fmaf(x[i], y[i], z[i]) : product + z[i]));
+                assert_true(out[PROBE_FNMA][i] == (fused ? fmaf(-x[i], y[i], z[i]) : z[i] - product));
+                assert_true(out[PROBE_FMS][i] == (fused ? fmaf(x[i], y[i], -z[i]) : product - z[i]));
+                assert_true(out[PROBE_ABS][i] == fabsf(x[i]));
+                assert_true(out[PROBE_SQRT][i] == sqrtf(fabsf(x[i])));
+                assert_true(out[PROBE_CLAMP][i] == fminf(fmaxf(x[i], -0.25f), 0.5f));
+            }
+        }
+    }
+}
+
+// Pairs of every kind: ordinary, equal, signed zeros, infinities, NaN on either side.
+static void special_pairs(float x[16], float y[16])
+{
+    const float values[16][2] = {{1, 2}, {2, 1}, {3, 3}, {-1, 1}, {0.0f, -0.0f}, {-0.0f, 0.0f}, {INFINITY, 1}, {1, INFINITY},
+                                 {-INFINITY, 1}, {INFINITY, INFINITY}, {NAN, 1}, {1, NAN}, {NAN, NAN}, {1e-30f, 0},
+                                 {-3, -2}, {-2, -3}};
+    for (int i = 0; i < 16; ++i) {
+        x[i] = values[i][0];
+        y[i] = values[i][1];
+    }
+}
+
+static uint32_t bits_of(float x)
+{
+    uint32_t bits;
+    memcpy(&bits, &x, sizeof bits);
+    return bits;
+}
+
+// A comparison with NaN is false; min and max give the second operand when either is NaN.
+static void comparisons_select_and_minimum_agree_with_c_even_for_nan(void **state)
+{
+    (void)state;
+    float x[16] __attribute__((aligned(64))), y[16] __attribute__((aligned(64)));
+    float out[PROBE_LANE_COUNT][16] __attribute__((aligned(64)));
+    special_pairs(x, y);
+    for (int k = 0; k < probe_count; ++k) {
+        unsigned words[PROBE_MASK_COUNT];
+        probes[k]->masks(x, y, 0, 0, words);
+        probes[k]->lanes(x, y, 0xA5C3, out);
+        for (int i = 0; i < 16; ++i) {
+            const unsigned chosen = 0xA5C3u >> i & 1;
+            assert_int_equal(words[PROBE_LT] >> i & 1, x[i] < y[i]);
+            assert_int_equal(words[PROBE_LE] >> i & 1, x[i] <= y[i]);
+            assert_int_equal(words[PROBE_GT] >> i & 1, x[i] > y[i]);
+            assert_int_equal(words[PROBE_GE] >> i & 1, x[i] >= y[i]);
+            assert_int_equal(bits_of(out[PROBE_MIN][i]), bits_of(x[i] < y[i] ? x[i] : y[i]));
+            assert_int_equal(bits_of(out[PROBE_MAX][i]), bits_of(x[i] > y[i] ? x[i] : y[i]));
+            assert_int_equal(bits_of(out[PROBE_SELECT][i]), bits_of(chosen ? x[i] : y[i]));
+            assert_int_equal(bits_of(out[PROBE_KEEP][i]), chosen ? bits_of(x[i]) : 0);
+            assert_int_equal(bits_of(out[PROBE_STORE_MASKED][i]), bits_of(chosen ? x[i] : -1.0f));
+            assert_int_equal(bits_of(out[PROBE_COPY_UNALIGNED][i]), bits_of(x[i]));
+            assert_int_equal(bits_of(out[PROBE_SET1][i]), bits_of(x[0]));
+        }
+    }
+}
+
+static void masks_are_sixteen_bits(void **state)
+{
+    (void)state;
+    const float zero[16] __attribute__((aligned(64))) = {0};
+    for (int k = 0; k < probe_count; ++k) {
+        for (uint64_t seed = 0; seed < 500; ++seed) {
+            unsigned a = (unsigned)(sgsi_random_bits(5, seed) & 0xFFFF), words[PROBE_MASK_COUNT];
+            const unsigned b = (unsigned)(sgsi_random_bits(6, seed) & 0xFFFF);
+            if (seed < 18)
+                a = seed < 16 ? 1u << seed : seed == 16 ? 0xFFFFu : 0;
+            probes[k]->masks(zero, zero, a, b, words);
+            assert_int_equal(words[PROBE_AND], a & b);
+            assert_int_equal(words[PROBE_OR], a | b);
+            assert_int_equal(words[PROBE_ANDNOT], a & ~b);
+            assert_int_equal(words[PROBE_NOT], ~a & 0xFFFF);
+            assert_int_equal(words[PROBE_NONE], 0);
+            assert_int_equal(words[PROBE_ANY_A], a != 0);
+            assert_int_equal(words[PROBE_ANY_NONE], 0);
+        }
+    }
+}
+
+static void integers_wrap_shift_and_round_to_even(void **state)
+{
+    (void)state;
+    int32_t p[16] __attribute__((aligned(64))), q[16] __attribute__((aligned(64)));
+    int32_t out[PROBE_INTEGER_COUNT][16] __attribute__((aligned(64)));
+    float back[16] __attribute__((aligned(64)));
+    const float x[16] __attribute__((aligned(64))) = {0.5f, 1.5f, 2.5f, -0.5f, -1.5f, 0.49999997f, 0.50000006f, 1e6f,
+                                                      -3.7f, 3.7f, 8388608.5f, -0.0f, 7, -7, 2.4999998f, 100000.5f};
+    for (int i = 0; i < 16; ++i) {
+        p[i] = (int32_t)sgsi_random_bits(7, (uint64_t)i);
+        q[i] = (int32_t)sgsi_random_bits(8, (uint64_t)i);
+    }
+    p[0] = INT32_MAX, q[0] = 1, p[1] = -1, p[2] = INT32_MIN;
+    for (int k = 0; k < probe_count; ++k) {
+        probes[k]->integers(p, q, x, out);
+        probes[k]->to_float(p, back);
+        for (int i = 0; i < 16; ++i) {
+            assert_int_equal((uint32_t)out[PROBE_IADD][i], (uint32_t)p[i] + (uint32_t)q[i]);
+            assert_int_equal((uint32_t)out[PROBE_SLL][i], (uint32_t)p[i] << 23);
+            assert_int_equal(out[PROBE_SRA][i], (int32_t)floor(p[i] / 128.0));
+            assert_int_equal(out[PROBE_ROUND][i], (int32_t)nearbyint(x[i]));
+            assert_int_equal(out[PROBE_BITS][i], p[i]);
+            assert_int_equal(out[PROBE_ISET1][i], p[0]);
+            assert_true(back[i] == (float)p[i]);
+        }
+    }
+}
+
+static void bytes_become_floats_at_any_address(void **state)
+{
+    (void)state;
+    uint8_t bytes[256 + 16];
+    float out[16] __attribute__((aligned(64)));
+    for (int i = 0; i < 272; ++i)
+        bytes[i] = (uint8_t)(i * 89);
+    for (int k = 0; k < probe_count; ++k) {
+        for (int offset = 0; offset <= 256; ++offset) {
+            probes[k]->load_u8(bytes + offset, out);
+            for (int i = 0; i < 16; ++i)
+                assert_true(out[i] == (float)bytes[offset + i]);
+        }
+    }
+}
+
+// ---- Across lanes ----
+
+static float tree_sum(const float *x)
+{
+    float a[8], b[4];
+    for (int i = 0; i < 8; ++i)
+        a[i] = x[i] + x[i + 8];
+    for (int i = 0; i < 4; ++i)
+        b[i] = a[i] + a[i + 4];
+    return (b[0] + b[2]) + (b[1] + b[3]);
+}
+
+static void sums_follow_the_documented_tree_to_the_bit(void **state)
+{
+    (void)state;
+    float x[16][16] __attribute__((aligned(64))), out[16] __attribute__((aligned(64)));
+    for (uint64_t seed = 0; seed < 300; ++seed) {
+        fill(x[0], 256, seed, -1, 1);
+        for (int i = 0; i < 16; ++i) // over many magnitudes, so that every other tree would differ
+            for (int k = 0; k < 16; ++k)
+                x[i][k] *= exp2f(random_float(99, seed * 256 + (uint64_t)(16 * i + k), -12, 12));
+        for (int k = 0; k < probe_count; ++k) {
+            probes[k]->sum16((const float(*)[16])x, out);
+            for (int i = 0; i < 16; ++i) {
+                assert_int_equal(bits_of(probes[k]->sum(x[i])), bits_of(tree_sum(x[i])));
+                assert_int_equal(bits_of(out[i]), bits_of(tree_sum(x[i])));
+            }
+        }
+    }
+}
+
+static void transpose_moves_every_lane_to_its_place(void **state)
+{
+    (void)state;
+    float x[16][16] __attribute__((aligned(64)));
+    for (int k = 0; k < probe_count; ++k) {
+        for (int i = 0; i < 16; ++i)
+            for (int j = 0; j < 16; ++j)
+                x[i][j] = (float)(16 * i + j);
+        probes[k]->transpose(x);
+        for (int i = 0; i < 16; ++i)
+            for (int j = 0; j < 16; ++j)
+                assert_true(x[i][j] == (float)(16 * j + i));
+    }
+}
+
+static void avx2_and_avx512_give_the_same_bits(void **state)
+{
+    (void)state;
+#ifdef SGSI_X86
+    if (!sgs_isa_supported(SGS_ISA_AVX512))
+        skip();
+    const simd_probe *narrow = &simd_probe_avx2, *wide = &simd_probe_avx512;
+    static float x[1 << 16] __attribute__((aligned(64))), y[1 << 16] __attribute__((aligned(64)));
+    static float left[1 << 16] __attribute__((aligned(64))), right[1 << 16] __attribute__((aligned(64)));
+    fill(x, 1 << 16, 10, -126, 126);
+    fill(y, 1 << 16, 11, -3, 3);
+    narrow->exp2(x, left, 1 << 16);
+    wide->exp2(x, right, 1 << 16);
+    assert_memory_equal(left, right, sizeof left);
+    float a[PROBE_ARITHMETIC_COUNT][16] __attribute__((aligned(64))), b[PROBE_ARITHMETIC_COUNT][16] __attribute__((aligned(64)));
+    for (size_t i = 0; i + 48 <= 1 << 16; i += 48) {
+        narrow->arithmetic(x + i, y + i, x + i + 32, a);
+        wide->arithmetic(x + i, y + i, x + i + 32, b);
+        assert_memory_equal(a, b, sizeof a);
+    }
+#else
+    skip();
+#endif
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(exp2_is_within_1_2e_7_of_double_over_its_whole_range),
+        cmocka_unit_test(exp_is_exp2_of_a_rounded_product),
+        cmocka_unit_test(arithmetic_is_ieee_and_fma_is_fused_on_vector_isas),
+        cmocka_unit_test(comparisons_select_and_minimum_agree_with_c_even_for_nan),
+        cmocka_unit_test(masks_are_sixteen_bits),
+        cmocka_unit_test(integers_wrap_shift_and_round_to_even),
+        cmocka_unit_test(bytes_become_floats_at_any_address),
+        cmocka_unit_test(sums_follow_the_documented_tree_to_the_bit),
+        cmocka_unit_test(transpose_moves_every_lane_to_its_place),
+        cmocka_unit_test(avx2_and_avx512_give_the_same_bits),
+    };
+    return cmocka_run_group_tests(tests, find_probes, NULL);
+}

@@ -99,9 +99,10 @@ static sgs_status finish_cameras(loader *l)
     for (size_t i = 1; i < l->camera_count; ++i) {
         const camera_entry *a = &l->cameras[i - 1], *b = &l->cameras[i];
         if (a->id == b->id)
-            return sgsi_fail(SGS_STATUS_FORMAT, "%s: %s %llu: camera id %u is already used at %s %llu; keep one of them",
-                             l->path, l->unit, (unsigned long long)(a->place > b->place ? a->place : b->place), a->id,
-                             l->unit, (unsigned long long)(a->place > b->place ? b->place : a->place));
+            return sgsi_fail(SGS_STATUS_FORMAT,
+                             "%s: %s %llu: camera id %u is already used at %s %llu; keep one of them", l->path, l->unit,
+                             (unsigned long long)(a->place > b->place ? a->place : b->place), a->id, l->unit,
+                             (unsigned long long)(a->place > b->place ? b->place : a->place));
     }
     return SGS_STATUS_OK;
 }
@@ -381,8 +382,10 @@ static bool word_integer(char **cursor, uint64_t limit, uint64_t *value)
 
 static sgs_status bad_line(const loader *l, const char *expected)
 {
-    return sgsi_fail(SGS_STATUS_FORMAT, "%s: line %llu: is not of the form %s; the file is truncated or damaged: export "
-                     "it again", l->path, (unsigned long long)l->place, expected);
+    return sgsi_fail(SGS_STATUS_FORMAT,
+                     "%s: line %llu: is not of the form %s; the file is truncated or damaged: export "
+                     "it again",
+                     l->path, (unsigned long long)l->place, expected);
 }
 
 static void compare_announced(const loader *l, const lines *t, uint64_t count, const char *what)
@@ -540,9 +543,10 @@ static sgs_status read_file(loader *l, const char *folder, const char *name, sgs
     } else if (!status) {
         const uint8_t *nul = memchr(content, 0, size);
         lines t = {.next = (char *)content, .end = (char *)content + size, .announced = UINT64_MAX};
-        status = nul ? sgsi_fail(SGS_STATUS_FORMAT, "%s: byte %zu: a zero byte; this is not a text file: export it again",
-                                 path, (size_t)(nul - content))
-                     : text(l, &t);
+        status =
+            nul ? sgsi_fail(SGS_STATUS_FORMAT, "%s: byte %zu: a zero byte; this is not a text file: export it again",
+                            path, (size_t)(nul - content))
+                : text(l, &t);
     }
     l->path = folder;
     sgsi_free(content);

@@ -74,9 +74,10 @@ sgs_status sgsi_dataset_check_names(const sgsi_dataset *dataset, const char *pat
     for (size_t i = 1; i < count && !status; ++i) {
         const sgsi_frame *a = order[i - 1], *b = order[i];
         if (!strcmp(a->name, b->name))
-            status = sgsi_fail(SGS_STATUS_FORMAT,
-                               "%s: %s %llu: image name '%s' is already used at %s %llu; give every image a name of its own",
-                               path, unit, (unsigned long long)b->place, b->name, unit, (unsigned long long)a->place);
+            status =
+                sgsi_fail(SGS_STATUS_FORMAT,
+                          "%s: %s %llu: image name '%s' is already used at %s %llu; give every image a name of its own",
+                          path, unit, (unsigned long long)b->place, b->name, unit, (unsigned long long)a->place);
     }
     sgsi_free(order);
     return status;

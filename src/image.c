@@ -33,49 +33,85 @@ static int scan_end(FILE *stream)
     return EOF;
 }
 
-// True for a JPEG file whose end-of-image marker is missing. Decoders fill such a picture up with grey and
-// report nothing, and a trainer would learn the grey. Walks from segment to segment (ITU T.81, annex B),
-// since what cameras append behind the picture may be long.
-static bool is_truncated_jpeg(const char *path)
+// Walks over the segments of a JPEG file (ITU T.81, annex B) behind its first two bytes; true when the file
+// ends before the end-of-image marker. What cameras append behind that marker does not matter.
+static bool jpeg_ends_early(FILE *stream)
 {
-    FILE *stream = fopen(path, "rb");
-    if (!stream)
-        return false;
-    bool truncated = false;
-    int marker = getc_unlocked(stream) == 0xff && getc_unlocked(stream) == 0xd8 ? 0xd8 : 0;
-    while (marker && marker != 0xd9 && !truncated) {
+    int marker = 0xd8;
+    while (marker != 0xd9) {
         if (marker != 0xd8) {
             const int high = getc_unlocked(stream), low = getc_unlocked(stream);
-            truncated = low == EOF || fseek(stream, high * 256L + low - 2, SEEK_CUR);
+            if (low == EOF || fseek(stream, high * 256L + low - 2, SEEK_CUR))
+                return true;
         }
         if (marker == 0xda) {
             marker = scan_end(stream);
         } else {
             marker = getc_unlocked(stream);
             if (marker != EOF && marker != 0xff)
-                break; // not a segment: for the decoder to judge
+                return false; // not a segment: for the decoder to judge
             while (marker == 0xff)
                 marker = getc_unlocked(stream);
         }
-        truncated = truncated || marker == EOF;
+        if (marker == EOF)
+            return true;
     }
+    return false;
+}
+
+// The same for the chunks of a PNG file, up to IEND.
+static bool png_ends_early(FILE *stream)
+{
+    uint8_t head[8];
+    if (fseek(stream, 8, SEEK_SET))
+        return true;
+    while (fread(head, 1, sizeof head, stream) == sizeof head) {
+        if (!memcmp(head + 4, "IEND", 4))
+            return false;
+        const long size = (long)head[0] << 24 | (long)head[1] << 16 | (long)head[2] << 8 | head[3];
+        if (fseek(stream, size + 4, SEEK_CUR))
+            return true;
+    }
+    return true;
+}
+
+// Refuses a picture whose file was cut off, before it is decoded: JPEG decoders fill it up with grey and report
+// nothing, and a trainer would learn the grey; libpng writes to the terminal.
+static sgs_status refuse_truncated(const char *path)
+{
+    FILE *stream = fopen(path, "rb");
+    if (!stream)
+        return SGS_STATUS_OK; // the decoder says why
+    uint8_t start[4] = {0};
+    const size_t got = fread(start, 1, sizeof start, stream);
+    bool truncated = false;
+    if (got == 4 && start[0] == 0xff && start[1] == 0xd8)
+        truncated = fseek(stream, 2, SEEK_SET) || jpeg_ends_early(stream);
+    else if (got == 4 && !memcmp(start, "\x89PNG", 4))
+        truncated = png_ends_early(stream);
     fclose(stream);
-    return truncated;
+    return truncated
+               ? sgsi_fail(SGS_STATUS_FORMAT, "%s: ends before its picture does; it is truncated: copy it again", path)
+               : SGS_STATUS_OK;
 }
 
 sgs_status sgs_image8_read(const char *path, sgs_image8 *image)
 {
-    const sgs_status status = sgsi_oiio_read(path, image);
-    if (status || !is_truncated_jpeg(path))
-        return status;
-    sgs_image8_free(image);
-    return sgsi_fail(SGS_STATUS_FORMAT, "%s: ends before its picture does; it is truncated: copy it again", path);
+    *image = (sgs_image8){0};
+    const sgs_status status = refuse_truncated(path);
+    return status ? status : sgsi_oiio_read(path, image);
+}
+
+sgs_status sgsi_image8_probe(const char *path, int *width, int *height, int *channels)
+{
+    const sgs_status status = refuse_truncated(path);
+    return status ? status : sgsi_oiio_probe(path, width, height, channels);
 }
 
 sgs_status sgs_image8_probe(const char *path, int *width, int *height)
 {
     int channels;
-    return sgsi_oiio_probe(path, width, height, &channels);
+    return sgsi_image8_probe(path, width, height, &channels);
 }
 
 void sgs_image8_free(sgs_image8 *image)
@@ -123,7 +159,8 @@ static void sum_columns(const uint64_t *sums, uint64_t width, uint64_t out_width
     }
 }
 
-static void downscale(const sgs_image8 *image, sgs_image8 *out, uint64_t *row_sums, uint64_t *sums, uint64_t *alpha_sums)
+static void downscale(const sgs_image8 *image, sgs_image8 *out, uint64_t *row_sums, uint64_t *sums,
+                      uint64_t *alpha_sums)
 {
     const size_t plane = (size_t)image->width * (size_t)image->height;
     const size_t out_width = (size_t)out->width, out_plane = out_width * (size_t)out->height;

@@ -33,8 +33,9 @@ static sgs_status find_fields(cloud *c)
         const sgsi_ply_property *property = &c->header.properties[c->element->first_property + i];
         c->field_of[i] = -1;
         if (property->is_list)
-            return sgsi_fail(SGS_STATUS_UNSUPPORTED, "%s: its vertices hold the list '%s'; save it as a plain point cloud",
-                             c->stream.path, property->name);
+            return sgsi_fail(SGS_STATUS_UNSUPPORTED,
+                             "%s: its vertices hold the list '%s'; save it as a plain point cloud", c->stream.path,
+                             property->name);
         for (int f = 0; f < FIELD_COUNT; ++f) {
             if (strcmp(property->name, field_names[f]))
                 continue;
@@ -45,7 +46,8 @@ static sgs_status find_fields(cloud *c)
         }
     }
     if (!present[X] || !present[Y] || !present[Z])
-        return sgsi_fail(SGS_STATUS_FORMAT, "%s: its vertices have no x, y, z; save it as a point cloud", c->stream.path);
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: its vertices have no x, y, z; save it as a point cloud",
+                         c->stream.path);
     c->colored = present[RED] && present[GREEN] && present[BLUE];
     return SGS_STATUS_OK;
 }
@@ -104,8 +106,9 @@ static sgs_status read_rows(cloud *c, size_t *count, float *points, uint8_t *col
     for (size_t row = 0; row < c->element->count; ++row) {
         double fields[FIELD_COUNT] = {0};
         if (!read_row(c, fields))
-            return sgsi_fail(SGS_STATUS_FORMAT, "%s: byte %zu: vertex %zu of %zu is cut off or no number; save it again",
-                             c->stream.path, c->stream.position, row, c->element->count);
+            return sgsi_fail(SGS_STATUS_FORMAT,
+                             "%s: byte %zu: vertex %zu of %zu is cut off or no number; save it again", c->stream.path,
+                             c->stream.position, row, c->element->count);
         float *p = points + 3 * *count;
         for (int k = 0; k < 3; ++k) {
             p[k] = (float)fields[k];

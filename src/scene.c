@@ -94,7 +94,7 @@ static void reduced_size(int downscale, slot *s)
 static sgs_status load_image(const loader *l, slot *s, sgs_view *view)
 {
     if (!l->options->load_images) {
-        const sgs_status status = sgsi_oiio_probe(view->image_path, &s->file_width, &s->file_height, &s->channels);
+        const sgs_status status = sgsi_image8_probe(view->image_path, &s->file_width, &s->file_height, &s->channels);
         reduced_size(l->options->downscale, s);
         return status;
     }
@@ -150,8 +150,8 @@ static sgs_status make_views(loader *l)
         // transforms.json writes the folder into every name; --images replaces it.
         const bool replaced = !l->files.colmap && images_dir && !strncmp(view->name, "images/", 7);
         char *moved = replaced ? sgsi_format("%s/%s", images_dir, view->name + 7) : NULL;
-        view->image_path = replaced && !moved ? NULL
-                                              : sgsi_scene_image_path(l->files.image_folder, moved ? moved : view->name);
+        view->image_path =
+            replaced && !moved ? NULL : sgsi_scene_image_path(l->files.image_folder, moved ? moved : view->name);
         sgsi_free(moved);
         if (!view->image_path)
             return no_memory(scene->path);

@@ -149,10 +149,11 @@ static sgs_status explain_nothing(const char *path)
         if (status)
             return status;
     }
-    return sgsi_fail(SGS_STATUS_IO,
-                     "%s: holds no scene: neither a COLMAP model (cameras and images, .bin or .txt, in sparse/0, sparse "
-                     "or colmap/sparse/0) nor transforms_train.json or transforms.json",
-                     path);
+    return sgsi_fail(
+        SGS_STATUS_IO,
+        "%s: holds no scene: neither a COLMAP model (cameras and images, .bin or .txt, in sparse/0, sparse "
+        "or colmap/sparse/0) nor transforms_train.json or transforms.json",
+        path);
 }
 
 static sgs_status find_transforms(const char *path, sgsi_scene_files *files)

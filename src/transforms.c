@@ -92,8 +92,10 @@ static sgs_status read_size(const reader *r, const intrinsics *in, sgs_camera *c
     if (isnan(w) && isnan(h))
         return SGS_STATUS_OK; // left to the photograph
     if (!(w >= 1 && w <= MAX_SIZE && h >= 1 && h <= MAX_SIZE))
-        return sgsi_fail(SGS_STATUS_FORMAT, "%s: %s: the image size w = %g, h = %g is not within 1 to %d pixels; correct "
-                         "both or leave both out", r->path, r->where, w, h, MAX_SIZE);
+        return sgsi_fail(SGS_STATUS_FORMAT,
+                         "%s: %s: the image size w = %g, h = %g is not within 1 to %d pixels; correct "
+                         "both or leave both out",
+                         r->path, r->where, w, h, MAX_SIZE);
     camera->width = (int)lround(w);
     camera->height = (int)lround(h);
     return SGS_STATUS_OK;

@@ -39,7 +39,10 @@ static const sgs_camera lenses[] = {
     {SGS_CAMERA_FOV, 752, 480, {350, 352, 370, 245, 0}},
     {SGS_CAMERA_SIMPLE_RADIAL_FISHEYE, 1000, 1000, {260, 500, 500, -0.01}},
     {SGS_CAMERA_RADIAL_FISHEYE, 1000, 800, {400, 510, 390, -0.05, 0.01}},
-    {SGS_CAMERA_THIN_PRISM_FISHEYE, 1000, 700, {450, 452, 500, 350, 0.03, -0.02, 2e-3, -1e-3, 0.01, -0.001, 3e-3, -2e-3}},
+    {SGS_CAMERA_THIN_PRISM_FISHEYE,
+     1000,
+     700,
+     {450, 452, 500, 350, 0.03, -0.02, 2e-3, -1e-3, 0.01, -0.001, 3e-3, -2e-3}},
 };
 enum { LENSES = sizeof lenses / sizeof *lenses };
 
@@ -444,7 +447,8 @@ static void quaternion_turns_as_in_colmap(void **state)
 static void broken_poses_are_refused(void **state)
 {
     (void)state;
-    const double fine[4] = {1, 0, 0, 0}, zero[4] = {0, 0, 0, 0}, nan_q[4] = {1, NAN, 0, 0}, inf_q[4] = {INFINITY, 0, 0, 0};
+    const double fine[4] = {1, 0, 0, 0}, zero[4] = {0, 0, 0, 0}, nan_q[4] = {1, NAN, 0, 0},
+                 inf_q[4] = {INFINITY, 0, 0, 0};
     const double t[3] = {0, 0, 0}, nan_t[3] = {0, NAN, 0}, inf_t[3] = {0, 0, -INFINITY};
     sgs_pose pose;
     assert_int_equal(sgs_pose_from_quaternion(zero, t, &pose), SGS_STATUS_FORMAT);

@@ -140,7 +140,8 @@ static const struct {
     {nan_distortion, "cameras", "byte 144", "line 6", "camera 9: parameter 12 of the FULL_OPENCV camera is not finite"},
     {wide_fov, "cameras", "byte 8", "line 4", "camera 7: field-of-view parameter 4 of the FOV camera"},
     {camera_twice, "cameras", "byte 144", "line 6", "camera id 7 is already used at"},
-    {lost_camera, "images", "byte 134", "line 5", "image 1 'a.png' uses camera 55, which the cameras file does not hold"},
+    {lost_camera, "images", "byte 134", "line 5",
+     "image 1 'a.png' uses camera 55, which the cameras file does not hold"},
     {zero_quaternion, "images", "byte 134", "line 5", "image 1 'a.png': the rotation quaternion has norm 0; remove"},
     {nan_quaternion, "images", "byte 8", "line 3", "image 4 'b.png': the rotation quaternion is not finite"},
     {infinite_quaternion, "images", "byte 8", "line 3", "image 4 'b.png': the rotation quaternion is not finite"},
@@ -238,10 +239,12 @@ static const struct {
     const char *message;
 } damages[] = {
     {"cameras.bin", 0, 8, 4, SGS_STATUS_FORMAT, "cameras.bin: byte 264: the file ends inside of a camera"},
-    {"cameras.bin", 0, 8, 6, SGS_STATUS_FORMAT, "byte 0: announces 6 cameras, but the 256 bytes that follow can hold 5"},
+    {"cameras.bin", 0, 8, 6, SGS_STATUS_FORMAT,
+     "byte 0: announces 6 cameras, but the 256 bytes that follow can hold 5"},
     {"cameras.bin", 0, 8, UINT64_MAX, SGS_STATUS_FORMAT, "byte 0: announces 18446744073709551615 cameras"},
     {"cameras.bin", 12, 4, 17, SGS_STATUS_UNSUPPORTED, "cameras.bin: byte 12: camera model 17 is unknown"},
-    {"cameras.bin", 100, 4, 11, SGS_STATUS_UNSUPPORTED, "byte 100: camera model 11 is unknown; COLMAP's models 0 to 10"},
+    {"cameras.bin", 100, 4, 11, SGS_STATUS_UNSUPPORTED,
+     "byte 100: camera model 11 is unknown; COLMAP's models 0 to 10"},
     {"cameras.bin", 12, 4, UINT32_MAX, SGS_STATUS_UNSUPPORTED, "byte 12: camera model -1 is unknown"},
     {"images.bin", 0, 8, 100, SGS_STATUS_FORMAT, "images.bin: byte 0: announces 100 images"},
     {"images.bin", 0, 8, (uint64_t)1 << 60, SGS_STATUS_FORMAT, "byte 0: announces 1152921504606846976 images"},
@@ -251,7 +254,8 @@ static const struct {
     {"images.bin", 72, 1, 0, SGS_STATUS_FORMAT, "byte 73: image 4 announces"}, // an empty name shifts what follows
     {"images.bin", 73, 1, '\n', SGS_STATUS_FORMAT, "byte 8: the name of image 4 holds control characters"},
     {"points3D.bin", 0, 8, 1000000, SGS_STATUS_FORMAT, "points3D.bin: byte 0: announces 1000000 points"},
-    {"points3D.bin", 0, 8, 6, SGS_STATUS_FORMAT, "announces 6 points, but the 303 bytes that follow can hold 5 at most"},
+    {"points3D.bin", 0, 8, 6, SGS_STATUS_FORMAT,
+     "announces 6 points, but the 303 bytes that follow can hold 5 at most"},
     {"points3D.bin", 51, 8, 1 << 20, SGS_STATUS_FORMAT, "byte 51: point 10 announces a track of 1048576 images"},
     {"points3D.bin", 51, 8, (uint64_t)1 << 61, SGS_STATUS_FORMAT, "byte 51: point 10 announces a track of 2305843009"},
 };
@@ -414,14 +418,17 @@ static const struct {
     {"cameras.txt", "7 PINHOLE 64 48 1 1 1 1 1\n", SGS_STATUS_FORMAT, "PINHOLE needs exactly 4 numbers"},
     {"cameras.txt", "7 PINHOLE 64 48 1 1 1 1x\n", SGS_STATUS_FORMAT, "PINHOLE needs exactly 4 numbers"},
     {"images.txt", "# nothing\n", SGS_STATUS_FORMAT, "images.txt: holds no registered image"},
-    {"images.txt", "1 1 0 0 0 0 0 0 7 a.png\n\n2 1 0 0 0 0 0 0 7\n", SGS_STATUS_FORMAT, "line 3: is not of the form IMAGE_ID"},
-    {"images.txt", "1 1 0 0 zero 0 0 0 7 a.png\n", SGS_STATUS_FORMAT, "line 1: is not of the form IMAGE_ID QW QX QY QZ"},
+    {"images.txt", "1 1 0 0 0 0 0 0 7 a.png\n\n2 1 0 0 0 0 0 0 7\n", SGS_STATUS_FORMAT,
+     "line 3: is not of the form IMAGE_ID"},
+    {"images.txt", "1 1 0 0 zero 0 0 0 7 a.png\n", SGS_STATUS_FORMAT,
+     "line 1: is not of the form IMAGE_ID QW QX QY QZ"},
     {"images.txt", "1 1 0 0 0 0 0 0 seven a.png\n", SGS_STATUS_FORMAT, "line 1: is not of the form IMAGE_ID"},
     {"images.txt", "1 1 0 0 0 0 0 0 7 a.png\n2 1 0 0 0 0 0 0 7 b.png\n", SGS_STATUS_FORMAT,
      "line 2: is not of the form X Y POINT3D_ID ... (the second line of every image"},
     {"images.txt", "1 1 0 0 0 0 0 0 7 a.png\n2 1 0 0 0 0 0 0 7 two blanks in.png\n", SGS_STATUS_FORMAT,
      "line 2: is not of the form X Y POINT3D_ID"},
-    {"images.txt", "1 1 0 0 0 0 0 0 7 a.png\n1 2 3 4\n", SGS_STATUS_FORMAT, "line 2: is not of the form X Y POINT3D_ID"},
+    {"images.txt", "1 1 0 0 0 0 0 0 7 a.png\n1 2 3 4\n", SGS_STATUS_FORMAT,
+     "line 2: is not of the form X Y POINT3D_ID"},
     {"images.txt", "1 nan 0 0 0 0 0 0 7 a.png\n\n", SGS_STATUS_FORMAT, "line 1: image 1 'a.png': the rotation"},
     {"points3D.txt", "1 0 0\n", SGS_STATUS_FORMAT, "points3D.txt: line 1: is not of the form POINT3D_ID X Y Z R G B"},
     {"points3D.txt", "1 0 0 0 1 2 256 0.1\n", SGS_STATUS_FORMAT, "line 1: is not of the form POINT3D_ID"},
@@ -464,7 +471,8 @@ static void text_with_windows_line_ends_and_tabs_is_read(void **state)
     (void)state;
     const temp_folder folder = temp_folder_make();
     tree_put_text(&folder, "cameras.txt", "\t1\tPINHOLE 64  48 50 50 32 24 \r\n");
-    tree_put_text(&folder, "images.txt", "1 1 0 0 0 0 0 0 1 a b.png\r\n\r\n2 1 0 0 0 0 0 0 1 c.png\r\n1.5 2 -1 3 4 5\r\n");
+    tree_put_text(&folder, "images.txt",
+                  "1 1 0 0 0 0 0 0 1 a b.png\r\n\r\n2 1 0 0 0 0 0 0 1 c.png\r\n1.5 2 -1 3 4 5\r\n");
     tree_put_text(&folder, "points3D.txt", "1 1 2 3 4 5 6 0.5\r\n");
     sgsi_dataset d;
     assert_int_equal(sgsi_colmap_read(folder.path, &d), SGS_STATUS_OK);

@@ -228,7 +228,8 @@ static void missing_and_broken_images_are_skipped_and_counted(void **state)
     }
     unlink(temp_path(&folder, "images/d with blanks.png"));
     unlink(temp_path(&folder, "images/sub/c.png"));
-    assert_refused(folder.path, NULL, SGS_STATUS_IO, "images: none of the 4 registered images can be read; the first: ");
+    assert_refused(folder.path, NULL, SGS_STATUS_IO,
+                   "images: none of the 4 registered images can be read; the first: ");
     tree_remove(&folder);
 }
 
@@ -303,8 +304,9 @@ static void views_are_held_out_by_index_or_by_name(void **state)
     options.test_images = "";
     assert_split(folder.path, &options, "0000");
     options.test_images = "a.png,bb.png";
-    assert_refused(folder.path, &options, SGS_STATUS_INVALID_ARGUMENT,
-                   "no loaded view is called 'bb.png', which is to be held out; the nearest names are b.png, a.png, sub/c.png");
+    assert_refused(
+        folder.path, &options, SGS_STATUS_INVALID_ARGUMENT,
+        "no loaded view is called 'bb.png', which is to be held out; the nearest names are b.png, a.png, sub/c.png");
     options.test_images = NULL;
     options.test_every = 1;
     assert_refused(folder.path, &options, SGS_STATUS_INVALID_ARGUMENT, "all 4 views are held out");

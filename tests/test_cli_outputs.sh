@@ -6,7 +6,7 @@
 set -euo pipefail
 . "$(dirname "$0")/cli_support.sh"
 model=$temporary/model
-run 0 train "$room" -o "$model" --downscale 4 --eval --iterations 40 --quiet
+run 0 train "$room" -o "$model" --downscale 4 --eval --iterations 40 --spare off --quiet
 
 # eval_agrees_with_the_training_summary
 run 0 eval "$model" "$room" --json

@@ -68,27 +68,30 @@ static inline response respond(const float *r, const block_rays *block)
     return x;
 }
 
-// In which lanes does element j (id_j) lie in front of element i (id_i)?
-static inline vm in_front(vf t_j, uint32_t id_j, vf t_i, uint32_t id_i)
+// In which lanes does element j lie in front of element i, whose distance is t_i? Ties go to the smaller id: then the bound
+// moves up by one unit in the last place, without a branch (t > 0, so integers order like the floats; lanes of i without a
+// hit hold -infinity and turn into NaN, which compares false).
+static inline vm in_front(vf t_j, vi t_i, int tie)
 {
-    return id_j < id_i ? vf_le(t_j, t_i) : vf_lt(t_j, t_i);
+    return vf_lt(t_j, vi_as_vf(vi_add(t_i, vi_set1(tie))));
 }
 
 // Element i lies in front of some earlier element in the lanes `late`. Returns its transmittance, corrects theirs.
-static inline vf walk_back(sgsi_scratch *s, const uint32_t *order, uint32_t i, vf t, vf alpha, vm hit, vm late)
+static inline vf walk_back(sgsi_scratch *s, uint32_t i, vf t, vf alpha, vm hit, vm late)
 {
     const vf one = vf_set1(1.0f);
     const vf through = vf_sub(one, alpha);
-    const uint32_t id = s->tile_ids[order[i]];
+    const vi t_bits = vf_as_vi(t);
+    const uint32_t *ids = s->kept_ids;
+    const uint32_t id = ids[i];
     vf product = one;
     uint32_t j = i;
     do {
         --j;
-        const vf t_j = vf_load(s->t + 16 * j);
-        const vm before = in_front(t_j, s->tile_ids[order[j]], t, id);
-        product = vf_mul(product, vf_select(before, vf_sub(one, vf_load(s->alpha + 16 * j)), one));
-        const vf t_front = vf_load(s->transmittance + 16 * j);
-        vf_store(s->transmittance + 16 * j, vf_mul(t_front, vf_select(vm_andnot(hit, before), through, one)));
+        const vm before = in_front(vf_load(s->t + 16 * j), t_bits, ids[j] < id);
+        product = vf_select(before, vf_mul(product, vf_sub(one, vf_load(s->alpha + 16 * j))), product);
+        const vf front = vf_load(s->transmittance + 16 * j);
+        vf_store(s->transmittance + 16 * j, vf_select(vm_andnot(hit, before), vf_mul(front, through), front));
     } while (j && vm_any(vm_and(late, vf_le(t, vf_load(s->t_before + 16 * j)))));
     s->walk[i] = i - j;
     return vf_mul(vf_load(s->prefix + 16 * j), product);
@@ -132,6 +135,7 @@ static inline uint32_t evaluate_block(sgsi_scratch *s, const sgsi_tile_rays *ray
         if (!vm_any(x.hit))
             continue;
         order[kept] = order[i];
+        s->kept_ids[kept] = s->tile_ids[order[i]];
         vf_store(s->alpha + 16 * kept, x.alpha);
         vf_store(s->t + 16 * kept, x.t);
         vf_store(s->prefix + 16 * kept, prefix);
@@ -145,7 +149,7 @@ static inline uint32_t evaluate_block(sgsi_scratch *s, const sgsi_tile_rays *ray
         s->walk[kept] = 0;
         vf transmittance = prefix;
         if (vm_any(late))
-            transmittance = walk_back(s, order, kept, x.t, x.alpha, x.hit, late);
+            transmittance = walk_back(s, kept, x.t, x.alpha, x.hit, late);
         vf_store(s->transmittance + 16 * kept, transmittance);
         prefix = vf_mul(prefix, vf_sub(one, x.alpha));
         t_last = vf_max(t_last, x.t);
@@ -257,14 +261,16 @@ static void tile_forward(sgsi_scratch *s, sgsi_tile_target *target)
 }
 
 // Repeats the walk of element i for the colour sums: a pair that a lane swaps trades places in `behind`.
-static inline void walk_behind(sgsi_scratch *s, const uint32_t *order, uint32_t i, float *behind)
+static inline void walk_behind(sgsi_scratch *s, uint32_t i, float *behind)
 {
-    const vf t = vf_load(s->t + 16 * i), q = vf_load(s->q + 16 * i);
+    const vi t_bits = vf_as_vi(vf_load(s->t + 16 * i));
+    const vf q = vf_load(s->q + 16 * i);
     const vm hit = vf_gt(vf_load(s->alpha + 16 * i), vf_zero());
-    const uint32_t id = s->tile_ids[order[i]];
+    const uint32_t *ids = s->kept_ids;
+    const uint32_t id = ids[i];
     vf gained = vf_load(behind + 16 * i);
     for (uint32_t j = i; j-- > i - s->walk[i];) {
-        const vm swapped = vm_andnot(hit, in_front(vf_load(s->t + 16 * j), s->tile_ids[order[j]], t, id));
+        const vm swapped = vm_andnot(hit, in_front(vf_load(s->t + 16 * j), t_bits, ids[j] < id));
         gained = vf_add(gained, vf_keep(swapped, vf_load(s->q + 16 * j)));
         vf_store(behind + 16 * j, vf_sub(vf_load(behind + 16 * j), vf_keep(swapped, q)));
     }
@@ -299,7 +305,7 @@ static void backward_block(sgsi_scratch *s, const sgsi_tile_list *list, sgsi_til
     }
     for (uint32_t i = 0; i < count; ++i)
         if (s->walk[i])
-            walk_behind(s, order, i, behind);
+            walk_behind(s, i, behind);
     vf run = vf_mul(end, load_block_plane(target->d_transmittance, target, b));
     for (uint32_t i = count; i-- > 0;) {
         const vf alpha = vf_load(s->alpha + 16 * i), w = vf_load(s->transmittance + 16 * i);

@@ -31,6 +31,7 @@ typedef struct sgsi_scratch {
     float *alpha, *t, *transmittance, *prefix, *t_before; // [capacity][16]
     float *a, *b, *e, *q;                                 // [capacity][16], backward only
     float *sums;          // [capacity][16]
+    uint32_t *kept_ids;   // [capacity]: primitives of the block's elements
     uint32_t *walk;       // [capacity]: how far element i had to walk back to find its place
     uint32_t entry_count[SGSI_BLOCKS]; // elements in `order`
 } sgsi_scratch;

@@ -194,7 +194,8 @@ bool sgsi_scratch_reserve(sgsi_scratch *s, size_t capacity)
                   {(void **)&s->tile_ids, 4}, {(void **)&s->entries, 8 * SGSI_BLOCKS}, {(void **)&s->order, 4 * SGSI_BLOCKS},
                   {(void **)&s->alpha, 64}, {(void **)&s->t, 64}, {(void **)&s->transmittance, 64},
                   {(void **)&s->prefix, 64}, {(void **)&s->t_before, 64}, {(void **)&s->a, 64}, {(void **)&s->b, 64},
-                  {(void **)&s->e, 64}, {(void **)&s->q, 64}, {(void **)&s->sums, 64}, {(void **)&s->walk, 4}};
+                  {(void **)&s->e, 64}, {(void **)&s->q, 64}, {(void **)&s->sums, 64}, {(void **)&s->walk, 4},
+                  {(void **)&s->kept_ids, 4}};
     s->capacity = 0;
     for (size_t i = 0; i < sizeof arrays / sizeof *arrays; ++i) {
         sgsi_free(*arrays[i].array);

@@ -92,16 +92,61 @@ static size_t tile_filter(sgsi_scratch *scratch, const sgsi_tile_rays *rays, siz
     return count;
 }
 
-// Nearly sorted input: the candidates come by |delta|.
-static inline void sort_entries(uint64_t *entries, uint32_t count)
+// Order by (key, position) without branches: an element's place is the number of elements in front of it. Compares
+// everything with everything, sixteen at a time, which for lists of this length beats any sort that moves.
+enum { RANK_SORT_MAX = 320 };
+
+static inline void rank_sort(const float *keys, const uint32_t *values, uint32_t *out, uint32_t count)
 {
-    for (uint32_t i = 1; i < count; ++i) {
-        const uint64_t entry = entries[i];
-        uint32_t at = i;
-        for (; at && entries[at - 1] > entry; --at)
-            entries[at] = entries[at - 1];
-        entries[at] = entry;
+    const vf one = vf_set1(1.0f);
+    for (uint32_t begin = 0; begin < count; begin += 16) {
+        const uint32_t end = begin + 16 < count ? begin + 16 : count;
+        const vf key = vf_load(keys + begin);
+        vf rank = vf_zero();
+        for (uint32_t j = 0; j < begin; ++j)
+            rank = vf_add(rank, vf_keep(vf_le(vf_set1(keys[j]), key), one));
+        for (uint32_t j = begin; j < end; ++j) { // lanes behind j lose ties, the others win them
+            const vm behind = vm_from_bits(0xFFFFu << (j - begin) & 0xFFFFu);
+            const vf other = vf_set1(keys[j]);
+            const vm before = vm_or(vf_lt(other, key), vm_and(vf_le(other, key), behind));
+            rank = vf_add(rank, vf_keep(before, one));
+        }
+        for (uint32_t j = end; j < count; ++j)
+            rank = vf_add(rank, vf_keep(vf_lt(vf_set1(keys[j]), key), one));
+        int32_t place[16] __attribute__((aligned(64)));
+        vi_store(place, vf_to_vi(rank));
+        for (uint32_t i = begin; i < end; ++i)
+            out[place[i - begin] - 1] = values[i]; // an element counted itself, too
     }
+}
+
+// Long lists: least significant digit first; positive floats order like their bits.
+static void radix_sort(const float *keys, const uint32_t *values, uint32_t *out, uint64_t *spare, uint32_t count)
+{
+    uint64_t *from = spare, *to = spare + count;
+    for (uint32_t i = 0; i < count; ++i) {
+        uint32_t bits;
+        memcpy(&bits, &keys[i], sizeof bits);
+        from[i] = (uint64_t)bits << 32 | values[i];
+    }
+    for (int shift = 32; shift < 64; shift += 11) {
+        uint32_t begin[2048] = {0};
+        for (uint32_t i = 0; i < count; ++i)
+            ++begin[from[i] >> shift & 2047];
+        uint32_t total = 0;
+        for (int k = 0; k < 2048; ++k) {
+            const uint32_t size = begin[k];
+            begin[k] = total;
+            total += size;
+        }
+        for (uint32_t i = 0; i < count; ++i)
+            to[begin[from[i] >> shift & 2047]++] = from[i];
+        uint64_t *const swap = from;
+        from = to;
+        to = swap;
+    }
+    for (uint32_t i = 0; i < count; ++i)
+        out[i] = (uint32_t)from[i];
 }
 
 static void tile_sort(sgsi_scratch *scratch, const sgsi_tile_rays *rays, size_t count)
@@ -138,16 +183,18 @@ static void tile_sort(sgsi_scratch *scratch, const sgsi_tile_rays *rays, size_t 
         vf_store(key, vf_min(vf_max(vf_max(t, nearest), zero), vf_set1(1e30f)));
         for (; bits; bits &= bits - 1) {
             const unsigned block = (unsigned)__builtin_ctz(bits);
-            uint32_t key_bits;
-            memcpy(&key_bits, &key[block], sizeof key_bits);
-            scratch->entries[block * scratch->capacity + scratch->entry_count[block]++] = (uint64_t)key_bits << 32 | i;
+            const size_t at = block * scratch->capacity + scratch->entry_count[block]++;
+            scratch->entry_keys[at] = key[block];
+            scratch->entries[at] = (uint32_t)i;
         }
     }
     for (int b = 0; b < SGSI_BLOCKS; ++b) {
-        uint64_t *entries = scratch->entries + (size_t)b * scratch->capacity;
+        const float *keys = scratch->entry_keys + (size_t)b * scratch->capacity;
+        const uint32_t *entries = scratch->entries + (size_t)b * scratch->capacity;
         uint32_t *order = scratch->order + (size_t)b * scratch->capacity;
-        sort_entries(entries, scratch->entry_count[b]);
-        for (uint32_t i = 0; i < scratch->entry_count[b]; ++i)
-            order[i] = (uint32_t)entries[i];
+        if (scratch->entry_count[b] <= RANK_SORT_MAX)
+            rank_sort(keys, entries, order, scratch->entry_count[b]);
+        else
+            radix_sort(keys, entries, order, scratch->sort_spare, scratch->entry_count[b]);
     }
 }

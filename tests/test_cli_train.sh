@@ -97,6 +97,27 @@ for signal in INT:130 TERM:143; do
     check the_model_is_saved test -s "$out/point_cloud/iteration_$(jq .iterations "$out/summary.json")/point_cloud.ply"
 done
 
+# killed_and_resumed_equals_uninterrupted, also with another number of threads
+# shellcheck disable=SC2054
+data=("$room" --downscale 8 --iterations 240 --eval --spare bmd,rap --checkpoint-every 30 --quiet)
+run 0 train "${data[@]}" -o "$temporary/whole" --threads 2
+for signal in KILL INT; do
+    rm -rf "$out"
+    last_command="train, then SIG$signal"
+    "$program" train "${data[@]}" -o "$out" --threads 1 >"$temporary/stdout" 2>"$temporary/stderr" &
+    process=$!
+    for _ in $(seq 600); do
+        if grep -q '^100,' "$out/train.csv" 2>/dev/null; then break; fi
+        sleep 0.05
+    done
+    kill -$signal "$process" || true
+    wait "$process" 2>/dev/null || true
+    run 0 train "${data[@]}" -o "$out" --threads 2 --resume
+    check "same_model_after_$signal" cmp <(jq .model_hash "$out/summary.json") <(jq .model_hash "$temporary/whole/summary.json")
+    check "same_table_after_$signal" cmp <(cut -d, -f1,3-8 "$out/train.csv") <(cut -d, -f1,3-8 "$temporary/whole/train.csv")
+    check "same_decisions_after_$signal" cmp <(cut -d, -f1-8 "$out/spare.csv") <(cut -d, -f1-8 "$temporary/whole/spare.csv")
+done
+
 # a_full_disk_leaves_the_earlier_files (a limit on the size of files stands for the full disk)
 run 0 train "$room" --downscale 8 -o "$temporary/full" --iterations 3
 cp "$temporary/full/summary.json" "$temporary/before.json"

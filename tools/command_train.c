@@ -312,8 +312,8 @@ static int train(training *run, bool background_given)
     if (!create_trainer(run) || !open_folder(run))
         return EXIT_FAILED;
     bool done = iterate(run);
-    run_folder_close_tables(&run->folder);
     done = done && save_results(run);
+    run_folder_close_tables(&run->folder);
     sgs_trainer_destroy(run->trainer);
     run->trainer = NULL;
     if (done && run->stop != SGS_STOP_SIGNAL)

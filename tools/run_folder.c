@@ -3,7 +3,8 @@
 
 // The folder of a run. Whatever moment the process is killed at, the folder holds a readable checkpoint if it
 // ever held one: the newest is renamed to state.previous.bin before the next is written, and that one appears
-// under its name only when complete.
+// under its name only when complete. A row of train.csv counts what happened since the row before; what a checkpoint
+// between two rows has counted so far stands beside it in checkpoint/sums.csv, so that a resumed table is the same too.
 
 #include "run_folder.h"
 
@@ -22,6 +23,8 @@ static const char train_header[] =
     "iteration,seconds,loss,gaussians,psnr_train,densified,pruned,spare_pruned,rss_bytes";
 static const char spare_header[] =
     "iteration,regions,gaussians,over_budget_share,mean_weight,bmd_suppressed,bmd_boosted,rap_pruned,seconds";
+
+static const char sums_header[] = "iteration,densified,pruned,spare_pruned";
 
 bool run_folder_prepare(run_folder *folder, const char *path)
 {
@@ -77,27 +80,52 @@ bool run_folder_clear(const run_folder *folder)
     return done;
 }
 
+// Takes up the sums that the checkpoint of `iteration` left.
+static void read_sums(run_folder *folder, const char *path, int iteration)
+{
+    FILE *stream = fopen(path, "r");
+    char line[128];
+    while (stream && fgets(line, sizeof line, stream)) {
+        int at;
+        size_t densified, pruned, spare_pruned;
+        if (sscanf(line, "%d,%zu,%zu,%zu", &at, &densified, &pruned, &spare_pruned) == 4 && at == iteration) {
+            folder->densified = densified;
+            folder->pruned = pruned;
+            folder->spare_pruned = spare_pruned;
+        }
+    }
+    if (stream)
+        fclose(stream);
+}
+
 bool run_folder_open_tables(run_folder *folder, int iteration)
 {
     char *train = format_text("%s/train.csv", folder->path), *spare = format_text("%s/spare.csv", folder->path);
-    folder->train_csv = csv_open(train, train_header, iteration);
-    folder->spare_csv = folder->train_csv ? csv_open(spare, spare_header, iteration) : NULL;
-    folder->row_iteration = iteration;
+    char *sums = format_text("%s/checkpoint/sums.csv", folder->path);
+    bool opened = make_folder_of(sums) && (folder->train_csv = csv_open(train, train_header, iteration)) &&
+                  (folder->spare_csv = csv_open(spare, spare_header, iteration)) &&
+                  (folder->sums_csv = csv_open(sums, sums_header, iteration));
+    if (opened && iteration)
+        read_sums(folder, sums, iteration);
     free(train);
     free(spare);
-    return folder->spare_csv != NULL;
+    free(sums);
+    return opened;
 }
 
 void run_folder_close_tables(run_folder *folder)
 {
+    FILE **const tables[] = {&folder->train_csv, &folder->spare_csv, &folder->sums_csv};
     bool complete = true;
-    if (folder->train_csv)
-        complete = !ferror(folder->train_csv) && !fclose(folder->train_csv);
-    if (folder->spare_csv)
-        complete = !ferror(folder->spare_csv) && !fclose(folder->spare_csv) && complete;
+    for (size_t i = 0; i < sizeof tables / sizeof *tables; ++i) {
+        if (*tables[i]) {
+            const bool failed = ferror(*tables[i]);
+            complete = !fclose(*tables[i]) && !failed && complete;
+        }
+        *tables[i] = NULL;
+    }
     if (!complete)
         print_warning("%s: train.csv or spare.csv is incomplete: disk full?", folder->path);
-    folder->train_csv = folder->spare_csv = NULL;
 }
 
 void run_folder_record(run_folder *folder, const sgs_step_info *info, double seconds, bool last)
@@ -120,7 +148,6 @@ void run_folder_record(run_folder *folder, const sgs_step_info *info, double sec
             sgs_current_rss());
     fflush(folder->train_csv);
     folder->densified = folder->pruned = folder->spare_pruned = 0;
-    folder->row_iteration = info->iteration;
 }
 
 bool run_folder_save_model(const run_folder *folder, const sgs_gaussians *model, int iteration)
@@ -144,6 +171,9 @@ bool run_folder_save_checkpoint(const run_folder *folder, const sgs_trainer *tra
 {
     char *newest = checkpoint_path(folder, false), *previous = checkpoint_path(folder, true);
     bool saved = make_folder_of(newest);
+    fprintf(folder->sums_csv, "%d,%zu,%zu,%zu\n", sgs_trainer_iteration(trainer), folder->densified, folder->pruned,
+            folder->spare_pruned);
+    fflush(folder->sums_csv);
     if (saved && rename(newest, previous) && errno != ENOENT) {
         fail_run("%s: cannot be renamed: %s", newest, strerror(errno));
         saved = false;

@@ -12,10 +12,8 @@
 
 typedef struct run_folder {
     const char *path;
-    FILE *train_csv, *spare_csv;
-    // sums since the last row of train.csv
-    size_t densified, pruned, spare_pruned;
-    int row_iteration; // of the last row
+    FILE *train_csv, *spare_csv, *sums_csv;
+    size_t densified, pruned, spare_pruned; // sums since the last row of train.csv
 } run_folder;
 
 // Creates the folder and proves that it can be written to.
@@ -39,7 +37,7 @@ void run_folder_record(run_folder *folder, const sgs_step_info *info, double sec
 // OUT/point_cloud/iteration_N/point_cloud.ply
 bool run_folder_save_model(const run_folder *folder, const sgs_gaussians *model, int iteration);
 
-// OUT/checkpoint/state.bin; the one before stays as state.previous.bin.
+// OUT/checkpoint/state.bin; the one before stays as state.previous.bin. The tables must be open.
 bool run_folder_save_checkpoint(const run_folder *folder, const sgs_trainer *trainer);
 // Loads the newest readable checkpoint: 1 loaded, 0 there is none, -1 there are some and none fits (printed).
 int run_folder_load_checkpoint(const run_folder *folder, sgs_trainer *trainer);

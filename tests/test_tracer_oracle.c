@@ -126,11 +126,6 @@ typedef struct comparison {
     double fragile_color;
 } comparison;
 
-static double worse(double worst, double error)
-{
-    return error <= worst ? worst : error; // NaN wins
-}
-
 static void compare_lists(const traced_view *traced, const traced_lists *lists, int x, int y, const double camera_direction[3],
                           const sgs_hit *truth, size_t count, sgs_hit *hits)
 {
@@ -169,18 +164,18 @@ static comparison compare_with_oracle(const traced_view *traced, const oracle_sc
             ++result.pixels;
             double color = 0;
             for (int k = 0; k < 4; ++k)
-                color = worse(color, fabs(traced_plane(&traced->planes, k)[from] - planes[k][at]));
+                color = traced_worse(color, fabs(traced_plane(&traced->planes, k)[from] - planes[k][at]));
             if (pixel.fragile) {
                 ++result.fragile;
-                result.fragile_color = worse(result.fragile_color, color);
+                result.fragile_color = traced_worse(result.fragile_color, color);
                 continue;
             }
-            result.color = worse(result.color, color);
+            result.color = traced_worse(result.color, color);
             if (!strict)
                 continue;
             for (int k = 4; k < 7; ++k)
                 if (k != 5 || !pixel.median_fragile)
-                    result.distance = worse(result.distance, oracle_error(traced_plane(&traced->planes, k)[from], planes[k][at],
+                    result.distance = traced_worse(result.distance, oracle_error(traced_plane(&traced->planes, k)[from], planes[k][at],
                                                                          distance_scale));
             assert_true(traced->planes.hits[from] == (float)pixel.count);
             if (pixel.count) {
@@ -214,8 +209,8 @@ static void random_scenes_equal_the_oracle_on_every_isa_and_lens(void **state)
                 const comparison one = compare_with_oracle(&traced, &scene, true, 0);
                 traced_destroy(&traced);
                 sum.pixels += one.pixels, sum.fragile += one.fragile, sum.listed += one.listed;
-                sum.color = worse(sum.color, one.color), sum.distance = worse(sum.distance, one.distance);
-                sum.fragile_color = worse(sum.fragile_color, one.fragile_color);
+                sum.color = traced_worse(sum.color, one.color), sum.distance = traced_worse(sum.distance, one.distance);
+                sum.fragile_color = traced_worse(sum.fragile_color, one.fragile_color);
             }
         }
         print_message("%s: colour %.2g, distance %.2g, fragile %.1f %% (colour %.2g)\n", sgs_isa_name((sgs_isa)isa), sum.color,

@@ -20,6 +20,12 @@
 
 enum { TRACED_PLANES = 8 };
 
+// The larger of two errors; NaN wins and stays.
+static inline double traced_worse(double worst, double error)
+{
+    return isnan(worst) || error <= worst ? worst : error;
+}
+
 // ---- Images ----
 
 // Planes with a sentinel in every float, so that a pixel nobody wrote and a write into the padding both show.

@@ -4,12 +4,29 @@
 // Parameters -> what one view needs: a record per primitive, dilated bounds for the BVH, and 3DGS's
 // visibility statistics (projected radius, specs of 3DGS section 7).
 
+// Lanes whose shape can be traced: no parameter is NaN or infinite (x * 0 tells), the mean is within reach of
+// single precision. A box that is not finite would take whole subtrees with it at the next refit.
+static inline vm sane_shapes(const float *p, const gaussian16 *g)
+{
+    vf zeros = vf_zero();
+    for (int k = SGS_PARAM_MEAN; k <= SGS_PARAM_OPACITY; ++k)
+        zeros = vf_fma(vf_load(p + 16 * k), vf_zero(), zeros);
+    return vm_and(vf_ge(zeros, vf_zero()), vf_lt(g->distance, vf_set1(1e15f)));
+}
+
+// Embree leaves out boxes that reach beyond 1.8e18.
+static inline vf within_embree(vf x)
+{
+    return vf_clamp(x, vf_set1(-1e18f), vf_set1(1e18f));
+}
+
 // Writes 16 bounds; `half` are the half extents along the world axes.
 static inline void store_bounds(sgsi_bounds *bounds, vec3 mean, vec3 half)
 {
     vf rows[16];
-    rows[0] = vf_sub(mean.x, half.x), rows[1] = vf_sub(mean.y, half.y), rows[2] = vf_sub(mean.z, half.z);
-    rows[4] = vf_add(mean.x, half.x), rows[5] = vf_add(mean.y, half.y), rows[6] = vf_add(mean.z, half.z);
+    rows[0] = within_embree(vf_sub(mean.x, half.x)), rows[4] = within_embree(vf_add(mean.x, half.x));
+    rows[1] = within_embree(vf_sub(mean.y, half.y)), rows[5] = within_embree(vf_add(mean.y, half.y));
+    rows[2] = within_embree(vf_sub(mean.z, half.z)), rows[6] = within_embree(vf_add(mean.z, half.z));
     rows[3] = rows[7] = vf_zero();
     for (int k = 8; k < 16; ++k)
         rows[k] = vf_zero();
@@ -21,7 +38,8 @@ static inline void store_bounds(sgsi_bounds *bounds, vec3 mean, vec3 half)
     }
 }
 
-static inline void project_bounds(const sgsi_project *input, size_t block, const gaussian16 *g, vf reach, vm traced)
+static inline void project_bounds(const sgsi_project *input, size_t block, const gaussian16 *g, vf reach, vm sane,
+                                  vm traced)
 {
     const sgsi_view *view = &input->view;
     const float *p = input->params + block * SGS_PARAM_COUNT * 16;
@@ -41,7 +59,8 @@ static inline void project_bounds(const sgsi_project *input, size_t block, const
                  vf_fma(wide, vf_sqrt(vf_fma(w0.y, w0.y, vf_fma(w1.y, w1.y, vf_mul(w2.y, w2.y)))), pad),
                  vf_fma(wide, vf_sqrt(vf_fma(w0.z, w0.z, vf_fma(w1.z, w1.z, vf_mul(w2.z, w2.z)))), pad)};
     half = (vec3){vf_keep(traced, half.x), vf_keep(traced, half.y), vf_keep(traced, half.z)};
-    store_bounds(input->bounds + 16 * block, mean, half);
+    const vec3 place = {vf_keep(sane, mean.x), vf_keep(sane, mean.y), vf_keep(sane, mean.z)};
+    store_bounds(input->bounds + 16 * block, place, half);
 }
 
 // 3DGS's radius: 3 sqrt(lambda_max) of the projected covariance + 0.3 px^2, rounded up; 0 where the primitive does
@@ -108,6 +127,7 @@ static inline void store_records(const sgsi_project *input, size_t block, const 
     const vec3 direction = scale3(g->delta_world, vf_div(one, g->distance));
     vf color[3];
     sh_colors(p, direction, input->view.sh_degree, color);
+    const vf brightest = vf_set1(1e9f); // finite: 0 * infinity would spoil the pixels that miss the primitive
     // log2 of the opacity through its own logit would cost a logarithm: take it from the bits and a series instead.
     float opacity[16] __attribute__((aligned(64))), log_opacity[16] __attribute__((aligned(64)));
     vf_store(opacity, g->opacity);
@@ -116,7 +136,8 @@ static inline void store_records(const sgsi_project *input, size_t block, const 
     vf rows[16] = {a.x, a.y, a.z, b.x, b.y, b.z, c.x, c.y, c.z,
                    vf_select(traced, vf_load(log_opacity), vf_set1(SGSI_UNTRACED)),
                    vf_div(one, kappa), g->distance,
-                   vf_max(color[0], vf_zero()), vf_max(color[1], vf_zero()), vf_max(color[2], vf_zero()), vf_zero()};
+                   vf_clamp(color[0], vf_zero(), brightest), vf_clamp(color[1], vf_zero(), brightest),
+                   vf_clamp(color[2], vf_zero(), brightest), vf_zero()};
     vf_transpose16(rows);
     for (int i = 0; i < 16; ++i)
         vf_store(input->records + (16 * block + (size_t)i) * SGSI_RECORD, rows[i]);
@@ -145,9 +166,10 @@ static void project(const sgsi_project *input, size_t begin, size_t end)
         const vf across = vf_sqrt(vf_max(vf_zero(), vf_fms(g.distance, g.distance, vf_mul(along, along))));
         const vf outside = vf_fms(across, vf_set1(rays->cone_cos), vf_mul(along, vf_set1(rays->cone_sin)));
         const vf margin = vf_fma(reach, longest, vf_mul(g.distance, vf_set1(1e-4f)));
-        const vm in_cone = vm_and(present, vf_le(outside, margin));
+        const vm sane = sane_shapes(input->params + block * SGS_PARAM_COUNT * 16, &g);
+        const vm in_cone = vm_and(vm_and(present, sane), vf_le(outside, margin));
         const vm traced = vm_and(in_cone, opaque);
-        project_bounds(input, block, &g, reach, traced);
+        project_bounds(input, block, &g, reach, sane, traced);
         if (input->visible_count && vm_any(present))
             project_statistics(input, block, &g, in_cone);
         if (vm_any(traced))

@@ -76,25 +76,52 @@ static inline vm in_front(vf t_j, vi t_i, int tie)
     return vf_lt(t_j, vi_as_vf(vi_add(t_i, vi_set1(tie))));
 }
 
+// The arrays of a block's elements, in registers rather than behind the scratch's pointers. WALK_STEP entries in front of the
+// first element are sentinels in front of everything, so that walks go in whole steps.
+enum { WALK_STEP = 4 };
+
+typedef struct block_elements {
+    float *restrict alpha, *restrict t, *restrict transmittance, *restrict prefix, *restrict t_before;
+    uint32_t *restrict ids, *restrict walk;
+} block_elements;
+
+static inline block_elements open_elements(const sgsi_scratch *s)
+{
+    const size_t first = WALK_STEP, lanes = 16 * WALK_STEP;
+    const block_elements e = {s->alpha + lanes, s->t + lanes, s->transmittance + lanes, s->prefix + lanes,
+                              s->t_before + lanes, s->kept_ids + first, s->walk};
+    for (int k = -WALK_STEP; k < 0; ++k) {
+        vf_store(e.alpha + 16 * k, vf_zero());
+        vf_store(e.t + 16 * k, vf_set1(-INFINITY));
+        vf_store(e.t_before + 16 * k, vf_set1(-INFINITY));
+        vf_store(e.transmittance + 16 * k, vf_set1(1.0f));
+        vf_store(e.prefix + 16 * k, vf_set1(1.0f));
+        e.ids[k] = 0;
+    }
+    return e;
+}
+
 // Element i lies in front of some earlier element in the lanes `late`. Returns its transmittance, corrects theirs.
-static inline vf walk_back(sgsi_scratch *s, uint32_t i, vf t, vf alpha, vm hit, vm late)
+// Walking farther than needed is harmless: those elements are in front in every lane.
+static inline vf walk_back(const block_elements *e, uint32_t i, vf t, vf alpha, vm hit, vm late)
 {
     const vf one = vf_set1(1.0f);
     const vf through = vf_sub(one, alpha);
     const vi t_bits = vf_as_vi(t);
-    const uint32_t *ids = s->kept_ids;
-    const uint32_t id = ids[i];
+    const uint32_t id = e->ids[i];
     vf product = one;
-    uint32_t j = i;
+    ptrdiff_t j = i;
     do {
-        --j;
-        const vm before = in_front(vf_load(s->t + 16 * j), t_bits, ids[j] < id);
-        product = vf_select(before, vf_mul(product, vf_sub(one, vf_load(s->alpha + 16 * j))), product);
-        const vf front = vf_load(s->transmittance + 16 * j);
-        vf_store(s->transmittance + 16 * j, vf_select(vm_andnot(hit, before), vf_mul(front, through), front));
-    } while (j && vm_any(vm_and(late, vf_le(t, vf_load(s->t_before + 16 * j)))));
-    s->walk[i] = i - j;
-    return vf_mul(vf_load(s->prefix + 16 * j), product);
+        j -= WALK_STEP;
+        for (int k = WALK_STEP - 1; k >= 0; --k) {
+            const ptrdiff_t at = 16 * (j + k);
+            const vm before = in_front(vf_load(e->t + at), t_bits, e->ids[j + k] < id);
+            product = vf_mul_where(before, product, vf_sub(one, vf_load(e->alpha + at)));
+            vf_store(e->transmittance + at, vf_mul_where(vm_andnot(hit, before), vf_load(e->transmittance + at), through));
+        }
+    } while (j > 0 && vm_any(vm_and(late, vf_le(t, vf_load(e->t_before + 16 * j)))));
+    e->walk[i] = (uint32_t)(i - j);
+    return vf_mul(vf_load(e->prefix + 16 * j), product);
 }
 
 // True when no element from `begin` on can lie in front of distance `stop` (units of |d|) in this block.
@@ -128,29 +155,35 @@ static inline uint32_t evaluate_block(sgsi_scratch *s, const sgsi_tile_rays *ray
                                       uint64_t *evaluations)
 {
     const vf one = vf_set1(1.0f);
+    const block_elements e = open_elements(s);
+    const float *restrict records = s->tile_records;
+    const uint32_t *restrict tile_ids = s->tile_ids;
+    float *restrict a = s->a, *restrict bb = s->b, *restrict ee = s->e;
     vf prefix = one, t_last = vf_set1(-INFINITY);
     uint32_t kept = 0, i = 0;
     for (; i < count; ++i) {
-        const response x = respond(s->tile_records + 16 * (size_t)order[i], block);
+        const uint32_t index = order[i];
+        const response x = respond(records + 16 * (size_t)index, block);
         if (!vm_any(x.hit))
             continue;
-        order[kept] = order[i];
-        s->kept_ids[kept] = s->tile_ids[order[i]];
-        vf_store(s->alpha + 16 * kept, x.alpha);
-        vf_store(s->t + 16 * kept, x.t);
-        vf_store(s->prefix + 16 * kept, prefix);
-        vf_store(s->t_before + 16 * kept, t_last);
+        const size_t at = 16 * (size_t)kept;
+        order[kept] = index;
+        e.ids[kept] = tile_ids[index];
+        vf_store(e.alpha + at, x.alpha);
+        vf_store(e.t + at, x.t);
+        vf_store(e.prefix + at, prefix);
+        vf_store(e.t_before + at, t_last);
         if (keep_responses) {
-            vf_store(s->a + 16 * kept, x.a);
-            vf_store(s->b + 16 * kept, x.b);
-            vf_store(s->e + 16 * kept, x.e);
+            vf_store(a + at, x.a);
+            vf_store(bb + at, x.b);
+            vf_store(ee + at, x.e);
         }
         const vm late = vm_and(x.hit, vf_le(x.t, t_last));
-        s->walk[kept] = 0;
+        e.walk[kept] = 0;
         vf transmittance = prefix;
         if (vm_any(late))
-            transmittance = walk_back(s, kept, x.t, x.alpha, x.hit, late);
-        vf_store(s->transmittance + 16 * kept, transmittance);
+            transmittance = walk_back(&e, kept, x.t, x.alpha, x.hit, late);
+        vf_store(e.transmittance + at, transmittance);
         prefix = vf_mul(prefix, vf_sub(one, x.alpha));
         t_last = vf_max(t_last, x.t);
         ++kept;
@@ -193,13 +226,15 @@ typedef struct blended {
 
 static inline blended blend_block(const sgsi_scratch *s, const uint32_t *order, uint32_t count, bool distances)
 {
+    const size_t lanes = 16 * WALK_STEP;
+    const float *restrict alphas = s->alpha + lanes, *restrict ts = s->t + lanes, *restrict fronts = s->transmittance + lanes;
     const vf one = vf_set1(1.0f), zero = vf_zero();
     blended out = {.color = {zero, zero, zero}, .transmittance = one, .stop = vf_set1(INFINITY), .weight = zero,
                    .depth = zero, .median = zero, .first = vf_set1(INFINITY), .hits = zero};
     for (uint32_t i = 0; i < count; ++i) {
         const float *r = s->tile_records + 16 * (size_t)order[i] + SGSI_RECORD_COLOR;
-        const vf alpha = vf_load(s->alpha + 16 * i), t = vf_load(s->t + 16 * i);
-        const vf front = vf_load(s->transmittance + 16 * i), through = vf_sub(one, alpha);
+        const vf alpha = vf_load(alphas + 16 * i), t = vf_load(ts + 16 * i);
+        const vf front = vf_load(fronts + 16 * i), through = vf_sub(one, alpha);
         const vf back = vf_mul(front, through);
         const vm counts = vf_ge(back, vf_set1(TRANSMITTANCE_MIN));
         const vf w = vf_keep(counts, vf_mul(front, alpha));
@@ -261,20 +296,53 @@ static void tile_forward(sgsi_scratch *s, sgsi_tile_target *target)
 }
 
 // Repeats the walk of element i for the colour sums: a pair that a lane swaps trades places in `behind`.
-static inline void walk_behind(sgsi_scratch *s, uint32_t i, float *behind)
+static inline void walk_behind(const block_elements *e, const float *restrict q, float *restrict behind, uint32_t i)
 {
-    const vi t_bits = vf_as_vi(vf_load(s->t + 16 * i));
-    const vf q = vf_load(s->q + 16 * i);
-    const vm hit = vf_gt(vf_load(s->alpha + 16 * i), vf_zero());
-    const uint32_t *ids = s->kept_ids;
-    const uint32_t id = ids[i];
+    const vi t_bits = vf_as_vi(vf_load(e->t + 16 * i));
+    const vf q_i = vf_load(q + 16 * i);
+    const vm hit = vf_gt(vf_load(e->alpha + 16 * i), vf_zero());
+    const uint32_t id = e->ids[i];
     vf gained = vf_load(behind + 16 * i);
-    for (uint32_t j = i; j-- > i - s->walk[i];) {
-        const vm swapped = vm_andnot(hit, in_front(vf_load(s->t + 16 * j), t_bits, ids[j] < id));
-        gained = vf_add(gained, vf_keep(swapped, vf_load(s->q + 16 * j)));
-        vf_store(behind + 16 * j, vf_sub(vf_load(behind + 16 * j), vf_keep(swapped, q)));
+    for (ptrdiff_t j = (ptrdiff_t)i - WALK_STEP; j >= (ptrdiff_t)i - (ptrdiff_t)e->walk[i]; j -= WALK_STEP) {
+        for (int k = WALK_STEP - 1; k >= 0; --k) {
+            const ptrdiff_t at = 16 * (j + k);
+            const vm swapped = vm_andnot(hit, in_front(vf_load(e->t + at), t_bits, e->ids[j + k] < id));
+            gained = vf_add_where(swapped, gained, vf_load(q + at));
+            vf_store(behind + at, vf_sub_where(swapped, vf_load(behind + at), q_i));
+        }
     }
     vf_store(behind + 16 * i, gained);
+}
+
+typedef struct block_gradient {
+    vf color[3], transmittance; // dL/dC, dL/dT of the block's pixels
+} block_gradient;
+
+// Weights (over `transmittance`), q and the corrections of `behind` (over `prefix`). Returns the transmittance at the end.
+static inline vf weigh_block(const sgsi_scratch *s, const block_elements *e, const uint32_t *order, uint32_t count, const block_gradient *d)
+{
+    const vf one = vf_set1(1.0f);
+    float *restrict q = s->q + 16 * WALK_STEP, *restrict behind = e->prefix;
+    const float *restrict records = s->tile_records;
+    vf end = one;
+    for (int k = -WALK_STEP; k < 0; ++k)
+        vf_store(q + 16 * k, vf_zero());
+    for (uint32_t i = 0; i < count; ++i) {
+        const float *r = records + 16 * (size_t)order[i] + SGSI_RECORD_COLOR;
+        const vf alpha = vf_load(e->alpha + 16 * i), front = vf_load(e->transmittance + 16 * i);
+        const vf through = vf_sub(one, alpha);
+        const vm counts = vf_ge(vf_mul(front, through), vf_set1(TRANSMITTANCE_MIN));
+        const vf w = vf_keep(counts, vf_mul(front, alpha));
+        end = vf_mul_where(counts, end, through);
+        const vf shade = vf_fma(vf_set1(r[0]), d->color[0], vf_fma(vf_set1(r[1]), d->color[1], vf_mul(vf_set1(r[2]), d->color[2])));
+        vf_store(e->transmittance + 16 * i, w);
+        vf_store(q + 16 * i, vf_mul(w, shade));
+        vf_store(behind + 16 * i, vf_zero());
+    }
+    for (uint32_t i = 0; i < count; ++i)
+        if (e->walk[i])
+            walk_behind(e, q, behind, i);
+    return end;
 }
 
 static void backward_block(sgsi_scratch *s, const sgsi_tile_list *list, sgsi_tile_target *target, int b)
@@ -286,39 +354,26 @@ static void backward_block(sgsi_scratch *s, const sgsi_tile_list *list, sgsi_til
         return;
     const block_rays block = load_block(target->rays, b, target->near_distance);
     evaluate_block(s, target->rays, b, &block, order, count, false, true, &target->evaluations);
-    const vf dr = load_block_plane(target->d_color[0], target, b), dg = load_block_plane(target->d_color[1], target, b);
-    const vf db = load_block_plane(target->d_color[2], target, b);
-    // Weights and q; `prefix` is free again and becomes the correction of `behind`.
-    float *behind = s->prefix;
-    vf end = one;
-    for (uint32_t i = 0; i < count; ++i) {
-        const float *r = s->tile_records + 16 * (size_t)order[i] + SGSI_RECORD_COLOR;
-        const vf alpha = vf_load(s->alpha + 16 * i), front = vf_load(s->transmittance + 16 * i);
-        const vf through = vf_sub(one, alpha);
-        const vm counts = vf_ge(vf_mul(front, through), vf_set1(TRANSMITTANCE_MIN));
-        const vf w = vf_keep(counts, vf_mul(front, alpha));
-        end = vf_mul(end, vf_select(counts, through, one));
-        const vf shade = vf_fma(vf_set1(r[0]), dr, vf_fma(vf_set1(r[1]), dg, vf_mul(vf_set1(r[2]), db)));
-        vf_store(s->transmittance + 16 * i, w);
-        vf_store(s->q + 16 * i, vf_mul(w, shade));
-        vf_store(behind + 16 * i, zero);
-    }
-    for (uint32_t i = 0; i < count; ++i)
-        if (s->walk[i])
-            walk_behind(s, i, behind);
-    vf run = vf_mul(end, load_block_plane(target->d_transmittance, target, b));
+    const block_elements el = open_elements(s);
+    block_gradient d;
+    for (int c = 0; c < 3; ++c)
+        d.color[c] = load_block_plane(target->d_color[c], target, b);
+    d.transmittance = load_block_plane(target->d_transmittance, target, b);
+    vf run = vf_mul(weigh_block(s, &el, order, count, &d), d.transmittance);
+    const float *restrict qs = s->q + 16 * WALK_STEP, *restrict as = s->a, *restrict bs = s->b, *restrict es = s->e;
+    float *restrict sums = s->sums;
     for (uint32_t i = count; i-- > 0;) {
-        const vf alpha = vf_load(s->alpha + 16 * i), w = vf_load(s->transmittance + 16 * i);
-        const vf q = vf_load(s->q + 16 * i), a = vf_load(s->a + 16 * i), bb = vf_load(s->b + 16 * i);
-        const vf e = vf_load(s->e + 16 * i);
+        const vf alpha = vf_load(el.alpha + 16 * i), w = vf_load(el.transmittance + 16 * i);
+        const vf q = vf_load(qs + 16 * i), a = vf_load(as + 16 * i), bb = vf_load(bs + 16 * i), e = vf_load(es + 16 * i);
         const vm counted = vf_gt(w, zero);
-        const vf hidden = vf_mul(vf_add(run, vf_load(behind + 16 * i)), vf_div(alpha, vf_sub(one, alpha)));
+        const vf hidden = vf_mul(vf_add(run, vf_load(el.prefix + 16 * i)), vf_div(alpha, vf_sub(one, alpha)));
         const vf v = vf_keep(counted, vf_sub(q, hidden));
         run = vf_add(run, q);
         const vf va = vf_mul(v, a), vb = vf_mul(v, bb), ve = vf_mul(v, e);
-        const vf terms[16] = {vf_mul(w, dr), vf_mul(w, dg), vf_mul(w, db), v, va, vb, ve, vf_mul(va, a), vf_mul(va, bb),
-                              vf_mul(vb, bb), vf_mul(va, e), vf_mul(vb, e), vf_mul(ve, e), vf_keep(counted, one), zero, zero};
-        float *sum = s->sums + 16 * (size_t)order[i];
+        const vf terms[16] = {vf_mul(w, d.color[0]), vf_mul(w, d.color[1]), vf_mul(w, d.color[2]), v, va, vb, ve,
+                              vf_mul(va, a), vf_mul(va, bb), vf_mul(vb, bb), vf_mul(va, e), vf_mul(vb, e), vf_mul(ve, e),
+                              vf_keep(counted, one), zero, zero};
+        float *sum = sums + 16 * (size_t)order[i];
         vf_store(sum, vf_add(vf_load(sum), vf_sum16(terms)));
     }
 }

@@ -19,6 +19,8 @@ typedef struct sgsi_project {
 } sgsi_project;
 
 // ---- per tile ----
+enum { SGSI_SENTINELS = 16 }; // spare entries of every scratch array beyond its capacity
+
 // Scratch of one thread; arrays grow together (capacity primitives).
 typedef struct sgsi_scratch {
     size_t capacity;

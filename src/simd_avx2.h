@@ -154,3 +154,8 @@ static inline void vf_transpose16(vf r[16])
     for (int i = 0; i < 16; ++i)
         r[i] = (vf){quadrant[i / 8][0][i % 8], quadrant[i / 8][1][i % 8]};
 }
+
+// Masked arithmetic: m ? a op b : a.
+static inline vf vf_mul_where(vm m, vf a, vf b) { return vf_select(m, vf_mul(a, b), a); }
+static inline vf vf_add_where(vm m, vf a, vf b) { return vf_select(m, vf_add(a, b), a); }
+static inline vf vf_sub_where(vm m, vf a, vf b) { return vf_select(m, vf_sub(a, b), a); }

@@ -96,3 +96,8 @@ static inline void vf_transpose16(vf r[16])
         r[12 + k] = _mm512_shuffle_f32x4(x1, y1, 0xDD);
     }
 }
+
+// Masked arithmetic: m ? a op b : a.
+static inline vf vf_mul_where(vm m, vf a, vf b) { return _mm512_mask_mul_ps(a, m, a, b); }
+static inline vf vf_add_where(vm m, vf a, vf b) { return _mm512_mask_add_ps(a, m, a, b); }
+static inline vf vf_sub_where(vm m, vf a, vf b) { return _mm512_mask_sub_ps(a, m, a, b); }

@@ -98,3 +98,8 @@ static inline void vf_transpose16(vf r[16])
             r[k].x[i] = kept;
         }
 }
+
+// Masked arithmetic: m ? a op b : a.
+static inline vf vf_mul_where(vm m, vf a, vf b) { SGSI_LANES(vf, m.x[i] ? a.x[i] * b.x[i] : a.x[i]); }
+static inline vf vf_add_where(vm m, vf a, vf b) { SGSI_LANES(vf, m.x[i] ? a.x[i] + b.x[i] : a.x[i]); }
+static inline vf vf_sub_where(vm m, vf a, vf b) { SGSI_LANES(vf, m.x[i] ? a.x[i] - b.x[i] : a.x[i]); }

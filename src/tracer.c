@@ -200,7 +200,7 @@ bool sgsi_scratch_reserve(sgsi_scratch *s, size_t capacity)
     s->capacity = 0;
     for (size_t i = 0; i < sizeof arrays / sizeof *arrays; ++i) {
         sgsi_free(*arrays[i].array);
-        *arrays[i].array = sgsi_alloc(capacity, arrays[i].bytes);
+        *arrays[i].array = sgsi_alloc(capacity + SGSI_SENTINELS, arrays[i].bytes);
         if (!*arrays[i].array)
             return false;
     }

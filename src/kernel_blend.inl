@@ -6,9 +6,10 @@
 // Exact order without sorting lanes. The elements of a block come in the order of its centre ray; in a lane two of them
 // may be swapped. Blending needs the order only through the transmittance in front of each hit,
 // T_i = product of (1 - alpha_j) over the hits with (t_j, id_j) < (t_i, id_i), so nothing is moved: the running
-// product gives T_i where the orders agree, and where a later element turns out to lie in front (t_i below the running
-// maximum of t in some lane) we walk back over its neighbours, rebuild its T from the prefix before them and multiply
-// its (1 - alpha) into theirs. Elements keep their place, so that colours and gradient sums stay uniform over the lanes.
+// product gives T_i where the orders agree, and where an element lies in front of earlier ones in some lane (its t is below the
+// running maximum), both sides of each such pair are corrected: the T of one takes in the factor that the other leaves out. That
+// is done for four elements against four at a time, so that loads, stores and branches are shared by sixteen pairs. Elements
+// keep their place, so colours and gradient sums stay uniform over the lanes.
 //
 // Stop rule without order: a hit counts iff T_i (1 - alpha_i) >= 1e-4. Along a ray that product only falls, so
 // this is "stop before the first hit that would take T below 1e-4".
@@ -68,60 +69,102 @@ static inline response respond(const float *r, const block_rays *block)
     return x;
 }
 
-// In which lanes does element j lie in front of element i, whose distance is t_i? Ties go to the smaller id: then the bound
-// moves up by one unit in the last place, without a branch (t > 0, so integers order like the floats; lanes of i without a
-// hit hold -infinity and turn into NaN, which compares false).
-static inline vm in_front(vf t_j, vi t_i, int tie)
-{
-    return vf_lt(t_j, vi_as_vf(vi_add(t_i, vi_set1(tie))));
-}
-
-// The arrays of a block's elements, in registers rather than behind the scratch's pointers. WALK_STEP entries in front of the
-// first element are sentinels in front of everything, so that walks go in whole steps.
-enum { WALK_STEP = 4 };
+// The elements of a block, four to a group. One group of sentinels stands before the first: in front of everything, and
+// transparent. The last group is filled up with elements that hit nothing.
+enum { GROUP = 4 };
 
 typedef struct block_elements {
-    float *restrict alpha, *restrict t, *restrict transmittance, *restrict prefix, *restrict t_before;
-    uint32_t *restrict ids, *restrict walk;
+    float *restrict alpha, *restrict through;      // through = 1 - alpha
+    float *restrict t;                             // [element][2][16]: t, and t plus one unit in the last place
+    float *restrict transmittance;                 // T in front of the element
+    float *restrict prefix, *restrict t_before;    // [group]: product and largest t of everything before the group
+    uint32_t *restrict ids, *restrict walk;        // walk [group]: groups to look back at for swapped pairs
+    float *restrict a, *restrict b, *restrict e;   // responses for the backward pass
 } block_elements;
 
 static inline block_elements open_elements(const sgsi_scratch *s)
 {
-    const size_t first = WALK_STEP, lanes = 16 * WALK_STEP;
-    const block_elements e = {s->alpha + lanes, s->t + lanes, s->transmittance + lanes, s->prefix + lanes,
-                              s->t_before + lanes, s->kept_ids + first, s->walk};
-    for (int k = -WALK_STEP; k < 0; ++k) {
-        vf_store(e.alpha + 16 * k, vf_zero());
-        vf_store(e.t + 16 * k, vf_set1(-INFINITY));
-        vf_store(e.t_before + 16 * k, vf_set1(-INFINITY));
-        vf_store(e.transmittance + 16 * k, vf_set1(1.0f));
-        vf_store(e.prefix + 16 * k, vf_set1(1.0f));
-        e.ids[k] = 0;
-    }
-    return e;
+    const size_t lanes = 16 * GROUP;
+    return (block_elements){s->alpha + lanes, s->through + lanes, s->t + 2 * lanes, s->transmittance + lanes, s->prefix + 16,
+                            s->t_before + 16, s->kept_ids + GROUP, s->walk, s->a, s->b, s->e};
 }
 
-// Element i lies in front of some earlier element in the lanes `late`. Returns its transmittance, corrects theirs.
-// Walking farther than needed is harmless: those elements are in front in every lane.
-static inline vf walk_back(const block_elements *e, uint32_t i, vf t, vf alpha, vm hit, vm late)
+static inline void put_element(const block_elements *el, ptrdiff_t i, vf alpha, vf t, uint32_t id)
 {
+    vf_store(el->alpha + 16 * i, alpha);
+    vf_store(el->through + 16 * i, vf_sub(vf_set1(1.0f), alpha));
+    vf_store(el->t + 32 * i, t);
+    vf_store(el->t + 32 * i + 16, vi_as_vf(vi_add(vf_as_vi(t), vi_set1(1))));
+    el->ids[i] = id;
+}
+
+static inline void put_sentinels(const block_elements *el)
+{
+    for (int k = -GROUP; k < 0; ++k) {
+        put_element(el, k, vf_zero(), vf_set1(-INFINITY), 0);
+        vf_store(el->transmittance + 16 * k, vf_set1(1.0f));
+    }
+    vf_store(el->prefix - 16, vf_set1(1.0f));
+    vf_store(el->t_before - 16, vf_set1(-INFINITY));
+}
+
+// In which lanes does element j (at distance t_j) lie in front of element i? Ties go to the smaller id: then the bound is one
+// unit in the last place higher (t > 0, so the next integer is the next float). Where i has no hit the bound is -infinity or,
+// one unit on, NaN: false.
+static inline vm in_front(const block_elements *el, vf t_j, ptrdiff_t j, ptrdiff_t i)
+{
+    return vf_lt(t_j, vf_load(el->t + 32 * i + 16 * (el->ids[j] < el->ids[i])));
+}
+
+// T of the four elements of group g, and the correction of the groups before it that are not all in front. prefix and t_last
+// describe everything before the group and are moved behind it.
+static inline void order_group(const block_elements *el, uint32_t g, vf *prefix, vf *t_last)
+{
+    const ptrdiff_t first = (ptrdiff_t)g * GROUP;
     const vf one = vf_set1(1.0f);
-    const vf through = vf_sub(one, alpha);
-    const vi t_bits = vf_as_vi(t);
-    const uint32_t id = e->ids[i];
-    vf product = one;
-    ptrdiff_t j = i;
-    do {
-        j -= WALK_STEP;
-        for (int k = WALK_STEP - 1; k >= 0; --k) {
-            const ptrdiff_t at = 16 * (j + k);
-            const vm before = in_front(vf_load(e->t + at), t_bits, e->ids[j + k] < id);
-            product = vf_mul_where(before, product, vf_sub(one, vf_load(e->alpha + at)));
-            vf_store(e->transmittance + at, vf_mul_where(vm_andnot(hit, before), vf_load(e->transmittance + at), through));
+    vf through[GROUP], product[GROUP];
+    vf nearest = vf_set1(INFINITY), farthest = *t_last, all = *prefix;
+    for (int i = 0; i < GROUP; ++i) {
+        through[i] = vf_load(el->through + 16 * (first + i));
+        const vf t = vf_load(el->t + 32 * (first + i));
+        nearest = vf_min(vf_select(vf_gt(t, vf_zero()), t, vf_set1(INFINITY)), nearest);
+        farthest = vf_max(farthest, t);
+        all = vf_mul(all, through[i]);
+        product[i] = one;
+    }
+    for (int j = 0; j < GROUP; ++j) {
+        const vf t_j = vf_load(el->t + 32 * (first + j));
+        for (int i = j + 1; i < GROUP; ++i) {
+            const vm before = in_front(el, t_j, first + j, first + i);
+            product[i] = vf_mul_where(before, product[i], through[j]);
+            product[j] = vf_mul_where(vm_not(before), product[j], through[i]);
         }
-    } while (j > 0 && vm_any(vm_and(late, vf_le(t, vf_load(e->t_before + 16 * j)))));
-    e->walk[i] = (uint32_t)(i - j);
-    return vf_mul(vf_load(e->prefix + 16 * j), product);
+    }
+    vf_store(el->prefix + 16 * g, *prefix);
+    vf_store(el->t_before + 16 * g, *t_last);
+    ptrdiff_t back = g;
+    vf t_before = *t_last;
+    while (back >= 0 && vm_any(vf_le(nearest, t_before))) {
+        --back;
+        for (int j = 0; j < GROUP; ++j) {
+            const ptrdiff_t at = back * GROUP + j;
+            const vf t_j = vf_load(el->t + 32 * at), through_j = vf_load(el->through + 16 * at);
+            vf front = vf_load(el->transmittance + 16 * at);
+            for (int i = 0; i < GROUP; ++i) {
+                const vm before = in_front(el, t_j, at, first + i);
+                product[i] = vf_mul_where(before, product[i], through_j);
+                front = vf_mul_where(vm_not(before), front, through[i]);
+            }
+            vf_store(el->transmittance + 16 * at, front);
+        }
+        t_before = vf_load(el->t_before + 16 * back);
+    }
+    el->walk[g] = (uint32_t)(g - back);
+    const vf base = vf_load(el->prefix + 16 * back);
+    for (int i = 0; i < GROUP; ++i)
+        vf_store(el->transmittance + 16 * (first + i), vf_mul(base, product[i]));
+    *prefix = all;
+    *t_last = farthest;
 }
 
 // True when no element from `begin` on can lie in front of distance `stop` (units of |d|) in this block.
@@ -151,47 +194,37 @@ static inline float largest_lane(vf x)
 // Evaluates the elements of a block in its order: alpha, t and T of each, the walk lengths; drops those that hit no
 // pixel and, when `may_stop`, those behind the point where all pixels are opaque. Returns the number kept.
 static inline uint32_t evaluate_block(sgsi_scratch *s, const sgsi_tile_rays *rays, int b, const block_rays *block,
-                                      uint32_t *order, uint32_t count, bool may_stop, bool keep_responses,
+                                      uint32_t *restrict order, uint32_t count, bool may_stop, bool keep_responses,
                                       uint64_t *evaluations)
 {
-    const vf one = vf_set1(1.0f);
-    const block_elements e = open_elements(s);
+    const block_elements el = open_elements(s);
     const float *restrict records = s->tile_records;
     const uint32_t *restrict tile_ids = s->tile_ids;
-    float *restrict a = s->a, *restrict bb = s->b, *restrict ee = s->e;
-    vf prefix = one, t_last = vf_set1(-INFINITY);
-    uint32_t kept = 0, i = 0;
-    for (; i < count; ++i) {
-        const uint32_t index = order[i];
-        const response x = respond(records + 16 * (size_t)index, block);
-        if (!vm_any(x.hit))
-            continue;
-        const size_t at = 16 * (size_t)kept;
-        order[kept] = index;
-        e.ids[kept] = tile_ids[index];
-        vf_store(e.alpha + at, x.alpha);
-        vf_store(e.t + at, x.t);
-        vf_store(e.prefix + at, prefix);
-        vf_store(e.t_before + at, t_last);
-        if (keep_responses) {
-            vf_store(a + at, x.a);
-            vf_store(bb + at, x.b);
-            vf_store(ee + at, x.e);
+    vf prefix = vf_set1(1.0f), t_last = vf_set1(-INFINITY);
+    uint32_t kept = 0, ordered = 0, i = 0;
+    put_sentinels(&el);
+    while (i < count) {
+        for (; i < count && kept < ordered + 2 * GROUP; ++i) {
+            const uint32_t index = order[i];
+            const response x = respond(records + 16 * (size_t)index, block);
+            if (!vm_any(x.hit))
+                continue;
+            order[kept] = index;
+            put_element(&el, kept, x.alpha, x.t, tile_ids[index]);
+            if (keep_responses) {
+                vf_store(el.a + 16 * kept, x.a);
+                vf_store(el.b + 16 * kept, x.b);
+                vf_store(el.e + 16 * kept, x.e);
+            }
+            ++kept;
         }
-        const vm late = vm_and(x.hit, vf_le(x.t, t_last));
-        e.walk[kept] = 0;
-        vf transmittance = prefix;
-        if (vm_any(late))
-            transmittance = walk_back(&e, kept, x.t, x.alpha, x.hit, late);
-        vf_store(e.transmittance + at, transmittance);
-        prefix = vf_mul(prefix, vf_sub(one, x.alpha));
-        t_last = vf_max(t_last, x.t);
-        ++kept;
-        if (may_stop && kept % 8 == 0 && !vm_any(vm_and(block->valid, vf_ge(prefix, vf_set1(TRANSMITTANCE_MIN)))) &&
-            rest_is_hidden(s, rays, b, i + 1, largest_lane(t_last))) {
-            ++i;
+        for (uint32_t k = kept; k < ordered + 2 * GROUP; ++k) // only at the end of the list
+            put_element(&el, k, vf_zero(), vf_set1(-INFINITY), 0);
+        for (; ordered < kept; ordered += GROUP)
+            order_group(&el, ordered / GROUP, &prefix, &t_last);
+        if (may_stop && !vm_any(vm_and(block->valid, vf_ge(prefix, vf_set1(TRANSMITTANCE_MIN)))) &&
+            rest_is_hidden(s, rays, b, i, largest_lane(t_last)))
             break;
-        }
     }
     *evaluations += i;
     return kept;
@@ -226,15 +259,14 @@ typedef struct blended {
 
 static inline blended blend_block(const sgsi_scratch *s, const uint32_t *order, uint32_t count, bool distances)
 {
-    const size_t lanes = 16 * WALK_STEP;
-    const float *restrict alphas = s->alpha + lanes, *restrict ts = s->t + lanes, *restrict fronts = s->transmittance + lanes;
+    const block_elements el = open_elements(s);
     const vf one = vf_set1(1.0f), zero = vf_zero();
     blended out = {.color = {zero, zero, zero}, .transmittance = one, .stop = vf_set1(INFINITY), .weight = zero,
                    .depth = zero, .median = zero, .first = vf_set1(INFINITY), .hits = zero};
     for (uint32_t i = 0; i < count; ++i) {
         const float *r = s->tile_records + 16 * (size_t)order[i] + SGSI_RECORD_COLOR;
-        const vf alpha = vf_load(alphas + 16 * i), t = vf_load(ts + 16 * i);
-        const vf front = vf_load(fronts + 16 * i), through = vf_sub(one, alpha);
+        const vf alpha = vf_load(el.alpha + 16 * i), t = vf_load(el.t + 32 * i);
+        const vf front = vf_load(el.transmittance + 16 * i), through = vf_load(el.through + 16 * i);
         const vf back = vf_mul(front, through);
         const vm counts = vf_ge(back, vf_set1(TRANSMITTANCE_MIN));
         const vf w = vf_keep(counts, vf_mul(front, alpha));
@@ -295,53 +327,69 @@ static void tile_forward(sgsi_scratch *s, sgsi_tile_target *target)
     target->stop_distance = stop;
 }
 
-// Repeats the walk of element i for the colour sums: a pair that a lane swaps trades places in `behind`.
-static inline void walk_behind(const block_elements *e, const float *restrict q, float *restrict behind, uint32_t i)
+// Repeats the walk of a group for the colour sums: a pair that a lane swaps trades places in `behind`.
+static inline void order_behind(const block_elements *el, const float *restrict q, float *restrict behind, uint32_t g)
 {
-    const vi t_bits = vf_as_vi(vf_load(e->t + 16 * i));
-    const vf q_i = vf_load(q + 16 * i);
-    const vm hit = vf_gt(vf_load(e->alpha + 16 * i), vf_zero());
-    const uint32_t id = e->ids[i];
-    vf gained = vf_load(behind + 16 * i);
-    for (ptrdiff_t j = (ptrdiff_t)i - WALK_STEP; j >= (ptrdiff_t)i - (ptrdiff_t)e->walk[i]; j -= WALK_STEP) {
-        for (int k = WALK_STEP - 1; k >= 0; --k) {
-            const ptrdiff_t at = 16 * (j + k);
-            const vm swapped = vm_andnot(hit, in_front(vf_load(e->t + at), t_bits, e->ids[j + k] < id));
-            gained = vf_add_where(swapped, gained, vf_load(q + at));
-            vf_store(behind + at, vf_sub_where(swapped, vf_load(behind + at), q_i));
+    const ptrdiff_t first = (ptrdiff_t)g * GROUP;
+    vf q_i[GROUP], gained[GROUP];
+    for (int i = 0; i < GROUP; ++i) {
+        q_i[i] = vf_load(q + 16 * (first + i));
+        gained[i] = vf_zero();
+    }
+    for (int j = 0; j < GROUP; ++j) {
+        const vf t_j = vf_load(el->t + 32 * (first + j));
+        for (int i = j + 1; i < GROUP; ++i) {
+            const vm swapped = vm_not(in_front(el, t_j, first + j, first + i));
+            gained[i] = vf_add_where(swapped, gained[i], q_i[j]);
+            gained[j] = vf_sub_where(swapped, gained[j], q_i[i]);
         }
     }
-    vf_store(behind + 16 * i, gained);
+    for (ptrdiff_t back = (ptrdiff_t)g - 1; back >= (ptrdiff_t)g - (ptrdiff_t)el->walk[g]; --back) {
+        for (int j = 0; j < GROUP; ++j) {
+            const ptrdiff_t at = back * GROUP + j;
+            const vf t_j = vf_load(el->t + 32 * at), q_j = vf_load(q + 16 * at);
+            vf lost = vf_load(behind + 16 * at);
+            for (int i = 0; i < GROUP; ++i) {
+                const vm swapped = vm_not(in_front(el, t_j, at, first + i));
+                gained[i] = vf_add_where(swapped, gained[i], q_j);
+                lost = vf_sub_where(swapped, lost, q_i[i]);
+            }
+            vf_store(behind + 16 * at, lost);
+        }
+    }
+    for (int i = 0; i < GROUP; ++i)
+        vf_store(behind + 16 * (first + i), gained[i]);
 }
 
 typedef struct block_gradient {
     vf color[3], transmittance; // dL/dC, dL/dT of the block's pixels
 } block_gradient;
 
-// Weights (over `transmittance`), q and the corrections of `behind` (over `prefix`). Returns the transmittance at the end.
-static inline vf weigh_block(const sgsi_scratch *s, const block_elements *e, const uint32_t *order, uint32_t count, const block_gradient *d)
+// Weights (over `transmittance`), q and the corrections of `behind`. Returns the transmittance at the end.
+static inline vf weigh_block(const sgsi_scratch *s, const block_elements *el, const uint32_t *order, uint32_t count, const block_gradient *d)
 {
-    const vf one = vf_set1(1.0f);
-    float *restrict q = s->q + 16 * WALK_STEP, *restrict behind = e->prefix;
+    float *restrict q = s->q + 16 * GROUP, *restrict behind = s->behind + 16 * GROUP;
     const float *restrict records = s->tile_records;
-    vf end = one;
-    for (int k = -WALK_STEP; k < 0; ++k)
-        vf_store(q + 16 * k, vf_zero());
+    vf end = vf_set1(1.0f);
     for (uint32_t i = 0; i < count; ++i) {
         const float *r = records + 16 * (size_t)order[i] + SGSI_RECORD_COLOR;
-        const vf alpha = vf_load(e->alpha + 16 * i), front = vf_load(e->transmittance + 16 * i);
-        const vf through = vf_sub(one, alpha);
+        const vf front = vf_load(el->transmittance + 16 * i), through = vf_load(el->through + 16 * i);
         const vm counts = vf_ge(vf_mul(front, through), vf_set1(TRANSMITTANCE_MIN));
-        const vf w = vf_keep(counts, vf_mul(front, alpha));
+        const vf w = vf_keep(counts, vf_mul(front, vf_load(el->alpha + 16 * i)));
         end = vf_mul_where(counts, end, through);
         const vf shade = vf_fma(vf_set1(r[0]), d->color[0], vf_fma(vf_set1(r[1]), d->color[1], vf_mul(vf_set1(r[2]), d->color[2])));
-        vf_store(e->transmittance + 16 * i, w);
+        vf_store(el->transmittance + 16 * i, w);
         vf_store(q + 16 * i, vf_mul(w, shade));
-        vf_store(behind + 16 * i, vf_zero());
     }
-    for (uint32_t i = 0; i < count; ++i)
-        if (e->walk[i])
-            walk_behind(e, q, behind, i);
+    const uint32_t groups = (count + GROUP - 1) / GROUP;
+    for (uint32_t i = count; i < groups * GROUP; ++i)
+        vf_store(q + 16 * i, vf_zero());
+    for (int k = -GROUP; k < 0; ++k) {
+        vf_store(q + 16 * k, vf_zero());
+        vf_store(behind + 16 * k, vf_zero());
+    }
+    for (uint32_t g = 0; g < groups; ++g)
+        order_behind(el, q, behind, g);
     return end;
 }
 
@@ -360,13 +408,14 @@ static void backward_block(sgsi_scratch *s, const sgsi_tile_list *list, sgsi_til
         d.color[c] = load_block_plane(target->d_color[c], target, b);
     d.transmittance = load_block_plane(target->d_transmittance, target, b);
     vf run = vf_mul(weigh_block(s, &el, order, count, &d), d.transmittance);
-    const float *restrict qs = s->q + 16 * WALK_STEP, *restrict as = s->a, *restrict bs = s->b, *restrict es = s->e;
+    const float *restrict qs = s->q + 16 * GROUP, *restrict behind = s->behind + 16 * GROUP;
     float *restrict sums = s->sums;
     for (uint32_t i = count; i-- > 0;) {
         const vf alpha = vf_load(el.alpha + 16 * i), w = vf_load(el.transmittance + 16 * i);
-        const vf q = vf_load(qs + 16 * i), a = vf_load(as + 16 * i), bb = vf_load(bs + 16 * i), e = vf_load(es + 16 * i);
+        const vf q = vf_load(qs + 16 * i);
+        const vf a = vf_load(el.a + 16 * i), bb = vf_load(el.b + 16 * i), e = vf_load(el.e + 16 * i);
         const vm counted = vf_gt(w, zero);
-        const vf hidden = vf_mul(vf_add(run, vf_load(el.prefix + 16 * i)), vf_div(alpha, vf_sub(one, alpha)));
+        const vf hidden = vf_mul(vf_add(run, vf_load(behind + 16 * i)), vf_div(alpha, vf_load(el.through + 16 * i)));
         const vf v = vf_keep(counted, vf_sub(q, hidden));
         run = vf_add(run, q);
         const vf va = vf_mul(v, a), vb = vf_mul(v, bb), ve = vf_mul(v, e);

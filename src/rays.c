@@ -61,17 +61,21 @@ static int sum_directions(const direction_map *map, int x0, int y0, int size, fl
     return count;
 }
 
-static float smallest_cosine(const direction_map *map, int x0, int y0, int width, int height, const float axis[3])
+// 1 - cos of the widest angle between the axis and a pixel of the rectangle, from the chord: in single precision the
+// cosine itself would lose narrow cones.
+static float widest_versine(const direction_map *map, int x0, int y0, int width, int height, const float axis[3])
 {
-    float cosine = 1.0f;
+    float versine = 0.0f;
     for (int y = y0; y < y0 + height && y < map->camera->height; ++y) {
         for (int x = x0; x < x0 + width && x < map->camera->width; ++x) {
-            const float c = dot(map->directions[(size_t)y * (size_t)map->camera->width + (size_t)x], axis);
-            if (c < cosine) // false for NaN
-                cosine = c;
+            const float *d = map->directions[(size_t)y * (size_t)map->camera->width + (size_t)x];
+            const float chord[3] = {d[0] - axis[0], d[1] - axis[1], d[2] - axis[2]};
+            const float v = 0.5f * dot(chord, chord);
+            if (v > versine) // false for NaN
+                versine = v;
         }
     }
-    return cosine;
+    return versine;
 }
 
 // e1, e2 orthogonal to d0; e1 as close to the camera's x axis as possible (to z for sideways tiles).
@@ -88,8 +92,10 @@ static void complete_frame(float frame[9])
     frame[8] = d0[0] * frame[4] - d0[1] * frame[3];
 }
 
-static void fill_block(const direction_map *map, sgsi_tile_rays *tile, int b)
+// False when a ray leaves the half space in front of the tile: it has no place on the tangent plane.
+static bool fill_block(const direction_map *map, sgsi_tile_rays *tile, int b)
 {
+    bool complete = true;
     float low[2] = {INFINITY, INFINITY}, high[2] = {-INFINITY, -INFINITY};
     tile->valid[b] = 0;
     for (int i = 0; i < 16; ++i) {
@@ -99,8 +105,12 @@ static void fill_block(const direction_map *map, sgsi_tile_rays *tile, int b)
             continue;
         const float *d = map->directions[(size_t)y * (size_t)map->camera->width + (size_t)x];
         const float along = dot(d, tile->frame);
-        if (!(along > 0.0f)) // NaN too
+        if (isnan(d[0]))
             continue;
+        if (!(along > 0.05f)) {
+            complete = false;
+            continue;
+        }
         const float uv[2] = {dot(d, tile->frame + 3) / along, dot(d, tile->frame + 6) / along};
         for (int k = 0; k < 2; ++k) {
             low[k] = fminf(low[k], uv[k]);
@@ -119,10 +129,12 @@ static void fill_block(const direction_map *map, sgsi_tile_rays *tile, int b)
         tile->half_u = fmaxf(tile->half_u, fmaxf(fabsf(low[0]), fabsf(high[0])));
         tile->half_v = fmaxf(tile->half_v, fmaxf(fabsf(low[1]), fabsf(high[1])));
     }
+    return complete;
 }
 
-static void fill_tile(const direction_map *map, sgsi_tile_rays *tile)
+static bool fill_tile(const direction_map *map, sgsi_tile_rays *tile)
 {
+    bool complete = true;
     float sum[3];
     if (sum_directions(map, tile->x, tile->y, SGSI_TILE, sum)) {
         memcpy(tile->frame, sum, sizeof sum);
@@ -133,13 +145,15 @@ static void fill_tile(const direction_map *map, sgsi_tile_rays *tile)
     complete_frame(tile->frame);
     tile->half_u = tile->half_v = 0.0f;
     for (int b = 0; b < SGSI_BLOCKS; ++b)
-        fill_block(map, tile, b);
+        complete = fill_block(map, tile, b) && complete;
+    return complete;
 }
 
-static float cone_tangent(float cosine)
+// Beyond 87 degrees a tangent of 20 stands in: boxes dilated by 20 times their farthest distance hold the origin.
+static float cone_tangent(float versine)
 {
-    const float c = fmaxf(cosine, 0.05f);
-    return sqrtf(fmaxf(0.0f, 1.0f - c * c)) / c;
+    const float widened = fminf(versine * 1.0001f + 1e-12f, 0.95f);
+    return sqrtf(widened * (2.0f - widened)) / (1.0f - widened);
 }
 
 static void fill_bin(sgsi_rays *rays, const direction_map *map, int bin)
@@ -155,11 +169,13 @@ static void fill_bin(sgsi_rays *rays, const direction_map *map, int bin)
                 rays->bin_directions[bin][k][i] = k == 2 ? 1.0f : 0.0f;
             continue;
         }
+        if (!(dot(direction, direction) > 1e-6f)) // rays all around: any axis will do
+            direction[2] = 1.0f;
         normalize(direction);
         rays->bin_valid[bin] |= 1u << i;
         for (int k = 0; k < 3; ++k)
             rays->bin_directions[bin][k][i] = direction[k];
-        rays->tan_cone = fmaxf(rays->tan_cone, cone_tangent(smallest_cosine(map, x, y, step, step, direction) - 1e-7f));
+        rays->tan_cone = fmaxf(rays->tan_cone, cone_tangent(widest_versine(map, x, y, step, step, direction)));
     }
 }
 
@@ -174,7 +190,7 @@ static void fill_image_cone(sgsi_rays *rays, const direction_map *map)
     if (!(dot(axis, axis) > 1e-6f))
         axis[2] = 1.0f;
     normalize(axis);
-    const float cosine = smallest_cosine(map, 0, 0, map->camera->width, map->camera->height, axis) - 1e-4f;
+    const float cosine = 1.0f - widest_versine(map, 0, 0, map->camera->width, map->camera->height, axis) - 1e-4f;
     memcpy(rays->axis, axis, sizeof axis);
     rays->cone_cos = fmaxf(cosine, -1.0f);
     rays->cone_sin = sqrtf(fmaxf(0.0f, 1.0f - rays->cone_cos * rays->cone_cos));
@@ -209,10 +225,17 @@ sgs_status sgsi_rays_create(const sgs_camera *camera, int bin_tiles, sgsi_rays *
     if (!made->tiles || !made->bin_directions || !made->bin_valid)
         goto out_of_memory;
     sgsi_parallel_for((size_t)camera->height, 8, unproject_row, &map);
+    bool complete = true;
     for (size_t i = 0; i < tile_count; ++i) {
         made->tiles[i].x = (int)(i % (size_t)made->tiles_x) * SGSI_TILE;
         made->tiles[i].y = (int)(i / (size_t)made->tiles_x) * SGSI_TILE;
-        fill_tile(&map, &made->tiles[i]);
+        complete = fill_tile(&map, &made->tiles[i]) && complete;
+    }
+    if (!complete) {
+        sgsi_free(map.directions);
+        sgsi_rays_destroy(made);
+        return sgsi_fail(SGS_STATUS_UNSUPPORTED, "the %dx%d image is too small for its lens: %d pixels see more than 174 degrees",
+                         camera->width, camera->height, SGSI_TILE);
     }
     for (size_t i = 0; i < bin_count; ++i)
         fill_bin(made, &map, (int)i);

@@ -118,11 +118,12 @@ static inline vm in_front(const block_elements *el, vf t_j, ptrdiff_t j, ptrdiff
 
 // T of the four elements of group g, and the correction of the groups before it that are not all in front. prefix and t_last
 // describe everything before the group and are moved behind it.
+// The factors of a T multiply in the order of the list, (((prefix f_j) f_j+1) ...), over the elements in front and nothing
+// else: so an element that hides nothing changes no bit wherever it stands, and depth guesses may leave it out.
 static inline void order_group(const block_elements *el, uint32_t g, vf *prefix, vf *t_last)
 {
     const ptrdiff_t first = (ptrdiff_t)g * GROUP;
-    const vf one = vf_set1(1.0f);
-    vf through[GROUP], product[GROUP];
+    vf through[GROUP], front[GROUP];
     vf nearest = vf_set1(INFINITY), farthest = *t_last, all = *prefix;
     for (int i = 0; i < GROUP; ++i) {
         through[i] = vf_load(el->through + 16 * (first + i));
@@ -130,39 +131,37 @@ static inline void order_group(const block_elements *el, uint32_t g, vf *prefix,
         nearest = vf_min(vf_select(vf_gt(t, vf_zero()), t, vf_set1(INFINITY)), nearest);
         farthest = vf_max(farthest, t);
         all = vf_mul(all, through[i]);
-        product[i] = one;
-    }
-    for (int j = 0; j < GROUP; ++j) {
-        const vf t_j = vf_load(el->t + 32 * (first + j));
-        for (int i = j + 1; i < GROUP; ++i) {
-            const vm before = in_front(el, t_j, first + j, first + i);
-            product[i] = vf_mul_where(before, product[i], through[j]);
-            product[j] = vf_mul_where(vm_not(before), product[j], through[i]);
-        }
     }
     vf_store(el->prefix + 16 * g, *prefix);
     vf_store(el->t_before + 16 * g, *t_last);
     ptrdiff_t back = g;
     vf t_before = *t_last;
-    while (back >= 0 && vm_any(vf_le(nearest, t_before))) {
-        --back;
-        for (int j = 0; j < GROUP; ++j) {
-            const ptrdiff_t at = back * GROUP + j;
-            const vf t_j = vf_load(el->t + 32 * at), through_j = vf_load(el->through + 16 * at);
-            vf front = vf_load(el->transmittance + 16 * at);
-            for (int i = 0; i < GROUP; ++i) {
-                const vm before = in_front(el, t_j, at, first + i);
-                product[i] = vf_mul_where(before, product[i], through_j);
-                front = vf_mul_where(vm_not(before), front, through[i]);
-            }
-            vf_store(el->transmittance + 16 * at, front);
-        }
-        t_before = vf_load(el->t_before + 16 * back);
-    }
+    while (back >= 0 && vm_any(vf_le(nearest, t_before)))
+        t_before = vf_load(el->t_before + 16 * --back);
     el->walk[g] = (uint32_t)(g - back);
     const vf base = vf_load(el->prefix + 16 * back);
     for (int i = 0; i < GROUP; ++i)
-        vf_store(el->transmittance + 16 * (first + i), vf_mul(base, product[i]));
+        front[i] = base;
+    for (ptrdiff_t at = back * GROUP; at < first; ++at) {
+        const vf t_j = vf_load(el->t + 32 * at), through_j = vf_load(el->through + 16 * at);
+        vf front_j = vf_load(el->transmittance + 16 * at);
+        for (int i = 0; i < GROUP; ++i) {
+            const vm before = in_front(el, t_j, at, first + i);
+            front[i] = vf_mul_where(before, front[i], through_j);
+            front_j = vf_mul_where(vm_not(before), front_j, through[i]);
+        }
+        vf_store(el->transmittance + 16 * at, front_j);
+    }
+    for (int j = 0; j < GROUP; ++j) {
+        const vf t_j = vf_load(el->t + 32 * (first + j));
+        for (int i = j + 1; i < GROUP; ++i) {
+            const vm before = in_front(el, t_j, first + j, first + i);
+            front[i] = vf_mul_where(before, front[i], through[j]);
+            front[j] = vf_mul_where(vm_not(before), front[j], through[i]);
+        }
+    }
+    for (int i = 0; i < GROUP; ++i)
+        vf_store(el->transmittance + 16 * (first + i), front[i]);
     *prefix = all;
     *t_last = farthest;
 }

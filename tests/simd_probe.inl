@@ -112,7 +112,9 @@ static void probe_load_u8(const uint8_t *p, float out[16])
 }
 
 const simd_probe SGSI_KERNEL(simd_probe) = {
-    .name = SGSI_ISA == 2 ? "avx512" : SGSI_ISA == 1 ? "avx2" : "baseline",
+    .name = SGSI_ISA == 2   ? "avx512"
+            : SGSI_ISA == 1 ? "avx2"
+                            : "baseline",
     .exp2 = probe_exp2,
     .exp = probe_exp,
     .arithmetic = probe_arithmetic,

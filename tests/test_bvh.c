@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // The BVH promises a superset: whatever box a ray of the packet crosses within its limit is in the list. Held
-// here against a brute-force slab test in double precision, for every build quality, after refits small and large, for no
-// primitive, for one and for a hundred thousand. That the list is not simply everything is held too.
+// here against a brute-force slab test in double precision, for every build quality, after refits small and large, for
+// no primitive, for one and for a hundred thousand. That the list is not simply everything is held too.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -28,7 +28,8 @@ static double uniform(uint64_t seed, uint64_t *counter, double low, double high)
 }
 
 // Boxes in [-spread, spread]^3 with log-uniform edges.
-static void fill_boxes(sgsi_bounds *boxes, size_t count, uint64_t seed, double spread, double edge_low, double edge_high)
+static void fill_boxes(sgsi_bounds *boxes, size_t count, uint64_t seed, double spread, double edge_low,
+                       double edge_high)
 {
     uint64_t counter = 0;
     for (size_t i = 0; i < count; ++i) {
@@ -115,8 +116,8 @@ typedef struct gather_result {
 } gather_result;
 
 // Gathers and asserts: ids in range, every required box listed.
-static gather_result check_gather(const sgsi_bvh *bvh, const sgsi_bounds *boxes, size_t count, const sgsi_packet *packet,
-                                  sgsi_gather_list *list, uint8_t *seen)
+static gather_result check_gather(const sgsi_bvh *bvh, const sgsi_bounds *boxes, size_t count,
+                                  const sgsi_packet *packet, sgsi_gather_list *list, uint8_t *seen)
 {
     gather_result result = {0};
     memset(seen, 0, count);

@@ -1,9 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The ray tables against the camera in double precision: every pixel's ray is in its lane, and inside of everything that
-// is said to contain it: the block's and the tile's rectangle, the bin's cone, the image's cone. On these bounds rests that no
-// primitive is lost; that they are tight is what makes the gather cheap.
+// The ray tables against the camera in double precision: every pixel's ray is in its lane, and inside of everything
+// that is said to contain it: the block's and the tile's rectangle, the bin's cone, the image's cone. On these bounds
+// rests that no primitive is lost; that they are tight is what makes the gather cheap.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -22,7 +22,7 @@
 static const sgs_camera cameras[] = {
     {SGS_CAMERA_PINHOLE, 83, 61, {88, 91, 41, 30}},
     {SGS_CAMERA_PINHOLE, 1, 1, {1, 1, 0.5, 0.5}},
-    {SGS_CAMERA_PINHOLE, 4, 4, {2800, 2800, 2, 2}},      // one block of a photograph's pixels
+    {SGS_CAMERA_PINHOLE, 4, 4, {2800, 2800, 2, 2}}, // one block of a photograph's pixels
     {SGS_CAMERA_PINHOLE, 40, 40, {5000, 5000, 20, 20}},
     {SGS_CAMERA_PINHOLE, 64, 48, {1e5, 1e5, 32, 24}},    // a telescope
     {SGS_CAMERA_PINHOLE, 64, 48, {300, 300, -500, 900}}, // shifted out of the image
@@ -54,7 +54,8 @@ static void check_tile(const sgsi_tile_rays *tile, int block, int lane, const do
     assert_true(fabs(tile->u[block][lane]) <= tile->half_u && fabs(tile->v[block][lane]) <= tile->half_v);
     const double off_u = fabs((double)tile->u[block][lane] - tile->block_u[block]);
     const double off_v = fabs((double)tile->v[block][lane] - tile->block_v[block]);
-    assert_true(off_u <= tile->block_half_u[block] + 1e-7 * fabs(u) && off_v <= tile->block_half_v[block] + 1e-7 * fabs(v));
+    assert_true(off_u <= tile->block_half_u[block] + 1e-7 * fabs(u) &&
+                off_v <= tile->block_half_v[block] + 1e-7 * fabs(v));
 }
 
 static void every_pixel_lies_in_its_block_tile_bin_and_image(void **state)
@@ -76,7 +77,8 @@ static void every_pixel_lies_in_its_block_tile_bin_and_image(void **state)
                         continue;
                     }
                     check_tile(tile, block, lane, d);
-                    const int b = y / size * rays->bins_x + x / size, ray = y % size / (size / 4) * 4 + x % size / (size / 4);
+                    const int b = y / size * rays->bins_x + x / size,
+                              ray = y % size / (size / 4) * 4 + x % size / (size / 4);
                     float axis[3];
                     for (int k = 0; k < 3; ++k)
                         axis[k] = rays->bin_directions[b][k][ray];
@@ -104,7 +106,8 @@ static void frames_are_orthonormal(void **state)
             for (int i = 0; i < 3; ++i)
                 for (int j = 0; j < 3; ++j) {
                     const float *f = rays->tiles[t].frame;
-                    const float product = f[3 * i] * f[3 * j] + f[3 * i + 1] * f[3 * j + 1] + f[3 * i + 2] * f[3 * j + 2];
+                    const float product =
+                        f[3 * i] * f[3 * j] + f[3 * i + 1] * f[3 * j + 1] + f[3 * i + 2] * f[3 * j + 2];
                     assert_true(fabsf(product - (i == j)) <= 1e-6f);
                 }
         sgsi_rays_destroy(rays);

@@ -2,8 +2,9 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // The sixteen lanes of src/simd.h, on every instruction set the machine has: each operation against its
-// plain C meaning, the exponential against double precision over its whole range, sums against the documented tree to the
-// bit, and AVX2 against AVX-512 to the bit: on that rests the promise that a training run gives the same model on both.
+// plain C meaning, the exponential against double precision over its whole range, sums against the documented tree to
+// the bit, and AVX2 against AVX-512 to the bit: on that rests the promise that a training run gives the same model on
+// both.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -139,9 +140,10 @@ static void arithmetic_is_ieee_and_fma_is_fused_on_vector_isas(void **state)
 // Pairs of every kind: ordinary, equal, signed zeros, infinities, NaN on either side.
 static void special_pairs(float x[16], float y[16])
 {
-    const float values[16][2] = {{1, 2}, {2, 1}, {3, 3}, {-1, 1}, {0.0f, -0.0f}, {-0.0f, 0.0f}, {INFINITY, 1}, {1, INFINITY},
-                                 {-INFINITY, 1}, {INFINITY, INFINITY}, {NAN, 1}, {1, NAN}, {NAN, NAN}, {1e-30f, 0},
-                                 {-3, -2}, {-2, -3}};
+    const float values[16][2] = {{1, 2},        {2, 1},        {3, 3},        {-1, 1},        {0.0f, -0.0f},
+                                 {-0.0f, 0.0f}, {INFINITY, 1}, {1, INFINITY}, {-INFINITY, 1}, {INFINITY, INFINITY},
+                                 {NAN, 1},      {1, NAN},      {NAN, NAN},    {1e-30f, 0},    {-3, -2},
+                                 {-2, -3}};
     for (int i = 0; i < 16; ++i) {
         x[i] = values[i][0];
         y[i] = values[i][1];
@@ -211,8 +213,9 @@ static void integers_wrap_shift_and_round_to_even(void **state)
     int32_t p[16] __attribute__((aligned(64))), q[16] __attribute__((aligned(64)));
     int32_t out[PROBE_INTEGER_COUNT][16] __attribute__((aligned(64)));
     float back[16] __attribute__((aligned(64)));
-    const float x[16] __attribute__((aligned(64))) = {0.5f, 1.5f, 2.5f, -0.5f, -1.5f, 0.49999997f, 0.50000006f, 1e6f,
-                                                      -3.7f, 3.7f, 8388608.5f, -0.0f, 7, -7, 2.4999998f, 100000.5f};
+    const float x[16]
+        __attribute__((aligned(64))) = {0.5f,  1.5f, 2.5f,       -0.5f, -1.5f, 0.49999997f, 0.50000006f, 1e6f,
+                                        -3.7f, 3.7f, 8388608.5f, -0.0f, 7,     -7,          2.4999998f,  100000.5f};
     for (int i = 0; i < 16; ++i) {
         p[i] = (int32_t)sgsi_random_bits(7, (uint64_t)i);
         q[i] = (int32_t)sgsi_random_bits(8, (uint64_t)i);
@@ -309,7 +312,8 @@ static void avx2_and_avx512_give_the_same_bits(void **state)
     narrow->exp2(x, left, 1 << 16);
     wide->exp2(x, right, 1 << 16);
     assert_memory_equal(left, right, sizeof left);
-    float a[PROBE_ARITHMETIC_COUNT][16] __attribute__((aligned(64))), b[PROBE_ARITHMETIC_COUNT][16] __attribute__((aligned(64)));
+    float a[PROBE_ARITHMETIC_COUNT][16] __attribute__((aligned(64))),
+        b[PROBE_ARITHMETIC_COUNT][16] __attribute__((aligned(64)));
     for (size_t i = 0; i + 48 <= 1 << 16; i += 48) {
         narrow->arithmetic(x + i, y + i, x + i + 32, a);
         wide->arithmetic(x + i, y + i, x + i + 32, b);

@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Order and hits. The tracer's images and hit lists against the same kernels without a BVH: identical to the bit,
-// for every scene, lens, build quality, bin size, refit history, depth guess and number of threads. Against the oracle in
-// double precision: see test_tracer_oracle.c; gradients: test_tracer_gradient.c.
+// for every scene, lens, build quality, bin size, refit history, depth guess and number of threads. Against the oracle
+// in double precision: see test_tracer_oracle.c; gradients: test_tracer_gradient.c.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -89,7 +89,8 @@ static void morton_sah_and_refitted_trees_give_the_same_bits(void **state)
 {
     (void)state;
     const sgs_pose pose = oracle_pose_look_at(0, 0, -4), away = oracle_pose_look_at(-9, 3, 5);
-    const sgs_camera camera = oracle_camera(SGS_CAMERA_OPENCV, 83, 61), other = oracle_camera(SGS_CAMERA_OPENCV_FISHEYE, 40, 30);
+    const sgs_camera camera = oracle_camera(SGS_CAMERA_OPENCV, 83, 61),
+                     other = oracle_camera(SGS_CAMERA_OPENCV_FISHEYE, 40, 30);
     for (int number = 0; number < TRACED_SCENE_COUNT; ++number) {
         const char *name = traced_scene_name(number);
         oracle_scene scene = traced_scene(number), moved = traced_scene(number);
@@ -100,7 +101,8 @@ static void morton_sah_and_refitted_trees_give_the_same_bits(void **state)
         traced_view first = traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, 2, SGSI_BVH_LOW);
         const traced_lists lists = traced_lists_of(first.tracer, first.rays);
         for (int quality = SGSI_BVH_LOW; quality <= SGSI_BVH_HIGH; ++quality) {
-            traced_view again = traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, 1 << quality, (sgsi_bvh_quality)quality);
+            traced_view again =
+                traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, 1 << quality, (sgsi_bvh_quality)quality);
             traced_assert_same_image(&first.planes, &again.planes, label(name, "quality", quality));
             traced_aim(&again, &other, &away, 1);
             traced_project(&again, scene.model, false, (sgsi_bvh_quality)quality);
@@ -148,7 +150,8 @@ static oracle_scene slanted_scene(uint64_t seed, size_t count)
         oracle_normalize(normal);
         const double rotation[4] = {1 + normal[1] + 1e-9, normal[2], 0, -normal[0]}; // local y onto the normal
         memcpy(p + SGS_PARAM_ROTATION, rotation, sizeof rotation);
-        oracle_set_scales(p, oracle_uniform(&random, 0.3, 2), oracle_uniform(&random, 0.005, 0.05), oracle_uniform(&random, 0.3, 2));
+        oracle_set_scales(p, oracle_uniform(&random, 0.3, 2), oracle_uniform(&random, 0.005, 0.05),
+                          oracle_uniform(&random, 0.3, 2));
     }
     oracle_scene_round(&scene);
     return scene;
@@ -209,14 +212,16 @@ static void guesses_that_are_too_near_are_repaired_exactly(void **state)
     uint64_t regathered = 0;
     for (int number = -GUESS_SCENES; number < TRACED_SCENE_COUNT; ++number) {
         oracle_scene scene = guess_scene(number);
-        traced_view traced = traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, number % 2 ? 2 : 1, SGSI_BVH_LOW);
+        traced_view traced =
+            traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, number % 2 ? 2 : 1, SGSI_BVH_LOW);
         sgsi_planes plain = traced.planes;
         traced.planes = (sgsi_planes){0};
         float *guess = oracle_memory(tile_count(&traced), sizeof *guess);
         for (int plant = 0; plant < 6; ++plant) {
             for (size_t i = 0; i < tile_count(&traced); ++i) {
-                const float planted[6] = {0.0f, 3.0f, (float)(2 + (i * 7) % 5), NAN, -1.0f,
-                                          (float)(2.5 + 3 * sgsi_random_uniform((uint64_t)number + 50, i))};
+                const float planted[6] = {
+                    0.0f, 3.0f,  (float)(2 + (i * 7) % 5),
+                    NAN,  -1.0f, (float)(2.5 + 3 * sgsi_random_uniform((uint64_t)number + 50, i))};
                 guess[i] = planted[plant];
             }
             traced_forward(&traced, guess);
@@ -252,7 +257,9 @@ static void hidden_elements_change_no_bit_wherever_they_stand(void **state)
             r[SGSI_RECORD_C] = 1.0f;
             r[SGSI_RECORD_INV_KAPPA] = 1.0f;
             r[SGSI_RECORD_LOG_OPACITY] = wall ? 0.0f : -(float)sgsi_random_uniform(seed, 4 * i);
-            r[SGSI_RECORD_DISTANCE] = hidden ? 10 + (float)i : wall ? 7 + (float)i : 1 + 5 * (float)sgsi_random_uniform(seed, 4 * i + 1);
+            r[SGSI_RECORD_DISTANCE] = hidden ? 10 + (float)i
+                                      : wall ? 7 + (float)i
+                                             : 1 + 5 * (float)sgsi_random_uniform(seed, 4 * i + 1);
             r[SGSI_RECORD_COLOR] = (float)sgsi_random_uniform(seed, 4 * i + 2);
             scratch.tile_ids[i] = i;
             const uint32_t at = (uint32_t)(sgsi_random_bits(seed, 4 * i + 3) % (i + 1));
@@ -266,11 +273,18 @@ static void hidden_elements_change_no_bit_wherever_they_stand(void **state)
             for (uint32_t i = 0; i < COUNT; ++i)
                 if (k == 0 || order[i] < SEEN)
                     scratch.order[scratch.entry_count[0]++] = order[i];
-            sgsi_tile_target target = {.rays = &rays, .width = 4, .height = 4, .stride = planes[k].stride,
+            sgsi_tile_target target = {.rays = &rays,
+                                       .width = 4,
+                                       .height = 4,
+                                       .stride = planes[k].stride,
                                        .color = {planes[k].color[0], planes[k].color[1], planes[k].color[2]},
-                                       .transmittance = planes[k].transmittance, .depth_mean = planes[k].depth_mean,
-                                       .depth_median = planes[k].depth_median, .depth_first = planes[k].depth_first,
-                                       .hits = planes[k].hits, .near_distance = 0.2f, .far = INFINITY};
+                                       .transmittance = planes[k].transmittance,
+                                       .depth_mean = planes[k].depth_mean,
+                                       .depth_median = planes[k].depth_median,
+                                       .depth_first = planes[k].depth_first,
+                                       .hits = planes[k].hits,
+                                       .near_distance = 0.2f,
+                                       .far = INFINITY};
             sgsi_kernels_get()->tile_forward(&scratch, &target);
         }
         traced_assert_same_image(&planes[0], &planes[1], "without the hidden elements");
@@ -290,14 +304,16 @@ typedef struct frozen {
 } frozen;
 
 // Forward and backward with fixed pseudo-random gradients; keeps images and sums.
-static frozen trace_and_freeze(const oracle_scene *scene, const sgs_camera *camera, const sgs_pose *pose, sgs_filter filter)
+static frozen trace_and_freeze(const oracle_scene *scene, const sgs_camera *camera, const sgs_pose *pose,
+                               sgs_filter filter)
 {
     traced_view traced = traced_create(scene->model, camera, pose, filter, 2, SGSI_BVH_LOW);
     sgsi_planes d = traced_planes_create(camera->width, camera->height);
     oracle_random random = {5, 0};
     for (size_t i = 0; i < 4 * d.stride * (size_t)d.height; ++i)
         d.color[0][i] = (float)oracle_normal(&random);
-    assert_int_equal(sgsi_tracer_backward(traced.tracer, &traced.view, &traced.planes, d.color, d.transmittance), SGS_STATUS_OK);
+    assert_int_equal(sgsi_tracer_backward(traced.tracer, &traced.view, &traced.planes, d.color, d.transmittance),
+                     SGS_STATUS_OK);
     frozen kept = {.planes = traced.planes, .capacity = scene->model->capacity};
     kept.sums = oracle_memory(kept.capacity, SGSI_RECORD * sizeof *kept.sums);
     kept.touched = oracle_memory(kept.capacity / 16, 1);

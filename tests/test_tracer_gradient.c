@@ -2,12 +2,13 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Gradients in single precision against the oracle's in double (which test_reference_gradient.c holds to finite
-// differences): every instruction set, lens and filter, gradients of colour and of transmittance. Per group of parameters the
-// largest error is at most 1e-4 of the largest gradient, and so is the error of every primitive with at least a tenth of the
-// largest gradient, against its own. The comparison itself must notice planted errors. A repeated training-like step
-// allocates nothing.
+// differences): every instruction set, lens and filter, gradients of colour and of transmittance. Per group of
+// parameters the largest error is at most 1e-4 of the largest gradient, and so is the error of every primitive with at
+// least a tenth of the largest gradient, against its own. The comparison itself must notice planted errors. A repeated
+// training-like step allocates nothing.
 //
-// Fragile hits (see test_tracer_oracle.c) make gradients jump too. Their pixels get no incoming gradient here, in both renderers.
+// Fragile hits (see test_tracer_oracle.c) make gradients jump too. Their pixels get no incoming gradient here, in both
+// renderers.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -63,7 +64,8 @@ static bool is_fragile(const sgsi_reference_view *view, const double direction[3
     double transmittance = 1;
     for (size_t k = 0; k < found; ++k) {
         transmittance *= 1 - hits[k].alpha;
-        if (fabs(transmittance / 1e-4 - 1) < 1e-3 || (k && hits[k].t != hits[k - 1].t && hits[k].t - hits[k - 1].t < 1e-5 * hits[k].t))
+        if (fabs(transmittance / 1e-4 - 1) < 1e-3 ||
+            (k && hits[k].t != hits[k - 1].t && hits[k].t - hits[k - 1].t < 1e-5 * hits[k].t))
             return true;
         if (transmittance < 1e-4)
             return false;
@@ -85,8 +87,9 @@ static incoming make_incoming(const oracle_scene *scene, const traced_view *trac
     const sgs_camera *camera = &traced->camera;
     incoming in = {.single = traced_planes_create(camera->width, camera->height)};
     sgsi_reference_view view;
-    assert_int_equal(sgsi_reference_view_create(scene->params, scene->count, camera, &traced->pose, &traced->options, &view),
-                     SGS_STATUS_OK);
+    assert_int_equal(
+        sgsi_reference_view_create(scene->params, scene->count, camera, &traced->pose, &traced->options, &view),
+        SGS_STATUS_OK);
     sgs_hit *hits = oracle_memory(scene->count, sizeof *hits);
     float *const single[4] = {in.single.color[0], in.single.color[1], in.single.color[2], in.single.transmittance};
     for (int k = 0; k < 4; ++k)
@@ -120,8 +123,9 @@ static void incoming_free(incoming *in)
 // ---- Both gradients, and their comparison ----
 
 enum { GROUP_COUNT = 6 };
-static const int group_begin[GROUP_COUNT + 1] = {SGS_PARAM_MEAN, SGS_PARAM_ROTATION, SGS_PARAM_SCALE, SGS_PARAM_OPACITY,
-                                                 SGS_PARAM_SH_DC, SGS_PARAM_SH_REST, SGS_PARAM_COUNT};
+static const int group_begin[GROUP_COUNT + 1] = {SGS_PARAM_MEAN,    SGS_PARAM_ROTATION, SGS_PARAM_SCALE,
+                                                 SGS_PARAM_OPACITY, SGS_PARAM_SH_DC,    SGS_PARAM_SH_REST,
+                                                 SGS_PARAM_COUNT};
 static const char *const group_names[GROUP_COUNT] = {"mean", "rotation", "scale", "opacity", "sh_dc", "sh_rest"};
 
 typedef struct gradients {
@@ -135,8 +139,11 @@ static float *single_gradients(const sgs_gaussians *model, const traced_view *tr
 {
     float *out = sgsi_calloc(model->capacity, SGS_PARAM_COUNT * sizeof *out);
     assert_non_null(out);
-    const sgsi_optimize input = {.params = model->data, .count = model->count, .view = traced->view,
-                                 .sums = sgsi_tracer_sums(traced->tracer), .touched = sgsi_tracer_touched(traced->tracer),
+    const sgsi_optimize input = {.params = model->data,
+                                 .count = model->count,
+                                 .view = traced->view,
+                                 .sums = sgsi_tracer_sums(traced->tracer),
+                                 .touched = sgsi_tracer_touched(traced->tracer),
                                  .gradients = out};
     sgsi_kernels_get()->optimize(&input, 0, (model->count + SGS_LANES - 1) / SGS_LANES);
     return out;
@@ -148,14 +155,17 @@ static gradients compute_gradients(const oracle_scene *scene, traced_view *trace
     g.expected = oracle_memory(scene->count * SGS_PARAM_COUNT, sizeof *g.expected);
     g.actual = oracle_memory(scene->count * SGS_PARAM_COUNT, sizeof *g.actual);
     const double *const d_color[3] = {in->planes[0], in->planes[1], in->planes[2]};
-    assert_int_equal(sgs_reference_backward(scene->params, scene->count, &traced->camera, &traced->pose, &traced->options,
-                                            d_color, in->planes[3], g.expected, NULL), SGS_STATUS_OK);
-    assert_int_equal(sgsi_tracer_backward(traced->tracer, &traced->view, &traced->planes, in->single.color, in->single.transmittance),
+    assert_int_equal(sgs_reference_backward(scene->params, scene->count, &traced->camera, &traced->pose,
+                                            &traced->options, d_color, in->planes[3], g.expected, NULL),
+                     SGS_STATUS_OK);
+    assert_int_equal(sgsi_tracer_backward(traced->tracer, &traced->view, &traced->planes, in->single.color,
+                                          in->single.transmittance),
                      SGS_STATUS_OK);
     float *single = single_gradients(scene->model, traced);
     for (size_t i = 0; i < scene->count; ++i)
         for (size_t k = 0; k < SGS_PARAM_COUNT; ++k)
-            g.actual[i * SGS_PARAM_COUNT + k] = single[((i / SGS_LANES) * SGS_PARAM_COUNT + k) * SGS_LANES + i % SGS_LANES];
+            g.actual[i * SGS_PARAM_COUNT + k] =
+                single[((i / SGS_LANES) * SGS_PARAM_COUNT + k) * SGS_LANES + i % SGS_LANES];
     sgsi_free(single);
     return g;
 }
@@ -167,8 +177,8 @@ static void gradients_free(gradients *g)
 }
 
 typedef struct agreement {
-    double group[GROUP_COUNT];  // largest error / largest gradient
-    double primitive;           // worst over primitives and groups: |error| / |gradient| where it is significant
+    double group[GROUP_COUNT]; // largest error / largest gradient
+    double primitive;          // worst over primitives and groups: |error| / |gradient| where it is significant
     size_t significant;
 } agreement;
 
@@ -179,7 +189,8 @@ static agreement compare_gradients(const gradients *g)
         double worst = 0, largest = 0;
         for (size_t i = 0; i < g->count; ++i)
             for (int k = group_begin[group]; k < group_begin[group + 1]; ++k) {
-                const double error = fabs(g->actual[i * SGS_PARAM_COUNT + (size_t)k] - g->expected[i * SGS_PARAM_COUNT + (size_t)k]);
+                const double error =
+                    fabs(g->actual[i * SGS_PARAM_COUNT + (size_t)k] - g->expected[i * SGS_PARAM_COUNT + (size_t)k]);
                 worst = traced_worse(worst, error);
                 largest = fmax(largest, fabs(g->expected[i * SGS_PARAM_COUNT + (size_t)k]));
             }
@@ -228,7 +239,8 @@ typedef struct case_options {
 
 static agreement run_case(const oracle_scene *scene, const case_options *options, gradients *keep)
 {
-    traced_view traced = traced_create(scene->model, &options->camera, &options->pose, options->filter, 2, SGSI_BVH_LOW);
+    traced_view traced =
+        traced_create(scene->model, &options->camera, &options->pose, options->filter, 2, SGSI_BVH_LOW);
     traced.options.sh_degree = options->sh_degree;
     sgsi_view_set(&traced.view, traced.rays, &traced.pose, &traced.options);
     traced_project(&traced, scene->model, true, SGSI_BVH_LOW);
@@ -248,7 +260,8 @@ static agreement run_case(const oracle_scene *scene, const case_options *options
 
 static case_options default_case(sgs_camera_model lens)
 {
-    return (case_options){oracle_camera(lens, 63, 47), oracle_pose_look_at(1.9, -1.2, -3.3), SGS_FILTER_3DGS, true, true, 3};
+    return (case_options){
+        oracle_camera(lens, 63, 47), oracle_pose_look_at(1.9, -1.2, -3.3), SGS_FILTER_3DGS, true, true, 3};
 }
 
 static void gradients_equal_the_oracle_on_every_isa_lens_and_filter(void **state)
@@ -286,7 +299,8 @@ static void colour_and_transmittance_gradients_are_right_alone(void **state)
         print_agreement(part ? "transmittance" : "colour", &a);
         for (size_t i = 0; part == 1 && i < g.count; ++i) // colours do not touch T
             for (int k = SGS_PARAM_SH_DC; k < SGS_PARAM_COUNT; ++k)
-                assert_true(g.actual[i * SGS_PARAM_COUNT + (size_t)k] == 0 && g.expected[i * SGS_PARAM_COUNT + (size_t)k] == 0);
+                assert_true(g.actual[i * SGS_PARAM_COUNT + (size_t)k] == 0 &&
+                            g.expected[i * SGS_PARAM_COUNT + (size_t)k] == 0);
         assert_true(agrees(&a, 1e-4, 1e-4));
         gradients_free(&g);
     }
@@ -326,7 +340,8 @@ static void opaque_scenes_have_the_right_gradient(void **state)
     oracle_scene_free(&scene);
 }
 
-// The camera sits between primitives, some around it, many behind it: through a fisheye that sees 130 degrees and a pinhole.
+// The camera sits between primitives, some around it, many behind it: through a fisheye that sees 130 degrees and a
+// pinhole.
 static void gradients_are_right_inside_the_scene(void **state)
 {
     (void)state;
@@ -344,7 +359,15 @@ static void gradients_are_right_inside_the_scene(void **state)
 
 // ---- The check notices errors ----
 
-typedef enum plant { PLANT_SIGN, PLANT_FACTOR, PLANT_TRANSPOSED, PLANT_SWAPPED, PLANT_NAN, PLANT_ONE_PRIMITIVE, PLANT_COUNT } plant;
+typedef enum plant {
+    PLANT_SIGN,
+    PLANT_FACTOR,
+    PLANT_TRANSPOSED,
+    PLANT_SWAPPED,
+    PLANT_NAN,
+    PLANT_ONE_PRIMITIVE,
+    PLANT_COUNT
+} plant;
 
 // The gradient of the rotation as if R were transposed: the vector part of the quaternion changes its sign.
 static void plant_error(gradients *g, plant kind, int group)
@@ -424,17 +447,36 @@ typedef struct step_state {
 static void train_like_step(step_state *s, int step)
 {
     const sgs_gaussians *model = s->scene.model;
-    assert_int_equal(sgsi_tracer_project(s->traced.tracer, model, &s->traced.view, s->visible_count, s->radius_max), SGS_STATUS_OK);
-    assert_int_equal(sgsi_tracer_commit(s->traced.tracer, step == 0, SGSI_BVH_LOW), SGS_STATUS_OK);
-    assert_int_equal(sgsi_tracer_forward(s->traced.tracer, &s->traced.view, &s->traced.planes, s->guess, true), SGS_STATUS_OK);
-    assert_int_equal(sgsi_tracer_backward(s->traced.tracer, &s->traced.view, &s->traced.planes, s->d.color, s->d.transmittance),
+    assert_int_equal(sgsi_tracer_project(s->traced.tracer, model, &s->traced.view, s->visible_count, s->radius_max),
                      SGS_STATUS_OK);
-    const sgsi_optimize input = {.params = model->data, .m = s->m, .v = s->v, .count = model->count, .view = s->traced.view,
-                                 .sums = sgsi_tracer_sums(s->traced.tracer), .touched = sgsi_tracer_touched(s->traced.tracer),
-                                 .apply = true, .rate_mean = 1e-5f, .rate_rotation = 1e-4f, .rate_scale = 1e-4f,
-                                 .rate_opacity = 1e-3f, .rate_dc = 1e-3f, .rate_rest = 1e-4f, .beta1 = 0.9f, .beta2 = 0.999f,
-                                 .epsilon = 1e-15f, .correction1 = 1, .correction2 = 1, .gradient_sum = s->gradient_sum,
-                                 .tan_half_x = 0.5f, .tan_half_y = 0.4f};
+    assert_int_equal(sgsi_tracer_commit(s->traced.tracer, step == 0, SGSI_BVH_LOW), SGS_STATUS_OK);
+    assert_int_equal(sgsi_tracer_forward(s->traced.tracer, &s->traced.view, &s->traced.planes, s->guess, true),
+                     SGS_STATUS_OK);
+    assert_int_equal(
+        sgsi_tracer_backward(s->traced.tracer, &s->traced.view, &s->traced.planes, s->d.color, s->d.transmittance),
+        SGS_STATUS_OK);
+    const sgsi_optimize input = {.params = model->data,
+                                 .m = s->m,
+                                 .v = s->v,
+                                 .count = model->count,
+                                 .view = s->traced.view,
+                                 .sums = sgsi_tracer_sums(s->traced.tracer),
+                                 .touched = sgsi_tracer_touched(s->traced.tracer),
+                                 .apply = true,
+                                 .rate_mean = 1e-5f,
+                                 .rate_rotation = 1e-4f,
+                                 .rate_scale = 1e-4f,
+                                 .rate_opacity = 1e-3f,
+                                 .rate_dc = 1e-3f,
+                                 .rate_rest = 1e-4f,
+                                 .beta1 = 0.9f,
+                                 .beta2 = 0.999f,
+                                 .epsilon = 1e-15f,
+                                 .correction1 = 1,
+                                 .correction2 = 1,
+                                 .gradient_sum = s->gradient_sum,
+                                 .tan_half_x = 0.5f,
+                                 .tan_half_y = 0.4f};
     assert_int_equal(sgsi_kernels_get()->optimize(&input, 0, (model->count + SGS_LANES - 1) / SGS_LANES), 0);
 }
 

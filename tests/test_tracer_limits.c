@@ -3,7 +3,8 @@
 
 // The edges of the tracer: invariants that need no oracle, empty models and empty views, parameters beyond all
 // reason. A primitive whose parameters are not finite, or so large that single precision cannot say what they mean, may
-// vanish or fill the image, but it must not crash, hang, or change what the primitives beside it in memory and in the tree do.
+// vanish or fill the image, but it must not crash, hang, or change what the primitives beside it in memory and in the
+// tree do.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -66,7 +67,8 @@ static void permuting_primitives_changes_no_bit(void **state)
     for (int number = 0; number < TRACED_RANDOM_SCENES; ++number) {
         oracle_scene scene = traced_scene(number), permuted = oracle_scene_create(scene.count);
         for (size_t i = 0; i < scene.count; ++i)
-            memcpy(oracle_primitive(&permuted, i * 7 % scene.count), oracle_primitive(&scene, i), SGS_PARAM_COUNT * sizeof(double));
+            memcpy(oracle_primitive(&permuted, i * 7 % scene.count), oracle_primitive(&scene, i),
+                   SGS_PARAM_COUNT * sizeof(double));
         assert_true(scene.count % 7 != 0);
         oracle_scene_round(&permuted);
         const sgs_camera camera = oracle_camera(SGS_CAMERA_OPENCV, 63, 47);
@@ -86,13 +88,15 @@ static void assert_empty_image(const traced_view *traced)
     for (int k = 0; k < TRACED_PLANES; ++k)
         for (int y = 0; y < traced->planes.height; ++y)
             for (int x = 0; x < traced->planes.width; ++x)
-                assert_true(traced_plane(&traced->planes, k)[(size_t)y * traced->planes.stride + (size_t)x] == (k == 3 ? 1.0f : 0.0f));
+                assert_true(traced_plane(&traced->planes, k)[(size_t)y * traced->planes.stride + (size_t)x] ==
+                            (k == 3 ? 1.0f : 0.0f));
 }
 
 static void backward_of_nothing_is_nothing(traced_view *traced, const sgs_gaussians *model)
 {
     sgsi_planes d = traced_planes_create(traced->camera.width, traced->camera.height);
-    assert_int_equal(sgsi_tracer_backward(traced->tracer, &traced->view, &traced->planes, d.color, d.transmittance), SGS_STATUS_OK);
+    assert_int_equal(sgsi_tracer_backward(traced->tracer, &traced->view, &traced->planes, d.color, d.transmittance),
+                     SGS_STATUS_OK);
     for (size_t block = 0; block < model->count / SGS_LANES; ++block)
         assert_int_equal(sgsi_tracer_touched(traced->tracer)[block], 0);
     traced_planes_free(&d);
@@ -176,7 +180,7 @@ static void extinguish(oracle_scene *scene)
         *sgs_gaussians_at(scene->model, i, SGS_PARAM_OPACITY) = -30.0f;
 }
 
-static const int shape_params[] = {SGS_PARAM_MEAN, SGS_PARAM_MEAN + 2, SGS_PARAM_ROTATION, SGS_PARAM_ROTATION + 3,
+static const int shape_params[] = {SGS_PARAM_MEAN,  SGS_PARAM_MEAN + 2,  SGS_PARAM_ROTATION, SGS_PARAM_ROTATION + 3,
                                    SGS_PARAM_SCALE, SGS_PARAM_SCALE + 2, SGS_PARAM_OPACITY};
 enum { SHAPE_PARAM_COUNT = 7 };
 
@@ -223,7 +227,8 @@ static void colours_that_are_not_finite_stay_where_they_are(void **state)
             if (i == 37) {
                 oracle_set_ball(oracle_primitive(&sick, i), 0, 0, 0, 0.02, 0.9);
                 oracle_scene_round(&sick);
-                *sgs_gaussians_at(sick.model, i, run < 4 ? SGS_PARAM_SH_DC + 1 : SGS_PARAM_SH_REST + 7) = values[run % 4];
+                *sgs_gaussians_at(sick.model, i, run < 4 ? SGS_PARAM_SH_DC + 1 : SGS_PARAM_SH_REST + 7) =
+                    values[run % 4];
             }
         traced_view traced = {.options = sgs_render_options_default()};
         assert_int_equal(sgsi_tracer_create(&traced.tracer), SGS_STATUS_OK);
@@ -251,10 +256,12 @@ static void extreme_parameters_neither_crash_nor_get_lost(void **state)
         int param;
         float value;
     } extremes[] = {
-        {SGS_PARAM_SCALE, 40},         {SGS_PARAM_SCALE, -40},           {SGS_PARAM_SCALE + 1, 1e30f},    {SGS_PARAM_SCALE + 2, -1e30f},
-        {SGS_PARAM_SCALE, INFINITY},   {SGS_PARAM_OPACITY, 40},          {SGS_PARAM_OPACITY, -40},        {SGS_PARAM_OPACITY, 1e30f},
-        {SGS_PARAM_MEAN, 1e6f},        {SGS_PARAM_MEAN + 1, -1e6f},      {SGS_PARAM_MEAN + 2, 1e12f},     {SGS_PARAM_MEAN, 1e25f},
-        {SGS_PARAM_MEAN + 2, 3e38f},   {SGS_PARAM_ROTATION, 1e30f},      {SGS_PARAM_ROTATION + 1, 1e-30f}, {SGS_PARAM_SCALE + 2, 20},
+        {SGS_PARAM_SCALE, 40},         {SGS_PARAM_SCALE, -40},      {SGS_PARAM_SCALE + 1, 1e30f},
+        {SGS_PARAM_SCALE + 2, -1e30f}, {SGS_PARAM_SCALE, INFINITY}, {SGS_PARAM_OPACITY, 40},
+        {SGS_PARAM_OPACITY, -40},      {SGS_PARAM_OPACITY, 1e30f},  {SGS_PARAM_MEAN, 1e6f},
+        {SGS_PARAM_MEAN + 1, -1e6f},   {SGS_PARAM_MEAN + 2, 1e12f}, {SGS_PARAM_MEAN, 1e25f},
+        {SGS_PARAM_MEAN + 2, 3e38f},   {SGS_PARAM_ROTATION, 1e30f}, {SGS_PARAM_ROTATION + 1, 1e-30f},
+        {SGS_PARAM_SCALE + 2, 20},
     };
     const sgs_pose pose = oracle_pose_look_at(0.5, 0, -4);
     for (int isa = 0; isa < SGS_ISA_COUNT; ++isa) {
@@ -267,15 +274,17 @@ static void extreme_parameters_neither_crash_nor_get_lost(void **state)
             const sgs_camera camera = run % 3 ? oracle_camera(traced_lenses[run % 3 - 1], 33, 21) : wide;
             oracle_scene scene = oracle_random_model(9, 150, NULL);
             poison(&scene, extremes[run / 2].param, extremes[run / 2].value);
-            traced_view traced = traced_create(scene.model, &camera, &pose, run % 2 ? SGS_FILTER_NONE : SGS_FILTER_3DGS, 4, SGSI_BVH_LOW);
+            traced_view traced = traced_create(scene.model, &camera, &pose, run % 2 ? SGS_FILTER_NONE : SGS_FILTER_3DGS,
+                                               4, SGSI_BVH_LOW);
             char what[64];
             snprintf(what, sizeof what, "parameter %d = %g", extremes[run / 2].param, extremes[run / 2].value);
             traced_assert_matches_brute_force(&traced, scene.count, what);
             traced_project(&traced, scene.model, false, SGSI_BVH_LOW);
             traced_forward(&traced, NULL);
             traced_assert_matches_brute_force(&traced, scene.count, what);
-            backward_of_nothing_is_nothing(&(traced_view){.tracer = traced.tracer, .view = traced.view, .camera = camera, .planes = traced.planes},
-                                           &(sgs_gaussians){0});
+            backward_of_nothing_is_nothing(
+                &(traced_view){.tracer = traced.tracer, .view = traced.view, .camera = camera, .planes = traced.planes},
+                &(sgs_gaussians){0});
             traced_destroy(&traced);
             oracle_scene_free(&scene);
         }
@@ -296,17 +305,36 @@ static void the_optimiser_steps_around_sick_primitives(void **state)
         sgsi_planes d = traced_planes_create(camera.width, camera.height);
         for (size_t i = 0; i < 4 * d.stride * (size_t)d.height; ++i)
             d.color[0][i] = (float)(sgsi_random_uniform(6, i) - 0.5);
-        assert_int_equal(sgsi_tracer_backward(traced.tracer, &traced.view, &traced.planes, d.color, d.transmittance), SGS_STATUS_OK);
+        assert_int_equal(sgsi_tracer_backward(traced.tracer, &traced.view, &traced.planes, d.color, d.transmittance),
+                         SGS_STATUS_OK);
         const size_t capacity = scene.model->capacity, floats = capacity * SGS_PARAM_COUNT;
-        float *m = sgsi_calloc(floats, sizeof *m), *v = sgsi_calloc(floats, sizeof *v), *sum = sgsi_calloc(capacity, sizeof *sum);
+        float *m = sgsi_calloc(floats, sizeof *m), *v = sgsi_calloc(floats, sizeof *v),
+              *sum = sgsi_calloc(capacity, sizeof *sum);
         float *before = sgsi_alloc(floats, sizeof *before);
         memcpy(before, scene.model->data, floats * sizeof *before);
-        const sgsi_optimize input = {.params = scene.model->data, .m = m, .v = v, .count = scene.count, .view = traced.view,
-                                     .sums = sgsi_tracer_sums(traced.tracer), .touched = sgsi_tracer_touched(traced.tracer),
-                                     .dense = dense, .apply = true, .rate_mean = 1e-3f, .rate_rotation = 1e-3f, .rate_scale = 1e-3f,
-                                     .rate_opacity = 1e-3f, .rate_dc = 1e-3f, .rate_rest = 1e-3f, .beta1 = 0.9f, .beta2 = 0.999f,
-                                     .epsilon = 1e-15f, .correction1 = 1, .correction2 = 1, .gradient_sum = sum,
-                                     .tan_half_x = 0.5f, .tan_half_y = 0.4f};
+        const sgsi_optimize input = {.params = scene.model->data,
+                                     .m = m,
+                                     .v = v,
+                                     .count = scene.count,
+                                     .view = traced.view,
+                                     .sums = sgsi_tracer_sums(traced.tracer),
+                                     .touched = sgsi_tracer_touched(traced.tracer),
+                                     .dense = dense,
+                                     .apply = true,
+                                     .rate_mean = 1e-3f,
+                                     .rate_rotation = 1e-3f,
+                                     .rate_scale = 1e-3f,
+                                     .rate_opacity = 1e-3f,
+                                     .rate_dc = 1e-3f,
+                                     .rate_rest = 1e-3f,
+                                     .beta1 = 0.9f,
+                                     .beta2 = 0.999f,
+                                     .epsilon = 1e-15f,
+                                     .correction1 = 1,
+                                     .correction2 = 1,
+                                     .gradient_sum = sum,
+                                     .tan_half_x = 0.5f,
+                                     .tan_half_y = 0.4f};
         sgsi_kernels_get()->optimize(&input, 0, capacity / SGS_LANES);
         size_t stepped = 0;
         for (size_t i = 0; i < scene.count; ++i) {

@@ -7,12 +7,12 @@
 //
 // Fragile pixels. The list of hits is discontinuous: where two hits lie within 1e-5 of each other in t, where an alpha
 // is within 1e-4 of 1/255, where T (1 - alpha) is within 1e-3 of 1e-4, where t is within 1e-5 of the near distance
-// (all relative), single precision may rightly decide the other way. On these pixels the image may differ as one such decision
-// allows; on all others the ordered lists must be identical.
+// (all relative), single precision may rightly decide the other way. On these pixels the image may differ as one such
+// decision allows; on all others the ordered lists must be identical.
 //
-// Tolerances. Float rays are good to 1e-7 rad, so a Gaussian of scale s at distance D sees rho wrong by about 2e-7 D / s,
-// and alpha by rho alpha times that: 1e-5 for D = 6, s = 0.05 (the smallest of the random scenes). Distances: a dozen
-// roundings, 1e-6, times the slant (the change of t per rho, in units of s / D: up to a few).
+// Tolerances. Float rays are good to 1e-7 rad, so a Gaussian of scale s at distance D sees rho wrong by about 2e-7 D /
+// s, and alpha by rho alpha times that: 1e-5 for D = 6, s = 0.05 (the smallest of the random scenes). Distances: a
+// dozen roundings, 1e-6, times the slant (the change of t per rho, in units of s / D: up to a few).
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -45,7 +45,7 @@ static int restore_isa(void **state)
 // ---- Pixels of the oracle ----
 
 typedef struct pixel_truth {
-    size_t count;        // counted hits, in order
+    size_t count; // counted hits, in order
     bool fragile;
     bool median_fragile; // some T (1 - alpha) within 1e-4 of 0.5
 } pixel_truth;
@@ -88,8 +88,8 @@ static pixel_truth judge(const sgsi_reference_view *view, const double direction
     return truth;
 }
 
-// The tracer's ordered hits of a pixel, from its block's list and the primitives' records; the numbers in double. Returns the
-// number counted.
+// The tracer's ordered hits of a pixel, from its block's list and the primitives' records; the numbers in double.
+// Returns the number counted.
 static size_t traced_hits(const traced_view *traced, const traced_lists *lists, int x, int y, const double direction[3],
                           sgs_hit *hits)
 {
@@ -126,8 +126,8 @@ typedef struct comparison {
     double fragile_color;
 } comparison;
 
-static void compare_lists(const traced_view *traced, const traced_lists *lists, int x, int y, const double camera_direction[3],
-                          const sgs_hit *truth, size_t count, sgs_hit *hits)
+static void compare_lists(const traced_view *traced, const traced_lists *lists, int x, int y,
+                          const double camera_direction[3], const sgs_hit *truth, size_t count, sgs_hit *hits)
 {
     const size_t found = traced_hits(traced, lists, x, y, camera_direction, hits);
     if (found != count)
@@ -146,16 +146,21 @@ static comparison compare_with_oracle(const traced_view *traced, const oracle_sc
     sgsi_reference_view view;
     const sgs_camera *camera = &traced->camera;
     assert_int_equal(sgs_reference_frame_create(camera->width, camera->height, &frame), SGS_STATUS_OK);
-    assert_int_equal(sgs_reference_render(scene->params, scene->count, camera, &traced->pose, &traced->options, &frame), SGS_STATUS_OK);
-    assert_int_equal(sgsi_reference_view_create(scene->params, scene->count, camera, &traced->pose, &traced->options, &view), SGS_STATUS_OK);
+    assert_int_equal(sgs_reference_render(scene->params, scene->count, camera, &traced->pose, &traced->options, &frame),
+                     SGS_STATUS_OK);
+    assert_int_equal(
+        sgsi_reference_view_create(scene->params, scene->count, camera, &traced->pose, &traced->options, &view),
+        SGS_STATUS_OK);
     sgs_hit *truth = oracle_memory(scene->count, sizeof *truth), *hits = oracle_memory(scene->count, sizeof *hits);
     traced_lists lists = traced_lists_of(traced->tracer, traced->rays);
-    const double *const planes[TRACED_PLANES] = {frame.color[0], frame.color[1], frame.color[2], frame.transmittance,
-                                                 frame.depth_mean, frame.depth_median, frame.depth_first, frame.hits};
+    const double *const planes[TRACED_PLANES] = {frame.color[0],      frame.color[1],   frame.color[2],
+                                                 frame.transmittance, frame.depth_mean, frame.depth_median,
+                                                 frame.depth_first,   frame.hits};
     for (int y = 0; y < camera->height; ++y) {
         for (int x = 0; x < camera->width; ++x) {
             double direction[3], in_camera[3];
-            const size_t from = (size_t)y * traced->planes.stride + (size_t)x, at = (size_t)y * (size_t)camera->width + (size_t)x;
+            const size_t from = (size_t)y * traced->planes.stride + (size_t)x,
+                         at = (size_t)y * (size_t)camera->width + (size_t)x;
             pixel_truth pixel = {0};
             if (sgsi_reference_ray(&view, x, y, direction)) {
                 sgs_camera_unproject(camera, (double[2]){x + 0.5, y + 0.5}, in_camera);
@@ -175,8 +180,8 @@ static comparison compare_with_oracle(const traced_view *traced, const oracle_sc
                 continue;
             for (int k = 4; k < 7; ++k)
                 if (k != 5 || !pixel.median_fragile)
-                    result.distance = traced_worse(result.distance, oracle_error(traced_plane(&traced->planes, k)[from], planes[k][at],
-                                                                         distance_scale));
+                    result.distance = traced_worse(result.distance, oracle_error(traced_plane(&traced->planes, k)[from],
+                                                                                 planes[k][at], distance_scale));
             assert_true(traced->planes.hits[from] == (float)pixel.count);
             if (pixel.count) {
                 compare_lists(traced, &lists, x, y, in_camera, truth, pixel.count, hits);
@@ -213,8 +218,8 @@ static void random_scenes_equal_the_oracle_on_every_isa_and_lens(void **state)
                 sum.fragile_color = traced_worse(sum.fragile_color, one.fragile_color);
             }
         }
-        print_message("%s: colour %.2g, distance %.2g, fragile %.1f %% (colour %.2g)\n", sgs_isa_name((sgs_isa)isa), sum.color,
-                      sum.distance, 100.0 * (double)sum.fragile / (double)sum.pixels, sum.fragile_color);
+        print_message("%s: colour %.2g, distance %.2g, fragile %.1f %% (colour %.2g)\n", sgs_isa_name((sgs_isa)isa),
+                      sum.color, sum.distance, 100.0 * (double)sum.fragile / (double)sum.pixels, sum.fragile_color);
         assert_true(sum.color <= 1e-5 && sum.distance <= 3e-5);
         assert_true(sum.fragile * 25 < sum.pixels && sum.listed * 3 > sum.pixels);
         assert_true(sum.fragile_color <= 0.05);
@@ -229,15 +234,15 @@ static void random_scenes_equal_the_oracle_on_every_isa_and_lens(void **state)
 static const struct {
     double color[2], distance, distance_scale; // color: filter 3dgs, filter none
 } limits[TRACED_SCENE_COUNT] = {
-    {{1e-5, 1e-5}, 1e-5, 0}, // random
-    {{1e-5, 1e-5}, 1e-5, 0}, // crowd
-    {{1e-5, 1e-5}, 1e-5, 0}, // coplanar
-    {{1e-5, 1e-5}, 1e-5, 0}, // nested
-    {{3e-5, 0.2}, 3e-5, 0},  // thin
+    {{1e-5, 1e-5}, 1e-5, 0},   // random
+    {{1e-5, 1e-5}, 1e-5, 0},   // crowd
+    {{1e-5, 1e-5}, 1e-5, 0},   // coplanar
+    {{1e-5, 1e-5}, 1e-5, 0},   // nested
+    {{3e-5, 0.2}, 3e-5, 0},    // thin
     {{1e-5, 1e-5}, 1e-5, 1e4}, // large
-    {{1e-5, 1e-5}, 1e-5, 0}, // inside
-    {{1e-5, 1e-5}, 1e-5, 0}, // duplicates
-    {{3e-5, 5e-3}, 5e-3, 0}, // needles
+    {{1e-5, 1e-5}, 1e-5, 0},   // inside
+    {{1e-5, 1e-5}, 1e-5, 0},   // duplicates
+    {{3e-5, 5e-3}, 5e-3, 0},   // needles
 };
 
 static void adversarial_scenes_equal_the_oracle(void **state)
@@ -251,7 +256,8 @@ static void adversarial_scenes_equal_the_oracle(void **state)
             const int filter = run % 2;
             const sgs_camera camera = oracle_camera(traced_lenses[run / 2], 63, 47);
             const bool strict = limits[number].color[filter] < 0.1;
-            traced_view traced = traced_create(scene.model, &camera, &poses[run % 2], (sgs_filter)filter, 4, SGSI_BVH_LOW);
+            traced_view traced =
+                traced_create(scene.model, &camera, &poses[run % 2], (sgs_filter)filter, 4, SGSI_BVH_LOW);
             const comparison one = compare_with_oracle(&traced, &scene, strict, limits[number].distance_scale);
             traced_destroy(&traced);
             print_message("%s, filter %d: colour %.2g, distance %.2g, fragile %.1f %% (colour %.2g)\n",
@@ -285,8 +291,8 @@ static void odd_sizes_equal_the_oracle(void **state)
     oracle_scene_free(&scene);
 }
 
-// Shifted lenses see a corner of the field; a 220 degree fisheye sees primitives behind the image plane, and pixels beyond
-// its circle see nothing.
+// Shifted lenses see a corner of the field; a 220 degree fisheye sees primitives behind the image plane, and pixels
+// beyond its circle see nothing.
 static void shifted_and_very_wide_lenses_equal_the_oracle(void **state)
 {
     (void)state;
@@ -303,7 +309,8 @@ static void shifted_and_very_wide_lenses_equal_the_oracle(void **state)
     for (size_t i = 0; i < sizeof cameras / sizeof *cameras; ++i) {
         for (int filter = SGS_FILTER_3DGS; filter <= SGS_FILTER_NONE; ++filter) {
             const sgs_pose pose = oracle_pose_look_at(0.1, -0.2, 0.3 - 0.2 * (double)i);
-            traced_view traced = traced_create(scene.model, &cameras[i], &pose, (sgs_filter)filter, 1 << i % 4, SGSI_BVH_LOW);
+            traced_view traced =
+                traced_create(scene.model, &cameras[i], &pose, (sgs_filter)filter, 1 << i % 4, SGSI_BVH_LOW);
             const comparison one = compare_with_oracle(&traced, &scene, true, 0);
             print_message("camera %zu: colour %.2g, distance %.2g, fragile %.1f %%\n", i, one.color, one.distance,
                           100.0 * (double)one.fragile / (double)one.pixels);

@@ -38,10 +38,15 @@ static inline sgsi_planes traced_planes_create(int width, int height)
     assert_non_null(block);
     for (size_t i = 0; i < TRACED_PLANES * floats; ++i)
         block[i] = TRACED_SENTINEL;
-    return (sgsi_planes){.width = width, .height = height, .stride = stride,
-                         .color = {block, block + floats, block + 2 * floats}, .transmittance = block + 3 * floats,
-                         .depth_mean = block + 4 * floats, .depth_median = block + 5 * floats,
-                         .depth_first = block + 6 * floats, .hits = block + 7 * floats};
+    return (sgsi_planes){.width = width,
+                         .height = height,
+                         .stride = stride,
+                         .color = {block, block + floats, block + 2 * floats},
+                         .transmittance = block + 3 * floats,
+                         .depth_mean = block + 4 * floats,
+                         .depth_median = block + 5 * floats,
+                         .depth_first = block + 6 * floats,
+                         .hits = block + 7 * floats};
 }
 
 static inline void traced_planes_free(sgsi_planes *planes)
@@ -52,16 +57,16 @@ static inline void traced_planes_free(sgsi_planes *planes)
 
 static inline const float *traced_plane(const sgsi_planes *planes, int k)
 {
-    const float *const all[TRACED_PLANES] = {planes->color[0], planes->color[1], planes->color[2],
+    const float *const all[TRACED_PLANES] = {planes->color[0],      planes->color[1],   planes->color[2],
                                              planes->transmittance, planes->depth_mean, planes->depth_median,
-                                             planes->depth_first, planes->hits};
+                                             planes->depth_first,   planes->hits};
     return all[k];
 }
 
 static inline const char *traced_plane_name(int k)
 {
-    static const char *const names[TRACED_PLANES] = {"red", "green", "blue", "transmittance", "depth_mean",
-                                                     "depth_median", "depth_first", "hits"};
+    static const char *const names[TRACED_PLANES] = {"red",        "green",        "blue",        "transmittance",
+                                                     "depth_mean", "depth_median", "depth_first", "hits"};
     return names[k];
 }
 
@@ -93,8 +98,8 @@ static inline void traced_assert_complete(const sgsi_planes *planes)
 // ---- Lists: primitive ids of every block of every tile, in the block's order ----
 
 typedef struct traced_lists {
-    size_t blocks;    // tiles * SGSI_BLOCKS
-    size_t *begin;    // [blocks + 1]
+    size_t blocks; // tiles * SGSI_BLOCKS
+    size_t *begin; // [blocks + 1]
     uint32_t *ids;
     size_t capacity;
 } traced_lists;
@@ -168,7 +173,8 @@ static inline void traced_forward(traced_view *traced, float *depth_guess)
     traced_assert_complete(&traced->planes);
 }
 
-static inline void traced_project(traced_view *traced, const sgs_gaussians *model, bool rebuild, sgsi_bvh_quality quality)
+static inline void traced_project(traced_view *traced, const sgs_gaussians *model, bool rebuild,
+                                  sgsi_bvh_quality quality)
 {
     if (sgsi_tracer_project(traced->tracer, model, &traced->view, NULL, NULL) ||
         sgsi_tracer_commit(traced->tracer, rebuild, quality))
@@ -239,12 +245,18 @@ static inline void brute_forward(const traced_view *traced, size_t count, sgsi_p
         const sgsi_tile_rays *rays = &traced->rays->tiles[tile];
         const size_t kept = kernels->tile_filter(&scratch, rays, candidates, INFINITY);
         kernels->tile_sort(&scratch, rays, kept);
-        sgsi_tile_target target = {.rays = rays, .width = planes->width, .height = planes->height,
+        sgsi_tile_target target = {.rays = rays,
+                                   .width = planes->width,
+                                   .height = planes->height,
                                    .stride = planes->stride,
                                    .color = {planes->color[0], planes->color[1], planes->color[2]},
-                                   .transmittance = planes->transmittance, .depth_mean = planes->depth_mean,
-                                   .depth_median = planes->depth_median, .depth_first = planes->depth_first,
-                                   .hits = planes->hits, .near_distance = traced->view.near_distance, .far = INFINITY};
+                                   .transmittance = planes->transmittance,
+                                   .depth_mean = planes->depth_mean,
+                                   .depth_median = planes->depth_median,
+                                   .depth_first = planes->depth_first,
+                                   .hits = planes->hits,
+                                   .near_distance = traced->view.near_distance,
+                                   .far = INFINITY};
         kernels->tile_forward(&scratch, &target);
         for (size_t b = 0; b < SGSI_BLOCKS; ++b) {
             const size_t block = tile * SGSI_BLOCKS + b;
@@ -283,7 +295,8 @@ static inline oracle_scene traced_scene(int number)
 static inline const char *traced_scene_name(int number)
 {
     static const char *const random[TRACED_RANDOM_SCENES] = {"random", "crowd"};
-    return number < TRACED_RANDOM_SCENES ? random[number] : oracle_adversary_name((oracle_adversary)(number - TRACED_RANDOM_SCENES));
+    return number < TRACED_RANDOM_SCENES ? random[number]
+                                         : oracle_adversary_name((oracle_adversary)(number - TRACED_RANDOM_SCENES));
 }
 
 static const sgs_camera_model traced_lenses[] = {SGS_CAMERA_PINHOLE, SGS_CAMERA_OPENCV, SGS_CAMERA_OPENCV_FISHEYE};

@@ -241,7 +241,8 @@ static size_t optimize(const sgsi_optimize *input, size_t begin, size_t end)
 {
     size_t broken = 0;
     for (size_t block = begin; block < end; ++block) {
-        if (!input->touched[block] && !input->dense && !input->gradients)
+        const unsigned visible = input->visible ? input->visible[block] : 0;
+        if (!input->touched[block] && !input->dense && !input->gradients && !(visible && input->apply))
             continue;
         const size_t left = input->count - 16 * block;
         const vm present = vm_from_bits(left >= 16 ? 0xFFFFu : (1u << left) - 1u);
@@ -265,8 +266,9 @@ static size_t optimize(const sgsi_optimize *input, size_t begin, size_t end)
             float *sum = input->gradient_sum + 16 * block;
             vf_store(sum, vf_add(vf_load(sum), vf_keep(vm_and(seen, finite), transverse_norm(input, &g, &d))));
         }
+        const vm sparse = vm_and(vm_or(seen, vm_from_bits(visible)), present);
         if (input->apply)
-            step_block(input, block, vm_and(finite, input->dense ? present : seen), &d);
+            step_block(input, block, vm_and(finite, input->dense ? present : sparse), &d);
     }
     return broken;
 }

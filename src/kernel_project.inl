@@ -109,11 +109,15 @@ static inline vf projected_radius(const sgsi_view *view, const gaussian16 *g, vm
 static inline void project_statistics(const sgsi_project *input, size_t block, const gaussian16 *g, vm in_cone)
 {
     const vf radius = projected_radius(&input->view, g, in_cone);
+    const vm visible = vm_and(in_cone, vf_gt(radius, vf_zero()));
+    if (input->visible)
+        input->visible[block] = (uint16_t)vm_bits(visible);
+    if (!input->visible_count)
+        return;
     float *largest = input->radius_max + 16 * block;
-    vf_store(largest, vf_max(vf_load(largest), radius));
+    vf_store(largest, vf_max(vf_load(largest), vf_keep(visible, radius)));
     int32_t *count = (int32_t *)input->visible_count + 16 * block;
-    const vi one = vf_as_vi(vf_keep(vf_gt(radius, vf_zero()), vi_as_vf(vi_set1(1))));
-    vi_store(count, vi_add(vi_load(count), one));
+    vi_store(count, vi_add(vi_load(count), vf_as_vi(vf_keep(visible, vi_as_vf(vi_set1(1))))));
 }
 
 static inline void store_records(const sgsi_project *input, size_t block, const gaussian16 *g, vm traced)
@@ -170,7 +174,7 @@ static void project(const sgsi_project *input, size_t begin, size_t end)
         const vm in_cone = vm_and(vm_and(present, sane), vf_le(outside, margin));
         const vm traced = vm_and(in_cone, opaque);
         project_bounds(input, block, &g, reach, sane, traced);
-        if (input->visible_count && vm_any(present))
+        if (input->visible_count || input->visible)
             project_statistics(input, block, &g, in_cone);
         if (vm_any(traced))
             store_records(input, block, &g, traced);

@@ -16,6 +16,7 @@ typedef struct sgsi_project {
     sgsi_bounds *bounds;  // [capacity]
     uint32_t *visible_count; // d_i: += 1 for a projected radius > 0 that meets the image; NULL = no statistics
     float *radius_max;       // rho_i, pixels
+    uint16_t *visible;       // [capacity / 16]: bit i of a block: projected radius > 0; may be NULL
 } sgsi_project;
 
 // ---- per tile ----
@@ -61,6 +62,7 @@ typedef struct sgsi_optimize {
     sgsi_view view;
     const float *sums;      // [capacity][16]
     const uint8_t *touched; // [capacity / 16]: 0 = no sums there
+    const uint16_t *visible; // [capacity / 16]: bits of the rows the sparse optimiser steps besides those hit; may be NULL
     bool dense;             // update every row
     bool apply;             // false: statistics only (3DGS makes no step on densification iterations)
     float rate_mean, rate_rotation, rate_scale, rate_opacity, rate_dc, rate_rest;

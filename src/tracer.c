@@ -40,6 +40,7 @@ struct sgsi_tracer {
     sgsi_bounds *bounds;
     float *sums;
     uint8_t *touched;
+    uint16_t *visible;
     sgsi_tile_list *lists;
     size_t list_capacity;
     uint32_t *slot_ids; // backward: [slot_capacity]
@@ -95,7 +96,7 @@ void sgsi_tracer_destroy(sgsi_tracer *tracer)
     for (int i = 0; i < MAX_THREADS; ++i)
         free_thread(tracer->threads[i]);
     sgsi_bvh_destroy(tracer->bvh);
-    void *const arrays[] = {tracer->records, tracer->bounds, tracer->sums, tracer->touched, tracer->lists,
+    void *const arrays[] = {tracer->records, tracer->bounds, tracer->sums, tracer->touched, tracer->visible, tracer->lists,
                             tracer->slot_ids, tracer->slot_sums, tracer->slot_begin};
     for (size_t i = 0; i < sizeof arrays / sizeof *arrays; ++i)
         sgsi_free(arrays[i]);
@@ -122,13 +123,15 @@ static sgs_status reserve_primitives(sgsi_tracer *tracer, size_t capacity)
     sgsi_free(tracer->bounds);
     sgsi_free(tracer->sums);
     sgsi_free(tracer->touched);
+    sgsi_free(tracer->visible);
     tracer->records = sgsi_alloc(capacity, SGSI_RECORD * sizeof *tracer->records);
     tracer->bounds = sgsi_alloc(capacity, sizeof *tracer->bounds);
     tracer->sums = sgsi_alloc(capacity, SGSI_RECORD * sizeof *tracer->sums);
     tracer->touched = sgsi_calloc(capacity / SGS_LANES + 1, 1);
+    tracer->visible = sgsi_calloc(capacity / SGS_LANES + 1, sizeof *tracer->visible);
     tracer->built_count = 0;
     tracer->capacity = capacity;
-    if (tracer->records && tracer->bounds && tracer->sums && tracer->touched)
+    if (tracer->records && tracer->bounds && tracer->sums && tracer->touched && tracer->visible)
         return SGS_STATUS_OK;
     tracer->capacity = 0;
     return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to trace %zu primitives", capacity);
@@ -163,7 +166,8 @@ sgs_status sgsi_tracer_project(sgsi_tracer *tracer, const sgs_gaussians *model, 
         return status;
     tracer->count = model->count;
     sgsi_project input = {.params = model->data, .count = model->count, .view = *view, .records = tracer->records,
-                          .bounds = tracer->bounds, .visible_count = visible_count, .radius_max = radius_max};
+                          .bounds = tracer->bounds, .visible_count = visible_count, .radius_max = radius_max,
+                          .visible = tracer->visible};
     sgsi_parallel_ranges((model->count + SGS_LANES - 1) / SGS_LANES, 32, project_range, &input);
     tracer->seconds.project = sgsi_seconds() - start;
     return SGS_STATUS_OK;
@@ -589,6 +593,11 @@ const float *sgsi_tracer_sums(const sgsi_tracer *tracer)
 const uint8_t *sgsi_tracer_touched(const sgsi_tracer *tracer)
 {
     return tracer->touched;
+}
+
+const uint16_t *sgsi_tracer_visible(const sgsi_tracer *tracer)
+{
+    return tracer->visible;
 }
 
 const float *sgsi_tracer_records(const sgsi_tracer *tracer)

@@ -52,6 +52,7 @@ sgs_status sgsi_tracer_backward(sgsi_tracer *tracer, const sgsi_view *view, cons
 
 const float *sgsi_tracer_sums(const sgsi_tracer *tracer);      // [capacity][16]
 const uint8_t *sgsi_tracer_touched(const sgsi_tracer *tracer); // [capacity / 16]
+const uint16_t *sgsi_tracer_visible(const sgsi_tracer *tracer); // [capacity / 16]: bits of the rows in view (projected radius > 0)
 const float *sgsi_tracer_records(const sgsi_tracer *tracer);   // [capacity][16]
 sgsi_trace_seconds sgsi_tracer_seconds(const sgsi_tracer *tracer);
 sgsi_trace_counts sgsi_tracer_counts(const sgsi_tracer *tracer);

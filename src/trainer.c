@@ -344,6 +344,7 @@ static void optimize_step(sgs_trainer *trainer, const step_state *step)
     optimize_job job = {.input = {.params = trainer->model->data, .m = trainer->m, .v = trainer->v,
                                   .count = trainer->model->count, .view = step->view,
                                   .sums = sgsi_tracer_sums(trainer->tracer), .touched = sgsi_tracer_touched(trainer->tracer),
+                                  .visible = sgsi_tracer_visible(trainer->tracer),
                                   .dense = dense, .apply = apply, .rate_mean = (float)rate, .rate_rotation = 1e-3f,
                                   .rate_scale = 5e-3f, .rate_opacity = 0.025f, .rate_dc = 2.5e-3f, .rate_rest = 1.25e-4f,
                                   .beta1 = 0.9f, .beta2 = 0.999f, .epsilon = 1e-15f,

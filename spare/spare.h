@@ -16,7 +16,7 @@ typedef struct spare_options {
     int grid;             // voxels per axis (32)
     double budget_scale;  // kappa: B = kappa N (1)
     double slack_gain;    // kappa_s (2)
-    double weight_range;  // gamma_0 (0.25)
+    double weight_range;  // gamma_0 (0.375)
     spare_phi phi;        // SPARE_PHI_COUPLED
     double capacity_min, capacity_max; // clamp of C_r (0.25, 4)
     double tau_alpha;     // opacity below which a primitive may be redundant (0.05)

@@ -4,6 +4,7 @@
 // One instruction set's kernels. Included by kernels_<isa>.c after simd.h.
 
 #include "kernels.h"
+#include "radix.h"
 
 #include <math.h>
 #include <string.h>

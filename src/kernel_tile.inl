@@ -123,30 +123,14 @@ static inline void rank_sort(const float *keys, const uint32_t *values, uint32_t
 // Long lists: least significant digit first; positive floats order like their bits.
 static void radix_sort(const float *keys, const uint32_t *values, uint32_t *out, uint64_t *spare, uint32_t count)
 {
-    uint64_t *from = spare, *to = spare + count;
     for (uint32_t i = 0; i < count; ++i) {
         uint32_t bits;
         memcpy(&bits, &keys[i], sizeof bits);
-        from[i] = (uint64_t)bits << 32 | values[i];
+        spare[i] = (uint64_t)bits << 32 | values[i];
     }
-    for (int shift = 32; shift < 64; shift += 11) {
-        uint32_t begin[2048] = {0};
-        for (uint32_t i = 0; i < count; ++i)
-            ++begin[from[i] >> shift & 2047];
-        uint32_t total = 0;
-        for (int k = 0; k < 2048; ++k) {
-            const uint32_t size = begin[k];
-            begin[k] = total;
-            total += size;
-        }
-        for (uint32_t i = 0; i < count; ++i)
-            to[begin[from[i] >> shift & 2047]++] = from[i];
-        uint64_t *const swap = from;
-        from = to;
-        to = swap;
-    }
+    const uint64_t *sorted = sgsi_radix_sort(spare, spare + count, count);
     for (uint32_t i = 0; i < count; ++i)
-        out[i] = (uint32_t)from[i];
+        out[i] = (uint32_t)sorted[i];
 }
 
 static void tile_sort(sgsi_scratch *scratch, const sgsi_tile_rays *rays, size_t count)

@@ -50,7 +50,6 @@ typedef struct sgsi_tile_target {
     float *depth_mean, *depth_median, *depth_first, *hits; // forward, each may be NULL
     const float *d_color[3], *d_transmittance; // backward
     float near_distance;
-    float far;           // candidates that begin behind it were left out; INFINITY = complete
     float stop_distance; // out: largest distance at which a pixel stopped; INFINITY when one did not
     uint64_t evaluations, counted; // out, added to: block evaluations and counted hits
 } sgsi_tile_target;

@@ -18,6 +18,7 @@
 
 #include "arena.h"
 #include "core.h"
+#include "radix.h"
 #include "threads.h"
 
 enum { REDUCE_SLOTS = 1 << 18, MAX_THREADS = SGSI_THREADS_MAX };
@@ -225,25 +226,7 @@ typedef struct forward_pass {
 // Ascending by the whole key, in three passes over the distance's bits and a repair of ties.
 static uint64_t *sort_keys(uint64_t *keys, uint64_t *spare, size_t count)
 {
-    uint64_t *from = keys, *to = spare;
-    if (count > 256) {
-        for (int shift = 32; shift < 64; shift += 11) {
-            uint32_t begin[2048] = {0};
-            for (size_t i = 0; i < count; ++i)
-                ++begin[from[i] >> shift & 2047];
-            uint32_t total = 0;
-            for (int k = 0; k < 2048; ++k) {
-                const uint32_t size = begin[k];
-                begin[k] = total;
-                total += size;
-            }
-            for (size_t i = 0; i < count; ++i)
-                to[begin[from[i] >> shift & 2047]++] = from[i];
-            uint64_t *const swap = from;
-            from = to;
-            to = swap;
-        }
-    }
+    uint64_t *from = count > 256 ? sgsi_radix_sort(keys, spare, count) : keys;
     for (size_t i = 1; i < count; ++i) {
         const uint64_t key = from[i];
         size_t at = i;
@@ -374,7 +357,7 @@ static bool blend_tile(const forward_pass *pass, thread_state *state, int tile, 
                                .color = {planes->color[0], planes->color[1], planes->color[2]},
                                .transmittance = planes->transmittance, .depth_mean = planes->depth_mean,
                                .depth_median = planes->depth_median, .depth_first = planes->depth_first,
-                               .hits = planes->hits, .near_distance = pass->view->near_distance, .far = far};
+                               .hits = planes->hits, .near_distance = pass->view->near_distance};
     kernels->tile_forward(&state->scratch, &target);
     if (!(target.stop_distance <= far))
         return false;

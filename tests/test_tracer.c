@@ -283,8 +283,7 @@ static void hidden_elements_change_no_bit_wherever_they_stand(void **state)
                                        .depth_median = planes[k].depth_median,
                                        .depth_first = planes[k].depth_first,
                                        .hits = planes[k].hits,
-                                       .near_distance = 0.2f,
-                                       .far = INFINITY};
+                                       .near_distance = 0.2f};
             sgsi_kernels_get()->tile_forward(&scratch, &target);
         }
         traced_assert_same_image(&planes[0], &planes[1], "without the hidden elements");

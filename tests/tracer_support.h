@@ -255,8 +255,7 @@ static inline void brute_forward(const traced_view *traced, size_t count, sgsi_p
                                    .depth_median = planes->depth_median,
                                    .depth_first = planes->depth_first,
                                    .hits = planes->hits,
-                                   .near_distance = traced->view.near_distance,
-                                   .far = INFINITY};
+                                   .near_distance = traced->view.near_distance};
         kernels->tile_forward(&scratch, &target);
         for (size_t b = 0; b < SGSI_BLOCKS; ++b) {
             const size_t block = tile * SGSI_BLOCKS + b;

@@ -6,7 +6,7 @@
 //   magic "SPAREGS1", version, section count; a fingerprint of the options and the scene;
 //   per section: tag (4 bytes), bytes (8), content; at the end XXH64 of everything before it.
 //
-// Sections: PROG (counters, averages, equilibrium, seconds), MODL, MOM1, MOM2 (rows 0..count, 59 floats each), STAT (a, d, rho),
+// Sections: PROG (counters, averages, equilibrium, seconds), MODL, MOM1, MOM2 (rows 0..count, 59 floats each), STAT (a, |a|, d, rho),
 // GUES (the depth guesses, which decide which hidden candidates take part and so the last bits of a step), ORDR (view order).
 // The BVH is not stored: padded bounds make the hits independent of it. A file that is cut, changed or of another
 // run is refused before the trainer is touched.
@@ -19,7 +19,7 @@
 #include "trainer_state.h"
 
 static const char magic[8] = {'S', 'P', 'A', 'R', 'E', 'G', 'S', '1'};
-enum { VERSION = 1, SECTIONS = 7 };
+enum { VERSION = 2, SECTIONS = 7 };
 
 typedef struct file_header {
     char magic[8];
@@ -103,8 +103,9 @@ static void put_state(checkpoint_writer *writer, const sgs_trainer *trainer)
     put_rows(writer, "MODL", trainer->model->data, n);
     put_rows(writer, "MOM1", trainer->m, n);
     put_rows(writer, "MOM2", trainer->v, n);
-    put_section(writer, "STAT", n * 12);
+    put_section(writer, "STAT", n * 16);
     put(writer, trainer->statistics.gradient_sum, n * sizeof(float));
+    put(writer, trainer->statistics.absolute_sum, n * sizeof(float));
     put(writer, trainer->statistics.visible_count, n * sizeof(uint32_t));
     put(writer, trainer->statistics.radius_max, n * sizeof(float));
     size_t tiles = 0;
@@ -199,7 +200,7 @@ static sgs_status parse(checkpoint_reader *reader, const sgs_trainer *trainer, c
     content->model = next_section(reader, "MODL", n * rows);
     content->m = next_section(reader, "MOM1", n * rows);
     content->v = next_section(reader, "MOM2", n * rows);
-    content->statistics = next_section(reader, "STAT", n * 12);
+    content->statistics = next_section(reader, "STAT", n * 16);
     content->guesses = next_section(reader, "GUES", content->tiles * sizeof(float));
     content->order = next_section(reader, "ORDR", trainer->train_view_count * sizeof(uint32_t));
     if (!content->progress || !content->model || !content->m || !content->v || !content->statistics || !content->guesses || !content->order)
@@ -235,8 +236,9 @@ static sgs_status restore(sgs_trainer *trainer, const checkpoint_content *conten
     trainer->m = m;
     trainer->v = v;
     memcpy(trainer->statistics.gradient_sum, content->statistics, n * 4);
-    memcpy(trainer->statistics.visible_count, content->statistics + n * 4, n * 4);
-    memcpy(trainer->statistics.radius_max, content->statistics + n * 8, n * 4);
+    memcpy(trainer->statistics.absolute_sum, content->statistics + n * 4, n * 4);
+    memcpy(trainer->statistics.visible_count, content->statistics + n * 8, n * 4);
+    memcpy(trainer->statistics.radius_max, content->statistics + n * 12, n * 4);
     const uint8_t *guess = content->guesses;
     for (size_t i = 0; i < trainer->train_view_count; ++i) {
         memcpy(trainer->depth_guesses[i], guess, trainer->tile_counts[i] * sizeof(float));

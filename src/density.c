@@ -1,10 +1,10 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// 3DGS's density control (specs of 3DGS, section 9) with the hooks of SPARE-GS.
+// The machinery of density control, whatever the base pipeline, with the hooks of SPARE-GS.
 //
-// An update first decides everything from the old rows: scores, weights, clone, split, redundancy. Then it writes a
-// plan, one entry per row of the new model (kept, clone, or split child of an old row; removed rows have none), sorts the
+// An update first decides everything from the old rows: scores, weights and redundancy here, clone, split and prune by
+// the pipeline (pipeline.h). Then it writes a plan, one entry per row of the new model (kept, clone, or split child of an old row; removed rows have none), sorts the
 // plan along a Morton curve so that primitives near in space are near in memory, and gathers parameters and
 // moments by it. Differences to the original, none of which changes the mathematics: row order, and the random numbers
 // of the children, which come from a counter (seed, iteration, old row) and so do not depend on threads.
@@ -15,6 +15,7 @@
 #include <string.h>
 
 #include "core.h"
+#include "pipeline.h"
 #include "threads.h"
 
 typedef enum plan_kind { PLAN_KEEP, PLAN_CLONE, PLAN_CHILD_0, PLAN_CHILD_1 } plan_kind;
@@ -25,27 +26,17 @@ typedef struct plan_entry {
     uint32_t kind;
 } plan_entry;
 
-// Columns of the old rows, gathered once.
-typedef struct density_columns {
-    size_t count;
-    float *x, *y, *z, *opacity, *scale_max;
-    float *score;       // a / d, 0 where unseen
-    float *weight;      // w, 1 without BMD
-    uint8_t *redundant; // RAP's mask
-    uint8_t *action;    // plan_kind of the densification: KEEP, CLONE or CHILD_0 (split)
-    void *workspace;
-} density_columns;
-
 sgs_status sgsi_statistics_reserve(sgsi_statistics *statistics, size_t capacity)
 {
     if (capacity <= statistics->capacity)
         return SGS_STATUS_OK;
     sgsi_statistics_free(statistics);
     statistics->gradient_sum = sgsi_calloc(capacity, sizeof *statistics->gradient_sum);
+    statistics->absolute_sum = sgsi_calloc(capacity, sizeof *statistics->absolute_sum);
     statistics->visible_count = sgsi_calloc(capacity, sizeof *statistics->visible_count);
     statistics->radius_max = sgsi_calloc(capacity, sizeof *statistics->radius_max);
     statistics->capacity = capacity;
-    if (statistics->gradient_sum && statistics->visible_count && statistics->radius_max)
+    if (statistics->gradient_sum && statistics->absolute_sum && statistics->visible_count && statistics->radius_max)
         return SGS_STATUS_OK;
     sgsi_statistics_free(statistics);
     return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the statistics of %zu primitives", capacity);
@@ -54,6 +45,7 @@ sgs_status sgsi_statistics_reserve(sgsi_statistics *statistics, size_t capacity)
 void sgsi_statistics_clear(sgsi_statistics *statistics, size_t count)
 {
     memset(statistics->gradient_sum, 0, count * sizeof *statistics->gradient_sum);
+    memset(statistics->absolute_sum, 0, count * sizeof *statistics->absolute_sum);
     memset(statistics->visible_count, 0, count * sizeof *statistics->visible_count);
     memset(statistics->radius_max, 0, count * sizeof *statistics->radius_max);
 }
@@ -61,31 +53,35 @@ void sgsi_statistics_clear(sgsi_statistics *statistics, size_t count)
 void sgsi_statistics_free(sgsi_statistics *statistics)
 {
     sgsi_free(statistics->gradient_sum);
+    sgsi_free(statistics->absolute_sum);
     sgsi_free(statistics->visible_count);
     sgsi_free(statistics->radius_max);
     *statistics = (sgsi_statistics){0};
 }
 
-static void free_columns(density_columns *columns)
+static void free_columns(sgsi_density_columns *columns)
 {
     void *const arrays[] = {columns->x, columns->y, columns->z, columns->opacity, columns->scale_max, columns->score,
-                            columns->weight, columns->redundant, columns->action, columns->workspace};
+                            columns->absolute, columns->weight, columns->redundant, columns->action, columns->removed,
+                            columns->barren, columns->priority, columns->workspace};
     for (size_t i = 0; i < sizeof arrays / sizeof *arrays; ++i)
         sgsi_free(arrays[i]);
 }
 
-static sgs_status make_columns(const sgs_gaussians *model, const sgsi_density_options *options, density_columns *columns)
+static sgs_status make_columns(const sgs_gaussians *model, const sgsi_density_options *options, sgsi_density_columns *columns)
 {
     const size_t n = model->count ? model->count : 1;
-    *columns = (density_columns){.count = model->count};
-    float **const floats[] = {&columns->x, &columns->y, &columns->z, &columns->opacity, &columns->scale_max, &columns->score, &columns->weight};
+    *columns = (sgsi_density_columns){.count = model->count};
+    float **const floats[] = {&columns->x, &columns->y, &columns->z, &columns->opacity, &columns->scale_max, &columns->score,
+                             &columns->absolute, &columns->weight, &columns->priority};
     bool complete = true;
     for (size_t i = 0; i < sizeof floats / sizeof *floats; ++i)
         complete = (*floats[i] = sgsi_alloc(n, sizeof(float))) && complete;
-    columns->redundant = sgsi_calloc(n, 1);
-    columns->action = sgsi_calloc(n, 1);
+    uint8_t **const marks[] = {&columns->redundant, &columns->action, &columns->removed, &columns->barren};
+    for (size_t i = 0; i < sizeof marks / sizeof *marks; ++i)
+        complete = (*marks[i] = sgsi_calloc(n, 1)) && complete;
     columns->workspace = sgsi_alloc(spare_workspace_size(&options->spare, model->count), 1);
-    if (complete && columns->redundant && columns->action && columns->workspace)
+    if (complete && columns->workspace)
         return SGS_STATUS_OK;
     free_columns(columns);
     return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a structural update of %zu primitives", model->count);
@@ -94,14 +90,14 @@ static sgs_status make_columns(const sgs_gaussians *model, const sgsi_density_op
 typedef struct column_job {
     const sgs_gaussians *model;
     const sgsi_statistics *statistics;
-    density_columns *columns;
+    sgsi_density_columns *columns;
 } column_job;
 
 static void fill_columns(void *context, size_t begin, size_t end, int thread)
 {
     (void)thread;
     const column_job *job = context;
-    density_columns *c = job->columns;
+    sgsi_density_columns *c = job->columns;
     for (size_t i = begin; i < end; ++i) {
         c->x[i] = *sgs_gaussians_at(job->model, i, SGS_PARAM_MEAN);
         c->y[i] = *sgs_gaussians_at(job->model, i, SGS_PARAM_MEAN + 1);
@@ -113,11 +109,12 @@ static void fill_columns(void *context, size_t begin, size_t end, int thread)
         c->scale_max[i] = expf(longest);
         const uint32_t seen = job->statistics->visible_count[i];
         c->score[i] = seen ? job->statistics->gradient_sum[i] / (float)seen : 0.0f;
+        c->absolute[i] = seen ? job->statistics->absolute_sum[i] / (float)seen : 0.0f;
         c->weight[i] = 1.0f;
     }
 }
 
-static void evaluate_spare(density_columns *columns, const sgsi_statistics *statistics, const sgsi_density_options *options,
+static void evaluate_spare(sgsi_density_columns *columns, const sgsi_statistics *statistics, const sgsi_density_options *options,
                            sgsi_density_result *result)
 {
     if (!options->spare_densify && !options->spare_prune)
@@ -131,88 +128,34 @@ static void evaluate_spare(density_columns *columns, const sgsi_statistics *stat
     result->regions = found.region_count;
     result->over_budget_share = found.over_budget_share;
     result->mean_weight = found.mean_weight;
-    for (size_t i = 0; i < columns->count; ++i) {
-        if (!options->spare_densify)
-            columns->weight[i] = 1.0f;
-        const bool native = columns->score[i] >= (float)options->gradient_threshold;
-        const bool weighted = columns->score[i] * columns->weight[i] >= (float)options->gradient_threshold;
-        result->bmd_suppressed += native && !weighted;
-        result->bmd_boosted += !native && weighted;
-    }
+    for (size_t i = 0; i < columns->count && !options->spare_densify; ++i)
+        columns->weight[i] = 1.0f;
     if (!options->spare_prune)
         memset(columns->redundant, 0, columns->count);
     result->spare_seconds = sgsi_seconds() - start;
 }
 
-typedef struct ranked_row {
-    float score;
-    uint32_t row;
-} ranked_row;
-
-static bool ranks_before(ranked_row a, ranked_row b)
-{
-    return a.score > b.score || (a.score == b.score && a.row < b.row);
-}
-
-static void sift_down(ranked_row *heap, size_t count, size_t at)
-{
-    for (;;) {
-        size_t worst = at;
-        for (size_t child = 2 * at + 1; child <= 2 * at + 2; ++child)
-            if (child < count && ranks_before(heap[worst], heap[child]))
-                worst = child;
-        if (worst == at)
-            return;
-        const ranked_row kept = heap[at];
-        heap[at] = heap[worst];
-        heap[worst] = kept;
-        at = worst;
-    }
-}
-
-// The cap: keeps only the `room` best-scored densifications (a heap of the best so far, its root the worst).
-static sgs_status limit_growth(density_columns *columns, size_t room)
+// The cap: keeps only the `room` densifications of highest priority.
+static sgs_status limit_growth(sgsi_density_columns *columns, size_t room)
 {
     size_t wanted = 0;
     for (size_t i = 0; i < columns->count; ++i)
-        wanted += columns->action[i] != PLAN_KEEP;
+        wanted += columns->action[i] != SGSI_ACTION_KEEP;
     if (wanted <= room)
         return SGS_STATUS_OK;
-    ranked_row *heap = sgsi_alloc(room ? room : 1, sizeof *heap);
-    if (!heap)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to rank %zu primitives", wanted);
-    size_t count = 0;
-    for (size_t i = 0; i < columns->count; ++i) {
-        if (columns->action[i] == PLAN_KEEP)
-            continue;
-        const ranked_row row = {columns->score[i] * columns->weight[i], (uint32_t)i};
-        if (count < room) {
-            heap[count++] = row;
-            for (size_t k = count / 2; count == room && k-- > 0;)
-                sift_down(heap, count, k);
-        } else if (room && ranks_before(row, heap[0])) {
-            heap[0] = row;
-            sift_down(heap, count, 0);
-        }
+    double *priority = sgsi_alloc(columns->count, sizeof *priority);
+    uint8_t *chosen = sgsi_alloc(columns->count, 1);
+    sgs_status status = SGS_STATUS_OUT_OF_MEMORY;
+    if (priority && chosen) {
+        for (size_t i = 0; i < columns->count; ++i)
+            priority[i] = (double)columns->priority[i];
+        status = sgsi_select_best(priority, columns->action, columns->count, room, chosen);
     }
-    uint8_t *chosen = sgsi_calloc(columns->count, 1);
-    if (!chosen) {
-        sgsi_free(heap);
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to rank %zu primitives", wanted);
-    }
-    for (size_t k = 0; k < count; ++k)
-        chosen[heap[k].row] = 1;
-    for (size_t i = 0; i < columns->count; ++i)
-        if (!chosen[i])
-            columns->action[i] = PLAN_KEEP;
+    for (size_t i = 0; i < columns->count && !status; ++i)
+        columns->action[i] = chosen[i] ? columns->action[i] : SGSI_ACTION_KEEP;
+    sgsi_free(priority);
     sgsi_free(chosen);
-    sgsi_free(heap);
-    return SGS_STATUS_OK;
-}
-
-static bool too_large(const sgsi_density_options *options, float scale)
-{
-    return scale > (float)options->size_max;
+    return status ? sgsi_fail(status, "no memory to rank %zu primitives", wanted) : status;
 }
 
 static uint64_t spread_bits(uint64_t v) // 21 bits, two zeros between each
@@ -237,7 +180,7 @@ static uint64_t morton_code(const float mean[3], const float low[3], const float
     return code;
 }
 
-static void bounding_box(const density_columns *columns, float low[3], float inv_size[3])
+static void bounding_box(const sgsi_density_columns *columns, float low[3], float inv_size[3])
 {
     const float *const axes[3] = {columns->x, columns->y, columns->z};
     for (int k = 0; k < 3; ++k) {
@@ -279,8 +222,8 @@ typedef struct density_plan {
     size_t count;
 } density_plan;
 
-// Lists the rows of the new model. Children and clones are never redundant, but the native rules apply to them.
-static sgs_status make_plan(const density_columns *columns, const sgsi_density_options *options, sgsi_density_result *result, density_plan *plan)
+// Lists the rows of the new model. Children and clones are never redundant, but a native rule may take them.
+static sgs_status make_plan(const sgsi_density_columns *columns, sgsi_density_result *result, density_plan *plan)
 {
     const size_t room = 2 * columns->count + 1;
     *plan = (density_plan){0};
@@ -294,28 +237,23 @@ static sgs_status make_plan(const density_columns *columns, const sgsi_density_o
     for (size_t i = 0; i < columns->count; ++i) {
         const float mean[3] = {columns->x[i], columns->y[i], columns->z[i]};
         const uint64_t key = morton_code(mean, low, inv_size);
-        const bool faint = columns->opacity[i] < (float)options->opacity_min;
-        const uint8_t action = columns->action[i];
-        if (action == PLAN_CHILD_0) {
+        const bool barren = columns->barren[i];
+        if (columns->action[i] == SGSI_ACTION_SPLIT) {
             ++result->split;
-            if (faint || too_large(options, columns->scale_max[i] / 1.6f)) {
-                result->pruned += 2;
-                continue;
-            }
-            entries[plan->count++] = (plan_entry){key, (uint32_t)i, PLAN_CHILD_0};
-            entries[plan->count++] = (plan_entry){key, (uint32_t)i, PLAN_CHILD_1};
+            result->pruned += barren ? 2 : 0;
+            for (uint32_t kind = PLAN_CHILD_0; kind <= PLAN_CHILD_1 && !barren; ++kind)
+                entries[plan->count++] = (plan_entry){key, (uint32_t)i, kind};
             continue;
         }
-        const bool native = faint || too_large(options, columns->scale_max[i]);
-        if (action == PLAN_CLONE) {
+        if (columns->action[i] == SGSI_ACTION_CLONE) {
             ++result->cloned;
-            result->pruned += native;
-            if (!native)
+            result->pruned += barren;
+            if (!barren)
                 entries[plan->count++] = (plan_entry){key, (uint32_t)i, PLAN_CLONE};
         }
-        const bool removed = native || columns->redundant[i];
+        const bool removed = columns->removed[i] || columns->redundant[i];
         result->pruned += removed;
-        result->spare_pruned += removed && !native;
+        result->spare_pruned += removed && !columns->removed[i];
         if (!removed)
             entries[plan->count++] = (plan_entry){key, (uint32_t)i, PLAN_KEEP};
     }
@@ -401,26 +339,22 @@ sgs_status sgsi_density_update(sgs_gaussians *model, float **m, float **v, sgsi_
                                const sgsi_density_options *options, sgsi_density_result *result)
 {
     *result = (sgsi_density_result){.mean_weight = 1.0};
-    density_columns columns;
+    sgsi_density_columns columns;
     sgs_status status = make_columns(model, options, &columns);
     if (status)
         return status;
     column_job job = {model, statistics, &columns};
     sgsi_parallel_ranges(model->count, 4096, fill_columns, &job);
     evaluate_spare(&columns, statistics, options, result);
-    size_t survivors = 0;
-    for (size_t i = 0; i < columns.count; ++i) {
-        if (columns.score[i] * columns.weight[i] >= (float)options->gradient_threshold)
-            columns.action[i] = columns.scale_max[i] > (float)options->size_split ? PLAN_CHILD_0 : PLAN_CLONE;
-        // A split parent is replaced by its children: it counts as kept, whatever RAP says of it.
-        survivors += columns.action[i] == PLAN_CHILD_0 ||
-                     (columns.opacity[i] >= (float)options->opacity_min && !too_large(options, columns.scale_max[i]) && !columns.redundant[i]);
-    }
-    if (options->max_count)
+    status = options->pipeline->decide(options, &columns, result);
+    size_t survivors = 0; // a split parent is replaced by its children: it counts as kept, whatever RAP says of it
+    for (size_t i = 0; i < columns.count; ++i)
+        survivors += columns.action[i] == SGSI_ACTION_SPLIT || !(columns.removed[i] || columns.redundant[i]);
+    if (!status && options->max_count)
         status = limit_growth(&columns, survivors < options->max_count ? options->max_count - survivors : 0);
     density_plan plan = {0};
     if (!status)
-        status = make_plan(&columns, options, result, &plan);
+        status = make_plan(&columns, result, &plan);
     const size_t capacity = padded_capacity(plan.count);
     if (!status)
         status = gather_block(&model->data, capacity, &plan, true, options);
@@ -445,7 +379,7 @@ sgs_status sgsi_density_sort(sgs_gaussians *model)
 {
     const sgsi_density_options options = {.size_max = INFINITY, .spare = spare_options_default()};
     sgsi_density_result result = {0};
-    density_columns columns;
+    sgsi_density_columns columns;
     sgsi_statistics statistics = {0};
     sgs_status status = make_columns(model, &options, &columns);
     if (status)
@@ -455,7 +389,7 @@ sgs_status sgsi_density_sort(sgs_gaussians *model)
     if (!status) {
         column_job job = {model, &statistics, &columns};
         sgsi_parallel_ranges(model->count, 4096, fill_columns, &job);
-        status = make_plan(&columns, &options, &result, &plan);
+        status = make_plan(&columns, &result, &plan);
     }
     const size_t capacity = padded_capacity(model->count);
     if (!status)

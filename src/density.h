@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Structural updates: where primitives are cloned, split and removed (3DGS's density control), weighted
+// Structural updates: where primitives are cloned, split and removed (by the rules of a base pipeline), weighted
 // and pruned by SPARE-GS. Works on the model, its moments and its statistics; knows no images and no BVH.
 
 #include <stdbool.h>
@@ -13,6 +13,7 @@
 // Per primitive, since the last structural update (specs of 3DGS, section 8). 64-byte aligned columns, `capacity` long.
 typedef struct sgsi_statistics {
     float *gradient_sum;     // a_i
+    float *absolute_sum;     // the same over absolute values of the pixels' gradients; 0 where the pipeline wants none
     uint32_t *visible_count; // d_i
     float *radius_max;       // rho_i, pixels
     size_t capacity;
@@ -23,6 +24,7 @@ void sgsi_statistics_clear(sgsi_statistics *statistics, size_t count);
 void sgsi_statistics_free(sgsi_statistics *statistics);
 
 typedef struct sgsi_density_options {
+    const struct sgsi_pipeline *pipeline;
     double gradient_threshold; // tau, 2e-4
     double opacity_min;        // 0.005
     double size_split;         // scales above this are split, below cloned: 0.01 * extent

@@ -1,7 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Milestones. The published schedule (30 000 iterations, specs of 3DGS, sections 5 and 9): densification from 500 to
+// Milestones. Where densification ends and how often it happens is the base pipeline's; what follows is 3DGS's, and the
+// rule that scales it holds for all. The published schedule (30 000 iterations, specs of 3DGS, sections 5 and 9):
+// densification from 500 to
 // 15 000 every 100, opacity reset every 3000, one SH band per 1000, positions decay over the whole run.
 //
 // Scaled to N iterations, f = N / 30 000: densification until N/2, SH band every N/30, equilibrium checks every
@@ -17,7 +19,9 @@
 
 #include <math.h>
 
-enum { PAPER_LENGTH = 30000, SHORT_LENGTH = 7000, PAPER_UPDATES = 145, SHORT_UPDATES = 6, LEAST_INTERVAL = 20 };
+#include "pipeline.h"
+
+enum { PAPER_LENGTH = 30000, PAPER_HALF = 15000, SHORT_LENGTH = 7000, SHORT_UPDATES = 6, LEAST_INTERVAL = 20 };
 
 static int rounded(double value, int least)
 {
@@ -28,13 +32,14 @@ static int rounded(double value, int least)
 sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, size_t train_views)
 {
     const bool scaled = options->schedule == SGS_SCHEDULE_SCALED;
+    const sgsi_pipeline *pipeline = sgsi_pipeline_get(options->pipeline);
     const double f = scaled ? (double)options->iterations / PAPER_LENGTH : 1.0;
     sgsi_schedule schedule = {.iterations = options->iterations,
                               .densify_from = 500,
-                              .densify_until = 15000,
-                              .densify_interval = 100,
+                              .densify_until = pipeline->densify_until,
+                              .densify_interval = pipeline->densify_interval,
                               .reset_interval = 3000,
-                              .reset_until = 15000,
+                              .reset_until = pipeline->densify_until,
                               .sh_interval = rounded(1000 * f, 1),
                               .rate_span = PAPER_LENGTH * f,
                               .check_interval = rounded(options->spare_interval * f, 1)};
@@ -42,15 +47,16 @@ sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, size_t train_
     schedule.loss_decay = 1.0 - 1.0 / fmax(memory, 2.0);
     if (!scaled || options->iterations == PAPER_LENGTH)
         return schedule;
-    schedule.densify_until = rounded(15000 * f, 1);
+    schedule.densify_until = rounded(pipeline->densify_until * f, 1);
     if (f >= 1.0) {
         schedule.reset_until = schedule.densify_until;
         return schedule;
     }
     const double beyond = fmax(log((double)options->iterations / SHORT_LENGTH) / log((double)PAPER_LENGTH / SHORT_LENGTH), 0.0);
-    const double updates = SHORT_UPDATES * pow((double)PAPER_UPDATES / SHORT_UPDATES, beyond);
+    const double paper_updates = (PAPER_HALF - 500.0) / pipeline->densify_interval;
+    const double updates = SHORT_UPDATES * pow(paper_updates / SHORT_UPDATES, beyond);
     schedule.densify_from = rounded(500 * fmin(1.0, (double)options->iterations / SHORT_LENGTH) - 1, 1);
-    schedule.densify_interval = rounded((schedule.densify_until - schedule.densify_from) / updates, LEAST_INTERVAL);
+    schedule.densify_interval = rounded((PAPER_HALF * f - schedule.densify_from) / updates, LEAST_INTERVAL);
     schedule.reset_interval = (3000 + schedule.densify_interval - 1) / schedule.densify_interval * schedule.densify_interval;
     schedule.reset_until = schedule.densify_until * 2 / 3;
     return schedule;

@@ -6,6 +6,7 @@
 
 #include "density.h"
 #include "loss.h"
+#include "pipeline.h"
 #include "rays.h"
 #include "schedule.h"
 #include "sparegs/trainer.h"
@@ -19,7 +20,7 @@ typedef struct sgsi_progress {
     int32_t reset_since_check;
     uint32_t order_position, order_epoch; // of the view permutation
     int32_t stop;               // sgs_stop_reason
-    int32_t reserved;
+    int32_t updates;            // structural updates made
     double loss_average, loss_weight; // for the progress line
     double psnr_average, psnr_weight;
     spare_equilibrium equilibrium;
@@ -29,6 +30,7 @@ typedef struct sgsi_progress {
 struct sgs_trainer {
     const sgs_scene *scene;
     sgs_train_options options;
+    const sgsi_pipeline *pipeline;
     sgsi_schedule schedule;
     sgs_gaussians *model;
     float *m, *v; // Adam's moments, model layout
@@ -50,3 +52,9 @@ struct sgs_trainer {
     size_t cloud_count;
     char stop_text[160];
 };
+
+// Density control after the optimiser step of `iteration`; fills the structural part of *info.
+sgs_status sgsi_trainer_update_structure(sgs_trainer *trainer, int iteration, sgs_step_info *info);
+void sgsi_trainer_reset_opacity(sgs_trainer *trainer, int iteration);
+// After progress.iteration: feeds SPARE-GS's termination test and says whether training is over.
+sgs_stop_reason sgsi_trainer_decide_stop(sgs_trainer *trainer, double loss);

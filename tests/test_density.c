@@ -15,6 +15,7 @@
 
 #include "core.h"
 #include "density.h"
+#include "pipeline.h"
 
 typedef struct fixture {
     sgs_gaussians *model;
@@ -32,7 +33,7 @@ static fixture make(size_t count)
     f.m = sgsi_calloc(f.model->capacity, SGS_PARAM_COUNT * sizeof(float));
     f.v = sgsi_calloc(f.model->capacity, SGS_PARAM_COUNT * sizeof(float));
     assert_int_equal(sgsi_statistics_reserve(&f.statistics, f.model->capacity), SGS_STATUS_OK);
-    f.options = (sgsi_density_options){.gradient_threshold = 2e-4, .opacity_min = 0.005, .size_split = 0.1, .size_max = INFINITY,
+    f.options = (sgsi_density_options){.pipeline = &sgsi_pipeline_3dgs, .gradient_threshold = 2e-4, .opacity_min = 0.005, .size_split = 0.1, .size_max = INFINITY,
                                        .seed = 1, .iteration = 600, .spare = spare_options_default()};
     for (size_t i = 0; i < count; ++i) {
         float p[SGS_PARAM_COUNT] = {0};

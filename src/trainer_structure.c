@@ -1,0 +1,96 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// What the trainer does to the structure of its model: the updates of the base pipeline with SPARE-GS's hooks,
+// opacity resets, and the decision that nothing moves any more.
+
+#include <math.h>
+
+#include "core.h"
+#include "trainer_state.h"
+
+static spare_options spare_settings(const sgs_train_options *o)
+{
+    spare_options spare = spare_options_default();
+    spare.grid = o->spare_grid;
+    spare.tau_alpha = o->spare_tau_alpha;
+    spare.use_h = o->spare_demand & SGS_DEMAND_H;
+    spare.use_v = o->spare_demand & SGS_DEMAND_V;
+    spare.use_c = o->spare_demand & SGS_DEMAND_C;
+    return spare;
+}
+
+sgs_status sgsi_trainer_update_structure(sgs_trainer *trainer, int iteration, sgs_step_info *info)
+{
+    const double start = sgsi_seconds();
+    const sgs_train_options *o = &trainer->options;
+    const sgsi_schedule *schedule = &trainer->schedule;
+    sgsi_progress *progress = &trainer->progress;
+    const double extent = trainer->scene->extent;
+    const bool rests = spare_pruning_rests(iteration, progress->last_reset, schedule->densify_interval);
+    const sgsi_density_options options = {.pipeline = trainer->pipeline, .gradient_threshold = 2e-4, .opacity_min = 0.005, .size_split = 0.01 * extent,
+                                          .size_max = iteration > schedule->reset_interval ? 0.1 * extent : INFINITY,
+                                          .max_count = o->max_gaussians, .seed = o->seed, .iteration = iteration,
+                                          .spare_densify = o->spare & SGS_SPARE_BMD,
+                                          .spare_prune = (o->spare & SGS_SPARE_RAP) && !rests, .spare = spare_settings(o)};
+    sgsi_density_result result;
+    const sgs_status status = sgsi_density_update(trainer->model, &trainer->m, &trainer->v, &trainer->statistics, &options, &result);
+    if (status)
+        return status;
+    trainer->structure_changed = true;
+    ++progress->updates;
+    info->structural = true;
+    info->densified = result.cloned + result.split;
+    info->pruned = result.pruned;
+    info->spare_pruned = result.spare_pruned;
+    info->regions = result.regions;
+    info->over_budget_share = result.over_budget_share;
+    info->mean_weight = result.mean_weight;
+    info->bmd_suppressed = result.bmd_suppressed;
+    info->bmd_boosted = result.bmd_boosted;
+    info->spare_seconds = result.spare_seconds;
+    progress->seconds.spare += result.spare_seconds;
+    progress->seconds.density += sgsi_seconds() - start - result.spare_seconds;
+    return SGS_STATUS_OK;
+}
+
+void sgsi_trainer_reset_opacity(sgs_trainer *trainer, int iteration)
+{
+    sgsi_density_reset_opacity(trainer->model, trainer->m, trainer->v, 0.01);
+    trainer->progress.last_reset = iteration;
+    trainer->progress.reset_since_check = 1;
+    for (size_t i = 0; i < trainer->train_view_count; ++i)
+        for (size_t t = 0; t < trainer->tile_counts[i]; ++t)
+            trainer->depth_guesses[i][t] = INFINITY; // nothing is opaque now
+}
+
+static void describe_equilibrium(sgs_trainer *trainer)
+{
+    const spare_equilibrium *e = &trainer->progress.equilibrium;
+    snprintf(trainer->stop_text, sizeof trainer->stop_text,
+             "stopped at %d of %d: loss changed %.2f %%, count %.2f %% in the last of %d checks", trainer->progress.iteration,
+             trainer->options.iterations, 100.0 * e->last_loss_change, 100.0 * e->last_count_change, trainer->options.spare_patience);
+}
+
+sgs_stop_reason sgsi_trainer_decide_stop(sgs_trainer *trainer, double loss)
+{
+    sgsi_progress *progress = &trainer->progress;
+    const sgs_train_options *o = &trainer->options;
+    const int iteration = progress->iteration;
+    if (o->spare & SGS_SPARE_EDT) {
+        spare_equilibrium_observe(&progress->equilibrium, loss, trainer->schedule.loss_decay);
+        if (iteration % trainer->schedule.check_interval == 0) {
+            const bool still = spare_equilibrium_check(&progress->equilibrium, trainer->model->count, progress->reset_since_check,
+                                                       o->spare_eps_loss, o->spare_eps_count, o->spare_patience);
+            progress->reset_since_check = 0;
+            if (still && iteration < o->iterations) {
+                describe_equilibrium(trainer);
+                return SGS_STOP_EQUILIBRIUM;
+            }
+        }
+    }
+    if (iteration < o->iterations)
+        return SGS_STOP_NONE;
+    snprintf(trainer->stop_text, sizeof trainer->stop_text, "all %d iterations done", o->iterations);
+    return SGS_STOP_SCHEDULE;
+}

@@ -22,6 +22,7 @@ static const command commands[] = {
     {"eval", "compare a model's views with the photographs", command_eval},
     {"render", "draw views as EXR or PNG", command_render},
     {"info", "tell what a model or a data set is", command_info},
+    {"bench", "measure the phases of training against the limits of the machine", command_bench},
 };
 
 enum { COMMAND_COUNT = sizeof commands / sizeof *commands };

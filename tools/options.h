@@ -63,8 +63,8 @@ typedef struct command_line {
     const char *description; // paragraphs for --help
     option_group *groups;
     size_t group_count;
-    int operand_minimum, operand_maximum; // at most 4
-    const char *operands[4];              // out
+    int operand_minimum, operand_maximum; // at most 8
+    const char *operands[8];              // out
     int operand_count;                    // out
 } command_line;
 

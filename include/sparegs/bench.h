@@ -1,0 +1,95 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// Measuring: scenes made by seed, the training iteration taken apart into its phases, and the limits of the machine
+// it runs on. Trains nothing: the model is put back after every iteration. Writes no files.
+//
+// The measured iteration is the trainer's own, as it runs between two structural updates once all SH bands are active:
+// project, refit, gather and blend with the depth guesses of the last visit, loss, backward, chain rule and sparse Adam.
+
+#include "sparegs/gaussians.h"
+#include "sparegs/runtime.h"
+#include "sparegs/scene.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+enum { SGS_BENCH_VIEWS = 3 };
+
+// A scene made inside the program: surfaces covered with thin discs, a far shell, floaters; sizes log-normal in
+// pixels; half of the opacities below 0.1. Views of 800x608 pixels on an arc.
+typedef struct sgs_bench_scene {
+    const char *name; // constant string
+    sgs_gaussians *model;
+    size_t view_count;
+    sgs_view views[SGS_BENCH_VIEWS]; // cameras and poses; no images
+} sgs_bench_scene;
+
+// Names of the scenes ("sparse-32k", "dense-500k", "dense-2m"); NULL from the number of scenes on.
+const char *sgs_bench_scene_name(size_t index);
+// What it stands for, in a sentence; NULL likewise.
+const char *sgs_bench_scene_text(size_t index);
+
+// Makes the scene of that name; the same for every machine and number of threads. Fails with INVALID_ARGUMENT for an
+// unknown name. On failure *scene is NULL.
+sgs_status sgs_bench_scene_create(const char *name, uint64_t seed, sgs_bench_scene **scene);
+void sgs_bench_scene_destroy(sgs_bench_scene *scene); // accepts NULL
+
+// ---- One model and its views under the clock ----
+
+// Means over the views of one repetition. Seconds are wall clock.
+typedef struct sgs_bench_sample {
+    double build;     // BVH from nothing
+    double refit;     // BVH follows the bounds of another view
+    double gather;    // traversal, sorting of candidates
+    double forward;   // project, order, blend; without gather
+    double backward;  // gradients per primitive, reduced; without the chain rule
+    double loss;      // loss and its gradient
+    double optimizer; // chain rule, statistics, Adam
+    double iteration; // everything but `build`
+    double project;   // part of forward: parameters to records and bounds
+    double reduce;    // part of backward: sums of the tiles to sums of the primitives
+} sgs_bench_sample;
+
+// Means over the views, of the last repetition.
+typedef struct sgs_bench_counts {
+    double primitives, pixels, tiles;
+    double hits;        // counted hits of all rays (before the stop rule ends a ray)
+    double gathered;    // candidates of the bins, from the BVH
+    double candidates;  // candidates of the tiles
+    double evaluations; // (block of 4x4 pixels, primitive) pairs evaluated in the forward pass
+    double elements;    // pairs with a hit in some pixel
+    double regathered;  // bins gathered again because a depth guess was too near
+} sgs_bench_counts;
+
+typedef struct sgs_bench sgs_bench;
+
+// Copies the model and takes cameras and poses of the views (1..16; images are not needed: the photographs are
+// renders with noise). Renders and trains every view once to warm up. On failure *bench is NULL.
+sgs_status sgs_bench_create(const sgs_gaussians *model, const sgs_view *views, size_t view_count, sgs_bench **bench);
+void sgs_bench_destroy(sgs_bench *bench); // accepts NULL
+
+// One repetition under the present settings (sgs_set_threads, sgs_set_isa): a build, then an iteration per view.
+sgs_status sgs_bench_run(sgs_bench *bench, sgs_bench_sample *sample);
+sgs_bench_counts sgs_bench_counted(const sgs_bench *bench);
+
+// ---- What the machine can do ----
+
+typedef struct sgs_machine_limits {
+    double tsc_ghz;     // time-stamp counter; 0 where there is none
+    double fma_gflops;  // per core: fused multiply-adds in registers, two operations each
+    double l2_gbs;      // per core: loads from a buffer of half the L2 cache, 10^9 bytes per second
+    double memory_gbs;  // all threads together: the best of reading and of updating in place (read + written bytes)
+    double memory_read_gbs, memory_update_gbs;
+    size_t l2_bytes;
+} sgs_machine_limits;
+
+// Measures with the present instruction set and number of threads; takes about a second and 64 MB per thread (at least 256 MB).
+// Fails with OUT_OF_MEMORY.
+sgs_status sgs_machine_limits_measure(sgs_machine_limits *limits);
+
+#ifdef __cplusplus
+}
+#endif

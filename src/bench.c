@@ -1,0 +1,194 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// A trainer under the clock. The bench owns a real trainer over its views, holds its iteration counter at a place of the
+// schedule without structural update where all SH bands are active, and after every step puts the parameters back. So each
+// step does the same work, and nothing here repeats what the trainer does.
+
+#include "sparegs/bench.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "core.h"
+#include "sparegs/metrics.h"
+#include "trainer_state.h"
+
+enum { VIEWS_MAX = 16, HELD_ITERATION = 3000 };
+
+struct sgs_bench {
+    sgs_scene scene;
+    sgs_view views[VIEWS_MAX];
+    sgs_trainer *trainer;
+    float *params; // as created, in the trainer's order
+    sgs_bench_counts counts;
+};
+
+// The photograph of a view: its own render with noise of a few grey levels. Counts the hits on the way.
+static sgs_status photograph(sgs_bench *bench, sgs_renderer *renderer, size_t v)
+{
+    sgs_view *view = &bench->views[v];
+    const sgs_camera *camera = &view->camera;
+    const sgs_render_options options = sgs_render_options_default();
+    const float black[3] = {0, 0, 0};
+    sgs_frame frame;
+    sgs_status status = sgs_frame_create(camera->width, camera->height, &frame);
+    if (status)
+        return status;
+    status = sgs_renderer_render(renderer, camera, &view->pose, &options, &frame);
+    const size_t pixels = (size_t)camera->width * (size_t)camera->height;
+    for (size_t i = 0; !status && i < pixels; ++i) {
+        bench->counts.hits += (double)frame.hits[i];
+        for (size_t c = 0; c < 3; ++c)
+            frame.color[c][i] += (float)(0.03 * (sgsi_random_uniform(v, 3 * i + c) - 0.5));
+    }
+    if (!status) {
+        const float *const color[3] = {frame.color[0], frame.color[1], frame.color[2]};
+        status = sgs_image8_from_planes(color, NULL, black, camera->width, camera->height, &view->image);
+    }
+    bench->counts.pixels += (double)pixels;
+    bench->counts.tiles += (double)((camera->width + SGSI_TILE - 1) / SGSI_TILE) * ((camera->height + SGSI_TILE - 1) / SGSI_TILE);
+    sgs_frame_free(&frame);
+    return status;
+}
+
+static sgs_status photograph_all(sgs_bench *bench, const sgs_gaussians *model)
+{
+    sgs_renderer *renderer;
+    sgs_status status = sgs_renderer_create(model, &renderer);
+    for (size_t v = 0; !status && v < bench->scene.view_count; ++v)
+        status = photograph(bench, renderer, v);
+    sgs_renderer_destroy(renderer);
+    const double views = (double)bench->scene.view_count;
+    bench->counts.hits /= views;
+    bench->counts.pixels /= views;
+    bench->counts.tiles /= views;
+    return status;
+}
+
+static sgs_status start_trainer(sgs_bench *bench, const sgs_gaussians *model)
+{
+    sgs_train_options options = sgs_train_options_default();
+    options.spare = 0;
+    options.init = model;
+    sgs_status status = sgs_trainer_create(&bench->scene, &options, &bench->trainer);
+    if (status)
+        return status;
+    const sgs_gaussians *own = bench->trainer->model;
+    const size_t floats = own->capacity * SGS_PARAM_COUNT;
+    bench->params = sgsi_alloc(floats, sizeof(float));
+    if (!bench->params)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a second copy of %zu primitives", own->count);
+    memcpy(bench->params, own->data, floats * sizeof(float));
+    bench->counts.primitives = (double)own->count;
+    sgs_bench_sample warm;
+    return sgs_bench_run(bench, &warm);
+}
+
+sgs_status sgs_bench_create(const sgs_gaussians *model, const sgs_view *views, size_t view_count, sgs_bench **bench)
+{
+    *bench = NULL;
+    if (view_count < 1 || view_count > VIEWS_MAX || !model->count)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "a bench takes 1 to %d views of a model with primitives", VIEWS_MAX);
+    sgs_bench *made = sgsi_calloc(1, sizeof *made);
+    if (!made)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a bench");
+    for (size_t v = 0; v < view_count; ++v)
+        made->views[v] = (sgs_view){.name = views[v].name, .camera = views[v].camera, .pose = views[v].pose, .split = SGS_SPLIT_TRAIN};
+    static char path[] = "bench";
+    made->scene = (sgs_scene){.path = path, .view_count = view_count, .views = made->views, .extent = 1.0};
+    sgs_status status = photograph_all(made, model);
+    if (!status)
+        status = start_trainer(made, model);
+    if (status) {
+        sgs_bench_destroy(made);
+        return status;
+    }
+    *bench = made;
+    return SGS_STATUS_OK;
+}
+
+void sgs_bench_destroy(sgs_bench *bench)
+{
+    if (!bench)
+        return;
+    sgs_trainer_destroy(bench->trainer);
+    for (size_t v = 0; v < bench->scene.view_count; ++v)
+        sgs_image8_free(&bench->views[v].image);
+    sgsi_free(bench->params);
+    sgsi_free(bench);
+}
+
+static sgs_status measure_step(sgs_bench *bench, sgs_bench_sample *sum)
+{
+    sgs_trainer *trainer = bench->trainer;
+    const sgs_train_seconds before = trainer->progress.seconds;
+    trainer->progress.iteration = HELD_ITERATION;
+    sgs_step_info info;
+    const sgs_status status = sgs_trainer_step(trainer, &info);
+    if (status)
+        return status;
+    const sgs_train_seconds *after = &trainer->progress.seconds;
+    const sgsi_trace_seconds traced = sgsi_tracer_seconds(trainer->tracer);
+    sum->refit += traced.bvh_refit;
+    sum->gather += traced.gather;
+    sum->project += traced.project;
+    sum->forward += traced.project + traced.forward;
+    sum->reduce += traced.reduce;
+    sum->backward += traced.backward + traced.reduce;
+    sum->loss += after->loss - before.loss;
+    sum->optimizer += after->optimizer - before.optimizer;
+    sum->iteration += after->total - before.total;
+    const sgsi_trace_counts counts = sgsi_tracer_counts(trainer->tracer);
+    bench->counts.gathered += (double)counts.gathered;
+    bench->counts.candidates += (double)counts.candidates;
+    bench->counts.evaluations += (double)counts.evaluations;
+    bench->counts.elements += (double)counts.elements;
+    bench->counts.regathered += (double)counts.regathered;
+    memcpy(trainer->model->data, bench->params, trainer->model->capacity * SGS_PARAM_COUNT * sizeof(float));
+    return SGS_STATUS_OK;
+}
+
+// A tree over the bounds of the last view, for the refits of the coming steps.
+static sgs_status measure_build(sgs_bench *bench, sgs_bench_sample *sample)
+{
+    sgs_trainer *trainer = bench->trainer;
+    const sgs_view *source = &bench->views[bench->scene.view_count - 1];
+    const sgs_render_options options = sgs_render_options_default();
+    const sgsi_rays *rays;
+    sgsi_view view;
+    sgs_status status = sgsi_ray_cache_get(trainer->rays, &source->camera, &rays);
+    if (status)
+        return status;
+    sgsi_view_set(&view, rays, &source->pose, &options);
+    status = sgsi_tracer_project(trainer->tracer, trainer->model, &view, NULL, NULL);
+    if (!status)
+        status = sgsi_tracer_commit(trainer->tracer, true, SGSI_BVH_LOW);
+    sample->build = sgsi_tracer_seconds(trainer->tracer).bvh_build;
+    trainer->structure_changed = false;
+    return status;
+}
+
+sgs_status sgs_bench_run(sgs_bench *bench, sgs_bench_sample *sample)
+{
+    *sample = (sgs_bench_sample){0};
+    sgs_bench_counts *counts = &bench->counts;
+    counts->gathered = counts->candidates = counts->evaluations = counts->elements = counts->regathered = 0;
+    sgs_status status = measure_build(bench, sample);
+    for (size_t v = 0; !status && v < bench->scene.view_count; ++v)
+        status = measure_step(bench, sample);
+    if (status)
+        return status;
+    const double share = 1.0 / (double)bench->scene.view_count;
+    double *const means[] = {&sample->refit,     &sample->gather,    &sample->forward, &sample->backward,    &sample->loss,
+                             &sample->optimizer, &sample->iteration, &sample->project, &sample->reduce,      &counts->gathered,
+                             &counts->candidates, &counts->evaluations, &counts->elements, &counts->regathered};
+    for (size_t i = 0; i < sizeof means / sizeof *means; ++i)
+        *means[i] *= share;
+    return SGS_STATUS_OK;
+}
+
+sgs_bench_counts sgs_bench_counted(const sgs_bench *bench)
+{
+    return bench->counts;
+}

@@ -1,0 +1,49 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Two multiply-adds start per cycle and take four or five, so ten chains are in flight at the peak. A group is what fits the
+// registers of the instruction set beside the constants; groups run one after the other, chains inside a group together.
+
+#if SGSI_ISA == 2
+enum { GROUP_CHAINS = 12 };
+#elif SGSI_ISA == 1
+enum { GROUP_CHAINS = 6 };
+#else
+enum { GROUP_CHAINS = 3 };
+#endif
+
+static void multiply_add(size_t rounds, float *out)
+{
+    const vf x = vf_set1(0.999999f), y = vf_set1(1e-6f);
+    vf total = vf_zero();
+    for (int first = 0; first < SGSI_LIMIT_CHAINS; first += GROUP_CHAINS) {
+        vf chain[GROUP_CHAINS];
+        for (int k = 0; k < GROUP_CHAINS; ++k)
+            chain[k] = vf_set1((float)(first + k));
+        for (size_t i = 0; i < rounds; ++i)
+            for (int k = 0; k < GROUP_CHAINS; ++k)
+                chain[k] = vf_fma(chain[k], x, y);
+        for (int k = 0; k < GROUP_CHAINS; ++k)
+            total = vf_add(total, chain[k]);
+    }
+    vf_store(out, total);
+}
+
+static void read_all(const float *data, size_t floats, float *out)
+{
+    vf sums[4] = {vf_zero(), vf_zero(), vf_zero(), vf_zero()};
+    for (size_t i = 0; i < floats; i += 128)
+        for (size_t k = 0; k < 8; ++k)
+            sums[k % 4] = vf_add(sums[k % 4], vf_load(data + i + 16 * k));
+    vf_store(out, vf_add(vf_add(sums[0], sums[1]), vf_add(sums[2], sums[3])));
+}
+
+static void update_all(float *data, size_t floats)
+{
+    const vf x = vf_set1(0.999999f);
+    for (size_t i = 0; i < floats; i += 128)
+        for (size_t k = 0; k < 8; ++k)
+            vf_store(data + i + 16 * k, vf_mul(vf_load(data + i + 16 * k), x));
+}
+
+const sgsi_limit_kernels SGSI_KERNEL(sgsi_limit_kernels) = {multiply_add, read_all, update_all};

@@ -1,0 +1,49 @@
+#!/usr/bin/env bash
+# SPDX-FileCopyrightText: 2026 The sparegs authors
+# SPDX-License-Identifier: Apache-2.0
+
+# bench: the names and the shape of its answer, and figures that must agree with each other on any machine.
+set -euo pipefail
+. "$(dirname "$0")/cli_support.sh"
+
+run 0 bench --list
+for name in sparse-32k dense-500k dense-2m; do
+    prints "$name"
+done
+run 2 bench dense-500
+one_line
+says "the nearest is 'dense-500k'"
+run 2 bench "$room/images/0001.jpg"
+one_line
+run 2 bench sparse-32k --json --csv
+one_line
+
+# two_settings_of_a_scene_made_here
+run 0 bench sparse-32k --threads 1,2 --repeat 1 --json --quiet
+result=$temporary/bench.json
+cp "$temporary/stdout" "$result"
+json "$result" '.limits | .fma_gflops > 0 and .l2_gbs > 0 and .memory_gbs > 0 and .tsc_ghz >= 0'
+json "$result" '[.benches[] | [.name, .threads]] == [["sparse-32k", 1], ["sparse-32k", 2]]'
+json "$result" 'all(.benches[]; .primitives == 32768 and .pixels == 800 * 608)'
+json "$result" 'all(.benches[]; [.seconds | .build, .refit, .loss, .optimizer, .iteration] | all(. > 0))'
+json "$result" 'all(.benches[]; .core_seconds_per_mp.total > 0 and .lane_use > 0 and .lane_use <= 1)'
+# the_whole_is_the_sum_of_its_parts
+json "$result" 'all(.benches[].ns_per_hit; ((.gather + .forward + .backward) / .total - 1 | fabs) < 1e-6)'
+json "$result" 'all(.benches[]; .seconds | .iteration > .gather + .forward + .backward + .loss + .optimizer + .refit - 1e-9 )'
+json "$result" '.limits.tsc_ghz as $ghz | all(.benches[]; (.cycles_per_hit.total - .ns_per_hit.total * $ghz | fabs) < 0.01 * .ns_per_hit.total)'
+# what_is_counted_does_not_depend_on_threads
+json "$result" '[.benches[] | [.hits_per_ray, .evaluations_per_block, .elements_per_block]] | .[0] == .[1]'
+# (the tree decides which candidates it can spare the tiles)
+json "$result" '[.benches[].candidates_per_tile] | .[0] / .[1] - 1 | fabs < 0.01'
+json "$result" 'all(.benches[]; .elements_per_block <= .evaluations_per_block and .hits_per_ray <= .elements_per_block)'
+
+# a_model_and_a_scene_of_ones_own
+run 0 train "$room" -o "$temporary/model" --downscale 4 --iterations 5 --spare off --quiet
+run 0 bench "$temporary/model" "$room" --views 2 --repeat 2 --threads 1 --csv --quiet
+check a_header_and_a_row test "$(wc -l <"$temporary/stdout")" = 2
+check as_many_columns_as_names bash -c "awk -F, 'NR == 1 { n = NF } NF != n { exit 1 }' '$temporary/stdout'"
+run 2 bench "$temporary/model"
+one_line
+says "needs the SCENE"
+
+finish

@@ -1,0 +1,220 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+#include "bench_report.h"
+
+#include <jansson.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "output.h"
+
+typedef struct bench_phase {
+    const char *name;
+    size_t offset; // in bench_measure
+} bench_phase;
+
+#define AT(member) offsetof(bench_measure, sample.member)
+
+// The first six are told per hit, too.
+static const bench_phase phases[] = {
+    {"gather", AT(gather)},       {"forward", AT(forward)},
+    {"backward", AT(backward)},   {"total", offsetof(bench_measure, total)},
+    {"project", AT(project)},     {"reduce", AT(reduce)},
+    {"loss", AT(loss)},           {"optimizer", AT(optimizer)},
+    {"refit", AT(refit)},         {"build", AT(build)},
+    {"iteration", AT(iteration)},
+};
+enum { PHASE_COUNT = sizeof phases / sizeof *phases, HIT_PHASES = 6, PHASE_TOTAL = 3 };
+
+typedef struct spread {
+    double median, low, high;
+} spread;
+
+static int compare_doubles(const void *a, const void *b)
+{
+    const double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+// Over the repetitions, in seconds.
+static spread phase_spread(const bench_result *result, const bench_phase *phase)
+{
+    double sorted[1024];
+    const size_t n = result->repeat;
+    for (size_t i = 0; i < n; ++i)
+        memcpy(&sorted[i], (const char *)&result->measures[i] + phase->offset, sizeof sorted[i]);
+    qsort(sorted, n, sizeof *sorted, compare_doubles);
+    return (spread){n % 2 ? sorted[n / 2] : 0.5 * (sorted[n / 2 - 1] + sorted[n / 2]), sorted[0], sorted[n - 1]};
+}
+
+// Factors from wall-clock seconds.
+static double ns_per_hit(const bench_result *r)
+{
+    return r->counts.hits > 0 ? 1e9 * r->threads / r->counts.hits : 0;
+}
+
+static double cycles_per_hit(const bench_result *r)
+{
+    return ns_per_hit(r) * r->limits.tsc_ghz;
+}
+
+static double core_seconds_per_mp(const bench_result *r)
+{
+    return 1e6 * r->threads / r->counts.pixels;
+}
+
+static double hits_per_ray(const bench_result *r)
+{
+    return r->counts.hits / r->counts.pixels;
+}
+
+static double lane_use(const bench_result *r)
+{
+    return r->counts.evaluations > 0 ? r->counts.hits / (16 * r->counts.evaluations) : 0;
+}
+
+static void print_row(const bench_result *r, const bench_phase *phase, bool per_hit)
+{
+    const spread s = phase_spread(r, phase);
+    printf("  %-10s %9.4f s  [%.4f, %.4f] %8.3f core-s/MP", phase->name, s.median, s.low, s.high,
+           s.median * core_seconds_per_mp(r));
+    if (per_hit)
+        printf(" %8.2f cycles %7.2f ns per hit", s.median * cycles_per_hit(r), s.median * ns_per_hit(r));
+    putchar('\n');
+}
+
+void bench_print_table(const bench_report *report)
+{
+    for (size_t i = 0; i < report->count; ++i) {
+        const bench_result *r = &report->results[i];
+        const sgs_bench_counts *c = &r->counts;
+        if (!i || r->threads != report->results[i - 1].threads)
+            printf(
+                "limits, %d thread%s: %.1f GFLOP/s and %.1f GB/s from L2 (%zu KiB) per core; memory %.1f GB/s reading, "
+                "%.1f GB/s updating; TSC %.3f GHz\n",
+                r->threads, r->threads == 1 ? "" : "s", r->limits.fma_gflops, r->limits.l2_gbs,
+                r->limits.l2_bytes >> 10, r->limits.memory_read_gbs, r->limits.memory_update_gbs, r->limits.tsc_ghz);
+        printf("%s, %s, %d thread%s: %.0f primitives, %.0f pixels\n", r->name, sgs_isa_name(r->isa), r->threads,
+               r->threads == 1 ? "" : "s", c->primitives, c->pixels);
+        printf("  %.1f hits per ray, %.0f candidates per tile, %.1f evaluated and %.1f hit per block, %.1f %% of lanes "
+               "used\n",
+               hits_per_ray(r), c->candidates / c->tiles, c->evaluations / (16 * c->tiles),
+               c->elements / (16 * c->tiles), 100 * lane_use(r));
+        for (int k = 0; k < PHASE_COUNT; ++k)
+            print_row(r, &phases[k], k < HIT_PHASES);
+    }
+}
+
+void bench_print_csv(const bench_report *report)
+{
+    printf(
+        "name,isa,threads,primitives,pixels,hits_per_ray,candidates_per_tile,evaluations_per_block,elements_per_block,"
+        "lane_use,tsc_ghz,fma_gflops,l2_gbs,memory_gbs");
+    for (int k = 0; k < HIT_PHASES; ++k)
+        printf(",%s_cycles_per_hit", phases[k].name);
+    for (int k = 0; k < PHASE_COUNT; ++k)
+        printf(",%s_seconds,%s_min,%s_max", phases[k].name, phases[k].name, phases[k].name);
+    putchar('\n');
+    for (size_t i = 0; i < report->count; ++i) {
+        const bench_result *r = &report->results[i];
+        const sgs_bench_counts *c = &r->counts;
+        printf("%s,%s,%d,%.0f,%.0f,%.3f,%.2f,%.3f,%.3f,%.4f,%.4f,%.1f,%.1f,%.1f", r->name, sgs_isa_name(r->isa),
+               r->threads, c->primitives, c->pixels, hits_per_ray(r), c->candidates / c->tiles,
+               c->evaluations / (16 * c->tiles), c->elements / (16 * c->tiles), lane_use(r), r->limits.tsc_ghz,
+               r->limits.fma_gflops, r->limits.l2_gbs, r->limits.memory_gbs);
+        for (int k = 0; k < HIT_PHASES; ++k)
+            printf(",%.3f", phase_spread(r, &phases[k]).median * cycles_per_hit(r));
+        for (int k = 0; k < PHASE_COUNT; ++k) {
+            const spread s = phase_spread(r, &phases[k]);
+            printf(",%.6f,%.6f,%.6f", s.median, s.low, s.high);
+        }
+        putchar('\n');
+    }
+}
+
+// The medians of the first `count` phases times a factor.
+static json_t *phases_json(const bench_result *r, int count, double factor)
+{
+    json_t *object = json_object();
+    for (int k = 0; k < count; ++k)
+        json_object_set_new(object, phases[k].name, json_number(phase_spread(r, &phases[k]).median * factor));
+    return object;
+}
+
+static json_t *spread_json(const bench_result *r)
+{
+    json_t *object = json_object();
+    for (int k = 0; k < PHASE_COUNT; ++k) {
+        const spread s = phase_spread(r, &phases[k]);
+        json_t *pair = json_array();
+        json_array_append_new(pair, json_number(s.low));
+        json_array_append_new(pair, json_number(s.high));
+        json_object_set_new(object, phases[k].name, pair);
+    }
+    return object;
+}
+
+static json_t *result_json(const bench_result *r)
+{
+    const sgs_bench_counts *c = &r->counts;
+    json_t *object = json_object();
+    json_object_set_new(object, "name", json_string(r->name));
+    json_object_set_new(object, "isa", json_string(sgs_isa_name(r->isa)));
+    json_object_set_new(object, "threads", json_integer(r->threads));
+    json_object_set_new(object, "primitives", json_integer((json_int_t)c->primitives));
+    json_object_set_new(object, "pixels", json_number(c->pixels));
+    json_object_set_new(object, "repeat", json_integer((json_int_t)r->repeat));
+    json_object_set_new(object, "hits_per_ray", json_number(hits_per_ray(r)));
+    json_object_set_new(object, "candidates_per_tile", json_number(c->candidates / c->tiles));
+    json_object_set_new(object, "evaluations_per_block", json_number(c->evaluations / (16 * c->tiles)));
+    json_object_set_new(object, "elements_per_block", json_number(c->elements / (16 * c->tiles)));
+    json_object_set_new(object, "lane_use", json_number(lane_use(r)));
+    json_object_set_new(object, "regathered_bins", json_number(c->regathered));
+    json_object_set_new(object, "cycles_per_hit", phases_json(r, HIT_PHASES, cycles_per_hit(r)));
+    json_object_set_new(object, "ns_per_hit", phases_json(r, HIT_PHASES, ns_per_hit(r)));
+    json_object_set_new(object, "core_seconds_per_mp", phases_json(r, PHASE_COUNT, core_seconds_per_mp(r)));
+    json_object_set_new(object, "seconds", phases_json(r, PHASE_COUNT, 1));
+    json_object_set_new(object, "seconds_range", spread_json(r));
+    return object;
+}
+
+static json_t *limits_json(const bench_report *report)
+{
+    json_t *object = json_object(), *threads = json_array();
+    const sgs_machine_limits *most = &report->results[0].limits;
+    int most_threads = 0, last = 0;
+    for (size_t i = 0; i < report->count; ++i) {
+        const bench_result *r = &report->results[i];
+        if (r->threads > most_threads) {
+            most_threads = r->threads;
+            most = &r->limits;
+        }
+        if (r->threads == last)
+            continue;
+        last = r->threads;
+        json_t *entry = json_object();
+        json_object_set_new(entry, "threads", json_integer(r->threads));
+        json_object_set_new(entry, "memory_read_gbs", json_number(r->limits.memory_read_gbs));
+        json_object_set_new(entry, "memory_update_gbs", json_number(r->limits.memory_update_gbs));
+        json_array_append_new(threads, entry);
+    }
+    json_object_set_new(object, "tsc_ghz", json_number(most->tsc_ghz));
+    json_object_set_new(object, "fma_gflops", json_number(most->fma_gflops));
+    json_object_set_new(object, "l2_gbs", json_number(most->l2_gbs));
+    json_object_set_new(object, "memory_gbs", json_number(most->memory_gbs));
+    json_object_set_new(object, "l2_bytes", json_integer((json_int_t)most->l2_bytes));
+    json_object_set_new(object, "by_threads", threads);
+    return object;
+}
+
+bool bench_print_json(const bench_report *report)
+{
+    json_t *root = json_object(), *benches = json_array();
+    for (size_t i = 0; i < report->count; ++i)
+        json_array_append_new(benches, result_json(&report->results[i]));
+    json_object_set_new(root, "limits", limits_json(report));
+    json_object_set_new(root, "benches", benches);
+    return print_json(root);
+}

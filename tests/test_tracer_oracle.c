@@ -322,12 +322,47 @@ static void shifted_and_very_wide_lenses_equal_the_oracle(void **state)
     oracle_scene_free(&scene);
 }
 
+// Every COLMAP model with every one of its coefficients at work. The last two fold inside of their image: the pixels
+// beyond see nothing.
+static void every_lens_equals_the_oracle(void **state)
+{
+    (void)state;
+    const sgs_camera cameras[] = {
+        {SGS_CAMERA_SIMPLE_PINHOLE, 50, 40, {44, 25, 20}},
+        {SGS_CAMERA_PINHOLE, 50, 40, {44, 47, 26, 18}},
+        {SGS_CAMERA_SIMPLE_RADIAL, 50, 40, {44, 25, 20, -0.14}},
+        {SGS_CAMERA_RADIAL, 50, 40, {44, 25, 20, -0.31, 0.12}},
+        {SGS_CAMERA_OPENCV, 50, 40, {44, 43, 25, 20, -0.1, 0.05, 0.02, -0.03}},
+        {SGS_CAMERA_OPENCV_FISHEYE, 50, 40, {22, 22, 25, 20, 0.02, -0.004, 0.001, -0.0002}},
+        {SGS_CAMERA_FULL_OPENCV, 50, 40, {44, 44, 25, 20, -0.1, 0.01, 1e-3, 2e-3, 0.001, 0.02, 0.01, 0.002}},
+        {SGS_CAMERA_FOV, 50, 40, {30, 30, 25, 20, 0.92}},
+        {SGS_CAMERA_SIMPLE_RADIAL_FISHEYE, 50, 40, {22, 25, 20, -0.01}},
+        {SGS_CAMERA_RADIAL_FISHEYE, 50, 40, {22, 26, 19, -0.05, 0.01}},
+        {SGS_CAMERA_THIN_PRISM_FISHEYE, 50, 40, {30, 31, 25, 20, .03, -.02, 2e-3, -1e-3, .01, -.001, 3e-3, -2e-3}},
+        {SGS_CAMERA_SIMPLE_RADIAL, 50, 40, {30, 25, 20, -0.3}},
+        {SGS_CAMERA_OPENCV_FISHEYE, 50, 40, {20, 20, 25, 20, -0.3, 0.1, 0, 0}},
+    };
+    const sgs_pose pose = oracle_pose_look_at(0.7, -0.9, -2.4);
+    oracle_scene scene = oracle_random_model(53, 250, NULL);
+    for (size_t i = 0; i < sizeof cameras / sizeof *cameras; ++i) {
+        traced_view traced = traced_create(scene.model, &cameras[i], &pose, SGS_FILTER_3DGS, 2, SGSI_BVH_LOW);
+        const comparison one = compare_with_oracle(&traced, &scene, true, 0);
+        print_message("%s: colour %.2g, distance %.2g, %zu of %zu pixels listed\n",
+                      sgs_camera_model_name(cameras[i].model), one.color, one.distance, one.listed, one.pixels);
+        assert_true(one.color <= 1e-5 && one.distance <= 3e-5 && one.fragile_color <= 0.05);
+        assert_true(one.listed * 4 > one.pixels);
+        traced_destroy(&traced);
+    }
+    oracle_scene_free(&scene);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_teardown(random_scenes_equal_the_oracle_on_every_isa_and_lens, restore_isa),
         cmocka_unit_test(adversarial_scenes_equal_the_oracle),
         cmocka_unit_test(odd_sizes_equal_the_oracle),
+        cmocka_unit_test(every_lens_equals_the_oracle),
         cmocka_unit_test(shifted_and_very_wide_lenses_equal_the_oracle),
     };
     return cmocka_run_group_tests(tests, prepare, NULL);

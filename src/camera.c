@@ -114,6 +114,12 @@ sgs_status sgs_camera_validate(const sgs_camera *camera)
     return SGS_STATUS_OK;
 }
 
+bool sgs_camera_equal(const sgs_camera *a, const sgs_camera *b)
+{
+    return a->model == b->model && a->width == b->width && a->height == b->height &&
+           !memcmp(a->params, b->params, sizeof a->params);
+}
+
 void sgs_camera_intrinsics(const sgs_camera *camera, double *fx, double *fy, double *cx, double *cy)
 {
     const double *p = camera->params;

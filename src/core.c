@@ -242,6 +242,18 @@ void sgsi_atomic_abort(sgsi_atomic_file *file)
     *file = (sgsi_atomic_file){0};
 }
 
+bool sgsi_is_file(const char *path)
+{
+    struct stat info;
+    return !stat(path, &info) && S_ISREG(info.st_mode);
+}
+
+bool sgsi_is_folder(const char *path)
+{
+    struct stat info;
+    return !stat(path, &info) && S_ISDIR(info.st_mode);
+}
+
 sgs_status sgsi_make_folder(const char *path)
 {
     char *partial = sgsi_strdup(path);

@@ -66,6 +66,10 @@ sgs_status sgsi_atomic_commit(sgsi_atomic_file *file);
 // Drops the temporary file; harmless after commit or a failed open.
 void sgsi_atomic_abort(sgsi_atomic_file *file);
 
+// True for a regular file, and for a folder; links are followed.
+bool sgsi_is_file(const char *path);
+bool sgsi_is_folder(const char *path);
+
 // Creates a folder and its missing parents; fine when it exists already.
 sgs_status sgsi_make_folder(const char *path);
 

@@ -1,7 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The photometric loss of 3DGS, L = (1 - lambda) mean|I - G| + lambda (1 - mean SSIM), and its gradient.
+// The photometric loss of 3DGS, L = (1 - lambda) mean|I - G| + lambda (1 - mean SSIM), and its gradient; with an alpha
+// channel and a weight for it, plus weight mean|(1 - T) - alpha|.
 //
 // This file cuts the image into blocks, hands them to the threads and adds up their sums; the mathematics
 // stands at the top of loss_kernels.inl. A block is at most LOSS_BLOCK_WIDTH x LOSS_BLOCK_HEIGHT pixels and
@@ -128,7 +129,7 @@ static void edge_weights(const float window[LOSS_RADIUS + 1], int size, float *w
 
 static sgs_status check(const sgsi_loss_input *input, const sgsi_loss_output *output)
 {
-    const sgs_image8 *target = input->target;
+    const sgs_photo *target = input->target;
     bool complete = input->transmittance && output->d_transmittance && target && target->pixels;
     for (int c = 0; c < 3; ++c)
         complete = complete && input->color[c] && output->d_color[c];
@@ -168,7 +169,8 @@ sgs_status sgsi_loss_evaluate(sgsi_loss_workspace *workspace, const sgsi_loss_in
     block_loop loop = {
         .job = {.input = input, .output = output,
                 .column_weight = workspace->column_weight, .row_weight = workspace->row_weight,
-                .l1_scale = (float)((1.0 - lambda) / values), .ssim_scale = (float)(2.0 * lambda / values)},
+                .l1_scale = (float)((1.0 - lambda) / values), .ssim_scale = (float)(2.0 * lambda / values),
+                .alpha_scale = input->target->channels == 4 ? (float)(3.0 * (double)input->alpha_weight / values) : 0.0f},
         .kernel = kernel_of(sgs_get_isa()),
         .workspace = workspace,
     };
@@ -185,10 +187,13 @@ sgs_status sgsi_loss_evaluate(sgsi_loss_workspace *workspace, const sgsi_loss_in
         total.l1 += workspace->sums[item].l1;
         total.square += workspace->sums[item].square;
         total.dissimilarity += workspace->sums[item].dissimilarity;
+        total.alpha += workspace->sums[item].alpha;
     }
     output->l1 = total.l1 / values;
-    output->mse = total.square / values;
+    output->mse = total.square / (input->target->keep ? 3.0 * (double)input->target->kept : values);
     output->ssim = 1.0 - total.dissimilarity / values;
-    output->loss = (1.0 - lambda) * output->l1 + lambda * (1.0 - output->ssim);
+    output->alpha = 3.0 * total.alpha / values;
+    output->loss = (1.0 - lambda) * output->l1 + lambda * (1.0 - output->ssim) +
+                   (double)input->alpha_weight * output->alpha;
     return SGS_STATUS_OK;
 }

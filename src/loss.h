@@ -20,16 +20,21 @@ typedef struct sgsi_loss_input {
     const float *color[3];        // rendered, premultiplied, without background; [height][stride], 64-byte aligned
     const float *transmittance;   // [height][stride]
     float background[3];
-    const sgs_image8 *target;     // RGB, or RGB + straight alpha: composited over `background` first
+    const sgs_photo *target;      // RGB, or RGB + straight alpha: composited over `background` first
     float ssim_weight;            // lambda = 0.2
+    float alpha_weight;           // of mean |(1 - T) - alpha|, for targets with an alpha channel; 0 = none
 } sgsi_loss_input;
 
 typedef struct sgsi_loss_output {
-    double loss, l1, ssim, mse;   // mse of the clamped image, for PSNR
+    double loss, l1, ssim, alpha; // alpha: mean |(1 - T) - alpha|, 0 when not asked for
+    double mse;                   // of the clamped image over the pixels that count, for PSNR
     float *d_color[3];            // dL/d(color), [height][stride]; columns >= width are set to 0
-    float *d_transmittance;       // dL/dT through the background: sum over channels of background * dL/dI
+    float *d_transmittance;       // dL/dT through the background: sum over channels of background * dL/dI, and alpha's
 } sgsi_loss_output;
 
+// Pixels that do not count (target->keep) are mid-grey in both images: they add nothing to L1 or alpha, no window sees what
+// they show, their gradient is zero. All means are over all pixels, so that the others weigh what they weigh without a mask.
+//
 // I = clamp(color + T * background, 0, 1) is compared; the gradient is zero where the clamp acts (upper: I > 1, lower: I < 0).
 // Sums do not depend on the number of threads.
 sgs_status sgsi_loss_evaluate(sgsi_loss_workspace *workspace, const sgsi_loss_input *input, sgsi_loss_output *output);

@@ -29,11 +29,13 @@ typedef struct sgsi_loss_job {
     int block_width, block_height; // of all but the last block of a row or column
     float window[LOSS_RADIUS + 1]; // normalised weights by distance from the centre
     float l1_scale, ssim_scale;    // (1 - lambda) / (3 H W), 2 lambda / (3 H W)
+    float alpha_scale;             // weight / (H W), 0 without the term
 } sgsi_loss_job;
 
 // Sums of one item over its own pixels and the three channels.
 typedef struct sgsi_loss_sums {
     double l1, square, dissimilarity; // |I - G|, (I - G)^2, 1 - S
+    double alpha;                     // |(1 - T) - alpha|, over pixels alone
 } sgsi_loss_sums;
 
 // Scratch of one thread; the rings are indexed by row & (LOSS_RING - 1). Every row starts at a multiple of 64 bytes.

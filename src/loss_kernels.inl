@@ -34,6 +34,9 @@
 // last term by the same 1/2 changes nothing, because conv is linear, and keeps them small: that is what the
 // code does.
 //
+// A pixel that does not count is 1/2 in both images: all four source values are 0 there, as outside of the image, but
+// it belongs to W. What it shows reaches no window, and nothing flows back to it.
+//
 // Walk: four rows at a time down the block. Source rows (I', e, I'^2 + G'^2, e^2) -> vertical pass ->
 // horizontal pass and the algebra above -> horizontal pass over a, b, c -> vertical pass -> gradient.
 // Everything lives in rings of 16 rows, about 100 KB per thread; halos are computed again by the neighbouring
@@ -73,7 +76,7 @@ static inline vf composite(const sgsi_loss_input *input, int channel, size_t at)
 // Target values at 16 pixels, of which `count` exist; straight alpha over the background.
 static inline vf load_target(const sgsi_loss_input *input, int channel, size_t at, int count)
 {
-    const sgs_image8 *target = input->target;
+    const sgs_photo *target = input->target;
     const size_t plane = (size_t)target->width * (size_t)target->height;
     const vf full = vf_set1(255.0f);
     const vf value = vf_div(load_bytes(target->pixels + plane * (size_t)channel + at, count), full);
@@ -82,6 +85,14 @@ static inline vf load_target(const sgsi_loss_input *input, int channel, size_t a
     const vf alpha = vf_div(load_bytes(target->pixels + plane * 3 + at, count), full);
     const vf background = vf_set1(input->background[channel]);
     return vf_fma(alpha, vf_sub(value, background), background);
+}
+
+// Which of the pixels x + 0...15 of row y exist and count; x is a multiple of 16, `count` of them exist.
+static inline vm counted(const sgsi_loss_input *input, int x, int y, int count)
+{
+    const unsigned exist = count >= 16 ? 0xFFFFu : (1u << count) - 1;
+    const uint16_t *keep = input->target->keep;
+    return vm_from_bits(keep ? exist & keep[(size_t)y * (((size_t)input->width + 15) / 16) + (size_t)x / 16] : exist);
 }
 
 // Source row number `row` of the block (0 is 10 above its first output row) into the rings.
@@ -103,7 +114,7 @@ static void load_row(const channel_block *block, int row)
             const size_t pixel = (size_t)y * (size_t)input->width + (size_t)x;
             const vf value = vf_clamp(composite(input, block->channel, at), vf_zero(), one);
             const vf target = load_target(input, block->channel, pixel, count);
-            const vm real = vm_from_bits(count >= 16 ? 0xFFFFu : (1u << count) - 1);
+            const vm real = counted(input, x, y, count); // the others stay mid-grey: i = e = 0
             const vf g = vf_sub(target, half);
             i = vf_keep(real, vf_sub(value, half));
             e = vf_keep(real, vf_sub(value, target));
@@ -256,8 +267,8 @@ static void gradient_rows(channel_block *block, int first)
         convolve_down(&s->smooth[1][0][16 * k], LOSS_BLOCK_WIDTH, first, window, b);
         convolve_down(&s->smooth[2][0][16 * k], LOSS_BLOCK_WIDTH, first, window, c);
         const int count = block->width - 16 * k;
-        const vm real = vm_from_bits(count >= 16 ? 0xFFFFu : (1u << count) - 1);
         for (int r = 0; r < GROUP && first + r < block->height; ++r) {
+            const vm real = counted(input, block->x + 16 * k, block->y + first + r, count);
             const int slot = (first + r + 2 * LOSS_RADIUS) & RING_MASK;
             const size_t at = (size_t)(block->y + first + r) * input->stride + (size_t)(block->x + 16 * k);
             const vf i = vf_load(&s->source[0][slot][LOSS_MARGIN + 16 * k]);
@@ -308,6 +319,29 @@ static void clear_padding(const channel_block *block)
         }
 }
 
+// The alpha term of the whole block: |(1 - T) - alpha| and its derivative with respect to T.
+static void run_alpha(const channel_block *block, sgsi_loss_sums *sums)
+{
+    const sgsi_loss_input *input = block->job->input;
+    const size_t plane = (size_t)input->width * (size_t)input->height;
+    const vf zero = vf_zero(), one = vf_set1(1.0f), scale = vf_set1(block->job->alpha_scale);
+    float *d_transmittance = block->job->output->d_transmittance;
+    for (int y = block->y; y < block->y + block->height; ++y) {
+        vf total = zero;
+        for (int x = block->x; x < block->x + block->width; x += 16) {
+            const int count = block->x + block->width - x;
+            const size_t at = (size_t)y * input->stride + (size_t)x, pixel = (size_t)y * (size_t)input->width + (size_t)x;
+            const vf alpha = vf_div(load_bytes(input->target->pixels + 3 * plane + pixel, count), vf_set1(255.0f));
+            const vf opacity = vf_sub(one, vf_load_u(input->transmittance + at));
+            const vf e = vf_keep(counted(input, x, y, count), vf_sub(opacity, alpha));
+            const vf slope = vf_sub(vf_keep(vf_lt(e, zero), scale), vf_keep(vf_gt(e, zero), scale));
+            vf_store_u(d_transmittance + at, vf_add(vf_load_u(d_transmittance + at), slope));
+            total = vf_add(total, vf_abs(e));
+        }
+        sums->alpha += (double)vf_sum(total);
+    }
+}
+
 static void run_channel(channel_block *block, sgsi_loss_sums *sums)
 {
     const int groups = (block->height + GROUP - 1) / GROUP;
@@ -346,4 +380,6 @@ void SGSI_KERNEL(sgsi_loss_block)(const sgsi_loss_job *job, size_t item, sgsi_lo
     prepare_columns(&block);
     for (block.channel = 0; block.channel < 3; ++block.channel)
         run_channel(&block, sums);
+    if (job->alpha_scale > 0.0f)
+        run_alpha(&block, sums);
 }

@@ -15,6 +15,7 @@
 #include <stdbool.h>
 
 #include "core.h"
+#include "mask.h"
 #include "threads.h"
 
 enum { RADIUS = 5, STRIP_ROWS = 16, WINDOW_ROWS = STRIP_ROWS + 2 * RADIUS, MOMENTS = 5 };
@@ -75,17 +76,29 @@ static bool comparable(const sgs_image8 *a, const sgs_image8 *b)
            a->channels >= 3 && b->channels >= 3;
 }
 
-double sgs_psnr(const sgs_image8 *a, const sgs_image8 *b)
+double sgs_psnr_masked(const sgs_image8 *a, const sgs_image8 *b, const uint16_t *keep)
 {
     if (!comparable(a, b))
         return NAN;
-    const size_t values = 3 * (size_t)a->width * (size_t)a->height;
-    uint64_t sum = 0; // exact
-    for (size_t i = 0; i < values; ++i) {
-        const int difference = (int)a->pixels[i] - (int)b->pixels[i];
-        sum += (uint64_t)(difference * difference);
+    const size_t plane = (size_t)a->width * (size_t)a->height;
+    uint64_t sum = 0, values = 0; // exact
+    for (size_t i = 0; i < plane; ++i) {
+        if (keep && !sgsi_mask_keeps(keep, a->width, (int)(i % (size_t)a->width), (int)(i / (size_t)a->width)))
+            continue;
+        for (size_t c = 0; c < 3; ++c) {
+            const int difference = (int)a->pixels[c * plane + i] - (int)b->pixels[c * plane + i];
+            sum += (uint64_t)(difference * difference);
+        }
+        values += 3;
     }
+    if (!values)
+        return NAN;
     return sum ? 10.0 * log10(255.0 * 255.0 * (double)values / (double)sum) : INFINITY;
+}
+
+double sgs_psnr(const sgs_image8 *a, const sgs_image8 *b)
+{
+    return sgs_psnr_masked(a, b, NULL);
 }
 
 // ---------------------------------------------------------------------------------------------------------
@@ -93,6 +106,7 @@ double sgs_psnr(const sgs_image8 *a, const sgs_image8 *b)
 
 typedef struct ssim_job {
     const sgs_image8 *a, *b;
+    const uint16_t *keep;
     double window[RADIUS + 1];
     size_t pitch;    // doubles per padded row
     size_t strips;   // per channel
@@ -113,8 +127,10 @@ static void load_lines(const ssim_job *job, size_t row, double *lines)
     for (size_t m = 0; m < MOMENTS; ++m)
         for (size_t k = 0; k < RADIUS; ++k)
             lines[m * pitch + k] = lines[m * pitch + RADIUS + width + k] = 0.0;
+    const int y = (int)(row % (size_t)job->a->height);
     for (size_t x = 0; x < width; ++x) {
-        const double p = a[x] / 255.0, q = b[x] / 255.0;
+        const bool counts = sgsi_mask_keeps(job->keep, job->a->width, (int)x, y);
+        const double p = counts ? a[x] / 255.0 : 0.0, q = counts ? b[x] / 255.0 : 0.0;
         double *at = lines + RADIUS + x;
         at[0] = p;
         at[pitch] = q;
@@ -176,6 +192,8 @@ static void ssim_strip(void *context, size_t item, int thread)
     double sum = 0.0;
     for (ptrdiff_t r = 0; r < STRIP_ROWS && first + r < height; ++r)
         for (size_t x = 0; x < width; ++x) {
+            if (!sgsi_mask_keeps(job->keep, job->a->width, (int)x, (int)(first + r)))
+                continue;
             const double *const at = smooth + (size_t)r * pitch + x;
             double moment[MOMENTS];
             for (size_t m = 0; m < MOMENTS; ++m)
@@ -198,9 +216,14 @@ static void make_window(double window[RADIUS + 1])
 
 double sgs_ssim(const sgs_image8 *a, const sgs_image8 *b)
 {
+    return sgs_ssim_masked(a, b, NULL);
+}
+
+double sgs_ssim_masked(const sgs_image8 *a, const sgs_image8 *b, const uint16_t *keep)
+{
     if (!comparable(a, b))
         return NAN;
-    ssim_job job = {.a = a, .b = b};
+    ssim_job job = {.a = a, .b = b, .keep = keep};
     job.pitch = ((size_t)a->width + 2 * RADIUS + 7) / 8 * 8;
     job.strips = ((size_t)a->height + STRIP_ROWS - 1) / STRIP_ROWS;
     make_window(job.window);
@@ -216,5 +239,8 @@ double sgs_ssim(const sgs_image8 *a, const sgs_image8 *b)
     for (size_t item = 0; item < items; ++item)
         sum += job.sums[item];
     sgsi_free(job.scratch);
-    return sum / (3.0 * a->width * a->height);
+    size_t kept = (size_t)a->width * (size_t)a->height;
+    for (size_t i = 0; keep && i < (size_t)a->width * (size_t)a->height; ++i)
+        kept -= !sgsi_mask_keeps(keep, a->width, (int)(i % (size_t)a->width), (int)(i / (size_t)a->width));
+    return kept ? sum / (3.0 * (double)kept) : NAN;
 }

@@ -292,17 +292,11 @@ void sgsi_ray_cache_destroy(sgsi_ray_cache *cache)
     sgsi_free(cache);
 }
 
-static bool same_camera(const sgs_camera *a, const sgs_camera *b)
-{
-    return a->model == b->model && a->width == b->width && a->height == b->height &&
-           !memcmp(a->params, b->params, sizeof a->params);
-}
-
 sgs_status sgsi_ray_cache_get(sgsi_ray_cache *cache, const sgs_camera *camera, const sgsi_rays **rays)
 {
     *rays = NULL;
     for (int i = 0; i < CACHE_SLOTS; ++i) {
-        if (cache->slots[i].rays && same_camera(&cache->slots[i].rays->camera, camera)) {
+        if (cache->slots[i].rays && sgs_camera_equal(&cache->slots[i].rays->camera, camera)) {
             cache->slots[i].used = ++cache->clock;
             *rays = cache->slots[i].rays;
             return SGS_STATUS_OK;

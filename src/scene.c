@@ -3,10 +3,10 @@
 
 // A scene: what the files say (scene_find.c, colmap.c, transforms.c) and the photographs, joined.
 //
-// Order of things: find the files, read cameras and points, sort by name, read the photographs in parallel,
-// drop the views without one, fit every camera to the size its photograph has after down-scaling, split,
-// measure the extent. Views depend on their own file only, and warnings are sent afterwards in view order,
-// so the result and the messages are the same for any number of threads.
+// Order of things: find the files, read cameras and points, sort by name, look at the headers of the photographs and
+// fit every camera to the size its photograph will have after down-scaling, read the photographs, drop the views
+// without one, split, measure the extent. Photographs are read in parallel; views depend on their own files only, and
+// warnings are sent afterwards in view order, so the result and the messages are the same for any number of threads.
 //
 // From 3DGS: the width of 1600 px, every N-th of the sorted names as test set, and the extent (1.1 times
 // the largest distance of a training camera from their mean). Different: images are area-averaged, not
@@ -23,6 +23,8 @@
 #include "colmap.h"
 #include "core.h"
 #include "image_oiio.h"
+#include "mask.h"
+#include "photo.h"
 #include "scene_find.h"
 #include "sparegs/image.h"
 #include "threads.h"
@@ -37,13 +39,23 @@ typedef struct slot {
     int file_width, file_height; // before down-scaling
     int width, height;           // after it
     int channels;
+    bool mask_failed; // the error is the mask's, not the photograph's
+    size_t lens;      // index into loader.lenses
 } slot;
+
+// The pixels that a lens has rays for. Views mostly share one.
+typedef struct lens_mask {
+    sgs_camera camera;
+    uint16_t *keep; // NULL = all
+} lens_mask;
 
 typedef struct loader {
     const sgs_scene_options *options;
     sgsi_scene_files files;
     sgsi_dataset dataset;
     slot *slots; // parallel to dataset.frames
+    lens_mask *lenses;
+    size_t lens_count;
     sgs_scene *scene;
 } loader;
 
@@ -59,7 +71,8 @@ void sgs_scene_destroy(sgs_scene *scene)
     for (size_t i = 0; i < scene->view_count; ++i) {
         sgsi_free(scene->views[i].name);
         sgsi_free(scene->views[i].image_path);
-        sgs_image8_free(&scene->views[i].image);
+        sgsi_free(scene->views[i].mask_path);
+        sgsi_photo_free(&scene->views[i].image);
     }
     sgsi_free(scene->views);
     sgsi_free(scene->points);
@@ -91,37 +104,100 @@ static void reduced_size(int downscale, slot *s)
     s->height = s->height < 1 ? 1 : s->height;
 }
 
-static sgs_status load_image(const loader *l, slot *s, sgs_view *view)
+// Completes a camera whose file gave no size (see sgsi_frame) and fits it to its photograph.
+static sgs_status fit_camera(const sgsi_frame *frame, const slot *s, const sgs_view *view, sgs_camera *out)
 {
-    if (!l->options->load_images) {
-        const sgs_status status = sgsi_image8_probe(view->image_path, &s->file_width, &s->file_height, &s->channels);
-        reduced_size(l->options->downscale, s);
-        return status;
+    sgs_camera camera = frame->camera;
+    if (camera.width == 0) {
+        camera.width = s->file_width;
+        camera.height = s->file_height;
+        if (frame->angle_x > 0)
+            camera.params[0] = camera.params[1] = 0.5 * s->file_width / tan(0.5 * frame->angle_x);
+        if (isnan(camera.params[2]))
+            camera.params[2] = 0.5 * s->file_width;
+        if (isnan(camera.params[3]))
+            camera.params[3] = 0.5 * s->file_height;
     }
-    sgs_status status = sgs_image8_read(view->image_path, &view->image);
-    if (status)
-        return status;
-    s->file_width = view->image.width;
-    s->file_height = view->image.height;
-    s->channels = view->image.channels;
+    *out = sgs_camera_resized(&camera, s->width, s->height);
+    if (sgs_camera_validate(out))
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: camera of '%s': %s", view->image_path, view->name, sgs_last_error());
+    return SGS_STATUS_OK;
+}
+
+static void keep_error(slot *s)
+{
+    if (s->status)
+        s->error = sgsi_strdup(sgs_last_error()); // of this thread; told later by the caller's
+}
+
+// Size of the photograph; without its pixels in view, also whether its file is whole.
+static void probe_view(void *context, size_t i, int thread)
+{
+    const loader *l = context;
+    slot *s = &l->slots[i];
+    (void)thread;
+    const char *path = l->scene->views[i].image_path;
+    s->status = l->options->load_images ? sgsi_oiio_probe(path, &s->file_width, &s->file_height, &s->channels)
+                                        : sgsi_image8_probe(path, &s->file_width, &s->file_height, &s->channels);
     reduced_size(l->options->downscale, s);
-    if (s->width == s->file_width && s->height == s->file_height)
-        return SGS_STATUS_OK;
-    sgs_image8 reduced;
-    status = sgs_image8_downscale(&view->image, s->width, s->height, &reduced);
-    sgs_image8_free(&view->image);
-    view->image = reduced;
-    return status;
+    keep_error(s);
 }
 
 static void load_view(void *context, size_t i, int thread)
 {
     const loader *l = context;
     slot *s = &l->slots[i];
+    sgs_view *view = &l->scene->views[i];
     (void)thread;
-    s->status = load_image(l, s, &l->scene->views[i]);
     if (s->status)
-        s->error = sgsi_strdup(sgs_last_error()); // of this thread; told later by the caller's
+        return;
+    const sgsi_photo_source source = {.image_path = view->image_path, .mask_path = view->mask_path,
+                                      .file_width = s->file_width, .file_height = s->file_height,
+                                      .width = s->width, .height = s->height,
+                                      .invert_mask = l->options->invert_masks, .alpha = l->options->alpha,
+                                      .lens = l->lenses[s->lens].keep};
+    s->status = sgsi_photo_load(&source, &view->image, &s->mask_failed);
+    keep_error(s);
+}
+
+// The entry of view i's camera, a new one where no earlier view has it.
+static sgs_status find_lens(loader *l, size_t i)
+{
+    const sgs_camera *camera = &l->scene->views[i].camera;
+    size_t k = l->lens_count;
+    while (k > 0 && !sgs_camera_equal(&l->lenses[k - 1].camera, camera))
+        --k;
+    if (k == 0) {
+        k = ++l->lens_count;
+        l->lenses[k - 1].camera = *camera;
+        const sgs_status status = sgsi_mask_of_lens(camera, &l->lenses[k - 1].keep);
+        if (status)
+            return status;
+    }
+    l->slots[i].lens = k - 1;
+    return SGS_STATUS_OK;
+}
+
+// Fits the cameras and reads the photographs.
+static sgs_status load_views(loader *l)
+{
+    sgs_scene *scene = l->scene;
+    sgs_status status = SGS_STATUS_OK;
+    sgsi_parallel_for(scene->view_count, 1, probe_view, l);
+    for (size_t i = 0; i < scene->view_count && !status; ++i)
+        if (!l->slots[i].status)
+            status = fit_camera(&l->dataset.frames[i], &l->slots[i], &scene->views[i], &scene->views[i].camera);
+    if (status || !l->options->load_images)
+        return status;
+    l->lenses = sgsi_calloc(scene->view_count, sizeof *l->lenses);
+    if (!l->lenses)
+        return no_memory(scene->path);
+    for (size_t i = 0; i < scene->view_count && !status; ++i)
+        if (!l->slots[i].status)
+            status = find_lens(l, i);
+    if (!status)
+        sgsi_parallel_for(scene->view_count, 1, load_view, l);
+    return status;
 }
 
 static int frame_order(const void *a, const void *b)
@@ -130,7 +206,25 @@ static int frame_order(const void *a, const void *b)
     return strcmp(x->name, y->name);
 }
 
-// Views in the order of their names, each with the path of its photograph.
+// The mask of every view that has one. Folders of masks lie beside the image folder.
+static sgs_status find_masks(loader *l)
+{
+    const char *folder = l->options->masks_dir, *images = l->files.image_folder;
+    if (folder && !strcmp(folder, "none"))
+        return SGS_STATUS_OK;
+    char *root = l->files.colmap ? sgsi_format("%s/..", images) : sgsi_strdup(images);
+    char *given = root && folder ? folder[0] == '/' ? sgsi_strdup(folder) : sgsi_format("%s/%s", root, folder) : NULL;
+    sgs_status status = root && (!folder || given) ? SGS_STATUS_OK : no_memory(l->scene->path);
+    if (given && !sgsi_is_folder(given))
+        status = sgsi_fail(SGS_STATUS_IO, "%s: there is no such folder of masks; --masks none does without", given);
+    for (size_t i = 0; i < l->scene->view_count && !status; ++i)
+        status = sgsi_mask_find(root, folder, images, l->scene->views[i].name, &l->scene->views[i].mask_path);
+    sgsi_free(given);
+    sgsi_free(root);
+    return status;
+}
+
+// Views in the order of their names, each with the paths of its photograph and its mask.
 static sgs_status make_views(loader *l)
 {
     sgs_scene *scene = l->scene;
@@ -156,51 +250,37 @@ static sgs_status make_views(loader *l)
         if (!view->image_path)
             return no_memory(scene->path);
     }
-    return SGS_STATUS_OK;
-}
-
-// Completes a camera whose file gave no size (see sgsi_frame) and fits it to its photograph.
-static sgs_status fit_camera(const sgsi_frame *frame, const slot *s, const sgs_view *view, sgs_camera *out)
-{
-    sgs_camera camera = frame->camera;
-    if (camera.width == 0) {
-        camera.width = s->file_width;
-        camera.height = s->file_height;
-        if (frame->angle_x > 0)
-            camera.params[0] = camera.params[1] = 0.5 * s->file_width / tan(0.5 * frame->angle_x);
-        if (isnan(camera.params[2]))
-            camera.params[2] = 0.5 * s->file_width;
-        if (isnan(camera.params[3]))
-            camera.params[3] = 0.5 * s->file_height;
-    }
-    *out = sgs_camera_resized(&camera, s->width, s->height);
-    if (sgs_camera_validate(out))
-        return sgsi_fail(SGS_STATUS_FORMAT, "%s: camera of '%s': %s", view->image_path, view->name, sgs_last_error());
-    return SGS_STATUS_OK;
+    return find_masks(l);
 }
 
 static void drop_view(sgs_view *view)
 {
     sgsi_free(view->name);
     sgsi_free(view->image_path);
-    sgs_image8_free(&view->image);
+    sgsi_free(view->mask_path);
+    sgsi_photo_free(&view->image);
 }
 
-// Warns of the views without a photograph, closes the gaps, fits the cameras of the others.
+// Warns of the views without a photograph and of those that a mask covers, and closes the gaps.
 static sgs_status keep_readable_views(loader *l)
 {
     sgs_scene *scene = l->scene;
     const size_t count = scene->view_count;
-    size_t kept = 0, mismatched = 0, first_mismatched = 0;
+    size_t kept = 0, mismatched = 0, first_mismatched = 0, covered = 0;
     bool reduced = false;
     sgs_status status = SGS_STATUS_OK;
     for (size_t i = 0; i < count; ++i) {
         const slot *s = &l->slots[i];
         sgs_view *view = &scene->views[i];
-        if (!status && s->status == SGS_STATUS_OUT_OF_MEMORY)
+        if (!status && (s->status == SGS_STATUS_OUT_OF_MEMORY || s->mask_failed))
             status = sgsi_fail(s->status, "%s", s->error ? s->error : "no memory for the images");
-        if (!status && !s->status)
-            status = fit_camera(&l->dataset.frames[i], s, view, &view->camera);
+        if (!status && !s->status && view->image.pixels && !view->image.kept) {
+            if (covered++ < MAX_WARNINGS)
+                sgsi_warn("%s: not one pixel of it counts; the view is skipped",
+                          view->mask_path ? view->mask_path : view->image_path);
+            drop_view(view);
+            continue;
+        }
         if (s->status || status) {
             if (!status && scene->images_missing++ < MAX_WARNINGS)
                 sgsi_warn("%s; the view is skipped", s->error ? s->error : view->image_path);
@@ -212,7 +292,8 @@ static sgs_status keep_readable_views(loader *l)
         if (fabs(stretch - 1) > 0.02 && mismatched++ == 0)
             first_mismatched = kept;
         reduced = reduced || (l->options->downscale == 0 && s->width != s->file_width);
-        scene->has_alpha |= s->channels == 4;
+        scene->has_alpha |= s->channels == 4 && l->options->alpha == SGS_ALPHA_OVER;
+        scene->masks += view->mask_path != NULL;
         scene->views[kept++] = *view;
     }
     scene->view_count = kept;
@@ -221,9 +302,15 @@ static sgs_status keep_readable_views(loader *l)
     if (scene->images_missing > MAX_WARNINGS)
         sgsi_warn("%s: %zu of %zu registered images cannot be read and are skipped", scene->path, scene->images_missing,
                   count);
+    if (kept == 0 && covered)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: no pixel of any image counts; are the masks the wrong way "
+                         "round (--invert-masks)?", scene->path);
     if (kept == 0)
         return sgsi_fail(SGS_STATUS_IO, "%s: none of the %zu registered images can be read; the first: %s",
                          l->files.image_folder, count, l->slots[0].error ? l->slots[0].error : "no reason known");
+    if (scene->masks && scene->masks < kept)
+        sgsi_warn("%s: %zu of %zu images have no mask; all of their pixels count", scene->path, kept - scene->masks,
+                  kept);
     if (reduced)
         sgsi_warn("%s: images wider than %d px are reduced to %d px; --downscale 1 keeps their size", scene->path,
                   AUTOMATIC_WIDTH, AUTOMATIC_WIDTH);
@@ -383,11 +470,12 @@ static sgs_status split_views(const loader *l)
     sgs_status status = SGS_STATUS_OK;
     if (l->options->test_images)
         status = split_by_names(scene, l->options->test_images);
-    else if (l->dataset.has_split && every)
-        sgsi_warn("%s: the scene's own test views are used, not every %d-th one", scene->path, every);
-    else if (every) {
+    else if (l->dataset.has_split && every) {
+        if (every != 8) // what --eval asks for without meaning the number
+            sgsi_warn("%s: the scene's own test views are used, not every %d-th one", scene->path, every);
+    } else {
         for (size_t i = 0; i < scene->view_count; ++i)
-            scene->views[i].split = i % (size_t)every == 0 ? SGS_SPLIT_TEST : SGS_SPLIT_TRAIN;
+            scene->views[i].split = every && i % (size_t)every == 0 ? SGS_SPLIT_TEST : SGS_SPLIT_TRAIN;
     }
     if (status)
         return status;
@@ -487,8 +575,9 @@ static sgs_status load(loader *l)
     status = make_views(l);
     if (status)
         return status;
-    sgsi_parallel_for(scene->view_count, 1, load_view, l);
-    status = count_unposed(l);
+    status = load_views(l);
+    if (!status)
+        status = count_unposed(l);
     if (!status)
         status = keep_readable_views(l);
     if (!status)
@@ -516,6 +605,9 @@ sgs_status sgs_scene_load(const char *path, const sgs_scene_options *options, sg
     for (size_t i = 0; l.slots && i < l.dataset.frame_count; ++i)
         sgsi_free(l.slots[i].error);
     sgsi_free(l.slots);
+    for (size_t i = 0; i < l.lens_count; ++i)
+        sgsi_free(l.lenses[i].keep);
+    sgsi_free(l.lenses);
     sgsi_dataset_free(&l.dataset);
     sgsi_scene_files_free(&l.files);
     if (status) {

@@ -13,22 +13,10 @@
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
-#include <sys/stat.h>
 
 #include "colmap.h"
 #include "core.h"
-
-static bool is_folder(const char *path)
-{
-    struct stat info;
-    return !stat(path, &info) && S_ISDIR(info.st_mode);
-}
-
-static bool is_file(const char *path)
-{
-    struct stat info;
-    return !stat(path, &info) && S_ISREG(info.st_mode);
-}
+#include "mask.h"
 
 void sgsi_scene_files_free(sgsi_scene_files *files)
 {
@@ -115,7 +103,7 @@ static sgs_status find_images(const char *path, const char *images_dir, bool abo
         char *candidate = name[0] == '/' ? sgsi_strdup(name) : sgsi_format("%s%s/%s", path, places[i], name);
         if (!candidate)
             return no_memory(path);
-        if (is_folder(candidate)) {
+        if (sgsi_is_folder(candidate)) {
             *found = candidate;
             return SGS_STATUS_OK;
         }
@@ -139,7 +127,7 @@ static sgs_status explain_nothing(const char *path)
         const char *place = places[i / 2], *kind = kinds[i % 2];
         char *cameras = sgsi_format("%s/%scameras.%s", path, place, kind);
         char *images = sgsi_format("%s/%simages.%s", path, place, kind);
-        const bool has_cameras = cameras && is_file(cameras), has_images = images && is_file(images);
+        const bool has_cameras = cameras && sgsi_is_file(cameras), has_images = images && sgsi_is_file(images);
         sgs_status status = SGS_STATUS_OK;
         if (has_cameras != has_images)
             status = sgsi_fail(SGS_STATUS_IO, "%s: is missing, though %s is there; copy the whole model",
@@ -163,7 +151,7 @@ static sgs_status find_transforms(const char *path, sgsi_scene_files *files)
         char *candidate = sgsi_format("%s/%s", path, names[i]);
         if (!candidate)
             return no_memory(path);
-        if (is_file(candidate))
+        if (sgsi_is_file(candidate))
             files->model_path = candidate;
         else
             sgsi_free(candidate);
@@ -206,9 +194,9 @@ sgs_status sgsi_scene_find(const char *path, const char *images_dir, sgsi_scene_
 {
     *files = (sgsi_scene_files){0};
     sgs_status status;
-    if (is_folder(path))
+    if (sgsi_is_folder(path))
         status = find_in_folder(path, images_dir, files);
-    else if (is_file(path))
+    else if (sgsi_is_file(path))
         status = find_in_file(path, files);
     else
         status = sgsi_fail(SGS_STATUS_IO, "%s: there is no such folder", path);
@@ -222,11 +210,11 @@ char *sgsi_scene_image_path(const char *folder, const char *name)
     static const char *const extensions[] = {"jpg", "JPG", "jpeg", "JPEG", "png", "PNG"};
     char *path = sgsi_format("%s/%s", folder, name);
     const char *dot = strrchr(name, '.');
-    if (!path || is_file(path) || !dot || strchr(dot, '/'))
+    if (!path || sgsi_is_file(path) || !dot || strchr(dot, '/'))
         return path;
     for (size_t i = 0; i < sizeof extensions / sizeof *extensions; ++i) {
         char *other = sgsi_format("%s/%.*s%s", folder, (int)(dot + 1 - name), name, extensions[i]);
-        if (other && is_file(other)) {
+        if (other && sgsi_is_file(other)) {
             sgsi_free(path);
             return other;
         }
@@ -284,9 +272,9 @@ static void search_folder(search *s, const char *below, int depth)
             continue;
         char *name = sgsi_format("%s%s%s", below, *below ? "/" : "", entry->d_name);
         char *full = name ? sgsi_format("%s/%s", s->folder, name) : NULL;
-        if (full && is_folder(full) && depth < MAX_DEPTH) {
+        if (full && sgsi_is_folder(full) && depth < MAX_DEPTH) {
             search_folder(s, name, depth + 1);
-        } else if (full && is_image_name(name) && is_file(full) &&
+        } else if (full && is_image_name(name) && !sgsi_mask_is_name(name) && sgsi_is_file(full) &&
                    !bsearch(name, s->known, s->known_count, sizeof *s->known, name_order)) {
             note_unknown(s, name);
             name = NULL;

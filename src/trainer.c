@@ -37,6 +37,7 @@ static sgs_status check_options(const sgs_train_options *o)
     SGSI_REQUIRE(o->spare_tau_alpha >= 0 && o->spare_tau_alpha <= 1, "SPARE-GS's tau_alpha must be between 0 and 1");
     SGSI_REQUIRE(o->spare_eps_loss >= 0 && o->spare_eps_count >= 0, "SPARE-GS's tolerances must not be negative");
     SGSI_REQUIRE(o->spare_patience >= 1 && o->spare_interval >= 1, "SPARE-GS's patience and interval must be at least 1");
+    SGSI_REQUIRE(o->alpha_loss >= 0 && o->alpha_loss <= 1000, "the weight of the alpha loss must be between 0 and 1000");
     for (int c = 0; c < 3; ++c)
         SGSI_REQUIRE(o->background[c] >= 0 && o->background[c] <= 1, "background colours must be between 0 and 1");
 #undef SGSI_REQUIRE
@@ -312,7 +313,8 @@ static sgs_status evaluate_loss(sgs_trainer *trainer, step_state *step)
                                    .color = {planes->color[0], planes->color[1], planes->color[2]},
                                    .transmittance = planes->transmittance,
                                    .background = {step->background[0], step->background[1], step->background[2]},
-                                   .target = &step->source->image, .ssim_weight = 0.2f};
+                                   .target = &step->source->image, .ssim_weight = 0.2f,
+                                   .alpha_weight = (float)trainer->options.alpha_loss};
     step->loss = (sgsi_loss_output){.d_color = {step->d_color[0], step->d_color[1], step->d_color[2]},
                                     .d_transmittance = step->d_transmittance};
     const sgs_status status = sgsi_loss_evaluate(trainer->loss, &input, &step->loss);

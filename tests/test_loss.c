@@ -20,7 +20,7 @@
 
 enum { RADIUS = 5 };
 
-typedef enum plant { PLANT_NONE, PLANT_SIGN, PLANT_FACTOR, PLANT_BORDER, PLANT_CLAMP, PLANT_ALPHA, PLANT_COUNT } plant;
+typedef enum plant { PLANT_NONE, PLANT_SIGN, PLANT_FACTOR, PLANT_BORDER, PLANT_CLAMP, PLANT_ALPHA, PLANT_MASK, PLANT_COUNT } plant;
 
 // What an image holds: noise, noise close to the target, flat and bright with faint noise, values far outside [0, 1].
 typedef enum content { CONTENT_NOISE, CONTENT_CLOSE, CONTENT_FLAT, CONTENT_WILD, CONTENT_COUNT } content;
@@ -31,7 +31,8 @@ typedef struct scene {
     float *color[3], *transmittance, *d_color[3], *d_transmittance;
     float background[3];
     float ssim_weight;
-    sgs_image8 target;
+    sgs_photo target;
+    float alpha_weight;
 } scene;
 
 typedef struct truth {
@@ -66,7 +67,7 @@ static scene make_scene(int width, int height, int channels, content kind, const
     scene s = {.width = width, .height = height, .stride = (size_t)(width + 15) / 16 * 16 + 16, .ssim_weight = 0.2f};
     const size_t plane = (size_t)width * (size_t)height, padded = s.stride * (size_t)height;
     memcpy(s.background, background, sizeof s.background);
-    s.target = (sgs_image8){width, height, channels, take(plane * (size_t)channels, 1)};
+    s.target = (sgs_photo){width, height, channels, take(plane * (size_t)channels, 1), NULL, plane};
     s.transmittance = take(padded, sizeof(float));
     s.d_transmittance = take(padded, sizeof(float));
     for (size_t i = 0; i < plane * (size_t)channels; ++i) {
@@ -104,6 +105,29 @@ static void free_scene(scene *s)
     sgsi_free(s->transmittance);
     sgsi_free(s->d_transmittance);
     sgsi_free(s->target.pixels);
+    sgsi_free(s->target.keep);
+}
+
+static bool counts(const scene *s, size_t x, size_t y)
+{
+    const size_t words = ((size_t)s->width + 15) / 16;
+    return !s->target.keep || s->target.keep[y * words + x / 16] >> x % 16 & 1;
+}
+
+// Takes pixels out: a disc, a stripe that ends at the right edge, and lone ones.
+static void mask_scene(scene *s)
+{
+    const size_t width = (size_t)s->width, height = (size_t)s->height, words = (width + 15) / 16;
+    s->target.keep = take(words * height, sizeof *s->target.keep);
+    s->target.kept = 0;
+    for (size_t y = 0; y < height; ++y)
+        for (size_t x = 0; x < width; ++x) {
+            const double u = (double)x / (double)width - 0.3, v = (double)y / (double)height - 0.4;
+            if (u * u + v * v < 0.04 || (x > width / 2 && y % 23 == 7) || (31 * x + 17 * y) % 97 == 5)
+                continue;
+            s->target.keep[y * words + x / 16] |= (uint16_t)(1u << x % 16);
+            ++s->target.kept;
+        }
 }
 
 static double window_weight(int dx, int dy)
@@ -147,6 +171,8 @@ static void load_channel(const scene *s, int c, const double *color, double *raw
             const double value = s->target.pixels[plane * (size_t)c + pixel] / 255.0;
             const double alpha = s->target.channels == 4 ? s->target.pixels[plane * 3 + pixel] / 255.0 : 1.0;
             target[at] = error == PLANT_ALPHA ? value : value * alpha + background * (1.0 - alpha);
+            if (!counts(s, (size_t)x, (size_t)y) && error != PLANT_MASK)
+                image[at] = target[at] = 0.5;
         }
 }
 
@@ -169,7 +195,7 @@ static void reference_channel(const scene *s, const double *image, const double 
             const double a = 2 * m1 * m2 + 1e-4, b = 2 * s12 + 9e-4, d = m1 * m1 + m2 * m2 + 1e-4, f = s1 + s2 + 9e-4;
             t->ssim += a * b / (d * f) / values;
             t->l1 += fabs(image[at] - target[at]) / values;
-            t->mse += (image[at] - target[at]) * (image[at] - target[at]) / values;
+            t->mse += (image[at] - target[at]) * (image[at] - target[at]) / (3.0 * (double)s->target.kept);
             map[0][at] = 2 * m2 * b / (d * f) - 2 * m2 * a / (d * f) - 2 * m1 * a * b / (d * d * f) +
                          2 * m1 * a * b / (d * f * f);
             map[1][at] = -a * b / (d * f * f);
@@ -189,6 +215,22 @@ static void reference_channel(const scene *s, const double *image, const double 
         sgsi_free(map[k]);
 }
 
+// Adds alpha_weight * mean |(1 - T) - alpha| and its derivative.
+static void reference_alpha(const scene *s, truth *t)
+{
+    const size_t plane = (size_t)s->width * (size_t)s->height;
+    const double scale = (double)s->alpha_weight / (double)plane;
+    for (size_t pixel = 0; pixel < plane && s->alpha_weight > 0 && s->target.channels == 4; ++pixel) {
+        const size_t x = pixel % (size_t)s->width, y = pixel / (size_t)s->width, at = y * s->stride + x;
+        if (!counts(s, x, y))
+            continue;
+        const double e = 1.0 - (double)s->transmittance[at] - s->target.pixels[3 * plane + pixel] / 255.0;
+        t->loss += scale * fabs(e);
+        if (t->d_transmittance)
+            t->d_transmittance[at] -= scale * ((e > 0) - (e < 0));
+    }
+}
+
 // `color` in double, [3][height * stride]; gradients are computed when t->d_transmittance is set.
 static void reference(const scene *s, double *const color[3], truth *t, plant error)
 {
@@ -200,12 +242,14 @@ static void reference(const scene *s, double *const color[3], truth *t, plant er
         load_channel(s, c, color[c], raw, image, target, error);
         reference_channel(s, image, target, t, t->d_transmittance ? d_image : NULL, error);
         for (size_t i = 0; t->d_transmittance && i < padded; ++i) {
-            const int clamped = error != PLANT_CLAMP && (raw[i] > 1.0 || raw[i] < 0.0);
+            const int clamped = (error != PLANT_CLAMP && (raw[i] > 1.0 || raw[i] < 0.0)) ||
+                                (i % s->stride < (size_t)s->width && !counts(s, i % s->stride, i / s->stride));
             t->d_color[c][i] = clamped ? 0.0 : d_image[i];
             t->d_transmittance[i] += (double)s->background[c] * t->d_color[c][i];
         }
     }
     t->loss = (1.0 - (double)s->ssim_weight) * t->l1 + (double)s->ssim_weight * (1.0 - t->ssim);
+    reference_alpha(s, t);
     sgsi_free(raw);
     sgsi_free(image);
     sgsi_free(target);
@@ -252,7 +296,7 @@ static sgsi_loss_output evaluate(scene *s)
         .width = s->width, .height = s->height, .stride = s->stride,
         .color = {s->color[0], s->color[1], s->color[2]}, .transmittance = s->transmittance,
         .background = {s->background[0], s->background[1], s->background[2]},
-        .target = &s->target, .ssim_weight = s->ssim_weight,
+        .target = &s->target, .ssim_weight = s->ssim_weight, .alpha_weight = s->alpha_weight,
     };
     sgsi_loss_output output = {
         .d_color = {s->d_color[0], s->d_color[1], s->d_color[2]}, .d_transmittance = s->d_transmittance,
@@ -308,6 +352,9 @@ static void loss_and_gradient_match_double_brute_force(void **state)
             if (sizes[k][0] * sizes[k][1] > 20000 && alpha != (int)kind % 2)
                 continue; // the brute force takes its time
             scene s = make_scene(sizes[k][0], sizes[k][1], alpha ? 4 : 3, kind, alpha ? tinted : black);
+            if (k % 2 == 0 && k)
+                mask_scene(&s);
+            s.alpha_weight = k % 3 ? 0.7f : 0.0f;
             truth t = make_truth(&s, PLANT_NONE);
             for (int isa = 0; isa < SGS_ISA_COUNT; ++isa) {
                 if (!sgs_isa_supported((sgs_isa)isa))
@@ -331,6 +378,7 @@ static void brute_force_gradient_matches_finite_differences(void **state)
 {
     (void)state;
     scene s = make_scene(17, 11, 4, CONTENT_NOISE, tinted);
+    mask_scene(&s);
     truth t = make_truth(&s, PLANT_NONE);
     double *color[3], worst = 0.0, scale = 0.0;
     widen(&s, color);
@@ -359,6 +407,7 @@ static void comparison_catches_planted_errors(void **state)
 {
     (void)state;
     scene s = make_scene(33, 21, 4, CONTENT_WILD, tinted);
+    mask_scene(&s);
     const sgsi_loss_output output = evaluate(&s);
     for (int error = PLANT_NONE; error < PLANT_COUNT; ++error) {
         truth t = make_truth(&s, (plant)error);
@@ -391,6 +440,33 @@ static void assert_same_record(const record *a, const record *b)
 {
     assert_memory_equal(a->sums, b->sums, sizeof a->sums);
     assert_memory_equal(a->planes, b->planes, 4 * a->plane_floats * sizeof(float));
+}
+
+static void nothing_that_a_mask_covers_changes_a_bit(void **state)
+{
+    (void)state;
+    scene s = make_scene(150, 70, 4, CONTENT_WILD, tinted);
+    const size_t plane = (size_t)s.width * (size_t)s.height;
+    mask_scene(&s);
+    s.alpha_weight = 0.5f;
+    record before = evaluate_record(&s);
+    for (size_t pixel = 0; pixel < plane; ++pixel) {
+        const size_t x = pixel % (size_t)s.width, y = pixel / (size_t)s.width, at = y * s.stride + x;
+        if (counts(&s, x, y))
+            continue;
+        s.transmittance[at] = 0.5f;
+        for (size_t c = 0; c < 4; ++c)
+            s.target.pixels[c * plane + pixel] ^= 0xff;
+        for (int c = 0; c < 3; ++c) {
+            assert_true(s.d_color[c][at] == 0.0f && s.d_transmittance[at] == 0.0f);
+            s.color[c][at] = 3.0f - s.color[c][at];
+        }
+    }
+    record after = evaluate_record(&s);
+    assert_same_record(&before, &after);
+    sgsi_free(before.planes);
+    sgsi_free(after.planes);
+    free_scene(&s);
 }
 
 static void thread_counts_give_the_same_bits(void **state)
@@ -558,6 +634,7 @@ int main(void)
         cmocka_unit_test(brute_force_gradient_matches_finite_differences),
         cmocka_unit_test(comparison_catches_planted_errors),
         cmocka_unit_test(loss_and_gradient_match_double_brute_force),
+        cmocka_unit_test(nothing_that_a_mask_covers_changes_a_bit),
         cmocka_unit_test(thread_counts_give_the_same_bits),
         cmocka_unit_test(avx2_and_avx512_give_the_same_bits),
         cmocka_unit_test(identical_images_have_no_loss_and_no_gradient),

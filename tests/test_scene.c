@@ -415,6 +415,8 @@ static void nerf_synthetic_scenes_are_white_behind_their_alpha(void **state)
     for (int i = 0; i < 4; ++i)
         tree_put_picture(&folder, names[i], 20, 10, 4, glass);
     sgs_scene_options options = sgs_scene_options_default();
+    assert_split(folder.path, &options, "0000"); // nothing is held out unasked
+    options.test_every = 8;
     for (options.load_images = 0; options.load_images < 2; ++options.load_images) {
         sgs_scene *scene = load(folder.path, &options);
         assert_int_equal(scene->format, SGS_SCENE_TRANSFORMS);
@@ -430,6 +432,7 @@ static void nerf_synthetic_scenes_are_white_behind_their_alpha(void **state)
         assert_true(fabs(scene->extent - 1.1) < 1e-12 && scene->center[2] == 3);
         sgs_scene_destroy(scene);
     }
+    assert_string_equal(warnings, "");
     options.test_every = 2;
     assert_split(folder.path, &options, "1100");
     assert_holds(warnings, "the scene's own test views are used, not every 2-th one");

@@ -2,7 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Evaluation. A photograph with an alpha channel is laid over the background by the same quantisation as the
-// drawn image, so that both sides of the comparison are treated alike.
+// drawn image, so that both sides of the comparison are treated alike. Pixels that do not count (masks, pixels without a
+// ray) are left out.
 
 #include "evaluate.h"
 
@@ -33,7 +34,7 @@ void evaluator_close(evaluator *judge)
 }
 
 // The photograph as three planes over the background.
-static bool flatten_photo(const sgs_image8 *photo, const float background[3], sgs_image8 *flat)
+static bool flatten_photo(const sgs_photo *photo, const float background[3], sgs_image8 *flat)
 {
     const size_t pixels = (size_t)photo->width * (size_t)photo->height;
     float *planes = malloc(4 * pixels * sizeof *planes);
@@ -72,7 +73,8 @@ bool evaluate_view(const evaluator *judge, const sgs_view *view, view_score *sco
     }
     sgs_frame_free(&frame);
     if (done)
-        *score = (view_score){sgs_psnr(&images[0], &images[1]), sgs_ssim(&images[0], &images[1])};
+        *score = (view_score){sgs_psnr_masked(&images[0], &images[1], view->image.keep),
+                              sgs_ssim_masked(&images[0], &images[1], view->image.keep)};
     sgs_image8 *const out[2] = {drawn, photo};
     for (int k = 0; k < 2; ++k) {
         if (out[k] && done)

@@ -53,6 +53,12 @@ static const option scene_options[] = {
      "hold out the images whose index in the sorted names is a multiple of N"},
     {"test-images", 0, OPTION_TEXT, offsetof(scene_values, test_images), 0, 0, "A,B,...", NULL, "none", NULL,
      "hold out the images of these names"},
+    {"masks", 0, OPTION_TEXT, offsetof(scene_values, masks), 0, 0, "DIR|none", NULL, "masks or mask, if there", NULL,
+     "folder of masks beside the image folder: STEM.png or NAME.png, white counts, black does not"},
+    {"invert-masks", 0, OPTION_FLAG, offsetof(scene_values, invert_masks), 0, 0, NULL, NULL, NULL, NULL,
+     "black counts, white does not"},
+    {"alpha", 0, OPTION_CHOICE, offsetof(scene_values, alpha), 0, 0, ALPHA_WORDS, "over", NULL, NULL,
+     "alpha channels: lay the image over the background, take them for masks, or ignore them"},
 };
 
 option_group scene_group(scene_values *values)
@@ -78,6 +84,15 @@ int scene_settle(scene_values *values, const command_line *line, const json_t *c
     }
     if (!option_given(line, "images"))
         values->images = json_string_value(config_option(config, "images"));
+    if (!option_given(line, "masks"))
+        values->masks = json_string_value(config_option(config, "masks"));
+    if (!option_given(line, "invert-masks"))
+        values->invert_masks = json_is_true(config_option(config, "invert_masks"));
+    const char *alpha = json_string_value(config_option(config, "alpha"));
+    if (!option_given(line, "alpha") && alpha)
+        values->alpha = !strcmp(alpha, "mask")     ? SGS_ALPHA_MASK
+                        : !strcmp(alpha, "ignore") ? SGS_ALPHA_IGNORE
+                                                   : SGS_ALPHA_OVER;
     if (!option_given(line, "downscale"))
         values->downscale = (int)json_integer_value(config_option(config, "downscale"));
     return -1;
@@ -91,6 +106,9 @@ sgs_scene *scene_open(const char *path, const scene_values *values, bool load_im
     options.test_every = values->test_every;
     options.test_images = values->test_images;
     options.load_images = load_images;
+    options.masks_dir = values->masks;
+    options.invert_masks = values->invert_masks;
+    options.alpha = (sgs_alpha)values->alpha;
     sgs_scene *scene = NULL;
     if (sgs_scene_load(path, &options, &scene)) {
         fail_library();

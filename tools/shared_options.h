@@ -22,15 +22,17 @@ option_group common_group(common_values *values);
 int common_apply(const common_values *values, const command_line *line);
 
 typedef struct scene_values {
-    const char *images, *test_images;
-    int downscale, test_every;
-    bool eval;
+    const char *images, *test_images, *masks;
+    int downscale, test_every, alpha; // alpha: sgs_alpha
+    bool eval, invert_masks;
 } scene_values;
 
 option_group scene_group(scene_values *values);
 // Settles --eval and the options that exclude each other; with a run's config (or NULL) fills in what it recorded and
 // the command line left open. The strings stay owned by argv and config. Returns -1, or an exit status.
 int scene_settle(scene_values *values, const command_line *line, const json_t *config);
+// The words of --alpha, in the order of sgs_alpha.
+#define ALPHA_WORDS "over|mask|ignore"
 // Loads the scene; NULL after printing the error.
 sgs_scene *scene_open(const char *path, const scene_values *values, bool load_images);
 // Views of a split.

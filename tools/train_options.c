@@ -44,6 +44,8 @@ static const option training_options[] = {
      "hard cap on the number of primitives, also for the initial cloud"},
     {"init", 0, OPTION_TEXT, AT(init), 0, 0, "MODEL", NULL, "none", NULL,
      "start from this 3DGS model (PLY file or folder of a run) instead of the point cloud"},
+    {"alpha-loss", 0, OPTION_REAL, AT(alpha_loss), 0, 1000, "W", "0", "0 = none", NULL,
+     "weight of the mean difference between the model's opacity and the images' alpha channel"},
     {"random-points", 0, OPTION_COUNT, AT(random_points), 1, 100000000, "N", "100000", NULL, NULL,
      "size of the random cloud for a scene without points"},
 };
@@ -105,6 +107,7 @@ sgs_train_options train_library_options(const train_values *values, uint64_t see
     options.spare_patience = values->spare_patience;
     options.spare_interval = values->spare_interval;
     options.spare_demand = values->spare_demand;
+    options.alpha_loss = values->alpha_loss;
     options.random_points = (size_t)values->random_points;
     return options;
 }
@@ -145,6 +148,9 @@ static json_t *shaping_options(const train_values *values, const scene_values *s
     set_integer(options, "downscale", (uint64_t)scene->downscale);
     set_integer(options, "test_every", (uint64_t)scene->test_every);
     set_text(options, "test_images", scene->test_images);
+    set_text(options, "masks", scene->masks);
+    json_object_set_new(options, "invert_masks", json_boolean(scene->invert_masks));
+    set_word(options, "alpha", ALPHA_WORDS, scene->alpha);
     set_integer(options, "iterations", (uint64_t)values->iterations);
     set_word(options, "schedule", "scaled|paper", values->schedule);
     set_word(options, "pipeline", "3dgs", values->pipeline);
@@ -162,6 +168,7 @@ static json_t *shaping_options(const train_values *values, const scene_values *s
     set_integer(options, "max_gaussians", values->max_gaussians);
     set_text(options, "init", values->init);
     set_integer(options, "random_points", values->random_points);
+    json_object_set_new(options, "alpha_loss", json_real(values->alpha_loss));
     set_bits(options, "spare", values->spare, spare_names);
     set_integer(options, "spare_grid", (uint64_t)values->spare_grid);
     json_object_set_new(options, "spare_tau_alpha", json_real(values->spare_tau_alpha));

@@ -13,7 +13,7 @@ typedef struct train_values {
     int iterations, schedule, pipeline, filter, optimizer, sh_degree;
     unsigned spare, spare_demand;
     int spare_grid, spare_patience, spare_interval, checkpoint_every;
-    double spare_tau_alpha, spare_eps_loss, spare_eps_count;
+    double alpha_loss, spare_tau_alpha, spare_eps_loss, spare_eps_count;
     uint64_t max_gaussians, random_points;
     color_value background;
     integer_list save_at;

@@ -60,6 +60,9 @@ bool sgs_camera_is_fisheye(sgs_camera_model model);
 // says what is wrong (without a file name: the caller adds it).
 sgs_status sgs_camera_validate(const sgs_camera *camera);
 
+// True when both cameras have the same model, size and parameters.
+bool sgs_camera_equal(const sgs_camera *a, const sgs_camera *b);
+
 // Focal lengths in pixels (fx, fy) and principal point (cx, cy) in pixels. Cannot fail.
 void sgs_camera_intrinsics(const sgs_camera *camera, double *fx, double *fy, double *cx, double *cy);
 

@@ -25,24 +25,42 @@ typedef struct sgs_image8 {
     uint8_t *pixels; // 64-byte aligned
 } sgs_image8;
 
+// A photograph ready to be compared with: an sgs_image8 of 3 or 4 channels, and which of its pixels count. Pixels that
+// a mask covers, that the lens has no ray for or that hold no number do not.
+typedef struct sgs_photo {
+    int width, height, channels;
+    uint8_t *pixels; // as in sgs_image8
+    uint16_t *keep;  // [height][(width + 15) / 16]: bit i of word w is pixel 16 w + i of the row, 1 = counts; NULL = all count
+    size_t kept;     // number of pixels that count
+} sgs_photo;
+
+// What an alpha channel says. Over: the photograph is laid over the background, transparent pixels teach
+// transparency. Mask: pixels of alpha below one half do not count, the others are opaque. Ignore: all are opaque.
+typedef enum sgs_alpha { SGS_ALPHA_OVER = 0, SGS_ALPHA_MASK = 1, SGS_ALPHA_IGNORE = 2 } sgs_alpha;
+
 typedef struct sgs_view {
     char *name;        // image name as the model writes it, relative, '/' separators
     char *image_path;  // file that was or would be read
+    char *mask_path;   // file that says which pixels count, or NULL
     sgs_camera camera; // at the size of `image` after down-scaling
     sgs_pose pose;
     sgs_split split;   // SGS_SPLIT_TRAIN or SGS_SPLIT_TEST
-    sgs_image8 image;  // pixels is NULL when images were not asked for
+    sgs_photo image;   // pixels is NULL when images were not asked for
 } sgs_view;
 
 typedef struct sgs_scene_options {
     const char *images_dir;   // folder beside the sparse model; NULL = "images"
     int downscale;            // 0 = automatic: 1, or to 1600 px width with a warning; else >= 1, area averaging
-    int test_every;           // 0 = none; else index % test_every == 0 of the sorted names is held out
+    int test_every;           // 0 = none; else index % test_every == 0 of the sorted names is held out, or, where the
+                              // scene names test views of its own (transforms_test.json), these
     const char *test_images;  // comma-separated names held out instead (name, or name without folder); NULL = none
     int load_images;          // 0: only cameras and points (image sizes are read from the files' headers)
+    const char *masks_dir;    // folder of masks beside the image folder; "none" = no masks; NULL = "masks" or "mask" if there
+    int invert_masks;         // black counts instead of white
+    sgs_alpha alpha;          // what alpha channels say
 } sgs_scene_options;
 
-// {NULL, 0, 0, NULL, 1}
+// {NULL, 0, 0, NULL, 1, NULL, 0, SGS_ALPHA_OVER}
 sgs_scene_options sgs_scene_options_default(void);
 
 typedef struct sgs_scene {
@@ -56,6 +74,7 @@ typedef struct sgs_scene {
     uint8_t *colors;        // [point_count][3]
     size_t images_missing;  // registered images without a readable file (skipped)
     size_t images_unposed;  // files in the image folder without a pose (ignored)
+    size_t masks;           // views with a mask file
     int has_alpha;          // any image has an alpha channel
     int white_background;   // NeRF synthetic convention: white unless the user says otherwise
     double center[3];       // mean of the training camera centres, world
@@ -63,7 +82,12 @@ typedef struct sgs_scene {
 } sgs_scene;
 
 // Loads a scene. On failure *scene is NULL. Missing or broken images are skipped with a warning and
-// counted; it is an error (SGS_STATUS_IO) only when none is left. A scene without points loads.
+// counted; it is an error (SGS_STATUS_IO) only when none is left. A mask that does not fit its photograph is an error,
+// a mask that covers everything drops its view. A scene without points loads.
+//
+// Masks are looked for as MASKS/STEM.png, MASKS/NAME.png (with the photograph's own extension before .png), and
+// STEM_mask.png beside the photograph. White (mean of the channels >= 128) counts. A pixel of a reduced photograph
+// counts when all of its area does.
 // Thread rule: may use the library's threads; call from one thread.
 sgs_status sgs_scene_load(const char *path, const sgs_scene_options *options, sgs_scene **scene);
 

@@ -44,6 +44,7 @@ typedef struct sgs_train_options {
     int spare_interval;       // iterations of the 30 000-iteration schedule between two equilibrium checks; 1000
     unsigned spare_demand;    // SGS_DEMAND_ bits; all
     const sgs_gaussians *init; // start from this model (copied) instead of the point cloud; NULL
+    double alpha_loss;        // weight of the loss that draws opacity towards an alpha channel; 0 = none
     size_t random_points;     // size of the random cloud when the scene has no points; 100000
 } sgs_train_options;
 

@@ -119,7 +119,8 @@ void sgsi_bvh_destroy(sgsi_bvh *bvh)
 
 sgs_status sgsi_bvh_build(sgsi_bvh *bvh, const sgsi_bounds *bounds, size_t count, sgsi_bvh_quality quality)
 {
-    static const enum RTCBuildQuality qualities[] = {RTC_BUILD_QUALITY_LOW, RTC_BUILD_QUALITY_MEDIUM, RTC_BUILD_QUALITY_HIGH};
+    static const enum RTCBuildQuality qualities[] = {RTC_BUILD_QUALITY_LOW, RTC_BUILD_QUALITY_MEDIUM,
+                                                     RTC_BUILD_QUALITY_HIGH};
     if (count > UINT32_MAX - 1)
         return sgsi_fail(SGS_STATUS_LIMIT, "%zu primitives are more than a BVH can hold", count);
     bvh->bounds = bounds;
@@ -150,7 +151,8 @@ sgs_status sgsi_bvh_build(sgsi_bvh *bvh, const sgsi_bounds *bounds, size_t count
 
 sgs_status sgsi_bvh_refit(sgsi_bvh *bvh)
 {
-    rtcSetGeometryBuildQuality(bvh->geometry, bvh->quality == SGSI_BVH_LOW ? RTC_BUILD_QUALITY_REFIT : RTC_BUILD_QUALITY_MEDIUM);
+    rtcSetGeometryBuildQuality(bvh->geometry,
+                               bvh->quality == SGSI_BVH_LOW ? RTC_BUILD_QUALITY_REFIT : RTC_BUILD_QUALITY_MEDIUM);
     rtcCommitGeometry(bvh->geometry);
     rtcCommitScene(bvh->scene);
     return embree_failure("refitting the BVH");
@@ -190,7 +192,19 @@ size_t sgsi_bvh_bytes(const sgsi_bvh *bvh)
     return bytes > 0 ? (size_t)bytes : 0;
 }
 
+static char version_text[32];
+static pthread_once_t version_once = PTHREAD_ONCE_INIT;
+
+static void make_version_text(void)
+{
+    pthread_once(&device_once, create_device);
+    const ssize_t version = device ? rtcGetDeviceProperty(device, RTC_DEVICE_PROPERTY_VERSION) : RTC_VERSION;
+    snprintf(version_text, sizeof version_text, "Embree %d.%d.%d", (int)(version / 10000), (int)(version / 100 % 100),
+             (int)(version % 100));
+}
+
 const char *sgsi_bvh_version(void)
 {
-    return "Embree " RTC_VERSION_STRING;
+    pthread_once(&version_once, make_version_text);
+    return version_text;
 }

@@ -19,7 +19,8 @@ typedef struct sgsi_bounds {
     float upper[3], align1;
 } sgsi_bounds;
 
-// LOW: Morton build, the only one that refits. MEDIUM: binned SAH. HIGH: Embree's best (no spatial splits for user geometry).
+// LOW: Morton build, the only one that refits. MEDIUM: binned SAH. HIGH: Embree's best (no spatial splits for user
+// geometry).
 typedef enum sgsi_bvh_quality { SGSI_BVH_LOW, SGSI_BVH_MEDIUM, SGSI_BVH_HIGH } sgsi_bvh_quality;
 
 // On failure *bvh is NULL.
@@ -47,12 +48,12 @@ typedef struct sgsi_gather_list {
     size_t count, capacity;
 } sgsi_gather_list;
 
-// Appends the id of every primitive whose bounds a ray of the packet may cross at a distance in [0, far], in no particular
-// order and possibly more than once. Thread-safe for different lists. Fails with OUT_OF_MEMORY.
+// Appends the id of every primitive whose bounds a ray of the packet may cross at a distance in [0, far], in no
+// particular order and possibly more than once. Thread-safe for different lists. Fails with OUT_OF_MEMORY.
 sgs_status sgsi_bvh_gather(const sgsi_bvh *bvh, const sgsi_packet *packet, sgsi_gather_list *list);
 
 // Bytes that Embree holds for this tree, by its memory monitor.
 size_t sgsi_bvh_bytes(const sgsi_bvh *bvh);
 
-// "Embree 3.13.5". Constant string.
+// "Embree 3.13.5": the library as loaded. Constant string.
 const char *sgsi_bvh_version(void);

@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The line that names the libraries in use: OpenEXR as loaded, the others as compiled against.
+// The line that names the libraries in use: Embree and OpenEXR as loaded, OpenImageIO as compiled against.
 
 #include <openexr.h>
 #include <pthread.h>

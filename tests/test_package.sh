@@ -28,6 +28,9 @@ build_consumer >"$temporary/log" 2>&1 || { cat "$temporary/log"; exit 1; }
 export PKG_CONFIG_PATH
 PKG_CONFIG_PATH=$(dirname "$(find "$prefix" -name sparegs.pc)")
 read -ra flags <<<"$(pkg-config --static --cflags --libs sparegs)"
-"$CC" -std=c17 "$SPAREGS_SOURCE/tests/consumer/consumer.c" "${flags[@]}" -Wl,-rpath,"$(dirname "$PKG_CONFIG_PATH")" \
-    -o "$temporary/by_pkg_config"
+run_paths=()
+for flag in "${flags[@]}"; do
+    case $flag in -L*) run_paths+=("-Wl,-rpath,${flag#-L}") ;; esac
+done
+"$CC" -std=c17 "$SPAREGS_SOURCE/tests/consumer/consumer.c" "${flags[@]}" "${run_paths[@]}" -o "$temporary/by_pkg_config"
 "$temporary/by_pkg_config"

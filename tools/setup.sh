@@ -8,7 +8,7 @@ set -euo pipefail
 
 packages=(
     git gcc g++ make cmake pkg-config # to build
-    libembree-dev                     # ray tracing: 3.13 or 4.x
+    libembree-dev                     # ray tracing: 3.13 on Debian 12, 4.x on Debian 13 and Ubuntu 24.04
     libopenimageio-dev libopenexr-dev # images
     libjansson-dev libxxhash-dev      # JSON, hashes
     libcmocka-dev                     # tests

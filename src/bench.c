@@ -11,6 +11,7 @@
 #include <string.h>
 
 #include "core.h"
+#include "photo.h"
 #include "sparegs/metrics.h"
 #include "trainer_state.h"
 
@@ -44,7 +45,10 @@ static sgs_status photograph(sgs_bench *bench, sgs_renderer *renderer, size_t v)
     }
     if (!status) {
         const float *const color[3] = {frame.color[0], frame.color[1], frame.color[2]};
-        status = sgs_image8_from_planes(color, NULL, black, camera->width, camera->height, &view->image);
+        sgs_image8 image;
+        status = sgs_image8_from_planes(color, NULL, black, camera->width, camera->height, &image);
+        view->image = (sgs_photo){.width = image.width, .height = image.height, .channels = image.channels,
+                                  .pixels = image.pixels, .kept = pixels};
     }
     bench->counts.pixels += (double)pixels;
     bench->counts.tiles += (double)((camera->width + SGSI_TILE - 1) / SGSI_TILE) * ((camera->height + SGSI_TILE - 1) / SGSI_TILE);
@@ -114,7 +118,7 @@ void sgs_bench_destroy(sgs_bench *bench)
         return;
     sgs_trainer_destroy(bench->trainer);
     for (size_t v = 0; v < bench->scene.view_count; ++v)
-        sgs_image8_free(&bench->views[v].image);
+        sgsi_photo_free(&bench->views[v].image);
     sgsi_free(bench->params);
     sgsi_free(bench);
 }

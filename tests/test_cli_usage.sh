@@ -9,8 +9,8 @@ set -euo pipefail
 
 # help_lists_what_exists
 run 0 help
-for command in train eval render info; do prints "  $command"; done
-for command in train eval render info; do
+for command in train eval render info reconstruct; do prints "  $command"; done
+for command in train eval render info reconstruct; do
     run 0 help "$command"
     prints "Usage: sparegs $command"
     prints "--threads N"

@@ -8,4 +8,5 @@ int command_train(int argc, char **argv);
 int command_eval(int argc, char **argv);
 int command_render(int argc, char **argv);
 int command_info(int argc, char **argv);
+int command_reconstruct(int argc, char **argv);
 int command_bench(int argc, char **argv);

@@ -22,6 +22,7 @@ static const command commands[] = {
     {"eval", "compare a model's views with the photographs", command_eval},
     {"render", "draw views as EXR or PNG", command_render},
     {"info", "tell what a model or a data set is", command_info},
+    {"reconstruct", "find the cameras of photographs with COLMAP", command_reconstruct},
     {"bench", "measure the phases of training against the limits of the machine", command_bench},
 };
 
@@ -37,8 +38,8 @@ static void print_commands(FILE *stream)
 {
     fputs("Usage: sparegs COMMAND [options]\n\nTrains 3D Gaussians on CPUs.\n\nCommands:\n", stream);
     for (int i = 0; i < COMMAND_COUNT; ++i)
-        fprintf(stream, "  %-8s %s\n", commands[i].name, commands[i].summary);
-    fputs("  help     print this, or the options of a command: sparegs help COMMAND\n\n"
+        fprintf(stream, "  %-11s %s\n", commands[i].name, commands[i].summary);
+    fputs("  help        print this, or the options of a command: sparegs help COMMAND\n\n"
           "  --version  versions of the program and its libraries, instruction set in use\n\n"
           "Exit status: 0 done; 1 failed while running; 2 wrong usage; 130 or 143 stopped by SIGINT or SIGTERM.\n",
           stream);

@@ -1,0 +1,103 @@
+#!/usr/bin/env bash
+# SPDX-FileCopyrightText: 2026 The sparegs authors
+# SPDX-License-Identifier: Apache-2.0
+
+# `sparegs reconstruct` around a stand-in for COLMAP that writes down its arguments and leaves what COLMAP leaves: the
+# stages and their arguments, names with blanks and quotes, continuing, choosing the largest model, and failures.
+# (test_reconstruct_long.sh runs the real one.)
+set -euo pipefail
+. "$(dirname "$0")/cli_support.sh"
+
+bin=$temporary/bin
+mkdir -p "$bin"
+cat >"$bin/colmap" <<'STANDIN'
+#!/usr/bin/env bash
+set -euo pipefail
+printf '%s\n' "--- $QT_QPA_PLATFORM" "$@" >>"$CALLS"
+command=$1
+value() { while [ "$1" != "$2" ]; do set -- "$1" "${@:3}"; done; echo "$3"; }
+case $command in
+feature_extractor) echo "Processed file [1/3]"; echo x >"$(value --database_path "$@")" ;;
+mapper)
+    out=$(value --output_path "$@")
+    [ -z "${FAIL:-}" ] || { echo "loading"; echo "ERROR: the database is empty" >&2; exit 7; }
+    [ -z "${SLOW:-}" ] || { sleep 60; }
+    [ -z "${NONE:-}" ] || exit 0
+    for k in 0 1; do
+        mkdir -p "$out/$k"
+        cp "$ROOM"/sparse/0/*.bin "$out/$k/"
+    done
+    printf '\2' | dd of="$out/0/images.bin" bs=1 conv=notrunc status=none ;; # a smaller model comes first
+model_analyzer) echo "Points: 321"; echo "Mean reprojection error: 0.4321px" ;;
+esac
+STANDIN
+chmod +x "$bin/colmap"
+export CALLS=$temporary/calls ROOM=$room
+photos="$temporary/my photos; \$(touch hacked) 'x'"
+cp -r "$room/images" "$photos"
+scene=$temporary/scene
+with_standin() { PATH=$bin:$PATH "$@"; }
+calls() { check "calls_hold: $1" grep -qxF -- "$1" "$CALLS"; }
+
+# stages_run_in_order_without_display_gpu_or_shell
+with_standin run 0 reconstruct "$photos" -o "$scene" --threads 1
+for word in "--- offscreen" feature_extractor exhaustive_matcher mapper model_analyzer "$(realpath "$photos")" --SiftExtraction.use_gpu \
+    --SiftMatching.use_gpu OPENCV; do
+    calls "$word"
+done
+check nothing_was_run_by_a_shell test ! -e hacked
+prints "35 of 35 photographs registered, 321 points, mean reprojection error 0.432 px"
+check the_largest_model_is_kept cmp "$scene/sparse/0/images.bin" "$room/sparse/0/images.bin"
+check one_camera_for_photographs_of_one_size sh -c "grep -A1 single_camera '$CALLS' | grep -qx 1"
+run 0 info "$scene" --json
+json "$temporary/stdout" '.views == 35 and .images_missing == 0'
+
+# finished_stages_are_not_repeated
+: >"$CALLS"
+with_standin run 0 reconstruct "$photos" -o "$scene" --json
+check only_the_analysis_ran test "$(grep -c '^---' "$CALLS")" = 1
+json "$temporary/stdout" '.registered == 35 and .photographs == 35 and .models == 2 and .mean_reprojection_error == 0.4321'
+: >"$CALLS"
+with_standin run 0 reconstruct "$photos" -o "$scene" --matcher sequential
+calls sequential_matcher
+calls feature_extractor
+
+# a_failure_tells_colmaps_last_lines_and_continues_there
+FAIL=1 with_standin run 1 reconstruct "$photos" -o "$temporary/second" --quiet
+one_line
+says "second/colmap/mapper.log: colmap mapper ended with status 7: loading | ERROR: the database is empty"
+: >"$CALLS"
+with_standin run 0 reconstruct "$photos" -o "$temporary/second" --quiet
+check features_and_matches_were_kept test "$(grep -c '^---' "$CALLS")" = 2
+
+# clear_words
+NONE=1 with_standin run 1 reconstruct "$photos" -o "$temporary/third" --quiet
+one_line
+says "COLMAP found no camera of the 35 photographs"
+run 1 reconstruct "$photos" -o "$temporary/fourth" --colmap no-such-colmap --quiet
+one_line
+says "no-such-colmap: this program is not installed; install COLMAP"
+mkdir "$temporary/empty"
+with_standin run 1 reconstruct "$temporary/empty" -o "$temporary/fifth"
+one_line
+says "holds 0 photograph(s)"
+with_standin run 1 reconstruct "$temporary/absent" -o "$temporary/fifth"
+one_line
+run 2 reconstruct "$photos"
+says "-o SCENE"
+run 2 reconstruct "$photos" -o "$temporary/x" --camera-model OPENCVV
+says "COLMAP has no such model"
+
+# a_signal_ends_colmap_too
+SLOW=1 PATH=$bin:$PATH "$program" reconstruct "$photos" -o "$temporary/sixth" --quiet 2>"$temporary/stderr" &
+child=$!
+for _ in $(seq 100); do
+    [ -e "$temporary/sixth/colmap/mapper.log" ] && break
+    sleep 0.1
+done
+kill -TERM "$child"
+status=0
+wait "$child" || status=$?
+last_command="a signal"
+check stopped_by_the_signal test "$status" = 143
+finish

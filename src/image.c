@@ -77,7 +77,7 @@ static bool png_ends_early(FILE *stream)
 
 // Refuses a picture whose file was cut off, before it is decoded: JPEG decoders fill it up with grey and report
 // nothing, and a trainer would learn the grey; libpng writes to the terminal.
-static sgs_status refuse_truncated(const char *path)
+sgs_status sgsi_image_refuse_truncated(const char *path)
 {
     FILE *stream = fopen(path, "rb");
     if (!stream)
@@ -98,13 +98,13 @@ static sgs_status refuse_truncated(const char *path)
 sgs_status sgs_image8_read(const char *path, sgs_image8 *image)
 {
     *image = (sgs_image8){0};
-    const sgs_status status = refuse_truncated(path);
+    const sgs_status status = sgsi_image_refuse_truncated(path);
     return status ? status : sgsi_oiio_read(path, image);
 }
 
 sgs_status sgsi_image8_probe(const char *path, int *width, int *height, int *channels)
 {
-    const sgs_status status = refuse_truncated(path);
+    const sgs_status status = sgsi_image_refuse_truncated(path);
     return status ? status : sgsi_oiio_probe(path, width, height, channels);
 }
 

@@ -8,6 +8,10 @@
 // 16 bit is rounded to the nearest 8 bit, floating point is taken as linear light and gets the sRGB curve
 // unless the file says it is sRGB already. Further channels are dropped.
 //
+// sgsi_oiio_read_rows delivers floats instead, for photographs whose range or colour space is more than 8 bit of sRGB.
+// There sRGB stays encoded, linear light stays as it is, and everything else goes through OpenImageIO's colour
+// conversion to linear light.
+//
 // The size is checked before anything is allocated for it, and rows are decoded in slabs, so that the
 // interleaved copy never exists as a whole (tiled files excepted).
 
@@ -25,6 +29,7 @@
 #include <string>
 #include <vector>
 
+#include <OpenImageIO/color.h>
 #include <OpenImageIO/filesystem.h>
 #include <OpenImageIO/imageio.h>
 
@@ -43,7 +48,7 @@ constexpr int slab_rows = 64;
 // How the channels of a file become RGB(A).
 struct Layout {
     int channels = 3;          // out
-    int source[4] = {0, 0, 0}; // file channel of each output channel
+    int source[4] = {0, 0, 0, 0}; // file channel of each output channel
     int read = 1;              // leading file channels to decode
     bool cmyk = false;
     bool associated = false; // colour is multiplied by alpha in the file
@@ -215,6 +220,161 @@ sgs_status read_pixels(const char *path, OIIO::ImageInput &input, const Layout &
     return SGS_STATUS_OK;
 }
 
+// ---- Rows of floats ----
+
+// Light as the trainer knows it, or what OpenImageIO has to make of it first.
+enum class Encoding { srgb, linear, other };
+
+struct Colors {
+    Encoding encoding = Encoding::srgb;
+    OIIO::ColorProcessorHandle processor; // other: to linear light
+};
+
+std::string lower(std::string text)
+{
+    std::transform(text.begin(), text.end(), text.begin(), [](unsigned char c) { return char(std::tolower(c)); });
+    return text;
+}
+
+std::string joined(const std::vector<std::string> &words)
+{
+    std::string text;
+    for (const std::string &word : words)
+        text += (text.empty() ? "" : ", ") + word;
+    return text;
+}
+
+// True when `name` is `wanted`, or a layer's: "beauty.R".
+bool names_channel(const std::string &name, const char *wanted)
+{
+    const size_t dot = name.rfind('.');
+    return lower(dot == std::string::npos ? name : name.substr(dot + 1)) == wanted;
+}
+
+// Channels of EXR files are found by name. Layers with colours besides the plain R, G, B are taken when there is no such;
+// the first one wins.
+bool find_exr_channels(const OIIO::ImageSpec &spec, Layout &layout)
+{
+    static const char *const wanted[] = {"r", "g", "b", "a"};
+    int found[4] = {-1, -1, -1, -1}, grey = -1;
+    for (int exact = 1; exact >= 0 && found[0] < 0; --exact)
+        for (int c = 0; c < spec.nchannels; ++c) {
+            const std::string &name = spec.channelnames[size_t(c)];
+            if (exact && name.find('.') != std::string::npos)
+                continue;
+            for (int k = 0; k < 4; ++k)
+                if (found[k] < 0 && names_channel(name, wanted[k]))
+                    found[k] = c;
+            if (grey < 0 && names_channel(name, "y"))
+                grey = c;
+        }
+    if (found[0] < 0 || found[1] < 0 || found[2] < 0) {
+        if (grey < 0)
+            return false;
+        found[0] = found[1] = found[2] = grey;
+    }
+    layout.channels = found[3] >= 0 ? 4 : 3;
+    layout.associated = layout.channels == 4;
+    std::copy(found, found + 4, layout.source);
+    layout.source[3] = std::max(layout.source[3], 0);
+    layout.read = 1 + *std::max_element(layout.source, layout.source + layout.channels);
+    return true;
+}
+
+sgs_status choose_colors(const char *path, const OIIO::ImageSpec &spec, const char *colorspace, Colors &colors)
+{
+    std::string space = colorspace ? colorspace : spec.get_string_attribute("oiio:ColorSpace");
+    if (space.empty())
+        space = spec.format.is_floating_point() ? "linear" : "sRGB";
+    const std::string name = lower(space);
+    if (name.compare(0, 4, "srgb") == 0 || name == "cmyk" || name == "ycbcr") {
+        colors.encoding = Encoding::srgb;
+        return SGS_STATUS_OK;
+    }
+    if (name == "linear" || name == "scene_linear" || name == "lin_srgb" || name == "lin_rec709") {
+        colors.encoding = Encoding::linear;
+        return SGS_STATUS_OK;
+    }
+    const OIIO::ColorConfig config; // of the environment's OCIO, or OpenImageIO's own
+    colors.encoding = Encoding::other;
+    colors.processor = config.createColorProcessor(space, "scene_linear");
+    if (!colors.processor)
+        colors.processor = config.createColorProcessor(space, "linear");
+    if (!colors.processor)
+        return sgsi_fail(SGS_STATUS_UNSUPPORTED, "%s: nobody here knows the colour space '%s'; choose with "
+                         "--input-colorspace from linear, sRGB, %s", path, one_line(space).c_str(),
+                         joined(config.getColorSpaceNames()).c_str());
+    return SGS_STATUS_OK;
+}
+
+sgs_status open_photo(const char *path, const char *colorspace, std::unique_ptr<OIIO::ImageInput> &input, Layout &layout,
+                      Colors &colors)
+{
+    const sgs_status opened = open_image(path, input, layout);
+    if (opened)
+        return opened;
+    const OIIO::ImageSpec &spec = input->spec();
+    layout.type = OIIO::TypeDesc::FLOAT;
+    if (std::strcmp(input->format_name(), "openexr") == 0 && !find_exr_channels(spec, layout))
+        return sgsi_fail(SGS_STATUS_UNSUPPORTED, "%s: has no colour channels R, G, B or Y; its channels are %s", path,
+                         joined(spec.channelnames).c_str());
+    return choose_colors(path, spec, colorspace, colors);
+}
+
+// One row as [width][channels]; colour multiplied by alpha. `raw` holds layout.read floats per pixel.
+void arrange_row(const float *raw, int width, const Layout &layout, const Colors &colors, float *row)
+{
+    const size_t channels = size_t(layout.channels);
+    for (size_t x = 0; x < size_t(width); ++x) {
+        const float *in = raw + x * size_t(layout.read);
+        float *out = row + x * channels;
+        for (size_t c = 0; c < channels; ++c)
+            out[c] = in[layout.source[c]];
+        if (layout.cmyk)
+            for (size_t c = 0; c < 3; ++c)
+                out[c] = (1 - in[c]) * (1 - in[3]);
+    }
+    if (colors.processor && layout.channels == 3)
+        colors.processor->apply(row, width, 1, 3, sizeof(float), 3 * sizeof(float),
+                                OIIO::stride_t(size_t(width) * 3 * sizeof(float)));
+    if (layout.channels < 4)
+        return;
+    if (colors.processor && layout.associated) // curves belong to colours without alpha
+        for (size_t x = 0; x < size_t(width); ++x)
+            for (size_t c = 0; c < 3; ++c)
+                row[4 * x + c] = row[4 * x + 3] > 0 ? row[4 * x + c] / row[4 * x + 3] : 0;
+    if (colors.processor)
+        colors.processor->apply(row, width, 1, 3, sizeof(float), 4 * sizeof(float),
+                                OIIO::stride_t(size_t(width) * 4 * sizeof(float)));
+    if (colors.processor || !layout.associated)
+        for (size_t x = 0; x < size_t(width); ++x)
+            for (size_t c = 0; c < 3; ++c)
+                row[4 * x + c] *= row[4 * x + 3];
+}
+
+sgs_status read_rows(const char *path, OIIO::ImageInput &input, const Layout &layout, const Colors &colors,
+                     sgsi_row_fn take, void *context)
+{
+    const OIIO::ImageSpec spec = input.spec();
+    const bool tiled = spec.tile_width > 0;
+    const int rows = tiled ? spec.height : std::min(spec.height, slab_rows);
+    const size_t pitch = size_t(spec.width) * size_t(layout.read);
+    std::vector<float> slab(size_t(rows) * pitch), row(size_t(spec.width) * size_t(layout.channels));
+    for (int y = 0; y < spec.height; y += rows) {
+        const int end = std::min(y + rows, spec.height);
+        const bool fine = tiled ? input.read_image(0, 0, 0, layout.read, OIIO::TypeDesc::FLOAT, slab.data())
+                                : input.read_scanlines(0, 0, spec.y + y, spec.y + end, spec.z, 0, layout.read,
+                                                       OIIO::TypeDesc::FLOAT, slab.data());
+        if (!fine)
+            return unreadable(path, input.geterror());
+        for (int k = y; k < end; ++k) {
+            arrange_row(slab.data() + size_t(k - y) * pitch, spec.width, layout, colors, row.data());
+            take(context, k, row.data());
+        }
+    }
+    return SGS_STATUS_OK;
+}
+
 } // namespace
 
 sgs_status sgsi_oiio_read(const char *path, sgs_image8 *image)
@@ -254,6 +414,34 @@ sgs_status sgsi_oiio_probe(const char *path, int *width, int *height, int *chann
         *height = input->spec().height;
         *channels = layout.channels;
         return SGS_STATUS_OK;
+    });
+}
+
+sgs_status sgsi_oiio_describe(const char *path, const char *colorspace, sgsi_image_info *info)
+{
+    *info = sgsi_image_info{};
+    return guarded(path, [&]() {
+        std::unique_ptr<OIIO::ImageInput> input;
+        Layout layout;
+        Colors colors;
+        const sgs_status opened = open_photo(path, colorspace, input, layout, colors);
+        if (opened)
+            return opened;
+        const OIIO::ImageSpec &spec = input->spec();
+        *info = {spec.width, spec.height, layout.channels, spec.format == OIIO::TypeDesc::UINT8,
+                 colors.encoding != Encoding::srgb};
+        return SGS_STATUS_OK;
+    });
+}
+
+sgs_status sgsi_oiio_read_rows(const char *path, const char *colorspace, sgsi_row_fn take, void *context)
+{
+    return guarded(path, [&]() {
+        std::unique_ptr<OIIO::ImageInput> input;
+        Layout layout;
+        Colors colors;
+        const sgs_status opened = open_photo(path, colorspace, input, layout, colors);
+        return opened ? opened : read_rows(path, *input, layout, colors, take, context);
     });
 }
 

@@ -130,7 +130,7 @@ static void edge_weights(const float window[LOSS_RADIUS + 1], int size, float *w
 static sgs_status check(const sgsi_loss_input *input, const sgsi_loss_output *output)
 {
     const sgs_photo *target = input->target;
-    bool complete = input->transmittance && output->d_transmittance && target && target->pixels;
+    bool complete = input->transmittance && output->d_transmittance && target && (target->pixels || target->halves);
     for (int c = 0; c < 3; ++c)
         complete = complete && input->color[c] && output->d_color[c];
     if (!complete)
@@ -170,6 +170,7 @@ sgs_status sgsi_loss_evaluate(sgsi_loss_workspace *workspace, const sgsi_loss_in
         .job = {.input = input, .output = output,
                 .column_weight = workspace->column_weight, .row_weight = workspace->row_weight,
                 .l1_scale = (float)((1.0 - lambda) / values), .ssim_scale = (float)(2.0 * lambda / values),
+                .ceiling = input->target->bright ? 1e9f : 1.0f,
                 .alpha_scale = input->target->channels == 4 ? (float)(3.0 * (double)input->alpha_weight / values) : 0.0f},
         .kernel = kernel_of(sgs_get_isa()),
         .workspace = workspace,

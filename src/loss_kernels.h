@@ -29,6 +29,7 @@ typedef struct sgsi_loss_job {
     int block_width, block_height; // of all but the last block of a row or column
     float window[LOSS_RADIUS + 1]; // normalised weights by distance from the centre
     float l1_scale, ssim_scale;    // (1 - lambda) / (3 H W), 2 lambda / (3 H W)
+    float ceiling;                 // where the image is clamped above: 1, or a number nothing reaches
     float alpha_scale;             // weight / (H W), 0 without the term
 } sgsi_loss_job;
 

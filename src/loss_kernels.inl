@@ -42,6 +42,7 @@
 // Everything lives in rings of 16 rows, about 100 KB per thread; halos are computed again by the neighbouring
 // blocks, so that no intermediate plane passes through memory.
 
+#include "half.h"
 #include "loss_kernels.h"
 
 enum { GROUP = 4, TAPS = 2 * LOSS_RADIUS + 1, WINDOW_ROWS = GROUP + TAPS - 1, RING_MASK = LOSS_RING - 1 };
@@ -73,16 +74,31 @@ static inline vf composite(const sgsi_loss_input *input, int channel, size_t at)
                   vf_load_u(input->color[channel] + at));
 }
 
+// Half-float numbers as sgsi_half_to_float reads them.
+static inline vf load_halves(const uint16_t *halves, int count)
+{
+    float values[16] __attribute__((aligned(64)));
+    for (int i = 0; i < 16; ++i)
+        values[i] = sgsi_half_to_float(i < count ? halves[i] : 0);
+    return vf_load(values);
+}
+
+// Values of a target's plane, from its first one `at` on, of which `count` exist.
+static inline vf load_values(const sgs_photo *target, size_t at, int count)
+{
+    return target->pixels ? vf_div(load_bytes(target->pixels + at, count), vf_set1(255.0f))
+                          : load_halves(target->halves + at, count);
+}
+
 // Target values at 16 pixels, of which `count` exist; straight alpha over the background.
 static inline vf load_target(const sgsi_loss_input *input, int channel, size_t at, int count)
 {
     const sgs_photo *target = input->target;
     const size_t plane = (size_t)target->width * (size_t)target->height;
-    const vf full = vf_set1(255.0f);
-    const vf value = vf_div(load_bytes(target->pixels + plane * (size_t)channel + at, count), full);
+    const vf value = load_values(target, plane * (size_t)channel + at, count);
     if (target->channels < 4)
         return value;
-    const vf alpha = vf_div(load_bytes(target->pixels + plane * 3 + at, count), full);
+    const vf alpha = load_values(target, plane * 3 + at, count);
     const vf background = vf_set1(input->background[channel]);
     return vf_fma(alpha, vf_sub(value, background), background);
 }
@@ -104,7 +120,7 @@ static void load_row(const channel_block *block, int row)
     float *const error = block->scratch->source[1][row & RING_MASK];
     float *const power = block->scratch->source[2][row & RING_MASK];
     float *const error2 = block->scratch->source[3][row & RING_MASK];
-    const vf half = vf_set1(0.5f), one = vf_set1(1.0f);
+    const vf half = vf_set1(0.5f), ceiling = vf_set1(block->job->ceiling);
     for (int k = 0; k < block->source_vectors; ++k) {
         const int x = block->x - LOSS_MARGIN + 16 * k;
         const int count = input->width - x;
@@ -112,7 +128,7 @@ static void load_row(const channel_block *block, int row)
         if (y >= 0 && y < input->height && x >= 0 && count > 0) {
             const size_t at = (size_t)y * input->stride + (size_t)x;
             const size_t pixel = (size_t)y * (size_t)input->width + (size_t)x;
-            const vf value = vf_clamp(composite(input, block->channel, at), vf_zero(), one);
+            const vf value = vf_clamp(composite(input, block->channel, at), vf_zero(), ceiling);
             const vf target = load_target(input, block->channel, pixel, count);
             const vm real = counted(input, x, y, count); // the others stay mid-grey: i = e = 0
             const vf g = vf_sub(target, half);
@@ -257,7 +273,7 @@ static void gradient_rows(channel_block *block, int first)
     const sgsi_loss_job *job = block->job;
     const sgsi_loss_input *input = job->input;
     sgsi_loss_scratch *s = block->scratch;
-    const vf zero = vf_zero(), one = vf_set1(1.0f);
+    const vf zero = vf_zero(), ceiling = vf_set1(job->ceiling);
     const vf l1_scale = vf_set1(job->l1_scale), ssim_scale = vf_set1(job->ssim_scale);
     vf window[LOSS_RADIUS + 1];
     load_window(job, window);
@@ -277,7 +293,7 @@ static void gradient_rows(channel_block *block, int first)
             const vf sign = vf_sub(vf_keep(vf_gt(e, zero), l1_scale), vf_keep(vf_lt(e, zero), l1_scale));
             const vf ssim = vf_fma(i, c[r], vf_fnma(e, b[r], a[r]));
             const vf value = composite(input, block->channel, at);
-            const vm free = vm_and(real, vm_and(vf_ge(value, zero), vf_le(value, one)));
+            const vm free = vm_and(real, vm_and(vf_ge(value, zero), vf_le(value, ceiling)));
             store_gradient(block, at, vf_keep(free, vf_fnma(ssim_scale, ssim, sign)));
             block->l1 = vf_add(block->l1, vf_abs(e));
             block->square = vf_add(block->square, e2);
@@ -331,7 +347,7 @@ static void run_alpha(const channel_block *block, sgsi_loss_sums *sums)
         for (int x = block->x; x < block->x + block->width; x += 16) {
             const int count = block->x + block->width - x;
             const size_t at = (size_t)y * input->stride + (size_t)x, pixel = (size_t)y * (size_t)input->width + (size_t)x;
-            const vf alpha = vf_div(load_bytes(input->target->pixels + 3 * plane + pixel, count), vf_set1(255.0f));
+            const vf alpha = load_values(input->target, 3 * plane + pixel, count);
             const vf opacity = vf_sub(one, vf_load_u(input->transmittance + at));
             const vf e = vf_keep(counted(input, x, y, count), vf_sub(opacity, alpha));
             const vf slope = vf_sub(vf_keep(vf_lt(e, zero), scale), vf_keep(vf_gt(e, zero), scale));

@@ -30,7 +30,7 @@
 #include "threads.h"
 #include "transforms.h"
 
-enum { AUTOMATIC_WIDTH = 1600, MAX_WARNINGS = 5 };
+enum { AUTOMATIC_WIDTH = 1600, MAX_WARNINGS = 5, WHITE_VIEWS = 16 };
 
 // One photograph on its way in.
 typedef struct slot {
@@ -39,8 +39,9 @@ typedef struct slot {
     int file_width, file_height; // before down-scaling
     int width, height;           // after it
     int channels;
-    bool mask_failed; // the error is the mask's, not the photograph's
+    bool linear;      // the file holds linear light
     size_t lens;      // index into loader.lenses
+    sgsi_photo_report report;
 } slot;
 
 // The pixels that a lens has rays for. Views mostly share one.
@@ -130,15 +131,22 @@ static void keep_error(slot *s)
         s->error = sgsi_strdup(sgs_last_error()); // of this thread; told later by the caller's
 }
 
-// Size of the photograph; without its pixels in view, also whether its file is whole.
+// Size and kind of the photograph; without its pixels in view, also whether its file is whole.
 static void probe_view(void *context, size_t i, int thread)
 {
     const loader *l = context;
     slot *s = &l->slots[i];
     (void)thread;
     const char *path = l->scene->views[i].image_path;
-    s->status = l->options->load_images ? sgsi_oiio_probe(path, &s->file_width, &s->file_height, &s->channels)
-                                        : sgsi_image8_probe(path, &s->file_width, &s->file_height, &s->channels);
+    sgsi_image_info info = {0};
+    if (!l->options->load_images)
+        s->status = sgsi_image_refuse_truncated(path);
+    if (!s->status)
+        s->status = sgsi_oiio_describe(path, l->options->colorspace, &info);
+    s->file_width = info.width;
+    s->file_height = info.height;
+    s->channels = info.channels;
+    s->linear = info.linear;
     reduced_size(l->options->downscale, s);
     keep_error(s);
 }
@@ -155,8 +163,9 @@ static void load_view(void *context, size_t i, int thread)
                                       .file_width = s->file_width, .file_height = s->file_height,
                                       .width = s->width, .height = s->height,
                                       .invert_mask = l->options->invert_masks, .alpha = l->options->alpha,
-                                      .lens = l->lenses[s->lens].keep};
-    s->status = sgsi_photo_load(&source, &view->image, &s->mask_failed);
+                                      .colorspace = l->options->colorspace, .space = l->options->space,
+                                      .white = l->scene->white, .lens = l->lenses[s->lens].keep};
+    s->status = sgsi_photo_load(&source, &view->image, &s->report);
     keep_error(s);
 }
 
@@ -178,6 +187,47 @@ static sgs_status find_lens(loader *l, size_t i)
     return SGS_STATUS_OK;
 }
 
+typedef struct light_job {
+    const loader *loader;
+    size_t views[WHITE_VIEWS];
+    sgsi_light *lights; // one per view
+} light_job;
+
+static void add_light(void *context, size_t i, int thread)
+{
+    (void)thread;
+    const light_job *job = context;
+    const loader *l = job->loader;
+    // A file that cannot be read is told of when it is loaded.
+    (void)sgsi_light_add(&job->lights[i], l->scene->views[job->views[i]].image_path, l->options->colorspace);
+}
+
+// What becomes 1: what 99 % of the light of the linear photographs stays below, from a sample of them.
+static sgs_status measure_white(loader *l)
+{
+    light_job job = {.loader = l};
+    size_t linear = 0, taken = 0, seen = 0;
+    l->scene->white = l->options->white > 0 ? l->options->white : 1;
+    for (size_t i = 0; i < l->scene->view_count; ++i)
+        linear += l->slots[i].linear;
+    if (l->options->white > 0 || !linear || !l->options->load_images)
+        return SGS_STATUS_OK;
+    const size_t step = (linear + WHITE_VIEWS - 1) / WHITE_VIEWS;
+    for (size_t i = 0; i < l->scene->view_count; ++i)
+        if (l->slots[i].linear && seen++ % step == 0)
+            job.views[taken++] = i;
+    job.lights = sgsi_calloc(taken, sizeof *job.lights);
+    if (!job.lights)
+        return no_memory(l->scene->path);
+    sgsi_parallel_for(taken, 1, add_light, &job);
+    for (size_t i = 1; i < taken; ++i)
+        for (size_t k = 0; k < SGSI_LIGHT_BINS; ++k)
+            job.lights[0].bins[k] += job.lights[i].bins[k];
+    l->scene->white = sgsi_light_quantile(&job.lights[0], 0.99);
+    sgsi_free(job.lights);
+    return SGS_STATUS_OK;
+}
+
 // Fits the cameras and reads the photographs.
 static sgs_status load_views(loader *l)
 {
@@ -187,6 +237,8 @@ static sgs_status load_views(loader *l)
     for (size_t i = 0; i < scene->view_count && !status; ++i)
         if (!l->slots[i].status)
             status = fit_camera(&l->dataset.frames[i], &l->slots[i], &scene->views[i], &scene->views[i].camera);
+    if (!status)
+        status = measure_white(l);
     if (status || !l->options->load_images)
         return status;
     l->lenses = sgsi_calloc(scene->view_count, sizeof *l->lenses);
@@ -266,15 +318,21 @@ static sgs_status keep_readable_views(loader *l)
 {
     sgs_scene *scene = l->scene;
     const size_t count = scene->view_count;
-    size_t kept = 0, mismatched = 0, first_mismatched = 0, covered = 0;
+    size_t kept = 0, mismatched = 0, first_mismatched = 0, covered = 0, broken = 0;
     bool reduced = false;
     sgs_status status = SGS_STATUS_OK;
     for (size_t i = 0; i < count; ++i) {
         const slot *s = &l->slots[i];
         sgs_view *view = &scene->views[i];
-        if (!status && (s->status == SGS_STATUS_OUT_OF_MEMORY || s->mask_failed))
+        const bool fatal = s->status == SGS_STATUS_OUT_OF_MEMORY || s->report.mask_failed ||
+                           (s->status == SGS_STATUS_UNSUPPORTED && l->options->colorspace);
+        if (!status && fatal)
             status = sgsi_fail(s->status, "%s", s->error ? s->error : "no memory for the images");
-        if (!status && !s->status && view->image.pixels && !view->image.kept) {
+        if (!status && s->report.pixels_broken && broken++ < MAX_WARNINGS)
+            sgsi_warn("%s: %zu of its pixels are infinite or no number; they are ignored", view->image_path,
+                      s->report.pixels_broken);
+        scene->pixels_broken += s->report.pixels_broken;
+        if (!status && !s->status && view->image.width && !view->image.kept) {
             if (covered++ < MAX_WARNINGS)
                 sgsi_warn("%s: not one pixel of it counts; the view is skipped",
                           view->mask_path ? view->mask_path : view->image_path);
@@ -567,6 +625,8 @@ static sgs_status load(loader *l)
     if (status)
         return status;
     scene->format = l->dataset.format;
+    scene->space = l->options->space;
+    scene->white = 1;
     scene->point_count = l->dataset.point_count;
     scene->points = l->dataset.points;
     scene->colors = l->dataset.colors;

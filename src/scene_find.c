@@ -207,7 +207,7 @@ sgs_status sgsi_scene_find(const char *path, const char *images_dir, sgsi_scene_
 
 char *sgsi_scene_image_path(const char *folder, const char *name)
 {
-    static const char *const extensions[] = {"jpg", "JPG", "jpeg", "JPEG", "png", "PNG"};
+    static const char *const extensions[] = {"jpg", "JPG", "jpeg", "JPEG", "png", "PNG", "exr", "hdr", "tif", "tiff"};
     char *path = sgsi_format("%s/%s", folder, name);
     const char *dot = strrchr(name, '.');
     if (!path || sgsi_is_file(path) || !dot || strchr(dot, '/'))

@@ -10,6 +10,7 @@
 #include <string.h>
 
 #include "core.h"
+#include "sparegs/image.h"
 #include "threads.h"
 #include "trainer_state.h"
 
@@ -86,7 +87,11 @@ static sgs_status scene_cloud(sgs_trainer *trainer)
         if ((double)(n - i) * sgsi_random_uniform(trainer->options.seed ^ 0x5A3D, i) >= (double)(wanted - taken))
             continue;
         memcpy(trainer->cloud_points + 3 * taken, scene->points + 3 * i, 3 * sizeof(float));
-        memcpy(trainer->cloud_colors + 3 * taken, scene->colors + 3 * i, 3);
+        for (size_t c = 0; c < 3; ++c) {
+            const unsigned char color = scene->colors[3 * i + c]; // of display-encoded photographs
+            trainer->cloud_colors[3 * taken + c] =
+                scene->space == SGS_SPACE_SRGB ? color : (unsigned char)(255.0f * sgs_srgb_decode((float)color / 255.0f) + 0.5f);
+        }
         ++taken;
     }
     trainer->cloud_count = taken;
@@ -149,7 +154,7 @@ static sgs_status create_views(sgs_trainer *trainer)
     int width = 1, height = 1;
     for (size_t i = 0; i < scene->view_count; ++i) {
         const sgs_view *view = &scene->views[i];
-        if (view->split != SGS_SPLIT_TRAIN || !view->image.pixels)
+        if (view->split != SGS_SPLIT_TRAIN || !view->image.width)
             continue;
         const size_t k = trainer->train_view_count++;
         const size_t tiles = (size_t)((view->camera.width + SGSI_TILE - 1) / SGSI_TILE) * (size_t)((view->camera.height + SGSI_TILE - 1) / SGSI_TILE);

@@ -123,6 +123,42 @@ static inline void tree_put_picture(const temp_folder *folder, const char *name,
     assert_int_equal(sgs_png_write(temp_path(folder, name), &image), SGS_STATUS_OK);
 }
 
+// ---- files of any pixel type: an uncompressed TIFF, little endian, one strip --------------------------
+
+typedef struct tiff {
+    uint32_t width, height, samples, bits, photometric, format; // format: 1 unsigned, 3 float
+    uint32_t extra;                                             // 0 none, 1 premultiplied alpha, 2 straight alpha
+} tiff;
+
+static inline void tiff_put(const temp_folder *folder, const char *name, const tiff *t, const void *pixels, size_t size)
+{
+    static buffer b;
+    const uint32_t data = 8 + 2 + 12 * 12 + 4, table = (uint32_t)(data + size);
+    const uint32_t tags[12][4] = {
+        {256, 4, 1, t->width}, {257, 4, 1, t->height}, {258, 3, t->samples, t->samples > 2 ? table : t->bits * 0x10001},
+        {259, 3, 1, 1}, {262, 3, 1, t->photometric}, {273, 4, 1, data}, {277, 3, 1, t->samples},
+        {278, 4, 1, t->height}, {279, 4, 1, (uint32_t)size}, {284, 3, 1, 1},
+        {338, 3, t->extra != 0, t->extra}, {339, 3, 1, t->format}};
+    b.size = 0;
+    put_bytes(&b, "II*\0\10\0\0\0", 8);
+    put_integer(&b, t->extra ? 12 : 11, 2);
+    for (int i = 0; i < 12; ++i) {
+        if (tags[i][0] == 338 && !t->extra)
+            continue;
+        put_integer(&b, tags[i][0], 2);
+        put_integer(&b, tags[i][1], 2);
+        put_integer(&b, tags[i][2], 4);
+        put_integer(&b, tags[i][3], 4);
+    }
+    put_integer(&b, 0, 4);
+    while (b.size < data)
+        put_integer(&b, 0, 1);
+    put_bytes(&b, pixels, size);
+    for (uint32_t i = 0; i < t->samples; ++i)
+        put_integer(&b, t->bits, 2);
+    tree_put(folder, name, b.data, b.size);
+}
+
 // ---- a small COLMAP model -----------------------------------------------------------------------------
 
 enum { MODEL_CAMERAS = 3, MODEL_IMAGES = 4, MODEL_POINTS = 5 };

@@ -14,6 +14,7 @@
 #include <cmocka.h>
 
 #include "core.h"
+#include "half.h"
 #include "loss.h"
 #include "sparegs/runtime.h"
 #include "threads.h"
@@ -67,7 +68,8 @@ static scene make_scene(int width, int height, int channels, content kind, const
     scene s = {.width = width, .height = height, .stride = (size_t)(width + 15) / 16 * 16 + 16, .ssim_weight = 0.2f};
     const size_t plane = (size_t)width * (size_t)height, padded = s.stride * (size_t)height;
     memcpy(s.background, background, sizeof s.background);
-    s.target = (sgs_photo){width, height, channels, take(plane * (size_t)channels, 1), NULL, plane};
+    s.target = (sgs_photo){.width = width, .height = height, .channels = channels, .kept = plane,
+                           .pixels = take(plane * (size_t)channels, 1)};
     s.transmittance = take(padded, sizeof(float));
     s.d_transmittance = take(padded, sizeof(float));
     for (size_t i = 0; i < plane * (size_t)channels; ++i) {
@@ -106,6 +108,24 @@ static void free_scene(scene *s)
     sgsi_free(s->d_transmittance);
     sgsi_free(s->target.pixels);
     sgsi_free(s->target.keep);
+    sgsi_free(s->target.halves);
+}
+
+static double target_value(const scene *s, size_t at)
+{
+    return s->target.pixels ? s->target.pixels[at] / 255.0 : (double)sgsi_half_to_float(s->target.halves[at]);
+}
+
+// The target as half-float numbers, its colours `gain` times as bright.
+static void halve_scene(scene *s, float gain)
+{
+    const size_t plane = (size_t)s->width * (size_t)s->height, count = plane * (size_t)s->target.channels;
+    s->target.halves = take(count, sizeof *s->target.halves);
+    for (size_t i = 0; i < count; ++i)
+        s->target.halves[i] = sgsi_half_from_float((float)s->target.pixels[i] / 255.0f * (i < 3 * plane ? gain : 1.0f));
+    sgsi_free(s->target.pixels);
+    s->target.pixels = NULL;
+    s->target.bright = gain > 1.0f;
 }
 
 static bool counts(const scene *s, size_t x, size_t y)
@@ -167,9 +187,9 @@ static void load_channel(const scene *s, int c, const double *color, double *raw
             const size_t at = (size_t)y * s->stride + (size_t)x, pixel = (size_t)y * (size_t)s->width + (size_t)x;
             const double background = (double)s->background[c];
             raw[at] = color[at] + (double)s->transmittance[at] * background;
-            image[at] = fmin(fmax(raw[at], 0.0), 1.0);
-            const double value = s->target.pixels[plane * (size_t)c + pixel] / 255.0;
-            const double alpha = s->target.channels == 4 ? s->target.pixels[plane * 3 + pixel] / 255.0 : 1.0;
+            image[at] = fmin(fmax(raw[at], 0.0), s->target.bright ? 1e9 : 1.0);
+            const double value = target_value(s, plane * (size_t)c + pixel);
+            const double alpha = s->target.channels == 4 ? target_value(s, plane * 3 + pixel) : 1.0;
             target[at] = error == PLANT_ALPHA ? value : value * alpha + background * (1.0 - alpha);
             if (!counts(s, (size_t)x, (size_t)y) && error != PLANT_MASK)
                 image[at] = target[at] = 0.5;
@@ -224,7 +244,7 @@ static void reference_alpha(const scene *s, truth *t)
         const size_t x = pixel % (size_t)s->width, y = pixel / (size_t)s->width, at = y * s->stride + x;
         if (!counts(s, x, y))
             continue;
-        const double e = 1.0 - (double)s->transmittance[at] - s->target.pixels[3 * plane + pixel] / 255.0;
+        const double e = 1.0 - (double)s->transmittance[at] - target_value(s, 3 * plane + pixel);
         t->loss += scale * fabs(e);
         if (t->d_transmittance)
             t->d_transmittance[at] -= scale * ((e > 0) - (e < 0));
@@ -242,7 +262,7 @@ static void reference(const scene *s, double *const color[3], truth *t, plant er
         load_channel(s, c, color[c], raw, image, target, error);
         reference_channel(s, image, target, t, t->d_transmittance ? d_image : NULL, error);
         for (size_t i = 0; t->d_transmittance && i < padded; ++i) {
-            const int clamped = (error != PLANT_CLAMP && (raw[i] > 1.0 || raw[i] < 0.0)) ||
+            const int clamped = (error != PLANT_CLAMP && ((raw[i] > 1.0 && !s->target.bright) || raw[i] < 0.0)) ||
                                 (i % s->stride < (size_t)s->width && !counts(s, i % s->stride, i / s->stride));
             t->d_color[c][i] = clamped ? 0.0 : d_image[i];
             t->d_transmittance[i] += (double)s->background[c] * t->d_color[c][i];
@@ -354,6 +374,8 @@ static void loss_and_gradient_match_double_brute_force(void **state)
             scene s = make_scene(sizes[k][0], sizes[k][1], alpha ? 4 : 3, kind, alpha ? tinted : black);
             if (k % 2 == 0 && k)
                 mask_scene(&s);
+            if (k % 3 == 1)
+                halve_scene(&s, kind == CONTENT_WILD ? 2.5f : 1.0f);
             s.alpha_weight = k % 3 ? 0.7f : 0.0f;
             truth t = make_truth(&s, PLANT_NONE);
             for (int isa = 0; isa < SGS_ISA_COUNT; ++isa) {

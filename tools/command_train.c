@@ -59,6 +59,7 @@ static bool load_scene(training *run, bool background_given)
     if (run->scene->white_background && !background_given)
         for (int c = 0; c < 3; ++c)
             run->values.background.rgb[c] = 1;
+    run->data.white = run->scene->white; // for config.json: as it was measured
     const size_t test = scene_split_count(run->scene, SGS_SPLIT_TEST);
     print_note("%s: %zu training images, %zu held out, %zu points, loaded in %.1f s", run->scene_path,
                run->scene->view_count - test, test, run->scene->point_count, run->load_seconds);

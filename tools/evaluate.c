@@ -3,7 +3,8 @@
 
 // Evaluation. A photograph with an alpha channel is laid over the background by the same quantisation as the
 // drawn image, so that both sides of the comparison are treated alike. Pixels that do not count (masks, pixels without a
-// ray) are left out.
+// ray) are left out. Linear colours are encoded for display first, so that every score speaks of the picture that people
+// see: light above the scene's white is white.
 
 #include "evaluate.h"
 
@@ -33,8 +34,30 @@ void evaluator_close(evaluator *judge)
     judge->renderer = NULL;
 }
 
-// The photograph as three planes over the background.
-static bool flatten_photo(const sgs_photo *photo, const float background[3], sgs_image8 *flat)
+// One value of a photograph, as its space has it.
+static float photo_value(const sgs_photo *photo, size_t at)
+{
+    return photo->pixels ? (float)photo->pixels[at] / 255.0F : sgs_half_value(photo->halves[at]);
+}
+
+// Three planes over the background, encoded for display, as 8-bit values. `behind` is what is left for the background.
+static bool quantise(const evaluator *judge, float *const color[3], const float *behind, int width, int height,
+                     sgs_image8 *out)
+{
+    const size_t pixels = (size_t)width * (size_t)height;
+    for (size_t c = 0; c < 3 && judge->scene->space == SGS_SPACE_LINEAR; ++c)
+        for (size_t i = 0; i < pixels; ++i)
+            color[c][i] = sgs_srgb_encode(color[c][i] + behind[i] * judge->background[c]);
+    const bool encoded = judge->scene->space == SGS_SPACE_LINEAR; // and laid over the background
+    if (!sgs_image8_from_planes((const float *const *)color, encoded ? NULL : behind, judge->background, width, height,
+                                out))
+        return true;
+    fail_library();
+    return false;
+}
+
+// The photograph over the background.
+static bool flatten_photo(const evaluator *judge, const sgs_photo *photo, sgs_image8 *flat)
 {
     const size_t pixels = (size_t)photo->width * (size_t)photo->height;
     float *planes = malloc(4 * pixels * sizeof *planes);
@@ -43,18 +66,15 @@ static bool flatten_photo(const sgs_photo *photo, const float background[3], sgs
         return false;
     }
     for (size_t i = 0; i < pixels; ++i) {
-        const float alpha = photo->channels > 3 ? (float)photo->pixels[3 * pixels + i] / 255.0F : 1.0F;
+        const float alpha = photo->channels > 3 ? photo_value(photo, 3 * pixels + i) : 1.0F;
         for (size_t c = 0; c < 3; ++c)
-            planes[c * pixels + i] = alpha * ((float)photo->pixels[c * pixels + i] / 255.0F);
+            planes[c * pixels + i] = alpha * photo_value(photo, c * pixels + i);
         planes[3 * pixels + i] = 1.0F - alpha;
     }
-    const float *const color[3] = {planes, planes + pixels, planes + 2 * pixels};
-    const sgs_status status =
-        sgs_image8_from_planes(color, planes + 3 * pixels, background, photo->width, photo->height, flat);
+    float *const color[3] = {planes, planes + pixels, planes + 2 * pixels};
+    const bool done = quantise(judge, color, planes + 3 * pixels, photo->width, photo->height, flat);
     free(planes);
-    if (status)
-        fail_library();
-    return !status;
+    return done;
 }
 
 bool evaluate_view(const evaluator *judge, const sgs_view *view, view_score *score, sgs_image8 *drawn,
@@ -62,14 +82,13 @@ bool evaluate_view(const evaluator *judge, const sgs_view *view, view_score *sco
 {
     sgs_image8 images[2] = {0};
     sgs_frame frame = {0};
-    bool done = flatten_photo(&view->image, judge->background, &images[1]);
+    bool done = flatten_photo(judge, &view->image, &images[1]);
     if (done) {
         done = !sgs_frame_create(view->camera.width, view->camera.height, &frame) &&
-               !sgs_renderer_render(judge->renderer, &view->camera, &view->pose, &judge->render, &frame) &&
-               !sgs_image8_from_planes((const float *const *)frame.color, frame.transmittance, judge->background,
-                                       frame.width, frame.height, &images[0]);
+               !sgs_renderer_render(judge->renderer, &view->camera, &view->pose, &judge->render, &frame);
         if (!done)
             fail_library();
+        done = done && quantise(judge, frame.color, frame.transmittance, frame.width, frame.height, &images[0]);
     }
     sgs_frame_free(&frame);
     if (done)

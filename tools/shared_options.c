@@ -59,6 +59,12 @@ static const option scene_options[] = {
      "black counts, white does not"},
     {"alpha", 0, OPTION_CHOICE, offsetof(scene_values, alpha), 0, 0, ALPHA_WORDS, "over", NULL, NULL,
      "alpha channels: lay the image over the background, take them for masks, or ignore them"},
+    {"input-colorspace", 0, OPTION_TEXT, offsetof(scene_values, colorspace), 0, 0, "NAME", NULL, "what the files say", NULL,
+     "colour space of the images: linear, sRGB, or a name that OpenImageIO or $OCIO knows"},
+    {"train-space", 0, OPTION_CHOICE, offsetof(scene_values, space), 0, 0, SPACE_WORDS, "srgb", NULL, NULL,
+     "space to compare in, and of the model's colours: encoded for display, or linear light"},
+    {"white", 0, OPTION_REAL, offsetof(scene_values, white), 0, 1e30, "X", "0", "99 % of the light in linear files stays below", NULL,
+     "linear light that becomes 1 in the model's colours"},
 };
 
 option_group scene_group(scene_values *values)
@@ -93,6 +99,13 @@ int scene_settle(scene_values *values, const command_line *line, const json_t *c
         values->alpha = !strcmp(alpha, "mask")     ? SGS_ALPHA_MASK
                         : !strcmp(alpha, "ignore") ? SGS_ALPHA_IGNORE
                                                    : SGS_ALPHA_OVER;
+    if (!option_given(line, "input-colorspace"))
+        values->colorspace = json_string_value(config_option(config, "input_colorspace"));
+    const char *space = json_string_value(config_option(config, "train_space"));
+    if (!option_given(line, "train-space") && space)
+        values->space = !strcmp(space, "linear") ? SGS_SPACE_LINEAR : SGS_SPACE_SRGB;
+    if (!option_given(line, "white"))
+        values->white = json_number_value(config_option(config, "white"));
     if (!option_given(line, "downscale"))
         values->downscale = (int)json_integer_value(config_option(config, "downscale"));
     return -1;
@@ -109,6 +122,9 @@ sgs_scene *scene_open(const char *path, const scene_values *values, bool load_im
     options.masks_dir = values->masks;
     options.invert_masks = values->invert_masks;
     options.alpha = (sgs_alpha)values->alpha;
+    options.colorspace = values->colorspace;
+    options.space = (sgs_space)values->space;
+    options.white = values->white;
     sgs_scene *scene = NULL;
     if (sgs_scene_load(path, &options, &scene)) {
         fail_library();

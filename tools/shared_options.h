@@ -22,8 +22,9 @@ option_group common_group(common_values *values);
 int common_apply(const common_values *values, const command_line *line);
 
 typedef struct scene_values {
-    const char *images, *test_images, *masks;
-    int downscale, test_every, alpha; // alpha: sgs_alpha
+    const char *images, *test_images, *masks, *colorspace;
+    int downscale, test_every, alpha, space; // sgs_alpha, sgs_space
+    double white;                            // 0 = measured
     bool eval, invert_masks;
 } scene_values;
 
@@ -33,6 +34,8 @@ option_group scene_group(scene_values *values);
 int scene_settle(scene_values *values, const command_line *line, const json_t *config);
 // The words of --alpha, in the order of sgs_alpha.
 #define ALPHA_WORDS "over|mask|ignore"
+// The words of --train-space, in the order of sgs_space.
+#define SPACE_WORDS "srgb|linear"
 // Loads the scene; NULL after printing the error.
 sgs_scene *scene_open(const char *path, const scene_values *values, bool load_images);
 // Views of a split.

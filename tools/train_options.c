@@ -151,6 +151,9 @@ static json_t *shaping_options(const train_values *values, const scene_values *s
     set_text(options, "masks", scene->masks);
     json_object_set_new(options, "invert_masks", json_boolean(scene->invert_masks));
     set_word(options, "alpha", ALPHA_WORDS, scene->alpha);
+    set_text(options, "input_colorspace", scene->colorspace);
+    set_word(options, "train_space", SPACE_WORDS, scene->space);
+    json_object_set_new(options, "white", json_real(scene->white));
     set_integer(options, "iterations", (uint64_t)values->iterations);
     set_word(options, "schedule", "scaled|paper", values->schedule);
     set_word(options, "pipeline", "3dgs", values->pipeline);

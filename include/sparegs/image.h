@@ -26,6 +26,13 @@ sgs_status sgs_image8_downscale(const sgs_image8 *image, int out_width, int out_
 // Frees the pixels and zeroes the struct; accepts an empty one.
 void sgs_image8_free(sgs_image8 *image);
 
+// The transfer curve of sRGB and its inverse, continued above 1 and below 0. Cannot fail.
+float sgs_srgb_encode(float linear);
+float sgs_srgb_decode(float encoded);
+
+// The number that a half-float value of an sgs_photo stands for.
+float sgs_half_value(uint16_t half);
+
 // Writes planar 8-bit RGB or RGBA or grey (channels 1, 3, 4) as PNG.
 sgs_status sgs_png_write(const char *path, const sgs_image8 *image);
 

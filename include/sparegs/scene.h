@@ -5,6 +5,7 @@
 // A data set on disk made ready for training: views (camera, pose, photograph), the sparse point
 // cloud, the split. Reads COLMAP (binary and text) and NeRF/nerfstudio transforms. Writes only cameras.json.
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -25,13 +26,21 @@ typedef struct sgs_image8 {
     uint8_t *pixels; // 64-byte aligned
 } sgs_image8;
 
-// A photograph ready to be compared with: an sgs_image8 of 3 or 4 channels, and which of its pixels count. Pixels that
-// a mask covers, that the lens has no ray for or that hold no number do not.
+// The space that photographs are compared in, and so that trained colours are in: encoded for display, or light itself.
+typedef enum sgs_space { SGS_SPACE_SRGB = 0, SGS_SPACE_LINEAR = 1 } sgs_space;
+
+// A photograph ready to be compared with: planes as in sgs_image8, 3 or 4 channels, colours in the scene's space, and which of
+// its pixels count. Pixels that a mask covers, that the lens has no ray for or that hold no number do not.
+//
+// Values are bytes (255 is 1) or half-float numbers, whichever the file needs; the other pointer is NULL. Light brighter
+// than the scene's white is above 1.
 typedef struct sgs_photo {
     int width, height, channels;
-    uint8_t *pixels; // as in sgs_image8
-    uint16_t *keep;  // [height][(width + 15) / 16]: bit i of word w is pixel 16 w + i of the row, 1 = counts; NULL = all count
-    size_t kept;     // number of pixels that count
+    uint8_t *pixels;
+    uint16_t *keep;   // [height][(width + 15) / 16]: bit i of word w is pixel 16 w + i of the row, 1 = counts; NULL = all
+    size_t kept;      // number of pixels that count
+    uint16_t *halves; // IEEE 754 binary16, >= 0, neither infinite nor subnormal
+    bool bright;      // values above 1 mean something: comparisons do not clamp there
 } sgs_photo;
 
 // What an alpha channel says. Over: the photograph is laid over the background, transparent pixels teach
@@ -45,7 +54,7 @@ typedef struct sgs_view {
     sgs_camera camera; // at the size of `image` after down-scaling
     sgs_pose pose;
     sgs_split split;   // SGS_SPLIT_TRAIN or SGS_SPLIT_TEST
-    sgs_photo image;   // pixels is NULL when images were not asked for
+    sgs_photo image;   // empty (width 0) when images were not asked for
 } sgs_view;
 
 typedef struct sgs_scene_options {
@@ -58,9 +67,12 @@ typedef struct sgs_scene_options {
     const char *masks_dir;    // folder of masks beside the image folder; "none" = no masks; NULL = "masks" or "mask" if there
     int invert_masks;         // black counts instead of white
     sgs_alpha alpha;          // what alpha channels say
+    const char *colorspace;   // of the image files, instead of what they say themselves; NULL = what they say
+    sgs_space space;          // to compare and train in
+    double white;             // linear light that becomes 1; 0 = the 99th percentile where files are linear, else 1
 } sgs_scene_options;
 
-// {NULL, 0, 0, NULL, 1, NULL, 0, SGS_ALPHA_OVER}
+// {NULL, 0, 0, NULL, 1, NULL, 0, SGS_ALPHA_OVER, NULL, SGS_SPACE_SRGB, 0}
 sgs_scene_options sgs_scene_options_default(void);
 
 typedef struct sgs_scene {
@@ -75,6 +87,9 @@ typedef struct sgs_scene {
     size_t images_missing;  // registered images without a readable file (skipped)
     size_t images_unposed;  // files in the image folder without a pose (ignored)
     size_t masks;           // views with a mask file
+    size_t pixels_broken;   // pixels of the photographs that hold no number (ignored)
+    sgs_space space;        // of photographs and trained colours
+    double white;           // linear light that is 1 in them; 1 where no file is linear
     int has_alpha;          // any image has an alpha channel
     int white_background;   // NeRF synthetic convention: white unless the user says otherwise
     double center[3];       // mean of the training camera centres, world

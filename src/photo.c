@@ -15,16 +15,34 @@
 
 #include "core.h"
 #include "half.h"
-#include "image_oiio.h"
 #include "mask.h"
 #include "sparegs/image.h"
 
-void sgsi_photo_free(sgs_photo *photo)
+void sgsi_photo_release(sgs_photo *photo)
 {
     sgsi_free(photo->pixels);
     sgsi_free(photo->keep);
     sgsi_free(photo->halves);
+    photo->pixels = NULL;
+    photo->keep = photo->halves = NULL;
+}
+
+void sgsi_photo_free(sgs_photo *photo)
+{
+    sgsi_photo_release(photo);
     *photo = (sgs_photo){0};
+}
+
+// Bytes stay bytes where they mean what the scene's space means.
+static bool stays_bytes(const sgsi_image_info *info, sgs_space space)
+{
+    return info->bytes && !info->linear && space == SGS_SPACE_SRGB;
+}
+
+size_t sgsi_photo_bytes(const sgsi_image_info *info, sgs_space space, int width, int height)
+{
+    const size_t values = (size_t)width * (size_t)height * (size_t)info->channels;
+    return values * (stays_bytes(info, space) ? 1 : 2) + sgsi_mask_words(width) * (size_t)height * sizeof(uint16_t);
 }
 
 static sgs_status read_pixels(const sgsi_photo_source *source, sgs_image8 *image)
@@ -169,7 +187,6 @@ static sgs_status mask_by_alpha(sgs_photo *photo)
     return status;
 }
 
-// Bytes stay bytes where they mean what the scene's space means.
 static sgs_status read_photo(const sgsi_photo_source *source, sgs_photo *photo, size_t *broken)
 {
     sgsi_image_info info;
@@ -179,7 +196,7 @@ static sgs_status read_photo(const sgsi_photo_source *source, sgs_photo *photo, 
         status = sgsi_oiio_describe(source->image_path, source->colorspace, &info);
     if (status)
         return status;
-    if (!info.bytes || info.linear || source->space != SGS_SPACE_SRGB)
+    if (!stays_bytes(&info, source->space))
         return read_floats(source, &info, photo, broken);
     status = read_pixels(source, &image);
     if (!status)

@@ -8,6 +8,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "image_oiio.h"
 #include "sparegs/scene.h"
 
 typedef struct sgsi_photo_source {
@@ -18,7 +19,7 @@ typedef struct sgsi_photo_source {
     sgs_alpha alpha;
     const char *colorspace; // NULL = the file's
     sgs_space space;
-    double white; // > 0
+    double white;         // > 0
     const uint16_t *lens; // pixels with a ray, width x height, or NULL = all
 } sgsi_photo_source;
 
@@ -48,6 +49,12 @@ sgs_status sgsi_light_add(sgsi_light *light, const char *path, const char *color
 
 // The light that `share` of the pixels do not exceed; 1 when there are none.
 double sgsi_light_quantile(const sgsi_light *light, double share);
+
+// Bytes of memory that a photograph of this kind takes at this size, with a mask.
+size_t sgsi_photo_bytes(const sgsi_image_info *info, sgs_space space, int width, int height);
+
+// Frees the planes and keeps what is known of the photograph.
+void sgsi_photo_release(sgs_photo *photo);
 
 // Frees the contents and zeroes the struct; accepts an empty one.
 void sgsi_photo_free(sgs_photo *photo);

@@ -26,6 +26,7 @@
 #include "mask.h"
 #include "photo.h"
 #include "scene_find.h"
+#include "scene_store.h"
 #include "sparegs/image.h"
 #include "threads.h"
 #include "transforms.h"
@@ -40,6 +41,7 @@ typedef struct slot {
     int width, height;           // after it
     int channels;
     bool linear;      // the file holds linear light
+    size_t bytes;     // that its photograph takes in memory
     size_t lens;      // index into loader.lenses
     sgsi_photo_report report;
 } slot;
@@ -57,6 +59,10 @@ typedef struct loader {
     slot *slots; // parallel to dataset.frames
     lens_mask *lenses;
     size_t lens_count;
+    bool limited;               // the photographs do not fit into the image cache
+    char *colorspace;           // of the options
+    sgsi_photo_source *sources; // limited: of the views that stay, and their bytes
+    size_t *bytes;
     sgs_scene *scene;
 } loader;
 
@@ -69,6 +75,7 @@ void sgs_scene_destroy(sgs_scene *scene)
 {
     if (!scene)
         return;
+    sgsi_scene_store_destroy(scene->store);
     for (size_t i = 0; i < scene->view_count; ++i) {
         sgsi_free(scene->views[i].name);
         sgsi_free(scene->views[i].image_path);
@@ -148,7 +155,20 @@ static void probe_view(void *context, size_t i, int thread)
     s->channels = info.channels;
     s->linear = info.linear;
     reduced_size(l->options->downscale, s);
+    s->bytes = sgsi_photo_bytes(&info, l->options->space, s->width, s->height);
     keep_error(s);
+}
+
+static sgsi_photo_source source_of(const loader *l, size_t i)
+{
+    const slot *s = &l->slots[i];
+    const sgs_view *view = &l->scene->views[i];
+    return (sgsi_photo_source){.image_path = view->image_path, .mask_path = view->mask_path,
+                               .file_width = s->file_width, .file_height = s->file_height,
+                               .width = s->width, .height = s->height,
+                               .invert_mask = l->options->invert_masks, .alpha = l->options->alpha,
+                               .colorspace = l->limited ? l->colorspace : l->options->colorspace, .space = l->options->space,
+                               .white = l->scene->white, .lens = l->lenses[s->lens].keep};
 }
 
 static void load_view(void *context, size_t i, int thread)
@@ -159,14 +179,11 @@ static void load_view(void *context, size_t i, int thread)
     (void)thread;
     if (s->status)
         return;
-    const sgsi_photo_source source = {.image_path = view->image_path, .mask_path = view->mask_path,
-                                      .file_width = s->file_width, .file_height = s->file_height,
-                                      .width = s->width, .height = s->height,
-                                      .invert_mask = l->options->invert_masks, .alpha = l->options->alpha,
-                                      .colorspace = l->options->colorspace, .space = l->options->space,
-                                      .white = l->scene->white, .lens = l->lenses[s->lens].keep};
+    const sgsi_photo_source source = source_of(l, i);
     s->status = sgsi_photo_load(&source, &view->image, &s->report);
     keep_error(s);
+    if (l->limited) // it was read to see whether it can be
+        sgsi_photo_release(&view->image);
 }
 
 // The entry of view i's camera, a new one where no earlier view has it.
@@ -247,9 +264,38 @@ static sgs_status load_views(loader *l)
     for (size_t i = 0; i < scene->view_count && !status; ++i)
         if (!l->slots[i].status)
             status = find_lens(l, i);
+    size_t bytes = 0;
+    for (size_t i = 0; i < scene->view_count; ++i)
+        bytes += l->slots[i].bytes;
+    l->limited = l->options->image_cache && bytes > l->options->image_cache;
+    if (l->limited) {
+        l->sources = sgsi_calloc(scene->view_count, sizeof *l->sources);
+        l->bytes = sgsi_calloc(scene->view_count, sizeof *l->bytes);
+        l->colorspace = l->options->colorspace ? sgsi_strdup(l->options->colorspace) : NULL;
+        if (!l->sources || !l->bytes || (l->options->colorspace && !l->colorspace))
+            return no_memory(scene->path);
+    }
     if (!status)
         sgsi_parallel_for(scene->view_count, 1, load_view, l);
     return status;
+}
+
+// The image cache takes over the planes of the lenses, which the photographs are masked with again and again.
+static sgs_status open_store(loader *l)
+{
+    if (!l->limited)
+        return SGS_STATUS_OK;
+    uint16_t **planes = sgsi_calloc(l->lens_count, sizeof *planes);
+    if (!planes)
+        return no_memory(l->scene->path);
+    for (size_t i = 0; i < l->lens_count; ++i) {
+        planes[i] = l->lenses[i].keep;
+        l->lenses[i].keep = NULL;
+    }
+    char *colorspace = l->colorspace;
+    l->colorspace = NULL;
+    return sgsi_scene_store_create(l->sources, l->bytes, l->scene->view_count, l->options->image_cache, planes,
+                                   l->lens_count, colorspace, &l->scene->store);
 }
 
 static int frame_order(const void *a, const void *b)
@@ -352,6 +398,10 @@ static sgs_status keep_readable_views(loader *l)
         reduced = reduced || (l->options->downscale == 0 && s->width != s->file_width);
         scene->has_alpha |= s->channels == 4 && l->options->alpha == SGS_ALPHA_OVER;
         scene->masks += view->mask_path != NULL;
+        if (l->limited) {
+            l->sources[kept] = source_of(l, i);
+            l->bytes[kept] = s->bytes;
+        }
         scene->views[kept++] = *view;
     }
     scene->view_count = kept;
@@ -644,6 +694,8 @@ static sgs_status load(loader *l)
         status = split_views(l);
     if (!status)
         status = measure_extent(scene);
+    if (!status)
+        status = open_store(l);
     scene->white_background = l->dataset.white_background && scene->has_alpha;
     return status;
 }
@@ -665,6 +717,9 @@ sgs_status sgs_scene_load(const char *path, const sgs_scene_options *options, sg
     for (size_t i = 0; l.slots && i < l.dataset.frame_count; ++i)
         sgsi_free(l.slots[i].error);
     sgsi_free(l.slots);
+    sgsi_free(l.sources);
+    sgsi_free(l.bytes);
+    sgsi_free(l.colorspace);
     for (size_t i = 0; i < l.lens_count; ++i)
         sgsi_free(l.lenses[i].keep);
     sgsi_free(l.lenses);

@@ -251,6 +251,14 @@ static size_t next_view(sgs_trainer *trainer)
     return trainer->order[progress->order_position++];
 }
 
+// The views after this one, as far as this epoch's order tells.
+static void expect_next_views(const sgs_trainer *trainer)
+{
+    const size_t next = trainer->progress.order_position;
+    for (size_t i = next; i < next + 2 && i < trainer->train_view_count; ++i)
+        sgs_scene_expect(trainer->scene, trainer->train_views[trainer->order[i]]);
+}
+
 static int active_sh_degree(const sgs_trainer *trainer, int iteration)
 {
     const int degree = iteration / trainer->schedule.sh_interval;
@@ -312,17 +320,23 @@ static sgs_status trace_forward(sgs_trainer *trainer, step_state *step)
 
 static sgs_status evaluate_loss(sgs_trainer *trainer, step_state *step)
 {
+    const double begin = sgsi_seconds();
+    const sgs_photo *photo;
+    sgs_status status = sgs_scene_photo(trainer->scene, (size_t)(step->source - trainer->scene->views), &photo);
+    if (status)
+        return status;
     const double start = sgsi_seconds();
+    trainer->progress.seconds.image_io += start - begin;
     const sgsi_planes *planes = &step->planes;
     const sgsi_loss_input input = {.width = planes->width, .height = planes->height, .stride = planes->stride,
                                    .color = {planes->color[0], planes->color[1], planes->color[2]},
                                    .transmittance = planes->transmittance,
                                    .background = {step->background[0], step->background[1], step->background[2]},
-                                   .target = &step->source->image, .ssim_weight = 0.2f,
+                                   .target = photo, .ssim_weight = 0.2f,
                                    .alpha_weight = (float)trainer->options.alpha_loss};
     step->loss = (sgsi_loss_output){.d_color = {step->d_color[0], step->d_color[1], step->d_color[2]},
                                     .d_transmittance = step->d_transmittance};
-    const sgs_status status = sgsi_loss_evaluate(trainer->loss, &input, &step->loss);
+    status = sgsi_loss_evaluate(trainer->loss, &input, &step->loss);
     trainer->progress.seconds.loss += sgsi_seconds() - start;
     return status;
 }
@@ -418,6 +432,7 @@ sgs_status sgs_trainer_step(sgs_trainer *trainer, sgs_step_info *info)
         step.background[c] = trainer->options.background_random
                                  ? (float)sgsi_random_uniform(trainer->options.seed ^ 0xBAC6, 3 * (uint64_t)iteration + (uint64_t)c)
                                  : trainer->options.background[c];
+    expect_next_views(trainer);
     sgs_status status = trace_forward(trainer, &step);
     if (!status)
         status = evaluate_loss(trainer, &step);

@@ -22,7 +22,7 @@ done
 run 0 help train
 for text in iterations schedule images downscale eval test-every test-images pipeline spare spare-grid spare-tau-alpha \
     spare-eps-loss spare-eps-count spare-patience spare-interval spare-demand max-gaussians filter optimizer sh-degree \
-    background save-at checkpoint-every resume init isa seed json quiet; do
+    background masks invert-masks alpha alpha-loss input-colorspace train-space white image-cache save-at checkpoint-every resume init isa seed json quiet; do
     prints "--$text"
 done
 run 0 --version
@@ -50,6 +50,9 @@ says "exr|png"
 says "the nearest is png"
 run 2 train "$room" -o "$temporary/out" -x
 says "-x"
+
+run 2 train "$room" -o "$temporary/out" --image-cache 4bananas
+says "'4bananas' is no number of bytes"
 
 # values_out_of_range_name_option_and_range
 out_of_range() {

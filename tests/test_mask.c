@@ -241,13 +241,13 @@ static void paint(sgs_scene *scene, bool cover)
 static double most_magenta(bool painted, bool cover)
 {
     sgs_scene_options options = sgs_scene_options_default();
-    options.downscale = 6;
+    options.downscale = 8;
     sgs_scene *scene;
     assert_int_equal(sgs_scene_load(SGSI_TEST_DATA "/room", &options, &scene), SGS_STATUS_OK);
     if (painted)
         paint(scene, cover);
     sgs_train_options train = sgs_train_options_default();
-    train.iterations = 250;
+    train.iterations = 120;
     train.sh_degree = 0;
     sgs_trainer *trainer;
     assert_int_equal(sgs_trainer_create(scene, &train, &trainer), SGS_STATUS_OK);
@@ -299,7 +299,7 @@ static double mean_opacity_outside(double weight)
         photo->channels = 4;
     }
     sgs_train_options train = sgs_train_options_default();
-    train.iterations = 120;
+    train.iterations = 60;
     train.alpha_loss = weight;
     sgs_trainer *trainer;
     sgs_renderer *renderer;

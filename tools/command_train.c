@@ -256,7 +256,7 @@ static json_t *summary_json(const training *run)
     } phases[] = {{"gather", s->gather},          {"forward", s->forward},     {"loss", s->loss},
                   {"backward", s->backward},      {"optimizer", s->optimizer}, {"bvh_refit", s->bvh_refit},
                   {"bvh_build", s->bvh_build},    {"density", s->density},     {"spare", s->spare},
-                  {"image_io", run->load_seconds}};
+                  {"image_io", run->load_seconds + s->image_io}};
     json_t *summary = json_object(), *seconds = json_object();
     for (size_t i = 0; i < sizeof phases / sizeof *phases; ++i)
         json_object_set_new(seconds, phases[i].name, json_number(phases[i].value));

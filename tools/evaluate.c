@@ -82,7 +82,11 @@ bool evaluate_view(const evaluator *judge, const sgs_view *view, view_score *sco
 {
     sgs_image8 images[2] = {0};
     sgs_frame frame = {0};
-    bool done = flatten_photo(judge, &view->image, &images[1]);
+    const sgs_photo *source = NULL;
+    bool done = !sgs_scene_photo(judge->scene, (size_t)(view - judge->scene->views), &source);
+    if (!done)
+        fail_library();
+    done = done && flatten_photo(judge, source, &images[1]);
     if (done) {
         done = !sgs_frame_create(view->camera.width, view->camera.height, &frame) &&
                !sgs_renderer_render(judge->renderer, &view->camera, &view->pose, &judge->render, &frame);
@@ -92,8 +96,8 @@ bool evaluate_view(const evaluator *judge, const sgs_view *view, view_score *sco
     }
     sgs_frame_free(&frame);
     if (done)
-        *score = (view_score){sgs_psnr_masked(&images[0], &images[1], view->image.keep),
-                              sgs_ssim_masked(&images[0], &images[1], view->image.keep)};
+        *score = (view_score){sgs_psnr_masked(&images[0], &images[1], source->keep),
+                              sgs_ssim_masked(&images[0], &images[1], source->keep)};
     sgs_image8 *const out[2] = {drawn, photo};
     for (int k = 0; k < 2; ++k) {
         if (out[k] && done)

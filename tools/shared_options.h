@@ -22,9 +22,10 @@ option_group common_group(common_values *values);
 int common_apply(const common_values *values, const command_line *line);
 
 typedef struct scene_values {
-    const char *images, *test_images, *masks, *colorspace;
+    const char *images, *test_images, *masks, *colorspace, *cache;
     int downscale, test_every, alpha, space; // sgs_alpha, sgs_space
     double white;                            // 0 = measured
+    uint64_t cache_bytes;                    // of the text `cache`
     bool eval, invert_masks;
 } scene_values;
 

@@ -54,7 +54,7 @@ typedef struct sgs_view {
     sgs_camera camera; // at the size of `image` after down-scaling
     sgs_pose pose;
     sgs_split split;   // SGS_SPLIT_TRAIN or SGS_SPLIT_TEST
-    sgs_photo image;   // empty (width 0) when images were not asked for
+    sgs_photo image;   // empty (width 0) when images were not asked for; without planes when they are in the image cache
 } sgs_view;
 
 typedef struct sgs_scene_options {
@@ -69,10 +69,11 @@ typedef struct sgs_scene_options {
     sgs_alpha alpha;          // what alpha channels say
     const char *colorspace;   // of the image files, instead of what they say themselves; NULL = what they say
     sgs_space space;          // to compare and train in
+    size_t image_cache;       // bytes of decoded photographs to keep in memory; 0 = all of them
     double white;             // linear light that becomes 1; 0 = the 99th percentile where files are linear, else 1
 } sgs_scene_options;
 
-// {NULL, 0, 0, NULL, 1, NULL, 0, SGS_ALPHA_OVER, NULL, SGS_SPACE_SRGB, 0}
+// {NULL, 0, 0, NULL, 1, NULL, 0, SGS_ALPHA_OVER, NULL, SGS_SPACE_SRGB, 0, 0}
 sgs_scene_options sgs_scene_options_default(void);
 
 typedef struct sgs_scene {
@@ -88,6 +89,7 @@ typedef struct sgs_scene {
     size_t images_unposed;  // files in the image folder without a pose (ignored)
     size_t masks;           // views with a mask file
     size_t pixels_broken;   // pixels of the photographs that hold no number (ignored)
+    struct sgs_scene_store *store; // internal: the image cache; NULL = all photographs are in `views`
     sgs_space space;        // of photographs and trained colours
     double white;           // linear light that is 1 in them; 1 where no file is linear
     int has_alpha;          // any image has an alpha channel
@@ -108,6 +110,13 @@ sgs_status sgs_scene_load(const char *path, const sgs_scene_options *options, sg
 
 // Accepts NULL.
 void sgs_scene_destroy(sgs_scene *scene);
+
+// The photograph of view `index`, from memory or decoded now. Valid until the next call for this scene; one thread at a time. Fails
+// as loading does, when its file has gone or changed since.
+sgs_status sgs_scene_photo(const sgs_scene *scene, size_t index, const sgs_photo **photo);
+
+// Announces that this photograph will be asked for soon: a thread decodes it ahead, where it is not in memory. Cannot fail.
+void sgs_scene_expect(const sgs_scene *scene, size_t index);
 
 // Index of the view called NAME (exact, then without folder, then without extension), or -1.
 ptrdiff_t sgs_scene_find_view(const sgs_scene *scene, const char *name);

@@ -12,6 +12,7 @@
 #include "kernel_gaussian.inl"
 #include "kernel_project.inl"
 #include "kernel_tile.inl"
+#include "kernel_sort.inl"
 #include "kernel_blend.inl"
 #include "kernel_optimize.inl"
 

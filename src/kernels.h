@@ -29,7 +29,7 @@ typedef struct sgsi_scratch {
     uint32_t *candidates; // [capacity] ids in the order of soa
     float *tile_records;  // [capacity][16]
     uint32_t *tile_ids;   // [capacity]
-    float *entry_keys;    // [16][capacity]: per block, the t its elements are ordered by
+    int32_t *entry_keys;  // [16][capacity]: per block, what its elements are ordered by
     uint32_t *entries;    // [16][capacity]: indices into tile_records
     uint64_t *sort_spare; // [2][capacity]
     uint32_t *order;      // [16][capacity]: indices into tile_records in the block's order

@@ -82,6 +82,10 @@ static inline vi vi_load(const int32_t *p)
 {
     return (vi){_mm256_load_si256((const __m256i *)p), _mm256_load_si256((const __m256i *)(p + 8))};
 }
+static inline vi vi_load_u(const int32_t *p)
+{
+    return (vi){_mm256_loadu_si256((const __m256i *)p), _mm256_loadu_si256((const __m256i *)(p + 8))};
+}
 static inline void vi_store(int32_t *p, vi x)
 {
     _mm256_store_si256((__m256i *)p, x.a);
@@ -89,6 +93,7 @@ static inline void vi_store(int32_t *p, vi x)
 }
 static inline vi vi_set1(int32_t x) { return (vi){_mm256_set1_epi32(x), _mm256_set1_epi32(x)}; }
 static inline vi vi_add(vi x, vi y) { return (vi){_mm256_add_epi32(x.a, y.a), _mm256_add_epi32(x.b, y.b)}; }
+static inline vi vi_sub(vi x, vi y) { return (vi){_mm256_sub_epi32(x.a, y.a), _mm256_sub_epi32(x.b, y.b)}; }
 static inline vi vi_sll(vi x, int n) { return (vi){_mm256_slli_epi32(x.a, n), _mm256_slli_epi32(x.b, n)}; }
 static inline vi vi_sra(vi x, int n) { return (vi){_mm256_srai_epi32(x.a, n), _mm256_srai_epi32(x.b, n)}; }
 static inline vf vi_as_vf(vi x) { return (vf){_mm256_castsi256_ps(x.a), _mm256_castsi256_ps(x.b)}; }
@@ -159,3 +164,44 @@ static inline void vf_transpose16(vf r[16])
 static inline vf vf_mul_where(vm m, vf a, vf b) { return vf_select(m, vf_mul(a, b), a); }
 static inline vf vf_add_where(vm m, vf a, vf b) { return vf_select(m, vf_add(a, b), a); }
 static inline vf vf_sub_where(vm m, vf a, vf b) { return vf_select(m, vf_sub(a, b), a); }
+
+// Writes the lanes of m together to p and returns their number. All sixteen words from p on may be overwritten.
+static inline unsigned vi_compress_store(int32_t *p, vm m, vi x)
+{
+    int32_t lanes[16] __attribute__((aligned(32)));
+    vi_store(lanes, x);
+    unsigned count = 0;
+    for (unsigned bits = vm_bits(m); bits; bits &= bits - 1)
+        p[count++] = lanes[__builtin_ctz(bits)];
+    return count;
+}
+
+// ranks[i] = the number of keys[0..count) that stand before keys[i] in ascending order, equal ones in the order of the array.
+// keys and ranks have room for a multiple of 32, 64-byte aligned.
+static inline void simd_rank(const int16_t *keys, uint16_t *ranks, uint32_t count)
+{
+    const __m256i place = _mm256_setr_epi16(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
+    for (uint32_t begin = 0; begin < count; begin += 16) {
+        const uint32_t end = begin + 16 < count ? begin + 16 : count;
+        const __m256i key = _mm256_load_si256((const __m256i *)(keys + begin));
+        __m256i rank = _mm256_set1_epi16((short)begin); // less those behind: a comparison gives 0 or -1
+        for (uint32_t j = 0; j < begin; ++j)
+            rank = _mm256_add_epi16(rank, _mm256_cmpgt_epi16(_mm256_set1_epi16(keys[j]), key));
+        for (uint32_t j = begin; j < end; ++j) { // of equal keys the earlier one comes first
+            const __m256i other = _mm256_set1_epi16(keys[j]);
+            const __m256i later = _mm256_cmpgt_epi16(place, _mm256_set1_epi16((short)(j - begin)));
+            const __m256i before = _mm256_or_si256(_mm256_cmpgt_epi16(key, other),
+                                                   _mm256_and_si256(_mm256_cmpeq_epi16(other, key), later));
+            rank = _mm256_sub_epi16(rank, before);
+        }
+        for (uint32_t j = end; j < count; ++j)
+            rank = _mm256_sub_epi16(rank, _mm256_cmpgt_epi16(key, _mm256_set1_epi16(keys[j])));
+        _mm256_store_si256((__m256i *)(ranks + begin), rank);
+    }
+}
+
+// The lanes as int16, which they must fit.
+static inline void vi_store_i16(int16_t *p, vi x)
+{
+    _mm256_storeu_si256((__m256i *)p, _mm256_permute4x64_epi64(_mm256_packs_epi32(x.a, x.b), 0xD8));
+}

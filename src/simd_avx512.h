@@ -44,9 +44,11 @@ static inline unsigned vm_bits(vm a) { return a; }
 static inline vm vm_from_bits(unsigned bits) { return (vm)bits; }
 
 static inline vi vi_load(const int32_t *p) { return _mm512_load_si512(p); }
+static inline vi vi_load_u(const int32_t *p) { return _mm512_loadu_si512(p); }
 static inline void vi_store(int32_t *p, vi a) { _mm512_store_si512(p, a); }
 static inline vi vi_set1(int32_t a) { return _mm512_set1_epi32(a); }
 static inline vi vi_add(vi a, vi b) { return _mm512_add_epi32(a, b); }
+static inline vi vi_sub(vi a, vi b) { return _mm512_sub_epi32(a, b); }
 #define vi_sll(a, n) _mm512_slli_epi32(a, n)
 #define vi_sra(a, n) _mm512_srai_epi32(a, n)
 static inline vf vi_as_vf(vi a) { return _mm512_castsi512_ps(a); }
@@ -59,20 +61,20 @@ static inline vf vf_load_u8(const uint8_t *p)
     return _mm512_cvtepi32_ps(_mm512_cvtepu8_epi32(_mm_loadu_si128((const __m128i *)p)));
 }
 
-// Lane k of the result is the sum over the lanes of v[k], by the tree of vf_sum.
+// Lane k of the result is the sum over the lanes of v[k], by the tree of vf_sum. Each step adds the upper to the lower parts of two
+// vectors: x + y' with one shuffle and one blend, as blends run on more ports than shuffles.
 static inline vf vf_sum16(const vf v[16])
 {
     vf a[8], b[4], c[2];
     for (int k = 0; k < 8; ++k) // 256-bit halves of v[k] and v[k + 8]
-        a[k] = _mm512_add_ps(_mm512_shuffle_f32x4(v[k], v[k + 8], 0x44), _mm512_shuffle_f32x4(v[k], v[k + 8], 0xEE));
-    for (int k = 0; k < 4; ++k) // quarters: result quarters are k, k+8, k+4, k+12
-        b[k] = _mm512_add_ps(_mm512_shuffle_f32x4(a[k], a[k + 4], 0x88), _mm512_shuffle_f32x4(a[k], a[k + 4], 0xDD));
+        a[k] = _mm512_add_ps(_mm512_shuffle_f32x4(v[k], v[k + 8], 0x4E), _mm512_mask_blend_ps(0xFF00, v[k], v[k + 8]));
+    const vi quarters = _mm512_setr_epi32(4, 5, 6, 7, 16, 17, 18, 19, 12, 13, 14, 15, 24, 25, 26, 27);
+    for (int k = 0; k < 4; ++k) // quarters: k, k + 4, k + 8, k + 12
+        b[k] = _mm512_add_ps(_mm512_permutex2var_ps(a[k], quarters, a[k + 4]), _mm512_mask_blend_ps(0xF0F0, a[k], a[k + 4]));
     for (int k = 0; k < 2; ++k) // pairs: each quarter holds k, k, k+2, k+2
-        c[k] = _mm512_add_ps(_mm512_shuffle_ps(b[k], b[k + 2], 0x44), _mm512_shuffle_ps(b[k], b[k + 2], 0xEE));
+        c[k] = _mm512_add_ps(_mm512_shuffle_ps(b[k], b[k + 2], 0x4E), _mm512_mask_blend_ps(0xCCCC, b[k], b[k + 2]));
     const vf d = _mm512_add_ps(_mm512_shuffle_ps(c[0], c[1], 0x88), _mm512_shuffle_ps(c[0], c[1], 0xDD));
-    // Lane (quarter, j) now holds v[quarter base + order(j)], j -> 0, 2, 1, 3 and quarters 0, 8, 4, 12.
-    const vi order = _mm512_setr_epi32(0, 2, 1, 3, 8, 10, 9, 11, 4, 6, 5, 7, 12, 14, 13, 15);
-    return _mm512_permutexvar_ps(order, d);
+    return _mm512_permute_ps(d, 0xD8); // 0, 2, 1, 3 within each quarter
 }
 
 // Transposes 16 rows of 16 lanes in place.
@@ -101,3 +103,36 @@ static inline void vf_transpose16(vf r[16])
 static inline vf vf_mul_where(vm m, vf a, vf b) { return _mm512_mask_mul_ps(a, m, a, b); }
 static inline vf vf_add_where(vm m, vf a, vf b) { return _mm512_mask_add_ps(a, m, a, b); }
 static inline vf vf_sub_where(vm m, vf a, vf b) { return _mm512_mask_sub_ps(a, m, a, b); }
+
+// Writes the lanes of m together to p and returns their number. All sixteen words from p on may be overwritten.
+static inline unsigned vi_compress_store(int32_t *p, vm m, vi a)
+{
+    _mm512_storeu_si512(p, _mm512_maskz_compress_epi32(m, a));
+    return (unsigned)__builtin_popcount(m);
+}
+
+// ranks[i] = the number of keys[0..count) that stand before keys[i] in ascending order, equal ones in the order of the array.
+// keys and ranks have room for a multiple of 32, 64-byte aligned.
+static inline void simd_rank(const int16_t *keys, uint16_t *ranks, uint32_t count)
+{
+    const __m512i one = _mm512_set1_epi16(1);
+    for (uint32_t begin = 0; begin < count; begin += 32) {
+        const uint32_t end = begin + 32 < count ? begin + 32 : count;
+        const __m512i key = _mm512_load_si512(keys + begin);
+        __m512i rank = _mm512_setzero_si512();
+        for (uint32_t j = 0; j < begin; ++j)
+            rank = _mm512_mask_add_epi16(rank, _mm512_cmple_epi16_mask(_mm512_set1_epi16(keys[j]), key), rank, one);
+        for (uint32_t j = begin; j < end; ++j) { // of equal keys the earlier one comes first
+            const __m512i other = _mm512_set1_epi16(keys[j]);
+            const __mmask32 later = (__mmask32)(0xFFFFFFFEu << (j - begin));
+            const __mmask32 before = _mm512_cmplt_epi16_mask(other, key) | (_mm512_cmpeq_epi16_mask(other, key) & later);
+            rank = _mm512_mask_add_epi16(rank, before, rank, one);
+        }
+        for (uint32_t j = end; j < count; ++j)
+            rank = _mm512_mask_add_epi16(rank, _mm512_cmplt_epi16_mask(_mm512_set1_epi16(keys[j]), key), rank, one);
+        _mm512_store_si512(ranks + begin, rank);
+    }
+}
+
+// The lanes as int16, which they must fit.
+static inline void vi_store_i16(int16_t *p, vi a) { _mm256_storeu_si256((__m256i *)p, _mm512_cvtepi32_epi16(a)); }

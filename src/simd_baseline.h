@@ -62,9 +62,11 @@ static inline int vm_any(vm a) { return vm_bits(a) != 0; }
 static inline vm vm_from_bits(unsigned bits) { SGSI_LANES(vm, -(int32_t)(bits >> i & 1)); }
 
 static inline vi vi_load(const int32_t *p) { vi r; memcpy(&r, p, sizeof r); return r; }
+static inline vi vi_load_u(const int32_t *p) { vi r; memcpy(&r, p, sizeof r); return r; }
 static inline void vi_store(int32_t *p, vi a) { memcpy(p, &a, sizeof a); }
 static inline vi vi_set1(int32_t a) { SGSI_LANES(vi, a); }
 static inline vi vi_add(vi a, vi b) { SGSI_LANES(vi, (int32_t)((uint32_t)a.x[i] + (uint32_t)b.x[i])); }
+static inline vi vi_sub(vi a, vi b) { SGSI_LANES(vi, (int32_t)((uint32_t)a.x[i] - (uint32_t)b.x[i])); }
 static inline vi vi_sll(vi a, int n) { SGSI_LANES(vi, (int32_t)((uint32_t)a.x[i] << n)); }
 static inline vi vi_sra(vi a, int n) { SGSI_LANES(vi, a.x[i] >> n); }
 static inline vf vi_as_vf(vi a) { vf r; memcpy(&r, &a, sizeof r); return r; }
@@ -103,3 +105,31 @@ static inline void vf_transpose16(vf r[16])
 static inline vf vf_mul_where(vm m, vf a, vf b) { SGSI_LANES(vf, m.x[i] ? a.x[i] * b.x[i] : a.x[i]); }
 static inline vf vf_add_where(vm m, vf a, vf b) { SGSI_LANES(vf, m.x[i] ? a.x[i] + b.x[i] : a.x[i]); }
 static inline vf vf_sub_where(vm m, vf a, vf b) { SGSI_LANES(vf, m.x[i] ? a.x[i] - b.x[i] : a.x[i]); }
+
+// Writes the lanes of m together to p and returns their number. All sixteen words from p on may be overwritten.
+static inline unsigned vi_compress_store(int32_t *p, vm m, vi a)
+{
+    unsigned count = 0;
+    for (int i = 0; i < 16; ++i)
+        if (m.x[i])
+            p[count++] = a.x[i];
+    return count;
+}
+
+// ranks[i] = the number of keys[0..count) that stand before keys[i] in ascending order, equal ones in the order of the array.
+static inline void simd_rank(const int16_t *keys, uint16_t *ranks, uint32_t count)
+{
+    for (uint32_t i = 0; i < count; ++i) {
+        uint32_t rank = 0;
+        for (uint32_t j = 0; j < count; ++j)
+            rank += j < i ? keys[j] <= keys[i] : keys[j] < keys[i];
+        ranks[i] = (uint16_t)rank;
+    }
+}
+
+// The lanes as int16, which they must fit.
+static inline void vi_store_i16(int16_t *p, vi a)
+{
+    for (int i = 0; i < 16; ++i)
+        p[i] = (int16_t)a.x[i];
+}

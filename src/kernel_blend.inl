@@ -5,7 +5,7 @@
 //
 // Exact order without sorting lanes. The elements of a block come in the order of its centre ray; in a lane two of them
 // may be swapped. Blending needs the order only through the transmittance in front of each hit,
-// T_i = product of (1 - alpha_j) over the hits with (t_j, id_j) < (t_i, id_i), so nothing is moved: the running
+// T_i = product of (1 - alpha_j) over the hits with t_j < t_i (equal ones by |delta|, then id), so nothing is moved: the running
 // product gives T_i where the orders agree, and where an element lies in front of earlier ones in some lane (its t is below the
 // running maximum), both sides of each such pair are corrected: the T of one takes in the factor that the other leaves out. That
 // is done for four elements against four at a time, so that loads, stores and branches are shared by sixteen pairs. Elements
@@ -75,45 +75,42 @@ enum { GROUP = 4 };
 
 typedef struct block_elements {
     float *restrict alpha, *restrict through;      // through = 1 - alpha
-    float *restrict t;                             // [element][2][16]: t, and t plus one unit in the last place
+    float *restrict t;
     float *restrict transmittance;                 // T in front of the element
     float *restrict prefix, *restrict t_before;    // [group]: product and largest t of everything before the group
-    uint32_t *restrict ids, *restrict walk;        // walk [group]: groups to look back at for swapped pairs
+    uint32_t *restrict walk;                       // [group]: groups to look back at for swapped pairs
     float *restrict a, *restrict b, *restrict e;   // responses for the backward pass
 } block_elements;
 
 static inline block_elements open_elements(const sgsi_scratch *s)
 {
     const size_t lanes = 16 * GROUP;
-    return (block_elements){s->alpha + lanes, s->through + lanes, s->t + 2 * lanes, s->transmittance + lanes, s->prefix + 16,
-                            s->t_before + 16, s->kept_ids + GROUP, s->walk, s->a, s->b, s->e};
+    return (block_elements){s->alpha + lanes, s->through + lanes, s->t + lanes, s->transmittance + lanes, s->prefix + 16,
+                            s->t_before + 16, s->walk, s->a, s->b, s->e};
 }
 
-static inline void put_element(const block_elements *el, ptrdiff_t i, vf alpha, vf t, uint32_t id)
+static inline void put_element(const block_elements *el, ptrdiff_t i, vf alpha, vf t)
 {
     vf_store(el->alpha + 16 * i, alpha);
     vf_store(el->through + 16 * i, vf_sub(vf_set1(1.0f), alpha));
-    vf_store(el->t + 32 * i, t);
-    vf_store(el->t + 32 * i + 16, vi_as_vf(vi_add(vf_as_vi(t), vi_set1(1))));
-    el->ids[i] = id;
+    vf_store(el->t + 16 * i, t);
 }
 
 static inline void put_sentinels(const block_elements *el)
 {
     for (int k = -GROUP; k < 0; ++k) {
-        put_element(el, k, vf_zero(), vf_set1(-INFINITY), 0);
+        put_element(el, k, vf_zero(), vf_set1(-INFINITY));
         vf_store(el->transmittance + 16 * k, vf_set1(1.0f));
     }
     vf_store(el->prefix - 16, vf_set1(1.0f));
     vf_store(el->t_before - 16, vf_set1(-INFINITY));
 }
 
-// In which lanes does element j (at distance t_j) lie in front of element i? Ties go to the smaller id: then the bound is one
-// unit in the last place higher (t > 0, so the next integer is the next float). Where i has no hit the bound is -infinity or,
-// one unit on, NaN: false.
-static inline vm in_front(const block_elements *el, vf t_j, ptrdiff_t j, ptrdiff_t i)
+// In which lanes does an element at distance t_j lie in front of element i, which comes later in the list? Equal distances keep
+// the order of the list: near to far by |delta|, then by id. Where i has no hit (-infinity) only those without one do.
+static inline vm in_front(const block_elements *el, vf t_j, ptrdiff_t i)
 {
-    return vf_lt(t_j, vf_load(el->t + 32 * i + 16 * (el->ids[j] < el->ids[i])));
+    return vf_le(t_j, vf_load(el->t + 16 * i));
 }
 
 // T of the four elements of group g, and the correction of the groups before it that are not all in front. prefix and t_last
@@ -127,7 +124,7 @@ static inline void order_group(const block_elements *el, uint32_t g, vf *prefix,
     vf nearest = vf_set1(INFINITY), farthest = *t_last, all = *prefix;
     for (int i = 0; i < GROUP; ++i) {
         through[i] = vf_load(el->through + 16 * (first + i));
-        const vf t = vf_load(el->t + 32 * (first + i));
+        const vf t = vf_load(el->t + 16 * (first + i));
         nearest = vf_min(vf_select(vf_gt(t, vf_zero()), t, vf_set1(INFINITY)), nearest);
         farthest = vf_max(farthest, t);
         all = vf_mul(all, through[i]);
@@ -136,26 +133,26 @@ static inline void order_group(const block_elements *el, uint32_t g, vf *prefix,
     vf_store(el->t_before + 16 * g, *t_last);
     ptrdiff_t back = g;
     vf t_before = *t_last;
-    while (back >= 0 && vm_any(vf_le(nearest, t_before)))
+    while (back >= 0 && vm_any(vf_lt(nearest, t_before)))
         t_before = vf_load(el->t_before + 16 * --back);
     el->walk[g] = (uint32_t)(g - back);
     const vf base = vf_load(el->prefix + 16 * back);
     for (int i = 0; i < GROUP; ++i)
         front[i] = base;
     for (ptrdiff_t at = back * GROUP; at < first; ++at) {
-        const vf t_j = vf_load(el->t + 32 * at), through_j = vf_load(el->through + 16 * at);
+        const vf t_j = vf_load(el->t + 16 * at), through_j = vf_load(el->through + 16 * at);
         vf front_j = vf_load(el->transmittance + 16 * at);
         for (int i = 0; i < GROUP; ++i) {
-            const vm before = in_front(el, t_j, at, first + i);
+            const vm before = in_front(el, t_j, first + i);
             front[i] = vf_mul_where(before, front[i], through_j);
             front_j = vf_mul_where(vm_not(before), front_j, through[i]);
         }
         vf_store(el->transmittance + 16 * at, front_j);
     }
     for (int j = 0; j < GROUP; ++j) {
-        const vf t_j = vf_load(el->t + 32 * (first + j));
+        const vf t_j = vf_load(el->t + 16 * (first + j));
         for (int i = j + 1; i < GROUP; ++i) {
-            const vm before = in_front(el, t_j, first + j, first + i);
+            const vm before = in_front(el, t_j, first + i);
             front[i] = vf_mul_where(before, front[i], through[j]);
             front[j] = vf_mul_where(vm_not(before), front[j], through[i]);
         }
@@ -198,7 +195,6 @@ static inline uint32_t evaluate_block(sgsi_scratch *s, const sgsi_tile_rays *ray
 {
     const block_elements el = open_elements(s);
     const float *restrict records = s->tile_records;
-    const uint32_t *restrict tile_ids = s->tile_ids;
     vf prefix = vf_set1(1.0f), t_last = vf_set1(-INFINITY);
     uint32_t kept = 0, ordered = 0, i = 0;
     put_sentinels(&el);
@@ -209,7 +205,7 @@ static inline uint32_t evaluate_block(sgsi_scratch *s, const sgsi_tile_rays *ray
             if (!vm_any(x.hit))
                 continue;
             order[kept] = index;
-            put_element(&el, kept, x.alpha, x.t, tile_ids[index]);
+            put_element(&el, kept, x.alpha, x.t);
             if (keep_responses) {
                 vf_store(el.a + 16 * kept, x.a);
                 vf_store(el.b + 16 * kept, x.b);
@@ -218,7 +214,7 @@ static inline uint32_t evaluate_block(sgsi_scratch *s, const sgsi_tile_rays *ray
             ++kept;
         }
         for (uint32_t k = kept; k < ordered + 2 * GROUP; ++k) // only at the end of the list
-            put_element(&el, k, vf_zero(), vf_set1(-INFINITY), 0);
+            put_element(&el, k, vf_zero(), vf_set1(-INFINITY));
         for (; ordered < kept; ordered += GROUP)
             order_group(&el, ordered / GROUP, &prefix, &t_last);
         if (may_stop && !vm_any(vm_and(block->valid, vf_ge(prefix, vf_set1(TRANSMITTANCE_MIN)))) &&
@@ -264,7 +260,7 @@ static inline blended blend_block(const sgsi_scratch *s, const uint32_t *order, 
                    .depth = zero, .median = zero, .first = vf_set1(INFINITY), .hits = zero};
     for (uint32_t i = 0; i < count; ++i) {
         const float *r = s->tile_records + 16 * (size_t)order[i] + SGSI_RECORD_COLOR;
-        const vf alpha = vf_load(el.alpha + 16 * i), t = vf_load(el.t + 32 * i);
+        const vf alpha = vf_load(el.alpha + 16 * i), t = vf_load(el.t + 16 * i);
         const vf front = vf_load(el.transmittance + 16 * i), through = vf_load(el.through + 16 * i);
         const vf back = vf_mul(front, through);
         const vm counts = vf_ge(back, vf_set1(TRANSMITTANCE_MIN));
@@ -336,9 +332,9 @@ static inline void order_behind(const block_elements *el, const float *restrict 
         gained[i] = vf_zero();
     }
     for (int j = 0; j < GROUP; ++j) {
-        const vf t_j = vf_load(el->t + 32 * (first + j));
+        const vf t_j = vf_load(el->t + 16 * (first + j));
         for (int i = j + 1; i < GROUP; ++i) {
-            const vm swapped = vm_not(in_front(el, t_j, first + j, first + i));
+            const vm swapped = vm_not(in_front(el, t_j, first + i));
             gained[i] = vf_add_where(swapped, gained[i], q_i[j]);
             gained[j] = vf_sub_where(swapped, gained[j], q_i[i]);
         }
@@ -346,10 +342,10 @@ static inline void order_behind(const block_elements *el, const float *restrict 
     for (ptrdiff_t back = (ptrdiff_t)g - 1; back >= (ptrdiff_t)g - (ptrdiff_t)el->walk[g]; --back) {
         for (int j = 0; j < GROUP; ++j) {
             const ptrdiff_t at = back * GROUP + j;
-            const vf t_j = vf_load(el->t + 32 * at), q_j = vf_load(q + 16 * at);
+            const vf t_j = vf_load(el->t + 16 * at), q_j = vf_load(q + 16 * at);
             vf lost = vf_load(behind + 16 * at);
             for (int i = 0; i < GROUP; ++i) {
-                const vm swapped = vm_not(in_front(el, t_j, at, first + i));
+                const vm swapped = vm_not(in_front(el, t_j, first + i));
                 gained[i] = vf_add_where(swapped, gained[i], q_j);
                 lost = vf_sub_where(swapped, lost, q_i[i]);
             }

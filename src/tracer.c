@@ -72,7 +72,7 @@ void sgsi_scratch_free(sgsi_scratch *s)
 {
     void *const arrays[] = {s->soa, s->candidates, s->tile_records, s->tile_ids, s->entry_keys, s->entries, s->sort_spare,
                             s->order, s->alpha, s->through, s->behind, s->t, s->transmittance, s->prefix, s->t_before,
-                            s->a, s->b, s->e, s->q, s->sums, s->walk, s->kept_ids};
+                            s->a, s->b, s->e, s->q, s->sums, s->walk};
     for (size_t i = 0; i < sizeof arrays / sizeof *arrays; ++i)
         sgsi_free(arrays[i]);
     *s = (sgsi_scratch){0};
@@ -199,11 +199,10 @@ bool sgsi_scratch_reserve(sgsi_scratch *s, size_t capacity)
     } arrays[] = {{(void **)&s->soa, 64}, {(void **)&s->candidates, 4}, {(void **)&s->tile_records, 64},
                   {(void **)&s->tile_ids, 4}, {(void **)&s->entry_keys, 4 * SGSI_BLOCKS},
                   {(void **)&s->entries, 4 * SGSI_BLOCKS}, {(void **)&s->sort_spare, 16}, {(void **)&s->order, 4 * SGSI_BLOCKS},
-                  {(void **)&s->alpha, 64}, {(void **)&s->through, 64}, {(void **)&s->behind, 64}, {(void **)&s->t, 128},
+                  {(void **)&s->alpha, 64}, {(void **)&s->through, 64}, {(void **)&s->behind, 64}, {(void **)&s->t, 64},
                   {(void **)&s->transmittance, 64},
                   {(void **)&s->prefix, 64}, {(void **)&s->t_before, 64}, {(void **)&s->a, 64}, {(void **)&s->b, 64},
-                  {(void **)&s->e, 64}, {(void **)&s->q, 64}, {(void **)&s->sums, 64}, {(void **)&s->walk, 4},
-                  {(void **)&s->kept_ids, 4}};
+                  {(void **)&s->e, 64}, {(void **)&s->q, 64}, {(void **)&s->sums, 64}, {(void **)&s->walk, 4}};
     s->capacity = 0;
     for (size_t i = 0; i < sizeof arrays / sizeof *arrays; ++i) {
         sgsi_free(*arrays[i].array);

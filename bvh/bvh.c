@@ -83,6 +83,8 @@ static void note_primitive(const struct RTCOccludedFunctionNArguments *arguments
         }
         list->capacity = capacity;
     }
+    if (list->rows)
+        __builtin_prefetch((const char *)list->rows + arguments->primID * list->row_bytes);
     list->ids[list->count++] = arguments->primID;
 }
 

@@ -46,6 +46,8 @@ typedef struct sgsi_packet {
 typedef struct sgsi_gather_list {
     uint32_t *ids;
     size_t count, capacity;
+    const void *rows; // NULL, or what the caller reads next of each primitive: row `id` is prefetched
+    size_t row_bytes;
 } sgsi_gather_list;
 
 // Appends the id of every primitive whose bounds a ray of the packet may cross at a distance in [0, far], in no

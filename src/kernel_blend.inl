@@ -64,7 +64,7 @@ static inline response respond(const float *r, const block_rays *block)
     const vf exponent = vf_sub(vf_set1(r[9]), x.e);
     x.t = vf_mul(vf_set1(r[11]), c_g);
     x.hit = vm_and(vm_and(vf_ge(exponent, vf_set1(-SGSI_LOG2_255)), vf_gt(x.t, block->near)), block->valid);
-    x.alpha = vf_keep(x.hit, vf_min(vf_exp2(vf_max(exponent, vf_set1(-10.0f))), vf_set1(ALPHA_MAX)));
+    x.alpha = vf_keep(x.hit, vf_min(vf_exp2(exponent), vf_set1(ALPHA_MAX)));
     x.t = vf_select(x.hit, x.t, vf_set1(-INFINITY));
     return x;
 }
@@ -74,8 +74,7 @@ static inline response respond(const float *r, const block_rays *block)
 enum { GROUP = 4 };
 
 typedef struct block_elements {
-    float *restrict alpha, *restrict through;      // through = 1 - alpha
-    float *restrict t;
+    float *restrict alpha, *restrict t;
     float *restrict transmittance;                 // T in front of the element
     float *restrict prefix, *restrict t_before;    // [group]: product and largest t of everything before the group
     uint32_t *restrict walk;                       // [group]: groups to look back at for swapped pairs
@@ -85,14 +84,19 @@ typedef struct block_elements {
 static inline block_elements open_elements(const sgsi_scratch *s)
 {
     const size_t lanes = 16 * GROUP;
-    return (block_elements){s->alpha + lanes, s->through + lanes, s->t + lanes, s->transmittance + lanes, s->prefix + 16,
+    return (block_elements){s->alpha + lanes, s->t + lanes, s->transmittance + lanes, s->prefix + 16,
                             s->t_before + 16, s->walk, s->a, s->b, s->e};
+}
+
+// 1 - alpha: one subtraction costs less than another stored row.
+static inline vf load_through(const block_elements *el, ptrdiff_t i)
+{
+    return vf_sub(vf_set1(1.0f), vf_load(el->alpha + 16 * i));
 }
 
 static inline void put_element(const block_elements *el, ptrdiff_t i, vf alpha, vf t)
 {
     vf_store(el->alpha + 16 * i, alpha);
-    vf_store(el->through + 16 * i, vf_sub(vf_set1(1.0f), alpha));
     vf_store(el->t + 16 * i, t);
 }
 
@@ -123,7 +127,7 @@ static inline void order_group(const block_elements *el, uint32_t g, vf *prefix,
     vf through[GROUP], front[GROUP];
     vf nearest = vf_set1(INFINITY), farthest = *t_last, all = *prefix;
     for (int i = 0; i < GROUP; ++i) {
-        through[i] = vf_load(el->through + 16 * (first + i));
+        through[i] = load_through(el, first + i);
         const vf t = vf_load(el->t + 16 * (first + i));
         nearest = vf_min(vf_select(vf_gt(t, vf_zero()), t, vf_set1(INFINITY)), nearest);
         farthest = vf_max(farthest, t);
@@ -140,7 +144,7 @@ static inline void order_group(const block_elements *el, uint32_t g, vf *prefix,
     for (int i = 0; i < GROUP; ++i)
         front[i] = base;
     for (ptrdiff_t at = back * GROUP; at < first; ++at) {
-        const vf t_j = vf_load(el->t + 16 * at), through_j = vf_load(el->through + 16 * at);
+        const vf t_j = vf_load(el->t + 16 * at), through_j = load_through(el, at);
         vf front_j = vf_load(el->transmittance + 16 * at);
         for (int i = 0; i < GROUP; ++i) {
             const vm before = in_front(el, t_j, first + i);
@@ -261,7 +265,7 @@ static inline blended blend_block(const sgsi_scratch *s, const uint32_t *order, 
     for (uint32_t i = 0; i < count; ++i) {
         const float *r = s->tile_records + 16 * (size_t)order[i] + SGSI_RECORD_COLOR;
         const vf alpha = vf_load(el.alpha + 16 * i), t = vf_load(el.t + 16 * i);
-        const vf front = vf_load(el.transmittance + 16 * i), through = vf_load(el.through + 16 * i);
+        const vf front = vf_load(el.transmittance + 16 * i), through = vf_sub(one, alpha);
         const vf back = vf_mul(front, through);
         const vm counts = vf_ge(back, vf_set1(TRANSMITTANCE_MIN));
         const vf w = vf_keep(counts, vf_mul(front, alpha));
@@ -368,9 +372,10 @@ static inline vf weigh_block(const sgsi_scratch *s, const block_elements *el, co
     vf end = vf_set1(1.0f);
     for (uint32_t i = 0; i < count; ++i) {
         const float *r = records + 16 * (size_t)order[i] + SGSI_RECORD_COLOR;
-        const vf front = vf_load(el->transmittance + 16 * i), through = vf_load(el->through + 16 * i);
+        const vf front = vf_load(el->transmittance + 16 * i), alpha = vf_load(el->alpha + 16 * i);
+        const vf through = vf_sub(vf_set1(1.0f), alpha);
         const vm counts = vf_ge(vf_mul(front, through), vf_set1(TRANSMITTANCE_MIN));
-        const vf w = vf_keep(counts, vf_mul(front, vf_load(el->alpha + 16 * i)));
+        const vf w = vf_keep(counts, vf_mul(front, alpha));
         end = vf_mul_where(counts, end, through);
         const vf shade = vf_fma(vf_set1(r[0]), d->color[0], vf_fma(vf_set1(r[1]), d->color[1], vf_mul(vf_set1(r[2]), d->color[2])));
         vf_store(el->transmittance + 16 * i, w);
@@ -410,7 +415,7 @@ static void backward_block(sgsi_scratch *s, const sgsi_tile_list *list, sgsi_til
         const vf q = vf_load(qs + 16 * i);
         const vf a = vf_load(el.a + 16 * i), bb = vf_load(el.b + 16 * i), e = vf_load(el.e + 16 * i);
         const vm counted = vf_gt(w, zero);
-        const vf hidden = vf_mul(vf_add(run, vf_load(behind + 16 * i)), vf_div(alpha, vf_load(el.through + 16 * i)));
+        const vf hidden = vf_mul(vf_add(run, vf_load(behind + 16 * i)), vf_div(alpha, vf_sub(one, alpha)));
         const vf v = vf_keep(counted, vf_sub(q, hidden));
         run = vf_add(run, q);
         const vf va = vf_mul(v, a), vb = vf_mul(v, bb), ve = vf_mul(v, e);

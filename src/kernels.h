@@ -33,7 +33,7 @@ typedef struct sgsi_scratch {
     uint32_t *entries;    // [16][capacity]: indices into tile_records
     uint64_t *sort_spare; // [2][capacity]
     uint32_t *order;      // [16][capacity]: indices into tile_records in the block's order
-    float *alpha, *through, *t, *transmittance, *prefix, *t_before; // elements of a block: [capacity][16]
+    float *alpha, *t, *transmittance, *prefix, *t_before; // elements of a block: [capacity][16]
     float *a, *b, *e, *q, *behind;                                  // [capacity][16], backward only
     float *sums;          // [capacity][16]
     uint32_t *walk;       // [capacity]: how many groups a group of elements had to look back to find its place

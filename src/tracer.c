@@ -21,7 +21,7 @@
 #include "radix.h"
 #include "threads.h"
 
-enum { REDUCE_SLOTS = 1 << 18, MAX_THREADS = SGSI_THREADS_MAX };
+enum { REDUCE_SLOTS = 1 << 18, REDUCE_AHEAD = 12, MAX_THREADS = SGSI_THREADS_MAX };
 
 typedef struct thread_state {
     sgsi_scratch scratch;
@@ -71,7 +71,7 @@ sgs_status sgsi_tracer_create(sgsi_tracer **tracer)
 void sgsi_scratch_free(sgsi_scratch *s)
 {
     void *const arrays[] = {s->soa, s->candidates, s->tile_records, s->tile_ids, s->entry_keys, s->entries, s->sort_spare,
-                            s->order, s->alpha, s->through, s->behind, s->t, s->transmittance, s->prefix, s->t_before,
+                            s->order, s->alpha, s->behind, s->t, s->transmittance, s->prefix, s->t_before,
                             s->a, s->b, s->e, s->q, s->sums, s->walk};
     for (size_t i = 0; i < sizeof arrays / sizeof *arrays; ++i)
         sgsi_free(arrays[i]);
@@ -199,7 +199,7 @@ bool sgsi_scratch_reserve(sgsi_scratch *s, size_t capacity)
     } arrays[] = {{(void **)&s->soa, 64}, {(void **)&s->candidates, 4}, {(void **)&s->tile_records, 64},
                   {(void **)&s->tile_ids, 4}, {(void **)&s->entry_keys, 4 * SGSI_BLOCKS},
                   {(void **)&s->entries, 4 * SGSI_BLOCKS}, {(void **)&s->sort_spare, 16}, {(void **)&s->order, 4 * SGSI_BLOCKS},
-                  {(void **)&s->alpha, 64}, {(void **)&s->through, 64}, {(void **)&s->behind, 64}, {(void **)&s->t, 64},
+                  {(void **)&s->alpha, 64}, {(void **)&s->behind, 64}, {(void **)&s->t, 64},
                   {(void **)&s->transmittance, 64},
                   {(void **)&s->prefix, 64}, {(void **)&s->t_before, 64}, {(void **)&s->a, 64}, {(void **)&s->b, 64},
                   {(void **)&s->e, 64}, {(void **)&s->q, 64}, {(void **)&s->sums, 64}, {(void **)&s->walk, 4}};
@@ -265,6 +265,8 @@ static size_t gather_bin(const forward_pass *pass, thread_state *state, int bin,
         packet.far[i] = far * 1.0001f;
     }
     state->gathered.count = 0;
+    state->gathered.rows = pass->tracer->records; // their lines are on the way while the traversal goes on
+    state->gathered.row_bytes = SGSI_RECORD * sizeof(float);
     state->status = sgsi_bvh_gather(pass->tracer->bvh, &packet, &state->gathered);
     const size_t gathered = state->gathered.count;
     if (gathered > state->key_capacity) {
@@ -506,6 +508,8 @@ static void reduce_range(void *context, size_t item, int thread)
     const size_t slots = tracer->slot_begin[pass->last_tile] - tracer->slot_begin[pass->first_tile];
     for (size_t slot = 0; slot < slots; ++slot) {
         const uint32_t id = tracer->slot_ids[slot];
+        if (slot + REDUCE_AHEAD < slots && tracer->slot_ids[slot + REDUCE_AHEAD] - begin < length)
+            __builtin_prefetch(tracer->sums + (size_t)tracer->slot_ids[slot + REDUCE_AHEAD] * SGSI_RECORD, 1);
         if (id - begin >= length)
             continue;
         const size_t block = id / SGS_LANES;

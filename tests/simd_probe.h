@@ -53,7 +53,7 @@ enum {
 };
 
 // Rows of `integers`.
-enum { PROBE_IADD, PROBE_SLL, PROBE_SRA, PROBE_ROUND, PROBE_BITS, PROBE_ISET1, PROBE_INTEGER_COUNT };
+enum { PROBE_IADD, PROBE_ISUB, PROBE_SLL, PROBE_SRA, PROBE_ROUND, PROBE_BITS, PROBE_ISET1, PROBE_INTEGER_COUNT };
 
 typedef struct simd_probe {
     const char *name;
@@ -70,6 +70,9 @@ typedef struct simd_probe {
     void (*sum16)(const float x[16][16], float out[16]);
     void (*transpose)(float x[16][16]);
     void (*load_u8)(const uint8_t *p, float out[16]); // p: any address
+    unsigned (*compress)(const int32_t *p, unsigned mask, int32_t *out); // out: [16], any address
+    void (*narrow)(const int32_t *p, int16_t *out);                      // out: [16], any address
+    void (*rank)(const int16_t *keys, uint16_t *ranks, uint32_t count);
 } simd_probe;
 
 extern const simd_probe simd_probe_baseline, simd_probe_avx2, simd_probe_avx512;

@@ -71,6 +71,7 @@ static void probe_integers(const int32_t *pp, const int32_t *pq, const float *x,
 {
     const vi p = vi_load(pp), q = vi_load(pq);
     vi_store(out[PROBE_IADD], vi_add(p, q));
+    vi_store(out[PROBE_ISUB], vi_sub(p, q));
     vi_store(out[PROBE_SLL], vi_sll(p, 23));
     vi_store(out[PROBE_SRA], vi_sra(p, 7));
     vi_store(out[PROBE_ROUND], vf_to_vi(vf_load(x)));
@@ -111,6 +112,21 @@ static void probe_load_u8(const uint8_t *p, float out[16])
     vf_store(out, vf_load_u8(p));
 }
 
+static unsigned probe_compress(const int32_t *p, unsigned mask, int32_t *out)
+{
+    return vi_compress_store(out, vm_from_bits(mask), vi_load_u(p));
+}
+
+static void probe_narrow(const int32_t *p, int16_t *out)
+{
+    vi_store_i16(out, vi_load(p));
+}
+
+static void probe_rank(const int16_t *keys, uint16_t *ranks, uint32_t count)
+{
+    simd_rank(keys, ranks, count);
+}
+
 const simd_probe SGSI_KERNEL(simd_probe) = {
     .name = SGSI_ISA == 2   ? "avx512"
             : SGSI_ISA == 1 ? "avx2"
@@ -126,4 +142,7 @@ const simd_probe SGSI_KERNEL(simd_probe) = {
     .sum16 = probe_sum16,
     .transpose = probe_transpose,
     .load_u8 = probe_load_u8,
+    .compress = probe_compress,
+    .narrow = probe_narrow,
+    .rank = probe_rank,
 };

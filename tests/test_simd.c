@@ -226,12 +226,58 @@ static void integers_wrap_shift_and_round_to_even(void **state)
         probes[k]->to_float(p, back);
         for (int i = 0; i < 16; ++i) {
             assert_int_equal((uint32_t)out[PROBE_IADD][i], (uint32_t)p[i] + (uint32_t)q[i]);
+            assert_int_equal((uint32_t)out[PROBE_ISUB][i], (uint32_t)p[i] - (uint32_t)q[i]);
             assert_int_equal((uint32_t)out[PROBE_SLL][i], (uint32_t)p[i] << 23);
             assert_int_equal(out[PROBE_SRA][i], (int32_t)floor(p[i] / 128.0));
             assert_int_equal(out[PROBE_ROUND][i], (int32_t)nearbyint(x[i]));
             assert_int_equal(out[PROBE_BITS][i], p[i]);
             assert_int_equal(out[PROBE_ISET1][i], p[0]);
             assert_true(back[i] == (float)p[i]);
+        }
+    }
+}
+
+static void compressed_lanes_keep_their_order_and_narrow_ones_their_value(void **state)
+{
+    (void)state;
+    int32_t p[16] __attribute__((aligned(64))), out[17];
+    int16_t narrow[17];
+    for (int i = 0; i < 16; ++i)
+        p[i] = (int32_t)(sgsi_random_bits(9, (uint64_t)i) & 0xFFFF) - 0x8000;
+    for (int k = 0; k < probe_count; ++k) {
+        for (unsigned mask = 0; mask < 0x10000; mask += mask < 64 ? 1 : 37) {
+            unsigned expected = 0;
+            const unsigned count = probes[k]->compress(p, mask, out + 1);
+            for (int i = 0; i < 16; ++i) {
+                if (mask >> i & 1)
+                    assert_int_equal(out[1 + expected++], p[i]);
+            }
+            assert_int_equal(count, expected);
+        }
+        probes[k]->narrow(p, narrow + 1);
+        for (int i = 0; i < 16; ++i)
+            assert_int_equal(narrow[1 + i], p[i]);
+    }
+}
+
+// Against counting by definition; few different keys, so that ties abound.
+static void ranks_count_what_stands_before(void **state)
+{
+    (void)state;
+    enum { MOST = 200 };
+    int16_t keys[MOST + 32] __attribute__((aligned(64)));
+    uint16_t ranks[MOST + 32] __attribute__((aligned(64)));
+    for (uint32_t count = 0; count <= MOST; count += count < 70 ? 1 : 13) {
+        for (uint32_t i = 0; i < MOST; ++i)
+            keys[i] = (int16_t)(sgsi_random_bits(count, i) % (count % 3 ? 9 : 0x8000));
+        for (int k = 0; k < probe_count; ++k) {
+            probes[k]->rank(keys, ranks, count);
+            for (uint32_t i = 0; i < count; ++i) {
+                uint32_t before = 0;
+                for (uint32_t j = 0; j < count; ++j)
+                    before += keys[j] < keys[i] || (keys[j] == keys[i] && j < i);
+                assert_int_equal(ranks[i], before);
+            }
         }
     }
 }
@@ -333,6 +379,8 @@ int main(void)
         cmocka_unit_test(comparisons_select_and_minimum_agree_with_c_even_for_nan),
         cmocka_unit_test(masks_are_sixteen_bits),
         cmocka_unit_test(integers_wrap_shift_and_round_to_even),
+        cmocka_unit_test(compressed_lanes_keep_their_order_and_narrow_ones_their_value),
+        cmocka_unit_test(ranks_count_what_stands_before),
         cmocka_unit_test(bytes_become_floats_at_any_address),
         cmocka_unit_test(sums_follow_the_documented_tree_to_the_bit),
         cmocka_unit_test(transpose_moves_every_lane_to_its_place),

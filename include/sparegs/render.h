@@ -7,8 +7,9 @@
 //
 // Response of a Gaussian to a ray x(t) = c + t d, |d| = 1 (M = S^-1 R^T, p = M (c - mean), g = M d):
 // rho^2 = |p x g|^2 / |g|^2 at t = -(p.g) / |g|^2; alpha = min(0.99, o exp(-rho^2 / 2)). A hit counts when
-// alpha >= 1/255 and t > near. Hits blend in the order (t, id); the first one that would take the
-// transmittance below 1e-4 and all behind it do not count.
+// alpha >= 1/255 and t > near. Hits blend in the order (t, id) - where two t round to the same float, the tracer takes
+// the nearer mean first, then the smaller id -; the first one that would take the transmittance below 1e-4 and all behind it do
+// not count.
 //
 // Filter `3dgs`: scales become s'^2 = s^2 + 0.3 (z / f)^2 with z the camera depth of the mean (its distance, for
 // fisheye lenses) and f = sqrt(fx fy): the 0.3 px^2 dilation of 3DGS. Filter `none`: the bare Gaussian. Filter

@@ -253,15 +253,13 @@ static inline vf load_block_plane(const float *plane, const sgsi_tile_target *ta
 
 typedef struct blended {
     vf color[3], transmittance, stop; // stop: distance of the hit that ended the ray, in units of |d|
-    vf weight, depth, median, first, hits;
 } blended;
 
-static inline blended blend_block(const sgsi_scratch *s, const uint32_t *order, uint32_t count, bool distances)
+static inline blended blend_block(const sgsi_scratch *s, const uint32_t *order, uint32_t count)
 {
     const block_elements el = open_elements(s);
     const vf one = vf_set1(1.0f), zero = vf_zero();
-    blended out = {.color = {zero, zero, zero}, .transmittance = one, .stop = vf_set1(INFINITY), .weight = zero,
-                   .depth = zero, .median = zero, .first = vf_set1(INFINITY), .hits = zero};
+    blended out = {.color = {zero, zero, zero}, .transmittance = one, .stop = vf_set1(INFINITY)};
     for (uint32_t i = 0; i < count; ++i) {
         const float *r = s->tile_records + 16 * (size_t)order[i] + SGSI_RECORD_COLOR;
         const vf alpha = vf_load(el.alpha + 16 * i), t = vf_load(el.t + 16 * i);
@@ -275,37 +273,16 @@ static inline blended blend_block(const sgsi_scratch *s, const uint32_t *order, 
         out.transmittance = vf_mul(out.transmittance, vf_select(counts, through, one));
         const vm hit = vf_gt(alpha, zero);
         out.stop = vf_min(vf_select(vm_andnot(hit, counts), t, vf_set1(INFINITY)), out.stop);
-        if (distances) {
-            const vm counted = vm_and(hit, counts);
-            out.weight = vf_add(out.weight, w);
-            out.depth = vf_fma(w, vf_select(counted, t, zero), out.depth);
-            out.first = vf_min(vf_select(counted, t, vf_set1(INFINITY)), out.first);
-            out.hits = vf_add(out.hits, vf_keep(counted, one));
-            const vm crossing = vm_and(counted, vm_and(vf_gt(front, vf_set1(0.5f)), vf_le(back, vf_set1(0.5f))));
-            out.median = vf_select(crossing, t, out.median);
-        }
     }
     return out;
 }
 
-static void store_distances(sgsi_tile_target *target, int b, const block_rays *block, const blended *out)
-{
-    const vm any = vf_gt(out->weight, vf_zero());
-    if (target->depth_mean)
-        store_block(target->depth_mean, target, b,
-                    vf_keep(any, vf_mul(vf_div(out->depth, vf_select(any, out->weight, vf_set1(1.0f))), block->length)));
-    if (target->depth_median)
-        store_block(target->depth_median, target, b, vf_mul(out->median, block->length));
-    if (target->depth_first)
-        store_block(target->depth_first, target, b, vf_keep(any, vf_mul(vf_select(any, out->first, vf_zero()), block->length)));
-    if (target->hits)
-        store_block(target->hits, target, b, out->hits);
-}
+#include "kernel_aov.inl"
 
 static void tile_forward(sgsi_scratch *s, sgsi_tile_target *target)
 {
     const sgsi_tile_rays *rays = target->rays;
-    const bool distances = target->depth_mean || target->depth_median || target->depth_first || target->hits;
+    const bool described = target->depth_mean || target->depth_median || target->depth_first || target->hits || target->aov;
     float stop = 0.0f;
     for (int b = 0; b < SGSI_BLOCKS; ++b) {
         const block_rays block = load_block(rays, b, target->near_distance);
@@ -314,12 +291,12 @@ static void tile_forward(sgsi_scratch *s, sgsi_tile_target *target)
         s->entry_count[b] = kept;
         if (rays->x + 4 * (b % 4) >= target->width || rays->y + 4 * (b / 4) >= target->height)
             continue;
-        const blended out = distances ? blend_block(s, order, kept, true) : blend_block(s, order, kept, false);
+        const blended out = blend_block(s, order, kept);
         for (int c = 0; c < 3; ++c)
             store_block(target->color[c], target, b, out.color[c]);
         store_block(target->transmittance, target, b, out.transmittance);
-        if (distances)
-            store_distances(target, b, &block, &out);
+        if (described)
+            describe_block(s, target, b, &block, kept, out.transmittance);
         const float block_stop = largest_lane(vf_select(block.valid, vf_mul(out.stop, block.length), vf_zero()));
         stop = block_stop > stop ? block_stop : stop;
     }

@@ -40,6 +40,16 @@ typedef struct sgsi_scratch {
     uint32_t entry_count[SGSI_BLOCKS]; // elements in `order`
 } sgsi_scratch;
 
+// What a drawing may ask for besides colours and distances. Planes have the stride of the target's; each may be NULL
+// (of three, all or none).
+typedef struct sgsi_aov {
+    float *normal[3], *position[3]; // world
+    uint32_t *primitive;
+    const float *normals;           // [count][4]: each primitive's normal in world axes; needed with `normal`
+    float rotation[9], center[3];   // of the view; needed with `position`
+    bool axis_depth;                // distances along the camera's axis
+} sgsi_aov;
+
 // One tile of an image to blend or to differentiate.
 typedef struct sgsi_tile_target {
     const sgsi_tile_rays *rays;
@@ -48,6 +58,7 @@ typedef struct sgsi_tile_target {
     float *color[3], *transmittance;   // forward, always
     float *depth_mean, *depth_median, *depth_first, *hits; // forward, each may be NULL
     const float *d_color[3], *d_transmittance; // backward
+    const sgsi_aov *aov; // forward, NULL = nothing more
     float near_distance;
     float stop_distance; // out: largest distance at which a pixel stopped; INFINITY when one did not
     uint64_t evaluations, counted; // out, added to: block evaluations and counted hits

@@ -36,7 +36,7 @@ typedef struct sgsi_reference_view {
     double center[3]; // c, world
     double near_distance;
     double filter_scale; // eps^2 = filter_scale z^2
-    bool mip;
+    bool mip, axis_depth;
     size_t count;
     sgsi_reference_primitive *primitives; // [count], owned
 } sgsi_reference_view;
@@ -54,6 +54,9 @@ bool sgsi_reference_ray(const sgsi_reference_view *view, int x, int y, double di
 // rho^2 and t of one primitive on the ray c + t direction. NaN for a degenerate primitive.
 void sgsi_reference_response(const sgsi_reference_primitive *primitive, const double direction[3], double *rho_squared,
                              double *t);
+
+// Shortest axis in world space (the first of equal ones), turned towards the camera's centre.
+void sgsi_reference_normal(const sgsi_reference_primitive *primitive, double normal[3]);
 
 // Counted hits along a ray in blending order; `hits` has room for view->count. Returns their number.
 size_t sgsi_reference_trace(const sgsi_reference_view *view, const double direction[3], sgs_hit *hits);

@@ -189,6 +189,7 @@ sgs_status sgsi_reference_view_create(const double *params, size_t count, const 
     sgs_camera_intrinsics(camera, &fx, &fy, &cx, &cy);
     sgs_pose_center(pose, view->center);
     view->near_distance = options->near_distance;
+    view->axis_depth = options->axis_depth;
     view->mip = options->filter == SGS_FILTER_MIP;
     if (options->filter != SGS_FILTER_NONE)
         view->filter_scale = (view->mip ? dilation_mip : dilation_3dgs) / (fx * fy);
@@ -271,13 +272,26 @@ typedef struct render_job {
 } render_job;
 
 typedef struct pixel_values {
-    double color[3], transmittance, depth_mean, depth_median, depth_first, hits;
+    double color[3], transmittance, depth_mean, depth_median, depth_first, hits, normal[3], position[3], primitive;
 } pixel_values;
 
-static pixel_values blend(const sgsi_reference_view *view, const sgs_hit *hits, size_t count)
+void sgsi_reference_normal(const sgsi_reference_primitive *primitive, double normal[3])
 {
-    pixel_values pixel = {.transmittance = 1, .hits = (double)count};
-    double weight_sum = 0;
+    int shortest = 0;
+    for (int k = 1; k < 3; ++k)
+        if (primitive->variance[k] < primitive->variance[shortest])
+            shortest = k;
+    for (int k = 0; k < 3; ++k)
+        normal[k] = primitive->rotation[3 * k + shortest];
+    const double towards = dot(normal, primitive->direction) > 0 ? -1 : 1;
+    for (int k = 0; k < 3; ++k)
+        normal[k] *= towards;
+}
+
+static pixel_values blend(const sgsi_reference_view *view, const double direction[3], const sgs_hit *hits, size_t count)
+{
+    pixel_values pixel = {.transmittance = 1, .hits = (double)count, .primitive = -1};
+    double weight_sum = 0, largest = 0;
     for (size_t k = 0; k < count; ++k) {
         const double weight = hits[k].transmittance * hits[k].alpha;
         for (int c = 0; c < 3; ++c)
@@ -287,10 +301,31 @@ static pixel_values blend(const sgsi_reference_view *view, const sgs_hit *hits, 
         pixel.transmittance = hits[k].transmittance * (1 - hits[k].alpha);
         if (hits[k].transmittance > 0.5 && pixel.transmittance <= 0.5)
             pixel.depth_median = hits[k].t;
+        double normal[3];
+        sgsi_reference_normal(&view->primitives[hits[k].primitive], normal);
+        for (int c = 0; c < 3; ++c) {
+            pixel.normal[c] += weight * normal[c];
+            pixel.position[c] += weight * (view->center[c] + hits[k].t * direction[c]);
+        }
+        if (weight > largest) {
+            largest = weight;
+            pixel.primitive = hits[k].primitive;
+        }
     }
-    if (count) {
-        pixel.depth_mean /= weight_sum;
-        pixel.depth_first = hits[0].t;
+    if (!count)
+        return pixel;
+    pixel.depth_mean /= weight_sum;
+    pixel.depth_first = hits[0].t;
+    const double length = sqrt(dot(pixel.normal, pixel.normal));
+    for (int c = 0; c < 3; ++c) {
+        pixel.position[c] /= weight_sum;
+        pixel.normal[c] = length > 0 ? pixel.normal[c] / length : 0;
+    }
+    if (view->axis_depth) {
+        const double along = dot(view->pose->rotation + 6, direction);
+        pixel.depth_mean *= along;
+        pixel.depth_median *= along;
+        pixel.depth_first *= along;
     }
     return pixel;
 }
@@ -307,14 +342,18 @@ static void render_row(void *context, size_t y, int thread)
     const sgs_reference_frame *frame = job->frame;
     sgs_hit *hits = job->hits + (size_t)thread * job->view->count;
     for (int x = 0; x < frame->width; ++x) {
-        double direction[3];
+        double direction[3] = {0, 0, 0};
         size_t count = 0;
         if (sgsi_reference_ray(job->view, x, (int)y, direction))
             count = sgsi_reference_trace(job->view, direction, hits);
-        const pixel_values pixel = blend(job->view, hits, count);
+        const pixel_values pixel = blend(job->view, direction, hits, count);
         const size_t index = y * (size_t)frame->width + (size_t)x;
-        for (int c = 0; c < 3; ++c)
+        for (int c = 0; c < 3; ++c) {
             store(frame->color[c], index, pixel.color[c]);
+            store(frame->normal[c], index, pixel.normal[c]);
+            store(frame->position[c], index, pixel.position[c]);
+        }
+        store(frame->primitive, index, pixel.primitive);
         store(frame->transmittance, index, pixel.transmittance);
         store(frame->depth_mean, index, pixel.depth_mean);
         store(frame->depth_median, index, pixel.depth_median);
@@ -372,8 +411,10 @@ sgs_status sgs_reference_frame_create(int width, int height, sgs_reference_frame
     *frame = (sgs_reference_frame){0};
     if (width < 1 || height < 1 || width > 65536 || height > 65536)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "reference: a frame of %d x %d pixels", width, height);
-    double **const planes[] = {&frame->color[0],   &frame->color[1],     &frame->color[2],    &frame->transmittance,
-                               &frame->depth_mean, &frame->depth_median, &frame->depth_first, &frame->hits};
+    double **const planes[] = {&frame->color[0],    &frame->color[1],     &frame->color[2],    &frame->transmittance,
+                               &frame->depth_mean,  &frame->depth_median, &frame->depth_first, &frame->hits,
+                               &frame->normal[0],   &frame->normal[1],    &frame->normal[2],   &frame->position[0],
+                               &frame->position[1], &frame->position[2],  &frame->primitive};
     for (size_t k = 0; k < sizeof planes / sizeof *planes; ++k) {
         *planes[k] = sgsi_calloc((size_t)width * (size_t)height, sizeof(double));
         if (!*planes[k]) {
@@ -390,12 +431,16 @@ void sgs_reference_frame_free(sgs_reference_frame *frame)
 {
     if (!frame)
         return;
-    for (int c = 0; c < 3; ++c)
+    for (int c = 0; c < 3; ++c) {
         sgsi_free(frame->color[c]);
+        sgsi_free(frame->normal[c]);
+        sgsi_free(frame->position[c]);
+    }
     sgsi_free(frame->transmittance);
     sgsi_free(frame->depth_mean);
     sgsi_free(frame->depth_median);
     sgsi_free(frame->depth_first);
     sgsi_free(frame->hits);
+    sgsi_free(frame->primitive);
     *frame = (sgs_reference_frame){0};
 }

@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "core.h"
+#include "normals.h"
 #include "rays.h"
 #include "tracer.h"
 
@@ -17,9 +18,13 @@ struct sgs_renderer {
     sgsi_tracer *tracer;
     sgsi_ray_cache *rays;
     bool changed;
-    sgsi_planes planes; // padded rows
+    sgs_frame padded; // views of plane_block, rows of planes.stride
+    sgsi_planes planes;
+    sgsi_aov aov;
     size_t plane_floats;
     float *plane_block;
+    size_t normal_count;
+    float *normals; // [normal_count][4]
 };
 
 sgs_render_options sgs_render_options_default(void)
@@ -27,16 +32,37 @@ sgs_render_options sgs_render_options_default(void)
     return (sgs_render_options){.filter = SGS_FILTER_3DGS, .near_distance = 0.2, .sh_degree = 3};
 }
 
-sgs_status sgs_frame_create(int width, int height, sgs_frame *frame)
+// ---- Frames ----
+
+enum { PLANE_COUNT = 15 };
+
+// The planes of a frame as one list, each with the bit that asks for it (0: always there).
+typedef struct frame_planes {
+    float **plane[PLANE_COUNT];
+    unsigned bit[PLANE_COUNT];
+} frame_planes;
+
+static frame_planes list_planes(sgs_frame *frame)
+{
+    return (frame_planes){
+        {&frame->color[0], &frame->color[1], &frame->color[2], &frame->transmittance, &frame->depth_mean,
+         &frame->depth_median, &frame->depth_first, &frame->hits, &frame->normal[0], &frame->normal[1], &frame->normal[2],
+         &frame->position[0], &frame->position[1], &frame->position[2], (float **)&frame->primitive},
+        {0, 0, 0, 0, SGS_PLANE_DEPTH_MEAN, SGS_PLANE_DEPTH_MEDIAN, SGS_PLANE_DEPTH_FIRST, SGS_PLANE_HITS, SGS_PLANE_NORMAL,
+         SGS_PLANE_NORMAL, SGS_PLANE_NORMAL, SGS_PLANE_POSITION, SGS_PLANE_POSITION, SGS_PLANE_POSITION, SGS_PLANE_PRIMITIVE}};
+}
+
+sgs_status sgs_frame_create_with(int width, int height, unsigned planes, sgs_frame *frame)
 {
     *frame = (sgs_frame){0};
     if (width < 1 || height < 1)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "a frame of %dx%d pixels is empty", width, height);
-    float **const planes[] = {&frame->color[0], &frame->color[1], &frame->color[2], &frame->transmittance,
-                              &frame->depth_mean, &frame->depth_median, &frame->depth_first, &frame->hits};
-    for (size_t i = 0; i < sizeof planes / sizeof *planes; ++i) {
-        *planes[i] = sgsi_calloc((size_t)width * (size_t)height, sizeof(float));
-        if (!*planes[i]) {
+    const frame_planes list = list_planes(frame);
+    for (int i = 0; i < PLANE_COUNT; ++i) {
+        if (list.bit[i] && !(planes & list.bit[i]))
+            continue;
+        *list.plane[i] = sgsi_calloc((size_t)width * (size_t)height, sizeof(float));
+        if (!*list.plane[i]) {
             sgs_frame_free(frame);
             return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a frame of %dx%d pixels", width, height);
         }
@@ -46,14 +72,20 @@ sgs_status sgs_frame_create(int width, int height, sgs_frame *frame)
     return SGS_STATUS_OK;
 }
 
+sgs_status sgs_frame_create(int width, int height, sgs_frame *frame)
+{
+    return sgs_frame_create_with(width, height, SGS_PLANES_BASIC, frame);
+}
+
 void sgs_frame_free(sgs_frame *frame)
 {
-    float *const planes[] = {frame->color[0], frame->color[1], frame->color[2], frame->transmittance,
-                             frame->depth_mean, frame->depth_median, frame->depth_first, frame->hits};
-    for (size_t i = 0; i < sizeof planes / sizeof *planes; ++i)
-        sgsi_free(planes[i]);
+    const frame_planes list = list_planes(frame);
+    for (int i = 0; i < PLANE_COUNT; ++i)
+        sgsi_free(*list.plane[i]);
     *frame = (sgs_frame){0};
 }
+
+// ---- The renderer ----
 
 sgs_status sgs_renderer_create(const sgs_gaussians *model, sgs_renderer **renderer)
 {
@@ -81,6 +113,7 @@ void sgs_renderer_destroy(sgs_renderer *renderer)
     sgsi_tracer_destroy(renderer->tracer);
     sgsi_ray_cache_destroy(renderer->rays);
     sgsi_free(renderer->plane_block);
+    sgsi_free(renderer->normals);
     sgsi_free(renderer);
 }
 
@@ -90,33 +123,67 @@ sgs_status sgs_renderer_update(sgs_renderer *renderer)
     return SGS_STATUS_OK;
 }
 
-static sgs_status prepare_planes(sgs_renderer *renderer, const sgs_frame *frame)
+// Padded planes for what the frame wants. Colour and transmittance are there anyway.
+static sgs_status prepare_planes(sgs_renderer *renderer, sgs_frame *frame)
 {
     const size_t stride = ((size_t)frame->width + 15) / 16 * 16, floats = stride * (size_t)frame->height;
-    if (floats > renderer->plane_floats) {
+    const frame_planes wanted = list_planes(frame);
+    sgs_frame *padded = &renderer->padded;
+    size_t count = 0;
+    for (int i = 0; i < PLANE_COUNT; ++i)
+        count += !wanted.bit[i] || *wanted.plane[i];
+    if (floats * count > renderer->plane_floats) {
         sgsi_free(renderer->plane_block);
         renderer->plane_floats = 0;
-        renderer->plane_block = sgsi_calloc(floats, 8 * sizeof(float));
+        renderer->plane_block = sgsi_calloc(floats, count * sizeof(float));
         if (!renderer->plane_block)
             return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a frame of %dx%d pixels", frame->width, frame->height);
-        renderer->plane_floats = floats;
+        renderer->plane_floats = floats * count;
     }
-    float *block = renderer->plane_block;
+    const frame_planes own = list_planes(padded);
+    count = 0;
+    for (int i = 0; i < PLANE_COUNT; ++i)
+        *own.plane[i] = !wanted.bit[i] || *wanted.plane[i] ? renderer->plane_block + count++ * floats : NULL;
     renderer->planes = (sgsi_planes){.width = frame->width, .height = frame->height, .stride = stride,
-                                     .color = {block, block + floats, block + 2 * floats}, .transmittance = block + 3 * floats,
-                                     .depth_mean = frame->depth_mean ? block + 4 * floats : NULL,
-                                     .depth_median = frame->depth_median ? block + 5 * floats : NULL,
-                                     .depth_first = frame->depth_first ? block + 6 * floats : NULL,
-                                     .hits = frame->hits ? block + 7 * floats : NULL};
+                                     .color = {padded->color[0], padded->color[1], padded->color[2]},
+                                     .transmittance = padded->transmittance, .depth_mean = padded->depth_mean,
+                                     .depth_median = padded->depth_median, .depth_first = padded->depth_first,
+                                     .hits = padded->hits};
     return SGS_STATUS_OK;
 }
 
-static void copy_plane(float *to, const float *from, const sgsi_planes *planes)
+// The quantities beyond the basic ones, and the primitives' normals where these are wanted.
+static sgs_status prepare_aov(sgs_renderer *renderer, const sgsi_view *view, const sgs_render_options *options)
 {
-    if (!to || !from)
-        return;
-    for (int y = 0; y < planes->height; ++y)
-        memcpy(to + (size_t)y * (size_t)planes->width, from + (size_t)y * planes->stride, (size_t)planes->width * sizeof *to);
+    const sgs_frame *padded = &renderer->padded;
+    sgsi_aov *aov = &renderer->aov;
+    *aov = (sgsi_aov){.primitive = padded->primitive, .axis_depth = options->axis_depth};
+    memcpy(aov->normal, padded->normal, sizeof aov->normal);
+    memcpy(aov->position, padded->position, sizeof aov->position);
+    memcpy(aov->rotation, view->rotation, sizeof aov->rotation);
+    memcpy(aov->center, view->center, sizeof aov->center);
+    renderer->planes.aov = aov->normal[0] || aov->position[0] || aov->primitive || aov->axis_depth ? aov : NULL;
+    if (!aov->normal[0])
+        return SGS_STATUS_OK;
+    if (renderer->normal_count < renderer->model->count) {
+        sgsi_free(renderer->normals);
+        renderer->normals = sgsi_alloc(renderer->model->count, 4 * sizeof *renderer->normals);
+        renderer->normal_count = renderer->normals ? renderer->model->count : 0;
+        if (!renderer->normals)
+            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the normals of %zu primitives", renderer->model->count);
+    }
+    sgsi_normals_fill(renderer->model, view->center, renderer->normals);
+    aov->normals = renderer->normals;
+    return SGS_STATUS_OK;
+}
+
+static void copy_planes(sgs_renderer *renderer, sgs_frame *frame)
+{
+    const frame_planes to = list_planes(frame), from = list_planes(&renderer->padded);
+    const size_t width = (size_t)frame->width, stride = renderer->planes.stride;
+    for (int i = 0; i < PLANE_COUNT; ++i)
+        for (int y = 0; y < frame->height && *to.plane[i]; ++y)
+            memcpy(*to.plane[i] + (size_t)y * width, *from.plane[i] + (size_t)y * stride, width * sizeof(float));
 }
 
 sgs_status sgs_renderer_render(sgs_renderer *renderer, const sgs_camera *camera, const sgs_pose *pose,
@@ -142,17 +209,12 @@ sgs_status sgs_renderer_render(sgs_renderer *renderer, const sgs_camera *camera,
     if (!status)
         status = sgsi_tracer_commit(renderer->tracer, renderer->changed, SGSI_BVH_LOW);
     if (!status)
+        status = prepare_aov(renderer, &view, options);
+    if (!status)
         status = sgsi_tracer_forward(renderer->tracer, &view, &renderer->planes, NULL, false);
     if (status)
         return status;
     renderer->changed = false;
-    const sgsi_planes *planes = &renderer->planes;
-    for (int c = 0; c < 3; ++c)
-        copy_plane(frame->color[c], planes->color[c], planes);
-    copy_plane(frame->transmittance, planes->transmittance, planes);
-    copy_plane(frame->depth_mean, planes->depth_mean, planes);
-    copy_plane(frame->depth_median, planes->depth_median, planes);
-    copy_plane(frame->depth_first, planes->depth_first, planes);
-    copy_plane(frame->hits, planes->hits, planes);
+    copy_planes(renderer, frame);
     return SGS_STATUS_OK;
 }

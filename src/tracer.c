@@ -358,7 +358,7 @@ static bool blend_tile(const forward_pass *pass, thread_state *state, int tile, 
                                .color = {planes->color[0], planes->color[1], planes->color[2]},
                                .transmittance = planes->transmittance, .depth_mean = planes->depth_mean,
                                .depth_median = planes->depth_median, .depth_first = planes->depth_first,
-                               .hits = planes->hits, .near_distance = pass->view->near_distance};
+                               .hits = planes->hits, .aov = planes->aov, .near_distance = pass->view->near_distance};
     kernels->tile_forward(&state->scratch, &target);
     if (!(target.stop_distance <= far))
         return false;

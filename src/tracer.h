@@ -29,6 +29,7 @@ typedef struct sgsi_planes {
     size_t stride;
     float *color[3], *transmittance;
     float *depth_mean, *depth_median, *depth_first, *hits;
+    const sgsi_aov *aov; // more of them, or NULL
 } sgsi_planes;
 
 sgs_status sgsi_tracer_create(sgsi_tracer **tracer);

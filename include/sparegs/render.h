@@ -15,6 +15,7 @@
 // fisheye lenses) and f = sqrt(fx fy): the 0.3 px^2 dilation of 3DGS. Filter `none`: the bare Gaussian. Filter
 // `mip`: s'^2 = s^2 + f3^2 with the model's 3D filter f3, then + 0.1 (z / f)^2 with Mip-Splatting's opacity factors.
 
+#include <stdbool.h>
 #include <stdint.h>
 
 #include "sparegs/camera.h"
@@ -31,12 +32,28 @@ typedef struct sgs_render_options {
     double near_distance;    // hits at t <= near do not count; default 0.2 (3DGS's cull), world units
     int sh_degree;           // highest band used, 0..3; default 3
     const float *filter_3d;  // [count] Mip-Splatting's f3 in world units, or NULL (0); used by SGS_FILTER_MIP only
+    bool axis_depth;         // distances of the frame are along the camera's axis (z) instead of the ray; default false
 } sgs_render_options;
 
 sgs_render_options sgs_render_options_default(void);
 
+// What a frame can hold besides colour and transmittance.
+enum {
+    SGS_PLANE_DEPTH_MEAN = 1,
+    SGS_PLANE_DEPTH_MEDIAN = 2,
+    SGS_PLANE_DEPTH_FIRST = 4,
+    SGS_PLANE_HITS = 8,
+    SGS_PLANE_NORMAL = 16,
+    SGS_PLANE_POSITION = 32,
+    SGS_PLANE_PRIMITIVE = 64,
+    SGS_PLANES_BASIC = 15,
+    SGS_PLANES_ALL = 127
+};
+
+#define SGS_NO_PRIMITIVE UINT32_MAX
+
 // Planes of a rendered view, [height][width] row-major, top row first, each NULL when not wanted. Owned
-// by the caller. Distances are along the unit ray, in world units.
+// by the caller. Distances are along the unit ray (or along the axis: sgs_render_options.axis_depth), in world units.
 typedef struct sgs_frame {
     int width, height;    // must equal the camera's
     float *color[3];      // linear blend of the SH colours, premultiplied, WITHOUT background
@@ -45,10 +62,16 @@ typedef struct sgs_frame {
     float *depth_median;  // t of the hit that takes T to 0.5 or below; 0 if none does
     float *depth_first;   // smallest t of a counted hit; 0 where nothing was hit
     float *hits;          // number of counted hits
+    float *normal[3];     // world, unit: direction of sum(w n), n the primitive's shortest axis (the first of equal ones)
+                          // turned towards the camera's centre; 0 where nothing was hit or the sum vanishes
+    float *position[3];   // world: sum(w x) / sum(w), x the point of a hit; 0 where nothing was hit
+    uint32_t *primitive;  // row of the primitive with the largest w; SGS_NO_PRIMITIVE where nothing was hit
 } sgs_frame;
 
-// Allocates all planes of a frame (64-byte aligned); on failure everything is NULL.
+// Allocates colour, transmittance and the planes of SGS_PLANES_BASIC (64-byte aligned, zeroed); on failure everything is NULL.
 sgs_status sgs_frame_create(int width, int height, sgs_frame *frame);
+// The same with a choice: `planes` is a sum of SGS_PLANE_ bits.
+sgs_status sgs_frame_create_with(int width, int height, unsigned planes, sgs_frame *frame);
 void sgs_frame_free(sgs_frame *frame);
 
 typedef struct sgs_renderer sgs_renderer;
@@ -65,13 +88,15 @@ sgs_status sgs_renderer_render(sgs_renderer *renderer, const sgs_camera *camera,
 
 // ---- The oracle: brute force over all primitives, double precision, no BVH, no SIMD. O(pixels x primitives). ----
 
-// Planes as in sgs_frame, in double.
+// Planes as in sgs_frame, in double (a primitive's row too, and -1 for none).
 typedef struct sgs_reference_frame {
     int width, height;
     double *color[3];
     double *transmittance, *depth_mean, *depth_median, *depth_first, *hits;
+    double *normal[3], *position[3], *primitive;
 } sgs_reference_frame;
 
+// Allocates all planes.
 sgs_status sgs_reference_frame_create(int width, int height, sgs_reference_frame *frame);
 void sgs_reference_frame_free(sgs_reference_frame *frame);
 

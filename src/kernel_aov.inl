@@ -1,0 +1,105 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// What a picture can tell besides its colours: distances, number of hits, normal, position, the dominant
+// primitive. A second walk over the elements of a block, after its colours were blended, so that training pays nothing.
+//
+// Every quantity is a sum or an extreme over the counted hits, which needs no order. Only the median asks for the
+// transmittance T in front of a hit: T falls along a ray, so the hit that takes it to one half is the farthest one with
+// T > 1/2, provided that the ray ends with T <= 1/2. The mean of the hits' points is the point at the mean distance,
+// for they lie on one line.
+
+typedef struct block_sums {
+    vf weight, depth, median, first, hits, largest, primitive;
+    vf normal[3];
+} block_sums;
+
+// normals [primitive][4], or NULL; inlined once per choice.
+static inline block_sums sum_block(const sgsi_scratch *s, uint32_t count, const float *normals, bool identify)
+{
+    const block_elements el = open_elements(s);
+    const vf one = vf_set1(1.0f), zero = vf_zero(), half = vf_set1(0.5f), infinity = vf_set1(INFINITY);
+    block_sums sums = {.weight = zero, .depth = zero, .median = zero, .first = infinity, .hits = zero, .largest = zero,
+                       .primitive = vi_as_vf(vi_set1((int32_t)SGS_NO_PRIMITIVE)), .normal = {zero, zero, zero}};
+    for (uint32_t i = 0; i < count; ++i) {
+        const vf front = vf_load(el.transmittance + 16 * i), through = vf_load(el.through + 16 * i);
+        const vm counts = vf_ge(vf_mul(front, through), vf_set1(TRANSMITTANCE_MIN));
+        const vf w = vf_keep(counts, vf_mul(front, vf_load(el.alpha + 16 * i)));
+        const vm counted = vf_gt(w, zero);
+        const vf t = vf_keep(counted, vf_load(el.t + 32 * i)); // -infinity where there is no hit
+        sums.weight = vf_add(sums.weight, w);
+        sums.depth = vf_fma(w, t, sums.depth);
+        sums.hits = vf_add_where(counted, sums.hits, one);
+        sums.first = vf_min(vf_select(counted, t, infinity), sums.first);
+        sums.median = vf_max(vf_keep(vf_gt(front, half), t), sums.median);
+        if (normals) {
+            const float *normal = normals + 4 * (size_t)el.ids[i];
+            for (int c = 0; c < 3; ++c)
+                sums.normal[c] = vf_fma(w, vf_set1(normal[c]), sums.normal[c]);
+        }
+        if (identify) {
+            const vm larger = vf_gt(w, sums.largest);
+            sums.largest = vf_max(w, sums.largest);
+            sums.primitive = vf_select(larger, vi_as_vf(vi_set1((int32_t)el.ids[i])), sums.primitive);
+        }
+    }
+    return sums;
+}
+
+// Direction of the block's rays in camera axes, on the tile's tangent plane.
+static inline vec3 block_direction(const float frame[9], const block_rays *block)
+{
+    vf d[3];
+    for (int k = 0; k < 3; ++k)
+        d[k] = vf_fma(block->v, vf_set1(frame[6 + k]), vf_fma(block->u, vf_set1(frame[3 + k]), vf_set1(frame[k])));
+    return (vec3){d[0], d[1], d[2]};
+}
+
+static void store_normal(const sgsi_tile_target *target, int b, const block_sums *sums)
+{
+    const vec3 n = {sums->normal[0], sums->normal[1], sums->normal[2]};
+    const vf length = vf_sqrt(dot3(n, n));
+    const vm any = vf_gt(length, vf_set1(1e-12f));
+    const vf scale = vf_keep(any, vf_div(vf_set1(1.0f), vf_select(any, length, vf_set1(1.0f))));
+    for (int c = 0; c < 3; ++c)
+        store_block(target->aov->normal[c], target, b, vf_mul(sums->normal[c], scale));
+}
+
+static void store_position(const sgsi_tile_target *target, int b, vec3 direction, vf mean, vm any)
+{
+    const vec3 x = rotate3_back(target->aov->rotation, scale3(direction, mean));
+    const vf point[3] = {x.x, x.y, x.z};
+    for (int c = 0; c < 3; ++c)
+        store_block(target->aov->position[c], target, b, vf_keep(any, vf_add(point[c], vf_set1(target->aov->center[c]))));
+}
+
+// Writes the planes of a block whose elements were evaluated; `end` is the transmittance left.
+static void describe_block(const sgsi_scratch *s, const sgsi_tile_target *target, int b, const block_rays *block,
+                           uint32_t count, vf end)
+{
+    const sgsi_aov *aov = target->aov;
+    const float *normals = aov && aov->normal[0] ? aov->normals : NULL;
+    const bool identify = aov && aov->primitive;
+    const block_sums sums = normals    ? sum_block(s, count, normals, true)
+                            : identify ? sum_block(s, count, NULL, true)
+                                       : sum_block(s, count, NULL, false);
+    const vf zero = vf_zero(), one = vf_set1(1.0f);
+    const vm any = vf_gt(sums.weight, zero);
+    const vf mean = vf_keep(any, vf_div(sums.depth, vf_select(any, sums.weight, one)));
+    const vec3 direction = block_direction(target->rays->frame, block);
+    const vf unit = aov && aov->axis_depth ? direction.z : block->length;
+    if (target->depth_mean)
+        store_block(target->depth_mean, target, b, vf_mul(mean, unit));
+    if (target->depth_median)
+        store_block(target->depth_median, target, b, vf_keep(vf_le(end, vf_set1(0.5f)), vf_mul(sums.median, unit)));
+    if (target->depth_first)
+        store_block(target->depth_first, target, b, vf_keep(any, vf_mul(vf_select(any, sums.first, zero), unit)));
+    if (target->hits)
+        store_block(target->hits, target, b, sums.hits);
+    if (normals)
+        store_normal(target, b, &sums);
+    if (aov && aov->position[0])
+        store_position(target, b, direction, mean, any);
+    if (identify)
+        store_block((float *)aov->primitive, target, b, sums.primitive);
+}

@@ -19,8 +19,14 @@ static inline block_sums sum_block(const sgsi_scratch *s, uint32_t count, const 
 {
     const block_elements el = open_elements(s);
     const vf one = vf_set1(1.0f), zero = vf_zero(), half = vf_set1(0.5f), infinity = vf_set1(INFINITY);
-    block_sums sums = {.weight = zero, .depth = zero, .median = zero, .first = infinity, .hits = zero, .largest = zero,
-                       .primitive = vi_as_vf(vi_set1((int32_t)SGS_NO_PRIMITIVE)), .normal = {zero, zero, zero}};
+    block_sums sums = {.weight = zero,
+                       .depth = zero,
+                       .median = zero,
+                       .first = infinity,
+                       .hits = zero,
+                       .largest = zero,
+                       .primitive = vi_as_vf(vi_set1((int32_t)SGS_NO_PRIMITIVE)),
+                       .normal = {zero, zero, zero}};
     for (uint32_t i = 0; i < count; ++i) {
         const vf front = vf_load(el.transmittance + 16 * i), through = vf_load(el.through + 16 * i);
         const vm counts = vf_ge(vf_mul(front, through), vf_set1(TRANSMITTANCE_MIN));
@@ -70,7 +76,8 @@ static void store_position(const sgsi_tile_target *target, int b, vec3 direction
     const vec3 x = rotate3_back(target->aov->rotation, scale3(direction, mean));
     const vf point[3] = {x.x, x.y, x.z};
     for (int c = 0; c < 3; ++c)
-        store_block(target->aov->position[c], target, b, vf_keep(any, vf_add(point[c], vf_set1(target->aov->center[c]))));
+        store_block(target->aov->position[c], target, b,
+                    vf_keep(any, vf_add(point[c], vf_set1(target->aov->center[c]))));
 }
 
 // Writes the planes of a block whose elements were evaluated; `end` is the transmittance left.

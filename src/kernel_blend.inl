@@ -235,6 +235,11 @@ static inline void store_block(float *plane, const sgsi_tile_target *target, int
     vf_store(lanes, value);
     const int x = target->rays->x + 4 * (b % 4), y = target->rays->y + 4 * (b / 4);
     const int columns = target->width - x < 4 ? target->width - x : 4;
+    if (columns == 4 && target->height - y >= 4) {
+        for (int row = 0; row < 4; ++row)
+            memcpy(plane + (size_t)(y + row) * target->stride + x, lanes + 4 * row, 4 * sizeof *lanes);
+        return;
+    }
     for (int row = 0; row < 4 && y + row < target->height; ++row)
         for (int column = 0; column < columns; ++column)
             plane[(size_t)(y + row) * target->stride + (size_t)(x + column)] = lanes[4 * row + column];

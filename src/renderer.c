@@ -18,11 +18,10 @@ struct sgs_renderer {
     sgsi_tracer *tracer;
     sgsi_ray_cache *rays;
     bool changed;
-    sgs_frame padded; // views of plane_block, rows of planes.stride
     sgsi_planes planes;
     sgsi_aov aov;
-    size_t plane_floats;
-    float *plane_block;
+    size_t unwanted_floats;
+    float *unwanted; // colour and transmittance of frames that do not want them
     size_t normal_count;
     float *normals; // [normal_count][4]
 };
@@ -112,7 +111,7 @@ void sgs_renderer_destroy(sgs_renderer *renderer)
         return;
     sgsi_tracer_destroy(renderer->tracer);
     sgsi_ray_cache_destroy(renderer->rays);
-    sgsi_free(renderer->plane_block);
+    sgsi_free(renderer->unwanted);
     sgsi_free(renderer->normals);
     sgsi_free(renderer);
 }
@@ -123,43 +122,38 @@ sgs_status sgs_renderer_update(sgs_renderer *renderer)
     return SGS_STATUS_OK;
 }
 
-// Padded planes for what the frame wants. Colour and transmittance are there anyway.
-static sgs_status prepare_planes(sgs_renderer *renderer, sgs_frame *frame)
+// The kernels write straight into the frame; colour and transmittance that it does not want go to planes of our own.
+static sgs_status prepare_planes(sgs_renderer *renderer, const sgs_frame *frame)
 {
-    const size_t stride = ((size_t)frame->width + 15) / 16 * 16, floats = stride * (size_t)frame->height;
-    const frame_planes wanted = list_planes(frame);
-    sgs_frame *padded = &renderer->padded;
-    size_t count = 0;
-    for (int i = 0; i < PLANE_COUNT; ++i)
-        count += !wanted.bit[i] || *wanted.plane[i];
-    if (floats * count > renderer->plane_floats) {
-        sgsi_free(renderer->plane_block);
-        renderer->plane_floats = 0;
-        renderer->plane_block = sgsi_calloc(floats, count * sizeof(float));
-        if (!renderer->plane_block)
-            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a frame of %dx%d pixels", frame->width, frame->height);
-        renderer->plane_floats = floats * count;
+    const size_t floats = (size_t)frame->width * (size_t)frame->height;
+    float *basic[4] = {frame->color[0], frame->color[1], frame->color[2], frame->transmittance};
+    for (size_t k = 0; k < 4; ++k) {
+        if (basic[k])
+            continue;
+        if (4 * floats > renderer->unwanted_floats) {
+            sgsi_free(renderer->unwanted);
+            renderer->unwanted = sgsi_alloc(floats, 4 * sizeof *renderer->unwanted);
+            renderer->unwanted_floats = renderer->unwanted ? 4 * floats : 0;
+            if (!renderer->unwanted)
+                return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a frame of %dx%d pixels", frame->width, frame->height);
+        }
+        basic[k] = renderer->unwanted + k * floats;
     }
-    const frame_planes own = list_planes(padded);
-    count = 0;
-    for (int i = 0; i < PLANE_COUNT; ++i)
-        *own.plane[i] = !wanted.bit[i] || *wanted.plane[i] ? renderer->plane_block + count++ * floats : NULL;
-    renderer->planes = (sgsi_planes){.width = frame->width, .height = frame->height, .stride = stride,
-                                     .color = {padded->color[0], padded->color[1], padded->color[2]},
-                                     .transmittance = padded->transmittance, .depth_mean = padded->depth_mean,
-                                     .depth_median = padded->depth_median, .depth_first = padded->depth_first,
-                                     .hits = padded->hits};
+    renderer->planes = (sgsi_planes){.width = frame->width, .height = frame->height, .stride = (size_t)frame->width,
+                                     .color = {basic[0], basic[1], basic[2]}, .transmittance = basic[3],
+                                     .depth_mean = frame->depth_mean, .depth_median = frame->depth_median,
+                                     .depth_first = frame->depth_first, .hits = frame->hits};
     return SGS_STATUS_OK;
 }
 
 // The quantities beyond the basic ones, and the primitives' normals where these are wanted.
-static sgs_status prepare_aov(sgs_renderer *renderer, const sgsi_view *view, const sgs_render_options *options)
+static sgs_status prepare_aov(sgs_renderer *renderer, const sgsi_view *view, const sgs_render_options *options,
+                              const sgs_frame *frame)
 {
-    const sgs_frame *padded = &renderer->padded;
     sgsi_aov *aov = &renderer->aov;
-    *aov = (sgsi_aov){.primitive = padded->primitive, .axis_depth = options->axis_depth};
-    memcpy(aov->normal, padded->normal, sizeof aov->normal);
-    memcpy(aov->position, padded->position, sizeof aov->position);
+    *aov = (sgsi_aov){.primitive = frame->primitive, .axis_depth = options->axis_depth};
+    memcpy(aov->normal, frame->normal, sizeof aov->normal);
+    memcpy(aov->position, frame->position, sizeof aov->position);
     memcpy(aov->rotation, view->rotation, sizeof aov->rotation);
     memcpy(aov->center, view->center, sizeof aov->center);
     renderer->planes.aov = aov->normal[0] || aov->position[0] || aov->primitive || aov->axis_depth ? aov : NULL;
@@ -175,15 +169,6 @@ static sgs_status prepare_aov(sgs_renderer *renderer, const sgsi_view *view, con
     sgsi_normals_fill(renderer->model, view->center, renderer->normals);
     aov->normals = renderer->normals;
     return SGS_STATUS_OK;
-}
-
-static void copy_planes(sgs_renderer *renderer, sgs_frame *frame)
-{
-    const frame_planes to = list_planes(frame), from = list_planes(&renderer->padded);
-    const size_t width = (size_t)frame->width, stride = renderer->planes.stride;
-    for (int i = 0; i < PLANE_COUNT; ++i)
-        for (int y = 0; y < frame->height && *to.plane[i]; ++y)
-            memcpy(*to.plane[i] + (size_t)y * width, *from.plane[i] + (size_t)y * stride, width * sizeof(float));
 }
 
 sgs_status sgs_renderer_render(sgs_renderer *renderer, const sgs_camera *camera, const sgs_pose *pose,
@@ -209,12 +194,11 @@ sgs_status sgs_renderer_render(sgs_renderer *renderer, const sgs_camera *camera,
     if (!status)
         status = sgsi_tracer_commit(renderer->tracer, renderer->changed, SGSI_BVH_LOW);
     if (!status)
-        status = prepare_aov(renderer, &view, options);
+        status = prepare_aov(renderer, &view, options, frame);
     if (!status)
         status = sgsi_tracer_forward(renderer->tracer, &view, &renderer->planes, NULL, false);
     if (status)
         return status;
     renderer->changed = false;
-    copy_planes(renderer, frame);
     return SGS_STATUS_OK;
 }

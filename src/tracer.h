@@ -23,7 +23,7 @@ typedef struct sgsi_trace_counts {
     uint64_t regathered;          // bins gathered again because a depth guess was too near
 } sgsi_trace_counts;
 
-// Image planes of the forward pass: [height][stride], stride a multiple of 16. The depth planes may be NULL.
+// Image planes of the forward pass: [height][stride], stride >= width. The depth planes may be NULL.
 typedef struct sgsi_planes {
     int width, height;
     size_t stride;

@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The quantities a drawing has besides colour: normals, positions, dominant primitives and distances along the axis, the
-// renderer's against the oracle's, and both against surfaces whose distance, normal and points are known.
+// The quantities a drawing has besides colour: normals, positions, dominant primitives and distances along the axis,
+// the renderer's against the oracle's, and both against surfaces whose distance, normal and points are known.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -89,7 +89,8 @@ static void compare_pixel(const sgs_frame *frame, const sgs_reference_frame *exa
     for (int k = 0; k < 3; ++k)
         errors->distance = worse(errors->distance, fabs(depths[k][i] - exacts[k][i]) / far);
     if (!truth->primitive_fragile) {
-        assert_true(frame->primitive[i] == (exact->primitive[i] < 0 ? SGS_NO_PRIMITIVE : (uint32_t)exact->primitive[i]));
+        assert_true(frame->primitive[i] ==
+                    (exact->primitive[i] < 0 ? SGS_NO_PRIMITIVE : (uint32_t)exact->primitive[i]));
         ++errors->identified;
     }
     ++errors->compared;
@@ -247,8 +248,8 @@ static void depth_of_planes_is_true(void **state)
             memcpy(normals[i], normal, sizeof normals[i]);
         }
         for (int run = 0; run < 4; ++run) {
-            const surface_errors e = judge_surface(&scene, &camera, run % 2 ? SGS_FILTER_3DGS : SGS_FILTER_NONE, run >= 2,
-                                                   distance, (const double(*)[3])normals);
+            const surface_errors e = judge_surface(&scene, &camera, run % 2 ? SGS_FILTER_3DGS : SGS_FILTER_NONE,
+                                                   run >= 2, distance, (const double(*)[3])normals);
             print_message("plane %zu: depth %.3f %%, normal %.2g rad, position %.3f %%\n", n, 100 * e.depth, e.normal,
                           100 * e.position);
             assert_true(e.depth <= 0.005 && e.normal <= 1e-3 && e.position <= 0.005 && e.pixels == SIDE * SIDE);
@@ -269,7 +270,8 @@ static void depth_of_spheres_is_true(void **state)
         const double z = (2 * i + 1.0) / TILES - 1, turn = i * 2.399963229728653, flat = sqrt(1 - z * z);
         const double normal[3] = {flat * cos(turn), flat * sin(turn), z};
         set_tile(oracle_primitive(&scene, (size_t)i),
-                 (double[3]){at[0] + radius * normal[0], at[1] + radius * normal[1], at[2] + radius * z}, normal, 0.025);
+                 (double[3]){at[0] + radius * normal[0], at[1] + radius * normal[1], at[2] + radius * z}, normal,
+                 0.025);
     }
     oracle_scene_round(&scene);
     size_t inside = 0;
@@ -289,8 +291,8 @@ static void depth_of_spheres_is_true(void **state)
     for (int run = 0; run < 4; ++run) {
         const surface_errors e = judge_surface(&scene, &camera, run % 2 ? SGS_FILTER_3DGS : SGS_FILTER_NONE, run >= 2,
                                                distance, (const double(*)[3])normals);
-        print_message("sphere: depth %.3f %%, normal %.2g rad, position %.3f %% on %zu pixels\n", 100 * e.depth, e.normal,
-                      100 * e.position, e.pixels);
+        print_message("sphere: depth %.3f %%, normal %.2g rad, position %.3f %% on %zu pixels\n", 100 * e.depth,
+                      e.normal, 100 * e.position, e.pixels);
         assert_true(e.depth <= 0.005 && e.normal <= 0.05 && e.position <= 0.005 && e.pixels == inside);
     }
     assert_true(inside > 15000);

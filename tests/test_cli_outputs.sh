@@ -41,6 +41,34 @@ done
 check matrices_are_in_the_header grep -qi 'worldToCamera' "$temporary/info"
 check depth_is_defined_in_the_header grep -q 'depthDefinition' "$temporary/info"
 
+# render_writes_every_aov
+run 0 render "$model" "$room" --view 0009.jpg --aov all -o "$temporary/all"
+oiiotool --info -v "$temporary/all/0009.exr" >"$temporary/info"
+for text in 'R (float)' 'A (float)' 'depth.Z (float)' 'N.X (float)' 'N.Z (float)' 'P.Y (float)' 'primitive.id (uint)' \
+    'hits.count (uint)' 'transmittance.T (float)' 'chromaticities: 0.64' 'compression: "zip"' 'along the unit ray'; do
+    check "all has $text" grep -qF "$text" "$temporary/info"
+done
+check more_aovs_change_no_other oiiotool --fail 0 "$temporary/all/0009.exr" --ch R,G,B,A,depth.Z,hits.count \
+    "$temporary/exr/0009.exr" --ch R,G,B,A,depth.Z,hits.count --diff
+run 0 render "$model" "$room" --view 0009.jpg --aov all --depth z --compression piz -o "$temporary/axis"
+oiiotool --info -v "$temporary/axis/0009.exr" >"$temporary/info"
+check axis_depth_is_defined grep -q "along the camera's axis" "$temporary/info"
+check compression_is_chosen grep -q 'compression: "piz"' "$temporary/info"
+# Along the axis is never farther than along the ray.
+check axis_depth_is_shorter bash -c "oiiotool '$temporary/all/0009.exr' --ch depth.Z '$temporary/axis/0009.exr' --ch depth.Z \
+    --sub --printstats | awk '/Stats Min/ { found = 1; least = \$3 } END { exit !(found && least > -1e-4) }'"
+check axis_depth_differs bash -c "! oiiotool --fail 0.01 '$temporary/all/0009.exr' --ch depth.Z '$temporary/axis/0009.exr' --ch depth.Z --diff"
+run 0 render "$model" "$room" --view 0009 --aov all --format png -o "$temporary/all"
+for name in normal position primitive; do
+    check "picture_${name}_opens" oiiotool "$temporary/all/0009.$name.png"
+done
+run 2 render "$model" "$room" --aov rgba,dept -o "$temporary/all"
+says "--aov: 'rgba,dept' is none of"
+run 2 render "$model" "$room" --depth y -o "$temporary/all"
+says "--depth: 'y' is none of ray|z"
+run 2 render "$model" "$room" --compression lzma -o "$temporary/all"
+says "--compression"
+
 # render_by_name_without_extension_and_by_split
 run 0 render "$model" "$room" --view 0009 -o "$temporary/exr2" --aov rgba
 check "same_picture_by_either_name" oiiotool --fail 0 "$temporary/exr/0009.exr" --ch R,G,B,A "$temporary/exr2/0009.exr" --diff
@@ -62,10 +90,12 @@ done
 check render_and_eval_draw_the_same cmp "$temporary/png/0009.png" "$temporary/saved/0009.png"
 
 # the_reference_draws_the_same (the room at 60 x 33 pixels)
-run 0 render "$model" "$room" --view 0009 --downscale 8 -o "$temporary/fast" --aov rgba,depth
-run 0 render "$model" "$room" --view 0009 --downscale 8 -o "$temporary/slow" --aov rgba,depth --reference
-check reference_and_tracer_agree oiiotool --fail 0.002 --hardfail 0.05 "$temporary/fast/0009.exr" --ch R,G,B,A \
-    "$temporary/slow/0009.exr" --ch R,G,B,A --diff
+run 0 render "$model" "$room" --view 0009 --downscale 8 -o "$temporary/fast" --aov rgba,depth,position
+run 0 render "$model" "$room" --view 0009 --downscale 8 -o "$temporary/slow" --aov rgba,depth,position --reference
+for names in R,G,B,A P.X,P.Y,P.Z,depth.Z; do
+    check "reference_and_tracer_agree on $names" oiiotool --fail 0.002 --hardfail 0.05 --failpercent 1 \
+        "$temporary/fast/0009.exr" --ch $names "$temporary/slow/0009.exr" --ch $names --diff
+done
 
 # render_takes_cameras_json
 run 0 render "$model" --camera "$model/cameras.json" --view "$(jq -r '.[8].img_name' "$model/cameras.json")" -o "$temporary/camera"

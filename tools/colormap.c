@@ -16,12 +16,13 @@ static int compare_floats(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-value_range plane_range(const float *plane, size_t count)
+// Quantiles of the finite values where `shown` (NULL: the values themselves) is positive.
+static value_range quantiles(const float *plane, const float *shown, size_t count)
 {
     float *sorted = malloc(count * sizeof *sorted);
     size_t kept = 0;
     for (size_t i = 0; sorted && i < count; ++i)
-        if (plane[i] > 0 && isfinite(plane[i]))
+        if ((shown ? shown : plane)[i] > 0 && isfinite(plane[i]))
             sorted[kept++] = plane[i];
     value_range range = {0, 1};
     if (kept) {
@@ -30,6 +31,11 @@ value_range plane_range(const float *plane, size_t count)
     }
     free(sorted);
     return range;
+}
+
+value_range plane_range(const float *plane, size_t count)
+{
+    return quantiles(plane, NULL, count);
 }
 
 static uint8_t quantised(double value)
@@ -71,5 +77,54 @@ bool plane_grey(const float *plane, int width, int height, sgs_image8 *out)
     const size_t pixels = (size_t)width * (size_t)height;
     for (size_t i = 0; i < 3 * pixels; ++i)
         out->pixels[i] = quantised((double)plane[i % pixels]);
+    return true;
+}
+
+bool normals_colored(const float *const normal[3], int width, int height, sgs_image8 *out)
+{
+    if (!allocate(width, height, out))
+        return false;
+    const size_t pixels = (size_t)width * (size_t)height;
+    for (size_t i = 0; i < pixels; ++i) {
+        const bool any = normal[0][i] != 0 || normal[1][i] != 0 || normal[2][i] != 0;
+        for (size_t c = 0; c < 3; ++c)
+            out->pixels[c * pixels + i] = any ? quantised(0.5 + 0.5 * (double)normal[c][i]) : 0;
+    }
+    return true;
+}
+
+bool positions_colored(const float *const position[3], const float *transmittance, int width, int height,
+                       sgs_image8 *out)
+{
+    const size_t pixels = (size_t)width * (size_t)height;
+    float *seen = malloc(pixels * sizeof *seen);
+    if (!seen || !allocate(width, height, out)) {
+        free(seen);
+        return false;
+    }
+    for (size_t i = 0; i < pixels; ++i)
+        seen[i] = 1 - transmittance[i];
+    for (size_t c = 0; c < 3; ++c) {
+        const value_range range = quantiles(position[c], seen, pixels);
+        const double scale = range.high > range.low ? 1 / ((double)range.high - (double)range.low) : 0;
+        for (size_t i = 0; i < pixels; ++i)
+            out->pixels[c * pixels + i] =
+                seen[i] > 0 ? quantised(0.1 + 0.9 * fmax(scale * ((double)position[c][i] - (double)range.low), 0)) : 0;
+    }
+    free(seen);
+    return true;
+}
+
+bool ids_colored(const uint32_t *ids, int width, int height, sgs_image8 *out)
+{
+    if (!allocate(width, height, out))
+        return false;
+    const size_t pixels = (size_t)width * (size_t)height;
+    for (size_t i = 0; i < pixels; ++i)
+        for (size_t c = 0; c < 3; ++c) { // multiplicative hashing: neighbouring numbers part
+            const uint32_t mixed = (ids[i] + 1) * 2654435761U;
+            out->pixels[c * pixels + i] =
+                ids[i] == SGS_NO_PRIMITIVE ? 0 : (uint8_t)(64 + (mixed >> (8 * c + 8) & 255) * 3 / 4);
+        }
     return true;
 }

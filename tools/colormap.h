@@ -5,6 +5,7 @@
 // Pictures of numbers: a plane of floats as an 8-bit image for people. The exact values belong in an EXR.
 
 #include "sparegs/image.h"
+#include "sparegs/render.h"
 
 typedef struct value_range {
     float low, high;
@@ -19,3 +20,14 @@ bool plane_colored(const float *plane, int width, int height, value_range range,
 
 // Grey, 0 black and 1 white. False when out of memory.
 bool plane_grey(const float *plane, int width, int height, sgs_image8 *out);
+
+// Unit vectors: each axis from -1 to 1 as red, green and blue from dark to light; zero vectors become black.
+bool normals_colored(const float *const normal[3], int width, int height, sgs_image8 *out);
+
+// Points: each axis from the 1 % to the 99 % quantile of the points seen; pixels that see nothing (transmittance 1)
+// become black.
+bool positions_colored(const float *const position[3], const float *transmittance, int width, int height,
+                       sgs_image8 *out);
+
+// A colour per number; SGS_NO_PRIMITIVE becomes black.
+bool ids_colored(const uint32_t *ids, int width, int height, sgs_image8 *out);

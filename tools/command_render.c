@@ -25,7 +25,7 @@ static const char description[] =
 
 typedef struct render_values {
     const char *output, *view, *camera;
-    int split, format, encoding;
+    int split, format, encoding, depth, compression;
     unsigned aovs;
     bool reference;
 } render_values;
@@ -41,14 +41,18 @@ static const option render_options[] = {
     {"camera", 0, OPTION_TEXT, AT(camera), 0, 0, "FILE", NULL, "none", NULL,
      "draw from the cameras of this cameras.json instead of a SCENE"},
     {"aov", 0, OPTION_SET, AT(aovs), 0, 0, AOV_WORDS, "rgba,depth", NULL, NULL, "quantities to write"},
+    {"depth", 0, OPTION_CHOICE, AT(depth), 0, 0, "ray|z", "ray", NULL, NULL,
+     "distances are along the ray, or along the camera's axis"},
     {"format", 0, OPTION_CHOICE, AT(format), 0, 0, "exr|png", "exr", NULL, NULL, "file format"},
     {"exr-encoding", 0, OPTION_CHOICE, AT(encoding), 0, 0, "linear|srgb", "linear", NULL, NULL,
      "colours of an EXR: decoded to scene-linear, or the display values as trained"},
+    {"compression", 0, OPTION_CHOICE, AT(compression), 0, 0, "zip|zips|piz|none", "zip", NULL, NULL,
+     "how an EXR's pixels are packed"},
     {"reference", 0, OPTION_FLAG, AT(reference), 0, 0, NULL, NULL, NULL, NULL,
      "draw by brute force in double precision: exact and slow"},
 };
 
-enum { FORMAT_EXR = 0 };
+enum { FORMAT_EXR = 0, DEPTH_Z = 1 };
 static const sgs_split splits[] = {SGS_SPLIT_TEST, SGS_SPLIT_TRAIN, SGS_SPLIT_ALL};
 
 typedef struct rendering {
@@ -57,7 +61,9 @@ typedef struct rendering {
     const sgs_gaussians *model;
     sgs_renderer *renderer; // NULL with --reference
     double *params;         // with --reference
+    sgs_frame frame;        // of the last view, for the next of its size
     size_t drawn;
+    double draw_seconds, write_seconds;
 } rendering;
 
 static bool draw_reference(const rendering *job, const sgs_camera *camera, const sgs_pose *pose,
@@ -66,39 +72,71 @@ static bool draw_reference(const rendering *job, const sgs_camera *camera, const
     sgs_reference_frame exact = {0};
     bool done = !sgs_reference_frame_create(camera->width, camera->height, &exact) &&
                 !sgs_reference_render(job->params, job->model->count, camera, pose, options, &exact);
-    const double *const from[] = {exact.color[0],   exact.color[1],     exact.color[2],    exact.transmittance,
-                                  exact.depth_mean, exact.depth_median, exact.depth_first, exact.hits};
-    float *const to[] = {frame->color[0],   frame->color[1],     frame->color[2],    frame->transmittance,
-                         frame->depth_mean, frame->depth_median, frame->depth_first, frame->hits};
+    const double *const from[] = {exact.color[0],    exact.color[1],     exact.color[2],    exact.transmittance,
+                                  exact.depth_mean,  exact.depth_median, exact.depth_first, exact.hits,
+                                  exact.normal[0],   exact.normal[1],    exact.normal[2],   exact.position[0],
+                                  exact.position[1], exact.position[2]};
+    float *const to[] = {frame->color[0],    frame->color[1],     frame->color[2],    frame->transmittance,
+                         frame->depth_mean,  frame->depth_median, frame->depth_first, frame->hits,
+                         frame->normal[0],   frame->normal[1],    frame->normal[2],   frame->position[0],
+                         frame->position[1], frame->position[2]};
     const size_t pixels = (size_t)camera->width * (size_t)camera->height;
     for (size_t k = 0; k < sizeof to / sizeof *to && done; ++k)
-        for (size_t i = 0; i < pixels; ++i)
+        for (size_t i = 0; i < pixels && to[k]; ++i)
             to[k][i] = (float)from[k][i];
+    for (size_t i = 0; i < pixels && done && frame->primitive; ++i)
+        frame->primitive[i] = exact.primitive[i] < 0 ? SGS_NO_PRIMITIVE : (uint32_t)exact.primitive[i];
     sgs_reference_frame_free(&exact);
     return done;
+}
+
+// False after telling it, when some ray of the lens runs sideways or back.
+static bool has_axis_depth(const char *name, const sgs_camera *camera)
+{
+    for (int i = 0; sgs_camera_is_fisheye(camera->model) && i < camera->width * camera->height; ++i) {
+        const double pixel[2] = {i % camera->width + 0.5, i / camera->width + 0.5};
+        double direction[3];
+        if (sgs_camera_unproject(camera, pixel, direction) && !(direction[2] > 0)) {
+            fail_run("%s: --depth z has no meaning for a lens that sees beyond 90 degrees; use --depth ray", name);
+            return false;
+        }
+    }
+    return true;
 }
 
 static bool draw(rendering *job, const char *name, const sgs_camera *camera, const sgs_pose *pose)
 {
     sgs_render_options options = sgs_render_options_default();
     options.filter = (sgs_filter)job->drawing->filter;
-    sgs_frame frame = {0};
-    bool done = !sgs_frame_create(camera->width, camera->height, &frame);
+    options.axis_depth = job->values->depth == DEPTH_Z;
+    if (options.axis_depth && !has_axis_depth(name, camera))
+        return false;
+    const double start = clock_seconds();
+    sgs_frame *frame = &job->frame;
+    bool done = true;
+    if (frame->width != camera->width || frame->height != camera->height) {
+        sgs_frame_free(frame);
+        done = !sgs_frame_create_with(camera->width, camera->height, aov_planes(job->values->aovs), frame);
+    }
     if (done)
-        done = job->renderer ? !sgs_renderer_render(job->renderer, camera, pose, &options, &frame)
-                             : draw_reference(job, camera, pose, &options, &frame);
+        done = job->renderer ? !sgs_renderer_render(job->renderer, camera, pose, &options, frame)
+                             : draw_reference(job, camera, pose, &options, frame);
     if (!done)
         fail_library();
+    const double drawn = clock_seconds();
     frame_files files = {.folder = job->values->output,
                          .name = name,
                          .camera = camera,
                          .pose = pose,
                          .aovs = job->values->aovs,
+                         .axis_depth = options.axis_depth,
+                         .compression = (sgs_exr_compression)job->values->compression,
                          .encoding = (exr_encoding)job->values->encoding};
     memcpy(files.background, job->drawing->background.rgb, sizeof files.background);
     if (done)
-        done = job->values->format == FORMAT_EXR ? frame_write_exr(&files, &frame) : frame_write_png(&files, &frame);
-    sgs_frame_free(&frame);
+        done = job->values->format == FORMAT_EXR ? frame_write_exr(&files, frame) : frame_write_png(&files, frame);
+    job->draw_seconds += drawn - start;
+    job->write_seconds += clock_seconds() - drawn;
     ++job->drawn;
     return done;
 }
@@ -182,6 +220,9 @@ static bool render_model(const char *ply_path, const sgs_scene *scene, const dra
     }
     if (done)
         done = scene ? draw_scene(&job, scene, split_given) : draw_camera_file(&job);
+    if (done)
+        print_note("%zu view(s): %.2f s drawing, %.2f s writing", job.drawn, job.draw_seconds, job.write_seconds);
+    sgs_frame_free(&job.frame);
     sgs_renderer_destroy(job.renderer);
     free(job.params);
     sgs_gaussians_destroy(model);

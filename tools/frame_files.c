@@ -24,11 +24,27 @@
 #include "progress.h"
 #include "sparegs/metrics.h"
 
-static const char depth_definition[] = "depth.Z: mean distance of the hits along the unit ray from the camera centre, "
-                                       "weighted by their contribution, world "
-                                       "units; depth_median.Z: distance of the hit that takes the transmittance to "
-                                       "0.5; depth_first.Z: distance of the first "
-                                       "hit; 0 where there is none";
+#define DEPTHS(kind)                                                                                                   \
+    "depth.Z: mean distance of the hits " kind ", weighted by their contribution, world units; "                       \
+    "depth_median.Z: distance of the hit that takes the transmittance to 0.5; depth_first.Z: distance of the first "   \
+    "hit; 0 where there is none"
+
+static const char ray_depth[] = DEPTHS("along the unit ray from the camera centre");
+static const char axis_depth[] = DEPTHS("along the camera's axis (z, perpendicular to the image plane)");
+
+unsigned aov_planes(unsigned aovs)
+{
+    static const struct {
+        unsigned aov, plane;
+    } needs[] = {{AOV_DEPTH, SGS_PLANE_DEPTH_MEAN},        {AOV_DEPTH_MEDIAN, SGS_PLANE_DEPTH_MEDIAN},
+                 {AOV_DEPTH_FIRST, SGS_PLANE_DEPTH_FIRST}, {AOV_HITS, SGS_PLANE_HITS},
+                 {AOV_NORMAL, SGS_PLANE_NORMAL},           {AOV_POSITION, SGS_PLANE_POSITION},
+                 {AOV_PRIMITIVE, SGS_PLANE_PRIMITIVE}};
+    unsigned planes = 0;
+    for (size_t k = 0; k < sizeof needs / sizeof *needs; ++k)
+        planes |= aovs & needs[k].aov ? needs[k].plane : 0;
+    return planes;
+}
 
 static float srgb_to_linear(float value)
 {
@@ -66,6 +82,64 @@ static void camera_matrices(const sgs_camera *camera, const sgs_pose *pose, doub
     }
 }
 
+// The channels of an EXR; `alpha` and `hits` are planes made from the frame's, or NULL. At most EXR_CHANNELS.
+enum { EXR_CHANNELS = 16 };
+
+static int list_channels(unsigned aovs, const sgs_frame *frame, const float *alpha, const uint32_t *hits,
+                         sgs_exr_channel *channels)
+{
+    const struct {
+        unsigned aov;
+        sgs_exr_channel channel;
+    } all[EXR_CHANNELS] = {{AOV_RGBA, {.name = "R", .floats = frame->color[0]}},
+                           {AOV_RGBA, {.name = "G", .floats = frame->color[1]}},
+                           {AOV_RGBA, {.name = "B", .floats = frame->color[2]}},
+                           {AOV_RGBA, {.name = "A", .floats = alpha}},
+                           {AOV_DEPTH, {.name = "depth.Z", .floats = frame->depth_mean}},
+                           {AOV_DEPTH_MEDIAN, {.name = "depth_median.Z", .floats = frame->depth_median}},
+                           {AOV_DEPTH_FIRST, {.name = "depth_first.Z", .floats = frame->depth_first}},
+                           {AOV_TRANSMITTANCE, {.name = "transmittance.T", .floats = frame->transmittance}},
+                           {AOV_HITS, {.name = "hits.count", .uints = hits}},
+                           {AOV_NORMAL, {.name = "N.X", .floats = frame->normal[0]}},
+                           {AOV_NORMAL, {.name = "N.Y", .floats = frame->normal[1]}},
+                           {AOV_NORMAL, {.name = "N.Z", .floats = frame->normal[2]}},
+                           {AOV_POSITION, {.name = "P.X", .floats = frame->position[0]}},
+                           {AOV_POSITION, {.name = "P.Y", .floats = frame->position[1]}},
+                           {AOV_POSITION, {.name = "P.Z", .floats = frame->position[2]}},
+                           {AOV_PRIMITIVE, {.name = "primitive.id", .uints = frame->primitive}}};
+    int count = 0;
+    for (size_t k = 0; k < EXR_CHANNELS; ++k)
+        if (aovs & all[k].aov)
+            channels[count++] = all[k].channel;
+    return count;
+}
+
+static bool write_exr(const frame_files *files, const char *path, const sgs_frame *frame, const float *alpha,
+                      const uint32_t *hits)
+{
+    sgs_exr_channel channels[EXR_CHANNELS];
+    double to_camera[16], to_ndc[16];
+    camera_matrices(files->camera, files->pose, to_camera, to_ndc);
+    const bool any_depth = files->aovs & (AOV_DEPTH | AOV_DEPTH_MEDIAN | AOV_DEPTH_FIRST);
+    const sgs_exr_info info = {.width = frame->width,
+                               .height = frame->height,
+                               .world_to_camera = to_camera,
+                               .world_to_ndc = sgs_camera_is_fisheye(files->camera->model) ? NULL : to_ndc,
+                               .depth_definition = !any_depth          ? NULL
+                                                   : files->axis_depth ? axis_depth
+                                                                       : ray_depth,
+                               .view_name = files->name,
+                               .compression = files->compression};
+    if (!make_folder_of(path))
+        return false;
+    if (sgs_exr_write(path, &info, channels, list_channels(files->aovs, frame, alpha, hits, channels))) {
+        fail_library();
+        return false;
+    }
+    puts(path);
+    return true;
+}
+
 bool frame_write_exr(const frame_files *files, sgs_frame *frame)
 {
     const size_t pixels = (size_t)frame->width * (size_t)frame->height;
@@ -77,44 +151,11 @@ bool frame_write_exr(const frame_files *files, sgs_frame *frame)
         fail_run("%s: no memory to write it", path);
     for (size_t i = 0; i < pixels && written; ++i) {
         alpha[i] = 1 - frame->transmittance[i];
-        hits[i] = (uint32_t)(frame->hits[i] + 0.5F);
+        hits[i] = frame->hits ? (uint32_t)(frame->hits[i] + 0.5F) : 0;
     }
-    if (files->encoding == EXR_LINEAR && written)
+    if (files->encoding == EXR_LINEAR && files->aovs & AOV_RGBA && written)
         linearise(frame);
-    sgs_exr_channel channels[9];
-    int count = 0;
-    if (files->aovs & AOV_RGBA) {
-        channels[count++] = (sgs_exr_channel){.name = "R", .floats = frame->color[0]};
-        channels[count++] = (sgs_exr_channel){.name = "G", .floats = frame->color[1]};
-        channels[count++] = (sgs_exr_channel){.name = "B", .floats = frame->color[2]};
-        channels[count++] = (sgs_exr_channel){.name = "A", .floats = alpha};
-    }
-    if (files->aovs & AOV_DEPTH)
-        channels[count++] = (sgs_exr_channel){.name = "depth.Z", .floats = frame->depth_mean};
-    if (files->aovs & AOV_DEPTH_MEDIAN)
-        channels[count++] = (sgs_exr_channel){.name = "depth_median.Z", .floats = frame->depth_median};
-    if (files->aovs & AOV_DEPTH_FIRST)
-        channels[count++] = (sgs_exr_channel){.name = "depth_first.Z", .floats = frame->depth_first};
-    if (files->aovs & AOV_TRANSMITTANCE)
-        channels[count++] = (sgs_exr_channel){.name = "transmittance.T", .floats = frame->transmittance};
-    if (files->aovs & AOV_HITS)
-        channels[count++] = (sgs_exr_channel){.name = "hits.count", .uints = hits};
-    double to_camera[16], to_ndc[16];
-    camera_matrices(files->camera, files->pose, to_camera, to_ndc);
-    const bool any_depth = files->aovs & (AOV_DEPTH | AOV_DEPTH_MEDIAN | AOV_DEPTH_FIRST);
-    const sgs_exr_info info = {.width = frame->width,
-                               .height = frame->height,
-                               .world_to_camera = to_camera,
-                               .world_to_ndc = sgs_camera_is_fisheye(files->camera->model) ? NULL : to_ndc,
-                               .depth_definition = any_depth ? depth_definition : NULL,
-                               .view_name = files->name};
-    written = written && make_folder_of(path);
-    if (written && sgs_exr_write(path, &info, channels, count)) {
-        fail_library();
-        written = false;
-    }
-    if (written)
-        puts(path);
+    written = written && write_exr(files, path, frame, alpha, hits);
     free(path);
     free(alpha);
     free(hits);
@@ -137,6 +178,44 @@ static bool write_image(const frame_files *files, const char *suffix, sgs_image8
     return written;
 }
 
+// A plane as colours or greys, with a note on what they mean.
+static bool write_plane(const frame_files *files, const char *suffix, const sgs_frame *frame, const float *plane)
+{
+    const size_t pixels = (size_t)frame->width * (size_t)frame->height;
+    const bool grey = plane == frame->transmittance;
+    const value_range range = plane_range(plane, pixels);
+    sgs_image8 image = {0};
+    if (grey ? !plane_grey(plane, frame->width, frame->height, &image)
+             : !plane_colored(plane, frame->width, frame->height, range, &image)) {
+        fail_run("%s: no memory to write it", files->name);
+        return false;
+    }
+    if (!write_image(files, suffix, &image))
+        return false;
+    if (!grey)
+        print_note("%s%s: dark to light is %g to %g", files->name, suffix, (double)range.low, (double)range.high);
+    return true;
+}
+
+static bool write_rgb(const frame_files *files, const sgs_frame *frame)
+{
+    sgs_image8 image = {0};
+    if (!sgs_image8_from_planes((const float *const *)frame->color, frame->transmittance, files->background,
+                                frame->width, frame->height, &image))
+        return write_image(files, ".png", &image);
+    fail_library();
+    return false;
+}
+
+// Quantities that are no single number.
+static bool write_picture(const frame_files *files, const char *suffix, bool made, sgs_image8 *image)
+{
+    if (made)
+        return write_image(files, suffix, image);
+    fail_run("%s: no memory to write it", files->name);
+    return false;
+}
+
 bool frame_write_png(const frame_files *files, const sgs_frame *frame)
 {
     const struct {
@@ -148,33 +227,22 @@ bool frame_write_png(const frame_files *files, const sgs_frame *frame)
                   {AOV_DEPTH_FIRST, ".depth_first.png", frame->depth_first},
                   {AOV_TRANSMITTANCE, ".transmittance.png", frame->transmittance},
                   {AOV_HITS, ".hits.png", frame->hits}};
-    const size_t pixels = (size_t)frame->width * (size_t)frame->height;
+    const int width = frame->width, height = frame->height;
     sgs_image8 image = {0};
-    if (files->aovs & AOV_RGBA) {
-        if (sgs_image8_from_planes((const float *const *)frame->color, frame->transmittance, files->background,
-                                   frame->width, frame->height, &image)) {
-            fail_library();
+    if (files->aovs & AOV_RGBA && !write_rgb(files, frame))
+        return false;
+    for (size_t k = 0; k < sizeof planes / sizeof *planes; ++k)
+        if (files->aovs & planes[k].bit && !write_plane(files, planes[k].suffix, frame, planes[k].plane))
             return false;
-        }
-        if (!write_image(files, ".png", &image))
-            return false;
-    }
-    for (size_t k = 0; k < sizeof planes / sizeof *planes; ++k) {
-        if (!(files->aovs & planes[k].bit))
-            continue;
-        const value_range range = plane_range(planes[k].plane, pixels);
-        const bool made = planes[k].bit == AOV_TRANSMITTANCE
-                              ? plane_grey(planes[k].plane, frame->width, frame->height, &image)
-                              : plane_colored(planes[k].plane, frame->width, frame->height, range, &image);
-        if (!made) {
-            fail_run("%s: no memory to write it", files->name);
-            return false;
-        }
-        if (!write_image(files, planes[k].suffix, &image))
-            return false;
-        if (planes[k].bit != AOV_TRANSMITTANCE)
-            print_note("%s%s: dark to light is %g to %g", files->name, planes[k].suffix, (double)range.low,
-                       (double)range.high);
-    }
-    return true;
+    if (files->aovs & AOV_NORMAL &&
+        !write_picture(files, ".normal.png",
+                       normals_colored((const float *const *)frame->normal, width, height, &image), &image))
+        return false;
+    if (files->aovs & AOV_POSITION && !write_picture(files, ".position.png",
+                                                     positions_colored((const float *const *)frame->position,
+                                                                       frame->transmittance, width, height, &image),
+                                                     &image))
+        return false;
+    return !(files->aovs & AOV_PRIMITIVE) ||
+           write_picture(files, ".primitive.png", ids_colored(frame->primitive, width, height, &image), &image);
 }

@@ -6,11 +6,25 @@
 
 #include <stdbool.h>
 
+#include "sparegs/image.h"
 #include "sparegs/render.h"
 
 // Bits in the order of the words of --aov.
-enum { AOV_RGBA = 1, AOV_DEPTH = 2, AOV_DEPTH_MEDIAN = 4, AOV_DEPTH_FIRST = 8, AOV_TRANSMITTANCE = 16, AOV_HITS = 32 };
-#define AOV_WORDS "rgba,depth,depth_median,depth_first,transmittance,hits"
+enum {
+    AOV_RGBA = 1,
+    AOV_DEPTH = 2,
+    AOV_DEPTH_MEDIAN = 4,
+    AOV_DEPTH_FIRST = 8,
+    AOV_TRANSMITTANCE = 16,
+    AOV_HITS = 32,
+    AOV_NORMAL = 64,
+    AOV_POSITION = 128,
+    AOV_PRIMITIVE = 256
+};
+#define AOV_WORDS "all|rgba,depth,depth_median,depth_first,transmittance,hits,normal,position,primitive"
+
+// The planes (SGS_PLANE_ bits) of a frame that these need.
+unsigned aov_planes(unsigned aovs);
 
 typedef enum exr_encoding { EXR_LINEAR = 0, EXR_SRGB = 1 } exr_encoding;
 
@@ -19,8 +33,10 @@ typedef struct frame_files {
     const sgs_camera *camera;
     const sgs_pose *pose;
     unsigned aovs;
-    exr_encoding encoding; // EXR only
-    float background[3];   // PNG only
+    bool axis_depth;                 // the frame's distances are along the axis
+    exr_encoding encoding;           // EXR only
+    sgs_exr_compression compression; // EXR only
+    float background[3];             // PNG only
 } frame_files;
 
 // FOLDER/STEM.exr. May overwrite the frame's colour planes. Prints the path on stdout, or the error.

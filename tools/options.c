@@ -164,8 +164,12 @@ static bool parse_set(const option *row, const char *argument, unsigned *value)
     unsigned all = 0, bits = 0;
     for (int k = 0; word_at(words, k, word); ++k)
         all |= 1U << k;
-    if (bar && (!strcmp(argument, "on") || !strcmp(argument, "off"))) {
+    if (bar && row->argument[0] == 'o' && (!strcmp(argument, "on") || !strcmp(argument, "off"))) {
         *value = argument[1] == 'n' ? all : 0;
+        return true;
+    }
+    if (bar && !strcmp(argument, "all") && !strncmp(row->argument, "all|", 4)) {
+        *value = all;
         return true;
     }
     for (const char *at = argument;; ++at) {

@@ -19,7 +19,7 @@ typedef enum option_kind {
     OPTION_REAL,     // double
     OPTION_TEXT,     // const char *, points into argv
     OPTION_CHOICE,   // int, index into the words of `argument`: "exr|png"
-    OPTION_SET,      // unsigned, bit k for word k of `argument`: "h,v,c"; "on|off|h,v,c" accepts on and off too
+    OPTION_SET,      // unsigned, bit k for word k of `argument`: "h,v,c"; "on|off|h,v,c" accepts on and off too, "all|h,v,c" all
     OPTION_INTEGERS, // integer_list
     OPTION_COLOR     // color_value: R,G,B in [0,1] or the word random
 } option_kind;

@@ -44,15 +44,25 @@ typedef struct sgs_exr_channel {
     int half;               // store the floats as half
 } sgs_exr_channel;
 
+// How an EXR's pixels are packed. All but DWAA keep every bit.
+typedef enum sgs_exr_compression {
+    SGS_EXR_ZIP = 0, // deflate, 16 lines at a time
+    SGS_EXR_ZIPS,    // deflate, line by line: quicker to read in parts
+    SGS_EXR_PIZ,     // wavelets: smaller where images are noisy
+    SGS_EXR_NONE,
+    SGS_EXR_COMPRESSION_COUNT
+} sgs_exr_compression;
+
 typedef struct sgs_exr_info {
     int width, height;
     const double *world_to_camera;     // 16, row-major, column vectors (p' = M p), or NULL
     const double *world_to_ndc;        // likewise
     const char *depth_definition;      // text attribute "sparegs:depthDefinition", or NULL
     const char *view_name;             // text attribute "sparegs:view", or NULL
+    sgs_exr_compression compression;
 } sgs_exr_info;
 
-// Writes a scan-line EXR, ZIP compressed, with data window = display window, Rec. 709 chromaticities and
+// Writes a scan-line EXR with data window = display window, Rec. 709 chromaticities and
 // the attributes above. Matrices are stored in EXR's row-vector convention (transposed).
 sgs_status sgs_exr_write(const char *path, const sgs_exr_info *info, const sgs_exr_channel *channels, int channel_count);
 

@@ -1,0 +1,275 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// EXR files through OpenEXR's C library (OpenEXRCore 3.1 and later).
+//
+// OpenEXRCore writes through a callback into the library's own atomic file, so that an EXR appears under its
+// name only when it is complete and on disk, as every other file does. Its messages are caught and end in
+// sgs_last_error(); its memory comes from the library's allocator.
+//
+// Compression is most of the work, so chunks are packed and compressed by all threads, a band of them at a time, and
+// then written in order: the bytes of a file do not depend on the number of threads.
+
+#include "exr_writer.h"
+
+#include <errno.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "sparegs/runtime.h"
+#include "threads.h"
+
+enum { MAX_SHORT_NAME = 31, BAND_CHUNKS = 16 };
+
+// OpenEXR's first complaint in this call. Not in the writer: asking the context for its user data inside the
+// handler waits for the lock that the complaining function holds.
+static _Thread_local char complaint[256];
+
+static void *allocate(size_t bytes)
+{
+    return sgsi_alloc(bytes, 1);
+}
+
+static void keep_complaint(exr_const_context_t context, exr_result_t code, const char *message)
+{
+    (void)context;
+    (void)code;
+    if (complaint[0] || !message)
+        return;
+    const char *text = strrchr(message, ':'); // "file: text"
+    text = text ? text + 1 : message;
+    while (*text == ' ')
+        ++text;
+    snprintf(complaint, sizeof complaint, "%s", text);
+}
+
+static int64_t write_bytes(exr_const_context_t context, void *user, const void *bytes, uint64_t size, uint64_t offset,
+                           exr_stream_error_func_ptr_t error)
+{
+    (void)context;
+    (void)error;
+    sgsi_exr_writer *writer = user;
+    uint64_t done = 0;
+    while (done < size) {
+        const ssize_t step = pwrite(fileno(writer->file.stream), (const char *)bytes + done, (size_t)(size - done),
+                                    (off_t)(offset + done));
+        if (step < 0 && errno == EINTR)
+            continue;
+        if (step <= 0) {
+            if (!writer->write_error)
+                writer->write_error = step < 0 ? errno : ENOSPC;
+            return -1;
+        }
+        done += (uint64_t)step;
+    }
+    return (int64_t)done;
+}
+
+// ---- The header ----
+
+// EXR multiplies row vectors from the left, p' = p M: the transpose of the matrix for column vectors.
+static exr_result_t set_matrix(exr_context_t context, const char *name, const double *matrix)
+{
+    if (!matrix)
+        return EXR_ERR_SUCCESS;
+    exr_attr_m44f_t transposed;
+    for (int row = 0; row < 4; ++row) {
+        for (int column = 0; column < 4; ++column)
+            transposed.m[4 * row + column] = (float)matrix[4 * column + row];
+    }
+    return exr_attr_set_m44f(context, 0, name, &transposed);
+}
+
+static exr_result_t set_text(exr_context_t context, const char *name, const char *text)
+{
+    return text ? exr_attr_set_string(context, 0, name, text) : EXR_ERR_SUCCESS;
+}
+
+static exr_result_t set_attributes(exr_context_t context, const sgs_exr_info *info)
+{
+    // ITU-R BT.709: primaries and the D65 white.
+    const exr_attr_chromaticities_t rec709 = {.red_x = 0.64f,
+                                              .red_y = 0.33f,
+                                              .green_x = 0.30f,
+                                              .green_y = 0.60f,
+                                              .blue_x = 0.15f,
+                                              .blue_y = 0.06f,
+                                              .white_x = 0.3127f,
+                                              .white_y = 0.3290f};
+    char software[64];
+    snprintf(software, sizeof software, "sparegs %s", sgs_version());
+    exr_result_t result = exr_attr_set_chromaticities(context, 0, "chromaticities", &rec709);
+    if (!result)
+        result = set_text(context, "software", software);
+    if (!result)
+        result = set_text(context, "sparegs:depthDefinition", info->depth_definition);
+    if (!result)
+        result = set_text(context, "sparegs:view", info->view_name);
+    if (!result)
+        result = set_matrix(context, "worldToCamera", info->world_to_camera);
+    if (!result)
+        result = set_matrix(context, "worldToNDC", info->world_to_ndc);
+    return result;
+}
+
+static int compare_columns(const void *a, const void *b)
+{
+    return strcmp(((const sgsi_exr_column *)a)->name, ((const sgsi_exr_column *)b)->name);
+}
+
+static exr_result_t write_header(exr_context_t context, const sgs_exr_info *info, exr_storage_t storage,
+                                 exr_compression_t compression, const sgsi_exr_column *columns, int count)
+{
+    // Only when needed: readers from before 2013 refuse files with long names.
+    int part, has_long_names = 0;
+    for (int k = 0; k < count; ++k)
+        has_long_names |= strlen(columns[k].name) > MAX_SHORT_NAME;
+    exr_result_t result = exr_set_longname_support(context, has_long_names);
+    const bool deep = storage == EXR_STORAGE_DEEP_SCANLINE;
+    if (!result)
+        result = exr_add_part(context, deep ? "deep" : NULL, storage, &part);
+    if (!result)
+        result = exr_initialize_required_attr_simple(context, 0, info->width, info->height, compression);
+    for (int k = 0; !result && k < count; ++k)
+        result = exr_add_channel(context, 0, columns[k].name, columns[k].type, EXR_PERCEPTUALLY_LOGARITHMIC, 1, 1);
+    if (!result)
+        result = set_attributes(context, info);
+    if (!result && deep)
+        result = exr_set_version(context, 0, 1);
+    return result ? result : exr_write_header(context);
+}
+
+sgs_status sgsi_exr_open(sgsi_exr_writer *writer, const char *path, const sgs_exr_info *info, exr_storage_t storage,
+                         exr_compression_t compression, const sgsi_exr_column *columns, int column_count)
+{
+    *writer = (sgsi_exr_writer){.path = path};
+    sgsi_exr_column *sorted = sgsi_alloc((size_t)column_count, sizeof *sorted);
+    if (!sorted)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path);
+    memcpy(sorted, columns, (size_t)column_count * sizeof *sorted);
+    qsort(sorted, (size_t)column_count, sizeof *sorted, compare_columns);
+    sgs_status status = sgsi_atomic_open(&writer->file, path);
+    if (!status) {
+        exr_context_initializer_t setup = EXR_DEFAULT_CONTEXT_INITIALIZER;
+        setup.error_handler_fn = keep_complaint;
+        setup.alloc_fn = allocate;
+        setup.free_fn = sgsi_free;
+        setup.user_data = writer;
+        setup.write_fn = write_bytes;
+        complaint[0] = 0;
+        exr_result_t result = exr_start_write(&writer->context, path, EXR_WRITE_FILE_DIRECTLY, &setup);
+        if (!result)
+            result = write_header(writer->context, info, storage, compression, sorted, column_count);
+        if (result)
+            status = sgsi_exr_close(writer, result);
+    }
+    sgsi_free(sorted);
+    return status;
+}
+
+sgs_status sgsi_exr_close(sgsi_exr_writer *writer, exr_result_t result)
+{
+    const char *path = writer->path;
+    const exr_result_t finished = exr_finish(&writer->context); // writes the chunk table
+    if (!result)
+        result = finished;
+    sgs_status status = SGS_STATUS_OK;
+    if (writer->write_error)
+        status = sgsi_fail(SGS_STATUS_IO, "%s: cannot be written: %s", path, strerror(writer->write_error));
+    else if (result == EXR_ERR_OUT_OF_MEMORY)
+        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path);
+    else if (result)
+        status = sgsi_fail(SGS_STATUS_INTERNAL, "%s: cannot be written: OpenEXR: %s", path,
+                           complaint[0] ? complaint : exr_get_default_error_message(result));
+    if (!status)
+        status = sgsi_atomic_commit(&writer->file);
+    sgsi_atomic_abort(&writer->file);
+    return status;
+}
+
+// ---- Chunks ----
+
+typedef struct chunk_band {
+    sgsi_exr_writer *writer;
+    sgsi_exr_fill_fn fill;
+    const void *context;
+    int begin, end, lines, height; // lines of a chunk; height of the image
+    exr_encode_pipeline_t encoders[BAND_CHUNKS];
+    exr_result_t results[BAND_CHUNKS];
+} chunk_band;
+
+// Instead of writing: the chunk waits for its turn.
+static exr_result_t hold_chunk(exr_encode_pipeline_t *encoder)
+{
+    (void)encoder;
+    return EXR_ERR_SUCCESS;
+}
+
+static void encode_chunk(void *context, size_t item, int thread)
+{
+    (void)thread;
+    chunk_band *band = context;
+    exr_encode_pipeline_t *encoder = &band->encoders[item];
+    const int y = band->begin + (int)item * band->lines;
+    if (band->results[item])
+        return;
+    band->fill(band->context, encoder, y, y + band->lines < band->height ? band->lines : band->height - y);
+    band->results[item] = exr_encoding_choose_default_routines(band->writer->context, 0, encoder);
+    encoder->write_fn = hold_chunk;
+    encoder->yield_until_ready_fn = hold_chunk;
+    if (!band->results[item])
+        band->results[item] = exr_encoding_run(band->writer->context, 0, encoder);
+}
+
+static exr_result_t write_chunk(chunk_band *band, int item)
+{
+    const exr_encode_pipeline_t *encoder = &band->encoders[item];
+    const int y = band->begin + item * band->lines;
+    if (band->results[item])
+        return band->results[item];
+    if (encoder->packed_sample_count_table)
+        return exr_write_deep_scanline_chunk(band->writer->context, 0, y, encoder->compressed_buffer,
+                                             encoder->compressed_bytes, encoder->packed_bytes,
+                                             encoder->packed_sample_count_table, encoder->packed_sample_count_bytes);
+    return exr_write_scanline_chunk(band->writer->context, 0, y, encoder->compressed_buffer, encoder->compressed_bytes);
+}
+
+static exr_result_t write_band(chunk_band *band)
+{
+    exr_result_t result = EXR_ERR_SUCCESS;
+    int count = 0;
+    for (int y = band->begin; y < band->end && count < BAND_CHUNKS; y += band->lines, ++count) {
+        exr_chunk_info_t chunk;
+        band->results[count] = exr_write_scanline_chunk_info(band->writer->context, 0, y, &chunk);
+        if (!band->results[count])
+            band->results[count] = exr_encoding_initialize(band->writer->context, 0, &chunk, &band->encoders[count]);
+    }
+    sgsi_parallel_for((size_t)count, 1, encode_chunk, band);
+    for (int k = 0; k < count; ++k) {
+        if (!result)
+            result = write_chunk(band, k);
+        exr_encoding_destroy(band->writer->context, &band->encoders[k]);
+    }
+    band->begin += count * band->lines;
+    return result;
+}
+
+exr_result_t sgsi_exr_write_lines(sgsi_exr_writer *writer, int begin, int end, int height, sgsi_exr_fill_fn fill,
+                                  const void *context)
+{
+    chunk_band *band = sgsi_calloc(1, sizeof *band);
+    if (!band)
+        return EXR_ERR_OUT_OF_MEMORY;
+    band->writer = writer;
+    band->fill = fill;
+    band->context = context;
+    band->begin = begin;
+    band->end = end;
+    band->height = height;
+    exr_result_t result = exr_get_scanlines_per_chunk(writer->context, 0, &band->lines);
+    while (!result && band->begin < end)
+        result = write_band(band);
+    sgsi_free(band);
+    return result;
+}

@@ -8,7 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { MAX_CHANNELS = 1024, MAX_NAME = 255, MAX_SIDE = 65536 };
+enum { MAX_CHANNELS = 1024, MAX_NAME = 255 };
 
 typedef struct flat_image {
     int width;
@@ -96,7 +96,7 @@ static sgs_status write_image(const flat_image *image, const char *path, const s
         columns[k] = (sgsi_exr_column){channel->name, channel->uints ? EXR_PIXEL_UINT : of_floats};
     }
     sgsi_exr_writer writer;
-    const sgs_status status = sgsi_exr_open(&writer, path, info, EXR_STORAGE_SCANLINE, compressions[info->compression],
+    const sgs_status status = sgsi_exr_open(&writer, path, info, EXR_STORAGE_SCANLINE, compressions[info->compression], 0,
                                             columns, image->channel_count);
     if (status)
         return status;
@@ -105,7 +105,7 @@ static sgs_status write_image(const flat_image *image, const char *path, const s
 
 sgs_status sgs_exr_write(const char *path, const sgs_exr_info *info, const sgs_exr_channel *channels, int channel_count)
 {
-    if (info->width < 1 || info->height < 1 || info->width > MAX_SIDE || info->height > MAX_SIDE)
+    if (info->width < 1 || info->height < 1 || info->width > SGSI_EXR_MAX_SIDE || info->height > SGSI_EXR_MAX_SIDE)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: an image of %d x %d pixels cannot be written", path,
                          info->width, info->height);
     if (info->compression < 0 || info->compression >= SGS_EXR_COMPRESSION_COUNT)

@@ -119,7 +119,8 @@ static int compare_columns(const void *a, const void *b)
 }
 
 static exr_result_t write_header(exr_context_t context, const sgs_exr_info *info, exr_storage_t storage,
-                                 exr_compression_t compression, const sgsi_exr_column *columns, int count)
+                                 exr_compression_t compression, int max_samples, const sgsi_exr_column *columns,
+                                 int count)
 {
     // Only when needed: readers from before 2013 refuse files with long names.
     int part, has_long_names = 0;
@@ -135,13 +136,16 @@ static exr_result_t write_header(exr_context_t context, const sgs_exr_info *info
         result = exr_add_channel(context, 0, columns[k].name, columns[k].type, EXR_PERCEPTUALLY_LOGARITHMIC, 1, 1);
     if (!result)
         result = set_attributes(context, info);
-    if (!result && deep)
+    if (!result && deep) // the version of the deep format
         result = exr_set_version(context, 0, 1);
+    if (!result && deep)
+        result = exr_attr_set_int(context, 0, "maxSamplesPerPixel", max_samples);
     return result ? result : exr_write_header(context);
 }
 
 sgs_status sgsi_exr_open(sgsi_exr_writer *writer, const char *path, const sgs_exr_info *info, exr_storage_t storage,
-                         exr_compression_t compression, const sgsi_exr_column *columns, int column_count)
+                         exr_compression_t compression, int max_samples, const sgsi_exr_column *columns,
+                         int column_count)
 {
     *writer = (sgsi_exr_writer){.path = path};
     sgsi_exr_column *sorted = sgsi_alloc((size_t)column_count, sizeof *sorted);
@@ -160,7 +164,7 @@ sgs_status sgsi_exr_open(sgsi_exr_writer *writer, const char *path, const sgs_ex
         complaint[0] = 0;
         exr_result_t result = exr_start_write(&writer->context, path, EXR_WRITE_FILE_DIRECTLY, &setup);
         if (!result)
-            result = write_header(writer->context, info, storage, compression, sorted, column_count);
+            result = write_header(writer->context, info, storage, compression, max_samples, sorted, column_count);
         if (result)
             status = sgsi_exr_close(writer, result);
     }
@@ -168,20 +172,22 @@ sgs_status sgsi_exr_open(sgsi_exr_writer *writer, const char *path, const sgs_ex
     return status;
 }
 
+sgs_status sgsi_exr_tell(const sgsi_exr_writer *writer, exr_result_t result)
+{
+    if (writer->write_error)
+        return sgsi_fail(SGS_STATUS_IO, "%s: cannot be written: %s", writer->path, strerror(writer->write_error));
+    if (result == EXR_ERR_OUT_OF_MEMORY)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", writer->path);
+    if (result)
+        return sgsi_fail(SGS_STATUS_INTERNAL, "%s: cannot be written: OpenEXR: %s", writer->path,
+                         complaint[0] ? complaint : exr_get_default_error_message(result));
+    return SGS_STATUS_OK;
+}
+
 sgs_status sgsi_exr_close(sgsi_exr_writer *writer, exr_result_t result)
 {
-    const char *path = writer->path;
     const exr_result_t finished = exr_finish(&writer->context); // writes the chunk table
-    if (!result)
-        result = finished;
-    sgs_status status = SGS_STATUS_OK;
-    if (writer->write_error)
-        status = sgsi_fail(SGS_STATUS_IO, "%s: cannot be written: %s", path, strerror(writer->write_error));
-    else if (result == EXR_ERR_OUT_OF_MEMORY)
-        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path);
-    else if (result)
-        status = sgsi_fail(SGS_STATUS_INTERNAL, "%s: cannot be written: OpenEXR: %s", path,
-                           complaint[0] ? complaint : exr_get_default_error_message(result));
+    sgs_status status = sgsi_exr_tell(writer, result ? result : finished);
     if (!status)
         status = sgsi_atomic_commit(&writer->file);
     sgsi_atomic_abort(&writer->file);
@@ -228,10 +234,6 @@ static exr_result_t write_chunk(chunk_band *band, int item)
     const int y = band->begin + item * band->lines;
     if (band->results[item])
         return band->results[item];
-    if (encoder->packed_sample_count_table)
-        return exr_write_deep_scanline_chunk(band->writer->context, 0, y, encoder->compressed_buffer,
-                                             encoder->compressed_bytes, encoder->packed_bytes,
-                                             encoder->packed_sample_count_table, encoder->packed_sample_count_bytes);
     return exr_write_scanline_chunk(band->writer->context, 0, y, encoder->compressed_buffer, encoder->compressed_bytes);
 }
 

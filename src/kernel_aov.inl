@@ -80,6 +80,25 @@ static void store_position(const sgsi_tile_target *target, int b, vec3 direction
                     vf_keep(any, vf_add(point[c], vf_set1(target->aov->center[c]))));
 }
 
+static void show_block(const sgsi_scratch *s, const sgsi_tile_target *target, int b, uint32_t count, vf unit)
+{
+    const block_elements el = open_elements(s);
+    sgsi_block_hits hits = {.x = target->rays->x + 4 * (b % 4),
+                            .y = target->rays->y + 4 * (b / 4),
+                            .valid = target->rays->valid[b],
+                            .count = count,
+                            .alpha = el.alpha,
+                            .through = el.through,
+                            .transmittance = el.transmittance,
+                            .t = el.t,
+                            .order = s->order + (size_t)b * s->capacity,
+                            .records = s->tile_records,
+                            .transmittance_min = TRANSMITTANCE_MIN,
+                            .spare = s->sort_spare};
+    vf_store_u(hits.unit, unit);
+    target->aov->visit(target->aov->context, &hits);
+}
+
 // Writes the planes of a block whose elements were evaluated; `end` is the transmittance left.
 static void describe_block(const sgsi_scratch *s, const sgsi_tile_target *target, int b, const block_rays *block,
                            uint32_t count, vf end)
@@ -109,4 +128,6 @@ static void describe_block(const sgsi_scratch *s, const sgsi_tile_target *target
         store_position(target, b, direction, mean, any);
     if (identify)
         store_block((float *)aov->primitive, target, b, sums.primitive);
+    if (aov && aov->visit)
+        show_block(s, target, b, count, unit);
 }

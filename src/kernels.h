@@ -40,6 +40,21 @@ typedef struct sgsi_scratch {
     uint32_t entry_count[SGSI_BLOCKS]; // elements in `order`
 } sgsi_scratch;
 
+// The ordered elements of a block, for whoever wants to look at each hit. Arrays of [element][16 lanes]; a hit counts where
+// alpha > 0 and transmittance * through >= transmittance_min. Valid during the call only.
+typedef struct sgsi_block_hits {
+    int x, y;                    // upper left pixel; lane i is pixel (x + i % 4, y + i / 4)
+    unsigned valid;              // lanes with a ray
+    uint32_t count;              // elements
+    const float *alpha, *through, *transmittance;
+    const float *t;              // [element][2][16]: the first is the distance in units of the lane's |d|
+    const uint32_t *order;       // [element]: index into records
+    const float *records;        // [][SGSI_RECORD]
+    float unit[16];              // what one unit of t is, along the ray or along the axis
+    float transmittance_min;
+    uint64_t *spare;             // room for `count` numbers
+} sgsi_block_hits;
+
 // What a drawing may ask for besides colours and distances. Planes have the stride of the target's; each may be NULL
 // (of three, all or none).
 typedef struct sgsi_aov {
@@ -48,6 +63,8 @@ typedef struct sgsi_aov {
     const float *normals;           // [count][4]: each primitive's normal in world axes; needed with `normal`
     float rotation[9], center[3];   // of the view; needed with `position`
     bool axis_depth;                // distances along the camera's axis
+    void (*visit)(void *context, const sgsi_block_hits *hits); // called by all threads; NULL = nobody looks
+    void *context;
 } sgsi_aov;
 
 // One tile of an image to blend or to differentiate.

@@ -7,8 +7,10 @@
 #include <string.h>
 
 #include "core.h"
+#include "deep.h"
 #include "normals.h"
 #include "rays.h"
+#include "threads.h"
 #include "tracer.h"
 
 enum { RENDER_BIN_TILES = 2 };
@@ -24,6 +26,7 @@ struct sgs_renderer {
     float *unwanted; // colour and transmittance of frames that do not want them
     size_t normal_count;
     float *normals; // [normal_count][4]
+    sgsi_deep deep;
 };
 
 sgs_render_options sgs_render_options_default(void)
@@ -113,6 +116,7 @@ void sgs_renderer_destroy(sgs_renderer *renderer)
     sgsi_ray_cache_destroy(renderer->rays);
     sgsi_free(renderer->unwanted);
     sgsi_free(renderer->normals);
+    sgsi_deep_free(&renderer->deep);
     sgsi_free(renderer);
 }
 
@@ -171,8 +175,9 @@ static sgs_status prepare_aov(sgs_renderer *renderer, const sgsi_view *view, con
     return SGS_STATUS_OK;
 }
 
-sgs_status sgs_renderer_render(sgs_renderer *renderer, const sgs_camera *camera, const sgs_pose *pose,
-                               const sgs_render_options *options, sgs_frame *frame)
+// Everything up to the tracing.
+static sgs_status begin_view(sgs_renderer *renderer, const sgs_camera *camera, const sgs_pose *pose,
+                             const sgs_render_options *options, const sgs_frame *frame, sgsi_view *view)
 {
     if (frame->width != camera->width || frame->height != camera->height)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "the frame is %dx%d pixels but its camera %dx%d", frame->width,
@@ -188,17 +193,63 @@ sgs_status sgs_renderer_render(sgs_renderer *renderer, const sgs_camera *camera,
         status = prepare_planes(renderer, frame);
     if (status)
         return status;
-    sgsi_view view;
-    sgsi_view_set(&view, rays, pose, options);
-    status = sgsi_tracer_project(renderer->tracer, renderer->model, &view, NULL, NULL);
+    sgsi_view_set(view, rays, pose, options);
+    status = sgsi_tracer_project(renderer->tracer, renderer->model, view, NULL, NULL);
     if (!status)
         status = sgsi_tracer_commit(renderer->tracer, renderer->changed, SGSI_BVH_LOW);
+    renderer->changed = renderer->changed && status;
     if (!status)
-        status = prepare_aov(renderer, &view, options, frame);
+        status = prepare_aov(renderer, view, options, frame);
+    return status;
+}
+
+sgs_status sgs_renderer_render(sgs_renderer *renderer, const sgs_camera *camera, const sgs_pose *pose,
+                               const sgs_render_options *options, sgs_frame *frame)
+{
+    sgsi_view view;
+    sgs_status status = begin_view(renderer, camera, pose, options, frame, &view);
     if (!status)
         status = sgsi_tracer_forward(renderer->tracer, &view, &renderer->planes, NULL, false);
+    return status;
+}
+
+// Rows of bins per band: enough for all threads, as long as the samples stay within bounds.
+static int band_rows(const sgsi_rays *rays, int max_samples)
+{
+    const size_t wanted = 8 * (size_t)sgsi_threads() / (size_t)rays->bins_x + 1;
+    const size_t row_bytes = (size_t)rays->bin_tiles * SGSI_TILE * (size_t)rays->camera.width * (size_t)max_samples *
+                             sizeof(sgs_deep_sample);
+    const size_t allowed = ((size_t)256 << 20) / row_bytes;
+    return (int)(wanted < allowed ? wanted : allowed ? allowed : 1);
+}
+
+sgs_status sgs_renderer_render_deep(sgs_renderer *renderer, const sgs_camera *camera, const sgs_pose *pose,
+                                    const sgs_render_options *options, const sgs_deep_options *deep, sgs_frame *frame,
+                                    sgs_deep_rows_fn rows, void *context)
+{
+    if (!(deep->tolerance >= 0 && deep->tolerance <= 1) || deep->max_samples < 1 || deep->max_samples > 256)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "a deep tolerance of %g or %d samples per pixel is out of range",
+                         deep->tolerance, deep->max_samples);
+    sgsi_view view;
+    sgs_status status = begin_view(renderer, camera, pose, options, frame, &view);
     if (status)
         return status;
-    renderer->changed = false;
-    return SGS_STATUS_OK;
+    const sgsi_rays *rays = view.rays;
+    const int bin_rows = band_rows(rays, deep->max_samples), step = bin_rows * rays->bin_tiles;
+    status = sgsi_deep_reserve(&renderer->deep, deep, camera->width, step * SGSI_TILE);
+    renderer->aov.visit = sgsi_deep_visit;
+    renderer->aov.context = &renderer->deep;
+    renderer->planes.aov = &renderer->aov;
+    for (int first = 0; first < rays->tiles_y && !status; first += step) {
+        const int y = first * SGSI_TILE, left = camera->height - y;
+        const int height = left < step * SGSI_TILE ? left : step * SGSI_TILE;
+        sgsi_deep_begin(&renderer->deep, y, height);
+        status = sgsi_tracer_forward_rows(renderer->tracer, &view, &renderer->planes, first,
+                                          first + step < rays->tiles_y ? first + step : rays->tiles_y);
+        if (status)
+            break;
+        sgsi_deep_pack(&renderer->deep);
+        status = rows(context, y, height, renderer->deep.counts, renderer->deep.samples);
+    }
+    return status;
 }

@@ -220,6 +220,7 @@ typedef struct forward_pass {
     sgsi_planes *planes;
     float *depth_guess;
     bool keep_lists;
+    size_t first_bin;
 } forward_pass;
 
 // Ascending by the whole key, in three passes over the distance's bits and a repair of ties.
@@ -378,7 +379,7 @@ static void forward_bin(void *context, size_t item, int thread)
     const forward_pass *pass = context;
     thread_state *state = pass->tracer->threads[thread];
     const sgsi_rays *rays = pass->view->rays;
-    const int bin = (int)item;
+    const int bin = (int)(pass->first_bin + item);
     if (state->status)
         return;
     const double start = sgsi_seconds();
@@ -439,10 +440,10 @@ static sgs_status collect_threads(sgsi_tracer *tracer, double wall, double *gath
     return status == SGS_STATUS_OUT_OF_MEMORY ? sgsi_fail(status, "no memory for the candidates of a tile") : status;
 }
 
-sgs_status sgsi_tracer_forward(sgsi_tracer *tracer, const sgsi_view *view, sgsi_planes *planes, float *depth_guess, bool keep_lists)
+static sgs_status forward_bins(sgsi_tracer *tracer, forward_pass *pass, size_t bin_count)
 {
     const double start = sgsi_seconds();
-    const sgsi_rays *rays = view->rays;
+    const sgsi_rays *rays = pass->view->rays;
     sgs_status status = prepare_threads(tracer);
     if (!status)
         status = reserve_lists(tracer, (size_t)rays->tiles_x * (size_t)rays->tiles_y);
@@ -455,9 +456,23 @@ sgs_status sgsi_tracer_forward(sgsi_tracer *tracer, const sgsi_view *view, sgsi_
         state->gather_seconds = state->blend_seconds = 0.0;
         state->counts = (sgsi_trace_counts){0};
     }
-    forward_pass pass = {tracer, view, planes, depth_guess, keep_lists};
-    sgsi_parallel_for((size_t)rays->bins_x * (size_t)rays->bins_y, 1, forward_bin, &pass);
+    sgsi_parallel_for(bin_count, 1, forward_bin, pass);
     return collect_threads(tracer, sgsi_seconds() - start, &tracer->seconds.gather, &tracer->seconds.forward);
+}
+
+sgs_status sgsi_tracer_forward(sgsi_tracer *tracer, const sgsi_view *view, sgsi_planes *planes, float *depth_guess, bool keep_lists)
+{
+    forward_pass pass = {tracer, view, planes, depth_guess, keep_lists, 0};
+    return forward_bins(tracer, &pass, (size_t)view->rays->bins_x * (size_t)view->rays->bins_y);
+}
+
+sgs_status sgsi_tracer_forward_rows(sgsi_tracer *tracer, const sgsi_view *view, sgsi_planes *planes, int first, int last)
+{
+    const sgsi_rays *rays = view->rays;
+    const size_t bins_x = (size_t)rays->bins_x, first_row = (size_t)(first / rays->bin_tiles);
+    const size_t last_row = (size_t)((last + rays->bin_tiles - 1) / rays->bin_tiles);
+    forward_pass pass = {tracer, view, planes, NULL, false, first_row * bins_x};
+    return forward_bins(tracer, &pass, (last_row - first_row) * bins_x);
 }
 
 typedef struct backward_pass {

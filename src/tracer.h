@@ -47,6 +47,10 @@ sgs_status sgsi_tracer_commit(sgsi_tracer *tracer, bool rebuild, sgsi_bvh_qualit
 sgs_status sgsi_tracer_forward(sgsi_tracer *tracer, const sgsi_view *view, sgsi_planes *planes, float *depth_guess,
                                bool keep_lists);
 
+// The same for the rows of tiles [first, last) only, without guesses and lists; first and last are multiples of the rays'
+// bin_tiles (last: or the end). Other pixels are left alone.
+sgs_status sgsi_tracer_forward_rows(sgsi_tracer *tracer, const sgsi_view *view, sgsi_planes *planes, int first, int last);
+
 // Gradients of the last forward pass with lists: fills sums and touched.
 sgs_status sgsi_tracer_backward(sgsi_tracer *tracer, const sgsi_view *view, const sgsi_planes *planes,
                                 float *const d_color[3], float *d_transmittance);

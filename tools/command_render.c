@@ -27,7 +27,9 @@ typedef struct render_values {
     const char *output, *view, *camera;
     int split, format, encoding, depth, compression;
     unsigned aovs;
-    bool reference;
+    bool reference, deep;
+    double deep_tolerance;
+    int deep_max;
 } render_values;
 
 #define AT(member) offsetof(render_values, member)
@@ -48,6 +50,12 @@ static const option render_options[] = {
      "colours of an EXR: decoded to scene-linear, or the display values as trained"},
     {"compression", 0, OPTION_CHOICE, AT(compression), 0, 0, "zip|zips|piz|none", "zip", NULL, NULL,
      "how an EXR's pixels are packed"},
+    {"deep", 0, OPTION_FLAG, AT(deep), 0, 0, NULL, NULL, NULL, NULL,
+     "write DIR/STEM.deep.exr too: the samples of every ray, which flatten to the image"},
+    {"deep-tolerance", 0, OPTION_REAL, AT(deep_tolerance), 0, 1, "X", "0.01", NULL, "of the distance",
+     "hits closer than this to the first of a sample join it"},
+    {"deep-max", 0, OPTION_INTEGER, AT(deep_max), 1, 256, "N", "32", NULL, "samples",
+     "per pixel at most; where there are more, the tolerance grows"},
     {"reference", 0, OPTION_FLAG, AT(reference), 0, 0, NULL, NULL, NULL, NULL,
      "draw by brute force in double precision: exact and slow"},
 };
@@ -104,37 +112,57 @@ static bool has_axis_depth(const char *name, const sgs_camera *camera)
     return true;
 }
 
-static bool draw(rendering *job, const char *name, const sgs_camera *camera, const sgs_pose *pose)
+// The frame of the job, of a view's size. False when out of memory.
+static bool prepare_frame(rendering *job, const sgs_camera *camera)
 {
-    sgs_render_options options = sgs_render_options_default();
-    options.filter = (sgs_filter)job->drawing->filter;
-    options.axis_depth = job->values->depth == DEPTH_Z;
-    if (options.axis_depth && !has_axis_depth(name, camera))
-        return false;
-    const double start = clock_seconds();
     sgs_frame *frame = &job->frame;
-    bool done = true;
-    if (frame->width != camera->width || frame->height != camera->height) {
-        sgs_frame_free(frame);
-        done = !sgs_frame_create_with(camera->width, camera->height, aov_planes(job->values->aovs), frame);
-    }
-    if (done)
-        done = job->renderer ? !sgs_renderer_render(job->renderer, camera, pose, &options, frame)
-                             : draw_reference(job, camera, pose, &options, frame);
+    if (frame->width == camera->width && frame->height == camera->height)
+        return true;
+    sgs_frame_free(frame);
+    return !sgs_frame_create_with(camera->width, camera->height, aov_planes(job->values->aovs), frame);
+}
+
+// Renders into the frame, and the deep file on the way.
+static bool draw_deep(rendering *job, const frame_files *files, const sgs_render_options *options)
+{
+    sgs_deep_options deep = {.tolerance = job->values->deep_tolerance, .max_samples = job->values->deep_max};
+    deep_file *file = deep_file_open(files, &job->frame, deep.max_samples);
+    if (!file)
+        return false;
+    const bool done = !sgs_renderer_render_deep(job->renderer, files->camera, files->pose, options, &deep, &job->frame,
+                                                deep_file_rows, file);
     if (!done)
         fail_library();
-    const double drawn = clock_seconds();
-    frame_files files = {.folder = job->values->output,
+    return deep_file_close(file, done);
+}
+
+static bool draw(rendering *job, const char *name, const sgs_camera *camera, const sgs_pose *pose)
+{
+    const render_values *values = job->values;
+    sgs_render_options options = sgs_render_options_default();
+    options.filter = (sgs_filter)job->drawing->filter;
+    options.axis_depth = values->depth == DEPTH_Z;
+    if (options.axis_depth && !has_axis_depth(name, camera))
+        return false;
+    frame_files files = {.folder = values->output,
                          .name = name,
                          .camera = camera,
                          .pose = pose,
-                         .aovs = job->values->aovs,
+                         .aovs = values->aovs,
                          .axis_depth = options.axis_depth,
-                         .compression = (sgs_exr_compression)job->values->compression,
-                         .encoding = (exr_encoding)job->values->encoding};
+                         .encoding = (exr_encoding)values->encoding,
+                         .compression = (sgs_exr_compression)values->compression};
     memcpy(files.background, job->drawing->background.rgb, sizeof files.background);
+    const double start = clock_seconds();
+    bool done = prepare_frame(job, camera);
+    if (done && values->deep)
+        done = draw_deep(job, &files, &options);
+    else if (!(done = done && (job->renderer ? !sgs_renderer_render(job->renderer, camera, pose, &options, &job->frame)
+                                             : draw_reference(job, camera, pose, &options, &job->frame))))
+        fail_library();
+    const double drawn = clock_seconds();
     if (done)
-        done = job->values->format == FORMAT_EXR ? frame_write_exr(&files, frame) : frame_write_png(&files, frame);
+        done = values->format == FORMAT_EXR ? frame_write_exr(&files, &job->frame) : frame_write_png(&files, &job->frame);
     job->draw_seconds += drawn - start;
     job->write_seconds += clock_seconds() - drawn;
     ++job->drawn;
@@ -279,6 +307,8 @@ int command_render(int argc, char **argv)
             fail_usage("render needs a SCENE or --camera FILE, one of them; usage: sparegs render %s", line.synopsis);
     if (status < 0 && !values.output)
         status = fail_usage("render needs -o DIR, the folder to write to; usage: sparegs render %s", line.synopsis);
+    if (status < 0 && values.deep && values.reference)
+        status = fail_usage("--deep and --reference exclude each other; the reference draws flat images");
     if (status < 0)
         status = common_apply(&common, &line);
     if (status >= 0)

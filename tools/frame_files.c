@@ -8,6 +8,11 @@
 // alpha, decoded by the sRGB curve (continued above 1) and multiplied by alpha again. `srgb` leaves the values as they
 // were blended.
 //
+// Deep samples are decoded one by one, each as if it stood alone; their sum is then more light than the flat image has,
+// for a mixture is decoded after it was blended. So the samples of a pixel are scaled by one factor per channel, at most 1,
+// that makes a flattened file equal the flat one. All samples stay positive and keep their share of the light, so an
+// object put between them hides what it should, to within that factor; with `srgb` every partial sum is exact.
+//
 // Matrices. OpenEXR's standard attributes speak of a left-handed camera with y up and z forward; COLMAP's has y down,
 // so worldToCamera is the pose with its second row negated. worldToNDC maps to (0,0) upper left, (1,1) lower right by
 // the linear part of the lens (no distortion), with depth 1 - near / z; a fisheye lens has no such matrix and none is
@@ -18,6 +23,7 @@
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "colormap.h"
 #include "output.h"
@@ -31,6 +37,11 @@
 
 static const char ray_depth[] = DEPTHS("along the unit ray from the camera centre");
 static const char axis_depth[] = DEPTHS("along the camera's axis (z, perpendicular to the image plane)");
+
+static const char deep_ray_depth[] = "Z, ZBack: first and last hit of a sample, along the unit ray from the camera "
+                                    "centre, world units";
+static const char deep_axis_depth[] = "Z, ZBack: first and last hit of a sample, along the camera's axis (z, "
+                                     "perpendicular to the image plane), world units";
 
 unsigned aov_planes(unsigned aovs)
 {
@@ -114,22 +125,32 @@ static int list_channels(unsigned aovs, const sgs_frame *frame, const float *alp
     return count;
 }
 
+// What the header says; the matrices live in `matrices`.
+typedef struct view_matrices {
+    double to_camera[16], to_ndc[16];
+} view_matrices;
+
+static sgs_exr_info describe(const frame_files *files, bool any_depth, view_matrices *matrices)
+{
+    camera_matrices(files->camera, files->pose, matrices->to_camera, matrices->to_ndc);
+    return (sgs_exr_info){.width = files->camera->width,
+                          .height = files->camera->height,
+                          .world_to_camera = matrices->to_camera,
+                          .world_to_ndc = sgs_camera_is_fisheye(files->camera->model) ? NULL : matrices->to_ndc,
+                          .depth_definition = !any_depth          ? NULL
+                                              : files->axis_depth ? axis_depth
+                                                                  : ray_depth,
+                          .view_name = files->name,
+                          .compression = files->compression};
+}
+
 static bool write_exr(const frame_files *files, const char *path, const sgs_frame *frame, const float *alpha,
                       const uint32_t *hits)
 {
     sgs_exr_channel channels[EXR_CHANNELS];
-    double to_camera[16], to_ndc[16];
-    camera_matrices(files->camera, files->pose, to_camera, to_ndc);
+    view_matrices matrices;
     const bool any_depth = files->aovs & (AOV_DEPTH | AOV_DEPTH_MEDIAN | AOV_DEPTH_FIRST);
-    const sgs_exr_info info = {.width = frame->width,
-                               .height = frame->height,
-                               .world_to_camera = to_camera,
-                               .world_to_ndc = sgs_camera_is_fisheye(files->camera->model) ? NULL : to_ndc,
-                               .depth_definition = !any_depth          ? NULL
-                                                   : files->axis_depth ? axis_depth
-                                                                       : ray_depth,
-                               .view_name = files->name,
-                               .compression = files->compression};
+    const sgs_exr_info info = describe(files, any_depth, &matrices);
     if (!make_folder_of(path))
         return false;
     if (sgs_exr_write(path, &info, channels, list_channels(files->aovs, frame, alpha, hits, channels))) {
@@ -161,6 +182,102 @@ bool frame_write_exr(const frame_files *files, sgs_frame *frame)
     free(hits);
     return written;
 }
+
+// ---- Deep files ----
+
+struct deep_file {
+    const frame_files *files;
+    const sgs_frame *frame;
+    sgs_exr_deep *exr;
+    char *path;
+    sgs_deep_sample *samples; // of a band
+    size_t capacity;
+};
+
+deep_file *deep_file_open(const frame_files *files, const sgs_frame *frame, int max_samples)
+{
+    deep_file *file = calloc(1, sizeof *file);
+    if (!file) {
+        fail_run("%s: no memory to write it", files->name);
+        return NULL;
+    }
+    view_matrices matrices;
+    sgs_exr_info info = describe(files, true, &matrices);
+    info.depth_definition = files->axis_depth ? deep_axis_depth : deep_ray_depth;
+    *file = (deep_file){.files = files, .frame = frame, .path = view_path(files->folder, files->name, ".deep.exr")};
+    if (make_folder_of(file->path)) {
+        if (!sgs_exr_deep_open(file->path, &info, max_samples, &file->exr))
+            return file;
+        fail_library();
+    }
+    free(file->path);
+    free(file);
+    return NULL;
+}
+
+// Display to scene-linear: see above.
+static void linearise_samples(sgs_deep_sample *samples, size_t count, const float flat[3], float alpha)
+{
+    for (int c = 0; c < 3; ++c) {
+        double sum = 0, through = 1;
+        for (size_t k = 0; k < count; ++k) {
+            float *value = &samples[k].color[c];
+            *value = samples[k].alpha > 0 ? samples[k].alpha * srgb_to_linear(*value / samples[k].alpha) : 0;
+            sum += through * (double)*value;
+            through *= 1 - (double)samples[k].alpha;
+        }
+        const double wanted = alpha > 0 ? (double)(alpha * srgb_to_linear(flat[c] / alpha)) : 0;
+        const float scale = sum > 0 ? (float)(wanted / sum) : 0;
+        for (size_t k = 0; k < count; ++k)
+            samples[k].color[c] *= scale;
+    }
+}
+
+sgs_status deep_file_rows(void *context, int y, int rows, const uint32_t *counts, const sgs_deep_sample *samples)
+{
+    deep_file *file = context;
+    const sgs_frame *frame = file->frame;
+    const size_t width = (size_t)frame->width, pixels = width * (size_t)rows, first = width * (size_t)y;
+    if (file->files->encoding == EXR_SRGB)
+        return sgs_exr_deep_write(file->exr, rows, counts, samples);
+    size_t total = 0;
+    for (size_t i = 0; i < pixels; ++i)
+        total += counts[i];
+    if (total > file->capacity) {
+        free(file->samples);
+        file->samples = malloc(total * sizeof *file->samples);
+        file->capacity = file->samples ? total : 0;
+        if (!file->samples)
+            return SGS_STATUS_OUT_OF_MEMORY;
+    }
+    if (total)
+        memcpy(file->samples, samples, total * sizeof *samples);
+    sgs_deep_sample *at = file->samples;
+    for (size_t i = 0; i < pixels; at += counts[i++]) {
+        const float flat[3] = {frame->color[0][first + i], frame->color[1][first + i], frame->color[2][first + i]};
+        linearise_samples(at, counts[i], flat, 1 - frame->transmittance[first + i]);
+    }
+    return sgs_exr_deep_write(file->exr, rows, counts, file->samples);
+}
+
+bool deep_file_close(deep_file *file, bool complete)
+{
+    bool written = complete;
+    if (!complete)
+        sgs_exr_deep_abort(file->exr);
+    else if (sgs_exr_deep_close(file->exr)) {
+        fail_library();
+        written = false;
+    } else {
+        puts(file->path);
+    }
+    free(file->samples);
+    free(file->path);
+    free(file);
+    return written;
+}
+
+// ---- PNG ----
 
 // Writes and frees one image.
 static bool write_image(const frame_files *files, const char *suffix, sgs_image8 *image)

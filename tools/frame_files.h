@@ -39,6 +39,14 @@ typedef struct frame_files {
     float background[3];             // PNG only
 } frame_files;
 
+// Opens FOLDER/STEM.deep.exr. NULL after printing the error.
+typedef struct deep_file deep_file;
+deep_file *deep_file_open(const frame_files *files, const sgs_frame *frame, int max_samples);
+// A sgs_deep_rows_fn; context is the deep_file. The frame must hold its display colours still.
+sgs_status deep_file_rows(void *context, int y, int rows, const uint32_t *counts, const sgs_deep_sample *samples);
+// Completes the file and prints its path on stdout, or, unless `complete`, leaves none. False after printing the error.
+bool deep_file_close(deep_file *file, bool complete);
+
 // FOLDER/STEM.exr. May overwrite the frame's colour planes. Prints the path on stdout, or the error.
 bool frame_write_exr(const frame_files *files, sgs_frame *frame);
 

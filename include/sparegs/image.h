@@ -6,6 +6,7 @@
 // (OpenImageIO) and multi-channel EXR for compositors (OpenEXR). Every writer writes to a temporary
 // file in the target folder and renames it, so a failed write leaves the earlier file intact.
 
+#include "sparegs/render.h"
 #include "sparegs/scene.h"
 
 #ifdef __cplusplus
@@ -65,6 +66,20 @@ typedef struct sgs_exr_info {
 // Writes a scan-line EXR with data window = display window, Rec. 709 chromaticities and
 // the attributes above. Matrices are stored in EXR's row-vector convention (transposed).
 sgs_status sgs_exr_write(const char *path, const sgs_exr_info *info, const sgs_exr_channel *channels, int channel_count);
+
+// A deep scan-line EXR that is written row by row: float channels A, B, G, R, Z, ZBack, samples as they come. info as above;
+// its compression is lossless and line by line (ZIPS) unless it is SGS_EXR_NONE. max_samples: per pixel, told by the header.
+// On failure *deep is NULL.
+typedef struct sgs_exr_deep sgs_exr_deep;
+sgs_status sgs_exr_deep_open(const char *path, const sgs_exr_info *info, int max_samples, sgs_exr_deep **deep);
+
+// Appends `rows` rows. counts [rows][width]; samples: those of all pixels, one after the other.
+sgs_status sgs_exr_deep_write(sgs_exr_deep *deep, int rows, const uint32_t *counts, const sgs_deep_sample *samples);
+
+// Ends the file and puts it in its place; all rows must have been written. Frees `deep` in any case.
+sgs_status sgs_exr_deep_close(sgs_exr_deep *deep);
+// Gives up: leaves no file. Accepts NULL.
+void sgs_exr_deep_abort(sgs_exr_deep *deep);
 
 #ifdef __cplusplus
 }

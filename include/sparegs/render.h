@@ -86,6 +86,33 @@ sgs_status sgs_renderer_update(sgs_renderer *renderer);
 sgs_status sgs_renderer_render(sgs_renderer *renderer, const sgs_camera *camera, const sgs_pose *pose,
                                const sgs_render_options *options, sgs_frame *frame);
 
+// ---- Deep pictures: what a ray meets, one by one ----
+
+// A stretch of a ray. Samples of a pixel are in ray order and do not overlap; z <= z_back (equal for a single hit), as the
+// frame's distances are measured. Colour is premultiplied, display values: laid over each other, nearest on top, the
+// samples of a pixel give its colour and alpha.
+typedef struct sgs_deep_sample {
+    float z, z_back, alpha, color[3];
+} sgs_deep_sample;
+
+typedef struct sgs_deep_options {
+    double tolerance; // hits closer than this fraction of their distance become one sample, [0, 1]; default 0.01
+    int max_samples;  // per pixel, 1..256: where there are more, the tolerance grows; default 32
+} sgs_deep_options;
+
+sgs_deep_options sgs_deep_options_default(void);
+
+// Receives the rows [y, y + rows) of a picture, bands in order. counts [rows][width]: samples per pixel; samples: all of them,
+// pixel after pixel. Valid during the call. The frame's planes of these rows are complete. Anything but SGS_STATUS_OK
+// ends the rendering with that status.
+typedef sgs_status (*sgs_deep_rows_fn)(void *context, int y, int rows, const uint32_t *counts, const sgs_deep_sample *samples);
+
+// Renders one view into a frame, as sgs_renderer_render does and to the same bits, and its samples on the way. depth_first of
+// the frame equals z of a pixel's first sample.
+sgs_status sgs_renderer_render_deep(sgs_renderer *renderer, const sgs_camera *camera, const sgs_pose *pose,
+                                    const sgs_render_options *options, const sgs_deep_options *deep, sgs_frame *frame,
+                                    sgs_deep_rows_fn rows, void *context);
+
 // ---- The oracle: brute force over all primitives, double precision, no BVH, no SIMD. O(pixels x primitives). ----
 
 // Planes as in sgs_frame, in double (a primitive's row too, and -1 for none).

@@ -118,10 +118,11 @@ static sgs_deep_sample merge(const sgsi_block_hits *hits, int lane, const uint64
             color[c] += w * (double)shade[c];
     }
     const double scale = 1 / front;
-    return (sgs_deep_sample){.z = key_distance(run[0]) * unit,
-                             .z_back = key_distance(run[count - 1]) * unit,
-                             .alpha = (float)(weights * scale < 1 ? weights * scale : 1),
-                             .color = {(float)(color[0] * scale), (float)(color[1] * scale), (float)(color[2] * scale)}};
+    return (sgs_deep_sample){
+        .z = key_distance(run[0]) * unit,
+        .z_back = key_distance(run[count - 1]) * unit,
+        .alpha = (float)(weights * scale < 1 ? weights * scale : 1),
+        .color = {(float)(color[0] * scale), (float)(color[1] * scale), (float)(color[2] * scale)}};
 }
 
 void sgsi_deep_visit(void *context, const sgsi_block_hits *hits)

@@ -11,9 +11,9 @@
 typedef struct sgsi_deep {
     sgs_deep_options options;
     int width, first_row, rows;
-    size_t row_capacity;       // rows that the arrays have room for
-    uint32_t *counts;          // [rows][width]
-    sgs_deep_sample *samples;  // [rows][width][max_samples]
+    size_t row_capacity;      // rows that the arrays have room for
+    uint32_t *counts;         // [rows][width]
+    sgs_deep_sample *samples; // [rows][width][max_samples]
 } sgsi_deep;
 
 // Room for `rows` rows of `width` pixels; grows only. sgsi_deep_free accepts a zeroed struct.

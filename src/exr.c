@@ -78,8 +78,8 @@ static void point_at_lines(const void *context, exr_encode_pipeline_t *encoder, 
         coded->user_bytes_per_element = 4;
         coded->user_pixel_stride = 4;
         coded->user_line_stride = 4 * image->width;
-        coded->encode_from_ptr = channel->uints ? (const uint8_t *)(channel->uints + first)
-                                                : (const uint8_t *)(channel->floats + first);
+        coded->encode_from_ptr =
+            channel->uints ? (const uint8_t *)(channel->uints + first) : (const uint8_t *)(channel->floats + first);
     }
 }
 
@@ -96,8 +96,8 @@ static sgs_status write_image(const flat_image *image, const char *path, const s
         columns[k] = (sgsi_exr_column){channel->name, channel->uints ? EXR_PIXEL_UINT : of_floats};
     }
     sgsi_exr_writer writer;
-    const sgs_status status = sgsi_exr_open(&writer, path, info, EXR_STORAGE_SCANLINE, compressions[info->compression], 0,
-                                            columns, image->channel_count);
+    const sgs_status status = sgsi_exr_open(&writer, path, info, EXR_STORAGE_SCANLINE, compressions[info->compression],
+                                            0, columns, image->channel_count);
     if (status)
         return status;
     return sgsi_exr_close(&writer, sgsi_exr_write_lines(&writer, 0, info->height, info->height, point_at_lines, image));
@@ -109,7 +109,8 @@ sgs_status sgs_exr_write(const char *path, const sgs_exr_info *info, const sgs_e
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: an image of %d x %d pixels cannot be written", path,
                          info->width, info->height);
     if (info->compression < 0 || info->compression >= SGS_EXR_COMPRESSION_COUNT)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: EXR compression %d is unknown", path, (int)info->compression);
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: EXR compression %d is unknown", path,
+                         (int)info->compression);
     sgs_status status = check_channels(path, channels, channel_count);
     if (status)
         return status;

@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Deep scan-line EXR files. OpenEXRCore 3.1 writes deep chunks but does not compress their tables of sample counts, so the
-// chunks are packed here, after "OpenEXR File Layout": a chunk is one line; its table holds the running sum of the
+// Deep scan-line EXR files. OpenEXRCore 3.1 writes deep chunks but does not compress their tables of sample counts, so
+// the chunks are packed here, after "OpenEXR File Layout": a chunk is one line; its table holds the running sum of the
 // samples per pixel, its data the samples of all pixels channel by channel in the order of the channels' names, both
 // little endian, and both deflated after the bytes at even places were moved before those at odd places and every byte
 // was replaced by its difference from the one before, plus 128. What does not shrink is stored as it is.
@@ -76,7 +76,8 @@ typedef struct pack_job {
 static bool lay_out(deep_line *line, size_t table_bytes, size_t data_bytes)
 {
     const size_t larger = table_bytes > data_bytes ? table_bytes : data_bytes;
-    const size_t needed = table_bytes + data_bytes + compressBound((uLong)table_bytes) + compressBound((uLong)data_bytes) + larger;
+    const size_t needed =
+        table_bytes + data_bytes + compressBound((uLong)table_bytes) + compressBound((uLong)data_bytes) + larger;
     if (needed <= line->capacity)
         return true;
     sgsi_free(line->bytes);
@@ -110,7 +111,8 @@ static void pack_line(void *context, size_t item, int thread)
     }
     for (size_t i = 0; i < total; ++i) {
         const sgs_deep_sample *s = &samples[i];
-        const float values[CHANNELS] = {s->alpha, s->color[2], s->color[1], s->color[0], s->z, s->z_back}; // A B G R Z ZBack
+        const float values[CHANNELS] = {s->alpha,    s->color[2], s->color[1],
+                                        s->color[0], s->z,        s->z_back}; // A B G R Z ZBack
         for (size_t k = 0; k < CHANNELS; ++k)
             put_word(data + 4 * (k * total + i), &values[k]);
     }
@@ -124,12 +126,13 @@ static void pack_line(void *context, size_t item, int thread)
 
 sgs_status sgs_exr_deep_open(const char *path, const sgs_exr_info *info, int max_samples, sgs_exr_deep **deep)
 {
-    static const sgsi_exr_column columns[CHANNELS] = {{"A", EXR_PIXEL_FLOAT}, {"B", EXR_PIXEL_FLOAT}, {"G", EXR_PIXEL_FLOAT},
-                                                      {"R", EXR_PIXEL_FLOAT}, {"Z", EXR_PIXEL_FLOAT}, {"ZBack", EXR_PIXEL_FLOAT}};
+    static const sgsi_exr_column columns[CHANNELS] = {{"A", EXR_PIXEL_FLOAT}, {"B", EXR_PIXEL_FLOAT},
+                                                      {"G", EXR_PIXEL_FLOAT}, {"R", EXR_PIXEL_FLOAT},
+                                                      {"Z", EXR_PIXEL_FLOAT}, {"ZBack", EXR_PIXEL_FLOAT}};
     *deep = NULL;
     if (info->width < 1 || info->height < 1 || info->width > SGSI_EXR_MAX_SIDE || info->height > SGSI_EXR_MAX_SIDE)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: an image of %d x %d pixels cannot be written", path, info->width,
-                         info->height);
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: an image of %d x %d pixels cannot be written", path,
+                         info->width, info->height);
     sgs_exr_deep *made = sgsi_calloc(1, sizeof *made);
     if (made)
         made->path = sgsi_strdup(path);
@@ -198,7 +201,11 @@ static void free_deep(sgs_exr_deep *deep)
 
 sgs_status sgs_exr_deep_close(sgs_exr_deep *deep)
 {
-    const sgs_status status = sgsi_exr_close(&deep->writer, deep->result);
+    const bool whole = deep->next_row == deep->height;
+    sgs_status status = sgsi_exr_close(&deep->writer, whole || deep->result ? deep->result : EXR_ERR_UNKNOWN);
+    if (status && !whole && !deep->result)
+        status = sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: only %d of its %d rows were written", deep->path,
+                           deep->next_row, deep->height);
     free_deep(deep);
     return status;
 }

@@ -62,6 +62,34 @@ run 0 render "$model" "$room" --view 0009 --aov all --format png -o "$temporary/
 for name in normal position primitive; do
     check "picture_${name}_opens" oiiotool "$temporary/all/0009.$name.png"
 done
+
+# deep_files_flatten_to_the_flat_ones
+for depth in ray z; do
+    run 0 render "$model" "$room" --view 0009 --downscale 8 --aov rgba,depth_first,hits --depth $depth --deep -o "$temporary/deep"
+    prints "$temporary/deep/0009.deep.exr"
+    check it_is_deep bash -c "oiiotool --info '$temporary/deep/0009.deep.exr' | grep -q 'deep float'"
+    check it_flattens oiiotool "$temporary/deep/0009.deep.exr" --flatten --ch R,G,B,A -o "$temporary/deep/flat.exr"
+    check flattened_is_flat oiiotool --fail 0.001 "$temporary/deep/0009.exr" --ch R,G,B,A "$temporary/deep/flat.exr" --ch R,G,B,A --diff
+    oiiotool --dumpdata "$temporary/deep/0009.deep.exr" | sed -n 's/.*Pixel (\(.*\)): [1-9][0-9]* samples[^/]* Z=\([^ ]*\) .*/\1 \2/p' |
+        awk '{ print $1 $2, $3 }' >"$temporary/first_samples"
+    oiiotool "$temporary/deep/0009.exr" --ch depth_first.Z -o "$temporary/deep/first.exr" --dumpdata |
+        sed -n 's/.*Pixel (\(.*\)): \(.*\)/\1 \2/p' | awk '$3 > 0 { print $1 $2, $3 }' >"$temporary/first_hits"
+    check first_sample_is_first_hit bash -c "join '$temporary/first_samples' '$temporary/first_hits' -j 1 --nocheck-order |
+        awk '{ d = \$2 - \$3; if (d < 0) d = -d; if (d > 1e-5 * \$3) bad = 1; ++n } END { exit !(n > 1000 && !bad) }'"
+done
+if command -v exrcheck >/dev/null; then
+    check exrcheck_is_content exrcheck "$temporary/deep/0009.deep.exr" "$temporary/deep/0009.exr" "$temporary/all/0009.exr"
+fi
+check exrheader_reads_it exrheader "$temporary/deep/0009.deep.exr"
+run 0 render "$model" "$room" --view 0009 --downscale 8 --aov rgba --deep --deep-max 2 --deep-tolerance 0 -o "$temporary/deep"
+check never_more_samples bash -c "! oiiotool --dumpdata '$temporary/deep/0009.deep.exr' | grep -vE 'Pixel .*: [012] samples' | grep -q samples"
+for bad in '--deep-tolerance -1' '--deep-tolerance 1.5' '--deep-tolerance x' '--deep-max 0' '--deep-max 257'; do
+    # shellcheck disable=SC2086
+    run 2 render "$model" "$room" --deep $bad -o "$temporary/deep"
+    says "${bad% *}"
+done
+run 2 render "$model" "$room" --deep --reference -o "$temporary/deep"
+says "--deep and --reference exclude each other"
 run 2 render "$model" "$room" --aov rgba,dept -o "$temporary/all"
 says "--aov: 'rgba,dept' is none of"
 run 2 render "$model" "$room" --depth y -o "$temporary/all"

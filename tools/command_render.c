@@ -112,14 +112,27 @@ static bool has_axis_depth(const char *name, const sgs_camera *camera)
     return true;
 }
 
-// The frame of the job, of a view's size. False when out of memory.
+// Gives the job's frame the size of a view.
 static bool prepare_frame(rendering *job, const sgs_camera *camera)
 {
     sgs_frame *frame = &job->frame;
     if (frame->width == camera->width && frame->height == camera->height)
         return true;
     sgs_frame_free(frame);
-    return !sgs_frame_create_with(camera->width, camera->height, aov_planes(job->values->aovs), frame);
+    if (!sgs_frame_create_with(camera->width, camera->height, aov_planes(job->values->aovs), frame))
+        return true;
+    fail_library();
+    return false;
+}
+
+static bool draw_flat(rendering *job, const frame_files *files, const sgs_render_options *options)
+{
+    const bool done = job->renderer
+                          ? !sgs_renderer_render(job->renderer, files->camera, files->pose, options, &job->frame)
+                          : draw_reference(job, files->camera, files->pose, options, &job->frame);
+    if (!done)
+        fail_library();
+    return done;
 }
 
 // Renders into the frame, and the deep file on the way.
@@ -154,15 +167,12 @@ static bool draw(rendering *job, const char *name, const sgs_camera *camera, con
                          .compression = (sgs_exr_compression)values->compression};
     memcpy(files.background, job->drawing->background.rgb, sizeof files.background);
     const double start = clock_seconds();
-    bool done = prepare_frame(job, camera);
-    if (done && values->deep)
-        done = draw_deep(job, &files, &options);
-    else if (!(done = done && (job->renderer ? !sgs_renderer_render(job->renderer, camera, pose, &options, &job->frame)
-                                             : draw_reference(job, camera, pose, &options, &job->frame))))
-        fail_library();
+    bool done = prepare_frame(job, camera) &&
+                (values->deep ? draw_deep(job, &files, &options) : draw_flat(job, &files, &options));
     const double drawn = clock_seconds();
     if (done)
-        done = values->format == FORMAT_EXR ? frame_write_exr(&files, &job->frame) : frame_write_png(&files, &job->frame);
+        done =
+            values->format == FORMAT_EXR ? frame_write_exr(&files, &job->frame) : frame_write_png(&files, &job->frame);
     job->draw_seconds += drawn - start;
     job->write_seconds += clock_seconds() - drawn;
     ++job->drawn;

@@ -9,9 +9,9 @@
 // were blended.
 //
 // Deep samples are decoded one by one, each as if it stood alone; their sum is then more light than the flat image has,
-// for a mixture is decoded after it was blended. So the samples of a pixel are scaled by one factor per channel, at most 1,
-// that makes a flattened file equal the flat one. All samples stay positive and keep their share of the light, so an
-// object put between them hides what it should, to within that factor; with `srgb` every partial sum is exact.
+// for a mixture is decoded after it was blended. So the samples of a pixel are scaled by one factor per channel, at
+// most 1, that makes a flattened file equal the flat one. All samples stay positive and keep their share of the light,
+// so an object put between them hides what it should, to within that factor; with `srgb` every partial sum is exact.
 //
 // Matrices. OpenEXR's standard attributes speak of a left-handed camera with y up and z forward; COLMAP's has y down,
 // so worldToCamera is the pose with its second row negated. worldToNDC maps to (0,0) upper left, (1,1) lower right by
@@ -39,9 +39,9 @@ static const char ray_depth[] = DEPTHS("along the unit ray from the camera centr
 static const char axis_depth[] = DEPTHS("along the camera's axis (z, perpendicular to the image plane)");
 
 static const char deep_ray_depth[] = "Z, ZBack: first and last hit of a sample, along the unit ray from the camera "
-                                    "centre, world units";
+                                     "centre, world units";
 static const char deep_axis_depth[] = "Z, ZBack: first and last hit of a sample, along the camera's axis (z, "
-                                     "perpendicular to the image plane), world units";
+                                      "perpendicular to the image plane), world units";
 
 unsigned aov_planes(unsigned aovs)
 {

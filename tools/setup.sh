@@ -13,7 +13,7 @@ packages=(
     libjansson-dev libxxhash-dev      # JSON, hashes
     zlib1g-dev                        # deep EXR
     libcmocka-dev                     # tests
-    openimageio-tools jq              # tests of the written files
+    openimageio-tools openexr jq      # tests of the written files
 )
 
 missing=()

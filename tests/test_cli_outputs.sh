@@ -72,7 +72,8 @@ for depth in ray z; do
     check flattened_is_flat oiiotool --fail 0.001 "$temporary/deep/0009.exr" --ch R,G,B,A "$temporary/deep/flat.exr" --ch R,G,B,A --diff
     oiiotool --dumpdata "$temporary/deep/0009.deep.exr" | sed -n 's/.*Pixel (\(.*\)): [1-9][0-9]* samples[^/]* Z=\([^ ]*\) .*/\1 \2/p' |
         awk '{ print $1 $2, $3 }' >"$temporary/first_samples"
-    oiiotool "$temporary/deep/0009.exr" --ch depth_first.Z -o "$temporary/deep/first.exr" --dumpdata |
+    oiiotool "$temporary/deep/0009.exr" --ch depth_first.Z -o "$temporary/deep/first.exr"
+    oiiotool --dumpdata "$temporary/deep/first.exr" |
         sed -n 's/.*Pixel (\(.*\)): \(.*\)/\1 \2/p' | awk '$3 > 0 { print $1 $2, $3 }' >"$temporary/first_hits"
     check first_sample_is_first_hit bash -c "join '$temporary/first_samples' '$temporary/first_hits' -j 1 --nocheck-order |
         awk '{ d = \$2 - \$3; if (d < 0) d = -d; if (d > 1e-5 * \$3) bad = 1; ++n } END { exit !(n > 1000 && !bad) }'"

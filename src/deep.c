@@ -58,11 +58,11 @@ static size_t sort_hits(const sgsi_block_hits *hits, int lane, uint64_t *sorted)
 {
     size_t count = 0;
     for (uint32_t i = 0; i < hits->count; ++i) {
-        const float through = hits->through[16 * i + (size_t)lane], front = hits->transmittance[16 * i + (size_t)lane];
-        if (!(hits->alpha[16 * i + (size_t)lane] > 0.0f) || !(front * through >= hits->transmittance_min))
+        const float alpha = hits->alpha[16 * i + (size_t)lane], front = hits->transmittance[16 * i + (size_t)lane];
+        if (!(alpha > 0.0f) || !(front * (1.0f - alpha) >= hits->transmittance_min))
             continue;
         uint32_t bits;
-        memcpy(&bits, &hits->t[32 * i + (size_t)lane], sizeof bits);
+        memcpy(&bits, &hits->t[16 * i + (size_t)lane], sizeof bits);
         const uint64_t key = (uint64_t)bits << 32 | i;
         size_t at = count++;
         for (; at && sorted[at - 1] > key; --at)

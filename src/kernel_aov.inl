@@ -15,7 +15,8 @@ typedef struct block_sums {
 } block_sums;
 
 // normals [primitive][4], or NULL; inlined once per choice.
-static inline block_sums sum_block(const sgsi_scratch *s, uint32_t count, const float *normals, bool identify)
+static inline block_sums sum_block(const sgsi_scratch *s, const uint32_t *order, uint32_t count, const float *normals,
+                                   bool identify)
 {
     const block_elements el = open_elements(s);
     const vf one = vf_set1(1.0f), zero = vf_zero(), half = vf_set1(0.5f), infinity = vf_set1(INFINITY);
@@ -28,25 +29,25 @@ static inline block_sums sum_block(const sgsi_scratch *s, uint32_t count, const 
                        .primitive = vi_as_vf(vi_set1((int32_t)SGS_NO_PRIMITIVE)),
                        .normal = {zero, zero, zero}};
     for (uint32_t i = 0; i < count; ++i) {
-        const vf front = vf_load(el.transmittance + 16 * i), through = vf_load(el.through + 16 * i);
-        const vm counts = vf_ge(vf_mul(front, through), vf_set1(TRANSMITTANCE_MIN));
-        const vf w = vf_keep(counts, vf_mul(front, vf_load(el.alpha + 16 * i)));
+        const vf front = vf_load(el.transmittance + 16 * i), alpha = vf_load(el.alpha + 16 * i);
+        const vm counts = vf_ge(vf_mul(front, vf_sub(one, alpha)), vf_set1(TRANSMITTANCE_MIN));
+        const vf w = vf_keep(counts, vf_mul(front, alpha));
         const vm counted = vf_gt(w, zero);
-        const vf t = vf_keep(counted, vf_load(el.t + 32 * i)); // -infinity where there is no hit
+        const vf t = vf_keep(counted, vf_load(el.t + 16 * i)); // -infinity where there is no hit
         sums.weight = vf_add(sums.weight, w);
         sums.depth = vf_fma(w, t, sums.depth);
         sums.hits = vf_add_where(counted, sums.hits, one);
         sums.first = vf_min(vf_select(counted, t, infinity), sums.first);
         sums.median = vf_max(vf_keep(vf_gt(front, half), t), sums.median);
         if (normals) {
-            const float *normal = normals + 4 * (size_t)el.ids[i];
+            const float *normal = normals + 4 * (size_t)s->tile_ids[order[i]];
             for (int c = 0; c < 3; ++c)
                 sums.normal[c] = vf_fma(w, vf_set1(normal[c]), sums.normal[c]);
         }
         if (identify) {
             const vm larger = vf_gt(w, sums.largest);
             sums.largest = vf_max(w, sums.largest);
-            sums.primitive = vf_select(larger, vi_as_vf(vi_set1((int32_t)el.ids[i])), sums.primitive);
+            sums.primitive = vf_select(larger, vi_as_vf(vi_set1((int32_t)s->tile_ids[order[i]])), sums.primitive);
         }
     }
     return sums;
@@ -88,7 +89,6 @@ static void show_block(const sgsi_scratch *s, const sgsi_tile_target *target, in
                             .valid = target->rays->valid[b],
                             .count = count,
                             .alpha = el.alpha,
-                            .through = el.through,
                             .transmittance = el.transmittance,
                             .t = el.t,
                             .order = s->order + (size_t)b * s->capacity,
@@ -106,9 +106,10 @@ static void describe_block(const sgsi_scratch *s, const sgsi_tile_target *target
     const sgsi_aov *aov = target->aov;
     const float *normals = aov && aov->normal[0] ? aov->normals : NULL;
     const bool identify = aov && aov->primitive;
-    const block_sums sums = normals    ? sum_block(s, count, normals, true)
-                            : identify ? sum_block(s, count, NULL, true)
-                                       : sum_block(s, count, NULL, false);
+    const uint32_t *order = s->order + (size_t)b * s->capacity;
+    const block_sums sums = normals    ? sum_block(s, order, count, normals, true)
+                            : identify ? sum_block(s, order, count, NULL, true)
+                                       : sum_block(s, order, count, NULL, false);
     const vf zero = vf_zero(), one = vf_set1(1.0f);
     const vm any = vf_gt(sums.weight, zero);
     const vf mean = vf_keep(any, vf_div(sums.depth, vf_select(any, sums.weight, one)));

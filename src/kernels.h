@@ -41,13 +41,13 @@ typedef struct sgsi_scratch {
 } sgsi_scratch;
 
 // The ordered elements of a block, for whoever wants to look at each hit. Arrays of [element][16 lanes]; a hit counts where
-// alpha > 0 and transmittance * through >= transmittance_min. Valid during the call only.
+// alpha > 0 and transmittance * (1 - alpha) >= transmittance_min. Valid during the call only.
 typedef struct sgsi_block_hits {
     int x, y;                    // upper left pixel; lane i is pixel (x + i % 4, y + i / 4)
     unsigned valid;              // lanes with a ray
     uint32_t count;              // elements
-    const float *alpha, *through, *transmittance;
-    const float *t;              // [element][2][16]: the first is the distance in units of the lane's |d|
+    const float *alpha, *transmittance;
+    const float *t;              // in units of the lane's |d|
     const uint32_t *order;       // [element]: index into records
     const float *records;        // [][SGSI_RECORD]
     float unit[16];              // what one unit of t is, along the ray or along the axis

@@ -19,9 +19,15 @@ typedef struct sgsi_bounds {
     float upper[3], align1;
 } sgsi_bounds;
 
-// LOW: Morton build, the only one that refits. MEDIUM: binned SAH. HIGH: Embree's best (no spatial splits for user
-// geometry).
-typedef enum sgsi_bvh_quality { SGSI_BVH_LOW, SGSI_BVH_MEDIUM, SGSI_BVH_HIGH } sgsi_bvh_quality;
+// LOW: Morton order, the fastest build. MEDIUM: binned SAH. HIGH: Embree's best (no spatial splits for user geometry).
+// REFIT: binned SAH in a scene of two levels, the only one that refits.
+typedef enum sgsi_bvh_quality {
+    SGSI_BVH_LOW,
+    SGSI_BVH_MEDIUM,
+    SGSI_BVH_HIGH,
+    SGSI_BVH_REFIT,
+    SGSI_BVH_QUALITY_COUNT
+} sgsi_bvh_quality;
 
 // On failure *bvh is NULL.
 sgs_status sgsi_bvh_create(sgsi_bvh **bvh);
@@ -31,7 +37,7 @@ void sgsi_bvh_destroy(sgsi_bvh *bvh); // accepts NULL
 sgs_status sgsi_bvh_build(sgsi_bvh *bvh, const sgsi_bounds *bounds, size_t count, sgsi_bvh_quality quality);
 
 // Follows changed bounds (same array, same count) without changing the tree's topology. Falls back to a rebuild for
-// a tree that was not built with SGSI_BVH_LOW.
+// a tree that was not built with SGSI_BVH_REFIT.
 sgs_status sgsi_bvh_refit(sgsi_bvh *bvh);
 
 // Sixteen rays from one origin, world space; unit directions. Lanes whose bit in `valid` is 0 are ignored.

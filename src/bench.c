@@ -167,7 +167,7 @@ static sgs_status measure_build(sgs_bench *bench, sgs_bench_sample *sample)
     sgsi_view_set(&view, rays, &source->pose, &options);
     status = sgsi_tracer_project(trainer->tracer, trainer->model, &view, NULL, NULL);
     if (!status)
-        status = sgsi_tracer_commit(trainer->tracer, true, SGSI_BVH_LOW);
+        status = sgsi_tracer_commit(trainer->tracer, true, SGSI_BVH_REFIT);
     sample->build = sgsi_tracer_seconds(trainer->tracer).bvh_build;
     trainer->structure_changed = false;
     return status;

@@ -196,7 +196,7 @@ static sgs_status begin_view(sgs_renderer *renderer, const sgs_camera *camera, c
     sgsi_view_set(view, rays, pose, options);
     status = sgsi_tracer_project(renderer->tracer, renderer->model, view, NULL, NULL);
     if (!status)
-        status = sgsi_tracer_commit(renderer->tracer, renderer->changed, SGSI_BVH_LOW);
+        status = sgsi_tracer_commit(renderer->tracer, renderer->changed, SGSI_BVH_REFIT);
     renderer->changed = renderer->changed && status;
     if (!status)
         status = prepare_aov(renderer, view, options, frame);

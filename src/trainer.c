@@ -304,7 +304,7 @@ static sgs_status trace_forward(sgs_trainer *trainer, step_state *step)
     status = sgsi_tracer_project(trainer->tracer, trainer->model, &step->view, statistics ? statistics->visible_count : NULL,
                                  statistics ? statistics->radius_max : NULL);
     if (!status)
-        status = sgsi_tracer_commit(trainer->tracer, trainer->structure_changed, SGSI_BVH_LOW);
+        status = sgsi_tracer_commit(trainer->tracer, trainer->structure_changed, SGSI_BVH_REFIT);
     if (!status)
         status = sgsi_tracer_forward(trainer->tracer, &step->view, &step->planes, trainer->depth_guesses[step->guess], true);
     if (status)

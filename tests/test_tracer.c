@@ -56,7 +56,7 @@ static void lists_and_images_equal_those_without_a_bvh(void **state)
             for (int filter = SGS_FILTER_3DGS; filter <= SGS_FILTER_NONE; ++filter, ++run) {
                 const sgs_camera camera = oracle_camera(traced_lenses[lens], 83, 61);
                 traced_view traced = traced_create(scene.model, &camera, &poses[run % 2], (sgs_filter)filter,
-                                                   bins[run % 4], (sgsi_bvh_quality)(run % 3));
+                                                   bins[run % 4], (sgsi_bvh_quality)((run + run / 4) % SGSI_BVH_QUALITY_COUNT));
                 traced_assert_matches_brute_force(&traced, scene.count, label(traced_scene_name(number), "lens", lens));
                 traced_destroy(&traced);
             }
@@ -76,7 +76,7 @@ static void every_isa_equals_itself_without_a_bvh(void **state)
         assert_int_equal(sgs_set_isa(all_isas[i]), SGS_STATUS_OK);
         for (int number = 0; number < TRACED_SCENE_COUNT; ++number) {
             oracle_scene scene = traced_scene(number);
-            traced_view traced = traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, 2, SGSI_BVH_LOW);
+            traced_view traced = traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, 2, SGSI_BVH_REFIT);
             traced_assert_matches_brute_force(&traced, scene.count, label(traced_scene_name(number), "isa", i));
             traced_destroy(&traced);
             oracle_scene_free(&scene);
@@ -98,9 +98,9 @@ static void morton_sah_and_refitted_trees_give_the_same_bits(void **state)
             for (int k = 0; k < 3; ++k)
                 oracle_primitive(&moved, i)[SGS_PARAM_MEAN + k] += sin((double)i * (k + 1));
         oracle_scene_round(&moved);
-        traced_view first = traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, 2, SGSI_BVH_LOW);
+        traced_view first = traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, 2, SGSI_BVH_REFIT);
         const traced_lists lists = traced_lists_of(first.tracer, first.rays);
-        for (int quality = SGSI_BVH_LOW; quality <= SGSI_BVH_HIGH; ++quality) {
+        for (int quality = SGSI_BVH_LOW; quality < SGSI_BVH_QUALITY_COUNT; ++quality) {
             traced_view again =
                 traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, 1 << quality, (sgsi_bvh_quality)quality);
             traced_assert_same_image(&first.planes, &again.planes, label(name, "quality", quality));
@@ -181,7 +181,7 @@ static void guesses_of_earlier_visits_change_no_bit_and_save_work(void **state)
         oracle_scene scene = guess_scene(number);
         const char *name = number < 0 ? "opaque or slanted" : traced_scene_name(number);
         for (int bin = 1; bin <= 4; bin *= 4) {
-            traced_view traced = traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, bin, SGSI_BVH_LOW);
+            traced_view traced = traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, bin, SGSI_BVH_REFIT);
             sgsi_planes plain = traced.planes;
             traced.planes = (sgsi_planes){0};
             const uint64_t candidates = sgsi_tracer_counts(traced.tracer).candidates;
@@ -213,7 +213,7 @@ static void guesses_that_are_too_near_are_repaired_exactly(void **state)
     for (int number = -GUESS_SCENES; number < TRACED_SCENE_COUNT; ++number) {
         oracle_scene scene = guess_scene(number);
         traced_view traced =
-            traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, number % 2 ? 2 : 1, SGSI_BVH_LOW);
+            traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, number % 2 ? 2 : 1, SGSI_BVH_REFIT);
         sgsi_planes plain = traced.planes;
         traced.planes = (sgsi_planes){0};
         float *guess = oracle_memory(tile_count(&traced), sizeof *guess);
@@ -306,7 +306,7 @@ typedef struct frozen {
 static frozen trace_and_freeze(const oracle_scene *scene, const sgs_camera *camera, const sgs_pose *pose,
                                sgs_filter filter)
 {
-    traced_view traced = traced_create(scene->model, camera, pose, filter, 2, SGSI_BVH_LOW);
+    traced_view traced = traced_create(scene->model, camera, pose, filter, 2, SGSI_BVH_REFIT);
     sgsi_planes d = traced_planes_create(camera->width, camera->height);
     oracle_random random = {5, 0};
     for (size_t i = 0; i < 4 * d.stride * (size_t)d.height; ++i)

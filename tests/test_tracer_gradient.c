@@ -240,10 +240,10 @@ typedef struct case_options {
 static agreement run_case(const oracle_scene *scene, const case_options *options, gradients *keep)
 {
     traced_view traced =
-        traced_create(scene->model, &options->camera, &options->pose, options->filter, 2, SGSI_BVH_LOW);
+        traced_create(scene->model, &options->camera, &options->pose, options->filter, 2, SGSI_BVH_REFIT);
     traced.options.sh_degree = options->sh_degree;
     sgsi_view_set(&traced.view, traced.rays, &traced.pose, &traced.options);
-    traced_project(&traced, scene->model, true, SGSI_BVH_LOW);
+    traced_project(&traced, scene->model, true, SGSI_BVH_REFIT);
     traced_forward(&traced, NULL);
     incoming in = make_incoming(scene, &traced, options->colors, options->transmittance);
     assert_true(in.fragile * 4 < (size_t)(options->camera.width * options->camera.height));
@@ -449,7 +449,7 @@ static void train_like_step(step_state *s, int step)
     const sgs_gaussians *model = s->scene.model;
     assert_int_equal(sgsi_tracer_project(s->traced.tracer, model, &s->traced.view, s->visible_count, s->radius_max),
                      SGS_STATUS_OK);
-    assert_int_equal(sgsi_tracer_commit(s->traced.tracer, step == 0, SGSI_BVH_LOW), SGS_STATUS_OK);
+    assert_int_equal(sgsi_tracer_commit(s->traced.tracer, step == 0, SGSI_BVH_REFIT), SGS_STATUS_OK);
     assert_int_equal(sgsi_tracer_forward(s->traced.tracer, &s->traced.view, &s->traced.planes, s->guess, true),
                      SGS_STATUS_OK);
     assert_int_equal(
@@ -488,7 +488,7 @@ static void repeated_steps_allocate_nothing(void **state)
         step_state s = {.scene = oracle_random_model(46, 2000, NULL)};
         const sgs_camera camera = oracle_camera(SGS_CAMERA_OPENCV, 120, 90);
         const sgs_pose pose = oracle_pose_look_at(0, 0, -4);
-        s.traced = traced_create(s.scene.model, &camera, &pose, SGS_FILTER_3DGS, 2, SGSI_BVH_LOW);
+        s.traced = traced_create(s.scene.model, &camera, &pose, SGS_FILTER_3DGS, 2, SGSI_BVH_REFIT);
         s.d = traced_planes_create(camera.width, camera.height);
         for (size_t i = 0; i < 4 * s.d.stride * (size_t)s.d.height; ++i)
             s.d.color[0][i] = 1e-3f * (float)(sgsi_random_uniform(6, i) - 0.5);

@@ -47,7 +47,7 @@ static void white_in_front_of_white_is_white(void **state)
         oracle_scene_round(&scene);
         const sgs_camera camera = oracle_camera(traced_lenses[number % 3], 50, 37);
         const sgs_pose pose = oracle_pose_look_at(0, 0, -4);
-        traced_view traced = traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, 2, SGSI_BVH_LOW);
+        traced_view traced = traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, 2, SGSI_BVH_REFIT);
         for (int y = 0; y < camera.height; ++y)
             for (int x = 0; x < camera.width; ++x)
                 for (int c = 0; c < 3; ++c) {
@@ -73,8 +73,8 @@ static void permuting_primitives_changes_no_bit(void **state)
         oracle_scene_round(&permuted);
         const sgs_camera camera = oracle_camera(SGS_CAMERA_OPENCV, 63, 47);
         const sgs_pose pose = oracle_pose_look_at(1, 2, -4);
-        traced_view one = traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, 2, SGSI_BVH_LOW);
-        traced_view two = traced_create(permuted.model, &camera, &pose, SGS_FILTER_3DGS, 2, SGSI_BVH_LOW);
+        traced_view one = traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, 2, SGSI_BVH_REFIT);
+        traced_view two = traced_create(permuted.model, &camera, &pose, SGS_FILTER_3DGS, 2, SGSI_BVH_REFIT);
         traced_assert_same_image(&one.planes, &two.planes, "permuted");
         traced_destroy(&one);
         traced_destroy(&two);
@@ -115,10 +115,10 @@ static void an_empty_model_gives_an_empty_image(void **state)
         assert_empty_image(&traced);
         backward_of_nothing_is_nothing(&traced, empty);
         // The same tracer goes on with a model, and back.
-        traced_project(&traced, scene.model, false, SGSI_BVH_LOW);
+        traced_project(&traced, scene.model, false, SGSI_BVH_REFIT);
         traced_forward(&traced, NULL);
         traced_assert_matches_brute_force(&traced, scene.count, "filled");
-        traced_project(&traced, empty, false, SGSI_BVH_LOW);
+        traced_project(&traced, empty, false, SGSI_BVH_REFIT);
         traced_forward(&traced, NULL);
         assert_empty_image(&traced);
         traced_destroy(&traced);
@@ -138,7 +138,7 @@ static void primitives_behind_the_camera_are_not_seen(void **state)
         turned.rotation[k] = -pose.rotation[k], turned.rotation[6 + k] = -pose.rotation[6 + k];
     }
     turned.translation[0] = -pose.translation[0], turned.translation[2] = -pose.translation[2];
-    traced_view traced = traced_create(scene.model, &camera, &turned, SGS_FILTER_3DGS, 2, SGSI_BVH_LOW);
+    traced_view traced = traced_create(scene.model, &camera, &turned, SGS_FILTER_3DGS, 2, SGSI_BVH_REFIT);
     assert_empty_image(&traced);
     backward_of_nothing_is_nothing(&traced, scene.model);
     traced_destroy(&traced);
@@ -153,10 +153,10 @@ static void a_tracer_follows_a_model_that_changes_its_size(void **state)
     const sgs_pose pose = oracle_pose_look_at(0, 0, -4);
     static const size_t counts[] = {5, 400, 17, 16, 1, 3000, 2999};
     oracle_scene first = oracle_random_model(3, 64, NULL);
-    traced_view traced = traced_create(first.model, &camera, &pose, SGS_FILTER_3DGS, 2, SGSI_BVH_LOW);
+    traced_view traced = traced_create(first.model, &camera, &pose, SGS_FILTER_3DGS, 2, SGSI_BVH_REFIT);
     for (size_t i = 0; i < sizeof counts / sizeof *counts; ++i) {
         oracle_scene scene = oracle_random_model(4 + i, counts[i], NULL);
-        traced_project(&traced, scene.model, false, SGSI_BVH_LOW);
+        traced_project(&traced, scene.model, false, SGSI_BVH_REFIT);
         traced_forward(&traced, NULL);
         traced_assert_matches_brute_force(&traced, scene.count, "resized");
         oracle_scene_free(&scene);
@@ -195,17 +195,17 @@ static void primitives_that_are_not_finite_vanish_and_harm_nobody(void **state)
         const float value = values[run % 3];
         const sgs_camera camera = oracle_camera(traced_lenses[run % 3], 50, 37);
         oracle_scene healthy = oracle_random_model(9, 200, NULL), sick = oracle_random_model(9, 200, NULL);
-        traced_view traced = traced_create(sick.model, &camera, &pose, SGS_FILTER_3DGS, 2, SGSI_BVH_LOW);
+        traced_view traced = traced_create(sick.model, &camera, &pose, SGS_FILTER_3DGS, 2, SGSI_BVH_REFIT);
         extinguish(&healthy);
         poison(&sick, param, value);
-        traced_view expected = traced_create(healthy.model, &camera, &pose, SGS_FILTER_3DGS, 2, SGSI_BVH_LOW);
-        traced_project(&traced, sick.model, false, SGSI_BVH_LOW);
+        traced_view expected = traced_create(healthy.model, &camera, &pose, SGS_FILTER_3DGS, 2, SGSI_BVH_REFIT);
+        traced_project(&traced, sick.model, false, SGSI_BVH_REFIT);
         traced_forward(&traced, NULL);
         traced_assert_same_image(&expected.planes, &traced.planes, "refitted over sick primitives");
-        traced_project(&traced, sick.model, true, SGSI_BVH_LOW);
+        traced_project(&traced, sick.model, true, SGSI_BVH_REFIT);
         traced_forward(&traced, NULL);
         traced_assert_same_image(&expected.planes, &traced.planes, "built over sick primitives");
-        traced_project(&traced, healthy.model, false, SGSI_BVH_LOW);
+        traced_project(&traced, healthy.model, false, SGSI_BVH_REFIT);
         traced_forward(&traced, NULL);
         traced_assert_same_image(&expected.planes, &traced.planes, "refitted over cured primitives");
         traced_destroy(&traced);
@@ -233,7 +233,7 @@ static void colours_that_are_not_finite_stay_where_they_are(void **state)
         traced_view traced = {.options = sgs_render_options_default()};
         assert_int_equal(sgsi_tracer_create(&traced.tracer), SGS_STATUS_OK);
         traced_aim(&traced, &camera, &pose, 2);
-        traced_project(&traced, sick.model, true, SGSI_BVH_LOW);
+        traced_project(&traced, sick.model, true, SGSI_BVH_REFIT);
         traced.planes = traced_planes_create(camera.width, camera.height);
         assert_int_equal(sgsi_tracer_forward(traced.tracer, &traced.view, &traced.planes, NULL, true), SGS_STATUS_OK);
         size_t broken = 0;
@@ -275,11 +275,11 @@ static void extreme_parameters_neither_crash_nor_get_lost(void **state)
             oracle_scene scene = oracle_random_model(9, 150, NULL);
             poison(&scene, extremes[run / 2].param, extremes[run / 2].value);
             traced_view traced = traced_create(scene.model, &camera, &pose, run % 2 ? SGS_FILTER_NONE : SGS_FILTER_3DGS,
-                                               4, SGSI_BVH_LOW);
+                                               4, SGSI_BVH_REFIT);
             char what[64];
             snprintf(what, sizeof what, "parameter %d = %g", extremes[run / 2].param, extremes[run / 2].value);
             traced_assert_matches_brute_force(&traced, scene.count, what);
-            traced_project(&traced, scene.model, false, SGSI_BVH_LOW);
+            traced_project(&traced, scene.model, false, SGSI_BVH_REFIT);
             traced_forward(&traced, NULL);
             traced_assert_matches_brute_force(&traced, scene.count, what);
             backward_of_nothing_is_nothing(
@@ -301,7 +301,7 @@ static void the_optimiser_steps_around_sick_primitives(void **state)
         oracle_scene scene = oracle_random_model(9, 200, NULL);
         for (int p = 0; p < SHAPE_PARAM_COUNT; ++p)
             *sgs_gaussians_at(scene.model, (size_t)(10 + 7 * p), shape_params[p]) = p % 2 ? NAN : INFINITY;
-        traced_view traced = traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, 2, SGSI_BVH_LOW);
+        traced_view traced = traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, 2, SGSI_BVH_REFIT);
         sgsi_planes d = traced_planes_create(camera.width, camera.height);
         for (size_t i = 0; i < 4 * d.stride * (size_t)d.height; ++i)
             d.color[0][i] = (float)(sgsi_random_uniform(6, i) - 0.5);

@@ -162,7 +162,7 @@ static void random_scenes_equal_the_oracle_on_every_isa_and_lens(void **state)
         for (int lens = 0; lens < TRACED_LENS_COUNT; ++lens) {
             for (int filter = SGS_FILTER_3DGS; filter <= SGS_FILTER_NONE; ++filter) {
                 const sgs_camera camera = oracle_camera(traced_lenses[lens], 63, 47);
-                traced_view traced = traced_create(scene.model, &camera, &pose, (sgs_filter)filter, 2, SGSI_BVH_LOW);
+                traced_view traced = traced_create(scene.model, &camera, &pose, (sgs_filter)filter, 2, SGSI_BVH_REFIT);
                 const comparison one = compare_with_oracle(&traced, &scene, true, 0);
                 traced_destroy(&traced);
                 sum.pixels += one.pixels, sum.fragile += one.fragile, sum.listed += one.listed;
@@ -209,7 +209,7 @@ static void adversarial_scenes_equal_the_oracle(void **state)
             const sgs_camera camera = oracle_camera(traced_lenses[run / 2], 63, 47);
             const bool strict = limits[number].color[filter] < 0.1;
             traced_view traced =
-                traced_create(scene.model, &camera, &poses[run % 2], (sgs_filter)filter, 4, SGSI_BVH_LOW);
+                traced_create(scene.model, &camera, &poses[run % 2], (sgs_filter)filter, 4, SGSI_BVH_REFIT);
             const comparison one = compare_with_oracle(&traced, &scene, strict, limits[number].distance_scale);
             traced_destroy(&traced);
             print_message("%s, filter %d: colour %.2g, distance %.2g, fragile %.1f %% (colour %.2g)\n",
@@ -234,7 +234,7 @@ static void odd_sizes_equal_the_oracle(void **state)
     for (size_t i = 0; i < sizeof sizes / sizeof *sizes; ++i) {
         for (int lens = 0; lens < TRACED_LENS_COUNT; ++lens) {
             const sgs_camera camera = oracle_camera(traced_lenses[lens], sizes[i][0], sizes[i][1]);
-            traced_view traced = traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, 1 << i % 4, SGSI_BVH_LOW);
+            traced_view traced = traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, 1 << i % 4, SGSI_BVH_REFIT);
             const comparison one = compare_with_oracle(&traced, &scene, true, 0);
             assert_true(one.color <= 1e-5 && one.distance <= 1e-5 && one.fragile_color <= 0.05);
             traced_destroy(&traced);
@@ -262,7 +262,7 @@ static void shifted_and_very_wide_lenses_equal_the_oracle(void **state)
         for (int filter = SGS_FILTER_3DGS; filter <= SGS_FILTER_NONE; ++filter) {
             const sgs_pose pose = oracle_pose_look_at(0.1, -0.2, 0.3 - 0.2 * (double)i);
             traced_view traced =
-                traced_create(scene.model, &cameras[i], &pose, (sgs_filter)filter, 1 << i % 4, SGSI_BVH_LOW);
+                traced_create(scene.model, &cameras[i], &pose, (sgs_filter)filter, 1 << i % 4, SGSI_BVH_REFIT);
             const comparison one = compare_with_oracle(&traced, &scene, true, 0);
             print_message("camera %zu: colour %.2g, distance %.2g, fragile %.1f %%\n", i, one.color, one.distance,
                           100.0 * (double)one.fragile / (double)one.pixels);

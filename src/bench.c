@@ -17,6 +17,10 @@
 
 enum { VIEWS_MAX = 16, HELD_ITERATION = 3000 };
 
+// Operations per lane: three affine forms 12, |n|^2 and G 7, quotients, t, alpha and 2^x 21; blending: w, three colours, T 10;
+// backward once more the response and w, the shade and v 12, nine products and fourteen sums 23.
+enum { RESPONSE_FLOPS = 40, BLEND_FLOPS = 10, GRADIENT_FLOPS = 35, LANES = 16 };
+
 struct sgs_bench {
     sgs_scene scene;
     sgs_view views[VIEWS_MAX];
@@ -143,6 +147,8 @@ static sgs_status measure_step(sgs_bench *bench, sgs_bench_sample *sum)
     sum->loss += after->loss - before.loss;
     sum->optimizer += after->optimizer - before.optimizer;
     sum->iteration += after->total - before.total;
+    sum->serial += after->serial - before.serial;
+    sum->waiting += after->waiting - before.waiting;
     const sgsi_trace_counts counts = sgsi_tracer_counts(trainer->tracer);
     bench->counts.gathered += (double)counts.gathered;
     bench->counts.candidates += (double)counts.candidates;
@@ -178,6 +184,7 @@ sgs_status sgs_bench_run(sgs_bench *bench, sgs_bench_sample *sample)
     *sample = (sgs_bench_sample){0};
     sgs_bench_counts *counts = &bench->counts;
     counts->gathered = counts->candidates = counts->evaluations = counts->elements = counts->regathered = 0;
+    bench->trainer->bytes = (sgs_train_bytes){0};
     sgs_status status = measure_build(bench, sample);
     for (size_t v = 0; !status && v < bench->scene.view_count; ++v)
         status = measure_step(bench, sample);
@@ -186,13 +193,28 @@ sgs_status sgs_bench_run(sgs_bench *bench, sgs_bench_sample *sample)
     const double share = 1.0 / (double)bench->scene.view_count;
     double *const means[] = {&sample->refit,     &sample->gather,    &sample->forward, &sample->backward,    &sample->loss,
                              &sample->optimizer, &sample->iteration, &sample->project, &sample->reduce,      &counts->gathered,
-                             &counts->candidates, &counts->evaluations, &counts->elements, &counts->regathered};
+                             &counts->candidates, &counts->evaluations, &counts->elements, &counts->regathered,
+                             &sample->serial,     &sample->waiting,     &counts->bytes.project,  &counts->bytes.bvh,
+                             &counts->bytes.gather, &counts->bytes.forward, &counts->bytes.loss, &counts->bytes.backward,
+                             &counts->bytes.optimizer, &counts->bytes.total};
+    counts->bytes = sgs_trainer_bytes(bench->trainer);
     for (size_t i = 0; i < sizeof means / sizeof *means; ++i)
         *means[i] *= share;
+    counts->bytes.iterations = 1.0;
+    counts->forward_flops = LANES * (counts->evaluations * RESPONSE_FLOPS + counts->elements * BLEND_FLOPS);
+    counts->backward_flops = LANES * counts->elements * (RESPONSE_FLOPS + BLEND_FLOPS + GRADIENT_FLOPS);
     return SGS_STATUS_OK;
 }
 
 sgs_bench_counts sgs_bench_counted(const sgs_bench *bench)
 {
     return bench->counts;
+}
+
+double sgs_scaling_predict(const sgs_scaling *s, int cores, double memory_gbs)
+{
+    const double work = (s->seconds - s->serial - s->waiting) * s->threads;
+    const double streaming = memory_gbs > 0.0 ? s->bytes / (1e9 * memory_gbs) : 0.0;
+    const double shared = fmax(work / cores, streaming);
+    return work > 0.0 && s->serial >= 0.0 && cores > 0 ? (s->serial + work) / (s->serial + shared) : 1.0;
 }

@@ -8,6 +8,7 @@
 #include <omp.h>
 #include <sched.h>
 
+#include "core.h"
 #include "sparegs/runtime.h"
 
 static int thread_count;
@@ -67,27 +68,42 @@ static void leave_float_mode(float_mode mode)
 }
 #endif
 
+static _Thread_local sgsi_loop_seconds loop_seconds;
+
+sgsi_loop_seconds sgsi_threads_seconds(void)
+{
+    return loop_seconds;
+}
+
 void sgsi_parallel_for(size_t count, size_t chunk, sgsi_item_fn body, void *context)
 {
     if (!chunk)
         chunk = 1;
     const int threads = sgsi_threads();
+    const double start = sgsi_seconds();
     if (threads == 1 || count <= chunk) {
         const float_mode mode = enter_float_mode();
         for (size_t item = 0; item < count; ++item)
             body(context, item, 0);
         leave_float_mode(mode);
+        if (threads == 1) // else a single item is serial work
+            loop_seconds.inside += sgsi_seconds() - start;
         return;
     }
-#pragma omp parallel num_threads(threads)
+    double finished = 0.0; // sum over the threads
+#pragma omp parallel num_threads(threads) reduction(+ : finished)
     {
         const int thread = omp_get_thread_num();
         const float_mode mode = enter_float_mode();
-#pragma omp for schedule(dynamic, chunk)
+#pragma omp for schedule(dynamic, chunk) nowait
         for (size_t item = 0; item < count; ++item)
             body(context, item, thread);
         leave_float_mode(mode);
+        finished = sgsi_seconds() - start;
     }
+    const double wall = sgsi_seconds() - start;
+    loop_seconds.inside += wall;
+    loop_seconds.waiting += wall - finished / threads;
 }
 
 typedef struct range_loop {

@@ -18,6 +18,13 @@ int sgsi_threads(void);
 typedef void (*sgsi_item_fn)(void *context, size_t item, int thread);
 void sgsi_parallel_for(size_t count, size_t chunk, sgsi_item_fn body, void *context);
 
+// Time of the calling thread's loops so far, wall clock in seconds: inside loops, and of that the mean over their threads
+// of the wait for the last thread.
+typedef struct sgsi_loop_seconds {
+    double inside, waiting;
+} sgsi_loop_seconds;
+sgsi_loop_seconds sgsi_threads_seconds(void);
+
 // The same over index ranges: body(context, begin, end, thread) with end - begin <= grain, begin a
 // multiple of grain. The cutting depends on grain only, never on the number of threads.
 typedef void (*sgsi_range_fn)(void *context, size_t begin, size_t end, int thread);

@@ -12,6 +12,7 @@
 #include "core.h"
 #include "sparegs/image.h"
 #include "threads.h"
+#include "traffic.h"
 #include "trainer_state.h"
 
 enum { TRAIN_BIN_TILES = 2 };
@@ -415,9 +416,34 @@ static size_t count_visible(const sgs_trainer *trainer)
     return blocks * SGS_LANES;
 }
 
+// Before a structural update changes the rows.
+static void count_traffic(sgs_trainer *trainer, const step_state *step)
+{
+    const sgsi_rays *rays = step->view.rays;
+    const sgsi_traffic traffic = {.tracer = trainer->tracer, .primitives = trainer->model->count,
+                                  .pixels = (size_t)step->planes.width * (size_t)step->planes.height,
+                                  .tiles = (size_t)rays->tiles_x * (size_t)rays->tiles_y, .sh_degree = step->view.sh_degree,
+                                  .channels = step->source->image.channels, .collects = step->collects,
+                                  .steps = !step->structural, .dense = trainer->options.optimizer == SGS_OPTIMIZER_DENSE};
+    sgsi_traffic_add(&traffic, &trainer->bytes);
+}
+
+// Time of the step that began at `start`.
+static void account_step(sgs_trainer *trainer, const step_state *step, double start, sgsi_loop_seconds loops)
+{
+    sgs_train_seconds *seconds = &trainer->progress.seconds;
+    const sgsi_trace_seconds traced = sgsi_tracer_seconds(trainer->tracer);
+    const sgsi_loop_seconds now = sgsi_threads_seconds();
+    const double total = sgsi_seconds() - start;
+    seconds->total += total;
+    seconds->serial += fmax(total - (now.inside - loops.inside) - traced.bvh_build - traced.bvh_refit, 0.0);
+    seconds->waiting += now.waiting - loops.waiting;
+}
+
 sgs_status sgs_trainer_step(sgs_trainer *trainer, sgs_step_info *info)
 {
     const double start = sgsi_seconds();
+    const sgsi_loop_seconds loops = sgsi_threads_seconds();
     sgsi_progress *progress = &trainer->progress;
     *info = (sgs_step_info){.mean_weight = 1.0};
     if (progress->stop != SGS_STOP_NONE)
@@ -443,6 +469,7 @@ sgs_status sgs_trainer_step(sgs_trainer *trainer, sgs_step_info *info)
     const sgsi_trace_seconds spent = sgsi_tracer_seconds(trainer->tracer);
     progress->seconds.backward += spent.backward + spent.reduce;
     info->visible = count_visible(trainer);
+    count_traffic(trainer, &step);
     optimize_step(trainer, &step);
     if (step.structural)
         status = sgsi_trainer_update_structure(trainer, iteration, info);
@@ -454,7 +481,7 @@ sgs_status sgs_trainer_step(sgs_trainer *trainer, sgs_step_info *info)
     fill_info(trainer, &step, info);
     info->stop = sgsi_trainer_decide_stop(trainer, step.loss.loss);
     progress->stop = info->stop;
-    progress->seconds.total += sgsi_seconds() - start;
+    account_step(trainer, &step, start, loops);
     return SGS_STATUS_OK;
 }
 
@@ -466,6 +493,11 @@ const sgs_gaussians *sgs_trainer_model(const sgs_trainer *trainer)
 int sgs_trainer_iteration(const sgs_trainer *trainer)
 {
     return trainer->progress.iteration;
+}
+
+sgs_train_bytes sgs_trainer_bytes(const sgs_trainer *trainer)
+{
+    return trainer->bytes;
 }
 
 sgs_train_seconds sgs_trainer_seconds(const sgs_trainer *trainer)

@@ -47,6 +47,7 @@ struct sgs_trainer {
     size_t plane_floats; // per plane
     bool structure_changed;
     sgsi_progress progress;
+    sgs_train_bytes bytes; // of this process, not of the checkpoint
     float *cloud_points;
     unsigned char *cloud_colors;
     size_t cloud_count;

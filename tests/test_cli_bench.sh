@@ -31,6 +31,11 @@ json "$result" 'all(.benches[]; .core_seconds_per_mp.total > 0 and .lane_use > 0
 json "$result" 'all(.benches[].ns_per_hit; ((.gather + .forward + .backward) / .total - 1 | fabs) < 1e-6)'
 json "$result" 'all(.benches[]; .seconds | .iteration > .gather + .forward + .backward + .loss + .optimizer + .refit - 1e-9 )'
 json "$result" '.limits.tsc_ghz as $ghz | all(.benches[]; (.cycles_per_hit.total - .ns_per_hit.total * $ghz | fabs) < 0.01 * .ns_per_hit.total)'
+json "$result" 'all(.benches[]; .serial_share >= 0 and .serial_share < 1 and .waiting_share >= 0 and .waiting_share < 1)'
+json "$result" 'all(.benches[]; .bytes | (.iteration / (.total + .loss + .optimizer + .refit) - 1 | fabs) < 1e-6)'
+json "$result" 'all(.benches[].predicted_speedup[]; .speedup > 1 and .speedup <= .cores)'
+# the_optimizer_moves_what_its_arrays_hold: three arrays of 59 floats in and out, at most for all rows
+json "$result" 'all(.benches[]; .bytes.optimizer > 0.2 * 6 * 59 * 4 * .primitives and .bytes.optimizer < 6 * 64 * 4 * .primitives)'
 # what_is_counted_does_not_depend_on_threads
 json "$result" '[.benches[] | [.hits_per_ray, .evaluations_per_block, .elements_per_block]] | .[0] == .[1]'
 # (the tree decides which candidates it can spare the tiles)
@@ -39,6 +44,9 @@ json "$result" 'all(.benches[]; .elements_per_block <= .evaluations_per_block an
 
 # a_model_and_a_scene_of_ones_own
 run 0 train "$room" -o "$temporary/model" --downscale 4 --iterations 5 --spare off --quiet
+json "$temporary/model/summary.json" '.serial_seconds >= 0 and .serial_seconds + .waiting_seconds < .train_seconds'
+json "$temporary/model/summary.json" '(.bytes | add) / .bytes_per_iteration - 1 | fabs < 1e-6'
+json "$temporary/model/summary.json" '[.predicted_speedup[] | .cores] == [8, 32, 64] and all(.predicted_speedup[]; .speedup >= 1)'
 run 0 bench "$temporary/model" "$room" --views 2 --repeat 2 --threads 1 --csv --quiet
 check a_header_and_a_row test "$(wc -l <"$temporary/stdout")" = 2
 check as_many_columns_as_names bash -c "awk -F, 'NR == 1 { n = NF } NF != n { exit 1 }' '$temporary/stdout'"

@@ -9,6 +9,7 @@
 #include <string.h>
 
 #include "output.h"
+#include "scaling_report.h"
 
 typedef struct bench_phase {
     const char *name;
@@ -75,6 +76,58 @@ static double lane_use(const bench_result *r)
     return r->counts.evaluations > 0 ? r->counts.hits / (16 * r->counts.evaluations) : 0;
 }
 
+// What a phase did per iteration: operations the formulas need and bytes moved; 0 where it is not counted.
+static double phase_flops(const sgs_bench_counts *c, const bench_phase *phase)
+{
+    return phase->offset == AT(forward)    ? c->forward_flops
+           : phase->offset == AT(backward) ? c->backward_flops
+           : phase == &phases[PHASE_TOTAL] ? c->forward_flops + c->backward_flops
+                                           : 0;
+}
+
+static double phase_bytes(const sgs_bench_counts *c, const bench_phase *phase)
+{
+    const sgs_train_bytes *b = &c->bytes;
+    const struct {
+        size_t offset;
+        double bytes;
+    } moved[] = {{AT(gather), b->gather},
+                 {AT(forward), b->project + b->forward},
+                 {AT(backward), b->backward},
+                 {offsetof(bench_measure, total), b->gather + b->project + b->forward + b->backward},
+                 {AT(project), b->project},
+                 {AT(loss), b->loss},
+                 {AT(optimizer), b->optimizer},
+                 {AT(refit), b->bvh},
+                 {AT(iteration), b->total}};
+    for (size_t i = 0; i < sizeof moved / sizeof *moved; ++i)
+        if (moved[i].offset == phase->offset)
+            return moved[i].bytes;
+    return 0;
+}
+
+// Shares of the machine's limits, from 0 to 1 (or a little over, where data stays in caches); 0 where not counted.
+static double share_of_fma(const bench_result *r, const bench_phase *phase)
+{
+    return phase_flops(&r->counts, phase) / (1e9 * r->limits.fma_gflops * r->threads * phase_spread(r, phase).median);
+}
+
+static double share_of_memory(const bench_result *r, const bench_phase *phase)
+{
+    return phase_bytes(&r->counts, phase) / (1e9 * r->limits.memory_gbs * phase_spread(r, phase).median);
+}
+
+// Medians of the repetitions' times outside loops and waiting in them.
+static sgs_scaling scaling_of(const bench_result *r)
+{
+    static const bench_phase serial = {"serial", AT(serial)}, waiting = {"waiting", AT(waiting)};
+    return (sgs_scaling){.seconds = phase_spread(r, &phases[PHASE_COUNT - 1]).median,
+                         .serial = phase_spread(r, &serial).median,
+                         .waiting = phase_spread(r, &waiting).median,
+                         .bytes = r->counts.bytes.total,
+                         .threads = r->threads};
+}
+
 static void print_row(const bench_result *r, const bench_phase *phase, bool per_hit)
 {
     const spread s = phase_spread(r, phase);
@@ -82,6 +135,23 @@ static void print_row(const bench_result *r, const bench_phase *phase, bool per_
            s.median * core_seconds_per_mp(r));
     if (per_hit)
         printf(" %8.2f cycles %7.2f ns per hit", s.median * cycles_per_hit(r), s.median * ns_per_hit(r));
+    if (phase_flops(&r->counts, phase) > 0)
+        printf(", %.1f %% of FMA", 100 * share_of_fma(r, phase));
+    if (phase_bytes(&r->counts, phase) > 0)
+        printf(", %.0f MB, %.1f %% of memory", 1e-6 * phase_bytes(&r->counts, phase), 100 * share_of_memory(r, phase));
+    putchar('\n');
+}
+
+static void print_scaling(const bench_result *r)
+{
+    const sgs_scaling scaling = scaling_of(r);
+    printf("  serial %.2f %% and waiting %.2f %% of an iteration; predicted speed-up",
+           100 * scaling.serial / scaling.seconds, 100 * scaling.waiting / scaling.seconds);
+    for (int i = 0; i < SCALING_TARGETS; ++i) {
+        const scaling_target *target = &scaling_targets[i];
+        printf("%s %.1f on %d cores with %.0f GB/s", i ? "," : "",
+               sgs_scaling_predict(&scaling, target->cores, target->memory_gbs), target->cores, target->memory_gbs);
+    }
     putchar('\n');
 }
 
@@ -104,6 +174,7 @@ void bench_print_table(const bench_report *report)
                c->elements / (16 * c->tiles), 100 * lane_use(r));
         for (int k = 0; k < PHASE_COUNT; ++k)
             print_row(r, &phases[k], k < HIT_PHASES);
+        print_scaling(r);
     }
 }
 
@@ -111,7 +182,7 @@ void bench_print_csv(const bench_report *report)
 {
     printf(
         "name,isa,threads,primitives,pixels,hits_per_ray,candidates_per_tile,evaluations_per_block,elements_per_block,"
-        "lane_use,tsc_ghz,fma_gflops,l2_gbs,memory_gbs");
+        "lane_use,tsc_ghz,fma_gflops,l2_gbs,memory_gbs,serial_share,waiting_share,bytes");
     for (int k = 0; k < HIT_PHASES; ++k)
         printf(",%s_cycles_per_hit", phases[k].name);
     for (int k = 0; k < PHASE_COUNT; ++k)
@@ -120,10 +191,12 @@ void bench_print_csv(const bench_report *report)
     for (size_t i = 0; i < report->count; ++i) {
         const bench_result *r = &report->results[i];
         const sgs_bench_counts *c = &r->counts;
-        printf("%s,%s,%d,%.0f,%.0f,%.3f,%.2f,%.3f,%.3f,%.4f,%.4f,%.1f,%.1f,%.1f", r->name, sgs_isa_name(r->isa),
-               r->threads, c->primitives, c->pixels, hits_per_ray(r), c->candidates / c->tiles,
+        const sgs_scaling scaling = scaling_of(r);
+        printf("%s,%s,%d,%.0f,%.0f,%.3f,%.2f,%.3f,%.3f,%.4f,%.4f,%.1f,%.1f,%.1f,%.5f,%.5f,%.0f", r->name,
+               sgs_isa_name(r->isa), r->threads, c->primitives, c->pixels, hits_per_ray(r), c->candidates / c->tiles,
                c->evaluations / (16 * c->tiles), c->elements / (16 * c->tiles), lane_use(r), r->limits.tsc_ghz,
-               r->limits.fma_gflops, r->limits.l2_gbs, r->limits.memory_gbs);
+               r->limits.fma_gflops, r->limits.l2_gbs, r->limits.memory_gbs, scaling.serial / scaling.seconds,
+               scaling.waiting / scaling.seconds, scaling.bytes);
         for (int k = 0; k < HIT_PHASES; ++k)
             printf(",%.3f", phase_spread(r, &phases[k]).median * cycles_per_hit(r));
         for (int k = 0; k < PHASE_COUNT; ++k) {
@@ -177,6 +250,23 @@ static json_t *result_json(const bench_result *r)
     json_object_set_new(object, "core_seconds_per_mp", phases_json(r, PHASE_COUNT, core_seconds_per_mp(r)));
     json_object_set_new(object, "seconds", phases_json(r, PHASE_COUNT, 1));
     json_object_set_new(object, "seconds_range", spread_json(r));
+    json_t *bytes = json_object(), *fma = json_object(), *memory = json_object();
+    for (int k = 0; k < PHASE_COUNT; ++k) {
+        const bench_phase *phase = &phases[k];
+        if (phase_flops(c, phase) > 0)
+            json_object_set_new(fma, phase->name, json_number(share_of_fma(r, phase)));
+        if (phase_bytes(c, phase) <= 0)
+            continue;
+        json_object_set_new(bytes, phase->name, json_number(phase_bytes(c, phase)));
+        json_object_set_new(memory, phase->name, json_number(share_of_memory(r, phase)));
+    }
+    json_object_set_new(object, "bytes", bytes);
+    json_object_set_new(object, "share_of_fma", fma);
+    json_object_set_new(object, "share_of_memory", memory);
+    const sgs_scaling scaling = scaling_of(r);
+    json_object_set_new(object, "serial_share", json_number(scaling.serial / scaling.seconds));
+    json_object_set_new(object, "waiting_share", json_number(scaling.waiting / scaling.seconds));
+    json_object_set_new(object, "predicted_speedup", scaling_json(&scaling));
     return object;
 }
 

@@ -14,6 +14,7 @@
 #include "output.h"
 #include "progress.h"
 #include "run_folder.h"
+#include "scaling_report.h"
 #include "sparegs/metrics.h"
 #include "sparegs/runtime.h"
 #include "train_options.h"
@@ -43,6 +44,7 @@ typedef struct training {
     size_t gaussians;
     char *stop_text;
     sgs_train_seconds seconds;
+    sgs_train_bytes bytes;
     char hash[17];
     split_score test, train;
 } training;
@@ -216,6 +218,7 @@ static bool save_results(training *run)
     run->iterations = sgs_trainer_iteration(run->trainer);
     run->gaussians = model->count;
     run->seconds = sgs_trainer_seconds(run->trainer);
+    run->bytes = sgs_trainer_bytes(run->trainer);
     run->stop_text = format_text("%s", sgs_trainer_stop_text(run->trainer));
     sgs_gaussians_hash(model, run->hash);
     if (!run->iterations)
@@ -266,6 +269,7 @@ static json_t *summary_json(const training *run)
     json_object_set_new(summary, "gaussians", json_integer((json_int_t)run->gaussians));
     json_object_set_new(summary, "train_seconds", json_number(run->train_seconds));
     json_object_set_new(summary, "seconds", seconds);
+    scaling_add_training(summary, &run->seconds, &run->bytes);
     json_object_set_new(summary, "test", split_score_json(&run->test));
     json_object_set_new(summary, "train", split_score_json(&run->train));
     json_object_set_new(summary, "threads", json_integer(sgs_threads()));

@@ -11,6 +11,7 @@
 #include "sparegs/gaussians.h"
 #include "sparegs/runtime.h"
 #include "sparegs/scene.h"
+#include "sparegs/trainer.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -51,6 +52,8 @@ typedef struct sgs_bench_sample {
     double iteration; // everything but `build`
     double project;   // part of forward: parameters to records and bounds
     double reduce;    // part of backward: sums of the tiles to sums of the primitives
+    double serial;    // part of iteration: outside parallel loops
+    double waiting;   // part of iteration: mean over the threads of the wait for the last one of a loop
 } sgs_bench_sample;
 
 // Means over the views, of the last repetition.
@@ -62,6 +65,10 @@ typedef struct sgs_bench_counts {
     double evaluations; // (block of 4x4 pixels, primitive) pairs evaluated in the forward pass
     double elements;    // pairs with a hit in some pixel
     double regathered;  // bins gathered again because a depth guess was too near
+    sgs_train_bytes bytes; // moved, by phase
+    // Floating-point operations that the formulas need, however they are computed: responses, blending and gradients of the
+    // pairs above over all 16 lanes; no ordering, no bookkeeping.
+    double forward_flops, backward_flops;
 } sgs_bench_counts;
 
 typedef struct sgs_bench sgs_bench;
@@ -74,6 +81,19 @@ void sgs_bench_destroy(sgs_bench *bench); // accepts NULL
 // One repetition under the present settings (sgs_set_threads, sgs_set_isa): a build, then an iteration per view.
 sgs_status sgs_bench_run(sgs_bench *bench, sgs_bench_sample *sample);
 sgs_bench_counts sgs_bench_counted(const sgs_bench *bench);
+
+// ---- How far it scales ----
+
+typedef struct sgs_scaling {
+    double seconds, serial, waiting; // wall clock of some iterations: all, outside loops, waiting inside
+    double bytes;                    // moved in them
+    int threads;                     // they ran on
+} sgs_scaling;
+
+// Predicted speed-up of `cores` over one core with `memory_gbs` 10^9 bytes per second for all of them: the work,
+// (seconds - serial - waiting) * threads, is shared evenly but never faster than the memory delivers the bytes; the serial part
+// stays (Amdahl). 1 for times that are not positive.
+double sgs_scaling_predict(const sgs_scaling *scaling, int cores, double memory_gbs);
 
 // ---- What the machine can do ----
 

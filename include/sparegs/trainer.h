@@ -53,7 +53,16 @@ sgs_train_options sgs_train_options_default(void);
 // Seconds of wall clock by phase, since the start of the training.
 typedef struct sgs_train_seconds {
     double gather, forward, loss, backward, optimizer, bvh_refit, bvh_build, density, spare, image_io, total;
+    double serial;  // part of total: outside parallel loops, and not in the BVH's own tasks
+    double waiting; // part of total: in parallel loops, mean over the threads of the wait for the last one
 } sgs_train_seconds;
+
+// Bytes moved by phase, since the start of this process's part of the training: what streams through arrays as large as the
+// model, the image or the lists of the tiles, each access once. An estimate of the traffic to memory from above.
+typedef struct sgs_train_bytes {
+    double project, bvh, gather, forward, loss, backward, optimizer, total;
+    double iterations; // that were counted
+} sgs_train_bytes;
 
 // What one call of sgs_trainer_step did.
 typedef struct sgs_step_info {
@@ -88,6 +97,7 @@ sgs_status sgs_trainer_step(sgs_trainer *trainer, sgs_step_info *info);
 const sgs_gaussians *sgs_trainer_model(const sgs_trainer *trainer);
 int sgs_trainer_iteration(const sgs_trainer *trainer);
 sgs_train_seconds sgs_trainer_seconds(const sgs_trainer *trainer);
+sgs_train_bytes sgs_trainer_bytes(const sgs_trainer *trainer);
 // In words, why training ended ("loss changed 0.5 %, count 0.2 % in two checks"); "" before that. Owned by the trainer.
 const char *sgs_trainer_stop_text(const sgs_trainer *trainer);
 

@@ -29,6 +29,7 @@ uint32_t *sgsi_arena_take(sgsi_arena *arena, size_t words)
         if (chunk->capacity - arena->used >= words) {
             uint32_t *taken = chunk->words + arena->used;
             arena->used += words;
+            arena->total += words;
             return taken;
         }
     }
@@ -38,6 +39,23 @@ void sgsi_arena_reset(sgsi_arena *arena)
 {
     arena->current = 0;
     arena->used = 0;
+    arena->total = 0;
+}
+
+size_t sgsi_arena_used(const sgsi_arena *arena)
+{
+    return arena->total;
+}
+
+bool sgsi_arena_reserve(sgsi_arena *arena, size_t words)
+{
+    sgsi_arena_reset(arena);
+    if (!words || (arena->chunk_count && arena->chunks[0].capacity >= words))
+        return true;
+    sgsi_arena_free(arena);
+    const bool reserved = sgsi_arena_take(arena, words) != NULL;
+    sgsi_arena_reset(arena);
+    return reserved;
 }
 
 void sgsi_arena_free(sgsi_arena *arena)

@@ -4,6 +4,7 @@
 
 // Bump allocator that keeps its memory: what one step needed, the next has already.
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -16,9 +17,15 @@ typedef struct sgsi_arena {
     sgsi_arena_chunk *chunks;
     size_t chunk_count, chunk_capacity;
     size_t current, used; // chunk in use and words used in it
+    size_t total;         // words handed out since the last reset
 } sgsi_arena;
 
 // 32-bit words, uninitialised, valid until the next reset; NULL when out of memory.
 uint32_t *sgsi_arena_take(sgsi_arena *arena, size_t words);
+// Words handed out since the last reset.
+size_t sgsi_arena_used(const sgsi_arena *arena);
+// Resets, and makes room for `words` in one piece, so that any takes which together need no more will not allocate. (Fresh pages
+// cost nothing until they are used.) False when out of memory: the arena is empty and usable.
+bool sgsi_arena_reserve(sgsi_arena *arena, size_t words);
 void sgsi_arena_reset(sgsi_arena *arena);
 void sgsi_arena_free(sgsi_arena *arena);

@@ -48,6 +48,7 @@ struct sgsi_tracer {
     float *slot_sums;   // [slot_capacity][16]
     size_t *slot_begin; // [list_capacity + 1]
     size_t slot_capacity;
+    size_t list_words; // room for lists in every thread's arena
     thread_state *threads[MAX_THREADS];
     sgsi_trace_seconds seconds;
     sgsi_trace_counts counts;
@@ -104,6 +105,77 @@ void sgsi_tracer_destroy(sgsi_tracer *tracer)
     sgsi_free(tracer);
 }
 
+// Grows to exactly `capacity`.
+static bool reserve_scratch(sgsi_scratch *s, size_t capacity)
+{
+    if (capacity <= s->capacity)
+        return true;
+    const struct {
+        void **array;
+        size_t bytes; // per primitive
+    } arrays[] = {{(void **)&s->soa, 64}, {(void **)&s->candidates, 4}, {(void **)&s->tile_records, 64},
+                  {(void **)&s->tile_ids, 4}, {(void **)&s->entry_keys, 4 * SGSI_BLOCKS},
+                  {(void **)&s->entries, 4 * SGSI_BLOCKS}, {(void **)&s->sort_spare, 16}, {(void **)&s->order, 4 * SGSI_BLOCKS},
+                  {(void **)&s->alpha, 64}, {(void **)&s->behind, 64}, {(void **)&s->t, 64},
+                  {(void **)&s->transmittance, 64},
+                  {(void **)&s->prefix, 64}, {(void **)&s->t_before, 64}, {(void **)&s->a, 64}, {(void **)&s->b, 64},
+                  {(void **)&s->e, 64}, {(void **)&s->q, 64}, {(void **)&s->sums, 64}, {(void **)&s->walk, 4}};
+    s->capacity = 0;
+    for (size_t i = 0; i < sizeof arrays / sizeof *arrays; ++i) {
+        sgsi_free(*arrays[i].array);
+        *arrays[i].array = sgsi_alloc(capacity + SGSI_SENTINELS, arrays[i].bytes);
+        if (!*arrays[i].array)
+            return false;
+    }
+    s->capacity = capacity;
+    return true;
+}
+
+bool sgsi_scratch_reserve(sgsi_scratch *s, size_t capacity)
+{
+    return capacity <= s->capacity || reserve_scratch(s, (capacity + capacity / 4 + 255) / 256 * 256);
+}
+
+static bool grow_keys(thread_state *state, size_t capacity)
+{
+    if (capacity <= state->key_capacity)
+        return true;
+    sgsi_free(state->keys);
+    sgsi_free(state->keys_spare);
+    state->keys = sgsi_alloc(capacity, sizeof *state->keys);
+    state->keys_spare = sgsi_alloc(capacity, sizeof *state->keys_spare);
+    state->key_capacity = state->keys && state->keys_spare ? capacity : 0;
+    return state->key_capacity != 0;
+}
+
+// A bin may fall to any thread, and one thread may get them all while the others sleep. So every thread gets room for what
+// any of them has needed, and for the lists of all; then passes over the same views allocate nothing.
+static sgs_status level_threads(sgsi_tracer *tracer)
+{
+    size_t scratch = 0, keys = 0, gathered = 0, words = 0;
+    for (int i = 0; i < sgsi_threads(); ++i) {
+        const thread_state *state = tracer->threads[i];
+        scratch = state->scratch.capacity > scratch ? state->scratch.capacity : scratch;
+        keys = state->key_capacity > keys ? state->key_capacity : keys;
+        gathered = state->gathered.capacity > gathered ? state->gathered.capacity : gathered;
+        words += sgsi_arena_used(&state->arena);
+    }
+    if (words > tracer->list_words)
+        tracer->list_words = words + words / 4;
+    for (int i = 0; i < sgsi_threads(); ++i) {
+        thread_state *state = tracer->threads[i];
+        bool grown = reserve_scratch(&state->scratch, scratch) && grow_keys(state, keys) &&
+                     sgsi_arena_reserve(&state->arena, tracer->list_words);
+        if (grown && gathered > state->gathered.capacity) {
+            grown = sgsi_grow((void **)&state->gathered.ids, 0, gathered, sizeof *state->gathered.ids);
+            state->gathered.capacity = grown ? gathered : state->gathered.capacity;
+        }
+        if (!grown)
+            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the lists of a view");
+    }
+    return SGS_STATUS_OK;
+}
+
 static sgs_status prepare_threads(sgsi_tracer *tracer)
 {
     for (int i = 0; i < sgsi_threads(); ++i) {
@@ -113,7 +185,7 @@ static sgs_status prepare_threads(sgsi_tracer *tracer)
             return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the tracer's threads");
         tracer->threads[i]->status = SGS_STATUS_OK;
     }
-    return SGS_STATUS_OK;
+    return level_threads(tracer);
 }
 
 static sgs_status reserve_primitives(sgsi_tracer *tracer, size_t capacity)
@@ -188,32 +260,6 @@ sgs_status sgsi_tracer_commit(sgsi_tracer *tracer, bool rebuild, sgsi_bvh_qualit
     return SGS_STATUS_OK;
 }
 
-bool sgsi_scratch_reserve(sgsi_scratch *s, size_t capacity)
-{
-    if (capacity <= s->capacity)
-        return true;
-    capacity = (capacity + capacity / 4 + 255) / 256 * 256;
-    const struct {
-        void **array;
-        size_t bytes; // per primitive
-    } arrays[] = {{(void **)&s->soa, 64}, {(void **)&s->candidates, 4}, {(void **)&s->tile_records, 64},
-                  {(void **)&s->tile_ids, 4}, {(void **)&s->entry_keys, 4 * SGSI_BLOCKS},
-                  {(void **)&s->entries, 4 * SGSI_BLOCKS}, {(void **)&s->sort_spare, 16}, {(void **)&s->order, 4 * SGSI_BLOCKS},
-                  {(void **)&s->alpha, 64}, {(void **)&s->behind, 64}, {(void **)&s->t, 64},
-                  {(void **)&s->transmittance, 64},
-                  {(void **)&s->prefix, 64}, {(void **)&s->t_before, 64}, {(void **)&s->a, 64}, {(void **)&s->b, 64},
-                  {(void **)&s->e, 64}, {(void **)&s->q, 64}, {(void **)&s->sums, 64}, {(void **)&s->walk, 4}};
-    s->capacity = 0;
-    for (size_t i = 0; i < sizeof arrays / sizeof *arrays; ++i) {
-        sgsi_free(*arrays[i].array);
-        *arrays[i].array = sgsi_alloc(capacity + SGSI_SENTINELS, arrays[i].bytes);
-        if (!*arrays[i].array)
-            return false;
-    }
-    s->capacity = capacity;
-    return true;
-}
-
 typedef struct forward_pass {
     sgsi_tracer *tracer;
     const sgsi_view *view;
@@ -270,16 +316,8 @@ static size_t gather_bin(const forward_pass *pass, thread_state *state, int bin,
     state->gathered.row_bytes = SGSI_RECORD * sizeof(float);
     state->status = sgsi_bvh_gather(pass->tracer->bvh, &packet, &state->gathered);
     const size_t gathered = state->gathered.count;
-    if (gathered > state->key_capacity) {
-        sgsi_free(state->keys);
-        sgsi_free(state->keys_spare);
-        state->key_capacity = gathered + gathered / 2;
-        state->keys = sgsi_alloc(state->key_capacity, sizeof *state->keys);
-        state->keys_spare = sgsi_alloc(state->key_capacity, sizeof *state->keys_spare);
-        if (!state->keys || !state->keys_spare)
-            state->key_capacity = 0;
-    }
-    if (!state->status && (gathered > state->key_capacity || !sgsi_scratch_reserve(&state->scratch, gathered + 16)))
+    const bool sortable = gathered <= state->key_capacity || grow_keys(state, gathered + gathered / 2);
+    if (!state->status && (!sortable || !sgsi_scratch_reserve(&state->scratch, gathered + 16)))
         state->status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the %zu candidates of a bin", gathered);
     if (state->status)
         return 0;
@@ -452,7 +490,6 @@ static sgs_status forward_bins(sgsi_tracer *tracer, forward_pass *pass, size_t b
     tracer->counts = (sgsi_trace_counts){0};
     for (int i = 0; i < sgsi_threads(); ++i) {
         thread_state *state = tracer->threads[i];
-        sgsi_arena_reset(&state->arena);
         state->gather_seconds = state->blend_seconds = 0.0;
         state->counts = (sgsi_trace_counts){0};
     }

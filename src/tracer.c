@@ -48,6 +48,7 @@ struct sgsi_tracer {
     float *slot_sums;   // [slot_capacity][16]
     size_t *slot_begin; // [list_capacity + 1]
     size_t slot_capacity;
+    sgsi_tile_cost *costs; // [tiles] or NULL
     size_t list_words; // room for lists in every thread's arena
     thread_state *threads[MAX_THREADS];
     sgsi_trace_seconds seconds;
@@ -316,6 +317,7 @@ static size_t gather_bin(const forward_pass *pass, thread_state *state, int bin,
     state->gathered.row_bytes = SGSI_RECORD * sizeof(float);
     state->status = sgsi_bvh_gather(pass->tracer->bvh, &packet, &state->gathered);
     const size_t gathered = state->gathered.count;
+    state->counts.callbacks += gathered;
     const bool sortable = gathered <= state->key_capacity || grow_keys(state, gathered + gathered / 2);
     if (!state->status && (!sortable || !sgsi_scratch_reserve(&state->scratch, gathered + 16)))
         state->status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the %zu candidates of a bin", gathered);
@@ -391,6 +393,8 @@ static bool blend_tile(const forward_pass *pass, thread_state *state, int tile, 
     const sgsi_kernels *kernels = sgsi_kernels_get();
     const sgsi_tile_rays *rays = &pass->view->rays->tiles[tile];
     const sgsi_planes *planes = pass->planes;
+    sgsi_tile_cost *cost = pass->tracer->costs ? &pass->tracer->costs[tile] : NULL;
+    const double start = cost ? sgsi_seconds() : 0.0;
     const size_t count = kernels->tile_filter(&state->scratch, rays, candidates, far);
     kernels->tile_sort(&state->scratch, rays, count);
     sgsi_tile_target target = {.rays = rays, .width = planes->width, .height = planes->height, .stride = planes->stride,
@@ -403,6 +407,8 @@ static bool blend_tile(const forward_pass *pass, thread_state *state, int tile, 
         return false;
     if (pass->depth_guess)
         pass->depth_guess[tile] = target.stop_distance * 1.05f;
+    if (cost)
+        *cost = (sgsi_tile_cost){(float)(sgsi_seconds() - start), (uint32_t)count, (uint32_t)target.evaluations};
     state->counts.candidates += count;
     state->counts.evaluations += target.evaluations;
     for (int b = 0; b < SGSI_BLOCKS; ++b)
@@ -465,6 +471,7 @@ static sgs_status collect_threads(sgsi_tracer *tracer, double wall, double *gath
         thread_state *state = tracer->threads[i];
         gather_seconds += state->gather_seconds;
         blend_seconds += state->blend_seconds;
+        tracer->counts.callbacks += state->counts.callbacks;
         tracer->counts.gathered += state->counts.gathered;
         tracer->counts.candidates += state->counts.candidates;
         tracer->counts.evaluations += state->counts.evaluations;
@@ -623,6 +630,11 @@ sgs_status sgsi_tracer_backward(sgsi_tracer *tracer, const sgsi_view *view, cons
     return SGS_STATUS_OK;
 }
 
+void sgsi_tracer_watch_tiles(sgsi_tracer *tracer, sgsi_tile_cost *costs)
+{
+    tracer->costs = costs;
+}
+
 const float *sgsi_tracer_sums(const sgsi_tracer *tracer)
 {
     return tracer->sums;
@@ -636,6 +648,11 @@ const uint8_t *sgsi_tracer_touched(const sgsi_tracer *tracer)
 const uint16_t *sgsi_tracer_visible(const sgsi_tracer *tracer)
 {
     return tracer->visible;
+}
+
+const sgsi_bounds *sgsi_tracer_bounds(const sgsi_tracer *tracer)
+{
+    return tracer->bounds;
 }
 
 const float *sgsi_tracer_records(const sgsi_tracer *tracer)

@@ -16,12 +16,19 @@ typedef struct sgsi_trace_seconds {
 
 // What the last forward (and backward) did.
 typedef struct sgsi_trace_counts {
+    uint64_t callbacks;           // primitives that the BVH named, some several times
     uint64_t gathered;            // candidates of all bins
     uint64_t candidates;          // candidates of all tiles after the tile's test
     uint64_t evaluations;         // (block, primitive) pairs evaluated forward
     uint64_t elements;            // pairs kept: some pixel was hit
     uint64_t regathered;          // bins gathered again because a depth guess was too near
 } sgsi_trace_counts;
+
+// What a tile cost in the forward pass.
+typedef struct sgsi_tile_cost {
+    float seconds; // without its share of the gather
+    uint32_t candidates, evaluations;
+} sgsi_tile_cost;
 
 // Image planes of the forward pass: [height][stride], stride >= width. The depth planes may be NULL.
 typedef struct sgsi_planes {
@@ -42,6 +49,9 @@ sgs_status sgsi_tracer_project(sgsi_tracer *tracer, const sgs_gaussians *model, 
 // Brings the BVH to the projected bounds: refit, or build when `rebuild` or when the count changed.
 sgs_status sgsi_tracer_commit(sgsi_tracer *tracer, bool rebuild, sgsi_bvh_quality quality);
 
+// Coming forward passes write each tile's cost to costs [tiles], owned by the caller; NULL ends that.
+void sgsi_tracer_watch_tiles(sgsi_tracer *tracer, sgsi_tile_cost *costs);
+
 // Gathers and blends. depth_guess [tiles] or NULL: per tile the distance behind which everything was hidden at the last
 // visit (INFINITY: unknown); read, then replaced. keep_lists: needed before a backward pass.
 sgs_status sgsi_tracer_forward(sgsi_tracer *tracer, const sgsi_view *view, sgsi_planes *planes, float *depth_guess,
@@ -58,6 +68,7 @@ sgs_status sgsi_tracer_backward(sgsi_tracer *tracer, const sgsi_view *view, cons
 const float *sgsi_tracer_sums(const sgsi_tracer *tracer);      // [capacity][16]
 const uint8_t *sgsi_tracer_touched(const sgsi_tracer *tracer); // [capacity / 16]
 const uint16_t *sgsi_tracer_visible(const sgsi_tracer *tracer); // [capacity / 16]: bits of the rows in view (projected radius > 0)
+const sgsi_bounds *sgsi_tracer_bounds(const sgsi_tracer *tracer); // [capacity]
 const float *sgsi_tracer_records(const sgsi_tracer *tracer);   // [capacity][16]
 sgsi_trace_seconds sgsi_tracer_seconds(const sgsi_tracer *tracer);
 sgsi_trace_counts sgsi_tracer_counts(const sgsi_tracer *tracer);

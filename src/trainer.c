@@ -429,7 +429,7 @@ static void count_traffic(sgs_trainer *trainer, const step_state *step)
 }
 
 // Time of the step that began at `start`.
-static void account_step(sgs_trainer *trainer, const step_state *step, double start, sgsi_loop_seconds loops)
+static void account_step(sgs_trainer *trainer, double start, sgsi_loop_seconds loops)
 {
     sgs_train_seconds *seconds = &trainer->progress.seconds;
     const sgsi_trace_seconds traced = sgsi_tracer_seconds(trainer->tracer);
@@ -481,7 +481,7 @@ sgs_status sgs_trainer_step(sgs_trainer *trainer, sgs_step_info *info)
     fill_info(trainer, &step, info);
     info->stop = sgsi_trainer_decide_stop(trainer, step.loss.loss);
     progress->stop = info->stop;
-    account_step(trainer, &step, start, loops);
+    account_step(trainer, start, loops);
     return SGS_STATUS_OK;
 }
 

@@ -17,6 +17,7 @@
 #include "scaling_report.h"
 #include "sparegs/metrics.h"
 #include "sparegs/runtime.h"
+#include "trace_file.h"
 #include "train_options.h"
 
 static const char description[] =
@@ -174,7 +175,18 @@ static void save_due(const training *run, int iteration)
         print_warning("the checkpoint of iteration %d is not saved; training goes on", iteration);
 }
 
-static bool iterate(training *run)
+// The phases of the iteration that began at `start`, and what changes with it.
+static void record_trace(const training *run, trace_file *trace, double start, const sgs_train_seconds *before,
+                         const sgs_step_info *info)
+{
+    const sgs_train_seconds after = sgs_trainer_seconds(run->trainer);
+    trace_iteration(trace, info->iteration, start, after.total - before->total, before, &after);
+    trace_count(trace, "loss", start, info->loss);
+    trace_count(trace, "gaussians", start, (double)info->gaussians);
+    trace_count(trace, "rss_mb", start, 1e-6 * (double)sgs_current_rss());
+}
+
+static bool iterate(training *run, trace_file *trace)
 {
     const int total = run->values.iterations;
     progress_start(sgs_trainer_iteration(run->trainer));
@@ -189,6 +201,7 @@ static bool iterate(training *run)
         }
         sgs_step_info info = {0};
         const double start = clock_seconds();
+        const sgs_train_seconds before = sgs_trainer_seconds(run->trainer);
         const sgs_status status = sgs_trainer_step(run->trainer, &info);
         run->train_seconds += clock_seconds() - start;
         if (status == SGS_STATUS_LIMIT) {
@@ -201,6 +214,8 @@ static bool iterate(training *run)
             return false;
         }
         run->stop = info.stop;
+        if (trace)
+            record_trace(run, trace, start, &before, &info);
         run_folder_record(&run->folder, &info, run->train_seconds, info.stop != SGS_STOP_NONE);
         progress_step(&(progress_state){info.iteration, total, info.loss_average, info.psnr_average, info.gaussians});
         if (info.stop == SGS_STOP_NONE)
@@ -316,7 +331,10 @@ static int train(training *run, bool background_given)
         return interrupt_status();
     if (!create_trainer(run) || !open_folder(run))
         return EXIT_FAILED;
-    bool done = iterate(run);
+    trace_file *trace = run->values.trace ? trace_open(run->values.trace) : NULL;
+    bool done = !run->values.trace || trace;
+    done = done && iterate(run, trace);
+    done = trace_close(trace, done) && done;
     done = done && save_results(run);
     run_folder_close_tables(&run->folder);
     sgs_trainer_destroy(run->trainer);

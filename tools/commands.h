@@ -10,3 +10,4 @@ int command_render(int argc, char **argv);
 int command_info(int argc, char **argv);
 int command_reconstruct(int argc, char **argv);
 int command_bench(int argc, char **argv);
+int command_profile(int argc, char **argv);

@@ -24,6 +24,7 @@ static const command commands[] = {
     {"info", "tell what a model or a data set is", command_info},
     {"reconstruct", "find the cameras of photographs with COLMAP", command_reconstruct},
     {"bench", "measure the phases of training against the limits of the machine", command_bench},
+    {"profile", "report on the BVH over a model: trees, tests, hits, cost per tile", command_profile},
 };
 
 enum { COMMAND_COUNT = sizeof commands / sizeof *commands };

@@ -24,6 +24,8 @@ static const option output_options[] = {
      "iterations between two checkpoints of the full state; the last two are kept"},
     {"resume", 0, OPTION_FLAG, AT(resume), 0, 0, NULL, NULL, NULL, NULL,
      "continue the run in OUT from its newest checkpoint, with the same options"},
+    {"trace", 0, OPTION_TEXT, AT(trace), 0, 0, "FILE", NULL, "none", NULL,
+     "write the phases of every iteration as a Chrome/Perfetto trace (about 1 KB each)"},
 };
 
 static const option training_options[] = {

@@ -9,7 +9,7 @@
 #include "sparegs/trainer.h"
 
 typedef struct train_values {
-    const char *output, *init;
+    const char *output, *init, *trace;
     int iterations, schedule, pipeline, filter, optimizer, sh_degree;
     unsigned spare, spare_demand;
     int spare_grid, spare_patience, spare_interval, checkpoint_every;

@@ -1,0 +1,180 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+#include "bvh_cost.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "core.h"
+#include "embree_include.h"
+
+enum { BRANCHES = 8, LEAF_REFIT = 8 };
+
+typedef struct box {
+    float lower[3], upper[3];
+} box;
+
+typedef struct tree_node {
+    unsigned child_count, primitive_count; // one of them is 0
+    union {
+        struct tree_node *children[BRANCHES];
+        unsigned primitives[2 * BRANCHES];
+    };
+} tree_node;
+
+static void *create_node(RTCThreadLocalAllocator allocator, unsigned child_count, void *user)
+{
+    (void)user;
+    tree_node *node = rtcThreadLocalAlloc(allocator, sizeof *node, 16);
+    node->child_count = child_count;
+    node->primitive_count = 0;
+    return node;
+}
+
+static void set_children(void *pointer, void **children, unsigned child_count, void *user)
+{
+    (void)user;
+    tree_node *node = pointer;
+    for (unsigned i = 0; i < child_count; ++i)
+        node->children[i] = children[i];
+}
+
+static void ignore_bounds(void *node, const struct RTCBounds **bounds, unsigned child_count, void *user)
+{
+    (void)node;
+    (void)bounds;
+    (void)child_count;
+    (void)user;
+}
+
+static void *create_leaf(RTCThreadLocalAllocator allocator, const struct RTCBuildPrimitive *primitives, size_t count, void *user)
+{
+    (void)user;
+    tree_node *node = rtcThreadLocalAlloc(allocator, sizeof *node, 16);
+    node->child_count = 0;
+    node->primitive_count = (unsigned)count;
+    for (size_t i = 0; i < count; ++i)
+        node->primitives[i] = primitives[i].primID;
+    return node;
+}
+
+static double area(const box *b)
+{
+    const double x = fmax((double)b->upper[0] - (double)b->lower[0], 0), y = fmax((double)b->upper[1] - (double)b->lower[1], 0);
+    const double z = fmax((double)b->upper[2] - (double)b->lower[2], 0);
+    return 2.0 * (x * y + y * z + z * x);
+}
+
+static void widen(box *b, const float lower[3], const float upper[3])
+{
+    for (int k = 0; k < 3; ++k) {
+        b->lower[k] = fminf(b->lower[k], lower[k]);
+        b->upper[k] = fmaxf(b->upper[k], upper[k]);
+    }
+}
+
+// Surface of what two boxes share; 0 when they part.
+static double shared_area(const box *a, const box *b)
+{
+    box both;
+    for (int k = 0; k < 3; ++k) {
+        both.lower[k] = fmaxf(a->lower[k], b->lower[k]);
+        both.upper[k] = fminf(a->upper[k], b->upper[k]);
+        if (!(both.lower[k] <= both.upper[k]))
+            return 0;
+    }
+    return area(&both);
+}
+
+typedef struct measure_sums {
+    const sgsi_bounds *bounds;
+    double cost, shared, inner; // areas
+    size_t nodes, leaves;
+} measure_sums;
+
+static box measure_node(measure_sums *sums, const tree_node *node)
+{
+    box own = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
+    ++sums->nodes;
+    if (!node->child_count) {
+        ++sums->leaves;
+        for (unsigned i = 0; i < node->primitive_count; ++i)
+            widen(&own, sums->bounds[node->primitives[i]].lower, sums->bounds[node->primitives[i]].upper);
+        sums->cost += area(&own) * node->primitive_count;
+        return own;
+    }
+    box children[BRANCHES];
+    for (unsigned i = 0; i < node->child_count; ++i) {
+        children[i] = measure_node(sums, node->children[i]);
+        widen(&own, children[i].lower, children[i].upper);
+        for (unsigned j = 0; j < i; ++j)
+            sums->shared += shared_area(&children[i], &children[j]);
+    }
+    sums->inner += area(&own);
+    sums->cost += area(&own);
+    return own;
+}
+
+// Primitives with a box that is not finite are in no tree.
+static struct RTCBuildPrimitive *list_primitives(const sgsi_bounds *bounds, size_t count, size_t *listed)
+{
+    struct RTCBuildPrimitive *list = sgsi_alloc(count ? count : 1, sizeof *list);
+    *listed = 0;
+    for (size_t i = 0; list && i < count; ++i) {
+        bool sane = true;
+        for (int k = 0; k < 3; ++k)
+            sane = sane && bounds[i].lower[k] <= bounds[i].upper[k] && fabsf(bounds[i].lower[k]) < 1e18f && fabsf(bounds[i].upper[k]) < 1e18f;
+        if (!sane)
+            continue;
+        struct RTCBuildPrimitive *to = &list[(*listed)++];
+        memset(to, 0, sizeof *to);
+        to->lower_x = bounds[i].lower[0], to->lower_y = bounds[i].lower[1], to->lower_z = bounds[i].lower[2];
+        to->upper_x = bounds[i].upper[0], to->upper_y = bounds[i].upper[1], to->upper_z = bounds[i].upper[2];
+        to->primID = (unsigned)i;
+    }
+    return list;
+}
+
+sgs_status sgsi_bvh_cost_measure(const sgsi_bounds *built, const sgsi_bounds *bounds, size_t count, sgsi_bvh_quality quality,
+                                 sgsi_bvh_cost *cost)
+{
+    *cost = (sgsi_bvh_cost){0};
+    size_t listed;
+    struct RTCBuildPrimitive *primitives = list_primitives(built, count, &listed);
+    RTCDevice device = rtcNewDevice(NULL);
+    RTCBVH tree = device ? rtcNewBVH(device) : NULL;
+    const tree_node *root = NULL;
+    if (primitives && tree && listed) {
+        struct RTCBuildArguments arguments = rtcDefaultBuildArguments();
+        arguments.buildQuality = quality == SGSI_BVH_LOW ? RTC_BUILD_QUALITY_LOW : RTC_BUILD_QUALITY_MEDIUM;
+        arguments.maxBranchingFactor = BRANCHES;
+        arguments.minLeafSize = 1;
+        arguments.maxLeafSize = quality == SGSI_BVH_REFIT ? LEAF_REFIT : 1;
+        arguments.bvh = tree;
+        arguments.primitives = primitives;
+        arguments.primitiveCount = listed;
+        arguments.primitiveArrayCapacity = listed;
+        arguments.createNode = create_node;
+        arguments.setNodeChildren = set_children;
+        arguments.setNodeBounds = ignore_bounds;
+        arguments.createLeaf = create_leaf;
+        root = rtcBuildBVH(&arguments);
+    }
+    if (root) {
+        measure_sums sums = {.bounds = bounds};
+        const box all = measure_node(&sums, root);
+        const double surface = area(&all);
+        *cost = (sgsi_bvh_cost){.cost = surface > 0 ? sums.cost / surface : 0,
+                                .overlap = sums.inner > 0 ? sums.shared / sums.inner : 0,
+                                .nodes = sums.nodes,
+                                .leaves = sums.leaves};
+    }
+    const bool failed = !primitives || !tree || (listed && !root);
+    if (tree)
+        rtcReleaseBVH(tree);
+    if (device)
+        rtcReleaseDevice(device);
+    sgsi_free(primitives);
+    return failed ? sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to measure a tree over %zu boxes", count) : SGS_STATUS_OK;
+}

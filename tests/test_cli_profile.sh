@@ -1,0 +1,45 @@
+#!/usr/bin/env bash
+# SPDX-FileCopyrightText: 2026 The sparegs authors
+# SPDX-License-Identifier: Apache-2.0
+
+# profile: figures that hold together, files that open elsewhere; --trace of profile and train.
+set -euo pipefail
+. "$(dirname "$0")/cli_support.sh"
+model=$temporary/model
+run 0 train "$room" -o "$model" --downscale 8 --eval --iterations 5 --spare off --threads 1 --quiet --trace "$temporary/train.json"
+trace=$temporary/train.json
+json "$trace" '[.traceEvents[] | select(.name | startswith("iteration"))] | length == 5'
+json "$trace" 'all(.traceEvents[]; .ph == "X" and .dur >= 0 and .ts >= 0 or .ph == "C")'
+# phases_stay_inside_their_iteration
+json "$trace" '[.traceEvents[] | select(.ph == "X")] | (map(select(.name == "forward")) | length == 5) and
+    (map(select(.name | startswith("iteration")) | .dur) | add) >= 0.999 * (map(select(.name | startswith("iteration") | not) | .dur) | add)'
+json "$trace" '[.traceEvents[] | select(.name == "gaussians") | .args.gaussians] | length == 5 and all(. > 0)'
+
+run 0 profile "$model" "$room" --view 0009 -o "$temporary/maps" --repeat 1 --threads 1 --trace "$temporary/trace.json" --json --quiet
+json "$temporary/stdout" '[.trees[].name] == ["low", "medium", "high", "refit", "aged"]'
+json "$temporary/stdout" 'all(.trees[]; .build_seconds > 0 and .bytes > 0 and .callbacks > 0 and .surface_area_cost > 1)'
+json "$temporary/stdout" '.views == 1 and .view.rays == 60 * 33 and .view.hits_per_ray > 1'
+json "$temporary/stdout" 'all(.view.false_positives[]; . >= 0 and . < 1)'
+json "$temporary/stdout" '.answers | (.quality_training | length > 0) and (.dominant_share > 0 and .dominant_share < 1)'
+json "$temporary/trace.json" '.traceEvents | length > 3'
+for map in profile tiles; do
+    check "${map}_exr_opens" oiiotool --info -v "$temporary/maps/0009.$map.exr"
+done
+check hits_are_in_the_exr bash -c "oiiotool --info -v '$temporary/maps/0009.profile.exr' | grep -q 'hits.count'"
+if command -v exrcheck >/dev/null; then
+    check valid_by_exrcheck exrcheck "$temporary/maps/0009.profile.exr" "$temporary/maps/0009.tiles.exr"
+fi
+for map in hits evaluated tile_candidates tile_cost; do
+    check "${map}_png_has_the_size_of_the_view" bash -c "oiiotool --info '$temporary/maps/0009.$map.png' | grep -qE '60 x +33'"
+done
+
+run 0 profile "$model" "$room" --orbit 2 --repeat 1 --samples 8 --threads 1
+prints "Build quality:"
+prints "When to rebuild:"
+prints "What dominates:"
+run 1 profile "$model" "$room" --view nothing
+one_line
+run 2 profile "$model"
+one_line
+
+finish

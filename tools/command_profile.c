@@ -1,0 +1,326 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// `sparegs profile`: what the BVH over a model costs and answers, seen by the cameras of a scene or from an orbit.
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "commands.h"
+#include "interrupt.h"
+#include "output.h"
+#include "profile_report.h"
+#include "progress.h"
+#include "shared_options.h"
+#include "sparegs/runtime.h"
+#include "trace_file.h"
+
+static const char description[] =
+    "Measures the BVH over MODEL (a PLY file, or the folder of a training run) as the cameras of SCENE ask\n"
+    "it: build and refit time, memory, surface-area cost and overlap of trees of quality low, medium and\n"
+    "high, of the refittable one that training uses, and of that one aged by refits; callbacks, tests,\n"
+    "evaluations and true hits per ray, false positives, hits until rays stop, cost per tile, the phases of\n"
+    "a training iteration over the same views. Ends with the answers: which build quality, when to rebuild,\n"
+    "what dominates. With -o DIR writes heat maps per pixel and per tile as EXR and PNG.";
+
+typedef struct profile_values {
+    const char *output, *view, *trace;
+    int split, views, orbit, refits, repeat, samples;
+} profile_values;
+
+#define AT(member) offsetof(profile_values, member)
+
+static const option profile_options[] = {
+    {"output", 'o', OPTION_TEXT, AT(output), 0, 0, "DIR", NULL, "none", NULL, "write heat maps there"},
+    {"view", 0, OPTION_TEXT, AT(view), 0, 0, "NAME", NULL, "see --split", NULL, "this view only: an image name"},
+    {"split", 0, OPTION_CHOICE, AT(split), 0, 0, "test|train|all", "all", NULL, NULL, "the views to choose from"},
+    {"views", 0, OPTION_INTEGER, AT(views), 1, 16, "N", "4", NULL, NULL,
+     "views taken from the split, evenly spaced by name"},
+    {"orbit", 0, OPTION_INTEGER, AT(orbit), 0, 16, "N", "0", NULL, NULL,
+     "instead, N views on the circle around the point the cameras look at; 0 = none"},
+    {"refits", 0, OPTION_INTEGER, AT(refits), 0, 1000000, "K", "100", NULL, NULL, "age of the aged tree"},
+    {"repeat", 0, OPTION_INTEGER, AT(repeat), 1, 1000, "N", "3", NULL, NULL, "repetitions; times are the least"},
+    {"samples", 0, OPTION_INTEGER, AT(samples), 0, 4096, "N", "64", NULL, "rays",
+     "rays per view followed by brute force"},
+    {"trace", 0, OPTION_TEXT, AT(trace), 0, 0, "FILE", NULL, "none", NULL,
+     "write the phases of training iterations over the views as a Chrome/Perfetto trace"},
+};
+
+enum { VIEWS_MAX = 16 };
+
+// The least-squares meeting point of the optical axes: sum over cameras of (I - a a^T) (p - c) = 0. The mean camera
+// centre plus the extent where the axes are parallel.
+static void meeting_point(const sgs_scene *scene, double point[3])
+{
+    double m[3][4] = {{0}};
+    for (size_t v = 0; v < scene->view_count; ++v) {
+        const double *axis = scene->views[v].pose.rotation + 6;
+        double center[3];
+        sgs_pose_center(&scene->views[v].pose, center);
+        for (int i = 0; i < 3; ++i)
+            for (int j = 0; j < 3; ++j) {
+                const double entry = (i == j) - axis[i] * axis[j];
+                m[i][j] += entry;
+                m[i][3] += entry * center[j];
+            }
+    }
+    for (int i = 0; i < 3; ++i)
+        m[i][i] += 1e-6 * (double)scene->view_count, m[i][3] += 1e-6 * (double)scene->view_count * scene->center[i];
+    for (int i = 0; i < 3; ++i) // positive definite: no pivoting needed
+        for (int r = 0; r < 3; ++r) {
+            if (r == i)
+                continue;
+            const double factor = m[r][i] / m[i][i];
+            for (int c = i; c < 4; ++c)
+                m[r][c] -= factor * m[i][c];
+        }
+    for (int i = 0; i < 3; ++i)
+        point[i] = m[i][3] / m[i][i];
+}
+
+// Turns the first camera around the mean up axis through the meeting point.
+static size_t orbit_views(const sgs_scene *scene, int count, sgs_view *views)
+{
+    static char *const names[VIEWS_MAX] = {"orbit-00", "orbit-01", "orbit-02", "orbit-03", "orbit-04", "orbit-05",
+                                           "orbit-06", "orbit-07", "orbit-08", "orbit-09", "orbit-10", "orbit-11",
+                                           "orbit-12", "orbit-13", "orbit-14", "orbit-15"};
+    double point[3], up[3] = {0, 0, 0};
+    meeting_point(scene, point);
+    for (size_t v = 0; v < scene->view_count; ++v)
+        for (int k = 0; k < 3; ++k)
+            up[k] += scene->views[v].pose.rotation[3 + k];
+    const double length = sqrt(up[0] * up[0] + up[1] * up[1] + up[2] * up[2]);
+    for (int k = 0; k < 3; ++k)
+        up[k] = length > 0 ? up[k] / length : k == 1;
+    for (int i = 0; i < count; ++i) {
+        const double angle = 6.283185307179586 * i / count, c = cos(angle), s = sin(angle);
+        const sgs_pose *from = &scene->views[0].pose;
+        views[i] = scene->views[0];
+        views[i].name = names[i];
+        sgs_pose *to = &views[i].pose;
+        double turn[9];
+        for (int r = 0; r < 3; ++r)
+            for (int k = 0; k < 3; ++k)
+                turn[3 * r + k] = c * (r == k) + (1 - c) * up[r] * up[k] +
+                                  s * (r == k ? 0 : (k == (r + 1) % 3 ? -up[(r + 2) % 3] : up[(r + 1) % 3]));
+        // World turned about the point: p -> turn (p - point) + point, then seen by the camera.
+        for (int r = 0; r < 3; ++r)
+            for (int k = 0; k < 3; ++k)
+                to->rotation[3 * r + k] = from->rotation[3 * r] * turn[k] + from->rotation[3 * r + 1] * turn[3 + k] +
+                                          from->rotation[3 * r + 2] * turn[6 + k];
+        for (int r = 0; r < 3; ++r) {
+            to->translation[r] = from->translation[r];
+            for (int k = 0; k < 3; ++k)
+                to->translation[r] += (from->rotation[3 * r + k] - to->rotation[3 * r + k]) * point[k];
+        }
+    }
+    return (size_t)count;
+}
+
+static size_t choose_views(const sgs_scene *scene, const profile_values *values, sgs_view *views)
+{
+    static const sgs_split splits[] = {SGS_SPLIT_TEST, SGS_SPLIT_TRAIN, SGS_SPLIT_ALL};
+    if (values->orbit)
+        return orbit_views(scene, values->orbit, views);
+    if (values->view) {
+        const ptrdiff_t v = sgs_scene_find_view(scene, values->view);
+        if (v < 0) {
+            fail_run("%s: has no view '%s'; 'sparegs info' counts them, the model's image list names them", scene->path,
+                     values->view);
+            return 0;
+        }
+        views[0] = scene->views[v];
+        return 1;
+    }
+    const size_t total = scene_split_count(scene, splits[values->split]);
+    const size_t wanted = (size_t)values->views < total ? (size_t)values->views : total;
+    size_t seen = 0, taken = 0;
+    for (size_t v = 0; v < scene->view_count && taken < wanted; ++v) {
+        if (!view_in_split(&scene->views[v], splits[values->split]))
+            continue;
+        if (seen++ * wanted / total == taken)
+            views[taken++] = scene->views[v];
+    }
+    if (!taken)
+        fail_run("%s: no view is in this split; hold some out by --eval, --test-every or --test-images", scene->path);
+    return taken;
+}
+
+typedef struct profiling {
+    const profile_values *values;
+    const common_values *common;
+    const sgs_gaussians *model;
+    sgs_profile_options options;
+    sgs_view views[VIEWS_MAX];
+    size_t view_count;
+    profile_report report;
+} profiling;
+
+static bool profile_views(profiling *job)
+{
+    for (size_t v = 0; v < job->view_count && !interrupt_signal(); ++v) {
+        const sgs_view *view = &job->views[v];
+        sgs_profile *profile;
+        progress_count("profiling", v, job->view_count);
+        if (sgs_profile_view(job->model, &view->camera, &view->pose, &job->options, &profile)) {
+            fail_library();
+            return false;
+        }
+        profile_report_add(&job->report, profile);
+        const bool written = !job->values->output || profile_write_maps(job->values->output, view->name, profile,
+                                                                        job->common->json ? stderr : stdout);
+        sgs_profile_destroy(profile);
+        if (!written)
+            return false;
+    }
+    progress_end();
+    profile_report_finish(&job->report);
+    return true;
+}
+
+static void add_sample(sgs_train_seconds *to, const sgs_bench_sample *sample)
+{
+    to->gather += sample->gather;
+    to->forward += sample->forward;
+    to->loss += sample->loss;
+    to->backward += sample->backward;
+    to->optimizer += sample->optimizer;
+    to->bvh_refit += sample->refit;
+}
+
+// Iterations of a training over the views, for the phases, the trace and the hardware counters. Counters go first: they
+// see the threads that start after them.
+static bool measure_training(profiling *job, sgs_counters *counters)
+{
+    sgs_bench *bench;
+    if (sgs_bench_create(job->model, job->views, job->view_count, &bench)) {
+        fail_library();
+        return false;
+    }
+    trace_file *trace = NULL;
+    bool done = !job->values->trace || (trace = trace_open(job->values->trace)) != NULL;
+    sgs_train_seconds before = {0}, after = {0};
+    for (int i = 0; i < job->values->repeat && done && !interrupt_signal(); ++i) {
+        sgs_bench_sample sample;
+        if (counters)
+            sgs_counters_start(counters);
+        const double start = clock_seconds();
+        done = !sgs_bench_run(bench, &sample);
+        if (counters)
+            job->report.counters = sgs_counters_stop(counters);
+        if (!done) {
+            fail_library();
+            break;
+        }
+        if (!i || sample.iteration < job->report.training.iteration)
+            job->report.training = sample;
+        add_sample(&after, &sample);
+        if (trace)
+            trace_iteration(trace, i + 1, start, sample.iteration, &before, &after);
+        before = after;
+    }
+    double *const counts[] = {&job->report.counters.cycles, &job->report.counters.instructions,
+                              &job->report.counters.cache_references, &job->report.counters.cache_misses,
+                              &job->report.counters.branch_misses};
+    for (int k = 0; k < 5; ++k)
+        if (*counts[k] > 0)
+            *counts[k] /= (double)job->view_count;
+    sgs_bench_destroy(bench);
+    return trace_close(trace, done) && done;
+}
+
+static bool profile_model(profiling *job, const sgs_scene *scene)
+{
+    job->view_count = choose_views(scene, job->values, job->views);
+    if (!job->view_count)
+        return false;
+    job->options.step = 1.6e-4 * scene->extent; // the first rate of the means: what Adam moves them by in a step
+    job->report.refits = job->values->refits;
+    char *reason = NULL;
+    sgs_counters *counters = sgs_counters_open();
+    if (!counters)
+        reason = format_text("%s", sgs_last_error());
+    job->report.no_counters = reason;
+    job->report.counted = counters != NULL;
+    bool done = measure_training(job, counters);
+    sgs_counters_close(counters);
+    done = done && profile_views(job);
+    if (done && !interrupt_signal()) {
+        if (job->common->json)
+            done = print_json(profile_json(&job->report));
+        else
+            profile_print(&job->report);
+    }
+    free(reason);
+    return done;
+}
+
+static int run_profile(const command_line *line, const profile_values *values, const common_values *common,
+                       scene_values *data, drawing_values *drawing)
+{
+    model_path located;
+    sgs_scene *scene = NULL;
+    sgs_gaussians *model = NULL;
+    int status = model_locate(line->operands[0], &located) ? -1 : EXIT_FAILED;
+    if (status < 0)
+        status = scene_settle(data, line, located.config);
+    if (status < 0 && values->output && !(make_folder(values->output) && check_writable(values->output)))
+        status = EXIT_FAILED;
+    if (status < 0) {
+        scene = scene_open(line->operands[1], data, false);
+        status = scene ? -1 : EXIT_FAILED;
+    }
+    if (status < 0 && sgs_ply_read(located.ply_path, &model))
+        status = fail_library();
+    if (status < 0) {
+        drawing_settle(drawing, line, located.config, scene);
+        profiling *job = calloc(1, sizeof *job);
+        if (job) {
+            *job = (profiling){
+                .values = values, .common = common, .model = model, .options = sgs_profile_options_default()};
+            job->options.render.filter = (sgs_filter)drawing->filter;
+            job->options.refits = values->refits;
+            job->options.repeat = values->repeat;
+            job->options.samples = values->samples;
+            job->options.seed = common->seed;
+            status = profile_model(job, scene) ? interrupt_status() : EXIT_FAILED;
+        } else {
+            status = fail_run("no memory for a profile");
+        }
+        free(job);
+    }
+    sgs_gaussians_destroy(model);
+    sgs_scene_destroy(scene);
+    model_path_free(&located);
+    return status;
+}
+
+int command_profile(int argc, char **argv)
+{
+    common_values common;
+    scene_values data;
+    drawing_values drawing;
+    profile_values values = {0};
+    option_group groups[] = {{.title = "Profiling",
+                              .options = profile_options,
+                              .count = sizeof profile_options / sizeof *profile_options,
+                              .values = &values},
+                             drawing_group(&drawing),
+                             scene_group(&data),
+                             common_group(&common)};
+    command_line line = {.command = "profile",
+                         .synopsis = "MODEL SCENE [options]",
+                         .description = description,
+                         .groups = groups,
+                         .group_count = sizeof groups / sizeof *groups,
+                         .operand_minimum = 2,
+                         .operand_maximum = 2};
+    int status = command_line_parse(&line, argc, argv);
+    if (status < 0)
+        status = common_apply(&common, &line);
+    if (status >= 0)
+        return status;
+    interrupt_watch();
+    return run_profile(&line, &values, &common, &data, &drawing);
+}

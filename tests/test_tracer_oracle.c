@@ -297,7 +297,7 @@ static void every_lens_equals_the_oracle(void **state)
     const sgs_pose pose = oracle_pose_look_at(0.7, -0.9, -2.4);
     oracle_scene scene = oracle_random_model(53, 250, NULL);
     for (size_t i = 0; i < sizeof cameras / sizeof *cameras; ++i) {
-        traced_view traced = traced_create(scene.model, &cameras[i], &pose, SGS_FILTER_3DGS, 2, SGSI_BVH_LOW);
+        traced_view traced = traced_create(scene.model, &cameras[i], &pose, SGS_FILTER_3DGS, 2, SGSI_BVH_REFIT);
         const comparison one = compare_with_oracle(&traced, &scene, true, 0);
         print_message("%s: colour %.2g, distance %.2g, %zu of %zu pixels listed\n",
                       sgs_camera_model_name(cameras[i].model), one.color, one.distance, one.listed, one.pixels);

@@ -1,222 +1,215 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The trainer's whole state in one file, little-endian:
+// The trainer's whole state as named sections of one file (sections.c):
 //
-//   magic "SPAREGS1", version, section count; a fingerprint of the options and the scene;
-//   per section: tag (4 bytes), bytes (8), content; at the end XXH64 of everything before it.
+//   options    text: every option that shapes the result (checkpoint_options.c)
+//   scene      u64 per training view: digest of its name, camera and pose
+//   size       u64: number of primitives n
+//   progress   counters, averages, equilibrium, seconds (sgsi_progress)
+//   model, moment1, moment2    blocks of 16 primitives, 59 parameters each; lanes behind n are 0
+//   statistics gradient sums, sums of norms, visible counts, largest radii: n each
+//   guesses    the depth guesses, which decide which hidden candidates take part and so the last bits of a step
+//   order      u32 per training view: this epoch's permutation
+//   stop       text: why training ended, empty before that
 //
-// Sections: PROG (counters, averages, equilibrium, seconds), MODL, MOM1, MOM2 (rows 0..count, 59 floats each), STAT (a, |a|, d, rho),
-// GUES (the depth guesses, which decide which hidden candidates take part and so the last bits of a step), ORDR (view order).
-// The BVH is not stored: padded bounds make the hits independent of it. A file that is cut, changed or of another
-// run is refused before the trainer is touched.
+// New state is a section more in visit_state(), and nothing else. The BVH is not stored: padded bounds make the hits
+// independent of it. A file that is cut, changed or of another run is refused before the trainer is touched.
 
 #include <math.h>
 #include <string.h>
 #include <xxhash.h>
 
+#include "checkpoint_options.h"
 #include "core.h"
+#include "sections.h"
 #include "trainer_state.h"
 
-static const char magic[8] = {'S', 'P', 'A', 'R', 'E', 'G', 'S', '1'};
-enum { VERSION = 2, SECTIONS = 7 };
+enum { BLOCK_FLOATS = SGS_PARAM_COUNT * SGS_LANES };
 
-typedef struct file_header {
-    char magic[8];
-    uint32_t version, sections;
-    uint64_t fingerprint, count;
-} file_header;
-
-typedef struct section_header {
-    char tag[4];
-    uint32_t reserved;
-    uint64_t bytes;
-} section_header;
-
-// Everything that shapes the run and is not in the sections.
-static uint64_t run_fingerprint(const sgs_trainer *trainer)
+static size_t block_bytes(size_t n)
 {
-    const sgs_train_options *o = &trainer->options;
-    const double values[] = {o->iterations, o->schedule, o->pipeline, o->filter, o->optimizer, o->sh_degree, o->background[0],
-                             o->background[1], o->background[2], o->background_random, (double)o->max_gaussians, (double)o->seed,
-                             o->spare, o->spare_grid, o->spare_tau_alpha, o->spare_eps_loss, o->spare_eps_count,
-                             o->spare_patience, o->spare_interval, o->spare_demand, (double)trainer->train_view_count,
-                             (double)trainer->scene->point_count};
-    XXH64_state_t *state = XXH64_createState();
-    if (!state)
-        return 0;
-    XXH64_reset(state, 0);
-    XXH64_update(state, values, sizeof values);
-    for (size_t i = 0; i < trainer->train_view_count; ++i) {
-        const sgs_view *view = &trainer->scene->views[trainer->train_views[i]];
-        XXH64_update(state, view->name, strlen(view->name));
-        XXH64_update(state, &view->camera.width, sizeof view->camera.width);
-        XXH64_update(state, view->camera.params, sizeof view->camera.params);
-        XXH64_update(state, &view->pose, sizeof view->pose);
-    }
-    const uint64_t digest = XXH64_digest(state);
-    XXH64_freeState(state);
-    return digest;
+    return (n + SGS_LANES - 1) / SGS_LANES * BLOCK_FLOATS * sizeof(float);
 }
 
-typedef struct checkpoint_writer {
-    FILE *stream;
-    XXH64_state_t *hash;
-    bool failed;
-} checkpoint_writer;
-
-static void put(checkpoint_writer *writer, const void *data, size_t bytes)
+// n primitives in the model's layout. The lanes behind the last primitive are zeros in the file and left alone in memory.
+static void visit_blocks(sgsi_sections *sections, const char *name, float *data, size_t n)
 {
-    if (writer->failed || !bytes)
+    const size_t whole = n / SGS_LANES, rest = n % SGS_LANES;
+    sgsi_sections_begin(sections, name, block_bytes(n));
+    sgsi_sections_piece(sections, data, whole * BLOCK_FLOATS * sizeof(float));
+    if (!rest)
         return;
-    writer->failed = fwrite(data, 1, bytes, writer->stream) != bytes || XXH64_update(writer->hash, data, bytes) != XXH_OK;
+    float tail[BLOCK_FLOATS] = {0};
+    const size_t first = whole * BLOCK_FLOATS;
+    for (size_t i = 0; i < BLOCK_FLOATS && sections->pass == SGSI_SECTIONS_WRITE; ++i)
+        if (i % SGS_LANES < rest)
+            tail[i] = data[first + i];
+    sgsi_sections_piece(sections, tail, sizeof tail);
+    for (size_t i = 0; i < BLOCK_FLOATS && sections->pass == SGSI_SECTIONS_READ; ++i)
+        if (i % SGS_LANES < rest)
+            data[first + i] = tail[i];
 }
 
-static void put_section(checkpoint_writer *writer, const char *tag, size_t bytes)
+// What a training step changes, with n primitives.
+static void visit_state(sgsi_sections *sections, sgs_trainer *trainer, size_t n)
 {
-    section_header header = {.bytes = bytes};
-    memcpy(header.tag, tag, 4);
-    put(writer, &header, sizeof header);
-}
-
-static void put_rows(checkpoint_writer *writer, const char *tag, const float *block, size_t count)
-{
-    put_section(writer, tag, count * SGS_PARAM_COUNT * sizeof(float));
-    float row[SGS_PARAM_COUNT];
-    for (size_t i = 0; i < count; ++i) {
-        const float *from = block + i / SGS_LANES * SGS_PARAM_COUNT * SGS_LANES + i % SGS_LANES;
-        for (int k = 0; k < SGS_PARAM_COUNT; ++k)
-            row[k] = from[k * SGS_LANES];
-        put(writer, row, sizeof row);
-    }
-}
-
-static void put_state(checkpoint_writer *writer, const sgs_trainer *trainer)
-{
-    const size_t n = trainer->model->count;
-    const file_header header = {.version = VERSION, .sections = SECTIONS, .fingerprint = run_fingerprint(trainer), .count = n};
-    file_header named = header;
-    memcpy(named.magic, magic, sizeof magic);
-    put(writer, &named, sizeof named);
-    put_section(writer, "PROG", sizeof trainer->progress);
-    put(writer, &trainer->progress, sizeof trainer->progress);
-    put_rows(writer, "MODL", trainer->model->data, n);
-    put_rows(writer, "MOM1", trainer->m, n);
-    put_rows(writer, "MOM2", trainer->v, n);
-    put_section(writer, "STAT", n * 16);
-    put(writer, trainer->statistics.gradient_sum, n * sizeof(float));
-    put(writer, trainer->statistics.absolute_sum, n * sizeof(float));
-    put(writer, trainer->statistics.visible_count, n * sizeof(uint32_t));
-    put(writer, trainer->statistics.radius_max, n * sizeof(float));
+    const size_t views = trainer->train_view_count;
     size_t tiles = 0;
-    for (size_t i = 0; i < trainer->train_view_count; ++i)
+    for (size_t i = 0; i < views; ++i)
         tiles += trainer->tile_counts[i];
-    put_section(writer, "GUES", tiles * sizeof(float));
-    for (size_t i = 0; i < trainer->train_view_count; ++i)
-        put(writer, trainer->depth_guesses[i], trainer->tile_counts[i] * sizeof(float));
-    put_section(writer, "ORDR", trainer->train_view_count * sizeof(uint32_t));
-    put(writer, trainer->order, trainer->train_view_count * sizeof(uint32_t));
+    sgsi_sections_begin(sections, "progress", sizeof trainer->progress);
+    sgsi_sections_piece(sections, &trainer->progress, sizeof trainer->progress);
+    visit_blocks(sections, "model", trainer->model->data, n);
+    visit_blocks(sections, "moment1", trainer->m, n);
+    visit_blocks(sections, "moment2", trainer->v, n);
+    sgsi_sections_begin(sections, "statistics", n * 4 * sizeof(float));
+    sgsi_sections_piece(sections, trainer->statistics.gradient_sum, n * sizeof(float));
+    sgsi_sections_piece(sections, trainer->statistics.absolute_sum, n * sizeof(float));
+    sgsi_sections_piece(sections, trainer->statistics.visible_count, n * sizeof(uint32_t));
+    sgsi_sections_piece(sections, trainer->statistics.radius_max, n * sizeof(float));
+    sgsi_sections_begin(sections, "guesses", tiles * sizeof(float));
+    for (size_t i = 0; i < views; ++i)
+        sgsi_sections_piece(sections, trainer->depth_guesses[i], trainer->tile_counts[i] * sizeof(float));
+    sgsi_sections_begin(sections, "order", views * sizeof(uint32_t));
+    sgsi_sections_piece(sections, trainer->order, views * sizeof(uint32_t));
+    sgsi_sections_begin(sections, "stop", sizeof trainer->stop_text);
+    sgsi_sections_piece(sections, trainer->stop_text, sizeof trainer->stop_text);
+}
+
+static uint64_t view_digest(const sgs_view *view)
+{
+    // Field by field: structs have padding.
+    const uint64_t parts[] = {XXH64(view->name, strlen(view->name), 0),
+                              (uint64_t)view->camera.model << 32 | (uint32_t)view->camera.width,
+                              (uint32_t)view->camera.height, XXH64(view->camera.params, sizeof view->camera.params, 0),
+                              XXH64(view->pose.rotation, sizeof view->pose.rotation, 0),
+                              XXH64(view->pose.translation, sizeof view->pose.translation, 0)};
+    return XXH64(parts, sizeof parts, 0);
+}
+
+static const sgs_view *train_view(const sgs_trainer *trainer, size_t i)
+{
+    return &trainer->scene->views[trainer->train_views[i]];
 }
 
 sgs_status sgs_trainer_save_checkpoint(const sgs_trainer *trainer, const char *path)
 {
-    sgsi_atomic_file file;
-    sgs_status status = sgsi_atomic_open(&file, path);
-    if (status)
-        return status;
-    checkpoint_writer writer = {file.stream, XXH64_createState(), false};
-    if (!writer.hash) {
-        sgsi_atomic_abort(&file);
+    char *options = sgsi_options_text(&trainer->options);
+    if (!options)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path);
+    sgsi_sections sections;
+    const sgs_status status = sgsi_sections_create(&sections, path);
+    if (status) {
+        sgsi_free(options);
+        return status;
     }
-    XXH64_reset(writer.hash, 0);
-    put_state(&writer, trainer);
-    const uint64_t digest = XXH64_digest(writer.hash);
-    XXH64_freeState(writer.hash);
-    if (!writer.failed && fwrite(&digest, sizeof digest, 1, file.stream) != 1)
-        writer.failed = true;
-    return sgsi_atomic_commit(&file);
-}
-
-typedef struct checkpoint_reader {
-    const uint8_t *bytes;
-    size_t size, at;
-    const char *path;
-} checkpoint_reader;
-
-// The content of the next section, which must have this tag and size.
-static const uint8_t *next_section(checkpoint_reader *reader, const char *tag, size_t bytes)
-{
-    section_header header;
-    if (reader->size - reader->at < sizeof header)
-        return NULL;
-    memcpy(&header, reader->bytes + reader->at, sizeof header);
-    if (memcmp(header.tag, tag, 4) || header.bytes != bytes || reader->size - reader->at - sizeof header < bytes)
-        return NULL;
-    const uint8_t *content = reader->bytes + reader->at + sizeof header;
-    reader->at += sizeof header + bytes;
-    return content;
-}
-
-static void scatter_rows(float *block, const uint8_t *content, size_t count)
-{
-    for (size_t i = 0; i < count; ++i) {
-        float row[SGS_PARAM_COUNT];
-        memcpy(row, content + i * sizeof row, sizeof row);
-        float *to = block + i / SGS_LANES * SGS_PARAM_COUNT * SGS_LANES + i % SGS_LANES;
-        for (int k = 0; k < SGS_PARAM_COUNT; ++k)
-            to[k * SGS_LANES] = row[k];
+    uint64_t n = trainer->model->count;
+    sgsi_sections_begin(&sections, "options", strlen(options));
+    sgsi_sections_piece(&sections, options, strlen(options));
+    sgsi_sections_begin(&sections, "scene", trainer->train_view_count * sizeof(uint64_t));
+    for (size_t i = 0; i < trainer->train_view_count; ++i) {
+        uint64_t digest = view_digest(train_view(trainer, i));
+        sgsi_sections_piece(&sections, &digest, sizeof digest);
     }
+    sgsi_sections_begin(&sections, "size", sizeof n);
+    sgsi_sections_piece(&sections, &n, sizeof n);
+    visit_state(&sections, (sgs_trainer *)trainer, trainer->model->count); // WRITE leaves it alone
+    sgsi_free(options);
+    return sgsi_sections_commit(&sections);
 }
 
-typedef struct checkpoint_content {
-    const uint8_t *progress, *model, *m, *v, *statistics, *guesses, *order;
-    size_t count, tiles;
-} checkpoint_content;
+// ---- reading ----
 
-static sgs_status parse(checkpoint_reader *reader, const sgs_trainer *trainer, checkpoint_content *content)
+static sgs_status check_scene(sgsi_sections *sections, const sgs_trainer *trainer)
 {
-    file_header header;
-    uint64_t digest;
-    if (reader->size < sizeof header + sizeof digest || memcmp(reader->bytes, magic, sizeof magic))
-        return sgsi_fail(SGS_STATUS_FORMAT, "%s: is not a checkpoint", reader->path);
-    memcpy(&header, reader->bytes, sizeof header);
-    memcpy(&digest, reader->bytes + reader->size - sizeof digest, sizeof digest);
-    if (header.version != VERSION)
-        return sgsi_fail(SGS_STATUS_UNSUPPORTED, "%s: has version %u, this program reads %d", reader->path, header.version, VERSION);
-    reader->size -= sizeof digest;
-    if (XXH64(reader->bytes, reader->size, 0) != digest)
-        return sgsi_fail(SGS_STATUS_FORMAT, "%s: the checksum does not match; the file is cut or damaged", reader->path);
-    if (header.fingerprint != run_fingerprint(trainer))
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: belongs to a run with other options or another scene", reader->path);
-    const size_t n = header.count, rows = SGS_PARAM_COUNT * sizeof(float);
-    if (n > reader->size / rows)
-        return sgsi_fail(SGS_STATUS_FORMAT, "%s: %zu primitives do not fit into the file", reader->path, n);
-    reader->at = sizeof header;
-    content->count = n;
-    for (size_t i = 0; i < trainer->train_view_count; ++i)
-        content->tiles += trainer->tile_counts[i];
-    content->progress = next_section(reader, "PROG", sizeof(sgsi_progress));
-    content->model = next_section(reader, "MODL", n * rows);
-    content->m = next_section(reader, "MOM1", n * rows);
-    content->v = next_section(reader, "MOM2", n * rows);
-    content->statistics = next_section(reader, "STAT", n * 16);
-    content->guesses = next_section(reader, "GUES", content->tiles * sizeof(float));
-    content->order = next_section(reader, "ORDR", trainer->train_view_count * sizeof(uint32_t));
-    if (!content->progress || !content->model || !content->m || !content->v || !content->statistics || !content->guesses || !content->order)
-        return sgsi_fail(SGS_STATUS_FORMAT, "%s: byte %zu: a section is missing or has another size", reader->path, reader->at);
+    const size_t views = trainer->train_view_count;
+    size_t bytes;
+    const uint8_t *digests = sgsi_sections_find(sections, "scene", &bytes);
+    if (!digests)
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: the section 'scene' is missing", sections->path);
+    if (bytes != views * sizeof(uint64_t))
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                         "%s: the run was started with %zu training views and has %zu now; resume with the same scene",
+                         sections->path, bytes / sizeof(uint64_t), views);
+    for (size_t i = 0; i < views; ++i) {
+        const sgs_view *view = train_view(trainer, i);
+        uint64_t digest;
+        memcpy(&digest, digests + i * sizeof digest, sizeof digest);
+        if (digest != view_digest(view))
+            return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                             "%s: the view '%s' was another one, or had another camera, when this run was started; resume "
+                             "with the same scene", sections->path, view->name);
+    }
     return SGS_STATUS_OK;
 }
 
-static sgs_status restore(sgs_trainer *trainer, const checkpoint_content *content, const char *path)
+// The order must be a permutation, the counters in their ranges: they are used as indices.
+static sgs_status check_progress(sgsi_sections *sections, const sgs_trainer *trainer, const sgsi_progress *progress)
 {
-    const size_t n = content->count;
+    const size_t views = trainer->train_view_count;
+    if (progress->iteration < 0 || progress->adam_step < 0 || progress->adam_step > progress->iteration ||
+        progress->order_position > views || progress->stop < SGS_STOP_NONE || progress->stop > SGS_STOP_SIGNAL)
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: a counter in section 'progress' is out of range", sections->path);
+    size_t bytes;
+    const uint8_t *order = sgsi_sections_find(sections, "order", &bytes);
+    for (size_t i = 0; i < views; ++i) {
+        uint32_t view;
+        memcpy(&view, order + i * sizeof view, sizeof view);
+        if (view >= views)
+            return sgsi_fail(SGS_STATUS_FORMAT, "%s: the view order names view %u of %zu", sections->path, view, views);
+    }
+    return SGS_STATUS_OK;
+}
+
+// Everything that can be wrong with a whole file. *n receives the number of primitives.
+static sgs_status check(sgsi_sections *sections, sgs_trainer *trainer, size_t *n)
+{
+    size_t bytes;
+    const uint8_t *size = sgsi_sections_find(sections, "size", &bytes);
+    uint64_t count = 0;
+    if (!size || bytes != sizeof count)
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: the section 'size' is missing", sections->path);
+    memcpy(&count, size, sizeof count);
+    const uint8_t *model = sgsi_sections_find(sections, "model", &bytes);
+    if (!model || count > bytes / (SGS_PARAM_COUNT * sizeof(float)))
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: section 'size': %llu primitives do not fit into the section 'model'",
+                         sections->path, (unsigned long long)count);
+    *n = (size_t)count;
+    const uint8_t *progress_bytes = sgsi_sections_find(sections, "progress", &bytes);
+    sgsi_progress progress = {0};
+    if (progress_bytes && bytes == sizeof progress)
+        memcpy(&progress, progress_bytes, sizeof progress);
+    const char *options = (const char *)sgsi_sections_find(sections, "options", &bytes);
+    if (!options)
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: the section 'options' is missing", sections->path);
+    sgs_status status = sgsi_options_agree(sections->path, options, bytes, &trainer->options, progress.iteration);
+    if (!status)
+        status = check_scene(sections, trainer);
+    if (status)
+        return status;
+    visit_state(sections, trainer, *n);
+    status = sgsi_sections_checked(sections);
+    if (!status)
+        status = check_progress(sections, trainer, &progress);
+    const size_t cap = trainer->options.max_gaussians;
+    if (!status && cap && *n > cap)
+        status = sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: has %zu primitives, more than --max-gaussians %zu; raise it",
+                           sections->path, *n, cap);
+    return status;
+}
+
+// Memory for n primitives in the trainer, contents to come.
+static sgs_status make_room(sgs_trainer *trainer, size_t n, const char *path)
+{
     sgs_gaussians *model;
     sgs_status status = sgs_gaussians_create(n + SGS_LANES, &model);
     if (!status)
         status = sgs_gaussians_resize(model, n);
-    if (status)
+    if (status) {
+        sgs_gaussians_destroy(model);
         return status;
+    }
     float *m = sgsi_calloc(model->capacity, SGS_PARAM_COUNT * sizeof(float));
     float *v = sgsi_calloc(model->capacity, SGS_PARAM_COUNT * sizeof(float));
     if (!m || !v || sgsi_statistics_reserve(&trainer->statistics, model->capacity)) {
@@ -225,9 +218,6 @@ static sgs_status restore(sgs_trainer *trainer, const checkpoint_content *conten
         sgs_gaussians_destroy(model);
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory for its %zu primitives", path, n);
     }
-    scatter_rows(model->data, content->model, n);
-    scatter_rows(m, content->m, n);
-    scatter_rows(v, content->v, n);
     model->sh_degree = trainer->options.sh_degree;
     sgs_gaussians_destroy(trainer->model);
     sgsi_free(trainer->m);
@@ -235,45 +225,27 @@ static sgs_status restore(sgs_trainer *trainer, const checkpoint_content *conten
     trainer->model = model;
     trainer->m = m;
     trainer->v = v;
-    memcpy(trainer->statistics.gradient_sum, content->statistics, n * 4);
-    memcpy(trainer->statistics.absolute_sum, content->statistics + n * 4, n * 4);
-    memcpy(trainer->statistics.visible_count, content->statistics + n * 8, n * 4);
-    memcpy(trainer->statistics.radius_max, content->statistics + n * 12, n * 4);
-    const uint8_t *guess = content->guesses;
-    for (size_t i = 0; i < trainer->train_view_count; ++i) {
-        memcpy(trainer->depth_guesses[i], guess, trainer->tile_counts[i] * sizeof(float));
-        guess += trainer->tile_counts[i] * sizeof(float);
-    }
-    memcpy(trainer->order, content->order, trainer->train_view_count * sizeof(uint32_t));
-    memcpy(&trainer->progress, content->progress, sizeof trainer->progress);
-    trainer->structure_changed = true;
     return SGS_STATUS_OK;
 }
 
 sgs_status sgs_trainer_load_checkpoint(sgs_trainer *trainer, const char *path)
 {
-    uint8_t *bytes;
-    size_t size;
-    sgs_status status = sgsi_file_read(path, 0, &bytes, &size);
+    sgsi_sections sections;
+    sgs_status status = sgsi_sections_open(&sections, path);
     if (status)
         return status;
-    checkpoint_reader reader = {bytes, size, 0, path};
-    checkpoint_content content = {0};
-    status = parse(&reader, trainer, &content);
-    if (!status) {
-        sgsi_progress progress;
-        memcpy(&progress, content.progress, sizeof progress);
-        for (size_t i = 0; !status && i < trainer->train_view_count; ++i) {
-            uint32_t view;
-            memcpy(&view, content.order + 4 * i, sizeof view);
-            if (view >= trainer->train_view_count)
-                status = sgsi_fail(SGS_STATUS_FORMAT, "%s: the view order names view %u of %zu", path, view, trainer->train_view_count);
-        }
-        if (!status && (progress.iteration < 0 || progress.order_position > trainer->train_view_count))
-            status = sgsi_fail(SGS_STATUS_FORMAT, "%s: the iteration counter is out of range", path);
-    }
+    size_t n = 0;
+    status = check(&sections, trainer, &n);
     if (!status)
-        status = restore(trainer, &content, path);
-    sgsi_free(bytes);
+        status = make_room(trainer, n, path);
+    if (!status) {
+        sections.pass = SGSI_SECTIONS_READ;
+        visit_state(&sections, trainer, n);
+        trainer->stop_text[sizeof trainer->stop_text - 1] = 0;
+        trainer->structure_changed = true;
+        if (trainer->progress.stop == SGS_STOP_SCHEDULE && trainer->progress.iteration < trainer->options.iterations)
+            trainer->progress.stop = SGS_STOP_NONE; // the run has been made longer
+    }
+    sgsi_sections_close(&sections);
     return status;
 }

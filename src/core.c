@@ -6,6 +6,7 @@
 #include "core.h"
 
 #include <errno.h>
+#include <fcntl.h>
 #include <math.h>
 #include <stdatomic.h>
 #include <stdlib.h>
@@ -211,6 +212,19 @@ sgs_status sgsi_atomic_open(sgsi_atomic_file *file, const char *path)
     return SGS_STATUS_OK;
 }
 
+// A rename is on the disk when its folder is. Best effort: some file systems refuse to sync a folder.
+static void sync_folder_of(const char *path)
+{
+    const char *slash = strrchr(path, '/');
+    char *folder = slash ? sgsi_format("%.*s", (int)(slash - path + (slash == path)), path) : sgsi_strdup(".");
+    const int descriptor = folder ? open(folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC) : -1;
+    sgsi_free(folder);
+    if (descriptor < 0)
+        return;
+    fsync(descriptor);
+    close(descriptor);
+}
+
 sgs_status sgsi_atomic_commit(sgsi_atomic_file *file)
 {
     errno = 0;
@@ -219,6 +233,7 @@ sgs_status sgsi_atomic_commit(sgsi_atomic_file *file)
     const bool closed = !fclose(file->stream);
     file->stream = NULL;
     if (written && closed && !rename(file->temporary, file->path)) {
+        sync_folder_of(file->path);
         sgsi_free(file->path);
         sgsi_free(file->temporary);
         *file = (sgsi_atomic_file){0};

@@ -32,7 +32,8 @@ static size_t block_bytes(size_t n)
     return (n + SGS_LANES - 1) / SGS_LANES * BLOCK_FLOATS * sizeof(float);
 }
 
-// n primitives in the model's layout. The lanes behind the last primitive are zeros in the file and left alone in memory.
+// n primitives in the model's layout. The lanes behind the last primitive are zeros in the file and left alone in
+// memory.
 static void visit_blocks(sgsi_sections *sections, const char *name, float *data, size_t n)
 {
     const size_t whole = n / SGS_LANES, rest = n % SGS_LANES;
@@ -82,7 +83,8 @@ static uint64_t view_digest(const sgs_view *view)
     // Field by field: structs have padding.
     const uint64_t parts[] = {XXH64(view->name, strlen(view->name), 0),
                               (uint64_t)view->camera.model << 32 | (uint32_t)view->camera.width,
-                              (uint32_t)view->camera.height, XXH64(view->camera.params, sizeof view->camera.params, 0),
+                              (uint32_t)view->camera.height,
+                              XXH64(view->camera.params, sizeof view->camera.params, 0),
                               XXH64(view->pose.rotation, sizeof view->pose.rotation, 0),
                               XXH64(view->pose.translation, sizeof view->pose.translation, 0)};
     return XXH64(parts, sizeof parts, 0);
@@ -137,9 +139,11 @@ static sgs_status check_scene(sgsi_sections *sections, const sgs_trainer *traine
         uint64_t digest;
         memcpy(&digest, digests + i * sizeof digest, sizeof digest);
         if (digest != view_digest(view))
-            return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                             "%s: the view '%s' was another one, or had another camera, when this run was started; resume "
-                             "with the same scene", sections->path, view->name);
+            return sgsi_fail(
+                SGS_STATUS_INVALID_ARGUMENT,
+                "%s: the view '%s' was another one, or had another camera, when this run was started; resume "
+                "with the same scene",
+                sections->path, view->name);
     }
     return SGS_STATUS_OK;
 }
@@ -194,8 +198,8 @@ static sgs_status check(sgsi_sections *sections, sgs_trainer *trainer, size_t *n
         status = check_progress(sections, trainer, &progress);
     const size_t cap = trainer->options.max_gaussians;
     if (!status && cap && *n > cap)
-        status = sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: has %zu primitives, more than --max-gaussians %zu; raise it",
-                           sections->path, *n, cap);
+        status = sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                           "%s: has %zu primitives, more than --max-gaussians %zu; raise it", sections->path, *n, cap);
     return status;
 }
 

@@ -12,7 +12,15 @@
 
 #include "core.h"
 
-typedef enum value_kind { VALUE_INT, VALUE_UNSIGNED, VALUE_SIZE, VALUE_U64, VALUE_BOOL, VALUE_DOUBLE, VALUE_COLOR } value_kind;
+typedef enum value_kind {
+    VALUE_INT,
+    VALUE_UNSIGNED,
+    VALUE_SIZE,
+    VALUE_U64,
+    VALUE_BOOL,
+    VALUE_DOUBLE,
+    VALUE_COLOR
+} value_kind;
 typedef enum value_rule { FIXED, MAY_CHANGE, MAY_CHANGE_UNDER_PAPER } value_rule;
 
 typedef struct option_row {
@@ -22,7 +30,10 @@ typedef struct option_row {
     value_rule rule;
 } option_row;
 
-#define ROW(name, member, kind, rule) {name, offsetof(sgs_train_options, member), kind, rule}
+#define ROW(name, member, kind, rule)                                                                                  \
+    {                                                                                                                  \
+        name, offsetof(sgs_train_options, member), kind, rule                                                          \
+    }
 static const option_row rows[] = {
     ROW("iterations", iterations, VALUE_INT, MAY_CHANGE_UNDER_PAPER),
     ROW("schedule", schedule, VALUE_INT, FIXED),
@@ -90,7 +101,8 @@ char *sgsi_options_text(const sgs_train_options *options)
     return sgsi_strdup(text);
 }
 
-static sgs_status compare(const char *path, const option_row *row, const char *before, const sgs_train_options *now, int iteration)
+static sgs_status compare(const char *path, const option_row *row, const char *before, const sgs_train_options *now,
+                          int iteration)
 {
     char value[TEXT_CAPACITY];
     value_text(row, now, value);
@@ -100,13 +112,15 @@ static sgs_status compare(const char *path, const option_row *row, const char *b
         sgsi_warn("%s: --%s was %s and is %s from iteration %d on", path, row->name, before, value, iteration + 1);
         return SGS_STATUS_OK;
     }
-    return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                     "%s: --%s was %s when this run was started and is %s now; resume with the same options, or train into "
-                     "another folder",
-                     path, row->name, before, value);
+    return sgsi_fail(
+        SGS_STATUS_INVALID_ARGUMENT,
+        "%s: --%s was %s when this run was started and is %s now; resume with the same options, or train into "
+        "another folder",
+        path, row->name, before, value);
 }
 
-static sgs_status compare_line(const char *path, char *line, const sgs_train_options *now, int iteration, bool seen[ROWS])
+static sgs_status compare_line(const char *path, char *line, const sgs_train_options *now, int iteration,
+                               bool seen[ROWS])
 {
     char *equals = strchr(line, '=');
     if (!equals)
@@ -118,10 +132,12 @@ static sgs_status compare_line(const char *path, char *line, const sgs_train_opt
         seen[i] = true;
         return compare(path, &rows[i], equals + 1, now, iteration);
     }
-    return sgsi_fail(SGS_STATUS_UNSUPPORTED, "%s: was made with the option --%.64s, which this program does not know", path, line);
+    return sgsi_fail(SGS_STATUS_UNSUPPORTED, "%s: was made with the option --%.64s, which this program does not know",
+                     path, line);
 }
 
-sgs_status sgsi_options_agree(const char *path, const char *text, size_t bytes, const sgs_train_options *now, int iteration)
+sgs_status sgsi_options_agree(const char *path, const char *text, size_t bytes, const sgs_train_options *now,
+                              int iteration)
 {
     char *copy = sgsi_alloc(bytes + 1, 1), *rest = NULL;
     if (!copy)

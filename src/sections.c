@@ -8,8 +8,8 @@
 //   name "end" | bytes: 0
 //   XXH64 of everything before it: u64
 //
-// Nothing of a file is used before its checksum is proved. The checksum protects against accidents, not against somebody
-// who can compute it: every size is held against the bytes that are there.
+// Nothing of a file is used before its checksum is proved. The checksum protects against accidents, not against
+// somebody who can compute it: every size is held against the bytes that are there.
 
 #include "sections.h"
 
@@ -68,8 +68,8 @@ sgs_status sgsi_sections_create(sgsi_sections *sections, const char *path)
 static void check_filled(sgsi_sections *sections)
 {
     if (!sections->status && sections->left)
-        sections->status = sgsi_fail(SGS_STATUS_LIMIT, "%s: %zu bytes of a section have no content", sections->path,
-                                     sections->left);
+        sections->status =
+            sgsi_fail(SGS_STATUS_LIMIT, "%s: %zu bytes of a section have no content", sections->path, sections->left);
 }
 
 sgs_status sgsi_sections_commit(sgsi_sections *sections)
@@ -112,7 +112,8 @@ static sgs_status read_table(sgsi_sections *sections, size_t size)
         uint64_t bytes;
         memcpy(&bytes, sections->bytes + at + SGSI_SECTION_NAME, sizeof bytes);
         if (!strcmp(section.name, end_name))
-            return bytes == 0 && section.at == size ? SGS_STATUS_OK : fail_format(sections, at, "something follows the end");
+            return bytes == 0 && section.at == size ? SGS_STATUS_OK
+                                                    : fail_format(sections, at, "something follows the end");
         if (bytes > size - section.at)
             return fail_format(sections, at, "a section is longer than the file");
         if (sections->count == SGSI_SECTIONS_MOST)
@@ -135,8 +136,8 @@ static sgs_status prove(sgsi_sections *sections, size_t size)
     memcpy(&version, sections->bytes + sizeof magic, sizeof version);
     if (version != VERSION)
         return sgsi_fail(SGS_STATUS_UNSUPPORTED,
-                         "%s: has version %u, this program reads %d; continue with the program that wrote it", path, version,
-                         VERSION);
+                         "%s: has version %u, this program reads %d; continue with the program that wrote it", path,
+                         version, VERSION);
     size -= DIGEST_BYTES;
     memcpy(&digest, sections->bytes + size, sizeof digest);
     if (XXH64(sections->bytes, size, 0) != digest)
@@ -178,7 +179,8 @@ sgs_status sgsi_sections_checked(sgsi_sections *sections)
         if (!sections->table[i].known)
             sections->status = sgsi_fail(SGS_STATUS_FORMAT,
                                          "%s: has a section '%s' that this program does not know; continue with the "
-                                         "program that wrote it", sections->path, sections->table[i].name);
+                                         "program that wrote it",
+                                         sections->path, sections->table[i].name);
     return sections->status;
 }
 
@@ -199,8 +201,8 @@ void sgsi_sections_begin(sgsi_sections *sections, const char *name, size_t bytes
     if (!sections->next)
         sections->status = sgsi_fail(SGS_STATUS_FORMAT, "%s: the section '%s' is missing", sections->path, name);
     else if (stored != bytes)
-        sections->status = sgsi_fail(SGS_STATUS_FORMAT, "%s: the section '%s' has %zu bytes and must have %zu", sections->path,
-                                     name, stored, bytes);
+        sections->status = sgsi_fail(SGS_STATUS_FORMAT, "%s: the section '%s' has %zu bytes and must have %zu",
+                                     sections->path, name, stored, bytes);
 }
 
 void sgsi_sections_piece(sgsi_sections *sections, void *data, size_t bytes)

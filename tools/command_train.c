@@ -5,6 +5,7 @@
 // create the trainer, and only then touch what an earlier run left; train; save the model; free the trainer's
 // memory, read the saved model back and measure exactly that file on the held-out and the training views.
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -28,7 +29,8 @@ static const char description[] =
     "  cameras.json, input.ply, config.json     cameras, initial cloud, options as used\n"
     "  train.csv, spare.csv, summary.json       the course of the training and its result\n"
     "  checkpoint/                              full state for --resume\n"
-    "SIGINT and SIGTERM finish the iteration and save; a second one ends at once.";
+    "SIGINT, SIGTERM and SIGHUP finish the iteration and save; a second one ends at once. SIGUSR1 saves a\n"
+    "checkpoint and goes on.";
 
 typedef struct training {
     common_values common;
@@ -38,7 +40,7 @@ typedef struct training {
     sgs_scene *scene;
     sgs_trainer *trainer;
     run_folder folder;
-    double load_seconds, train_seconds;
+    double started, load_seconds, train_seconds, longest_step;
     sgs_stop_reason stop;
     // kept when the trainer is gone
     int iterations;
@@ -96,7 +98,7 @@ static bool create_trainer(training *run)
 }
 
 // Continues from a checkpoint where --resume finds one. Returns 1 continued, 0 start at zero, -1 failed.
-static int resume(training *run, const char *config_path, const json_t *config)
+static int resume(training *run, const char *config_path, json_t *config)
 {
     json_error_t error;
     json_t *stored = file_exists(config_path) ? json_load_file(config_path, 0, &error) : NULL;
@@ -108,11 +110,11 @@ static int resume(training *run, const char *config_path, const json_t *config)
             print_note("%s: there is no run to continue; starting at iteration 0", run->values.output);
         return file_exists(config_path) ? -1 : 0;
     }
-    const bool agrees = train_config_agrees(config_path, stored, config);
+    const int loaded =
+        train_config_agrees(config_path, stored, config) ? run_folder_load_checkpoint(&run->folder, run->trainer) : -1;
+    if (loaded > 0)
+        train_config_record(stored, config, sgs_trainer_iteration(run->trainer));
     json_decref(stored);
-    if (!agrees)
-        return -1;
-    const int loaded = run_folder_load_checkpoint(&run->folder, run->trainer);
     if (loaded > 0)
         print_note("%s: continuing at iteration %d", run->values.output, sgs_trainer_iteration(run->trainer));
     else if (!loaded)
@@ -165,14 +167,28 @@ static bool is_save_point(const training *run, int iteration)
 
 // What is due after an iteration that is not the last. Failing to save here is a warning: the disk may have
 // room again later, and the training is worth more than this file.
-static void save_due(const training *run, int iteration)
+static void save_due(training *run, int iteration)
 {
+    const bool asked = interrupt_take_checkpoint();
     if (is_save_point(run, iteration) &&
         !run_folder_save_model(&run->folder, sgs_trainer_model(run->trainer), iteration))
         print_warning("the model of iteration %d is not saved; training goes on", iteration);
-    if (run->values.checkpoint_every && iteration % run->values.checkpoint_every == 0 &&
-        !run_folder_save_checkpoint(&run->folder, run->trainer))
+    if (!asked && !(run->values.checkpoint_every && iteration % run->values.checkpoint_every == 0))
+        return;
+    if (!run_folder_save_checkpoint(&run->folder, run->trainer))
         print_warning("the checkpoint of iteration %d is not saved; training goes on", iteration);
+    else if (asked)
+        print_note("%s: the state of iteration %d is saved", run->values.output, iteration);
+}
+
+// An iteration more, then saving, might end after the limit.
+static bool time_is_up(const training *run)
+{
+    enum { CHECKPOINT_BYTES = 720, SLOW_DISK = 100000000 }; // per primitive; per second
+    const double left = run->started + run->values.time_limit - clock_seconds();
+    const double expected = (double)sgs_trainer_model(run->trainer)->count * CHECKPOINT_BYTES / SLOW_DISK;
+    const double saving = fmax(run->folder.checkpoint_seconds, expected);
+    return run->values.time_limit > 0 && left < run->longest_step + 2 * saving + 1;
 }
 
 // The phases of the iteration that began at `start`, and what changes with it.
@@ -195,6 +211,10 @@ static bool iterate(training *run, trace_file *trace)
             run->stop = SGS_STOP_SIGNAL;
             break;
         }
+        if (time_is_up(run)) {
+            run->stop = SGS_STOP_TIME_LIMIT;
+            break;
+        }
         if (sgs_trainer_iteration(run->trainer) >= total) {
             run->stop = SGS_STOP_SCHEDULE; // resumed from a checkpoint of the last iteration
             break;
@@ -203,7 +223,9 @@ static bool iterate(training *run, trace_file *trace)
         const double start = clock_seconds();
         const sgs_train_seconds before = sgs_trainer_seconds(run->trainer);
         const sgs_status status = sgs_trainer_step(run->trainer, &info);
-        run->train_seconds += clock_seconds() - start;
+        const double spent = clock_seconds() - start;
+        run->train_seconds += spent;
+        run->longest_step = spent > run->longest_step ? spent : run->longest_step;
         if (status == SGS_STATUS_LIMIT) {
             run->stop = SGS_STOP_EQUILIBRIUM; // resumed from a checkpoint made in equilibrium
             break;
@@ -227,6 +249,12 @@ static bool iterate(training *run, trace_file *trace)
 
 // ---- After the last iteration ----
 
+// The state is saved and the training not over.
+static bool stopped_early(const training *run)
+{
+    return run->stop == SGS_STOP_SIGNAL || run->stop == SGS_STOP_TIME_LIMIT;
+}
+
 static bool save_results(training *run)
 {
     const sgs_gaussians *model = sgs_trainer_model(run->trainer);
@@ -238,10 +266,10 @@ static bool save_results(training *run)
     sgs_gaussians_hash(model, run->hash);
     if (!run->iterations)
         return true;
-    bool saved = run_folder_save_model(&run->folder, model, run->iterations);
-    if (run->stop == SGS_STOP_SIGNAL)
-        saved = run_folder_save_checkpoint(&run->folder, run->trainer) && saved;
-    return saved;
+    const bool saved = run_folder_save_model(&run->folder, model, run->iterations);
+    if (!stopped_early(run) && !run->values.checkpoint_every)
+        return saved;
+    return run_folder_save_checkpoint(&run->folder, run->trainer) && saved;
 }
 
 static bool evaluate(training *run)
@@ -266,7 +294,8 @@ static json_t *summary_json(const training *run)
     static const char *const reasons[] = {[SGS_STOP_NONE] = "schedule",
                                           [SGS_STOP_SCHEDULE] = "schedule",
                                           [SGS_STOP_EQUILIBRIUM] = "equilibrium",
-                                          [SGS_STOP_SIGNAL] = "signal"};
+                                          [SGS_STOP_SIGNAL] = "signal",
+                                          [SGS_STOP_TIME_LIMIT] = "time_limit"};
     const sgs_train_seconds *s = &run->seconds;
     const struct {
         const char *name;
@@ -339,8 +368,11 @@ static int train(training *run, bool background_given)
     run_folder_close_tables(&run->folder);
     sgs_trainer_destroy(run->trainer);
     run->trainer = NULL;
-    if (done && run->stop != SGS_STOP_SIGNAL)
+    if (done && !stopped_early(run))
         done = evaluate(run);
+    if (done && run->stop == SGS_STOP_TIME_LIMIT)
+        print_note("%s: the time limit ended this run at iteration %d of %d; continue with --resume",
+                   run->values.output, run->iterations, run->values.iterations);
     if (!done || !report(run))
         return EXIT_FAILED;
     return interrupt_status();
@@ -348,7 +380,7 @@ static int train(training *run, bool background_given)
 
 int command_train(int argc, char **argv)
 {
-    training run = {0};
+    training run = {.started = clock_seconds()};
     option_group groups[TRAIN_GROUP_COUNT + 2];
     train_groups(&run.values, groups);
     groups[TRAIN_GROUP_COUNT] = scene_group(&run.data);

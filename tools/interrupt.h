@@ -2,14 +2,19 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// SIGINT and SIGTERM as a request to finish: the first one only sets a flag, the second ends the process
-// at once with status 128 + signal.
+// SIGINT, SIGTERM and SIGHUP as a request to finish: the first one only sets a flag, the second ends the process at
+// once with status 128 + signal. SIGUSR1 asks for a checkpoint.
 
-// Installs the handlers.
+#include <stdbool.h>
+
+// Installs the handlers; SIGPIPE and SIGXFSZ become write errors. SIGHUP stays ignored if it was (nohup).
 void interrupt_watch(void);
 
 // The signal that asked to stop, or 0.
 int interrupt_signal(void);
 
-// 130 after SIGINT, 143 after SIGTERM, 0 if there was none.
+// True once per request for a checkpoint.
+bool interrupt_take_checkpoint(void);
+
+// 129 after SIGHUP, 130 after SIGINT, 143 after SIGTERM, 0 if there was none.
 int interrupt_status(void);

@@ -142,6 +142,51 @@ static bool parse_real(const option *row, const char *argument, double *value)
     return true;
 }
 
+// Sum of numbers with units: 3h55m. A bare number is in seconds.
+static bool parse_duration(const option *row, const char *argument, double *value)
+{
+    static const char units[] = "dhms";
+    static const double seconds[] = {86400, 3600, 60, 1};
+    double sum = 0;
+    size_t least = 0; // units come in falling order, each once
+    for (const char *at = argument; *argument && *at;) {
+        char *end;
+        const double number = *at >= '0' && *at <= '9' ? strtod(at, &end) : -1;
+        const char *unit = number < 0 ? NULL : *end ? strchr(units, *end) : at == argument ? units + 3 : NULL;
+        if (!unit || (size_t)(unit - units) < least || unit - units > 3) {
+            sum = -1;
+            break;
+        }
+        least = (size_t)(unit - units) + 1;
+        sum += number * seconds[unit - units];
+        at = *end ? end + 1 : end;
+    }
+    if (!*argument || !(sum >= row->low && sum <= row->high)) {
+        fail_usage("--%s: '%s' is not a time such as 90s, 45m, 3h55m or 2d12h", row->name, argument);
+        return false;
+    }
+    *value = sum;
+    return true;
+}
+
+static bool parse_bytes(const option *row, const char *argument, uint64_t *value)
+{
+    static const char units[] = "KMGT";
+    char *end = NULL;
+    double number = *argument >= '0' && *argument <= '9' ? strtod(argument, &end) : -1;
+    const char *unit = end && *end ? strchr(units, *end) : NULL;
+    for (const char *u = units; unit && u <= unit; ++u)
+        number *= 1024;
+    if (unit)
+        ++end;
+    if (number < 0 || strcmp(end, *end == 'B' ? "B" : "") || !(number >= row->low && number <= row->high)) {
+        fail_usage("--%s: '%s' is not a size such as 500M or 8G", row->name, argument);
+        return false;
+    }
+    *value = (uint64_t)number;
+    return true;
+}
+
 static bool fail_word(const option *row, const char *argument)
 {
     char storage[32][LONGEST_WORD + 1];
@@ -249,6 +294,10 @@ static bool parse_value(const option *row, const char *argument, void *values)
         return parse_set(row, argument, value);
     case OPTION_INTEGERS:
         return parse_integers(row, argument, value);
+    case OPTION_DURATION:
+        return parse_duration(row, argument, value);
+    case OPTION_BYTES:
+        return parse_bytes(row, argument, value);
     case OPTION_COLOR:
         if (!strstr(row->argument, "random") && !strcmp(argument, "random")) {
             fail_usage("--%s: '%s' is not R,G,B with numbers from 0 to 1", row->name, argument);

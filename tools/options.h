@@ -21,6 +21,8 @@ typedef enum option_kind {
     OPTION_CHOICE,   // int, index into the words of `argument`: "exr|png"
     OPTION_SET,      // unsigned, bit k for word k of `argument`: "h,v,c"; "on|off|h,v,c" accepts on and off too, "all|h,v,c" all
     OPTION_INTEGERS, // integer_list
+    OPTION_DURATION, // double, seconds: 90, 45s, 3h55m, 2d12h
+    OPTION_BYTES,    // uint64_t: 8G, 500M; K, M, G, T are powers of 1024
     OPTION_COLOR     // color_value: R,G,B in [0,1] or the word random
 } option_kind;
 
@@ -39,7 +41,7 @@ typedef struct option {
     char letter;      // short form, 0 = none
     option_kind kind;
     size_t offset;        // of the value inside the group's struct
-    double low, high;     // range, both ends included, of INTEGER, COUNT, REAL and INTEGERS
+    double low, high;     // range, both ends included, of INTEGER, COUNT, REAL, INTEGERS; also of DURATION, BYTES
     const char *argument; // what the help calls it; the words of CHOICE and SET
     const char *initial;  // default, parsed as an argument; NULL leaves the struct's own value
     const char *shown;    // default as the help tells it, where `initial` does not say it; NULL = `initial`

@@ -1,16 +1,20 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The folder of a run. Whatever moment the process is killed at, the folder holds a readable checkpoint if it
-// ever held one: the newest is renamed to state.previous.bin before the next is written, and that one appears
-// under its name only when complete. A row of train.csv counts what happened since the row before; what a checkpoint
-// between two rows has counted so far stands beside it in checkpoint/sums.csv, so that a resumed table is the same too.
+// The folder of a run. Whatever moment the process is killed at, the folder holds the newest complete checkpoint as
+// state.bin: the next one is written beside it as state.next.bin, the old one gets a second name, state.previous.bin,
+// and the rename of the next one over state.bin takes the first away. A row of train.csv counts what happened since the
+// row before; what a checkpoint between two rows has counted so far stands beside it in checkpoint/sums.csv, so that a
+// resumed table is the same too.
 
 #include "run_folder.h"
 
 #include <errno.h>
+#include <fcntl.h>
+#include <ftw.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/file.h>
 #include <unistd.h>
 
 #include "output.h"
@@ -26,10 +30,43 @@ static const char spare_header[] =
 
 static const char sums_header[] = "iteration,densified,pruned,spare_pruned";
 
+// The folder itself is the lock: nothing is left behind, and the kernel frees it however the process ends.
+static bool lock_folder(run_folder *folder)
+{
+    folder->lock = open(folder->path, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    if (folder->lock >= 0 && !flock(folder->lock, LOCK_EX | LOCK_NB))
+        return true;
+    if (folder->lock >= 0 && errno == EWOULDBLOCK) {
+        fail_run("%s: another training is writing there; wait until it has ended or choose another folder",
+                 folder->path);
+        return false;
+    }
+    print_warning("%s: cannot be locked against a second training: %s", folder->path, strerror(errno));
+    return true;
+}
+
+// NAME.tmp.PID, as every file is called while it is written.
+static bool is_temporary(const char *name)
+{
+    const char *mark = strstr(name, ".tmp.");
+    return (mark && mark[5] && mark[5 + strspn(mark + 5, "0123456789")] == 0) || !strncmp(name, ".sparegs.", 9);
+}
+
+static int remove_temporary(const char *path, const struct stat *info, int kind, struct FTW *place)
+{
+    (void)info;
+    if (kind == FTW_F && is_temporary(path + place->base))
+        unlink(path);
+    return 0;
+}
+
 bool run_folder_prepare(run_folder *folder, const char *path)
 {
-    *folder = (run_folder){.path = path};
-    return make_folder(path) && check_writable(path);
+    *folder = (run_folder){.path = path, .lock = -1};
+    if (!make_folder(path) || !lock_folder(folder))
+        return false;
+    nftw(path, remove_temporary, 8, FTW_PHYS | FTW_MOUNT);
+    return check_writable(path);
 }
 
 void run_folder_leave(const run_folder *folder)
@@ -58,8 +95,12 @@ static bool remove_file(const run_folder *folder, const char *name)
 
 bool run_folder_clear(const run_folder *folder)
 {
-    static const char *const names[] = {"summary.json", "train.csv", "spare.csv", "checkpoint/state.bin",
-                                        "checkpoint/state.previous.bin"};
+    static const char *const names[] = {"summary.json",
+                                        "train.csv",
+                                        "spare.csv",
+                                        "checkpoint/state.bin",
+                                        "checkpoint/state.previous.bin",
+                                        "checkpoint/state.next.bin"};
     for (size_t i = 0; i < sizeof names / sizeof *names; ++i)
         if (!remove_file(folder, names[i]))
             return false;
@@ -162,52 +203,84 @@ bool run_folder_save_model(const run_folder *folder, const sgs_gaussians *model,
     return saved;
 }
 
-static char *checkpoint_path(const run_folder *folder, bool previous)
+static char *checkpoint_path(const run_folder *folder, const char *kind)
 {
-    return format_text("%s/checkpoint/state%s.bin", folder->path, previous ? ".previous" : "");
+    return format_text("%s/checkpoint/state%s.bin", folder->path, kind);
 }
 
-bool run_folder_save_checkpoint(const run_folder *folder, const sgs_trainer *trainer)
+// Gives the checkpoint before `newest` the name `previous`. A hard link leaves `newest` in place meanwhile; where the
+// file system has none, a rename has to do.
+static bool keep_previous(const char *newest, const char *previous)
 {
-    char *newest = checkpoint_path(folder, false), *previous = checkpoint_path(folder, true);
+    if ((unlink(previous) && errno != ENOENT) ||
+        (link(newest, previous) && errno != ENOENT && rename(newest, previous))) {
+        fail_run("%s: cannot be renamed: %s", newest, strerror(errno));
+        return false;
+    }
+    return true;
+}
+
+bool run_folder_save_checkpoint(run_folder *folder, const sgs_trainer *trainer)
+{
+    const double start = clock_seconds();
+    char *newest = checkpoint_path(folder, ""), *next = checkpoint_path(folder, ".next");
+    char *previous = checkpoint_path(folder, ".previous");
     bool saved = make_folder_of(newest);
     fprintf(folder->sums_csv, "%d,%zu,%zu,%zu\n", sgs_trainer_iteration(trainer), folder->densified, folder->pruned,
             folder->spare_pruned);
     fflush(folder->sums_csv);
-    if (saved && rename(newest, previous) && errno != ENOENT) {
-        fail_run("%s: cannot be renamed: %s", newest, strerror(errno));
-        saved = false;
-    }
-    if (saved && sgs_trainer_save_checkpoint(trainer, newest)) {
+    if (saved && sgs_trainer_save_checkpoint(trainer, next)) {
         fail_library();
         saved = false;
     }
+    saved = saved && keep_previous(newest, previous);
+    if (saved && rename(next, newest)) {
+        fail_run("%s: cannot be renamed: %s", next, strerror(errno));
+        saved = false;
+    }
     free(newest);
+    free(next);
     free(previous);
+    const double seconds = clock_seconds() - start;
+    if (saved && seconds > folder->checkpoint_seconds)
+        folder->checkpoint_seconds = seconds;
     return saved;
+}
+
+// 1 loaded, 0 it is not there, -1 it is damaged, -2 it is whole and of another run (printed).
+static int load_checkpoint(const char *path, sgs_trainer *trainer)
+{
+    if (!file_exists(path))
+        return 0;
+    const sgs_status status = sgs_trainer_load_checkpoint(trainer, path);
+    if (!status)
+        return 1;
+    if (status == SGS_STATUS_FORMAT || status == SGS_STATUS_IO)
+        return -1;
+    fail_library();
+    return -2;
 }
 
 int run_folder_load_checkpoint(const run_folder *folder, sgs_trainer *trainer)
 {
-    int result = 0;
-    for (int previous = 0; previous < 2 && result < 1; ++previous) {
-        char *path = checkpoint_path(folder, previous);
-        if (file_exists(path)) {
-            const sgs_status status = sgs_trainer_load_checkpoint(trainer, path);
-            result = status ? -1 : 1;
-            if (status && !previous)
-                print_warning("%s; trying the checkpoint before it", sgs_last_error());
-            else if (status)
-                fail_library();
-            free(path);
-            continue;
+    char *newest = checkpoint_path(folder, ""), *previous = checkpoint_path(folder, ".previous");
+    int result = load_checkpoint(newest, trainer);
+    if (result == 0 || result == -1) {
+        const bool damaged = result < 0;
+        if (damaged)
+            print_warning("%s; trying the checkpoint before it", sgs_last_error());
+        const int before = load_checkpoint(previous, trainer);
+        if (before == -1)
+            fail_library();
+        if (before == 0 && damaged)
+            fail_run("%s: is damaged and there is none before it; train without --resume to start again", newest);
+        if (before == 1 && damaged) {
+            rename(previous, newest); // or the next checkpoint would keep the damaged one as the one before
+            print_warning("%s: replaced by the checkpoint before it; the iterations after that are done again", newest);
         }
-        // The newest was damaged and there is no other one to fall back to.
-        if (previous && result < 0)
-            fail_run(
-                "%s: is damaged or of another run, and there is none before it; train without --resume to start again",
-                folder->path);
-        free(path);
+        result = before == 0 && damaged ? -1 : before;
     }
-    return result;
+    free(newest);
+    free(previous);
+    return result < 0 ? -1 : result;
 }

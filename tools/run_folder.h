@@ -14,9 +14,12 @@ typedef struct run_folder {
     const char *path;
     FILE *train_csv, *spare_csv, *sums_csv;
     size_t densified, pruned, spare_pruned; // sums since the last row of train.csv
+    int lock;                               // descriptor that holds the folder against other runs
+    double checkpoint_seconds;              // the longest that saving a checkpoint has taken
 } run_folder;
 
-// Creates the folder and proves that it can be written to.
+// Creates the folder, locks it against other runs until the process ends, removes what a killed run left half-written
+// and proves that files can be written there.
 bool run_folder_prepare(run_folder *folder, const char *path);
 
 // Removes the folder if it is empty: nothing came of the run.
@@ -38,6 +41,7 @@ void run_folder_record(run_folder *folder, const sgs_step_info *info, double sec
 bool run_folder_save_model(const run_folder *folder, const sgs_gaussians *model, int iteration);
 
 // OUT/checkpoint/state.bin; the one before stays as state.previous.bin. The tables must be open.
-bool run_folder_save_checkpoint(const run_folder *folder, const sgs_trainer *trainer);
-// Loads the newest readable checkpoint: 1 loaded, 0 there is none, -1 there are some and none fits (printed).
+bool run_folder_save_checkpoint(run_folder *folder, const sgs_trainer *trainer);
+// Loads the newest readable checkpoint: 1 loaded, 0 there is none, -1 there are some and none is readable, or the
+// newest is of other options or another scene (printed).
 int run_folder_load_checkpoint(const run_folder *folder, sgs_trainer *trainer);

@@ -22,8 +22,11 @@ static const option output_options[] = {
      "iterations at which to write the model; the last one is always written"},
     {"checkpoint-every", 0, OPTION_INTEGER, AT(checkpoint_every), 0, 1e9, "N", "1000", "1000, 0 = never", "iterations",
      "iterations between two checkpoints of the full state; the last two are kept"},
+    {"time-limit", 0, OPTION_DURATION, AT(time_limit), 0, 1e9, "TIME", NULL, "none", NULL,
+     "end before this time since the start, with the state saved for --resume: 90s, 45m, 3h55m, 2d12h"},
     {"resume", 0, OPTION_FLAG, AT(resume), 0, 0, NULL, NULL, NULL, NULL,
-     "continue the run in OUT from its newest checkpoint, with the same options"},
+     "continue the run in OUT from its newest checkpoint, with the same options; --max-gaussians, --spare-eps-loss, "
+     "--spare-eps-count, --spare-patience and, under --schedule paper, --iterations may change"},
     {"trace", 0, OPTION_TEXT, AT(trace), 0, 0, "FILE", NULL, "none", NULL,
      "write the phases of every iteration as a Chrome/Perfetto trace (about 1 KB each)"},
 };
@@ -223,15 +226,25 @@ static bool same_value(const json_t *a, const json_t *b)
     return json_equal(a, b);
 }
 
+// What a resumed run may be given anew (the library warns of it).
+static bool may_change(const char *key, const json_t *now)
+{
+    static const char *const keys[] = {"max_gaussians", "spare_eps_loss", "spare_eps_count", "spare_patience"};
+    for (size_t i = 0; i < sizeof keys / sizeof *keys; ++i)
+        if (!strcmp(keys[i], key))
+            return true;
+    const char *schedule = json_string_value(config_option(now, "schedule"));
+    return !strcmp(key, "iterations") && schedule && !strcmp(schedule, "paper");
+}
+
 bool train_config_agrees(const char *config_path, const json_t *stored, const json_t *now)
 {
-    const json_t *before = json_object_get(stored, "options");
     const char *key;
     json_t *value;
     json_object_foreach(json_object_get(now, "options"), key, value)
     {
-        const json_t *old = json_object_get(before, key);
-        if (same_value(value, old))
+        const json_t *old = config_option(stored, key);
+        if (same_value(value, old) || (old && may_change(key, now)))
             continue;
         char name[64];
         snprintf(name, sizeof name, "%s", key);
@@ -247,4 +260,25 @@ bool train_config_agrees(const char *config_path, const json_t *stored, const js
         return false;
     }
     return true;
+}
+
+void train_config_record(const json_t *stored, json_t *now, int iteration)
+{
+    json_t *list = json_deep_copy(json_object_get(stored, "resumed")), *entry = json_object(), *changed = json_object();
+    const char *key;
+    json_t *value;
+    json_object_foreach(json_object_get(now, "options"), key, value)
+    {
+        json_t *old = config_option(stored, key);
+        if (!same_value(value, old))
+            json_object_set(changed, key, old);
+    }
+    json_object_set_new(entry, "iteration", json_integer(iteration));
+    json_object_set_new(entry, "changed_from", changed);
+    if (!json_is_array(list)) {
+        json_decref(list);
+        list = json_array();
+    }
+    json_array_append_new(list, entry);
+    json_object_set_new(now, "resumed", list);
 }

@@ -13,6 +13,7 @@ typedef struct train_values {
     int iterations, schedule, pipeline, filter, optimizer, sh_degree;
     unsigned spare, spare_demand;
     int spare_grid, spare_patience, spare_interval, checkpoint_every;
+    double time_limit; // seconds, 0 = none
     double alpha_loss, spare_tau_alpha, spare_eps_loss, spare_eps_count;
     uint64_t max_gaussians, random_points;
     color_value background;
@@ -31,5 +32,9 @@ sgs_train_options train_library_options(const train_values *values, uint64_t see
 json_t *train_config(const char *scene_path, const train_values *values, const scene_values *scene,
                      const common_values *common);
 
-// True if `stored` (an earlier config) shapes the training as `now` does; else prints which option differs.
+// True if the training of `stored` (an earlier config) can be continued as `now`: options that shape it are the same,
+// or may change. Else prints which one differs.
 bool train_config_agrees(const char *config_path, const json_t *stored, const json_t *now);
+// Carries the "resumed" list of `stored` over to `now` and adds this continuation: its iteration, and the options that
+// have changed with their former values.
+void train_config_record(const json_t *stored, json_t *now, int iteration);

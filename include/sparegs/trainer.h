@@ -22,7 +22,8 @@ typedef enum sgs_optimizer { SGS_OPTIMIZER_SPARSE = 0, SGS_OPTIMIZER_DENSE = 1 }
 typedef enum sgs_pipeline { SGS_PIPELINE_3DGS = 0 } sgs_pipeline;
 enum { SGS_SPARE_BMD = 1, SGS_SPARE_RAP = 2, SGS_SPARE_EDT = 4, SGS_SPARE_ALL = 7 };
 enum { SGS_DEMAND_H = 1, SGS_DEMAND_V = 2, SGS_DEMAND_C = 4, SGS_DEMAND_ALL = 7 };
-typedef enum sgs_stop_reason { SGS_STOP_NONE = 0, SGS_STOP_SCHEDULE, SGS_STOP_EQUILIBRIUM, SGS_STOP_SIGNAL } sgs_stop_reason;
+typedef enum sgs_stop_reason { SGS_STOP_NONE = 0, SGS_STOP_SCHEDULE, SGS_STOP_EQUILIBRIUM, SGS_STOP_SIGNAL,
+                               SGS_STOP_TIME_LIMIT } sgs_stop_reason; // the last two are the caller's
 
 typedef struct sgs_train_options {
     int iterations;           // >= 1; 30000
@@ -104,8 +105,12 @@ const char *sgs_trainer_stop_text(const sgs_trainer *trainer);
 // Number of primitives the trainer started from, and a copy of the initial cloud for input.ply (points [n][3], colours [n][3]), owned by the trainer.
 size_t sgs_trainer_initial_cloud(const sgs_trainer *trainer, const float **points, const unsigned char **colors);
 
-// The whole state (parameters, moments, statistics, schedule, counters) to one file, atomically, and back. Load
-// replaces the trainer's state; the trainer must have been created with the same options and scene (checked: the error names what differs).
+// The whole state (parameters, moments, statistics, schedule, counters, options) to one file, atomically, and back: training
+// goes on with the same bits as if it had never stopped. Save fails with IO or OUT_OF_MEMORY; an earlier file at `path` stays.
+// Load replaces the trainer's state, or fails and leaves it as it was: with IO or FORMAT when the file is damaged, UNSUPPORTED
+// when another version wrote it, INVALID_ARGUMENT when options or training views differ; the error names what differs.
+// max_gaussians, spare_eps_loss, spare_eps_count, spare_patience and, under the paper's schedule, iterations may differ: they
+// hold from then on, and a warning says so.
 sgs_status sgs_trainer_save_checkpoint(const sgs_trainer *trainer, const char *path);
 sgs_status sgs_trainer_load_checkpoint(sgs_trainer *trainer, const char *path);
 

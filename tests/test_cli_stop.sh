@@ -1,0 +1,128 @@
+#!/usr/bin/env bash
+# SPDX-FileCopyrightText: 2026 The sparegs authors
+# SPDX-License-Identifier: Apache-2.0
+
+# Ends of a run and what comes after: signals, a time limit, a second run on the same folder, resuming with changed
+# options, leftovers of a killed run.
+set -euo pipefail
+. "$(dirname "$0")/cli_support.sh"
+out=$temporary/out
+data=("$room" --downscale 8 --threads 2)
+
+# start ARGUMENT...: a training in the background. wait_for_iteration_100: its first row is there.
+start() {
+    last_command="sparegs train $*"
+    "$program" train "$@" >"$temporary/stdout" 2>"$temporary/stderr" &
+    process=$!
+}
+wait_for_iteration_100() {
+    for _ in $(seq 600); do
+        if grep -q '^100,' "$out/train.csv" 2>/dev/null; then break; fi
+        sleep 0.05
+    done
+}
+finish_with() {
+    local status=0
+    wait "$process" || status=$?
+    check "exit_status_$1" test "$status" -eq "$1"
+}
+
+# usr1_saves_and_goes_on, hangup_saves_and_ends, a_second_run_is_refused
+start "${data[@]}" -o "$out" --iterations 1000000 --spare off --checkpoint-every 0
+wait_for_iteration_100
+check no_checkpoint_unasked test ! -e "$out/checkpoint/state.bin"
+kill -USR1 "$process"
+for _ in $(seq 100); do
+    if [ -e "$out/checkpoint/state.bin" ]; then break; fi
+    sleep 0.05
+done
+check usr1_saves_a_checkpoint test -s "$out/checkpoint/state.bin"
+check usr1_does_not_end_the_run kill -0 "$process"
+cp "$temporary/stderr" "$temporary/first"
+check the_second_run_fails bash -c '! "$@" 2>"$0"' "$temporary/stderr" "$program" train "${data[@]}" -o "$out" --iterations 5
+says "another training is writing there"
+one_line
+check the_first_run_goes_on kill -0 "$process"
+kill -HUP "$process"
+finish_with 129
+json "$out/summary.json" '.stop_reason == "signal"'
+
+# nohup_is_honoured
+rm -rf "$out"
+last_command="nohup sparegs train"
+nohup "$program" train "${data[@]}" -o "$out" --iterations 150 --spare off >"$temporary/stdout" 2>"$temporary/stderr" &
+process=$!
+wait_for_iteration_100
+kill -HUP "$process" || true
+finish_with 0
+
+# a_reader_of_the_messages_that_goes_away_does_not_end_the_run
+rm -rf "$out"
+last_command="sparegs train | head -1"
+{ "$program" train "${data[@]}" -o "$out" --iterations 150 --spare off 2>&1 >"$temporary/stdout" || true; } | head -1 >/dev/null
+json "$out/summary.json" '.iterations == 150'
+
+# the_time_limit_ends_with_a_resumable_state (on so small a scene a rest of a second is dozens of iterations)
+rm -rf "$out"
+run 0 train "${data[@]}" -o "$out" --iterations 1000000 --spare off --time-limit 3s
+json "$out/summary.json" '.stop_reason == "time_limit" and .iterations > 0 and .iterations < 1000000 and .train.psnr == null'
+says "continue with --resume"
+check the_state_is_saved test -s "$out/checkpoint/state.bin"
+at=$(jq .iterations "$out/summary.json")
+run 0 train "${data[@]}" -o "$out" --iterations 1000000 --spare off --resume --time-limit 3s
+says "continuing at iteration $at"
+run 0 train "${data[@]}" -o "$temporary/short" --iterations 1 --quiet --time-limit 1d3h55m1.5s
+run 1 train "$temporary" -o "$temporary/short" --time-limit 2d12h # accepted; there is no scene
+run 1 train "$temporary" -o "$temporary/short" --time-limit 1200
+for text in 3h55x m 55m3h -3s 3s4 3hh ''; do
+    run 2 train "${data[@]}" -o "$out" --time-limit "$text"
+    says "--time-limit"
+    one_line
+done
+
+# changed_options_are_honoured_and_recorded, or refused by name
+rm -rf "$out"
+paper=(-o "$out" --schedule paper --spare bmd,rap --checkpoint-every 20 --quiet)
+run 0 train "${data[@]}" "${paper[@]}" --iterations 40
+run 0 train "${data[@]}" "${paper[@]}" --iterations 60 --max-gaussians 100000 --resume
+says "--iterations was 40 and is 60 from iteration 41 on"
+says "--max-gaussians was 0 and is 100000 from iteration 41 on"
+json "$out/config.json" '.options.iterations == 60 and .resumed == [{"iteration": 40,
+    "changed_from": {"iterations": 40, "max_gaussians": 0}}]'
+json "$out/summary.json" '.iterations == 60'
+run 0 train "${data[@]}" -o "$temporary/whole" --schedule paper --spare bmd,rap --iterations 60 --quiet
+check a_longer_run_is_the_long_run cmp <(jq .model_hash "$out/summary.json") <(jq .model_hash "$temporary/whole/summary.json")
+run 1 train "${data[@]}" "${paper[@]}" --iterations 80 --max-gaussians 10 --resume
+says "more than --max-gaussians 10"
+run 1 train "${data[@]}" "${paper[@]}" --iterations 60 --sh-degree 2 --resume
+says "--sh-degree was 3 when this run was started and is 2 now"
+one_line
+jq 'del(.options.sh_degree)' "$out/config.json" >"$temporary/edited" && cp "$temporary/edited" "$out/config.json"
+run 1 train "${data[@]}" "${paper[@]}" --iterations 60 --resume
+says "--sh-degree was not recorded"
+
+# leftovers_of_a_killed_run_are_removed, other files stay
+touch "$out/checkpoint/state.next.bin.tmp.123" "$out/config.json.tmp.77" "$out/notes.tmp.txt" "$out/keep.me"
+run 0 train "${data[@]}" -o "$out" --iterations 2 --quiet
+check no_temporary_file_is_left test -z "$(find "$out" -name '*.tmp.[0-9]*')"
+check other_files_stay test -e "$out/keep.me" -a -e "$out/notes.tmp.txt"
+
+# a_damaged_checkpoint_is_replaced_by_the_one_before_it
+rm -rf "$out"
+run 0 train "${data[@]}" -o "$out" --iterations 30 --checkpoint-every 10 --quiet
+hash=$(jq .model_hash "$out/summary.json")
+for damage in 'truncate -s 5000' 'dd conv=notrunc status=none bs=1 seek=70000 count=1 if=/dev/urandom of='; do
+    last_command="$damage state.bin"
+    if [ "${damage%of=}" = "$damage" ]; then
+        $damage "$out/checkpoint/state.bin"
+    else # one bit
+        byte=$(od -An -tu1 -j70000 -N1 "$out/checkpoint/state.bin")
+        printf "\\x$(printf %x $((byte ^ 4)))" | ${damage/if=\/dev\/urandom /}"$out/checkpoint/state.bin"
+    fi
+    run 0 train "${data[@]}" -o "$out" --iterations 30 --checkpoint-every 10 --quiet --resume
+    says "state.bin"
+    says "replaced by the checkpoint before it"
+    check the_model_is_the_same test "$(jq .model_hash "$out/summary.json")" = "$hash"
+done
+
+finish

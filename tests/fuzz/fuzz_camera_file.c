@@ -1,0 +1,55 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// cameras.json as `render --camera` reads it (tools/camera_file.c, linked with the messages below in place of the program's).
+// Promises: a refusal names the file; what is accepted is a valid camera with a finite pose.
+
+#include <stdarg.h>
+
+#include "camera_file.h"
+#include "fuzz_support.h"
+
+static char message[2048];
+
+int fail_run(const char *format, ...);
+char *format_text(const char *format, ...);
+
+int fail_run(const char *format, ...)
+{
+    va_list args;
+    va_start(args, format);
+    vsnprintf(message, sizeof message, format, args);
+    va_end(args);
+    return 1;
+}
+
+char *format_text(const char *format, ...)
+{
+    char *text = NULL;
+    va_list args;
+    va_start(args, format);
+    FUZZ_REQUIRE(vasprintf(&text, format, args) >= 0);
+    va_end(args);
+    return text;
+}
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
+{
+    const char *path = fuzz_file("input", data, size);
+    named_camera *cameras;
+    size_t count;
+    if (!camera_file_read(path, &cameras, &count)) {
+        FUZZ_REQUIRE(strstr(message, path) && !cameras && !count);
+        return 0;
+    }
+    FUZZ_REQUIRE(count > 0 && count <= size);
+    for (size_t i = 0; i < count; ++i) {
+        FUZZ_REQUIRE(cameras[i].name && !sgs_camera_validate(&cameras[i].camera));
+        for (int k = 0; k < 3; ++k)
+            FUZZ_REQUIRE(isfinite(cameras[i].pose.translation[k]));
+        for (int k = 0; k < 9; ++k)
+            FUZZ_REQUIRE(isfinite(cameras[i].pose.rotation[k]));
+    }
+    camera_file_free(cameras, count);
+    return 0;
+}

@@ -1,0 +1,105 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Checkpoints of a tiny training. The checksum of an input is made right first, or nothing behind it would ever be
+// reached; an input of less than 8 bytes stands for the good checkpoint, so that no seed has to be kept in step with the
+// format. Promises: a refusal names the file; a loaded state trains on, and is the same after writing and loading it.
+
+#include "checkpoint_support.h"
+#include "fuzz_support.h"
+#include "sparegs/runtime.h"
+#include "sparegs/trainer.h"
+
+size_t LLVMFuzzerMutate(uint8_t *data, size_t size, size_t most);
+size_t LLVMFuzzerCustomMutator(uint8_t *data, size_t size, size_t most, unsigned seed);
+
+enum { SIDE = 16, VIEWS = 2, POINTS = 20 };
+
+static sgs_trainer *trainer;
+static uint8_t *good;
+static size_t good_size;
+
+static void prepare(void)
+{
+    static sgs_view views[VIEWS];
+    static uint8_t pixels[VIEWS][3 * SIDE * SIDE], colors[3 * POINTS];
+    static float points[3 * POINTS];
+    static sgs_scene scene = {.path = (char *)"scene", .view_count = VIEWS, .views = views, .point_count = POINTS,
+                              .points = points, .colors = colors, .extent = 1};
+    static const char *const names[VIEWS] = {"a.png", "b.png"};
+    for (int v = 0; v < VIEWS; ++v) {
+        for (int i = 0; i < 3 * SIDE * SIDE; ++i)
+            pixels[v][i] = (uint8_t)(7 * i + 31 * v);
+        views[v] = (sgs_view){.name = (char *)names[v],
+                              .camera = {SGS_CAMERA_PINHOLE, SIDE, SIDE, {SIDE, SIDE, SIDE / 2, SIDE / 2}},
+                              .pose = {{1, 0, 0, 0, 1, 0, 0, 0, 1}, {0.1 * v, 0, 3}},
+                              .image = {.width = SIDE, .height = SIDE, .channels = 3, .pixels = pixels[v]}};
+    }
+    for (int i = 0; i < 3 * POINTS; ++i) {
+        points[i] = (float)(2 * sgsi_random_uniform(1, (uint64_t)i) - 1);
+        colors[i] = (uint8_t)(40 * i);
+    }
+    sgs_set_threads(1);
+    sgs_train_options options = sgs_train_options_default();
+    options.iterations = 1000;
+    sgs_step_info info;
+    FUZZ_REQUIRE(!sgs_trainer_create(&scene, &options, &trainer));
+    for (int i = 0; i < 3; ++i)
+        FUZZ_REQUIRE(!sgs_trainer_step(trainer, &info));
+    FUZZ_REQUIRE(!sgs_trainer_save_checkpoint(trainer, fuzz_path("input")));
+    FUZZ_REQUIRE(!sgsi_file_read(fuzz_path("input"), 0, &good, &good_size));
+}
+
+size_t LLVMFuzzerCustomMutator(uint8_t *data, size_t size, size_t most, unsigned seed)
+{
+    (void)seed;
+    if (!trainer)
+        prepare();
+    if (size < 8 && good_size <= most) {
+        memcpy(data, good, good_size);
+        return good_size;
+    }
+    return LLVMFuzzerMutate(data, size, most);
+}
+
+#ifndef FUZZ_WITH_ENGINE
+size_t LLVMFuzzerMutate(uint8_t *data, size_t size, size_t most)
+{
+    (void)data;
+    return size < most ? size : most;
+}
+#endif
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
+{
+    if (!trainer)
+        prepare();
+    if (size < 8)
+        data = good, size = good_size;
+    uint8_t *bytes = malloc(size);
+    FUZZ_REQUIRE(bytes);
+    memcpy(bytes, data, size);
+    checkpoint_reseal(bytes, size);
+    const char *path = fuzz_file("input", bytes, size);
+    const bool trains = bytes[size - 1] % 8 == 0 || bytes[size - 1] == good[good_size - 1]; // it is slow
+    free(bytes);
+    if (sgs_trainer_load_checkpoint(trainer, path)) {
+        fuzz_check_refusal(path);
+        return 0;
+    }
+    const char *again = fuzz_path("again");
+    uint8_t *written[2];
+    size_t sizes[2];
+    for (int round = 0; round < 2; ++round) {
+        FUZZ_REQUIRE(!sgs_trainer_save_checkpoint(trainer, again));
+        FUZZ_REQUIRE(!sgsi_file_read(again, 0, &written[round], &sizes[round]));
+        FUZZ_REQUIRE(!sgs_trainer_load_checkpoint(trainer, again));
+    }
+    FUZZ_REQUIRE(sizes[0] == sizes[1] && !memcmp(written[0], written[1], sizes[0]));
+    sgsi_free(written[0]);
+    sgsi_free(written[1]);
+    sgs_step_info info;
+    const sgs_status status = trains ? sgs_trainer_step(trainer, &info) : SGS_STATUS_OK;
+    FUZZ_REQUIRE(!status || status == SGS_STATUS_LIMIT);
+    return 0;
+}

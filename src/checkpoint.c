@@ -152,7 +152,7 @@ static sgs_status check_scene(sgsi_sections *sections, const sgs_trainer *traine
 static sgs_status check_progress(sgsi_sections *sections, const sgs_trainer *trainer, const sgsi_progress *progress)
 {
     const size_t views = trainer->train_view_count;
-    if (progress->iteration < 0 || progress->adam_step < 0 || progress->adam_step > progress->iteration ||
+    if (progress->iteration < 0 || progress->iteration > 10000000 || progress->adam_step < 0 || progress->adam_step > progress->iteration ||
         progress->order_position > views || progress->stop < SGS_STOP_NONE || progress->stop > SGS_STOP_SIGNAL)
         return sgsi_fail(SGS_STATUS_FORMAT, "%s: a counter in section 'progress' is out of range", sections->path);
     size_t bytes;

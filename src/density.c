@@ -63,7 +63,7 @@ static void free_columns(sgsi_density_columns *columns)
 {
     void *const arrays[] = {columns->x, columns->y, columns->z, columns->opacity, columns->scale_max, columns->score,
                             columns->absolute, columns->weight, columns->redundant, columns->action, columns->removed,
-                            columns->barren, columns->priority, columns->workspace};
+                            columns->degenerate, columns->barren, columns->priority, columns->workspace};
     for (size_t i = 0; i < sizeof arrays / sizeof *arrays; ++i)
         sgsi_free(arrays[i]);
 }
@@ -77,7 +77,7 @@ static sgs_status make_columns(const sgs_gaussians *model, const sgsi_density_op
     bool complete = true;
     for (size_t i = 0; i < sizeof floats / sizeof *floats; ++i)
         complete = (*floats[i] = sgsi_alloc(n, sizeof(float))) && complete;
-    uint8_t **const marks[] = {&columns->redundant, &columns->action, &columns->removed, &columns->barren};
+    uint8_t **const marks[] = {&columns->redundant, &columns->degenerate, &columns->action, &columns->removed, &columns->barren};
     for (size_t i = 0; i < sizeof marks / sizeof *marks; ++i)
         complete = (*marks[i] = sgsi_calloc(n, 1)) && complete;
     columns->workspace = sgsi_alloc(spare_workspace_size(&options->spare, model->count), 1);
@@ -92,6 +92,14 @@ typedef struct column_job {
     const sgsi_statistics *statistics;
     sgsi_density_columns *columns;
 } column_job;
+
+static bool is_degenerate(const sgs_gaussians *model, size_t i)
+{
+    float zeros = 0.0f;
+    for (int k = 0; k < SGS_PARAM_COUNT; ++k)
+        zeros += *sgs_gaussians_at(model, i, k) * 0.0f;
+    return !(zeros == 0.0f);
+}
 
 static void fill_columns(void *context, size_t begin, size_t end, int thread)
 {
@@ -111,6 +119,10 @@ static void fill_columns(void *context, size_t begin, size_t end, int thread)
         c->score[i] = seen ? job->statistics->gradient_sum[i] / (float)seen : 0.0f;
         c->absolute[i] = seen ? job->statistics->absolute_sum[i] / (float)seen : 0.0f;
         c->weight[i] = 1.0f;
+        if (is_degenerate(job->model, i)) {
+            c->degenerate[i] = 1;
+            c->x[i] = c->y[i] = c->z[i] = c->opacity[i] = c->scale_max[i] = c->score[i] = c->absolute[i] = 0.0f;
+        }
     }
 }
 
@@ -235,6 +247,10 @@ static sgs_status make_plan(const sgsi_density_columns *columns, sgsi_density_re
     bounding_box(columns, low, inv_size);
     plan_entry *entries = plan->buffers[0];
     for (size_t i = 0; i < columns->count; ++i) {
+        if (columns->degenerate[i]) {
+            ++result->pruned;
+            continue;
+        }
         const float mean[3] = {columns->x[i], columns->y[i], columns->z[i]};
         const uint64_t key = morton_code(mean, low, inv_size);
         const bool barren = columns->barren[i];

@@ -382,8 +382,7 @@ static void optimize_step(sgs_trainer *trainer, const step_state *step)
     for (int i = 0; i < sgsi_threads(); ++i)
         broken += job.broken[i];
     if (broken)
-        sgsi_warn("iteration %d, view %s: the gradients of %zu primitives are not finite; they are left as they were",
-                  step->iteration, step->source->name, broken);
+        sgsi_skip_gradients(&progress->skipped, step->iteration, step->source->name, broken, &job.input);
     progress->seconds.optimizer += sgsi_seconds() - start;
 }
 
@@ -470,7 +469,10 @@ sgs_status sgs_trainer_step(sgs_trainer *trainer, sgs_step_info *info)
     progress->seconds.backward += spent.backward + spent.reduce;
     info->visible = count_visible(trainer);
     count_traffic(trainer, &step);
-    optimize_step(trainer, &step);
+    if (isfinite(step.loss.loss))
+        optimize_step(trainer, &step);
+    else
+        sgsi_skip_step(&progress->skipped, iteration, step.source->name, step.loss.loss);
     if (step.structural)
         status = sgsi_trainer_update_structure(trainer, iteration, info);
     if (status)
@@ -503,6 +505,12 @@ sgs_train_bytes sgs_trainer_bytes(const sgs_trainer *trainer)
 sgs_train_seconds sgs_trainer_seconds(const sgs_trainer *trainer)
 {
     return trainer->progress.seconds;
+}
+
+sgs_train_skipped sgs_trainer_skipped(const sgs_trainer *trainer)
+{
+    const sgsi_skipped *skipped = &trainer->progress.skipped;
+    return (sgs_train_skipped){.steps = skipped->steps, .gradients = skipped->gradients};
 }
 
 const char *sgs_trainer_stop_text(const sgs_trainer *trainer)

@@ -6,6 +6,7 @@
 
 #include "density.h"
 #include "loss.h"
+#include "numerics.h"
 #include "pipeline.h"
 #include "rays.h"
 #include "schedule.h"
@@ -24,6 +25,7 @@ typedef struct sgsi_progress {
     double loss_average, loss_weight; // for the progress line
     double psnr_average, psnr_weight;
     spare_equilibrium equilibrium;
+    sgsi_skipped skipped;
     sgs_train_seconds seconds;
 } sgsi_progress;
 

@@ -48,6 +48,7 @@ typedef struct training {
     char *stop_text;
     sgs_train_seconds seconds;
     sgs_train_bytes bytes;
+    sgs_train_skipped skipped;
     char hash[17];
     split_score test, train;
 } training;
@@ -262,6 +263,7 @@ static bool save_results(training *run)
     run->gaussians = model->count;
     run->seconds = sgs_trainer_seconds(run->trainer);
     run->bytes = sgs_trainer_bytes(run->trainer);
+    run->skipped = sgs_trainer_skipped(run->trainer);
     run->stop_text = format_text("%s", sgs_trainer_stop_text(run->trainer));
     sgs_gaussians_hash(model, run->hash);
     if (!run->iterations)
@@ -314,6 +316,8 @@ static json_t *summary_json(const training *run)
     json_object_set_new(summary, "train_seconds", json_number(run->train_seconds));
     json_object_set_new(summary, "seconds", seconds);
     scaling_add_training(summary, &run->seconds, &run->bytes);
+    json_object_set_new(summary, "skipped", json_pack("{s:I, s:I}", "steps", (json_int_t)run->skipped.steps, "gradients",
+                                                      (json_int_t)run->skipped.gradients));
     json_object_set_new(summary, "test", split_score_json(&run->test));
     json_object_set_new(summary, "train", split_score_json(&run->train));
     json_object_set_new(summary, "threads", json_integer(sgs_threads()));

@@ -99,6 +99,13 @@ const sgs_gaussians *sgs_trainer_model(const sgs_trainer *trainer);
 int sgs_trainer_iteration(const sgs_trainer *trainer);
 sgs_train_seconds sgs_trainer_seconds(const sgs_trainer *trainer);
 sgs_train_bytes sgs_trainer_bytes(const sgs_trainer *trainer);
+
+// What was left out because it was not finite, since the start of the training; the parameters stayed as they were.
+typedef struct sgs_train_skipped {
+    uint64_t steps;     // whole optimiser steps: the loss was NaN or infinite
+    uint64_t gradients; // single primitives within a step
+} sgs_train_skipped;
+sgs_train_skipped sgs_trainer_skipped(const sgs_trainer *trainer);
 // In words, why training ended ("loss changed 0.5 %, count 0.2 % in two checks"); "" before that. Owned by the trainer.
 const char *sgs_trainer_stop_text(const sgs_trainer *trainer);
 

@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Reports of steps and gradients that were not finite. The sums of a step stay where they are until the next one, so the
-// kernel can be asked again, block by block, which of them it refused.
+// Reports of steps and gradients that were not finite. The sums of a step stay where they are until the next one, so
+// the kernel can be asked again, block by block, which of them it refused.
 
 #include "numerics.h"
 
@@ -49,7 +49,8 @@ static size_t first_refused(const sgsi_optimize *input)
     return input->count;
 }
 
-void sgsi_skip_gradients(sgsi_skipped *skipped, int iteration, const char *view, size_t rows, const sgsi_optimize *input)
+void sgsi_skip_gradients(sgsi_skipped *skipped, int iteration, const char *view, size_t rows,
+                         const sgsi_optimize *input)
 {
     skipped->gradients += rows;
     if (!is_due(skipped))
@@ -57,7 +58,9 @@ void sgsi_skip_gradients(sgsi_skipped *skipped, int iteration, const char *view,
     const size_t first = first_refused(input);
     const float *mean = input->params + first / 16 * SGS_PARAM_COUNT * SGS_LANES + first % 16;
     if (first < input->count)
-        sgsi_warn("iteration %d, view %s: the gradients of %zu primitive(s) are not finite, the first is primitive %zu at "
-                  "(%g, %g, %g); they are left as they were (%llu so far)", iteration, view, rows, first, (double)mean[0],
-                  (double)mean[16], (double)mean[32], (unsigned long long)skipped->gradients);
+        sgsi_warn(
+            "iteration %d, view %s: the gradients of %zu primitive(s) are not finite, the first is primitive %zu at "
+            "(%g, %g, %g); they are left as they were (%llu so far)",
+            iteration, view, rows, first, (double)mean[0], (double)mean[16], (double)mean[32],
+            (unsigned long long)skipped->gradients);
 }

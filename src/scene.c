@@ -24,6 +24,7 @@
 #include "core.h"
 #include "image_oiio.h"
 #include "mask.h"
+#include "path_within.h"
 #include "photo.h"
 #include "scene_find.h"
 #include "scene_store.h"
@@ -57,6 +58,7 @@ typedef struct loader {
     sgsi_scene_files files;
     sgsi_dataset dataset;
     slot *slots; // parallel to dataset.frames
+    sgsi_roots roots;
     lens_mask *lenses;
     size_t lens_count;
     bool limited;               // the photographs do not fit into the image cache
@@ -144,8 +146,15 @@ static void probe_view(void *context, size_t i, int thread)
     const loader *l = context;
     slot *s = &l->slots[i];
     (void)thread;
-    const char *path = l->scene->views[i].image_path;
+    const char *path = l->scene->views[i].image_path, *mask = l->scene->views[i].mask_path;
     sgsi_image_info info = {0};
+    s->status = sgsi_roots_check(&l->roots, path);
+    if (!s->status && mask)
+        s->status = sgsi_roots_check(&l->roots, mask);
+    if (s->status) {
+        keep_error(s);
+        return;
+    }
     if (!l->options->load_images)
         s->status = sgsi_image_refuse_truncated(path);
     if (!s->status)
@@ -315,6 +324,12 @@ static sgs_status find_masks(loader *l)
     sgs_status status = root && (!folder || given) ? SGS_STATUS_OK : no_memory(l->scene->path);
     if (given && !sgsi_is_folder(given))
         status = sgsi_fail(SGS_STATUS_IO, "%s: there is no such folder of masks; --masks none does without", given);
+    static const char *const usual[] = {"masks", "mask"};
+    for (size_t k = 0; k < (given ? 1 : 2) && !status; ++k) {
+        char *place = given ? sgsi_strdup(given) : sgsi_format("%s/%s", root, usual[k]);
+        sgsi_roots_add(&l->roots, place);
+        sgsi_free(place);
+    }
     for (size_t i = 0; i < l->scene->view_count && !status; ++i)
         status = sgsi_mask_find(root, folder, images, l->scene->views[i].name, &l->scene->views[i].mask_path);
     sgsi_free(given);
@@ -334,6 +349,11 @@ static sgs_status make_views(loader *l)
         return no_memory(scene->path);
     scene->view_count = count;
     const char *images_dir = l->options->images_dir;
+    char *chosen = !l->files.colmap && images_dir ? sgsi_format("%s/%s", l->files.image_folder, images_dir) : NULL;
+    sgsi_roots_add(&l->roots, scene->path);
+    sgsi_roots_add(&l->roots, l->files.image_folder);
+    sgsi_roots_add(&l->roots, chosen);
+    sgsi_free(chosen);
     for (size_t i = 0; i < count; ++i) {
         sgsi_frame *frame = &l->dataset.frames[i];
         sgs_view *view = &scene->views[i];
@@ -724,6 +744,7 @@ sgs_status sgs_scene_load(const char *path, const sgs_scene_options *options, sg
         sgsi_free(l.lenses[i].keep);
     sgsi_free(l.lenses);
     sgsi_dataset_free(&l.dataset);
+    sgsi_roots_free(&l.roots);
     sgsi_scene_files_free(&l.files);
     if (status) {
         sgs_scene_destroy(l.scene);

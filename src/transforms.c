@@ -24,6 +24,7 @@
 #include <jansson.h>
 
 #include "core.h"
+#include "path_within.h"
 #include "point_cloud.h"
 
 enum { MAX_SIZE = 65536 };
@@ -380,10 +381,15 @@ static void read_points(const char *path, const json_t *root, sgsi_dataset *data
         return;
     const char *complaint = sgsi_image_name_clean(name);
     char *cloud = complaint ? NULL : beside(path, name);
+    char *folder = beside(path, ".");
+    sgsi_roots roots = {{NULL}};
+    sgsi_roots_add(&roots, folder);
     if (complaint)
         sgsi_warn("%s: 'ply_file_path' %s; the scene has no points", path, complaint);
-    else if (!cloud || sgsi_point_cloud_read(cloud, &dataset->point_count, &dataset->points, &dataset->colors))
+    else if (!cloud || sgsi_roots_check(&roots, cloud) || sgsi_point_cloud_read(cloud, &dataset->point_count, &dataset->points, &dataset->colors))
         sgsi_warn("%s; the scene has no points", cloud ? sgs_last_error() : "no memory for the points");
+    sgsi_roots_free(&roots);
+    sgsi_free(folder);
     sgsi_free(cloud);
     sgsi_free(name);
 }

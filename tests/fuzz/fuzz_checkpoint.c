@@ -2,8 +2,9 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Checkpoints of a tiny training. The checksum of an input is made right first, or nothing behind it would ever be
-// reached; an input of less than 8 bytes stands for the good checkpoint, so that no seed has to be kept in step with the
-// format. Promises: a refusal names the file; a loaded state trains on, and is the same after writing and loading it.
+// reached; an input of less than 8 bytes stands for the good checkpoint, so that no seed has to be kept in step with
+// the format. Promises: a refusal names the file; a loaded state trains on, and is the same after writing and loading
+// it.
 
 #include "checkpoint_support.h"
 #include "fuzz_support.h"
@@ -24,8 +25,13 @@ static void prepare(void)
     static sgs_view views[VIEWS];
     static uint8_t pixels[VIEWS][3 * SIDE * SIDE], colors[3 * POINTS];
     static float points[3 * POINTS];
-    static sgs_scene scene = {.path = (char *)"scene", .view_count = VIEWS, .views = views, .point_count = POINTS,
-                              .points = points, .colors = colors, .extent = 1};
+    static sgs_scene scene = {.path = (char *)"scene",
+                              .view_count = VIEWS,
+                              .views = views,
+                              .point_count = POINTS,
+                              .points = points,
+                              .colors = colors,
+                              .extent = 1};
     static const char *const names[VIEWS] = {"a.png", "b.png"};
     for (int v = 0; v < VIEWS; ++v) {
         for (int i = 0; i < 3 * SIDE * SIDE; ++i)

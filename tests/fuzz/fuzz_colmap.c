@@ -93,7 +93,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         for (size_t i = 0; i < dataset.frame_count; ++i) {
             const sgsi_frame *frame = &dataset.frames[i];
             FUZZ_REQUIRE(!sgs_camera_validate(&frame->camera));
-            FUZZ_REQUIRE(frame->name[0] && frame->name[0] != '/' && strncmp(frame->name, "../", 3) && !strstr(frame->name, "/../"));
+            FUZZ_REQUIRE(frame->name[0] && frame->name[0] != '/' && strncmp(frame->name, "../", 3) &&
+                         !strstr(frame->name, "/../"));
             const double *r = frame->pose.rotation;
             const double determinant = r[0] * (r[4] * r[8] - r[5] * r[7]) - r[1] * (r[3] * r[8] - r[5] * r[6]) +
                                        r[2] * (r[3] * r[7] - r[4] * r[6]);

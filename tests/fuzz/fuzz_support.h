@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// What the fuzz targets share. The readers take paths, so an input becomes a file in a folder of its own, in memory where
-// the system has such a place. A broken promise ends the process: the fuzzer keeps the input.
+// What the fuzz targets share. The readers take paths, so an input becomes a file in a folder of its own, in memory
+// where the system has such a place. A broken promise ends the process: the fuzzer keeps the input.
 
 #include <fcntl.h>
 #include <math.h>
@@ -47,7 +47,8 @@ static inline const char *fuzz_path(const char *name)
     static char paths[4][96];
     static unsigned next;
     if (!*fuzz_folder) {
-        snprintf(fuzz_folder, sizeof fuzz_folder, "%s/sparegs_fuzz_XXXXXX", access("/dev/shm", W_OK) ? "/tmp" : "/dev/shm");
+        snprintf(fuzz_folder, sizeof fuzz_folder, "%s/sparegs_fuzz_XXXXXX",
+                 access("/dev/shm", W_OK) ? "/tmp" : "/dev/shm");
         FUZZ_REQUIRE(mkdtemp(fuzz_folder));
         atexit(fuzz_folder_remove);
     }

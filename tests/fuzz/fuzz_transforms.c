@@ -23,7 +23,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     }
     for (size_t i = 0; i < dataset.frame_count; ++i) {
         const sgsi_frame *frame = &dataset.frames[i];
-        FUZZ_REQUIRE(frame->name[0] && frame->name[0] != '/' && strncmp(frame->name, "../", 3) && !strstr(frame->name, "/../"));
+        FUZZ_REQUIRE(frame->name[0] && frame->name[0] != '/' && strncmp(frame->name, "../", 3) &&
+                     !strstr(frame->name, "/../"));
         for (int k = 0; k < 9; ++k)
             FUZZ_REQUIRE(fabs(frame->pose.rotation[k]) < 1.001);
         for (int k = 0; k < 3; ++k)

@@ -1,0 +1,84 @@
+#!/usr/bin/env bash
+# SPDX-FileCopyrightText: 2026 The sparegs authors
+# SPDX-License-Identifier: Apache-2.0
+
+# No name in a data set, and no link it leads through, reaches a file outside the folders that the user named.
+set -euo pipefail
+. "$(dirname "$0")/cli_support.sh"
+set_up=$temporary/set
+secret=$temporary/secret
+mkdir -p "$set_up/sparse/0" "$set_up/images" "$secret"
+cp "$room/images/0001.jpg" "$secret/inside.jpg"
+cp "$room/images/0001.jpg" "$set_up/images/a.jpg"
+
+# model NAME...: a text model with an image per name.
+model() {
+    local id=0 name
+    echo "1 PINHOLE 1280 720 500 500 640 360" >"$set_up/sparse/0/cameras.txt"
+    : >"$set_up/sparse/0/images.txt"
+    for name in "$@"; do
+        id=$((id + 1))
+        printf '%d 1 0 0 0 %d 0 0 1 %s\n\n' "$id" "$id" "$name" >>"$set_up/sparse/0/images.txt"
+    done
+    echo "1 0 0 1 255 0 0 0.5" >"$set_up/sparse/0/points3D.txt"
+}
+
+# names_that_leave_the_folder_are_refused
+for name in ../secret/inside.jpg images/../../secret/inside.jpg "$secret/inside.jpg" '..\secret\inside.jpg' C:/inside.jpg ./../x.jpg; do
+    model a.jpg "$name"
+    run 1 info "$set_up"
+    one_line
+    says "images.txt: line 3"
+done
+
+# links_inside_are_followed, links_that_lead_out_are_not
+ln -s a.jpg "$set_up/images/b.jpg"
+ln -s ../../secret/inside.jpg "$set_up/images/out.jpg"
+ln -s "$secret" "$set_up/images/folder"
+model a.jpg b.jpg
+run 0 info "$set_up" --json
+json "$temporary/stdout" '[.. | objects | select(has("images_missing")) | .images_missing] | all(. == 0)'
+for name in out.jpg folder/inside.jpg; do
+    model a.jpg "$name"
+    run 0 info "$set_up"
+    says "a link leads out of the data set"
+    says "secret/inside.jpg; put the file itself there; the view is skipped"
+    model "$name"
+    run 1 info "$set_up"
+    says "a link leads out of the data set"
+done
+
+# an_image_folder_that_is_a_link_is_the_users_choice
+mv "$set_up/images" "$temporary/elsewhere"
+ln -s "$temporary/elsewhere" "$set_up/images"
+model a.jpg
+run 0 info "$set_up"
+check nothing_is_skipped bash -c '! grep -q skipped "$0"' "$temporary/stderr"
+
+# the_same_for_transforms, its_cloud_and_its_masks
+nerf=$temporary/nerf
+mkdir -p "$nerf/images"
+cp "$room/images/0001.jpg" "$nerf/images/a.jpg"
+ln -s "$secret/inside.jpg" "$nerf/images/out.jpg"
+printf 'ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n1 2 3\n' >"$secret/cloud.ply"
+ln -s "$secret/cloud.ply" "$nerf/cloud.ply"
+transforms() {
+    printf '{"w": 1280, "h": 720, "fl_x": 500, "ply_file_path": "%s", "frames": [{"file_path": "images/a.jpg", "transform_matrix":
+        [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}, {"file_path": "%s", "transform_matrix":
+        [[1,0,0,1],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}]}' "$2" "$1" >"$nerf/transforms.json"
+}
+transforms images/out.jpg cloud.ply
+run 0 info "$nerf"
+says "out.jpg: a link leads out of the data set"
+says "cloud.ply: a link leads out of the data set"
+transforms ../secret/inside.jpg ../secret/cloud.ply
+run 1 info "$nerf"
+says "leaves the image folder"
+mkdir "$nerf/masks"
+ln -s "$secret/inside.jpg" "$nerf/masks/a.png"
+printf '{"w": 1280, "h": 720, "fl_x": 500, "frames": [{"file_path": "images/a.jpg", "transform_matrix":
+    [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}]}' >"$nerf/transforms.json"
+run 1 info "$nerf"
+says "masks/a.png: a link leads out of the data set"
+
+finish

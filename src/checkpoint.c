@@ -216,7 +216,8 @@ static sgs_status make_room(sgs_trainer *trainer, size_t n, const char *path)
     }
     float *m = sgsi_calloc(model->capacity, SGS_PARAM_COUNT * sizeof(float));
     float *v = sgsi_calloc(model->capacity, SGS_PARAM_COUNT * sizeof(float));
-    if (!m || !v || sgsi_statistics_reserve(&trainer->statistics, model->capacity)) {
+    sgsi_statistics statistics = {0};
+    if (!m || !v || sgsi_statistics_reserve(&statistics, model->capacity)) {
         sgsi_free(m);
         sgsi_free(v);
         sgs_gaussians_destroy(model);
@@ -226,6 +227,8 @@ static sgs_status make_room(sgs_trainer *trainer, size_t n, const char *path)
     sgs_gaussians_destroy(trainer->model);
     sgsi_free(trainer->m);
     sgsi_free(trainer->v);
+    sgsi_statistics_free(&trainer->statistics);
+    trainer->statistics = statistics;
     trainer->model = model;
     trainer->m = m;
     trainer->v = v;

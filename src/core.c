@@ -215,10 +215,11 @@ sgs_status sgsi_atomic_open(sgsi_atomic_file *file, const char *path)
 // A rename is on the disk when its folder is. Best effort: some file systems refuse to sync a folder.
 static void sync_folder_of(const char *path)
 {
+    char folder[4096] = ".";
     const char *slash = strrchr(path, '/');
-    char *folder = slash ? sgsi_format("%.*s", (int)(slash - path + (slash == path)), path) : sgsi_strdup(".");
-    const int descriptor = folder ? open(folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC) : -1;
-    sgsi_free(folder);
+    if (slash)
+        snprintf(folder, sizeof folder, "%.*s", (int)(slash - path + (slash == path)), path);
+    const int descriptor = open(folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
     if (descriptor < 0)
         return;
     fsync(descriptor);

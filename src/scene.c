@@ -327,6 +327,8 @@ static sgs_status find_masks(loader *l)
     static const char *const usual[] = {"masks", "mask"};
     for (size_t k = 0; k < (given ? 1 : 2) && !status; ++k) {
         char *place = given ? sgsi_strdup(given) : sgsi_format("%s/%s", root, usual[k]);
+        if (!place)
+            status = no_memory(l->scene->path);
         sgsi_roots_add(&l->roots, place);
         sgsi_free(place);
     }
@@ -350,6 +352,8 @@ static sgs_status make_views(loader *l)
     scene->view_count = count;
     const char *images_dir = l->options->images_dir;
     char *chosen = !l->files.colmap && images_dir ? sgsi_format("%s/%s", l->files.image_folder, images_dir) : NULL;
+    if (!l->files.colmap && images_dir && !chosen)
+        return no_memory(scene->path);
     sgsi_roots_add(&l->roots, scene->path);
     sgsi_roots_add(&l->roots, l->files.image_folder);
     sgsi_roots_add(&l->roots, chosen);

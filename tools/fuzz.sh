@@ -28,7 +28,7 @@ failed=0
 for target in "${targets[@]}"; do
     mkdir -p "$build/corpus/$target"
     log=$build/$target.log
-    UBSAN_OPTIONS=print_stacktrace=1 "$build/tests/fuzz/fuzz_$target" -max_total_time="$seconds" -timeout=10 \
+    UBSAN_OPTIONS=print_stacktrace=1 "$build/tests/fuzz/fuzz_$target" -max_total_time="$seconds" -timeout=60 \
         -rss_limit_mb=2048 -malloc_limit_mb=512 -max_len=65536 -verbosity=0 -print_final_stats=1 \
         -artifact_prefix="$build/found/$target-" "$build/corpus/$target" "tests/fuzz/corpus/$target" >"$log" 2>&1 || {
         failed=$((failed + 1))

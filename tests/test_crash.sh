@@ -1,0 +1,53 @@
+#!/usr/bin/env bash
+# SPDX-FileCopyrightText: 2026 The sparegs authors
+# SPDX-License-Identifier: Apache-2.0
+
+# SIGKILL at random moments (KILLS of them, the seed of the moments is printed), resumed each time with another number of
+# threads: the model is the one of the run that nobody killed, and at most one checkpoint interval is done again.
+set -euo pipefail
+. "$(dirname "$0")/cli_support.sh"
+kills=${KILLS:-2}
+RANDOM=${SEED:-$((${EPOCHSECONDS:-1} % 30000))}
+echo "seed of the moments: SEED=$RANDOM"
+interval=5
+options=("$room" --downscale 16 --spare on --spare-patience 1000 --checkpoint-every $interval --iterations "${ITERATIONS:-150}")
+
+start=$EPOCHREALTIME
+run 0 train "${options[@]}" --quiet -o "$temporary/whole"
+length=$(((${EPOCHREALTIME/./} - ${start/./}) / 1000)) # milliseconds, load and evaluation included
+hash=$(jq -r .model_hash "$temporary/whole/summary.json")
+out=$temporary/out
+killed=0
+finished=0
+resume=()
+while { [ "$killed" -lt "$kills" ] || [ "$finished" = 0 ]; } && [ "$failures" -lt 5 ]; do
+    last_command="train with ${#resume[@]} resume options, $killed kills so far"
+    before=0
+    [ ! -s "$out/checkpoint/sums.csv" ] || before=$(tail -n 1 "$out/checkpoint/sums.csv" | grep -oE '^[0-9]+' || echo 0)
+    "$program" train "${options[@]}" -o "$out" --threads $((1 + RANDOM % 3)) "${resume[@]}" \
+        >"$temporary/stdout" 2>"$temporary/stderr" &
+    process=$!
+    status=0
+    if [ "$killed" -lt "$kills" ]; then
+        moment=$((50 + RANDOM % length))
+        sleep "$((moment / 1000)).$(printf %03d $((moment % 1000)))"
+        kill -KILL "$process" 2>/dev/null || true
+    fi
+    wait "$process" 2>/dev/null || status=$?
+    at=$(sed -n 's/.*continuing at iteration \([0-9]*\)$/\1/p' "$temporary/stderr")
+    check at_most_one_interval_is_done_again test "${at:-$before}" -ge $((before - interval))
+    check no_checkpoint_is_damaged bash -c '! grep -q damaged "$0"' "$temporary/stderr"
+    resume=(--resume)
+    if [ "$status" = 0 ]; then
+        finished=$((finished + 1))
+        check the_model_is_the_same test "$(jq -r .model_hash "$out/summary.json")" = "$hash"
+        check no_temporary_file_is_left test -z "$(find "$out" -name '*.tmp.*')"
+        rm -rf "$out"
+        resume=()
+    else
+        killed=$((killed + 1))
+        check killed_not_failed test "$status" = 137
+    fi
+done
+echo "$killed kills, $finished runs to the end, model $hash"
+finish

@@ -27,8 +27,8 @@ enum { ALIGNMENT = 64, HUGE_BLOCK = 2 << 20 };
 const char *sgs_status_text(sgs_status status)
 {
     switch (status) {
-#define SGS_STATUS_CASE(name, text)                                                                \
-    case SGS_STATUS_##name:                                                                        \
+#define SGS_STATUS_CASE(name, text)                                                                                    \
+    case SGS_STATUS_##name:                                                                                            \
         return text;
         SGS_STATUS_LIST(SGS_STATUS_CASE)
 #undef SGS_STATUS_CASE
@@ -41,6 +41,14 @@ const char *sgs_last_error(void)
     return last_error;
 }
 
+// Messages quote files that nobody trusts: no line break and no terminal escape gets through.
+static void make_printable(char *text)
+{
+    for (; *text; ++text)
+        if ((unsigned char)*text < 0x20 || *text == 0x7f)
+            *text = '?';
+}
+
 sgs_status sgsi_fail(sgs_status status, const char *format, ...)
 {
     // Through a second buffer: an argument may be sgs_last_error() itself (a caller adding the file's name).
@@ -49,6 +57,7 @@ sgs_status sgsi_fail(sgs_status status, const char *format, ...)
     va_start(args, format);
     vsnprintf(text, sizeof text, format, args);
     va_end(args);
+    make_printable(text);
     memcpy(last_error, text, sizeof text);
     return status;
 }
@@ -68,6 +77,7 @@ void sgsi_warn(const char *format, ...)
     va_start(args, format);
     vsnprintf(text, sizeof text, format, args);
     va_end(args);
+    make_printable(text);
     warning_fn(warning_user, text);
 }
 
@@ -176,7 +186,8 @@ sgs_status sgsi_file_read(const char *path, size_t limit, uint8_t **bytes, size_
     const size_t length = (size_t)info.st_size;
     if (limit && length > limit) {
         fclose(stream);
-        return sgsi_fail(SGS_STATUS_LIMIT, "%s: has %zu bytes, more than the %zu that are accepted", path, length, limit);
+        return sgsi_fail(SGS_STATUS_LIMIT, "%s: has %zu bytes, more than the %zu that are accepted", path, length,
+                         limit);
     }
     uint8_t *block = sgsi_alloc(length + 1, 1);
     if (!block) {
@@ -197,8 +208,7 @@ sgs_status sgsi_file_read(const char *path, size_t limit, uint8_t **bytes, size_
 
 sgs_status sgsi_atomic_open(sgsi_atomic_file *file, const char *path)
 {
-    *file = (sgsi_atomic_file){.path = sgsi_strdup(path),
-                               .temporary = sgsi_format("%s.tmp.%ld", path, (long)getpid())};
+    *file = (sgsi_atomic_file){.path = sgsi_strdup(path), .temporary = sgsi_format("%s.tmp.%ld", path, (long)getpid())};
     if (!file->path || !file->temporary) {
         sgsi_atomic_abort(file);
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path);

@@ -80,6 +80,19 @@ for text in 3h55x m 55m3h -3s 3s4 3hh ''; do
     one_line
 done
 
+# max_memory_refuses_with_its_estimate, and_ends_a_run_that_would_outgrow_it
+rm -rf "$out"
+run 1 train "${data[@]}" -o "$out" --iterations 5 --max-memory 100M
+one_line
+says "training needs about 0."
+says "--max-memory allows (0.10 GB)"
+check nothing_is_left test ! -e "$out"
+run 0 train "${data[@]}" -o "$out" --iterations 2 --max-memory 8G --quiet
+for text in 8X G -1G 1K ''; do
+    run 2 train "${data[@]}" -o "$out" --max-memory "$text"
+    says "--max-memory"
+done
+
 # changed_options_are_honoured_and_recorded, or refused by name
 rm -rf "$out"
 paper=(-o "$out" --schedule paper --spare bmd,rap --checkpoint-every 20 --quiet)

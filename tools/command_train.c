@@ -75,6 +75,38 @@ static bool load_scene(training *run, bool background_given)
     return true;
 }
 
+// Before the images are loaded: what will they and the first model take?
+static bool memory_suffices(const training *run)
+{
+    if (!run->values.max_memory)
+        return true;
+    sgs_scene *scene = scene_open(run->scene_path, &run->data, false);
+    if (!scene)
+        return false;
+    const sgs_train_options options = train_library_options(&run->values, run->common.seed);
+    const size_t count = scene->point_count ? scene->point_count : (size_t)run->values.random_points;
+    const double without = (double)sgs_train_memory(scene, &options, 0);
+    const double needed = (double)sgs_train_memory(scene, &options, count);
+    sgs_scene_destroy(scene);
+    const bool enough = needed <= (double)run->values.max_memory;
+    if (!enough)
+        fail_run(
+            "%s: training needs about %.2f GB (images and program %.2f GB, the first %zu primitives %.2f GB), more "
+            "than "
+            "--max-memory allows (%.2f GB); reduce the images with --downscale, or the primitives with --max-gaussians",
+            run->scene_path, needed / 1e9, without / 1e9, count, (needed - without) / 1e9,
+            (double)run->values.max_memory / 1e9);
+    return enough;
+}
+
+// A structural update may double the primitives it works on for a moment: is there room for the next one?
+static bool memory_is_short(const training *run, size_t gaussians)
+{
+    enum { UPDATE_BYTES = 700 }; // per primitive
+    const double next = (double)sgs_current_rss() + (double)gaussians * UPDATE_BYTES;
+    return run->values.max_memory && next > (double)run->values.max_memory;
+}
+
 static bool create_trainer(training *run)
 {
     sgs_train_options options = train_library_options(&run->values, run->common.seed);
@@ -239,9 +271,11 @@ static bool iterate(training *run, trace_file *trace)
         run->stop = info.stop;
         if (trace)
             record_trace(run, trace, start, &before, &info);
-        run_folder_record(&run->folder, &info, run->train_seconds, info.stop != SGS_STOP_NONE);
+        if (info.structural && info.stop == SGS_STOP_NONE && memory_is_short(run, info.gaussians))
+            run->stop = SGS_STOP_MEMORY_LIMIT;
+        run_folder_record(&run->folder, &info, run->train_seconds, run->stop != SGS_STOP_NONE);
         progress_step(&(progress_state){info.iteration, total, info.loss_average, info.psnr_average, info.gaussians});
-        if (info.stop == SGS_STOP_NONE)
+        if (run->stop == SGS_STOP_NONE)
             save_due(run, info.iteration);
     }
     progress_end();
@@ -253,7 +287,7 @@ static bool iterate(training *run, trace_file *trace)
 // The state is saved and the training not over.
 static bool stopped_early(const training *run)
 {
-    return run->stop == SGS_STOP_SIGNAL || run->stop == SGS_STOP_TIME_LIMIT;
+    return run->stop >= SGS_STOP_SIGNAL;
 }
 
 static bool save_results(training *run)
@@ -293,11 +327,9 @@ static bool evaluate(training *run)
 
 static json_t *summary_json(const training *run)
 {
-    static const char *const reasons[] = {[SGS_STOP_NONE] = "schedule",
-                                          [SGS_STOP_SCHEDULE] = "schedule",
-                                          [SGS_STOP_EQUILIBRIUM] = "equilibrium",
-                                          [SGS_STOP_SIGNAL] = "signal",
-                                          [SGS_STOP_TIME_LIMIT] = "time_limit"};
+    static const char *const reasons[] = {
+        [SGS_STOP_NONE] = "schedule", [SGS_STOP_SCHEDULE] = "schedule",     [SGS_STOP_EQUILIBRIUM] = "equilibrium",
+        [SGS_STOP_SIGNAL] = "signal", [SGS_STOP_TIME_LIMIT] = "time_limit", [SGS_STOP_MEMORY_LIMIT] = "memory_limit"};
     const sgs_train_seconds *s = &run->seconds;
     const struct {
         const char *name;
@@ -316,8 +348,9 @@ static json_t *summary_json(const training *run)
     json_object_set_new(summary, "train_seconds", json_number(run->train_seconds));
     json_object_set_new(summary, "seconds", seconds);
     scaling_add_training(summary, &run->seconds, &run->bytes);
-    json_object_set_new(summary, "skipped", json_pack("{s:I, s:I}", "steps", (json_int_t)run->skipped.steps, "gradients",
-                                                      (json_int_t)run->skipped.gradients));
+    json_object_set_new(summary, "skipped",
+                        json_pack("{s:I, s:I}", "steps", (json_int_t)run->skipped.steps, "gradients",
+                                  (json_int_t)run->skipped.gradients));
     json_object_set_new(summary, "test", split_score_json(&run->test));
     json_object_set_new(summary, "train", split_score_json(&run->train));
     json_object_set_new(summary, "threads", json_integer(sgs_threads()));
@@ -356,7 +389,7 @@ static int train(training *run, bool background_given)
 {
     if (!run_folder_prepare(&run->folder, run->values.output))
         return EXIT_FAILED;
-    if (!load_scene(run, background_given)) {
+    if (!memory_suffices(run) || !load_scene(run, background_given)) {
         run_folder_leave(&run->folder);
         return EXIT_FAILED;
     }
@@ -379,6 +412,11 @@ static int train(training *run, bool background_given)
                    run->values.output, run->iterations, run->values.iterations);
     if (!done || !report(run))
         return EXIT_FAILED;
+    if (run->stop == SGS_STOP_MEMORY_LIMIT)
+        return fail_run(
+            "%s: with %zu primitives the next structural update may need more than --max-memory; the state of "
+            "iteration %d is saved: continue with --resume and more memory, or with --max-gaussians",
+            run->values.output, run->gaussians, run->iterations);
     return interrupt_status();
 }
 

@@ -41,11 +41,14 @@ static void clear_line(void)
 
 static void print_line(const char *prefix, const char *format, va_list args)
 {
+    char text[2048];
+    vsnprintf(text, sizeof text, format, args);
+    for (char *c = text; *c; ++c)
+        if ((unsigned char)*c < 0x20 || *c == 0x7f) // quoted from a file: one line stays one line
+            *c = '?';
     pthread_mutex_lock(&console.lock);
     clear_line();
-    fputs(prefix, stderr);
-    vfprintf(stderr, format, args);
-    fputc('\n', stderr);
+    fprintf(stderr, "%s%s\n", prefix, text);
     pthread_mutex_unlock(&console.lock);
 }
 

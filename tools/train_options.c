@@ -24,6 +24,8 @@ static const option output_options[] = {
      "iterations between two checkpoints of the full state; the last two are kept"},
     {"time-limit", 0, OPTION_DURATION, AT(time_limit), 0, 1e9, "TIME", NULL, "none", NULL,
      "end before this time since the start, with the state saved for --resume: 90s, 45m, 3h55m, 2d12h"},
+    {"max-memory", 0, OPTION_BYTES, AT(max_memory), 1e6, 1e15, "SIZE", NULL, "none", NULL,
+     "refuse a training whose estimate is larger, and save and end one that is about to grow beyond: 500M, 8G"},
     {"resume", 0, OPTION_FLAG, AT(resume), 0, 0, NULL, NULL, NULL, NULL,
      "continue the run in OUT from its newest checkpoint, with the same options; --max-gaussians, --spare-eps-loss, "
      "--spare-eps-count, --spare-patience and, under --schedule paper, --iterations may change"},

@@ -15,7 +15,7 @@ typedef struct train_values {
     int spare_grid, spare_patience, spare_interval, checkpoint_every;
     double time_limit; // seconds, 0 = none
     double alpha_loss, spare_tau_alpha, spare_eps_loss, spare_eps_count;
-    uint64_t max_gaussians, random_points;
+    uint64_t max_gaussians, random_points, max_memory; // max_memory in bytes, 0 = no limit
     color_value background;
     integer_list save_at;
     bool resume;

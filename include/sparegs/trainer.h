@@ -23,7 +23,7 @@ typedef enum sgs_pipeline { SGS_PIPELINE_3DGS = 0 } sgs_pipeline;
 enum { SGS_SPARE_BMD = 1, SGS_SPARE_RAP = 2, SGS_SPARE_EDT = 4, SGS_SPARE_ALL = 7 };
 enum { SGS_DEMAND_H = 1, SGS_DEMAND_V = 2, SGS_DEMAND_C = 4, SGS_DEMAND_ALL = 7 };
 typedef enum sgs_stop_reason { SGS_STOP_NONE = 0, SGS_STOP_SCHEDULE, SGS_STOP_EQUILIBRIUM, SGS_STOP_SIGNAL,
-                               SGS_STOP_TIME_LIMIT } sgs_stop_reason; // the last two are the caller's
+                               SGS_STOP_TIME_LIMIT, SGS_STOP_MEMORY_LIMIT } sgs_stop_reason; // from SIGNAL on: the caller's
 
 typedef struct sgs_train_options {
     int iterations;           // >= 1; 30000
@@ -85,6 +85,10 @@ typedef struct sgs_step_info {
 } sgs_step_info;
 
 typedef struct sgs_trainer sgs_trainer;
+
+// About how many bytes a training of this scene takes at `gaussians` primitives, photographs and the program itself
+// included; within a factor of about 1.5 on real scenes. The scene's images need not be loaded. Cannot fail.
+size_t sgs_train_memory(const sgs_scene *scene, const sgs_train_options *options, size_t gaussians);
 
 // The scene (with loaded images) must outlive the trainer. Options are copied. On failure *trainer is
 // NULL. Fails with INVALID_ARGUMENT (names the option) when an option is out of range.

@@ -19,7 +19,7 @@ enum {
 };
 static const size_t RAY_LIMIT = (size_t)1 << 30;
 
-size_t sgs_train_memory(const sgs_scene *scene, const sgs_train_options *options, size_t gaussians)
+size_t sgs_train_memory(const sgs_scene *scene, const sgs_train_options *options, size_t image_cache, size_t gaussians)
 {
     size_t photographs = 0, largest = 0;
     for (size_t i = 0; i < scene->view_count; ++i) {
@@ -28,6 +28,8 @@ size_t sgs_train_memory(const sgs_scene *scene, const sgs_train_options *options
         photographs += pixels * (scene->has_alpha ? 4 : 3);
         largest = pixels > largest ? pixels : largest;
     }
+    if (image_cache && photographs > image_cache)
+        photographs = image_cache;
     const size_t cap = options->max_gaussians;
     const size_t rows = cap && cap < gaussians ? cap : gaussians;
     const size_t rays = largest * RAY_BYTES * scene->view_count;

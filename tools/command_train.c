@@ -85,8 +85,9 @@ static bool memory_suffices(const training *run)
         return false;
     const sgs_train_options options = train_library_options(&run->values, run->common.seed);
     const size_t count = scene->point_count ? scene->point_count : (size_t)run->values.random_points;
-    const double without = (double)sgs_train_memory(scene, &options, 0);
-    const double needed = (double)sgs_train_memory(scene, &options, count);
+    const size_t cache = (size_t)run->data.cache_bytes;
+    const double without = (double)sgs_train_memory(scene, &options, cache, 0);
+    const double needed = (double)sgs_train_memory(scene, &options, cache, count);
     sgs_scene_destroy(scene);
     const bool enough = needed <= (double)run->values.max_memory;
     if (!enough)
@@ -334,10 +335,11 @@ static json_t *summary_json(const training *run)
     const struct {
         const char *name;
         double value;
-    } phases[] = {{"gather", s->gather},          {"forward", s->forward},     {"loss", s->loss},
-                  {"backward", s->backward},      {"optimizer", s->optimizer}, {"bvh_refit", s->bvh_refit},
-                  {"bvh_build", s->bvh_build},    {"density", s->density},     {"spare", s->spare},
-                  {"image_io", run->load_seconds + s->image_io}};
+    } phases[] = {{"gather", s->gather},       {"forward", s->forward},
+                  {"loss", s->loss},           {"backward", s->backward},
+                  {"optimizer", s->optimizer}, {"bvh_refit", s->bvh_refit},
+                  {"bvh_build", s->bvh_build}, {"density", s->density},
+                  {"spare", s->spare},         {"image_io", run->load_seconds + s->image_io}};
     json_t *summary = json_object(), *seconds = json_object();
     for (size_t i = 0; i < sizeof phases / sizeof *phases; ++i)
         json_object_set_new(seconds, phases[i].name, json_number(phases[i].value));

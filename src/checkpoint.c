@@ -11,6 +11,7 @@
 //   statistics gradient sums, sums of norms, visible counts, largest radii: n each
 //   guesses    the depth guesses, which decide which hidden candidates take part and so the last bits of a step
 //   order      u32 per training view: this epoch's permutation
+//   exposure   colour maps of the views, their moments and steps, in runs that learn them
 //   stop       text: why training ended, empty before that
 //
 // New state is a section more in visit_state(), and nothing else. The BVH is not stored: padded bounds make the hits
@@ -74,6 +75,12 @@ static void visit_state(sgsi_sections *sections, sgs_trainer *trainer, size_t n)
         sgsi_sections_piece(sections, trainer->depth_guesses[i], trainer->tile_counts[i] * sizeof(float));
     sgsi_sections_begin(sections, "order", views * sizeof(uint32_t));
     sgsi_sections_piece(sections, trainer->order, views * sizeof(uint32_t));
+    if (trainer->exposure) {
+        size_t numbers;
+        double *exposure = sgsi_exposure_state(trainer->exposure, &numbers);
+        sgsi_sections_begin(sections, "exposure", numbers * sizeof *exposure);
+        sgsi_sections_piece(sections, exposure, numbers * sizeof *exposure);
+    }
     sgsi_sections_begin(sections, "stop", sizeof trainer->stop_text);
     sgsi_sections_piece(sections, trainer->stop_text, sizeof trainer->stop_text);
 }

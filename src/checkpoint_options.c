@@ -52,13 +52,14 @@ static const option_row rows[] = {
     ROW("spare-eps-count", spare_eps_count, VALUE_DOUBLE, MAY_CHANGE),
     ROW("spare-patience", spare_patience, VALUE_INT, MAY_CHANGE),
     ROW("spare-interval", spare_interval, VALUE_INT, FIXED),
+    ROW("exposure", exposure, VALUE_BOOL, FIXED),
     ROW("alpha-loss", alpha_loss, VALUE_DOUBLE, FIXED),
     ROW("spare-demand", spare_demand, VALUE_UNSIGNED, FIXED),
 };
 enum { ROWS = sizeof rows / sizeof *rows, TEXT_CAPACITY = 96 };
 
 // init and random_points shape the first model only, which the checkpoint replaces.
-_Static_assert(sizeof(void *) != 8 || sizeof(sgs_train_options) == 128,
+_Static_assert(sizeof(void *) != 8 || sizeof(sgs_train_options) == 136,
                "sgs_train_options has changed: give the new option a row above, then correct the size here");
 
 static void value_text(const option_row *row, const sgs_train_options *options, char text[TEXT_CAPACITY])

@@ -341,6 +341,7 @@ static void run_alpha(const channel_block *block, sgsi_loss_sums *sums)
     const sgsi_loss_input *input = block->job->input;
     const size_t plane = (size_t)input->width * (size_t)input->height;
     const vf zero = vf_zero(), one = vf_set1(1.0f), scale = vf_set1(block->job->alpha_scale);
+    const float *transmittance = input->alpha_transmittance ? input->alpha_transmittance : input->transmittance;
     float *d_transmittance = block->job->output->d_transmittance;
     for (int y = block->y; y < block->y + block->height; ++y) {
         vf total = zero;
@@ -348,7 +349,7 @@ static void run_alpha(const channel_block *block, sgsi_loss_sums *sums)
             const int count = block->x + block->width - x;
             const size_t at = (size_t)y * input->stride + (size_t)x, pixel = (size_t)y * (size_t)input->width + (size_t)x;
             const vf alpha = load_values(input->target, 3 * plane + pixel, count);
-            const vf opacity = vf_sub(one, vf_load_u(input->transmittance + at));
+            const vf opacity = vf_sub(one, vf_load_u(transmittance + at));
             const vf e = vf_keep(counted(input, x, y, count), vf_sub(opacity, alpha));
             const vf slope = vf_sub(vf_keep(vf_lt(e, zero), scale), vf_keep(vf_gt(e, zero), scale));
             vf_store_u(d_transmittance + at, vf_add(vf_load_u(d_transmittance + at), slope));

@@ -175,7 +175,10 @@ static sgs_status create_views(sgs_trainer *trainer)
     trainer->planes = sgsi_calloc(trainer->plane_floats, 8 * sizeof(float));
     if (!trainer->planes)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for images of %dx%d pixels", width, height);
-    return sgsi_loss_reserve(trainer->loss, width, height);
+    const sgs_status status = sgsi_loss_reserve(trainer->loss, width, height);
+    if (status || !trainer->options.exposure)
+        return status;
+    return sgsi_exposure_create(trainer->train_view_count, trainer->plane_floats, (size_t)height, &trainer->exposure);
 }
 
 sgs_status sgs_trainer_create(const sgs_scene *scene, const sgs_train_options *options, sgs_trainer **trainer)
@@ -217,6 +220,7 @@ void sgs_trainer_destroy(sgs_trainer *trainer)
         return;
     for (size_t i = 0; trainer->depth_guesses && i < trainer->train_view_count; ++i)
         sgsi_free(trainer->depth_guesses[i]);
+    sgsi_exposure_destroy(trainer->exposure);
     sgsi_loss_destroy(trainer->loss);
     sgsi_ray_cache_destroy(trainer->rays);
     sgsi_tracer_destroy(trainer->tracer);
@@ -329,7 +333,7 @@ static sgs_status evaluate_loss(sgs_trainer *trainer, step_state *step)
     const double start = sgsi_seconds();
     trainer->progress.seconds.image_io += start - begin;
     const sgsi_planes *planes = &step->planes;
-    const sgsi_loss_input input = {.width = planes->width, .height = planes->height, .stride = planes->stride,
+    sgsi_loss_input input = {.width = planes->width, .height = planes->height, .stride = planes->stride,
                                    .color = {planes->color[0], planes->color[1], planes->color[2]},
                                    .transmittance = planes->transmittance,
                                    .background = {step->background[0], step->background[1], step->background[2]},
@@ -337,7 +341,13 @@ static sgs_status evaluate_loss(sgs_trainer *trainer, step_state *step)
                                    .alpha_weight = (float)trainer->options.alpha_loss};
     step->loss = (sgsi_loss_output){.d_color = {step->d_color[0], step->d_color[1], step->d_color[2]},
                                     .d_transmittance = step->d_transmittance};
+    const sgsi_loss_input image = input;
+    if (trainer->exposure)
+        sgsi_exposure_forward(trainer->exposure, step->guess, &input);
     status = sgsi_loss_evaluate(trainer->loss, &input, &step->loss);
+    if (trainer->exposure && !status)
+        sgsi_exposure_backward(trainer->exposure, step->guess, &image, &step->loss,
+                               sgsi_exposure_rate(step->iteration, trainer->options.iterations));
     trainer->progress.seconds.loss += sgsi_seconds() - start;
     return status;
 }
@@ -490,6 +500,14 @@ sgs_status sgs_trainer_step(sgs_trainer *trainer, sgs_step_info *info)
 const sgs_gaussians *sgs_trainer_model(const sgs_trainer *trainer)
 {
     return trainer->model;
+}
+
+const double *sgs_trainer_exposure(const sgs_trainer *trainer, size_t view)
+{
+    for (size_t i = 0; trainer->exposure && i < trainer->train_view_count; ++i)
+        if (trainer->train_views[i] == view)
+            return sgsi_exposure_map(trainer->exposure, i);
+    return NULL;
 }
 
 int sgs_trainer_iteration(const sgs_trainer *trainer)

@@ -5,6 +5,7 @@
 // The trainer's inside, shared by trainer.c (the loop) and checkpoint.c (to disk and back).
 
 #include "density.h"
+#include "exposure.h"
 #include "loss.h"
 #include "numerics.h"
 #include "pipeline.h"
@@ -40,6 +41,7 @@ struct sgs_trainer {
     sgsi_tracer *tracer;
     sgsi_ray_cache *rays;
     sgsi_loss_workspace *loss;
+    sgsi_exposure *exposure; // of train_views; NULL = none
     size_t *train_views; // indices into scene->views
     size_t train_view_count;
     uint32_t *order;     // permutation of train_views of this epoch

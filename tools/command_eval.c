@@ -7,6 +7,7 @@
 
 #include "commands.h"
 #include "evaluate.h"
+#include "exposure_file.h"
 #include "interrupt.h"
 #include "output.h"
 #include "progress.h"
@@ -104,7 +105,7 @@ static bool evaluate_all(const evaluator *judge, sgs_split split, const char *sa
     return print_json(root);
 }
 
-static int evaluate_model(const char *ply_path, const sgs_scene *scene, const drawing_values *drawing,
+static int evaluate_model(const char *ply_path, const json_t *exposures, const sgs_scene *scene, const drawing_values *drawing,
                           const eval_values *values, bool split_given, bool json)
 {
     sgs_split split = splits[values->split];
@@ -117,7 +118,9 @@ static int evaluate_model(const char *ply_path, const sgs_scene *scene, const dr
     if (sgs_ply_read(ply_path, &model))
         return fail_library();
     evaluator judge = {0};
-    const bool done = evaluator_open(&judge, model, scene, drawing) && evaluate_all(&judge, split, values->save, json);
+    bool done = evaluator_open(&judge, model, scene, drawing);
+    judge.exposures = exposures;
+    done = done && evaluate_all(&judge, split, values->save, json);
     evaluator_close(&judge);
     sgs_gaussians_destroy(model);
     return done ? interrupt_status() : EXIT_FAILED;
@@ -158,8 +161,14 @@ int command_eval(int argc, char **argv)
             scene = scene_open(line.operands[1], &data, true);
         if (status < 0 && scene) {
             drawing_settle(&drawing, &line, located.config, scene);
-            status =
-                evaluate_model(located.ply_path, scene, &drawing, &values, option_given(&line, "split"), common.json);
+            char *path = format_text("%s/exposure.json", line.operands[0]);
+            bool damaged = false;
+            json_t *exposures = json_is_true(config_option(located.config, "exposure")) ? exposure_read(path, &damaged) : NULL;
+            if (!damaged)
+                status = evaluate_model(located.ply_path, exposures, scene, &drawing, &values,
+                                        option_given(&line, "split"), common.json);
+            json_decref(exposures);
+            free(path);
         }
     }
     sgs_scene_destroy(scene);

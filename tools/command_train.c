@@ -11,6 +11,7 @@
 
 #include "commands.h"
 #include "evaluate.h"
+#include "exposure_file.h"
 #include "interrupt.h"
 #include "output.h"
 #include "progress.h"
@@ -303,7 +304,10 @@ static bool save_results(training *run)
     sgs_gaussians_hash(model, run->hash);
     if (!run->iterations)
         return true;
-    const bool saved = run_folder_save_model(&run->folder, model, run->iterations);
+    bool saved = run_folder_save_model(&run->folder, model, run->iterations);
+    char *exposure = format_text("%s/exposure.json", run->values.output);
+    saved = exposure_write(exposure, run->scene, run->trainer) && saved;
+    free(exposure);
     if (!stopped_early(run) && !run->values.checkpoint_every)
         return saved;
     return run_folder_save_checkpoint(&run->folder, run->trainer) && saved;
@@ -315,13 +319,19 @@ static bool evaluate(training *run)
     sgs_gaussians *model = NULL;
     evaluator judge = {0};
     const drawing_values drawing = {.filter = run->values.filter, .background = run->values.background};
-    bool done = !sgs_ply_read(path, &model);
+    bool done = !sgs_ply_read(path, &model), damaged = false;
     if (!done)
         fail_library();
-    done = done && evaluator_open(&judge, model, run->scene, &drawing) &&
-           evaluate_split(&judge, SGS_SPLIT_TEST, &run->test) && evaluate_split(&judge, SGS_SPLIT_TRAIN, &run->train);
+    char *exposure_path = format_text("%s/exposure.json", run->values.output);
+    json_t *exposures = run->values.exposure ? exposure_read(exposure_path, &damaged) : NULL;
+    done = done && !damaged && evaluator_open(&judge, model, run->scene, &drawing);
+    judge.exposures = exposures;
+    done = done && evaluate_split(&judge, SGS_SPLIT_TEST, &run->test) &&
+           evaluate_split(&judge, SGS_SPLIT_TRAIN, &run->train);
     evaluator_close(&judge);
     sgs_gaussians_destroy(model);
+    json_decref(exposures);
+    free(exposure_path);
     free(path);
     return done;
 }

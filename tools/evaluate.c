@@ -11,6 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "exposure_file.h"
 #include "interrupt.h"
 #include "output.h"
 #include "progress.h"
@@ -40,41 +41,67 @@ static float photo_value(const sgs_photo *photo, size_t at)
     return photo->pixels ? (float)photo->pixels[at] / 255.0F : sgs_half_value(photo->halves[at]);
 }
 
-// Three planes over the background, encoded for display, as 8-bit values. `behind` is what is left for the background.
-static bool quantise(const evaluator *judge, float *const color[3], const float *behind, int width, int height,
-                     sgs_image8 *out)
+// The photograph over the background: three planes in one block, or NULL after printing the error.
+static float *flatten_photo(const evaluator *judge, const sgs_photo *photo)
+{
+    const size_t pixels = (size_t)photo->width * (size_t)photo->height;
+    float *planes = malloc(3 * pixels * sizeof *planes);
+    if (!planes)
+        fail_run("no memory to compare a photo of %d x %d", photo->width, photo->height);
+    for (size_t i = 0; planes && i < pixels; ++i) {
+        const float alpha = photo->channels > 3 ? photo_value(photo, 3 * pixels + i) : 1.0F;
+        for (size_t c = 0; c < 3; ++c)
+            planes[c * pixels + i] = alpha * photo_value(photo, c * pixels + i) + (1.0F - alpha) * judge->background[c];
+    }
+    return planes;
+}
+
+static bool draw(const evaluator *judge, const sgs_view *view, sgs_frame *frame)
+{
+    if (sgs_frame_create(view->camera.width, view->camera.height, frame) ||
+        sgs_renderer_render(judge->renderer, &view->camera, &view->pose, &judge->render, frame)) {
+        fail_library();
+        return false;
+    }
+    const size_t pixels = (size_t)frame->width * (size_t)frame->height;
+    for (size_t c = 0; c < 3; ++c)
+        for (size_t i = 0; i < pixels; ++i)
+            frame->color[c][i] += frame->transmittance[i] * judge->background[c];
+    return true;
+}
+
+// Encodes for display what is light, and rounds to 8 bit.
+static bool quantise(const evaluator *judge, float *const color[3], int width, int height, sgs_image8 *out)
 {
     const size_t pixels = (size_t)width * (size_t)height;
     for (size_t c = 0; c < 3 && judge->scene->space == SGS_SPACE_LINEAR; ++c)
         for (size_t i = 0; i < pixels; ++i)
-            color[c][i] = sgs_srgb_encode(color[c][i] + behind[i] * judge->background[c]);
-    const bool encoded = judge->scene->space == SGS_SPACE_LINEAR; // and laid over the background
-    if (!sgs_image8_from_planes((const float *const *)color, encoded ? NULL : behind, judge->background, width, height,
-                                out))
+            color[c][i] = sgs_srgb_encode(color[c][i]);
+    if (!sgs_image8_from_planes((const float *const *)color, NULL, NULL, width, height, out))
         return true;
     fail_library();
     return false;
 }
 
-// The photograph over the background.
-static bool flatten_photo(const evaluator *judge, const sgs_photo *photo, sgs_image8 *flat)
+// Gives the drawn image the exposure of its photograph. *half receives the pixels to judge where the other half was used
+// up to find it.
+static bool expose(const evaluator *judge, const sgs_view *view, float *const drawn[3], float *const photo[3],
+                   const uint16_t *keep, uint16_t **half)
 {
-    const size_t pixels = (size_t)photo->width * (size_t)photo->height;
-    float *planes = malloc(4 * pixels * sizeof *planes);
-    if (!planes) {
-        fail_run("no memory to compare a photo of %d x %d", photo->width, photo->height);
-        return false;
+    double map[12];
+    const int width = view->camera.width, height = view->camera.height;
+    if (!judge->exposures)
+        return true;
+    if (!exposure_find(judge->exposures, view->name, map)) {
+        exposure_fit(drawn, photo, keep, width, height, map);
+        *half = exposure_right_half(keep, width, height);
+        if (!*half) {
+            fail_run("no memory to compare a photo of %d x %d", width, height);
+            return false;
+        }
     }
-    for (size_t i = 0; i < pixels; ++i) {
-        const float alpha = photo->channels > 3 ? photo_value(photo, 3 * pixels + i) : 1.0F;
-        for (size_t c = 0; c < 3; ++c)
-            planes[c * pixels + i] = alpha * photo_value(photo, c * pixels + i);
-        planes[3 * pixels + i] = 1.0F - alpha;
-    }
-    float *const color[3] = {planes, planes + pixels, planes + 2 * pixels};
-    const bool done = quantise(judge, color, planes + 3 * pixels, photo->width, photo->height, flat);
-    free(planes);
-    return done;
+    exposure_apply(drawn, (size_t)width * (size_t)height, map);
+    return true;
 }
 
 bool evaluate_view(const evaluator *judge, const sgs_view *view, view_score *score, sgs_image8 *drawn,
@@ -83,21 +110,27 @@ bool evaluate_view(const evaluator *judge, const sgs_view *view, view_score *sco
     sgs_image8 images[2] = {0};
     sgs_frame frame = {0};
     const sgs_photo *source = NULL;
+    uint16_t *half = NULL;
     bool done = !sgs_scene_photo(judge->scene, (size_t)(view - judge->scene->views), &source);
     if (!done)
         fail_library();
-    done = done && flatten_photo(judge, source, &images[1]);
-    if (done) {
-        done = !sgs_frame_create(view->camera.width, view->camera.height, &frame) &&
-               !sgs_renderer_render(judge->renderer, &view->camera, &view->pose, &judge->render, &frame);
-        if (!done)
-            fail_library();
-        done = done && quantise(judge, frame.color, frame.transmittance, frame.width, frame.height, &images[0]);
+    float *planes = done ? flatten_photo(judge, source) : NULL;
+    if (planes) {
+        const size_t pixels = (size_t)source->width * (size_t)source->height;
+        float *const color[3] = {planes, planes + pixels, planes + 2 * pixels};
+        done = draw(judge, view, &frame) && expose(judge, view, frame.color, color, source->keep, &half) &&
+               quantise(judge, color, source->width, source->height, &images[1]) &&
+               quantise(judge, frame.color, frame.width, frame.height, &images[0]);
     }
+    done = done && planes;
     sgs_frame_free(&frame);
-    if (done)
-        *score = (view_score){sgs_psnr_masked(&images[0], &images[1], source->keep),
-                              sgs_ssim_masked(&images[0], &images[1], source->keep)};
+    free(planes);
+    if (done) {
+        const uint16_t *keep = half ? half : source->keep;
+        *score = (view_score){sgs_psnr_masked(&images[0], &images[1], keep),
+                              sgs_ssim_masked(&images[0], &images[1], keep)};
+    }
+    free(half);
     sgs_image8 *const out[2] = {drawn, photo};
     for (int k = 0; k < 2; ++k) {
         if (out[k] && done)

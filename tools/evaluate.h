@@ -15,6 +15,7 @@ typedef struct evaluator {
     sgs_renderer *renderer;
     sgs_render_options render;
     float background[3];
+    const json_t *exposures; // of OUT/exposure.json, or NULL; set it after opening
 } evaluator;
 
 // Builds the renderer over a model, which must outlive the evaluator. False after printing the error.

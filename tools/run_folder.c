@@ -96,6 +96,7 @@ static bool remove_file(const run_folder *folder, const char *name)
 bool run_folder_clear(const run_folder *folder)
 {
     static const char *const names[] = {"summary.json",
+                                        "exposure.json",
                                         "train.csv",
                                         "spare.csv",
                                         "checkpoint/state.bin",

@@ -53,6 +53,8 @@ static const option training_options[] = {
      "start from this 3DGS model (PLY file or folder of a run) instead of the point cloud"},
     {"alpha-loss", 0, OPTION_REAL, AT(alpha_loss), 0, 1000, "W", "0", "0 = none", NULL,
      "weight of the mean difference between the model's opacity and the images' alpha channel"},
+    {"exposure", 0, OPTION_FLAG, AT(exposure), 0, 0, NULL, NULL, NULL, NULL,
+     "learn what exposure and white balance did to each image: a 3 x 4 map of its colours, in exposure.json"},
     {"random-points", 0, OPTION_COUNT, AT(random_points), 1, 100000000, "N", "100000", NULL, NULL,
      "size of the random cloud for a scene without points"},
 };
@@ -115,6 +117,7 @@ sgs_train_options train_library_options(const train_values *values, uint64_t see
     options.spare_interval = values->spare_interval;
     options.spare_demand = values->spare_demand;
     options.alpha_loss = values->alpha_loss;
+    options.exposure = values->exposure;
     options.random_points = (size_t)values->random_points;
     return options;
 }
@@ -179,6 +182,7 @@ static json_t *shaping_options(const train_values *values, const scene_values *s
     set_text(options, "init", values->init);
     set_integer(options, "random_points", values->random_points);
     json_object_set_new(options, "alpha_loss", json_real(values->alpha_loss));
+    json_object_set_new(options, "exposure", json_boolean(values->exposure));
     set_bits(options, "spare", values->spare, spare_names);
     set_integer(options, "spare_grid", (uint64_t)values->spare_grid);
     json_object_set_new(options, "spare_tau_alpha", json_real(values->spare_tau_alpha));

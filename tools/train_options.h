@@ -18,7 +18,7 @@ typedef struct train_values {
     uint64_t max_gaussians, random_points, max_memory; // max_memory in bytes, 0 = no limit
     color_value background;
     integer_list save_at;
-    bool resume;
+    bool resume, exposure;
 } train_values;
 
 // Three groups: output, training, SPARE-GS, all filling one struct.

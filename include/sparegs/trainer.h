@@ -46,6 +46,7 @@ typedef struct sgs_train_options {
     unsigned spare_demand;    // SGS_DEMAND_ bits; all
     const sgs_gaussians *init; // start from this model (copied) instead of the point cloud; NULL
     double alpha_loss;        // weight of the loss that draws opacity towards an alpha channel; 0 = none
+    bool exposure;            // learn an affine map of colours per training image (3DGS's exposure compensation)
     size_t random_points;     // size of the random cloud when the scene has no points; 100000
 } sgs_train_options;
 
@@ -102,6 +103,8 @@ sgs_status sgs_trainer_step(sgs_trainer *trainer, sgs_step_info *info);
 // The model as it stands; owned by the trainer, invalidated by the next step. Row order changes at structural updates.
 const sgs_gaussians *sgs_trainer_model(const sgs_trainer *trainer);
 int sgs_trainer_iteration(const sgs_trainer *trainer);
+// The colour map of a training view, row-major 3 x 4 (mapped = A image + b), owned by the trainer; NULL when none is learned.
+const double *sgs_trainer_exposure(const sgs_trainer *trainer, size_t view);
 sgs_train_seconds sgs_trainer_seconds(const sgs_trainer *trainer);
 sgs_train_bytes sgs_trainer_bytes(const sgs_trainer *trainer);
 

@@ -164,7 +164,9 @@ static bool draw(rendering *job, const char *name, const sgs_camera *camera, con
                          .aovs = values->aovs,
                          .axis_depth = options.axis_depth,
                          .encoding = (exr_encoding)values->encoding,
-                         .compression = (sgs_exr_compression)values->compression};
+                         .compression = (sgs_exr_compression)values->compression,
+                         .space = job->drawing->space,
+                         .white = (float)job->drawing->white};
     memcpy(files.background, job->drawing->background.rgb, sizeof files.background);
     const double start = clock_seconds();
     bool done = prepare_frame(job, camera) &&

@@ -57,19 +57,20 @@ unsigned aov_planes(unsigned aovs)
     return planes;
 }
 
-static float srgb_to_linear(float value)
+// The light that a trained colour stands for.
+static float light_of(const frame_files *files, float value)
 {
-    return value <= 0.04045F ? value / 12.92F : powf((value + 0.055F) / 1.055F, 2.4F);
+    return files->white * (files->space == SGS_SPACE_LINEAR ? value : sgs_srgb_decode(value));
 }
 
-static void linearise(sgs_frame *frame)
+static void linearise(const frame_files *files, sgs_frame *frame)
 {
     const size_t pixels = (size_t)frame->width * (size_t)frame->height;
     for (size_t i = 0; i < pixels; ++i) {
         const float alpha = 1 - frame->transmittance[i];
         for (int c = 0; c < 3; ++c) {
             float *value = &frame->color[c][i];
-            *value = alpha > 0 ? alpha * srgb_to_linear(*value / alpha) : 0;
+            *value = alpha > 0 ? alpha * light_of(files, *value / alpha) : 0;
         }
     }
 }
@@ -175,7 +176,7 @@ bool frame_write_exr(const frame_files *files, sgs_frame *frame)
         hits[i] = frame->hits ? (uint32_t)(frame->hits[i] + 0.5F) : 0;
     }
     if (files->encoding == EXR_LINEAR && files->aovs & AOV_RGBA && written)
-        linearise(frame);
+        linearise(files, frame);
     written = written && write_exr(files, path, frame, alpha, hits);
     free(path);
     free(alpha);
@@ -216,17 +217,18 @@ deep_file *deep_file_open(const frame_files *files, const sgs_frame *frame, int 
 }
 
 // Display to scene-linear: see above.
-static void linearise_samples(sgs_deep_sample *samples, size_t count, const float flat[3], float alpha)
+static void linearise_samples(const frame_files *files, sgs_deep_sample *samples, size_t count, const float flat[3],
+                              float alpha)
 {
     for (int c = 0; c < 3; ++c) {
         double sum = 0, through = 1;
         for (size_t k = 0; k < count; ++k) {
             float *value = &samples[k].color[c];
-            *value = samples[k].alpha > 0 ? samples[k].alpha * srgb_to_linear(*value / samples[k].alpha) : 0;
+            *value = samples[k].alpha > 0 ? samples[k].alpha * light_of(files, *value / samples[k].alpha) : 0;
             sum += through * (double)*value;
             through *= 1 - (double)samples[k].alpha;
         }
-        const double wanted = alpha > 0 ? (double)(alpha * srgb_to_linear(flat[c] / alpha)) : 0;
+        const double wanted = alpha > 0 ? (double)(alpha * light_of(files, flat[c] / alpha)) : 0;
         const float scale = sum > 0 ? (float)(wanted / sum) : 0;
         for (size_t k = 0; k < count; ++k)
             samples[k].color[c] *= scale;
@@ -255,7 +257,7 @@ sgs_status deep_file_rows(void *context, int y, int rows, const uint32_t *counts
     sgs_deep_sample *at = file->samples;
     for (size_t i = 0; i < pixels; at += counts[i++]) {
         const float flat[3] = {frame->color[0][first + i], frame->color[1][first + i], frame->color[2][first + i]};
-        linearise_samples(at, counts[i], flat, 1 - frame->transmittance[first + i]);
+        linearise_samples(file->files, at, counts[i], flat, 1 - frame->transmittance[first + i]);
     }
     return sgs_exr_deep_write(file->exr, rows, counts, file->samples);
 }
@@ -317,8 +319,13 @@ static bool write_plane(const frame_files *files, const char *suffix, const sgs_
 static bool write_rgb(const frame_files *files, const sgs_frame *frame)
 {
     sgs_image8 image = {0};
-    if (!sgs_image8_from_planes((const float *const *)frame->color, frame->transmittance, files->background,
-                                frame->width, frame->height, &image))
+    const bool light = files->space == SGS_SPACE_LINEAR;
+    const size_t pixels = (size_t)frame->width * (size_t)frame->height;
+    for (size_t c = 0; c < 3 && light; ++c) // display values over the background, in place
+        for (size_t i = 0; i < pixels; ++i)
+            frame->color[c][i] = sgs_srgb_encode(frame->color[c][i] + frame->transmittance[i] * files->background[c]);
+    if (!sgs_image8_from_planes((const float *const *)frame->color, light ? NULL : frame->transmittance,
+                                files->background, frame->width, frame->height, &image))
         return write_image(files, ".png", &image);
     fail_library();
     return false;

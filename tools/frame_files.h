@@ -37,6 +37,8 @@ typedef struct frame_files {
     exr_encoding encoding;           // EXR only
     sgs_exr_compression compression; // EXR only
     float background[3];             // PNG only
+    sgs_space space;                 // of the frame's colours
+    float white;                     // light that is 1 in them
 } frame_files;
 
 // Opens FOLDER/STEM.deep.exr. NULL after printing the error.

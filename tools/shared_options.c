@@ -179,7 +179,7 @@ static const option drawing_options[] = {
 
 option_group drawing_group(drawing_values *values)
 {
-    *values = (drawing_values){0};
+    *values = (drawing_values){.white = 1};
     return (option_group){.title = "Drawing",
                           .options = drawing_options,
                           .count = sizeof drawing_options / sizeof *drawing_options,
@@ -191,6 +191,10 @@ void drawing_settle(drawing_values *values, const command_line *line, const json
     const char *filter = json_string_value(config_option(config, "filter"));
     if (!option_given(line, "filter") && filter && !strcmp(filter, "none"))
         values->filter = SGS_FILTER_NONE;
+    const char *space = json_string_value(config_option(config, "train_space"));
+    values->space = space && !strcmp(space, "linear") ? SGS_SPACE_LINEAR : SGS_SPACE_SRGB;
+    const double white = json_number_value(config_option(config, "white"));
+    values->white = white > 0 ? white : 1;
     if (option_given(line, "background"))
         return;
     const json_t *background = config_option(config, "background");

@@ -125,15 +125,20 @@ static void backward_row(void *context, size_t y, int thread)
 }
 
 void sgsi_exposure_backward(sgsi_exposure *exposure, size_t index, const sgsi_loss_input *image,
-                            sgsi_loss_output *output, double rate)
+                            sgsi_loss_output *output)
 {
-    exposure_state *state = &exposure->states[index];
-    exposure_job job = {.exposure = exposure, .map = state->map, .image = image, .output = output};
+    exposure_job job = {
+        .exposure = exposure, .map = exposure->states[index].map, .image = image, .output = output};
     sgsi_parallel_for((size_t)image->height, 8, backward_row, &job);
     memset(exposure->gradient, 0, sizeof exposure->gradient);
     for (int y = 0; y < image->height; ++y)
         for (int i = 0; i < SGSI_EXPOSURE; ++i)
             exposure->gradient[i] += exposure->rows[y][i];
+}
+
+void sgsi_exposure_step(sgsi_exposure *exposure, size_t index, double rate)
+{
+    exposure_state *state = &exposure->states[index];
     state->steps += 1;
     for (int i = 0; i < SGSI_EXPOSURE; ++i) {
         const double g = exposure->gradient[i];

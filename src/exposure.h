@@ -21,9 +21,11 @@ void sgsi_exposure_destroy(sgsi_exposure *exposure); // accepts NULL
 void sgsi_exposure_forward(sgsi_exposure *exposure, size_t index, sgsi_loss_input *input);
 
 // Gradients of the mapped image in output->d_color become those of the image, with dL/dT; `image` is what forward was
-// given. Then one step of Adam (0.9, 0.999) on the map, at the given rate.
-void sgsi_exposure_backward(sgsi_exposure *exposure, size_t index, const sgsi_loss_input *image,
-                            sgsi_loss_output *output, double rate);
+// given. Keeps dL/dmap for the step.
+void sgsi_exposure_backward(sgsi_exposure *exposure, size_t index, const sgsi_loss_input *image, sgsi_loss_output *output);
+
+// One step of Adam (0.9, 0.999) on the map, by the gradient of the last backward call.
+void sgsi_exposure_step(sgsi_exposure *exposure, size_t index, double rate);
 
 // 0.01 falling to 0.001, log-linear, over the iterations (3DGS's rates).
 double sgsi_exposure_rate(int iteration, int iterations);

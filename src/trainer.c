@@ -346,8 +346,7 @@ static sgs_status evaluate_loss(sgs_trainer *trainer, step_state *step)
         sgsi_exposure_forward(trainer->exposure, step->guess, &input);
     status = sgsi_loss_evaluate(trainer->loss, &input, &step->loss);
     if (trainer->exposure && !status)
-        sgsi_exposure_backward(trainer->exposure, step->guess, &image, &step->loss,
-                               sgsi_exposure_rate(step->iteration, trainer->options.iterations));
+        sgsi_exposure_backward(trainer->exposure, step->guess, &image, &step->loss);
     trainer->progress.seconds.loss += sgsi_seconds() - start;
     return status;
 }
@@ -471,6 +470,8 @@ sgs_status sgs_trainer_step(sgs_trainer *trainer, sgs_step_info *info)
     sgs_status status = trace_forward(trainer, &step);
     if (!status)
         status = evaluate_loss(trainer, &step);
+    if (!status && trainer->exposure)
+        sgsi_exposure_step(trainer->exposure, step.guess, sgsi_exposure_rate(iteration, trainer->options.iterations));
     if (!status)
         status = sgsi_tracer_backward(trainer->tracer, &step.view, &step.planes, step.d_color, step.d_transmittance);
     if (status)

@@ -69,7 +69,7 @@ static void free_fixture(fixture *f)
     sgsi_exposure_destroy(f->exposure);
 }
 
-// The loss of the mapped image, and with `gradients` its way back (at rate 0: the map stays).
+// The loss of the mapped image, and with `gradients` its way back.
 static double evaluate(fixture *f, bool gradients)
 {
     const sgsi_loss_input image = {.width = WIDTH,
@@ -86,7 +86,7 @@ static double evaluate(fixture *f, bool gradients)
     sgsi_exposure_forward(f->exposure, 0, &input);
     assert_int_equal(sgsi_loss_evaluate(f->workspace, &input, &output), SGS_STATUS_OK);
     if (gradients)
-        sgsi_exposure_backward(f->exposure, 0, &image, &output, 0);
+        sgsi_exposure_backward(f->exposure, 0, &image, &output);
     return output.loss;
 }
 

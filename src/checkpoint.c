@@ -12,6 +12,8 @@
 //   guesses    the depth guesses, which decide which hidden candidates take part and so the last bits of a step
 //   order      u32 per training view: this epoch's permutation
 //   exposure   colour maps of the views, their moments and steps, in runs that learn them
+//   pending    gradients that wait for a step, as blocks, then the rows that have some; in runs whose pipeline batches steps
+//   filter_3d  Mip-Splatting's, n floats, in runs with its pixel filter
 //   stop       text: why training ended, empty before that
 //
 // New state is a section more in visit_state(), and nothing else. The BVH is not stored: padded bounds make the hits
@@ -80,6 +82,16 @@ static void visit_state(sgsi_sections *sections, sgs_trainer *trainer, size_t n)
         double *exposure = sgsi_exposure_state(trainer->exposure, &numbers);
         sgsi_sections_begin(sections, "exposure", numbers * sizeof *exposure);
         sgsi_sections_piece(sections, exposure, numbers * sizeof *exposure);
+    }
+    if (trainer->pending) {
+        visit_blocks(sections, "pending", trainer->pending, n);
+        const size_t bytes = (n + SGS_LANES - 1) / SGS_LANES * 2 * sizeof *trainer->pending_rows;
+        sgsi_sections_begin(sections, "pending_rows", bytes);
+        sgsi_sections_piece(sections, trainer->pending_rows, bytes);
+    }
+    if (trainer->filter_3d) {
+        sgsi_sections_begin(sections, "filter_3d", n * sizeof *trainer->filter_3d);
+        sgsi_sections_piece(sections, trainer->filter_3d, n * sizeof *trainer->filter_3d);
     }
     sgsi_sections_begin(sections, "stop", sizeof trainer->stop_text);
     sgsi_sections_piece(sections, trainer->stop_text, sizeof trainer->stop_text);
@@ -160,7 +172,8 @@ static sgs_status check_progress(sgsi_sections *sections, const sgs_trainer *tra
 {
     const size_t views = trainer->train_view_count;
     if (progress->iteration < 0 || progress->iteration > 10000000 || progress->adam_step < 0 || progress->adam_step > progress->iteration ||
-        progress->order_position > views || progress->stop < SGS_STOP_NONE || progress->stop > SGS_STOP_SIGNAL)
+        progress->order_position > views || progress->stop < SGS_STOP_NONE || progress->stop > SGS_STOP_SIGNAL ||
+        progress->resolution < 0 || progress->resolution > 8 || progress->updates < 0)
         return sgsi_fail(SGS_STATUS_FORMAT, "%s: a counter in section 'progress' is out of range", sections->path);
     size_t bytes;
     const uint8_t *order = sgsi_sections_find(sections, "order", &bytes);
@@ -239,7 +252,18 @@ static sgs_status make_room(sgs_trainer *trainer, size_t n, const char *path)
     trainer->model = model;
     trainer->m = m;
     trainer->v = v;
-    return SGS_STATUS_OK;
+    status = sgsi_trainer_reserve_pending(trainer);
+    return status ? status : sgsi_trainer_update_filter_3d(trainer); // for the memory; the values come from the file
+}
+
+// The images of the resolution that was in force, where the pipeline changes it. Forgets the depth guesses: before reading.
+static sgs_status restore_resolution(sgs_trainer *trainer, sgsi_sections *sections)
+{
+    size_t bytes;
+    const uint8_t *content = sgsi_sections_find(sections, "progress", &bytes);
+    sgsi_progress progress;
+    memcpy(&progress, content, sizeof progress);
+    return progress.resolution ? sgsi_trainer_set_resolution(trainer, progress.resolution) : SGS_STATUS_OK;
 }
 
 sgs_status sgs_trainer_load_checkpoint(sgs_trainer *trainer, const char *path)
@@ -252,6 +276,8 @@ sgs_status sgs_trainer_load_checkpoint(sgs_trainer *trainer, const char *path)
     status = check(&sections, trainer, &n);
     if (!status)
         status = make_room(trainer, n, path);
+    if (!status)
+        status = restore_resolution(trainer, &sections);
     if (!status) {
         sections.pass = SGSI_SECTIONS_READ;
         visit_state(&sections, trainer, n);

@@ -55,11 +55,21 @@ static const option_row rows[] = {
     ROW("exposure", exposure, VALUE_BOOL, FIXED),
     ROW("alpha-loss", alpha_loss, VALUE_DOUBLE, FIXED),
     ROW("spare-demand", spare_demand, VALUE_UNSIGNED, FIXED),
+    ROW("spare-phi", spare_phi, VALUE_INT, FIXED),
+    ROW("spare-budget", spare_budget, VALUE_DOUBLE, FIXED),
+    ROW("spare-target", spare_target, VALUE_INT, FIXED),
+    ROW("taming-multiplier", pipeline_options.taming_multiplier, VALUE_DOUBLE, FIXED),
+    ROW("taming-count", pipeline_options.taming_count, VALUE_SIZE, FIXED),
+    ROW("taming-opacity", pipeline_options.taming_frozen, VALUE_BOOL, FIXED),
+    ROW("dash-count", pipeline_options.dash_count, VALUE_SIZE, FIXED),
+    ROW("fastgs-loss", pipeline_options.fastgs_loss, VALUE_DOUBLE, FIXED),
+    ROW("fastgs-gradient", pipeline_options.fastgs_gradient, VALUE_DOUBLE, FIXED),
+    ROW("fastgs-dense", pipeline_options.fastgs_dense, VALUE_DOUBLE, FIXED),
 };
 enum { ROWS = sizeof rows / sizeof *rows, TEXT_CAPACITY = 96 };
 
 // init and random_points shape the first model only, which the checkpoint replaces.
-_Static_assert(sizeof(void *) != 8 || sizeof(sgs_train_options) == 136,
+_Static_assert(sizeof(void *) != 8 || sizeof(sgs_train_options) == 208,
                "sgs_train_options has changed: give the new option a row above, then correct the size here");
 
 static void value_text(const option_row *row, const sgs_train_options *options, char text[TEXT_CAPACITY])

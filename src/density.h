@@ -23,8 +23,22 @@ sgs_status sgsi_statistics_reserve(sgsi_statistics *statistics, size_t capacity)
 void sgsi_statistics_clear(sgsi_statistics *statistics, size_t count);
 void sgsi_statistics_free(sgsi_statistics *statistics);
 
+// What a pipeline carries from update to update; saved with the run.
+typedef struct sgsi_pipeline_state {
+    int64_t initial_count; // primitives the run started from
+    int64_t momentum;      // DashGaussian's budget above initial_count
+} sgsi_pipeline_state;
+
 typedef struct sgsi_density_options {
     const struct sgsi_pipeline *pipeline;
+    const struct sgs_train_options *train; // for the pipeline's own switches; may be NULL for 3dgs
+    sgsi_pipeline_state *state;            // may be NULL for 3dgs
+    double extent;
+    int update, update_count;              // this is the update-th (from 0) of so many
+    int until, interval;                   // of the schedule, iterations
+    int resolution;                        // down-scaling of the images in force, >= 1
+    bool final_prune;                      // after the densification: removes only
+    const float *importance, *expendable;  // [count] scores from views, for pipelines that ask for them
     double gradient_threshold; // tau, 2e-4
     double opacity_min;        // 0.005
     double size_split;         // scales above this are split, below cloned: 0.01 * extent

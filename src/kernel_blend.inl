@@ -375,7 +375,20 @@ static inline vf weigh_block(const sgsi_scratch *s, const block_elements *el, co
     return end;
 }
 
-static void backward_block(sgsi_scratch *s, const sgsi_tile_list *list, sgsi_tile_target *target, int b)
+// The gradient with respect to the projected centre is proportional to v (a A + b B - E C), x and y in camera axes
+// (kernel_optimize.inl: transverse). Rows A, B, C of element `index`, from its untransformed record.
+static inline void absolute_terms(const sgsi_scratch *s, uint32_t index, vf va, vf vb, vf ve, vf terms[16])
+{
+    const float *record = s->soa + (size_t)(index / 16) * 256 + index % 16;
+    for (int axis = 0; axis < 2; ++axis) {
+        const vf a = vf_set1(record[16 * (SGSI_RECORD_A + axis)]), b = vf_set1(record[16 * (SGSI_RECORD_B + axis)]);
+        const vf c = vf_set1(record[16 * (SGSI_RECORD_C + axis)]);
+        terms[SGSI_SUM_ABSOLUTE + axis] = vf_abs(vf_fma(va, a, vf_fms(vb, b, vf_mul(ve, c))));
+    }
+}
+
+static inline __attribute__((always_inline)) void backward_block(sgsi_scratch *s, const sgsi_tile_list *list,
+                                                                 sgsi_tile_target *target, int b, bool absolute)
 {
     const vf one = vf_set1(1.0f), zero = vf_zero();
     uint32_t *order = list->elements + list->block_begin[b];
@@ -401,17 +414,19 @@ static void backward_block(sgsi_scratch *s, const sgsi_tile_list *list, sgsi_til
         const vf v = vf_keep(counted, vf_sub(q, hidden));
         run = vf_add(run, q);
         const vf va = vf_mul(v, a), vb = vf_mul(v, bb), ve = vf_mul(v, e);
-        const vf terms[16] = {vf_mul(w, d.color[0]), vf_mul(w, d.color[1]), vf_mul(w, d.color[2]), v, va, vb, ve,
-                              vf_mul(va, a), vf_mul(va, bb), vf_mul(vb, bb), vf_mul(va, e), vf_mul(vb, e), vf_mul(ve, e),
-                              vf_keep(counted, one), zero, zero};
+        vf terms[16] = {vf_mul(w, d.color[0]), vf_mul(w, d.color[1]), vf_mul(w, d.color[2]), v, va, vb, ve,
+                        vf_mul(va, a), vf_mul(va, bb), vf_mul(vb, bb), vf_mul(va, e), vf_mul(vb, e), vf_mul(ve, e),
+                        vf_keep(counted, one), zero, zero};
+        if (absolute)
+            absolute_terms(s, order[i], va, vb, ve, terms);
         float *sum = sums + 16 * (size_t)order[i];
         vf_store(sum, vf_add(vf_load(sum), vf_sum16(terms)));
     }
 }
 
-static void tile_backward(sgsi_scratch *s, const sgsi_tile_list *list, sgsi_tile_target *target)
+static void load_tile_records(sgsi_scratch *s, const sgsi_tile_list *list, const sgsi_tile_rays *rays)
 {
-    const tile_frame16 frame = broadcast_frame(target->rays->frame);
+    const tile_frame16 frame = broadcast_frame(rays->frame);
     for (size_t i = 0; i < list->count; i += 16) {
         vf r[16];
         tile_coefficients(s->soa + i * 16, &frame, r);
@@ -420,7 +435,20 @@ static void tile_backward(sgsi_scratch *s, const sgsi_tile_list *list, sgsi_tile
         for (size_t k = 0; k < 16 && i + k < list->count; ++k)
             vf_store(s->tile_records + 16 * (i + k), r[k]);
     }
+}
+
+static void tile_backward(sgsi_scratch *s, const sgsi_tile_list *list, sgsi_tile_target *target)
+{
+    load_tile_records(s, list, target->rays);
     memset(s->sums, 0, list->count * SGSI_RECORD * sizeof *s->sums);
     for (int b = 0; b < SGSI_BLOCKS; ++b)
-        backward_block(s, list, target, b);
+        backward_block(s, list, target, b, false);
+}
+
+static void tile_backward_absolute(sgsi_scratch *s, const sgsi_tile_list *list, sgsi_tile_target *target)
+{
+    load_tile_records(s, list, target->rays);
+    memset(s->sums, 0, list->count * SGSI_RECORD * sizeof *s->sums);
+    for (int b = 0; b < SGSI_BLOCKS; ++b)
+        backward_block(s, list, target, b, true);
 }

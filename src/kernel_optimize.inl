@@ -166,6 +166,17 @@ static inline vf transverse_norm(const sgsi_optimize *input, const gaussian16 *g
     return vf_keep(vf_gt(g->delta.z, vf_set1(0.2f)), norm);
 }
 
+// The same from sums of absolute values over pixels. What the sums leave out: 1 / (h |delta|), and the way to NDC units.
+static inline vf absolute_gradient(const sgsi_optimize *input, const gaussian16 *g, const vf sums[16])
+{
+    const bool fisheye = input->view.rays->fisheye;
+    const vf unit = vf_div(vf_mul(fisheye ? g->distance : g->delta.z, vf_set1(1.0f / SGSI_HALF_LOG2E)), g->distance);
+    const vf x = vf_mul(vf_mul(sums[SGSI_SUM_ABSOLUTE], unit), vf_set1(input->tan_half_x));
+    const vf y = vf_mul(vf_mul(sums[SGSI_SUM_ABSOLUTE + 1], unit), vf_set1(fisheye ? input->tan_half_x : input->tan_half_y));
+    const vf total = input->absolute_norm ? vf_sqrt(vf_fma(x, x, vf_mul(y, y))) : vf_add(x, y);
+    return fisheye ? total : vf_keep(vf_gt(g->delta.z, vf_set1(0.2f)), total);
+}
+
 typedef struct adam16 {
     vf beta1, beta2, one_minus1, one_minus2, correction2, epsilon;
     float correction1;
@@ -208,6 +219,8 @@ static inline void step_block(const sgsi_optimize *input, size_t block, vm rows,
 #undef SGSI_STEP
 }
 
+#include "kernel_pending.inl"
+
 static inline void write_gradients(const sgsi_optimize *input, size_t block, const gradient16 *d)
 {
     float *out = input->gradients + block * SGS_PARAM_COUNT * 16;
@@ -242,7 +255,8 @@ static size_t optimize(const sgsi_optimize *input, size_t begin, size_t end)
     size_t broken = 0;
     for (size_t block = begin; block < end; ++block) {
         const unsigned visible = input->visible ? input->visible[block] : 0;
-        if (!input->touched[block] && !input->dense && !input->gradients && !(visible && input->apply))
+        const bool waits = input->pending && (input->pending_rows[2 * block] || input->pending_rows[2 * block + 1]);
+        if (!input->touched[block] && !input->dense && !input->gradients && !(visible && input->apply) && !waits)
             continue;
         const size_t left = input->count - 16 * block;
         const vm present = vm_from_bits(left >= 16 ? 0xFFFFu : (1u << left) - 1u);
@@ -266,8 +280,14 @@ static size_t optimize(const sgsi_optimize *input, size_t begin, size_t end)
             float *sum = input->gradient_sum + 16 * block;
             vf_store(sum, vf_add(vf_load(sum), vf_keep(vm_and(seen, finite), transverse_norm(input, &g, &d))));
         }
+        if (input->absolute_sum) {
+            float *sum = input->absolute_sum + 16 * block;
+            vf_store(sum, vf_add(vf_load(sum), vf_keep(vm_and(seen, finite), absolute_gradient(input, &g, sums))));
+        }
         const vm sparse = vm_and(vm_or(seen, vm_from_bits(visible)), present);
-        if (input->apply)
+        if (input->apply && input->pending)
+            step_pending(input, block, vm_and(finite, input->dense ? present : sparse), &d);
+        else if (input->apply)
             step_block(input, block, vm_and(finite, input->dense ? present : sparse), &d);
     }
     return broken;

@@ -14,6 +14,7 @@
 #include "kernel_tile.inl"
 #include "kernel_sort.inl"
 #include "kernel_blend.inl"
+#include "kernel_score.inl"
 #include "kernel_optimize.inl"
 
 const sgsi_kernels SGSI_KERNEL(sgsi_kernels) = {
@@ -30,5 +31,7 @@ const sgsi_kernels SGSI_KERNEL(sgsi_kernels) = {
     .tile_sort = tile_sort,
     .tile_forward = tile_forward,
     .tile_backward = tile_backward,
+    .tile_backward_absolute = tile_backward_absolute,
+    .tile_score = tile_score,
     .optimize = optimize,
 };

@@ -81,6 +81,12 @@ typedef struct sgsi_tile_target {
     uint64_t evaluations, counted; // out, added to: block evaluations and counted hits
 } sgsi_tile_target;
 
+// What a scoring pass reads besides a tile's lists.
+typedef struct sgsi_score_planes {
+    const float *weight;  // of every pixel, [height][stride]
+    const float *centers; // [count][2] projected means in pixels, or NULL: no distances
+} sgsi_score_planes;
+
 // ---- per step: sums -> gradients -> Adam ----
 typedef struct sgsi_optimize {
     float *params, *m, *v; // model layout
@@ -95,7 +101,14 @@ typedef struct sgsi_optimize {
     float beta1, beta2, epsilon;
     float correction1, correction2; // 1 / (1 - beta1^t), 1 / sqrt(1 - beta2^t); 1 without bias correction
     float *gradient_sum;    // a_i, or NULL
+    float *absolute_sum;    // the same from SGSI_SUM_ABSOLUTE, or NULL
+    bool absolute_norm;     // the 2-norm over both axes instead of the sum
     float tan_half_x, tan_half_y;
+    // Gradients that add up before a step; pending is NULL where every iteration steps.
+    float *pending;         // model layout
+    uint16_t *pending_rows; // [capacity / 16][2]: rows seen since the last step of main, rest
+    bool step_main, step_rest;
+    float rest_correction1, rest_correction2;
     float *gradients;       // [capacity][59] in model layout, or NULL: writes dL/dparameter instead of stepping (tests)
 } sgsi_optimize;
 
@@ -113,6 +126,11 @@ typedef struct sgsi_kernels {
     void (*tile_forward)(sgsi_scratch *scratch, sgsi_tile_target *target);
     // Adds to scratch->sums[0..count) for the lists of `list`.
     void (*tile_backward)(sgsi_scratch *scratch, const sgsi_tile_list *list, sgsi_tile_target *target);
+    // The same for sums of absolute gradients, SGSI_SUM_ABSOLUTE.
+    void (*tile_backward_absolute)(sgsi_scratch *scratch, const sgsi_tile_list *list, sgsi_tile_target *target);
+    // Adds to scratch->sums[0..count): weight, hits, T alpha, distance.
+    void (*tile_score)(sgsi_scratch *scratch, const sgsi_tile_list *list, sgsi_tile_target *target,
+                       const sgsi_score_planes *planes);
     // Returns the number of rows whose gradient was not finite (they are left alone).
     size_t (*optimize)(const sgsi_optimize *input, size_t begin, size_t end);
 } sgsi_kernels;

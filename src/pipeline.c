@@ -5,13 +5,20 @@
 
 #include "pipeline.h"
 
+#include <float.h>
+#include <math.h>
 #include <string.h>
 
 #include "core.h"
 
 const sgsi_pipeline *sgsi_pipeline_get(sgs_pipeline pipeline)
 {
-    static const sgsi_pipeline *const pipelines[] = {[SGS_PIPELINE_3DGS] = &sgsi_pipeline_3dgs};
+    static const sgsi_pipeline *const pipelines[] = {
+        [SGS_PIPELINE_3DGS] = &sgsi_pipeline_3dgs,
+        [SGS_PIPELINE_TAMING] = &sgsi_pipeline_taming,
+        [SGS_PIPELINE_DASH] = &sgsi_pipeline_dash,
+        [SGS_PIPELINE_FASTGS] = &sgsi_pipeline_fastgs,
+    };
     return pipelines[pipeline];
 }
 
@@ -69,4 +76,39 @@ sgs_status sgsi_select_best(const double *score, const uint8_t *eligible, size_t
         chosen[heap[k].row] = 1;
     sgsi_free(heap);
     return SGS_STATUS_OK;
+}
+
+sgs_status sgsi_select_weighted(const double *weight, const uint8_t *eligible, size_t count, size_t wanted,
+                                uint64_t seed, uint8_t *chosen)
+{
+    double *key = sgsi_alloc(count ? count : 1, sizeof *key);
+    if (!key)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to draw from %zu primitives", count);
+    for (size_t i = 0; i < count; ++i) // log of u^(1/w): the same order
+        key[i] = weight[i] > 0.0 ? log(sgsi_random_uniform(seed, i)) / weight[i] : -DBL_MAX;
+    const sgs_status status = sgsi_select_best(key, eligible, count, wanted, chosen);
+    sgsi_free(key);
+    return status;
+}
+
+sgs_status sgsi_prune_stochastic(const sgsi_density_options *options, sgsi_density_columns *c, const double *weight)
+{
+    uint8_t *stays = sgsi_alloc(c->count ? c->count : 1, 1), *chosen = sgsi_alloc(c->count ? c->count : 1, 1);
+    sgs_status status = stays && chosen ? SGS_STATUS_OK : SGS_STATUS_OUT_OF_MEMORY;
+    size_t outlived = 0;
+    for (size_t i = 0; i < c->count && !status; ++i) {
+        const bool split = c->action[i] == SGSI_ACTION_SPLIT;
+        const bool old =
+            sgsi_density_outlived(options, c->opacity[i], split ? c->scale_max[i] / 1.6f : c->scale_max[i]);
+        outlived += old ? (c->action[i] == SGSI_ACTION_KEEP ? 1 : 2) : 0;
+        stays[i] = !split;
+    }
+    const uint64_t seed = sgsi_random_bits(options->seed ^ 0x9A0E, (uint64_t)options->iteration);
+    if (!status)
+        status = sgsi_select_weighted(weight, stays, c->count, outlived / 2, seed, chosen);
+    for (size_t i = 0; i < c->count && !status; ++i)
+        c->removed[i] = chosen[i] && sgsi_density_outlived(options, c->opacity[i], c->scale_max[i]);
+    sgsi_free(stays);
+    sgsi_free(chosen);
+    return status ? sgsi_fail(status, "no memory to prune %zu primitives", c->count) : status;
 }

@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // 3D Gaussian Splatting's density control (Kerbl et al., 2023; specs of 3DGS, section 9): primitives whose projected
-// centre is pulled hard are cloned where small and split where large; faint and, after the first reset, oversized ones go,
-// new rows included. SPARE-GS: w multiplies the mean gradient; the redundancy mask joins the prune.
+// centre is pulled hard are cloned where small and split where large; faint and, after the first reset, oversized ones
+// go, new rows included. SPARE-GS: w multiplies the mean gradient; the redundancy mask joins the prune.
 
 #include "pipeline.h"
 
@@ -21,4 +21,9 @@ static sgs_status decide(const sgsi_density_options *options, sgsi_density_colum
     return SGS_STATUS_OK;
 }
 
-const sgsi_pipeline sgsi_pipeline_3dgs = {.name = "3dgs", .densify_until = 15000, .densify_interval = 100, .decide = decide};
+const sgsi_pipeline sgsi_pipeline_3dgs = {.name = "3dgs",
+                                          .densify_until = 15000,
+                                          .densify_interval = 100,
+                                          .rate_opacity = 0.025f,
+                                          .rate_rest = 1.25e-4f,
+                                          .decide = decide};

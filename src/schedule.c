@@ -29,6 +29,12 @@ static int rounded(double value, int least)
     return whole < least ? least : whole;
 }
 
+// Batches shrink with the run, so that it makes as many steps from its gradients.
+static int batch(int paper, double f)
+{
+    return paper ? rounded(paper * fmin(f, 1.0), 1) : 0;
+}
+
 sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, size_t train_views)
 {
     const bool scaled = options->schedule == SGS_SCHEDULE_SCALED;
@@ -40,7 +46,14 @@ sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, size_t train_
                               .densify_interval = pipeline->densify_interval,
                               .reset_interval = 3000,
                               .reset_until = pipeline->densify_until,
+                              .prune_interval = pipeline->prune_interval ? rounded(pipeline->prune_interval * f, 1) : 0,
+                              .batch_rest = batch(pipeline->batch_rest, f),
+                              .batch_middle = batch(pipeline->batch_middle, f),
+                              .batch_late = batch(pipeline->batch_late, f),
+                              .middle_until = rounded(20000 * f, 1),
                               .sh_interval = rounded(1000 * f, 1),
+                              .resolution_from = rounded(500 * fmin(f, 1.0), 0),
+                              .resolution_interval = rounded(100 * fmin(f, 1.0), 1),
                               .rate_span = PAPER_LENGTH * f,
                               .check_interval = rounded(options->spare_interval * f, 1)};
     const double memory = fmax(200 * f, (double)train_views);
@@ -72,8 +85,34 @@ bool sgsi_schedule_is_reset(const sgsi_schedule *schedule, int iteration)
     return schedule->reset_interval && iteration < schedule->reset_until && iteration % schedule->reset_interval == 0;
 }
 
+bool sgsi_schedule_is_final_prune(const sgsi_schedule *schedule, int iteration)
+{
+    return schedule->prune_interval && iteration > schedule->densify_until && iteration < schedule->iterations &&
+           iteration % schedule->prune_interval == 0;
+}
+
+int sgsi_schedule_updates(const sgsi_schedule *schedule)
+{
+    const int updates = (schedule->densify_until - schedule->densify_from) / schedule->densify_interval;
+    return updates > 1 ? updates : 1;
+}
+
+bool sgsi_schedule_steps_main(const sgsi_schedule *schedule, int iteration)
+{
+    if (!schedule->batch_rest || iteration <= schedule->densify_until)
+        return true;
+    return iteration % (iteration <= schedule->middle_until ? schedule->batch_middle : schedule->batch_late) == 0;
+}
+
+bool sgsi_schedule_steps_rest(const sgsi_schedule *schedule, int iteration)
+{
+    if (!schedule->batch_rest || iteration > schedule->densify_until)
+        return sgsi_schedule_steps_main(schedule, iteration);
+    return iteration % schedule->batch_rest == 0;
+}
+
 double sgsi_schedule_rate(const sgsi_schedule *schedule, int iteration)
 {
-    const double u = fmin(fmax(iteration / schedule->rate_span, 0.0), 1.0);
+    const double u = fmin(fmax((iteration - schedule->rate_begin) / (schedule->rate_span - schedule->rate_begin), 0.0), 1.0);
     return exp(u * log(0.01));
 }

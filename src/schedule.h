@@ -13,8 +13,11 @@ typedef struct sgsi_schedule {
     int iterations;
     int densify_from, densify_until, densify_interval;
     int reset_interval, reset_until; // opacity resets; 0 = none
+    int prune_interval;              // final prunes after densify_until; 0 = none
+    int batch_rest, batch_middle, batch_late, middle_until; // see pipeline.h; 0 = every iteration steps
     int sh_interval;                 // one more SH band every so many iterations
-    double rate_span;                // iterations over which the position rate decays
+    double rate_begin, rate_span;    // the position rate decays from one to the other, iterations
+    int resolution_from, resolution_interval; // when the size of the images may change: after the first, every so often
     int check_interval;              // SPARE-GS's equilibrium checks
     double loss_decay;               // of the loss average behind those checks
 } sgsi_schedule;
@@ -26,5 +29,12 @@ sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, size_t train_
 bool sgsi_schedule_is_structural(const sgsi_schedule *schedule, int iteration);
 // An opacity reset follows it.
 bool sgsi_schedule_is_reset(const sgsi_schedule *schedule, int iteration);
+// One of the final prunes, after densification.
+bool sgsi_schedule_is_final_prune(const sgsi_schedule *schedule, int iteration);
+// Number of intervals between structural updates in the whole run: 145 for 3DGS as published. At least 1.
+int sgsi_schedule_updates(const sgsi_schedule *schedule);
+// The optimiser steps in this iteration: SH bands above 0, and the other parameters.
+bool sgsi_schedule_steps_rest(const sgsi_schedule *schedule, int iteration);
+bool sgsi_schedule_steps_main(const sgsi_schedule *schedule, int iteration);
 // Factor between the first and the last position rate: 1 at 0, 0.01 at the end, log-linear.
 double sgsi_schedule_rate(const sgsi_schedule *schedule, int iteration);

@@ -56,7 +56,8 @@ enum {
     SGSI_SUM_VAE = 10,
     SGSI_SUM_VBE = 11,
     SGSI_SUM_VEE = 12,
-    SGSI_SUM_HITS = 13
+    SGSI_SUM_HITS = 13,
+    SGSI_SUM_ABSOLUTE = 14 // 2, on demand: sums of |v (a A + b B - E C)| over x and y of the camera axes
 };
 
 // The rays of a 16x16-pixel tile, camera axes. Lane i of block b is pixel (4 (b % 4) + i % 4, 4 (b / 4) + i / 4).

@@ -50,6 +50,7 @@ struct sgsi_tracer {
     size_t slot_capacity;
     sgsi_tile_cost *costs; // [tiles] or NULL
     size_t list_words; // room for lists in every thread's arena
+    bool absolute; // backward passes sum absolute gradients, too
     thread_state *threads[MAX_THREADS];
     sgsi_trace_seconds seconds;
     sgsi_trace_counts counts;
@@ -524,6 +525,7 @@ typedef struct backward_pass {
     const sgsi_view *view;
     const sgsi_planes *planes;
     const float *d_color[3], *d_transmittance;
+    const sgsi_score_planes *score; // instead of gradients
     size_t first_tile, last_tile; // of this chunk
 } backward_pass;
 
@@ -549,7 +551,12 @@ static void backward_tile(void *context, size_t item, int thread)
                                .height = pass->planes->height, .stride = pass->planes->stride,
                                .d_color = {pass->d_color[0], pass->d_color[1], pass->d_color[2]},
                                .d_transmittance = pass->d_transmittance, .near_distance = pass->view->near_distance};
-    kernels->tile_backward(s, list, &target);
+    if (pass->score)
+        kernels->tile_score(s, list, &target, pass->score);
+    else if (tracer->absolute)
+        kernels->tile_backward_absolute(s, list, &target);
+    else
+        kernels->tile_backward(s, list, &target);
     const size_t slot = tracer->slot_begin[tile] - tracer->slot_begin[pass->first_tile];
     memcpy(tracer->slot_ids + slot, list->ids, list->count * sizeof *list->ids);
     memcpy(tracer->slot_sums + slot * SGSI_RECORD, s->sums, list->count * SGSI_RECORD * sizeof *s->sums);
@@ -595,31 +602,29 @@ static sgs_status reserve_slots(sgsi_tracer *tracer, size_t slots)
     return tracer->slot_capacity ? SGS_STATUS_OK : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu gradient slots", slots);
 }
 
-sgs_status sgsi_tracer_backward(sgsi_tracer *tracer, const sgsi_view *view, const sgsi_planes *planes,
-                                float *const d_color[3], float *d_transmittance)
+// Chunks of tiles: sums per (tile, primitive), then per primitive.
+static sgs_status run_backward(sgsi_tracer *tracer, backward_pass *pass)
 {
     const double start = sgsi_seconds();
-    const size_t tiles = (size_t)view->rays->tiles_x * (size_t)view->rays->tiles_y;
+    const size_t tiles = (size_t)pass->view->rays->tiles_x * (size_t)pass->view->rays->tiles_y;
     double reducing = 0.0;
     memset(tracer->touched, 0, tracer->capacity / SGS_LANES);
     tracer->slot_begin[0] = 0;
     for (size_t i = 0; i < tiles; ++i)
         tracer->slot_begin[i + 1] = tracer->slot_begin[i] + tracer->lists[i].count;
-    backward_pass pass = {.tracer = tracer, .view = view, .planes = planes,
-                          .d_color = {d_color[0], d_color[1], d_color[2]}, .d_transmittance = d_transmittance};
-    for (size_t first = 0; first < tiles; first = pass.last_tile) {
+    for (size_t first = 0; first < tiles; first = pass->last_tile) {
         size_t last = first + 1;
         while (last < tiles && tracer->slot_begin[last + 1] - tracer->slot_begin[first] <= REDUCE_SLOTS)
             ++last;
-        pass.first_tile = first;
-        pass.last_tile = last;
+        pass->first_tile = first;
+        pass->last_tile = last;
         const size_t slots = tracer->slot_begin[last] - tracer->slot_begin[first];
         const sgs_status status = reserve_slots(tracer, slots > REDUCE_SLOTS ? slots : REDUCE_SLOTS);
         if (status)
             return status;
-        sgsi_parallel_for(last - first, 1, backward_tile, &pass);
+        sgsi_parallel_for(last - first, 1, backward_tile, pass);
         const double reduce_start = sgsi_seconds();
-        sgsi_parallel_for((size_t)sgsi_threads(), 1, reduce_range, &pass);
+        sgsi_parallel_for((size_t)sgsi_threads(), 1, reduce_range, pass);
         reducing += sgsi_seconds() - reduce_start;
     }
     tracer->seconds.reduce = reducing;
@@ -633,6 +638,25 @@ sgs_status sgsi_tracer_backward(sgsi_tracer *tracer, const sgsi_view *view, cons
 void sgsi_tracer_watch_tiles(sgsi_tracer *tracer, sgsi_tile_cost *costs)
 {
     tracer->costs = costs;
+}
+
+sgs_status sgsi_tracer_backward(sgsi_tracer *tracer, const sgsi_view *view, const sgsi_planes *planes,
+                                float *const d_color[3], float *d_transmittance)
+{
+    backward_pass pass = {.tracer = tracer, .view = view, .planes = planes,
+                          .d_color = {d_color[0], d_color[1], d_color[2]}, .d_transmittance = d_transmittance};
+    return run_backward(tracer, &pass);
+}
+
+sgs_status sgsi_tracer_score(sgsi_tracer *tracer, const sgsi_view *view, const sgsi_planes *planes, const sgsi_score_planes *score)
+{
+    backward_pass pass = {.tracer = tracer, .view = view, .planes = planes, .score = score};
+    return run_backward(tracer, &pass);
+}
+
+void sgsi_tracer_absolute(sgsi_tracer *tracer, bool wanted)
+{
+    tracer->absolute = wanted;
 }
 
 const float *sgsi_tracer_sums(const sgsi_tracer *tracer)

@@ -61,9 +61,15 @@ sgs_status sgsi_tracer_forward(sgsi_tracer *tracer, const sgsi_view *view, sgsi_
 // bin_tiles (last: or the end). Other pixels are left alone.
 sgs_status sgsi_tracer_forward_rows(sgsi_tracer *tracer, const sgsi_view *view, sgsi_planes *planes, int first, int last);
 
-// Gradients of the last forward pass with lists: fills sums and touched.
+// Gradients of the last forward pass with lists: fills sums and touched; with SGSI_SUM_ABSOLUTE if sgsi_tracer_absolute was
+// told so.
 sgs_status sgsi_tracer_backward(sgsi_tracer *tracer, const sgsi_view *view, const sgsi_planes *planes,
                                 float *const d_color[3], float *d_transmittance);
+void sgsi_tracer_absolute(sgsi_tracer *tracer, bool wanted);
+
+// Instead of gradients, what a density control wants to know of the last forward pass with lists: fills slots SGSI_SCORE_ (pipeline.h)
+// of sums, and touched. planes: sizes only.
+sgs_status sgsi_tracer_score(sgsi_tracer *tracer, const sgsi_view *view, const sgsi_planes *planes, const sgsi_score_planes *score);
 
 const float *sgsi_tracer_sums(const sgsi_tracer *tracer);      // [capacity][16]
 const uint8_t *sgsi_tracer_touched(const sgsi_tracer *tracer); // [capacity / 16]

@@ -23,7 +23,9 @@ sgs_train_options sgs_train_options_default(void)
                                .filter = SGS_FILTER_3DGS, .optimizer = SGS_OPTIMIZER_SPARSE, .sh_degree = 3,
                                .spare = SGS_SPARE_ALL, .spare_grid = 32, .spare_tau_alpha = 0.05, .spare_eps_loss = 0.008,
                                .spare_eps_count = 0.01, .spare_patience = 2, .spare_interval = 1000,
-                               .spare_demand = SGS_DEMAND_ALL, .random_points = 100000};
+                               .spare_demand = SGS_DEMAND_ALL, .spare_budget = 1.0, .random_points = 100000,
+                               .pipeline_options = {.taming_multiplier = 20, .taming_frozen = true, .fastgs_loss = 0.1,
+                                                    .fastgs_gradient = 0.0012, .fastgs_dense = 0.001}};
 }
 
 static sgs_status check_options(const sgs_train_options *o)
@@ -32,7 +34,7 @@ static sgs_status check_options(const sgs_train_options *o)
     if (!(condition))                                                                              \
     return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, text)
     SGSI_REQUIRE(o->iterations >= 1 && o->iterations <= 10000000, "iterations must be between 1 and 10000000");
-    SGSI_REQUIRE(o->pipeline == SGS_PIPELINE_3DGS, "pipeline must be 3dgs");
+    SGSI_REQUIRE((unsigned)o->pipeline < SGS_PIPELINE_COUNT, "pipeline must be one of sgs_pipeline");
     SGSI_REQUIRE(o->filter == SGS_FILTER_3DGS || o->filter == SGS_FILTER_NONE, "filter must be 3dgs or none");
     SGSI_REQUIRE(o->sh_degree >= 0 && o->sh_degree <= 3, "SH degree must be between 0 and 3");
     SGSI_REQUIRE(o->spare_grid >= 2 && o->spare_grid <= 256, "the SPARE-GS grid must be between 2 and 256");
@@ -40,6 +42,11 @@ static sgs_status check_options(const sgs_train_options *o)
     SGSI_REQUIRE(o->spare_eps_loss >= 0 && o->spare_eps_count >= 0, "SPARE-GS's tolerances must not be negative");
     SGSI_REQUIRE(o->spare_patience >= 1 && o->spare_interval >= 1, "SPARE-GS's patience and interval must be at least 1");
     SGSI_REQUIRE(o->alpha_loss >= 0 && o->alpha_loss <= 1000, "the weight of the alpha loss must be between 0 and 1000");
+    SGSI_REQUIRE(o->spare_budget > 0 && o->spare_budget <= 100, "SPARE-GS's budget must be between 0 and 100 times the count");
+    const sgs_pipeline_options *own = &o->pipeline_options;
+    SGSI_REQUIRE(own->taming_multiplier > 0 && own->taming_multiplier <= 1e6, "Taming's multiplier must be between 0 and 1000000");
+    SGSI_REQUIRE(own->fastgs_loss >= 0 && own->fastgs_loss <= 1, "FastGS's loss threshold must be between 0 and 1");
+    SGSI_REQUIRE(own->fastgs_gradient > 0 && own->fastgs_dense > 0, "FastGS's thresholds must be positive");
     for (int c = 0; c < 3; ++c)
         SGSI_REQUIRE(o->background[c] >= 0 && o->background[c] <= 1, "background colours must be between 0 and 1");
 #undef SGSI_REQUIRE
@@ -140,7 +147,9 @@ static sgs_status create_model(sgs_trainer *trainer)
     trainer->v = sgsi_calloc(trainer->model->capacity, SGS_PARAM_COUNT * sizeof(float));
     if (!trainer->m || !trainer->v)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the optimiser of %zu primitives", trainer->model->count);
-    return sgsi_statistics_reserve(&trainer->statistics, trainer->model->capacity);
+    trainer->progress.pipeline.initial_count = (int64_t)trainer->model->count;
+    status = sgsi_trainer_reserve_pending(trainer);
+    return status ? status : sgsi_statistics_reserve(&trainer->statistics, trainer->model->capacity);
 }
 
 static sgs_status create_views(sgs_trainer *trainer)
@@ -198,18 +207,22 @@ sgs_status sgs_trainer_create(const sgs_scene *scene, const sgs_train_options *o
     spare_equilibrium_begin(&made->progress.equilibrium);
     status = sgsi_tracer_create(&made->tracer);
     if (!status)
+        sgsi_tracer_absolute(made->tracer, made->pipeline->absolute);
+    if (!status)
         status = sgsi_ray_cache_create(TRAIN_BIN_TILES, (size_t)1 << 30, &made->rays);
     if (!status)
         status = sgsi_loss_create(&made->loss);
     if (!status)
         status = create_views(made);
+    made->schedule = sgsi_schedule_make(options, made->train_view_count);
+    if (!status)
+        status = sgsi_trainer_resolution_plan(made);
     if (!status)
         status = create_model(made);
     if (status) {
         sgs_trainer_destroy(made);
         return status;
     }
-    made->schedule = sgsi_schedule_make(options, made->train_view_count);
     *trainer = made;
     return SGS_STATUS_OK;
 }
@@ -225,9 +238,12 @@ void sgs_trainer_destroy(sgs_trainer *trainer)
     sgsi_ray_cache_destroy(trainer->rays);
     sgsi_tracer_destroy(trainer->tracer);
     sgsi_statistics_free(&trainer->statistics);
+    sgsi_trainer_scores_free(&trainer->scores);
+    sgsi_trainer_resolution_free(trainer);
     sgs_gaussians_destroy(trainer->model);
     void *const arrays[] = {trainer->m, trainer->v, trainer->train_views, trainer->order, trainer->depth_guesses,
-                            trainer->tile_counts, trainer->planes, trainer->cloud_points, trainer->cloud_colors};
+                            trainer->tile_counts, trainer->planes, trainer->cloud_points, trainer->cloud_colors,
+                            trainer->pending, trainer->pending_rows};
     for (size_t i = 0; i < sizeof arrays / sizeof *arrays; ++i)
         sgsi_free(arrays[i]);
     sgsi_free(trainer);
@@ -270,23 +286,11 @@ static int active_sh_degree(const sgs_trainer *trainer, int iteration)
     return degree < trainer->options.sh_degree ? degree : trainer->options.sh_degree;
 }
 
-typedef struct step_state {
-    int iteration;
-    size_t guess; // index into train_views
-    const sgs_view *source;
-    sgsi_view view;
-    sgsi_planes planes;
-    float *d_color[3], *d_transmittance;
-    float background[3];
-    bool collects, structural, resets;
-    sgsi_loss_output loss;
-} step_state;
-
 static void set_planes(sgs_trainer *trainer, step_state *step)
 {
     float *block = trainer->planes;
     const size_t n = trainer->plane_floats;
-    const int width = step->source->camera.width, height = step->source->camera.height;
+    const int width = step->camera.width, height = step->camera.height;
     step->planes = (sgsi_planes){.width = width, .height = height, .stride = ((size_t)width + 15) / 16 * 16,
                                  .color = {block, block + n, block + 2 * n}, .transmittance = block + 3 * n};
     for (int c = 0; c < 3; ++c)
@@ -298,14 +302,14 @@ static sgs_status trace_forward(sgs_trainer *trainer, step_state *step)
 {
     sgs_train_seconds *seconds = &trainer->progress.seconds;
     const sgsi_rays *rays;
-    sgs_status status = sgsi_ray_cache_get(trainer->rays, &step->source->camera, &rays);
+    sgs_status status = sgsi_ray_cache_get(trainer->rays, &step->camera, &rays);
     if (status)
         return status;
     const sgs_render_options options = {.filter = trainer->options.filter, .near_distance = 0.2,
                                         .sh_degree = active_sh_degree(trainer, step->iteration)};
     sgsi_view_set(&step->view, rays, &step->source->pose, &options);
     set_planes(trainer, step);
-    const sgsi_statistics *statistics = step->collects ? &trainer->statistics : NULL;
+    const sgsi_statistics *statistics = step->statistics;
     status = sgsi_tracer_project(trainer->tracer, trainer->model, &step->view, statistics ? statistics->visible_count : NULL,
                                  statistics ? statistics->radius_max : NULL);
     if (!status)
@@ -326,8 +330,9 @@ static sgs_status trace_forward(sgs_trainer *trainer, step_state *step)
 static sgs_status evaluate_loss(sgs_trainer *trainer, step_state *step)
 {
     const double begin = sgsi_seconds();
-    const sgs_photo *photo;
-    sgs_status status = sgs_scene_photo(trainer->scene, (size_t)(step->source - trainer->scene->views), &photo);
+    sgs_status status = SGS_STATUS_OK;
+    if (!step->target)
+        status = sgs_scene_photo(trainer->scene, (size_t)(step->source - trainer->scene->views), &step->target);
     if (status)
         return status;
     const double start = sgsi_seconds();
@@ -337,7 +342,7 @@ static sgs_status evaluate_loss(sgs_trainer *trainer, step_state *step)
                                    .color = {planes->color[0], planes->color[1], planes->color[2]},
                                    .transmittance = planes->transmittance,
                                    .background = {step->background[0], step->background[1], step->background[2]},
-                                   .target = photo, .ssim_weight = 0.2f,
+                                   .target = step->target, .ssim_weight = 0.2f,
                                    .alpha_weight = (float)trainer->options.alpha_loss};
     step->loss = (sgsi_loss_output){.d_color = {step->d_color[0], step->d_color[1], step->d_color[2]},
                                     .d_transmittance = step->d_transmittance};
@@ -349,6 +354,21 @@ static sgs_status evaluate_loss(sgs_trainer *trainer, step_state *step)
         sgsi_exposure_backward(trainer->exposure, step->guess, &image, &step->loss);
     trainer->progress.seconds.loss += sgsi_seconds() - start;
     return status;
+}
+
+// Forward and loss of a training view.
+sgs_status sgsi_trainer_draw(sgs_trainer *trainer, step_state *step)
+{
+    step->source = &trainer->scene->views[trainer->train_views[step->guess]];
+    const bool small = trainer->small_images != NULL;
+    step->target = small ? &trainer->small_images[step->guess] : NULL; // else fetched when it is needed
+    step->camera = small ? sgs_camera_resized(&step->source->camera, step->target->width, step->target->height) : step->source->camera;
+    for (int c = 0; c < 3; ++c)
+        step->background[c] = trainer->options.background_random
+                                  ? (float)sgsi_random_uniform(trainer->options.seed ^ 0xBAC6, 3 * (uint64_t)step->iteration + (uint64_t)c)
+                                  : trainer->options.background[c];
+    const sgs_status status = trace_forward(trainer, step);
+    return status ? status : evaluate_loss(trainer, step);
 }
 
 typedef struct optimize_job {
@@ -366,26 +386,36 @@ static void optimize_step(sgs_trainer *trainer, const step_state *step)
 {
     const double start = sgsi_seconds();
     const sgs_train_options *o = &trainer->options;
-    const sgs_camera *camera = &step->source->camera;
+    const sgs_camera *camera = &step->camera;
     const bool dense = o->optimizer == SGS_OPTIMIZER_DENSE;
-    const bool apply = !step->structural;
+    const bool apply = !step->structural && !step->prunes;
     sgsi_progress *progress = &trainer->progress;
-    progress->adam_step += apply;
-    const double t = progress->adam_step;
+    const bool step_main = apply && sgsi_schedule_steps_main(&trainer->schedule, step->iteration);
+    const bool step_rest = apply && sgsi_schedule_steps_rest(&trainer->schedule, step->iteration);
+    progress->adam_step += step_main;
+    progress->rest_step += step_rest;
+    const double t = fmax(progress->adam_step, 1), rest_t = fmax(progress->rest_step, 1);
     const double rate = 1.6e-4 * trainer->scene->extent * sgsi_schedule_rate(&trainer->schedule, step->iteration);
     optimize_job job = {.input = {.params = trainer->model->data, .m = trainer->m, .v = trainer->v,
                                   .count = trainer->model->count, .view = step->view,
                                   .sums = sgsi_tracer_sums(trainer->tracer), .touched = sgsi_tracer_touched(trainer->tracer),
                                   .visible = sgsi_tracer_visible(trainer->tracer),
                                   .dense = dense, .apply = apply, .rate_mean = (float)rate, .rate_rotation = 1e-3f,
-                                  .rate_scale = 5e-3f, .rate_opacity = 0.025f, .rate_dc = 2.5e-3f, .rate_rest = 1.25e-4f,
+                                  .rate_scale = 5e-3f, .rate_opacity = sgsi_trainer_opacity_rate(trainer, step->iteration),
+                                  .rate_dc = 2.5e-3f, .rate_rest = trainer->pipeline->rate_rest,
                                   .beta1 = 0.9f, .beta2 = 0.999f, .epsilon = 1e-15f,
                                   .correction1 = dense && apply ? (float)(1.0 / (1.0 - pow(0.9, t))) : 1.0f,
                                   .correction2 = dense && apply ? (float)(1.0 / sqrt(1.0 - pow(0.999, t))) : 1.0f,
-                                  .gradient_sum = step->collects ? trainer->statistics.gradient_sum : NULL,
+                                  .rest_correction1 = dense && apply ? (float)(1.0 / (1.0 - pow(0.9, rest_t))) : 1.0f,
+                                  .rest_correction2 = dense && apply ? (float)(1.0 / sqrt(1.0 - pow(0.999, rest_t))) : 1.0f,
+                                  .pending = trainer->pending, .pending_rows = trainer->pending_rows,
+                                  .step_main = step_main, .step_rest = step_rest,
+                                  .gradient_sum = step->statistics ? step->statistics->gradient_sum : NULL,
+                                  .absolute_sum = step->statistics && trainer->pipeline->absolute ? step->statistics->absolute_sum : NULL,
+                                  .absolute_norm = trainer->pipeline->absolute_norm,
                                   .tan_half_x = 0.5f * (float)camera->width / step->view.rays->fx,
                                   .tan_half_y = 0.5f * (float)camera->height / step->view.rays->fy}};
-    if (apply || step->collects)
+    if (apply || step->statistics)
         sgsi_parallel_ranges((trainer->model->count + SGS_LANES - 1) / SGS_LANES, 64, optimize_range, &job);
     size_t broken = 0;
     for (int i = 0; i < sgsi_threads(); ++i)
@@ -458,18 +488,12 @@ sgs_status sgs_trainer_step(sgs_trainer *trainer, sgs_step_info *info)
         return sgsi_fail(SGS_STATUS_LIMIT, "training is over after %d iterations", progress->iteration);
     const int iteration = progress->iteration + 1;
     step_state step = {.iteration = iteration, .structural = sgsi_schedule_is_structural(&trainer->schedule, iteration),
-                       .collects = iteration < trainer->schedule.densify_until,
+                       .statistics = iteration < trainer->schedule.densify_until ? &trainer->statistics : NULL,
+                       .prunes = sgsi_schedule_is_final_prune(&trainer->schedule, iteration),
                        .resets = sgsi_schedule_is_reset(&trainer->schedule, iteration)};
     step.guess = next_view(trainer);
-    step.source = &trainer->scene->views[trainer->train_views[step.guess]];
-    for (int c = 0; c < 3; ++c)
-        step.background[c] = trainer->options.background_random
-                                 ? (float)sgsi_random_uniform(trainer->options.seed ^ 0xBAC6, 3 * (uint64_t)iteration + (uint64_t)c)
-                                 : trainer->options.background[c];
     expect_next_views(trainer);
-    sgs_status status = trace_forward(trainer, &step);
-    if (!status)
-        status = evaluate_loss(trainer, &step);
+    sgs_status status = sgsi_trainer_draw(trainer, &step);
     if (!status && trainer->exposure)
         sgsi_exposure_step(trainer->exposure, step.guess, sgsi_exposure_rate(iteration, trainer->options.iterations));
     if (!status)
@@ -484,8 +508,12 @@ sgs_status sgs_trainer_step(sgs_trainer *trainer, sgs_step_info *info)
         optimize_step(trainer, &step);
     else
         sgsi_skip_step(&progress->skipped, iteration, step.source->name, step.loss.loss);
-    if (step.structural)
+    if (step.structural || step.prunes)
         status = sgsi_trainer_update_structure(trainer, iteration, info);
+    if (status)
+        return status;
+    if (!status)
+        status = sgsi_trainer_follow_resolution(trainer, iteration);
     if (status)
         return status;
     if (step.resets)

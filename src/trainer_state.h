@@ -10,6 +10,7 @@
 #include "numerics.h"
 #include "pipeline.h"
 #include "rays.h"
+#include "resolution.h"
 #include "schedule.h"
 #include "sparegs/trainer.h"
 #include "tracer.h"
@@ -23,12 +24,29 @@ typedef struct sgsi_progress {
     uint32_t order_position, order_epoch; // of the view permutation
     int32_t stop;               // sgs_stop_reason
     int32_t updates;            // structural updates made
+    int32_t rest_step;          // as adam_step, of the SH bands above 0 where they step on their own
+    int32_t resolution;         // down-scaling of the images in force; 0 = none yet
+    sgsi_pipeline_state pipeline;
     double loss_average, loss_weight; // for the progress line
     double psnr_average, psnr_weight;
     spare_equilibrium equilibrium;
     sgsi_skipped skipped;
     sgs_train_seconds seconds;
 } sgsi_progress;
+
+// A pixel of a photograph counts.
+static inline bool sgsi_photo_counts(const sgs_photo *photo, int x, int y)
+{
+    return !photo->keep || (photo->keep[(size_t)y * (((size_t)photo->width + 15) / 16) + (size_t)x / 16] >> (x % 16) & 1);
+}
+
+// Scores from views, and what it takes to get them: columns of `capacity` primitives.
+typedef struct sgsi_trainer_scores {
+    size_t capacity;
+    float *importance, *expendable;
+    float *gradient, *opacity, *volume, *depth, *centers;
+    sgsi_statistics view; // of the view being scored
+} sgsi_trainer_scores;
 
 struct sgs_trainer {
     const sgs_scene *scene;
@@ -37,7 +55,10 @@ struct sgs_trainer {
     sgsi_schedule schedule;
     sgs_gaussians *model;
     float *m, *v; // Adam's moments, model layout
+    float *pending;          // gradients that wait for a step, model layout; NULL where every iteration steps
+    uint16_t *pending_rows;
     sgsi_statistics statistics;
+    sgsi_trainer_scores scores;
     sgsi_tracer *tracer;
     sgsi_ray_cache *rays;
     sgsi_loss_workspace *loss;
@@ -47,6 +68,8 @@ struct sgs_trainer {
     uint32_t *order;     // permutation of train_views of this epoch
     float **depth_guesses; // per training view, [tiles]
     size_t *tile_counts;   // per training view
+    sgsi_resolution resolution;
+    sgs_photo *small_images; // per training view, at progress.resolution > 1; else NULL
     float *planes;       // colour, transmittance and their gradients: 8 planes
     size_t plane_floats; // per plane
     bool structure_changed;
@@ -57,6 +80,40 @@ struct sgs_trainer {
     size_t cloud_count;
     char stop_text[160];
 };
+
+// One view on its way through an iteration.
+typedef struct step_state {
+    int iteration;
+    size_t guess; // index into train_views
+    const sgsi_statistics *statistics; // that projection and optimiser add to, or NULL
+    const sgs_view *source;
+    const sgs_photo *target;
+    sgs_camera camera; // of the target
+    sgsi_view view;
+    sgsi_planes planes;
+    float *d_color[3], *d_transmittance;
+    float background[3];
+    bool structural, prunes, resets;
+    sgsi_loss_output loss;
+} step_state;
+
+// Forward and loss of the training view step->guess at step->iteration; fills the rest of *step.
+sgs_status sgsi_trainer_draw(sgs_trainer *trainer, step_state *step);
+// The scores that the pipeline wants, from views drawn at random.
+sgs_status sgsi_trainer_score(sgs_trainer *trainer, int iteration);
+void sgsi_trainer_scores_free(sgsi_trainer_scores *scores);
+
+// Plans the sizes of the images and sets the first one; changes to one; follows the plan at the end of an iteration.
+sgs_status sgsi_trainer_resolution_plan(sgs_trainer *trainer);
+sgs_status sgsi_trainer_set_resolution(sgs_trainer *trainer, int scale);
+sgs_status sgsi_trainer_follow_resolution(sgs_trainer *trainer, int iteration);
+void sgsi_trainer_resolution_free(sgs_trainer *trainer);
+// The depth guesses of all views say nothing any more.
+void sgsi_trainer_forget_depths(sgs_trainer *trainer);
+
+// Zeroed gradients that wait for a step, for the model as it is; nothing where the pipeline steps in every iteration.
+sgs_status sgsi_trainer_reserve_pending(sgs_trainer *trainer);
+float sgsi_trainer_opacity_rate(const sgs_trainer *trainer, int iteration);
 
 // Density control after the optimiser step of `iteration`; fills the structural part of *info.
 sgs_status sgsi_trainer_update_structure(sgs_trainer *trainer, int iteration, sgs_step_info *info);

@@ -9,11 +9,34 @@
 #include "core.h"
 #include "trainer_state.h"
 
+sgs_status sgsi_trainer_reserve_pending(sgs_trainer *trainer)
+{
+    if (!trainer->schedule.batch_rest)
+        return SGS_STATUS_OK;
+    const size_t capacity = trainer->model->capacity;
+    sgsi_free(trainer->pending);
+    sgsi_free(trainer->pending_rows);
+    trainer->pending = sgsi_calloc(capacity, SGS_PARAM_COUNT * sizeof(float));
+    trainer->pending_rows = sgsi_calloc(capacity / SGS_LANES + 1, 2 * sizeof(uint16_t));
+    if (trainer->pending && trainer->pending_rows)
+        return SGS_STATUS_OK;
+    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the gradients of %zu primitives", trainer->model->count);
+}
+
+// Taming 3DGS, as released: opacities stay as they are once densification is over.
+float sgsi_trainer_opacity_rate(const sgs_trainer *trainer, int iteration)
+{
+    const bool frozen = trainer->options.pipeline == SGS_PIPELINE_TAMING && trainer->options.pipeline_options.taming_frozen;
+    return frozen && iteration >= trainer->schedule.densify_until ? 0.0f : trainer->pipeline->rate_opacity;
+}
+
 static spare_options spare_settings(const sgs_train_options *o)
 {
     spare_options spare = spare_options_default();
     spare.grid = o->spare_grid;
     spare.tau_alpha = o->spare_tau_alpha;
+    spare.phi = (spare_phi)o->spare_phi;
+    spare.budget_scale = o->spare_budget;
     spare.use_h = o->spare_demand & SGS_DEMAND_H;
     spare.use_v = o->spare_demand & SGS_DEMAND_V;
     spare.use_c = o->spare_demand & SGS_DEMAND_C;
@@ -28,17 +51,44 @@ sgs_status sgsi_trainer_update_structure(sgs_trainer *trainer, int iteration, sg
     sgsi_progress *progress = &trainer->progress;
     const double extent = trainer->scene->extent;
     const bool rests = spare_pruning_rests(iteration, progress->last_reset, schedule->densify_interval);
-    const sgsi_density_options options = {.pipeline = trainer->pipeline, .gradient_threshold = 2e-4, .opacity_min = 0.005, .size_split = 0.01 * extent,
+    const bool final_prune = !sgsi_schedule_is_structural(schedule, iteration);
+    if (trainer->pipeline->score_views) {
+        const sgs_status status = sgsi_trainer_score(trainer, iteration);
+        if (status)
+            return status;
+    }
+    const sgsi_density_options options = {.pipeline = trainer->pipeline,
+                                          .train = o,
+                                          .state = &progress->pipeline,
+                                          .extent = extent,
+                                          .update = progress->updates,
+                                          .update_count = sgsi_schedule_updates(schedule),
+                                          .until = schedule->densify_until,
+                                          .interval = schedule->densify_interval,
+                                          .resolution = progress->resolution ? progress->resolution : 1,
+                                          .final_prune = final_prune,
+                                          .importance = trainer->scores.importance,
+                                          .expendable = trainer->scores.expendable,
+                                          .gradient_threshold = 2e-4,
+                                          .opacity_min = 0.005,
+                                          .size_split = 0.01 * extent,
                                           .size_max = iteration > schedule->reset_interval ? 0.1 * extent : INFINITY,
-                                          .max_count = o->max_gaussians, .seed = o->seed, .iteration = iteration,
-                                          .spare_densify = o->spare & SGS_SPARE_BMD,
-                                          .spare_prune = (o->spare & SGS_SPARE_RAP) && !rests, .spare = spare_settings(o)};
+                                          .max_count = o->max_gaussians,
+                                          .seed = o->seed,
+                                          .iteration = iteration,
+                                          .spare_densify = (o->spare & SGS_SPARE_BMD) && !final_prune,
+                                          .spare_prune = (o->spare & SGS_SPARE_RAP) && !rests && !final_prune,
+                                          .spare = spare_settings(o)};
     sgsi_density_result result;
-    const sgs_status status = sgsi_density_update(trainer->model, &trainer->m, &trainer->v, &trainer->statistics, &options, &result);
+    sgs_status status = sgsi_density_update(trainer->model, &trainer->m, &trainer->v, &trainer->statistics, &options, &result);
+    if (!status)
+        status = sgsi_trainer_reserve_pending(trainer);
     if (status)
         return status;
+    if (trainer->pipeline->opacity_ceiling > 0.0f && !final_prune)
+        sgsi_density_reset_opacity(trainer->model, trainer->m, trainer->v, (double)trainer->pipeline->opacity_ceiling);
     trainer->structure_changed = true;
-    ++progress->updates;
+    progress->updates += !final_prune;
     info->structural = true;
     info->densified = result.cloned + result.split;
     info->pruned = result.pruned;
@@ -54,14 +104,19 @@ sgs_status sgsi_trainer_update_structure(sgs_trainer *trainer, int iteration, sg
     return SGS_STATUS_OK;
 }
 
+void sgsi_trainer_forget_depths(sgs_trainer *trainer)
+{
+    for (size_t i = 0; i < trainer->train_view_count; ++i)
+        for (size_t t = 0; t < trainer->tile_counts[i]; ++t)
+            trainer->depth_guesses[i][t] = INFINITY;
+}
+
 void sgsi_trainer_reset_opacity(sgs_trainer *trainer, int iteration)
 {
     sgsi_density_reset_opacity(trainer->model, trainer->m, trainer->v, 0.01);
     trainer->progress.last_reset = iteration;
     trainer->progress.reset_since_check = 1;
-    for (size_t i = 0; i < trainer->train_view_count; ++i)
-        for (size_t t = 0; t < trainer->tile_counts[i]; ++t)
-            trainer->depth_guesses[i][t] = INFINITY; // nothing is opaque now
+    sgsi_trainer_forget_depths(trainer); // nothing is opaque now
 }
 
 static void describe_equilibrium(sgs_trainer *trainer)

@@ -90,12 +90,63 @@ static void scaled_schedule_keeps_its_promises_at_every_length(void **state)
     }
 }
 
+static sgsi_schedule make_for(sgs_pipeline pipeline, int iterations)
+{
+    sgs_train_options options = sgs_train_options_default();
+    options.iterations = iterations;
+    options.pipeline = pipeline;
+    return sgsi_schedule_make(&options, 100);
+}
+
+static void fastgs_steps_and_prunes_as_published(void **state)
+{
+    (void)state;
+    const sgsi_schedule schedule = make_for(SGS_PIPELINE_FASTGS, 30000);
+    int main_steps[3] = {0}, rest_steps[3] = {0}, prunes = 0;
+    for (int t = 1; t <= 30000; ++t) {
+        const int phase = t <= 15000 ? 0 : t <= 20000 ? 1 : 2;
+        main_steps[phase] += sgsi_schedule_steps_main(&schedule, t);
+        rest_steps[phase] += sgsi_schedule_steps_rest(&schedule, t);
+        if (sgsi_schedule_is_final_prune(&schedule, t)) {
+            assert_true(t == 18000 || t == 21000 || t == 24000 || t == 27000);
+            ++prunes;
+        }
+    }
+    assert_int_equal(prunes, 4);
+    assert_int_equal(main_steps[0], 15000);
+    assert_int_equal(rest_steps[0], 15000 / 16);
+    assert_int_equal(main_steps[1] + main_steps[2], 156 + 156 + 1); // 20000 / 32 is whole, so 20000 steps and is the last of its phase
+    assert_int_equal(rest_steps[1] + rest_steps[2], main_steps[1] + main_steps[2]);
+    assert_int_equal(count_structural(&schedule), 28); // 1000, 1500, ..., 14500
+    const sgsi_schedule small = make_for(SGS_PIPELINE_FASTGS, 3000);
+    int late = 0;
+    for (int t = 1501; t <= 3000; ++t)
+        late += sgsi_schedule_steps_main(&small, t);
+    assert_true(late > 250 && late < 400); // about as many steps as the long run makes
+}
+
+static void dash_densifies_until_nine_tenths(void **state)
+{
+    (void)state;
+    const sgsi_schedule schedule = make_for(SGS_PIPELINE_DASH, 30000);
+    assert_int_equal(schedule.densify_until, 27000);
+    assert_int_equal(sgsi_schedule_updates(&schedule), 265);
+    assert_int_equal(schedule.resolution_interval, 100);
+    for (int t = 1; t <= 30000; ++t) // vanilla steps in every iteration
+        assert_true(sgsi_schedule_steps_main(&schedule, t) && sgsi_schedule_steps_rest(&schedule, t));
+    const sgsi_schedule small = make_for(SGS_PIPELINE_DASH, 3000), vanilla = make_for(SGS_PIPELINE_3DGS, 3000);
+    assert_int_equal(small.densify_until, 2700);
+    assert_int_equal(small.densify_interval, vanilla.densify_interval);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(published_schedule_has_144_updates_and_4_resets),
         cmocka_unit_test(paper_schedule_cut_short_keeps_its_milestones),
         cmocka_unit_test(scaled_schedule_keeps_its_promises_at_every_length),
+        cmocka_unit_test(fastgs_steps_and_prunes_as_published),
+        cmocka_unit_test(dash_densifies_until_nine_tenths),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -239,6 +239,44 @@ static void equilibrium_ends_a_run_that_stands_still(void **state)
     sgs_trainer_destroy(trainer);
 }
 
+// Every base pipeline learns, gives the same bits on one thread straight through and on two with a stop in between, and honours the cap.
+static void every_pipeline_trains_resumes_and_honours_the_cap(void **state)
+{
+    (void)state;
+    char path[64];
+    snprintf(path, sizeof path, "/tmp/sparegs_checkpoint_%ld", (long)getpid());
+    for (int pipeline = SGS_PIPELINE_3DGS + 1; pipeline < SGS_PIPELINE_COUNT; ++pipeline) {
+        sgs_train_options options = short_run(160);
+        options.pipeline = (sgs_pipeline)pipeline;
+        options.max_gaussians = 6000;
+        sgs_trainer *trainer;
+        if (sgs_trainer_create(scene, &options, &trainer))
+            fail_msg("%s", sgs_last_error());
+        char straight[17], resumed[17];
+        sgs_set_threads(1);
+        const sgs_step_info first = run(trainer, 10);
+        sgs_step_info last = first;
+        for (int i = 10; i < 160; ++i) {
+            last = run(trainer, 1);
+            assert_true(last.gaussians <= 6000);
+            if (i == 90)
+                assert_int_equal(sgs_trainer_save_checkpoint(trainer, path), SGS_STATUS_OK);
+        }
+        assert_true(last.loss_average < 0.9 * first.loss_average);
+        digest(trainer, straight);
+        sgs_trainer_destroy(trainer);
+        sgs_set_threads(2);
+        trainer = start(&options);
+        assert_int_equal(sgs_trainer_load_checkpoint(trainer, path), SGS_STATUS_OK);
+        run(trainer, 160 - sgs_trainer_iteration(trainer));
+        digest(trainer, resumed);
+        sgs_trainer_destroy(trainer);
+        assert_string_equal(straight, resumed);
+    }
+    sgs_set_threads(0);
+    unlink(path);
+}
+
 static void options_out_of_range_are_named(void **state)
 {
     (void)state;
@@ -264,6 +302,7 @@ int main(void)
         cmocka_unit_test(cap_holds_for_the_initial_cloud_and_for_growth),
         cmocka_unit_test(dense_optimizer_and_random_background_train_too),
         cmocka_unit_test(equilibrium_ends_a_run_that_stands_still),
+        cmocka_unit_test(every_pipeline_trains_resumes_and_honours_the_cap),
         cmocka_unit_test(options_out_of_range_are_named),
     };
     return cmocka_run_group_tests(tests, load, unload);

@@ -12,6 +12,7 @@ packages=(
     libopenimageio-dev libopenexr-dev # images
     libjansson-dev libxxhash-dev      # JSON, hashes
     zlib1g-dev                        # deep EXR
+    libfftw3-dev                      # spectra
     libcmocka-dev                     # tests
     openimageio-tools openexr jq      # tests of the written files
 )

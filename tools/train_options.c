@@ -13,6 +13,9 @@
 #include "progress.h"
 #include "sparegs/runtime.h"
 
+#define PIPELINES "3dgs|taming|dash|fastgs"
+#define PHIS "coupled|constant|product|plain"
+#define TARGETS "default|gradient|importance|both"
 #define AT(member) offsetof(train_values, member)
 
 static const option output_options[] = {
@@ -37,7 +40,8 @@ static const option training_options[] = {
     {"iterations", 0, OPTION_INTEGER, AT(iterations), 1, 1e9, "N", "30000", NULL, NULL, "length of the run"},
     {"schedule", 0, OPTION_CHOICE, AT(schedule), 0, 0, "scaled|paper", "scaled", NULL, NULL,
      "scaled: the milestones of the 30000-iteration schedule shrink with N; paper: that schedule, stopped at N"},
-    {"pipeline", 0, OPTION_CHOICE, AT(pipeline), 0, 0, "3dgs", "3dgs", NULL, NULL, "base pipeline"},
+    {"pipeline", 0, OPTION_CHOICE, AT(pipeline), 0, 0, PIPELINES, "3dgs", NULL, NULL,
+     "base pipeline: 3DGS, Taming 3DGS, DashGaussian, FastGS"},
     {"filter", 0, OPTION_CHOICE, AT(filter), 0, 0, "3dgs|none", "3dgs", NULL, NULL,
      "pixel filter: the 0.3 px^2 dilation of 3DGS, or the bare Gaussians"},
     {"optimizer", 0, OPTION_CHOICE, AT(optimizer), 0, 0, "sparse|dense", "sparse", NULL, NULL,
@@ -59,6 +63,23 @@ static const option training_options[] = {
      "size of the random cloud for a scene without points"},
 };
 
+static const option pipeline_options[] = {
+    {"taming-multiplier", 0, OPTION_REAL, AT(taming_multiplier), 1e-3, 1e6, "X", "20", NULL, NULL,
+     "Taming: final number of primitives as a multiple of the initial one"},
+    {"taming-count", 0, OPTION_COUNT, AT(taming_count), 0, 2147483647, "N", "0", "0 = by the multiplier", NULL,
+     "Taming: final number of primitives"},
+    {"taming-opacity", 0, OPTION_CHOICE, AT(taming_opacity), 0, 0, "frozen|trained", "frozen", NULL, NULL,
+     "Taming: opacities after densification; frozen is what its released code does"},
+    {"dash-count", 0, OPTION_COUNT, AT(dash_count), 0, 2147483647, "N", "0", "0 = by momentum", NULL,
+     "Dash: final number of primitives"},
+    {"fastgs-loss", 0, OPTION_REAL, AT(fastgs_loss), 0, 1, "X", "0.1", NULL, NULL,
+     "FastGS: share of a view's range of errors above which a pixel votes"},
+    {"fastgs-gradient", 0, OPTION_REAL, AT(fastgs_gradient), 1e-9, 1, "X", "0.0012", NULL, NULL,
+     "FastGS: absolute gradient above which a primitive is split"},
+    {"fastgs-dense", 0, OPTION_REAL, AT(fastgs_dense), 1e-9, 1, "X", "0.001", NULL, "of the scene's extent",
+     "FastGS: size above which a primitive is split instead of cloned"},
+};
+
 static const option spare_options[] = {
     {"spare", 0, OPTION_SET, AT(spare), 0, 0, "on|off|bmd,rap,edt", "on", NULL, NULL,
      "SPARE-GS, or these parts of it: budget-modulated densification, redundancy-aware pruning, "
@@ -76,6 +97,12 @@ static const option spare_options[] = {
     {"spare-interval", 0, OPTION_INTEGER, AT(spare_interval), 1, 1e9, "N", "1000", NULL, "iterations",
      "iterations, of the 30000-iteration schedule, between two checks"},
     {"spare-demand", 0, OPTION_SET, AT(spare_demand), 0, 0, "h,v,c", "h,v,c", NULL, NULL, "the terms of the demand"},
+    {"spare-phi", 0, OPTION_CHOICE, AT(spare_phi), 0, 0, PHIS, "coupled", NULL, NULL,
+     "how slack and demand make a weight: coupled, constant range, their product, slack alone"},
+    {"spare-budget", 0, OPTION_REAL, AT(spare_budget), 0.01, 100, "X", "1", NULL, "of the number of primitives",
+     "budget that the regions share"},
+    {"spare-target", 0, OPTION_CHOICE, AT(spare_target), 0, 0, TARGETS, "default",
+     "default: both for taming, gradient for fastgs", NULL, "the score that the weight multiplies, where a pipeline has two"},
 };
 
 void train_groups(train_values *values, option_group groups[TRAIN_GROUP_COUNT])
@@ -89,7 +116,11 @@ void train_groups(train_values *values, option_group groups[TRAIN_GROUP_COUNT])
                                .options = training_options,
                                .count = sizeof training_options / sizeof *training_options,
                                .values = values};
-    groups[2] = (option_group){.title = "SPARE-GS",
+    groups[2] = (option_group){.title = "Base pipelines",
+                               .options = pipeline_options,
+                               .count = sizeof pipeline_options / sizeof *pipeline_options,
+                               .values = values};
+    groups[3] = (option_group){.title = "SPARE-GS",
                                .options = spare_options,
                                .count = sizeof spare_options / sizeof *spare_options,
                                .values = values};
@@ -118,6 +149,16 @@ sgs_train_options train_library_options(const train_values *values, uint64_t see
     options.spare_demand = values->spare_demand;
     options.alpha_loss = values->alpha_loss;
     options.exposure = values->exposure;
+    options.spare_phi = (sgs_phi)values->spare_phi;
+    options.spare_budget = values->spare_budget;
+    options.spare_target = (sgs_spare_target)values->spare_target;
+    options.pipeline_options = (sgs_pipeline_options){.taming_multiplier = values->taming_multiplier,
+                                                      .taming_count = (size_t)values->taming_count,
+                                                      .taming_frozen = values->taming_opacity == 0,
+                                                      .dash_count = (size_t)values->dash_count,
+                                                      .fastgs_loss = values->fastgs_loss,
+                                                      .fastgs_gradient = values->fastgs_gradient,
+                                                      .fastgs_dense = values->fastgs_dense};
     options.random_points = (size_t)values->random_points;
     return options;
 }
@@ -166,7 +207,7 @@ static json_t *shaping_options(const train_values *values, const scene_values *s
     json_object_set_new(options, "white", json_real(scene->white));
     set_integer(options, "iterations", (uint64_t)values->iterations);
     set_word(options, "schedule", "scaled|paper", values->schedule);
-    set_word(options, "pipeline", "3dgs", values->pipeline);
+    set_word(options, "pipeline", PIPELINES, values->pipeline);
     set_word(options, "filter", "3dgs|none", values->filter);
     set_word(options, "optimizer", "sparse|dense", values->optimizer);
     set_integer(options, "sh_degree", (uint64_t)values->sh_degree);
@@ -191,6 +232,16 @@ static json_t *shaping_options(const train_values *values, const scene_values *s
     set_integer(options, "spare_patience", (uint64_t)values->spare_patience);
     set_integer(options, "spare_interval", (uint64_t)values->spare_interval);
     set_bits(options, "spare_demand", values->spare_demand, demand_names);
+    set_word(options, "spare_phi", PHIS, values->spare_phi);
+    json_object_set_new(options, "spare_budget", json_real(values->spare_budget));
+    set_word(options, "spare_target", TARGETS, values->spare_target);
+    json_object_set_new(options, "taming_multiplier", json_real(values->taming_multiplier));
+    set_integer(options, "taming_count", values->taming_count);
+    set_word(options, "taming_opacity", "frozen|trained", values->taming_opacity);
+    set_integer(options, "dash_count", values->dash_count);
+    json_object_set_new(options, "fastgs_loss", json_real(values->fastgs_loss));
+    json_object_set_new(options, "fastgs_gradient", json_real(values->fastgs_gradient));
+    json_object_set_new(options, "fastgs_dense", json_real(values->fastgs_dense));
     set_integer(options, "seed", seed);
     return options;
 }

@@ -12,6 +12,9 @@ typedef struct train_values {
     const char *output, *init, *trace;
     int iterations, schedule, pipeline, filter, optimizer, sh_degree;
     unsigned spare, spare_demand;
+    int spare_phi, spare_target, taming_opacity;
+    double spare_budget, taming_multiplier, fastgs_loss, fastgs_gradient, fastgs_dense;
+    uint64_t taming_count, dash_count;
     int spare_grid, spare_patience, spare_interval, checkpoint_every;
     double time_limit; // seconds, 0 = none
     double alpha_loss, spare_tau_alpha, spare_eps_loss, spare_eps_count;
@@ -21,8 +24,8 @@ typedef struct train_values {
     bool resume, exposure;
 } train_values;
 
-// Three groups: output, training, SPARE-GS, all filling one struct.
-enum { TRAIN_GROUP_COUNT = 3 };
+// Four groups: output, training, base pipelines, SPARE-GS, all filling one struct.
+enum { TRAIN_GROUP_COUNT = 4 };
 void train_groups(train_values *values, option_group groups[TRAIN_GROUP_COUNT]);
 
 // The library's options. init is left NULL.

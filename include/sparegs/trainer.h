@@ -19,11 +19,42 @@ extern "C" {
 
 typedef enum sgs_schedule { SGS_SCHEDULE_SCALED = 0, SGS_SCHEDULE_PAPER = 1 } sgs_schedule;
 typedef enum sgs_optimizer { SGS_OPTIMIZER_SPARSE = 0, SGS_OPTIMIZER_DENSE = 1 } sgs_optimizer;
-typedef enum sgs_pipeline { SGS_PIPELINE_3DGS = 0 } sgs_pipeline;
+// Base pipelines: 3DGS (Kerbl et al., 2023), Taming 3DGS (Mallick et al., 2024),
+// DashGaussian (Chen et al., 2025), FastGS (Ren et al., 2025).
+typedef enum sgs_pipeline {
+    SGS_PIPELINE_3DGS = 0,
+    SGS_PIPELINE_TAMING = 1,
+    SGS_PIPELINE_DASH = 2,
+    SGS_PIPELINE_FASTGS = 3,
+    SGS_PIPELINE_COUNT
+} sgs_pipeline;
 enum { SGS_SPARE_BMD = 1, SGS_SPARE_RAP = 2, SGS_SPARE_EDT = 4, SGS_SPARE_ALL = 7 };
 enum { SGS_DEMAND_H = 1, SGS_DEMAND_V = 2, SGS_DEMAND_C = 4, SGS_DEMAND_ALL = 7 };
 typedef enum sgs_stop_reason { SGS_STOP_NONE = 0, SGS_STOP_SCHEDULE, SGS_STOP_EQUILIBRIUM, SGS_STOP_SIGNAL,
                                SGS_STOP_TIME_LIMIT, SGS_STOP_MEMORY_LIMIT } sgs_stop_reason; // from SIGNAL on: the caller's
+
+// The bounded sigmoid of SPARE-GS, which the paper leaves open: see spare/spare.c. Coupled to the demand, constant
+// range, product of slack and demand, slack alone.
+typedef enum sgs_phi { SGS_PHI_COUPLED = 0, SGS_PHI_CONSTANT, SGS_PHI_PRODUCT, SGS_PHI_PLAIN } sgs_phi;
+// Which score SPARE-GS's weight multiplies, where a pipeline has two: gradients, the importance from views, both; default
+// is both for Taming 3DGS, gradients for FastGS.
+typedef enum sgs_spare_target {
+    SGS_TARGET_DEFAULT = 0,
+    SGS_TARGET_GRADIENT,
+    SGS_TARGET_IMPORTANCE,
+    SGS_TARGET_BOTH
+} sgs_spare_target;
+
+// What only one of the pipelines looks at.
+typedef struct sgs_pipeline_options {
+    double taming_multiplier; // final count as a multiple of the initial one; 20
+    size_t taming_count;      // final count; 0 = by the multiplier
+    bool taming_frozen;       // opacities stay as they are in the second half of the run; true, as in the released code
+    size_t dash_count;        // final count; 0 = by momentum
+    double fastgs_loss;       // share of the range of a view's error above which a pixel counts; 0.1
+    double fastgs_gradient;   // threshold of the absolute gradient that splits; 0.0012
+    double fastgs_dense;      // scales above this share of the extent are split, below cloned; 0.001
+} sgs_pipeline_options;
 
 typedef struct sgs_train_options {
     int iterations;           // >= 1; 30000
@@ -44,6 +75,10 @@ typedef struct sgs_train_options {
     int spare_patience;       // 2
     int spare_interval;       // iterations of the 30 000-iteration schedule between two equilibrium checks; 1000
     unsigned spare_demand;    // SGS_DEMAND_ bits; all
+    sgs_phi spare_phi;        // coupled
+    double spare_budget;      // kappa: budget of primitives as a share of their number; 1
+    sgs_spare_target spare_target; // default
+    sgs_pipeline_options pipeline_options;
     const sgs_gaussians *init; // start from this model (copied) instead of the point cloud; NULL
     double alpha_loss;        // weight of the loss that draws opacity towards an alpha channel; 0 = none
     bool exposure;            // learn an affine map of colours per training image (3DGS's exposure compensation)

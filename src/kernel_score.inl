@@ -1,0 +1,72 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// What the density controls that look at whole views want to know of a primitive, summed over the hits that count:
+// a weight of the pixel, the number of hits, the blended share T alpha, and the distance from the projected
+// centre. A pass of its own over the lists of a forward pass; the training kernels know nothing of it.
+
+// Offsets of a block's pixel centres from its upper left pixel's corner.
+static inline void block_offsets(float x[16], float y[16])
+{
+    for (int i = 0; i < 16; ++i) {
+        x[i] = (float)(i % 4) + 0.5f;
+        y[i] = (float)(i / 4) + 0.5f;
+    }
+}
+
+static void score_block(sgsi_scratch *s, const sgsi_tile_list *list, const sgsi_tile_target *target,
+                        const sgsi_score_planes *planes, int b, uint64_t *evaluations)
+{
+    const vf one = vf_set1(1.0f), zero = vf_zero();
+    uint32_t *order = list->elements + list->block_begin[b];
+    const uint32_t count = list->block_begin[b + 1] - list->block_begin[b];
+    if (!count)
+        return;
+    const block_rays block = load_block(target->rays, b, target->near_distance);
+    evaluate_block(s, target->rays, b, &block, order, count, false, false, evaluations);
+    const block_elements el = open_elements(s);
+    const vf weight = load_block_plane(planes->weight, target, b);
+    float offset_x[16] __attribute__((aligned(64))), offset_y[16] __attribute__((aligned(64)));
+    block_offsets(offset_x, offset_y);
+    const vf x = vf_add(vf_load(offset_x), vf_set1((float)(target->rays->x + 4 * (b % 4))));
+    const vf y = vf_add(vf_load(offset_y), vf_set1((float)(target->rays->y + 4 * (b / 4))));
+    for (uint32_t i = 0; i < count; ++i) {
+        const vf front = vf_load(el.transmittance + 16 * i), through = vf_load(el.through + 16 * i);
+        const vf w = vf_keep(vf_ge(vf_mul(front, through), vf_set1(TRANSMITTANCE_MIN)),
+                             vf_mul(front, vf_load(el.alpha + 16 * i)));
+        const vm counted = vf_gt(w, zero);
+        vf distance = zero;
+        if (planes->centers) {
+            const float *center = planes->centers + 2 * (size_t)list->ids[order[i]];
+            const vf dx = vf_sub(x, vf_set1(center[0])), dy = vf_sub(y, vf_set1(center[1]));
+            distance = vf_keep(counted, vf_sqrt(vf_fma(dx, dx, vf_mul(dy, dy))));
+        }
+        const vf terms[16] = {vf_keep(counted, weight),
+                              vf_keep(counted, one),
+                              w,
+                              distance,
+                              zero,
+                              zero,
+                              zero,
+                              zero,
+                              zero,
+                              zero,
+                              zero,
+                              zero,
+                              zero,
+                              zero,
+                              zero,
+                              zero};
+        float *sum = s->sums + 16 * (size_t)order[i];
+        vf_store(sum, vf_add(vf_load(sum), vf_sum16(terms)));
+    }
+}
+
+static void tile_score(sgsi_scratch *s, const sgsi_tile_list *list, sgsi_tile_target *target,
+                       const sgsi_score_planes *planes)
+{
+    load_tile_records(s, list, target->rays);
+    memset(s->sums, 0, list->count * SGSI_RECORD * sizeof *s->sums);
+    for (int b = 0; b < SGSI_BLOCKS; ++b)
+        score_block(s, list, target, planes, b, &target->evaluations);
+}

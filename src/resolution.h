@@ -1,0 +1,40 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// DashGaussian's resolution schedule: how much smaller the images may be rendered at each moment of the training,
+// from the energy of their spectra; and the reduction of a photograph that goes with it. Knows no model and no rays.
+
+#include "sparegs/scene.h"
+
+enum { SGSI_RESOLUTION_LEVELS = 32 };
+
+typedef struct sgsi_resolution {
+    int until;                             // full resolution from here on
+    double scale[SGSI_RESOLUTION_LEVELS];  // down-scaling, falling to 1
+    int begin[SGSI_RESOLUTION_LEVELS + 1]; // iterations
+    int decay_begin;                       // first level with a scale below 2: the position rate decays from here
+} sgsi_resolution;
+
+// Magnitudes of the centred 2D spectrum, summed over the channels of an image: [height][width], to be added to.
+// `power` is a sum table of it, [height + 1][width + 1], or NULL.
+typedef struct sgsi_spectrum {
+    int width, height;
+    double *magnitude, *table;
+} sgsi_spectrum;
+
+// From the training images. Images of the most frequent size make the mean spectrum; all limit the largest scale.
+// images: [count] pointers. Fails with OUT_OF_MEMORY.
+sgs_status sgsi_resolution_plan(const sgs_image8 *const *images, size_t count, int until, sgsi_resolution *plan);
+// Whole down-scaling factor >= 1 at an iteration.
+int sgsi_resolution_at(const sgsi_resolution *plan, int iteration);
+
+// Parts of the plan, for tests.
+sgs_status sgsi_spectrum_of(const sgs_image8 *image, sgsi_spectrum *spectrum);
+void sgsi_spectrum_free(sgsi_spectrum *spectrum);
+// Energy of the window of a spectrum that an image reduced by `scale` keeps.
+double sgsi_spectrum_window(const sgsi_spectrum *spectrum, double scale);
+
+// Reduces an image to floor(size / scale) with a triangle filter of that support ("bilinear, antialias"), rounded to
+// 8 bits. All channels alike. On failure *out is empty.
+sgs_status sgsi_image8_triangle(const sgs_image8 *image, int scale, sgs_image8 *out);

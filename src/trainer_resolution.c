@@ -1,0 +1,133 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Training views at a reduced size, for pipelines that render small images first. The views of one scale are made
+// together when the scale changes and kept until the next change.
+
+#include <math.h>
+
+#include "core.h"
+#include "sparegs/image.h"
+#include "threads.h"
+#include "trainer_state.h"
+
+void sgsi_trainer_resolution_free(sgs_trainer *trainer)
+{
+    for (size_t i = 0; trainer->small_images && i < trainer->train_view_count; ++i) {
+        sgsi_free(trainer->small_images[i].pixels);
+        sgsi_free(trainer->small_images[i].keep);
+    }
+    sgsi_free(trainer->small_images);
+    trainer->small_images = NULL;
+}
+
+static sgs_image8 pixels_of(const sgs_photo *photo)
+{
+    return (sgs_image8){
+        .width = photo->width, .height = photo->height, .channels = photo->channels, .pixels = photo->pixels};
+}
+
+sgs_status sgsi_trainer_resolution_plan(sgs_trainer *trainer)
+{
+    if (!trainer->pipeline->resolution)
+        return SGS_STATUS_OK;
+    const sgs_image8 **images = sgsi_alloc(trainer->train_view_count, sizeof *images);
+    sgs_image8 *photos = sgsi_alloc(trainer->train_view_count, sizeof *photos);
+    if (!images || !photos) {
+        sgsi_free(images);
+        sgsi_free(photos);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu views", trainer->train_view_count);
+    }
+    for (size_t i = 0; i < trainer->train_view_count; ++i) {
+        photos[i] = pixels_of(&trainer->scene->views[trainer->train_views[i]].image);
+        images[i] = &photos[i];
+    }
+    sgs_status status =
+        sgsi_resolution_plan(images, trainer->train_view_count, trainer->schedule.densify_until, &trainer->resolution);
+    sgsi_free(images);
+    sgsi_free(photos);
+    if (status)
+        return status;
+    trainer->schedule.rate_begin = trainer->resolution.decay_begin;
+    return sgsi_trainer_set_resolution(trainer, sgsi_resolution_at(&trainer->resolution, 1));
+}
+
+typedef struct reduce_job {
+    sgs_trainer *trainer;
+    int scale;
+    sgs_status *status;
+} reduce_job;
+
+// A small pixel counts when every pixel that it covers does.
+static void reduce_keep(const sgs_photo *from, sgs_photo *to)
+{
+    const size_t words = ((size_t)to->width + 15) / 16;
+    to->kept = 0;
+    for (int y = 0; y < to->height; ++y)
+        for (int x = 0; x < to->width; ++x) {
+            bool all = true;
+            for (int v = y * from->height / to->height; v * to->height < (y + 1) * from->height; ++v)
+                for (int u = x * from->width / to->width; u * to->width < (x + 1) * from->width; ++u)
+                    all = all && sgsi_photo_counts(from, u, v);
+            to->keep[(size_t)y * words + (size_t)x / 16] |= (uint16_t)((unsigned)all << (x % 16));
+            to->kept += all;
+        }
+}
+
+static void reduce_view(void *context, size_t i, int thread)
+{
+    (void)thread;
+    const reduce_job *job = context;
+    const sgs_photo *photo = &job->trainer->scene->views[job->trainer->train_views[i]].image;
+    sgs_photo *out = &job->trainer->small_images[i];
+    const sgs_image8 image = pixels_of(photo);
+    sgs_image8 small;
+    job->status[i] = sgsi_image8_triangle(&image, job->scale, &small);
+    if (job->status[i])
+        return;
+    *out = (sgs_photo){.width = small.width,
+                       .height = small.height,
+                       .channels = small.channels,
+                       .pixels = small.pixels,
+                       .kept = (size_t)small.width * (size_t)small.height};
+    if (!photo->keep)
+        return;
+    out->keep = sgsi_calloc(((size_t)out->width + 15) / 16 * (size_t)out->height, sizeof *out->keep);
+    if (out->keep)
+        reduce_keep(photo, out);
+    else
+        job->status[i] = SGS_STATUS_OUT_OF_MEMORY;
+}
+
+sgs_status sgsi_trainer_set_resolution(sgs_trainer *trainer, int scale)
+{
+    if (trainer->progress.resolution == scale && (scale == 1 || trainer->small_images))
+        return SGS_STATUS_OK;
+    sgsi_trainer_resolution_free(trainer);
+    const size_t n = trainer->train_view_count;
+    if (scale > 1) {
+        reduce_job job = {trainer, scale, sgsi_calloc(n, sizeof *job.status)};
+        trainer->small_images = sgsi_calloc(n, sizeof *trainer->small_images);
+        bool complete = trainer->small_images && job.status;
+        if (complete)
+            sgsi_parallel_for(n, 1, reduce_view, &job);
+        for (size_t i = 0; i < n && complete; ++i)
+            complete = !job.status[i];
+        sgsi_free(job.status);
+        if (!complete)
+            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu views at a smaller size", n);
+    }
+    trainer->progress.resolution = scale;
+    trainer->progress.reset_since_check = 1; // losses of different sizes do not compare
+    sgsi_trainer_forget_depths(trainer);
+    return SGS_STATUS_OK;
+}
+
+sgs_status sgsi_trainer_follow_resolution(sgs_trainer *trainer, int iteration)
+{
+    const sgsi_schedule *schedule = &trainer->schedule;
+    if (!trainer->pipeline->resolution || iteration <= schedule->resolution_from ||
+        iteration % schedule->resolution_interval)
+        return SGS_STATUS_OK;
+    return sgsi_trainer_set_resolution(trainer, sgsi_resolution_at(&trainer->resolution, iteration));
+}

@@ -15,6 +15,7 @@
 #include <string.h>
 
 #include "core.h"
+#include "filter_3d.h"
 #include "pipeline.h"
 #include "threads.h"
 
@@ -419,14 +420,20 @@ sgs_status sgsi_density_sort(sgs_gaussians *model)
     return status;
 }
 
-void sgsi_density_reset_opacity(sgs_gaussians *model, float *m, float *v, double ceiling)
+void sgsi_density_reset_opacity(sgs_gaussians *model, float *m, float *v, double ceiling, const float *filter_3d)
 {
     const float limit = (float)log(ceiling / (1.0 - ceiling));
     for (size_t block = 0; block < (model->count + SGS_LANES - 1) / SGS_LANES; ++block) {
         const size_t at = (block * SGS_PARAM_COUNT + SGS_PARAM_OPACITY) * SGS_LANES;
-        for (size_t i = at; i < at + SGS_LANES; ++i) {
-            model->data[i] = model->data[i] > limit ? limit : model->data[i];
-            m[i] = v[i] = 0.0f;
+        for (size_t k = 0; k < SGS_LANES; ++k) {
+            const size_t i = block * SGS_LANES + k;
+            float own = limit;
+            if (filter_3d && i < model->count) { // o c <= ceiling, c what the filter leaves
+                const double most = fmin(ceiling / fmax(sgsi_filter_3d_factor(model, i, filter_3d[i]), 1e-30), 1.0 - 1e-7);
+                own = (float)log(most / (1.0 - most));
+            }
+            model->data[at + k] = model->data[at + k] > own ? own : model->data[at + k];
+            m[at + k] = v[at + k] = 0.0f;
         }
     }
 }

@@ -64,8 +64,9 @@ typedef struct sgsi_density_result {
 sgs_status sgsi_density_update(sgs_gaussians *model, float **m, float **v, sgsi_statistics *statistics,
                                const sgsi_density_options *options, sgsi_density_result *result);
 
-// Opacity reset: logit <- logit(min(o, ceiling)), its moments <- 0.
-void sgsi_density_reset_opacity(sgs_gaussians *model, float *m, float *v, double ceiling);
+// Opacity reset: logit <- logit(min(o, ceiling)), its moments <- 0. filter_3d [count] or NULL: what is held under the ceiling
+// is the opacity that Mip-Splatting's filter leaves.
+void sgsi_density_reset_opacity(sgs_gaussians *model, float *m, float *v, double ceiling, const float *filter_3d);
 
 // Puts the rows of a fresh model (no moments yet) into Morton order.
 sgs_status sgsi_density_sort(sgs_gaussians *model);

@@ -44,9 +44,11 @@ typedef struct gaussian16 {
     vf inv_norm;        // 1 / |stored quaternion|, 0 for a zero quaternion
     vec3 axis[3];       // columns of the rotation, camera axes
     vec3 scale;         // s
-    vec3 filtered;      // s'
+    vec3 body;          // sqrt(s^2 + f3^2) with the mip filter, else s
+    vec3 filtered;      // s': body widened by the pixel filter
     vec3 inv_filtered;
-    vf opacity;
+    vf opacity;         // as traced
+    vf opacity_stored;  // of the logit; the same but for the mip filter
     vec3 q1, q2, q3;    // rows of the rotation that puts M delta on the third axis
     vf p;               // P = |M delta|
 } gaussian16;
@@ -88,8 +90,36 @@ static inline void complete_basis(gaussian16 *g)
     g->q2 = (vec3){b, vf_fma(vf_mul(n.y, n.y), a, sign), vf_sub(vf_zero(), n.y)};
 }
 
-// p: the parameters of a block of 16 (model layout).
-static inline void load_gaussian(const float *p, const sgsi_view *view, gaussian16 *g)
+static inline vec3 divide3(vec3 a, vec3 b)
+{
+    return (vec3){vf_div(a.x, b.x), vf_div(a.y, b.y), vf_div(a.z, b.z)};
+}
+
+static inline vf widen1(vf scale, vf variance)
+{
+    return vf_sqrt(vf_fma(scale, scale, variance));
+}
+
+// The line of sight to the mean in the primitive's axes.
+static inline vec3 sight(const gaussian16 *g)
+{
+    const vf inv_distance = vf_div(vf_set1(1.0f), g->distance);
+    return (vec3){vf_mul(dot3(g->axis[0], g->delta), inv_distance), vf_mul(dot3(g->axis[1], g->delta), inv_distance),
+                  vf_mul(dot3(g->axis[2], g->delta), inv_distance)};
+}
+
+// Mip-Splatting's factors on the opacity: the 3D filter's, product of s / body, and the pixel filter's, the ratio of the
+// marginals across the line of sight a: with D(v) = v_x v_y v_z sum of a_k^2 / v_k, sqrt(D(body^2) / D(filtered^2)).
+static inline vf mip_factor(const gaussian16 *g)
+{
+    const vec3 a = sight(g), kept = divide3(g->scale, g->filtered);
+    const vec3 before = divide3(a, g->body), after = divide3(a, g->filtered);
+    const vf ratio = vf_div(dot3(before, before), vf_max(dot3(after, after), vf_set1(1e-37f)));
+    return vf_mul(vf_mul(kept.x, vf_mul(kept.y, kept.z)), vf_sqrt(ratio));
+}
+
+// p: the parameters of block number `block` of 16 (model layout).
+static inline void load_gaussian(const float *p, size_t block, const sgsi_view *view, gaussian16 *g)
 {
     g->delta_world = (vec3){vf_sub(vf_load(p), vf_set1(view->center[0])), vf_sub(vf_load(p + 16), vf_set1(view->center[1])),
                             vf_sub(vf_load(p + 32), vf_set1(view->center[2]))};
@@ -102,12 +132,17 @@ static inline void load_gaussian(const float *p, const sgsi_view *view, gaussian
                       vf_exp(vf_clamp(vf_load(p + 16 * (SGS_PARAM_SCALE + 1)), low, high)),
                       vf_exp(vf_clamp(vf_load(p + 16 * (SGS_PARAM_SCALE + 2)), low, high))};
     const vf eps2 = vf_mul(vf_set1(view->dilation), vf_mul(g->depth, g->depth));
-    g->filtered = (vec3){vf_sqrt(vf_fma(g->scale.x, g->scale.x, eps2)), vf_sqrt(vf_fma(g->scale.y, g->scale.y, eps2)),
-                         vf_sqrt(vf_fma(g->scale.z, g->scale.z, eps2))};
+    g->body = g->scale;
+    if (view->filter_3d) {
+        const vf f3 = vf_load(view->filter_3d + 16 * block), variance = vf_mul(f3, f3);
+        g->body = (vec3){widen1(g->scale.x, variance), widen1(g->scale.y, variance), widen1(g->scale.z, variance)};
+    }
+    g->filtered = (vec3){widen1(g->body.x, eps2), widen1(g->body.y, eps2), widen1(g->body.z, eps2)};
     const vf one = vf_set1(1.0f);
     g->inv_filtered = (vec3){vf_div(one, g->filtered.x), vf_div(one, g->filtered.y), vf_div(one, g->filtered.z)};
     const vf logit = vf_clamp(vf_load(p + 16 * SGS_PARAM_OPACITY), low, high);
-    g->opacity = vf_div(one, vf_add(one, vf_exp(vf_sub(vf_zero(), logit))));
+    g->opacity_stored = vf_div(one, vf_add(one, vf_exp(vf_sub(vf_zero(), logit))));
+    g->opacity = view->mip ? vf_mul(g->opacity_stored, mip_factor(g)) : g->opacity_stored;
     const vec3 m_delta = {vf_mul(dot3(g->axis[0], g->delta), g->inv_filtered.x),
                           vf_mul(dot3(g->axis[1], g->delta), g->inv_filtered.y),
                           vf_mul(dot3(g->axis[2], g->delta), g->inv_filtered.z)};

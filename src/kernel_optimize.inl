@@ -12,15 +12,50 @@
 //   dL/ddelta     = -M^T f = -sum over k of f_k / s'_k axis_k
 // Filter s'^2 = s^2 + eps^2, eps^2 = dilation * depth^2: dL/dlog s = dL/dlog s' s^2 / s'^2 and
 //   dL/ddepth = dilation * depth * sum over k of dL/dlog s'_k / s'_k^2.
+// Filter `mip`: see chain_mip.
 // dL/dlogit = sum v (1 - o). Colours: a channel clamped at 0 gets nothing.
 
 typedef struct gradient16 {
     vf mean[3], rotation[4], scale[3], opacity, color[3];
+    vec3 sight;       // dL/dmean through the direction to the mean, camera axes; mip only
     vec3 transverse;  // dL/dmean in camera axes without the paths through the SH direction and the filter
     vec3 direction;   // unit, world
 } gradient16;
 
-static inline void chain_shape(const gaussian16 *g, const vf sums[16], gradient16 *out)
+// With the mip filter opacity and pixel filter depend on the scales as well. In logarithms, with b = body, f = filtered, a = the line
+// of sight in the primitive's axes, B = sum of a_k^2 / b_k^2, F = sum of a_k^2 / f_k^2, V = dL/dln o:
+//   ln o = ln o_stored + sum (ln s_k - ln b_k) + sum (ln b_k - ln f_k) + (ln B - ln F) / 2
+//   dL/dln f_k = l_k + V (a_k^2 / (f_k^2 F) - 1)               l_k: through the response, as without the filter
+//   dL/dln b_k = dL/dln f_k b_k^2 / f_k^2 - V a_k^2 / (b_k^2 B)
+//   dL/dln s_k = dL/dln b_k s_k^2 / b_k^2 + V
+//   dL/da_k    = V (a_k / (b_k^2 B) - a_k / (f_k^2 F)) = h_k;  dL/domega += h x a;  dL/dmean += R h / distance
+// (h is across the line of sight: h.a = 0). On return log_scale holds dL/dln f, *scale dL/dln s.
+static inline void chain_mip(const gaussian16 *g, vf v, vec3 *log_scale, vec3 *omega, vf scale[3], vec3 *sight_gradient)
+{
+    const vec3 a = sight(g), inv_body = divide3((vec3){vf_set1(1.0f), vf_set1(1.0f), vf_set1(1.0f)}, g->body);
+    const vec3 before = divide3(a, g->body), after = divide3(a, g->filtered);
+    const vf least = vf_set1(1e-37f), inv_b = vf_div(v, vf_max(dot3(before, before), least));
+    const vf inv_f = vf_div(v, vf_max(dot3(after, after), least));
+    vf *const out[3] = {&log_scale->x, &log_scale->y, &log_scale->z};
+    const vf s[3] = {g->scale.x, g->scale.y, g->scale.z}, b[3] = {g->body.x, g->body.y, g->body.z};
+    const vf inv[3] = {g->inv_filtered.x, g->inv_filtered.y, g->inv_filtered.z}, inv_b1[3] = {inv_body.x, inv_body.y, inv_body.z};
+    const vf u[3] = {before.x, before.y, before.z}, w[3] = {after.x, after.y, after.z};
+    vf h[3];
+    for (int k = 0; k < 3; ++k) {
+        *out[k] = vf_add(*out[k], vf_fms(vf_mul(w[k], w[k]), inv_f, v));
+        const vf shrink = vf_mul(b[k], inv[k]), rest = vf_mul(s[k], inv_b1[k]);
+        const vf body = vf_fms(*out[k], vf_mul(shrink, shrink), vf_mul(vf_mul(u[k], u[k]), inv_b));
+        scale[k] = vf_fma(body, vf_mul(rest, rest), v);
+        h[k] = vf_fms(vf_mul(u[k], inv_b1[k]), inv_b, vf_mul(vf_mul(w[k], inv[k]), inv_f));
+    }
+    omega->x = vf_add(omega->x, vf_fms(h[1], a.z, vf_mul(h[2], a.y)));
+    omega->y = vf_add(omega->y, vf_fms(h[2], a.x, vf_mul(h[0], a.z)));
+    omega->z = vf_add(omega->z, vf_fms(h[0], a.y, vf_mul(h[1], a.x)));
+    const vec3 across = add_scaled3(add_scaled3(scale3(g->axis[0], h[0]), g->axis[1], h[1]), g->axis[2], h[2]);
+    *sight_gradient = scale3(across, vf_div(vf_set1(1.0f), g->distance));
+}
+
+static inline void chain_shape(const gaussian16 *g, const vf sums[16], bool mip, gradient16 *out)
 {
     const vf inv_ph = vf_div(vf_set1(1.0f / SGSI_HALF_LOG2E), g->p);
     const float inv_h = 1.0f / SGSI_HALF_LOG2E, inv_root = 1.1774100225154747f; // 1 / sqrt(h)
@@ -46,10 +81,12 @@ static inline void chain_shape(const gaussian16 *g, const vf sums[16], gradient1
     const vf pyz = vf_fma(g->q1.y, w1.z, vf_fma(g->q2.y, w2.z, vf_mul(g->q3.y, w3.z)));
     const vf minus2 = vf_set1(-2.0f);
     const vec3 s = g->filtered, inv = g->inv_filtered;
-    const vec3 log_scale = {vf_mul(minus2, pxx), vf_mul(minus2, pyy), vf_mul(minus2, pzz)};
-    const vec3 omega = {vf_mul(vf_mul(minus2, pyz), vf_fms(s.y, inv.z, vf_mul(s.z, inv.y))),
+    vec3 log_scale = {vf_mul(minus2, pxx), vf_mul(minus2, pyy), vf_mul(minus2, pzz)};
+    vec3 omega = {vf_mul(vf_mul(minus2, pyz), vf_fms(s.y, inv.z, vf_mul(s.z, inv.y))),
                         vf_mul(vf_mul(minus2, pxz), vf_fms(s.z, inv.x, vf_mul(s.x, inv.z))),
                         vf_mul(vf_mul(minus2, pxy), vf_fms(s.x, inv.y, vf_mul(s.y, inv.x)))};
+    if (mip)
+        chain_mip(g, sums[SGSI_SUM_V], &log_scale, &omega, out->scale, &out->sight);
     const vf *q = g->quaternion;
     const vf two = vf_mul(vf_set1(2.0f), g->inv_norm), zero = vf_zero();
     out->rotation[0] = vf_mul(two, vf_sub(zero, dot3((vec3){q[1], q[2], q[3]}, omega)));
@@ -57,9 +94,11 @@ static inline void chain_shape(const gaussian16 *g, const vf sums[16], gradient1
     out->rotation[2] = vf_mul(two, dot3((vec3){q[3], q[0], vf_sub(zero, q[1])}, omega));
     out->rotation[3] = vf_mul(two, dot3((vec3){vf_sub(zero, q[2]), q[1], q[0]}, omega));
     const vec3 shrink = {vf_mul(g->scale.x, inv.x), vf_mul(g->scale.y, inv.y), vf_mul(g->scale.z, inv.z)};
-    out->scale[0] = vf_mul(log_scale.x, vf_mul(shrink.x, shrink.x));
-    out->scale[1] = vf_mul(log_scale.y, vf_mul(shrink.y, shrink.y));
-    out->scale[2] = vf_mul(log_scale.z, vf_mul(shrink.z, shrink.z));
+    if (!mip) {
+        out->scale[0] = vf_mul(log_scale.x, vf_mul(shrink.x, shrink.x));
+        out->scale[1] = vf_mul(log_scale.y, vf_mul(shrink.y, shrink.y));
+        out->scale[2] = vf_mul(log_scale.z, vf_mul(shrink.z, shrink.z));
+    }
     const vec3 back = {vf_mul(f.x, inv.x), vf_mul(f.y, inv.y), vf_mul(f.z, inv.z)};
     const vec3 towards = add_scaled3(add_scaled3(scale3(g->axis[0], back.x), g->axis[1], back.y), g->axis[2], back.z);
     out->transverse = (vec3){vf_sub(zero, towards.x), vf_sub(zero, towards.y), vf_sub(zero, towards.z)};
@@ -129,8 +168,8 @@ static inline vec3 sh_direction_gradient(const float *p, vec3 d, int degree, con
 static inline void chain_rule(const sgsi_optimize *input, const float *p, const gaussian16 *g, const vf sums[16], gradient16 *out)
 {
     const vf one = vf_set1(1.0f);
-    chain_shape(g, sums, out);
-    out->opacity = vf_mul(sums[SGSI_SUM_V], vf_sub(one, g->opacity));
+    chain_shape(g, sums, input->view.mip, out);
+    out->opacity = vf_mul(sums[SGSI_SUM_V], vf_sub(one, g->opacity_stored));
     const vf inv_distance = vf_div(one, g->distance);
     out->direction = scale3(g->delta_world, inv_distance);
     vf color[3];
@@ -144,6 +183,8 @@ static inline void chain_rule(const sgsi_optimize *input, const float *p, const 
         camera = add_scaled3(camera, g->delta, vf_mul(through_depth, inv_distance));
     else
         camera.z = vf_add(camera.z, through_depth);
+    if (input->view.mip)
+        camera = (vec3){vf_add(camera.x, out->sight.x), vf_add(camera.y, out->sight.y), vf_add(camera.z, out->sight.z)};
     vec3 mean = rotate3_back(input->view.rotation, camera);
     const vec3 by_direction = sh_direction_gradient(p, out->direction, input->view.sh_degree, out->color);
     const vf radial = dot3(by_direction, out->direction);
@@ -266,7 +307,7 @@ static size_t optimize(const sgsi_optimize *input, size_t begin, size_t end)
         vf_transpose16(sums);
         const float *p = input->params + block * SGS_PARAM_COUNT * 16;
         gaussian16 g;
-        load_gaussian(p, &input->view, &g);
+        load_gaussian(p, block, &input->view, &g);
         gradient16 d;
         chain_rule(input, p, &g, sums, &d);
         if (input->gradients) {

@@ -63,16 +63,16 @@ static inline void project_bounds(const sgsi_project *input, size_t block, const
     store_bounds(input->bounds + 16 * block, place, half);
 }
 
-// 3DGS's radius: 3 sqrt(lambda_max) of the projected covariance + 0.3 px^2, rounded up; 0 where the primitive does
+// 3DGS's radius: 3 sqrt(lambda_max) of the projected covariance + 0.3 px^2 (0.1 with the mip filter), rounded up; 0 where the primitive does
 // not count as visible.
 static inline vf projected_radius(const sgsi_view *view, const gaussian16 *g, vm in_cone)
 {
     const sgsi_rays *rays = view->rays;
-    const vf zero = vf_zero(), one = vf_set1(1.0f);
+    const vf zero = vf_zero(), one = vf_set1(1.0f), pixel = vf_set1(view->mip ? 0.1f : 0.3f);
     if (rays->fisheye) {
-        const vf longest = vf_max(g->scale.x, vf_max(g->scale.y, g->scale.z));
+        const vf longest = vf_max(g->body.x, vf_max(g->body.y, g->body.z));
         const vf sigma = vf_div(vf_mul(longest, vf_set1(rays->focal)), g->distance);
-        const vf radius = vf_add(vf_mul(vf_set1(3.0f), vf_sqrt(vf_fma(sigma, sigma, vf_set1(0.3f)))), vf_set1(0.5f));
+        const vf radius = vf_add(vf_mul(vf_set1(3.0f), vf_sqrt(vf_fma(sigma, sigma, pixel))), vf_set1(0.5f));
         return vf_keep(in_cone, radius);
     }
     const float width = (float)rays->camera.width, height = (float)rays->camera.height;
@@ -85,8 +85,8 @@ static inline vf projected_radius(const sgsi_view *view, const gaussian16 *g, vm
     const vf x = vf_mul(g->delta.x, inv_z), y = vf_mul(g->delta.y, inv_z);
     const vf tx = vf_clamp(x, vf_sub(zero, limit_x), limit_x), ty = vf_clamp(y, vf_sub(zero, limit_y), limit_y);
     const vf jx = vf_mul(vf_set1(rays->fx), inv_z), jy = vf_mul(vf_set1(rays->fy), inv_z);
-    vf xx = vf_set1(0.3f), xy = zero, yy = vf_set1(0.3f);
-    const vf s[3] = {g->scale.x, g->scale.y, g->scale.z};
+    vf xx = pixel, xy = zero, yy = pixel;
+    const vf s[3] = {g->body.x, g->body.y, g->body.z};
     for (int k = 0; k < 3; ++k) {
         const vf u = vf_mul(vf_mul(jx, s[k]), vf_fnma(tx, g->axis[k].z, g->axis[k].x));
         const vf v = vf_mul(vf_mul(jy, s[k]), vf_fnma(ty, g->axis[k].z, g->axis[k].y));
@@ -152,7 +152,7 @@ static void project(const sgsi_project *input, size_t begin, size_t end)
     const sgsi_rays *rays = input->view.rays;
     for (size_t block = begin; block < end; ++block) {
         gaussian16 g;
-        load_gaussian(input->params + block * SGS_PARAM_COUNT * 16, &input->view, &g);
+        load_gaussian(input->params + block * SGS_PARAM_COUNT * 16, block, &input->view, &g);
         const size_t left = input->count - 16 * block;
         const vm present = vm_from_bits(left >= 16 ? 0xFFFFu : (1u << left) - 1u);
         const vf longest = vf_max(g.filtered.x, vf_max(g.filtered.y, g.filtered.z));

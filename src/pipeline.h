@@ -79,7 +79,7 @@ typedef struct sgsi_pipeline {
 // Never NULL for a pipeline of the enumeration.
 const sgsi_pipeline *sgsi_pipeline_get(sgs_pipeline pipeline);
 
-extern const sgsi_pipeline sgsi_pipeline_3dgs, sgsi_pipeline_taming, sgsi_pipeline_dash, sgsi_pipeline_fastgs;
+extern const sgsi_pipeline sgsi_pipeline_3dgs, sgsi_pipeline_mip, sgsi_pipeline_taming, sgsi_pipeline_dash, sgsi_pipeline_fastgs;
 
 // ---- What pipelines share ----
 

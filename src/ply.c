@@ -22,7 +22,7 @@
 #include "core.h"
 #include "ply_header.h"
 
-enum { REST_PER_CHANNEL = 15, MAX_REST = 3 * REST_PER_CHANNEL, CHUNK_ROWS = 256, MAX_COLUMNS = SGS_PARAM_COUNT + 3 };
+enum { REST_PER_CHANNEL = 15, MAX_REST = 3 * REST_PER_CHANNEL, CHUNK_ROWS = 256, MAX_COLUMNS = SGS_PARAM_COUNT + 4 };
 
 // exp(44)^2 is the largest square of a scale that float holds.
 static const float MOST_LOG_SCALE = 44.0f;
@@ -311,6 +311,7 @@ typedef struct row_writer {
     const float *points;
     const unsigned char *colors;
     size_t count;
+    const float *filter_3d; // the last column, or NULL
     int params[MAX_COLUMNS]; // parameter of each column, -1 for a normal's 0
     int column_count;
 } row_writer;
@@ -320,7 +321,7 @@ static uint8_t *put_row(const row_writer *writer, size_t row, uint8_t *at)
     if (writer->model) {
         for (int k = 0; k < writer->column_count; ++k)
             at = put_float(at, writer->params[k] < 0 ? 0.0f : *sgs_gaussians_at(writer->model, row, writer->params[k]));
-        return at;
+        return writer->filter_3d ? put_float(at, writer->filter_3d[row]) : at;
     }
     for (size_t k = 0; k < 6; ++k)
         at = put_float(at, k < 3 ? writer->points[3 * row + k] : 0.0f);
@@ -357,7 +358,7 @@ static void add_written(row_writer *writer, FILE *stream, const char *prefix, in
     writer->params[writer->column_count++] = param;
 }
 
-sgs_status sgs_ply_write(const char *path, const sgs_gaussians *model)
+static sgs_status write_model(const char *path, const sgs_gaussians *model, const float *filter_3d)
 {
     if (model->sh_degree < 0 || model->sh_degree > 3)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: SH degree %d cannot be written; 0 to 3 can", path,
@@ -366,7 +367,7 @@ sgs_status sgs_ply_write(const char *path, const sgs_gaussians *model)
     const sgs_status status = sgsi_atomic_open(&file, path);
     if (status)
         return status;
-    row_writer writer = {.model = model, .count = model->count};
+    row_writer writer = {.model = model, .count = model->count, .filter_3d = filter_3d};
     fprintf(file.stream, "ply\nformat binary_little_endian 1.0\nelement vertex %zu\n", model->count);
     static const char *const lead[] = {"x", "y", "z", "nx", "ny", "nz"};
     for (int k = 0; k < 6; ++k)
@@ -381,8 +382,18 @@ sgs_status sgs_ply_write(const char *path, const sgs_gaussians *model)
         add_written(&writer, file.stream, "scale_", k, SGS_PARAM_SCALE + k);
     for (int k = 0; k < 4; ++k)
         add_written(&writer, file.stream, "rot_", k, SGS_PARAM_ROTATION + k);
-    fputs("end_header\n", file.stream);
+    fputs(filter_3d ? "property float filter_3D\nend_header\n" : "end_header\n", file.stream);
     return write_rows(&writer, &file);
+}
+
+sgs_status sgs_ply_write(const char *path, const sgs_gaussians *model)
+{
+    return write_model(path, model, NULL);
+}
+
+sgs_status sgs_ply_write_filter_3d(const char *path, const sgs_gaussians *model, const float *filter_3d)
+{
+    return write_model(path, model, filter_3d);
 }
 
 sgs_status sgs_ply_write_points(const char *path, const float *points, const unsigned char *colors, size_t n)

@@ -27,6 +27,8 @@ struct sgs_renderer {
     size_t normal_count;
     float *normals; // [normal_count][4]
     sgsi_deep deep;
+    float *filter_3d; // padded
+    size_t filter_capacity;
 };
 
 sgs_render_options sgs_render_options_default(void)
@@ -117,6 +119,7 @@ void sgs_renderer_destroy(sgs_renderer *renderer)
     sgsi_free(renderer->unwanted);
     sgsi_free(renderer->normals);
     sgsi_deep_free(&renderer->deep);
+    sgsi_free(renderer->filter_3d);
     sgsi_free(renderer);
 }
 
@@ -175,6 +178,25 @@ static sgs_status prepare_aov(sgs_renderer *renderer, const sgsi_view *view, con
     return SGS_STATUS_OK;
 }
 
+// The kernels read whole blocks of 16; the caller's array ends with the model.
+static sgs_status pad_filter(sgs_renderer *renderer, const sgs_render_options *options, const float **filter_3d)
+{
+    const size_t count = renderer->model->count, capacity = renderer->model->capacity;
+    *filter_3d = NULL;
+    if (options->filter != SGS_FILTER_MIP || !options->filter_3d)
+        return SGS_STATUS_OK;
+    if (capacity > renderer->filter_capacity) {
+        sgsi_free(renderer->filter_3d);
+        renderer->filter_3d = sgsi_calloc(capacity, sizeof *renderer->filter_3d);
+        renderer->filter_capacity = renderer->filter_3d ? capacity : 0;
+        if (!renderer->filter_3d)
+            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the 3D filter of %zu primitives", count);
+    }
+    memcpy(renderer->filter_3d, options->filter_3d, count * sizeof *renderer->filter_3d);
+    *filter_3d = renderer->filter_3d;
+    return SGS_STATUS_OK;
+}
+
 // Everything up to the tracing.
 static sgs_status begin_view(sgs_renderer *renderer, const sgs_camera *camera, const sgs_pose *pose,
                              const sgs_render_options *options, const sgs_frame *frame, sgsi_view *view)
@@ -182,8 +204,8 @@ static sgs_status begin_view(sgs_renderer *renderer, const sgs_camera *camera, c
     if (frame->width != camera->width || frame->height != camera->height)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "the frame is %dx%d pixels but its camera %dx%d", frame->width,
                          frame->height, camera->width, camera->height);
-    if (options->filter != SGS_FILTER_3DGS && options->filter != SGS_FILTER_NONE)
-        return sgsi_fail(SGS_STATUS_UNSUPPORTED, "the tracer has the pixel filters 3dgs and none");
+    if (options->filter != SGS_FILTER_3DGS && options->filter != SGS_FILTER_NONE && options->filter != SGS_FILTER_MIP)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "pixel filter %d is unknown", (int)options->filter);
     if (options->sh_degree < 0 || options->sh_degree > 3 || !(options->near_distance >= 0.0))
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "SH degree %d or near distance %g is out of range", options->sh_degree,
                          options->near_distance);
@@ -193,7 +215,11 @@ static sgs_status begin_view(sgs_renderer *renderer, const sgs_camera *camera, c
         status = prepare_planes(renderer, frame);
     if (status)
         return status;
-    sgsi_view_set(view, rays, pose, options);
+    sgs_render_options padded = *options;
+    status = pad_filter(renderer, options, &padded.filter_3d);
+    if (status)
+        return status;
+    sgsi_view_set(view, rays, pose, &padded);
     status = sgsi_tracer_project(renderer->tracer, renderer->model, view, NULL, NULL);
     if (!status)
         status = sgsi_tracer_commit(renderer->tracer, renderer->changed, SGSI_BVH_REFIT);

@@ -92,7 +92,9 @@ typedef struct sgsi_view {
     float rotation[9]; // world to camera
     float center[3];   // world
     float near_distance;
-    float dilation;    // 0.3 / f^2 for the 3dgs filter, 0 for none
+    float dilation;    // 0.3 / f^2 for the 3dgs filter, 0.1 / f^2 for mip, 0 for none
+    bool mip;          // Mip-Splatting's filters: they conserve what a primitive covers times its opacity
+    const float *filter_3d; // [padded to 16] f3 of the primitives, world units, or NULL for 0; mip only
     int sh_degree;
 } sgsi_view;
 

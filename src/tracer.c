@@ -215,10 +215,13 @@ static sgs_status reserve_primitives(sgsi_tracer *tracer, size_t capacity)
 void sgsi_view_set(sgsi_view *view, const sgsi_rays *rays, const sgs_pose *pose, const sgs_render_options *options)
 {
     double center[3];
+    const float pixel = options->filter == SGS_FILTER_3DGS ? 0.3f : options->filter == SGS_FILTER_MIP ? 0.1f : 0.0f;
     sgs_pose_center(pose, center);
     *view = (sgsi_view){.rays = rays,
                         .near_distance = (float)options->near_distance,
-                        .dilation = options->filter == SGS_FILTER_3DGS ? 0.3f / (rays->focal * rays->focal) : 0.0f,
+                        .dilation = pixel / (rays->focal * rays->focal),
+                        .mip = options->filter == SGS_FILTER_MIP,
+                        .filter_3d = options->filter == SGS_FILTER_MIP ? options->filter_3d : NULL,
                         .sh_degree = options->sh_degree};
     for (int k = 0; k < 9; ++k)
         view->rotation[k] = (float)pose->rotation[k];

@@ -85,5 +85,5 @@ const sgsi_bvh *sgsi_tracer_bvh(const sgsi_tracer *tracer);
 bool sgsi_scratch_reserve(sgsi_scratch *scratch, size_t capacity);
 void sgsi_scratch_free(sgsi_scratch *scratch);
 
-// Fills a view from a camera's rays and a pose. filter: SGS_FILTER_3DGS or SGS_FILTER_NONE.
+// Fills a view from a camera's rays and a pose. options->filter_3d must be padded to a multiple of 16 (or NULL).
 void sgsi_view_set(sgsi_view *view, const sgsi_rays *rays, const sgs_pose *pose, const sgs_render_options *options);

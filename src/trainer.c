@@ -15,7 +15,7 @@
 #include "traffic.h"
 #include "trainer_state.h"
 
-enum { TRAIN_BIN_TILES = 2 };
+enum { TRAIN_BIN_TILES = 2, FILTER_INTERVAL = 100 };
 
 sgs_train_options sgs_train_options_default(void)
 {
@@ -35,7 +35,7 @@ static sgs_status check_options(const sgs_train_options *o)
     return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, text)
     SGSI_REQUIRE(o->iterations >= 1 && o->iterations <= 10000000, "iterations must be between 1 and 10000000");
     SGSI_REQUIRE((unsigned)o->pipeline < SGS_PIPELINE_COUNT, "pipeline must be one of sgs_pipeline");
-    SGSI_REQUIRE(o->filter == SGS_FILTER_3DGS || o->filter == SGS_FILTER_NONE, "filter must be 3dgs or none");
+    SGSI_REQUIRE((unsigned)o->filter <= SGS_FILTER_MIP, "filter must be 3dgs, none or mip");
     SGSI_REQUIRE(o->sh_degree >= 0 && o->sh_degree <= 3, "SH degree must be between 0 and 3");
     SGSI_REQUIRE(o->spare_grid >= 2 && o->spare_grid <= 256, "the SPARE-GS grid must be between 2 and 256");
     SGSI_REQUIRE(o->spare_tau_alpha >= 0 && o->spare_tau_alpha <= 1, "SPARE-GS's tau_alpha must be between 0 and 1");
@@ -149,6 +149,8 @@ static sgs_status create_model(sgs_trainer *trainer)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the optimiser of %zu primitives", trainer->model->count);
     trainer->progress.pipeline.initial_count = (int64_t)trainer->model->count;
     status = sgsi_trainer_reserve_pending(trainer);
+    if (!status)
+        status = sgsi_trainer_update_filter_3d(trainer);
     return status ? status : sgsi_statistics_reserve(&trainer->statistics, trainer->model->capacity);
 }
 
@@ -243,7 +245,7 @@ void sgs_trainer_destroy(sgs_trainer *trainer)
     sgs_gaussians_destroy(trainer->model);
     void *const arrays[] = {trainer->m, trainer->v, trainer->train_views, trainer->order, trainer->depth_guesses,
                             trainer->tile_counts, trainer->planes, trainer->cloud_points, trainer->cloud_colors,
-                            trainer->pending, trainer->pending_rows};
+                            trainer->pending, trainer->pending_rows, trainer->filter_3d};
     for (size_t i = 0; i < sizeof arrays / sizeof *arrays; ++i)
         sgsi_free(arrays[i]);
     sgsi_free(trainer);
@@ -305,7 +307,7 @@ static sgs_status trace_forward(sgs_trainer *trainer, step_state *step)
     sgs_status status = sgsi_ray_cache_get(trainer->rays, &step->camera, &rays);
     if (status)
         return status;
-    const sgs_render_options options = {.filter = trainer->options.filter, .near_distance = 0.2,
+    const sgs_render_options options = {.filter = trainer->options.filter, .near_distance = 0.2, .filter_3d = trainer->filter_3d,
                                         .sh_degree = active_sh_degree(trainer, step->iteration)};
     sgsi_view_set(&step->view, rays, &step->source->pose, &options);
     set_planes(trainer, step);
@@ -514,6 +516,10 @@ sgs_status sgs_trainer_step(sgs_trainer *trainer, sgs_step_info *info)
         return status;
     if (!status)
         status = sgsi_trainer_follow_resolution(trainer, iteration);
+    // Mip-Splatting: positions still move after the last structural update.
+    if (!status && trainer->filter_3d && iteration > trainer->schedule.densify_until && iteration % FILTER_INTERVAL == 0 &&
+        iteration < trainer->options.iterations - FILTER_INTERVAL)
+        status = sgsi_trainer_update_filter_3d(trainer);
     if (status)
         return status;
     if (step.resets)
@@ -537,6 +543,11 @@ const double *sgs_trainer_exposure(const sgs_trainer *trainer, size_t view)
         if (trainer->train_views[i] == view)
             return sgsi_exposure_map(trainer->exposure, i);
     return NULL;
+}
+
+const float *sgs_trainer_filter_3d(const sgs_trainer *trainer)
+{
+    return trainer->filter_3d;
 }
 
 int sgs_trainer_iteration(const sgs_trainer *trainer)

@@ -6,6 +6,7 @@
 
 #include "density.h"
 #include "exposure.h"
+#include "filter_3d.h"
 #include "loss.h"
 #include "numerics.h"
 #include "pipeline.h"
@@ -57,6 +58,7 @@ struct sgs_trainer {
     float *m, *v; // Adam's moments, model layout
     float *pending;          // gradients that wait for a step, model layout; NULL where every iteration steps
     uint16_t *pending_rows;
+    float *filter_3d;        // Mip-Splatting's, [capacity], padding 0; NULL with another pixel filter
     sgsi_statistics statistics;
     sgsi_trainer_scores scores;
     sgsi_tracer *tracer;
@@ -110,6 +112,9 @@ sgs_status sgsi_trainer_follow_resolution(sgs_trainer *trainer, int iteration);
 void sgsi_trainer_resolution_free(sgs_trainer *trainer);
 // The depth guesses of all views say nothing any more.
 void sgsi_trainer_forget_depths(sgs_trainer *trainer);
+
+// The 3D filter of the model as it is (memory and values), where the pixel filter wants one.
+sgs_status sgsi_trainer_update_filter_3d(sgs_trainer *trainer);
 
 // Zeroed gradients that wait for a step, for the model as it is; nothing where the pipeline steps in every iteration.
 sgs_status sgsi_trainer_reserve_pending(sgs_trainer *trainer);

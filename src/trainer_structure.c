@@ -23,6 +23,18 @@ sgs_status sgsi_trainer_reserve_pending(sgs_trainer *trainer)
     return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the gradients of %zu primitives", trainer->model->count);
 }
 
+sgs_status sgsi_trainer_update_filter_3d(sgs_trainer *trainer)
+{
+    if (trainer->options.filter != SGS_FILTER_MIP)
+        return SGS_STATUS_OK;
+    sgsi_free(trainer->filter_3d);
+    trainer->filter_3d = sgsi_calloc(trainer->model->capacity, sizeof *trainer->filter_3d);
+    if (!trainer->filter_3d)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the 3D filter of %zu primitives", trainer->model->count);
+    sgsi_filter_3d_compute(trainer->model, trainer->scene, trainer->train_views, trainer->train_view_count, trainer->filter_3d);
+    return SGS_STATUS_OK;
+}
+
 // Taming 3DGS, as released: opacities stay as they are once densification is over.
 float sgsi_trainer_opacity_rate(const sgs_trainer *trainer, int iteration)
 {
@@ -83,10 +95,12 @@ sgs_status sgsi_trainer_update_structure(sgs_trainer *trainer, int iteration, sg
     sgs_status status = sgsi_density_update(trainer->model, &trainer->m, &trainer->v, &trainer->statistics, &options, &result);
     if (!status)
         status = sgsi_trainer_reserve_pending(trainer);
+    if (!status)
+        status = sgsi_trainer_update_filter_3d(trainer);
     if (status)
         return status;
     if (trainer->pipeline->opacity_ceiling > 0.0f && !final_prune)
-        sgsi_density_reset_opacity(trainer->model, trainer->m, trainer->v, (double)trainer->pipeline->opacity_ceiling);
+        sgsi_density_reset_opacity(trainer->model, trainer->m, trainer->v, (double)trainer->pipeline->opacity_ceiling, NULL);
     trainer->structure_changed = true;
     progress->updates += !final_prune;
     info->structural = true;
@@ -113,7 +127,7 @@ void sgsi_trainer_forget_depths(sgs_trainer *trainer)
 
 void sgsi_trainer_reset_opacity(sgs_trainer *trainer, int iteration)
 {
-    sgsi_density_reset_opacity(trainer->model, trainer->m, trainer->v, 0.01);
+    sgsi_density_reset_opacity(trainer->model, trainer->m, trainer->v, 0.01, trainer->filter_3d);
     trainer->progress.last_reset = iteration;
     trainer->progress.reset_since_check = 1;
     sgsi_trainer_forget_depths(trainer); // nothing is opaque now

@@ -214,7 +214,7 @@ static void reset_lowers_opacities_and_clears_their_moments(void **state)
     (void)state;
     fixture f = make(20);
     *sgs_gaussians_at(f.model, 3, SGS_PARAM_OPACITY) = logf(0.006f / 0.994f);
-    sgsi_density_reset_opacity(f.model, f.m, f.v, 0.01);
+    sgsi_density_reset_opacity(f.model, f.m, f.v, 0.01, NULL);
     assert_true(fabsf(1 / (1 + expf(-*sgs_gaussians_at(f.model, 2, SGS_PARAM_OPACITY))) - 0.01f) < 1e-6f);
     assert_true(fabsf(1 / (1 + expf(-*sgs_gaussians_at(f.model, 3, SGS_PARAM_OPACITY))) - 0.006f) < 1e-6f);
     assert_true(moment(f.m, 5, SGS_PARAM_OPACITY) == 0 && moment(f.v, 5, SGS_PARAM_OPACITY) == 0);

@@ -194,12 +194,24 @@ static inline void traced_aim(traced_view *traced, const sgs_camera *camera, con
     sgsi_view_set(&traced->view, traced->rays, pose, &traced->options);
 }
 
+// A 3D filter for the mip filter, for any model of the tests; about as large as the primitives.
+static inline const float *traced_filter_3d(size_t count)
+{
+    enum { MOST = 1 << 16 };
+    static _Alignas(64) float values[MOST];
+    assert_true(count <= MOST);
+    for (size_t i = 0; i < MOST && values[MOST - 1] == 0; ++i)
+        values[i] = (float)(0.001 + 0.1 * sgsi_random_uniform(77, i));
+    return values;
+}
+
 // Projects, builds and traces with lists.
 static inline traced_view traced_create(const sgs_gaussians *model, const sgs_camera *camera, const sgs_pose *pose,
                                         sgs_filter filter, int bin_tiles, sgsi_bvh_quality quality)
 {
     traced_view traced = {.options = sgs_render_options_default()};
     traced.options.filter = filter;
+    traced.options.filter_3d = filter == SGS_FILTER_MIP ? traced_filter_3d(model->count) : NULL;
     assert_int_equal(sgsi_tracer_create(&traced.tracer), SGS_STATUS_OK);
     traced_aim(&traced, camera, pose, bin_tiles);
     traced_project(&traced, model, true, quality);

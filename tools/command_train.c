@@ -200,13 +200,36 @@ static bool is_save_point(const training *run, int iteration)
     return false;
 }
 
+// The model of an iteration; with Mip-Splatting's 3D filter both worked into the model and beside it.
+static bool save_model(const training *run, int iteration)
+{
+    const sgs_gaussians *model = sgs_trainer_model(run->trainer);
+    const float *filter = sgs_trainer_filter_3d(run->trainer);
+    if (!filter)
+        return run_folder_save_model(&run->folder, model, iteration);
+    sgs_gaussians *fused = NULL;
+    if (sgs_gaussians_fuse_filter_3d(model, filter, &fused)) {
+        fail_library();
+        return false;
+    }
+    bool saved = run_folder_save_model(&run->folder, fused, iteration);
+    sgs_gaussians_destroy(fused);
+    char *path = format_text("%s/point_cloud/iteration_%d/point_cloud_filter_3D.ply", run->values.output, iteration);
+    if (saved && sgs_ply_write_filter_3d(path, model, filter)) {
+        fail_library();
+        saved = false;
+    }
+    free(path);
+    return saved;
+}
+
 // What is due after an iteration that is not the last. Failing to save here is a warning: the disk may have
 // room again later, and the training is worth more than this file.
 static void save_due(training *run, int iteration)
 {
     const bool asked = interrupt_take_checkpoint();
     if (is_save_point(run, iteration) &&
-        !run_folder_save_model(&run->folder, sgs_trainer_model(run->trainer), iteration))
+        !save_model(run, iteration))
         print_warning("the model of iteration %d is not saved; training goes on", iteration);
     if (!asked && !(run->values.checkpoint_every && iteration % run->values.checkpoint_every == 0))
         return;
@@ -304,7 +327,7 @@ static bool save_results(training *run)
     sgs_gaussians_hash(model, run->hash);
     if (!run->iterations)
         return true;
-    bool saved = run_folder_save_model(&run->folder, model, run->iterations);
+    bool saved = save_model(run, run->iterations);
     char *exposure = format_text("%s/exposure.json", run->values.output);
     saved = exposure_write(exposure, run->scene, run->trainer) && saved;
     free(exposure);
@@ -449,6 +472,7 @@ int command_train(int argc, char **argv)
     int status = command_line_parse(&line, argc, argv);
     if (status < 0)
         status = scene_settle(&run.data, &line, NULL);
+    train_settle(&run.values);
     if (status < 0 && !run.values.output)
         status = fail_usage("train needs -o OUT, the folder to write to; usage: sparegs train %s", line.synopsis);
     if (status < 0)

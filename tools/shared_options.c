@@ -171,8 +171,9 @@ size_t scene_split_count(const sgs_scene *scene, sgs_split split)
 }
 
 static const option drawing_options[] = {
-    {"filter", 0, OPTION_CHOICE, offsetof(drawing_values, filter), 0, 0, "3dgs|none", "3dgs",
-     "as the run was trained, or 3dgs", NULL, "pixel filter: the 0.3 px^2 dilation of 3DGS, or the bare Gaussians"},
+    {"filter", 0, OPTION_CHOICE, offsetof(drawing_values, filter), 0, 0, "3dgs|none|mip", "3dgs",
+     "as the run was trained, or 3dgs", NULL,
+     "pixel filter: the 0.3 px^2 dilation of 3DGS, the bare Gaussians, or Mip-Splatting's 0.1 px^2 that keeps the energy"},
     {"background", 0, OPTION_COLOR, offsetof(drawing_values, background), 0, 0, "R,G,B", "0,0,0",
      "as the run was trained, or 0,0,0", NULL, "colour behind the model, display values from 0 to 1"},
 };
@@ -189,8 +190,8 @@ option_group drawing_group(drawing_values *values)
 void drawing_settle(drawing_values *values, const command_line *line, const json_t *config, const sgs_scene *scene)
 {
     const char *filter = json_string_value(config_option(config, "filter"));
-    if (!option_given(line, "filter") && filter && !strcmp(filter, "none"))
-        values->filter = SGS_FILTER_NONE;
+    if (!option_given(line, "filter") && filter)
+        values->filter = !strcmp(filter, "none") ? SGS_FILTER_NONE : !strcmp(filter, "mip") ? SGS_FILTER_MIP : SGS_FILTER_3DGS;
     const char *space = json_string_value(config_option(config, "train_space"));
     values->space = space && !strcmp(space, "linear") ? SGS_SPACE_LINEAR : SGS_SPACE_SRGB;
     const double white = json_number_value(config_option(config, "white"));

@@ -13,9 +13,11 @@
 #include "progress.h"
 #include "sparegs/runtime.h"
 
-#define PIPELINES "3dgs|taming|dash|fastgs"
+#define PIPELINES "3dgs|mip|taming|dash|fastgs"
+#define FILTERS "3dgs|none|mip"
 #define PHIS "coupled|constant|product|plain"
 #define TARGETS "default|gradient|importance|both"
+enum { FILTER_OF_PIPELINE = -1 };
 #define AT(member) offsetof(train_values, member)
 
 static const option output_options[] = {
@@ -41,9 +43,9 @@ static const option training_options[] = {
     {"schedule", 0, OPTION_CHOICE, AT(schedule), 0, 0, "scaled|paper", "scaled", NULL, NULL,
      "scaled: the milestones of the 30000-iteration schedule shrink with N; paper: that schedule, stopped at N"},
     {"pipeline", 0, OPTION_CHOICE, AT(pipeline), 0, 0, PIPELINES, "3dgs", NULL, NULL,
-     "base pipeline: 3DGS, Taming 3DGS, DashGaussian, FastGS"},
-    {"filter", 0, OPTION_CHOICE, AT(filter), 0, 0, "3dgs|none", "3dgs", NULL, NULL,
-     "pixel filter: the 0.3 px^2 dilation of 3DGS, or the bare Gaussians"},
+     "base pipeline: 3DGS, Mip-Splatting, Taming 3DGS, DashGaussian, FastGS"},
+    {"filter", 0, OPTION_CHOICE, AT(filter), 0, 0, FILTERS, NULL, "the pipeline's", NULL,
+     "pixel filter: the 0.3 px^2 dilation of 3DGS, the bare Gaussians, or Mip-Splatting's filters"},
     {"optimizer", 0, OPTION_CHOICE, AT(optimizer), 0, 0, "sparse|dense", "sparse", NULL, NULL,
      "Adam over the primitives seen in the iteration, or over all of them"},
     {"sh-degree", 0, OPTION_INTEGER, AT(sh_degree), 0, 3, "D", "3", NULL, NULL,
@@ -107,7 +109,7 @@ static const option spare_options[] = {
 
 void train_groups(train_values *values, option_group groups[TRAIN_GROUP_COUNT])
 {
-    *values = (train_values){0};
+    *values = (train_values){.filter = FILTER_OF_PIPELINE};
     groups[0] = (option_group){.title = "Output",
                                .options = output_options,
                                .count = sizeof output_options / sizeof *output_options,
@@ -124,6 +126,12 @@ void train_groups(train_values *values, option_group groups[TRAIN_GROUP_COUNT])
                                .options = spare_options,
                                .count = sizeof spare_options / sizeof *spare_options,
                                .values = values};
+}
+
+void train_settle(train_values *values)
+{
+    if (values->filter == FILTER_OF_PIPELINE)
+        values->filter = values->pipeline == SGS_PIPELINE_MIP ? SGS_FILTER_MIP : SGS_FILTER_3DGS;
 }
 
 sgs_train_options train_library_options(const train_values *values, uint64_t seed)
@@ -208,7 +216,7 @@ static json_t *shaping_options(const train_values *values, const scene_values *s
     set_integer(options, "iterations", (uint64_t)values->iterations);
     set_word(options, "schedule", "scaled|paper", values->schedule);
     set_word(options, "pipeline", PIPELINES, values->pipeline);
-    set_word(options, "filter", "3dgs|none", values->filter);
+    set_word(options, "filter", FILTERS, values->filter);
     set_word(options, "optimizer", "sparse|dense", values->optimizer);
     set_integer(options, "sh_degree", (uint64_t)values->sh_degree);
     if (values->background.random) {

@@ -74,6 +74,13 @@ sgs_status sgs_ply_read(const char *path, sgs_gaussians **model);
 // Writes the 62-property little-endian PLY of 3DGS (fewer f_rest for a lower sh_degree), atomically.
 sgs_status sgs_ply_write(const char *path, const sgs_gaussians *model);
 
+// The same with a last property filter_3D, Mip-Splatting's f3 of every primitive (world units); [count].
+sgs_status sgs_ply_write_filter_3d(const char *path, const sgs_gaussians *model, const float *filter_3d);
+
+// A copy of the model with Mip-Splatting's 3D filter [count] worked into scales and opacities, for files and viewers
+// that do not know the filter. On failure *fused is NULL.
+sgs_status sgs_gaussians_fuse_filter_3d(const sgs_gaussians *model, const float *filter_3d, sgs_gaussians **fused);
+
 // Writes a point cloud (x y z nx ny nz red green blue) as 3DGS's input.ply, atomically.
 sgs_status sgs_ply_write_points(const char *path, const float *points, const unsigned char *colors, size_t n);
 

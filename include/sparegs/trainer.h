@@ -19,13 +19,14 @@ extern "C" {
 
 typedef enum sgs_schedule { SGS_SCHEDULE_SCALED = 0, SGS_SCHEDULE_PAPER = 1 } sgs_schedule;
 typedef enum sgs_optimizer { SGS_OPTIMIZER_SPARSE = 0, SGS_OPTIMIZER_DENSE = 1 } sgs_optimizer;
-// Base pipelines: 3DGS (Kerbl et al., 2023), Taming 3DGS (Mallick et al., 2024),
+// Base pipelines: 3DGS (Kerbl et al., 2023), Mip-Splatting (Yu et al., 2024), Taming 3DGS (Mallick et al., 2024),
 // DashGaussian (Chen et al., 2025), FastGS (Ren et al., 2025).
 typedef enum sgs_pipeline {
     SGS_PIPELINE_3DGS = 0,
-    SGS_PIPELINE_TAMING = 1,
-    SGS_PIPELINE_DASH = 2,
-    SGS_PIPELINE_FASTGS = 3,
+    SGS_PIPELINE_MIP = 1,
+    SGS_PIPELINE_TAMING = 2,
+    SGS_PIPELINE_DASH = 3,
+    SGS_PIPELINE_FASTGS = 4,
     SGS_PIPELINE_COUNT
 } sgs_pipeline;
 enum { SGS_SPARE_BMD = 1, SGS_SPARE_RAP = 2, SGS_SPARE_EDT = 4, SGS_SPARE_ALL = 7 };
@@ -137,6 +138,8 @@ sgs_status sgs_trainer_step(sgs_trainer *trainer, sgs_step_info *info);
 
 // The model as it stands; owned by the trainer, invalidated by the next step. Row order changes at structural updates.
 const sgs_gaussians *sgs_trainer_model(const sgs_trainer *trainer);
+// Mip-Splatting's 3D filter of that model, [count], world units; NULL with another pixel filter. Owned by the trainer.
+const float *sgs_trainer_filter_3d(const sgs_trainer *trainer);
 int sgs_trainer_iteration(const sgs_trainer *trainer);
 // The colour map of a training view, row-major 3 x 4 (mapped = A image + b), owned by the trainer; NULL when none is learned.
 const double *sgs_trainer_exposure(const sgs_trainer *trainer, size_t view);

@@ -408,6 +408,10 @@ void spare_evaluate(const spare_options *options, const spare_input *input, void
         return;
 
     const box b = bounding_box(input, grid);
+    for (int axis = 0; axis < 3; ++axis) {
+        result->low[axis] = b.low[axis];
+        result->cell[axis] = 1.0 / b.scale[axis];
+    }
     assign_voxels(input, &b, grid, w.region_of);
     memset(w.cells, 0, voxels * sizeof *w.cells);
     accumulate(input, w.region_of, w.cells);

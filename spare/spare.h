@@ -63,6 +63,7 @@ typedef struct spare_result {
     double over_budget_share;     // share of primitives in regions with n_r > quota
     double mean_weight;           // over primitives
     size_t redundant_count;
+    double low[3], cell[3];       // corner and cell of the grid, world units
 } spare_result;
 
 // Regions, quotas, weights and the redundancy mask, all from the state before this update's densification.

@@ -128,8 +128,9 @@ static void fill_columns(void *context, size_t begin, size_t end, int thread)
 }
 
 static void evaluate_spare(sgsi_density_columns *columns, const sgsi_statistics *statistics, const sgsi_density_options *options,
-                           sgsi_density_result *result)
+                           sgsi_density_result *result, spare_result *regions)
 {
+    *regions = (spare_result){0};
     if (!options->spare_densify && !options->spare_prune)
         return;
     const double start = sgsi_seconds();
@@ -145,6 +146,7 @@ static void evaluate_spare(sgsi_density_columns *columns, const sgsi_statistics 
         columns->weight[i] = 1.0f;
     if (!options->spare_prune)
         memset(columns->redundant, 0, columns->count);
+    *regions = found;
     result->spare_seconds = sgsi_seconds() - start;
 }
 
@@ -169,6 +171,33 @@ static sgs_status limit_growth(sgsi_density_columns *columns, size_t room)
     sgsi_free(priority);
     sgsi_free(chosen);
     return status ? sgsi_fail(status, "no memory to rank %zu primitives", wanted) : status;
+}
+
+// What is decided, region by region.
+static sgs_status report_regions(const sgsi_density_columns *columns, const spare_result *found, const sgsi_density_options *options,
+                                 sgsi_density_result *result)
+{
+    sgs_region *list = sgsi_calloc(found->region_count, sizeof *list);
+    if (!list)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu regions", found->region_count);
+    for (size_t r = 0; r < found->region_count; ++r) {
+        const spare_region *from = &found->regions[r];
+        list[r] = (sgs_region){.voxel = from->voxel, .count = from->count, .gradient = (float)from->gradient,
+                               .visibility = (float)from->visibility, .demand = (float)from->demand,
+                               .capacity = (float)from->capacity, .quota = (float)from->quota, .slack = (float)from->slack,
+                               .weight = options->spare_densify ? (float)from->weight : 1.0f};
+    }
+    for (size_t i = 0; i < columns->count; ++i) {
+        sgs_region *region = &list[found->region_of[i]];
+        const bool split = columns->action[i] == SGSI_ACTION_SPLIT;
+        region->densified += columns->action[i] != SGSI_ACTION_KEEP;
+        region->removed += columns->removed[i] && !split;
+        region->redundant += columns->redundant[i] && !columns->removed[i] && !split;
+    }
+    result->region_list = list;
+    memcpy(result->region_low, found->low, sizeof found->low);
+    memcpy(result->region_cell, found->cell, sizeof found->cell);
+    return SGS_STATUS_OK;
 }
 
 static uint64_t spread_bits(uint64_t v) // 21 bits, two zeros between each
@@ -362,13 +391,16 @@ sgs_status sgsi_density_update(sgs_gaussians *model, float **m, float **v, sgsi_
         return status;
     column_job job = {model, statistics, &columns};
     sgsi_parallel_ranges(model->count, 4096, fill_columns, &job);
-    evaluate_spare(&columns, statistics, options, result);
+    spare_result regions;
+    evaluate_spare(&columns, statistics, options, result, &regions);
     status = options->pipeline->decide(options, &columns, result);
     size_t survivors = 0; // a split parent is replaced by its children: it counts as kept, whatever RAP says of it
     for (size_t i = 0; i < columns.count; ++i)
         survivors += columns.action[i] == SGSI_ACTION_SPLIT || !(columns.removed[i] || columns.redundant[i]);
     if (!status && options->max_count)
         status = limit_growth(&columns, survivors < options->max_count ? options->max_count - survivors : 0);
+    if (!status && regions.region_count)
+        status = report_regions(&columns, &regions, options, result);
     density_plan plan = {0};
     if (!status)
         status = make_plan(&columns, result, &plan);

@@ -50,12 +50,16 @@ typedef struct sgsi_density_options {
     spare_options spare;
 } sgsi_density_options;
 
+struct sgs_region;
+
 typedef struct sgsi_density_result {
     size_t cloned, split, pruned, spare_pruned; // primitives; spare_pruned: removed by RAP alone, part of pruned
     size_t regions;
     double over_budget_share, mean_weight;
     size_t bmd_suppressed, bmd_boosted;
     double spare_seconds;
+    struct sgs_region *region_list; // [regions], for the caller to sgsi_free; NULL without SPARE-GS
+    double region_low[3], region_cell[3];
 } sgsi_density_result;
 
 // One structural update. m and v are moments in the model's layout and capacity; they are gathered along (new

@@ -241,6 +241,7 @@ void sgs_trainer_destroy(sgs_trainer *trainer)
     sgsi_tracer_destroy(trainer->tracer);
     sgsi_statistics_free(&trainer->statistics);
     sgsi_trainer_scores_free(&trainer->scores);
+    sgsi_free((void *)trainer->regions.regions);
     sgsi_trainer_resolution_free(trainer);
     sgs_gaussians_destroy(trainer->model);
     void *const arrays[] = {trainer->m, trainer->v, trainer->train_views, trainer->order, trainer->depth_guesses,
@@ -548,6 +549,11 @@ const double *sgs_trainer_exposure(const sgs_trainer *trainer, size_t view)
 const float *sgs_trainer_filter_3d(const sgs_trainer *trainer)
 {
     return trainer->filter_3d;
+}
+
+sgs_regions sgs_trainer_regions(const sgs_trainer *trainer)
+{
+    return trainer->regions;
 }
 
 int sgs_trainer_iteration(const sgs_trainer *trainer)

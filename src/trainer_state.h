@@ -61,6 +61,7 @@ struct sgs_trainer {
     float *filter_3d;        // Mip-Splatting's, [capacity], padding 0; NULL with another pixel filter
     sgsi_statistics statistics;
     sgsi_trainer_scores scores;
+    sgs_regions regions; // of the last update; owns its list
     sgsi_tracer *tracer;
     sgsi_ray_cache *rays;
     sgsi_loss_workspace *loss;

@@ -5,6 +5,7 @@
 // opacity resets, and the decision that nothing moves any more.
 
 #include <math.h>
+#include <string.h>
 
 #include "core.h"
 #include "trainer_state.h"
@@ -93,6 +94,11 @@ sgs_status sgsi_trainer_update_structure(sgs_trainer *trainer, int iteration, sg
                                           .spare = spare_settings(o)};
     sgsi_density_result result;
     sgs_status status = sgsi_density_update(trainer->model, &trainer->m, &trainer->v, &trainer->statistics, &options, &result);
+    sgsi_free((void *)trainer->regions.regions);
+    trainer->regions = (sgs_regions){.iteration = result.region_list ? iteration : 0, .grid = o->spare_grid,
+                                     .count = result.region_list ? result.regions : 0, .regions = result.region_list};
+    memcpy(trainer->regions.low, result.region_low, sizeof result.region_low);
+    memcpy(trainer->regions.cell, result.region_cell, sizeof result.region_cell);
     if (!status)
         status = sgsi_trainer_reserve_pending(trainer);
     if (!status)

@@ -62,10 +62,12 @@ static void drop(fixture *f)
     sgsi_free(f->m);
     sgsi_free(f->v);
     sgsi_statistics_free(&f->statistics);
+    sgsi_free(f->result.region_list);
 }
 
 static void update(fixture *f)
 {
+    sgsi_free(f->result.region_list);
     assert_int_equal(sgsi_density_update(f->model, &f->m, &f->v, &f->statistics, &f->options, &f->result), SGS_STATUS_OK);
 }
 
@@ -202,6 +204,15 @@ static void rap_removes_faint_still_primitives_of_crowded_voxels_only(void **sta
     assert_int_equal(f.result.spare_pruned, 75);
     assert_int_equal(f.model->count, 125);
     assert_true(f.result.regions > 10);
+    size_t rows_in_regions = 0, redundant = 0;
+    for (size_t r = 0; r < f.result.regions; ++r) { // the report adds up to what happened
+        rows_in_regions += f.result.region_list[r].count;
+        redundant += f.result.region_list[r].redundant;
+        assert_true(r == 0 || f.result.region_list[r].voxel > f.result.region_list[r - 1].voxel);
+        assert_true(!f.result.region_list[r].redundant || (double)f.result.region_list[r].count > (double)f.result.region_list[r].quota);
+    }
+    assert_int_equal(rows_in_regions, 200);
+    assert_int_equal(redundant, 75);
     size_t rows[8];
     assert_int_equal(rows_of(&f, 0, rows), 0);   // faint, in the crowd
     assert_int_equal(rows_of(&f, 1, rows), 1);   // opaque, in the crowd

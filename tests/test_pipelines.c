@@ -286,6 +286,7 @@ static void drop(fixture *f)
     sgsi_free(f->importance);
     sgsi_free(f->expendable);
     sgsi_statistics_free(&f->statistics);
+    sgsi_free(f->result.region_list);
     free(f);
 }
 

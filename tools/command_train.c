@@ -15,6 +15,7 @@
 #include "interrupt.h"
 #include "output.h"
 #include "progress.h"
+#include "region_file.h"
 #include "run_folder.h"
 #include "scaling_report.h"
 #include "sparegs/metrics.h"
@@ -183,7 +184,8 @@ static bool open_folder(training *run)
     if (ready && !resumed && run_folder_is_used(&run->folder))
         ready = run_folder_clear(&run->folder);
     ready = ready && write_json(config_path, json_incref(config)) &&
-            run_folder_open_tables(&run->folder, sgs_trainer_iteration(run->trainer));
+            run_folder_open_tables(&run->folder, sgs_trainer_iteration(run->trainer)) &&
+            region_file_cut(run->values.output, sgs_trainer_iteration(run->trainer));
     run->train_seconds = resumed > 0 ? sgs_trainer_seconds(run->trainer).total : 0;
     json_decref(config);
     free(config_path);
@@ -296,6 +298,9 @@ static bool iterate(training *run, trace_file *trace)
         run->stop = info.stop;
         if (trace)
             record_trace(run, trace, start, &before, &info);
+        const sgs_regions regions = sgs_trainer_regions(run->trainer);
+        if (info.structural && regions.iteration == info.iteration)
+            region_file_append(run->values.output, &regions);
         if (info.structural && info.stop == SGS_STOP_NONE && memory_is_short(run, info.gaussians))
             run->stop = SGS_STOP_MEMORY_LIMIT;
         run_folder_record(&run->folder, &info, run->train_seconds, run->stop != SGS_STOP_NONE);
@@ -455,26 +460,44 @@ static int train(training *run, bool background_given)
     return interrupt_status();
 }
 
+enum { GROUP_COUNT = TRAIN_GROUP_COUNT + 2 };
+
+// Fills `run` from the command line. Returns -1 to go on, or an exit status.
+static int parse_line(training *run, option_group groups[GROUP_COUNT], command_line *line, int argc, char **argv)
+{
+    train_groups(&run->values, groups);
+    groups[TRAIN_GROUP_COUNT] = scene_group(&run->data);
+    groups[TRAIN_GROUP_COUNT + 1] = common_group(&run->common);
+    *line = (command_line){.command = "train",
+                           .synopsis = "SCENE -o OUT [options]",
+                           .description = description,
+                           .groups = groups,
+                           .group_count = GROUP_COUNT,
+                           .operand_minimum = 1,
+                           .operand_maximum = 1};
+    int status = command_line_parse(line, argc, argv);
+    if (status < 0)
+        status = scene_settle(&run->data, line, NULL);
+    train_settle(&run->values);
+    if (status < 0 && !run->values.output)
+        status = fail_usage("train needs -o OUT, the folder to write to; usage: sparegs train %s", line->synopsis);
+    return status;
+}
+
+int command_train_check(int argc, char **argv)
+{
+    training run = {0};
+    option_group groups[GROUP_COUNT];
+    command_line line;
+    return parse_line(&run, groups, &line, argc, argv);
+}
+
 int command_train(int argc, char **argv)
 {
     training run = {.started = clock_seconds()};
-    option_group groups[TRAIN_GROUP_COUNT + 2];
-    train_groups(&run.values, groups);
-    groups[TRAIN_GROUP_COUNT] = scene_group(&run.data);
-    groups[TRAIN_GROUP_COUNT + 1] = common_group(&run.common);
-    command_line line = {.command = "train",
-                         .synopsis = "SCENE -o OUT [options]",
-                         .description = description,
-                         .groups = groups,
-                         .group_count = sizeof groups / sizeof *groups,
-                         .operand_minimum = 1,
-                         .operand_maximum = 1};
-    int status = command_line_parse(&line, argc, argv);
-    if (status < 0)
-        status = scene_settle(&run.data, &line, NULL);
-    train_settle(&run.values);
-    if (status < 0 && !run.values.output)
-        status = fail_usage("train needs -o OUT, the folder to write to; usage: sparegs train %s", line.synopsis);
+    option_group groups[GROUP_COUNT];
+    command_line line;
+    int status = parse_line(&run, groups, &line, argc, argv);
     if (status < 0)
         status = common_apply(&run.common, &line);
     if (status >= 0)

@@ -23,6 +23,9 @@ static const command commands[] = {
     {"render", "draw views as EXR or PNG", command_render},
     {"info", "tell what a model or a data set is", command_info},
     {"reconstruct", "find the cameras of photographs with COLMAP", command_reconstruct},
+    {"explain", "tell why SPARE-GS gave a region its primitives", command_explain},
+    {"experiment", "train what a plan asks for: scenes, pipelines, variants, seeds", command_experiment},
+    {"report", "tables and a page of an experiment", command_report},
     {"bench", "measure the phases of training against the limits of the machine", command_bench},
     {"profile", "report on the BVH over a model: trees, tests, hits, cost per tile", command_profile},
 };
@@ -41,7 +44,7 @@ static void print_commands(FILE *stream)
     for (int i = 0; i < COMMAND_COUNT; ++i)
         fprintf(stream, "  %-11s %s\n", commands[i].name, commands[i].summary);
     fputs("  help        print this, or the options of a command: sparegs help COMMAND\n\n"
-          "  --version  versions of the program and its libraries, instruction set in use\n\n"
+          "  --version   versions of the program and its libraries, instruction set in use\n\n"
           "Exit status: 0 done; 1 failed while running; 2 wrong usage; 130 or 143 stopped by SIGINT or SIGTERM.\n",
           stream);
 }

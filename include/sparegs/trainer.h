@@ -121,6 +121,30 @@ typedef struct sgs_step_info {
     sgs_stop_reason stop;       // other than NONE: training is over
 } sgs_step_info;
 
+// What SPARE-GS held of one region (voxel with primitives) at a structural update, and what became of its primitives.
+typedef struct sgs_region {
+    uint32_t voxel;     // (z * grid + y) * grid + x
+    uint32_t count;     // n, before the update
+    float gradient;     // H: mean of the mean gradients
+    float visibility;   // V: mean number of views
+    float demand;       // D in (0, 2]
+    float capacity;     // C
+    float quota;        // primitives
+    float slack;        // (quota - n) / (quota + 1)
+    float weight;       // w, 1 without BMD
+    uint32_t densified; // primitives cloned or split
+    uint32_t removed;   // by the pipeline's own rule
+    uint32_t redundant; // by RAP alone
+} sgs_region;
+
+// All regions of the last structural update with SPARE-GS.
+typedef struct sgs_regions {
+    int iteration, grid;         // iteration 0: there was none yet
+    double low[3], cell[3];      // corner of the grid and size of a voxel, world units
+    size_t count;
+    const sgs_region *regions;   // [count] ascending voxel; owned by the trainer, valid until the next step
+} sgs_regions;
+
 typedef struct sgs_trainer sgs_trainer;
 
 // About how many bytes a training of this scene takes at `gaussians` primitives, photographs and the program itself
@@ -140,6 +164,7 @@ sgs_status sgs_trainer_step(sgs_trainer *trainer, sgs_step_info *info);
 const sgs_gaussians *sgs_trainer_model(const sgs_trainer *trainer);
 // Mip-Splatting's 3D filter of that model, [count], world units; NULL with another pixel filter. Owned by the trainer.
 const float *sgs_trainer_filter_3d(const sgs_trainer *trainer);
+sgs_regions sgs_trainer_regions(const sgs_trainer *trainer);
 int sgs_trainer_iteration(const sgs_trainer *trainer);
 // The colour map of a training view, row-major 3 x 4 (mapped = A image + b), owned by the trainer; NULL when none is learned.
 const double *sgs_trainer_exposure(const sgs_trainer *trainer, size_t view);

@@ -2,7 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Training views at a reduced size, for pipelines that render small images first. The views of one scale are made
-// together when the scale changes and kept until the next change.
+// together when the scale changes and kept until the next change. Photographs of half-float numbers are not reduced: a run
+// with any of them stays at full resolution.
 
 #include <math.h>
 
@@ -31,6 +32,12 @@ sgs_status sgsi_trainer_resolution_plan(sgs_trainer *trainer)
 {
     if (!trainer->pipeline->resolution)
         return SGS_STATUS_OK;
+    trainer->resolution = (sgsi_resolution){0}; // full resolution from iteration 0
+    for (size_t i = 0; i < trainer->train_view_count; ++i)
+        if (!trainer->scene->views[trainer->train_views[i]].image.pixels) {
+            sgsi_warn("%s: some photographs are no bytes; DashGaussian trains at full resolution throughout", trainer->scene->path);
+            return sgsi_trainer_set_resolution(trainer, 1);
+        }
     const sgs_image8 **images = sgsi_alloc(trainer->train_view_count, sizeof *images);
     sgs_image8 *photos = sgsi_alloc(trainer->train_view_count, sizeof *photos);
     if (!images || !photos) {

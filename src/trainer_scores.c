@@ -9,11 +9,13 @@
 #include <string.h>
 
 #include "core.h"
+#include "half.h"
 #include "threads.h"
 #include "trainer_state.h"
 
 void sgsi_trainer_scores_free(sgsi_trainer_scores *scores)
 {
+    sgsi_free(scores->bytes);
     void *const arrays[] = {scores->importance,
                             scores->expendable,
                             scores->gradient,
@@ -99,9 +101,30 @@ static void fill_view(void *context, size_t begin, size_t end, int thread)
     }
 }
 
+static float photo_value(const sgs_photo *photo, size_t at)
+{
+    return photo->halves ? sgsi_half_to_float(photo->halves[at]) : (float)photo->pixels[at] / 255.0f;
+}
+
+// The photograph's colours as bytes: its own, or those of half-float numbers clamped to what bytes can say.
+static const uint8_t *photo_bytes(sgsi_trainer_scores *scores, const sgs_photo *photo)
+{
+    if (!photo->halves)
+        return photo->pixels;
+    const size_t values = 3 * (size_t)photo->width * (size_t)photo->height;
+    if (values > scores->byte_capacity) {
+        sgsi_free(scores->bytes);
+        scores->bytes = sgsi_alloc(values, 1);
+        scores->byte_capacity = scores->bytes ? values : 0;
+    }
+    for (size_t k = 0; k < values && scores->bytes; ++k)
+        scores->bytes[k] = (uint8_t)(255.0f * fminf(photo_value(photo, k), 1.0f) + 0.5f);
+    return scores->bytes;
+}
+
 // The mean over channels of |image - photograph|, both in [0, 1], over the plane of the red gradient, which is free by
 // then.
-static sgsi_scored_image error_image(const step_state *step, float *error)
+static sgsi_scored_image error_image(const step_state *step, const uint8_t *bytes, float *error)
 {
     const sgsi_planes *planes = &step->planes;
     sgsi_scored_image image = {.width = planes->width,
@@ -110,19 +133,19 @@ static sgsi_scored_image error_image(const step_state *step, float *error)
                                .error = error,
                                .error_min = INFINITY,
                                .error_max = -INFINITY,
-                               .pixels = step->target->pixels};
+                               .pixels = bytes};
     const size_t pixels = (size_t)image.width * (size_t)image.height;
     const bool alpha = step->target->channels == 4;
     for (int y = 0; y < image.height; ++y)
         for (int x = 0; x < image.width; ++x) {
             const size_t at = (size_t)y * image.stride + (size_t)x, from = (size_t)y * (size_t)image.width + (size_t)x;
-            const float opaque = alpha ? (float)image.pixels[3 * pixels + from] / 255.0f : 1.0f;
+            const float opaque = alpha ? photo_value(step->target, 3 * pixels + from) : 1.0f;
             float sum = 0.0f;
             for (int c = 0; c < 3; ++c) {
                 const float drawn = planes->color[c][at] + planes->transmittance[at] * step->background[c];
-                const float photo = opaque * (float)image.pixels[(size_t)c * pixels + from] / 255.0f +
+                const float photo = opaque * photo_value(step->target, (size_t)c * pixels + from) +
                                     (1.0f - opaque) * step->background[c];
-                sum += fabsf(fminf(fmaxf(drawn, 0.0f), 1.0f) - photo);
+                sum += fabsf(fminf(fmaxf(drawn, 0.0f), step->target->bright ? INFINITY : 1.0f) - photo);
             }
             error[at] = sgsi_photo_counts(step->target, x, y) ? sum / 3.0f : 0.0f;
             image.error_min = fminf(image.error_min, error[at]);
@@ -142,7 +165,10 @@ static sgs_status score_one(sgs_trainer *trainer, int iteration, size_t view)
         return status;
     column_job job = {trainer, scores, &step};
     sgsi_parallel_ranges(n, 4096, fill_view, &job);
-    const sgsi_scored_image image = error_image(&step, step.d_color[0]);
+    const uint8_t *bytes = photo_bytes(scores, step.target);
+    if (!bytes)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for an image of %dx%d pixels", step.target->width, step.target->height);
+    const sgsi_scored_image image = error_image(&step, bytes, step.d_color[0]);
     status = trainer->pipeline->pixel_weights(&image, &trainer->options, step.d_color[1]);
     if (status)
         return status;

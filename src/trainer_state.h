@@ -47,6 +47,8 @@ typedef struct sgsi_trainer_scores {
     float *importance, *expendable;
     float *gradient, *opacity, *volume, *depth, *centers;
     sgsi_statistics view; // of the view being scored
+    uint8_t *bytes;       // its photograph, where that is not bytes
+    size_t byte_capacity;
 } sgsi_trainer_scores;
 
 struct sgs_trainer {

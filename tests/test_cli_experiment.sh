@@ -1,0 +1,75 @@
+#!/usr/bin/env bash
+# SPDX-FileCopyrightText: 2026 The sparegs authors
+# SPDX-License-Identifier: Apache-2.0
+
+# experiment, report and explain: bad plans are refused before anything runs, what is finished is not repeated, tables say what
+# the summaries say, the page is one well-formed file, and the budget of regions adds up.
+set -euo pipefail
+
+folder=$(mktemp -d)
+trap 'rm -rf "$folder"' EXIT
+room=$SPAREGS_SOURCE/tests/data/room
+
+plan() { # SCENE PIPELINES OPTIONS
+    cat >"$folder/plan.json" <<PLAN
+{"title": "Small", "scenes": [{"name": "room", "path": "$1"}], "pipelines": $2,
+ "variants": [{"name": "off", "options": {"spare": "off"}}, {"name": "on"},
+              {"name": "tau-0.2", "pipelines": ["3dgs"], "options": {"spare_tau_alpha": 0.2}}],
+ "options": {"iterations": 70, "downscale": 8, "eval": true, "threads": 1 $3}}
+PLAN
+}
+
+refused() { # WHAT THE MESSAGE SAYS
+    if "$SPAREGS_PROGRAM" experiment "$folder/plan.json" -o "$folder/out" 2>"$folder/error"; then
+        echo "FAIL: a bad plan ran"; exit 1
+    fi
+    grep -q -- "$1" "$folder/error" || { echo "FAIL: no '$1' in:"; cat "$folder/error"; exit 1; }
+    [ ! -e "$folder/out/runs" ] || { echo "FAIL: something ran"; exit 1; }
+}
+plan "$room/nowhere" '["3dgs"]' ''; refused nowhere
+plan "$room" '["3dgs", "vanila"]' ''; refused vanila
+plan "$room" '["3dgs"]' ', "itterations": 3'; refused itterations
+plan "$room" '["3dgs"]' ', "sh_degree": 7'; refused sh-degree
+plan "$room" '["3dgs"]' ', "output": "x"'; refused output
+plan "$room" '[]' ''; refused pipelines
+echo '{"scenes": [' >"$folder/plan.json"; refused 'line 2'
+
+plan "$room" '["3dgs", "mip"]' ''
+[ "$("$SPAREGS_PROGRAM" experiment "$folder/plan.json" -o "$folder/out" --check | wc -l)" = 5 ]
+"$SPAREGS_PROGRAM" experiment "$folder/plan.json" -o "$folder/out" --quiet
+[ "$(jq '.runs | length' "$folder/out/results.json")" = 5 ]
+[ "$(wc -l <"$folder/out/results.csv")" = 6 ]
+[ "$(jq '[.runs[].summary.model_hash] | unique | length' "$folder/out/results.json")" = 5 ]
+
+# Again: nothing is repeated. One run lost: that one is, to the same bits.
+lost=$folder/out/runs/room/3dgs/on/seed_0
+kept=$folder/out/runs/room/mip/off/seed_0
+hash=$(jq -r .model_hash "$lost/summary.json")
+touch -d 2001-01-01 "$kept/summary.json"
+rm -r "$lost"
+"$SPAREGS_PROGRAM" experiment "$folder/plan.json" -o "$folder/out" --quiet
+[ "$(jq -r .model_hash "$lost/summary.json")" = "$hash" ]
+[ "$(date -r "$kept/summary.json" +%Y)" = 2001 ]
+
+"$SPAREGS_PROGRAM" report "$folder/out" --pictures 1 >/dev/null
+base=$(jq '.runs[] | select(.pipeline == "mip" and .variant == "off") | .summary.gaussians' "$folder/out/results.json")
+ours=$(jq '.runs[] | select(.pipeline == "mip" and .variant == "on") | .summary.gaussians' "$folder/out/results.json")
+change=$(awk "BEGIN { printf \"%+.1f %%\", 100 * ($ours / $base - 1) }")
+grep -F "| mip | room |" "$folder/out/report.md" | grep -qF "| $change |" || { echo "FAIL: no change of $change:"; cat "$folder/out/report.md"; exit 1; }
+grep -q "Variants of 3dgs" "$folder/out/report.md"
+# The page: its data is JSON again, nothing is fetched from elsewhere.
+sed -n 's/.*<script type="application\/json" id="data">\(.*\)<\/script>$/\1/p' "$folder/out/report.html" >"$folder/data.json"
+[ "$(jq '.runs | length' "$folder/data.json")" = 5 ]
+[ "$(jq '[.runs[] | select(.variant == "on") | .regions[0].cells | length > 10] | all' "$folder/data.json")" = true ]
+jq -r '.pictures[0].photo' "$folder/data.json" | sed 's/^data:image.png;base64,//' | base64 -d | head -c 4 | grep -q PNG
+if grep -oE '(src|href)="?https?://[^" ]*' "$folder/out/report.html"; then echo "FAIL: the page wants the network"; exit 1; fi
+
+# The regions of an update hold all primitives, and their quotas add up to the budget.
+"$SPAREGS_PROGRAM" explain "$lost" --top 100000 --json >"$folder/explain.json"
+jq -e '([.regions[].count] | add) as $n | ([.regions[].quota] | add) as $q | $n > 100 and ($q / $n - 1 | fabs) < 1e-3' "$folder/explain.json" >/dev/null
+point=$(jq -r '.regions[0].center | map(tostring) | join(",")' "$folder/explain.json")
+"$SPAREGS_PROGRAM" explain "$lost" --region="$point" | grep -q 'over budget\|room to grow'
+if "$SPAREGS_PROGRAM" explain "$folder/out/runs/room/3dgs/off/seed_0" 2>"$folder/error"; then echo "FAIL: explained nothing"; exit 1; fi
+grep -q -- "--spare on" "$folder/error"
+if "$SPAREGS_PROGRAM" explain "$folder" 2>/dev/null; then echo "FAIL: explained a folder"; exit 1; fi
+echo "experiment, report and explain hold"

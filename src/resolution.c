@@ -157,24 +157,40 @@ static void make_levels(const sgsi_spectrum *mean, double scale_max, int until, 
     plan->decay_begin = plan->begin[level];
 }
 
-sgs_status sgsi_resolution_plan(const sgs_image8 *const *images, size_t count, int until, sgsi_resolution *plan)
+// The most frequent size; returns how many images have it.
+static size_t frequent_size(const sgsi_image_source *images, int *width, int *height)
 {
-    size_t most = 0, reference = 0;
-    for (size_t i = 0; i < count; ++i) {
+    size_t most = 0;
+    for (size_t i = 0; i < images->count; ++i) {
+        int w, h, other_w, other_h;
         size_t same = 0;
-        for (size_t k = 0; k < count; ++k)
-            same += images[k]->width == images[i]->width && images[k]->height == images[i]->height;
+        images->size(images->context, i, &w, &h);
+        for (size_t k = 0; k < images->count; ++k) {
+            images->size(images->context, k, &other_w, &other_h);
+            same += w == other_w && h == other_h;
+        }
         if (same > most) {
             most = same;
-            reference = i;
+            *width = w;
+            *height = h;
         }
     }
+    return most;
+}
+
+sgs_status sgsi_resolution_plan(const sgsi_image_source *images, int until, sgsi_resolution *plan)
+{
+    int width = 1, height = 1;
+    const size_t most = frequent_size(images, &width, &height);
     sgsi_spectrum mean;
-    sgs_status status = spectrum_create(images[reference]->width, images[reference]->height, &mean);
+    sgs_status status = spectrum_create(width, height, &mean);
     double scale_max = SCALE_MAX;
-    for (size_t i = 0; i < count && !status; ++i) {
-        sgsi_spectrum one;
-        status = sgsi_spectrum_of(images[i], &one);
+    for (size_t i = 0; i < images->count && !status; ++i) {
+        sgs_image8 image;
+        sgsi_spectrum one = {0};
+        status = images->get(images->context, i, &image);
+        if (!status)
+            status = sgsi_spectrum_of(&image, &one);
         if (status)
             break;
         scale_max = fmin(scale_max, solve(&one, start_share * whole(&one)));

@@ -23,9 +23,17 @@ typedef struct sgsi_spectrum {
     double *magnitude, *table;
 } sgsi_spectrum;
 
-// From the training images. Images of the most frequent size make the mean spectrum; all limit the largest scale.
-// images: [count] pointers. Fails with OUT_OF_MEMORY.
-sgs_status sgsi_resolution_plan(const sgs_image8 *const *images, size_t count, int until, sgsi_resolution *plan);
+// Where the training images come from, one at a time.
+typedef struct sgsi_image_source {
+    void *context;
+    size_t count;
+    void (*size)(void *context, size_t i, int *width, int *height);
+    sgs_status (*get)(void *context, size_t i, sgs_image8 *image); // valid until the next call
+} sgsi_image_source;
+
+// Images of the most frequent size make the mean spectrum; all limit the largest scale. Fails with OUT_OF_MEMORY or as
+// `get` does.
+sgs_status sgsi_resolution_plan(const sgsi_image_source *images, int until, sgsi_resolution *plan);
 // Whole down-scaling factor >= 1 at an iteration.
 int sgsi_resolution_at(const sgsi_resolution *plan, int iteration);
 

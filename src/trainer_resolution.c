@@ -2,14 +2,13 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Training views at a reduced size, for pipelines that render small images first. The views of one scale are made
-// together when the scale changes and kept until the next change. Photographs of half-float numbers are not reduced: a run
-// with any of them stays at full resolution.
+// together when the scale changes and kept until the next change. Photographs of half-float numbers are not reduced: a
+// run with any of them stays at full resolution.
 
 #include <math.h>
 
 #include "core.h"
 #include "sparegs/image.h"
-#include "threads.h"
 #include "trainer_state.h"
 
 void sgsi_trainer_resolution_free(sgs_trainer *trainer)
@@ -28,42 +27,42 @@ static sgs_image8 pixels_of(const sgs_photo *photo)
         .width = photo->width, .height = photo->height, .channels = photo->channels, .pixels = photo->pixels};
 }
 
+static void view_size(void *context, size_t i, int *width, int *height)
+{
+    const sgs_trainer *trainer = context;
+    const sgs_camera *camera = &trainer->scene->views[trainer->train_views[i]].camera;
+    *width = camera->width;
+    *height = camera->height;
+}
+
+static sgs_status view_pixels(void *context, size_t i, sgs_image8 *image)
+{
+    const sgs_trainer *trainer = context;
+    const sgs_photo *photo;
+    const sgs_status status = sgs_scene_photo(trainer->scene, trainer->train_views[i], &photo);
+    if (status)
+        return status;
+    *image = pixels_of(photo);
+    return photo->pixels ? status : sgsi_fail(SGS_STATUS_UNSUPPORTED, "%s: no bytes", trainer->scene->path);
+}
+
 sgs_status sgsi_trainer_resolution_plan(sgs_trainer *trainer)
 {
     if (!trainer->pipeline->resolution)
         return SGS_STATUS_OK;
     trainer->resolution = (sgsi_resolution){0}; // full resolution from iteration 0
-    for (size_t i = 0; i < trainer->train_view_count; ++i)
-        if (!trainer->scene->views[trainer->train_views[i]].image.pixels) {
-            sgsi_warn("%s: some photographs are no bytes; DashGaussian trains at full resolution throughout", trainer->scene->path);
-            return sgsi_trainer_set_resolution(trainer, 1);
-        }
-    const sgs_image8 **images = sgsi_alloc(trainer->train_view_count, sizeof *images);
-    sgs_image8 *photos = sgsi_alloc(trainer->train_view_count, sizeof *photos);
-    if (!images || !photos) {
-        sgsi_free(images);
-        sgsi_free(photos);
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu views", trainer->train_view_count);
+    const sgsi_image_source images = {trainer, trainer->train_view_count, view_size, view_pixels};
+    const sgs_status status = sgsi_resolution_plan(&images, trainer->schedule.densify_until, &trainer->resolution);
+    if (status == SGS_STATUS_UNSUPPORTED) {
+        sgsi_warn("%s: some photographs are no bytes; DashGaussian trains at full resolution throughout",
+                  trainer->scene->path);
+        return sgsi_trainer_set_resolution(trainer, 1);
     }
-    for (size_t i = 0; i < trainer->train_view_count; ++i) {
-        photos[i] = pixels_of(&trainer->scene->views[trainer->train_views[i]].image);
-        images[i] = &photos[i];
-    }
-    sgs_status status =
-        sgsi_resolution_plan(images, trainer->train_view_count, trainer->schedule.densify_until, &trainer->resolution);
-    sgsi_free(images);
-    sgsi_free(photos);
     if (status)
         return status;
     trainer->schedule.rate_begin = trainer->resolution.decay_begin;
     return sgsi_trainer_set_resolution(trainer, sgsi_resolution_at(&trainer->resolution, 1));
 }
-
-typedef struct reduce_job {
-    sgs_trainer *trainer;
-    int scale;
-    sgs_status *status;
-} reduce_job;
 
 // A small pixel counts when every pixel that it covers does.
 static void reduce_keep(const sgs_photo *from, sgs_photo *to)
@@ -81,29 +80,30 @@ static void reduce_keep(const sgs_photo *from, sgs_photo *to)
         }
 }
 
-static void reduce_view(void *context, size_t i, int thread)
+static sgs_status reduce_view(sgs_trainer *trainer, size_t i, int scale)
 {
-    (void)thread;
-    const reduce_job *job = context;
-    const sgs_photo *photo = &job->trainer->scene->views[job->trainer->train_views[i]].image;
-    sgs_photo *out = &job->trainer->small_images[i];
+    const sgs_photo *photo;
+    sgs_photo *out = &trainer->small_images[i];
+    sgs_status status = sgs_scene_photo(trainer->scene, trainer->train_views[i], &photo);
+    if (status)
+        return status;
     const sgs_image8 image = pixels_of(photo);
     sgs_image8 small;
-    job->status[i] = sgsi_image8_triangle(&image, job->scale, &small);
-    if (job->status[i])
-        return;
+    status = sgsi_image8_triangle(&image, scale, &small);
+    if (status)
+        return status;
     *out = (sgs_photo){.width = small.width,
                        .height = small.height,
                        .channels = small.channels,
                        .pixels = small.pixels,
                        .kept = (size_t)small.width * (size_t)small.height};
     if (!photo->keep)
-        return;
+        return SGS_STATUS_OK;
     out->keep = sgsi_calloc(((size_t)out->width + 15) / 16 * (size_t)out->height, sizeof *out->keep);
-    if (out->keep)
-        reduce_keep(photo, out);
-    else
-        job->status[i] = SGS_STATUS_OUT_OF_MEMORY;
+    if (!out->keep)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a mask of %dx%d pixels", out->width, out->height);
+    reduce_keep(photo, out);
+    return SGS_STATUS_OK;
 }
 
 sgs_status sgsi_trainer_set_resolution(sgs_trainer *trainer, int scale)
@@ -113,16 +113,14 @@ sgs_status sgsi_trainer_set_resolution(sgs_trainer *trainer, int scale)
     sgsi_trainer_resolution_free(trainer);
     const size_t n = trainer->train_view_count;
     if (scale > 1) {
-        reduce_job job = {trainer, scale, sgsi_calloc(n, sizeof *job.status)};
         trainer->small_images = sgsi_calloc(n, sizeof *trainer->small_images);
-        bool complete = trainer->small_images && job.status;
-        if (complete)
-            sgsi_parallel_for(n, 1, reduce_view, &job);
-        for (size_t i = 0; i < n && complete; ++i)
-            complete = !job.status[i];
-        sgsi_free(job.status);
-        if (!complete)
+        if (!trainer->small_images)
             return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu views at a smaller size", n);
+        for (size_t i = 0; i < n; ++i) {
+            const sgs_status status = reduce_view(trainer, i, scale);
+            if (status)
+                return status;
+        }
     }
     trainer->progress.resolution = scale;
     trainer->progress.reset_since_check = 1; // losses of different sizes do not compare

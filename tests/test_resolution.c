@@ -32,6 +32,19 @@ static sgs_image8 make_image(int width, int height, uint64_t seed, double roughn
     return image;
 }
 
+static void size_of(void *context, size_t i, int *width, int *height)
+{
+    const sgs_image8 *images = context;
+    *width = images[i].width;
+    *height = images[i].height;
+}
+
+static sgs_status get(void *context, size_t i, sgs_image8 *image)
+{
+    *image = ((const sgs_image8 *)context)[i];
+    return SGS_STATUS_OK;
+}
+
 static void spectrum_is_the_sum_that_defines_it(void **state)
 {
     (void)state;
@@ -80,12 +93,10 @@ static void levels_follow_the_published_formulae(void **state)
 {
     (void)state;
     sgs_image8 images[3];
-    const sgs_image8 *pointers[3];
     double scale_max = 8;
     sgsi_spectrum mean = {0};
     for (int i = 0; i < 3; ++i) {
         images[i] = make_image(160, 120, 7 + (uint64_t)i, 0.4);
-        pointers[i] = &images[i];
         sgsi_spectrum one;
         assert_int_equal(sgsi_spectrum_of(&images[i], &one), SGS_STATUS_OK);
         // The smallest window that holds a quarter, by trying all window sizes.
@@ -101,7 +112,7 @@ static void levels_follow_the_published_formulae(void **state)
             sgsi_spectrum_free(&one);
     }
     sgsi_resolution plan;
-    assert_int_equal(sgsi_resolution_plan(pointers, 3, 27000, &plan), SGS_STATUS_OK);
+    assert_int_equal(sgsi_resolution_plan(&(sgsi_image_source){images, 3, size_of, get}, 27000, &plan), SGS_STATUS_OK);
     assert_true(fabs(plan.scale[0] - scale_max) <= 2e-3 * scale_max);
     assert_true(plan.scale[0] > 1.5);
     assert_true(plan.scale[31] == 1 && plan.begin[32] == 27000 && plan.begin[0] == 0 && plan.begin[1] == 0);
@@ -109,7 +120,8 @@ static void levels_follow_the_published_formulae(void **state)
         assert_true(plan.scale[i] <= plan.scale[i - 1] && plan.begin[i] >= plan.begin[i - 1] && plan.begin[i] < 27000);
     }
     // One image: energies and begins can be had from the spectrum itself.
-    assert_int_equal(sgsi_resolution_plan(pointers + 2, 1, 27000, &plan), SGS_STATUS_OK);
+    assert_int_equal(sgsi_resolution_plan(&(sgsi_image_source){images + 2, 1, size_of, get}, 27000, &plan),
+                     SGS_STATUS_OK);
     const double least = sgsi_spectrum_window(&mean, plan.scale[0]), total = sgsi_spectrum_window(&mean, 1);
     for (int i = 1; i < 31; ++i) {
         const double energy = least + (total - least) * i / 31.0, before = least + (total - least) * (i - 1) / 31.0;
@@ -136,9 +148,8 @@ static void flat_images_are_never_reduced_below_what_holds_them(void **state)
     sgs_image8 image = make_image(64, 48, 1, 0);
     for (size_t i = 0; i < 3 * 64 * 48; ++i)
         image.pixels[i] = 100; // all energy at frequency 0: every window holds it
-    const sgs_image8 *pointer = &image;
     sgsi_resolution plan;
-    assert_int_equal(sgsi_resolution_plan(&pointer, 1, 1000, &plan), SGS_STATUS_OK);
+    assert_int_equal(sgsi_resolution_plan(&(sgsi_image_source){&image, 1, size_of, get}, 1000, &plan), SGS_STATUS_OK);
     for (int t = 1; t < 1100; t += 7)
         assert_in_range(sgsi_resolution_at(&plan, t), 1, 8);
     sgs_image8_free(&image);

@@ -464,7 +464,7 @@ static void count_traffic(sgs_trainer *trainer, const step_state *step)
     const sgsi_traffic traffic = {.tracer = trainer->tracer, .primitives = trainer->model->count,
                                   .pixels = (size_t)step->planes.width * (size_t)step->planes.height,
                                   .tiles = (size_t)rays->tiles_x * (size_t)rays->tiles_y, .sh_degree = step->view.sh_degree,
-                                  .channels = step->source->image.channels, .collects = step->collects,
+                                  .channels = step->source->image.channels, .collects = step->statistics != NULL,
                                   .steps = !step->structural, .dense = trainer->options.optimizer == SGS_OPTIMIZER_DENSE};
     sgsi_traffic_add(&traffic, &trainer->bytes);
 }

@@ -204,11 +204,15 @@ static json_t *picture_of(const char *folder, const json_t *run)
     model_path located;
     json_t *picture = NULL;
     if (model_locate(path, &located)) {
-        const command_line nothing = {0};
-        scene_values data = {0};
-        drawing_values drawing = {0};
+        // The defaults of an empty command line, so that the run's record decides.
+        scene_values data;
+        drawing_values drawing;
+        option_group groups[] = {scene_group(&data), drawing_group(&drawing)};
+        command_line nothing = {.command = "report", .groups = groups, .group_count = 2};
+        char name[] = "report", *arguments[] = {name, NULL};
+        const bool parsed = command_line_parse(&nothing, 1, arguments) < 0;
         const char *scene_path = json_string_value(json_object_get(located.config, "scene"));
-        sgs_scene *scene = scene_path && scene_settle(&data, &nothing, located.config) < 0
+        sgs_scene *scene = parsed && scene_path && scene_settle(&data, &nothing, located.config) < 0
                                ? scene_open(scene_path, &data, true)
                                : NULL;
         sgs_gaussians *model = NULL;

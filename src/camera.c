@@ -31,12 +31,14 @@
 
 enum { MAX_SIZE = 65536, MAX_DEGREE = 13 };
 
-static const struct {
+typedef struct lens_kind {
     const char *name;
     int param_count;
     int focal_count;
     bool fisheye;
-} models[SGS_CAMERA_MODEL_COUNT] = {
+} lens_kind;
+
+static const lens_kind models[SGS_CAMERA_MODEL_COUNT] = {
     [SGS_CAMERA_SIMPLE_PINHOLE] = {"SIMPLE_PINHOLE", 3, 1, false},
     [SGS_CAMERA_PINHOLE] = {"PINHOLE", 4, 2, false},
     [SGS_CAMERA_SIMPLE_RADIAL] = {"SIMPLE_RADIAL", 4, 1, false},
@@ -63,17 +65,23 @@ typedef struct lens {
 
 static bool model_known(sgs_camera_model model)
 {
-    return (int)model >= 0 && (int)model < SGS_CAMERA_MODEL_COUNT;
+    return ((int)model >= 0 && (int)model < SGS_CAMERA_MODEL_COUNT) || model == SGS_CAMERA_EQUIRECTANGULAR;
+}
+
+static const lens_kind *kind_of(sgs_camera_model model)
+{
+    static const lens_kind equirectangular = {"EQUIRECTANGULAR", 4, 2, true};
+    return model == SGS_CAMERA_EQUIRECTANGULAR ? &equirectangular : &models[model];
 }
 
 int sgs_camera_param_count(sgs_camera_model model)
 {
-    return model_known(model) ? models[model].param_count : 0;
+    return model_known(model) ? kind_of(model)->param_count : 0;
 }
 
 const char *sgs_camera_model_name(sgs_camera_model model)
 {
-    return model_known(model) ? models[model].name : NULL;
+    return model_known(model) ? kind_of(model)->name : NULL;
 }
 
 bool sgs_camera_model_from_name(const char *name, sgs_camera_model *model)
@@ -89,7 +97,7 @@ bool sgs_camera_model_from_name(const char *name, sgs_camera_model *model)
 
 bool sgs_camera_is_fisheye(sgs_camera_model model)
 {
-    return model_known(model) && models[model].fisheye;
+    return model_known(model) && kind_of(model)->fisheye;
 }
 
 sgs_status sgs_camera_validate(const sgs_camera *camera)
@@ -99,14 +107,14 @@ sgs_status sgs_camera_validate(const sgs_camera *camera)
     if (camera->width < 1 || camera->height < 1 || camera->width > MAX_SIZE || camera->height > MAX_SIZE)
         return sgsi_fail(SGS_STATUS_FORMAT, "camera size %d x %d is outside of 1 to %d pixels", camera->width,
                          camera->height, MAX_SIZE);
-    const int focal_count = models[camera->model].focal_count;
-    for (int i = 0; i < models[camera->model].param_count; ++i) {
+    const int focal_count = kind_of(camera->model)->focal_count;
+    for (int i = 0; i < kind_of(camera->model)->param_count; ++i) {
         if (!isfinite(camera->params[i]))
             return sgsi_fail(SGS_STATUS_FORMAT, "parameter %d of the %s camera is not finite", i + 1,
-                             models[camera->model].name);
+                             kind_of(camera->model)->name);
         if (i < focal_count && !(camera->params[i] > 0))
             return sgsi_fail(SGS_STATUS_FORMAT, "focal length %g of the %s camera is not positive", camera->params[i],
-                             models[camera->model].name);
+                             kind_of(camera->model)->name);
     }
     if (camera->model == SGS_CAMERA_FOV && !(fabs(camera->params[4]) < PI))
         return sgsi_fail(SGS_STATUS_FORMAT, "field-of-view parameter %g of the FOV camera is not below pi",
@@ -123,7 +131,7 @@ bool sgs_camera_equal(const sgs_camera *a, const sgs_camera *b)
 void sgs_camera_intrinsics(const sgs_camera *camera, double *fx, double *fy, double *cx, double *cy)
 {
     const double *p = camera->params;
-    const int second = model_known(camera->model) && models[camera->model].focal_count == 2 ? 1 : 0;
+    const int second = model_known(camera->model) && kind_of(camera->model)->focal_count == 2 ? 1 : 0;
     *fx = p[0];
     *fy = p[second];
     *cx = p[second + 1];
@@ -170,6 +178,15 @@ sgs_camera sgs_camera_resized(const sgs_camera *camera, int width, int height)
     p[1] *= uniform ? sx : sy;
     p[2] *= sx;
     p[3] *= uniform ? sx : sy;
+    return out;
+}
+
+sgs_camera sgs_camera_shifted(const sgs_camera *camera, double dx, double dy)
+{
+    sgs_camera out = *camera;
+    const int focal_count = model_known(camera->model) ? kind_of(camera->model)->focal_count : 1;
+    out.params[focal_count] += dx;
+    out.params[focal_count + 1] += dy;
     return out;
 }
 
@@ -247,7 +264,7 @@ static void lens_init(lens *l, const sgs_camera *camera)
 {
     const double *p = camera->params;
     const bool known = model_known(camera->model);
-    *l = (lens){.model = camera->model, .fisheye = known && models[camera->model].fisheye};
+    *l = (lens){.model = camera->model, .fisheye = known && kind_of(camera->model)->fisheye};
     memcpy(l->params, p, sizeof l->params);
     sgs_camera_intrinsics(camera, &l->fx, &l->fy, &l->cx, &l->cy);
     double *k = l->numerator + 1;
@@ -338,8 +355,36 @@ static double fov_factor(const lens *l, double r)
     return per_omega * (x > 0 ? atan(x) / x : 1);
 }
 
+// ---- Equirectangular: longitude and latitude as image axes, all around. Nothing to invert. ----
+
+sgs_camera sgs_camera_equirectangular(int width, int height)
+{
+    return (sgs_camera){SGS_CAMERA_EQUIRECTANGULAR, width, height,
+                        {width / (2 * PI), height / PI, 0.5 * width, 0.5 * height}};
+}
+
+static bool project_around(const double params[4], const double point[3], double pixel[2])
+{
+    const double across = hypot(point[0], point[2]);
+    if (!(across > 0) && !(fabs(point[1]) > 0))
+        return false;
+    pixel[0] = params[0] * atan2(point[0], point[2]) + params[2];
+    pixel[1] = params[1] * atan2(point[1], across) + params[3];
+    return isfinite(pixel[0]) && isfinite(pixel[1]);
+}
+
+static void unproject_around(const double params[4], const double pixel[2], double direction[3])
+{
+    const double longitude = (pixel[0] - params[2]) / params[0], latitude = (pixel[1] - params[3]) / params[1];
+    direction[0] = cos(latitude) * sin(longitude);
+    direction[1] = sin(latitude);
+    direction[2] = cos(latitude) * cos(longitude);
+}
+
 bool sgs_camera_project(const sgs_camera *camera, const double point[3], double pixel[2])
 {
+    if (camera->model == SGS_CAMERA_EQUIRECTANGULAR)
+        return project_around(camera->params, point, pixel);
     const lens *l = lens_of(camera);
     const double across = hypot(point[0], point[1]);
     double scale;
@@ -453,6 +498,10 @@ static bool undistort(const lens *l, const double target[2], double x[2])
 
 bool sgs_camera_unproject(const sgs_camera *camera, const double pixel[2], double direction[3])
 {
+    if (camera->model == SGS_CAMERA_EQUIRECTANGULAR) {
+        unproject_around(camera->params, pixel, direction);
+        return true;
+    }
     const lens *l = lens_of(camera);
     const double y[2] = {(pixel[0] - l->cx) / l->fx, (pixel[1] - l->cy) / l->fy};
     double x[2];

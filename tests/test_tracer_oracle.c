@@ -254,6 +254,7 @@ static void shifted_and_very_wide_lenses_equal_the_oracle(void **state)
         {SGS_CAMERA_OPENCV_FISHEYE, 96, 96, {25, 25, 48, 48}},
         {SGS_CAMERA_OPENCV_FISHEYE, 128, 64, {20.5, 20.5, 64, 32}},
         {SGS_CAMERA_THIN_PRISM_FISHEYE, 64, 64, {40, 41, 10, 60, 0.01, -0.002, 0.001, -0.001, 0, 0, 0.001, 0.002}},
+        sgs_camera_equirectangular(160, 80),
     };
     // All around the camera at the origin of the world.
     const oracle_range range = {3, 0.05, 1, 0.05, 0.95, 0.15};

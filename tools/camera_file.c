@@ -4,12 +4,16 @@
 // cameras.json as 3DGS writes it: position is the camera's centre in world space, rotation its axes in world space
 // (camera to world), so the pose is rotation transposed and -rotation^T position. A rotation that is not orthonormal
 // to 1e-3 is refused: drawing through it would shear the picture without a word.
+//
+// A camera path of nerfstudio's viewer tells camera_to_world per frame, row-major and with OpenGL's camera axes, the
+// vertical field of view in degrees, and the size and kind of all pictures.
 
 #include "camera_file.h"
 
 #include <jansson.h>
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "output.h"
 #include "progress.h"
@@ -83,34 +87,117 @@ static bool read_all(const char *path, const json_t *root, named_camera *cameras
     return true;
 }
 
-bool camera_file_read(const char *path, named_camera **cameras, size_t *count)
+// ---- nerfstudio's camera paths ----
+
+static bool read_numbers(const json_t *array, double *numbers, size_t count)
 {
-    *cameras = NULL;
-    *count = 0;
+    for (size_t i = 0; i < count; ++i)
+        if (!read_number(json_array_get(array, i), &numbers[i]))
+            return false;
+    return json_array_size(array) == count;
+}
+
+// A lens of vertical field of view `fov`, in degrees. NULL, or what is wrong.
+static const char *path_lens(const char *type, int width, int height, double fov, sgs_camera *camera)
+{
+    if (!strcmp(type, "equirectangular") || !strcmp(type, "spherical")) {
+        *camera = sgs_camera_equirectangular(width, height);
+        return NULL;
+    }
+    const bool fisheye = !strcmp(type, "fisheye");
+    if (!fisheye && strcmp(type, "perspective"))
+        return "camera_type is none of perspective, fisheye and equirectangular";
+    if (!(fov > 0 && fov < 179))
+        return "fov must be an angle between 0 and 179 degrees";
+    const double focal = 0.5 * height / tan(fov * 3.141592653589793 / 360);
+    *camera = (sgs_camera){fisheye ? SGS_CAMERA_OPENCV_FISHEYE : SGS_CAMERA_PINHOLE,
+                           width,
+                           height,
+                           {focal, focal, 0.5 * width, 0.5 * height}};
+    return NULL;
+}
+
+// camera_to_world has OpenGL's camera axes (y up, z backward), so its second and third columns change sign. NULL, or
+// what is wrong.
+static const char *path_pose(const json_t *matrix, sgs_pose *pose)
+{
+    double m[16], rotation[9];
+    if (!read_numbers(matrix, m, 16))
+        return "camera_to_world must be sixteen numbers";
+    const double scale = sqrt(m[0] * m[0] + m[4] * m[4] + m[8] * m[8]);
+    for (int i = 0; i < 3; ++i)
+        for (int j = 0; j < 3; ++j)
+            rotation[3 * i + j] = m[4 * i + j] / scale * (j ? -1 : 1);
+    if (!(scale > 0) || !is_rotation(rotation))
+        return "camera_to_world is not a rotation and a translation";
+    for (int i = 0; i < 3; ++i) {
+        pose->translation[i] = 0;
+        for (int j = 0; j < 3; ++j) {
+            pose->rotation[3 * i + j] = rotation[3 * j + i];
+            pose->translation[i] -= rotation[3 * j + i] * m[4 * j + 3];
+        }
+        if (!isfinite(pose->translation[i]))
+            return "camera_to_world is too far away";
+    }
+    return NULL;
+}
+
+static bool read_path(const char *path, const json_t *root, camera_list *list)
+{
+    double width, height;
+    if (!read_number(json_object_get(root, "render_width"), &width) ||
+        !read_number(json_object_get(root, "render_height"), &height) || !(width >= 1 && width <= 65536) ||
+        !(height >= 1 && height <= 65536)) {
+        fail_run("%s: render_width and render_height must be numbers from 1 to 65536", path);
+        return false;
+    }
+    const char *type = json_string_value(json_object_get(root, "camera_type"));
+    read_number(json_object_get(root, "fps"), &list->fps);
+    const json_t *frames = json_object_get(root, "camera_path");
+    for (size_t i = 0; i < list->count; ++i) {
+        const json_t *frame = json_array_get(frames, i);
+        double fov = 0;
+        read_number(json_object_get(frame, "fov"), &fov);
+        const char *problem = path_pose(json_object_get(frame, "camera_to_world"), &list->cameras[i].pose);
+        if (!problem)
+            problem = path_lens(type ? type : "perspective", (int)width, (int)height, fov, &list->cameras[i].camera);
+        if (!problem && sgs_camera_validate(&list->cameras[i].camera))
+            problem = sgs_last_error();
+        if (problem) {
+            fail_run("%s: camera_path: frame %zu: %s", path, i, problem);
+            return false;
+        }
+        list->cameras[i].name = format_text("frame_%05zu", i);
+    }
+    return true;
+}
+
+bool camera_file_read(const char *path, camera_list *list)
+{
+    *list = (camera_list){0};
     json_error_t error;
     json_t *root = json_load_file(path, 0, &error);
     if (!root) {
         fail_run("%s: line %d: %s", path, error.line, error.text);
         return false;
     }
-    *count = json_is_array(root) ? json_array_size(root) : 1;
-    *cameras = calloc(*count + 1, sizeof **cameras);
-    bool done = *cameras && *count;
+    const json_t *frames = json_object_get(root, "camera_path");
+    list->count = frames ? json_array_size(frames) : json_is_array(root) ? json_array_size(root) : 1;
+    list->cameras = calloc(list->count + 1, sizeof *list->cameras);
+    bool done = list->cameras && list->count;
     if (!done)
         fail_run("%s: holds no camera", path);
-    done = done && read_all(path, root, *cameras, *count);
+    done = done && (frames ? read_path(path, root, list) : read_all(path, root, list->cameras, list->count));
     json_decref(root);
-    if (!done) {
-        camera_file_free(*cameras, *count);
-        *cameras = NULL;
-        *count = 0;
-    }
+    if (!done)
+        camera_list_free(list);
     return done;
 }
 
-void camera_file_free(named_camera *cameras, size_t count)
+void camera_list_free(camera_list *list)
 {
-    for (size_t i = 0; cameras && i < count; ++i)
-        free(cameras[i].name);
-    free(cameras);
+    for (size_t i = 0; list->cameras && i < list->count; ++i)
+        free(list->cameras[i].name);
+    free(list->cameras);
+    *list = (camera_list){0};
 }

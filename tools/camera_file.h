@@ -2,7 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Cameras for `render --camera`, read from the cameras.json of a 3DGS run (ours or another program's).
+// Cameras for `render --camera`, read from the cameras.json of a 3DGS run (ours or another program's) or from a
+// camera path of nerfstudio's viewer.
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -15,8 +16,16 @@ typedef struct named_camera {
     sgs_pose pose;
 } named_camera;
 
-// Reads one object or a list of them: width, height, fx, fy, position [3], rotation [3][3] (camera to world, rows),
-// and where present img_name, cx, cy (else the image's middle). False after printing the error; else release *cameras
-// with camera_file_free.
-bool camera_file_read(const char *path, named_camera **cameras, size_t *count);
-void camera_file_free(named_camera *cameras, size_t count);
+typedef struct camera_list {
+    named_camera *cameras; // [count]
+    size_t count;
+    double fps; // of a path, 0 = not told
+} camera_list;
+
+// cameras.json: one object or a list of them: width, height, fx, fy, position [3], rotation [3][3] (camera to world,
+// rows), and where present img_name, cx, cy (else the image's middle). A camera path: an object with render_width,
+// render_height, camera_type and camera_path, frames of camera_to_world [16] and fov; its frames are called
+// frame_00000,
+// ... . False after printing the error; else release the list with camera_list_free.
+bool camera_file_read(const char *path, camera_list *list);
+void camera_list_free(camera_list *list);

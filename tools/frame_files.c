@@ -316,19 +316,38 @@ static bool write_plane(const frame_files *files, const char *suffix, const sgs_
     return true;
 }
 
+bool frame_picture(const frame_files *files, const sgs_frame *frame, sgs_image8 *image)
+{
+    if (files->space != SGS_SPACE_LINEAR) {
+        if (!sgs_image8_from_planes((const float *const *)frame->color, frame->transmittance, files->background,
+                                    frame->width, frame->height, image))
+            return true;
+        fail_library();
+        return false;
+    }
+    // Light is laid over the background first and becomes display values then.
+    const size_t pixels = (size_t)frame->width * (size_t)frame->height;
+    float *display = malloc(3 * pixels * sizeof *display);
+    if (!display) {
+        fail_run("%s: no memory to write it", files->name);
+        return false;
+    }
+    for (size_t c = 0; c < 3; ++c)
+        for (size_t i = 0; i < pixels; ++i)
+            display[c * pixels + i] =
+                sgs_srgb_encode(frame->color[c][i] + frame->transmittance[i] * files->background[c]);
+    const float *const planes[3] = {display, display + pixels, display + 2 * pixels};
+    const bool made = !sgs_image8_from_planes(planes, NULL, files->background, frame->width, frame->height, image);
+    free(display);
+    if (!made)
+        fail_library();
+    return made;
+}
+
 static bool write_rgb(const frame_files *files, const sgs_frame *frame)
 {
     sgs_image8 image = {0};
-    const bool light = files->space == SGS_SPACE_LINEAR;
-    const size_t pixels = (size_t)frame->width * (size_t)frame->height;
-    for (size_t c = 0; c < 3 && light; ++c) // display values over the background, in place
-        for (size_t i = 0; i < pixels; ++i)
-            frame->color[c][i] = sgs_srgb_encode(frame->color[c][i] + frame->transmittance[i] * files->background[c]);
-    if (!sgs_image8_from_planes((const float *const *)frame->color, light ? NULL : frame->transmittance,
-                                files->background, frame->width, frame->height, &image))
-        return write_image(files, ".png", &image);
-    fail_library();
-    return false;
+    return frame_picture(files, frame, &image) && write_image(files, ".png", &image);
 }
 
 // Quantities that are no single number.

@@ -49,6 +49,9 @@ sgs_status deep_file_rows(void *context, int y, int rows, const uint32_t *counts
 // Completes the file and prints its path on stdout, or, unless `complete`, leaves none. False after printing the error.
 bool deep_file_close(deep_file *file, bool complete);
 
+// The colours as a picture for people, over the background. False after printing the error.
+bool frame_picture(const frame_files *files, const sgs_frame *frame, sgs_image8 *image);
+
 // FOLDER/STEM.exr. May overwrite the frame's colour planes. Prints the path on stdout, or the error.
 bool frame_write_exr(const frame_files *files, sgs_frame *frame);
 

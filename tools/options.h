@@ -13,13 +13,14 @@ enum { EXIT_DONE = 0, EXIT_FAILED = 1, EXIT_USAGE = 2 };
 
 // What an option takes, and the type of its value.
 typedef enum option_kind {
-    OPTION_FLAG,     // nothing; bool
-    OPTION_INTEGER,  // int
-    OPTION_COUNT,    // uint64_t
-    OPTION_REAL,     // double
-    OPTION_TEXT,     // const char *, points into argv
-    OPTION_CHOICE,   // int, index into the words of `argument`: "exr|png"
-    OPTION_SET,      // unsigned, bit k for word k of `argument`: "h,v,c"; "on|off|h,v,c" accepts on and off too, "all|h,v,c" all
+    OPTION_FLAG,    // nothing; bool
+    OPTION_INTEGER, // int
+    OPTION_COUNT,   // uint64_t
+    OPTION_REAL,    // double
+    OPTION_TEXT,    // const char *, points into argv
+    OPTION_CHOICE,  // int, index into the words of `argument`: "exr|png"
+    OPTION_SET, // unsigned, bit k for word k of `argument`: "h,v,c"; "on|off|h,v,c" accepts on and off too, "all|h,v,c"
+                // all
     OPTION_INTEGERS, // integer_list
     OPTION_DURATION, // double, seconds: 90, 45s, 3h55m, 2d12h
     OPTION_BYTES,    // uint64_t: 8G, 500M; K, M, G, T are powers of 1024

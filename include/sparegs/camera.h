@@ -29,7 +29,9 @@ typedef enum sgs_camera_model {
     SGS_CAMERA_SIMPLE_RADIAL_FISHEYE = 8, // f, cx, cy, k
     SGS_CAMERA_RADIAL_FISHEYE = 9,        // f, cx, cy, k1, k2
     SGS_CAMERA_THIN_PRISM_FISHEYE = 10,   // fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, sx1, sy1
-    SGS_CAMERA_MODEL_COUNT = 11
+    SGS_CAMERA_MODEL_COUNT = 11,
+    // For drawing only, in no file of COLMAP's: fx, fy (pixels per radian of longitude and latitude), cx, cy.
+    SGS_CAMERA_EQUIRECTANGULAR = 100
 } sgs_camera_model;
 
 typedef struct sgs_camera {
@@ -69,6 +71,13 @@ void sgs_camera_intrinsics(const sgs_camera *camera, double *fx, double *fy, dou
 // The same lens seen by an image of another size: focal lengths and principal point scale per axis.
 // A one-focal model whose axes scale differently becomes the two-focal model of the same lens.
 sgs_camera sgs_camera_resized(const sgs_camera *camera, int width, int height);
+
+// The same lens with its principal point moved by (dx, dy) pixels: the image shifts by as much.
+sgs_camera sgs_camera_shifted(const sgs_camera *camera, double dx, double dy);
+
+// All directions as one image: longitude from -180 to 180 degrees left to right, latitude from above to below, the
+// camera's axis in the middle.
+sgs_camera sgs_camera_equirectangular(int width, int height);
 
 // Projects a point in camera axes to pixel coordinates. False when the point has no image (behind the
 // camera for a perspective model, or outside the domain where the distortion is monotonic).

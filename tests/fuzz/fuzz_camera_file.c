@@ -36,12 +36,13 @@ char *format_text(const char *format, ...)
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
     const char *path = fuzz_file("input", data, size);
-    named_camera *cameras;
-    size_t count;
-    if (!camera_file_read(path, &cameras, &count)) {
-        FUZZ_REQUIRE(strstr(message, path) && !cameras && !count);
+    camera_list list;
+    if (!camera_file_read(path, &list)) {
+        FUZZ_REQUIRE(strstr(message, path) && !list.cameras && !list.count);
         return 0;
     }
+    const named_camera *cameras = list.cameras;
+    const size_t count = list.count;
     FUZZ_REQUIRE(count > 0 && count <= size);
     for (size_t i = 0; i < count; ++i) {
         FUZZ_REQUIRE(cameras[i].name && !sgs_camera_validate(&cameras[i].camera));
@@ -50,6 +51,6 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         for (int k = 0; k < 9; ++k)
             FUZZ_REQUIRE(isfinite(cameras[i].pose.rotation[k]));
     }
-    camera_file_free(cameras, count);
+    camera_list_free(&list);
     return 0;
 }

@@ -1,0 +1,43 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// One view after another: rendered (or traced by brute force), written as files, added to a film.
+
+#include "frame_files.h"
+#include "shared_options.h"
+#include "video.h"
+
+typedef struct view_options {
+    const char *folder; // NULL = no files
+    unsigned aovs;
+    bool axis_depth, png, reference;
+    exr_encoding encoding;
+    sgs_exr_compression compression;
+    bool deep;
+    sgs_deep_options deep_options;
+    int samples;             // pictures that make one, 1 = the centre of the pixel
+    double aperture, focus;  // world units; focus 0 = what stands in the middle
+    const char *film;        // or NULL
+    double fps;
+} view_options;
+
+typedef struct view_drawer {
+    const view_options *options;
+    const drawing_values *drawing;
+    const sgs_gaussians *model;
+    sgs_renderer *renderer;    // NULL with a reference
+    double *params;            // with a reference
+    sgs_frame frame, sampled;  // of the last view, for the next of its size; of one sample
+    video *film;
+    size_t drawn;
+    double draw_seconds, write_seconds;
+} view_drawer;
+
+// The model must outlive the drawer. False after printing the error; release it with view_drawer_close in any case.
+bool view_drawer_open(view_drawer *drawer, const view_options *options, const drawing_values *drawing,
+                      const sgs_gaussians *model);
+// False after printing the error.
+bool view_drawer_draw(view_drawer *drawer, const char *name, const sgs_camera *camera, const sgs_pose *pose);
+// Ends the film; `complete`: all views were drawn. False after printing the error.
+bool view_drawer_close(view_drawer *drawer, bool complete);

@@ -8,6 +8,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "image_oiio.h"
+
 enum { MAX_CHANNELS = 1024, MAX_NAME = 255 };
 
 typedef struct flat_image {
@@ -103,6 +105,27 @@ static sgs_status write_image(const flat_image *image, const char *path, const s
     return sgsi_exr_close(&writer, sgsi_exr_write_lines(&writer, 0, info->height, info->height, point_at_lines, image));
 }
 
+static sgs_status write_dwaa(const flat_image *image, const char *path, const sgs_exr_info *info)
+{
+    sgs_exr_channel channels[MAX_CHANNELS];
+    for (int k = 0; k < image->channel_count; ++k)
+        channels[k] = *image->sorted[k];
+    uint8_t *bytes;
+    size_t size;
+    sgs_status status = sgsi_oiio_dwaa_encode(path, info, channels, image->channel_count, &bytes, &size);
+    if (status)
+        return status;
+    sgsi_atomic_file file;
+    status = sgsi_atomic_open(&file, path);
+    if (!status) {
+        fwrite(bytes, 1, size, file.stream); // the commit sees a failure
+        status = sgsi_atomic_commit(&file);
+    }
+    sgsi_atomic_abort(&file);
+    sgsi_free(bytes);
+    return status;
+}
+
 sgs_status sgs_exr_write(const char *path, const sgs_exr_info *info, const sgs_exr_channel *channels, int channel_count)
 {
     if (info->width < 1 || info->height < 1 || info->width > SGSI_EXR_MAX_SIDE || info->height > SGSI_EXR_MAX_SIDE)
@@ -117,7 +140,7 @@ sgs_status sgs_exr_write(const char *path, const sgs_exr_info *info, const sgs_e
     flat_image image = {.width = info->width};
     status = sort_channels(&image, path, channels, channel_count);
     if (!status)
-        status = write_image(&image, path, info);
+        status = info->compression == SGS_EXR_DWAA ? write_dwaa(&image, path, info) : write_image(&image, path, info);
     sgsi_free(image.sorted);
     return status;
 }

@@ -31,12 +31,14 @@
 
 #include <OpenImageIO/color.h>
 #include <OpenImageIO/filesystem.h>
+#include <OpenImageIO/Imath.h>
 #include <OpenImageIO/imageio.h>
 
 #include "image_oiio.h"
 
 extern "C" {
 #include "core.h"
+#include "sparegs/runtime.h"
 }
 
 namespace {
@@ -474,6 +476,89 @@ sgs_status sgsi_oiio_png_encode(const char *path, const sgs_image8 *image, uint8
                                  one_line(output->geterror()).c_str());
         }
         if (!output->close())
+            return sgsi_fail(SGS_STATUS_IO, "%s: cannot be encoded: %s", path, one_line(output->geterror()).c_str());
+        *bytes = static_cast<uint8_t *>(sgsi_alloc(encoded.size(), 1));
+        if (!*bytes)
+            throw std::bad_alloc();
+        std::memcpy(*bytes, encoded.data(), encoded.size());
+        *size = encoded.size();
+        return SGS_STATUS_OK;
+    });
+}
+
+namespace {
+
+// EXR multiplies row vectors from the left: the transpose of the matrix for column vectors.
+void set_matrix(OIIO::ImageSpec &spec, const char *name, const double *matrix)
+{
+    float transposed[16];
+    for (int i = 0; i < 16 && matrix; ++i)
+        transposed[i] = float(matrix[4 * (i % 4) + i / 4]);
+    if (matrix)
+        spec.attribute(name, OIIO::TypeMatrix, transposed);
+}
+
+OIIO::ImageSpec describe_exr(const sgs_exr_info &info, const sgs_exr_channel *channels, int count)
+{
+    const float rec709[8] = {0.64F, 0.33F, 0.30F, 0.60F, 0.15F, 0.06F, 0.3127F, 0.3290F};
+    OIIO::ImageSpec spec(info.width, info.height, count, OIIO::TypeDesc::FLOAT);
+    spec.channelnames.clear();
+    for (int k = 0; k < count; ++k) {
+        spec.channelnames.emplace_back(channels[k].name);
+        spec.channelformats.push_back(channels[k].uints  ? OIIO::TypeDesc::UINT32
+                                      : channels[k].half ? OIIO::TypeDesc::HALF
+                                                         : OIIO::TypeDesc::FLOAT);
+        if (channels[k].name[0] == 'A' && !channels[k].name[1])
+            spec.alpha_channel = k;
+    }
+    spec.attribute("compression", "dwaa");
+    spec.attribute("oiio:ColorSpace", "Linear");
+    spec.attribute("chromaticities", OIIO::TypeDesc(OIIO::TypeDesc::FLOAT, 8), rec709);
+    spec.attribute("Software", std::string("sparegs ") + sgs_version());
+    if (info.depth_definition)
+        spec.attribute("sparegs:depthDefinition", info.depth_definition);
+    if (info.view_name)
+        spec.attribute("sparegs:view", info.view_name);
+    set_matrix(spec, "worldToCamera", info.world_to_camera);
+    set_matrix(spec, "worldToNDC", info.world_to_ndc);
+    return spec;
+}
+
+} // namespace
+
+sgs_status sgsi_oiio_dwaa_encode(const char *path, const sgs_exr_info *info, const sgs_exr_channel *channels,
+                                 int channel_count, uint8_t **bytes, size_t *size)
+{
+    *bytes = nullptr;
+    *size = 0;
+    return guarded(path, [&]() {
+        std::vector<unsigned char> encoded;
+        OIIO::Filesystem::IOVecOutput memory(encoded);
+        auto output = OIIO::ImageOutput::create("openexr");
+        if (!output || !output->supports("ioproxy") || !output->set_ioproxy(&memory))
+            return sgsi_fail(SGS_STATUS_UNSUPPORTED, "%s: this OpenImageIO cannot write EXR", path);
+        const OIIO::ImageSpec spec = describe_exr(*info, channels, channel_count);
+        if (!output->open("memory.exr", spec))
+            return sgsi_fail(SGS_STATUS_IO, "%s: cannot be encoded: %s", path, one_line(output->geterror()).c_str());
+        // Pixels in the file's own types, channel after channel: 2 or 4 bytes each.
+        const size_t pixel_bytes = spec.pixel_bytes(true), width = size_t(info->width);
+        std::vector<unsigned char> pixels(pixel_bytes * width * size_t(info->height));
+        size_t offset = 0;
+        for (int k = 0; k < channel_count; ++k) {
+            unsigned char *at = pixels.data() + offset;
+            for (size_t i = 0; i < width * size_t(info->height); ++i, at += pixel_bytes) {
+                if (channels[k].half) {
+                    const half value = half(channels[k].floats[i]);
+                    std::memcpy(at, &value, sizeof value);
+                } else {
+                    std::memcpy(at, channels[k].uints ? static_cast<const void *>(channels[k].uints + i)
+                                                      : static_cast<const void *>(channels[k].floats + i),
+                                4);
+                }
+            }
+            offset += channels[k].half ? 2 : 4;
+        }
+        if (!output->write_image(OIIO::TypeDesc::UNKNOWN, pixels.data()) || !output->close())
             return sgsi_fail(SGS_STATUS_IO, "%s: cannot be encoded: %s", path, one_line(output->geterror()).c_str());
         *bytes = static_cast<uint8_t *>(sgsi_alloc(encoded.size(), 1));
         if (!*bytes)

@@ -9,7 +9,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "sparegs/scene.h"
+#include "sparegs/image.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -47,6 +47,11 @@ sgs_status sgsi_image8_probe(const char *path, int *width, int *height, int *cha
 
 // Encodes a PNG into fresh memory (sgsi_free). `path` is for messages only.
 sgs_status sgsi_oiio_png_encode(const char *path, const sgs_image8 *image, uint8_t **bytes, size_t *size);
+
+// Encodes an EXR of these channels into fresh memory (sgsi_free), DWAA compressed: OpenEXR's C library learned that only in
+// version 3.2. Header as sgs_exr_write's. `path` is for messages only.
+sgs_status sgsi_oiio_dwaa_encode(const char *path, const sgs_exr_info *info, const sgs_exr_channel *channels,
+                                 int channel_count, uint8_t **bytes, size_t *size);
 
 #ifdef __cplusplus
 }

@@ -54,6 +54,14 @@ run 0 render "$model" "$room" --view 0009.jpg --aov all --depth z --compression 
 oiiotool --info -v "$temporary/axis/0009.exr" >"$temporary/info"
 check axis_depth_is_defined grep -q "along the camera's axis" "$temporary/info"
 check compression_is_chosen grep -q 'compression: "piz"' "$temporary/info"
+run 0 render "$model" "$room" --view 0009.jpg --aov all --compression dwaa -o "$temporary/dwaa"
+oiiotool --info -v "$temporary/dwaa/0009.exr" >"$temporary/info"
+for text in 'compression: "dwaa"' 'primitive.id (uint)' 'N.X (float)' 'chromaticities: 0.64' worldToNDC sparegs:depthDefinition; do
+    check "dwaa has $text" grep -qF "$text" "$temporary/info"
+done
+check dwaa_colours_are_near oiiotool --fail 0.02 --failpercent 1 "$temporary/all/0009.exr" --ch R,G,B,A "$temporary/dwaa/0009.exr" --ch R,G,B,A --diff
+check dwaa_data_are_exact oiiotool --fail 0 "$temporary/all/0009.exr" --ch depth.Z,N.X,P.Z,primitive.id "$temporary/dwaa/0009.exr" \
+    --ch depth.Z,N.X,P.Z,primitive.id --diff
 # Along the axis is never farther than along the ray.
 check axis_depth_is_shorter bash -c "oiiotool '$temporary/all/0009.exr' --ch depth.Z '$temporary/axis/0009.exr' --ch depth.Z \
     --sub --printstats | awk '/Stats Min/ { found = 1; least = \$3 } END { exit !(found && least > -1e-4) }'"

@@ -51,6 +51,7 @@ typedef enum sgs_exr_compression {
     SGS_EXR_ZIPS,    // deflate, line by line: quicker to read in parts
     SGS_EXR_PIZ,     // wavelets: smaller where images are noisy
     SGS_EXR_NONE,
+    SGS_EXR_DWAA,    // cosine transform of R, G, B: much smaller, lossy to the eye's threshold; the rest as ZIP
     SGS_EXR_COMPRESSION_COUNT
 } sgs_exr_compression;
 

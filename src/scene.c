@@ -148,6 +148,13 @@ static void probe_view(void *context, size_t i, int thread)
     (void)thread;
     const char *path = l->scene->views[i].image_path, *mask = l->scene->views[i].mask_path;
     sgsi_image_info info = {0};
+    const sgs_camera *camera = &l->dataset.frames[i].camera;
+    if (l->options->cameras_only && !l->options->load_images && camera->width > 0) {
+        s->file_width = camera->width;
+        s->file_height = camera->height;
+        reduced_size(l->options->downscale, s);
+        return;
+    }
     s->status = sgsi_roots_check(&l->roots, path);
     if (!s->status && mask)
         s->status = sgsi_roots_check(&l->roots, mask);
@@ -688,7 +695,7 @@ static sgs_status measure_extent(sgs_scene *scene)
 static sgs_status load(loader *l)
 {
     sgs_scene *scene = l->scene;
-    sgs_status status = sgsi_scene_find(scene->path, l->options->images_dir, &l->files);
+    sgs_status status = sgsi_scene_find(scene->path, l->options->cameras_only ? "." : l->options->images_dir, &l->files);
     if (status)
         return status;
     scene->model_path = sgsi_strdup(l->files.model_path);

@@ -93,6 +93,20 @@ for broken in '.camera_path[0].fov = 180' '.camera_path[0].camera_to_world[0] = 
     says broken.json
 done
 
+# a_colmap_model_is_a_camera_file (the bundled scene's, without its photographs)
+mkdir -p "$temporary/colmap/sparse"
+cp -r "$room/sparse/0" "$temporary/colmap/sparse/0"
+run 0 render "$model" --camera "$temporary/colmap" --view 0009.jpg --size 60x33 --aov rgba -o "$temporary/colmap_views"
+run 0 render "$model" "$room" --view 0009.jpg --downscale 1 --size 60x33 --aov rgba -o "$temporary/scene_views"
+check same_as_from_the_scene oiiotool --fail 0 "$temporary/colmap_views/0009.exr" "$temporary/scene_views/0009.exr" --diff
+run 0 render "$model" --camera "$temporary/colmap" --frames 0-30:10 --size 30x17 --aov rgba -o "$temporary/colmap_some"
+check four_views test "$(find "$temporary/colmap_some" -name '*.exr' | wc -l)" = 4
+run 1 render "$model" --camera "$temporary/bin_that_is_not_there" -o "$temporary/none"
+one_line
+says bin_that_is_not_there
+run 1 render "$model" --camera "$temporary/orbit" -o "$temporary/none"
+one_line
+
 # films (by a stand-in for ffmpeg that counts what it gets)
 mkdir "$temporary/bin"
 cat >"$temporary/bin/ffmpeg" <<'EOF'

@@ -49,7 +49,8 @@ static const option render_options[] = {
     {"split", 0, OPTION_CHOICE, AT(split), 0, 0, "test|train|all", "test", "test, or all when no image is held out",
      NULL, "the views to draw"},
     {"camera", 0, OPTION_TEXT, AT(camera), 0, 0, "FILE", NULL, "none", NULL,
-     "draw from this cameras.json, or camera path of nerfstudio, instead of a SCENE"},
+     "draw from this cameras.json, camera path of nerfstudio or folder of a COLMAP model (without photographs) "
+     "instead of a SCENE"},
     {"orbit", 0, OPTION_INTEGER, AT(orbit), 1, 100000, "N", NULL, "none", "frames",
      "a circle around what the views of SCENE look at"},
     {"spiral", 0, OPTION_INTEGER, AT(spiral), 1, 100000, "N", NULL, "none", "frames",

@@ -5,6 +5,7 @@
 
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 
 #include "camera_path.h"
 #include "options.h"
@@ -103,8 +104,30 @@ static bool in_frames(const camera_choice *choice, const char *name, size_t inde
     return from_first >= 0 && (long)index <= range->last && from_first % range->step == 0;
 }
 
+// A COLMAP model (or another data set's folder) without its photographs.
+static bool folder_cameras(const camera_choice *choice, camera_list *list)
+{
+    sgs_scene_options options = sgs_scene_options_default();
+    options.load_images = 0;
+    options.cameras_only = 1;
+    options.downscale = 1;
+    sgs_scene *scene = NULL;
+    if (sgs_scene_load(choice->file, &options, &scene)) {
+        fail_library();
+        return false;
+    }
+    camera_choice all = *choice;
+    all.split = SGS_SPLIT_ALL;
+    const bool done = scene_cameras(&all, scene, list);
+    sgs_scene_destroy(scene);
+    return done;
+}
+
 static bool file_cameras(const camera_choice *choice, camera_list *list)
 {
+    struct stat status;
+    if (!stat(choice->file, &status) && S_ISDIR(status.st_mode))
+        return folder_cameras(choice, list);
     if (!camera_file_read(choice->file, list))
         return false;
     if (choice->view)

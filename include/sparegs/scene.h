@@ -71,9 +71,10 @@ typedef struct sgs_scene_options {
     sgs_space space;          // to compare and train in
     size_t image_cache;       // bytes of decoded photographs to keep in memory; 0 = all of them
     double white;             // linear light that becomes 1; 0 = the 99th percentile where files are linear, else 1
+    int cameras_only;         // no photograph is looked for where the model tells its camera's size; with load_images 0
 } sgs_scene_options;
 
-// {NULL, 0, 0, NULL, 1, NULL, 0, SGS_ALPHA_OVER, NULL, SGS_SPACE_SRGB, 0, 0}
+// {NULL, 0, 0, NULL, 1, NULL, 0, SGS_ALPHA_OVER, NULL, SGS_SPACE_SRGB, 0, 0, 0}
 sgs_scene_options sgs_scene_options_default(void);
 
 typedef struct sgs_scene {

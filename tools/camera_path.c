@@ -34,7 +34,8 @@ static vec along(vec a, vec b, double s) // a + s b
 
 static vec cross(vec a, vec b)
 {
-    return (vec){{a.x[1] * b.x[2] - a.x[2] * b.x[1], a.x[2] * b.x[0] - a.x[0] * b.x[2], a.x[0] * b.x[1] - a.x[1] * b.x[0]}};
+    return (vec){
+        {a.x[1] * b.x[2] - a.x[2] * b.x[1], a.x[2] * b.x[0] - a.x[0] * b.x[2], a.x[0] * b.x[1] - a.x[1] * b.x[0]}};
 }
 
 static vec unit(vec a)
@@ -57,10 +58,10 @@ static vec center(const sgs_pose *pose)
 
 // What the views of a scene have in common.
 typedef struct view_group {
-    vec middle, up;          // means; up is a unit vector
-    vec target;              // what the views look at
-    bool converge;           // the target lies in front of them
-    double spread;           // mean distance from the middle
+    vec middle, up; // means; up is a unit vector
+    vec target;     // what the views look at
+    bool converge;  // the target lies in front of them
+    double spread;  // mean distance from the middle
 } view_group;
 
 // Solves the symmetric system m x = b by Cramer's rule; false when it is singular.

@@ -1,9 +1,10 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Frames go to ffmpeg's standard input as raw RGB; H.264 in 4:2:0, which every player shows, wants even sizes, so an odd row or
-// column is doubled by padding. ffmpeg is started by its argument vector, never through a shell, and writes beside the
-// target, which is renamed when it ended well. What it says goes to a temporary file; its last line is told when it fails.
+// Frames go to ffmpeg's standard input as raw RGB; H.264 in 4:2:0, which every player shows, wants even sizes, so an
+// odd row or column is doubled by padding. ffmpeg is started by its argument vector, never through a shell, and writes
+// beside the target, which is renamed when it ended well. What it says goes to a temporary file; its last line is told
+// when it fails.
 
 #include "video.h"
 
@@ -39,8 +40,9 @@ bool video_possible(void)
             return true;
         at += length;
     }
-    fail_run("--video needs ffmpeg, which is not installed; install it (Debian: apt install ffmpeg), or write the frames by "
-             "--format png");
+    fail_run(
+        "--video needs ffmpeg, which is not installed; install it (Debian: apt install ffmpeg), or write the frames by "
+        "--format png");
     return false;
 }
 
@@ -57,9 +59,27 @@ static void run_ffmpeg(const video *film, double fps, int input)
     char size[32], rate[32];
     snprintf(size, sizeof size, "%dx%d", film->width, film->height);
     snprintf(rate, sizeof rate, "%.6g", fps);
-    const char *const arguments[] = {"ffmpeg", "-hide_banner", "-loglevel", "error", "-y", "-f", "rawvideo", "-pixel_format",
-                                     "rgb24", "-video_size", size, "-framerate", rate, "-i", "-", "-vf",
-                                     "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-pix_fmt", "yuv420p", film->temporary, NULL};
+    const char *const arguments[] = {"ffmpeg",
+                                     "-hide_banner",
+                                     "-loglevel",
+                                     "error",
+                                     "-y",
+                                     "-f",
+                                     "rawvideo",
+                                     "-pixel_format",
+                                     "rgb24",
+                                     "-video_size",
+                                     size,
+                                     "-framerate",
+                                     rate,
+                                     "-i",
+                                     "-",
+                                     "-vf",
+                                     "pad=ceil(iw/2)*2:ceil(ih/2)*2",
+                                     "-pix_fmt",
+                                     "yuv420p",
+                                     film->temporary,
+                                     NULL};
     dup2(input, STDIN_FILENO);
     dup2(fileno(film->messages), STDOUT_FILENO);
     dup2(fileno(film->messages), STDERR_FILENO);
@@ -85,7 +105,8 @@ video *video_open(const char *path, int width, int height, double fps)
         free(film);
         return NULL;
     }
-    *film = (video){.path = format_text("%s", path), .temporary = temporary_path(path), .width = width, .height = height};
+    *film =
+        (video){.path = format_text("%s", path), .temporary = temporary_path(path), .width = width, .height = height};
     film->frame = malloc(3 * (size_t)width * (size_t)height);
     film->messages = tmpfile();
     if (!film->frame || !film->messages || pipe(ends)) {

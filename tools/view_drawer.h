@@ -16,9 +16,9 @@ typedef struct view_options {
     sgs_exr_compression compression;
     bool deep;
     sgs_deep_options deep_options;
-    int samples;             // pictures that make one, 1 = the centre of the pixel
-    double aperture, focus;  // world units; focus 0 = what stands in the middle
-    const char *film;        // or NULL
+    int samples;            // pictures that make one, 1 = the centre of the pixel
+    double aperture, focus; // world units; focus 0 = what stands in the middle
+    const char *film;       // or NULL
     double fps;
 } view_options;
 
@@ -26,9 +26,9 @@ typedef struct view_drawer {
     const view_options *options;
     const drawing_values *drawing;
     const sgs_gaussians *model;
-    sgs_renderer *renderer;    // NULL with a reference
-    double *params;            // with a reference
-    sgs_frame frame, sampled;  // of the last view, for the next of its size; of one sample
+    sgs_renderer *renderer;   // NULL with a reference
+    double *params;           // with a reference
+    sgs_frame frame, sampled; // of the last view, for the next of its size; of one sample
     video *film;
     size_t drawn;
     double draw_seconds, write_seconds;

@@ -16,12 +16,11 @@
 
 static const char description[] =
     "Draws MODEL (a PLY file, or the folder of a training run: its newest iteration) from the cameras\n"
-    "of SCENE, from a camera file, or along a path around the scene. Writes DIR/STEM.exr with all quantities as "
-    "layers, or\n"
-    "DIR/STEM.png and DIR/STEM.AOV.png, STEM being the view's image name without its extension, and\n"
-    "prints the paths. EXR colours are premultiplied by alpha, without background, and scene-linear:\n"
-    "trained colours are display (sRGB) values and are decoded, unless --exr-encoding srgb keeps them.\n"
-    "PNGs are laid over the background.";
+    "of SCENE, from a camera file, or along a path around the scene. Writes DIR/STEM.exr with all\n"
+    "quantities as layers, or DIR/STEM.png and DIR/STEM.AOV.png, STEM being the view's image name\n"
+    "without its extension, and prints the paths. EXR colours are premultiplied by alpha, without\n"
+    "background, and scene-linear: trained colours are display (sRGB) values and are decoded, unless\n"
+    "--exr-encoding srgb keeps them. PNGs and films are laid over the background.";
 
 typedef struct render_values {
     const char *output, *view, *camera;
@@ -129,10 +128,10 @@ static bool render_model(const char *ply_path, const camera_list *cameras, const
         progress_count("render", i + 1, cameras->count);
     }
     progress_end();
+    done = view_drawer_close(&drawer, done) && done;
     if (done)
         print_note("%zu view(s): %.2f s drawing, %.2f s writing", drawer.drawn, drawer.draw_seconds,
                    drawer.write_seconds);
-    done = view_drawer_close(&drawer, done) && done;
     sgs_gaussians_destroy(model);
     return done;
 }

@@ -35,6 +35,7 @@ typedef struct gather_context {
 } gather_context;
 
 static RTCDevice device;
+static bool native_packets; // of sixteen rays
 static pthread_once_t device_once = PTHREAD_ONCE_INIT;
 static atomic_llong device_bytes;
 
@@ -49,8 +50,10 @@ static bool count_bytes(void *user, ssize_t bytes, bool post)
 static void create_device(void)
 {
     device = rtcNewDevice(NULL);
-    if (device)
-        rtcSetDeviceMemoryMonitorFunction(device, count_bytes, NULL);
+    if (!device)
+        return;
+    rtcSetDeviceMemoryMonitorFunction(device, count_bytes, NULL);
+    native_packets = rtcGetDeviceProperty(device, RTC_DEVICE_PROPERTY_NATIVE_RAY16_SUPPORTED) != 0;
 }
 
 static sgs_status embree_failure(const char *doing)
@@ -185,7 +188,7 @@ sgs_status sgsi_bvh_gather(const sgsi_bvh *bvh, const sgsi_packet *packet, sgsi_
         rays.id[i] = 0;
         rays.flags[i] = 0;
     }
-    sgsi_rtc_occluded16(valid, bvh->scene, &context.base, &rays);
+    sgsi_rtc_occluded16(valid, bvh->scene, &context.base, &rays, native_packets);
     if (context.failed)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu candidates of a tile", 2 * list->capacity);
     return SGS_STATUS_OK;

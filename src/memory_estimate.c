@@ -3,8 +3,8 @@
 
 // How much memory a training will take, before any of it is asked for. A sum of what is known exactly (parameters,
 // moments, statistics, records, bounds, sums; photographs; image planes) and of what depends on the scene (BVH, lists
-// of hits, one gradient record per tile and primitive), the latter as measured on real scenes; tests hold it to the
-// peak of real runs.
+// of hits, one gradient record per tile and primitive). The latter are rules of thumb, and photographs count one byte per
+// channel: half-float ones take twice that.
 
 #include "sparegs/trainer.h"
 #include "threads.h"

@@ -85,7 +85,8 @@ sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, size_t train_
 
 bool sgsi_schedule_is_structural(const sgsi_schedule *schedule, int iteration)
 {
-    return iteration > schedule->densify_from && iteration < schedule->densify_until && iteration % schedule->densify_interval == 0;
+    return iteration > schedule->densify_from && iteration < schedule->densify_until &&
+           iteration % schedule->densify_interval == 0;
 }
 
 bool sgsi_schedule_is_reset(const sgsi_schedule *schedule, int iteration)

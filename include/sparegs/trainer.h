@@ -148,7 +148,7 @@ typedef struct sgs_regions {
 typedef struct sgs_trainer sgs_trainer;
 
 // About how many bytes a training of this scene takes at `gaussians` primitives, photographs and the program itself
-// included; within a factor of about 1.5 on real scenes. The scene's images need not be loaded. Cannot fail.
+// included: a rule of thumb, not a bound. The scene's images need not be loaded. Cannot fail.
 // image_cache as in sgs_scene_options, 0 = none.
 size_t sgs_train_memory(const sgs_scene *scene, const sgs_train_options *options, size_t image_cache, size_t gaussians);
 

@@ -10,12 +10,10 @@
 // spare_interval * f, positions decay over N. Chosen by measurement for N < 30 000:
 // - Structural updates: 12 up to N = 7000, more towards the published 145 at 30 000 (geometrically). A short run cannot bring
 //   more primitives to convergence: banana at 376x250, 7000 iterations, one view held out: every 100 iterations more than
-//   200 000 primitives; every 300 106 000, 27.73 dB; every 500 65 000, 27.55 dB in less than half of the time; every 250 at the
-//   doubled threshold 53 000, 27.57 dB.
+//   200 000 primitives; every 300 106 000, 27.73 dB; every 500 65 000, 27.55 dB in less than half of the time.
 // - The gradient threshold: doubled up to N = 7000, back to the published 2e-4 at 30 000. At 2e-4 a third of all primitives pass
 //   at every update of a short run, where a published run adds a few percent; the threshold then lies in the bulk of the
-//   gradients instead of in their tail, and weights on them hardly tell: SPARE-GS saved 14 % of that run's primitives, and saves 23 %
-//   at the doubled threshold (41 000, 27.61 dB).
+//   gradients instead of in their tail, and weights on them (SPARE-GS) hardly tell.
 // - Opacity resets stay 3000 iterations apart, as published, and keep out of the last third of the densification: an opacity
 //   needs some hundred visits to come back from 0.01 and the loss as many to settle. That run with five updates, and
 //   resets at 1000 and 2000: 27.51 dB, without: 27.61 dB and 14 % less time, because faint primitives let every ray go deeper.

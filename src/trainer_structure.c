@@ -82,7 +82,7 @@ sgs_status sgsi_trainer_update_structure(sgs_trainer *trainer, int iteration, sg
                                           .final_prune = final_prune,
                                           .importance = trainer->scores.importance,
                                           .expendable = trainer->scores.expendable,
-                                          .gradient_threshold = 2e-4 * schedule->threshold_factor,
+                                          .gradient_threshold = 2e-4,
                                           .opacity_min = 0.005,
                                           .size_split = 0.01 * extent,
                                           .size_max = iteration > schedule->reset_interval ? 0.1 * extent : INFINITY,

@@ -12,7 +12,7 @@ data=("$room" --downscale 8 --threads 2)
 # start ARGUMENT...: a training in the background. wait_for_iteration_100: its first row is there.
 start() {
     last_command="sparegs train $*"
-    "$program" train "$@" >"$temporary/stdout" 2>"$temporary/stderr" &
+    "$program" train "$@" >"$temporary/started_stdout" 2>"$temporary/started_stderr" & # apart from those of other commands
     process=$!
 }
 wait_for_iteration_100() {
@@ -38,7 +38,6 @@ for _ in $(seq 100); do
 done
 check usr1_saves_a_checkpoint test -s "$out/checkpoint/state.bin"
 check usr1_does_not_end_the_run kill -0 "$process"
-cp "$temporary/stderr" "$temporary/first"
 check the_second_run_fails bash -c '! "$@" 2>"$0"' "$temporary/stderr" "$program" train "${data[@]}" -o "$out" --iterations 5
 says "another training is writing there"
 one_line

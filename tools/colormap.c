@@ -128,3 +128,17 @@ bool ids_colored(const uint32_t *ids, int width, int height, sgs_image8 *out)
         }
     return true;
 }
+
+bool slack_colored(const float *slack, const uint32_t *ids, int width, int height, sgs_image8 *out)
+{
+    static const double grey = 0.9, over[3] = {0.7, 0.1, 0.1}, room[3] = {0.1, 0.3, 0.75};
+    if (!allocate(width, height, out))
+        return false;
+    const size_t pixels = (size_t)width * (size_t)height;
+    for (size_t i = 0; i < pixels; ++i) {
+        const double x = tanh((double)slack[i]), *const end = x < 0 ? over : room;
+        for (size_t c = 0; c < 3; ++c)
+            out->pixels[c * pixels + i] = ids[i] == SGS_NO_PRIMITIVE ? 0 : quantised(grey + fabs(x) * (end[c] - grey));
+    }
+    return true;
+}

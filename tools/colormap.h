@@ -31,3 +31,7 @@ bool positions_colored(const float *const position[3], const float *transmittanc
 
 // A colour per number; SGS_NO_PRIMITIVE becomes black.
 bool ids_colored(const uint32_t *ids, int width, int height, sgs_image8 *out);
+
+// A signed plane through tanh, as SPARE-GS's weight is: -1 and less towards red (over budget), 0 light grey, 1 blue
+// (room to grow); black where `ids` says SGS_NO_PRIMITIVE.
+bool slack_colored(const float *slack, const uint32_t *ids, int width, int height, sgs_image8 *out);

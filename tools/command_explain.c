@@ -129,17 +129,9 @@ static int explain_top(const region_history *history, int top, bool json)
 // The region of a point at an update, or NULL: no primitives there.
 static const sgs_region *region_at(const sgs_regions *update, const double point[3])
 {
-    uint32_t voxel = 0;
-    for (int k = 2; k >= 0; --k) {
-        const double at = floor((point[k] - update->low[k]) / update->cell[k]);
-        if (!(at >= 0 && at < update->grid))
-            return NULL;
-        voxel = voxel * (uint32_t)update->grid + (uint32_t)at;
-    }
-    for (size_t i = 0; i < update->count; ++i)
-        if (update->regions[i].voxel == voxel)
-            return &update->regions[i];
-    return NULL;
+    bool inside;
+    const uint32_t voxel = region_voxel(update, point, &inside);
+    return inside ? region_find(update, voxel) : NULL;
 }
 
 static int explain_point(const region_history *history, const double point[3], bool json)

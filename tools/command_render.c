@@ -66,7 +66,8 @@ static const option render_options[] = {
      "diameter of the lens: what is out of focus is blurred"},
     {"focus", 0, OPTION_REAL, AT(focus), 0, 1e9, "Z", NULL, "what stands in the middle", "world units",
      "distance along the axis that is in focus"},
-    {"aov", 0, OPTION_SET, AT(aovs), 0, 0, AOV_WORDS, "rgba,depth", NULL, NULL, "quantities to write"},
+    {"aov", 0, OPTION_SET, AT(aovs), 0, 0, AOV_WORDS, "rgba,depth", NULL, NULL,
+     "quantities to write; region and slack need the folder of a run with SPARE-GS"},
     {"depth", 0, OPTION_CHOICE, AT(depth), 0, 0, "ray|z", "ray", NULL, NULL,
      "distances are along the ray, or along the camera's axis"},
     {"format", 0, OPTION_CHOICE, AT(format), 0, 0, "exr|png", "exr", NULL, NULL, "file format"},
@@ -111,17 +112,33 @@ static view_options drawing_wishes(const render_values *values, double path_fps)
                                                  : DEFAULT_FPS};
 }
 
-static bool render_model(const char *ply_path, const camera_list *cameras, const drawing_values *drawing,
-                         const render_values *values)
+// Reads the regions of the model where they are wanted; --aov all goes without when there are none.
+static bool find_regions(const char *model_name, int iteration, const sgs_gaussians *model, region_map *regions,
+                         unsigned *aovs)
 {
-    sgs_gaussians *model = NULL;
-    if (sgs_ply_read(ply_path, &model)) {
-        fail_library();
+    *regions = (region_map){0};
+    if (!(*aovs & (AOV_REGION | AOV_SLACK)))
+        return true;
+    if (iteration && !region_map_read(model_name, iteration, model, regions))
+        return false;
+    if (regions->iteration)
+        return true;
+    if (*aovs != AOV_ALL) {
+        fail_run("%s: there are no regions recorded with this model; region and slack need the folder of a run with "
+                 "--spare on",
+                 model_name);
         return false;
     }
-    const view_options options = drawing_wishes(values, cameras->fps);
+    *aovs &= ~(unsigned)(AOV_REGION | AOV_SLACK);
+    print_note("%s: no regions are recorded with this model; region and slack are left out", model_name);
+    return true;
+}
+
+static bool render_views(const sgs_gaussians *model, const camera_list *cameras, const view_options *options,
+                         const drawing_values *drawing)
+{
     view_drawer drawer;
-    bool done = view_drawer_open(&drawer, &options, drawing, model);
+    bool done = view_drawer_open(&drawer, options, drawing, model);
     for (size_t i = 0; i < cameras->count && done && !interrupt_signal(); ++i) {
         const named_camera *view = &cameras->cameras[i];
         done = view_drawer_draw(&drawer, view->name, &view->camera, &view->pose);
@@ -132,6 +149,23 @@ static bool render_model(const char *ply_path, const camera_list *cameras, const
     if (done)
         print_note("%zu view(s): %.2f s drawing, %.2f s writing", drawer.drawn, drawer.draw_seconds,
                    drawer.write_seconds);
+    return done;
+}
+
+static bool render_model(const char *name, const model_path *located, const camera_list *cameras,
+                         const drawing_values *drawing, const render_values *values)
+{
+    sgs_gaussians *model = NULL;
+    if (sgs_ply_read(located->ply_path, &model)) {
+        fail_library();
+        return false;
+    }
+    view_options options = drawing_wishes(values, cameras->fps);
+    region_map regions;
+    options.regions = &regions;
+    const bool done = find_regions(name, located->iteration, model, &regions, &options.aovs) &&
+                      render_views(model, cameras, &options, drawing);
+    region_map_free(&regions);
     sgs_gaussians_destroy(model);
     return done;
 }
@@ -155,7 +189,7 @@ static int run_render(const command_line *line, const render_values *values, con
         status = EXIT_FAILED;
     if (status < 0) {
         drawing_settle(drawing, line, located.config, scene);
-        const bool done = render_model(located.ply_path, &cameras, drawing, values);
+        const bool done = render_model(line->operands[0], &located, &cameras, drawing, values);
         status = done ? interrupt_status() : EXIT_FAILED;
     }
     camera_list_free(&cameras);

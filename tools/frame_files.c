@@ -50,7 +50,8 @@ unsigned aov_planes(unsigned aovs)
     } needs[] = {{AOV_DEPTH, SGS_PLANE_DEPTH_MEAN},        {AOV_DEPTH_MEDIAN, SGS_PLANE_DEPTH_MEDIAN},
                  {AOV_DEPTH_FIRST, SGS_PLANE_DEPTH_FIRST}, {AOV_HITS, SGS_PLANE_HITS},
                  {AOV_NORMAL, SGS_PLANE_NORMAL},           {AOV_POSITION, SGS_PLANE_POSITION},
-                 {AOV_PRIMITIVE, SGS_PLANE_PRIMITIVE}};
+                 {AOV_PRIMITIVE, SGS_PLANE_PRIMITIVE},     {AOV_REGION, SGS_PLANE_PRIMITIVE},
+                 {AOV_SLACK, SGS_PLANE_PRIMITIVE}};
     unsigned planes = 0;
     for (size_t k = 0; k < sizeof needs / sizeof *needs; ++k)
         planes |= aovs & needs[k].aov ? needs[k].plane : 0;
@@ -94,11 +95,62 @@ static void camera_matrices(const sgs_camera *camera, const sgs_pose *pose, doub
     }
 }
 
-// The channels of an EXR; `alpha` and `hits` are planes made from the frame's, or NULL. At most EXR_CHANNELS.
-enum { EXR_CHANNELS = 16 };
+// Planes of a file that are made from the frame's.
+typedef struct made_planes {
+    float *alpha, *slack;
+    uint32_t *hits, *region;
+} made_planes;
 
-static int list_channels(unsigned aovs, const sgs_frame *frame, const float *alpha, const uint32_t *hits,
-                         sgs_exr_channel *channels)
+static void free_planes(made_planes *planes)
+{
+    free(planes->alpha);
+    free(planes->slack);
+    free(planes->hits);
+    free(planes->region);
+}
+
+// The regions of the primitives that contribute most. Planes that are not wanted stay NULL. False after printing the
+// error.
+static bool make_regions(const frame_files *files, const sgs_frame *frame, made_planes *planes)
+{
+    const size_t pixels = (size_t)frame->width * (size_t)frame->height;
+    if (!(files->aovs & (AOV_REGION | AOV_SLACK)))
+        return true;
+    planes->region = malloc(pixels * sizeof *planes->region);
+    planes->slack = malloc(pixels * sizeof *planes->slack);
+    if (!planes->region || !planes->slack) {
+        fail_run("%s: no memory for its regions", files->name);
+        return false;
+    }
+    for (size_t i = 0; i < pixels; ++i) {
+        const uint32_t primitive = frame->primitive[i];
+        const bool any = primitive < files->regions->count;
+        planes->region[i] = any ? files->regions->region[primitive] : SGS_NO_PRIMITIVE;
+        planes->slack[i] = any ? files->regions->slack[primitive] : 0;
+    }
+    return true;
+}
+
+static bool make_planes(const frame_files *files, const sgs_frame *frame, made_planes *planes)
+{
+    const size_t pixels = (size_t)frame->width * (size_t)frame->height;
+    *planes =
+        (made_planes){.alpha = malloc(pixels * sizeof *planes->alpha), .hits = malloc(pixels * sizeof *planes->hits)};
+    if (!planes->alpha || !planes->hits) {
+        fail_run("%s: no memory to write it", files->name);
+        return false;
+    }
+    for (size_t i = 0; i < pixels; ++i) {
+        planes->alpha[i] = 1 - frame->transmittance[i];
+        planes->hits[i] = frame->hits ? (uint32_t)(frame->hits[i] + 0.5F) : 0;
+    }
+    return make_regions(files, frame, planes);
+}
+
+// The channels of an EXR, at most EXR_CHANNELS.
+enum { EXR_CHANNELS = 18 };
+
+static int list_channels(unsigned aovs, const sgs_frame *frame, const made_planes *made, sgs_exr_channel *channels)
 {
     const struct {
         unsigned aov;
@@ -106,19 +158,21 @@ static int list_channels(unsigned aovs, const sgs_frame *frame, const float *alp
     } all[EXR_CHANNELS] = {{AOV_RGBA, {.name = "R", .floats = frame->color[0]}},
                            {AOV_RGBA, {.name = "G", .floats = frame->color[1]}},
                            {AOV_RGBA, {.name = "B", .floats = frame->color[2]}},
-                           {AOV_RGBA, {.name = "A", .floats = alpha}},
+                           {AOV_RGBA, {.name = "A", .floats = made->alpha}},
                            {AOV_DEPTH, {.name = "depth.Z", .floats = frame->depth_mean}},
                            {AOV_DEPTH_MEDIAN, {.name = "depth_median.Z", .floats = frame->depth_median}},
                            {AOV_DEPTH_FIRST, {.name = "depth_first.Z", .floats = frame->depth_first}},
                            {AOV_TRANSMITTANCE, {.name = "transmittance.T", .floats = frame->transmittance}},
-                           {AOV_HITS, {.name = "hits.count", .uints = hits}},
+                           {AOV_HITS, {.name = "hits.count", .uints = made->hits}},
                            {AOV_NORMAL, {.name = "N.X", .floats = frame->normal[0]}},
                            {AOV_NORMAL, {.name = "N.Y", .floats = frame->normal[1]}},
                            {AOV_NORMAL, {.name = "N.Z", .floats = frame->normal[2]}},
                            {AOV_POSITION, {.name = "P.X", .floats = frame->position[0]}},
                            {AOV_POSITION, {.name = "P.Y", .floats = frame->position[1]}},
                            {AOV_POSITION, {.name = "P.Z", .floats = frame->position[2]}},
-                           {AOV_PRIMITIVE, {.name = "primitive.id", .uints = frame->primitive}}};
+                           {AOV_PRIMITIVE, {.name = "primitive.id", .uints = frame->primitive}},
+                           {AOV_REGION, {.name = "region.id", .uints = made->region}},
+                           {AOV_SLACK, {.name = "slack.S", .floats = made->slack}}};
     int count = 0;
     for (size_t k = 0; k < EXR_CHANNELS; ++k)
         if (aovs & all[k].aov)
@@ -145,8 +199,7 @@ static sgs_exr_info describe(const frame_files *files, bool any_depth, view_matr
                           .compression = files->compression};
 }
 
-static bool write_exr(const frame_files *files, const char *path, const sgs_frame *frame, const float *alpha,
-                      const uint32_t *hits)
+static bool write_exr(const frame_files *files, const char *path, const sgs_frame *frame, const made_planes *made)
 {
     sgs_exr_channel channels[EXR_CHANNELS];
     view_matrices matrices;
@@ -154,7 +207,7 @@ static bool write_exr(const frame_files *files, const char *path, const sgs_fram
     const sgs_exr_info info = describe(files, any_depth, &matrices);
     if (!make_folder_of(path))
         return false;
-    if (sgs_exr_write(path, &info, channels, list_channels(files->aovs, frame, alpha, hits, channels))) {
+    if (sgs_exr_write(path, &info, channels, list_channels(files->aovs, frame, made, channels))) {
         fail_library();
         return false;
     }
@@ -164,23 +217,14 @@ static bool write_exr(const frame_files *files, const char *path, const sgs_fram
 
 bool frame_write_exr(const frame_files *files, sgs_frame *frame)
 {
-    const size_t pixels = (size_t)frame->width * (size_t)frame->height;
-    float *alpha = malloc(pixels * sizeof *alpha);
-    uint32_t *hits = malloc(pixels * sizeof *hits);
+    made_planes made;
     char *path = view_path(files->folder, files->name, ".exr");
-    bool written = alpha && hits;
-    if (!written)
-        fail_run("%s: no memory to write it", path);
-    for (size_t i = 0; i < pixels && written; ++i) {
-        alpha[i] = 1 - frame->transmittance[i];
-        hits[i] = frame->hits ? (uint32_t)(frame->hits[i] + 0.5F) : 0;
-    }
-    if (files->encoding == EXR_LINEAR && files->aovs & AOV_RGBA && written)
+    bool written = make_planes(files, frame, &made);
+    if (written && files->encoding == EXR_LINEAR && files->aovs & AOV_RGBA)
         linearise(files, frame);
-    written = written && write_exr(files, path, frame, alpha, hits);
+    written = written && write_exr(files, path, frame, &made);
     free(path);
-    free(alpha);
-    free(hits);
+    free_planes(&made);
     return written;
 }
 
@@ -359,6 +403,21 @@ static bool write_picture(const frame_files *files, const char *suffix, bool mad
     return false;
 }
 
+static bool write_regions(const frame_files *files, const sgs_frame *frame)
+{
+    made_planes made = {0};
+    sgs_image8 image = {0};
+    bool written = make_regions(files, frame, &made);
+    if (files->aovs & AOV_REGION && written)
+        written =
+            write_picture(files, ".region.png", ids_colored(made.region, frame->width, frame->height, &image), &image);
+    if (files->aovs & AOV_SLACK && written)
+        written = write_picture(files, ".slack.png",
+                                slack_colored(made.slack, made.region, frame->width, frame->height, &image), &image);
+    free_planes(&made);
+    return written;
+}
+
 bool frame_write_png(const frame_files *files, const sgs_frame *frame)
 {
     const struct {
@@ -386,6 +445,8 @@ bool frame_write_png(const frame_files *files, const sgs_frame *frame)
                                                                        frame->transmittance, width, height, &image),
                                                      &image))
         return false;
-    return !(files->aovs & AOV_PRIMITIVE) ||
-           write_picture(files, ".primitive.png", ids_colored(frame->primitive, width, height, &image), &image);
+    if (files->aovs & AOV_PRIMITIVE &&
+        !write_picture(files, ".primitive.png", ids_colored(frame->primitive, width, height, &image), &image))
+        return false;
+    return write_regions(files, frame);
 }

@@ -6,6 +6,7 @@
 
 #include <stdbool.h>
 
+#include "region_map.h"
 #include "sparegs/image.h"
 #include "sparegs/render.h"
 
@@ -19,9 +20,12 @@ enum {
     AOV_HITS = 32,
     AOV_NORMAL = 64,
     AOV_POSITION = 128,
-    AOV_PRIMITIVE = 256
+    AOV_PRIMITIVE = 256,
+    AOV_REGION = 512,
+    AOV_SLACK = 1024,
+    AOV_ALL = 2047
 };
-#define AOV_WORDS "all|rgba,depth,depth_median,depth_first,transmittance,hits,normal,position,primitive"
+#define AOV_WORDS "all|rgba,depth,depth_median,depth_first,transmittance,hits,normal,position,primitive,region,slack"
 
 // The planes (SGS_PLANE_ bits) of a frame that these need.
 unsigned aov_planes(unsigned aovs);
@@ -39,6 +43,7 @@ typedef struct frame_files {
     float background[3];             // PNG only
     sgs_space space;                 // of the frame's colours
     float white;                     // light that is 1 in them
+    const region_map *regions;       // of the model; for AOV_REGION and AOV_SLACK only
 } frame_files;
 
 // Opens FOLDER/STEM.deep.exr. NULL after printing the error.

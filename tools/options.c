@@ -333,6 +333,19 @@ static void print_wrapped(const char *text, int column)
     putchar('\n');
 }
 
+// Prints the name and argument of an option; what is wider than the page goes on in a second line, after a comma.
+// Returns the column of the cursor.
+static int print_left(const char *left)
+{
+    int length = (int)strlen(left), head = length < HELP_WIDTH ? length : HELP_WIDTH;
+    while (head < length && head > 0 && left[head - 1] != ',')
+        --head;
+    printf("%.*s", head, left);
+    if (head == length || head == 0)
+        return printf("%s", left + head) + head;
+    return printf("\n%*s%s", HELP_INDENT / 2, "", left + head) - 1;
+}
+
 static void print_option(const option *row)
 {
     char left[160], right[768], range[96];
@@ -347,8 +360,7 @@ static void print_option(const option *row)
         length +=
             snprintf(right + length, sizeof right - (size_t)length, " [%s%s%s%s]", ranged ? range_text(row, range) : "",
                      ranged && value ? "; " : "", value ? "default: " : "", value ? value : "");
-    printf("%s", left);
-    int column = (int)strlen(left);
+    int column = print_left(left);
     if (column + 2 > HELP_INDENT) {
         putchar('\n');
         column = 0;

@@ -7,6 +7,7 @@
 #include "region_file.h"
 
 #include <errno.h>
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -125,4 +126,31 @@ void region_history_free(region_history *history)
         free((void *)history->updates[i].regions);
     free(history->updates);
     *history = (region_history){0};
+}
+
+uint32_t region_voxel(const sgs_regions *update, const double point[3], bool *inside)
+{
+    const uint32_t grid = (uint32_t)update->grid;
+    bool held = true;
+    uint32_t voxel = 0;
+    for (int k = 2; k >= 0; --k) {
+        const double at = floor((point[k] - update->low[k]) / update->cell[k]);
+        held = held && at >= 0 && at < grid;
+        voxel = voxel * grid + (uint32_t)fmin(fmax(at, 0), grid - 1);
+    }
+    if (inside)
+        *inside = held;
+    return voxel;
+}
+
+static int compare_voxels(const void *key, const void *region)
+{
+    const uint32_t a = *(const uint32_t *)key, b = ((const sgs_region *)region)->voxel;
+    return (a > b) - (a < b);
+}
+
+const sgs_region *region_find(const sgs_regions *update, uint32_t voxel)
+{
+    return update->count ? bsearch(&voxel, update->regions, update->count, sizeof *update->regions, compare_voxels)
+                         : NULL;
 }

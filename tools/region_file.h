@@ -22,3 +22,9 @@ typedef struct region_history {
 // Reads OUT/regions.bin; a run without SPARE-GS has none, and count is 0.
 bool region_history_read(const char *folder, region_history *history);
 void region_history_free(region_history *history);
+
+// The voxel that holds a point, or, outside the grid, the nearest: SPARE-GS's rule for the centres of primitives.
+// `inside` (or NULL): whether the grid holds it.
+uint32_t region_voxel(const sgs_regions *update, const double point[3], bool *inside);
+// The region of a voxel, or NULL: no primitives there at that update.
+const sgs_region *region_find(const sgs_regions *update, uint32_t voxel);

@@ -219,6 +219,7 @@ bool view_drawer_draw(view_drawer *drawer, const char *name, const sgs_camera *c
                          .camera = camera,
                          .pose = pose,
                          .aovs = o->aovs,
+                         .regions = o->regions,
                          .axis_depth = o->axis_depth,
                          .encoding = o->encoding,
                          .compression = o->compression,

@@ -11,6 +11,7 @@
 typedef struct view_options {
     const char *folder; // NULL = no files
     unsigned aovs;
+    const region_map *regions; // for AOV_REGION and AOV_SLACK
     bool axis_depth, png, reference;
     exr_encoding encoding;
     sgs_exr_compression compression;

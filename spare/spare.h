@@ -68,7 +68,7 @@ typedef struct spare_result {
 
 // Regions, quotas, weights and the redundancy mask, all from the state before this update's densification.
 // weights [count] and redundant [count] (0/1) are written; workspace is 64-byte aligned, spare_workspace_size bytes.
-void spare_evaluate(const spare_options *options, const spare_input *input, void *workspace,
+void spare_evaluate(const spare_options *options, const spare_input *input, void *memory,
                     float *weights, uint8_t *redundant, spare_result *result);
 
 // True when redundancy pruning must rest: 0 < iteration - reset <= interval (reset < 0: never reset).

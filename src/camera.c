@@ -125,7 +125,7 @@ sgs_status sgs_camera_validate(const sgs_camera *camera)
 bool sgs_camera_equal(const sgs_camera *a, const sgs_camera *b)
 {
     return a->model == b->model && a->width == b->width && a->height == b->height &&
-           !memcmp(a->params, b->params, sizeof a->params);
+           !memcmp(a->params, b->params, sizeof a->params); // NOLINT(bugprone-suspicious-memory-comparison,cert-*): bits
 }
 
 void sgs_camera_intrinsics(const sgs_camera *camera, double *fx, double *fy, double *cx, double *cy)
@@ -205,7 +205,7 @@ static int polynomial_roots(const double *c, int degree, double end, double *roo
         --degree;
     if (degree == 0)
         return 0;
-    double derivative[MAX_DEGREE], cuts[MAX_DEGREE + 1];
+    double derivative[MAX_DEGREE] = {0}, cuts[MAX_DEGREE + 1];
     for (int i = 1; i <= degree; ++i)
         derivative[i - 1] = i * c[i];
     int cut_count = polynomial_roots(derivative, degree - 1, end, cuts);
@@ -312,7 +312,7 @@ static void lens_init(lens *l, const sgs_camera *camera)
 static const lens *lens_of(const sgs_camera *camera)
 {
     static _Thread_local lens memo = {.model = SGS_CAMERA_MODEL_COUNT};
-    if (memo.model != camera->model || memcmp(memo.params, camera->params, sizeof memo.params))
+    if (memo.model != camera->model || memcmp(memo.params, camera->params, sizeof memo.params)) // NOLINT(bugprone-suspicious-memory-comparison,cert-*): bits
         lens_init(&memo, camera);
     return &memo;
 }

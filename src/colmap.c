@@ -230,7 +230,7 @@ static sgs_status take_count(const loader *l, bytes *b, size_t least_bytes, cons
 
 static sgs_status read_cameras_binary(loader *l, bytes *b)
 {
-    uint64_t count;
+    uint64_t count = 0;
     sgs_status status = take_count(l, b, CAMERA_BYTES, "cameras", &count);
     for (uint64_t i = 0; i < count && !status; ++i) {
         l->place = b->at;
@@ -257,7 +257,7 @@ static sgs_status read_cameras_binary(loader *l, bytes *b)
 
 static sgs_status read_images_binary(loader *l, bytes *b)
 {
-    uint64_t count;
+    uint64_t count = 0;
     sgs_status status = take_count(l, b, IMAGE_BYTES, "images", &count);
     for (uint64_t i = 0; i < count && !status; ++i) {
         l->place = b->at;
@@ -289,7 +289,7 @@ static sgs_status read_images_binary(loader *l, bytes *b)
 
 static sgs_status read_points_binary(loader *l, bytes *b)
 {
-    uint64_t count;
+    uint64_t count = 0;
     sgs_status status = take_count(l, b, POINT_BYTES, "points", &count);
     for (uint64_t i = 0; i < count && !status; ++i) {
         l->place = b->at;

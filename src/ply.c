@@ -195,7 +195,7 @@ static bool make_usable(ply_reader *reader, float params[SGS_PARAM_COUNT])
     if (norm >= 1e-12 && norm <= 1e12)
         return true;
     for (int k = 0; k < 4; ++k)
-        q[k] = norm > 0.0 ? (float)(q[k] / norm) : k == 0;
+        q[k] = norm > 0.0 ? (float)(q[k] / norm) : (float)(k == 0);
     reader->unrotated += !(norm > 0.0);
     return true;
 }

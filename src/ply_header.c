@@ -48,6 +48,7 @@ const uint8_t *sgsi_ply_take(sgsi_ply_stream *stream, size_t n)
         return NULL;
     if (stream->end - stream->begin < n) {
         stream->end -= stream->begin;
+        // NOLINTNEXTLINE(clang-analyzer-core.NonNullParamChecker): an open stream has its buffer
         memmove(stream->buffer, stream->buffer + stream->begin, stream->end);
         stream->begin = 0;
         stream->end += fread(stream->buffer + stream->end, 1, BUFFER_BYTES - stream->end, stream->file);
@@ -86,7 +87,7 @@ bool sgsi_ply_word(sgsi_ply_stream *stream, char word[SGSI_PLY_MAX_NAME + 1])
         if (byte && !is_space(*byte)) {
             if (length == SGSI_PLY_MAX_NAME)
                 return false;
-            word[length++] = *byte >= 32 && *byte < 127 ? (char)*byte : '?'; // it may end in a message
+            word[length++] = (char)(*byte >= 32 && *byte < 127 ? *byte : '?'); // it may end in a message
             continue;
         }
         if (length || !byte)

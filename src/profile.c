@@ -283,7 +283,7 @@ static sgs_status sample_rays(profile_job *job)
     sgs_status status = sampling ? sgsi_tracer_create(&tracer) : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to follow rays");
     if (!status)
         status = sgsi_tracer_project(tracer, job->model, &job->view, NULL, NULL);
-    if (!status) {
+    if (sampling && !status) {
         sampling->profile = job;
         sampling->records = sgsi_tracer_records(tracer);
         sgsi_parallel_for((size_t)samples, 1, follow_ray, sampling);

@@ -319,7 +319,8 @@ sgs_status sgs_reference_backward(const double *params, size_t count, const sgs_
                         sgsi_calloc(room, BANDS * sizeof(hit_sums))};
     if (job.hits && job.sums) {
         sgsi_parallel_for(BANDS, 1, band_backward, &job);
-        memset(d_params, 0, count * SGS_PARAM_COUNT * sizeof *d_params);
+        if (count)
+            memset(d_params, 0, count * SGS_PARAM_COUNT * sizeof *d_params);
         if (d_mean_no_sh)
             memset(d_mean_no_sh, 0, count * 3 * sizeof *d_mean_no_sh);
         for (size_t i = 0; i < count; ++i) {

@@ -68,6 +68,7 @@ static void add_channel(const sgs_image8 *image, int channel, double *samples, f
             const int fx = mirrored ? w - kx : kx, fy = mirrored ? (h - ky) % h : ky;
             const double *z = half[(size_t)fy * (size_t)half_width + (size_t)fx];
             const int x = (kx + w / 2) % w, y = (ky + h / 2) % h;
+            // NOLINTNEXTLINE(clang-analyzer-core.NullDereference): of a spectrum that was made
             magnitude[(size_t)y * (size_t)w + (size_t)x] += sqrt(z[0] * z[0] + z[1] * z[1]);
         }
 }
@@ -117,6 +118,7 @@ double sgsi_spectrum_window(const sgsi_spectrum *s, double scale)
 
 static double whole(const sgsi_spectrum *s)
 {
+    // NOLINTNEXTLINE(clang-analyzer-core.NullDereference): of a spectrum that was made
     return s->table[(size_t)(s->width + 1) * (size_t)(s->height + 1) - 1];
 }
 
@@ -256,7 +258,7 @@ sgs_status sgsi_image8_triangle(const sgs_image8 *image, int scale, sgs_image8 *
         *out = (sgs_image8){0};
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for an image of %dx%d pixels", width, height);
     }
-    float weights[4 * SCALE_MAX + 4];
+    float weights[4 * SCALE_MAX + 4] = {0};
     for (int c = 0; c < image->channels; ++c)
         for (int y = 0; y < height; ++y) {
             int first;

@@ -52,7 +52,7 @@ static sgs_status find_model(const char *base, char **found)
             continue;
         }
         const size_t images = sgsi_colmap_image_count(path);
-        const long number = atol(entry->d_name);
+        const long number = strtol(entry->d_name, NULL, 10);
         if (models++ == 0 || images > best_images || (images == best_images && number < best_number)) {
             sgsi_free(*found);
             *found = path;

@@ -12,11 +12,13 @@ temporary=$(mktemp -d)
 trap 'rm -rf "$temporary"' EXIT
 failures=0
 checks=0
+bad_inputs=0 # runs that failed and whose message was checked
 
 # run STATUS ARGUMENT...: runs the program; its output is in $temporary/stdout and stderr.
 run() {
     local expected=$1 status=0
     shift
+    refused=$((expected == 1 || expected == 2))
     last_command="sparegs $*"
     "$program" "$@" >"$temporary/stdout" 2>"$temporary/stderr" || status=$?
     check "exit_status_$expected" test "$status" -eq "$expected"
@@ -36,7 +38,11 @@ check() {
 }
 
 # says TEXT: stderr has the text. one_line: stderr is a single line that begins as errors do.
-says() { check "stderr_says: $1" grep -qF -- "$1" "$temporary/stderr"; }
+says() {
+    check "stderr_says: $1" grep -qF -- "$1" "$temporary/stderr"
+    bad_inputs=$((bad_inputs + ${refused:-0}))
+    refused=0
+}
 prints() { check "stdout_has: $1" grep -qF -- "$1" "$temporary/stdout"; }
 one_line() { check one_line_of_error test "$(grep -c '^sparegs: ' "$temporary/stderr")" = "$(wc -l <"$temporary/stderr")" -a \
     "$(wc -l <"$temporary/stderr")" = 1; }
@@ -45,5 +51,6 @@ json() { check "json: $2" jq -e "$2" "$1"; }
 
 finish() {
     echo "$((checks - failures)) of $checks checks passed"
+    echo "bad inputs: $bad_inputs"
     [ "$failures" -eq 0 ]
 }

@@ -203,7 +203,7 @@ static surface_errors judge_surface(const oracle_scene *scene, const sgs_camera 
     options.axis_depth = axis;
     sgs_frame frame = drawn(scene->model, camera, &identity, &options, SGS_PLANES_ALL);
     surface_errors errors = {0};
-    for (size_t i = 0; i < (size_t)(camera->width * camera->height); ++i) {
+    for (size_t i = 0; i < (size_t)camera->width * (size_t)camera->height; ++i) {
         const double pixel[2] = {(double)(i % (size_t)camera->width) + 0.5, (double)(i / (size_t)camera->width) + 0.5};
         double d[3];
         if (!(distance[i] > 0) || !sgs_camera_unproject(camera, pixel, d))
@@ -236,14 +236,14 @@ static void depth_of_planes_is_true(void **state)
         const double *normal = slants[n], at[3] = {0, 0, 4};
         oracle_scene scene = oracle_scene_create(TILES * TILES);
         for (int i = 0; i < TILES * TILES; ++i) { // a grid in x and y, lifted onto the plane
-            double point[3] = {-3.5 + 7.0 * (i % TILES) / (TILES - 1), -3.5 + 7.0 * (i / TILES) / (TILES - 1.0), 0};
+            double point[3] = {-3.5 + 7.0 * (i % TILES) / (TILES - 1), -3.5 + 7.0 * (double)(i / TILES) / (TILES - 1.0), 0};
             point[2] = at[2] - (normal[0] * point[0] + normal[1] * point[1]) / normal[2];
             set_tile(oracle_primitive(&scene, (size_t)i), point, normal, 0.12);
         }
         oracle_scene_round(&scene);
         for (int i = 0; i < SIDE * SIDE; ++i) {
             double d[3];
-            assert_true(sgs_camera_unproject(&camera, (double[2]){i % SIDE + 0.5, i / SIDE + 0.5}, d));
+            assert_true(sgs_camera_unproject(&camera, (double[2]){i % SIDE + 0.5, (double)(i / SIDE) + 0.5}, d));
             distance[i] = normal[2] * at[2] / (normal[0] * d[0] + normal[1] * d[1] + normal[2] * d[2]);
             memcpy(normals[i], normal, sizeof normals[i]);
         }
@@ -277,7 +277,7 @@ static void depth_of_spheres_is_true(void **state)
     size_t inside = 0;
     for (int i = 0; i < SIDE * SIDE; ++i) {
         double d[3];
-        assert_true(sgs_camera_unproject(&camera, (double[2]){i % SIDE + 0.5, i / SIDE + 0.5}, d));
+        assert_true(sgs_camera_unproject(&camera, (double[2]){i % SIDE + 0.5, (double)(i / SIDE) + 0.5}, d));
         const double b = d[0] * at[0] + d[1] * at[1] + d[2] * at[2];
         const double c = at[0] * at[0] + at[1] * at[1] + at[2] * at[2] - radius * radius, root = b * b - c;
         distance[i] = 0;

@@ -14,6 +14,7 @@
 
 #include <math.h>
 
+#include "bad_input.h"
 #include "core.h"
 #include "sparegs/camera.h"
 
@@ -380,6 +381,7 @@ static void invalid_cameras_are_named(void **state)
         assert_int_equal(sgs_camera_validate(&cases[i].camera), SGS_STATUS_FORMAT);
         if (!strstr(sgs_last_error(), cases[i].message))
             fail_msg("'%s' does not hold '%s'", sgs_last_error(), cases[i].message);
+        bad_input();
     }
     for (size_t i = 0; i < LENSES; ++i)
         assert_int_equal(sgs_camera_validate(&lenses[i]), SGS_STATUS_OK);

@@ -16,6 +16,7 @@
 #include <cmocka.h>
 
 #include "checkpoint_support.h"
+#include "bad_input.h"
 #include "core.h"
 #include "files_support.h"
 #include "sparegs/runtime.h"
@@ -156,6 +157,7 @@ static void refuses(sgs_trainer *trainer, unsigned char *bytes, size_t size, sgs
     digest(trainer, after);
     assert_string_equal(before, after);
     assert_int_equal(sgs_trainer_iteration(trainer), iteration);
+    bad_input();
 }
 
 static void wrong_contents_with_a_right_checksum_are_refused_by_name(void **state)

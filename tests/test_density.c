@@ -193,7 +193,7 @@ static void rap_removes_faint_still_primitives_of_crowded_voxels_only(void **sta
     (void)state;
     fixture f = make(200);
     for (size_t i = 0; i < 200; ++i) {
-        const float x = i < 150 ? 0.01f * sgsi_random_uniform(3, i) : 0.2f + 0.016f * (float)(i - 150); // a crowd, and a row
+        const float x = i < 150 ? 0.01f * (float)sgsi_random_uniform(3, i) : 0.2f + 0.016f * (float)(i - 150); // a crowd, and a row
         *sgs_gaussians_at(f.model, i, SGS_PARAM_MEAN) = x;
         *sgs_gaussians_at(f.model, i, SGS_PARAM_MEAN + 1) = *sgs_gaussians_at(f.model, i, SGS_PARAM_MEAN + 2) = 0;
         *sgs_gaussians_at(f.model, i, SGS_PARAM_OPACITY) = i % 2 ? 0 : logf(0.03f / 0.97f);

@@ -12,6 +12,7 @@
 
 #include <cmocka.h>
 
+#include "bad_input.h"
 #include "scene_support.h"
 
 // Reads a one-pixel image and compares.
@@ -194,6 +195,7 @@ static void broken_files_are_refused_by_name(void **state)
         tree_put_text(&folder, cases[i].name, cases[i].content);
         assert_int_equal(sgs_image8_read(temp_path(&folder, cases[i].name), &image), cases[i].status);
         assert_holds(sgs_last_error(), cases[i].message);
+        bad_input();
         assert_null(strchr(sgs_last_error(), '\n'));
         assert_null(image.pixels);
         assert_int_equal(sgs_image8_probe(temp_path(&folder, cases[i].name), &width, &height), cases[i].status);
@@ -201,8 +203,10 @@ static void broken_files_are_refused_by_name(void **state)
     sgs_image8 image;
     assert_int_equal(sgs_image8_read(temp_path(&folder, "missing.png"), &image), SGS_STATUS_IO);
     assert_holds(sgs_last_error(), "missing.png: there is no such file");
+    bad_input();
     assert_int_equal(sgs_image8_read(folder.path, &image), SGS_STATUS_IO);
     assert_holds(sgs_last_error(), ": is not a regular file");
+    bad_input();
     tree_remove(&folder);
 }
 

@@ -12,6 +12,7 @@
 #include <cmocka.h>
 
 #include "mask.h"
+#include "bad_input.h"
 #include "scene_support.h"
 #include "sparegs/trainer.h"
 
@@ -143,11 +144,13 @@ static void masks_that_do_not_fit_are_refused(void **state)
         assert_int_equal(sgs_scene_load(folder.path, NULL, &scene), SGS_STATUS_FORMAT);
         assert_holds(sgs_last_error(), "masks/b.png: has ");
         assert_holds(sgs_last_error(), "images/b.png has 64 x 48; make them the same size");
+        bad_input();
     }
     sgs_scene *scene;
     tree_put_text(&folder, "masks/b.png", "no picture");
     assert_int_equal(sgs_scene_load(folder.path, NULL, &scene), SGS_STATUS_FORMAT);
     assert_holds(sgs_last_error(), "masks/b.png: ");
+    bad_input();
     tree_remove(&folder);
 }
 

@@ -135,7 +135,7 @@ static void a_gradient_that_is_not_finite_leaves_its_primitive_alone_and_is_name
     assert_non_null(strstr(warning, "iteration 2, view 00"));
     const char *named = strstr(warning, "the first is primitive ");
     assert_non_null(named);
-    assert_true((size_t)atol(named + strlen("the first is primitive ")) < sgs_trainer_model(trainer)->count);
+    assert_true(strtoul(named + strlen("the first is primitive "), NULL, 10) < sgs_trainer_model(trainer)->count);
     end(trainer);
 }
 

@@ -35,7 +35,7 @@ static void score_sums_match_the_oracle(void **state)
         centers[i] = (float)(40 * sgsi_random_uniform(2, i) - 2);
     for (int y = 0; y < camera.height; ++y)
         for (int x = 0; x < camera.width; ++x) {
-            weight[(size_t)y * stride + (size_t)x] = (float)sgsi_random_uniform(5, (uint64_t)(64 * y + x));
+            weight[(size_t)y * stride + (size_t)x] = (float)sgsi_random_uniform(5, 64 * (uint64_t)y + (uint64_t)x);
             const size_t count =
                 sgs_reference_hits(scene.params, scene.count, &camera, &pose, &traced.options, x, y, hits, scene.count);
             for (size_t k = 0; k < count; ++k) {

@@ -13,6 +13,7 @@
 
 #include <cmocka.h>
 
+#include "bad_input.h"
 #include "core.h"
 #include "files_support.h"
 #include "sparegs/gaussians.h"
@@ -134,6 +135,7 @@ static void ply_names_what_is_wrong(void **state)
             fail_msg("case %zu: status %d with '%s', expected %d with '%s'", k, status, sgs_last_error(),
                      bad_files[k].status, expected);
         assert_null(model);
+        bad_input();
     }
     temp_folder_remove(&folder);
 }
@@ -145,6 +147,7 @@ static void read_generated(const temp_folder *folder, sgs_status expected, const
     assert_null(model);
     if (!strstr(sgs_last_error(), message))
         fail_msg("'%s' does not say '%s'", sgs_last_error(), message);
+    bad_input();
 }
 
 static void ply_limits_the_header(void **state)
@@ -183,8 +186,10 @@ static void ply_refuses_what_is_not_a_file(void **state)
     sgs_gaussians *model;
     assert_int_equal(sgs_ply_read(temp_path(&folder, "none.ply"), &model), SGS_STATUS_IO);
     assert_non_null(strstr(sgs_last_error(), "none.ply: cannot be opened: No such file"));
+    bad_input();
     assert_int_equal(sgs_ply_read(folder.path, &model), SGS_STATUS_IO);
     assert_non_null(strstr(sgs_last_error(), ": is not a regular file"));
+    bad_input();
     temp_folder_remove(&folder);
 }
 

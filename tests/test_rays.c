@@ -51,7 +51,7 @@ static void check_tile(const sgsi_tile_rays *tile, int block, int lane, const do
     const double slack = 3e-7 * (1 + fabs(u) + fabs(v));
     assert_true(tile->valid[block] >> lane & 1);
     assert_true(fabs(tile->u[block][lane] - u) <= slack && fabs(tile->v[block][lane] - v) <= slack);
-    assert_true(fabs(tile->u[block][lane]) <= tile->half_u && fabs(tile->v[block][lane]) <= tile->half_v);
+    assert_true(fabsf(tile->u[block][lane]) <= tile->half_u && fabsf(tile->v[block][lane]) <= tile->half_v);
     const double off_u = fabs((double)tile->u[block][lane] - tile->block_u[block]);
     const double off_v = fabs((double)tile->v[block][lane] - tile->block_v[block]);
     assert_true(off_u <= tile->block_half_u[block] + 1e-7 * fabs(u) &&
@@ -87,7 +87,7 @@ static void every_pixel_lies_in_its_block_tile_bin_and_image(void **state)
                     widest = fmax(widest, theta);
                     // Bounds are padded by another 4e-6 of the distance: ten times the rounding of the directions.
                     assert_true(theta < 1.5 ? tan(theta) <= rays->tan_cone + 3e-7 : rays->tan_cone > 15);
-                    assert_true(angle(d, rays->axis) <= acos(rays->cone_cos) + 1e-6);
+                    assert_true(angle(d, rays->axis) <= acos((double)rays->cone_cos) + 1e-6);
                 }
             }
             assert_true(widest > 1.5 || rays->tan_cone <= 1.001 * tan(widest) + 2e-6);

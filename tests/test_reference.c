@@ -355,7 +355,7 @@ static void pixels_without_a_ray_stay_empty(void **state)
     for (int y = 0; y < 40; ++y) {
         for (int x = 0; x < 40; ++x) {
             const double pixel[2] = {x + 0.5, y + 0.5};
-            const size_t i = (size_t)(40 * y + x);
+            const size_t i = 40 * (size_t)y + (size_t)x;
             double direction[3];
             sgs_hit hit;
             const bool has_ray = sgs_camera_unproject(&camera, pixel, direction);

@@ -564,7 +564,7 @@ int main(void)
     size_t count = 0;
     for (size_t s = 0; s < SETUP_COUNT; ++s)
         tests[count++] = (struct CMUnitTest){setups[s].name, gradients_match_finite_differences, NULL, NULL,
-                                             (void *)(uintptr_t)&setups[s]};
+                                             (void *)&setups[s]};
     const struct CMUnitTest others[9] = {
         cmocka_unit_test(checker_fails_on_planted_errors),
         cmocka_unit_test(mean_gradient_without_sh_is_that_of_painted_colours),

@@ -12,6 +12,7 @@
 
 #include <cmocka.h>
 
+#include "bad_input.h"
 #include "scene_support.h"
 #include "threads.h"
 
@@ -48,6 +49,7 @@ static void assert_refused(const char *path, const sgs_scene_options *options, s
     assert_null(scene);
     assert_holds(sgs_last_error(), message);
     assert_int_equal(got, status);
+    bad_input();
 }
 
 static void models_are_found_in_every_usual_place(void **state)

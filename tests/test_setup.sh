@@ -14,6 +14,11 @@ PATH=$temporary bash "$SPAREGS_SOURCE/tools/setup.sh" >"$temporary/out" 2>"$temp
 for package in cmake libembree-dev libopenimageio-dev libjansson-dev; do
     grep -q "^ *$package$" "$temporary/err" || { echo "FAIL: $package is not in the list"; cat "$temporary/err"; exit 1; }
 done
+# setup_for_the_long_tests_has_more
+PATH=$temporary bash "$SPAREGS_SOURCE/tools/setup.sh" --long 2>"$temporary/err" && { echo "FAIL: --long succeeds"; exit 1; }
+for package in cmake clang libomp-dev cppcheck clang-tidy gcovr colmap; do
+    grep -q "^ *$package$" "$temporary/err" || { echo "FAIL: --long does not list $package"; cat "$temporary/err"; exit 1; }
+done
 for script in "$SPAREGS_SOURCE"/tools/*.sh "$SPAREGS_SOURCE/.ci/run"; do
     [ -x "$script" ] || { echo "FAIL: $script is not executable"; exit 1; }
     bash -n "$script"

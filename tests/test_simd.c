@@ -82,7 +82,7 @@ static void exp2_is_within_1_2e_7_of_double_over_its_whole_range(void **state)
         double worst = 0;
         probes[k]->exp2(x, y, count);
         for (size_t i = 0; i < count; ++i) {
-            const double expected = exp2(x[i]), error = fabs(y[i] - expected) / expected;
+            const double expected = exp2((double)x[i]), error = fabs(y[i] - expected) / expected;
             if (!(error <= worst))
                 worst = error;
         }
@@ -102,7 +102,7 @@ static void exp_is_exp2_of_a_rounded_product(void **state)
     for (int k = 0; k < probe_count; ++k) {
         probes[k]->exp(x, y, 4096);
         for (int i = 0; i < 4096; ++i)
-            assert_true(fabs(y[i] - exp(x[i])) <= exp(x[i]) * 1.2e-7 * (1 + fabs((double)x[i])));
+            assert_true(fabs(y[i] - exp((double)x[i])) <= exp((double)x[i]) * 1.2e-7 * (1 + fabs((double)x[i])));
     }
 }
 
@@ -229,7 +229,7 @@ static void integers_wrap_shift_and_round_to_even(void **state)
             assert_int_equal((uint32_t)out[PROBE_ISUB][i], (uint32_t)p[i] - (uint32_t)q[i]);
             assert_int_equal((uint32_t)out[PROBE_SLL][i], (uint32_t)p[i] << 23);
             assert_int_equal(out[PROBE_SRA][i], (int32_t)floor(p[i] / 128.0));
-            assert_int_equal(out[PROBE_ROUND][i], (int32_t)nearbyint(x[i]));
+            assert_int_equal(out[PROBE_ROUND][i], (int32_t)nearbyintf(x[i]));
             assert_int_equal(out[PROBE_BITS][i], p[i]);
             assert_int_equal(out[PROBE_ISET1][i], p[0]);
             assert_true(back[i] == (float)p[i]);

@@ -249,7 +249,7 @@ static void hidden_elements_change_no_bit_wherever_they_stand(void **state)
     sgsi_tile_rays rays = {.valid = {0xFFFF}};
     assert_true(sgsi_scratch_reserve(&scratch, COUNT));
     for (uint64_t seed = 0; seed < 2000; ++seed) {
-        uint32_t order[COUNT];
+        uint32_t order[COUNT] = {0};
         for (uint32_t i = 0; i < COUNT; ++i) {
             float *r = scratch.tile_records + SGSI_RECORD * i;
             const bool hidden = i >= SEEN, wall = i < 3; // three of alpha 0.99 end every ray at t <= 9

@@ -300,7 +300,7 @@ static void the_optimiser_steps_around_sick_primitives(void **state)
     for (int dense = 0; dense < 2; ++dense) {
         oracle_scene scene = oracle_random_model(9, 200, NULL);
         for (int p = 0; p < SHAPE_PARAM_COUNT; ++p)
-            *sgs_gaussians_at(scene.model, (size_t)(10 + 7 * p), shape_params[p]) = p % 2 ? NAN : INFINITY;
+            *sgs_gaussians_at(scene.model, 10 + 7 * (size_t)p, shape_params[p]) = p % 2 ? NAN : INFINITY;
         traced_view traced = traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, 2, SGSI_BVH_REFIT);
         sgsi_planes d = traced_planes_create(camera.width, camera.height);
         for (size_t i = 0; i < 4 * d.stride * (size_t)d.height; ++i)

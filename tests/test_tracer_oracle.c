@@ -46,7 +46,7 @@ static size_t traced_hits(const traced_view *traced, const traced_lists *lists, 
                           sgs_hit *hits)
 {
     const float *records = sgsi_tracer_records(traced->tracer);
-    const size_t tile = (size_t)(y / 16 * traced->rays->tiles_x + x / 16);
+    const size_t tile = (size_t)(y / 16) * (size_t)traced->rays->tiles_x + (size_t)(x / 16);
     const size_t block = tile * SGSI_BLOCKS + (size_t)(y % 16 / 4 * 4 + x % 16 / 4);
     size_t found = 0;
     for (size_t i = lists->begin[block]; i < lists->begin[block + 1]; ++i) {

@@ -12,6 +12,7 @@
 
 #include <cmocka.h>
 
+#include "bad_input.h"
 #include "scene_support.h"
 #include "transforms.h"
 
@@ -224,6 +225,7 @@ static void wrong_files_are_refused_by_frame_and_key(void **state)
         if (sgsi_transforms_read(temp_path(&folder, "transforms.json"), &d) != wrong[i].status)
             fail_msg("case %zu (%s): %s", i, wrong[i].message, sgs_last_error());
         assert_holds(sgs_last_error(), wrong[i].message);
+        bad_input();
         const char *path = temp_path(&folder, "transforms.json: ");
         assert_memory_equal(sgs_last_error(), path, strlen(path));
         assert_null(d.frames);
@@ -245,6 +247,7 @@ static void deep_nesting_is_refused(void **state)
     sgsi_dataset d;
     assert_int_equal(sgsi_transforms_read(temp_path(&folder, "transforms.json"), &d), SGS_STATUS_FORMAT);
     assert_holds(sgs_last_error(), "maximum parsing depth reached");
+    bad_input();
     tree_remove(&folder);
 }
 
@@ -393,6 +396,7 @@ static void scene_with_a_broken_point_cloud_has_no_points(void **state)
         assert_int_equal(d.point_count, 0);
         assert_null(d.points);
         assert_holds(warnings, clouds[i].message);
+        bad_input();
         assert_holds(warnings, "; the scene has no points");
         sgsi_dataset_free(&d);
         tree_remove(&folder);

@@ -5,7 +5,7 @@
 # The whole default suite under the thread sanitizer with clang's OpenMP runtime. SUITE=regex takes a part of it.
 set -euo pipefail
 if ! command -v clang >/dev/null || ! ldconfig -p | grep -q libomp; then
-    echo "clang with its OpenMP runtime is not installed: apt-get install clang libomp-14-dev libclang-rt-14-dev"
+    echo "clang with its OpenMP runtime is not installed; tools/setup.sh --long installs it"
     exit 77
 fi
 cd "$SPAREGS_SOURCE"

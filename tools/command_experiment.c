@@ -114,8 +114,10 @@ static int run_child(const experiment_run *run)
         arguments[k + 1] = run->arguments[k];
     fflush(NULL);
     const pid_t child = fork();
-    if (child < 0)
+    if (child < 0) {
+        free(arguments);
         return fail_run("%s: cannot be started: %s", run->folder, strerror(errno));
+    }
     if (!child) {
         if (!freopen("/dev/null", "w", stdout)) // the summary is read from the file
             _exit(EXIT_FAILED);

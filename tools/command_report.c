@@ -118,8 +118,8 @@ static json_t *region_maps(const char *folder)
             snprintf(quota, sizeof quota, "%.3g", (double)r->quota);
             snprintf(slack, sizeof slack, "%.3g", (double)r->slack);
             snprintf(weight, sizeof weight, "%.3g", (double)r->weight);
-            json_array_append_new(cells, json_pack("[i,i,i,f,f,f]", (int)r->voxel, 0, (int)r->count, atof(quota),
-                                                   atof(slack), atof(weight)));
+            json_array_append_new(cells, json_pack("[i,i,i,f,f,f]", (int)r->voxel, 0, (int)r->count, strtod(quota, NULL),
+                                                   strtod(slack, NULL), strtod(weight, NULL)));
         }
         json_array_append_new(
             maps, json_pack("{s:i,s:i,s:o}", "iteration", update->iteration, "grid", update->grid, "cells", cells));
@@ -159,8 +159,8 @@ static char *base64(const unsigned char *bytes, size_t size)
                            (i + 2 < size ? bytes[i + 2] : 0u);
         *to++ = digits[b >> 18];
         *to++ = digits[b >> 12 & 63];
-        *to++ = i + 1 < size ? digits[b >> 6 & 63] : '=';
-        *to++ = i + 2 < size ? digits[b & 63] : '=';
+        *to++ = (char)(i + 1 < size ? digits[b >> 6 & 63] : '=');
+        *to++ = (char)(i + 2 < size ? digits[b & 63] : '=');
     }
     if (text)
         *to = 0;

@@ -136,7 +136,7 @@ static bool create_trainer(training *run)
 // Continues from a checkpoint where --resume finds one. Returns 1 continued, 0 start at zero, -1 failed.
 static int resume(training *run, const char *config_path, json_t *config)
 {
-    json_error_t error;
+    json_error_t error = {0};
     json_t *stored = file_exists(config_path) ? json_load_file(config_path, 0, &error) : NULL;
     if (!stored) {
         if (file_exists(config_path))
@@ -377,7 +377,8 @@ static json_t *summary_json(const training *run)
                   {"loss", s->loss},           {"backward", s->backward},
                   {"optimizer", s->optimizer}, {"bvh_refit", s->bvh_refit},
                   {"bvh_build", s->bvh_build}, {"density", s->density},
-                  {"spare", s->spare},         {"image_io", run->load_seconds + s->image_io}};
+                  {"spare", s->spare},         {"image_io", run->load_seconds + s->image_io},
+                  {"checkpoint", run->folder.checkpoint_total}};
     json_t *summary = json_object(), *seconds = json_object();
     for (size_t i = 0; i < sizeof phases / sizeof *phases; ++i)
         json_object_set_new(seconds, phases[i].name, json_number(phases[i].value));

@@ -150,7 +150,7 @@ static bool parse_duration(const option *row, const char *argument, double *valu
     double sum = 0;
     size_t least = 0; // units come in falling order, each once
     for (const char *at = argument; *argument && *at;) {
-        char *end;
+        char *end = (char *)at;
         const double number = *at >= '0' && *at <= '9' ? strtod(at, &end) : -1;
         const char *unit = number < 0 ? NULL : *end ? strchr(units, *end) : at == argument ? units + 3 : NULL;
         if (!unit || (size_t)(unit - units) < least || unit - units > 3) {
@@ -172,9 +172,9 @@ static bool parse_duration(const option *row, const char *argument, double *valu
 static bool parse_bytes(const option *row, const char *argument, uint64_t *value)
 {
     static const char units[] = "KMGT";
-    char *end = NULL;
+    char *end = (char *)argument;
     double number = *argument >= '0' && *argument <= '9' ? strtod(argument, &end) : -1;
-    const char *unit = end && *end ? strchr(units, *end) : NULL;
+    const char *unit = number >= 0 && *end ? strchr(units, *end) : NULL;
     for (const char *u = units; unit && u <= unit; ++u)
         number *= 1024;
     if (unit)
@@ -355,10 +355,9 @@ static void print_option(const option *row)
     const char *value = row->shown ? row->shown : row->initial;
     const bool ranged = row->kind == OPTION_INTEGER || row->kind == OPTION_COUNT || row->kind == OPTION_REAL ||
                         row->kind == OPTION_INTEGERS;
-    int length = snprintf(right, sizeof right, "%s", row->help);
+    const int length = snprintf(right, sizeof right, "%s", row->help);
     if (ranged || value)
-        length +=
-            snprintf(right + length, sizeof right - (size_t)length, " [%s%s%s%s]", ranged ? range_text(row, range) : "",
+        snprintf(right + length, sizeof right - (size_t)length, " [%s%s%s%s]", ranged ? range_text(row, range) : "",
                      ranged && value ? "; " : "", value ? "default: " : "", value ? value : "");
     int column = print_left(left);
     if (column + 2 > HELP_INDENT) {

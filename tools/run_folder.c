@@ -243,6 +243,7 @@ bool run_folder_save_checkpoint(run_folder *folder, const sgs_trainer *trainer)
     free(next);
     free(previous);
     const double seconds = clock_seconds() - start;
+    folder->checkpoint_total += seconds;
     if (saved && seconds > folder->checkpoint_seconds)
         folder->checkpoint_seconds = seconds;
     return saved;

@@ -16,6 +16,7 @@ typedef struct run_folder {
     size_t densified, pruned, spare_pruned; // sums since the last row of train.csv
     int lock;                               // descriptor that holds the folder against other runs
     double checkpoint_seconds;              // the longest that saving a checkpoint has taken
+    double checkpoint_total;                // all of them together
 } run_folder;
 
 // Creates the folder, locks it against other runs until the process ends, removes what a killed run left half-written

@@ -4,6 +4,7 @@
 
 # Installs what building, testing and the demo need, on Debian and Ubuntu; elsewhere prints the list and stops.
 # Does nothing, quickly, when everything is there. This is the only place where the packages are listed.
+#     tools/setup.sh [--long]        with what the long tests, tools/lint.sh and tools/coverage.sh need besides
 set -euo pipefail
 
 packages=(
@@ -16,6 +17,16 @@ packages=(
     libcmocka-dev                     # tests
     openimageio-tools openexr jq      # tests of the written files
 )
+if [ "${1:-}" = --long ]; then
+    packages+=(
+        clang libclang-rt-dev libomp-dev # sanitizers, fuzzing; the OpenMP runtime that the thread sanitizer knows
+        clang-tidy cppcheck gcovr        # lint and coverage
+        colmap                           # reconstruct
+    )
+    if apt-cache show clang-16 >/dev/null 2>&1; then
+        packages+=(clang-16) # another compiler, on Debian 12
+    fi
+fi
 
 missing=()
 for package in "${packages[@]}"; do

@@ -8,12 +8,14 @@ set -euo pipefail
 
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 tests=()
+setup=()
 if [ "${1:-}" = --long ]; then
     tests=(-C long)
+    setup=(--long)
     shift
 fi
 
-"$root/tools/setup.sh"
+"$root/tools/setup.sh" "${setup[@]}"
 cmake -S "$root" -B "$root/build" -DCMAKE_BUILD_TYPE=Release
 cmake --build "$root/build" -j "$(nproc)"
 ctest --test-dir "$root/build" --output-on-failure "${tests[@]}" "$@"

@@ -75,8 +75,9 @@ static bool draw_reference(const view_drawer *drawer, const sgs_camera *camera, 
 // False after telling it, when some ray of the lens runs sideways or back.
 static bool has_axis_depth(const char *name, const sgs_camera *camera)
 {
-    for (int i = 0; sgs_camera_is_fisheye(camera->model) && i < camera->width * camera->height; ++i) {
-        const double pixel[2] = {i % camera->width + 0.5, i / camera->width + 0.5};
+    const size_t width = (size_t)camera->width, count = width * (size_t)camera->height;
+    for (size_t i = 0; sgs_camera_is_fisheye(camera->model) && i < count; ++i) {
+        const double pixel[2] = {(double)(i % width) + 0.5, (double)(i / width) + 0.5};
         double direction[3];
         if (sgs_camera_unproject(camera, pixel, direction) && !(direction[2] > 0)) {
             fail_run("%s: --depth z has no meaning for a lens that sees beyond 90 degrees; use --depth ray", name);

@@ -23,7 +23,7 @@ static void append(uint8_t *to, size_t *size, const void *bytes, size_t count)
 
 static void write_companions(void)
 {
-    const bool binary = strlen(FUZZ_FILE) > 4 && !strcmp(FUZZ_FILE + strlen(FUZZ_FILE) - 4, ".bin");
+    const bool binary = strlen(FUZZ_FILE) > 4 && !strcmp(&FUZZ_FILE[strlen(FUZZ_FILE) - 4], ".bin");
     if (!binary) {
         fuzz_file("cameras.txt", cameras_text, strlen(cameras_text));
         fuzz_file("images.txt", images_text, strlen(images_text));

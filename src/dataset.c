@@ -16,8 +16,10 @@ enum { MAX_NAME = 1024 };
 
 void sgsi_dataset_free(sgsi_dataset *dataset)
 {
-    for (size_t i = 0; i < dataset->frame_count; ++i)
+    for (size_t i = 0; i < dataset->frame_count; ++i) {
         sgsi_free(dataset->frames[i].name);
+        sgsi_free(dataset->frames[i].mask);
+    }
     sgsi_free(dataset->frames);
     sgsi_free(dataset->points);
     sgsi_free(dataset->colors);

@@ -15,6 +15,7 @@
 // angle_x gives the horizontal field of view (radians) and a NaN principal point means the image centre.
 typedef struct sgsi_frame {
     char *name; // relative to the image folder, '/' separators; also the view's name
+    char *mask; // that the files name for it, likewise relative, or NULL
     sgs_camera camera;
     sgs_pose pose;
     double angle_x;

@@ -320,7 +320,22 @@ static int frame_order(const void *a, const void *b)
     return strcmp(x->name, y->name);
 }
 
-// The mask of every view that has one. Folders of masks lie beside the image folder.
+// The mask that the camera file names for a view.
+static sgs_status take_named_mask(const loader *l, size_t i)
+{
+    const char *folder = l->files.image_folder, *name = l->dataset.frames[i].mask;
+    char *path = sgsi_format("%s/%s", folder, name);
+    if (!path)
+        return no_memory(l->scene->path);
+    l->scene->views[i].mask_path = path;
+    if (sgsi_is_file(path))
+        return SGS_STATUS_OK;
+    return sgsi_fail(SGS_STATUS_IO, "%s: there is no such mask, which %s names for '%s'; --masks none does without",
+                     path, l->files.model_path, l->scene->views[i].name);
+}
+
+// The mask of every view that has one. Folders of masks lie beside the image folder; --masks replaces what camera files
+// name.
 static sgs_status find_masks(loader *l)
 {
     const char *folder = l->options->masks_dir, *images = l->files.image_folder;
@@ -340,7 +355,9 @@ static sgs_status find_masks(loader *l)
         sgsi_free(place);
     }
     for (size_t i = 0; i < l->scene->view_count && !status; ++i)
-        status = sgsi_mask_find(root, folder, images, l->scene->views[i].name, &l->scene->views[i].mask_path);
+        status = !folder && l->dataset.frames[i].mask
+                     ? take_named_mask(l, i)
+                     : sgsi_mask_find(root, folder, images, l->scene->views[i].name, &l->scene->views[i].mask_path);
     sgsi_free(given);
     sgsi_free(root);
     return status;

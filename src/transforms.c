@@ -270,19 +270,27 @@ static bool has_image_extension(const char *name)
     return false;
 }
 
-static sgs_status read_name(const reader *r, const json_t *object, char **name)
+// The path under `key` below the folder of the file, with `extension` where it has none of an image's.
+static sgs_status read_path(const reader *r, const json_t *object, const char *key, const char *extension, char **path)
 {
-    const char *file = json_string_value(json_object_get(object, "file_path"));
+    const char *file = json_string_value(json_object_get(object, key));
     if (!file)
-        return sgsi_fail(SGS_STATUS_FORMAT, "%s: %s: 'file_path' must be a string", r->path, r->where);
-    *name = sgsi_format("%s%s", file, *file && !has_image_extension(file) ? ".png" : "");
-    if (!*name)
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: %s: '%s' must be a string", r->path, r->where, key);
+    *path = sgsi_format("%s%s", file, *file && !has_image_extension(file) ? extension : "");
+    if (!*path)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: %s: no memory", r->path, r->where);
-    const char *complaint = sgsi_image_name_clean(*name);
+    const char *complaint = sgsi_image_name_clean(*path);
     if (complaint)
-        return sgsi_fail(SGS_STATUS_FORMAT, "%s: %s: 'file_path' %s; name a file below the folder of this JSON file",
-                         r->path, r->where, complaint);
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: %s: '%s' %s; name a file below the folder of this JSON file",
+                         r->path, r->where, key, complaint);
     return SGS_STATUS_OK;
+}
+
+// nerfstudio's mask of a frame, white where pixels count.
+static sgs_status read_mask(const reader *r, const json_t *object, char **path)
+{
+    const json_t *value = json_object_get(object, "mask_path");
+    return !value || json_is_null(value) ? SGS_STATUS_OK : read_path(r, object, "mask_path", "", path);
 }
 
 static sgs_status read_frame(const reader *r, const json_t *object, const intrinsics *global, sgsi_frame *frame)
@@ -290,7 +298,9 @@ static sgs_status read_frame(const reader *r, const json_t *object, const intrin
     intrinsics own = *global;
     if (!json_is_object(object))
         return sgsi_fail(SGS_STATUS_FORMAT, "%s: %s: must be an object", r->path, r->where);
-    sgs_status status = read_name(r, object, &frame->name);
+    sgs_status status = read_path(r, object, "file_path", ".png", &frame->name);
+    if (!status)
+        status = read_mask(r, object, &frame->mask);
     if (!status)
         status = read_pose(r, object, &frame->pose);
     if (!status)

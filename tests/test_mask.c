@@ -117,6 +117,50 @@ static void options_choose_turn_and_switch_off_masks(void **state)
     tree_remove(&folder);
 }
 
+// nerfstudio names the mask of a frame; a folder of masks takes part where a frame names none.
+static void camera_files_name_masks(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    static const char *const frames[] = {"\"file_path\":\"images/a.png\",\"mask_path\":\"holes/of a.png\"",
+                                         "\"file_path\":\"images/b.png\",\"mask_path\":null",
+                                         "\"file_path\":\"images/c.png\""};
+    char text[1024] = "{\"fl_x\":50,\"w\":64,\"h\":48,\"frames\":[";
+    for (size_t i = 0; i < 3; ++i)
+        snprintf(text + strlen(text), sizeof text - strlen(text),
+                 "{%s,\"transform_matrix\":[[1,0,0,%zu],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}%s", frames[i], i,
+                 i < 2 ? "," : "]}");
+    tree_put_text(&folder, "transforms.json", text);
+    for (const char *name = "abc"; *name; ++name) {
+        char path[] = "images/?.png";
+        path[7] = *name;
+        tree_put_picture(&folder, path, WIDTH, HEIGHT, 3, grey);
+    }
+    put_mask(&folder, "holes/of a.png", 1, 3, 4, 20, 30);
+    put_mask(&folder, "masks/a.png", 1, 0, 0, 5, 5);
+    put_mask(&folder, "masks/c.png", 1, 1, 1, 17, 2);
+    sgs_scene_options options = sgs_scene_options_default();
+    sgs_scene *scene = load(&folder, &options);
+    assert_int_equal(scene->masks, 2);
+    assert_hole(photo_of(scene, "images/a.png"), 3, 4, 20, 30, false);
+    assert_null(photo_of(scene, "images/b.png")->keep);
+    assert_hole(photo_of(scene, "images/c.png"), 1, 1, 17, 2, false);
+    sgs_scene_destroy(scene);
+    options.masks_dir = "masks"; // asked for: it replaces what the file names
+    scene = load(&folder, &options);
+    assert_hole(photo_of(scene, "images/a.png"), 0, 0, 5, 5, false);
+    sgs_scene_destroy(scene);
+    assert_int_equal(remove(temp_path(&folder, "holes/of a.png")), 0);
+    options.masks_dir = NULL;
+    assert_int_equal(sgs_scene_load(folder.path, &options, &scene), SGS_STATUS_IO);
+    assert_holds(sgs_last_error(), "holes/of a.png: there is no such mask, which ");
+    options.masks_dir = "none";
+    scene = load(&folder, &options);
+    assert_int_equal(scene->masks, 0);
+    sgs_scene_destroy(scene);
+    tree_remove(&folder);
+}
+
 // A reduced pixel counts only if all of its area does, also when the mask is three times as large as the photograph.
 static void reduced_pixels_count_when_all_of_them_does(void **state)
 {
@@ -339,6 +383,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup(masks_are_found_under_every_name, warnings_begin),
         cmocka_unit_test_setup(options_choose_turn_and_switch_off_masks, warnings_begin),
+        cmocka_unit_test_setup(camera_files_name_masks, warnings_begin),
         cmocka_unit_test_setup(reduced_pixels_count_when_all_of_them_does, warnings_begin),
         cmocka_unit_test_setup(masks_that_do_not_fit_are_refused, warnings_begin),
         cmocka_unit_test_setup(views_without_a_pixel_that_counts_are_skipped, warnings_begin),

@@ -156,6 +156,8 @@ static void intrinsics_come_from_every_key(void **state)
 #define GLOBAL "\"fl_x\":50,\"w\":64,\"h\":48,"
 #define MATRIX(m) "{" GLOBAL "\"frames\":[" FRAME ",{\"file_path\":\"b\",\"transform_matrix\":" m "}]}"
 #define NAMED(name) "{" GLOBAL "\"frames\":[{\"file_path\":" name ",\"transform_matrix\":" IDENTITY "}]}"
+#define MASKED(name) \
+    "{" GLOBAL "\"frames\":[{\"file_path\":\"a.png\",\"mask_path\":" name ",\"transform_matrix\":" IDENTITY "}]}"
 #define KEYS(keys) "{" keys ",\"frames\":[" FRAME "]}"
 
 static const struct {
@@ -211,6 +213,9 @@ static const struct {
     {KEYS("\"fl_x\":5,\"camera_model\":\"EQUIRECTANGULAR\""), SGS_STATUS_UNSUPPORTED,
      "frame 0: camera model 'EQUIRECTANGULAR' is not supported; PINHOLE, OPENCV and OPENCV_FISHEYE are"},
     {KEYS("\"fl_x\":5,\"k4\":1"), SGS_STATUS_UNSUPPORTED, "frame 0: camera model 'OPENCV' with k4 is not supported"},
+    {MASKED("7"), SGS_STATUS_FORMAT, "frame 0: 'mask_path' must be a string"},
+    {MASKED("\"\""), SGS_STATUS_FORMAT, "frame 0: 'mask_path' is empty"},
+    {MASKED("\"../m.png\""), SGS_STATUS_FORMAT, "frame 0: 'mask_path' leaves the image folder; name a file below"},
     {"{" GLOBAL "\"frames\":[" FRAME "," FRAME "]}", SGS_STATUS_FORMAT,
      "frame 1: image name 'a.png' is already used at frame 0"},
 };

@@ -87,7 +87,8 @@ static void point_at_lines(const void *context, exr_encode_pipeline_t *encoder, 
 
 static sgs_status write_image(const flat_image *image, const char *path, const sgs_exr_info *info)
 {
-    static const exr_compression_t compressions[] = {[SGS_EXR_ZIP] = EXR_COMPRESSION_ZIP,
+    static const exr_compression_t compressions[] = {[SGS_EXR_AUTO] = EXR_COMPRESSION_ZIP,
+                                                     [SGS_EXR_ZIP] = EXR_COMPRESSION_ZIP,
                                                      [SGS_EXR_ZIPS] = EXR_COMPRESSION_ZIPS,
                                                      [SGS_EXR_PIZ] = EXR_COMPRESSION_PIZ,
                                                      [SGS_EXR_NONE] = EXR_COMPRESSION_NONE};
@@ -102,7 +103,8 @@ static sgs_status write_image(const flat_image *image, const char *path, const s
                                             0, columns, image->channel_count);
     if (status)
         return status;
-    return sgsi_exr_close(&writer, sgsi_exr_write_lines(&writer, 0, info->height, info->height, point_at_lines, image));
+    return sgsi_exr_close(&writer,
+                          sgsi_exr_write_lines(&writer, info->height, info->compression, point_at_lines, image));
 }
 
 static sgs_status write_dwaa(const flat_image *image, const char *path, const sgs_exr_info *info)

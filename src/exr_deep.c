@@ -4,18 +4,15 @@
 // Deep scan-line EXR files. OpenEXRCore 3.1 writes deep chunks but does not compress their tables of sample counts, so
 // the chunks are packed here, after "OpenEXR File Layout": a chunk is one line; its table holds the running sum of the
 // samples per pixel, its data the samples of all pixels channel by channel in the order of the channels' names, both
-// little endian, and both deflated after the bytes at even places were moved before those at odd places and every byte
-// was replaced by its difference from the one before, plus 128. What does not shrink is stored as it is.
+// little endian, and both zipped. What does not shrink is stored as it is.
 
 #include <string.h>
 
-#define ZLIB_CONST
-#include <zlib.h>
-
 #include "exr_writer.h"
+#include "exr_zip.h"
 #include "threads.h"
 
-enum { CHANNELS = 6, LINE_BYTES_PER_SAMPLE = 4 * CHANNELS, ZIP_LEVEL = 4, BAND_LINES = 32 };
+enum { CHANNELS = 6, LINE_BYTES_PER_SAMPLE = 4 * CHANNELS, BAND_LINES = 32 };
 
 // One line on its way to the file.
 typedef struct deep_line {
@@ -30,7 +27,7 @@ struct sgs_exr_deep {
     sgsi_exr_writer writer;
     char *path;
     int width, height, next_row;
-    bool compressed;
+    sgsi_exr_zip *zip;   // NULL: not compressed
     exr_result_t result; // the first failure
     deep_line lines[BAND_LINES];
 };
@@ -43,28 +40,6 @@ static void put_word(uint8_t *out, const void *word)
         out[k] = (uint8_t)(bits >> 8 * k);
 }
 
-// Deflates `count` bytes at `raw` into `out`, by way of `spare`; returns what is to be stored and its size.
-static uint8_t *zip(uint8_t *raw, size_t count, uint8_t *spare, uint8_t *out, size_t *stored)
-{
-    *stored = count;
-    if (!count)
-        return raw;
-    uint8_t *even = spare, *odd = spare + (count + 1) / 2;
-    for (size_t i = 0; i < count; ++i)
-        *(i & 1 ? odd++ : even++) = raw[i];
-    uint8_t before = spare[0];
-    for (size_t i = 1; i < count; ++i) {
-        const uint8_t own = spare[i];
-        spare[i] = (uint8_t)(own - before + 128);
-        before = own;
-    }
-    uLongf size = compressBound((uLong)count);
-    if (compress2(out, &size, spare, (uLong)count, ZIP_LEVEL) != Z_OK || size >= count)
-        return raw;
-    *stored = size;
-    return out;
-}
-
 typedef struct pack_job {
     sgs_exr_deep *deep;
     const uint32_t *counts;
@@ -72,12 +47,10 @@ typedef struct pack_job {
     size_t first_sample[BAND_LINES + 1];
 } pack_job;
 
-// Table, data, their deflated twins and a spare, one after the other.
+// Table, data and their zipped twins, one after the other.
 static bool lay_out(deep_line *line, size_t table_bytes, size_t data_bytes)
 {
-    const size_t larger = table_bytes > data_bytes ? table_bytes : data_bytes;
-    const size_t needed =
-        table_bytes + data_bytes + compressBound((uLong)table_bytes) + compressBound((uLong)data_bytes) + larger;
+    const size_t needed = 2 * (table_bytes + data_bytes);
     if (needed <= line->capacity)
         return true;
     sgsi_free(line->bytes);
@@ -88,9 +61,16 @@ static bool lay_out(deep_line *line, size_t table_bytes, size_t data_bytes)
     return line->bytes != NULL;
 }
 
+// What is to be stored of `count` bytes at `raw`, and in *stored its size.
+static uint8_t *zipped_or_raw(sgsi_exr_zip *zip, int thread, uint8_t *raw, size_t count, uint8_t *out, size_t *stored)
+{
+    const size_t size = sgsi_exr_zip_pack(zip, thread, raw, count, out);
+    *stored = size ? size : count;
+    return size ? out : raw;
+}
+
 static void pack_line(void *context, size_t item, int thread)
 {
-    (void)thread;
     const pack_job *job = context;
     const size_t width = (size_t)job->deep->width;
     deep_line *line = &job->deep->lines[item];
@@ -102,8 +82,7 @@ static void pack_line(void *context, size_t item, int thread)
     if (line->failed)
         return;
     uint8_t *table = line->bytes, *data = table + table_bytes, *zipped_table = data + data_bytes;
-    uint8_t *zipped_data = zipped_table + compressBound((uLong)table_bytes);
-    uint8_t *spare = zipped_data + compressBound((uLong)data_bytes);
+    uint8_t *zipped_data = zipped_table + table_bytes;
     uint32_t sum = 0;
     for (size_t x = 0; x < width; ++x) {
         sum += counts[x];
@@ -118,10 +97,20 @@ static void pack_line(void *context, size_t item, int thread)
     }
     line->table = table, line->table_bytes = table_bytes;
     line->data = data, line->data_bytes = line->unpacked_bytes = data_bytes;
-    if (!job->deep->compressed)
+    sgsi_exr_zip *zip = job->deep->zip;
+    if (!zip)
         return;
-    line->table = zip(table, table_bytes, spare, zipped_table, &line->table_bytes);
-    line->data = zip(data, data_bytes, spare, zipped_data, &line->data_bytes);
+    line->table = zipped_or_raw(zip, thread, table, table_bytes, zipped_table, &line->table_bytes);
+    line->data = zipped_or_raw(zip, thread, data, data_bytes, zipped_data, &line->data_bytes);
+}
+
+static void free_deep(sgs_exr_deep *deep)
+{
+    for (int k = 0; k < BAND_LINES; ++k)
+        sgsi_free(deep->lines[k].bytes);
+    sgsi_exr_zip_destroy(deep->zip);
+    sgsi_free(deep->path);
+    sgsi_free(deep);
 }
 
 sgs_status sgs_exr_deep_open(const char *path, const sgs_exr_info *info, int max_samples, sgs_exr_deep **deep)
@@ -142,13 +131,15 @@ sgs_status sgs_exr_deep_open(const char *path, const sgs_exr_info *info, int max
     }
     made->width = info->width;
     made->height = info->height;
-    made->compressed = info->compression != SGS_EXR_NONE;
+    const bool zips = info->compression != SGS_EXR_NONE;
+    made->zip = zips ? sgsi_exr_zip_create(4 * (size_t)info->width) : NULL;
     const sgs_status status =
-        sgsi_exr_open(&made->writer, made->path, info, EXR_STORAGE_DEEP_SCANLINE,
-                      made->compressed ? EXR_COMPRESSION_ZIPS : EXR_COMPRESSION_NONE, max_samples, columns, CHANNELS);
+        zips && !made->zip
+            ? sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path)
+            : sgsi_exr_open(&made->writer, made->path, info, EXR_STORAGE_DEEP_SCANLINE,
+                            zips ? EXR_COMPRESSION_ZIPS : EXR_COMPRESSION_NONE, max_samples, columns, CHANNELS);
     if (status) {
-        sgsi_free(made->path);
-        sgsi_free(made);
+        free_deep(made);
         return status;
     }
     *deep = made;
@@ -157,12 +148,17 @@ sgs_status sgs_exr_deep_open(const char *path, const sgs_exr_info *info, int max
 
 static exr_result_t write_band(sgs_exr_deep *deep, int rows, pack_job *job)
 {
+    size_t most = 0;
     job->deep = deep;
     for (size_t row = 0; row < (size_t)rows; ++row) {
         job->first_sample[row + 1] = job->first_sample[row];
         for (size_t x = 0; x < (size_t)deep->width; ++x)
             job->first_sample[row + 1] += job->counts[row * (size_t)deep->width + x];
+        const size_t own = job->first_sample[row + 1] - job->first_sample[row];
+        most = own > most ? own : most;
     }
+    if (deep->zip && !sgsi_exr_zip_reserve(deep->zip, LINE_BYTES_PER_SAMPLE * most))
+        return EXR_ERR_OUT_OF_MEMORY;
     sgsi_parallel_for((size_t)rows, 1, pack_line, job);
     exr_result_t result = EXR_ERR_SUCCESS;
     for (int row = 0; row < rows && !result; ++row) {
@@ -189,14 +185,6 @@ sgs_status sgs_exr_deep_write(sgs_exr_deep *deep, int rows, const uint32_t *coun
         rows -= band;
     }
     return sgsi_exr_tell(&deep->writer, deep->result);
-}
-
-static void free_deep(sgs_exr_deep *deep)
-{
-    for (int k = 0; k < BAND_LINES; ++k)
-        sgsi_free(deep->lines[k].bytes);
-    sgsi_free(deep->path);
-    sgsi_free(deep);
 }
 
 sgs_status sgs_exr_deep_close(sgs_exr_deep *deep)

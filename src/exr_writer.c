@@ -9,6 +9,10 @@
 //
 // Compression is most of the work, so chunks are packed and compressed by all threads, a band of them at a time, and
 // then written in order: the bytes of a file do not depend on the number of threads.
+//
+// Floats whose low bits are noise hardly shrink, and deflating them takes several times as long as tracing them. The
+// format lets a chunk that does not shrink stand as it is, so SGS_EXR_AUTO deflates a line here and there of a band
+// and, unless that saves a third, none of its chunks.
 
 #include "exr_writer.h"
 
@@ -17,10 +21,11 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "exr_zip.h"
 #include "sparegs/runtime.h"
 #include "threads.h"
 
-enum { MAX_SHORT_NAME = 31, BAND_CHUNKS = 16 };
+enum { MAX_SHORT_NAME = 31, BAND_CHUNKS = 16, SAMPLES = 4 };
 
 // OpenEXR's first complaint in this call. Not in the writer: asking the context for its user data inside the
 // handler waits for the lock that the complaining function holds.
@@ -200,9 +205,14 @@ typedef struct chunk_band {
     sgsi_exr_writer *writer;
     sgsi_exr_fill_fn fill;
     const void *context;
-    int begin, end, lines, height; // lines of a chunk; height of the image
+    int begin, count, lines, height; // first line; chunks; lines of a chunk; height of the image
+    sgsi_exr_zip *zip;               // with ZIP, ZIPS and AUTO
+    uint8_t *zipped;                 // [BAND_CHUNKS][capacity]
+    size_t capacity;
     exr_encode_pipeline_t encoders[BAND_CHUNKS];
     exr_result_t results[BAND_CHUNKS];
+    size_t bytes[BAND_CHUNKS]; // in `zipped`; 0: the chunk is stored as the encoder leaves it
+    size_t sampled[SAMPLES], shrunk[SAMPLES];
 } chunk_band;
 
 // Instead of writing: the chunk waits for its turn.
@@ -212,53 +222,123 @@ static exr_result_t hold_chunk(exr_encode_pipeline_t *encoder)
     return EXR_ERR_SUCCESS;
 }
 
+static int lines_of(const chunk_band *band, size_t item)
+{
+    const int y = band->begin + (int)item * band->lines;
+    return y + band->lines < band->height ? band->lines : band->height - y;
+}
+
 static void encode_chunk(void *context, size_t item, int thread)
 {
     (void)thread;
     chunk_band *band = context;
     exr_encode_pipeline_t *encoder = &band->encoders[item];
-    const int y = band->begin + (int)item * band->lines;
     if (band->results[item])
         return;
-    band->fill(band->context, encoder, y, y + band->lines < band->height ? band->lines : band->height - y);
+    band->fill(band->context, encoder, band->begin + (int)item * band->lines, lines_of(band, item));
     band->results[item] = exr_encoding_choose_default_routines(band->writer->context, 0, encoder);
+    if (band->zip)
+        encoder->compress_fn = NULL;
     encoder->write_fn = hold_chunk;
     encoder->yield_until_ready_fn = hold_chunk;
     if (!band->results[item])
         band->results[item] = exr_encoding_run(band->writer->context, 0, encoder);
 }
 
-static exr_result_t write_chunk(chunk_band *band, int item)
+static void zip_chunk(void *context, size_t item, int thread)
+{
+    chunk_band *band = context;
+    const exr_encode_pipeline_t *encoder = &band->encoders[item];
+    if (!band->results[item])
+        band->bytes[item] = sgsi_exr_zip_pack(band->zip, thread, encoder->compressed_buffer, encoder->compressed_bytes,
+                                              band->zipped + item * band->capacity);
+}
+
+// One line of a chunk of the band.
+static void sample_line(void *context, size_t item, int thread)
+{
+    chunk_band *band = context;
+    const size_t chunk = item * (size_t)band->count / SAMPLES;
+    const exr_encode_pipeline_t *encoder = &band->encoders[chunk];
+    if (band->results[chunk])
+        return;
+    const size_t bytes = encoder->compressed_bytes / (size_t)lines_of(band, chunk);
+    const size_t packed =
+        sgsi_exr_zip_pack(band->zip, thread, encoder->compressed_buffer, bytes, band->zipped + item * band->capacity);
+    band->sampled[item] = bytes;
+    band->shrunk[item] = packed ? packed : bytes;
+}
+
+static bool zipping_pays(chunk_band *band)
+{
+    sgsi_parallel_for(SAMPLES, 1, sample_line, band);
+    size_t sampled = 0, shrunk = 0;
+    for (int k = 0; k < SAMPLES; ++k) {
+        sampled += band->sampled[k];
+        shrunk += band->shrunk[k];
+    }
+    return 3 * shrunk <= 2 * sampled;
+}
+
+static exr_result_t write_chunk(const chunk_band *band, size_t item)
 {
     const exr_encode_pipeline_t *encoder = &band->encoders[item];
-    const int y = band->begin + item * band->lines;
+    const int y = band->begin + (int)item * band->lines;
     if (band->results[item])
         return band->results[item];
+    if (band->bytes[item])
+        return exr_write_scanline_chunk(band->writer->context, 0, y, band->zipped + item * band->capacity,
+                                        band->bytes[item]);
     return exr_write_scanline_chunk(band->writer->context, 0, y, encoder->compressed_buffer, encoder->compressed_bytes);
 }
 
-static exr_result_t write_band(chunk_band *band)
+static bool prepare_zip(chunk_band *band, size_t largest)
+{
+    if (band->zip)
+        return true;
+    band->capacity = largest;
+    band->zip = sgsi_exr_zip_create(largest);
+    band->zipped = sgsi_alloc(BAND_CHUNKS * largest, 1);
+    return band->zip && band->zipped;
+}
+
+// The first chunk is the largest, for the others have as many lines or fewer.
+static exr_result_t begin_chunks(chunk_band *band, bool zips)
 {
     exr_result_t result = EXR_ERR_SUCCESS;
-    int count = 0;
-    for (int y = band->begin; y < band->end && count < BAND_CHUNKS; y += band->lines, ++count) {
+    band->count = 0;
+    for (int y = band->begin; y < band->height && band->count < BAND_CHUNKS; y += band->lines, ++band->count) {
         exr_chunk_info_t chunk;
-        band->results[count] = exr_write_scanline_chunk_info(band->writer->context, 0, y, &chunk);
-        if (!band->results[count])
-            band->results[count] = exr_encoding_initialize(band->writer->context, 0, &chunk, &band->encoders[count]);
+        exr_result_t *own = &band->results[band->count];
+        *own = exr_write_scanline_chunk_info(band->writer->context, 0, y, &chunk);
+        if (!*own && zips && !prepare_zip(band, (size_t)chunk.unpacked_size))
+            result = EXR_ERR_OUT_OF_MEMORY;
+        if (!*own)
+            *own = exr_encoding_initialize(band->writer->context, 0, &chunk, &band->encoders[band->count]);
     }
-    sgsi_parallel_for((size_t)count, 1, encode_chunk, band);
-    for (int k = 0; k < count; ++k) {
-        if (!result)
-            result = write_chunk(band, k);
-        exr_encoding_destroy(band->writer->context, &band->encoders[k]);
-    }
-    band->begin += count * band->lines;
     return result;
 }
 
-exr_result_t sgsi_exr_write_lines(sgsi_exr_writer *writer, int begin, int end, int height, sgsi_exr_fill_fn fill,
-                                  const void *context)
+static exr_result_t write_band(chunk_band *band, sgs_exr_compression compression)
+{
+    const bool zips = compression == SGS_EXR_AUTO || compression == SGS_EXR_ZIP || compression == SGS_EXR_ZIPS;
+    exr_result_t result = begin_chunks(band, zips);
+    memset(band->bytes, 0, sizeof band->bytes);
+    if (!result)
+        sgsi_parallel_for((size_t)band->count, 1, encode_chunk, band);
+    if (!result && zips && (compression != SGS_EXR_AUTO || zipping_pays(band)))
+        sgsi_parallel_for((size_t)band->count, 1, zip_chunk, band);
+    for (int k = 0; k < band->count; ++k) {
+        if (!result)
+            result = write_chunk(band, (size_t)k);
+        exr_encoding_destroy(band->writer->context, &band->encoders[k]);
+    }
+    band->begin += band->count * band->lines;
+    return result;
+}
+
+exr_result_t sgsi_exr_write_lines(sgsi_exr_writer *writer, int height, sgs_exr_compression compression,
+                                  sgsi_exr_fill_fn fill, const void *context)
 {
     chunk_band *band = sgsi_calloc(1, sizeof *band);
     if (!band)
@@ -266,12 +346,12 @@ exr_result_t sgsi_exr_write_lines(sgsi_exr_writer *writer, int begin, int end, i
     band->writer = writer;
     band->fill = fill;
     band->context = context;
-    band->begin = begin;
-    band->end = end;
     band->height = height;
     exr_result_t result = exr_get_scanlines_per_chunk(writer->context, 0, &band->lines);
-    while (!result && band->begin < end)
-        result = write_band(band);
+    while (!result && band->begin < height)
+        result = write_band(band, compression);
+    sgsi_exr_zip_destroy(band->zip);
+    sgsi_free(band->zipped);
     sgsi_free(band);
     return result;
 }

@@ -41,6 +41,6 @@ sgs_status sgsi_exr_tell(const sgsi_exr_writer *writer, exr_result_t result);
 // of the chunk. Called in parallel.
 typedef void (*sgsi_exr_fill_fn)(const void *context, exr_encode_pipeline_t *encoder, int y, int lines);
 
-// Encodes and writes the chunks of the lines [begin, end), begin a multiple of the chunk's height.
-exr_result_t sgsi_exr_write_lines(sgsi_exr_writer *writer, int begin, int end, int height, sgsi_exr_fill_fn fill,
-                                  const void *context);
+// Encodes and writes the chunks of an image of `height` lines.
+exr_result_t sgsi_exr_write_lines(sgsi_exr_writer *writer, int height, sgs_exr_compression compression,
+                                  sgsi_exr_fill_fn fill, const void *context);

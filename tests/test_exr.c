@@ -32,9 +32,12 @@ static const double world_to_ndc[16] = {0.5, 0, 0, -1, 0, 0.25, 0, -2, 0, 0, 1, 
 
 // Deliberately out of order.
 static const sgs_exr_channel channels[] = {
-    {.name = "depth.Z", .floats = planes[4]},         {.name = "R", .floats = planes[0], .half = 1},
-    {.name = "G", .floats = planes[1], .half = 1},    {.name = "B", .floats = planes[2], .half = 1},
-    {.name = "A", .floats = planes[3], .half = 1},    {.name = "hits.count", .uints = ids},
+    {.name = "depth.Z", .floats = planes[4]},
+    {.name = "R", .floats = planes[0], .half = 1},
+    {.name = "G", .floats = planes[1], .half = 1},
+    {.name = "B", .floats = planes[2], .half = 1},
+    {.name = "A", .floats = planes[3], .half = 1},
+    {.name = "hits.count", .uints = ids},
     {.name = "a.layer.with.a.name.longer.than.31.characters", .floats = planes[3]},
 };
 enum { CHANNELS = sizeof channels / sizeof *channels };
@@ -60,12 +63,12 @@ static int fill_planes(void **state)
     planes[0][0] = 0.0f;
     planes[0][1] = 1.0f;
     planes[0][2] = 0.5f;
-    planes[0][3] = 1.0f + 0x1p-11f;              // a tie: to even, 1
-    planes[0][4] = 1.0f + 3 * 0x1p-11f;          // a tie: to even, 1 + 2^-9
-    planes[0][5] = 1.0f + 0x1p-11f + 0x1p-20f;   // just above: 1 + 2^-10
-    planes[0][6] = 65504.0f;                     // the largest half
-    planes[0][7] = 1e9f;                         // infinity
-    planes[0][8] = 0x1p-24f;                     // the smallest half
+    planes[0][3] = 1.0f + 0x1p-11f;            // a tie: to even, 1
+    planes[0][4] = 1.0f + 3 * 0x1p-11f;        // a tie: to even, 1 + 2^-9
+    planes[0][5] = 1.0f + 0x1p-11f + 0x1p-20f; // just above: 1 + 2^-10
+    planes[0][6] = 65504.0f;                   // the largest half
+    planes[0][7] = 1e9f;                       // infinity
+    planes[0][8] = 0x1p-24f;                   // the smallest half
     planes[0][9] = -2.25f;
     planes[4][0] = INFINITY;
     planes[4][1] = 3.4e38f;
@@ -139,14 +142,9 @@ static void read_channel(exr_context_t context, const char *name, size_t size, u
     exr_decoding_destroy(context, &decoder);
 }
 
-static void exr_pixels_survive_a_round_trip(void **state)
+// Every channel is read back as it was given, halves as the nearest ones.
+static void check_pixels(const char *path)
 {
-    (void)state;
-    const temp_folder folder = temp_folder_make();
-    const char *path = temp_path(&folder, "view.exr");
-    if (sgs_exr_write(path, &info, channels, CHANNELS))
-        fail_msg("%s", sgs_last_error());
-    assert_int_equal(temp_folder_count(&folder), 1);
     exr_context_t context;
     open_exr(path, &context);
     static unsigned char pixels[4 * WIDTH * HEIGHT];
@@ -167,6 +165,49 @@ static void exr_pixels_survive_a_round_trip(void **state)
         }
     }
     exr_finish(&context);
+}
+
+static void exr_pixels_survive_a_round_trip(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    const char *path = temp_path(&folder, "view.exr");
+    static const sgs_exr_compression compressions[] = {SGS_EXR_AUTO, SGS_EXR_ZIP};
+    for (size_t k = 0; k < 2; ++k) {
+        sgs_exr_info own = info;
+        own.compression = compressions[k];
+        if (sgs_exr_write(path, &own, channels, CHANNELS))
+            fail_msg("%s", sgs_last_error());
+        assert_int_equal(temp_folder_count(&folder), 1);
+        check_pixels(path);
+    }
+    temp_folder_remove(&folder);
+}
+
+// What does not shrink by a third stands as it is, what does is zipped, and zip zips both.
+static void exr_auto_zips_what_shrinks(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    const char *path = temp_path(&folder, "view.exr");
+    enum { SIDE = 128 };
+    static float even[SIDE * SIDE], noisy[SIDE * SIDE];
+    for (size_t i = 0; i < SIDE * SIDE; ++i) {
+        even[i] = 0.25f * (float)(i / SIDE % 4);
+        noisy[i] = i % SIDE < 104 ? (float)sgsi_random_uniform(3, i) : 0; // a fifth of it shrinks
+    }
+    const size_t raw = sizeof even;
+    size_t sizes[2][2];
+    for (size_t k = 0; k < 4; ++k) {
+        const sgs_exr_channel channel = {.name = "depth.Z", .floats = k & 1 ? noisy : even};
+        const sgs_exr_info own = {.width = SIDE, .height = SIDE, .compression = k & 2 ? SGS_EXR_ZIP : SGS_EXR_AUTO};
+        assert_int_equal(sgs_exr_write(path, &own, &channel, 1), SGS_STATUS_OK);
+        free(file_get(path, &sizes[k / 2][k & 1]));
+    }
+    print_message("of %zu bytes, even and noisy: auto %zu and %zu, zip %zu and %zu\n", raw, sizes[0][0], sizes[0][1],
+                  sizes[1][0], sizes[1][1]);
+    assert_int_equal(sizes[0][0], sizes[1][0]);
+    assert_true(sizes[0][0] < raw / 4 && sizes[0][1] > raw && sizes[1][1] < raw);
     temp_folder_remove(&folder);
 }
 
@@ -257,9 +298,8 @@ static void exr_is_read_by_another_program(void **state)
     const temp_folder folder = temp_folder_make();
     static float red[6] = {0, 0.5f, 1, -2, 4096, 0.25f}, depth[6] = {1, 2, 3, 4.5f, 1e6f, 0};
     static uint32_t hits[6] = {0, 1, 2, 3, 4, 70000};
-    const sgs_exr_channel few[] = {{.name = "depth.Z", .floats = depth},
-                                   {.name = "hits", .uints = hits},
-                                   {.name = "R", .floats = red, .half = 1}};
+    const sgs_exr_channel few[] = {
+        {.name = "depth.Z", .floats = depth}, {.name = "hits", .uints = hits}, {.name = "R", .floats = red, .half = 1}};
     sgs_exr_info small = info;
     small.width = 3;
     small.height = 2;
@@ -331,11 +371,13 @@ static void exr_survives_lack_of_memory(void **state)
     const temp_folder folder = temp_folder_make();
     char path[300];
     snprintf(path, sizeof path, "%s", temp_path(&folder, "view.exr"));
+    sgs_exr_info zip = info;
+    zip.compression = SGS_EXR_ZIP;
     sgs_status status = SGS_STATUS_OUT_OF_MEMORY;
     size_t n = 0;
     while (status) {
         sgsi_fail_allocation(++n);
-        status = sgs_exr_write(path, &info, channels, CHANNELS);
+        status = sgs_exr_write(path, &zip, channels, CHANNELS);
         if (status && status != SGS_STATUS_OUT_OF_MEMORY)
             fail_msg("allocation %zu: %s", n, sgs_last_error());
         assert_int_equal(temp_folder_count(&folder), status ? 0 : 1);
@@ -373,9 +415,10 @@ static void exr_refuses_bad_arguments(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(exr_pixels_survive_a_round_trip),      cmocka_unit_test(exr_header_says_what_the_image_is),
-        cmocka_unit_test(exr_is_read_by_another_program),       cmocka_unit_test(exr_write_failure_keeps_the_old_file),
-        cmocka_unit_test(exr_survives_lack_of_memory),          cmocka_unit_test(exr_refuses_bad_arguments),
+        cmocka_unit_test(exr_pixels_survive_a_round_trip), cmocka_unit_test(exr_header_says_what_the_image_is),
+        cmocka_unit_test(exr_is_read_by_another_program),  cmocka_unit_test(exr_write_failure_keeps_the_old_file),
+        cmocka_unit_test(exr_survives_lack_of_memory),     cmocka_unit_test(exr_refuses_bad_arguments),
+        cmocka_unit_test(exr_auto_zips_what_shrinks),
     };
     return cmocka_run_group_tests(tests, fill_planes, NULL);
 }

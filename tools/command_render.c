@@ -73,8 +73,9 @@ static const option render_options[] = {
     {"format", 0, OPTION_CHOICE, AT(format), 0, 0, "exr|png", "exr", NULL, NULL, "file format"},
     {"exr-encoding", 0, OPTION_CHOICE, AT(encoding), 0, 0, "linear|srgb", "linear", NULL, NULL,
      "colours of an EXR: decoded to scene-linear, or the display values as trained"},
-    {"compression", 0, OPTION_CHOICE, AT(compression), 0, 0, "zip|zips|piz|none|dwaa", "zip", NULL, NULL,
-     "how an EXR's pixels are packed; dwaa loses a little of the colours"},
+    {"compression", 0, OPTION_CHOICE, AT(compression), 0, 0, "auto|zip|zips|piz|none|dwaa", "auto", NULL, NULL,
+     "how an EXR's pixels are packed; auto is zip, but leaves as it is what would not shrink by a third; dwaa loses a "
+     "little of the colours"},
     {"deep", 0, OPTION_FLAG, AT(deep), 0, 0, NULL, NULL, NULL, NULL,
      "write DIR/STEM.deep.exr too: the samples of every ray, which flatten to the image"},
     {"deep-tolerance", 0, OPTION_REAL, AT(deep_tolerance), 0, 1, "X", "0.01", NULL, "of the distance",
@@ -147,7 +148,7 @@ static bool render_views(const sgs_gaussians *model, const camera_list *cameras,
     progress_end();
     done = view_drawer_close(&drawer, done) && done;
     if (done)
-        print_note("%zu view(s): %.2f s drawing, %.2f s writing", drawer.drawn, drawer.draw_seconds,
+        print_note("%zu view(s): %.2f s drawing, meanwhile %.2f s writing", drawer.drawn, drawer.draw_seconds,
                    drawer.write_seconds);
     return done;
 }

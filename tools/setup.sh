@@ -12,7 +12,7 @@ packages=(
     libembree-dev                     # ray tracing: 3.13 on Debian 12, 4.x on Debian 13 and Ubuntu 24.04
     libopenimageio-dev libopenexr-dev # images
     libjansson-dev libxxhash-dev      # JSON, hashes
-    zlib1g-dev                        # deep EXR
+    libdeflate-dev                    # ZIP of EXR
     libfftw3-dev                      # spectra
     libcmocka-dev                     # tests
     openimageio-tools openexr jq      # tests of the written files

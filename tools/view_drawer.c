@@ -9,6 +9,7 @@
 #include "lens_samples.h"
 #include "progress.h"
 #include "sparegs/metrics.h"
+#include "sparegs/runtime.h"
 
 // The model's parameters in double, row by row.
 static double *exact_params(const sgs_gaussians *model)
@@ -24,6 +25,7 @@ bool view_drawer_open(view_drawer *drawer, const view_options *options, const dr
                       const sgs_gaussians *model)
 {
     *drawer = (view_drawer){.options = options, .drawing = drawing, .model = model};
+    drawer->frame = &drawer->frames[0];
     if (options->film && !video_possible())
         return false;
     if (options->reference) {
@@ -40,8 +42,10 @@ bool view_drawer_open(view_drawer *drawer, const view_options *options, const dr
 
 bool view_drawer_close(view_drawer *drawer, bool complete)
 {
-    const bool done = video_close(drawer->film, complete);
-    sgs_frame_free(&drawer->frame);
+    const bool written = background_wait(&drawer->writing);
+    const bool done = video_close(drawer->film, complete && written) && written;
+    for (int k = 0; k < 2; ++k)
+        sgs_frame_free(&drawer->frames[k]);
     sgs_frame_free(&drawer->sampled);
     sgs_renderer_destroy(drawer->renderer);
     free(drawer->params);
@@ -113,11 +117,11 @@ static bool draw_flat(view_drawer *drawer, const sgs_camera *camera, const sgs_p
 static bool draw_deep(view_drawer *drawer, const frame_files *files, const sgs_render_options *options)
 {
     const sgs_deep_options *deep = &drawer->options->deep_options;
-    deep_file *file = deep_file_open(files, &drawer->frame, deep->max_samples);
+    deep_file *file = deep_file_open(files, drawer->frame, deep->max_samples);
     if (!file)
         return false;
     const bool done = !sgs_renderer_render_deep(drawer->renderer, files->camera, files->pose, options, deep,
-                                                &drawer->frame, deep_file_rows, file);
+                                                drawer->frame, deep_file_rows, file);
     if (!done)
         fail_library();
     return deep_file_close(file, done);
@@ -131,7 +135,7 @@ static double middle_distance(const view_drawer *drawer, const char *name, const
     const int x = camera->width / 2, y = camera->height / 2;
     const double pixel[2] = {x + 0.5, y + 0.5};
     double direction[3] = {0, 0, 1};
-    const float depth = drawer->frame.depth_mean[(size_t)y * (size_t)camera->width + (size_t)x];
+    const float depth = drawer->frame->depth_mean[(size_t)y * (size_t)camera->width + (size_t)x];
     if (!drawer->options->axis_depth && !sgs_camera_unproject(camera, pixel, direction))
         direction[2] = 0;
     const double distance = (double)depth * direction[2];
@@ -169,7 +173,7 @@ static bool draw_samples(view_drawer *drawer, const char *name, const sgs_camera
             light_sum_add(&sum, &drawer->sampled);
     }
     if (done)
-        light_sum_mean(&sum, &drawer->frame);
+        light_sum_mean(&sum, drawer->frame);
     light_sum_free(&sum);
     return done;
 }
@@ -179,27 +183,51 @@ static bool draw_frame(view_drawer *drawer, const frame_files *files, const sgs_
     const view_options *o = drawer->options;
     const bool sampled = o->samples > 1 || o->aperture > 0;
     const unsigned planes = aov_planes(o->aovs) | (o->aperture > 0 ? SGS_PLANE_DEPTH_MEAN : 0);
-    if (!prepare_frame(&drawer->frame, files->camera, planes))
+    if (!prepare_frame(drawer->frame, files->camera, planes))
         return false;
     if (o->deep)
         return draw_deep(drawer, files, options);
-    return draw_flat(drawer, files->camera, files->pose, options, &drawer->frame) &&
+    return draw_flat(drawer, files->camera, files->pose, options, drawer->frame) &&
            (!sampled || draw_samples(drawer, files->name, files->camera, files->pose, options));
 }
 
 // ---- Out ----
 
-static bool add_to_film(view_drawer *drawer, const frame_files *files)
+static bool add_to_film(view_drawer *drawer)
 {
-    const sgs_frame *frame = &drawer->frame;
+    const sgs_frame *frame = drawer->finished;
     sgs_image8 image = {0};
     if (!drawer->film)
         drawer->film = video_open(drawer->options->film, frame->width, frame->height, drawer->options->fps);
-    if (!drawer->film || !frame_picture(files, frame, &image))
+    if (!drawer->film || !frame_picture(&drawer->files, frame, &image))
         return false;
     const bool done = video_add(drawer->film, &image);
     sgs_image8_free(&image);
     return done;
+}
+
+static bool write_finished(void *context)
+{
+    view_drawer *drawer = context;
+    const view_options *o = drawer->options;
+    const double start = clock_seconds();
+    bool done = !o->film || add_to_film(drawer);
+    if (done && o->folder)
+        done = o->png ? frame_write_png(&drawer->files, drawer->finished)
+                      : frame_write_exr(&drawer->files, drawer->finished);
+    drawer->write_seconds += clock_seconds() - start;
+    return done;
+}
+
+// Whether a view can be a frame of the film, which has the size of its first.
+static bool fits_film(const view_drawer *drawer, const char *name, const sgs_camera *camera)
+{
+    const sgs_frame *first = drawer->finished;
+    if (!drawer->options->film || !first || (first->width == camera->width && first->height == camera->height))
+        return true;
+    fail_run("%s: the pictures of a film have one size, this one is %d x %d; give --size", name, camera->width,
+             camera->height);
+    return false;
 }
 
 bool view_drawer_draw(view_drawer *drawer, const char *name, const sgs_camera *camera, const sgs_pose *pose)
@@ -208,13 +236,8 @@ bool view_drawer_draw(view_drawer *drawer, const char *name, const sgs_camera *c
     sgs_render_options options = sgs_render_options_default();
     options.filter = (sgs_filter)drawer->drawing->filter;
     options.axis_depth = o->axis_depth;
-    if (o->axis_depth && !has_axis_depth(name, camera))
+    if ((o->axis_depth && !has_axis_depth(name, camera)) || !fits_film(drawer, name, camera))
         return false;
-    if (drawer->film && (drawer->frame.width != camera->width || drawer->frame.height != camera->height)) {
-        fail_run("%s: the pictures of a film have one size, this one is %d x %d; give --size", name, camera->width,
-                 camera->height);
-        return false;
-    }
     frame_files files = {.folder = o->folder,
                          .name = name,
                          .camera = camera,
@@ -228,13 +251,15 @@ bool view_drawer_draw(view_drawer *drawer, const char *name, const sgs_camera *c
                          .white = (float)drawer->drawing->white};
     memcpy(files.background, drawer->drawing->background.rgb, sizeof files.background);
     const double start = clock_seconds();
-    bool done = draw_frame(drawer, &files, &options);
-    const double drawn = clock_seconds();
-    done = done && (!o->film || add_to_film(drawer, &files));
-    if (done && o->folder)
-        done = o->png ? frame_write_png(&files, &drawer->frame) : frame_write_exr(&files, &drawer->frame);
-    drawer->draw_seconds += drawn - start;
-    drawer->write_seconds += clock_seconds() - drawn;
+    const bool drawn = draw_frame(drawer, &files, &options);
+    drawer->draw_seconds += clock_seconds() - start;
+    if (!background_wait(&drawer->writing) || !drawn)
+        return false;
+    drawer->files = files;
+    drawer->finished = drawer->frame;
+    drawer->frame = &drawer->frames[drawer->frame == drawer->frames];
     ++drawer->drawn;
-    return done;
+    // Deep files are written while drawing: their paths shall not overtake those of flat ones.
+    background_start(&drawer->writing, sgs_threads() > 1 && !o->deep, write_finished, drawer);
+    return true;
 }

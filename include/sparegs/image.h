@@ -47,7 +47,8 @@ typedef struct sgs_exr_channel {
 
 // How an EXR's pixels are packed. All but DWAA keep every bit.
 typedef enum sgs_exr_compression {
-    SGS_EXR_ZIP = 0, // deflate, 16 lines at a time
+    SGS_EXR_AUTO = 0, // a ZIP file, whose parts are deflated where that saves a third and stand as they are elsewhere
+    SGS_EXR_ZIP,     // deflate, 16 lines at a time
     SGS_EXR_ZIPS,    // deflate, line by line: quicker to read in parts
     SGS_EXR_PIZ,     // wavelets: smaller where images are noisy
     SGS_EXR_NONE,

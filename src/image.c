@@ -159,6 +159,41 @@ static void sum_columns(const uint64_t *sums, uint64_t width, uint64_t out_width
     }
 }
 
+// The common case, side by side k x k pixels and no alpha, gives the same numbers many times faster: all areas are k^2,
+// and (S + k^2 / 2) / k^2 is a product and a shift. With m = ceil(2^32 / k^2), n m >> 32 = n / k^2 for every n below
+// 2^32 / k^2 (Granlund and Montgomery 1994, theorem 4.2), and n stays below 256 k^2.
+enum { WHOLE_FACTOR_MAX = 16 };
+
+static void downscale_whole(const sgs_image8 *image, size_t factor, sgs_image8 *out, uint32_t *row_sums)
+{
+    const size_t width = (size_t)image->width, out_width = (size_t)out->width, out_height = (size_t)out->height;
+    const uint32_t area = (uint32_t)(factor * factor);
+    const uint64_t reciprocal = ((UINT64_C(1) << 32) + area - 1) / area;
+    for (size_t row = 0; row < out_height * (size_t)image->channels; ++row) {
+        const uint8_t *in = image->pixels + row * factor * width;
+        uint8_t *to = out->pixels + row * out_width;
+        for (size_t x = 0; x < width; ++x)
+            row_sums[x] = in[x];
+        for (size_t k = 1; k < factor; ++k)
+            for (size_t x = 0; x < width; ++x)
+                row_sums[x] += in[k * width + x];
+        for (size_t x = 0; x < out_width; ++x) {
+            uint32_t sum = area / 2;
+            for (size_t k = 0; k < factor; ++k)
+                sum += row_sums[x * factor + k];
+            to[x] = (uint8_t)(sum * reciprocal >> 32);
+        }
+    }
+}
+
+// The factor of the case above, or 0.
+static size_t whole_factor(const sgs_image8 *image, const sgs_image8 *out)
+{
+    const int factor = image->width / out->width;
+    const bool whole = factor * out->width == image->width && factor * out->height == image->height;
+    return whole && factor <= WHOLE_FACTOR_MAX && image->channels < 4 ? (size_t)factor : 0;
+}
+
 static void downscale(const sgs_image8 *image, sgs_image8 *out, uint64_t *row_sums, uint64_t *sums,
                       uint64_t *alpha_sums)
 {
@@ -200,7 +235,11 @@ sgs_status sgs_image8_downscale(const sgs_image8 *image, int out_width, int out_
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to reduce an image to %d x %d", out_width, out_height);
     }
     *out = (sgs_image8){.width = out_width, .height = out_height, .channels = image->channels, .pixels = pixels};
-    downscale(image, out, row_sums, row_sums + width, row_sums + width + out_width);
+    const size_t factor = whole_factor(image, out);
+    if (factor)
+        downscale_whole(image, factor, out, (uint32_t *)row_sums);
+    else
+        downscale(image, out, row_sums, row_sums + width, row_sums + width + out_width);
     sgsi_free(row_sums);
     return SGS_STATUS_OK;
 }

@@ -269,7 +269,8 @@ static void downscaling_is_the_area_average(void **state)
 {
     (void)state;
     static const int sizes[][4] = {{8, 6, 4, 3}, {9, 7, 4, 3}, {31, 17, 13, 17}, {16, 9, 16, 9}, {5, 5, 1, 1},
-                                   {40, 30, 39, 29}, {3, 50, 1, 7}};
+                                   {40, 30, 39, 29}, {3, 50, 1, 7}, {36, 30, 12, 10}, {32, 32, 2, 2},
+                                   {34, 34, 2, 2}};
     uint8_t pixels[3 * 40 * 40];
     for (uint64_t i = 0; i < sizeof pixels; ++i)
         pixels[i] = (uint8_t)sgsi_random_bits(9, i);

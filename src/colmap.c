@@ -228,85 +228,98 @@ static sgs_status take_count(const loader *l, bytes *b, size_t least_bytes, cons
     return SGS_STATUS_OK;
 }
 
-static sgs_status read_cameras_binary(loader *l, bytes *b)
+// Calls `read` for every record of a file that begins with their number.
+static sgs_status read_records(loader *l, bytes *b, size_t least_bytes, const char *what,
+                               sgs_status (*read)(loader *l, bytes *b))
 {
     uint64_t count = 0;
-    sgs_status status = take_count(l, b, CAMERA_BYTES, "cameras", &count);
+    sgs_status status = take_count(l, b, least_bytes, what, &count);
     for (uint64_t i = 0; i < count && !status; ++i) {
         l->place = b->at;
-        const uint8_t *p = take(b, 24);
-        if (!p)
-            return truncated(l, b, "a camera");
-        const int model = (int)(int32_t)(uint32_t)decode(p + 4, 4);
-        const int param_count = sgs_camera_param_count((sgs_camera_model)model);
-        if (param_count == 0)
-            return sgsi_fail(SGS_STATUS_UNSUPPORTED,
-                             "%s: byte %llu: camera model %d is unknown; COLMAP's models 0 to %d are read: undistort "
-                             "the images or calibrate with one of these",
-                             l->path, (unsigned long long)l->place + 4, model, SGS_CAMERA_MODEL_COUNT - 1);
-        const uint8_t *raw = take(b, 8 * (uint64_t)param_count);
-        if (!raw)
-            return truncated(l, b, "the parameters of a camera");
-        double params[12] = {0};
-        for (int k = 0; k < param_count; ++k)
-            params[k] = decode_double(raw + 8 * k);
-        status = add_camera(l, (uint32_t)decode(p, 4), model, decode(p + 8, 8), decode(p + 16, 8), params);
+        status = read(l, b);
     }
+    return status;
+}
+
+static sgs_status read_camera_binary(loader *l, bytes *b)
+{
+    const uint8_t *p = take(b, 24);
+    if (!p)
+        return truncated(l, b, "a camera");
+    const int model = (int)(int32_t)(uint32_t)decode(p + 4, 4);
+    const int param_count = sgs_camera_param_count((sgs_camera_model)model);
+    if (param_count == 0)
+        return sgsi_fail(SGS_STATUS_UNSUPPORTED,
+                         "%s: byte %llu: camera model %d is unknown; COLMAP's models 0 to %d are read: undistort "
+                         "the images or calibrate with one of these",
+                         l->path, (unsigned long long)l->place + 4, model, SGS_CAMERA_MODEL_COUNT - 1);
+    const uint8_t *raw = take(b, 8 * (uint64_t)param_count);
+    if (!raw)
+        return truncated(l, b, "the parameters of a camera");
+    double params[12] = {0};
+    for (int k = 0; k < param_count; ++k)
+        params[k] = decode_double(raw + 8 * k);
+    return add_camera(l, (uint32_t)decode(p, 4), model, decode(p + 8, 8), decode(p + 16, 8), params);
+}
+
+static sgs_status read_cameras_binary(loader *l, bytes *b)
+{
+    const sgs_status status = read_records(l, b, CAMERA_BYTES, "cameras", read_camera_binary);
     return status ? status : finish_cameras(l);
+}
+
+static sgs_status read_image_binary(loader *l, bytes *b)
+{
+    const uint8_t *p = take(b, 64);
+    if (!p)
+        return truncated(l, b, "an image");
+    double pose[7];
+    for (int k = 0; k < 7; ++k)
+        pose[k] = decode_double(p + 4 + 8 * k);
+    const char *name = (const char *)b->data + b->at;
+    const uint8_t *end = memchr(name, 0, b->size - b->at);
+    if (!end)
+        return truncated(l, b, "the name of an image");
+    b->at = (size_t)(end - b->data) + 1;
+    const uint8_t *observations = take(b, 8);
+    if (!observations)
+        return truncated(l, b, "an image");
+    const uint64_t n = decode(observations, 8);
+    if (n > (b->size - b->at) / 24)
+        return sgsi_fail(SGS_STATUS_FORMAT,
+                         "%s: byte %zu: image %u announces %llu 2-D points, but only %zu bytes are left; the file "
+                         "is truncated or damaged: copy or export it again",
+                         l->path, b->at - 8, (unsigned)decode(p, 4), (unsigned long long)n, b->size - b->at);
+    b->at += 24 * (size_t)n;
+    return add_image(l, (uint32_t)decode(p, 4), pose, (uint32_t)decode(p + 60, 4), name);
 }
 
 static sgs_status read_images_binary(loader *l, bytes *b)
 {
-    uint64_t count = 0;
-    sgs_status status = take_count(l, b, IMAGE_BYTES, "images", &count);
-    for (uint64_t i = 0; i < count && !status; ++i) {
-        l->place = b->at;
-        const uint8_t *p = take(b, 64);
-        if (!p)
-            return truncated(l, b, "an image");
-        double pose[7];
-        for (int k = 0; k < 7; ++k)
-            pose[k] = decode_double(p + 4 + 8 * k);
-        const char *name = (const char *)b->data + b->at;
-        const uint8_t *end = memchr(name, 0, b->size - b->at);
-        if (!end)
-            return truncated(l, b, "the name of an image");
-        b->at = (size_t)(end - b->data) + 1;
-        const uint8_t *observations = take(b, 8);
-        if (!observations)
-            return truncated(l, b, "an image");
-        const uint64_t n = decode(observations, 8);
-        if (n > (b->size - b->at) / 24)
-            return sgsi_fail(SGS_STATUS_FORMAT,
-                             "%s: byte %zu: image %u announces %llu 2-D points, but only %zu bytes are left; the file "
-                             "is truncated or damaged: copy or export it again",
-                             l->path, b->at - 8, (unsigned)decode(p, 4), (unsigned long long)n, b->size - b->at);
-        b->at += 24 * (size_t)n;
-        status = add_image(l, (uint32_t)decode(p, 4), pose, (uint32_t)decode(p + 60, 4), name);
-    }
+    const sgs_status status = read_records(l, b, IMAGE_BYTES, "images", read_image_binary);
     return status ? status : finish_images(l);
+}
+
+static sgs_status read_point_binary(loader *l, bytes *b)
+{
+    const uint8_t *p = take(b, POINT_BYTES);
+    if (!p)
+        return truncated(l, b, "a point");
+    const uint64_t track = decode(p + 43, 8);
+    if (track > (b->size - b->at) / 8)
+        return sgsi_fail(SGS_STATUS_FORMAT,
+                         "%s: byte %zu: point %llu announces a track of %llu images, but only %zu bytes are left; "
+                         "the file is truncated or damaged: copy or export it again",
+                         l->path, b->at - 8, (unsigned long long)decode(p, 8), (unsigned long long)track,
+                         b->size - b->at);
+    b->at += 8 * (size_t)track;
+    const double xyz[3] = {decode_double(p + 8), decode_double(p + 16), decode_double(p + 24)};
+    return add_point(l, xyz, p + 32);
 }
 
 static sgs_status read_points_binary(loader *l, bytes *b)
 {
-    uint64_t count = 0;
-    sgs_status status = take_count(l, b, POINT_BYTES, "points", &count);
-    for (uint64_t i = 0; i < count && !status; ++i) {
-        l->place = b->at;
-        const uint8_t *p = take(b, POINT_BYTES);
-        if (!p)
-            return truncated(l, b, "a point");
-        const uint64_t track = decode(p + 43, 8);
-        if (track > (b->size - b->at) / 8)
-            return sgsi_fail(SGS_STATUS_FORMAT,
-                             "%s: byte %zu: point %llu announces a track of %llu images, but only %zu bytes are left; "
-                             "the file is truncated or damaged: copy or export it again",
-                             l->path, b->at - 8, (unsigned long long)decode(p, 8), (unsigned long long)track,
-                             b->size - b->at);
-        b->at += 8 * (size_t)track;
-        const double xyz[3] = {decode_double(p + 8), decode_double(p + 16), decode_double(p + 24)};
-        status = add_point(l, xyz, p + 32);
-    }
+    const sgs_status status = read_records(l, b, POINT_BYTES, "points", read_point_binary);
     if (!status)
         finish_points(l);
     return status;

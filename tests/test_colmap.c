@@ -27,6 +27,25 @@ static bool orderly(sgs_status status)
            status == SGS_STATUS_OUT_OF_MEMORY;
 }
 
+static temp_folder whole_model(bool binary)
+{
+    const model m = model_make();
+    const temp_folder folder = temp_folder_make();
+    model_put(&folder, "", &m, binary);
+    return folder;
+}
+
+// A model is refused with this status and message. Removes it.
+static void assert_refused(const temp_folder *folder, size_t number, sgs_status status, const char *message)
+{
+    sgsi_dataset d;
+    if (sgsi_colmap_read(folder->path, &d) != status)
+        fail_msg("case %zu (%s): %s", number, message, sgs_last_error());
+    assert_holds(sgs_last_error(), message);
+    bad_input();
+    tree_remove(folder);
+}
+
 static void assert_equals_model(const sgsi_dataset *d, const model *m)
 {
     assert_int_equal(d->frame_count, m->image_count);
@@ -265,31 +284,22 @@ static const struct {
 static void damaged_counts_and_models_are_refused(void **state)
 {
     (void)state;
-    const model m = model_make();
     for (size_t i = 0; i < sizeof damages / sizeof *damages; ++i) {
-        const temp_folder folder = temp_folder_make();
-        model_put(&folder, "", &m, true);
+        const temp_folder folder = whole_model(true);
         size_t size;
         unsigned char *bytes = file_get(temp_path(&folder, damages[i].file), &size);
         for (int k = 0; k < damages[i].size; ++k)
             bytes[damages[i].offset + (size_t)k] = (unsigned char)(damages[i].value >> (8 * k));
         file_put(temp_path(&folder, damages[i].file), bytes, size);
         free(bytes);
-        sgsi_dataset d;
-        if (sgsi_colmap_read(folder.path, &d) != damages[i].status)
-            fail_msg("case %zu (%s): %s", i, damages[i].message, sgs_last_error());
-        assert_holds(sgs_last_error(), damages[i].message);
-        bad_input();
-        tree_remove(&folder);
+        assert_refused(&folder, i, damages[i].status, damages[i].message);
     }
 }
 
 static void too_small_counts_are_reported(void **state)
 {
     (void)state;
-    const model m = model_make();
-    const temp_folder folder = temp_folder_make();
-    model_put(&folder, "", &m, true);
+    const temp_folder folder = whole_model(true);
     size_t size;
     unsigned char *bytes = file_get(temp_path(&folder, "images.bin"), &size);
     bytes[0] = 3;
@@ -309,9 +319,7 @@ static const char *const files[2][3] = {{"cameras.txt", "images.txt", "points3D.
 static void binary_files_cut_anywhere_are_refused(void **state)
 {
     (void)state;
-    const model m = model_make();
-    const temp_folder folder = temp_folder_make();
-    model_put(&folder, "", &m, true);
+    const temp_folder folder = whole_model(true);
     for (int f = 0; f < 3; ++f) {
         size_t size;
         unsigned char *bytes = file_get(temp_path(&folder, files[1][f]), &size);
@@ -332,9 +340,7 @@ static void binary_files_cut_anywhere_are_refused(void **state)
 static void text_files_cut_anywhere_end_in_order(void **state)
 {
     (void)state;
-    const model m = model_make();
-    const temp_folder folder = temp_folder_make();
-    model_put(&folder, "", &m, false);
+    const temp_folder folder = whole_model(false);
     for (int f = 0; f < 3; ++f) {
         size_t size;
         unsigned char *bytes = file_get(temp_path(&folder, files[0][f]), &size);
@@ -358,9 +364,7 @@ static void any_damaged_byte_ends_in_order(void **state)
 {
     (void)state;
     static const unsigned char values[] = {0x00, 0xff, 0x7f, '\n', '-'};
-    const model m = model_make();
-    const temp_folder folder = temp_folder_make();
-    model_put(&folder, "", &m, true);
+    const temp_folder folder = whole_model(true);
     for (int f = 0; f < 3; ++f) {
         size_t size;
         unsigned char *bytes = file_get(temp_path(&folder, files[1][f]), &size);
@@ -443,26 +447,17 @@ static const struct {
 static void wrong_lines_are_named(void **state)
 {
     (void)state;
-    const model m = model_make();
     for (size_t i = 0; i < sizeof wrong_texts / sizeof *wrong_texts; ++i) {
-        const temp_folder folder = temp_folder_make();
-        model_put(&folder, "", &m, false);
+        const temp_folder folder = whole_model(false);
         tree_put_text(&folder, wrong_texts[i].file, wrong_texts[i].content);
-        sgsi_dataset d;
-        if (sgsi_colmap_read(folder.path, &d) != wrong_texts[i].status)
-            fail_msg("case %zu (%s): %s", i, wrong_texts[i].message, sgs_last_error());
-        assert_holds(sgs_last_error(), wrong_texts[i].message);
-        bad_input();
-        tree_remove(&folder);
+        assert_refused(&folder, i, wrong_texts[i].status, wrong_texts[i].message);
     }
 }
 
 static void text_files_with_zero_bytes_are_refused(void **state)
 {
     (void)state;
-    const model m = model_make();
-    const temp_folder folder = temp_folder_make();
-    model_put(&folder, "", &m, false);
+    const temp_folder folder = whole_model(false);
     tree_put(&folder, "points3D.txt", "1 0 0 0\0 1 2 3", 15);
     sgsi_dataset d;
     assert_int_equal(sgsi_colmap_read(folder.path, &d), SGS_STATUS_FORMAT);
@@ -513,8 +508,7 @@ static void decimal_points_do_not_depend_on_the_language(void **state)
     if (!german)
         skip(); // none of them is installed
     const model m = model_make();
-    const temp_folder folder = temp_folder_make();
-    model_put(&folder, "", &m, false);
+    const temp_folder folder = whole_model(false);
     const locale_t earlier = uselocale(german);
     sgsi_dataset d;
     const sgs_status status = sgsi_colmap_read(folder.path, &d);

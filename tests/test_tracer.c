@@ -17,23 +17,6 @@
 #include "tracer_support.h"
 
 static const sgs_isa all_isas[SGS_ISA_COUNT] = {SGS_ISA_BASELINE, SGS_ISA_AVX2, SGS_ISA_AVX512};
-static sgs_isa best_isa;
-
-static int remember_isa(void **state)
-{
-    (void)state;
-    best_isa = sgs_get_isa();
-    sgsi_threads_set(1);
-    return 0;
-}
-
-static int restore_settings(void **state)
-{
-    (void)state;
-    sgs_set_isa(best_isa);
-    sgsi_threads_set(1);
-    return 0;
-}
 
 static const char *label(const char *scene, const char *rest, int number)
 {
@@ -395,14 +378,14 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(lists_and_images_equal_those_without_a_bvh),
-        cmocka_unit_test_teardown(every_isa_equals_itself_without_a_bvh, restore_settings),
+        cmocka_unit_test_teardown(every_isa_equals_itself_without_a_bvh, traced_restore),
         cmocka_unit_test(morton_sah_and_refitted_trees_give_the_same_bits),
         cmocka_unit_test(guesses_of_earlier_visits_change_no_bit_and_save_work),
         cmocka_unit_test(guesses_that_are_too_near_are_repaired_exactly),
         cmocka_unit_test(hidden_elements_change_no_bit_wherever_they_stand),
-        cmocka_unit_test_teardown(one_two_and_three_threads_give_the_same_bits, restore_settings),
-        cmocka_unit_test_teardown(avx2_and_avx512_trace_the_same_bits, restore_settings),
-        cmocka_unit_test_teardown(thread_counts_are_clamped_to_what_the_tracer_holds, restore_settings),
+        cmocka_unit_test_teardown(one_two_and_three_threads_give_the_same_bits, traced_restore),
+        cmocka_unit_test_teardown(avx2_and_avx512_trace_the_same_bits, traced_restore),
+        cmocka_unit_test_teardown(thread_counts_are_clamped_to_what_the_tracer_holds, traced_restore),
     };
-    return cmocka_run_group_tests(tests, remember_isa, NULL);
+    return cmocka_run_group_tests(tests, traced_prepare, NULL);
 }

@@ -22,23 +22,6 @@
 #include "reference.h"
 #include "tracer_support.h"
 
-static sgs_isa best_isa;
-
-static int prepare(void **state)
-{
-    (void)state;
-    best_isa = sgs_get_isa();
-    sgsi_threads_set(1);
-    return 0;
-}
-
-static int restore_settings(void **state)
-{
-    (void)state;
-    sgsi_threads_set(1);
-    return sgs_set_isa(best_isa) != SGS_STATUS_OK;
-}
-
 // ---- Pixels whose list of hits single precision may change ----
 
 static int by_distance(const void *a, const void *b)
@@ -521,13 +504,13 @@ static void repeated_steps_allocate_nothing(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test_teardown(gradients_equal_the_oracle_on_every_isa_lens_and_filter, restore_settings),
+        cmocka_unit_test_teardown(gradients_equal_the_oracle_on_every_isa_lens_and_filter, traced_restore),
         cmocka_unit_test(colour_and_transmittance_gradients_are_right_alone),
         cmocka_unit_test(every_sh_degree_has_its_own_gradient),
         cmocka_unit_test(opaque_scenes_have_the_right_gradient),
         cmocka_unit_test(gradients_are_right_inside_the_scene),
         cmocka_unit_test(planted_errors_are_caught),
-        cmocka_unit_test_teardown(repeated_steps_allocate_nothing, restore_settings),
+        cmocka_unit_test_teardown(repeated_steps_allocate_nothing, traced_restore),
     };
-    return cmocka_run_group_tests(tests, prepare, NULL);
+    return cmocka_run_group_tests(tests, traced_prepare, NULL);
 }

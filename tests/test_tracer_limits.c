@@ -17,22 +17,6 @@
 
 #include "tracer_support.h"
 
-static sgs_isa best_isa;
-
-static int prepare(void **state)
-{
-    (void)state;
-    best_isa = sgs_get_isa();
-    sgsi_threads_set(1);
-    return 0;
-}
-
-static int restore_isa(void **state)
-{
-    (void)state;
-    return sgs_set_isa(best_isa) != SGS_STATUS_OK;
-}
-
 // ---- Invariants ----
 
 static void white_in_front_of_white_is_white(void **state)
@@ -366,8 +350,8 @@ int main(void)
         cmocka_unit_test(a_tracer_follows_a_model_that_changes_its_size),
         cmocka_unit_test(primitives_that_are_not_finite_vanish_and_harm_nobody),
         cmocka_unit_test(colours_that_are_not_finite_stay_where_they_are),
-        cmocka_unit_test_teardown(extreme_parameters_neither_crash_nor_get_lost, restore_isa),
+        cmocka_unit_test_teardown(extreme_parameters_neither_crash_nor_get_lost, traced_restore),
         cmocka_unit_test(the_optimiser_steps_around_sick_primitives),
     };
-    return cmocka_run_group_tests(tests, prepare, NULL);
+    return cmocka_run_group_tests(tests, traced_prepare, NULL);
 }

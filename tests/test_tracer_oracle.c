@@ -24,22 +24,6 @@
 #include "fragile_support.h"
 #include "tracer_support.h"
 
-static sgs_isa best_isa;
-
-static int prepare(void **state)
-{
-    (void)state;
-    best_isa = sgs_get_isa();
-    sgsi_threads_set(1);
-    return 0;
-}
-
-static int restore_isa(void **state)
-{
-    (void)state;
-    return sgs_set_isa(best_isa) != SGS_STATUS_OK;
-}
-
 // The tracer's ordered hits of a pixel, from its block's list and the primitives' records; the numbers in double.
 // Returns the number counted.
 static size_t traced_hits(const traced_view *traced, const traced_lists *lists, int x, int y, const double direction[3],
@@ -312,11 +296,11 @@ static void every_lens_equals_the_oracle(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test_teardown(random_scenes_equal_the_oracle_on_every_isa_and_lens, restore_isa),
+        cmocka_unit_test_teardown(random_scenes_equal_the_oracle_on_every_isa_and_lens, traced_restore),
         cmocka_unit_test(adversarial_scenes_equal_the_oracle),
         cmocka_unit_test(odd_sizes_equal_the_oracle),
         cmocka_unit_test(every_lens_equals_the_oracle),
         cmocka_unit_test(shifted_and_very_wide_lenses_equal_the_oracle),
     };
-    return cmocka_run_group_tests(tests, prepare, NULL);
+    return cmocka_run_group_tests(tests, traced_prepare, NULL);
 }

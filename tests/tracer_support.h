@@ -26,6 +26,32 @@ static inline double traced_worse(double worst, double error)
     return isnan(worst) || error <= worst ? worst : error;
 }
 
+// ---- Settings ----
+
+// The instruction set that the machine starts with.
+static inline sgs_isa *traced_best_isa(void)
+{
+    static sgs_isa best;
+    return &best;
+}
+
+// Of a group of tests: one thread.
+static inline int traced_prepare(void **state)
+{
+    (void)state;
+    *traced_best_isa() = sgs_get_isa();
+    sgsi_threads_set(1);
+    return 0;
+}
+
+// After a test that changes them.
+static inline int traced_restore(void **state)
+{
+    (void)state;
+    sgsi_threads_set(1);
+    return sgs_set_isa(*traced_best_isa()) != SGS_STATUS_OK;
+}
+
 // ---- Images ----
 
 // Planes with a sentinel in every float, so that a pixel nobody wrote and a write into the padding both show.

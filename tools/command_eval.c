@@ -128,45 +128,40 @@ static int evaluate_model(const char *ply_path, const json_t *exposures, const s
 
 int command_eval(int argc, char **argv)
 {
-    common_values common;
+    command_call call;
     scene_values data;
     drawing_values drawing;
     eval_values values = {0};
-    option_group groups[] = {{.title = "Evaluation",
-                              .options = eval_options,
-                              .count = sizeof eval_options / sizeof *eval_options,
-                              .values = &values},
-                             scene_group(&data),
-                             drawing_group(&drawing),
-                             common_group(&common)};
-    command_line line = {.command = "eval",
-                         .synopsis = "MODEL SCENE [options]",
-                         .description = description,
-                         .groups = groups,
-                         .group_count = sizeof groups / sizeof *groups,
-                         .operand_minimum = 2,
-                         .operand_maximum = 2};
-    int status = command_line_parse(&line, argc, argv);
-    if (status < 0)
-        status = common_apply(&common, &line);
+    const command_spec spec = {.name = "eval",
+                               .synopsis = "MODEL SCENE [options]",
+                               .description = description,
+                               .operand_minimum = 2,
+                               .operand_maximum = 2,
+                               .title = "Evaluation",
+                               .options = eval_options,
+                               .option_count = sizeof eval_options / sizeof *eval_options,
+                               .values = &values,
+                               .scene = &data,
+                               .drawing = &drawing};
+    int status = command_begin(&spec, argc, argv, &call);
     if (status >= 0)
         return status;
     interrupt_watch();
     model_path located;
     sgs_scene *scene = NULL;
     status = EXIT_FAILED;
-    if (model_locate(line.operands[0], &located)) {
-        status = scene_settle(&data, &line, located.config);
+    if (model_locate(call.line.operands[0], &located)) {
+        status = scene_settle(&data, &call.line, located.config);
         if (status < 0)
-            scene = scene_open(line.operands[1], &data, true);
+            scene = scene_open(call.line.operands[1], &data, true);
         if (status < 0 && scene) {
-            drawing_settle(&drawing, &line, located.config, scene);
-            char *path = format_text("%s/exposure.json", line.operands[0]);
+            drawing_settle(&drawing, &call.line, located.config, scene);
+            char *path = format_text("%s/exposure.json", call.line.operands[0]);
             bool damaged = false;
             json_t *exposures = json_is_true(config_option(located.config, "exposure")) ? exposure_read(path, &damaged) : NULL;
             if (!damaged)
                 status = evaluate_model(located.ply_path, exposures, scene, &drawing, &values,
-                                        option_given(&line, "split"), common.json);
+                                        option_given(&call.line, "split"), call.common.json);
             json_decref(exposures);
             free(path);
         }

@@ -196,28 +196,25 @@ static int experiment(const char *path, const experiment_values *values)
 
 int command_experiment(int argc, char **argv)
 {
-    common_values common;
+    command_call call;
     experiment_values values = {0};
-    option_group groups[] = {{.title = "Experiment",
-                              .options = experiment_options,
-                              .count = sizeof experiment_options / sizeof *experiment_options,
-                              .values = &values},
-                             common_group(&common)};
-    command_line line = {.command = "experiment",
-                         .synopsis = "PLAN.json -o DIR [options]",
-                         .description = description,
-                         .groups = groups,
-                         .group_count = sizeof groups / sizeof *groups,
-                         .operand_minimum = 1,
-                         .operand_maximum = 1};
-    int status = command_line_parse(&line, argc, argv);
+    const command_spec spec = {.name = "experiment",
+                               .synopsis = "PLAN.json -o DIR [options]",
+                               .description = description,
+                               .operand_minimum = 1,
+                               .operand_maximum = 1,
+                               .title = "Experiment",
+                               .options = experiment_options,
+                               .option_count = sizeof experiment_options / sizeof *experiment_options,
+                               .values = &values};
+    int status = command_parse(&spec, argc, argv, &call);
     if (status < 0 && !values.output)
-        status =
-            fail_usage("experiment needs -o DIR, the folder to write to; usage: sparegs experiment %s", line.synopsis);
+        status = fail_usage("experiment needs -o DIR, the folder to write to; usage: sparegs experiment %s",
+                            call.line.synopsis);
     if (status >= 0)
         return status;
     // Threads, instruction set and quiet are the runs' own: they may be given in the plan's options.
-    messages_set_quiet(common.quiet);
+    messages_set_quiet(call.common.quiet);
     interrupt_watch();
-    return experiment(line.operands[0], &values);
+    return experiment(call.line.operands[0], &values);
 }

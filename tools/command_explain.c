@@ -159,23 +159,18 @@ static int explain_point(const region_history *history, const double point[3], b
 
 int command_explain(int argc, char **argv)
 {
-    common_values common;
+    command_call call;
     explain_values values = {0};
-    option_group groups[] = {{.title = "Explanation",
-                              .options = explain_options,
-                              .count = sizeof explain_options / sizeof *explain_options,
-                              .values = &values},
-                             common_group(&common)};
-    command_line line = {.command = "explain",
-                         .synopsis = "OUT [options]",
-                         .description = description,
-                         .groups = groups,
-                         .group_count = sizeof groups / sizeof *groups,
-                         .operand_minimum = 1,
-                         .operand_maximum = 1};
-    int status = command_line_parse(&line, argc, argv);
-    if (status < 0)
-        status = common_apply(&common, &line);
+    const command_spec spec = {.name = "explain",
+                               .synopsis = "OUT [options]",
+                               .description = description,
+                               .operand_minimum = 1,
+                               .operand_maximum = 1,
+                               .title = "Explanation",
+                               .options = explain_options,
+                               .option_count = sizeof explain_options / sizeof *explain_options,
+                               .values = &values};
+    int status = command_begin(&spec, argc, argv, &call);
     double point[3];
     char rest;
     if (status < 0 && values.region &&
@@ -183,7 +178,7 @@ int command_explain(int argc, char **argv)
         status = fail_usage("--region takes a point X,Y,Z; '%s' is none", values.region);
     if (status >= 0)
         return status;
-    const char *folder = line.operands[0];
+    const char *folder = call.line.operands[0];
     char *config = format_text("%s/config.json", folder);
     const bool is_run = file_exists(config);
     free(config);
@@ -195,8 +190,8 @@ int command_explain(int argc, char **argv)
     if (!history.count)
         status = fail_run("%s: no structural update with SPARE-GS is recorded; train with --spare on", folder);
     else
-        status = values.region ? explain_point(&history, point, common.json)
-                               : explain_top(&history, values.top, common.json);
+        status = values.region ? explain_point(&history, point, call.common.json)
+                               : explain_top(&history, values.top, call.common.json);
     region_history_free(&history);
     return status;
 }

@@ -240,32 +240,30 @@ static void print_members(json_t *object, int indent)
 
 int command_info(int argc, char **argv)
 {
-    common_values common;
+    command_call call;
     scene_values data;
-    option_group groups[] = {scene_group(&data), common_group(&common)};
-    command_line line = {.command = "info",
-                         .synopsis = "MODEL|SCENE [options]",
-                         .description = description,
-                         .groups = groups,
-                         .group_count = sizeof groups / sizeof *groups,
-                         .operand_minimum = 1,
-                         .operand_maximum = 1};
-    int status = command_line_parse(&line, argc, argv);
+    const command_spec spec = {.name = "info",
+                               .synopsis = "MODEL|SCENE [options]",
+                               .description = description,
+                               .operand_minimum = 1,
+                               .operand_maximum = 1,
+                               .scene = &data};
+    int status = command_parse(&spec, argc, argv, &call);
     if (status < 0)
-        status = scene_settle(&data, &line, NULL);
+        status = scene_settle(&data, &call.line, NULL);
     if (status < 0)
-        status = common_apply(&common, &line);
+        status = common_apply(&call.common, &call.line);
     if (status >= 0)
         return status;
     json_t *root = json_object();
-    const char *path = line.operands[0];
+    const char *path = call.line.operands[0];
     const bool done = model_is(path) ? describe_model(path, root) : describe_scene(path, &data, root);
     if (!done) {
         json_decref(root);
         return EXIT_FAILED;
     }
     warnings_into(root);
-    if (common.json)
+    if (call.common.json)
         return print_json(root) ? EXIT_DONE : EXIT_FAILED;
     print_members(root, 0);
     json_decref(root);

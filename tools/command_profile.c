@@ -298,29 +298,24 @@ static int run_profile(const command_line *line, const profile_values *values, c
 
 int command_profile(int argc, char **argv)
 {
-    common_values common;
+    command_call call;
     scene_values data;
     drawing_values drawing;
     profile_values values = {0};
-    option_group groups[] = {{.title = "Profiling",
-                              .options = profile_options,
-                              .count = sizeof profile_options / sizeof *profile_options,
-                              .values = &values},
-                             drawing_group(&drawing),
-                             scene_group(&data),
-                             common_group(&common)};
-    command_line line = {.command = "profile",
-                         .synopsis = "MODEL SCENE [options]",
-                         .description = description,
-                         .groups = groups,
-                         .group_count = sizeof groups / sizeof *groups,
-                         .operand_minimum = 2,
-                         .operand_maximum = 2};
-    int status = command_line_parse(&line, argc, argv);
-    if (status < 0)
-        status = common_apply(&common, &line);
+    const command_spec spec = {.name = "profile",
+                               .synopsis = "MODEL SCENE [options]",
+                               .description = description,
+                               .operand_minimum = 2,
+                               .operand_maximum = 2,
+                               .title = "Profiling",
+                               .options = profile_options,
+                               .option_count = sizeof profile_options / sizeof *profile_options,
+                               .values = &values,
+                               .scene = &data,
+                               .drawing = &drawing};
+    const int status = command_begin(&spec, argc, argv, &call);
     if (status >= 0)
         return status;
     interrupt_watch();
-    return run_profile(&line, &values, &common, &data, &drawing);
+    return run_profile(&call.line, &values, &call.common, &data, &drawing);
 }

@@ -456,41 +456,38 @@ static int reconstruct(reconstruction *run, bool json)
 
 int command_reconstruct(int argc, char **argv)
 {
-    common_values common;
+    command_call call;
     reconstruct_values values = {0};
-    option_group groups[] = {{.title = "Reconstruction",
-                              .options = reconstruct_options,
-                              .count = sizeof reconstruct_options / sizeof *reconstruct_options,
-                              .values = &values},
-                             common_group(&common)};
-    command_line line = {.command = "reconstruct",
-                         .synopsis = "PHOTOS -o SCENE [options]",
-                         .description = description,
-                         .groups = groups,
-                         .group_count = sizeof groups / sizeof *groups,
-                         .operand_minimum = 1,
-                         .operand_maximum = 1};
-    int status = command_line_parse(&line, argc, argv);
+    const command_spec spec = {.name = "reconstruct",
+                               .synopsis = "PHOTOS -o SCENE [options]",
+                               .description = description,
+                               .operand_minimum = 1,
+                               .operand_maximum = 1,
+                               .title = "Reconstruction",
+                               .options = reconstruct_options,
+                               .option_count = sizeof reconstruct_options / sizeof *reconstruct_options,
+                               .values = &values};
+    int status = command_parse(&spec, argc, argv, &call);
     sgs_camera_model model;
     if (status < 0 && !values.output)
         status = fail_usage("reconstruct needs -o SCENE, the folder to write to; usage: sparegs reconstruct %s",
-                            line.synopsis);
+                            call.line.synopsis);
     if (status < 0 && !sgs_camera_model_from_name(values.camera_model, &model))
         status = fail_usage("--camera-model %s: COLMAP has no such model; common ones are SIMPLE_RADIAL, OPENCV and "
                             "OPENCV_FISHEYE",
                             values.camera_model);
     if (status < 0)
-        status = common_apply(&common, &line);
+        status = common_apply(&call.common, &call.line);
     if (status >= 0)
         return status;
     interrupt_watch();
     setenv("QT_QPA_PLATFORM", "offscreen", 1); // COLMAP links Qt, which wants a display otherwise
-    reconstruction run = {.values = &values, .photos = line.operands[0]};
+    reconstruction run = {.values = &values, .photos = call.line.operands[0]};
     run.work = format_text("%s/colmap", values.output);
     run.database = format_text("%s/database.db", run.work);
     run.models = format_text("%s/models", run.work);
     run.state_path = format_text("%s/state.json", run.work);
-    status = reconstruct(&run, common.json);
+    status = reconstruct(&run, call.common.json);
     json_decref(run.state);
     char *const strings[] = {run.photos_path, run.work, run.database, run.models, run.state_path};
     for (size_t i = 0; i < sizeof strings / sizeof *strings; ++i)

@@ -236,32 +236,29 @@ static int check_values(const command_line *line, const render_values *values, c
 
 int command_render(int argc, char **argv)
 {
-    common_values common;
+    command_call call;
     scene_values data;
     drawing_values drawing;
     render_values values = {0};
-    option_group groups[] = {{.title = "Rendering",
-                              .options = render_options,
-                              .count = sizeof render_options / sizeof *render_options,
-                              .values = &values},
-                             drawing_group(&drawing),
-                             scene_group(&data),
-                             common_group(&common)};
-    command_line line = {.command = "render",
-                         .synopsis = "MODEL SCENE|--camera FILE -o DIR [options]",
-                         .description = description,
-                         .groups = groups,
-                         .group_count = sizeof groups / sizeof *groups,
-                         .operand_minimum = 1,
-                         .operand_maximum = 2};
-    int status = command_line_parse(&line, argc, argv);
+    const command_spec spec = {.name = "render",
+                               .synopsis = "MODEL SCENE|--camera FILE -o DIR [options]",
+                               .description = description,
+                               .operand_minimum = 1,
+                               .operand_maximum = 2,
+                               .title = "Rendering",
+                               .options = render_options,
+                               .option_count = sizeof render_options / sizeof *render_options,
+                               .values = &values,
+                               .scene = &data,
+                               .drawing = &drawing};
+    int status = command_parse(&spec, argc, argv, &call);
     camera_choice choice;
     if (status < 0)
-        status = check_values(&line, &values, &choice);
+        status = check_values(&call.line, &values, &choice);
     if (status < 0)
-        status = common_apply(&common, &line);
+        status = common_apply(&call.common, &call.line);
     if (status >= 0)
         return status;
     interrupt_watch();
-    return run_render(&line, &values, &choice, &data, &drawing);
+    return run_render(&call.line, &values, &choice, &data, &drawing);
 }

@@ -118,8 +118,8 @@ static json_t *region_maps(const char *folder)
             snprintf(quota, sizeof quota, "%.3g", (double)r->quota);
             snprintf(slack, sizeof slack, "%.3g", (double)r->slack);
             snprintf(weight, sizeof weight, "%.3g", (double)r->weight);
-            json_array_append_new(cells, json_pack("[i,i,i,f,f,f]", (int)r->voxel, 0, (int)r->count, strtod(quota, NULL),
-                                                   strtod(slack, NULL), strtod(weight, NULL)));
+            json_array_append_new(cells, json_pack("[i,i,i,f,f,f]", (int)r->voxel, 0, (int)r->count,
+                                                   strtod(quota, NULL), strtod(slack, NULL), strtod(weight, NULL)));
         }
         json_array_append_new(
             maps, json_pack("{s:i,s:i,s:o}", "iteration", update->iteration, "grid", update->grid, "cells", cells));
@@ -335,25 +335,20 @@ static int report(const char *folder, const report_values *values)
 
 int command_report(int argc, char **argv)
 {
-    common_values common;
+    command_call call;
     report_values values = {0};
-    option_group groups[] = {{.title = "Report",
-                              .options = report_options,
-                              .count = sizeof report_options / sizeof *report_options,
-                              .values = &values},
-                             common_group(&common)};
-    command_line line = {.command = "report",
-                         .synopsis = "DIR [options]",
-                         .description = description,
-                         .groups = groups,
-                         .group_count = sizeof groups / sizeof *groups,
-                         .operand_minimum = 1,
-                         .operand_maximum = 1};
-    int status = command_line_parse(&line, argc, argv);
-    if (status < 0)
-        status = common_apply(&common, &line);
+    const command_spec spec = {.name = "report",
+                               .synopsis = "DIR [options]",
+                               .description = description,
+                               .operand_minimum = 1,
+                               .operand_maximum = 1,
+                               .title = "Report",
+                               .options = report_options,
+                               .option_count = sizeof report_options / sizeof *report_options,
+                               .values = &values};
+    const int status = command_begin(&spec, argc, argv, &call);
     if (status >= 0)
         return status;
     interrupt_watch();
-    return report(line.operands[0], &values);
+    return report(call.line.operands[0], &values);
 }

@@ -206,3 +206,30 @@ void drawing_settle(drawing_values *values, const command_line *line, const json
             values->background.rgb[c] = 1;
     }
 }
+
+int command_parse(const command_spec *spec, int argc, char **argv, command_call *call)
+{
+    size_t count = 0;
+    if (spec->option_count)
+        call->groups[count++] = (option_group){
+            .title = spec->title, .options = spec->options, .count = spec->option_count, .values = spec->values};
+    if (spec->drawing)
+        call->groups[count++] = drawing_group(spec->drawing);
+    if (spec->scene)
+        call->groups[count++] = scene_group(spec->scene);
+    call->groups[count++] = common_group(&call->common);
+    call->line = (command_line){.command = spec->name,
+                                .synopsis = spec->synopsis,
+                                .description = spec->description,
+                                .groups = call->groups,
+                                .group_count = count,
+                                .operand_minimum = spec->operand_minimum,
+                                .operand_maximum = spec->operand_maximum};
+    return command_line_parse(&call->line, argc, argv);
+}
+
+int command_begin(const command_spec *spec, int argc, char **argv, command_call *call)
+{
+    const int status = command_parse(spec, argc, argv, call);
+    return status < 0 ? common_apply(&call->common, &call->line) : status;
+}

@@ -53,3 +53,28 @@ typedef struct drawing_values {
 option_group drawing_group(drawing_values *values);
 // What the command line left open comes from the run's config, then from the scene.
 void drawing_settle(drawing_values *values, const command_line *line, const json_t *config, const sgs_scene *scene);
+
+// A command whose line is its own options, then those that it shares with others, then the common ones.
+typedef struct command_spec {
+    const char *name, *synopsis, *description; // "eval", "MODEL SCENE [options]", paragraphs
+    int operand_minimum, operand_maximum;
+    const char *title; // of its own options
+    const option *options;
+    size_t option_count;
+    void *values;            // of its own options
+    scene_values *scene;     // NULL: it takes no such options
+    drawing_values *drawing; // likewise
+} command_spec;
+
+enum { COMMAND_GROUPS = 4 };
+
+typedef struct command_call {
+    common_values common;
+    option_group groups[COMMAND_GROUPS];
+    command_line line;
+} command_call;
+
+// Parses argv into the values of the groups; `call` must not move afterwards. Returns -1 to go on, or an exit status.
+int command_parse(const command_spec *spec, int argc, char **argv, command_call *call);
+// The same, and applies the common options.
+int command_begin(const command_spec *spec, int argc, char **argv, command_call *call);

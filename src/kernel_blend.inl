@@ -49,7 +49,8 @@ typedef struct response {
     vm hit;
 } response;
 
-static inline response respond(const float *r, const block_rays *block)
+// far: hits beyond it (units of |d|) are none.
+static inline response respond(const float *r, const block_rays *block, vf far)
 {
     const vf a = vf_fma(block->v, vf_set1(r[2]), vf_fma(block->u, vf_set1(r[1]), vf_set1(r[0])));
     const vf b = vf_fma(block->v, vf_set1(r[5]), vf_fma(block->u, vf_set1(r[4]), vf_set1(r[3])));
@@ -63,7 +64,8 @@ static inline response respond(const float *r, const block_rays *block)
     x.b = vf_mul(b, c_g);
     const vf exponent = vf_sub(vf_set1(r[9]), x.e);
     x.t = vf_mul(vf_set1(r[11]), c_g);
-    x.hit = vm_and(vm_and(vf_ge(exponent, vf_set1(-SGSI_LOG2_255)), vf_gt(x.t, block->near)), block->valid);
+    x.hit = vm_and(vm_and(vf_ge(exponent, vf_set1(-SGSI_LOG2_255)), vf_gt(x.t, block->near)),
+                   vm_and(vf_le(x.t, far), block->valid));
     x.alpha = vf_keep(x.hit, vf_min(vf_exp2(exponent), vf_set1(ALPHA_MAX)));
     x.t = vf_select(x.hit, x.t, vf_set1(-INFINITY));
     return x;
@@ -167,18 +169,12 @@ static inline void order_group(const block_elements *el, uint32_t g, vf *prefix,
     *t_last = farthest;
 }
 
-// True when no element from `begin` on can lie in front of distance `stop` (units of |d|) in this block.
-static inline bool rest_is_hidden(const sgsi_scratch *s, const sgsi_tile_rays *rays, int b, uint32_t begin, float stop)
+// True when element r cannot lie in front of distance `stop` (units of |d|) in this block.
+static inline bool is_hidden(const float *r, const sgsi_tile_rays *rays, int b, float stop)
 {
-    const uint32_t *order = s->order + (size_t)b * s->capacity;
-    for (uint32_t i = begin; i < s->entry_count[b]; ++i) {
-        const float *r = s->tile_records + 16 * (size_t)order[i];
-        const float c_max = r[6] + r[7] * rays->block_u[b] + r[8] * rays->block_v[b] +
-                            fabsf(r[7]) * rays->block_half_u[b] + fabsf(r[8]) * rays->block_half_v[b];
-        if (!(r[11] > stop * 1.0001f * c_max * (1.0f + r[15] * r[15] * r[10])))
-            return false;
-    }
-    return true;
+    const float c_max = r[6] + r[7] * rays->block_u[b] + r[8] * rays->block_v[b] + fabsf(r[7]) * rays->block_half_u[b] +
+                        fabsf(r[8]) * rays->block_half_v[b];
+    return r[11] > stop * 1.0001f * c_max * (1.0f + r[15] * r[15] * r[10]);
 }
 
 static inline float largest_lane(vf x)
@@ -192,20 +188,31 @@ static inline float largest_lane(vf x)
 }
 
 // Evaluates the elements of a block in its order: alpha, t and T of each, the walk lengths; drops those that hit no
-// pixel and, when `may_stop`, those behind the point where all pixels are opaque. Returns the number kept.
+// pixel. Returns the number kept.
+// Where the product of a lane falls below the least T, the elements so far have made it opaque at the farthest of their
+// distances: hits beyond count for nothing and hide nothing that counts, so they are none. Once all lanes are, what
+// lies behind the last of them in the whole block is not even evaluated; records of the backward pass lack the bound for
+// that (`may_skip`), and were chosen already.
 static inline uint32_t evaluate_block(sgsi_scratch *s, const sgsi_tile_rays *rays, int b, const block_rays *block,
-                                      uint32_t *restrict order, uint32_t count, bool may_stop, bool keep_responses,
+                                      uint32_t *restrict order, uint32_t count, bool may_skip, bool keep_responses,
                                       uint64_t *evaluations)
 {
     const block_elements el = open_elements(s);
     const float *restrict records = s->tile_records;
-    vf prefix = vf_set1(1.0f), t_last = vf_set1(-INFINITY);
-    uint32_t kept = 0, ordered = 0, i = 0;
+    const vf open = vf_set1(INFINITY);
+    vf prefix = vf_set1(1.0f), t_last = vf_set1(-INFINITY), far = open;
+    float far_all = INFINITY;
+    uint32_t kept = 0, ordered = 0, i = 0, skipped = 0;
     put_sentinels(&el);
     while (i < count) {
         for (; i < count && kept < ordered + 2 * GROUP; ++i) {
             const uint32_t index = order[i];
-            const response x = respond(records + 16 * (size_t)index, block);
+            const float *r = records + 16 * (size_t)index;
+            if (may_skip && far_all < INFINITY && is_hidden(r, rays, b, far_all)) {
+                ++skipped;
+                continue;
+            }
+            const response x = respond(r, block, far);
             if (!vm_any(x.hit))
                 continue;
             order[kept] = index;
@@ -221,11 +228,13 @@ static inline uint32_t evaluate_block(sgsi_scratch *s, const sgsi_tile_rays *ray
             put_element(&el, k, vf_zero(), vf_set1(-INFINITY));
         for (; ordered < kept; ordered += GROUP)
             order_group(&el, ordered / GROUP, &prefix, &t_last);
-        if (may_stop && !vm_any(vm_and(block->valid, vf_ge(prefix, vf_set1(TRANSMITTANCE_MIN)))) &&
-            rest_is_hidden(s, rays, b, i, largest_lane(t_last)))
-            break;
+        const vm closes = vm_and(vf_lt(prefix, vf_set1(TRANSMITTANCE_MIN)), vf_ge(far, open));
+        if (vm_any(closes)) {
+            far = vf_select(closes, t_last, far);
+            far_all = largest_lane(vf_select(block->valid, far, vf_zero()));
+        }
     }
-    *evaluations += i;
+    *evaluations += count - skipped;
     return kept;
 }
 
@@ -260,13 +269,16 @@ typedef struct blended {
     vf color[3], transmittance, stop; // stop: distance of the hit that ended the ray, in units of |d|
 } blended;
 
-static inline blended blend_block(const sgsi_scratch *s, const uint32_t *order, uint32_t count)
+// `counted` receives the number of elements that count in some lane, moved to the front of `order`; NULL leaves it alone.
+static inline blended blend_block(const sgsi_scratch *s, uint32_t *order, uint32_t count, uint32_t *counted)
 {
     const block_elements el = open_elements(s);
     const vf one = vf_set1(1.0f), zero = vf_zero();
     blended out = {.color = {zero, zero, zero}, .transmittance = one, .stop = vf_set1(INFINITY)};
+    uint32_t kept = 0;
     for (uint32_t i = 0; i < count; ++i) {
-        const float *r = s->tile_records + 16 * (size_t)order[i] + SGSI_RECORD_COLOR;
+        const uint32_t index = order[i];
+        const float *r = s->tile_records + 16 * (size_t)index + SGSI_RECORD_COLOR;
         const vf alpha = vf_load(el.alpha + 16 * i), t = vf_load(el.t + 16 * i);
         const vf front = vf_load(el.transmittance + 16 * i), through = vf_sub(one, alpha);
         const vf back = vf_mul(front, through);
@@ -278,7 +290,13 @@ static inline blended blend_block(const sgsi_scratch *s, const uint32_t *order, 
         out.transmittance = vf_mul(out.transmittance, vf_select(counts, through, one));
         const vm hit = vf_gt(alpha, zero);
         out.stop = vf_min(vf_select(vm_andnot(hit, counts), t, vf_set1(INFINITY)), out.stop);
+        if (counted) {
+            order[kept] = index;
+            kept += vm_any(vm_and(hit, counts));
+        }
     }
+    if (counted)
+        *counted = kept;
     return out;
 }
 
@@ -296,7 +314,7 @@ static void tile_forward(sgsi_scratch *s, sgsi_tile_target *target)
         s->entry_count[b] = kept;
         if (rays->x + 4 * (b % 4) >= target->width || rays->y + 4 * (b / 4) >= target->height)
             continue;
-        const blended out = blend_block(s, order, kept);
+        const blended out = blend_block(s, order, kept, described ? NULL : &s->entry_count[b]);
         for (int c = 0; c < 3; ++c)
             store_block(target->color[c], target, b, out.color[c]);
         store_block(target->transmittance, target, b, out.transmittance);

@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The Embree side: one device per process, one scene with one user geometry per tree. The bounds callback
+// The Embree side: one device for all trees, one scene with one user geometry per tree. The bounds callback
 // copies boxes that a SIMD pass has computed (five times faster than computing them inside); the
 // "intersection" callback only notes the primitive's id and reports no hit, so traversal goes on to the end of
 // the ray. Refits need the two-level builder, that is a scene of quality LOW with a geometry that had the quality REFIT when
@@ -19,6 +19,7 @@
 
 #include "core.h"
 #include "embree_include.h"
+#include "threads.h"
 
 struct sgsi_bvh {
     RTCScene scene;
@@ -34,9 +35,11 @@ typedef struct gather_context {
     bool failed;
 } gather_context;
 
+// Lives as long as a tree does, so that trees of another number of threads find one of theirs.
 static RTCDevice device;
+static size_t device_users;
+static pthread_mutex_t device_lock = PTHREAD_MUTEX_INITIALIZER;
 static bool native_packets; // of sixteen rays
-static pthread_once_t device_once = PTHREAD_ONCE_INIT;
 static atomic_llong device_bytes;
 
 static bool count_bytes(void *user, ssize_t bytes, bool post)
@@ -47,13 +50,32 @@ static bool count_bytes(void *user, ssize_t bytes, bool post)
     return true;
 }
 
-static void create_device(void)
+static bool acquire_device(void)
 {
-    device = rtcNewDevice(NULL);
-    if (!device)
-        return;
-    rtcSetDeviceMemoryMonitorFunction(device, count_bytes, NULL);
-    native_packets = rtcGetDeviceProperty(device, RTC_DEVICE_PROPERTY_NATIVE_RAY16_SUPPORTED) != 0;
+    pthread_mutex_lock(&device_lock);
+    if (!device_users) {
+        char config[32]; // left alone Embree takes every core
+        snprintf(config, sizeof config, "threads=%d", sgsi_threads());
+        device = rtcNewDevice(config);
+        if (device) {
+            rtcSetDeviceMemoryMonitorFunction(device, count_bytes, NULL);
+            native_packets = rtcGetDeviceProperty(device, RTC_DEVICE_PROPERTY_NATIVE_RAY16_SUPPORTED) != 0;
+        }
+    }
+    const bool acquired = device != NULL;
+    device_users += acquired;
+    pthread_mutex_unlock(&device_lock);
+    return acquired;
+}
+
+static void release_device(void)
+{
+    pthread_mutex_lock(&device_lock);
+    if (!--device_users) {
+        rtcReleaseDevice(device);
+        device = NULL;
+    }
+    pthread_mutex_unlock(&device_lock);
 }
 
 static sgs_status embree_failure(const char *doing)
@@ -96,12 +118,13 @@ static void note_primitive(const struct RTCOccludedFunctionNArguments *arguments
 sgs_status sgsi_bvh_create(sgsi_bvh **bvh)
 {
     *bvh = NULL;
-    pthread_once(&device_once, create_device);
-    if (!device)
-        return sgsi_fail(SGS_STATUS_UNSUPPORTED, "Embree cannot start on this machine");
     sgsi_bvh *created = sgsi_calloc(1, sizeof *created);
     if (!created)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a BVH");
+    if (!acquire_device()) {
+        sgsi_free(created);
+        return sgsi_fail(SGS_STATUS_UNSUPPORTED, "Embree cannot start on this machine");
+    }
     *bvh = created;
     return SGS_STATUS_OK;
 }
@@ -122,6 +145,7 @@ void sgsi_bvh_destroy(sgsi_bvh *bvh)
         return;
     release_scene(bvh);
     sgsi_free(bvh);
+    release_device();
 }
 
 sgs_status sgsi_bvh_build(sgsi_bvh *bvh, const sgsi_bounds *bounds, size_t count, sgsi_bvh_quality quality)
@@ -206,8 +230,10 @@ static pthread_once_t version_once = PTHREAD_ONCE_INIT;
 
 static void make_version_text(void)
 {
-    pthread_once(&device_once, create_device);
-    const ssize_t version = device ? rtcGetDeviceProperty(device, RTC_DEVICE_PROPERTY_VERSION) : RTC_VERSION;
+    const bool acquired = acquire_device();
+    const ssize_t version = acquired ? rtcGetDeviceProperty(device, RTC_DEVICE_PROPERTY_VERSION) : RTC_VERSION;
+    if (acquired)
+        release_device();
     snprintf(version_text, sizeof version_text, "Embree %d.%d.%d", (int)(version / 10000), (int)(version / 100 % 100),
              (int)(version % 100));
 }

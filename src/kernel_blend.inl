@@ -169,12 +169,21 @@ static inline void order_group(const block_elements *el, uint32_t g, vf *prefix,
     *t_last = farthest;
 }
 
-// True when element r cannot lie in front of distance `stop` (units of |d|) in this block.
-static inline bool is_hidden(const float *r, const sgsi_tile_rays *rays, int b, float stop)
+// Drops from order[begin..count) what cannot lie in front of distance `stop` (units of |d|) in this block. Returns the new count.
+// Not inline: the loop that evaluates wants its registers.
+static __attribute__((noinline)) uint32_t drop_hidden(const float *records, const sgsi_tile_rays *rays, int b, float stop,
+                                                      uint32_t *order, uint32_t begin, uint32_t count)
 {
-    const float c_max = r[6] + r[7] * rays->block_u[b] + r[8] * rays->block_v[b] + fabsf(r[7]) * rays->block_half_u[b] +
-                        fabsf(r[8]) * rays->block_half_v[b];
-    return r[11] > stop * 1.0001f * c_max * (1.0f + r[15] * r[15] * r[10]);
+    const float u = rays->block_u[b], v = rays->block_v[b], half_u = rays->block_half_u[b], half_v = rays->block_half_v[b];
+    uint32_t kept = begin;
+    for (uint32_t i = begin; i < count; ++i) {
+        const uint32_t index = order[i];
+        const float *r = records + 16 * (size_t)index;
+        const float c_max = r[6] + r[7] * u + r[8] * v + fabsf(r[7]) * half_u + fabsf(r[8]) * half_v;
+        order[kept] = index;
+        kept += !(r[11] > stop * 1.0001f * c_max * (1.0f + r[15] * r[15] * r[10]));
+    }
+    return kept;
 }
 
 static inline float largest_lane(vf x)
@@ -191,28 +200,22 @@ static inline float largest_lane(vf x)
 // pixel. Returns the number kept.
 // Where the product of a lane falls below the least T, the elements so far have made it opaque at the farthest of their
 // distances: hits beyond count for nothing and hide nothing that counts, so they are none. Once all lanes are, what
-// lies behind the last of them in the whole block is not even evaluated; records of the backward pass lack the bound for
-// that (`may_skip`), and were chosen already.
+// lies behind the last of them in the whole block is not even evaluated; the lists of the backward pass were chosen
+// already (`may_drop`).
 static inline uint32_t evaluate_block(sgsi_scratch *s, const sgsi_tile_rays *rays, int b, const block_rays *block,
-                                      uint32_t *restrict order, uint32_t count, bool may_skip, bool keep_responses,
+                                      uint32_t *restrict order, uint32_t count, bool may_drop, bool keep_responses,
                                       uint64_t *evaluations)
 {
     const block_elements el = open_elements(s);
     const float *restrict records = s->tile_records;
     const vf open = vf_set1(INFINITY);
     vf prefix = vf_set1(1.0f), t_last = vf_set1(-INFINITY), far = open;
-    float far_all = INFINITY;
-    uint32_t kept = 0, ordered = 0, i = 0, skipped = 0;
+    uint32_t kept = 0, ordered = 0, i = 0;
     put_sentinels(&el);
     while (i < count) {
         for (; i < count && kept < ordered + 2 * GROUP; ++i) {
             const uint32_t index = order[i];
-            const float *r = records + 16 * (size_t)index;
-            if (may_skip && far_all < INFINITY && is_hidden(r, rays, b, far_all)) {
-                ++skipped;
-                continue;
-            }
-            const response x = respond(r, block, far);
+            const response x = respond(records + 16 * (size_t)index, block, far);
             if (!vm_any(x.hit))
                 continue;
             order[kept] = index;
@@ -231,10 +234,11 @@ static inline uint32_t evaluate_block(sgsi_scratch *s, const sgsi_tile_rays *ray
         const vm closes = vm_and(vf_lt(prefix, vf_set1(TRANSMITTANCE_MIN)), vf_ge(far, open));
         if (vm_any(closes)) {
             far = vf_select(closes, t_last, far);
-            far_all = largest_lane(vf_select(block->valid, far, vf_zero()));
+            if (may_drop && !vm_any(vm_and(block->valid, vf_ge(far, open))))
+                count = drop_hidden(records, rays, b, largest_lane(vf_keep(block->valid, far)), order, i, count);
         }
     }
-    *evaluations += count - skipped;
+    *evaluations += count;
     return kept;
 }
 

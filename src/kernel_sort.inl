@@ -68,9 +68,11 @@ static void rank_sort(const int32_t *keys, const uint32_t *values, uint32_t *out
 {
     int16_t narrow[RANK_SORT_MAX + 32] __attribute__((aligned(64)));
     uint16_t ranks[RANK_SORT_MAX + 32] __attribute__((aligned(64)));
+    int16_t least[RANK_SORT_MAX / 32], most[RANK_SORT_MAX / 32];
     for (uint32_t i = 0; i < count; i += 16)
         vi_store_i16(narrow + i, vi_load_u(keys + i));
-    simd_rank(narrow, ranks, count);
+    simd_extremes(narrow, count, least, most);
+    simd_rank(narrow, ranks, count, least, most);
     for (uint32_t i = 0; i < count; ++i)
         out[ranks[i]] = values[i];
 }

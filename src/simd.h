@@ -51,6 +51,21 @@ static inline float vf_sum(vf a)
     return x[0];
 }
 
+// Least and largest of every thirty-two keys.
+static inline void simd_extremes(const int16_t *keys, uint32_t count, int16_t *least, int16_t *most)
+{
+    for (uint32_t begin = 0; begin < count; begin += 32) {
+        const uint32_t end = begin + 32 < count ? begin + 32 : count;
+        int16_t low = INT16_MAX, high = INT16_MIN;
+        for (uint32_t i = begin; i < end; ++i) {
+            low = keys[i] < low ? keys[i] : low;
+            high = keys[i] > high ? keys[i] : high;
+        }
+        least[begin / 32] = low;
+        most[begin / 32] = high;
+    }
+}
+
 // 2^x for x in [-126, 126]: round to nearest integer n, then a degree-6 minimax polynomial on [-0.5, 0.5]. Relative
 // error below 1.2e-7 (tests/test_simd.c measures it against double). No special cases: NaN in, garbage out.
 static inline vf vf_exp2(vf x)

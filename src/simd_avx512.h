@@ -112,25 +112,36 @@ static inline unsigned vi_compress_store(int32_t *p, vm m, vi a)
 }
 
 // ranks[i] = the number of keys[0..count) that stand before keys[i] in ascending order, equal ones in the order of the array.
-// keys and ranks have room for a multiple of 32, 64-byte aligned.
-static inline void simd_rank(const int16_t *keys, uint16_t *ranks, uint32_t count)
+// keys and ranks have room for a multiple of 32, 64-byte aligned; least and most are the extremes of each 32 keys: chunks whose
+// ranges do not overlap are not compared, so nearly sorted keys cost little more than their own chunks.
+static inline void simd_rank(const int16_t *keys, uint16_t *ranks, uint32_t count, const int16_t *least, const int16_t *most)
 {
     const __m512i one = _mm512_set1_epi16(1);
-    for (uint32_t begin = 0; begin < count; begin += 32) {
-        const uint32_t end = begin + 32 < count ? begin + 32 : count;
+    for (uint32_t c = 0; 32 * c < count; ++c) {
+        const uint32_t begin = 32 * c, end = begin + 32 < count ? begin + 32 : count;
         const __m512i key = _mm512_load_si512(keys + begin);
+        short in_front = 0;
         __m512i rank = _mm512_setzero_si512();
-        for (uint32_t j = 0; j < begin; ++j)
-            rank = _mm512_mask_add_epi16(rank, _mm512_cmple_epi16_mask(_mm512_set1_epi16(keys[j]), key), rank, one);
+        for (uint32_t d = 0; d < c; ++d) {
+            if (most[d] <= least[c]) {
+                in_front += 32;
+                continue;
+            }
+            for (uint32_t j = 32 * d; j < 32 * d + 32; ++j)
+                rank = _mm512_mask_add_epi16(rank, _mm512_cmple_epi16_mask(_mm512_set1_epi16(keys[j]), key), rank, one);
+        }
         for (uint32_t j = begin; j < end; ++j) { // of equal keys the earlier one comes first
             const __m512i other = _mm512_set1_epi16(keys[j]);
             const __mmask32 later = (__mmask32)(0xFFFFFFFEu << (j - begin));
             const __mmask32 before = _mm512_cmplt_epi16_mask(other, key) | (_mm512_cmpeq_epi16_mask(other, key) & later);
             rank = _mm512_mask_add_epi16(rank, before, rank, one);
         }
-        for (uint32_t j = end; j < count; ++j)
-            rank = _mm512_mask_add_epi16(rank, _mm512_cmplt_epi16_mask(_mm512_set1_epi16(keys[j]), key), rank, one);
-        _mm512_store_si512(ranks + begin, rank);
+        for (uint32_t d = c + 1; 32 * d < count; ++d) {
+            const uint32_t last = 32 * d + 32 < count ? 32 * d + 32 : count;
+            for (uint32_t j = 32 * d; least[d] < most[c] && j < last; ++j)
+                rank = _mm512_mask_add_epi16(rank, _mm512_cmplt_epi16_mask(_mm512_set1_epi16(keys[j]), key), rank, one);
+        }
+        _mm512_store_si512(ranks + begin, _mm512_add_epi16(rank, _mm512_set1_epi16(in_front)));
     }
 }
 

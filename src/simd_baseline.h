@@ -117,8 +117,12 @@ static inline unsigned vi_compress_store(int32_t *p, vm m, vi a)
 }
 
 // ranks[i] = the number of keys[0..count) that stand before keys[i] in ascending order, equal ones in the order of the array.
-static inline void simd_rank(const int16_t *keys, uint16_t *ranks, uint32_t count)
+// keys and ranks have room for a multiple of 32, 64-byte aligned; least and most are the extremes of each 32 keys: chunks whose
+// ranges do not overlap are not compared, so nearly sorted keys cost little more than their own chunks.
+static inline void simd_rank(const int16_t *keys, uint16_t *ranks, uint32_t count, const int16_t *least, const int16_t *most)
 {
+    (void)least;
+    (void)most;
     for (uint32_t i = 0; i < count; ++i) {
         uint32_t rank = 0;
         for (uint32_t j = 0; j < count; ++j)

@@ -55,6 +55,8 @@ enum {
 // Rows of `integers`.
 enum { PROBE_IADD, PROBE_ISUB, PROBE_SLL, PROBE_SRA, PROBE_ROUND, PROBE_BITS, PROBE_ISET1, PROBE_INTEGER_COUNT };
 
+enum { PROBE_KEYS_MAX = 512 };
+
 typedef struct simd_probe {
     const char *name;
     void (*exp2)(const float *x, float *y, size_t count); // count: a multiple of 16
@@ -72,7 +74,7 @@ typedef struct simd_probe {
     void (*load_u8)(const uint8_t *p, float out[16]); // p: any address
     unsigned (*compress)(const int32_t *p, unsigned mask, int32_t *out); // out: [16], any address
     void (*narrow)(const int32_t *p, int16_t *out);                      // out: [16], any address
-    void (*rank)(const int16_t *keys, uint16_t *ranks, uint32_t count);
+    void (*rank)(const int16_t *keys, uint16_t *ranks, uint32_t count); // count <= PROBE_KEYS_MAX
 } simd_probe;
 
 extern const simd_probe simd_probe_baseline, simd_probe_avx2, simd_probe_avx512;

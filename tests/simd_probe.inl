@@ -124,7 +124,9 @@ static void probe_narrow(const int32_t *p, int16_t *out)
 
 static void probe_rank(const int16_t *keys, uint16_t *ranks, uint32_t count)
 {
-    simd_rank(keys, ranks, count);
+    int16_t least[PROBE_KEYS_MAX / 32], most[PROBE_KEYS_MAX / 32];
+    simd_extremes(keys, count, least, most);
+    simd_rank(keys, ranks, count, least, most);
 }
 
 const simd_probe SGSI_KERNEL(simd_probe) = {

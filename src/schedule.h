@@ -20,6 +20,7 @@ typedef struct sgsi_schedule {
     int resolution_from, resolution_interval; // when the size of the images may change: after the first, every so often
     int check_interval;              // SPARE-GS's equilibrium checks
     double loss_decay;               // of the loss average behind those checks
+    double threshold_factor;         // on the pipeline's gradient threshold
 } sgsi_schedule;
 
 // train_views: number of training views (an average of the loss spans at least one epoch).

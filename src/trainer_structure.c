@@ -43,9 +43,10 @@ float sgsi_trainer_opacity_rate(const sgs_trainer *trainer, int iteration)
     return frozen && iteration >= trainer->schedule.densify_until ? 0.0f : trainer->pipeline->rate_opacity;
 }
 
-static spare_options spare_settings(const sgs_train_options *o)
+static spare_options spare_settings(const sgs_train_options *o, double gradient_threshold)
 {
     spare_options spare = spare_options_default();
+    spare.tau_gradient = gradient_threshold;
     spare.grid = o->spare_grid;
     spare.tau_alpha = o->spare_tau_alpha;
     spare.phi = (spare_phi)o->spare_phi;
@@ -62,7 +63,7 @@ sgs_status sgsi_trainer_update_structure(sgs_trainer *trainer, int iteration, sg
     const sgs_train_options *o = &trainer->options;
     const sgsi_schedule *schedule = &trainer->schedule;
     sgsi_progress *progress = &trainer->progress;
-    const double extent = trainer->scene->extent;
+    const double extent = trainer->scene->extent, gradient_threshold = 2e-4 * schedule->threshold_factor;
     const bool rests = spare_pruning_rests(iteration, progress->last_reset, schedule->densify_interval);
     const bool final_prune = !sgsi_schedule_is_structural(schedule, iteration);
     if (trainer->pipeline->score_views) {
@@ -82,7 +83,7 @@ sgs_status sgsi_trainer_update_structure(sgs_trainer *trainer, int iteration, sg
                                           .final_prune = final_prune,
                                           .importance = trainer->scores.importance,
                                           .expendable = trainer->scores.expendable,
-                                          .gradient_threshold = 2e-4,
+                                          .gradient_threshold = gradient_threshold,
                                           .opacity_min = 0.005,
                                           .size_split = 0.01 * extent,
                                           .size_max = iteration > schedule->reset_interval ? 0.1 * extent : INFINITY,
@@ -91,7 +92,7 @@ sgs_status sgsi_trainer_update_structure(sgs_trainer *trainer, int iteration, sg
                                           .iteration = iteration,
                                           .spare_densify = (o->spare & SGS_SPARE_BMD) && !final_prune,
                                           .spare_prune = (o->spare & SGS_SPARE_RAP) && !rests && !final_prune,
-                                          .spare = spare_settings(o)};
+                                          .spare = spare_settings(o, gradient_threshold)};
     sgsi_density_result result;
     sgs_status status = sgsi_density_update(trainer->model, &trainer->m, &trainer->v, &trainer->statistics, &options, &result);
     sgsi_free((void *)trainer->regions.regions);

@@ -131,7 +131,7 @@ static inline void order_group(const block_elements *el, uint32_t g, vf *prefix,
     for (int i = 0; i < GROUP; ++i) {
         through[i] = load_through(el, first + i);
         const vf t = vf_load(el->t + 16 * (first + i));
-        nearest = vf_min(vf_select(vf_gt(t, vf_zero()), t, vf_set1(INFINITY)), nearest);
+        nearest = vf_min_where(vf_gt(t, vf_zero()), nearest, t);
         farthest = vf_max(farthest, t);
         all = vf_mul(all, through[i]);
     }
@@ -291,9 +291,9 @@ static inline blended blend_block(const sgsi_scratch *s, uint32_t *order, uint32
         out.color[0] = vf_fma(w, vf_set1(r[0]), out.color[0]);
         out.color[1] = vf_fma(w, vf_set1(r[1]), out.color[1]);
         out.color[2] = vf_fma(w, vf_set1(r[2]), out.color[2]);
-        out.transmittance = vf_mul(out.transmittance, vf_select(counts, through, one));
+        out.transmittance = vf_mul_where(counts, out.transmittance, through);
         const vm hit = vf_gt(alpha, zero);
-        out.stop = vf_min(vf_select(vm_andnot(hit, counts), t, vf_set1(INFINITY)), out.stop);
+        out.stop = vf_min_where(vm_andnot(hit, counts), out.stop, t);
         if (counted) {
             order[kept] = index;
             kept += vm_any(vm_and(hit, counts));

@@ -164,6 +164,7 @@ static inline void vf_transpose16(vf r[16])
 static inline vf vf_mul_where(vm m, vf a, vf b) { return vf_select(m, vf_mul(a, b), a); }
 static inline vf vf_add_where(vm m, vf a, vf b) { return vf_select(m, vf_add(a, b), a); }
 static inline vf vf_sub_where(vm m, vf a, vf b) { return vf_select(m, vf_sub(a, b), a); }
+static inline vf vf_min_where(vm m, vf a, vf b) { return vf_select(m, vf_min(a, b), a); }
 
 // Writes the lanes of m together to p and returns their number. All sixteen words from p on may be overwritten.
 static inline unsigned vi_compress_store(int32_t *p, vm m, vi x)

@@ -103,6 +103,7 @@ static inline void vf_transpose16(vf r[16])
 static inline vf vf_mul_where(vm m, vf a, vf b) { return _mm512_mask_mul_ps(a, m, a, b); }
 static inline vf vf_add_where(vm m, vf a, vf b) { return _mm512_mask_add_ps(a, m, a, b); }
 static inline vf vf_sub_where(vm m, vf a, vf b) { return _mm512_mask_sub_ps(a, m, a, b); }
+static inline vf vf_min_where(vm m, vf a, vf b) { return _mm512_mask_min_ps(a, m, a, b); }
 
 // Writes the lanes of m together to p and returns their number. All sixteen words from p on may be overwritten.
 static inline unsigned vi_compress_store(int32_t *p, vm m, vi a)

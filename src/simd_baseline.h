@@ -105,6 +105,7 @@ static inline void vf_transpose16(vf r[16])
 static inline vf vf_mul_where(vm m, vf a, vf b) { SGSI_LANES(vf, m.x[i] ? a.x[i] * b.x[i] : a.x[i]); }
 static inline vf vf_add_where(vm m, vf a, vf b) { SGSI_LANES(vf, m.x[i] ? a.x[i] + b.x[i] : a.x[i]); }
 static inline vf vf_sub_where(vm m, vf a, vf b) { SGSI_LANES(vf, m.x[i] ? a.x[i] - b.x[i] : a.x[i]); }
+static inline vf vf_min_where(vm m, vf a, vf b) { SGSI_LANES(vf, m.x[i] && b.x[i] < a.x[i] ? b.x[i] : a.x[i]); }
 
 // Writes the lanes of m together to p and returns their number. All sixteen words from p on may be overwritten.
 static inline unsigned vi_compress_store(int32_t *p, vm m, vi a)

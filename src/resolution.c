@@ -258,7 +258,7 @@ sgs_status sgsi_image8_triangle(const sgs_image8 *image, int scale, sgs_image8 *
         *out = (sgs_image8){0};
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for an image of %dx%d pixels", width, height);
     }
-    float weights[4 * SCALE_MAX + 4] = {0};
+    float weights[4 * SCALE_MAX + 4] = {0}, across[4 * SCALE_MAX + 4] = {0};
     for (int c = 0; c < image->channels; ++c)
         for (int y = 0; y < height; ++y) {
             int first;
@@ -270,7 +270,7 @@ sgs_status sgsi_image8_triangle(const sgs_image8 *image, int scale, sgs_image8 *
                         weights[k] *
                         (float)image->pixels[(size_t)c * from + (size_t)(first + k) * (size_t)image->width + (size_t)x];
             for (int x = 0; x < width; ++x) {
-                float across[4 * SCALE_MAX + 4], sum = 0.0f;
+                float sum = 0.0f;
                 int left;
                 const int columns = triangle_weights(x, (double)image->width / width, image->width, across, &left);
                 for (int k = 0; k < columns; ++k)

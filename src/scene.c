@@ -446,6 +446,7 @@ static sgs_status keep_readable_views(loader *l)
         reduced = reduced || (l->options->downscale == 0 && s->width != s->file_width);
         scene->has_alpha |= s->channels == 4 && l->options->alpha == SGS_ALPHA_OVER;
         scene->masks += view->mask_path != NULL;
+        scene->photo_bytes += s->bytes;
         if (l->limited) {
             l->sources[kept] = source_of(l, i);
             l->bytes[kept] = s->bytes;

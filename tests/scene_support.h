@@ -254,7 +254,7 @@ static inline void model_points_binary(const model *m, buffer *b)
     put_integer(b, (uint64_t)m->point_count, 8);
     for (int i = 0; i < m->point_count; ++i) {
         const model_point *p = &m->points[i];
-        put_integer(b, (uint64_t)(10 + i), 8);
+        put_integer(b, 10 + (uint64_t)i, 8);
         for (int k = 0; k < 3; ++k)
             put_double(b, p->xyz[k]);
         put_bytes(b, p->rgb, 3);

@@ -102,6 +102,7 @@ static inline void traced_assert_same_image(const sgsi_planes *a, const sgsi_pla
         for (int y = 0; y < a->height; ++y)
             for (size_t x = 0; x < a->stride; ++x) {
                 const size_t i = (size_t)y * a->stride + x;
+                // NOLINTNEXTLINE(bugprone-suspicious-memory-comparison,cert-*): bits
                 if (memcmp(traced_plane(a, k) + i, traced_plane(b, k) + i, sizeof(float)))
                     fail_msg("%s: %s of pixel (%zu, %d) is %.9g, not %.9g", what, traced_plane_name(k), x, y,
                              traced_plane(b, k)[i], traced_plane(a, k)[i]);

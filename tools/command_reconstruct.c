@@ -156,7 +156,7 @@ static void follow_log(void *context, const char *text)
         progress_count(progress->label, done, total);
     else if ((at = strstr(text, "Matching image [")) && sscanf(at + 16, "%zu/%zu", &done, &total) == 2)
         progress_count(progress->label, done, total);
-    else if ((at = strstr(text, "Registering image #")))
+    else if (strstr(text, "Registering image #"))
         progress_count(progress->label, ++progress->done < progress->photos ? progress->done : progress->photos,
                        progress->photos);
     else if ((at = strstr(text, "Mean reprojection error: ")) && sscanf(at + 25, "%lf", &error) == 1)

@@ -46,7 +46,8 @@ typedef struct training {
     sgs_stop_reason stop;
     // kept when the trainer is gone
     int iterations;
-    size_t gaussians;
+    size_t gaussians, most_gaussians;
+    size_t memory_estimate; // with the most primitives
     char *stop_text;
     sgs_train_seconds seconds;
     sgs_train_bytes bytes;
@@ -77,6 +78,24 @@ static bool load_scene(training *run, bool background_given)
     return true;
 }
 
+enum { CHECKPOINT_BYTES = 720 }; // per primitive
+
+// Primitives to begin with: of the checkpoint that is continued, of --init, or of the scene.
+static size_t first_primitives(const training *run, const sgs_scene *scene)
+{
+    size_t count = run->values.resume ? run_folder_checkpoint_bytes(&run->folder) / CHECKPOINT_BYTES : 0;
+    model_path located;
+    if (!count && run->values.init && model_locate(run->values.init, &located)) {
+        sgs_gaussians *init = NULL;
+        count = sgs_ply_read(located.ply_path, &init) ? 0 : init->count; // told later when it cannot be read
+        sgs_gaussians_destroy(init);
+        model_path_free(&located);
+    }
+    if (count)
+        return count;
+    return scene->point_count ? scene->point_count : (size_t)run->values.random_points;
+}
+
 // Before the images are loaded: what will they and the first model take?
 static bool memory_suffices(const training *run)
 {
@@ -86,7 +105,7 @@ static bool memory_suffices(const training *run)
     if (!scene)
         return false;
     const sgs_train_options options = train_library_options(&run->values, run->common.seed);
-    const size_t count = scene->point_count ? scene->point_count : (size_t)run->values.random_points;
+    const size_t count = first_primitives(run, scene);
     const size_t cache = (size_t)run->data.cache_bytes;
     const double without = (double)sgs_train_memory(scene, &options, cache, 0);
     const double needed = (double)sgs_train_memory(scene, &options, cache, count);
@@ -244,7 +263,7 @@ static void save_due(training *run, int iteration)
 // An iteration more, then saving, might end after the limit.
 static bool time_is_up(const training *run)
 {
-    enum { CHECKPOINT_BYTES = 720, SLOW_DISK = 100000000 }; // per primitive; per second
+    enum { SLOW_DISK = 100000000 }; // bytes per second
     const double left = run->started + run->values.time_limit - clock_seconds();
     const double expected = (double)sgs_trainer_model(run->trainer)->count * CHECKPOINT_BYTES / SLOW_DISK;
     const double saving = fmax(run->folder.checkpoint_seconds, expected);
@@ -296,6 +315,7 @@ static bool iterate(training *run, trace_file *trace)
             return false;
         }
         run->stop = info.stop;
+        run->most_gaussians = info.gaussians > run->most_gaussians ? info.gaussians : run->most_gaussians;
         if (trace)
             record_trace(run, trace, start, &before, &info);
         const sgs_regions regions = sgs_trainer_regions(run->trainer);
@@ -330,6 +350,9 @@ static bool save_results(training *run)
     run->skipped = sgs_trainer_skipped(run->trainer);
     run->stop_text = format_text("%s", sgs_trainer_stop_text(run->trainer));
     sgs_gaussians_hash(model, run->hash);
+    const sgs_train_options options = train_library_options(&run->values, run->common.seed);
+    run->memory_estimate = sgs_train_memory(run->scene, &options, (size_t)run->data.cache_bytes,
+                                            run->most_gaussians > model->count ? run->most_gaussians : model->count);
     if (!run->iterations)
         return true;
     bool saved = save_model(run, run->iterations);
@@ -397,6 +420,7 @@ static json_t *summary_json(const training *run)
     json_object_set_new(summary, "threads", json_integer(sgs_threads()));
     json_object_set_new(summary, "isa", json_string(sgs_isa_name(sgs_get_isa())));
     json_object_set_new(summary, "peak_rss_bytes", json_integer((json_int_t)sgs_peak_rss()));
+    json_object_set_new(summary, "memory_estimate_bytes", json_integer((json_int_t)run->memory_estimate));
     json_object_set_new(summary, "model_hash", json_string(run->hash));
     json_object_set_new(summary, "seed", json_integer((json_int_t)run->common.seed));
     return summary;

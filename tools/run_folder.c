@@ -15,6 +15,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/file.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include "output.h"
@@ -247,6 +248,15 @@ bool run_folder_save_checkpoint(run_folder *folder, const sgs_trainer *trainer)
     if (saved && seconds > folder->checkpoint_seconds)
         folder->checkpoint_seconds = seconds;
     return saved;
+}
+
+size_t run_folder_checkpoint_bytes(const run_folder *folder)
+{
+    char *path = checkpoint_path(folder, "");
+    struct stat info;
+    const size_t bytes = stat(path, &info) ? 0 : (size_t)info.st_size;
+    free(path);
+    return bytes;
 }
 
 // 1 loaded, 0 it is not there, -1 it is damaged, -2 it is whole and of another run (printed).

@@ -90,6 +90,7 @@ typedef struct sgs_scene {
     size_t images_unposed;  // files in the image folder without a pose (ignored)
     size_t masks;           // views with a mask file
     size_t pixels_broken;   // pixels of the photographs that hold no number (ignored)
+    size_t photo_bytes;     // that all photographs take in memory, whether they are there or not; 0 with cameras_only
     struct sgs_scene_store *store; // internal: the image cache; NULL = all photographs are in `views`
     sgs_space space;        // of photographs and trained colours
     double white;           // linear light that is 1 in them; 1 where no file is linear

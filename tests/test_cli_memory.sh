@@ -1,0 +1,40 @@
+#!/usr/bin/env bash
+# SPDX-FileCopyrightText: 2026 The sparegs authors
+# SPDX-License-Identifier: Apache-2.0
+
+# The estimate that --max-memory goes by is within 20 % of the peak memory of trainings with 8-bit and with half-float
+# photographs, with SPARE-GS and checkpoints and without, and refined; it counts what a run continues.
+set -euo pipefail
+. "$(dirname "$0")/cli_support.sh"
+if grep -qE '^SPAREGS_SANITIZE:[A-Z]*=.' "$SPAREGS_BUILD/CMakeCache.txt"; then
+    echo "a sanitizer keeps its own books; nothing to compare"
+    exit 0
+fi
+mkdir -p "$temporary/hdr/images"
+cp -r "$room/sparse" "$temporary/hdr/"
+for photo in "$room"/images/*.jpg; do
+    oiiotool "$photo" --colorconvert sRGB linear -d half -o "$temporary/hdr/images/$(basename "${photo%.jpg}").exr"
+done
+
+# near NAME ARGUMENT...: trains, then compares.
+near() {
+    local name=$1
+    shift
+    run 0 train "$@" -o "$temporary/$name" --threads 2 --quiet
+    jq -r --arg name "$name" '"\($name): estimated \(.memory_estimate_bytes / 1e6 | floor) MB, peak \(.peak_rss_bytes / 1e6 | floor) MB, \(.memory_estimate_bytes / .peak_rss_bytes * 100 | floor) %"' \
+        "$temporary/$name/summary.json"
+    json "$temporary/$name/summary.json" '.memory_estimate_bytes / .peak_rss_bytes | . > 0.8 and . < 1.2'
+}
+near bytes "$room" --iterations 10 --spare off --checkpoint-every 0
+near halves "$temporary/hdr" --iterations 20 --spare on --checkpoint-every 10
+near small "$room" --downscale 8 --iterations 150 --spare on
+near refined "$room" --downscale 4 --iterations 30 --init "$temporary/small"
+
+# the_estimate_knows_what_it_continues: the model of `small` has more primitives than the scene has points
+points=$(jq .gaussians "$temporary/small/summary.json")
+run 1 train "$room" --downscale 4 --iterations 30 --init "$temporary/small" -o "$temporary/refused" --max-memory 20M
+says "the first $points primitives"
+run 1 train "$room" --downscale 8 --iterations 150 --spare on --resume -o "$temporary/small" --max-memory 20M
+check resume_counts_the_checkpoint test "$(grep -oE 'the first [0-9]+ primitives' "$temporary/stderr" | grep -oE '[0-9]+')" \
+    -gt $((points * 95 / 100))
+finish

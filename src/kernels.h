@@ -122,7 +122,7 @@ typedef struct sgsi_kernels {
     size_t (*tile_filter)(sgsi_scratch *scratch, const sgsi_tile_rays *rays, size_t candidate_count, float far);
     // Block lists in the order of the block's centre ray.
     void (*tile_sort)(sgsi_scratch *scratch, const sgsi_tile_rays *rays, size_t count);
-    // Blends all blocks; compacts each block's list to the elements that hit.
+    // Blends all blocks; compacts each block's list to the elements that count in some pixel.
     void (*tile_forward)(sgsi_scratch *scratch, sgsi_tile_target *target);
     // Adds to scratch->sums[0..count) for the lists of `list`.
     void (*tile_backward)(sgsi_scratch *scratch, const sgsi_tile_list *list, sgsi_tile_target *target);

@@ -98,11 +98,9 @@ sgs_status sgsi_prune_stochastic(const sgsi_density_options *options, sgsi_densi
     sgs_status status = stays && chosen ? SGS_STATUS_OK : SGS_STATUS_OUT_OF_MEMORY;
     size_t outlived = 0;
     for (size_t i = 0; i < c->count && !status; ++i) {
-        const bool split = c->action[i] == SGSI_ACTION_SPLIT;
-        const bool old =
-            sgsi_density_outlived(options, c->opacity[i], split ? c->scale_max[i] / 1.6f : c->scale_max[i]);
-        outlived += old ? (c->action[i] == SGSI_ACTION_KEEP ? 1 : 2) : 0;
-        stays[i] = !split;
+        if (sgsi_density_outlived_after(options, c, i))
+            outlived += c->action[i] == SGSI_ACTION_KEEP ? 1 : 2;
+        stays[i] = c->action[i] != SGSI_ACTION_SPLIT;
     }
     const uint64_t seed = sgsi_random_bits(options->seed ^ 0x9A0E, (uint64_t)options->iteration);
     if (!status)

@@ -89,6 +89,19 @@ static inline bool sgsi_density_outlived(const sgsi_density_options *options, fl
     return opacity < (float)options->opacity_min || scale_max > (float)options->size_max;
 }
 
+// The same on what row i's action, decided already, leaves of it: the children of a split are 1.6 times shorter.
+static inline bool sgsi_density_outlived_after(const sgsi_density_options *options, const sgsi_density_columns *columns, size_t i)
+{
+    const bool split = columns->action[i] == SGSI_ACTION_SPLIT;
+    return sgsi_density_outlived(options, columns->opacity[i], split ? columns->scale_max[i] / 1.6f : columns->scale_max[i]);
+}
+
+// How a row grows: longer than `size` it splits, else it is cloned.
+static inline sgsi_action sgsi_density_growth(bool grows, float scale_max, float size)
+{
+    return !grows ? SGSI_ACTION_KEEP : scale_max > size ? SGSI_ACTION_SPLIT : SGSI_ACTION_CLONE;
+}
+
 // Counts a decision that w reversed.
 static inline void sgsi_density_count_reversal(bool native, bool weighted, sgsi_density_result *result)
 {

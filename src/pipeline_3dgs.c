@@ -12,10 +12,10 @@ static sgs_status decide(const sgsi_density_options *options, sgsi_density_colum
     const float threshold = (float)options->gradient_threshold;
     for (size_t i = 0; i < c->count; ++i) {
         c->priority[i] = c->score[i] * c->weight[i];
-        const bool grows = c->priority[i] >= threshold, large = c->scale_max[i] > (float)options->size_split;
-        c->action[i] = !grows ? SGSI_ACTION_KEEP : large ? SGSI_ACTION_SPLIT : SGSI_ACTION_CLONE;
+        const bool grows = c->priority[i] >= threshold;
+        c->action[i] = sgsi_density_growth(grows, c->scale_max[i], (float)options->size_split);
         c->removed[i] = sgsi_density_outlived(options, c->opacity[i], c->scale_max[i]);
-        c->barren[i] = sgsi_density_outlived(options, c->opacity[i], large ? c->scale_max[i] / 1.6f : c->scale_max[i]);
+        c->barren[i] = sgsi_density_outlived_after(options, c, i);
         sgsi_density_count_reversal(c->score[i] >= threshold, grows, result);
     }
     return SGS_STATUS_OK;

@@ -65,9 +65,7 @@ static sgs_status decide(const sgsi_density_options *options, sgsi_density_colum
         const bool grows = chosen[i] && c->priority[i] >= threshold;
         sgsi_density_count_reversal(left[i] && c->score[i] >= threshold, left[i] && c->priority[i] >= threshold,
                                     result);
-        c->action[i] = !grows                                         ? SGSI_ACTION_KEEP
-                       : c->scale_max[i] > (float)options->size_split ? SGSI_ACTION_SPLIT
-                                                                      : SGSI_ACTION_CLONE;
+        c->action[i] = sgsi_density_growth(grows, c->scale_max[i], (float)options->size_split);
     }
     const double m = (double)options->state->momentum;
     options->state->momentum = (int64_t)fmax(m, trunc(momentum_decay * m + fmin(momentum_step, (double)pulled)));

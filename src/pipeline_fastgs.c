@@ -41,7 +41,7 @@ static void decide_growth(const sgsi_density_options *options, sgsi_density_colu
         const bool grows = gradient * (on_gradient ? c->weight[i] : 1.0f) >= threshold && vote > vote_needed;
         sgsi_density_count_reversal(gradient >= threshold && floorf(options->importance[i]) > vote_needed, grows,
                                     result);
-        c->action[i] = !grows ? SGSI_ACTION_KEEP : large ? SGSI_ACTION_SPLIT : SGSI_ACTION_CLONE;
+        c->action[i] = sgsi_density_growth(grows, c->scale_max[i], size);
     }
 }
 

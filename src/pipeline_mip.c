@@ -52,11 +52,10 @@ static sgs_status decide(const sgsi_density_options *options, sgsi_density_colum
         const float w = c->weight[i], share = quantile > 0.0f ? threshold / quantile : 0.0f;
         const bool native = c->score[i] >= threshold || c->absolute[i] >= quantile;
         const bool grows = c->score[i] * w >= threshold || c->absolute[i] * w >= quantile;
-        const bool large = c->scale_max[i] > (float)options->size_split;
         c->priority[i] = fmaxf(c->score[i], c->absolute[i] * share) * w;
-        c->action[i] = !grows ? SGSI_ACTION_KEEP : large ? SGSI_ACTION_SPLIT : SGSI_ACTION_CLONE;
+        c->action[i] = sgsi_density_growth(grows, c->scale_max[i], (float)options->size_split);
         c->removed[i] = sgsi_density_outlived(options, c->opacity[i], c->scale_max[i]);
-        c->barren[i] = sgsi_density_outlived(options, c->opacity[i], large ? c->scale_max[i] / 1.6f : c->scale_max[i]);
+        c->barren[i] = sgsi_density_outlived_after(options, c, i);
         sgsi_density_count_reversal(native, grows, result);
     }
     return SGS_STATUS_OK;

@@ -71,9 +71,7 @@ static void find_qualifiers(const sgsi_density_options *options, const sgsi_dens
     for (size_t i = 0; i < c->count; ++i) {
         const bool qualifies = c->score[i] * (weighs ? c->weight[i] : 1.0f) >= threshold;
         sgsi_density_count_reversal(c->score[i] >= threshold, qualifies, result);
-        action[i] = !qualifies                                     ? SGSI_ACTION_KEEP
-                    : c->scale_max[i] > (float)options->size_split ? SGSI_ACTION_SPLIT
-                                                                   : SGSI_ACTION_CLONE;
+        action[i] = sgsi_density_growth(qualifies, c->scale_max[i], (float)options->size_split);
         ++number[action[i]];
     }
 }

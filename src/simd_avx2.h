@@ -188,8 +188,10 @@ static inline void simd_rank(const int16_t *keys, uint16_t *ranks, uint32_t coun
         const __m256i key = _mm256_load_si256((const __m256i *)(keys + begin));
         __m256i rank = _mm256_set1_epi16((short)begin); // less those behind: a comparison gives 0 or -1
         for (uint32_t d = 0; d <= c; ++d) {
+            if (d < c && most[d] <= least[c])
+                continue;
             const uint32_t last = d < c ? 32 * d + 32 : begin;
-            for (uint32_t j = 32 * d; (d == c || most[d] > least[c]) && j < last; ++j)
+            for (uint32_t j = 32 * d; j < last; ++j)
                 rank = _mm256_add_epi16(rank, _mm256_cmpgt_epi16(_mm256_set1_epi16(keys[j]), key));
         }
         for (uint32_t j = begin; j < end; ++j) { // of equal keys the earlier one comes first
@@ -200,8 +202,10 @@ static inline void simd_rank(const int16_t *keys, uint16_t *ranks, uint32_t coun
             rank = _mm256_sub_epi16(rank, before);
         }
         for (uint32_t d = c; 32 * d < count; ++d) {
+            if (d > c && least[d] >= most[c])
+                continue;
             const uint32_t first = d > c ? 32 * d : end, last = 32 * d + 32 < count ? 32 * d + 32 : count;
-            for (uint32_t j = first; (d == c || least[d] < most[c]) && j < last; ++j)
+            for (uint32_t j = first; j < last; ++j)
                 rank = _mm256_sub_epi16(rank, _mm256_cmpgt_epi16(key, _mm256_set1_epi16(keys[j])));
         }
         _mm256_store_si256((__m256i *)(ranks + begin), rank);

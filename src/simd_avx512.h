@@ -138,8 +138,10 @@ static inline void simd_rank(const int16_t *keys, uint16_t *ranks, uint32_t coun
             rank = _mm512_mask_add_epi16(rank, before, rank, one);
         }
         for (uint32_t d = c + 1; 32 * d < count; ++d) {
+            if (least[d] >= most[c])
+                continue;
             const uint32_t last = 32 * d + 32 < count ? 32 * d + 32 : count;
-            for (uint32_t j = 32 * d; least[d] < most[c] && j < last; ++j)
+            for (uint32_t j = 32 * d; j < last; ++j)
                 rank = _mm512_mask_add_epi16(rank, _mm512_cmplt_epi16_mask(_mm512_set1_epi16(keys[j]), key), rank, one);
         }
         _mm512_store_si512(ranks + begin, _mm512_add_epi16(rank, _mm512_set1_epi16(in_front)));

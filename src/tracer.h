@@ -20,7 +20,7 @@ typedef struct sgsi_trace_counts {
     uint64_t gathered;            // candidates of all bins
     uint64_t candidates;          // candidates of all tiles after the tile's test
     uint64_t evaluations;         // (block, primitive) pairs evaluated forward
-    uint64_t elements;            // pairs kept: some pixel was hit
+    uint64_t elements;            // pairs that count in some pixel, or hit one where distances or AOVs are drawn
     uint64_t regathered;          // bins gathered again because a depth guess was too near
 } sgsi_trace_counts;
 

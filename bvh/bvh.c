@@ -1,13 +1,15 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The Embree side: one device for all trees, one scene with one user geometry per tree. The bounds callback
-// copies boxes that a SIMD pass has computed (five times faster than computing them inside); the
-// "intersection" callback only notes the primitive's id and reports no hit, so traversal goes on to the end of
-// the ray. Refits need the two-level builder, that is a scene of quality LOW with a geometry that had the quality REFIT when
-// it was first committed: in any other scene Embree silently rebuilds, and a geometry that turns to REFIT later is built a
-// second time by its first refit (500 k boxes: 0.12 s for the Morton build and then 0.27 s for a SAH build that calls
-// itself a refit, against 0.27 s and 0.027 s). A REFIT geometry never builds again, so every build makes a new one.
+// The Embree side: one device for all trees, one scene with one user geometry per tree. The bounds
+// callback copies boxes that a SIMD pass has computed (five times faster than computing them
+// inside); the "intersection" callback only notes the primitive's id and reports no hit, so
+// traversal goes on to the end of the ray. Refits need the two-level builder, that is a scene of
+// quality LOW with a geometry that had the quality REFIT when it was first committed: in any other
+// scene Embree silently rebuilds, and a geometry that turns to REFIT later is built a second time
+// by its first refit (500 k boxes: 0.12 s for the Morton build and then 0.27 s for a SAH build that
+// calls itself a refit, against 0.27 s and 0.027 s). A REFIT geometry never builds again, so every
+// build makes a new one.
 
 #include "bvh.h"
 
@@ -59,7 +61,8 @@ static bool acquire_device(void)
         device = rtcNewDevice(config);
         if (device) {
             rtcSetDeviceMemoryMonitorFunction(device, count_bytes, NULL);
-            native_packets = rtcGetDeviceProperty(device, RTC_DEVICE_PROPERTY_NATIVE_RAY16_SUPPORTED) != 0;
+            native_packets =
+                rtcGetDeviceProperty(device, RTC_DEVICE_PROPERTY_NATIVE_RAY16_SUPPORTED) != 0;
         }
     }
     const bool acquired = device != NULL;
@@ -148,7 +151,8 @@ void sgsi_bvh_destroy(sgsi_bvh *bvh)
     release_device();
 }
 
-sgs_status sgsi_bvh_build(sgsi_bvh *bvh, const sgsi_bounds *bounds, size_t count, sgsi_bvh_quality quality)
+sgs_status sgsi_bvh_build(sgsi_bvh *bvh, const sgsi_bounds *bounds, size_t count,
+                          sgsi_bvh_quality quality)
 {
     static const enum RTCBuildQuality qualities[SGSI_BVH_QUALITY_COUNT] = {
         [SGSI_BVH_LOW] = RTC_BUILD_QUALITY_LOW,
@@ -171,7 +175,8 @@ sgs_status sgsi_bvh_build(sgsi_bvh *bvh, const sgsi_bounds *bounds, size_t count
             return embree_failure("creating a scene");
         rtcSetSceneBuildQuality(bvh->scene, two_level ? RTC_BUILD_QUALITY_LOW : qualities[quality]);
         // ROBUST: box tests without the fast mode's rounding, so that padded bounds never miss.
-        rtcSetSceneFlags(bvh->scene, (two_level ? RTC_SCENE_FLAG_DYNAMIC : RTC_SCENE_FLAG_NONE) | RTC_SCENE_FLAG_ROBUST);
+        rtcSetSceneFlags(bvh->scene, (two_level ? RTC_SCENE_FLAG_DYNAMIC : RTC_SCENE_FLAG_NONE) |
+                                         RTC_SCENE_FLAG_ROBUST);
         rtcSetGeometryUserData(bvh->geometry, bvh);
         rtcSetGeometryBoundsFunction(bvh->geometry, copy_bounds, NULL);
         rtcSetGeometryOccludedFunction(bvh->geometry, note_primitive);
@@ -214,7 +219,8 @@ sgs_status sgsi_bvh_gather(const sgsi_bvh *bvh, const sgsi_packet *packet, sgsi_
     }
     sgsi_rtc_occluded16(valid, bvh->scene, &context.base, &rays, native_packets);
     if (context.failed)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu candidates of a tile", 2 * list->capacity);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu candidates of a tile",
+                         2 * list->capacity);
     return SGS_STATUS_OK;
 }
 
@@ -231,11 +237,12 @@ static pthread_once_t version_once = PTHREAD_ONCE_INIT;
 static void make_version_text(void)
 {
     const bool acquired = acquire_device();
-    const ssize_t version = acquired ? rtcGetDeviceProperty(device, RTC_DEVICE_PROPERTY_VERSION) : RTC_VERSION;
+    const ssize_t version =
+        acquired ? rtcGetDeviceProperty(device, RTC_DEVICE_PROPERTY_VERSION) : RTC_VERSION;
     if (acquired)
         release_device();
-    snprintf(version_text, sizeof version_text, "Embree %d.%d.%d", (int)(version / 10000), (int)(version / 100 % 100),
-             (int)(version % 100));
+    snprintf(version_text, sizeof version_text, "Embree %d.%d.%d", (int)(version / 10000),
+             (int)(version / 100 % 100), (int)(version % 100));
 }
 
 const char *sgsi_bvh_version(void)

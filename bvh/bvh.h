@@ -3,8 +3,9 @@
 #pragma once
 
 // "Which Gaussians can these rays meet?" One Embree user geometry over all primitives, answered for
-// packets of sixteen cone rays: each ray stands for a block of pixels, and the caller has dilated the
-// bounds by the block's footprint, so the answer is conservative. Knows boxes and ids, nothing of Gaussians.
+// packets of sixteen cone rays: each ray stands for a block of pixels, and the caller has dilated
+// the bounds by the block's footprint, so the answer is conservative. Knows boxes and ids, nothing
+// of Gaussians.
 
 #include <stddef.h>
 #include <stdint.h>
@@ -19,8 +20,8 @@ typedef struct sgsi_bounds {
     float upper[3], align1;
 } sgsi_bounds;
 
-// LOW: Morton order, the fastest build. MEDIUM: binned SAH. HIGH: Embree's best (no spatial splits for user geometry).
-// REFIT: binned SAH in a scene of two levels, the only one that refits.
+// LOW: Morton order, the fastest build. MEDIUM: binned SAH. HIGH: Embree's best (no spatial splits
+// for user geometry). REFIT: binned SAH in a scene of two levels, the only one that refits.
 typedef enum sgsi_bvh_quality {
     SGSI_BVH_LOW,
     SGSI_BVH_MEDIUM,
@@ -33,14 +34,17 @@ typedef enum sgsi_bvh_quality {
 sgs_status sgsi_bvh_create(sgsi_bvh **bvh);
 void sgsi_bvh_destroy(sgsi_bvh *bvh); // accepts NULL
 
-// Builds over `bounds`, which stay owned by the caller and must live until the next build or destroy.
-sgs_status sgsi_bvh_build(sgsi_bvh *bvh, const sgsi_bounds *bounds, size_t count, sgsi_bvh_quality quality);
+// Builds over `bounds`, which stay owned by the caller and must live until the next build or
+// destroy.
+sgs_status sgsi_bvh_build(sgsi_bvh *bvh, const sgsi_bounds *bounds, size_t count,
+                          sgsi_bvh_quality quality);
 
-// Follows changed bounds (same array, same count) without changing the tree's topology. Falls back to a rebuild for
-// a tree that was not built with SGSI_BVH_REFIT.
+// Follows changed bounds (same array, same count) without changing the tree's topology. Falls back
+// to a rebuild for a tree that was not built with SGSI_BVH_REFIT.
 sgs_status sgsi_bvh_refit(sgsi_bvh *bvh);
 
-// Sixteen rays from one origin, world space; unit directions. Lanes whose bit in `valid` is 0 are ignored.
+// Sixteen rays from one origin, world space; unit directions. Lanes whose bit in `valid` is 0 are
+// ignored.
 typedef struct sgsi_packet {
     float origin[3];
     uint32_t valid;
@@ -48,16 +52,19 @@ typedef struct sgsi_packet {
     float far[16];
 } sgsi_packet;
 
-// Where the ids go. Owned by the caller, one per thread; grows as needed (ids may be NULL at first).
+// Where the ids go. Owned by the caller, one per thread; grows as needed (ids may be NULL at
+// first).
 typedef struct sgsi_gather_list {
     uint32_t *ids;
     size_t count, capacity;
-    const void *rows; // NULL, or what the caller reads next of each primitive: row `id` is prefetched
+    const void
+        *rows; // NULL, or what the caller reads next of each primitive: row `id` is prefetched
     size_t row_bytes;
 } sgsi_gather_list;
 
-// Appends the id of every primitive whose bounds a ray of the packet may cross at a distance in [0, far], in no
-// particular order and possibly more than once. Thread-safe for different lists. Fails with OUT_OF_MEMORY.
+// Appends the id of every primitive whose bounds a ray of the packet may cross at a distance in [0,
+// far], in no particular order and possibly more than once. Thread-safe for different lists. Fails
+// with OUT_OF_MEMORY.
 sgs_status sgsi_bvh_gather(const sgsi_bvh *bvh, const sgsi_packet *packet, sgsi_gather_list *list);
 
 // Bytes that Embree holds for this tree, by its memory monitor.

@@ -40,7 +40,8 @@ static void set_children(void *pointer, void **children, unsigned child_count, v
         node->children[i] = children[i];
 }
 
-static void ignore_bounds(void *node, const struct RTCBounds **bounds, unsigned child_count, void *user)
+static void ignore_bounds(void *node, const struct RTCBounds **bounds, unsigned child_count,
+                          void *user)
 {
     (void)node;
     (void)bounds;
@@ -48,7 +49,8 @@ static void ignore_bounds(void *node, const struct RTCBounds **bounds, unsigned 
     (void)user;
 }
 
-static void *create_leaf(RTCThreadLocalAllocator allocator, const struct RTCBuildPrimitive *primitives, size_t count, void *user)
+static void *create_leaf(RTCThreadLocalAllocator allocator,
+                         const struct RTCBuildPrimitive *primitives, size_t count, void *user)
 {
     (void)user;
     tree_node *node = rtcThreadLocalAlloc(allocator, sizeof *node, 16);
@@ -61,7 +63,8 @@ static void *create_leaf(RTCThreadLocalAllocator allocator, const struct RTCBuil
 
 static double area(const box *b)
 {
-    const double x = fmax((double)b->upper[0] - (double)b->lower[0], 0), y = fmax((double)b->upper[1] - (double)b->lower[1], 0);
+    const double x = fmax((double)b->upper[0] - (double)b->lower[0], 0),
+                 y = fmax((double)b->upper[1] - (double)b->lower[1], 0);
     const double z = fmax((double)b->upper[2] - (double)b->lower[2], 0);
     return 2.0 * (x * y + y * z + z * x);
 }
@@ -100,7 +103,8 @@ static box measure_node(measure_sums *sums, const tree_node *node)
     if (!node->child_count) {
         ++sums->leaves;
         for (unsigned i = 0; i < node->primitive_count; ++i)
-            widen(&own, sums->bounds[node->primitives[i]].lower, sums->bounds[node->primitives[i]].upper);
+            widen(&own, sums->bounds[node->primitives[i]].lower,
+                  sums->bounds[node->primitives[i]].upper);
         sums->cost += area(&own) * node->primitive_count;
         return own;
     }
@@ -117,27 +121,31 @@ static box measure_node(measure_sums *sums, const tree_node *node)
 }
 
 // Primitives with a box that is not finite are in no tree.
-static struct RTCBuildPrimitive *list_primitives(const sgsi_bounds *bounds, size_t count, size_t *listed)
+static struct RTCBuildPrimitive *list_primitives(const sgsi_bounds *bounds, size_t count,
+                                                 size_t *listed)
 {
     struct RTCBuildPrimitive *list = sgsi_alloc(count ? count : 1, sizeof *list);
     *listed = 0;
     for (size_t i = 0; list && i < count; ++i) {
         bool sane = true;
         for (int k = 0; k < 3; ++k)
-            sane = sane && bounds[i].lower[k] <= bounds[i].upper[k] && fabsf(bounds[i].lower[k]) < 1e18f && fabsf(bounds[i].upper[k]) < 1e18f;
+            sane = sane && bounds[i].lower[k] <= bounds[i].upper[k] &&
+                   fabsf(bounds[i].lower[k]) < 1e18f && fabsf(bounds[i].upper[k]) < 1e18f;
         if (!sane)
             continue;
         struct RTCBuildPrimitive *to = &list[(*listed)++];
         memset(to, 0, sizeof *to);
-        to->lower_x = bounds[i].lower[0], to->lower_y = bounds[i].lower[1], to->lower_z = bounds[i].lower[2];
-        to->upper_x = bounds[i].upper[0], to->upper_y = bounds[i].upper[1], to->upper_z = bounds[i].upper[2];
+        to->lower_x = bounds[i].lower[0], to->lower_y = bounds[i].lower[1],
+        to->lower_z = bounds[i].lower[2];
+        to->upper_x = bounds[i].upper[0], to->upper_y = bounds[i].upper[1],
+        to->upper_z = bounds[i].upper[2];
         to->primID = (unsigned)i;
     }
     return list;
 }
 
-sgs_status sgsi_bvh_cost_measure(const sgsi_bounds *built, const sgsi_bounds *bounds, size_t count, sgsi_bvh_quality quality,
-                                 sgsi_bvh_cost *cost)
+sgs_status sgsi_bvh_cost_measure(const sgsi_bounds *built, const sgsi_bounds *bounds, size_t count,
+                                 sgsi_bvh_quality quality, sgsi_bvh_cost *cost)
 {
     *cost = (sgsi_bvh_cost){0};
     size_t listed;
@@ -147,7 +155,8 @@ sgs_status sgsi_bvh_cost_measure(const sgsi_bounds *built, const sgsi_bounds *bo
     const tree_node *root = NULL;
     if (primitives && tree && listed) {
         struct RTCBuildArguments arguments = rtcDefaultBuildArguments();
-        arguments.buildQuality = quality == SGSI_BVH_LOW ? RTC_BUILD_QUALITY_LOW : RTC_BUILD_QUALITY_MEDIUM;
+        arguments.buildQuality =
+            quality == SGSI_BVH_LOW ? RTC_BUILD_QUALITY_LOW : RTC_BUILD_QUALITY_MEDIUM;
         arguments.maxBranchingFactor = BRANCHES;
         arguments.minLeafSize = 1;
         arguments.maxLeafSize = quality == SGSI_BVH_REFIT ? LEAF_REFIT : 1;
@@ -176,5 +185,7 @@ sgs_status sgsi_bvh_cost_measure(const sgsi_bounds *built, const sgsi_bounds *bo
     if (device)
         rtcReleaseDevice(device);
     sgsi_free(primitives);
-    return failed ? sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to measure a tree over %zu boxes", count) : SGS_STATUS_OK;
+    return failed ? sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                              "no memory to measure a tree over %zu boxes", count)
+                  : SGS_STATUS_OK;
 }

@@ -2,9 +2,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Embree 3.13 and 4.x behind one set of names. The differences that concern us: the query context became
-// an argument struct, and its flags moved there. The build says which one it links: where the headers of both are
-// installed, looking for them could take the other's.
+// Embree 3.13 and 4.x behind one set of names. The differences that concern us: the query context
+// became an argument struct, and its flags moved there. The build says which one it links: where
+// the headers of both are installed, looking for them could take the other's.
 
 #include <stdbool.h>
 #include <string.h>
@@ -21,9 +21,9 @@ static inline void sgsi_rtc_init_context(sgsi_rtc_context *context)
 {
     rtcInitRayQueryContext(context);
 }
-// Where the processor has no packets of sixteen, Embree 4 (seen in 4.4.1) would ask ray by ray, and write each ray back
-// with a hit behind the end of `rays`. Two packets of eight are what it has instead; they have room for hits, because
-// a processor without those is treated likewise.
+// Where the processor has no packets of sixteen, Embree 4 (seen in 4.4.1) would ask ray by ray, and
+// write each ray back with a hit behind the end of `rays`. Two packets of eight are what it has
+// instead; they have room for hits, because a processor without those is treated likewise.
 static inline void sgsi_rtc_occluded16(const int *valid, RTCScene scene, sgsi_rtc_context *context,
                                        struct RTCRay16 *rays, bool native)
 {

@@ -3,48 +3,59 @@
 
 // SPARE-GS, the part that looks at the primitives: regions, demand, quotas, weights, redundancy.
 //
-// Training 3D Gaussians under a budget of primitives is an allocation problem: put the next primitive where it lowers
-// the loss most. Its optimality conditions say that at the optimum the marginal utility of one more primitive is the
-// same in every region of space. The paper ("SPARE-GS", arXiv 2607.16624) turns that into a feedback loop that runs at
-// every structural update, before anything is cloned, split or removed, from statistics the base pipeline keeps anyway:
+// Training 3D Gaussians under a budget of primitives is an allocation problem: put the next
+// primitive where it lowers the loss most. Its optimality conditions say that at the optimum the
+// marginal utility of one more primitive is the same in every region of space. The paper
+// ("SPARE-GS", arXiv 2607.16624) turns that into a feedback loop that runs at every structural
+// update, before anything is cloned, split or removed, from statistics the base pipeline keeps
+// anyway:
 //
-//   a_i  accumulated norm of the view-space gradient      d_i  number of views that saw the primitive
+//   a_i  accumulated norm of the view-space gradient      d_i  number of views that saw the
+//       primitive
 //   rho_i  largest projected radius in pixels             alpha_i  opacity
 //
-//   regions   The bounding box of the centres is cut into 32^3 voxels; the K voxels that hold primitives are the
-//             regions. n_r primitives are in region r.
+//   regions   The bounding box of the centres is cut into 32^3 voxels; the K voxels that hold
+//             primitives are the regions. n_r primitives are in region r.
 //   (15)      demand      D_r = Q(H_r) + Q(V_r), Q(m) = rank of m among the regions / K
 //   (16)      gradient    H_r = mean over r of a_i / d_i
 //   (17)      visibility  V_r = mean over r of d_i
-//   (18)      footprint   A_r = mean over r of rho_i^2;  capacity C_r = A_r / median of A;  score Q_r = D_r / C_r
+//   (18)      footprint   A_r = mean over r of rho_i^2;  capacity C_r = A_r / median of A;  score
+//                         Q_r = D_r / C_r
 //   (19)      share       l_r = Q_r / sum of Q
 //   (20)      quota       n^_r = B l_r
-//   (21)      slack       s_r = (n^_r - n_r) / (n^_r + 1), in (-inf, 1): positive where primitives are missing
-//   (22)      weight      w_i = Phi(s, l_r / max l): the trainer multiplies its densification score by it (23)
+//   (21)      slack       s_r = (n^_r - n_r) / (n^_r + 1), in (-inf, 1): positive where primitives
+//                         are missing
+//   (22)      weight      w_i = Phi(s, l_r / max l): the trainer multiplies its densification score
+//                         by it (23)
 //   (24)      redundant   n_r > n^_r and alpha_i < tau_alpha and a_i / d_i < tau_org / 2
 //
 // What the paper leaves open, and what is done here:
 //
-//   OPEN-1, "footprint-normalised gradient": the text promises a normalisation by footprint, the printed formula
-//     divides by d_i only. The formula is taken literally. H enters through its rank alone, so the choice is mild.
-//   OPEN-2, the budget B, "dynamically scaled according to N": B = kappa N with kappa = 1, a pure redistribution
-//     target. kappa < 1 would put every region over budget and turn the method into a higher threshold.
-//   OPEN-3, Phi, "a bounded sigmoid": w = 1 + gamma tanh(kappa_s s / 2), kappa_s = 2, where gamma is
-//     gamma_0 (1 + l~) / 2 if primitives are missing and gamma_0 (1 - l~ / 2) if there are too many, gamma_0 = 3/8.
-//     So w is 1 at slack 0, in (1 - gamma_0, 1 + gamma_0), grows with slack and with share; regions in demand are boosted more and
-//     suppressed less. gamma_0 is calibrated once, on vanilla, to the 12 % fewer primitives that the paper reports for this
-//     part alone (plush, 7000 iterations: 8.1 % at 1/4, 16.1 % at 1/2). Three other readings are switches (spare_phi).
+//   OPEN-1, "footprint-normalised gradient": the text promises a normalisation by footprint, the
+//     printed formula divides by d_i only. The formula is taken literally. H enters through its
+//     rank alone, so the choice is mild.
+//   OPEN-2, the budget B, "dynamically scaled according to N": B = kappa N with kappa = 1, a pure
+//     redistribution target. kappa < 1 would put every region over budget and turn the method into
+//     a higher threshold.
+//   OPEN-3, Phi, "a bounded sigmoid": w = 1 + gamma tanh(kappa_s s / 2), kappa_s = 2, where gamma
+//     is gamma_0 (1 + l~) / 2 if primitives are missing and gamma_0 (1 - l~ / 2) if there are too
+//     many, gamma_0 = 3/8. So w is 1 at slack 0, in (1 - gamma_0, 1 + gamma_0), grows with slack
+//     and with share; regions in demand are boosted more and suppressed less. gamma_0 is calibrated
+//     once, on vanilla, to the 12 % fewer primitives that the paper reports for this part alone
+//     (plush, 7000 iterations: 8.1 % at 1/4, 16.1 % at 1/2). Three other readings are switches
+//     (spare_phi).
 //   OPEN-4, interval and averaging of the termination test: see spare_equilibrium.c.
 //
-// And smaller gaps: ties share the mean of their ranks (many regions tie at 0). C_r is clamped to [1/4, 4],
-// because otherwise a few voxels of tiny primitives take the whole budget. The median runs over regions with
-// A_r > 0 (mean of the two middle values for an even number) and C_r = 1 when there are none. a_i / d_i is 0
-// when d_i = 0, as in the base pipeline, so a faint primitive in a crowded region that no view has seen is
-// redundant, unless rap_require_visible. A centre that is not finite lies in voxel 0 and has no part in the
-// box; a gradient or radius that is not finite counts as 0 in the means and is never "negligible".
+// And smaller gaps: ties share the mean of their ranks (many regions tie at 0). C_r is clamped to
+// [1/4, 4], because otherwise a few voxels of tiny primitives take the whole budget. The median
+// runs over regions with A_r > 0 (mean of the two middle values for an even number) and C_r = 1
+// when there are none. a_i / d_i is 0 when d_i = 0, as in the base pipeline, so a faint primitive
+// in a crowded region that no view has seen is redundant, unless rap_require_visible. A centre that
+// is not finite lies in voxel 0 and has no part in the box; a gradient or radius that is not finite
+// counts as 0 in the means and is never "negligible".
 //
-// Sums are double and run in index order within a region, so the result depends on the input alone. One call
-// costs three passes over the primitives and three radix sorts of K numbers.
+// Sums are double and run in index order within a region, so the result depends on the input alone.
+// One call costs three passes over the primitives and three radix sorts of K numbers.
 
 #include "spare.h"
 
@@ -73,10 +84,10 @@ typedef struct sort_item {
 } sort_item;
 
 typedef struct workspace {
-    uint32_t *region_of;   // [count]; holds the voxel until the last pass
-    cell *cells;           // [voxels]
-    verdict *verdicts;     // [voxels]
-    spare_region *regions; // [regions]
+    uint32_t *region_of;      // [count]; holds the voxel until the last pass
+    cell *cells;              // [voxels]
+    verdict *verdicts;        // [voxels]
+    spare_region *regions;    // [regions]
     sort_item *items, *other; // [regions]
     size_t size;
 } workspace;
@@ -140,7 +151,8 @@ size_t spare_workspace_size(const spare_options *options, size_t count)
     return lay_out(options, count, NULL).size;
 }
 
-// Bounding box of the finite centres, padded by a thousandth of its extent (at least 1e-6) on every side.
+// Bounding box of the finite centres, padded by a thousandth of its extent (at least 1e-6) on every
+// side.
 static box bounding_box(const spare_input *input, size_t grid)
 {
     float low[3][BOX_LANES], high[3][BOX_LANES];
@@ -149,12 +161,14 @@ static box bounding_box(const spare_input *input, size_t grid)
             low[axis][lane] = INFINITY;
             high[axis][lane] = -INFINITY;
         }
-    // Lanes keep the eight minima independent, which lets the compiler use vector minima. `taint` is 0, or NaN when a
-    // coordinate is not finite; then every comparison is false and the primitive has no part in the box.
+    // Lanes keep the eight minima independent, which lets the compiler use vector minima. `taint`
+    // is 0, or NaN when a coordinate is not finite; then every comparison is false and the
+    // primitive has no part in the box.
     for (size_t begin = 0; begin < input->count; begin += BOX_LANES) {
         const size_t lanes = input->count - begin < BOX_LANES ? input->count - begin : BOX_LANES;
         for (size_t lane = 0; lane < lanes; ++lane) {
-            const float x = input->x[begin + lane], y = input->y[begin + lane], z = input->z[begin + lane];
+            const float x = input->x[begin + lane], y = input->y[begin + lane],
+                        z = input->z[begin + lane];
             const float taint = (x - x) + (y - y) + (z - z);
             const float p[3] = {x + taint, y + taint, z + taint};
             for (int axis = 0; axis < 3; ++axis) {
@@ -196,7 +210,7 @@ static void assign_voxels(const spare_input *input, const box *b, size_t grid, u
         const uint32_t vx = voxel_coordinate((double)x, b->low[0], b->scale[0], last);
         const uint32_t vy = voxel_coordinate((double)y, b->low[1], b->scale[1], last);
         const uint32_t vz = voxel_coordinate((double)z, b->low[2], b->scale[2], last);
-        // NOLINTNEXTLINE(clang-analyzer-core.NullDereference): lay_out() gives NULL for sizing alone
+        // NOLINTNEXTLINE(clang-analyzer-core.NullDereference): NULL is for sizing alone
         voxel_of[i] = taint == 0.0f ? (vz * (uint32_t)grid + vy) * (uint32_t)grid + vx : 0u;
     }
 }
@@ -227,7 +241,8 @@ static void accumulate(const spare_input *input, const uint32_t *voxel_of, cell 
 }
 
 // The non-empty voxels, ascending, with their means (16), (17), (18). Returns K.
-static size_t collect_regions(const cell *cells, size_t voxels, spare_region *regions, verdict *verdicts)
+static size_t collect_regions(const cell *cells, size_t voxels, spare_region *regions,
+                              verdict *verdicts)
 {
     size_t count = 0;
     for (size_t voxel = 0; voxel < voxels; ++voxel) {
@@ -247,8 +262,8 @@ static size_t collect_regions(const cell *cells, size_t voxels, spare_region *re
     return count;
 }
 
-// The bits of doubles that are not negative sort as integers; -0 becomes +0. A negative mean cannot come from sums of
-// norms, counts and squares; it would rank highest.
+// The bits of doubles that are not negative sort as integers; -0 becomes +0. A negative mean cannot
+// come from sums of norms, counts and squares; it would rank highest.
 static uint64_t ordered_bits(double value)
 {
     uint64_t bits;
@@ -257,7 +272,8 @@ static uint64_t ordered_bits(double value)
     return bits;
 }
 
-// Stable radix sort by key, eight bits at a time; bytes that all keys share are skipped. The result is in *items.
+// Stable radix sort by key, eight bits at a time; bytes that all keys share are skipped. The result
+// is in *items.
 static void sort_items(sort_item **items, sort_item **other, size_t count)
 {
     for (int shift = 0; shift < 64; shift += 8) {
@@ -292,7 +308,8 @@ static double metric_visibility(const spare_region *region)
     return region->visibility;
 }
 
-// Adds Q(m) = rank / K to the demand of every region, (15); equal values share the mean of their ranks.
+// Adds Q(m) = rank / K to the demand of every region, (15); equal values share the mean of their
+// ranks.
 static void add_rank(workspace *w, size_t count, metric_fn metric)
 {
     for (size_t r = 0; r < count; ++r)
@@ -322,7 +339,8 @@ static double reference_area(workspace *w, size_t count)
     return 0.5 * (low + high);
 }
 
-// Phi of (22): the weight for a slack s and a relative share l~ in (0, 1]. 2 sigma(u) - 1 is written tanh(u / 2).
+// Phi of (22): the weight for a slack s and a relative share l~ in (0, 1]. 2 sigma(u) - 1 is
+// written tanh(u / 2).
 static double modulation(const spare_options *options, double slack, double share)
 {
     const double gain = 0.5 * options->slack_gain;
@@ -334,13 +352,15 @@ static double modulation(const spare_options *options, double slack, double shar
     case SPARE_PHI_PLAIN:
         return 1.0 + 0.5 * tanh(gain * slack);
     default: {
-        const double gamma = options->weight_range * (slack >= 0.0 ? 0.5 * (1.0 + share) : 1.0 - 0.5 * share);
+        const double gamma =
+            options->weight_range * (slack >= 0.0 ? 0.5 * (1.0 + share) : 1.0 - 0.5 * share);
         return 1.0 + gamma * tanh(gain * slack);
     }
     }
 }
 
-// Demand (15), capacity and score (18). Without H and V every region demands the same; without C it is 1.
+// Demand (15), capacity and score (18). Without H and V every region demands the same; without C it
+// is 1.
 static void score_regions(const spare_options *options, workspace *w, size_t count)
 {
     const bool any = options->use_h || options->use_v;
@@ -354,13 +374,15 @@ static void score_regions(const spare_options *options, workspace *w, size_t cou
     for (size_t r = 0; r < count; ++r) {
         spare_region *region = &w->regions[r];
         const double capacity = reference > 0.0 ? region->area / reference : 1.0;
-        region->capacity =
-            reference > 0.0 ? fmin(fmax(capacity, options->capacity_min), options->capacity_max) : 1.0;
+        region->capacity = reference > 0.0
+                               ? fmin(fmax(capacity, options->capacity_min), options->capacity_max)
+                               : 1.0;
         region->score = region->demand / region->capacity;
     }
 }
 
-// Share (19), quota (20), slack (21), weight (22), and what the primitives of each voxel are to be told.
+// Share (19), quota (20), slack (21), weight (22), and what the primitives of each voxel are to be
+// told.
 static void allocate(const spare_options *options, workspace *w, size_t count, double budget)
 {
     double sum = 0.0, most = 0.0;
@@ -381,9 +403,10 @@ static void allocate(const spare_options *options, workspace *w, size_t count, d
     }
 }
 
-// Weights of the primitives, the mask (24), and region_of in place of the voxels. Returns the number of redundant ones.
-static size_t judge(const spare_options *options, const spare_input *input, const workspace *w, float *weights,
-                    uint8_t *redundant)
+// Weights of the primitives, the mask (24), and region_of in place of the voxels. Returns the
+// number of redundant ones.
+static size_t judge(const spare_options *options, const spare_input *input, const workspace *w,
+                    float *weights, uint8_t *redundant)
 {
     const double tau_gradient = 0.5 * options->tau_gradient;
     size_t found = 0;
@@ -399,8 +422,8 @@ static size_t judge(const spare_options *options, const spare_input *input, cons
     return found;
 }
 
-void spare_evaluate(const spare_options *options, const spare_input *input, void *memory, float *weights,
-                    uint8_t *redundant, spare_result *result)
+void spare_evaluate(const spare_options *options, const spare_input *input, void *memory,
+                    float *weights, uint8_t *redundant, spare_result *result)
 {
     const size_t grid = grid_of(options), voxels = voxel_count(options);
     workspace w = lay_out(options, input->count, memory);
@@ -435,6 +458,8 @@ void spare_evaluate(const spare_options *options, const spare_input *input, void
 
 bool spare_pruning_rests(long iteration, long last_opacity_reset, long interval)
 {
-    // "0 < t - t_reset": the update of the reset's own iteration comes before the reset and is not affected.
-    return last_opacity_reset >= 0 && iteration > last_opacity_reset && iteration - last_opacity_reset <= interval;
+    // "0 < t - t_reset": the update of the reset's own iteration comes before the reset and is not
+    // affected.
+    return last_opacity_reset >= 0 && iteration > last_opacity_reset &&
+           iteration - last_opacity_reset <= interval;
 }

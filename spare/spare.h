@@ -3,54 +3,61 @@
 #pragma once
 
 // SPARE-GS as pure functions on plain arrays: regional demand, capacity-aware quotas, weights on
-// densification (BMD), redundancy-aware pruning (RAP), equilibrium-driven termination (EDT). Knows no
-// Embree, no files, no threads; allocates nothing: the caller brings the workspace.
+// densification (BMD), redundancy-aware pruning (RAP), equilibrium-driven termination (EDT). Knows
+// no Embree, no files, no threads; allocates nothing: the caller brings the workspace.
 
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
-typedef enum spare_phi { SPARE_PHI_COUPLED, SPARE_PHI_CONSTANT, SPARE_PHI_PRODUCT, SPARE_PHI_PLAIN } spare_phi;
+typedef enum spare_phi {
+    SPARE_PHI_COUPLED,
+    SPARE_PHI_CONSTANT,
+    SPARE_PHI_PRODUCT,
+    SPARE_PHI_PLAIN
+} spare_phi;
 
 typedef struct spare_options {
-    int grid;             // voxels per axis (32)
-    double budget_scale;  // kappa: B = kappa N (1)
-    double slack_gain;    // kappa_s (2)
-    double weight_range;  // gamma_0 (0.375)
-    spare_phi phi;        // SPARE_PHI_COUPLED
+    int grid;                          // voxels per axis (32)
+    double budget_scale;               // kappa: B = kappa N (1)
+    double slack_gain;                 // kappa_s (2)
+    double weight_range;               // gamma_0 (0.375)
+    spare_phi phi;                     // SPARE_PHI_COUPLED
     double capacity_min, capacity_max; // clamp of C_r (0.25, 4)
-    double tau_alpha;     // opacity below which a primitive may be redundant (0.05)
-    double tau_gradient;  // tau_org, the base pipeline's densification threshold (2e-4); RAP tests half of it
+    double tau_alpha;                  // opacity below which a primitive may be redundant (0.05)
+    double tau_gradient; // tau_org, the base pipeline's densification threshold (2e-4); RAP tests
+                         // half of it
     bool use_h, use_v, use_c; // demand by gradient, demand by visibility, capacity (all true)
-    bool rap_require_visible; // RAP only for primitives seen since the last update (false: literal reading)
+    bool rap_require_visible; // RAP only for primitives seen since the last update (false: literal
+                              // reading)
 } spare_options;
 
 spare_options spare_options_default(void);
 
 // One region (voxel) that holds at least one primitive.
 typedef struct spare_region {
-    uint32_t voxel;      // (z * grid + y) * grid + x
-    uint32_t count;      // n_r
-    double gradient;     // H_r
-    double visibility;   // V_r
-    double area;         // A_r
-    double demand;       // D_r in (0, 2]
-    double capacity;     // C_r
-    double score;        // Q_r
-    double share;        // l_r
-    double quota;        // n^_r = B l_r
-    double slack;        // s_r
-    double weight;       // w of its primitives
+    uint32_t voxel;    // (z * grid + y) * grid + x
+    uint32_t count;    // n_r
+    double gradient;   // H_r
+    double visibility; // V_r
+    double area;       // A_r
+    double demand;     // D_r in (0, 2]
+    double capacity;   // C_r
+    double score;      // Q_r
+    double share;      // l_r
+    double quota;      // n^_r = B l_r
+    double slack;      // s_r
+    double weight;     // w of its primitives
 } spare_region;
 
 // Plain columns of n primitives, structural statistics since the last update.
 typedef struct spare_input {
     size_t count;
-    const float *x, *y, *z;         // means, world
-    const float *opacity;           // alpha in (0, 1)
-    const float *gradient_sum;      // a_i
-    const uint32_t *visible_count;  // d_i
-    const float *radius_max;        // rho_i, pixels
+    const float *x, *y, *z;        // means, world
+    const float *opacity;          // alpha in (0, 1)
+    const float *gradient_sum;     // a_i
+    const uint32_t *visible_count; // d_i
+    const float *radius_max;       // rho_i, pixels
 } spare_input;
 
 // Bytes of workspace that spare_evaluate needs for this grid and count.
@@ -58,20 +65,22 @@ size_t spare_workspace_size(const spare_options *options, size_t count);
 
 typedef struct spare_result {
     size_t region_count;
-    const spare_region *regions;  // [region_count] ascending voxel; lives in the workspace
-    const uint32_t *region_of;    // [count] index into regions; lives in the workspace
-    double over_budget_share;     // share of primitives in regions with n_r > quota
-    double mean_weight;           // over primitives
+    const spare_region *regions; // [region_count] ascending voxel; lives in the workspace
+    const uint32_t *region_of;   // [count] index into regions; lives in the workspace
+    double over_budget_share;    // share of primitives in regions with n_r > quota
+    double mean_weight;          // over primitives
     size_t redundant_count;
-    double low[3], cell[3];       // corner and cell of the grid, world units
+    double low[3], cell[3]; // corner and cell of the grid, world units
 } spare_result;
 
-// Regions, quotas, weights and the redundancy mask, all from the state before this update's densification.
-// weights [count] and redundant [count] (0/1) are written; workspace is 64-byte aligned, spare_workspace_size bytes.
+// Regions, quotas, weights and the redundancy mask, all from the state before this update's
+// densification. weights [count] and redundant [count] (0/1) are written; workspace is 64-byte
+// aligned, spare_workspace_size bytes.
 void spare_evaluate(const spare_options *options, const spare_input *input, void *memory,
                     float *weights, uint8_t *redundant, spare_result *result);
 
-// True when redundancy pruning must rest: 0 < iteration - reset <= interval (reset < 0: never reset).
+// True when redundancy pruning must rest: 0 < iteration - reset <= interval (reset < 0: never
+// reset).
 bool spare_pruning_rests(long iteration, long last_opacity_reset, long interval);
 
 // Equilibrium-driven termination, Eq. (26).
@@ -79,14 +88,14 @@ typedef struct spare_equilibrium {
     double loss_average, loss_weight; // EMA of the loss with bias correction
     double previous_loss;             // at the last check; < 0: none
     size_t previous_count;
-    int held;                         // consecutive checks that held
+    int held;                                   // consecutive checks that held
     double last_loss_change, last_count_change; // of the last comparison, for the message
 } spare_equilibrium;
 
 void spare_equilibrium_begin(spare_equilibrium *state);
 // Every iteration: feeds the loss (decay 0.995 by default; non-finite losses are ignored).
 void spare_equilibrium_observe(spare_equilibrium *state, double loss, double decay);
-// At a check. disturbed: an opacity reset (or a change of resolution) lies inside the window since the last
-// check: the counter and the comparison start anew. Returns true when training may stop.
+// At a check. disturbed: an opacity reset (or a change of resolution) lies inside the window since
+// the last check: the counter and the comparison start anew. Returns true when training may stop.
 bool spare_equilibrium_check(spare_equilibrium *state, size_t count, bool disturbed,
                              double eps_loss, double eps_count, int patience);

@@ -15,7 +15,8 @@ uint32_t *sgsi_arena_take(sgsi_arena *arena, size_t words)
         if (arena->current == arena->chunk_count) {
             if (arena->chunk_count == arena->chunk_capacity) {
                 const size_t capacity = arena->chunk_capacity ? 2 * arena->chunk_capacity : 16;
-                if (!sgsi_grow((void **)&arena->chunks, arena->chunk_count, capacity, sizeof *arena->chunks))
+                if (!sgsi_grow((void **)&arena->chunks, arena->chunk_count, capacity,
+                               sizeof *arena->chunks))
                     return NULL;
                 arena->chunk_capacity = capacity;
             }

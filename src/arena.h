@@ -24,8 +24,9 @@ typedef struct sgsi_arena {
 uint32_t *sgsi_arena_take(sgsi_arena *arena, size_t words);
 // Words handed out since the last reset.
 size_t sgsi_arena_used(const sgsi_arena *arena);
-// Resets, and makes room for `words` in one piece, so that any takes which together need no more will not allocate. (Fresh pages
-// cost nothing until they are used.) False when out of memory: the arena is empty and usable.
+// Resets, and makes room for `words` in one piece, so that any takes which together need no more
+// will not allocate. (Fresh pages cost nothing until they are used.) False when out of memory: the
+// arena is empty and usable.
 bool sgsi_arena_reserve(sgsi_arena *arena, size_t words);
 void sgsi_arena_reset(sgsi_arena *arena);
 void sgsi_arena_free(sgsi_arena *arena);

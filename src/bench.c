@@ -1,9 +1,10 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// A trainer under the clock. The bench owns a real trainer over its views, holds its iteration counter at a place of the
-// schedule without structural update where all SH bands are active, and after every step puts the parameters back. So each
-// step does the same work, and nothing here repeats what the trainer does.
+// A trainer under the clock. The bench owns a real trainer over its views, holds its iteration
+// counter at a place of the schedule without structural update where all SH bands are active, and
+// after every step puts the parameters back. So each step does the same work, and nothing here
+// repeats what the trainer does.
 
 #include "sparegs/bench.h"
 
@@ -17,8 +18,9 @@
 
 enum { VIEWS_MAX = 16, HELD_ITERATION = 3000 };
 
-// Operations per lane: three affine forms 12, |n|^2 and G 7, quotients, t, alpha and 2^x 21; blending: w, three colours, T 10;
-// backward once more the response and w, the shade and v 12, nine products and fourteen sums 23.
+// Operations per lane: three affine forms 12, |n|^2 and G 7, quotients, t, alpha and 2^x 21;
+// blending: w, three colours, T 10; backward once more the response and w, the shade and v 12, nine
+// products and fourteen sums 23.
 enum { RESPONSE_FLOPS = 40, BLEND_FLOPS = 10, GRADIENT_FLOPS = 35, LANES = 16 };
 
 struct sgs_bench {
@@ -29,7 +31,8 @@ struct sgs_bench {
     sgs_bench_counts counts;
 };
 
-// The photograph of a view: its own render with noise of a few grey levels. Counts the hits on the way.
+// The photograph of a view: its own render with noise of a few grey levels. Counts the hits on the
+// way.
 static sgs_status photograph(sgs_bench *bench, sgs_renderer *renderer, size_t v)
 {
     sgs_view *view = &bench->views[v];
@@ -51,11 +54,15 @@ static sgs_status photograph(sgs_bench *bench, sgs_renderer *renderer, size_t v)
         const float *const color[3] = {frame.color[0], frame.color[1], frame.color[2]};
         sgs_image8 image;
         status = sgs_image8_from_planes(color, NULL, black, camera->width, camera->height, &image);
-        view->image = (sgs_photo){.width = image.width, .height = image.height, .channels = image.channels,
-                                  .pixels = image.pixels, .kept = pixels};
+        view->image = (sgs_photo){.width = image.width,
+                                  .height = image.height,
+                                  .channels = image.channels,
+                                  .pixels = image.pixels,
+                                  .kept = pixels};
     }
     bench->counts.pixels += (double)pixels;
-    bench->counts.tiles += (double)((camera->width + SGSI_TILE - 1) / SGSI_TILE) * ((camera->height + SGSI_TILE - 1) / SGSI_TILE);
+    bench->counts.tiles += (double)((camera->width + SGSI_TILE - 1) / SGSI_TILE) *
+                           ((camera->height + SGSI_TILE - 1) / SGSI_TILE);
     sgs_frame_free(&frame);
     return status;
 }
@@ -86,25 +93,32 @@ static sgs_status start_trainer(sgs_bench *bench, const sgs_gaussians *model)
     const size_t floats = own->capacity * SGS_PARAM_COUNT;
     bench->params = sgsi_alloc(floats, sizeof(float));
     if (!bench->params)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a second copy of %zu primitives", own->count);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a second copy of %zu primitives",
+                         own->count);
     memcpy(bench->params, own->data, floats * sizeof(float));
     bench->counts.primitives = (double)own->count;
     sgs_bench_sample warm;
     return sgs_bench_run(bench, &warm);
 }
 
-sgs_status sgs_bench_create(const sgs_gaussians *model, const sgs_view *views, size_t view_count, sgs_bench **bench)
+sgs_status sgs_bench_create(const sgs_gaussians *model, const sgs_view *views, size_t view_count,
+                            sgs_bench **bench)
 {
     *bench = NULL;
     if (view_count < 1 || view_count > VIEWS_MAX || !model->count)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "a bench takes 1 to %d views of a model with primitives", VIEWS_MAX);
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                         "a bench takes 1 to %d views of a model with primitives", VIEWS_MAX);
     sgs_bench *made = sgsi_calloc(1, sizeof *made);
     if (!made)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a bench");
     for (size_t v = 0; v < view_count; ++v)
-        made->views[v] = (sgs_view){.name = views[v].name, .camera = views[v].camera, .pose = views[v].pose, .split = SGS_SPLIT_TRAIN};
+        made->views[v] = (sgs_view){.name = views[v].name,
+                                    .camera = views[v].camera,
+                                    .pose = views[v].pose,
+                                    .split = SGS_SPLIT_TRAIN};
     static char path[] = "bench";
-    made->scene = (sgs_scene){.path = path, .view_count = view_count, .views = made->views, .extent = 1.0};
+    made->scene =
+        (sgs_scene){.path = path, .view_count = view_count, .views = made->views, .extent = 1.0};
     sgs_status status = photograph_all(made, model);
     if (!status)
         status = start_trainer(made, model);
@@ -155,7 +169,8 @@ static sgs_status measure_step(sgs_bench *bench, sgs_bench_sample *sum)
     bench->counts.evaluations += (double)counts.evaluations;
     bench->counts.elements += (double)counts.elements;
     bench->counts.regathered += (double)counts.regathered;
-    memcpy(trainer->model->data, bench->params, trainer->model->capacity * SGS_PARAM_COUNT * sizeof(float));
+    memcpy(trainer->model->data, bench->params,
+           trainer->model->capacity * SGS_PARAM_COUNT * sizeof(float));
     return SGS_STATUS_OK;
 }
 
@@ -183,7 +198,8 @@ sgs_status sgs_bench_run(sgs_bench *bench, sgs_bench_sample *sample)
 {
     *sample = (sgs_bench_sample){0};
     sgs_bench_counts *counts = &bench->counts;
-    counts->gathered = counts->candidates = counts->evaluations = counts->elements = counts->regathered = 0;
+    counts->gathered = counts->candidates = counts->evaluations = counts->elements =
+        counts->regathered = 0;
     bench->trainer->bytes = (sgs_train_bytes){0};
     sgs_status status = measure_build(bench, sample);
     for (size_t v = 0; !status && v < bench->scene.view_count; ++v)
@@ -191,18 +207,38 @@ sgs_status sgs_bench_run(sgs_bench *bench, sgs_bench_sample *sample)
     if (status)
         return status;
     const double share = 1.0 / (double)bench->scene.view_count;
-    double *const means[] = {&sample->refit,     &sample->gather,    &sample->forward, &sample->backward,    &sample->loss,
-                             &sample->optimizer, &sample->iteration, &sample->project, &sample->reduce,      &counts->gathered,
-                             &counts->candidates, &counts->evaluations, &counts->elements, &counts->regathered,
-                             &sample->serial,     &sample->waiting,     &counts->bytes.project,  &counts->bytes.bvh,
-                             &counts->bytes.gather, &counts->bytes.forward, &counts->bytes.loss, &counts->bytes.backward,
-                             &counts->bytes.optimizer, &counts->bytes.total};
+    double *const means[] = {&sample->refit,
+                             &sample->gather,
+                             &sample->forward,
+                             &sample->backward,
+                             &sample->loss,
+                             &sample->optimizer,
+                             &sample->iteration,
+                             &sample->project,
+                             &sample->reduce,
+                             &counts->gathered,
+                             &counts->candidates,
+                             &counts->evaluations,
+                             &counts->elements,
+                             &counts->regathered,
+                             &sample->serial,
+                             &sample->waiting,
+                             &counts->bytes.project,
+                             &counts->bytes.bvh,
+                             &counts->bytes.gather,
+                             &counts->bytes.forward,
+                             &counts->bytes.loss,
+                             &counts->bytes.backward,
+                             &counts->bytes.optimizer,
+                             &counts->bytes.total};
     counts->bytes = sgs_trainer_bytes(bench->trainer);
     for (size_t i = 0; i < sizeof means / sizeof *means; ++i)
         *means[i] *= share;
     counts->bytes.iterations = 1.0;
-    counts->forward_flops = LANES * (counts->evaluations * RESPONSE_FLOPS + counts->elements * BLEND_FLOPS);
-    counts->backward_flops = LANES * counts->elements * (RESPONSE_FLOPS + BLEND_FLOPS + GRADIENT_FLOPS);
+    counts->forward_flops =
+        LANES * (counts->evaluations * RESPONSE_FLOPS + counts->elements * BLEND_FLOPS);
+    counts->backward_flops =
+        LANES * counts->elements * (RESPONSE_FLOPS + BLEND_FLOPS + GRADIENT_FLOPS);
     return SGS_STATUS_OK;
 }
 
@@ -216,5 +252,6 @@ double sgs_scaling_predict(const sgs_scaling *s, int cores, double memory_gbs)
     const double work = (s->seconds - s->serial - s->waiting) * s->threads;
     const double streaming = memory_gbs > 0.0 ? s->bytes / (1e9 * memory_gbs) : 0.0;
     const double shared = fmax(work / cores, streaming);
-    return work > 0.0 && s->serial >= 0.0 && cores > 0 ? (s->serial + work) / (s->serial + shared) : 1.0;
+    return work > 0.0 && s->serial >= 0.0 && cores > 0 ? (s->serial + work) / (s->serial + shared)
+                                                       : 1.0;
 }

@@ -1,11 +1,13 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Scenes for the bench, by seed. A trained model looks like this from one of its training views: surfaces are
-// covered by thin discs whose size follows the pixel grid (densification works in screen space), also where
-// another surface hides them from this view; the background is a shell of large primitives far away; floaters hang in
-// between; half of the primitives are nearly transparent. So primitives are drawn per direction: a ray of the middle camera,
-// spread a little beyond its image, meets a small set of spheres, a floor and a wall, and one of its intersections is taken.
+// Scenes for the bench, by seed. A trained model looks like this from one of its training views:
+// surfaces are covered by thin discs whose size follows the pixel grid (densification works in
+// screen space), also where another surface hides them from this view; the background is a shell of
+// large primitives far away; floaters hang in between; half of the primitives are nearly
+// transparent. So primitives are drawn per direction: a ray of the middle camera, spread a little
+// beyond its image, meets a small set of spheres, a floor and a wall, and one of its intersections
+// is taken.
 
 #include <math.h>
 #include <string.h>
@@ -21,18 +23,29 @@ typedef struct recipe {
 } recipe;
 
 static const recipe recipes[] = {
-    {"sparse-32k", "32 thousand primitives, as after a short training at low resolution", 32768, 6.0},
+    {"sparse-32k", "32 thousand primitives, as after a short training at low resolution", 32768,
+     6.0},
     {"dense-500k", "500 thousand primitives, as after a full training", 500000, 1.75},
-    {"dense-2m", "2 million primitives, most of them hidden: about 300 hits per ray if rays did not stop", 2000000, 1.38},
+    {"dense-2m",
+     "2 million primitives, most of them hidden: about 300 hits per ray if rays did not stop",
+     2000000, 1.38},
 };
 
-enum { RECIPE_COUNT = sizeof recipes / sizeof *recipes, WIDTH = 800, HEIGHT = 608, DRAWS = 128, SPHERES = 6 };
+enum {
+    RECIPE_COUNT = sizeof recipes / sizeof *recipes,
+    WIDTH = 800,
+    HEIGHT = 608,
+    DRAWS = 128,
+    SPHERES = 6
+};
 
-static const double focal = 680.0, floor_y = 0.0, wall_radius = 6.0, wall_height = 2.4, shell_radius = 60.0;
+static const double focal = 680.0, floor_y = 0.0, wall_radius = 6.0, wall_height = 2.4,
+                    shell_radius = 60.0;
 static const double camera_radius = 4.6, camera_y = -1.5, target_y = -0.5;
 // x, y, z, radius; y points down
-static const double spheres[SPHERES][4] = {{0, -0.7, 0, 0.7},      {-1.3, -0.45, 0.4, 0.45}, {1.2, -0.5, -0.3, 0.5},
-                                           {0.5, -0.3, -1.4, 0.3}, {-0.7, -0.25, -1.2, 0.25}, {2.2, -0.9, 1.6, 0.9}};
+static const double spheres[SPHERES][4] = {{0, -0.7, 0, 0.7},         {-1.3, -0.45, 0.4, 0.45},
+                                           {1.2, -0.5, -0.3, 0.5},    {0.5, -0.3, -1.4, 0.3},
+                                           {-0.7, -0.25, -1.2, 0.25}, {2.2, -0.9, 1.6, 0.9}};
 
 const char *sgs_bench_scene_name(size_t index)
 {
@@ -60,7 +73,8 @@ static void normalize(double v[3])
 // The camera at `angle` on the arc (radians from the middle one), looking at the scene.
 static sgs_pose arc_pose(double angle)
 {
-    const double down[3] = {0, 1, 0}, center[3] = {camera_radius * sin(angle), camera_y, -camera_radius * cos(angle)};
+    const double down[3] = {0, 1, 0},
+                 center[3] = {camera_radius * sin(angle), camera_y, -camera_radius * cos(angle)};
     double right[3], below[3], forward[3] = {-center[0], target_y - center[1], -center[2]};
     normalize(forward);
     cross(down, forward, right);
@@ -73,8 +87,9 @@ static sgs_pose arc_pose(double angle)
         pose.rotation[6 + k] = forward[k];
     }
     for (int row = 0; row < 3; ++row)
-        pose.translation[row] = -(pose.rotation[3 * row] * center[0] + pose.rotation[3 * row + 1] * center[1] +
-                                  pose.rotation[3 * row + 2] * center[2]);
+        pose.translation[row] =
+            -(pose.rotation[3 * row] * center[0] + pose.rotation[3 * row + 1] * center[1] +
+              pose.rotation[3 * row + 2] * center[2]);
     return pose;
 }
 
@@ -82,8 +97,8 @@ typedef struct surface_point {
     double position[3], normal[3], distance;
 } surface_point;
 
-static void add_point(surface_point *points, int *count, const double origin[3], const double direction[3], double t,
-                      const double center[3])
+static void add_point(surface_point *points, int *count, const double origin[3],
+                      const double direction[3], double t, const double center[3])
 {
     surface_point *p = &points[(*count)++];
     p->distance = t;
@@ -95,8 +110,8 @@ static void add_point(surface_point *points, int *count, const double origin[3],
 }
 
 // Near and far distance of a sphere (axis 1 left out: an upright cylinder). False when missed.
-static bool meet_round(const double origin[3], const double direction[3], const double center[3], double radius, bool upright,
-                       double t[2])
+static bool meet_round(const double origin[3], const double direction[3], const double center[3],
+                       double radius, bool upright, double t[2])
 {
     double a = 0, b = 0, c = -radius * radius;
     for (int k = 0; k < 3; ++k) {
@@ -116,7 +131,8 @@ static bool meet_round(const double origin[3], const double direction[3], const 
 }
 
 // All intersections of a ray with the scene but the shell.
-static int meet_surfaces(const double origin[3], const double direction[3], surface_point points[2 * SPHERES + 2])
+static int meet_surfaces(const double origin[3], const double direction[3],
+                         surface_point points[2 * SPHERES + 2])
 {
     int count = 0;
     double t[2];
@@ -176,10 +192,12 @@ static void set_rotation(float params[SGS_PARAM_COUNT], const double axis[3], do
 }
 
 // Bands of colour that follow the place, and faint view dependence in all SH bands.
-static void set_color(float params[SGS_PARAM_COUNT], const double position[3], double frequency, dice *d)
+static void set_color(float params[SGS_PARAM_COUNT], const double position[3], double frequency,
+                      dice *d)
 {
     for (int c = 0; c < 3; ++c) {
-        const double wave = sin(frequency * position[c] + 2.0 * c) * cos(frequency * position[(c + 1) % 3] + c);
+        const double wave =
+            sin(frequency * position[c] + 2.0 * c) * cos(frequency * position[(c + 1) % 3] + c);
         const double color = fmin(fmax(0.5 + 0.35 * wave + 0.05 * normal(d), 0.02), 0.98);
         params[SGS_PARAM_SH_DC + c] = (float)((color - 0.5) / 0.28209479177387814);
     }
@@ -198,9 +216,11 @@ typedef struct scene_job {
 static void ray_of(const scene_job *job, dice *d, double direction[3])
 {
     const double spread = 1.12;
-    const double x = spread * (uniform(d) - 0.5) * WIDTH / focal, y = spread * (uniform(d) - 0.5) * HEIGHT / focal;
+    const double x = spread * (uniform(d) - 0.5) * WIDTH / focal,
+                 y = spread * (uniform(d) - 0.5) * HEIGHT / focal;
     for (int k = 0; k < 3; ++k)
-        direction[k] = job->pose.rotation[k] * x + job->pose.rotation[3 + k] * y + job->pose.rotation[6 + k];
+        direction[k] =
+            job->pose.rotation[k] * x + job->pose.rotation[3 + k] * y + job->pose.rotation[6 + k];
     normalize(direction);
 }
 
@@ -278,7 +298,8 @@ sgs_status sgs_bench_scene_create(const char *name, uint64_t seed, sgs_bench_sce
     static char *const view_names[SGS_BENCH_VIEWS] = {"left", "middle", "right"};
     for (int v = 0; v < SGS_BENCH_VIEWS; ++v) {
         made->views[v].name = view_names[v];
-        made->views[v].camera = (sgs_camera){SGS_CAMERA_PINHOLE, WIDTH, HEIGHT, {focal, focal, WIDTH / 2.0, HEIGHT / 2.0}};
+        made->views[v].camera = (sgs_camera){
+            SGS_CAMERA_PINHOLE, WIDTH, HEIGHT, {focal, focal, WIDTH / 2.0, HEIGHT / 2.0}};
         made->views[v].pose = arc_pose(0.15 * (v - 1));
     }
     scene_job job = {.model = made->model, .recipe = chosen, .seed = seed, .pose = arc_pose(0)};

@@ -1,24 +1,31 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The eleven camera models of COLMAP 3.8 (its documentation and camera_models.h define them) as one lens.
+// The eleven camera models of COLMAP 3.8 (its documentation and camera_models.h define them) as one
+// lens.
 //
-// Every model first maps a point to a plane vector x: (X/Z, Y/Z) for the perspective models, theta (X, Y)/R
-// with R = |(X, Y)|, theta = atan2(R, Z) for the fisheye ones. The lens then bends it,
-//     y = x g(s) + (2 p1 uv + p2 (s + 2u^2), 2 p2 uv + p1 (s + 2v^2)) + s (sx1, sy1),    x = (u, v), s = |x|^2,
-// with g = N(s) / D(s), and the pixel is (fx y0 + cx, fy y1 + cy). Coefficients a model does not have are 0.
-// FOV is the exception: g = atan(2 r tan(omega / 2)) / (r omega), and has a closed inverse.
+// Every model first maps a point to a plane vector x: (X/Z, Y/Z) for the perspective models, theta
+// (X, Y)/R with R = |(X, Y)|, theta = atan2(R, Z) for the fisheye ones. The lens then bends it,
+//     y = x g(s) + (2 p1 uv + p2 (s + 2u^2), 2 p2 uv + p1 (s + 2v^2)) + s (sx1, sy1),    x = (u,
+//                                                                                        v), s =
+//                                                                                        |x|^2,
+// with g = N(s) / D(s), and the pixel is (fx y0 + cx, fy y1 + cy). Coefficients a model does not
+// have are 0. FOV is the exception: g = atan(2 r tan(omega / 2)) / (r omega), and has a closed
+// inverse.
 //
-// What differs from COLMAP: its fisheye models divide by Z and so end at 90 degrees; here theta goes on to
-// 180. Its FOV model switches to Taylor series below 1e-4; atan(x)/x needs none. Its inversion runs a fixed
-// number of Newton steps and never fails; here a point or pixel outside of the lens's domain is refused.
+// What differs from COLMAP: its fisheye models divide by Z and so end at 90 degrees; here theta
+// goes on to
+// 180. Its FOV model switches to Taylor series below 1e-4; atan(x)/x needs none. Its inversion runs
+// a fixed number of Newton steps and never fails; here a point or pixel outside of the lens's
+// domain is refused.
 //
-// Domain. Strong barrel distortion folds: beyond some radius y turns back. The domain is the largest disc
-// |x| < limit on which the symmetric part of the Jacobian stays positive definite; on a convex set that makes
-// the map injective. With h = d(r g)/dr the Jacobian of the radial part has the eigenvalues h (radial) and g
-// (tangential). The tangential part adds 2 r (p e' + e p' + (p.e) I), e = x/r, p = (p2, p1), whose least
-// eigenvalue is -6 r |p|, reached along e = -p/|p|, and the thin prism r (t e' + e t') with least eigenvalue
-// -2 r |t|. So limit is the first root of h - q r or of g - q r, q = 6 |p| + 2 |t|: polynomials in r.
+// Domain. Strong barrel distortion folds: beyond some radius y turns back. The domain is the
+// largest disc |x| < limit on which the symmetric part of the Jacobian stays positive definite; on
+// a convex set that makes the map injective. With h = d(r g)/dr the Jacobian of the radial part has
+// the eigenvalues h (radial) and g (tangential). The tangential part adds 2 r (p e' + e p' + (p.e)
+// I), e = x/r, p = (p2, p1), whose least eigenvalue is -6 r |p|, reached along e = -p/|p|, and the
+// thin prism r (t e' + e t') with least eigenvalue -2 r |t|. So limit is the first root of h - q r
+// or of g - q r, q = 6 |p| + 2 |t|: polynomials in r.
 
 #include "sparegs/camera.h"
 
@@ -65,7 +72,8 @@ typedef struct lens {
 
 static bool model_known(sgs_camera_model model)
 {
-    return ((int)model >= 0 && (int)model < SGS_CAMERA_MODEL_COUNT) || model == SGS_CAMERA_EQUIRECTANGULAR;
+    return ((int)model >= 0 && (int)model < SGS_CAMERA_MODEL_COUNT) ||
+           model == SGS_CAMERA_EQUIRECTANGULAR;
 }
 
 static const lens_kind *kind_of(sgs_camera_model model)
@@ -104,20 +112,22 @@ sgs_status sgs_camera_validate(const sgs_camera *camera)
 {
     if (!model_known(camera->model))
         return sgsi_fail(SGS_STATUS_FORMAT, "camera model %d is unknown", (int)camera->model);
-    if (camera->width < 1 || camera->height < 1 || camera->width > MAX_SIZE || camera->height > MAX_SIZE)
-        return sgsi_fail(SGS_STATUS_FORMAT, "camera size %d x %d is outside of 1 to %d pixels", camera->width,
-                         camera->height, MAX_SIZE);
+    if (camera->width < 1 || camera->height < 1 || camera->width > MAX_SIZE ||
+        camera->height > MAX_SIZE)
+        return sgsi_fail(SGS_STATUS_FORMAT, "camera size %d x %d is outside of 1 to %d pixels",
+                         camera->width, camera->height, MAX_SIZE);
     const int focal_count = kind_of(camera->model)->focal_count;
     for (int i = 0; i < kind_of(camera->model)->param_count; ++i) {
         if (!isfinite(camera->params[i]))
-            return sgsi_fail(SGS_STATUS_FORMAT, "parameter %d of the %s camera is not finite", i + 1,
-                             kind_of(camera->model)->name);
+            return sgsi_fail(SGS_STATUS_FORMAT, "parameter %d of the %s camera is not finite",
+                             i + 1, kind_of(camera->model)->name);
         if (i < focal_count && !(camera->params[i] > 0))
-            return sgsi_fail(SGS_STATUS_FORMAT, "focal length %g of the %s camera is not positive", camera->params[i],
-                             kind_of(camera->model)->name);
+            return sgsi_fail(SGS_STATUS_FORMAT, "focal length %g of the %s camera is not positive",
+                             camera->params[i], kind_of(camera->model)->name);
     }
     if (camera->model == SGS_CAMERA_FOV && !(fabs(camera->params[4]) < PI))
-        return sgsi_fail(SGS_STATUS_FORMAT, "field-of-view parameter %g of the FOV camera is not below pi",
+        return sgsi_fail(SGS_STATUS_FORMAT,
+                         "field-of-view parameter %g of the FOV camera is not below pi",
                          camera->params[4]);
     return SGS_STATUS_OK;
 }
@@ -125,13 +135,15 @@ sgs_status sgs_camera_validate(const sgs_camera *camera)
 bool sgs_camera_equal(const sgs_camera *a, const sgs_camera *b)
 {
     return a->model == b->model && a->width == b->width && a->height == b->height &&
-           !memcmp(a->params, b->params, sizeof a->params); // NOLINT(bugprone-suspicious-memory-comparison,cert-*): bits
+           !memcmp(a->params, b->params,
+                   sizeof a->params); // NOLINT(bugprone-suspicious-memory-comparison,cert-*): bits
 }
 
 void sgs_camera_intrinsics(const sgs_camera *camera, double *fx, double *fy, double *cx, double *cy)
 {
     const double *p = camera->params;
-    const int second = model_known(camera->model) && kind_of(camera->model)->focal_count == 2 ? 1 : 0;
+    const int second =
+        model_known(camera->model) && kind_of(camera->model)->focal_count == 2 ? 1 : 0;
     *fx = p[0];
     *fy = p[second];
     *cx = p[second + 1];
@@ -198,7 +210,8 @@ static double polynomial(const double *c, int degree, double x)
     return value;
 }
 
-// Sorted sign changes of a polynomial in (0, end): between the roots of its derivative it is monotonic.
+// Sorted sign changes of a polynomial in (0, end): between the roots of its derivative it is
+// monotonic.
 static int polynomial_roots(const double *c, int degree, double end, double *roots)
 {
     while (degree > 0 && c[degree] == 0)
@@ -247,8 +260,8 @@ static double domain_limit(const lens *l)
             pole[2 * i] = l->denominator[i];
             side[2 * i + 1] -= q * l->denominator[i];
         }
-        // N D + 2 s (N' D - N D') by powers of s: coefficient (1 + 2i - 2j) for N_i D_j. Only FULL_OPENCV has
-        // j > 0, and it has no N_4, so the degree stays at 6.
+        // N D + 2 s (N' D - N D') by powers of s: coefficient (1 + 2i - 2j) for N_i D_j. Only
+        // FULL_OPENCV has j > 0, and it has no N_4, so the degree stays at 6.
         for (int j = 0; j < 4 && i + j <= 6; ++j)
             fold[2 * (i + j)] += (1 + 2 * i - 2 * j) * l->numerator[i] * l->denominator[j];
     }
@@ -256,7 +269,8 @@ static double domain_limit(const lens *l)
         for (int j = 0; j < 4; ++j)
             fold[2 * (i + j) + 1] -= q * l->denominator[i] * l->denominator[j];
     }
-    const double limit = fmin(first_root(pole, 6, end), fmin(first_root(fold, 13, end), first_root(side, 8, end)));
+    const double limit =
+        fmin(first_root(pole, 6, end), fmin(first_root(fold, 13, end), first_root(side, 8, end)));
     return limit >= end && !l->fisheye ? INFINITY : limit;
 }
 
@@ -308,11 +322,14 @@ static void lens_init(lens *l, const sgs_camera *camera)
     l->limit = domain_limit(l);
 }
 
-// Finding the domain costs microseconds, a projection nanoseconds: each thread remembers its last lens.
+// Finding the domain costs microseconds, a projection nanoseconds: each thread remembers its last
+// lens.
 static const lens *lens_of(const sgs_camera *camera)
 {
     static _Thread_local lens memo = {.model = SGS_CAMERA_MODEL_COUNT};
-    if (memo.model != camera->model || memcmp(memo.params, camera->params, sizeof memo.params)) // NOLINT(bugprone-suspicious-memory-comparison,cert-*): bits
+    if (memo.model != camera->model ||
+        memcmp(memo.params, camera->params,
+               sizeof memo.params)) // NOLINT(bugprone-suspicious-memory-comparison,cert-*): bits
         lens_init(&memo, camera);
     return &memo;
 }
@@ -359,7 +376,9 @@ static double fov_factor(const lens *l, double r)
 
 sgs_camera sgs_camera_equirectangular(int width, int height)
 {
-    return (sgs_camera){SGS_CAMERA_EQUIRECTANGULAR, width, height,
+    return (sgs_camera){SGS_CAMERA_EQUIRECTANGULAR,
+                        width,
+                        height,
                         {width / (2 * PI), height / PI, 0.5 * width, 0.5 * height}};
 }
 
@@ -375,7 +394,8 @@ static bool project_around(const double params[4], const double point[3], double
 
 static void unproject_around(const double params[4], const double pixel[2], double direction[3])
 {
-    const double longitude = (pixel[0] - params[2]) / params[0], latitude = (pixel[1] - params[3]) / params[1];
+    const double longitude = (pixel[0] - params[2]) / params[0],
+                 latitude = (pixel[1] - params[3]) / params[1];
     direction[0] = cos(latitude) * sin(longitude);
     direction[1] = sin(latitude);
     direction[2] = cos(latitude) * cos(longitude);
@@ -415,7 +435,8 @@ bool sgs_camera_project(const sgs_camera *camera, const double point[3], double 
     return isfinite(pixel[0]) && isfinite(pixel[1]);
 }
 
-// r with r g(r^2) = target, by Newton inside a bracket that bisection shrinks when Newton leaves it.
+// r with r g(r^2) = target, by Newton inside a bracket that bisection shrinks when Newton leaves
+// it.
 static bool invert_radial(const lens *l, double target, double *r)
 {
     double low = 0, high = isinf(l->limit) ? 1e6 : l->limit, slope;
@@ -542,7 +563,8 @@ sgs_status sgs_pose_from_quaternion(const double qvec[4], const double tvec[3], 
     if (!isfinite(tvec[0]) || !isfinite(tvec[1]) || !isfinite(tvec[2]))
         return sgsi_fail(SGS_STATUS_FORMAT, "the translation is not finite");
     // Scaled first: squares of very small or large components would underflow or overflow.
-    double w = qvec[0] / largest, x = qvec[1] / largest, y = qvec[2] / largest, z = qvec[3] / largest;
+    double w = qvec[0] / largest, x = qvec[1] / largest, y = qvec[2] / largest,
+           z = qvec[3] / largest;
     const double norm = sqrt(w * w + x * x + y * y + z * z);
     w /= norm, x /= norm, y /= norm, z /= norm;
     *pose = (sgs_pose){
@@ -556,10 +578,11 @@ sgs_status sgs_pose_from_quaternion(const double qvec[4], const double tvec[3], 
 
 void sgs_pose_quaternion(const sgs_pose *pose, double qvec[4])
 {
-    // Shepperd 1978: four times the square of each component; the largest one divides the others safely.
+    // Shepperd 1978: four times the square of each component; the largest one divides the others
+    // safely.
     const double *m = pose->rotation;
-    const double squares[4] = {1 + m[0] + m[4] + m[8], 1 + m[0] - m[4] - m[8], 1 - m[0] + m[4] - m[8],
-                               1 - m[0] - m[4] + m[8]};
+    const double squares[4] = {1 + m[0] + m[4] + m[8], 1 + m[0] - m[4] - m[8],
+                               1 - m[0] + m[4] - m[8], 1 - m[0] - m[4] + m[8]};
     const double products[4][4] = {
         {squares[0], m[7] - m[5], m[2] - m[6], m[3] - m[1]},
         {m[7] - m[5], squares[1], m[3] + m[1], m[2] + m[6]},

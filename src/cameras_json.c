@@ -1,9 +1,10 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// cameras.json as the code of Kerbl et al., "3D Gaussian Splatting for Real-Time Radiance Field Rendering", 2023,
-// writes it and as viewers read it for their start position: camera-to-world rotations (rows), centres, focal lengths
-// in pixels; held-out views first, ids counted in that order. Distortion and principal point have no place in it.
+// cameras.json as the code of Kerbl et al., "3D Gaussian Splatting for Real-Time Radiance Field
+// Rendering", 2023, writes it and as viewers read it for their start position: camera-to-world
+// rotations (rows), centres, focal lengths in pixels; held-out views first, ids counted in that
+// order. Distortion and principal point have no place in it.
 
 #include "sparegs/scene.h"
 
@@ -24,7 +25,8 @@ static json_t *position_of(const sgs_pose *pose)
 static json_t *rotation_of(const sgs_pose *pose)
 {
     const double *r = pose->rotation;
-    return json_pack("[[f, f, f], [f, f, f], [f, f, f]]", r[0], r[3], r[6], r[1], r[4], r[7], r[2], r[5], r[8]);
+    return json_pack("[[f, f, f], [f, f, f], [f, f, f]]", r[0], r[3], r[6], r[1], r[4], r[7], r[2],
+                     r[5], r[8]);
 }
 
 static json_t *camera_of(const sgs_view *view, size_t id)
@@ -44,9 +46,10 @@ static json_t *camera_of(const sgs_view *view, size_t id)
         text = json_string(name);
     }
     sgsi_free(name);
-    return json_pack("{s:I, s:o, s:i, s:i, s:o, s:o, s:f, s:f}", "id", (json_int_t)id, "img_name", text, "width",
-                     view->camera.width, "height", view->camera.height, "position", position_of(&view->pose),
-                     "rotation", rotation_of(&view->pose), "fy", fy, "fx", fx);
+    return json_pack("{s:I, s:o, s:i, s:i, s:o, s:o, s:f, s:f}", "id", (json_int_t)id, "img_name",
+                     text, "width", view->camera.width, "height", view->camera.height, "position",
+                     position_of(&view->pose), "rotation", rotation_of(&view->pose), "fy", fy, "fx",
+                     fx);
 }
 
 static json_t *list_cameras(const sgs_scene *scene)
@@ -73,7 +76,8 @@ sgs_status sgs_scene_write_cameras_json(const sgs_scene *scene, const char *path
     char *text = list ? json_dumps(list, JSON_COMPACT | JSON_REAL_PRECISION(17)) : NULL;
     json_decref(list);
     if (!text)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write %zu cameras", path, scene->view_count);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write %zu cameras", path,
+                         scene->view_count);
     sgsi_atomic_file file;
     sgs_status status = sgsi_atomic_open(&file, path);
     if (!status) {

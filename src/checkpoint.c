@@ -9,15 +9,18 @@
 //   progress   counters, averages, equilibrium, seconds (sgsi_progress)
 //   model, moment1, moment2    blocks of 16 primitives, 59 parameters each; lanes behind n are 0
 //   statistics gradient sums, sums of norms, visible counts, largest radii: n each
-//   guesses    the depth guesses, which decide which hidden candidates take part and so the last bits of a step
+//   guesses    the depth guesses, which decide which hidden candidates take part and so the last
+//              bits of a step
 //   order      u32 per training view: this epoch's permutation
 //   exposure   colour maps of the views, their moments and steps, in runs that learn them
-//   pending    gradients that wait for a step, as blocks, then the rows that have some; in runs whose pipeline batches steps
+//   pending    gradients that wait for a step, as blocks, then the rows that have some; in runs
+//              whose pipeline batches steps
 //   filter_3d  Mip-Splatting's, n floats, in runs with its pixel filter
 //   stop       text: why training ended, empty before that
 //
-// New state is a section more in visit_state(), and nothing else. The BVH is not stored: padded bounds make the hits
-// independent of it. A file that is cut, changed or of another run is refused before the trainer is touched.
+// New state is a section more in visit_state(), and nothing else. The BVH is not stored: padded
+// bounds make the hits independent of it. A file that is cut, changed or of another run is refused
+// before the trainer is touched.
 
 #include <math.h>
 #include <string.h>
@@ -35,8 +38,8 @@ static size_t block_bytes(size_t n)
     return (n + SGS_LANES - 1) / SGS_LANES * BLOCK_FLOATS * sizeof(float);
 }
 
-// n primitives in the model's layout. The lanes behind the last primitive are zeros in the file and left alone in
-// memory.
+// n primitives in the model's layout. The lanes behind the last primitive are zeros in the file and
+// left alone in memory.
 static void visit_blocks(sgsi_sections *sections, const char *name, float *data, size_t n)
 {
     const size_t whole = n / SGS_LANES, rest = n % SGS_LANES;
@@ -74,7 +77,8 @@ static void visit_state(sgsi_sections *sections, sgs_trainer *trainer, size_t n)
     sgsi_sections_piece(sections, trainer->statistics.radius_max, n * sizeof(float));
     sgsi_sections_begin(sections, "guesses", tiles * sizeof(float));
     for (size_t i = 0; i < views; ++i)
-        sgsi_sections_piece(sections, trainer->depth_guesses[i], trainer->tile_counts[i] * sizeof(float));
+        sgsi_sections_piece(sections, trainer->depth_guesses[i],
+                            trainer->tile_counts[i] * sizeof(float));
     sgsi_sections_begin(sections, "order", views * sizeof(uint32_t));
     sgsi_sections_piece(sections, trainer->order, views * sizeof(uint32_t));
     if (trainer->exposure) {
@@ -151,37 +155,42 @@ static sgs_status check_scene(sgsi_sections *sections, const sgs_trainer *traine
         return sgsi_fail(SGS_STATUS_FORMAT, "%s: the section 'scene' is missing", sections->path);
     if (bytes != views * sizeof(uint64_t))
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                         "%s: the run was started with %zu training views and has %zu now; resume with the same scene",
+                         "%s: the run was started with %zu training views and has %zu now; resume "
+                         "with the same scene",
                          sections->path, bytes / sizeof(uint64_t), views);
     for (size_t i = 0; i < views; ++i) {
         const sgs_view *view = train_view(trainer, i);
         uint64_t digest;
         memcpy(&digest, digests + i * sizeof digest, sizeof digest);
         if (digest != view_digest(view))
-            return sgsi_fail(
-                SGS_STATUS_INVALID_ARGUMENT,
-                "%s: the view '%s' was another one, or had another camera, when this run was started; resume "
-                "with the same scene",
-                sections->path, view->name);
+            return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                             "%s: the view '%s' was another one, or had another camera, when this "
+                             "run was started; resume "
+                             "with the same scene",
+                             sections->path, view->name);
     }
     return SGS_STATUS_OK;
 }
 
 // The order must be a permutation, the counters in their ranges: they are used as indices.
-static sgs_status check_progress(sgsi_sections *sections, const sgs_trainer *trainer, const sgsi_progress *progress)
+static sgs_status check_progress(sgsi_sections *sections, const sgs_trainer *trainer,
+                                 const sgsi_progress *progress)
 {
     const size_t views = trainer->train_view_count;
-    if (progress->iteration < 0 || progress->iteration > 10000000 || progress->adam_step < 0 || progress->adam_step > progress->iteration ||
-        progress->order_position > views || progress->stop < SGS_STOP_NONE || progress->stop > SGS_STOP_SIGNAL ||
+    if (progress->iteration < 0 || progress->iteration > 10000000 || progress->adam_step < 0 ||
+        progress->adam_step > progress->iteration || progress->order_position > views ||
+        progress->stop < SGS_STOP_NONE || progress->stop > SGS_STOP_SIGNAL ||
         progress->resolution < 0 || progress->resolution > 8 || progress->updates < 0)
-        return sgsi_fail(SGS_STATUS_FORMAT, "%s: a counter in section 'progress' is out of range", sections->path);
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: a counter in section 'progress' is out of range",
+                         sections->path);
     size_t bytes;
     const uint8_t *order = sgsi_sections_find(sections, "order", &bytes);
     for (size_t i = 0; i < views; ++i) {
         uint32_t view;
         memcpy(&view, order + i * sizeof view, sizeof view);
         if (view >= views)
-            return sgsi_fail(SGS_STATUS_FORMAT, "%s: the view order names view %u of %zu", sections->path, view, views);
+            return sgsi_fail(SGS_STATUS_FORMAT, "%s: the view order names view %u of %zu",
+                             sections->path, view, views);
     }
     return SGS_STATUS_OK;
 }
@@ -197,7 +206,8 @@ static sgs_status check(sgsi_sections *sections, sgs_trainer *trainer, size_t *n
     memcpy(&count, size, sizeof count);
     const uint8_t *model = sgsi_sections_find(sections, "model", &bytes);
     if (!model || count > bytes / (SGS_PARAM_COUNT * sizeof(float)))
-        return sgsi_fail(SGS_STATUS_FORMAT, "%s: section 'size': %llu primitives do not fit into the section 'model'",
+        return sgsi_fail(SGS_STATUS_FORMAT,
+                         "%s: section 'size': %llu primitives do not fit into the section 'model'",
                          sections->path, (unsigned long long)count);
     *n = (size_t)count;
     const uint8_t *progress_bytes = sgsi_sections_find(sections, "progress", &bytes);
@@ -207,7 +217,8 @@ static sgs_status check(sgsi_sections *sections, sgs_trainer *trainer, size_t *n
     const char *options = (const char *)sgsi_sections_find(sections, "options", &bytes);
     if (!options)
         return sgsi_fail(SGS_STATUS_FORMAT, "%s: the section 'options' is missing", sections->path);
-    sgs_status status = sgsi_options_agree(sections->path, options, bytes, &trainer->options, progress.iteration);
+    sgs_status status =
+        sgsi_options_agree(sections->path, options, bytes, &trainer->options, progress.iteration);
     if (!status)
         status = check_scene(sections, trainer);
     if (status)
@@ -219,7 +230,8 @@ static sgs_status check(sgsi_sections *sections, sgs_trainer *trainer, size_t *n
     const size_t cap = trainer->options.max_gaussians;
     if (!status && cap && *n > cap)
         status = sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                           "%s: has %zu primitives, more than --max-gaussians %zu; raise it", sections->path, *n, cap);
+                           "%s: has %zu primitives, more than --max-gaussians %zu; raise it",
+                           sections->path, *n, cap);
     return status;
 }
 
@@ -253,17 +265,21 @@ static sgs_status make_room(sgs_trainer *trainer, size_t n, const char *path)
     trainer->m = m;
     trainer->v = v;
     status = sgsi_trainer_reserve_pending(trainer);
-    return status ? status : sgsi_trainer_update_filter_3d(trainer); // for the memory; the values come from the file
+    return status ? status
+                  : sgsi_trainer_update_filter_3d(
+                        trainer); // for the memory; the values come from the file
 }
 
-// The images of the resolution that was in force, where the pipeline changes it. Forgets the depth guesses: before reading.
+// The images of the resolution that was in force, where the pipeline changes it. Forgets the depth
+// guesses: before reading.
 static sgs_status restore_resolution(sgs_trainer *trainer, sgsi_sections *sections)
 {
     size_t bytes;
     const uint8_t *content = sgsi_sections_find(sections, "progress", &bytes);
     sgsi_progress progress;
     memcpy(&progress, content, sizeof progress);
-    return progress.resolution ? sgsi_trainer_set_resolution(trainer, progress.resolution) : SGS_STATUS_OK;
+    return progress.resolution ? sgsi_trainer_set_resolution(trainer, progress.resolution)
+                               : SGS_STATUS_OK;
 }
 
 sgs_status sgs_trainer_load_checkpoint(sgs_trainer *trainer, const char *path)
@@ -283,7 +299,8 @@ sgs_status sgs_trainer_load_checkpoint(sgs_trainer *trainer, const char *path)
         visit_state(&sections, trainer, n);
         trainer->stop_text[sizeof trainer->stop_text - 1] = 0;
         trainer->structure_changed = true;
-        if (trainer->progress.stop == SGS_STOP_SCHEDULE && trainer->progress.iteration < trainer->options.iterations)
+        if (trainer->progress.stop == SGS_STOP_SCHEDULE &&
+            trainer->progress.iteration < trainer->options.iterations)
             trainer->progress.stop = SGS_STOP_NONE; // the run has been made longer
     }
     sgsi_sections_close(&sections);

@@ -1,9 +1,10 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// One row per option that shapes the result. A run continued with other values would be neither of the two runs, so a
-// difference is refused, except where a later value is meaningful by itself: a new cap holds from the next structural
-// update on, new tolerances from the next check on, and the paper's schedule is the same for any length.
+// One row per option that shapes the result. A run continued with other values would be neither of
+// the two runs, so a difference is refused, except where a later value is meaningful by itself: a
+// new cap holds from the next structural update on, new tolerances from the next check on, and the
+// paper's schedule is the same for any length.
 
 #include "checkpoint_options.h"
 
@@ -30,9 +31,9 @@ typedef struct option_row {
     value_rule rule;
 } option_row;
 
-#define ROW(name, member, kind, rule)                                                                                  \
-    {                                                                                                                  \
-        name, offsetof(sgs_train_options, member), kind, rule                                                          \
+#define ROW(name, member, kind, rule)                                                              \
+    {                                                                                              \
+        name, offsetof(sgs_train_options, member), kind, rule                                      \
     }
 static const option_row rows[] = {
     ROW("iterations", iterations, VALUE_INT, MAY_CHANGE_UNDER_PAPER),
@@ -69,10 +70,12 @@ static const option_row rows[] = {
 enum { ROWS = sizeof rows / sizeof *rows, TEXT_CAPACITY = 96 };
 
 // init and random_points shape the first model only, which the checkpoint replaces.
-_Static_assert(sizeof(void *) != 8 || sizeof(sgs_train_options) == 208,
-               "sgs_train_options has changed: give the new option a row above, then correct the size here");
+_Static_assert(
+    sizeof(void *) != 8 || sizeof(sgs_train_options) == 208,
+    "sgs_train_options has changed: give the new option a row above, then correct the size here");
 
-static void value_text(const option_row *row, const sgs_train_options *options, char text[TEXT_CAPACITY])
+static void value_text(const option_row *row, const sgs_train_options *options,
+                       char text[TEXT_CAPACITY])
 {
     const void *value = (const char *)options + row->offset;
     switch (row->kind) {
@@ -112,26 +115,28 @@ char *sgsi_options_text(const sgs_train_options *options)
     return sgsi_strdup(text);
 }
 
-static sgs_status compare(const char *path, const option_row *row, const char *before, const sgs_train_options *now,
-                          int iteration)
+static sgs_status compare(const char *path, const option_row *row, const char *before,
+                          const sgs_train_options *now, int iteration)
 {
     char value[TEXT_CAPACITY];
     value_text(row, now, value);
     if (!strcmp(value, before))
         return SGS_STATUS_OK;
-    if (row->rule == MAY_CHANGE || (row->rule == MAY_CHANGE_UNDER_PAPER && now->schedule == SGS_SCHEDULE_PAPER)) {
-        sgsi_warn("%s: --%s was %s and is %s from iteration %d on", path, row->name, before, value, iteration + 1);
+    if (row->rule == MAY_CHANGE ||
+        (row->rule == MAY_CHANGE_UNDER_PAPER && now->schedule == SGS_SCHEDULE_PAPER)) {
+        sgsi_warn("%s: --%s was %s and is %s from iteration %d on", path, row->name, before, value,
+                  iteration + 1);
         return SGS_STATUS_OK;
     }
-    return sgsi_fail(
-        SGS_STATUS_INVALID_ARGUMENT,
-        "%s: --%s was %s when this run was started and is %s now; resume with the same options, or train into "
-        "another folder",
-        path, row->name, before, value);
+    return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                     "%s: --%s was %s when this run was started and is %s now; resume with the "
+                     "same options, or train into "
+                     "another folder",
+                     path, row->name, before, value);
 }
 
-static sgs_status compare_line(const char *path, char *line, const sgs_train_options *now, int iteration,
-                               bool seen[ROWS])
+static sgs_status compare_line(const char *path, char *line, const sgs_train_options *now,
+                               int iteration, bool seen[ROWS])
 {
     char *equals = strchr(line, '=');
     if (!equals)
@@ -143,12 +148,13 @@ static sgs_status compare_line(const char *path, char *line, const sgs_train_opt
         seen[i] = true;
         return compare(path, &rows[i], equals + 1, now, iteration);
     }
-    return sgsi_fail(SGS_STATUS_UNSUPPORTED, "%s: was made with the option --%.64s, which this program does not know",
-                     path, line);
+    return sgsi_fail(SGS_STATUS_UNSUPPORTED,
+                     "%s: was made with the option --%.64s, which this program does not know", path,
+                     line);
 }
 
-sgs_status sgsi_options_agree(const char *path, const char *text, size_t bytes, const sgs_train_options *now,
-                              int iteration)
+sgs_status sgsi_options_agree(const char *path, const char *text, size_t bytes,
+                              const sgs_train_options *now, int iteration)
 {
     char *copy = sgsi_alloc(bytes + 1, 1), *rest = NULL;
     if (!copy)
@@ -157,11 +163,13 @@ sgs_status sgsi_options_agree(const char *path, const char *text, size_t bytes, 
     copy[bytes] = 0;
     bool seen[ROWS] = {false};
     sgs_status status = SGS_STATUS_OK;
-    for (char *line = strtok_r(copy, "\n", &rest); line && !status; line = strtok_r(NULL, "\n", &rest))
+    for (char *line = strtok_r(copy, "\n", &rest); line && !status;
+         line = strtok_r(NULL, "\n", &rest))
         status = compare_line(path, line, now, iteration, seen);
     for (size_t i = 0; i < ROWS && !status; ++i)
         if (!seen[i])
-            status = sgsi_fail(SGS_STATUS_FORMAT, "%s: does not record the option --%s", path, rows[i].name);
+            status = sgsi_fail(SGS_STATUS_FORMAT, "%s: does not record the option --%s", path,
+                               rows[i].name);
     sgsi_free(copy);
     return status;
 }

@@ -1,14 +1,15 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// COLMAP's sparse models, after its format documentation ("Output Format", COLMAP 3.8). Both formats end in
-// the same add_camera, add_image and add_point, which hold every rule about the content; above them stand one
-// reader of little-endian bytes and one of lines.
+// COLMAP's sparse models, after its format documentation ("Output Format", COLMAP 3.8). Both
+// formats end in the same add_camera, add_image and add_point, which hold every rule about the
+// content; above them stand one reader of little-endian bytes and one of lines.
 //
-// The files are untrusted: a count is compared with the bytes that are left before anything is allocated for
-// it, and every refusal names file, place and fix. 2-D observations and tracks are skipped, not kept.
-// Differences from COLMAP's own reader: names with blanks are kept whole in text files; a text file whose
-// header comment announces another number of records than it holds is reported (COLMAP writes that comment).
+// The files are untrusted: a count is compared with the bytes that are left before anything is
+// allocated for it, and every refusal names file, place and fix. 2-D observations and tracks are
+// skipped, not kept. Differences from COLMAP's own reader: names with blanks are kept whole in text
+// files; a text file whose header comment announces another number of records than it holds is
+// reported (COLMAP writes that comment).
 
 #include "colmap.h"
 
@@ -24,8 +25,8 @@
 
 enum {
     MAX_SIZE = 65536,
-    // Least bytes of a record: a camera with three parameters, an image with a one-letter name and no
-    // observations, a point without track.
+    // Least bytes of a record: a camera with three parameters, an image with a one-letter name and
+    // no observations, a point without track.
     CAMERA_BYTES = 4 + 4 + 8 + 8 + 3 * 8,
     IMAGE_BYTES = 4 + 7 * 8 + 4 + 2 + 8,
     POINT_BYTES = 8 + 3 * 8 + 3 + 8 + 8
@@ -49,8 +50,8 @@ typedef struct loader {
 
 static sgs_status no_memory(const loader *l)
 {
-    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: %s %llu: no memory for the rest of the file", l->path, l->unit,
-                     (unsigned long long)l->place);
+    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: %s %llu: no memory for the rest of the file",
+                     l->path, l->unit, (unsigned long long)l->place);
 }
 
 static bool grow(void **block, size_t count, size_t *capacity, size_t size)
@@ -64,19 +65,24 @@ static bool grow(void **block, size_t count, size_t *capacity, size_t size)
     return true;
 }
 
-// ---- the rules ---------------------------------------------------------------------------------------
+// ---- the rules ----------------------------------------------------------------------------------
 
-static sgs_status add_camera(loader *l, uint32_t id, int model, uint64_t width, uint64_t height, const double *params)
+static sgs_status add_camera(loader *l, uint32_t id, int model, uint64_t width, uint64_t height,
+                             const double *params)
 {
     const unsigned long long place = l->place;
     if (width < 1 || height < 1 || width > MAX_SIZE || height > MAX_SIZE)
         return sgsi_fail(SGS_STATUS_FORMAT,
-                         "%s: %s %llu: camera %u has the size %llu x %llu, not 1 to %d pixels; is the file damaged?",
-                         l->path, l->unit, place, id, (unsigned long long)width, (unsigned long long)height, MAX_SIZE);
-    sgs_camera camera = {.model = (sgs_camera_model)model, .width = (int)width, .height = (int)height};
+                         "%s: %s %llu: camera %u has the size %llu x %llu, not 1 to %d pixels; is "
+                         "the file damaged?",
+                         l->path, l->unit, place, id, (unsigned long long)width,
+                         (unsigned long long)height, MAX_SIZE);
+    sgs_camera camera = {
+        .model = (sgs_camera_model)model, .width = (int)width, .height = (int)height};
     memcpy(camera.params, params, (size_t)sgs_camera_param_count(camera.model) * sizeof *params);
     if (sgs_camera_validate(&camera))
-        return sgsi_fail(SGS_STATUS_FORMAT, "%s: %s %llu: camera %u: %s; estimate this camera again", l->path, l->unit,
+        return sgsi_fail(SGS_STATUS_FORMAT,
+                         "%s: %s %llu: camera %u: %s; estimate this camera again", l->path, l->unit,
                          place, id, sgs_last_error());
     if (!grow((void **)&l->cameras, l->camera_count, &l->camera_capacity, sizeof *l->cameras))
         return no_memory(l);
@@ -93,21 +99,24 @@ static int camera_order(const void *a, const void *b)
 static sgs_status finish_cameras(loader *l)
 {
     if (l->camera_count == 0)
-        return sgsi_fail(SGS_STATUS_FORMAT, "%s: holds no camera; run COLMAP's mapper again or choose another model",
+        return sgsi_fail(SGS_STATUS_FORMAT,
+                         "%s: holds no camera; run COLMAP's mapper again or choose another model",
                          l->path);
     qsort(l->cameras, l->camera_count, sizeof *l->cameras, camera_order);
     for (size_t i = 1; i < l->camera_count; ++i) {
         const camera_entry *a = &l->cameras[i - 1], *b = &l->cameras[i];
         if (a->id == b->id)
-            return sgsi_fail(SGS_STATUS_FORMAT,
-                             "%s: %s %llu: camera id %u is already used at %s %llu; keep one of them", l->path, l->unit,
-                             (unsigned long long)(a->place > b->place ? a->place : b->place), a->id, l->unit,
-                             (unsigned long long)(a->place > b->place ? b->place : a->place));
+            return sgsi_fail(
+                SGS_STATUS_FORMAT,
+                "%s: %s %llu: camera id %u is already used at %s %llu; keep one of them", l->path,
+                l->unit, (unsigned long long)(a->place > b->place ? a->place : b->place), a->id,
+                l->unit, (unsigned long long)(a->place > b->place ? b->place : a->place));
     }
     return SGS_STATUS_OK;
 }
 
-static sgs_status add_image(loader *l, uint32_t id, const double pose[7], uint32_t camera_id, const char *name)
+static sgs_status add_image(loader *l, uint32_t id, const double pose[7], uint32_t camera_id,
+                            const char *name)
 {
     sgsi_dataset *d = l->dataset;
     const unsigned long long place = l->place;
@@ -120,20 +129,24 @@ static sgs_status add_image(loader *l, uint32_t id, const double pose[7], uint32
     ++d->frame_count; // owned by the dataset from here on
     const char *complaint = sgsi_image_name_clean(frame->name);
     if (complaint)
-        return sgsi_fail(SGS_STATUS_FORMAT, "%s: %s %llu: the name of image %u %s ('%.200s'); rename it in the model",
+        return sgsi_fail(SGS_STATUS_FORMAT,
+                         "%s: %s %llu: the name of image %u %s ('%.200s'); rename it in the model",
                          l->path, l->unit, place, id, complaint,
                          strcmp(complaint, "holds control characters") ? name : "not shown");
     if (sgs_pose_from_quaternion(pose, pose + 4, &frame->pose))
         return sgsi_fail(SGS_STATUS_FORMAT,
-                         "%s: %s %llu: image %u '%.200s': %s; remove the image from the model or register it again",
+                         "%s: %s %llu: image %u '%.200s': %s; remove the image from the model or "
+                         "register it again",
                          l->path, l->unit, place, id, frame->name, sgs_last_error());
     const camera_entry key = {.id = camera_id};
-    const camera_entry *entry = bsearch(&key, l->cameras, l->camera_count, sizeof key, camera_order);
+    const camera_entry *entry =
+        bsearch(&key, l->cameras, l->camera_count, sizeof key, camera_order);
     if (!entry)
-        return sgsi_fail(SGS_STATUS_FORMAT,
-                         "%s: %s %llu: image %u '%.200s' uses camera %u, which the cameras file does not hold; "
-                         "take both files from the same model",
-                         l->path, l->unit, place, id, frame->name, camera_id);
+        return sgsi_fail(
+            SGS_STATUS_FORMAT,
+            "%s: %s %llu: image %u '%.200s' uses camera %u, which the cameras file does not hold; "
+            "take both files from the same model",
+            l->path, l->unit, place, id, frame->name, camera_id);
     frame->camera = entry->camera;
     return SGS_STATUS_OK;
 }
@@ -141,8 +154,10 @@ static sgs_status add_image(loader *l, uint32_t id, const double pose[7], uint32
 static sgs_status finish_images(loader *l)
 {
     if (l->dataset->frame_count == 0)
-        return sgsi_fail(SGS_STATUS_FORMAT, "%s: holds no registered image; run COLMAP's mapper again or choose "
-                         "another model", l->path);
+        return sgsi_fail(SGS_STATUS_FORMAT,
+                         "%s: holds no registered image; run COLMAP's mapper again or choose "
+                         "another model",
+                         l->path);
     return sgsi_dataset_check_names(l->dataset, l->path, l->unit);
 }
 
@@ -170,11 +185,12 @@ static sgs_status add_point(loader *l, const double xyz[3], const uint8_t rgb[3]
 static void finish_points(const loader *l)
 {
     if (l->points_dropped)
-        sgsi_warn("%s: %s %llu: %zu point(s) that are not finite numbers are dropped, the first one here", l->path,
-                  l->unit, (unsigned long long)l->first_dropped, l->points_dropped);
+        sgsi_warn(
+            "%s: %s %llu: %zu point(s) that are not finite numbers are dropped, the first one here",
+            l->path, l->unit, (unsigned long long)l->first_dropped, l->points_dropped);
 }
 
-// ---- binary ------------------------------------------------------------------------------------------
+// ---- binary -------------------------------------------------------------------------------------
 
 typedef struct bytes {
     const uint8_t *data;
@@ -209,22 +225,27 @@ static const uint8_t *take(bytes *b, uint64_t count)
 
 static sgs_status truncated(const loader *l, const bytes *b, const char *what)
 {
-    return sgsi_fail(SGS_STATUS_FORMAT, "%s: byte %zu: the file ends inside of %s; it is truncated: copy or export it "
-                     "again", l->path, b->at, what);
+    return sgsi_fail(SGS_STATUS_FORMAT,
+                     "%s: byte %zu: the file ends inside of %s; it is truncated: copy or export it "
+                     "again",
+                     l->path, b->at, what);
 }
 
 // Reads the leading count and holds it against the bytes left.
-static sgs_status take_count(const loader *l, bytes *b, size_t least_bytes, const char *what, uint64_t *count)
+static sgs_status take_count(const loader *l, bytes *b, size_t least_bytes, const char *what,
+                             uint64_t *count)
 {
     const uint8_t *p = take(b, 8);
     if (!p)
         return truncated(l, b, "its first count");
     *count = decode(p, 8);
     if (*count > (b->size - b->at) / least_bytes)
-        return sgsi_fail(SGS_STATUS_FORMAT,
-                         "%s: byte 0: announces %llu %s, but the %zu bytes that follow can hold %zu at most; "
-                         "the file is truncated or damaged: copy or export it again",
-                         l->path, (unsigned long long)*count, what, b->size - b->at, (b->size - b->at) / least_bytes);
+        return sgsi_fail(
+            SGS_STATUS_FORMAT,
+            "%s: byte 0: announces %llu %s, but the %zu bytes that follow can hold %zu at most; "
+            "the file is truncated or damaged: copy or export it again",
+            l->path, (unsigned long long)*count, what, b->size - b->at,
+            (b->size - b->at) / least_bytes);
     return SGS_STATUS_OK;
 }
 
@@ -250,16 +271,19 @@ static sgs_status read_camera_binary(loader *l, bytes *b)
     const int param_count = sgs_camera_param_count((sgs_camera_model)model);
     if (param_count == 0)
         return sgsi_fail(SGS_STATUS_UNSUPPORTED,
-                         "%s: byte %llu: camera model %d is unknown; COLMAP's models 0 to %d are read: undistort "
+                         "%s: byte %llu: camera model %d is unknown; COLMAP's models 0 to %d are "
+                         "read: undistort "
                          "the images or calibrate with one of these",
-                         l->path, (unsigned long long)l->place + 4, model, SGS_CAMERA_MODEL_COUNT - 1);
+                         l->path, (unsigned long long)l->place + 4, model,
+                         SGS_CAMERA_MODEL_COUNT - 1);
     const uint8_t *raw = take(b, 8 * (uint64_t)param_count);
     if (!raw)
         return truncated(l, b, "the parameters of a camera");
     double params[12] = {0};
     for (int k = 0; k < param_count; ++k)
         params[k] = decode_double(raw + 8 * k);
-    return add_camera(l, (uint32_t)decode(p, 4), model, decode(p + 8, 8), decode(p + 16, 8), params);
+    return add_camera(l, (uint32_t)decode(p, 4), model, decode(p + 8, 8), decode(p + 16, 8),
+                      params);
 }
 
 static sgs_status read_cameras_binary(loader *l, bytes *b)
@@ -287,9 +311,11 @@ static sgs_status read_image_binary(loader *l, bytes *b)
     const uint64_t n = decode(observations, 8);
     if (n > (b->size - b->at) / 24)
         return sgsi_fail(SGS_STATUS_FORMAT,
-                         "%s: byte %zu: image %u announces %llu 2-D points, but only %zu bytes are left; the file "
+                         "%s: byte %zu: image %u announces %llu 2-D points, but only %zu bytes are "
+                         "left; the file "
                          "is truncated or damaged: copy or export it again",
-                         l->path, b->at - 8, (unsigned)decode(p, 4), (unsigned long long)n, b->size - b->at);
+                         l->path, b->at - 8, (unsigned)decode(p, 4), (unsigned long long)n,
+                         b->size - b->at);
     b->at += 24 * (size_t)n;
     return add_image(l, (uint32_t)decode(p, 4), pose, (uint32_t)decode(p + 60, 4), name);
 }
@@ -308,10 +334,11 @@ static sgs_status read_point_binary(loader *l, bytes *b)
     const uint64_t track = decode(p + 43, 8);
     if (track > (b->size - b->at) / 8)
         return sgsi_fail(SGS_STATUS_FORMAT,
-                         "%s: byte %zu: point %llu announces a track of %llu images, but only %zu bytes are left; "
+                         "%s: byte %zu: point %llu announces a track of %llu images, but only %zu "
+                         "bytes are left; "
                          "the file is truncated or damaged: copy or export it again",
-                         l->path, b->at - 8, (unsigned long long)decode(p, 8), (unsigned long long)track,
-                         b->size - b->at);
+                         l->path, b->at - 8, (unsigned long long)decode(p, 8),
+                         (unsigned long long)track, b->size - b->at);
     b->at += 8 * (size_t)track;
     const double xyz[3] = {decode_double(p + 8), decode_double(p + 16), decode_double(p + 24)};
     return add_point(l, xyz, p + 32);
@@ -325,7 +352,7 @@ static sgs_status read_points_binary(loader *l, bytes *b)
     return status;
 }
 
-// ---- text --------------------------------------------------------------------------------------------
+// ---- text ---------------------------------------------------------------------------------------
 
 typedef struct lines {
     char *next, *end;
@@ -395,17 +422,18 @@ static bool word_integer(char **cursor, uint64_t limit, uint64_t *value)
 
 static sgs_status bad_line(const loader *l, const char *expected)
 {
-    return sgsi_fail(SGS_STATUS_FORMAT,
-                     "%s: line %llu: is not of the form %s; the file is truncated or damaged: export "
-                     "it again",
-                     l->path, (unsigned long long)l->place, expected);
+    return sgsi_fail(
+        SGS_STATUS_FORMAT,
+        "%s: line %llu: is not of the form %s; the file is truncated or damaged: export "
+        "it again",
+        l->path, (unsigned long long)l->place, expected);
 }
 
 static void compare_announced(const loader *l, const lines *t, uint64_t count, const char *what)
 {
     if (t->announced != UINT64_MAX && t->announced != count)
-        sgsi_warn("%s: its header announces %llu %s, but it holds %llu; is the file complete?", l->path,
-                  (unsigned long long)t->announced, what, (unsigned long long)count);
+        sgsi_warn("%s: its header announces %llu %s, but it holds %llu; is the file complete?",
+                  l->path, (unsigned long long)t->announced, what, (unsigned long long)count);
 }
 
 static sgs_status read_cameras_text(loader *l, lines *t)
@@ -423,7 +451,8 @@ static sgs_status read_cameras_text(loader *l, lines *t)
             return bad_line(l, form);
         if (!sgs_camera_model_from_name(name, &model))
             return sgsi_fail(SGS_STATUS_UNSUPPORTED,
-                             "%s: line %llu: camera model '%.64s' is unknown; the models of COLMAP 3.8 are read: "
+                             "%s: line %llu: camera model '%.64s' is unknown; the models of COLMAP "
+                             "3.8 are read: "
                              "undistort the images or calibrate with one of these",
                              l->path, (unsigned long long)l->place, name);
         if (!word_integer(&line, UINT64_MAX, &width) || !word_integer(&line, UINT64_MAX, &height))
@@ -434,8 +463,10 @@ static sgs_status read_cameras_text(loader *l, lines *t)
             ++count;
         if (count < expected || next_word(&line))
             return sgsi_fail(SGS_STATUS_FORMAT,
-                             "%s: line %llu: camera model %s needs exactly %d numbers as parameters; export the model "
-                             "again", l->path, (unsigned long long)l->place, name, expected);
+                             "%s: line %llu: camera model %s needs exactly %d numbers as "
+                             "parameters; export the model "
+                             "again",
+                             l->path, (unsigned long long)l->place, name, expected);
         const sgs_status status = add_camera(l, (uint32_t)id, model, width, height, params);
         if (status)
             return status;
@@ -444,8 +475,8 @@ static sgs_status read_cameras_text(loader *l, lines *t)
     return finish_cameras(l);
 }
 
-// True for a list of X Y POINT3D_ID triples, which an image's second line must be. What this is to catch is a
-// pose line, taken for it because the second lines were stripped.
+// True for a list of X Y POINT3D_ID triples, which an image's second line must be. What this is to
+// catch is a pose line, taken for it because the second lines were stripped.
 static bool is_observation_line(const char *line)
 {
     size_t words = 0;
@@ -483,7 +514,8 @@ static sgs_status read_images_text(loader *l, lines *t)
             return status;
         const char *second = next_line(l, t);
         if (second && !is_observation_line(second))
-            return bad_line(l, "X Y POINT3D_ID ... (the second line of every image, which may be empty)");
+            return bad_line(
+                l, "X Y POINT3D_ID ... (the second line of every image, which may be empty)");
     }
     compare_announced(l, t, l->dataset->frame_count, "images");
     return finish_images(l);
@@ -515,7 +547,7 @@ static sgs_status read_points_text(loader *l, lines *t)
     return SGS_STATUS_OK;
 }
 
-// ---- files -------------------------------------------------------------------------------------------
+// ---- files --------------------------------------------------------------------------------------
 
 static bool file_present(const char *folder, const char *name)
 {
@@ -531,11 +563,13 @@ static bool binary_present(const char *folder)
 
 bool sgsi_colmap_present(const char *folder)
 {
-    return binary_present(folder) || (file_present(folder, "cameras.txt") && file_present(folder, "images.txt"));
+    return binary_present(folder) ||
+           (file_present(folder, "cameras.txt") && file_present(folder, "images.txt"));
 }
 
 // Runs one of the readers on one file.
-static sgs_status read_file(loader *l, const char *folder, const char *name, sgs_status (*binary)(loader *, bytes *),
+static sgs_status read_file(loader *l, const char *folder, const char *name,
+                            sgs_status (*binary)(loader *, bytes *),
                             sgs_status (*text)(loader *, lines *))
 {
     char *path = sgsi_format("%s/%s.%s", folder, name, binary ? "bin" : "txt");
@@ -551,13 +585,15 @@ static sgs_status read_file(loader *l, const char *folder, const char *name, sgs
         bytes b = {.data = content, .size = size};
         status = binary(l, &b);
         if (!status && b.at < size)
-            sgsi_warn("%s: byte %zu: %zu bytes behind the last record are ignored; is its count damaged?", path, b.at,
-                      size - b.at);
+            sgsi_warn(
+                "%s: byte %zu: %zu bytes behind the last record are ignored; is its count damaged?",
+                path, b.at, size - b.at);
     } else if (!status) {
         const uint8_t *nul = memchr(content, 0, size);
         lines t = {.next = (char *)content, .end = (char *)content + size, .announced = UINT64_MAX};
         status =
-            nul ? sgsi_fail(SGS_STATUS_FORMAT, "%s: byte %zu: a zero byte; this is not a text file: export it again",
+            nul ? sgsi_fail(SGS_STATUS_FORMAT,
+                            "%s: byte %zu: a zero byte; this is not a text file: export it again",
                             path, (size_t)(nul - content))
                 : text(l, &t);
     }
@@ -569,13 +605,16 @@ static sgs_status read_file(loader *l, const char *folder, const char *name, sgs
 
 static sgs_status read_model(loader *l, const char *folder, bool binary)
 {
-    sgs_status status = read_file(l, folder, "cameras", binary ? read_cameras_binary : NULL, read_cameras_text);
+    sgs_status status =
+        read_file(l, folder, "cameras", binary ? read_cameras_binary : NULL, read_cameras_text);
     if (!status)
-        status = read_file(l, folder, "images", binary ? read_images_binary : NULL, read_images_text);
+        status =
+            read_file(l, folder, "images", binary ? read_images_binary : NULL, read_images_text);
     if (status)
         return status;
     if (!file_present(folder, binary ? "points3D.bin" : "points3D.txt")) {
-        sgsi_warn("%s: holds no points3D.%s: the model has no points", folder, binary ? "bin" : "txt");
+        sgsi_warn("%s: holds no points3D.%s: the model has no points", folder,
+                  binary ? "bin" : "txt");
         return SGS_STATUS_OK;
     }
     return read_file(l, folder, "points3D", binary ? read_points_binary : NULL, read_points_text);

@@ -1,7 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Values of photographs: the transfer curve of sRGB (IEC 61966-2-1), continued above 1, and half-float numbers.
+// Values of photographs: the transfer curve of sRGB (IEC 61966-2-1), continued above 1, and
+// half-float numbers.
 
 #include <math.h>
 

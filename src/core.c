@@ -27,8 +27,8 @@ enum { ALIGNMENT = 64, HUGE_BLOCK = 2 << 20 };
 const char *sgs_status_text(sgs_status status)
 {
     switch (status) {
-#define SGS_STATUS_CASE(name, text)                                                                                    \
-    case SGS_STATUS_##name:                                                                                            \
+#define SGS_STATUS_CASE(name, text)                                                                \
+    case SGS_STATUS_##name:                                                                        \
         return text;
         SGS_STATUS_LIST(SGS_STATUS_CASE)
 #undef SGS_STATUS_CASE
@@ -51,7 +51,8 @@ static void make_printable(char *text)
 
 sgs_status sgsi_fail(sgs_status status, const char *format, ...)
 {
-    // Through a second buffer: an argument may be sgs_last_error() itself (a caller adding the file's name).
+    // Through a second buffer: an argument may be sgs_last_error() itself (a caller adding the
+    // file's name).
     char text[sizeof last_error];
     va_list args;
     va_start(args, format);
@@ -186,8 +187,8 @@ sgs_status sgsi_file_read(const char *path, size_t limit, uint8_t **bytes, size_
     const size_t length = (size_t)info.st_size;
     if (limit && length > limit) {
         fclose(stream);
-        return sgsi_fail(SGS_STATUS_LIMIT, "%s: has %zu bytes, more than the %zu that are accepted", path, length,
-                         limit);
+        return sgsi_fail(SGS_STATUS_LIMIT, "%s: has %zu bytes, more than the %zu that are accepted",
+                         path, length, limit);
     }
     uint8_t *block = sgsi_alloc(length + 1, 1);
     if (!block) {
@@ -208,7 +209,8 @@ sgs_status sgsi_file_read(const char *path, size_t limit, uint8_t **bytes, size_
 
 sgs_status sgsi_atomic_open(sgsi_atomic_file *file, const char *path)
 {
-    *file = (sgsi_atomic_file){.path = sgsi_strdup(path), .temporary = sgsi_format("%s.tmp.%ld", path, (long)getpid())};
+    *file = (sgsi_atomic_file){.path = sgsi_strdup(path),
+                               .temporary = sgsi_format("%s.tmp.%ld", path, (long)getpid())};
     if (!file->path || !file->temporary) {
         sgsi_atomic_abort(file);
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path);
@@ -222,7 +224,8 @@ sgs_status sgsi_atomic_open(sgsi_atomic_file *file, const char *path)
     return SGS_STATUS_OK;
 }
 
-// A rename is on the disk when its folder is. Best effort: some file systems refuse to sync a folder.
+// A rename is on the disk when its folder is. Best effort: some file systems refuse to sync a
+// folder.
 static void sync_folder_of(const char *path)
 {
     char folder[4096] = ".";
@@ -239,7 +242,8 @@ static void sync_folder_of(const char *path)
 sgs_status sgsi_atomic_commit(sgsi_atomic_file *file)
 {
     errno = 0;
-    const bool written = !fflush(file->stream) && !ferror(file->stream) && !fsync(fileno(file->stream));
+    const bool written =
+        !fflush(file->stream) && !ferror(file->stream) && !fsync(fileno(file->stream));
     int code = errno;
     const bool closed = !fclose(file->stream);
     file->stream = NULL;
@@ -252,7 +256,8 @@ sgs_status sgsi_atomic_commit(sgsi_atomic_file *file)
     }
     if (written)
         code = errno;
-    sgsi_fail(SGS_STATUS_IO, "%s: cannot be written: %s", file->path, code ? strerror(code) : "disk full?");
+    sgsi_fail(SGS_STATUS_IO, "%s: cannot be written: %s", file->path,
+              code ? strerror(code) : "disk full?");
     sgsi_atomic_abort(file);
     return SGS_STATUS_IO;
 }

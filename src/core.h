@@ -26,21 +26,23 @@ sgs_status sgsi_fail(sgs_status status, const char *format, ...) SGSI_PRINTF(2, 
 // Sends one warning line to the process-wide handler.
 void sgsi_warn(const char *format, ...) SGSI_PRINTF(1, 2);
 
-// 64-byte aligned memory, zeroed. NULL when out of memory or when count * size overflows. Large blocks
-// (>= 2 MiB) ask for huge pages. Release with sgsi_free.
+// 64-byte aligned memory, zeroed. NULL when out of memory or when count * size overflows. Large
+// blocks (>= 2 MiB) ask for huge pages. Release with sgsi_free.
 void *sgsi_calloc(size_t count, size_t size);
 
-// Like sgsi_calloc without the zeroing (fresh large blocks are still untouched pages: first touch decides their NUMA node).
+// Like sgsi_calloc without the zeroing (fresh large blocks are still untouched pages: first touch
+// decides their NUMA node).
 void *sgsi_alloc(size_t count, size_t size);
 
-// Grows *block (may be NULL) from old_count to at least new_count elements, keeping the contents; the tail is uninitialised.
-// False when out of memory: *block is unchanged.
+// Grows *block (may be NULL) from old_count to at least new_count elements, keeping the contents;
+// the tail is uninitialised. False when out of memory: *block is unchanged.
 bool sgsi_grow(void **block, size_t old_count, size_t new_count, size_t size);
 
 // Accepts NULL.
 void sgsi_free(void *block);
 
-// Number of sgsi_alloc/calloc/grow calls so far in the process, for the test that a training step allocates nothing.
+// Number of sgsi_alloc/calloc/grow calls so far in the process, for the test that a training step
+// allocates nothing.
 size_t sgsi_allocation_count(void);
 
 // Test hook: the n-th allocation from now fails (n >= 1); 0 switches off.
@@ -50,11 +52,12 @@ char *sgsi_strdup(const char *text);
 // printf into a fresh string; NULL when out of memory. Release with sgsi_free.
 char *sgsi_format(const char *format, ...) SGSI_PRINTF(1, 2);
 
-// Reads a whole regular file; *bytes is NUL-terminated beyond *size. Fails with IO (names the file), or LIMIT
-// when larger than `limit` bytes (0 = no limit). Release with sgsi_free.
+// Reads a whole regular file; *bytes is NUL-terminated beyond *size. Fails with IO (names the
+// file), or LIMIT when larger than `limit` bytes (0 = no limit). Release with sgsi_free.
 sgs_status sgsi_file_read(const char *path, size_t limit, uint8_t **bytes, size_t *size);
 
-// A file that appears under its name only when complete: written to "PATH.tmp.PID", flushed, fsync'ed, renamed.
+// A file that appears under its name only when complete: written to "PATH.tmp.PID", flushed,
+// fsync'ed, renamed.
 typedef struct sgsi_atomic_file {
     FILE *stream;
     char *path, *temporary;
@@ -76,8 +79,8 @@ sgs_status sgsi_make_folder(const char *path);
 // Seconds of a monotonic clock.
 double sgsi_seconds(void);
 
-// Counter-based random numbers (SplitMix64 finaliser over seed and counter): the same on every machine and
-// for every thread count. Uniform in (0,1); normal by Box-Muller from two counters.
+// Counter-based random numbers (SplitMix64 finaliser over seed and counter): the same on every
+// machine and for every thread count. Uniform in (0,1); normal by Box-Muller from two counters.
 uint64_t sgsi_random_bits(uint64_t seed, uint64_t counter);
 double sgsi_random_uniform(uint64_t seed, uint64_t counter);
 double sgsi_random_normal(uint64_t seed, uint64_t counter);

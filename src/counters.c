@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Hardware counters through perf_event_open(2). Inherited by threads, user space only, so that the usual
-// perf_event_paranoid of 2 allows them.
+// Hardware counters through perf_event_open(2). Inherited by threads, user space only, so that the
+// usual perf_event_paranoid of 2 allows them.
 
 #include <errno.h>
 #include <string.h>
@@ -24,14 +24,20 @@ struct sgs_counters {
 
 sgs_counters *sgs_counters_open(void)
 {
-    static const uint64_t events[EVENTS] = {PERF_COUNT_HW_CPU_CYCLES, PERF_COUNT_HW_INSTRUCTIONS, PERF_COUNT_HW_CACHE_REFERENCES,
-                                            PERF_COUNT_HW_CACHE_MISSES, PERF_COUNT_HW_BRANCH_MISSES};
+    static const uint64_t events[EVENTS] = {
+        PERF_COUNT_HW_CPU_CYCLES, PERF_COUNT_HW_INSTRUCTIONS, PERF_COUNT_HW_CACHE_REFERENCES,
+        PERF_COUNT_HW_CACHE_MISSES, PERF_COUNT_HW_BRANCH_MISSES};
     sgs_counters *counters = sgsi_calloc(1, sizeof *counters);
     bool any = false;
     int reason = ENOMEM;
     for (int i = 0; counters && i < EVENTS; ++i) {
-        struct perf_event_attr attributes = {.type = PERF_TYPE_HARDWARE, .size = sizeof attributes, .config = events[i],
-                                             .disabled = 1, .inherit = 1, .exclude_kernel = 1, .exclude_hv = 1};
+        struct perf_event_attr attributes = {.type = PERF_TYPE_HARDWARE,
+                                             .size = sizeof attributes,
+                                             .config = events[i],
+                                             .disabled = 1,
+                                             .inherit = 1,
+                                             .exclude_kernel = 1,
+                                             .exclude_hv = 1};
         counters->files[i] = (int)syscall(SYS_perf_event_open, &attributes, 0, -1, -1, 0);
         reason = counters->files[i] < 0 ? errno : reason;
         any = any || counters->files[i] >= 0;
@@ -39,7 +45,9 @@ sgs_counters *sgs_counters_open(void)
     if (any)
         return counters;
     sgsi_free(counters);
-    sgsi_fail(SGS_STATUS_UNSUPPORTED, "the system gives no hardware counters: %s (perf_event_paranoid above 2, or a virtual machine without them)",
+    sgsi_fail(SGS_STATUS_UNSUPPORTED,
+              "the system gives no hardware counters: %s (perf_event_paranoid above 2, or a "
+              "virtual machine without them)",
               strerror(reason));
     return NULL;
 }
@@ -60,12 +68,13 @@ void sgs_counters_start(sgs_counters *counters)
 sgs_counter_values sgs_counters_stop(sgs_counters *counters)
 {
     sgs_counter_values values;
-    double *const to[EVENTS] = {&values.cycles, &values.instructions, &values.cache_references, &values.cache_misses,
-                                &values.branch_misses};
+    double *const to[EVENTS] = {&values.cycles, &values.instructions, &values.cache_references,
+                                &values.cache_misses, &values.branch_misses};
     control(counters, PERF_EVENT_IOC_DISABLE);
     for (int i = 0; i < EVENTS; ++i) {
         uint64_t count = 0;
-        const bool counted = counters->files[i] >= 0 && read(counters->files[i], &count, sizeof count) == sizeof count;
+        const bool counted = counters->files[i] >= 0 &&
+                             read(counters->files[i], &count, sizeof count) == sizeof count;
         *to[i] = counted ? (double)count : -1.0;
     }
     return values;

@@ -1,9 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// What the readers of camera files share: ownership, and the rules for image names. A name comes from an
-// untrusted file and becomes a path, so it must stay below the image folder; it also ends up in messages,
-// tables and output names, so it must be printable.
+// What the readers of camera files share: ownership, and the rules for image names. A name comes
+// from an untrusted file and becomes a path, so it must stay below the image folder; it also ends
+// up in messages, tables and output names, so it must be printable.
 
 #include "dataset.h"
 
@@ -76,10 +76,11 @@ sgs_status sgsi_dataset_check_names(const sgsi_dataset *dataset, const char *pat
     for (size_t i = 1; i < count && !status; ++i) {
         const sgsi_frame *a = order[i - 1], *b = order[i];
         if (!strcmp(a->name, b->name))
-            status =
-                sgsi_fail(SGS_STATUS_FORMAT,
-                          "%s: %s %llu: image name '%s' is already used at %s %llu; give every image a name of its own",
-                          path, unit, (unsigned long long)b->place, b->name, unit, (unsigned long long)a->place);
+            status = sgsi_fail(SGS_STATUS_FORMAT,
+                               "%s: %s %llu: image name '%s' is already used at %s %llu; give "
+                               "every image a name of its own",
+                               path, unit, (unsigned long long)b->place, b->name, unit,
+                               (unsigned long long)a->place);
     }
     sgsi_free(order);
     return status;

@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// What a reader of camera files (colmap.c, transforms.c) hands to scene.c: frames without their pixels and
-// the sparse cloud. Not sorted, not split by --test-every, image files not looked at.
+// What a reader of camera files (colmap.c, transforms.c) hands to scene.c: frames without their
+// pixels and the sparse cloud. Not sorted, not split by --test-every, image files not looked at.
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -11,8 +11,9 @@
 
 #include "sparegs/scene.h"
 
-// One registered photograph. A camera of width 0 takes its size from the image file; then a positive
-// angle_x gives the horizontal field of view (radians) and a NaN principal point means the image centre.
+// One registered photograph. A camera of width 0 takes its size from the image file; then a
+// positive angle_x gives the horizontal field of view (radians) and a NaN principal point means the
+// image centre.
 typedef struct sgsi_frame {
     char *name; // relative to the image folder, '/' separators; also the view's name
     char *mask; // that the files name for it, likewise relative, or NULL
@@ -37,9 +38,11 @@ typedef struct sgsi_dataset {
 // Frees the contents and zeroes the struct; accepts an empty one.
 void sgsi_dataset_free(sgsi_dataset *dataset);
 
-// Cleans an image name in place ('\' becomes '/', "./" and "//" go) and refuses names that are empty, too
-// long, hold control characters or leave their folder (absolute, ".."). NULL when fine, else the reason.
+// Cleans an image name in place ('\' becomes '/', "./" and "//" go) and refuses names that are
+// empty, too long, hold control characters or leave their folder (absolute, ".."). NULL when fine,
+// else the reason.
 const char *sgsi_image_name_clean(char *name);
 
 // Fails when two frames have the same name; `path` and `unit` ("byte", "line") are for the message.
-sgs_status sgsi_dataset_check_names(const sgsi_dataset *dataset, const char *path, const char *unit);
+sgs_status sgsi_dataset_check_names(const sgsi_dataset *dataset, const char *path,
+                                    const char *unit);

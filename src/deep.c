@@ -1,12 +1,14 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Deep samples. A hit is a point sample: what it adds to the pixel is w = T alpha times its colour, T the transmittance
-// in front of it. Neighbouring hits become one sample when the last is closer to the first than the tolerance, a
-// fraction of the distance. With T in front of the first hit and the sum W of the weights, the sample has
+// Deep samples. A hit is a point sample: what it adds to the pixel is w = T alpha times its colour,
+// T the transmittance in front of it. Neighbouring hits become one sample when the last is closer
+// to the first than the tolerance, a fraction of the distance. With T in front of the first hit and
+// the sum W of the weights, the sample has
 //     alpha = W / T,    colour = sum(w c) / T    (premultiplied),
-// which, laid over what is behind by `over`, adds and hides exactly what its hits do. So a flattened file is the flat
-// image whatever was merged. Where a pixel still has too many samples, its tolerance grows until they fit.
+// which, laid over what is behind by `over`, adds and hides exactly what its hits do. So a
+// flattened file is the flat image whatever was merged. Where a pixel still has too many samples,
+// its tolerance grows until they fit.
 
 #include "deep.h"
 
@@ -35,7 +37,8 @@ sgs_status sgsi_deep_reserve(sgsi_deep *deep, const sgs_deep_options *options, i
     if (deep->counts && deep->samples)
         return SGS_STATUS_OK;
     sgsi_deep_free(deep);
-    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %d deep samples in each of %d x %d pixels",
+    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                     "no memory for %d deep samples in each of %d x %d pixels",
                      options->max_samples, width, rows);
 }
 
@@ -53,12 +56,14 @@ void sgsi_deep_begin(sgsi_deep *deep, int first_row, int rows)
     memset(deep->counts, 0, (size_t)rows * (size_t)deep->width * sizeof *deep->counts);
 }
 
-// Counted hits of a lane, ascending by t: the bits of t (positive floats order like them) above the place in the list.
+// Counted hits of a lane, ascending by t: the bits of t (positive floats order like them) above the
+// place in the list.
 static size_t sort_hits(const sgsi_block_hits *hits, int lane, uint64_t *sorted)
 {
     size_t count = 0;
     for (uint32_t i = 0; i < hits->count; ++i) {
-        const float alpha = hits->alpha[16 * i + (size_t)lane], front = hits->transmittance[16 * i + (size_t)lane];
+        const float alpha = hits->alpha[16 * i + (size_t)lane],
+                    front = hits->transmittance[16 * i + (size_t)lane];
         if (!(alpha > 0.0f) || !(front * (1.0f - alpha) >= hits->transmittance_min))
             continue;
         uint32_t bits;
@@ -90,7 +95,8 @@ static size_t run_end(const uint64_t *sorted, size_t begin, size_t count, double
     return end;
 }
 
-static double fitting_tolerance(const uint64_t *sorted, size_t count, const sgs_deep_options *options)
+static double fitting_tolerance(const uint64_t *sorted, size_t count,
+                                const sgs_deep_options *options)
 {
     double tolerance = options->tolerance;
     for (;;) {
@@ -103,16 +109,20 @@ static double fitting_tolerance(const uint64_t *sorted, size_t count, const sgs_
     }
 }
 
-static sgs_deep_sample merge(const sgsi_block_hits *hits, int lane, const uint64_t *run, size_t count)
+static sgs_deep_sample merge(const sgsi_block_hits *hits, int lane, const uint64_t *run,
+                             size_t count)
 {
     const float unit = hits->unit[lane];
     double front = 0, weights = 0, color[3] = {0, 0, 0};
     for (size_t k = 0; k < count; ++k) {
         const size_t i = (uint32_t)run[k];
-        const float *shade = hits->records + SGSI_RECORD * (size_t)hits->order[i] + SGSI_RECORD_COLOR;
+        const float *shade =
+            hits->records + SGSI_RECORD * (size_t)hits->order[i] + SGSI_RECORD_COLOR;
         const double through = (double)hits->transmittance[16 * i + (size_t)lane];
         const double w = through * (double)hits->alpha[16 * i + (size_t)lane];
-        front = through > front ? through : front; // not always the first's: at equal distances the id decides
+        front = through > front
+                    ? through
+                    : front; // not always the first's: at equal distances the id decides
         weights += w;
         for (int c = 0; c < 3; ++c)
             color[c] += w * (double)shade[c];

@@ -2,12 +2,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// The hits of a band of pixels as deep samples: collected while the kernels blend, merged where they are close.
-// Knows no files.
+// The hits of a band of pixels as deep samples: collected while the kernels blend, merged where
+// they are close. Knows no files.
 
 #include "kernels.h"
 
-// Samples of the pixel rows [first_row, first_row + rows). Every pixel has its own slots, so threads need no lock.
+// Samples of the pixel rows [first_row, first_row + rows). Every pixel has its own slots, so
+// threads need no lock.
 typedef struct sgsi_deep {
     sgs_deep_options options;
     int width, first_row, rows;
@@ -26,5 +27,6 @@ void sgsi_deep_begin(sgsi_deep *deep, int first_row, int rows);
 // A sgsi_aov.visit; context is the sgsi_deep.
 void sgsi_deep_visit(void *context, const sgsi_block_hits *hits);
 
-// Moves the samples together, row by row and pixel by pixel, to the front of `samples`. Returns how many there are.
+// Moves the samples together, row by row and pixel by pixel, to the front of `samples`. Returns how
+// many there are.
 size_t sgsi_deep_pack(sgsi_deep *deep);

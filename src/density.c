@@ -3,11 +3,13 @@
 
 // The machinery of density control, whatever the base pipeline, with the hooks of SPARE-GS.
 //
-// An update first decides everything from the old rows: scores, weights and redundancy here, clone, split and prune by
-// the pipeline (pipeline.h). Then it writes a plan, one entry per row of the new model (kept, clone, or split child of an old row; removed rows have none), sorts the
-// plan along a Morton curve so that primitives near in space are near in memory, and gathers parameters and
-// moments by it. Differences to the original, none of which changes the mathematics: row order, and the random numbers
-// of the children, which come from a counter (seed, iteration, old row) and so do not depend on threads.
+// An update first decides everything from the old rows: scores, weights and redundancy here, clone,
+// split and prune by the pipeline (pipeline.h). Then it writes a plan, one entry per row of the new
+// model (kept, clone, or split child of an old row; removed rows have none), sorts the plan along a
+// Morton curve so that primitives near in space are near in memory, and gathers parameters and
+// moments by it. Differences to the original, none of which changes the mathematics: row order, and
+// the random numbers of the children, which come from a counter (seed, iteration, old row) and so
+// do not depend on threads.
 
 #include "density.h"
 
@@ -22,8 +24,8 @@
 typedef enum plan_kind { PLAN_KEEP, PLAN_CLONE, PLAN_CHILD_0, PLAN_CHILD_1 } plan_kind;
 
 typedef struct plan_entry {
-    uint64_t key;  // Morton code, for the sort
-    uint32_t row;  // old row
+    uint64_t key; // Morton code, for the sort
+    uint32_t row; // old row
     uint32_t kind;
 } plan_entry;
 
@@ -37,10 +39,12 @@ sgs_status sgsi_statistics_reserve(sgsi_statistics *statistics, size_t capacity)
     statistics->visible_count = sgsi_calloc(capacity, sizeof *statistics->visible_count);
     statistics->radius_max = sgsi_calloc(capacity, sizeof *statistics->radius_max);
     statistics->capacity = capacity;
-    if (statistics->gradient_sum && statistics->absolute_sum && statistics->visible_count && statistics->radius_max)
+    if (statistics->gradient_sum && statistics->absolute_sum && statistics->visible_count &&
+        statistics->radius_max)
         return SGS_STATUS_OK;
     sgsi_statistics_free(statistics);
-    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the statistics of %zu primitives", capacity);
+    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the statistics of %zu primitives",
+                     capacity);
 }
 
 void sgsi_statistics_clear(sgsi_statistics *statistics, size_t count)
@@ -62,30 +66,36 @@ void sgsi_statistics_free(sgsi_statistics *statistics)
 
 static void free_columns(sgsi_density_columns *columns)
 {
-    void *const arrays[] = {columns->x, columns->y, columns->z, columns->opacity, columns->scale_max, columns->score,
-                            columns->absolute, columns->weight, columns->redundant, columns->action, columns->removed,
-                            columns->degenerate, columns->barren, columns->priority, columns->workspace};
+    void *const arrays[] = {columns->x,        columns->y,         columns->z,
+                            columns->opacity,  columns->scale_max, columns->score,
+                            columns->absolute, columns->weight,    columns->redundant,
+                            columns->action,   columns->removed,   columns->degenerate,
+                            columns->barren,   columns->priority,  columns->workspace};
     for (size_t i = 0; i < sizeof arrays / sizeof *arrays; ++i)
         sgsi_free(arrays[i]);
 }
 
-static sgs_status make_columns(const sgs_gaussians *model, const sgsi_density_options *options, sgsi_density_columns *columns)
+static sgs_status make_columns(const sgs_gaussians *model, const sgsi_density_options *options,
+                               sgsi_density_columns *columns)
 {
     const size_t n = model->count ? model->count : 1;
     *columns = (sgsi_density_columns){.count = model->count};
-    float **const floats[] = {&columns->x, &columns->y, &columns->z, &columns->opacity, &columns->scale_max, &columns->score,
-                             &columns->absolute, &columns->weight, &columns->priority};
+    float **const floats[] = {&columns->x,        &columns->y,         &columns->z,
+                              &columns->opacity,  &columns->scale_max, &columns->score,
+                              &columns->absolute, &columns->weight,    &columns->priority};
     bool complete = true;
     for (size_t i = 0; i < sizeof floats / sizeof *floats; ++i)
         complete = (*floats[i] = sgsi_alloc(n, sizeof(float))) && complete;
-    uint8_t **const marks[] = {&columns->redundant, &columns->degenerate, &columns->action, &columns->removed, &columns->barren};
+    uint8_t **const marks[] = {&columns->redundant, &columns->degenerate, &columns->action,
+                               &columns->removed, &columns->barren};
     for (size_t i = 0; i < sizeof marks / sizeof *marks; ++i)
         complete = (*marks[i] = sgsi_calloc(n, 1)) && complete;
     columns->workspace = sgsi_alloc(spare_workspace_size(&options->spare, model->count), 1);
     if (complete && columns->workspace)
         return SGS_STATUS_OK;
     free_columns(columns);
-    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a structural update of %zu primitives", model->count);
+    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                     "no memory for a structural update of %zu primitives", model->count);
 }
 
 typedef struct column_job {
@@ -122,23 +132,31 @@ static void fill_columns(void *context, size_t begin, size_t end, int thread)
         c->weight[i] = 1.0f;
         if (is_degenerate(job->model, i)) {
             c->degenerate[i] = 1;
-            c->x[i] = c->y[i] = c->z[i] = c->opacity[i] = c->scale_max[i] = c->score[i] = c->absolute[i] = 0.0f;
+            c->x[i] = c->y[i] = c->z[i] = c->opacity[i] = c->scale_max[i] = c->score[i] =
+                c->absolute[i] = 0.0f;
         }
     }
 }
 
-static void evaluate_spare(sgsi_density_columns *columns, const sgsi_statistics *statistics, const sgsi_density_options *options,
-                           sgsi_density_result *result, spare_result *regions)
+static void evaluate_spare(sgsi_density_columns *columns, const sgsi_statistics *statistics,
+                           const sgsi_density_options *options, sgsi_density_result *result,
+                           spare_result *regions)
 {
     *regions = (spare_result){0};
     if (!options->spare_densify && !options->spare_prune)
         return;
     const double start = sgsi_seconds();
-    const spare_input input = {.count = columns->count, .x = columns->x, .y = columns->y, .z = columns->z,
-                               .opacity = columns->opacity, .gradient_sum = statistics->gradient_sum,
-                               .visible_count = statistics->visible_count, .radius_max = statistics->radius_max};
+    const spare_input input = {.count = columns->count,
+                               .x = columns->x,
+                               .y = columns->y,
+                               .z = columns->z,
+                               .opacity = columns->opacity,
+                               .gradient_sum = statistics->gradient_sum,
+                               .visible_count = statistics->visible_count,
+                               .radius_max = statistics->radius_max};
     spare_result found;
-    spare_evaluate(&options->spare, &input, columns->workspace, columns->weight, columns->redundant, &found);
+    spare_evaluate(&options->spare, &input, columns->workspace, columns->weight, columns->redundant,
+                   &found);
     result->regions = found.region_count;
     result->over_budget_share = found.over_budget_share;
     result->mean_weight = found.mean_weight;
@@ -174,17 +192,23 @@ static sgs_status limit_growth(sgsi_density_columns *columns, size_t room)
 }
 
 // What is decided, region by region.
-static sgs_status report_regions(const sgsi_density_columns *columns, const spare_result *found, const sgsi_density_options *options,
-                                 sgsi_density_result *result)
+static sgs_status report_regions(const sgsi_density_columns *columns, const spare_result *found,
+                                 const sgsi_density_options *options, sgsi_density_result *result)
 {
     sgs_region *list = sgsi_calloc(found->region_count, sizeof *list);
     if (!list)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu regions", found->region_count);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu regions",
+                         found->region_count);
     for (size_t r = 0; r < found->region_count; ++r) {
         const spare_region *from = &found->regions[r];
-        list[r] = (sgs_region){.voxel = from->voxel, .count = from->count, .gradient = (float)from->gradient,
-                               .visibility = (float)from->visibility, .demand = (float)from->demand,
-                               .capacity = (float)from->capacity, .quota = (float)from->quota, .slack = (float)from->slack,
+        list[r] = (sgs_region){.voxel = from->voxel,
+                               .count = from->count,
+                               .gradient = (float)from->gradient,
+                               .visibility = (float)from->visibility,
+                               .demand = (float)from->demand,
+                               .capacity = (float)from->capacity,
+                               .quota = (float)from->quota,
+                               .slack = (float)from->slack,
                                .weight = options->spare_densify ? (float)from->weight : 1.0f};
     }
     for (size_t i = 0; i < columns->count; ++i) {
@@ -216,7 +240,8 @@ static uint64_t morton_code(const float mean[3], const float low[3], const float
     uint64_t code = 0;
     for (int k = 0; k < 3; ++k) {
         const float unit = (mean[k] - low[k]) * inv_size[k];
-        const uint64_t cell = unit > 0.0f ? (unit < 1.0f ? (uint64_t)(unit * 2097152.0f) : 2097151) : 0; // NaN: 0
+        const uint64_t cell =
+            unit > 0.0f ? (unit < 1.0f ? (uint64_t)(unit * 2097152.0f) : 2097151) : 0; // NaN: 0
         code |= spread_bits(cell) << k;
     }
     return code;
@@ -264,8 +289,10 @@ typedef struct density_plan {
     size_t count;
 } density_plan;
 
-// Lists the rows of the new model. Children and clones are never redundant, but a native rule may take them.
-static sgs_status make_plan(const sgsi_density_columns *columns, sgsi_density_result *result, density_plan *plan)
+// Lists the rows of the new model. Children and clones are never redundant, but a native rule may
+// take them.
+static sgs_status make_plan(const sgsi_density_columns *columns, sgsi_density_result *result,
+                            density_plan *plan)
 {
     const size_t room = 2 * columns->count + 1;
     *plan = (density_plan){0};
@@ -317,7 +344,8 @@ typedef struct gather_job {
 } gather_job;
 
 // Split child: mean + R (s * n), n ~ N(0, 1)^3; scales / 1.6.
-static void make_child(const gather_job *job, const plan_entry *entry, float params[SGS_PARAM_COUNT])
+static void make_child(const gather_job *job, const plan_entry *entry,
+                       float params[SGS_PARAM_COUNT])
 {
     const uint64_t seed = sgsi_random_bits(job->options->seed, (uint64_t)job->options->iteration);
     double q[4], norm = 0.0, local[3];
@@ -332,14 +360,18 @@ static void make_child(const gather_job *job, const plan_entry *entry, float par
     for (int k = 0; k < 4; ++k)
         q[k] /= sqrt(norm);
     const double w = q[0], x = q[1], y = q[2], z = q[3];
-    const double rotation[9] = {1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
-                                2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
-                                2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)};
+    const double rotation[9] = {
+        1 - 2 * (y * y + z * z), 2 * (x * y - w * z),     2 * (x * z + w * y),
+        2 * (x * y + w * z),     1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
+        2 * (x * z - w * y),     2 * (y * z + w * x),     1 - 2 * (x * x + y * y)};
     const uint64_t counter = (uint64_t)entry->row * 8 + (entry->kind == PLAN_CHILD_1 ? 4 : 0);
     for (int k = 0; k < 3; ++k)
-        local[k] = exp((double)params[SGS_PARAM_SCALE + k]) * sgsi_random_normal(seed, counter + (uint64_t)k);
+        local[k] = exp((double)params[SGS_PARAM_SCALE + k]) *
+                   sgsi_random_normal(seed, counter + (uint64_t)k);
     for (int k = 0; k < 3; ++k) {
-        params[SGS_PARAM_MEAN + k] += (float)(rotation[3 * k] * local[0] + rotation[3 * k + 1] * local[1] + rotation[3 * k + 2] * local[2]);
+        params[SGS_PARAM_MEAN + k] +=
+            (float)(rotation[3 * k] * local[0] + rotation[3 * k + 1] * local[1] +
+                    rotation[3 * k + 2] * local[2]);
         params[SGS_PARAM_SCALE + k] -= 0.47000363f; // ln 1.6
     }
 }
@@ -351,7 +383,9 @@ static void gather_rows(void *context, size_t begin, size_t end, int thread)
     for (size_t i = begin; i < end; ++i) {
         float row[SGS_PARAM_COUNT] = {0};
         const plan_entry *entry = &job->entries[i];
-        const float *from = job->from + (size_t)(entry->row / SGS_LANES) * SGS_PARAM_COUNT * SGS_LANES + entry->row % SGS_LANES;
+        const float *from = job->from +
+                            (size_t)(entry->row / SGS_LANES) * SGS_PARAM_COUNT * SGS_LANES +
+                            entry->row % SGS_LANES;
         if (job->parameters || entry->kind == PLAN_KEEP)
             for (int k = 0; k < SGS_PARAM_COUNT; ++k)
                 row[k] = from[k * SGS_LANES];
@@ -364,7 +398,8 @@ static void gather_rows(void *context, size_t begin, size_t end, int thread)
 }
 
 // Replaces *block by its rows gathered along the plan; *block has the new capacity afterwards.
-static sgs_status gather_block(float **block, size_t capacity, const density_plan *plan, bool parameters, const sgsi_density_options *options)
+static sgs_status gather_block(float **block, size_t capacity, const density_plan *plan,
+                               bool parameters, const sgsi_density_options *options)
 {
     float *to = sgsi_calloc(capacity, SGS_PARAM_COUNT * sizeof *to);
     if (!to)
@@ -381,8 +416,9 @@ static size_t padded_capacity(size_t count)
     return (count + SGS_LANES - 1) / SGS_LANES * SGS_LANES + SGS_LANES;
 }
 
-sgs_status sgsi_density_update(sgs_gaussians *model, float **m, float **v, sgsi_statistics *statistics,
-                               const sgsi_density_options *options, sgsi_density_result *result)
+sgs_status sgsi_density_update(sgs_gaussians *model, float **m, float **v,
+                               sgsi_statistics *statistics, const sgsi_density_options *options,
+                               sgsi_density_result *result)
 {
     *result = (sgsi_density_result){.mean_weight = 1.0};
     sgsi_density_columns columns;
@@ -394,11 +430,14 @@ sgs_status sgsi_density_update(sgs_gaussians *model, float **m, float **v, sgsi_
     spare_result regions;
     evaluate_spare(&columns, statistics, options, result, &regions);
     status = options->pipeline->decide(options, &columns, result);
-    size_t survivors = 0; // a split parent is replaced by its children: it counts as kept, whatever RAP says of it
+    size_t survivors =
+        0; // a split parent is replaced by its children: it counts as kept, whatever RAP says of it
     for (size_t i = 0; i < columns.count; ++i)
-        survivors += columns.action[i] == SGSI_ACTION_SPLIT || !(columns.removed[i] || columns.redundant[i]);
+        survivors +=
+            columns.action[i] == SGSI_ACTION_SPLIT || !(columns.removed[i] || columns.redundant[i]);
     if (!status && options->max_count)
-        status = limit_growth(&columns, survivors < options->max_count ? options->max_count - survivors : 0);
+        status = limit_growth(&columns,
+                              survivors < options->max_count ? options->max_count - survivors : 0);
     if (!status && regions.region_count)
         status = report_regions(&columns, &regions, options, result);
     density_plan plan = {0};
@@ -452,7 +491,8 @@ sgs_status sgsi_density_sort(sgs_gaussians *model)
     return status;
 }
 
-void sgsi_density_reset_opacity(sgs_gaussians *model, float *m, float *v, double ceiling, const float *filter_3d)
+void sgsi_density_reset_opacity(sgs_gaussians *model, float *m, float *v, double ceiling,
+                                const float *filter_3d)
 {
     const float limit = (float)log(ceiling / (1.0 - ceiling));
     for (size_t block = 0; block < (model->count + SGS_LANES - 1) / SGS_LANES; ++block) {
@@ -461,7 +501,9 @@ void sgsi_density_reset_opacity(sgs_gaussians *model, float *m, float *v, double
             const size_t i = block * SGS_LANES + k;
             float own = limit;
             if (filter_3d && i < model->count) { // o c <= ceiling, c what the filter leaves
-                const double most = fmin(ceiling / fmax(sgsi_filter_3d_factor(model, i, filter_3d[i]), 1e-30), 1.0 - 1e-7);
+                const double most =
+                    fmin(ceiling / fmax(sgsi_filter_3d_factor(model, i, filter_3d[i]), 1e-30),
+                         1.0 - 1e-7);
                 own = (float)log(most / (1.0 - most));
             }
             model->data[at + k] = model->data[at + k] > own ? own : model->data[at + k];

@@ -3,10 +3,12 @@
 
 // With I = color + T background the image, A the 3 x 3 part of the map and b its last column:
 //
-//   I' = A I + b      dL/dI = A^T dL/dI'      dL/dA = sum over pixels of dL/dI' I^T      dL/db = sum of dL/dI'
+//   I' = A I + b      dL/dI = A^T dL/dI'      dL/dA = sum over pixels of dL/dI' I^T      dL/db =
+//                                             sum of dL/dI'
 //
-// and dL/dcolor = dL/dI, dL/dT = background . dL/dI (plus the alpha term's part, which does not pass through the map).
-// The sums are made per row and added in the order of the rows, in double: the same for any number of threads.
+// and dL/dcolor = dL/dI, dL/dT = background . dL/dI (plus the alpha term's part, which does not
+// pass through the map). The sums are made per row and added in the order of the rows, in double:
+// the same for any number of threads.
 
 #include "exposure.h"
 
@@ -38,7 +40,8 @@ void sgsi_exposure_destroy(sgsi_exposure *exposure)
     sgsi_free(exposure);
 }
 
-sgs_status sgsi_exposure_create(size_t count, size_t plane_floats, size_t height, sgsi_exposure **exposure)
+sgs_status sgsi_exposure_create(size_t count, size_t plane_floats, size_t height,
+                                sgsi_exposure **exposure)
 {
     *exposure = NULL;
     sgsi_exposure *made = sgsi_calloc(1, sizeof *made);
@@ -50,7 +53,8 @@ sgs_status sgsi_exposure_create(size_t count, size_t plane_floats, size_t height
     }
     if (!made || !made->states || !made->nothing || !made->rows) {
         sgsi_exposure_destroy(made);
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the exposure of %zu images", count);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the exposure of %zu images",
+                         count);
     }
     for (size_t c = 0; c < 3; ++c)
         made->mapped[c] = made->nothing + (c + 1) * plane_floats;
@@ -79,10 +83,13 @@ static void forward_row(void *context, size_t y, int thread)
     float map[SGSI_EXPOSURE];
     for (int i = 0; i < SGSI_EXPOSURE; ++i)
         map[i] = (float)job->map[i];
-    for (size_t at = y * job->image->stride; at < y * job->image->stride + (size_t)job->image->width; ++at) {
-        const float r = image_at(job->image, 0, at), g = image_at(job->image, 1, at), b = image_at(job->image, 2, at);
+    for (size_t at = y * job->image->stride;
+         at < y * job->image->stride + (size_t)job->image->width; ++at) {
+        const float r = image_at(job->image, 0, at), g = image_at(job->image, 1, at),
+                    b = image_at(job->image, 2, at);
         for (int c = 0; c < 3; ++c)
-            job->exposure->mapped[c][at] = map[4 * c] * r + map[4 * c + 1] * g + map[4 * c + 2] * b + map[4 * c + 3];
+            job->exposure->mapped[c][at] =
+                map[4 * c] * r + map[4 * c + 1] * g + map[4 * c + 2] * b + map[4 * c + 3];
     }
 }
 
@@ -105,7 +112,8 @@ static void backward_row(void *context, size_t y, int thread)
     double *sums = job->exposure->rows[y];
     memset(sums, 0, SGSI_EXPOSURE * sizeof *sums);
     for (size_t at = y * image->stride; at < y * image->stride + (size_t)image->width; ++at) {
-        const float mapped[3] = {output->d_color[0][at], output->d_color[1][at], output->d_color[2][at]};
+        const float mapped[3] = {output->d_color[0][at], output->d_color[1][at],
+                                 output->d_color[2][at]};
         float through = 0, before = 0;
         for (int k = 0; k < 3; ++k) {
             const float value = image_at(image, k, at);
@@ -146,7 +154,8 @@ void sgsi_exposure_step(sgsi_exposure *exposure, size_t index, double rate)
             continue;
         state->m[i] = 0.9 * state->m[i] + 0.1 * g;
         state->v[i] = 0.999 * state->v[i] + 0.001 * g * g;
-        const double m = state->m[i] / (1 - pow(0.9, state->steps)), v = state->v[i] / (1 - pow(0.999, state->steps));
+        const double m = state->m[i] / (1 - pow(0.9, state->steps)),
+                     v = state->v[i] / (1 - pow(0.999, state->steps));
         state->map[i] -= rate * m / (sqrt(v) + 1e-8);
     }
 }

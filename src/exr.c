@@ -20,31 +20,36 @@ typedef struct flat_image {
 
 static int compare_names(const void *a, const void *b)
 {
-    return strcmp((*(const sgs_exr_channel *const *)a)->name, (*(const sgs_exr_channel *const *)b)->name);
+    return strcmp((*(const sgs_exr_channel *const *)a)->name,
+                  (*(const sgs_exr_channel *const *)b)->name);
 }
 
 static sgs_status check_channels(const char *path, const sgs_exr_channel *channels, int count)
 {
     if (count < 1 || count > MAX_CHANNELS)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: an EXR of %d channels cannot be written; 1 to %d can", path,
-                         count, MAX_CHANNELS);
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                         "%s: an EXR of %d channels cannot be written; 1 to %d can", path, count,
+                         MAX_CHANNELS);
     for (int k = 0; k < count; ++k) {
         const sgs_exr_channel *channel = &channels[k];
         const size_t length = channel->name ? strlen(channel->name) : 0;
         if (length < 1 || length > MAX_NAME)
-            return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: the name of channel %d has %zu characters, not 1 to %d",
-                             path, k, length, MAX_NAME);
+            return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                             "%s: the name of channel %d has %zu characters, not 1 to %d", path, k,
+                             length, MAX_NAME);
         if (!channel->floats == !channel->uints)
-            return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: channel '%s' needs either floats or uints", path,
-                             channel->name);
+            return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                             "%s: channel '%s' needs either floats or uints", path, channel->name);
         if (channel->uints && channel->half)
-            return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: channel '%s' is of integers and cannot be half", path,
+            return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                             "%s: channel '%s' is of integers and cannot be half", path,
                              channel->name);
     }
     return SGS_STATUS_OK;
 }
 
-static sgs_status sort_channels(flat_image *image, const char *path, const sgs_exr_channel *channels, int count)
+static sgs_status sort_channels(flat_image *image, const char *path,
+                                const sgs_exr_channel *channels, int count)
 {
     image->sorted = sgsi_alloc((size_t)count, sizeof *image->sorted);
     if (!image->sorted)
@@ -64,8 +69,8 @@ static sgs_status sort_channels(flat_image *image, const char *path, const sgs_e
 static const sgs_exr_channel *find_channel(const flat_image *image, const char *name)
 {
     const sgs_exr_channel wanted = {.name = name}, *key = &wanted;
-    return *(const sgs_exr_channel **)bsearch(&key, image->sorted, (size_t)image->channel_count, sizeof *image->sorted,
-                                              compare_names);
+    return *(const sgs_exr_channel **)bsearch(&key, image->sorted, (size_t)image->channel_count,
+                                              sizeof *image->sorted, compare_names);
 }
 
 static void point_at_lines(const void *context, exr_encode_pipeline_t *encoder, int y, int lines)
@@ -76,12 +81,13 @@ static void point_at_lines(const void *context, exr_encode_pipeline_t *encoder, 
     for (int k = 0; k < encoder->channel_count; ++k) {
         exr_coding_channel_info_t *coded = &encoder->channels[k];
         const sgs_exr_channel *channel = find_channel(image, coded->channel_name);
-        coded->user_data_type = channel->uints ? EXR_PIXEL_UINT : EXR_PIXEL_FLOAT; // the packer makes halves
+        coded->user_data_type =
+            channel->uints ? EXR_PIXEL_UINT : EXR_PIXEL_FLOAT; // the packer makes halves
         coded->user_bytes_per_element = 4;
         coded->user_pixel_stride = 4;
         coded->user_line_stride = 4 * image->width;
-        coded->encode_from_ptr =
-            channel->uints ? (const uint8_t *)(channel->uints + first) : (const uint8_t *)(channel->floats + first);
+        coded->encode_from_ptr = channel->uints ? (const uint8_t *)(channel->uints + first)
+                                                : (const uint8_t *)(channel->floats + first);
     }
 }
 
@@ -99,12 +105,13 @@ static sgs_status write_image(const flat_image *image, const char *path, const s
         columns[k] = (sgsi_exr_column){channel->name, channel->uints ? EXR_PIXEL_UINT : of_floats};
     }
     sgsi_exr_writer writer;
-    const sgs_status status = sgsi_exr_open(&writer, path, info, EXR_STORAGE_SCANLINE, compressions[info->compression],
-                                            0, columns, image->channel_count);
+    const sgs_status status =
+        sgsi_exr_open(&writer, path, info, EXR_STORAGE_SCANLINE, compressions[info->compression], 0,
+                      columns, image->channel_count);
     if (status)
         return status;
-    return sgsi_exr_close(&writer,
-                          sgsi_exr_write_lines(&writer, info->height, info->compression, point_at_lines, image));
+    return sgsi_exr_close(&writer, sgsi_exr_write_lines(&writer, info->height, info->compression,
+                                                        point_at_lines, image));
 }
 
 static sgs_status write_dwaa(const flat_image *image, const char *path, const sgs_exr_info *info)
@@ -114,7 +121,8 @@ static sgs_status write_dwaa(const flat_image *image, const char *path, const sg
         channels[k] = *image->sorted[k];
     uint8_t *bytes;
     size_t size;
-    sgs_status status = sgsi_oiio_dwaa_encode(path, info, channels, image->channel_count, &bytes, &size);
+    sgs_status status =
+        sgsi_oiio_dwaa_encode(path, info, channels, image->channel_count, &bytes, &size);
     if (status)
         return status;
     sgsi_atomic_file file;
@@ -128,11 +136,14 @@ static sgs_status write_dwaa(const flat_image *image, const char *path, const sg
     return status;
 }
 
-sgs_status sgs_exr_write(const char *path, const sgs_exr_info *info, const sgs_exr_channel *channels, int channel_count)
+sgs_status sgs_exr_write(const char *path, const sgs_exr_info *info,
+                         const sgs_exr_channel *channels, int channel_count)
 {
-    if (info->width < 1 || info->height < 1 || info->width > SGSI_EXR_MAX_SIDE || info->height > SGSI_EXR_MAX_SIDE)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: an image of %d x %d pixels cannot be written", path,
-                         info->width, info->height);
+    if (info->width < 1 || info->height < 1 || info->width > SGSI_EXR_MAX_SIDE ||
+        info->height > SGSI_EXR_MAX_SIDE)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                         "%s: an image of %d x %d pixels cannot be written", path, info->width,
+                         info->height);
     if (info->compression < 0 || info->compression >= SGS_EXR_COMPRESSION_COUNT)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: EXR compression %d is unknown", path,
                          (int)info->compression);
@@ -142,7 +153,8 @@ sgs_status sgs_exr_write(const char *path, const sgs_exr_info *info, const sgs_e
     flat_image image = {.width = info->width};
     status = sort_channels(&image, path, channels, channel_count);
     if (!status)
-        status = info->compression == SGS_EXR_DWAA ? write_dwaa(&image, path, info) : write_image(&image, path, info);
+        status = info->compression == SGS_EXR_DWAA ? write_dwaa(&image, path, info)
+                                                   : write_image(&image, path, info);
     sgsi_free(image.sorted);
     return status;
 }

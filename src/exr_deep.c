@@ -1,10 +1,11 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Deep scan-line EXR files. OpenEXRCore 3.1 writes deep chunks but does not compress their tables of sample counts, so
-// the chunks are packed here, after "OpenEXR File Layout": a chunk is one line; its table holds the running sum of the
-// samples per pixel, its data the samples of all pixels channel by channel in the order of the channels' names, both
-// little endian, and both zipped. What does not shrink is stored as it is.
+// Deep scan-line EXR files. OpenEXRCore 3.1 writes deep chunks but does not compress their tables
+// of sample counts, so the chunks are packed here, after "OpenEXR File Layout": a chunk is one
+// line; its table holds the running sum of the samples per pixel, its data the samples of all
+// pixels channel by channel in the order of the channels' names, both little endian, and both
+// zipped. What does not shrink is stored as it is.
 
 #include <string.h>
 
@@ -62,7 +63,8 @@ static bool lay_out(deep_line *line, size_t table_bytes, size_t data_bytes)
 }
 
 // What is to be stored of `count` bytes at `raw`, and in *stored its size.
-static uint8_t *zipped_or_raw(sgsi_exr_zip *zip, int thread, uint8_t *raw, size_t count, uint8_t *out, size_t *stored)
+static uint8_t *zipped_or_raw(sgsi_exr_zip *zip, int thread, uint8_t *raw, size_t count,
+                              uint8_t *out, size_t *stored)
 {
     const size_t size = sgsi_exr_zip_pack(zip, thread, raw, count, out);
     *stored = size ? size : count;
@@ -113,15 +115,18 @@ static void free_deep(sgs_exr_deep *deep)
     sgsi_free(deep);
 }
 
-sgs_status sgs_exr_deep_open(const char *path, const sgs_exr_info *info, int max_samples, sgs_exr_deep **deep)
+sgs_status sgs_exr_deep_open(const char *path, const sgs_exr_info *info, int max_samples,
+                             sgs_exr_deep **deep)
 {
-    static const sgsi_exr_column columns[CHANNELS] = {{"A", EXR_PIXEL_FLOAT}, {"B", EXR_PIXEL_FLOAT},
-                                                      {"G", EXR_PIXEL_FLOAT}, {"R", EXR_PIXEL_FLOAT},
-                                                      {"Z", EXR_PIXEL_FLOAT}, {"ZBack", EXR_PIXEL_FLOAT}};
+    static const sgsi_exr_column columns[CHANNELS] = {
+        {"A", EXR_PIXEL_FLOAT}, {"B", EXR_PIXEL_FLOAT}, {"G", EXR_PIXEL_FLOAT},
+        {"R", EXR_PIXEL_FLOAT}, {"Z", EXR_PIXEL_FLOAT}, {"ZBack", EXR_PIXEL_FLOAT}};
     *deep = NULL;
-    if (info->width < 1 || info->height < 1 || info->width > SGSI_EXR_MAX_SIDE || info->height > SGSI_EXR_MAX_SIDE)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: an image of %d x %d pixels cannot be written", path,
-                         info->width, info->height);
+    if (info->width < 1 || info->height < 1 || info->width > SGSI_EXR_MAX_SIDE ||
+        info->height > SGSI_EXR_MAX_SIDE)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                         "%s: an image of %d x %d pixels cannot be written", path, info->width,
+                         info->height);
     sgs_exr_deep *made = sgsi_calloc(1, sizeof *made);
     if (made)
         made->path = sgsi_strdup(path);
@@ -137,7 +142,8 @@ sgs_status sgs_exr_deep_open(const char *path, const sgs_exr_info *info, int max
         zips && !made->zip
             ? sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path)
             : sgsi_exr_open(&made->writer, made->path, info, EXR_STORAGE_DEEP_SCANLINE,
-                            zips ? EXR_COMPRESSION_ZIPS : EXR_COMPRESSION_NONE, max_samples, columns, CHANNELS);
+                            zips ? EXR_COMPRESSION_ZIPS : EXR_COMPRESSION_NONE, max_samples,
+                            columns, CHANNELS);
     if (status) {
         free_deep(made);
         return status;
@@ -163,18 +169,21 @@ static exr_result_t write_band(sgs_exr_deep *deep, int rows, pack_job *job)
     exr_result_t result = EXR_ERR_SUCCESS;
     for (int row = 0; row < rows && !result; ++row) {
         const deep_line *line = &deep->lines[row];
-        result = line->failed ? EXR_ERR_OUT_OF_MEMORY
-                              : exr_write_deep_scanline_chunk(deep->writer.context, 0, deep->next_row + row, line->data,
-                                                              line->data_bytes, line->unpacked_bytes, line->table,
-                                                              line->table_bytes);
+        result = line->failed
+                     ? EXR_ERR_OUT_OF_MEMORY
+                     : exr_write_deep_scanline_chunk(
+                           deep->writer.context, 0, deep->next_row + row, line->data,
+                           line->data_bytes, line->unpacked_bytes, line->table, line->table_bytes);
     }
     return result;
 }
 
-sgs_status sgs_exr_deep_write(sgs_exr_deep *deep, int rows, const uint32_t *counts, const sgs_deep_sample *samples)
+sgs_status sgs_exr_deep_write(sgs_exr_deep *deep, int rows, const uint32_t *counts,
+                              const sgs_deep_sample *samples)
 {
     if (rows < 0 || rows > deep->height - deep->next_row)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: more rows than the image has", deep->path);
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: more rows than the image has",
+                         deep->path);
     while (rows && !deep->result) {
         const int band = rows < BAND_LINES ? rows : BAND_LINES;
         pack_job job = {.counts = counts, .samples = samples};
@@ -190,10 +199,11 @@ sgs_status sgs_exr_deep_write(sgs_exr_deep *deep, int rows, const uint32_t *coun
 sgs_status sgs_exr_deep_close(sgs_exr_deep *deep)
 {
     const bool whole = deep->next_row == deep->height;
-    sgs_status status = sgsi_exr_close(&deep->writer, whole || deep->result ? deep->result : EXR_ERR_UNKNOWN);
+    sgs_status status =
+        sgsi_exr_close(&deep->writer, whole || deep->result ? deep->result : EXR_ERR_UNKNOWN);
     if (status && !whole && !deep->result)
-        status = sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: only %d of its %d rows were written", deep->path,
-                           deep->next_row, deep->height);
+        status = sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: only %d of its %d rows were written",
+                           deep->path, deep->next_row, deep->height);
     free_deep(deep);
     return status;
 }

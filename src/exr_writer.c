@@ -3,16 +3,17 @@
 
 // EXR files through OpenEXR's C library (OpenEXRCore 3.1 and later).
 //
-// OpenEXRCore writes through a callback into the library's own atomic file, so that an EXR appears under its
-// name only when it is complete and on disk, as every other file does. Its messages are caught and end in
-// sgs_last_error(); its memory comes from the library's allocator.
+// OpenEXRCore writes through a callback into the library's own atomic file, so that an EXR appears
+// under its name only when it is complete and on disk, as every other file does. Its messages are
+// caught and end in sgs_last_error(); its memory comes from the library's allocator.
 //
-// Compression is most of the work, so chunks are packed and compressed by all threads, a band of them at a time, and
-// then written in order: the bytes of a file do not depend on the number of threads.
+// Compression is most of the work, so chunks are packed and compressed by all threads, a band of
+// them at a time, and then written in order: the bytes of a file do not depend on the number of
+// threads.
 //
-// Floats whose low bits are noise hardly shrink, and deflating them takes several times as long as tracing them. The
-// format lets a chunk that does not shrink stand as it is, so SGS_EXR_AUTO deflates a line here and there of a band
-// and, unless that saves a third, none of its chunks.
+// Floats whose low bits are noise hardly shrink, and deflating them takes several times as long as
+// tracing them. The format lets a chunk that does not shrink stand as it is, so SGS_EXR_AUTO
+// deflates a line here and there of a band and, unless that saves a third, none of its chunks.
 
 #include "exr_writer.h"
 
@@ -27,8 +28,8 @@
 
 enum { MAX_SHORT_NAME = 31, BAND_CHUNKS = 16, SAMPLES = 4 };
 
-// OpenEXR's first complaint in this call. Not in the writer: asking the context for its user data inside the
-// handler waits for the lock that the complaining function holds.
+// OpenEXR's first complaint in this call. Not in the writer: asking the context for its user data
+// inside the handler waits for the lock that the complaining function holds.
 static _Thread_local char complaint[256];
 
 static void *allocate(size_t bytes)
@@ -49,16 +50,16 @@ static void keep_complaint(exr_const_context_t context, exr_result_t code, const
     snprintf(complaint, sizeof complaint, "%s", text);
 }
 
-static int64_t write_bytes(exr_const_context_t context, void *user, const void *bytes, uint64_t size, uint64_t offset,
-                           exr_stream_error_func_ptr_t error)
+static int64_t write_bytes(exr_const_context_t context, void *user, const void *bytes,
+                           uint64_t size, uint64_t offset, exr_stream_error_func_ptr_t error)
 {
     (void)context;
     (void)error;
     sgsi_exr_writer *writer = user;
     uint64_t done = 0;
     while (done < size) {
-        const ssize_t step = pwrite(fileno(writer->file.stream), (const char *)bytes + done, (size_t)(size - done),
-                                    (off_t)(offset + done));
+        const ssize_t step = pwrite(fileno(writer->file.stream), (const char *)bytes + done,
+                                    (size_t)(size - done), (off_t)(offset + done));
         if (step < 0 && errno == EINTR)
             continue;
         if (step <= 0) {
@@ -73,7 +74,8 @@ static int64_t write_bytes(exr_const_context_t context, void *user, const void *
 
 // ---- The header ----
 
-// EXR multiplies row vectors from the left, p' = p M: the transpose of the matrix for column vectors.
+// EXR multiplies row vectors from the left, p' = p M: the transpose of the matrix for column
+// vectors.
 static exr_result_t set_matrix(exr_context_t context, const char *name, const double *matrix)
 {
     if (!matrix)
@@ -123,9 +125,9 @@ static int compare_columns(const void *a, const void *b)
     return strcmp(((const sgsi_exr_column *)a)->name, ((const sgsi_exr_column *)b)->name);
 }
 
-static exr_result_t write_header(exr_context_t context, const sgs_exr_info *info, exr_storage_t storage,
-                                 exr_compression_t compression, int max_samples, const sgsi_exr_column *columns,
-                                 int count)
+static exr_result_t write_header(exr_context_t context, const sgs_exr_info *info,
+                                 exr_storage_t storage, exr_compression_t compression,
+                                 int max_samples, const sgsi_exr_column *columns, int count)
 {
     // Only when needed: readers from before 2013 refuse files with long names.
     int part, has_long_names = 0;
@@ -136,9 +138,11 @@ static exr_result_t write_header(exr_context_t context, const sgs_exr_info *info
     if (!result)
         result = exr_add_part(context, deep ? "deep" : NULL, storage, &part);
     if (!result)
-        result = exr_initialize_required_attr_simple(context, 0, info->width, info->height, compression);
+        result =
+            exr_initialize_required_attr_simple(context, 0, info->width, info->height, compression);
     for (int k = 0; !result && k < count; ++k)
-        result = exr_add_channel(context, 0, columns[k].name, columns[k].type, EXR_PERCEPTUALLY_LOGARITHMIC, 1, 1);
+        result = exr_add_channel(context, 0, columns[k].name, columns[k].type,
+                                 EXR_PERCEPTUALLY_LOGARITHMIC, 1, 1);
     if (!result)
         result = set_attributes(context, info);
     if (!result && deep) // the version of the deep format
@@ -148,9 +152,9 @@ static exr_result_t write_header(exr_context_t context, const sgs_exr_info *info
     return result ? result : exr_write_header(context);
 }
 
-sgs_status sgsi_exr_open(sgsi_exr_writer *writer, const char *path, const sgs_exr_info *info, exr_storage_t storage,
-                         exr_compression_t compression, int max_samples, const sgsi_exr_column *columns,
-                         int column_count)
+sgs_status sgsi_exr_open(sgsi_exr_writer *writer, const char *path, const sgs_exr_info *info,
+                         exr_storage_t storage, exr_compression_t compression, int max_samples,
+                         const sgsi_exr_column *columns, int column_count)
 {
     *writer = (sgsi_exr_writer){.path = path};
     sgsi_exr_column *sorted = sgsi_alloc((size_t)column_count, sizeof *sorted);
@@ -167,9 +171,11 @@ sgs_status sgsi_exr_open(sgsi_exr_writer *writer, const char *path, const sgs_ex
         setup.user_data = writer;
         setup.write_fn = write_bytes;
         complaint[0] = 0;
-        exr_result_t result = exr_start_write(&writer->context, path, EXR_WRITE_FILE_DIRECTLY, &setup);
+        exr_result_t result =
+            exr_start_write(&writer->context, path, EXR_WRITE_FILE_DIRECTLY, &setup);
         if (!result)
-            result = write_header(writer->context, info, storage, compression, max_samples, sorted, column_count);
+            result = write_header(writer->context, info, storage, compression, max_samples, sorted,
+                                  column_count);
         if (result)
             status = sgsi_exr_close(writer, result);
     }
@@ -180,7 +186,8 @@ sgs_status sgsi_exr_open(sgsi_exr_writer *writer, const char *path, const sgs_ex
 sgs_status sgsi_exr_tell(const sgsi_exr_writer *writer, exr_result_t result)
 {
     if (writer->write_error)
-        return sgsi_fail(SGS_STATUS_IO, "%s: cannot be written: %s", writer->path, strerror(writer->write_error));
+        return sgsi_fail(SGS_STATUS_IO, "%s: cannot be written: %s", writer->path,
+                         strerror(writer->write_error));
     if (result == EXR_ERR_OUT_OF_MEMORY)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", writer->path);
     if (result)
@@ -250,8 +257,9 @@ static void zip_chunk(void *context, size_t item, int thread)
     chunk_band *band = context;
     const exr_encode_pipeline_t *encoder = &band->encoders[item];
     if (!band->results[item])
-        band->bytes[item] = sgsi_exr_zip_pack(band->zip, thread, encoder->compressed_buffer, encoder->compressed_bytes,
-                                              band->zipped + item * band->capacity);
+        band->bytes[item] =
+            sgsi_exr_zip_pack(band->zip, thread, encoder->compressed_buffer,
+                              encoder->compressed_bytes, band->zipped + item * band->capacity);
 }
 
 // One line of a chunk of the band.
@@ -263,8 +271,8 @@ static void sample_line(void *context, size_t item, int thread)
     if (band->results[chunk])
         return;
     const size_t bytes = encoder->compressed_bytes / (size_t)lines_of(band, chunk);
-    const size_t packed =
-        sgsi_exr_zip_pack(band->zip, thread, encoder->compressed_buffer, bytes, band->zipped + item * band->capacity);
+    const size_t packed = sgsi_exr_zip_pack(band->zip, thread, encoder->compressed_buffer, bytes,
+                                            band->zipped + item * band->capacity);
     band->sampled[item] = bytes;
     band->shrunk[item] = packed ? packed : bytes;
 }
@@ -287,9 +295,10 @@ static exr_result_t write_chunk(const chunk_band *band, size_t item)
     if (band->results[item])
         return band->results[item];
     if (band->bytes[item])
-        return exr_write_scanline_chunk(band->writer->context, 0, y, band->zipped + item * band->capacity,
-                                        band->bytes[item]);
-    return exr_write_scanline_chunk(band->writer->context, 0, y, encoder->compressed_buffer, encoder->compressed_bytes);
+        return exr_write_scanline_chunk(band->writer->context, 0, y,
+                                        band->zipped + item * band->capacity, band->bytes[item]);
+    return exr_write_scanline_chunk(band->writer->context, 0, y, encoder->compressed_buffer,
+                                    encoder->compressed_bytes);
 }
 
 static bool prepare_zip(chunk_band *band, size_t largest)
@@ -307,21 +316,24 @@ static exr_result_t begin_chunks(chunk_band *band, bool zips)
 {
     exr_result_t result = EXR_ERR_SUCCESS;
     band->count = 0;
-    for (int y = band->begin; y < band->height && band->count < BAND_CHUNKS; y += band->lines, ++band->count) {
+    for (int y = band->begin; y < band->height && band->count < BAND_CHUNKS;
+         y += band->lines, ++band->count) {
         exr_chunk_info_t chunk;
         exr_result_t *own = &band->results[band->count];
         *own = exr_write_scanline_chunk_info(band->writer->context, 0, y, &chunk);
         if (!*own && zips && !prepare_zip(band, (size_t)chunk.unpacked_size))
             result = EXR_ERR_OUT_OF_MEMORY;
         if (!*own)
-            *own = exr_encoding_initialize(band->writer->context, 0, &chunk, &band->encoders[band->count]);
+            *own = exr_encoding_initialize(band->writer->context, 0, &chunk,
+                                           &band->encoders[band->count]);
     }
     return result;
 }
 
 static exr_result_t write_band(chunk_band *band, sgs_exr_compression compression)
 {
-    const bool zips = compression == SGS_EXR_AUTO || compression == SGS_EXR_ZIP || compression == SGS_EXR_ZIPS;
+    const bool zips =
+        compression == SGS_EXR_AUTO || compression == SGS_EXR_ZIP || compression == SGS_EXR_ZIPS;
     exr_result_t result = begin_chunks(band, zips);
     memset(band->bytes, 0, sizeof band->bytes);
     if (!result)
@@ -337,8 +349,9 @@ static exr_result_t write_band(chunk_band *band, sgs_exr_compression compression
     return result;
 }
 
-exr_result_t sgsi_exr_write_lines(sgsi_exr_writer *writer, int height, sgs_exr_compression compression,
-                                  sgsi_exr_fill_fn fill, const void *context)
+exr_result_t sgsi_exr_write_lines(sgsi_exr_writer *writer, int height,
+                                  sgs_exr_compression compression, sgsi_exr_fill_fn fill,
+                                  const void *context)
 {
     chunk_band *band = sgsi_calloc(1, sizeof *band);
     if (!band)

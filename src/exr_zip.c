@@ -1,10 +1,11 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// After "OpenEXR File Layout": the bytes at even places move before those at odd places, every byte becomes its
-// difference from the one before, plus 128, and the result is deflated. OpenEXR 3.1 does so by zlib; libdeflate, as in
-// OpenEXR 3.2, is three times as fast at the same size. Its quickest level is the default, for floats hardly shrink
-// more at any other (0.776 of their size at level 1, 0.765 at 6, over all quantities of a trained model).
+// After "OpenEXR File Layout": the bytes at even places move before those at odd places, every byte
+// becomes its difference from the one before, plus 128, and the result is deflated. OpenEXR 3.1
+// does so by zlib; libdeflate, as in OpenEXR 3.2, is three times as fast at the same size. Its
+// quickest level is the default, for floats hardly shrink more at any other (0.776 of their size at
+// level 1, 0.765 at 6, over all quantities of a trained model).
 
 #include "exr_zip.h"
 
@@ -59,9 +60,11 @@ bool sgsi_exr_zip_reserve(sgsi_exr_zip *zip, size_t largest)
     return zip->spare != NULL;
 }
 
-size_t sgsi_exr_zip_pack(sgsi_exr_zip *zip, int thread, const uint8_t *raw, size_t count, uint8_t *out)
+size_t sgsi_exr_zip_pack(sgsi_exr_zip *zip, int thread, const uint8_t *raw, size_t count,
+                         uint8_t *out)
 {
-    uint8_t *const even = zip->spare + (size_t)thread * zip->largest, *const odd = even + (count + 1) / 2;
+    uint8_t *const even = zip->spare + (size_t)thread * zip->largest, *const odd =
+                                                                          even + (count + 1) / 2;
     for (size_t i = 0; i < count / 2; ++i) {
         even[i] = raw[2 * i];
         odd[i] = raw[2 * i + 1];
@@ -70,5 +73,6 @@ size_t sgsi_exr_zip_pack(sgsi_exr_zip *zip, int thread, const uint8_t *raw, size
         even[count / 2] = raw[count - 1];
     for (size_t i = count; i-- > 1;)
         even[i] = (uint8_t)(even[i] - even[i - 1] + 128);
-    return count > 1 ? libdeflate_zlib_compress(zip->deflaters[thread], even, count, out, count - 1) : 0;
+    return count > 1 ? libdeflate_zlib_compress(zip->deflaters[thread], even, count, out, count - 1)
+                     : 0;
 }

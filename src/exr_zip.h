@@ -17,6 +17,7 @@ void sgsi_exr_zip_destroy(sgsi_exr_zip *zip);
 // The same for larger chunks. False when out of memory.
 bool sgsi_exr_zip_reserve(sgsi_exr_zip *zip, size_t largest);
 
-// Deflates `count` bytes of `raw` into out, [count]. Returns the number of bytes there, or 0 when they would not be
-// fewer: then readers take `raw` itself. Cannot fail.
-size_t sgsi_exr_zip_pack(sgsi_exr_zip *zip, int thread, const uint8_t *raw, size_t count, uint8_t *out);
+// Deflates `count` bytes of `raw` into out, [count]. Returns the number of bytes there, or 0 when
+// they would not be fewer: then readers take `raw` itself. Cannot fail.
+size_t sgsi_exr_zip_pack(sgsi_exr_zip *zip, int thread, const uint8_t *raw, size_t count,
+                         uint8_t *out);

@@ -1,11 +1,12 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Mip-Splatting (Yu et al., 2024; specs of Mip-Splatting, section 1). A camera of focal length f samples a primitive
-// at depth z every z / f; what is finer than that is not in the photographs. f3 = sqrt(0.2) min z / F, the minimum over
-// the training views that see the mean at z > 0.2 inside the image and a margin of 15 %, F the largest focal length of
-// all. Depth is z, or the distance for fisheye lenses, whose margin is tested on the projected point; other lenses are
-// tested as pinholes, as in the original.
+// Mip-Splatting (Yu et al., 2024; specs of Mip-Splatting, section 1). A camera of focal length f
+// samples a primitive at depth z every z / f; what is finer than that is not in the photographs. f3
+// = sqrt(0.2) min z / F, the minimum over the training views that see the mean at z > 0.2 inside
+// the image and a margin of 15 %, F the largest focal length of all. Depth is z, or the distance
+// for fisheye lenses, whose margin is tested on the projected point; other lenses are tested as
+// pinholes, as in the original.
 
 #include "filter_3d.h"
 
@@ -27,8 +28,8 @@ typedef struct sampling_job {
 
 static bool inside(double u, double v, const sgs_camera *camera)
 {
-    return u >= -margin * camera->width && u <= (1 + margin) * camera->width && v >= -margin * camera->height &&
-           v <= (1 + margin) * camera->height;
+    return u >= -margin * camera->width && u <= (1 + margin) * camera->width &&
+           v >= -margin * camera->height && v <= (1 + margin) * camera->height;
 }
 
 // Depth at which a view samples a point, or a negative number.
@@ -36,7 +37,8 @@ static double sampled_depth(const sgs_view *view, const double mean[3])
 {
     double p[3], fx, fy, cx, cy, pixel[2];
     for (int row = 0; row < 3; ++row)
-        p[row] = view->pose.rotation[3 * row] * mean[0] + view->pose.rotation[3 * row + 1] * mean[1] +
+        p[row] = view->pose.rotation[3 * row] * mean[0] +
+                 view->pose.rotation[3 * row + 1] * mean[1] +
                  view->pose.rotation[3 * row + 2] * mean[2] + view->pose.translation[row];
     if (sgs_camera_is_fisheye(view->camera.model)) {
         const double distance = sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2]);
@@ -67,8 +69,8 @@ static void sample_range(void *context, size_t begin, size_t end, int thread)
     }
 }
 
-void sgsi_filter_3d_compute(const sgs_gaussians *model, const sgs_scene *scene, const size_t *views, size_t view_count,
-                            float *filter_3d)
+void sgsi_filter_3d_compute(const sgs_gaussians *model, const sgs_scene *scene, const size_t *views,
+                            size_t view_count, float *filter_3d)
 {
     sampling_job job = {model, scene, views, view_count, 0.0, filter_3d};
     for (size_t v = 0; v < view_count; ++v) {
@@ -95,7 +97,8 @@ double sgsi_filter_3d_factor(const sgs_gaussians *model, size_t i, float filter_
     return factor;
 }
 
-sgs_status sgs_gaussians_fuse_filter_3d(const sgs_gaussians *model, const float *filter_3d, sgs_gaussians **fused)
+sgs_status sgs_gaussians_fuse_filter_3d(const sgs_gaussians *model, const float *filter_3d,
+                                        sgs_gaussians **fused)
 {
     sgs_status status = sgs_gaussians_create(model->count, fused);
     if (!status)
@@ -110,12 +113,13 @@ sgs_status sgs_gaussians_fuse_filter_3d(const sgs_gaussians *model, const float 
         float p[SGS_PARAM_COUNT];
         sgs_gaussians_get(model, i, p);
         const double f2 = (double)filter_3d[i] * (double)filter_3d[i];
-        const double opacity =
-            sgsi_filter_3d_factor(model, i, filter_3d[i]) / (1.0 + exp(-(double)p[SGS_PARAM_OPACITY]));
+        const double opacity = sgsi_filter_3d_factor(model, i, filter_3d[i]) /
+                               (1.0 + exp(-(double)p[SGS_PARAM_OPACITY]));
         const double held = fmin(fmax(opacity, 1e-12), 1.0 - 1e-7);
         p[SGS_PARAM_OPACITY] = (float)log(held / (1.0 - held));
         for (int k = 0; k < 3; ++k)
-            p[SGS_PARAM_SCALE + k] = (float)(0.5 * log(exp(2.0 * (double)p[SGS_PARAM_SCALE + k]) + f2));
+            p[SGS_PARAM_SCALE + k] =
+                (float)(0.5 * log(exp(2.0 * (double)p[SGS_PARAM_SCALE + k]) + f2));
         sgs_gaussians_set(*fused, i, p);
     }
     return SGS_STATUS_OK;

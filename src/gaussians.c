@@ -3,12 +3,13 @@
 
 // The model's storage, its 3DGS initialisation from a point cloud, and its digest.
 //
-// Storage is blocks of 16 rows (include/sparegs/gaussians.h). Rows behind the last one are kept inert,
-// so that a kernel may process whole blocks: an inert row has an opacity of 1e-13, below any hit.
+// Storage is blocks of 16 rows (include/sparegs/gaussians.h). Rows behind the last one are kept
+// inert, so that a kernel may process whole blocks: an inert row has an opacity of 1e-13, below any
+// hit.
 //
-// Initialisation follows Kerbl et al., "3D Gaussian Splatting for Real-Time Radiance Field Rendering", 2023, as its
-// code does it: the scale is the root of the mean squared distance to the three nearest others. The distances
-// are exact and in double (the original's are float).
+// Initialisation follows Kerbl et al., "3D Gaussian Splatting for Real-Time Radiance Field
+// Rendering", 2023, as its code does it: the scale is the root of the mean squared distance to the
+// three nearest others. The distances are exact and in double (the original's are float).
 
 #include "sparegs/gaussians.h"
 
@@ -73,12 +74,15 @@ sgs_status sgs_gaussians_reserve(sgs_gaussians *model, size_t capacity)
     if (capacity <= model->capacity)
         return SGS_STATUS_OK;
     if (capacity > MOST_PRIMITIVES)
-        return sgsi_fail(SGS_STATUS_LIMIT, "%zu primitives are more than the %zu that a model can hold", capacity,
+        return sgsi_fail(SGS_STATUS_LIMIT,
+                         "%zu primitives are more than the %zu that a model can hold", capacity,
                          MOST_PRIMITIVES);
     const size_t blocks = (capacity + SGS_LANES - 1) / SGS_LANES;
     void *data = model->data;
-    if (!sgsi_grow(&data, model->capacity / SGS_LANES, blocks, sizeof(float) * SGS_PARAM_COUNT * SGS_LANES))
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu primitives; lower --max-gaussians", capacity);
+    if (!sgsi_grow(&data, model->capacity / SGS_LANES, blocks,
+                   sizeof(float) * SGS_PARAM_COUNT * SGS_LANES))
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                         "no memory for %zu primitives; lower --max-gaussians", capacity);
     const size_t old = model->capacity;
     model->data = data;
     model->capacity = blocks * SGS_LANES;
@@ -142,7 +146,8 @@ static void init_range(void *context, size_t begin, size_t end, int thread)
         for (int k = 0; k < 3; ++k) {
             params[SGS_PARAM_MEAN + k] = loop->points[3 * i + (size_t)k];
             params[SGS_PARAM_SCALE + k] = (float)(0.5 * log(squared));
-            params[SGS_PARAM_SH_DC + k] = (float)((loop->colors[3 * i + (size_t)k] / 255.0 - 0.5) / SH_C0);
+            params[SGS_PARAM_SH_DC + k] =
+                (float)((loop->colors[3 * i + (size_t)k] / 255.0 - 0.5) / SH_C0);
         }
         params[SGS_PARAM_ROTATION] = 1.0f;
         params[SGS_PARAM_OPACITY] = opacity;
@@ -156,15 +161,16 @@ sgs_status sgs_gaussians_init_points(const float *points, const unsigned char *c
     *model = NULL;
     for (size_t i = 0; i < 3 * n; ++i) {
         if (!isfinite(points[i]))
-            return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "point %zu of the initial cloud is not finite; drop it",
-                             i / 3);
+            return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                             "point %zu of the initial cloud is not finite; drop it", i / 3);
     }
     if (n == 1 && !(fallback_scale > 0.0 && isfinite(fallback_scale)))
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "a cloud of one point needs a positive scale, not %g",
-                         fallback_scale);
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                         "a cloud of one point needs a positive scale, not %g", fallback_scale);
     double *distances = sgsi_alloc(n, sizeof *distances * SGSI_KNN_NEIGHBOURS);
     if (!distances)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for an initial cloud of %zu points", n);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for an initial cloud of %zu points",
+                         n);
     sgs_gaussians *fresh = NULL;
     sgs_status status = sgsi_knn(points, n, distances);
     if (!status)
@@ -183,7 +189,8 @@ sgs_status sgs_gaussians_init_points(const float *points, const unsigned char *c
     return SGS_STATUS_OK;
 }
 
-// XXH3 with 64 bits over count, degree and the rows one after another, so that capacity and blocks do not matter.
+// XXH3 with 64 bits over count, degree and the rows one after another, so that capacity and blocks
+// do not matter.
 void sgs_gaussians_hash(const sgs_gaussians *model, char hex[17])
 {
     XXH3_state_t state;

@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// IEEE 754 binary16 numbers for photographs: never negative, never infinite, and nothing between 0 and the smallest
-// normal number, so that the way back is a shift and a multiplication.
+// IEEE 754 binary16 numbers for photographs: never negative, never infinite, and nothing between 0
+// and the smallest normal number, so that the way back is a shift and a multiplication.
 
 #include <stdint.h>
 #include <string.h>
@@ -11,7 +11,8 @@
 #define SGSI_HALF_MAX 65504.0f
 #define SGSI_HALF_MIN 6.103515625e-05f // smaller ones become 0
 
-// Nearest (even) half of a number in [0, SGSI_HALF_MAX]; what lies outside is clamped, NaN becomes 0.
+// Nearest (even) half of a number in [0, SGSI_HALF_MAX]; what lies outside is clamped, NaN becomes
+// 0.
 static inline uint16_t sgsi_half_from_float(float value)
 {
     if (!(value >= SGSI_HALF_MIN))

@@ -1,13 +1,14 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// 8-bit photographs: reading, exact area averaging, PNG. The codec is OpenImageIO, behind image_oiio.h.
+// 8-bit photographs: reading, exact area averaging, PNG. The codec is OpenImageIO, behind
+// image_oiio.h.
 //
-// Area averaging in integers. Measured in units of 1 / out_width of a source pixel, source column x covers
-// [x out_width, (x+1) out_width) and output column i covers [i width, (i+1) width); the overlaps are the
-// weights, they sum to `width`, and no rounding happens before the last division. Colour under a straight
-// alpha is averaged with the alpha as weight, so that what hides under transparent pixels does not bleed in:
-// compositing commutes with the averaging.
+// Area averaging in integers. Measured in units of 1 / out_width of a source pixel, source column x
+// covers [x out_width, (x+1) out_width) and output column i covers [i width, (i+1) width); the
+// overlaps are the weights, they sum to `width`, and no rounding happens before the last division.
+// Colour under a straight alpha is averaged with the alpha as weight, so that what hides under
+// transparent pixels does not bleed in: compositing commutes with the averaging.
 
 #include "sparegs/image.h"
 
@@ -33,8 +34,9 @@ static int scan_end(FILE *stream)
     return EOF;
 }
 
-// Walks over the segments of a JPEG file (ITU T.81, annex B) behind its first two bytes; true when the file
-// ends before the end-of-image marker. What cameras append behind that marker does not matter.
+// Walks over the segments of a JPEG file (ITU T.81, annex B) behind its first two bytes; true when
+// the file ends before the end-of-image marker. What cameras append behind that marker does not
+// matter.
 static bool jpeg_ends_early(FILE *stream)
 {
     int marker = 0xd8;
@@ -75,8 +77,8 @@ static bool png_ends_early(FILE *stream)
     return true;
 }
 
-// Refuses a picture whose file was cut off, before it is decoded: JPEG decoders fill it up with grey and report
-// nothing, and a trainer would learn the grey; libpng writes to the terminal.
+// Refuses a picture whose file was cut off, before it is decoded: JPEG decoders fill it up with
+// grey and report nothing, and a trainer would learn the grey; libpng writes to the terminal.
 sgs_status sgsi_image_refuse_truncated(const char *path)
 {
     FILE *stream = fopen(path, "rb");
@@ -91,7 +93,8 @@ sgs_status sgsi_image_refuse_truncated(const char *path)
         truncated = png_ends_early(stream);
     fclose(stream);
     return truncated
-               ? sgsi_fail(SGS_STATUS_FORMAT, "%s: ends before its picture does; it is truncated: copy it again", path)
+               ? sgsi_fail(SGS_STATUS_FORMAT,
+                           "%s: ends before its picture does; it is truncated: copy it again", path)
                : SGS_STATUS_OK;
 }
 
@@ -124,23 +127,28 @@ void sgs_image8_free(sgs_image8 *image)
 static uint64_t overlap(uint64_t index, uint64_t out, uint64_t size, uint64_t out_size)
 {
     const uint64_t begin = index * out_size > out * size ? index * out_size : out * size;
-    const uint64_t end = (index + 1) * out_size < (out + 1) * size ? (index + 1) * out_size : (out + 1) * size;
+    const uint64_t end =
+        (index + 1) * out_size < (out + 1) * size ? (index + 1) * out_size : (out + 1) * size;
     return end > begin ? end - begin : 0;
 }
 
-// Sums the source rows under output row `out_y`: sums[x] = sum of weight * value (* alpha where given).
-static void sum_rows(const sgs_image8 *image, const uint8_t *plane, const uint8_t *alpha, uint64_t out_y,
-                     uint64_t out_height, uint64_t *sums)
+// Sums the source rows under output row `out_y`: sums[x] = sum of weight * value (* alpha where
+// given).
+static void sum_rows(const sgs_image8 *image, const uint8_t *plane, const uint8_t *alpha,
+                     uint64_t out_y, uint64_t out_height, uint64_t *sums)
 {
     const size_t width = (size_t)image->width;
     const uint64_t height = (uint64_t)image->height;
     memset(sums, 0, width * sizeof *sums);
-    for (uint64_t y = out_y * height / out_height; y < height && y * out_height < (out_y + 1) * height; ++y) {
+    for (uint64_t y = out_y * height / out_height;
+         y < height && y * out_height < (out_y + 1) * height; ++y) {
         const uint64_t weight = overlap(y, out_y, height, out_height);
         const uint8_t *row = plane + y * width;
         if (!alpha) {
             for (size_t x = 0; x < width; ++x)
-                sums[x] += weight * row[x]; // NOLINT(clang-analyzer-core.NullDereference): a plane of the image
+                sums[x] +=
+                    weight *
+                    row[x]; // NOLINT(clang-analyzer-core.NullDereference): a plane of the image
             continue;
         }
         const uint8_t *alpha_row = alpha + y * width;
@@ -159,14 +167,17 @@ static void sum_columns(const uint64_t *sums, uint64_t width, uint64_t out_width
     }
 }
 
-// The common case, side by side k x k pixels and no alpha, gives the same numbers many times faster: all areas are k^2,
-// and (S + k^2 / 2) / k^2 is a product and a shift. With m = ceil(2^32 / k^2), n m >> 32 = n / k^2 for every n below
-// 2^32 / k^2 (Granlund and Montgomery 1994, theorem 4.2), and n stays below 256 k^2.
+// The common case, side by side k x k pixels and no alpha, gives the same numbers many times
+// faster: all areas are k^2, and (S + k^2 / 2) / k^2 is a product and a shift. With m = ceil(2^32 /
+// k^2), n m >> 32 = n / k^2 for every n below 2^32 / k^2 (Granlund and Montgomery 1994, theorem
+// 4.2), and n stays below 256 k^2.
 enum { WHOLE_FACTOR_MAX = 16 };
 
-static void downscale_whole(const sgs_image8 *image, size_t factor, sgs_image8 *out, uint32_t *row_sums)
+static void downscale_whole(const sgs_image8 *image, size_t factor, sgs_image8 *out,
+                            uint32_t *row_sums)
 {
-    const size_t width = (size_t)image->width, out_width = (size_t)out->width, out_height = (size_t)out->height;
+    const size_t width = (size_t)image->width, out_width = (size_t)out->width,
+                 out_height = (size_t)out->height;
     const uint32_t area = (uint32_t)(factor * factor);
     const uint64_t reciprocal = ((UINT64_C(1) << 32) + area - 1) / area;
     for (size_t row = 0; row < out_height * (size_t)image->channels; ++row) {
@@ -210,7 +221,8 @@ static void downscale(const sgs_image8 *image, sgs_image8 *out, uint64_t *row_su
             const uint8_t *in = image->pixels + (size_t)c * plane;
             uint8_t *to = out->pixels + (size_t)c * out_plane + (size_t)y * out_width;
             const bool weighted = alpha && c < 3;
-            sum_rows(image, in, weighted ? alpha : NULL, (uint64_t)y, (uint64_t)out->height, row_sums);
+            sum_rows(image, in, weighted ? alpha : NULL, (uint64_t)y, (uint64_t)out->height,
+                     row_sums);
             sum_columns(row_sums, (uint64_t)image->width, out_width, sums);
             for (size_t x = 0; x < out_width; ++x) {
                 const uint64_t divisor = weighted ? alpha_sums[x] : area;
@@ -220,21 +232,25 @@ static void downscale(const sgs_image8 *image, sgs_image8 *out, uint64_t *row_su
     }
 }
 
-sgs_status sgs_image8_downscale(const sgs_image8 *image, int out_width, int out_height, sgs_image8 *out)
+sgs_status sgs_image8_downscale(const sgs_image8 *image, int out_width, int out_height,
+                                sgs_image8 *out)
 {
     *out = (sgs_image8){0};
     if (out_width < 1 || out_height < 1 || out_width > image->width || out_height > image->height)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "an image of %d x %d pixels cannot be reduced to %d x %d",
-                         image->width, image->height, out_width, out_height);
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                         "an image of %d x %d pixels cannot be reduced to %d x %d", image->width,
+                         image->height, out_width, out_height);
     const size_t width = (size_t)image->width;
     uint64_t *row_sums = sgsi_alloc(width + 2 * (size_t)out_width, sizeof *row_sums);
     uint8_t *pixels = sgsi_alloc((size_t)out_width * (size_t)out_height, (size_t)image->channels);
     if (!row_sums || !pixels) {
         sgsi_free(row_sums);
         sgsi_free(pixels);
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to reduce an image to %d x %d", out_width, out_height);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to reduce an image to %d x %d",
+                         out_width, out_height);
     }
-    *out = (sgs_image8){.width = out_width, .height = out_height, .channels = image->channels, .pixels = pixels};
+    *out = (sgs_image8){
+        .width = out_width, .height = out_height, .channels = image->channels, .pixels = pixels};
     const size_t factor = whole_factor(image, out);
     if (factor)
         downscale_whole(image, factor, out, (uint32_t *)row_sums);
@@ -247,10 +263,12 @@ sgs_status sgs_image8_downscale(const sgs_image8 *image, int out_width, int out_
 sgs_status sgs_png_write(const char *path, const sgs_image8 *image)
 {
     if (image->channels != 1 && image->channels != 3 && image->channels != 4)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: an image of %d channels cannot be written as PNG", path,
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                         "%s: an image of %d channels cannot be written as PNG", path,
                          image->channels);
     if (image->width < 1 || image->height < 1 || !image->pixels)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: an empty image cannot be written as PNG", path);
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: an empty image cannot be written as PNG",
+                         path);
     uint8_t *bytes;
     size_t size;
     sgs_status status = sgsi_oiio_png_encode(path, image, &bytes, &size);

@@ -3,17 +3,17 @@
 
 // Photographs in and PNG out through OpenImageIO (2.2 to 3.x). The only C++ file of the project.
 //
-// Pixels come as the file stores them: no colour conversion, no rotation by Exif, alpha straight. What is
-// not 8-bit RGB(A) is made so: grey is repeated, palettes are expanded by OpenImageIO, CMYK becomes RGB,
-// 16 bit is rounded to the nearest 8 bit, floating point is taken as linear light and gets the sRGB curve
-// unless the file says it is sRGB already. Further channels are dropped.
+// Pixels come as the file stores them: no colour conversion, no rotation by Exif, alpha straight.
+// What is not 8-bit RGB(A) is made so: grey is repeated, palettes are expanded by OpenImageIO, CMYK
+// becomes RGB, 16 bit is rounded to the nearest 8 bit, floating point is taken as linear light and
+// gets the sRGB curve unless the file says it is sRGB already. Further channels are dropped.
 //
-// sgsi_oiio_read_rows delivers floats instead, for photographs whose range or colour space is more than 8 bit of sRGB.
-// There sRGB stays encoded, linear light stays as it is, and everything else goes through OpenImageIO's colour
-// conversion to linear light.
+// sgsi_oiio_read_rows delivers floats instead, for photographs whose range or colour space is more
+// than 8 bit of sRGB. There sRGB stays encoded, linear light stays as it is, and everything else
+// goes through OpenImageIO's colour conversion to linear light.
 //
-// The size is checked before anything is allocated for it, and rows are decoded in slabs, so that the
-// interleaved copy never exists as a whole (tiled files excepted).
+// The size is checked before anything is allocated for it, and rows are decoded in slabs, so that
+// the interleaved copy never exists as a whole (tiled files excepted).
 
 #include <algorithm>
 #include <cctype>
@@ -41,7 +41,8 @@ extern "C" {
 #include "sparegs/runtime.h"
 }
 
-namespace {
+namespace
+{
 
 constexpr int max_size = 65536;
 constexpr int64_t max_pixels = int64_t(1) << 30;
@@ -49,9 +50,9 @@ constexpr int slab_rows = 64;
 
 // How the channels of a file become RGB(A).
 struct Layout {
-    int channels = 3;          // out
+    int channels = 3;             // out
     int source[4] = {0, 0, 0, 0}; // file channel of each output channel
-    int read = 1;              // leading file channels to decode
+    int read = 1;                 // leading file channels to decode
     bool cmyk = false;
     bool associated = false; // colour is multiplied by alpha in the file
     bool linear = false;
@@ -62,13 +63,15 @@ std::string one_line(std::string text)
 {
     while (!text.empty() && std::isspace(static_cast<unsigned char>(text.back())))
         text.pop_back();
-    std::replace_if(text.begin(), text.end(), [](unsigned char c) { return c < 0x20; }, ' ');
+    std::replace_if(
+        text.begin(), text.end(), [](unsigned char c) { return c < 0x20; }, ' ');
     return text.empty() ? "no reason given" : text;
 }
 
 sgs_status unreadable(const char *path, const std::string &reason)
 {
-    return sgsi_fail(SGS_STATUS_FORMAT, "%s: cannot be read as an image: %s", path, one_line(reason).c_str());
+    return sgsi_fail(SGS_STATUS_FORMAT, "%s: cannot be read as an image: %s", path,
+                     one_line(reason).c_str());
 }
 
 // Runs body() and turns every exception into a status.
@@ -91,8 +94,8 @@ Layout layout_of(const OIIO::ImageSpec &spec)
     const int n = spec.nchannels;
     const int alpha = spec.alpha_channel >= 0 && spec.alpha_channel < n ? spec.alpha_channel : -1;
     const std::string space = spec.get_string_attribute("oiio:ColorSpace");
-    const bool cmyk_names = n >= 4 && spec.channelnames.size() >= 4 && spec.channelnames[0] == "C" &&
-                            spec.channelnames[3] == "K";
+    const bool cmyk_names = n >= 4 && spec.channelnames.size() >= 4 &&
+                            spec.channelnames[0] == "C" && spec.channelnames[3] == "K";
     out.cmyk = cmyk_names || (n >= 4 && space == "CMYK");
     const bool grey = n - (alpha >= 0) < 3;
     for (int c = 0; c < 3; ++c)
@@ -129,8 +132,10 @@ sgs_status open_image(const char *path, std::unique_ptr<OIIO::ImageInput> &input
     const OIIO::ImageSpec &spec = opened->spec();
     if (spec.width < 1 || spec.height < 1 || spec.width > max_size || spec.height > max_size ||
         int64_t(spec.width) * spec.height > max_pixels)
-        return sgsi_fail(SGS_STATUS_LIMIT, "%s: has %d x %d pixels; at most %d on a side and 2^30 in all are accepted",
-                         path, spec.width, spec.height, max_size);
+        return sgsi_fail(
+            SGS_STATUS_LIMIT,
+            "%s: has %d x %d pixels; at most %d on a side and 2^30 in all are accepted", path,
+            spec.width, spec.height, max_size);
     if (spec.deep || spec.nchannels < 1 || spec.depth > 1)
         return sgsi_fail(SGS_STATUS_UNSUPPORTED, "%s: is not a flat two-dimensional image", path);
     layout = layout_of(spec);
@@ -169,7 +174,8 @@ void convert_pixel(const unsigned char *row, size_t x, const Layout &layout, uin
             out[c] = quantised((1 - sample(row, at + c, layout)) * white);
         return;
     }
-    const float alpha = layout.channels == 4 ? sample(row, at + size_t(layout.source[3]), layout) : 1;
+    const float alpha =
+        layout.channels == 4 ? sample(row, at + size_t(layout.source[3]), layout) : 1;
     for (int c = 0; c < 3; ++c) {
         float v = sample(row, at + size_t(layout.source[c]), layout);
         if (layout.associated && alpha > 0)
@@ -179,7 +185,8 @@ void convert_pixel(const unsigned char *row, size_t x, const Layout &layout, uin
     out[3] = quantised(alpha);
 }
 
-void convert_rows(const unsigned char *rows, int y0, int y1, const Layout &layout, sgs_image8 &image)
+void convert_rows(const unsigned char *rows, int y0, int y1, const Layout &layout,
+                  sgs_image8 &image)
 {
     const size_t width = size_t(image.width), plane = width * size_t(image.height);
     const size_t row_bytes = width * size_t(layout.read) * layout.type.size();
@@ -204,17 +211,19 @@ void convert_rows(const unsigned char *rows, int y0, int y1, const Layout &layou
     }
 }
 
-sgs_status read_pixels(const char *path, OIIO::ImageInput &input, const Layout &layout, sgs_image8 &image)
+sgs_status read_pixels(const char *path, OIIO::ImageInput &input, const Layout &layout,
+                       sgs_image8 &image)
 {
     const OIIO::ImageSpec spec = input.spec();
     const bool tiled = spec.tile_width > 0;
     const int rows = tiled ? spec.height : std::min(spec.height, slab_rows);
-    std::vector<unsigned char> slab(size_t(rows) * size_t(spec.width) * size_t(layout.read) * layout.type.size());
+    std::vector<unsigned char> slab(size_t(rows) * size_t(spec.width) * size_t(layout.read) *
+                                    layout.type.size());
     for (int y = 0; y < spec.height; y += rows) {
         const int end = std::min(y + rows, spec.height);
         const bool fine = tiled ? input.read_image(0, 0, 0, layout.read, layout.type, slab.data())
-                                : input.read_scanlines(0, 0, spec.y + y, spec.y + end, spec.z, 0, layout.read,
-                                                       layout.type, slab.data());
+                                : input.read_scanlines(0, 0, spec.y + y, spec.y + end, spec.z, 0,
+                                                       layout.read, layout.type, slab.data());
         if (!fine)
             return unreadable(path, input.geterror());
         convert_rows(slab.data(), y, end, layout, image);
@@ -234,7 +243,8 @@ struct Colors {
 
 std::string lower(std::string text)
 {
-    std::transform(text.begin(), text.end(), text.begin(), [](unsigned char c) { return char(std::tolower(c)); });
+    std::transform(text.begin(), text.end(), text.begin(),
+                   [](unsigned char c) { return char(std::tolower(c)); });
     return text;
 }
 
@@ -253,8 +263,8 @@ bool names_channel(const std::string &name, const char *wanted)
     return lower(dot == std::string::npos ? name : name.substr(dot + 1)) == wanted;
 }
 
-// Channels of EXR files are found by name. Layers with colours besides the plain R, G, B are taken when there is no such;
-// the first one wins.
+// Channels of EXR files are found by name. Layers with colours besides the plain R, G, B are taken
+// when there is no such; the first one wins.
 bool find_exr_channels(const OIIO::ImageSpec &spec, Layout &layout)
 {
     static const char *const wanted[] = {"r", "g", "b", "a"};
@@ -283,7 +293,8 @@ bool find_exr_channels(const OIIO::ImageSpec &spec, Layout &layout)
     return true;
 }
 
-sgs_status choose_colors(const char *path, const OIIO::ImageSpec &spec, const char *colorspace, Colors &colors)
+sgs_status choose_colors(const char *path, const OIIO::ImageSpec &spec, const char *colorspace,
+                         Colors &colors)
 {
     std::string space = colorspace ? colorspace : spec.get_string_attribute("oiio:ColorSpace");
     if (space.empty())
@@ -303,14 +314,16 @@ sgs_status choose_colors(const char *path, const OIIO::ImageSpec &spec, const ch
     if (!colors.processor)
         colors.processor = config.createColorProcessor(space, "linear");
     if (!colors.processor)
-        return sgsi_fail(SGS_STATUS_UNSUPPORTED, "%s: nobody here knows the colour space '%s'; choose with "
-                         "--input-colorspace from linear, sRGB, %s", path, one_line(space).c_str(),
+        return sgsi_fail(SGS_STATUS_UNSUPPORTED,
+                         "%s: nobody here knows the colour space '%s'; choose with "
+                         "--input-colorspace from linear, sRGB, %s",
+                         path, one_line(space).c_str(),
                          joined(config.getColorSpaceNames()).c_str());
     return SGS_STATUS_OK;
 }
 
-sgs_status open_photo(const char *path, const char *colorspace, std::unique_ptr<OIIO::ImageInput> &input, Layout &layout,
-                      Colors &colors)
+sgs_status open_photo(const char *path, const char *colorspace,
+                      std::unique_ptr<OIIO::ImageInput> &input, Layout &layout, Colors &colors)
 {
     const sgs_status opened = open_image(path, input, layout);
     if (opened)
@@ -318,13 +331,16 @@ sgs_status open_photo(const char *path, const char *colorspace, std::unique_ptr<
     const OIIO::ImageSpec &spec = input->spec();
     layout.type = OIIO::TypeDesc::FLOAT;
     if (std::strcmp(input->format_name(), "openexr") == 0 && !find_exr_channels(spec, layout))
-        return sgsi_fail(SGS_STATUS_UNSUPPORTED, "%s: has no colour channels R, G, B or Y; its channels are %s", path,
+        return sgsi_fail(SGS_STATUS_UNSUPPORTED,
+                         "%s: has no colour channels R, G, B or Y; its channels are %s", path,
                          joined(spec.channelnames).c_str());
     return choose_colors(path, spec, colorspace, colors);
 }
 
-// One row as [width][channels]; colour multiplied by alpha. `raw` holds layout.read floats per pixel.
-void arrange_row(const float *raw, int width, const Layout &layout, const Colors &colors, float *row)
+// One row as [width][channels]; colour multiplied by alpha. `raw` holds layout.read floats per
+// pixel.
+void arrange_row(const float *raw, int width, const Layout &layout, const Colors &colors,
+                 float *row)
 {
     const size_t channels = size_t(layout.channels);
     for (size_t x = 0; x < size_t(width); ++x) {
@@ -354,23 +370,26 @@ void arrange_row(const float *raw, int width, const Layout &layout, const Colors
                 row[4 * x + c] *= row[4 * x + 3];
 }
 
-sgs_status read_rows(const char *path, OIIO::ImageInput &input, const Layout &layout, const Colors &colors,
-                     sgsi_row_fn take, void *context)
+sgs_status read_rows(const char *path, OIIO::ImageInput &input, const Layout &layout,
+                     const Colors &colors, sgsi_row_fn take, void *context)
 {
     const OIIO::ImageSpec spec = input.spec();
     const bool tiled = spec.tile_width > 0;
     const int rows = tiled ? spec.height : std::min(spec.height, slab_rows);
     const size_t pitch = size_t(spec.width) * size_t(layout.read);
-    std::vector<float> slab(size_t(rows) * pitch), row(size_t(spec.width) * size_t(layout.channels));
+    std::vector<float> slab(size_t(rows) * pitch),
+        row(size_t(spec.width) * size_t(layout.channels));
     for (int y = 0; y < spec.height; y += rows) {
         const int end = std::min(y + rows, spec.height);
-        const bool fine = tiled ? input.read_image(0, 0, 0, layout.read, OIIO::TypeDesc::FLOAT, slab.data())
-                                : input.read_scanlines(0, 0, spec.y + y, spec.y + end, spec.z, 0, layout.read,
-                                                       OIIO::TypeDesc::FLOAT, slab.data());
+        const bool fine =
+            tiled ? input.read_image(0, 0, 0, layout.read, OIIO::TypeDesc::FLOAT, slab.data())
+                  : input.read_scanlines(0, 0, spec.y + y, spec.y + end, spec.z, 0, layout.read,
+                                         OIIO::TypeDesc::FLOAT, slab.data());
         if (!fine)
             return unreadable(path, input.geterror());
         for (int k = y; k < end; ++k) {
-            arrange_row(slab.data() + size_t(k - y) * pitch, spec.width, layout, colors, row.data());
+            arrange_row(slab.data() + size_t(k - y) * pitch, spec.width, layout, colors,
+                        row.data());
             take(context, k, row.data());
         }
     }
@@ -436,7 +455,8 @@ sgs_status sgsi_oiio_describe(const char *path, const char *colorspace, sgsi_ima
     });
 }
 
-sgs_status sgsi_oiio_read_rows(const char *path, const char *colorspace, sgsi_row_fn take, void *context)
+sgs_status sgsi_oiio_read_rows(const char *path, const char *colorspace, sgsi_row_fn take,
+                               void *context)
 {
     return guarded(path, [&]() {
         std::unique_ptr<OIIO::ImageInput> input;
@@ -447,7 +467,8 @@ sgs_status sgsi_oiio_read_rows(const char *path, const char *colorspace, sgsi_ro
     });
 }
 
-sgs_status sgsi_oiio_png_encode(const char *path, const sgs_image8 *image, uint8_t **bytes, size_t *size)
+sgs_status sgsi_oiio_png_encode(const char *path, const sgs_image8 *image, uint8_t **bytes,
+                                size_t *size)
 {
     *bytes = nullptr;
     *size = 0;
@@ -463,7 +484,8 @@ sgs_status sgsi_oiio_png_encode(const char *path, const sgs_image8 *image, uint8
         spec.attribute("oiio:UnassociatedAlpha", 1);
         spec.attribute("oiio:ColorSpace", "sRGB");
         if (!output->open("memory.png", spec))
-            return sgsi_fail(SGS_STATUS_IO, "%s: cannot be encoded: %s", path, one_line(output->geterror()).c_str());
+            return sgsi_fail(SGS_STATUS_IO, "%s: cannot be encoded: %s", path,
+                             one_line(output->geterror()).c_str());
         std::vector<unsigned char> row(width * channels);
         for (int y = 0; y < image->height; ++y) {
             for (size_t c = 0; c < channels; ++c) {
@@ -476,7 +498,8 @@ sgs_status sgsi_oiio_png_encode(const char *path, const sgs_image8 *image, uint8
                                  one_line(output->geterror()).c_str());
         }
         if (!output->close())
-            return sgsi_fail(SGS_STATUS_IO, "%s: cannot be encoded: %s", path, one_line(output->geterror()).c_str());
+            return sgsi_fail(SGS_STATUS_IO, "%s: cannot be encoded: %s", path,
+                             one_line(output->geterror()).c_str());
         *bytes = static_cast<uint8_t *>(sgsi_alloc(encoded.size(), 1));
         if (!*bytes)
             throw std::bad_alloc();
@@ -486,7 +509,8 @@ sgs_status sgsi_oiio_png_encode(const char *path, const sgs_image8 *image, uint8
     });
 }
 
-namespace {
+namespace
+{
 
 // EXR multiplies row vectors from the left: the transpose of the matrix for column vectors.
 void set_matrix(OIIO::ImageSpec &spec, const char *name, const double *matrix)
@@ -526,8 +550,9 @@ OIIO::ImageSpec describe_exr(const sgs_exr_info &info, const sgs_exr_channel *ch
 
 } // namespace
 
-sgs_status sgsi_oiio_dwaa_encode(const char *path, const sgs_exr_info *info, const sgs_exr_channel *channels,
-                                 int channel_count, uint8_t **bytes, size_t *size)
+sgs_status sgsi_oiio_dwaa_encode(const char *path, const sgs_exr_info *info,
+                                 const sgs_exr_channel *channels, int channel_count,
+                                 uint8_t **bytes, size_t *size)
 {
     *bytes = nullptr;
     *size = 0;
@@ -539,7 +564,8 @@ sgs_status sgsi_oiio_dwaa_encode(const char *path, const sgs_exr_info *info, con
             return sgsi_fail(SGS_STATUS_UNSUPPORTED, "%s: this OpenImageIO cannot write EXR", path);
         const OIIO::ImageSpec spec = describe_exr(*info, channels, channel_count);
         if (!output->open("memory.exr", spec))
-            return sgsi_fail(SGS_STATUS_IO, "%s: cannot be encoded: %s", path, one_line(output->geterror()).c_str());
+            return sgsi_fail(SGS_STATUS_IO, "%s: cannot be encoded: %s", path,
+                             one_line(output->geterror()).c_str());
         // Pixels in the file's own types, channel after channel: 2 or 4 bytes each.
         const size_t pixel_bytes = spec.pixel_bytes(true), width = size_t(info->width);
         std::vector<unsigned char> pixels(pixel_bytes * width * size_t(info->height));
@@ -551,15 +577,18 @@ sgs_status sgsi_oiio_dwaa_encode(const char *path, const sgs_exr_info *info, con
                     const half value = half(channels[k].floats[i]);
                     std::memcpy(at, &value, sizeof value);
                 } else {
-                    std::memcpy(at, channels[k].uints ? static_cast<const void *>(channels[k].uints + i)
-                                                      : static_cast<const void *>(channels[k].floats + i),
+                    std::memcpy(at,
+                                channels[k].uints
+                                    ? static_cast<const void *>(channels[k].uints + i)
+                                    : static_cast<const void *>(channels[k].floats + i),
                                 4);
                 }
             }
             offset += channels[k].half ? 2 : 4;
         }
         if (!output->write_image(OIIO::TypeDesc::UNKNOWN, pixels.data()) || !output->close())
-            return sgsi_fail(SGS_STATUS_IO, "%s: cannot be encoded: %s", path, one_line(output->geterror()).c_str());
+            return sgsi_fail(SGS_STATUS_IO, "%s: cannot be encoded: %s", path,
+                             one_line(output->geterror()).c_str());
         *bytes = static_cast<uint8_t *>(sgsi_alloc(encoded.size(), 1));
         if (!*bytes)
             throw std::bad_alloc();

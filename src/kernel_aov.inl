@@ -1,13 +1,14 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// What a picture can tell besides its colours: distances, number of hits, normal, position, the dominant
-// primitive. A second walk over the elements of a block, after its colours were blended, so that training pays nothing.
+// What a picture can tell besides its colours: distances, number of hits, normal, position, the
+// dominant primitive. A second walk over the elements of a block, after its colours were blended,
+// so that training pays nothing.
 //
-// Every quantity is a sum or an extreme over the counted hits, which needs no order. Only the median asks for the
-// transmittance T in front of a hit: T falls along a ray, so the hit that takes it to one half is the farthest one with
-// T > 1/2, provided that the ray ends with T <= 1/2. The mean of the hits' points is the point at the mean distance,
-// for they lie on one line.
+// Every quantity is a sum or an extreme over the counted hits, which needs no order. Only the
+// median asks for the transmittance T in front of a hit: T falls along a ray, so the hit that takes
+// it to one half is the farthest one with T > 1/2, provided that the ray ends with T <= 1/2. The
+// mean of the hits' points is the point at the mean distance, for they lie on one line.
 
 typedef struct block_sums {
     vf weight, depth, median, first, hits, largest, primitive;
@@ -15,11 +16,12 @@ typedef struct block_sums {
 } block_sums;
 
 // normals [primitive][4], or NULL; inlined once per choice.
-static inline block_sums sum_block(const sgsi_scratch *s, const uint32_t *order, uint32_t count, const float *normals,
-                                   bool identify)
+static inline block_sums sum_block(const sgsi_scratch *s, const uint32_t *order, uint32_t count,
+                                   const float *normals, bool identify)
 {
     const block_elements el = open_elements(s);
-    const vf one = vf_set1(1.0f), zero = vf_zero(), half = vf_set1(0.5f), infinity = vf_set1(INFINITY);
+    const vf one = vf_set1(1.0f), zero = vf_zero(), half = vf_set1(0.5f),
+             infinity = vf_set1(INFINITY);
     block_sums sums = {.weight = zero,
                        .depth = zero,
                        .median = zero,
@@ -47,7 +49,8 @@ static inline block_sums sum_block(const sgsi_scratch *s, const uint32_t *order,
         if (identify) {
             const vm larger = vf_gt(w, sums.largest);
             sums.largest = vf_max(w, sums.largest);
-            sums.primitive = vf_select(larger, vi_as_vf(vi_set1((int32_t)s->tile_ids[order[i]])), sums.primitive);
+            sums.primitive = vf_select(larger, vi_as_vf(vi_set1((int32_t)s->tile_ids[order[i]])),
+                                       sums.primitive);
         }
     }
     return sums;
@@ -58,7 +61,8 @@ static inline vec3 block_direction(const float frame[9], const block_rays *block
 {
     vf d[3];
     for (int k = 0; k < 3; ++k)
-        d[k] = vf_fma(block->v, vf_set1(frame[6 + k]), vf_fma(block->u, vf_set1(frame[3 + k]), vf_set1(frame[k])));
+        d[k] = vf_fma(block->v, vf_set1(frame[6 + k]),
+                      vf_fma(block->u, vf_set1(frame[3 + k]), vf_set1(frame[k])));
     return (vec3){d[0], d[1], d[2]};
 }
 
@@ -81,7 +85,8 @@ static void store_position(const sgsi_tile_target *target, int b, vec3 direction
                     vf_keep(any, vf_add(point[c], vf_set1(target->aov->center[c]))));
 }
 
-static void show_block(const sgsi_scratch *s, const sgsi_tile_target *target, int b, uint32_t count, vf unit)
+static void show_block(const sgsi_scratch *s, const sgsi_tile_target *target, int b, uint32_t count,
+                       vf unit)
 {
     const block_elements el = open_elements(s);
     sgsi_block_hits hits = {.x = target->rays->x + 4 * (b % 4),
@@ -100,8 +105,8 @@ static void show_block(const sgsi_scratch *s, const sgsi_tile_target *target, in
 }
 
 // Writes the planes of a block whose elements were evaluated; `end` is the transmittance left.
-static void describe_block(const sgsi_scratch *s, const sgsi_tile_target *target, int b, const block_rays *block,
-                           uint32_t count, vf end)
+static void describe_block(const sgsi_scratch *s, const sgsi_tile_target *target, int b,
+                           const block_rays *block, uint32_t count, vf end)
 {
     const sgsi_aov *aov = target->aov;
     const float *normals = aov && aov->normal[0] ? aov->normals : NULL;
@@ -118,9 +123,11 @@ static void describe_block(const sgsi_scratch *s, const sgsi_tile_target *target
     if (target->depth_mean)
         store_block(target->depth_mean, target, b, vf_mul(mean, unit));
     if (target->depth_median)
-        store_block(target->depth_median, target, b, vf_keep(vf_le(end, vf_set1(0.5f)), vf_mul(sums.median, unit)));
+        store_block(target->depth_median, target, b,
+                    vf_keep(vf_le(end, vf_set1(0.5f)), vf_mul(sums.median, unit)));
     if (target->depth_first)
-        store_block(target->depth_first, target, b, vf_keep(any, vf_mul(vf_select(any, sums.first, zero), unit)));
+        store_block(target->depth_first, target, b,
+                    vf_keep(any, vf_mul(vf_select(any, sums.first, zero), unit)));
     if (target->hits)
         store_block(target->hits, target, b, sums.hits);
     if (normals)

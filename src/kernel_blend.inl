@@ -3,25 +3,29 @@
 
 // Blending and its gradient, sixteen pixels (a 4x4 block) at a time.
 //
-// Exact order without sorting lanes. The elements of a block come in the order of its centre ray; in a lane two of them
-// may be swapped. Blending needs the order only through the transmittance in front of each hit,
-// T_i = product of (1 - alpha_j) over the hits with t_j < t_i (equal ones by |delta|, then id), so nothing is moved: the running
-// product gives T_i where the orders agree, and where an element lies in front of earlier ones in some lane (its t is below the
-// running maximum), both sides of each such pair are corrected: the T of one takes in the factor that the other leaves out. That
-// is done for four elements against four at a time, so that loads, stores and branches are shared by sixteen pairs. Elements
-// keep their place, so colours and gradient sums stay uniform over the lanes.
+// Exact order without sorting lanes. The elements of a block come in the order of its centre ray;
+// in a lane two of them may be swapped. Blending needs the order only through the transmittance in
+// front of each hit, T_i = product of (1 - alpha_j) over the hits with t_j < t_i (equal ones by
+// |delta|, then id), so nothing is moved: the running product gives T_i where the orders agree, and
+// where an element lies in front of earlier ones in some lane (its t is below the running maximum),
+// both sides of each such pair are corrected: the T of one takes in the factor that the other
+// leaves out. That is done for four elements against four at a time, so that loads, stores and
+// branches are shared by sixteen pairs. Elements keep their place, so colours and gradient sums
+// stay uniform over the lanes.
 //
-// Stop rule without order: a hit counts iff T_i (1 - alpha_i) >= 1e-4. Along a ray that product only falls, so
-// this is "stop before the first hit that would take T below 1e-4".
+// Stop rule without order: a hit counts iff T_i (1 - alpha_i) >= 1e-4. Along a ray that product
+// only falls, so this is "stop before the first hit that would take T below 1e-4".
 //
-// Backward, v = alpha dL/dalpha. With w = T alpha, q_i = w_i (c_i . dC) and behind_i = the sum of q over the hits
-// behind i plus T_end (background terms): dL/dalpha_i = q_i / alpha_i - behind_i / (1 - alpha_i), so
+// Backward, v = alpha dL/dalpha. With w = T alpha, q_i = w_i (c_i . dC) and behind_i = the sum of q
+// over the hits behind i plus T_end (background terms): dL/dalpha_i = q_i / alpha_i - behind_i / (1
+// - alpha_i), so
 //     v_i = q_i - behind_i alpha_i / (1 - alpha_i).
-// alpha = 2^(lo - E) gives dL/dlo ~ v, dL/d(rho^2) = -v / 2 (the 0.99 clamp passed straight through, as 3DGS does).
-// Let m be the vector from the mean to the ray's point of largest response in the primitive's metric: rho^2 = |m|^2 and,
-// since t maximises the response, d(rho^2)/dM = 2 m m^T M^-T and d(rho^2)/dmean = -2 M^T m with t held fixed.
-// In the frame of trace.h m = (a, b, -E / (P sqrt(h))) / sqrt(h), a = A C / G, b = B C / G, h = log2(e) / 2. So the sums of v,
-// v m and v m m^T say everything about mean, scales, rotation and opacity; nothing in them cancels.
+// alpha = 2^(lo - E) gives dL/dlo ~ v, dL/d(rho^2) = -v / 2 (the 0.99 clamp passed straight
+// through, as 3DGS does). Let m be the vector from the mean to the ray's point of largest response
+// in the primitive's metric: rho^2 = |m|^2 and, since t maximises the response, d(rho^2)/dM = 2 m
+// m^T M^-T and d(rho^2)/dmean = -2 M^T m with t held fixed. In the frame of trace.h m = (a, b, -E /
+// (P sqrt(h))) / sqrt(h), a = A C / G, b = B C / G, h = log2(e) / 2. So the sums of v, v m and v m
+// m^T say everything about mean, scales, rotation and opacity; nothing in them cancels.
 
 #define ALPHA_MAX 0.99f
 #define TRANSMITTANCE_MIN 1e-4f
@@ -71,23 +75,31 @@ static inline response respond(const float *r, const block_rays *block, vf far)
     return x;
 }
 
-// The elements of a block, four to a group. One group of sentinels stands before the first: in front of everything, and
-// transparent. The last group is filled up with elements that hit nothing.
+// The elements of a block, four to a group. One group of sentinels stands before the first: in
+// front of everything, and transparent. The last group is filled up with elements that hit nothing.
 enum { GROUP = 4 };
 
 typedef struct block_elements {
     float *restrict alpha, *restrict t;
-    float *restrict transmittance;                 // T in front of the element
-    float *restrict prefix, *restrict t_before;    // [group]: product and largest t of everything before the group
-    uint32_t *restrict walk;                       // [group]: groups to look back at for swapped pairs
-    float *restrict a, *restrict b, *restrict e;   // responses for the backward pass
+    float *restrict transmittance; // T in front of the element
+    float *restrict prefix,
+        *restrict t_before;  // [group]: product and largest t of everything before the group
+    uint32_t *restrict walk; // [group]: groups to look back at for swapped pairs
+    float *restrict a, *restrict b, *restrict e; // responses for the backward pass
 } block_elements;
 
 static inline block_elements open_elements(const sgsi_scratch *s)
 {
     const size_t lanes = 16 * GROUP;
-    return (block_elements){s->alpha + lanes, s->t + lanes, s->transmittance + lanes, s->prefix + 16,
-                            s->t_before + 16, s->walk, s->a, s->b, s->e};
+    return (block_elements){s->alpha + lanes,
+                            s->t + lanes,
+                            s->transmittance + lanes,
+                            s->prefix + 16,
+                            s->t_before + 16,
+                            s->walk,
+                            s->a,
+                            s->b,
+                            s->e};
 }
 
 // 1 - alpha: one subtraction costs less than another stored row.
@@ -112,17 +124,19 @@ static inline void put_sentinels(const block_elements *el)
     vf_store(el->t_before - 16, vf_set1(-INFINITY));
 }
 
-// In which lanes does an element at distance t_j lie in front of element i, which comes later in the list? Equal distances keep
-// the order of the list: near to far by |delta|, then by id. Where i has no hit (-infinity) only those without one do.
+// In which lanes does an element at distance t_j lie in front of element i, which comes later in
+// the list? Equal distances keep the order of the list: near to far by |delta|, then by id. Where i
+// has no hit (-infinity) only those without one do.
 static inline vm in_front(const block_elements *el, vf t_j, ptrdiff_t i)
 {
     return vf_le(t_j, vf_load(el->t + 16 * i));
 }
 
-// T of the four elements of group g, and the correction of the groups before it that are not all in front. prefix and t_last
-// describe everything before the group and are moved behind it.
-// The factors of a T multiply in the order of the list, (((prefix f_j) f_j+1) ...), over the elements in front and nothing
-// else: so an element that hides nothing changes no bit wherever it stands, and depth guesses may leave it out.
+// T of the four elements of group g, and the correction of the groups before it that are not all in
+// front. prefix and t_last describe everything before the group and are moved behind it. The
+// factors of a T multiply in the order of the list, (((prefix f_j) f_j+1) ...), over the elements
+// in front and nothing else: so an element that hides nothing changes no bit wherever it stands,
+// and depth guesses may leave it out.
 static inline void order_group(const block_elements *el, uint32_t g, vf *prefix, vf *t_last)
 {
     const ptrdiff_t first = (ptrdiff_t)g * GROUP;
@@ -169,17 +183,21 @@ static inline void order_group(const block_elements *el, uint32_t g, vf *prefix,
     *t_last = farthest;
 }
 
-// Drops from order[begin..count) what cannot lie in front of distance `stop` (units of |d|) in this block. Returns the new count.
-// Not inline: the loop that evaluates wants its registers.
-static __attribute__((noinline)) uint32_t drop_hidden(const float *records, const sgsi_tile_rays *rays, int b, float stop,
-                                                      uint32_t *order, uint32_t begin, uint32_t count)
+// Drops from order[begin..count) what cannot lie in front of distance `stop` (units of |d|) in this
+// block. Returns the new count. Not inline: the loop that evaluates wants its registers.
+static __attribute__((noinline)) uint32_t drop_hidden(const float *records,
+                                                      const sgsi_tile_rays *rays, int b, float stop,
+                                                      uint32_t *order, uint32_t begin,
+                                                      uint32_t count)
 {
-    const float u = rays->block_u[b], v = rays->block_v[b], half_u = rays->block_half_u[b], half_v = rays->block_half_v[b];
+    const float u = rays->block_u[b], v = rays->block_v[b], half_u = rays->block_half_u[b],
+                half_v = rays->block_half_v[b];
     uint32_t kept = begin;
     for (uint32_t i = begin; i < count; ++i) {
         const uint32_t index = order[i];
         const float *r = records + 16 * (size_t)index;
-        const float c_max = r[6] + r[7] * u + r[8] * v + fabsf(r[7]) * half_u + fabsf(r[8]) * half_v;
+        const float c_max =
+            r[6] + r[7] * u + r[8] * v + fabsf(r[7]) * half_u + fabsf(r[8]) * half_v;
         order[kept] = index;
         kept += !(r[11] > stop * 1.0001f * c_max * (1.0f + r[15] * r[15] * r[10]));
     }
@@ -196,14 +214,15 @@ static inline float largest_lane(vf x)
     return largest;
 }
 
-// Evaluates the elements of a block in its order: alpha, t and T of each, the walk lengths; drops those that hit no
-// pixel. Returns the number kept.
-// Where the product of a lane falls below the least T, the elements so far have made it opaque at the farthest of their
-// distances: hits beyond count for nothing and hide nothing that counts, so they are none. Once all lanes are, what
-// lies behind the last of them in the whole block is not even evaluated; the lists of the backward pass were chosen
-// already (`may_drop`).
-static inline uint32_t evaluate_block(sgsi_scratch *s, const sgsi_tile_rays *rays, int b, const block_rays *block,
-                                      uint32_t *restrict order, uint32_t count, bool may_drop, bool keep_responses,
+// Evaluates the elements of a block in its order: alpha, t and T of each, the walk lengths; drops
+// those that hit no pixel. Returns the number kept. Where the product of a lane falls below the
+// least T, the elements so far have made it opaque at the farthest of their distances: hits beyond
+// count for nothing and hide nothing that counts, so they are none. Once all lanes are, what lies
+// behind the last of them in the whole block is not even evaluated; the lists of the backward pass
+// were chosen already (`may_drop`).
+static inline uint32_t evaluate_block(sgsi_scratch *s, const sgsi_tile_rays *rays, int b,
+                                      const block_rays *block, uint32_t *restrict order,
+                                      uint32_t count, bool may_drop, bool keep_responses,
                                       uint64_t *evaluations)
 {
     const block_elements el = open_elements(s);
@@ -235,7 +254,8 @@ static inline uint32_t evaluate_block(sgsi_scratch *s, const sgsi_tile_rays *ray
         if (vm_any(closes)) {
             far = vf_select(closes, t_last, far);
             if (may_drop && !vm_any(vm_and(block->valid, vf_ge(far, open))))
-                count = drop_hidden(records, rays, b, largest_lane(vf_keep(block->valid, far)), order, i, count);
+                count = drop_hidden(records, rays, b, largest_lane(vf_keep(block->valid, far)),
+                                    order, i, count);
         }
     }
     *evaluations += count;
@@ -250,12 +270,14 @@ static inline void store_block(float *plane, const sgsi_tile_target *target, int
     const int columns = target->width - x < 4 ? target->width - x : 4;
     if (columns == 4 && target->height - y >= 4) {
         for (int row = 0; row < 4; ++row)
-            memcpy(plane + (size_t)(y + row) * target->stride + x, lanes + 4 * row, 4 * sizeof *lanes);
+            memcpy(plane + (size_t)(y + row) * target->stride + x, lanes + 4 * row,
+                   4 * sizeof *lanes);
         return;
     }
     for (int row = 0; row < 4 && y + row < target->height; ++row)
         for (int column = 0; column < columns; ++column)
-            plane[(size_t)(y + row) * target->stride + (size_t)(x + column)] = lanes[4 * row + column];
+            plane[(size_t)(y + row) * target->stride + (size_t)(x + column)] =
+                lanes[4 * row + column];
 }
 
 static inline vf load_block_plane(const float *plane, const sgsi_tile_target *target, int b)
@@ -265,16 +287,20 @@ static inline vf load_block_plane(const float *plane, const sgsi_tile_target *ta
     const int columns = target->width - x < 4 ? target->width - x : 4;
     for (int row = 0; row < 4 && y + row < target->height; ++row)
         for (int column = 0; column < columns; ++column)
-            lanes[4 * row + column] = plane[(size_t)(y + row) * target->stride + (size_t)(x + column)];
+            lanes[4 * row + column] =
+                plane[(size_t)(y + row) * target->stride + (size_t)(x + column)];
     return vf_load(lanes);
 }
 
 typedef struct blended {
-    vf color[3], transmittance, stop; // stop: distance of the hit that ended the ray, in units of |d|
+    vf color[3], transmittance,
+        stop; // stop: distance of the hit that ended the ray, in units of |d|
 } blended;
 
-// `counted` receives the number of elements that count in some lane, moved to the front of `order`; NULL leaves it alone.
-static inline blended blend_block(const sgsi_scratch *s, uint32_t *order, uint32_t count, uint32_t *counted)
+// `counted` receives the number of elements that count in some lane, moved to the front of `order`;
+// NULL leaves it alone.
+static inline blended blend_block(const sgsi_scratch *s, uint32_t *order, uint32_t count,
+                                  uint32_t *counted)
 {
     const block_elements el = open_elements(s);
     const vf one = vf_set1(1.0f), zero = vf_zero();
@@ -309,12 +335,14 @@ static inline blended blend_block(const sgsi_scratch *s, uint32_t *order, uint32
 static void tile_forward(sgsi_scratch *s, sgsi_tile_target *target)
 {
     const sgsi_tile_rays *rays = target->rays;
-    const bool described = target->depth_mean || target->depth_median || target->depth_first || target->hits || target->aov;
+    const bool described = target->depth_mean || target->depth_median || target->depth_first ||
+                           target->hits || target->aov;
     float stop = 0.0f;
     for (int b = 0; b < SGSI_BLOCKS; ++b) {
         const block_rays block = load_block(rays, b, target->near_distance);
         uint32_t *order = s->order + (size_t)b * s->capacity;
-        const uint32_t kept = evaluate_block(s, rays, b, &block, order, s->entry_count[b], true, false, &target->evaluations);
+        const uint32_t kept = evaluate_block(s, rays, b, &block, order, s->entry_count[b], true,
+                                             false, &target->evaluations);
         s->entry_count[b] = kept;
         if (rays->x + 4 * (b % 4) >= target->width || rays->y + 4 * (b / 4) >= target->height)
             continue;
@@ -324,14 +352,17 @@ static void tile_forward(sgsi_scratch *s, sgsi_tile_target *target)
         store_block(target->transmittance, target, b, out.transmittance);
         if (described)
             describe_block(s, target, b, &block, kept, out.transmittance);
-        const float block_stop = largest_lane(vf_select(block.valid, vf_mul(out.stop, block.length), vf_zero()));
+        const float block_stop =
+            largest_lane(vf_select(block.valid, vf_mul(out.stop, block.length), vf_zero()));
         stop = block_stop > stop ? block_stop : stop;
     }
     target->stop_distance = stop;
 }
 
-// Repeats the walk of a group for the colour sums: a pair that a lane swaps trades places in `behind`.
-static inline void order_behind(const block_elements *el, const float *restrict q, float *restrict behind, uint32_t g)
+// Repeats the walk of a group for the colour sums: a pair that a lane swaps trades places in
+// `behind`.
+static inline void order_behind(const block_elements *el, const float *restrict q,
+                                float *restrict behind, uint32_t g)
 {
     const ptrdiff_t first = (ptrdiff_t)g * GROUP;
     vf q_i[GROUP], gained[GROUP];
@@ -368,8 +399,10 @@ typedef struct block_gradient {
     vf color[3], transmittance; // dL/dC, dL/dT of the block's pixels
 } block_gradient;
 
-// Weights (over `transmittance`), q and the corrections of `behind`. Returns the transmittance at the end.
-static inline vf weigh_block(const sgsi_scratch *s, const block_elements *el, const uint32_t *order, uint32_t count, const block_gradient *d)
+// Weights (over `transmittance`), q and the corrections of `behind`. Returns the transmittance at
+// the end.
+static inline vf weigh_block(const sgsi_scratch *s, const block_elements *el, const uint32_t *order,
+                             uint32_t count, const block_gradient *d)
 {
     float *restrict q = s->q + 16 * GROUP, *restrict behind = s->behind + 16 * GROUP;
     const float *restrict records = s->tile_records;
@@ -381,7 +414,9 @@ static inline vf weigh_block(const sgsi_scratch *s, const block_elements *el, co
         const vm counts = vf_ge(vf_mul(front, through), vf_set1(TRANSMITTANCE_MIN));
         const vf w = vf_keep(counts, vf_mul(front, alpha));
         end = vf_mul_where(counts, end, through);
-        const vf shade = vf_fma(vf_set1(r[0]), d->color[0], vf_fma(vf_set1(r[1]), d->color[1], vf_mul(vf_set1(r[2]), d->color[2])));
+        const vf shade =
+            vf_fma(vf_set1(r[0]), d->color[0],
+                   vf_fma(vf_set1(r[1]), d->color[1], vf_mul(vf_set1(r[2]), d->color[2])));
         vf_store(el->transmittance + 16 * i, w);
         vf_store(q + 16 * i, vf_mul(w, shade));
     }
@@ -397,20 +432,25 @@ static inline vf weigh_block(const sgsi_scratch *s, const block_elements *el, co
     return end;
 }
 
-// The gradient with respect to the projected centre is proportional to v (a A + b B - E C), x and y in camera axes
-// (kernel_optimize.inl: transverse). Rows A, B, C of element `index`, from its untransformed record.
-static inline void absolute_terms(const sgsi_scratch *s, uint32_t index, vf va, vf vb, vf ve, vf terms[16])
+// The gradient with respect to the projected centre is proportional to v (a A + b B - E C), x and y
+// in camera axes (kernel_optimize.inl: transverse). Rows A, B, C of element `index`, from its
+// untransformed record.
+static inline void absolute_terms(const sgsi_scratch *s, uint32_t index, vf va, vf vb, vf ve,
+                                  vf terms[16])
 {
     const float *record = s->soa + (size_t)(index / 16) * 256 + index % 16;
     for (int axis = 0; axis < 2; ++axis) {
-        const vf a = vf_set1(record[16 * (SGSI_RECORD_A + axis)]), b = vf_set1(record[16 * (SGSI_RECORD_B + axis)]);
+        const vf a = vf_set1(record[16 * (SGSI_RECORD_A + axis)]),
+                 b = vf_set1(record[16 * (SGSI_RECORD_B + axis)]);
         const vf c = vf_set1(record[16 * (SGSI_RECORD_C + axis)]);
         terms[SGSI_SUM_ABSOLUTE + axis] = vf_abs(vf_fma(va, a, vf_fms(vb, b, vf_mul(ve, c))));
     }
 }
 
-static inline __attribute__((always_inline)) void backward_block(sgsi_scratch *s, const sgsi_tile_list *list,
-                                                                 sgsi_tile_target *target, int b, bool absolute)
+static inline __attribute__((always_inline)) void backward_block(sgsi_scratch *s,
+                                                                 const sgsi_tile_list *list,
+                                                                 sgsi_tile_target *target, int b,
+                                                                 bool absolute)
 {
     const vf one = vf_set1(1.0f), zero = vf_zero();
     uint32_t *order = list->elements + list->block_begin[b];
@@ -430,15 +470,30 @@ static inline __attribute__((always_inline)) void backward_block(sgsi_scratch *s
     for (uint32_t i = count; i-- > 0;) {
         const vf alpha = vf_load(el.alpha + 16 * i), w = vf_load(el.transmittance + 16 * i);
         const vf q = vf_load(qs + 16 * i);
-        const vf a = vf_load(el.a + 16 * i), bb = vf_load(el.b + 16 * i), e = vf_load(el.e + 16 * i);
+        const vf a = vf_load(el.a + 16 * i), bb = vf_load(el.b + 16 * i),
+                 e = vf_load(el.e + 16 * i);
         const vm counted = vf_gt(w, zero);
-        const vf hidden = vf_mul(vf_add(run, vf_load(behind + 16 * i)), vf_div(alpha, vf_sub(one, alpha)));
+        const vf hidden =
+            vf_mul(vf_add(run, vf_load(behind + 16 * i)), vf_div(alpha, vf_sub(one, alpha)));
         const vf v = vf_keep(counted, vf_sub(q, hidden));
         run = vf_add(run, q);
         const vf va = vf_mul(v, a), vb = vf_mul(v, bb), ve = vf_mul(v, e);
-        vf terms[16] = {vf_mul(w, d.color[0]), vf_mul(w, d.color[1]), vf_mul(w, d.color[2]), v, va, vb, ve,
-                        vf_mul(va, a), vf_mul(va, bb), vf_mul(vb, bb), vf_mul(va, e), vf_mul(vb, e), vf_mul(ve, e),
-                        vf_keep(counted, one), zero, zero};
+        vf terms[16] = {vf_mul(w, d.color[0]),
+                        vf_mul(w, d.color[1]),
+                        vf_mul(w, d.color[2]),
+                        v,
+                        va,
+                        vb,
+                        ve,
+                        vf_mul(va, a),
+                        vf_mul(va, bb),
+                        vf_mul(vb, bb),
+                        vf_mul(va, e),
+                        vf_mul(vb, e),
+                        vf_mul(ve, e),
+                        vf_keep(counted, one),
+                        zero,
+                        zero};
         if (absolute)
             absolute_terms(s, order[i], va, vb, ve, terms);
         float *sum = sums + 16 * (size_t)order[i];
@@ -446,7 +501,8 @@ static inline __attribute__((always_inline)) void backward_block(sgsi_scratch *s
     }
 }
 
-static void load_tile_records(sgsi_scratch *s, const sgsi_tile_list *list, const sgsi_tile_rays *rays)
+static void load_tile_records(sgsi_scratch *s, const sgsi_tile_list *list,
+                              const sgsi_tile_rays *rays)
 {
     const tile_frame16 frame = broadcast_frame(rays->frame);
     for (size_t i = 0; i < list->count; i += 16) {
@@ -467,7 +523,8 @@ static void tile_backward(sgsi_scratch *s, const sgsi_tile_list *list, sgsi_tile
         backward_block(s, list, target, b, false);
 }
 
-static void tile_backward_absolute(sgsi_scratch *s, const sgsi_tile_list *list, sgsi_tile_target *target)
+static void tile_backward_absolute(sgsi_scratch *s, const sgsi_tile_list *list,
+                                   sgsi_tile_target *target)
 {
     load_tile_records(s, list, target->rays);
     memset(s->sums, 0, list->count * SGSI_RECORD * sizeof *s->sums);

@@ -1,10 +1,12 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Sixteen Gaussians seen by a view: activations, filtered scales, the frame of trace.h. Shared by the
-// projection and by the chain rule, so that both see the same numbers.
+// Sixteen Gaussians seen by a view: activations, filtered scales, the frame of trace.h. Shared by
+// the projection and by the chain rule, so that both see the same numbers.
 
-typedef struct vec3 { vf x, y, z; } vec3;
+typedef struct vec3 {
+    vf x, y, z;
+} vec3;
 
 static inline vf dot3(vec3 a, vec3 b)
 {
@@ -36,27 +38,29 @@ static inline vec3 rotate3_back(const float r[9], vec3 a) // transposed matrix t
 }
 
 typedef struct gaussian16 {
-    vec3 delta_world;   // mean - camera centre
-    vec3 delta;         // the same in camera axes
-    vf distance;        // |delta|
-    vf depth;           // z of delta, or |delta| for fisheye lenses: what the filter grows with
-    vf quaternion[4];   // unit
-    vf inv_norm;        // 1 / |stored quaternion|, 0 for a zero quaternion
-    vec3 axis[3];       // columns of the rotation, camera axes
-    vec3 scale;         // s
-    vec3 body;          // sqrt(s^2 + f3^2) with the mip filter, else s
-    vec3 filtered;      // s': body widened by the pixel filter
+    vec3 delta_world; // mean - camera centre
+    vec3 delta;       // the same in camera axes
+    vf distance;      // |delta|
+    vf depth;         // z of delta, or |delta| for fisheye lenses: what the filter grows with
+    vf quaternion[4]; // unit
+    vf inv_norm;      // 1 / |stored quaternion|, 0 for a zero quaternion
+    vec3 axis[3];     // columns of the rotation, camera axes
+    vec3 scale;       // s
+    vec3 body;        // sqrt(s^2 + f3^2) with the mip filter, else s
+    vec3 filtered;    // s': body widened by the pixel filter
     vec3 inv_filtered;
-    vf opacity;         // as traced
-    vf opacity_stored;  // of the logit; the same but for the mip filter
-    vec3 q1, q2, q3;    // rows of the rotation that puts M delta on the third axis
-    vf p;               // P = |M delta|
+    vf opacity;        // as traced
+    vf opacity_stored; // of the logit; the same but for the mip filter
+    vec3 q1, q2, q3;   // rows of the rotation that puts M delta on the third axis
+    vf p;              // P = |M delta|
 } gaussian16;
 
 static inline void load_rotation(const float *p, gaussian16 *g, const float world_to_camera[9])
 {
-    vf w = vf_load(p + 16 * (SGS_PARAM_ROTATION + 0)), x = vf_load(p + 16 * (SGS_PARAM_ROTATION + 1));
-    vf y = vf_load(p + 16 * (SGS_PARAM_ROTATION + 2)), z = vf_load(p + 16 * (SGS_PARAM_ROTATION + 3));
+    vf w = vf_load(p + 16 * (SGS_PARAM_ROTATION + 0)),
+       x = vf_load(p + 16 * (SGS_PARAM_ROTATION + 1));
+    vf y = vf_load(p + 16 * (SGS_PARAM_ROTATION + 2)),
+       z = vf_load(p + 16 * (SGS_PARAM_ROTATION + 3));
     const vf norm2 = vf_fma(w, w, vf_fma(x, x, vf_fma(y, y, vf_mul(z, z))));
     const vm usable = vf_gt(norm2, vf_set1(1e-30f)); // a zero quaternion is the identity
     g->inv_norm = vf_keep(usable, vf_div(vf_set1(1.0f), vf_sqrt(vf_max(norm2, vf_set1(1e-30f)))));
@@ -71,14 +75,15 @@ static inline void load_rotation(const float *p, gaussian16 *g, const float worl
                      vf_mul(two, vf_fms(x, z, vf_mul(w, y)))};
     const vec3 c1 = {vf_mul(two, vf_fms(x, y, vf_mul(w, z))), vf_fnma(two, vf_add(xx, zz), one),
                      vf_mul(two, vf_fma(y, z, vf_mul(w, x)))};
-    const vec3 c2 = {vf_mul(two, vf_fma(x, z, vf_mul(w, y))), vf_mul(two, vf_fms(y, z, vf_mul(w, x))),
-                     vf_fnma(two, vf_add(xx, yy), one)};
+    const vec3 c2 = {vf_mul(two, vf_fma(x, z, vf_mul(w, y))),
+                     vf_mul(two, vf_fms(y, z, vf_mul(w, x))), vf_fnma(two, vf_add(xx, yy), one)};
     g->axis[0] = rotate3(world_to_camera, c0);
     g->axis[1] = rotate3(world_to_camera, c1);
     g->axis[2] = rotate3(world_to_camera, c2);
 }
 
-// q1, q2 orthogonal to the unit vector q3 (Duff et al., "Building an Orthonormal Basis, Revisited", 2017).
+// q1, q2 orthogonal to the unit vector q3 (Duff et al., "Building an Orthonormal Basis, Revisited",
+// 2017).
 static inline void complete_basis(gaussian16 *g)
 {
     const vec3 n = g->q3;
@@ -86,7 +91,8 @@ static inline void complete_basis(gaussian16 *g)
     const vf sign = vf_select(vf_ge(n.z, vf_zero()), one, vf_set1(-1.0f));
     const vf a = vf_div(vf_set1(-1.0f), vf_add(sign, n.z));
     const vf b = vf_mul(vf_mul(n.x, n.y), a);
-    g->q1 = (vec3){vf_fma(vf_mul(sign, vf_mul(n.x, n.x)), a, one), vf_mul(sign, b), vf_sub(vf_zero(), vf_mul(sign, n.x))};
+    g->q1 = (vec3){vf_fma(vf_mul(sign, vf_mul(n.x, n.x)), a, one), vf_mul(sign, b),
+                   vf_sub(vf_zero(), vf_mul(sign, n.x))};
     g->q2 = (vec3){b, vf_fma(vf_mul(n.y, n.y), a, sign), vf_sub(vf_zero(), n.y)};
 }
 
@@ -104,12 +110,14 @@ static inline vf widen1(vf scale, vf variance)
 static inline vec3 sight(const gaussian16 *g)
 {
     const vf inv_distance = vf_div(vf_set1(1.0f), g->distance);
-    return (vec3){vf_mul(dot3(g->axis[0], g->delta), inv_distance), vf_mul(dot3(g->axis[1], g->delta), inv_distance),
+    return (vec3){vf_mul(dot3(g->axis[0], g->delta), inv_distance),
+                  vf_mul(dot3(g->axis[1], g->delta), inv_distance),
                   vf_mul(dot3(g->axis[2], g->delta), inv_distance)};
 }
 
-// Mip-Splatting's factors on the opacity: the 3D filter's, product of s / body, and the pixel filter's, the ratio of the
-// marginals across the line of sight a: with D(v) = v_x v_y v_z sum of a_k^2 / v_k, sqrt(D(body^2) / D(filtered^2)).
+// Mip-Splatting's factors on the opacity: the 3D filter's, product of s / body, and the pixel
+// filter's, the ratio of the marginals across the line of sight a: with D(v) = v_x v_y v_z sum of
+// a_k^2 / v_k, sqrt(D(body^2) / D(filtered^2)).
 static inline vf mip_factor(const gaussian16 *g)
 {
     const vec3 a = sight(g), kept = divide3(g->scale, g->filtered);
@@ -121,7 +129,8 @@ static inline vf mip_factor(const gaussian16 *g)
 // p: the parameters of block number `block` of 16 (model layout).
 static inline void load_gaussian(const float *p, size_t block, const sgsi_view *view, gaussian16 *g)
 {
-    g->delta_world = (vec3){vf_sub(vf_load(p), vf_set1(view->center[0])), vf_sub(vf_load(p + 16), vf_set1(view->center[1])),
+    g->delta_world = (vec3){vf_sub(vf_load(p), vf_set1(view->center[0])),
+                            vf_sub(vf_load(p + 16), vf_set1(view->center[1])),
                             vf_sub(vf_load(p + 32), vf_set1(view->center[2]))};
     g->delta = rotate3(view->rotation, g->delta_world);
     g->distance = vf_max(vf_sqrt(dot3(g->delta, g->delta)), vf_set1(1e-12f));
@@ -135,11 +144,13 @@ static inline void load_gaussian(const float *p, size_t block, const sgsi_view *
     g->body = g->scale;
     if (view->filter_3d) {
         const vf f3 = vf_load(view->filter_3d + 16 * block), variance = vf_mul(f3, f3);
-        g->body = (vec3){widen1(g->scale.x, variance), widen1(g->scale.y, variance), widen1(g->scale.z, variance)};
+        g->body = (vec3){widen1(g->scale.x, variance), widen1(g->scale.y, variance),
+                         widen1(g->scale.z, variance)};
     }
     g->filtered = (vec3){widen1(g->body.x, eps2), widen1(g->body.y, eps2), widen1(g->body.z, eps2)};
     const vf one = vf_set1(1.0f);
-    g->inv_filtered = (vec3){vf_div(one, g->filtered.x), vf_div(one, g->filtered.y), vf_div(one, g->filtered.z)};
+    g->inv_filtered =
+        (vec3){vf_div(one, g->filtered.x), vf_div(one, g->filtered.y), vf_div(one, g->filtered.z)};
     const vf logit = vf_clamp(vf_load(p + 16 * SGS_PARAM_OPACITY), low, high);
     g->opacity_stored = vf_div(one, vf_add(one, vf_exp(vf_sub(vf_zero(), logit))));
     g->opacity = view->mip ? vf_mul(g->opacity_stored, mip_factor(g)) : g->opacity_stored;
@@ -154,7 +165,8 @@ static inline void load_gaussian(const float *p, size_t block, const sgsi_view *
 // Row q of the frame applied to M: sum over k of q_k / s'_k axis_k, times `factor`.
 static inline vec3 frame_row(const gaussian16 *g, vec3 q, vf factor)
 {
-    const vf x = vf_mul(vf_mul(q.x, g->inv_filtered.x), factor), y = vf_mul(vf_mul(q.y, g->inv_filtered.y), factor);
+    const vf x = vf_mul(vf_mul(q.x, g->inv_filtered.x), factor),
+             y = vf_mul(vf_mul(q.y, g->inv_filtered.y), factor);
     const vf z = vf_mul(vf_mul(q.z, g->inv_filtered.z), factor);
     return add_scaled3(add_scaled3(scale3(g->axis[0], x), g->axis[1], y), g->axis[2], z);
 }
@@ -184,7 +196,8 @@ static inline int sh_basis(vec3 d, int degree, vf basis[15])
     basis[8] = vf_mul(vf_mul(vf_set1(-0.5900435899266435f), d.y), vf_fms(three, xx, yy));
     basis[9] = vf_mul(vf_mul(vf_set1(2.890611442640554f), xy), d.z);
     basis[10] = vf_mul(vf_mul(vf_set1(-0.4570457994644658f), d.y), four_zz);
-    basis[11] = vf_mul(vf_mul(vf_set1(0.3731763325901154f), d.z), vf_sub(vf_sub(vf_add(zz, zz), vf_mul(three, xx)), vf_mul(three, yy)));
+    basis[11] = vf_mul(vf_mul(vf_set1(0.3731763325901154f), d.z),
+                       vf_sub(vf_sub(vf_add(zz, zz), vf_mul(three, xx)), vf_mul(three, yy)));
     basis[12] = vf_mul(vf_mul(vf_set1(-0.4570457994644658f), d.x), four_zz);
     basis[13] = vf_mul(vf_mul(vf_set1(1.445305721320277f), d.z), vf_sub(xx, yy));
     basis[14] = vf_mul(vf_mul(vf_set1(-0.5900435899266435f), d.x), vf_fnma(three, yy, xx));
@@ -197,8 +210,10 @@ static inline void sh_colors(const float *p, vec3 d, int degree, vf color[3])
     vf basis[15];
     const int count = sh_basis(d, degree, basis);
     for (int c = 0; c < 3; ++c)
-        color[c] = vf_fma(vf_set1(0.28209479177387814f), vf_load(p + 16 * (SGS_PARAM_SH_DC + c)), vf_set1(0.5f));
+        color[c] = vf_fma(vf_set1(0.28209479177387814f), vf_load(p + 16 * (SGS_PARAM_SH_DC + c)),
+                          vf_set1(0.5f));
     for (int k = 0; k < count; ++k)
         for (int c = 0; c < 3; ++c)
-            color[c] = vf_fma(basis[k], vf_load(p + 16 * (SGS_PARAM_SH_REST + 3 * k + c)), color[c]);
+            color[c] =
+                vf_fma(basis[k], vf_load(p + 16 * (SGS_PARAM_SH_REST + 3 * k + c)), color[c]);
 }

@@ -1,8 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Adam on gradients that add up over several iterations before a step, separately for the SH bands above 0 ("rest") and
-// for everything else ("main"). A row steps when any iteration since the last step of its group saw it.
+// Adam on gradients that add up over several iterations before a step, separately for the SH bands
+// above 0 ("rest") and for everything else ("main"). A row steps when any iteration since the last
+// step of its group saw it.
 
 typedef struct pending_group {
     const sgsi_optimize *input;
@@ -39,19 +40,24 @@ static inline void add_pending(const pending_group *group, int k, vf gradient, f
     const vf sum = vf_add(vf_load(group->input->pending + at), vf_keep(group->rows, gradient));
     vf_store(group->input->pending + at, group->steps ? vf_zero() : sum);
     if (group->steps)
-        adam_step(&group->adam, group->input->params + at, group->input->m + at, group->input->v + at, sum, rate);
+        adam_step(&group->adam, group->input->params + at, group->input->m + at,
+                  group->input->v + at, sum, rate);
 }
 
-static inline void step_pending(const sgsi_optimize *input, size_t block, vm rows, const gradient16 *d)
+static inline void step_pending(const sgsi_optimize *input, size_t block, vm rows,
+                                const gradient16 *d)
 {
-    const pending_group rest = open_group(input, block, rows, true), main = open_group(input, block, rows, false);
+    const pending_group rest = open_group(input, block, rows, true),
+                        main = open_group(input, block, rows, false);
     vf basis[15];
     const int count = sh_basis(d->direction, input->view.sh_degree, basis);
     for (int k = 0; k < count; ++k)
         for (int c = 0; c < 3; ++c)
-            add_pending(&rest, SGS_PARAM_SH_REST + 3 * k + c, vf_mul(basis[k], d->color[c]), input->rate_rest);
+            add_pending(&rest, SGS_PARAM_SH_REST + 3 * k + c, vf_mul(basis[k], d->color[c]),
+                        input->rate_rest);
     for (int c = 0; c < 3; ++c)
-        add_pending(&main, SGS_PARAM_SH_DC + c, vf_mul(vf_set1(0.28209479177387814f), d->color[c]), input->rate_dc);
+        add_pending(&main, SGS_PARAM_SH_DC + c, vf_mul(vf_set1(0.28209479177387814f), d->color[c]),
+                    input->rate_dc);
     for (int k = 0; k < 3; ++k)
         add_pending(&main, SGS_PARAM_MEAN + k, d->mean[k], input->rate_mean);
     for (int k = 0; k < 4; ++k)

@@ -4,8 +4,9 @@
 // Parameters -> what one view needs: a record per primitive, dilated bounds for the BVH, and 3DGS's
 // visibility statistics (projected radius, specs of 3DGS section 7).
 
-// Lanes whose shape can be traced: no parameter is NaN or infinite (x * 0 tells), the mean is within reach of
-// single precision. A box that is not finite would take whole subtrees with it at the next refit.
+// Lanes whose shape can be traced: no parameter is NaN or infinite (x * 0 tells), the mean is
+// within reach of single precision. A box that is not finite would take whole subtrees with it at
+// the next refit.
 static inline vm sane_shapes(const float *p, const gaussian16 *g)
 {
     vf zeros = vf_zero();
@@ -24,9 +25,12 @@ static inline vf within_embree(vf x)
 static inline void store_bounds(sgsi_bounds *bounds, vec3 mean, vec3 half)
 {
     vf rows[16];
-    rows[0] = within_embree(vf_sub(mean.x, half.x)), rows[4] = within_embree(vf_add(mean.x, half.x));
-    rows[1] = within_embree(vf_sub(mean.y, half.y)), rows[5] = within_embree(vf_add(mean.y, half.y));
-    rows[2] = within_embree(vf_sub(mean.z, half.z)), rows[6] = within_embree(vf_add(mean.z, half.z));
+    rows[0] = within_embree(vf_sub(mean.x, half.x)),
+    rows[4] = within_embree(vf_add(mean.x, half.x));
+    rows[1] = within_embree(vf_sub(mean.y, half.y)),
+    rows[5] = within_embree(vf_add(mean.y, half.y));
+    rows[2] = within_embree(vf_sub(mean.z, half.z)),
+    rows[6] = within_embree(vf_add(mean.z, half.z));
     rows[3] = rows[7] = vf_zero();
     for (int k = 8; k < 16; ++k)
         rows[k] = vf_zero();
@@ -38,8 +42,8 @@ static inline void store_bounds(sgsi_bounds *bounds, vec3 mean, vec3 half)
     }
 }
 
-static inline void project_bounds(const sgsi_project *input, size_t block, const gaussian16 *g, vf reach, vm sane,
-                                  vm traced)
+static inline void project_bounds(const sgsi_project *input, size_t block, const gaussian16 *g,
+                                  vf reach, vm sane, vm traced)
 {
     const sgsi_view *view = &input->view;
     const float *p = input->params + block * SGS_PARAM_COUNT * 16;
@@ -49,22 +53,25 @@ static inline void project_bounds(const sgsi_project *input, size_t block, const
     const vec3 w0 = rotate3_back(view->rotation, e0), w1 = rotate3_back(view->rotation, e1);
     const vec3 w2 = rotate3_back(view->rotation, e2);
     const vf longest = vf_max(g->filtered.x, vf_max(g->filtered.y, g->filtered.z));
-    // A cone ray misses the axis by at most its distance times the tangent. The rest is room for rounding: of the
-    // box tests (relative to the distance) and of the coordinates themselves.
-    const vf magnitude = vf_add(vf_max(vf_abs(mean.x), vf_max(vf_abs(mean.y), vf_abs(mean.z))), g->distance);
-    const vf pad = vf_fma(vf_fma(reach, longest, g->distance), vf_set1(view->rays->tan_cone * 1.001f),
-                          vf_mul(magnitude, vf_set1(4e-6f)));
+    // A cone ray misses the axis by at most its distance times the tangent. The rest is room for
+    // rounding: of the box tests (relative to the distance) and of the coordinates themselves.
+    const vf magnitude =
+        vf_add(vf_max(vf_abs(mean.x), vf_max(vf_abs(mean.y), vf_abs(mean.z))), g->distance);
+    const vf pad =
+        vf_fma(vf_fma(reach, longest, g->distance), vf_set1(view->rays->tan_cone * 1.001f),
+               vf_mul(magnitude, vf_set1(4e-6f)));
     const vf wide = vf_mul(reach, vf_set1(1.0005f));
-    vec3 half = {vf_fma(wide, vf_sqrt(vf_fma(w0.x, w0.x, vf_fma(w1.x, w1.x, vf_mul(w2.x, w2.x)))), pad),
-                 vf_fma(wide, vf_sqrt(vf_fma(w0.y, w0.y, vf_fma(w1.y, w1.y, vf_mul(w2.y, w2.y)))), pad),
-                 vf_fma(wide, vf_sqrt(vf_fma(w0.z, w0.z, vf_fma(w1.z, w1.z, vf_mul(w2.z, w2.z)))), pad)};
+    vec3 half = {
+        vf_fma(wide, vf_sqrt(vf_fma(w0.x, w0.x, vf_fma(w1.x, w1.x, vf_mul(w2.x, w2.x)))), pad),
+        vf_fma(wide, vf_sqrt(vf_fma(w0.y, w0.y, vf_fma(w1.y, w1.y, vf_mul(w2.y, w2.y)))), pad),
+        vf_fma(wide, vf_sqrt(vf_fma(w0.z, w0.z, vf_fma(w1.z, w1.z, vf_mul(w2.z, w2.z)))), pad)};
     half = (vec3){vf_keep(traced, half.x), vf_keep(traced, half.y), vf_keep(traced, half.z)};
     const vec3 place = {vf_keep(sane, mean.x), vf_keep(sane, mean.y), vf_keep(sane, mean.z)};
     store_bounds(input->bounds + 16 * block, place, half);
 }
 
-// 3DGS's radius: 3 sqrt(lambda_max) of the projected covariance + 0.3 px^2 (0.1 with the mip filter), rounded up; 0 where the primitive does
-// not count as visible.
+// 3DGS's radius: 3 sqrt(lambda_max) of the projected covariance + 0.3 px^2 (0.1 with the mip
+// filter), rounded up; 0 where the primitive does not count as visible.
 static inline vf projected_radius(const sgsi_view *view, const gaussian16 *g, vm in_cone)
 {
     const sgsi_rays *rays = view->rays;
@@ -72,7 +79,8 @@ static inline vf projected_radius(const sgsi_view *view, const gaussian16 *g, vm
     if (rays->fisheye) {
         const vf longest = vf_max(g->body.x, vf_max(g->body.y, g->body.z));
         const vf sigma = vf_div(vf_mul(longest, vf_set1(rays->focal)), g->distance);
-        const vf radius = vf_add(vf_mul(vf_set1(3.0f), vf_sqrt(vf_fma(sigma, sigma, pixel))), vf_set1(0.5f));
+        const vf radius =
+            vf_add(vf_mul(vf_set1(3.0f), vf_sqrt(vf_fma(sigma, sigma, pixel))), vf_set1(0.5f));
         return vf_keep(in_cone, radius);
     }
     const float width = (float)rays->camera.width, height = (float)rays->camera.height;
@@ -81,9 +89,11 @@ static inline vf projected_radius(const sgsi_view *view, const gaussian16 *g, vm
     if (!vm_any(visible))
         return zero;
     const vf inv_z = vf_div(one, vf_select(visible, z, one));
-    const vf limit_x = vf_set1(1.3f * 0.5f * width / rays->fx), limit_y = vf_set1(1.3f * 0.5f * height / rays->fy);
+    const vf limit_x = vf_set1(1.3f * 0.5f * width / rays->fx),
+             limit_y = vf_set1(1.3f * 0.5f * height / rays->fy);
     const vf x = vf_mul(g->delta.x, inv_z), y = vf_mul(g->delta.y, inv_z);
-    const vf tx = vf_clamp(x, vf_sub(zero, limit_x), limit_x), ty = vf_clamp(y, vf_sub(zero, limit_y), limit_y);
+    const vf tx = vf_clamp(x, vf_sub(zero, limit_x), limit_x),
+             ty = vf_clamp(y, vf_sub(zero, limit_y), limit_y);
     const vf jx = vf_mul(vf_set1(rays->fx), inv_z), jy = vf_mul(vf_set1(rays->fy), inv_z);
     vf xx = pixel, xy = zero, yy = pixel;
     const vf s[3] = {g->body.x, g->body.y, g->body.z};
@@ -98,15 +108,19 @@ static inline vf projected_radius(const sgsi_view *view, const gaussian16 *g, vm
     const vf exact = vf_mul(vf_set1(3.0f), vf_sqrt(vf_min(lambda, vf_set1(1e12f))));
     vf radius = vi_to_vf(vf_to_vi(exact));
     radius = vf_select(vf_lt(radius, exact), vf_add(radius, one), radius); // ceil
-    // The square around the centre covers at least one 16x16 tile of the image. Pixel centres are integers here.
-    const vf u = vf_fma(vf_set1(rays->fx), x, vf_set1(rays->cx - 0.5f)), v = vf_fma(vf_set1(rays->fy), y, vf_set1(rays->cy - 0.5f));
+    // The square around the centre covers at least one 16x16 tile of the image. Pixel centres are
+    // integers here.
+    const vf u = vf_fma(vf_set1(rays->fx), x, vf_set1(rays->cx - 0.5f)),
+             v = vf_fma(vf_set1(rays->fy), y, vf_set1(rays->cy - 0.5f));
     visible = vm_and(visible, vm_and(vf_ge(vf_add(u, radius), one), vf_ge(vf_add(v, radius), one)));
-    visible = vm_and(visible, vm_and(vf_lt(vf_sub(u, radius), vf_set1(16.0f * (float)rays->tiles_x)),
-                                     vf_lt(vf_sub(v, radius), vf_set1(16.0f * (float)rays->tiles_y))));
+    visible =
+        vm_and(visible, vm_and(vf_lt(vf_sub(u, radius), vf_set1(16.0f * (float)rays->tiles_x)),
+                               vf_lt(vf_sub(v, radius), vf_set1(16.0f * (float)rays->tiles_y))));
     return vf_keep(visible, radius);
 }
 
-static inline void project_statistics(const sgsi_project *input, size_t block, const gaussian16 *g, vm in_cone)
+static inline void project_statistics(const sgsi_project *input, size_t block, const gaussian16 *g,
+                                      vm in_cone)
 {
     const vf radius = projected_radius(&input->view, g, in_cone);
     const vm visible = vm_and(in_cone, vf_gt(radius, vf_zero()));
@@ -120,28 +134,43 @@ static inline void project_statistics(const sgsi_project *input, size_t block, c
     vi_store(count, vi_add(vi_load(count), vf_as_vi(vf_keep(visible, vi_as_vf(vi_set1(1))))));
 }
 
-static inline void store_records(const sgsi_project *input, size_t block, const gaussian16 *g, vm traced)
+static inline void store_records(const sgsi_project *input, size_t block, const gaussian16 *g,
+                                 vm traced)
 {
     const float *p = input->params + block * SGS_PARAM_COUNT * 16;
     const vf one = vf_set1(1.0f);
     const vf kappa = vf_mul(vf_mul(g->p, g->p), vf_set1(SGSI_HALF_LOG2E));
     const vf unit = vf_div(g->distance, g->p);
     const vf root = vf_mul(unit, vf_sqrt(kappa));
-    const vec3 a = frame_row(g, g->q1, root), b = frame_row(g, g->q2, root), c = frame_row(g, g->q3, unit);
+    const vec3 a = frame_row(g, g->q1, root), b = frame_row(g, g->q2, root),
+               c = frame_row(g, g->q3, unit);
     const vec3 direction = scale3(g->delta_world, vf_div(one, g->distance));
     vf color[3];
     sh_colors(p, direction, input->view.sh_degree, color);
-    const vf brightest = vf_set1(1e9f); // finite: 0 * infinity would spoil the pixels that miss the primitive
-    // log2 of the opacity through its own logit would cost a logarithm: take it from the bits and a series instead.
+    const vf brightest =
+        vf_set1(1e9f); // finite: 0 * infinity would spoil the pixels that miss the primitive
+    // log2 of the opacity through its own logit would cost a logarithm: take it from the bits and a
+    // series instead.
     float opacity[16] __attribute__((aligned(64))), log_opacity[16] __attribute__((aligned(64)));
     vf_store(opacity, g->opacity);
     for (int i = 0; i < 16; ++i)
         log_opacity[i] = log2f(opacity[i]);
-    vf rows[16] = {a.x, a.y, a.z, b.x, b.y, b.z, c.x, c.y, c.z,
+    vf rows[16] = {a.x,
+                   a.y,
+                   a.z,
+                   b.x,
+                   b.y,
+                   b.z,
+                   c.x,
+                   c.y,
+                   c.z,
                    vf_select(traced, vf_load(log_opacity), vf_set1(SGSI_UNTRACED)),
-                   vf_div(one, kappa), g->distance,
-                   vf_clamp(color[0], vf_zero(), brightest), vf_clamp(color[1], vf_zero(), brightest),
-                   vf_clamp(color[2], vf_zero(), brightest), vf_zero()};
+                   vf_div(one, kappa),
+                   g->distance,
+                   vf_clamp(color[0], vf_zero(), brightest),
+                   vf_clamp(color[1], vf_zero(), brightest),
+                   vf_clamp(color[2], vf_zero(), brightest),
+                   vf_zero()};
     vf_transpose16(rows);
     for (int i = 0; i < 16; ++i)
         vf_store(input->records + (16 * block + (size_t)i) * SGSI_RECORD, rows[i]);
@@ -167,8 +196,10 @@ static void project(const sgsi_project *input, size_t begin, size_t end)
         // Inside the circumscribed cone of the image, by the distance from its surface.
         const vec3 axis = {vf_set1(rays->axis[0]), vf_set1(rays->axis[1]), vf_set1(rays->axis[2])};
         const vf along = dot3(axis, g.delta);
-        const vf across = vf_sqrt(vf_max(vf_zero(), vf_fms(g.distance, g.distance, vf_mul(along, along))));
-        const vf outside = vf_fms(across, vf_set1(rays->cone_cos), vf_mul(along, vf_set1(rays->cone_sin)));
+        const vf across =
+            vf_sqrt(vf_max(vf_zero(), vf_fms(g.distance, g.distance, vf_mul(along, along))));
+        const vf outside =
+            vf_fms(across, vf_set1(rays->cone_cos), vf_mul(along, vf_set1(rays->cone_sin)));
         const vf margin = vf_fma(reach, longest, vf_mul(g.distance, vf_set1(1e-4f)));
         const vm sane = sane_shapes(input->params + block * SGS_PARAM_COUNT * 16, &g);
         const vm in_cone = vm_and(vm_and(present, sane), vf_le(outside, margin));
@@ -180,6 +211,7 @@ static void project(const sgsi_project *input, size_t begin, size_t end)
             store_records(input, block, &g, traced);
         else
             for (int i = 0; i < 16; ++i)
-                input->records[(16 * block + (size_t)i) * SGSI_RECORD + SGSI_RECORD_LOG_OPACITY] = SGSI_UNTRACED;
+                input->records[(16 * block + (size_t)i) * SGSI_RECORD + SGSI_RECORD_LOG_OPACITY] =
+                    SGSI_UNTRACED;
     }
 }

@@ -1,9 +1,10 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// What the density controls that look at whole views want to know of a primitive, summed over the hits that count:
-// a weight of the pixel, the number of hits, the blended share T alpha, and the distance from the projected
-// centre. A pass of its own over the lists of a forward pass; the training kernels know nothing of it.
+// What the density controls that look at whole views want to know of a primitive, summed over the
+// hits that count: a weight of the pixel, the number of hits, the blended share T alpha, and the
+// distance from the projected centre. A pass of its own over the lists of a forward pass; the
+// training kernels know nothing of it.
 
 // Offsets of a block's pixel centres from its upper left pixel's corner.
 static inline void block_offsets(float x[16], float y[16])

@@ -1,16 +1,18 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The lists of a tile's blocks. The candidates of the tile are tested against a block sixteen at a time (the bounds of
-// kernel_tile.inl over the block), and the survivors ordered by t on the block's centre ray. The order decides how
-// many pairs a pixel finds swapped, not the image, so fifteen bits of t are enough, and ties stay near to far by |delta|.
+// The lists of a tile's blocks. The candidates of the tile are tested against a block sixteen at a
+// time (the bounds of kernel_tile.inl over the block), and the survivors ordered by t on the
+// block's centre ray. The order decides how many pairs a pixel finds swapped, not the image, so
+// fifteen bits of t are enough, and ties stay near to far by |delta|.
 
 // Keys: five bits of the float's exponent, from 2^-12 on, and ten of its mantissa.
 enum { KEY_DROPPED_BITS = 13, KEY_ORIGIN = (127 - 12) << (23 - KEY_DROPPED_BITS) };
 #define KEY_LEAST 0x1p-12f
 #define KEY_MOST 0x1.fffp19f
 
-// Up to this length everything is compared with everything, thirty-two at a time: without branches, faster than moving.
+// Up to this length everything is compared with everything, thirty-two at a time: without branches,
+// faster than moving.
 enum { RANK_SORT_MAX = 512 };
 
 typedef struct block_range {
@@ -29,11 +31,13 @@ static inline vm test_block(const vf r[16], const block_range *range, vi *key)
                         vf_mul(vf_abs(vf_fma(a, r[2], vf_mul(b, r[5]))), range->half_v));
     const vf low = vf_max(vf_fnma(s, vf_set1(1.0001f), vf_mul(n2, vf_set1(0.9999f))), vf_zero());
     const vf reach = vf_mul(r[15], c_max);
-    const vm keep = vm_and(vf_le(vf_mul(low, low), vf_mul(n2, vf_mul(vf_mul(reach, reach), vf_set1(1.001f)))),
-                           vf_gt(c_max, vf_zero()));
+    const vm keep =
+        vm_and(vf_le(vf_mul(low, low), vf_mul(n2, vf_mul(vf_mul(reach, reach), vf_set1(1.001f)))),
+               vf_gt(c_max, vf_zero()));
     // t at the block's centre, not below the bound of the block.
     const vf t = vf_div(vf_mul(r[11], c), vf_fma(r[10], n2, vf_mul(c, c)));
-    const vf nearest = vf_div(r[11], vf_mul(c_max, vf_fma(vf_mul(r[15], r[15]), r[10], vf_set1(1.0f))));
+    const vf nearest =
+        vf_div(r[11], vf_mul(c_max, vf_fma(vf_mul(r[15], r[15]), r[10], vf_set1(1.0f))));
     const vf distance = vf_clamp(vf_max(t, nearest), vf_set1(KEY_LEAST), vf_set1(KEY_MOST));
     *key = vi_sub(vi_sra(vf_as_vi(distance), KEY_DROPPED_BITS), vi_set1(KEY_ORIGIN));
     return keep;
@@ -42,16 +46,19 @@ static inline vm test_block(const vf r[16], const block_range *range, vi *key)
 // Appends the tile's candidates to the lists of the blocks they can hit.
 static void list_blocks(sgsi_scratch *scratch, const sgsi_tile_rays *rays, size_t count)
 {
-    static const int32_t lanes[16] __attribute__((aligned(64))) = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};
+    static const int32_t lanes[16]
+        __attribute__((aligned(64))) = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};
     for (size_t i = 0; i < count; i += 16) {
         vf r[16];
-        for (size_t k = 0; k < 16; ++k) // the last rows past the end count for nothing, see `present`
+        for (size_t k = 0; k < 16;
+             ++k) // the last rows past the end count for nothing, see `present`
             r[k] = vf_load(scratch->tile_records + (i + k) * 16);
         vf_transpose16(r);
         const vm present = vm_from_bits(count - i < 16 ? (1u << (count - i)) - 1u : 0xFFFFu);
         const vi indices = vi_add(vi_load(lanes), vi_set1((int32_t)i));
         for (int b = 0; b < SGSI_BLOCKS; ++b) {
-            const block_range range = {vf_set1(rays->block_u[b]), vf_set1(rays->block_v[b]), vf_set1(rays->block_half_u[b]),
+            const block_range range = {vf_set1(rays->block_u[b]), vf_set1(rays->block_v[b]),
+                                       vf_set1(rays->block_half_u[b]),
                                        vf_set1(rays->block_half_v[b])};
             vi key;
             const vm keep = vm_and(test_block(r, &range, &key), present);
@@ -59,7 +66,8 @@ static void list_blocks(sgsi_scratch *scratch, const sgsi_tile_rays *rays, size_
                 continue;
             const size_t at = (size_t)b * scratch->capacity + scratch->entry_count[b];
             vi_compress_store(scratch->entry_keys + at, keep, key);
-            scratch->entry_count[b] += vi_compress_store((int32_t *)scratch->entries + at, keep, indices);
+            scratch->entry_count[b] +=
+                vi_compress_store((int32_t *)scratch->entries + at, keep, indices);
         }
     }
 }
@@ -77,7 +85,8 @@ static void rank_sort(const int32_t *keys, const uint32_t *values, uint32_t *out
         out[ranks[i]] = values[i];
 }
 
-static void long_sort(const int32_t *keys, const uint32_t *values, uint32_t *out, uint64_t *spare, uint32_t count)
+static void long_sort(const int32_t *keys, const uint32_t *values, uint32_t *out, uint64_t *spare,
+                      uint32_t count)
 {
     for (uint32_t i = 0; i < count; ++i)
         spare[i] = (uint64_t)(uint32_t)keys[i] << 32 | values[i];
@@ -94,9 +103,10 @@ static void tile_sort(sgsi_scratch *scratch, const sgsi_tile_rays *rays, size_t 
     for (int b = 0; b < SGSI_BLOCKS; ++b) {
         const size_t at = (size_t)b * scratch->capacity;
         if (scratch->entry_count[b] <= RANK_SORT_MAX)
-            rank_sort(scratch->entry_keys + at, scratch->entries + at, scratch->order + at, scratch->entry_count[b]);
-        else
-            long_sort(scratch->entry_keys + at, scratch->entries + at, scratch->order + at, scratch->sort_spare,
+            rank_sort(scratch->entry_keys + at, scratch->entries + at, scratch->order + at,
                       scratch->entry_count[b]);
+        else
+            long_sort(scratch->entry_keys + at, scratch->entries + at, scratch->order + at,
+                      scratch->sort_spare, scratch->entry_count[b]);
     }
 }

@@ -1,15 +1,15 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// From the bin's candidates to the lists of a tile's blocks: sixteen candidates per step are tested against
-// the tile, then, again sixteen per step, against each of the tile's blocks.
+// From the bin's candidates to the lists of a tile's blocks: sixteen candidates per step are tested
+// against the tile, then, again sixteen per step, against each of the tile's blocks.
 //
-// Both tests bound the response over a rectangle |u - uc| <= hu, |v - vc| <= hv. With n = (A, B) at the centre,
-// sqrt(A^2 + B^2) over the rectangle is at least n.(A, B) / |n| >= |n| - s / |n|,
-// s = |n.(A1, B1)| hu + |n.(A2, B2)| hv. A hit needs E <= Emax = log2(255 o), that is
-// A^2 + B^2 <= q^2 C^2 with q^2 = Emax / (1 - Emax / kappa); inside the support (Emax >= kappa) anything goes.
-// C is at most Cmax, and t > 0 needs C > 0. So a hit is impossible unless |n|^2 - s <= |n| q Cmax.
-// The same bounds give a hit's distance: t >= |delta| / (Cmax (1 + q^2 / kappa)).
+// Both tests bound the response over a rectangle |u - uc| <= hu, |v - vc| <= hv. With n = (A, B) at
+// the centre, sqrt(A^2 + B^2) over the rectangle is at least n.(A, B) / |n| >= |n| - s / |n|, s =
+// |n.(A1, B1)| hu + |n.(A2, B2)| hv. A hit needs E <= Emax = log2(255 o), that is A^2 + B^2 <= q^2
+// C^2 with q^2 = Emax / (1 - Emax / kappa); inside the support (Emax >= kappa) anything goes. C is
+// at most Cmax, and t > 0 needs C > 0. So a hit is impossible unless |n|^2 - s <= |n| q Cmax. The
+// same bounds give a hit's distance: t >= |delta| / (Cmax (1 + q^2 / kappa)).
 
 static void load_candidates(sgsi_scratch *scratch, const float *records, size_t count)
 {
@@ -45,7 +45,8 @@ static inline tile_frame16 broadcast_frame(const float f[9])
 static inline void tile_coefficients(const float *soa, const tile_frame16 *frame, vf rows[16])
 {
     for (int k = 0; k < 3; ++k) {
-        const vec3 row = {vf_load(soa + 16 * (3 * k)), vf_load(soa + 16 * (3 * k + 1)), vf_load(soa + 16 * (3 * k + 2))};
+        const vec3 row = {vf_load(soa + 16 * (3 * k)), vf_load(soa + 16 * (3 * k + 1)),
+                          vf_load(soa + 16 * (3 * k + 2))};
         rows[3 * k] = dot3(row, frame->d0);
         rows[3 * k + 1] = dot3(row, frame->e1);
         rows[3 * k + 2] = dot3(row, frame->e2);
@@ -54,7 +55,8 @@ static inline void tile_coefficients(const float *soa, const tile_frame16 *frame
         rows[k] = vf_load(soa + 16 * k);
 }
 
-static size_t tile_filter(sgsi_scratch *scratch, const sgsi_tile_rays *rays, size_t candidate_count, float far)
+static size_t tile_filter(sgsi_scratch *scratch, const sgsi_tile_rays *rays, size_t candidate_count,
+                          float far)
 {
     const tile_frame16 frame = broadcast_frame(rays->frame);
     const vf hu = vf_set1(rays->half_u), hv = vf_set1(rays->half_v), far16 = vf_set1(far);
@@ -74,7 +76,8 @@ static size_t tile_filter(sgsi_scratch *scratch, const sgsi_tile_rays *rays, siz
                             vf_mul(vf_abs(vf_fma(r[0], r[2], vf_mul(r[3], r[5]))), hv));
         const vf low = vf_max(vf_fnma(s, vf_set1(1.0001f), vf_mul(n2, vf_set1(0.9999f))), zero);
         const vf reach = vf_mul(r[15], c_max);
-        vm keep = vf_le(vf_mul(low, low), vf_mul(n2, vf_mul(vf_mul(reach, reach), vf_set1(1.001f))));
+        vm keep =
+            vf_le(vf_mul(low, low), vf_mul(n2, vf_mul(vf_mul(reach, reach), vf_set1(1.001f))));
         keep = vm_and(keep, vm_and(vf_ge(e_max, zero), vf_gt(c_max, zero)));
         // t >= |delta| / (Cmax (1 + q^2 / kappa)), written without the division.
         keep = vm_and(keep, vf_le(r[11], vf_mul(far16, vf_mul(c_max, vf_fma(q2, r[10], one)))));

@@ -2,19 +2,20 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// The kernels: everything that runs per primitive, per tile or per hit, compiled once per instruction
-// set from kernel_*.inl and reached through one table.
+// The kernels: everything that runs per primitive, per tile or per hit, compiled once per
+// instruction set from kernel_*.inl and reached through one table.
 
 #include "trace.h"
 
 // ---- per view: parameters -> records, bounds, visibility statistics ----
 typedef struct sgsi_project {
-    const float *params;  // model layout
+    const float *params; // model layout
     size_t count;
     sgsi_view view;
-    float *records;       // [capacity][16]
-    sgsi_bounds *bounds;  // [capacity]
-    uint32_t *visible_count; // d_i: += 1 for a projected radius > 0 that meets the image; NULL = no statistics
+    float *records;          // [capacity][16]
+    sgsi_bounds *bounds;     // [capacity]
+    uint32_t *visible_count; // d_i: += 1 for a projected radius > 0 that meets the image; NULL = no
+                             // statistics
     float *radius_max;       // rho_i, pixels
     uint16_t *visible;       // [capacity / 16]: bit i of a block: projected radius > 0; may be NULL
 } sgsi_project;
@@ -34,36 +35,39 @@ typedef struct sgsi_scratch {
     uint64_t *sort_spare; // [2][capacity]
     uint32_t *order;      // [16][capacity]: indices into tile_records in the block's order
     float *alpha, *t, *transmittance, *prefix, *t_before; // elements of a block: [capacity][16]
-    float *a, *b, *e, *q, *behind;                                  // [capacity][16], backward only
-    float *sums;          // [capacity][16]
-    uint32_t *walk;       // [capacity]: how many groups a group of elements had to look back to find its place
+    float *a, *b, *e, *q, *behind;                        // [capacity][16], backward only
+    float *sums;                                          // [capacity][16]
+    uint32_t
+        *walk; // [capacity]: how many groups a group of elements had to look back to find its place
     uint32_t entry_count[SGSI_BLOCKS]; // elements in `order`
 } sgsi_scratch;
 
-// The ordered elements of a block, for whoever wants to look at each hit. Arrays of [element][16 lanes]; a hit counts where
-// alpha > 0 and transmittance * (1 - alpha) >= transmittance_min. Valid during the call only.
+// The ordered elements of a block, for whoever wants to look at each hit. Arrays of [element][16
+// lanes]; a hit counts where alpha > 0 and transmittance * (1 - alpha) >= transmittance_min. Valid
+// during the call only.
 typedef struct sgsi_block_hits {
-    int x, y;                    // upper left pixel; lane i is pixel (x + i % 4, y + i / 4)
-    unsigned valid;              // lanes with a ray
-    uint32_t count;              // elements
+    int x, y;       // upper left pixel; lane i is pixel (x + i % 4, y + i / 4)
+    unsigned valid; // lanes with a ray
+    uint32_t count; // elements
     const float *alpha, *transmittance;
-    const float *t;              // in units of the lane's |d|
-    const uint32_t *order;       // [element]: index into records
-    const float *records;        // [][SGSI_RECORD]
-    float unit[16];              // what one unit of t is, along the ray or along the axis
+    const float *t;        // in units of the lane's |d|
+    const uint32_t *order; // [element]: index into records
+    const float *records;  // [][SGSI_RECORD]
+    float unit[16];        // what one unit of t is, along the ray or along the axis
     float transmittance_min;
-    uint64_t *spare;             // room for `count` numbers
+    uint64_t *spare; // room for `count` numbers
 } sgsi_block_hits;
 
-// What a drawing may ask for besides colours and distances. Planes have the stride of the target's; each may be NULL
-// (of three, all or none).
+// What a drawing may ask for besides colours and distances. Planes have the stride of the target's;
+// each may be NULL (of three, all or none).
 typedef struct sgsi_aov {
     float *normal[3], *position[3]; // world
     uint32_t *primitive;
-    const float *normals;           // [count][4]: each primitive's normal in world axes; needed with `normal`
-    float rotation[9], center[3];   // of the view; needed with `position`
-    bool axis_depth;                // distances along the camera's axis
-    void (*visit)(void *context, const sgsi_block_hits *hits); // called by all threads; NULL = nobody looks
+    const float *normals; // [count][4]: each primitive's normal in world axes; needed with `normal`
+    float rotation[9], center[3]; // of the view; needed with `position`
+    bool axis_depth;              // distances along the camera's axis
+    void (*visit)(void *context,
+                  const sgsi_block_hits *hits); // called by all threads; NULL = nobody looks
     void *context;
 } sgsi_aov;
 
@@ -71,13 +75,14 @@ typedef struct sgsi_aov {
 typedef struct sgsi_tile_target {
     const sgsi_tile_rays *rays;
     int width, height;
-    size_t stride;                     // floats per row
-    float *color[3], *transmittance;   // forward, always
+    size_t stride;                                         // floats per row
+    float *color[3], *transmittance;                       // forward, always
     float *depth_mean, *depth_median, *depth_first, *hits; // forward, each may be NULL
-    const float *d_color[3], *d_transmittance; // backward
-    const sgsi_aov *aov; // forward, NULL = nothing more
+    const float *d_color[3], *d_transmittance;             // backward
+    const sgsi_aov *aov;                                   // forward, NULL = nothing more
     float near_distance;
-    float stop_distance; // out: largest distance at which a pixel stopped; INFINITY when one did not
+    float
+        stop_distance; // out: largest distance at which a pixel stopped; INFINITY when one did not
     uint64_t evaluations, counted; // out, added to: block evaluations and counted hits
 } sgsi_tile_target;
 
@@ -92,24 +97,27 @@ typedef struct sgsi_optimize {
     float *params, *m, *v; // model layout
     size_t count;
     sgsi_view view;
-    const float *sums;      // [capacity][16]
-    const uint8_t *touched; // [capacity / 16]: 0 = no sums there
-    const uint16_t *visible; // [capacity / 16]: bits of the rows the sparse optimiser steps besides those hit; may be NULL
-    bool dense;             // update every row
-    bool apply;             // false: statistics only (3DGS makes no step on densification iterations)
+    const float *sums;       // [capacity][16]
+    const uint8_t *touched;  // [capacity / 16]: 0 = no sums there
+    const uint16_t *visible; // [capacity / 16]: bits of the rows the sparse optimiser steps besides
+                             // those hit; may be NULL
+    bool dense;              // update every row
+    bool apply; // false: statistics only (3DGS makes no step on densification iterations)
     float rate_mean, rate_rotation, rate_scale, rate_opacity, rate_dc, rate_rest;
     float beta1, beta2, epsilon;
-    float correction1, correction2; // 1 / (1 - beta1^t), 1 / sqrt(1 - beta2^t); 1 without bias correction
-    float *gradient_sum;    // a_i, or NULL
-    float *absolute_sum;    // the same from SGSI_SUM_ABSOLUTE, or NULL
-    bool absolute_norm;     // the 2-norm over both axes instead of the sum
+    float correction1,
+        correction2;     // 1 / (1 - beta1^t), 1 / sqrt(1 - beta2^t); 1 without bias correction
+    float *gradient_sum; // a_i, or NULL
+    float *absolute_sum; // the same from SGSI_SUM_ABSOLUTE, or NULL
+    bool absolute_norm;  // the 2-norm over both axes instead of the sum
     float tan_half_x, tan_half_y;
     // Gradients that add up before a step; pending is NULL where every iteration steps.
     float *pending;         // model layout
     uint16_t *pending_rows; // [capacity / 16][2]: rows seen since the last step of main, rest
     bool step_main, step_rest;
     float rest_correction1, rest_correction2;
-    float *gradients;       // [capacity][59] in model layout, or NULL: writes dL/dparameter instead of stepping (tests)
+    float *gradients; // [capacity][59] in model layout, or NULL: writes dL/dparameter instead of
+                      // stepping (tests)
 } sgsi_optimize;
 
 typedef struct sgsi_kernels {
@@ -118,16 +126,20 @@ typedef struct sgsi_kernels {
     void (*project)(const sgsi_project *input, size_t begin, size_t end);
     // Transposes the records of scratch->candidates[0..count) into scratch->soa.
     void (*load_candidates)(sgsi_scratch *scratch, const float *records, size_t count);
-    // Keeps the candidates that can meet the tile (nearer than far): tile_records, tile_ids. Returns their number.
-    size_t (*tile_filter)(sgsi_scratch *scratch, const sgsi_tile_rays *rays, size_t candidate_count, float far);
+    // Keeps the candidates that can meet the tile (nearer than far): tile_records, tile_ids.
+    // Returns their number.
+    size_t (*tile_filter)(sgsi_scratch *scratch, const sgsi_tile_rays *rays, size_t candidate_count,
+                          float far);
     // Block lists in the order of the block's centre ray.
     void (*tile_sort)(sgsi_scratch *scratch, const sgsi_tile_rays *rays, size_t count);
     // Blends all blocks; compacts each block's list to the elements that count in some pixel.
     void (*tile_forward)(sgsi_scratch *scratch, sgsi_tile_target *target);
     // Adds to scratch->sums[0..count) for the lists of `list`.
-    void (*tile_backward)(sgsi_scratch *scratch, const sgsi_tile_list *list, sgsi_tile_target *target);
+    void (*tile_backward)(sgsi_scratch *scratch, const sgsi_tile_list *list,
+                          sgsi_tile_target *target);
     // The same for sums of absolute gradients, SGSI_SUM_ABSOLUTE.
-    void (*tile_backward_absolute)(sgsi_scratch *scratch, const sgsi_tile_list *list, sgsi_tile_target *target);
+    void (*tile_backward_absolute)(sgsi_scratch *scratch, const sgsi_tile_list *list,
+                                   sgsi_tile_target *target);
     // Adds to scratch->sums[0..count): weight, hits, T alpha, distance.
     void (*tile_score)(sgsi_scratch *scratch, const sgsi_tile_list *list, sgsi_tile_target *target,
                        const sgsi_score_planes *planes);

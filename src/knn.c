@@ -1,16 +1,19 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Exact three nearest neighbours by a balanced kd-tree (Friedman, Bentley, Finkel, "An Algorithm for
-// Finding Best Matches in Logarithmic Expected Time", 1977), with tight boxes instead of split planes.
+// Exact three nearest neighbours by a balanced kd-tree (Friedman, Bentley, Finkel, "An Algorithm
+// for Finding Best Matches in Logarithmic Expected Time", 1977), with tight boxes instead of split
+// planes.
 //
-// The tree is implicit: it is complete, node k of level d owns the points [n k / 2^d, n (k+1) / 2^d), so only boxes
-// are stored. A level is built by a parallel loop over its nodes: each finds its box and partitions its
-// points about the median along the longest side. Cutting by rank and not by place keeps O(n log n) for
-// clusters, for a far outlier and for duplicates, which spoil a grid or a Morton order.
+// The tree is implicit: it is complete, node k of level d owns the points [n k / 2^d, n (k+1) /
+// 2^d), so only boxes are stored. A level is built by a parallel loop over its nodes: each finds
+// its box and partitions its points about the median along the longest side. Cutting by rank and
+// not by place keeps O(n log n) for clusters, for a far outlier and for duplicates, which spoil a
+// grid or a Morton order.
 //
-// Exact also in floating point: a box's distance is computed with the operations of a point's distance in the same
-// order, and rounding is monotonic, so the box's number is never above that of a point inside.
+// Exact also in floating point: a box's distance is computed with the operations of a point's
+// distance in the same order, and rounding is monotonic, so the box's number is never above that of
+// a point inside.
 
 #include "knn.h"
 
@@ -56,12 +59,13 @@ static void swap_points(tree_point *a, tree_point *b)
     *b = kept;
 }
 
-// Quickselect with three-way partition and hashed pivots (no input makes it quadratic but by chance).
-// Afterwards points[begin, rank) <= points[rank, end) along `axis`.
+// Quickselect with three-way partition and hashed pivots (no input makes it quadratic but by
+// chance). Afterwards points[begin, rank) <= points[rank, end) along `axis`.
 static void select_rank(tree_point *points, size_t begin, size_t end, size_t rank, int axis)
 {
     for (uint64_t round = 0; end - begin > 1; ++round) {
-        const size_t chosen = begin + (size_t)(sgsi_random_bits(end - begin, round) % (end - begin));
+        const size_t chosen =
+            begin + (size_t)(sgsi_random_bits(end - begin, round) % (end - begin));
         const float pivot = points[chosen].position[axis];
         size_t below = begin, at = begin, above = end;
         while (at < above) {
@@ -122,7 +126,8 @@ static double box_distance(const tree_box *box, const float p[3])
 {
     double side[3];
     for (int axis = 0; axis < 3; ++axis) {
-        const double under = (double)box->low[axis] - p[axis], over = (double)p[axis] - box->high[axis];
+        const double under = (double)box->low[axis] - p[axis],
+                     over = (double)p[axis] - box->high[axis];
         const double outside = under > over ? under : over;
         side[axis] = outside > 0.0 ? outside : 0.0;
     }
@@ -161,8 +166,10 @@ static void search(const tree *t, const tree_point *query, double best[3])
             search_leaf(t, at.node - ((size_t)1 << at.level), query, best);
             continue;
         }
-        visit near = {box_distance(&t->boxes[2 * at.node], query->position), 2 * at.node, at.level + 1};
-        visit far = {box_distance(&t->boxes[2 * at.node + 1], query->position), 2 * at.node + 1, at.level + 1};
+        visit near = {box_distance(&t->boxes[2 * at.node], query->position), 2 * at.node,
+                      at.level + 1};
+        visit far = {box_distance(&t->boxes[2 * at.node + 1], query->position), 2 * at.node + 1,
+                     at.level + 1};
         if (far.distance < near.distance) {
             const visit kept = near;
             near = far;
@@ -190,7 +197,8 @@ sgs_status sgsi_knn(const float *points, size_t n, double *distances)
     if (!n)
         return SGS_STATUS_OK;
     if (n >= UINT32_MAX)
-        return sgsi_fail(SGS_STATUS_LIMIT, "a cloud of %zu points is too large; at most 4294967294 are accepted", n);
+        return sgsi_fail(SGS_STATUS_LIMIT,
+                         "a cloud of %zu points is too large; at most 4294967294 are accepted", n);
     tree t = {.count = n, .distances = distances};
     while (((n - 1) >> t.levels) + 1 > LEAF_POINTS)
         ++t.levels;
@@ -199,13 +207,16 @@ sgs_status sgsi_knn(const float *points, size_t n, double *distances)
     if (!t.points || !t.boxes) {
         sgsi_free(t.points);
         sgsi_free(t.boxes);
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the neighbour search over %zu points", n);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                         "no memory for the neighbour search over %zu points", n);
     }
     for (size_t i = 0; i < n; ++i)
-        t.points[i] = (tree_point){{points[3 * i], points[3 * i + 1], points[3 * i + 2]}, (uint32_t)i};
+        t.points[i] =
+            (tree_point){{points[3 * i], points[3 * i + 1], points[3 * i + 2]}, (uint32_t)i};
     for (int level = 0; level <= t.levels; ++level) {
         tree_level context = {&t, level};
-        sgsi_parallel_for((size_t)1 << level, level > 8 ? (size_t)1 << (level - 8) : 1, build_node, &context);
+        sgsi_parallel_for((size_t)1 << level, level > 8 ? (size_t)1 << (level - 8) : 1, build_node,
+                          &context);
     }
     sgsi_parallel_ranges(n, QUERY_GRAIN, search_range, &t);
     sgsi_free(t.points);

@@ -2,7 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Loops that do nothing but reach one limit of a core, compiled per instruction set from limit_kernels.inl.
+// Loops that do nothing but reach one limit of a core, compiled per instruction set from
+// limit_kernels.inl.
 
 #include <stddef.h>
 

@@ -1,8 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Two multiply-adds start per cycle and take four or five, so ten chains are in flight at the peak. A group is what fits the
-// registers of the instruction set beside the constants; groups run one after the other, chains inside a group together.
+// Two multiply-adds start per cycle and take four or five, so ten chains are in flight at the peak.
+// A group is what fits the registers of the instruction set beside the constants; groups run one
+// after the other, chains inside a group together.
 
 #if SGSI_ISA == 2
 enum { GROUP_CHAINS = 12 };

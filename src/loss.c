@@ -1,13 +1,14 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The photometric loss of 3DGS, L = (1 - lambda) mean|I - G| + lambda (1 - mean SSIM), and its gradient; with an alpha
-// channel and a weight for it, plus weight mean|(1 - T) - alpha|.
+// The photometric loss of 3DGS, L = (1 - lambda) mean|I - G| + lambda (1 - mean SSIM), and its
+// gradient; with an alpha channel and a weight for it, plus weight mean|(1 - T) - alpha|.
 //
-// This file cuts the image into blocks, hands them to the threads and adds up their sums; the mathematics
-// stands at the top of loss_kernels.inl. A block is at most LOSS_BLOCK_WIDTH x LOSS_BLOCK_HEIGHT pixels and
-// recomputes a halo of ten pixels on every side, so blocks share nothing. The cutting depends on the image
-// alone and the blocks' sums are added in block order, so the result does not depend on the number of threads.
+// This file cuts the image into blocks, hands them to the threads and adds up their sums; the
+// mathematics stands at the top of loss_kernels.inl. A block is at most LOSS_BLOCK_WIDTH x
+// LOSS_BLOCK_HEIGHT pixels and recomputes a halo of ten pixels on every side, so blocks share
+// nothing. The cutting depends on the image alone and the blocks' sums are added in block order, so
+// the result does not depend on the number of threads.
 
 #include "loss.h"
 
@@ -41,8 +42,8 @@ static sgsi_loss_kernel kernel_of(sgs_isa isa)
     return kernels[isa];
 }
 
-// exp(-k^2 / (2 * 1.5^2)), normalised. Rounded to float the eleven weights still sum to 1 within 1.4e-9, which the
-// shifted variance of the kernel relies on.
+// exp(-k^2 / (2 * 1.5^2)), normalised. Rounded to float the eleven weights still sum to 1 within
+// 1.4e-9, which the shifted variance of the kernel relies on.
 static void make_window(float window[LOSS_RADIUS + 1])
 {
     double sum = 0.0, weight[LOSS_RADIUS + 1];
@@ -98,20 +99,26 @@ static bool ensure(void **block, size_t *count, size_t needed, size_t size)
 sgs_status sgsi_loss_reserve(sgsi_loss_workspace *workspace, int width, int height)
 {
     if (width < 1 || height < 1)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "loss: an image of %d x %d pixels", width, height);
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "loss: an image of %d x %d pixels", width,
+                         height);
     int blocks_x, blocks_y, block;
     cut(width, LOSS_BLOCK_WIDTH, 16, &blocks_x, &block);
     cut(height, LOSS_BLOCK_HEIGHT, 4, &blocks_y, &block);
     sgsi_loss_workspace *w = workspace;
-    if (!ensure((void **)&w->scratch, &w->scratch_count, (size_t)sgsi_threads(), sizeof *w->scratch) ||
-        !ensure((void **)&w->sums, &w->sums_count, (size_t)blocks_x * (size_t)blocks_y, sizeof *w->sums) ||
-        !ensure((void **)&w->column_weight, &w->column_count, (size_t)width, sizeof *w->column_weight) ||
+    if (!ensure((void **)&w->scratch, &w->scratch_count, (size_t)sgsi_threads(),
+                sizeof *w->scratch) ||
+        !ensure((void **)&w->sums, &w->sums_count, (size_t)blocks_x * (size_t)blocks_y,
+                sizeof *w->sums) ||
+        !ensure((void **)&w->column_weight, &w->column_count, (size_t)width,
+                sizeof *w->column_weight) ||
         !ensure((void **)&w->row_weight, &w->row_count, (size_t)height, sizeof *w->row_weight))
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the loss of a %d x %d image", width, height);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the loss of a %d x %d image",
+                         width, height);
     return SGS_STATUS_OK;
 }
 
-// The part of the window that falls inside [0, size), for every position; exactly 1 where all of it does.
+// The part of the window that falls inside [0, size), for every position; exactly 1 where all of it
+// does.
 static void edge_weights(const float window[LOSS_RADIUS + 1], int size, float *weights)
 {
     for (int x = 0; x < size; ++x) {
@@ -130,15 +137,18 @@ static void edge_weights(const float window[LOSS_RADIUS + 1], int size, float *w
 static sgs_status check(const sgsi_loss_input *input, const sgsi_loss_output *output)
 {
     const sgs_photo *target = input->target;
-    bool complete = input->transmittance && output->d_transmittance && target && (target->pixels || target->halves);
+    bool complete = input->transmittance && output->d_transmittance && target &&
+                    (target->pixels || target->halves);
     for (int c = 0; c < 3; ++c)
         complete = complete && input->color[c] && output->d_color[c];
     if (!complete)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "loss: a plane is missing");
     if (target->width != input->width || target->height != input->height || target->channels < 3 ||
         target->channels > 4)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "loss: a %d x %d image against a %d x %d target of %d channels",
-                         input->width, input->height, target->width, target->height, target->channels);
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                         "loss: a %d x %d image against a %d x %d target of %d channels",
+                         input->width, input->height, target->width, target->height,
+                         target->channels);
     if (input->stride % 16 || input->stride < (size_t)input->width)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "loss: rows of %zu floats for a width of %d",
                          input->stride, input->width);
@@ -157,7 +167,8 @@ static void run_block(void *context, size_t item, int thread)
     loop->kernel(&loop->job, item, &loop->workspace->scratch[thread], &loop->workspace->sums[item]);
 }
 
-sgs_status sgsi_loss_evaluate(sgsi_loss_workspace *workspace, const sgsi_loss_input *input, sgsi_loss_output *output)
+sgs_status sgsi_loss_evaluate(sgsi_loss_workspace *workspace, const sgsi_loss_input *input,
+                              sgsi_loss_output *output)
 {
     sgs_status status = sgsi_loss_reserve(workspace, input->width, input->height);
     if (status == SGS_STATUS_OK)
@@ -167,11 +178,16 @@ sgs_status sgsi_loss_evaluate(sgsi_loss_workspace *workspace, const sgsi_loss_in
 
     const double values = 3.0 * input->width * input->height, lambda = (double)input->ssim_weight;
     block_loop loop = {
-        .job = {.input = input, .output = output,
-                .column_weight = workspace->column_weight, .row_weight = workspace->row_weight,
-                .l1_scale = (float)((1.0 - lambda) / values), .ssim_scale = (float)(2.0 * lambda / values),
+        .job = {.input = input,
+                .output = output,
+                .column_weight = workspace->column_weight,
+                .row_weight = workspace->row_weight,
+                .l1_scale = (float)((1.0 - lambda) / values),
+                .ssim_scale = (float)(2.0 * lambda / values),
                 .ceiling = input->target->bright ? 1e9f : 1.0f,
-                .alpha_scale = input->target->channels == 4 ? (float)(3.0 * (double)input->alpha_weight / values) : 0.0f},
+                .alpha_scale = input->target->channels == 4
+                                   ? (float)(3.0 * (double)input->alpha_weight / values)
+                                   : 0.0f},
         .kernel = kernel_of(sgs_get_isa()),
         .workspace = workspace,
     };

@@ -3,7 +3,8 @@
 #pragma once
 
 // The photometric loss 0.8 L1 + 0.2 (1 - SSIM) and its exact gradient, in float, vectorised and
-// threaded. (3DGS's window: 11x11 Gaussian, sigma 1.5, zero padding, weights not renormalised at borders.)
+// threaded. (3DGS's window: 11x11 Gaussian, sigma 1.5, zero padding, weights not renormalised at
+// borders.)
 
 #include "sparegs/scene.h"
 
@@ -11,31 +12,37 @@ typedef struct sgsi_loss_workspace sgsi_loss_workspace;
 
 sgs_status sgsi_loss_create(sgsi_loss_workspace **workspace);
 void sgsi_loss_destroy(sgsi_loss_workspace *workspace); // accepts NULL
-// Makes sure the workspace suits images up to this size, so that sgsi_loss_evaluate allocates nothing.
+// Makes sure the workspace suits images up to this size, so that sgsi_loss_evaluate allocates
+// nothing.
 sgs_status sgsi_loss_reserve(sgsi_loss_workspace *workspace, int width, int height);
 
 typedef struct sgsi_loss_input {
     int width, height;
-    size_t stride;                // floats per row of every float plane, multiple of 16, >= width
-    const float *color[3];        // rendered, premultiplied, without background; [height][stride], 64-byte aligned
-    const float *transmittance;   // [height][stride]
+    size_t stride; // floats per row of every float plane, multiple of 16, >= width
+    const float
+        *color[3]; // rendered, premultiplied, without background; [height][stride], 64-byte aligned
+    const float *transmittance; // [height][stride]
     float background[3];
-    const sgs_photo *target;      // RGB, or RGB + straight alpha: composited over `background` first
-    float ssim_weight;            // lambda = 0.2
+    const sgs_photo *target; // RGB, or RGB + straight alpha: composited over `background` first
+    float ssim_weight;       // lambda = 0.2
     const float *alpha_transmittance; // T of the alpha term; NULL = transmittance
-    float alpha_weight;           // of mean |(1 - T) - alpha|, for targets with an alpha channel; 0 = none
+    float alpha_weight; // of mean |(1 - T) - alpha|, for targets with an alpha channel; 0 = none
 } sgsi_loss_input;
 
 typedef struct sgsi_loss_output {
     double loss, l1, ssim, alpha; // alpha: mean |(1 - T) - alpha|, 0 when not asked for
     double mse;                   // of the clamped image over the pixels that count, for PSNR
     float *d_color[3];            // dL/d(color), [height][stride]; columns >= width are set to 0
-    float *d_transmittance;       // dL/dT through the background: sum over channels of background * dL/dI, and alpha's
+    float *d_transmittance;       // dL/dT through the background: sum over channels of background *
+                                  // dL/dI, and alpha's
 } sgsi_loss_output;
 
-// Pixels that do not count (target->keep) are mid-grey in both images: they add nothing to L1 or alpha, no window sees what
-// they show, their gradient is zero. All means are over all pixels, so that the others weigh what they weigh without a mask.
+// Pixels that do not count (target->keep) are mid-grey in both images: they add nothing to L1 or
+// alpha, no window sees what they show, their gradient is zero. All means are over all pixels, so
+// that the others weigh what they weigh without a mask.
 //
-// I = clamp(color + T * background, 0, 1) is compared (without the 1 when the target is bright); the gradient is zero where the clamp acts (upper: I > 1, lower: I < 0).
-// Sums do not depend on the number of threads.
-sgs_status sgsi_loss_evaluate(sgsi_loss_workspace *workspace, const sgsi_loss_input *input, sgsi_loss_output *output);
+// I = clamp(color + T * background, 0, 1) is compared (without the 1 when the target is bright);
+// the gradient is zero where the clamp acts (upper: I > 1, lower: I < 0). Sums do not depend on the
+// number of threads.
+sgs_status sgsi_loss_evaluate(sgsi_loss_workspace *workspace, const sgsi_loss_input *input,
+                              sgsi_loss_output *output);

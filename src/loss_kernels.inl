@@ -1,51 +1,58 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The loss of one block of pixels and its gradient, written once for sixteen lanes. The including file
-// defines SGSI_ISA and includes simd.h before this one.
+// The loss of one block of pixels and its gradient, written once for sixteen lanes. The including
+// file defines SGSI_ISA and includes simd.h before this one.
 //
-// Per channel, with I the clamped image, G the target, w the 11 x 11 Gaussian window (zero outside the
-// image, not renormalised), E[.] the convolution with w:
+// Per channel, with I the clamped image, G the target, w the 11 x 11 Gaussian window (zero outside
+// the image, not renormalised), E[.] the convolution with w:
 //
 //   S = (2 m1 m2 + C1)(2 s12 + C2) / ((m1^2 + m2^2 + C1)(s1^2 + s2^2 + C2)),
 //   m = E[.], s^2 = E[.^2] - m^2, s12 = E[IG] - m1 m2.
 //
-// Taken literally this loses half of a float's digits: E[I^2] - m^2 cancels, and near the end of training, when
-// I is close to G, so do the numerator against the denominator and the three terms of the gradient against each other.
-// The same function in terms of the difference e = I - G has no such trouble. With D = m1^2 + m2^2 + C1,
-// F = s1^2 + s2^2 + C2, V = var(e) = E[e^2] - E[e]^2:
+// Taken literally this loses half of a float's digits: E[I^2] - m^2 cancels, and near the end of
+// training, when I is close to G, so do the numerator against the denominator and the three terms
+// of the gradient against each other. The same function in terms of the difference e = I - G has no
+// such trouble. With D = m1^2 + m2^2 + C1, F = s1^2 + s2^2 + C2, V = var(e) = E[e^2] - E[e]^2:
 //
-//   numerator / denominator = (D - E[e]^2)/D * (F - V)/F   =>   S = (1 - u)(1 - v),  u = E[e]^2 / D,  v = V / F,
+//   numerator / denominator = (D - E[e]^2)/D * (F - V)/F   =>   S = (1 - u)(1 - v),  u = E[e]^2 /
+//       D,  v = V / F,
 //   1 - S = u (1 - v) + v,
 //
-// and only F still contains E[I^2] - m^2. There the values are shifted by 1/2, which quarters the squares. A
-// shift leaves a variance alone only where the weights inside the image sum to W = 1; at the borders, with I' =
-// I - 1/2 inside and zero outside, m = E[I'] + W/2 and
+// and only F still contains E[I^2] - m^2. There the values are shifted by 1/2, which quarters the
+// squares. A shift leaves a variance alone only where the weights inside the image sum to W = 1; at
+// the borders, with I' = I - 1/2 inside and zero outside, m = E[I'] + W/2 and
 //
 //   E[I^2] - m^2 = E[I'^2] - E[I']^2 + (1 - W)(E[I'] + W/4).
 //
-// Derivatives of S with respect to m1, E[e^2] and E[I^2] + E[G^2] as independent variables (E[e] moves with m1):
+// Derivatives of S with respect to m1, E[e^2] and E[I^2] + E[G^2] as independent variables (E[e]
+// moves with m1):
 //
 //   dS/dE[e^2]          = -b,  b = (1 - u) / F
 //   dS/d(E[I^2]+E[G^2]) =  c,  c = (1 - u) v / F
 //   dS/dm1              =  2a, a = (1 - u) E[e] / F - (1 - v) (E[e] / D)(1 - E[e] m1 / D) - m1 c
 //
-// and through the (symmetric) window dS/dI = 2 (conv(a) - e conv(b) + I conv(c)). Shifting m1 in a and I in the
-// last term by the same 1/2 changes nothing, because conv is linear, and keeps them small: that is what the
-// code does.
+// and through the (symmetric) window dS/dI = 2 (conv(a) - e conv(b) + I conv(c)). Shifting m1 in a
+// and I in the last term by the same 1/2 changes nothing, because conv is linear, and keeps them
+// small: that is what the code does.
 //
-// A pixel that does not count is 1/2 in both images: all four source values are 0 there, as outside of the image, but
-// it belongs to W. What it shows reaches no window, and nothing flows back to it.
+// A pixel that does not count is 1/2 in both images: all four source values are 0 there, as outside
+// of the image, but it belongs to W. What it shows reaches no window, and nothing flows back to it.
 //
-// Walk: four rows at a time down the block. Source rows (I', e, I'^2 + G'^2, e^2) -> vertical pass ->
-// horizontal pass and the algebra above -> horizontal pass over a, b, c -> vertical pass -> gradient.
-// Everything lives in rings of 16 rows, about 100 KB per thread; halos are computed again by the neighbouring
-// blocks, so that no intermediate plane passes through memory.
+// Walk: four rows at a time down the block. Source rows (I', e, I'^2 + G'^2, e^2) -> vertical pass
+// -> horizontal pass and the algebra above -> horizontal pass over a, b, c -> vertical pass ->
+// gradient. Everything lives in rings of 16 rows, about 100 KB per thread; halos are computed again
+// by the neighbouring blocks, so that no intermediate plane passes through memory.
 
 #include "half.h"
 #include "loss_kernels.h"
 
-enum { GROUP = 4, TAPS = 2 * LOSS_RADIUS + 1, WINDOW_ROWS = GROUP + TAPS - 1, RING_MASK = LOSS_RING - 1 };
+enum {
+    GROUP = 4,
+    TAPS = 2 * LOSS_RADIUS + 1,
+    WINDOW_ROWS = GROUP + TAPS - 1,
+    RING_MASK = LOSS_RING - 1
+};
 
 // One channel of one block.
 typedef struct channel_block {
@@ -103,12 +110,15 @@ static inline vf load_target(const sgsi_loss_input *input, int channel, size_t a
     return vf_fma(alpha, vf_sub(value, background), background);
 }
 
-// Which of the pixels x + 0...15 of row y exist and count; x is a multiple of 16, `count` of them exist.
+// Which of the pixels x + 0...15 of row y exist and count; x is a multiple of 16, `count` of them
+// exist.
 static inline vm counted(const sgsi_loss_input *input, int x, int y, int count)
 {
     const unsigned exist = count >= 16 ? 0xFFFFu : (1u << count) - 1;
     const uint16_t *keep = input->target->keep;
-    return vm_from_bits(keep ? exist & keep[(size_t)y * (((size_t)input->width + 15) / 16) + (size_t)x / 16] : exist);
+    return vm_from_bits(
+        keep ? exist & keep[(size_t)y * (((size_t)input->width + 15) / 16) + (size_t)x / 16]
+             : exist);
 }
 
 // Source row number `row` of the block (0 is 10 above its first output row) into the rings.
@@ -143,9 +153,10 @@ static void load_row(const channel_block *block, int row)
     }
 }
 
-// The window down 14 rows of a ring that start at `first`, for four neighbouring output rows of one column of vectors.
-static inline void convolve_down(const float *ring, size_t pitch, int first, const vf window[LOSS_RADIUS + 1],
-                                 vf out[GROUP])
+// The window down 14 rows of a ring that start at `first`, for four neighbouring output rows of one
+// column of vectors.
+static inline void convolve_down(const float *ring, size_t pitch, int first,
+                                 const vf window[LOSS_RADIUS + 1], vf out[GROUP])
 {
 #pragma GCC unroll 16
     for (int row = 0; row < WINDOW_ROWS; ++row) {
@@ -156,7 +167,9 @@ static inline void convolve_down(const float *ring, size_t pitch, int first, con
             if (tap == 0)
                 out[r] = vf_mul(value, window[LOSS_RADIUS]);
             else if (tap > 0 && tap < TAPS)
-                out[r] = vf_fma(value, window[tap < LOSS_RADIUS ? LOSS_RADIUS - tap : tap - LOSS_RADIUS], out[r]);
+                out[r] =
+                    vf_fma(value, window[tap < LOSS_RADIUS ? LOSS_RADIUS - tap : tap - LOSS_RADIUS],
+                           out[r]);
         }
     }
 }
@@ -167,7 +180,8 @@ static inline vf convolve_along(const float *line, const vf window[LOSS_RADIUS +
     vf sum = vf_mul(vf_load_u(line + LOSS_RADIUS), window[0]);
 #pragma GCC unroll 5
     for (int k = 1; k <= LOSS_RADIUS; ++k)
-        sum = vf_fma(vf_add(vf_load_u(line + LOSS_RADIUS - k), vf_load_u(line + LOSS_RADIUS + k)), window[k], sum);
+        sum = vf_fma(vf_add(vf_load_u(line + LOSS_RADIUS - k), vf_load_u(line + LOSS_RADIUS + k)),
+                     window[k], sum);
     return sum;
 }
 
@@ -193,7 +207,8 @@ static void moments_down(const channel_block *block, int first)
 }
 
 // 1 - S and the derivatives a, b, c from the moments of 16 pixels; `weight` is W.
-static inline vf similarity(vf shifted, vf error, vf power, vf error2, vf weight, vf *a, vf *b, vf *c)
+static inline vf similarity(vf shifted, vf error, vf power, vf error2, vf weight, vf *a, vf *b,
+                            vf *c)
 {
     const vf one = vf_set1(1.0f), half = vf_set1(0.5f);
     const vf missing = vf_sub(one, weight);
@@ -219,8 +234,8 @@ static inline vf similarity(vf shifted, vf error, vf power, vf error2, vf weight
     return vf_fma(u, rest_v, v);
 }
 
-// Map row `row` (0 is 5 above the first output row; r of its group of four): the horizontal pass over the moments,
-// the algebra, and the horizontal pass over the derivatives.
+// Map row `row` (0 is 5 above the first output row; r of its group of four): the horizontal pass
+// over the moments, the algebra, and the horizontal pass over the derivatives.
 static void map_row(channel_block *block, int row, int r)
 {
     sgsi_loss_scratch *s = block->scratch;
@@ -236,7 +251,8 @@ static void map_row(channel_block *block, int row, int r)
     const vf row_weight = vf_set1(block->job->row_weight[y]);
     const int own_row = row >= LOSS_RADIUS && row < LOSS_RADIUS + block->height;
     for (int k = 0; k < block->map_vectors; ++k) {
-        const int left = LOSS_MARGIN - 2 * LOSS_RADIUS + 16 * k; // leftmost tap of map column -5 + 16 k
+        const int left =
+            LOSS_MARGIN - 2 * LOSS_RADIUS + 16 * k; // leftmost tap of map column -5 + 16 k
         vf moment[4], a, b, c;
         for (int plane = 0; plane < 4; ++plane)
             moment[plane] = convolve_along(&s->moment[plane][r][left], window);
@@ -247,11 +263,13 @@ static void map_row(channel_block *block, int row, int r)
         vf_store(&s->map[1][16 * k], vf_keep(inside, b));
         vf_store(&s->map[2][16 * k], vf_keep(inside, c));
         if (own_row)
-            block->dissimilarity = vf_add(block->dissimilarity, vf_keep(vm_from_bits(s->own[k]), lost));
+            block->dissimilarity =
+                vf_add(block->dissimilarity, vf_keep(vm_from_bits(s->own[k]), lost));
     }
     for (int plane = 0; plane < 3; ++plane)
         for (int k = 0; k < block->output_vectors; ++k)
-            vf_store(&s->smooth[plane][row & RING_MASK][16 * k], convolve_along(&s->map[plane][16 * k], window));
+            vf_store(&s->smooth[plane][row & RING_MASK][16 * k],
+                     convolve_along(&s->map[plane][16 * k], window));
 }
 
 // Adds this channel's share of dL/dT; the first channel writes.
@@ -267,7 +285,8 @@ static inline void store_gradient(const channel_block *block, size_t at, vf grad
     vf_store_u(output->d_transmittance + at, gradient);
 }
 
-// Vertical pass over the derivatives and the gradient of the output rows [first, first + 4) of the block.
+// Vertical pass over the derivatives and the gradient of the output rows [first, first + 4) of the
+// block.
 static void gradient_rows(channel_block *block, int first)
 {
     const sgsi_loss_job *job = block->job;
@@ -286,11 +305,13 @@ static void gradient_rows(channel_block *block, int first)
         for (int r = 0; r < GROUP && first + r < block->height; ++r) {
             const vm real = counted(input, block->x + 16 * k, block->y + first + r, count);
             const int slot = (first + r + 2 * LOSS_RADIUS) & RING_MASK;
-            const size_t at = (size_t)(block->y + first + r) * input->stride + (size_t)(block->x + 16 * k);
+            const size_t at =
+                (size_t)(block->y + first + r) * input->stride + (size_t)(block->x + 16 * k);
             const vf i = vf_load(&s->source[0][slot][LOSS_MARGIN + 16 * k]);
             const vf e = vf_load(&s->source[1][slot][LOSS_MARGIN + 16 * k]);
             const vf e2 = vf_load(&s->source[3][slot][LOSS_MARGIN + 16 * k]);
-            const vf sign = vf_sub(vf_keep(vf_gt(e, zero), l1_scale), vf_keep(vf_lt(e, zero), l1_scale));
+            const vf sign =
+                vf_sub(vf_keep(vf_gt(e, zero), l1_scale), vf_keep(vf_lt(e, zero), l1_scale));
             const vf ssim = vf_fma(i, c[r], vf_fnma(e, b[r], a[r]));
             const vf value = composite(input, block->channel, at);
             const vm free = vm_and(real, vm_and(vf_ge(value, zero), vf_le(value, ceiling)));
@@ -341,13 +362,15 @@ static void run_alpha(const channel_block *block, sgsi_loss_sums *sums)
     const sgsi_loss_input *input = block->job->input;
     const size_t plane = (size_t)input->width * (size_t)input->height;
     const vf zero = vf_zero(), one = vf_set1(1.0f), scale = vf_set1(block->job->alpha_scale);
-    const float *transmittance = input->alpha_transmittance ? input->alpha_transmittance : input->transmittance;
+    const float *transmittance =
+        input->alpha_transmittance ? input->alpha_transmittance : input->transmittance;
     float *d_transmittance = block->job->output->d_transmittance;
     for (int y = block->y; y < block->y + block->height; ++y) {
         vf total = zero;
         for (int x = block->x; x < block->x + block->width; x += 16) {
             const int count = block->x + block->width - x;
-            const size_t at = (size_t)y * input->stride + (size_t)x, pixel = (size_t)y * (size_t)input->width + (size_t)x;
+            const size_t at = (size_t)y * input->stride + (size_t)x,
+                         pixel = (size_t)y * (size_t)input->width + (size_t)x;
             const vf alpha = load_values(input->target, 3 * plane + pixel, count);
             const vf opacity = vf_sub(one, vf_load_u(transmittance + at));
             const vf e = vf_keep(counted(input, x, y, count), vf_sub(opacity, alpha));
@@ -384,12 +407,15 @@ static void run_channel(channel_block *block, sgsi_loss_sums *sums)
 void SGSI_KERNEL(sgsi_loss_block)(const sgsi_loss_job *job, size_t item, sgsi_loss_scratch *scratch,
                                   sgsi_loss_sums *sums)
 {
-    const int column = (int)(item % (size_t)job->blocks_x), row = (int)(item / (size_t)job->blocks_x);
+    const int column = (int)(item % (size_t)job->blocks_x),
+              row = (int)(item / (size_t)job->blocks_x);
     channel_block block = {.job = job, .scratch = scratch};
     block.x = column * job->block_width;
     block.y = row * job->block_height;
-    block.width = job->input->width - block.x < job->block_width ? job->input->width - block.x : job->block_width;
-    block.height = job->input->height - block.y < job->block_height ? job->input->height - block.y : job->block_height;
+    block.width = job->input->width - block.x < job->block_width ? job->input->width - block.x
+                                                                 : job->block_width;
+    block.height = job->input->height - block.y < job->block_height ? job->input->height - block.y
+                                                                    : job->block_height;
     block.output_vectors = (block.width + 15) / 16;
     block.map_vectors = block.output_vectors + 1;
     block.source_vectors = block.output_vectors + 2;

@@ -1,8 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// What the machine can do at best, measured, so that a figure of the bench can be told as a share of it. Every limit is
-// the best of several short trials: a limit is what is possible, not what is usual.
+// What the machine can do at best, measured, so that a figure of the bench can be told as a share
+// of it. Every limit is the best of several short trials: a limit is what is possible, not what is
+// usual.
 
 #include <math.h>
 #include <string.h>
@@ -13,7 +14,13 @@
 #include "sparegs/bench.h"
 #include "threads.h"
 
-enum { TRIALS = 5, ROUNDS = 400000, L2_DEFAULT = 1 << 20, MEMORY_LEAST = 256 << 20, MEMORY_PER_THREAD = 64 << 20 };
+enum {
+    TRIALS = 5,
+    ROUNDS = 400000,
+    L2_DEFAULT = 1 << 20,
+    MEMORY_LEAST = 256 << 20,
+    MEMORY_PER_THREAD = 64 << 20
+};
 
 static const sgsi_limit_kernels *kernels_now(void)
 {
@@ -118,7 +125,9 @@ sgs_status sgs_machine_limits_measure(sgs_machine_limits *limits)
     const size_t floats = bytes / sizeof(float);
     stream_job job = {.kernels = kernels, .data = sgsi_alloc(floats, sizeof(float))};
     if (!job.data)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the %zu MB that the memory bandwidth is measured on", bytes >> 20);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                         "no memory for the %zu MB that the memory bandwidth is measured on",
+                         bytes >> 20);
     sgsi_parallel_ranges(floats, 1 << 18, touch_range, &job);
     limits->l2_bytes = l2 > 0 ? (size_t)l2 : L2_DEFAULT;
     limits->tsc_ghz = measure_tsc();

@@ -1,8 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Bit planes. A pixel counts or it does not: a pixel that is half masked still shows half of what the mask is there to
-// hide, so a pixel of a reduced photograph counts only when every source pixel that it touches does.
+// Bit planes. A pixel counts or it does not: a pixel that is half masked still shows half of what
+// the mask is there to hide, so a pixel of a reduced photograph counts only when every source pixel
+// that it touches does.
 
 #include "mask.h"
 
@@ -30,7 +31,8 @@ static bool take(char *candidate, char **path)
     return candidate != NULL;
 }
 
-sgs_status sgsi_mask_find(const char *root, const char *folder, const char *image_folder, const char *name, char **path)
+sgs_status sgsi_mask_find(const char *root, const char *folder, const char *image_folder,
+                          const char *name, char **path)
 {
     static const char *const usual[] = {"masks", "mask"};
     const char *dot = strrchr(name, '.');
@@ -40,15 +42,17 @@ sgs_status sgsi_mask_find(const char *root, const char *folder, const char *imag
     bool memory = true;
     *path = NULL;
     for (int i = 0; i < (folder ? 1 : 2) && memory && !*path; ++i) {
-        char *base =
-            folder && folder[0] == '/' ? sgsi_strdup(folder) : sgsi_format("%s/%s", root, folder ? folder : usual[i]);
+        char *base = folder && folder[0] == '/'
+                         ? sgsi_strdup(folder)
+                         : sgsi_format("%s/%s", root, folder ? folder : usual[i]);
         memory = base && take(sgsi_format("%s/%.*s.png", base, stem - skip, name + skip), path) &&
                  (*path || take(sgsi_format("%s/%s.png", base, name + skip), path));
         sgsi_free(base);
     }
     if (memory && !*path && !folder)
         memory = take(sgsi_format("%s/%.*s%s", image_folder, stem, name, suffix), path);
-    return memory ? SGS_STATUS_OK : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to look for its mask", name);
+    return memory ? SGS_STATUS_OK
+                  : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to look for its mask", name);
 }
 
 static void fill(uint16_t *keep, int width, int height)
@@ -63,7 +67,8 @@ static sgs_status create(int width, int height, uint16_t **keep)
 {
     *keep = sgsi_alloc(sgsi_mask_words(width) * (size_t)height, sizeof **keep);
     if (!*keep)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a mask of %d x %d pixels", width, height);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a mask of %d x %d pixels", width,
+                         height);
     fill(*keep, width, height);
     return SGS_STATUS_OK;
 }
@@ -91,20 +96,22 @@ static int whiteness(const sgs_image8 *mask, size_t at, size_t plane)
     return mask->channels == 4 ? sum * mask->pixels[3 * plane + at] / (3 * 255) : sum / 3;
 }
 
-sgs_status sgsi_mask_apply_file(sgs_photo *photo, const char *mask_path, const char *photo_path, int file_width,
-                                int file_height, bool invert)
+sgs_status sgsi_mask_apply_file(sgs_photo *photo, const char *mask_path, const char *photo_path,
+                                int file_width, int file_height, bool invert)
 {
     sgs_image8 mask;
     sgs_status status = sgs_image8_read(mask_path, &mask);
     if (status)
         return status;
-    // Reduced photographs may come with masks of the full size; their sides were rounded to whole pixels.
+    // Reduced photographs may come with masks of the full size; their sides were rounded to whole
+    // pixels.
     const double width = (double)mask.width * file_height / mask.height;
     if (mask.width < file_width || width < file_width - 1.0 || width > file_width + 1.0)
-        status = sgsi_fail(SGS_STATUS_FORMAT,
-                           "%s: has %d x %d pixels, but its photograph %s has %d x %d; make them the "
-                           "same size",
-                           mask_path, mask.width, mask.height, photo_path, file_width, file_height);
+        status =
+            sgsi_fail(SGS_STATUS_FORMAT,
+                      "%s: has %d x %d pixels, but its photograph %s has %d x %d; make them the "
+                      "same size",
+                      mask_path, mask.width, mask.height, photo_path, file_width, file_height);
     if (!status)
         status = sgsi_mask_begin(photo);
     const size_t plane = (size_t)mask.width * (size_t)mask.height;
@@ -122,8 +129,8 @@ static bool has_ray(const sgs_camera *camera, int x, int y)
     return sgs_camera_unproject(camera, (double[2]){x + 0.5, y + 0.5}, direction);
 }
 
-// The image of a lens is the image of a disc under a continuous injection: it has no holes. So a border inside of it
-// says that everything is.
+// The image of a lens is the image of a disc under a continuous injection: it has no holes. So a
+// border inside of it says that everything is.
 static bool border_has_rays(const sgs_camera *camera)
 {
     for (int x = 0; x < camera->width; ++x)

@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Which pixels of a photograph count: bit planes (sgs_photo.keep) from mask files, alpha channels and lenses. Knows no
-// scene and no loss.
+// Which pixels of a photograph count: bit planes (sgs_photo.keep) from mask files, alpha channels
+// and lenses. Knows no scene and no loss.
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -23,10 +23,11 @@ static inline bool sgsi_mask_keeps(const uint16_t *keep, int width, int x, int y
     return !keep || (keep[(size_t)y * sgsi_mask_words(width) + (size_t)x / 16] >> x % 16 & 1);
 }
 
-// The file of the mask for the photograph NAME (relative to image_folder), NULL in *path when there is none. `root` is
-// where the folders `masks` and `mask` are looked for, `folder` replaces them (relative to root, or absolute).
-sgs_status sgsi_mask_find(const char *root, const char *folder, const char *image_folder, const char *name,
-                          char **path);
+// The file of the mask for the photograph NAME (relative to image_folder), NULL in *path when there
+// is none. `root` is where the folders `masks` and `mask` are looked for, `folder` replaces them
+// (relative to root, or absolute).
+sgs_status sgsi_mask_find(const char *root, const char *folder, const char *image_folder,
+                          const char *name, char **path);
 
 // True for names that sgsi_mask_find takes for masks beside photographs: STEM_mask.png.
 bool sgsi_mask_is_name(const char *name);
@@ -34,10 +35,10 @@ bool sgsi_mask_is_name(const char *name);
 // Sets photo->keep to a plane that keeps everything, unless there is one.
 sgs_status sgsi_mask_begin(sgs_photo *photo);
 
-// Drops what a file masks. file_width x file_height is the size of the photograph's file, of which the mask must have
-// the size or an enlargement. Fails with FORMAT and both names otherwise.
-sgs_status sgsi_mask_apply_file(sgs_photo *photo, const char *mask_path, const char *photo_path, int file_width,
-                                int file_height, bool invert);
+// Drops what a file masks. file_width x file_height is the size of the photograph's file, of which
+// the mask must have the size or an enlargement. Fails with FORMAT and both names otherwise.
+sgs_status sgsi_mask_apply_file(sgs_photo *photo, const char *mask_path, const char *photo_path,
+                                int file_width, int file_height, bool invert);
 
 // Drops the pixels that source pixel (x, y) of a width x height image overlaps. Needs a plane.
 void sgsi_mask_drop(sgs_photo *photo, int width, int height, int x, int y);

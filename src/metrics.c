@@ -1,13 +1,14 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Image quality as the 3DGS papers measure it: the rendered image is rounded to 8 bits as if it had been
-// saved as PNG, then compared with the 8-bit photograph by PSNR and SSIM over three channels.
+// Image quality as the 3DGS papers measure it: the rendered image is rounded to 8 bits as if it had
+// been saved as PNG, then compared with the 8-bit photograph by PSNR and SSIM over three channels.
 //
-// SSIM uses the window of the training loss (11 x 11 Gaussian, sigma 1.5, zero outside the image and not
-// renormalised there, C1 = 1e-4, C2 = 9e-4 for values in [0, 1]); numbers are therefore a little higher at the
-// borders than those of tools that only count whole windows. It is computed in double by two separable passes,
-// in strips of rows whose sums are added in order, so the result does not depend on the number of threads.
+// SSIM uses the window of the training loss (11 x 11 Gaussian, sigma 1.5, zero outside the image
+// and not renormalised there, C1 = 1e-4, C2 = 9e-4 for values in [0, 1]); numbers are therefore a
+// little higher at the borders than those of tools that only count whole windows. It is computed in
+// double by two separable passes, in strips of rows whose sums are added in order, so the result
+// does not depend on the number of threads.
 
 #include "sparegs/metrics.h"
 
@@ -20,7 +21,7 @@
 
 enum { RADIUS = 5, STRIP_ROWS = 16, WINDOW_ROWS = STRIP_ROWS + 2 * RADIUS, MOMENTS = 5 };
 
-// ---------------------------------------------------------------------------------------------------------
+// -------------------------------------------------------------------------------------------------
 // Quantisation.
 
 typedef struct quantise_job {
@@ -46,34 +47,38 @@ static void quantise_range(void *context, size_t begin, size_t end, int thread)
         const float *const color = job->color[c];
         uint8_t *const out = job->pixels + (size_t)c * job->plane;
         for (size_t i = begin; i < end; ++i)
-            out[i] = quantise(job->transmittance ? color[i] + job->transmittance[i] * background : color[i]);
+            out[i] = quantise(job->transmittance ? color[i] + job->transmittance[i] * background
+                                                 : color[i]);
     }
 }
 
-sgs_status sgs_image8_from_planes(const float *const color[3], const float *transmittance, const float background[3],
-                                  int width, int height, sgs_image8 *out)
+sgs_status sgs_image8_from_planes(const float *const color[3], const float *transmittance,
+                                  const float background[3], int width, int height, sgs_image8 *out)
 {
     *out = (sgs_image8){0};
-    if (width < 1 || height < 1 || !color || !color[0] || !color[1] || !color[2] || (transmittance && !background))
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "quantising an image of %d x %d pixels: a plane is missing",
-                         width, height);
+    if (width < 1 || height < 1 || !color || !color[0] || !color[1] || !color[2] ||
+        (transmittance && !background))
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                         "quantising an image of %d x %d pixels: a plane is missing", width,
+                         height);
     const size_t plane = (size_t)width * (size_t)height;
     uint8_t *pixels = sgsi_alloc(3, plane);
     if (!pixels)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for an image of %d x %d pixels", width, height);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for an image of %d x %d pixels",
+                         width, height);
     quantise_job job = {color, transmittance, background, plane, pixels};
     sgsi_parallel_ranges(plane, 1 << 16, quantise_range, &job);
     *out = (sgs_image8){width, height, 3, pixels};
     return SGS_STATUS_OK;
 }
 
-// ---------------------------------------------------------------------------------------------------------
+// -------------------------------------------------------------------------------------------------
 // PSNR.
 
 static bool comparable(const sgs_image8 *a, const sgs_image8 *b)
 {
-    return a->pixels && b->pixels && a->width == b->width && a->height == b->height && a->width > 0 && a->height > 0 &&
-           a->channels >= 3 && b->channels >= 3;
+    return a->pixels && b->pixels && a->width == b->width && a->height == b->height &&
+           a->width > 0 && a->height > 0 && a->channels >= 3 && b->channels >= 3;
 }
 
 double sgs_psnr_masked(const sgs_image8 *a, const sgs_image8 *b, const uint16_t *keep)
@@ -83,7 +88,8 @@ double sgs_psnr_masked(const sgs_image8 *a, const sgs_image8 *b, const uint16_t 
     const size_t plane = (size_t)a->width * (size_t)a->height;
     uint64_t sum = 0, values = 0; // exact
     for (size_t i = 0; i < plane; ++i) {
-        if (keep && !sgsi_mask_keeps(keep, a->width, (int)(i % (size_t)a->width), (int)(i / (size_t)a->width)))
+        if (keep && !sgsi_mask_keeps(keep, a->width, (int)(i % (size_t)a->width),
+                                     (int)(i / (size_t)a->width)))
             continue;
         for (size_t c = 0; c < 3; ++c) {
             const int difference = (int)a->pixels[c * plane + i] - (int)b->pixels[c * plane + i];
@@ -101,7 +107,7 @@ double sgs_psnr(const sgs_image8 *a, const sgs_image8 *b)
     return sgs_psnr_masked(a, b, NULL);
 }
 
-// ---------------------------------------------------------------------------------------------------------
+// -------------------------------------------------------------------------------------------------
 // SSIM.
 
 typedef struct ssim_job {
@@ -140,7 +146,8 @@ static void load_lines(const ssim_job *job, size_t row, double *lines)
     }
 }
 
-static void smooth_line(const double window[RADIUS + 1], const double *line, size_t width, double *out)
+static void smooth_line(const double window[RADIUS + 1], const double *line, size_t width,
+                        double *out)
 {
     for (size_t x = 0; x < width; ++x) {
         double sum = window[0] * line[x + RADIUS];
@@ -159,10 +166,12 @@ static inline double smooth_down(const double window[RADIUS + 1], const double *
     return sum;
 }
 
-static inline double similarity(double m1, double m2, double square1, double square2, double product)
+static inline double similarity(double m1, double m2, double square1, double square2,
+                                double product)
 {
     const double c1 = 1e-4, c2 = 9e-4;
-    const double variance1 = square1 - m1 * m1, variance2 = square2 - m2 * m2, covariance = product - m1 * m2;
+    const double variance1 = square1 - m1 * m1, variance2 = square2 - m2 * m2,
+                 covariance = product - m1 * m2;
     return (2.0 * m1 * m2 + c1) * (2.0 * covariance + c2) /
            ((m1 * m1 + m2 * m2 + c1) * (variance1 + variance2 + c2));
 }
@@ -230,7 +239,8 @@ double sgs_ssim_masked(const sgs_image8 *a, const sgs_image8 *b, const uint16_t 
     const size_t items = 3 * job.strips, scratch = (size_t)sgsi_threads() * scratch_size(job.pitch);
     job.scratch = sgsi_alloc(scratch + items, sizeof(double));
     if (!job.scratch) {
-        sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the SSIM of %d x %d pixels", a->width, a->height);
+        sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the SSIM of %d x %d pixels", a->width,
+                  a->height);
         return NAN;
     }
     job.sums = job.scratch + scratch;
@@ -241,6 +251,7 @@ double sgs_ssim_masked(const sgs_image8 *a, const sgs_image8 *b, const uint16_t 
     sgsi_free(job.scratch);
     size_t kept = (size_t)a->width * (size_t)a->height;
     for (size_t i = 0; keep && i < (size_t)a->width * (size_t)a->height; ++i)
-        kept -= !sgsi_mask_keeps(keep, a->width, (int)(i % (size_t)a->width), (int)(i / (size_t)a->width));
+        kept -= !sgsi_mask_keeps(keep, a->width, (int)(i % (size_t)a->width),
+                                 (int)(i / (size_t)a->width));
     return kept ? sum / (3.0 * (double)kept) : NAN;
 }

@@ -1,9 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Normals of primitives. A trained Gaussian lies flat on the surface that it shows, so its shortest axis is the
-// best guess of the surface's normal; the sign is the one that faces the camera. Once per view and primitive, in plain
-// C: a hundredth of what the hits of the view cost.
+// Normals of primitives. A trained Gaussian lies flat on the surface that it shows, so its shortest
+// axis is the best guess of the surface's normal; the sign is the one that faces the camera. Once
+// per view and primitive, in plain C: a hundredth of what the hits of the view cost.
 
 #include "normals.h"
 
@@ -19,11 +19,12 @@ typedef struct normals_job {
     float *normals;
 } normals_job;
 
-// Column `k` of the rotation of a quaternion (w, x, y, z) of any norm; a zero quaternion is the identity.
+// Column `k` of the rotation of a quaternion (w, x, y, z) of any norm; a zero quaternion is the
+// identity.
 static void rotation_column(const float stored[4], int k, float column[3])
 {
-    const float norm =
-        sqrtf(stored[0] * stored[0] + stored[1] * stored[1] + stored[2] * stored[2] + stored[3] * stored[3]);
+    const float norm = sqrtf(stored[0] * stored[0] + stored[1] * stored[1] + stored[2] * stored[2] +
+                             stored[3] * stored[3]);
     const float scale = norm > 1e-15f ? 1.0f / norm : 0.0f;
     const float w = scale > 0.0f ? stored[0] * scale : 1.0f;
     const float v[3] = {stored[1] * scale, stored[2] * scale, stored[3] * scale};
@@ -42,7 +43,8 @@ static void fill_range(void *context, size_t begin, size_t end, int thread)
         const float *row = sgs_gaussians_at(job->model, n, 0);
         int shortest = 0;
         for (int k = 1; k < 3; ++k)
-            if (row[(SGS_PARAM_SCALE + k) * SGS_LANES] < row[(SGS_PARAM_SCALE + shortest) * SGS_LANES])
+            if (row[(SGS_PARAM_SCALE + k) * SGS_LANES] <
+                row[(SGS_PARAM_SCALE + shortest) * SGS_LANES])
                 shortest = k;
         float quaternion[4], axis[3], along = 0.0f;
         for (int k = 0; k < 4; ++k)

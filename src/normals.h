@@ -6,6 +6,7 @@
 
 #include "sparegs/gaussians.h"
 
-// normals [model->count][4], world axes, unit, the fourth 0. Of equally short axes the first is taken; a primitive at
-// `center` keeps the axis's own sign, one without a finite rotation gets 0. Cannot fail.
+// normals [model->count][4], world axes, unit, the fourth 0. Of equally short axes the first is
+// taken; a primitive at `center` keeps the axis's own sign, one without a finite rotation gets 0.
+// Cannot fail.
 void sgsi_normals_fill(const sgs_gaussians *model, const float center[3], float *normals);

@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Reports of steps and gradients that were not finite. The sums of a step stay where they are until the next one, so
-// the kernel can be asked again, block by block, which of them it refused.
+// Reports of steps and gradients that were not finite. The sums of a step stay where they are until
+// the next one, so the kernel can be asked again, block by block, which of them it refused.
 
 #include "numerics.h"
 
@@ -18,8 +18,8 @@ void sgsi_skip_step(sgsi_skipped *skipped, int iteration, const char *view, doub
 {
     ++skipped->steps;
     if (is_due(skipped))
-        sgsi_warn("iteration %d, view %s: the loss is %g; the step is skipped (%llu so far)", iteration, view, loss,
-                  (unsigned long long)skipped->steps);
+        sgsi_warn("iteration %d, view %s: the loss is %g; the step is skipped (%llu so far)",
+                  iteration, view, loss, (unsigned long long)skipped->steps);
 }
 
 // First row that the kernel refuses, or count.
@@ -31,7 +31,8 @@ static size_t first_refused(const sgsi_optimize *input)
     for (size_t block = 0; 16 * block < input->count; ++block) {
         if (!input->touched[block] || !sgsi_kernels_get()->optimize(&question, block, block + 1))
             continue;
-        // One row at a time: the rows of a block before and behind it have no hits in a copy of the sums.
+        // One row at a time: the rows of a block before and behind it have no hits in a copy of the
+        // sums.
         for (size_t lane = 0; lane < 16 && 16 * block + lane < input->count; ++lane) {
             float sums[16 * 16] __attribute__((aligned(64))) = {0};
             for (int k = 0; k < 16; ++k)
@@ -58,9 +59,9 @@ void sgsi_skip_gradients(sgsi_skipped *skipped, int iteration, const char *view,
     const size_t first = first_refused(input);
     const float *mean = input->params + first / 16 * SGS_PARAM_COUNT * SGS_LANES + first % 16;
     if (first < input->count)
-        sgsi_warn(
-            "iteration %d, view %s: the gradients of %zu primitive(s) are not finite, the first is primitive %zu at "
-            "(%g, %g, %g); they are left as they were (%llu so far)",
-            iteration, view, rows, first, (double)mean[0], (double)mean[16], (double)mean[32],
-            (unsigned long long)skipped->gradients);
+        sgsi_warn("iteration %d, view %s: the gradients of %zu primitive(s) are not finite, the "
+                  "first is primitive %zu at "
+                  "(%g, %g, %g); they are left as they were (%llu so far)",
+                  iteration, view, rows, first, (double)mean[0], (double)mean[16], (double)mean[32],
+                  (unsigned long long)skipped->gradients);
 }

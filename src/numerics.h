@@ -2,8 +2,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// What happens to numbers that are not finite in a training step. The hot path only counts them (the kernel compares
-// one sum per row); finding out whose they are is left to here, after the fact.
+// What happens to numbers that are not finite in a training step. The hot path only counts them
+// (the kernel compares one sum per row); finding out whose they are is left to here, after the
+// fact.
 
 #include "kernels.h"
 
@@ -17,6 +18,7 @@ typedef struct sgsi_skipped {
 // Counts a step whose loss is not finite and warns, naming iteration and view.
 void sgsi_skip_step(sgsi_skipped *skipped, int iteration, const char *view, double loss);
 
-// Counts `rows` rows that the optimiser left alone and warns, naming the first primitive among them.
+// Counts `rows` rows that the optimiser left alone and warns, naming the first primitive among
+// them.
 void sgsi_skip_gradients(sgsi_skipped *skipped, int iteration, const char *view, size_t rows,
                          const sgsi_optimize *input);

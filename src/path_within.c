@@ -41,7 +41,8 @@ sgs_status sgsi_roots_check(const sgsi_roots *roots, const char *path)
         below = below || (roots->path[i] && is_below(real, roots->path[i]));
     const sgs_status status =
         below ? SGS_STATUS_OK
-              : sgsi_fail(SGS_STATUS_FORMAT, "%s: a link leads out of the data set, to %s; put the file itself there",
+              : sgsi_fail(SGS_STATUS_FORMAT,
+                          "%s: a link leads out of the data set, to %s; put the file itself there",
                           path, real);
     free(real);
     return status;

@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Holds files that a data set names to the folders the user named. Names with ".." are refused where they are read
-// (dataset.h); this finds what symbolic links would lead out.
+// Holds files that a data set names to the folders the user named. Names with ".." are refused
+// where they are read (dataset.h); this finds what symbolic links would lead out.
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -21,5 +21,6 @@ typedef struct sgsi_roots {
 void sgsi_roots_add(sgsi_roots *roots, const char *folder);
 void sgsi_roots_free(sgsi_roots *roots);
 
-// FORMAT, with a sentence that names where `path` leads, if it exists and lies in none of the folders. Any thread.
+// FORMAT, with a sentence that names where `path` leads, if it exists and lies in none of the
+// folders. Any thread.
 sgs_status sgsi_roots_check(const sgsi_roots *roots, const char *path);

@@ -3,10 +3,11 @@
 
 // Decode, reduce, mask: in this order, so that a mask speaks of the photograph's own pixels.
 //
-// 8-bit sRGB photographs are bytes and stay bytes. All others become half-float numbers: 11 bits of precision are more
-// than 8-bit sRGB has anywhere, and the range holds 30 stops. They are averaged as the file stores them (linear files
-// in linear light), divided by the scene's white where they are linear, and only then encoded. So the unit of the light
-// does not matter: the same scene times eight has eight times the white and the same values.
+// 8-bit sRGB photographs are bytes and stay bytes. All others become half-float numbers: 11 bits of
+// precision are more than 8-bit sRGB has anywhere, and the range holds 30 stops. They are averaged
+// as the file stores them (linear files in linear light), divided by the scene's white where they
+// are linear, and only then encoded. So the unit of the light does not matter: the same scene times
+// eight has eight times the white and the same values.
 
 #include "photo.h"
 
@@ -42,7 +43,8 @@ static bool stays_bytes(const sgsi_image_info *info, sgs_space space)
 size_t sgsi_photo_bytes(const sgsi_image_info *info, sgs_space space, int width, int height)
 {
     const size_t values = (size_t)width * (size_t)height * (size_t)info->channels;
-    return values * (stays_bytes(info, space) ? 1 : 2) + sgsi_mask_words(width) * (size_t)height * sizeof(uint16_t);
+    return values * (stays_bytes(info, space) ? 1 : 2) +
+           sgsi_mask_words(width) * (size_t)height * sizeof(uint16_t);
 }
 
 static sgs_status read_pixels(const sgsi_photo_source *source, sgs_image8 *image)
@@ -57,13 +59,16 @@ static sgs_status read_pixels(const sgsi_photo_source *source, sgs_image8 *image
     return status;
 }
 
-// ---- Photographs of floats: area averages row by row, so that the floats never exist as a whole ----
+// ---- Photographs of floats: area averages row by row, so that the floats never exist as a whole
+// ----
 
 typedef struct reducer {
     const sgsi_photo_source *source;
     const sgsi_image_info *info;
     sgs_photo *photo;
-    float *across, *sum; // [width * channels]: one source row reduced to the width; the output row in the making
+    float *across,
+        *sum; // [width * channels]: one source row reduced to the width; the output row in the
+              // making
     size_t broken;
     sgs_status status;
 } reducer;
@@ -94,7 +99,8 @@ static void reduce_across(reducer *r, int y, const float *row)
             continue;
         }
         const int first = (int)((int64_t)x * out_width / width);
-        for (int j = first; j < out_width && (int64_t)j * width < (int64_t)(x + 1) * out_width; ++j) {
+        for (int j = first; j < out_width && (int64_t)j * width < (int64_t)(x + 1) * out_width;
+             ++j) {
             const float weight = overlap(x, j, width, out_width);
             float *out = r->across + (size_t)j * (size_t)channels;
             for (int c = 0; c < channels; ++c)
@@ -123,7 +129,8 @@ static void finish_row(const reducer *r, int j)
         uint16_t *out = r->photo->halves + (size_t)j * width + x;
         const float alpha = channels == 4 ? in[3] : 1.0f;
         for (size_t c = 0; c < 3; ++c)
-            out[c * plane] = sgsi_half_from_float(into_space(r, alpha > 0.0f ? in[c] / alpha : 0.0f));
+            out[c * plane] =
+                sgsi_half_from_float(into_space(r, alpha > 0.0f ? in[c] / alpha : 0.0f));
         if (channels == 4)
             out[3 * plane] = sgsi_half_from_float(alpha < 1.0f ? alpha : 1.0f);
     }
@@ -136,7 +143,8 @@ static void take_row(void *context, int y, const float *row)
     const size_t floats = (size_t)r->photo->width * (size_t)r->info->channels;
     reduce_across(r, y, row);
     const int first = (int)((int64_t)y * out_height / height);
-    for (int j = first; j < out_height && (int64_t)j * height < (int64_t)(y + 1) * out_height; ++j) {
+    for (int j = first; j < out_height && (int64_t)j * height < (int64_t)(y + 1) * out_height;
+         ++j) {
         const float weight = overlap(y, j, height, out_height);
         if ((int64_t)y * out_height <= (int64_t)j * height)
             memset(r->sum, 0, floats * sizeof *r->sum); // the first source row of this output row
@@ -147,18 +155,21 @@ static void take_row(void *context, int y, const float *row)
     }
 }
 
-static sgs_status read_floats(const sgsi_photo_source *source, const sgsi_image_info *info, sgs_photo *photo,
-                              size_t *broken)
+static sgs_status read_floats(const sgsi_photo_source *source, const sgsi_image_info *info,
+                              sgs_photo *photo, size_t *broken)
 {
-    *photo = (sgs_photo){
-        .width = source->width, .height = source->height, .channels = info->channels, .bright = info->linear};
+    *photo = (sgs_photo){.width = source->width,
+                         .height = source->height,
+                         .channels = info->channels,
+                         .bright = info->linear};
     const size_t row = (size_t)photo->width * (size_t)info->channels;
     reducer r = {.source = source, .info = info, .photo = photo};
     photo->halves = sgsi_alloc(row * (size_t)photo->height, sizeof *photo->halves);
     r.across = sgsi_alloc(2 * row, sizeof *r.across);
     sgs_status status = SGS_STATUS_OK;
     if (!photo->halves || !r.across) {
-        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory for the image", source->image_path);
+        status =
+            sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory for the image", source->image_path);
     } else {
         r.sum = r.across + row;
         status = sgsi_oiio_read_rows(source->image_path, source->colorspace, take_row, &r);
@@ -172,7 +183,8 @@ static sgs_status read_floats(const sgsi_photo_source *source, const sgsi_image_
 
 static float alpha_at(const sgs_photo *photo, size_t at)
 {
-    return photo->pixels ? (float)photo->pixels[at] / 255.0f : sgsi_half_to_float(photo->halves[at]);
+    return photo->pixels ? (float)photo->pixels[at] / 255.0f
+                         : sgsi_half_to_float(photo->halves[at]);
 }
 
 // The alpha channel as a mask. Its plane is the last one and simply stays behind unused.
@@ -200,12 +212,15 @@ static sgs_status read_photo(const sgsi_photo_source *source, sgs_photo *photo, 
         return read_floats(source, &info, photo, broken);
     status = read_pixels(source, &image);
     if (!status)
-        *photo = (sgs_photo){
-            .width = image.width, .height = image.height, .channels = image.channels, .pixels = image.pixels};
+        *photo = (sgs_photo){.width = image.width,
+                             .height = image.height,
+                             .channels = image.channels,
+                             .pixels = image.pixels};
     return status;
 }
 
-sgs_status sgsi_photo_load(const sgsi_photo_source *source, sgs_photo *photo, sgsi_photo_report *report)
+sgs_status sgsi_photo_load(const sgsi_photo_source *source, sgs_photo *photo,
+                           sgsi_photo_report *report)
 {
     *photo = (sgs_photo){0};
     *report = (sgsi_photo_report){0};
@@ -215,8 +230,8 @@ sgs_status sgsi_photo_load(const sgsi_photo_source *source, sgs_photo *photo, sg
     if (photo->channels == 4 && source->alpha != SGS_ALPHA_OVER)
         photo->channels = 3;
     if (!status && source->mask_path) {
-        status = sgsi_mask_apply_file(photo, source->mask_path, source->image_path, source->file_width,
-                                      source->file_height, source->invert_mask);
+        status = sgsi_mask_apply_file(photo, source->mask_path, source->image_path,
+                                      source->file_width, source->file_height, source->invert_mask);
         report->mask_failed = status != SGS_STATUS_OK;
     }
     if (!status)

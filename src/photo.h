@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// One photograph on its way from its files into memory: decoded, reduced, masked. Can be repeated at any time with the
-// same result. Knows no scene.
+// One photograph on its way from its files into memory: decoded, reduced, masked. Can be repeated
+// at any time with the same result. Knows no scene.
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -30,9 +30,11 @@ typedef struct sgsi_photo_report {
 } sgsi_photo_report;
 
 // Fails as sgs_image8_read does when the photograph cannot be read. On failure the photo is empty.
-sgs_status sgsi_photo_load(const sgsi_photo_source *source, sgs_photo *photo, sgsi_photo_report *report);
+sgs_status sgsi_photo_load(const sgsi_photo_source *source, sgs_photo *photo,
+                           sgsi_photo_report *report);
 
-// How bright the pixels of linear photographs are: counts of max(R, G, B) > 0 by 32nds of an octave.
+// How bright the pixels of linear photographs are: counts of max(R, G, B) > 0 by 32nds of an
+// octave.
 enum {
     SGSI_LIGHT_OCTAVE = 32,
     SGSI_LIGHT_LOW = -40, // octaves

@@ -1,10 +1,11 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// One lock guards the states; decoding happens outside of it. A photograph is ABSENT, EXPECTED (announced, waiting for
-// the thread), DECODING (by the thread or the caller) or READY. Room is made before decoding begins: bytes are counted
-// from then on. Three photographs are never dropped: the one in use, those being decoded, and those announced and ready
-// but not yet asked for, of which there are few.
+// One lock guards the states; decoding happens outside of it. A photograph is ABSENT, EXPECTED
+// (announced, waiting for the thread), DECODING (by the thread or the caller) or READY. Room is
+// made before decoding begins: bytes are counted from then on. Three photographs are never dropped:
+// the one in use, those being decoded, and those announced and ready but not yet asked for, of
+// which there are few.
 
 #include "photo_cache.h"
 
@@ -49,15 +50,16 @@ static void drop(sgsi_photo_cache *cache, entry *e)
     e->awaited = false;
 }
 
-// Drops the least recently used photographs until `bytes` more fit, or nothing can go any more. Returns whether they
-// fit.
+// Drops the least recently used photographs until `bytes` more fit, or nothing can go any more.
+// Returns whether they fit.
 static bool make_room(sgsi_photo_cache *cache, size_t bytes, bool awaited_too)
 {
     while (cache->bytes + bytes > cache->limit) {
         entry *oldest = NULL;
         for (size_t i = 0; i < cache->count; ++i) {
             entry *e = &cache->entries[i];
-            const bool kept = e->state != READY || i == cache->current || (e->awaited && !awaited_too);
+            const bool kept =
+                e->state != READY || i == cache->current || (e->awaited && !awaited_too);
             if (!kept && (!oldest || e->used < oldest->used))
                 oldest = e;
         }
@@ -96,7 +98,8 @@ static void *decode_ahead(void *context)
     while (!cache->stop) {
         entry *next = cache->queued ? &cache->entries[cache->queue[0]] : NULL;
         // Without room for one more beside those that wait, wait until they are used.
-        if (!next || (next->state == EXPECTED && !make_room(cache, next->bytes, false) && cache->bytes > 0)) {
+        if (!next || (next->state == EXPECTED && !make_room(cache, next->bytes, false) &&
+                      cache->bytes > 0)) {
             pthread_cond_wait(&cache->changed, &cache->lock);
             continue;
         }
@@ -109,8 +112,8 @@ static void *decode_ahead(void *context)
     return NULL;
 }
 
-sgs_status sgsi_photo_cache_create(const sgsi_photo_source *sources, const size_t *bytes, size_t count, size_t limit,
-                                   sgsi_photo_cache **cache)
+sgs_status sgsi_photo_cache_create(const sgsi_photo_source *sources, const size_t *bytes,
+                                   size_t count, size_t limit, sgsi_photo_cache **cache)
 {
     *cache = sgsi_calloc(1, sizeof **cache + count * sizeof(entry));
     if (!*cache)
@@ -129,7 +132,8 @@ sgs_status sgsi_photo_cache_create(const sgsi_photo_source *sources, const size_
         pthread_mutex_destroy(&made->lock);
         sgsi_free(made);
         *cache = NULL;
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "the thread of the image cache cannot be started");
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                         "the thread of the image cache cannot be started");
     }
     return SGS_STATUS_OK;
 }
@@ -160,7 +164,8 @@ sgs_status sgsi_photo_cache_get(sgsi_photo_cache *cache, size_t index, const sgs
     cache->current = index;
     while (e->state == DECODING)
         pthread_cond_wait(&cache->changed, &cache->lock);
-    if (e->state != READY) { // also when the thread has not come to it yet: its place in the queue is then void
+    if (e->state !=
+        READY) { // also when the thread has not come to it yet: its place in the queue is then void
         (void)make_room(cache, e->bytes, true);
         decode(cache, e);
     }

@@ -14,10 +14,8 @@
 const sgsi_pipeline *sgsi_pipeline_get(sgs_pipeline pipeline)
 {
     static const sgsi_pipeline *const pipelines[] = {
-        [SGS_PIPELINE_3DGS] = &sgsi_pipeline_3dgs,
-        [SGS_PIPELINE_MIP] = &sgsi_pipeline_mip,
-        [SGS_PIPELINE_TAMING] = &sgsi_pipeline_taming,
-        [SGS_PIPELINE_DASH] = &sgsi_pipeline_dash,
+        [SGS_PIPELINE_3DGS] = &sgsi_pipeline_3dgs,     [SGS_PIPELINE_MIP] = &sgsi_pipeline_mip,
+        [SGS_PIPELINE_TAMING] = &sgsi_pipeline_taming, [SGS_PIPELINE_DASH] = &sgsi_pipeline_dash,
         [SGS_PIPELINE_FASTGS] = &sgsi_pipeline_fastgs,
     };
     return pipelines[pipeline];
@@ -50,7 +48,8 @@ static void sift_down(ranked_row *heap, size_t count, size_t at)
 }
 
 // A heap of the best so far, its root the worst of them.
-sgs_status sgsi_select_best(const double *score, const uint8_t *eligible, size_t count, size_t wanted, uint8_t *chosen)
+sgs_status sgsi_select_best(const double *score, const uint8_t *eligible, size_t count,
+                            size_t wanted, uint8_t *chosen)
 {
     memset(chosen, 0, count);
     if (!wanted)
@@ -79,8 +78,8 @@ sgs_status sgsi_select_best(const double *score, const uint8_t *eligible, size_t
     return SGS_STATUS_OK;
 }
 
-sgs_status sgsi_select_weighted(const double *weight, const uint8_t *eligible, size_t count, size_t wanted,
-                                uint64_t seed, uint8_t *chosen)
+sgs_status sgsi_select_weighted(const double *weight, const uint8_t *eligible, size_t count,
+                                size_t wanted, uint64_t seed, uint8_t *chosen)
 {
     double *key = sgsi_alloc(count ? count : 1, sizeof *key);
     if (!key)
@@ -92,9 +91,11 @@ sgs_status sgsi_select_weighted(const double *weight, const uint8_t *eligible, s
     return status;
 }
 
-sgs_status sgsi_prune_stochastic(const sgsi_density_options *options, sgsi_density_columns *c, const double *weight)
+sgs_status sgsi_prune_stochastic(const sgsi_density_options *options, sgsi_density_columns *c,
+                                 const double *weight)
 {
-    uint8_t *stays = sgsi_alloc(c->count ? c->count : 1, 1), *chosen = sgsi_alloc(c->count ? c->count : 1, 1);
+    uint8_t *stays = sgsi_alloc(c->count ? c->count : 1, 1),
+            *chosen = sgsi_alloc(c->count ? c->count : 1, 1);
     sgs_status status = stays && chosen ? SGS_STATUS_OK : SGS_STATUS_OUT_OF_MEMORY;
     size_t outlived = 0;
     for (size_t i = 0; i < c->count && !status; ++i) {

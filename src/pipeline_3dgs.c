@@ -1,13 +1,15 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// 3D Gaussian Splatting's density control (Kerbl et al., 2023; specs of 3DGS, section 9): primitives whose projected
-// centre is pulled hard are cloned where small and split where large; faint and, after the first reset, oversized ones
-// go, new rows included. SPARE-GS: w multiplies the mean gradient; the redundancy mask joins the prune.
+// 3D Gaussian Splatting's density control (Kerbl et al., 2023; specs of 3DGS, section 9):
+// primitives whose projected centre is pulled hard are cloned where small and split where large;
+// faint and, after the first reset, oversized ones go, new rows included. SPARE-GS: w multiplies
+// the mean gradient; the redundancy mask joins the prune.
 
 #include "pipeline.h"
 
-static sgs_status decide(const sgsi_density_options *options, sgsi_density_columns *c, sgsi_density_result *result)
+static sgs_status decide(const sgsi_density_options *options, sgsi_density_columns *c,
+                         sgsi_density_result *result)
 {
     const float threshold = (float)options->gradient_threshold;
     for (size_t i = 0; i < c->count; ++i) {

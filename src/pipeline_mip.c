@@ -1,11 +1,12 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Mip-Splatting (Yu et al., 2024; specs of Mip-Splatting, sections 3 and 4): 3DGS's density control on two
-// gradients. A primitive is pulled hard when its mean gradient reaches tau, or when its mean absolute gradient (summed
-// over pixels without cancelling) is among the largest: the threshold Q is the quantile that lets as many pass as pass
-// tau. Sizes and opacities are the stored ones, without the 3D filter.
-// SPARE-GS: tau and Q come from the unweighted gradients; w multiplies both before they are compared.
+// Mip-Splatting (Yu et al., 2024; specs of Mip-Splatting, sections 3 and 4): 3DGS's density control
+// on two gradients. A primitive is pulled hard when its mean gradient reaches tau, or when its mean
+// absolute gradient (summed over pixels without cancelling) is among the largest: the threshold Q
+// is the quantile that lets as many pass as pass tau. Sizes and opacities are the stored ones,
+// without the 3D filter. SPARE-GS: tau and Q come from the unweighted gradients; w multiplies both
+// before they are compared.
 
 #include "pipeline.h"
 
@@ -31,12 +32,14 @@ static sgs_status upper_quantile(const float *values, size_t count, double share
     qsort(sorted, count, sizeof *sorted, by_value);
     const double at = (1.0 - share) * (double)(count ? count - 1 : 0);
     const size_t below = (size_t)at, above = below + 1 < count ? below + 1 : below;
-    *quantile = (float)((double)sorted[below] + (at - (double)below) * ((double)sorted[above] - (double)sorted[below]));
+    *quantile = (float)((double)sorted[below] +
+                        (at - (double)below) * ((double)sorted[above] - (double)sorted[below]));
     sgsi_free(sorted);
     return SGS_STATUS_OK;
 }
 
-static sgs_status decide(const sgsi_density_options *options, sgsi_density_columns *c, sgsi_density_result *result)
+static sgs_status decide(const sgsi_density_options *options, sgsi_density_columns *c,
+                         sgsi_density_result *result)
 {
     const float threshold = (float)options->gradient_threshold;
     size_t pulled = 0;
@@ -45,7 +48,8 @@ static sgs_status decide(const sgsi_density_options *options, sgsi_density_colum
     if (!c->count)
         return SGS_STATUS_OK;
     float quantile = 0.0f;
-    const sgs_status status = upper_quantile(c->absolute, c->count, (double)pulled / (double)c->count, &quantile);
+    const sgs_status status =
+        upper_quantile(c->absolute, c->count, (double)pulled / (double)c->count, &quantile);
     if (status)
         return status;
     for (size_t i = 0; i < c->count; ++i) {

@@ -1,22 +1,25 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Taming 3DGS (Mallick et al., 2024; specs of Taming, sections 1 to 5): the number of primitives follows a
-// parabola to a budget, and who is cloned or split is drawn by an importance that sums up ten views.
+// Taming 3DGS (Mallick et al., 2024; specs of Taming, sections 1 to 5): the number of primitives
+// follows a parabola to a budget, and who is cloned or split is drawn by an importance that sums up
+// ten views.
 //
-// Count: S primitives at first, B in the end, n updates: c(x) = B - (B - S) (1 - x / n)^2. Update j may grow to
-// min(c(j + 1), N + qualifiers), shared between clones and splits like their qualifiers (mean gradient >= tau).
+// Count: S primitives at first, B in the end, n updates: c(x) = B - (B - S) (1 - x / n)^2. Update j
+// may grow to min(c(j + 1), N + qualifiers), shared between clones and splits like their qualifiers
+// (mean gradient >= tau).
 //
 // Importance: with N(c, v) = c v / median of the positive v, per view of loss P,
 //     50 P (N(25, gradient) + N(100, opacity) + N(5, depth) + N(10, radius) + N(25, volume)
 //           + N(50, distance) + N(10, loss) + N(0.1, hits) + N(50, blend))
-// for primitives in view; the last four are sums over pixels, the loss being 50 x error + 50 x edges, both scaled to
-// [0, 1].
+// for primitives in view; the last four are sums over pixels, the loss being 50 x error + 50 x
+// edges, both scaled to [0, 1].
 //
-// Pruning: half of what 3DGS would remove, drawn by 1 / (importance + 1e-6), in the first 27 updates only. The released
-// code draws with importances that are off by the removed parents' rows; here every row has its own.
-// SPARE-GS: w multiplies the importance and the gradient of the qualifiers (sgs_spare_target chooses one of them): a
-// budget that binds would undo a weight on the importance alone.
+// Pruning: half of what 3DGS would remove, drawn by 1 / (importance + 1e-6), in the first 27
+// updates only. The released code draws with importances that are off by the removed parents' rows;
+// here every row has its own. SPARE-GS: w multiplies the importance and the gradient of the
+// qualifiers (sgs_spare_target chooses one of them): a budget that binds would undo a weight on the
+// importance alone.
 
 #include "pipeline.h"
 
@@ -39,8 +42,9 @@ static double scheduled_count(double start, double final, int updates, int x)
 static double final_count(const sgsi_density_options *options)
 {
     const sgs_pipeline_options *own = &options->train->pipeline_options;
-    return own->taming_count ? (double)own->taming_count
-                             : floor((double)options->state->initial_count * own->taming_multiplier);
+    return own->taming_count
+               ? (double)own->taming_count
+               : floor((double)options->state->initial_count * own->taming_multiplier);
 }
 
 typedef struct draw {
@@ -48,14 +52,16 @@ typedef struct draw {
     uint8_t *eligible, *chosen;
 } draw;
 
-static sgs_status draw_kind(const sgsi_density_options *options, sgsi_density_columns *c, draw *d, sgsi_action kind,
-                            size_t budget, uint8_t *action)
+static sgs_status draw_kind(const sgsi_density_options *options, sgsi_density_columns *c, draw *d,
+                            sgsi_action kind, size_t budget, uint8_t *action)
 {
     for (size_t i = 0; i < c->count; ++i)
         d->eligible[i] = action[i] == kind;
     const uint64_t seed =
-        sgsi_random_bits(options->seed ^ (kind == SGSI_ACTION_CLONE ? 0xC10E : 0x5917), (uint64_t)options->iteration);
-    const sgs_status status = sgsi_select_weighted(d->weight, d->eligible, c->count, budget, seed, d->chosen);
+        sgsi_random_bits(options->seed ^ (kind == SGSI_ACTION_CLONE ? 0xC10E : 0x5917),
+                         (uint64_t)options->iteration);
+    const sgs_status status =
+        sgsi_select_weighted(d->weight, d->eligible, c->count, budget, seed, d->chosen);
     for (size_t i = 0; i < c->count && !status; ++i)
         if (d->chosen[i])
             c->action[i] = (uint8_t)kind;
@@ -63,8 +69,8 @@ static sgs_status draw_kind(const sgsi_density_options *options, sgsi_density_co
 }
 
 // Who qualifies (as an action per row), and how many of each kind.
-static void find_qualifiers(const sgsi_density_options *options, const sgsi_density_columns *c, uint8_t *action,
-                            size_t number[3], sgsi_density_result *result)
+static void find_qualifiers(const sgsi_density_options *options, const sgsi_density_columns *c,
+                            uint8_t *action, size_t number[3], sgsi_density_result *result)
 {
     const float threshold = (float)options->gradient_threshold;
     const bool weighs = options->train->spare_target != SGS_TARGET_IMPORTANCE;
@@ -76,26 +82,29 @@ static void find_qualifiers(const sgsi_density_options *options, const sgsi_dens
     }
 }
 
-static sgs_status grow(const sgsi_density_options *options, sgsi_density_columns *c, draw *d, uint8_t *action,
-                       sgsi_density_result *result)
+static sgs_status grow(const sgsi_density_options *options, sgsi_density_columns *c, draw *d,
+                       uint8_t *action, sgsi_density_result *result)
 {
     size_t number[3] = {0};
     find_qualifiers(options, c, action, number, result);
     const size_t qualifiers = number[SGSI_ACTION_CLONE] + number[SGSI_ACTION_SPLIT];
     const double now = (double)c->count;
-    const double scheduled = scheduled_count((double)options->state->initial_count, final_count(options),
-                                             options->update_count, options->update + 1);
+    const double scheduled =
+        scheduled_count((double)options->state->initial_count, final_count(options),
+                        options->update_count, options->update + 1);
     const double room = fmax(fmin(scheduled, now + (double)qualifiers) - now, 0.0);
     if (!qualifiers)
         return SGS_STATUS_OK;
     const double share = room / (double)qualifiers;
     sgs_status status = SGS_STATUS_OK;
     for (sgsi_action kind = SGSI_ACTION_CLONE; kind <= SGSI_ACTION_SPLIT && !status; ++kind)
-        status = draw_kind(options, c, d, kind, (size_t)floor(share * (double)number[kind]), action);
+        status =
+            draw_kind(options, c, d, kind, (size_t)floor(share * (double)number[kind]), action);
     return status;
 }
 
-static sgs_status decide(const sgsi_density_options *options, sgsi_density_columns *c, sgsi_density_result *result)
+static sgs_status decide(const sgsi_density_options *options, sgsi_density_columns *c,
+                         sgsi_density_result *result)
 {
     const size_t n = c->count ? c->count : 1;
     draw d = {sgsi_alloc(n, sizeof(double)), sgsi_alloc(n, 1), sgsi_alloc(n, 1)};
@@ -117,8 +126,9 @@ static sgs_status decide(const sgsi_density_options *options, sgsi_density_colum
     sgsi_free(d.eligible);
     sgsi_free(d.chosen);
     sgsi_free(action);
-    return status == SGS_STATUS_OUT_OF_MEMORY ? sgsi_fail(status, "no memory to draw from %zu primitives", c->count)
-                                              : status;
+    return status == SGS_STATUS_OUT_OF_MEMORY
+               ? sgsi_fail(status, "no memory to draw from %zu primitives", c->count)
+               : status;
 }
 
 // ---- Importance ----
@@ -127,10 +137,13 @@ static int grey(const sgsi_scored_image *image, int x, int y)
 {
     const size_t plane = (size_t)image->width * (size_t)image->height,
                  at = (size_t)y * (size_t)image->width + (size_t)x;
-    return (299 * image->pixels[at] + 587 * image->pixels[plane + at] + 114 * image->pixels[2 * plane + at]) / 1000;
+    return (299 * image->pixels[at] + 587 * image->pixels[plane + at] +
+            114 * image->pixels[2 * plane + at]) /
+           1000;
 }
 
-// The 3x3 edge filter (8 in the middle, -1 around) of the grey image, clipped to a byte; borders are the grey itself.
+// The 3x3 edge filter (8 in the middle, -1 around) of the grey image, clipped to a byte; borders
+// are the grey itself.
 static int edge(const sgsi_scored_image *image, int x, int y)
 {
     const int middle = grey(image, x, y);
@@ -143,7 +156,8 @@ static int edge(const sgsi_scored_image *image, int x, int y)
     return sum < 0 ? 0 : sum > 255 ? 255 : sum;
 }
 
-static sgs_status pixel_weights(const sgsi_scored_image *image, const sgs_train_options *train, float *weights)
+static sgs_status pixel_weights(const sgsi_scored_image *image, const sgs_train_options *train,
+                                float *weights)
 {
     (void)train;
     float least = INFINITY, most = -INFINITY;
@@ -155,18 +169,21 @@ static sgs_status pixel_weights(const sgsi_scored_image *image, const sgs_train_
             most = fmaxf(most, *at);
         }
     const float edge_scale = most > least ? 50.0f / (most - least) : 0.0f;
-    const float range = image->error_max - image->error_min, error_scale = range > 0.0f ? 50.0f / range : 0.0f;
+    const float range = image->error_max - image->error_min,
+                error_scale = range > 0.0f ? 50.0f / range : 0.0f;
     for (int y = 0; y < image->height; ++y)
         for (int x = 0; x < image->width; ++x) {
             const size_t at = (size_t)y * image->stride + (size_t)x;
-            weights[at] = (weights[at] - least) * edge_scale + (image->error[at] - image->error_min) * error_scale;
+            weights[at] = (weights[at] - least) * edge_scale +
+                          (image->error[at] - image->error_min) * error_scale;
         }
     return SGS_STATUS_OK;
 }
 
 float sgsi_positive_median(const float *values, size_t stride, const uint8_t *present, size_t count)
 {
-    // Positive floats order like their bits: two passes of 16 bits find the element without sorting.
+    // Positive floats order like their bits: two passes of 16 bits find the element without
+    // sorting.
     static _Thread_local uint32_t bins[65536];
     uint32_t high = 0;
     size_t total = 0, rank = 0;
@@ -207,10 +224,15 @@ static void score_view(const sgsi_scored_view *view, float *importance, float *e
     const struct {
         const float *values;
         double weight;
-    } columns[] = {
-        {view->gradient, 25}, {view->opacity, 100}, {view->depth, 5}, {view->radius, 10}, {view->volume, 25}};
-    static const double weights[] = {
-        [SGSI_SCORE_WEIGHT] = 10, [SGSI_SCORE_HITS] = 0.1, [SGSI_SCORE_BLEND] = 50, [SGSI_SCORE_DISTANCE] = 50};
+    } columns[] = {{view->gradient, 25},
+                   {view->opacity, 100},
+                   {view->depth, 5},
+                   {view->radius, 10},
+                   {view->volume, 25}};
+    static const double weights[] = {[SGSI_SCORE_WEIGHT] = 10,
+                                     [SGSI_SCORE_HITS] = 0.1,
+                                     [SGSI_SCORE_BLEND] = 50,
+                                     [SGSI_SCORE_DISTANCE] = 50};
     float medians[5], sum_medians[4];
     for (int k = 0; k < 5; ++k)
         medians[k] = sgsi_positive_median(columns[k].values, 1, NULL, n);

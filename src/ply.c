@@ -2,13 +2,13 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // The model's file: the PLY of Kerbl et al., "3D Gaussian Splatting for Real-Time Radiance Field
-// Rendering", 2023, as its code writes it and as every viewer reads it: 62 little-endian floats per primitive
-// for SH degree 3. f_rest is channel-major in the file (all of red, then green, then blue) and coefficient-major
-// in memory, so that lower degrees come first.
+// Rendering", 2023, as its code writes it and as every viewer reads it: 62 little-endian floats per
+// primitive for SH degree 3. f_rest is channel-major in the file (all of red, then green, then
+// blue) and coefficient-major in memory, so that lower degrees come first.
 //
-// Reading goes by property name, because other trainers write other orders and types; what a 3DGS model
-// does not have is ignored. Values pass as stored: quaternions are not normalised, except where their norm would
-// leave the range of float arithmetic.
+// Reading goes by property name, because other trainers write other orders and types; what a 3DGS
+// model does not have is ignored. Values pass as stored: quaternions are not normalised, except
+// where their norm would leave the range of float arithmetic.
 
 #include "sparegs/gaussians.h"
 
@@ -22,7 +22,12 @@
 #include "core.h"
 #include "ply_header.h"
 
-enum { REST_PER_CHANNEL = 15, MAX_REST = 3 * REST_PER_CHANNEL, CHUNK_ROWS = 256, MAX_COLUMNS = SGS_PARAM_COUNT + 4 };
+enum {
+    REST_PER_CHANNEL = 15,
+    MAX_REST = 3 * REST_PER_CHANNEL,
+    CHUNK_ROWS = 256,
+    MAX_COLUMNS = SGS_PARAM_COUNT + 4
+};
 
 // exp(44)^2 is the largest square of a scale that float holds.
 static const float MOST_LOG_SCALE = 44.0f;
@@ -35,11 +40,20 @@ typedef struct named_param {
 } named_param;
 
 static const named_param required[] = {
-    {"x", SGS_PARAM_MEAN},           {"y", SGS_PARAM_MEAN + 1},       {"z", SGS_PARAM_MEAN + 2},
-    {"f_dc_0", SGS_PARAM_SH_DC},     {"f_dc_1", SGS_PARAM_SH_DC + 1}, {"f_dc_2", SGS_PARAM_SH_DC + 2},
-    {"opacity", SGS_PARAM_OPACITY},  {"scale_0", SGS_PARAM_SCALE},    {"scale_1", SGS_PARAM_SCALE + 1},
-    {"scale_2", SGS_PARAM_SCALE + 2}, {"rot_0", SGS_PARAM_ROTATION},  {"rot_1", SGS_PARAM_ROTATION + 1},
-    {"rot_2", SGS_PARAM_ROTATION + 2}, {"rot_3", SGS_PARAM_ROTATION + 3},
+    {"x", SGS_PARAM_MEAN},
+    {"y", SGS_PARAM_MEAN + 1},
+    {"z", SGS_PARAM_MEAN + 2},
+    {"f_dc_0", SGS_PARAM_SH_DC},
+    {"f_dc_1", SGS_PARAM_SH_DC + 1},
+    {"f_dc_2", SGS_PARAM_SH_DC + 2},
+    {"opacity", SGS_PARAM_OPACITY},
+    {"scale_0", SGS_PARAM_SCALE},
+    {"scale_1", SGS_PARAM_SCALE + 1},
+    {"scale_2", SGS_PARAM_SCALE + 2},
+    {"rot_0", SGS_PARAM_ROTATION},
+    {"rot_1", SGS_PARAM_ROTATION + 1},
+    {"rot_2", SGS_PARAM_ROTATION + 2},
+    {"rot_3", SGS_PARAM_ROTATION + 3},
 };
 enum { REQUIRED_COUNT = sizeof required / sizeof *required };
 
@@ -93,12 +107,14 @@ static sgs_status add_column(ply_reader *reader, const char *name, int param)
             hint = "this is a compressed model; export it as an uncompressed PLY";
         else if (find_property(reader, "red") >= 0)
             hint = "this is a point cloud and not a 3DGS model";
-        return sgsi_fail(SGS_STATUS_FORMAT, "%s: property '%s' is missing; %s", reader->stream.path, name, hint);
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: property '%s' is missing; %s", reader->stream.path,
+                         name, hint);
     }
     column *added = &reader->columns[reader->column_count++];
     *added = (column){.property = found, .param = param};
     for (int k = 0; k < found; ++k)
-        added->offset += sgsi_ply_type_size(reader->header.properties[reader->vertex->first_property + k].type);
+        added->offset +=
+            sgsi_ply_type_size(reader->header.properties[reader->vertex->first_property + k].type);
     added->type = reader->header.properties[reader->vertex->first_property + found].type;
     return SGS_STATUS_OK;
 }
@@ -107,9 +123,11 @@ static sgs_status map_columns(ply_reader *reader)
 {
     int rest = 0;
     for (int k = 0; k < reader->vertex->property_count; ++k) {
-        const sgsi_ply_property *property = &reader->header.properties[reader->vertex->first_property + k];
+        const sgsi_ply_property *property =
+            &reader->header.properties[reader->vertex->first_property + k];
         if (property->is_list)
-            return sgsi_fail(SGS_STATUS_UNSUPPORTED, "%s: property '%s' of a vertex is a list; a 3DGS model has none",
+            return sgsi_fail(SGS_STATUS_UNSUPPORTED,
+                             "%s: property '%s' of a vertex is a list; a 3DGS model has none",
                              reader->stream.path, property->name);
         rest += !strncmp(property->name, "f_rest_", 7);
     }
@@ -153,11 +171,13 @@ static sgs_status read_ascii_row(ply_reader *reader, size_t row, float params[SG
         const size_t place = reader->stream.position;
         if (!sgsi_ply_word(&reader->stream, word))
             return sgsi_fail(SGS_STATUS_FORMAT,
-                             "%s: byte %zu: vertex %zu: property '%s' is not there; the file is truncated or damaged",
+                             "%s: byte %zu: vertex %zu: property '%s' is not there; the file is "
+                             "truncated or damaged",
                              reader->stream.path, place, row, name);
         values[k] = strtod_l(word, &end, reader->c_locale);
         if (end == word || *end)
-            return sgsi_fail(SGS_STATUS_FORMAT, "%s: byte %zu: vertex %zu: property '%s': '%s' is not a number",
+            return sgsi_fail(SGS_STATUS_FORMAT,
+                             "%s: byte %zu: vertex %zu: property '%s': '%s' is not a number",
                              reader->stream.path, place, row, name, word);
     }
     for (int k = 0; k < reader->column_count; ++k)
@@ -165,7 +185,8 @@ static sgs_status read_ascii_row(ply_reader *reader, size_t row, float params[SG
     return SGS_STATUS_OK;
 }
 
-static sgs_status read_binary_row(ply_reader *reader, size_t row_size, float params[SGS_PARAM_COUNT])
+static sgs_status read_binary_row(ply_reader *reader, size_t row_size,
+                                  float params[SGS_PARAM_COUNT])
 {
     const uint8_t *bytes = sgsi_ply_take(&reader->stream, row_size);
     if (!bytes)
@@ -179,7 +200,8 @@ static sgs_status read_binary_row(ply_reader *reader, size_t row_size, float par
     return SGS_STATUS_OK;
 }
 
-// False for a row that no arithmetic can use. A quaternion whose square leaves float's range is normalised.
+// False for a row that no arithmetic can use. A quaternion whose square leaves float's range is
+// normalised.
 static bool make_usable(ply_reader *reader, float params[SGS_PARAM_COUNT])
 {
     for (int k = 0; k < SGS_PARAM_COUNT; ++k) {
@@ -191,7 +213,8 @@ static bool make_usable(ply_reader *reader, float params[SGS_PARAM_COUNT])
             return false;
     }
     float *q = params + SGS_PARAM_ROTATION;
-    const double norm = sqrt((double)q[0] * q[0] + (double)q[1] * q[1] + (double)q[2] * q[2] + (double)q[3] * q[3]);
+    const double norm =
+        sqrt((double)q[0] * q[0] + (double)q[1] * q[1] + (double)q[2] * q[2] + (double)q[3] * q[3]);
     if (norm >= 1e-12 && norm <= 1e12)
         return true;
     for (int k = 0; k < 4; ++k)
@@ -206,8 +229,9 @@ static sgs_status read_rows(ply_reader *reader, sgs_gaussians *model)
     size_t kept = 0;
     for (size_t row = 0; row < reader->vertex->count; ++row) {
         float params[SGS_PARAM_COUNT] = {0};
-        const sgs_status status = reader->header.format == SGSI_PLY_ASCII ? read_ascii_row(reader, row, params)
-                                                                          : read_binary_row(reader, row_size, params);
+        const sgs_status status = reader->header.format == SGSI_PLY_ASCII
+                                      ? read_ascii_row(reader, row, params)
+                                      : read_binary_row(reader, row_size, params);
         if (status)
             return status;
         if (make_usable(reader, params))
@@ -221,14 +245,16 @@ static void warn_about(const ply_reader *reader)
 {
     const char *path = reader->stream.path;
     if (reader->dropped)
-        sgsi_warn("%s: %zu of %zu primitives are not finite and were dropped", path, reader->dropped,
-                  reader->vertex->count);
+        sgsi_warn("%s: %zu of %zu primitives are not finite and were dropped", path,
+                  reader->dropped, reader->vertex->count);
     if (reader->unrotated)
-        sgsi_warn("%s: %zu primitives have the rotation 0 0 0 0, read as no rotation", path, reader->unrotated);
-    const bool is_last = reader->vertex == &reader->header.elements[reader->header.element_count - 1];
+        sgsi_warn("%s: %zu primitives have the rotation 0 0 0 0, read as no rotation", path,
+                  reader->unrotated);
+    const bool is_last =
+        reader->vertex == &reader->header.elements[reader->header.element_count - 1];
     if (is_last && reader->header.format != SGSI_PLY_ASCII && sgsi_ply_left(&reader->stream))
-        sgsi_warn("%s: byte %zu: %zu bytes after the last vertex were ignored", path, reader->stream.position,
-                  sgsi_ply_left(&reader->stream));
+        sgsi_warn("%s: byte %zu: %zu bytes after the last vertex were ignored", path,
+                  reader->stream.position, sgsi_ply_left(&reader->stream));
 }
 
 static sgs_status read_model(ply_reader *reader, sgs_gaussians **model)
@@ -245,7 +271,8 @@ static sgs_status read_model(ply_reader *reader, sgs_gaussians **model)
                          reader->stream.path);
     reader->vertex = vertex;
     status = map_columns(reader);
-    for (const sgsi_ply_element *before = reader->header.elements; !status && before < vertex; ++before)
+    for (const sgsi_ply_element *before = reader->header.elements; !status && before < vertex;
+         ++before)
         status = sgsi_ply_skip(&reader->stream, &reader->header, before);
     if (!status)
         status = sgsi_ply_check_count(&reader->stream, &reader->header, vertex);
@@ -275,8 +302,9 @@ sgs_status sgs_ply_read(const char *path, sgs_gaussians **model)
     sgs_status status = sgsi_ply_open(path, &reader->stream);
     if (!status) {
         reader->c_locale = newlocale(LC_ALL_MASK, "C", (locale_t)0);
-        status = reader->c_locale ? read_model(reader, model)
-                                  : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to read it", path);
+        status = reader->c_locale
+                     ? read_model(reader, model)
+                     : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to read it", path);
     }
     if (reader->c_locale)
         freelocale(reader->c_locale);
@@ -303,7 +331,8 @@ static sgs_status put_chunk(sgsi_atomic_file *file, const uint8_t *bytes, size_t
     if (fwrite(bytes, 1, size, file->stream) == size)
         return SGS_STATUS_OK;
     const int code = errno;
-    return sgsi_fail(SGS_STATUS_IO, "%s: cannot be written: %s", file->path, code ? strerror(code) : "disk full?");
+    return sgsi_fail(SGS_STATUS_IO, "%s: cannot be written: %s", file->path,
+                     code ? strerror(code) : "disk full?");
 }
 
 typedef struct row_writer {
@@ -311,7 +340,7 @@ typedef struct row_writer {
     const float *points;
     const unsigned char *colors;
     size_t count;
-    const float *filter_3d; // the last column, or NULL
+    const float *filter_3d;  // the last column, or NULL
     int params[MAX_COLUMNS]; // parameter of each column, -1 for a normal's 0
     int column_count;
 } row_writer;
@@ -320,7 +349,9 @@ static uint8_t *put_row(const row_writer *writer, size_t row, uint8_t *at)
 {
     if (writer->model) {
         for (int k = 0; k < writer->column_count; ++k)
-            at = put_float(at, writer->params[k] < 0 ? 0.0f : *sgs_gaussians_at(writer->model, row, writer->params[k]));
+            at = put_float(at, writer->params[k] < 0
+                                   ? 0.0f
+                                   : *sgs_gaussians_at(writer->model, row, writer->params[k]));
         return writer->filter_3d ? put_float(at, writer->filter_3d[row]) : at;
     }
     for (size_t k = 0; k < 6; ++k)
@@ -361,14 +392,15 @@ static void add_written(row_writer *writer, FILE *stream, const char *prefix, in
 static sgs_status write_model(const char *path, const sgs_gaussians *model, const float *filter_3d)
 {
     if (model->sh_degree < 0 || model->sh_degree > 3)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: SH degree %d cannot be written; 0 to 3 can", path,
-                         model->sh_degree);
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                         "%s: SH degree %d cannot be written; 0 to 3 can", path, model->sh_degree);
     sgsi_atomic_file file;
     const sgs_status status = sgsi_atomic_open(&file, path);
     if (status)
         return status;
     row_writer writer = {.model = model, .count = model->count, .filter_3d = filter_3d};
-    fprintf(file.stream, "ply\nformat binary_little_endian 1.0\nelement vertex %zu\n", model->count);
+    fprintf(file.stream, "ply\nformat binary_little_endian 1.0\nelement vertex %zu\n",
+            model->count);
     static const char *const lead[] = {"x", "y", "z", "nx", "ny", "nz"};
     for (int k = 0; k < 6; ++k)
         add_written(&writer, file.stream, lead[k], -1, k < 3 ? SGS_PARAM_MEAN + k : -1);
@@ -391,12 +423,14 @@ sgs_status sgs_ply_write(const char *path, const sgs_gaussians *model)
     return write_model(path, model, NULL);
 }
 
-sgs_status sgs_ply_write_filter_3d(const char *path, const sgs_gaussians *model, const float *filter_3d)
+sgs_status sgs_ply_write_filter_3d(const char *path, const sgs_gaussians *model,
+                                   const float *filter_3d)
 {
     return write_model(path, model, filter_3d);
 }
 
-sgs_status sgs_ply_write_points(const char *path, const float *points, const unsigned char *colors, size_t n)
+sgs_status sgs_ply_write_points(const char *path, const float *points, const unsigned char *colors,
+                                size_t n)
 {
     sgsi_atomic_file file;
     const sgs_status status = sgsi_atomic_open(&file, path);

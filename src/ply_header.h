@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// The PLY container: a buffered stream that knows how many bytes are left, the header, and the skipping
-// of elements. Knows nothing of Gaussians; reads only.
+// The PLY container: a buffered stream that knows how many bytes are left, the header, and the
+// skipping of elements. Knows nothing of Gaussians; reads only.
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -24,9 +24,14 @@ typedef enum sgsi_ply_type {
     SGSI_PLY_TYPE_COUNT
 } sgsi_ply_type;
 
-typedef enum sgsi_ply_format { SGSI_PLY_ASCII, SGSI_PLY_LITTLE_ENDIAN, SGSI_PLY_BIG_ENDIAN } sgsi_ply_format;
+typedef enum sgsi_ply_format {
+    SGSI_PLY_ASCII,
+    SGSI_PLY_LITTLE_ENDIAN,
+    SGSI_PLY_BIG_ENDIAN
+} sgsi_ply_format;
 
-// Far above what any exporter writes; they bound the memory and time that a hostile header can ask for.
+// Far above what any exporter writes; they bound the memory and time that a hostile header can ask
+// for.
 enum {
     SGSI_PLY_MAX_NAME = 63,
     SGSI_PLY_MAX_ELEMENTS = 16,
@@ -57,8 +62,8 @@ typedef struct sgsi_ply_header {
 typedef struct sgsi_ply_stream {
     const char *path; // borrowed
     FILE *file;
-    size_t size;       // of the file
-    size_t position;   // bytes consumed
+    size_t size;     // of the file
+    size_t position; // bytes consumed
     uint8_t *buffer;
     size_t begin, end; // unread part of the buffer
 } sgsi_ply_stream;
@@ -70,7 +75,8 @@ void sgsi_ply_close(sgsi_ply_stream *stream);
 // The next n bytes (n <= 64 KiB), consumed; NULL when fewer are left. Valid until the next call.
 const uint8_t *sgsi_ply_take(sgsi_ply_stream *stream, size_t n);
 
-// The next word of an ascii body; false at the end of the file or when it has more than 63 characters.
+// The next word of an ascii body; false at the end of the file or when it has more than 63
+// characters.
 bool sgsi_ply_word(sgsi_ply_stream *stream, char word[SGSI_PLY_MAX_NAME + 1]);
 
 static inline size_t sgsi_ply_left(const sgsi_ply_stream *stream)
@@ -93,4 +99,5 @@ sgs_status sgsi_ply_check_count(const sgsi_ply_stream *stream, const sgsi_ply_he
                                 const sgsi_ply_element *element);
 
 // Walks over all rows of an element, lists included.
-sgs_status sgsi_ply_skip(sgsi_ply_stream *stream, const sgsi_ply_header *header, const sgsi_ply_element *element);
+sgs_status sgsi_ply_skip(sgsi_ply_stream *stream, const sgsi_ply_header *header,
+                         const sgsi_ply_element *element);

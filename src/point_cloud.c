@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Point clouds from PLY: x y z of any number type, red green blue as 8 bit, or as fractions when they are
-// floating point. The container is ply_header.c's business.
+// Point clouds from PLY: x y z of any number type, red green blue as 8 bit, or as fractions when
+// they are floating point. The container is ply_header.c's business.
 
 #include "point_cloud.h"
 
@@ -34,8 +34,8 @@ static sgs_status find_fields(cloud *c)
         c->field_of[i] = -1;
         if (property->is_list)
             return sgsi_fail(SGS_STATUS_UNSUPPORTED,
-                             "%s: its vertices hold the list '%s'; save it as a plain point cloud", c->stream.path,
-                             property->name);
+                             "%s: its vertices hold the list '%s'; save it as a plain point cloud",
+                             c->stream.path, property->name);
         for (int f = 0; f < FIELD_COUNT; ++f) {
             if (strcmp(property->name, field_names[f]))
                 continue;
@@ -46,7 +46,8 @@ static sgs_status find_fields(cloud *c)
         }
     }
     if (!present[X] || !present[Y] || !present[Z])
-        return sgsi_fail(SGS_STATUS_FORMAT, "%s: its vertices have no x, y, z; save it as a point cloud",
+        return sgsi_fail(SGS_STATUS_FORMAT,
+                         "%s: its vertices have no x, y, z; save it as a point cloud",
                          c->stream.path);
     c->colored = present[RED] && present[GREEN] && present[BLUE];
     return SGS_STATUS_OK;
@@ -64,7 +65,8 @@ static sgs_status find_vertices(cloud *c)
         if (status)
             return status;
     }
-    return sgsi_fail(SGS_STATUS_FORMAT, "%s: holds no vertices; save it as a point cloud", c->stream.path);
+    return sgsi_fail(SGS_STATUS_FORMAT, "%s: holds no vertices; save it as a point cloud",
+                     c->stream.path);
 }
 
 // One row; false at the end of the file.
@@ -81,10 +83,12 @@ static bool read_row(cloud *c, double fields[FIELD_COUNT])
             if (*end)
                 return false;
         } else {
-            const uint8_t *bytes = sgsi_ply_take(&c->stream, sgsi_ply_type_size(properties[i].type));
+            const uint8_t *bytes =
+                sgsi_ply_take(&c->stream, sgsi_ply_type_size(properties[i].type));
             if (!bytes)
                 return false;
-            value = sgsi_ply_decode(bytes, properties[i].type, c->header.format == SGSI_PLY_BIG_ENDIAN);
+            value =
+                sgsi_ply_decode(bytes, properties[i].type, c->header.format == SGSI_PLY_BIG_ENDIAN);
         }
         if (c->field_of[i] >= 0)
             fields[c->field_of[i]] = value;
@@ -106,9 +110,10 @@ static sgs_status read_rows(cloud *c, size_t *count, float *points, uint8_t *col
     for (size_t row = 0; row < c->element->count; ++row) {
         double fields[FIELD_COUNT] = {0};
         if (!read_row(c, fields))
-            return sgsi_fail(SGS_STATUS_FORMAT,
-                             "%s: byte %zu: vertex %zu of %zu is cut off or no number; save it again", c->stream.path,
-                             c->stream.position, row, c->element->count);
+            return sgsi_fail(
+                SGS_STATUS_FORMAT,
+                "%s: byte %zu: vertex %zu of %zu is cut off or no number; save it again",
+                c->stream.path, c->stream.position, row, c->element->count);
         float *p = points + 3 * *count;
         for (int k = 0; k < 3; ++k) {
             p[k] = (float)fields[k];
@@ -120,11 +125,13 @@ static sgs_status read_rows(cloud *c, size_t *count, float *points, uint8_t *col
             ++dropped;
     }
     if (dropped)
-        sgsi_warn("%s: %zu point(s) that are not finite numbers are dropped", c->stream.path, dropped);
+        sgsi_warn("%s: %zu point(s) that are not finite numbers are dropped", c->stream.path,
+                  dropped);
     return SGS_STATUS_OK;
 }
 
-static sgs_status read_cloud(cloud *c, const char *path, size_t *count, float **points, uint8_t **colors)
+static sgs_status read_cloud(cloud *c, const char *path, size_t *count, float **points,
+                             uint8_t **colors)
 {
     sgs_status status = sgsi_ply_open(path, &c->stream);
     if (!status)
@@ -136,7 +143,8 @@ static sgs_status read_cloud(cloud *c, const char *path, size_t *count, float **
     *points = sgsi_alloc(c->element->count, 3 * sizeof **points);
     *colors = sgsi_alloc(c->element->count, 3);
     if (!*points || !*colors)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory for %zu points", path, c->element->count);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory for %zu points", path,
+                         c->element->count);
     return read_rows(c, count, *points, *colors);
 }
 

@@ -9,6 +9,6 @@
 
 #include "sparegs/status.h"
 
-// points [count][3], finite (others are dropped with one warning); colors [count][3], grey without colour.
-// The caller frees both with sgsi_free. On failure both are NULL and *count is 0.
+// points [count][3], finite (others are dropped with one warning); colors [count][3], grey without
+// colour. The caller frees both with sgsi_free. On failure both are NULL and *count is 0.
 sgs_status sgsi_point_cloud_read(const char *path, size_t *count, float **points, uint8_t **colors);

@@ -1,9 +1,10 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// One view, drawn with every kind of tree. What the trees cost comes from clocks and Embree's memory monitor; what they
-// answer from the tracer's counters; what was needed of it from the lists that the forward pass keeps (only what hit a
-// pixel stays in them). How far rays would go without the stop rule is asked of single rays by brute force over the records.
+// One view, drawn with every kind of tree. What the trees cost comes from clocks and Embree's
+// memory monitor; what they answer from the tracer's counters; what was needed of it from the lists
+// that the forward pass keeps (only what hit a pixel stays in them). How far rays would go without
+// the stop rule is asked of single rays by brute force over the records.
 
 #include "sparegs/profile.h"
 
@@ -21,19 +22,21 @@ enum { PROFILE_BIN_TILES = 2, SAMPLES_MAX = 4096 };
 
 const char *sgs_profile_kind_name(sgs_profile_kind kind)
 {
-    static const char *const names[SGS_PROFILE_KIND_COUNT] = {"low", "medium", "high", "refit", "aged"};
+    static const char *const names[SGS_PROFILE_KIND_COUNT] = {"low", "medium", "high", "refit",
+                                                              "aged"};
     return (unsigned)kind < SGS_PROFILE_KIND_COUNT ? names[kind] : NULL;
 }
 
 sgs_profile_options sgs_profile_options_default(void)
 {
-    return (sgs_profile_options){.render = sgs_render_options_default(), .refits = 100, .repeat = 3, .samples = 64};
+    return (sgs_profile_options){
+        .render = sgs_render_options_default(), .refits = 100, .repeat = 3, .samples = 64};
 }
 
 static sgsi_bvh_quality quality_of(sgs_profile_kind kind)
 {
-    static const sgsi_bvh_quality qualities[SGS_PROFILE_KIND_COUNT] = {SGSI_BVH_LOW, SGSI_BVH_MEDIUM, SGSI_BVH_HIGH,
-                                                                      SGSI_BVH_REFIT, SGSI_BVH_REFIT};
+    static const sgsi_bvh_quality qualities[SGS_PROFILE_KIND_COUNT] = {
+        SGSI_BVH_LOW, SGSI_BVH_MEDIUM, SGSI_BVH_HIGH, SGSI_BVH_REFIT, SGSI_BVH_REFIT};
     return qualities[kind];
 }
 
@@ -57,17 +60,21 @@ static sgs_status copy_young(profile_job *job)
         status = sgs_gaussians_resize(job->young, model->count);
     if (status)
         return status;
-    memcpy(job->young->data, model->data, (model->count + SGS_LANES - 1) / SGS_LANES * SGS_LANES * SGS_PARAM_COUNT * sizeof(float));
+    memcpy(job->young->data, model->data,
+           (model->count + SGS_LANES - 1) / SGS_LANES * SGS_LANES * SGS_PARAM_COUNT *
+               sizeof(float));
     const double way = job->options->step * sqrt((double)job->options->refits);
     for (size_t i = 0; way > 0 && i < model->count; ++i)
         for (int k = 0; k < 3; ++k)
             *sgs_gaussians_at(job->young, i, SGS_PARAM_MEAN + k) +=
-                (float)(way * sgsi_random_normal(job->options->seed, 6 * (uint64_t)i + 2 * (uint64_t)k));
+                (float)(way *
+                        sgsi_random_normal(job->options->seed, 6 * (uint64_t)i + 2 * (uint64_t)k));
     return SGS_STATUS_OK;
 }
 
 // A tree of the kind, ready to be asked for the view; least seconds of the repetitions.
-static sgs_status make_tree(profile_job *job, sgsi_tracer *tracer, sgs_profile_kind kind, sgs_profile_tree *tree)
+static sgs_status make_tree(profile_job *job, sgsi_tracer *tracer, sgs_profile_kind kind,
+                            sgs_profile_tree *tree)
 {
     const sgs_gaussians *built = kind == SGS_PROFILE_AGED ? job->young : job->model;
     tree->build = tree->refit = INFINITY;
@@ -89,12 +96,14 @@ static sgs_status make_tree(profile_job *job, sgsi_tracer *tracer, sgs_profile_k
     return status;
 }
 
-static sgs_status measure_cost(const profile_job *job, sgsi_tracer *tracer, sgs_profile_kind kind, sgs_profile_tree *tree)
+static sgs_status measure_cost(const profile_job *job, sgsi_tracer *tracer, sgs_profile_kind kind,
+                               sgs_profile_tree *tree)
 {
     const size_t count = job->model->count;
     sgsi_bounds *now = sgsi_alloc(count ? count : 1, sizeof *now);
     if (!now)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the boxes of %zu primitives", count);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the boxes of %zu primitives",
+                         count);
     memcpy(now, sgsi_tracer_bounds(tracer), count * sizeof *now);
     sgs_status status = SGS_STATUS_OK;
     const sgsi_bounds *built = now;
@@ -139,9 +148,11 @@ static sgs_status count_needed(const profile_job *job, const sgsi_tracer *tracer
 {
     const sgsi_rays *rays = job->rays;
     const sgsi_tile_list *lists = sgsi_tracer_lists(tracer);
-    uint32_t *last = sgsi_calloc(job->model->count + 1, sizeof *last); // bin of the last hit, plus one
+    uint32_t *last =
+        sgsi_calloc(job->model->count + 1, sizeof *last); // bin of the last hit, plus one
     if (!last)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to count the hits of %zu primitives", job->model->count);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to count the hits of %zu primitives",
+                         job->model->count);
     for (int bin = 0; bin < rays->bins_x * rays->bins_y; ++bin)
         for (int k = 0; k < PROFILE_BIN_TILES * PROFILE_BIN_TILES; ++k) {
             const int x = bin % rays->bins_x * PROFILE_BIN_TILES + k % PROFILE_BIN_TILES;
@@ -176,7 +187,8 @@ static sgs_status measure_kind(profile_job *job, sgs_profile_kind kind)
         const sgsi_trace_seconds seconds = sgsi_tracer_seconds(tracer);
         tree->gather = fmin(tree->gather, seconds.gather * sgsi_threads());
         if (main_kind)
-            job->out->forward = i ? fmin(job->out->forward, seconds.forward * sgsi_threads()) : seconds.forward * sgsi_threads();
+            job->out->forward = i ? fmin(job->out->forward, seconds.forward * sgsi_threads())
+                                  : seconds.forward * sgsi_threads();
     }
     const sgsi_trace_counts counts = sgsi_tracer_counts(tracer);
     tree->callbacks = (double)counts.callbacks;
@@ -218,10 +230,12 @@ typedef struct sample_job {
 // Direction in camera axes of the ray through a pixel; false where there is none.
 static bool pixel_direction(const profile_job *job, int x, int y, double d[3])
 {
-    const sgsi_tile_rays *tile = &job->rays->tiles[y / SGSI_TILE * job->rays->tiles_x + x / SGSI_TILE];
+    const sgsi_tile_rays *tile =
+        &job->rays->tiles[y / SGSI_TILE * job->rays->tiles_x + x / SGSI_TILE];
     const int b = y % SGSI_TILE / 4 * 4 + x % SGSI_TILE / 4, lane = y % 4 * 4 + x % 4;
     for (int k = 0; k < 3; ++k)
-        d[k] = (double)tile->frame[k] + (double)(tile->u[b][lane] * tile->frame[3 + k]) + (double)(tile->v[b][lane] * tile->frame[6 + k]);
+        d[k] = (double)tile->frame[k] + (double)(tile->u[b][lane] * tile->frame[3 + k]) +
+               (double)(tile->v[b][lane] * tile->frame[6 + k]);
     return tile->valid[b] >> lane & 1;
 }
 
@@ -238,7 +252,8 @@ static void follow_ray(void *context, size_t item, int thread)
     job->all[item] = -1;
     if (!pixel_direction(profile, x, y, d))
         return;
-    const double near_distance = profile->options->render.near_distance / sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+    const double near_distance =
+        profile->options->render.near_distance / sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
     ray_hit *hits = NULL;
     size_t count = 0, capacity = 0;
     for (size_t i = 0; i < profile->model->count; ++i) {
@@ -247,10 +262,12 @@ static void follow_ray(void *context, size_t item, int thread)
             continue;
         double row[3];
         for (int k = 0; k < 3; ++k)
-            row[k] = (double)r[3 * k] * d[0] + (double)r[3 * k + 1] * d[1] + (double)r[3 * k + 2] * d[2];
+            row[k] =
+                (double)r[3 * k] * d[0] + (double)r[3 * k + 1] * d[1] + (double)r[3 * k + 2] * d[2];
         const double n2 = row[0] * row[0] + row[1] * row[1];
         const double g = n2 * (double)r[SGSI_RECORD_INV_KAPPA] + row[2] * row[2];
-        const double exponent = (double)r[SGSI_RECORD_LOG_OPACITY] - n2 / g, t = (double)r[SGSI_RECORD_DISTANCE] * row[2] / g;
+        const double exponent = (double)r[SGSI_RECORD_LOG_OPACITY] - n2 / g,
+                     t = (double)r[SGSI_RECORD_DISTANCE] * row[2] / g;
         if (!(exponent >= -(double)SGSI_LOG2_255 && t > near_distance))
             continue;
         if (count == capacity) {
@@ -280,7 +297,8 @@ static sgs_status sample_rays(profile_job *job)
     const int samples = job->options->samples;
     sample_job *sampling = sgsi_calloc(1, sizeof *sampling);
     sgsi_tracer *tracer = NULL;
-    sgs_status status = sampling ? sgsi_tracer_create(&tracer) : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to follow rays");
+    sgs_status status = sampling ? sgsi_tracer_create(&tracer)
+                                 : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to follow rays");
     if (!status)
         status = sgsi_tracer_project(tracer, job->model, &job->view, NULL, NULL);
     if (sampling && !status) {
@@ -296,7 +314,8 @@ static sgs_status sample_rays(profile_job *job)
             job->out->sampled_hits_unstopped += sampling->all[i];
             job->out->sampled_stopped += sampling->stopped[i];
         }
-        double *const sums[] = {&job->out->sampled_hits, &job->out->sampled_hits_unstopped, &job->out->sampled_stopped};
+        double *const sums[] = {&job->out->sampled_hits, &job->out->sampled_hits_unstopped,
+                                &job->out->sampled_stopped};
         for (int k = 0; k < 3 && rays > 0; ++k)
             *sums[k] /= rays;
     }
@@ -309,8 +328,12 @@ static sgs_status sample_rays(profile_job *job)
 
 static sgs_status check_options(const sgs_profile_options *o)
 {
-    if (o->refits < 0 || o->repeat < 1 || o->samples < 0 || o->samples > SAMPLES_MAX || !(o->step >= 0))
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "a profile takes refits >= 0, repeat >= 1, 0 to %d samples and a step >= 0", SAMPLES_MAX);
+    if (o->refits < 0 || o->repeat < 1 || o->samples < 0 || o->samples > SAMPLES_MAX ||
+        !(o->step >= 0))
+        return sgsi_fail(
+            SGS_STATUS_INVALID_ARGUMENT,
+            "a profile takes refits >= 0, repeat >= 1, 0 to %d samples and a step >= 0",
+            SAMPLES_MAX);
     if (o->render.filter != SGS_FILTER_3DGS && o->render.filter != SGS_FILTER_NONE)
         return sgsi_fail(SGS_STATUS_UNSUPPORTED, "a profile has the pixel filters 3dgs and none");
     return SGS_STATUS_OK;
@@ -325,27 +348,36 @@ static sgs_status prepare(profile_job *job, const sgs_camera *camera, const sgs_
     if (status)
         return status;
     sgsi_view_set(&job->view, job->rays, pose, &job->options->render);
-    *out = (sgs_profile){.width = camera->width, .height = camera->height, .tiles_x = job->rays->tiles_x,
-                         .tiles_y = job->rays->tiles_y, .primitives = (double)job->model->count};
-    const size_t pixels = (size_t)out->width * (size_t)out->height, tiles = (size_t)out->tiles_x * (size_t)out->tiles_y;
+    *out = (sgs_profile){.width = camera->width,
+                         .height = camera->height,
+                         .tiles_x = job->rays->tiles_x,
+                         .tiles_y = job->rays->tiles_y,
+                         .primitives = (double)job->model->count};
+    const size_t pixels = (size_t)out->width * (size_t)out->height,
+                 tiles = (size_t)out->tiles_x * (size_t)out->tiles_y;
     const size_t stride = ((size_t)out->width + 15) / 16 * 16, plane = stride * (size_t)out->height;
     job->block = sgsi_calloc(5 * plane, sizeof(float));
     job->costs = sgsi_calloc(tiles, sizeof *job->costs);
     out->pixel_hits = sgsi_calloc(2 * pixels + 3 * tiles, sizeof(float)); // all maps in one block
     if (!job->block || !job->costs || !out->pixel_hits)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the profile of %dx%d pixels", out->width, out->height);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the profile of %dx%d pixels",
+                         out->width, out->height);
     out->pixel_evaluated = out->pixel_hits + pixels;
     out->tile_candidates = out->pixel_evaluated + pixels;
     out->tile_evaluations = out->tile_candidates + tiles;
     out->tile_seconds = out->tile_evaluations + tiles;
-    job->planes = (sgsi_planes){.width = out->width, .height = out->height, .stride = stride,
+    job->planes = (sgsi_planes){.width = out->width,
+                                .height = out->height,
+                                .stride = stride,
                                 .color = {job->block, job->block + plane, job->block + 2 * plane},
-                                .transmittance = job->block + 3 * plane, .hits = job->block + 4 * plane};
+                                .transmittance = job->block + 3 * plane,
+                                .hits = job->block + 4 * plane};
     return copy_young(job);
 }
 
-sgs_status sgs_profile_view(const sgs_gaussians *model, const sgs_camera *camera, const sgs_pose *pose,
-                            const sgs_profile_options *options, sgs_profile **profile)
+sgs_status sgs_profile_view(const sgs_gaussians *model, const sgs_camera *camera,
+                            const sgs_pose *pose, const sgs_profile_options *options,
+                            sgs_profile **profile)
 {
     *profile = NULL;
     profile_job job = {.model = model, .options = options, .out = sgsi_calloc(1, sizeof *job.out)};

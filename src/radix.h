@@ -9,7 +9,8 @@
 #include <string.h>
 
 // Stable counting sort of `from` into `to` by `bits` (at most 11) bits from `shift` on.
-static inline void sgsi_radix_pass(const uint64_t *from, uint64_t *to, size_t count, int shift, int bits)
+static inline void sgsi_radix_pass(const uint64_t *from, uint64_t *to, size_t count, int shift,
+                                   int bits)
 {
     uint32_t begin[2048];
     const uint32_t buckets = 1u << bits;
@@ -26,8 +27,8 @@ static inline void sgsi_radix_pass(const uint64_t *from, uint64_t *to, size_t co
         to[begin[from[i] >> shift & (buckets - 1)]++] = from[i];
 }
 
-// Sorts by the upper 32 bits, stable: least significant digit first, three digits of 11 bits. Both buffers hold `count`
-// keys; the sorted ones are in the returned buffer, which is `spare`.
+// Sorts by the upper 32 bits, stable: least significant digit first, three digits of 11 bits. Both
+// buffers hold `count` keys; the sorted ones are in the returned buffer, which is `spare`.
 static inline uint64_t *sgsi_radix_sort(uint64_t *keys, uint64_t *spare, size_t count)
 {
     sgsi_radix_pass(keys, spare, count, 32, 11);

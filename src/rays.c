@@ -1,9 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Ray tables. Every pixel's direction comes from sgs_camera_unproject, so any central camera works; a tile
-// writes its directions on the tangent plane through its own centre, where neighbouring pixels differ by
-// small, exactly spaced numbers whatever the lens.
+// Ray tables. Every pixel's direction comes from sgs_camera_unproject, so any central camera works;
+// a tile writes its directions on the tangent plane through its own centre, where neighbouring
+// pixels differ by small, exactly spaced numbers whatever the lens.
 
 #include "rays.h"
 
@@ -25,7 +25,8 @@ static void unproject_row(void *context, size_t y, int thread)
     for (int x = 0; x < map->camera->width; ++x) {
         float *out = map->directions[y * (size_t)map->camera->width + (size_t)x];
         double d[3];
-        const bool valid = sgs_camera_unproject(map->camera, (double[2]){x + 0.5, (double)y + 0.5}, d);
+        const bool valid =
+            sgs_camera_unproject(map->camera, (double[2]){x + 0.5, (double)y + 0.5}, d);
         for (int k = 0; k < 3; ++k)
             out[k] = valid ? (float)d[k] : NAN;
     }
@@ -61,9 +62,10 @@ static int sum_directions(const direction_map *map, int x0, int y0, int size, fl
     return count;
 }
 
-// 1 - cos of the widest angle between the axis and a pixel of the rectangle, from the chord: in single precision the
-// cosine itself would lose narrow cones.
-static float widest_versine(const direction_map *map, int x0, int y0, int width, int height, const float axis[3])
+// 1 - cos of the widest angle between the axis and a pixel of the rectangle, from the chord: in
+// single precision the cosine itself would lose narrow cones.
+static float widest_versine(const direction_map *map, int x0, int y0, int width, int height,
+                            const float axis[3])
 {
     float versine = 0.0f;
     for (int y = y0; y < y0 + height && y < map->camera->height; ++y) {
@@ -78,11 +80,13 @@ static float widest_versine(const direction_map *map, int x0, int y0, int width,
     return versine;
 }
 
-// e1, e2 orthogonal to d0; e1 as close to the camera's x axis as possible (to z for sideways tiles).
+// e1, e2 orthogonal to d0; e1 as close to the camera's x axis as possible (to z for sideways
+// tiles).
 static void complete_frame(float frame[9])
 {
     const float *d0 = frame;
-    const float seed[3] = {fabsf(d0[0]) < 0.9f ? 1.0f : 0.0f, 0.0f, fabsf(d0[0]) < 0.9f ? 0.0f : 1.0f};
+    const float seed[3] = {fabsf(d0[0]) < 0.9f ? 1.0f : 0.0f, 0.0f,
+                           fabsf(d0[0]) < 0.9f ? 0.0f : 1.0f};
     const float along = dot(seed, d0);
     for (int k = 0; k < 3; ++k)
         frame[3 + k] = seed[k] - along * d0[k];
@@ -92,7 +96,8 @@ static void complete_frame(float frame[9])
     frame[8] = d0[0] * frame[4] - d0[1] * frame[3];
 }
 
-// False when a ray leaves the half space in front of the tile: it has no place on the tangent plane.
+// False when a ray leaves the half space in front of the tile: it has no place on the tangent
+// plane.
 static bool fill_block(const direction_map *map, sgsi_tile_rays *tile, int b)
 {
     bool complete = true;
@@ -149,7 +154,8 @@ static bool fill_tile(const direction_map *map, sgsi_tile_rays *tile)
     return complete;
 }
 
-// Beyond 87 degrees a tangent of 20 stands in: boxes dilated by 20 times their farthest distance hold the origin.
+// Beyond 87 degrees a tangent of 20 stands in: boxes dilated by 20 times their farthest distance
+// hold the origin.
 static float cone_tangent(float versine)
 {
     const float widened = fminf(versine * 1.0001f + 1e-12f, 0.95f);
@@ -175,7 +181,8 @@ static void fill_bin(sgsi_rays *rays, const direction_map *map, int bin)
         rays->bin_valid[bin] |= 1u << i;
         for (int k = 0; k < 3; ++k)
             rays->bin_directions[bin][k][i] = direction[k];
-        rays->tan_cone = fmaxf(rays->tan_cone, cone_tangent(widest_versine(map, x, y, step, step, direction)));
+        rays->tan_cone =
+            fmaxf(rays->tan_cone, cone_tangent(widest_versine(map, x, y, step, step, direction)));
     }
 }
 
@@ -190,7 +197,8 @@ static void fill_image_cone(sgsi_rays *rays, const direction_map *map)
     if (!(dot(axis, axis) > 1e-6f))
         axis[2] = 1.0f;
     normalize(axis);
-    const float cosine = 1.0f - widest_versine(map, 0, 0, map->camera->width, map->camera->height, axis) - 1e-4f;
+    const float cosine =
+        1.0f - widest_versine(map, 0, 0, map->camera->width, map->camera->height, axis) - 1e-4f;
     memcpy(rays->axis, axis, sizeof axis);
     rays->cone_cos = fmaxf(cosine, -1.0f);
     rays->cone_sin = sqrtf(fmaxf(0.0f, 1.0f - rays->cone_cos * rays->cone_cos));
@@ -203,7 +211,8 @@ sgs_status sgsi_rays_create(const sgs_camera *camera, int bin_tiles, sgsi_rays *
     if (status)
         return status;
     sgsi_rays *made = sgsi_calloc(1, sizeof *made);
-    direction_map map = {camera, sgsi_alloc((size_t)camera->width * (size_t)camera->height, sizeof *map.directions)};
+    direction_map map = {
+        camera, sgsi_alloc((size_t)camera->width * (size_t)camera->height, sizeof *map.directions)};
     if (!made || !map.directions)
         goto out_of_memory;
     const int bin = bin_tiles * SGSI_TILE;
@@ -218,7 +227,8 @@ sgs_status sgsi_rays_create(const sgs_camera *camera, int bin_tiles, sgsi_rays *
     sgs_camera_intrinsics(camera, &fx, &fy, &cx, &cy);
     made->fx = (float)fx, made->fy = (float)fy, made->cx = (float)cx, made->cy = (float)cy;
     made->focal = (float)sqrt(fx * fy);
-    const size_t tile_count = (size_t)made->tiles_x * (size_t)made->tiles_y, bin_count = (size_t)made->bins_x * (size_t)made->bins_y;
+    const size_t tile_count = (size_t)made->tiles_x * (size_t)made->tiles_y,
+                 bin_count = (size_t)made->bins_x * (size_t)made->bins_y;
     made->tiles = sgsi_calloc(tile_count, sizeof *made->tiles);
     made->bin_directions = sgsi_calloc(bin_count, sizeof *made->bin_directions);
     made->bin_valid = sgsi_calloc(bin_count, sizeof *made->bin_valid);
@@ -234,8 +244,10 @@ sgs_status sgsi_rays_create(const sgs_camera *camera, int bin_tiles, sgsi_rays *
     if (!complete) {
         sgsi_free(map.directions);
         sgsi_rays_destroy(made);
-        return sgsi_fail(SGS_STATUS_UNSUPPORTED, "the %dx%d image is too small for its lens: %d pixels see more than 174 degrees",
-                         camera->width, camera->height, SGSI_TILE);
+        return sgsi_fail(
+            SGS_STATUS_UNSUPPORTED,
+            "the %dx%d image is too small for its lens: %d pixels see more than 174 degrees",
+            camera->width, camera->height, SGSI_TILE);
     }
     for (size_t i = 0; i < bin_count; ++i)
         fill_bin(made, &map, (int)i);
@@ -247,7 +259,8 @@ sgs_status sgsi_rays_create(const sgs_camera *camera, int bin_tiles, sgsi_rays *
 out_of_memory:
     sgsi_free(map.directions);
     sgsi_rays_destroy(made);
-    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the rays of a %dx%d camera", camera->width, camera->height);
+    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the rays of a %dx%d camera",
+                     camera->width, camera->height);
 }
 
 void sgsi_rays_destroy(sgsi_rays *rays)
@@ -292,7 +305,8 @@ void sgsi_ray_cache_destroy(sgsi_ray_cache *cache)
     sgsi_free(cache);
 }
 
-sgs_status sgsi_ray_cache_get(sgsi_ray_cache *cache, const sgs_camera *camera, const sgsi_rays **rays)
+sgs_status sgsi_ray_cache_get(sgsi_ray_cache *cache, const sgs_camera *camera,
+                              const sgsi_rays **rays)
 {
     *rays = NULL;
     for (int i = 0; i < CACHE_SLOTS; ++i) {
@@ -302,7 +316,8 @@ sgs_status sgsi_ray_cache_get(sgsi_ray_cache *cache, const sgs_camera *camera, c
             return SGS_STATUS_OK;
         }
     }
-    const size_t bytes = (size_t)camera->width * (size_t)camera->height * sizeof(sgsi_tile_rays) / (SGSI_TILE * SGSI_TILE);
+    const size_t bytes = (size_t)camera->width * (size_t)camera->height * sizeof(sgsi_tile_rays) /
+                         (SGSI_TILE * SGSI_TILE);
     for (;;) {
         int oldest = -1, empty = -1;
         for (int i = 0; i < CACHE_SLOTS; ++i) {
@@ -312,7 +327,8 @@ sgs_status sgsi_ray_cache_get(sgsi_ray_cache *cache, const sgs_camera *camera, c
                 oldest = i;
         }
         if (empty >= 0 && (oldest < 0 || cache->bytes + bytes <= cache->byte_limit)) {
-            const sgs_status status = sgsi_rays_create(camera, cache->bin_tiles, &cache->slots[empty].rays);
+            const sgs_status status =
+                sgsi_rays_create(camera, cache->bin_tiles, &cache->slots[empty].rays);
             if (status)
                 return status;
             cache->slots[empty].bytes = bytes;

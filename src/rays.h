@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// The rays of a camera, laid out for the kernels: tile by tile, block by block, and the cone packets that
-// ask the BVH. Depends on the intrinsics only, so it is made once per camera and kept.
+// The rays of a camera, laid out for the kernels: tile by tile, block by block, and the cone
+// packets that ask the BVH. Depends on the intrinsics only, so it is made once per camera and kept.
 
 #include "trace.h"
 
@@ -16,4 +16,5 @@ typedef struct sgsi_ray_cache sgsi_ray_cache;
 sgs_status sgsi_ray_cache_create(int bin_tiles, size_t byte_limit, sgsi_ray_cache **cache);
 void sgsi_ray_cache_destroy(sgsi_ray_cache *cache);
 // The table stays valid until the next call.
-sgs_status sgsi_ray_cache_get(sgsi_ray_cache *cache, const sgs_camera *camera, const sgsi_rays **rays);
+sgs_status sgsi_ray_cache_get(sgsi_ray_cache *cache, const sgs_camera *camera,
+                              const sgsi_rays **rays);

@@ -1,20 +1,22 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The oracle, forward: what every faster renderer of this library must compute, written to be believed at
-// sight. Each ray meets every Gaussian, in double precision, without a BVH, without SIMD, without bounds.
+// The oracle, forward: what every faster renderer of this library must compute, written to be
+// believed at sight. Each ray meets every Gaussian, in double precision, without a BVH, without
+// SIMD, without bounds.
 //
-// The model is 3D Gaussian Splatting (Kerbl et al., 2023) seen by rays, as in 3D Gaussian Ray Tracing
-// (Moenne-Loccoz et al., 2024): a Gaussian's response on a ray is its maximum along the ray, at depth t.
-// With M = S^-1 R^T, p = M (c - mean), g = M d, n = p x g:
+// The model is 3D Gaussian Splatting (Kerbl et al., 2023) seen by rays, as in 3D Gaussian Ray
+// Tracing (Moenne-Loccoz et al., 2024): a Gaussian's response on a ray is its maximum along the
+// ray, at depth t. With M = S^-1 R^T, p = M (c - mean), g = M d, n = p x g:
 //     rho^2 = |n|^2 / |g|^2,    t = -(p.g) / |g|^2,    alpha = min(0.99, o exp(-rho^2 / 2)).
-// Differences from the rasteriser of 3DGS: hits are ordered per ray by (t, id), not per image by the depth of
-// the mean; `near` cuts at the hit, not at the mean; the 0.3 px^2 dilation is isotropic in space, which equals
-// the rasteriser's on the optical axis and over-dilates the radial direction by 1/cos(theta) off it.
+// Differences from the rasteriser of 3DGS: hits are ordered per ray by (t, id), not per image by
+// the depth of the mean; `near` cuts at the hit, not at the mean; the 0.3 px^2 dilation is
+// isotropic in space, which equals the rasteriser's on the optical axis and over-dilates the radial
+// direction by 1/cos(theta) off it.
 //
-// The tests of one ray, in this order: (1) alpha >= 1/255 and t > near, else the hit does not exist; (2) sort;
-// (3) walk; the first hit with T (1 - alpha) < 1e-4 ends the ray and is itself not counted, even when a later,
-// fainter one would still fit.
+// The tests of one ray, in this order: (1) alpha >= 1/255 and t > near, else the hit does not
+// exist; (2) sort; (3) walk; the first hit with T (1 - alpha) < 1e-4 ends the ray and is itself not
+// counted, even when a later, fainter one would still fit.
 
 #include "reference.h"
 
@@ -63,7 +65,8 @@ static void activate_rotation(const double *stored, sgsi_reference_primitive *ou
     out->quaternion_norm = norm;
     for (int k = 0; k < 4; ++k)
         out->quaternion[k] = norm == 0 ? (k == 0) : stored[k] / norm; // NaN stays NaN
-    const double w = out->quaternion[0], x = out->quaternion[1], y = out->quaternion[2], z = out->quaternion[3];
+    const double w = out->quaternion[0], x = out->quaternion[1], y = out->quaternion[2],
+                 z = out->quaternion[3];
     const double rotation[9] = {
         1 - 2 * (y * y + z * z), 2 * (x * y - w * z),     2 * (x * z + w * y),
         2 * (x * y + w * z),     1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
@@ -72,11 +75,13 @@ static void activate_rotation(const double *stored, sgsi_reference_primitive *ou
     memcpy(out->rotation, rotation, sizeof rotation);
 }
 
-// Where the mean is: distance and direction from the centre (Mip-Splatting's factor and SH want them) and the depth z
-// that turns pixels into world units.
-static void activate_position(const sgsi_reference_view *view, const double *mean, sgsi_reference_primitive *out)
+// Where the mean is: distance and direction from the centre (Mip-Splatting's factor and SH want
+// them) and the depth z that turns pixels into world units.
+static void activate_position(const sgsi_reference_view *view, const double *mean,
+                              sgsi_reference_primitive *out)
 {
-    const double to_mean[3] = {mean[0] - view->center[0], mean[1] - view->center[1], mean[2] - view->center[2]};
+    const double to_mean[3] = {mean[0] - view->center[0], mean[1] - view->center[1],
+                               mean[2] - view->center[2]};
     out->distance = sqrt(dot(to_mean, to_mean));
     for (int k = 0; k < 3; ++k)
         out->direction[k] = out->distance > 0 ? to_mean[k] / out->distance : 0;
@@ -99,10 +104,11 @@ double sgsi_reference_marginal(const double a[3], const double v[3], double d_ma
     return a2[0] * v[1] * v[2] + a2[1] * v[2] * v[0] + a2[2] * v[0] * v[1];
 }
 
-// Scales and opacity through the filters. Mip-Splatting (Yu et al., 2024) keeps the integral of a Gaussian when it
-// widens it: in space by the ratio of the volumes, in the image by the ratio of the marginals across the line of sight.
-static void activate_filters(const sgsi_reference_view *view, const double *stored, double filter_3d,
-                             sgsi_reference_primitive *out)
+// Scales and opacity through the filters. Mip-Splatting (Yu et al., 2024) keeps the integral of a
+// Gaussian when it widens it: in space by the ratio of the volumes, in the image by the ratio of
+// the marginals across the line of sight.
+static void activate_filters(const sgsi_reference_view *view, const double *stored,
+                             double filter_3d, sgsi_reference_primitive *out)
 {
     for (int k = 0; k < 3; ++k) {
         const double scale = exp(stored[SGS_PARAM_SCALE + k]);
@@ -157,8 +163,8 @@ static void activate_color(const double *sh, int degree, sgsi_reference_primitiv
     }
 }
 
-static void activate(const sgsi_reference_view *view, const double *stored, double filter_3d, int degree,
-                     sgsi_reference_primitive *out)
+static void activate(const sgsi_reference_view *view, const double *stored, double filter_3d,
+                     int degree, sgsi_reference_primitive *out)
 {
     activate_rotation(stored + SGS_PARAM_ROTATION, out);
     activate_position(view, stored + SGS_PARAM_MEAN, out);
@@ -166,7 +172,8 @@ static void activate(const sgsi_reference_view *view, const double *stored, doub
     activate_color(stored + SGS_PARAM_SH_DC, degree, out);
     for (int row = 0; row < 3; ++row)
         for (int column = 0; column < 3; ++column)
-            out->matrix[3 * row + column] = out->rotation[3 * column + row] / sqrt(out->variance_view[row]);
+            out->matrix[3 * row + column] =
+                out->rotation[3 * column + row] / sqrt(out->variance_view[row]);
     double to_center[3];
     for (int k = 0; k < 3; ++k)
         to_center[k] = view->center[k] - stored[SGS_PARAM_MEAN + k];
@@ -179,9 +186,12 @@ sgs_status sgsi_reference_view_create(const double *params, size_t count, const 
 {
     *view = (sgsi_reference_view){.camera = camera, .pose = pose, .count = count};
     if ((!params && count) || !camera || !pose || !options)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "reference: parameters, camera, pose and options are needed");
-    if (options->filter != SGS_FILTER_3DGS && options->filter != SGS_FILTER_NONE && options->filter != SGS_FILTER_MIP)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "reference: filter %d is unknown", (int)options->filter);
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                         "reference: parameters, camera, pose and options are needed");
+    if (options->filter != SGS_FILTER_3DGS && options->filter != SGS_FILTER_NONE &&
+        options->filter != SGS_FILTER_MIP)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "reference: filter %d is unknown",
+                         (int)options->filter);
     if (count > UINT32_MAX)
         return sgsi_fail(SGS_STATUS_LIMIT, "reference: %zu primitives; ids have 32 bits", count);
     const sgs_status status = sgs_camera_validate(camera);
@@ -197,7 +207,8 @@ sgs_status sgsi_reference_view_create(const double *params, size_t count, const 
         view->filter_scale = (view->mip ? dilation_mip : dilation_3dgs) / (fx * fy);
     view->primitives = sgsi_alloc(count ? count : 1, sizeof *view->primitives);
     if (!view->primitives)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "reference: no memory for %zu primitives", count);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "reference: no memory for %zu primitives",
+                         count);
     const int degree = options->sh_degree < 0 ? 0 : options->sh_degree > 3 ? 3 : options->sh_degree;
     for (size_t i = 0; i < count; ++i) {
         const double filter_3d = view->mip && options->filter_3d ? options->filter_3d[i] : 0;
@@ -224,8 +235,8 @@ bool sgsi_reference_ray(const sgsi_reference_view *view, int x, int y, double di
     return true;
 }
 
-void sgsi_reference_response(const sgsi_reference_primitive *primitive, const double direction[3], double *rho_squared,
-                             double *t)
+void sgsi_reference_response(const sgsi_reference_primitive *primitive, const double direction[3],
+                             double *rho_squared, double *t)
 {
     double g[3], n[3];
     multiply(primitive->matrix, direction, g);
@@ -242,7 +253,8 @@ static int compare_hits(const void *left, const void *right)
     return a->primitive < b->primitive ? -1 : a->primitive > b->primitive;
 }
 
-size_t sgsi_reference_trace(const sgsi_reference_view *view, const double direction[3], sgs_hit *hits)
+size_t sgsi_reference_trace(const sgsi_reference_view *view, const double direction[3],
+                            sgs_hit *hits)
 {
     size_t found = 0;
     for (size_t i = 0; i < view->count; ++i) {
@@ -274,7 +286,8 @@ typedef struct render_job {
 } render_job;
 
 typedef struct pixel_values {
-    double color[3], transmittance, depth_mean, depth_median, depth_first, hits, normal[3], position[3], primitive;
+    double color[3], transmittance, depth_mean, depth_median, depth_first, hits, normal[3],
+        position[3], primitive;
 } pixel_values;
 
 void sgsi_reference_normal(const sgsi_reference_primitive *primitive, double normal[3])
@@ -290,7 +303,8 @@ void sgsi_reference_normal(const sgsi_reference_primitive *primitive, double nor
         normal[k] *= towards;
 }
 
-static pixel_values blend(const sgsi_reference_view *view, const double direction[3], const sgs_hit *hits, size_t count)
+static pixel_values blend(const sgsi_reference_view *view, const double direction[3],
+                          const sgs_hit *hits, size_t count)
 {
     pixel_values pixel = {.transmittance = 1, .hits = (double)count, .primitive = -1};
     double weight_sum = 0, largest = 0;
@@ -364,11 +378,13 @@ static void render_row(void *context, size_t y, int thread)
     }
 }
 
-sgs_status sgs_reference_render(const double *params, size_t count, const sgs_camera *camera, const sgs_pose *pose,
-                                const sgs_render_options *options, sgs_reference_frame *frame)
+sgs_status sgs_reference_render(const double *params, size_t count, const sgs_camera *camera,
+                                const sgs_pose *pose, const sgs_render_options *options,
+                                sgs_reference_frame *frame)
 {
     if (!frame || !camera || frame->width != camera->width || frame->height != camera->height)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "reference: the frame must have the size of the camera");
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                         "reference: the frame must have the size of the camera");
     sgsi_reference_view view;
     sgs_status status = sgsi_reference_view_create(params, count, camera, pose, options, &view);
     if (status != SGS_STATUS_OK)
@@ -378,14 +394,16 @@ sgs_status sgs_reference_render(const double *params, size_t count, const sgs_ca
     if (job.hits)
         sgsi_parallel_for((size_t)frame->height, 1, render_row, &job);
     else
-        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "reference: no memory for the hits of %zu primitives", count);
+        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                           "reference: no memory for the hits of %zu primitives", count);
     sgsi_free(job.hits);
     sgsi_reference_view_free(&view);
     return status;
 }
 
-size_t sgs_reference_hits(const double *params, size_t count, const sgs_camera *camera, const sgs_pose *pose,
-                          const sgs_render_options *options, int x, int y, sgs_hit *hits, size_t capacity)
+size_t sgs_reference_hits(const double *params, size_t count, const sgs_camera *camera,
+                          const sgs_pose *pose, const sgs_render_options *options, int x, int y,
+                          sgs_hit *hits, size_t capacity)
 {
     sgsi_reference_view view;
     if (sgsi_reference_view_create(params, count, camera, pose, options, &view) != SGS_STATUS_OK)
@@ -394,8 +412,10 @@ size_t sgs_reference_hits(const double *params, size_t count, const sgs_camera *
     double direction[3];
     sgs_hit *all = sgsi_alloc(count ? count : 1, sizeof *all);
     if (!all)
-        sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "reference: no memory for the hits of %zu primitives", count);
-    else if (x >= 0 && y >= 0 && x < camera->width && y < camera->height && sgsi_reference_ray(&view, x, y, direction))
+        sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "reference: no memory for the hits of %zu primitives",
+                  count);
+    else if (x >= 0 && y >= 0 && x < camera->width && y < camera->height &&
+             sgsi_reference_ray(&view, x, y, direction))
         found = sgsi_reference_trace(&view, direction, all);
     for (size_t k = 0; k < found && k < capacity && hits; ++k)
         hits[k] = all[k];
@@ -412,16 +432,19 @@ sgs_status sgs_reference_frame_create(int width, int height, sgs_reference_frame
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "reference: no frame to create");
     *frame = (sgs_reference_frame){0};
     if (width < 1 || height < 1 || width > 65536 || height > 65536)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "reference: a frame of %d x %d pixels", width, height);
-    double **const planes[] = {&frame->color[0],    &frame->color[1],     &frame->color[2],    &frame->transmittance,
-                               &frame->depth_mean,  &frame->depth_median, &frame->depth_first, &frame->hits,
-                               &frame->normal[0],   &frame->normal[1],    &frame->normal[2],   &frame->position[0],
-                               &frame->position[1], &frame->position[2],  &frame->primitive};
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "reference: a frame of %d x %d pixels", width,
+                         height);
+    double **const planes[] = {&frame->color[0],      &frame->color[1],    &frame->color[2],
+                               &frame->transmittance, &frame->depth_mean,  &frame->depth_median,
+                               &frame->depth_first,   &frame->hits,        &frame->normal[0],
+                               &frame->normal[1],     &frame->normal[2],   &frame->position[0],
+                               &frame->position[1],   &frame->position[2], &frame->primitive};
     for (size_t k = 0; k < sizeof planes / sizeof *planes; ++k) {
         *planes[k] = sgsi_calloc((size_t)width * (size_t)height, sizeof(double));
         if (!*planes[k]) {
             sgs_reference_frame_free(frame);
-            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "reference: no memory for %d x %d pixels", width, height);
+            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "reference: no memory for %d x %d pixels",
+                             width, height);
         }
     }
     frame->width = width;

@@ -49,18 +49,21 @@ typedef struct frame_planes {
 static frame_planes list_planes(sgs_frame *frame)
 {
     return (frame_planes){
-        {&frame->color[0], &frame->color[1], &frame->color[2], &frame->transmittance, &frame->depth_mean,
-         &frame->depth_median, &frame->depth_first, &frame->hits, &frame->normal[0], &frame->normal[1], &frame->normal[2],
-         &frame->position[0], &frame->position[1], &frame->position[2], (float **)&frame->primitive},
-        {0, 0, 0, 0, SGS_PLANE_DEPTH_MEAN, SGS_PLANE_DEPTH_MEDIAN, SGS_PLANE_DEPTH_FIRST, SGS_PLANE_HITS, SGS_PLANE_NORMAL,
-         SGS_PLANE_NORMAL, SGS_PLANE_NORMAL, SGS_PLANE_POSITION, SGS_PLANE_POSITION, SGS_PLANE_POSITION, SGS_PLANE_PRIMITIVE}};
+        {&frame->color[0], &frame->color[1], &frame->color[2], &frame->transmittance,
+         &frame->depth_mean, &frame->depth_median, &frame->depth_first, &frame->hits,
+         &frame->normal[0], &frame->normal[1], &frame->normal[2], &frame->position[0],
+         &frame->position[1], &frame->position[2], (float **)&frame->primitive},
+        {0, 0, 0, 0, SGS_PLANE_DEPTH_MEAN, SGS_PLANE_DEPTH_MEDIAN, SGS_PLANE_DEPTH_FIRST,
+         SGS_PLANE_HITS, SGS_PLANE_NORMAL, SGS_PLANE_NORMAL, SGS_PLANE_NORMAL, SGS_PLANE_POSITION,
+         SGS_PLANE_POSITION, SGS_PLANE_POSITION, SGS_PLANE_PRIMITIVE}};
 }
 
 sgs_status sgs_frame_create_with(int width, int height, unsigned planes, sgs_frame *frame)
 {
     *frame = (sgs_frame){0};
     if (width < 1 || height < 1)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "a frame of %dx%d pixels is empty", width, height);
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "a frame of %dx%d pixels is empty", width,
+                         height);
     const frame_planes list = list_planes(frame);
     for (int i = 0; i < PLANE_COUNT; ++i) {
         if (list.bit[i] && !(planes & list.bit[i]))
@@ -68,7 +71,8 @@ sgs_status sgs_frame_create_with(int width, int height, unsigned planes, sgs_fra
         *list.plane[i] = sgsi_calloc((size_t)width * (size_t)height, sizeof(float));
         if (!*list.plane[i]) {
             sgs_frame_free(frame);
-            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a frame of %dx%d pixels", width, height);
+            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a frame of %dx%d pixels",
+                             width, height);
         }
     }
     frame->width = width;
@@ -129,7 +133,8 @@ sgs_status sgs_renderer_update(sgs_renderer *renderer)
     return SGS_STATUS_OK;
 }
 
-// The kernels write straight into the frame; colour and transmittance that it does not want go to planes of our own.
+// The kernels write straight into the frame; colour and transmittance that it does not want go to
+// planes of our own.
 static sgs_status prepare_planes(sgs_renderer *renderer, const sgs_frame *frame)
 {
     const size_t floats = (size_t)frame->width * (size_t)frame->height;
@@ -142,20 +147,26 @@ static sgs_status prepare_planes(sgs_renderer *renderer, const sgs_frame *frame)
             renderer->unwanted = sgsi_alloc(floats, 4 * sizeof *renderer->unwanted);
             renderer->unwanted_floats = renderer->unwanted ? 4 * floats : 0;
             if (!renderer->unwanted)
-                return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a frame of %dx%d pixels", frame->width, frame->height);
+                return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a frame of %dx%d pixels",
+                                 frame->width, frame->height);
         }
         basic[k] = renderer->unwanted + k * floats;
     }
-    renderer->planes = (sgsi_planes){.width = frame->width, .height = frame->height, .stride = (size_t)frame->width,
-                                     .color = {basic[0], basic[1], basic[2]}, .transmittance = basic[3],
-                                     .depth_mean = frame->depth_mean, .depth_median = frame->depth_median,
-                                     .depth_first = frame->depth_first, .hits = frame->hits};
+    renderer->planes = (sgsi_planes){.width = frame->width,
+                                     .height = frame->height,
+                                     .stride = (size_t)frame->width,
+                                     .color = {basic[0], basic[1], basic[2]},
+                                     .transmittance = basic[3],
+                                     .depth_mean = frame->depth_mean,
+                                     .depth_median = frame->depth_median,
+                                     .depth_first = frame->depth_first,
+                                     .hits = frame->hits};
     return SGS_STATUS_OK;
 }
 
 // The quantities beyond the basic ones, and the primitives' normals where these are wanted.
-static sgs_status prepare_aov(sgs_renderer *renderer, const sgsi_view *view, const sgs_render_options *options,
-                              const sgs_frame *frame)
+static sgs_status prepare_aov(sgs_renderer *renderer, const sgsi_view *view,
+                              const sgs_render_options *options, const sgs_frame *frame)
 {
     sgsi_aov *aov = &renderer->aov;
     *aov = (sgsi_aov){.primitive = frame->primitive, .axis_depth = options->axis_depth};
@@ -163,7 +174,8 @@ static sgs_status prepare_aov(sgs_renderer *renderer, const sgsi_view *view, con
     memcpy(aov->position, frame->position, sizeof aov->position);
     memcpy(aov->rotation, view->rotation, sizeof aov->rotation);
     memcpy(aov->center, view->center, sizeof aov->center);
-    renderer->planes.aov = aov->normal[0] || aov->position[0] || aov->primitive || aov->axis_depth ? aov : NULL;
+    renderer->planes.aov =
+        aov->normal[0] || aov->position[0] || aov->primitive || aov->axis_depth ? aov : NULL;
     if (!aov->normal[0])
         return SGS_STATUS_OK;
     if (renderer->normal_count < renderer->model->count) {
@@ -171,7 +183,8 @@ static sgs_status prepare_aov(sgs_renderer *renderer, const sgsi_view *view, con
         renderer->normals = sgsi_alloc(renderer->model->count, 4 * sizeof *renderer->normals);
         renderer->normal_count = renderer->normals ? renderer->model->count : 0;
         if (!renderer->normals)
-            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the normals of %zu primitives", renderer->model->count);
+            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                             "no memory for the normals of %zu primitives", renderer->model->count);
     }
     sgsi_normals_fill(renderer->model, view->center, renderer->normals);
     aov->normals = renderer->normals;
@@ -179,7 +192,8 @@ static sgs_status prepare_aov(sgs_renderer *renderer, const sgsi_view *view, con
 }
 
 // The kernels read whole blocks of 16; the caller's array ends with the model.
-static sgs_status pad_filter(sgs_renderer *renderer, const sgs_render_options *options, const float **filter_3d)
+static sgs_status pad_filter(sgs_renderer *renderer, const sgs_render_options *options,
+                             const float **filter_3d)
 {
     const size_t count = renderer->model->count, capacity = renderer->model->capacity;
     *filter_3d = NULL;
@@ -190,7 +204,8 @@ static sgs_status pad_filter(sgs_renderer *renderer, const sgs_render_options *o
         renderer->filter_3d = sgsi_calloc(capacity, sizeof *renderer->filter_3d);
         renderer->filter_capacity = renderer->filter_3d ? capacity : 0;
         if (!renderer->filter_3d)
-            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the 3D filter of %zu primitives", count);
+            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                             "no memory for the 3D filter of %zu primitives", count);
     }
     memcpy(renderer->filter_3d, options->filter_3d, count * sizeof *renderer->filter_3d);
     *filter_3d = renderer->filter_3d;
@@ -199,15 +214,20 @@ static sgs_status pad_filter(sgs_renderer *renderer, const sgs_render_options *o
 
 // Everything up to the tracing.
 static sgs_status begin_view(sgs_renderer *renderer, const sgs_camera *camera, const sgs_pose *pose,
-                             const sgs_render_options *options, const sgs_frame *frame, sgsi_view *view)
+                             const sgs_render_options *options, const sgs_frame *frame,
+                             sgsi_view *view)
 {
     if (frame->width != camera->width || frame->height != camera->height)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "the frame is %dx%d pixels but its camera %dx%d", frame->width,
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                         "the frame is %dx%d pixels but its camera %dx%d", frame->width,
                          frame->height, camera->width, camera->height);
-    if (options->filter != SGS_FILTER_3DGS && options->filter != SGS_FILTER_NONE && options->filter != SGS_FILTER_MIP)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "pixel filter %d is unknown", (int)options->filter);
+    if (options->filter != SGS_FILTER_3DGS && options->filter != SGS_FILTER_NONE &&
+        options->filter != SGS_FILTER_MIP)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "pixel filter %d is unknown",
+                         (int)options->filter);
     if (options->sh_degree < 0 || options->sh_degree > 3 || !(options->near_distance >= 0.0))
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "SH degree %d or near distance %g is out of range", options->sh_degree,
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                         "SH degree %d or near distance %g is out of range", options->sh_degree,
                          options->near_distance);
     const sgsi_rays *rays;
     sgs_status status = sgsi_ray_cache_get(renderer->rays, camera, &rays);
@@ -229,8 +249,9 @@ static sgs_status begin_view(sgs_renderer *renderer, const sgs_camera *camera, c
     return status;
 }
 
-sgs_status sgs_renderer_render(sgs_renderer *renderer, const sgs_camera *camera, const sgs_pose *pose,
-                               const sgs_render_options *options, sgs_frame *frame)
+sgs_status sgs_renderer_render(sgs_renderer *renderer, const sgs_camera *camera,
+                               const sgs_pose *pose, const sgs_render_options *options,
+                               sgs_frame *frame)
 {
     sgsi_view view;
     sgs_status status = begin_view(renderer, camera, pose, options, frame, &view);
@@ -243,18 +264,21 @@ sgs_status sgs_renderer_render(sgs_renderer *renderer, const sgs_camera *camera,
 static int band_rows(const sgsi_rays *rays, int max_samples)
 {
     const size_t wanted = 8 * (size_t)sgsi_threads() / (size_t)rays->bins_x + 1;
-    const size_t row_bytes = (size_t)rays->bin_tiles * SGSI_TILE * (size_t)rays->camera.width * (size_t)max_samples *
-                             sizeof(sgs_deep_sample);
+    const size_t row_bytes = (size_t)rays->bin_tiles * SGSI_TILE * (size_t)rays->camera.width *
+                             (size_t)max_samples * sizeof(sgs_deep_sample);
     const size_t allowed = ((size_t)256 << 20) / row_bytes;
     return (int)(wanted < allowed ? wanted : allowed ? allowed : 1);
 }
 
-sgs_status sgs_renderer_render_deep(sgs_renderer *renderer, const sgs_camera *camera, const sgs_pose *pose,
-                                    const sgs_render_options *options, const sgs_deep_options *deep, sgs_frame *frame,
+sgs_status sgs_renderer_render_deep(sgs_renderer *renderer, const sgs_camera *camera,
+                                    const sgs_pose *pose, const sgs_render_options *options,
+                                    const sgs_deep_options *deep, sgs_frame *frame,
                                     sgs_deep_rows_fn rows, void *context)
 {
-    if (!(deep->tolerance >= 0 && deep->tolerance <= 1) || deep->max_samples < 1 || deep->max_samples > 256)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "a deep tolerance of %g or %d samples per pixel is out of range",
+    if (!(deep->tolerance >= 0 && deep->tolerance <= 1) || deep->max_samples < 1 ||
+        deep->max_samples > 256)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                         "a deep tolerance of %g or %d samples per pixel is out of range",
                          deep->tolerance, deep->max_samples);
     sgsi_view view;
     sgs_status status = begin_view(renderer, camera, pose, options, frame, &view);
@@ -270,8 +294,9 @@ sgs_status sgs_renderer_render_deep(sgs_renderer *renderer, const sgs_camera *ca
         const int y = first * SGSI_TILE, left = camera->height - y;
         const int height = left < step * SGSI_TILE ? left : step * SGSI_TILE;
         sgsi_deep_begin(&renderer->deep, y, height);
-        status = sgsi_tracer_forward_rows(renderer->tracer, &view, &renderer->planes, first,
-                                          first + step < rays->tiles_y ? first + step : rays->tiles_y);
+        status =
+            sgsi_tracer_forward_rows(renderer->tracer, &view, &renderer->planes, first,
+                                     first + step < rays->tiles_y ? first + step : rays->tiles_y);
         if (status)
             break;
         sgsi_deep_pack(&renderer->deep);

@@ -3,14 +3,16 @@
 
 // DashGaussian's resolution schedule (Chen et al., 2025; specs of DashGaussian, section 2).
 //
-// An image reduced by s keeps the middle 1/s of its spectrum in each direction. M is the magnitude of the spectrum,
-// W(s) the sum of M over that window. The scale starts where a quarter of the energy is left, at most at 8:
-// E_0 = W(s_max). 32 levels divide what is missing to the whole energy E evenly; level i is rendered at the s_i
-// with W(s_i) = E_i and begins at iteration T ln(E_(i-1) / E_0) / ln(E / E_0). Between levels the area goes linearly.
-// The scale in force is a whole number.
+// An image reduced by s keeps the middle 1/s of its spectrum in each direction. M is the magnitude
+// of the spectrum, W(s) the sum of M over that window. The scale starts where a quarter of the
+// energy is left, at most at 8: E_0 = W(s_max). 32 levels divide what is missing to the whole
+// energy E evenly; level i is rendered at the s_i with W(s_i) = E_i and begins at iteration T
+// ln(E_(i-1) / E_0) / ln(E / E_0). Between levels the area goes linearly. The scale in force is a
+// whole number.
 //
-// Images of several sizes: those of the most frequent size make the mean spectrum (the paper assumes one size).
-// Photographs at reduced size are rounded to 8 bits, as all photographs of this trainer are.
+// Images of several sizes: those of the most frequent size make the mean spectrum (the paper
+// assumes one size). Photographs at reduced size are rounded to 8 bits, as all photographs of this
+// trainer are.
 
 #include "resolution.h"
 
@@ -38,7 +40,8 @@ static sgs_status spectrum_create(int width, int height, sgsi_spectrum *spectrum
     if (spectrum->magnitude && spectrum->table)
         return SGS_STATUS_OK;
     sgsi_spectrum_free(spectrum);
-    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the spectrum of an image of %dx%d pixels", width, height);
+    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                     "no memory for the spectrum of an image of %dx%d pixels", width, height);
 }
 
 static void fill_table(sgsi_spectrum *s)
@@ -48,14 +51,16 @@ static void fill_table(sgsi_spectrum *s)
         double row = 0.0;
         for (int x = 0; x < s->width; ++x) {
             row += s->magnitude[(size_t)y * (size_t)s->width + (size_t)x];
-            s->table[(size_t)(y + 1) * pitch + (size_t)x + 1] = s->table[(size_t)y * pitch + (size_t)x + 1] + row;
+            s->table[(size_t)(y + 1) * pitch + (size_t)x + 1] =
+                s->table[(size_t)y * pitch + (size_t)x + 1] + row;
         }
     }
 }
 
-// Adds the centred magnitudes of one channel. The transform of real numbers is one half; the other mirrors it.
-static void add_channel(const sgs_image8 *image, int channel, double *samples, fftw_complex *half, fftw_plan plan,
-                        double *magnitude)
+// Adds the centred magnitudes of one channel. The transform of real numbers is one half; the other
+// mirrors it.
+static void add_channel(const sgs_image8 *image, int channel, double *samples, fftw_complex *half,
+                        fftw_plan plan, double *magnitude)
 {
     const int w = image->width, h = image->height, half_width = w / 2 + 1;
     const uint8_t *pixels = image->pixels + (size_t)channel * (size_t)w * (size_t)h;
@@ -82,16 +87,18 @@ sgs_status sgsi_spectrum_of(const sgs_image8 *image, sgsi_spectrum *spectrum)
     double *samples = fftw_alloc_real(pixels);
     fftw_complex *half = fftw_alloc_complex((size_t)image->height * (size_t)(image->width / 2 + 1));
     // The plan is estimated, not measured, so that it and its rounding are the same in every run.
-    fftw_plan plan =
-        samples && half ? fftw_plan_dft_r2c_2d(image->height, image->width, samples, half, FFTW_ESTIMATE) : NULL;
+    fftw_plan plan = samples && half ? fftw_plan_dft_r2c_2d(image->height, image->width, samples,
+                                                            half, FFTW_ESTIMATE)
+                                     : NULL;
     if (plan) {
         for (int c = 0; c < 3; ++c)
             add_channel(image, c, samples, half, plan, spectrum->magnitude);
         fill_table(spectrum);
         fftw_destroy_plan(plan);
     } else {
-        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the spectrum of an image of %dx%d pixels",
-                           image->width, image->height);
+        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                           "no memory for the spectrum of an image of %dx%d pixels", image->width,
+                           image->height);
         sgsi_spectrum_free(spectrum);
     }
     fftw_free(samples);
@@ -136,7 +143,8 @@ static double solve(const sgsi_spectrum *s, double target)
     return 1.0 / middle;
 }
 
-static void make_levels(const sgsi_spectrum *mean, double scale_max, int until, sgsi_resolution *plan)
+static void make_levels(const sgsi_spectrum *mean, double scale_max, int until,
+                        sgsi_resolution *plan)
 {
     enum { LAST = SGSI_RESOLUTION_LEVELS - 1 };
     const double total = whole(mean), least = sgsi_spectrum_window(mean, scale_max);
@@ -248,7 +256,8 @@ sgs_status sgsi_image8_triangle(const sgs_image8 *image, int scale, sgs_image8 *
 {
     const int width = image->width / scale > 0 ? image->width / scale : 1,
               height = image->height / scale > 0 ? image->height / scale : 1;
-    const size_t from = (size_t)image->width * (size_t)image->height, to = (size_t)width * (size_t)height;
+    const size_t from = (size_t)image->width * (size_t)image->height,
+                 to = (size_t)width * (size_t)height;
     *out = (sgs_image8){.width = width, .height = height, .channels = image->channels};
     out->pixels = sgsi_alloc(to, (size_t)image->channels);
     float *rows = sgsi_alloc((size_t)image->width, sizeof *rows);
@@ -256,23 +265,28 @@ sgs_status sgsi_image8_triangle(const sgs_image8 *image, int scale, sgs_image8 *
         sgsi_free(rows);
         sgsi_free(out->pixels);
         *out = (sgs_image8){0};
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for an image of %dx%d pixels", width, height);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for an image of %dx%d pixels", width,
+                         height);
     }
     float weights[4 * SCALE_MAX + 4] = {0}, across[4 * SCALE_MAX + 4] = {0};
     for (int c = 0; c < image->channels; ++c)
         for (int y = 0; y < height; ++y) {
             int first;
-            const int taps = triangle_weights(y, (double)image->height / height, image->height, weights, &first);
+            const int taps =
+                triangle_weights(y, (double)image->height / height, image->height, weights, &first);
             memset(rows, 0, (size_t)image->width * sizeof *rows);
             for (int k = 0; k < taps; ++k)
                 for (int x = 0; x < image->width; ++x)
                     rows[x] +=
                         weights[k] *
-                        (float)image->pixels[(size_t)c * from + (size_t)(first + k) * (size_t)image->width + (size_t)x];
+                        (float)
+                            image->pixels[(size_t)c * from +
+                                          (size_t)(first + k) * (size_t)image->width + (size_t)x];
             for (int x = 0; x < width; ++x) {
                 float sum = 0.0f;
                 int left;
-                const int columns = triangle_weights(x, (double)image->width / width, image->width, across, &left);
+                const int columns =
+                    triangle_weights(x, (double)image->width / width, image->width, across, &left);
                 for (int k = 0; k < columns; ++k)
                     sum += across[k] * rows[left + k];
                 out->pixels[(size_t)c * to + (size_t)y * (size_t)width + (size_t)x] =

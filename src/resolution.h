@@ -2,8 +2,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// DashGaussian's resolution schedule: how much smaller the images may be rendered at each moment of the training,
-// from the energy of their spectra; and the reduction of a photograph that goes with it. Knows no model and no rays.
+// DashGaussian's resolution schedule: how much smaller the images may be rendered at each moment of
+// the training, from the energy of their spectra; and the reduction of a photograph that goes with
+// it. Knows no model and no rays.
 
 #include "sparegs/scene.h"
 
@@ -13,11 +14,11 @@ typedef struct sgsi_resolution {
     int until;                             // full resolution from here on
     double scale[SGSI_RESOLUTION_LEVELS];  // down-scaling, falling to 1
     int begin[SGSI_RESOLUTION_LEVELS + 1]; // iterations
-    int decay_begin;                       // first level with a scale below 2: the position rate decays from here
+    int decay_begin; // first level with a scale below 2: the position rate decays from here
 } sgsi_resolution;
 
-// Magnitudes of the centred 2D spectrum, summed over the channels of an image: [height][width], to be added to.
-// `power` is a sum table of it, [height + 1][width + 1], or NULL.
+// Magnitudes of the centred 2D spectrum, summed over the channels of an image: [height][width], to
+// be added to. `power` is a sum table of it, [height + 1][width + 1], or NULL.
 typedef struct sgsi_spectrum {
     int width, height;
     double *magnitude, *table;
@@ -31,8 +32,8 @@ typedef struct sgsi_image_source {
     sgs_status (*get)(void *context, size_t i, sgs_image8 *image); // valid until the next call
 } sgsi_image_source;
 
-// Images of the most frequent size make the mean spectrum; all limit the largest scale. Fails with OUT_OF_MEMORY or as
-// `get` does.
+// Images of the most frequent size make the mean spectrum; all limit the largest scale. Fails with
+// OUT_OF_MEMORY or as `get` does.
 sgs_status sgsi_resolution_plan(const sgsi_image_source *images, int until, sgsi_resolution *plan);
 // Whole down-scaling factor >= 1 at an iteration.
 int sgsi_resolution_at(const sgsi_resolution *plan, int iteration);
@@ -43,6 +44,6 @@ void sgsi_spectrum_free(sgsi_spectrum *spectrum);
 // Energy of the window of a spectrum that an image reduced by `scale` keeps.
 double sgsi_spectrum_window(const sgsi_spectrum *spectrum, double scale);
 
-// Reduces an image to floor(size / scale) with a triangle filter of that support ("bilinear, antialias"), rounded to
-// 8 bits. All channels alike. On failure *out is empty.
+// Reduces an image to floor(size / scale) with a triangle filter of that support ("bilinear,
+// antialias"), rounded to 8 bits. All channels alike. On failure *out is empty.
 sgs_status sgsi_image8_triangle(const sgs_image8 *image, int scale, sgs_image8 *out);

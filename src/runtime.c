@@ -21,10 +21,12 @@ int sgs_isa_supported(sgs_isa isa)
         return 1;
 #ifdef SGSI_X86
     case SGS_ISA_AVX2:
-        return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") && __builtin_cpu_supports("bmi2");
+        return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") &&
+               __builtin_cpu_supports("bmi2");
     case SGS_ISA_AVX512:
         return __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") &&
-               __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("fma");
+               __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl") &&
+               __builtin_cpu_supports("fma");
 #endif
     default:
         return 0;
@@ -53,7 +55,8 @@ sgs_status sgs_set_isa(sgs_isa isa)
     if (!sgs_isa_name(isa))
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "instruction set %d is unknown", (int)isa);
     if (!sgs_isa_supported(isa))
-        return sgsi_fail(SGS_STATUS_UNSUPPORTED, "this machine has no %s; leave --isa away", sgs_isa_name(isa));
+        return sgsi_fail(SGS_STATUS_UNSUPPORTED, "this machine has no %s; leave --isa away",
+                         sgs_isa_name(isa));
     chosen_isa = isa;
     return SGS_STATUS_OK;
 }

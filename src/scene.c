@@ -3,19 +3,19 @@
 
 // A scene: what the files say (scene_find.c, colmap.c, transforms.c) and the photographs, joined.
 //
-// Order of things: find the files, read cameras and points, sort by name, look at the headers of the photographs and
-// fit every camera to the size its photograph will have after down-scaling, read the photographs, drop the views
-// without one, split, measure the extent. Photographs are read in parallel; views depend on their own files only, and
-// warnings are sent afterwards in view order, so the result and the messages are the same for any number of threads.
+// Order of things: find the files, read cameras and points, sort by name, look at the headers of
+// the photographs and fit every camera to the size its photograph will have after down-scaling,
+// read the photographs, drop the views without one, split, measure the extent. Photographs are read
+// in parallel; views depend on their own files only, and warnings are sent afterwards in view
+// order, so the result and the messages are the same for any number of threads.
 //
-// From 3DGS: the width of 1600 px, every N-th of the sorted names as test set, and the extent (1.1 times
-// the largest distance of a training camera from their mean). Different: images are area-averaged, not
-// bicubic; the intrinsics follow the image's real size per axis instead of a kept field of view; names are
-// sorted after views without a photograph are gone.
+// From 3DGS: the width of 1600 px, every N-th of the sorted names as test set, and the extent (1.1
+// times the largest distance of a training camera from their mean). Different: images are
+// area-averaged, not bicubic; the intrinsics follow the image's real size per axis instead of a
+// kept field of view; names are sorted after views without a photograph are gone.
 
 #include "sparegs/scene.h"
 
-#include <float.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -27,6 +27,7 @@
 #include "path_within.h"
 #include "photo.h"
 #include "scene_find.h"
+#include "scene_split.h"
 #include "scene_store.h"
 #include "sparegs/image.h"
 #include "threads.h"
@@ -41,9 +42,9 @@ typedef struct slot {
     int file_width, file_height; // before down-scaling
     int width, height;           // after it
     int channels;
-    bool linear;      // the file holds linear light
-    size_t bytes;     // that its photograph takes in memory
-    size_t lens;      // index into loader.lenses
+    bool linear;  // the file holds linear light
+    size_t bytes; // that its photograph takes in memory
+    size_t lens;  // index into loader.lenses
     sgsi_photo_report report;
 } slot;
 
@@ -92,12 +93,7 @@ void sgs_scene_destroy(sgs_scene *scene)
     sgsi_free(scene);
 }
 
-static sgs_status no_memory(const char *path)
-{
-    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory for the scene", path);
-}
-
-// ---- photographs -------------------------------------------------------------------------------------
+// ---- photographs --------------------------------------------------------------------------------
 
 static void reduced_size(int downscale, slot *s)
 {
@@ -115,7 +111,8 @@ static void reduced_size(int downscale, slot *s)
 }
 
 // Completes a camera whose file gave no size (see sgsi_frame) and fits it to its photograph.
-static sgs_status fit_camera(const sgsi_frame *frame, const slot *s, const sgs_view *view, sgs_camera *out)
+static sgs_status fit_camera(const sgsi_frame *frame, const slot *s, const sgs_view *view,
+                             sgs_camera *out)
 {
     sgs_camera camera = frame->camera;
     if (camera.width == 0) {
@@ -130,7 +127,8 @@ static sgs_status fit_camera(const sgsi_frame *frame, const slot *s, const sgs_v
     }
     *out = sgs_camera_resized(&camera, s->width, s->height);
     if (sgs_camera_validate(out))
-        return sgsi_fail(SGS_STATUS_FORMAT, "%s: camera of '%s': %s", view->image_path, view->name, sgs_last_error());
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: camera of '%s': %s", view->image_path, view->name,
+                         sgs_last_error());
     return SGS_STATUS_OK;
 }
 
@@ -179,12 +177,18 @@ static sgsi_photo_source source_of(const loader *l, size_t i)
 {
     const slot *s = &l->slots[i];
     const sgs_view *view = &l->scene->views[i];
-    return (sgsi_photo_source){.image_path = view->image_path, .mask_path = view->mask_path,
-                               .file_width = s->file_width, .file_height = s->file_height,
-                               .width = s->width, .height = s->height,
-                               .invert_mask = l->options->invert_masks, .alpha = l->options->alpha,
-                               .colorspace = l->limited ? l->colorspace : l->options->colorspace, .space = l->options->space,
-                               .white = l->scene->white, .lens = l->lenses[s->lens].keep};
+    return (sgsi_photo_source){.image_path = view->image_path,
+                               .mask_path = view->mask_path,
+                               .file_width = s->file_width,
+                               .file_height = s->file_height,
+                               .width = s->width,
+                               .height = s->height,
+                               .invert_mask = l->options->invert_masks,
+                               .alpha = l->options->alpha,
+                               .colorspace = l->limited ? l->colorspace : l->options->colorspace,
+                               .space = l->options->space,
+                               .white = l->scene->white,
+                               .lens = l->lenses[s->lens].keep};
 }
 
 static void load_view(void *context, size_t i, int thread)
@@ -232,10 +236,12 @@ static void add_light(void *context, size_t i, int thread)
     const light_job *job = context;
     const loader *l = job->loader;
     // A file that cannot be read is told of when it is loaded.
-    (void)sgsi_light_add(&job->lights[i], l->scene->views[job->views[i]].image_path, l->options->colorspace);
+    (void)sgsi_light_add(&job->lights[i], l->scene->views[job->views[i]].image_path,
+                         l->options->colorspace);
 }
 
-// What becomes 1: what 99 % of the light of the linear photographs stays below, from a sample of them.
+// What becomes 1: what 99 % of the light of the linear photographs stays below, from a sample of
+// them.
 static sgs_status measure_white(loader *l)
 {
     light_job job = {.loader = l};
@@ -251,7 +257,7 @@ static sgs_status measure_white(loader *l)
             job.views[taken++] = i;
     job.lights = sgsi_calloc(taken, sizeof *job.lights);
     if (!job.lights)
-        return no_memory(l->scene->path);
+        return sgsi_scene_no_memory(l->scene->path);
     sgsi_parallel_for(taken, 1, add_light, &job);
     for (size_t i = 1; i < taken; ++i)
         for (size_t k = 0; k < SGSI_LIGHT_BINS; ++k)
@@ -269,14 +275,15 @@ static sgs_status load_views(loader *l)
     sgsi_parallel_for(scene->view_count, 1, probe_view, l);
     for (size_t i = 0; i < scene->view_count && !status; ++i)
         if (!l->slots[i].status)
-            status = fit_camera(&l->dataset.frames[i], &l->slots[i], &scene->views[i], &scene->views[i].camera);
+            status = fit_camera(&l->dataset.frames[i], &l->slots[i], &scene->views[i],
+                                &scene->views[i].camera);
     if (!status)
         status = measure_white(l);
     if (status || !l->options->load_images)
         return status;
     l->lenses = sgsi_calloc(scene->view_count, sizeof *l->lenses);
     if (!l->lenses)
-        return no_memory(scene->path);
+        return sgsi_scene_no_memory(scene->path);
     for (size_t i = 0; i < scene->view_count && !status; ++i)
         if (!l->slots[i].status)
             status = find_lens(l, i);
@@ -289,29 +296,31 @@ static sgs_status load_views(loader *l)
         l->bytes = sgsi_calloc(scene->view_count, sizeof *l->bytes);
         l->colorspace = l->options->colorspace ? sgsi_strdup(l->options->colorspace) : NULL;
         if (!l->sources || !l->bytes || (l->options->colorspace && !l->colorspace))
-            return no_memory(scene->path);
+            return sgsi_scene_no_memory(scene->path);
     }
     if (!status)
         sgsi_parallel_for(scene->view_count, 1, load_view, l);
     return status;
 }
 
-// The image cache takes over the planes of the lenses, which the photographs are masked with again and again.
+// The image cache takes over the planes of the lenses, which the photographs are masked with again
+// and again.
 static sgs_status open_store(loader *l)
 {
     if (!l->limited)
         return SGS_STATUS_OK;
     uint16_t **planes = sgsi_calloc(l->lens_count, sizeof *planes);
     if (!planes)
-        return no_memory(l->scene->path);
+        return sgsi_scene_no_memory(l->scene->path);
     for (size_t i = 0; i < l->lens_count; ++i) {
         planes[i] = l->lenses[i].keep;
         l->lenses[i].keep = NULL;
     }
     char *colorspace = l->colorspace;
     l->colorspace = NULL;
-    return sgsi_scene_store_create(l->sources, l->bytes, l->scene->view_count, l->options->image_cache, planes,
-                                   l->lens_count, colorspace, &l->scene->store);
+    return sgsi_scene_store_create(l->sources, l->bytes, l->scene->view_count,
+                                   l->options->image_cache, planes, l->lens_count, colorspace,
+                                   &l->scene->store);
 }
 
 static int frame_order(const void *a, const void *b)
@@ -326,38 +335,46 @@ static sgs_status take_named_mask(const loader *l, size_t i)
     const char *folder = l->files.image_folder, *name = l->dataset.frames[i].mask;
     char *path = sgsi_format("%s/%s", folder, name);
     if (!path)
-        return no_memory(l->scene->path);
+        return sgsi_scene_no_memory(l->scene->path);
     l->scene->views[i].mask_path = path;
     if (sgsi_is_file(path))
         return SGS_STATUS_OK;
-    return sgsi_fail(SGS_STATUS_IO, "%s: there is no such mask, which %s names for '%s'; --masks none does without",
-                     path, l->files.model_path, l->scene->views[i].name);
+    return sgsi_fail(
+        SGS_STATUS_IO,
+        "%s: there is no such mask, which %s names for '%s'; --masks none does without", path,
+        l->files.model_path, l->scene->views[i].name);
 }
 
-// The mask of every view that has one. Folders of masks lie beside the image folder; --masks replaces what camera files
-// name.
+// The mask of every view that has one. Folders of masks lie beside the image folder; --masks
+// replaces what camera files name.
 static sgs_status find_masks(loader *l)
 {
     const char *folder = l->options->masks_dir, *images = l->files.image_folder;
     if (folder && !strcmp(folder, "none"))
         return SGS_STATUS_OK;
     char *root = l->files.colmap ? sgsi_format("%s/..", images) : sgsi_strdup(images);
-    char *given = root && folder ? folder[0] == '/' ? sgsi_strdup(folder) : sgsi_format("%s/%s", root, folder) : NULL;
-    sgs_status status = root && (!folder || given) ? SGS_STATUS_OK : no_memory(l->scene->path);
+    char *given = root && folder
+                      ? folder[0] == '/' ? sgsi_strdup(folder) : sgsi_format("%s/%s", root, folder)
+                      : NULL;
+    sgs_status status =
+        root && (!folder || given) ? SGS_STATUS_OK : sgsi_scene_no_memory(l->scene->path);
     if (given && !sgsi_is_folder(given))
-        status = sgsi_fail(SGS_STATUS_IO, "%s: there is no such folder of masks; --masks none does without", given);
+        status =
+            sgsi_fail(SGS_STATUS_IO,
+                      "%s: there is no such folder of masks; --masks none does without", given);
     static const char *const usual[] = {"masks", "mask"};
     for (size_t k = 0; k < (given ? 1 : 2) && !status; ++k) {
         char *place = given ? sgsi_strdup(given) : sgsi_format("%s/%s", root, usual[k]);
         if (!place)
-            status = no_memory(l->scene->path);
+            status = sgsi_scene_no_memory(l->scene->path);
         sgsi_roots_add(&l->roots, place);
         sgsi_free(place);
     }
     for (size_t i = 0; i < l->scene->view_count && !status; ++i)
         status = !folder && l->dataset.frames[i].mask
                      ? take_named_mask(l, i)
-                     : sgsi_mask_find(root, folder, images, l->scene->views[i].name, &l->scene->views[i].mask_path);
+                     : sgsi_mask_find(root, folder, images, l->scene->views[i].name,
+                                      &l->scene->views[i].mask_path);
     sgsi_free(given);
     sgsi_free(root);
     return status;
@@ -372,12 +389,14 @@ static sgs_status make_views(loader *l)
     scene->views = sgsi_calloc(count, sizeof *scene->views);
     l->slots = sgsi_calloc(count, sizeof *l->slots);
     if (!scene->views || !l->slots)
-        return no_memory(scene->path);
+        return sgsi_scene_no_memory(scene->path);
     scene->view_count = count;
     const char *images_dir = l->options->images_dir;
-    char *chosen = !l->files.colmap && images_dir ? sgsi_format("%s/%s", l->files.image_folder, images_dir) : NULL;
+    char *chosen = !l->files.colmap && images_dir
+                       ? sgsi_format("%s/%s", l->files.image_folder, images_dir)
+                       : NULL;
     if (!l->files.colmap && images_dir && !chosen)
-        return no_memory(scene->path);
+        return sgsi_scene_no_memory(scene->path);
     sgsi_roots_add(&l->roots, scene->path);
     sgsi_roots_add(&l->roots, l->files.image_folder);
     sgsi_roots_add(&l->roots, chosen);
@@ -390,11 +409,12 @@ static sgs_status make_views(loader *l)
         // transforms.json writes the folder into every name; --images replaces it.
         const bool replaced = !l->files.colmap && images_dir && !strncmp(view->name, "images/", 7);
         char *moved = replaced ? sgsi_format("%s/%s", images_dir, view->name + 7) : NULL;
-        view->image_path =
-            replaced && !moved ? NULL : sgsi_scene_image_path(l->files.image_folder, moved ? moved : view->name);
+        view->image_path = replaced && !moved ? NULL
+                                              : sgsi_scene_image_path(l->files.image_folder,
+                                                                      moved ? moved : view->name);
         sgsi_free(moved);
         if (!view->image_path)
-            return no_memory(scene->path);
+            return sgsi_scene_no_memory(scene->path);
     }
     return find_masks(l);
 }
@@ -423,8 +443,8 @@ static sgs_status keep_readable_views(loader *l)
         if (!status && fatal)
             status = sgsi_fail(s->status, "%s", s->error ? s->error : "no memory for the images");
         if (!status && s->report.pixels_broken && broken++ < MAX_WARNINGS)
-            sgsi_warn("%s: %zu of its pixels are infinite or no number; they are ignored", view->image_path,
-                      s->report.pixels_broken);
+            sgsi_warn("%s: %zu of its pixels are infinite or no number; they are ignored",
+                      view->image_path, s->report.pixels_broken);
         scene->pixels_broken += s->report.pixels_broken;
         if (!status && !s->status && view->image.width && !view->image.kept) {
             if (covered++ < MAX_WARNINGS)
@@ -440,7 +460,9 @@ static sgs_status keep_readable_views(loader *l)
             continue;
         }
         const sgs_camera *model = &l->dataset.frames[i].camera;
-        const double stretch = model->width ? (double)s->file_width * model->height / s->file_height / model->width : 1;
+        const double stretch =
+            model->width ? (double)s->file_width * model->height / s->file_height / model->width
+                         : 1;
         if (fabs(stretch - 1) > 0.02 && mismatched++ == 0)
             first_mismatched = kept;
         reduced = reduced || (l->options->downscale == 0 && s->width != s->file_width);
@@ -457,23 +479,30 @@ static sgs_status keep_readable_views(loader *l)
     if (status)
         return status;
     if (scene->images_missing > MAX_WARNINGS)
-        sgsi_warn("%s: %zu of %zu registered images cannot be read and are skipped", scene->path, scene->images_missing,
-                  count);
+        sgsi_warn("%s: %zu of %zu registered images cannot be read and are skipped", scene->path,
+                  scene->images_missing, count);
     if (kept == 0 && covered)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: no pixel of any image counts; are the masks the wrong way "
-                         "round (--invert-masks)?", scene->path);
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                         "%s: no pixel of any image counts; are the masks the wrong way "
+                         "round (--invert-masks)?",
+                         scene->path);
     if (kept == 0)
-        return sgsi_fail(SGS_STATUS_IO, "%s: none of the %zu registered images can be read; the first: %s",
-                         l->files.image_folder, count, l->slots[0].error ? l->slots[0].error : "no reason known");
+        return sgsi_fail(SGS_STATUS_IO,
+                         "%s: none of the %zu registered images can be read; the first: %s",
+                         l->files.image_folder, count,
+                         l->slots[0].error ? l->slots[0].error : "no reason known");
     if (scene->masks && scene->masks < kept)
-        sgsi_warn("%s: %zu of %zu images have no mask; all of their pixels count", scene->path, kept - scene->masks,
-                  kept);
+        sgsi_warn("%s: %zu of %zu images have no mask; all of their pixels count", scene->path,
+                  kept - scene->masks, kept);
     if (reduced)
-        sgsi_warn("%s: images wider than %d px are reduced to %d px; --downscale 1 keeps their size", scene->path,
-                  AUTOMATIC_WIDTH, AUTOMATIC_WIDTH);
+        sgsi_warn(
+            "%s: images wider than %d px are reduced to %d px; --downscale 1 keeps their size",
+            scene->path, AUTOMATIC_WIDTH, AUTOMATIC_WIDTH);
     if (mismatched)
-        sgsi_warn("%s: the sides of %zu image(s), the first '%s', are in another ratio than their camera's; were they "
-                  "rotated or cropped?", scene->path, mismatched, scene->views[first_mismatched].name);
+        sgsi_warn("%s: the sides of %zu image(s), the first '%s', are in another ratio than their "
+                  "camera's; were they "
+                  "rotated or cropped?",
+                  scene->path, mismatched, scene->views[first_mismatched].name);
     return SGS_STATUS_OK;
 }
 
@@ -482,7 +511,8 @@ static int text_order(const void *a, const void *b)
     return strcmp(*(const char *const *)a, *(const char *const *)b);
 }
 
-// Photographs that the model does not know. Runs before views are dropped: a broken image has a pose.
+// Photographs that the model does not know. Runs before views are dropped: a broken image has a
+// pose.
 static sgs_status count_unposed(loader *l)
 {
     sgs_scene *scene = l->scene;
@@ -490,235 +520,34 @@ static sgs_status count_unposed(loader *l)
         return SGS_STATUS_OK; // its folder also holds depth maps and other splits
     const char **known = sgsi_alloc(scene->view_count, sizeof *known);
     if (!known)
-        return no_memory(scene->path);
+        return sgsi_scene_no_memory(scene->path);
     const size_t prefix = strlen(l->files.image_folder) + 1;
     for (size_t i = 0; i < scene->view_count; ++i)
         known[i] = scene->views[i].image_path + prefix;
     qsort(known, scene->view_count, sizeof *known, text_order);
     char examples[256];
-    scene->images_unposed = sgsi_scene_count_unknown(l->files.image_folder, known, scene->view_count, examples,
-                                                     sizeof examples);
+    scene->images_unposed = sgsi_scene_count_unknown(l->files.image_folder, known,
+                                                     scene->view_count, examples, sizeof examples);
     sgsi_free(known);
     if (scene->images_unposed)
-        sgsi_warn("%s: %zu image(s) have no pose in the model and are ignored: %s%s", l->files.image_folder,
-                  scene->images_unposed, examples, scene->images_unposed > 3 ? ", ..." : "");
+        sgsi_warn("%s: %zu image(s) have no pose in the model and are ignored: %s%s",
+                  l->files.image_folder, scene->images_unposed, examples,
+                  scene->images_unposed > 3 ? ", ..." : "");
     return SGS_STATUS_OK;
 }
 
-// ---- names and the split -----------------------------------------------------------------------------
-
-static const char *base_name(const char *name)
-{
-    const char *slash = strrchr(name, '/');
-    return slash ? slash + 1 : name;
-}
-
-// How well NAME names the view: 0 exactly, 1 without folder, 2 without extension, -1 not at all.
-static int match_level(const char *view_name, const char *name)
-{
-    const char *base = base_name(view_name);
-    const char *dot = strrchr(base, '.');
-    if (!strcmp(view_name, name))
-        return 0;
-    if (!strcmp(base, name))
-        return 1;
-    if (!dot)
-        return -1;
-    const size_t length = strlen(name);
-    const bool full = (size_t)(dot - view_name) == length && !strncmp(view_name, name, length);
-    const bool short_form = (size_t)(dot - base) == length && !strncmp(base, name, length);
-    return full || short_form ? 2 : -1;
-}
-
-ptrdiff_t sgs_scene_find_view(const sgs_scene *scene, const char *name)
-{
-    for (int level = 0; level < 3; ++level) {
-        for (size_t i = 0; i < scene->view_count; ++i) {
-            if (match_level(scene->views[i].name, name) == level)
-                return (ptrdiff_t)i;
-        }
-    }
-    return -1;
-}
-
-// Levenshtein's distance, capped lengths: only for "did you mean".
-static size_t edit_distance(const char *a, const char *b)
-{
-    enum { LONGEST = 128 };
-    size_t row[LONGEST + 1];
-    const size_t n = strnlen(a, LONGEST), m = strnlen(b, LONGEST);
-    for (size_t j = 0; j <= m; ++j)
-        row[j] = j;
-    for (size_t i = 1; i <= n; ++i) {
-        size_t diagonal = row[0];
-        row[0] = i;
-        for (size_t j = 1; j <= m; ++j) {
-            const size_t replaced = diagonal + (a[i - 1] != b[j - 1]);
-            const size_t shorter = (row[j] < row[j - 1] ? row[j] : row[j - 1]) + 1;
-            diagonal = row[j];
-            row[j] = replaced < shorter ? replaced : shorter;
-        }
-    }
-    return row[m];
-}
-
-static sgs_status unknown_test_image(const sgs_scene *scene, const char *name)
-{
-    const char *nearest[3] = {NULL};
-    size_t distances[3] = {SIZE_MAX, SIZE_MAX, SIZE_MAX};
-    for (size_t i = 0; i < scene->view_count; ++i) {
-        const char *candidate = scene->views[i].name;
-        size_t distance = edit_distance(name, base_name(candidate));
-        for (int k = 0; k < 3; ++k) {
-            if (distance < distances[k]) {
-                const char *text = nearest[k];
-                const size_t number = distances[k];
-                nearest[k] = candidate;
-                distances[k] = distance;
-                candidate = text;
-                distance = number;
-            }
-        }
-    }
-    return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                     "%s: no loaded view is called '%.200s', which is to be held out; the nearest names are %s%s%s%s%s",
-                     scene->path, name, nearest[0], nearest[1] ? ", " : "", nearest[1] ? nearest[1] : "",
-                     nearest[2] ? ", " : "", nearest[2] ? nearest[2] : "");
-}
-
-static sgs_status hold_out(sgs_scene *scene, const char *name)
-{
-    const ptrdiff_t found = sgs_scene_find_view(scene, name);
-    if (found < 0)
-        return unknown_test_image(scene, name);
-    // A name without its folder may mean several views; all of them are held out.
-    const int level = match_level(scene->views[found].name, name);
-    for (size_t i = 0; i < scene->view_count; ++i) {
-        if (match_level(scene->views[i].name, name) == level)
-            scene->views[i].split = SGS_SPLIT_TEST;
-    }
-    return SGS_STATUS_OK;
-}
-
-static sgs_status split_by_names(sgs_scene *scene, const char *list)
-{
-    for (size_t i = 0; i < scene->view_count; ++i)
-        scene->views[i].split = SGS_SPLIT_TRAIN;
-    char *names = sgsi_strdup(list);
-    if (!names)
-        return no_memory(scene->path);
-    sgs_status status = SGS_STATUS_OK;
-    char *rest = NULL;
-    for (char *name = strtok_r(names, ",", &rest); name && !status; name = strtok_r(NULL, ",", &rest)) {
-        name += strspn(name, " ");
-        for (size_t length = strlen(name); length && name[length - 1] == ' '; --length)
-            name[length - 1] = 0;
-        if (*name)
-            status = hold_out(scene, name);
-    }
-    sgsi_free(names);
-    return status;
-}
-
-static sgs_status split_views(const loader *l)
-{
-    sgs_scene *scene = l->scene;
-    const int every = l->options->test_every;
-    sgs_status status = SGS_STATUS_OK;
-    if (l->options->test_images)
-        status = split_by_names(scene, l->options->test_images);
-    else if (l->dataset.has_split && every) {
-        if (every != 8) // what --eval asks for without meaning the number
-            sgsi_warn("%s: the scene's own test views are used, not every %d-th one", scene->path, every);
-    } else {
-        for (size_t i = 0; i < scene->view_count; ++i)
-            scene->views[i].split = every && i % (size_t)every == 0 ? SGS_SPLIT_TEST : SGS_SPLIT_TRAIN;
-    }
-    if (status)
-        return status;
-    for (size_t i = 0; i < scene->view_count; ++i) {
-        if (scene->views[i].split == SGS_SPLIT_TRAIN)
-            return SGS_STATUS_OK;
-    }
-    return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: all %zu views are held out and none is left to train on; hold "
-                     "out fewer", scene->path, scene->view_count);
-}
-
-// ---- extent ------------------------------------------------------------------------------------------
-
-static int double_order(const void *a, const void *b)
-{
-    const double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
-// Cameras in one place say nothing about the size of the scene, so half the median distance of the points
-// does: a camera path around an object has about that radius. Without points, 1.
-static sgs_status extent_from_points(sgs_scene *scene)
-{
-    scene->extent = 1;
-    if (scene->point_count == 0)
-        return SGS_STATUS_OK;
-    double *distances = sgsi_alloc(scene->point_count, sizeof *distances);
-    if (!distances)
-        return no_memory(scene->path);
-    for (size_t i = 0; i < scene->point_count; ++i) {
-        const float *p = scene->points + 3 * i;
-        distances[i] = hypot(hypot(p[0] - scene->center[0], p[1] - scene->center[1]), p[2] - scene->center[2]);
-    }
-    qsort(distances, scene->point_count, sizeof *distances, double_order);
-    const double median = distances[scene->point_count / 2];
-    sgsi_free(distances);
-    if (median > 0 && isfinite(median))
-        scene->extent = 0.5 * median;
-    return SGS_STATUS_OK;
-}
-
-static sgs_status measure_extent(sgs_scene *scene)
-{
-    size_t count = 0;
-    double sum[3] = {0}, largest = 0, magnitude = 0, center[3];
-    for (size_t i = 0; i < scene->view_count; ++i) {
-        if (scene->views[i].split != SGS_SPLIT_TRAIN)
-            continue;
-        sgs_pose_center(&scene->views[i].pose, center);
-        for (int k = 0; k < 3; ++k)
-            sum[k] += center[k];
-        ++count;
-    }
-    for (int k = 0; k < 3; ++k) {
-        scene->center[k] = sum[k] / (double)count;
-        magnitude = fmax(magnitude, fabs(scene->center[k]));
-    }
-    for (size_t i = 0; i < scene->view_count; ++i) {
-        if (scene->views[i].split != SGS_SPLIT_TRAIN)
-            continue;
-        sgs_pose_center(&scene->views[i].pose, center);
-        const double distance = hypot(hypot(center[0] - scene->center[0], center[1] - scene->center[1]),
-                                      center[2] - scene->center[2]);
-        largest = fmax(largest, distance);
-    }
-    scene->extent = 1.1 * largest;
-    if (!(magnitude < FLT_MAX) || !(scene->extent < FLT_MAX))
-        return sgsi_fail(SGS_STATUS_FORMAT, "%s: the cameras are too far apart to be real; is the model damaged?",
-                         scene->model_path);
-    // Below rounding noise the cameras are in one place.
-    if (scene->extent > 1e-9 * (1e-3 + magnitude))
-        return SGS_STATUS_OK;
-    return extent_from_points(scene);
-}
-
-// ---- all of it ---------------------------------------------------------------------------------------
+// ---- all of it ----------------------------------------------------------------------------------
 
 static sgs_status load(loader *l)
 {
     sgs_scene *scene = l->scene;
-    sgs_status status = sgsi_scene_find(scene->path, l->options->cameras_only ? "." : l->options->images_dir, &l->files);
+    sgs_status status = sgsi_scene_find(
+        scene->path, l->options->cameras_only ? "." : l->options->images_dir, &l->files);
     if (status)
         return status;
     scene->model_path = sgsi_strdup(l->files.model_path);
     if (!scene->model_path)
-        return no_memory(scene->path);
+        return sgsi_scene_no_memory(scene->path);
     status = l->files.colmap ? sgsi_colmap_read(scene->model_path, &l->dataset)
                              : sgsi_transforms_read(scene->model_path, &l->dataset);
     if (status)
@@ -740,9 +569,9 @@ static sgs_status load(loader *l)
     if (!status)
         status = keep_readable_views(l);
     if (!status)
-        status = split_views(l);
+        status = sgsi_scene_split(scene, l->options, l->dataset.has_split);
     if (!status)
-        status = measure_extent(scene);
+        status = sgsi_scene_measure_extent(scene);
     if (!status)
         status = open_store(l);
     scene->white_background = l->dataset.white_background && scene->has_alpha;
@@ -757,12 +586,14 @@ sgs_status sgs_scene_load(const char *path, const sgs_scene_options *options, sg
     if (!path || !*path)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "no scene is named; name its folder");
     if (l.options->downscale < 0 || l.options->test_every < 0)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: down-scaling by %d or holding out every %d-th view is not "
-                         "possible; use positive numbers", path, l.options->downscale, l.options->test_every);
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                         "%s: down-scaling by %d or holding out every %d-th view is not "
+                         "possible; use positive numbers",
+                         path, l.options->downscale, l.options->test_every);
     l.scene = sgsi_calloc(1, sizeof *l.scene);
     if (l.scene)
         l.scene->path = sgsi_strdup(path);
-    sgs_status status = l.scene && l.scene->path ? load(&l) : no_memory(path);
+    sgs_status status = l.scene && l.scene->path ? load(&l) : sgsi_scene_no_memory(path);
     for (size_t i = 0; l.slots && i < l.dataset.frame_count; ++i)
         sgsi_free(l.slots[i].error);
     sgsi_free(l.slots);

@@ -3,9 +3,10 @@
 
 // Where the parts of a scene are. The places that the field uses, in the order they are tried:
 //     COLMAP       sparse/N, sparse, colmap/sparse/N, colmap/sparse, N, the folder itself
-//     transforms   transforms_train.json (NeRF synthetic), transforms.json (nerfstudio), or a path to such a file
-// Of several COLMAP models sparse/0, sparse/1, ... (the mapper writes one per connected component) the one
-// with most registered images is taken.
+//     transforms   transforms_train.json (NeRF synthetic), transforms.json (nerfstudio), or a path
+//                  to such a file
+// Of several COLMAP models sparse/0, sparse/1, ... (the mapper writes one per connected component)
+// the one with most registered images is taken.
 
 #include "scene_find.h"
 
@@ -53,7 +54,8 @@ static sgs_status find_model(const char *base, char **found)
         }
         const size_t images = sgsi_colmap_image_count(path);
         const long number = strtol(entry->d_name, NULL, 10);
-        if (models++ == 0 || images > best_images || (images == best_images && number < best_number)) {
+        if (models++ == 0 || images > best_images ||
+            (images == best_images && number < best_number)) {
             sgsi_free(*found);
             *found = path;
             best_images = images;
@@ -64,8 +66,8 @@ static sgs_status find_model(const char *base, char **found)
     }
     closedir(folder);
     if (!status && models > 1)
-        sgsi_warn("%s: holds %zu models; the largest one, %ld with %zu images, is used", base, models, best_number,
-                  best_images);
+        sgsi_warn("%s: holds %zu models; the largest one, %ld with %zu images, is used", base,
+                  models, best_number, best_images);
     if (!status && !*found && sgsi_colmap_present(base) && !(*found = sgsi_strdup(base)))
         status = no_memory(base);
     return status;
@@ -85,7 +87,8 @@ static void list_image_folders(const char *path, char *text, size_t size)
     text[0] = 0;
     for (int i = 0; i < count; ++i) {
         if (used + strlen(entries[i]->d_name) + 3 < size)
-            used += (size_t)snprintf(text + used, size - used, "%s%s", used ? ", " : "", entries[i]->d_name);
+            used += (size_t)snprintf(text + used, size - used, "%s%s", used ? ", " : "",
+                                     entries[i]->d_name);
         free(entries[i]);
     }
     free(entries);
@@ -100,7 +103,8 @@ static sgs_status find_images(const char *path, const char *images_dir, bool abo
     for (size_t i = 0; i < sizeof places / sizeof *places; ++i) {
         if ((i == 1 || i == 2) && !above)
             continue;
-        char *candidate = name[0] == '/' ? sgsi_strdup(name) : sgsi_format("%s%s/%s", path, places[i], name);
+        char *candidate =
+            name[0] == '/' ? sgsi_strdup(name) : sgsi_format("%s%s/%s", path, places[i], name);
         if (!candidate)
             return no_memory(path);
         if (sgsi_is_folder(candidate)) {
@@ -112,10 +116,13 @@ static sgs_status find_images(const char *path, const char *images_dir, bool abo
     char others[256];
     list_image_folders(path, others, sizeof others);
     if (others[0])
-        return sgsi_fail(SGS_STATUS_IO, "%s: has no image folder '%s'; it has %s: choose with --images", path, name,
-                         others);
-    return sgsi_fail(SGS_STATUS_IO, "%s: has no image folder '%s'; put the photographs there or choose with --images",
-                     path, name);
+        return sgsi_fail(SGS_STATUS_IO,
+                         "%s: has no image folder '%s'; it has %s: choose with --images", path,
+                         name, others);
+    return sgsi_fail(
+        SGS_STATUS_IO,
+        "%s: has no image folder '%s'; put the photographs there or choose with --images", path,
+        name);
 }
 
 // A half-copied model deserves a better answer than "nothing found".
@@ -127,21 +134,23 @@ static sgs_status explain_nothing(const char *path)
         const char *place = places[i / 2], *kind = kinds[i % 2];
         char *cameras = sgsi_format("%s/%scameras.%s", path, place, kind);
         char *images = sgsi_format("%s/%simages.%s", path, place, kind);
-        const bool has_cameras = cameras && sgsi_is_file(cameras), has_images = images && sgsi_is_file(images);
+        const bool has_cameras = cameras && sgsi_is_file(cameras),
+                   has_images = images && sgsi_is_file(images);
         sgs_status status = SGS_STATUS_OK;
         if (has_cameras != has_images)
-            status = sgsi_fail(SGS_STATUS_IO, "%s: is missing, though %s is there; copy the whole model",
-                               has_cameras ? images : cameras, has_cameras ? cameras : images);
+            status =
+                sgsi_fail(SGS_STATUS_IO, "%s: is missing, though %s is there; copy the whole model",
+                          has_cameras ? images : cameras, has_cameras ? cameras : images);
         sgsi_free(cameras);
         sgsi_free(images);
         if (status)
             return status;
     }
-    return sgsi_fail(
-        SGS_STATUS_IO,
-        "%s: holds no scene: neither a COLMAP model (cameras and images, .bin or .txt, in sparse/0, sparse "
-        "or colmap/sparse/0) nor transforms_train.json or transforms.json",
-        path);
+    return sgsi_fail(SGS_STATUS_IO,
+                     "%s: holds no scene: neither a COLMAP model (cameras and images, .bin or "
+                     ".txt, in sparse/0, sparse "
+                     "or colmap/sparse/0) nor transforms_train.json or transforms.json",
+                     path);
 }
 
 static sgs_status find_transforms(const char *path, sgsi_scene_files *files)
@@ -166,10 +175,12 @@ static sgs_status find_in_file(const char *path, sgsi_scene_files *files)
 {
     const size_t length = strlen(path);
     if (length < 5 || strcasecmp(path + length - 5, ".json"))
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: is a file; name the folder of the scene", path);
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: is a file; name the folder of the scene",
+                         path);
     const char *slash = strrchr(path, '/');
     files->model_path = sgsi_strdup(path);
-    files->image_folder = slash ? sgsi_format("%.*s", (int)(slash - path + (slash == path)), path) : sgsi_strdup(".");
+    files->image_folder =
+        slash ? sgsi_format("%.*s", (int)(slash - path + (slash == path)), path) : sgsi_strdup(".");
     return files->model_path && files->image_folder ? SGS_STATUS_OK : no_memory(path);
 }
 
@@ -207,7 +218,8 @@ sgs_status sgsi_scene_find(const char *path, const char *images_dir, sgsi_scene_
 
 char *sgsi_scene_image_path(const char *folder, const char *name)
 {
-    static const char *const extensions[] = {"jpg", "JPG", "jpeg", "JPEG", "png", "PNG", "exr", "hdr", "tif", "tiff"};
+    static const char *const extensions[] = {"jpg", "JPG", "jpeg", "JPEG", "png",
+                                             "PNG", "exr", "hdr",  "tif",  "tiff"};
     char *path = sgsi_format("%s/%s", folder, name);
     const char *dot = strrchr(name, '.');
     if (!path || sgsi_is_file(path) || !dot || strchr(dot, '/'))
@@ -225,8 +237,9 @@ char *sgsi_scene_image_path(const char *folder, const char *name)
 
 static bool is_image_name(const char *name)
 {
-    static const char *const extensions[] = {"jpg", "jpeg", "png", "tif", "tiff", "bmp", "webp", "exr", "hdr", "tga",
-                                             "ppm", "pgm", "jp2", "heic", "heif", "avif", "dng"};
+    static const char *const extensions[] = {"jpg",  "jpeg", "png",  "tif",  "tiff", "bmp",
+                                             "webp", "exr",  "hdr",  "tga",  "ppm",  "pgm",
+                                             "jp2",  "heic", "heif", "avif", "dng"};
     const char *dot = strrchr(name, '.');
     for (size_t i = 0; dot && i < sizeof extensions / sizeof *extensions; ++i) {
         if (!strcasecmp(dot + 1, extensions[i]))
@@ -287,8 +300,8 @@ static void search_folder(search *s, const char *below, int depth)
     sgsi_free(path);
 }
 
-size_t sgsi_scene_count_unknown(const char *folder, const char *const *known, size_t count, char *examples,
-                                size_t examples_size)
+size_t sgsi_scene_count_unknown(const char *folder, const char *const *known, size_t count,
+                                char *examples, size_t examples_size)
 {
     search s = {.folder = folder, .known = known, .known_count = count};
     search_folder(&s, "", 0);
@@ -296,7 +309,8 @@ size_t sgsi_scene_count_unknown(const char *folder, const char *const *known, si
     examples[0] = 0;
     for (int i = 0; i < EXAMPLES; ++i) {
         if (s.examples[i] && used < examples_size) {
-            const int n = snprintf(examples + used, examples_size - used, "%s%s", i ? ", " : "", s.examples[i]);
+            const int n = snprintf(examples + used, examples_size - used, "%s%s", i ? ", " : "",
+                                   s.examples[i]);
             used += n > 0 ? (size_t)n : 0;
         }
         sgsi_free(s.examples[i]);

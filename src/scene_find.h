@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Finds out by looking what kind of scene a folder holds and where its parts are. Reads no content beyond
-// the image counts that decide among several COLMAP models.
+// Finds out by looking what kind of scene a folder holds and where its parts are. Reads no content
+// beyond the image counts that decide among several COLMAP models.
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -22,11 +22,12 @@ sgs_status sgsi_scene_find(const char *path, const char *images_dir, sgsi_scene_
 // Frees the contents and zeroes the struct.
 void sgsi_scene_files_free(sgsi_scene_files *files);
 
-// The file of the photograph `name`: folder/name, or, when there is no such file, the one with another
-// usual image extension (folders of reduced images often change it). NULL when out of memory.
+// The file of the photograph `name`: folder/name, or, when there is no such file, the one with
+// another usual image extension (folders of reduced images often change it). NULL when out of
+// memory.
 char *sgsi_scene_image_path(const char *folder, const char *name);
 
-// Counts the image files below `folder` (hidden ones aside) that are not in `known` (`count` paths relative
-// to folder, sorted by strcmp) and writes the first few of them into `examples`.
-size_t sgsi_scene_count_unknown(const char *folder, const char *const *known, size_t count, char *examples,
-                                size_t examples_size);
+// Counts the image files below `folder` (hidden ones aside) that are not in `known` (`count` paths
+// relative to folder, sorted by strcmp) and writes the first few of them into `examples`.
+size_t sgsi_scene_count_unknown(const char *folder, const char *const *known, size_t count,
+                                char *examples, size_t examples_size);

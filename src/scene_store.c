@@ -24,10 +24,12 @@ void sgsi_scene_store_destroy(sgs_scene_store *store)
     sgsi_free(store);
 }
 
-sgs_status sgsi_scene_store_create(const sgsi_photo_source *sources, const size_t *bytes, size_t count, size_t limit,
-                                   uint16_t **planes, size_t plane_count, char *colorspace, sgs_scene_store **store)
+sgs_status sgsi_scene_store_create(const sgsi_photo_source *sources, const size_t *bytes,
+                                   size_t count, size_t limit, uint16_t **planes,
+                                   size_t plane_count, char *colorspace, sgs_scene_store **store)
 {
-    sgs_scene_store *made = sgsi_calloc(1, sizeof *made), left = {NULL, planes, plane_count, colorspace};
+    sgs_scene_store *made = sgsi_calloc(1, sizeof *made),
+                    left = {NULL, planes, plane_count, colorspace};
     *store = NULL;
     if (!made) {
         for (size_t i = 0; i < plane_count; ++i)

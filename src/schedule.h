@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// When things happen in a training run: the milestones of the 30 000-iteration schedule, as published or
-// scaled to another length. Pure numbers.
+// When things happen in a training run: the milestones of the 30 000-iteration schedule, as
+// published or scaled to another length. Pure numbers.
 
 #include <stdbool.h>
 
@@ -14,13 +14,16 @@ typedef struct sgsi_schedule {
     int densify_from, densify_until, densify_interval;
     int reset_interval, reset_until; // opacity resets; 0 = none
     int prune_interval;              // final prunes after densify_until; 0 = none
-    int batch_rest, batch_middle, batch_late, middle_until; // see pipeline.h; 0 = every iteration steps
-    int sh_interval;                 // one more SH band every so many iterations
-    double rate_begin, rate_span;    // the position rate decays from one to the other, iterations
-    int resolution_from, resolution_interval; // when the size of the images may change: after the first, every so often
-    int check_interval;              // SPARE-GS's equilibrium checks
-    double loss_decay;               // of the loss average behind those checks
-    double threshold_factor;         // on the pipeline's gradient threshold
+    int batch_rest, batch_middle, batch_late,
+        middle_until;             // see pipeline.h; 0 = every iteration steps
+    int sh_interval;              // one more SH band every so many iterations
+    double rate_begin, rate_span; // the position rate decays from one to the other, iterations
+    int resolution_from,
+        resolution_interval; // when the size of the images may change: after the first, every so
+                             // often
+    int check_interval;      // SPARE-GS's equilibrium checks
+    double loss_decay;       // of the loss average behind those checks
+    double threshold_factor; // on the pipeline's gradient threshold
 } sgsi_schedule;
 
 // train_views: number of training views (an average of the loss spans at least one epoch).
@@ -32,7 +35,8 @@ bool sgsi_schedule_is_structural(const sgsi_schedule *schedule, int iteration);
 bool sgsi_schedule_is_reset(const sgsi_schedule *schedule, int iteration);
 // One of the final prunes, after densification.
 bool sgsi_schedule_is_final_prune(const sgsi_schedule *schedule, int iteration);
-// Number of intervals between structural updates in the whole run: 145 for 3DGS as published. At least 1.
+// Number of intervals between structural updates in the whole run: 145 for 3DGS as published. At
+// least 1.
 int sgsi_schedule_updates(const sgsi_schedule *schedule);
 // The optimiser steps in this iteration: SH bands above 0, and the other parameters.
 bool sgsi_schedule_steps_rest(const sgsi_schedule *schedule, int iteration);

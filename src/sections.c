@@ -8,8 +8,8 @@
 //   name "end" | bytes: 0
 //   XXH64 of everything before it: u64
 //
-// Nothing of a file is used before its checksum is proved. The checksum protects against accidents, not against
-// somebody who can compute it: every size is held against the bytes that are there.
+// Nothing of a file is used before its checksum is proved. The checksum protects against accidents,
+// not against somebody who can compute it: every size is held against the bytes that are there.
 
 #include "sections.h"
 
@@ -17,11 +17,17 @@
 #include <string.h>
 #include <xxhash.h>
 
-_Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "the sections are written as they lie in memory");
+_Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__,
+               "the sections are written as they lie in memory");
 
 static const char magic[8] = {'S', 'P', 'A', 'R', 'E', 'G', 'S', '1'};
 static const char end_name[] = "end";
-enum { VERSION = 3, HEADER_BYTES = 16, SECTION_HEADER_BYTES = SGSI_SECTION_NAME + 8, DIGEST_BYTES = 8 };
+enum {
+    VERSION = 3,
+    HEADER_BYTES = 16,
+    SECTION_HEADER_BYTES = SGSI_SECTION_NAME + 8,
+    DIGEST_BYTES = 8
+};
 
 // ---- writing ----
 
@@ -64,12 +70,13 @@ sgs_status sgsi_sections_create(sgsi_sections *sections, const char *path)
     return SGS_STATUS_OK;
 }
 
-// The section before the current place must have got all its pieces: a mistake in the caller's list otherwise.
+// The section before the current place must have got all its pieces: a mistake in the caller's list
+// otherwise.
 static void check_filled(sgsi_sections *sections)
 {
     if (!sections->status && sections->left)
-        sections->status =
-            sgsi_fail(SGS_STATUS_LIMIT, "%s: %zu bytes of a section have no content", sections->path, sections->left);
+        sections->status = sgsi_fail(SGS_STATUS_LIMIT, "%s: %zu bytes of a section have no content",
+                                     sections->path, sections->left);
 }
 
 sgs_status sgsi_sections_commit(sgsi_sections *sections)
@@ -90,7 +97,8 @@ sgs_status sgsi_sections_commit(sgsi_sections *sections)
 
 static sgs_status fail_format(const sgsi_sections *sections, size_t at, const char *what)
 {
-    return sgsi_fail(SGS_STATUS_FORMAT, "%s: byte %zu: %s; the file is cut or damaged", sections->path, at, what);
+    return sgsi_fail(SGS_STATUS_FORMAT, "%s: byte %zu: %s; the file is cut or damaged",
+                     sections->path, at, what);
 }
 
 static const sgsi_section *look_up(const sgsi_sections *sections, const char *name)
@@ -112,8 +120,9 @@ static sgs_status read_table(sgsi_sections *sections, size_t size)
         uint64_t bytes;
         memcpy(&bytes, sections->bytes + at + SGSI_SECTION_NAME, sizeof bytes);
         if (!strcmp(section.name, end_name))
-            return bytes == 0 && section.at == size ? SGS_STATUS_OK
-                                                    : fail_format(sections, at, "something follows the end");
+            return bytes == 0 && section.at == size
+                       ? SGS_STATUS_OK
+                       : fail_format(sections, at, "something follows the end");
         if (bytes > size - section.at)
             return fail_format(sections, at, "a section is longer than the file");
         if (sections->count == SGSI_SECTIONS_MOST)
@@ -131,17 +140,20 @@ static sgs_status prove(sgsi_sections *sections, size_t size)
     const char *path = sections->path;
     uint32_t version;
     uint64_t digest;
-    if (size < HEADER_BYTES + SECTION_HEADER_BYTES + DIGEST_BYTES || memcmp(sections->bytes, magic, sizeof magic))
+    if (size < HEADER_BYTES + SECTION_HEADER_BYTES + DIGEST_BYTES ||
+        memcmp(sections->bytes, magic, sizeof magic))
         return sgsi_fail(SGS_STATUS_FORMAT, "%s: is not a checkpoint", path);
     memcpy(&version, sections->bytes + sizeof magic, sizeof version);
     if (version != VERSION)
-        return sgsi_fail(SGS_STATUS_UNSUPPORTED,
-                         "%s: has version %u, this program reads %d; continue with the program that wrote it", path,
-                         version, VERSION);
+        return sgsi_fail(
+            SGS_STATUS_UNSUPPORTED,
+            "%s: has version %u, this program reads %d; continue with the program that wrote it",
+            path, version, VERSION);
     size -= DIGEST_BYTES;
     memcpy(&digest, sections->bytes + size, sizeof digest);
     if (XXH64(sections->bytes, size, 0) != digest)
-        return sgsi_fail(SGS_STATUS_FORMAT, "%s: the checksum does not match; the file is cut or damaged", path);
+        return sgsi_fail(SGS_STATUS_FORMAT,
+                         "%s: the checksum does not match; the file is cut or damaged", path);
     return read_table(sections, size);
 }
 
@@ -177,10 +189,11 @@ sgs_status sgsi_sections_checked(sgsi_sections *sections)
 {
     for (size_t i = 0; i < sections->count && !sections->status; ++i)
         if (!sections->table[i].known)
-            sections->status = sgsi_fail(SGS_STATUS_FORMAT,
-                                         "%s: has a section '%s' that this program does not know; continue with the "
-                                         "program that wrote it",
-                                         sections->path, sections->table[i].name);
+            sections->status = sgsi_fail(
+                SGS_STATUS_FORMAT,
+                "%s: has a section '%s' that this program does not know; continue with the "
+                "program that wrote it",
+                sections->path, sections->table[i].name);
     return sections->status;
 }
 
@@ -199,10 +212,12 @@ void sgsi_sections_begin(sgsi_sections *sections, const char *name, size_t bytes
     size_t stored = 0;
     sections->next = sgsi_sections_find(sections, name, &stored);
     if (!sections->next)
-        sections->status = sgsi_fail(SGS_STATUS_FORMAT, "%s: the section '%s' is missing", sections->path, name);
+        sections->status =
+            sgsi_fail(SGS_STATUS_FORMAT, "%s: the section '%s' is missing", sections->path, name);
     else if (stored != bytes)
-        sections->status = sgsi_fail(SGS_STATUS_FORMAT, "%s: the section '%s' has %zu bytes and must have %zu",
-                                     sections->path, name, stored, bytes);
+        sections->status =
+            sgsi_fail(SGS_STATUS_FORMAT, "%s: the section '%s' has %zu bytes and must have %zu",
+                      sections->path, name, stored, bytes);
 }
 
 void sgsi_sections_piece(sgsi_sections *sections, void *data, size_t bytes)
@@ -210,7 +225,8 @@ void sgsi_sections_piece(sgsi_sections *sections, void *data, size_t bytes)
     if (sections->status || !bytes)
         return;
     if (bytes > sections->left) { // a mistake in the caller's list of sections
-        sections->status = sgsi_fail(SGS_STATUS_LIMIT, "%s: a piece does not fit into its section", sections->path);
+        sections->status = sgsi_fail(SGS_STATUS_LIMIT, "%s: a piece does not fit into its section",
+                                     sections->path);
         return;
     }
     sections->left -= bytes;

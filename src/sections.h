@@ -2,9 +2,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// A file of named sections with a checksum. One function of the caller names its sections and their pieces of memory
-// in order; it is run three times for the three passes below, so that writing and reading cannot drift apart.
-// Knows nothing of what is in the sections.
+// A file of named sections with a checksum. One function of the caller names its sections and their
+// pieces of memory in order; it is run three times for the three passes below, so that writing and
+// reading cannot drift apart. Knows nothing of what is in the sections.
 //
 //     sgsi_sections_begin(&s, "exposure", count * sizeof(float));
 //     sgsi_sections_piece(&s, exposure, count * sizeof(float));
@@ -44,13 +44,16 @@ typedef struct sgsi_sections {
     size_t count;
 } sgsi_sections;
 
-// Starts the file at `path` (borrowed); it appears under its name, flushed to the disk, only by sgsi_sections_commit.
+// Starts the file at `path` (borrowed); it appears under its name, flushed to the disk, only by
+// sgsi_sections_commit.
 sgs_status sgsi_sections_create(sgsi_sections *sections, const char *path);
-// Ends the file or, after a failure, removes what was written. Frees the struct's memory in any case.
+// Ends the file or, after a failure, removes what was written. Frees the struct's memory in any
+// case.
 sgs_status sgsi_sections_commit(sgsi_sections *sections);
 
-// Reads a file and proves that it is whole: magic, version, sizes, checksum. The pass is CHECK. On failure (IO, FORMAT,
-// UNSUPPORTED, OUT_OF_MEMORY; the error names the file and the place) nothing is left to close.
+// Reads a file and proves that it is whole: magic, version, sizes, checksum. The pass is CHECK. On
+// failure (IO, FORMAT, UNSUPPORTED, OUT_OF_MEMORY; the error names the file and the place) nothing
+// is left to close.
 sgs_status sgsi_sections_open(sgsi_sections *sections, const char *path);
 void sgsi_sections_close(sgsi_sections *sections);
 // The content of a section, NULL if there is none of this name; the section counts as known.

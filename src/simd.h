@@ -4,10 +4,11 @@
 
 // Sixteen virtual lanes: the vocabulary in which every kernel is written once and compiled per
 // instruction set. A translation unit defines SGSI_ISA (0 baseline, 1 AVX2+FMA, 2 AVX-512) before
-// including this file. AVX2 and AVX-512 perform the same IEEE operations in the same order, so they give
-// the same bits; the baseline has no fused multiply-add and rounds twice.
+// including this file. AVX2 and AVX-512 perform the same IEEE operations in the same order, so they
+// give the same bits; the baseline has no fused multiply-add and rounds twice.
 //
-// vf: 16 floats; vi: 16 int32; vm: 16 booleans. Loads and stores named _u take any address, the others 64-byte alignment.
+// vf: 16 floats; vi: 16 int32; vm: 16 booleans. Loads and stores named _u take any address, the
+// others 64-byte alignment.
 
 #include <stdint.h>
 
@@ -66,11 +67,13 @@ static inline void simd_extremes(const int16_t *keys, uint32_t count, int16_t *l
     }
 }
 
-// 2^x for x in [-126, 126]: round to nearest integer n, then a degree-6 minimax polynomial on [-0.5, 0.5]. Relative
-// error below 1.2e-7 (tests/test_simd.c measures it against double). No special cases: NaN in, garbage out.
+// 2^x for x in [-126, 126]: round to nearest integer n, then a degree-6 minimax polynomial on
+// [-0.5, 0.5]. Relative error below 1.2e-7 (tests/test_simd.c measures it against double). No
+// special cases: NaN in, garbage out.
 static inline vf vf_exp2(vf x)
 {
-    const vf magic = vf_set1(12582912.0f); // 1.5 * 2^23: adding it rounds to an integer in the low mantissa bits
+    const vf magic =
+        vf_set1(12582912.0f); // 1.5 * 2^23: adding it rounds to an integer in the low mantissa bits
     const vf shifted = vf_add(x, magic);
     const vf r = vf_sub(x, vf_sub(shifted, magic));
     vf p = vf_set1(1.540343e-4f);

@@ -6,14 +6,26 @@
 
 #include <immintrin.h>
 
-typedef struct vf { __m256 a, b; } vf;
-typedef struct vi { __m256i a, b; } vi;
-typedef struct vm { __m256 a, b; } vm;
+typedef struct vf {
+    __m256 a, b;
+} vf;
+typedef struct vi {
+    __m256i a, b;
+} vi;
+typedef struct vm {
+    __m256 a, b;
+} vm;
 
 #define SGSI_V1(type, name, intrinsic)                                                             \
-    static inline type name(type x) { return (type){intrinsic(x.a), intrinsic(x.b)}; }
+    static inline type name(type x)                                                                \
+    {                                                                                              \
+        return (type){intrinsic(x.a), intrinsic(x.b)};                                             \
+    }
 #define SGSI_V2(name, intrinsic)                                                                   \
-    static inline vf name(vf x, vf y) { return (vf){intrinsic(x.a, y.a), intrinsic(x.b, y.b)}; }
+    static inline vf name(vf x, vf y)                                                              \
+    {                                                                                              \
+        return (vf){intrinsic(x.a, y.a), intrinsic(x.b, y.b)};                                     \
+    }
 #define SGSI_V3(name, intrinsic)                                                                   \
     static inline vf name(vf x, vf y, vf z)                                                        \
     {                                                                                              \
@@ -25,17 +37,35 @@ typedef struct vm { __m256 a, b; } vm;
         return (vm){_mm256_cmp_ps(x.a, y.a, predicate), _mm256_cmp_ps(x.b, y.b, predicate)};       \
     }
 
-static inline vf vf_load(const float *p) { return (vf){_mm256_load_ps(p), _mm256_load_ps(p + 8)}; }
-static inline vf vf_load_u(const float *p) { return (vf){_mm256_loadu_ps(p), _mm256_loadu_ps(p + 8)}; }
-static inline void vf_store(float *p, vf x) { _mm256_store_ps(p, x.a), _mm256_store_ps(p + 8, x.b); }
-static inline void vf_store_u(float *p, vf x) { _mm256_storeu_ps(p, x.a), _mm256_storeu_ps(p + 8, x.b); }
+static inline vf vf_load(const float *p)
+{
+    return (vf){_mm256_load_ps(p), _mm256_load_ps(p + 8)};
+}
+static inline vf vf_load_u(const float *p)
+{
+    return (vf){_mm256_loadu_ps(p), _mm256_loadu_ps(p + 8)};
+}
+static inline void vf_store(float *p, vf x)
+{
+    _mm256_store_ps(p, x.a), _mm256_store_ps(p + 8, x.b);
+}
+static inline void vf_store_u(float *p, vf x)
+{
+    _mm256_storeu_ps(p, x.a), _mm256_storeu_ps(p + 8, x.b);
+}
 static inline void vf_store_masked(float *p, vm m, vf x)
 {
     _mm256_maskstore_ps(p, _mm256_castps_si256(m.a), x.a);
     _mm256_maskstore_ps(p + 8, _mm256_castps_si256(m.b), x.b);
 }
-static inline vf vf_set1(float x) { return (vf){_mm256_set1_ps(x), _mm256_set1_ps(x)}; }
-static inline vf vf_zero(void) { return (vf){_mm256_setzero_ps(), _mm256_setzero_ps()}; }
+static inline vf vf_set1(float x)
+{
+    return (vf){_mm256_set1_ps(x), _mm256_set1_ps(x)};
+}
+static inline vf vf_zero(void)
+{
+    return (vf){_mm256_setzero_ps(), _mm256_setzero_ps()};
+}
 SGSI_V2(vf_add, _mm256_add_ps)
 SGSI_V2(vf_sub, _mm256_sub_ps)
 SGSI_V2(vf_mul, _mm256_mul_ps)
@@ -55,11 +85,26 @@ static inline vf vf_select(vm m, vf x, vf y)
 {
     return (vf){_mm256_blendv_ps(y.a, x.a, m.a), _mm256_blendv_ps(y.b, x.b, m.b)};
 }
-static inline vf vf_keep(vm m, vf x) { return (vf){_mm256_and_ps(m.a, x.a), _mm256_and_ps(m.b, x.b)}; }
-static inline vm vm_and(vm x, vm y) { return (vm){_mm256_and_ps(x.a, y.a), _mm256_and_ps(x.b, y.b)}; }
-static inline vm vm_or(vm x, vm y) { return (vm){_mm256_or_ps(x.a, y.a), _mm256_or_ps(x.b, y.b)}; }
-static inline vm vm_andnot(vm x, vm y) { return (vm){_mm256_andnot_ps(y.a, x.a), _mm256_andnot_ps(y.b, x.b)}; }
-static inline vm vm_none(void) { return (vm){_mm256_setzero_ps(), _mm256_setzero_ps()}; }
+static inline vf vf_keep(vm m, vf x)
+{
+    return (vf){_mm256_and_ps(m.a, x.a), _mm256_and_ps(m.b, x.b)};
+}
+static inline vm vm_and(vm x, vm y)
+{
+    return (vm){_mm256_and_ps(x.a, y.a), _mm256_and_ps(x.b, y.b)};
+}
+static inline vm vm_or(vm x, vm y)
+{
+    return (vm){_mm256_or_ps(x.a, y.a), _mm256_or_ps(x.b, y.b)};
+}
+static inline vm vm_andnot(vm x, vm y)
+{
+    return (vm){_mm256_andnot_ps(y.a, x.a), _mm256_andnot_ps(y.b, x.b)};
+}
+static inline vm vm_none(void)
+{
+    return (vm){_mm256_setzero_ps(), _mm256_setzero_ps()};
+}
 static inline vm vm_not(vm x)
 {
     const __m256 ones = _mm256_castsi256_ps(_mm256_set1_epi32(-1));
@@ -69,13 +114,17 @@ static inline unsigned vm_bits(vm x)
 {
     return (unsigned)_mm256_movemask_ps(x.a) | (unsigned)_mm256_movemask_ps(x.b) << 8;
 }
-static inline int vm_any(vm x) { return _mm256_movemask_ps(_mm256_or_ps(x.a, x.b)) != 0; }
+static inline int vm_any(vm x)
+{
+    return _mm256_movemask_ps(_mm256_or_ps(x.a, x.b)) != 0;
+}
 static inline vm vm_from_bits(unsigned bits)
 {
     const __m256i lane = _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128);
     const __m256i low = _mm256_and_si256(_mm256_set1_epi32((int)bits), lane);
     const __m256i high = _mm256_and_si256(_mm256_set1_epi32((int)(bits >> 8)), lane);
-    return (vm){_mm256_castsi256_ps(_mm256_cmpeq_epi32(low, lane)), _mm256_castsi256_ps(_mm256_cmpeq_epi32(high, lane))};
+    return (vm){_mm256_castsi256_ps(_mm256_cmpeq_epi32(low, lane)),
+                _mm256_castsi256_ps(_mm256_cmpeq_epi32(high, lane))};
 }
 
 static inline vi vi_load(const int32_t *p)
@@ -84,22 +133,50 @@ static inline vi vi_load(const int32_t *p)
 }
 static inline vi vi_load_u(const int32_t *p)
 {
-    return (vi){_mm256_loadu_si256((const __m256i *)p), _mm256_loadu_si256((const __m256i *)(p + 8))};
+    return (vi){_mm256_loadu_si256((const __m256i *)p),
+                _mm256_loadu_si256((const __m256i *)(p + 8))};
 }
 static inline void vi_store(int32_t *p, vi x)
 {
     _mm256_store_si256((__m256i *)p, x.a);
     _mm256_store_si256((__m256i *)(p + 8), x.b);
 }
-static inline vi vi_set1(int32_t x) { return (vi){_mm256_set1_epi32(x), _mm256_set1_epi32(x)}; }
-static inline vi vi_add(vi x, vi y) { return (vi){_mm256_add_epi32(x.a, y.a), _mm256_add_epi32(x.b, y.b)}; }
-static inline vi vi_sub(vi x, vi y) { return (vi){_mm256_sub_epi32(x.a, y.a), _mm256_sub_epi32(x.b, y.b)}; }
-static inline vi vi_sll(vi x, int n) { return (vi){_mm256_slli_epi32(x.a, n), _mm256_slli_epi32(x.b, n)}; }
-static inline vi vi_sra(vi x, int n) { return (vi){_mm256_srai_epi32(x.a, n), _mm256_srai_epi32(x.b, n)}; }
-static inline vf vi_as_vf(vi x) { return (vf){_mm256_castsi256_ps(x.a), _mm256_castsi256_ps(x.b)}; }
-static inline vi vf_as_vi(vf x) { return (vi){_mm256_castps_si256(x.a), _mm256_castps_si256(x.b)}; }
-static inline vf vi_to_vf(vi x) { return (vf){_mm256_cvtepi32_ps(x.a), _mm256_cvtepi32_ps(x.b)}; }
-static inline vi vf_to_vi(vf x) { return (vi){_mm256_cvtps_epi32(x.a), _mm256_cvtps_epi32(x.b)}; }
+static inline vi vi_set1(int32_t x)
+{
+    return (vi){_mm256_set1_epi32(x), _mm256_set1_epi32(x)};
+}
+static inline vi vi_add(vi x, vi y)
+{
+    return (vi){_mm256_add_epi32(x.a, y.a), _mm256_add_epi32(x.b, y.b)};
+}
+static inline vi vi_sub(vi x, vi y)
+{
+    return (vi){_mm256_sub_epi32(x.a, y.a), _mm256_sub_epi32(x.b, y.b)};
+}
+static inline vi vi_sll(vi x, int n)
+{
+    return (vi){_mm256_slli_epi32(x.a, n), _mm256_slli_epi32(x.b, n)};
+}
+static inline vi vi_sra(vi x, int n)
+{
+    return (vi){_mm256_srai_epi32(x.a, n), _mm256_srai_epi32(x.b, n)};
+}
+static inline vf vi_as_vf(vi x)
+{
+    return (vf){_mm256_castsi256_ps(x.a), _mm256_castsi256_ps(x.b)};
+}
+static inline vi vf_as_vi(vf x)
+{
+    return (vi){_mm256_castps_si256(x.a), _mm256_castps_si256(x.b)};
+}
+static inline vf vi_to_vf(vi x)
+{
+    return (vf){_mm256_cvtepi32_ps(x.a), _mm256_cvtepi32_ps(x.b)};
+}
+static inline vi vf_to_vi(vf x)
+{
+    return (vi){_mm256_cvtps_epi32(x.a), _mm256_cvtps_epi32(x.b)};
+}
 static inline vf vf_load_u8(const uint8_t *p)
 {
     const __m128i bytes = _mm_loadu_si128((const __m128i *)p);
@@ -116,10 +193,13 @@ static inline vf vf_sum16(const vf v[16])
         for (int k = 0; k < 8; ++k)
             a[k] = _mm256_add_ps(v[8 * half + k].a, v[8 * half + k].b);
         for (int k = 0; k < 4; ++k) // low quarter: k, high quarter: k + 4
-            b[k] = _mm256_add_ps(_mm256_permute2f128_ps(a[k], a[k + 4], 0x20), _mm256_permute2f128_ps(a[k], a[k + 4], 0x31));
+            b[k] = _mm256_add_ps(_mm256_permute2f128_ps(a[k], a[k + 4], 0x20),
+                                 _mm256_permute2f128_ps(a[k], a[k + 4], 0x31));
         for (int k = 0; k < 2; ++k)
-            c[k] = _mm256_add_ps(_mm256_shuffle_ps(b[k], b[k + 2], 0x44), _mm256_shuffle_ps(b[k], b[k + 2], 0xEE));
-        const __m256 d = _mm256_add_ps(_mm256_shuffle_ps(c[0], c[1], 0x88), _mm256_shuffle_ps(c[0], c[1], 0xDD));
+            c[k] = _mm256_add_ps(_mm256_shuffle_ps(b[k], b[k + 2], 0x44),
+                                 _mm256_shuffle_ps(b[k], b[k + 2], 0xEE));
+        const __m256 d =
+            _mm256_add_ps(_mm256_shuffle_ps(c[0], c[1], 0x88), _mm256_shuffle_ps(c[0], c[1], 0xDD));
         const __m256 ordered = _mm256_shuffle_ps(d, d, 0xD8); // 0, 2, 1, 3 -> 0, 1, 2, 3
         if (half)
             result.b = ordered;
@@ -133,8 +213,10 @@ static inline void transpose8(__m256 r[8])
 {
     __m256 q[2][4];
     for (int g = 0; g < 2; ++g) {
-        const __m256 a = _mm256_unpacklo_ps(r[4 * g], r[4 * g + 1]), b = _mm256_unpackhi_ps(r[4 * g], r[4 * g + 1]);
-        const __m256 c = _mm256_unpacklo_ps(r[4 * g + 2], r[4 * g + 3]), d = _mm256_unpackhi_ps(r[4 * g + 2], r[4 * g + 3]);
+        const __m256 a = _mm256_unpacklo_ps(r[4 * g], r[4 * g + 1]),
+                     b = _mm256_unpackhi_ps(r[4 * g], r[4 * g + 1]);
+        const __m256 c = _mm256_unpacklo_ps(r[4 * g + 2], r[4 * g + 3]),
+                     d = _mm256_unpackhi_ps(r[4 * g + 2], r[4 * g + 3]);
         q[g][0] = _mm256_shuffle_ps(a, c, 0x44);
         q[g][1] = _mm256_shuffle_ps(a, c, 0xEE);
         q[g][2] = _mm256_shuffle_ps(b, d, 0x44);
@@ -161,12 +243,25 @@ static inline void vf_transpose16(vf r[16])
 }
 
 // Masked arithmetic: m ? a op b : a.
-static inline vf vf_mul_where(vm m, vf a, vf b) { return vf_select(m, vf_mul(a, b), a); }
-static inline vf vf_add_where(vm m, vf a, vf b) { return vf_select(m, vf_add(a, b), a); }
-static inline vf vf_sub_where(vm m, vf a, vf b) { return vf_select(m, vf_sub(a, b), a); }
-static inline vf vf_min_where(vm m, vf a, vf b) { return vf_select(m, vf_min(a, b), a); }
+static inline vf vf_mul_where(vm m, vf a, vf b)
+{
+    return vf_select(m, vf_mul(a, b), a);
+}
+static inline vf vf_add_where(vm m, vf a, vf b)
+{
+    return vf_select(m, vf_add(a, b), a);
+}
+static inline vf vf_sub_where(vm m, vf a, vf b)
+{
+    return vf_select(m, vf_sub(a, b), a);
+}
+static inline vf vf_min_where(vm m, vf a, vf b)
+{
+    return vf_select(m, vf_min(a, b), a);
+}
 
-// Writes the lanes of m together to p and returns their number. All sixteen words from p on may be overwritten.
+// Writes the lanes of m together to p and returns their number. All sixteen words from p on may be
+// overwritten.
 static inline unsigned vi_compress_store(int32_t *p, vm m, vi x)
 {
     int32_t lanes[16] __attribute__((aligned(32)));
@@ -177,16 +272,19 @@ static inline unsigned vi_compress_store(int32_t *p, vm m, vi x)
     return count;
 }
 
-// ranks[i] = the number of keys[0..count) that stand before keys[i] in ascending order, equal ones in the order of the array.
-// keys and ranks have room for a multiple of 32, 64-byte aligned; least and most are the extremes of each 32 keys: chunks whose
-// ranges do not overlap are not compared, so nearly sorted keys cost little more than their own chunks.
-static inline void simd_rank(const int16_t *keys, uint16_t *ranks, uint32_t count, const int16_t *least, const int16_t *most)
+// ranks[i] = the number of keys[0..count) that stand before keys[i] in ascending order, equal ones
+// in the order of the array. keys and ranks have room for a multiple of 32, 64-byte aligned; least
+// and most are the extremes of each 32 keys: chunks whose ranges do not overlap are not compared,
+// so nearly sorted keys cost little more than their own chunks.
+static inline void simd_rank(const int16_t *keys, uint16_t *ranks, uint32_t count,
+                             const int16_t *least, const int16_t *most)
 {
     const __m256i place = _mm256_setr_epi16(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
     for (uint32_t begin = 0; begin < count; begin += 16) {
         const uint32_t end = begin + 16 < count ? begin + 16 : count, c = begin / 32;
         const __m256i key = _mm256_load_si256((const __m256i *)(keys + begin));
-        __m256i rank = _mm256_set1_epi16((short)begin); // less those behind: a comparison gives 0 or -1
+        __m256i rank =
+            _mm256_set1_epi16((short)begin); // less those behind: a comparison gives 0 or -1
         for (uint32_t d = 0; d <= c; ++d) {
             if (d < c && most[d] <= least[c])
                 continue;
@@ -197,14 +295,16 @@ static inline void simd_rank(const int16_t *keys, uint16_t *ranks, uint32_t coun
         for (uint32_t j = begin; j < end; ++j) { // of equal keys the earlier one comes first
             const __m256i other = _mm256_set1_epi16(keys[j]);
             const __m256i later = _mm256_cmpgt_epi16(place, _mm256_set1_epi16((short)(j - begin)));
-            const __m256i before = _mm256_or_si256(_mm256_cmpgt_epi16(key, other),
-                                                   _mm256_and_si256(_mm256_cmpeq_epi16(other, key), later));
+            const __m256i before =
+                _mm256_or_si256(_mm256_cmpgt_epi16(key, other),
+                                _mm256_and_si256(_mm256_cmpeq_epi16(other, key), later));
             rank = _mm256_sub_epi16(rank, before);
         }
         for (uint32_t d = c; 32 * d < count; ++d) {
             if (d > c && least[d] >= most[c])
                 continue;
-            const uint32_t first = d > c ? 32 * d : end, last = 32 * d + 32 < count ? 32 * d + 32 : count;
+            const uint32_t first = d > c ? 32 * d : end,
+                           last = 32 * d + 32 < count ? 32 * d + 32 : count;
             for (uint32_t j = first; j < last; ++j)
                 rank = _mm256_sub_epi16(rank, _mm256_cmpgt_epi16(key, _mm256_set1_epi16(keys[j])));
         }

@@ -32,7 +32,8 @@ int sgsi_threads(void)
 {
     if (!thread_count) {
         cpu_set_t mask;
-        thread_count = sched_getaffinity(0, sizeof mask, &mask) ? omp_get_num_procs() : CPU_COUNT(&mask);
+        thread_count =
+            sched_getaffinity(0, sizeof mask, &mask) ? omp_get_num_procs() : CPU_COUNT(&mask);
         if (thread_count < 1)
             thread_count = 1;
         if (thread_count > SGSI_THREADS_MAX)
@@ -41,8 +42,8 @@ int sgsi_threads(void)
     return thread_count;
 }
 
-// Denormals are flushed inside parallel loops (Embree asks for it, and they would cost hundreds of cycles each); the
-// caller's mode comes back afterwards.
+// Denormals are flushed inside parallel loops (Embree asks for it, and they would cost hundreds of
+// cycles each); the caller's mode comes back afterwards.
 #ifdef SGSI_X86
 #include <xmmintrin.h>
 typedef unsigned float_mode;

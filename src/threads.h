@@ -2,24 +2,26 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Parallel loops. The only file that knows OpenMP is threads.c. Results never depend on the number of
-// threads: callers cut work into items that write disjoint memory, and reduce in item order.
+// Parallel loops. The only file that knows OpenMP is threads.c. Results never depend on the number
+// of threads: callers cut work into items that write disjoint memory, and reduce in item order.
 
 #include <stddef.h>
 
 enum { SGSI_THREADS_MAX = 4096 };
 
-// Number of threads of the coming loops, at most SGSI_THREADS_MAX. Default: cores of the affinity mask.
+// Number of threads of the coming loops, at most SGSI_THREADS_MAX. Default: cores of the affinity
+// mask.
 void sgsi_threads_set(int count);
 int sgsi_threads(void);
 
-// Runs body(context, item, thread) for every item in [0, count), each once, in any order; `thread` is in
-// [0, sgsi_threads()). Items are handed out `chunk` at a time (0 = pick one). Returns when all are done.
+// Runs body(context, item, thread) for every item in [0, count), each once, in any order; `thread`
+// is in [0, sgsi_threads()). Items are handed out `chunk` at a time (0 = pick one). Returns when
+// all are done.
 typedef void (*sgsi_item_fn)(void *context, size_t item, int thread);
 void sgsi_parallel_for(size_t count, size_t chunk, sgsi_item_fn body, void *context);
 
-// Time of the calling thread's loops so far, wall clock in seconds: inside loops, and of that the mean over their threads
-// of the wait for the last thread.
+// Time of the calling thread's loops so far, wall clock in seconds: inside loops, and of that the
+// mean over their threads of the wait for the last thread.
 typedef struct sgsi_loop_seconds {
     double inside, waiting;
 } sgsi_loop_seconds;

@@ -2,18 +2,20 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// The data that the tracer and its kernels share: what is known of a primitive for one view, of a tile's
-// rays for one camera, and the sums that the backward pass leaves per primitive.
+// The data that the tracer and its kernels share: what is known of a primitive for one view, of a
+// tile's rays for one camera, and the sums that the backward pass leaves per primitive.
 //
-// Geometry. The camera sits at the origin of camera axes; delta = R_wc (mean - c). In the primitive's own
-// metric M = S'^-1 R^T R_wc^T the mean is at M delta, distance P = |M delta|. Rotate that space so that M delta lies on
-// the third axis and divide by P / |delta|: a ray d then has coordinates (gx, gy, gz) with gx = gy = 0, gz = 1 towards the
-// mean, and
+// Geometry. The camera sits at the origin of camera axes; delta = R_wc (mean - c). In the
+// primitive's own metric M = S'^-1 R^T R_wc^T the mean is at M delta, distance P = |M delta|.
+// Rotate that space so that M delta lies on the third axis and divide by P / |delta|: a ray d then
+// has coordinates (gx, gy, gz) with gx = gy = 0, gz = 1 towards the mean, and
 //     rho^2 = P^2 (gx^2 + gy^2) / |g|^2,    t = |delta| gz / |g|^2   (in units of |d|).
 // With kappa = P^2 log2(e) / 2 folded into A = sqrt(kappa) gx, B = sqrt(kappa) gy, C = gz:
-//     G = (A^2 + B^2) / kappa + C^2,   E = (A^2 + B^2) / G,   alpha = 2^(log2 o - E),   t = |delta| C / G.
-// A, B, C are linear in d. A tile writes its rays as d = d0 + u e1 + v e2 (any central camera, no unit length needed:
-// rho is homogeneous), so they become affine in (u, v), with nothing that cancels at the footprint.
+//     G = (A^2 + B^2) / kappa + C^2,   E = (A^2 + B^2) / G,   alpha = 2^(log2 o - E),   t = |delta|
+//         C / G.
+// A, B, C are linear in d. A tile writes its rays as d = d0 + u e1 + v e2 (any central camera, no
+// unit length needed: rho is homogeneous), so they become affine in (u, v), with nothing that
+// cancels at the footprint.
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -23,14 +25,14 @@
 #include "sparegs/render.h"
 
 enum {
-    SGSI_TILE = 16,        // pixels
-    SGSI_BLOCKS = 16,      // blocks of 4x4 pixels per tile
-    SGSI_RECORD = 16       // floats per record
+    SGSI_TILE = 16,   // pixels
+    SGSI_BLOCKS = 16, // blocks of 4x4 pixels per tile
+    SGSI_RECORD = 16  // floats per record
 };
 
 // What a view knows of a primitive: one cache line.
 enum {
-    SGSI_RECORD_A = 0,         // 3: row of A in camera axes
+    SGSI_RECORD_A = 0, // 3: row of A in camera axes
     SGSI_RECORD_B = 3,
     SGSI_RECORD_C = 6,
     SGSI_RECORD_LOG_OPACITY = 9, // log2 of the opacity; SGSI_UNTRACED when the view cannot see it
@@ -43,7 +45,8 @@ enum {
 #define SGSI_LOG2_255 7.9943534368588578f
 #define SGSI_HALF_LOG2E 0.72134752044448170f
 
-// What the backward pass sums per primitive, over counted hits: v = alpha dL/dalpha, a = A C / G, b = B C / G, E.
+// What the backward pass sums per primitive, over counted hits: v = alpha dL/dalpha, a = A C / G, b
+// = B C / G, E.
 enum {
     SGSI_SUM_COLOR = 0, // 3: dL/dcolour = sum w dL/dC
     SGSI_SUM_V = 3,
@@ -57,10 +60,12 @@ enum {
     SGSI_SUM_VBE = 11,
     SGSI_SUM_VEE = 12,
     SGSI_SUM_HITS = 13,
-    SGSI_SUM_ABSOLUTE = 14 // 2, on demand: sums of |v (a A + b B - E C)| over x and y of the camera axes
+    SGSI_SUM_ABSOLUTE =
+        14 // 2, on demand: sums of |v (a A + b B - E C)| over x and y of the camera axes
 };
 
-// The rays of a 16x16-pixel tile, camera axes. Lane i of block b is pixel (4 (b % 4) + i % 4, 4 (b / 4) + i / 4).
+// The rays of a 16x16-pixel tile, camera axes. Lane i of block b is pixel (4 (b % 4) + i % 4, 4 (b
+// / 4) + i / 4).
 typedef struct sgsi_tile_rays {
     _Alignas(64) float u[SGSI_BLOCKS][16], v[SGSI_BLOCKS][16];
     float block_u[16], block_v[16];           // centres of the blocks' ranges of (u, v)
@@ -80,7 +85,7 @@ typedef struct sgsi_rays {
     int bins_x, bins_y;
     float (*bin_directions)[3][16]; // camera axes, unit
     uint32_t *bin_valid;
-    float tan_cone;        // tangent of the widest cone ray's half angle
+    float tan_cone;                    // tangent of the widest cone ray's half angle
     float axis[3], cone_cos, cone_sin; // circumscribed cone of the whole image
     float focal, fx, fy, cx, cy;
     bool fisheye;
@@ -92,16 +97,17 @@ typedef struct sgsi_view {
     float rotation[9]; // world to camera
     float center[3];   // world
     float near_distance;
-    float dilation;    // 0.3 / f^2 for the 3dgs filter, 0.1 / f^2 for mip, 0 for none
-    bool mip;          // Mip-Splatting's filters: they conserve what a primitive covers times its opacity
-    const float *filter_3d; // [padded to 16] f3 of the primitives, world units, or NULL for 0; mip only
+    float dilation; // 0.3 / f^2 for the 3dgs filter, 0.1 / f^2 for mip, 0 for none
+    bool mip; // Mip-Splatting's filters: they conserve what a primitive covers times its opacity
+    const float
+        *filter_3d; // [padded to 16] f3 of the primitives, world units, or NULL for 0; mip only
     int sh_degree;
 } sgsi_view;
 
 // Bits of a tile's candidates for the backward pass.
 typedef struct sgsi_tile_list {
-    uint32_t *ids;         // [count] primitives, near to far by |delta|
-    uint32_t *elements;    // per block: indices into ids, in the block's order
+    uint32_t *ids;      // [count] primitives, near to far by |delta|
+    uint32_t *elements; // per block: indices into ids, in the block's order
     uint32_t block_begin[SGSI_BLOCKS + 1];
     uint32_t count;
 } sgsi_tile_list;

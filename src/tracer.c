@@ -1,15 +1,18 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Orchestration of one view. A work item of the forward pass is a bin (a square of tiles): its packet of cone rays
-// asks the BVH, the candidates are put in one order (distance of the mean, then id) so that nothing depends on the
-// traversal, and every tile of the bin is filtered, sorted and blended by the kernels. The backward pass runs over the same
-// tiles from their lists, leaves one cache line of sums per (tile, primitive), and adds these up per primitive in tile order:
-// each thread owns a range of primitives and walks all slots, so sums do not depend on the number of threads.
+// Orchestration of one view. A work item of the forward pass is a bin (a square of tiles): its
+// packet of cone rays asks the BVH, the candidates are put in one order (distance of the mean, then
+// id) so that nothing depends on the traversal, and every tile of the bin is filtered, sorted and
+// blended by the kernels. The backward pass runs over the same tiles from their lists, leaves one
+// cache line of sums per (tile, primitive), and adds these up per primitive in tile order: each
+// thread owns a range of primitives and walks all slots, so sums do not depend on the number of
+// threads.
 //
-// Depth guesses. Per tile we remember how far the last visit of the view had to look. Candidates that begin behind the guess are
-// left out, by the BVH (far of the ray) and, exactly and independently of the tree, by the tile's own test. If a pixel of the
-// tile then fails to become opaque in front of the guess, the bin is gathered again without a limit and the tile redone.
+// Depth guesses. Per tile we remember how far the last visit of the view had to look. Candidates
+// that begin behind the guess are left out, by the BVH (far of the ray) and, exactly and
+// independently of the tree, by the tile's own test. If a pixel of the tile then fails to become
+// opaque in front of the guess, the bin is gathered again without a limit and the tile redone.
 
 #include "tracer.h"
 
@@ -49,8 +52,8 @@ struct sgsi_tracer {
     size_t *slot_begin; // [list_capacity + 1]
     size_t slot_capacity;
     sgsi_tile_cost *costs; // [tiles] or NULL
-    size_t list_words; // room for lists in every thread's arena
-    bool absolute; // backward passes sum absolute gradients, too
+    size_t list_words;     // room for lists in every thread's arena
+    bool absolute;         // backward passes sum absolute gradients, too
     thread_state *threads[MAX_THREADS];
     sgsi_trace_seconds seconds;
     sgsi_trace_counts counts;
@@ -73,9 +76,13 @@ sgs_status sgsi_tracer_create(sgsi_tracer **tracer)
 
 void sgsi_scratch_free(sgsi_scratch *s)
 {
-    void *const arrays[] = {s->soa, s->candidates, s->tile_records, s->tile_ids, s->entry_keys, s->entries, s->sort_spare,
-                            s->order, s->alpha, s->behind, s->t, s->transmittance, s->prefix, s->t_before,
-                            s->a, s->b, s->e, s->q, s->sums, s->walk};
+    void *const arrays[] = {s->soa,        s->candidates, s->tile_records,
+                            s->tile_ids,   s->entry_keys, s->entries,
+                            s->sort_spare, s->order,      s->alpha,
+                            s->behind,     s->t,          s->transmittance,
+                            s->prefix,     s->t_before,   s->a,
+                            s->b,          s->e,          s->q,
+                            s->sums,       s->walk};
     for (size_t i = 0; i < sizeof arrays / sizeof *arrays; ++i)
         sgsi_free(arrays[i]);
     *s = (sgsi_scratch){0};
@@ -100,7 +107,8 @@ void sgsi_tracer_destroy(sgsi_tracer *tracer)
     for (int i = 0; i < MAX_THREADS; ++i)
         free_thread(tracer->threads[i]);
     sgsi_bvh_destroy(tracer->bvh);
-    void *const arrays[] = {tracer->records, tracer->bounds, tracer->sums, tracer->touched, tracer->visible, tracer->lists,
+    void *const arrays[] = {tracer->records,  tracer->bounds,    tracer->sums,
+                            tracer->touched,  tracer->visible,   tracer->lists,
                             tracer->slot_ids, tracer->slot_sums, tracer->slot_begin};
     for (size_t i = 0; i < sizeof arrays / sizeof *arrays; ++i)
         sgsi_free(arrays[i]);
@@ -115,13 +123,26 @@ static bool reserve_scratch(sgsi_scratch *s, size_t capacity)
     const struct {
         void **array;
         size_t bytes; // per primitive
-    } arrays[] = {{(void **)&s->soa, 64}, {(void **)&s->candidates, 4}, {(void **)&s->tile_records, 64},
-                  {(void **)&s->tile_ids, 4}, {(void **)&s->entry_keys, 4 * SGSI_BLOCKS},
-                  {(void **)&s->entries, 4 * SGSI_BLOCKS}, {(void **)&s->sort_spare, 16}, {(void **)&s->order, 4 * SGSI_BLOCKS},
-                  {(void **)&s->alpha, 64}, {(void **)&s->behind, 64}, {(void **)&s->t, 64},
+    } arrays[] = {{(void **)&s->soa, 64},
+                  {(void **)&s->candidates, 4},
+                  {(void **)&s->tile_records, 64},
+                  {(void **)&s->tile_ids, 4},
+                  {(void **)&s->entry_keys, 4 * SGSI_BLOCKS},
+                  {(void **)&s->entries, 4 * SGSI_BLOCKS},
+                  {(void **)&s->sort_spare, 16},
+                  {(void **)&s->order, 4 * SGSI_BLOCKS},
+                  {(void **)&s->alpha, 64},
+                  {(void **)&s->behind, 64},
+                  {(void **)&s->t, 64},
                   {(void **)&s->transmittance, 64},
-                  {(void **)&s->prefix, 64}, {(void **)&s->t_before, 64}, {(void **)&s->a, 64}, {(void **)&s->b, 64},
-                  {(void **)&s->e, 64}, {(void **)&s->q, 64}, {(void **)&s->sums, 64}, {(void **)&s->walk, 4}};
+                  {(void **)&s->prefix, 64},
+                  {(void **)&s->t_before, 64},
+                  {(void **)&s->a, 64},
+                  {(void **)&s->b, 64},
+                  {(void **)&s->e, 64},
+                  {(void **)&s->q, 64},
+                  {(void **)&s->sums, 64},
+                  {(void **)&s->walk, 4}};
     s->capacity = 0;
     for (size_t i = 0; i < sizeof arrays / sizeof *arrays; ++i) {
         sgsi_free(*arrays[i].array);
@@ -135,7 +156,8 @@ static bool reserve_scratch(sgsi_scratch *s, size_t capacity)
 
 bool sgsi_scratch_reserve(sgsi_scratch *s, size_t capacity)
 {
-    return capacity <= s->capacity || reserve_scratch(s, (capacity + capacity / 4 + 255) / 256 * 256);
+    return capacity <= s->capacity ||
+           reserve_scratch(s, (capacity + capacity / 4 + 255) / 256 * 256);
 }
 
 static bool grow_keys(thread_state *state, size_t capacity)
@@ -150,8 +172,9 @@ static bool grow_keys(thread_state *state, size_t capacity)
     return state->key_capacity != 0;
 }
 
-// A bin may fall to any thread, and one thread may get them all while the others sleep. So every thread gets room for what
-// any of them has needed, and for the lists of all; then passes over the same views allocate nothing.
+// A bin may fall to any thread, and one thread may get them all while the others sleep. So every
+// thread gets room for what any of them has needed, and for the lists of all; then passes over the
+// same views allocate nothing.
 static sgs_status level_threads(sgsi_tracer *tracer)
 {
     size_t scratch = 0, keys = 0, gathered = 0, words = 0;
@@ -169,7 +192,8 @@ static sgs_status level_threads(sgsi_tracer *tracer)
         bool grown = reserve_scratch(&state->scratch, scratch) && grow_keys(state, keys) &&
                      sgsi_arena_reserve(&state->arena, tracer->list_words);
         if (grown && gathered > state->gathered.capacity) {
-            grown = sgsi_grow((void **)&state->gathered.ids, 0, gathered, sizeof *state->gathered.ids);
+            grown =
+                sgsi_grow((void **)&state->gathered.ids, 0, gathered, sizeof *state->gathered.ids);
             state->gathered.capacity = grown ? gathered : state->gathered.capacity;
         }
         if (!grown)
@@ -212,10 +236,13 @@ static sgs_status reserve_primitives(sgsi_tracer *tracer, size_t capacity)
     return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to trace %zu primitives", capacity);
 }
 
-void sgsi_view_set(sgsi_view *view, const sgsi_rays *rays, const sgs_pose *pose, const sgs_render_options *options)
+void sgsi_view_set(sgsi_view *view, const sgsi_rays *rays, const sgs_pose *pose,
+                   const sgs_render_options *options)
 {
     double center[3];
-    const float pixel = options->filter == SGS_FILTER_3DGS ? 0.3f : options->filter == SGS_FILTER_MIP ? 0.1f : 0.0f;
+    const float pixel = options->filter == SGS_FILTER_3DGS  ? 0.3f
+                        : options->filter == SGS_FILTER_MIP ? 0.1f
+                                                            : 0.0f;
     sgs_pose_center(pose, center);
     *view = (sgsi_view){.rays = rays,
                         .near_distance = (float)options->near_distance,
@@ -235,16 +262,21 @@ static void project_range(void *context, size_t begin, size_t end, int thread)
     sgsi_kernels_get()->project(context, begin, end);
 }
 
-sgs_status sgsi_tracer_project(sgsi_tracer *tracer, const sgs_gaussians *model, const sgsi_view *view,
-                               uint32_t *visible_count, float *radius_max)
+sgs_status sgsi_tracer_project(sgsi_tracer *tracer, const sgs_gaussians *model,
+                               const sgsi_view *view, uint32_t *visible_count, float *radius_max)
 {
     const double start = sgsi_seconds();
     const sgs_status status = reserve_primitives(tracer, model->capacity);
     if (status)
         return status;
     tracer->count = model->count;
-    sgsi_project input = {.params = model->data, .count = model->count, .view = *view, .records = tracer->records,
-                          .bounds = tracer->bounds, .visible_count = visible_count, .radius_max = radius_max,
+    sgsi_project input = {.params = model->data,
+                          .count = model->count,
+                          .view = *view,
+                          .records = tracer->records,
+                          .bounds = tracer->bounds,
+                          .visible_count = visible_count,
+                          .radius_max = radius_max,
                           .visible = tracer->visible};
     sgsi_parallel_ranges((model->count + SGS_LANES - 1) / SGS_LANES, 32, project_range, &input);
     tracer->seconds.project = sgsi_seconds() - start;
@@ -256,8 +288,9 @@ sgs_status sgsi_tracer_commit(sgsi_tracer *tracer, bool rebuild, sgsi_bvh_qualit
     const double start = sgsi_seconds();
     tracer->seconds.bvh_build = tracer->seconds.bvh_refit = 0.0;
     rebuild = rebuild || tracer->built_count != tracer->count || !tracer->count;
-    const sgs_status status = rebuild ? sgsi_bvh_build(tracer->bvh, tracer->bounds, tracer->count, quality)
-                                      : sgsi_bvh_refit(tracer->bvh);
+    const sgs_status status =
+        rebuild ? sgsi_bvh_build(tracer->bvh, tracer->bounds, tracer->count, quality)
+                : sgsi_bvh_refit(tracer->bvh);
     if (status)
         return status;
     tracer->built_count = tracer->count;
@@ -303,12 +336,14 @@ static float bin_far(const forward_pass *pass, int bin)
     return far;
 }
 
-// Asks the BVH, sorts, loads the records of a bin. Returns the number of candidates, or sets state->status.
+// Asks the BVH, sorts, loads the records of a bin. Returns the number of candidates, or sets
+// state->status.
 static size_t gather_bin(const forward_pass *pass, thread_state *state, int bin, float far)
 {
     const sgsi_rays *rays = pass->view->rays;
     const sgsi_view *view = pass->view;
-    sgsi_packet packet = {.origin = {view->center[0], view->center[1], view->center[2]}, .valid = rays->bin_valid[bin]};
+    sgsi_packet packet = {.origin = {view->center[0], view->center[1], view->center[2]},
+                          .valid = rays->bin_valid[bin]};
     for (int i = 0; i < 16; ++i) {
         for (int k = 0; k < 3; ++k) // camera to world
             packet.direction[k][i] = view->rotation[k] * rays->bin_directions[bin][0][i] +
@@ -317,14 +352,17 @@ static size_t gather_bin(const forward_pass *pass, thread_state *state, int bin,
         packet.far[i] = far * 1.0001f;
     }
     state->gathered.count = 0;
-    state->gathered.rows = pass->tracer->records; // their lines are on the way while the traversal goes on
+    state->gathered.rows =
+        pass->tracer->records; // their lines are on the way while the traversal goes on
     state->gathered.row_bytes = SGSI_RECORD * sizeof(float);
     state->status = sgsi_bvh_gather(pass->tracer->bvh, &packet, &state->gathered);
     const size_t gathered = state->gathered.count;
     state->counts.callbacks += gathered;
-    const bool sortable = gathered <= state->key_capacity || grow_keys(state, gathered + gathered / 2);
+    const bool sortable =
+        gathered <= state->key_capacity || grow_keys(state, gathered + gathered / 2);
     if (!state->status && (!sortable || !sgsi_scratch_reserve(&state->scratch, gathered + 16)))
-        state->status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the %zu candidates of a bin", gathered);
+        state->status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                                  "no memory for the %zu candidates of a bin", gathered);
     if (state->status)
         return 0;
     size_t count = 0;
@@ -337,7 +375,8 @@ static size_t gather_bin(const forward_pass *pass, thread_state *state, int bin,
             state->keys[count++] = (uint64_t)bits << 32 | id;
     }
     const uint64_t *sorted = sort_keys(state->keys, state->keys_spare, count);
-    size_t unique = 0; // where rays of a packet part, Embree follows them one by one and meets a primitive again
+    size_t unique = 0; // where rays of a packet part, Embree follows them one by one and meets a
+                       // primitive again
     for (size_t i = 0; i < count; ++i)
         if (!i || sorted[i] != sorted[i - 1])
             state->scratch.candidates[unique++] = (uint32_t)sorted[i];
@@ -367,7 +406,8 @@ static void keep_list(thread_state *state, sgsi_tile_list *list, size_t count)
     list->elements = words + count;
     memcpy(list->ids, s->tile_ids, count * sizeof *words);
     for (int b = 0; b < SGSI_BLOCKS; ++b)
-        memcpy(list->elements + list->block_begin[b], s->order + (size_t)b * s->capacity, s->entry_count[b] * sizeof *words);
+        memcpy(list->elements + list->block_begin[b], s->order + (size_t)b * s->capacity,
+               s->entry_count[b] * sizeof *words);
 }
 
 // Drops the primitives of a tile that no block kept, so that lists and sums hold only what was hit.
@@ -392,7 +432,8 @@ static size_t compact_tile(sgsi_scratch *s, size_t count)
 }
 
 // Returns false when the guess was too near.
-static bool blend_tile(const forward_pass *pass, thread_state *state, int tile, size_t candidates, float far)
+static bool blend_tile(const forward_pass *pass, thread_state *state, int tile, size_t candidates,
+                       float far)
 {
     const sgsi_kernels *kernels = sgsi_kernels_get();
     const sgsi_tile_rays *rays = &pass->view->rays->tiles[tile];
@@ -401,18 +442,26 @@ static bool blend_tile(const forward_pass *pass, thread_state *state, int tile, 
     const double start = cost ? sgsi_seconds() : 0.0;
     const size_t count = kernels->tile_filter(&state->scratch, rays, candidates, far);
     kernels->tile_sort(&state->scratch, rays, count);
-    sgsi_tile_target target = {.rays = rays, .width = planes->width, .height = planes->height, .stride = planes->stride,
+    sgsi_tile_target target = {.rays = rays,
+                               .width = planes->width,
+                               .height = planes->height,
+                               .stride = planes->stride,
                                .color = {planes->color[0], planes->color[1], planes->color[2]},
-                               .transmittance = planes->transmittance, .depth_mean = planes->depth_mean,
-                               .depth_median = planes->depth_median, .depth_first = planes->depth_first,
-                               .hits = planes->hits, .aov = planes->aov, .near_distance = pass->view->near_distance};
+                               .transmittance = planes->transmittance,
+                               .depth_mean = planes->depth_mean,
+                               .depth_median = planes->depth_median,
+                               .depth_first = planes->depth_first,
+                               .hits = planes->hits,
+                               .aov = planes->aov,
+                               .near_distance = pass->view->near_distance};
     kernels->tile_forward(&state->scratch, &target);
     if (!(target.stop_distance <= far))
         return false;
     if (pass->depth_guess)
         pass->depth_guess[tile] = target.stop_distance * 1.05f;
     if (cost)
-        *cost = (sgsi_tile_cost){(float)(sgsi_seconds() - start), (uint32_t)count, (uint32_t)target.evaluations};
+        *cost = (sgsi_tile_cost){(float)(sgsi_seconds() - start), (uint32_t)count,
+                                 (uint32_t)target.evaluations};
     state->counts.candidates += count;
     state->counts.evaluations += target.evaluations;
     for (int b = 0; b < SGSI_BLOCKS; ++b)
@@ -464,7 +513,9 @@ static sgs_status reserve_lists(sgsi_tracer *tracer, size_t tiles)
     tracer->lists = sgsi_calloc(tiles, sizeof *tracer->lists);
     tracer->slot_begin = sgsi_calloc(tiles + 1, sizeof *tracer->slot_begin);
     tracer->list_capacity = tracer->lists && tracer->slot_begin ? tiles : 0;
-    return tracer->list_capacity ? SGS_STATUS_OK : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the lists of %zu tiles", tiles);
+    return tracer->list_capacity
+               ? SGS_STATUS_OK
+               : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the lists of %zu tiles", tiles);
 }
 
 static sgs_status collect_threads(sgsi_tracer *tracer, double wall, double *gather, double *blend)
@@ -486,7 +537,9 @@ static sgs_status collect_threads(sgsi_tracer *tracer, double wall, double *gath
     const double total = gather_seconds + blend_seconds;
     *gather = total > 0.0 ? wall * gather_seconds / total : 0.0;
     *blend = wall - *gather;
-    return status == SGS_STATUS_OUT_OF_MEMORY ? sgsi_fail(status, "no memory for the candidates of a tile") : status;
+    return status == SGS_STATUS_OUT_OF_MEMORY
+               ? sgsi_fail(status, "no memory for the candidates of a tile")
+               : status;
 }
 
 static sgs_status forward_bins(sgsi_tracer *tracer, forward_pass *pass, size_t bin_count)
@@ -505,16 +558,19 @@ static sgs_status forward_bins(sgsi_tracer *tracer, forward_pass *pass, size_t b
         state->counts = (sgsi_trace_counts){0};
     }
     sgsi_parallel_for(bin_count, 1, forward_bin, pass);
-    return collect_threads(tracer, sgsi_seconds() - start, &tracer->seconds.gather, &tracer->seconds.forward);
+    return collect_threads(tracer, sgsi_seconds() - start, &tracer->seconds.gather,
+                           &tracer->seconds.forward);
 }
 
-sgs_status sgsi_tracer_forward(sgsi_tracer *tracer, const sgsi_view *view, sgsi_planes *planes, float *depth_guess, bool keep_lists)
+sgs_status sgsi_tracer_forward(sgsi_tracer *tracer, const sgsi_view *view, sgsi_planes *planes,
+                               float *depth_guess, bool keep_lists)
 {
     forward_pass pass = {tracer, view, planes, depth_guess, keep_lists, 0};
     return forward_bins(tracer, &pass, (size_t)view->rays->bins_x * (size_t)view->rays->bins_y);
 }
 
-sgs_status sgsi_tracer_forward_rows(sgsi_tracer *tracer, const sgsi_view *view, sgsi_planes *planes, int first, int last)
+sgs_status sgsi_tracer_forward_rows(sgsi_tracer *tracer, const sgsi_view *view, sgsi_planes *planes,
+                                    int first, int last)
 {
     const sgsi_rays *rays = view->rays;
     const size_t bins_x = (size_t)rays->bins_x, first_row = (size_t)(first / rays->bin_tiles);
@@ -529,7 +585,7 @@ typedef struct backward_pass {
     const sgsi_planes *planes;
     const float *d_color[3], *d_transmittance;
     const sgsi_score_planes *score; // instead of gradients
-    size_t first_tile, last_tile; // of this chunk
+    size_t first_tile, last_tile;   // of this chunk
 } backward_pass;
 
 static void backward_tile(void *context, size_t item, int thread)
@@ -550,10 +606,13 @@ static void backward_tile(void *context, size_t item, int thread)
     memcpy(s->tile_ids, list->ids, list->count * sizeof *list->ids);
     const sgsi_kernels *kernels = sgsi_kernels_get();
     kernels->load_candidates(s, tracer->records, list->count);
-    sgsi_tile_target target = {.rays = &pass->view->rays->tiles[tile], .width = pass->planes->width,
-                               .height = pass->planes->height, .stride = pass->planes->stride,
+    sgsi_tile_target target = {.rays = &pass->view->rays->tiles[tile],
+                               .width = pass->planes->width,
+                               .height = pass->planes->height,
+                               .stride = pass->planes->stride,
                                .d_color = {pass->d_color[0], pass->d_color[1], pass->d_color[2]},
-                               .d_transmittance = pass->d_transmittance, .near_distance = pass->view->near_distance};
+                               .d_transmittance = pass->d_transmittance,
+                               .near_distance = pass->view->near_distance};
     if (pass->score)
         kernels->tile_score(s, list, &target, pass->score);
     else if (tracer->absolute)
@@ -562,7 +621,8 @@ static void backward_tile(void *context, size_t item, int thread)
         kernels->tile_backward(s, list, &target);
     const size_t slot = tracer->slot_begin[tile] - tracer->slot_begin[pass->first_tile];
     memcpy(tracer->slot_ids + slot, list->ids, list->count * sizeof *list->ids);
-    memcpy(tracer->slot_sums + slot * SGSI_RECORD, s->sums, list->count * SGSI_RECORD * sizeof *s->sums);
+    memcpy(tracer->slot_sums + slot * SGSI_RECORD, s->sums,
+           list->count * SGSI_RECORD * sizeof *s->sums);
 }
 
 // Adds the chunk's slots to the primitives of one range of blocks.
@@ -571,20 +631,23 @@ static void reduce_range(void *context, size_t item, int thread)
     (void)thread;
     const backward_pass *pass = context;
     sgsi_tracer *tracer = pass->tracer;
-    const size_t blocks = (tracer->count + SGS_LANES - 1) / SGS_LANES, ranges = (size_t)sgsi_threads();
+    const size_t blocks = (tracer->count + SGS_LANES - 1) / SGS_LANES,
+                 ranges = (size_t)sgsi_threads();
     const uint32_t begin = (uint32_t)(blocks * item / ranges * SGS_LANES);
     const uint32_t length = (uint32_t)(blocks * (item + 1) / ranges * SGS_LANES) - begin;
     const size_t slots = tracer->slot_begin[pass->last_tile] - tracer->slot_begin[pass->first_tile];
     for (size_t slot = 0; slot < slots; ++slot) {
         const uint32_t id = tracer->slot_ids[slot];
         if (slot + REDUCE_AHEAD < slots && tracer->slot_ids[slot + REDUCE_AHEAD] - begin < length)
-            __builtin_prefetch(tracer->sums + (size_t)tracer->slot_ids[slot + REDUCE_AHEAD] * SGSI_RECORD, 1);
+            __builtin_prefetch(
+                tracer->sums + (size_t)tracer->slot_ids[slot + REDUCE_AHEAD] * SGSI_RECORD, 1);
         if (id - begin >= length)
             continue;
         const size_t block = id / SGS_LANES;
         if (!tracer->touched[block]) {
             tracer->touched[block] = 1;
-            memset(tracer->sums + block * SGS_LANES * SGSI_RECORD, 0, SGS_LANES * SGSI_RECORD * sizeof(float));
+            memset(tracer->sums + block * SGS_LANES * SGSI_RECORD, 0,
+                   SGS_LANES * SGSI_RECORD * sizeof(float));
         }
         float *sum = tracer->sums + (size_t)id * SGSI_RECORD;
         const float *add = tracer->slot_sums + slot * SGSI_RECORD;
@@ -602,7 +665,9 @@ static sgs_status reserve_slots(sgsi_tracer *tracer, size_t slots)
     tracer->slot_ids = sgsi_alloc(slots, sizeof *tracer->slot_ids);
     tracer->slot_sums = sgsi_alloc(slots, SGSI_RECORD * sizeof *tracer->slot_sums);
     tracer->slot_capacity = tracer->slot_ids && tracer->slot_sums ? slots : 0;
-    return tracer->slot_capacity ? SGS_STATUS_OK : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu gradient slots", slots);
+    return tracer->slot_capacity
+               ? SGS_STATUS_OK
+               : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu gradient slots", slots);
 }
 
 // Chunks of tiles: sums per (tile, primitive), then per primitive.
@@ -617,12 +682,14 @@ static sgs_status run_backward(sgsi_tracer *tracer, backward_pass *pass)
         tracer->slot_begin[i + 1] = tracer->slot_begin[i] + tracer->lists[i].count;
     for (size_t first = 0; first < tiles; first = pass->last_tile) {
         size_t last = first + 1;
-        while (last < tiles && tracer->slot_begin[last + 1] - tracer->slot_begin[first] <= REDUCE_SLOTS)
+        while (last < tiles &&
+               tracer->slot_begin[last + 1] - tracer->slot_begin[first] <= REDUCE_SLOTS)
             ++last;
         pass->first_tile = first;
         pass->last_tile = last;
         const size_t slots = tracer->slot_begin[last] - tracer->slot_begin[first];
-        const sgs_status status = reserve_slots(tracer, slots > REDUCE_SLOTS ? slots : REDUCE_SLOTS);
+        const sgs_status status =
+            reserve_slots(tracer, slots > REDUCE_SLOTS ? slots : REDUCE_SLOTS);
         if (status)
             return status;
         sgsi_parallel_for(last - first, 1, backward_tile, pass);
@@ -643,15 +710,20 @@ void sgsi_tracer_watch_tiles(sgsi_tracer *tracer, sgsi_tile_cost *costs)
     tracer->costs = costs;
 }
 
-sgs_status sgsi_tracer_backward(sgsi_tracer *tracer, const sgsi_view *view, const sgsi_planes *planes,
-                                float *const d_color[3], float *d_transmittance)
+sgs_status sgsi_tracer_backward(sgsi_tracer *tracer, const sgsi_view *view,
+                                const sgsi_planes *planes, float *const d_color[3],
+                                float *d_transmittance)
 {
-    backward_pass pass = {.tracer = tracer, .view = view, .planes = planes,
-                          .d_color = {d_color[0], d_color[1], d_color[2]}, .d_transmittance = d_transmittance};
+    backward_pass pass = {.tracer = tracer,
+                          .view = view,
+                          .planes = planes,
+                          .d_color = {d_color[0], d_color[1], d_color[2]},
+                          .d_transmittance = d_transmittance};
     return run_backward(tracer, &pass);
 }
 
-sgs_status sgsi_tracer_score(sgsi_tracer *tracer, const sgsi_view *view, const sgsi_planes *planes, const sgsi_score_planes *score)
+sgs_status sgsi_tracer_score(sgsi_tracer *tracer, const sgsi_view *view, const sgsi_planes *planes,
+                             const sgsi_score_planes *score)
 {
     backward_pass pass = {.tracer = tracer, .view = view, .planes = planes, .score = score};
     return run_backward(tracer, &pass);

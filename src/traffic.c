@@ -35,21 +35,25 @@ void sgsi_traffic_add(const sgsi_traffic *traffic, sgs_train_bytes *bytes)
     const double listed = listed_primitives(traffic), stepped = SGS_LANES * stepped_blocks(traffic);
     const double bands = (traffic->sh_degree + 1) * (traffic->sh_degree + 1);
     const double shape = SGS_PARAM_SH_DC * WORD, color = 3.0 * WORD * bands;
-    const double statistics = traffic->collects ? 2.0 * 2.0 * WORD : 0.0; // two columns, read and written
+    const double statistics =
+        traffic->collects ? 2.0 * 2.0 * WORD : 0.0; // two columns, read and written
     sgs_train_bytes add = {0};
     // All shapes, all boxes; colours and records of what the view may see.
     add.project = rows * (shape + sizeof(sgsi_bounds) + statistics) + stepped * (color + RECORD);
     // Every box once, every node read and written.
-    add.bvh = rows * sizeof(sgsi_bounds) + 2.0 * (double)sgsi_bvh_bytes(sgsi_tracer_bvh(traffic->tracer));
+    add.bvh =
+        rows * sizeof(sgsi_bounds) + 2.0 * (double)sgsi_bvh_bytes(sgsi_tracer_bvh(traffic->tracer));
     add.gather = (double)counts.gathered * (RECORD + WORD);
     add.forward = pixels * PLANES * WORD + (listed + (double)counts.elements) * WORD;
     add.loss = pixels * (2.0 * PLANES * WORD + traffic->channels);
-    // Lists, records, gradients of the planes in; a record of sums per (tile, primitive) out, and back in by the reduction,
-    // whose threads all read all ids.
-    add.backward = pixels * PLANES * WORD + (listed + (double)counts.elements) * WORD + 2.0 * listed * RECORD +
-                   listed * (RECORD + WORD * (1.0 + sgsi_threads())) + 2.0 * stepped * RECORD;
+    // Lists, records, gradients of the planes in; a record of sums per (tile, primitive) out, and
+    // back in by the reduction, whose threads all read all ids.
+    add.backward = pixels * PLANES * WORD + (listed + (double)counts.elements) * WORD +
+                   2.0 * listed * RECORD + listed * (RECORD + WORD * (1.0 + sgsi_threads())) +
+                   2.0 * stepped * RECORD;
     // Sums in; parameters and both moments in and out.
-    add.optimizer = stepped * (RECORD + (traffic->steps ? 6.0 * (shape + color) : shape + color) + 0.5 * statistics);
+    add.optimizer = stepped * (RECORD + (traffic->steps ? 6.0 * (shape + color) : shape + color) +
+                               0.5 * statistics);
     bytes->project += add.project;
     bytes->bvh += add.bvh;
     bytes->gather += add.gather;
@@ -58,5 +62,6 @@ void sgsi_traffic_add(const sgsi_traffic *traffic, sgs_train_bytes *bytes)
     bytes->backward += add.backward;
     bytes->optimizer += add.optimizer;
     bytes->iterations += 1.0;
-    bytes->total += add.project + add.bvh + add.gather + add.forward + add.loss + add.backward + add.optimizer;
+    bytes->total +=
+        add.project + add.bvh + add.gather + add.forward + add.loss + add.backward + add.optimizer;
 }

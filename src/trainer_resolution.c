@@ -1,9 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Training views at a reduced size, for pipelines that render small images first. The views of one scale are made
-// together when the scale changes and kept until the next change. Photographs of half-float numbers are not reduced: a
-// run with any of them stays at full resolution.
+// Training views at a reduced size, for pipelines that render small images first. The views of one
+// scale are made together when the scale changes and kept until the next change. Photographs of
+// half-float numbers are not reduced: a run with any of them stays at full resolution.
 
 #include <math.h>
 
@@ -23,8 +23,10 @@ void sgsi_trainer_resolution_free(sgs_trainer *trainer)
 
 static sgs_image8 pixels_of(const sgs_photo *photo)
 {
-    return (sgs_image8){
-        .width = photo->width, .height = photo->height, .channels = photo->channels, .pixels = photo->pixels};
+    return (sgs_image8){.width = photo->width,
+                        .height = photo->height,
+                        .channels = photo->channels,
+                        .pixels = photo->pixels};
 }
 
 static void view_size(void *context, size_t i, int *width, int *height)
@@ -43,7 +45,8 @@ static sgs_status view_pixels(void *context, size_t i, sgs_image8 *image)
     if (status)
         return status;
     *image = pixels_of(photo);
-    return photo->pixels ? status : sgsi_fail(SGS_STATUS_UNSUPPORTED, "%s: no bytes", trainer->scene->path);
+    return photo->pixels ? status
+                         : sgsi_fail(SGS_STATUS_UNSUPPORTED, "%s: no bytes", trainer->scene->path);
 }
 
 sgs_status sgsi_trainer_resolution_plan(sgs_trainer *trainer)
@@ -52,10 +55,12 @@ sgs_status sgsi_trainer_resolution_plan(sgs_trainer *trainer)
         return SGS_STATUS_OK;
     trainer->resolution = (sgsi_resolution){0}; // full resolution from iteration 0
     const sgsi_image_source images = {trainer, trainer->train_view_count, view_size, view_pixels};
-    const sgs_status status = sgsi_resolution_plan(&images, trainer->schedule.densify_until, &trainer->resolution);
+    const sgs_status status =
+        sgsi_resolution_plan(&images, trainer->schedule.densify_until, &trainer->resolution);
     if (status == SGS_STATUS_UNSUPPORTED) {
-        sgsi_warn("%s: some photographs are no bytes; DashGaussian trains at full resolution throughout",
-                  trainer->scene->path);
+        sgsi_warn(
+            "%s: some photographs are no bytes; DashGaussian trains at full resolution throughout",
+            trainer->scene->path);
         return sgsi_trainer_set_resolution(trainer, 1);
     }
     if (status)
@@ -72,8 +77,10 @@ static void reduce_keep(const sgs_photo *from, sgs_photo *to)
     for (int y = 0; y < to->height; ++y)
         for (int x = 0; x < to->width; ++x) {
             bool all = true;
-            for (int v = y * from->height / to->height; v * to->height < (y + 1) * from->height; ++v)
-                for (int u = x * from->width / to->width; u * to->width < (x + 1) * from->width; ++u)
+            for (int v = y * from->height / to->height; v * to->height < (y + 1) * from->height;
+                 ++v)
+                for (int u = x * from->width / to->width; u * to->width < (x + 1) * from->width;
+                     ++u)
                     all = all && sgsi_photo_counts(from, u, v);
             to->keep[(size_t)y * words + (size_t)x / 16] |= (uint16_t)((unsigned)all << (x % 16));
             to->kept += all;
@@ -99,9 +106,11 @@ static sgs_status reduce_view(sgs_trainer *trainer, size_t i, int scale)
                        .kept = (size_t)small.width * (size_t)small.height};
     if (!photo->keep)
         return SGS_STATUS_OK;
-    out->keep = sgsi_calloc(((size_t)out->width + 15) / 16 * (size_t)out->height, sizeof *out->keep);
+    out->keep =
+        sgsi_calloc(((size_t)out->width + 15) / 16 * (size_t)out->height, sizeof *out->keep);
     if (!out->keep)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a mask of %dx%d pixels", out->width, out->height);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a mask of %dx%d pixels",
+                         out->width, out->height);
     reduce_keep(photo, out);
     return SGS_STATUS_OK;
 }
@@ -115,7 +124,8 @@ sgs_status sgsi_trainer_set_resolution(sgs_trainer *trainer, int scale)
     if (scale > 1) {
         trainer->small_images = sgsi_calloc(n, sizeof *trainer->small_images);
         if (!trainer->small_images)
-            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu views at a smaller size", n);
+            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu views at a smaller size",
+                             n);
         for (size_t i = 0; i < n; ++i) {
             const sgs_status status = reduce_view(trainer, i, scale);
             if (status)
@@ -134,5 +144,6 @@ sgs_status sgsi_trainer_follow_resolution(sgs_trainer *trainer, int iteration)
     if (!trainer->pipeline->resolution || iteration <= schedule->resolution_from ||
         iteration % schedule->resolution_interval)
         return SGS_STATUS_OK;
-    return sgsi_trainer_set_resolution(trainer, sgsi_resolution_at(&trainer->resolution, iteration));
+    return sgsi_trainer_set_resolution(trainer,
+                                       sgsi_resolution_at(&trainer->resolution, iteration));
 }

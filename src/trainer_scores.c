@@ -1,9 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Scores from whole views, for the pipelines that ask for them: a handful of training views is drawn at random,
-// rendered, compared with the photographs and walked through once more for the sums per primitive. What the sums mean
-// is the pipeline's business.
+// Scores from whole views, for the pipelines that ask for them: a handful of training views is
+// drawn at random, rendered, compared with the photographs and walked through once more for the
+// sums per primitive. What the sums mean is the pipeline's business.
 
 #include <math.h>
 #include <string.h>
@@ -44,7 +44,8 @@ static sgs_status reserve(sgsi_trainer_scores *scores, size_t capacity)
         scores->centers = sgsi_alloc(capacity, 2 * sizeof(float));
         if (!complete || !scores->centers || sgsi_statistics_reserve(&scores->view, capacity)) {
             sgsi_trainer_scores_free(scores);
-            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the scores of %zu primitives", capacity);
+            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the scores of %zu primitives",
+                             capacity);
         }
         scores->capacity = capacity;
     }
@@ -103,10 +104,12 @@ static void fill_view(void *context, size_t begin, size_t end, int thread)
 
 static float photo_value(const sgs_photo *photo, size_t at)
 {
-    return photo->halves ? sgsi_half_to_float(photo->halves[at]) : (float)photo->pixels[at] / 255.0f;
+    return photo->halves ? sgsi_half_to_float(photo->halves[at])
+                         : (float)photo->pixels[at] / 255.0f;
 }
 
-// The photograph's colours as bytes: its own, or those of half-float numbers clamped to what bytes can say.
+// The photograph's colours as bytes: its own, or those of half-float numbers clamped to what bytes
+// can say.
 static const uint8_t *photo_bytes(sgsi_trainer_scores *scores, const sgs_photo *photo)
 {
     if (!photo->halves)
@@ -122,8 +125,8 @@ static const uint8_t *photo_bytes(sgsi_trainer_scores *scores, const sgs_photo *
     return scores->bytes;
 }
 
-// The mean over channels of |image - photograph|, both in [0, 1], over the plane of the red gradient, which is free by
-// then.
+// The mean over channels of |image - photograph|, both in [0, 1], over the plane of the red
+// gradient, which is free by then.
 static sgsi_scored_image error_image(const step_state *step, const uint8_t *bytes, float *error)
 {
     const sgsi_planes *planes = &step->planes;
@@ -138,14 +141,17 @@ static sgsi_scored_image error_image(const step_state *step, const uint8_t *byte
     const bool alpha = step->target->channels == 4;
     for (int y = 0; y < image.height; ++y)
         for (int x = 0; x < image.width; ++x) {
-            const size_t at = (size_t)y * image.stride + (size_t)x, from = (size_t)y * (size_t)image.width + (size_t)x;
+            const size_t at = (size_t)y * image.stride + (size_t)x,
+                         from = (size_t)y * (size_t)image.width + (size_t)x;
             const float opaque = alpha ? photo_value(step->target, 3 * pixels + from) : 1.0f;
             float sum = 0.0f;
             for (int c = 0; c < 3; ++c) {
-                const float drawn = planes->color[c][at] + planes->transmittance[at] * step->background[c];
+                const float drawn =
+                    planes->color[c][at] + planes->transmittance[at] * step->background[c];
                 const float photo = opaque * photo_value(step->target, (size_t)c * pixels + from) +
                                     (1.0f - opaque) * step->background[c];
-                sum += fabsf(fminf(fmaxf(drawn, 0.0f), step->target->bright ? INFINITY : 1.0f) - photo);
+                sum += fabsf(fminf(fmaxf(drawn, 0.0f), step->target->bright ? INFINITY : 1.0f) -
+                             photo);
             }
             error[at] = sgsi_photo_counts(step->target, x, y) ? sum / 3.0f : 0.0f;
             image.error_min = fminf(image.error_min, error[at]);
@@ -167,7 +173,8 @@ static sgs_status score_one(sgs_trainer *trainer, int iteration, size_t view)
     sgsi_parallel_ranges(n, 4096, fill_view, &job);
     const uint8_t *bytes = photo_bytes(scores, step.target);
     if (!bytes)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for an image of %dx%d pixels", step.target->width, step.target->height);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for an image of %dx%d pixels",
+                         step.target->width, step.target->height);
     const sgsi_scored_image image = error_image(&step, bytes, step.d_color[0]);
     status = trainer->pipeline->pixel_weights(&image, &trainer->options, step.d_color[1]);
     if (status)
@@ -195,7 +202,8 @@ static sgs_status score_one(sgs_trainer *trainer, int iteration, size_t view)
 sgs_status sgsi_trainer_score(sgs_trainer *trainer, int iteration)
 {
     const sgsi_pipeline *pipeline = trainer->pipeline;
-    const sgs_train_seconds seconds = trainer->progress.seconds; // all of this counts as density control
+    const sgs_train_seconds seconds =
+        trainer->progress.seconds; // all of this counts as density control
     size_t order[64];
     const size_t n = trainer->train_view_count;
     const size_t wanted = (size_t)pipeline->score_views < n ? (size_t)pipeline->score_views : n;
@@ -205,7 +213,8 @@ sgs_status sgsi_trainer_score(sgs_trainer *trainer, int iteration)
     column_job job = {trainer, &trainer->scores, NULL};
     sgsi_parallel_ranges(trainer->model->count, 4096, fill_columns, &job);
     const uint64_t seed = sgsi_random_bits(trainer->options.seed ^ 0x5C08E, (uint64_t)iteration);
-    for (size_t k = 0; k < wanted && !status; ++k) { // distinct views: draw again what was drawn before
+    for (size_t k = 0; k < wanted && !status;
+         ++k) { // distinct views: draw again what was drawn before
         for (uint64_t attempt = 0, fresh = 0; !fresh; ++attempt) {
             order[k] = (size_t)(sgsi_random_uniform(seed, 4096 * k + attempt) * (double)n);
             fresh = order[k] < n;

@@ -18,15 +18,15 @@
 
 // Everything a resumed run must find again, besides arrays.
 typedef struct sgsi_progress {
-    int32_t iteration;          // done
-    int32_t adam_step;          // optimiser steps made (bias correction of dense Adam)
-    int32_t last_reset;         // iteration of the last opacity reset, -1 = none
+    int32_t iteration;  // done
+    int32_t adam_step;  // optimiser steps made (bias correction of dense Adam)
+    int32_t last_reset; // iteration of the last opacity reset, -1 = none
     int32_t reset_since_check;
     uint32_t order_position, order_epoch; // of the view permutation
-    int32_t stop;               // sgs_stop_reason
-    int32_t updates;            // structural updates made
-    int32_t rest_step;          // as adam_step, of the SH bands above 0 where they step on their own
-    int32_t resolution;         // down-scaling of the images in force; 0 = none yet
+    int32_t stop;                         // sgs_stop_reason
+    int32_t updates;                      // structural updates made
+    int32_t rest_step;  // as adam_step, of the SH bands above 0 where they step on their own
+    int32_t resolution; // down-scaling of the images in force; 0 = none yet
     sgsi_pipeline_state pipeline;
     double loss_average, loss_weight; // for the progress line
     double psnr_average, psnr_weight;
@@ -38,7 +38,10 @@ typedef struct sgsi_progress {
 // A pixel of a photograph counts.
 static inline bool sgsi_photo_counts(const sgs_photo *photo, int x, int y)
 {
-    return !photo->keep || (photo->keep[(size_t)y * (((size_t)photo->width + 15) / 16) + (size_t)x / 16] >> (x % 16) & 1);
+    return !photo->keep ||
+           (photo->keep[(size_t)y * (((size_t)photo->width + 15) / 16) + (size_t)x / 16] >>
+                (x % 16) &
+            1);
 }
 
 // Scores from views, and what it takes to get them: columns of `capacity` primitives.
@@ -58,9 +61,10 @@ struct sgs_trainer {
     sgsi_schedule schedule;
     sgs_gaussians *model;
     float *m, *v; // Adam's moments, model layout
-    float *pending;          // gradients that wait for a step, model layout; NULL where every iteration steps
+    float
+        *pending; // gradients that wait for a step, model layout; NULL where every iteration steps
     uint16_t *pending_rows;
-    float *filter_3d;        // Mip-Splatting's, [capacity], padding 0; NULL with another pixel filter
+    float *filter_3d; // Mip-Splatting's, [capacity], padding 0; NULL with another pixel filter
     sgsi_statistics statistics;
     sgsi_trainer_scores scores;
     sgs_regions regions; // of the last update; owns its list
@@ -68,15 +72,15 @@ struct sgs_trainer {
     sgsi_ray_cache *rays;
     sgsi_loss_workspace *loss;
     sgsi_exposure *exposure; // of train_views; NULL = none
-    size_t *train_views; // indices into scene->views
+    size_t *train_views;     // indices into scene->views
     size_t train_view_count;
-    uint32_t *order;     // permutation of train_views of this epoch
+    uint32_t *order;       // permutation of train_views of this epoch
     float **depth_guesses; // per training view, [tiles]
     size_t *tile_counts;   // per training view
     sgsi_resolution resolution;
     sgs_photo *small_images; // per training view, at progress.resolution > 1; else NULL
-    float *planes;       // colour, transmittance and their gradients: 8 planes
-    size_t plane_floats; // per plane
+    float *planes;           // colour, transmittance and their gradients: 8 planes
+    size_t plane_floats;     // per plane
     bool structure_changed;
     sgsi_progress progress;
     sgs_train_bytes bytes; // of this process, not of the checkpoint
@@ -89,7 +93,7 @@ struct sgs_trainer {
 // One view on its way through an iteration.
 typedef struct step_state {
     int iteration;
-    size_t guess; // index into train_views
+    size_t guess;                      // index into train_views
     const sgsi_statistics *statistics; // that projection and optimiser add to, or NULL
     const sgs_view *source;
     const sgs_photo *target;
@@ -108,7 +112,8 @@ sgs_status sgsi_trainer_draw(sgs_trainer *trainer, step_state *step);
 sgs_status sgsi_trainer_score(sgs_trainer *trainer, int iteration);
 void sgsi_trainer_scores_free(sgsi_trainer_scores *scores);
 
-// Plans the sizes of the images and sets the first one; changes to one; follows the plan at the end of an iteration.
+// Plans the sizes of the images and sets the first one; changes to one; follows the plan at the end
+// of an iteration.
 sgs_status sgsi_trainer_resolution_plan(sgs_trainer *trainer);
 sgs_status sgsi_trainer_set_resolution(sgs_trainer *trainer, int scale);
 sgs_status sgsi_trainer_follow_resolution(sgs_trainer *trainer, int iteration);
@@ -119,7 +124,8 @@ void sgsi_trainer_forget_depths(sgs_trainer *trainer);
 // The 3D filter of the model as it is (memory and values), where the pixel filter wants one.
 sgs_status sgsi_trainer_update_filter_3d(sgs_trainer *trainer);
 
-// Zeroed gradients that wait for a step, for the model as it is; nothing where the pipeline steps in every iteration.
+// Zeroed gradients that wait for a step, for the model as it is; nothing where the pipeline steps
+// in every iteration.
 sgs_status sgsi_trainer_reserve_pending(sgs_trainer *trainer);
 float sgsi_trainer_opacity_rate(const sgs_trainer *trainer, int iteration);
 

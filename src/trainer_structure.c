@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// What the trainer does to the structure of its model: the updates of the base pipeline with SPARE-GS's hooks,
-// opacity resets, and the decision that nothing moves any more.
+// What the trainer does to the structure of its model: the updates of the base pipeline with
+// SPARE-GS's hooks, opacity resets, and the decision that nothing moves any more.
 
 #include <math.h>
 #include <string.h>
@@ -21,7 +21,8 @@ sgs_status sgsi_trainer_reserve_pending(sgs_trainer *trainer)
     trainer->pending_rows = sgsi_calloc(capacity / SGS_LANES + 1, 2 * sizeof(uint16_t));
     if (trainer->pending && trainer->pending_rows)
         return SGS_STATUS_OK;
-    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the gradients of %zu primitives", trainer->model->count);
+    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the gradients of %zu primitives",
+                     trainer->model->count);
 }
 
 sgs_status sgsi_trainer_update_filter_3d(sgs_trainer *trainer)
@@ -31,16 +32,20 @@ sgs_status sgsi_trainer_update_filter_3d(sgs_trainer *trainer)
     sgsi_free(trainer->filter_3d);
     trainer->filter_3d = sgsi_calloc(trainer->model->capacity, sizeof *trainer->filter_3d);
     if (!trainer->filter_3d)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the 3D filter of %zu primitives", trainer->model->count);
-    sgsi_filter_3d_compute(trainer->model, trainer->scene, trainer->train_views, trainer->train_view_count, trainer->filter_3d);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the 3D filter of %zu primitives",
+                         trainer->model->count);
+    sgsi_filter_3d_compute(trainer->model, trainer->scene, trainer->train_views,
+                           trainer->train_view_count, trainer->filter_3d);
     return SGS_STATUS_OK;
 }
 
 // Taming 3DGS, as released: opacities stay as they are once densification is over.
 float sgsi_trainer_opacity_rate(const sgs_trainer *trainer, int iteration)
 {
-    const bool frozen = trainer->options.pipeline == SGS_PIPELINE_TAMING && trainer->options.pipeline_options.taming_frozen;
-    return frozen && iteration >= trainer->schedule.densify_until ? 0.0f : trainer->pipeline->rate_opacity;
+    const bool frozen = trainer->options.pipeline == SGS_PIPELINE_TAMING &&
+                        trainer->options.pipeline_options.taming_frozen;
+    return frozen && iteration >= trainer->schedule.densify_until ? 0.0f
+                                                                  : trainer->pipeline->rate_opacity;
 }
 
 static spare_options spare_settings(const sgs_train_options *o, double gradient_threshold)
@@ -63,41 +68,47 @@ sgs_status sgsi_trainer_update_structure(sgs_trainer *trainer, int iteration, sg
     const sgs_train_options *o = &trainer->options;
     const sgsi_schedule *schedule = &trainer->schedule;
     sgsi_progress *progress = &trainer->progress;
-    const double extent = trainer->scene->extent, gradient_threshold = 2e-4 * schedule->threshold_factor;
-    const bool rests = spare_pruning_rests(iteration, progress->last_reset, schedule->densify_interval);
+    const double extent = trainer->scene->extent,
+                 gradient_threshold = 2e-4 * schedule->threshold_factor;
+    const bool rests =
+        spare_pruning_rests(iteration, progress->last_reset, schedule->densify_interval);
     const bool final_prune = !sgsi_schedule_is_structural(schedule, iteration);
     if (trainer->pipeline->score_views) {
         const sgs_status status = sgsi_trainer_score(trainer, iteration);
         if (status)
             return status;
     }
-    const sgsi_density_options options = {.pipeline = trainer->pipeline,
-                                          .train = o,
-                                          .state = &progress->pipeline,
-                                          .extent = extent,
-                                          .update = progress->updates,
-                                          .update_count = sgsi_schedule_updates(schedule),
-                                          .until = schedule->densify_until,
-                                          .interval = schedule->densify_interval,
-                                          .resolution = progress->resolution ? progress->resolution : 1,
-                                          .final_prune = final_prune,
-                                          .importance = trainer->scores.importance,
-                                          .expendable = trainer->scores.expendable,
-                                          .gradient_threshold = gradient_threshold,
-                                          .opacity_min = 0.005,
-                                          .size_split = 0.01 * extent,
-                                          .size_max = iteration > schedule->reset_interval ? 0.1 * extent : INFINITY,
-                                          .max_count = o->max_gaussians,
-                                          .seed = o->seed,
-                                          .iteration = iteration,
-                                          .spare_densify = (o->spare & SGS_SPARE_BMD) && !final_prune,
-                                          .spare_prune = (o->spare & SGS_SPARE_RAP) && !rests && !final_prune,
-                                          .spare = spare_settings(o, gradient_threshold)};
+    const sgsi_density_options options = {
+        .pipeline = trainer->pipeline,
+        .train = o,
+        .state = &progress->pipeline,
+        .extent = extent,
+        .update = progress->updates,
+        .update_count = sgsi_schedule_updates(schedule),
+        .until = schedule->densify_until,
+        .interval = schedule->densify_interval,
+        .resolution = progress->resolution ? progress->resolution : 1,
+        .final_prune = final_prune,
+        .importance = trainer->scores.importance,
+        .expendable = trainer->scores.expendable,
+        .gradient_threshold = gradient_threshold,
+        .opacity_min = 0.005,
+        .size_split = 0.01 * extent,
+        .size_max = iteration > schedule->reset_interval ? 0.1 * extent : INFINITY,
+        .max_count = o->max_gaussians,
+        .seed = o->seed,
+        .iteration = iteration,
+        .spare_densify = (o->spare & SGS_SPARE_BMD) && !final_prune,
+        .spare_prune = (o->spare & SGS_SPARE_RAP) && !rests && !final_prune,
+        .spare = spare_settings(o, gradient_threshold)};
     sgsi_density_result result;
-    sgs_status status = sgsi_density_update(trainer->model, &trainer->m, &trainer->v, &trainer->statistics, &options, &result);
+    sgs_status status = sgsi_density_update(trainer->model, &trainer->m, &trainer->v,
+                                            &trainer->statistics, &options, &result);
     sgsi_free((void *)trainer->regions.regions);
-    trainer->regions = (sgs_regions){.iteration = result.region_list ? iteration : 0, .grid = o->spare_grid,
-                                     .count = result.region_list ? result.regions : 0, .regions = result.region_list};
+    trainer->regions = (sgs_regions){.iteration = result.region_list ? iteration : 0,
+                                     .grid = o->spare_grid,
+                                     .count = result.region_list ? result.regions : 0,
+                                     .regions = result.region_list};
     memcpy(trainer->regions.low, result.region_low, sizeof result.region_low);
     memcpy(trainer->regions.cell, result.region_cell, sizeof result.region_cell);
     if (!status)
@@ -107,7 +118,8 @@ sgs_status sgsi_trainer_update_structure(sgs_trainer *trainer, int iteration, sg
     if (status)
         return status;
     if (trainer->pipeline->opacity_ceiling > 0.0f && !final_prune)
-        sgsi_density_reset_opacity(trainer->model, trainer->m, trainer->v, (double)trainer->pipeline->opacity_ceiling, NULL);
+        sgsi_density_reset_opacity(trainer->model, trainer->m, trainer->v,
+                                   (double)trainer->pipeline->opacity_ceiling, NULL);
     trainer->structure_changed = true;
     progress->updates += !final_prune;
     info->structural = true;
@@ -144,8 +156,9 @@ static void describe_equilibrium(sgs_trainer *trainer)
 {
     const spare_equilibrium *e = &trainer->progress.equilibrium;
     snprintf(trainer->stop_text, sizeof trainer->stop_text,
-             "stopped at %d of %d: loss changed %.2f %%, count %.2f %% in the last of %d checks", trainer->progress.iteration,
-             trainer->options.iterations, 100.0 * e->last_loss_change, 100.0 * e->last_count_change, trainer->options.spare_patience);
+             "stopped at %d of %d: loss changed %.2f %%, count %.2f %% in the last of %d checks",
+             trainer->progress.iteration, trainer->options.iterations, 100.0 * e->last_loss_change,
+             100.0 * e->last_count_change, trainer->options.spare_patience);
 }
 
 sgs_stop_reason sgsi_trainer_decide_stop(sgs_trainer *trainer, double loss)
@@ -156,8 +169,9 @@ sgs_stop_reason sgsi_trainer_decide_stop(sgs_trainer *trainer, double loss)
     if (o->spare & SGS_SPARE_EDT) {
         spare_equilibrium_observe(&progress->equilibrium, loss, trainer->schedule.loss_decay);
         if (iteration % trainer->schedule.check_interval == 0) {
-            const bool still = spare_equilibrium_check(&progress->equilibrium, trainer->model->count, progress->reset_since_check,
-                                                       o->spare_eps_loss, o->spare_eps_count, o->spare_patience);
+            const bool still = spare_equilibrium_check(
+                &progress->equilibrium, trainer->model->count, progress->reset_since_check,
+                o->spare_eps_loss, o->spare_eps_count, o->spare_patience);
             progress->reset_since_check = 0;
             if (still && iteration < o->iterations) {
                 describe_equilibrium(trainer);
@@ -167,6 +181,7 @@ sgs_stop_reason sgsi_trainer_decide_stop(sgs_trainer *trainer, double loss)
     }
     if (iteration < o->iterations)
         return SGS_STOP_NONE;
-    snprintf(trainer->stop_text, sizeof trainer->stop_text, "all %d iterations done", o->iterations);
+    snprintf(trainer->stop_text, sizeof trainer->stop_text, "all %d iterations done",
+             o->iterations);
     return SGS_STOP_SCHEDULE;
 }

@@ -4,14 +4,15 @@
 // Camera files of the NeRF family: transforms_train.json / transforms_test.json of NeRF synthetic
 // (Mildenhall et al. 2020) and transforms.json of nerfstudio and instant-ngp.
 //
-// transform_matrix is camera-to-world with OpenGL's camera axes (x right, y up, z backward); ours are x right,
-// y down, z forward, so its second and third columns change sign. The world is left as it is. A uniform scale
-// of the matrix has no effect on rays and is removed, and rounding of its rotation is repaired by the polar
-// decomposition; anything further from a rotation is refused.
+// transform_matrix is camera-to-world with OpenGL's camera axes (x right, y up, z backward); ours
+// are x right, y down, z forward, so its second and third columns change sign. The world is left as
+// it is. A uniform scale of the matrix has no effect on rays and is removed, and rounding of its
+// rotation is repaired by the polar decomposition; anything further from a rotation is refused.
 //
-// Intrinsics may stand globally, per frame (which wins), or be absent but for camera_angle_x; then the size
-// of the photograph completes them (see sgsi_frame). NeRF synthetic writes file_path without ".png" and means
-// its RGBA images over white. Frames are counted from 0 in messages, as JSON paths count.
+// Intrinsics may stand globally, per frame (which wins), or be absent but for camera_angle_x; then
+// the size of the photograph completes them (see sgsi_frame). NeRF synthetic writes file_path
+// without ".png" and means its RGBA images over white. Frames are counted from 0 in messages, as
+// JSON paths count.
 
 #include "transforms.h"
 
@@ -47,8 +48,9 @@ enum key {
     KEY_COUNT
 };
 
-static const char *const key_names[KEY_COUNT] = {"w",  "h",  "fl_x", "fl_y", "cx", "cy",             "k1",
-                                                 "k2", "k3", "k4",   "p1",   "p2", "camera_angle_x", "camera_angle_y"};
+static const char *const key_names[KEY_COUNT] = {
+    "w",  "h",  "fl_x",           "fl_y",          "cx", "cy", "k1", "k2", "k3", "k4",
+    "p1", "p2", "camera_angle_x", "camera_angle_y"};
 
 typedef struct intrinsics {
     double value[KEY_COUNT]; // NaN where absent
@@ -70,12 +72,14 @@ static sgs_status read_intrinsics(const reader *r, const json_t *object, intrins
         if (!value || json_is_null(value))
             continue;
         if (!json_is_number(value) || !isfinite(json_number_value(value)))
-            return sgsi_fail(SGS_STATUS_FORMAT, "%s: %s: '%s' must be a number", r->path, r->where, key_names[k]);
+            return sgsi_fail(SGS_STATUS_FORMAT, "%s: %s: '%s' must be a number", r->path, r->where,
+                             key_names[k]);
         out->value[k] = json_number_value(value);
     }
     const json_t *model = json_object_get(object, "camera_model");
     if (model && !json_is_string(model) && !json_is_null(model))
-        return sgsi_fail(SGS_STATUS_FORMAT, "%s: %s: 'camera_model' must be a string", r->path, r->where);
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: %s: 'camera_model' must be a string", r->path,
+                         r->where);
     if (json_is_string(model))
         out->model = json_string_value(model);
     out->fisheye = out->fisheye || json_is_true(json_object_get(object, "is_fisheye"));
@@ -93,10 +97,11 @@ static sgs_status read_size(const reader *r, const intrinsics *in, sgs_camera *c
     if (isnan(w) && isnan(h))
         return SGS_STATUS_OK; // left to the photograph
     if (!(w >= 1 && w <= MAX_SIZE && h >= 1 && h <= MAX_SIZE))
-        return sgsi_fail(SGS_STATUS_FORMAT,
-                         "%s: %s: the image size w = %g, h = %g is not within 1 to %d pixels; correct "
-                         "both or leave both out",
-                         r->path, r->where, w, h, MAX_SIZE);
+        return sgsi_fail(
+            SGS_STATUS_FORMAT,
+            "%s: %s: the image size w = %g, h = %g is not within 1 to %d pixels; correct "
+            "both or leave both out",
+            r->path, r->where, w, h, MAX_SIZE);
     camera->width = (int)lround(w);
     camera->height = (int)lround(h);
     return SGS_STATUS_OK;
@@ -104,7 +109,8 @@ static sgs_status read_size(const reader *r, const intrinsics *in, sgs_camera *c
 
 static sgs_status read_model(const reader *r, const intrinsics *in, sgs_camera *camera)
 {
-    static const char *const perspective[] = {"OPENCV", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE"};
+    static const char *const perspective[] = {"OPENCV", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL",
+                                              "PERSPECTIVE"};
     const double *v = in->value;
     const double k1 = or_else(v[KEY_K1], 0), k2 = or_else(v[KEY_K2], 0), k3 = or_else(v[KEY_K3], 0);
     const double k4 = or_else(v[KEY_K4], 0), p1 = or_else(v[KEY_P1], 0), p2 = or_else(v[KEY_P2], 0);
@@ -126,27 +132,30 @@ static sgs_status read_model(const reader *r, const intrinsics *in, sgs_camera *
     }
     if (!known || k4 != 0)
         return sgsi_fail(SGS_STATUS_UNSUPPORTED,
-                         "%s: %s: camera model '%.64s'%s is not supported; PINHOLE, OPENCV and OPENCV_FISHEYE are: "
+                         "%s: %s: camera model '%.64s'%s is not supported; PINHOLE, OPENCV and "
+                         "OPENCV_FISHEYE are: "
                          "undistort the images or calibrate with one of these",
                          r->path, r->where, model, known ? " with k4" : "");
     p[6] = p1;
     p[7] = p2;
     p[8] = k3; // the rational model with its denominator at 1
-    camera->model = k3 != 0                                       ? SGS_CAMERA_FULL_OPENCV
+    camera->model = k3 != 0                                    ? SGS_CAMERA_FULL_OPENCV
                     : k1 != 0 || k2 != 0 || p1 != 0 || p2 != 0 ? SGS_CAMERA_OPENCV
-                                                                : SGS_CAMERA_PINHOLE;
+                                                               : SGS_CAMERA_PINHOLE;
     return SGS_STATUS_OK;
 }
 
 // Focal length of a field of view, NaN when the angle is absent.
-static sgs_status focal_of_angle(const reader *r, const intrinsics *in, enum key key, int size, double *focal)
+static sgs_status focal_of_angle(const reader *r, const intrinsics *in, enum key key, int size,
+                                 double *focal)
 {
     const double angle = in->value[key];
     *focal = NAN;
     if (isnan(angle))
         return SGS_STATUS_OK;
     if (!(angle > 0 && angle < 3.14159))
-        return sgsi_fail(SGS_STATUS_FORMAT, "%s: %s: '%s' is %g, not an angle between 0 and pi radians", r->path,
+        return sgsi_fail(SGS_STATUS_FORMAT,
+                         "%s: %s: '%s' is %g, not an angle between 0 and pi radians", r->path,
                          r->where, key_names[key], angle);
     if (size > 0)
         *focal = 0.5 * size / tan(0.5 * angle);
@@ -172,17 +181,21 @@ static sgs_status read_camera(const reader *r, const intrinsics *in, sgsi_frame 
         from_x = from_y = NAN; // an angle means a focal length only without distortion of the angle
     p[0] = or_else(fl_x, or_else(from_x, or_else(fl_y, from_y)));
     p[1] = or_else(fl_y, isnan(fl_x) ? or_else(from_y, p[0]) : fl_x);
-    const bool completed_later = camera->width == 0 && isnan(p[0]) && !isnan(in->value[KEY_ANGLE_X]) &&
+    const bool completed_later = camera->width == 0 && isnan(p[0]) &&
+                                 !isnan(in->value[KEY_ANGLE_X]) &&
                                  !sgs_camera_is_fisheye(camera->model);
     if (completed_later)
         frame->angle_x = in->value[KEY_ANGLE_X];
     else if (isnan(p[0]))
-        return sgsi_fail(SGS_STATUS_FORMAT, "%s: %s: has no focal length; add 'fl_x' (pixels) or 'camera_angle_x' "
-                         "(radians)", r->path, r->where);
+        return sgsi_fail(SGS_STATUS_FORMAT,
+                         "%s: %s: has no focal length; add 'fl_x' (pixels) or 'camera_angle_x' "
+                         "(radians)",
+                         r->path, r->where);
     p[2] = or_else(in->value[KEY_CX], camera->width ? 0.5 * camera->width : NAN);
     p[3] = or_else(in->value[KEY_CY], camera->width ? 0.5 * camera->height : NAN);
     if (camera->width && sgs_camera_validate(camera))
-        return sgsi_fail(SGS_STATUS_FORMAT, "%s: %s: %s; correct its intrinsics", r->path, r->where, sgs_last_error());
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: %s: %s; correct its intrinsics", r->path, r->where,
+                         sgs_last_error());
     return SGS_STATUS_OK;
 }
 
@@ -197,8 +210,9 @@ static double determinant(const double m[9], double cofactors[9])
     return m[0] * cofactors[0] + m[1] * cofactors[1] + m[2] * cofactors[2];
 }
 
-// Removes a uniform scale and moves m to the nearest rotation (Newton's iteration of the polar decomposition,
-// Higham 1986: m <- (m + m^-T) / 2). False when m is further than two percent from a scaled rotation.
+// Removes a uniform scale and moves m to the nearest rotation (Newton's iteration of the polar
+// decomposition, Higham 1986: m <- (m + m^-T) / 2). False when m is further than two percent from a
+// scaled rotation.
 static bool make_rotation(double m[9])
 {
     double cofactors[9];
@@ -237,7 +251,8 @@ static sgs_status read_pose(const reader *r, const json_t *object, sgs_pose *pos
         }
     }
     if (!fine)
-        return sgsi_fail(SGS_STATUS_FORMAT, "%s: %s: 'transform_matrix' must be 4 rows (or 3) of 4 numbers", r->path,
+        return sgsi_fail(SGS_STATUS_FORMAT,
+                         "%s: %s: 'transform_matrix' must be 4 rows (or 3) of 4 numbers", r->path,
                          r->where);
     double rotation[9];
     for (int i = 0; i < 3; ++i) {
@@ -246,8 +261,10 @@ static sgs_status read_pose(const reader *r, const json_t *object, sgs_pose *pos
         rotation[3 * i + 2] = -m[i][2];
     }
     if (!make_rotation(rotation))
-        return sgsi_fail(SGS_STATUS_FORMAT, "%s: %s: 'transform_matrix' does not hold a rotation; export the cameras "
-                         "again", r->path, r->where);
+        return sgsi_fail(SGS_STATUS_FORMAT,
+                         "%s: %s: 'transform_matrix' does not hold a rotation; export the cameras "
+                         "again",
+                         r->path, r->where);
     for (int i = 0; i < 3; ++i) {
         double t = 0;
         for (int j = 0; j < 3; ++j) {
@@ -261,7 +278,8 @@ static sgs_status read_pose(const reader *r, const json_t *object, sgs_pose *pos
 
 static bool has_image_extension(const char *name)
 {
-    static const char *const extensions[] = {"png", "jpg", "jpeg", "tif", "tiff", "webp", "bmp", "exr", "hdr"};
+    static const char *const extensions[] = {"png",  "jpg", "jpeg", "tif", "tiff",
+                                             "webp", "bmp", "exr",  "hdr"};
     const char *dot = strrchr(name, '.');
     for (size_t i = 0; dot && i < sizeof extensions / sizeof *extensions; ++i) {
         if (!strcasecmp(dot + 1, extensions[i]))
@@ -270,19 +288,23 @@ static bool has_image_extension(const char *name)
     return false;
 }
 
-// The path under `key` below the folder of the file, with `extension` where it has none of an image's.
-static sgs_status read_path(const reader *r, const json_t *object, const char *key, const char *extension, char **path)
+// The path under `key` below the folder of the file, with `extension` where it has none of an
+// image's.
+static sgs_status read_path(const reader *r, const json_t *object, const char *key,
+                            const char *extension, char **path)
 {
     const char *file = json_string_value(json_object_get(object, key));
     if (!file)
-        return sgsi_fail(SGS_STATUS_FORMAT, "%s: %s: '%s' must be a string", r->path, r->where, key);
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: %s: '%s' must be a string", r->path, r->where,
+                         key);
     *path = sgsi_format("%s%s", file, *file && !has_image_extension(file) ? extension : "");
     if (!*path)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: %s: no memory", r->path, r->where);
     const char *complaint = sgsi_image_name_clean(*path);
     if (complaint)
-        return sgsi_fail(SGS_STATUS_FORMAT, "%s: %s: '%s' %s; name a file below the folder of this JSON file",
-                         r->path, r->where, key, complaint);
+        return sgsi_fail(SGS_STATUS_FORMAT,
+                         "%s: %s: '%s' %s; name a file below the folder of this JSON file", r->path,
+                         r->where, key, complaint);
     return SGS_STATUS_OK;
 }
 
@@ -290,10 +312,12 @@ static sgs_status read_path(const reader *r, const json_t *object, const char *k
 static sgs_status read_mask(const reader *r, const json_t *object, char **path)
 {
     const json_t *value = json_object_get(object, "mask_path");
-    return !value || json_is_null(value) ? SGS_STATUS_OK : read_path(r, object, "mask_path", "", path);
+    return !value || json_is_null(value) ? SGS_STATUS_OK
+                                         : read_path(r, object, "mask_path", "", path);
 }
 
-static sgs_status read_frame(const reader *r, const json_t *object, const intrinsics *global, sgsi_frame *frame)
+static sgs_status read_frame(const reader *r, const json_t *object, const intrinsics *global,
+                             sgsi_frame *frame)
 {
     intrinsics own = *global;
     if (!json_is_object(object))
@@ -314,7 +338,8 @@ static sgs_status read_frames(reader *r, const json_t *root, sgs_split split)
     const json_t *frames = json_object_get(root, "frames");
     const size_t count = json_array_size(frames);
     if (!json_is_array(frames) || count == 0)
-        return sgsi_fail(SGS_STATUS_FORMAT, "%s: 'frames' must be a list with at least one frame", r->path);
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: 'frames' must be a list with at least one frame",
+                         r->path);
     intrinsics global = {.model = NULL};
     for (int k = 0; k < KEY_COUNT; ++k)
         global.value[k] = NAN;
@@ -346,7 +371,8 @@ static sgs_status parse_file(const char *path, json_t **root)
     *root = json_loadb((const char *)content, size, JSON_DECODE_INT_AS_REAL, &error);
     sgsi_free(content);
     if (!*root)
-        return sgsi_fail(SGS_STATUS_FORMAT, "%s: line %d, column %d: %s; correct it or export the cameras again", path,
+        return sgsi_fail(SGS_STATUS_FORMAT,
+                         "%s: line %d, column %d: %s; correct it or export the cameras again", path,
                          error.line, error.column, error.text);
     if (!json_is_object(*root)) {
         json_decref(*root);
@@ -361,8 +387,9 @@ static void apply_test_names(const json_t *root, sgsi_dataset *dataset)
 {
     const json_t *names = json_object_get(root, "test_filenames");
     for (size_t i = 0; i < json_array_size(names); ++i) {
-        char *name = json_is_string(json_array_get(names, i)) ? sgsi_strdup(json_string_value(json_array_get(names, i)))
-                                                              : NULL;
+        char *name = json_is_string(json_array_get(names, i))
+                         ? sgsi_strdup(json_string_value(json_array_get(names, i)))
+                         : NULL;
         if (name && !sgsi_image_name_clean(name)) {
             for (size_t k = 0; k < dataset->frame_count; ++k) {
                 if (!strcmp(dataset->frames[k].name, name)) {
@@ -396,8 +423,11 @@ static void read_points(const char *path, const json_t *root, sgsi_dataset *data
     sgsi_roots_add(&roots, folder);
     if (complaint)
         sgsi_warn("%s: 'ply_file_path' %s; the scene has no points", path, complaint);
-    else if (!cloud || sgsi_roots_check(&roots, cloud) || sgsi_point_cloud_read(cloud, &dataset->point_count, &dataset->points, &dataset->colors))
-        sgsi_warn("%s; the scene has no points", cloud ? sgs_last_error() : "no memory for the points");
+    else if (!cloud || sgsi_roots_check(&roots, cloud) ||
+             sgsi_point_cloud_read(cloud, &dataset->point_count, &dataset->points,
+                                   &dataset->colors))
+        sgsi_warn("%s; the scene has no points",
+                  cloud ? sgs_last_error() : "no memory for the points");
     sgsi_roots_free(&roots);
     sgsi_free(folder);
     sgsi_free(cloud);

@@ -1,7 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The line that names the libraries in use: Embree and OpenEXR as loaded, OpenImageIO as compiled against.
+// The line that names the libraries in use: Embree and OpenEXR as loaded, OpenImageIO as compiled
+// against.
 
 #include <openexr.h>
 #include <pthread.h>
@@ -18,8 +19,8 @@ static void make_line(void)
     int major, minor, patch;
     const char *extra;
     exr_get_library_version(&major, &minor, &patch, &extra);
-    snprintf(line, sizeof line, "%s, OpenImageIO %s, OpenEXR %d.%d.%d", sgsi_bvh_version(), SGSI_OIIO_VERSION, major,
-             minor, patch);
+    snprintf(line, sizeof line, "%s, OpenImageIO %s, OpenEXR %d.%d.%d", sgsi_bvh_version(),
+             SGSI_OIIO_VERSION, major, minor, patch);
 }
 
 const char *sgs_version_libraries(void)

@@ -2,7 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Checkpoints as bytes, for tests that change them and make the checksum right again; to be included after cmocka.h.
+// Checkpoints as bytes, for tests that change them and make the checksum right again; to be
+// included after cmocka.h.
 
 #include <stdint.h>
 #include <stdio.h>

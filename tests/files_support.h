@@ -24,7 +24,8 @@ static inline temp_folder temp_folder_make(void)
 {
     temp_folder folder;
     const char *base = getenv("TMPDIR");
-    snprintf(folder.path, sizeof folder.path, "%s/sparegs_test_XXXXXX", base && *base ? base : "/tmp");
+    snprintf(folder.path, sizeof folder.path, "%s/sparegs_test_XXXXXX",
+             base && *base ? base : "/tmp");
     assert_non_null(mkdtemp(folder.path));
     return folder;
 }
@@ -87,7 +88,8 @@ static inline unsigned char *file_get(const char *path, size_t *size)
     return bytes;
 }
 
-// Until files_unlimited(), writing behind byte `bytes` of any file fails (EFBIG), as on a full disk.
+// Until files_unlimited(), writing behind byte `bytes` of any file fails (EFBIG), as on a full
+// disk.
 static inline void files_limited(size_t bytes)
 {
     signal(SIGXFSZ, SIG_IGN);
@@ -101,8 +103,8 @@ static inline void files_unlimited(void)
     assert_int_equal(setrlimit(RLIMIT_FSIZE, &limit), 0);
 }
 
-// Runs a program (looked up in PATH) and returns its exit status, 127 when it is not installed. Its output
-// (stdout and stderr) goes to `output`, NUL-terminated and cut at `capacity`.
+// Runs a program (looked up in PATH) and returns its exit status, 127 when it is not installed. Its
+// output (stdout and stderr) goes to `output`, NUL-terminated and cut at `capacity`.
 static inline int run_program(const char *const arguments[], char *output, size_t capacity)
 {
     int ends[2];

@@ -2,10 +2,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Fragile pixels. The list of hits is discontinuous: where two hits lie within 1e-5 of each other in t, where an alpha
-// is within 1e-4 of 1/255, where T (1 - alpha) is within 1e-3 of 1e-4, where t is within 1e-5 of the near distance
-// (all relative), single precision may rightly decide the other way. On these pixels the image may differ as one such
-// decision allows; on all others the ordered lists must be identical.
+// Fragile pixels. The list of hits is discontinuous: where two hits lie within 1e-5 of each other
+// in t, where an alpha is within 1e-4 of 1/255, where T (1 - alpha) is within 1e-3 of 1e-4, where t
+// is within 1e-5 of the near distance (all relative), single precision may rightly decide the other
+// way. On these pixels the image may differ as one such decision allows; on all others the ordered
+// lists must be identical.
 
 #include <math.h>
 #include <stdbool.h>
@@ -22,11 +23,14 @@ typedef struct pixel_truth {
 static inline int fragile_by_distance(const void *a, const void *b)
 {
     const sgs_hit *x = a, *y = b;
-    return x->t < y->t ? -1 : x->t > y->t ? 1 : (x->primitive > y->primitive) - (x->primitive < y->primitive);
+    return x->t < y->t   ? -1
+           : x->t > y->t ? 1
+                         : (x->primitive > y->primitive) - (x->primitive < y->primitive);
 }
 
 // Hits of a ray, with the margins above. `hits` has room for all primitives.
-static inline pixel_truth judge(const sgsi_reference_view *view, const double direction[3], sgs_hit *hits)
+static inline pixel_truth judge(const sgsi_reference_view *view, const double direction[3],
+                                sgs_hit *hits)
 {
     const double close = 1e-5, faint = 1e-4;
     pixel_truth truth = {0};

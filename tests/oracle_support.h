@@ -2,9 +2,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Scenes, cameras and comparisons for every test that asks the oracle. Header only, no cmocka: a helper that
-// cannot do its work (no memory) aborts. A scene holds the same model twice, as doubles for the oracle and as
-// floats for the fast kernels, and the doubles are exactly the floats: what differs afterwards is arithmetic.
+// Scenes, cameras and comparisons for every test that asks the oracle. Header only, no cmocka: a
+// helper that cannot do its work (no memory) aborts. A scene holds the same model twice, as doubles
+// for the oracle and as floats for the fast kernels, and the doubles are exactly the floats: what
+// differs afterwards is arithmetic.
 //
 // Scenes surround the origin; cameras look at it from a few units away (oracle_pose_look_at).
 
@@ -98,7 +99,8 @@ static inline void oracle_set_color(double *primitive, double r, double g, doubl
 }
 
 // An isotropic primitive: unit rotation, colour from band 0 alone.
-static inline void oracle_set_ball(double *primitive, double x, double y, double z, double scale, double opacity)
+static inline void oracle_set_ball(double *primitive, double x, double y, double z, double scale,
+                                   double opacity)
 {
     memset(primitive, 0, SGS_PARAM_COUNT * sizeof *primitive);
     primitive[SGS_PARAM_ROTATION] = 1;
@@ -108,12 +110,15 @@ static inline void oracle_set_ball(double *primitive, double x, double y, double
     oracle_set_color(primitive, 0.8, 0.5, 0.25);
 }
 
-static inline void oracle_random_primitive(oracle_random *random, const oracle_range *range, double *primitive)
+static inline void oracle_random_primitive(oracle_random *random, const oracle_range *range,
+                                           double *primitive)
 {
     for (int k = 0; k < 3; ++k) {
         primitive[SGS_PARAM_MEAN + k] = oracle_uniform(random, -range->spread, range->spread);
-        primitive[SGS_PARAM_SCALE + k] = oracle_uniform(random, log(range->scale_low), log(range->scale_high));
-        primitive[SGS_PARAM_SH_DC + k] = oracle_uniform(random, -2, 1.6); // colour from -0.06 to 0.95
+        primitive[SGS_PARAM_SCALE + k] =
+            oracle_uniform(random, log(range->scale_low), log(range->scale_high));
+        primitive[SGS_PARAM_SH_DC + k] =
+            oracle_uniform(random, -2, 1.6); // colour from -0.06 to 0.95
     }
     // Not of norm 1: the normalisation is part of what is tested.
     for (int k = 0; k < 4; ++k)
@@ -157,7 +162,8 @@ static inline void oracle_scene_free(oracle_scene *scene)
 }
 
 // `count` random primitives; range NULL stands for oracle_range_default().
-static inline oracle_scene oracle_random_model(uint64_t seed, size_t count, const oracle_range *range)
+static inline oracle_scene oracle_random_model(uint64_t seed, size_t count,
+                                               const oracle_range *range)
 {
     const oracle_range fallback = oracle_range_default();
     oracle_random random = {.seed = seed};
@@ -170,14 +176,15 @@ static inline oracle_scene oracle_random_model(uint64_t seed, size_t count, cons
     return scene;
 }
 
-// ---- Scenes that break careless code. Look at them from (0, 0, -4) with oracle_pose_look_at(). ----
+// ---- Scenes that break careless code. Look at them from (0, 0, -4) with oracle_pose_look_at().
+// ----
 
 typedef enum oracle_adversary {
-    ORACLE_COPLANAR,   // pancakes 1e-3 thick in the plane z = 0: every depth on a ray nearly the same
-    ORACLE_NESTED,     // one mean, growing scales: each ray passes all of them near one point
-    ORACLE_THIN,       // pancakes 1e-6 thick at any angle, also edge on
-    ORACLE_LARGE,      // 1e4 wide, most of each behind the camera or around it
-    ORACLE_INSIDE,     // the camera at (0, 0, -4) sits inside all of them
+    ORACLE_COPLANAR, // pancakes 1e-3 thick in the plane z = 0: every depth on a ray nearly the same
+    ORACLE_NESTED,   // one mean, growing scales: each ray passes all of them near one point
+    ORACLE_THIN,     // pancakes 1e-6 thick at any angle, also edge on
+    ORACLE_LARGE,    // 1e4 wide, most of each behind the camera or around it
+    ORACLE_INSIDE,   // the camera at (0, 0, -4) sits inside all of them
     ORACLE_DUPLICATES, // each primitive four times, at ids far apart: t equal to the last bit
     ORACLE_NEEDLES,    // 1e-4 thin, up to 10 long, some along the line of sight
     ORACLE_ADVERSARY_COUNT
@@ -185,12 +192,13 @@ typedef enum oracle_adversary {
 
 static inline const char *oracle_adversary_name(oracle_adversary kind)
 {
-    static const char *const names[] = {"coplanar", "nested", "thin", "large", "inside", "duplicates", "needles"};
+    static const char *const names[] = {"coplanar", "nested",     "thin",   "large",
+                                        "inside",   "duplicates", "needles"};
     return names[kind];
 }
 
-static inline void oracle_adversarial_primitive(oracle_adversary kind, oracle_random *random, size_t i,
-                                                double *primitive)
+static inline void oracle_adversarial_primitive(oracle_adversary kind, oracle_random *random,
+                                                size_t i, double *primitive)
 {
     switch (kind) {
     case ORACLE_COPLANAR: {
@@ -199,7 +207,8 @@ static inline void oracle_adversarial_primitive(oracle_adversary kind, oracle_ra
         primitive[SGS_PARAM_ROTATION] = cos(half_turn);
         primitive[SGS_PARAM_ROTATION + 1] = primitive[SGS_PARAM_ROTATION + 2] = 0;
         primitive[SGS_PARAM_ROTATION + 3] = sin(half_turn);
-        oracle_set_scales(primitive, oracle_uniform(random, 0.1, 0.6), oracle_uniform(random, 0.1, 0.6), 1e-3);
+        oracle_set_scales(primitive, oracle_uniform(random, 0.1, 0.6),
+                          oracle_uniform(random, 0.1, 0.6), 1e-3);
         break;
     }
     case ORACLE_NESTED: {
@@ -210,12 +219,14 @@ static inline void oracle_adversarial_primitive(oracle_adversary kind, oracle_ra
         break;
     }
     case ORACLE_THIN:
-        oracle_set_scales(primitive, oracle_uniform(random, 0.1, 0.5), 1e-6, oracle_uniform(random, 0.1, 0.5));
+        oracle_set_scales(primitive, oracle_uniform(random, 0.1, 0.5), 1e-6,
+                          oracle_uniform(random, 0.1, 0.5));
         break;
     case ORACLE_LARGE:
         for (int k = 0; k < 3; ++k)
             primitive[SGS_PARAM_MEAN + k] *= 1e4;
-        oracle_set_scales(primitive, 1e4, oracle_uniform(random, 1e3, 1e4), oracle_uniform(random, 1, 1e4));
+        oracle_set_scales(primitive, 1e4, oracle_uniform(random, 1e3, 1e4),
+                          oracle_uniform(random, 1, 1e4));
         oracle_set_opacity(primitive, oracle_uniform(random, 0.02, 0.3));
         break;
     case ORACLE_INSIDE:
@@ -236,7 +247,8 @@ static inline void oracle_adversarial_primitive(oracle_adversary kind, oracle_ra
     }
 }
 
-static inline oracle_scene oracle_adversarial_model(oracle_adversary kind, uint64_t seed, size_t count)
+static inline oracle_scene oracle_adversarial_model(oracle_adversary kind, uint64_t seed,
+                                                    size_t count)
 {
     oracle_scene scene = oracle_random_model(seed, count, NULL);
     oracle_random random = {.seed = seed + 0x5eed};
@@ -244,7 +256,8 @@ static inline oracle_scene oracle_adversarial_model(oracle_adversary kind, uint6
         oracle_adversarial_primitive(kind, &random, i, oracle_primitive(&scene, i));
     const size_t originals = (count + 3) / 4;
     for (size_t i = originals; kind == ORACLE_DUPLICATES && i < count; ++i)
-        memcpy(oracle_primitive(&scene, i), oracle_primitive(&scene, i % originals), SGS_PARAM_COUNT * sizeof(double));
+        memcpy(oracle_primitive(&scene, i), oracle_primitive(&scene, i % originals),
+               SGS_PARAM_COUNT * sizeof(double));
     for (size_t i = originals; kind == ORACLE_DUPLICATES && i < count; ++i)
         scene.filter_3d[i] = scene.filter_3d[i % originals];
     oracle_scene_round(&scene);
@@ -253,8 +266,8 @@ static inline oracle_scene oracle_adversarial_model(oracle_adversary kind, uint6
 
 // ---- Cameras ----
 
-// PINHOLE, OPENCV or OPENCV_FISHEYE with an off-centre principal point and two focal lengths; the fisheye spans
-// about 130 degrees, the others about 50.
+// PINHOLE, OPENCV or OPENCV_FISHEYE with an off-centre principal point and two focal lengths; the
+// fisheye spans about 130 degrees, the others about 50.
 static inline sgs_camera oracle_camera(sgs_camera_model model, int width, int height)
 {
     sgs_camera camera = {.model = model, .width = width, .height = height};
@@ -263,7 +276,8 @@ static inline sgs_camera oracle_camera(sgs_camera_model model, int width, int he
     camera.params[1] = (fisheye ? 0.45 : 1.10) * width;
     camera.params[2] = 0.503 * width;
     camera.params[3] = 0.489 * height;
-    const double opencv[4] = {-0.12, 0.03, 0.0011, -0.0007}, angular[4] = {0.02, -0.004, 0.001, -0.0002};
+    const double opencv[4] = {-0.12, 0.03, 0.0011, -0.0007},
+                 angular[4] = {0.02, -0.004, 0.001, -0.0002};
     if (model == SGS_CAMERA_OPENCV)
         memcpy(camera.params + 4, opencv, sizeof opencv);
     if (fisheye)
@@ -316,7 +330,8 @@ static inline double oracle_error(double a, double b, double scale)
     return error >= 0 ? error : HUGE_VAL;
 }
 
-static inline double oracle_worst_error(const double *a, const double *b, size_t count, double scale)
+static inline double oracle_worst_error(const double *a, const double *b, size_t count,
+                                        double scale)
 {
     double worst = 0;
     for (size_t i = 0; i < count; ++i)

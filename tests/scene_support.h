@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// For tests of the readers: collected warnings, growing byte buffers, folder trees, small COLMAP models in
-// both formats, small pictures. To be included after cmocka.h.
+// For tests of the readers: collected warnings, growing byte buffers, folder trees, small COLMAP
+// models in both formats, small pictures. To be included after cmocka.h.
 
 #include <ftw.h>
 #include <math.h>
@@ -13,7 +13,7 @@
 #include "sparegs/image.h"
 #include "sparegs/scene.h"
 
-// ---- warnings: one string, a line each ----------------------------------------------------------------
+// ---- warnings: one string, a line each ----------------------------------------------------------
 
 static char warnings[16384];
 
@@ -39,7 +39,7 @@ static inline void assert_holds(const char *text, const char *part)
         fail_msg("'%s' does not hold '%s'", text, part);
 }
 
-// ---- bytes --------------------------------------------------------------------------------------------
+// ---- bytes --------------------------------------------------------------------------------------
 
 typedef struct buffer {
     unsigned char data[1 << 16];
@@ -79,9 +79,10 @@ static inline void put_text(buffer *b, const char *format, ...)
     b->size += (size_t)length;
 }
 
-// ---- folders ------------------------------------------------------------------------------------------
+// ---- folders ------------------------------------------------------------------------------------
 
-static inline int tree_remove_entry(const char *path, const struct stat *info, int kind, struct FTW *place)
+static inline int tree_remove_entry(const char *path, const struct stat *info, int kind,
+                                    struct FTW *place)
 {
     (void)info, (void)kind, (void)place;
     return remove(path);
@@ -93,7 +94,8 @@ static inline void tree_remove(const temp_folder *folder)
 }
 
 // Writes folder/name and the folders that name needs.
-static inline void tree_put(const temp_folder *folder, const char *name, const void *bytes, size_t size)
+static inline void tree_put(const temp_folder *folder, const char *name, const void *bytes,
+                            size_t size)
 {
     char path[512];
     snprintf(path, sizeof path, "%s", temp_path(folder, name));
@@ -110,8 +112,8 @@ static inline void tree_put_text(const temp_folder *folder, const char *name, co
 }
 
 // A picture of one colour; channels 1, 3 or 4.
-static inline void tree_put_picture(const temp_folder *folder, const char *name, int width, int height, int channels,
-                                    const uint8_t *color)
+static inline void tree_put_picture(const temp_folder *folder, const char *name, int width,
+                                    int height, int channels, const uint8_t *color)
 {
     uint8_t pixels[1 << 14];
     sgs_image8 image = {.width = width, .height = height, .channels = channels, .pixels = pixels};
@@ -123,22 +125,30 @@ static inline void tree_put_picture(const temp_folder *folder, const char *name,
     assert_int_equal(sgs_png_write(temp_path(folder, name), &image), SGS_STATUS_OK);
 }
 
-// ---- files of any pixel type: an uncompressed TIFF, little endian, one strip --------------------------
+// ---- files of any pixel type: an uncompressed TIFF, little endian, one strip --------------------
 
 typedef struct tiff {
     uint32_t width, height, samples, bits, photometric, format; // format: 1 unsigned, 3 float
-    uint32_t extra;                                             // 0 none, 1 premultiplied alpha, 2 straight alpha
+    uint32_t extra; // 0 none, 1 premultiplied alpha, 2 straight alpha
 } tiff;
 
-static inline void tiff_put(const temp_folder *folder, const char *name, const tiff *t, const void *pixels, size_t size)
+static inline void tiff_put(const temp_folder *folder, const char *name, const tiff *t,
+                            const void *pixels, size_t size)
 {
     static buffer b;
     const uint32_t data = 8 + 2 + 12 * 12 + 4, table = (uint32_t)(data + size);
-    const uint32_t tags[12][4] = {
-        {256, 4, 1, t->width}, {257, 4, 1, t->height}, {258, 3, t->samples, t->samples > 2 ? table : t->bits * 0x10001},
-        {259, 3, 1, 1}, {262, 3, 1, t->photometric}, {273, 4, 1, data}, {277, 3, 1, t->samples},
-        {278, 4, 1, t->height}, {279, 4, 1, (uint32_t)size}, {284, 3, 1, 1},
-        {338, 3, t->extra != 0, t->extra}, {339, 3, 1, t->format}};
+    const uint32_t tags[12][4] = {{256, 4, 1, t->width},
+                                  {257, 4, 1, t->height},
+                                  {258, 3, t->samples, t->samples > 2 ? table : t->bits * 0x10001},
+                                  {259, 3, 1, 1},
+                                  {262, 3, 1, t->photometric},
+                                  {273, 4, 1, data},
+                                  {277, 3, 1, t->samples},
+                                  {278, 4, 1, t->height},
+                                  {279, 4, 1, (uint32_t)size},
+                                  {284, 3, 1, 1},
+                                  {338, 3, t->extra != 0, t->extra},
+                                  {339, 3, 1, t->format}};
     b.size = 0;
     put_bytes(&b, "II*\0\10\0\0\0", 8);
     put_integer(&b, t->extra ? 12 : 11, 2);
@@ -159,7 +169,7 @@ static inline void tiff_put(const temp_folder *folder, const char *name, const t
     tree_put(folder, name, b.data, b.size);
 }
 
-// ---- a small COLMAP model -----------------------------------------------------------------------------
+// ---- a small COLMAP model -----------------------------------------------------------------------
 
 enum { MODEL_CAMERAS = 3, MODEL_IMAGES = 4, MODEL_POINTS = 5 };
 
@@ -198,9 +208,14 @@ static inline model model_make(void)
         .camera_count = MODEL_CAMERAS,
         .image_count = MODEL_IMAGES,
         .point_count = MODEL_POINTS,
-        .cameras = {{7, SGS_CAMERA_OPENCV, 64, 48, {50.5, 51.25, 31.75, 24.125, -0.1, 0.02, 1e-3, -2e-3}},
-                    {2, SGS_CAMERA_SIMPLE_PINHOLE, 64, 48, {1.0 / 3 * 150, 32, 24}},
-                    {9, SGS_CAMERA_FULL_OPENCV, 128, 96, {90, 91, 64, 48, .1, .2, 1e-3, 2e-3, .01, .02, .03, .04}}},
+        .cameras =
+            {{7, SGS_CAMERA_OPENCV, 64, 48, {50.5, 51.25, 31.75, 24.125, -0.1, 0.02, 1e-3, -2e-3}},
+             {2, SGS_CAMERA_SIMPLE_PINHOLE, 64, 48, {1.0 / 3 * 150, 32, 24}},
+             {9,
+              SGS_CAMERA_FULL_OPENCV,
+              128,
+              96,
+              {90, 91, 64, 48, .1, .2, 1e-3, 2e-3, .01, .02, .03, .04}}},
         .images = {{4, {1, 0, 0, 0, 0, 0, 1}, 7, "b.png", 2},
                    {1, {0.9, 0.1, -0.2, 0.3, 1.0 / 3, -2, 3e-5}, 2, "a.png", 0},
                    {3, {-0.5, 0.5, 0.5, 0.5, -1, 2, 3}, 9, "sub/c.png", 1},
@@ -268,8 +283,11 @@ static inline void model_points_binary(const model *m, buffer *b)
 static inline void model_cameras_text(const model *m, buffer *b)
 {
     b->size = 0;
-    put_text(b, "# Camera list with one line of data per camera:\n#   CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n"
-                "# Number of cameras: %d\n", m->camera_count);
+    put_text(b,
+             "# Camera list with one line of data per camera:\n#   CAMERA_ID, MODEL, WIDTH, "
+             "HEIGHT, PARAMS[]\n"
+             "# Number of cameras: %d\n",
+             m->camera_count);
     for (int i = 0; i < m->camera_count; ++i) {
         const model_camera *c = &m->cameras[i];
         put_text(b, "%u %s %llu %llu", c->id, sgs_camera_model_name((sgs_camera_model)c->model),
@@ -283,7 +301,9 @@ static inline void model_cameras_text(const model *m, buffer *b)
 static inline void model_images_text(const model *m, buffer *b)
 {
     b->size = 0;
-    put_text(b, "# Image list with two lines of data per image:\n# Number of images: %d, mean observations: 1.5\n",
+    put_text(b,
+             "# Image list with two lines of data per image:\n# Number of images: %d, mean "
+             "observations: 1.5\n",
              m->image_count);
     for (int i = 0; i < m->image_count; ++i) {
         const model_image *image = &m->images[i];
@@ -300,12 +320,14 @@ static inline void model_images_text(const model *m, buffer *b)
 static inline void model_points_text(const model *m, buffer *b)
 {
     b->size = 0;
-    put_text(b, "# 3D point list with one line of data per point:\n# Number of points: %d, mean track length: 1\n",
+    put_text(b,
+             "# 3D point list with one line of data per point:\n# Number of points: %d, mean track "
+             "length: 1\n",
              m->point_count);
     for (int i = 0; i < m->point_count; ++i) {
         const model_point *p = &m->points[i];
-        put_text(b, "%d %.17g %.17g %.17g %d %d %d 0.5", 10 + i, p->xyz[0], p->xyz[1], p->xyz[2], p->rgb[0], p->rgb[1],
-                 p->rgb[2]);
+        put_text(b, "%d %.17g %.17g %.17g %d %d %d 0.5", 10 + i, p->xyz[0], p->xyz[1], p->xyz[2],
+                 p->rgb[0], p->rgb[1], p->rgb[2]);
         for (int k = 0; k < p->track; ++k)
             put_text(b, " 4 %d", k);
         put_text(b, "\n");
@@ -313,7 +335,8 @@ static inline void model_points_text(const model *m, buffer *b)
 }
 
 // Writes folder/place/{cameras,images,points3D}.{bin,txt}; `place` ends in '/' or is empty.
-static inline void model_put(const temp_folder *folder, const char *place, const model *m, bool binary)
+static inline void model_put(const temp_folder *folder, const char *place, const model *m,
+                             bool binary)
 {
     static void (*const writers[2][3])(const model *, buffer *) = {
         {model_cameras_text, model_images_text, model_points_text},

@@ -2,9 +2,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// The SIMD vocabulary made visible: one table of plain functions per instruction set, each compiled from
-// simd_probe.inl, so that test_simd.c can look at every operation of src/simd.h through ordinary arrays. All arrays are
-// 64-byte aligned.
+// The SIMD vocabulary made visible: one table of plain functions per instruction set, each compiled
+// from simd_probe.inl, so that test_simd.c can look at every operation of src/simd.h through
+// ordinary arrays. All arrays are 64-byte aligned.
 
 #include <stddef.h>
 #include <stdint.h>
@@ -53,7 +53,16 @@ enum {
 };
 
 // Rows of `integers`.
-enum { PROBE_IADD, PROBE_ISUB, PROBE_SLL, PROBE_SRA, PROBE_ROUND, PROBE_BITS, PROBE_ISET1, PROBE_INTEGER_COUNT };
+enum {
+    PROBE_IADD,
+    PROBE_ISUB,
+    PROBE_SLL,
+    PROBE_SRA,
+    PROBE_ROUND,
+    PROBE_BITS,
+    PROBE_ISET1,
+    PROBE_INTEGER_COUNT
+};
 
 enum { PROBE_KEYS_MAX = 512 };
 
@@ -61,20 +70,24 @@ typedef struct simd_probe {
     const char *name;
     void (*exp2)(const float *x, float *y, size_t count); // count: a multiple of 16
     void (*exp)(const float *x, float *y, size_t count);
-    void (*arithmetic)(const float *x, const float *y, const float *z, float out[PROBE_ARITHMETIC_COUNT][16]);
-    void (*masks)(const float *x, const float *y, unsigned a, unsigned b, unsigned out[PROBE_MASK_COUNT]);
+    void (*arithmetic)(const float *x, const float *y, const float *z,
+                       float out[PROBE_ARITHMETIC_COUNT][16]);
+    void (*masks)(const float *x, const float *y, unsigned a, unsigned b,
+                  unsigned out[PROBE_MASK_COUNT]);
     // STORE_MASKED writes x over -1; COPY_UNALIGNED goes through odd addresses; SET1 spreads x[0].
     void (*lanes)(const float *x, const float *y, unsigned mask, float out[PROBE_LANE_COUNT][16]);
-    // SLL by 23, SRA by 7; ROUND: floats to integers; BITS: through vi_as_vf and back; ISET1 spreads p[0].
-    void (*integers)(const int32_t *p, const int32_t *q, const float *x, int32_t out[PROBE_INTEGER_COUNT][16]);
+    // SLL by 23, SRA by 7; ROUND: floats to integers; BITS: through vi_as_vf and back; ISET1
+    // spreads p[0].
+    void (*integers)(const int32_t *p, const int32_t *q, const float *x,
+                     int32_t out[PROBE_INTEGER_COUNT][16]);
     void (*to_float)(const int32_t *p, float *out);
     float (*sum)(const float *x);
     void (*sum16)(const float x[16][16], float out[16]);
     void (*transpose)(float x[16][16]);
-    void (*load_u8)(const uint8_t *p, float out[16]); // p: any address
+    void (*load_u8)(const uint8_t *p, float out[16]);                    // p: any address
     unsigned (*compress)(const int32_t *p, unsigned mask, int32_t *out); // out: [16], any address
     void (*narrow)(const int32_t *p, int16_t *out);                      // out: [16], any address
-    void (*rank)(const int16_t *keys, uint16_t *ranks, uint32_t count); // count <= PROBE_KEYS_MAX
+    void (*rank)(const int16_t *keys, uint16_t *ranks, uint32_t count);  // count <= PROBE_KEYS_MAX
 } simd_probe;
 
 extern const simd_probe simd_probe_baseline, simd_probe_avx2, simd_probe_avx512;

@@ -1,7 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The functions of simd_probe.h for one instruction set. Included by simd_probe_<isa>.c, which defines SGSI_ISA.
+// The functions of simd_probe.h for one instruction set. Included by simd_probe_<isa>.c, which
+// defines SGSI_ISA.
 
 #include "simd.h"
 #include "simd_probe.h"
@@ -18,7 +19,8 @@ static void probe_exp(const float *x, float *y, size_t count)
         vf_store(y + i, vf_exp(vf_load(x + i)));
 }
 
-static void probe_arithmetic(const float *px, const float *py, const float *pz, float out[PROBE_ARITHMETIC_COUNT][16])
+static void probe_arithmetic(const float *px, const float *py, const float *pz,
+                             float out[PROBE_ARITHMETIC_COUNT][16])
 {
     const vf x = vf_load(px), y = vf_load(py), z = vf_load(pz);
     vf_store(out[PROBE_ADD], vf_add(x, y));
@@ -33,7 +35,8 @@ static void probe_arithmetic(const float *px, const float *py, const float *pz, 
     vf_store(out[PROBE_CLAMP], vf_clamp(x, vf_set1(-0.25f), vf_set1(0.5f)));
 }
 
-static void probe_masks(const float *px, const float *py, unsigned a, unsigned b, unsigned out[PROBE_MASK_COUNT])
+static void probe_masks(const float *px, const float *py, unsigned a, unsigned b,
+                        unsigned out[PROBE_MASK_COUNT])
 {
     const vf x = vf_load(px), y = vf_load(py);
     const vm ma = vm_from_bits(a), mb = vm_from_bits(b);
@@ -50,7 +53,8 @@ static void probe_masks(const float *px, const float *py, unsigned a, unsigned b
     out[PROBE_ANY_NONE] = vm_any(vm_none()) != 0;
 }
 
-static void probe_lanes(const float *px, const float *py, unsigned mask, float out[PROBE_LANE_COUNT][16])
+static void probe_lanes(const float *px, const float *py, unsigned mask,
+                        float out[PROBE_LANE_COUNT][16])
 {
     const vf x = vf_load(px), y = vf_load(py);
     const vm m = vm_from_bits(mask);
@@ -67,7 +71,8 @@ static void probe_lanes(const float *px, const float *py, unsigned mask, float o
     vf_store(out[PROBE_SET1], vf_set1(px[0]));
 }
 
-static void probe_integers(const int32_t *pp, const int32_t *pq, const float *x, int32_t out[PROBE_INTEGER_COUNT][16])
+static void probe_integers(const int32_t *pp, const int32_t *pq, const float *x,
+                           int32_t out[PROBE_INTEGER_COUNT][16])
 {
     const vi p = vi_load(pp), q = vi_load(pq);
     vi_store(out[PROBE_IADD], vi_add(p, q));

@@ -1,9 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Every n-th allocation fails, for every n: loading a scene, creating a trainer, a step, a structural update, saving and
-// loading checkpoint and model end with OUT_OF_MEMORY and a sentence, without a crash, a leak (address sanitizer) or a
-// half-made result, and work again afterwards.
+// Every n-th allocation fails, for every n: loading a scene, creating a trainer, a step, a
+// structural update, saving and loading checkpoint and model end with OUT_OF_MEMORY and a sentence,
+// without a crash, a leak (address sanitizer) or a half-made result, and work again afterwards.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -37,12 +37,15 @@ static int make_scene(void **state)
     (void)state;
     folder = temp_folder_make();
     write_file("cameras.txt", "1 OPENCV 48 32 40 40 24 16 0.01 0 0 0\n");
-    write_file("images.txt", "1 1 0 0 0 0 0 4 1 a.png\n\n2 1 0 0 0 0.2 0 4 1 b.png\n\n3 1 0 0 0 0.4 0 4 1 c.png\n\n");
+    write_file(
+        "images.txt",
+        "1 1 0 0 0 0 0 4 1 a.png\n\n2 1 0 0 0 0.2 0 4 1 b.png\n\n3 1 0 0 0 0.4 0 4 1 c.png\n\n");
     char points[8192] = "";
     for (int i = 0; i < 100; ++i) {
-        const double x = 2 * sgsi_random_uniform(1, 3 * (uint64_t)i) - 1, y = 2 * sgsi_random_uniform(1, 3 * (uint64_t)i + 1) - 1;
-        snprintf(points + strlen(points), sizeof points - strlen(points), "%d %.4f %.4f %.4f %d 90 30 0.5\n", i + 1, x, y,
-                 0.3 * x * y, i);
+        const double x = 2 * sgsi_random_uniform(1, 3 * (uint64_t)i) - 1,
+                     y = 2 * sgsi_random_uniform(1, 3 * (uint64_t)i + 1) - 1;
+        snprintf(points + strlen(points), sizeof points - strlen(points),
+                 "%d %.4f %.4f %.4f %d 90 30 0.5\n", i + 1, x, y, 0.3 * x * y, i);
     }
     write_file("points3D.txt", points);
     uint8_t pixels[3 * WIDTH * HEIGHT];
@@ -81,8 +84,9 @@ static sgs_status create_trainer(void)
     return sgs_trainer_create(scene, &options, &trainer);
 }
 
-// Runs `work` with its n-th allocation failing, n = 1, 2, ..., until none fails. At most `advisory` of them may be done
-// without (they only serve a message); `undo` checks and releases what was made all the same.
+// Runs `work` with its n-th allocation failing, n = 1, 2, ..., until none fails. At most `advisory`
+// of them may be done without (they only serve a message); `undo` checks and releases what was made
+// all the same.
 static void fail_each(const char *what, sgs_status (*work)(void), int advisory, void (*undo)(void))
 {
     for (size_t n = 1;; ++n) {
@@ -94,7 +98,8 @@ static void fail_each(const char *what, sgs_status (*work)(void), int advisory, 
         const bool failed = sgsi_allocation_count() - before >= n;
         const bool done_without = failed && !status && advisory-- > 0;
         if (failed && !done_without && (status != SGS_STATUS_OUT_OF_MEMORY || !*sgs_last_error()))
-            fail_msg("%s: allocation %zu failed, the status is %d: %s", what, n, status, sgs_last_error());
+            fail_msg("%s: allocation %zu failed, the status is %d: %s", what, n, status,
+                     sgs_last_error());
         if (!failed) {
             if (status)
                 fail_msg("%s: %s", what, sgs_last_error());

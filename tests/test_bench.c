@@ -1,8 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The bench: its scenes are the same everywhere and shaped as promised, its counts are the oracle's, its times add up, its
-// model does not drift, and the limits keep an order that every machine has. No absolute time.
+// The bench: its scenes are the same everywhere and shaped as promised, its counts are the
+// oracle's, its times add up, its model does not drift, and the limits keep an order that every
+// machine has. No absolute time.
 
 #include <math.h>
 #include <setjmp.h>
@@ -58,7 +59,8 @@ static void scenes_are_shaped_like_trained_ones(void **state)
         thin += p[SGS_PARAM_SCALE + 2] < fminf(p[SGS_PARAM_SCALE], p[SGS_PARAM_SCALE + 1]);
         const double distance = sqrt((double)(p[0] * p[0] + p[1] * p[1] + p[2] * p[2]));
         far += distance > 20;
-        // Log of the size by the distance: normal with standard deviation 0.5, besides the spread of distances to the camera.
+        // Log of the size by the distance: normal with standard deviation 0.5, besides the spread
+        // of distances to the camera.
         if (distance < 20)
             continue;
         const double size = (double)p[SGS_PARAM_SCALE] - log(distance);
@@ -77,14 +79,19 @@ static void counts_are_the_oracles_and_times_add_up(void **state)
 {
     (void)state;
     oracle_scene scene = oracle_random_model(21, COUNT, NULL);
-    sgs_view views[2] = {{.name = "a", .camera = oracle_camera(SGS_CAMERA_OPENCV, WIDTH, HEIGHT), .pose = oracle_pose_look_at(0, 0, -4)},
-                         {.name = "b", .camera = oracle_camera(SGS_CAMERA_OPENCV, WIDTH, HEIGHT), .pose = oracle_pose_look_at(1, 0, -4)}};
+    sgs_view views[2] = {{.name = "a",
+                          .camera = oracle_camera(SGS_CAMERA_OPENCV, WIDTH, HEIGHT),
+                          .pose = oracle_pose_look_at(0, 0, -4)},
+                         {.name = "b",
+                          .camera = oracle_camera(SGS_CAMERA_OPENCV, WIDTH, HEIGHT),
+                          .pose = oracle_pose_look_at(1, 0, -4)}};
     const sgs_render_options options = sgs_render_options_default();
     double hits = 0;
     for (int v = 0; v < 2; ++v) {
         sgs_reference_frame exact;
         assert_int_equal(sgs_reference_frame_create(WIDTH, HEIGHT, &exact), SGS_STATUS_OK);
-        assert_int_equal(sgs_reference_render(scene.params, scene.count, &views[v].camera, &views[v].pose, &options, &exact),
+        assert_int_equal(sgs_reference_render(scene.params, scene.count, &views[v].camera,
+                                              &views[v].pose, &options, &exact),
                          SGS_STATUS_OK);
         for (int i = 0; i < WIDTH * HEIGHT; ++i)
             hits += 0.5 * exact.hits[i];
@@ -98,8 +105,10 @@ static void counts_are_the_oracles_and_times_add_up(void **state)
         assert_int_equal(sgs_bench_run(bench, &s), SGS_STATUS_OK);
         const sgs_bench_counts c = sgs_bench_counted(bench);
         assert_true(fabs(c.hits - hits) <= 1e-3 * hits);
-        assert_true(c.primitives == (double)scene.count && c.pixels == WIDTH * HEIGHT && c.tiles == 4 * 3);
-        assert_true(c.hits <= 16 * c.elements && c.elements <= c.evaluations && c.evaluations <= 16 * c.candidates);
+        assert_true(c.primitives == (double)scene.count && c.pixels == WIDTH * HEIGHT &&
+                    c.tiles == 4 * 3);
+        assert_true(c.hits <= 16 * c.elements && c.elements <= c.evaluations &&
+                    c.evaluations <= 16 * c.candidates);
         if (run) // the model is put back: the same work every time
             assert_true(c.evaluations == before.evaluations && c.elements == before.elements);
         before = c;
@@ -107,10 +116,11 @@ static void counts_are_the_oracles_and_times_add_up(void **state)
         assert_true(s.build > 0 && parts > 0 && parts <= s.iteration * (1 + 1e-9));
         assert_true(s.project <= s.forward && s.reduce <= s.backward);
         assert_true(s.serial >= 0 && s.serial + s.waiting <= s.iteration);
-        const double bytes = c.bytes.project + c.bytes.bvh + c.bytes.gather + c.bytes.forward + c.bytes.loss + c.bytes.backward +
-                             c.bytes.optimizer;
+        const double bytes = c.bytes.project + c.bytes.bvh + c.bytes.gather + c.bytes.forward +
+                             c.bytes.loss + c.bytes.backward + c.bytes.optimizer;
         assert_true(fabs(bytes / c.bytes.total - 1) < 1e-9);
-        assert_true(c.forward_flops >= 16 * 40 * c.evaluations && c.backward_flops > 16 * 40 * c.elements);
+        assert_true(c.forward_flops >= 16 * 40 * c.evaluations &&
+                    c.backward_flops > 16 * 40 * c.elements);
     }
     sgs_bench_destroy(bench);
     assert_int_equal(sgs_bench_create(scene.model, views, 0, &bench), SGS_STATUS_INVALID_ARGUMENT);
@@ -125,9 +135,11 @@ static void limits_are_in_the_order_of_every_machine(void **state)
     sgs_set_threads(1);
     assert_int_equal(sgs_machine_limits_measure(&limits), SGS_STATUS_OK);
     sgs_set_threads(0);
-    assert_true(limits.fma_gflops > 0 && limits.memory_read_gbs > 0 && limits.memory_update_gbs > 0);
+    assert_true(limits.fma_gflops > 0 && limits.memory_read_gbs > 0 &&
+                limits.memory_update_gbs > 0);
     assert_true(limits.memory_gbs == fmax(limits.memory_read_gbs, limits.memory_update_gbs));
-    assert_true(limits.l2_gbs > limits.memory_read_gbs); // a core reads its cache faster than the memory
+    assert_true(limits.l2_gbs >
+                limits.memory_read_gbs); // a core reads its cache faster than the memory
     assert_true(limits.l2_bytes >= 1 << 16);
 }
 

@@ -1,9 +1,10 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The BVH promises a superset: whatever box a ray of the packet crosses within its limit is in the list. Held
-// here against a brute-force slab test in double precision, for every build quality, after refits small and large, for
-// no primitive, for one and for a hundred thousand. That the list is not simply everything is held too.
+// The BVH promises a superset: whatever box a ray of the packet crosses within its limit is in the
+// list. Held here against a brute-force slab test in double precision, for every build quality,
+// after refits small and large, for no primitive, for one and for a hundred thousand. That the list
+// is not simply everything is held too.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -28,8 +29,8 @@ static double uniform(uint64_t seed, uint64_t *counter, double low, double high)
 }
 
 // Boxes in [-spread, spread]^3 with log-uniform edges.
-static void fill_boxes(sgsi_bounds *boxes, size_t count, uint64_t seed, double spread, double edge_low,
-                       double edge_high)
+static void fill_boxes(sgsi_bounds *boxes, size_t count, uint64_t seed, double spread,
+                       double edge_low, double edge_high)
 {
     uint64_t counter = 0;
     for (size_t i = 0; i < count; ++i) {
@@ -93,13 +94,15 @@ static double entry(const sgsi_packet *packet, int ray, const sgsi_bounds *box)
     return near <= far ? near : INFINITY;
 }
 
-// A box is required when a valid ray crosses it before its far distance. The caller of the BVH pads boxes and far
-// distances by more than the rounding of the box tests, so boxes that are met only within 1e-6 are left out.
+// A box is required when a valid ray crosses it before its far distance. The caller of the BVH pads
+// boxes and far distances by more than the rounding of the box tests, so boxes that are met only
+// within 1e-6 are left out.
 static bool required(const sgsi_packet *packet, const sgsi_bounds *box)
 {
     sgsi_bounds inner = *box;
     for (int k = 0; k < 3; ++k) {
-        const float slack = 4e-6f * (fabsf(box->lower[k]) + fabsf(box->upper[k]) + fabsf(packet->origin[k]));
+        const float slack =
+            4e-6f * (fabsf(box->lower[k]) + fabsf(box->upper[k]) + fabsf(packet->origin[k]));
         inner.lower[k] += slack;
         inner.upper[k] -= slack;
         if (inner.lower[k] > inner.upper[k])
@@ -139,13 +142,18 @@ static gather_result check_gather(const sgsi_bvh *bvh, const sgsi_bounds *boxes,
     return result;
 }
 
-static gather_result check_packets(const sgsi_bvh *bvh, const sgsi_bounds *boxes, size_t count, int packets, float far)
+static gather_result check_packets(const sgsi_bvh *bvh, const sgsi_bounds *boxes, size_t count,
+                                   int packets, float far)
 {
     gather_result total = {0};
     sgsi_gather_list list = {0};
     uint8_t *seen = sgsi_calloc(count + 1, 1);
     for (int p = 0; p < packets; ++p) {
-        const sgsi_packet packet = make_packet((uint64_t)p, p % 3 == 0 ? 1e-3 : p % 3 == 1 ? 0.05 : 0.5, far);
+        const sgsi_packet packet = make_packet((uint64_t)p,
+                                               p % 3 == 0   ? 1e-3
+                                               : p % 3 == 1 ? 0.05
+                                                            : 0.5,
+                                               far);
         const gather_result one = check_gather(bvh, boxes, count, &packet, &list, seen);
         total.required += one.required;
         total.unique += one.unique;
@@ -171,7 +179,8 @@ static void every_crossed_box_is_gathered_at_every_quality(void **state)
     for (int quality = SGSI_BVH_LOW; quality < SGSI_BVH_QUALITY_COUNT; ++quality) {
         sgsi_bvh *bvh = make_bvh(boxes, COUNT, (sgsi_bvh_quality)quality);
         const gather_result found = check_packets(bvh, boxes, COUNT, 60, INFINITY);
-        print_message("%s: %zu gathered, %zu required\n", quality_names[quality], found.unique, found.required);
+        print_message("%s: %zu gathered, %zu required\n", quality_names[quality], found.unique,
+                      found.required);
         assert_true(found.required > 300);
         // and not simply everything (Embree's refittable trees have leaves of about ten boxes)
         assert_true(found.unique < (quality == SGSI_BVH_REFIT ? 20 : 3) * found.required);
@@ -180,8 +189,8 @@ static void every_crossed_box_is_gathered_at_every_quality(void **state)
     sgsi_free(boxes);
 }
 
-// The optimiser moves boxes a little, the next camera dilates them, an opacity reset shrinks them; nothing stops
-// them from trading places altogether.
+// The optimiser moves boxes a little, the next camera dilates them, an opacity reset shrinks them;
+// nothing stops them from trading places altogether.
 static void refitted_trees_gather_every_crossed_box(void **state)
 {
     (void)state;
@@ -195,7 +204,8 @@ static void refitted_trees_gather_every_crossed_box(void **state)
             const double motion = round < 3 ? 0.01 : round < 5 ? 1 : 0;
             for (size_t i = 0; i < COUNT; ++i)
                 for (int k = 0; k < 3; ++k) {
-                    const float shift = (float)uniform(70 + (uint64_t)round, &counter, -motion, motion);
+                    const float shift =
+                        (float)uniform(70 + (uint64_t)round, &counter, -motion, motion);
                     const float grow = (float)uniform(80 + (uint64_t)round, &counter, -0.004, 0.05);
                     boxes[i].lower[k] += shift - grow;
                     boxes[i].upper[k] += shift + grow;
@@ -205,10 +215,14 @@ static void refitted_trees_gather_every_crossed_box(void **state)
             assert_int_equal(sgsi_bvh_refit(bvh), SGS_STATUS_OK);
             assert_true(check_packets(bvh, boxes, COUNT, 20, INFINITY).required > 100);
         }
-        // A rebuild after refits, over another number of boxes and at another quality, on the same object.
-        assert_int_equal(sgsi_bvh_build(bvh, boxes, COUNT / 2, (sgsi_bvh_quality)quality), SGS_STATUS_OK);
+        // A rebuild after refits, over another number of boxes and at another quality, on the same
+        // object.
+        assert_int_equal(sgsi_bvh_build(bvh, boxes, COUNT / 2, (sgsi_bvh_quality)quality),
+                         SGS_STATUS_OK);
         check_packets(bvh, boxes, COUNT / 2, 10, INFINITY);
-        assert_int_equal(sgsi_bvh_build(bvh, boxes, COUNT, (sgsi_bvh_quality)((quality + 1) % SGSI_BVH_QUALITY_COUNT)), SGS_STATUS_OK);
+        assert_int_equal(sgsi_bvh_build(bvh, boxes, COUNT,
+                                        (sgsi_bvh_quality)((quality + 1) % SGSI_BVH_QUALITY_COUNT)),
+                         SGS_STATUS_OK);
         check_packets(bvh, boxes, COUNT, 10, INFINITY);
         sgsi_bvh_destroy(bvh);
     }
@@ -243,7 +257,8 @@ static void hundred_thousand_boxes_lose_none(void **state)
     for (int quality = SGSI_BVH_LOW; quality < SGSI_BVH_QUALITY_COUNT; ++quality) {
         sgsi_bvh *bvh = make_bvh(boxes, COUNT, (sgsi_bvh_quality)quality);
         const gather_result found = check_packets(bvh, boxes, COUNT, 12, INFINITY);
-        assert_true(found.required > 1000 && found.unique < (quality == SGSI_BVH_REFIT ? 20 : 3) * found.required);
+        assert_true(found.required > 1000 &&
+                    found.unique < (quality == SGSI_BVH_REFIT ? 20 : 3) * found.required);
         sgsi_bvh_destroy(bvh);
     }
     sgsi_free(boxes);
@@ -351,7 +366,8 @@ static void a_list_that_cannot_grow_is_an_error_and_stays_usable(void **state)
     sgsi_free(boxes);
 }
 
-// Also the first one: Embree builds where a geometry only becomes refittable after its first commit.
+// Also the first one: Embree builds where a geometry only becomes refittable after its first
+// commit.
 static void every_refit_is_cheaper_than_a_build(void **state)
 {
     (void)state;
@@ -359,11 +375,14 @@ static void every_refit_is_cheaper_than_a_build(void **state)
     sgsi_bounds *boxes = make_boxes(COUNT, 9);
     sgsi_bvh *bvh = make_bvh(boxes, COUNT, SGSI_BVH_REFIT);
     double build = INFINITY, first = INFINITY, second = INFINITY;
-    for (int run = 0; run < 5; ++run) { // the least of several: other programs may take their time in between
+    for (int run = 0; run < 5;
+         ++run) { // the least of several: other programs may take their time in between
         double *const least[] = {&build, &first, &second};
         for (int k = 0; k < 3; ++k) {
             const double start = sgsi_seconds();
-            assert_int_equal(k ? sgsi_bvh_refit(bvh) : sgsi_bvh_build(bvh, boxes, COUNT, SGSI_BVH_REFIT), SGS_STATUS_OK);
+            assert_int_equal(k ? sgsi_bvh_refit(bvh)
+                               : sgsi_bvh_build(bvh, boxes, COUNT, SGSI_BVH_REFIT),
+                             SGS_STATUS_OK);
             *least[k] = fmin(*least[k], sgsi_seconds() - start);
         }
     }

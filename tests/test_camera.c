@@ -28,13 +28,25 @@ static const sgs_camera lenses[] = {
     {SGS_CAMERA_SIMPLE_RADIAL, 640, 480, {400, 320, 240, -0.14}},
     {SGS_CAMERA_SIMPLE_RADIAL, 640, 480, {400, 320, 240, 0.9}},
     {SGS_CAMERA_RADIAL, 640, 480, {400, 330, 235, -0.31, 0.12}},
-    {SGS_CAMERA_OPENCV, 1920, 1080, {903.3, 904.1, 959.6, 544.1, -6.95e-4, -2.2e-3, -1.8e-4, -1.6e-4}},
-    {SGS_CAMERA_OPENCV, 640, 480, {458.654, 457.296, 367.215, 248.375, -0.28340811, 0.07395907, 1.9359e-4, 1.76e-5}},
+    {SGS_CAMERA_OPENCV,
+     1920,
+     1080,
+     {903.3, 904.1, 959.6, 544.1, -6.95e-4, -2.2e-3, -1.8e-4, -1.6e-4}},
+    {SGS_CAMERA_OPENCV,
+     640,
+     480,
+     {458.654, 457.296, 367.215, 248.375, -0.28340811, 0.07395907, 1.9359e-4, 1.76e-5}},
     {SGS_CAMERA_OPENCV, 640, 480, {500, 500, 320, 240, -0.1, 0.05, 0.02, -0.03}},
     {SGS_CAMERA_OPENCV_FISHEYE, 800, 450, {545, 546.09, 398.3, 227.3, -0.02, 0.01, -0.003, 0.0004}},
     {SGS_CAMERA_OPENCV_FISHEYE, 1024, 1024, {300, 300, 512, 512, 0.02, -0.004, 0.001, 0}},
-    {SGS_CAMERA_FULL_OPENCV, 1280, 720, {610, 610, 640, 360, 0.6, -2.5, 8e-4, -4e-4, 1.4, 0.5, -2.3, 1.35}},
-    {SGS_CAMERA_FULL_OPENCV, 640, 480, {500, 500, 320, 240, -0.1, 0.01, 1e-3, 2e-3, 0.001, 0.02, 0.01, 0.002}},
+    {SGS_CAMERA_FULL_OPENCV,
+     1280,
+     720,
+     {610, 610, 640, 360, 0.6, -2.5, 8e-4, -4e-4, 1.4, 0.5, -2.3, 1.35}},
+    {SGS_CAMERA_FULL_OPENCV,
+     640,
+     480,
+     {500, 500, 320, 240, -0.1, 0.01, 1e-3, 2e-3, 0.001, 0.02, 0.01, 0.002}},
     {SGS_CAMERA_FOV, 752, 480, {350, 352, 370, 245, 0.92}},
     {SGS_CAMERA_FOV, 752, 480, {350, 352, 370, 245, 1e-3}},
     {SGS_CAMERA_FOV, 752, 480, {350, 352, 370, 245, 0}},
@@ -55,27 +67,51 @@ static double radial(double r2, const double *k, int count)
     return sum;
 }
 
-// COLMAP's formulas, model by model, as its documentation writes them; for points in front of the camera.
+// COLMAP's formulas, model by model, as its documentation writes them; for points in front of the
+// camera.
 static void expected_projection(const sgs_camera *camera, const double p[3], double pixel[2])
 {
     const double *q = camera->params;
-    const double u = p[0] / p[2], v = p[1] / p[2], r2 = u * u + v * v, r = sqrt(r2), theta = atan(r);
-    const double bend = r > 0 ? theta / r : 1, t2 = theta * theta, a = u * bend, b = v * bend, s = a * a + b * b;
+    const double u = p[0] / p[2], v = p[1] / p[2], r2 = u * u + v * v, r = sqrt(r2),
+                 theta = atan(r);
+    const double bend = r > 0 ? theta / r : 1, t2 = theta * theta, a = u * bend, b = v * bend,
+                 s = a * a + b * b;
     double f = 1, x = u, y = v;
     int two = 1;
     switch (camera->model) {
-    case SGS_CAMERA_SIMPLE_PINHOLE: two = 0; break;
-    case SGS_CAMERA_SIMPLE_RADIAL: two = 0; f = 1 + q[3] * r2; break;
-    case SGS_CAMERA_RADIAL: two = 0; f = radial(r2, q + 3, 2); break;
-    case SGS_CAMERA_OPENCV: f = radial(r2, q + 4, 2); break;
+    case SGS_CAMERA_SIMPLE_PINHOLE:
+        two = 0;
+        break;
+    case SGS_CAMERA_SIMPLE_RADIAL:
+        two = 0;
+        f = 1 + q[3] * r2;
+        break;
+    case SGS_CAMERA_RADIAL:
+        two = 0;
+        f = radial(r2, q + 3, 2);
+        break;
+    case SGS_CAMERA_OPENCV:
+        f = radial(r2, q + 4, 2);
+        break;
     case SGS_CAMERA_FULL_OPENCV:
         f = (1 + q[4] * r2 + q[5] * r2 * r2 + q[8] * pow(r2, 3)) / radial(r2, q + 9, 3);
         break;
-    case SGS_CAMERA_OPENCV_FISHEYE: f = bend * radial(t2, q + 4, 4); break;
-    case SGS_CAMERA_SIMPLE_RADIAL_FISHEYE: two = 0; f = bend * radial(t2, q + 3, 1); break;
-    case SGS_CAMERA_RADIAL_FISHEYE: two = 0; f = bend * radial(t2, q + 3, 2); break;
-    case SGS_CAMERA_FOV: f = q[4] != 0 && r > 0 ? atan(r * 2 * tan(q[4] / 2)) / (r * q[4]) : 1; break;
-    default: break;
+    case SGS_CAMERA_OPENCV_FISHEYE:
+        f = bend * radial(t2, q + 4, 4);
+        break;
+    case SGS_CAMERA_SIMPLE_RADIAL_FISHEYE:
+        two = 0;
+        f = bend * radial(t2, q + 3, 1);
+        break;
+    case SGS_CAMERA_RADIAL_FISHEYE:
+        two = 0;
+        f = bend * radial(t2, q + 3, 2);
+        break;
+    case SGS_CAMERA_FOV:
+        f = q[4] != 0 && r > 0 ? atan(r * 2 * tan(q[4] / 2)) / (r * q[4]) : 1;
+        break;
+    default:
+        break;
     }
     x *= f;
     y *= f;
@@ -99,7 +135,8 @@ static void projection_equals_colmaps_formulas(void **state)
         for (uint64_t k = 0; k < 500; ++k) {
             const double depth = 0.1 + 5 * sgsi_random_uniform(1, 3 * k);
             const double point[3] = {depth * (1.2 * sgsi_random_uniform(1, 3 * k + 1) - 0.6),
-                                     depth * (1.2 * sgsi_random_uniform(1, 3 * k + 2) - 0.6), depth};
+                                     depth * (1.2 * sgsi_random_uniform(1, 3 * k + 2) - 0.6),
+                                     depth};
             double pixel[2], expected[2];
             if (!sgs_camera_project(&lenses[i], point, pixel))
                 continue;
@@ -107,7 +144,8 @@ static void projection_equals_colmaps_formulas(void **state)
             expected_projection(&lenses[i], point, expected);
             if (!(hypot(pixel[0] - expected[0], pixel[1] - expected[1]) <= 1e-9))
                 fail_msg("lens %zu (%s): (%.12g, %.12g) instead of (%.12g, %.12g)", i,
-                         sgs_camera_model_name(lenses[i].model), pixel[0], pixel[1], expected[0], expected[1]);
+                         sgs_camera_model_name(lenses[i].model), pixel[0], pixel[1], expected[0],
+                         expected[1]);
         }
         assert_true(projected >= 490);
     }
@@ -139,11 +177,13 @@ static void every_pixel_round_trips(void **state)
                 if (!sgs_camera_unproject(&lenses[i], pixel, direction))
                     fail_msg("lens %zu: pixel (%g, %g) has no ray", i, pixel[0], pixel[1]);
                 assert_true(fabs(sqrt(direction[0] * direction[0] + direction[1] * direction[1] +
-                                      direction[2] * direction[2]) - 1) < 1e-15 * 4);
+                                      direction[2] * direction[2]) -
+                                 1) < 1e-15 * 4);
                 assert_true(sgs_camera_project(&lenses[i], direction, back));
                 const double error = hypot(back[0] - pixel[0], back[1] - pixel[1]);
                 if (!(error <= 1e-8))
-                    fail_msg("lens %zu: pixel (%g, %g) comes back %g px away", i, pixel[0], pixel[1], error);
+                    fail_msg("lens %zu: pixel (%g, %g) comes back %g px away", i, pixel[0],
+                             pixel[1], error);
                 worst = fmax(worst, error);
             }
         }
@@ -160,25 +200,34 @@ static void every_projected_direction_round_trips(void **state)
         {SGS_CAMERA_RADIAL, 640, 480, {400, 320, 240, -0.9, 0.25}}, // folds and unfolds again
         {SGS_CAMERA_OPENCV, 640, 480, {400, 400, 320, 240, -0.5, 0.1, 0.05, -0.08}},
         {SGS_CAMERA_OPENCV, 640, 480, {400, 400, 320, 240, 0, 0, 0.2, 0.1}},
-        {SGS_CAMERA_FULL_OPENCV, 640, 480, {400, 400, 320, 240, 0.1, 0, 0.01, 0.01, 0, -0.3, 0, 0}}, // a pole
+        {SGS_CAMERA_FULL_OPENCV,
+         640,
+         480,
+         {400, 400, 320, 240, 0.1, 0, 0.01, 0.01, 0, -0.3, 0, 0}}, // a pole
         {SGS_CAMERA_OPENCV_FISHEYE, 640, 480, {200, 200, 320, 240, -0.3, 0.2, -0.1, 0.02}},
-        {SGS_CAMERA_THIN_PRISM_FISHEYE, 640, 480, {200, 200, 320, 240, -0.2, 0.02, 0.02, 0.01, 0, 0, 0.04, -0.03}},
+        {SGS_CAMERA_THIN_PRISM_FISHEYE,
+         640,
+         480,
+         {200, 200, 320, 240, -0.2, 0.02, 0.02, 0.01, 0, 0, 0.04, -0.03}},
     };
     for (size_t i = 0; i < sizeof worse / sizeof *worse; ++i) {
         size_t projected = 0;
         for (uint64_t k = 0; k < 20000; ++k) {
-            const double z = 2 * sgsi_random_uniform(2, 2 * k) - 1, angle = 2 * PI * sgsi_random_uniform(2, 2 * k + 1);
+            const double z = 2 * sgsi_random_uniform(2, 2 * k) - 1,
+                         angle = 2 * PI * sgsi_random_uniform(2, 2 * k + 1);
             const double d[3] = {sqrt(1 - z * z) * cos(angle), sqrt(1 - z * z) * sin(angle), z};
             double pixel[2], back[3];
             if (!sgs_camera_project(&worse[i], d, pixel))
                 continue;
             ++projected;
             if (!sgs_camera_unproject(&worse[i], pixel, back))
-                fail_msg("lens %zu: direction (%g, %g, %g) has a pixel without a ray", i, d[0], d[1], d[2]);
+                fail_msg("lens %zu: direction (%g, %g, %g) has a pixel without a ray", i, d[0],
+                         d[1], d[2]);
             const double error = hypot(hypot(back[0] - d[0], back[1] - d[1]), back[2] - d[2]);
             // Beside the fold the inverse is as steep as a square root at 0.
             if (!(error <= 1e-5))
-                fail_msg("lens %zu: direction (%g, %g, %g) comes back %g away", i, d[0], d[1], d[2], error);
+                fail_msg("lens %zu: direction (%g, %g, %g) comes back %g away", i, d[0], d[1], d[2],
+                         error);
         }
         assert_true(projected > 300);
     }
@@ -203,7 +252,8 @@ static void barrel_distortion_is_refused_beyond_its_fold(void **state)
 static void unfolded_branch_of_a_polynomial_is_refused(void **state)
 {
     (void)state;
-    // 1 - 2.7 s + 1.25 s^2 has roots s = 0.475 and 1.685: beyond the second one the lens grows again.
+    // 1 - 2.7 s + 1.25 s^2 has roots s = 0.475 and 1.685: beyond the second one the lens grows
+    // again.
     const sgs_camera camera = {SGS_CAMERA_RADIAL, 640, 480, {400, 320, 240, -0.9, 0.25}};
     const double before[3] = {0.68, 0, 1}, between[3] = {1, 0, 1}, beyond[3] = {0, 2, 1};
     double pixel[2];
@@ -215,7 +265,8 @@ static void unfolded_branch_of_a_polynomial_is_refused(void **state)
 static void pole_of_the_rational_model_is_refused(void **state)
 {
     (void)state;
-    const sgs_camera camera = {SGS_CAMERA_FULL_OPENCV, 640, 480, {400, 400, 320, 240, 0, 0, 0, 0, 0, -0.25, 0, 0}};
+    const sgs_camera camera = {
+        SGS_CAMERA_FULL_OPENCV, 640, 480, {400, 400, 320, 240, 0, 0, 0, 0, 0, -0.25, 0, 0}};
     const double before[3] = {1.9, 0, 1}, beyond[3] = {2.1, 0, 1};
     double pixel[2];
     assert_true(sgs_camera_project(&camera, before, pixel));
@@ -239,7 +290,8 @@ static void perspective_cameras_see_nothing_behind_them(void **state)
 static void fisheye_cameras_see_beyond_ninety_degrees(void **state)
 {
     (void)state;
-    const sgs_camera camera = {SGS_CAMERA_OPENCV_FISHEYE, 2000, 2000, {300, 300, 1000, 1000, 0, 0, 0, 0}};
+    const sgs_camera camera = {
+        SGS_CAMERA_OPENCV_FISHEYE, 2000, 2000, {300, 300, 1000, 1000, 0, 0, 0, 0}};
     for (int degrees = 1; degrees < 180; ++degrees) {
         const double theta = degrees * PI / 180;
         const double d[3] = {0.6 * sin(theta), 0.8 * sin(theta), cos(theta)};
@@ -284,7 +336,8 @@ static void points_and_pixels_that_are_no_numbers_are_refused(void **state)
     const double bad[] = {NAN, INFINITY, -INFINITY};
     for (size_t i = 0; i < LENSES; ++i) {
         for (int k = 0; k < 3; ++k) {
-            const double point[3] = {bad[k], 0.1, 1}, deep[3] = {0.1, 0.1, bad[k]}, where[2] = {10, bad[k]};
+            const double point[3] = {bad[k], 0.1, 1}, deep[3] = {0.1, 0.1, bad[k]},
+                         where[2] = {10, bad[k]};
             double pixel[2], direction[3];
             assert_false(sgs_camera_project(&lenses[i], point, pixel) && isinf(bad[k]) &&
                          !sgs_camera_is_fisheye(lenses[i].model));
@@ -302,7 +355,8 @@ static void absurd_coefficients_neither_hang_nor_crash(void **state)
     (void)state;
     const double values[] = {1e300, -1e300, 1e30, -1e30, 1e-300, 0, 5, -5};
     for (uint64_t trial = 0; trial < 3000; ++trial) {
-        sgs_camera camera = {.model = (sgs_camera_model)(trial % SGS_CAMERA_MODEL_COUNT), .width = 64, .height = 48};
+        sgs_camera camera = {
+            .model = (sgs_camera_model)(trial % SGS_CAMERA_MODEL_COUNT), .width = 64, .height = 48};
         for (int k = 0; k < sgs_camera_param_count(camera.model); ++k)
             camera.params[k] = values[sgsi_random_bits(trial, (uint64_t)k) % 8];
         camera.params[0] = camera.params[1] = 50;
@@ -334,7 +388,8 @@ static void resized_cameras_scale_their_pixels(void **state)
     static const int sizes[][2] = {{2, 2}, {1, 2}, {3, 1}};
     for (size_t i = 0; i < LENSES; ++i) {
         for (size_t k = 0; k < 3; ++k) {
-            const int width = lenses[i].width * sizes[k][0] / 2, height = lenses[i].height * sizes[k][1] / 2;
+            const int width = lenses[i].width * sizes[k][0] / 2,
+                      height = lenses[i].height * sizes[k][1] / 2;
             const sgs_camera camera = sgs_camera_resized(&lenses[i], width, height);
             const double point[3] = {0.31, -0.22, 1.1};
             double before[2], after[2];
@@ -373,8 +428,10 @@ static void invalid_cameras_are_named(void **state)
         {{SGS_CAMERA_PINHOLE, 65537, 1, {1, 1, 1, 1}}, "camera size 65537 x 1"},
         {{SGS_CAMERA_PINHOLE, 64, 48, {1, 0, 1, 1}}, "focal length 0 of the PINHOLE"},
         {{SGS_CAMERA_SIMPLE_RADIAL, 64, 48, {-3, 0, 1, 1}}, "focal length -3 of the SIMPLE_RADIAL"},
-        {{SGS_CAMERA_OPENCV, 64, 48, {1, 1, 1, 1, 0, NAN}}, "parameter 6 of the OPENCV camera is not finite"},
-        {{SGS_CAMERA_SIMPLE_PINHOLE, 64, 48, {INFINITY, 1, 1}}, "parameter 1 of the SIMPLE_PINHOLE"},
+        {{SGS_CAMERA_OPENCV, 64, 48, {1, 1, 1, 1, 0, NAN}},
+         "parameter 6 of the OPENCV camera is not finite"},
+        {{SGS_CAMERA_SIMPLE_PINHOLE, 64, 48, {INFINITY, 1, 1}},
+         "parameter 1 of the SIMPLE_PINHOLE"},
         {{SGS_CAMERA_FOV, 64, 48, {1, 1, 1, 1, 3.2}}, "field-of-view parameter 3.2"},
     };
     for (size_t i = 0; i < sizeof cases / sizeof *cases; ++i) {
@@ -393,9 +450,17 @@ static void model_names_and_ids_match_colmaps(void **state)
     static const struct {
         const char *name;
         int params, fisheye;
-    } models[] = {{"SIMPLE_PINHOLE", 3, 0}, {"PINHOLE", 4, 0}, {"SIMPLE_RADIAL", 4, 0}, {"RADIAL", 5, 0},
-                  {"OPENCV", 8, 0}, {"OPENCV_FISHEYE", 8, 1}, {"FULL_OPENCV", 12, 0}, {"FOV", 5, 0},
-                  {"SIMPLE_RADIAL_FISHEYE", 4, 1}, {"RADIAL_FISHEYE", 5, 1}, {"THIN_PRISM_FISHEYE", 12, 1}};
+    } models[] = {{"SIMPLE_PINHOLE", 3, 0},
+                  {"PINHOLE", 4, 0},
+                  {"SIMPLE_RADIAL", 4, 0},
+                  {"RADIAL", 5, 0},
+                  {"OPENCV", 8, 0},
+                  {"OPENCV_FISHEYE", 8, 1},
+                  {"FULL_OPENCV", 12, 0},
+                  {"FOV", 5, 0},
+                  {"SIMPLE_RADIAL_FISHEYE", 4, 1},
+                  {"RADIAL_FISHEYE", 5, 1},
+                  {"THIN_PRISM_FISHEYE", 12, 1}};
     sgs_camera_model model;
     for (int i = 0; i < SGS_CAMERA_MODEL_COUNT; ++i) {
         assert_string_equal(sgs_camera_model_name((sgs_camera_model)i), models[i].name);
@@ -443,7 +508,8 @@ static void quaternion_turns_as_in_colmap(void **state)
     for (int i = 0; i < 9; ++i)
         assert_true(fabs(pose.rotation[i] - expected[i]) < 1e-15);
     sgs_pose_center(&pose, center);
-    assert_true(fabs(center[0] + 20) < 1e-13 && fabs(center[1] - 10) < 1e-13 && fabs(center[2] + 30) < 1e-13);
+    assert_true(fabs(center[0] + 20) < 1e-13 && fabs(center[1] - 10) < 1e-13 &&
+                fabs(center[2] + 30) < 1e-13);
 }
 
 static void broken_poses_are_refused(void **state)

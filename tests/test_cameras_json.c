@@ -23,7 +23,8 @@
 static sgs_view make_view(char *name, sgs_split split, double seed)
 {
     sgs_view view = {.name = name, .split = split};
-    view.camera = (sgs_camera){SGS_CAMERA_OPENCV, 480, 270, {400.5, 401.25, 240, 135, 0.1, -0.05, 1e-3, 2e-3}};
+    view.camera = (sgs_camera){
+        SGS_CAMERA_OPENCV, 480, 270, {400.5, 401.25, 240, 135, 0.1, -0.05, 1e-3, 2e-3}};
     const double qvec[4] = {1.0, 0.3 * seed, -0.2, 0.5}, tvec[3] = {seed, 2.0, -3.0};
     assert_int_equal(sgs_pose_from_quaternion(qvec, tvec, &view.pose), SGS_STATUS_OK);
     return view;
@@ -59,8 +60,9 @@ static void cameras_json_is_what_3dgs_writes(void **state)
 {
     (void)state;
     const temp_folder folder = temp_folder_make();
-    sgs_view views[4] = {make_view("a.jpg", SGS_SPLIT_TEST, 0.1), make_view("b/\xc3\xa9.jpg", SGS_SPLIT_TRAIN, 0.2),
-                         make_view("c.jpg", SGS_SPLIT_TEST, 0.3), make_view("\xff\"d\\.jpg", SGS_SPLIT_TRAIN, 0.4)};
+    sgs_view views[4] = {
+        make_view("a.jpg", SGS_SPLIT_TEST, 0.1), make_view("b/\xc3\xa9.jpg", SGS_SPLIT_TRAIN, 0.2),
+        make_view("c.jpg", SGS_SPLIT_TEST, 0.3), make_view("\xff\"d\\.jpg", SGS_SPLIT_TRAIN, 0.4)};
     const sgs_scene scene = {.view_count = 4, .views = views};
     const char *path = temp_path(&folder, "cameras.json");
     assert_int_equal(sgs_scene_write_cameras_json(&scene, path), SGS_STATUS_OK);
@@ -70,7 +72,8 @@ static void cameras_json_is_what_3dgs_writes(void **state)
     assert_int_equal(json_array_size(list), 4);
     static const int order[4] = {0, 2, 1, 3}; // held-out views first
     static const char *const names[4] = {"a.jpg", "c.jpg", "b/\xc3\xa9.jpg", "?\"d\\.jpg"};
-    static const char *const keys[] = {"id", "img_name", "width", "height", "position", "rotation", "fy", "fx"};
+    static const char *const keys[] = {"id",       "img_name", "width", "height",
+                                       "position", "rotation", "fy",    "fx"};
     for (size_t k = 0; k < 4; ++k) {
         json_t *camera = json_array_get(list, k);
         assert_int_equal(json_integer_value(json_object_get(camera, "id")), k);
@@ -83,8 +86,7 @@ static void cameras_json_is_what_3dgs_writes(void **state)
         size_t place = 0;
         const char *key;
         json_t *value;
-        json_object_foreach(camera, key, value)
-            assert_string_equal(key, keys[place++]);
+        json_object_foreach(camera, key, value) assert_string_equal(key, keys[place++]);
         assert_int_equal(place, 8);
     }
     json_decref(list);

@@ -1,8 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Checkpoints: the same bits from any stop point with all of SPARE-GS on, the same bytes when written again, every
-// wrong section refused by name even if the checksum is right, changed options honoured or refused by name.
+// Checkpoints: the same bits from any stop point with all of SPARE-GS on, the same bytes when
+// written again, every wrong section refused by name even if the checksum is right, changed options
+// honoured or refused by name.
 
 #include <math.h>
 #include <setjmp.h>
@@ -78,8 +79,8 @@ static void digest(const sgs_trainer *trainer, char hex[17])
     sgs_gaussians_hash(sgs_trainer_model(trainer), hex);
 }
 
-// A run of LENGTH iterations with structural updates and equilibrium checks, which leaves a checkpoint at
-// every stop point; each is continued to the end, alternating the number of threads.
+// A run of LENGTH iterations with structural updates and equilibrium checks, which leaves a
+// checkpoint at every stop point; each is continued to the end, alternating the number of threads.
 static void every_stop_point_resumes_to_the_same_bits(void **state)
 {
     (void)state;
@@ -100,7 +101,8 @@ static void every_stop_point_resumes_to_the_same_bits(void **state)
     for (int i = 1; i <= LENGTH; ++i) {
         run(trainer, 1);
         snprintf(name, sizeof name, "at_%d", i);
-        if (i < LENGTH && stop_at[i] && sgs_trainer_save_checkpoint(trainer, temp_path(&folder, name)))
+        if (i < LENGTH && stop_at[i] &&
+            sgs_trainer_save_checkpoint(trainer, temp_path(&folder, name)))
             fail_msg("%s", sgs_last_error());
     }
     digest(trainer, straight);
@@ -136,7 +138,8 @@ static void a_loaded_state_is_written_as_the_same_bytes(void **state)
     assert_int_equal(sgs_trainer_save_checkpoint(trainer, temp_path(&folder, "b")), SGS_STATUS_OK);
     sgs_trainer_destroy(trainer);
     size_t sizes[2];
-    unsigned char *a = file_get(temp_path(&folder, "a"), &sizes[0]), *b = file_get(temp_path(&folder, "b"), &sizes[1]);
+    unsigned char *a = file_get(temp_path(&folder, "a"), &sizes[0]),
+                  *b = file_get(temp_path(&folder, "b"), &sizes[1]);
     assert_int_equal(sizes[0], sizes[1]);
     assert_memory_equal(a, b, sizes[0]);
     free(a);
@@ -144,7 +147,8 @@ static void a_loaded_state_is_written_as_the_same_bytes(void **state)
 }
 
 // Loads `bytes` after making the checksum right; the trainer must refuse and stay as it is.
-static void refuses(sgs_trainer *trainer, unsigned char *bytes, size_t size, sgs_status expected, const char *words)
+static void refuses(sgs_trainer *trainer, unsigned char *bytes, size_t size, sgs_status expected,
+                    const char *words)
 {
     char before[17], after[17];
     checkpoint_reseal(bytes, size);
@@ -166,11 +170,13 @@ static void wrong_contents_with_a_right_checksum_are_refused_by_name(void **stat
     const sgs_train_options options = short_run(90);
     sgs_trainer *trainer = start(scene, &options);
     run(trainer, 5);
-    assert_int_equal(sgs_trainer_save_checkpoint(trainer, temp_path(&folder, "good")), SGS_STATUS_OK);
+    assert_int_equal(sgs_trainer_save_checkpoint(trainer, temp_path(&folder, "good")),
+                     SGS_STATUS_OK);
     size_t size;
     unsigned char *good = file_get(temp_path(&folder, "good"), &size), *bytes = malloc(size + 64);
-    static const char *const sections[] = {"options", "scene",      "size",    "progress", "model", "moment1",
-                                           "moment2", "statistics", "guesses", "order",    "stop"};
+    static const char *const sections[] = {"options", "scene",   "size",    "progress",
+                                           "model",   "moment1", "moment2", "statistics",
+                                           "guesses", "order",   "stop"};
     char words[64];
     for (size_t k = 0; k < sizeof sections / sizeof *sections; ++k) {
         const size_t at = section_find(good, size, sections[k]);
@@ -202,12 +208,29 @@ static void wrong_contents_with_a_right_checksum_are_refused_by_name(void **stat
     memcpy(bytes + end, "exposure_later", 14);
     bytes[end + 16] = 5;
     memcpy(bytes + end + 29, good + end, size - end);
-    refuses(trainer, bytes, size + 29, SGS_STATUS_FORMAT, "section 'exposure_later' that this program does not know");
+    refuses(trainer, bytes, size + 29, SGS_STATUS_FORMAT,
+            "section 'exposure_later' that this program does not know");
     // Something behind the end.
     memcpy(bytes, good, size - 8);
     refuses(trainer, bytes, size + 3, SGS_STATUS_FORMAT, "something follows the end");
+    free(good);
+    free(bytes);
+    sgs_trainer_destroy(trainer);
+}
+
+static void wrong_numbers_with_a_right_checksum_are_refused_by_name(void **state)
+{
+    (void)state;
+    const sgs_train_options options = short_run(90);
+    sgs_trainer *trainer = start(scene, &options);
+    run(trainer, 5);
+    assert_int_equal(sgs_trainer_save_checkpoint(trainer, temp_path(&folder, "good")),
+                     SGS_STATUS_OK);
+    size_t size;
+    unsigned char *good = file_get(temp_path(&folder, "good"), &size), *bytes = malloc(size);
     // Counters out of range.
-    const size_t progress = section_find(good, size, "progress") + 24, order = section_find(good, size, "order") + 24;
+    const size_t progress = section_find(good, size, "progress") + 24,
+                 order = section_find(good, size, "order") + 24;
     memcpy(bytes, good, size);
     memset(bytes + progress, 0xFF, 4);
     refuses(trainer, bytes, size, SGS_STATUS_FORMAT, "section 'progress' is out of range");
@@ -237,12 +260,14 @@ static void wrong_contents_with_a_right_checksum_are_refused_by_name(void **stat
     const size_t views = section_find(good, size, "scene") + 24;
     memcpy(bytes, good, size);
     bytes[views] ^= 1;
-    refuses(trainer, bytes, size, SGS_STATUS_INVALID_ARGUMENT, "the view '0002.jpg' was another one");
+    refuses(trainer, bytes, size, SGS_STATUS_INVALID_ARGUMENT,
+            "the view '0002.jpg' was another one");
     // Each of these was a change, not a flaw of the test: the file as it was loads.
     memcpy(bytes, good, size);
     checkpoint_reseal(bytes, size);
     file_put(temp_path(&folder, "changed"), bytes, size);
-    assert_int_equal(sgs_trainer_load_checkpoint(trainer, temp_path(&folder, "changed")), SGS_STATUS_OK);
+    assert_int_equal(sgs_trainer_load_checkpoint(trainer, temp_path(&folder, "changed")),
+                     SGS_STATUS_OK);
     free(good);
     free(bytes);
     sgs_trainer_destroy(trainer);
@@ -254,7 +279,8 @@ static void options_are_honoured_or_refused_by_name(void **state)
     sgs_train_options options = short_run(90);
     sgs_trainer *trainer = start(scene, &options);
     run(trainer, 3);
-    assert_int_equal(sgs_trainer_save_checkpoint(trainer, temp_path(&folder, "base")), SGS_STATUS_OK);
+    assert_int_equal(sgs_trainer_save_checkpoint(trainer, temp_path(&folder, "base")),
+                     SGS_STATUS_OK);
     sgs_trainer_destroy(trainer);
     const struct {
         const char *name;
@@ -300,7 +326,8 @@ static void options_are_honoured_or_refused_by_name(void **state)
     sgs_set_warning_handler(keep_warning, NULL);
     for (size_t k = 0; k < sizeof cases / sizeof *cases; ++k) {
         sgs_train_options changed = options;
-        memcpy((char *)&changed + cases[k].offset, (const char *)&other + cases[k].offset, cases[k].bytes);
+        memcpy((char *)&changed + cases[k].offset, (const char *)&other + cases[k].offset,
+               cases[k].bytes);
         trainer = start(scene, &changed);
         warning[0] = 0;
         const sgs_status status = sgs_trainer_load_checkpoint(trainer, temp_path(&folder, "base"));
@@ -320,7 +347,8 @@ static void options_are_honoured_or_refused_by_name(void **state)
     sgs_scene *second;
     assert_int_equal(sgs_scene_load(SGSI_TEST_DATA "/room", &fewer, &second), SGS_STATUS_OK);
     trainer = start(second, &options);
-    assert_int_equal(sgs_trainer_load_checkpoint(trainer, temp_path(&folder, "base")), SGS_STATUS_INVALID_ARGUMENT);
+    assert_int_equal(sgs_trainer_load_checkpoint(trainer, temp_path(&folder, "base")),
+                     SGS_STATUS_INVALID_ARGUMENT);
     assert_non_null(strstr(sgs_last_error(), "30 training views and has 26 now"));
     sgs_trainer_destroy(trainer);
     sgs_scene_destroy(second);
@@ -361,6 +389,7 @@ int main(void)
         cmocka_unit_test(every_stop_point_resumes_to_the_same_bits),
         cmocka_unit_test(a_loaded_state_is_written_as_the_same_bytes),
         cmocka_unit_test(wrong_contents_with_a_right_checksum_are_refused_by_name),
+        cmocka_unit_test(wrong_numbers_with_a_right_checksum_are_refused_by_name),
         cmocka_unit_test(options_are_honoured_or_refused_by_name),
         cmocka_unit_test(a_full_disk_leaves_the_checkpoint_before),
     };

@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// COLMAP models: both formats hold the same scene, and every way in which a model can be wrong is refused
-// with file, place and reason.
+// COLMAP models: both formats hold the same scene, and every way in which a model can be wrong is
+// refused with file, place and reason.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -23,8 +23,8 @@ static const char *const kinds[2] = {"txt", "bin"};
 // A status of one of these means that reading ended in an orderly way.
 static bool orderly(sgs_status status)
 {
-    return status == SGS_STATUS_OK || status == SGS_STATUS_FORMAT || status == SGS_STATUS_UNSUPPORTED ||
-           status == SGS_STATUS_OUT_OF_MEMORY;
+    return status == SGS_STATUS_OK || status == SGS_STATUS_FORMAT ||
+           status == SGS_STATUS_UNSUPPORTED || status == SGS_STATUS_OUT_OF_MEMORY;
 }
 
 static temp_folder whole_model(bool binary)
@@ -36,7 +36,8 @@ static temp_folder whole_model(bool binary)
 }
 
 // A model is refused with this status and message. Removes it.
-static void assert_refused(const temp_folder *folder, size_t number, sgs_status status, const char *message)
+static void assert_refused(const temp_folder *folder, size_t number, sgs_status status,
+                           const char *message)
 {
     sgsi_dataset d;
     if (sgsi_colmap_read(folder->path, &d) != status)
@@ -54,7 +55,8 @@ static void assert_equals_model(const sgsi_dataset *d, const model *m)
         const sgsi_frame *frame = &d->frames[i];
         sgs_pose pose;
         assert_string_equal(frame->name, m->images[i].name);
-        assert_int_equal(sgs_pose_from_quaternion(m->images[i].pose, m->images[i].pose + 4, &pose), SGS_STATUS_OK);
+        assert_int_equal(sgs_pose_from_quaternion(m->images[i].pose, m->images[i].pose + 4, &pose),
+                         SGS_STATUS_OK);
         assert_memory_equal(&frame->pose, &pose, sizeof pose);
         for (int k = 0; k < m->camera_count; ++k) {
             const model_camera *camera = &m->cameras[k];
@@ -108,39 +110,126 @@ static void binary_is_preferred_over_text(void **state)
     tree_remove(&folder);
 }
 
-// ---- content that is wrong in any format --------------------------------------------------------------
+// ---- content that is wrong in any format --------------------------------------------------------
 
 static char long_name[1200];
 
-static void no_cameras(model *m) { m->camera_count = 0; }
-static void no_images(model *m) { m->image_count = 0; }
-static void no_width(model *m) { m->cameras[0].width = 0; }
-static void no_height(model *m) { m->cameras[1].height = 0; }
-static void wide(model *m) { m->cameras[0].width = 65537; }
-static void huge(model *m) { m->cameras[0].height = UINT64_MAX; }
-static void no_focal(model *m) { m->cameras[1].params[0] = 0; }
-static void backward_focal(model *m) { m->cameras[0].params[1] = -50; }
-static void nan_focal(model *m) { m->cameras[0].params[0] = NAN; }
-static void infinite_focal(model *m) { m->cameras[0].params[0] = INFINITY; }
-static void nan_distortion(model *m) { m->cameras[2].params[11] = NAN; }
-static void wide_fov(model *m) { m->cameras[0].model = SGS_CAMERA_FOV, m->cameras[0].params[4] = 4; }
-static void camera_twice(model *m) { m->cameras[2].id = 7; }
-static void lost_camera(model *m) { m->images[1].camera = 55; }
-static void zero_quaternion(model *m) { memset(m->images[1].pose, 0, 4 * sizeof(double)); }
-static void nan_quaternion(model *m) { m->images[0].pose[2] = NAN; }
-static void infinite_quaternion(model *m) { m->images[0].pose[0] = -INFINITY; }
-static void nan_translation(model *m) { m->images[2].pose[5] = NAN; }
-static void infinite_translation(model *m) { m->images[2].pose[6] = INFINITY; }
-static void image_twice(model *m) { m->images[3].name = "b.png"; }
-static void image_twice_spelled(model *m) { m->images[3].name = "./sub//c.png"; }
-static void parent_name(model *m) { m->images[1].name = "../a.png"; }
-static void hidden_parent_name(model *m) { m->images[1].name = "x/../../a.png"; }
-static void windows_parent_name(model *m) { m->images[1].name = "x\\..\\a.png"; }
-static void absolute_name(model *m) { m->images[1].name = "/etc/passwd"; }
-static void drive_name(model *m) { m->images[1].name = "C:\\a.png"; }
-static void bare_dot_name(model *m) { m->images[1].name = "./"; }
-static void control_name(model *m) { m->images[1].name = "a\033[31m.png"; }
-static void endless_name(model *m) { m->images[1].name = memset(long_name, 'x', sizeof long_name - 1); }
+static void no_cameras(model *m)
+{
+    m->camera_count = 0;
+}
+static void no_images(model *m)
+{
+    m->image_count = 0;
+}
+static void no_width(model *m)
+{
+    m->cameras[0].width = 0;
+}
+static void no_height(model *m)
+{
+    m->cameras[1].height = 0;
+}
+static void wide(model *m)
+{
+    m->cameras[0].width = 65537;
+}
+static void huge(model *m)
+{
+    m->cameras[0].height = UINT64_MAX;
+}
+static void no_focal(model *m)
+{
+    m->cameras[1].params[0] = 0;
+}
+static void backward_focal(model *m)
+{
+    m->cameras[0].params[1] = -50;
+}
+static void nan_focal(model *m)
+{
+    m->cameras[0].params[0] = NAN;
+}
+static void infinite_focal(model *m)
+{
+    m->cameras[0].params[0] = INFINITY;
+}
+static void nan_distortion(model *m)
+{
+    m->cameras[2].params[11] = NAN;
+}
+static void wide_fov(model *m)
+{
+    m->cameras[0].model = SGS_CAMERA_FOV, m->cameras[0].params[4] = 4;
+}
+static void camera_twice(model *m)
+{
+    m->cameras[2].id = 7;
+}
+static void lost_camera(model *m)
+{
+    m->images[1].camera = 55;
+}
+static void zero_quaternion(model *m)
+{
+    memset(m->images[1].pose, 0, 4 * sizeof(double));
+}
+static void nan_quaternion(model *m)
+{
+    m->images[0].pose[2] = NAN;
+}
+static void infinite_quaternion(model *m)
+{
+    m->images[0].pose[0] = -INFINITY;
+}
+static void nan_translation(model *m)
+{
+    m->images[2].pose[5] = NAN;
+}
+static void infinite_translation(model *m)
+{
+    m->images[2].pose[6] = INFINITY;
+}
+static void image_twice(model *m)
+{
+    m->images[3].name = "b.png";
+}
+static void image_twice_spelled(model *m)
+{
+    m->images[3].name = "./sub//c.png";
+}
+static void parent_name(model *m)
+{
+    m->images[1].name = "../a.png";
+}
+static void hidden_parent_name(model *m)
+{
+    m->images[1].name = "x/../../a.png";
+}
+static void windows_parent_name(model *m)
+{
+    m->images[1].name = "x\\..\\a.png";
+}
+static void absolute_name(model *m)
+{
+    m->images[1].name = "/etc/passwd";
+}
+static void drive_name(model *m)
+{
+    m->images[1].name = "C:\\a.png";
+}
+static void bare_dot_name(model *m)
+{
+    m->images[1].name = "./";
+}
+static void control_name(model *m)
+{
+    m->images[1].name = "a\033[31m.png";
+}
+static void endless_name(model *m)
+{
+    m->images[1].name = memset(long_name, 'x', sizeof long_name - 1);
+}
 
 // `binary` and `text` are the places, NULL where the message has none.
 static const struct {
@@ -149,28 +238,43 @@ static const struct {
 } wrong_contents[] = {
     {no_cameras, "cameras", NULL, NULL, "holds no camera; run COLMAP's mapper again"},
     {no_images, "images", NULL, NULL, "holds no registered image; run COLMAP's mapper again"},
-    {no_width, "cameras", "byte 8", "line 4", "camera 7 has the size 0 x 48, not 1 to 65536 pixels"},
+    {no_width, "cameras", "byte 8", "line 4",
+     "camera 7 has the size 0 x 48, not 1 to 65536 pixels"},
     {no_height, "cameras", "byte 96", "line 5", "camera 2 has the size 64 x 0"},
     {wide, "cameras", "byte 8", "line 4", "camera 7 has the size 65537 x 48"},
     {huge, "cameras", "byte 8", "line 4", "camera 7 has the size 64 x 18446744073709551615"},
-    {no_focal, "cameras", "byte 96", "line 5", "camera 2: focal length 0 of the SIMPLE_PINHOLE camera is not positive"},
-    {backward_focal, "cameras", "byte 8", "line 4", "camera 7: focal length -50 of the OPENCV camera"},
-    {nan_focal, "cameras", "byte 8", "line 4", "camera 7: parameter 1 of the OPENCV camera is not finite; estimate"},
-    {infinite_focal, "cameras", "byte 8", "line 4", "camera 7: parameter 1 of the OPENCV camera is not finite"},
-    {nan_distortion, "cameras", "byte 144", "line 6", "camera 9: parameter 12 of the FULL_OPENCV camera is not finite"},
-    {wide_fov, "cameras", "byte 8", "line 4", "camera 7: field-of-view parameter 4 of the FOV camera"},
+    {no_focal, "cameras", "byte 96", "line 5",
+     "camera 2: focal length 0 of the SIMPLE_PINHOLE camera is not positive"},
+    {backward_focal, "cameras", "byte 8", "line 4",
+     "camera 7: focal length -50 of the OPENCV camera"},
+    {nan_focal, "cameras", "byte 8", "line 4",
+     "camera 7: parameter 1 of the OPENCV camera is not finite; estimate"},
+    {infinite_focal, "cameras", "byte 8", "line 4",
+     "camera 7: parameter 1 of the OPENCV camera is not finite"},
+    {nan_distortion, "cameras", "byte 144", "line 6",
+     "camera 9: parameter 12 of the FULL_OPENCV camera is not finite"},
+    {wide_fov, "cameras", "byte 8", "line 4",
+     "camera 7: field-of-view parameter 4 of the FOV camera"},
     {camera_twice, "cameras", "byte 144", "line 6", "camera id 7 is already used at"},
     {lost_camera, "images", "byte 134", "line 5",
      "image 1 'a.png' uses camera 55, which the cameras file does not hold"},
-    {zero_quaternion, "images", "byte 134", "line 5", "image 1 'a.png': the rotation quaternion has norm 0; remove"},
-    {nan_quaternion, "images", "byte 8", "line 3", "image 4 'b.png': the rotation quaternion is not finite"},
-    {infinite_quaternion, "images", "byte 8", "line 3", "image 4 'b.png': the rotation quaternion is not finite"},
-    {nan_translation, "images", "byte 212", "line 7", "image 3 'sub/c.png': the translation is not finite"},
-    {infinite_translation, "images", "byte 212", "line 7", "image 3 'sub/c.png': the translation is not finite"},
+    {zero_quaternion, "images", "byte 134", "line 5",
+     "image 1 'a.png': the rotation quaternion has norm 0; remove"},
+    {nan_quaternion, "images", "byte 8", "line 3",
+     "image 4 'b.png': the rotation quaternion is not finite"},
+    {infinite_quaternion, "images", "byte 8", "line 3",
+     "image 4 'b.png': the rotation quaternion is not finite"},
+    {nan_translation, "images", "byte 212", "line 7",
+     "image 3 'sub/c.png': the translation is not finite"},
+    {infinite_translation, "images", "byte 212", "line 7",
+     "image 3 'sub/c.png': the translation is not finite"},
     {image_twice, "images", "byte 318", "line 9", "image name 'b.png' is already used at"},
-    {image_twice_spelled, "images", "byte 318", "line 9", "image name 'sub/c.png' is already used at"},
-    {parent_name, "images", "byte 134", "line 5", "the name of image 1 leaves the image folder ('../a.png')"},
-    {hidden_parent_name, "images", "byte 134", "line 5", "leaves the image folder ('x/../../a.png')"},
+    {image_twice_spelled, "images", "byte 318", "line 9",
+     "image name 'sub/c.png' is already used at"},
+    {parent_name, "images", "byte 134", "line 5",
+     "the name of image 1 leaves the image folder ('../a.png')"},
+    {hidden_parent_name, "images", "byte 134", "line 5",
+     "leaves the image folder ('x/../../a.png')"},
     {windows_parent_name, "images", "byte 134", "line 5", "leaves the image folder"},
     {absolute_name, "images", "byte 134", "line 5", "is an absolute path ('/etc/passwd')"},
     {drive_name, "images", "byte 134", "line 5", "is an absolute path"},
@@ -193,8 +297,8 @@ static void wrong_content_is_refused_in_both_formats(void **state)
                 fail_msg("case %zu (%s) is not refused", i, wrong_contents[i].message);
             const char *place = binary ? wrong_contents[i].binary : wrong_contents[i].text;
             char start[512];
-            snprintf(start, sizeof start, "%s/%s.%s: %s%s", folder.path, wrong_contents[i].file, kinds[binary],
-                     place ? place : "", place ? ": " : "");
+            snprintf(start, sizeof start, "%s/%s.%s: %s%s", folder.path, wrong_contents[i].file,
+                     kinds[binary], place ? place : "", place ? ": " : "");
             assert_memory_equal(sgs_last_error(), start, strlen(start));
             assert_holds(sgs_last_error(), wrong_contents[i].message);
             bad_input();
@@ -219,8 +323,10 @@ static void points_that_are_not_finite_are_dropped_and_counted(void **state)
         assert_int_equal(sgsi_colmap_read(folder.path, &d), SGS_STATUS_OK);
         assert_int_equal(d.point_count, 2);
         assert_true(d.points[3] == 1 && d.points[4] == 2 && d.points[5] == 3 && d.colors[3] == 9);
-        assert_holds(warnings, binary ? "points3D.bin: byte 75: 3 point(s) that are not finite numbers are dropped"
-                                      : "points3D.txt: line 4: 3 point(s) that are not finite numbers are dropped");
+        assert_holds(
+            warnings,
+            binary ? "points3D.bin: byte 75: 3 point(s) that are not finite numbers are dropped"
+                   : "points3D.txt: line 4: 3 point(s) that are not finite numbers are dropped");
         sgsi_dataset_free(&d);
         tree_remove(&folder);
     }
@@ -248,7 +354,7 @@ static void models_without_points_are_read(void **state)
     }
 }
 
-// ---- damaged bytes ------------------------------------------------------------------------------------
+// ---- damaged bytes ------------------------------------------------------------------------------
 
 // Overwrites `size` bytes at `offset` of a whole model's file with `value`.
 static const struct {
@@ -259,26 +365,38 @@ static const struct {
     sgs_status status;
     const char *message;
 } damages[] = {
-    {"cameras.bin", 0, 8, 4, SGS_STATUS_FORMAT, "cameras.bin: byte 264: the file ends inside of a camera"},
+    {"cameras.bin", 0, 8, 4, SGS_STATUS_FORMAT,
+     "cameras.bin: byte 264: the file ends inside of a camera"},
     {"cameras.bin", 0, 8, 6, SGS_STATUS_FORMAT,
      "byte 0: announces 6 cameras, but the 256 bytes that follow can hold 5"},
-    {"cameras.bin", 0, 8, UINT64_MAX, SGS_STATUS_FORMAT, "byte 0: announces 18446744073709551615 cameras"},
-    {"cameras.bin", 12, 4, 17, SGS_STATUS_UNSUPPORTED, "cameras.bin: byte 12: camera model 17 is unknown"},
+    {"cameras.bin", 0, 8, UINT64_MAX, SGS_STATUS_FORMAT,
+     "byte 0: announces 18446744073709551615 cameras"},
+    {"cameras.bin", 12, 4, 17, SGS_STATUS_UNSUPPORTED,
+     "cameras.bin: byte 12: camera model 17 is unknown"},
     {"cameras.bin", 100, 4, 11, SGS_STATUS_UNSUPPORTED,
      "byte 100: camera model 11 is unknown; COLMAP's models 0 to 10"},
-    {"cameras.bin", 12, 4, UINT32_MAX, SGS_STATUS_UNSUPPORTED, "byte 12: camera model -1 is unknown"},
+    {"cameras.bin", 12, 4, UINT32_MAX, SGS_STATUS_UNSUPPORTED,
+     "byte 12: camera model -1 is unknown"},
     {"images.bin", 0, 8, 100, SGS_STATUS_FORMAT, "images.bin: byte 0: announces 100 images"},
-    {"images.bin", 0, 8, (uint64_t)1 << 60, SGS_STATUS_FORMAT, "byte 0: announces 1152921504606846976 images"},
+    {"images.bin", 0, 8, (uint64_t)1 << 60, SGS_STATUS_FORMAT,
+     "byte 0: announces 1152921504606846976 images"},
     {"images.bin", 0, 8, 5, SGS_STATUS_FORMAT, "the file ends inside of an image"},
-    {"images.bin", 78, 8, 1000, SGS_STATUS_FORMAT, "byte 78: image 4 announces 1000 2-D points, but only"},
-    {"images.bin", 78, 8, UINT64_MAX / 24 + 2, SGS_STATUS_FORMAT, "byte 78: image 4 announces 768614336404564652 2-D"},
-    {"images.bin", 72, 1, 0, SGS_STATUS_FORMAT, "byte 73: image 4 announces"}, // an empty name shifts what follows
-    {"images.bin", 73, 1, '\n', SGS_STATUS_FORMAT, "byte 8: the name of image 4 holds control characters"},
-    {"points3D.bin", 0, 8, 1000000, SGS_STATUS_FORMAT, "points3D.bin: byte 0: announces 1000000 points"},
+    {"images.bin", 78, 8, 1000, SGS_STATUS_FORMAT,
+     "byte 78: image 4 announces 1000 2-D points, but only"},
+    {"images.bin", 78, 8, UINT64_MAX / 24 + 2, SGS_STATUS_FORMAT,
+     "byte 78: image 4 announces 768614336404564652 2-D"},
+    {"images.bin", 72, 1, 0, SGS_STATUS_FORMAT,
+     "byte 73: image 4 announces"}, // an empty name shifts what follows
+    {"images.bin", 73, 1, '\n', SGS_STATUS_FORMAT,
+     "byte 8: the name of image 4 holds control characters"},
+    {"points3D.bin", 0, 8, 1000000, SGS_STATUS_FORMAT,
+     "points3D.bin: byte 0: announces 1000000 points"},
     {"points3D.bin", 0, 8, 6, SGS_STATUS_FORMAT,
      "announces 6 points, but the 303 bytes that follow can hold 5 at most"},
-    {"points3D.bin", 51, 8, 1 << 20, SGS_STATUS_FORMAT, "byte 51: point 10 announces a track of 1048576 images"},
-    {"points3D.bin", 51, 8, (uint64_t)1 << 61, SGS_STATUS_FORMAT, "byte 51: point 10 announces a track of 2305843009"},
+    {"points3D.bin", 51, 8, 1 << 20, SGS_STATUS_FORMAT,
+     "byte 51: point 10 announces a track of 1048576 images"},
+    {"points3D.bin", 51, 8, (uint64_t)1 << 61, SGS_STATUS_FORMAT,
+     "byte 51: point 10 announces a track of 2305843009"},
 };
 
 static void damaged_counts_and_models_are_refused(void **state)
@@ -327,7 +445,8 @@ static void binary_files_cut_anywhere_are_refused(void **state)
             sgsi_dataset d;
             file_put(temp_path(&folder, files[1][f]), bytes, length);
             if (sgsi_colmap_read(folder.path, &d) != SGS_STATUS_FORMAT)
-                fail_msg("%s cut at byte %zu is not refused: %s", files[1][f], length, sgs_last_error());
+                fail_msg("%s cut at byte %zu is not refused: %s", files[1][f], length,
+                         sgs_last_error());
             assert_holds(sgs_last_error(), files[1][f]);
             assert_holds(sgs_last_error(), ": byte ");
         }
@@ -348,7 +467,8 @@ static void text_files_cut_anywhere_end_in_order(void **state)
             sgsi_dataset d;
             file_put(temp_path(&folder, files[0][f]), bytes, length);
             const sgs_status status = sgsi_colmap_read(folder.path, &d);
-            assert_true(status == SGS_STATUS_OK || status == SGS_STATUS_FORMAT || status == SGS_STATUS_UNSUPPORTED);
+            assert_true(status == SGS_STATUS_OK || status == SGS_STATUS_FORMAT ||
+                        status == SGS_STATUS_UNSUPPORTED);
             assert_true(d.frame_count <= MODEL_IMAGES && d.point_count <= MODEL_POINTS);
             if (status)
                 assert_holds(sgs_last_error(), f == 0 && length > 120 ? "s.txt: " : files[0][f]);
@@ -404,7 +524,7 @@ static void any_failing_allocation_is_reported(void **state)
     }
 }
 
-// ---- text ---------------------------------------------------------------------------------------------
+// ---- text ---------------------------------------------------------------------------------------
 
 static const struct {
     const char *file, *content;
@@ -413,35 +533,52 @@ static const struct {
 } wrong_texts[] = {
     {"cameras.txt", "", SGS_STATUS_FORMAT, "cameras.txt: holds no camera"},
     {"cameras.txt", "# only\n\n   # comments\n", SGS_STATUS_FORMAT, "cameras.txt: holds no camera"},
-    {"cameras.txt", "7\n", SGS_STATUS_FORMAT, "line 1: is not of the form CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]"},
-    {"cameras.txt", "x PINHOLE 64 48 1 1 1 1\n", SGS_STATUS_FORMAT, "line 1: is not of the form CAMERA_ID"},
-    {"cameras.txt", "-7 PINHOLE 64 48 1 1 1 1\n", SGS_STATUS_FORMAT, "line 1: is not of the form CAMERA_ID"},
-    {"cameras.txt", "4294967296 PINHOLE 64 48 1 1 1 1\n", SGS_STATUS_FORMAT, "line 1: is not of the form CAMERA_ID"},
-    {"cameras.txt", "\n7 MAGIC 64 48 1 1 1 1\n", SGS_STATUS_UNSUPPORTED, "line 2: camera model 'MAGIC' is unknown"},
-    {"cameras.txt", "7 pinhole 64 48 1 1 1 1\n", SGS_STATUS_UNSUPPORTED, "camera model 'pinhole' is unknown"},
-    {"cameras.txt", "7 PINHOLE 64.5 48 1 1 1 1\n", SGS_STATUS_FORMAT, "line 1: is not of the form CAMERA_ID"},
-    {"cameras.txt", "7 PINHOLE 99999999999999999999 48 1 1 1 1\n", SGS_STATUS_FORMAT, "line 1: is not of the form"},
-    {"cameras.txt", "7 PINHOLE 64 48 1 1 1\n", SGS_STATUS_FORMAT, "PINHOLE needs exactly 4 numbers as parameters"},
-    {"cameras.txt", "7 PINHOLE 64 48 1 1 1 1 1\n", SGS_STATUS_FORMAT, "PINHOLE needs exactly 4 numbers"},
-    {"cameras.txt", "7 PINHOLE 64 48 1 1 1 1x\n", SGS_STATUS_FORMAT, "PINHOLE needs exactly 4 numbers"},
+    {"cameras.txt", "7\n", SGS_STATUS_FORMAT,
+     "line 1: is not of the form CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]"},
+    {"cameras.txt", "x PINHOLE 64 48 1 1 1 1\n", SGS_STATUS_FORMAT,
+     "line 1: is not of the form CAMERA_ID"},
+    {"cameras.txt", "-7 PINHOLE 64 48 1 1 1 1\n", SGS_STATUS_FORMAT,
+     "line 1: is not of the form CAMERA_ID"},
+    {"cameras.txt", "4294967296 PINHOLE 64 48 1 1 1 1\n", SGS_STATUS_FORMAT,
+     "line 1: is not of the form CAMERA_ID"},
+    {"cameras.txt", "\n7 MAGIC 64 48 1 1 1 1\n", SGS_STATUS_UNSUPPORTED,
+     "line 2: camera model 'MAGIC' is unknown"},
+    {"cameras.txt", "7 pinhole 64 48 1 1 1 1\n", SGS_STATUS_UNSUPPORTED,
+     "camera model 'pinhole' is unknown"},
+    {"cameras.txt", "7 PINHOLE 64.5 48 1 1 1 1\n", SGS_STATUS_FORMAT,
+     "line 1: is not of the form CAMERA_ID"},
+    {"cameras.txt", "7 PINHOLE 99999999999999999999 48 1 1 1 1\n", SGS_STATUS_FORMAT,
+     "line 1: is not of the form"},
+    {"cameras.txt", "7 PINHOLE 64 48 1 1 1\n", SGS_STATUS_FORMAT,
+     "PINHOLE needs exactly 4 numbers as parameters"},
+    {"cameras.txt", "7 PINHOLE 64 48 1 1 1 1 1\n", SGS_STATUS_FORMAT,
+     "PINHOLE needs exactly 4 numbers"},
+    {"cameras.txt", "7 PINHOLE 64 48 1 1 1 1x\n", SGS_STATUS_FORMAT,
+     "PINHOLE needs exactly 4 numbers"},
     {"images.txt", "# nothing\n", SGS_STATUS_FORMAT, "images.txt: holds no registered image"},
     {"images.txt", "1 1 0 0 0 0 0 0 7 a.png\n\n2 1 0 0 0 0 0 0 7\n", SGS_STATUS_FORMAT,
      "line 3: is not of the form IMAGE_ID"},
     {"images.txt", "1 1 0 0 zero 0 0 0 7 a.png\n", SGS_STATUS_FORMAT,
      "line 1: is not of the form IMAGE_ID QW QX QY QZ"},
-    {"images.txt", "1 1 0 0 0 0 0 0 seven a.png\n", SGS_STATUS_FORMAT, "line 1: is not of the form IMAGE_ID"},
+    {"images.txt", "1 1 0 0 0 0 0 0 seven a.png\n", SGS_STATUS_FORMAT,
+     "line 1: is not of the form IMAGE_ID"},
     {"images.txt", "1 1 0 0 0 0 0 0 7 a.png\n2 1 0 0 0 0 0 0 7 b.png\n", SGS_STATUS_FORMAT,
      "line 2: is not of the form X Y POINT3D_ID ... (the second line of every image"},
-    {"images.txt", "1 1 0 0 0 0 0 0 7 a.png\n2 1 0 0 0 0 0 0 7 two blanks in.png\n", SGS_STATUS_FORMAT,
-     "line 2: is not of the form X Y POINT3D_ID"},
+    {"images.txt", "1 1 0 0 0 0 0 0 7 a.png\n2 1 0 0 0 0 0 0 7 two blanks in.png\n",
+     SGS_STATUS_FORMAT, "line 2: is not of the form X Y POINT3D_ID"},
     {"images.txt", "1 1 0 0 0 0 0 0 7 a.png\n1 2 3 4\n", SGS_STATUS_FORMAT,
      "line 2: is not of the form X Y POINT3D_ID"},
-    {"images.txt", "1 nan 0 0 0 0 0 0 7 a.png\n\n", SGS_STATUS_FORMAT, "line 1: image 1 'a.png': the rotation"},
-    {"points3D.txt", "1 0 0\n", SGS_STATUS_FORMAT, "points3D.txt: line 1: is not of the form POINT3D_ID X Y Z R G B"},
-    {"points3D.txt", "1 0 0 0 1 2 256 0.1\n", SGS_STATUS_FORMAT, "line 1: is not of the form POINT3D_ID"},
-    {"points3D.txt", "1 0 0 0 1 2 -3 0.1\n", SGS_STATUS_FORMAT, "line 1: is not of the form POINT3D_ID"},
+    {"images.txt", "1 nan 0 0 0 0 0 0 7 a.png\n\n", SGS_STATUS_FORMAT,
+     "line 1: image 1 'a.png': the rotation"},
+    {"points3D.txt", "1 0 0\n", SGS_STATUS_FORMAT,
+     "points3D.txt: line 1: is not of the form POINT3D_ID X Y Z R G B"},
+    {"points3D.txt", "1 0 0 0 1 2 256 0.1\n", SGS_STATUS_FORMAT,
+     "line 1: is not of the form POINT3D_ID"},
+    {"points3D.txt", "1 0 0 0 1 2 -3 0.1\n", SGS_STATUS_FORMAT,
+     "line 1: is not of the form POINT3D_ID"},
     {"points3D.txt", "1 0 0 0 1 2 3\n", SGS_STATUS_FORMAT, "line 1: is not of the form POINT3D_ID"},
-    {"points3D.txt", "1 0 0,5 0 1 2 3 0.1\n", SGS_STATUS_FORMAT, "line 1: is not of the form POINT3D_ID"},
+    {"points3D.txt", "1 0 0,5 0 1 2 3 0.1\n", SGS_STATUS_FORMAT,
+     "line 1: is not of the form POINT3D_ID"},
 };
 
 static void wrong_lines_are_named(void **state)
@@ -490,10 +627,13 @@ static void header_that_announces_more_is_reported(void **state)
     const temp_folder folder = temp_folder_make();
     model m = model_make();
     model_put(&folder, "", &m, false);
-    tree_put_text(&folder, "points3D.txt", "# Number of points: 900, mean track length: 2\n1 1 2 3 4 5 6 0.5\n");
+    tree_put_text(&folder, "points3D.txt",
+                  "# Number of points: 900, mean track length: 2\n1 1 2 3 4 5 6 0.5\n");
     sgsi_dataset d;
     assert_int_equal(sgsi_colmap_read(folder.path, &d), SGS_STATUS_OK);
-    assert_holds(warnings, "points3D.txt: its header announces 900 points, but it holds 1; is the file complete?");
+    assert_holds(
+        warnings,
+        "points3D.txt: its header announces 900 points, but it holds 1; is the file complete?");
     sgsi_dataset_free(&d);
     tree_remove(&folder);
 }

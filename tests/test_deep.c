@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Deep samples: the oracle's hits where nothing is merged; whatever is merged, the flat picture when laid over each
-// other; and deep EXR files as another program reads them.
+// Deep samples: the oracle's hits where nothing is merged; whatever is merged, the flat picture
+// when laid over each other; and deep EXR files as another program reads them.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -30,7 +30,8 @@ typedef struct deep_picture {
     int next_row;
 } deep_picture;
 
-static sgs_status take_rows(void *context, int y, int rows, const uint32_t *counts, const sgs_deep_sample *samples)
+static sgs_status take_rows(void *context, int y, int rows, const uint32_t *counts,
+                            const sgs_deep_sample *samples)
 {
     deep_picture *picture = context;
     assert_int_equal(y, picture->next_row);
@@ -47,14 +48,16 @@ static sgs_status take_rows(void *context, int y, int rows, const uint32_t *coun
     return SGS_STATUS_OK;
 }
 
-static deep_picture *picture_create(const sgs_gaussians *model, const sgs_camera *camera, const sgs_pose *pose,
-                                    const sgs_render_options *options, const sgs_deep_options *deep)
+static deep_picture *picture_create(const sgs_gaussians *model, const sgs_camera *camera,
+                                    const sgs_pose *pose, const sgs_render_options *options,
+                                    const sgs_deep_options *deep)
 {
     deep_picture *picture = oracle_memory(1, sizeof *picture);
     sgs_renderer *renderer;
     assert_int_equal(sgs_renderer_create(model, &renderer), SGS_STATUS_OK);
     assert_int_equal(sgs_frame_create(WIDTH, HEIGHT, &picture->frame), SGS_STATUS_OK);
-    if (sgs_renderer_render_deep(renderer, camera, pose, options, deep, &picture->frame, take_rows, picture))
+    if (sgs_renderer_render_deep(renderer, camera, pose, options, deep, &picture->frame, take_rows,
+                                 picture))
         fail_msg("%s", sgs_last_error());
     assert_int_equal(picture->next_row, HEIGHT);
     sgs_renderer_destroy(renderer);
@@ -80,7 +83,8 @@ static sgs_camera view_camera(sgs_camera_model model)
     return oracle_camera(model, WIDTH, HEIGHT);
 }
 
-// `over` of a pixel's samples against the flat planes, order, overlap and first distance. Returns the worst difference.
+// `over` of a pixel's samples against the flat planes, order, overlap and first distance. Returns
+// the worst difference.
 static double check_pixel(const deep_picture *picture, size_t i, const sgs_deep_options *deep)
 {
     double through = 1, color[3] = {0, 0, 0}, worst = 0, behind = 0;
@@ -107,18 +111,22 @@ static double check_pixel(const deep_picture *picture, size_t i, const sgs_deep_
 static void flattened_samples_are_the_flat_picture(void **state)
 {
     (void)state;
-    static const sgs_deep_options choices[] = {{0, 256}, {0.01, 32}, {0.05, 8}, {0, 3}, {1, 1}, {0, 1}};
+    static const sgs_deep_options choices[] = {{0, 256}, {0.01, 32}, {0.05, 8},
+                                               {0, 3},   {1, 1},     {0, 1}};
     const sgs_render_options options = sgs_render_options_default();
-    oracle_scene scenes[2] = {oracle_random_model(3, 600, NULL), oracle_adversarial_model(ORACLE_DUPLICATES, 11, 400)};
+    oracle_scene scenes[2] = {oracle_random_model(3, 600, NULL),
+                              oracle_adversarial_model(ORACLE_DUPLICATES, 11, 400)};
     for (int n = 0; n < 2; ++n) {
         const sgs_camera camera = view_camera(SGS_CAMERA_OPENCV);
         for (size_t k = 0; k < sizeof choices / sizeof *choices; ++k) {
-            deep_picture *picture = picture_create(scenes[n].model, &camera, view_pose(), &options, &choices[k]);
+            deep_picture *picture =
+                picture_create(scenes[n].model, &camera, view_pose(), &options, &choices[k]);
             double worst = 0;
             for (size_t i = 0; i < PIXELS; ++i)
                 worst = fmax(worst, check_pixel(picture, i, &choices[k]));
-            print_message("tolerance %g, at most %d: %zu samples, worst %.2g\n", choices[k].tolerance,
-                          choices[k].max_samples, picture->first[PIXELS], worst);
+            print_message("tolerance %g, at most %d: %zu samples, worst %.2g\n",
+                          choices[k].tolerance, choices[k].max_samples, picture->first[PIXELS],
+                          worst);
             assert_true(worst <= 1e-5);
             picture_free(picture);
         }
@@ -133,12 +141,14 @@ static void samples_are_the_hits_of_the_oracle(void **state)
     size_t compared = 0;
     oracle_scene scene = oracle_random_model(8, 200, NULL);
     for (int run = 0; run < 4; ++run) {
-        const sgs_camera camera = view_camera(run % 2 ? SGS_CAMERA_OPENCV_FISHEYE : SGS_CAMERA_PINHOLE);
+        const sgs_camera camera =
+            view_camera(run % 2 ? SGS_CAMERA_OPENCV_FISHEYE : SGS_CAMERA_PINHOLE);
         sgs_render_options options = sgs_render_options_default();
         options.axis_depth = run >= 2;
         deep_picture *picture = picture_create(scene.model, &camera, view_pose(), &options, &deep);
         sgsi_reference_view view;
-        assert_int_equal(sgsi_reference_view_create(scene.params, scene.count, &camera, view_pose(), &options, &view),
+        assert_int_equal(sgsi_reference_view_create(scene.params, scene.count, &camera, view_pose(),
+                                                    &options, &view),
                          SGS_STATUS_OK);
         sgs_hit *hits = oracle_memory(scene.count, sizeof *hits);
         for (int i = 0; i < PIXELS; ++i) {
@@ -150,13 +160,16 @@ static void samples_are_the_hits_of_the_oracle(void **state)
             assert_int_equal(picture->counts[i], truth.count);
             const double *axis = view.pose->rotation + 6;
             const double unit =
-                options.axis_depth ? axis[0] * direction[0] + axis[1] * direction[1] + axis[2] * direction[2] : 1;
+                options.axis_depth
+                    ? axis[0] * direction[0] + axis[1] * direction[1] + axis[2] * direction[2]
+                    : 1;
             for (size_t k = 0; k < truth.count; ++k) {
                 const sgs_deep_sample *s = &picture->samples[picture->first[i] + k];
                 assert_true(fabs(s->z - unit * hits[k].t) <= 2e-5 * hits[k].t && s->z_back == s->z);
                 assert_true(fabs(s->alpha - hits[k].alpha) <= 1e-5);
                 for (int c = 0; c < 3; ++c)
-                    assert_true(fabs(s->color[c] - hits[k].alpha * view.primitives[hits[k].primitive].color[c]) <=
+                    assert_true(fabs(s->color[c] -
+                                     hits[k].alpha * view.primitives[hits[k].primitive].color[c]) <=
                                 2e-5);
                 ++compared;
             }
@@ -185,8 +198,9 @@ static void hits_merge_only_within_the_tolerance(void **state)
             assert_true(s->z_back <= s->z * (1.03 + 1e-6));
             assert_true(s->z == all->samples[k].z);
             while (k < all->first[i + 1] && all->samples[k].z <= s->z_back)
-                ++k;                                                                          // what this sample holds
-            assert_true(k == all->first[i + 1] || all->samples[k].z >= s->z * (1.03 - 1e-6)); // no less than it could
+                ++k; // what this sample holds
+            assert_true(k == all->first[i + 1] ||
+                        all->samples[k].z >= s->z * (1.03 - 1e-6)); // no less than it could
         }
         assert_true(k == all->first[i + 1]);
     }
@@ -214,7 +228,8 @@ static void bits_do_not_depend_on_threads_or_samples(void **state)
     sgs_frame flat;
     assert_int_equal(sgs_renderer_create(scene.model, &renderer), SGS_STATUS_OK);
     assert_int_equal(sgs_frame_create(WIDTH, HEIGHT, &flat), SGS_STATUS_OK);
-    assert_int_equal(sgs_renderer_render(renderer, &camera, view_pose(), &options, &flat), SGS_STATUS_OK);
+    assert_int_equal(sgs_renderer_render(renderer, &camera, view_pose(), &options, &flat),
+                     SGS_STATUS_OK);
     for (int c = 0; c < 3; ++c)
         assert_memory_equal(flat.color[c], one->frame.color[c], PIXELS * sizeof(float));
     assert_memory_equal(flat.depth_median, one->frame.depth_median, PIXELS * sizeof(float));
@@ -225,7 +240,8 @@ static void bits_do_not_depend_on_threads_or_samples(void **state)
     oracle_scene_free(&scene);
 }
 
-static sgs_status refuse_rows(void *context, int y, int rows, const uint32_t *counts, const sgs_deep_sample *samples)
+static sgs_status refuse_rows(void *context, int y, int rows, const uint32_t *counts,
+                              const sgs_deep_sample *samples)
 {
     (void)rows, (void)counts, (void)samples;
     *(int *)context += 1;
@@ -235,7 +251,8 @@ static sgs_status refuse_rows(void *context, int y, int rows, const uint32_t *co
 static void a_refused_band_ends_the_rendering(void **state)
 {
     (void)state;
-    const sgs_deep_options deep = sgs_deep_options_default(), bad[] = {{-1, 4}, {2, 4}, {NAN, 4}, {0, 0}, {0, 257}};
+    const sgs_deep_options deep = sgs_deep_options_default(),
+                           bad[] = {{-1, 4}, {2, 4}, {NAN, 4}, {0, 0}, {0, 257}};
     const sgs_render_options options = sgs_render_options_default();
     const sgs_camera camera = view_camera(SGS_CAMERA_PINHOLE);
     oracle_scene scene = oracle_random_model(2, 20, NULL);
@@ -244,14 +261,14 @@ static void a_refused_band_ends_the_rendering(void **state)
     int calls = 0;
     assert_int_equal(sgs_renderer_create(scene.model, &renderer), SGS_STATUS_OK);
     assert_int_equal(sgs_frame_create(WIDTH, HEIGHT, &frame), SGS_STATUS_OK);
-    assert_int_equal(
-        sgs_renderer_render_deep(renderer, &camera, view_pose(), &options, &deep, &frame, refuse_rows, &calls),
-        SGS_STATUS_IO);
+    assert_int_equal(sgs_renderer_render_deep(renderer, &camera, view_pose(), &options, &deep,
+                                              &frame, refuse_rows, &calls),
+                     SGS_STATUS_IO);
     assert_int_equal(calls, 1);
     for (size_t k = 0; k < sizeof bad / sizeof *bad; ++k)
-        assert_int_equal(
-            sgs_renderer_render_deep(renderer, &camera, view_pose(), &options, &bad[k], &frame, refuse_rows, &calls),
-            SGS_STATUS_INVALID_ARGUMENT);
+        assert_int_equal(sgs_renderer_render_deep(renderer, &camera, view_pose(), &options, &bad[k],
+                                                  &frame, refuse_rows, &calls),
+                         SGS_STATUS_INVALID_ARGUMENT);
     sgs_frame_free(&frame);
     sgs_renderer_destroy(renderer);
     oracle_scene_free(&scene);
@@ -270,18 +287,20 @@ static size_t random_samples(uint32_t counts[SMALL_WIDTH * SMALL_HEIGHT], sgs_de
         counts[i] = (uint32_t)oracle_uniform(&random, 0, 7);
         for (uint32_t k = 0; k < counts[i]; ++k) {
             const float z = (float)k + 1 + 0.25f * (float)(i % 3);
-            samples[total++] =
-                (sgs_deep_sample){z, z + 0.125f, (float)(k + 1) / 64, {0.5f, (float)(i % 16) / 16, 0.25f}};
+            samples[total++] = (sgs_deep_sample){
+                z, z + 0.125f, (float)(k + 1) / 64, {0.5f, (float)(i % 16) / 16, 0.25f}};
         }
     }
     return total;
 }
 
-static sgs_status write_file(const char *path, sgs_exr_compression compression, const uint32_t *counts,
-                             const sgs_deep_sample *samples)
+static sgs_status write_file(const char *path, sgs_exr_compression compression,
+                             const uint32_t *counts, const sgs_deep_sample *samples)
 {
-    const sgs_exr_info info = {
-        .width = SMALL_WIDTH, .height = SMALL_HEIGHT, .view_name = "deep", .compression = compression};
+    const sgs_exr_info info = {.width = SMALL_WIDTH,
+                               .height = SMALL_HEIGHT,
+                               .view_name = "deep",
+                               .compression = compression};
     sgs_exr_deep *deep;
     sgs_status status = sgs_exr_deep_open(path, &info, 7, &deep);
     if (status)
@@ -322,13 +341,13 @@ static void deep_files_are_read_by_another_program(void **state)
         size_t k = 0;
         for (int i = 0; i < SMALL_WIDTH * SMALL_HEIGHT; ++i) {
             char expected[1024];
-            int length = snprintf(expected, sizeof expected, "Pixel (%d, %d): %u samples", i % SMALL_WIDTH,
-                                  i / SMALL_WIDTH, counts[i]);
+            int length = snprintf(expected, sizeof expected, "Pixel (%d, %d): %u samples",
+                                  i % SMALL_WIDTH, i / SMALL_WIDTH, counts[i]);
             for (uint32_t j = 0; j < counts[i]; ++j, ++k)
                 length += snprintf(expected + length, sizeof expected - (size_t)length,
-                                   "%s R=%g G=%g B=%g A=%g Z=%g ZBack=%g", j ? " / " : " :", samples[k].color[0],
-                                   samples[k].color[1], samples[k].color[2], samples[k].alpha, samples[k].z,
-                                   samples[k].z_back);
+                                   "%s R=%g G=%g B=%g A=%g Z=%g ZBack=%g", j ? " / " : " :",
+                                   samples[k].color[0], samples[k].color[1], samples[k].color[2],
+                                   samples[k].alpha, samples[k].z, samples[k].z_back);
             if (!strstr(output, expected))
                 fail_msg("oiiotool does not say '%s' but:\n%.2000s", expected, output);
         }
@@ -358,7 +377,8 @@ static void deep_write_failure_leaves_no_file(void **state)
     sgs_exr_deep *deep;
     assert_int_equal(sgs_exr_deep_open(path, &info, 7, &deep), SGS_STATUS_OK);
     assert_int_equal(sgs_exr_deep_write(deep, 7, counts, samples), SGS_STATUS_OK);
-    assert_int_equal(sgs_exr_deep_write(deep, SMALL_HEIGHT, counts, samples), SGS_STATUS_INVALID_ARGUMENT);
+    assert_int_equal(sgs_exr_deep_write(deep, SMALL_HEIGHT, counts, samples),
+                     SGS_STATUS_INVALID_ARGUMENT);
     assert_int_not_equal(sgs_exr_deep_close(deep), SGS_STATUS_OK);
     sgs_exr_deep_abort(NULL);
     assert_int_equal(temp_folder_count(&folder), 0);

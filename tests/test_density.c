@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Density control on models small enough to know every row's fate. Rows are told apart by their red SH
-// coefficient, because an update puts them into Morton order.
+// Density control on models small enough to know every row's fate. Rows are told apart by their red
+// SH coefficient, because an update puts them into Morton order.
 
 #include <math.h>
 #include <setjmp.h>
@@ -33,8 +33,14 @@ static fixture make(size_t count)
     f.m = sgsi_calloc(f.model->capacity, SGS_PARAM_COUNT * sizeof(float));
     f.v = sgsi_calloc(f.model->capacity, SGS_PARAM_COUNT * sizeof(float));
     assert_int_equal(sgsi_statistics_reserve(&f.statistics, f.model->capacity), SGS_STATUS_OK);
-    f.options = (sgsi_density_options){.pipeline = &sgsi_pipeline_3dgs, .gradient_threshold = 2e-4, .opacity_min = 0.005, .size_split = 0.1, .size_max = INFINITY,
-                                       .seed = 1, .iteration = 600, .spare = spare_options_default()};
+    f.options = (sgsi_density_options){.pipeline = &sgsi_pipeline_3dgs,
+                                       .gradient_threshold = 2e-4,
+                                       .opacity_min = 0.005,
+                                       .size_split = 0.1,
+                                       .size_max = INFINITY,
+                                       .seed = 1,
+                                       .iteration = 600,
+                                       .spare = spare_options_default()};
     for (size_t i = 0; i < count; ++i) {
         float p[SGS_PARAM_COUNT] = {0};
         p[SGS_PARAM_MEAN] = (float)sgsi_random_uniform(9, 3 * i);
@@ -68,7 +74,9 @@ static void drop(fixture *f)
 static void update(fixture *f)
 {
     sgsi_free(f->result.region_list);
-    assert_int_equal(sgsi_density_update(f->model, &f->m, &f->v, &f->statistics, &f->options, &f->result), SGS_STATUS_OK);
+    assert_int_equal(
+        sgsi_density_update(f->model, &f->m, &f->v, &f->statistics, &f->options, &f->result),
+        SGS_STATUS_OK);
 }
 
 static size_t rows_of(const fixture *f, float tag, size_t rows[8])
@@ -89,7 +97,7 @@ static void clone_copies_the_row_and_starts_its_moments_at_zero(void **state)
 {
     (void)state;
     fixture f = make(40);
-    f.statistics.gradient_sum[7] = 5e-4f; // mean 2.5e-4
+    f.statistics.gradient_sum[7] = 5e-4f;   // mean 2.5e-4
     f.statistics.gradient_sum[8] = 3.9e-4f; // below the threshold
     update(&f);
     assert_int_equal(f.model->count, 41);
@@ -98,13 +106,15 @@ static void clone_copies_the_row_and_starts_its_moments_at_zero(void **state)
     size_t rows[8];
     assert_int_equal(rows_of(&f, 7, rows), 2);
     for (int k = 0; k < SGS_PARAM_COUNT; ++k)
-        assert_true(*sgs_gaussians_at(f.model, rows[0], k) == *sgs_gaussians_at(f.model, rows[1], k));
+        assert_true(*sgs_gaussians_at(f.model, rows[0], k) ==
+                    *sgs_gaussians_at(f.model, rows[1], k));
     const float sum = moment(f.m, rows[0], 3) + moment(f.m, rows[1], 3);
     assert_true(sum == 7.25f); // one kept, one zero
     assert_int_equal(rows_of(&f, 8, rows), 1);
     assert_true(moment(f.v, rows[0], 0) == 8.5f);
     for (size_t i = 0; i < f.model->count; ++i)
-        assert_true(f.statistics.gradient_sum[i] == 0 && f.statistics.visible_count[i] == 0 && f.statistics.radius_max[i] == 0);
+        assert_true(f.statistics.gradient_sum[i] == 0 && f.statistics.visible_count[i] == 0 &&
+                    f.statistics.radius_max[i] == 0);
     drop(&f);
 }
 
@@ -122,11 +132,13 @@ static void split_replaces_the_parent_by_two_smaller_children_around_it(void **s
     size_t rows[8];
     assert_int_equal(rows_of(&f, 5, rows), 2);
     for (int c = 0; c < 2; ++c) {
-        assert_true(fabsf(expf(*sgs_gaussians_at(f.model, rows[c], SGS_PARAM_SCALE + 1)) - 0.25f) < 1e-5f);
+        assert_true(fabsf(expf(*sgs_gaussians_at(f.model, rows[c], SGS_PARAM_SCALE + 1)) - 0.25f) <
+                    1e-5f);
         assert_true(fabsf(*sgs_gaussians_at(f.model, rows[c], SGS_PARAM_MEAN + 1) - y) < 0.4f * 6);
         assert_true(moment(f.m, rows[c], 0) == 0);
     }
-    assert_true(*sgs_gaussians_at(f.model, rows[0], SGS_PARAM_MEAN) != *sgs_gaussians_at(f.model, rows[1], SGS_PARAM_MEAN));
+    assert_true(*sgs_gaussians_at(f.model, rows[0], SGS_PARAM_MEAN) !=
+                *sgs_gaussians_at(f.model, rows[1], SGS_PARAM_MEAN));
     drop(&f);
 }
 
@@ -135,7 +147,8 @@ static void split_children_scatter_like_the_parent(void **state)
     (void)state;
     fixture f = make(4000);
     double along = 0, across = 0;
-    for (size_t i = 0; i < 4000; ++i) { // rotated by 90 degrees about z: the long axis x points along world y
+    for (size_t i = 0; i < 4000;
+         ++i) { // rotated by 90 degrees about z: the long axis x points along world y
         *sgs_gaussians_at(f.model, i, SGS_PARAM_ROTATION) = 0.70710678f;
         *sgs_gaussians_at(f.model, i, SGS_PARAM_ROTATION + 3) = 0.70710678f;
         *sgs_gaussians_at(f.model, i, SGS_PARAM_SCALE) = logf(0.5f);
@@ -193,9 +206,11 @@ static void rap_removes_faint_still_primitives_of_crowded_voxels_only(void **sta
     (void)state;
     fixture f = make(200);
     for (size_t i = 0; i < 200; ++i) {
-        const float x = i < 150 ? 0.01f * (float)sgsi_random_uniform(3, i) : 0.2f + 0.016f * (float)(i - 150); // a crowd, and a row
+        const float x = i < 150 ? 0.01f * (float)sgsi_random_uniform(3, i)
+                                : 0.2f + 0.016f * (float)(i - 150); // a crowd, and a row
         *sgs_gaussians_at(f.model, i, SGS_PARAM_MEAN) = x;
-        *sgs_gaussians_at(f.model, i, SGS_PARAM_MEAN + 1) = *sgs_gaussians_at(f.model, i, SGS_PARAM_MEAN + 2) = 0;
+        *sgs_gaussians_at(f.model, i, SGS_PARAM_MEAN + 1) =
+            *sgs_gaussians_at(f.model, i, SGS_PARAM_MEAN + 2) = 0;
         *sgs_gaussians_at(f.model, i, SGS_PARAM_OPACITY) = i % 2 ? 0 : logf(0.03f / 0.97f);
         f.statistics.radius_max[i] = 4;
     }
@@ -209,7 +224,8 @@ static void rap_removes_faint_still_primitives_of_crowded_voxels_only(void **sta
         rows_in_regions += f.result.region_list[r].count;
         redundant += f.result.region_list[r].redundant;
         assert_true(r == 0 || f.result.region_list[r].voxel > f.result.region_list[r - 1].voxel);
-        assert_true(!f.result.region_list[r].redundant || (double)f.result.region_list[r].count > (double)f.result.region_list[r].quota);
+        assert_true(!f.result.region_list[r].redundant ||
+                    (double)f.result.region_list[r].count > (double)f.result.region_list[r].quota);
     }
     assert_int_equal(rows_in_regions, 200);
     assert_int_equal(redundant, 75);
@@ -226,8 +242,10 @@ static void reset_lowers_opacities_and_clears_their_moments(void **state)
     fixture f = make(20);
     *sgs_gaussians_at(f.model, 3, SGS_PARAM_OPACITY) = logf(0.006f / 0.994f);
     sgsi_density_reset_opacity(f.model, f.m, f.v, 0.01, NULL);
-    assert_true(fabsf(1 / (1 + expf(-*sgs_gaussians_at(f.model, 2, SGS_PARAM_OPACITY))) - 0.01f) < 1e-6f);
-    assert_true(fabsf(1 / (1 + expf(-*sgs_gaussians_at(f.model, 3, SGS_PARAM_OPACITY))) - 0.006f) < 1e-6f);
+    assert_true(fabsf(1 / (1 + expf(-*sgs_gaussians_at(f.model, 2, SGS_PARAM_OPACITY))) - 0.01f) <
+                1e-6f);
+    assert_true(fabsf(1 / (1 + expf(-*sgs_gaussians_at(f.model, 3, SGS_PARAM_OPACITY))) - 0.006f) <
+                1e-6f);
     assert_true(moment(f.m, 5, SGS_PARAM_OPACITY) == 0 && moment(f.v, 5, SGS_PARAM_OPACITY) == 0);
     assert_true(moment(f.m, 5, SGS_PARAM_SCALE) == 5.25f);
     drop(&f);

@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Colour maps per photograph: gradients against finite differences, the same bits on any number of threads, and
-// photographs whose exposure was turned up and down give their turns away.
+// Colour maps per photograph: gradients against finite differences, the same bits on any number of
+// threads, and photographs whose exposure was turned up and down give their turns away.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -40,7 +40,8 @@ static float *take(size_t count)
 
 static fixture make_fixture(void)
 {
-    fixture f = {.target = {.width = WIDTH, .height = HEIGHT, .channels = 4, .kept = WIDTH * HEIGHT}};
+    fixture f = {
+        .target = {.width = WIDTH, .height = HEIGHT, .channels = 4, .kept = WIDTH * HEIGHT}};
     assert_int_equal(sgsi_exposure_create(2, PLANE, HEIGHT, &f.exposure), SGS_STATUS_OK);
     assert_int_equal(sgsi_loss_create(&f.workspace), SGS_STATUS_OK);
     f.target.pixels = sgsi_calloc(WIDTH * HEIGHT, 4);
@@ -82,7 +83,8 @@ static double evaluate(fixture *f, bool gradients)
                                    .ssim_weight = 0.2f,
                                    .alpha_weight = 0.1f};
     sgsi_loss_input input = image;
-    sgsi_loss_output output = {.d_color = {f->planes[4], f->planes[5], f->planes[6]}, .d_transmittance = f->planes[7]};
+    sgsi_loss_output output = {.d_color = {f->planes[4], f->planes[5], f->planes[6]},
+                               .d_transmittance = f->planes[7]};
     sgsi_exposure_forward(f->exposure, 0, &input);
     assert_int_equal(sgsi_loss_evaluate(f->workspace, &input, &output), SGS_STATUS_OK);
     if (gradients)
@@ -110,7 +112,8 @@ static void gradients_match_finite_differences(void **state)
     }
     print_message("map: largest error %.1e of the gradient\n", worst);
     assert_true(worst < 5e-3);
-    // Colours and transmittance, at a few pixels; single values move the loss by little, so the step is large.
+    // Colours and transmittance, at a few pixels; single values move the loss by little, so the
+    // step is large.
     evaluate(&f, true);
     float *d_planes[4];
     for (int k = 0; k < 4; ++k) {
@@ -123,7 +126,8 @@ static void gradients_match_finite_differences(void **state)
         for (int pass = 0; pass < 2; ++pass) {
             for (size_t i = 0; i < PLANE; ++i)
                 if (i % STRIDE < WIDTH)
-                    f.planes[k][i] += (float)((pass ? -2 : 1) * step) * (d_planes[k][i] > 0 ? 1.0f : -1.0f);
+                    f.planes[k][i] +=
+                        (float)((pass ? -2 : 1) * step) * (d_planes[k][i] > 0 ? 1.0f : -1.0f);
             sum += (pass ? -1 : 1) * evaluate(&f, false);
         }
         for (size_t i = 0; i < PLANE; ++i) {
@@ -165,7 +169,8 @@ static double gain_of(size_t view)
     return 0.5 + 0.5 * sgsi_random_uniform(77, view);
 }
 
-// Loss after a short training on photographs of changing exposure; *correlation of gains and learned maps.
+// Loss after a short training on photographs of changing exposure; *correlation of gains and
+// learned maps.
 static double train(bool exposure, double *correlation)
 {
     sgs_scene_options options = sgs_scene_options_default();
@@ -207,7 +212,8 @@ static void changing_exposures_are_learned(void **state)
     (void)state;
     double correlation, none;
     const double without = train(false, &none), with = train(true, &correlation);
-    print_message("loss %.4f, with exposure %.4f; correlation of gains and maps %.3f\n", without, with, correlation);
+    print_message("loss %.4f, with exposure %.4f; correlation of gains and maps %.3f\n", without,
+                  with, correlation);
     assert_true(with < without - 0.003 && correlation > 0.8);
 }
 
@@ -239,7 +245,8 @@ static void a_resumed_run_has_the_same_maps(void **state)
     assert_int_equal(sgs_scene_load(SGSI_TEST_DATA "/room", &options, &scene), SGS_STATUS_OK);
     sgs_trainer *straight = start(scene), *resumed = start(scene);
     run(straight, 50);
-    assert_int_equal(sgs_trainer_save_checkpoint(straight, temp_path(&folder, "state.bin")), SGS_STATUS_OK);
+    assert_int_equal(sgs_trainer_save_checkpoint(straight, temp_path(&folder, "state.bin")),
+                     SGS_STATUS_OK);
     run(straight, 30);
     if (sgs_trainer_load_checkpoint(resumed, temp_path(&folder, "state.bin")))
         fail_msg("%s", sgs_last_error());

@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// EXR files: read back bit by bit with OpenEXR's C library, and once more by another program (oiiotool,
-// where installed); a failed write leaves the earlier file.
+// EXR files: read back bit by bit with OpenEXR's C library, and once more by another program
+// (oiiotool, where installed); a failed write leaves the earlier file.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -107,7 +107,8 @@ static void open_exr(const char *path, exr_context_t *context)
 }
 
 // Reads one channel as it is stored.
-static void read_channel(exr_context_t context, const char *name, size_t size, unsigned char *pixels)
+static void read_channel(exr_context_t context, const char *name, size_t size,
+                         unsigned char *pixels)
 {
 #pragma GCC diagnostic push
 #pragma GCC diagnostic ignored "-Wmissing-field-initializers" // as in exr.c
@@ -152,7 +153,9 @@ static void check_pixels(const char *path)
         const sgs_exr_channel *channel = &channels[k];
         read_channel(context, channel->name, channel->half ? 2 : 4, pixels);
         if (!channel->half) {
-            assert_memory_equal(pixels, channel->uints ? (const void *)channel->uints : (const void *)channel->floats,
+            assert_memory_equal(pixels,
+                                channel->uints ? (const void *)channel->uints
+                                               : (const void *)channel->floats,
                                 sizeof pixels);
             continue;
         }
@@ -160,8 +163,9 @@ static void check_pixels(const char *path)
             uint16_t bits;
             memcpy(&bits, pixels + 2 * i, 2);
             if (!(half_value(bits) == nearest_half(channel->floats[i])))
-                fail_msg("%s, pixel %zu: %.9g became %.9g, not %.9g", channel->name, i, (double)channel->floats[i],
-                         half_value(bits), nearest_half(channel->floats[i]));
+                fail_msg("%s, pixel %zu: %.9g became %.9g, not %.9g", channel->name, i,
+                         (double)channel->floats[i], half_value(bits),
+                         nearest_half(channel->floats[i]));
         }
     }
     exr_finish(&context);
@@ -200,12 +204,13 @@ static void exr_auto_zips_what_shrinks(void **state)
     size_t sizes[2][2];
     for (size_t k = 0; k < 4; ++k) {
         const sgs_exr_channel channel = {.name = "depth.Z", .floats = k & 1 ? noisy : even};
-        const sgs_exr_info own = {.width = SIDE, .height = SIDE, .compression = k & 2 ? SGS_EXR_ZIP : SGS_EXR_AUTO};
+        const sgs_exr_info own = {
+            .width = SIDE, .height = SIDE, .compression = k & 2 ? SGS_EXR_ZIP : SGS_EXR_AUTO};
         assert_int_equal(sgs_exr_write(path, &own, &channel, 1), SGS_STATUS_OK);
         free(file_get(path, &sizes[k / 2][k & 1]));
     }
-    print_message("of %zu bytes, even and noisy: auto %zu and %zu, zip %zu and %zu\n", raw, sizes[0][0], sizes[0][1],
-                  sizes[1][0], sizes[1][1]);
+    print_message("of %zu bytes, even and noisy: auto %zu and %zu, zip %zu and %zu\n", raw,
+                  sizes[0][0], sizes[0][1], sizes[1][0], sizes[1][1]);
     assert_int_equal(sizes[0][0], sizes[1][0]);
     assert_true(sizes[0][0] < raw / 4 && sizes[0][1] > raw && sizes[1][1] < raw);
     temp_folder_remove(&folder);
@@ -254,7 +259,8 @@ static void exr_header_says_what_the_image_is(void **state)
     assert_int_equal(data.max.y, HEIGHT - 1);
     exr_attr_chromaticities_t c;
     assert_int_equal(exr_attr_get_chromaticities(context, 0, "chromaticities", &c), 0);
-    const exr_attr_chromaticities_t rec709 = {0.64f, 0.33f, 0.30f, 0.60f, 0.15f, 0.06f, 0.3127f, 0.3290f};
+    const exr_attr_chromaticities_t rec709 = {0.64f, 0.33f, 0.30f,   0.60f,
+                                              0.15f, 0.06f, 0.3127f, 0.3290f};
     assert_memory_equal(&c, &rec709, sizeof c);
     char software[64];
     snprintf(software, sizeof software, "sparegs %s", sgs_version());
@@ -298,8 +304,9 @@ static void exr_is_read_by_another_program(void **state)
     const temp_folder folder = temp_folder_make();
     static float red[6] = {0, 0.5f, 1, -2, 4096, 0.25f}, depth[6] = {1, 2, 3, 4.5f, 1e6f, 0};
     static uint32_t hits[6] = {0, 1, 2, 3, 4, 70000};
-    const sgs_exr_channel few[] = {
-        {.name = "depth.Z", .floats = depth}, {.name = "hits", .uints = hits}, {.name = "R", .floats = red, .half = 1}};
+    const sgs_exr_channel few[] = {{.name = "depth.Z", .floats = depth},
+                                   {.name = "hits", .uints = hits},
+                                   {.name = "R", .floats = red, .half = 1}};
     sgs_exr_info small = info;
     small.width = 3;
     small.height = 2;
@@ -392,7 +399,8 @@ static void exr_refuses_bad_arguments(void **state)
     (void)state;
     const temp_folder folder = temp_folder_make();
     const char *path = temp_path(&folder, "view.exr");
-    static const sgs_exr_channel same[] = {{.name = "R", .floats = planes[0]}, {.name = "R", .floats = planes[1]}};
+    static const sgs_exr_channel same[] = {{.name = "R", .floats = planes[0]},
+                                           {.name = "R", .floats = planes[1]}};
     static const sgs_exr_channel bad[] = {{.name = "R"},
                                           {.name = "R", .floats = planes[0], .uints = ids},
                                           {.name = "R", .uints = ids, .half = 1},
@@ -415,9 +423,12 @@ static void exr_refuses_bad_arguments(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(exr_pixels_survive_a_round_trip), cmocka_unit_test(exr_header_says_what_the_image_is),
-        cmocka_unit_test(exr_is_read_by_another_program),  cmocka_unit_test(exr_write_failure_keeps_the_old_file),
-        cmocka_unit_test(exr_survives_lack_of_memory),     cmocka_unit_test(exr_refuses_bad_arguments),
+        cmocka_unit_test(exr_pixels_survive_a_round_trip),
+        cmocka_unit_test(exr_header_says_what_the_image_is),
+        cmocka_unit_test(exr_is_read_by_another_program),
+        cmocka_unit_test(exr_write_failure_keeps_the_old_file),
+        cmocka_unit_test(exr_survives_lack_of_memory),
+        cmocka_unit_test(exr_refuses_bad_arguments),
         cmocka_unit_test(exr_auto_zips_what_shrinks),
     };
     return cmocka_run_group_tests(tests, fill_planes, NULL);

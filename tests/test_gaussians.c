@@ -43,10 +43,10 @@ static void assert_inert(const sgs_gaussians *model, size_t begin)
         float params[SGS_PARAM_COUNT];
         sgs_gaussians_get(model, i, params);
         for (int k = 0; k < SGS_PARAM_COUNT; ++k) {
-            const float expected = k == SGS_PARAM_ROTATION                                    ? 1.0f
+            const float expected = k == SGS_PARAM_ROTATION                           ? 1.0f
                                    : k >= SGS_PARAM_SCALE && k < SGS_PARAM_SCALE + 3 ? -20.0f
-                                   : k == SGS_PARAM_OPACITY                                   ? -30.0f
-                                                                                              : 0.0f;
+                                   : k == SGS_PARAM_OPACITY                          ? -30.0f
+                                                                                     : 0.0f;
             assert_true(params[k] == expected);
         }
     }
@@ -79,7 +79,8 @@ static void gaussians_layout_is_blocks_of_sixteen(void **state)
         sgs_gaussians_get(model, i, got);
         assert_memory_equal(got, expected, sizeof expected);
         for (int k = 0; k < SGS_PARAM_COUNT; ++k)
-            assert_true(model->data[((i / 16) * SGS_PARAM_COUNT + (size_t)k) * 16 + i % 16] == expected[k]);
+            assert_true(model->data[((i / 16) * SGS_PARAM_COUNT + (size_t)k) * 16 + i % 16] ==
+                        expected[k]);
     }
     sgs_gaussians_destroy(model);
 }
@@ -135,7 +136,8 @@ static void gaussians_survive_lack_of_memory(void **state)
     const unsigned char colors[6] = {0};
     for (size_t n = 1; n <= 5; ++n) {
         sgsi_fail_allocation(n);
-        assert_int_equal(sgs_gaussians_init_points(points, colors, 2, 1.0, &model), SGS_STATUS_OUT_OF_MEMORY);
+        assert_int_equal(sgs_gaussians_init_points(points, colors, 2, 1.0, &model),
+                         SGS_STATUS_OUT_OF_MEMORY);
         assert_null(model);
     }
     sgsi_fail_allocation(0);
@@ -156,7 +158,8 @@ static void init_follows_3dgs(void **state)
     for (int k = 0; k < 3; ++k) {
         assert_true(row[SGS_PARAM_MEAN + k] == 0.0f);
         assert_true(fabs(row[SGS_PARAM_SCALE + k] - log(sqrt(14.0 / 3.0))) <= 1e-7);
-        assert_true(fabs(row[SGS_PARAM_SH_DC + k] - (colors[k] / 255.0 - 0.5) / 0.28209479177387814) <= 1e-6);
+        assert_true(fabs(row[SGS_PARAM_SH_DC + k] -
+                         (colors[k] / 255.0 - 0.5) / 0.28209479177387814) <= 1e-6);
         assert_true(row[SGS_PARAM_ROTATION + 1 + k] == 0.0f);
     }
     assert_true(row[SGS_PARAM_ROTATION] == 1.0f);
@@ -179,7 +182,8 @@ static void init_leaves_missing_neighbours_out(void **state)
     for (size_t n = 1; n <= 3; ++n) {
         sgs_gaussians *model;
         assert_int_equal(sgs_gaussians_init_points(points, colors, n, 0.5, &model), SGS_STATUS_OK);
-        assert_true(fabs(*sgs_gaussians_at(model, 0, SGS_PARAM_SCALE) - log(sqrt(expected[n - 1]))) <= 1e-6);
+        assert_true(fabs(*sgs_gaussians_at(model, 0, SGS_PARAM_SCALE) -
+                         log(sqrt(expected[n - 1]))) <= 1e-6);
         sgs_gaussians_destroy(model);
     }
     sgs_gaussians *model;
@@ -196,7 +200,8 @@ static void init_clamps_duplicates(void **state)
     sgs_gaussians *model;
     assert_int_equal(sgs_gaussians_init_points(points, colors, 5, 1.0, &model), SGS_STATUS_OK);
     for (size_t i = 0; i < 5; ++i)
-        assert_true(fabs(*sgs_gaussians_at(model, i, SGS_PARAM_SCALE + 1) - log(sqrt(1e-7))) <= 1e-6);
+        assert_true(fabs(*sgs_gaussians_at(model, i, SGS_PARAM_SCALE + 1) - log(sqrt(1e-7))) <=
+                    1e-6);
     sgs_gaussians_destroy(model);
 }
 
@@ -206,11 +211,14 @@ static void init_refuses_what_is_not_finite(void **state)
     const float points[] = {0, 0, 0, 1, NAN, 0};
     const unsigned char colors[6] = {0};
     sgs_gaussians *model = (sgs_gaussians *)state;
-    assert_int_equal(sgs_gaussians_init_points(points, colors, 2, 1.0, &model), SGS_STATUS_INVALID_ARGUMENT);
+    assert_int_equal(sgs_gaussians_init_points(points, colors, 2, 1.0, &model),
+                     SGS_STATUS_INVALID_ARGUMENT);
     assert_null(model);
     assert_string_equal(sgs_last_error(), "point 1 of the initial cloud is not finite; drop it");
-    assert_int_equal(sgs_gaussians_init_points(points, colors, 1, 0.0, &model), SGS_STATUS_INVALID_ARGUMENT);
-    assert_int_equal(sgs_gaussians_init_points(points, colors, 1, NAN, &model), SGS_STATUS_INVALID_ARGUMENT);
+    assert_int_equal(sgs_gaussians_init_points(points, colors, 1, 0.0, &model),
+                     SGS_STATUS_INVALID_ARGUMENT);
+    assert_int_equal(sgs_gaussians_init_points(points, colors, 1, NAN, &model),
+                     SGS_STATUS_INVALID_ARGUMENT);
 }
 
 static void init_is_the_same_for_every_thread_count(void **state)
@@ -228,7 +236,8 @@ static void init_is_the_same_for_every_thread_count(void **state)
     for (int threads = 1; threads <= 4; ++threads) {
         sgs_gaussians *model;
         sgs_set_threads(threads);
-        assert_int_equal(sgs_gaussians_init_points(points, colors, COUNT, 1.0, &model), SGS_STATUS_OK);
+        assert_int_equal(sgs_gaussians_init_points(points, colors, COUNT, 1.0, &model),
+                         SGS_STATUS_OK);
         sgs_gaussians_hash(model, threads == 1 ? expected : got);
         if (threads > 1)
             assert_string_equal(got, expected);

@@ -1,7 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The neighbour search gives the very numbers of brute force, whatever the cloud and the number of threads.
+// The neighbour search gives the very numbers of brute force, whatever the cloud and the number of
+// threads.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -48,7 +49,7 @@ static void check_cloud(const float *points, size_t n)
     assert_non_null(distances);
     distances[3 * n] = -7.0; // guard
     assert_int_equal(sgsi_knn(points, n, distances), SGS_STATUS_OK);
-    for (size_t i = 0; i < n; i += n > 2000 ? 17 : 1) {
+    for (size_t i = 0; i<n; i += n> 2000 ? 17 : 1) {
         double best[3];
         brute_force(points, n, i, best);
         for (int k = 0; k < 3; ++k) {
@@ -115,11 +116,13 @@ static float far_outlier(uint64_t point, int axis)
 static float huge_and_tiny(uint64_t point, int axis)
 {
     const double exponent = 60.0 * sgsi_random_uniform(5, point) - 30.0;
-    return (float)(pow(10.0, exponent) * (sgsi_random_uniform(6, 3 * point + (uint64_t)axis) - 0.5));
+    return (float)(pow(10.0, exponent) *
+                   (sgsi_random_uniform(6, 3 * point + (uint64_t)axis) - 0.5));
 }
 
-static const coordinate_fn clouds[] = {uniform,   collinear,  on_axis,  coplanar_grid, all_equal, pairs_of_duplicates,
-                                       few_places, clusters, far_outlier, huge_and_tiny};
+static const coordinate_fn clouds[] = {uniform,     collinear,           on_axis,    coplanar_grid,
+                                       all_equal,   pairs_of_duplicates, few_places, clusters,
+                                       far_outlier, huge_and_tiny};
 
 static float *make_cloud(coordinate_fn fn, size_t n)
 {
@@ -135,7 +138,8 @@ static float *make_cloud(coordinate_fn fn, size_t n)
 static void knn_equals_brute_force(void **state)
 {
     (void)state;
-    static const size_t sizes[] = {1, 2, 3, 4, 5, 7, 8, 9, 16, 17, 63, 64, 65, 129, 1000, 1025, MOST};
+    static const size_t sizes[] = {1,  2,  3,  4,  5,   7,    8,    9,   16,
+                                   17, 63, 64, 65, 129, 1000, 1025, MOST};
     for (size_t c = 0; c < sizeof clouds / sizeof *clouds; ++c) {
         for (size_t s = 0; s < sizeof sizes / sizeof *sizes; ++s) {
             float *points = make_cloud(clouds[c], sizes[s]);

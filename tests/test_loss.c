@@ -1,9 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The loss against an obvious double-precision version: the textbook formula of SSIM, 121 taps per moment, no
-// separability, no shift. That version is itself checked by finite differences, and the comparison is checked
-// by planting errors in it.
+// The loss against an obvious double-precision version: the textbook formula of SSIM, 121 taps per
+// moment, no separability, no shift. That version is itself checked by finite differences, and the
+// comparison is checked by planting errors in it.
 
 #include <math.h>
 #include <setjmp.h>
@@ -21,10 +21,26 @@
 
 enum { RADIUS = 5 };
 
-typedef enum plant { PLANT_NONE, PLANT_SIGN, PLANT_FACTOR, PLANT_BORDER, PLANT_CLAMP, PLANT_ALPHA, PLANT_MASK, PLANT_COUNT } plant;
+typedef enum plant {
+    PLANT_NONE,
+    PLANT_SIGN,
+    PLANT_FACTOR,
+    PLANT_BORDER,
+    PLANT_CLAMP,
+    PLANT_ALPHA,
+    PLANT_MASK,
+    PLANT_COUNT
+} plant;
 
-// What an image holds: noise, noise close to the target, flat and bright with faint noise, values far outside [0, 1].
-typedef enum content { CONTENT_NOISE, CONTENT_CLOSE, CONTENT_FLAT, CONTENT_WILD, CONTENT_COUNT } content;
+// What an image holds: noise, noise close to the target, flat and bright with faint noise, values
+// far outside [0, 1].
+typedef enum content {
+    CONTENT_NOISE,
+    CONTENT_CLOSE,
+    CONTENT_FLAT,
+    CONTENT_WILD,
+    CONTENT_COUNT
+} content;
 
 typedef struct scene {
     int width, height;
@@ -63,12 +79,19 @@ static double content_value(content kind, double target, uint64_t seed, uint64_t
     }
 }
 
-static scene make_scene(int width, int height, int channels, content kind, const float background[3])
+static scene make_scene(int width, int height, int channels, content kind,
+                        const float background[3])
 {
-    scene s = {.width = width, .height = height, .stride = (size_t)(width + 15) / 16 * 16 + 16, .ssim_weight = 0.2f};
+    scene s = {.width = width,
+               .height = height,
+               .stride = (size_t)(width + 15) / 16 * 16 + 16,
+               .ssim_weight = 0.2f};
     const size_t plane = (size_t)width * (size_t)height, padded = s.stride * (size_t)height;
     memcpy(s.background, background, sizeof s.background);
-    s.target = (sgs_photo){.width = width, .height = height, .channels = channels, .kept = plane,
+    s.target = (sgs_photo){.width = width,
+                           .height = height,
+                           .channels = channels,
+                           .kept = plane,
                            .pixels = take(plane * (size_t)channels, 1)};
     s.transmittance = take(padded, sizeof(float));
     s.d_transmittance = take(padded, sizeof(float));
@@ -89,10 +112,12 @@ static scene make_scene(int width, int height, int channels, content kind, const
             s.color[c][i] = NAN;
         for (int y = 0; y < height; ++y)
             for (int x = 0; x < width; ++x) {
-                const size_t at = (size_t)y * s.stride + (size_t)x, pixel = (size_t)y * (size_t)width + (size_t)x;
+                const size_t at = (size_t)y * s.stride + (size_t)x,
+                             pixel = (size_t)y * (size_t)width + (size_t)x;
                 const double target = s.target.pixels[plane * (size_t)c + pixel] / 255.0;
                 const double value = content_value(kind, target, 11 + (uint64_t)c, pixel);
-                s.color[c][at] = (float)(value - (double)s.transmittance[at] * (double)background[c]);
+                s.color[c][at] =
+                    (float)(value - (double)s.transmittance[at] * (double)background[c]);
             }
     }
     return s;
@@ -113,16 +138,19 @@ static void free_scene(scene *s)
 
 static double target_value(const scene *s, size_t at)
 {
-    return s->target.pixels ? s->target.pixels[at] / 255.0 : (double)sgsi_half_to_float(s->target.halves[at]);
+    return s->target.pixels ? s->target.pixels[at] / 255.0
+                            : (double)sgsi_half_to_float(s->target.halves[at]);
 }
 
 // The target as half-float numbers, its colours `gain` times as bright.
 static void halve_scene(scene *s, float gain)
 {
-    const size_t plane = (size_t)s->width * (size_t)s->height, count = plane * (size_t)s->target.channels;
+    const size_t plane = (size_t)s->width * (size_t)s->height,
+                 count = plane * (size_t)s->target.channels;
     s->target.halves = take(count, sizeof *s->target.halves);
     for (size_t i = 0; i < count; ++i)
-        s->target.halves[i] = sgsi_half_from_float((float)s->target.pixels[i] / 255.0f * (i < 3 * plane ? gain : 1.0f));
+        s->target.halves[i] = sgsi_half_from_float((float)s->target.pixels[i] / 255.0f *
+                                                   (i < 3 * plane ? gain : 1.0f));
     sgsi_free(s->target.pixels);
     s->target.pixels = NULL;
     s->target.bright = gain > 1.0f;
@@ -143,7 +171,8 @@ static void mask_scene(scene *s)
     for (size_t y = 0; y < height; ++y)
         for (size_t x = 0; x < width; ++x) {
             const double u = (double)x / (double)width - 0.3, v = (double)y / (double)height - 0.4;
-            if (u * u + v * v < 0.04 || (x > width / 2 && y % 23 == 7) || (31 * x + 17 * y) % 97 == 5)
+            if (u * u + v * v < 0.04 || (x > width / 2 && y % 23 == 7) ||
+                (31 * x + 17 * y) % 97 == 5)
                 continue;
             s->target.keep[y * words + x / 16] |= (uint16_t)(1u << x % 16);
             ++s->target.kept;
@@ -159,7 +188,8 @@ static double window_weight(int dx, int dy)
 }
 
 // Sum over the window around (x, y) of w * p * q; q may be NULL.
-static double window_sum(const scene *s, const double *p, const double *q, int x, int y, plant error)
+static double window_sum(const scene *s, const double *p, const double *q, int x, int y,
+                         plant error)
 {
     double sum = 0.0, mass = 0.0;
     for (int dy = -RADIUS; dy <= RADIUS; ++dy)
@@ -178,13 +208,14 @@ static double window_sum(const scene *s, const double *p, const double *q, int x
 }
 
 // Unclamped rendered value and composited target of one channel, in double.
-static void load_channel(const scene *s, int c, const double *color, double *raw, double *image, double *target,
-                         plant error)
+static void load_channel(const scene *s, int c, const double *color, double *raw, double *image,
+                         double *target, plant error)
 {
     const size_t plane = (size_t)s->width * (size_t)s->height;
     for (int y = 0; y < s->height; ++y)
         for (int x = 0; x < s->width; ++x) {
-            const size_t at = (size_t)y * s->stride + (size_t)x, pixel = (size_t)y * (size_t)s->width + (size_t)x;
+            const size_t at = (size_t)y * s->stride + (size_t)x,
+                         pixel = (size_t)y * (size_t)s->width + (size_t)x;
             const double background = (double)s->background[c];
             raw[at] = color[at] + (double)s->transmittance[at] * background;
             image[at] = fmin(fmax(raw[at], 0.0), s->target.bright ? 1e9 : 1.0);
@@ -197,8 +228,8 @@ static void load_channel(const scene *s, int c, const double *color, double *raw
 }
 
 // Loss of one channel added to `t`, and with gradients wanted dL/dI into d_image.
-static void reference_channel(const scene *s, const double *image, const double *target, truth *t, double *d_image,
-                              plant error)
+static void reference_channel(const scene *s, const double *image, const double *target, truth *t,
+                              double *d_image, plant error)
 {
     const size_t padded = s->stride * (size_t)s->height;
     const double values = 3.0 * s->width * s->height, lambda = (double)s->ssim_weight;
@@ -208,28 +239,34 @@ static void reference_channel(const scene *s, const double *image, const double 
     for (int y = 0; y < s->height; ++y)
         for (int x = 0; x < s->width; ++x) {
             const size_t at = (size_t)y * s->stride + (size_t)x;
-            const double m1 = window_sum(s, image, NULL, x, y, error), m2 = window_sum(s, target, NULL, x, y, error);
+            const double m1 = window_sum(s, image, NULL, x, y, error),
+                         m2 = window_sum(s, target, NULL, x, y, error);
             const double s1 = window_sum(s, image, image, x, y, error) - m1 * m1;
             const double s2 = window_sum(s, target, target, x, y, error) - m2 * m2;
             const double s12 = window_sum(s, image, target, x, y, error) - m1 * m2;
-            const double a = 2 * m1 * m2 + 1e-4, b = 2 * s12 + 9e-4, d = m1 * m1 + m2 * m2 + 1e-4, f = s1 + s2 + 9e-4;
+            const double a = 2 * m1 * m2 + 1e-4, b = 2 * s12 + 9e-4, d = m1 * m1 + m2 * m2 + 1e-4,
+                         f = s1 + s2 + 9e-4;
             t->ssim += a * b / (d * f) / values;
             t->l1 += fabs(image[at] - target[at]) / values;
-            t->mse += (image[at] - target[at]) * (image[at] - target[at]) / (3.0 * (double)s->target.kept);
-            map[0][at] = 2 * m2 * b / (d * f) - 2 * m2 * a / (d * f) - 2 * m1 * a * b / (d * d * f) +
-                         2 * m1 * a * b / (d * f * f);
+            t->mse += (image[at] - target[at]) * (image[at] - target[at]) /
+                      (3.0 * (double)s->target.kept);
+            map[0][at] = 2 * m2 * b / (d * f) - 2 * m2 * a / (d * f) -
+                         2 * m1 * a * b / (d * d * f) + 2 * m1 * a * b / (d * f * f);
             map[1][at] = -a * b / (d * f * f);
             map[2][at] = 2 * a / (d * f);
         }
     for (int y = 0; d_image && y < s->height; ++y)
         for (int x = 0; x < s->width; ++x) {
             const size_t at = (size_t)y * s->stride + (size_t)x;
-            const double sign = error == PLANT_SIGN ? -1.0 : 1.0, factor = error == PLANT_FACTOR ? 2.0 : 1.0;
+            const double sign = error == PLANT_SIGN ? -1.0 : 1.0,
+                         factor = error == PLANT_FACTOR ? 2.0 : 1.0;
             const double ssim = window_sum(s, map[0], NULL, x, y, error) +
                                 2 * image[at] * window_sum(s, map[1], NULL, x, y, error) +
                                 sign * target[at] * window_sum(s, map[2], NULL, x, y, error);
             const double difference = image[at] - target[at];
-            d_image[at] = ((1 - lambda) * ((difference > 0) - (difference < 0)) - factor * lambda * ssim) / values;
+            d_image[at] =
+                ((1 - lambda) * ((difference > 0) - (difference < 0)) - factor * lambda * ssim) /
+                values;
         }
     for (int k = 0; k < 3; ++k)
         sgsi_free(map[k]);
@@ -240,8 +277,10 @@ static void reference_alpha(const scene *s, truth *t)
 {
     const size_t plane = (size_t)s->width * (size_t)s->height;
     const double scale = (double)s->alpha_weight / (double)plane;
-    for (size_t pixel = 0; pixel < plane && s->alpha_weight > 0 && s->target.channels == 4; ++pixel) {
-        const size_t x = pixel % (size_t)s->width, y = pixel / (size_t)s->width, at = y * s->stride + x;
+    for (size_t pixel = 0; pixel < plane && s->alpha_weight > 0 && s->target.channels == 4;
+         ++pixel) {
+        const size_t x = pixel % (size_t)s->width, y = pixel / (size_t)s->width,
+                     at = y * s->stride + x;
         if (!counts(s, x, y))
             continue;
         const double e = 1.0 - (double)s->transmittance[at] - target_value(s, 3 * plane + pixel);
@@ -262,8 +301,9 @@ static void reference(const scene *s, double *const color[3], truth *t, plant er
         load_channel(s, c, color[c], raw, image, target, error);
         reference_channel(s, image, target, t, t->d_transmittance ? d_image : NULL, error);
         for (size_t i = 0; t->d_transmittance && i < padded; ++i) {
-            const int clamped = (error != PLANT_CLAMP && ((raw[i] > 1.0 && !s->target.bright) || raw[i] < 0.0)) ||
-                                (i % s->stride < (size_t)s->width && !counts(s, i % s->stride, i / s->stride));
+            const int clamped =
+                (error != PLANT_CLAMP && ((raw[i] > 1.0 && !s->target.bright) || raw[i] < 0.0)) ||
+                (i % s->stride < (size_t)s->width && !counts(s, i % s->stride, i / s->stride));
             t->d_color[c][i] = clamped ? 0.0 : d_image[i];
             t->d_transmittance[i] += (double)s->background[c] * t->d_color[c][i];
         }
@@ -313,13 +353,19 @@ static sgsi_loss_output evaluate(scene *s)
     assert_int_equal(sgsi_loss_create(&workspace), SGS_STATUS_OK);
     assert_int_equal(sgsi_loss_reserve(workspace, s->width, s->height), SGS_STATUS_OK);
     const sgsi_loss_input input = {
-        .width = s->width, .height = s->height, .stride = s->stride,
-        .color = {s->color[0], s->color[1], s->color[2]}, .transmittance = s->transmittance,
+        .width = s->width,
+        .height = s->height,
+        .stride = s->stride,
+        .color = {s->color[0], s->color[1], s->color[2]},
+        .transmittance = s->transmittance,
         .background = {s->background[0], s->background[1], s->background[2]},
-        .target = &s->target, .ssim_weight = s->ssim_weight, .alpha_weight = s->alpha_weight,
+        .target = &s->target,
+        .ssim_weight = s->ssim_weight,
+        .alpha_weight = s->alpha_weight,
     };
     sgsi_loss_output output = {
-        .d_color = {s->d_color[0], s->d_color[1], s->d_color[2]}, .d_transmittance = s->d_transmittance,
+        .d_color = {s->d_color[0], s->d_color[1], s->d_color[2]},
+        .d_transmittance = s->d_transmittance,
     };
     for (size_t i = 0; i < s->stride * (size_t)s->height; ++i)
         s->d_color[0][i] = s->d_color[1][i] = s->d_color[2][i] = s->d_transmittance[i] = NAN;
@@ -330,7 +376,8 @@ static sgsi_loss_output evaluate(scene *s)
     return output;
 }
 
-// Largest difference of `plane` from `expected` relative to the largest expected value; NaN counts as infinite.
+// Largest difference of `plane` from `expected` relative to the largest expected value; NaN counts
+// as infinite.
 static double plane_error(const scene *s, const float *plane, const double *expected)
 {
     double error = 0.0, scale = 0.0;
@@ -361,8 +408,8 @@ static const char *const content_names[CONTENT_COUNT] = {"noise", "close", "flat
 static void loss_and_gradient_match_double_brute_force(void **state)
 {
     (void)state;
-    // Bright and flat is the hard case: the float moments carry an error near 3e-8, the variance there is 1e-6, and
-    // only C2 = 9e-4 stands between that error and the quotient.
+    // Bright and flat is the hard case: the float moments carry an error near 3e-8, the variance
+    // there is 1e-6, and only C2 = 9e-4 stands between that error and the quotient.
     const double tolerance[CONTENT_COUNT] = {2e-6, 2e-5, 1e-4, 2e-6};
     double worst[SGS_ISA_COUNT][CONTENT_COUNT] = {{0}};
     for (size_t k = 0; k < sizeof sizes / sizeof *sizes; ++k)
@@ -371,7 +418,8 @@ static void loss_and_gradient_match_double_brute_force(void **state)
             const int alpha = variant % 2;
             if (sizes[k][0] * sizes[k][1] > 20000 && alpha != (int)kind % 2)
                 continue; // the brute force takes its time
-            scene s = make_scene(sizes[k][0], sizes[k][1], alpha ? 4 : 3, kind, alpha ? tinted : black);
+            scene s =
+                make_scene(sizes[k][0], sizes[k][1], alpha ? 4 : 3, kind, alpha ? tinted : black);
             if (k % 2 == 0 && k)
                 mask_scene(&s);
             if (k % 3 == 1)
@@ -392,8 +440,8 @@ static void loss_and_gradient_match_double_brute_force(void **state)
         }
     for (int isa = 0; isa < SGS_ISA_COUNT; ++isa)
         for (int kind = 0; kind < CONTENT_COUNT && sgs_isa_supported((sgs_isa)isa); ++kind)
-            print_message("%-8s %-5s largest error %.1e\n", sgs_isa_name((sgs_isa)isa), content_names[kind],
-                          worst[isa][kind]);
+            print_message("%-8s %-5s largest error %.1e\n", sgs_isa_name((sgs_isa)isa),
+                          content_names[kind], worst[isa][kind]);
 }
 
 static void brute_force_gradient_matches_finite_differences(void **state)
@@ -454,7 +502,8 @@ static record evaluate_record(scene *s)
     record r = {.sums = {output.loss, output.l1, output.ssim, output.mse}, .plane_floats = floats};
     r.planes = take(4 * floats, sizeof(float));
     for (int c = 0; c < 4; ++c)
-        memcpy(r.planes + (size_t)c * floats, c < 3 ? s->d_color[c] : s->d_transmittance, floats * sizeof(float));
+        memcpy(r.planes + (size_t)c * floats, c < 3 ? s->d_color[c] : s->d_transmittance,
+               floats * sizeof(float));
     return r;
 }
 
@@ -473,7 +522,8 @@ static void nothing_that_a_mask_covers_changes_a_bit(void **state)
     s.alpha_weight = 0.5f;
     record before = evaluate_record(&s);
     for (size_t pixel = 0; pixel < plane; ++pixel) {
-        const size_t x = pixel % (size_t)s.width, y = pixel / (size_t)s.width, at = y * s.stride + x;
+        const size_t x = pixel % (size_t)s.width, y = pixel / (size_t)s.width,
+                     at = y * s.stride + x;
         if (counts(&s, x, y))
             continue;
         s.transmittance[at] = 0.5f;
@@ -534,13 +584,16 @@ static void identical_images_have_no_loss_and_no_gradient(void **state)
     for (int c = 0; c < 3; ++c)
         for (int y = 0; y < s.height; ++y)
             for (int x = 0; x < s.width; ++x) {
-                const size_t pixel = ((size_t)c * (size_t)s.height + (size_t)y) * (size_t)s.width + (size_t)x;
-                s.color[c][(size_t)y * s.stride + (size_t)x] = (float)s.target.pixels[pixel] / 255.0f;
+                const size_t pixel =
+                    ((size_t)c * (size_t)s.height + (size_t)y) * (size_t)s.width + (size_t)x;
+                s.color[c][(size_t)y * s.stride + (size_t)x] =
+                    (float)s.target.pixels[pixel] / 255.0f;
             }
     const sgsi_loss_output output = evaluate(&s);
     assert_true(output.loss == 0.0 && output.ssim == 1.0 && output.mse == 0.0);
     for (size_t i = 0; i < s.stride * (size_t)s.height; ++i)
-        assert_true(s.d_color[0][i] == 0.0f && s.d_color[2][i] == 0.0f && s.d_transmittance[i] == 0.0f);
+        assert_true(s.d_color[0][i] == 0.0f && s.d_color[2][i] == 0.0f &&
+                    s.d_transmittance[i] == 0.0f);
     free_scene(&s);
 }
 
@@ -559,7 +612,8 @@ static void gradient_is_zero_where_clamped_and_in_the_padding(void **state)
                     assert_true(gradient == 0.0f && s.d_transmittance[at] == 0.0f);
                     continue;
                 }
-                const double value = (double)s.color[c][at] + (double)s.transmittance[at] * (double)s.background[c];
+                const double value =
+                    (double)s.color[c][at] + (double)s.transmittance[at] * (double)s.background[c];
                 above += value > 1.0 + 1e-6;
                 below += value < -1e-6;
                 if (value > 1.0 + 1e-6 || value < -1e-6)
@@ -579,7 +633,8 @@ static void non_finite_colours_keep_the_gradient_finite(void **state)
     const sgsi_loss_output output = evaluate(&s);
     assert_true(isfinite(output.loss));
     for (size_t i = 0; i < s.stride * (size_t)s.height; ++i)
-        assert_true(isfinite(s.d_color[0][i]) && isfinite(s.d_color[1][i]) && isfinite(s.d_color[2][i]));
+        assert_true(isfinite(s.d_color[0][i]) && isfinite(s.d_color[1][i]) &&
+                    isfinite(s.d_color[2][i]));
     assert_true(s.d_color[0][5] == 0.0f && s.d_color[1][9] == 0.0f);
     free_scene(&s);
 }
@@ -607,11 +662,17 @@ static void bad_input_is_refused(void **state)
     sgsi_loss_workspace *workspace = NULL;
     assert_int_equal(sgsi_loss_create(&workspace), SGS_STATUS_OK);
     const sgsi_loss_input good = {
-        .width = 20, .height = 10, .stride = s.stride, .color = {s.color[0], s.color[1], s.color[2]},
-        .transmittance = s.transmittance, .target = &s.target, .ssim_weight = 0.2f,
+        .width = 20,
+        .height = 10,
+        .stride = s.stride,
+        .color = {s.color[0], s.color[1], s.color[2]},
+        .transmittance = s.transmittance,
+        .target = &s.target,
+        .ssim_weight = 0.2f,
     };
     sgsi_loss_output output = {
-        .d_color = {s.d_color[0], s.d_color[1], s.d_color[2]}, .d_transmittance = s.d_transmittance,
+        .d_color = {s.d_color[0], s.d_color[1], s.d_color[2]},
+        .d_transmittance = s.d_transmittance,
     };
     assert_int_equal(sgsi_loss_evaluate(workspace, &good, &output), SGS_STATUS_OK);
     sgsi_loss_input bad = good;

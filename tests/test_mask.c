@@ -1,8 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Masks: found under every name, read the right way round, reduced on the safe side, joined with the pixels that the
-// lens has no ray for; refused when they do not fit; and what they cover does not get into the model.
+// Masks: found under every name, read the right way round, reduced on the safe side, joined with
+// the pixels that the lens has no ray for; refused when they do not fit; and what they cover does
+// not get into the model.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -35,10 +36,12 @@ static temp_folder make_scene(int channels)
 }
 
 // A mask of the size of the photographs, black in the rectangle [x0, x1) x [y0, y1).
-static void put_mask(const temp_folder *folder, const char *name, int scale, int x0, int y0, int x1, int y1)
+static void put_mask(const temp_folder *folder, const char *name, int scale, int x0, int y0, int x1,
+                     int y1)
 {
     static uint8_t pixels[9 * WIDTH * HEIGHT];
-    sgs_image8 image = {.width = scale * WIDTH, .height = scale * HEIGHT, .channels = 1, .pixels = pixels};
+    sgs_image8 image = {
+        .width = scale * WIDTH, .height = scale * HEIGHT, .channels = 1, .pixels = pixels};
     for (int y = 0; y < image.height; ++y)
         for (int x = 0; x < image.width; ++x)
             pixels[y * image.width + x] = x >= x0 && x < x1 && y >= y0 && y < y1 ? 0 : 255;
@@ -109,7 +112,8 @@ static void options_choose_turn_and_switch_off_masks(void **state)
     sgs_scene_destroy(scene);
     options.masks_dir = "none";
     scene = load(&folder, &options);
-    assert_true(scene->masks == 0 && !photo_of(scene, "a.png")->keep && !photo_of(scene, "b.png")->keep);
+    assert_true(scene->masks == 0 && !photo_of(scene, "a.png")->keep &&
+                !photo_of(scene, "b.png")->keep);
     sgs_scene_destroy(scene);
     options.masks_dir = "peple";
     assert_int_equal(sgs_scene_load(folder.path, &options, &scene), SGS_STATUS_IO);
@@ -122,14 +126,14 @@ static void camera_files_name_masks(void **state)
 {
     (void)state;
     const temp_folder folder = temp_folder_make();
-    static const char *const frames[] = {"\"file_path\":\"images/a.png\",\"mask_path\":\"holes/of a.png\"",
-                                         "\"file_path\":\"images/b.png\",\"mask_path\":null",
-                                         "\"file_path\":\"images/c.png\""};
+    static const char *const frames[] = {
+        "\"file_path\":\"images/a.png\",\"mask_path\":\"holes/of a.png\"",
+        "\"file_path\":\"images/b.png\",\"mask_path\":null", "\"file_path\":\"images/c.png\""};
     char text[1024] = "{\"fl_x\":50,\"w\":64,\"h\":48,\"frames\":[";
     for (size_t i = 0; i < 3; ++i)
         snprintf(text + strlen(text), sizeof text - strlen(text),
-                 "{%s,\"transform_matrix\":[[1,0,0,%zu],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}%s", frames[i], i,
-                 i < 2 ? "," : "]}");
+                 "{%s,\"transform_matrix\":[[1,0,0,%zu],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}%s",
+                 frames[i], i, i < 2 ? "," : "]}");
     tree_put_text(&folder, "transforms.json", text);
     for (const char *name = "abc"; *name; ++name) {
         char path[] = "images/?.png";
@@ -161,7 +165,8 @@ static void camera_files_name_masks(void **state)
     tree_remove(&folder);
 }
 
-// A reduced pixel counts only if all of its area does, also when the mask is three times as large as the photograph.
+// A reduced pixel counts only if all of its area does, also when the mask is three times as large
+// as the photograph.
 static void reduced_pixels_count_when_all_of_them_does(void **state)
 {
     (void)state;
@@ -237,7 +242,8 @@ static void alpha_channels_mask_when_asked_to(void **state)
     tree_remove(&folder);
 }
 
-// The corners of a fisheye's image, and pixels behind the fold of a lens: they do not count, mask or none.
+// The corners of a fisheye's image, and pixels behind the fold of a lens: they do not count, mask
+// or none.
 static void pixels_without_a_ray_do_not_count(void **state)
 {
     (void)state;
@@ -253,7 +259,8 @@ static void pixels_without_a_ray_do_not_count(void **state)
     for (int y = 0; y < HEIGHT; ++y)
         for (int x = 0; x < WIDTH; ++x) {
             const bool masked = x >= 30 && x < 34 && y >= 20 && y < 25;
-            const bool seen = hypot(x + 0.5 - 32, y + 0.5 - 24) < 9 * 3.14159265358979323846 && !masked;
+            const bool seen =
+                hypot(x + 0.5 - 32, y + 0.5 - 24) < 9 * 3.14159265358979323846 && !masked;
             assert_int_equal(sgsi_mask_keeps(photo->keep, WIDTH, x, y), seen);
             kept += seen;
         }
@@ -317,13 +324,16 @@ static int count_magenta(bool painted, bool cover)
 static void a_masked_square_leaves_no_colour_in_the_model(void **state)
 {
     (void)state;
-    const int clean = count_magenta(false, false), shown = count_magenta(true, false), masked = count_magenta(true, true);
-    print_message("magenta primitives: %d without the square, %d with it, %d under a mask\n", clean, shown, masked);
+    const int clean = count_magenta(false, false), shown = count_magenta(true, false),
+              masked = count_magenta(true, true);
+    print_message("magenta primitives: %d without the square, %d with it, %d under a mask\n", clean,
+                  shown, masked);
     assert_true(shown > 4 * clean + 50);
     assert_true(masked < 2 * clean + 10);
 }
 
-// Photographs of a disc with an alpha channel over black: without the alpha loss nothing tells black from empty.
+// Photographs of a disc with an alpha channel over black: without the alpha loss nothing tells
+// black from empty.
 static double mean_opacity_outside(double weight)
 {
     sgs_scene_options options = sgs_scene_options_default();
@@ -355,9 +365,11 @@ static double mean_opacity_outside(double weight)
     while (!info.stop)
         assert_int_equal(sgs_trainer_step(trainer, &info), SGS_STATUS_OK);
     assert_int_equal(sgs_renderer_create(sgs_trainer_model(trainer), &renderer), SGS_STATUS_OK);
-    assert_int_equal(sgs_frame_create(view->camera.width, view->camera.height, &frame), SGS_STATUS_OK);
+    assert_int_equal(sgs_frame_create(view->camera.width, view->camera.height, &frame),
+                     SGS_STATUS_OK);
     const sgs_render_options render = sgs_render_options_default();
-    assert_int_equal(sgs_renderer_render(renderer, &view->camera, &view->pose, &render, &frame), SGS_STATUS_OK);
+    assert_int_equal(sgs_renderer_render(renderer, &view->camera, &view->pose, &render, &frame),
+                     SGS_STATUS_OK);
     double sides[2] = {0};
     for (int y = 0; y < frame.height; ++y)
         for (int x = 0; x < frame.width; ++x)

@@ -1,7 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Quantisation, PSNR and SSIM against values known in closed form and against a 121-tap brute force.
+// Quantisation, PSNR and SSIM against values known in closed form and against a 121-tap brute
+// force.
 
 #include <math.h>
 #include <setjmp.h>
@@ -15,9 +16,16 @@
 #include "sparegs/metrics.h"
 #include "sparegs/runtime.h"
 
-typedef enum plant { PLANT_NONE, PLANT_RENORMALISED, PLANT_CONSTANTS, PLANT_SIGMA, PLANT_COUNT } plant;
+typedef enum plant {
+    PLANT_NONE,
+    PLANT_RENORMALISED,
+    PLANT_CONSTANTS,
+    PLANT_SIGMA,
+    PLANT_COUNT
+} plant;
 
-static sgs_image8 make_image(int width, int height, int channels, uint64_t seed, int base, int range)
+static sgs_image8 make_image(int width, int height, int channels, uint64_t seed, int base,
+                             int range)
 {
     const size_t values = (size_t)width * (size_t)height * (size_t)channels;
     sgs_image8 image = {width, height, channels, sgsi_alloc(values, 1)};
@@ -30,7 +38,8 @@ static sgs_image8 make_image(int width, int height, int channels, uint64_t seed,
 static double brute_force_ssim(const sgs_image8 *a, const sgs_image8 *b, plant error)
 {
     const int width = a->width, height = a->height;
-    const double c1 = error == PLANT_CONSTANTS ? 2e-4 : 1e-4, c2 = 9e-4, spread = error == PLANT_SIGMA ? 4.0 : 4.5;
+    const double c1 = error == PLANT_CONSTANTS ? 2e-4 : 1e-4, c2 = 9e-4,
+                 spread = error == PLANT_SIGMA ? 4.0 : 4.5;
     double norm = 0.0, total = 0.0;
     for (int k = -5; k <= 5; ++k)
         norm += exp(-k * k / spread);
@@ -54,7 +63,8 @@ static double brute_force_ssim(const sgs_image8 *a, const sgs_image8 *b, plant e
                 for (int m = 0; m < 5 && error == PLANT_RENORMALISED; ++m)
                     e[m] /= mass;
                 total += (2 * e[0] * e[1] + c1) * (2 * (e[4] - e[0] * e[1]) + c2) /
-                         ((e[0] * e[0] + e[1] * e[1] + c1) * (e[2] - e[0] * e[0] + e[3] - e[1] * e[1] + c2));
+                         ((e[0] * e[0] + e[1] * e[1] + c1) *
+                          (e[2] - e[0] * e[0] + e[3] - e[1] * e[1] + c2));
             }
     return total / (3.0 * width * height);
 }
@@ -69,7 +79,8 @@ static void ssim_matches_brute_force_and_catches_planted_errors(void **state)
             sgs_image8 a = make_image(sizes[k][0], sizes[k][1], 3 + kind / 2, 1, base, range);
             sgs_image8 b = make_image(sizes[k][0], sizes[k][1], 3, 2, base, range);
             for (int error = PLANT_NONE; error < PLANT_COUNT; ++error) {
-                const double difference = fabs(sgs_ssim(&a, &b) - brute_force_ssim(&a, &b, (plant)error));
+                const double difference =
+                    fabs(sgs_ssim(&a, &b) - brute_force_ssim(&a, &b, (plant)error));
                 if (error == PLANT_NONE)
                     assert_true(difference <= 1e-12);
                 else if (kind == 0)
@@ -159,8 +170,18 @@ static void quantisation_rounds_like_the_papers(void **state)
         red[i] = (float)i / 255.0f;
         expected[i] = (uint8_t)i;
     }
-    const float special[12] = {NAN, -1.0f, 2.0f, INFINITY, -INFINITY, -0.0f, 0.499f / 255.0f, 0.501f / 255.0f,
-                               254.49f / 255.0f, 254.51f / 255.0f, 1e30f, -1e-9f};
+    const float special[12] = {NAN,
+                               -1.0f,
+                               2.0f,
+                               INFINITY,
+                               -INFINITY,
+                               -0.0f,
+                               0.499f / 255.0f,
+                               0.501f / 255.0f,
+                               254.49f / 255.0f,
+                               254.51f / 255.0f,
+                               1e30f,
+                               -1e-9f};
     const uint8_t rounded[12] = {0, 0, 255, 255, 0, 0, 0, 1, 254, 255, 255, 0};
     memcpy(red + 256, special, sizeof special);
     memcpy(expected + 256, rounded, sizeof rounded);
@@ -178,18 +199,23 @@ static void quantisation_rounds_like_the_papers(void **state)
 static void quantisation_composites_over_the_background(void **state)
 {
     (void)state;
-    const float color[2] = {0.25f, 0.5f}, transmittance[2] = {0.5f, 1.0f}, background[3] = {1.0f, 0.5f, 0.0f};
+    const float color[2] = {0.25f, 0.5f}, transmittance[2] = {0.5f, 1.0f},
+                background[3] = {1.0f, 0.5f, 0.0f};
     const float *const planes[3] = {color, color, color};
     sgs_image8 image;
-    assert_int_equal(sgs_image8_from_planes(planes, transmittance, background, 1, 2, &image), SGS_STATUS_OK);
+    assert_int_equal(sgs_image8_from_planes(planes, transmittance, background, 1, 2, &image),
+                     SGS_STATUS_OK);
     const uint8_t expected[6] = {191, 255, 128, 255, 64, 128};
     assert_memory_equal(image.pixels, expected, sizeof expected);
     sgsi_free(image.pixels);
-    assert_int_equal(sgs_image8_from_planes(planes, transmittance, NULL, 1, 2, &image), SGS_STATUS_INVALID_ARGUMENT);
-    assert_int_equal(sgs_image8_from_planes(planes, NULL, NULL, 0, 2, &image), SGS_STATUS_INVALID_ARGUMENT);
+    assert_int_equal(sgs_image8_from_planes(planes, transmittance, NULL, 1, 2, &image),
+                     SGS_STATUS_INVALID_ARGUMENT);
+    assert_int_equal(sgs_image8_from_planes(planes, NULL, NULL, 0, 2, &image),
+                     SGS_STATUS_INVALID_ARGUMENT);
     assert_null(image.pixels);
     sgsi_fail_allocation(1);
-    assert_int_equal(sgs_image8_from_planes(planes, NULL, NULL, 1, 2, &image), SGS_STATUS_OUT_OF_MEMORY);
+    assert_int_equal(sgs_image8_from_planes(planes, NULL, NULL, 1, 2, &image),
+                     SGS_STATUS_OUT_OF_MEMORY);
     sgsi_fail_allocation(0);
     assert_null(image.pixels);
 }

@@ -1,9 +1,10 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Mip-Splatting's own: the 3D filter against its definition, models with the filter worked in against models that
-// carry it (by the oracle), both files, the quantile, the reset through the filter. The image and its gradients
-// with the mip filter are held to the oracle in test_tracer_oracle.c and test_tracer_gradient.c.
+// Mip-Splatting's own: the 3D filter against its definition, models with the filter worked in
+// against models that carry it (by the oracle), both files, the quantile, the reset through the
+// filter. The image and its gradients with the mip filter are held to the oracle in
+// test_tracer_oracle.c and test_tracer_gradient.c.
 
 #include <math.h>
 #include <setjmp.h>
@@ -60,7 +61,8 @@ static void filter_is_the_finest_sampling_of_all_views(void **state)
     }
     assert_true(unseen >= 20 && unseen < 150);
     for (size_t i = 0; i < 200; ++i) {
-        const double expected = (nearest[i] == 1e5 ? farthest : nearest[i]) / (45 + 9 * 3) * sqrt(0.2);
+        const double expected =
+            (nearest[i] == 1e5 ? farthest : nearest[i]) / (45 + 9 * 3) * sqrt(0.2);
         assert_true(fabs((double)filter[i] - expected) <= 1e-5 * expected);
     }
     oracle_scene_free(&scene);
@@ -86,13 +88,16 @@ static void fused_model_looks_the_same_without_its_filter(void **state)
     sgs_reference_frame with, without;
     assert_int_equal(sgs_reference_frame_create(30, 26, &with), SGS_STATUS_OK);
     assert_int_equal(sgs_reference_frame_create(30, 26, &without), SGS_STATUS_OK);
-    assert_int_equal(sgs_reference_render(params, 60, &camera, &pose, &options, &without), SGS_STATUS_OK);
+    assert_int_equal(sgs_reference_render(params, 60, &camera, &pose, &options, &without),
+                     SGS_STATUS_OK);
     options.filter_3d = filter;
-    assert_int_equal(sgs_reference_render(scene.params, 60, &camera, &pose, &options, &with), SGS_STATUS_OK);
+    assert_int_equal(sgs_reference_render(scene.params, 60, &camera, &pose, &options, &with),
+                     SGS_STATUS_OK);
     double brightest = 0;
     for (int i = 0; i < 30 * 26; ++i)
         for (int c = 0; c < 3; ++c) {
-            assert_true(fabs(with.color[c][i] - without.color[c][i]) <= 0.006); // a hit at the limit 1/255 may differ
+            assert_true(fabs(with.color[c][i] - without.color[c][i]) <=
+                        0.006); // a hit at the limit 1/255 may differ
             brightest = fmax(brightest, with.color[c][i]);
         }
     assert_true(brightest > 0.2);
@@ -117,7 +122,8 @@ static void filter_is_the_last_of_63_properties(void **state)
     assert_int_equal(sgsi_file_read(path, 0, &bytes, &size), SGS_STATUS_OK);
     const char *end = strstr((char *)bytes, "property float filter_3D\nend_header\n");
     assert_non_null(end);
-    const size_t head = (size_t)(end - (char *)bytes) + strlen("property float filter_3D\nend_header\n");
+    const size_t head =
+        (size_t)(end - (char *)bytes) + strlen("property float filter_3D\nend_header\n");
     assert_int_equal(size, head + 5 * 63 * 4);
     for (size_t i = 0; i < 5; ++i) {
         float value;
@@ -137,7 +143,8 @@ static void reset_holds_the_filtered_opacity_under_the_ceiling(void **state)
 {
     (void)state;
     oracle_scene scene = oracle_random_model(5, 40, NULL);
-    float filter[48] = {0}, *m = sgsi_calloc(scene.model->capacity, SGS_PARAM_COUNT * sizeof(float));
+    float filter[48] = {0},
+          *m = sgsi_calloc(scene.model->capacity, SGS_PARAM_COUNT * sizeof(float));
     double before[40];
     for (size_t i = 0; i < 40; ++i) {
         filter[i] = 0.2f * (float)sgsi_random_uniform(4, i);
@@ -150,7 +157,8 @@ static void reset_holds_the_filtered_opacity_under_the_ceiling(void **state)
             const double s = exp((double)*sgs_gaussians_at(scene.model, i, SGS_PARAM_SCALE + k));
             factor *= s / sqrt(s * s + (double)filter[i] * (double)filter[i]);
         }
-        const double after = 1 / (1 + exp(-(double)*sgs_gaussians_at(scene.model, i, SGS_PARAM_OPACITY)));
+        const double after =
+            1 / (1 + exp(-(double)*sgs_gaussians_at(scene.model, i, SGS_PARAM_OPACITY)));
         const double expected = fmin(before[i] * factor, 0.01) / factor;
         assert_true(fabs(after - expected) <= 1e-5 * expected + 1e-6);
     }

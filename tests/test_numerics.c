@@ -1,8 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Numbers that are not finite never reach the parameters: the step or the primitive is skipped, counted and reported by
-// name; degenerate Gaussians are drawn by the rules of the README and leave at the next structural update.
+// Numbers that are not finite never reach the parameters: the step or the primitive is skipped,
+// counted and reported by name; degenerate Gaussians are drawn by the rules of the README and leave
+// at the next structural update.
 
 #include <math.h>
 #include <setjmp.h>
@@ -99,7 +100,8 @@ static void a_step_whose_loss_is_not_finite_is_skipped_counted_and_named(void **
     char before[17], after[17];
     step(trainer);
     sgs_gaussians_hash(sgs_trainer_model(trainer), before);
-    // Images are clamped, so that only a weight can spoil the loss itself: the one of the alpha channel.
+    // Images are clamped, so that only a weight can spoil the loss itself: the one of the alpha
+    // channel.
     for (size_t i = 0; i < scene->view_count; ++i)
         set_channels(&scene->views[i].image, 4);
     trainer->options.alpha_loss = NAN;
@@ -126,7 +128,8 @@ static void a_gradient_that_is_not_finite_leaves_its_primitive_alone_and_is_name
     (void)state;
     sgs_trainer *trainer = start(1000);
     step(trainer);
-    trainer->options.background[0] = NAN; // clamped in the image, but not in the gradient of the transmittance
+    trainer->options.background[0] =
+        NAN; // clamped in the image, but not in the gradient of the transmittance
     step(trainer);
     trainer->options.background[0] = 0;
     expect_finite_model(trainer);
@@ -135,7 +138,8 @@ static void a_gradient_that_is_not_finite_leaves_its_primitive_alone_and_is_name
     assert_non_null(strstr(warning, "iteration 2, view 00"));
     const char *named = strstr(warning, "the first is primitive ");
     assert_non_null(named);
-    assert_true(strtoul(named + strlen("the first is primitive "), NULL, 10) < sgs_trainer_model(trainer)->count);
+    assert_true(strtoul(named + strlen("the first is primitive "), NULL, 10) <
+                sgs_trainer_model(trainer)->count);
     end(trainer);
 }
 

@@ -1,8 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Photographs of more than 8 bit of sRGB: their values against the definition of the curve in double, the unit of the
-// light, averages in linear light, colour spaces by name, and pixels and files that are broken.
+// Photographs of more than 8 bit of sRGB: their values against the definition of the curve in
+// double, the unit of the light, averages in linear light, colour spaces by name, and pixels and
+// files that are broken.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -36,14 +37,17 @@ static float light_at(int c, int x, int y)
     return (float)((x + 1) * (3 + c) / 64.0 * exp2(-y % 5)) * 0.9f;
 }
 
-// An EXR of that light times `scale`; alpha (premultiplied) when asked for; `broken` in one pixel when it is not 0.
-static void put_light(const temp_folder *folder, const char *name, float scale, bool alpha, float broken, int half)
+// An EXR of that light times `scale`; alpha (premultiplied) when asked for; `broken` in one pixel
+// when it is not 0.
+static void put_light(const temp_folder *folder, const char *name, float scale, bool alpha,
+                      float broken, int half)
 {
     static float planes[4][WIDTH * HEIGHT];
     for (int y = 0; y < HEIGHT; ++y)
         for (int x = 0; x < WIDTH; ++x)
             for (int c = 0; c < 4; ++c)
-                planes[c][y * WIDTH + x] = c == 3 ? 0.25f : light_at(c, x, y) * scale * (alpha ? 0.25f : 1.0f);
+                planes[c][y * WIDTH + x] =
+                    c == 3 ? 0.25f : light_at(c, x, y) * scale * (alpha ? 0.25f : 1.0f);
     if (broken != 0.0f)
         planes[1][50 * WIDTH + 7] = broken;
     const sgs_exr_channel channels[4] = {{"R", planes[0], NULL, half},
@@ -52,13 +56,18 @@ static void put_light(const temp_folder *folder, const char *name, float scale, 
                                          {"A", planes[3], NULL, half}};
     const sgs_exr_info info = {.width = WIDTH, .height = HEIGHT};
     tree_put(folder, name, "", 0);
-    assert_int_equal(sgs_exr_write(temp_path(folder, name), &info, channels, alpha ? 4 : 3), SGS_STATUS_OK);
+    assert_int_equal(sgs_exr_write(temp_path(folder, name), &info, channels, alpha ? 4 : 3),
+                     SGS_STATUS_OK);
 }
 
 static sgsi_photo_source source_of(const char *path)
 {
-    return (sgsi_photo_source){
-        .image_path = path, .file_width = WIDTH, .file_height = HEIGHT, .width = WIDTH, .height = HEIGHT, .white = 1};
+    return (sgsi_photo_source){.image_path = path,
+                               .file_width = WIDTH,
+                               .file_height = HEIGHT,
+                               .width = WIDTH,
+                               .height = HEIGHT,
+                               .white = 1};
 }
 
 static sgs_photo load_photo(const sgsi_photo_source *source)
@@ -73,14 +82,16 @@ static sgs_photo load_photo(const sgsi_photo_source *source)
 static double value_at(const sgs_photo *photo, int c, int x, int y)
 {
     const size_t plane = (size_t)photo->width * (size_t)photo->height;
-    return sgsi_half_to_float(photo->halves[(size_t)c * plane + (size_t)y * (size_t)photo->width + (size_t)x]);
+    return sgsi_half_to_float(
+        photo->halves[(size_t)c * plane + (size_t)y * (size_t)photo->width + (size_t)x]);
 }
 
 static void halves_round_to_nearest(void **state)
 {
     (void)state;
     for (uint32_t h = 0x400; h < 0x7c00; ++h) {
-        const float value = sgsi_half_to_float((uint16_t)h), above = sgsi_half_to_float((uint16_t)(h + 1));
+        const float value = sgsi_half_to_float((uint16_t)h),
+                    above = sgsi_half_to_float((uint16_t)(h + 1));
         assert_true(value == (float)ldexp(1024 + (h & 1023), (int)(h >> 10) - 25));
         assert_int_equal(sgsi_half_from_float(value), h);
         if (h + 1 < 0x7c00) {
@@ -105,13 +116,17 @@ static void linear_light_is_encoded_by_the_curve_of_srgb(void **state)
             source.space = (sgs_space)space;
             source.white = 0.5;
             sgs_photo photo = load_photo(&source);
-            assert_true(photo.channels == 3 + alpha && photo.bright && !photo.pixels && !photo.keep);
+            assert_true(photo.channels == 3 + alpha && photo.bright && !photo.pixels &&
+                        !photo.keep);
             for (int y = 0; y < HEIGHT; ++y)
                 for (int x = 0; x < WIDTH; ++x)
                     for (int c = 0; c < photo.channels; ++c) {
                         const double light = 2 * (double)light_at(c, x, y);
-                        const double expected = c == 3 ? 0.25 : space == SGS_SPACE_SRGB ? encoded(light) : light;
-                        assert_true(fabs(value_at(&photo, c, x, y) - expected) <= 5e-4 * expected + 1e-6);
+                        const double expected = c == 3                    ? 0.25
+                                                : space == SGS_SPACE_SRGB ? encoded(light)
+                                                                          : light;
+                        assert_true(fabs(value_at(&photo, c, x, y) - expected) <=
+                                    5e-4 * expected + 1e-6);
                     }
             sgsi_photo_free(&photo);
         }
@@ -119,7 +134,8 @@ static void linear_light_is_encoded_by_the_curve_of_srgb(void **state)
     tree_remove(&folder);
 }
 
-// What is measured as white carries the unit of the light: the same scene times eight gives the same bits.
+// What is measured as white carries the unit of the light: the same scene times eight gives the
+// same bits.
 static void the_unit_of_the_light_does_not_matter(void **state)
 {
     (void)state;
@@ -137,7 +153,8 @@ static void the_unit_of_the_light_does_not_matter(void **state)
         free(light);
         photos[k] = load_photo(&source);
     }
-    assert_true(white[1] == 8 * white[0] && white[0] > 0.5 && white[0] < 2); // the lamp is one pixel of 1470
+    assert_true(white[1] == 8 * white[0] && white[0] > 0.5 &&
+                white[0] < 2); // the lamp is one pixel of 1470
     assert_memory_equal(photos[0].halves, photos[1].halves, 3 * WIDTH * HEIGHT * sizeof(uint16_t));
     sgsi_photo_free(&photos[0]);
     sgsi_photo_free(&photos[1]);
@@ -159,8 +176,10 @@ static void linear_light_is_averaged_before_it_is_encoded(void **state)
                 double sum = 0;
                 for (int y = 0; y < HEIGHT; ++y)
                     for (int x = 0; x < WIDTH; ++x) {
-                        const double w = fmin(x + 1, (i + 1) * WIDTH / 8.0) - fmax(x, i * WIDTH / 8.0);
-                        const double h = fmin(y + 1, (j + 1) * HEIGHT / 20.0) - fmax(y, j * HEIGHT / 20.0);
+                        const double w =
+                            fmin(x + 1, (i + 1) * WIDTH / 8.0) - fmax(x, i * WIDTH / 8.0);
+                        const double h =
+                            fmin(y + 1, (j + 1) * HEIGHT / 20.0) - fmax(y, j * HEIGHT / 20.0);
                         sum += fmax(w, 0) * fmax(h, 0) * (double)light_at(c, x, y);
                     }
                 const double expected = encoded(sum * 8 * 20 / (WIDTH * HEIGHT));
@@ -185,8 +204,10 @@ static void sixteen_bits_keep_their_precision(void **state)
         assert_true(photo.halves && !photo.bright);
         for (int i = 0; i < WIDTH * HEIGHT; ++i)
             for (int c = 0; c < 3; ++c) {
-                const double stored = words[3 * i + c] / 65535.0, expected = space ? decoded(stored) : stored;
-                assert_true(fabs(value_at(&photo, c, i % WIDTH, i / WIDTH) - expected) <= 5e-4 * expected + 6.2e-5);
+                const double stored = words[3 * i + c] / 65535.0,
+                             expected = space ? decoded(stored) : stored;
+                assert_true(fabs(value_at(&photo, c, i % WIDTH, i / WIDTH) - expected) <=
+                            5e-4 * expected + 6.2e-5);
             }
         sgsi_photo_free(&photo);
     }
@@ -214,7 +235,8 @@ static void colour_spaces_are_known_by_name(void **state)
     sgsi_photo_report report;
     source.colorspace = "sRGB"; // the values are what they are
     photo = load_photo(&source);
-    assert_true(fabs(value_at(&photo, 0, 5, 0) - (double)light_at(0, 5, 0)) < 5e-4 && !photo.bright);
+    assert_true(fabs(value_at(&photo, 0, 5, 0) - (double)light_at(0, 5, 0)) < 5e-4 &&
+                !photo.bright);
     sgsi_photo_free(&photo);
     source.colorspace = "Rec709"; // by OpenImageIO: the curve of ITU-R BT.709
     photo = load_photo(&source);
@@ -223,13 +245,15 @@ static void colour_spaces_are_known_by_name(void **state)
     sgsi_photo_free(&photo);
     source.colorspace = "sepia";
     assert_int_equal(sgsi_photo_load(&source, &photo, &report), SGS_STATUS_UNSUPPORTED);
-    assert_holds(sgs_last_error(),
-                 "a.exr: nobody here knows the colour space 'sepia'; choose with --input-colorspace from");
+    assert_holds(
+        sgs_last_error(),
+        "a.exr: nobody here knows the colour space 'sepia'; choose with --input-colorspace from");
     assert_null(photo.halves);
     tree_remove(&folder);
 }
 
-// A scene of scene_support whose photographs are EXR files under the names of the model's PNG files.
+// A scene of scene_support whose photographs are EXR files under the names of the model's PNG
+// files.
 static temp_folder make_scene(float broken)
 {
     const temp_folder folder = temp_folder_make();
@@ -257,7 +281,8 @@ static void pixels_that_are_no_numbers_are_ignored_and_counted(void **state)
         assert_int_equal(sgs_scene_load(folder.path, NULL, &scene), SGS_STATUS_OK);
         assert_int_equal(scene->pixels_broken, 1);
         assert_true(scene->white > 4 && scene->white < 16);
-        assert_holds(warnings, "a.exr: 1 of its pixels are infinite or no number; they are ignored");
+        assert_holds(warnings,
+                     "a.exr: 1 of its pixels are infinite or no number; they are ignored");
         const sgs_photo *photo = &scene->views[0].image;
         assert_string_equal(scene->views[0].name, "a.exr");
         assert_int_equal(photo->kept, WIDTH * HEIGHT - 1);
@@ -282,13 +307,14 @@ static void broken_files_are_told_in_one_line(void **state)
     static const float plane[WIDTH * HEIGHT];
     const sgs_exr_channel odd[2] = {{"depth.Z", plane, NULL, 0}, {"velocity.X", plane, NULL, 0}};
     const sgs_exr_info info = {.width = WIDTH, .height = HEIGHT};
-    assert_int_equal(sgs_exr_write(temp_path(&folder, "images/b.exr"), &info, odd, 2), SGS_STATUS_OK);
+    assert_int_equal(sgs_exr_write(temp_path(&folder, "images/b.exr"), &info, odd, 2),
+                     SGS_STATUS_OK);
     assert_int_equal(sgs_scene_load(folder.path, NULL, &scene), SGS_STATUS_OK);
     assert_int_equal(scene->view_count, 2);
     assert_int_equal(scene->images_missing, 2);
     assert_holds(warnings, "images/a.exr: cannot be read as an image");
-    assert_holds(warnings,
-                 "images/b.exr: has no colour channels R, G, B or Y; its channels are depth.Z, velocity.X; the view");
+    assert_holds(warnings, "images/b.exr: has no colour channels R, G, B or Y; its channels are "
+                           "depth.Z, velocity.X; the view");
     size_t lines = 0;
     for (const char *c = warnings; *c; ++c)
         lines += *c == '\n';

@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The image cache: the same photographs and the same model as without a limit, never more bytes than the limit, and
-// files that went away since.
+// The image cache: the same photographs and the same model as without a limit, never more bytes
+// than the limit, and files that went away since.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -31,15 +31,18 @@ static size_t bytes_of(const sgs_scene *scene)
     size_t bytes = 0;
     for (size_t v = 0; v < scene->view_count; ++v) {
         const sgs_photo *photo = &scene->views[v].image;
-        bytes += (size_t)photo->height * (3 * (size_t)photo->width + 2 * (((size_t)photo->width + 15) / 16));
+        bytes += (size_t)photo->height *
+                 (3 * (size_t)photo->width + 2 * (((size_t)photo->width + 15) / 16));
     }
     return bytes;
 }
 
 static void assert_same_photo(const sgs_photo *a, const sgs_photo *b)
 {
-    assert_true(a->width == b->width && a->height == b->height && a->channels == b->channels && a->kept == b->kept);
-    assert_memory_equal(a->pixels, b->pixels, (size_t)a->width * (size_t)a->height * (size_t)a->channels);
+    assert_true(a->width == b->width && a->height == b->height && a->channels == b->channels &&
+                a->kept == b->kept);
+    assert_memory_equal(a->pixels, b->pixels,
+                        (size_t)a->width * (size_t)a->height * (size_t)a->channels);
 }
 
 static void a_quarter_of_the_memory_gives_the_same_photographs(void **state)
@@ -51,7 +54,8 @@ static void a_quarter_of_the_memory_gives_the_same_photographs(void **state)
     for (uint64_t k = 0; k < 300; ++k) {
         const size_t v = (size_t)(sgsi_random_bits(1, k) % all->view_count);
         const sgs_photo *a, *b;
-        for (uint64_t ahead = 1; ahead < 4 && k % 3; ++ahead) // a third of the time nothing is announced
+        for (uint64_t ahead = 1; ahead < 4 && k % 3;
+             ++ahead) // a third of the time nothing is announced
             sgs_scene_expect(some, (size_t)(sgsi_random_bits(1, k + ahead) % all->view_count));
         assert_int_equal(sgs_scene_photo(all, v, &a), SGS_STATUS_OK);
         assert_int_equal(sgs_scene_photo(some, v, &b), SGS_STATUS_OK);

@@ -1,8 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The base pipelines beside 3DGS: what they sum over views against the oracle, the selections that they share against
-// sorting and against frequencies, and each one's rules on models small enough to know every row's fate.
+// The base pipelines beside 3DGS: what they sum over views against the oracle, the selections that
+// they share against sorting and against frequencies, and each one's rules on models small enough
+// to know every row's fate.
 
 #include <math.h>
 #include <setjmp.h>
@@ -25,7 +26,8 @@ static void score_sums_match_the_oracle(void **state)
     oracle_scene scene = oracle_random_model(3, 120, NULL);
     const sgs_camera camera = oracle_camera(SGS_CAMERA_PINHOLE, 37, 29);
     const sgs_pose pose = oracle_pose_look_at(1, -0.5, -4);
-    traced_view traced = traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, 2, SGSI_BVH_LOW);
+    traced_view traced =
+        traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, 2, SGSI_BVH_LOW);
     const size_t stride = traced.planes.stride;
     float *weight = sgsi_calloc(stride, (size_t)camera.height * sizeof *weight),
           *centers = sgsi_calloc(scene.count, 2 * sizeof *centers);
@@ -35,20 +37,23 @@ static void score_sums_match_the_oracle(void **state)
         centers[i] = (float)(40 * sgsi_random_uniform(2, i) - 2);
     for (int y = 0; y < camera.height; ++y)
         for (int x = 0; x < camera.width; ++x) {
-            weight[(size_t)y * stride + (size_t)x] = (float)sgsi_random_uniform(5, 64 * (uint64_t)y + (uint64_t)x);
-            const size_t count =
-                sgs_reference_hits(scene.params, scene.count, &camera, &pose, &traced.options, x, y, hits, scene.count);
+            weight[(size_t)y * stride + (size_t)x] =
+                (float)sgsi_random_uniform(5, 64 * (uint64_t)y + (uint64_t)x);
+            const size_t count = sgs_reference_hits(scene.params, scene.count, &camera, &pose,
+                                                    &traced.options, x, y, hits, scene.count);
             for (size_t k = 0; k < count; ++k) {
                 double *sum = expected + 4 * (size_t)hits[k].primitive;
                 sum[SGSI_SCORE_WEIGHT] += (double)weight[(size_t)y * stride + (size_t)x];
                 sum[SGSI_SCORE_HITS] += 1;
                 sum[SGSI_SCORE_BLEND] += hits[k].transmittance * hits[k].alpha;
-                sum[SGSI_SCORE_DISTANCE] += hypot(x + 0.5 - (double)centers[2 * hits[k].primitive],
-                                                  y + 0.5 - (double)centers[2 * hits[k].primitive + 1]);
+                sum[SGSI_SCORE_DISTANCE] +=
+                    hypot(x + 0.5 - (double)centers[2 * hits[k].primitive],
+                          y + 0.5 - (double)centers[2 * hits[k].primitive + 1]);
             }
         }
     const sgsi_score_planes planes = {.weight = weight, .centers = centers};
-    assert_int_equal(sgsi_tracer_score(traced.tracer, &traced.view, &traced.planes, &planes), SGS_STATUS_OK);
+    assert_int_equal(sgsi_tracer_score(traced.tracer, &traced.view, &traced.planes, &planes),
+                     SGS_STATUS_OK);
     size_t seen = 0;
     for (size_t i = 0; i < scene.count; ++i) {
         const float *sum = sgsi_tracer_sums(traced.tracer) + 16 * i;
@@ -56,8 +61,10 @@ static void score_sums_match_the_oracle(void **state)
         seen += expected[4 * i + SGSI_SCORE_HITS] > 0;
         for (int k = 0; k < 4; ++k) {
             const double actual = touched ? (double)sum[k] : 0;
-            if (!(fabs(actual - expected[4 * i + (size_t)k]) <= 1e-4 * (1 + expected[4 * i + (size_t)k])))
-                fail_msg("primitive %zu, sum %d: %g, not %g", i, k, actual, expected[4 * i + (size_t)k]);
+            if (!(fabs(actual - expected[4 * i + (size_t)k]) <=
+                  1e-4 * (1 + expected[4 * i + (size_t)k])))
+                fail_msg("primitive %zu, sum %d: %g, not %g", i, k, actual,
+                         expected[4 * i + (size_t)k]);
         }
     }
     assert_true(seen > 50);
@@ -75,7 +82,8 @@ static void absolute_gradients_match_the_oracle_pixel_by_pixel(void **state)
     oracle_scene scene = oracle_random_model(4, 24, NULL);
     const sgs_camera camera = oracle_camera(SGS_CAMERA_PINHOLE, 24, 20);
     const sgs_pose pose = oracle_pose_look_at(0.5, 0.3, -4);
-    traced_view traced = traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, 2, SGSI_BVH_LOW);
+    traced_view traced =
+        traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, 2, SGSI_BVH_LOW);
     const size_t pixels = (size_t)camera.width * (size_t)camera.height;
     double *d[3], *params = oracle_memory(scene.count * SGS_PARAM_COUNT, sizeof *params),
                   *mean = oracle_memory(scene.count * 3, sizeof *mean);
@@ -85,12 +93,15 @@ static void absolute_gradients_match_the_oracle_pixel_by_pixel(void **state)
         d[c] = oracle_memory(pixels, sizeof *d[c]);
     for (int y = 0; y < camera.height; ++y)
         for (int x = 0; x < camera.width; ++x) {
-            const size_t at = (size_t)y * (size_t)camera.width + (size_t)x, to = (size_t)y * single.stride + (size_t)x;
+            const size_t at = (size_t)y * (size_t)camera.width + (size_t)x,
+                         to = (size_t)y * single.stride + (size_t)x;
             for (int c = 0; c < 3; ++c)
-                d[c][at] = (double)(single.color[c][to] = (float)(sgsi_random_uniform(8, 3 * at + (size_t)c) - 0.5));
+                d[c][at] = (double)(single.color[c][to] =
+                                        (float)(sgsi_random_uniform(8, 3 * at + (size_t)c) - 0.5));
             single.transmittance[to] = 0;
-            assert_int_equal(sgs_reference_backward(scene.params, scene.count, &camera, &pose, &traced.options,
-                                                    (const double *const[3]){d[0], d[1], d[2]}, NULL, params, mean),
+            assert_int_equal(sgs_reference_backward(
+                                 scene.params, scene.count, &camera, &pose, &traced.options,
+                                 (const double *const[3]){d[0], d[1], d[2]}, NULL, params, mean),
                              SGS_STATUS_OK);
             for (size_t i = 0; i < scene.count; ++i)
                 for (int axis = 0; axis < 2; ++axis) { // rows of the rotation: camera x, camera y
@@ -103,9 +114,9 @@ static void absolute_gradients_match_the_oracle_pixel_by_pixel(void **state)
                 d[c][at] = 0;
         }
     sgsi_tracer_absolute(traced.tracer, true);
-    assert_int_equal(
-        sgsi_tracer_backward(traced.tracer, &traced.view, &traced.planes, single.color, single.transmittance),
-        SGS_STATUS_OK);
+    assert_int_equal(sgsi_tracer_backward(traced.tracer, &traced.view, &traced.planes, single.color,
+                                          single.transmittance),
+                     SGS_STATUS_OK);
     float *sums[2] = {sgsi_calloc(scene.model->capacity, sizeof(float)),
                       sgsi_calloc(scene.model->capacity, sizeof(float))};
     for (int norm = 0; norm < 2; ++norm) {
@@ -164,7 +175,8 @@ static void median_is_the_lower_middle_of_the_positive_values(void **state)
                 positive[count++] = values[i];
         }
         qsort(positive, count, sizeof *positive, by_value);
-        assert_true(sgsi_positive_median(values, 1, NULL, n) == (count ? positive[(count - 1) / 2] : 0.0f));
+        assert_true(sgsi_positive_median(values, 1, NULL, n) ==
+                    (count ? positive[(count - 1) / 2] : 0.0f));
     }
 }
 
@@ -205,7 +217,8 @@ static void weighted_draws_follow_their_weights(void **state)
         assert_int_equal(sgsi_select_weighted(weight, eligible, 5, 1, seed, chosen), SGS_STATUS_OK);
         for (int i = 0; i < 5; ++i)
             first[i] += chosen[i];
-        assert_int_equal(sgsi_select_weighted(weight, eligible, 5, 2, seed + DRAWS, chosen), SGS_STATUS_OK);
+        assert_int_equal(sgsi_select_weighted(weight, eligible, 5, 2, seed + DRAWS, chosen),
+                         SGS_STATUS_OK);
         pair += chosen[0] && chosen[1];
     }
     assert_int_equal(first[2] + first[4], 0);
@@ -292,8 +305,9 @@ static void drop(fixture *f)
 
 static size_t update(fixture *f)
 {
-    assert_int_equal(sgsi_density_update(f->model, &f->m, &f->v, &f->statistics, &f->options, &f->result),
-                     SGS_STATUS_OK);
+    assert_int_equal(
+        sgsi_density_update(f->model, &f->m, &f->v, &f->statistics, &f->options, &f->result),
+        SGS_STATUS_OK);
     return f->model->count;
 }
 
@@ -319,7 +333,8 @@ static void taming_grows_along_its_parabola(void **state)
         f->state.initial_count = 1000; // as if the run had started smaller
         f->train.pipeline_options.taming_multiplier = 5;
         const double x = (j + 1) / 145.0, scheduled = floor(5000 - 4000 * (1 - x) * (1 - x) + 1e-9);
-        const size_t expected = scheduled < 3000 ? 3000 : (size_t)scheduled; // never fewer than there are
+        const size_t expected =
+            scheduled < 3000 ? 3000 : (size_t)scheduled; // never fewer than there are
         assert_true(fabs((double)update(f) - (double)expected) <= 1);
         drop(f);
     }
@@ -355,7 +370,8 @@ static void half_of_what_3dgs_would_prune_is_drawn(void **state)
         for (size_t i = 0; i < 200; ++i)
             set_faint(f, i);
         const size_t left = update(f), removed = 400 - left;
-        assert_true(removed <= 100 && removed >= 25); // 100 are drawn among 400 equals: about 50 of them are faint
+        assert_true(removed <= 100 &&
+                    removed >= 25); // 100 are drawn among 400 equals: about 50 of them are faint
         for (int i = 200; i < 400; ++i)
             assert_int_equal(copies_of(f, (float)i), 1);
         drop(f);
@@ -374,7 +390,8 @@ static void fastgs_grows_where_views_agree_only(void **state)
     fixture *f = make(&sgsi_pipeline_fastgs, 60, 1e-3f);
     for (size_t i = 0; i < 60; ++i) {
         if (i >= 20)
-            *sgs_gaussians_at(f->model, i, SGS_PARAM_SCALE) = logf(0.02f); // above 0.001 of the extent
+            *sgs_gaussians_at(f->model, i, SGS_PARAM_SCALE) =
+                logf(0.02f); // above 0.001 of the extent
         if (i >= 40)
             f->statistics.absolute_sum[i] = 2 * 0.0013f;
         f->importance[i] = i % 2 ? 5.9f : 6.0f; // the floor must exceed 5
@@ -409,7 +426,8 @@ static void fastgs_scores_average_votes_and_scale_pruning(void **state)
     for (int view = 0; view < 4; ++view) {
         for (int i = 0; i < 3; ++i)
             sums[16 * i + SGSI_SCORE_WEIGHT] = (float)(i * (view + 1));
-        const sgsi_scored_view scored = {.count = 3, .loss = 0.1 * (view + 1), .sums = sums, .touched = touched};
+        const sgsi_scored_view scored = {
+            .count = 3, .loss = 0.1 * (view + 1), .sums = sums, .touched = touched};
         sgsi_pipeline_fastgs.score_view(&scored, importance, expendable);
     }
     sgsi_pipeline_fastgs.finish_scores(3, 4, importance, expendable);
@@ -422,8 +440,8 @@ static void taming_importance_is_the_published_sum(void **state)
     (void)state;
     float sums[16 * 16] = {0}, importance[4] = {0};
     const uint8_t touched[1] = {1};
-    const float gradient[4] = {1, 2, 4, 8}, opacity[4] = {0.1f, 0.2f, 0.5f, 0.9f}, depth[4] = {3, 0, 5, 7},
-                radius[4] = {2, 0, 4, 9}, volume[4] = {1, 1, 3, 2};
+    const float gradient[4] = {1, 2, 4, 8}, opacity[4] = {0.1f, 0.2f, 0.5f, 0.9f},
+                depth[4] = {3, 0, 5, 7}, radius[4] = {2, 0, 4, 9}, volume[4] = {1, 1, 3, 2};
     for (int i = 0; i < 4; ++i)
         for (int k = 0; k < 4; ++k)
             sums[16 * i + k] = (float)((i + 1) * (k + 2));
@@ -438,9 +456,10 @@ static void taming_importance_is_the_published_sum(void **state)
                                    .volume = volume};
     sgsi_pipeline_taming.score_view(&view, importance, NULL);
     assert_true(importance[1] == 0); // not in view
-    // Medians, lower middle: gradient 2, opacity 0.2, depth 5, radius 4, volume 1; sums: those of row 1.
-    const double row3 =
-        25 * 8 / 2.0 + 100 * 0.9 / 0.2 + 5 * 7 / 5.0 + 10 * 9 / 4.0 + 25 * 2.0 + (10 + 0.1 + 50 + 50) * 2.0;
+    // Medians, lower middle: gradient 2, opacity 0.2, depth 5, radius 4, volume 1; sums: those of
+    // row 1.
+    const double row3 = 25 * 8 / 2.0 + 100 * 0.9 / 0.2 + 5 * 7 / 5.0 + 10 * 9 / 4.0 + 25 * 2.0 +
+                        (10 + 0.1 + 50 + 50) * 2.0;
     assert_true(fabs((double)importance[3] - 50 * 0.25 * row3) <= 1e-5 * 50 * 0.25 * row3);
 }
 
@@ -489,7 +508,8 @@ static void dash_prunes_before_it_grows(void **state)
     drop(f);
 }
 
-// A crowd of faint rows that no view pulls, in one voxel: RAP's prey in every pipeline, and none of them has new rows.
+// A crowd of faint rows that no view pulls, in one voxel: RAP's prey in every pipeline, and none of
+// them has new rows.
 static void redundancy_joins_every_pipeline(void **state)
 {
     (void)state;
@@ -502,10 +522,13 @@ static void redundancy_joins_every_pipeline(void **state)
         f->options.until = 27000;
         for (size_t i = 0; i < 200; ++i) {
             *sgs_gaussians_at(f->model, i, SGS_PARAM_MEAN) =
-                i < 150 ? 0.01f * (float)sgsi_random_uniform(3, i) : 0.2f + 0.016f * (float)(i - 150);
-            *sgs_gaussians_at(f->model, i, SGS_PARAM_MEAN + 1) = *sgs_gaussians_at(f->model, i, SGS_PARAM_MEAN + 2) = 0;
+                i < 150 ? 0.01f * (float)sgsi_random_uniform(3, i)
+                        : 0.2f + 0.016f * (float)(i - 150);
+            *sgs_gaussians_at(f->model, i, SGS_PARAM_MEAN + 1) =
+                *sgs_gaussians_at(f->model, i, SGS_PARAM_MEAN + 2) = 0;
             *sgs_gaussians_at(f->model, i, SGS_PARAM_OPACITY) = i % 2 ? 0 : logf(0.03f / 0.97f);
-            f->statistics.absolute_sum[i] = 1e-9f * (float)i; // one row is above all others, and only one grows
+            f->statistics.absolute_sum[i] =
+                1e-9f * (float)i; // one row is above all others, and only one grows
             f->statistics.radius_max[i] = 4;
         }
         update(f);
@@ -533,7 +556,8 @@ static void weights_suppress_growth_in_every_pipeline(void **state)
             f->options.until = 27000;
             for (size_t i = 0; i < 200; ++i) {
                 *sgs_gaussians_at(f->model, i, SGS_PARAM_MEAN) =
-                    i < 150 ? 0.01f * (float)sgsi_random_uniform(3, i) : 0.2f + 0.016f * (float)(i - 150);
+                    i < 150 ? 0.01f * (float)sgsi_random_uniform(3, i)
+                            : 0.2f + 0.016f * (float)(i - 150);
                 *sgs_gaussians_at(f->model, i, SGS_PARAM_MEAN + 1) =
                     *sgs_gaussians_at(f->model, i, SGS_PARAM_MEAN + 2) = 0;
                 f->statistics.radius_max[i] = 4;
@@ -543,7 +567,8 @@ static void weights_suppress_growth_in_every_pipeline(void **state)
             drop(f);
         }
         if (!(counts[1] + 20 < counts[0]))
-            fail_msg("%s: %zu rows with weights, %zu without", pipeline->name, counts[1], counts[0]);
+            fail_msg("%s: %zu rows with weights, %zu without", pipeline->name, counts[1],
+                     counts[0]);
     }
 }
 

@@ -1,8 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Model files: the layout is 3DGS's to the byte, values survive bit by bit, other trainers' orders and types are
-// read, and a failed write leaves the earlier file. Broken files are test_ply_errors.c's.
+// Model files: the layout is 3DGS's to the byte, values survive bit by bit, other trainers' orders
+// and types are read, and a failed write leaves the earlier file. Broken files are
+// test_ply_errors.c's.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -81,26 +82,40 @@ static void ply_survives_a_round_trip_bit_by_bit(void **state)
 
 static const char header_3dgs[] =
     "ply\nformat binary_little_endian 1.0\nelement vertex 2\n"
-    "property float x\nproperty float y\nproperty float z\nproperty float nx\nproperty float ny\nproperty float nz\n"
+    "property float x\nproperty float y\nproperty float z\nproperty float nx\nproperty float "
+    "ny\nproperty float nz\n"
     "property float f_dc_0\nproperty float f_dc_1\nproperty float f_dc_2\n"
-    "property float f_rest_0\nproperty float f_rest_1\nproperty float f_rest_2\nproperty float f_rest_3\n"
-    "property float f_rest_4\nproperty float f_rest_5\nproperty float f_rest_6\nproperty float f_rest_7\n"
-    "property float f_rest_8\nproperty float f_rest_9\nproperty float f_rest_10\nproperty float f_rest_11\n"
-    "property float f_rest_12\nproperty float f_rest_13\nproperty float f_rest_14\nproperty float f_rest_15\n"
-    "property float f_rest_16\nproperty float f_rest_17\nproperty float f_rest_18\nproperty float f_rest_19\n"
-    "property float f_rest_20\nproperty float f_rest_21\nproperty float f_rest_22\nproperty float f_rest_23\n"
-    "property float f_rest_24\nproperty float f_rest_25\nproperty float f_rest_26\nproperty float f_rest_27\n"
-    "property float f_rest_28\nproperty float f_rest_29\nproperty float f_rest_30\nproperty float f_rest_31\n"
-    "property float f_rest_32\nproperty float f_rest_33\nproperty float f_rest_34\nproperty float f_rest_35\n"
-    "property float f_rest_36\nproperty float f_rest_37\nproperty float f_rest_38\nproperty float f_rest_39\n"
-    "property float f_rest_40\nproperty float f_rest_41\nproperty float f_rest_42\nproperty float f_rest_43\n"
+    "property float f_rest_0\nproperty float f_rest_1\nproperty float f_rest_2\nproperty float "
+    "f_rest_3\n"
+    "property float f_rest_4\nproperty float f_rest_5\nproperty float f_rest_6\nproperty float "
+    "f_rest_7\n"
+    "property float f_rest_8\nproperty float f_rest_9\nproperty float f_rest_10\nproperty float "
+    "f_rest_11\n"
+    "property float f_rest_12\nproperty float f_rest_13\nproperty float f_rest_14\nproperty float "
+    "f_rest_15\n"
+    "property float f_rest_16\nproperty float f_rest_17\nproperty float f_rest_18\nproperty float "
+    "f_rest_19\n"
+    "property float f_rest_20\nproperty float f_rest_21\nproperty float f_rest_22\nproperty float "
+    "f_rest_23\n"
+    "property float f_rest_24\nproperty float f_rest_25\nproperty float f_rest_26\nproperty float "
+    "f_rest_27\n"
+    "property float f_rest_28\nproperty float f_rest_29\nproperty float f_rest_30\nproperty float "
+    "f_rest_31\n"
+    "property float f_rest_32\nproperty float f_rest_33\nproperty float f_rest_34\nproperty float "
+    "f_rest_35\n"
+    "property float f_rest_36\nproperty float f_rest_37\nproperty float f_rest_38\nproperty float "
+    "f_rest_39\n"
+    "property float f_rest_40\nproperty float f_rest_41\nproperty float f_rest_42\nproperty float "
+    "f_rest_43\n"
     "property float f_rest_44\nproperty float opacity\n"
     "property float scale_0\nproperty float scale_1\nproperty float scale_2\n"
-    "property float rot_0\nproperty float rot_1\nproperty float rot_2\nproperty float rot_3\nend_header\n";
+    "property float rot_0\nproperty float rot_1\nproperty float rot_2\nproperty float "
+    "rot_3\nend_header\n";
 
 static float little_endian_float(const unsigned char *bytes)
 {
-    const uint32_t bits = bytes[0] | (uint32_t)bytes[1] << 8 | (uint32_t)bytes[2] << 16 | (uint32_t)bytes[3] << 24;
+    const uint32_t bits =
+        bytes[0] | (uint32_t)bytes[1] << 8 | (uint32_t)bytes[2] << 16 | (uint32_t)bytes[3] << 24;
     float value;
     memcpy(&value, &bits, sizeof value);
     return value;
@@ -145,7 +160,8 @@ static void ply_points_have_the_layout_of_input_ply(void **state)
     const temp_folder folder = temp_folder_make();
     const float points[] = {1, 2, 3, -4, 5.5f, 6};
     const unsigned char colors[] = {0, 128, 255, 7, 8, 9};
-    assert_int_equal(sgs_ply_write_points(temp_path(&folder, "input.ply"), points, colors, 2), SGS_STATUS_OK);
+    assert_int_equal(sgs_ply_write_points(temp_path(&folder, "input.ply"), points, colors, 2),
+                     SGS_STATUS_OK);
     static const char header[] =
         "ply\nformat binary_little_endian 1.0\nelement vertex 2\n"
         "property float x\nproperty float y\nproperty float z\n"
@@ -164,7 +180,8 @@ static void ply_points_have_the_layout_of_input_ply(void **state)
     free(bytes);
     sgs_gaussians *model;
     assert_int_equal(sgs_ply_read(temp_path(&folder, "input.ply"), &model), SGS_STATUS_FORMAT);
-    assert_non_null(strstr(sgs_last_error(), "property 'f_dc_0' is missing; this is a point cloud"));
+    assert_non_null(
+        strstr(sgs_last_error(), "property 'f_dc_0' is missing; this is a point cloud"));
     temp_folder_remove(&folder);
 }
 
@@ -172,7 +189,8 @@ static void ply_points_have_the_layout_of_input_ply(void **state)
 
 enum { ASCII, LITTLE, BIG };
 
-// Writes a model in a chosen order, format and type, with foreign properties and elements around it.
+// Writes a model in a chosen order, format and type, with foreign properties and elements around
+// it.
 typedef struct foreign {
     int format;
     const char *type; // of every property
@@ -223,8 +241,9 @@ static void write_foreign(const char *path, const sgs_gaussians *model, const fo
     int params[80], count = 0;
     const int rest = 3 * ((model->sh_degree + 1) * (model->sh_degree + 1) - 1);
     for (int k = 0; k < SGS_PARAM_SH_REST; ++k) {
-        static const char *const fixed[] = {"x", "y", "z", "rot_0", "rot_1", "rot_2", "rot_3", "scale_0", "scale_1",
-                                            "scale_2", "opacity", "f_dc_0", "f_dc_1", "f_dc_2"};
+        static const char *const fixed[] = {"x",       "y",      "z",       "rot_0",   "rot_1",
+                                            "rot_2",   "rot_3",  "scale_0", "scale_1", "scale_2",
+                                            "opacity", "f_dc_0", "f_dc_1",  "f_dc_2"};
         params[count] = k;
         snprintf(names[count++], sizeof names[0], "%s", fixed[k]);
     }
@@ -245,9 +264,11 @@ static void write_foreign(const char *path, const sgs_gaussians *model, const fo
         order[k] = order[other];
         order[other] = kept;
     }
-    fprintf(stream, "ply\nformat %s 1.0\ncomment from another program, \xc3\xa9\nobj_info 3\n", formats[how->format]);
+    fprintf(stream, "ply\nformat %s 1.0\ncomment from another program, \xc3\xa9\nobj_info 3\n",
+            formats[how->format]);
     if (how->surrounded)
-        fputs("element strange 2\nproperty short a\nproperty list uchar int b\nelement none 7\n", stream);
+        fputs("element strange 2\nproperty short a\nproperty list uchar int b\nelement none 7\n",
+              stream);
     fprintf(stream, "element vertex %zu\n", model->count);
     for (int k = 0; k < count; ++k)
         fprintf(stream, "property %s %s\n", how->type, names[order[k]]);
@@ -260,7 +281,8 @@ static void write_foreign(const char *path, const sgs_gaussians *model, const fo
     }
     for (size_t i = 0; i < model->count; ++i) {
         for (int k = 0; k < count; ++k)
-            put_value(stream, how, params[order[k]] < 0 ? 7.0 : *sgs_gaussians_at(model, i, params[order[k]]));
+            put_value(stream, how,
+                      params[order[k]] < 0 ? 7.0 : *sgs_gaussians_at(model, i, params[order[k]]));
         if (how->format == ASCII)
             fputc('\n', stream);
     }
@@ -295,17 +317,19 @@ static void ply_reads_any_order_type_format_and_degree(void **state)
     temp_folder_remove(&folder);
 }
 
-static const char ascii_head[] = "property float x\r\nproperty float y\r\nproperty float z\r\n"
-                                 "property int f_dc_0\r\nproperty uchar f_dc_1\r\nproperty short f_dc_2\r\n"
-                                 "property double opacity\r\n"
-                                 "property float scale_0\r\nproperty float scale_1\r\nproperty float scale_2\r\n"
-                                 "property float rot_0\r\nproperty float rot_1\r\nproperty float rot_2\r\n"
-                                 "property float rot_3\r\nend_header\r\n";
+static const char ascii_head[] =
+    "property float x\r\nproperty float y\r\nproperty float z\r\n"
+    "property int f_dc_0\r\nproperty uchar f_dc_1\r\nproperty short f_dc_2\r\n"
+    "property double opacity\r\n"
+    "property float scale_0\r\nproperty float scale_1\r\nproperty float scale_2\r\n"
+    "property float rot_0\r\nproperty float rot_1\r\nproperty float rot_2\r\n"
+    "property float rot_3\r\nend_header\r\n";
 
 static sgs_gaussians *read_text(const temp_folder *folder, int count, const char *rows)
 {
     char text[4096];
-    snprintf(text, sizeof text, "ply\r\nformat ascii 1.0\r\nelement vertex %d\r\n%s%s", count, ascii_head, rows);
+    snprintf(text, sizeof text, "ply\r\nformat ascii 1.0\r\nelement vertex %d\r\n%s%s", count,
+             ascii_head, rows);
     file_put(temp_path(folder, "c.ply"), text, strlen(text));
     sgs_gaussians *model;
     if (sgs_ply_read(temp_path(folder, "c.ply"), &model))
@@ -320,7 +344,8 @@ static void ply_reads_text_in_any_language(void **state)
     // A decimal comma, where such a language is installed.
     if (!setlocale(LC_NUMERIC, "de_DE.UTF-8"))
         setlocale(LC_NUMERIC, "fr_FR.UTF-8");
-    sgs_gaussians *model = read_text(&folder, 1, "1.5 -2e-3 +3\n\n4 5 -6\t.25 1 1 1 \r\n1 0 0 0"); // no last line feed
+    sgs_gaussians *model =
+        read_text(&folder, 1, "1.5 -2e-3 +3\n\n4 5 -6\t.25 1 1 1 \r\n1 0 0 0"); // no last line feed
     static const float expected[] = {1.5f, -2e-3f, 3, 1, 0, 0, 0, 1, 1, 1, 0.25f, 4, 5, -6};
     for (int k = 0; k < SGS_PARAM_SH_REST; ++k)
         assert_true(*sgs_gaussians_at(model, 0, k) == expected[k]);
@@ -347,7 +372,8 @@ static void ply_drops_rows_that_are_not_finite(void **state)
     assert_true(*sgs_gaussians_at(model, 0, 0) == 1.0f && *sgs_gaussians_at(model, 1, 0) == 2.0f);
     assert_true(*sgs_gaussians_at(model, 2, SGS_PARAM_OPACITY) == -30.0f); // inert again
     assert_int_equal(warning_count, 1);
-    assert_non_null(strstr(last_warning, "c.ply: 4 of 6 primitives are not finite and were dropped"));
+    assert_non_null(
+        strstr(last_warning, "c.ply: 4 of 6 primitives are not finite and were dropped"));
     sgs_gaussians_destroy(model);
     sgs_set_warning_handler(NULL, NULL);
     temp_folder_remove(&folder);
@@ -366,7 +392,8 @@ static void ply_reads_a_zero_quaternion_as_no_rotation(void **state)
     static const float expected[3][4] = {{1, 0, 0, 0}, {0, 3, 0, 4}, {0, 0.6f, 0, 0.8f}};
     for (size_t i = 0; i < 3; ++i) {
         for (int k = 0; k < 4; ++k)
-            assert_true(fabsf(*sgs_gaussians_at(model, i, SGS_PARAM_ROTATION + k) - expected[i][k]) <= 1e-7f);
+            assert_true(fabsf(*sgs_gaussians_at(model, i, SGS_PARAM_ROTATION + k) -
+                              expected[i][k]) <= 1e-7f);
     }
     assert_int_equal(warning_count, 1);
     assert_non_null(strstr(last_warning, "1 primitives have the rotation 0 0 0 0"));
@@ -415,7 +442,8 @@ static void ply_write_failure_keeps_the_old_file(void **state)
         sgs_gaussians_destroy(back);
     }
     assert_int_equal(sgs_ply_write("/nonexistent/folder/a.ply", old), SGS_STATUS_IO);
-    assert_non_null(strstr(sgs_last_error(), "/nonexistent/folder/a.ply: cannot be written: No such file"));
+    assert_non_null(
+        strstr(sgs_last_error(), "/nonexistent/folder/a.ply: cannot be written: No such file"));
     old->sh_degree = 4;
     assert_int_equal(sgs_ply_write(temp_path(&folder, "a.ply"), old), SGS_STATUS_INVALID_ARGUMENT);
     sgs_gaussians_destroy(old);

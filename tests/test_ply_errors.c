@@ -1,7 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Broken, truncated and hostile PLY files: each ends in one sentence that names the file and the place.
+// Broken, truncated and hostile PLY files: each ends in one sentence that names the file and the
+// place.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -45,11 +46,13 @@ static const bad_file bad_files[] = {
     {"ply\n", SGS_STATUS_FORMAT, "line 2: the file ends inside the header"},
     {"ply\nelement vertex 1\n", SGS_STATUS_FORMAT, "line 2: 'format' is expected after 'ply'"},
     {"ply\nformat ascii\n", SGS_STATUS_FORMAT, "line 2: 'format' is expected after 'ply'"},
-    {"ply\nformat ascii 2.0\n", SGS_STATUS_UNSUPPORTED, "line 2: PLY version 2.0 is unknown; only 1.0 is read"},
+    {"ply\nformat ascii 2.0\n", SGS_STATUS_UNSUPPORTED,
+     "line 2: PLY version 2.0 is unknown; only 1.0 is read"},
     {"ply\nformat zip 1.0\n", SGS_STATUS_UNSUPPORTED,
      "line 2: format 'zip' is unknown; ascii, binary_little_endian or binary_big_endian is read"},
     {ASCII "end_header\n", SGS_STATUS_FORMAT, "has no element 'vertex'; this is not a 3DGS model"},
-    {ASCII "element face 3\nend_header\n", SGS_STATUS_FORMAT, "has no element 'vertex'; this is not a 3DGS model"},
+    {ASCII "element face 3\nend_header\n", SGS_STATUS_FORMAT,
+     "has no element 'vertex'; this is not a 3DGS model"},
     {ASCII "element vertex 1\n", SGS_STATUS_FORMAT, "line 4: the file ends inside the header"},
     {ASCII "element vertex\n", SGS_STATUS_FORMAT, "line 3: 'element NAME COUNT' is expected"},
     {ASCII "element vertex 1 2\n", SGS_STATUS_FORMAT, "line 3: 'element NAME COUNT' is expected"},
@@ -59,8 +62,10 @@ static const bad_file bad_files[] = {
      "line 3: element 'vertex' has the count '-1', which is not a number"},
     {ASCII "element vertex 18446744073709551616\n", SGS_STATUS_FORMAT,
      "line 3: element 'vertex' has the count '18446744073709551616', which is not a number"},
-    {ASCII "element vertex 1\nelement vertex 1\n", SGS_STATUS_FORMAT, "line 4: element 'vertex' occurs twice"},
-    {ASCII "property float x\n", SGS_STATUS_FORMAT, "line 3: a property stands before the first element"},
+    {ASCII "element vertex 1\nelement vertex 1\n", SGS_STATUS_FORMAT,
+     "line 4: element 'vertex' occurs twice"},
+    {ASCII "property float x\n", SGS_STATUS_FORMAT,
+     "line 3: a property stands before the first element"},
     {ASCII "element vertex 1\nproperty float\n", SGS_STATUS_FORMAT,
      "line 4: 'property TYPE NAME' or 'property list COUNT-TYPE TYPE NAME' is expected"},
     {ASCII "element vertex 1\nproperty list uchar x\n", SGS_STATUS_FORMAT,
@@ -74,11 +79,14 @@ static const bad_file bad_files[] = {
     {ASCII "element vertex 1\nproperty float " NAME64 "\n", SGS_STATUS_LIMIT,
      "line 4: a name is longer than 63 characters"},
     {ASCII "elements vertex 1\n", SGS_STATUS_FORMAT, "line 3: 'elements' is not a PLY keyword"},
-    {ASCII "element ver\x1b[2Jtex 1\n", SGS_STATUS_FORMAT, "line 3: byte 0x1b is not text; the header is damaged"},
-    {ASCII "element ver\xfftex 1\n", SGS_STATUS_FORMAT, "line 3: byte 0xff is not text; the header is damaged"},
+    {ASCII "element ver\x1b[2Jtex 1\n", SGS_STATUS_FORMAT,
+     "line 3: byte 0x1b is not text; the header is damaged"},
+    {ASCII "element ver\xfftex 1\n", SGS_STATUS_FORMAT,
+     "line 3: byte 0xff is not text; the header is damaged"},
     {ASCII "element vertex 1\nproperty list uchar float x\nend_header\n", SGS_STATUS_UNSUPPORTED,
      "property 'x' of a vertex is a list; a 3DGS model has none"},
-    {ASCII "element vertex 1\nend_header\n", SGS_STATUS_FORMAT, "property 'x' is missing; this is not a 3DGS model"},
+    {ASCII "element vertex 1\nend_header\n", SGS_STATUS_FORMAT,
+     "property 'x' is missing; this is not a 3DGS model"},
     {ASCII "element vertex 1\n" XYZ COLOR OPACITY SCALE ROT3 "end_header\n", SGS_STATUS_FORMAT,
      "property 'rot_3' is missing; this is not a 3DGS model"},
     {ASCII "element vertex 1\n" XYZ COLOR SCALE ROT "end_header\n", SGS_STATUS_FORMAT,
@@ -87,36 +95,46 @@ static const bad_file bad_files[] = {
      "property 'f_dc_0' is missing; this is a point cloud and not a 3DGS model"},
     {ASCII "element vertex 1\nproperty uint packed_position\nend_header\n", SGS_STATUS_FORMAT,
      "property 'x' is missing; this is a compressed model; export it as an uncompressed PLY"},
-    {ASCII "element vertex 1\n" MODEL "property float f_rest_0\nend_header\n" ROW, SGS_STATUS_UNSUPPORTED,
-     "has 1 f_rest properties; 0, 9, 24 or 45 are read (SH degree 0 to 3)"},
-    {ASCII "element vertex 1\n" MODEL
-           "property float f_rest_0\nproperty float f_rest_1\nproperty float f_rest_2\nproperty float f_rest_3\n"
-           "property float f_rest_4\nproperty float f_rest_5\nproperty float f_rest_6\nproperty float f_rest_8\n"
+    {ASCII "element vertex 1\n" MODEL "property float f_rest_0\nend_header\n" ROW,
+     SGS_STATUS_UNSUPPORTED, "has 1 f_rest properties; 0, 9, 24 or 45 are read (SH degree 0 to 3)"},
+    {ASCII "element vertex 1\n" MODEL "property float f_rest_0\nproperty float f_rest_1\nproperty "
+           "float f_rest_2\nproperty float f_rest_3\n"
+           "property float f_rest_4\nproperty float f_rest_5\nproperty float f_rest_6\nproperty "
+           "float f_rest_8\n"
            "property float f_rest_9\nend_header\n" ROW,
      SGS_STATUS_FORMAT, "property 'f_rest_7' is missing; this is not a 3DGS model"},
     {ASCII "element vertex 2\n" MODEL "end_header\n" ROW, SGS_STATUS_FORMAT,
-     "byte 342: 2 rows of element 'vertex' take at least 28 bytes each, but only 28 bytes are left; the file is "
+     "byte 342: 2 rows of element 'vertex' take at least 28 bytes each, but only 28 bytes are "
+     "left; the file is "
      "truncated or its count is wrong"},
     {ASCII "element vertex 18446744073709551615\n" MODEL "end_header\n" ROW, SGS_STATUS_FORMAT,
-     "byte 361: 18446744073709551615 rows of element 'vertex' take at least 28 bytes each, but only 28 bytes are "
+     "byte 361: 18446744073709551615 rows of element 'vertex' take at least 28 bytes each, but "
+     "only 28 bytes are "
      "left; the file is truncated or its count is wrong"},
     {LITTLE "element vertex 1000000000\n" MODEL "end_header\n1234", SGS_STATUS_FORMAT,
-     "byte 366: 1000000000 rows of element 'vertex' take at least 56 bytes each, but only 4 bytes are left; the file "
+     "byte 366: 1000000000 rows of element 'vertex' take at least 56 bytes each, but only 4 bytes "
+     "are left; the file "
      "is truncated or its count is wrong"},
-    {ASCII "element vertex 1\n" MODEL "end_header\n0 0 zero 0 0 0 0 0 0 0 1 0 0 0\n", SGS_STATUS_FORMAT,
-     "byte 346: vertex 0: property 'z': 'zero' is not a number"},
-    {ASCII "element vertex 1\n" MODEL "end_header\n0 0 1\x1b[2J 0 0 0 0 0 0 0 1 0 0 0\n", SGS_STATUS_FORMAT,
-     "byte 346: vertex 0: property 'z': '1?[2J' is not a number"},
-    {ASCII "element vertex 1\n" MODEL "end_header\n0 0 0 0 0 0 0 0 0 0 1.00000 0 0\n", SGS_STATUS_FORMAT,
+    {ASCII "element vertex 1\n" MODEL "end_header\n0 0 zero 0 0 0 0 0 0 0 1 0 0 0\n",
+     SGS_STATUS_FORMAT, "byte 346: vertex 0: property 'z': 'zero' is not a number"},
+    {ASCII "element vertex 1\n" MODEL "end_header\n0 0 1\x1b[2J 0 0 0 0 0 0 0 1 0 0 0\n",
+     SGS_STATUS_FORMAT, "byte 346: vertex 0: property 'z': '1?[2J' is not a number"},
+    {ASCII "element vertex 1\n" MODEL "end_header\n0 0 0 0 0 0 0 0 0 0 1.00000 0 0\n",
+     SGS_STATUS_FORMAT,
      "byte 374: vertex 0: property 'rot_3' is not there; the file is truncated or damaged"},
-    {ASCII "element cell 99\nproperty int a\nelement vertex 1\n" MODEL "end_header\n" ROW, SGS_STATUS_FORMAT,
-     "byte 373: 99 rows of element 'cell' take at least 2 bytes each, but only 28 bytes are left; the file is "
+    {ASCII "element cell 99\nproperty int a\nelement vertex 1\n" MODEL "end_header\n" ROW,
+     SGS_STATUS_FORMAT,
+     "byte 373: 99 rows of element 'cell' take at least 2 bytes each, but only 28 bytes are left; "
+     "the file is "
      "truncated or its count is wrong"},
-    {ASCII "element cell 1\nproperty list int int a\nelement vertex 1\n" MODEL "end_header\n99999999999999999999 " ROW,
+    {ASCII "element cell 1\nproperty list int int a\nelement vertex 1\n" MODEL
+           "end_header\n99999999999999999999 " ROW,
      SGS_STATUS_FORMAT, "byte 381: row 0 of element 'cell' is damaged or truncated"},
-    {LITTLE "element cell 1\nproperty list uint double a\nelement vertex 0\n" MODEL "end_header\n\xff\xff\xff\xff...",
+    {LITTLE "element cell 1\nproperty list uint double a\nelement vertex 0\n" MODEL
+            "end_header\n\xff\xff\xff\xff...",
      SGS_STATUS_FORMAT, "byte 400: row 0 of element 'cell' is damaged or truncated"},
-    {LITTLE "element cell 2\nproperty list char uchar a\nelement vertex 0\n" MODEL "end_header\n\xff...",
+    {LITTLE "element cell 2\nproperty list char uchar a\nelement vertex 0\n" MODEL
+            "end_header\n\xff...",
      SGS_STATUS_FORMAT, "byte 399: row 0 of element 'cell' is damaged or truncated"},
 };
 
@@ -132,8 +150,8 @@ static void ply_names_what_is_wrong(void **state)
         char expected[1024];
         snprintf(expected, sizeof expected, "%s: %s", path, bad_files[k].message);
         if (status != bad_files[k].status || strcmp(sgs_last_error(), expected))
-            fail_msg("case %zu: status %d with '%s', expected %d with '%s'", k, status, sgs_last_error(),
-                     bad_files[k].status, expected);
+            fail_msg("case %zu: status %d with '%s', expected %d with '%s'", k, status,
+                     sgs_last_error(), bad_files[k].status, expected);
         assert_null(model);
         bad_input();
     }
@@ -223,13 +241,15 @@ static void ply_survives_truncation_at_every_byte(void **state)
     temp_folder_remove(&folder);
 }
 
-// Ascii with a list element before the vertices: cut after every byte, it fails or (the last number cut short) reads.
+// Ascii with a list element before the vertices: cut after every byte, it fails or (the last number
+// cut short) reads.
 static void ply_survives_truncated_text(void **state)
 {
     (void)state;
     const temp_folder folder = temp_folder_make();
-    static const char text[] = ASCII "element cell 2\nproperty list uchar int a\nproperty float b\n"
-                                     "element vertex 2\n" MODEL "end_header\n2 1 1 0.5\n0 1.5\n" ROW ROW;
+    static const char text[] =
+        ASCII "element cell 2\nproperty list uchar int a\nproperty float b\n"
+              "element vertex 2\n" MODEL "end_header\n2 1 1 0.5\n0 1.5\n" ROW ROW;
     const size_t whole = strlen(text);
     for (size_t length = 0; length <= whole; ++length) {
         sgs_gaussians *back;
@@ -241,7 +261,8 @@ static void ply_survives_truncated_text(void **state)
     temp_folder_remove(&folder);
 }
 
-// Any status may come out; nothing may break (the sanitizers watch) and a model that comes out is finite.
+// Any status may come out; nothing may break (the sanitizers watch) and a model that comes out is
+// finite.
 static void ply_survives_random_damage(void **state)
 {
     (void)state;
@@ -255,7 +276,8 @@ static void ply_survives_random_damage(void **state)
         for (uint64_t hit = 0; hit <= round % 3; ++hit) {
             const uint64_t bits = sgsi_random_bits(77 + hit, round);
             const size_t reach = round % 2 ? size : 120; // half of them at the beginning
-            copy[(bits >> 8) % reach] = round % 5 ? (unsigned char)bits : (unsigned char)"0123456789 \n"[bits % 12];
+            copy[(bits >> 8) % reach] =
+                round % 5 ? (unsigned char)bits : (unsigned char)"0123456789 \n"[bits % 12];
         }
         file_put(temp_path(&folder, "b.ply"), copy, size);
         if (sgs_ply_read(temp_path(&folder, "b.ply"), &back)) {

@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The profile's counts against the oracle's brute force, the order in which they must stand for every tree, and the cost of
-// trees whose boxes allow it to be computed by hand.
+// The profile's counts against the oracle's brute force, the order in which they must stand for
+// every tree, and the cost of trees whose boxes allow it to be computed by hand.
 
 #include <math.h>
 #include <setjmp.h>
@@ -21,7 +21,8 @@
 
 enum { WIDTH = 53, HEIGHT = 38, COUNT = 400 };
 
-static sgs_profile *profile_of(const oracle_scene *scene, const sgs_camera *camera, const sgs_pose *pose, int samples, double step)
+static sgs_profile *profile_of(const oracle_scene *scene, const sgs_camera *camera,
+                               const sgs_pose *pose, int samples, double step)
 {
     sgs_profile_options options = sgs_profile_options_default();
     options.repeat = 1;
@@ -43,7 +44,9 @@ static void hits_are_those_of_brute_force(void **state)
     sgs_profile *profile = profile_of(&scene, &camera, &pose, WIDTH * HEIGHT / 8, 0);
     sgs_reference_frame exact;
     assert_int_equal(sgs_reference_frame_create(WIDTH, HEIGHT, &exact), SGS_STATUS_OK);
-    assert_int_equal(sgs_reference_render(scene.params, scene.count, &camera, &pose, &options, &exact), SGS_STATUS_OK);
+    assert_int_equal(
+        sgs_reference_render(scene.params, scene.count, &camera, &pose, &options, &exact),
+        SGS_STATUS_OK);
     double sum = 0, off = 0;
     for (int i = 0; i < WIDTH * HEIGHT; ++i) {
         sum += exact.hits[i];
@@ -51,8 +54,9 @@ static void hits_are_those_of_brute_force(void **state)
         assert_true(profile->pixel_hits[i] <= profile->pixel_evaluated[i]);
     }
     assert_true(sum > 3 * WIDTH * HEIGHT);
-    print_message("%.0f hits, %.0f differ (alpha within rounding of 1/255); sampled %.2f per ray against %.2f\n", sum, off,
-                  profile->sampled_hits, sum / (WIDTH * HEIGHT));
+    print_message("%.0f hits, %.0f differ (alpha within rounding of 1/255); sampled %.2f per ray "
+                  "against %.2f\n",
+                  sum, off, profile->sampled_hits, sum / (WIDTH * HEIGHT));
     assert_true(off <= 1e-3 * sum);
     assert_true(fabs(profile->hits - sum) <= 1e-3 * sum);
     // An eighth of the pixels, spread evenly, speaks for all.
@@ -109,17 +113,21 @@ static void cost_and_overlap_of_two_boxes_are_those_on_paper(void **state)
         // Unit cubes three apart: the root is 4 x 1 x 1, surface 18; leaves 6 each.
         const sgsi_bounds apart[2] = {box(0, 0, 0, 1), box(3, 0, 0, 1)};
         sgsi_bvh_cost cost;
-        assert_int_equal(sgsi_bvh_cost_measure(apart, apart, 2, qualities[q], &cost), SGS_STATUS_OK);
+        assert_int_equal(sgsi_bvh_cost_measure(apart, apart, 2, qualities[q], &cost),
+                         SGS_STATUS_OK);
         assert_int_equal(cost.nodes, 3);
         assert_int_equal(cost.leaves, 2);
         assert_true(fabs(cost.cost - (1 + 12.0 / 18)) < 1e-6);
         assert_true(cost.overlap == 0);
-        // The same tree once the cubes have moved onto each other: all surfaces are 6, and all of it is shared.
+        // The same tree once the cubes have moved onto each other: all surfaces are 6, and all of
+        // it is shared.
         const sgsi_bounds moved[2] = {box(0, 0, 0, 1), box(0, 0, 0, 1)};
-        assert_int_equal(sgsi_bvh_cost_measure(apart, moved, 2, qualities[q], &cost), SGS_STATUS_OK);
+        assert_int_equal(sgsi_bvh_cost_measure(apart, moved, 2, qualities[q], &cost),
+                         SGS_STATUS_OK);
         assert_true(fabs(cost.cost - 3) < 1e-6);
         assert_true(fabs(cost.overlap - 1) < 1e-6);
-        assert_int_equal(sgsi_bvh_cost_measure(apart, apart, 0, qualities[q], &cost), SGS_STATUS_OK);
+        assert_int_equal(sgsi_bvh_cost_measure(apart, apart, 0, qualities[q], &cost),
+                         SGS_STATUS_OK);
         assert_true(cost.cost == 0 && cost.nodes == 0);
     }
 }
@@ -137,7 +145,8 @@ static void options_out_of_range_are_refused(void **state)
         options.samples = k == 2 ? 1 << 20 : options.samples;
         options.step = k == 3 ? NAN : options.step;
         sgs_profile *profile = (sgs_profile *)&options;
-        assert_int_equal(sgs_profile_view(scene.model, &camera, &pose, &options, &profile), SGS_STATUS_INVALID_ARGUMENT);
+        assert_int_equal(sgs_profile_view(scene.model, &camera, &pose, &options, &profile),
+                         SGS_STATUS_INVALID_ARGUMENT);
         assert_null(profile);
     }
     sgs_profile_destroy(NULL);

@@ -1,9 +1,10 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The ray tables against the camera in double precision: every pixel's ray is in its lane, and inside of everything
-// that is said to contain it: the block's and the tile's rectangle, the bin's cone, the image's cone. On these bounds
-// rests that no primitive is lost; that they are tight is what makes the gather cheap.
+// The ray tables against the camera in double precision: every pixel's ray is in its lane, and
+// inside of everything that is said to contain it: the block's and the tile's rectangle, the bin's
+// cone, the image's cone. On these bounds rests that no primitive is lost; that they are tight is
+// what makes the gather cheap.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -41,17 +42,20 @@ static double dot(const double a[3], const float b[3])
 // Angle between a unit vector and a float vector, accurate for small ones.
 static double angle(const double a[3], const float b[3])
 {
-    const double c[3] = {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
+    const double c[3] = {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2],
+                         a[0] * b[1] - a[1] * b[0]};
     return atan2(sqrt(c[0] * c[0] + c[1] * c[1] + c[2] * c[2]), dot(a, b));
 }
 
 static void check_tile(const sgsi_tile_rays *tile, int block, int lane, const double d[3])
 {
-    const double along = dot(d, tile->frame), u = dot(d, tile->frame + 3) / along, v = dot(d, tile->frame + 6) / along;
+    const double along = dot(d, tile->frame), u = dot(d, tile->frame + 3) / along,
+                 v = dot(d, tile->frame + 6) / along;
     const double slack = 3e-7 * (1 + fabs(u) + fabs(v));
     assert_true(tile->valid[block] >> lane & 1);
     assert_true(fabs(tile->u[block][lane] - u) <= slack && fabs(tile->v[block][lane] - v) <= slack);
-    assert_true(fabsf(tile->u[block][lane]) <= tile->half_u && fabsf(tile->v[block][lane]) <= tile->half_v);
+    assert_true(fabsf(tile->u[block][lane]) <= tile->half_u &&
+                fabsf(tile->v[block][lane]) <= tile->half_v);
     const double off_u = fabs((double)tile->u[block][lane] - tile->block_u[block]);
     const double off_v = fabs((double)tile->v[block][lane] - tile->block_v[block]);
     assert_true(off_u <= tile->block_half_u[block] + 1e-7 * fabs(u) &&
@@ -70,7 +74,8 @@ static void every_pixel_lies_in_its_block_tile_bin_and_image(void **state)
             for (int y = 0; y < cameras[c].height; ++y) {
                 for (int x = 0; x < cameras[c].width; ++x) {
                     const sgsi_tile_rays *tile = &rays->tiles[y / 16 * rays->tiles_x + x / 16];
-                    const int block = y % 16 / 4 * 4 + x % 16 / 4, lane = y % 4 * 4 + x % 4, size = 16 * bin;
+                    const int block = y % 16 / 4 * 4 + x % 16 / 4, lane = y % 4 * 4 + x % 4,
+                              size = 16 * bin;
                     double d[3];
                     if (!sgs_camera_unproject(&cameras[c], (double[2]){x + 0.5, y + 0.5}, d)) {
                         assert_false(tile->valid[block] >> lane & 1);
@@ -85,8 +90,10 @@ static void every_pixel_lies_in_its_block_tile_bin_and_image(void **state)
                     assert_true(rays->bin_valid[b] >> ray & 1);
                     const double theta = angle(d, axis);
                     widest = fmax(widest, theta);
-                    // Bounds are padded by another 4e-6 of the distance: ten times the rounding of the directions.
-                    assert_true(theta < 1.5 ? tan(theta) <= rays->tan_cone + 3e-7 : rays->tan_cone > 15);
+                    // Bounds are padded by another 4e-6 of the distance: ten times the rounding of
+                    // the directions.
+                    assert_true(theta < 1.5 ? tan(theta) <= rays->tan_cone + 3e-7
+                                            : rays->tan_cone > 15);
                     assert_true(angle(d, rays->axis) <= acos((double)rays->cone_cos) + 1e-6);
                 }
             }
@@ -106,8 +113,8 @@ static void frames_are_orthonormal(void **state)
             for (int i = 0; i < 3; ++i)
                 for (int j = 0; j < 3; ++j) {
                     const float *f = rays->tiles[t].frame;
-                    const float product =
-                        f[3 * i] * f[3 * j] + f[3 * i + 1] * f[3 * j + 1] + f[3 * i + 2] * f[3 * j + 2];
+                    const float product = f[3 * i] * f[3 * j] + f[3 * i + 1] * f[3 * j + 1] +
+                                          f[3 * i + 2] * f[3 * j + 2];
                     assert_true(fabsf(product - (i == j)) <= 1e-6f);
                 }
         sgsi_rays_destroy(rays);

@@ -1,8 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The oracle's images: scenes whose pixels are known in closed form, the rules of a ray (thresholds, order, stop)
-// one by one, invariants, and the scenes which break careless code. Gradients: test_reference_gradient.c.
+// The oracle's images: scenes whose pixels are known in closed form, the rules of a ray
+// (thresholds, order, stop) one by one, invariants, and the scenes which break careless code.
+// Gradients: test_reference_gradient.c.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -40,17 +41,20 @@ static bool near_to(double value, double expected)
     return oracle_error(value, expected, 1) <= exact;
 }
 
-static sgs_reference_frame render(const double *params, size_t count, const sgs_camera *camera, const sgs_pose *pose,
-                                  const sgs_render_options *options)
+static sgs_reference_frame render(const double *params, size_t count, const sgs_camera *camera,
+                                  const sgs_pose *pose, const sgs_render_options *options)
 {
     sgs_reference_frame frame;
-    assert_int_equal(sgs_reference_frame_create(camera->width, camera->height, &frame), SGS_STATUS_OK);
-    assert_int_equal(sgs_reference_render(params, count, camera, pose, options, &frame), SGS_STATUS_OK);
+    assert_int_equal(sgs_reference_frame_create(camera->width, camera->height, &frame),
+                     SGS_STATUS_OK);
+    assert_int_equal(sgs_reference_render(params, count, camera, pose, options, &frame),
+                     SGS_STATUS_OK);
     return frame;
 }
 
 // Counted hits of the axis ray of axis_camera(100) with the bare filter.
-static size_t axis_hits(const double *params, size_t count, double near_distance, sgs_hit *hits, size_t capacity)
+static size_t axis_hits(const double *params, size_t count, double near_distance, sgs_hit *hits,
+                        size_t capacity)
 {
     const sgs_camera camera = axis_camera(100);
     sgs_render_options options = bare();
@@ -76,7 +80,8 @@ static void one_ball_on_the_axis(void **state)
     assert_true(near_to(frame.depth_median[CENTRE], 3));
     assert_true(near_to(frame.depth_first[CENTRE], 3));
     assert_true(frame.hits[CENTRE] == 1);
-    // One pixel to the right: the ray passes the mean at 3 sin(theta) and is nearest at 3 cos(theta).
+    // One pixel to the right: the ray passes the mean at 3 sin(theta) and is nearest at 3
+    // cos(theta).
     const double cosine = 1 / sqrt(1 + 1e-4), sine = 0.01 * cosine;
     const double alpha = 0.7 * exp(-0.5 * 9 * sine * sine / 0.01);
     assert_true(near_to(1 - frame.transmittance[CENTRE + 1], alpha));
@@ -84,7 +89,8 @@ static void one_ball_on_the_axis(void **state)
     sgs_reference_frame_free(&frame);
 }
 
-// An ellipsoid with axes (0.1, 0.2, 0.4) turned 90 degrees about z: its marginal across the axis is diag(0.2^2, 0.1^2).
+// An ellipsoid with axes (0.1, 0.2, 0.4) turned 90 degrees about z: its marginal across the axis is
+// diag(0.2^2, 0.1^2).
 static void turned_ellipsoid(void **state)
 {
     (void)state;
@@ -96,9 +102,10 @@ static void turned_ellipsoid(void **state)
     const sgs_render_options options = bare();
     sgs_reference_frame frame = render(one, 1, &camera, &identity, &options);
     for (int step = 1; step <= 2; ++step) {
-        // In the plane of the ray and one lateral axis the Gaussian has the variances v (lateral) and 0.16 (depth); the
-        // line x = k z meets it with rho^2 = (3 k)^2 / (v + 0.16 k^2).
-        const double k = step / 40.0, x = 9 * k * k / (0.04 + 0.16 * k * k), y = 9 * k * k / (0.01 + 0.16 * k * k);
+        // In the plane of the ray and one lateral axis the Gaussian has the variances v (lateral)
+        // and 0.16 (depth); the line x = k z meets it with rho^2 = (3 k)^2 / (v + 0.16 k^2).
+        const double k = step / 40.0, x = 9 * k * k / (0.04 + 0.16 * k * k),
+                     y = 9 * k * k / (0.01 + 0.16 * k * k);
         assert_true(near_to(1 - frame.transmittance[CENTRE + step], 0.7 * exp(-0.5 * x)));
         assert_true(near_to(1 - frame.transmittance[CENTRE + 5 * step], 0.7 * exp(-0.5 * y)));
     }
@@ -113,11 +120,13 @@ static void filters_widen_a_ball_as_their_papers_say(void **state)
     const float f3 = 0.02f;
     oracle_set_ball(ball, 0, 0, z, 0.01, 0.7);
     const sgs_camera camera = axis_camera(f);
-    const double shift2 = z * z * 1e-4 / (1 + 1e-4); // squared distance of the neighbour's ray from the mean
+    const double shift2 =
+        z * z * 1e-4 / (1 + 1e-4); // squared distance of the neighbour's ray from the mean
     sgs_render_options options = {SGS_FILTER_3DGS, 0.2, 3, NULL, false};
     sgs_reference_frame frame = render(ball, 1, &camera, &identity, &options);
     assert_true(near_to(1 - frame.transmittance[CENTRE], 0.7));
-    assert_true(near_to(1 - frame.transmittance[CENTRE + 1], 0.7 * exp(-0.5 * shift2 / (s2 + 0.3 * z * z / (f * f)))));
+    assert_true(near_to(1 - frame.transmittance[CENTRE + 1],
+                        0.7 * exp(-0.5 * shift2 / (s2 + 0.3 * z * z / (f * f)))));
     sgs_reference_frame_free(&frame);
 
     // Mip-Splatting keeps the mass: s^3 / s'^3 in space, then s'^2 / s''^2 in the image.
@@ -147,11 +156,13 @@ static void depth_of_the_filter_depends_on_the_lens(void **state)
         const sgs_camera camera = {lenses[k], 5, 5, {90, 110, 2.5, 2.5}};
         const sgs_render_options options = {SGS_FILTER_3DGS, 0.2, 3, NULL, false};
         sgsi_reference_view view;
-        assert_int_equal(sgsi_reference_view_create(ball, 1, &camera, &identity, &options, &view), SGS_STATUS_OK);
+        assert_int_equal(sgsi_reference_view_create(ball, 1, &camera, &identity, &options, &view),
+                         SGS_STATUS_OK);
         assert_true(near_to(view.primitives[0].depth, depths[k]));
-        assert_true(oracle_error(view.primitives[0].variance_view[0],
-                                 view.primitives[0].variance[0] + 0.3 * depths[k] * depths[k] / (90 * 110),
-                                 0) <= exact);
+        assert_true(
+            oracle_error(view.primitives[0].variance_view[0],
+                         view.primitives[0].variance[0] + 0.3 * depths[k] * depths[k] / (90 * 110),
+                         0) <= exact);
         sgsi_reference_view_free(&view);
     }
 }
@@ -225,9 +236,12 @@ static void spherical_harmonics_have_the_signs_of_3dgs(void **state)
             oracle_set_ball(ball, 2, 3, 6, 0.1, 0.5);
             oracle_set_color(ball, 0.5, 0.5, 0.5);
             ball[SGS_PARAM_SH_DC + 3 * k + 1] = 0.4;
-            assert_int_equal(sgsi_reference_view_create(ball, 1, &camera, &identity, &options, &view), SGS_STATUS_OK);
+            assert_int_equal(
+                sgsi_reference_view_create(ball, 1, &camera, &identity, &options, &view),
+                SGS_STATUS_OK);
             assert_true(near_to(view.primitives[0].color[0], 0.5));
-            assert_true(near_to(view.primitives[0].color[1], 0.5 + (k < used ? 0.4 * expected[k] : 0)));
+            assert_true(
+                near_to(view.primitives[0].color[1], 0.5 + (k < used ? 0.4 * expected[k] : 0)));
             sgsi_reference_view_free(&view);
         }
     }
@@ -238,8 +252,8 @@ static void spherical_harmonics_have_the_signs_of_3dgs(void **state)
 static void stack_stops_before_the_hit_below_1e_4(void **state)
 {
     (void)state;
-    // T = 1, 0.2, 0.04, 0.008, 0.0016, 0.00032; the sixth ball would make it 0.000064. A faint one behind it would fit,
-    // but the ray has ended.
+    // T = 1, 0.2, 0.04, 0.008, 0.0016, 0.00032; the sixth ball would make it 0.000064. A faint one
+    // behind it would fit, but the ray has ended.
     enum { BALLS = 8 };
     double balls[BALLS * SGS_PARAM_COUNT];
     for (int i = 0; i < BALLS; ++i)
@@ -295,7 +309,8 @@ static void hits_behind_the_camera_do_not_count(void **state)
     assert_true(near_to(hits[0].alpha, 0.5) && near_to(hits[0].t, 1));
 }
 
-// Mean and camera in one point: no direction, so band 0 alone colours it; t = 0 counts for a negative near only.
+// Mean and camera in one point: no direction, so band 0 alone colours it; t = 0 counts for a
+// negative near only.
 static void camera_at_a_mean(void **state)
 {
     (void)state;
@@ -343,7 +358,8 @@ static void equal_depths_are_ordered_by_id(void **state)
 static void pixels_without_a_ray_stay_empty(void **state)
 {
     (void)state;
-    // A fisheye image 1.5 times as wide as the circle of 180 degrees from the axis: its corners see nothing.
+    // A fisheye image 1.5 times as wide as the circle of 180 degrees from the axis: its corners see
+    // nothing.
     const sgs_camera camera = {SGS_CAMERA_OPENCV_FISHEYE, 40, 40, {4, 4, 20, 20}};
     double ball[SGS_PARAM_COUNT];
     oracle_set_ball(ball, 0, 0, 1, 100, 0.5);
@@ -359,7 +375,8 @@ static void pixels_without_a_ray_stay_empty(void **state)
             double direction[3];
             sgs_hit hit;
             const bool has_ray = sgs_camera_unproject(&camera, pixel, direction);
-            assert_int_equal(sgs_reference_hits(ball, 1, &camera, &identity, &options, x, y, &hit, 1), has_ray);
+            assert_int_equal(
+                sgs_reference_hits(ball, 1, &camera, &identity, &options, x, y, &hit, 1), has_ray);
             assert_true(frame.hits[i] == has_ray);
             if (has_ray)
                 continue;
@@ -375,13 +392,15 @@ static void pixels_without_a_ray_stay_empty(void **state)
 
 // ---- Invariants ----
 
-static const sgs_camera_model lenses[] = {SGS_CAMERA_PINHOLE, SGS_CAMERA_OPENCV, SGS_CAMERA_OPENCV_FISHEYE};
+static const sgs_camera_model lenses[] = {SGS_CAMERA_PINHOLE, SGS_CAMERA_OPENCV,
+                                          SGS_CAMERA_OPENCV_FISHEYE};
 enum { LENS_COUNT = 3, WIDTH = 24, HEIGHT = 18, PIXELS = WIDTH * HEIGHT };
 
 static size_t planes_of(const sgs_reference_frame *frame, const double *planes[8])
 {
-    const double *const all[8] = {frame->color[0],   frame->color[1],     frame->color[2],    frame->transmittance,
-                                  frame->depth_mean, frame->depth_median, frame->depth_first, frame->hits};
+    const double *const all[8] = {frame->color[0],      frame->color[1],   frame->color[2],
+                                  frame->transmittance, frame->depth_mean, frame->depth_median,
+                                  frame->depth_first,   frame->hits};
     memcpy(planes, all, sizeof all);
     return 8;
 }
@@ -392,7 +411,8 @@ static double worst_difference(const sgs_reference_frame *a, const sgs_reference
     double worst = 0;
     planes_of(b, right);
     for (size_t k = planes_of(a, left); k-- > 0;)
-        worst = fmax(worst, oracle_worst_error(left[k], right[k], (size_t)a->width * (size_t)a->height, 1));
+        worst = fmax(
+            worst, oracle_worst_error(left[k], right[k], (size_t)a->width * (size_t)a->height, 1));
     return worst;
 }
 
@@ -424,7 +444,8 @@ static void permuting_primitives_changes_nothing(void **state)
     (void)state;
     oracle_scene scene = oracle_random_model(6, 60, NULL), shuffled = oracle_scene_create(60);
     for (size_t i = 0; i < 60; ++i) {
-        memcpy(oracle_primitive(&shuffled, 37 * i % 60), oracle_primitive(&scene, i), SGS_PARAM_COUNT * sizeof(double));
+        memcpy(oracle_primitive(&shuffled, 37 * i % 60), oracle_primitive(&scene, i),
+               SGS_PARAM_COUNT * sizeof(double));
         shuffled.filter_3d[37 * i % 60] = scene.filter_3d[i];
     }
     const sgs_camera camera = oracle_camera(SGS_CAMERA_OPENCV, WIDTH, HEIGHT);
@@ -529,8 +550,8 @@ static void bits_do_not_depend_on_threads(void **state)
 
 // ---- Hard scenes, and what the calls promise ----
 
-// Every ray of a frame: hits strictly in the order (t, id), within their limits, T as the product of what stands
-// before, and the frame says the same as the list.
+// Every ray of a frame: hits strictly in the order (t, id), within their limits, T as the product
+// of what stands before, and the frame says the same as the list.
 static void check_rays(const oracle_scene *scene, const sgs_camera *camera, const sgs_pose *pose,
                        const sgs_render_options *options)
 {
@@ -540,19 +561,21 @@ static void check_rays(const oracle_scene *scene, const sgs_camera *camera, cons
     for (int y = 0; y < camera->height; ++y) {
         for (int x = 0; x < camera->width; ++x) {
             const size_t i = (size_t)y * (size_t)camera->width + (size_t)x;
-            const size_t count =
-                sgs_reference_hits(scene->params, scene->count, camera, pose, options, x, y, hits, scene->count);
+            const size_t count = sgs_reference_hits(scene->params, scene->count, camera, pose,
+                                                    options, x, y, hits, scene->count);
             double transmittance = 1;
             for (size_t k = 0; k < count; ++k) {
-                assert_true(k == 0 || hits[k - 1].t < hits[k].t ||
-                            (hits[k - 1].t == hits[k].t && hits[k - 1].primitive < hits[k].primitive));
+                assert_true(
+                    k == 0 || hits[k - 1].t < hits[k].t ||
+                    (hits[k - 1].t == hits[k].t && hits[k - 1].primitive < hits[k].primitive));
                 assert_true(hits[k].t > options->near_distance && isfinite(hits[k].t));
                 assert_true(hits[k].alpha >= 1.0 / 255 && hits[k].alpha <= 0.99);
                 assert_true(hits[k].transmittance == transmittance);
                 transmittance *= 1 - hits[k].alpha;
             }
             assert_true(transmittance >= 1e-4 && frame.transmittance[i] == transmittance);
-            assert_true(frame.hits[i] == (double)count && frame.depth_first[i] == (count ? hits[0].t : 0));
+            assert_true(frame.hits[i] == (double)count &&
+                        frame.depth_first[i] == (count ? hits[0].t : 0));
             any += frame.hits[i];
         }
     }
@@ -585,7 +608,8 @@ static void duplicates_have_equal_depths(void **state)
     const sgs_pose pose = oracle_pose_look_at(0, 0, -4);
     const sgs_render_options options = {SGS_FILTER_3DGS, 0.2, 3, NULL, false};
     sgs_hit hits[40];
-    const size_t count = sgs_reference_hits(scene.params, 40, &camera, &pose, &options, 4, 3, hits, 40);
+    const size_t count =
+        sgs_reference_hits(scene.params, 40, &camera, &pose, &options, 4, 3, hits, 40);
     size_t ties = 0;
     for (size_t k = 1; k < count && k < 40; ++k)
         ties += hits[k].t == hits[k - 1].t;
@@ -601,7 +625,8 @@ static void scenes_are_the_same_in_float_and_double(void **state)
         assert_int_equal(scene.model->count, 21);
         for (size_t i = 0; i < scene.count; ++i)
             for (int k = 0; k < SGS_PARAM_COUNT; ++k)
-                assert_true((double)*sgs_gaussians_at(scene.model, i, k) == oracle_primitive(&scene, i)[k]);
+                assert_true((double)*sgs_gaussians_at(scene.model, i, k) ==
+                            oracle_primitive(&scene, i)[k]);
         oracle_scene_free(&scene);
     }
 }
@@ -610,8 +635,8 @@ static void degenerate_primitives_are_never_hit(void **state)
 {
     (void)state;
     const double values[] = {NAN, HUGE_VAL, -HUGE_VAL, 1e308, -1e308};
-    const int places[] = {SGS_PARAM_MEAN, SGS_PARAM_MEAN + 2, SGS_PARAM_ROTATION + 1, SGS_PARAM_SCALE + 1,
-                          SGS_PARAM_OPACITY};
+    const int places[] = {SGS_PARAM_MEAN, SGS_PARAM_MEAN + 2, SGS_PARAM_ROTATION + 1,
+                          SGS_PARAM_SCALE + 1, SGS_PARAM_OPACITY};
     for (size_t v = 0; v < sizeof values / sizeof *values; ++v) {
         for (size_t k = 0; k < sizeof places / sizeof *places; ++k) {
             double ball[SGS_PARAM_COUNT];
@@ -619,7 +644,8 @@ static void degenerate_primitives_are_never_hit(void **state)
             oracle_set_ball(ball, 0, 0, 3, 0.1, 0.5);
             ball[places[k]] = values[v];
             const size_t count = axis_hits(ball, 1, 0.2, &hit, 1);
-            assert_true(count == 0 || (isfinite(hit.t) && hit.alpha >= 1.0 / 255 && hit.alpha <= 0.99));
+            assert_true(count == 0 ||
+                        (isfinite(hit.t) && hit.alpha >= 1.0 / 255 && hit.alpha <= 0.99));
             if (isnan(values[v]))
                 assert_int_equal(count, 0);
         }
@@ -653,9 +679,11 @@ static void planes_that_are_not_wanted_may_be_missing(void **state)
     const sgs_camera camera = axis_camera(100);
     const sgs_render_options options = bare();
     sgs_reference_frame frame = {.width = 5, .height = 5, .transmittance = transmittance};
-    assert_int_equal(sgs_reference_render(ball, 1, &camera, &identity, &options, &frame), SGS_STATUS_OK);
+    assert_int_equal(sgs_reference_render(ball, 1, &camera, &identity, &options, &frame),
+                     SGS_STATUS_OK);
     assert_true(near_to(transmittance[CENTRE], 0.3));
-    assert_int_equal(sgs_reference_render(NULL, 0, &camera, &identity, &options, &frame), SGS_STATUS_OK);
+    assert_int_equal(sgs_reference_render(NULL, 0, &camera, &identity, &options, &frame),
+                     SGS_STATUS_OK);
     assert_true(transmittance[CENTRE] == 1);
 }
 
@@ -664,7 +692,8 @@ static void bad_arguments_are_refused(void **state)
     (void)state;
     double ball[SGS_PARAM_COUNT];
     oracle_set_ball(ball, 0, 0, 3, 0.1, 0.7);
-    const sgs_camera camera = axis_camera(100), small = {SGS_CAMERA_PINHOLE, 4, 5, {100, 100, 2, 2}};
+    const sgs_camera camera = axis_camera(100),
+                     small = {SGS_CAMERA_PINHOLE, 4, 5, {100, 100, 2, 2}};
     sgs_camera broken = camera;
     broken.params[0] = NAN;
     sgs_render_options options = bare();
@@ -673,14 +702,21 @@ static void bad_arguments_are_refused(void **state)
     assert_null(frame.color[0]);
     assert_int_equal(sgs_reference_frame_create(5, 5, NULL), SGS_STATUS_INVALID_ARGUMENT);
     assert_int_equal(sgs_reference_frame_create(5, 5, &frame), SGS_STATUS_OK);
-    assert_int_equal(sgs_reference_render(ball, 1, &small, &identity, &options, &frame), SGS_STATUS_INVALID_ARGUMENT);
-    assert_int_equal(sgs_reference_render(NULL, 1, &camera, &identity, &options, &frame), SGS_STATUS_INVALID_ARGUMENT);
-    assert_int_equal(sgs_reference_render(ball, 1, &camera, NULL, &options, &frame), SGS_STATUS_INVALID_ARGUMENT);
-    assert_int_equal(sgs_reference_render(ball, 1, &camera, &identity, NULL, &frame), SGS_STATUS_INVALID_ARGUMENT);
-    assert_int_equal(sgs_reference_render(ball, 1, &camera, &identity, &options, NULL), SGS_STATUS_INVALID_ARGUMENT);
-    assert_int_not_equal(sgs_reference_render(ball, 1, &broken, &identity, &options, &frame), SGS_STATUS_OK);
+    assert_int_equal(sgs_reference_render(ball, 1, &small, &identity, &options, &frame),
+                     SGS_STATUS_INVALID_ARGUMENT);
+    assert_int_equal(sgs_reference_render(NULL, 1, &camera, &identity, &options, &frame),
+                     SGS_STATUS_INVALID_ARGUMENT);
+    assert_int_equal(sgs_reference_render(ball, 1, &camera, NULL, &options, &frame),
+                     SGS_STATUS_INVALID_ARGUMENT);
+    assert_int_equal(sgs_reference_render(ball, 1, &camera, &identity, NULL, &frame),
+                     SGS_STATUS_INVALID_ARGUMENT);
+    assert_int_equal(sgs_reference_render(ball, 1, &camera, &identity, &options, NULL),
+                     SGS_STATUS_INVALID_ARGUMENT);
+    assert_int_not_equal(sgs_reference_render(ball, 1, &broken, &identity, &options, &frame),
+                         SGS_STATUS_OK);
     options.filter = (sgs_filter)7;
-    assert_int_equal(sgs_reference_render(ball, 1, &camera, &identity, &options, &frame), SGS_STATUS_INVALID_ARGUMENT);
+    assert_int_equal(sgs_reference_render(ball, 1, &camera, &identity, &options, &frame),
+                     SGS_STATUS_INVALID_ARGUMENT);
     assert_true(strlen(sgs_last_error()) > 0);
     sgs_reference_frame_free(&frame);
     sgs_reference_frame_free(&frame); // harmless

@@ -1,11 +1,12 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The oracle's gradients against central finite differences, all in double: every one of the 59 parameters of
-// every primitive, for three lenses and all filters, for losses on colour and on transmittance. The rendered image
-// jumps where a hit appears, ends a ray or changes places, and has kinks at the clamps; a parameter whose stencil
-// crosses one (seen by comparing every pixel's hit list and every clamp) is skipped, and few may be. The checker
-// itself is checked with gradients that are wrong on purpose.
+// The oracle's gradients against central finite differences, all in double: every one of the 59
+// parameters of every primitive, for three lenses and all filters, for losses on colour and on
+// transmittance. The rendered image jumps where a hit appears, ends a ray or changes places, and
+// has kinks at the clamps; a parameter whose stencil crosses one (seen by comparing every pixel's
+// hit list and every clamp) is skipped, and few may be. The checker itself is checked with
+// gradients that are wrong on purpose.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -40,10 +41,14 @@ static const setup setups[] = {
     {"gradients_match_finite_differences_opencv_3dgs", SGS_CAMERA_OPENCV, SGS_FILTER_3DGS, false},
     {"gradients_match_finite_differences_opencv_none", SGS_CAMERA_OPENCV, SGS_FILTER_NONE, false},
     {"gradients_match_finite_differences_opencv_mip", SGS_CAMERA_OPENCV, SGS_FILTER_MIP, false},
-    {"gradients_match_finite_differences_fisheye_3dgs", SGS_CAMERA_OPENCV_FISHEYE, SGS_FILTER_3DGS, false},
-    {"gradients_match_finite_differences_fisheye_none", SGS_CAMERA_OPENCV_FISHEYE, SGS_FILTER_NONE, false},
-    {"gradients_match_finite_differences_fisheye_mip", SGS_CAMERA_OPENCV_FISHEYE, SGS_FILTER_MIP, false},
-    {"gradients_match_finite_differences_when_rays_stop", SGS_CAMERA_PINHOLE, SGS_FILTER_3DGS, true},
+    {"gradients_match_finite_differences_fisheye_3dgs", SGS_CAMERA_OPENCV_FISHEYE, SGS_FILTER_3DGS,
+     false},
+    {"gradients_match_finite_differences_fisheye_none", SGS_CAMERA_OPENCV_FISHEYE, SGS_FILTER_NONE,
+     false},
+    {"gradients_match_finite_differences_fisheye_mip", SGS_CAMERA_OPENCV_FISHEYE, SGS_FILTER_MIP,
+     false},
+    {"gradients_match_finite_differences_when_rays_stop", SGS_CAMERA_PINHOLE, SGS_FILTER_3DGS,
+     true},
 };
 enum { SETUP_COUNT = sizeof setups / sizeof *setups };
 
@@ -59,7 +64,8 @@ typedef struct problem {
 static problem problem_create(const setup *s, uint64_t seed)
 {
     problem p = {.camera = oracle_camera(s->lens, WIDTH, HEIGHT)};
-    const oracle_range sparse = {0.8, 0.1, 0.5, 0.05, 0.95, 0.15}, dense = {0.7, 0.3, 0.8, 0.7, 0.97, 0.15};
+    const oracle_range sparse = {0.8, 0.1, 0.5, 0.05, 0.95, 0.15},
+                       dense = {0.7, 0.3, 0.8, 0.7, 0.97, 0.15};
     p.scene = oracle_random_model(seed, s->dense ? 20 : 12, s->dense ? &dense : &sparse);
     p.pose = s->lens == SGS_CAMERA_OPENCV_FISHEYE ? oracle_pose_look_at(0.7, -0.4, -1.5)
                                                   : oracle_pose_look_at(1.3, -0.7, -2.4);
@@ -89,12 +95,13 @@ static size_t problem_values(const problem *p)
     return p->scene.count * SGS_PARAM_COUNT;
 }
 
-// The losses of a rendering with the problem's parameters as they are now, and the sums of the magnitudes of their
-// terms.
+// The losses of a rendering with the problem's parameters as they are now, and the sums of the
+// magnitudes of their terms.
 static void evaluate(const problem *p, sgs_reference_frame *frame, double loss[LOSS_COUNT],
                      double magnitude[LOSS_COUNT])
 {
-    assert_int_equal(sgs_reference_render(p->scene.params, p->scene.count, &p->camera, &p->pose, &p->options, frame),
+    assert_int_equal(sgs_reference_render(p->scene.params, p->scene.count, &p->camera, &p->pose,
+                                          &p->options, frame),
                      SGS_STATUS_OK);
     memset(loss, 0, LOSS_COUNT * sizeof *loss);
     memset(magnitude, 0, LOSS_COUNT * sizeof *magnitude);
@@ -108,14 +115,15 @@ static void evaluate(const problem *p, sgs_reference_frame *frame, double loss[L
     }
 }
 
-// Which smooth piece of the image function the parameters lie on: the ordered ids of every pixel with the state of the
-// 0.99 clamp, and the clamped colour channels. Room: count + PIXELS (count + 1) words. Returns the words used.
+// Which smooth piece of the image function the parameters lie on: the ordered ids of every pixel
+// with the state of the 0.99 clamp, and the clamped colour channels. Room: count + PIXELS (count +
+// 1) words. Returns the words used.
 static size_t write_piece(const problem *p, uint32_t *words)
 {
     sgsi_reference_view view;
-    assert_int_equal(
-        sgsi_reference_view_create(p->scene.params, p->scene.count, &p->camera, &p->pose, &p->options, &view),
-        SGS_STATUS_OK);
+    assert_int_equal(sgsi_reference_view_create(p->scene.params, p->scene.count, &p->camera,
+                                                &p->pose, &p->options, &view),
+                     SGS_STATUS_OK);
     sgs_hit *hits = oracle_memory(p->scene.count, sizeof *hits);
     size_t used = 0;
     for (size_t i = 0; i < view.count; ++i) {
@@ -149,7 +157,8 @@ typedef struct difference_table {
 static double natural_unit(const sgsi_reference_primitive *primitive, int param)
 {
     const double *v = primitive->variance_view;
-    const double thin = sqrt(fmin(v[0], fmin(v[1], v[2]))), wide = sqrt(fmax(v[0], fmax(v[1], v[2])));
+    const double thin = sqrt(fmin(v[0], fmin(v[1], v[2]))),
+                 wide = sqrt(fmax(v[0], fmax(v[1], v[2])));
     if (param < SGS_PARAM_ROTATION)
         return thin;
     if (param < SGS_PARAM_SCALE)
@@ -157,11 +166,13 @@ static double natural_unit(const sgsi_reference_primitive *primitive, int param)
     return param < SGS_PARAM_SH_DC ? 1 : 10;
 }
 
-// Fourth-order central difference at steps h and 2h: its truncation is h^4 f'''''/30, below 1e-13 of f in natural
-// units for h = 2e-4. What remains is rounding: a loss whose terms have the magnitudes A carries a few eps A, and the
-// stencil multiplies it by 18/12 / h. `scale` is set so that this noise, taken as 16 eps A / h, is the tolerance.
-static void difference_one(problem *p, sgs_reference_frame *frame, size_t index, double h, const uint32_t *piece,
-                           size_t piece_words, uint32_t *words, difference_table *table)
+// Fourth-order central difference at steps h and 2h: its truncation is h^4 f'''''/30, below 1e-13
+// of f in natural units for h = 2e-4. What remains is rounding: a loss whose terms have the
+// magnitudes A carries a few eps A, and the stencil multiplies it by 18/12 / h. `scale` is set so
+// that this noise, taken as 16 eps A / h, is the tolerance.
+static void difference_one(problem *p, sgs_reference_frame *frame, size_t index, double h,
+                           const uint32_t *piece, size_t piece_words, uint32_t *words,
+                           difference_table *table)
 {
     static const double step[4] = {-2, -1, 1, 2}, weight[4] = {1, -8, 8, -1};
     double *param = &p->scene.params[index], magnitude[LOSS_COUNT], sum[LOSS_COUNT] = {0};
@@ -192,16 +203,18 @@ static difference_table difference_all(problem *p)
         table.scale[l] = oracle_memory(problem_values(p), sizeof(double));
     }
     const size_t room = p->scene.count + PIXELS * (p->scene.count + 1);
-    uint32_t *piece = oracle_memory(room, sizeof *piece), *words = oracle_memory(room, sizeof *words);
+    uint32_t *piece = oracle_memory(room, sizeof *piece),
+             *words = oracle_memory(room, sizeof *words);
     const size_t piece_words = write_piece(p, piece);
     sgs_reference_frame frame;
     sgsi_reference_view view;
     assert_int_equal(sgs_reference_frame_create(WIDTH, HEIGHT, &frame), SGS_STATUS_OK);
-    assert_int_equal(
-        sgsi_reference_view_create(p->scene.params, p->scene.count, &p->camera, &p->pose, &p->options, &view),
-        SGS_STATUS_OK);
+    assert_int_equal(sgsi_reference_view_create(p->scene.params, p->scene.count, &p->camera,
+                                                &p->pose, &p->options, &view),
+                     SGS_STATUS_OK);
     for (size_t index = 0; index < problem_values(p); ++index) {
-        const double unit = natural_unit(&view.primitives[index / SGS_PARAM_COUNT], (int)(index % SGS_PARAM_COUNT));
+        const double unit =
+            natural_unit(&view.primitives[index / SGS_PARAM_COUNT], (int)(index % SGS_PARAM_COUNT));
         difference_one(p, &frame, index, 2e-4 * unit, piece, piece_words, words, &table);
     }
     sgsi_reference_view_free(&view);
@@ -221,12 +234,14 @@ static void difference_free(difference_table *table)
 }
 
 // The checker: worst error of a gradient against one loss's differences.
-static double worst_gradient_error(const difference_table *table, int loss, const double *gradient, size_t count)
+static double worst_gradient_error(const difference_table *table, int loss, const double *gradient,
+                                   size_t count)
 {
     double worst = 0;
     for (size_t i = 0; i < count; ++i)
         if (!table->skipped[i])
-            worst = fmax(worst, oracle_error(gradient[i], table->value[loss][i], table->scale[loss][i]));
+            worst = fmax(worst,
+                         oracle_error(gradient[i], table->value[loss][i], table->scale[loss][i]));
     return worst;
 }
 
@@ -235,9 +250,10 @@ static void gradient_of(const problem *p, int loss, double *d_params, double *d_
     double *zero = oracle_memory(PIXELS, sizeof *zero);
     const double *const none[3] = {zero, zero, zero};
     const double *const color[3] = {p->d_color[0], p->d_color[1], p->d_color[2]};
-    assert_int_equal(sgs_reference_backward(p->scene.params, p->scene.count, &p->camera, &p->pose, &p->options,
-                                            loss == LOSS_COLOR ? color : none,
-                                            loss == LOSS_COLOR ? NULL : p->d_transmittance, d_params, d_mean_no_sh),
+    assert_int_equal(sgs_reference_backward(p->scene.params, p->scene.count, &p->camera, &p->pose,
+                                            &p->options, loss == LOSS_COLOR ? color : none,
+                                            loss == LOSS_COLOR ? NULL : p->d_transmittance,
+                                            d_params, d_mean_no_sh),
                      SGS_STATUS_OK);
     free(zero);
 }
@@ -246,9 +262,9 @@ static void gradient_of(const problem *p, int loss, double *d_params, double *d_
 static size_t stopped_rays(const problem *p)
 {
     sgsi_reference_view view;
-    assert_int_equal(
-        sgsi_reference_view_create(p->scene.params, p->scene.count, &p->camera, &p->pose, &p->options, &view),
-        SGS_STATUS_OK);
+    assert_int_equal(sgsi_reference_view_create(p->scene.params, p->scene.count, &p->camera,
+                                                &p->pose, &p->options, &view),
+                     SGS_STATUS_OK);
     sgs_hit *hits = oracle_memory(p->scene.count, sizeof *hits);
     size_t stopped = 0;
     for (int pixel = 0; pixel < PIXELS; ++pixel) {
@@ -283,9 +299,9 @@ static void gradients_match_finite_differences(void **state)
             moving += gradient[i] != 0;
             meaningful += fabs(gradient[i]) > table.scale[loss][i];
         }
-        print_message(
-            "    loss %d: worst error %.2g; %zu of %zu parameters skipped; %zu of %zu gradients above noise\n", loss,
-            worst, table.skipped_count, values, meaningful, moving);
+        print_message("    loss %d: worst error %.2g; %zu of %zu parameters skipped; %zu of %zu "
+                      "gradients above noise\n",
+                      loss, worst, table.skipped_count, values, meaningful, moving);
         assert_true(worst <= tolerance);
         // The transmittance depends on the 11 geometric parameters only.
         assert_true(moving > (loss == LOSS_COLOR ? values : p.scene.count * 11) * 3 / 4);
@@ -348,7 +364,8 @@ static void checker_fails_on_planted_errors(void **state)
     problem p = problem_create(&setups[0], 11);
     difference_table table = difference_all(&p);
     const size_t values = problem_values(&p);
-    double *gradient = oracle_memory(values, sizeof *gradient), *planted = oracle_memory(values, sizeof *planted);
+    double *gradient = oracle_memory(values, sizeof *gradient),
+           *planted = oracle_memory(values, sizeof *planted);
     double *d_mean_no_sh = oracle_memory(p.scene.count * 3, sizeof *d_mean_no_sh);
     gradient_of(&p, LOSS_COLOR, gradient, d_mean_no_sh);
     assert_true(worst_gradient_error(&table, LOSS_COLOR, gradient, values) <= tolerance);
@@ -379,9 +396,9 @@ static void mean_gradient_without_sh_is_that_of_painted_colours(void **state)
         double *painted = oracle_memory(problem_values(&p), sizeof *painted);
         double *d_mean = oracle_memory(p.scene.count * 3, sizeof *d_mean);
         gradient_of(&p, LOSS_COLOR, painted, d_mean);
-        assert_int_equal(
-            sgsi_reference_view_create(p.scene.params, p.scene.count, &p.camera, &p.pose, &p.options, &view),
-            SGS_STATUS_OK);
+        assert_int_equal(sgsi_reference_view_create(p.scene.params, p.scene.count, &p.camera,
+                                                    &p.pose, &p.options, &view),
+                         SGS_STATUS_OK);
         for (size_t i = 0; i < p.scene.count; ++i) {
             const double *color = view.primitives[i].color;
             oracle_set_color(oracle_primitive(&p.scene, i), color[0], color[1], color[2]);
@@ -389,7 +406,8 @@ static void mean_gradient_without_sh_is_that_of_painted_colours(void **state)
         p.options.sh_degree = 0;
         gradient_of(&p, LOSS_COLOR, painted, NULL);
         for (size_t i = 0; i < p.scene.count; ++i)
-            assert_true(oracle_worst_error(d_mean + 3 * i, painted + i * SGS_PARAM_COUNT, 3, 1e-3) <= 1e-10);
+            assert_true(oracle_worst_error(d_mean + 3 * i, painted + i * SGS_PARAM_COUNT, 3,
+                                           1e-3) <= 1e-10);
         sgsi_reference_view_free(&view);
         free(painted);
         free(d_mean);
@@ -405,8 +423,9 @@ static void ball_gradient(const double *ball, double *d_params)
     const sgs_render_options options = {SGS_FILTER_NONE, 0.2, 3, NULL, false};
     const double one[1] = {1};
     const double *const d_color[3] = {one, one, one};
-    assert_int_equal(sgs_reference_backward(ball, 1, &camera, &pose, &options, d_color, NULL, d_params, NULL),
-                     SGS_STATUS_OK);
+    assert_int_equal(
+        sgs_reference_backward(ball, 1, &camera, &pose, &options, d_color, NULL, d_params, NULL),
+        SGS_STATUS_OK);
 }
 
 static void clamp_of_alpha_is_straight_through(void **state)
@@ -457,7 +476,8 @@ static void zero_quaternion_and_unseen_primitives_get_zero(void **state)
     problem_free(&p);
 }
 
-// A lower degree in the options is the same as zero coefficients above it, which themselves get no gradient.
+// A lower degree in the options is the same as zero coefficients above it, which themselves get no
+// gradient.
 static void lower_sh_degree_is_zeroed_coefficients(void **state)
 {
     (void)state;
@@ -465,7 +485,8 @@ static void lower_sh_degree_is_zeroed_coefficients(void **state)
         problem p = problem_create(&setups[4], 65);
         const size_t values = problem_values(&p);
         const int used = 3 * (degree + 1) * (degree + 1);
-        double *limited = oracle_memory(values, sizeof *limited), *zeroed = oracle_memory(values, sizeof *zeroed);
+        double *limited = oracle_memory(values, sizeof *limited),
+               *zeroed = oracle_memory(values, sizeof *zeroed);
         p.options.sh_degree = degree;
         gradient_of(&p, LOSS_COLOR, limited, NULL);
         for (size_t i = 0; i < p.scene.count; ++i)
@@ -475,8 +496,8 @@ static void lower_sh_degree_is_zeroed_coefficients(void **state)
         gradient_of(&p, LOSS_COLOR, zeroed, NULL);
         for (size_t i = 0; i < p.scene.count; ++i) {
             const double *d = limited + i * SGS_PARAM_COUNT;
-            assert_true(oracle_worst_error(d, zeroed + i * SGS_PARAM_COUNT, (size_t)(SGS_PARAM_SH_DC + used), 1e-3) <=
-                        1e-12);
+            assert_true(oracle_worst_error(d, zeroed + i * SGS_PARAM_COUNT,
+                                           (size_t)(SGS_PARAM_SH_DC + used), 1e-3) <= 1e-12);
             for (int k = SGS_PARAM_SH_DC + used; k < SGS_PARAM_COUNT; ++k)
                 assert_true(d[k] == 0);
         }
@@ -492,13 +513,14 @@ static void losses_add(void **state)
     (void)state;
     problem p = problem_create(&setups[5], 70);
     const size_t values = problem_values(&p);
-    double *color = oracle_memory(values, sizeof *color), *transmittance = oracle_memory(values, sizeof *color);
+    double *color = oracle_memory(values, sizeof *color),
+           *transmittance = oracle_memory(values, sizeof *color);
     double *both = oracle_memory(values, sizeof *both);
     const double *const d_color[3] = {p.d_color[0], p.d_color[1], p.d_color[2]};
     gradient_of(&p, LOSS_COLOR, color, NULL);
     gradient_of(&p, LOSS_TRANSMITTANCE, transmittance, NULL);
-    assert_int_equal(sgs_reference_backward(p.scene.params, p.scene.count, &p.camera, &p.pose, &p.options, d_color,
-                                            p.d_transmittance, both, NULL),
+    assert_int_equal(sgs_reference_backward(p.scene.params, p.scene.count, &p.camera, &p.pose,
+                                            &p.options, d_color, p.d_transmittance, both, NULL),
                      SGS_STATUS_OK);
     for (size_t i = 0; i < values; ++i)
         color[i] += transmittance[i];
@@ -514,7 +536,8 @@ static void gradient_bits_do_not_depend_on_threads(void **state)
     (void)state;
     problem p = problem_create(&setups[3], 80);
     const size_t values = problem_values(&p);
-    double *first = oracle_memory(values, sizeof *first), *other = oracle_memory(values, sizeof *other);
+    double *first = oracle_memory(values, sizeof *first),
+           *other = oracle_memory(values, sizeof *other);
     const int threads = sgsi_threads();
     sgsi_threads_set(1);
     gradient_of(&p, LOSS_COLOR, first, NULL);
@@ -537,17 +560,17 @@ static void backward_rejects_bad_arguments_and_survives_lack_of_memory(void **st
     const double *const missing[3] = {p.d_color[0], NULL, p.d_color[2]};
     const double *const full[3] = {p.d_color[0], p.d_color[1], p.d_color[2]};
     const oracle_scene *scene = &p.scene;
-    assert_int_equal(
-        sgs_reference_backward(scene->params, scene->count, &p.camera, &p.pose, &p.options, missing, NULL, d, NULL),
-        SGS_STATUS_INVALID_ARGUMENT);
-    assert_int_equal(
-        sgs_reference_backward(scene->params, scene->count, &p.camera, &p.pose, &p.options, full, NULL, NULL, NULL),
-        SGS_STATUS_INVALID_ARGUMENT);
+    assert_int_equal(sgs_reference_backward(scene->params, scene->count, &p.camera, &p.pose,
+                                            &p.options, missing, NULL, d, NULL),
+                     SGS_STATUS_INVALID_ARGUMENT);
+    assert_int_equal(sgs_reference_backward(scene->params, scene->count, &p.camera, &p.pose,
+                                            &p.options, full, NULL, NULL, NULL),
+                     SGS_STATUS_INVALID_ARGUMENT);
     size_t n = 1;
     for (;; ++n) {
         sgsi_fail_allocation(n);
-        const sgs_status status =
-            sgs_reference_backward(scene->params, scene->count, &p.camera, &p.pose, &p.options, full, NULL, d, NULL);
+        const sgs_status status = sgs_reference_backward(scene->params, scene->count, &p.camera,
+                                                         &p.pose, &p.options, full, NULL, d, NULL);
         sgsi_fail_allocation(0);
         if (status == SGS_STATUS_OK)
             break;
@@ -563,8 +586,8 @@ int main(void)
     struct CMUnitTest tests[SETUP_COUNT + 9];
     size_t count = 0;
     for (size_t s = 0; s < SETUP_COUNT; ++s)
-        tests[count++] = (struct CMUnitTest){setups[s].name, gradients_match_finite_differences, NULL, NULL,
-                                             (void *)&setups[s]};
+        tests[count++] = (struct CMUnitTest){setups[s].name, gradients_match_finite_differences,
+                                             NULL, NULL, (void *)&setups[s]};
     const struct CMUnitTest others[9] = {
         cmocka_unit_test(checker_fails_on_planted_errors),
         cmocka_unit_test(mean_gradient_without_sh_is_that_of_painted_colours),
@@ -577,6 +600,7 @@ int main(void)
         cmocka_unit_test(backward_rejects_bad_arguments_and_survives_lack_of_memory),
     };
     memcpy(tests + count, others, sizeof others);
-    sgsi_threads_set(1); // 30 000 images of 108 pixels: starting threads would cost more than they save
+    sgsi_threads_set(
+        1); // 30 000 images of 108 pixels: starting threads would cost more than they save
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

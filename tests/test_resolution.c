@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// DashGaussian's resolution schedule: spectra against the sum that defines them, levels against the published
-// formulae, and the reduction of photographs against the filter's definition.
+// DashGaussian's resolution schedule: spectra against the sum that defines them, levels against the
+// published formulae, and the reduction of photographs against the filter's definition.
 
 #include <math.h>
 #include <setjmp.h>
@@ -24,7 +24,8 @@ static sgs_image8 make_image(int width, int height, uint64_t seed, double roughn
     for (int c = 0; c < 3; ++c)
         for (int y = 0; y < height; ++y)
             for (int x = 0; x < width; ++x) {
-                const size_t at = ((size_t)c * (size_t)height + (size_t)y) * (size_t)width + (size_t)x;
+                const size_t at =
+                    ((size_t)c * (size_t)height + (size_t)y) * (size_t)width + (size_t)x;
                 const double smooth = 0.5 + 0.3 * sin(0.11 * x + c) * cos(0.07 * y),
                              rough = sgsi_random_uniform(seed, at) - 0.5;
                 image.pixels[at] = (uint8_t)(255 * fmin(fmax(smooth + roughness * rough, 0), 1));
@@ -62,26 +63,33 @@ static void spectrum_is_the_sum_that_defines_it(void **state)
                     double re = 0, im = 0;
                     for (int y = 0; y < h; ++y)
                         for (int x = 0; x < w; ++x) {
-                            const double phase = -2 * M_PI * ((double)u * x / w + (double)v * y / h);
+                            const double phase =
+                                -2 * M_PI * ((double)u * x / w + (double)v * y / h);
                             const double value =
-                                image.pixels[((size_t)c * (size_t)h + (size_t)y) * (size_t)w + (size_t)x] / 255.0;
+                                image.pixels[((size_t)c * (size_t)h + (size_t)y) * (size_t)w +
+                                             (size_t)x] /
+                                255.0;
                             re += value * cos(phase);
                             im += value * sin(phase);
                         }
                     expected += hypot(re, im);
                 }
-                const int x = (u + w / 2) % w, y = (v + h / 2) % h; // the zero frequency in the middle
-                assert_true(fabs(spectrum.magnitude[(size_t)y * (size_t)w + (size_t)x] - expected) <=
-                            1e-9 * (1 + expected));
+                const int x = (u + w / 2) % w,
+                          y = (v + h / 2) % h; // the zero frequency in the middle
+                assert_true(fabs(spectrum.magnitude[(size_t)y * (size_t)w + (size_t)x] -
+                                 expected) <= 1e-9 * (1 + expected));
                 total += expected;
             }
-        for (double scale = 1; scale < 5; scale += 0.37) { // rows and columns as the paper's code takes them
-            const int rows = (int)(h / scale), columns = (int)(w / scale), cy = (h + 1) / 2, cx = (w + 1) / 2;
+        for (double scale = 1; scale < 5;
+             scale += 0.37) { // rows and columns as the paper's code takes them
+            const int rows = (int)(h / scale), columns = (int)(w / scale), cy = (h + 1) / 2,
+                      cx = (w + 1) / 2;
             double expected = 0;
             for (int y = cy - rows / 2; y < cy + rows / 2; ++y)
                 for (int x = cx - columns / 2; x < cx + columns / 2; ++x)
-                    expected +=
-                        y >= 0 && y < h && x >= 0 && x < w ? spectrum.magnitude[(size_t)y * (size_t)w + (size_t)x] : 0;
+                    expected += y >= 0 && y < h && x >= 0 && x < w
+                                    ? spectrum.magnitude[(size_t)y * (size_t)w + (size_t)x]
+                                    : 0;
             assert_true(fabs(sgsi_spectrum_window(&spectrum, scale) - expected) <= 1e-9 * total);
         }
         sgsi_spectrum_free(&spectrum);
@@ -112,22 +120,30 @@ static void levels_follow_the_published_formulae(void **state)
             sgsi_spectrum_free(&one);
     }
     sgsi_resolution plan;
-    assert_int_equal(sgsi_resolution_plan(&(sgsi_image_source){images, 3, size_of, get}, 27000, &plan), SGS_STATUS_OK);
+    assert_int_equal(
+        sgsi_resolution_plan(&(sgsi_image_source){images, 3, size_of, get}, 27000, &plan),
+        SGS_STATUS_OK);
     assert_true(fabs(plan.scale[0] - scale_max) <= 2e-3 * scale_max);
     assert_true(plan.scale[0] > 1.5);
-    assert_true(plan.scale[31] == 1 && plan.begin[32] == 27000 && plan.begin[0] == 0 && plan.begin[1] == 0);
+    assert_true(plan.scale[31] == 1 && plan.begin[32] == 27000 && plan.begin[0] == 0 &&
+                plan.begin[1] == 0);
     for (int i = 1; i < 32; ++i) {
-        assert_true(plan.scale[i] <= plan.scale[i - 1] && plan.begin[i] >= plan.begin[i - 1] && plan.begin[i] < 27000);
+        assert_true(plan.scale[i] <= plan.scale[i - 1] && plan.begin[i] >= plan.begin[i - 1] &&
+                    plan.begin[i] < 27000);
     }
     // One image: energies and begins can be had from the spectrum itself.
-    assert_int_equal(sgsi_resolution_plan(&(sgsi_image_source){images + 2, 1, size_of, get}, 27000, &plan),
-                     SGS_STATUS_OK);
-    const double least = sgsi_spectrum_window(&mean, plan.scale[0]), total = sgsi_spectrum_window(&mean, 1);
+    assert_int_equal(
+        sgsi_resolution_plan(&(sgsi_image_source){images + 2, 1, size_of, get}, 27000, &plan),
+        SGS_STATUS_OK);
+    const double least = sgsi_spectrum_window(&mean, plan.scale[0]),
+                 total = sgsi_spectrum_window(&mean, 1);
     for (int i = 1; i < 31; ++i) {
-        const double energy = least + (total - least) * i / 31.0, before = least + (total - least) * (i - 1) / 31.0;
+        const double energy = least + (total - least) * i / 31.0,
+                     before = least + (total - least) * (i - 1) / 31.0;
         assert_true(sgsi_spectrum_window(&mean, plan.scale[i] * 1.001) <= energy * 1.0001);
         assert_true(sgsi_spectrum_window(&mean, plan.scale[i] * 0.999) >= energy * 0.9999);
-        assert_true(abs(plan.begin[i] - (int)(27000 * log(before / least) / log(total / least))) <= 1);
+        assert_true(abs(plan.begin[i] - (int)(27000 * log(before / least) / log(total / least))) <=
+                    1);
     }
     int last = 1000;
     for (int t = 1; t <= 27000; t += 50) {
@@ -149,7 +165,9 @@ static void flat_images_are_never_reduced_below_what_holds_them(void **state)
     for (size_t i = 0; i < 3 * 64 * 48; ++i)
         image.pixels[i] = 100; // all energy at frequency 0: every window holds it
     sgsi_resolution plan;
-    assert_int_equal(sgsi_resolution_plan(&(sgsi_image_source){&image, 1, size_of, get}, 1000, &plan), SGS_STATUS_OK);
+    assert_int_equal(
+        sgsi_resolution_plan(&(sgsi_image_source){&image, 1, size_of, get}, 1000, &plan),
+        SGS_STATUS_OK);
     for (int t = 1; t < 1100; t += 7)
         assert_in_range(sgsi_resolution_at(&plan, t), 1, 8);
     sgs_image8_free(&image);
@@ -170,11 +188,14 @@ static void reduced_images_are_the_triangle_filter(void **state)
                 double sum = 0, weight = 0;
                 for (int v = 0; v < 26; ++v)
                     for (int u = 0; u < 37; ++u) {
-                        const double w = fmax(0, 1 - fabs(u + 0.5 - cx) / sx) * fmax(0, 1 - fabs(v + 0.5 - cy) / sy);
+                        const double w = fmax(0, 1 - fabs(u + 0.5 - cx) / sx) *
+                                         fmax(0, 1 - fabs(v + 0.5 - cy) / sy);
                         sum += w * image.pixels[(size_t)v * 37 + (size_t)u];
                         weight += w;
                     }
-                assert_true(fabs(sum / weight - small.pixels[(size_t)y * (size_t)small.width + (size_t)x]) <= 0.501);
+                assert_true(fabs(sum / weight -
+                                 small.pixels[(size_t)y * (size_t)small.width + (size_t)x]) <=
+                            0.501);
             }
         sgs_image8_free(&small);
     }

@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// What is said about scaling: the prediction against hand-computed cases, and the loops' clock against loops whose shares
-// are known.
+// What is said about scaling: the prediction against hand-computed cases, and the loops' clock
+// against loops whose shares are known.
 
 #include <math.h>
 #include <setjmp.h>
@@ -67,7 +67,8 @@ static void the_clock_of_loops_sees_who_waits(void **state)
         const double wall = sgsi_seconds() - start;
         rest(0.01); // outside
         const sgsi_loop_seconds after = sgsi_threads_seconds();
-        const double inside = after.inside - before.inside, waiting = after.waiting - before.waiting;
+        const double inside = after.inside - before.inside,
+                     waiting = after.waiting - before.waiting;
         assert_true(inside >= 0.1 && inside <= wall);
         assert_true(waiting >= 0.0 && waiting <= inside);
         if (threads == 1)

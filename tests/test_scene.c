@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Whole scenes: where the parts are found, cameras fitted to their photographs, the split, the extent, and
-// what happens when photographs, poses or both are missing.
+// Whole scenes: where the parts are found, cameras fitted to their photographs, the split, the
+// extent, and what happens when photographs, poses or both are missing.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -42,7 +42,8 @@ static sgs_scene *load(const char *path, const sgs_scene_options *options)
     return scene;
 }
 
-static void assert_refused(const char *path, const sgs_scene_options *options, sgs_status status, const char *message)
+static void assert_refused(const char *path, const sgs_scene_options *options, sgs_status status,
+                           const char *message)
 {
     sgs_scene *scene = (sgs_scene *)1;
     const sgs_status got = sgs_scene_load(path, options, &scene);
@@ -58,15 +59,21 @@ static void models_are_found_in_every_usual_place(void **state)
     static const struct {
         const char *model, *images, *scene;
     } places[] = {
-        {"sparse/0/", "images", ""}, {"sparse/", "images", ""}, {"colmap/sparse/0/", "images", ""},
-        {"colmap/sparse/0/", "colmap/images", ""}, {"", "images", ""}, {"model/", "images", "model"},
-        {"sparse/0/", "images", "sparse/0"}, {"sparse/0/", "images", "sparse"},
+        {"sparse/0/", "images", ""},
+        {"sparse/", "images", ""},
+        {"colmap/sparse/0/", "images", ""},
+        {"colmap/sparse/0/", "colmap/images", ""},
+        {"", "images", ""},
+        {"model/", "images", "model"},
+        {"sparse/0/", "images", "sparse/0"},
+        {"sparse/0/", "images", "sparse"},
     };
     for (size_t i = 0; i < sizeof places / sizeof *places; ++i) {
         for (int binary = 0; binary < 2; ++binary) {
             const temp_folder folder = scene_make(places[i].model, binary, places[i].images);
             sgs_scene *scene = load(temp_path(&folder, places[i].scene), NULL);
-            assert_int_equal(scene->format, binary ? SGS_SCENE_COLMAP_BINARY : SGS_SCENE_COLMAP_TEXT);
+            assert_int_equal(scene->format,
+                             binary ? SGS_SCENE_COLMAP_BINARY : SGS_SCENE_COLMAP_TEXT);
             assert_int_equal(scene->view_count, MODEL_IMAGES);
             assert_int_equal(scene->point_count, MODEL_POINTS);
             assert_int_equal(scene->images_missing + scene->images_unposed, 0);
@@ -98,11 +105,13 @@ static void scenes_that_are_not_there_are_explained(void **state)
 {
     (void)state;
     temp_folder folder = temp_folder_make();
-    assert_refused("/nowhere/at/all", NULL, SGS_STATUS_IO, "/nowhere/at/all: there is no such folder");
+    assert_refused("/nowhere/at/all", NULL, SGS_STATUS_IO,
+                   "/nowhere/at/all: there is no such folder");
     assert_refused("", NULL, SGS_STATUS_INVALID_ARGUMENT, "no scene is named");
     assert_refused(folder.path, NULL, SGS_STATUS_IO, "holds no scene: neither a COLMAP model");
     tree_put_text(&folder, "photo.jpg", "");
-    assert_refused(temp_path(&folder, "photo.jpg"), NULL, SGS_STATUS_INVALID_ARGUMENT, "is a file; name the folder");
+    assert_refused(temp_path(&folder, "photo.jpg"), NULL, SGS_STATUS_INVALID_ARGUMENT,
+                   "is a file; name the folder");
     tree_put_text(&folder, "sparse/0/cameras.bin", "");
     assert_refused(folder.path, NULL, SGS_STATUS_IO, "sparse/0/images.bin: is missing, though ");
     tree_remove(&folder);
@@ -117,8 +126,9 @@ static void missing_image_folder_names_the_others(void **state)
     (void)state;
     temp_folder folder = scene_make("sparse/0/", true, "images_8");
     tree_put_text(&folder, "images_4/x.txt", "");
-    assert_refused(folder.path, NULL, SGS_STATUS_IO,
-                   ": has no image folder 'images'; it has images_4, images_8: choose with --images");
+    assert_refused(
+        folder.path, NULL, SGS_STATUS_IO,
+        ": has no image folder 'images'; it has images_4, images_8: choose with --images");
     sgs_scene_options options = sgs_scene_options_default();
     options.images_dir = "images_8";
     sgs_scene *scene = load(folder.path, &options);
@@ -130,7 +140,8 @@ static void missing_image_folder_names_the_others(void **state)
     sgs_scene_destroy(load(folder.path, &options));
     tree_remove(&folder);
     folder = scene_make("sparse/0/", true, "photos");
-    assert_refused(folder.path, NULL, SGS_STATUS_IO, ": has no image folder 'images'; put the photographs there");
+    assert_refused(folder.path, NULL, SGS_STATUS_IO,
+                   ": has no image folder 'images'; put the photographs there");
     tree_remove(&folder);
 }
 
@@ -138,7 +149,8 @@ static void cameras_fit_their_photographs(void **state)
 {
     (void)state;
     const temp_folder folder = scene_make("sparse/0/", true, "images");
-    tree_put_picture(&folder, "images/b.png", 16, 24, 3, red); // 64 x 48 in the model: two different scales
+    tree_put_picture(&folder, "images/b.png", 16, 24, 3,
+                     red); // 64 x 48 in the model: two different scales
     sgs_scene *scene = load(folder.path, NULL);
     const char *const names[] = {"a.png", "b.png", "d with blanks.png", "sub/c.png"};
     for (int i = 0; i < 4; ++i) {
@@ -150,10 +162,13 @@ static void cameras_fit_their_photographs(void **state)
         assert_int_equal(scene->views[i].image.pixels[0], 250);
     }
     assert_true(scene->views[0].camera.params[0] == 25 && scene->views[0].camera.params[1] == 16);
-    assert_true(scene->views[1].camera.params[0] == 50.5 / 4 && scene->views[1].camera.params[1] == 51.25 / 2);
+    assert_true(scene->views[1].camera.params[0] == 50.5 / 4 &&
+                scene->views[1].camera.params[1] == 51.25 / 2);
     assert_int_equal(scene->views[3].camera.model, SGS_CAMERA_FULL_OPENCV);
     assert_true(scene->views[3].camera.params[0] == 22.5);
-    assert_holds(warnings, "the sides of 1 image(s), the first 'b.png', are in another ratio than their camera's");
+    assert_holds(
+        warnings,
+        "the sides of 1 image(s), the first 'b.png', are in another ratio than their camera's");
     sgs_scene_destroy(scene);
     tree_remove(&folder);
 }
@@ -174,7 +189,8 @@ static void downscaling_divides_images_and_cameras(void **state)
         assert_true(fabs(view->camera.params[1] - 50 * 4.0 / 48) < 1e-12);
         assert_int_equal(view->image.pixels != NULL, load_images);
         if (view->image.pixels)
-            assert_true(view->image.width == 6 && view->image.height == 4 && view->image.pixels[0] == 250);
+            assert_true(view->image.width == 6 && view->image.height == 4 &&
+                        view->image.pixels[0] == 250);
         sgs_scene_destroy(scene);
         options.downscale = 100;
         scene = load(folder.path, &options);
@@ -197,7 +213,9 @@ static void wide_images_are_reduced_to_1600_pixels_with_a_note(void **state)
     sgs_scene *scene = load(folder.path, NULL);
     assert_true(scene->views[0].camera.width == 1600 && scene->views[0].camera.height == 1);
     assert_true(scene->views[0].image.width == 1600 && scene->views[1].camera.width == 32);
-    assert_holds(warnings, "images wider than 1600 px are reduced to 1600 px; --downscale 1 keeps their size");
+    assert_holds(
+        warnings,
+        "images wider than 1600 px are reduced to 1600 px; --downscale 1 keeps their size");
     sgs_scene_destroy(scene);
     sgs_scene_options options = sgs_scene_options_default();
     options.downscale = 1;
@@ -246,7 +264,9 @@ static void images_without_a_pose_are_counted(void **state)
     sgs_scene *scene = load(folder.path, NULL);
     assert_int_equal(scene->view_count, MODEL_IMAGES);
     assert_int_equal(scene->images_unposed, 2);
-    assert_holds(warnings, "images: 2 image(s) have no pose in the model and are ignored: sub/y.JPG, z.png\n");
+    assert_holds(
+        warnings,
+        "images: 2 image(s) have no pose in the model and are ignored: sub/y.JPG, z.png\n");
     sgs_scene_destroy(scene);
     for (int i = 0; i < 3; ++i) {
         char name[32];
@@ -282,7 +302,8 @@ static void assert_split(const char *path, const sgs_scene_options *options, con
 {
     sgs_scene *scene = load(path, options);
     for (size_t i = 0; i < scene->view_count; ++i)
-        assert_int_equal(scene->views[i].split, expected[i] == '1' ? SGS_SPLIT_TEST : SGS_SPLIT_TRAIN);
+        assert_int_equal(scene->views[i].split,
+                         expected[i] == '1' ? SGS_SPLIT_TEST : SGS_SPLIT_TRAIN);
     assert_int_equal(scene->view_count, strlen(expected));
     sgs_scene_destroy(scene);
 }
@@ -306,9 +327,9 @@ static void views_are_held_out_by_index_or_by_name(void **state)
     options.test_images = "";
     assert_split(folder.path, &options, "0000");
     options.test_images = "a.png,bb.png";
-    assert_refused(
-        folder.path, &options, SGS_STATUS_INVALID_ARGUMENT,
-        "no loaded view is called 'bb.png', which is to be held out; the nearest names are b.png, a.png, sub/c.png");
+    assert_refused(folder.path, &options, SGS_STATUS_INVALID_ARGUMENT,
+                   "no loaded view is called 'bb.png', which is to be held out; the nearest names "
+                   "are b.png, a.png, sub/c.png");
     options.test_images = NULL;
     options.test_every = 1;
     assert_refused(folder.path, &options, SGS_STATUS_INVALID_ARGUMENT, "all 4 views are held out");
@@ -396,13 +417,15 @@ static void extent_is_that_of_the_training_cameras(void **state)
     sgs_scene_destroy(scene);
     m.images[0].pose[4] = 1e300;
     model_put(&folder, "sparse/0/", &m, true);
-    assert_refused(folder.path, NULL, SGS_STATUS_FORMAT, "the cameras are too far apart to be real");
+    assert_refused(folder.path, NULL, SGS_STATUS_FORMAT,
+                   "the cameras are too far apart to be real");
     tree_remove(&folder);
 }
 
-static const char synthetic[] = "{\"camera_angle_x\":1.5707963267948966,\"frames\":[{\"file_path\":\"./%s/r_0\","
-                                "\"transform_matrix\":[[1,0,0,0],[0,1,0,0],[0,0,1,4],[0,0,0,1]]},{\"file_path\":"
-                                "\"./%s/r_1\",\"transform_matrix\":[[1,0,0,0],[0,1,0,0],[0,0,1,2],[0,0,0,1]]}]}";
+static const char synthetic[] =
+    "{\"camera_angle_x\":1.5707963267948966,\"frames\":[{\"file_path\":\"./%s/r_0\","
+    "\"transform_matrix\":[[1,0,0,0],[0,1,0,0],[0,0,1,4],[0,0,0,1]]},{\"file_path\":"
+    "\"./%s/r_1\",\"transform_matrix\":[[1,0,0,0],[0,1,0,0],[0,0,1,2],[0,0,0,1]]}]}";
 
 static void nerf_synthetic_scenes_are_white_behind_their_alpha(void **state)
 {
@@ -413,7 +436,8 @@ static void nerf_synthetic_scenes_are_white_behind_their_alpha(void **state)
     tree_put_text(&folder, "transforms_train.json", text);
     snprintf(text, sizeof text, synthetic, "test", "test");
     tree_put_text(&folder, "transforms_test.json", text);
-    static const char *const names[] = {"test/r_0.png", "test/r_1.png", "train/r_0.png", "train/r_1.png"};
+    static const char *const names[] = {"test/r_0.png", "test/r_1.png", "train/r_0.png",
+                                        "train/r_1.png"};
     for (int i = 0; i < 4; ++i)
         tree_put_picture(&folder, names[i], 20, 10, 4, glass);
     sgs_scene_options options = sgs_scene_options_default();
@@ -428,8 +452,10 @@ static void nerf_synthetic_scenes_are_white_behind_their_alpha(void **state)
             assert_string_equal(scene->views[i].name, names[i]);
             assert_int_equal(scene->views[i].split, i < 2 ? SGS_SPLIT_TEST : SGS_SPLIT_TRAIN);
             const sgs_camera *camera = &scene->views[i].camera;
-            assert_true(camera->width == 20 && camera->height == 10 && fabs(camera->params[0] - 10) < 1e-12);
-            assert_true(fabs(camera->params[1] - 10) < 1e-12 && camera->params[2] == 10 && camera->params[3] == 5);
+            assert_true(camera->width == 20 && camera->height == 10 &&
+                        fabs(camera->params[0] - 10) < 1e-12);
+            assert_true(fabs(camera->params[1] - 10) < 1e-12 && camera->params[2] == 10 &&
+                        camera->params[3] == 5);
         }
         assert_true(fabs(scene->extent - 1.1) < 1e-12 && scene->center[2] == 3);
         sgs_scene_destroy(scene);
@@ -448,7 +474,8 @@ static void nerfstudio_scenes_take_other_image_folders(void **state)
     (void)state;
     const temp_folder folder = temp_folder_make();
     tree_put_text(&folder, "transforms.json",
-                  "{\"fl_x\":40,\"w\":32,\"h\":24,\"frames\":[{\"file_path\":\"images/a.png\",\"transform_matrix\":"
+                  "{\"fl_x\":40,\"w\":32,\"h\":24,\"frames\":[{\"file_path\":\"images/"
+                  "a.png\",\"transform_matrix\":"
                   "[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}]}");
     tree_put_picture(&folder, "images/a.png", 32, 24, 4, glass);
     tree_put_picture(&folder, "images_2/a.png", 16, 12, 4, glass);
@@ -458,7 +485,8 @@ static void nerfstudio_scenes_take_other_image_folders(void **state)
     sgs_scene_destroy(scene);
     sgs_scene_options options = sgs_scene_options_default();
     options.images_dir = "images_2";
-    scene = load(temp_path(&folder, "transforms.json"), &options); // the file itself is a scene, too
+    scene =
+        load(temp_path(&folder, "transforms.json"), &options); // the file itself is a scene, too
     assert_true(scene->views[0].camera.width == 16 && scene->views[0].camera.params[0] == 20);
     assert_string_equal(scene->views[0].name, "images/a.png");
     sgs_scene_destroy(scene);
@@ -516,8 +544,8 @@ static void bundled_room_is_the_same_in_both_formats(void **state)
         double q[4];
         const double *t = scene->views[i].pose.translation;
         sgs_pose_quaternion(&scene->views[i].pose, q);
-        fprintf(images, "%zu %.17g %.17g %.17g %.17g %.17g %.17g %.17g 1 %s\n\n", i, q[0], q[1], q[2], q[3], t[0], t[1],
-                t[2], scene->views[i].name);
+        fprintf(images, "%zu %.17g %.17g %.17g %.17g %.17g %.17g %.17g 1 %s\n\n", i, q[0], q[1],
+                q[2], q[3], t[0], t[1], t[2], scene->views[i].name);
     }
     for (size_t i = 0; i < scene->point_count; ++i) {
         const float *p = scene->points + 3 * i;
@@ -562,8 +590,8 @@ static void bundled_points_project_into_the_pictures(void **state)
             double c[3], pixel[2];
             for (int k = 0; k < 3; ++k)
                 c[k] = r[3 * k] * p[0] + r[3 * k + 1] * p[1] + r[3 * k + 2] * p[2] + t[k];
-            seen += sgs_camera_project(&scene->views[v].camera, c, pixel) && pixel[0] > -2 && pixel[0] < 482 &&
-                    pixel[1] > -2 && pixel[1] < 272;
+            seen += sgs_camera_project(&scene->views[v].camera, c, pixel) && pixel[0] > -2 &&
+                    pixel[0] < 482 && pixel[1] > -2 && pixel[1] < 272;
         }
         assert_true(seen >= 2);
     }

@@ -81,7 +81,8 @@ static void scaled_schedule_keeps_its_promises_at_every_length(void **state)
             last = i;
         }
         if (n >= 7000 && n <= 30000) {
-            assert_true(updates + 1 >= previous); // a longer run has as many updates or more (rounding: one less)
+            assert_true(updates + 1 >=
+                        previous); // a longer run has as many updates or more (rounding: one less)
             previous = updates;
         }
         assert_true(n < 1000 || updates >= 4);
@@ -115,7 +116,9 @@ static void fastgs_steps_and_prunes_as_published(void **state)
     assert_int_equal(prunes, 4);
     assert_int_equal(main_steps[0], 15000);
     assert_int_equal(rest_steps[0], 15000 / 16);
-    assert_int_equal(main_steps[1] + main_steps[2], 156 + 156 + 1); // 20000 / 32 is whole, so 20000 steps and is the last of its phase
+    assert_int_equal(main_steps[1] + main_steps[2],
+                     156 + 156 +
+                         1); // 20000 / 32 is whole, so 20000 steps and is the last of its phase
     assert_int_equal(rest_steps[1] + rest_steps[2], main_steps[1] + main_steps[2]);
     assert_int_equal(count_structural(&schedule), 28); // 1000, 1500, ..., 14500
     const sgsi_schedule small = make_for(SGS_PIPELINE_FASTGS, 3000);
@@ -133,8 +136,10 @@ static void dash_densifies_until_nine_tenths(void **state)
     assert_int_equal(sgsi_schedule_updates(&schedule), 265);
     assert_int_equal(schedule.resolution_interval, 100);
     for (int t = 1; t <= 30000; ++t) // vanilla steps in every iteration
-        assert_true(sgsi_schedule_steps_main(&schedule, t) && sgsi_schedule_steps_rest(&schedule, t));
-    const sgsi_schedule small = make_for(SGS_PIPELINE_DASH, 3000), vanilla = make_for(SGS_PIPELINE_3DGS, 3000);
+        assert_true(sgsi_schedule_steps_main(&schedule, t) &&
+                    sgsi_schedule_steps_rest(&schedule, t));
+    const sgsi_schedule small = make_for(SGS_PIPELINE_DASH, 3000),
+                        vanilla = make_for(SGS_PIPELINE_3DGS, 3000);
     assert_int_equal(small.densify_until, 2700);
     assert_int_equal(small.densify_interval, vanilla.densify_interval);
 }

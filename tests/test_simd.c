@@ -1,10 +1,10 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The sixteen lanes of src/simd.h, on every instruction set the machine has: each operation against its
-// plain C meaning, the exponential against double precision over its whole range, sums against the documented tree to
-// the bit, and AVX2 against AVX-512 to the bit: on that rests the promise that a training run gives the same model on
-// both.
+// The sixteen lanes of src/simd.h, on every instruction set the machine has: each operation against
+// its plain C meaning, the exponential against double precision over its whole range, sums against
+// the documented tree to the bit, and AVX2 against AVX-512 to the bit: on that rests the promise
+// that a training run gives the same model on both.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -53,7 +53,8 @@ static void fill(float *x, size_t count, uint64_t seed, double low, double high)
 
 enum { GRID = 1 << 20 };
 
-// Dense where the polynomial works, random over the range, and every integer and half integer with its neighbours.
+// Dense where the polynomial works, random over the range, and every integer and half integer with
+// its neighbours.
 static size_t exp2_arguments(float *x)
 {
     size_t count = 0;
@@ -93,7 +94,8 @@ static void exp2_is_within_1_2e_7_of_double_over_its_whole_range(void **state)
     sgsi_free(y);
 }
 
-// The argument is rounded twice on its way to base 2 (product and constant), each by 2^-24 of |x log2(e)|.
+// The argument is rounded twice on its way to base 2 (product and constant), each by 2^-24 of |x
+// log2(e)|.
 static void exp_is_exp2_of_a_rounded_product(void **state)
 {
     (void)state;
@@ -102,7 +104,8 @@ static void exp_is_exp2_of_a_rounded_product(void **state)
     for (int k = 0; k < probe_count; ++k) {
         probes[k]->exp(x, y, 4096);
         for (int i = 0; i < 4096; ++i)
-            assert_true(fabs(y[i] - exp((double)x[i])) <= exp((double)x[i]) * 1.2e-7 * (1 + fabs((double)x[i])));
+            assert_true(fabs(y[i] - exp((double)x[i])) <=
+                        exp((double)x[i]) * 1.2e-7 * (1 + fabs((double)x[i])));
     }
 }
 
@@ -111,7 +114,8 @@ static void exp_is_exp2_of_a_rounded_product(void **state)
 static void arithmetic_is_ieee_and_fma_is_fused_on_vector_isas(void **state)
 {
     (void)state;
-    float x[16] __attribute__((aligned(64))), y[16] __attribute__((aligned(64))), z[16] __attribute__((aligned(64)));
+    float x[16] __attribute__((aligned(64))), y[16] __attribute__((aligned(64))),
+        z[16] __attribute__((aligned(64)));
     float out[PROBE_ARITHMETIC_COUNT][16] __attribute__((aligned(64)));
     for (uint64_t seed = 0; seed < 200; ++seed) {
         fill(x, 16, 3 * seed, -1, 1);
@@ -127,8 +131,10 @@ static void arithmetic_is_ieee_and_fma_is_fused_on_vector_isas(void **state)
                 assert_true(out[PROBE_MUL][i] == product);
                 assert_true(out[PROBE_DIV][i] == x[i] / y[i]);
                 assert_true(out[PROBE_FMA][i] == (fused ? fmaf(x[i], y[i], z[i]) : product + z[i]));
-                assert_true(out[PROBE_FNMA][i] == (fused ? fmaf(-x[i], y[i], z[i]) : z[i] - product));
-                assert_true(out[PROBE_FMS][i] == (fused ? fmaf(x[i], y[i], -z[i]) : product - z[i]));
+                assert_true(out[PROBE_FNMA][i] ==
+                            (fused ? fmaf(-x[i], y[i], z[i]) : z[i] - product));
+                assert_true(out[PROBE_FMS][i] ==
+                            (fused ? fmaf(x[i], y[i], -z[i]) : product - z[i]));
                 assert_true(out[PROBE_ABS][i] == fabsf(x[i]));
                 assert_true(out[PROBE_SQRT][i] == sqrtf(fabsf(x[i])));
                 assert_true(out[PROBE_CLAMP][i] == fminf(fmaxf(x[i], -0.25f), 0.5f));
@@ -140,10 +146,11 @@ static void arithmetic_is_ieee_and_fma_is_fused_on_vector_isas(void **state)
 // Pairs of every kind: ordinary, equal, signed zeros, infinities, NaN on either side.
 static void special_pairs(float x[16], float y[16])
 {
-    const float values[16][2] = {{1, 2},        {2, 1},        {3, 3},        {-1, 1},        {0.0f, -0.0f},
-                                 {-0.0f, 0.0f}, {INFINITY, 1}, {1, INFINITY}, {-INFINITY, 1}, {INFINITY, INFINITY},
-                                 {NAN, 1},      {1, NAN},      {NAN, NAN},    {1e-30f, 0},    {-3, -2},
-                                 {-2, -3}};
+    const float values[16][2] = {
+        {1, 2},        {2, 1},        {3, 3},        {-1, 1},        {0.0f, -0.0f},
+        {-0.0f, 0.0f}, {INFINITY, 1}, {1, INFINITY}, {-INFINITY, 1}, {INFINITY, INFINITY},
+        {NAN, 1},      {1, NAN},      {NAN, NAN},    {1e-30f, 0},    {-3, -2},
+        {-2, -3}};
     for (int i = 0; i < 16; ++i) {
         x[i] = values[i][0];
         y[i] = values[i][1];
@@ -213,9 +220,9 @@ static void integers_wrap_shift_and_round_to_even(void **state)
     int32_t p[16] __attribute__((aligned(64))), q[16] __attribute__((aligned(64)));
     int32_t out[PROBE_INTEGER_COUNT][16] __attribute__((aligned(64)));
     float back[16] __attribute__((aligned(64)));
-    const float x[16]
-        __attribute__((aligned(64))) = {0.5f,  1.5f, 2.5f,       -0.5f, -1.5f, 0.49999997f, 0.50000006f, 1e6f,
-                                        -3.7f, 3.7f, 8388608.5f, -0.0f, 7,     -7,          2.4999998f,  100000.5f};
+    const float x[16] __attribute__((aligned(64))) = {
+        0.5f,  1.5f, 2.5f,       -0.5f, -1.5f, 0.49999997f, 0.50000006f, 1e6f,
+        -3.7f, 3.7f, 8388608.5f, -0.0f, 7,     -7,          2.4999998f,  100000.5f};
     for (int i = 0; i < 16; ++i) {
         p[i] = (int32_t)sgsi_random_bits(7, (uint64_t)i);
         q[i] = (int32_t)sgsi_random_bits(8, (uint64_t)i);
@@ -260,7 +267,8 @@ static void compressed_lanes_keep_their_order_and_narrow_ones_their_value(void *
     }
 }
 
-// Against counting by definition; few different keys, so that ties abound, or nearly sorted ones, or neither.
+// Against counting by definition; few different keys, so that ties abound, or nearly sorted ones,
+// or neither.
 static void ranks_count_what_stands_before(void **state)
 {
     (void)state;
@@ -270,7 +278,8 @@ static void ranks_count_what_stands_before(void **state)
     uint16_t ranks[MOST + 32] __attribute__((aligned(64)));
     for (uint32_t count = 0; count <= MOST; count += count < 70 ? 1 : 13) {
         for (uint32_t i = 0; i < MOST; ++i)
-            keys[i] = (int16_t)(sgsi_random_bits(count, i) % spans[count % 3] + (count % 3 == 2 ? i : 0));
+            keys[i] =
+                (int16_t)(sgsi_random_bits(count, i) % spans[count % 3] + (count % 3 == 2 ? i : 0));
         for (int k = 0; k < probe_count; ++k) {
             probes[k]->rank(keys, ranks, count);
             for (uint32_t i = 0; i < count; ++i) {
@@ -353,7 +362,8 @@ static void avx2_and_avx512_give_the_same_bits(void **state)
         skip();
     const simd_probe *narrow = &simd_probe_avx2, *wide = &simd_probe_avx512;
     static float x[1 << 16] __attribute__((aligned(64))), y[1 << 16] __attribute__((aligned(64)));
-    static float left[1 << 16] __attribute__((aligned(64))), right[1 << 16] __attribute__((aligned(64)));
+    static float left[1 << 16] __attribute__((aligned(64))),
+        right[1 << 16] __attribute__((aligned(64)));
     fill(x, 1 << 16, 10, -126, 126);
     fill(y, 1 << 16, 11, -3, 3);
     narrow->exp2(x, left, 1 << 16);

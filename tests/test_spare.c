@@ -1,8 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// SPARE-GS against numbers worked out by hand, against a slow second reading of the paper (a loop over all
-// primitives for every region, ranks by counting), and against the properties that the method promises.
+// SPARE-GS against numbers worked out by hand, against a slow second reading of the paper (a loop
+// over all primitives for every region, ranks by counting), and against the properties that the
+// method promises.
 
 #include <float.h>
 #include <math.h>
@@ -57,7 +58,8 @@ static void free_fixture(fixture *f)
     sgsi_free(f->workspace);
 }
 
-// Runs on dirty memory of exactly the promised size, with a guard behind it, and checks that nothing was allocated.
+// Runs on dirty memory of exactly the promised size, with a guard behind it, and checks that
+// nothing was allocated.
 static void evaluate(fixture *f, const spare_options *options)
 {
     sgsi_free(f->workspace);
@@ -66,7 +68,8 @@ static void evaluate(fixture *f, const spare_options *options)
     memset(f->workspace, 0xA5, f->workspace_size + GUARD);
     memset(f->weights, 0xA5, f->count * sizeof *f->weights);
     memset(f->redundant, 0xA5, f->count);
-    const spare_input input = {f->count, f->x, f->y, f->z, f->opacity, f->gradient, f->visible, f->radius};
+    const spare_input input = {f->count,   f->x,        f->y,       f->z,
+                               f->opacity, f->gradient, f->visible, f->radius};
     const size_t allocations = sgsi_allocation_count();
     spare_evaluate(options, &input, f->workspace, f->weights, f->redundant, &f->result);
     assert_int_equal(sgsi_allocation_count(), allocations);
@@ -74,7 +77,7 @@ static void evaluate(fixture *f, const spare_options *options)
         assert_int_equal(f->workspace[f->workspace_size + i], 0xA5);
 }
 
-// ---------------------------------------------------------------------------------------------------------------------
+// -------------------------------------------------------------------------------------------------
 // The second reading.
 
 typedef enum plant {
@@ -124,7 +127,8 @@ static double slow_gradient(const fixture *f, size_t i)
     return f->visible[i] ? (double)f->gradient[i] / f->visible[i] : 0.0;
 }
 
-static double slow_rank(const spare_region *regions, size_t count, size_t r, int visibility, plant error)
+static double slow_rank(const spare_region *regions, size_t count, size_t r, int visibility,
+                        plant error)
 {
     double less = 0.0, equal = 0.0;
     const double mine = visibility ? regions[r].visibility : regions[r].gradient;
@@ -136,8 +140,8 @@ static double slow_rank(const spare_region *regions, size_t count, size_t r, int
     return (less + (error == PLANT_TIES_FIRST ? 1.0 : (equal + 1.0) / 2.0)) / (double)count;
 }
 
-// Median by counting: the mean of the smallest and the largest value that have at most half of the values on
-// either side.
+// Median by counting: the mean of the smallest and the largest value that have at most half of the
+// values on either side.
 static double slow_median(const spare_region *regions, size_t count, plant error)
 {
     double low = INFINITY, high = -INFINITY, sum = 0.0, positive = 0.0;
@@ -179,7 +183,8 @@ static double slow_phi(const spare_options *o, double slack, double share)
 }
 
 // Statistics (16) to (18) of one region by a loop over all primitives.
-static spare_region slow_region(const fixture *f, const uint32_t *voxel_of, uint32_t voxel, plant error)
+static spare_region slow_region(const fixture *f, const uint32_t *voxel_of, uint32_t voxel,
+                                plant error)
 {
     spare_region region = {.voxel = voxel};
     for (size_t i = 0; i < f->count; ++i) {
@@ -189,7 +194,8 @@ static spare_region slow_region(const fixture *f, const uint32_t *voxel_of, uint
         ++region.count;
         region.gradient += isfinite(gradient) ? gradient : 0.0;
         region.visibility += f->visible[i];
-        region.area += isfinite(radius) ? (error == PLANT_RADIUS_NOT_SQUARED ? radius : radius * radius) : 0.0;
+        region.area +=
+            isfinite(radius) ? (error == PLANT_RADIUS_NOT_SQUARED ? radius : radius * radius) : 0.0;
     }
     region.gradient /= region.count;
     region.visibility /= region.count;
@@ -219,15 +225,18 @@ static void slow_allocation(const fixture *f, const spare_options *o, opinion *p
         spare_region *region = &p->regions[r];
         region->share = region->score / sum;
         region->quota = o->budget_scale * (double)f->count * region->share;
-        region->slack = (region->quota - region->count) / (region->quota + (error == PLANT_SLACK_WITHOUT_ONE ? 0 : 1));
-        const double share = error == PLANT_SHARE_NOT_RELATIVE ? region->share : region->score / most;
+        region->slack = (region->quota - region->count) /
+                        (region->quota + (error == PLANT_SLACK_WITHOUT_ONE ? 0 : 1));
+        const double share =
+            error == PLANT_SHARE_NOT_RELATIVE ? region->share : region->score / most;
         region->weight = slow_phi(o, region->slack, share);
     }
 }
 
 static opinion slow_opinion(const fixture *f, const spare_options *o, plant error)
 {
-    opinion p = {.regions = take(f->count, sizeof *p.regions), .region_of = take(f->count, sizeof *p.region_of),
+    opinion p = {.regions = take(f->count, sizeof *p.regions),
+                 .region_of = take(f->count, sizeof *p.region_of),
                  .redundant = take(f->count, 1)};
     uint32_t *voxel_of = take(f->count, sizeof *voxel_of);
     const uint32_t grid = (uint32_t)o->grid;
@@ -235,7 +244,8 @@ static opinion slow_opinion(const fixture *f, const spare_options *o, plant erro
         if (finite_centre(f, i)) {
             const uint32_t x = slow_axis(f, f->x, i, o->grid), y = slow_axis(f, f->y, i, o->grid);
             const uint32_t z = slow_axis(f, f->z, i, o->grid);
-            voxel_of[i] = error == PLANT_SWAPPED_AXES ? x * grid * grid + y * grid + z : z * grid * grid + y * grid + x;
+            voxel_of[i] = error == PLANT_SWAPPED_AXES ? x * grid * grid + y * grid + z
+                                                      : z * grid * grid + y * grid + x;
         }
     for (uint32_t voxel = 0; voxel < grid * grid * grid; ++voxel) {
         size_t first = 0;
@@ -249,9 +259,10 @@ static opinion slow_opinion(const fixture *f, const spare_options *o, plant erro
         while (p.regions[p.region_of[i]].voxel != voxel_of[i])
             ++p.region_of[i];
         const spare_region *region = &p.regions[p.region_of[i]];
-        p.redundant[i] = region->count > region->quota && (double)f->opacity[i] < o->tau_alpha &&
-                         slow_gradient(f, i) < o->tau_gradient * (error == PLANT_FULL_TAU ? 1.0 : 0.5) &&
-                         !(o->rap_require_visible && !f->visible[i]);
+        p.redundant[i] =
+            region->count > region->quota && (double)f->opacity[i] < o->tau_alpha &&
+            slow_gradient(f, i) < o->tau_gradient * (error == PLANT_FULL_TAU ? 1.0 : 0.5) &&
+            !(o->rap_require_visible && !f->visible[i]);
     }
     sgsi_free(voxel_of);
     return p;
@@ -270,8 +281,8 @@ static double difference(double a, double b)
     return a == b ? 0.0 : isnan(d) ? INFINITY : d;
 }
 
-// Largest relative difference between what spare_evaluate said and the second reading; infinite when they disagree on a
-// region, a membership or a redundant primitive.
+// Largest relative difference between what spare_evaluate said and the second reading; infinite
+// when they disagree on a region, a membership or a redundant primitive.
 static double disagreement(const fixture *f, const opinion *p)
 {
     const spare_result *result = &f->result;
@@ -284,9 +295,16 @@ static double disagreement(const fixture *f, const opinion *p)
         if (a->voxel != b->voxel || a->count != b->count)
             return INFINITY;
         const double pairs[][2] = {
-            {a->gradient, b->gradient}, {a->visibility, b->visibility}, {a->area, b->area}, {a->demand, b->demand},
-            {a->capacity, b->capacity}, {a->score, b->score}, {a->share, b->share}, {a->quota, b->quota},
-            {1.0 + a->slack, 1.0 + b->slack}, {a->weight, b->weight},
+            {a->gradient, b->gradient},
+            {a->visibility, b->visibility},
+            {a->area, b->area},
+            {a->demand, b->demand},
+            {a->capacity, b->capacity},
+            {a->score, b->score},
+            {a->share, b->share},
+            {a->quota, b->quota},
+            {1.0 + a->slack, 1.0 + b->slack},
+            {a->weight, b->weight},
         };
         for (size_t k = 0; k < sizeof pairs / sizeof *pairs; ++k)
             worst = fmax(worst, difference(pairs[k][0], pairs[k][1]));
@@ -308,7 +326,7 @@ static double disagreement(const fixture *f, const opinion *p)
     return worst;
 }
 
-// ---------------------------------------------------------------------------------------------------------------------
+// -------------------------------------------------------------------------------------------------
 // Inputs.
 
 typedef enum layout {
@@ -332,7 +350,8 @@ static void place(fixture *f, size_t i, layout kind, uint64_t seed)
         const double u = sgsi_random_uniform(seed, at + axis);
         *centre[axis] = (float)(4.0 * u - 1.0);
         if (kind == LAYOUT_CLUSTERED)
-            *centre[axis] = (float)(sgsi_random_normal(seed, at + axis) * pow(10.0, (double)(i % 4) - 2.0));
+            *centre[axis] =
+                (float)(sgsi_random_normal(seed, at + axis) * pow(10.0, (double)(i % 4) - 2.0));
         if (kind == LAYOUT_ONE_VOXEL)
             *centre[axis] = 3.25f;
         if (kind == LAYOUT_HUGE)
@@ -382,7 +401,7 @@ static spare_options small_grid(void)
     return options;
 }
 
-// ---------------------------------------------------------------------------------------------------------------------
+// -------------------------------------------------------------------------------------------------
 // Hand-computed: x = 0 holds one primitive, x = 1 two, x = 2 three.
 
 static fixture make_three_regions(void)
@@ -414,14 +433,16 @@ static void three_regions_match_hand_computation(void **state)
     } expected[] = {
         {0, 1, 2e-4, 2, 16, 5 * third, 4, 5.0 / 12, 30.0 / 93, -63.0 / 123, 5.0 / 93},
         {16, 2, 0.5e-4, 0.5, 4, 2 * third, 1, 2.0 / 3, 48.0 / 93, -138.0 / 141, 8.0 / 93},
-        {31, 3, 2e-4 / 3, 3, 2 * third, 5 * third, 0.25, 20.0 / 3, 480.0 / 93, 201.0 / 573, 80.0 / 93},
+        {31, 3, 2e-4 / 3, 3, 2 * third, 5 * third, 0.25, 20.0 / 3, 480.0 / 93, 201.0 / 573,
+         80.0 / 93},
     };
     assert_int_equal(f.result.region_count, 3);
     for (size_t r = 0; r < 3; ++r) {
         const spare_region *region = &f.result.regions[r];
         assert_int_equal(region->voxel % 32, (int)expected[r].x);
         assert_true(region->count == expected[r].count);
-        assert_true(difference(region->gradient, expected[r].gradient) < 1e-6); // the input is float
+        assert_true(difference(region->gradient, expected[r].gradient) <
+                    1e-6); // the input is float
         assert_true(difference(region->visibility, expected[r].visibility) < 1e-14);
         assert_true(difference(region->area, expected[r].area) < 1e-14);
         assert_true(difference(region->demand, expected[r].demand) < 1e-14);
@@ -431,7 +452,8 @@ static void three_regions_match_hand_computation(void **state)
         assert_true(difference(region->quota, expected[r].quota) < 1e-14);
         assert_true(difference(region->slack, expected[r].slack) < 1e-13);
         const double share = expected[r].share / expected[2].share;
-        const double gamma = options.weight_range * (expected[r].slack > 0 ? (1 + share) / 2 : 1 - share / 2);
+        const double gamma =
+            options.weight_range * (expected[r].slack > 0 ? (1 + share) / 2 : 1 - share / 2);
         const double weight = 1 + gamma * (2 / (1 + exp(-2 * expected[r].slack)) - 1);
         assert_true(difference(region->weight, weight) < 1e-14);
     }
@@ -506,7 +528,7 @@ static void mask_is_strict_in_every_condition(void **state)
     free_fixture(&f);
 }
 
-// ---------------------------------------------------------------------------------------------------------------------
+// -------------------------------------------------------------------------------------------------
 
 static void every_layout_matches_the_slow_reading(void **state)
 {
@@ -543,7 +565,8 @@ static void ablations_match_the_slow_reading(void **state)
         assert_true(disagreement(&f, &p) <= 1e-10);
         if (!bits)
             for (size_t r = 0; r < f.result.region_count; ++r)
-                assert_true(difference(f.result.regions[r].share * (double)f.result.region_count, 1.0) < 1e-12);
+                assert_true(difference(f.result.regions[r].share * (double)f.result.region_count,
+                                       1.0) < 1e-12);
         free_opinion(&p);
     }
     free_fixture(&f);
@@ -597,7 +620,8 @@ static void quotas_sum_to_the_budget_and_weights_follow_slack(void **state)
     }
 }
 
-// Two regions whose counts the caller chooses: the weight of the first as its slack grows, at equal demand.
+// Two regions whose counts the caller chooses: the weight of the first as its slack grows, at equal
+// demand.
 static void weight_grows_with_slack(void **state)
 {
     (void)state;
@@ -611,7 +635,8 @@ static void weight_grows_with_slack(void **state)
             options.phi = (spare_phi)phi;
             evaluate(&f, &options);
             const spare_region *region = &f.result.regions[0];
-            assert_true(region->quota == 20.0 && region->slack < last_slack && region->weight < last_weight);
+            assert_true(region->quota == 20.0 && region->slack < last_slack &&
+                        region->weight < last_weight);
             assert_int_equal(region->weight > 1.0, own < 20);
             last_slack = region->slack;
             last_weight = region->weight;
@@ -623,9 +648,9 @@ static void weight_grows_with_slack(void **state)
 static void weight_grows_with_share_at_equal_slack(void **state)
 {
     (void)state;
-    // Three regions with shares 1/6, 2/6, 3/6 by rank of visibility, counts proportional to shares: every slack
-    // is 0, and with kappa != 1 of one sign and nearly one size; the larger share must not have the smaller
-    // weight.
+    // Three regions with shares 1/6, 2/6, 3/6 by rank of visibility, counts proportional to shares:
+    // every slack is 0, and with kappa != 1 of one sign and nearly one size; the larger share must
+    // not have the smaller weight.
     for (int more = 0; more < 2; ++more) {
         fixture f = make_fixture(6000);
         for (size_t i = 0; i < 6000; ++i) {

@@ -1,7 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// When SPARE-GS stops training and when its pruning rests: small state machines, walked through by hand.
+// When SPARE-GS stops training and when its pruning rests: small state machines, walked through by
+// hand.
 
 #include <math.h>
 #include <setjmp.h>
@@ -40,7 +41,8 @@ static void equilibrium_stops_after_patience(void **state)
     assert_false(feed(&e, 1.000, 1000, false)); // nothing to compare with
     assert_false(feed(&e, 0.995, 1005, false));
     assert_int_equal(e.held, 1);
-    assert_true(fabs(e.last_loss_change - 0.005) < 1e-12 && fabs(e.last_count_change - 0.005) < 1e-12);
+    assert_true(fabs(e.last_loss_change - 0.005) < 1e-12 &&
+                fabs(e.last_count_change - 0.005) < 1e-12);
     assert_true(feed(&e, 0.995, 1000, false)); // no change at all holds as well
     spare_equilibrium_begin(&e);
     assert_false(feed(&e, 1.0, 7, false));
@@ -56,11 +58,11 @@ static void equilibrium_starts_again_when_disturbed_or_moving(void **state)
         size_t count;
         bool disturbed;
     } breaks[] = {
-        {0.996, 1000, false},  // rising loss
-        {0.950, 1000, false},  // still falling fast
-        {0.995, 1020, false},  // growing
-        {0.995, 980, false},   // shrinking
-        {0.995, 1000, true},   // opacity reset inside the window
+        {0.996, 1000, false}, // rising loss
+        {0.950, 1000, false}, // still falling fast
+        {0.995, 1020, false}, // growing
+        {0.995, 980, false},  // shrinking
+        {0.995, 1000, true},  // opacity reset inside the window
     };
     for (size_t k = 0; k < sizeof breaks / sizeof *breaks; ++k) {
         spare_equilibrium e;
@@ -100,7 +102,8 @@ static void equilibrium_average_is_unbiased_and_ignores_non_finite(void **state)
     spare_equilibrium_begin(&e);
     spare_equilibrium_observe(&e, 0.25, 0.995);
     assert_true(fabs(e.loss_average / e.loss_weight - 0.25) < 1e-12);
-    // A constant loss is a constant average from the first iteration on, although its weight still grows.
+    // A constant loss is a constant average from the first iteration on, although its weight still
+    // grows.
     spare_equilibrium_begin(&e);
     for (int check = 0; check < 3; ++check) {
         spare_equilibrium_observe(&e, 0.25, 0.995);

@@ -1,9 +1,10 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Order and hits. The tracer's images and hit lists against the same kernels without a BVH: identical to the bit,
-// for every scene, lens, build quality, bin size, refit history, depth guess and number of threads. Against the oracle
-// in double precision: see test_tracer_oracle.c; gradients: test_tracer_gradient.c.
+// Order and hits. The tracer's images and hit lists against the same kernels without a BVH:
+// identical to the bit, for every scene, lens, build quality, bin size, refit history, depth guess
+// and number of threads. Against the oracle in double precision: see test_tracer_oracle.c;
+// gradients: test_tracer_gradient.c.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -38,9 +39,11 @@ static void lists_and_images_equal_those_without_a_bvh(void **state)
         for (int lens = 0; lens < TRACED_LENS_COUNT; ++lens) {
             for (int filter = SGS_FILTER_3DGS; filter <= SGS_FILTER_NONE; ++filter, ++run) {
                 const sgs_camera camera = oracle_camera(traced_lenses[lens], 83, 61);
-                traced_view traced = traced_create(scene.model, &camera, &poses[run % 2], (sgs_filter)filter,
-                                                   bins[run % 4], (sgsi_bvh_quality)((run + run / 4) % SGSI_BVH_QUALITY_COUNT));
-                traced_assert_matches_brute_force(&traced, scene.count, label(traced_scene_name(number), "lens", lens));
+                traced_view traced = traced_create(
+                    scene.model, &camera, &poses[run % 2], (sgs_filter)filter, bins[run % 4],
+                    (sgsi_bvh_quality)((run + run / 4) % SGSI_BVH_QUALITY_COUNT));
+                traced_assert_matches_brute_force(&traced, scene.count,
+                                                  label(traced_scene_name(number), "lens", lens));
                 traced_destroy(&traced);
             }
         }
@@ -59,15 +62,18 @@ static void every_isa_equals_itself_without_a_bvh(void **state)
         assert_int_equal(sgs_set_isa(all_isas[i]), SGS_STATUS_OK);
         for (int number = 0; number < TRACED_SCENE_COUNT; ++number) {
             oracle_scene scene = traced_scene(number);
-            traced_view traced = traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, 2, SGSI_BVH_REFIT);
-            traced_assert_matches_brute_force(&traced, scene.count, label(traced_scene_name(number), "isa", i));
+            traced_view traced =
+                traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, 2, SGSI_BVH_REFIT);
+            traced_assert_matches_brute_force(&traced, scene.count,
+                                              label(traced_scene_name(number), "isa", i));
             traced_destroy(&traced);
             oracle_scene_free(&scene);
         }
     }
 }
 
-// A tree that was refitted for other cameras and for moved primitives, and a fresh one, of any quality and bin size.
+// A tree that was refitted for other cameras and for moved primitives, and a fresh one, of any
+// quality and bin size.
 static void morton_sah_and_refitted_trees_give_the_same_bits(void **state)
 {
     (void)state;
@@ -81,23 +87,27 @@ static void morton_sah_and_refitted_trees_give_the_same_bits(void **state)
             for (int k = 0; k < 3; ++k)
                 oracle_primitive(&moved, i)[SGS_PARAM_MEAN + k] += sin((double)i * (k + 1));
         oracle_scene_round(&moved);
-        traced_view first = traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, 2, SGSI_BVH_REFIT);
+        traced_view first =
+            traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, 2, SGSI_BVH_REFIT);
         const traced_lists lists = traced_lists_of(first.tracer, first.rays);
         for (int quality = SGSI_BVH_LOW; quality < SGSI_BVH_QUALITY_COUNT; ++quality) {
-            traced_view again =
-                traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, 1 << quality, (sgsi_bvh_quality)quality);
+            traced_view again = traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS,
+                                              1 << quality, (sgsi_bvh_quality)quality);
             traced_assert_same_image(&first.planes, &again.planes, label(name, "quality", quality));
             traced_aim(&again, &other, &away, 1);
             traced_project(&again, scene.model, false, (sgsi_bvh_quality)quality);
             traced_forward(&again, NULL);
-            traced_assert_matches_brute_force(&again, scene.count, label(name, "refitted away, quality", quality));
+            traced_assert_matches_brute_force(&again, scene.count,
+                                              label(name, "refitted away, quality", quality));
             traced_project(&again, moved.model, false, (sgsi_bvh_quality)quality);
             traced_forward(&again, NULL);
-            traced_assert_matches_brute_force(&again, scene.count, label(name, "moved, quality", quality));
+            traced_assert_matches_brute_force(&again, scene.count,
+                                              label(name, "moved, quality", quality));
             traced_aim(&again, &camera, &pose, 8);
             traced_project(&again, scene.model, false, (sgsi_bvh_quality)quality);
             traced_forward(&again, NULL);
-            traced_assert_same_image(&first.planes, &again.planes, label(name, "refitted back, quality", quality));
+            traced_assert_same_image(&first.planes, &again.planes,
+                                     label(name, "refitted back, quality", quality));
             traced_lists back = traced_lists_of(again.tracer, again.rays);
             traced_assert_same_lists(&lists, &back, label(name, "refitted back, quality", quality));
             traced_lists_free(&back);
@@ -112,15 +122,16 @@ static void morton_sah_and_refitted_trees_give_the_same_bits(void **state)
 
 // ---- Depth guesses ----
 
-// Nearly opaque and slanted, many layers: the guesses cut most of the scene, and order is repaired in most blocks.
+// Nearly opaque and slanted, many layers: the guesses cut most of the scene, and order is repaired
+// in most blocks.
 static oracle_scene opaque_scene(uint64_t seed, size_t count)
 {
     const oracle_range range = {1.5, 0.02, 0.9, 0.6, 0.99, 0.15};
     return oracle_random_model(seed, count, &range);
 }
 
-// Pancakes seen nearly edge on: within a block their distances vary so much that hits far behind a guess stand before
-// counted ones in the list.
+// Pancakes seen nearly edge on: within a block their distances vary so much that hits far behind a
+// guess stand before counted ones in the list.
 static oracle_scene slanted_scene(uint64_t seed, size_t count)
 {
     const oracle_range range = {2, 0.005, 3, 0.5, 0.95, 0.15};
@@ -128,10 +139,12 @@ static oracle_scene slanted_scene(uint64_t seed, size_t count)
     oracle_random random = {seed + 1, 0};
     for (size_t i = 0; i < count; ++i) {
         double *p = oracle_primitive(&scene, i);
-        const double turn = oracle_uniform(&random, 0, 6.28), tilt = oracle_uniform(&random, -0.15, 0.15);
+        const double turn = oracle_uniform(&random, 0, 6.28),
+                     tilt = oracle_uniform(&random, -0.15, 0.15);
         double normal[3] = {cos(turn), sin(turn), tilt};
         oracle_normalize(normal);
-        const double rotation[4] = {1 + normal[1] + 1e-9, normal[2], 0, -normal[0]}; // local y onto the normal
+        const double rotation[4] = {1 + normal[1] + 1e-9, normal[2], 0,
+                                    -normal[0]}; // local y onto the normal
         memcpy(p + SGS_PARAM_ROTATION, rotation, sizeof rotation);
         oracle_set_scales(p, oracle_uniform(&random, 0.3, 2), oracle_uniform(&random, 0.005, 0.05),
                           oracle_uniform(&random, 0.3, 2));
@@ -147,7 +160,8 @@ static oracle_scene guess_scene(int number)
 {
     if (number >= 0)
         return traced_scene(number);
-    return number >= -2 ? opaque_scene((uint64_t)(20 - number), 1500) : slanted_scene((uint64_t)(500 - number), 1500);
+    return number >= -2 ? opaque_scene((uint64_t)(20 - number), 1500)
+                        : slanted_scene((uint64_t)(500 - number), 1500);
 }
 
 static size_t tile_count(const traced_view *traced)
@@ -164,7 +178,8 @@ static void guesses_of_earlier_visits_change_no_bit_and_save_work(void **state)
         oracle_scene scene = guess_scene(number);
         const char *name = number < 0 ? "opaque or slanted" : traced_scene_name(number);
         for (int bin = 1; bin <= 4; bin *= 4) {
-            traced_view traced = traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, bin, SGSI_BVH_REFIT);
+            traced_view traced =
+                traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, bin, SGSI_BVH_REFIT);
             sgsi_planes plain = traced.planes;
             traced.planes = (sgsi_planes){0};
             const uint64_t candidates = sgsi_tracer_counts(traced.tracer).candidates;
@@ -195,8 +210,8 @@ static void guesses_that_are_too_near_are_repaired_exactly(void **state)
     uint64_t regathered = 0;
     for (int number = -GUESS_SCENES; number < TRACED_SCENE_COUNT; ++number) {
         oracle_scene scene = guess_scene(number);
-        traced_view traced =
-            traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, number % 2 ? 2 : 1, SGSI_BVH_REFIT);
+        traced_view traced = traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS,
+                                           number % 2 ? 2 : 1, SGSI_BVH_REFIT);
         sgsi_planes plain = traced.planes;
         traced.planes = (sgsi_planes){0};
         float *guess = oracle_memory(tile_count(&traced), sizeof *guess);
@@ -222,8 +237,9 @@ static void guesses_that_are_too_near_are_repaired_exactly(void **state)
     assert_true(regathered > 100);
 }
 
-// A guess takes hidden elements out of the middle of a block's list, so a hidden element must not change a bit wherever
-// it stands. Elements straight from the pen: response 1 everywhere, t equal to the distance.
+// A guess takes hidden elements out of the middle of a block's list, so a hidden element must not
+// change a bit wherever it stands. Elements straight from the pen: response 1 everywhere, t equal
+// to the distance.
 static void hidden_elements_change_no_bit_wherever_they_stand(void **state)
 {
     (void)state;
@@ -235,7 +251,8 @@ static void hidden_elements_change_no_bit_wherever_they_stand(void **state)
         uint32_t order[COUNT] = {0};
         for (uint32_t i = 0; i < COUNT; ++i) {
             float *r = scratch.tile_records + SGSI_RECORD * i;
-            const bool hidden = i >= SEEN, wall = i < 3; // three of alpha 0.99 end every ray at t <= 9
+            const bool hidden = i >= SEEN,
+                       wall = i < 3; // three of alpha 0.99 end every ray at t <= 9
             memset(r, 0, SGSI_RECORD * sizeof *r);
             r[SGSI_RECORD_C] = 1.0f;
             r[SGSI_RECORD_INV_KAPPA] = 1.0f;
@@ -256,17 +273,18 @@ static void hidden_elements_change_no_bit_wherever_they_stand(void **state)
             for (uint32_t i = 0; i < COUNT; ++i)
                 if (k == 0 || order[i] < SEEN)
                     scratch.order[scratch.entry_count[0]++] = order[i];
-            sgsi_tile_target target = {.rays = &rays,
-                                       .width = 4,
-                                       .height = 4,
-                                       .stride = planes[k].stride,
-                                       .color = {planes[k].color[0], planes[k].color[1], planes[k].color[2]},
-                                       .transmittance = planes[k].transmittance,
-                                       .depth_mean = planes[k].depth_mean,
-                                       .depth_median = planes[k].depth_median,
-                                       .depth_first = planes[k].depth_first,
-                                       .hits = planes[k].hits,
-                                       .near_distance = 0.2f};
+            sgsi_tile_target target = {
+                .rays = &rays,
+                .width = 4,
+                .height = 4,
+                .stride = planes[k].stride,
+                .color = {planes[k].color[0], planes[k].color[1], planes[k].color[2]},
+                .transmittance = planes[k].transmittance,
+                .depth_mean = planes[k].depth_mean,
+                .depth_median = planes[k].depth_median,
+                .depth_first = planes[k].depth_first,
+                .hits = planes[k].hits,
+                .near_distance = 0.2f};
             sgsi_kernels_get()->tile_forward(&scratch, &target);
         }
         traced_assert_same_image(&planes[0], &planes[1], "without the hidden elements");
@@ -286,23 +304,25 @@ typedef struct frozen {
 } frozen;
 
 // Forward and backward with fixed pseudo-random gradients; keeps images and sums.
-static frozen trace_and_freeze(const oracle_scene *scene, const sgs_camera *camera, const sgs_pose *pose,
-                               sgs_filter filter)
+static frozen trace_and_freeze(const oracle_scene *scene, const sgs_camera *camera,
+                               const sgs_pose *pose, sgs_filter filter)
 {
     traced_view traced = traced_create(scene->model, camera, pose, filter, 2, SGSI_BVH_REFIT);
     sgsi_planes d = traced_planes_create(camera->width, camera->height);
     oracle_random random = {5, 0};
     for (size_t i = 0; i < 4 * d.stride * (size_t)d.height; ++i)
         d.color[0][i] = (float)oracle_normal(&random);
-    assert_int_equal(sgsi_tracer_backward(traced.tracer, &traced.view, &traced.planes, d.color, d.transmittance),
-                     SGS_STATUS_OK);
+    assert_int_equal(
+        sgsi_tracer_backward(traced.tracer, &traced.view, &traced.planes, d.color, d.transmittance),
+        SGS_STATUS_OK);
     frozen kept = {.planes = traced.planes, .capacity = scene->model->capacity};
     kept.sums = oracle_memory(kept.capacity, SGSI_RECORD * sizeof *kept.sums);
     kept.touched = oracle_memory(kept.capacity / 16, 1);
     memcpy(kept.touched, sgsi_tracer_touched(traced.tracer), kept.capacity / 16);
     for (size_t block = 0; block < kept.capacity / 16; ++block)
         if (kept.touched[block])
-            memcpy(kept.sums + block * 256, sgsi_tracer_sums(traced.tracer) + block * 256, 256 * sizeof *kept.sums);
+            memcpy(kept.sums + block * 256, sgsi_tracer_sums(traced.tracer) + block * 256,
+                   256 * sizeof *kept.sums);
     traced.planes = (sgsi_planes){0};
     traced_planes_free(&d);
     traced_destroy(&traced);
@@ -385,7 +405,8 @@ int main(void)
         cmocka_unit_test(hidden_elements_change_no_bit_wherever_they_stand),
         cmocka_unit_test_teardown(one_two_and_three_threads_give_the_same_bits, traced_restore),
         cmocka_unit_test_teardown(avx2_and_avx512_trace_the_same_bits, traced_restore),
-        cmocka_unit_test_teardown(thread_counts_are_clamped_to_what_the_tracer_holds, traced_restore),
+        cmocka_unit_test_teardown(thread_counts_are_clamped_to_what_the_tracer_holds,
+                                  traced_restore),
     };
     return cmocka_run_group_tests(tests, traced_prepare, NULL);
 }

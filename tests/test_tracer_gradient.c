@@ -1,14 +1,15 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Gradients in single precision against the oracle's in double (which test_reference_gradient.c holds to finite
-// differences): every instruction set, lens and filter, gradients of colour and of transmittance. Per group of
-// parameters the largest error is at most 1e-4 of the largest gradient, and so is the error of every primitive with at
-// least a tenth of the largest gradient, against its own. The comparison itself must notice planted errors. A repeated
-// training-like step allocates nothing.
+// Gradients in single precision against the oracle's in double (which test_reference_gradient.c
+// holds to finite differences): every instruction set, lens and filter, gradients of colour and of
+// transmittance. Per group of parameters the largest error is at most 1e-4 of the largest gradient,
+// and so is the error of every primitive with at least a tenth of the largest gradient, against its
+// own. The comparison itself must notice planted errors. A repeated training-like step allocates
+// nothing.
 //
-// Fragile hits (see test_tracer_oracle.c) make gradients jump too. Their pixels get no incoming gradient here, in both
-// renderers.
+// Fragile hits (see test_tracer_oracle.c) make gradients jump too. Their pixels get no incoming
+// gradient here, in both renderers.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -27,7 +28,9 @@
 static int by_distance(const void *a, const void *b)
 {
     const sgs_hit *x = a, *y = b;
-    return x->t < y->t ? -1 : x->t > y->t ? 1 : (x->primitive > y->primitive) - (x->primitive < y->primitive);
+    return x->t < y->t   ? -1
+           : x->t > y->t ? 1
+                         : (x->primitive > y->primitive) - (x->primitive < y->primitive);
 }
 
 static bool is_fragile(const sgsi_reference_view *view, const double direction[3], sgs_hit *hits)
@@ -65,23 +68,27 @@ typedef struct incoming {
 } incoming;
 
 // colors, transmittance: which of the two is not zero.
-static incoming make_incoming(const oracle_scene *scene, const traced_view *traced, bool colors, bool transmittance)
+static incoming make_incoming(const oracle_scene *scene, const traced_view *traced, bool colors,
+                              bool transmittance)
 {
     const sgs_camera *camera = &traced->camera;
     incoming in = {.single = traced_planes_create(camera->width, camera->height)};
     sgsi_reference_view view;
-    assert_int_equal(
-        sgsi_reference_view_create(scene->params, scene->count, camera, &traced->pose, &traced->options, &view),
-        SGS_STATUS_OK);
+    assert_int_equal(sgsi_reference_view_create(scene->params, scene->count, camera, &traced->pose,
+                                                &traced->options, &view),
+                     SGS_STATUS_OK);
     sgs_hit *hits = oracle_memory(scene->count, sizeof *hits);
-    float *const single[4] = {in.single.color[0], in.single.color[1], in.single.color[2], in.single.transmittance};
+    float *const single[4] = {in.single.color[0], in.single.color[1], in.single.color[2],
+                              in.single.transmittance};
     for (int k = 0; k < 4; ++k)
-        in.planes[k] = oracle_memory((size_t)camera->width * (size_t)camera->height, sizeof(double));
+        in.planes[k] =
+            oracle_memory((size_t)camera->width * (size_t)camera->height, sizeof(double));
     oracle_random random = {5, 0};
     for (int y = 0; y < camera->height; ++y) {
         for (int x = 0; x < camera->width; ++x) {
             double direction[3];
-            const bool fragile = sgsi_reference_ray(&view, x, y, direction) && is_fragile(&view, direction, hits);
+            const bool fragile =
+                sgsi_reference_ray(&view, x, y, direction) && is_fragile(&view, direction, hits);
             in.fragile += fragile;
             for (int k = 0; k < 4; ++k) {
                 const bool wanted = !fragile && (k < 3 ? colors : transmittance);
@@ -106,10 +113,11 @@ static void incoming_free(incoming *in)
 // ---- Both gradients, and their comparison ----
 
 enum { GROUP_COUNT = 6 };
-static const int group_begin[GROUP_COUNT + 1] = {SGS_PARAM_MEAN,    SGS_PARAM_ROTATION, SGS_PARAM_SCALE,
-                                                 SGS_PARAM_OPACITY, SGS_PARAM_SH_DC,    SGS_PARAM_SH_REST,
-                                                 SGS_PARAM_COUNT};
-static const char *const group_names[GROUP_COUNT] = {"mean", "rotation", "scale", "opacity", "sh_dc", "sh_rest"};
+static const int group_begin[GROUP_COUNT + 1] = {
+    SGS_PARAM_MEAN,  SGS_PARAM_ROTATION, SGS_PARAM_SCALE, SGS_PARAM_OPACITY,
+    SGS_PARAM_SH_DC, SGS_PARAM_SH_REST,  SGS_PARAM_COUNT};
+static const char *const group_names[GROUP_COUNT] = {"mean",    "rotation", "scale",
+                                                     "opacity", "sh_dc",    "sh_rest"};
 
 typedef struct gradients {
     size_t count;
@@ -138,11 +146,12 @@ static gradients compute_gradients(const oracle_scene *scene, traced_view *trace
     g.expected = oracle_memory(scene->count * SGS_PARAM_COUNT, sizeof *g.expected);
     g.actual = oracle_memory(scene->count * SGS_PARAM_COUNT, sizeof *g.actual);
     const double *const d_color[3] = {in->planes[0], in->planes[1], in->planes[2]};
-    assert_int_equal(sgs_reference_backward(scene->params, scene->count, &traced->camera, &traced->pose,
-                                            &traced->options, d_color, in->planes[3], g.expected, NULL),
+    assert_int_equal(sgs_reference_backward(scene->params, scene->count, &traced->camera,
+                                            &traced->pose, &traced->options, d_color, in->planes[3],
+                                            g.expected, NULL),
                      SGS_STATUS_OK);
-    assert_int_equal(sgsi_tracer_backward(traced->tracer, &traced->view, &traced->planes, in->single.color,
-                                          in->single.transmittance),
+    assert_int_equal(sgsi_tracer_backward(traced->tracer, &traced->view, &traced->planes,
+                                          in->single.color, in->single.transmittance),
                      SGS_STATUS_OK);
     float *single = single_gradients(scene->model, traced);
     for (size_t i = 0; i < scene->count; ++i)
@@ -161,7 +170,8 @@ static void gradients_free(gradients *g)
 
 typedef struct agreement {
     double group[GROUP_COUNT]; // largest error / largest gradient
-    double primitive;          // worst over primitives and groups: |error| / |gradient| where it is significant
+    double
+        primitive; // worst over primitives and groups: |error| / |gradient| where it is significant
     size_t significant;
 } agreement;
 
@@ -172,8 +182,8 @@ static agreement compare_gradients(const gradients *g)
         double worst = 0, largest = 0;
         for (size_t i = 0; i < g->count; ++i)
             for (int k = group_begin[group]; k < group_begin[group + 1]; ++k) {
-                const double error =
-                    fabs(g->actual[i * SGS_PARAM_COUNT + (size_t)k] - g->expected[i * SGS_PARAM_COUNT + (size_t)k]);
+                const double error = fabs(g->actual[i * SGS_PARAM_COUNT + (size_t)k] -
+                                          g->expected[i * SGS_PARAM_COUNT + (size_t)k]);
                 worst = traced_worse(worst, error);
                 largest = fmax(largest, fabs(g->expected[i * SGS_PARAM_COUNT + (size_t)k]));
             }
@@ -222,8 +232,8 @@ typedef struct case_options {
 
 static agreement run_case(const oracle_scene *scene, const case_options *options, gradients *keep)
 {
-    traced_view traced =
-        traced_create(scene->model, &options->camera, &options->pose, options->filter, 2, SGSI_BVH_REFIT);
+    traced_view traced = traced_create(scene->model, &options->camera, &options->pose,
+                                       options->filter, 2, SGSI_BVH_REFIT);
     traced.options.sh_degree = options->sh_degree;
     sgsi_view_set(&traced.view, traced.rays, &traced.pose, &traced.options);
     traced_project(&traced, scene->model, true, SGSI_BVH_REFIT);
@@ -243,8 +253,12 @@ static agreement run_case(const oracle_scene *scene, const case_options *options
 
 static case_options default_case(sgs_camera_model lens)
 {
-    return (case_options){
-        oracle_camera(lens, 63, 47), oracle_pose_look_at(1.9, -1.2, -3.3), SGS_FILTER_3DGS, true, true, 3};
+    return (case_options){oracle_camera(lens, 63, 47),
+                          oracle_pose_look_at(1.9, -1.2, -3.3),
+                          SGS_FILTER_3DGS,
+                          true,
+                          true,
+                          3};
 }
 
 static void gradients_equal_the_oracle_on_every_isa_lens_and_filter(void **state)
@@ -303,14 +317,16 @@ static void every_sh_degree_has_its_own_gradient(void **state)
         print_agreement("SH degree", &a);
         assert_true(agrees(&a, 1e-4, 1e-4));
         for (size_t i = 0; i < g.count; ++i)
-            for (int k = SGS_PARAM_SH_DC + 3 * (degree + 1) * (degree + 1); k < SGS_PARAM_COUNT; ++k)
+            for (int k = SGS_PARAM_SH_DC + 3 * (degree + 1) * (degree + 1); k < SGS_PARAM_COUNT;
+                 ++k)
                 assert_true(g.actual[i * SGS_PARAM_COUNT + (size_t)k] == 0);
         gradients_free(&g);
     }
     oracle_scene_free(&scene);
 }
 
-// Opacities up to 1 - 1e-6: alpha is clamped at 0.99 in the middle of many primitives, rays end early.
+// Opacities up to 1 - 1e-6: alpha is clamped at 0.99 in the middle of many primitives, rays end
+// early.
 static void opaque_scenes_have_the_right_gradient(void **state)
 {
     (void)state;
@@ -323,8 +339,8 @@ static void opaque_scenes_have_the_right_gradient(void **state)
     oracle_scene_free(&scene);
 }
 
-// The camera sits between primitives, some around it, many behind it: through a fisheye that sees 130 degrees and a
-// pinhole.
+// The camera sits between primitives, some around it, many behind it: through a fisheye that sees
+// 130 degrees and a pinhole.
 static void gradients_are_right_inside_the_scene(void **state)
 {
     (void)state;
@@ -352,7 +368,8 @@ typedef enum plant {
     PLANT_COUNT
 } plant;
 
-// The gradient of the rotation as if R were transposed: the vector part of the quaternion changes its sign.
+// The gradient of the rotation as if R were transposed: the vector part of the quaternion changes
+// its sign.
 static void plant_error(gradients *g, plant kind, int group)
 {
     for (size_t i = 0; i < g->count; ++i) {
@@ -430,14 +447,17 @@ typedef struct step_state {
 static void train_like_step(step_state *s, int step)
 {
     const sgs_gaussians *model = s->scene.model;
-    assert_int_equal(sgsi_tracer_project(s->traced.tracer, model, &s->traced.view, s->visible_count, s->radius_max),
+    assert_int_equal(sgsi_tracer_project(s->traced.tracer, model, &s->traced.view, s->visible_count,
+                                         s->radius_max),
                      SGS_STATUS_OK);
-    assert_int_equal(sgsi_tracer_commit(s->traced.tracer, step == 0, SGSI_BVH_REFIT), SGS_STATUS_OK);
-    assert_int_equal(sgsi_tracer_forward(s->traced.tracer, &s->traced.view, &s->traced.planes, s->guess, true),
+    assert_int_equal(sgsi_tracer_commit(s->traced.tracer, step == 0, SGSI_BVH_REFIT),
                      SGS_STATUS_OK);
     assert_int_equal(
-        sgsi_tracer_backward(s->traced.tracer, &s->traced.view, &s->traced.planes, s->d.color, s->d.transmittance),
+        sgsi_tracer_forward(s->traced.tracer, &s->traced.view, &s->traced.planes, s->guess, true),
         SGS_STATUS_OK);
+    assert_int_equal(sgsi_tracer_backward(s->traced.tracer, &s->traced.view, &s->traced.planes,
+                                          s->d.color, s->d.transmittance),
+                     SGS_STATUS_OK);
     const sgsi_optimize input = {.params = model->data,
                                  .m = s->m,
                                  .v = s->v,
@@ -460,7 +480,8 @@ static void train_like_step(step_state *s, int step)
                                  .gradient_sum = s->gradient_sum,
                                  .tan_half_x = 0.5f,
                                  .tan_half_y = 0.4f};
-    assert_int_equal(sgsi_kernels_get()->optimize(&input, 0, (model->count + SGS_LANES - 1) / SGS_LANES), 0);
+    assert_int_equal(
+        sgsi_kernels_get()->optimize(&input, 0, (model->count + SGS_LANES - 1) / SGS_LANES), 0);
 }
 
 static void repeated_steps_allocate_nothing(void **state)
@@ -504,7 +525,8 @@ static void repeated_steps_allocate_nothing(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test_teardown(gradients_equal_the_oracle_on_every_isa_lens_and_filter, traced_restore),
+        cmocka_unit_test_teardown(gradients_equal_the_oracle_on_every_isa_lens_and_filter,
+                                  traced_restore),
         cmocka_unit_test(colour_and_transmittance_gradients_are_right_alone),
         cmocka_unit_test(every_sh_degree_has_its_own_gradient),
         cmocka_unit_test(opaque_scenes_have_the_right_gradient),

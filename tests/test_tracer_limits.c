@@ -1,10 +1,10 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The edges of the tracer: invariants that need no oracle, empty models and empty views, parameters beyond all
-// reason. A primitive whose parameters are not finite, or so large that single precision cannot say what they mean, may
-// vanish or fill the image, but it must not crash, hang, or change what the primitives beside it in memory and in the
-// tree do.
+// The edges of the tracer: invariants that need no oracle, empty models and empty views, parameters
+// beyond all reason. A primitive whose parameters are not finite, or so large that single precision
+// cannot say what they mean, may vanish or fill the image, but it must not crash, hang, or change
+// what the primitives beside it in memory and in the tree do.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -31,20 +31,23 @@ static void white_in_front_of_white_is_white(void **state)
         oracle_scene_round(&scene);
         const sgs_camera camera = oracle_camera(traced_lenses[number % 3], 50, 37);
         const sgs_pose pose = oracle_pose_look_at(0, 0, -4);
-        traced_view traced = traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, 2, SGSI_BVH_REFIT);
+        traced_view traced =
+            traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, 2, SGSI_BVH_REFIT);
         for (int y = 0; y < camera.height; ++y)
             for (int x = 0; x < camera.width; ++x)
                 for (int c = 0; c < 3; ++c) {
                     const size_t at = (size_t)y * traced.planes.stride + (size_t)x;
-                    assert_true(fabsf(traced.planes.color[c][at] + traced.planes.transmittance[at] - 1) <= 2e-5f);
+                    assert_true(fabsf(traced.planes.color[c][at] + traced.planes.transmittance[at] -
+                                      1) <= 2e-5f);
                 }
         traced_destroy(&traced);
         oracle_scene_free(&scene);
     }
 }
 
-// Ids only break ties, so another order in memory changes nothing where t differs: the lists of the blocks, and with
-// them every bit, are the same. (Duplicates do tie, and equal primitives may trade places.)
+// Ids only break ties, so another order in memory changes nothing where t differs: the lists of the
+// blocks, and with them every bit, are the same. (Duplicates do tie, and equal primitives may trade
+// places.)
 static void permuting_primitives_changes_no_bit(void **state)
 {
     (void)state;
@@ -57,8 +60,10 @@ static void permuting_primitives_changes_no_bit(void **state)
         oracle_scene_round(&permuted);
         const sgs_camera camera = oracle_camera(SGS_CAMERA_OPENCV, 63, 47);
         const sgs_pose pose = oracle_pose_look_at(1, 2, -4);
-        traced_view one = traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, 2, SGSI_BVH_REFIT);
-        traced_view two = traced_create(permuted.model, &camera, &pose, SGS_FILTER_3DGS, 2, SGSI_BVH_REFIT);
+        traced_view one =
+            traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, 2, SGSI_BVH_REFIT);
+        traced_view two =
+            traced_create(permuted.model, &camera, &pose, SGS_FILTER_3DGS, 2, SGSI_BVH_REFIT);
         traced_assert_same_image(&one.planes, &two.planes, "permuted");
         traced_destroy(&one);
         traced_destroy(&two);
@@ -72,14 +77,16 @@ static void assert_empty_image(const traced_view *traced)
     for (int k = 0; k < TRACED_PLANES; ++k)
         for (int y = 0; y < traced->planes.height; ++y)
             for (int x = 0; x < traced->planes.width; ++x)
-                assert_true(traced_plane(&traced->planes, k)[(size_t)y * traced->planes.stride + (size_t)x] ==
+                assert_true(traced_plane(&traced->planes,
+                                         k)[(size_t)y * traced->planes.stride + (size_t)x] ==
                             (k == 3 ? 1.0f : 0.0f));
 }
 
 static void backward_of_nothing_is_nothing(traced_view *traced, const sgs_gaussians *model)
 {
     sgsi_planes d = traced_planes_create(traced->camera.width, traced->camera.height);
-    assert_int_equal(sgsi_tracer_backward(traced->tracer, &traced->view, &traced->planes, d.color, d.transmittance),
+    assert_int_equal(sgsi_tracer_backward(traced->tracer, &traced->view, &traced->planes, d.color,
+                                          d.transmittance),
                      SGS_STATUS_OK);
     for (size_t block = 0; block < model->count / SGS_LANES; ++block)
         assert_int_equal(sgsi_tracer_touched(traced->tracer)[block], 0);
@@ -95,7 +102,8 @@ static void an_empty_model_gives_an_empty_image(void **state)
     for (int lens = 0; lens < TRACED_LENS_COUNT; ++lens) {
         const sgs_camera camera = oracle_camera(traced_lenses[lens], 35, 18);
         const sgs_pose pose = oracle_pose_look_at(0, 0, -4);
-        traced_view traced = traced_create(empty, &camera, &pose, SGS_FILTER_3DGS, 2, (sgsi_bvh_quality)lens);
+        traced_view traced =
+            traced_create(empty, &camera, &pose, SGS_FILTER_3DGS, 2, (sgsi_bvh_quality)lens);
         assert_empty_image(&traced);
         backward_of_nothing_is_nothing(&traced, empty);
         // The same tracer goes on with a model, and back.
@@ -122,7 +130,8 @@ static void primitives_behind_the_camera_are_not_seen(void **state)
         turned.rotation[k] = -pose.rotation[k], turned.rotation[6 + k] = -pose.rotation[6 + k];
     }
     turned.translation[0] = -pose.translation[0], turned.translation[2] = -pose.translation[2];
-    traced_view traced = traced_create(scene.model, &camera, &turned, SGS_FILTER_3DGS, 2, SGSI_BVH_REFIT);
+    traced_view traced =
+        traced_create(scene.model, &camera, &turned, SGS_FILTER_3DGS, 2, SGSI_BVH_REFIT);
     assert_empty_image(&traced);
     backward_of_nothing_is_nothing(&traced, scene.model);
     traced_destroy(&traced);
@@ -137,7 +146,8 @@ static void a_tracer_follows_a_model_that_changes_its_size(void **state)
     const sgs_pose pose = oracle_pose_look_at(0, 0, -4);
     static const size_t counts[] = {5, 400, 17, 16, 1, 3000, 2999};
     oracle_scene first = oracle_random_model(3, 64, NULL);
-    traced_view traced = traced_create(first.model, &camera, &pose, SGS_FILTER_3DGS, 2, SGSI_BVH_REFIT);
+    traced_view traced =
+        traced_create(first.model, &camera, &pose, SGS_FILTER_3DGS, 2, SGSI_BVH_REFIT);
     for (size_t i = 0; i < sizeof counts / sizeof *counts; ++i) {
         oracle_scene scene = oracle_random_model(4 + i, counts[i], NULL);
         traced_project(&traced, scene.model, false, SGSI_BVH_REFIT);
@@ -164,8 +174,9 @@ static void extinguish(oracle_scene *scene)
         *sgs_gaussians_at(scene->model, i, SGS_PARAM_OPACITY) = -30.0f;
 }
 
-static const int shape_params[] = {SGS_PARAM_MEAN,  SGS_PARAM_MEAN + 2,  SGS_PARAM_ROTATION, SGS_PARAM_ROTATION + 3,
-                                   SGS_PARAM_SCALE, SGS_PARAM_SCALE + 2, SGS_PARAM_OPACITY};
+static const int shape_params[] = {SGS_PARAM_MEAN,         SGS_PARAM_MEAN + 2, SGS_PARAM_ROTATION,
+                                   SGS_PARAM_ROTATION + 3, SGS_PARAM_SCALE,    SGS_PARAM_SCALE + 2,
+                                   SGS_PARAM_OPACITY};
 enum { SHAPE_PARAM_COUNT = 7 };
 
 // Fresh trees, and trees that were built over healthy primitives and refitted over sick ones.
@@ -178,11 +189,14 @@ static void primitives_that_are_not_finite_vanish_and_harm_nobody(void **state)
         const int param = shape_params[run / 3];
         const float value = values[run % 3];
         const sgs_camera camera = oracle_camera(traced_lenses[run % 3], 50, 37);
-        oracle_scene healthy = oracle_random_model(9, 200, NULL), sick = oracle_random_model(9, 200, NULL);
-        traced_view traced = traced_create(sick.model, &camera, &pose, SGS_FILTER_3DGS, 2, SGSI_BVH_REFIT);
+        oracle_scene healthy = oracle_random_model(9, 200, NULL),
+                     sick = oracle_random_model(9, 200, NULL);
+        traced_view traced =
+            traced_create(sick.model, &camera, &pose, SGS_FILTER_3DGS, 2, SGSI_BVH_REFIT);
         extinguish(&healthy);
         poison(&sick, param, value);
-        traced_view expected = traced_create(healthy.model, &camera, &pose, SGS_FILTER_3DGS, 2, SGSI_BVH_REFIT);
+        traced_view expected =
+            traced_create(healthy.model, &camera, &pose, SGS_FILTER_3DGS, 2, SGSI_BVH_REFIT);
         traced_project(&traced, sick.model, false, SGSI_BVH_REFIT);
         traced_forward(&traced, NULL);
         traced_assert_same_image(&expected.planes, &traced.planes, "refitted over sick primitives");
@@ -191,7 +205,8 @@ static void primitives_that_are_not_finite_vanish_and_harm_nobody(void **state)
         traced_assert_same_image(&expected.planes, &traced.planes, "built over sick primitives");
         traced_project(&traced, healthy.model, false, SGSI_BVH_REFIT);
         traced_forward(&traced, NULL);
-        traced_assert_same_image(&expected.planes, &traced.planes, "refitted over cured primitives");
+        traced_assert_same_image(&expected.planes, &traced.planes,
+                                 "refitted over cured primitives");
         traced_destroy(&traced);
         traced_destroy(&expected);
         oracle_scene_free(&healthy);
@@ -211,7 +226,8 @@ static void colours_that_are_not_finite_stay_where_they_are(void **state)
             if (i == 37) {
                 oracle_set_ball(oracle_primitive(&sick, i), 0, 0, 0, 0.02, 0.9);
                 oracle_scene_round(&sick);
-                *sgs_gaussians_at(sick.model, i, run < 4 ? SGS_PARAM_SH_DC + 1 : SGS_PARAM_SH_REST + 7) =
+                *sgs_gaussians_at(sick.model, i,
+                                  run < 4 ? SGS_PARAM_SH_DC + 1 : SGS_PARAM_SH_REST + 7) =
                     values[run % 4];
             }
         traced_view traced = {.options = sgs_render_options_default()};
@@ -219,20 +235,23 @@ static void colours_that_are_not_finite_stay_where_they_are(void **state)
         traced_aim(&traced, &camera, &pose, 2);
         traced_project(&traced, sick.model, true, SGSI_BVH_REFIT);
         traced.planes = traced_planes_create(camera.width, camera.height);
-        assert_int_equal(sgsi_tracer_forward(traced.tracer, &traced.view, &traced.planes, NULL, true), SGS_STATUS_OK);
+        assert_int_equal(
+            sgsi_tracer_forward(traced.tracer, &traced.view, &traced.planes, NULL, true),
+            SGS_STATUS_OK);
         size_t broken = 0;
         for (int y = 0; y < camera.height; ++y)
             for (int x = 0; x < camera.width; ++x)
                 for (int k = 0; k < TRACED_PLANES; ++k)
-                    broken += !isfinite(traced_plane(&traced.planes, k)[(size_t)y * traced.planes.stride + (size_t)x]);
+                    broken += !isfinite(traced_plane(
+                        &traced.planes, k)[(size_t)y * traced.planes.stride + (size_t)x]);
         assert_int_equal(broken, 0);
         traced_destroy(&traced);
         oracle_scene_free(&sick);
     }
 }
 
-// Log scales of +-40 and beyond, logits of +-40, means a million away: whatever they show is finite, and what the tree
-// offers is what brute force finds.
+// Log scales of +-40 and beyond, logits of +-40, means a million away: whatever they show is
+// finite, and what the tree offers is what brute force finds.
 static void extreme_parameters_neither_crash_nor_get_lost(void **state)
 {
     (void)state;
@@ -240,11 +259,21 @@ static void extreme_parameters_neither_crash_nor_get_lost(void **state)
         int param;
         float value;
     } extremes[] = {
-        {SGS_PARAM_SCALE, 40},         {SGS_PARAM_SCALE, -40},      {SGS_PARAM_SCALE + 1, 1e30f},
-        {SGS_PARAM_SCALE + 2, -1e30f}, {SGS_PARAM_SCALE, INFINITY}, {SGS_PARAM_OPACITY, 40},
-        {SGS_PARAM_OPACITY, -40},      {SGS_PARAM_OPACITY, 1e30f},  {SGS_PARAM_MEAN, 1e6f},
-        {SGS_PARAM_MEAN + 1, -1e6f},   {SGS_PARAM_MEAN + 2, 1e12f}, {SGS_PARAM_MEAN, 1e25f},
-        {SGS_PARAM_MEAN + 2, 3e38f},   {SGS_PARAM_ROTATION, 1e30f}, {SGS_PARAM_ROTATION + 1, 1e-30f},
+        {SGS_PARAM_SCALE, 40},
+        {SGS_PARAM_SCALE, -40},
+        {SGS_PARAM_SCALE + 1, 1e30f},
+        {SGS_PARAM_SCALE + 2, -1e30f},
+        {SGS_PARAM_SCALE, INFINITY},
+        {SGS_PARAM_OPACITY, 40},
+        {SGS_PARAM_OPACITY, -40},
+        {SGS_PARAM_OPACITY, 1e30f},
+        {SGS_PARAM_MEAN, 1e6f},
+        {SGS_PARAM_MEAN + 1, -1e6f},
+        {SGS_PARAM_MEAN + 2, 1e12f},
+        {SGS_PARAM_MEAN, 1e25f},
+        {SGS_PARAM_MEAN + 2, 3e38f},
+        {SGS_PARAM_ROTATION, 1e30f},
+        {SGS_PARAM_ROTATION + 1, 1e-30f},
         {SGS_PARAM_SCALE + 2, 20},
     };
     const sgs_pose pose = oracle_pose_look_at(0.5, 0, -4);
@@ -255,20 +284,25 @@ static void extreme_parameters_neither_crash_nor_get_lost(void **state)
         for (size_t run = 0; run < 2 * sizeof extremes / sizeof *extremes; ++run) {
             // 210 degrees, in bins whose cones are wide: the widest margins on the largest boxes.
             const sgs_camera wide = {SGS_CAMERA_OPENCV_FISHEYE, 33, 21, {9, 9, 16.5, 10.5}};
-            const sgs_camera camera = run % 3 ? oracle_camera(traced_lenses[run % 3 - 1], 33, 21) : wide;
+            const sgs_camera camera =
+                run % 3 ? oracle_camera(traced_lenses[run % 3 - 1], 33, 21) : wide;
             oracle_scene scene = oracle_random_model(9, 150, NULL);
             poison(&scene, extremes[run / 2].param, extremes[run / 2].value);
-            traced_view traced = traced_create(scene.model, &camera, &pose, run % 2 ? SGS_FILTER_NONE : SGS_FILTER_3DGS,
-                                               4, SGSI_BVH_REFIT);
+            traced_view traced =
+                traced_create(scene.model, &camera, &pose,
+                              run % 2 ? SGS_FILTER_NONE : SGS_FILTER_3DGS, 4, SGSI_BVH_REFIT);
             char what[64];
-            snprintf(what, sizeof what, "parameter %d = %g", extremes[run / 2].param, extremes[run / 2].value);
+            snprintf(what, sizeof what, "parameter %d = %g", extremes[run / 2].param,
+                     extremes[run / 2].value);
             traced_assert_matches_brute_force(&traced, scene.count, what);
             traced_project(&traced, scene.model, false, SGSI_BVH_REFIT);
             traced_forward(&traced, NULL);
             traced_assert_matches_brute_force(&traced, scene.count, what);
-            backward_of_nothing_is_nothing(
-                &(traced_view){.tracer = traced.tracer, .view = traced.view, .camera = camera, .planes = traced.planes},
-                &(sgs_gaussians){0});
+            backward_of_nothing_is_nothing(&(traced_view){.tracer = traced.tracer,
+                                                          .view = traced.view,
+                                                          .camera = camera,
+                                                          .planes = traced.planes},
+                                           &(sgs_gaussians){0});
             traced_destroy(&traced);
             oracle_scene_free(&scene);
         }
@@ -284,12 +318,15 @@ static void the_optimiser_steps_around_sick_primitives(void **state)
     for (int dense = 0; dense < 2; ++dense) {
         oracle_scene scene = oracle_random_model(9, 200, NULL);
         for (int p = 0; p < SHAPE_PARAM_COUNT; ++p)
-            *sgs_gaussians_at(scene.model, 10 + 7 * (size_t)p, shape_params[p]) = p % 2 ? NAN : INFINITY;
-        traced_view traced = traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, 2, SGSI_BVH_REFIT);
+            *sgs_gaussians_at(scene.model, 10 + 7 * (size_t)p, shape_params[p]) =
+                p % 2 ? NAN : INFINITY;
+        traced_view traced =
+            traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, 2, SGSI_BVH_REFIT);
         sgsi_planes d = traced_planes_create(camera.width, camera.height);
         for (size_t i = 0; i < 4 * d.stride * (size_t)d.height; ++i)
             d.color[0][i] = (float)(sgsi_random_uniform(6, i) - 0.5);
-        assert_int_equal(sgsi_tracer_backward(traced.tracer, &traced.view, &traced.planes, d.color, d.transmittance),
+        assert_int_equal(sgsi_tracer_backward(traced.tracer, &traced.view, &traced.planes, d.color,
+                                              d.transmittance),
                          SGS_STATUS_OK);
         const size_t capacity = scene.model->capacity, floats = capacity * SGS_PARAM_COUNT;
         float *m = sgsi_calloc(floats, sizeof *m), *v = sgsi_calloc(floats, sizeof *v),
@@ -325,7 +362,8 @@ static void the_optimiser_steps_around_sick_primitives(void **state)
             const bool sick = i >= 10 && (i - 10) % 7 == 0 && (i - 10) / 7 < SHAPE_PARAM_COUNT;
             assert_true(isfinite(sum[i]));
             for (int k = 0; k < SGS_PARAM_COUNT && !sick; ++k) {
-                const size_t at = ((i / SGS_LANES) * SGS_PARAM_COUNT + (size_t)k) * SGS_LANES + i % SGS_LANES;
+                const size_t at =
+                    ((i / SGS_LANES) * SGS_PARAM_COUNT + (size_t)k) * SGS_LANES + i % SGS_LANES;
                 assert_true(isfinite(scene.model->data[at]) && isfinite(m[at]) && isfinite(v[at]));
                 stepped += scene.model->data[at] != before[at];
             }

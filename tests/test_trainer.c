@@ -1,8 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The trainer on the bundled scene at an eighth of its size: it learns, the same bits come out at any number of threads, on
-// AVX2 and AVX-512 and after a resume, damaged checkpoints are refused, caps and signals of NaN are honoured.
+// The trainer on the bundled scene at an eighth of its size: it learns, the same bits come out at
+// any number of threads, on AVX2 and AVX-512 and after a resume, damaged checkpoints are refused,
+// caps and signals of NaN are honoured.
 
 #include <math.h>
 #include <setjmp.h>
@@ -239,7 +240,8 @@ static void equilibrium_ends_a_run_that_stands_still(void **state)
     sgs_trainer_destroy(trainer);
 }
 
-// Every base pipeline learns, gives the same bits on one thread straight through and on two with a stop in between, and honours the cap.
+// Every base pipeline learns, gives the same bits on one thread straight through and on two with a
+// stop in between, and honours the cap.
 static void every_pipeline_trains_resumes_and_honours_the_cap(void **state)
 {
     (void)state;

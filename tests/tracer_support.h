@@ -2,10 +2,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// A model seen by the tracer, and the same kernels without a BVH: every primitive is a candidate of every
-// tile, in the order (distance, id) that the tracer promises. Whatever both compute from there on is the same code, so
-// images and lists must agree to the bit, and any difference is a primitive that the BVH, its bounds or a depth guess
-// lost. Include after cmocka.h.
+// A model seen by the tracer, and the same kernels without a BVH: every primitive is a candidate of
+// every tile, in the order (distance, id) that the tracer promises. Whatever both compute from
+// there on is the same code, so images and lists must agree to the bit, and any difference is a
+// primitive that the BVH, its bounds or a depth guess lost. Include after cmocka.h.
 
 #include <math.h>
 #include <stdlib.h>
@@ -54,7 +54,8 @@ static inline int traced_restore(void **state)
 
 // ---- Images ----
 
-// Planes with a sentinel in every float, so that a pixel nobody wrote and a write into the padding both show.
+// Planes with a sentinel in every float, so that a pixel nobody wrote and a write into the padding
+// both show.
 #define TRACED_SENTINEL (-12345.5f)
 
 static inline sgsi_planes traced_planes_create(int width, int height)
@@ -83,20 +84,22 @@ static inline void traced_planes_free(sgsi_planes *planes)
 
 static inline const float *traced_plane(const sgsi_planes *planes, int k)
 {
-    const float *const all[TRACED_PLANES] = {planes->color[0],      planes->color[1],   planes->color[2],
-                                             planes->transmittance, planes->depth_mean, planes->depth_median,
-                                             planes->depth_first,   planes->hits};
+    const float *const all[TRACED_PLANES] = {
+        planes->color[0],   planes->color[1],     planes->color[2],    planes->transmittance,
+        planes->depth_mean, planes->depth_median, planes->depth_first, planes->hits};
     return all[k];
 }
 
 static inline const char *traced_plane_name(int k)
 {
-    static const char *const names[TRACED_PLANES] = {"red",        "green",        "blue",        "transmittance",
-                                                     "depth_mean", "depth_median", "depth_first", "hits"};
+    static const char *const names[TRACED_PLANES] = {"red",           "green",      "blue",
+                                                     "transmittance", "depth_mean", "depth_median",
+                                                     "depth_first",   "hits"};
     return names[k];
 }
 
-static inline void traced_assert_same_image(const sgsi_planes *a, const sgsi_planes *b, const char *what)
+static inline void traced_assert_same_image(const sgsi_planes *a, const sgsi_planes *b,
+                                            const char *what)
 {
     for (int k = 0; k < TRACED_PLANES; ++k)
         for (int y = 0; y < a->height; ++y)
@@ -104,8 +107,9 @@ static inline void traced_assert_same_image(const sgsi_planes *a, const sgsi_pla
                 const size_t i = (size_t)y * a->stride + x;
                 // NOLINTNEXTLINE(bugprone-suspicious-memory-comparison,cert-*): bits
                 if (memcmp(traced_plane(a, k) + i, traced_plane(b, k) + i, sizeof(float)))
-                    fail_msg("%s: %s of pixel (%zu, %d) is %.9g, not %.9g", what, traced_plane_name(k), x, y,
-                             traced_plane(b, k)[i], traced_plane(a, k)[i]);
+                    fail_msg("%s: %s of pixel (%zu, %d) is %.9g, not %.9g", what,
+                             traced_plane_name(k), x, y, traced_plane(b, k)[i],
+                             traced_plane(a, k)[i]);
             }
 }
 
@@ -117,7 +121,8 @@ static inline void traced_assert_complete(const sgsi_planes *planes)
             for (size_t x = 0; x < planes->stride; ++x) {
                 const float value = traced_plane(planes, k)[(size_t)y * planes->stride + x];
                 const bool inside = x < (size_t)planes->width;
-                if (inside ? !isfinite(value) || value == TRACED_SENTINEL : value != TRACED_SENTINEL)
+                if (inside ? !isfinite(value) || value == TRACED_SENTINEL
+                           : value != TRACED_SENTINEL)
                     fail_msg("%s of pixel (%zu, %d) is %g", traced_plane_name(k), x, y, value);
             }
 }
@@ -162,20 +167,24 @@ static inline traced_lists traced_lists_of(const sgsi_tracer *tracer, const sgsi
         const sgsi_tile_list *list = &sgsi_tracer_lists(tracer)[block / SGSI_BLOCKS];
         const size_t b = block % SGSI_BLOCKS;
         lists.begin[block + 1] = lists.begin[block];
-        for (uint32_t i = list->count ? list->block_begin[b] : 0; list->count && i < list->block_begin[b + 1]; ++i)
+        for (uint32_t i = list->count ? list->block_begin[b] : 0;
+             list->count && i < list->block_begin[b + 1]; ++i)
             traced_lists_append(&lists, block, list->ids[list->elements[i]]);
     }
     return lists;
 }
 
-static inline void traced_assert_same_lists(const traced_lists *a, const traced_lists *b, const char *what)
+static inline void traced_assert_same_lists(const traced_lists *a, const traced_lists *b,
+                                            const char *what)
 {
     assert_int_equal(a->blocks, b->blocks);
     for (size_t block = 0; block < a->blocks; ++block) {
         const size_t count = a->begin[block + 1] - a->begin[block];
         if (count != b->begin[block + 1] - b->begin[block] ||
-            (count && memcmp(a->ids + a->begin[block], b->ids + b->begin[block], count * sizeof *a->ids)))
-            fail_msg("%s: block %zu of tile %zu has another list", what, block % SGSI_BLOCKS, block / SGSI_BLOCKS);
+            (count &&
+             memcmp(a->ids + a->begin[block], b->ids + b->begin[block], count * sizeof *a->ids)))
+            fail_msg("%s: block %zu of tile %zu has another list", what, block % SGSI_BLOCKS,
+                     block / SGSI_BLOCKS);
     }
 }
 
@@ -209,7 +218,8 @@ static inline void traced_project(traced_view *traced, const sgs_gaussians *mode
 }
 
 // Aims the tracer elsewhere without tracing; bin_tiles 0 keeps the size.
-static inline void traced_aim(traced_view *traced, const sgs_camera *camera, const sgs_pose *pose, int bin_tiles)
+static inline void traced_aim(traced_view *traced, const sgs_camera *camera, const sgs_pose *pose,
+                              int bin_tiles)
 {
     if (!bin_tiles)
         bin_tiles = traced->rays->bin_tiles;
@@ -233,8 +243,9 @@ static inline const float *traced_filter_3d(size_t count)
 }
 
 // Projects, builds and traces with lists.
-static inline traced_view traced_create(const sgs_gaussians *model, const sgs_camera *camera, const sgs_pose *pose,
-                                        sgs_filter filter, int bin_tiles, sgsi_bvh_quality quality)
+static inline traced_view traced_create(const sgs_gaussians *model, const sgs_camera *camera,
+                                        const sgs_pose *pose, sgs_filter filter, int bin_tiles,
+                                        sgsi_bvh_quality quality)
 {
     traced_view traced = {.options = sgs_render_options_default()};
     traced.options.filter = filter;
@@ -266,7 +277,8 @@ static inline int brute_compare(const void *a, const void *b)
 }
 
 // Uses the records of traced->tracer's last projection.
-static inline void brute_forward(const traced_view *traced, size_t count, sgsi_planes *planes, traced_lists *lists)
+static inline void brute_forward(const traced_view *traced, size_t count, sgsi_planes *planes,
+                                 traced_lists *lists)
 {
     sgsi_scratch scratch = {0};
     assert_true(sgsi_scratch_reserve(&scratch, count + 16));
@@ -300,14 +312,16 @@ static inline void brute_forward(const traced_view *traced, size_t count, sgsi_p
             const size_t block = tile * SGSI_BLOCKS + b;
             lists->begin[block + 1] = lists->begin[block];
             for (uint32_t i = 0; i < scratch.entry_count[b]; ++i)
-                traced_lists_append(lists, block, scratch.tile_ids[scratch.order[b * scratch.capacity + i]]);
+                traced_lists_append(lists, block,
+                                    scratch.tile_ids[scratch.order[b * scratch.capacity + i]]);
         }
     }
     sgsi_scratch_free(&scratch);
 }
 
 // Images and lists of a traced view against those without a BVH.
-static inline void traced_assert_matches_brute_force(const traced_view *traced, size_t count, const char *what)
+static inline void traced_assert_matches_brute_force(const traced_view *traced, size_t count,
+                                                     const char *what)
 {
     sgsi_planes planes;
     traced_lists expected, lists = traced_lists_of(traced->tracer, traced->rays);
@@ -321,7 +335,10 @@ static inline void traced_assert_matches_brute_force(const traced_view *traced, 
 
 // ---- Scenes by number: random ones, then the adversaries ----
 
-enum { TRACED_RANDOM_SCENES = 2, TRACED_SCENE_COUNT = TRACED_RANDOM_SCENES + ORACLE_ADVERSARY_COUNT };
+enum {
+    TRACED_RANDOM_SCENES = 2,
+    TRACED_SCENE_COUNT = TRACED_RANDOM_SCENES + ORACLE_ADVERSARY_COUNT
+};
 
 static inline oracle_scene traced_scene(int number)
 {
@@ -333,9 +350,11 @@ static inline oracle_scene traced_scene(int number)
 static inline const char *traced_scene_name(int number)
 {
     static const char *const random[TRACED_RANDOM_SCENES] = {"random", "crowd"};
-    return number < TRACED_RANDOM_SCENES ? random[number]
-                                         : oracle_adversary_name((oracle_adversary)(number - TRACED_RANDOM_SCENES));
+    return number < TRACED_RANDOM_SCENES
+               ? random[number]
+               : oracle_adversary_name((oracle_adversary)(number - TRACED_RANDOM_SCENES));
 }
 
-static const sgs_camera_model traced_lenses[] = {SGS_CAMERA_PINHOLE, SGS_CAMERA_OPENCV, SGS_CAMERA_OPENCV_FISHEYE};
+static const sgs_camera_model traced_lenses[] = {SGS_CAMERA_PINHOLE, SGS_CAMERA_OPENCV,
+                                                 SGS_CAMERA_OPENCV_FISHEYE};
 enum { TRACED_LENS_COUNT = 3 };

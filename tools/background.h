@@ -15,8 +15,8 @@ typedef struct background {
     void *context;
 } background;
 
-// Calls work(context) in a thread of its own; where none can be started, or unless `beside`, before it returns. The
-// work before must have been waited for. It must not move meanwhile.
+// Calls work(context) in a thread of its own; where none can be started, or unless `beside`, before
+// it returns. The work before must have been waited for. It must not move meanwhile.
 void background_start(background *self, bool beside, bool (*work)(void *), void *context);
 // Waits for the end of the work. Returns its result; true when there was none.
 bool background_wait(background *self);

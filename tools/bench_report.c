@@ -47,7 +47,8 @@ static spread phase_spread(const bench_result *result, const bench_phase *phase)
     for (size_t i = 0; i < n; ++i)
         memcpy(&sorted[i], (const char *)&result->measures[i] + phase->offset, sizeof sorted[i]);
     qsort(sorted, n, sizeof *sorted, compare_doubles);
-    return (spread){n % 2 ? sorted[n / 2] : 0.5 * (sorted[n / 2 - 1] + sorted[n / 2]), sorted[0], sorted[n - 1]};
+    return (spread){n % 2 ? sorted[n / 2] : 0.5 * (sorted[n / 2 - 1] + sorted[n / 2]), sorted[0],
+                    sorted[n - 1]};
 }
 
 // Factors from wall-clock seconds.
@@ -76,7 +77,8 @@ static double lane_use(const bench_result *r)
     return r->counts.evaluations > 0 ? r->counts.hits / (16 * r->counts.evaluations) : 0;
 }
 
-// What a phase did per iteration: operations the formulas need and bytes moved; 0 where it is not counted.
+// What a phase did per iteration: operations the formulas need and bytes moved; 0 where it is not
+// counted.
 static double phase_flops(const sgs_bench_counts *c, const bench_phase *phase)
 {
     return phase->offset == AT(forward)    ? c->forward_flops
@@ -91,30 +93,34 @@ static double phase_bytes(const sgs_bench_counts *c, const bench_phase *phase)
     const struct {
         size_t offset;
         double bytes;
-    } moved[] = {{AT(gather), b->gather},
-                 {AT(forward), b->project + b->forward},
-                 {AT(backward), b->backward},
-                 {offsetof(bench_measure, total), b->gather + b->project + b->forward + b->backward},
-                 {AT(project), b->project},
-                 {AT(loss), b->loss},
-                 {AT(optimizer), b->optimizer},
-                 {AT(refit), b->bvh},
-                 {AT(iteration), b->total}};
+    } moved[] = {
+        {AT(gather), b->gather},
+        {AT(forward), b->project + b->forward},
+        {AT(backward), b->backward},
+        {offsetof(bench_measure, total), b->gather + b->project + b->forward + b->backward},
+        {AT(project), b->project},
+        {AT(loss), b->loss},
+        {AT(optimizer), b->optimizer},
+        {AT(refit), b->bvh},
+        {AT(iteration), b->total}};
     for (size_t i = 0; i < sizeof moved / sizeof *moved; ++i)
         if (moved[i].offset == phase->offset)
             return moved[i].bytes;
     return 0;
 }
 
-// Shares of the machine's limits, from 0 to 1 (or a little over, where data stays in caches); 0 where not counted.
+// Shares of the machine's limits, from 0 to 1 (or a little over, where data stays in caches); 0
+// where not counted.
 static double share_of_fma(const bench_result *r, const bench_phase *phase)
 {
-    return phase_flops(&r->counts, phase) / (1e9 * r->limits.fma_gflops * r->threads * phase_spread(r, phase).median);
+    return phase_flops(&r->counts, phase) /
+           (1e9 * r->limits.fma_gflops * r->threads * phase_spread(r, phase).median);
 }
 
 static double share_of_memory(const bench_result *r, const bench_phase *phase)
 {
-    return phase_bytes(&r->counts, phase) / (1e9 * r->limits.memory_gbs * phase_spread(r, phase).median);
+    return phase_bytes(&r->counts, phase) /
+           (1e9 * r->limits.memory_gbs * phase_spread(r, phase).median);
 }
 
 // Medians of the repetitions' times outside loops and waiting in them.
@@ -134,11 +140,13 @@ static void print_row(const bench_result *r, const bench_phase *phase, bool per_
     printf("  %-10s %9.4f s  [%.4f, %.4f] %8.3f core-s/MP", phase->name, s.median, s.low, s.high,
            s.median * core_seconds_per_mp(r));
     if (per_hit)
-        printf(" %8.2f cycles %7.2f ns per hit", s.median * cycles_per_hit(r), s.median * ns_per_hit(r));
+        printf(" %8.2f cycles %7.2f ns per hit", s.median * cycles_per_hit(r),
+               s.median * ns_per_hit(r));
     if (phase_flops(&r->counts, phase) > 0)
         printf(", %.1f %% of FMA", 100 * share_of_fma(r, phase));
     if (phase_bytes(&r->counts, phase) > 0)
-        printf(", %.0f MB, %.1f %% of memory", 1e-6 * phase_bytes(&r->counts, phase), 100 * share_of_memory(r, phase));
+        printf(", %.0f MB, %.1f %% of memory", 1e-6 * phase_bytes(&r->counts, phase),
+               100 * share_of_memory(r, phase));
     putchar('\n');
 }
 
@@ -150,7 +158,8 @@ static void print_scaling(const bench_result *r)
     for (int i = 0; i < SCALING_TARGETS; ++i) {
         const scaling_target *target = &scaling_targets[i];
         printf("%s %.1f on %d cores with %.0f GB/s", i ? "," : "",
-               sgs_scaling_predict(&scaling, target->cores, target->memory_gbs), target->cores, target->memory_gbs);
+               sgs_scaling_predict(&scaling, target->cores, target->memory_gbs), target->cores,
+               target->memory_gbs);
     }
     putchar('\n');
 }
@@ -161,14 +170,16 @@ void bench_print_table(const bench_report *report)
         const bench_result *r = &report->results[i];
         const sgs_bench_counts *c = &r->counts;
         if (!i || r->threads != report->results[i - 1].threads)
-            printf(
-                "limits, %d thread%s: %.1f GFLOP/s and %.1f GB/s from L2 (%zu KiB) per core; memory %.1f GB/s reading, "
-                "%.1f GB/s updating; TSC %.3f GHz\n",
-                r->threads, r->threads == 1 ? "" : "s", r->limits.fma_gflops, r->limits.l2_gbs,
-                r->limits.l2_bytes >> 10, r->limits.memory_read_gbs, r->limits.memory_update_gbs, r->limits.tsc_ghz);
-        printf("%s, %s, %d thread%s: %.0f primitives, %.0f pixels\n", r->name, sgs_isa_name(r->isa), r->threads,
-               r->threads == 1 ? "" : "s", c->primitives, c->pixels);
-        printf("  %.1f hits per ray, %.0f candidates per tile, %.1f evaluated and %.1f hit per block, %.1f %% of lanes "
+            printf("limits, %d thread%s: %.1f GFLOP/s and %.1f GB/s from L2 (%zu KiB) per core; "
+                   "memory %.1f GB/s reading, "
+                   "%.1f GB/s updating; TSC %.3f GHz\n",
+                   r->threads, r->threads == 1 ? "" : "s", r->limits.fma_gflops, r->limits.l2_gbs,
+                   r->limits.l2_bytes >> 10, r->limits.memory_read_gbs, r->limits.memory_update_gbs,
+                   r->limits.tsc_ghz);
+        printf("%s, %s, %d thread%s: %.0f primitives, %.0f pixels\n", r->name, sgs_isa_name(r->isa),
+               r->threads, r->threads == 1 ? "" : "s", c->primitives, c->pixels);
+        printf("  %.1f hits per ray, %.0f candidates per tile, %.1f evaluated and %.1f hit per "
+               "block, %.1f %% of lanes "
                "used\n",
                hits_per_ray(r), c->candidates / c->tiles, c->evaluations / (16 * c->tiles),
                c->elements / (16 * c->tiles), 100 * lane_use(r));
@@ -180,9 +191,9 @@ void bench_print_table(const bench_report *report)
 
 void bench_print_csv(const bench_report *report)
 {
-    printf(
-        "name,isa,threads,primitives,pixels,hits_per_ray,candidates_per_tile,evaluations_per_block,elements_per_block,"
-        "lane_use,tsc_ghz,fma_gflops,l2_gbs,memory_gbs,serial_share,waiting_share,bytes");
+    printf("name,isa,threads,primitives,pixels,hits_per_ray,candidates_per_tile,evaluations_per_"
+           "block,elements_per_block,"
+           "lane_use,tsc_ghz,fma_gflops,l2_gbs,memory_gbs,serial_share,waiting_share,bytes");
     for (int k = 0; k < HIT_PHASES; ++k)
         printf(",%s_cycles_per_hit", phases[k].name);
     for (int k = 0; k < PHASE_COUNT; ++k)
@@ -192,10 +203,11 @@ void bench_print_csv(const bench_report *report)
         const bench_result *r = &report->results[i];
         const sgs_bench_counts *c = &r->counts;
         const sgs_scaling scaling = scaling_of(r);
-        printf("%s,%s,%d,%.0f,%.0f,%.3f,%.2f,%.3f,%.3f,%.4f,%.4f,%.1f,%.1f,%.1f,%.5f,%.5f,%.0f", r->name,
-               sgs_isa_name(r->isa), r->threads, c->primitives, c->pixels, hits_per_ray(r), c->candidates / c->tiles,
-               c->evaluations / (16 * c->tiles), c->elements / (16 * c->tiles), lane_use(r), r->limits.tsc_ghz,
-               r->limits.fma_gflops, r->limits.l2_gbs, r->limits.memory_gbs, scaling.serial / scaling.seconds,
+        printf("%s,%s,%d,%.0f,%.0f,%.3f,%.2f,%.3f,%.3f,%.4f,%.4f,%.1f,%.1f,%.1f,%.5f,%.5f,%.0f",
+               r->name, sgs_isa_name(r->isa), r->threads, c->primitives, c->pixels, hits_per_ray(r),
+               c->candidates / c->tiles, c->evaluations / (16 * c->tiles),
+               c->elements / (16 * c->tiles), lane_use(r), r->limits.tsc_ghz, r->limits.fma_gflops,
+               r->limits.l2_gbs, r->limits.memory_gbs, scaling.serial / scaling.seconds,
                scaling.waiting / scaling.seconds, scaling.bytes);
         for (int k = 0; k < HIT_PHASES; ++k)
             printf(",%.3f", phase_spread(r, &phases[k]).median * cycles_per_hit(r));
@@ -212,7 +224,8 @@ static json_t *phases_json(const bench_result *r, int count, double factor)
 {
     json_t *object = json_object();
     for (int k = 0; k < count; ++k)
-        json_object_set_new(object, phases[k].name, json_number(phase_spread(r, &phases[k]).median * factor));
+        json_object_set_new(object, phases[k].name,
+                            json_number(phase_spread(r, &phases[k]).median * factor));
     return object;
 }
 
@@ -241,13 +254,15 @@ static json_t *result_json(const bench_result *r)
     json_object_set_new(object, "repeat", json_integer((json_int_t)r->repeat));
     json_object_set_new(object, "hits_per_ray", json_number(hits_per_ray(r)));
     json_object_set_new(object, "candidates_per_tile", json_number(c->candidates / c->tiles));
-    json_object_set_new(object, "evaluations_per_block", json_number(c->evaluations / (16 * c->tiles)));
+    json_object_set_new(object, "evaluations_per_block",
+                        json_number(c->evaluations / (16 * c->tiles)));
     json_object_set_new(object, "elements_per_block", json_number(c->elements / (16 * c->tiles)));
     json_object_set_new(object, "lane_use", json_number(lane_use(r)));
     json_object_set_new(object, "regathered_bins", json_number(c->regathered));
     json_object_set_new(object, "cycles_per_hit", phases_json(r, HIT_PHASES, cycles_per_hit(r)));
     json_object_set_new(object, "ns_per_hit", phases_json(r, HIT_PHASES, ns_per_hit(r)));
-    json_object_set_new(object, "core_seconds_per_mp", phases_json(r, PHASE_COUNT, core_seconds_per_mp(r)));
+    json_object_set_new(object, "core_seconds_per_mp",
+                        phases_json(r, PHASE_COUNT, core_seconds_per_mp(r)));
     json_object_set_new(object, "seconds", phases_json(r, PHASE_COUNT, 1));
     json_object_set_new(object, "seconds_range", spread_json(r));
     json_t *bytes = json_object(), *fma = json_object(), *memory = json_object();

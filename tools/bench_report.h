@@ -2,8 +2,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// What `sparegs bench` measured, as a table for people, as JSON and as CSV. Every figure is a median over the
-// repetitions. Figures per hit and per megapixel are core time: wall clock times threads.
+// What `sparegs bench` measured, as a table for people, as JSON and as CSV. Every figure is a
+// median over the repetitions. Figures per hit and per megapixel are core time: wall clock times
+// threads.
 
 #include <stdbool.h>
 #include <stddef.h>

@@ -1,12 +1,13 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// cameras.json as 3DGS writes it: position is the camera's centre in world space, rotation its axes in world space
-// (camera to world), so the pose is rotation transposed and -rotation^T position. A rotation that is not orthonormal
-// to 1e-3 is refused: drawing through it would shear the picture without a word.
+// cameras.json as 3DGS writes it: position is the camera's centre in world space, rotation its axes
+// in world space (camera to world), so the pose is rotation transposed and -rotation^T position. A
+// rotation that is not orthonormal to 1e-3 is refused: drawing through it would shear the picture
+// without a word.
 //
-// A camera path of nerfstudio's viewer tells camera_to_world per frame, row-major and with OpenGL's camera axes, the
-// vertical field of view in degrees, and the size and kind of all pictures.
+// A camera path of nerfstudio's viewer tells camera_to_world per frame, row-major and with OpenGL's
+// camera axes, the vertical field of view in degrees, and the size and kind of all pictures.
 
 #include "camera_file.h"
 
@@ -42,7 +43,8 @@ static const char *read_camera(const json_t *entry, named_camera *camera)
 {
     double width, height, fx, fy, cx, cy, position[3], rotation[9];
     if (!read_number(json_object_get(entry, "width"), &width) ||
-        !read_number(json_object_get(entry, "height"), &height) || !read_number(json_object_get(entry, "fx"), &fx) ||
+        !read_number(json_object_get(entry, "height"), &height) ||
+        !read_number(json_object_get(entry, "fx"), &fx) ||
         !read_number(json_object_get(entry, "fy"), &fy))
         return "width, height, fx and fy must be numbers";
     if (!(width >= 1 && width <= 65536 && height >= 1 && height <= 65536))
@@ -55,8 +57,9 @@ static const char *read_camera(const json_t *entry, named_camera *camera)
         if (!read_number(json_array_get(json_object_get(entry, "position"), i), &position[i]))
             return "position must be three numbers";
         for (size_t j = 0; j < 3; ++j)
-            if (!read_number(json_array_get(json_array_get(json_object_get(entry, "rotation"), i), j),
-                             &rotation[3 * i + j]))
+            if (!read_number(
+                    json_array_get(json_array_get(json_object_get(entry, "rotation"), i), j),
+                    &rotation[3 * i + j]))
                 return "rotation must be three rows of three numbers";
     }
     if (!is_rotation(rotation))
@@ -98,7 +101,8 @@ static bool read_numbers(const json_t *array, double *numbers, size_t count)
 }
 
 // A lens of vertical field of view `fov`, in degrees. NULL, or what is wrong.
-static const char *path_lens(const char *type, int width, int height, double fov, sgs_camera *camera)
+static const char *path_lens(const char *type, int width, int height, double fov,
+                             sgs_camera *camera)
 {
     if (!strcmp(type, "equirectangular") || !strcmp(type, "spherical")) {
         *camera = sgs_camera_equirectangular(width, height);
@@ -117,8 +121,8 @@ static const char *path_lens(const char *type, int width, int height, double fov
     return NULL;
 }
 
-// camera_to_world has OpenGL's camera axes (y up, z backward), so its second and third columns change sign. NULL, or
-// what is wrong.
+// camera_to_world has OpenGL's camera axes (y up, z backward), so its second and third columns
+// change sign. NULL, or what is wrong.
 static const char *path_pose(const json_t *matrix, sgs_pose *pose)
 {
     double m[16], rotation[9];
@@ -146,8 +150,8 @@ static bool read_path(const char *path, const json_t *root, camera_list *list)
 {
     double width, height;
     if (!read_number(json_object_get(root, "render_width"), &width) ||
-        !read_number(json_object_get(root, "render_height"), &height) || !(width >= 1 && width <= 65536) ||
-        !(height >= 1 && height <= 65536)) {
+        !read_number(json_object_get(root, "render_height"), &height) ||
+        !(width >= 1 && width <= 65536) || !(height >= 1 && height <= 65536)) {
         fail_run("%s: render_width and render_height must be numbers from 1 to 65536", path);
         return false;
     }
@@ -158,9 +162,11 @@ static bool read_path(const char *path, const json_t *root, camera_list *list)
         const json_t *frame = json_array_get(frames, i);
         double fov = 0;
         read_number(json_object_get(frame, "fov"), &fov);
-        const char *problem = path_pose(json_object_get(frame, "camera_to_world"), &list->cameras[i].pose);
+        const char *problem =
+            path_pose(json_object_get(frame, "camera_to_world"), &list->cameras[i].pose);
         if (!problem)
-            problem = path_lens(type ? type : "perspective", (int)width, (int)height, fov, &list->cameras[i].camera);
+            problem = path_lens(type ? type : "perspective", (int)width, (int)height, fov,
+                                &list->cameras[i].camera);
         if (!problem && sgs_camera_validate(&list->cameras[i].camera))
             problem = sgs_last_error();
         if (problem) {
@@ -182,12 +188,15 @@ bool camera_file_read(const char *path, camera_list *list)
         return false;
     }
     const json_t *frames = json_object_get(root, "camera_path");
-    list->count = frames ? json_array_size(frames) : json_is_array(root) ? json_array_size(root) : 1;
+    list->count = frames                ? json_array_size(frames)
+                  : json_is_array(root) ? json_array_size(root)
+                                        : 1;
     list->cameras = calloc(list->count + 1, sizeof *list->cameras);
     bool done = list->cameras && list->count;
     if (!done)
         fail_run("%s: holds no camera", path);
-    done = done && (frames ? read_path(path, root, list) : read_all(path, root, list->cameras, list->count));
+    done = done && (frames ? read_path(path, root, list)
+                           : read_all(path, root, list->cameras, list->count));
     json_decref(root);
     if (!done)
         camera_list_free(list);

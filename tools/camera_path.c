@@ -1,9 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Paths around a scene. What the views look at is the point nearest to all their axes: with axes c_i + s d_i it solves
-// sum (I - d_i d_i^T) (x - c_i) = 0. "Up" is the mean of the views' up. The spiral is that of Mildenhall et al., "Local
-// Light Field Fusion", 2019.
+// Paths around a scene. What the views look at is the point nearest to all their axes: with axes
+// c_i + s d_i it solves sum (I - d_i d_i^T) (x - c_i) = 0. "Up" is the mean of the views' up. The
+// spiral is that of Mildenhall et al., "Local Light Field Fusion", 2019.
 
 #include "camera_path.h"
 
@@ -34,8 +34,8 @@ static vec along(vec a, vec b, double s) // a + s b
 
 static vec cross(vec a, vec b)
 {
-    return (vec){
-        {a.x[1] * b.x[2] - a.x[2] * b.x[1], a.x[2] * b.x[0] - a.x[0] * b.x[2], a.x[0] * b.x[1] - a.x[1] * b.x[0]}};
+    return (vec){{a.x[1] * b.x[2] - a.x[2] * b.x[1], a.x[2] * b.x[0] - a.x[0] * b.x[2],
+                  a.x[0] * b.x[1] - a.x[1] * b.x[0]}};
 }
 
 static vec unit(vec a)
@@ -46,7 +46,8 @@ static vec unit(vec a)
 
 static vec axis(const sgs_pose *pose, int row)
 {
-    return (vec){{pose->rotation[3 * row], pose->rotation[3 * row + 1], pose->rotation[3 * row + 2]}};
+    return (vec){
+        {pose->rotation[3 * row], pose->rotation[3 * row + 1], pose->rotation[3 * row + 2]}};
 }
 
 static vec center(const sgs_pose *pose)
@@ -67,7 +68,9 @@ typedef struct view_group {
 // Solves the symmetric system m x = b by Cramer's rule; false when it is singular.
 static bool solve(const double m[3][3], vec b, vec *x)
 {
-    const vec rows[3] = {{{m[0][0], m[0][1], m[0][2]}}, {{m[1][0], m[1][1], m[1][2]}}, {{m[2][0], m[2][1], m[2][2]}}};
+    const vec rows[3] = {{{m[0][0], m[0][1], m[0][2]}},
+                         {{m[1][0], m[1][1], m[1][2]}},
+                         {{m[2][0], m[2][1], m[2][2]}}};
     const double det = dot(rows[0], cross(rows[1], rows[2]));
     if (!(fabs(det) > 1e-9))
         return false;
@@ -124,7 +127,8 @@ static bool allocate(const sgs_scene *scene, int count, camera_list *list)
 // A camera at `eye` that looks at `target`.
 static void look(named_camera *camera, vec eye, vec target, vec up)
 {
-    const vec forward = unit(along(target, eye, -1)), right = unit(cross(forward, up)), down = cross(forward, right);
+    const vec forward = unit(along(target, eye, -1)), right = unit(cross(forward, up)),
+              down = cross(forward, right);
     const vec rows[3] = {right, down, forward};
     for (int i = 0; i < 3; ++i) {
         memcpy(camera->pose.rotation + 3 * i, rows[i].x, sizeof rows[i].x);
@@ -138,7 +142,9 @@ bool camera_path_orbit(const sgs_scene *scene, int count, camera_list *list)
         return false;
     const view_group group = group_views(scene);
     if (!group.converge) {
-        fail_run("%s: its views look away from each other, so there is nothing to orbit; use --spiral", scene->path);
+        fail_run(
+            "%s: its views look away from each other, so there is nothing to orbit; use --spiral",
+            scene->path);
         camera_list_free(list);
         return false;
     }
@@ -150,13 +156,15 @@ bool camera_path_orbit(const sgs_scene *scene, int count, camera_list *list)
         radius += sqrt(fmax(dot(offset, offset) - up * up, 0)) / (double)scene->view_count;
     }
     const vec first = along(center(&scene->views[0].pose), group.target, -1);
-    const vec start = unit(along(first, group.up, -dot(first, group.up))), side = cross(group.up, start);
+    const vec start = unit(along(first, group.up, -dot(first, group.up))),
+              side = cross(group.up, start);
     const vec hub = along(group.target, group.up, height);
     for (int i = 0; i < count; ++i) {
         const double turn = 2 * PI * i / count;
         list->cameras[i].name = format_text("orbit_%05d", i);
         list->cameras[i].camera = scene->views[0].camera;
-        look(&list->cameras[i], along(along(hub, start, radius * cos(turn)), side, radius * sin(turn)), group.target,
+        look(&list->cameras[i],
+             along(along(hub, start, radius * cos(turn)), side, radius * sin(turn)), group.target,
              group.up);
     }
     return true;
@@ -191,8 +199,8 @@ bool camera_path_spiral(const sgs_scene *scene, int count, camera_list *list)
     const vec target = along(hub, forward, distance);
     for (int i = 0; i < count; ++i) {
         const double turn = 4 * PI * i / count;
-        const vec eye = along(along(along(hub, right, radius * cos(turn)), up, radius * sin(turn)), forward,
-                              radius * sin(0.5 * turn));
+        const vec eye = along(along(along(hub, right, radius * cos(turn)), up, radius * sin(turn)),
+                              forward, radius * sin(0.5 * turn));
         list->cameras[i].name = format_text("spiral_%05d", i);
         list->cameras[i].camera = scene->views[0].camera;
         look(&list->cameras[i], eye, target, up);

@@ -1,8 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Child processes. Both of its outputs share one pipe, so that the log keeps their order. Between fork and exec only
-// what is allowed there happens; that exec failed comes back through a second pipe, which exec closes.
+// Child processes. Both of its outputs share one pipe, so that the log keeps their order. Between
+// fork and exec only what is allowed there happens; that exec failed comes back through a second
+// pipe, which exec closes.
 
 #include "child_process.h"
 
@@ -56,7 +57,8 @@ static pid_t start(const child_process *child, int *output)
     reason = errno;
     close(pipe_output[1]);
     close(pipe_failure[1]);
-    const bool failed = pid < 0 || read(pipe_failure[0], &reason, sizeof reason) == (ssize_t)sizeof reason;
+    const bool failed =
+        pid < 0 || read(pipe_failure[0], &reason, sizeof reason) == (ssize_t)sizeof reason;
     close(pipe_failure[0]);
     if (!failed) {
         *output = pipe_output[0];

@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Running another program: by argv, never through a shell; its output line by line into a log and to a listener; ended
-// when the user asks to stop (interrupt.h). Prints nothing itself.
+// Running another program: by argv, never through a shell; its output line by line into a log and
+// to a listener; ended when the user asks to stop (interrupt.h). Prints nothing itself.
 
 #include <stdbool.h>
 
@@ -19,8 +19,8 @@ typedef struct child_process {
     int signal; // that ended it, or 0
 } child_process;
 
-// Waits for the end. Returns the exit status (128 + signal when one ended it), or CHILD_MISSING when there is no such
-// program, CHILD_INTERRUPTED, CHILD_UNSTARTED (see errno).
+// Waits for the end. Returns the exit status (128 + signal when one ended it), or CHILD_MISSING
+// when there is no such program, CHILD_INTERRUPTED, CHILD_UNSTARTED (see errno).
 int child_run(child_process *child);
 
 // The last lines in one, separated by " | ". Release with free().

@@ -1,9 +1,10 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// A colour scale whose brightness rises evenly, so that it also reads in grey: the spiral of D. A. Green, "A colour
-// scheme for the display of astronomical intensity images", Bull. Astr. Soc. India 39 (2011), equation 2: the grey
-// diagonal plus a turn of the hue around it, of a radius that vanishes at both ends.
+// A colour scale whose brightness rises evenly, so that it also reads in grey: the spiral of D. A.
+// Green, "A colour scheme for the display of astronomical intensity images", Bull. Astr. Soc. India
+// 39 (2011), equation 2: the grey diagonal plus a turn of the hue around it, of a radius that
+// vanishes at both ends.
 
 #include "colormap.h"
 
@@ -61,8 +62,10 @@ bool plane_colored(const float *plane, int width, int height, value_range range,
     const double scale = range.high > range.low ? 1 / ((double)range.high - (double)range.low) : 0;
     for (size_t i = 0; i < pixels; ++i) {
         const bool shown = plane[i] > 0;
-        const double x = 0.12 + 0.85 * fmin(fmax(((double)plane[i] - (double)range.low) * scale, 0), 1);
-        const double angle = 2 * 3.141592653589793 * (start / 3 + 1 + turns * x), radius = hue * x * (1 - x) / 2;
+        const double x =
+            0.12 + 0.85 * fmin(fmax(((double)plane[i] - (double)range.low) * scale, 0), 1);
+        const double angle = 2 * 3.141592653589793 * (start / 3 + 1 + turns * x),
+                     radius = hue * x * (1 - x) / 2;
         for (size_t c = 0; c < 3; ++c)
             out->pixels[c * pixels + i] =
                 shown ? quantised(x + radius * (cosine[c] * cos(angle) + sine[c] * sin(angle))) : 0;
@@ -93,8 +96,8 @@ bool normals_colored(const float *const normal[3], int width, int height, sgs_im
     return true;
 }
 
-bool positions_colored(const float *const position[3], const float *transmittance, int width, int height,
-                       sgs_image8 *out)
+bool positions_colored(const float *const position[3], const float *transmittance, int width,
+                       int height, sgs_image8 *out)
 {
     const size_t pixels = (size_t)width * (size_t)height;
     float *seen = malloc(pixels * sizeof *seen);
@@ -106,10 +109,14 @@ bool positions_colored(const float *const position[3], const float *transmittanc
         seen[i] = 1 - transmittance[i];
     for (size_t c = 0; c < 3; ++c) {
         const value_range range = quantiles(position[c], seen, pixels);
-        const double scale = range.high > range.low ? 1 / ((double)range.high - (double)range.low) : 0;
+        const double scale =
+            range.high > range.low ? 1 / ((double)range.high - (double)range.low) : 0;
         for (size_t i = 0; i < pixels; ++i)
             out->pixels[c * pixels + i] =
-                seen[i] > 0 ? quantised(0.1 + 0.9 * fmax(scale * ((double)position[c][i] - (double)range.low), 0)) : 0;
+                seen[i] > 0
+                    ? quantised(0.1 +
+                                0.9 * fmax(scale * ((double)position[c][i] - (double)range.low), 0))
+                    : 0;
     }
     free(seen);
     return true;
@@ -124,7 +131,8 @@ bool ids_colored(const uint32_t *ids, int width, int height, sgs_image8 *out)
         for (size_t c = 0; c < 3; ++c) { // multiplicative hashing: neighbouring numbers part
             const uint32_t mixed = (ids[i] + 1) * 2654435761U;
             out->pixels[c * pixels + i] =
-                ids[i] == SGS_NO_PRIMITIVE ? 0 : (uint8_t)(64 + (mixed >> (8 * c + 8) & 255) * 3 / 4);
+                ids[i] == SGS_NO_PRIMITIVE ? 0
+                                           : (uint8_t)(64 + (mixed >> (8 * c + 8) & 255) * 3 / 4);
         }
     return true;
 }
@@ -138,7 +146,8 @@ bool slack_colored(const float *slack, const uint32_t *ids, int width, int heigh
     for (size_t i = 0; i < pixels; ++i) {
         const double x = tanh((double)slack[i]), *const end = x < 0 ? over : room;
         for (size_t c = 0; c < 3; ++c)
-            out->pixels[c * pixels + i] = ids[i] == SGS_NO_PRIMITIVE ? 0 : quantised(grey + fabs(x) * (end[c] - grey));
+            out->pixels[c * pixels + i] =
+                ids[i] == SGS_NO_PRIMITIVE ? 0 : quantised(grey + fabs(x) * (end[c] - grey));
     }
     return true;
 }

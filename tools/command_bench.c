@@ -1,9 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// `sparegs bench`: the phases of a training iteration under the clock, on scenes made by seed and on models of the
-// user's own. All settings of a scene take turns, repetition by repetition, so that a slow minute of the machine hits
-// them alike.
+// `sparegs bench`: the phases of a training iteration under the clock, on scenes made by seed and
+// on models of the user's own. All settings of a scene take turns, repetition by repetition, so
+// that a slow minute of the machine hits them alike.
 
 #include <stdlib.h>
 #include <string.h>
@@ -16,11 +16,16 @@
 #include "shared_options.h"
 
 static const char description[] =
-    "Measures the phases of a training iteration on scenes made inside the program (--list names them;\n"
-    "all when none is given), or on MODEL (a PLY file or a run's folder) seen by the cameras of SCENE.\n"
-    "Prints medians over the repetitions with the least and the largest value; per ray hit in TSC cycles\n"
-    "and nanoseconds and per megapixel, both as core time (wall clock times threads); and the machine's\n"
-    "own limits, measured in the same run. `forward` is project, order and blend without `gather`;\n"
+    "Measures the phases of a training iteration on scenes made inside the program (--list names "
+    "them;\n"
+    "all when none is given), or on MODEL (a PLY file or a run's folder) seen by the cameras of "
+    "SCENE.\n"
+    "Prints medians over the repetitions with the least and the largest value; per ray hit in TSC "
+    "cycles\n"
+    "and nanoseconds and per megapixel, both as core time (wall clock times threads); and the "
+    "machine's\n"
+    "own limits, measured in the same run. `forward` is project, order and blend without "
+    "`gather`;\n"
     "`total` is gather, forward and backward; `iteration` is everything but `build`.";
 
 typedef struct bench_values {
@@ -35,15 +40,19 @@ typedef struct bench_values {
 
 static const option bench_options[] = {
     {"list", 0, OPTION_FLAG, AT(list), 0, 0, NULL, NULL, NULL, NULL, "name the scenes and exit"},
-    {"threads", 0, OPTION_INTEGERS, AT(threads), 0, 4096, "A,B,...", "0", "0 = all cores of the affinity mask", NULL,
-     "numbers of threads to measure with"},
-    {"isa", 0, OPTION_SET, AT(isas), 0, 0, "baseline,avx2,avx512", NULL, "the best this machine has", NULL,
-     "instruction sets to measure"},
+    {"threads", 0, OPTION_INTEGERS, AT(threads), 0, 4096, "A,B,...", "0",
+     "0 = all cores of the affinity mask", NULL, "numbers of threads to measure with"},
+    {"isa", 0, OPTION_SET, AT(isas), 0, 0, "baseline,avx2,avx512", NULL,
+     "the best this machine has", NULL, "instruction sets to measure"},
     {"repeat", 0, OPTION_INTEGER, AT(repeat), 1, 1000, "N", "5", NULL, NULL, "repetitions"},
-    {"views", 0, OPTION_INTEGER, AT(views), 1, 16, "N", "3", NULL, NULL, "views of SCENE, evenly spaced by name"},
-    {"seed", 0, OPTION_COUNT, AT(seed), 0, 9007199254740991.0, "N", "0", NULL, NULL, "seed of the scenes"},
-    {"json", 0, OPTION_FLAG, AT(json), 0, 0, NULL, NULL, NULL, NULL, "print the result as one JSON object on stdout"},
-    {"csv", 0, OPTION_FLAG, AT(csv), 0, 0, NULL, NULL, NULL, NULL, "print a CSV row per scene and setting on stdout"},
+    {"views", 0, OPTION_INTEGER, AT(views), 1, 16, "N", "3", NULL, NULL,
+     "views of SCENE, evenly spaced by name"},
+    {"seed", 0, OPTION_COUNT, AT(seed), 0, 9007199254740991.0, "N", "0", NULL, NULL,
+     "seed of the scenes"},
+    {"json", 0, OPTION_FLAG, AT(json), 0, 0, NULL, NULL, NULL, NULL,
+     "print the result as one JSON object on stdout"},
+    {"csv", 0, OPTION_FLAG, AT(csv), 0, 0, NULL, NULL, NULL, NULL,
+     "print a CSV row per scene and setting on stdout"},
     {"quiet", 0, OPTION_FLAG, AT(quiet), 0, 0, NULL, NULL, NULL, NULL, "no progress, no notes"},
 };
 
@@ -98,17 +107,18 @@ static bool make_settings(bench_run *run, bool isa_given)
 static bench_result *add_result(bench_run *run, const char *name, const bench_setting *setting)
 {
     bench_result *result = &run->report.results[run->report.count++];
-    *result = (bench_result){.name = name,
-                             .isa = setting->isa,
-                             .threads = setting->threads,
-                             .limits = setting->limits,
-                             .repeat = (size_t)run->values->repeat,
-                             .measures = calloc((size_t)run->values->repeat, sizeof(bench_measure))};
+    *result =
+        (bench_result){.name = name,
+                       .isa = setting->isa,
+                       .threads = setting->threads,
+                       .limits = setting->limits,
+                       .repeat = (size_t)run->values->repeat,
+                       .measures = calloc((size_t)run->values->repeat, sizeof(bench_measure))};
     return result->measures ? result : NULL;
 }
 
-static bool measure(bench_run *run, const char *name, const sgs_gaussians *model, const sgs_view *views,
-                    size_t view_count)
+static bool measure(bench_run *run, const char *name, const sgs_gaussians *model,
+                    const sgs_view *views, size_t view_count)
 {
     sgs_bench *bench = NULL;
     bench_result *results = &run->report.results[run->report.count];
@@ -124,7 +134,8 @@ static bool measure(bench_run *run, const char *name, const sgs_gaussians *model
     for (int i = 0; i < run->values->repeat && done; ++i) {
         for (size_t s = 0; s < run->setting_count && done && !interrupt_signal(); ++s) {
             bench_measure *to = &results[s].measures[i];
-            progress_count(name, (size_t)i * run->setting_count + s, (size_t)run->values->repeat * run->setting_count);
+            progress_count(name, (size_t)i * run->setting_count + s,
+                           (size_t)run->values->repeat * run->setting_count);
             done = apply(&run->settings[s]);
             if (done && sgs_bench_run(bench, &to->sample)) {
                 fail_library();
@@ -151,8 +162,8 @@ static bool measure_made(bench_run *run, const char *name)
     return done;
 }
 
-static bool measure_model(bench_run *run, const char *model, const char *scene_path, scene_values *data,
-                          const command_line *line)
+static bool measure_model(bench_run *run, const char *model, const char *scene_path,
+                          scene_values *data, const command_line *line)
 {
     model_path located;
     sgs_scene *scene = NULL;
@@ -206,11 +217,13 @@ static int check_operands(const command_line *line)
         if (is_made(operand))
             continue;
         if (!model_is(operand))
-            return fail_usage("'%s' is neither a scene of the bench (the nearest is '%s') nor a model", operand,
-                              nearest_word(operand, names, count));
+            return fail_usage(
+                "'%s' is neither a scene of the bench (the nearest is '%s') nor a model", operand,
+                nearest_word(operand, names, count));
         if (++i == line->operand_count)
-            return fail_usage("bench needs the SCENE whose cameras look at '%s'; usage: sparegs bench %s", operand,
-                              line->synopsis);
+            return fail_usage(
+                "bench needs the SCENE whose cameras look at '%s'; usage: sparegs bench %s",
+                operand, line->synopsis);
     }
     return -1;
 }

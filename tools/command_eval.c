@@ -14,8 +14,10 @@
 
 static const char description[] =
     "Draws the views of SCENE from MODEL (a PLY file, or the folder of a training run: its newest\n"
-    "iteration) and compares them with the photographs: both quantised to 8 bit, PSNR over all pixels\n"
-    "and channels, SSIM with an 11 x 11 Gaussian window and zero padding. Image folder, size, split,\n"
+    "iteration) and compares them with the photographs: both quantised to 8 bit, PSNR over all "
+    "pixels\n"
+    "and channels, SSIM with an 11 x 11 Gaussian window and zero padding. Image folder, size, "
+    "split,\n"
     "filter and background are those of the run unless given here.";
 
 typedef struct eval_values {
@@ -32,9 +34,11 @@ static const option eval_options[] = {
 
 static const sgs_split splits[] = {SGS_SPLIT_TEST, SGS_SPLIT_TRAIN, SGS_SPLIT_ALL};
 
-static bool save_pair(const char *folder, const sgs_view *view, const sgs_image8 *drawn, const sgs_image8 *photo)
+static bool save_pair(const char *folder, const sgs_view *view, const sgs_image8 *drawn,
+                      const sgs_image8 *photo)
 {
-    char *paths[2] = {view_path(folder, view->name, ".png"), view_path(folder, view->name, "_photo.png")};
+    char *paths[2] = {view_path(folder, view->name, ".png"),
+                      view_path(folder, view->name, "_photo.png")};
     const sgs_image8 *const images[2] = {drawn, photo};
     bool saved = true;
     for (int k = 0; k < 2 && saved; ++k) {
@@ -50,7 +54,8 @@ static bool save_pair(const char *folder, const sgs_view *view, const sgs_image8
 }
 
 // One view into the table or the JSON list.
-static bool evaluate_one(const evaluator *judge, const sgs_view *view, const char *save, json_t *list, split_score *sum)
+static bool evaluate_one(const evaluator *judge, const sgs_view *view, const char *save,
+                         json_t *list, split_score *sum)
 {
     view_score score;
     sgs_image8 drawn = {0}, photo = {0};
@@ -105,15 +110,17 @@ static bool evaluate_all(const evaluator *judge, sgs_split split, const char *sa
     return print_json(root);
 }
 
-static int evaluate_model(const char *ply_path, const json_t *exposures, const sgs_scene *scene, const drawing_values *drawing,
-                          const eval_values *values, bool split_given, bool json)
+static int evaluate_model(const char *ply_path, const json_t *exposures, const sgs_scene *scene,
+                          const drawing_values *drawing, const eval_values *values,
+                          bool split_given, bool json)
 {
     sgs_split split = splits[values->split];
     if (!split_given && !scene_split_count(scene, split))
         split = SGS_SPLIT_ALL;
     if (!scene_split_count(scene, split))
-        return fail_run("%s: no image is in this split; hold some out by --eval, --test-every or --test-images",
-                        scene->path);
+        return fail_run(
+            "%s: no image is in this split; hold some out by --eval, --test-every or --test-images",
+            scene->path);
     sgs_gaussians *model = NULL;
     if (sgs_ply_read(ply_path, &model))
         return fail_library();
@@ -158,7 +165,9 @@ int command_eval(int argc, char **argv)
             drawing_settle(&drawing, &call.line, located.config, scene);
             char *path = format_text("%s/exposure.json", call.line.operands[0]);
             bool damaged = false;
-            json_t *exposures = json_is_true(config_option(located.config, "exposure")) ? exposure_read(path, &damaged) : NULL;
+            json_t *exposures = json_is_true(config_option(located.config, "exposure"))
+                                    ? exposure_read(path, &damaged)
+                                    : NULL;
             if (!damaged)
                 status = evaluate_model(located.ply_path, exposures, scene, &drawing, &values,
                                         option_given(&call.line, "split"), call.common.json);

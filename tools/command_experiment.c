@@ -1,8 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// `sparegs experiment`: the trainings of a plan, one after the other, each in a process of its own. What is finished
-// stays finished: a run with a summary is not repeated, one that was stopped goes on from its checkpoint.
+// `sparegs experiment`: the trainings of a plan, one after the other, each in a process of its own.
+// What is finished stays finished: a run with a summary is not repeated, one that was stopped goes
+// on from its checkpoint.
 
 #include <errno.h>
 #include <stdlib.h>
@@ -19,9 +20,12 @@
 #include "shared_options.h"
 
 static const char description[] =
-    "Runs the trainings that PLAN.json asks for (scenes x pipelines x variants x seeds) below DIR, one at a time,\n"
-    "and collects their results in DIR/results.json and DIR/results.csv after each. A plan with an unknown\n"
-    "scene, pipeline, option or value is refused before the first run. Started again with the same plan it\n"
+    "Runs the trainings that PLAN.json asks for (scenes x pipelines x variants x seeds) below DIR, "
+    "one at a time,\n"
+    "and collects their results in DIR/results.json and DIR/results.csv after each. A plan with an "
+    "unknown\n"
+    "scene, pipeline, option or value is refused before the first run. Started again with the same "
+    "plan it\n"
     "continues; 'sparegs report DIR' makes tables and a page of it. README.md shows a plan.";
 
 typedef struct experiment_values {
@@ -49,7 +53,8 @@ static json_t *finished(const experiment_run *run)
     return NULL;
 }
 
-static const char *const csv_columns[] = {"iterations", "stop_reason", "gaussians", "train_seconds", "model_hash"};
+static const char *const csv_columns[] = {"iterations", "stop_reason", "gaussians", "train_seconds",
+                                          "model_hash"};
 
 static double split_number(const json_t *summary, const char *split, const char *member)
 {
@@ -61,14 +66,16 @@ static char *csv_row(const experiment_run *run, const json_t *summary)
     char *row = format_text("%s,%s,%s,%d", run->scene, run->pipeline, run->variant, run->seed);
     for (size_t k = 0; k < sizeof csv_columns / sizeof *csv_columns; ++k) {
         const json_t *value = json_object_get(summary, csv_columns[k]);
-        char *longer = json_is_string(value) ? format_text("%s,%s", row, json_string_value(value))
-                                             : format_text("%s,%.9g", row, json_number_value(value));
+        char *longer = json_is_string(value)
+                           ? format_text("%s,%s", row, json_string_value(value))
+                           : format_text("%s,%.9g", row, json_number_value(value));
         free(row);
         row = longer;
     }
-    char *complete = format_text("%s,%.6f,%.6f,%.6f,%.6f\n", row, split_number(summary, "test", "psnr"),
-                                 split_number(summary, "test", "ssim"), split_number(summary, "train", "psnr"),
-                                 split_number(summary, "train", "ssim"));
+    char *complete =
+        format_text("%s,%.6f,%.6f,%.6f,%.6f\n", row, split_number(summary, "test", "psnr"),
+                    split_number(summary, "test", "ssim"), split_number(summary, "train", "psnr"),
+                    split_number(summary, "train", "ssim"));
     free(row);
     return complete;
 }
@@ -77,8 +84,9 @@ static char *csv_row(const experiment_run *run, const json_t *summary)
 static bool write_results(const experiment_plan *plan, const char *folder)
 {
     json_t *root = json_object(), *list = json_array();
-    char *csv = format_text("scene,pipeline,variant,seed,iterations,stop_reason,gaussians,train_seconds,model_hash,"
-                            "test_psnr,test_ssim,train_psnr,train_ssim\n");
+    char *csv = format_text(
+        "scene,pipeline,variant,seed,iterations,stop_reason,gaussians,train_seconds,model_hash,"
+        "test_psnr,test_ssim,train_psnr,train_ssim\n");
     for (size_t i = 0; i < plan->count; ++i) {
         const experiment_run *run = &plan->runs[i];
         json_t *summary = finished(run);
@@ -88,13 +96,15 @@ static bool write_results(const experiment_plan *plan, const char *folder)
         free(row);
         free(csv);
         csv = longer;
-        json_array_append_new(list, json_pack("{s:s,s:s,s:s,s:i,s:s,s:o}", "scene", run->scene, "pipeline",
-                                              run->pipeline, "variant", run->variant, "seed", run->seed, "folder",
-                                              run->folder + strlen(folder) + 1, "summary", summary));
+        json_array_append_new(
+            list, json_pack("{s:s,s:s,s:s,s:i,s:s,s:o}", "scene", run->scene, "pipeline",
+                            run->pipeline, "variant", run->variant, "seed", run->seed, "folder",
+                            run->folder + strlen(folder) + 1, "summary", summary));
     }
     json_object_set(root, "plan", plan->root);
     json_object_set_new(root, "runs", list);
-    char *json_path = format_text("%s/results.json", folder), *csv_path = format_text("%s/results.csv", folder);
+    char *json_path = format_text("%s/results.json", folder),
+         *csv_path = format_text("%s/results.csv", folder);
     const bool written = write_json(json_path, root) && write_text(csv_path, csv);
     free(json_path);
     free(csv_path);
@@ -102,8 +112,8 @@ static bool write_results(const experiment_plan *plan, const char *folder)
     return written;
 }
 
-// Trains in a process of its own: this program again, so that neither memory nor threads nor a crash are shared.
-// Returns its exit status.
+// Trains in a process of its own: this program again, so that neither memory nor threads nor a
+// crash are shared. Returns its exit status.
 static int run_child(const experiment_run *run)
 {
     const char **arguments = calloc((size_t)run->argument_count + 2, sizeof *arguments);
@@ -152,8 +162,8 @@ static int run_all(const experiment_plan *plan, const char *folder)
         const experiment_run *run = &plan->runs[i];
         json_t *done = finished(run);
         json_decref(done);
-        print_note("run %zu of %zu: %s, %s, %s, seed %d%s", i + 1, plan->count, run->scene, run->pipeline, run->variant,
-                   run->seed, done ? ": finished before" : "");
+        print_note("run %zu of %zu: %s, %s, %s, seed %d%s", i + 1, plan->count, run->scene,
+                   run->pipeline, run->variant, run->seed, done ? ": finished before" : "");
         if (done)
             continue;
         const int status = run_child(run);
@@ -161,7 +171,8 @@ static int run_all(const experiment_plan *plan, const char *folder)
             break;
         if (status) {
             ++failed;
-            print_warning("%s: the training failed with status %d; the other runs go on", run->folder, status);
+            print_warning("%s: the training failed with status %d; the other runs go on",
+                          run->folder, status);
             continue;
         }
         drop_checkpoint(run);
@@ -172,8 +183,8 @@ static int run_all(const experiment_plan *plan, const char *folder)
         return EXIT_FAILED;
     if (interrupt_signal())
         return interrupt_status();
-    return failed ? fail_run("%s: %d of %zu runs failed; start the experiment again to repeat them", folder, failed,
-                             plan->count)
+    return failed ? fail_run("%s: %d of %zu runs failed; start the experiment again to repeat them",
+                             folder, failed, plan->count)
                   : EXIT_DONE;
 }
 
@@ -187,8 +198,9 @@ static int experiment(const char *path, const experiment_values *values)
         for (size_t i = 0; i < plan.count; ++i)
             printf("%s\n", plan.runs[i].folder);
     } else {
-        status = make_folder(values->output) && check_writable(values->output) ? run_all(&plan, values->output)
-                                                                               : EXIT_FAILED;
+        status = make_folder(values->output) && check_writable(values->output)
+                     ? run_all(&plan, values->output)
+                     : EXIT_FAILED;
     }
     experiment_plan_free(&plan);
     return status;
@@ -205,15 +217,18 @@ int command_experiment(int argc, char **argv)
                                .operand_maximum = 1,
                                .title = "Experiment",
                                .options = experiment_options,
-                               .option_count = sizeof experiment_options / sizeof *experiment_options,
+                               .option_count =
+                                   sizeof experiment_options / sizeof *experiment_options,
                                .values = &values};
     int status = command_parse(&spec, argc, argv, &call);
     if (status < 0 && !values.output)
-        status = fail_usage("experiment needs -o DIR, the folder to write to; usage: sparegs experiment %s",
-                            call.line.synopsis);
+        status = fail_usage(
+            "experiment needs -o DIR, the folder to write to; usage: sparegs experiment %s",
+            call.line.synopsis);
     if (status >= 0)
         return status;
-    // Threads, instruction set and quiet are the runs' own: they may be given in the plan's options.
+    // Threads, instruction set and quiet are the runs' own: they may be given in the plan's
+    // options.
     messages_set_quiet(call.common.quiet);
     interrupt_watch();
     return experiment(call.line.operands[0], &values);

@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// `sparegs explain`: why SPARE-GS let primitives grow in one place and not in another: quota, slack and weight of
-// regions, what made them, and what became of their primitives.
+// `sparegs explain`: why SPARE-GS let primitives grow in one place and not in another: quota, slack
+// and weight of regions, what made them, and what became of their primitives.
 
 #include <math.h>
 #include <stdlib.h>
@@ -16,8 +16,10 @@
 #include "shared_options.h"
 
 static const char description[] =
-    "Explains the budget of a training run: for the regions furthest from their quota at the last structural\n"
-    "update, or for the region around a point, what it demanded, what it was allowed, what it had, and what was\n"
+    "Explains the budget of a training run: for the regions furthest from their quota at the last "
+    "structural\n"
+    "update, or for the region around a point, what it demanded, what it was allowed, what it had, "
+    "and what was\n"
     "cloned, split and removed there. OUT is the folder of a run with SPARE-GS.";
 
 typedef struct explain_values {
@@ -28,13 +30,14 @@ typedef struct explain_values {
 static const option explain_options[] = {
     {"top", 0, OPTION_INTEGER, offsetof(explain_values, top), 1, 100000, "N", "20", NULL, "regions",
      "how many of the regions furthest from their quota"},
-    {"region", 0, OPTION_TEXT, offsetof(explain_values, region), 0, 0, "X,Y,Z", NULL, "none", "world units",
-     "the region that holds this point, over all updates"},
+    {"region", 0, OPTION_TEXT, offsetof(explain_values, region), 0, 0, "X,Y,Z", NULL, "none",
+     "world units", "the region that holds this point, over all updates"},
 };
 
 static void center_of(const sgs_regions *update, uint32_t voxel, double center[3])
 {
-    const uint32_t grid = (uint32_t)update->grid, at[3] = {voxel % grid, voxel / grid % grid, voxel / grid / grid};
+    const uint32_t grid = (uint32_t)update->grid,
+                   at[3] = {voxel % grid, voxel / grid % grid, voxel / grid / grid};
     for (int k = 0; k < 3; ++k)
         center[k] = update->low[k] + (at[k] + 0.5) * update->cell[k];
 }
@@ -53,8 +56,9 @@ static json_t *region_json(const sgs_regions *update, const sgs_region *r)
     const struct {
         const char *name;
         float value;
-    } numbers[] = {{"quota", r->quota},          {"slack", r->slack},       {"weight", r->weight},
-                   {"demand", r->demand},        {"capacity", r->capacity}, {"gradient", r->gradient},
+    } numbers[] = {{"quota", r->quota},          {"slack", r->slack},
+                   {"weight", r->weight},        {"demand", r->demand},
+                   {"capacity", r->capacity},    {"gradient", r->gradient},
                    {"visibility", r->visibility}};
     for (size_t k = 0; k < sizeof numbers / sizeof *numbers; ++k)
         json_object_set_new(object, numbers[k].name, json_number((double)numbers[k].value));
@@ -73,10 +77,13 @@ static void print_region(const sgs_regions *update, const sgs_region *r, bool da
         printf("iteration %d: ", update->iteration);
     else
         printf("around (%.3g, %.3g, %.3g): ", center[0], center[1], center[2]);
-    printf("%u primitives, quota %.1f (demand %.2f of 2, capacity %.2f): %s, slack %.2f, weight %.2f; ", r->count,
-           (double)r->quota, (double)r->demand, (double)r->capacity,
-           (double)r->count > (double)r->quota ? "over budget" : "room to grow", (double)r->slack, (double)r->weight);
-    printf("%u densified, %u removed by the pipeline, %u as redundant\n", r->densified, r->removed, r->redundant);
+    printf("%u primitives, quota %.1f (demand %.2f of 2, capacity %.2f): %s, slack %.2f, weight "
+           "%.2f; ",
+           r->count, (double)r->quota, (double)r->demand, (double)r->capacity,
+           (double)r->count > (double)r->quota ? "over budget" : "room to grow", (double)r->slack,
+           (double)r->weight);
+    printf("%u densified, %u removed by the pipeline, %u as redundant\n", r->densified, r->removed,
+           r->redundant);
 }
 
 static double excess(const sgs_region *r)
@@ -87,7 +94,9 @@ static double excess(const sgs_region *r)
 static int by_excess(const void *a, const void *b)
 {
     const sgs_region *x = a, *y = b;
-    return excess(x) > excess(y) ? -1 : excess(x) < excess(y) ? 1 : (x->voxel > y->voxel) - (x->voxel < y->voxel);
+    return excess(x) > excess(y)   ? -1
+           : excess(x) < excess(y) ? 1
+                                   : (x->voxel > y->voxel) - (x->voxel < y->voxel);
 }
 
 static int explain_top(const region_history *history, int top, bool json)
@@ -107,7 +116,8 @@ static int explain_top(const region_history *history, int top, bool json)
         held += is_over ? sorted[i].count : 0;
     }
     if (!json)
-        printf("iteration %d: %zu primitives in %zu regions of a %d^3 grid; %zu regions with %.0f %% of the primitives "
+        printf("iteration %d: %zu primitives in %zu regions of a %d^3 grid; %zu regions with %.0f "
+               "%% of the primitives "
                "are "
                "over budget\n",
                last->iteration, primitives, last->count, last->grid, over,
@@ -120,8 +130,9 @@ static int explain_top(const region_history *history, int top, bool json)
     }
     free(sorted);
     if (json)
-        return print_json(json_pack("{s:i,s:o}", "iteration", last->iteration, "regions", list)) ? EXIT_DONE
-                                                                                                 : EXIT_FAILED;
+        return print_json(json_pack("{s:i,s:o}", "iteration", last->iteration, "regions", list))
+                   ? EXIT_DONE
+                   : EXIT_FAILED;
     json_decref(list);
     return EXIT_DONE;
 }
@@ -151,10 +162,10 @@ static int explain_point(const region_history *history, const double point[3], b
     if (json)
         return print_json(json_pack("{s:o}", "updates", list)) ? EXIT_DONE : EXIT_FAILED;
     json_decref(list);
-    return found
-               ? EXIT_DONE
-               : fail_run("no update had primitives around (%g, %g, %g); 'sparegs info' tells the bounds of the model",
-                          point[0], point[1], point[2]);
+    return found ? EXIT_DONE
+                 : fail_run("no update had primitives around (%g, %g, %g); 'sparegs info' tells "
+                            "the bounds of the model",
+                            point[0], point[1], point[2]);
 }
 
 int command_explain(int argc, char **argv)
@@ -183,12 +194,14 @@ int command_explain(int argc, char **argv)
     const bool is_run = file_exists(config);
     free(config);
     if (!is_run)
-        return fail_run("%s: is not the folder of a training run; there is no config.json in it", folder);
+        return fail_run("%s: is not the folder of a training run; there is no config.json in it",
+                        folder);
     region_history history;
     if (!region_history_read(folder, &history))
         return EXIT_FAILED;
     if (!history.count)
-        status = fail_run("%s: no structural update with SPARE-GS is recorded; train with --spare on", folder);
+        status = fail_run(
+            "%s: no structural update with SPARE-GS is recorded; train with --spare on", folder);
     else
         status = values.region ? explain_point(&history, point, call.common.json)
                                : explain_top(&history, values.top, call.common.json);

@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// `sparegs info`: what a model or a data set is. One description is built as JSON; without --json it is printed as
-// indented text, so the two cannot disagree.
+// `sparegs info`: what a model or a data set is. One description is built as JSON; without --json
+// it is printed as indented text, so the two cannot disagree.
 
 #include <math.h>
 #include <stdlib.h>
@@ -13,9 +13,10 @@
 #include "progress.h"
 #include "shared_options.h"
 
-static const char description[] =
-    "Describes MODEL (a PLY file, or the folder of a training run: its newest iteration) or SCENE (a\n"
-    "data set): counts, bounds, quantiles of scales and opacities, camera models, sizes, split, warnings.";
+static const char description[] = "Describes MODEL (a PLY file, or the folder of a training run: "
+                                  "its newest iteration) or SCENE (a\n"
+                                  "data set): counts, bounds, quantiles of scales and opacities, "
+                                  "camera models, sizes, split, warnings.";
 
 static int compare_doubles(const void *a, const void *b)
 {
@@ -33,9 +34,10 @@ static json_t *quantiles(double *values, size_t count)
     json_t *object = json_object();
     qsort(values, count, sizeof *values, compare_doubles);
     for (size_t i = 0; i < sizeof rows / sizeof *rows; ++i)
-        json_object_set_new(object, rows[i].name,
-                            count ? json_number(values[(size_t)(rows[i].share * (double)(count - 1) + 0.5)])
-                                  : json_null());
+        json_object_set_new(
+            object, rows[i].name,
+            count ? json_number(values[(size_t)(rows[i].share * (double)(count - 1) + 0.5)])
+                  : json_null());
     return object;
 }
 
@@ -85,7 +87,8 @@ static bool describe_gaussians(const sgs_gaussians *model, json_t *root)
         float mean[3];
         for (int k = 0; k < 3; ++k) {
             mean[k] = *sgs_gaussians_at(model, i, SGS_PARAM_MEAN + k);
-            values[3 * i + (size_t)k] = exp((double)*sgs_gaussians_at(model, i, SGS_PARAM_SCALE + k));
+            values[3 * i + (size_t)k] =
+                exp((double)*sgs_gaussians_at(model, i, SGS_PARAM_SCALE + k));
         }
         widen(low, high, mean);
     }
@@ -135,7 +138,8 @@ static json_t *describe_cameras(const sgs_scene *scene)
     for (size_t v = 0; v < scene->view_count; ++v) {
         const sgs_camera *camera = &scene->views[v].camera;
         const char *name = sgs_camera_model_name(camera->model);
-        json_t *params = numbers(camera->params, (size_t)sgs_camera_param_count(camera->model)), *found = NULL, *entry;
+        json_t *params = numbers(camera->params, (size_t)sgs_camera_param_count(camera->model)),
+               *found = NULL, *entry;
         size_t k;
         json_array_foreach(list, k, entry)
         {
@@ -175,7 +179,8 @@ static bool describe_scene(const char *path, const scene_values *data, json_t *r
     json_object_set_new(root, "format", json_string(formats[scene->format]));
     json_object_set_new(root, "file", json_string(scene->model_path));
     json_object_set_new(root, "views", json_integer((json_int_t)scene->view_count));
-    json_object_set_new(root, "training_views", json_integer((json_int_t)(scene->view_count - test)));
+    json_object_set_new(root, "training_views",
+                        json_integer((json_int_t)(scene->view_count - test)));
     json_object_set_new(root, "test_views", json_integer((json_int_t)test));
     json_object_set_new(root, "images_missing", json_integer((json_int_t)scene->images_missing));
     json_object_set_new(root, "images_unposed", json_integer((json_int_t)scene->images_unposed));
@@ -257,7 +262,8 @@ int command_info(int argc, char **argv)
         return status;
     json_t *root = json_object();
     const char *path = call.line.operands[0];
-    const bool done = model_is(path) ? describe_model(path, root) : describe_scene(path, &data, root);
+    const bool done =
+        model_is(path) ? describe_model(path, root) : describe_scene(path, &data, root);
     if (!done) {
         json_decref(root);
         return EXIT_FAILED;

@@ -1,7 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// `sparegs profile`: what the BVH over a model costs and answers, seen by the cameras of a scene or from an orbit.
+// `sparegs profile`: what the BVH over a model costs and answers, seen by the cameras of a scene or
+// from an orbit.
 
 #include <math.h>
 #include <stdlib.h>
@@ -17,11 +18,16 @@
 #include "trace_file.h"
 
 static const char description[] =
-    "Measures the BVH over MODEL (a PLY file, or the folder of a training run) as the cameras of SCENE ask\n"
-    "it: build and refit time, memory, surface-area cost and overlap of trees of quality low, medium and\n"
-    "high, of the refittable one that training uses, and of that one aged by refits; callbacks, tests,\n"
-    "evaluations and true hits per ray, false positives, hits until rays stop, cost per tile, the phases of\n"
-    "a training iteration over the same views. Ends with the answers: which build quality, when to rebuild,\n"
+    "Measures the BVH over MODEL (a PLY file, or the folder of a training run) as the cameras of "
+    "SCENE ask\n"
+    "it: build and refit time, memory, surface-area cost and overlap of trees of quality low, "
+    "medium and\n"
+    "high, of the refittable one that training uses, and of that one aged by refits; callbacks, "
+    "tests,\n"
+    "evaluations and true hits per ray, false positives, hits until rays stop, cost per tile, the "
+    "phases of\n"
+    "a training iteration over the same views. Ends with the answers: which build quality, when to "
+    "rebuild,\n"
     "what dominates. With -o DIR writes heat maps per pixel and per tile as EXR and PNG.";
 
 typedef struct profile_values {
@@ -32,15 +38,20 @@ typedef struct profile_values {
 #define AT(member) offsetof(profile_values, member)
 
 static const option profile_options[] = {
-    {"output", 'o', OPTION_TEXT, AT(output), 0, 0, "DIR", NULL, "none", NULL, "write heat maps there"},
-    {"view", 0, OPTION_TEXT, AT(view), 0, 0, "NAME", NULL, "see --split", NULL, "this view only: an image name"},
-    {"split", 0, OPTION_CHOICE, AT(split), 0, 0, "test|train|all", "all", NULL, NULL, "the views to choose from"},
+    {"output", 'o', OPTION_TEXT, AT(output), 0, 0, "DIR", NULL, "none", NULL,
+     "write heat maps there"},
+    {"view", 0, OPTION_TEXT, AT(view), 0, 0, "NAME", NULL, "see --split", NULL,
+     "this view only: an image name"},
+    {"split", 0, OPTION_CHOICE, AT(split), 0, 0, "test|train|all", "all", NULL, NULL,
+     "the views to choose from"},
     {"views", 0, OPTION_INTEGER, AT(views), 1, 16, "N", "4", NULL, NULL,
      "views taken from the split, evenly spaced by name"},
     {"orbit", 0, OPTION_INTEGER, AT(orbit), 0, 16, "N", "0", NULL, NULL,
      "instead, N views on the circle around the point the cameras look at; 0 = none"},
-    {"refits", 0, OPTION_INTEGER, AT(refits), 0, 1000000, "K", "100", NULL, NULL, "age of the aged tree"},
-    {"repeat", 0, OPTION_INTEGER, AT(repeat), 1, 1000, "N", "3", NULL, NULL, "repetitions; times are the least"},
+    {"refits", 0, OPTION_INTEGER, AT(refits), 0, 1000000, "K", "100", NULL, NULL,
+     "age of the aged tree"},
+    {"repeat", 0, OPTION_INTEGER, AT(repeat), 1, 1000, "N", "3", NULL, NULL,
+     "repetitions; times are the least"},
     {"samples", 0, OPTION_INTEGER, AT(samples), 0, 4096, "N", "64", NULL, "rays",
      "rays per view followed by brute force"},
     {"trace", 0, OPTION_TEXT, AT(trace), 0, 0, "FILE", NULL, "none", NULL,
@@ -49,8 +60,8 @@ static const option profile_options[] = {
 
 enum { VIEWS_MAX = 16 };
 
-// The least-squares meeting point of the optical axes: sum over cameras of (I - a a^T) (p - c) = 0. The mean camera
-// centre plus the extent where the axes are parallel.
+// The least-squares meeting point of the optical axes: sum over cameras of (I - a a^T) (p - c) = 0.
+// The mean camera centre plus the extent where the axes are parallel.
 static void meeting_point(const sgs_scene *scene, double point[3])
 {
     double m[3][4] = {{0}};
@@ -66,7 +77,8 @@ static void meeting_point(const sgs_scene *scene, double point[3])
             }
     }
     for (int i = 0; i < 3; ++i)
-        m[i][i] += 1e-6 * (double)scene->view_count, m[i][3] += 1e-6 * (double)scene->view_count * scene->center[i];
+        m[i][i] += 1e-6 * (double)scene->view_count,
+            m[i][3] += 1e-6 * (double)scene->view_count * scene->center[i];
     for (int i = 0; i < 3; ++i) // positive definite: no pivoting needed
         for (int r = 0; r < 3; ++r) {
             if (r == i)
@@ -82,8 +94,9 @@ static void meeting_point(const sgs_scene *scene, double point[3])
 // Turns the first camera around the mean up axis through the meeting point.
 static size_t orbit_views(const sgs_scene *scene, int count, sgs_view *views)
 {
-    static char *const names[VIEWS_MAX] = {"orbit-00", "orbit-01", "orbit-02", "orbit-03", "orbit-04", "orbit-05",
-                                           "orbit-06", "orbit-07", "orbit-08", "orbit-09", "orbit-10", "orbit-11",
+    static char *const names[VIEWS_MAX] = {"orbit-00", "orbit-01", "orbit-02", "orbit-03",
+                                           "orbit-04", "orbit-05", "orbit-06", "orbit-07",
+                                           "orbit-08", "orbit-09", "orbit-10", "orbit-11",
                                            "orbit-12", "orbit-13", "orbit-14", "orbit-15"};
     double point[3], up[3] = {0, 0, 0};
     meeting_point(scene, point);
@@ -102,17 +115,20 @@ static size_t orbit_views(const sgs_scene *scene, int count, sgs_view *views)
         double turn[9];
         for (int r = 0; r < 3; ++r)
             for (int k = 0; k < 3; ++k)
-                turn[3 * r + k] = c * (r == k) + (1 - c) * up[r] * up[k] +
-                                  s * (r == k ? 0 : (k == (r + 1) % 3 ? -up[(r + 2) % 3] : up[(r + 1) % 3]));
+                turn[3 * r + k] =
+                    c * (r == k) + (1 - c) * up[r] * up[k] +
+                    s * (r == k ? 0 : (k == (r + 1) % 3 ? -up[(r + 2) % 3] : up[(r + 1) % 3]));
         // World turned about the point: p -> turn (p - point) + point, then seen by the camera.
         for (int r = 0; r < 3; ++r)
             for (int k = 0; k < 3; ++k)
-                to->rotation[3 * r + k] = from->rotation[3 * r] * turn[k] + from->rotation[3 * r + 1] * turn[3 + k] +
+                to->rotation[3 * r + k] = from->rotation[3 * r] * turn[k] +
+                                          from->rotation[3 * r + 1] * turn[3 + k] +
                                           from->rotation[3 * r + 2] * turn[6 + k];
         for (int r = 0; r < 3; ++r) {
             to->translation[r] = from->translation[r];
             for (int k = 0; k < 3; ++k)
-                to->translation[r] += (from->rotation[3 * r + k] - to->rotation[3 * r + k]) * point[k];
+                to->translation[r] +=
+                    (from->rotation[3 * r + k] - to->rotation[3 * r + k]) * point[k];
         }
     }
     return (size_t)count;
@@ -126,8 +142,9 @@ static size_t choose_views(const sgs_scene *scene, const profile_values *values,
     if (values->view) {
         const ptrdiff_t v = sgs_scene_find_view(scene, values->view);
         if (v < 0) {
-            fail_run("%s: has no view '%s'; 'sparegs info' counts them, the model's image list names them", scene->path,
-                     values->view);
+            fail_run("%s: has no view '%s'; 'sparegs info' counts them, the model's image list "
+                     "names them",
+                     scene->path, values->view);
             return 0;
         }
         views[0] = scene->views[v];
@@ -143,7 +160,9 @@ static size_t choose_views(const sgs_scene *scene, const profile_values *values,
             views[taken++] = scene->views[v];
     }
     if (!taken)
-        fail_run("%s: no view is in this split; hold some out by --eval, --test-every or --test-images", scene->path);
+        fail_run(
+            "%s: no view is in this split; hold some out by --eval, --test-every or --test-images",
+            scene->path);
     return taken;
 }
 
@@ -168,8 +187,9 @@ static bool profile_views(profiling *job)
             return false;
         }
         profile_report_add(&job->report, profile);
-        const bool written = !job->values->output || profile_write_maps(job->values->output, view->name, profile,
-                                                                        job->common->json ? stderr : stdout);
+        const bool written =
+            !job->values->output || profile_write_maps(job->values->output, view->name, profile,
+                                                       job->common->json ? stderr : stdout);
         sgs_profile_destroy(profile);
         if (!written)
             return false;
@@ -189,8 +209,8 @@ static void add_sample(sgs_train_seconds *to, const sgs_bench_sample *sample)
     to->bvh_refit += sample->refit;
 }
 
-// Iterations of a training over the views, for the phases, the trace and the hardware counters. Counters go first: they
-// see the threads that start after them.
+// Iterations of a training over the views, for the phases, the trace and the hardware counters.
+// Counters go first: they see the threads that start after them.
 static bool measure_training(profiling *job, sgs_counters *counters)
 {
     sgs_bench *bench;
@@ -221,7 +241,8 @@ static bool measure_training(profiling *job, sgs_counters *counters)
         before = after;
     }
     double *const counts[] = {&job->report.counters.cycles, &job->report.counters.instructions,
-                              &job->report.counters.cache_references, &job->report.counters.cache_misses,
+                              &job->report.counters.cache_references,
+                              &job->report.counters.cache_misses,
                               &job->report.counters.branch_misses};
     for (int k = 0; k < 5; ++k)
         if (*counts[k] > 0)
@@ -235,7 +256,8 @@ static bool profile_model(profiling *job, const sgs_scene *scene)
     job->view_count = choose_views(scene, job->values, job->views);
     if (!job->view_count)
         return false;
-    job->options.step = 1.6e-4 * scene->extent; // the first rate of the means: what Adam moves them by in a step
+    job->options.step =
+        1.6e-4 * scene->extent; // the first rate of the means: what Adam moves them by in a step
     job->report.refits = job->values->refits;
     char *reason = NULL;
     sgs_counters *counters = sgs_counters_open();
@@ -256,8 +278,8 @@ static bool profile_model(profiling *job, const sgs_scene *scene)
     return done;
 }
 
-static int run_profile(const command_line *line, const profile_values *values, const common_values *common,
-                       scene_values *data, drawing_values *drawing)
+static int run_profile(const command_line *line, const profile_values *values,
+                       const common_values *common, scene_values *data, drawing_values *drawing)
 {
     model_path located;
     sgs_scene *scene = NULL;
@@ -265,7 +287,8 @@ static int run_profile(const command_line *line, const profile_values *values, c
     int status = model_locate(line->operands[0], &located) ? -1 : EXIT_FAILED;
     if (status < 0)
         status = scene_settle(data, line, located.config);
-    if (status < 0 && values->output && !(make_folder(values->output) && check_writable(values->output)))
+    if (status < 0 && values->output &&
+        !(make_folder(values->output) && check_writable(values->output)))
         status = EXIT_FAILED;
     if (status < 0) {
         scene = scene_open(line->operands[1], data, false);
@@ -277,8 +300,10 @@ static int run_profile(const command_line *line, const profile_values *values, c
         drawing_settle(drawing, line, located.config, scene);
         profiling *job = calloc(1, sizeof *job);
         if (job) {
-            *job = (profiling){
-                .values = values, .common = common, .model = model, .options = sgs_profile_options_default()};
+            *job = (profiling){.values = values,
+                               .common = common,
+                               .model = model,
+                               .options = sgs_profile_options_default()};
             job->options.render.filter = (sgs_filter)drawing->filter;
             job->options.refits = values->refits;
             job->options.repeat = values->repeat;

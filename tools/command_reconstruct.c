@@ -1,9 +1,10 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// `sparegs reconstruct`: cameras for photographs, by COLMAP as a child process. Three stages, each remembered in
-// SCENE/colmap/state.json together with what it was made from, so that a run that was interrupted goes on where it was:
-// features, matches, models. Then the model with most images becomes SCENE/sparse/0, where `train` looks for it.
+// `sparegs reconstruct`: cameras for photographs, by COLMAP as a child process. Three stages, each
+// remembered in SCENE/colmap/state.json together with what it was made from, so that a run that was
+// interrupted goes on where it was: features, matches, models. Then the model with most images
+// becomes SCENE/sparse/0, where `train` looks for it.
 //
 // COLMAP's own files keep to SCENE/colmap: database, logs, all of its models.
 
@@ -26,11 +27,14 @@
 #include "sparegs/image.h"
 #include "sparegs/runtime.h"
 
-static const char description[] =
-    "Finds the cameras of the photographs in the folder PHOTOS with COLMAP (the program `colmap`, 3.8 or\n"
-    "newer, must be installed) and makes SCENE ready for `sparegs train`: SCENE/images leads to the\n"
-    "photographs, SCENE/sparse/0 is the model, SCENE/colmap keeps the database and the logs. Runs without\n"
-    "a display and without a GPU. A run that was interrupted continues after the last stage it finished.";
+static const char description[] = "Finds the cameras of the photographs in the folder PHOTOS with "
+                                  "COLMAP (the program `colmap`, 3.8 or\n"
+                                  "newer, must be installed) and makes SCENE ready for `sparegs "
+                                  "train`: SCENE/images leads to the\n"
+                                  "photographs, SCENE/sparse/0 is the model, SCENE/colmap keeps "
+                                  "the database and the logs. Runs without\n"
+                                  "a display and without a GPU. A run that was interrupted "
+                                  "continues after the last stage it finished.";
 
 typedef struct reconstruct_values {
     const char *output, *colmap, *camera_model;
@@ -40,16 +44,19 @@ typedef struct reconstruct_values {
 enum { EXHAUSTIVE_MOST = 150, MATCHER_AUTO = 0, MATCHER_EXHAUSTIVE = 1, MAX_DEPTH = 8 };
 
 static const option reconstruct_options[] = {
-    {"output", 'o', OPTION_TEXT, offsetof(reconstruct_values, output), 0, 0, "SCENE", NULL, NULL, NULL,
-     "folder of the scene to make; needed"},
-    {"matcher", 0, OPTION_CHOICE, offsetof(reconstruct_values, matcher), 0, 0, "auto|exhaustive|sequential", "auto",
-     "auto: exhaustive up to 150 photographs", NULL, "compare all pairs of photographs, or neighbours by name (video)"},
-    {"camera-model", 0, OPTION_TEXT, offsetof(reconstruct_values, camera_model), 0, 0, "MODEL", "OPENCV", NULL, NULL,
+    {"output", 'o', OPTION_TEXT, offsetof(reconstruct_values, output), 0, 0, "SCENE", NULL, NULL,
+     NULL, "folder of the scene to make; needed"},
+    {"matcher", 0, OPTION_CHOICE, offsetof(reconstruct_values, matcher), 0, 0,
+     "auto|exhaustive|sequential", "auto", "auto: exhaustive up to 150 photographs", NULL,
+     "compare all pairs of photographs, or neighbours by name (video)"},
+    {"camera-model", 0, OPTION_TEXT, offsetof(reconstruct_values, camera_model), 0, 0, "MODEL",
+     "OPENCV", NULL, NULL,
      "COLMAP's name of the lens model: SIMPLE_RADIAL, OPENCV, OPENCV_FISHEYE, ..."},
-    {"cameras", 0, OPTION_CHOICE, offsetof(reconstruct_values, cameras), 0, 0, "auto|shared|own", "auto",
-     "auto: shared when all photographs have one size", NULL, "one camera for all photographs, or one for each"},
-    {"colmap", 0, OPTION_TEXT, offsetof(reconstruct_values, colmap), 0, 0, "PROGRAM", "colmap", NULL, NULL,
-     "name or path of the program"},
+    {"cameras", 0, OPTION_CHOICE, offsetof(reconstruct_values, cameras), 0, 0, "auto|shared|own",
+     "auto", "auto: shared when all photographs have one size", NULL,
+     "one camera for all photographs, or one for each"},
+    {"colmap", 0, OPTION_TEXT, offsetof(reconstruct_values, colmap), 0, 0, "PROGRAM", "colmap",
+     NULL, NULL, "name or path of the program"},
 };
 
 typedef struct reconstruction {
@@ -66,7 +73,8 @@ typedef struct reconstruction {
 
 static bool is_photo(const char *name)
 {
-    static const char *const endings[] = {"jpg", "jpeg", "png", "tif", "tiff", "bmp", "webp", "ppm", "pgm"};
+    static const char *const endings[] = {"jpg", "jpeg", "png", "tif", "tiff",
+                                          "bmp", "webp", "ppm", "pgm"};
     const char *dot = strrchr(name, '.');
     for (size_t i = 0; dot && i < sizeof endings / sizeof *endings; ++i)
         if (!strcasecmp(dot + 1, endings[i]))
@@ -80,7 +88,8 @@ static int by_name(const struct dirent **a, const struct dirent **b)
 }
 
 // Counts the photographs below `folder` and lists "NAME SIZE MTIME" into `made_from`.
-static bool list_photos(reconstruction *run, const char *folder, const char *below, int depth, json_t *made_from)
+static bool list_photos(reconstruction *run, const char *folder, const char *below, int depth,
+                        json_t *made_from)
 {
     struct dirent **entries = NULL;
     const int n = scandir(folder, &entries, NULL, by_name);
@@ -102,7 +111,8 @@ static bool list_photos(reconstruction *run, const char *folder, const char *bel
                     run->width = width, run->height = height;
                 else if (width != run->width || height != run->height)
                     run->width = run->height = 0;
-                char *line = format_text("%s %lld %lld", name, (long long)info.st_size, (long long)info.st_mtime);
+                char *line = format_text("%s %lld %lld", name, (long long)info.st_size,
+                                         (long long)info.st_mtime);
                 json_array_append_new(made_from, json_string(line));
                 free(line);
             }
@@ -135,7 +145,8 @@ static bool note_stage(reconstruction *run, const char *stage)
     return write_json(run->state_path, json_incref(run->state));
 }
 
-// Progress as COLMAP's log tells it: "Processed file [3/16]", "Matching block [1/2, 1/2]", "Registering image #5 (7)".
+// Progress as COLMAP's log tells it: "Processed file [3/16]", "Matching block [1/2, 1/2]",
+// "Registering image #5 (7)".
 typedef struct stage_progress {
     const char *label;
     size_t photos, done;
@@ -152,24 +163,30 @@ static void follow_log(void *context, const char *text)
     long long points;
     if ((at = strstr(text, "Processed file [")) && sscanf(at + 16, "%zu/%zu", &done, &total) == 2)
         progress_count(progress->label, done, total);
-    else if ((at = strstr(text, "Matching block [")) && sscanf(at + 16, "%zu/%zu", &done, &total) == 2)
+    else if ((at = strstr(text, "Matching block [")) &&
+             sscanf(at + 16, "%zu/%zu", &done, &total) == 2)
         progress_count(progress->label, done, total);
-    else if ((at = strstr(text, "Matching image [")) && sscanf(at + 16, "%zu/%zu", &done, &total) == 2)
+    else if ((at = strstr(text, "Matching image [")) &&
+             sscanf(at + 16, "%zu/%zu", &done, &total) == 2)
         progress_count(progress->label, done, total);
     else if (strstr(text, "Registering image #"))
-        progress_count(progress->label, ++progress->done < progress->photos ? progress->done : progress->photos,
+        progress_count(progress->label,
+                       ++progress->done < progress->photos ? progress->done : progress->photos,
                        progress->photos);
-    else if ((at = strstr(text, "Mean reprojection error: ")) && sscanf(at + 25, "%lf", &error) == 1)
+    else if ((at = strstr(text, "Mean reprojection error: ")) &&
+             sscanf(at + 25, "%lf", &error) == 1)
         progress->error = error;
     else if ((at = strstr(text, "Points: ")) && sscanf(at + 8, "%lld", &points) == 1)
         progress->points = points;
 }
 
 // Runs `colmap COMMAND ...`. -1 to go on, else an exit status.
-static int run_colmap(const reconstruction *run, const char *const *arguments, stage_progress *progress)
+static int run_colmap(const reconstruction *run, const char *const *arguments,
+                      stage_progress *progress)
 {
     char *log = format_text("%s/%s.log", run->work, arguments[1]);
-    child_process child = {.arguments = arguments, .log_path = log, .line = follow_log, .context = progress};
+    child_process child = {
+        .arguments = arguments, .log_path = log, .line = follow_log, .context = progress};
     const int status = child_run(&child);
     const int reason = errno;
     int result = -1;
@@ -177,15 +194,16 @@ static int run_colmap(const reconstruction *run, const char *const *arguments, s
     if (status == CHILD_INTERRUPTED) {
         result = interrupt_status();
     } else if (status == CHILD_MISSING) {
-        result =
-            fail_run("%s: this program is not installed; install COLMAP (Debian and Ubuntu: apt install colmap) or "
-                     "name it with --colmap",
-                     arguments[0]);
+        result = fail_run("%s: this program is not installed; install COLMAP (Debian and Ubuntu: "
+                          "apt install colmap) or "
+                          "name it with --colmap",
+                          arguments[0]);
     } else if (status == CHILD_UNSTARTED) {
         result = fail_run("%s: cannot be started: %s", arguments[0], strerror(reason));
     } else if (status) {
         char *tail = child_tail(&child);
-        result = fail_run("%s: colmap %s ended with status %d: %s", log, arguments[1], status, tail);
+        result =
+            fail_run("%s: colmap %s ended with status %d: %s", log, arguments[1], status, tail);
         free(tail);
     }
     free(log);
@@ -218,8 +236,8 @@ static int find_features(reconstruction *run, const char *threads)
 static int find_matches(reconstruction *run, const char *threads)
 {
     const reconstruct_values *v = run->values;
-    const bool exhaustive =
-        v->matcher == MATCHER_AUTO ? run->count <= EXHAUSTIVE_MOST : v->matcher == MATCHER_EXHAUSTIVE;
+    const bool exhaustive = v->matcher == MATCHER_AUTO ? run->count <= EXHAUSTIVE_MOST
+                                                       : v->matcher == MATCHER_EXHAUSTIVE;
     const char *const arguments[] = {v->colmap,
                                      exhaustive ? "exhaustive_matcher" : "sequential_matcher",
                                      "--database_path",
@@ -242,7 +260,8 @@ static int remove_entry(const char *path, const struct stat *info, int kind, str
 static int find_cameras(reconstruction *run, const char *threads)
 {
     if (file_exists(run->models) && nftw(run->models, remove_entry, 8, FTW_DEPTH | FTW_PHYS))
-        return fail_run("%s: what an earlier run left cannot be removed: %s", run->models, strerror(errno));
+        return fail_run("%s: what an earlier run left cannot be removed: %s", run->models,
+                        strerror(errno));
     const char *const arguments[] = {run->values->colmap,
                                      "mapper",
                                      "--database_path",
@@ -320,7 +339,8 @@ static bool keep_largest(const reconstruction *run, unsigned long long *register
         best = folder;
     }
     if (!best) {
-        fail_run("%s: COLMAP found no camera of the %zu photographs; take more of them with more overlap, of something "
+        fail_run("%s: COLMAP found no camera of the %zu photographs; take more of them with more "
+                 "overlap, of something "
                  "with texture",
                  run->photos, run->count);
         return false;
@@ -368,10 +388,12 @@ static int report(const reconstruction *run, bool json)
     if (status >= 0)
         return status;
     if (models > 1)
-        print_note("%s: COLMAP made %d models that it could not join; the largest is kept", run->photos, models);
+        print_note("%s: COLMAP made %d models that it could not join; the largest is kept",
+                   run->photos, models);
     if (!json) {
-        printf("%llu of %zu photographs registered, %lld points, mean reprojection error %.3f px\n%s\n", registered,
-               run->count, progress.points, progress.error, run->values->output);
+        printf("%llu of %zu photographs registered, %lld points, mean reprojection error %.3f "
+               "px\n%s\n",
+               registered, run->count, progress.points, progress.error, run->values->output);
         return EXIT_DONE;
     }
     json_t *root = json_object();
@@ -379,7 +401,8 @@ static int report(const reconstruction *run, bool json)
     json_object_set_new(root, "photographs", json_integer((json_int_t)run->count));
     json_object_set_new(root, "registered", json_integer((json_int_t)registered));
     json_object_set_new(root, "models", json_integer(models));
-    json_object_set_new(root, "points", progress.points < 0 ? json_null() : json_integer(progress.points));
+    json_object_set_new(root, "points",
+                        progress.points < 0 ? json_null() : json_integer(progress.points));
     json_object_set_new(root, "mean_reprojection_error",
                         progress.error < 0 ? json_null() : json_number(progress.error));
     return print_json(root) ? EXIT_DONE : EXIT_FAILED;
@@ -387,7 +410,8 @@ static int report(const reconstruction *run, bool json)
 
 // ---- All of it ----
 
-// Takes up what an earlier run with the same photographs and options finished; drops what others left.
+// Takes up what an earlier run with the same photographs and options finished; drops what others
+// left.
 static bool open_state(reconstruction *run, json_t *made_from)
 {
     json_error_t error;
@@ -444,7 +468,8 @@ static int reconstruct(reconstruction *run, bool json)
         json_array_append_new(made_from, json_integer(v->matcher));
         json_array_append_new(made_from, json_integer(v->cameras));
         if (run->count < 2)
-            fail_run("%s: holds %zu photograph(s); cameras need at least two, better twenty", run->photos, run->count);
+            fail_run("%s: holds %zu photograph(s); cameras need at least two, better twenty",
+                     run->photos, run->count);
         else if (make_folder(run->work) && check_writable(run->work) && open_state(run, made_from))
             status = run_stages(run);
         if (status < 0)
@@ -465,15 +490,18 @@ int command_reconstruct(int argc, char **argv)
                                .operand_maximum = 1,
                                .title = "Reconstruction",
                                .options = reconstruct_options,
-                               .option_count = sizeof reconstruct_options / sizeof *reconstruct_options,
+                               .option_count =
+                                   sizeof reconstruct_options / sizeof *reconstruct_options,
                                .values = &values};
     int status = command_parse(&spec, argc, argv, &call);
     sgs_camera_model model;
     if (status < 0 && !values.output)
-        status = fail_usage("reconstruct needs -o SCENE, the folder to write to; usage: sparegs reconstruct %s",
-                            call.line.synopsis);
+        status = fail_usage(
+            "reconstruct needs -o SCENE, the folder to write to; usage: sparegs reconstruct %s",
+            call.line.synopsis);
     if (status < 0 && !sgs_camera_model_from_name(values.camera_model, &model))
-        status = fail_usage("--camera-model %s: COLMAP has no such model; common ones are SIMPLE_RADIAL, OPENCV and "
+        status = fail_usage("--camera-model %s: COLMAP has no such model; common ones are "
+                            "SIMPLE_RADIAL, OPENCV and "
                             "OPENCV_FISHEYE",
                             values.camera_model);
     if (status < 0)

@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// `sparegs render`: views of a stored model as EXR or PNG, by the tracer or, with --reference, by the brute-force
-// renderer that defines what the tracer must compute.
+// `sparegs render`: views of a stored model as EXR or PNG, by the tracer or, with --reference, by
+// the brute-force renderer that defines what the tracer must compute.
 
 #include <stdlib.h>
 #include <string.h>
@@ -15,11 +15,13 @@
 #include "view_drawer.h"
 
 static const char description[] =
-    "Draws MODEL (a PLY file, or the folder of a training run: its newest iteration) from the cameras\n"
+    "Draws MODEL (a PLY file, or the folder of a training run: its newest iteration) from the "
+    "cameras\n"
     "of SCENE, from a camera file, or along a path around the scene. Writes DIR/STEM.exr with all\n"
     "quantities as layers, or DIR/STEM.png and DIR/STEM.AOV.png, STEM being the view's image name\n"
     "without its extension, and prints the paths. EXR colours are premultiplied by alpha, without\n"
-    "background, and scene-linear: trained colours are display (sRGB) values and are decoded, unless\n"
+    "background, and scene-linear: trained colours are display (sRGB) values and are decoded, "
+    "unless\n"
     "--exr-encoding srgb keeps them. PNGs and films are laid over the background.";
 
 typedef struct render_values {
@@ -41,14 +43,15 @@ static const option render_options[] = {
      "folder to write to; needed unless there is --video"},
     {"video", 0, OPTION_TEXT, AT(film), 0, 0, "FILE.mp4", NULL, "none", NULL,
      "the pictures as a film, made by ffmpeg, which must be installed"},
-    {"fps", 0, OPTION_REAL, AT(fps), 0.01, 1000, "X", NULL, "the camera path's, or 30", "pictures per second",
-     "of --video"},
+    {"fps", 0, OPTION_REAL, AT(fps), 0.01, 1000, "X", NULL, "the camera path's, or 30",
+     "pictures per second", "of --video"},
     {"view", 0, OPTION_TEXT, AT(view), 0, 0, "NAME", NULL, "see --split", NULL,
      "draw this view only: an image name, with or without folder and extension"},
-    {"split", 0, OPTION_CHOICE, AT(split), 0, 0, "test|train|all", "test", "test, or all when no image is held out",
-     NULL, "the views to draw"},
+    {"split", 0, OPTION_CHOICE, AT(split), 0, 0, "test|train|all", "test",
+     "test, or all when no image is held out", NULL, "the views to draw"},
     {"camera", 0, OPTION_TEXT, AT(camera), 0, 0, "FILE", NULL, "none", NULL,
-     "draw from this cameras.json, camera path of nerfstudio or folder of a COLMAP model (without photographs) "
+     "draw from this cameras.json, camera path of nerfstudio or folder of a COLMAP model (without "
+     "photographs) "
      "instead of a SCENE"},
     {"orbit", 0, OPTION_INTEGER, AT(orbit), 1, 100000, "N", NULL, "none", "frames",
      "a circle around what the views of SCENE look at"},
@@ -58,14 +61,14 @@ static const option render_options[] = {
      "only these of the chosen views, counted from 0"},
     {"size", 0, OPTION_TEXT, AT(size), 0, 0, "WxH", NULL, "the view's", "pixels",
      "the same lens at another size (--downscale divides that of SCENE's photographs)"},
-    {"projection", 0, OPTION_CHOICE, AT(projection), 0, 0, "view|equirectangular", "view", NULL, NULL,
-     "the view's lens, or all directions around it as longitude and latitude"},
-    {"spp", 0, OPTION_INTEGER, AT(samples), 1, 4096, "N", NULL, "1, or 64 with --aperture", "samples",
-     "colours are the mean of N points of each pixel"},
+    {"projection", 0, OPTION_CHOICE, AT(projection), 0, 0, "view|equirectangular", "view", NULL,
+     NULL, "the view's lens, or all directions around it as longitude and latitude"},
+    {"spp", 0, OPTION_INTEGER, AT(samples), 1, 4096, "N", NULL, "1, or 64 with --aperture",
+     "samples", "colours are the mean of N points of each pixel"},
     {"aperture", 0, OPTION_REAL, AT(aperture), 0, 1e6, "D", "0", NULL, "world units",
      "diameter of the lens: what is out of focus is blurred"},
-    {"focus", 0, OPTION_REAL, AT(focus), 0, 1e9, "Z", NULL, "what stands in the middle", "world units",
-     "distance along the axis that is in focus"},
+    {"focus", 0, OPTION_REAL, AT(focus), 0, 1e9, "Z", NULL, "what stands in the middle",
+     "world units", "distance along the axis that is in focus"},
     {"aov", 0, OPTION_SET, AT(aovs), 0, 0, AOV_WORDS, "rgba,depth", NULL, NULL,
      "quantities to write; region and slack need the folder of a run with SPARE-GS"},
     {"depth", 0, OPTION_CHOICE, AT(depth), 0, 0, "ray|z", "ray", NULL, NULL,
@@ -73,13 +76,15 @@ static const option render_options[] = {
     {"format", 0, OPTION_CHOICE, AT(format), 0, 0, "exr|png", "exr", NULL, NULL, "file format"},
     {"exr-encoding", 0, OPTION_CHOICE, AT(encoding), 0, 0, "linear|srgb", "linear", NULL, NULL,
      "colours of an EXR: decoded to scene-linear, or the display values as trained"},
-    {"compression", 0, OPTION_CHOICE, AT(compression), 0, 0, "auto|zip|zips|piz|none|dwaa", "auto", NULL, NULL,
-     "how an EXR's pixels are packed; auto is zip, but leaves as it is what would not shrink by a third; dwaa loses a "
+    {"compression", 0, OPTION_CHOICE, AT(compression), 0, 0, "auto|zip|zips|piz|none|dwaa", "auto",
+     NULL, NULL,
+     "how an EXR's pixels are packed; auto is zip, but leaves as it is what would not shrink by a "
+     "third; dwaa loses a "
      "little of the colours"},
     {"deep", 0, OPTION_FLAG, AT(deep), 0, 0, NULL, NULL, NULL, NULL,
      "write DIR/STEM.deep.exr too: the samples of every ray, which flatten to the image"},
-    {"deep-tolerance", 0, OPTION_REAL, AT(deep_tolerance), 0, 1, "X", "0.01", NULL, "of the distance",
-     "hits closer than this to the first of a sample join it"},
+    {"deep-tolerance", 0, OPTION_REAL, AT(deep_tolerance), 0, 1, "X", "0.01", NULL,
+     "of the distance", "hits closer than this to the first of a sample join it"},
     {"deep-max", 0, OPTION_INTEGER, AT(deep_max), 1, 256, "N", "32", NULL, "samples",
      "per pixel at most; where there are more, the tolerance grows"},
     {"reference", 0, OPTION_FLAG, AT(reference), 0, 0, NULL, NULL, NULL, NULL,
@@ -114,8 +119,8 @@ static view_options drawing_wishes(const render_values *values, double path_fps)
 }
 
 // Reads the regions of the model where they are wanted; --aov all goes without when there are none.
-static bool find_regions(const char *model_name, int iteration, const sgs_gaussians *model, region_map *regions,
-                         unsigned *aovs)
+static bool find_regions(const char *model_name, int iteration, const sgs_gaussians *model,
+                         region_map *regions, unsigned *aovs)
 {
     *regions = (region_map){0};
     if (!(*aovs & (AOV_REGION | AOV_SLACK)))
@@ -125,18 +130,20 @@ static bool find_regions(const char *model_name, int iteration, const sgs_gaussi
     if (regions->iteration)
         return true;
     if (*aovs != AOV_ALL) {
-        fail_run("%s: there are no regions recorded with this model; region and slack need the folder of a run with "
+        fail_run("%s: there are no regions recorded with this model; region and slack need the "
+                 "folder of a run with "
                  "--spare on",
                  model_name);
         return false;
     }
     *aovs &= ~(unsigned)(AOV_REGION | AOV_SLACK);
-    print_note("%s: no regions are recorded with this model; region and slack are left out", model_name);
+    print_note("%s: no regions are recorded with this model; region and slack are left out",
+               model_name);
     return true;
 }
 
-static bool render_views(const sgs_gaussians *model, const camera_list *cameras, const view_options *options,
-                         const drawing_values *drawing)
+static bool render_views(const sgs_gaussians *model, const camera_list *cameras,
+                         const view_options *options, const drawing_values *drawing)
 {
     view_drawer drawer;
     bool done = view_drawer_open(&drawer, options, drawing, model);
@@ -148,8 +155,8 @@ static bool render_views(const sgs_gaussians *model, const camera_list *cameras,
     progress_end();
     done = view_drawer_close(&drawer, done) && done;
     if (done)
-        print_note("%zu view(s): %.2f s drawing, meanwhile %.2f s writing", drawer.drawn, drawer.draw_seconds,
-                   drawer.write_seconds);
+        print_note("%zu view(s): %.2f s drawing, meanwhile %.2f s writing", drawer.drawn,
+                   drawer.draw_seconds, drawer.write_seconds);
     return done;
 }
 
@@ -171,8 +178,8 @@ static bool render_model(const char *name, const model_path *located, const came
     return done;
 }
 
-static int run_render(const command_line *line, const render_values *values, const camera_choice *choice,
-                      scene_values *data, drawing_values *drawing)
+static int run_render(const command_line *line, const render_values *values,
+                      const camera_choice *choice, scene_values *data, drawing_values *drawing)
 {
     model_path located;
     sgs_scene *scene = NULL;
@@ -180,7 +187,8 @@ static int run_render(const command_line *line, const render_values *values, con
     int status = model_locate(line->operands[0], &located) ? -1 : EXIT_FAILED;
     if (status < 0)
         status = scene_settle(data, line, located.config);
-    if (status < 0 && values->output && !(make_folder(values->output) && check_writable(values->output)))
+    if (status < 0 && values->output &&
+        !(make_folder(values->output) && check_writable(values->output)))
         status = EXIT_FAILED;
     if (status < 0 && !values->camera) {
         scene = scene_open(line->operands[1], data, false);
@@ -200,7 +208,8 @@ static int run_render(const command_line *line, const render_values *values, con
 }
 
 // Options that exclude or need each other, and those with a form of their own. -1 to go on.
-static int check_values(const command_line *line, const render_values *values, camera_choice *choice)
+static int check_values(const command_line *line, const render_values *values,
+                        camera_choice *choice)
 {
     *choice = (camera_choice){.view = values->view,
                               .file = values->camera,
@@ -209,26 +218,32 @@ static int check_values(const command_line *line, const render_values *values, c
                               .orbit = values->orbit,
                               .spiral = values->spiral,
                               .projection = values->projection};
-    const int paths = (values->orbit > 0) + (values->spiral > 0) + (values->view != NULL) + choice->split_given;
+    const int paths =
+        (values->orbit > 0) + (values->spiral > 0) + (values->view != NULL) + choice->split_given;
     const bool sampled = values->samples > 1 || values->aperture > 0;
     if ((line->operand_count == 2) == (values->camera != NULL))
-        return fail_usage("render needs a SCENE or --camera FILE, one of them; usage: sparegs render %s",
-                          line->synopsis);
+        return fail_usage(
+            "render needs a SCENE or --camera FILE, one of them; usage: sparegs render %s",
+            line->synopsis);
     if (!values->output && !values->film)
-        return fail_usage("render needs -o DIR, the folder to write to (or --video FILE); usage: sparegs render %s",
+        return fail_usage("render needs -o DIR, the folder to write to (or --video FILE); usage: "
+                          "sparegs render %s",
                           line->synopsis);
     if ((values->orbit > 0 || values->spiral > 0) && (paths > 1 || values->camera))
-        return fail_usage("--orbit, --spiral, --view, --split and --camera exclude each other; give one of them");
+        return fail_usage(
+            "--orbit, --spiral, --view, --split and --camera exclude each other; give one of them");
     if (values->frames && !frame_range_parse(values->frames, &choice->frames))
-        return fail_usage("--frames: '%s' is not FIRST-LAST nor FIRST-LAST:STEP, counted from 0", values->frames);
+        return fail_usage("--frames: '%s' is not FIRST-LAST nor FIRST-LAST:STEP, counted from 0",
+                          values->frames);
     if (values->size && !size_parse(values->size, &choice->width, &choice->height))
         return fail_usage("--size: '%s' is not WIDTHxHEIGHT, each from 1 to 65536", values->size);
     if (values->deep && (values->reference || sampled || !values->output))
-        return fail_usage("--deep and %s exclude each other; deep files hold the hits of one ray per pixel",
-                          values->reference           ? "--reference"
-                          : values->aperture > 0      ? "--aperture"
-                          : values->output && sampled ? "--spp"
-                                                      : "--video without -o");
+        return fail_usage(
+            "--deep and %s exclude each other; deep files hold the hits of one ray per pixel",
+            values->reference           ? "--reference"
+            : values->aperture > 0      ? "--aperture"
+            : values->output && sampled ? "--spp"
+                                        : "--video without -o");
     if (values->focus > 0 && !(values->aperture > 0))
         return fail_usage("--focus needs --aperture: a lens without width is in focus everywhere");
     return -1;

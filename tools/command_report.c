@@ -1,8 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// `sparegs report`: the tables of an experiment as Markdown, and everything a person wants to look at as one HTML page
-// that needs no network: the page of report_page.html with the data and the pictures inside.
+// `sparegs report`: the tables of an experiment as Markdown, and everything a person wants to look
+// at as one HTML page that needs no network: the page of report_page.html with the data and the
+// pictures inside.
 
 #include <stdlib.h>
 #include <string.h>
@@ -19,10 +20,12 @@
 
 extern const char report_page[]; // report_page.html, made by report_page.cmake
 
-static const char description[] =
-    "Makes tables and a page of an experiment (DIR of 'sparegs experiment'), finished or not: DIR/report.md and\n"
-    "DIR/report.html. The page is one file that needs no network: primitives over iterations, quality against\n"
-    "primitives, seconds by phase, maps of the regions, renders beside photographs, the updates in words.";
+static const char description[] = "Makes tables and a page of an experiment (DIR of 'sparegs "
+                                  "experiment'), finished or not: DIR/report.md and\n"
+                                  "DIR/report.html. The page is one file that needs no network: "
+                                  "primitives over iterations, quality against\n"
+                                  "primitives, seconds by phase, maps of the regions, renders "
+                                  "beside photographs, the updates in words.";
 
 typedef struct report_values {
     const char *markdown, *html;
@@ -30,11 +33,12 @@ typedef struct report_values {
 } report_values;
 
 static const option report_options[] = {
-    {"markdown", 0, OPTION_TEXT, offsetof(report_values, markdown), 0, 0, "FILE", NULL, "DIR/report.md", NULL,
-     "where the tables go"},
-    {"html", 0, OPTION_TEXT, offsetof(report_values, html), 0, 0, "FILE", NULL, "DIR/report.html", NULL,
-     "where the page goes"},
-    {"pictures", 0, OPTION_INTEGER, offsetof(report_values, pictures), 0, 100, "N", "4", NULL, "runs",
+    {"markdown", 0, OPTION_TEXT, offsetof(report_values, markdown), 0, 0, "FILE", NULL,
+     "DIR/report.md", NULL, "where the tables go"},
+    {"html", 0, OPTION_TEXT, offsetof(report_values, html), 0, 0, "FILE", NULL, "DIR/report.html",
+     NULL, "where the page goes"},
+    {"pictures", 0, OPTION_INTEGER, offsetof(report_values, pictures), 0, 100, "N", "4", NULL,
+     "runs",
      "runs whose first held-out view is drawn into the page; their scenes must still be there"},
 };
 
@@ -77,11 +81,12 @@ static json_t *update_words(const json_t *train, const json_t *spare, const json
     json_t *words = json_array();
     for (size_t k = 0; k < json_array_size(spare); ++k) {
         const json_t *r = json_array_get(spare, k);
-        char *text = format_text("iteration %.0f: %.0f primitives in %.0f regions afterwards; %.0f %% were over "
-                                 "budget, mean weight %.3f; the "
-                                 "weights kept %.0f from growing and let %.0f grow; %.0f removed as redundant",
-                                 number_at(r, 0), number_at(r, 2), number_at(r, 1), 100 * number_at(r, 3),
-                                 number_at(r, 4), number_at(r, 5), number_at(r, 6), number_at(r, 7));
+        char *text = format_text(
+            "iteration %.0f: %.0f primitives in %.0f regions afterwards; %.0f %% were over "
+            "budget, mean weight %.3f; the "
+            "weights kept %.0f from growing and let %.0f grow; %.0f removed as redundant",
+            number_at(r, 0), number_at(r, 2), number_at(r, 1), 100 * number_at(r, 3),
+            number_at(r, 4), number_at(r, 5), number_at(r, 6), number_at(r, 7));
         json_array_append_new(words, json_string(text));
         free(text);
     }
@@ -89,8 +94,9 @@ static json_t *update_words(const json_t *train, const json_t *spare, const json
         const json_t *r = json_array_get(train, k);
         if (number_at(r, 5) == 0 && number_at(r, 6) == 0)
             continue;
-        char *text = format_text("until iteration %.0f: %.0f densified, %.0f removed, %.0f primitives", number_at(r, 0),
-                                 number_at(r, 5), number_at(r, 6), number_at(r, 3));
+        char *text =
+            format_text("until iteration %.0f: %.0f densified, %.0f removed, %.0f primitives",
+                        number_at(r, 0), number_at(r, 5), number_at(r, 6), number_at(r, 3));
         json_array_append_new(words, json_string(text));
         free(text);
     }
@@ -98,7 +104,8 @@ static json_t *update_words(const json_t *train, const json_t *spare, const json
     return words;
 }
 
-// [{"iteration","grid","cells":[[voxel, -, count, quota, slack, weight]]}], at most eight updates evenly spread.
+// [{"iteration","grid","cells":[[voxel, -, count, quota, slack, weight]]}], at most eight updates
+// evenly spread.
 static json_t *region_maps(const char *folder)
 {
     enum { MAPS = 8 };
@@ -119,10 +126,11 @@ static json_t *region_maps(const char *folder)
             snprintf(slack, sizeof slack, "%.3g", (double)r->slack);
             snprintf(weight, sizeof weight, "%.3g", (double)r->weight);
             json_array_append_new(cells, json_pack("[i,i,i,f,f,f]", (int)r->voxel, 0, (int)r->count,
-                                                   strtod(quota, NULL), strtod(slack, NULL), strtod(weight, NULL)));
+                                                   strtod(quota, NULL), strtod(slack, NULL),
+                                                   strtod(weight, NULL)));
         }
-        json_array_append_new(
-            maps, json_pack("{s:i,s:i,s:o}", "iteration", update->iteration, "grid", update->grid, "cells", cells));
+        json_array_append_new(maps, json_pack("{s:i,s:i,s:o}", "iteration", update->iteration,
+                                              "grid", update->grid, "cells", cells));
     }
     region_history_free(&history);
     return maps;
@@ -155,7 +163,8 @@ static char *base64(const unsigned char *bytes, size_t size)
     static const char digits[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     char *text = malloc((size + 2) / 3 * 4 + 1), *to = text;
     for (size_t i = 0; text && i < size; i += 3) {
-        const unsigned b = (unsigned)bytes[i] << 16 | (i + 1 < size ? (unsigned)bytes[i + 1] << 8 : 0) |
+        const unsigned b = (unsigned)bytes[i] << 16 |
+                           (i + 1 < size ? (unsigned)bytes[i + 1] << 8 : 0) |
                            (i + 2 < size ? bytes[i + 2] : 0u);
         *to++ = digits[b >> 18];
         *to++ = digits[b >> 12 & 63];
@@ -224,15 +233,17 @@ static json_t *picture_of(const char *folder, const json_t *run)
             view = scene->views[v].split == SGS_SPLIT_TEST ? &scene->views[v] : view;
         if (scene)
             drawing_settle(&drawing, &nothing, located.config, scene);
-        if (view && !sgs_ply_read(located.ply_path, &model) && evaluator_open(&judge, model, scene, &drawing) &&
+        if (view && !sgs_ply_read(located.ply_path, &model) &&
+            evaluator_open(&judge, model, scene, &drawing) &&
             evaluate_view(&judge, view, &score, &drawn, &photo)) {
             json_t *left = picture_uri(folder, &drawn), *right = picture_uri(folder, &photo);
-            char *label = format_text("%s / %s / %s: %s", json_string_value(json_object_get(run, "scene")),
-                                      json_string_value(json_object_get(run, "pipeline")),
-                                      json_string_value(json_object_get(run, "variant")), view->name);
+            char *label =
+                format_text("%s / %s / %s: %s", json_string_value(json_object_get(run, "scene")),
+                            json_string_value(json_object_get(run, "pipeline")),
+                            json_string_value(json_object_get(run, "variant")), view->name);
             if (left && right)
-                picture =
-                    json_pack("{s:s,s:O,s:O,s:f}", "label", label, "drawn", left, "photo", right, "psnr", score.psnr);
+                picture = json_pack("{s:s,s:O,s:O,s:f}", "label", label, "drawn", left, "photo",
+                                    right, "psnr", score.psnr);
             json_decref(left);
             json_decref(right);
             free(label);
@@ -250,10 +261,12 @@ static json_t *picture_of(const char *folder, const json_t *run)
 
 // ---- The page ----
 
-static json_t *page_data(const char *folder, const json_t *results, const json_t *tables, int pictures)
+static json_t *page_data(const char *folder, const json_t *results, const json_t *tables,
+                         int pictures)
 {
     const json_t *runs = json_object_get(results, "runs");
-    const char *title = json_string_value(json_object_get(json_object_get(results, "plan"), "title"));
+    const char *title =
+        json_string_value(json_object_get(json_object_get(results, "plan"), "title"));
     json_t *data = json_object(), *list = json_array(), *drawn = json_array();
     for (size_t k = 0; k < json_array_size(runs); ++k) {
         json_array_append_new(list, page_run(folder, json_array_get(runs, k)));
@@ -294,7 +307,8 @@ static bool write_page(const char *path, json_t *data)
     bool written = false;
     if (safe) {
         *to = 0;
-        char *page = format_text("%.*s%s%s", (int)(at - report_page), report_page, safe, at + strlen(mark));
+        char *page =
+            format_text("%.*s%s%s", (int)(at - report_page), report_page, safe, at + strlen(mark));
         written = write_text(path, page);
         free(page);
     }
@@ -319,10 +333,12 @@ static int report(const char *folder, const report_values *values)
     free(path);
     json_t *tables = report_tables(results);
     char *markdown = report_markdown(results, tables);
-    char *text_path = values->markdown ? format_text("%s", values->markdown) : format_text("%s/report.md", folder);
-    char *page_path = values->html ? format_text("%s", values->html) : format_text("%s/report.html", folder);
-    bool done =
-        write_text(text_path, markdown) && write_page(page_path, page_data(folder, results, tables, values->pictures));
+    char *text_path = values->markdown ? format_text("%s", values->markdown)
+                                       : format_text("%s/report.md", folder);
+    char *page_path =
+        values->html ? format_text("%s", values->html) : format_text("%s/report.html", folder);
+    bool done = write_text(text_path, markdown) &&
+                write_page(page_path, page_data(folder, results, tables, values->pictures));
     if (done)
         printf("%s\n%s\n", text_path, page_path);
     free(text_path);

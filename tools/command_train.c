@@ -1,9 +1,10 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// `sparegs train`: data set in, model and records out. The order of things: prove that OUT can be written, load,
-// create the trainer, and only then touch what an earlier run left; train; save the model; free the trainer's
-// memory, read the saved model back and measure exactly that file on the held-out and the training views.
+// `sparegs train`: data set in, model and records out. The order of things: prove that OUT can be
+// written, load, create the trainer, and only then touch what an earlier run left; train; save the
+// model; free the trainer's memory, read the saved model back and measure exactly that file on the
+// held-out and the training views.
 
 #include <math.h>
 #include <stdlib.h>
@@ -24,14 +25,17 @@
 #include "train_options.h"
 
 static const char description[] =
-    "Trains 3D Gaussians on SCENE: a folder with a COLMAP model (sparse/0, sparse or colmap/sparse/0,\n"
-    "binary or text) and its images, or with transforms_train.json or transforms.json (NeRF synthetic,\n"
+    "Trains 3D Gaussians on SCENE: a folder with a COLMAP model (sparse/0, sparse or "
+    "colmap/sparse/0,\n"
+    "binary or text) and its images, or with transforms_train.json or transforms.json (NeRF "
+    "synthetic,\n"
     "nerfstudio). Writes into OUT:\n"
     "  point_cloud/iteration_N/point_cloud.ply  the model, as every 3DGS viewer reads it\n"
     "  cameras.json, input.ply, config.json     cameras, initial cloud, options as used\n"
     "  train.csv, spare.csv, summary.json       the course of the training and its result\n"
     "  checkpoint/                              full state for --resume\n"
-    "SIGINT, SIGTERM and SIGHUP finish the iteration and save; a second one ends at once. SIGUSR1 saves a\n"
+    "SIGINT, SIGTERM and SIGHUP finish the iteration and save; a second one ends at once. SIGUSR1 "
+    "saves a\n"
     "checkpoint and goes on.";
 
 typedef struct training {
@@ -70,8 +74,9 @@ static bool load_scene(training *run, bool background_given)
             run->values.background.rgb[c] = 1;
     run->data.white = run->scene->white; // for config.json: as it was measured
     const size_t test = scene_split_count(run->scene, SGS_SPLIT_TEST);
-    print_note("%s: %zu training images, %zu held out, %zu points, loaded in %.1f s", run->scene_path,
-               run->scene->view_count - test, test, run->scene->point_count, run->load_seconds);
+    print_note("%s: %zu training images, %zu held out, %zu points, loaded in %.1f s",
+               run->scene_path, run->scene->view_count - test, test, run->scene->point_count,
+               run->load_seconds);
     if (!run->scene->point_count && !run->values.init)
         print_note("%s: no points; starting from %llu random ones", run->scene_path,
                    (unsigned long long)run->values.random_points);
@@ -83,11 +88,14 @@ enum { CHECKPOINT_BYTES = 720 }; // per primitive
 // Primitives to begin with: of the checkpoint that is continued, of --init, or of the scene.
 static size_t first_primitives(const training *run, const sgs_scene *scene)
 {
-    size_t count = run->values.resume ? run_folder_checkpoint_bytes(&run->folder) / CHECKPOINT_BYTES : 0;
+    size_t count =
+        run->values.resume ? run_folder_checkpoint_bytes(&run->folder) / CHECKPOINT_BYTES : 0;
     model_path located;
     if (!count && run->values.init && model_locate(run->values.init, &located)) {
         sgs_gaussians *init = NULL;
-        count = sgs_ply_read(located.ply_path, &init) ? 0 : init->count; // told later when it cannot be read
+        count = sgs_ply_read(located.ply_path, &init)
+                    ? 0
+                    : init->count; // told later when it cannot be read
         sgs_gaussians_destroy(init);
         model_path_free(&located);
     }
@@ -112,16 +120,18 @@ static bool memory_suffices(const training *run)
     sgs_scene_destroy(scene);
     const bool enough = needed <= (double)run->values.max_memory;
     if (!enough)
-        fail_run(
-            "%s: training needs about %.2f GB (images and program %.2f GB, the first %zu primitives %.2f GB), more "
-            "than "
-            "--max-memory allows (%.2f GB); reduce the images with --downscale, or the primitives with --max-gaussians",
-            run->scene_path, needed / 1e9, without / 1e9, count, (needed - without) / 1e9,
-            (double)run->values.max_memory / 1e9);
+        fail_run("%s: training needs about %.2f GB (images and program %.2f GB, the first %zu "
+                 "primitives %.2f GB), more "
+                 "than "
+                 "--max-memory allows (%.2f GB); reduce the images with --downscale, or the "
+                 "primitives with --max-gaussians",
+                 run->scene_path, needed / 1e9, without / 1e9, count, (needed - without) / 1e9,
+                 (double)run->values.max_memory / 1e9);
     return enough;
 }
 
-// A structural update may double the primitives it works on for a moment: is there room for the next one?
+// A structural update may double the primitives it works on for a moment: is there room for the
+// next one?
 static bool memory_is_short(const training *run, size_t gaussians)
 {
     enum { UPDATE_BYTES = 700 }; // per primitive
@@ -152,26 +162,30 @@ static bool create_trainer(training *run)
     return ready;
 }
 
-// Continues from a checkpoint where --resume finds one. Returns 1 continued, 0 start at zero, -1 failed.
+// Continues from a checkpoint where --resume finds one. Returns 1 continued, 0 start at zero, -1
+// failed.
 static int resume(training *run, const char *config_path, json_t *config)
 {
     json_error_t error = {0};
     json_t *stored = file_exists(config_path) ? json_load_file(config_path, 0, &error) : NULL;
     if (!stored) {
         if (file_exists(config_path))
-            fail_run("%s: line %d: %s; the run cannot be continued, train without --resume", config_path, error.line,
-                     error.text);
+            fail_run("%s: line %d: %s; the run cannot be continued, train without --resume",
+                     config_path, error.line, error.text);
         else
-            print_note("%s: there is no run to continue; starting at iteration 0", run->values.output);
+            print_note("%s: there is no run to continue; starting at iteration 0",
+                       run->values.output);
         return file_exists(config_path) ? -1 : 0;
     }
-    const int loaded =
-        train_config_agrees(config_path, stored, config) ? run_folder_load_checkpoint(&run->folder, run->trainer) : -1;
+    const int loaded = train_config_agrees(config_path, stored, config)
+                           ? run_folder_load_checkpoint(&run->folder, run->trainer)
+                           : -1;
     if (loaded > 0)
         train_config_record(stored, config, sgs_trainer_iteration(run->trainer));
     json_decref(stored);
     if (loaded > 0)
-        print_note("%s: continuing at iteration %d", run->values.output, sgs_trainer_iteration(run->trainer));
+        print_note("%s: continuing at iteration %d", run->values.output,
+                   sgs_trainer_iteration(run->trainer));
     else if (!loaded)
         print_note("%s: there is no checkpoint yet; starting at iteration 0", run->values.output);
     return loaded;
@@ -221,7 +235,8 @@ static bool is_save_point(const training *run, int iteration)
     return false;
 }
 
-// The model of an iteration; with Mip-Splatting's 3D filter both worked into the model and beside it.
+// The model of an iteration; with Mip-Splatting's 3D filter both worked into the model and beside
+// it.
 static bool save_model(const training *run, int iteration)
 {
     const sgs_gaussians *model = sgs_trainer_model(run->trainer);
@@ -235,7 +250,8 @@ static bool save_model(const training *run, int iteration)
     }
     bool saved = run_folder_save_model(&run->folder, fused, iteration);
     sgs_gaussians_destroy(fused);
-    char *path = format_text("%s/point_cloud/iteration_%d/point_cloud_filter_3D.ply", run->values.output, iteration);
+    char *path = format_text("%s/point_cloud/iteration_%d/point_cloud_filter_3D.ply",
+                             run->values.output, iteration);
     if (saved && sgs_ply_write_filter_3d(path, model, filter)) {
         fail_library();
         saved = false;
@@ -244,13 +260,12 @@ static bool save_model(const training *run, int iteration)
     return saved;
 }
 
-// What is due after an iteration that is not the last. Failing to save here is a warning: the disk may have
-// room again later, and the training is worth more than this file.
+// What is due after an iteration that is not the last. Failing to save here is a warning: the disk
+// may have room again later, and the training is worth more than this file.
 static void save_due(training *run, int iteration)
 {
     const bool asked = interrupt_take_checkpoint();
-    if (is_save_point(run, iteration) &&
-        !save_model(run, iteration))
+    if (is_save_point(run, iteration) && !save_model(run, iteration))
         print_warning("the model of iteration %d is not saved; training goes on", iteration);
     if (!asked && !(run->values.checkpoint_every && iteration % run->values.checkpoint_every == 0))
         return;
@@ -265,14 +280,15 @@ static bool time_is_up(const training *run)
 {
     enum { SLOW_DISK = 100000000 }; // bytes per second
     const double left = run->started + run->values.time_limit - clock_seconds();
-    const double expected = (double)sgs_trainer_model(run->trainer)->count * CHECKPOINT_BYTES / SLOW_DISK;
+    const double expected =
+        (double)sgs_trainer_model(run->trainer)->count * CHECKPOINT_BYTES / SLOW_DISK;
     const double saving = fmax(run->folder.checkpoint_seconds, expected);
     return run->values.time_limit > 0 && left < run->longest_step + 2 * saving + 1;
 }
 
 // The phases of the iteration that began at `start`, and what changes with it.
-static void record_trace(const training *run, trace_file *trace, double start, const sgs_train_seconds *before,
-                         const sgs_step_info *info)
+static void record_trace(const training *run, trace_file *trace, double start,
+                         const sgs_train_seconds *before, const sgs_step_info *info)
 {
     const sgs_train_seconds after = sgs_trainer_seconds(run->trainer);
     trace_iteration(trace, info->iteration, start, after.total - before->total, before, &after);
@@ -315,7 +331,8 @@ static bool iterate(training *run, trace_file *trace)
             return false;
         }
         run->stop = info.stop;
-        run->most_gaussians = info.gaussians > run->most_gaussians ? info.gaussians : run->most_gaussians;
+        run->most_gaussians =
+            info.gaussians > run->most_gaussians ? info.gaussians : run->most_gaussians;
         if (trace)
             record_trace(run, trace, start, &before, &info);
         const sgs_regions regions = sgs_trainer_regions(run->trainer);
@@ -324,7 +341,8 @@ static bool iterate(training *run, trace_file *trace)
         if (info.structural && info.stop == SGS_STOP_NONE && memory_is_short(run, info.gaussians))
             run->stop = SGS_STOP_MEMORY_LIMIT;
         run_folder_record(&run->folder, &info, run->train_seconds, run->stop != SGS_STOP_NONE);
-        progress_step(&(progress_state){info.iteration, total, info.loss_average, info.psnr_average, info.gaussians});
+        progress_step(&(progress_state){info.iteration, total, info.loss_average, info.psnr_average,
+                                        info.gaussians});
         if (run->stop == SGS_STOP_NONE)
             save_due(run, info.iteration);
     }
@@ -351,8 +369,9 @@ static bool save_results(training *run)
     run->stop_text = format_text("%s", sgs_trainer_stop_text(run->trainer));
     sgs_gaussians_hash(model, run->hash);
     const sgs_train_options options = train_library_options(&run->values, run->common.seed);
-    run->memory_estimate = sgs_train_memory(run->scene, &options, (size_t)run->data.cache_bytes,
-                                            run->most_gaussians > model->count ? run->most_gaussians : model->count);
+    run->memory_estimate =
+        sgs_train_memory(run->scene, &options, (size_t)run->data.cache_bytes,
+                         run->most_gaussians > model->count ? run->most_gaussians : model->count);
     if (!run->iterations)
         return true;
     bool saved = save_model(run, run->iterations);
@@ -366,10 +385,12 @@ static bool save_results(training *run)
 
 static bool evaluate(training *run)
 {
-    char *path = format_text("%s/point_cloud/iteration_%d/point_cloud.ply", run->values.output, run->iterations);
+    char *path = format_text("%s/point_cloud/iteration_%d/point_cloud.ply", run->values.output,
+                             run->iterations);
     sgs_gaussians *model = NULL;
     evaluator judge = {0};
-    const drawing_values drawing = {.filter = run->values.filter, .background = run->values.background};
+    const drawing_values drawing = {.filter = run->values.filter,
+                                    .background = run->values.background};
     bool done = !sgs_ply_read(path, &model), damaged = false;
     if (!done)
         fail_library();
@@ -390,17 +411,23 @@ static bool evaluate(training *run)
 static json_t *summary_json(const training *run)
 {
     static const char *const reasons[] = {
-        [SGS_STOP_NONE] = "schedule", [SGS_STOP_SCHEDULE] = "schedule",     [SGS_STOP_EQUILIBRIUM] = "equilibrium",
-        [SGS_STOP_SIGNAL] = "signal", [SGS_STOP_TIME_LIMIT] = "time_limit", [SGS_STOP_MEMORY_LIMIT] = "memory_limit"};
+        [SGS_STOP_NONE] = "schedule",           [SGS_STOP_SCHEDULE] = "schedule",
+        [SGS_STOP_EQUILIBRIUM] = "equilibrium", [SGS_STOP_SIGNAL] = "signal",
+        [SGS_STOP_TIME_LIMIT] = "time_limit",   [SGS_STOP_MEMORY_LIMIT] = "memory_limit"};
     const sgs_train_seconds *s = &run->seconds;
     const struct {
         const char *name;
         double value;
-    } phases[] = {{"gather", s->gather},       {"forward", s->forward},
-                  {"loss", s->loss},           {"backward", s->backward},
-                  {"optimizer", s->optimizer}, {"bvh_refit", s->bvh_refit},
-                  {"bvh_build", s->bvh_build}, {"density", s->density},
-                  {"spare", s->spare},         {"image_io", run->load_seconds + s->image_io},
+    } phases[] = {{"gather", s->gather},
+                  {"forward", s->forward},
+                  {"loss", s->loss},
+                  {"backward", s->backward},
+                  {"optimizer", s->optimizer},
+                  {"bvh_refit", s->bvh_refit},
+                  {"bvh_build", s->bvh_build},
+                  {"density", s->density},
+                  {"spare", s->spare},
+                  {"image_io", run->load_seconds + s->image_io},
                   {"checkpoint", run->folder.checkpoint_total}};
     json_t *summary = json_object(), *seconds = json_object();
     for (size_t i = 0; i < sizeof phases / sizeof *phases; ++i)
@@ -413,14 +440,15 @@ static json_t *summary_json(const training *run)
     json_object_set_new(summary, "seconds", seconds);
     scaling_add_training(summary, &run->seconds, &run->bytes);
     json_object_set_new(summary, "skipped",
-                        json_pack("{s:I, s:I}", "steps", (json_int_t)run->skipped.steps, "gradients",
-                                  (json_int_t)run->skipped.gradients));
+                        json_pack("{s:I, s:I}", "steps", (json_int_t)run->skipped.steps,
+                                  "gradients", (json_int_t)run->skipped.gradients));
     json_object_set_new(summary, "test", split_score_json(&run->test));
     json_object_set_new(summary, "train", split_score_json(&run->train));
     json_object_set_new(summary, "threads", json_integer(sgs_threads()));
     json_object_set_new(summary, "isa", json_string(sgs_isa_name(sgs_get_isa())));
     json_object_set_new(summary, "peak_rss_bytes", json_integer((json_int_t)sgs_peak_rss()));
-    json_object_set_new(summary, "memory_estimate_bytes", json_integer((json_int_t)run->memory_estimate));
+    json_object_set_new(summary, "memory_estimate_bytes",
+                        json_integer((json_int_t)run->memory_estimate));
     json_object_set_new(summary, "model_hash", json_string(run->hash));
     json_object_set_new(summary, "seed", json_integer((json_int_t)run->common.seed));
     return summary;
@@ -429,7 +457,8 @@ static json_t *summary_json(const training *run)
 static void print_score(const char *label, const split_score *score)
 {
     if (score->images)
-        printf("%s PSNR %.2f dB, SSIM %.4f (%zu images)\n", label, score->psnr, score->ssim, score->images);
+        printf("%s PSNR %.2f dB, SSIM %.4f (%zu images)\n", label, score->psnr, score->ssim,
+               score->images);
 }
 
 static bool report(const training *run)
@@ -441,12 +470,14 @@ static bool report(const training *run)
     if (run->common.json)
         return print_json(summary) && done;
     json_decref(summary);
-    printf("%d iterations in %.1f s%s%s, %zu primitives, model %s\n", run->iterations, run->train_seconds,
-           *run->stop_text ? ": " : "", run->stop_text, run->gaussians, run->hash);
+    printf("%d iterations in %.1f s%s%s, %zu primitives, model %s\n", run->iterations,
+           run->train_seconds, *run->stop_text ? ": " : "", run->stop_text, run->gaussians,
+           run->hash);
     print_score("held-out images:", &run->test);
     print_score("training images:", &run->train);
     if (run->iterations)
-        printf("%s/point_cloud/iteration_%d/point_cloud.ply\n", run->values.output, run->iterations);
+        printf("%s/point_cloud/iteration_%d/point_cloud.ply\n", run->values.output,
+               run->iterations);
     return done;
 }
 
@@ -473,22 +504,25 @@ static int train(training *run, bool background_given)
     if (done && !stopped_early(run))
         done = evaluate(run);
     if (done && run->stop == SGS_STOP_TIME_LIMIT)
-        print_note("%s: the time limit ended this run at iteration %d of %d; continue with --resume",
-                   run->values.output, run->iterations, run->values.iterations);
+        print_note(
+            "%s: the time limit ended this run at iteration %d of %d; continue with --resume",
+            run->values.output, run->iterations, run->values.iterations);
     if (!done || !report(run))
         return EXIT_FAILED;
     if (run->stop == SGS_STOP_MEMORY_LIMIT)
-        return fail_run(
-            "%s: with %zu primitives the next structural update may need more than --max-memory; the state of "
-            "iteration %d is saved: continue with --resume and more memory, or with --max-gaussians",
-            run->values.output, run->gaussians, run->iterations);
+        return fail_run("%s: with %zu primitives the next structural update may need more than "
+                        "--max-memory; the state of "
+                        "iteration %d is saved: continue with --resume and more memory, or with "
+                        "--max-gaussians",
+                        run->values.output, run->gaussians, run->iterations);
     return interrupt_status();
 }
 
 enum { GROUP_COUNT = TRAIN_GROUP_COUNT + 2 };
 
 // Fills `run` from the command line. Returns -1 to go on, or an exit status.
-static int parse_line(training *run, option_group groups[GROUP_COUNT], command_line *line, int argc, char **argv)
+static int parse_line(training *run, option_group groups[GROUP_COUNT], command_line *line, int argc,
+                      char **argv)
 {
     train_groups(&run->values, groups);
     groups[TRAIN_GROUP_COUNT] = scene_group(&run->data);
@@ -505,7 +539,8 @@ static int parse_line(training *run, option_group groups[GROUP_COUNT], command_l
         status = scene_settle(&run->data, line, NULL);
     train_settle(&run->values);
     if (status < 0 && !run->values.output)
-        status = fail_usage("train needs -o OUT, the folder to write to; usage: sparegs train %s", line->synopsis);
+        status = fail_usage("train needs -o OUT, the folder to write to; usage: sparegs train %s",
+                            line->synopsis);
     return status;
 }
 

@@ -15,5 +15,6 @@ int command_explain(int argc, char **argv);
 int command_experiment(int argc, char **argv);
 int command_report(int argc, char **argv);
 
-// Only parses and checks the line of `train`: -1 when it is fine, else the exit status, after naming the mistake.
+// Only parses and checks the line of `train`: -1 when it is fine, else the exit status, after
+// naming the mistake.
 int command_train_check(int argc, char **argv);

@@ -1,10 +1,11 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Evaluation. A photograph with an alpha channel is laid over the background by the same quantisation as the
-// drawn image, so that both sides of the comparison are treated alike. Pixels that do not count (masks, pixels without a
-// ray) are left out. Linear colours are encoded for display first, so that every score speaks of the picture that people
-// see: light above the scene's white is white.
+// Evaluation. A photograph with an alpha channel is laid over the background by the same
+// quantisation as the drawn image, so that both sides of the comparison are treated alike. Pixels
+// that do not count (masks, pixels without a ray) are left out. Linear colours are encoded for
+// display first, so that every score speaks of the picture that people see: light above the scene's
+// white is white.
 
 #include "evaluate.h"
 
@@ -17,7 +18,8 @@
 #include "progress.h"
 #include "sparegs/metrics.h"
 
-bool evaluator_open(evaluator *judge, const sgs_gaussians *model, const sgs_scene *scene, const drawing_values *drawing)
+bool evaluator_open(evaluator *judge, const sgs_gaussians *model, const sgs_scene *scene,
+                    const drawing_values *drawing)
 {
     *judge = (evaluator){.scene = scene, .render = sgs_render_options_default()};
     judge->render.filter = (sgs_filter)drawing->filter;
@@ -51,7 +53,8 @@ static float *flatten_photo(const evaluator *judge, const sgs_photo *photo)
     for (size_t i = 0; planes && i < pixels; ++i) {
         const float alpha = photo->channels > 3 ? photo_value(photo, 3 * pixels + i) : 1.0F;
         for (size_t c = 0; c < 3; ++c)
-            planes[c * pixels + i] = alpha * photo_value(photo, c * pixels + i) + (1.0F - alpha) * judge->background[c];
+            planes[c * pixels + i] =
+                alpha * photo_value(photo, c * pixels + i) + (1.0F - alpha) * judge->background[c];
     }
     return planes;
 }
@@ -71,7 +74,8 @@ static bool draw(const evaluator *judge, const sgs_view *view, sgs_frame *frame)
 }
 
 // Encodes for display what is light, and rounds to 8 bit.
-static bool quantise(const evaluator *judge, float *const color[3], int width, int height, sgs_image8 *out)
+static bool quantise(const evaluator *judge, float *const color[3], int width, int height,
+                     sgs_image8 *out)
 {
     const size_t pixels = (size_t)width * (size_t)height;
     for (size_t c = 0; c < 3 && judge->scene->space == SGS_SPACE_LINEAR; ++c)
@@ -83,10 +87,10 @@ static bool quantise(const evaluator *judge, float *const color[3], int width, i
     return false;
 }
 
-// Gives the drawn image the exposure of its photograph. *half receives the pixels to judge where the other half was used
-// up to find it.
-static bool expose(const evaluator *judge, const sgs_view *view, float *const drawn[3], float *const photo[3],
-                   const uint16_t *keep, uint16_t **half)
+// Gives the drawn image the exposure of its photograph. *half receives the pixels to judge where
+// the other half was used up to find it.
+static bool expose(const evaluator *judge, const sgs_view *view, float *const drawn[3],
+                   float *const photo[3], const uint16_t *keep, uint16_t **half)
 {
     double map[12];
     const int width = view->camera.width, height = view->camera.height;
@@ -104,8 +108,8 @@ static bool expose(const evaluator *judge, const sgs_view *view, float *const dr
     return true;
 }
 
-bool evaluate_view(const evaluator *judge, const sgs_view *view, view_score *score, sgs_image8 *drawn,
-                   sgs_image8 *photo)
+bool evaluate_view(const evaluator *judge, const sgs_view *view, view_score *score,
+                   sgs_image8 *drawn, sgs_image8 *photo)
 {
     sgs_image8 images[2] = {0};
     sgs_frame frame = {0};
@@ -118,7 +122,8 @@ bool evaluate_view(const evaluator *judge, const sgs_view *view, view_score *sco
     if (planes) {
         const size_t pixels = (size_t)source->width * (size_t)source->height;
         float *const color[3] = {planes, planes + pixels, planes + 2 * pixels};
-        done = draw(judge, view, &frame) && expose(judge, view, frame.color, color, source->keep, &half) &&
+        done = draw(judge, view, &frame) &&
+               expose(judge, view, frame.color, color, source->keep, &half) &&
                quantise(judge, color, source->width, source->height, &images[1]) &&
                quantise(judge, frame.color, frame.width, frame.height, &images[0]);
     }
@@ -152,7 +157,8 @@ bool evaluate_split(const evaluator *judge, sgs_split split, split_score *score)
             continue;
         if (interrupt_signal())
             return true;
-        progress_count(split == SGS_SPLIT_TEST ? "evaluating held-out images" : "evaluating training images",
+        progress_count(split == SGS_SPLIT_TEST ? "evaluating held-out images"
+                                               : "evaluating training images",
                        sum.images, total);
         view_score one;
         if (!evaluate_view(judge, view, &one, NULL, NULL)) {
@@ -165,7 +171,8 @@ bool evaluate_split(const evaluator *judge, sgs_split split, split_score *score)
     }
     progress_end();
     if (sum.images)
-        *score = (split_score){sum.images, sum.psnr / (double)sum.images, sum.ssim / (double)sum.images};
+        *score =
+            (split_score){sum.images, sum.psnr / (double)sum.images, sum.ssim / (double)sum.images};
     return true;
 }
 

@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// How good a model is, by the protocol of the 3DGS papers: each view is drawn, quantised to 8 bit and compared with
-// its photograph (PSNR, SSIM). Prints errors, writes nothing.
+// How good a model is, by the protocol of the 3DGS papers: each view is drawn, quantised to 8 bit
+// and compared with its photograph (PSNR, SSIM). Prints errors, writes nothing.
 
 #include <jansson.h>
 
@@ -18,7 +18,8 @@ typedef struct evaluator {
     const json_t *exposures; // of OUT/exposure.json, or NULL; set it after opening
 } evaluator;
 
-// Builds the renderer over a model, which must outlive the evaluator. False after printing the error.
+// Builds the renderer over a model, which must outlive the evaluator. False after printing the
+// error.
 bool evaluator_open(evaluator *judge, const sgs_gaussians *model, const sgs_scene *scene,
                     const drawing_values *drawing);
 void evaluator_close(evaluator *judge);
@@ -27,9 +28,10 @@ typedef struct view_score {
     double psnr, ssim;
 } view_score;
 
-// Scores one view. drawn and photo, when not NULL, receive the two 8-bit images (release with sgs_image8_free).
-bool evaluate_view(const evaluator *judge, const sgs_view *view, view_score *score, sgs_image8 *drawn,
-                   sgs_image8 *photo);
+// Scores one view. drawn and photo, when not NULL, receive the two 8-bit images (release with
+// sgs_image8_free).
+bool evaluate_view(const evaluator *judge, const sgs_view *view, view_score *score,
+                   sgs_image8 *drawn, sgs_image8 *photo);
 
 typedef struct split_score {
     size_t images;

@@ -8,8 +8,9 @@
 //                 {"name": "tau-0.1", "pipelines": ["3dgs"], "options": {"spare_tau_alpha": 0.1}}],
 //    "seeds": [0, 1],
 //    "options": {"iterations": 7000, "eval": true}}
-// Options are those of `sparegs train`, '_' or '-', and mean the same there; a scene's override the plan's, a variant's
-// override both. Without "variants" there are two, off and on. Paths are as seen from the plan's folder.
+// Options are those of `sparegs train`, '_' or '-', and mean the same there; a scene's override the
+// plan's, a variant's override both. Without "variants" there are two, off and on. Paths are as
+// seen from the plan's folder.
 
 #include "experiment_plan.h"
 
@@ -35,9 +36,10 @@ static bool check_name(const char *what, const json_t *value)
 {
     const char *name = json_string_value(value);
     if (!name || !*name || strlen(name) > 60 || *name == '.' ||
-        strspn(name, "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789._-") != strlen(name)) {
-        fail_run("%s: a %s needs a name of letters, digits, '.', '_' and '-'; %s%s%s is none", plan_path, what,
-                 name ? "'" : "this", name ? name : "", name ? "'" : "");
+        strspn(name, "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789._-") !=
+            strlen(name)) {
+        fail_run("%s: a %s needs a name of letters, digits, '.', '_' and '-'; %s%s%s is none",
+                 plan_path, what, name ? "'" : "this", name ? name : "", name ? "'" : "");
         return false;
     }
     return true;
@@ -45,7 +47,8 @@ static bool check_name(const char *what, const json_t *value)
 
 static void add_argument(experiment_run *run, char *text)
 {
-    run->arguments = realloc(run->arguments, (size_t)(run->argument_count + 2) * sizeof *run->arguments);
+    run->arguments =
+        realloc(run->arguments, (size_t)(run->argument_count + 2) * sizeof *run->arguments);
     if (!run->arguments)
         exit(fail_run("out of memory"));
     run->arguments[run->argument_count++] = text;
@@ -77,7 +80,8 @@ static char *value_text(const json_t *value)
 // The options of one run as arguments: the merged object's members.
 static bool add_options(experiment_run *run, json_t *options)
 {
-    static const char *const own[] = {"output", "resume", "json", "quiet", "help", "seed", "pipeline"};
+    static const char *const own[] = {"output", "resume", "json",    "quiet",
+                                      "help",   "seed",   "pipeline"};
     const char *key;
     json_t *value;
     json_object_foreach(options, key, value)
@@ -124,22 +128,24 @@ static bool applies(const json_t *variant, const char *pipeline)
 {
     const json_t *only = json_object_get(variant, "pipelines");
     for (size_t k = 0; k < json_array_size(only); ++k)
-        if (!strcmp(pipeline,
-                    json_string_value(json_array_get(only, k)) ? json_string_value(json_array_get(only, k)) : ""))
+        if (!strcmp(pipeline, json_string_value(json_array_get(only, k))
+                                  ? json_string_value(json_array_get(only, k))
+                                  : ""))
             return true;
     return !only;
 }
 
 static char *scene_path(const json_t *scene)
 {
-    const char *path = json_string_value(json_object_get(scene, "path")), *slash = strrchr(plan_path, '/');
+    const char *path = json_string_value(json_object_get(scene, "path")),
+               *slash = strrchr(plan_path, '/');
     if (!path || *path == '/' || !slash)
         return format_text("%s", path ? path : "");
     return format_text("%.*s/%s", (int)(slash - plan_path), plan_path, path);
 }
 
-static bool add_run(experiment_plan *plan, const char *folder, const json_t *scene, const char *pipeline,
-                    const json_t *variant, int seed)
+static bool add_run(experiment_plan *plan, const char *folder, const json_t *scene,
+                    const char *pipeline, const json_t *variant, int seed)
 {
     plan->runs = realloc(plan->runs, (plan->count + 1) * sizeof *plan->runs);
     if (!plan->runs)
@@ -149,7 +155,8 @@ static bool add_run(experiment_plan *plan, const char *folder, const json_t *sce
     run->scene = format_text("%s", json_string_value(json_object_get(scene, "name")));
     run->pipeline = format_text("%s", pipeline);
     run->variant = format_text("%s", json_string_value(json_object_get(variant, "name")));
-    run->folder = format_text("%s/runs/%s/%s/%s/seed_%d", folder, run->scene, run->pipeline, run->variant, seed);
+    run->folder = format_text("%s/runs/%s/%s/%s/seed_%d", folder, run->scene, run->pipeline,
+                              run->variant, seed);
     add_argument(run, format_text("train"));
     add_argument(run, scene_path(scene));
     add_argument(run, format_text("-o"));
@@ -166,8 +173,8 @@ static bool add_run(experiment_plan *plan, const char *folder, const json_t *sce
     if (added && command_train_check(run->argument_count, run->arguments) < 0)
         return true;
     if (added)
-        fail_run("%s: scene %s, pipeline %s, variant %s: see the line above", plan_path, run->scene, run->pipeline,
-                 run->variant);
+        fail_run("%s: scene %s, pipeline %s, variant %s: see the line above", plan_path, run->scene,
+                 run->pipeline, run->variant);
     return false;
 }
 
@@ -176,7 +183,8 @@ static bool check_scene(const json_t *scene)
     char *path = scene_path(scene);
     sgs_scene_options options = sgs_scene_options_default();
     options.load_images = 0;
-    const char *images = json_string_value(json_object_get(json_object_get(scene, "options"), "images"));
+    const char *images =
+        json_string_value(json_object_get(json_object_get(scene, "options"), "images"));
     options.images_dir = images;
     sgs_scene *loaded = NULL;
     const bool found = *path && !sgs_scene_load(path, &options, &loaded);
@@ -191,7 +199,8 @@ static bool check_scene(const json_t *scene)
 
 static bool check_members(const json_t *root)
 {
-    static const char *const known[] = {"scenes", "pipelines", "variants", "seeds", "options", "title"};
+    static const char *const known[] = {"scenes", "pipelines", "variants",
+                                        "seeds",  "options",   "title"};
     const char *key;
     json_t *value;
     json_object_foreach((json_t *)root, key, value)
@@ -205,7 +214,8 @@ static bool check_members(const json_t *root)
             return false;
         }
     }
-    if (json_array_size(json_object_get(root, "scenes")) && json_array_size(json_object_get(root, "pipelines")))
+    if (json_array_size(json_object_get(root, "scenes")) &&
+        json_array_size(json_object_get(root, "pipelines")))
         return true;
     fail_run("%s: \"scenes\" and \"pipelines\" are needed, each a list of at least one", plan_path);
     return false;
@@ -227,8 +237,10 @@ static bool check_names(const char *what, const json_t *list)
 
 static bool unroll(experiment_plan *plan, const char *folder)
 {
-    const json_t *scenes = json_object_get(plan->root, "scenes"), *pipelines = json_object_get(plan->root, "pipelines");
-    const json_t *variants = json_object_get(plan->root, "variants"), *seeds = json_object_get(plan->root, "seeds");
+    const json_t *scenes = json_object_get(plan->root, "scenes"),
+                 *pipelines = json_object_get(plan->root, "pipelines");
+    const json_t *variants = json_object_get(plan->root, "variants"),
+                 *seeds = json_object_get(plan->root, "seeds");
     const size_t seed_count = seeds ? json_array_size(seeds) : 1;
     for (size_t s = 0; s < json_array_size(scenes); ++s)
         if (!check_scene(json_array_get(scenes, s)))
@@ -265,9 +277,10 @@ bool experiment_plan_read(const char *path, const char *folder, experiment_plan 
         fail_run("%s: is not a JSON object", path);
     if (fine && !json_object_get(plan->root, "variants"))
         json_object_set_new(plan->root, "variants",
-                            json_pack("[{s:s,s:{s:s}},{s:s,s:{s:s}}]", "name", "off", "options", "spare", "off", "name",
-                                      "on", "options", "spare", "on"));
-    fine = fine && check_members(plan->root) && check_names("scene", json_object_get(plan->root, "scenes")) &&
+                            json_pack("[{s:s,s:{s:s}},{s:s,s:{s:s}}]", "name", "off", "options",
+                                      "spare", "off", "name", "on", "options", "spare", "on"));
+    fine = fine && check_members(plan->root) &&
+           check_names("scene", json_object_get(plan->root, "scenes")) &&
            check_names("variant", json_object_get(plan->root, "variants")) && unroll(plan, folder);
     if (!fine)
         experiment_plan_free(plan);

@@ -2,8 +2,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// PLAN.json of an experiment: scenes x pipelines x variants x seeds, unrolled into trainings. Everything in it is
-// checked before anything runs. Functions that return bool have printed their error when they return false.
+// PLAN.json of an experiment: scenes x pipelines x variants x seeds, unrolled into trainings.
+// Everything in it is checked before anything runs. Functions that return bool have printed their
+// error when they return false.
 
 #include <jansson.h>
 #include <stdbool.h>

@@ -1,8 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// A held-out image has no map of its own: its left half says what its exposure was, its right half is judged (the
-// protocol of 3DGS's --train_test_exp; unlike there, the left half teaches the map alone, not the scene).
+// A held-out image has no map of its own: its left half says what its exposure was, its right half
+// is judged (the protocol of 3DGS's --train_test_exp; unlike there, the left half teaches the map
+// alone, not the scene).
 
 #include "exposure_file.h"
 
@@ -65,7 +66,8 @@ static bool counts(const uint16_t *keep, int width, int x, int y)
     return !keep || (keep[(size_t)y * (((size_t)width + 15) / 16) + (size_t)x / 16] >> x % 16 & 1);
 }
 
-// Solves a x = b for three right-hand sides, a symmetric and positive; by Gauss with pivots. False when singular.
+// Solves a x = b for three right-hand sides, a symmetric and positive; by Gauss with pivots. False
+// when singular.
 static bool solve(double a[4][4], double b[4][3])
 {
     for (int i = 0; i < 4; ++i) {
@@ -98,8 +100,8 @@ static bool solve(double a[4][4], double b[4][3])
     return true;
 }
 
-void exposure_fit(float *const drawn[3], float *const photo[3], const uint16_t *keep, int width, int height,
-                  double map[12])
+void exposure_fit(float *const drawn[3], float *const photo[3], const uint16_t *keep, int width,
+                  int height, double map[12])
 {
     double a[4][4] = {{0}}, b[4][3] = {{0}};
     for (int y = 0; y < height; ++y)
@@ -107,7 +109,8 @@ void exposure_fit(float *const drawn[3], float *const photo[3], const uint16_t *
             const size_t at = (size_t)y * (size_t)width + (size_t)x;
             if (!counts(keep, width, x, y))
                 continue;
-            const double from[4] = {(double)drawn[0][at], (double)drawn[1][at], (double)drawn[2][at], 1};
+            const double from[4] = {(double)drawn[0][at], (double)drawn[1][at],
+                                    (double)drawn[2][at], 1};
             for (int i = 0; i < 4; ++i) {
                 for (int k = 0; k < 4; ++k)
                     a[i][k] += from[i] * from[k];
@@ -115,7 +118,8 @@ void exposure_fit(float *const drawn[3], float *const photo[3], const uint16_t *
                     b[i][c] += from[i] * (double)photo[c][at];
             }
         }
-    // Pulls towards the identity what the half does not determine (a grey wall says nothing of colours).
+    // Pulls towards the identity what the half does not determine (a grey wall says nothing of
+    // colours).
     const double pull = 1e-4 * a[3][3] + 1e-9;
     for (int i = 0; i < 4; ++i) {
         a[i][i] += pull;
@@ -133,8 +137,8 @@ void exposure_apply(float *const planes[3], size_t pixels, const double map[12])
     for (size_t i = 0; i < pixels; ++i) {
         const double image[3] = {(double)planes[0][i], (double)planes[1][i], (double)planes[2][i]};
         for (int c = 0; c < 3; ++c)
-            planes[c][i] =
-                (float)(map[4 * c] * image[0] + map[4 * c + 1] * image[1] + map[4 * c + 2] * image[2] + map[4 * c + 3]);
+            planes[c][i] = (float)(map[4 * c] * image[0] + map[4 * c + 1] * image[1] +
+                                   map[4 * c + 2] * image[2] + map[4 * c + 3]);
     }
 }
 

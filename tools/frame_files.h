@@ -2,7 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// A drawn frame as files: one EXR with a layer per quantity for compositors, or one PNG per quantity for people.
+// A drawn frame as files: one EXR with a layer per quantity for compositors, or one PNG per
+// quantity for people.
 
 #include <stdbool.h>
 
@@ -25,7 +26,9 @@ enum {
     AOV_SLACK = 1024,
     AOV_ALL = 2047
 };
-#define AOV_WORDS "all|rgba,depth,depth_median,depth_first,transmittance,hits,normal,position,primitive,region,slack"
+#define AOV_WORDS                                                                                  \
+    "all|rgba,depth,depth_median,depth_first,transmittance,hits,normal,position,primitive,region," \
+    "slack"
 
 // The planes (SGS_PLANE_ bits) of a frame that these need.
 unsigned aov_planes(unsigned aovs);
@@ -50,14 +53,17 @@ typedef struct frame_files {
 typedef struct deep_file deep_file;
 deep_file *deep_file_open(const frame_files *files, const sgs_frame *frame, int max_samples);
 // A sgs_deep_rows_fn; context is the deep_file. The frame must hold its display colours still.
-sgs_status deep_file_rows(void *context, int y, int rows, const uint32_t *counts, const sgs_deep_sample *samples);
-// Completes the file and prints its path on stdout, or, unless `complete`, leaves none. False after printing the error.
+sgs_status deep_file_rows(void *context, int y, int rows, const uint32_t *counts,
+                          const sgs_deep_sample *samples);
+// Completes the file and prints its path on stdout, or, unless `complete`, leaves none. False after
+// printing the error.
 bool deep_file_close(deep_file *file, bool complete);
 
 // The colours as a picture for people, over the background. False after printing the error.
 bool frame_picture(const frame_files *files, const sgs_frame *frame, sgs_image8 *image);
 
-// FOLDER/STEM.exr. May overwrite the frame's colour planes. Prints the path on stdout, or the error.
+// FOLDER/STEM.exr. May overwrite the frame's colour planes. Prints the path on stdout, or the
+// error.
 bool frame_write_exr(const frame_files *files, sgs_frame *frame);
 
 // FOLDER/STEM.png and FOLDER/STEM.AOV.png.

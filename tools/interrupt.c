@@ -1,7 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Stopping on request. A handler does nothing but what is allowed in one: it stores a number, or ends.
+// Stopping on request. A handler does nothing but what is allowed in one: it stores a number, or
+// ends.
 
 #include "interrupt.h"
 
@@ -34,7 +35,8 @@ void interrupt_watch(void)
         sigaction(SIGHUP, &action, NULL);
     action.sa_handler = want_checkpoint;
     sigaction(SIGUSR1, &action, NULL);
-    // A reader of our messages that has gone, or a limit on file sizes, is an error of that write and no reason to die.
+    // A reader of our messages that has gone, or a limit on file sizes, is an error of that write
+    // and no reason to die.
     action.sa_handler = SIG_IGN;
     sigaction(SIGPIPE, &action, NULL);
     sigaction(SIGXFSZ, &action, NULL);

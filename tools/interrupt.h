@@ -2,12 +2,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// SIGINT, SIGTERM and SIGHUP as a request to finish: the first one only sets a flag, the second ends the process at
-// once with status 128 + signal. SIGUSR1 asks for a checkpoint.
+// SIGINT, SIGTERM and SIGHUP as a request to finish: the first one only sets a flag, the second
+// ends the process at once with status 128 + signal. SIGUSR1 asks for a checkpoint.
 
 #include <stdbool.h>
 
-// Installs the handlers; SIGPIPE and SIGXFSZ become write errors. SIGHUP stays ignored if it was (nohup).
+// Installs the handlers; SIGPIPE and SIGXFSZ become write errors. SIGHUP stays ignored if it was
+// (nohup).
 void interrupt_watch(void);
 
 // The signal that asked to stop, or 0.

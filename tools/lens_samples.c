@@ -1,12 +1,14 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// A thin lens seen from one of its points is a pinhole there, its image shifted so that the plane in focus stays where
-// it is: the centre moves by (x, y) in camera axes, the principal point by f (x, y) / focus. A point of the pixel moves
-// the principal point the other way. So every sample is a view of the same lens, which the renderer draws as any other.
+// A thin lens seen from one of its points is a pinhole there, its image shifted so that the plane
+// in focus stays where it is: the centre moves by (x, y) in camera axes, the principal point by f
+// (x, y) / focus. A point of the pixel moves the principal point the other way. So every sample is
+// a view of the same lens, which the renderer draws as any other.
 //
-// Points come from the additive recurrence of M. Roberts, "The Unreasonable Effectiveness of Quasirandom Sequences"
-// (2018) in four dimensions. Light is averaged, not display values: bright points out of focus become bright discs.
+// Points come from the additive recurrence of M. Roberts, "The Unreasonable Effectiveness of
+// Quasirandom Sequences" (2018) in four dimensions. Light is averaged, not display values: bright
+// points out of focus become bright discs.
 
 #include "lens_samples.h"
 
@@ -26,7 +28,8 @@ void lens_sample(int k, double aperture, double focus, sgs_camera *camera, sgs_p
 {
     double fx, fy, cx, cy;
     sgs_camera_intrinsics(camera, &fx, &fy, &cx, &cy);
-    const double radius = 0.5 * aperture * sqrt(recurrence(k, 2)), turn = 2 * 3.141592653589793 * recurrence(k, 3);
+    const double radius = 0.5 * aperture * sqrt(recurrence(k, 2)),
+                 turn = 2 * 3.141592653589793 * recurrence(k, 3);
     const double x = radius * cos(turn), y = radius * sin(turn);
     const double scale = aperture > 0 ? 1 / focus : 0;
     pose->translation[0] -= x;
@@ -58,8 +61,9 @@ void light_sum_add(light_sum *sum, const sgs_frame *frame)
         sum->transmittance[i] += frame->transmittance[i];
         for (int c = 0; c < 3; ++c)
             if (alpha > 0) // a colour is freed of its alpha for the curve
-                sum->color[c][i] +=
-                    sum->light ? frame->color[c][i] : alpha * sgs_srgb_decode(frame->color[c][i] / alpha);
+                sum->color[c][i] += sum->light
+                                        ? frame->color[c][i]
+                                        : alpha * sgs_srgb_decode(frame->color[c][i] / alpha);
     }
     ++sum->count;
 }
@@ -73,8 +77,9 @@ void light_sum_mean(const light_sum *sum, sgs_frame *frame)
         const float alpha = 1 - frame->transmittance[i];
         for (int c = 0; c < 3; ++c)
             frame->color[c][i] = !(alpha > 0) ? 0
-                                 : sum->light ? sum->color[c][i] * share
-                                              : alpha * sgs_srgb_encode(sum->color[c][i] * share / alpha);
+                                 : sum->light
+                                     ? sum->color[c][i] * share
+                                     : alpha * sgs_srgb_encode(sum->color[c][i] * share / alpha);
     }
 }
 

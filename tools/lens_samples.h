@@ -2,16 +2,16 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Many pictures for one: points in the pixel against jagged edges, points on the lens for depth of field. Knows no
-// renderer.
+// Many pictures for one: points in the pixel against jagged edges, points on the lens for depth of
+// field. Knows no renderer.
 
 #include <stdbool.h>
 
 #include "sparegs/render.h"
 
-// The camera of sample k: a point of the pixel and of a lens of diameter `aperture` (world units), the plane at
-// distance `focus` along the axis being sharp. k = 0, 1, ...: any number of the first samples covers pixel and lens
-// evenly.
+// The camera of sample k: a point of the pixel and of a lens of diameter `aperture` (world units),
+// the plane at distance `focus` along the axis being sharp. k = 0, 1, ...: any number of the first
+// samples covers pixel and lens evenly.
 void lens_sample(int k, double aperture, double focus, sgs_camera *camera, sgs_pose *pose);
 
 // Sums of light: scene-linear, premultiplied.

@@ -2,7 +2,8 @@
 # SPDX-FileCopyrightText: 2026 The sparegs authors
 # SPDX-License-Identifier: Apache-2.0
 
-# clang-tidy (checks in .clang-tidy) and cppcheck (exceptions in .cppcheck) over all sources, or over the FILEs given:
+# clang-format over everything, clang-tidy (checks in .clang-tidy) and cppcheck (exceptions in .cppcheck) over all
+# sources, or over the FILEs given:
 #     tools/lint.sh [FILE...]
 # Fails when one of them finds something.
 set -euo pipefail
@@ -18,6 +19,7 @@ if [ $# = 0 ]; then
     files=(src/*.c src/*.cpp bvh/*.c spare/*.c tools/*.c tests/*.c tests/fuzz/*.c)
 fi
 failed=0
+git ls-files '*.c' '*.h' '*.cpp' '*.inl' | xargs clang-format --dry-run -Werror || failed=1
 # A process per file: clang-analyzer 14 mixes up the va_lists of several.
 printf '%s\0' "${files[@]}" | xargs -0 -P "$(nproc)" -n 1 clang-tidy -p "$build" --quiet 2>"$build/clang-tidy.log" || failed=1
 cppcheck --quiet --enable=warning,performance,portability --error-exitcode=1 --inline-suppr --suppressions-list=.cppcheck \

@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The program `sparegs`: finds the command and hands over. Exit status: 0 done; 1 failed while running;
-// 2 wrong usage; 130 or 143 stopped by SIGINT or SIGTERM after saving.
+// The program `sparegs`: finds the command and hands over. Exit status: 0 done; 1 failed while
+// running; 2 wrong usage; 130 or 143 stopped by SIGINT or SIGTERM after saving.
 
 #include <stdio.h>
 #include <string.h>
@@ -24,28 +24,32 @@ static const command commands[] = {
     {"info", "tell what a model or a data set is", command_info},
     {"reconstruct", "find the cameras of photographs with COLMAP", command_reconstruct},
     {"explain", "tell why SPARE-GS gave a region its primitives", command_explain},
-    {"experiment", "train what a plan asks for: scenes, pipelines, variants, seeds", command_experiment},
+    {"experiment", "train what a plan asks for: scenes, pipelines, variants, seeds",
+     command_experiment},
     {"report", "tables and a page of an experiment", command_report},
     {"bench", "measure the phases of training against the limits of the machine", command_bench},
-    {"profile", "report on the BVH over a model: trees, tests, hits, cost per tile", command_profile},
+    {"profile", "report on the BVH over a model: trees, tests, hits, cost per tile",
+     command_profile},
 };
 
 enum { COMMAND_COUNT = sizeof commands / sizeof *commands };
 
 static void print_version(void)
 {
-    printf("sparegs %s (%s)\n%s\nISA: %s\n", sgs_version(), sgs_version_commit(), sgs_version_libraries(),
-           sgs_isa_name(sgs_get_isa()));
+    printf("sparegs %s (%s)\n%s\nISA: %s\n", sgs_version(), sgs_version_commit(),
+           sgs_version_libraries(), sgs_isa_name(sgs_get_isa()));
 }
 
 static void print_commands(FILE *stream)
 {
-    fputs("Usage: sparegs COMMAND [options]\n\nTrains 3D Gaussians on CPUs.\n\nCommands:\n", stream);
+    fputs("Usage: sparegs COMMAND [options]\n\nTrains 3D Gaussians on CPUs.\n\nCommands:\n",
+          stream);
     for (int i = 0; i < COMMAND_COUNT; ++i)
         fprintf(stream, "  %-11s %s\n", commands[i].name, commands[i].summary);
     fputs("  help        print this, or the options of a command: sparegs help COMMAND\n\n"
           "  --version   versions of the program and its libraries, instruction set in use\n\n"
-          "Exit status: 0 done; 1 failed while running; 2 wrong usage; 130 or 143 stopped by SIGINT or SIGTERM.\n",
+          "Exit status: 0 done; 1 failed while running; 2 wrong usage; 130 or 143 stopped by "
+          "SIGINT or SIGTERM.\n",
           stream);
 }
 

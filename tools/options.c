@@ -1,10 +1,10 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The option parser. Every option is a row of a table, so that what --help says, what a range error says and
-// what is accepted cannot drift apart: the defaults shown are the defaults parsed. Long names are never
-// abbreviated (a script must not break when an option with the same beginning arrives); a mistyped one is
-// answered with its nearest neighbour.
+// The option parser. Every option is a row of a table, so that what --help says, what a range error
+// says and what is accepted cannot drift apart: the defaults shown are the defaults parsed. Long
+// names are never abbreviated (a script must not break when an option with the same beginning
+// arrives); a mistyped one is answered with its nearest neighbour.
 
 #include "options.h"
 
@@ -28,7 +28,8 @@ int fail_usage(const char *format, ...)
     return EXIT_USAGE;
 }
 
-// Damerau-Levenshtein distance (optimal string alignment): insert, delete, replace, swap neighbours.
+// Damerau-Levenshtein distance (optimal string alignment): insert, delete, replace, swap
+// neighbours.
 static size_t edit_distance(const char *a, const char *b)
 {
     size_t rows[3][LONGEST_WORD + 1];
@@ -45,7 +46,8 @@ static size_t edit_distance(const char *a, const char *b)
                 best = before[j] + 1;
             if (now[j - 1] + 1 < best)
                 best = now[j - 1] + 1;
-            if (i > 1 && j > 1 && a[i - 1] == b[j - 2] && a[i - 2] == b[j - 1] && earlier[j - 2] + 1 < best)
+            if (i > 1 && j > 1 && a[i - 1] == b[j - 2] && a[i - 2] == b[j - 1] &&
+                earlier[j - 2] + 1 < best)
                 best = earlier[j - 2] + 1;
             now[j] = best;
         }
@@ -96,8 +98,8 @@ static int word_index(const char *words, const char *text, size_t length)
 static const char *range_text(const option *row, char text[96])
 {
     const int digits = row->kind == OPTION_REAL ? 6 : 17; // whole numbers in full
-    snprintf(text, 96, "%.*g to %.*g%s%s", digits, row->low, digits, row->high, row->unit ? " " : "",
-             row->unit ? row->unit : "");
+    snprintf(text, 96, "%.*g to %.*g%s%s", digits, row->low, digits, row->high,
+             row->unit ? " " : "", row->unit ? row->unit : "");
     return text;
 }
 
@@ -105,7 +107,8 @@ static bool fail_range(const option *row, const char *argument)
 {
     char range[96];
     fail_usage("--%s: '%s' is not %s %s", row->name, argument,
-               row->kind == OPTION_REAL ? "a number from" : "a whole number from", range_text(row, range));
+               row->kind == OPTION_REAL ? "a number from" : "a whole number from",
+               range_text(row, range));
     return false;
 }
 
@@ -152,7 +155,10 @@ static bool parse_duration(const option *row, const char *argument, double *valu
     for (const char *at = argument; *argument && *at;) {
         char *end = (char *)at;
         const double number = *at >= '0' && *at <= '9' ? strtod(at, &end) : -1;
-        const char *unit = number < 0 ? NULL : *end ? strchr(units, *end) : at == argument ? units + 3 : NULL;
+        const char *unit = number < 0       ? NULL
+                           : *end           ? strchr(units, *end)
+                           : at == argument ? units + 3
+                                            : NULL;
         if (!unit || (size_t)(unit - units) < least || unit - units > 3) {
             sum = -1;
             break;
@@ -162,7 +168,8 @@ static bool parse_duration(const option *row, const char *argument, double *valu
         at = *end ? end + 1 : end;
     }
     if (!*argument || !(sum >= row->low && sum <= row->high)) {
-        fail_usage("--%s: '%s' is not a time such as 90s, 45m, 3h55m or 2d12h", row->name, argument);
+        fail_usage("--%s: '%s' is not a time such as 90s, 45m, 3h55m or 2d12h", row->name,
+                   argument);
         return false;
     }
     *value = sum;
@@ -179,7 +186,8 @@ static bool parse_bytes(const option *row, const char *argument, uint64_t *value
         number *= 1024;
     if (unit)
         ++end;
-    if (number < 0 || strcmp(end, *end == 'B' ? "B" : "") || !(number >= row->low && number <= row->high)) {
+    if (number < 0 || strcmp(end, *end == 'B' ? "B" : "") ||
+        !(number >= row->low && number <= row->high)) {
         fail_usage("--%s: '%s' is not a size such as 500M or 8G", row->name, argument);
         return false;
     }
@@ -197,7 +205,8 @@ static bool fail_word(const option *row, const char *argument)
         ++count;
     }
     const char *nearest = nearest_word(argument, words, (size_t)count);
-    fail_usage("--%s: '%s' is none of %s; the nearest is %s", row->name, argument, row->argument, nearest);
+    fail_usage("--%s: '%s' is none of %s; the nearest is %s", row->name, argument, row->argument,
+               nearest);
     return false;
 }
 
@@ -333,8 +342,8 @@ static void print_wrapped(const char *text, int column)
     putchar('\n');
 }
 
-// Prints the name and argument of an option; what is wider than the page goes on in a second line, after a comma.
-// Returns the column of the cursor.
+// Prints the name and argument of an option; what is wider than the page goes on in a second line,
+// after a comma. Returns the column of the cursor.
 static int print_left(const char *left)
 {
     int length = (int)strlen(left), head = length < HELP_WIDTH ? length : HELP_WIDTH;
@@ -350,15 +359,16 @@ static void print_option(const option *row)
 {
     char left[160], right[768], range[96];
     const char letter[] = {'-', row->letter, ',', ' ', 0};
-    snprintf(left, sizeof left, "  %s--%s%s%s", row->letter ? letter : "", row->name, row->argument ? " " : "",
-             row->argument ? row->argument : "");
+    snprintf(left, sizeof left, "  %s--%s%s%s", row->letter ? letter : "", row->name,
+             row->argument ? " " : "", row->argument ? row->argument : "");
     const char *value = row->shown ? row->shown : row->initial;
-    const bool ranged = row->kind == OPTION_INTEGER || row->kind == OPTION_COUNT || row->kind == OPTION_REAL ||
-                        row->kind == OPTION_INTEGERS;
+    const bool ranged = row->kind == OPTION_INTEGER || row->kind == OPTION_COUNT ||
+                        row->kind == OPTION_REAL || row->kind == OPTION_INTEGERS;
     const int length = snprintf(right, sizeof right, "%s", row->help);
     if (ranged || value)
-        snprintf(right + length, sizeof right - (size_t)length, " [%s%s%s%s]", ranged ? range_text(row, range) : "",
-                     ranged && value ? "; " : "", value ? "default: " : "", value ? value : "");
+        snprintf(right + length, sizeof right - (size_t)length, " [%s%s%s%s]",
+                 ranged ? range_text(row, range) : "", ranged && value ? "; " : "",
+                 value ? "default: " : "", value ? value : "");
     int column = print_left(left);
     if (column + 2 > HELP_INDENT) {
         putchar('\n');
@@ -381,7 +391,8 @@ static void print_help(const command_line *line)
 
 // ---- Parsing ----
 
-static const option *find_option(const command_line *line, const char *name, size_t length, option_group **group)
+static const option *find_option(const command_line *line, const char *name, size_t length,
+                                 option_group **group)
 {
     for (size_t g = 0; g < line->group_count; ++g)
         for (size_t i = 0; i < line->groups[g].count; ++i) {
@@ -415,14 +426,15 @@ static int fail_unknown(const command_line *line, const char *name, size_t lengt
             names[count++] = line->groups[g].options[i].name;
     names[count++] = "help";
     snprintf(text, sizeof text, "%.*s", (int)length, name);
-    return fail_usage("unknown option --%s; the nearest is --%s ('sparegs help %s' lists all)", text,
-                      nearest_word(text, names, count), line->command);
+    return fail_usage("unknown option --%s; the nearest is --%s ('sparegs help %s' lists all)",
+                      text, nearest_word(text, names, count), line->command);
 }
 
 static bool is_known_long(const command_line *line, const char *argument)
 {
     option_group *group;
-    return !strncmp(argument, "--", 2) && find_option(line, argument + 2, strcspn(argument + 2, "="), &group);
+    return !strncmp(argument, "--", 2) &&
+           find_option(line, argument + 2, strcspn(argument + 2, "="), &group);
 }
 
 // One option at argv[*at]; -1 to go on.
@@ -440,7 +452,8 @@ static int parse_option(command_line *line, int argc, char **argv, int *at)
     } else {
         row = find_letter(line, argument[1], &group);
         if (!row)
-            return fail_usage("unknown option -%c ('sparegs help %s' lists all)", argument[1], line->command);
+            return fail_usage("unknown option -%c ('sparegs help %s' lists all)", argument[1],
+                              line->command);
         value = argument[2] ? argument + 2 : NULL;
     }
     if (row->kind == OPTION_FLAG && value)
@@ -486,8 +499,8 @@ int command_line_parse(command_line *line, int argc, char **argv)
             if (status >= 0)
                 return status;
         } else if (line->operand_count == line->operand_maximum) {
-            return fail_usage("'%s' is one argument too many; usage: sparegs %s %s", argv[i], line->command,
-                              line->synopsis);
+            return fail_usage("'%s' is one argument too many; usage: sparegs %s %s", argv[i],
+                              line->command, line->synopsis);
         } else {
             line->operands[line->operand_count++] = argv[i];
         }

@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// GNU long options from a table: one row names an option, its argument, range, unit, default and help;
-// parsing, range errors and --help all come from that row. Knows no command and no training.
+// GNU long options from a table: one row names an option, its argument, range, unit, default and
+// help; parsing, range errors and --help all come from that row. Knows no command and no training.
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -19,8 +19,8 @@ typedef enum option_kind {
     OPTION_REAL,    // double
     OPTION_TEXT,    // const char *, points into argv
     OPTION_CHOICE,  // int, index into the words of `argument`: "exr|png"
-    OPTION_SET, // unsigned, bit k for word k of `argument`: "h,v,c"; "on|off|h,v,c" accepts on and off too, "all|h,v,c"
-                // all
+    OPTION_SET, // unsigned, bit k for word k of `argument`: "h,v,c"; "on|off|h,v,c" accepts on and
+                // off too, "all|h,v,c" all
     OPTION_INTEGERS, // integer_list
     OPTION_DURATION, // double, seconds: 90, 45s, 3h55m, 2d12h
     OPTION_BYTES,    // uint64_t: 8G, 500M; K, M, G, T are powers of 1024
@@ -41,12 +41,15 @@ typedef struct option {
     const char *name; // without the dashes
     char letter;      // short form, 0 = none
     option_kind kind;
-    size_t offset;        // of the value inside the group's struct
-    double low, high;     // range, both ends included, of INTEGER, COUNT, REAL, INTEGERS; also of DURATION, BYTES
+    size_t offset; // of the value inside the group's struct
+    double low,
+        high; // range, both ends included, of INTEGER, COUNT, REAL, INTEGERS; also of DURATION,
+              // BYTES
     const char *argument; // what the help calls it; the words of CHOICE and SET
     const char *initial;  // default, parsed as an argument; NULL leaves the struct's own value
-    const char *shown;    // default as the help tells it, where `initial` does not say it; NULL = `initial`
-    const char *unit;     // or NULL
+    const char
+        *shown; // default as the help tells it, where `initial` does not say it; NULL = `initial`
+    const char *unit; // or NULL
     const char *help;
 } option;
 
@@ -71,14 +74,15 @@ typedef struct command_line {
     int operand_count;                    // out
 } command_line;
 
-// Fills the values with the defaults and then with argv[1...]. Returns -1 to go on, or an exit status: EXIT_DONE after
-// printing --help to stdout, EXIT_USAGE after naming the mistake on stderr.
+// Fills the values with the defaults and then with argv[1...]. Returns -1 to go on, or an exit
+// status: EXIT_DONE after printing --help to stdout, EXIT_USAGE after naming the mistake on stderr.
 int command_line_parse(command_line *line, int argc, char **argv);
 
 // True if the option was on the command line.
 bool option_given(const command_line *line, const char *name);
 
-// The word nearest to `text`: one that begins with it, else the least edit distance. NULL if count is 0.
+// The word nearest to `text`: one that begins with it, else the least edit distance. NULL if count
+// is 0.
 const char *nearest_word(const char *text, const char *const *words, size_t count);
 
 // One line on stderr, "sparegs: ...", and EXIT_USAGE.

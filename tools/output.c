@@ -1,8 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Paths and files of the command line. Everything that replaces a file goes through a temporary file in the
-// same folder, is flushed to the disk and renamed, so that a full disk or a killed process leaves the old one.
+// Paths and files of the command line. Everything that replaces a file goes through a temporary
+// file in the same folder, is flushed to the disk and renamed, so that a full disk or a killed
+// process leaves the old one.
 
 #include "output.h"
 
@@ -129,8 +130,8 @@ bool write_json(const char *path, json_t *root)
 
 bool print_json(json_t *root)
 {
-    const bool printed =
-        !json_dumpf(root, stdout, JSON_INDENT(1) | JSON_REAL_PRECISION(9)) && putchar('\n') == '\n' && !fflush(stdout);
+    const bool printed = !json_dumpf(root, stdout, JSON_INDENT(1) | JSON_REAL_PRECISION(9)) &&
+                         putchar('\n') == '\n' && !fflush(stdout);
     json_decref(root);
     return printed || fail_file("standard output", "cannot be written", errno);
 }
@@ -163,7 +164,8 @@ static char *kept_rows(const char *path, const char *header, int last_iteration)
 
 FILE *csv_open(const char *path, const char *header, int last_iteration)
 {
-    char *text = last_iteration > 0 ? kept_rows(path, header, last_iteration) : format_text("%s\n", header);
+    char *text =
+        last_iteration > 0 ? kept_rows(path, header, last_iteration) : format_text("%s\n", header);
     if (!text) {
         fail_file(path, "cannot be read", errno);
         return NULL;
@@ -223,7 +225,8 @@ bool model_locate(const char *model, model_path *located)
 {
     *located = (model_path){0};
     if (!file_exists(model)) {
-        fail_run("%s: there is no such model; give a PLY file or the folder of a training run", model);
+        fail_run("%s: there is no such model; give a PLY file or the folder of a training run",
+                 model);
         return false;
     }
     if (!is_folder(model)) {
@@ -232,18 +235,20 @@ bool model_locate(const char *model, model_path *located)
     }
     located->iteration = newest_iteration(model);
     if (!located->iteration) {
-        fail_run(
-            "%s: holds no point_cloud/iteration_N/point_cloud.ply; give a PLY file or the folder of a training run",
-            model);
+        fail_run("%s: holds no point_cloud/iteration_N/point_cloud.ply; give a PLY file or the "
+                 "folder of a training run",
+                 model);
         return false;
     }
-    located->ply_path = format_text("%s/point_cloud/iteration_%d/point_cloud.ply", model, located->iteration);
+    located->ply_path =
+        format_text("%s/point_cloud/iteration_%d/point_cloud.ply", model, located->iteration);
     char *config = format_text("%s/config.json", model);
     if (file_exists(config)) {
         json_error_t error;
         located->config = json_load_file(config, 0, &error);
         if (!located->config)
-            print_warning("%s: line %d: %s; its options are not used", config, error.line, error.text);
+            print_warning("%s: line %d: %s; its options are not used", config, error.line,
+                          error.text);
     }
     free(config);
     return true;

@@ -2,9 +2,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Files that the commands write and find again: folders, atomic text and JSON, CSV tables that a resumed
-// run continues, and the way from MODEL (a PLY or a run's folder) to the PLY. Functions that return bool
-// have printed their error when they return false.
+// Files that the commands write and find again: folders, atomic text and JSON, CSV tables that a
+// resumed run continues, and the way from MODEL (a PLY or a run's folder) to the PLY. Functions
+// that return bool have printed their error when they return false.
 
 #include <jansson.h>
 #include <stdbool.h>
@@ -33,11 +33,12 @@ bool print_json(json_t *root);
 // A number with at most 9 digits, or null where JSON has none (infinity, NaN).
 json_t *json_number(double value);
 
-// Opens a CSV for appending. A fresh one gets `header`; an old one keeps its rows whose first column is at most
-// `last_iteration` (0: none). NULL after printing the error.
+// Opens a CSV for appending. A fresh one gets `header`; an old one keeps its rows whose first
+// column is at most `last_iteration` (0: none). NULL after printing the error.
 FILE *csv_open(const char *path, const char *header, int last_iteration);
 
-// MODEL as the commands take it. ply_path is owned by the struct; config is the parsed OUT/config.json or NULL.
+// MODEL as the commands take it. ply_path is owned by the struct; config is the parsed
+// OUT/config.json or NULL.
 typedef struct model_path {
     char *ply_path;
     json_t *config;
@@ -52,6 +53,6 @@ void model_path_free(model_path *located);
 // The member `name` of config's "options", or NULL. Accepts NULL.
 json_t *config_option(const json_t *config, const char *name);
 
-// FOLDER/STEM + suffix of a view: the image name without extension, kept inside the folder ("..", "" and a leading "/"
-// are left out). Release with free().
+// FOLDER/STEM + suffix of a view: the image name without extension, kept inside the folder ("..",
+// "" and a leading "/" are left out). Release with free().
 char *view_path(const char *folder, const char *name, const char *suffix);

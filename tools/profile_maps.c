@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The heat maps of a profiled view: exact values as EXR, colours for people as PNG. Maps of tiles are drawn at the size
-// of the image, so that the pictures lie over each other.
+// The heat maps of a profiled view: exact values as EXR, colours for people as PNG. Maps of tiles
+// are drawn at the size of the image, so that the pictures lie over each other.
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -34,7 +34,8 @@ static bool write_exr(const map_files *files, const char *suffix, int width, int
     return written;
 }
 
-static bool write_png(const map_files *files, const char *suffix, const float *plane, int width, int height)
+static bool write_png(const map_files *files, const char *suffix, const float *plane, int width,
+                      int height)
 {
     char *path = view_path(files->folder, files->name, suffix);
     const value_range range = plane_range(plane, (size_t)width * (size_t)height);
@@ -48,14 +49,16 @@ static bool write_png(const map_files *files, const char *suffix, const float *p
     }
     if (written) {
         fprintf(files->stream, "%s\n", path);
-        print_note("%s%s: dark to light is %g to %g", files->name, suffix, (double)range.low, (double)range.high);
+        print_note("%s%s: dark to light is %g to %g", files->name, suffix, (double)range.low,
+                   (double)range.high);
     }
     sgs_image8_free(&image);
     free(path);
     return written;
 }
 
-static bool write_tiles_png(const map_files *files, const char *suffix, const float *tiles, const sgs_profile *profile)
+static bool write_tiles_png(const map_files *files, const char *suffix, const float *tiles,
+                            const sgs_profile *profile)
 {
     const int width = profile->width, height = profile->height;
     float *plane = malloc((size_t)width * (size_t)height * sizeof *plane);
@@ -65,24 +68,29 @@ static bool write_tiles_png(const map_files *files, const char *suffix, const fl
     }
     for (int y = 0; y < height; ++y)
         for (int x = 0; x < width; ++x)
-            plane[(size_t)y * (size_t)width + (size_t)x] = tiles[y / 16 * profile->tiles_x + x / 16];
+            plane[(size_t)y * (size_t)width + (size_t)x] =
+                tiles[y / 16 * profile->tiles_x + x / 16];
     const bool written = write_png(files, suffix, plane, width, height);
     free(plane);
     return written;
 }
 
-bool profile_write_maps(const char *folder, const char *name, const sgs_profile *profile, FILE *stream)
+bool profile_write_maps(const char *folder, const char *name, const sgs_profile *profile,
+                        FILE *stream)
 {
     const map_files files = {folder, name, stream};
-    const sgs_exr_channel pixels[] = {{.name = "hits.count", .floats = profile->pixel_hits},
-                                      {.name = "evaluated.count", .floats = profile->pixel_evaluated}};
-    const sgs_exr_channel tiles[] = {{.name = "candidates.count", .floats = profile->tile_candidates},
-                                     {.name = "evaluations.count", .floats = profile->tile_evaluations},
-                                     {.name = "cost.seconds", .floats = profile->tile_seconds}};
+    const sgs_exr_channel pixels[] = {
+        {.name = "hits.count", .floats = profile->pixel_hits},
+        {.name = "evaluated.count", .floats = profile->pixel_evaluated}};
+    const sgs_exr_channel tiles[] = {
+        {.name = "candidates.count", .floats = profile->tile_candidates},
+        {.name = "evaluations.count", .floats = profile->tile_evaluations},
+        {.name = "cost.seconds", .floats = profile->tile_seconds}};
     return write_exr(&files, ".profile.exr", profile->width, profile->height, pixels, 2) &&
            write_exr(&files, ".tiles.exr", profile->tiles_x, profile->tiles_y, tiles, 3) &&
            write_png(&files, ".hits.png", profile->pixel_hits, profile->width, profile->height) &&
-           write_png(&files, ".evaluated.png", profile->pixel_evaluated, profile->width, profile->height) &&
+           write_png(&files, ".evaluated.png", profile->pixel_evaluated, profile->width,
+                     profile->height) &&
            write_tiles_png(&files, ".tile_candidates.png", profile->tile_candidates, profile) &&
            write_tiles_png(&files, ".tile_cost.png", profile->tile_seconds, profile);
 }

@@ -12,10 +12,20 @@
 #include "sparegs/runtime.h"
 
 // Numbers of a profile that are summed over views.
-#define SGS_EACH_SUM(X)                                                                                                \
-    X(rays)                                                                                                            \
-    X(forward) X(callbacks) X(candidates) X(block_tests) X(evaluations) X(elements) X(listed) X(needed) X(hits)        \
-        X(sampled_hits) X(sampled_hits_unstopped) X(sampled_stopped)
+#define SGS_EACH_SUM(X)                                                                            \
+    X(rays)                                                                                        \
+    X(forward)                                                                                     \
+    X(callbacks)                                                                                   \
+    X(candidates)                                                                                  \
+    X(block_tests)                                                                                 \
+    X(evaluations)                                                                                 \
+    X(elements)                                                                                    \
+    X(listed)                                                                                      \
+    X(needed)                                                                                      \
+    X(hits)                                                                                        \
+    X(sampled_hits)                                                                                \
+    X(sampled_hits_unstopped)                                                                      \
+    X(sampled_stopped)
 #define SGS_EACH_TREE_SUM(X) X(build) X(refit) X(gather) X(bytes) X(callbacks) X(cost) X(overlap)
 
 void profile_report_add(profile_report *report, const sgs_profile *profile)
@@ -99,9 +109,10 @@ static sgs_profile_kind best_for_drawing(const profile_report *report)
     return best;
 }
 
-// Refits after which the extra gather of an aging tree has cost as much as a build: ageing grows evenly from 0 to
-// `extra` over the measured age n, so r refits cost extra r^2 / (2 n); the mean cost per iteration is least where that
-// equals the build. Infinite where the aged tree is not slower.
+// Refits after which the extra gather of an aging tree has cost as much as a build: ageing grows
+// evenly from 0 to `extra` over the measured age n, so r refits cost extra r^2 / (2 n); the mean
+// cost per iteration is least where that equals the build. Infinite where the aged tree is not
+// slower.
 static double rebuild_after(const profile_report *report)
 {
     const sgs_profile_tree *fresh = &report->mean.trees[SGS_PROFILE_REFIT],
@@ -119,8 +130,9 @@ typedef struct share {
 static share dominant(const profile_report *report, double *whole)
 {
     const sgs_bench_sample *s = &report->training;
-    const share parts[] = {{"gather", s->gather}, {"forward", s->forward},     {"backward", s->backward},
-                           {"loss", s->loss},     {"optimizer", s->optimizer}, {"refit", s->refit}};
+    const share parts[] = {{"gather", s->gather},       {"forward", s->forward},
+                           {"backward", s->backward},   {"loss", s->loss},
+                           {"optimizer", s->optimizer}, {"refit", s->refit}};
     const sgs_profile_tree *tree = &report->mean.trees[SGS_PROFILE_REFIT];
     share largest = {"gather", gather_wall(tree)};
     *whole = gather_wall(tree) + report->mean.forward / sgs_threads();
@@ -140,20 +152,24 @@ static share dominant(const profile_report *report, double *whole)
 static char *answer_quality(const profile_report *report)
 {
     const sgs_profile_kind train = best_for_training(report), draw = best_for_drawing(report);
-    const sgs_profile_tree *low = &report->mean.trees[SGS_PROFILE_LOW], *best = &report->mean.trees[draw];
+    const sgs_profile_tree *low = &report->mean.trees[SGS_PROFILE_LOW],
+                           *best = &report->mean.trees[draw];
     const double gain = gather_wall(low) - gather_wall(best), price = best->build - low->build;
-    char *training =
-        format_text("Build quality: for training %s, %.2f ms per iteration for tree and gather (low %.2f, medium %.2f, "
-                    "high %.2f, refit %.2f)",
-                    sgs_profile_kind_name(train), 1e3 * iteration_cost(report, train),
-                    1e3 * iteration_cost(report, SGS_PROFILE_LOW), 1e3 * iteration_cost(report, SGS_PROFILE_MEDIUM),
-                    1e3 * iteration_cost(report, SGS_PROFILE_HIGH), 1e3 * iteration_cost(report, SGS_PROFILE_REFIT));
-    char *drawing =
-        draw == SGS_PROFILE_LOW || gain <= 0
-            ? format_text("for a fixed model low: no other tree answers faster")
-            : format_text("for a fixed model %s: it answers %.0f %% faster than low and has paid for its build after "
-                          "%.0f views",
-                          sgs_profile_kind_name(draw), 100 * gain / gather_wall(low), ceil(fmax(price / gain, 1)));
+    char *training = format_text("Build quality: for training %s, %.2f ms per iteration for tree "
+                                 "and gather (low %.2f, medium %.2f, "
+                                 "high %.2f, refit %.2f)",
+                                 sgs_profile_kind_name(train), 1e3 * iteration_cost(report, train),
+                                 1e3 * iteration_cost(report, SGS_PROFILE_LOW),
+                                 1e3 * iteration_cost(report, SGS_PROFILE_MEDIUM),
+                                 1e3 * iteration_cost(report, SGS_PROFILE_HIGH),
+                                 1e3 * iteration_cost(report, SGS_PROFILE_REFIT));
+    char *drawing = draw == SGS_PROFILE_LOW || gain <= 0
+                        ? format_text("for a fixed model low: no other tree answers faster")
+                        : format_text("for a fixed model %s: it answers %.0f %% faster than low "
+                                      "and has paid for its build after "
+                                      "%.0f views",
+                                      sgs_profile_kind_name(draw), 100 * gain / gather_wall(low),
+                                      ceil(fmax(price / gain, 1)));
     char *text = format_text("%s; %s.", training, drawing);
     free(training);
     free(drawing);
@@ -168,11 +184,14 @@ static char *answer_rebuild(const profile_report *report)
                  more = quotient(aged->callbacks, fresh->callbacks) - 1;
     const double after = rebuild_after(report);
     if (isfinite(after) && slower > 0.01)
-        return format_text("When to rebuild: after about %.0f refits; %d refits make the gather %.1f %% slower (%.1f "
+        return format_text("When to rebuild: after about %.0f refits; %d refits make the gather "
+                           "%.1f %% slower (%.1f "
                            "%% more callbacks), a "
                            "build costs %.2f ms against %.2f ms for a refit.",
-                           after, report->refits, 100 * slower, 100 * more, 1e3 * fresh->build, 1e3 * fresh->refit);
-    return format_text("When to rebuild: only when primitives come or go; %d refits change the gather by %.1f %% (%.1f "
+                           after, report->refits, 100 * slower, 100 * more, 1e3 * fresh->build,
+                           1e3 * fresh->refit);
+    return format_text("When to rebuild: only when primitives come or go; %d refits change the "
+                       "gather by %.1f %% (%.1f "
                        "%% more callbacks), "
                        "less than a build would cost.",
                        report->refits, 100 * slower, 100 * more);
@@ -183,13 +202,16 @@ static char *answer_dominant(const profile_report *report)
     const sgs_profile *m = &report->mean;
     double whole;
     const share largest = dominant(report, &whole);
-    return format_text("What dominates: %s, %.0f %% of %s; of the pairs (block, primitive) evaluated %.1f %% hit no "
+    return format_text("What dominates: %s, %.0f %% of %s; of the pairs (block, primitive) "
+                       "evaluated %.1f %% hit no "
                        "pixel, of the lanes "
-                       "%.0f %% carry a counted hit, of the BVH's callbacks %.1f %% were needed, and the slowest tile "
+                       "%.0f %% carry a counted hit, of the BVH's callbacks %.1f %% were needed, "
+                       "and the slowest tile "
                        "takes %.1f times the mean.",
                        largest.name, 100 * quotient(largest.seconds, whole),
                        report->training.iteration > 0 ? "an iteration" : "a view",
-                       100 * (1 - quotient(m->elements, m->evaluations)), 100 * quotient(m->hits, 16 * m->evaluations),
+                       100 * (1 - quotient(m->elements, m->evaluations)),
+                       100 * quotient(m->hits, 16 * m->evaluations),
                        100 * quotient(m->needed, m->callbacks), report->tile_slowest);
 }
 
@@ -198,15 +220,16 @@ static char *answer_dominant(const profile_report *report)
 void profile_print(const profile_report *report)
 {
     const sgs_profile *m = &report->mean;
-    printf("%.0f primitives, %.0f rays per view, %zu view%s, %s, %d thread%s\n\n", m->primitives, m->rays,
-           report->views, report->views == 1 ? "" : "s", sgs_isa_name(sgs_get_isa()), sgs_threads(),
-           sgs_threads() == 1 ? "" : "s");
-    printf("%-8s %10s %10s %12s %10s %12s %10s %9s\n", "tree", "build ms", "refit ms", "gather ms*", "MB", "callbacks",
-           "SA cost", "overlap");
+    printf("%.0f primitives, %.0f rays per view, %zu view%s, %s, %d thread%s\n\n", m->primitives,
+           m->rays, report->views, report->views == 1 ? "" : "s", sgs_isa_name(sgs_get_isa()),
+           sgs_threads(), sgs_threads() == 1 ? "" : "s");
+    printf("%-8s %10s %10s %12s %10s %12s %10s %9s\n", "tree", "build ms", "refit ms", "gather ms*",
+           "MB", "callbacks", "SA cost", "overlap");
     for (int k = 0; k < SGS_PROFILE_KIND_COUNT; ++k) {
         const sgs_profile_tree *t = &m->trees[k];
-        printf("%-8s %10.2f %10.2f %12.2f %10.1f %12.0f %10.1f %9.3f\n", sgs_profile_kind_name((sgs_profile_kind)k),
-               1e3 * t->build, 1e3 * t->refit, 1e3 * t->gather, 1e-6 * t->bytes, t->callbacks, t->cost, t->overlap);
+        printf("%-8s %10.2f %10.2f %12.2f %10.1f %12.0f %10.1f %9.3f\n",
+               sgs_profile_kind_name((sgs_profile_kind)k), 1e3 * t->build, 1e3 * t->refit,
+               1e3 * t->gather, 1e-6 * t->bytes, t->callbacks, t->cost, t->overlap);
     }
     printf("* core time of a view; aged: refitted %d times\n\n", report->refits);
     printf("%-34s %12s %12s\n", "", "per view", "per ray");
@@ -220,16 +243,23 @@ void profile_print(const profile_report *report)
                 {"elements (some pixel was hit)", m->elements},
                 {"true hits", m->hits}};
     for (size_t i = 0; i < sizeof rows / sizeof *rows; ++i)
-        printf("%-34s %12.0f %12.3f\n", rows[i].name, rows[i].value, quotient(rows[i].value, m->rays));
-    printf("false positives: %.1f %% of callbacks, %.1f %% of candidates, %.1f %% of evaluations, %.1f %% of lanes\n",
-           100 * (1 - quotient(m->needed, m->callbacks)), 100 * (1 - quotient(m->listed, m->candidates)),
-           100 * (1 - quotient(m->elements, m->evaluations)), 100 * (1 - quotient(m->hits, 16 * m->evaluations)));
-    printf("hits per ray: %.1f until it stops, %.1f if it did not; %.0f %% of rays stop (sampled)\n", m->sampled_hits,
-           m->sampled_hits_unstopped, 100 * m->sampled_stopped);
-    printf("a view takes %.2f core ms after the gather; per tile %.1f us, the slowest %.1f times the mean\n",
+        printf("%-34s %12.0f %12.3f\n", rows[i].name, rows[i].value,
+               quotient(rows[i].value, m->rays));
+    printf("false positives: %.1f %% of callbacks, %.1f %% of candidates, %.1f %% of evaluations, "
+           "%.1f %% of lanes\n",
+           100 * (1 - quotient(m->needed, m->callbacks)),
+           100 * (1 - quotient(m->listed, m->candidates)),
+           100 * (1 - quotient(m->elements, m->evaluations)),
+           100 * (1 - quotient(m->hits, 16 * m->evaluations)));
+    printf(
+        "hits per ray: %.1f until it stops, %.1f if it did not; %.0f %% of rays stop (sampled)\n",
+        m->sampled_hits, m->sampled_hits_unstopped, 100 * m->sampled_stopped);
+    printf("a view takes %.2f core ms after the gather; per tile %.1f us, the slowest %.1f times "
+           "the mean\n",
            1e3 * m->forward, 1e6 * quotient(m->forward, m->tiles_x), report->tile_slowest);
     if (report->counted)
-        printf("hardware counters per view: %.0f M cycles, %.0f M instructions, %.2f M cache references, %.2f M "
+        printf("hardware counters per view: %.0f M cycles, %.0f M instructions, %.2f M cache "
+               "references, %.2f M "
                "misses, %.2f M branch misses "
                "(-1e-6: not counted here)\n",
                1e-6 * report->counters.cycles, 1e-6 * report->counters.instructions,
@@ -237,7 +267,8 @@ void profile_print(const profile_report *report)
                1e-6 * report->counters.branch_misses);
     else
         printf("no hardware counters: %s\n", report->no_counters);
-    char *const answers[] = {answer_quality(report), answer_rebuild(report), answer_dominant(report)};
+    char *const answers[] = {answer_quality(report), answer_rebuild(report),
+                             answer_dominant(report)};
     putchar('\n');
     for (int i = 0; i < 3; ++i) {
         puts(answers[i]);
@@ -251,13 +282,15 @@ static json_t *tree_json(const profile_report *report, sgs_profile_kind kind)
     json_t *object = json_object();
     json_object_set_new(object, "name", json_string(sgs_profile_kind_name(kind)));
     json_object_set_new(object, "build_seconds", json_number(t->build));
-    json_object_set_new(object, "refit_seconds", kind < SGS_PROFILE_REFIT ? json_null() : json_number(t->refit));
+    json_object_set_new(object, "refit_seconds",
+                        kind < SGS_PROFILE_REFIT ? json_null() : json_number(t->refit));
     json_object_set_new(object, "gather_core_seconds", json_number(t->gather));
     json_object_set_new(object, "bytes", json_number(t->bytes));
     json_object_set_new(object, "callbacks", json_number(t->callbacks));
     json_object_set_new(object, "surface_area_cost", json_number(t->cost));
     json_object_set_new(object, "overlap", json_number(t->overlap));
-    json_object_set_new(object, "refits", json_integer(kind == SGS_PROFILE_AGED ? report->refits : 0));
+    json_object_set_new(object, "refits",
+                        json_integer(kind == SGS_PROFILE_AGED ? report->refits : 0));
     json_object_set_new(object, "iteration_seconds", json_number(iteration_cost(report, kind)));
     return object;
 }
@@ -276,15 +309,16 @@ static json_t *counters_json(const profile_report *report)
                   {"branch_misses", report->counters.branch_misses}};
     json_t *object = json_object();
     for (size_t i = 0; i < sizeof values / sizeof *values; ++i)
-        json_object_set_new(object, values[i].name, values[i].value < 0 ? json_null() : json_number(values[i].value));
+        json_object_set_new(object, values[i].name,
+                            values[i].value < 0 ? json_null() : json_number(values[i].value));
     return object;
 }
 
 json_t *profile_json(const profile_report *report)
 {
     const sgs_profile *m = &report->mean;
-    json_t *root = json_object(), *trees = json_array(), *view = json_object(), *rates = json_object(),
-           *answers = json_object();
+    json_t *root = json_object(), *trees = json_array(), *view = json_object(),
+           *rates = json_object(), *answers = json_object();
     for (int k = 0; k < SGS_PROFILE_KIND_COUNT; ++k)
         json_array_append_new(trees, tree_json(report, (sgs_profile_kind)k));
     const struct {
@@ -307,15 +341,18 @@ json_t *profile_json(const profile_report *report)
         json_object_set_new(view, numbers[i].name, json_number(numbers[i].value));
     json_object_set_new(rates, "callbacks", json_number(1 - quotient(m->needed, m->callbacks)));
     json_object_set_new(rates, "candidates", json_number(1 - quotient(m->listed, m->candidates)));
-    json_object_set_new(rates, "evaluations", json_number(1 - quotient(m->elements, m->evaluations)));
+    json_object_set_new(rates, "evaluations",
+                        json_number(1 - quotient(m->elements, m->evaluations)));
     json_object_set_new(rates, "lanes", json_number(1 - quotient(m->hits, 16 * m->evaluations)));
     json_object_set_new(view, "false_positives", rates);
     double whole;
     const share largest = dominant(report, &whole);
     char *texts[] = {answer_quality(report), answer_rebuild(report), answer_dominant(report)};
     static const char *const keys[] = {"quality_text", "rebuild_text", "dominant_text"};
-    json_object_set_new(answers, "quality_training", json_string(sgs_profile_kind_name(best_for_training(report))));
-    json_object_set_new(answers, "quality_drawing", json_string(sgs_profile_kind_name(best_for_drawing(report))));
+    json_object_set_new(answers, "quality_training",
+                        json_string(sgs_profile_kind_name(best_for_training(report))));
+    json_object_set_new(answers, "quality_drawing",
+                        json_string(sgs_profile_kind_name(best_for_drawing(report))));
     json_object_set_new(answers, "rebuild_after_refits", json_number(rebuild_after(report)));
     json_object_set_new(answers, "dominant", json_string(largest.name));
     json_object_set_new(answers, "dominant_share", json_number(quotient(largest.seconds, whole)));

@@ -1,9 +1,10 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Messages and the live progress line. On a terminal one line is redrawn in place and cleared before any
-// other message; elsewhere (a log, a pipe) every hundredth iteration gets a line of its own. The rate is
-// averaged over the last seconds, because an iteration's cost changes with the number of primitives.
+// Messages and the live progress line. On a terminal one line is redrawn in place and cleared
+// before any other message; elsewhere (a log, a pipe) every hundredth iteration gets a line of its
+// own. The rate is averaged over the last seconds, because an iteration's cost changes with the
+// number of primitives.
 
 #include "progress.h"
 
@@ -181,9 +182,11 @@ void progress_step(const progress_state *state)
         return;
     console.drawn_at = now;
     char left[24], numbers[256], line[512];
-    duration_text(console.shown_rate > 0 ? (state->total - state->iteration) / console.shown_rate : -1, left);
-    snprintf(numbers, sizeof numbers, "%d/%d  loss %.4f  %zu primitives  %.1f it/s  ETA %s  RSS %.0f MB",
-             state->iteration, state->total, state->loss, state->gaussians, console.shown_rate, left,
+    duration_text(
+        console.shown_rate > 0 ? (state->total - state->iteration) / console.shown_rate : -1, left);
+    snprintf(numbers, sizeof numbers,
+             "%d/%d  loss %.4f  %zu primitives  %.1f it/s  ETA %s  RSS %.0f MB", state->iteration,
+             state->total, state->loss, state->gaussians, console.shown_rate, left,
              (double)sgs_current_rss() / 1e6);
     if (terminal) {
         char bar[BAR_WIDTH + 1] = {0};

@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// What a person reads on stderr while a command works: warnings, notes, errors and the progress of a
-// training. Results never pass through here.
+// What a person reads on stderr while a command works: warnings, notes, errors and the progress of
+// a training. Results never pass through here.
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -37,7 +37,8 @@ typedef struct progress_state {
 
 // Starts the clock of the rate at `iteration`.
 void progress_start(int iteration);
-// On a terminal redraws the live line (at most ten times a second); elsewhere prints a line per 100 iterations.
+// On a terminal redraws the live line (at most ten times a second); elsewhere prints a line per 100
+// iterations.
 void progress_step(const progress_state *state);
 // Ends the live line.
 void progress_end(void);

@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// One record per update, little-endian as the machine: "SGRG", iteration, grid, number of regions (4 bytes each),
-// corner and cell of the grid (6 doubles), then the regions as sgs_region.
+// One record per update, little-endian as the machine: "SGRG", iteration, grid, number of regions
+// (4 bytes each), corner and cell of the grid (6 doubles), then the regions as sgs_region.
 
 #include "region_file.h"
 
@@ -51,7 +51,8 @@ bool region_file_cut(const char *folder, int iteration)
     FILE *stream = fopen(path, "rb");
     long keep = 0;
     record_header header;
-    while (stream && read_header(stream, size_of(stream), &header) && header.iteration <= (uint32_t)iteration &&
+    while (stream && read_header(stream, size_of(stream), &header) &&
+           header.iteration <= (uint32_t)iteration &&
            !fseek(stream, (long)(header.count * sizeof(sgs_region)), SEEK_CUR))
         keep = ftell(stream);
     if (stream)
@@ -66,18 +67,21 @@ bool region_file_cut(const char *folder, int iteration)
 bool region_file_append(const char *folder, const sgs_regions *regions)
 {
     char *path = file_of(folder);
-    record_header header = {
-        .iteration = (uint32_t)regions->iteration, .grid = (uint32_t)regions->grid, .count = (uint32_t)regions->count};
+    record_header header = {.iteration = (uint32_t)regions->iteration,
+                            .grid = (uint32_t)regions->grid,
+                            .count = (uint32_t)regions->count};
     memcpy(header.magic, magic, sizeof magic);
     memcpy(header.low, regions->low, sizeof header.low);
     memcpy(header.cell, regions->cell, sizeof header.cell);
     FILE *stream = fopen(path, "ab");
     bool written = stream && fwrite(&header, sizeof header, 1, stream) == 1 &&
-                   fwrite(regions->regions, sizeof *regions->regions, regions->count, stream) == regions->count;
+                   fwrite(regions->regions, sizeof *regions->regions, regions->count, stream) ==
+                       regions->count;
     if (stream && fclose(stream))
         written = false;
     if (!written)
-        print_warning("%s: an update is not recorded: %s", path, errno ? strerror(errno) : "disk full?");
+        print_warning("%s: an update is not recorded: %s", path,
+                      errno ? strerror(errno) : "disk full?");
     free(path);
     return written;
 }
@@ -103,8 +107,10 @@ bool region_history_read(const char *folder, region_history *history)
             break;
         }
         sgs_regions *update = &history->updates[history->count++];
-        *update = (sgs_regions){
-            .iteration = (int)header.iteration, .grid = (int)header.grid, .count = header.count, .regions = list};
+        *update = (sgs_regions){.iteration = (int)header.iteration,
+                                .grid = (int)header.grid,
+                                .count = header.count,
+                                .regions = list};
         memcpy(update->low, header.low, sizeof header.low);
         memcpy(update->cell, header.cell, sizeof header.cell);
     }
@@ -151,6 +157,7 @@ static int compare_voxels(const void *key, const void *region)
 
 const sgs_region *region_find(const sgs_regions *update, uint32_t voxel)
 {
-    return update->count ? bsearch(&voxel, update->regions, update->count, sizeof *update->regions, compare_voxels)
+    return update->count ? bsearch(&voxel, update->regions, update->count, sizeof *update->regions,
+                                   compare_voxels)
                          : NULL;
 }

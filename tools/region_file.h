@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// OUT/regions.bin: what SPARE-GS held of every region at every structural update of a run. Functions that
-// return bool have printed their error when they return false.
+// OUT/regions.bin: what SPARE-GS held of every region at every structural update of a run.
+// Functions that return bool have printed their error when they return false.
 
 #include <stdbool.h>
 
@@ -23,8 +23,8 @@ typedef struct region_history {
 bool region_history_read(const char *folder, region_history *history);
 void region_history_free(region_history *history);
 
-// The voxel that holds a point, or, outside the grid, the nearest: SPARE-GS's rule for the centres of primitives.
-// `inside` (or NULL): whether the grid holds it.
+// The voxel that holds a point, or, outside the grid, the nearest: SPARE-GS's rule for the centres
+// of primitives. `inside` (or NULL): whether the grid holds it.
 uint32_t region_voxel(const sgs_regions *update, const double point[3], bool *inside);
 // The region of a voxel, or NULL: no primitives there at that update.
 const sgs_region *region_find(const sgs_regions *update, uint32_t voxel);

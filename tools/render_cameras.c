@@ -42,7 +42,8 @@ bool frame_range_parse(const char *text, frame_range *range)
 bool size_parse(const char *text, int *width, int *height)
 {
     const char *at = text;
-    return parse_number(&at, 1, 65536, width) && *at++ == 'x' && parse_number(&at, 1, 65536, height) && !*at;
+    return parse_number(&at, 1, 65536, width) && *at++ == 'x' &&
+           parse_number(&at, 1, 65536, height) && !*at;
 }
 
 static bool missing_view(const sgs_scene *scene, const char *view)
@@ -51,7 +52,8 @@ static bool missing_view(const sgs_scene *scene, const char *view)
     for (size_t i = 0; names && i < scene->view_count; ++i)
         names[i] = scene->views[i].name;
     const char *nearest = names ? nearest_word(view, names, scene->view_count) : NULL;
-    fail_run("%s: has no view '%s'; the nearest is '%s'", scene->path, view, nearest ? nearest : "");
+    fail_run("%s: has no view '%s'; the nearest is '%s'", scene->path, view,
+             nearest ? nearest : "");
     free(names);
     return false;
 }
@@ -61,18 +63,21 @@ static bool scene_cameras(const camera_choice *choice, const sgs_scene *scene, c
     const ptrdiff_t wanted = choice->view ? sgs_scene_find_view(scene, choice->view) : -1;
     if (choice->view && wanted < 0)
         return missing_view(scene, choice->view);
-    const sgs_split split =
-        choice->split_given || scene_split_count(scene, choice->split) ? choice->split : SGS_SPLIT_ALL;
+    const sgs_split split = choice->split_given || scene_split_count(scene, choice->split)
+                                ? choice->split
+                                : SGS_SPLIT_ALL;
     list->cameras = calloc(scene->view_count + 1, sizeof *list->cameras);
     for (size_t v = 0; v < scene->view_count && list->cameras; ++v) {
         const sgs_view *view = &scene->views[v];
         if (choice->view ? (ptrdiff_t)v != wanted : !view_in_split(view, split))
             continue;
-        list->cameras[list->count++] = (named_camera){format_text("%s", view->name), view->camera, view->pose};
+        list->cameras[list->count++] =
+            (named_camera){format_text("%s", view->name), view->camera, view->pose};
     }
     if (list->count)
         return true;
-    fail_run("%s: no view is in this split; hold some out by --eval, --test-every or --test-images", scene->path);
+    fail_run("%s: no view is in this split; hold some out by --eval, --test-every or --test-images",
+             scene->path);
     return false;
 }
 

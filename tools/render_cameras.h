@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Which cameras `render` draws from: views of a scene, a camera file or a path made from the views, thinned out to
-// a range of frames, at another size or all around.
+// Which cameras `render` draws from: views of a scene, a camera file or a path made from the views,
+// thinned out to a range of frames, at another size or all around.
 
 #include "camera_file.h"
 #include "sparegs/scene.h"

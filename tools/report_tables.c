@@ -1,9 +1,10 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Tables as the paper has them: the base pipelines without ("off") and with ("on") SPARE-GS and the change; all
-// variants of a pipeline side by side; the seconds of every phase; runs that ended early. A cell is a mean over seeds,
-// a row over scenes a mean of the scenes' percentages, the last one a mean over pipelines.
+// Tables as the paper has them: the base pipelines without ("off") and with ("on") SPARE-GS and the
+// change; all variants of a pipeline side by side; the seconds of every phase; runs that ended
+// early. A cell is a mean over seeds, a row over scenes a mean of the scenes' percentages, the last
+// one a mean over pipelines.
 
 #include "report_tables.h"
 
@@ -35,13 +36,15 @@ static double metric_of(const json_t *run, const char *metric)
 }
 
 // Mean over the seeds (and over the scenes, where `scene` is NULL); NaN when there is no such run.
-static double mean(const json_t *runs, const char *scene, const char *pipeline, const char *variant, const char *metric)
+static double mean(const json_t *runs, const char *scene, const char *pipeline, const char *variant,
+                   const char *metric)
 {
     double sum = 0, count = 0;
     for (size_t k = 0; k < json_array_size(runs); ++k) {
         const json_t *run = json_array_get(runs, k);
         const double value = metric_of(run, metric);
-        if ((scene && strcmp(scene, text_of(run, "scene"))) || strcmp(pipeline, text_of(run, "pipeline")) ||
+        if ((scene && strcmp(scene, text_of(run, "scene"))) ||
+            strcmp(pipeline, text_of(run, "pipeline")) ||
             strcmp(variant, text_of(run, "variant")) || isnan(value))
             continue;
         sum += value;
@@ -83,7 +86,8 @@ static double percent(double base, double ours)
 // ---- Off and on ----
 
 enum { METRICS = 4 };
-static const char *const metrics[METRICS] = {"train_seconds", "gaussians", "test.psnr", "test.ssim"};
+static const char *const metrics[METRICS] = {"train_seconds", "gaussians", "test.psnr",
+                                             "test.ssim"};
 static const char *const formats[METRICS] = {"%.1f", "%.0f", "%.2f", "%.4f"};
 static const char *const change_formats[METRICS] = {"%+.1f %%", "%+.1f %%", "%+.2f", "%+.4f"};
 
@@ -92,8 +96,8 @@ static double change(int metric, double base, double ours)
     return metric < 2 ? percent(base, ours) : ours - base;
 }
 
-static void put_changes(json_t *table, const char *pipeline, const char *scene, const double sums[METRICS],
-                        double count)
+static void put_changes(json_t *table, const char *pipeline, const char *scene,
+                        const double sums[METRICS], double count)
 {
     json_t *row = json_array();
     put_text(row, pipeline);
@@ -107,7 +111,8 @@ static void put_changes(json_t *table, const char *pipeline, const char *scene, 
     end_row(table, row);
 }
 
-static bool put_scene(json_t *table, const json_t *runs, const char *pipeline, const char *scene, double sums[METRICS])
+static bool put_scene(json_t *table, const json_t *runs, const char *pipeline, const char *scene,
+                      double sums[METRICS])
 {
     json_t *row = json_array();
     double base[METRICS], ours[METRICS];
@@ -136,16 +141,19 @@ static json_t *pipelines_table(const json_t *plan, const json_t *runs)
     static const char *const columns[] = {"pipeline",  "scene",  "base s", "base N",    "base PSNR",
                                           "base SSIM", "ours s", "ours N", "ours PSNR", "ours SSIM",
                                           "Δ time",    "Δ N",    "Δ PSNR", "Δ SSIM",    NULL};
-    json_t *table =
-        new_table("Base pipelines without and with SPARE-GS",
-                  "Base: variant off; ours: variant on. PSNR in dB and SSIM of the held-out images.", columns);
-    const json_t *pipelines = json_object_get(plan, "pipelines"), *scenes = json_object_get(plan, "scenes");
+    json_t *table = new_table(
+        "Base pipelines without and with SPARE-GS",
+        "Base: variant off; ours: variant on. PSNR in dB and SSIM of the held-out images.",
+        columns);
+    const json_t *pipelines = json_object_get(plan, "pipelines"),
+                 *scenes = json_object_get(plan, "scenes");
     double all[METRICS] = {0}, counted = 0;
     for (size_t p = 0; p < json_array_size(pipelines); ++p) {
         const char *pipeline = json_string_value(json_array_get(pipelines, p));
         double sums[METRICS] = {0}, count = 0;
         for (size_t s = 0; s < json_array_size(scenes); ++s)
-            count += put_scene(table, runs, pipeline, text_of(json_array_get(scenes, s), "name"), sums);
+            count +=
+                put_scene(table, runs, pipeline, text_of(json_array_get(scenes, s), "name"), sums);
         put_changes(table, pipeline, "mean", sums, count);
         for (int k = 0; k < METRICS && count > 0; ++k)
             all[k] += sums[k] / count;
@@ -162,7 +170,8 @@ static json_t *variants_table(const json_t *plan, const json_t *runs, const char
     static const char *const columns[] = {"variant", "N",   "s",      "iterations", "PSNR",
                                           "SSIM",    "Δ N", "Δ time", "Δ PSNR",     NULL};
     char *title = format_text("Variants of %s", pipeline);
-    json_t *table = new_table(title, "Means over scenes and seeds; changes against variant off.", columns);
+    json_t *table =
+        new_table(title, "Means over scenes and seeds; changes against variant off.", columns);
     free(title);
     const json_t *variants = json_object_get(plan, "variants");
     double base[METRICS];
@@ -194,11 +203,12 @@ static json_t *variants_table(const json_t *plan, const json_t *runs, const char
 
 static json_t *seconds_table(const json_t *plan, const json_t *runs)
 {
-    static const char *const phases[] = {"gather",    "forward",   "loss",    "backward", "optimizer",
-                                         "bvh_refit", "bvh_build", "density", "spare"};
-    static const char *const columns[] = {"pipeline", "variant",   "gather",         "forward",   "loss",
-                                          "backward", "optimizer", "BVH refit",      "BVH build", "density",
-                                          "SPARE-GS", "total",     "SPARE-GS share", NULL};
+    static const char *const phases[] = {"gather",    "forward",   "loss",
+                                         "backward",  "optimizer", "bvh_refit",
+                                         "bvh_build", "density",   "spare"};
+    static const char *const columns[] = {
+        "pipeline",  "variant",   "gather",  "forward",  "loss",  "backward",       "optimizer",
+        "BVH refit", "BVH build", "density", "SPARE-GS", "total", "SPARE-GS share", NULL};
     json_t *table = new_table("Seconds by phase", "Means over scenes and seeds.", columns);
     const json_t *pipelines = json_object_get(plan, "pipelines");
     static const char *const variants[] = {"off", "on"};
@@ -227,8 +237,10 @@ static json_t *seconds_table(const json_t *plan, const json_t *runs)
 
 static json_t *stops_table(const json_t *runs)
 {
-    static const char *const columns[] = {"scene", "pipeline", "variant", "seed", "how it ended", NULL};
-    json_t *table = new_table("Early stops", "Runs that ended in equilibrium before the schedule did.", columns);
+    static const char *const columns[] = {"scene", "pipeline",     "variant",
+                                          "seed",  "how it ended", NULL};
+    json_t *table = new_table("Early stops",
+                              "Runs that ended in equilibrium before the schedule did.", columns);
     for (size_t k = 0; k < json_array_size(runs); ++k) {
         const json_t *run = json_array_get(runs, k), *summary = json_object_get(run, "summary");
         if (strcmp(text_of(summary, "stop_reason"), "equilibrium"))
@@ -281,11 +293,13 @@ char *report_markdown(const json_t *results, const json_t *tables)
     char *text = format_text("# %s\n\n%zu finished runs.\n", *title ? title : "Experiment",
                              json_array_size(json_object_get(results, "runs")));
     for (size_t t = 0; t < json_array_size(tables); ++t) {
-        const json_t *table = json_array_get(tables, t), *columns = json_object_get(table, "columns"),
+        const json_t *table = json_array_get(tables, t),
+                     *columns = json_object_get(table, "columns"),
                      *rows = json_object_get(table, "rows");
         if (!json_array_size(rows))
             continue;
-        char *longer = format_text("%s\n## %s\n\n%s\n\n", text, text_of(table, "title"), text_of(table, "note"));
+        char *longer = format_text("%s\n## %s\n\n%s\n\n", text, text_of(table, "title"),
+                                   text_of(table, "note"));
         free(text);
         text = append_row(longer, columns);
         json_t *rule = json_array();

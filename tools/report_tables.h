@@ -2,11 +2,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// The tables of an experiment's report, from results.json: means over scenes and seeds and what SPARE-GS changes.
+// The tables of an experiment's report, from results.json: means over scenes and seeds and what
+// SPARE-GS changes.
 
 #include <jansson.h>
 
-// A list of {"title", "note", "columns": [text], "rows": [[text]]}. `results` is the parsed results.json.
+// A list of {"title", "note", "columns": [text], "rows": [[text]]}. `results` is the parsed
+// results.json.
 json_t *report_tables(const json_t *results);
 
 // The tables as Markdown. Release with free().

@@ -1,11 +1,12 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The folder of a run. Whatever moment the process is killed at, the folder holds the newest complete checkpoint as
-// state.bin: the next one is written beside it as state.next.bin, the old one gets a second name, state.previous.bin,
-// and the rename of the next one over state.bin takes the first away. A row of train.csv counts what happened since the
-// row before; what a checkpoint between two rows has counted so far stands beside it in checkpoint/sums.csv, so that a
-// resumed table is the same too.
+// The folder of a run. Whatever moment the process is killed at, the folder holds the newest
+// complete checkpoint as state.bin: the next one is written beside it as state.next.bin, the old
+// one gets a second name, state.previous.bin, and the rename of the next one over state.bin takes
+// the first away. A row of train.csv counts what happened since the row before; what a checkpoint
+// between two rows has counted so far stands beside it in checkpoint/sums.csv, so that a resumed
+// table is the same too.
 
 #include "run_folder.h"
 
@@ -26,23 +27,26 @@ enum { ROW_EVERY = 100 };
 
 static const char train_header[] =
     "iteration,seconds,loss,gaussians,psnr_train,densified,pruned,spare_pruned,rss_bytes";
-static const char spare_header[] =
-    "iteration,regions,gaussians,over_budget_share,mean_weight,bmd_suppressed,bmd_boosted,rap_pruned,seconds";
+static const char spare_header[] = "iteration,regions,gaussians,over_budget_share,mean_weight,bmd_"
+                                   "suppressed,bmd_boosted,rap_pruned,seconds";
 
 static const char sums_header[] = "iteration,densified,pruned,spare_pruned";
 
-// The folder itself is the lock: nothing is left behind, and the kernel frees it however the process ends.
+// The folder itself is the lock: nothing is left behind, and the kernel frees it however the
+// process ends.
 static bool lock_folder(run_folder *folder)
 {
     folder->lock = open(folder->path, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
     if (folder->lock >= 0 && !flock(folder->lock, LOCK_EX | LOCK_NB))
         return true;
     if (folder->lock >= 0 && errno == EWOULDBLOCK) {
-        fail_run("%s: another training is writing there; wait until it has ended or choose another folder",
+        fail_run("%s: another training is writing there; wait until it has ended or choose another "
+                 "folder",
                  folder->path);
         return false;
     }
-    print_warning("%s: cannot be locked against a second training: %s", folder->path, strerror(errno));
+    print_warning("%s: cannot be locked against a second training: %s", folder->path,
+                  strerror(errno));
     return true;
 }
 
@@ -50,7 +54,8 @@ static bool lock_folder(run_folder *folder)
 static bool is_temporary(const char *name)
 {
     const char *mark = strstr(name, ".tmp.");
-    return (mark && mark[5] && mark[5 + strspn(mark + 5, "0123456789")] == 0) || !strncmp(name, ".sparegs.", 9);
+    return (mark && mark[5] && mark[5 + strspn(mark + 5, "0123456789")] == 0) ||
+           !strncmp(name, ".sparegs.", 9);
 }
 
 static int remove_temporary(const char *path, const struct stat *info, int kind, struct FTW *place)
@@ -110,7 +115,8 @@ bool run_folder_clear(const run_folder *folder)
     bool done = true;
     if (file_exists(clouds)) {
         int k = 1;
-        for (kept = format_text("%s.%d", clouds, k); file_exists(kept); kept = format_text("%s.%d", clouds, ++k))
+        for (kept = format_text("%s.%d", clouds, k); file_exists(kept);
+             kept = format_text("%s.%d", clouds, ++k))
             free(kept);
         done = !rename(clouds, kept);
         if (done)
@@ -131,7 +137,8 @@ static void read_sums(run_folder *folder, const char *path, int iteration)
     while (stream && fgets(line, sizeof line, stream)) {
         int at;
         size_t densified, pruned, spare_pruned;
-        if (sscanf(line, "%d,%zu,%zu,%zu", &at, &densified, &pruned, &spare_pruned) == 4 && at == iteration) {
+        if (sscanf(line, "%d,%zu,%zu,%zu", &at, &densified, &pruned, &spare_pruned) == 4 &&
+            at == iteration) {
             folder->densified = densified;
             folder->pruned = pruned;
             folder->spare_pruned = spare_pruned;
@@ -143,9 +150,11 @@ static void read_sums(run_folder *folder, const char *path, int iteration)
 
 bool run_folder_open_tables(run_folder *folder, int iteration)
 {
-    char *train = format_text("%s/train.csv", folder->path), *spare = format_text("%s/spare.csv", folder->path);
+    char *train = format_text("%s/train.csv", folder->path),
+         *spare = format_text("%s/spare.csv", folder->path);
     char *sums = format_text("%s/checkpoint/sums.csv", folder->path);
-    bool opened = make_folder_of(sums) && (folder->train_csv = csv_open(train, train_header, iteration)) &&
+    bool opened = make_folder_of(sums) &&
+                  (folder->train_csv = csv_open(train, train_header, iteration)) &&
                   (folder->spare_csv = csv_open(spare, spare_header, iteration)) &&
                   (folder->sums_csv = csv_open(sums, sums_header, iteration));
     if (opened && iteration)
@@ -178,24 +187,26 @@ void run_folder_record(run_folder *folder, const sgs_step_info *info, double sec
         folder->pruned += info->pruned;
         folder->spare_pruned += info->spare_pruned;
         if (info->regions) {
-            fprintf(folder->spare_csv, "%d,%zu,%zu,%.6f,%.6f,%zu,%zu,%zu,%.6f\n", info->iteration, info->regions,
-                    info->gaussians, info->over_budget_share, info->mean_weight, info->bmd_suppressed,
-                    info->bmd_boosted, info->spare_pruned, info->spare_seconds);
+            fprintf(folder->spare_csv, "%d,%zu,%zu,%.6f,%.6f,%zu,%zu,%zu,%.6f\n", info->iteration,
+                    info->regions, info->gaussians, info->over_budget_share, info->mean_weight,
+                    info->bmd_suppressed, info->bmd_boosted, info->spare_pruned,
+                    info->spare_seconds);
             fflush(folder->spare_csv);
         }
     }
     if (info->iteration % ROW_EVERY && !last)
         return;
-    fprintf(folder->train_csv, "%d,%.3f,%.6f,%zu,%.4f,%zu,%zu,%zu,%llu\n", info->iteration, seconds, info->loss_average,
-            info->gaussians, info->psnr_average, folder->densified, folder->pruned, folder->spare_pruned,
-            sgs_current_rss());
+    fprintf(folder->train_csv, "%d,%.3f,%.6f,%zu,%.4f,%zu,%zu,%zu,%llu\n", info->iteration, seconds,
+            info->loss_average, info->gaussians, info->psnr_average, folder->densified,
+            folder->pruned, folder->spare_pruned, sgs_current_rss());
     fflush(folder->train_csv);
     folder->densified = folder->pruned = folder->spare_pruned = 0;
 }
 
 bool run_folder_save_model(const run_folder *folder, const sgs_gaussians *model, int iteration)
 {
-    char *path = format_text("%s/point_cloud/iteration_%d/point_cloud.ply", folder->path, iteration);
+    char *path =
+        format_text("%s/point_cloud/iteration_%d/point_cloud.ply", folder->path, iteration);
     bool saved = make_folder_of(path);
     if (saved && sgs_ply_write(path, model)) {
         fail_library();
@@ -210,8 +221,8 @@ static char *checkpoint_path(const run_folder *folder, const char *kind)
     return format_text("%s/checkpoint/state%s.bin", folder->path, kind);
 }
 
-// Gives the checkpoint before `newest` the name `previous`. A hard link leaves `newest` in place meanwhile; where the
-// file system has none, a rename has to do.
+// Gives the checkpoint before `newest` the name `previous`. A hard link leaves `newest` in place
+// meanwhile; where the file system has none, a rename has to do.
 static bool keep_previous(const char *newest, const char *previous)
 {
     if ((unlink(previous) && errno != ENOENT) ||
@@ -228,8 +239,8 @@ bool run_folder_save_checkpoint(run_folder *folder, const sgs_trainer *trainer)
     char *newest = checkpoint_path(folder, ""), *next = checkpoint_path(folder, ".next");
     char *previous = checkpoint_path(folder, ".previous");
     bool saved = make_folder_of(newest);
-    fprintf(folder->sums_csv, "%d,%zu,%zu,%zu\n", sgs_trainer_iteration(trainer), folder->densified, folder->pruned,
-            folder->spare_pruned);
+    fprintf(folder->sums_csv, "%d,%zu,%zu,%zu\n", sgs_trainer_iteration(trainer), folder->densified,
+            folder->pruned, folder->spare_pruned);
     fflush(folder->sums_csv);
     if (saved && sgs_trainer_save_checkpoint(trainer, next)) {
         fail_library();
@@ -285,10 +296,15 @@ int run_folder_load_checkpoint(const run_folder *folder, sgs_trainer *trainer)
         if (before == -1)
             fail_library();
         if (before == 0 && damaged)
-            fail_run("%s: is damaged and there is none before it; train without --resume to start again", newest);
+            fail_run(
+                "%s: is damaged and there is none before it; train without --resume to start again",
+                newest);
         if (before == 1 && damaged) {
-            rename(previous, newest); // or the next checkpoint would keep the damaged one as the one before
-            print_warning("%s: replaced by the checkpoint before it; the iterations after that are done again", newest);
+            rename(previous,
+                   newest); // or the next checkpoint would keep the damaged one as the one before
+            print_warning("%s: replaced by the checkpoint before it; the iterations after that are "
+                          "done again",
+                          newest);
         }
         result = before == 0 && damaged ? -1 : before;
     }

@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// OUT, the folder of a training run: its models, tables and checkpoints. Functions that return bool have
-// printed their error when they return false.
+// OUT, the folder of a training run: its models, tables and checkpoints. Functions that return bool
+// have printed their error when they return false.
 
 #include <stdbool.h>
 #include <stdio.h>
@@ -19,8 +19,8 @@ typedef struct run_folder {
     double checkpoint_total;                // all of them together
 } run_folder;
 
-// Creates the folder, locks it against other runs until the process ends, removes what a killed run left half-written
-// and proves that files can be written there.
+// Creates the folder, locks it against other runs until the process ends, removes what a killed run
+// left half-written and proves that files can be written there.
 bool run_folder_prepare(run_folder *folder, const char *path);
 
 // Removes the folder if it is empty: nothing came of the run.
@@ -29,7 +29,8 @@ void run_folder_leave(const run_folder *folder);
 // True if an earlier run left its config.json there.
 bool run_folder_is_used(const run_folder *folder);
 
-// Makes room for a new run: earlier models move to point_cloud.K, earlier results and checkpoints go.
+// Makes room for a new run: earlier models move to point_cloud.K, earlier results and checkpoints
+// go.
 bool run_folder_clear(const run_folder *folder);
 
 // Opens the tables; rows beyond `iteration` (where the run continues) are dropped.
@@ -45,6 +46,6 @@ bool run_folder_save_model(const run_folder *folder, const sgs_gaussians *model,
 bool run_folder_save_checkpoint(run_folder *folder, const sgs_trainer *trainer);
 // Size of the newest checkpoint's file; 0 when there is none.
 size_t run_folder_checkpoint_bytes(const run_folder *folder);
-// Loads the newest readable checkpoint: 1 loaded, 0 there is none, -1 there are some and none is readable, or the
-// newest is of other options or another scene (printed).
+// Loads the newest readable checkpoint: 1 loaded, 0 there is none, -1 there are some and none is
+// readable, or the newest is of other options or another scene (printed).
 int run_folder_load_checkpoint(const run_folder *folder, sgs_trainer *trainer);

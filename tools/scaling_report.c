@@ -15,21 +15,24 @@ json_t *scaling_json(const sgs_scaling *scaling)
         json_t *entry = json_object();
         json_object_set_new(entry, "cores", json_integer(target->cores));
         json_object_set_new(entry, "memory_gbs", json_number(target->memory_gbs));
-        json_object_set_new(entry, "speedup",
-                            json_number(sgs_scaling_predict(scaling, target->cores, target->memory_gbs)));
+        json_object_set_new(
+            entry, "speedup",
+            json_number(sgs_scaling_predict(scaling, target->cores, target->memory_gbs)));
         json_array_append_new(list, entry);
     }
     return list;
 }
 
-void scaling_add_training(json_t *summary, const sgs_train_seconds *seconds, const sgs_train_bytes *bytes)
+void scaling_add_training(json_t *summary, const sgs_train_seconds *seconds,
+                          const sgs_train_bytes *bytes)
 {
     const double iterations = bytes->iterations > 0 ? bytes->iterations : 1;
     const struct {
         const char *name;
         double value;
-    } phases[] = {{"project", bytes->project},    {"bvh", bytes->bvh},   {"gather", bytes->gather},
-                  {"forward", bytes->forward},    {"loss", bytes->loss}, {"backward", bytes->backward},
+    } phases[] = {{"project", bytes->project},    {"bvh", bytes->bvh},
+                  {"gather", bytes->gather},      {"forward", bytes->forward},
+                  {"loss", bytes->loss},          {"backward", bytes->backward},
                   {"optimizer", bytes->optimizer}};
     json_t *moved = json_object();
     for (size_t i = 0; i < sizeof phases / sizeof *phases; ++i)

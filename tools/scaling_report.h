@@ -14,13 +14,15 @@ typedef struct scaling_target {
     double memory_gbs;
 } scaling_target;
 
-// 8, 32 and 64 cores, each with 5 GB/s of memory bandwidth: what a core of a full server socket still gets, at the
-// least.
+// 8, 32 and 64 cores, each with 5 GB/s of memory bandwidth: what a core of a full server socket
+// still gets, at the least.
 enum { SCALING_TARGETS = 3 };
 extern const scaling_target scaling_targets[SCALING_TARGETS];
 
 // [{"cores":8,"memory_gbs":40,"speedup":7.5}, ...]
 json_t *scaling_json(const sgs_scaling *scaling);
 
-// Adds serial_seconds, waiting_seconds, bytes_per_iteration, bytes and predicted_speedup of a training to its summary.
-void scaling_add_training(json_t *summary, const sgs_train_seconds *seconds, const sgs_train_bytes *bytes);
+// Adds serial_seconds, waiting_seconds, bytes_per_iteration, bytes and predicted_speedup of a
+// training to its summary.
+void scaling_add_training(json_t *summary, const sgs_train_seconds *seconds,
+                          const sgs_train_bytes *bytes);

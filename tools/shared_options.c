@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Option tables shared by the commands, and the rule where a value comes from: the command line, else the
-// config.json of the run that made the model, else the data set's convention.
+// Option tables shared by the commands, and the rule where a value comes from: the command line,
+// else the config.json of the run that made the model, else the data set's convention.
 
 #include "shared_options.h"
 
@@ -18,14 +18,16 @@
 
 static const option common_options[] = {
     {"threads", 0, OPTION_INTEGER, offsetof(common_values, threads), 0, 4096, "N", "0",
-     "0 = all cores of the affinity mask", NULL, "threads to work with; results do not depend on it"},
+     "0 = all cores of the affinity mask", NULL,
+     "threads to work with; results do not depend on it"},
     {"isa", 0, OPTION_CHOICE, offsetof(common_values, isa), 0, 0, "baseline|avx2|avx512", NULL,
      "the best this machine has", NULL, "instruction set of the kernels"},
-    {"seed", 0, OPTION_COUNT, offsetof(common_values, seed), 0, 9007199254740991.0, "N", "0", NULL, NULL,
-     "seed of every random choice (training makes some, the other commands none)"},
+    {"seed", 0, OPTION_COUNT, offsetof(common_values, seed), 0, 9007199254740991.0, "N", "0", NULL,
+     NULL, "seed of every random choice (training makes some, the other commands none)"},
     {"json", 0, OPTION_FLAG, offsetof(common_values, json), 0, 0, NULL, NULL, NULL, NULL,
      "print the result as one JSON object on stdout"},
-    {"quiet", 0, OPTION_FLAG, offsetof(common_values, quiet), 0, 0, NULL, NULL, NULL, NULL, "no progress, no notes"},
+    {"quiet", 0, OPTION_FLAG, offsetof(common_values, quiet), 0, 0, NULL, NULL, NULL, NULL,
+     "no progress, no notes"},
 };
 
 option_group common_group(common_values *values)
@@ -49,27 +51,34 @@ int common_apply(const common_values *values, const command_line *line)
 static const option scene_options[] = {
     {"images", 0, OPTION_TEXT, offsetof(scene_values, images), 0, 0, "DIR", NULL, "images", NULL,
      "image folder beside the sparse model"},
-    {"downscale", 0, OPTION_INTEGER, offsetof(scene_values, downscale), 1, 64, "K", NULL, "1, or to 1600 px width",
-     NULL, "divide width and height by K, averaging areas"},
+    {"downscale", 0, OPTION_INTEGER, offsetof(scene_values, downscale), 1, 64, "K", NULL,
+     "1, or to 1600 px width", NULL, "divide width and height by K, averaging areas"},
     {"eval", 0, OPTION_FLAG, offsetof(scene_values, eval), 0, 0, NULL, NULL, NULL, NULL,
      "hold out every 8th image: --test-every 8"},
-    {"test-every", 0, OPTION_INTEGER, offsetof(scene_values, test_every), 2, 1000000, "N", NULL, "none", "images",
-     "hold out the images whose index in the sorted names is a multiple of N"},
-    {"test-images", 0, OPTION_TEXT, offsetof(scene_values, test_images), 0, 0, "A,B,...", NULL, "none", NULL,
-     "hold out the images of these names"},
-    {"masks", 0, OPTION_TEXT, offsetof(scene_values, masks), 0, 0, "DIR|none", NULL, "masks or mask, if there", NULL,
+    {"test-every", 0, OPTION_INTEGER, offsetof(scene_values, test_every), 2, 1000000, "N", NULL,
+     "none", "images", "hold out the images whose index in the sorted names is a multiple of N"},
+    {"test-images", 0, OPTION_TEXT, offsetof(scene_values, test_images), 0, 0, "A,B,...", NULL,
+     "none", NULL, "hold out the images of these names"},
+    {"masks", 0, OPTION_TEXT, offsetof(scene_values, masks), 0, 0, "DIR|none", NULL,
+     "masks or mask, if there", NULL,
      "folder of masks beside the image folder: STEM.png or NAME.png, white counts, black does not"},
-    {"invert-masks", 0, OPTION_FLAG, offsetof(scene_values, invert_masks), 0, 0, NULL, NULL, NULL, NULL,
-     "black counts, white does not"},
-    {"alpha", 0, OPTION_CHOICE, offsetof(scene_values, alpha), 0, 0, ALPHA_WORDS, "over", NULL, NULL,
+    {"invert-masks", 0, OPTION_FLAG, offsetof(scene_values, invert_masks), 0, 0, NULL, NULL, NULL,
+     NULL, "black counts, white does not"},
+    {"alpha", 0, OPTION_CHOICE, offsetof(scene_values, alpha), 0, 0, ALPHA_WORDS, "over", NULL,
+     NULL,
      "alpha channels: lay the image over the background, take them for masks, or ignore them"},
-    {"image-cache", 0, OPTION_TEXT, offsetof(scene_values, cache), 0, 0, "BYTES", "4GiB", "4GiB, 0 = no limit", NULL,
-     "memory for decoded images (K, M, G or KiB, MiB, GiB); what does not fit is decoded again when it is needed"},
-    {"input-colorspace", 0, OPTION_TEXT, offsetof(scene_values, colorspace), 0, 0, "NAME", NULL, "what the files say", NULL,
+    {"image-cache", 0, OPTION_TEXT, offsetof(scene_values, cache), 0, 0, "BYTES", "4GiB",
+     "4GiB, 0 = no limit", NULL,
+     "memory for decoded images (K, M, G or KiB, MiB, GiB); what does not fit is decoded again "
+     "when it is needed"},
+    {"input-colorspace", 0, OPTION_TEXT, offsetof(scene_values, colorspace), 0, 0, "NAME", NULL,
+     "what the files say", NULL,
      "colour space of the images: linear, sRGB, or a name that OpenImageIO or $OCIO knows"},
-    {"train-space", 0, OPTION_CHOICE, offsetof(scene_values, space), 0, 0, SPACE_WORDS, "srgb", NULL, NULL,
+    {"train-space", 0, OPTION_CHOICE, offsetof(scene_values, space), 0, 0, SPACE_WORDS, "srgb",
+     NULL, NULL,
      "space to compare in, and of the model's colours: encoded for display, or linear light"},
-    {"white", 0, OPTION_REAL, offsetof(scene_values, white), 0, 1e30, "X", "0", "99 % of the light in linear files stays below", NULL,
+    {"white", 0, OPTION_REAL, offsetof(scene_values, white), 0, 1e30, "X", "0",
+     "99 % of the light in linear files stays below", NULL,
      "linear light that becomes 1 in the model's colours"},
 };
 
@@ -94,17 +103,20 @@ static bool parse_bytes(const char *text, uint64_t *bytes)
         return false;
     end += unit != NULL;
     *bytes = (uint64_t)(number * scale);
-    return !*end || (unit && (!strcasecmp(end, "iB") || !strcasecmp(end, "B"))) || !strcasecmp(end, "B");
+    return !*end || (unit && (!strcasecmp(end, "iB") || !strcasecmp(end, "B"))) ||
+           !strcasecmp(end, "B");
 }
 
 int scene_settle(scene_values *values, const command_line *line, const json_t *config)
 {
-    const int splits =
-        option_given(line, "eval") + option_given(line, "test-every") + option_given(line, "test-images");
+    const int splits = option_given(line, "eval") + option_given(line, "test-every") +
+                       option_given(line, "test-images");
     if (splits > 1)
-        return fail_usage("--eval, --test-every and --test-images exclude each other; give one of them");
+        return fail_usage(
+            "--eval, --test-every and --test-images exclude each other; give one of them");
     if (!parse_bytes(values->cache, &values->cache_bytes))
-        return fail_usage("--image-cache: '%s' is no number of bytes; write 4GiB or 500M", values->cache);
+        return fail_usage("--image-cache: '%s' is no number of bytes; write 4GiB or 500M",
+                          values->cache);
     if (values->eval)
         values->test_every = 8;
     if (!splits) {
@@ -173,9 +185,11 @@ size_t scene_split_count(const sgs_scene *scene, sgs_split split)
 static const option drawing_options[] = {
     {"filter", 0, OPTION_CHOICE, offsetof(drawing_values, filter), 0, 0, "3dgs|none|mip", "3dgs",
      "as the run was trained, or 3dgs", NULL,
-     "pixel filter: the 0.3 px^2 dilation of 3DGS, the bare Gaussians, or Mip-Splatting's 0.1 px^2 that keeps the energy"},
+     "pixel filter: the 0.3 px^2 dilation of 3DGS, the bare Gaussians, or Mip-Splatting's 0.1 px^2 "
+     "that keeps the energy"},
     {"background", 0, OPTION_COLOR, offsetof(drawing_values, background), 0, 0, "R,G,B", "0,0,0",
-     "as the run was trained, or 0,0,0", NULL, "colour behind the model, display values from 0 to 1"},
+     "as the run was trained, or 0,0,0", NULL,
+     "colour behind the model, display values from 0 to 1"},
 };
 
 option_group drawing_group(drawing_values *values)
@@ -187,11 +201,14 @@ option_group drawing_group(drawing_values *values)
                           .values = values};
 }
 
-void drawing_settle(drawing_values *values, const command_line *line, const json_t *config, const sgs_scene *scene)
+void drawing_settle(drawing_values *values, const command_line *line, const json_t *config,
+                    const sgs_scene *scene)
 {
     const char *filter = json_string_value(config_option(config, "filter"));
     if (!option_given(line, "filter") && filter)
-        values->filter = !strcmp(filter, "none") ? SGS_FILTER_NONE : !strcmp(filter, "mip") ? SGS_FILTER_MIP : SGS_FILTER_3DGS;
+        values->filter = !strcmp(filter, "none")  ? SGS_FILTER_NONE
+                         : !strcmp(filter, "mip") ? SGS_FILTER_MIP
+                                                  : SGS_FILTER_3DGS;
     const char *space = json_string_value(config_option(config, "train_space"));
     values->space = space && !strcmp(space, "linear") ? SGS_SPACE_LINEAR : SGS_SPACE_SRGB;
     const double white = json_number_value(config_option(config, "white"));
@@ -211,8 +228,10 @@ int command_parse(const command_spec *spec, int argc, char **argv, command_call 
 {
     size_t count = 0;
     if (spec->option_count)
-        call->groups[count++] = (option_group){
-            .title = spec->title, .options = spec->options, .count = spec->option_count, .values = spec->values};
+        call->groups[count++] = (option_group){.title = spec->title,
+                                               .options = spec->options,
+                                               .count = spec->option_count,
+                                               .values = spec->values};
     if (spec->drawing)
         call->groups[count++] = drawing_group(spec->drawing);
     if (spec->scene)

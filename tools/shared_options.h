@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// The options that several commands share, and what they set: threads and instruction set; the data set
-// and its split; how a stored model is drawn.
+// The options that several commands share, and what they set: threads and instruction set; the data
+// set and its split; how a stored model is drawn.
 
 #include <jansson.h>
 
@@ -30,8 +30,9 @@ typedef struct scene_values {
 } scene_values;
 
 option_group scene_group(scene_values *values);
-// Settles --eval and the options that exclude each other; with a run's config (or NULL) fills in what it recorded and
-// the command line left open. The strings stay owned by argv and config. Returns -1, or an exit status.
+// Settles --eval and the options that exclude each other; with a run's config (or NULL) fills in
+// what it recorded and the command line left open. The strings stay owned by argv and config.
+// Returns -1, or an exit status.
 int scene_settle(scene_values *values, const command_line *line, const json_t *config);
 // The words of --alpha, in the order of sgs_alpha.
 #define ALPHA_WORDS "over|mask|ignore"
@@ -46,15 +47,18 @@ bool view_in_split(const sgs_view *view, sgs_split split);
 typedef struct drawing_values {
     int filter; // sgs_filter
     color_value background;
-    sgs_space space; // of the model's colours, and the light that is 1 in them: from the run's config
+    sgs_space
+        space; // of the model's colours, and the light that is 1 in them: from the run's config
     double white;
 } drawing_values;
 
 option_group drawing_group(drawing_values *values);
 // What the command line left open comes from the run's config, then from the scene.
-void drawing_settle(drawing_values *values, const command_line *line, const json_t *config, const sgs_scene *scene);
+void drawing_settle(drawing_values *values, const command_line *line, const json_t *config,
+                    const sgs_scene *scene);
 
-// A command whose line is its own options, then those that it shares with others, then the common ones.
+// A command whose line is its own options, then those that it shares with others, then the common
+// ones.
 typedef struct command_spec {
     const char *name, *synopsis, *description; // "eval", "MODEL SCENE [options]", paragraphs
     int operand_minimum, operand_maximum;
@@ -74,7 +78,8 @@ typedef struct command_call {
     command_line line;
 } command_call;
 
-// Parses argv into the values of the groups; `call` must not move afterwards. Returns -1 to go on, or an exit status.
+// Parses argv into the values of the groups; `call` must not move afterwards. Returns -1 to go on,
+// or an exit status.
 int command_parse(const command_spec *spec, int argc, char **argv, command_call *call);
 // The same, and applies the common options.
 int command_begin(const command_spec *spec, int argc, char **argv, command_call *call);

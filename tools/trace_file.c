@@ -1,8 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The "JSON array" flavour inside an object: complete events ("ph":"X") with begin and duration in microseconds, and
-// counters ("ph":"C"). Written as it comes, so that a long training costs no memory.
+// The "JSON array" flavour inside an object: complete events ("ph":"X") with begin and duration in
+// microseconds, and counters ("ph":"C"). Written as it comes, so that a long training costs no
+// memory.
 
 #include "trace_file.h"
 
@@ -53,12 +54,13 @@ static void begin_event(trace_file *trace, double time)
 static void put_span(trace_file *trace, const char *name, int thread, double time, double seconds)
 {
     begin_event(trace, time);
-    fprintf(trace->stream, "{\"name\":\"%s\",\"ph\":\"X\",\"pid\":1,\"tid\":%d,\"ts\":%.3f,\"dur\":%.3f}", name, thread,
-            1e6 * (time - trace->zero), 1e6 * seconds);
+    fprintf(trace->stream,
+            "{\"name\":\"%s\",\"ph\":\"X\",\"pid\":1,\"tid\":%d,\"ts\":%.3f,\"dur\":%.3f}", name,
+            thread, 1e6 * (time - trace->zero), 1e6 * seconds);
 }
 
-void trace_iteration(trace_file *trace, int iteration, double start, double seconds, const sgs_train_seconds *before,
-                     const sgs_train_seconds *after)
+void trace_iteration(trace_file *trace, int iteration, double start, double seconds,
+                     const sgs_train_seconds *before, const sgs_train_seconds *after)
 {
     const struct {
         const char *name;
@@ -89,7 +91,8 @@ void trace_count(trace_file *trace, const char *name, double time, double value)
     if (!isfinite(value))
         return;
     begin_event(trace, time);
-    fprintf(trace->stream, "{\"name\":\"%s\",\"ph\":\"C\",\"pid\":1,\"ts\":%.3f,\"args\":{\"%s\":%.9g}}", name,
+    fprintf(trace->stream,
+            "{\"name\":\"%s\",\"ph\":\"C\",\"pid\":1,\"ts\":%.3f,\"args\":{\"%s\":%.9g}}", name,
             1e6 * (time - trace->zero), name, value);
 }
 
@@ -105,7 +108,8 @@ bool trace_close(trace_file *trace, bool keep)
         if (written && rename(trace->temporary, trace->path))
             written = false;
         if (keep && !written)
-            fail_run("%s: %s; make room there or choose another file for --trace", trace->path, strerror(errno));
+            fail_run("%s: %s; make room there or choose another file for --trace", trace->path,
+                     strerror(errno));
         if (!written)
             unlink(trace->temporary);
     }

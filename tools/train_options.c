@@ -1,8 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Options of the training. config.json is written from the same struct that the trainer is started with, so a
-// run can be repeated from it; every key under "options" is a long option with '_' for '-'.
+// Options of the training. config.json is written from the same struct that the trainer is started
+// with, so a run can be repeated from it; every key under "options" is a long option with '_' for
+// '-'.
 
 #include "train_options.h"
 
@@ -25,23 +26,29 @@ static const option output_options[] = {
      "folder for the model, its records and checkpoints; needed"},
     {"save-at", 0, OPTION_INTEGERS, AT(save_at), 1, 1e9, "A,B,...", "7000", "7000", "iterations",
      "iterations at which to write the model; the last one is always written"},
-    {"checkpoint-every", 0, OPTION_INTEGER, AT(checkpoint_every), 0, 1e9, "N", "1000", "1000, 0 = never", "iterations",
+    {"checkpoint-every", 0, OPTION_INTEGER, AT(checkpoint_every), 0, 1e9, "N", "1000",
+     "1000, 0 = never", "iterations",
      "iterations between two checkpoints of the full state; the last two are kept"},
     {"time-limit", 0, OPTION_DURATION, AT(time_limit), 0, 1e9, "TIME", NULL, "none", NULL,
-     "end before this time since the start, with the state saved for --resume: 90s, 45m, 3h55m, 2d12h"},
+     "end before this time since the start, with the state saved for --resume: 90s, 45m, 3h55m, "
+     "2d12h"},
     {"max-memory", 0, OPTION_BYTES, AT(max_memory), 1e6, 1e15, "SIZE", NULL, "none", NULL,
-     "refuse a training whose estimate is larger, and save and end one that is about to grow beyond: 500M, 8G"},
+     "refuse a training whose estimate is larger, and save and end one that is about to grow "
+     "beyond: 500M, 8G"},
     {"resume", 0, OPTION_FLAG, AT(resume), 0, 0, NULL, NULL, NULL, NULL,
-     "continue the run in OUT from its newest checkpoint, with the same options; --max-gaussians, --spare-eps-loss, "
+     "continue the run in OUT from its newest checkpoint, with the same options; --max-gaussians, "
+     "--spare-eps-loss, "
      "--spare-eps-count, --spare-patience and, under --schedule paper, --iterations may change"},
     {"trace", 0, OPTION_TEXT, AT(trace), 0, 0, "FILE", NULL, "none", NULL,
      "write the phases of every iteration as a Chrome/Perfetto trace (about 1 KB each)"},
 };
 
 static const option training_options[] = {
-    {"iterations", 0, OPTION_INTEGER, AT(iterations), 1, 1e9, "N", "30000", NULL, NULL, "length of the run"},
+    {"iterations", 0, OPTION_INTEGER, AT(iterations), 1, 1e9, "N", "30000", NULL, NULL,
+     "length of the run"},
     {"schedule", 0, OPTION_CHOICE, AT(schedule), 0, 0, "scaled|paper", "scaled", NULL, NULL,
-     "scaled: the milestones of the 30000-iteration schedule shrink with N; paper: that schedule, stopped at N"},
+     "scaled: the milestones of the 30000-iteration schedule shrink with N; paper: that schedule, "
+     "stopped at N"},
     {"pipeline", 0, OPTION_CHOICE, AT(pipeline), 0, 0, PIPELINES, "3dgs", NULL, NULL,
      "base pipeline: 3DGS, Mip-Splatting, Taming 3DGS, DashGaussian, FastGS"},
     {"filter", 0, OPTION_CHOICE, AT(filter), 0, 0, FILTERS, NULL, "the pipeline's", NULL,
@@ -60,7 +67,8 @@ static const option training_options[] = {
     {"alpha-loss", 0, OPTION_REAL, AT(alpha_loss), 0, 1000, "W", "0", "0 = none", NULL,
      "weight of the mean difference between the model's opacity and the images' alpha channel"},
     {"exposure", 0, OPTION_FLAG, AT(exposure), 0, 0, NULL, NULL, NULL, NULL,
-     "learn what exposure and white balance did to each image: a 3 x 4 map of its colours, in exposure.json"},
+     "learn what exposure and white balance did to each image: a 3 x 4 map of its colours, in "
+     "exposure.json"},
     {"random-points", 0, OPTION_COUNT, AT(random_points), 1, 100000000, "N", "100000", NULL, NULL,
      "size of the random cloud for a scene without points"},
 };
@@ -68,18 +76,18 @@ static const option training_options[] = {
 static const option pipeline_options[] = {
     {"taming-multiplier", 0, OPTION_REAL, AT(taming_multiplier), 1e-3, 1e6, "X", "20", NULL, NULL,
      "Taming: final number of primitives as a multiple of the initial one"},
-    {"taming-count", 0, OPTION_COUNT, AT(taming_count), 0, 2147483647, "N", "0", "0 = by the multiplier", NULL,
-     "Taming: final number of primitives"},
-    {"taming-opacity", 0, OPTION_CHOICE, AT(taming_opacity), 0, 0, "frozen|trained", "frozen", NULL, NULL,
-     "Taming: opacities after densification; frozen is what its released code does"},
-    {"dash-count", 0, OPTION_COUNT, AT(dash_count), 0, 2147483647, "N", "0", "0 = by momentum", NULL,
-     "Dash: final number of primitives"},
+    {"taming-count", 0, OPTION_COUNT, AT(taming_count), 0, 2147483647, "N", "0",
+     "0 = by the multiplier", NULL, "Taming: final number of primitives"},
+    {"taming-opacity", 0, OPTION_CHOICE, AT(taming_opacity), 0, 0, "frozen|trained", "frozen", NULL,
+     NULL, "Taming: opacities after densification; frozen is what its released code does"},
+    {"dash-count", 0, OPTION_COUNT, AT(dash_count), 0, 2147483647, "N", "0", "0 = by momentum",
+     NULL, "Dash: final number of primitives"},
     {"fastgs-loss", 0, OPTION_REAL, AT(fastgs_loss), 0, 1, "X", "0.1", NULL, NULL,
      "FastGS: share of a view's range of errors above which a pixel votes"},
     {"fastgs-gradient", 0, OPTION_REAL, AT(fastgs_gradient), 1e-9, 1, "X", "0.0012", NULL, NULL,
      "FastGS: absolute gradient above which a primitive is split"},
-    {"fastgs-dense", 0, OPTION_REAL, AT(fastgs_dense), 1e-9, 1, "X", "0.001", NULL, "of the scene's extent",
-     "FastGS: size above which a primitive is split instead of cloned"},
+    {"fastgs-dense", 0, OPTION_REAL, AT(fastgs_dense), 1e-9, 1, "X", "0.001", NULL,
+     "of the scene's extent", "FastGS: size above which a primitive is split instead of cloned"},
 };
 
 static const option spare_options[] = {
@@ -96,15 +104,17 @@ static const option spare_options[] = {
      "relative change of the number of primitives that counts as equilibrium"},
     {"spare-patience", 0, OPTION_INTEGER, AT(spare_patience), 1, 1000, "N", "2", NULL, "checks",
      "checks in equilibrium before training ends"},
-    {"spare-interval", 0, OPTION_INTEGER, AT(spare_interval), 1, 1e9, "N", "1000", NULL, "iterations",
-     "iterations, of the 30000-iteration schedule, between two checks"},
-    {"spare-demand", 0, OPTION_SET, AT(spare_demand), 0, 0, "h,v,c", "h,v,c", NULL, NULL, "the terms of the demand"},
+    {"spare-interval", 0, OPTION_INTEGER, AT(spare_interval), 1, 1e9, "N", "1000", NULL,
+     "iterations", "iterations, of the 30000-iteration schedule, between two checks"},
+    {"spare-demand", 0, OPTION_SET, AT(spare_demand), 0, 0, "h,v,c", "h,v,c", NULL, NULL,
+     "the terms of the demand"},
     {"spare-phi", 0, OPTION_CHOICE, AT(spare_phi), 0, 0, PHIS, "coupled", NULL, NULL,
      "how slack and demand make a weight: coupled, constant range, their product, slack alone"},
-    {"spare-budget", 0, OPTION_REAL, AT(spare_budget), 0.01, 100, "X", "1", NULL, "of the number of primitives",
-     "budget that the regions share"},
+    {"spare-budget", 0, OPTION_REAL, AT(spare_budget), 0.01, 100, "X", "1", NULL,
+     "of the number of primitives", "budget that the regions share"},
     {"spare-target", 0, OPTION_CHOICE, AT(spare_target), 0, 0, TARGETS, "default",
-     "default: both for taming, gradient for fastgs", NULL, "the score that the weight multiplies, where a pipeline has two"},
+     "default: both for taming, gradient for fastgs", NULL,
+     "the score that the weight multiplies, where a pipeline has two"},
 };
 
 void train_groups(train_values *values, option_group groups[TRAIN_GROUP_COUNT])
@@ -160,13 +170,14 @@ sgs_train_options train_library_options(const train_values *values, uint64_t see
     options.spare_phi = (sgs_phi)values->spare_phi;
     options.spare_budget = values->spare_budget;
     options.spare_target = (sgs_spare_target)values->spare_target;
-    options.pipeline_options = (sgs_pipeline_options){.taming_multiplier = values->taming_multiplier,
-                                                      .taming_count = (size_t)values->taming_count,
-                                                      .taming_frozen = values->taming_opacity == 0,
-                                                      .dash_count = (size_t)values->dash_count,
-                                                      .fastgs_loss = values->fastgs_loss,
-                                                      .fastgs_gradient = values->fastgs_gradient,
-                                                      .fastgs_dense = values->fastgs_dense};
+    options.pipeline_options =
+        (sgs_pipeline_options){.taming_multiplier = values->taming_multiplier,
+                               .taming_count = (size_t)values->taming_count,
+                               .taming_frozen = values->taming_opacity == 0,
+                               .dash_count = (size_t)values->dash_count,
+                               .fastgs_loss = values->fastgs_loss,
+                               .fastgs_gradient = values->fastgs_gradient,
+                               .fastgs_dense = values->fastgs_dense};
     options.random_points = (size_t)values->random_points;
     return options;
 }
@@ -201,7 +212,8 @@ static void set_integer(json_t *object, const char *key, uint64_t value)
 // What shapes the training; a resumed run must have the same.
 static json_t *shaping_options(const train_values *values, const scene_values *scene, uint64_t seed)
 {
-    static const char *const spare_names[3] = {"bmd", "rap", "edt"}, *const demand_names[3] = {"h", "v", "c"};
+    static const char *const spare_names[3] = {"bmd", "rap", "edt"}, *const demand_names[3] = {
+                                                                         "h", "v", "c"};
     json_t *options = json_object();
     set_text(options, "images", scene->images ? scene->images : "images");
     set_integer(options, "downscale", (uint64_t)scene->downscale);
@@ -294,7 +306,8 @@ static bool same_value(const json_t *a, const json_t *b)
 // What a resumed run may be given anew (the library warns of it).
 static bool may_change(const char *key, const json_t *now)
 {
-    static const char *const keys[] = {"max_gaussians", "spare_eps_loss", "spare_eps_count", "spare_patience"};
+    static const char *const keys[] = {"max_gaussians", "spare_eps_loss", "spare_eps_count",
+                                       "spare_patience"};
     for (size_t i = 0; i < sizeof keys / sizeof *keys; ++i)
         if (!strcmp(keys[i], key))
             return true;
@@ -317,7 +330,8 @@ bool train_config_agrees(const char *config_path, const json_t *stored, const js
             *dash = '-';
         char *was = old ? json_dumps(old, JSON_ENCODE_ANY | JSON_REAL_PRECISION(9)) : NULL;
         char *is = json_dumps(value, JSON_ENCODE_ANY | JSON_REAL_PRECISION(9));
-        fail_run("%s: --%s was %s when this run was started and is %s now; resume with the same options, or train into "
+        fail_run("%s: --%s was %s when this run was started and is %s now; resume with the same "
+                 "options, or train into "
                  "another folder",
                  config_path, name, was ? was : "not recorded", is ? is : "?");
         free(was);
@@ -329,7 +343,8 @@ bool train_config_agrees(const char *config_path, const json_t *stored, const js
 
 void train_config_record(const json_t *stored, json_t *now, int iteration)
 {
-    json_t *list = json_deep_copy(json_object_get(stored, "resumed")), *entry = json_object(), *changed = json_object();
+    json_t *list = json_deep_copy(json_object_get(stored, "resumed")), *entry = json_object(),
+           *changed = json_object();
     const char *key;
     json_t *value;
     json_object_foreach(json_object_get(now, "options"), key, value)

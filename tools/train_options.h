@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// The options of `sparegs train`, their record in OUT/config.json, and the check that a resumed run is
-// asked for with the options it was started with.
+// The options of `sparegs train`, their record in OUT/config.json, and the check that a resumed run
+// is asked for with the options it was started with.
 
 #include "shared_options.h"
 #include "sparegs/trainer.h"
@@ -38,9 +38,9 @@ sgs_train_options train_library_options(const train_values *values, uint64_t see
 json_t *train_config(const char *scene_path, const train_values *values, const scene_values *scene,
                      const common_values *common);
 
-// True if the training of `stored` (an earlier config) can be continued as `now`: options that shape it are the same,
-// or may change. Else prints which one differs.
+// True if the training of `stored` (an earlier config) can be continued as `now`: options that
+// shape it are the same, or may change. Else prints which one differs.
 bool train_config_agrees(const char *config_path, const json_t *stored, const json_t *now);
-// Carries the "resumed" list of `stored` over to `now` and adds this continuation: its iteration, and the options that
-// have changed with their former values.
+// Carries the "resumed" list of `stored` over to `now` and adds this continuation: its iteration,
+// and the options that have changed with their former values.
 void train_config_record(const json_t *stored, json_t *now, int iteration);

@@ -1,10 +1,10 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Frames go to ffmpeg's standard input as raw RGB; H.264 in 4:2:0, which every player shows, wants even sizes, so an
-// odd row or column is doubled by padding. ffmpeg is started by its argument vector, never through a shell, and writes
-// beside the target, which is renamed when it ended well. What it says goes to a temporary file; its last line is told
-// when it fails.
+// Frames go to ffmpeg's standard input as raw RGB; H.264 in 4:2:0, which every player shows, wants
+// even sizes, so an odd row or column is doubled by padding. ffmpeg is started by its argument
+// vector, never through a shell, and writes beside the target, which is renamed when it ended well.
+// What it says goes to a temporary file; its last line is told when it fails.
 
 #include "video.h"
 
@@ -40,18 +40,20 @@ bool video_possible(void)
             return true;
         at += length;
     }
-    fail_run(
-        "--video needs ffmpeg, which is not installed; install it (Debian: apt install ffmpeg), or write the frames by "
-        "--format png");
+    fail_run("--video needs ffmpeg, which is not installed; install it (Debian: apt install "
+             "ffmpeg), or write the frames by "
+             "--format png");
     return false;
 }
 
 // FOLDER/.NAME.PID.ENDING: ffmpeg takes the format from the ending.
 static char *temporary_path(const char *path)
 {
-    const char *slash = strrchr(path, '/'), *name = slash ? slash + 1 : path, *dot = strrchr(name, '.');
-    return format_text("%.*s.%.*s.%ld%s", (int)(name - path), path, (int)(dot ? dot - name : (long)strlen(name)), name,
-                       (long)getpid(), dot ? dot : "");
+    const char *slash = strrchr(path, '/'), *name = slash ? slash + 1 : path,
+               *dot = strrchr(name, '.');
+    return format_text("%.*s.%.*s.%ld%s", (int)(name - path), path,
+                       (int)(dot ? dot - name : (long)strlen(name)), name, (long)getpid(),
+                       dot ? dot : "");
 }
 
 static void run_ffmpeg(const video *film, double fps, int input)
@@ -105,8 +107,10 @@ video *video_open(const char *path, int width, int height, double fps)
         free(film);
         return NULL;
     }
-    *film =
-        (video){.path = format_text("%s", path), .temporary = temporary_path(path), .width = width, .height = height};
+    *film = (video){.path = format_text("%s", path),
+                    .temporary = temporary_path(path),
+                    .width = width,
+                    .height = height};
     film->frame = malloc(3 * (size_t)width * (size_t)height);
     film->messages = tmpfile();
     if (!film->frame || !film->messages || pipe(ends)) {

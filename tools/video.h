@@ -17,6 +17,6 @@ bool video_possible(void);
 video *video_open(const char *path, int width, int height, double fps);
 // Appends a picture of 3 planes, of the size above. False after printing the error.
 bool video_add(video *film, const sgs_image8 *image);
-// Waits for ffmpeg, puts the film in its place and prints its path on stdout; unless `complete`, leaves none. False
-// after printing the error. Accepts NULL.
+// Waits for ffmpeg, puts the film in its place and prints its path on stdout; unless `complete`,
+// leaves none. False after printing the error. Accepts NULL.
 bool video_close(video *film, bool complete);

@@ -21,8 +21,8 @@ static double *exact_params(const sgs_gaussians *model)
     return params;
 }
 
-bool view_drawer_open(view_drawer *drawer, const view_options *options, const drawing_values *drawing,
-                      const sgs_gaussians *model)
+bool view_drawer_open(view_drawer *drawer, const view_options *options,
+                      const drawing_values *drawing, const sgs_gaussians *model)
 {
     *drawer = (view_drawer){.options = options, .drawing = drawing, .model = model};
     drawer->frame = &drawer->frames[0];
@@ -52,26 +52,31 @@ bool view_drawer_close(view_drawer *drawer, bool complete)
     return done;
 }
 
-static bool draw_reference(const view_drawer *drawer, const sgs_camera *camera, const sgs_pose *pose,
-                           const sgs_render_options *options, sgs_frame *frame)
+static bool draw_reference(const view_drawer *drawer, const sgs_camera *camera,
+                           const sgs_pose *pose, const sgs_render_options *options,
+                           sgs_frame *frame)
 {
     sgs_reference_frame exact = {0};
-    bool done = !sgs_reference_frame_create(camera->width, camera->height, &exact) &&
-                !sgs_reference_render(drawer->params, drawer->model->count, camera, pose, options, &exact);
-    const double *const from[] = {exact.color[0],    exact.color[1],     exact.color[2],    exact.transmittance,
-                                  exact.depth_mean,  exact.depth_median, exact.depth_first, exact.hits,
-                                  exact.normal[0],   exact.normal[1],    exact.normal[2],   exact.position[0],
-                                  exact.position[1], exact.position[2]};
-    float *const to[] = {frame->color[0],    frame->color[1],     frame->color[2],    frame->transmittance,
-                         frame->depth_mean,  frame->depth_median, frame->depth_first, frame->hits,
-                         frame->normal[0],   frame->normal[1],    frame->normal[2],   frame->position[0],
-                         frame->position[1], frame->position[2]};
+    bool done =
+        !sgs_reference_frame_create(camera->width, camera->height, &exact) &&
+        !sgs_reference_render(drawer->params, drawer->model->count, camera, pose, options, &exact);
+    const double *const from[] = {exact.color[0],      exact.color[1],   exact.color[2],
+                                  exact.transmittance, exact.depth_mean, exact.depth_median,
+                                  exact.depth_first,   exact.hits,       exact.normal[0],
+                                  exact.normal[1],     exact.normal[2],  exact.position[0],
+                                  exact.position[1],   exact.position[2]};
+    float *const to[] = {frame->color[0],      frame->color[1],   frame->color[2],
+                         frame->transmittance, frame->depth_mean, frame->depth_median,
+                         frame->depth_first,   frame->hits,       frame->normal[0],
+                         frame->normal[1],     frame->normal[2],  frame->position[0],
+                         frame->position[1],   frame->position[2]};
     const size_t pixels = (size_t)camera->width * (size_t)camera->height;
     for (size_t k = 0; k < sizeof to / sizeof *to && done; ++k)
         for (size_t i = 0; i < pixels && to[k]; ++i)
             to[k][i] = (float)from[k][i];
     for (size_t i = 0; i < pixels && done && frame->primitive; ++i)
-        frame->primitive[i] = exact.primitive[i] < 0 ? SGS_NO_PRIMITIVE : (uint32_t)exact.primitive[i];
+        frame->primitive[i] =
+            exact.primitive[i] < 0 ? SGS_NO_PRIMITIVE : (uint32_t)exact.primitive[i];
     sgs_reference_frame_free(&exact);
     return done;
 }
@@ -84,7 +89,9 @@ static bool has_axis_depth(const char *name, const sgs_camera *camera)
         const double pixel[2] = {(double)(i % width) + 0.5, (double)(i / width) + 0.5};
         double direction[3];
         if (sgs_camera_unproject(camera, pixel, direction) && !(direction[2] > 0)) {
-            fail_run("%s: --depth z has no meaning for a lens that sees beyond 90 degrees; use --depth ray", name);
+            fail_run("%s: --depth z has no meaning for a lens that sees beyond 90 degrees; use "
+                     "--depth ray",
+                     name);
             return false;
         }
     }
@@ -106,22 +113,24 @@ static bool prepare_frame(sgs_frame *frame, const sgs_camera *camera, unsigned p
 static bool draw_flat(view_drawer *drawer, const sgs_camera *camera, const sgs_pose *pose,
                       const sgs_render_options *options, sgs_frame *frame)
 {
-    const bool done = drawer->renderer ? !sgs_renderer_render(drawer->renderer, camera, pose, options, frame)
-                                       : draw_reference(drawer, camera, pose, options, frame);
+    const bool done = drawer->renderer
+                          ? !sgs_renderer_render(drawer->renderer, camera, pose, options, frame)
+                          : draw_reference(drawer, camera, pose, options, frame);
     if (!done)
         fail_library();
     return done;
 }
 
 // Renders into the frame, and the deep file on the way.
-static bool draw_deep(view_drawer *drawer, const frame_files *files, const sgs_render_options *options)
+static bool draw_deep(view_drawer *drawer, const frame_files *files,
+                      const sgs_render_options *options)
 {
     const sgs_deep_options *deep = &drawer->options->deep_options;
     deep_file *file = deep_file_open(files, drawer->frame, deep->max_samples);
     if (!file)
         return false;
-    const bool done = !sgs_renderer_render_deep(drawer->renderer, files->camera, files->pose, options, deep,
-                                                drawer->frame, deep_file_rows, file);
+    const bool done = !sgs_renderer_render_deep(drawer->renderer, files->camera, files->pose,
+                                                options, deep, drawer->frame, deep_file_rows, file);
     if (!done)
         fail_library();
     return deep_file_close(file, done);
@@ -129,7 +138,8 @@ static bool draw_deep(view_drawer *drawer, const frame_files *files, const sgs_r
 
 // ---- Many samples ----
 
-// Distance along the axis of what the middle of the drawn frame shows; 0 after telling that there is nothing.
+// Distance along the axis of what the middle of the drawn frame shows; 0 after telling that there
+// is nothing.
 static double middle_distance(const view_drawer *drawer, const char *name, const sgs_camera *camera)
 {
     const int x = camera->width / 2, y = camera->height / 2;
@@ -144,21 +154,25 @@ static double middle_distance(const view_drawer *drawer, const char *name, const
     return distance > 0 ? distance : 0;
 }
 
-// Replaces the colours of the frame by the mean of the samples; its other quantities stay those of the pixels' centres.
-static bool draw_samples(view_drawer *drawer, const char *name, const sgs_camera *camera, const sgs_pose *pose,
-                         const sgs_render_options *options)
+// Replaces the colours of the frame by the mean of the samples; its other quantities stay those of
+// the pixels' centres.
+static bool draw_samples(view_drawer *drawer, const char *name, const sgs_camera *camera,
+                         const sgs_pose *pose, const sgs_render_options *options)
 {
     const view_options *o = drawer->options;
     if (o->aperture > 0 && sgs_camera_is_fisheye(camera->model)) {
-        fail_run("%s: --aperture needs a perspective lens, not %s", name, sgs_camera_model_name(camera->model));
+        fail_run("%s: --aperture needs a perspective lens, not %s", name,
+                 sgs_camera_model_name(camera->model));
         return false;
     }
-    const double focus = o->focus > 0 || !(o->aperture > 0) ? o->focus : middle_distance(drawer, name, camera);
+    const double focus =
+        o->focus > 0 || !(o->aperture > 0) ? o->focus : middle_distance(drawer, name, camera);
     if (o->aperture > 0 && !(focus > 0))
         return false;
     light_sum sum;
     bool done = prepare_frame(&drawer->sampled, camera, 0);
-    if (done && !light_sum_begin(&sum, camera->width, camera->height, drawer->drawing->space == SGS_SPACE_LINEAR)) {
+    if (done && !light_sum_begin(&sum, camera->width, camera->height,
+                                 drawer->drawing->space == SGS_SPACE_LINEAR)) {
         fail_run("%s: no memory for its samples", name);
         done = false;
     }
@@ -178,7 +192,8 @@ static bool draw_samples(view_drawer *drawer, const char *name, const sgs_camera
     return done;
 }
 
-static bool draw_frame(view_drawer *drawer, const frame_files *files, const sgs_render_options *options)
+static bool draw_frame(view_drawer *drawer, const frame_files *files,
+                       const sgs_render_options *options)
 {
     const view_options *o = drawer->options;
     const bool sampled = o->samples > 1 || o->aperture > 0;
@@ -198,7 +213,8 @@ static bool add_to_film(view_drawer *drawer)
     const sgs_frame *frame = drawer->finished;
     sgs_image8 image = {0};
     if (!drawer->film)
-        drawer->film = video_open(drawer->options->film, frame->width, frame->height, drawer->options->fps);
+        drawer->film =
+            video_open(drawer->options->film, frame->width, frame->height, drawer->options->fps);
     if (!drawer->film || !frame_picture(&drawer->files, frame, &image))
         return false;
     const bool done = video_add(drawer->film, &image);
@@ -223,14 +239,16 @@ static bool write_finished(void *context)
 static bool fits_film(const view_drawer *drawer, const char *name, const sgs_camera *camera)
 {
     const sgs_frame *first = drawer->finished;
-    if (!drawer->options->film || !first || (first->width == camera->width && first->height == camera->height))
+    if (!drawer->options->film || !first ||
+        (first->width == camera->width && first->height == camera->height))
         return true;
-    fail_run("%s: the pictures of a film have one size, this one is %d x %d; give --size", name, camera->width,
-             camera->height);
+    fail_run("%s: the pictures of a film have one size, this one is %d x %d; give --size", name,
+             camera->width, camera->height);
     return false;
 }
 
-bool view_drawer_draw(view_drawer *drawer, const char *name, const sgs_camera *camera, const sgs_pose *pose)
+bool view_drawer_draw(view_drawer *drawer, const char *name, const sgs_camera *camera,
+                      const sgs_pose *pose)
 {
     const view_options *o = drawer->options;
     sgs_render_options options = sgs_render_options_default();

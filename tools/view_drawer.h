@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// One view after another: rendered (or traced by brute force), written as files, added to a film. A view is written
-// while the next one is drawn.
+// One view after another: rendered (or traced by brute force), written as files, added to a film. A
+// view is written while the next one is drawn.
 
 #include "background.h"
 #include "frame_files.h"
@@ -31,22 +31,26 @@ typedef struct view_drawer {
     const sgs_gaussians *model;
     sgs_renderer *renderer; // NULL with a reference
     double *params;         // with a reference
-    sgs_frame frames[2];    // one is drawn while the other is written; kept for further views of their size
-    sgs_frame *frame;       // the one that is drawn
-    sgs_frame sampled;      // one sample of it
-    frame_files files;      // of the view that is written,
-    sgs_frame *finished;    // its frame, and what does so
+    sgs_frame
+        frames[2]; // one is drawn while the other is written; kept for further views of their size
+    sgs_frame *frame;    // the one that is drawn
+    sgs_frame sampled;   // one sample of it
+    frame_files files;   // of the view that is written,
+    sgs_frame *finished; // its frame, and what does so
     background writing;
     video *film;
     size_t drawn;
     double draw_seconds, write_seconds;
 } view_drawer;
 
-// The model must outlive the drawer, which must not move. False after printing the error; release it with
-// view_drawer_close in any case.
-bool view_drawer_open(view_drawer *drawer, const view_options *options, const drawing_values *drawing,
-                      const sgs_gaussians *model);
-// Name, camera and pose must last until the next call. False after printing the error of this view or the one before.
-bool view_drawer_draw(view_drawer *drawer, const char *name, const sgs_camera *camera, const sgs_pose *pose);
-// Waits for the last view and ends the film; `complete`: all views were drawn. False after printing the error.
+// The model must outlive the drawer, which must not move. False after printing the error; release
+// it with view_drawer_close in any case.
+bool view_drawer_open(view_drawer *drawer, const view_options *options,
+                      const drawing_values *drawing, const sgs_gaussians *model);
+// Name, camera and pose must last until the next call. False after printing the error of this view
+// or the one before.
+bool view_drawer_draw(view_drawer *drawer, const char *name, const sgs_camera *camera,
+                      const sgs_pose *pose);
+// Waits for the last view and ends the film; `complete`: all views were drawn. False after printing
+// the error.
 bool view_drawer_close(view_drawer *drawer, bool complete);

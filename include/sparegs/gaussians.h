@@ -2,14 +2,16 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// The model: N 3D Gaussians with their stored (pre-activation) parameters, and its file, the PLY that
-// every 3DGS viewer reads. Holds no gradients, no optimiser state, no BVH.
+// The model: N 3D Gaussians with their stored (pre-activation) parameters, and its file, the PLY
+// that every 3DGS viewer reads. Holds no gradients, no optimiser state, no BVH.
 //
-// Stored values and activations (3DGS): mean in world space; rotation quaternion (w,x,y,z), normalised
-// when used; log of the scale; logit of the opacity; spherical harmonics, colour = max(0, sum + 0.5).
+// Stored values and activations (3DGS): mean in world space; rotation quaternion (w,x,y,z),
+// normalised when used; log of the scale; logit of the opacity; spherical harmonics, colour =
+// max(0, sum + 0.5).
 //
 // Memory layout: blocks of 16 primitives, column by column inside a block (one cache line per
-// parameter): value of parameter k of primitive i is data[((i / 16) * SGS_PARAM_COUNT + k) * 16 + i % 16].
+// parameter): value of parameter k of primitive i is data[((i / 16) * SGS_PARAM_COUNT + k) * 16 + i
+// % 16].
 
 #include <stddef.h>
 
@@ -21,12 +23,12 @@ extern "C" {
 
 enum {
     SGS_LANES = 16,
-    SGS_PARAM_MEAN = 0,      // x, y, z
-    SGS_PARAM_ROTATION = 3,  // w, x, y, z
-    SGS_PARAM_SCALE = 7,     // 3 logs
-    SGS_PARAM_OPACITY = 10,  // logit
-    SGS_PARAM_SH_DC = 11,    // r, g, b
-    SGS_PARAM_SH_REST = 14,  // [15][3]: coefficient-major, so the lower degrees come first
+    SGS_PARAM_MEAN = 0,     // x, y, z
+    SGS_PARAM_ROTATION = 3, // w, x, y, z
+    SGS_PARAM_SCALE = 7,    // 3 logs
+    SGS_PARAM_OPACITY = 10, // logit
+    SGS_PARAM_SH_DC = 11,   // r, g, b
+    SGS_PARAM_SH_REST = 14, // [15][3]: coefficient-major, so the lower degrees come first
     SGS_PARAM_COUNT = 59
 };
 
@@ -34,7 +36,8 @@ typedef struct sgs_gaussians {
     size_t count;
     size_t capacity; // multiple of 16
     int sh_degree;   // 0..3: degree stored in files; higher coefficients are 0
-    float *data;     // [capacity / 16][SGS_PARAM_COUNT][16], 64-byte aligned, owned; rows >= count are inert
+    float *data; // [capacity / 16][SGS_PARAM_COUNT][16], 64-byte aligned, owned; rows >= count are
+                 // inert
 } sgs_gaussians;
 
 // Creates an empty model with room for `capacity` primitives. On failure *model is NULL.
@@ -52,39 +55,47 @@ sgs_status sgs_gaussians_resize(sgs_gaussians *model, size_t count);
 // One parameter of one primitive; no bounds check.
 static inline float *sgs_gaussians_at(const sgs_gaussians *model, size_t i, int param)
 {
-    return model->data + ((i / SGS_LANES) * SGS_PARAM_COUNT + (size_t)param) * SGS_LANES + i % SGS_LANES;
+    return model->data + ((i / SGS_LANES) * SGS_PARAM_COUNT + (size_t)param) * SGS_LANES +
+           i % SGS_LANES;
 }
 
 // Copies all parameters of primitive i (59 floats, SGS_PARAM_ order). No bounds check.
 void sgs_gaussians_get(const sgs_gaussians *model, size_t i, float params[59]);
 void sgs_gaussians_set(sgs_gaussians *model, size_t i, const float params[59]);
 
-// 3DGS initialisation from a point cloud (specs of 3DGS: scale = RMS distance to the 3 nearest others,
-// d^2 clamped at 1e-7, opacity 0.1, unit rotation, SH band 0 from the colour). points [n][3] world,
-// colors [n][3] 8 bit. Exact KNN, parallel. Fewer than 4 points: missing neighbours are left out of the mean
-// (a single point gets the scale `fallback_scale`).
+// 3DGS initialisation from a point cloud (specs of 3DGS: scale = RMS distance to the 3 nearest
+// others, d^2 clamped at 1e-7, opacity 0.1, unit rotation, SH band 0 from the colour). points
+// [n][3] world, colors [n][3] 8 bit. Exact KNN, parallel. Fewer than 4 points: missing neighbours
+// are left out of the mean (a single point gets the scale `fallback_scale`).
 sgs_status sgs_gaussians_init_points(const float *points, const unsigned char *colors, size_t n,
                                      double fallback_scale, sgs_gaussians **model);
 
 // Reads a 3DGS PLY: binary (either byte order) or ascii, any property order, any SH degree
 // (0/9/24/45 f_rest), unknown properties ignored. Non-finite rows are dropped with one warning.
-// Accepts |q| = 0 as identity with a warning. On failure *model is NULL and the error names file and place.
+// Accepts |q| = 0 as identity with a warning. On failure *model is NULL and the error names file
+// and place.
 sgs_status sgs_ply_read(const char *path, sgs_gaussians **model);
 
-// Writes the 62-property little-endian PLY of 3DGS (fewer f_rest for a lower sh_degree), atomically.
+// Writes the 62-property little-endian PLY of 3DGS (fewer f_rest for a lower sh_degree),
+// atomically.
 sgs_status sgs_ply_write(const char *path, const sgs_gaussians *model);
 
-// The same with a last property filter_3D, Mip-Splatting's f3 of every primitive (world units); [count].
-sgs_status sgs_ply_write_filter_3d(const char *path, const sgs_gaussians *model, const float *filter_3d);
+// The same with a last property filter_3D, Mip-Splatting's f3 of every primitive (world units);
+// [count].
+sgs_status sgs_ply_write_filter_3d(const char *path, const sgs_gaussians *model,
+                                   const float *filter_3d);
 
-// A copy of the model with Mip-Splatting's 3D filter [count] worked into scales and opacities, for files and viewers
-// that do not know the filter. On failure *fused is NULL.
-sgs_status sgs_gaussians_fuse_filter_3d(const sgs_gaussians *model, const float *filter_3d, sgs_gaussians **fused);
+// A copy of the model with Mip-Splatting's 3D filter [count] worked into scales and opacities, for
+// files and viewers that do not know the filter. On failure *fused is NULL.
+sgs_status sgs_gaussians_fuse_filter_3d(const sgs_gaussians *model, const float *filter_3d,
+                                        sgs_gaussians **fused);
 
 // Writes a point cloud (x y z nx ny nz red green blue) as 3DGS's input.ply, atomically.
-sgs_status sgs_ply_write_points(const char *path, const float *points, const unsigned char *colors, size_t n);
+sgs_status sgs_ply_write_points(const char *path, const float *points, const unsigned char *colors,
+                                size_t n);
 
-// 64-bit FNV-1a-style or xxhash digest of count, degree and all parameters in canonical row order, as 16 hex digits.
+// 64-bit FNV-1a-style or xxhash digest of count, degree and all parameters in canonical row order,
+// as 16 hex digits.
 void sgs_gaussians_hash(const sgs_gaussians *model, char hex[17]);
 
 #ifdef __cplusplus

@@ -20,9 +20,11 @@ sgs_status sgs_image8_read(const char *path, sgs_image8 *image);
 // Width and height from the file's header only.
 sgs_status sgs_image8_probe(const char *path, int *width, int *height);
 
-// Area-averaging by an integer factor: out size = max(1, size / factor) (floor); each output pixel is the exact
-// area average of its source rectangle of width/out_width by height/out_height source pixels.
-sgs_status sgs_image8_downscale(const sgs_image8 *image, int out_width, int out_height, sgs_image8 *out);
+// Area-averaging by an integer factor: out size = max(1, size / factor) (floor); each output pixel
+// is the exact area average of its source rectangle of width/out_width by height/out_height source
+// pixels.
+sgs_status sgs_image8_downscale(const sgs_image8 *image, int out_width, int out_height,
+                                sgs_image8 *out);
 
 // Frees the pixels and zeroes the struct; accepts an empty one.
 void sgs_image8_free(sgs_image8 *image);
@@ -37,48 +39,55 @@ float sgs_half_value(uint16_t half);
 // Writes planar 8-bit RGB or RGBA or grey (channels 1, 3, 4) as PNG.
 sgs_status sgs_png_write(const char *path, const sgs_image8 *image);
 
-// One EXR channel: a float plane or, when uints is set, a 32-bit unsigned plane. Row-major, top row first.
+// One EXR channel: a float plane or, when uints is set, a 32-bit unsigned plane. Row-major, top row
+// first.
 typedef struct sgs_exr_channel {
-    const char *name;       // "R", "depth.Z", ...
-    const float *floats;    // [height][width]
-    const uint32_t *uints;  // or this; exactly one is non-NULL
-    int half;               // store the floats as half
+    const char *name;      // "R", "depth.Z", ...
+    const float *floats;   // [height][width]
+    const uint32_t *uints; // or this; exactly one is non-NULL
+    int half;              // store the floats as half
 } sgs_exr_channel;
 
 // How an EXR's pixels are packed. All but DWAA keep every bit.
 typedef enum sgs_exr_compression {
-    SGS_EXR_AUTO = 0, // a ZIP file, whose parts are deflated where that saves a third and stand as they are elsewhere
-    SGS_EXR_ZIP,     // deflate, 16 lines at a time
-    SGS_EXR_ZIPS,    // deflate, line by line: quicker to read in parts
-    SGS_EXR_PIZ,     // wavelets: smaller where images are noisy
+    SGS_EXR_AUTO = 0, // a ZIP file, whose parts are deflated where that saves a third and stand as
+                      // they are elsewhere
+    SGS_EXR_ZIP,      // deflate, 16 lines at a time
+    SGS_EXR_ZIPS,     // deflate, line by line: quicker to read in parts
+    SGS_EXR_PIZ,      // wavelets: smaller where images are noisy
     SGS_EXR_NONE,
-    SGS_EXR_DWAA,    // cosine transform of R, G, B: much smaller, lossy to the eye's threshold; the rest as ZIP
+    SGS_EXR_DWAA, // cosine transform of R, G, B: much smaller, lossy to the eye's threshold; the
+                  // rest as ZIP
     SGS_EXR_COMPRESSION_COUNT
 } sgs_exr_compression;
 
 typedef struct sgs_exr_info {
     int width, height;
-    const double *world_to_camera;     // 16, row-major, column vectors (p' = M p), or NULL
-    const double *world_to_ndc;        // likewise
-    const char *depth_definition;      // text attribute "sparegs:depthDefinition", or NULL
-    const char *view_name;             // text attribute "sparegs:view", or NULL
+    const double *world_to_camera; // 16, row-major, column vectors (p' = M p), or NULL
+    const double *world_to_ndc;    // likewise
+    const char *depth_definition;  // text attribute "sparegs:depthDefinition", or NULL
+    const char *view_name;         // text attribute "sparegs:view", or NULL
     sgs_exr_compression compression;
 } sgs_exr_info;
 
 // Writes a scan-line EXR with data window = display window, Rec. 709 chromaticities and
 // the attributes above. Matrices are stored in EXR's row-vector convention (transposed).
-sgs_status sgs_exr_write(const char *path, const sgs_exr_info *info, const sgs_exr_channel *channels, int channel_count);
+sgs_status sgs_exr_write(const char *path, const sgs_exr_info *info,
+                         const sgs_exr_channel *channels, int channel_count);
 
-// A deep scan-line EXR that is written row by row: float channels A, B, G, R, Z, ZBack, samples as they come. info as above;
-// its compression is lossless and line by line (ZIPS) unless it is SGS_EXR_NONE. max_samples: per pixel, told by the header.
-// On failure *deep is NULL.
+// A deep scan-line EXR that is written row by row: float channels A, B, G, R, Z, ZBack, samples as
+// they come. info as above; its compression is lossless and line by line (ZIPS) unless it is
+// SGS_EXR_NONE. max_samples: per pixel, told by the header. On failure *deep is NULL.
 typedef struct sgs_exr_deep sgs_exr_deep;
-sgs_status sgs_exr_deep_open(const char *path, const sgs_exr_info *info, int max_samples, sgs_exr_deep **deep);
+sgs_status sgs_exr_deep_open(const char *path, const sgs_exr_info *info, int max_samples,
+                             sgs_exr_deep **deep);
 
 // Appends `rows` rows. counts [rows][width]; samples: those of all pixels, one after the other.
-sgs_status sgs_exr_deep_write(sgs_exr_deep *deep, int rows, const uint32_t *counts, const sgs_deep_sample *samples);
+sgs_status sgs_exr_deep_write(sgs_exr_deep *deep, int rows, const uint32_t *counts,
+                              const sgs_deep_sample *samples);
 
-// Ends the file and puts it in its place; all rows must have been written. Frees `deep` in any case.
+// Ends the file and puts it in its place; all rows must have been written. Frees `deep` in any
+// case.
 sgs_status sgs_exr_deep_close(sgs_exr_deep *deep);
 // Gives up: leaves no file. Accepts NULL.
 void sgs_exr_deep_abort(sgs_exr_deep *deep);

@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Image quality by the protocol of the 3DGS papers: 8-bit quantised images, PSNR over all pixels and
-// channels, SSIM with the 11x11 Gaussian window and zero padding. Pure functions.
+// Image quality by the protocol of the 3DGS papers: 8-bit quantised images, PSNR over all pixels
+// and channels, SSIM with the 11x11 Gaussian window and zero padding. Pure functions.
 
 #include "sparegs/image.h"
 
@@ -11,19 +11,24 @@
 extern "C" {
 #endif
 
-// Quantises planar float RGB ([3][height*width], display values) as 3DGS does: floor(clamp(255 v + 0.5, 0, 255)). NaN becomes 0.
-// out->pixels is allocated here. background: colour behind, multiplied by `transmittance` (NULL: 0 everywhere).
-sgs_status sgs_image8_from_planes(const float *const color[3], const float *transmittance, const float background[3],
-                                  int width, int height, sgs_image8 *out);
+// Quantises planar float RGB ([3][height*width], display values) as 3DGS does: floor(clamp(255 v +
+// 0.5, 0, 255)). NaN becomes 0. out->pixels is allocated here. background: colour behind,
+// multiplied by `transmittance` (NULL: 0 everywhere).
+sgs_status sgs_image8_from_planes(const float *const color[3], const float *transmittance,
+                                  const float background[3], int width, int height,
+                                  sgs_image8 *out);
 
-// 20 log10(1 / sqrt(MSE)) in dB over the first three channels; +infinity for identical images. Sizes must match.
+// 20 log10(1 / sqrt(MSE)) in dB over the first three channels; +infinity for identical images.
+// Sizes must match.
 double sgs_psnr(const sgs_image8 *a, const sgs_image8 *b);
 
-// Mean SSIM over pixels and three channels, in [-1, 1]. Double precision, separable. Sizes must match.
+// Mean SSIM over pixels and three channels, in [-1, 1]. Double precision, separable. Sizes must
+// match.
 double sgs_ssim(const sgs_image8 *a, const sgs_image8 *b);
 
-// The same over the pixels that count alone (`keep` as in sgs_photo; NULL = all). What the others show has no influence: SSIM
-// takes them for black in both images and leaves out the windows around them. NaN when no pixel counts.
+// The same over the pixels that count alone (`keep` as in sgs_photo; NULL = all). What the others
+// show has no influence: SSIM takes them for black in both images and leaves out the windows around
+// them. NaN when no pixel counts.
 double sgs_psnr_masked(const sgs_image8 *a, const sgs_image8 *b, const uint16_t *keep);
 double sgs_ssim_masked(const sgs_image8 *a, const sgs_image8 *b, const uint16_t *keep);
 

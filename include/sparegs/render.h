@@ -5,15 +5,16 @@
 // Rendering a model from a camera: the Embree tracer, and the slow double-precision reference that
 // defines what it must compute. No training, no files.
 //
-// Response of a Gaussian to a ray x(t) = c + t d, |d| = 1 (M = S^-1 R^T, p = M (c - mean), g = M d):
-// rho^2 = |p x g|^2 / |g|^2 at t = -(p.g) / |g|^2; alpha = min(0.99, o exp(-rho^2 / 2)). A hit counts when
-// alpha >= 1/255 and t > near. Hits blend in the order (t, id) - where two t round to the same float, the tracer takes
-// the nearer mean first, then the smaller id -; the first one that would take the transmittance below 1e-4 and all behind it do
-// not count.
+// Response of a Gaussian to a ray x(t) = c + t d, |d| = 1 (M = S^-1 R^T, p = M (c - mean), g = M
+// d): rho^2 = |p x g|^2 / |g|^2 at t = -(p.g) / |g|^2; alpha = min(0.99, o exp(-rho^2 / 2)). A hit
+// counts when alpha >= 1/255 and t > near. Hits blend in the order (t, id) - where two t round to
+// the same float, the tracer takes the nearer mean first, then the smaller id -; the first one that
+// would take the transmittance below 1e-4 and all behind it do not count.
 //
-// Filter `3dgs`: scales become s'^2 = s^2 + 0.3 (z / f)^2 with z the camera depth of the mean (its distance, for
-// fisheye lenses) and f = sqrt(fx fy): the 0.3 px^2 dilation of 3DGS. Filter `none`: the bare Gaussian. Filter
-// `mip`: s'^2 = s^2 + f3^2 with the model's 3D filter f3, then + 0.1 (z / f)^2 with Mip-Splatting's opacity factors.
+// Filter `3dgs`: scales become s'^2 = s^2 + 0.3 (z / f)^2 with z the camera depth of the mean (its
+// distance, for fisheye lenses) and f = sqrt(fx fy): the 0.3 px^2 dilation of 3DGS. Filter `none`:
+// the bare Gaussian. Filter `mip`: s'^2 = s^2 + f3^2 with the model's 3D filter f3, then + 0.1 (z /
+// f)^2 with Mip-Splatting's opacity factors.
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -29,10 +30,12 @@ typedef enum sgs_filter { SGS_FILTER_3DGS = 0, SGS_FILTER_NONE = 1, SGS_FILTER_M
 
 typedef struct sgs_render_options {
     sgs_filter filter;
-    double near_distance;    // hits at t <= near do not count; default 0.2 (3DGS's cull), world units
-    int sh_degree;           // highest band used, 0..3; default 3
-    const float *filter_3d;  // [count] Mip-Splatting's f3 in world units, or NULL (0); used by SGS_FILTER_MIP only
-    bool axis_depth;         // distances of the frame are along the camera's axis (z) instead of the ray; default false
+    double near_distance; // hits at t <= near do not count; default 0.2 (3DGS's cull), world units
+    int sh_degree;        // highest band used, 0..3; default 3
+    const float *filter_3d; // [count] Mip-Splatting's f3 in world units, or NULL (0); used by
+                            // SGS_FILTER_MIP only
+    bool axis_depth; // distances of the frame are along the camera's axis (z) instead of the ray;
+                     // default false
 } sgs_render_options;
 
 sgs_render_options sgs_render_options_default(void);
@@ -52,8 +55,9 @@ enum {
 
 #define SGS_NO_PRIMITIVE UINT32_MAX
 
-// Planes of a rendered view, [height][width] row-major, top row first, each NULL when not wanted. Owned
-// by the caller. Distances are along the unit ray (or along the axis: sgs_render_options.axis_depth), in world units.
+// Planes of a rendered view, [height][width] row-major, top row first, each NULL when not wanted.
+// Owned by the caller. Distances are along the unit ray (or along the axis:
+// sgs_render_options.axis_depth), in world units.
 typedef struct sgs_frame {
     int width, height;    // must equal the camera's
     float *color[3];      // linear blend of the SH colours, premultiplied, WITHOUT background
@@ -62,13 +66,16 @@ typedef struct sgs_frame {
     float *depth_median;  // t of the hit that takes T to 0.5 or below; 0 if none does
     float *depth_first;   // smallest t of a counted hit; 0 where nothing was hit
     float *hits;          // number of counted hits
-    float *normal[3];     // world, unit: direction of sum(w n), n the primitive's shortest axis (the first of equal ones)
-                          // turned towards the camera's centre; 0 where nothing was hit or the sum vanishes
-    float *position[3];   // world: sum(w x) / sum(w), x the point of a hit; 0 where nothing was hit
-    uint32_t *primitive;  // row of the primitive with the largest w; SGS_NO_PRIMITIVE where nothing was hit
+    float *normal[3]; // world, unit: direction of sum(w n), n the primitive's shortest axis (the
+                      // first of equal ones)
+    // turned towards the camera's centre; 0 where nothing was hit or the sum vanishes
+    float *position[3];  // world: sum(w x) / sum(w), x the point of a hit; 0 where nothing was hit
+    uint32_t *primitive; // row of the primitive with the largest w; SGS_NO_PRIMITIVE where nothing
+                         // was hit
 } sgs_frame;
 
-// Allocates colour, transmittance and the planes of SGS_PLANES_BASIC (64-byte aligned, zeroed); on failure everything is NULL.
+// Allocates colour, transmittance and the planes of SGS_PLANES_BASIC (64-byte aligned, zeroed); on
+// failure everything is NULL.
 sgs_status sgs_frame_create(int width, int height, sgs_frame *frame);
 // The same with a choice: `planes` is a sum of SGS_PLANE_ bits.
 sgs_status sgs_frame_create_with(int width, int height, unsigned planes, sgs_frame *frame);
@@ -83,37 +90,42 @@ void sgs_renderer_destroy(sgs_renderer *renderer);
 // Rebuilds after the model changed.
 sgs_status sgs_renderer_update(sgs_renderer *renderer);
 // Renders one view. Bits do not depend on the number of threads.
-sgs_status sgs_renderer_render(sgs_renderer *renderer, const sgs_camera *camera, const sgs_pose *pose,
-                               const sgs_render_options *options, sgs_frame *frame);
+sgs_status sgs_renderer_render(sgs_renderer *renderer, const sgs_camera *camera,
+                               const sgs_pose *pose, const sgs_render_options *options,
+                               sgs_frame *frame);
 
 // ---- Deep pictures: what a ray meets, one by one ----
 
-// A stretch of a ray. Samples of a pixel are in ray order and do not overlap; z <= z_back (equal for a single hit), as the
-// frame's distances are measured. Colour is premultiplied, display values: laid over each other, nearest on top, the
-// samples of a pixel give its colour and alpha.
+// A stretch of a ray. Samples of a pixel are in ray order and do not overlap; z <= z_back (equal
+// for a single hit), as the frame's distances are measured. Colour is premultiplied, display
+// values: laid over each other, nearest on top, the samples of a pixel give its colour and alpha.
 typedef struct sgs_deep_sample {
     float z, z_back, alpha, color[3];
 } sgs_deep_sample;
 
 typedef struct sgs_deep_options {
-    double tolerance; // hits closer than this fraction of their distance become one sample, [0, 1]; default 0.01
+    double tolerance; // hits closer than this fraction of their distance become one sample, [0, 1];
+                      // default 0.01
     int max_samples;  // per pixel, 1..256: where there are more, the tolerance grows; default 32
 } sgs_deep_options;
 
 sgs_deep_options sgs_deep_options_default(void);
 
-// Receives the rows [y, y + rows) of a picture, bands in order. counts [rows][width]: samples per pixel; samples: all of them,
-// pixel after pixel. Valid during the call. The frame's planes of these rows are complete. Anything but SGS_STATUS_OK
-// ends the rendering with that status.
-typedef sgs_status (*sgs_deep_rows_fn)(void *context, int y, int rows, const uint32_t *counts, const sgs_deep_sample *samples);
+// Receives the rows [y, y + rows) of a picture, bands in order. counts [rows][width]: samples per
+// pixel; samples: all of them, pixel after pixel. Valid during the call. The frame's planes of
+// these rows are complete. Anything but SGS_STATUS_OK ends the rendering with that status.
+typedef sgs_status (*sgs_deep_rows_fn)(void *context, int y, int rows, const uint32_t *counts,
+                                       const sgs_deep_sample *samples);
 
-// Renders one view into a frame, as sgs_renderer_render does and to the same bits, and its samples on the way. depth_first of
-// the frame equals z of a pixel's first sample.
-sgs_status sgs_renderer_render_deep(sgs_renderer *renderer, const sgs_camera *camera, const sgs_pose *pose,
-                                    const sgs_render_options *options, const sgs_deep_options *deep, sgs_frame *frame,
+// Renders one view into a frame, as sgs_renderer_render does and to the same bits, and its samples
+// on the way. depth_first of the frame equals z of a pixel's first sample.
+sgs_status sgs_renderer_render_deep(sgs_renderer *renderer, const sgs_camera *camera,
+                                    const sgs_pose *pose, const sgs_render_options *options,
+                                    const sgs_deep_options *deep, sgs_frame *frame,
                                     sgs_deep_rows_fn rows, void *context);
 
-// ---- The oracle: brute force over all primitives, double precision, no BVH, no SIMD. O(pixels x primitives). ----
+// ---- The oracle: brute force over all primitives, double precision, no BVH, no SIMD. O(pixels x
+// primitives). ----
 
 // Planes as in sgs_frame, in double (a primitive's row too, and -1 for none).
 typedef struct sgs_reference_frame {
@@ -133,22 +145,28 @@ typedef struct sgs_hit {
     double t, alpha, transmittance; // T in front of the hit
 } sgs_hit;
 
-// params: [count][SGS_PARAM_COUNT] doubles in SGS_PARAM_ order (so that finite differences can perturb them
-// below float resolution).
-sgs_status sgs_reference_render(const double *params, size_t count, const sgs_camera *camera, const sgs_pose *pose,
-                                const sgs_render_options *options, sgs_reference_frame *frame);
+// params: [count][SGS_PARAM_COUNT] doubles in SGS_PARAM_ order (so that finite differences can
+// perturb them below float resolution).
+sgs_status sgs_reference_render(const double *params, size_t count, const sgs_camera *camera,
+                                const sgs_pose *pose, const sgs_render_options *options,
+                                sgs_reference_frame *frame);
 
-// Counted hits of the ray through pixel (x, y)'s centre, in blending order. Writes at most `capacity`; returns the number there are.
-size_t sgs_reference_hits(const double *params, size_t count, const sgs_camera *camera, const sgs_pose *pose,
-                          const sgs_render_options *options, int x, int y, sgs_hit *hits, size_t capacity);
+// Counted hits of the ray through pixel (x, y)'s centre, in blending order. Writes at most
+// `capacity`; returns the number there are.
+size_t sgs_reference_hits(const double *params, size_t count, const sgs_camera *camera,
+                          const sgs_pose *pose, const sgs_render_options *options, int x, int y,
+                          sgs_hit *hits, size_t capacity);
 
 // Gradients of L given dL/dcolor (3 planes) and dL/dT (plane, may be NULL) of the render above:
-// d_params [count][SGS_PARAM_COUNT] receives dL/d(stored parameter) (logit, log, unnormalised quaternion), overwritten.
-// d_mean_no_sh [count][3], optional: dL/dmean without the part through the SH direction. The 0.99 clamp of alpha is ignored in
-// the gradient, as in 3DGS (straight-through); a colour channel clamped at 0 gets none. The path of the 3dgs filter through z is included.
-sgs_status sgs_reference_backward(const double *params, size_t count, const sgs_camera *camera, const sgs_pose *pose,
-                                  const sgs_render_options *options, const double *const d_color[3],
-                                  const double *d_transmittance, double *d_params, double *d_mean_no_sh);
+// d_params [count][SGS_PARAM_COUNT] receives dL/d(stored parameter) (logit, log, unnormalised
+// quaternion), overwritten. d_mean_no_sh [count][3], optional: dL/dmean without the part through
+// the SH direction. The 0.99 clamp of alpha is ignored in the gradient, as in 3DGS
+// (straight-through); a colour channel clamped at 0 gets none. The path of the 3dgs filter through
+// z is included.
+sgs_status sgs_reference_backward(const double *params, size_t count, const sgs_camera *camera,
+                                  const sgs_pose *pose, const sgs_render_options *options,
+                                  const double *const d_color[3], const double *d_transmittance,
+                                  double *d_params, double *d_mean_no_sh);
 
 #ifdef __cplusplus
 }

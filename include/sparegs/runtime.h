@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Process-wide settings: threads, instruction set, versions. Set them before other calls; none of these
-// functions is meant to run beside a working library call.
+// Process-wide settings: threads, instruction set, versions. Set them before other calls; none of
+// these functions is meant to run beside a working library call.
 
 #include "sparegs/status.h"
 
@@ -11,22 +11,27 @@
 extern "C" {
 #endif
 
-typedef enum sgs_isa { SGS_ISA_BASELINE = 0, SGS_ISA_AVX2 = 1, SGS_ISA_AVX512 = 2, SGS_ISA_COUNT = 3 } sgs_isa;
+typedef enum sgs_isa {
+    SGS_ISA_BASELINE = 0,
+    SGS_ISA_AVX2 = 1,
+    SGS_ISA_AVX512 = 2,
+    SGS_ISA_COUNT = 3
+} sgs_isa;
 
 // Threads used by the coming calls; 0 = all cores of the affinity mask (the default).
 void sgs_set_threads(int count);
 int sgs_threads(void);
 
-// Instruction set of the kernels. Default: the best the machine has. Fails with UNSUPPORTED when the
-// machine (or the build) lacks it; the setting is then unchanged.
+// Instruction set of the kernels. Default: the best the machine has. Fails with UNSUPPORTED when
+// the machine (or the build) lacks it; the setting is then unchanged.
 sgs_status sgs_set_isa(sgs_isa isa);
 sgs_isa sgs_get_isa(void);
 int sgs_isa_supported(sgs_isa isa);
 // "baseline", "avx2", "avx512"; NULL outside the enum.
 const char *sgs_isa_name(sgs_isa isa);
 
-// "1.0.0", the commit it was built from ("unknown" outside a checkout), and one line naming the versions of
-// Embree, OpenImageIO and OpenEXR in use. Constant strings.
+// "1.0.0", the commit it was built from ("unknown" outside a checkout), and one line naming the
+// versions of Embree, OpenImageIO and OpenEXR in use. Constant strings.
 const char *sgs_version(void);
 const char *sgs_version_commit(void);
 const char *sgs_version_libraries(void);

@@ -3,7 +3,8 @@
 #pragma once
 
 // A data set on disk made ready for training: views (camera, pose, photograph), the sparse point
-// cloud, the split. Reads COLMAP (binary and text) and NeRF/nerfstudio transforms. Writes only cameras.json.
+// cloud, the split. Reads COLMAP (binary and text) and NeRF/nerfstudio transforms. Writes only
+// cameras.json.
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -17,34 +18,43 @@ extern "C" {
 
 typedef enum sgs_split { SGS_SPLIT_TRAIN = 0, SGS_SPLIT_TEST = 1, SGS_SPLIT_ALL = 2 } sgs_split;
 
-typedef enum sgs_scene_format { SGS_SCENE_COLMAP_BINARY, SGS_SCENE_COLMAP_TEXT, SGS_SCENE_TRANSFORMS } sgs_scene_format;
+typedef enum sgs_scene_format {
+    SGS_SCENE_COLMAP_BINARY,
+    SGS_SCENE_COLMAP_TEXT,
+    SGS_SCENE_TRANSFORMS
+} sgs_scene_format;
 
 // A photograph: planar 8-bit, display-encoded (sRGB as stored in the file). Plane c starts at
-// pixels + c * width * height; row-major, top row first. channels is 3 (RGB) or 4 (RGB and straight alpha).
+// pixels + c * width * height; row-major, top row first. channels is 3 (RGB) or 4 (RGB and straight
+// alpha).
 typedef struct sgs_image8 {
     int width, height, channels;
     uint8_t *pixels; // 64-byte aligned
 } sgs_image8;
 
-// The space that photographs are compared in, and so that trained colours are in: encoded for display, or light itself.
+// The space that photographs are compared in, and so that trained colours are in: encoded for
+// display, or light itself.
 typedef enum sgs_space { SGS_SPACE_SRGB = 0, SGS_SPACE_LINEAR = 1 } sgs_space;
 
-// A photograph ready to be compared with: planes as in sgs_image8, 3 or 4 channels, colours in the scene's space, and which of
-// its pixels count. Pixels that a mask covers, that the lens has no ray for or that hold no number do not.
+// A photograph ready to be compared with: planes as in sgs_image8, 3 or 4 channels, colours in the
+// scene's space, and which of its pixels count. Pixels that a mask covers, that the lens has no ray
+// for or that hold no number do not.
 //
-// Values are bytes (255 is 1) or half-float numbers, whichever the file needs; the other pointer is NULL. Light brighter
-// than the scene's white is above 1.
+// Values are bytes (255 is 1) or half-float numbers, whichever the file needs; the other pointer is
+// NULL. Light brighter than the scene's white is above 1.
 typedef struct sgs_photo {
     int width, height, channels;
     uint8_t *pixels;
-    uint16_t *keep;   // [height][(width + 15) / 16]: bit i of word w is pixel 16 w + i of the row, 1 = counts; NULL = all
-    size_t kept;      // number of pixels that count
+    uint16_t *keep; // [height][(width + 15) / 16]: bit i of word w is pixel 16 w + i of the row, 1
+                    // = counts; NULL = all
+    size_t kept;    // number of pixels that count
     uint16_t *halves; // IEEE 754 binary16, >= 0, neither infinite nor subnormal
     bool bright;      // values above 1 mean something: comparisons do not clamp there
 } sgs_photo;
 
-// What an alpha channel says. Over: the photograph is laid over the background, transparent pixels teach
-// transparency. Mask: pixels of alpha below one half do not count, the others are opaque. Ignore: all are opaque.
+// What an alpha channel says. Over: the photograph is laid over the background, transparent pixels
+// teach transparency. Mask: pixels of alpha below one half do not count, the others are opaque.
+// Ignore: all are opaque.
 typedef enum sgs_alpha { SGS_ALPHA_OVER = 0, SGS_ALPHA_MASK = 1, SGS_ALPHA_IGNORE = 2 } sgs_alpha;
 
 typedef struct sgs_view {
@@ -53,25 +63,32 @@ typedef struct sgs_view {
     char *mask_path;   // file that says which pixels count, or NULL
     sgs_camera camera; // at the size of `image` after down-scaling
     sgs_pose pose;
-    sgs_split split;   // SGS_SPLIT_TRAIN or SGS_SPLIT_TEST
-    sgs_photo image;   // empty (width 0) when images were not asked for; without planes when they are in the image cache
+    sgs_split split; // SGS_SPLIT_TRAIN or SGS_SPLIT_TEST
+    sgs_photo image; // empty (width 0) when images were not asked for; without planes when they are
+                     // in the image cache
 } sgs_view;
 
 typedef struct sgs_scene_options {
-    const char *images_dir;   // folder beside the sparse model; NULL = "images"
-    int downscale;            // 0 = automatic: 1, or to 1600 px width with a warning; else >= 1, area averaging
-    int test_every;           // 0 = none; else index % test_every == 0 of the sorted names is held out, or, where the
-                              // scene names test views of its own (transforms_test.json), these
-    const char *test_images;  // comma-separated names held out instead (name, or name without folder); NULL = none
-    int load_images;          // 0: only cameras and points (image sizes are read from the files' headers)
-    const char *masks_dir;    // folder of masks beside the image folder; "none" = no masks; NULL = "masks" or "mask" if there
-    int invert_masks;         // black counts instead of white
-    sgs_alpha alpha;          // what alpha channels say
-    const char *colorspace;   // of the image files, instead of what they say themselves; NULL = what they say
-    sgs_space space;          // to compare and train in
-    size_t image_cache;       // bytes of decoded photographs to keep in memory; 0 = all of them
-    double white;             // linear light that becomes 1; 0 = the 99th percentile where files are linear, else 1
-    int cameras_only;         // no photograph is looked for where the model tells its camera's size; with load_images 0
+    const char *images_dir; // folder beside the sparse model; NULL = "images"
+    int downscale;          // 0 = automatic: 1, or to 1600 px width with a warning; else >= 1, area
+                            // averaging
+    int test_every; // 0 = none; else index % test_every == 0 of the sorted names is held out, or,
+                    // where the scene names test views of its own (transforms_test.json), these
+    const char *test_images; // comma-separated names held out instead (name, or name without
+                             // folder); NULL = none
+    int load_images; // 0: only cameras and points (image sizes are read from the files' headers)
+    const char *masks_dir; // folder of masks beside the image folder; "none" = no masks; NULL =
+                           // "masks" or "mask" if there
+    int invert_masks;      // black counts instead of white
+    sgs_alpha alpha;       // what alpha channels say
+    const char *
+        colorspace; // of the image files, instead of what they say themselves; NULL = what they say
+    sgs_space space;    // to compare and train in
+    size_t image_cache; // bytes of decoded photographs to keep in memory; 0 = all of them
+    double white; // linear light that becomes 1; 0 = the 99th percentile where files are linear,
+                  // else 1
+    int cameras_only; // no photograph is looked for where the model tells its camera's size; with
+                      // load_images 0
 } sgs_scene_options;
 
 // {NULL, 0, 0, NULL, 1, NULL, 0, SGS_ALPHA_OVER, NULL, SGS_SPACE_SRGB, 0, 0, 0}
@@ -79,52 +96,57 @@ sgs_scene_options sgs_scene_options_default(void);
 
 typedef struct sgs_scene {
     sgs_scene_format format;
-    char *path;             // as given
-    char *model_path;       // folder or file the cameras came from
-    size_t view_count;      // sorted by name (strcmp)
+    char *path;        // as given
+    char *model_path;  // folder or file the cameras came from
+    size_t view_count; // sorted by name (strcmp)
     sgs_view *views;
-    size_t point_count;     // sparse cloud, finite points only
-    float *points;          // [point_count][3], world
-    uint8_t *colors;        // [point_count][3]
-    size_t images_missing;  // registered images without a readable file (skipped)
-    size_t images_unposed;  // files in the image folder without a pose (ignored)
-    size_t masks;           // views with a mask file
-    size_t pixels_broken;   // pixels of the photographs that hold no number (ignored)
-    size_t photo_bytes;     // that all photographs take in memory, whether they are there or not; 0 with cameras_only
-    struct sgs_scene_store *store; // internal: the image cache; NULL = all photographs are in `views`
-    sgs_space space;        // of photographs and trained colours
-    double white;           // linear light that is 1 in them; 1 where no file is linear
-    int has_alpha;          // any image has an alpha channel
-    int white_background;   // NeRF synthetic convention: white unless the user says otherwise
-    double center[3];       // mean of the training camera centres, world
-    double extent;          // 1.1 * max distance of a training camera to the centre (specs: nerf++ norm); > 0
+    size_t point_count;    // sparse cloud, finite points only
+    float *points;         // [point_count][3], world
+    uint8_t *colors;       // [point_count][3]
+    size_t images_missing; // registered images without a readable file (skipped)
+    size_t images_unposed; // files in the image folder without a pose (ignored)
+    size_t masks;          // views with a mask file
+    size_t pixels_broken;  // pixels of the photographs that hold no number (ignored)
+    size_t photo_bytes;    // that all photographs take in memory, whether they are there or not; 0
+                           // with cameras_only
+    struct sgs_scene_store
+        *store;           // internal: the image cache; NULL = all photographs are in `views`
+    sgs_space space;      // of photographs and trained colours
+    double white;         // linear light that is 1 in them; 1 where no file is linear
+    int has_alpha;        // any image has an alpha channel
+    int white_background; // NeRF synthetic convention: white unless the user says otherwise
+    double center[3];     // mean of the training camera centres, world
+    double
+        extent; // 1.1 * max distance of a training camera to the centre (specs: nerf++ norm); > 0
 } sgs_scene;
 
 // Loads a scene. On failure *scene is NULL. Missing or broken images are skipped with a warning and
-// counted; it is an error (SGS_STATUS_IO) only when none is left. A mask that does not fit its photograph is an error,
-// a mask that covers everything drops its view. A scene without points loads.
+// counted; it is an error (SGS_STATUS_IO) only when none is left. A mask that does not fit its
+// photograph is an error, a mask that covers everything drops its view. A scene without points
+// loads.
 //
-// Masks are looked for as MASKS/STEM.png, MASKS/NAME.png (with the photograph's own extension before .png), and
-// STEM_mask.png beside the photograph. White (mean of the channels >= 128) counts. A pixel of a reduced photograph
-// counts when all of its area does.
-// Thread rule: may use the library's threads; call from one thread.
+// Masks are looked for as MASKS/STEM.png, MASKS/NAME.png (with the photograph's own extension
+// before .png), and STEM_mask.png beside the photograph. White (mean of the channels >= 128)
+// counts. A pixel of a reduced photograph counts when all of its area does. Thread rule: may use
+// the library's threads; call from one thread.
 sgs_status sgs_scene_load(const char *path, const sgs_scene_options *options, sgs_scene **scene);
 
 // Accepts NULL.
 void sgs_scene_destroy(sgs_scene *scene);
 
-// The photograph of view `index`, from memory or decoded now. Valid until the next call for this scene; one thread at a time. Fails
-// as loading does, when its file has gone or changed since.
+// The photograph of view `index`, from memory or decoded now. Valid until the next call for this
+// scene; one thread at a time. Fails as loading does, when its file has gone or changed since.
 sgs_status sgs_scene_photo(const sgs_scene *scene, size_t index, const sgs_photo **photo);
 
-// Announces that this photograph will be asked for soon: a thread decodes it ahead, where it is not in memory. Cannot fail.
+// Announces that this photograph will be asked for soon: a thread decodes it ahead, where it is not
+// in memory. Cannot fail.
 void sgs_scene_expect(const sgs_scene *scene, size_t index);
 
 // Index of the view called NAME (exact, then without folder, then without extension), or -1.
 ptrdiff_t sgs_scene_find_view(const sgs_scene *scene, const char *name);
 
-// Writes the cameras.json of 3DGS (id, img_name, width, height, position, camera-to-world rotation rows, fy, fx;
-// held-out views first), atomically. Fails with IO or OUT_OF_MEMORY.
+// Writes the cameras.json of 3DGS (id, img_name, width, height, position, camera-to-world rotation
+// rows, fy, fx; held-out views first), atomically. Fails with IO or OUT_OF_MEMORY.
 sgs_status sgs_scene_write_cameras_json(const sgs_scene *scene, const char *path);
 
 #ifdef __cplusplus

@@ -2,9 +2,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// How the library reports trouble: one status code per fallible call, one thread-local sentence that
-// names the file, the place in it and the fix, and a callback for warnings. The library itself never
-// prints and never exits.
+// How the library reports trouble: one status code per fallible call, one thread-local sentence
+// that names the file, the place in it and the fix, and a callback for warnings. The library itself
+// never prints and never exits.
 
 #ifdef __cplusplus
 extern "C" {
@@ -30,15 +30,15 @@ typedef enum sgs_status {
 // Short constant text for a status; never NULL, cannot fail.
 const char *sgs_status_text(sgs_status status);
 
-// The sentence that explains the last failed call of this thread, "" if there was none. Owned by the
-// library; valid until the next failing call on the same thread.
+// The sentence that explains the last failed call of this thread, "" if there was none. Owned by
+// the library; valid until the next failing call on the same thread.
 const char *sgs_last_error(void);
 
 // Receives one line (no newline) per warning, possibly from several threads at once.
 typedef void (*sgs_warning_fn)(void *user, const char *message);
 
-// Sets the process-wide warning receiver; NULL drops warnings (the default). Not thread-safe against
-// running library calls: set it once at start.
+// Sets the process-wide warning receiver; NULL drops warnings (the default). Not thread-safe
+// against running library calls: set it once at start.
 void sgs_set_warning_handler(sgs_warning_fn fn, void *user);
 
 #ifdef __cplusplus

@@ -1,7 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Uses the installed library from C: creates a model, draws it, fails on purpose and reads the sentence.
+// Uses the installed library from C: creates a model, draws it, fails on purpose and reads the
+// sentence.
 
 #include <stdio.h>
 #include <string.h>
@@ -33,12 +34,14 @@ int main(void)
         return 1;
     }
     const float middle = frame.transmittance[12 * 32 + 16], corner = frame.transmittance[0];
-    printf("sparegs %s from C: transmittance %g in the middle, %g in the corner\n", sgs_version(), (double)middle,
-           (double)corner);
+    printf("sparegs %s from C: transmittance %g in the middle, %g in the corner\n", sgs_version(),
+           (double)middle, (double)corner);
     sgs_frame_free(&frame);
     sgs_renderer_destroy(renderer);
     sgs_gaussians_destroy(model);
 
     const int failed = sgs_ply_read("no-such-file.ply", &model) == SGS_STATUS_IO && !model;
-    return middle < 0.5F && corner > 0.9F && failed && strstr(sgs_last_error(), "no-such-file.ply") ? 0 : 1;
+    return middle < 0.5F && corner > 0.9F && failed && strstr(sgs_last_error(), "no-such-file.ply")
+               ? 0
+               : 1;
 }

@@ -1,10 +1,10 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Checkpoints of a tiny training. The checksum of an input is made right first, or nothing behind it would ever be
-// reached; an input of less than 8 bytes stands for the good checkpoint, so that no seed has to be kept in step with
-// the format. Promises: a refusal names the file; a loaded state trains on, and is the same after writing and loading
-// it.
+// Checkpoints of a tiny training. The checksum of an input is made right first, or nothing behind
+// it would ever be reached; an input of less than 8 bytes stands for the good checkpoint, so that
+// no seed has to be kept in step with the format. Promises: a refusal names the file; a loaded
+// state trains on, and is the same after writing and loading it.
 
 #include "checkpoint_support.h"
 #include "fuzz_support.h"
@@ -36,10 +36,11 @@ static void prepare(void)
     for (int v = 0; v < VIEWS; ++v) {
         for (int i = 0; i < 3 * SIDE * SIDE; ++i)
             pixels[v][i] = (uint8_t)(7 * i + 31 * v);
-        views[v] = (sgs_view){.name = (char *)names[v],
-                              .camera = {SGS_CAMERA_PINHOLE, SIDE, SIDE, {SIDE, SIDE, SIDE / 2, SIDE / 2}},
-                              .pose = {{1, 0, 0, 0, 1, 0, 0, 0, 1}, {0.1 * v, 0, 3}},
-                              .image = {.width = SIDE, .height = SIDE, .channels = 3, .pixels = pixels[v]}};
+        views[v] = (sgs_view){
+            .name = (char *)names[v],
+            .camera = {SGS_CAMERA_PINHOLE, SIDE, SIDE, {SIDE, SIDE, SIDE / 2, SIDE / 2}},
+            .pose = {{1, 0, 0, 0, 1, 0, 0, 0, 1}, {0.1 * v, 0, 3}},
+            .image = {.width = SIDE, .height = SIDE, .channels = 3, .pixels = pixels[v]}};
     }
     for (int i = 0; i < 3 * POINTS; ++i) {
         points[i] = (float)(2 * sgsi_random_uniform(1, (uint64_t)i) - 1);
@@ -87,7 +88,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     memcpy(bytes, data, size);
     checkpoint_reseal(bytes, size);
     const char *path = fuzz_file("input", bytes, size);
-    const bool trains = bytes[size - 1] % 8 == 0 || bytes[size - 1] == good[good_size - 1]; // it is slow
+    const bool trains =
+        bytes[size - 1] % 8 == 0 || bytes[size - 1] == good[good_size - 1]; // it is slow
     free(bytes);
     if (sgs_trainer_load_checkpoint(trainer, path)) {
         fuzz_check_refusal(path);

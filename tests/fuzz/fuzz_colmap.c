@@ -1,9 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// One file of a COLMAP model (FUZZ_FILE: cameras.bin ... points3D.txt) is the input, the others are small and right.
-// Promises: a refusal names the file; what is accepted has valid cameras, rotations, finite points and names that stay
-// in their folder; reading twice gives the same.
+// One file of a COLMAP model (FUZZ_FILE: cameras.bin ... points3D.txt) is the input, the others are
+// small and right. Promises: a refusal names the file; what is accepted has valid cameras,
+// rotations, finite points and names that stay in their folder; reading twice gives the same.
 
 #include <xxhash.h>
 
@@ -11,8 +11,10 @@
 #include "fuzz_support.h"
 #include "sparegs/camera.h"
 
-static const char cameras_text[] = "1 PINHOLE 64 48 50 50 32 24\n2 OPENCV_FISHEYE 64 48 50 50 32 24 0.1 0 0 0\n";
-static const char images_text[] = "1 1 0 0 0 0 0 0 1 a.jpg\n\n2 0.5 0.5 0.5 0.5 1 2 3 2 b/c.png\n1 2 3\n";
+static const char cameras_text[] =
+    "1 PINHOLE 64 48 50 50 32 24\n2 OPENCV_FISHEYE 64 48 50 50 32 24 0.1 0 0 0\n";
+static const char images_text[] =
+    "1 1 0 0 0 0 0 0 1 a.jpg\n\n2 0.5 0.5 0.5 0.5 1 2 3 2 b/c.png\n1 2 3\n";
 static const char points_text[] = "1 0 0 0 255 0 0 0.5 1 0\n2 1 1 1 0 255 0 0.5\n";
 
 static void append(uint8_t *to, size_t *size, const void *bytes, size_t count)
@@ -34,7 +36,8 @@ static void write_companions(void)
     size_t size = 0;
     const uint64_t one = 1, none = 0, width = 64, height = 48;
     const int32_t id = 1, model = 1;
-    const double parameters[] = {50, 50, 32, 24}, pose[] = {1, 0, 0, 0, 0, 0, 0}, xyz[] = {0, 0, 1}, error = 1;
+    const double parameters[] = {50, 50, 32, 24}, pose[] = {1, 0, 0, 0, 0, 0, 0}, xyz[] = {0, 0, 1},
+                 error = 1;
     append(bytes, &size, &one, 8);
     append(bytes, &size, &id, 4);
     append(bytes, &size, &model, 4);
@@ -62,7 +65,8 @@ static void write_companions(void)
 
 static uint64_t digest(const sgsi_dataset *dataset)
 {
-    uint64_t hash = XXH64(dataset->points, dataset->point_count * 3 * sizeof(float), dataset->frame_count);
+    uint64_t hash =
+        XXH64(dataset->points, dataset->point_count * 3 * sizeof(float), dataset->frame_count);
     hash = XXH64(dataset->colors, dataset->point_count * 3, hash);
     for (size_t i = 0; i < dataset->frame_count; ++i) {
         const sgsi_frame *frame = &dataset->frames[i];
@@ -88,15 +92,17 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
             FUZZ_REQUIRE(!dataset.frames && !dataset.points && round == 0);
             return 0;
         }
-        FUZZ_REQUIRE(dataset.frame_count > 0 && dataset.frame_count + dataset.point_count <= size + 4);
+        FUZZ_REQUIRE(dataset.frame_count > 0 &&
+                     dataset.frame_count + dataset.point_count <= size + 4);
         fuzz_check_finite(dataset.points, 3 * dataset.point_count);
         for (size_t i = 0; i < dataset.frame_count; ++i) {
             const sgsi_frame *frame = &dataset.frames[i];
             FUZZ_REQUIRE(!sgs_camera_validate(&frame->camera));
-            FUZZ_REQUIRE(frame->name[0] && frame->name[0] != '/' && strncmp(frame->name, "../", 3) &&
-                         !strstr(frame->name, "/../"));
+            FUZZ_REQUIRE(frame->name[0] && frame->name[0] != '/' &&
+                         strncmp(frame->name, "../", 3) && !strstr(frame->name, "/../"));
             const double *r = frame->pose.rotation;
-            const double determinant = r[0] * (r[4] * r[8] - r[5] * r[7]) - r[1] * (r[3] * r[8] - r[5] * r[6]) +
+            const double determinant = r[0] * (r[4] * r[8] - r[5] * r[7]) -
+                                       r[1] * (r[3] * r[8] - r[5] * r[6]) +
                                        r[2] * (r[3] * r[7] - r[4] * r[6]);
             FUZZ_REQUIRE(fabs(determinant - 1) < 1e-6 && isfinite(frame->pose.translation[0]));
         }

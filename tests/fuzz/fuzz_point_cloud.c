@@ -1,7 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Point clouds as PLY. Promises: a refusal names the file; points are finite; writing and reading again gives the same.
+// Point clouds as PLY. Promises: a refusal names the file; points are finite; writing and reading
+// again gives the same.
 
 #include "fuzz_support.h"
 #include "point_cloud.h"
@@ -23,7 +24,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     if (count) {
         FUZZ_REQUIRE(!sgs_ply_write_points(again, points, colors, count));
         FUZZ_REQUIRE(!sgsi_point_cloud_read(again, &count_again, &points_again, &colors_again));
-        FUZZ_REQUIRE(count == count_again && !memcmp(points, points_again, count * 3 * sizeof(float)) &&
+        FUZZ_REQUIRE(count == count_again &&
+                     !memcmp(points, points_again, count * 3 * sizeof(float)) &&
                      !memcmp(colors, colors_again, count * 3));
         sgsi_free(points_again);
         sgsi_free(colors_again);

@@ -2,8 +2,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// What the fuzz targets share. The readers take paths, so an input becomes a file in a folder of its own, in memory
-// where the system has such a place. A broken promise ends the process: the fuzzer keeps the input.
+// What the fuzz targets share. The readers take paths, so an input becomes a file in a folder of
+// its own, in memory where the system has such a place. A broken promise ends the process: the
+// fuzzer keeps the input.
 
 #include <fcntl.h>
 #include <math.h>
@@ -19,12 +20,13 @@
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 
-#define FUZZ_REQUIRE(condition)                                                                                        \
-    do {                                                                                                               \
-        if (!(condition)) {                                                                                            \
-            fprintf(stderr, "%s:%d: broken: %s; last error: %s\n", __FILE__, __LINE__, #condition, sgs_last_error());  \
-            abort();                                                                                                   \
-        }                                                                                                              \
+#define FUZZ_REQUIRE(condition)                                                                    \
+    do {                                                                                           \
+        if (!(condition)) {                                                                        \
+            fprintf(stderr, "%s:%d: broken: %s; last error: %s\n", __FILE__, __LINE__, #condition, \
+                    sgs_last_error());                                                             \
+            abort();                                                                               \
+        }                                                                                          \
     } while (0)
 
 static char fuzz_folder[64];
@@ -32,8 +34,9 @@ static char fuzz_folder[64];
 static inline void fuzz_folder_remove(void)
 {
     char command[96];
-    static const char *const names[] = {"cameras.bin",  "images.bin", "points3D.bin", "cameras.txt", "images.txt",
-                                        "points3D.txt", "input",      "again",        "points.ply"};
+    static const char *const names[] = {"cameras.bin", "images.bin", "points3D.bin",
+                                        "cameras.txt", "images.txt", "points3D.txt",
+                                        "input",       "again",      "points.ply"};
     for (size_t i = 0; i < sizeof names / sizeof *names; ++i) {
         snprintf(command, sizeof command, "%s/%s", fuzz_folder, names[i]);
         unlink(command);

@@ -1,15 +1,17 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// transforms.json. Promises: a refusal names a file of the folder; names stay in their folder; poses are finite.
+// transforms.json. Promises: a refusal names a file of the folder; names stay in their folder;
+// poses are finite.
 
 #include "fuzz_support.h"
 #include "transforms.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
-    static const char cloud[] = "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\n"
-                                "property float z\nend_header\n1 2 3\n";
+    static const char cloud[] =
+        "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\n"
+        "property float z\nend_header\n1 2 3\n";
     static bool prepared;
     if (!prepared)
         fuzz_file("points.ply", cloud, strlen(cloud));

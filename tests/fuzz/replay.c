@@ -1,7 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Runs a fuzz target over the files of a folder, for builds without libFuzzer. Fails when there is none.
+// Runs a fuzz target over the files of a folder, for builds without libFuzzer. Fails when there is
+// none.
 
 #include <dirent.h>
 #include <stdio.h>

@@ -132,11 +132,17 @@ sgs_status sgs_camera_validate(const sgs_camera *camera)
     return SGS_STATUS_OK;
 }
 
+// Bit by bit: -0 is not 0 here, and NaN equals itself.
+static bool params_equal(const double *a, const double *b)
+{
+    // NOLINTNEXTLINE(bugprone-suspicious-memory-comparison,cert-*)
+    return !memcmp(a, b, sizeof((sgs_camera *)0)->params);
+}
+
 bool sgs_camera_equal(const sgs_camera *a, const sgs_camera *b)
 {
     return a->model == b->model && a->width == b->width && a->height == b->height &&
-           !memcmp(a->params, b->params,
-                   sizeof a->params); // NOLINT(bugprone-suspicious-memory-comparison,cert-*): bits
+           params_equal(a->params, b->params);
 }
 
 void sgs_camera_intrinsics(const sgs_camera *camera, double *fx, double *fy, double *cx, double *cy)
@@ -327,9 +333,7 @@ static void lens_init(lens *l, const sgs_camera *camera)
 static const lens *lens_of(const sgs_camera *camera)
 {
     static _Thread_local lens memo = {.model = SGS_CAMERA_MODEL_COUNT};
-    if (memo.model != camera->model ||
-        memcmp(memo.params, camera->params,
-               sizeof memo.params)) // NOLINT(bugprone-suspicious-memory-comparison,cert-*): bits
+    if (memo.model != camera->model || !params_equal(memo.params, camera->params))
         lens_init(&memo, camera);
     return &memo;
 }

@@ -59,8 +59,10 @@ static inline void simd_extremes(const int16_t *keys, uint32_t count, int16_t *l
         const uint32_t end = begin + 32 < count ? begin + 32 : count;
         int16_t low = INT16_MAX, high = INT16_MIN;
         for (uint32_t i = begin; i < end; ++i) {
-            low = keys[i] < low ? keys[i] : low;
-            high = keys[i] > high ? keys[i] : high;
+            if (keys[i] < low)
+                low = keys[i];
+            if (keys[i] > high)
+                high = keys[i];
         }
         least[begin / 32] = low;
         most[begin / 32] = high;

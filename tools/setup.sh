@@ -20,7 +20,8 @@ packages=(
 if [ "${1:-}" = --long ]; then
     packages+=(
         clang libclang-rt-dev libomp-dev # sanitizers, fuzzing; the OpenMP runtime that the thread sanitizer knows
-        clang-tidy cppcheck gcovr        # lint and coverage
+        clang-format clang-tidy cppcheck # tools/lint.sh
+        gcovr                            # tools/coverage.sh
         colmap                           # reconstruct
     )
     if apt-cache show clang-16 >/dev/null 2>&1; then

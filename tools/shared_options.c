@@ -227,11 +227,13 @@ void drawing_settle(drawing_values *values, const command_line *line, const json
 int command_parse(const command_spec *spec, int argc, char **argv, command_call *call)
 {
     size_t count = 0;
-    if (spec->option_count)
-        call->groups[count++] = (option_group){.title = spec->title,
-                                               .options = spec->options,
-                                               .count = spec->option_count,
-                                               .values = spec->values};
+    if (spec->option_count) {
+        const option_group own = {.title = spec->title,
+                                  .options = spec->options,
+                                  .count = spec->option_count,
+                                  .values = spec->values};
+        call->groups[count++] = own;
+    }
     if (spec->drawing)
         call->groups[count++] = drawing_group(spec->drawing);
     if (spec->scene)

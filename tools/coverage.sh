@@ -25,6 +25,6 @@ echo "everything:"
 report --filter 'src/|bvh/|spare/|tools/' --print-summary --html-details "$build/html/index.html" |
     grep -E '^lines'
 echo "readers, checkpoint, spare/:"
-readers='colmap|transforms|cameras_json|ply|ply_header|point_cloud|dataset|scene|scene_find|scene_store|path_within'
+readers='colmap|transforms|cameras_json|ply|ply_header|point_cloud|dataset|scene|scene_split|scene_find|scene_store|path_within'
 readers="$readers|image|image_oiio|photo|mask|sections|checkpoint|checkpoint_options"
 report --filter "src/($readers)\\.(c|cpp)\$" --filter 'spare/.*\.c$' --filter 'tools/camera_file\.c$' --fail-under-line "$least"

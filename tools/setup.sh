@@ -23,6 +23,7 @@ if [ "${1:-}" = --long ]; then
         clang-format clang-tidy cppcheck # tools/lint.sh
         gcovr                            # tools/coverage.sh
         colmap                           # reconstruct
+        chromium                         # the page of `report`
     )
     if apt-cache show clang-16 >/dev/null 2>&1; then
         packages+=(clang-16) # another compiler, on Debian 12

@@ -2,11 +2,13 @@
 # SPDX-FileCopyrightText: 2026 The sparegs authors
 # SPDX-License-Identifier: Apache-2.0
 
-# SIGKILL at random moments (KILLS of them, the seed of the moments is printed), resumed each time with another number of
-# threads: the model is the one of the run that nobody killed, and at most one checkpoint interval is done again.
+# SIGKILL (or SIGNAL=TERM) at random moments (KILLS of them, the seed of the moments is printed), resumed each time with
+# another number of threads: the model is the one of the run that nobody killed; after SIGKILL at most one checkpoint
+# interval is done again, after SIGTERM nothing.
 set -euo pipefail
 . "$(dirname "$0")/cli_support.sh"
 kills=${KILLS:-2}
+signal=${SIGNAL:-KILL}
 RANDOM=${SEED:-$((${EPOCHSECONDS:-1} % 30000))}
 echo "seed of the moments: SEED=$RANDOM"
 interval=5
@@ -24,16 +26,16 @@ while { [ "$killed" -lt "$kills" ] || [ "$finished" = 0 ]; } && [ "$failures" -l
     last_command="train with ${#resume[@]} resume options, $killed kills so far"
     before=0
     [ ! -s "$out/checkpoint/sums.csv" ] || before=$(tail -n 1 "$out/checkpoint/sums.csv" | grep -oE '^[0-9]+' || echo 0)
-    "$program" train "${options[@]}" -o "$out" --threads $((1 + RANDOM % 3)) "${resume[@]}" \
-        >"$temporary/stdout" 2>"$temporary/stderr" &
-    process=$!
-    status=0
+    limit=()
     if [ "$killed" -lt "$kills" ]; then
         moment=$((50 + RANDOM % length))
-        sleep "$((moment / 1000)).$(printf %03d $((moment % 1000)))"
-        kill -KILL "$process" 2>/dev/null || true
+        limit=(timeout --preserve-status -s "$signal" "$((moment / 1000)).$(printf %03d $((moment % 1000)))")
     fi
-    wait "$process" 2>/dev/null || status=$?
+    status=0
+    { # the shell's own word on a killed child goes there too
+        "${limit[@]}" "$program" train "${options[@]}" -o "$out" --threads $((1 + RANDOM % 3)) "${resume[@]}" \
+            >"$temporary/stdout" || status=$?
+    } 2>"$temporary/stderr"
     at=$(sed -n 's/.*continuing at iteration \([0-9]*\)$/\1/p' "$temporary/stderr")
     check at_most_one_interval_is_done_again test "${at:-$before}" -ge $((before - interval))
     check no_checkpoint_is_damaged bash -c '! grep -q damaged "$0"' "$temporary/stderr"
@@ -46,7 +48,7 @@ while { [ "$killed" -lt "$kills" ] || [ "$finished" = 0 ]; } && [ "$failures" -l
         resume=()
     else
         killed=$((killed + 1))
-        check killed_not_failed test "$status" = 137
+        check killed_not_failed test "$status" = $((128 + $(kill -l "$signal")))
     fi
 done
 echo "$killed kills, $finished runs to the end, model $hash"

@@ -273,7 +273,9 @@ void sgsi_rays_destroy(sgsi_rays *rays)
     sgsi_free(rays);
 }
 
-enum { CACHE_SLOTS = 256 };
+// Images of fewer bins than this are gathered tile by tile: threads would wait for the last bin. By
+// the image's size alone, so that results stay the same for any number of threads.
+enum { CACHE_SLOTS = 256, FEW_BINS = 16 };
 
 struct sgsi_ray_cache {
     int bin_tiles;
@@ -305,6 +307,14 @@ void sgsi_ray_cache_destroy(sgsi_ray_cache *cache)
     sgsi_free(cache);
 }
 
+static int bin_tiles_for(const sgsi_ray_cache *cache, const sgs_camera *camera)
+{
+    const int bin = cache->bin_tiles * SGSI_TILE;
+    const long long bins =
+        (long long)((camera->width + bin - 1) / bin) * ((camera->height + bin - 1) / bin);
+    return bins < FEW_BINS ? 1 : cache->bin_tiles;
+}
+
 sgs_status sgsi_ray_cache_get(sgsi_ray_cache *cache, const sgs_camera *camera,
                               const sgsi_rays **rays)
 {
@@ -328,7 +338,7 @@ sgs_status sgsi_ray_cache_get(sgsi_ray_cache *cache, const sgs_camera *camera,
         }
         if (empty >= 0 && (oldest < 0 || cache->bytes + bytes <= cache->byte_limit)) {
             const sgs_status status =
-                sgsi_rays_create(camera, cache->bin_tiles, &cache->slots[empty].rays);
+                sgsi_rays_create(camera, bin_tiles_for(cache, camera), &cache->slots[empty].rays);
             if (status)
                 return status;
             cache->slots[empty].bytes = bytes;

@@ -303,11 +303,11 @@ static exr_result_t write_chunk(const chunk_band *band, size_t item)
 
 static bool prepare_zip(chunk_band *band, size_t largest)
 {
-    if (band->zip)
-        return true;
-    band->capacity = largest;
-    band->zip = sgsi_exr_zip_create(largest);
-    band->zipped = sgsi_alloc(BAND_CHUNKS * largest, 1);
+    if (!band->capacity) {
+        band->capacity = largest;
+        band->zip = sgsi_exr_zip_create(largest);
+        band->zipped = sgsi_alloc(BAND_CHUNKS * largest, 1);
+    }
     return band->zip && band->zipped;
 }
 

@@ -6,5 +6,5 @@
 set -euo pipefail
 cd "$SPAREGS_SOURCE"
 cmake --preset asan >/dev/null
-cmake --build build/asan -j "$(nproc)"
+cmake --build build/asan -j "${JOBS:-$(nproc)}"
 exec ctest --test-dir build/asan --output-on-failure -R "${SUITE:-.}" -E 'test_package|test_setup' --timeout 1800

@@ -10,5 +10,5 @@ if ! command -v clang >/dev/null || ! ldconfig -p | grep -q libomp; then
 fi
 cd "$SPAREGS_SOURCE"
 cmake --preset tsan >/dev/null
-cmake --build build/tsan -j "$(nproc)"
+cmake --build build/tsan -j "${JOBS:-$(nproc)}"
 exec ctest --test-dir build/tsan --output-on-failure -R "${SUITE:-.}" -E 'test_package|test_setup' --timeout 1800

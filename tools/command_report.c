@@ -29,7 +29,7 @@ static const char description[] = "Makes tables and a page of an experiment (DIR
 
 typedef struct report_values {
     const char *markdown, *html;
-    int pictures;
+    int pictures, maps;
 } report_values;
 
 static const option report_options[] = {
@@ -40,6 +40,8 @@ static const option report_options[] = {
     {"pictures", 0, OPTION_INTEGER, offsetof(report_values, pictures), 0, 100, "N", "4", NULL,
      "runs",
      "runs whose first held-out view is drawn into the page; their scenes must still be there"},
+    {"maps", 0, OPTION_INTEGER, offsetof(report_values, maps), 0, 1000, "N", "4", NULL, "runs",
+     "runs with SPARE-GS whose maps of regions are in the page, some 200 KB each"},
 };
 
 // ---- Tables of a run ----
@@ -136,7 +138,7 @@ static json_t *region_maps(const char *folder)
     return maps;
 }
 
-static json_t *page_run(const char *folder, const json_t *run)
+static json_t *page_run(const char *folder, const json_t *run, bool mapped)
 {
     const json_t *summary = json_object_get(run, "summary");
     char *path = format_text("%s/%s", folder, json_string_value(json_object_get(run, "folder")));
@@ -150,7 +152,7 @@ static json_t *page_run(const char *folder, const json_t *run)
     json_object_set(out, "psnr", psnr ? psnr : json_null());
     json_object_set_new(out, "words", update_words(train, spare, summary));
     json_object_set_new(out, "train", train);
-    json_object_set_new(out, "regions", region_maps(path));
+    json_object_set_new(out, "regions", mapped ? region_maps(path) : json_array());
     json_decref(spare);
     free(path);
     return out;
@@ -262,15 +264,18 @@ static json_t *picture_of(const char *folder, const json_t *run)
 // ---- The page ----
 
 static json_t *page_data(const char *folder, const json_t *results, const json_t *tables,
-                         int pictures)
+                         const report_values *values)
 {
     const json_t *runs = json_object_get(results, "runs");
     const char *title =
         json_string_value(json_object_get(json_object_get(results, "plan"), "title"));
     json_t *data = json_object(), *list = json_array(), *drawn = json_array();
+    int mapped = 0, tried = 0;
     for (size_t k = 0; k < json_array_size(runs); ++k) {
-        json_array_append_new(list, page_run(folder, json_array_get(runs, k)));
-        if ((int)json_array_size(drawn) < pictures && !interrupt_signal()) {
+        json_t *run = page_run(folder, json_array_get(runs, k), mapped < values->maps);
+        mapped += json_array_size(json_object_get(run, "regions")) > 0;
+        json_array_append_new(list, run);
+        if (tried++ < values->pictures && !interrupt_signal()) {
             json_t *picture = picture_of(folder, json_array_get(runs, k));
             if (picture)
                 json_array_append_new(drawn, picture);
@@ -338,7 +343,7 @@ static int report(const char *folder, const report_values *values)
     char *page_path =
         values->html ? format_text("%s", values->html) : format_text("%s/report.html", folder);
     bool done = write_text(text_path, markdown) &&
-                write_page(page_path, page_data(folder, results, tables, values->pictures));
+                write_page(page_path, page_data(folder, results, tables, values));
     if (done)
         printf("%s\n%s\n", text_path, page_path);
     free(text_path);

@@ -5,6 +5,7 @@
 
 #include "sparegs/runtime.h"
 
+#include <stdatomic.h>
 #include <stdio.h>
 #include <string.h>
 #include <sys/resource.h>
@@ -12,7 +13,7 @@
 
 #include "core.h"
 
-static int chosen_isa = -1;
+static atomic_int chosen_isa = -1; // found by whichever thread asks first
 
 int sgs_isa_supported(sgs_isa isa)
 {
@@ -41,13 +42,16 @@ const char *sgs_isa_name(sgs_isa isa)
 
 sgs_isa sgs_get_isa(void)
 {
-    if (chosen_isa < 0) {
+    int isa = atomic_load_explicit(&chosen_isa, memory_order_relaxed);
+    if (isa < 0) {
         int best = SGS_ISA_COUNT - 1;
         while (!sgs_isa_supported((sgs_isa)best))
             --best;
-        chosen_isa = best;
+        // Another thread may have chosen meanwhile: then isa becomes its choice.
+        if (atomic_compare_exchange_strong(&chosen_isa, &isa, best))
+            isa = best;
     }
-    return (sgs_isa)chosen_isa;
+    return (sgs_isa)isa;
 }
 
 sgs_status sgs_set_isa(sgs_isa isa)
@@ -57,7 +61,7 @@ sgs_status sgs_set_isa(sgs_isa isa)
     if (!sgs_isa_supported(isa))
         return sgsi_fail(SGS_STATUS_UNSUPPORTED, "this machine has no %s; leave --isa away",
                          sgs_isa_name(isa));
-    chosen_isa = isa;
+    atomic_store(&chosen_isa, (int)isa);
     return SGS_STATUS_OK;
 }
 

@@ -7,11 +7,12 @@
 
 #include <omp.h>
 #include <sched.h>
+#include <stdatomic.h>
 
 #include "core.h"
 #include "sparegs/runtime.h"
 
-static int thread_count;
+static atomic_int thread_count; // 0 = not asked for yet
 
 void sgsi_threads_set(int count)
 {
@@ -30,16 +31,20 @@ int sgs_threads(void)
 
 int sgsi_threads(void)
 {
-    if (!thread_count) {
+    int count = atomic_load_explicit(&thread_count, memory_order_relaxed);
+    if (!count) {
         cpu_set_t mask;
-        thread_count =
+        int cores =
             sched_getaffinity(0, sizeof mask, &mask) ? omp_get_num_procs() : CPU_COUNT(&mask);
-        if (thread_count < 1)
-            thread_count = 1;
-        if (thread_count > SGSI_THREADS_MAX)
-            thread_count = SGSI_THREADS_MAX;
+        if (cores < 1)
+            cores = 1;
+        if (cores > SGSI_THREADS_MAX)
+            cores = SGSI_THREADS_MAX;
+        // Another thread may have set it meanwhile: then count becomes that number.
+        if (atomic_compare_exchange_strong(&thread_count, &count, cores))
+            count = cores;
     }
-    return thread_count;
+    return count;
 }
 
 // Denormals are flushed inside parallel loops (Embree asks for it, and they would cost hundreds of

@@ -18,7 +18,7 @@
 #include "threads.h"
 #include "tracer.h"
 
-enum { PROFILE_BIN_TILES = 2, SAMPLES_MAX = 4096 };
+enum { SAMPLES_MAX = 4096 };
 
 const char *sgs_profile_kind_name(sgs_profile_kind kind)
 {
@@ -154,9 +154,9 @@ static sgs_status count_needed(const profile_job *job, const sgsi_tracer *tracer
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to count the hits of %zu primitives",
                          job->model->count);
     for (int bin = 0; bin < rays->bins_x * rays->bins_y; ++bin)
-        for (int k = 0; k < PROFILE_BIN_TILES * PROFILE_BIN_TILES; ++k) {
-            const int x = bin % rays->bins_x * PROFILE_BIN_TILES + k % PROFILE_BIN_TILES;
-            const int y = bin / rays->bins_x * PROFILE_BIN_TILES + k / PROFILE_BIN_TILES;
+        for (int k = 0; k < rays->bin_tiles * rays->bin_tiles; ++k) {
+            const int x = bin % rays->bins_x * rays->bin_tiles + k % rays->bin_tiles;
+            const int y = bin / rays->bins_x * rays->bin_tiles + k / rays->bin_tiles;
             if (x >= rays->tiles_x || y >= rays->tiles_y)
                 continue;
             const sgsi_tile_list *list = &lists[y * rays->tiles_x + x];
@@ -344,7 +344,7 @@ static sgs_status prepare(profile_job *job, const sgs_camera *camera, const sgs_
     sgs_profile *out = job->out;
     sgs_status status = check_options(job->options);
     if (!status)
-        status = sgsi_rays_create(camera, PROFILE_BIN_TILES, &job->rays);
+        status = sgsi_rays_create(camera, sgsi_bin_tiles(camera), &job->rays);
     if (status)
         return status;
     sgsi_view_set(&job->view, job->rays, pose, &job->options->render);

@@ -275,10 +275,19 @@ void sgsi_rays_destroy(sgsi_rays *rays)
 
 // Images of fewer bins than this are gathered tile by tile: threads would wait for the last bin. By
 // the image's size alone, so that results stay the same for any number of threads.
-enum { CACHE_SLOTS = 256, FEW_BINS = 16 };
+enum { BIN_TILES = 2, FEW_BINS = 16 };
+
+int sgsi_bin_tiles(const sgs_camera *camera)
+{
+    const int bin = BIN_TILES * SGSI_TILE;
+    const long long bins =
+        (long long)((camera->width + bin - 1) / bin) * ((camera->height + bin - 1) / bin);
+    return bins < FEW_BINS ? 1 : BIN_TILES;
+}
+
+enum { CACHE_SLOTS = 256 };
 
 struct sgsi_ray_cache {
-    int bin_tiles;
     size_t byte_limit, bytes;
     unsigned long clock;
     struct {
@@ -288,12 +297,11 @@ struct sgsi_ray_cache {
     } slots[CACHE_SLOTS];
 };
 
-sgs_status sgsi_ray_cache_create(int bin_tiles, size_t byte_limit, sgsi_ray_cache **cache)
+sgs_status sgsi_ray_cache_create(size_t byte_limit, sgsi_ray_cache **cache)
 {
     *cache = sgsi_calloc(1, sizeof **cache);
     if (!*cache)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the ray cache");
-    (*cache)->bin_tiles = bin_tiles;
     (*cache)->byte_limit = byte_limit;
     return SGS_STATUS_OK;
 }
@@ -305,14 +313,6 @@ void sgsi_ray_cache_destroy(sgsi_ray_cache *cache)
     for (int i = 0; i < CACHE_SLOTS; ++i)
         sgsi_rays_destroy(cache->slots[i].rays);
     sgsi_free(cache);
-}
-
-static int bin_tiles_for(const sgsi_ray_cache *cache, const sgs_camera *camera)
-{
-    const int bin = cache->bin_tiles * SGSI_TILE;
-    const long long bins =
-        (long long)((camera->width + bin - 1) / bin) * ((camera->height + bin - 1) / bin);
-    return bins < FEW_BINS ? 1 : cache->bin_tiles;
 }
 
 sgs_status sgsi_ray_cache_get(sgsi_ray_cache *cache, const sgs_camera *camera,
@@ -338,7 +338,7 @@ sgs_status sgsi_ray_cache_get(sgsi_ray_cache *cache, const sgs_camera *camera,
         }
         if (empty >= 0 && (oldest < 0 || cache->bytes + bytes <= cache->byte_limit)) {
             const sgs_status status =
-                sgsi_rays_create(camera, bin_tiles_for(cache, camera), &cache->slots[empty].rays);
+                sgsi_rays_create(camera, sgsi_bin_tiles(camera), &cache->slots[empty].rays);
             if (status)
                 return status;
             cache->slots[empty].bytes = bytes;

@@ -11,10 +11,12 @@
 sgs_status sgsi_rays_create(const sgs_camera *camera, int bin_tiles, sgsi_rays **rays);
 void sgsi_rays_destroy(sgsi_rays *rays); // accepts NULL
 
-// Ray tables by camera, least recently used first out. One user thread at a time. bin_tiles: as
-// above, for images of more than a few bins.
+// The bin_tiles that suit a camera's image, the same for any number of threads.
+int sgsi_bin_tiles(const sgs_camera *camera);
+
+// Ray tables by camera, least recently used first out. One user thread at a time.
 typedef struct sgsi_ray_cache sgsi_ray_cache;
-sgs_status sgsi_ray_cache_create(int bin_tiles, size_t byte_limit, sgsi_ray_cache **cache);
+sgs_status sgsi_ray_cache_create(size_t byte_limit, sgsi_ray_cache **cache);
 void sgsi_ray_cache_destroy(sgsi_ray_cache *cache);
 // The table stays valid until the next call.
 sgs_status sgsi_ray_cache_get(sgsi_ray_cache *cache, const sgs_camera *camera,

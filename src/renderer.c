@@ -13,7 +13,6 @@
 #include "threads.h"
 #include "tracer.h"
 
-enum { RENDER_BIN_TILES = 2 };
 
 struct sgs_renderer {
     const sgs_gaussians *model;
@@ -105,7 +104,7 @@ sgs_status sgs_renderer_create(const sgs_gaussians *model, sgs_renderer **render
     made->changed = true;
     sgs_status status = sgsi_tracer_create(&made->tracer);
     if (!status)
-        status = sgsi_ray_cache_create(RENDER_BIN_TILES, (size_t)1 << 30, &made->rays);
+        status = sgsi_ray_cache_create((size_t)1 << 30, &made->rays);
     if (status) {
         sgs_renderer_destroy(made);
         return status;

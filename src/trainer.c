@@ -16,7 +16,7 @@
 #include "traffic.h"
 #include "trainer_state.h"
 
-enum { TRAIN_BIN_TILES = 2, FILTER_INTERVAL = 100 };
+enum { FILTER_INTERVAL = 100 };
 
 sgs_train_options sgs_train_options_default(void)
 {
@@ -260,7 +260,7 @@ sgs_status sgs_trainer_create(const sgs_scene *scene, const sgs_train_options *o
     if (!status)
         sgsi_tracer_absolute(made->tracer, made->pipeline->absolute);
     if (!status)
-        status = sgsi_ray_cache_create(TRAIN_BIN_TILES, (size_t)1 << 30, &made->rays);
+        status = sgsi_ray_cache_create((size_t)1 << 30, &made->rays);
     if (!status)
         status = sgsi_loss_create(&made->loss);
     if (!status)
@@ -577,12 +577,10 @@ static void count_traffic(sgs_trainer *trainer, const step_state *step)
 static void account_step(sgs_trainer *trainer, double start, sgsi_loop_seconds loops)
 {
     sgs_train_seconds *seconds = &trainer->progress.seconds;
-    const sgsi_trace_seconds traced = sgsi_tracer_seconds(trainer->tracer);
     const sgsi_loop_seconds now = sgsi_threads_seconds();
     const double total = sgsi_seconds() - start;
     seconds->total += total;
-    seconds->serial +=
-        fmax(total - (now.inside - loops.inside) - traced.bvh_build - traced.bvh_refit, 0.0);
+    seconds->serial += total - (now.inside - loops.inside);
     seconds->waiting += now.waiting - loops.waiting;
 }
 

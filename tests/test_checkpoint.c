@@ -74,6 +74,17 @@ static void run(sgs_trainer *trainer, int steps)
             fail_msg("%s", sgs_last_error());
 }
 
+// A short_run(length) of `scene` after `steps` steps, saved under `name`. The caller destroys it.
+static sgs_trainer *start_saved(int length, int steps, const char *name)
+{
+    const sgs_train_options options = short_run(length);
+    sgs_trainer *trainer = start(scene, &options);
+    run(trainer, steps);
+    if (sgs_trainer_save_checkpoint(trainer, temp_path(&folder, name)))
+        fail_msg("%s", sgs_last_error());
+    return trainer;
+}
+
 static void digest(const sgs_trainer *trainer, char hex[17])
 {
     sgs_gaussians_hash(sgs_trainer_model(trainer), hex);
@@ -129,9 +140,7 @@ static void a_loaded_state_is_written_as_the_same_bytes(void **state)
 {
     (void)state;
     const sgs_train_options options = short_run(90);
-    sgs_trainer *trainer = start(scene, &options);
-    run(trainer, 47);
-    assert_int_equal(sgs_trainer_save_checkpoint(trainer, temp_path(&folder, "a")), SGS_STATUS_OK);
+    sgs_trainer *trainer = start_saved(90, 47, "a");
     sgs_trainer_destroy(trainer);
     trainer = start(scene, &options);
     assert_int_equal(sgs_trainer_load_checkpoint(trainer, temp_path(&folder, "a")), SGS_STATUS_OK);
@@ -167,12 +176,8 @@ static void refuses(sgs_trainer *trainer, unsigned char *bytes, size_t size, sgs
 static void wrong_contents_with_a_right_checksum_are_refused_by_name(void **state)
 {
     (void)state;
-    const sgs_train_options options = short_run(90);
-    sgs_trainer *trainer = start(scene, &options);
-    run(trainer, 5);
-    assert_int_equal(sgs_trainer_save_checkpoint(trainer, temp_path(&folder, "good")),
-                     SGS_STATUS_OK);
     size_t size;
+    sgs_trainer *trainer = start_saved(90, 5, "good");
     unsigned char *good = file_get(temp_path(&folder, "good"), &size), *bytes = malloc(size + 64);
     static const char *const sections[] = {"options", "scene",   "size",    "progress",
                                            "model",   "moment1", "moment2", "statistics",
@@ -221,12 +226,8 @@ static void wrong_contents_with_a_right_checksum_are_refused_by_name(void **stat
 static void wrong_numbers_with_a_right_checksum_are_refused_by_name(void **state)
 {
     (void)state;
-    const sgs_train_options options = short_run(90);
-    sgs_trainer *trainer = start(scene, &options);
-    run(trainer, 5);
-    assert_int_equal(sgs_trainer_save_checkpoint(trainer, temp_path(&folder, "good")),
-                     SGS_STATUS_OK);
     size_t size;
+    sgs_trainer *trainer = start_saved(90, 5, "good");
     unsigned char *good = file_get(temp_path(&folder, "good"), &size), *bytes = malloc(size);
     // Counters out of range.
     const size_t progress = section_find(good, size, "progress") + 24,
@@ -277,10 +278,7 @@ static void options_are_honoured_or_refused_by_name(void **state)
 {
     (void)state;
     sgs_train_options options = short_run(90);
-    sgs_trainer *trainer = start(scene, &options);
-    run(trainer, 3);
-    assert_int_equal(sgs_trainer_save_checkpoint(trainer, temp_path(&folder, "base")),
-                     SGS_STATUS_OK);
+    sgs_trainer *trainer = start_saved(90, 3, "base");
     sgs_trainer_destroy(trainer);
     const struct {
         const char *name;
@@ -357,11 +355,8 @@ static void options_are_honoured_or_refused_by_name(void **state)
 static void a_full_disk_leaves_the_checkpoint_before(void **state)
 {
     (void)state;
-    const sgs_train_options options = short_run(90);
-    sgs_trainer *trainer = start(scene, &options);
-    run(trainer, 2);
+    sgs_trainer *trainer = start_saved(90, 2, "kept");
     const char *path = temp_path(&folder, "kept");
-    assert_int_equal(sgs_trainer_save_checkpoint(trainer, path), SGS_STATUS_OK);
     size_t size, size_after;
     unsigned char *before = file_get(path, &size);
     run(trainer, 1);

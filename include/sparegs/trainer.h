@@ -106,7 +106,7 @@ sgs_train_options sgs_train_options_default(void);
 typedef struct sgs_train_seconds {
     double gather, forward, loss, backward, optimizer, bvh_refit, bvh_build, density, spare,
         image_io, total;
-    double serial;  // part of total: outside parallel loops, and not in the BVH's own tasks
+    double serial;  // part of total: outside parallel loops (the BVH's builds and refits are such)
     double waiting; // part of total: in parallel loops, mean over the threads of the wait for the
                     // last one
 } sgs_train_seconds;

@@ -72,4 +72,21 @@ point=$(jq -r '.regions[0].center | map(tostring) | join(",")' "$folder/explain.
 if "$SPAREGS_PROGRAM" explain "$folder/out/runs/room/3dgs/off/seed_0" 2>"$folder/error"; then echo "FAIL: explained nothing"; exit 1; fi
 grep -q -- "--spare on" "$folder/error"
 if "$SPAREGS_PROGRAM" explain "$folder" 2>/dev/null; then echo "FAIL: explained a folder"; exit 1; fi
+
+# A signal to the experiment alone ends the training that it started, in order; so does its death.
+plan "$room" '["3dgs"]' ', "iterations": 200000'
+sed -i 's/"iterations": 70, //' "$folder/plan.json"
+training=$folder/ended/runs/room/3dgs/off/seed_0
+for signal in TERM KILL; do
+    "$SPAREGS_PROGRAM" experiment "$folder/plan.json" -o "$folder/ended" --quiet &
+    experiment=$!
+    until [ -s "$training/train.csv" ]; do kill -0 $experiment; sleep 0.1; done
+    kill -$signal $experiment
+    status=0; wait $experiment 2>/dev/null || status=$?
+    [ $status = $((128 + $(kill -l $signal))) ] || { echo "FAIL: status $status after $signal"; exit 1; }
+    while pgrep -f "$training" >/dev/null; do sleep 0.1; done
+    [ -s "$training/checkpoint/state.bin" ] && [ "$(jq -r .stop_reason "$training/summary.json")" = signal ] ||
+        { echo "FAIL: no checkpoint after $signal"; exit 1; }
+    rm -r "$folder/ended"
+done
 echo "experiment, report and explain hold"

@@ -6,10 +6,15 @@
 // on from its checkpoint.
 
 #include <errno.h>
+#include <signal.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/wait.h>
+#include <time.h>
 #include <unistd.h>
+#ifdef __linux__
+#include <sys/prctl.h>
+#endif
 
 #include "commands.h"
 #include "experiment_plan.h"
@@ -129,6 +134,12 @@ static int run_child(const experiment_run *run)
         return fail_run("%s: cannot be started: %s", run->folder, strerror(errno));
     }
     if (!child) {
+        // A group of its own: Ctrl-C reaches this program only, which passes it on once; a second
+        // signal would end the training without its checkpoint.
+        setpgid(0, 0);
+#ifdef __linux__
+        prctl(PR_SET_PDEATHSIG, SIGTERM); // should this program be killed
+#endif
         if (!freopen("/dev/null", "w", stdout)) // the summary is read from the file
             _exit(EXIT_FAILED);
         execv("/proc/self/exe", (char *const *)arguments);
@@ -136,11 +147,14 @@ static int run_child(const experiment_run *run)
     }
     free(arguments);
     int state;
-    while (waitpid(child, &state, 0) < 0)
-        if (errno != EINTR)
+    bool told = false;
+    for (pid_t ended; (ended = waitpid(child, &state, WNOHANG)) != child;) {
+        if (ended < 0 && errno != EINTR)
             return fail_run("%s: is lost: %s", run->folder, strerror(errno));
-        else if (interrupt_signal())
-            kill(child, interrupt_signal());
+        if (interrupt_signal() && !told)
+            told = !kill(child, SIGTERM);
+        nanosleep(&(struct timespec){.tv_nsec = 20000000}, NULL);
+    }
     return WIFEXITED(state) ? WEXITSTATUS(state) : 128 + WTERMSIG(state);
 }
 

@@ -42,6 +42,7 @@ static const option_row rows[] = {
     ROW("filter", filter, VALUE_INT, FIXED),
     ROW("optimizer", optimizer, VALUE_INT, FIXED),
     ROW("sh-degree", sh_degree, VALUE_INT, FIXED),
+    ROW("compact-box", compact_box, VALUE_DOUBLE, FIXED),
     ROW("background", background, VALUE_COLOR, FIXED),
     ROW("background-random", background_random, VALUE_BOOL, FIXED),
     ROW("max-gaussians", max_gaussians, VALUE_SIZE, MAY_CHANGE),
@@ -71,7 +72,7 @@ enum { ROWS = sizeof rows / sizeof *rows, TEXT_CAPACITY = 96 };
 
 // init and random_points shape the first model only, which the checkpoint replaces.
 _Static_assert(
-    sizeof(void *) != 8 || sizeof(sgs_train_options) == 208,
+    sizeof(void *) != 8 || sizeof(sgs_train_options) == 216,
     "sgs_train_options has changed: give the new option a row above, then correct the size here");
 
 static void value_text(const option_row *row, const sgs_train_options *options,

@@ -31,7 +31,7 @@
 #define TRANSMITTANCE_MIN 1e-4f
 
 typedef struct block_rays {
-    vf u, v, near; // near: smallest t that counts, in units of |d|
+    vf u, v, near; // near: hits lie beyond this t, in units of |d|; INFINITY where there is no ray
     vf length;     // |d|
     vm valid;
 } block_rays;
@@ -42,13 +42,15 @@ static inline block_rays load_block(const sgsi_tile_rays *rays, int b, float nea
     block.u = vf_load(rays->u[b]);
     block.v = vf_load(rays->v[b]);
     block.length = vf_sqrt(vf_fma(block.u, block.u, vf_fma(block.v, block.v, vf_set1(1.0f))));
-    block.near = vf_div(vf_set1(near_distance), block.length);
     block.valid = vm_from_bits(rays->valid[b]);
+    block.near =
+        vf_select(block.valid, vf_div(vf_set1(near_distance), block.length), vf_set1(INFINITY));
     return block;
 }
 
 typedef struct response {
-    vf alpha, t; // alpha is 0 and t is -infinity where there is no hit
+    vf exponent; // log2 of alpha before the clamp; anything where there is no hit
+    vf t;        // -infinity where there is no hit
     vf a, b, e;
     vm hit;
 } response;
@@ -66,11 +68,10 @@ static inline response respond(const float *r, const block_rays *block, vf far)
     x.e = vf_mul(n2, inv_g);
     x.a = vf_mul(a, c_g);
     x.b = vf_mul(b, c_g);
-    const vf exponent = vf_sub(vf_set1(r[9]), x.e);
+    x.exponent = vf_sub(vf_set1(r[9]), x.e);
     x.t = vf_mul(vf_set1(r[11]), c_g);
-    x.hit = vm_and(vm_and(vf_ge(exponent, vf_set1(-SGSI_LOG2_255)), vf_gt(x.t, block->near)),
-                   vm_and(vf_le(x.t, far), block->valid));
-    x.alpha = vf_keep(x.hit, vf_min(vf_exp2(exponent), vf_set1(ALPHA_MAX)));
+    x.hit = vm_and(vm_and(vf_ge(x.exponent, vf_set1(-SGSI_LOG2_255)), vf_gt(x.t, block->near)),
+                   vf_le(x.t, far));
     x.t = vf_select(x.hit, x.t, vf_set1(-INFINITY));
     return x;
 }
@@ -108,6 +109,7 @@ static inline vf load_through(const block_elements *el, ptrdiff_t i)
     return vf_sub(vf_set1(1.0f), vf_load(el->alpha + 16 * i));
 }
 
+// `alpha` still is its logarithm where order_group has not been.
 static inline void put_element(const block_elements *el, ptrdiff_t i, vf alpha, vf t)
 {
     vf_store(el->alpha + 16 * i, alpha);
@@ -132,20 +134,26 @@ static inline vm in_front(const block_elements *el, vf t_j, ptrdiff_t i)
     return vf_le(t_j, vf_load(el->t + 16 * i));
 }
 
-// T of the four elements of group g, and the correction of the groups before it that are not all in
-// front. prefix and t_last describe everything before the group and are moved behind it. The
-// factors of a T multiply in the order of the list, (((prefix f_j) f_j+1) ...), over the elements
-// in front and nothing else: so an element that hides nothing changes no bit wherever it stands,
-// and depth guesses may leave it out.
+// Alpha and T of the four elements of group g, and the correction of the groups before it that are
+// not all in front. prefix and t_last describe everything before the group and are moved behind it.
+// The factors of a T multiply in the order of the list, (((prefix f_j) f_j+1) ...), over the
+// elements in front and nothing else: so an element that hides nothing changes no bit wherever it
+// stands, and depth guesses may leave it out.
 static inline void order_group(const block_elements *el, uint32_t g, vf *prefix, vf *t_last)
 {
     const ptrdiff_t first = (ptrdiff_t)g * GROUP;
     vf through[GROUP], front[GROUP];
     vf nearest = vf_set1(INFINITY), farthest = *t_last, all = *prefix;
     for (int i = 0; i < GROUP; ++i) {
-        through[i] = load_through(el, first + i);
+        // The exponential is taken here, four at a time, and not by respond(): the chain from the
+        // record to alpha is so long that the processor's window would hold too few of them.
+        float *const row = el->alpha + 16 * (first + i);
         const vf t = vf_load(el->t + 16 * (first + i));
-        nearest = vf_min_where(vf_gt(t, vf_zero()), nearest, t);
+        const vm hit = vf_gt(t, vf_zero());
+        const vf alpha = vf_keep(hit, vf_min(vf_exp2(vf_load(row)), vf_set1(ALPHA_MAX)));
+        vf_store(row, alpha);
+        through[i] = vf_sub(vf_set1(1.0f), alpha);
+        nearest = vf_min_where(hit, nearest, t);
         farthest = vf_max(farthest, t);
         all = vf_mul(all, through[i]);
     }
@@ -238,7 +246,7 @@ static inline uint32_t evaluate_block(sgsi_scratch *s, const sgsi_tile_rays *ray
             if (!vm_any(x.hit))
                 continue;
             order[kept] = index;
-            put_element(&el, kept, x.alpha, x.t);
+            put_element(&el, kept, x.exponent, x.t);
             if (keep_responses) {
                 vf_store(el.a + 16 * kept, x.a);
                 vf_store(el.b + 16 * kept, x.b);
@@ -285,6 +293,12 @@ static inline vf load_block_plane(const float *plane, const sgsi_tile_target *ta
     float lanes[16] __attribute__((aligned(64))) = {0};
     const int x = target->rays->x + 4 * (b % 4), y = target->rays->y + 4 * (b / 4);
     const int columns = target->width - x < 4 ? target->width - x : 4;
+    if (columns == 4 && target->height - y >= 4) {
+        for (int row = 0; row < 4; ++row)
+            memcpy(lanes + 4 * row, plane + (size_t)(y + row) * target->stride + x,
+                   4 * sizeof *lanes);
+        return vf_load(lanes);
+    }
     for (int row = 0; row < 4 && y + row < target->height; ++row)
         for (int column = 0; column < columns; ++column)
             lanes[4 * row + column] =
@@ -298,9 +312,9 @@ typedef struct blended {
 } blended;
 
 // `counted` receives the number of elements that count in some lane, moved to the front of `order`;
-// NULL leaves it alone.
-static inline blended blend_block(const sgsi_scratch *s, uint32_t *order, uint32_t count,
-                                  uint32_t *counted)
+// NULL leaves it alone. Not inline: its sums stay in registers.
+static __attribute__((noinline)) blended
+blend_block(const sgsi_scratch *s, uint32_t *restrict order, uint32_t count, uint32_t *counted)
 {
     const block_elements el = open_elements(s);
     const vf one = vf_set1(1.0f), zero = vf_zero();

@@ -15,30 +15,50 @@ enum { KEY_DROPPED_BITS = 13, KEY_ORIGIN = (127 - 12) << (23 - KEY_DROPPED_BITS)
 // faster than moving.
 enum { RANK_SORT_MAX = 512 };
 
-typedef struct block_range {
-    vf u, v, half_u, half_v; // centre and half extents, broadcast
-} block_range;
+// Sixteen candidates, and what of their tests is the same for every block of the tile. The half
+// extents are those of the largest block: a test may let through what misses a smaller one.
+typedef struct candidates16 {
+    vf r[16];          // tile records, transposed
+    vf half_u, half_v; // of a block
+    vf c_half;         // by which C can exceed its value at the block's centre
+    vf reach;          // q
+    vf stretch;        // 1 + q^2 / kappa
+} candidates16;
 
-// Which of sixteen candidates can hit the block, and their keys.
-static inline vm test_block(const vf r[16], const block_range *range, vi *key)
+static inline void load_candidates16(const float *records, vf half_u, vf half_v, candidates16 *x)
 {
-    const vf a = vf_fma(range->v, r[2], vf_fma(range->u, r[1], r[0]));
-    const vf b = vf_fma(range->v, r[5], vf_fma(range->u, r[4], r[3]));
-    const vf c = vf_fma(range->v, r[8], vf_fma(range->u, r[7], r[6]));
-    const vf c_max = vf_fma(vf_abs(r[7]), range->half_u, vf_fma(vf_abs(r[8]), range->half_v, c));
+    for (size_t k = 0; k < 16; ++k)
+        x->r[k] = vf_load(records + k * 16);
+    vf_transpose16(x->r);
+    // Room for rounding: of |n|^2 - s, and of the comparison.
+    x->half_u = vf_mul(half_u, vf_set1(1.0003f));
+    x->half_v = vf_mul(half_v, vf_set1(1.0003f));
+    x->c_half = vf_fma(vf_abs(x->r[7]), half_u, vf_mul(vf_abs(x->r[8]), half_v));
+    x->reach = vf_mul(x->r[15], vf_set1(1.0007f));
+    x->stretch = vf_fma(vf_mul(x->r[15], x->r[15]), x->r[10], vf_set1(1.0f));
+}
+
+// Which of sixteen candidates can hit the block with centre (u, v), and their keys.
+static inline vm test_block(const candidates16 *x, vf u, vf v, vi *key)
+{
+    const vf *r = x->r;
+    const vf a = vf_fma(v, r[2], vf_fma(u, r[1], r[0]));
+    const vf b = vf_fma(v, r[5], vf_fma(u, r[4], r[3]));
+    const vf c = vf_fma(v, r[8], vf_fma(u, r[7], r[6]));
+    const vf c_max = vf_add(c, x->c_half);
     const vf n2 = vf_fma(a, a, vf_mul(b, b));
-    const vf s = vf_fma(vf_abs(vf_fma(a, r[1], vf_mul(b, r[4]))), range->half_u,
-                        vf_mul(vf_abs(vf_fma(a, r[2], vf_mul(b, r[5]))), range->half_v));
-    const vf low = vf_max(vf_fnma(s, vf_set1(1.0001f), vf_mul(n2, vf_set1(0.9999f))), vf_zero());
-    const vf reach = vf_mul(r[15], c_max);
+    const vf s_u = vf_abs(vf_fma(a, r[1], vf_mul(b, r[4]))),
+             s_v = vf_abs(vf_fma(a, r[2], vf_mul(b, r[5])));
+    const vf low = vf_max(vf_fnma(s_v, x->half_v, vf_fnma(s_u, x->half_u, n2)), vf_zero());
+    const vf reach = vf_mul(x->reach, c_max);
     const vm keep =
-        vm_and(vf_le(vf_mul(low, low), vf_mul(n2, vf_mul(vf_mul(reach, reach), vf_set1(1.001f)))),
-               vf_gt(c_max, vf_zero()));
-    // t at the block's centre, not below the bound of the block.
-    const vf t = vf_div(vf_mul(r[11], c), vf_fma(r[10], n2, vf_mul(c, c)));
-    const vf nearest =
-        vf_div(r[11], vf_mul(c_max, vf_fma(vf_mul(r[15], r[15]), r[10], vf_set1(1.0f))));
-    const vf distance = vf_clamp(vf_max(t, nearest), vf_set1(KEY_LEAST), vf_set1(KEY_MOST));
+        vm_and(vf_le(vf_mul(low, low), vf_mul(n2, vf_mul(reach, reach))), vf_gt(c_max, vf_zero()));
+    // t = |delta| C / G at the block's centre, but not below the bound of the block, |delta| / far:
+    // the larger of the two by one division.
+    const vf g = vf_fma(r[10], n2, vf_mul(c, c)), far = vf_mul(c_max, x->stretch);
+    const vm centre = vf_ge(vf_mul(c, far), g);
+    const vf t = vf_div(vf_select(centre, vf_mul(r[11], c), r[11]), vf_select(centre, g, far));
+    const vf distance = vf_clamp(t, vf_set1(KEY_LEAST), vf_set1(KEY_MOST));
     *key = vi_sub(vi_sra(vf_as_vi(distance), KEY_DROPPED_BITS), vi_set1(KEY_ORIGIN));
     return keep;
 }
@@ -48,20 +68,17 @@ static void list_blocks(sgsi_scratch *scratch, const sgsi_tile_rays *rays, size_
 {
     static const int32_t lanes[16]
         __attribute__((aligned(64))) = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};
+    const vf half_u = vf_set1(rays->widest_u), half_v = vf_set1(rays->widest_v);
     for (size_t i = 0; i < count; i += 16) {
-        vf r[16];
-        for (size_t k = 0; k < 16;
-             ++k) // the last rows past the end count for nothing, see `present`
-            r[k] = vf_load(scratch->tile_records + (i + k) * 16);
-        vf_transpose16(r);
+        candidates16 x; // the last rows past the end count for nothing, see `present`
+        load_candidates16(scratch->tile_records + i * 16, half_u, half_v, &x);
         const vm present = vm_from_bits(count - i < 16 ? (1u << (count - i)) - 1u : 0xFFFFu);
         const vi indices = vi_add(vi_load(lanes), vi_set1((int32_t)i));
         for (int b = 0; b < SGSI_BLOCKS; ++b) {
-            const block_range range = {vf_set1(rays->block_u[b]), vf_set1(rays->block_v[b]),
-                                       vf_set1(rays->block_half_u[b]),
-                                       vf_set1(rays->block_half_v[b])};
             vi key;
-            const vm keep = vm_and(test_block(r, &range, &key), present);
+            const vm keep =
+                vm_and(test_block(&x, vf_set1(rays->block_u[b]), vf_set1(rays->block_v[b]), &key),
+                       present);
             if (!vm_any(keep) || !rays->valid[b])
                 continue;
             const size_t at = (size_t)b * scratch->capacity + scratch->entry_count[b];

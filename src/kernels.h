@@ -36,7 +36,7 @@ typedef struct sgsi_scratch {
     uint32_t *order;      // [16][capacity]: indices into tile_records in the block's order
     float *alpha, *t, *transmittance, *prefix, *t_before; // elements of a block: [capacity][16]
     float *a, *b, *e, *q, *behind;                        // [capacity][16], backward only
-    float *sums;                                          // [capacity][16]
+    float *sums;                                          // [count][16] of the tile, the caller's
     uint32_t
         *walk; // [capacity]: how many groups a group of elements had to look back to find its place
     uint32_t entry_count[SGSI_BLOCKS]; // elements in `order`
@@ -126,10 +126,10 @@ typedef struct sgsi_kernels {
     void (*project)(const sgsi_project *input, size_t begin, size_t end);
     // Transposes the records of scratch->candidates[0..count) into scratch->soa.
     void (*load_candidates)(sgsi_scratch *scratch, const float *records, size_t count);
-    // Keeps the candidates that can meet the tile (nearer than far): tile_records, tile_ids.
-    // Returns their number.
+    // Keeps the candidates that can meet the tile (nearer than far) with the given share of their
+    // support: tile_records, tile_ids. Returns their number.
     size_t (*tile_filter)(sgsi_scratch *scratch, const sgsi_tile_rays *rays, size_t candidate_count,
-                          float far);
+                          float far, float compact_box);
     // Block lists in the order of the block's centre ray.
     void (*tile_sort)(sgsi_scratch *scratch, const sgsi_tile_rays *rays, size_t count);
     // Blends all blocks; compacts each block's list to the elements that count in some pixel.

@@ -15,8 +15,9 @@
 // every update. In the second half four final prunes remove what is fainter than 0.1 or has a
 // pruning score over 0.9. Optimiser steps become rare: see the batches of the table below.
 //
-// Not taken over: the compact box of the rasteriser. It spares tiles at the rim of a footprint; the
-// tracer's lists hold what is hit and nothing else, so there is nothing to spare. SPARE-GS: w
+// The compact box of the rasteriser spares tiles at the rim of a footprint and is the tracer's
+// compact_box, 1 by default: what it leaves out is visible, and the tracer's lists hold what is hit
+// and nothing else. SPARE-GS: w
 // multiplies both gradients; with sgs_spare_target also or only the vote, before it is floored.
 
 #include "pipeline.h"

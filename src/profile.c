@@ -336,6 +336,9 @@ static sgs_status check_options(const sgs_profile_options *o)
             SAMPLES_MAX);
     if (o->render.filter != SGS_FILTER_3DGS && o->render.filter != SGS_FILTER_NONE)
         return sgsi_fail(SGS_STATUS_UNSUPPORTED, "a profile has the pixel filters 3dgs and none");
+    if (o->render.compact_box != 1.0)
+        return sgsi_fail(SGS_STATUS_UNSUPPORTED,
+                         "a profile counts hits of whole supports; its compact box is 1");
     return SGS_STATUS_OK;
 }
 

@@ -131,6 +131,8 @@ static bool fill_block(const direction_map *map, sgsi_tile_rays *tile, int b)
     tile->block_half_u[b] = any ? 0.5f * (high[0] - low[0]) * 1.00001f : 0.0f;
     tile->block_half_v[b] = any ? 0.5f * (high[1] - low[1]) * 1.00001f : 0.0f;
     if (any) {
+        tile->widest_u = fmaxf(tile->widest_u, tile->block_half_u[b]);
+        tile->widest_v = fmaxf(tile->widest_v, tile->block_half_v[b]);
         tile->half_u = fmaxf(tile->half_u, fmaxf(fabsf(low[0]), fabsf(high[0])));
         tile->half_v = fmaxf(tile->half_v, fmaxf(fabsf(low[1]), fabsf(high[1])));
     }
@@ -148,7 +150,7 @@ static bool fill_tile(const direction_map *map, sgsi_tile_rays *tile)
         tile->frame[2] = 1.0f;
     }
     complete_frame(tile->frame);
-    tile->half_u = tile->half_v = 0.0f;
+    tile->widest_u = tile->widest_v = tile->half_u = tile->half_v = 0.0f;
     for (int b = 0; b < SGSI_BLOCKS; ++b)
         complete = fill_block(map, tile, b) && complete;
     return complete;

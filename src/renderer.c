@@ -13,7 +13,6 @@
 #include "threads.h"
 #include "tracer.h"
 
-
 struct sgs_renderer {
     const sgs_gaussians *model;
     sgsi_tracer *tracer;
@@ -32,7 +31,8 @@ struct sgs_renderer {
 
 sgs_render_options sgs_render_options_default(void)
 {
-    return (sgs_render_options){.filter = SGS_FILTER_3DGS, .near_distance = 0.2, .sh_degree = 3};
+    return (sgs_render_options){
+        .filter = SGS_FILTER_3DGS, .near_distance = 0.2, .sh_degree = 3, .compact_box = 1.0};
 }
 
 // ---- Frames ----
@@ -228,6 +228,9 @@ static sgs_status begin_view(sgs_renderer *renderer, const sgs_camera *camera, c
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
                          "SH degree %d or near distance %g is out of range", options->sh_degree,
                          options->near_distance);
+    if (!(options->compact_box > 0.0 && options->compact_box <= 1.0))
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "compact box %g is not in (0, 1]",
+                         options->compact_box);
     const sgsi_rays *rays;
     sgs_status status = sgsi_ray_cache_get(renderer->rays, camera, &rays);
     if (!status)

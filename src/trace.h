@@ -70,6 +70,7 @@ typedef struct sgsi_tile_rays {
     _Alignas(64) float u[SGSI_BLOCKS][16], v[SGSI_BLOCKS][16];
     float block_u[16], block_v[16];           // centres of the blocks' ranges of (u, v)
     float block_half_u[16], block_half_v[16]; // half extents, over valid pixels
+    float widest_u, widest_v;                 // largest of the half extents
     float half_u, half_v;                     // max |u|, |v| of the tile
     float frame[9];                           // d0, e1, e2: orthonormal
     uint16_t valid[SGSI_BLOCKS];              // pixels inside the image with a ray
@@ -102,6 +103,8 @@ typedef struct sgsi_view {
     const float
         *filter_3d; // [padded to 16] f3 of the primitives, world units, or NULL for 0; mip only
     int sh_degree;
+    float compact_box; // share of the support that brings a primitive into a tile; 1: all of it.
+                       // Bounds hold the whole: the tile alone decides
 } sgsi_view;
 
 // Bits of a tile's candidates for the backward pass.

@@ -82,7 +82,7 @@ void sgsi_scratch_free(sgsi_scratch *s)
                             s->behind,     s->t,          s->transmittance,
                             s->prefix,     s->t_before,   s->a,
                             s->b,          s->e,          s->q,
-                            s->sums,       s->walk};
+                            s->walk};
     for (size_t i = 0; i < sizeof arrays / sizeof *arrays; ++i)
         sgsi_free(arrays[i]);
     *s = (sgsi_scratch){0};
@@ -141,7 +141,6 @@ static bool reserve_scratch(sgsi_scratch *s, size_t capacity)
                   {(void **)&s->b, 64},
                   {(void **)&s->e, 64},
                   {(void **)&s->q, 64},
-                  {(void **)&s->sums, 64},
                   {(void **)&s->walk, 4}};
     s->capacity = 0;
     for (size_t i = 0; i < sizeof arrays / sizeof *arrays; ++i) {
@@ -249,7 +248,8 @@ void sgsi_view_set(sgsi_view *view, const sgsi_rays *rays, const sgs_pose *pose,
                         .dilation = pixel / (rays->focal * rays->focal),
                         .mip = options->filter == SGS_FILTER_MIP,
                         .filter_3d = options->filter == SGS_FILTER_MIP ? options->filter_3d : NULL,
-                        .sh_degree = options->sh_degree};
+                        .sh_degree = options->sh_degree,
+                        .compact_box = (float)options->compact_box};
     for (int k = 0; k < 9; ++k)
         view->rotation[k] = (float)pose->rotation[k];
     for (int k = 0; k < 3; ++k)
@@ -440,7 +440,8 @@ static bool blend_tile(const forward_pass *pass, thread_state *state, int tile, 
     const sgsi_planes *planes = pass->planes;
     sgsi_tile_cost *cost = pass->tracer->costs ? &pass->tracer->costs[tile] : NULL;
     const double start = cost ? sgsi_seconds() : 0.0;
-    const size_t count = kernels->tile_filter(&state->scratch, rays, candidates, far);
+    const size_t count =
+        kernels->tile_filter(&state->scratch, rays, candidates, far, pass->view->compact_box);
     kernels->tile_sort(&state->scratch, rays, count);
     sgsi_tile_target target = {.rays = rays,
                                .width = planes->width,
@@ -613,16 +614,15 @@ static void backward_tile(void *context, size_t item, int thread)
                                .d_color = {pass->d_color[0], pass->d_color[1], pass->d_color[2]},
                                .d_transmittance = pass->d_transmittance,
                                .near_distance = pass->view->near_distance};
+    const size_t slot = tracer->slot_begin[tile] - tracer->slot_begin[pass->first_tile];
+    memcpy(tracer->slot_ids + slot, list->ids, list->count * sizeof *list->ids);
+    s->sums = tracer->slot_sums + slot * SGSI_RECORD;
     if (pass->score)
         kernels->tile_score(s, list, &target, pass->score);
     else if (tracer->absolute)
         kernels->tile_backward_absolute(s, list, &target);
     else
         kernels->tile_backward(s, list, &target);
-    const size_t slot = tracer->slot_begin[tile] - tracer->slot_begin[pass->first_tile];
-    memcpy(tracer->slot_ids + slot, list->ids, list->count * sizeof *list->ids);
-    memcpy(tracer->slot_sums + slot * SGSI_RECORD, s->sums,
-           list->count * SGSI_RECORD * sizeof *s->sums);
 }
 
 // Adds the chunk's slots to the primitives of one range of blocks.

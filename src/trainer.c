@@ -26,6 +26,7 @@ sgs_train_options sgs_train_options_default(void)
                                .filter = SGS_FILTER_3DGS,
                                .optimizer = SGS_OPTIMIZER_SPARSE,
                                .sh_degree = 3,
+                               .compact_box = 1.0,
                                .spare = SGS_SPARE_ALL,
                                .spare_grid = 32,
                                .spare_tau_alpha = 0.05,
@@ -54,6 +55,7 @@ static sgs_status check_options(const sgs_train_options *o)
                  "pipeline must be one of sgs_pipeline");
     SGSI_REQUIRE((unsigned)o->filter <= SGS_FILTER_MIP, "filter must be 3dgs, none or mip");
     SGSI_REQUIRE(o->sh_degree >= 0 && o->sh_degree <= 3, "SH degree must be between 0 and 3");
+    SGSI_REQUIRE(o->compact_box > 0 && o->compact_box <= 1, "the compact box must be in (0, 1]");
     SGSI_REQUIRE(o->spare_grid >= 2 && o->spare_grid <= 256,
                  "the SPARE-GS grid must be between 2 and 256");
     SGSI_REQUIRE(o->spare_tau_alpha >= 0 && o->spare_tau_alpha <= 1,
@@ -373,7 +375,8 @@ static sgs_status trace_forward(sgs_trainer *trainer, step_state *step)
     const sgs_render_options options = {.filter = trainer->options.filter,
                                         .near_distance = 0.2,
                                         .filter_3d = trainer->filter_3d,
-                                        .sh_degree = active_sh_degree(trainer, step->iteration)};
+                                        .sh_degree = active_sh_degree(trainer, step->iteration),
+                                        .compact_box = trainer->options.compact_box};
     sgsi_view_set(&step->view, rays, &step->source->pose, &options);
     set_planes(trainer, step);
     const sgsi_statistics *statistics = step->statistics;

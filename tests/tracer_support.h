@@ -294,7 +294,8 @@ static inline void brute_forward(const traced_view *traced, size_t count, sgsi_p
     *lists = traced_lists_create(traced->rays);
     for (size_t tile = 0; tile < lists->blocks / SGSI_BLOCKS; ++tile) {
         const sgsi_tile_rays *rays = &traced->rays->tiles[tile];
-        const size_t kept = kernels->tile_filter(&scratch, rays, candidates, INFINITY);
+        const size_t kept =
+            kernels->tile_filter(&scratch, rays, candidates, INFINITY, traced->view.compact_box);
         kernels->tile_sort(&scratch, rays, kept);
         sgsi_tile_target target = {.rays = rays,
                                    .width = planes->width,

@@ -305,6 +305,7 @@ static int run_profile(const command_line *line, const profile_values *values,
                                .model = model,
                                .options = sgs_profile_options_default()};
             job->options.render.filter = (sgs_filter)drawing->filter;
+            job->options.render.compact_box = drawing->compact_box;
             job->options.refits = values->refits;
             job->options.repeat = values->repeat;
             job->options.samples = values->samples;

@@ -23,6 +23,7 @@ bool evaluator_open(evaluator *judge, const sgs_gaussians *model, const sgs_scen
 {
     *judge = (evaluator){.scene = scene, .render = sgs_render_options_default()};
     judge->render.filter = (sgs_filter)drawing->filter;
+    judge->render.compact_box = drawing->compact_box;
     memcpy(judge->background, drawing->background.rgb, sizeof judge->background);
     if (sgs_renderer_create(model, &judge->renderer)) {
         fail_library();

@@ -187,6 +187,9 @@ static const option drawing_options[] = {
      "as the run was trained, or 3dgs", NULL,
      "pixel filter: the 0.3 px^2 dilation of 3DGS, the bare Gaussians, or Mip-Splatting's 0.1 px^2 "
      "that keeps the energy"},
+    {"compact-box", 0, OPTION_REAL, offsetof(drawing_values, compact_box), 1e-3, 1, "X", "1",
+     "as the run was trained, or 1", NULL,
+     "share of a primitive's support that brings it into a tile of pixels; 1 is exact"},
     {"background", 0, OPTION_COLOR, offsetof(drawing_values, background), 0, 0, "R,G,B", "0,0,0",
      "as the run was trained, or 0,0,0", NULL,
      "colour behind the model, display values from 0 to 1"},
@@ -194,7 +197,7 @@ static const option drawing_options[] = {
 
 option_group drawing_group(drawing_values *values)
 {
-    *values = (drawing_values){.white = 1};
+    *values = (drawing_values){.compact_box = 1, .white = 1};
     return (option_group){.title = "Drawing",
                           .options = drawing_options,
                           .count = sizeof drawing_options / sizeof *drawing_options,
@@ -209,6 +212,9 @@ void drawing_settle(drawing_values *values, const command_line *line, const json
         values->filter = !strcmp(filter, "none")  ? SGS_FILTER_NONE
                          : !strcmp(filter, "mip") ? SGS_FILTER_MIP
                                                   : SGS_FILTER_3DGS;
+    const double compact_box = json_number_value(config_option(config, "compact_box"));
+    if (!option_given(line, "compact-box") && compact_box > 0 && compact_box <= 1)
+        values->compact_box = compact_box;
     const char *space = json_string_value(config_option(config, "train_space"));
     values->space = space && !strcmp(space, "linear") ? SGS_SPACE_LINEAR : SGS_SPACE_SRGB;
     const double white = json_number_value(config_option(config, "white"));

@@ -46,6 +46,7 @@ bool view_in_split(const sgs_view *view, sgs_split split);
 
 typedef struct drawing_values {
     int filter; // sgs_filter
+    double compact_box;
     color_value background;
     sgs_space
         space; // of the model's colours, and the light that is 1 in them: from the run's config

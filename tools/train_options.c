@@ -57,6 +57,9 @@ static const option training_options[] = {
      "Adam over the primitives seen in the iteration, or over all of them"},
     {"sh-degree", 0, OPTION_INTEGER, AT(sh_degree), 0, 3, "D", "3", NULL, NULL,
      "highest band of the spherical harmonics"},
+    {"compact-box", 0, OPTION_REAL, AT(compact_box), 1e-3, 1, "X", "1", NULL, NULL,
+     "share of a primitive's support that brings it into a tile of pixels; 1 is exact, FastGS's "
+     "rasteriser has 0.5"},
     {"background", 0, OPTION_COLOR, AT(background), 0, 0, "R,G,B|random", "0,0,0",
      "0,0,0, or 1,1,1 for NeRF synthetic scenes", NULL,
      "colour behind the model, display values from 0 to 1, or a new colour per iteration"},
@@ -153,6 +156,7 @@ sgs_train_options train_library_options(const train_values *values, uint64_t see
     options.filter = (sgs_filter)values->filter;
     options.optimizer = (sgs_optimizer)values->optimizer;
     options.sh_degree = values->sh_degree;
+    options.compact_box = values->compact_box;
     memcpy(options.background, values->background.rgb, sizeof options.background);
     options.background_random = values->background.random;
     options.max_gaussians = (size_t)values->max_gaussians;
@@ -229,6 +233,7 @@ static json_t *shaping_options(const train_values *values, const scene_values *s
     set_word(options, "schedule", "scaled|paper", values->schedule);
     set_word(options, "pipeline", PIPELINES, values->pipeline);
     set_word(options, "filter", FILTERS, values->filter);
+    json_object_set_new(options, "compact_box", json_real(values->compact_box));
     set_word(options, "optimizer", "sparse|dense", values->optimizer);
     set_integer(options, "sh_degree", (uint64_t)values->sh_degree);
     if (values->background.random) {

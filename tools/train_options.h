@@ -13,7 +13,7 @@ typedef struct train_values {
     int iterations, schedule, pipeline, filter, optimizer, sh_degree;
     unsigned spare, spare_demand;
     int spare_phi, spare_target, taming_opacity;
-    double spare_budget, taming_multiplier, fastgs_loss, fastgs_gradient, fastgs_dense;
+    double compact_box, spare_budget, taming_multiplier, fastgs_loss, fastgs_gradient, fastgs_dense;
     uint64_t taming_count, dash_count;
     int spare_grid, spare_patience, spare_interval, checkpoint_every;
     double time_limit; // seconds, 0 = none

@@ -253,6 +253,7 @@ bool view_drawer_draw(view_drawer *drawer, const char *name, const sgs_camera *c
     const view_options *o = drawer->options;
     sgs_render_options options = sgs_render_options_default();
     options.filter = (sgs_filter)drawer->drawing->filter;
+    options.compact_box = drawer->drawing->compact_box;
     options.axis_depth = o->axis_depth;
     if ((o->axis_depth && !has_axis_depth(name, camera)) || !fits_film(drawer, name, camera))
         return false;

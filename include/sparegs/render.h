@@ -36,6 +36,9 @@ typedef struct sgs_render_options {
                             // SGS_FILTER_MIP only
     bool axis_depth; // distances of the frame are along the camera's axis (z) instead of the ray;
                      // default false
+    double compact_box; // in (0, 1]: a tile of 16x16 pixels leaves a primitive out when rho^2 of
+                        // its rays is beyond this share of the support, 2 ln(255 o), as FastGS's
+                        // rasteriser does at 0.5; default 1, exact
 } sgs_render_options;
 
 sgs_render_options sgs_render_options_default(void);

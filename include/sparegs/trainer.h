@@ -74,6 +74,7 @@ typedef struct sgs_train_options {
     sgs_schedule schedule;   // scaled
     sgs_pipeline pipeline;   // 3dgs
     sgs_filter filter;       // 3dgs
+    double compact_box;      // as in sgs_render_options; 1
     sgs_optimizer optimizer; // sparse
     int sh_degree;           // 0..3; 3
     float background[3];     // black

@@ -77,13 +77,17 @@ if "$SPAREGS_PROGRAM" explain "$folder" 2>/dev/null; then echo "FAIL: explained 
 plan "$room" '["3dgs"]' ', "iterations": 200000'
 sed -i 's/"iterations": 70, //' "$folder/plan.json"
 training=$folder/ended/runs/room/3dgs/off/seed_0
-for signal in TERM KILL; do
+for signal in TERM KILL BOTH; do
     "$SPAREGS_PROGRAM" experiment "$folder/plan.json" -o "$folder/ended" --quiet &
     experiment=$!
     until [ -s "$training/train.csv" ]; do kill -0 $experiment; sleep 0.1; done
-    kill -$signal $experiment
+    if [ $signal = BOTH ]; then # as batch systems do
+        pkill -TERM -f "$folder/ended"
+    else
+        kill -$signal $experiment
+    fi
     status=0; wait $experiment 2>/dev/null || status=$?
-    [ $status = $((128 + $(kill -l $signal))) ] || { echo "FAIL: status $status after $signal"; exit 1; }
+    [ $status = $((128 + $(kill -l ${signal/BOTH/TERM}))) ] || { echo "FAIL: status $status after $signal"; exit 1; }
     while pgrep -f "$training" >/dev/null; do sleep 0.1; done
     [ -s "$training/checkpoint/state.bin" ] && [ "$(jq -r .stop_reason "$training/summary.json")" = signal ] ||
         { echo "FAIL: no checkpoint after $signal"; exit 1; }

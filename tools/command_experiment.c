@@ -134,11 +134,10 @@ static int run_child(const experiment_run *run)
         return fail_run("%s: cannot be started: %s", run->folder, strerror(errno));
     }
     if (!child) {
-        // A group of its own: Ctrl-C reaches this program only, which passes it on once; a second
-        // signal would end the training without its checkpoint.
+        // A group of its own: Ctrl-C reaches this program only, which passes it on.
         setpgid(0, 0);
 #ifdef __linux__
-        prctl(PR_SET_PDEATHSIG, SIGTERM); // should this program be killed
+        prctl(PR_SET_PDEATHSIG, INTERRUPT_PASSED_ON); // should this program be killed
 #endif
         if (!freopen("/dev/null", "w", stdout)) // the summary is read from the file
             _exit(EXIT_FAILED);
@@ -151,8 +150,10 @@ static int run_child(const experiment_run *run)
     for (pid_t ended; (ended = waitpid(child, &state, WNOHANG)) != child;) {
         if (ended < 0 && errno != EINTR)
             return fail_run("%s: is lost: %s", run->folder, strerror(errno));
-        if (interrupt_signal() && !told)
-            told = !kill(child, SIGTERM);
+        if (interrupt_signal() && !told) {
+            told = !kill(child, INTERRUPT_PASSED_ON);
+            kill(child, SIGCONT); // a terminal may have stopped it
+        }
         nanosleep(&(struct timespec){.tv_nsec = 20000000}, NULL);
     }
     return WIFEXITED(state) ? WEXITSTATUS(state) : 128 + WTERMSIG(state);
@@ -181,7 +182,7 @@ static int run_all(const experiment_plan *plan, const char *folder)
         if (done)
             continue;
         const int status = run_child(run);
-        if (interrupt_signal() || status >= 128)
+        if (interrupt_signal())
             break;
         if (status) {
             ++failed;

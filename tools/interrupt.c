@@ -6,7 +6,6 @@
 
 #include "interrupt.h"
 
-#include <signal.h>
 #include <stddef.h>
 #include <unistd.h>
 
@@ -17,6 +16,14 @@ static void receive(int signal_number)
     if (received)
         _exit(128 + signal_number);
     received = signal_number;
+}
+
+// From the program that started this one: it may be the second to say so.
+static void receive_once(int signal_number)
+{
+    (void)signal_number;
+    if (!received)
+        received = SIGTERM;
 }
 
 static void want_checkpoint(int signal_number)
@@ -33,6 +40,8 @@ void interrupt_watch(void)
     sigaction(SIGTERM, &action, NULL);
     if (!sigaction(SIGHUP, NULL, &before) && before.sa_handler != SIG_IGN) // nohup wants it ignored
         sigaction(SIGHUP, &action, NULL);
+    action.sa_handler = receive_once;
+    sigaction(INTERRUPT_PASSED_ON, &action, NULL);
     action.sa_handler = want_checkpoint;
     sigaction(SIGUSR1, &action, NULL);
     // A reader of our messages that has gone, or a limit on file sizes, is an error of that write

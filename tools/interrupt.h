@@ -4,8 +4,13 @@
 
 // SIGINT, SIGTERM and SIGHUP as a request to finish: the first one only sets a flag, the second
 // ends the process at once with status 128 + signal. SIGUSR1 asks for a checkpoint.
+// INTERRUPT_PASSED_ON is SIGTERM from a program that started this one, and never ends it at once:
+// the same request may have come directly.
 
+#include <signal.h>
 #include <stdbool.h>
+
+#define INTERRUPT_PASSED_ON SIGUSR2
 
 // Installs the handlers; SIGPIPE and SIGXFSZ become write errors. SIGHUP stays ignored if it was
 // (nohup).

@@ -29,6 +29,7 @@
 #include "checkpoint_options.h"
 #include "core.h"
 #include "sections.h"
+#include "threads.h"
 #include "trainer_state.h"
 
 enum { BLOCK_FLOATS = SGS_PARAM_COUNT * SGS_LANES };
@@ -246,8 +247,8 @@ static sgs_status make_room(sgs_trainer *trainer, size_t n, const char *path)
         sgs_gaussians_destroy(model);
         return status;
     }
-    float *m = sgsi_calloc(model->capacity, SGS_PARAM_COUNT * sizeof(float));
-    float *v = sgsi_calloc(model->capacity, SGS_PARAM_COUNT * sizeof(float));
+    float *m = sgsi_calloc_shared(model->capacity, SGS_PARAM_COUNT * sizeof(float));
+    float *v = sgsi_calloc_shared(model->capacity, SGS_PARAM_COUNT * sizeof(float));
     sgsi_statistics statistics = {0};
     if (!m || !v || sgsi_statistics_reserve(&statistics, model->capacity)) {
         sgsi_free(m);
@@ -299,6 +300,8 @@ sgs_status sgs_trainer_load_checkpoint(sgs_trainer *trainer, const char *path)
         visit_state(&sections, trainer, n);
         trainer->stop_text[sizeof trainer->stop_text - 1] = 0;
         trainer->structure_changed = true;
+        if (sgsi_trainer_opacity_is_linear(trainer))
+            sgs_gaussians_declare_linear_opacity(trainer->model);
         if (trainer->progress.stop == SGS_STOP_SCHEDULE &&
             trainer->progress.iteration < trainer->options.iterations)
             trainer->progress.stop = SGS_STOP_NONE; // the run has been made longer

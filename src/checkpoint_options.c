@@ -62,7 +62,7 @@ static const option_row rows[] = {
     ROW("spare-target", spare_target, VALUE_INT, FIXED),
     ROW("taming-multiplier", pipeline_options.taming_multiplier, VALUE_DOUBLE, FIXED),
     ROW("taming-count", pipeline_options.taming_count, VALUE_SIZE, FIXED),
-    ROW("taming-opacity", pipeline_options.taming_frozen, VALUE_BOOL, FIXED),
+    ROW("taming-opacity", pipeline_options.taming_opacity, VALUE_INT, FIXED),
     ROW("dash-count", pipeline_options.dash_count, VALUE_SIZE, FIXED),
     ROW("fastgs-loss", pipeline_options.fastgs_loss, VALUE_DOUBLE, FIXED),
     ROW("fastgs-gradient", pipeline_options.fastgs_gradient, VALUE_DOUBLE, FIXED),

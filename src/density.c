@@ -34,10 +34,10 @@ sgs_status sgsi_statistics_reserve(sgsi_statistics *statistics, size_t capacity)
     if (capacity <= statistics->capacity)
         return SGS_STATUS_OK;
     sgsi_statistics_free(statistics);
-    statistics->gradient_sum = sgsi_calloc(capacity, sizeof *statistics->gradient_sum);
-    statistics->absolute_sum = sgsi_calloc(capacity, sizeof *statistics->absolute_sum);
-    statistics->visible_count = sgsi_calloc(capacity, sizeof *statistics->visible_count);
-    statistics->radius_max = sgsi_calloc(capacity, sizeof *statistics->radius_max);
+    statistics->gradient_sum = sgsi_calloc_shared(capacity, sizeof *statistics->gradient_sum);
+    statistics->absolute_sum = sgsi_calloc_shared(capacity, sizeof *statistics->absolute_sum);
+    statistics->visible_count = sgsi_calloc_shared(capacity, sizeof *statistics->visible_count);
+    statistics->radius_max = sgsi_calloc_shared(capacity, sizeof *statistics->radius_max);
     statistics->capacity = capacity;
     if (statistics->gradient_sum && statistics->absolute_sum && statistics->visible_count &&
         statistics->radius_max)
@@ -401,9 +401,11 @@ static void gather_rows(void *context, size_t begin, size_t end, int thread)
 static sgs_status gather_block(float **block, size_t capacity, const density_plan *plan,
                                bool parameters, const sgsi_density_options *options)
 {
-    float *to = sgsi_calloc(capacity, SGS_PARAM_COUNT * sizeof *to);
+    float *to = sgsi_alloc(capacity, SGS_PARAM_COUNT * sizeof *to);
     if (!to)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu primitives", capacity);
+    const size_t whole = plan->count / SGS_LANES * SGS_LANES; // rows of blocks that get all rows
+    memset(to + whole * SGS_PARAM_COUNT, 0, (capacity - whole) * SGS_PARAM_COUNT * sizeof *to);
     gather_job job = {plan->entries, plan->count, *block, to, parameters, options};
     sgsi_parallel_ranges(plan->count, 1024, gather_rows, &job);
     sgsi_free(*block);

@@ -114,7 +114,7 @@ sgs_status sgs_gaussians_fuse_filter_3d(const sgs_gaussians *model, const float 
         sgs_gaussians_get(model, i, p);
         const double f2 = (double)filter_3d[i] * (double)filter_3d[i];
         const double opacity = sgsi_filter_3d_factor(model, i, filter_3d[i]) /
-                               (1.0 + exp(-(double)p[SGS_PARAM_OPACITY]));
+                               (1.0 + exp(-(double)sgs_gaussians_opacity_logit(model, i)));
         const double held = fmin(fmax(opacity, 1e-12), 1.0 - 1e-7);
         p[SGS_PARAM_OPACITY] = (float)log(held / (1.0 - held));
         for (int k = 0; k < 3; ++k)

@@ -33,15 +33,29 @@ static const double SMALLEST_SQUARED_DISTANCE = 1e-7;
 enum { INIT_GRAIN = 4096 };
 static const size_t MOST_PRIMITIVES = (size_t)INT32_MAX - 15; // ids are 32 bit, some of them signed
 
-static void make_inert(sgs_gaussians *model, size_t begin, size_t end)
+typedef struct inert_rows {
+    sgs_gaussians *model;
+    size_t first;
+} inert_rows;
+
+static void inert_range(void *context, size_t begin, size_t end, int thread)
 {
+    (void)thread;
+    const inert_rows *rows = context;
     float params[SGS_PARAM_COUNT] = {0};
     params[SGS_PARAM_ROTATION] = 1.0f;
     for (int k = 0; k < 3; ++k)
         params[SGS_PARAM_SCALE + k] = INERT_LOG_SCALE;
-    params[SGS_PARAM_OPACITY] = INERT_OPACITY_LOGIT;
+    params[SGS_PARAM_OPACITY] = rows->model->linear_opacity ? 0.0f : INERT_OPACITY_LOGIT;
     for (size_t i = begin; i < end; ++i)
-        sgs_gaussians_set(model, i, params);
+        sgs_gaussians_set(rows->model, rows->first + i, params);
+}
+
+// By all threads, whose memory the pages are then spread over.
+static void make_inert(sgs_gaussians *model, size_t begin, size_t end)
+{
+    inert_rows rows = {model, begin};
+    sgsi_parallel_ranges(end - begin, INIT_GRAIN, inert_range, &rows);
 }
 
 sgs_status sgs_gaussians_create(size_t capacity, sgs_gaussians **model)
@@ -189,6 +203,30 @@ sgs_status sgs_gaussians_init_points(const float *points, const unsigned char *c
     return SGS_STATUS_OK;
 }
 
+float sgs_gaussians_opacity_logit(const sgs_gaussians *model, size_t i)
+{
+    const float x = *sgs_gaussians_at(model, i, SGS_PARAM_OPACITY);
+    if (!model->linear_opacity)
+        return x;
+    const double opacity = fmin(fmax(fabs((double)x), 1e-13), 1.0 - 1e-6);
+    return (float)log(opacity / (1.0 - opacity));
+}
+
+void sgs_gaussians_linearize_opacity(sgs_gaussians *model)
+{
+    for (size_t i = 0; i < model->capacity && !model->linear_opacity; ++i) {
+        float *x = sgs_gaussians_at(model, i, SGS_PARAM_OPACITY);
+        *x = (float)(1.0 / (1.0 + exp(-(double)*x)));
+    }
+    model->linear_opacity = true;
+}
+
+void sgs_gaussians_declare_linear_opacity(sgs_gaussians *model)
+{
+    model->linear_opacity = true;
+    make_inert(model, model->count, model->capacity);
+}
+
 // XXH3 with 64 bits over count, degree and the rows one after another, so that capacity and blocks
 // do not matter.
 void sgs_gaussians_hash(const sgs_gaussians *model, char hex[17])
@@ -200,6 +238,7 @@ void sgs_gaussians_hash(const sgs_gaussians *model, char hex[17])
     for (size_t i = 0; i < model->count; ++i) {
         float params[SGS_PARAM_COUNT];
         sgs_gaussians_get(model, i, params);
+        params[SGS_PARAM_OPACITY] = sgs_gaussians_opacity_logit(model, i);
         XXH3_64bits_update(&state, params, sizeof params);
     }
     snprintf(hex, 17, "%016llx", (unsigned long long)XXH3_64bits_digest(&state));

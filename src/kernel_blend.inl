@@ -21,11 +21,12 @@
 // - alpha_i), so
 //     v_i = q_i - behind_i alpha_i / (1 - alpha_i).
 // alpha = 2^(lo - E) gives dL/dlo ~ v, dL/d(rho^2) = -v / 2 (the 0.99 clamp passed straight
-// through, as 3DGS does). Let m be the vector from the mean to the ray's point of largest response
-// in the primitive's metric: rho^2 = |m|^2 and, since t maximises the response, d(rho^2)/dM = 2 m
-// m^T M^-T and d(rho^2)/dmean = -2 M^T m with t held fixed. In the frame of trace.h m = (a, b, -E /
-// (P sqrt(h))) / sqrt(h), a = A C / G, b = B C / G, h = log2(e) / 2. So the sums of v, v m and v m
-// m^T say everything about mean, scales, rotation and opacity; nothing in them cancels.
+// through, as 3DGS does; of opacities above 1 as much as the clamp leaves of alpha). Let m be the
+// vector from the mean to the ray's point of largest response in the primitive's metric: rho^2 =
+// |m|^2 and, since t maximises the response, d(rho^2)/dM = 2 m m^T M^-T and d(rho^2)/dmean = -2 M^T
+// m with t held fixed. In the frame of trace.h m = (a, b, -E / (P sqrt(h))) / sqrt(h), a = A C / G,
+// b = B C / G, h = log2(e) / 2. So the sums of v, v m and v m m^T say everything about mean,
+// scales, rotation and opacity; nothing in them cancels.
 
 #define ALPHA_MAX 0.99f
 #define TRANSMITTANCE_MIN 1e-4f
@@ -216,10 +217,10 @@ static inline float largest_lane(vf x)
 {
     float lanes[16] __attribute__((aligned(64)));
     vf_store(lanes, x);
-    float largest = lanes[0];
-    for (int i = 1; i < 16; ++i)
-        largest = lanes[i] > largest ? lanes[i] : largest;
-    return largest;
+    for (int stride = 8; stride; stride /= 2)
+        for (int i = 0; i < stride; ++i)
+            lanes[i] = lanes[i + stride] > lanes[i] ? lanes[i + stride] : lanes[i];
+    return lanes[0];
 }
 
 // Evaluates the elements of a block in its order: alpha, t and T of each, the walk lengths; drops

@@ -50,7 +50,7 @@ typedef struct gaussian16 {
     vec3 filtered;    // s': body widened by the pixel filter
     vec3 inv_filtered;
     vf opacity;        // as traced
-    vf opacity_stored; // of the logit; the same but for the mip filter
+    vf opacity_stored; // of the parameter; the same but for the mip filter
     vec3 q1, q2, q3;   // rows of the rotation that puts M delta on the third axis
     vf p;              // P = |M delta|
 } gaussian16;
@@ -152,7 +152,9 @@ static inline void load_gaussian(const float *p, size_t block, const sgsi_view *
     g->inv_filtered =
         (vec3){vf_div(one, g->filtered.x), vf_div(one, g->filtered.y), vf_div(one, g->filtered.z)};
     const vf logit = vf_clamp(vf_load(p + 16 * SGS_PARAM_OPACITY), low, high);
-    g->opacity_stored = vf_div(one, vf_add(one, vf_exp(vf_sub(vf_zero(), logit))));
+    g->opacity_stored = view->linear_opacity
+                            ? vf_abs(logit)
+                            : vf_div(one, vf_add(one, vf_exp(vf_sub(vf_zero(), logit))));
     g->opacity = view->mip ? vf_mul(g->opacity_stored, mip_factor(g)) : g->opacity_stored;
     const vec3 m_delta = {vf_mul(dot3(g->axis[0], g->delta), g->inv_filtered.x),
                           vf_mul(dot3(g->axis[1], g->delta), g->inv_filtered.y),

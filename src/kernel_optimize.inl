@@ -13,7 +13,8 @@
 // Filter s'^2 = s^2 + eps^2, eps^2 = dilation * depth^2: dL/dlog s = dL/dlog s' s^2 / s'^2 and
 //   dL/ddepth = dilation * depth * sum over k of dL/dlog s'_k / s'_k^2.
 // Filter `mip`: see chain_mip.
-// dL/dlogit = sum v (1 - o). Colours: a channel clamped at 0 gets nothing.
+// dL/dlogit = sum v (1 - o), or of linear opacities dL/dx = sum v / x. Colours: a channel clamped
+// at 0 gets nothing.
 
 typedef struct gradient16 {
     vf mean[3], rotation[4], scale[3], opacity, color[3];
@@ -196,6 +197,11 @@ static inline void chain_rule(const sgsi_optimize *input, const float *p, const 
     const vf one = vf_set1(1.0f);
     chain_shape(g, sums, input->view.mip, out);
     out->opacity = vf_mul(sums[SGSI_SUM_V], vf_sub(one, g->opacity_stored));
+    if (input->view.linear_opacity) { // what was hit is not 0
+        const vf x = vf_load(p + 16 * SGS_PARAM_OPACITY);
+        const vm seen = vf_gt(vf_abs(x), vf_set1(1e-6f));
+        out->opacity = vf_keep(seen, vf_div(sums[SGSI_SUM_V], vf_select(seen, x, one)));
+    }
     const vf inv_distance = vf_div(one, g->distance);
     out->direction = scale3(g->delta_world, inv_distance);
     vf color[3];

@@ -107,8 +107,8 @@ static void long_sort(const int32_t *keys, const uint32_t *values, uint32_t *out
 {
     for (uint32_t i = 0; i < count; ++i)
         spare[i] = (uint64_t)(uint32_t)keys[i] << 32 | values[i];
-    sgsi_radix_pass(spare, spare + count, count, 32, 8);
-    sgsi_radix_pass(spare + count, spare, count, 40, 8);
+    sgsi_radix_pass(spare, spare + count, count, 0, 32, 8);
+    sgsi_radix_pass(spare + count, spare, count, 0, 40, 8);
     for (uint32_t i = 0; i < count; ++i)
         out[i] = (uint32_t)spare[i];
 }

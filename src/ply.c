@@ -349,8 +349,9 @@ static uint8_t *put_row(const row_writer *writer, size_t row, uint8_t *at)
 {
     if (writer->model) {
         for (int k = 0; k < writer->column_count; ++k)
-            at = put_float(at, writer->params[k] < 0
-                                   ? 0.0f
+            at = put_float(at, writer->params[k] < 0 ? 0.0f
+                               : writer->params[k] == SGS_PARAM_OPACITY
+                                   ? sgs_gaussians_opacity_logit(writer->model, row)
                                    : *sgs_gaussians_at(writer->model, row, writer->params[k]));
         return writer->filter_3d ? put_float(at, writer->filter_3d[row]) : at;
     }

@@ -63,6 +63,7 @@ static sgs_status copy_young(profile_job *job)
     memcpy(job->young->data, model->data,
            (model->count + SGS_LANES - 1) / SGS_LANES * SGS_LANES * SGS_PARAM_COUNT *
                sizeof(float));
+    job->young->linear_opacity = model->linear_opacity;
     const double way = job->options->step * sqrt((double)job->options->refits);
     for (size_t i = 0; way > 0 && i < model->count; ++i)
         for (int k = 0; k < 3; ++k)
@@ -338,7 +339,7 @@ static sgs_status check_options(const sgs_profile_options *o)
         return sgsi_fail(SGS_STATUS_UNSUPPORTED, "a profile has the pixel filters 3dgs and none");
     if (o->render.compact_box != 1.0)
         return sgsi_fail(SGS_STATUS_UNSUPPORTED,
-                         "a profile counts hits of whole supports; its compact box is 1");
+                         "a profile counts hits of whole supports; give --compact-box 1");
     return SGS_STATUS_OK;
 }
 

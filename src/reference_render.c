@@ -193,7 +193,8 @@ sgs_status sgsi_reference_view_create(const double *params, size_t count, const 
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "reference: filter %d is unknown",
                          (int)options->filter);
     if (options->compact_box != 1.0)
-        return sgsi_fail(SGS_STATUS_UNSUPPORTED, "reference: it knows no tiles, so no compact box");
+        return sgsi_fail(SGS_STATUS_UNSUPPORTED,
+                         "the reference knows no tiles; give --compact-box 1");
     if (count > UINT32_MAX)
         return sgsi_fail(SGS_STATUS_LIMIT, "reference: %zu primitives; ids have 32 bits", count);
     const sgs_status status = sgs_camera_validate(camera);

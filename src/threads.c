@@ -8,6 +8,7 @@
 #include <omp.h>
 #include <sched.h>
 #include <stdatomic.h>
+#include <string.h>
 
 #include "core.h"
 #include "sparegs/runtime.h"
@@ -130,4 +131,20 @@ void sgsi_parallel_ranges(size_t count, size_t grain, sgsi_range_fn body, void *
 {
     range_loop loop = {count, grain, body, context};
     sgsi_parallel_for((count + grain - 1) / grain, 1, run_range, &loop);
+}
+
+enum { ZEROED_AT_ONCE = 2 << 20 }; // a huge page
+
+static void zero_range(void *context, size_t begin, size_t end, int thread)
+{
+    (void)thread;
+    memset((char *)context + begin, 0, end - begin);
+}
+
+void *sgsi_calloc_shared(size_t count, size_t size)
+{
+    void *block = sgsi_alloc(count, size);
+    if (block)
+        sgsi_parallel_ranges(count * size, ZEROED_AT_ONCE, zero_range, block);
+    return block;
 }

@@ -31,3 +31,7 @@ sgsi_loop_seconds sgsi_threads_seconds(void);
 // multiple of grain. The cutting depends on grain only, never on the number of threads.
 typedef void (*sgsi_range_fn)(void *context, size_t begin, size_t end, int thread);
 void sgsi_parallel_ranges(size_t count, size_t grain, sgsi_range_fn body, void *context);
+
+// sgsi_calloc for what all threads work on: they zero it together, which is faster, and as a page
+// lies with the processor that first writes to it, spreads it over the memory of all (NUMA).
+void *sgsi_calloc_shared(size_t count, size_t size);

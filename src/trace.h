@@ -103,8 +103,9 @@ typedef struct sgsi_view {
     const float
         *filter_3d; // [padded to 16] f3 of the primitives, world units, or NULL for 0; mip only
     int sh_degree;
-    float compact_box; // share of the support that brings a primitive into a tile; 1: all of it.
-                       // Bounds hold the whole: the tile alone decides
+    bool linear_opacity; // the model's; projection sets it by itself
+    float compact_box;   // share of the support that brings a primitive into a tile; 1: all of it.
+                         // Bounds hold the whole: the tile alone decides
 } sgsi_view;
 
 // Bits of a tile's candidates for the backward pass.

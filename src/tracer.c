@@ -278,6 +278,7 @@ sgs_status sgsi_tracer_project(sgsi_tracer *tracer, const sgs_gaussians *model,
                           .visible_count = visible_count,
                           .radius_max = radius_max,
                           .visible = tracer->visible};
+    input.view.linear_opacity = model->linear_opacity;
     sgsi_parallel_ranges((model->count + SGS_LANES - 1) / SGS_LANES, 32, project_range, &input);
     tracer->seconds.project = sgsi_seconds() - start;
     return SGS_STATUS_OK;
@@ -307,18 +308,18 @@ typedef struct forward_pass {
     size_t first_bin;
 } forward_pass;
 
-// Ascending by the whole key, in three passes over the distance's bits and a repair of ties.
-static uint64_t *sort_keys(uint64_t *keys, uint64_t *spare, size_t count)
+// Ascending by the whole key: coarsely by the distance's bits, in [least, most], then by insertion.
+static void sort_keys(uint64_t *keys, uint64_t *spare, size_t count, uint32_t least, uint32_t most)
 {
-    uint64_t *from = count > 256 ? sgsi_radix_sort(keys, spare, count) : keys;
+    if (count > 256)
+        sgsi_radix_sort(keys, spare, count, least, most);
     for (size_t i = 1; i < count; ++i) {
-        const uint64_t key = from[i];
+        const uint64_t key = keys[i];
         size_t at = i;
-        for (; at && from[at - 1] > key; --at)
-            from[at] = from[at - 1];
-        from[at] = key;
+        for (; at && keys[at - 1] > key; --at)
+            keys[at] = keys[at - 1];
+        keys[at] = key;
     }
-    return from;
 }
 
 static float bin_far(const forward_pass *pass, int bin)
@@ -366,15 +367,20 @@ static size_t gather_bin(const forward_pass *pass, thread_state *state, int bin,
     if (state->status)
         return 0;
     size_t count = 0;
+    uint32_t least = UINT32_MAX, most = 0;
     for (size_t i = 0; i < gathered; ++i) {
         const uint32_t id = state->gathered.ids[i];
         const float *record = pass->tracer->records + (size_t)id * SGSI_RECORD;
         uint32_t bits;
         memcpy(&bits, record + SGSI_RECORD_DISTANCE, sizeof bits);
-        if (record[SGSI_RECORD_LOG_OPACITY] > SGSI_UNTRACED)
-            state->keys[count++] = (uint64_t)bits << 32 | id;
+        if (!(record[SGSI_RECORD_LOG_OPACITY] > SGSI_UNTRACED))
+            continue;
+        state->keys[count++] = (uint64_t)bits << 32 | id;
+        least = bits < least ? bits : least;
+        most = bits > most ? bits : most;
     }
-    const uint64_t *sorted = sort_keys(state->keys, state->keys_spare, count);
+    const uint64_t *sorted = state->keys;
+    sort_keys(state->keys, state->keys_spare, count, least, most);
     size_t unique = 0; // where rays of a packet part, Embree follows them one by one and meets a
                        // primitive again
     for (size_t i = 0; i < count; ++i)
@@ -386,9 +392,29 @@ static size_t gather_bin(const forward_pass *pass, thread_state *state, int bin,
     return count;
 }
 
+// Drops the primitives of a tile that no block kept, so that lists and sums hold only what was hit.
+// Returns how many are left; map [count] tells where those went.
+static size_t compact_tile(sgsi_scratch *s, size_t count, uint32_t *map)
+{
+    memset(map, 0, count * sizeof *map);
+    for (int b = 0; b < SGSI_BLOCKS; ++b)
+        for (uint32_t i = 0; i < s->entry_count[b]; ++i)
+            map[s->order[(size_t)b * s->capacity + i]] = 1;
+    size_t kept = 0;
+    for (size_t i = 0; i < count; ++i) {
+        if (!map[i])
+            continue;
+        map[i] = (uint32_t)kept;
+        s->tile_ids[kept++] = s->tile_ids[i];
+    }
+    return kept;
+}
+
 static void keep_list(thread_state *state, sgsi_tile_list *list, size_t count)
 {
-    const sgsi_scratch *s = &state->scratch;
+    sgsi_scratch *s = &state->scratch;
+    uint32_t *map = s->walk; // free between blocks
+    count = compact_tile(s, count, map);
     size_t elements = 0;
     for (int b = 0; b < SGSI_BLOCKS; ++b) {
         list->block_begin[b] = (uint32_t)elements;
@@ -405,30 +431,11 @@ static void keep_list(thread_state *state, sgsi_tile_list *list, size_t count)
     list->ids = words;
     list->elements = words + count;
     memcpy(list->ids, s->tile_ids, count * sizeof *words);
-    for (int b = 0; b < SGSI_BLOCKS; ++b)
-        memcpy(list->elements + list->block_begin[b], s->order + (size_t)b * s->capacity,
-               s->entry_count[b] * sizeof *words);
-}
-
-// Drops the primitives of a tile that no block kept, so that lists and sums hold only what was hit.
-static size_t compact_tile(sgsi_scratch *s, size_t count)
-{
-    uint32_t *map = s->walk; // free between blocks
-    memset(map, 0, count * sizeof *map);
-    for (int b = 0; b < SGSI_BLOCKS; ++b)
+    for (int b = 0; b < SGSI_BLOCKS; ++b) {
+        const uint32_t *order = s->order + (size_t)b * s->capacity;
         for (uint32_t i = 0; i < s->entry_count[b]; ++i)
-            map[s->order[(size_t)b * s->capacity + i]] = 1;
-    size_t kept = 0;
-    for (size_t i = 0; i < count; ++i) {
-        if (!map[i])
-            continue;
-        map[i] = (uint32_t)kept;
-        s->tile_ids[kept++] = s->tile_ids[i];
+            list->elements[list->block_begin[b] + i] = map[order[i]];
     }
-    for (int b = 0; b < SGSI_BLOCKS; ++b)
-        for (uint32_t i = 0; i < s->entry_count[b]; ++i)
-            s->order[(size_t)b * s->capacity + i] = map[s->order[(size_t)b * s->capacity + i]];
-    return kept;
 }
 
 // Returns false when the guess was too near.
@@ -468,7 +475,7 @@ static bool blend_tile(const forward_pass *pass, thread_state *state, int tile, 
     for (int b = 0; b < SGSI_BLOCKS; ++b)
         state->counts.elements += state->scratch.entry_count[b];
     if (pass->keep_lists)
-        keep_list(state, &pass->tracer->lists[tile], compact_tile(&state->scratch, count));
+        keep_list(state, &pass->tracer->lists[tile], count);
     return true;
 }
 

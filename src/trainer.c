@@ -38,7 +38,7 @@ sgs_train_options sgs_train_options_default(void)
                                .spare_budget = 1.0,
                                .random_points = 100000,
                                .pipeline_options = {.taming_multiplier = 20,
-                                                    .taming_frozen = true,
+                                                    .taming_opacity = SGS_TAMING_FROZEN,
                                                     .fastgs_loss = 0.1,
                                                     .fastgs_gradient = 0.0012,
                                                     .fastgs_dense = 0.001}};
@@ -55,6 +55,12 @@ static sgs_status check_options(const sgs_train_options *o)
                  "pipeline must be one of sgs_pipeline");
     SGSI_REQUIRE((unsigned)o->filter <= SGS_FILTER_MIP, "filter must be 3dgs, none or mip");
     SGSI_REQUIRE(o->sh_degree >= 0 && o->sh_degree <= 3, "SH degree must be between 0 and 3");
+    SGSI_REQUIRE((unsigned)o->pipeline_options.taming_opacity <= SGS_TAMING_LINEAR,
+                 "opacities of Taming 3DGS must be frozen, trained or linear");
+    SGSI_REQUIRE(o->pipeline != SGS_PIPELINE_TAMING ||
+                     o->pipeline_options.taming_opacity != SGS_TAMING_LINEAR ||
+                     o->filter != SGS_FILTER_MIP,
+                 "linear opacities do not go with the mip filter");
     SGSI_REQUIRE(o->compact_box > 0 && o->compact_box <= 1, "the compact box must be in (0, 1]");
     SGSI_REQUIRE(o->spare_grid >= 2 && o->spare_grid <= 256,
                  "the SPARE-GS grid must be between 2 and 256");
@@ -158,6 +164,7 @@ static sgs_status copy_initial_model(sgs_trainer *trainer, const sgs_gaussians *
             continue;
         float params[SGS_PARAM_COUNT];
         sgs_gaussians_get(from, i, params);
+        params[SGS_PARAM_OPACITY] = sgs_gaussians_opacity_logit(from, i);
         sgs_gaussians_set(trainer->model, taken++, params);
     }
     return SGS_STATUS_OK;
@@ -182,8 +189,8 @@ static sgs_status create_model(sgs_trainer *trainer)
     status = sgsi_density_sort(trainer->model);
     if (status)
         return status;
-    trainer->m = sgsi_calloc(trainer->model->capacity, SGS_PARAM_COUNT * sizeof(float));
-    trainer->v = sgsi_calloc(trainer->model->capacity, SGS_PARAM_COUNT * sizeof(float));
+    trainer->m = sgsi_calloc_shared(trainer->model->capacity, SGS_PARAM_COUNT * sizeof(float));
+    trainer->v = sgsi_calloc_shared(trainer->model->capacity, SGS_PARAM_COUNT * sizeof(float));
     if (!trainer->m || !trainer->v)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the optimiser of %zu primitives",
                          trainer->model->count);
@@ -231,7 +238,7 @@ static sgs_status create_views(sgs_trainer *trainer)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
                          "%s: no view is left for training; hold out fewer", scene->path);
     trainer->plane_floats = ((size_t)width + 15) / 16 * 16 * (size_t)height;
-    trainer->planes = sgsi_calloc(trainer->plane_floats, 8 * sizeof(float));
+    trainer->planes = sgsi_calloc_shared(trainer->plane_floats, 8 * sizeof(float));
     if (!trainer->planes)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for images of %dx%d pixels", width,
                          height);
@@ -378,6 +385,7 @@ static sgs_status trace_forward(sgs_trainer *trainer, step_state *step)
                                         .sh_degree = active_sh_degree(trainer, step->iteration),
                                         .compact_box = trainer->options.compact_box};
     sgsi_view_set(&step->view, rays, &step->source->pose, &options);
+    step->view.linear_opacity = trainer->model->linear_opacity;
     set_planes(trainer, step);
     const sgsi_statistics *statistics = step->statistics;
     status = sgsi_tracer_project(trainer->tracer, trainer->model, &step->view,
@@ -638,6 +646,7 @@ sgs_status sgs_trainer_step(sgs_trainer *trainer, sgs_step_info *info)
     if (step.resets)
         sgsi_trainer_reset_opacity(trainer, iteration);
     progress->iteration = iteration;
+    sgsi_trainer_follow_opacity(trainer);
     fill_info(trainer, &step, info);
     info->stop = sgsi_trainer_decide_stop(trainer, step.loss.loss);
     progress->stop = info->stop;

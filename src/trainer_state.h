@@ -128,6 +128,9 @@ sgs_status sgsi_trainer_update_filter_3d(sgs_trainer *trainer);
 // in every iteration.
 sgs_status sgsi_trainer_reserve_pending(sgs_trainer *trainer);
 float sgsi_trainer_opacity_rate(const sgs_trainer *trainer, int iteration);
+// Whether opacities are linear after the iteration that was last; and makes them so, then.
+bool sgsi_trainer_opacity_is_linear(const sgs_trainer *trainer);
+void sgsi_trainer_follow_opacity(sgs_trainer *trainer);
 
 // Density control after the optimiser step of `iteration`; fills the structural part of *info.
 sgs_status sgsi_trainer_update_structure(sgs_trainer *trainer, int iteration, sgs_step_info *info);

@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "core.h"
+#include "threads.h"
 #include "trainer_state.h"
 
 sgs_status sgsi_trainer_reserve_pending(sgs_trainer *trainer)
@@ -17,7 +18,7 @@ sgs_status sgsi_trainer_reserve_pending(sgs_trainer *trainer)
     const size_t capacity = trainer->model->capacity;
     sgsi_free(trainer->pending);
     sgsi_free(trainer->pending_rows);
-    trainer->pending = sgsi_calloc(capacity, SGS_PARAM_COUNT * sizeof(float));
+    trainer->pending = sgsi_calloc_shared(capacity, SGS_PARAM_COUNT * sizeof(float));
     trainer->pending_rows = sgsi_calloc(capacity / SGS_LANES + 1, 2 * sizeof(uint16_t));
     if (trainer->pending && trainer->pending_rows)
         return SGS_STATUS_OK;
@@ -39,13 +40,36 @@ sgs_status sgsi_trainer_update_filter_3d(sgs_trainer *trainer)
     return SGS_STATUS_OK;
 }
 
-// Taming 3DGS, as released: opacities stay as they are once densification is over.
+// Taming 3DGS treats opacities in its own way once densification is over.
+static bool opacities_are(const sgs_trainer *trainer, sgs_taming_opacity treated, int iteration)
+{
+    return trainer->options.pipeline == SGS_PIPELINE_TAMING &&
+           trainer->options.pipeline_options.taming_opacity == treated &&
+           iteration >= trainer->schedule.densify_until;
+}
+
 float sgsi_trainer_opacity_rate(const sgs_trainer *trainer, int iteration)
 {
-    const bool frozen = trainer->options.pipeline == SGS_PIPELINE_TAMING &&
-                        trainer->options.pipeline_options.taming_frozen;
-    return frozen && iteration >= trainer->schedule.densify_until ? 0.0f
-                                                                  : trainer->pipeline->rate_opacity;
+    return opacities_are(trainer, SGS_TAMING_FROZEN, iteration) ? 0.0f
+                                                                : trainer->pipeline->rate_opacity;
+}
+
+bool sgsi_trainer_opacity_is_linear(const sgs_trainer *trainer)
+{
+    return opacities_are(trainer, SGS_TAMING_LINEAR, trainer->progress.iteration);
+}
+
+void sgsi_trainer_follow_opacity(sgs_trainer *trainer)
+{
+    sgs_gaussians *model = trainer->model;
+    if (!sgsi_trainer_opacity_is_linear(trainer) || model->linear_opacity)
+        return;
+    sgs_gaussians_linearize_opacity(model);
+    for (size_t block = 0; block < model->capacity / SGS_LANES; ++block) {
+        const size_t at = (block * SGS_PARAM_COUNT + SGS_PARAM_OPACITY) * SGS_LANES;
+        memset(trainer->m + at, 0, SGS_LANES * sizeof(float));
+        memset(trainer->v + at, 0, SGS_LANES * sizeof(float));
+    }
 }
 
 static spare_options spare_settings(const sgs_train_options *o, double gradient_threshold)

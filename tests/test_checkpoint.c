@@ -290,6 +290,8 @@ static void options_are_honoured_or_refused_by_name(void **state)
         {"--schedule", MEMBER(schedule), false},
         {"--filter", MEMBER(filter), false},
         {"--optimizer", MEMBER(optimizer), false},
+        {"--compact-box", MEMBER(compact_box), false},
+        {"--taming-opacity", MEMBER(pipeline_options.taming_opacity), false},
         {"--sh-degree", MEMBER(sh_degree), false},
         {"--background", MEMBER(background), false},
         {"--background-random", MEMBER(background_random), false},
@@ -308,6 +310,8 @@ static void options_are_honoured_or_refused_by_name(void **state)
     other.schedule = SGS_SCHEDULE_PAPER;
     other.filter = SGS_FILTER_NONE;
     other.optimizer = SGS_OPTIMIZER_DENSE;
+    other.compact_box = 0.5;
+    other.pipeline_options.taming_opacity = SGS_TAMING_LINEAR;
     other.sh_degree = 1;
     other.background[1] = 0.25f;
     other.background_random = true;

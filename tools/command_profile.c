@@ -298,14 +298,15 @@ static int run_profile(const command_line *line, const profile_values *values,
         status = fail_library();
     if (status < 0) {
         drawing_settle(drawing, line, located.config, scene);
+        if (!option_given(line, "compact-box"))
+            drawing->compact_box = 1; // whole supports are what a profile counts
         profiling *job = calloc(1, sizeof *job);
         if (job) {
             *job = (profiling){.values = values,
                                .common = common,
                                .model = model,
                                .options = sgs_profile_options_default()};
-            job->options.render.filter = (sgs_filter)drawing->filter;
-            job->options.render.compact_box = drawing->compact_box;
+            job->options.render = drawing_render_options(drawing);
             job->options.refits = values->refits;
             job->options.repeat = values->repeat;
             job->options.samples = values->samples;

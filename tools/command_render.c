@@ -198,6 +198,8 @@ static int run_render(const command_line *line, const render_values *values,
         status = EXIT_FAILED;
     if (status < 0) {
         drawing_settle(drawing, line, located.config, scene);
+        if (values->reference && !option_given(line, "compact-box"))
+            drawing->compact_box = 1; // it knows no tiles
         const bool done = render_model(line->operands[0], &located, &cameras, drawing, values);
         status = done ? interrupt_status() : EXIT_FAILED;
     }

@@ -21,9 +21,7 @@
 bool evaluator_open(evaluator *judge, const sgs_gaussians *model, const sgs_scene *scene,
                     const drawing_values *drawing)
 {
-    *judge = (evaluator){.scene = scene, .render = sgs_render_options_default()};
-    judge->render.filter = (sgs_filter)drawing->filter;
-    judge->render.compact_box = drawing->compact_box;
+    *judge = (evaluator){.scene = scene, .render = drawing_render_options(drawing)};
     memcpy(judge->background, drawing->background.rgb, sizeof judge->background);
     if (sgs_renderer_create(model, &judge->renderer)) {
         fail_library();

@@ -230,6 +230,14 @@ void drawing_settle(drawing_values *values, const command_line *line, const json
     }
 }
 
+sgs_render_options drawing_render_options(const drawing_values *values)
+{
+    sgs_render_options options = sgs_render_options_default();
+    options.filter = (sgs_filter)values->filter;
+    options.compact_box = values->compact_box;
+    return options;
+}
+
 int command_parse(const command_spec *spec, int argc, char **argv, command_call *call)
 {
     size_t count = 0;

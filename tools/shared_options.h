@@ -57,6 +57,8 @@ option_group drawing_group(drawing_values *values);
 // What the command line left open comes from the run's config, then from the scene.
 void drawing_settle(drawing_values *values, const command_line *line, const json_t *config,
                     const sgs_scene *scene);
+// How to draw for them.
+sgs_render_options drawing_render_options(const drawing_values *values);
 
 // A command whose line is its own options, then those that it shares with others, then the common
 // ones.

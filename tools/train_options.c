@@ -15,6 +15,7 @@
 #include "sparegs/runtime.h"
 
 #define PIPELINES "3dgs|mip|taming|dash|fastgs"
+#define TAMING_OPACITIES "trained|frozen|linear"
 #define FILTERS "3dgs|none|mip"
 #define PHIS "coupled|constant|product|plain"
 #define TARGETS "default|gradient|importance|both"
@@ -81,8 +82,10 @@ static const option pipeline_options[] = {
      "Taming: final number of primitives as a multiple of the initial one"},
     {"taming-count", 0, OPTION_COUNT, AT(taming_count), 0, 2147483647, "N", "0",
      "0 = by the multiplier", NULL, "Taming: final number of primitives"},
-    {"taming-opacity", 0, OPTION_CHOICE, AT(taming_opacity), 0, 0, "frozen|trained", "frozen", NULL,
-     NULL, "Taming: opacities after densification; frozen is what its released code does"},
+    {"taming-opacity", 0, OPTION_CHOICE, AT(taming_opacity), 0, 0, TAMING_OPACITIES, "frozen", NULL,
+     NULL,
+     "Taming: opacities after densification; its released code freezes them, its paper wants them "
+     "linear, so that they may exceed 1 (not with --filter mip; files hold at most 0.999999)"},
     {"dash-count", 0, OPTION_COUNT, AT(dash_count), 0, 2147483647, "N", "0", "0 = by momentum",
      NULL, "Dash: final number of primitives"},
     {"fastgs-loss", 0, OPTION_REAL, AT(fastgs_loss), 0, 1, "X", "0.1", NULL, NULL,
@@ -177,7 +180,7 @@ sgs_train_options train_library_options(const train_values *values, uint64_t see
     options.pipeline_options =
         (sgs_pipeline_options){.taming_multiplier = values->taming_multiplier,
                                .taming_count = (size_t)values->taming_count,
-                               .taming_frozen = values->taming_opacity == 0,
+                               .taming_opacity = (sgs_taming_opacity)values->taming_opacity,
                                .dash_count = (size_t)values->dash_count,
                                .fastgs_loss = values->fastgs_loss,
                                .fastgs_gradient = values->fastgs_gradient,
@@ -262,7 +265,7 @@ static json_t *shaping_options(const train_values *values, const scene_values *s
     set_word(options, "spare_target", TARGETS, values->spare_target);
     json_object_set_new(options, "taming_multiplier", json_real(values->taming_multiplier));
     set_integer(options, "taming_count", values->taming_count);
-    set_word(options, "taming_opacity", "frozen|trained", values->taming_opacity);
+    set_word(options, "taming_opacity", TAMING_OPACITIES, values->taming_opacity);
     set_integer(options, "dash_count", values->dash_count);
     json_object_set_new(options, "fastgs_loss", json_real(values->fastgs_loss));
     json_object_set_new(options, "fastgs_gradient", json_real(values->fastgs_gradient));

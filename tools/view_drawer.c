@@ -251,9 +251,7 @@ bool view_drawer_draw(view_drawer *drawer, const char *name, const sgs_camera *c
                       const sgs_pose *pose)
 {
     const view_options *o = drawer->options;
-    sgs_render_options options = sgs_render_options_default();
-    options.filter = (sgs_filter)drawer->drawing->filter;
-    options.compact_box = drawer->drawing->compact_box;
+    sgs_render_options options = drawing_render_options(drawer->drawing);
     options.axis_depth = o->axis_depth;
     if ((o->axis_depth && !has_axis_depth(name, camera)) || !fits_film(drawer, name, camera))
         return false;

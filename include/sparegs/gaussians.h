@@ -13,6 +13,7 @@
 // parameter): value of parameter k of primitive i is data[((i / 16) * SGS_PARAM_COUNT + k) * 16 + i
 // % 16].
 
+#include <stdbool.h>
 #include <stddef.h>
 
 #include "sparegs/status.h"
@@ -26,7 +27,7 @@ enum {
     SGS_PARAM_MEAN = 0,     // x, y, z
     SGS_PARAM_ROTATION = 3, // w, x, y, z
     SGS_PARAM_SCALE = 7,    // 3 logs
-    SGS_PARAM_OPACITY = 10, // logit
+    SGS_PARAM_OPACITY = 10, // logit; see linear_opacity
     SGS_PARAM_SH_DC = 11,   // r, g, b
     SGS_PARAM_SH_REST = 14, // [15][3]: coefficient-major, so the lower degrees come first
     SGS_PARAM_COUNT = 59
@@ -34,8 +35,11 @@ enum {
 
 typedef struct sgs_gaussians {
     size_t count;
-    size_t capacity; // multiple of 16
-    int sh_degree;   // 0..3: degree stored in files; higher coefficients are 0
+    size_t capacity;     // multiple of 16
+    int sh_degree;       // 0..3: degree stored in files; higher coefficients are 0
+    bool linear_opacity; // SGS_PARAM_OPACITY holds x with the opacity |x|, which may exceed 1,
+                         // instead of the logit. Files and digests have the logit: of at most
+                         // 1 - 1e-6
     float *data; // [capacity / 16][SGS_PARAM_COUNT][16], 64-byte aligned, owned; rows >= count are
                  // inert
 } sgs_gaussians;
@@ -49,7 +53,8 @@ void sgs_gaussians_destroy(sgs_gaussians *model);
 // Grows the capacity (never shrinks); contents are kept. On failure the model is unchanged.
 sgs_status sgs_gaussians_reserve(sgs_gaussians *model, size_t capacity);
 
-// Sets count; new rows become inert (opacity logit -30, unit rotation, tiny scale, zero elsewhere).
+// Sets count; new rows become inert (opacity logit -30 or opacity 0, unit rotation, tiny scale,
+// zero elsewhere).
 sgs_status sgs_gaussians_resize(sgs_gaussians *model, size_t count);
 
 // One parameter of one primitive; no bounds check.
@@ -59,9 +64,17 @@ static inline float *sgs_gaussians_at(const sgs_gaussians *model, size_t i, int 
            i % SGS_LANES;
 }
 
-// Copies all parameters of primitive i (59 floats, SGS_PARAM_ order). No bounds check.
+// Copies all parameters of primitive i as they are (59 floats, SGS_PARAM_ order). No bounds check.
 void sgs_gaussians_get(const sgs_gaussians *model, size_t i, float params[59]);
 void sgs_gaussians_set(sgs_gaussians *model, size_t i, const float params[59]);
+
+// What files hold of the opacity of primitive i. No bounds check.
+float sgs_gaussians_opacity_logit(const sgs_gaussians *model, size_t i);
+
+// Turns logits into opacities, in all rows; nothing when they are already.
+void sgs_gaussians_linearize_opacity(sgs_gaussians *model);
+// Says that the rows [0, count) hold opacities already.
+void sgs_gaussians_declare_linear_opacity(sgs_gaussians *model);
 
 // 3DGS initialisation from a point cloud (specs of 3DGS: scale = RMS distance to the 3 nearest
 // others, d^2 clamped at 1e-7, opacity 0.1, unit rotation, SH band 0 from the colour). points

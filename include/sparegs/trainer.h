@@ -57,14 +57,21 @@ typedef enum sgs_spare_target {
     SGS_TARGET_BOTH
 } sgs_spare_target;
 
+// What becomes of Taming 3DGS's opacities when densification is over: they go on as before; stay as
+// they are; become parameters themselves, |x| instead of a logistic function, and may exceed 1.
+typedef enum sgs_taming_opacity {
+    SGS_TAMING_TRAINED = 0,
+    SGS_TAMING_FROZEN = 1, // default, as in the released code
+    SGS_TAMING_LINEAR = 2
+} sgs_taming_opacity;
+
 // What only one of the pipelines looks at.
 typedef struct sgs_pipeline_options {
-    double taming_multiplier; // final count as a multiple of the initial one; 20
-    size_t taming_count;      // final count; 0 = by the multiplier
-    bool taming_frozen; // opacities stay as they are in the second half of the run; true, as in the
-                        // released code
-    size_t dash_count;  // final count; 0 = by momentum
-    double fastgs_loss; // share of the range of a view's error above which a pixel counts; 0.1
+    double taming_multiplier;          // final count as a multiple of the initial one; 20
+    size_t taming_count;               // final count; 0 = by the multiplier
+    sgs_taming_opacity taming_opacity; // frozen, as in the released code
+    size_t dash_count;                 // final count; 0 = by momentum
+    double fastgs_loss;     // share of the range of a view's error above which a pixel counts; 0.1
     double fastgs_gradient; // threshold of the absolute gradient that splits; 0.0012
     double fastgs_dense;    // scales above this share of the extent are split, below cloned; 0.001
 } sgs_pipeline_options;

@@ -244,7 +244,7 @@ static inline uint32_t evaluate_block(sgsi_scratch *s, const sgsi_tile_rays *ray
         for (; i < count && kept < ordered + 2 * GROUP; ++i) {
             const uint32_t index = order[i];
             const response x = respond(records + 16 * (size_t)index, block, far);
-            if (!vm_any(x.hit))
+            if (may_drop && !vm_any(x.hit)) // lists of the backward pass hold what is hit
                 continue;
             order[kept] = index;
             put_element(&el, kept, x.exponent, x.t);

@@ -74,10 +74,14 @@ static inline void simd_extremes(const int16_t *keys, uint32_t count, int16_t *l
 // special cases: NaN in, garbage out.
 static inline vf vf_exp2(vf x)
 {
+#ifdef SIMD_SCALES
+    const vf n = vf_round(x), r = vf_sub(x, n);
+#else
     const vf magic =
         vf_set1(12582912.0f); // 1.5 * 2^23: adding it rounds to an integer in the low mantissa bits
     const vf shifted = vf_add(x, magic);
     const vf r = vf_sub(x, vf_sub(shifted, magic));
+#endif
     vf p = vf_set1(1.540343e-4f);
     p = vf_fma(p, r, vf_set1(1.3398644e-3f));
     p = vf_fma(p, r, vf_set1(9.6180355e-3f));
@@ -85,7 +89,11 @@ static inline vf vf_exp2(vf x)
     p = vf_fma(p, r, vf_set1(0.24022651f));
     p = vf_fma(p, r, vf_set1(0.69314720f));
     p = vf_fma(p, r, vf_set1(1.0f));
+#ifdef SIMD_SCALES
+    return vf_scale2(p, n);
+#else
     return vi_as_vf(vi_add(vf_as_vi(p), vi_sll(vf_as_vi(shifted), 23)));
+#endif
 }
 
 // e^x for x in [-87, 87].

@@ -184,6 +184,17 @@ static inline vf vf_load_u8(const uint8_t *p)
     return _mm512_cvtepi32_ps(_mm512_cvtepu8_epi32(_mm_loadu_si128((const __m128i *)p)));
 }
 
+// To the nearest integer, halves to even; x 2^n for an integer n.
+#define SIMD_SCALES 1
+static inline vf vf_round(vf x)
+{
+    return _mm512_roundscale_ps(x, _MM_FROUND_TO_NEAREST_INT | _MM_FROUND_NO_EXC);
+}
+static inline vf vf_scale2(vf x, vf n)
+{
+    return _mm512_scalef_ps(x, n);
+}
+
 // Lane k of the result is the sum over the lanes of v[k], by the tree of vf_sum. Each step adds the
 // upper to the lower parts of two vectors: x + y' with one shuffle and one blend, as blends run on
 // more ports than shuffles.

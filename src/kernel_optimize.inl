@@ -291,15 +291,7 @@ static inline void step_block(const sgsi_optimize *input, size_t block, vm rows,
     float *p = input->params + base, *m = input->m + base, *v = input->v + base;
 #define SGSI_STEP(k, gradient, rate)                                                               \
     adam_step(&adam, p + 16 * (k), m + 16 * (k), v + 16 * (k), gradient, rate)
-    vf basis[15];
-    const int count = sh_basis(d->direction, input->view.sh_degree, basis);
-    for (int k = 0; k < count; ++k)
-        for (int c = 0; c < 3; ++c)
-            SGSI_STEP(SGS_PARAM_SH_REST + 3 * k + c, vf_mul(basis[k], d->color[c]),
-                      input->rate_rest);
-    for (int c = 0; c < 3; ++c)
-        SGSI_STEP(SGS_PARAM_SH_DC + c, vf_mul(vf_set1(0.28209479177387814f), d->color[c]),
-                  input->rate_dc);
+    // In the order of the memory: the processor's prefetchers lose streams that jump back.
     for (int k = 0; k < 3; ++k)
         SGSI_STEP(SGS_PARAM_MEAN + k, d->mean[k], input->rate_mean);
     for (int k = 0; k < 4; ++k)
@@ -307,6 +299,15 @@ static inline void step_block(const sgsi_optimize *input, size_t block, vm rows,
     for (int k = 0; k < 3; ++k)
         SGSI_STEP(SGS_PARAM_SCALE + k, d->scale[k], input->rate_scale);
     SGSI_STEP(SGS_PARAM_OPACITY, d->opacity, input->rate_opacity);
+    for (int c = 0; c < 3; ++c)
+        SGSI_STEP(SGS_PARAM_SH_DC + c, vf_mul(vf_set1(0.28209479177387814f), d->color[c]),
+                  input->rate_dc);
+    vf basis[15];
+    const int count = sh_basis(d->direction, input->view.sh_degree, basis);
+    for (int k = 0; k < count; ++k)
+        for (int c = 0; c < 3; ++c)
+            SGSI_STEP(SGS_PARAM_SH_REST + 3 * k + c, vf_mul(basis[k], d->color[c]),
+                      input->rate_rest);
 #undef SGSI_STEP
 }
 

@@ -49,15 +49,6 @@ static inline void step_pending(const sgsi_optimize *input, size_t block, vm row
 {
     const pending_group rest = open_group(input, block, rows, true),
                         main = open_group(input, block, rows, false);
-    vf basis[15];
-    const int count = sh_basis(d->direction, input->view.sh_degree, basis);
-    for (int k = 0; k < count; ++k)
-        for (int c = 0; c < 3; ++c)
-            add_pending(&rest, SGS_PARAM_SH_REST + 3 * k + c, vf_mul(basis[k], d->color[c]),
-                        input->rate_rest);
-    for (int c = 0; c < 3; ++c)
-        add_pending(&main, SGS_PARAM_SH_DC + c, vf_mul(vf_set1(0.28209479177387814f), d->color[c]),
-                    input->rate_dc);
     for (int k = 0; k < 3; ++k)
         add_pending(&main, SGS_PARAM_MEAN + k, d->mean[k], input->rate_mean);
     for (int k = 0; k < 4; ++k)
@@ -65,4 +56,13 @@ static inline void step_pending(const sgsi_optimize *input, size_t block, vm row
     for (int k = 0; k < 3; ++k)
         add_pending(&main, SGS_PARAM_SCALE + k, d->scale[k], input->rate_scale);
     add_pending(&main, SGS_PARAM_OPACITY, d->opacity, input->rate_opacity);
+    for (int c = 0; c < 3; ++c)
+        add_pending(&main, SGS_PARAM_SH_DC + c, vf_mul(vf_set1(0.28209479177387814f), d->color[c]),
+                    input->rate_dc);
+    vf basis[15];
+    const int count = sh_basis(d->direction, input->view.sh_degree, basis);
+    for (int k = 0; k < count; ++k)
+        for (int c = 0; c < 3; ++c)
+            add_pending(&rest, SGS_PARAM_SH_REST + 3 * k + c, vf_mul(basis[k], d->color[c]),
+                        input->rate_rest);
 }

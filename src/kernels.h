@@ -25,6 +25,7 @@ enum { SGSI_SENTINELS = 16 }; // spare entries of every scratch array beyond its
 
 // Scratch of one thread; arrays grow together (capacity primitives).
 typedef struct sgsi_scratch {
+    void *memory; // that all arrays lie in
     size_t capacity;
     float *soa;           // [capacity / 16][16][16] candidate records, transposed
     uint32_t *candidates; // [capacity] ids in the order of soa

@@ -74,20 +74,6 @@ sgs_status sgsi_tracer_create(sgsi_tracer **tracer)
     return SGS_STATUS_OK;
 }
 
-void sgsi_scratch_free(sgsi_scratch *s)
-{
-    void *const arrays[] = {s->soa,        s->candidates, s->tile_records,
-                            s->tile_ids,   s->entry_keys, s->entries,
-                            s->sort_spare, s->order,      s->alpha,
-                            s->behind,     s->t,          s->transmittance,
-                            s->prefix,     s->t_before,   s->a,
-                            s->b,          s->e,          s->q,
-                            s->walk};
-    for (size_t i = 0; i < sizeof arrays / sizeof *arrays; ++i)
-        sgsi_free(arrays[i]);
-    *s = (sgsi_scratch){0};
-}
-
 static void free_thread(thread_state *thread)
 {
     if (!thread)
@@ -113,50 +99,6 @@ void sgsi_tracer_destroy(sgsi_tracer *tracer)
     for (size_t i = 0; i < sizeof arrays / sizeof *arrays; ++i)
         sgsi_free(arrays[i]);
     sgsi_free(tracer);
-}
-
-// Grows to exactly `capacity`.
-static bool reserve_scratch(sgsi_scratch *s, size_t capacity)
-{
-    if (capacity <= s->capacity)
-        return true;
-    const struct {
-        void **array;
-        size_t bytes; // per primitive
-    } arrays[] = {{(void **)&s->soa, 64},
-                  {(void **)&s->candidates, 4},
-                  {(void **)&s->tile_records, 64},
-                  {(void **)&s->tile_ids, 4},
-                  {(void **)&s->entry_keys, 4 * SGSI_BLOCKS},
-                  {(void **)&s->entries, 4 * SGSI_BLOCKS},
-                  {(void **)&s->sort_spare, 16},
-                  {(void **)&s->order, 4 * SGSI_BLOCKS},
-                  {(void **)&s->alpha, 64},
-                  {(void **)&s->behind, 64},
-                  {(void **)&s->t, 64},
-                  {(void **)&s->transmittance, 64},
-                  {(void **)&s->prefix, 64},
-                  {(void **)&s->t_before, 64},
-                  {(void **)&s->a, 64},
-                  {(void **)&s->b, 64},
-                  {(void **)&s->e, 64},
-                  {(void **)&s->q, 64},
-                  {(void **)&s->walk, 4}};
-    s->capacity = 0;
-    for (size_t i = 0; i < sizeof arrays / sizeof *arrays; ++i) {
-        sgsi_free(*arrays[i].array);
-        *arrays[i].array = sgsi_alloc(capacity + SGSI_SENTINELS, arrays[i].bytes);
-        if (!*arrays[i].array)
-            return false;
-    }
-    s->capacity = capacity;
-    return true;
-}
-
-bool sgsi_scratch_reserve(sgsi_scratch *s, size_t capacity)
-{
-    return capacity <= s->capacity ||
-           reserve_scratch(s, (capacity + capacity / 4 + 255) / 256 * 256);
 }
 
 static bool grow_keys(thread_state *state, size_t capacity)
@@ -188,7 +130,7 @@ static sgs_status level_threads(sgsi_tracer *tracer)
         tracer->list_words = words + words / 4;
     for (int i = 0; i < sgsi_threads(); ++i) {
         thread_state *state = tracer->threads[i];
-        bool grown = reserve_scratch(&state->scratch, scratch) && grow_keys(state, keys) &&
+        bool grown = sgsi_scratch_grow(&state->scratch, scratch) && grow_keys(state, keys) &&
                      sgsi_arena_reserve(&state->arena, tracer->list_words);
         if (grown && gathered > state->gathered.capacity) {
             grown =

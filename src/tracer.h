@@ -95,6 +95,7 @@ const sgsi_bvh *sgsi_tracer_bvh(const sgsi_tracer *tracer);
 // Scratch of the kernels for `capacity` primitives: grows all arrays together, contents are lost.
 // False when out of memory.
 bool sgsi_scratch_reserve(sgsi_scratch *scratch, size_t capacity);
+bool sgsi_scratch_grow(sgsi_scratch *scratch, size_t capacity); // to exactly that, without spare
 void sgsi_scratch_free(sgsi_scratch *scratch);
 
 // Fills a view from a camera's rays and a pose. options->filter_3d must be padded to a multiple of

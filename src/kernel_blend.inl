@@ -448,18 +448,20 @@ static inline vf weigh_block(const sgsi_scratch *s, const block_elements *el, co
 }
 
 // The gradient with respect to the projected centre is proportional to v (a A + b B - E C), x and y
-// in camera axes (kernel_optimize.inl: transverse). Rows A, B, C of element `index`, from its
-// untransformed record.
-static inline void absolute_terms(const sgsi_scratch *s, uint32_t index, vf va, vf vb, vf ve,
+// in camera axes (kernel_optimize.inl: transverse). The record of the element has A, B, C in the
+// frame of the bin.
+static inline void absolute_terms(const float *r, const float frame[9], vf va, vf vb, vf ve,
                                   vf terms[16])
 {
-    const float *record = s->soa + (size_t)(index / 16) * 256 + index % 16;
-    for (int axis = 0; axis < 2; ++axis) {
-        const vf a = vf_set1(record[16 * (SGSI_RECORD_A + axis)]),
-                 b = vf_set1(record[16 * (SGSI_RECORD_B + axis)]);
-        const vf c = vf_set1(record[16 * (SGSI_RECORD_C + axis)]);
-        terms[SGSI_SUM_ABSOLUTE + axis] = vf_abs(vf_fma(va, a, vf_fms(vb, b, vf_mul(ve, c))));
-    }
+    vf along[3]; // d0, e1, e2
+    for (int k = 0; k < 3; ++k)
+        along[k] = vf_fma(
+            va, vf_set1(r[SGSI_RECORD_A + k]),
+            vf_fms(vb, vf_set1(r[SGSI_RECORD_B + k]), vf_mul(ve, vf_set1(r[SGSI_RECORD_C + k]))));
+    for (int axis = 0; axis < 2; ++axis)
+        terms[SGSI_SUM_ABSOLUTE + axis] = vf_abs(vf_fma(
+            along[2], vf_set1(frame[6 + axis]),
+            vf_fma(along[1], vf_set1(frame[3 + axis]), vf_mul(along[0], vf_set1(frame[axis])))));
 }
 
 static inline __attribute__((always_inline)) void backward_block(sgsi_scratch *s,
@@ -510,29 +512,32 @@ static inline __attribute__((always_inline)) void backward_block(sgsi_scratch *s
                         zero,
                         zero};
         if (absolute)
-            absolute_terms(s, order[i], va, vb, ve, terms);
+            absolute_terms(s->tile_records + 16 * (size_t)order[i], target->rays->frame, va, vb, ve,
+                           terms);
         float *sum = sums + 16 * (size_t)order[i];
         vf_store(sum, vf_add(vf_load(sum), vf_sum16(terms)));
     }
 }
 
 static void load_tile_records(sgsi_scratch *s, const sgsi_tile_list *list,
-                              const sgsi_tile_rays *rays)
+                              const sgsi_tile_target *target)
 {
-    const tile_frame16 frame = broadcast_frame(rays->frame);
+    const bin_frame16 frame = broadcast_frame(target->rays->frame);
     for (size_t i = 0; i < list->count; i += 16) {
         vf r[16];
-        tile_coefficients(s->soa + i * 16, &frame, r);
+        for (size_t k = i + 16; k < i + 32 && k < list->count; ++k)
+            __builtin_prefetch(target->records + (size_t)list->ids[k] * SGSI_RECORD);
+        frame_rows(target->records, list->ids + i, list->count - i, &frame, r);
         r[15] = vf_zero();
         vf_transpose16(r);
-        for (size_t k = 0; k < 16 && i + k < list->count; ++k)
+        for (size_t k = 0; k < 16; ++k)
             vf_store(s->tile_records + 16 * (i + k), r[k]);
     }
 }
 
 static void tile_backward(sgsi_scratch *s, const sgsi_tile_list *list, sgsi_tile_target *target)
 {
-    load_tile_records(s, list, target->rays);
+    load_tile_records(s, list, target);
     memset(s->sums, 0, list->count * SGSI_RECORD * sizeof *s->sums);
     for (int b = 0; b < SGSI_BLOCKS; ++b)
         backward_block(s, list, target, b, false);
@@ -541,7 +546,7 @@ static void tile_backward(sgsi_scratch *s, const sgsi_tile_list *list, sgsi_tile
 static void tile_backward_absolute(sgsi_scratch *s, const sgsi_tile_list *list,
                                    sgsi_tile_target *target)
 {
-    load_tile_records(s, list, target->rays);
+    load_tile_records(s, list, target);
     memset(s->sums, 0, list->count * SGSI_RECORD * sizeof *s->sums);
     for (int b = 0; b < SGSI_BLOCKS; ++b)
         backward_block(s, list, target, b, true);

@@ -82,11 +82,24 @@ static inline void load_rotation(const float *p, gaussian16 *g, const float worl
     g->axis[2] = rotate3(world_to_camera, c2);
 }
 
+static inline void swap_where(vm m, vf *a, vf *b)
+{
+    const vf old = *a;
+    *a = vf_select(m, *b, old);
+    *b = vf_select(m, old, *b);
+}
+
 // q1, q2 orthogonal to the unit vector q3 (Duff et al., "Building an Orthonormal Basis, Revisited",
-// 2017).
+// 2017), with the largest component of q3 in the part of z: then the components of q1 and q2 along
+// it are those of q3 across it, without cancellation. A thin disc multiplies them by the inverse of
+// its thickness.
 static inline void complete_basis(gaussian16 *g)
 {
-    const vec3 n = g->q3;
+    vec3 n = g->q3;
+    const vf x = vf_abs(n.x), y = vf_abs(n.y), z = vf_abs(n.z);
+    const vm first = vm_and(vf_gt(x, y), vf_gt(x, z)), second = vm_andnot(vf_gt(y, z), first);
+    swap_where(first, &n.x, &n.z);
+    swap_where(second, &n.y, &n.z);
     const vf one = vf_set1(1.0f);
     const vf sign = vf_select(vf_ge(n.z, vf_zero()), one, vf_set1(-1.0f));
     const vf a = vf_div(vf_set1(-1.0f), vf_add(sign, n.z));
@@ -94,6 +107,10 @@ static inline void complete_basis(gaussian16 *g)
     g->q1 = (vec3){vf_fma(vf_mul(sign, vf_mul(n.x, n.x)), a, one), vf_mul(sign, b),
                    vf_sub(vf_zero(), vf_mul(sign, n.x))};
     g->q2 = (vec3){b, vf_fma(vf_mul(n.y, n.y), a, sign), vf_sub(vf_zero(), n.y)};
+    swap_where(first, &g->q1.x, &g->q1.z);
+    swap_where(first, &g->q2.x, &g->q2.z);
+    swap_where(second, &g->q1.y, &g->q1.z);
+    swap_where(second, &g->q2.y, &g->q2.z);
 }
 
 static inline vec3 divide3(vec3 a, vec3 b)

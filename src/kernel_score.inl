@@ -66,7 +66,7 @@ static void score_block(sgsi_scratch *s, const sgsi_tile_list *list, const sgsi_
 static void tile_score(sgsi_scratch *s, const sgsi_tile_list *list, sgsi_tile_target *target,
                        const sgsi_score_planes *planes)
 {
-    load_tile_records(s, list, target->rays);
+    load_tile_records(s, list, target);
     memset(s->sums, 0, list->count * SGSI_RECORD * sizeof *s->sums);
     for (int b = 0; b < SGSI_BLOCKS; ++b)
         score_block(s, list, target, planes, b, &target->evaluations);

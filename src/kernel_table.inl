@@ -26,8 +26,8 @@ const sgsi_kernels SGSI_KERNEL(sgsi_kernels) = {
     .name = "baseline",
 #endif
     .project = project,
-    .load_candidates = load_candidates,
-    .tile_filter = tile_filter,
+    .bin_filter = bin_filter,
+    .tile_take = tile_take,
     .tile_sort = tile_sort,
     .tile_forward = tile_forward,
     .tile_backward = tile_backward,

@@ -27,14 +27,17 @@ enum { SGSI_SENTINELS = 16 }; // spare entries of every scratch array beyond its
 typedef struct sgsi_scratch {
     void *memory; // that all arrays lie in
     size_t capacity;
-    float *soa;           // [capacity / 16][16][16] candidate records, transposed
-    uint32_t *candidates; // [capacity] ids in the order of soa
-    float *tile_records;  // [capacity][16]
-    uint32_t *tile_ids;   // [capacity]
-    int32_t *entry_keys;  // [16][capacity]: per block, what its elements are ordered by
-    uint32_t *entries;    // [16][capacity]: indices into tile_records
-    uint64_t *sort_spare; // [2][capacity]
-    uint32_t *order;      // [16][capacity]: indices into tile_records in the block's order
+    float *bin_records;     // [capacity][16] candidates of a bin, in its frame
+    uint32_t *bin_ids;      // [capacity]
+    uint32_t *bin_tiles;    // [capacity]: bits SGSI_MEETS and SGSI_NEARER of each tile
+    uint32_t *bin_distance; // [capacity]: bits of the float |delta|
+    uint32_t *bin_order;    // [capacity]: indices into bin_records, near to far
+    float *tile_records;    // [capacity][16] candidates of a tile, in the bin's frame
+    uint32_t *tile_ids;     // [capacity]
+    int32_t *entry_keys;    // [16][capacity]: per block, what its elements are ordered by
+    uint32_t *entries;      // [16][capacity]: indices into tile_records
+    uint64_t *sort_spare;   // [2][capacity]
+    uint32_t *order;        // [16][capacity]: indices into tile_records in the block's order
     float *alpha, *t, *transmittance, *prefix, *t_before; // elements of a block: [capacity][16]
     float *a, *b, *e, *q, *behind;                        // [capacity][16], backward only
     float *sums;                                          // [count][16] of the tile, the caller's
@@ -42,6 +45,17 @@ typedef struct sgsi_scratch {
         *walk; // [capacity]: how many groups a group of elements had to look back to find its place
     uint32_t entry_count[SGSI_BLOCKS]; // elements in `order`
 } sgsi_scratch;
+
+// The tiles of a bin that lie in the image, and how far each must be looked.
+#define SGSI_NEARER 0x1u // of a bin's first tile; the bits of the others lie above
+#define SGSI_MEETS 0x10000u
+typedef struct sgsi_bin {
+    const sgsi_tile_rays *tiles[SGSI_BIN_SIDE * SGSI_BIN_SIDE];
+    float far[SGSI_BIN_SIDE * SGSI_BIN_SIDE]; // what begins behind it is not NEARER
+    int count;
+    bool complete;     // keeps what MEETS a tile, not only what is NEARER
+    float compact_box; // share of the support that brings a primitive into a tile
+} sgsi_bin;
 
 // The ordered elements of a block, for whoever wants to look at each hit. Arrays of [element][16
 // lanes]; a hit counts where alpha > 0 and transmittance * (1 - alpha) >= transmittance_min. Valid
@@ -80,6 +94,7 @@ typedef struct sgsi_tile_target {
     float *color[3], *transmittance;                       // forward, always
     float *depth_mean, *depth_median, *depth_first, *hits; // forward, each may be NULL
     const float *d_color[3], *d_transmittance;             // backward
+    const float *records;                                  // of the view; backward
     const sgsi_aov *aov;                                   // forward, NULL = nothing more
     float near_distance;
     float
@@ -125,12 +140,13 @@ typedef struct sgsi_kernels {
     const char *name;
     // Blocks [begin, end) of 16 primitives.
     void (*project)(const sgsi_project *input, size_t begin, size_t end);
-    // Transposes the records of scratch->candidates[0..count) into scratch->soa.
-    void (*load_candidates)(sgsi_scratch *scratch, const float *records, size_t count);
-    // Keeps the candidates that can meet the tile (nearer than far) with the given share of their
-    // support: tile_records, tile_ids. Returns their number.
-    size_t (*tile_filter)(sgsi_scratch *scratch, const sgsi_tile_rays *rays, size_t candidate_count,
-                          float far, float compact_box);
+    // Keeps of ids[0..count) (readable up to a multiple of 16) those that can meet one of the
+    // tiles: bin_records, bin_ids, bin_tiles, bin_distance. Returns their number.
+    size_t (*bin_filter)(sgsi_scratch *scratch, const float *records, const uint32_t *ids,
+                         size_t count, const sgsi_bin *bin);
+    // Takes those of bin_order[0..count) with a bit of `tile` in bin_tiles: tile_records, tile_ids.
+    // Returns their number.
+    size_t (*tile_take)(sgsi_scratch *scratch, size_t count, unsigned tile);
     // Block lists in the order of the block's centre ray.
     void (*tile_sort)(sgsi_scratch *scratch, const sgsi_tile_rays *rays, size_t count);
     // Blends all blocks; compacts each block's list to the elements that count in some pixel.

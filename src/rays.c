@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Ray tables. Every pixel's direction comes from sgs_camera_unproject, so any central camera works;
-// a tile writes its directions on the tangent plane through its own centre, where neighbouring
-// pixels differ by small, exactly spaced numbers whatever the lens.
+// a bin of tiles writes its directions on the tangent plane through its own centre, where
+// neighbouring pixels differ by small, exactly spaced numbers whatever the lens.
 
 #include "rays.h"
 
@@ -96,12 +96,35 @@ static void complete_frame(float frame[9])
     frame[8] = d0[0] * frame[4] - d0[1] * frame[3];
 }
 
-// False when a ray leaves the half space in front of the tile: it has no place on the tangent
+typedef struct plane_range {
+    float low[2], high[2]; // of u and v
+} plane_range;
+
+static const plane_range empty_range = {{INFINITY, INFINITY}, {-INFINITY, -INFINITY}};
+
+static void widen_range(plane_range *range, const float low[2], const float high[2])
+{
+    for (int k = 0; k < 2; ++k) {
+        range->low[k] = fminf(range->low[k], low[k]);
+        range->high[k] = fmaxf(range->high[k], high[k]);
+    }
+}
+
+// Centre and half extent of a range, 0 for an empty one.
+static void center_range(const plane_range *range, int k, float *center, float *half)
+{
+    const bool any = range->low[k] <= range->high[k];
+    *center = any ? 0.5f * (range->low[k] + range->high[k]) : 0.0f;
+    *half = any ? 0.5f * (range->high[k] - range->low[k]) * 1.00001f : 0.0f;
+}
+
+// False when a ray leaves the half space in front of the frame: it has no place on the tangent
 // plane.
-static bool fill_block(const direction_map *map, sgsi_tile_rays *tile, int b)
+static bool fill_block(const direction_map *map, sgsi_tile_rays *tile, int b,
+                       plane_range *tile_range)
 {
     bool complete = true;
-    float low[2] = {INFINITY, INFINITY}, high[2] = {-INFINITY, -INFINITY};
+    plane_range range = empty_range;
     tile->valid[b] = 0;
     for (int i = 0; i < 16; ++i) {
         const int x = tile->x + 4 * (b % 4) + i % 4, y = tile->y + 4 * (b / 4) + i / 4;
@@ -117,42 +140,54 @@ static bool fill_block(const direction_map *map, sgsi_tile_rays *tile, int b)
             continue;
         }
         const float uv[2] = {dot(d, tile->frame + 3) / along, dot(d, tile->frame + 6) / along};
-        for (int k = 0; k < 2; ++k) {
-            low[k] = fminf(low[k], uv[k]);
-            high[k] = fmaxf(high[k], uv[k]);
-        }
+        widen_range(&range, uv, uv);
         tile->u[b][i] = uv[0];
         tile->v[b][i] = uv[1];
         tile->valid[b] |= (uint16_t)(1u << i);
     }
-    const bool any = tile->valid[b] != 0;
-    tile->block_u[b] = any ? 0.5f * (low[0] + high[0]) : 0.0f;
-    tile->block_v[b] = any ? 0.5f * (low[1] + high[1]) : 0.0f;
-    tile->block_half_u[b] = any ? 0.5f * (high[0] - low[0]) * 1.00001f : 0.0f;
-    tile->block_half_v[b] = any ? 0.5f * (high[1] - low[1]) * 1.00001f : 0.0f;
-    if (any) {
-        tile->widest_u = fmaxf(tile->widest_u, tile->block_half_u[b]);
-        tile->widest_v = fmaxf(tile->widest_v, tile->block_half_v[b]);
-        tile->half_u = fmaxf(tile->half_u, fmaxf(fabsf(low[0]), fabsf(high[0])));
-        tile->half_v = fmaxf(tile->half_v, fmaxf(fabsf(low[1]), fabsf(high[1])));
-    }
+    center_range(&range, 0, &tile->block_u[b], &tile->block_half_u[b]);
+    center_range(&range, 1, &tile->block_v[b], &tile->block_half_v[b]);
+    tile->widest_u = fmaxf(tile->widest_u, tile->block_half_u[b]);
+    tile->widest_v = fmaxf(tile->widest_v, tile->block_half_v[b]);
+    widen_range(tile_range, range.low, range.high);
     return complete;
 }
 
 static bool fill_tile(const direction_map *map, sgsi_tile_rays *tile)
 {
     bool complete = true;
-    float sum[3];
-    if (sum_directions(map, tile->x, tile->y, SGSI_TILE, sum)) {
-        memcpy(tile->frame, sum, sizeof sum);
-        normalize(tile->frame);
-    } else {
-        tile->frame[2] = 1.0f;
-    }
-    complete_frame(tile->frame);
-    tile->widest_u = tile->widest_v = tile->half_u = tile->half_v = 0.0f;
+    plane_range range = empty_range;
+    tile->widest_u = tile->widest_v = 0.0f;
     for (int b = 0; b < SGSI_BLOCKS; ++b)
-        complete = fill_block(map, tile, b) && complete;
+        complete = fill_block(map, tile, b, &range) && complete;
+    center_range(&range, 0, &tile->center_u, &tile->half_u);
+    center_range(&range, 1, &tile->center_v, &tile->half_v);
+    return complete;
+}
+
+// The tiles of all bins of bin_tiles x bin_tiles. False when one sees too much for its frame.
+static bool fill_tiles(sgsi_rays *rays, const direction_map *map, int bin_tiles)
+{
+    bool complete = true;
+    for (int y = 0; y < rays->tiles_y; ++y)
+        for (int x = 0; x < rays->tiles_x; ++x) {
+            sgsi_tile_rays *tile = &rays->tiles[y * rays->tiles_x + x];
+            tile->x = x * SGSI_TILE;
+            tile->y = y * SGSI_TILE;
+            const int corner_x = x % bin_tiles, corner_y = y % bin_tiles; // of the tile in its bin
+            if (corner_x || corner_y) {
+                const sgsi_tile_rays *first = tile - corner_y * rays->tiles_x - corner_x;
+                memcpy(tile->frame, first->frame, sizeof tile->frame);
+            } else {
+                memset(tile->frame, 0, sizeof tile->frame);
+                if (sum_directions(map, tile->x, tile->y, bin_tiles * SGSI_TILE, tile->frame))
+                    normalize(tile->frame);
+                else
+                    tile->frame[2] = 1.0f;
+                complete_frame(tile->frame);
+            }
+            complete = fill_tile(map, tile) && complete;
+        }
     return complete;
 }
 
@@ -217,33 +252,22 @@ sgs_status sgsi_rays_create(const sgs_camera *camera, int bin_tiles, sgsi_rays *
         camera, sgsi_alloc((size_t)camera->width * (size_t)camera->height, sizeof *map.directions)};
     if (!made || !map.directions)
         goto out_of_memory;
-    const int bin = bin_tiles * SGSI_TILE;
     made->camera = *camera;
     made->tiles_x = (camera->width + SGSI_TILE - 1) / SGSI_TILE;
     made->tiles_y = (camera->height + SGSI_TILE - 1) / SGSI_TILE;
-    made->bin_tiles = bin_tiles;
-    made->bins_x = (camera->width + bin - 1) / bin;
-    made->bins_y = (camera->height + bin - 1) / bin;
     made->fisheye = sgs_camera_is_fisheye(camera->model);
     double fx, fy, cx, cy;
     sgs_camera_intrinsics(camera, &fx, &fy, &cx, &cy);
     made->fx = (float)fx, made->fy = (float)fy, made->cx = (float)cx, made->cy = (float)cy;
     made->focal = (float)sqrt(fx * fy);
-    const size_t tile_count = (size_t)made->tiles_x * (size_t)made->tiles_y,
-                 bin_count = (size_t)made->bins_x * (size_t)made->bins_y;
-    made->tiles = sgsi_calloc(tile_count, sizeof *made->tiles);
-    made->bin_directions = sgsi_calloc(bin_count, sizeof *made->bin_directions);
-    made->bin_valid = sgsi_calloc(bin_count, sizeof *made->bin_valid);
-    if (!made->tiles || !made->bin_directions || !made->bin_valid)
+    made->tiles = sgsi_calloc((size_t)made->tiles_x * (size_t)made->tiles_y, sizeof *made->tiles);
+    if (!made->tiles)
         goto out_of_memory;
     sgsi_parallel_for((size_t)camera->height, 8, unproject_row, &map);
-    bool complete = true;
-    for (size_t i = 0; i < tile_count; ++i) {
-        made->tiles[i].x = (int)(i % (size_t)made->tiles_x) * SGSI_TILE;
-        made->tiles[i].y = (int)(i / (size_t)made->tiles_x) * SGSI_TILE;
-        complete = fill_tile(&map, &made->tiles[i]) && complete;
-    }
-    if (!complete) {
+    bin_tiles = bin_tiles < SGSI_BIN_SIDE ? bin_tiles : SGSI_BIN_SIDE;
+    while (bin_tiles && !fill_tiles(made, &map, bin_tiles))
+        bin_tiles /= 2;
+    if (!bin_tiles) {
         sgsi_free(map.directions);
         sgsi_rays_destroy(made);
         return sgsi_fail(
@@ -251,6 +275,15 @@ sgs_status sgsi_rays_create(const sgs_camera *camera, int bin_tiles, sgsi_rays *
             "the %dx%d image is too small for its lens: %d pixels see more than 174 degrees",
             camera->width, camera->height, SGSI_TILE);
     }
+    const int bin = bin_tiles * SGSI_TILE;
+    made->bin_tiles = bin_tiles;
+    made->bins_x = (camera->width + bin - 1) / bin;
+    made->bins_y = (camera->height + bin - 1) / bin;
+    const size_t bin_count = (size_t)made->bins_x * (size_t)made->bins_y;
+    made->bin_directions = sgsi_calloc(bin_count, sizeof *made->bin_directions);
+    made->bin_valid = sgsi_calloc(bin_count, sizeof *made->bin_valid);
+    if (!made->bin_directions || !made->bin_valid)
+        goto out_of_memory;
     for (size_t i = 0; i < bin_count; ++i)
         fill_bin(made, &map, (int)i);
     fill_image_cone(made, &map);

@@ -7,7 +7,8 @@
 
 #include "trace.h"
 
-// bin_tiles: tiles per side of a gather bin (1, 2, 4, ...). On failure *rays is NULL.
+// bin_tiles: tiles per side of a gather bin (1, 2, 4); fewer where a bin would see too much for one
+// tangent plane. On failure *rays is NULL.
 sgs_status sgsi_rays_create(const sgs_camera *camera, int bin_tiles, sgsi_rays **rays);
 void sgsi_rays_destroy(sgsi_rays *rays); // accepts NULL
 

@@ -23,8 +23,11 @@ bool sgsi_scratch_grow(sgsi_scratch *s, size_t capacity)
     const struct {
         void **array;
         size_t bytes; // per primitive
-    } arrays[] = {{(void **)&s->soa, 64},
-                  {(void **)&s->candidates, 4},
+    } arrays[] = {{(void **)&s->bin_records, 64},
+                  {(void **)&s->bin_ids, 4},
+                  {(void **)&s->bin_tiles, 4},
+                  {(void **)&s->bin_distance, 4},
+                  {(void **)&s->bin_order, 4},
                   {(void **)&s->tile_records, 64},
                   {(void **)&s->tile_ids, 4},
                   {(void **)&s->entry_keys, 4 * SGSI_BLOCKS},

@@ -13,9 +13,9 @@
 // With kappa = P^2 log2(e) / 2 folded into A = sqrt(kappa) gx, B = sqrt(kappa) gy, C = gz:
 //     G = (A^2 + B^2) / kappa + C^2,   E = (A^2 + B^2) / G,   alpha = 2^(log2 o - E),   t = |delta|
 //         C / G.
-// A, B, C are linear in d. A tile writes its rays as d = d0 + u e1 + v e2 (any central camera, no
-// unit length needed: rho is homogeneous), so they become affine in (u, v), with nothing that
-// cancels at the footprint.
+// A, B, C are linear in d. A bin of tiles writes its rays as d = d0 + u e1 + v e2 (any central
+// camera, no unit length needed: rho is homogeneous), so they become affine in (u, v), with nothing
+// that cancels at the footprint.
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -25,9 +25,10 @@
 #include "sparegs/render.h"
 
 enum {
-    SGSI_TILE = 16,   // pixels
-    SGSI_BLOCKS = 16, // blocks of 4x4 pixels per tile
-    SGSI_RECORD = 16  // floats per record
+    SGSI_TILE = 16,    // pixels
+    SGSI_BLOCKS = 16,  // blocks of 4x4 pixels per tile
+    SGSI_BIN_SIDE = 4, // tiles, at most
+    SGSI_RECORD = 16   // floats per record
 };
 
 // What a view knows of a primitive: one cache line.
@@ -71,8 +72,8 @@ typedef struct sgsi_tile_rays {
     float block_u[16], block_v[16];           // centres of the blocks' ranges of (u, v)
     float block_half_u[16], block_half_v[16]; // half extents, over valid pixels
     float widest_u, widest_v;                 // largest of the half extents
-    float half_u, half_v;                     // max |u|, |v| of the tile
-    float frame[9];                           // d0, e1, e2: orthonormal
+    float center_u, center_v, half_u, half_v; // of the tile's range of (u, v)
+    float frame[9];                           // d0, e1, e2: orthonormal, the same in a whole bin
     uint16_t valid[SGSI_BLOCKS];              // pixels inside the image with a ray
     int x, y;                                 // upper left pixel
 } sgsi_tile_rays;

@@ -2,21 +2,23 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Orchestration of one view. A work item of the forward pass is a bin (a square of tiles): its
-// packet of cone rays asks the BVH, the candidates are put in one order (distance of the mean, then
-// id) so that nothing depends on the traversal, and every tile of the bin is filtered, sorted and
-// blended by the kernels. The backward pass runs over the same tiles from their lists, leaves one
-// cache line of sums per (tile, primitive), and adds these up per primitive in tile order: each
-// thread owns a range of primitives and walks all slots, so sums do not depend on the number of
-// threads.
+// packet of cone rays asks the BVH, the candidates are tested against its tiles and put in one
+// order (distance of the mean, then id) so that nothing depends on the traversal, and every tile of
+// the bin is sorted and blended by the kernels. The backward pass runs over the same tiles from
+// their lists, leaves one cache line of sums per (tile, primitive), and adds these up per primitive
+// in tile order: each thread owns a range of primitives and walks all slots, so sums do not depend
+// on the number of threads.
 //
 // Depth guesses. Per tile we remember how far the last visit of the view had to look. Candidates
 // that begin behind the guess are left out, by the BVH (far of the ray) and, exactly and
-// independently of the tree, by the tile's own test. If a pixel of the tile then fails to become
-// opaque in front of the guess, the bin is gathered again without a limit and the tile redone.
+// independently of the tree, by the test against the tile. If a pixel of the tile then fails to
+// become opaque in front of the guess, the bin is gathered again without a limit and the tile
+// redone.
 
 #include "tracer.h"
 
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "arena.h"
@@ -253,7 +255,7 @@ typedef struct forward_pass {
 // Ascending by the whole key: coarsely by the distance's bits, in [least, most], then by insertion.
 static void sort_keys(uint64_t *keys, uint64_t *spare, size_t count, uint32_t least, uint32_t most)
 {
-    if (count > 256)
+    if (count > 96)
         sgsi_radix_sort(keys, spare, count, least, most);
     for (size_t i = 1; i < count; ++i) {
         const uint64_t key = keys[i];
@@ -264,27 +266,72 @@ static void sort_keys(uint64_t *keys, uint64_t *spare, size_t count, uint32_t le
     }
 }
 
-static float bin_far(const forward_pass *pass, int bin)
+// The tiles of bin number `bin`, their numbers in the image, and the depth guesses.
+static sgsi_bin open_bin(const forward_pass *pass, int bin,
+                         int numbers[SGSI_BIN_SIDE * SGSI_BIN_SIDE])
 {
     const sgsi_rays *rays = pass->view->rays;
-    if (!pass->depth_guess)
-        return INFINITY;
-    float far = 0.0f;
+    sgsi_bin tiles = {.compact_box = pass->view->compact_box};
     for (int k = 0; k < rays->bin_tiles * rays->bin_tiles; ++k) {
         const int x = bin % rays->bins_x * rays->bin_tiles + k % rays->bin_tiles;
         const int y = bin / rays->bins_x * rays->bin_tiles + k / rays->bin_tiles;
-        if (x < rays->tiles_x && y < rays->tiles_y)
-            far = fmaxf(far, pass->depth_guess[y * rays->tiles_x + x]);
+        if (x >= rays->tiles_x || y >= rays->tiles_y)
+            continue;
+        const int tile = y * rays->tiles_x + x;
+        numbers[tiles.count] = tile;
+        tiles.tiles[tiles.count] = &rays->tiles[tile];
+        tiles.far[tiles.count++] = pass->depth_guess ? pass->depth_guess[tile] : INFINITY;
     }
-    return far;
+    return tiles;
 }
 
-// Asks the BVH, sorts, loads the records of a bin. Returns the number of candidates, or sets
+static int compare_keys(const void *a, const void *b)
+{
+    const uint64_t x = *(const uint64_t *)a, y = *(const uint64_t *)b;
+    return (x > y) - (x < y);
+}
+
+// Orders the candidates of a bin by distance, then by id, and drops those named twice: where rays
+// of a packet part, Embree follows them one by one and meets a primitive again. Returns how many
+// are left.
+static size_t order_bin(thread_state *state, size_t count)
+{
+    sgsi_scratch *s = &state->scratch;
+    uint64_t *keys = state->keys;
+    uint32_t least = UINT32_MAX, most = 0;
+    for (size_t i = 0; i < count; ++i) {
+        const uint32_t bits = s->bin_distance[i];
+        keys[i] = (uint64_t)bits << 32 | i;
+        least = bits < least ? bits : least;
+        most = bits > most ? bits : most;
+    }
+    sort_keys(keys, state->keys_spare, count, least, most);
+    size_t unique = 0, end = 0;
+    for (size_t begin = 0; begin < count; begin = end) {
+        for (end = begin + 1; end < count && keys[end] >> 32 == keys[begin] >> 32;)
+            ++end;
+        if (end - begin > 1) { // of equal distance
+            for (size_t i = begin; i < end; ++i)
+                keys[i] = (uint64_t)s->bin_ids[(uint32_t)keys[i]] << 32 | (uint32_t)keys[i];
+            qsort(keys + begin, end - begin, sizeof *keys, compare_keys);
+        }
+        for (size_t i = begin; i < end; ++i)
+            if (i == begin || keys[i] >> 32 != keys[i - 1] >> 32)
+                s->bin_order[unique++] = (uint32_t)keys[i];
+    }
+    return unique;
+}
+
+// Asks the BVH for the candidates of a bin, filters and orders them. Returns their number, or sets
 // state->status.
-static size_t gather_bin(const forward_pass *pass, thread_state *state, int bin, float far)
+static size_t gather_bin(const forward_pass *pass, thread_state *state, int bin,
+                         const sgsi_bin *tiles)
 {
     const sgsi_rays *rays = pass->view->rays;
     const sgsi_view *view = pass->view;
+    float far = tiles->complete ? INFINITY : 0.0f;
+    for (int k = 0; k < tiles->count; ++k)
+        far = fmaxf(far, tiles->far[k]);
     sgsi_packet packet = {.origin = {view->center[0], view->center[1], view->center[2]},
                           .valid = rays->bin_valid[bin]};
     for (int i = 0; i < 16; ++i) {
@@ -308,28 +355,9 @@ static size_t gather_bin(const forward_pass *pass, thread_state *state, int bin,
                                   "no memory for the %zu candidates of a bin", gathered);
     if (state->status)
         return 0;
-    size_t count = 0;
-    uint32_t least = UINT32_MAX, most = 0;
-    for (size_t i = 0; i < gathered; ++i) {
-        const uint32_t id = state->gathered.ids[i];
-        const float *record = pass->tracer->records + (size_t)id * SGSI_RECORD;
-        uint32_t bits;
-        memcpy(&bits, record + SGSI_RECORD_DISTANCE, sizeof bits);
-        if (!(record[SGSI_RECORD_LOG_OPACITY] > SGSI_UNTRACED))
-            continue;
-        state->keys[count++] = (uint64_t)bits << 32 | id;
-        least = bits < least ? bits : least;
-        most = bits > most ? bits : most;
-    }
-    const uint64_t *sorted = state->keys;
-    sort_keys(state->keys, state->keys_spare, count, least, most);
-    size_t unique = 0; // where rays of a packet part, Embree follows them one by one and meets a
-                       // primitive again
-    for (size_t i = 0; i < count; ++i)
-        if (!i || sorted[i] != sorted[i - 1])
-            state->scratch.candidates[unique++] = (uint32_t)sorted[i];
-    count = unique;
-    sgsi_kernels_get()->load_candidates(&state->scratch, pass->tracer->records, count);
+    const size_t kept = sgsi_kernels_get()->bin_filter(&state->scratch, pass->tracer->records,
+                                                       state->gathered.ids, gathered, tiles);
+    const size_t count = order_bin(state, kept);
     state->counts.gathered += count;
     return count;
 }
@@ -380,17 +408,19 @@ static void keep_list(thread_state *state, sgsi_tile_list *list, size_t count)
     }
 }
 
-// Returns false when the guess was too near.
-static bool blend_tile(const forward_pass *pass, thread_state *state, int tile, size_t candidates,
-                       float far)
+// Blends tile k of the bin, whose number in the image is `tile`, from what is in front of its guess
+// or from everything. Returns false when the guess was too near.
+static bool blend_tile(const forward_pass *pass, thread_state *state, const sgsi_bin *bin, int k,
+                       int tile, size_t candidates, bool everything)
 {
     const sgsi_kernels *kernels = sgsi_kernels_get();
-    const sgsi_tile_rays *rays = &pass->view->rays->tiles[tile];
+    const sgsi_tile_rays *rays = bin->tiles[k];
     const sgsi_planes *planes = pass->planes;
+    const float far = everything ? INFINITY : bin->far[k];
     sgsi_tile_cost *cost = pass->tracer->costs ? &pass->tracer->costs[tile] : NULL;
     const double start = cost ? sgsi_seconds() : 0.0;
-    const size_t count =
-        kernels->tile_filter(&state->scratch, rays, candidates, far, pass->view->compact_box);
+    const size_t count = kernels->tile_take(&state->scratch, candidates,
+                                            (everything ? SGSI_MEETS : SGSI_NEARER) << k);
     kernels->tile_sort(&state->scratch, rays, count);
     sgsi_tile_target target = {.rays = rays,
                                .width = planes->width,
@@ -425,30 +455,24 @@ static void forward_bin(void *context, size_t item, int thread)
 {
     const forward_pass *pass = context;
     thread_state *state = pass->tracer->threads[thread];
-    const sgsi_rays *rays = pass->view->rays;
     const int bin = (int)(pass->first_bin + item);
     if (state->status)
         return;
     const double start = sgsi_seconds();
-    size_t candidates = gather_bin(pass, state, bin, bin_far(pass, bin));
+    int numbers[SGSI_BIN_SIDE * SGSI_BIN_SIDE];
+    sgsi_bin tiles = open_bin(pass, bin, numbers);
+    size_t candidates = gather_bin(pass, state, bin, &tiles);
     const double gathered = sgsi_seconds();
-    bool complete = !pass->depth_guess;
-    for (int k = 0; k < rays->bin_tiles * rays->bin_tiles && !state->status; ++k) {
-        const int x = bin % rays->bins_x * rays->bin_tiles + k % rays->bin_tiles;
-        const int y = bin / rays->bins_x * rays->bin_tiles + k / rays->bin_tiles;
-        const int tile = y * rays->tiles_x + x;
-        if (x >= rays->tiles_x || y >= rays->tiles_y)
+    for (int k = 0; k < tiles.count && !state->status; ++k) {
+        if (blend_tile(pass, state, &tiles, k, numbers[k], candidates, false))
             continue;
-        const float far = pass->depth_guess ? pass->depth_guess[tile] : INFINITY;
-        if (blend_tile(pass, state, tile, candidates, far))
-            continue;
-        if (!complete) {
-            candidates = gather_bin(pass, state, bin, INFINITY);
-            complete = true;
+        if (!tiles.complete) {
+            tiles.complete = true;
+            candidates = gather_bin(pass, state, bin, &tiles);
             ++state->counts.regathered;
         }
         if (!state->status)
-            blend_tile(pass, state, tile, candidates, INFINITY);
+            blend_tile(pass, state, &tiles, k, numbers[k], candidates, true);
     }
     state->gather_seconds += gathered - start;
     state->blend_seconds += sgsi_seconds() - gathered;
@@ -552,16 +576,14 @@ static void backward_tile(void *context, size_t item, int thread)
         state->status = SGS_STATUS_OUT_OF_MEMORY;
         return;
     }
-    memcpy(s->candidates, list->ids, list->count * sizeof *list->ids);
-    memcpy(s->tile_ids, list->ids, list->count * sizeof *list->ids);
     const sgsi_kernels *kernels = sgsi_kernels_get();
-    kernels->load_candidates(s, tracer->records, list->count);
     sgsi_tile_target target = {.rays = &pass->view->rays->tiles[tile],
                                .width = pass->planes->width,
                                .height = pass->planes->height,
                                .stride = pass->planes->stride,
                                .d_color = {pass->d_color[0], pass->d_color[1], pass->d_color[2]},
                                .d_transmittance = pass->d_transmittance,
+                               .records = tracer->records,
                                .near_distance = pass->view->near_distance};
     const size_t slot = tracer->slot_begin[tile] - tracer->slot_begin[pass->first_tile];
     memcpy(tracer->slot_ids + slot, list->ids, list->count * sizeof *list->ids);

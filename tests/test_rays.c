@@ -54,8 +54,8 @@ static void check_tile(const sgsi_tile_rays *tile, int block, int lane, const do
     const double slack = 3e-7 * (1 + fabs(u) + fabs(v));
     assert_true(tile->valid[block] >> lane & 1);
     assert_true(fabs(tile->u[block][lane] - u) <= slack && fabs(tile->v[block][lane] - v) <= slack);
-    assert_true(fabsf(tile->u[block][lane]) <= tile->half_u &&
-                fabsf(tile->v[block][lane]) <= tile->half_v);
+    assert_true(fabs((double)tile->u[block][lane] - tile->center_u) <= tile->half_u + 1e-7 &&
+                fabs((double)tile->v[block][lane] - tile->center_v) <= tile->half_v + 1e-7);
     const double off_u = fabs((double)tile->u[block][lane] - tile->block_u[block]);
     const double off_v = fabs((double)tile->v[block][lane] - tile->block_v[block]);
     assert_true(off_u <= tile->block_half_u[block] + 1e-7 * fabs(u) &&
@@ -67,9 +67,11 @@ static void every_pixel_lies_in_its_block_tile_bin_and_image(void **state)
     (void)state;
     sgsi_threads_set(1);
     for (int c = 0; c < CAMERA_COUNT; ++c) {
-        for (int bin = 1; bin <= 8; bin *= 2) {
+        for (int most = 1; most <= SGSI_BIN_SIDE; most *= 2) {
             sgsi_rays *rays;
-            assert_int_equal(sgsi_rays_create(&cameras[c], bin, &rays), SGS_STATUS_OK);
+            assert_int_equal(sgsi_rays_create(&cameras[c], most, &rays), SGS_STATUS_OK);
+            const int bin = rays->bin_tiles;
+            assert_true(bin >= 1 && bin <= most);
             double widest = 0;
             for (int y = 0; y < cameras[c].height; ++y) {
                 for (int x = 0; x < cameras[c].width; ++x) {

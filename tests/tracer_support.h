@@ -284,18 +284,23 @@ static inline void brute_forward(const traced_view *traced, size_t count, sgsi_p
     assert_true(sgsi_scratch_reserve(&scratch, count + 16));
     brute_records = sgsi_tracer_records(traced->tracer);
     size_t candidates = 0;
+    uint32_t *ids = calloc(count + 16, sizeof *ids);
+    assert_non_null(ids);
     for (size_t i = 0; i < count; ++i)
         if (brute_records[i * SGSI_RECORD + SGSI_RECORD_LOG_OPACITY] > SGSI_UNTRACED)
-            scratch.candidates[candidates++] = (uint32_t)i;
-    qsort(scratch.candidates, candidates, sizeof *scratch.candidates, brute_compare);
+            ids[candidates++] = (uint32_t)i;
+    qsort(ids, candidates, sizeof *ids, brute_compare);
     const sgsi_kernels *kernels = sgsi_kernels_get();
-    kernels->load_candidates(&scratch, brute_records, candidates);
     *planes = traced_planes_create(traced->camera.width, traced->camera.height);
     *lists = traced_lists_create(traced->rays);
     for (size_t tile = 0; tile < lists->blocks / SGSI_BLOCKS; ++tile) {
         const sgsi_tile_rays *rays = &traced->rays->tiles[tile];
-        const size_t kept =
-            kernels->tile_filter(&scratch, rays, candidates, INFINITY, traced->view.compact_box);
+        const sgsi_bin alone = {{rays}, {INFINITY}, 1, false, traced->view.compact_box};
+        const size_t met = kernels->bin_filter(&scratch, brute_records, ids, candidates, &alone);
+        for (size_t i = 0; i < met; ++i)
+            scratch.bin_order[i] = (uint32_t)i;
+        const size_t kept = kernels->tile_take(&scratch, met, SGSI_NEARER);
+        assert_int_equal(kept, met);
         kernels->tile_sort(&scratch, rays, kept);
         sgsi_tile_target target = {.rays = rays,
                                    .width = planes->width,
@@ -317,6 +322,7 @@ static inline void brute_forward(const traced_view *traced, size_t count, sgsi_p
                                     scratch.tile_ids[scratch.order[b * scratch.capacity + i]]);
         }
     }
+    free(ids);
     sgsi_scratch_free(&scratch);
 }
 

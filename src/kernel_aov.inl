@@ -56,7 +56,7 @@ static inline block_sums sum_block(const sgsi_scratch *s, const uint32_t *order,
     return sums;
 }
 
-// Direction of the block's rays in camera axes, on the tile's tangent plane.
+// Direction of the block's rays in camera axes, on the bin's tangent plane.
 static inline vec3 block_direction(const float frame[9], const block_rays *block)
 {
     vf d[3];

@@ -165,6 +165,9 @@ static inline void load_gaussian(const float *p, size_t block, const sgsi_view *
                          widen1(g->scale.z, variance)};
     }
     g->filtered = (vec3){widen1(g->body.x, eps2), widen1(g->body.y, eps2), widen1(g->body.z, eps2)};
+    const vf flat = vf_mul(g->distance, vf_set1(1e-15f)); // P^2 stays finite
+    g->filtered = (vec3){vf_max(g->filtered.x, flat), vf_max(g->filtered.y, flat),
+                         vf_max(g->filtered.z, flat)};
     const vf one = vf_set1(1.0f);
     g->inv_filtered =
         (vec3){vf_div(one, g->filtered.x), vf_div(one, g->filtered.y), vf_div(one, g->filtered.z)};

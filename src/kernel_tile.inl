@@ -70,8 +70,9 @@ static inline vm test_tile(const vf r[16], const sgsi_tile_rays *tile, vf reach2
     const vf reach = vf_mul(vf_mul(c_max, c_max), reach2);
     const vm meets = vm_and(vf_le(vf_mul(low, low), vf_mul(n2, vf_mul(reach, vf_set1(1.001f)))),
                             vf_gt(c_max, vf_zero()));
-    // t >= |delta| / (Cmax (1 + q^2 / kappa)), written without the division.
-    *nearer = vm_and(meets, vf_le(r[11], vf_mul(vf_set1(far), vf_mul(c_max, stretch))));
+    // t >= |delta| / (Cmax (1 + q^2 / kappa)), written without the division; in units of |d|.
+    const vf most = vf_set1(far / tile->least_length);
+    *nearer = vm_and(meets, vf_le(r[11], vf_mul(most, vf_mul(c_max, stretch))));
     return meets;
 }
 

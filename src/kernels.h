@@ -141,7 +141,8 @@ typedef struct sgsi_kernels {
     // Blocks [begin, end) of 16 primitives.
     void (*project)(const sgsi_project *input, size_t begin, size_t end);
     // Keeps of ids[0..count) (readable up to a multiple of 16) those that can meet one of the
-    // tiles: bin_records, bin_ids, bin_tiles, bin_distance. Returns their number.
+    // tiles, in front of its `far` unless the bin is complete: bin_records, bin_ids, bin_tiles,
+    // bin_distance. Returns their number.
     size_t (*bin_filter)(sgsi_scratch *scratch, const float *records, const uint32_t *ids,
                          size_t count, const sgsi_bin *bin);
     // Takes those of bin_order[0..count) with a bit of `tile` in bin_tiles: tile_records, tile_ids.

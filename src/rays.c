@@ -110,17 +110,17 @@ static void widen_range(plane_range *range, const float low[2], const float high
     }
 }
 
-// Centre and half extent of a range, 0 for an empty one.
+// Centre and half extent of a range. An empty one has less than none: no test lets anything in.
 static void center_range(const plane_range *range, int k, float *center, float *half)
 {
     const bool any = range->low[k] <= range->high[k];
     *center = any ? 0.5f * (range->low[k] + range->high[k]) : 0.0f;
-    *half = any ? 0.5f * (range->high[k] - range->low[k]) * 1.00001f : 0.0f;
+    *half = any ? 0.5f * (range->high[k] - range->low[k]) * 1.00001f : -INFINITY;
 }
 
-// False when a ray leaves the half space in front of the frame: it has no place on the tangent
-// plane.
-static bool fill_block(const direction_map *map, sgsi_tile_rays *tile, int b,
+// False when the cosine between a ray and the frame's axis is below `least`: it has no good place
+// on the tangent plane.
+static bool fill_block(const direction_map *map, sgsi_tile_rays *tile, int b, float least,
                        plane_range *tile_range)
 {
     bool complete = true;
@@ -135,12 +135,13 @@ static bool fill_block(const direction_map *map, sgsi_tile_rays *tile, int b,
         const float along = dot(d, tile->frame);
         if (isnan(d[0]))
             continue;
-        if (!(along > 0.05f)) {
+        if (!(along > least)) {
             complete = false;
             continue;
         }
         const float uv[2] = {dot(d, tile->frame + 3) / along, dot(d, tile->frame + 6) / along};
         widen_range(&range, uv, uv);
+        tile->least_length = fminf(tile->least_length, sqrtf(1.0f + uv[0] * uv[0] + uv[1] * uv[1]));
         tile->u[b][i] = uv[0];
         tile->v[b][i] = uv[1];
         tile->valid[b] |= (uint16_t)(1u << i);
@@ -153,22 +154,25 @@ static bool fill_block(const direction_map *map, sgsi_tile_rays *tile, int b,
     return complete;
 }
 
-static bool fill_tile(const direction_map *map, sgsi_tile_rays *tile)
+static bool fill_tile(const direction_map *map, sgsi_tile_rays *tile, float least)
 {
     bool complete = true;
     plane_range range = empty_range;
     tile->widest_u = tile->widest_v = 0.0f;
+    tile->least_length = INFINITY;
     for (int b = 0; b < SGSI_BLOCKS; ++b)
-        complete = fill_block(map, tile, b, &range) && complete;
+        complete = fill_block(map, tile, b, least, &range) && complete;
     center_range(&range, 0, &tile->center_u, &tile->half_u);
     center_range(&range, 1, &tile->center_v, &tile->half_v);
     return complete;
 }
 
-// The tiles of all bins of bin_tiles x bin_tiles. False when one sees too much for its frame.
+// The tiles of all bins of bin_tiles x bin_tiles. False when one sees too much for its frame: a
+// tile more than its tangent plane can hold, a larger bin more than 60 degrees to a side, where
+// rectangles of (u, v) tell little.
 static bool fill_tiles(sgsi_rays *rays, const direction_map *map, int bin_tiles)
 {
-    bool complete = true;
+    const float least = bin_tiles > 1 ? 0.5f : 0.05f;
     for (int y = 0; y < rays->tiles_y; ++y)
         for (int x = 0; x < rays->tiles_x; ++x) {
             sgsi_tile_rays *tile = &rays->tiles[y * rays->tiles_x + x];
@@ -186,9 +190,10 @@ static bool fill_tiles(sgsi_rays *rays, const direction_map *map, int bin_tiles)
                     tile->frame[2] = 1.0f;
                 complete_frame(tile->frame);
             }
-            complete = fill_tile(map, tile) && complete;
+            if (!fill_tile(map, tile, least))
+                return false;
         }
-    return complete;
+    return true;
 }
 
 // Beyond 87 degrees a tangent of 20 stands in: boxes dilated by 20 times their farthest distance

@@ -7,8 +7,8 @@
 
 #include "trace.h"
 
-// bin_tiles: tiles per side of a gather bin (1, 2, 4); fewer where a bin would see too much for one
-// tangent plane. On failure *rays is NULL.
+// bin_tiles: tiles per side of a gather bin (1, 2, 4; more count as 4). In an image with a bin that
+// would see too much for one tangent plane all bins have fewer. On failure *rays is NULL.
 sgs_status sgsi_rays_create(const sgs_camera *camera, int bin_tiles, sgsi_rays **rays);
 void sgsi_rays_destroy(sgsi_rays *rays); // accepts NULL
 

@@ -72,7 +72,9 @@ typedef struct sgsi_tile_rays {
     float block_u[16], block_v[16];           // centres of the blocks' ranges of (u, v)
     float block_half_u[16], block_half_v[16]; // half extents, over valid pixels
     float widest_u, widest_v;                 // largest of the half extents
-    float center_u, center_v, half_u, half_v; // of the tile's range of (u, v)
+    float center_u, center_v, half_u, half_v; // of the tile's range of (u, v); half is -INFINITY
+                                              // for a tile without rays
+    float least_length;                       // least |d| of the tile's rays
     float frame[9];                           // d0, e1, e2: orthonormal, the same in a whole bin
     uint16_t valid[SGSI_BLOCKS];              // pixels inside the image with a ray
     int x, y;                                 // upper left pixel

@@ -18,7 +18,6 @@
 #include "tracer.h"
 
 #include <math.h>
-#include <stdlib.h>
 #include <string.h>
 
 #include "arena.h"
@@ -252,11 +251,8 @@ typedef struct forward_pass {
     size_t first_bin;
 } forward_pass;
 
-// Ascending by the whole key: coarsely by the distance's bits, in [least, most], then by insertion.
-static void sort_keys(uint64_t *keys, uint64_t *spare, size_t count, uint32_t least, uint32_t most)
+static void insert_keys(uint64_t *keys, size_t count)
 {
-    if (count > 96)
-        sgsi_radix_sort(keys, spare, count, least, most);
     for (size_t i = 1; i < count; ++i) {
         const uint64_t key = keys[i];
         size_t at = i;
@@ -264,6 +260,14 @@ static void sort_keys(uint64_t *keys, uint64_t *spare, size_t count, uint32_t le
             keys[at] = keys[at - 1];
         keys[at] = key;
     }
+}
+
+// Ascending by the whole key: coarsely by the distance's bits, in [least, most], then by insertion.
+static void sort_keys(uint64_t *keys, uint64_t *spare, size_t count, uint32_t least, uint32_t most)
+{
+    if (count > 96)
+        sgsi_radix_sort(keys, spare, count, least, most);
+    insert_keys(keys, count);
 }
 
 // The tiles of bin number `bin`, their numbers in the image, and the depth guesses.
@@ -285,10 +289,19 @@ static sgsi_bin open_bin(const forward_pass *pass, int bin,
     return tiles;
 }
 
-static int compare_keys(const void *a, const void *b)
+// Candidates of equal distance: keys become id and index, ascending.
+static void sort_by_id(const sgsi_scratch *s, uint64_t *keys, uint64_t *spare, size_t count)
 {
-    const uint64_t x = *(const uint64_t *)a, y = *(const uint64_t *)b;
-    return (x > y) - (x < y);
+    enum { FEW = 32, DIGIT = 8 };
+    for (size_t i = 0; i < count; ++i)
+        keys[i] = (uint64_t)s->bin_ids[(uint32_t)keys[i]] << 32 | (uint32_t)keys[i];
+    if (count > FEW)
+        for (int shift = 32; shift < 64; shift += 2 * DIGIT) {
+            sgsi_radix_pass(keys, spare, count, 0, shift, DIGIT);
+            sgsi_radix_pass(spare, keys, count, 0, shift + DIGIT, DIGIT);
+        }
+    else
+        insert_keys(keys, count);
 }
 
 // Orders the candidates of a bin by distance, then by id, and drops those named twice: where rays
@@ -310,11 +323,8 @@ static size_t order_bin(thread_state *state, size_t count)
     for (size_t begin = 0; begin < count; begin = end) {
         for (end = begin + 1; end < count && keys[end] >> 32 == keys[begin] >> 32;)
             ++end;
-        if (end - begin > 1) { // of equal distance
-            for (size_t i = begin; i < end; ++i)
-                keys[i] = (uint64_t)s->bin_ids[(uint32_t)keys[i]] << 32 | (uint32_t)keys[i];
-            qsort(keys + begin, end - begin, sizeof *keys, compare_keys);
-        }
+        if (end - begin > 1)
+            sort_by_id(s, keys + begin, state->keys_spare, end - begin);
         for (size_t i = begin; i < end; ++i)
             if (i == begin || keys[i] >> 32 != keys[i - 1] >> 32)
                 s->bin_order[unique++] = (uint32_t)keys[i];
@@ -372,10 +382,10 @@ static size_t compact_tile(sgsi_scratch *s, size_t count, uint32_t *map)
             map[s->order[(size_t)b * s->capacity + i]] = 1;
     size_t kept = 0;
     for (size_t i = 0; i < count; ++i) {
-        if (!map[i])
-            continue;
+        const uint32_t marked = map[i]; // too hard to predict for a branch
+        s->tile_ids[kept] = s->tile_ids[i];
         map[i] = (uint32_t)kept;
-        s->tile_ids[kept++] = s->tile_ids[i];
+        kept += marked;
     }
     return kept;
 }

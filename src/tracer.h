@@ -18,7 +18,7 @@ typedef struct sgsi_trace_seconds {
 // What the last forward (and backward) did.
 typedef struct sgsi_trace_counts {
     uint64_t callbacks;   // primitives that the BVH named, some several times
-    uint64_t gathered;    // candidates of all bins: what may meet one of their tiles, once
+    uint64_t gathered;    // candidates of all bins: what may meet one of their tiles
     uint64_t candidates;  // candidates of all tiles
     uint64_t evaluations; // (block, primitive) pairs evaluated forward
     uint64_t

@@ -43,6 +43,7 @@ void sgsi_traffic_add(const sgsi_traffic *traffic, sgs_train_bytes *bytes)
     // Every box once, every node read and written.
     add.bvh =
         rows * sizeof(sgsi_bounds) + 2.0 * (double)sgsi_bvh_bytes(sgsi_tracer_bvh(traffic->tracer));
+    // Each naming reads the record; the second of one bin is most likely cached.
     add.gather = (double)counts.callbacks * (RECORD + WORD);
     add.forward = pixels * PLANES * WORD + (listed + (double)counts.elements) * WORD;
     add.loss = pixels * (2.0 * PLANES * WORD + traffic->channels);

@@ -39,9 +39,10 @@ static void lists_and_images_equal_those_without_a_bvh(void **state)
         for (int lens = 0; lens < TRACED_LENS_COUNT; ++lens) {
             for (int filter = SGS_FILTER_3DGS; filter <= SGS_FILTER_NONE; ++filter, ++run) {
                 const sgs_camera camera = oracle_camera(traced_lenses[lens], 83, 61);
-                traced_view traced = traced_create(
-                    scene.model, &camera, &poses[run % 2], (sgs_filter)filter, bins[run % 3],
-                    (sgsi_bvh_quality)((run + run / 4) % SGSI_BVH_QUALITY_COUNT));
+                traced_view traced =
+                    traced_create(scene.model, &camera, &poses[run % 2], (sgs_filter)filter,
+                                  bins[(run + number) % 3],
+                                  (sgsi_bvh_quality)((run + run / 4) % SGSI_BVH_QUALITY_COUNT));
                 traced_assert_matches_brute_force(&traced, scene.count,
                                                   label(traced_scene_name(number), "lens", lens));
                 traced_destroy(&traced);
@@ -87,11 +88,12 @@ static void morton_sah_and_refitted_trees_give_the_same_bits(void **state)
             for (int k = 0; k < 3; ++k)
                 oracle_primitive(&moved, i)[SGS_PARAM_MEAN + k] += sin((double)i * (k + 1));
         oracle_scene_round(&moved);
+        const int bin = 1 << number % 3;
         traced_view first =
-            traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, 2, SGSI_BVH_REFIT);
+            traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, bin, SGSI_BVH_REFIT);
         const traced_lists lists = traced_lists_of(first.tracer, first.rays);
         for (int quality = SGSI_BVH_LOW; quality < SGSI_BVH_QUALITY_COUNT; ++quality) {
-            traced_view again = traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, 2,
+            traced_view again = traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, bin,
                                               (sgsi_bvh_quality)quality);
             traced_assert_same_image(&first.planes, &again.planes, label(name, "quality", quality));
             traced_aim(&again, &other, &away, 1);
@@ -103,7 +105,7 @@ static void morton_sah_and_refitted_trees_give_the_same_bits(void **state)
             traced_forward(&again, NULL);
             traced_assert_matches_brute_force(&again, scene.count,
                                               label(name, "moved, quality", quality));
-            traced_aim(&again, &camera, &pose, 2);
+            traced_aim(&again, &camera, &pose, bin);
             traced_project(&again, scene.model, false, (sgsi_bvh_quality)quality);
             traced_forward(&again, NULL);
             traced_assert_same_image(&first.planes, &again.planes,
@@ -177,7 +179,7 @@ static void guesses_of_earlier_visits_change_no_bit_and_save_work(void **state)
     for (int number = -GUESS_SCENES; number < TRACED_SCENE_COUNT; ++number) {
         oracle_scene scene = guess_scene(number);
         const char *name = number < 0 ? "opaque or slanted" : traced_scene_name(number);
-        for (int bin = 1; bin <= 4; bin *= 4) {
+        for (int bin = 1; bin <= SGSI_BIN_SIDE; bin *= 4) {
             traced_view traced =
                 traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, bin, SGSI_BVH_REFIT);
             sgsi_planes plain = traced.planes;
@@ -206,12 +208,15 @@ static void guesses_that_are_too_near_are_repaired_exactly(void **state)
 {
     (void)state;
     const sgs_pose pose = oracle_pose_look_at(0, 0, -4);
-    const sgs_camera camera = oracle_camera(SGS_CAMERA_PINHOLE, 150, 110);
+    const sgs_camera cameras[2] = {
+        oracle_camera(SGS_CAMERA_PINHOLE, 150, 110),
+        {SGS_CAMERA_OPENCV_FISHEYE, 140, 140, {42, 42, 70, 70}}}; // no rays in the corners
     uint64_t regathered = 0;
     for (int number = -GUESS_SCENES; number < TRACED_SCENE_COUNT; ++number) {
         oracle_scene scene = guess_scene(number);
-        traced_view traced = traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS,
-                                           number % 2 ? 2 : 1, SGSI_BVH_REFIT);
+        const sgs_camera *camera = &cameras[(number + GUESS_SCENES) % 2];
+        traced_view traced = traced_create(scene.model, camera, &pose, SGS_FILTER_3DGS,
+                                           1 << (number + GUESS_SCENES) / 2 % 3, SGSI_BVH_REFIT);
         sgsi_planes plain = traced.planes;
         traced.planes = (sgsi_planes){0};
         float *guess = oracle_memory(tile_count(&traced), sizeof *guess);

@@ -46,7 +46,7 @@ void sgs_bench_scene_destroy(sgs_bench_scene *scene); // accepts NULL
 typedef struct sgs_bench_sample {
     double build;     // BVH from nothing
     double refit;     // BVH follows the bounds of another view
-    double gather;    // traversal, sorting of candidates
+    double gather;    // traversal, tests against the tiles, sorting of candidates
     double forward;   // project, order, blend; without gather
     double backward;  // gradients per primitive, reduced; without the chain rule
     double loss;      // loss and its gradient
@@ -63,7 +63,7 @@ typedef struct sgs_bench_sample {
 typedef struct sgs_bench_counts {
     double primitives, pixels, tiles;
     double hits;           // counted hits of all rays (before the stop rule ends a ray)
-    double gathered;       // candidates of the bins, from the BVH
+    double gathered;       // candidates of the bins: what the BVH named and may meet a tile
     double candidates;     // candidates of the tiles
     double evaluations;    // (block of 4x4 pixels, primitive) pairs evaluated in the forward pass
     double elements;       // pairs with a hit in some pixel

@@ -41,7 +41,7 @@ sgs_profile_options sgs_profile_options_default(void);
 
 typedef struct sgs_profile_tree {
     double build, refit;  // wall-clock seconds; refit is 0 where a change is a rebuild
-    double gather;        // core seconds for the view: traversal, sorting of the candidates
+    double gather;        // core seconds for the view: traversal, tests, sorting of candidates
     double bytes;         // that Embree holds for the tree, by its memory monitor
     double callbacks;     // of the view
     double cost, overlap; // surface-area cost and overlap of the boxes, as bvh_cost.h defines them

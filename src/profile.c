@@ -156,11 +156,10 @@ static sgs_status count_needed(const profile_job *job, const sgsi_tracer *tracer
                          job->model->count);
     for (int bin = 0; bin < rays->bins_x * rays->bins_y; ++bin)
         for (int k = 0; k < rays->bin_tiles * rays->bin_tiles; ++k) {
-            const int x = bin % rays->bins_x * rays->bin_tiles + k % rays->bin_tiles;
-            const int y = bin / rays->bins_x * rays->bin_tiles + k / rays->bin_tiles;
-            if (x >= rays->tiles_x || y >= rays->tiles_y)
+            const int tile = sgsi_bin_tile(rays, bin, k);
+            if (tile < 0)
                 continue;
-            const sgsi_tile_list *list = &lists[y * rays->tiles_x + x];
+            const sgsi_tile_list *list = &lists[tile];
             for (uint32_t i = 0; i < list->count; ++i) {
                 job->out->needed += last[list->ids[i]] != (uint32_t)bin + 1;
                 last[list->ids[i]] = (uint32_t)bin + 1;

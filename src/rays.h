@@ -12,6 +12,15 @@
 sgs_status sgsi_rays_create(const sgs_camera *camera, int bin_tiles, sgsi_rays **rays);
 void sgsi_rays_destroy(sgsi_rays *rays); // accepts NULL
 
+// The number in rays->tiles of tile k (< bin_tiles^2) of a bin; -1 where that lies beyond the
+// image.
+static inline int sgsi_bin_tile(const sgsi_rays *rays, int bin, int k)
+{
+    const int x = bin % rays->bins_x * rays->bin_tiles + k % rays->bin_tiles;
+    const int y = bin / rays->bins_x * rays->bin_tiles + k / rays->bin_tiles;
+    return x < rays->tiles_x && y < rays->tiles_y ? y * rays->tiles_x + x : -1;
+}
+
 // The bin_tiles that suit a camera's image, the same for any number of threads.
 int sgsi_bin_tiles(const sgs_camera *camera);
 

@@ -23,6 +23,7 @@
 #include "arena.h"
 #include "core.h"
 #include "radix.h"
+#include "rays.h"
 #include "threads.h"
 
 enum { REDUCE_SLOTS = 1 << 18, REDUCE_AHEAD = 12, MAX_THREADS = SGSI_THREADS_MAX };
@@ -277,11 +278,9 @@ static sgsi_bin open_bin(const forward_pass *pass, int bin,
     const sgsi_rays *rays = pass->view->rays;
     sgsi_bin tiles = {.compact_box = pass->view->compact_box};
     for (int k = 0; k < rays->bin_tiles * rays->bin_tiles; ++k) {
-        const int x = bin % rays->bins_x * rays->bin_tiles + k % rays->bin_tiles;
-        const int y = bin / rays->bins_x * rays->bin_tiles + k / rays->bin_tiles;
-        if (x >= rays->tiles_x || y >= rays->tiles_y)
+        const int tile = sgsi_bin_tile(rays, bin, k);
+        if (tile < 0)
             continue;
-        const int tile = y * rays->tiles_x + x;
         numbers[tiles.count] = tile;
         tiles.tiles[tiles.count] = &rays->tiles[tile];
         tiles.far[tiles.count++] = pass->depth_guess ? pass->depth_guess[tile] : INFINITY;

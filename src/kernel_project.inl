@@ -135,7 +135,7 @@ static inline void project_statistics(const sgsi_project *input, size_t block, c
 }
 
 static inline void store_records(const sgsi_project *input, size_t block, const gaussian16 *g,
-                                 vm traced)
+                                 vf log_opacity, vm traced)
 {
     const float *p = input->params + block * SGS_PARAM_COUNT * 16;
     const vf one = vf_set1(1.0f);
@@ -149,12 +149,6 @@ static inline void store_records(const sgsi_project *input, size_t block, const 
     sh_colors(p, direction, input->view.sh_degree, color);
     const vf brightest =
         vf_set1(1e9f); // finite: 0 * infinity would spoil the pixels that miss the primitive
-    // log2 of the opacity through its own logit would cost a logarithm: take it from the bits and a
-    // series instead.
-    float opacity[16] __attribute__((aligned(64))), log_opacity[16] __attribute__((aligned(64)));
-    vf_store(opacity, g->opacity);
-    for (int i = 0; i < 16; ++i)
-        log_opacity[i] = log2f(opacity[i]);
     vf rows[16] = {a.x,
                    a.y,
                    a.z,
@@ -164,7 +158,7 @@ static inline void store_records(const sgsi_project *input, size_t block, const 
                    c.x,
                    c.y,
                    c.z,
-                   vf_select(traced, vf_load(log_opacity), vf_set1(SGSI_UNTRACED)),
+                   vf_select(traced, log_opacity, vf_set1(SGSI_UNTRACED)),
                    vf_div(one, kappa),
                    g->distance,
                    vf_clamp(color[0], vf_zero(), brightest),
@@ -185,14 +179,12 @@ static void project(const sgsi_project *input, size_t begin, size_t end)
         const size_t left = input->count - 16 * block;
         const vm present = vm_from_bits(left >= 16 ? 0xFFFFu : (1u << left) - 1u);
         const vf longest = vf_max(g.filtered.x, vf_max(g.filtered.y, g.filtered.z));
-        // Support radius k = sqrt(2 ln(255 o)).
-        const vf level = vf_mul(g.opacity, vf_set1(255.0f));
-        const vm opaque = vf_ge(level, vf_set1(1.0f));
-        float values[16] __attribute__((aligned(64)));
-        vf_store(values, vf_max(level, vf_set1(1.0f)));
-        for (int i = 0; i < 16; ++i)
-            values[i] = logf(values[i]);
-        const vf reach = vf_sqrt(vf_mul(vf_set1(2.0f), vf_load(values)));
+        // Support radius k = sqrt(2 ln(255 o)) = sqrt(log2(255 o) / (log2(e) / 2)).
+        const vf log_opacity = vf_log2(g.opacity);
+        const vf level = vf_add(log_opacity, vf_set1(SGSI_LOG2_255));
+        const vm opaque = vf_ge(level, vf_zero());
+        const vf reach =
+            vf_sqrt(vf_mul(vf_max(level, vf_zero()), vf_set1(1.0f / SGSI_HALF_LOG2E)));
         // Inside the circumscribed cone of the image, by the distance from its surface.
         const vec3 axis = {vf_set1(rays->axis[0]), vf_set1(rays->axis[1]), vf_set1(rays->axis[2])};
         const vf along = dot3(axis, g.delta);
@@ -208,7 +200,7 @@ static void project(const sgsi_project *input, size_t begin, size_t end)
         if (input->visible_count || input->visible)
             project_statistics(input, block, &g, in_cone);
         if (vm_any(traced))
-            store_records(input, block, &g, traced);
+            store_records(input, block, &g, log_opacity, traced);
         else
             for (int i = 0; i < 16; ++i)
                 input->records[(16 * block + (size_t)i) * SGSI_RECORD + SGSI_RECORD_LOG_OPACITY] =

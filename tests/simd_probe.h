@@ -69,6 +69,7 @@ enum { PROBE_KEYS_MAX = 512 };
 typedef struct simd_probe {
     const char *name;
     void (*exp2)(const float *x, float *y, size_t count); // count: a multiple of 16
+    void (*log2)(const float *x, float *y, size_t count);
     void (*exp)(const float *x, float *y, size_t count);
     void (*arithmetic)(const float *x, const float *y, const float *z,
                        float out[PROBE_ARITHMETIC_COUNT][16]);

@@ -13,6 +13,12 @@ static void probe_exp2(const float *x, float *y, size_t count)
         vf_store(y + i, vf_exp2(vf_load(x + i)));
 }
 
+static void probe_log2(const float *x, float *y, size_t count)
+{
+    for (size_t i = 0; i < count; i += 16)
+        vf_store(y + i, vf_log2(vf_load(x + i)));
+}
+
 static void probe_exp(const float *x, float *y, size_t count)
 {
     for (size_t i = 0; i < count; i += 16)
@@ -139,6 +145,7 @@ const simd_probe SGSI_KERNEL(simd_probe) = {
             : SGSI_ISA == 1 ? "avx2"
                             : "baseline",
     .exp2 = probe_exp2,
+    .log2 = probe_log2,
     .exp = probe_exp,
     .arithmetic = probe_arithmetic,
     .masks = probe_masks,

@@ -109,6 +109,57 @@ static void exp_is_exp2_of_a_rounded_product(void **state)
     }
 }
 
+// ---- The logarithm ----
+
+// All mantissas between 1/2 and 2 in steps, random exponents, and the neighbours of powers of two
+// and of the places where the exponent is split off.
+static size_t log2_arguments(float *x)
+{
+    size_t count = 0;
+    for (; count < GRID; ++count)
+        x[count] = (float)(0.5 + 1.5 * (double)count / GRID);
+    for (; count < 2 * GRID; ++count)
+        x[count] = exp2f(random_float(12, count, -126, 127));
+    for (int twice = -252; twice < 254; ++twice) {
+        const float at = (float)exp2(0.5 * twice);
+        const float around[3] = {nextafterf(at, 0), at, nextafterf(at, INFINITY)};
+        for (int k = 0; k < 3; ++k)
+            if (around[k] >= 0x1p-126f)
+                x[count++] = around[k];
+    }
+    while (count % 16)
+        x[count++] = 1.0f;
+    return count;
+}
+
+static void log2_is_within_2_5e_7_of_double_for_every_normal_number(void **state)
+{
+    (void)state;
+    float *x = sgsi_alloc(2 * GRID + 2048, sizeof *x), *y = sgsi_alloc(2 * GRID + 2048, sizeof *y);
+    const size_t count = log2_arguments(x);
+    for (int k = 0; k < probe_count; ++k) {
+        double worst = 0;
+        probes[k]->log2(x, y, count);
+        for (size_t i = 0; i < count; ++i) {
+            const double expected = log2((double)x[i]), error = fabs(y[i] - expected);
+            const double n = floor(expected + 0.5);
+            const double share = error / fmax(2.5e-7 * fabs(expected), 1.2e-7 * fabs(n));
+            if (!(share <= worst) && error > 0)
+                worst = share;
+        }
+        print_message("log2 %s: worst error %.3g of what is allowed\n", probes[k]->name, worst);
+        assert_true(worst <= 1);
+    }
+    const float nothing[16] __attribute__((aligned(64))) = {0.0f, 1e-45f, 1e-39f};
+    for (int k = 0; k < probe_count; ++k) {
+        probes[k]->log2(nothing, y, 16);
+        for (int i = 0; i < 16; ++i)
+            assert_true(y[i] >= -127.0f && y[i] <= -126.0f);
+    }
+    sgsi_free(x);
+    sgsi_free(y);
+}
+
 // ---- Lane by lane ----
 
 static void arithmetic_is_ieee_and_fma_is_fused_on_vector_isas(void **state)
@@ -369,6 +420,9 @@ static void avx2_and_avx512_give_the_same_bits(void **state)
     narrow->exp2(x, left, 1 << 16);
     wide->exp2(x, right, 1 << 16);
     assert_memory_equal(left, right, sizeof left);
+    narrow->log2(right, left, 1 << 16);
+    wide->log2(right, right, 1 << 16);
+    assert_memory_equal(left, right, sizeof left);
     float a[PROBE_ARITHMETIC_COUNT][16] __attribute__((aligned(64))),
         b[PROBE_ARITHMETIC_COUNT][16] __attribute__((aligned(64)));
     for (size_t i = 0; i + 48 <= 1 << 16; i += 48) {
@@ -386,6 +440,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(exp2_is_within_1_2e_7_of_double_over_its_whole_range),
         cmocka_unit_test(exp_is_exp2_of_a_rounded_product),
+        cmocka_unit_test(log2_is_within_2_5e_7_of_double_for_every_normal_number),
         cmocka_unit_test(arithmetic_is_ieee_and_fma_is_fused_on_vector_isas),
         cmocka_unit_test(comparisons_select_and_minimum_agree_with_c_even_for_nan),
         cmocka_unit_test(masks_are_sixteen_bits),

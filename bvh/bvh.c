@@ -29,6 +29,7 @@ struct sgsi_bvh {
     const sgsi_bounds *bounds;
     size_t count;
     sgsi_bvh_quality quality;
+    atomic_int error; // of the last commit: the first that one of its threads met
 };
 
 typedef struct gather_context {
@@ -82,9 +83,9 @@ static void release_device(void)
     pthread_mutex_unlock(&device_lock);
 }
 
-static sgs_status embree_failure(const char *doing)
+static sgs_status embree_failure(int error, const char *doing)
 {
-    switch (rtcGetDeviceError(device)) {
+    switch (error) {
     case RTC_ERROR_NONE:
         return SGS_STATUS_OK;
     case RTC_ERROR_OUT_OF_MEMORY:
@@ -152,21 +153,34 @@ void sgsi_bvh_destroy(sgsi_bvh *bvh)
     release_device();
 }
 
+// Embree keeps errors by thread: any that worked on a commit may hold the only one.
+static void note_error(sgsi_bvh *bvh)
+{
+    int none = RTC_ERROR_NONE;
+    const int error = (int)rtcGetDeviceError(device);
+    if (error != RTC_ERROR_NONE)
+        atomic_compare_exchange_strong(&bvh->error, &none, error);
+}
+
 static void join_commit(void *context, size_t item, int thread)
 {
     (void)item;
     (void)thread;
-    const sgsi_bvh *bvh = context;
+    sgsi_bvh *bvh = context;
     rtcJoinCommitScene(bvh->scene);
+    note_error(bvh);
 }
 
 // The first thread starts the work, the others join it. Workers of Embree would have to be woken
 // beside ours, which spin between two loops: with two threads on two cores a refit took longer than
 // with one.
-static void commit(sgsi_bvh *bvh)
+static sgs_status commit(sgsi_bvh *bvh, const char *doing)
 {
+    atomic_store(&bvh->error, RTC_ERROR_NONE);
     rtcCommitGeometry(bvh->geometry);
+    note_error(bvh);
     sgsi_parallel_for((size_t)sgsi_threads(), 1, join_commit, bvh);
+    return embree_failure(atomic_load(&bvh->error), doing);
 }
 
 sgs_status sgsi_bvh_build(sgsi_bvh *bvh, const sgsi_bounds *bounds, size_t count,
@@ -190,7 +204,7 @@ sgs_status sgsi_bvh_build(sgsi_bvh *bvh, const sgsi_bounds *bounds, size_t count
         bvh->scene = rtcNewScene(device);
         bvh->geometry = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_USER);
         if (!bvh->scene || !bvh->geometry)
-            return embree_failure("creating a scene");
+            return embree_failure((int)rtcGetDeviceError(device), "creating a scene");
         rtcSetSceneBuildQuality(bvh->scene, two_level ? RTC_BUILD_QUALITY_LOW : qualities[quality]);
         // ROBUST: box tests without the fast mode's rounding, so that padded bounds never miss.
         rtcSetSceneFlags(bvh->scene, (two_level ? RTC_SCENE_FLAG_DYNAMIC : RTC_SCENE_FLAG_NONE) |
@@ -202,14 +216,12 @@ sgs_status sgsi_bvh_build(sgsi_bvh *bvh, const sgsi_bounds *bounds, size_t count
     }
     rtcSetGeometryBuildQuality(bvh->geometry, qualities[quality]);
     rtcSetGeometryUserPrimitiveCount(bvh->geometry, (unsigned)count);
-    commit(bvh);
-    return embree_failure("building the BVH");
+    return commit(bvh, "building the BVH");
 }
 
 sgs_status sgsi_bvh_refit(sgsi_bvh *bvh)
 {
-    commit(bvh);
-    return embree_failure("refitting the BVH");
+    return commit(bvh, "refitting the BVH");
 }
 
 sgs_status sgsi_bvh_gather(const sgsi_bvh *bvh, const sgsi_packet *packet, sgsi_gather_list *list)

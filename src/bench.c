@@ -141,7 +141,7 @@ void sgs_bench_destroy(sgs_bench *bench)
     sgsi_free(bench);
 }
 
-static sgs_status measure_step(sgs_bench *bench, sgs_bench_sample *sum)
+sgs_status sgs_bench_step(sgs_bench *bench, sgs_bench_sample *sum)
 {
     sgs_trainer *trainer = bench->trainer;
     const sgs_train_seconds before = trainer->progress.seconds;
@@ -169,13 +169,17 @@ static sgs_status measure_step(sgs_bench *bench, sgs_bench_sample *sum)
     bench->counts.evaluations += (double)counts.evaluations;
     bench->counts.elements += (double)counts.elements;
     bench->counts.regathered += (double)counts.regathered;
-    memcpy(trainer->model->data, bench->params,
-           trainer->model->capacity * SGS_PARAM_COUNT * sizeof(float));
     return SGS_STATUS_OK;
 }
 
+void sgs_bench_restore(sgs_bench *bench)
+{
+    sgs_gaussians *model = bench->trainer->model;
+    memcpy(model->data, bench->params, model->capacity * SGS_PARAM_COUNT * sizeof(float));
+}
+
 // A tree over the bounds of the last view, for the refits of the coming steps.
-static sgs_status measure_build(sgs_bench *bench, sgs_bench_sample *sample)
+sgs_status sgs_bench_build(sgs_bench *bench, sgs_bench_sample *sample)
 {
     sgs_trainer *trainer = bench->trainer;
     const sgs_view *source = &bench->views[bench->scene.view_count - 1];
@@ -201,9 +205,11 @@ sgs_status sgs_bench_run(sgs_bench *bench, sgs_bench_sample *sample)
     counts->gathered = counts->candidates = counts->evaluations = counts->elements =
         counts->regathered = 0;
     bench->trainer->bytes = (sgs_train_bytes){0};
-    sgs_status status = measure_build(bench, sample);
-    for (size_t v = 0; !status && v < bench->scene.view_count; ++v)
-        status = measure_step(bench, sample);
+    sgs_status status = sgs_bench_build(bench, sample);
+    for (size_t v = 0; !status && v < bench->scene.view_count; ++v) {
+        status = sgs_bench_step(bench, sample);
+        sgs_bench_restore(bench);
+    }
     if (status)
         return status;
     const double share = 1.0 / (double)bench->scene.view_count;

@@ -9,8 +9,7 @@
 //   progress   counters, averages, equilibrium, seconds (sgsi_progress)
 //   model, moment1, moment2    blocks of 16 primitives, 59 parameters each; lanes behind n are 0
 //   statistics gradient sums, sums of norms, visible counts, largest radii: n each
-//   guesses    the depth guesses, which decide which hidden candidates take part and so the last
-//              bits of a step
+//   guesses    the depth guesses; they change no bit of a step, only what it costs
 //   order      u32 per training view: this epoch's permutation
 //   exposure   colour maps of the views, their moments and steps, in runs that learn them
 //   pending    gradients that wait for a step, as blocks, then the rows that have some; in runs

@@ -183,8 +183,7 @@ static void project(const sgsi_project *input, size_t begin, size_t end)
         const vf log_opacity = vf_log2(g.opacity);
         const vf level = vf_add(log_opacity, vf_set1(SGSI_LOG2_255));
         const vm opaque = vf_ge(level, vf_zero());
-        const vf reach =
-            vf_sqrt(vf_mul(vf_max(level, vf_zero()), vf_set1(1.0f / SGSI_HALF_LOG2E)));
+        const vf reach = vf_sqrt(vf_mul(vf_max(level, vf_zero()), vf_set1(1.0f / SGSI_HALF_LOG2E)));
         // Inside the circumscribed cone of the image, by the distance from its surface.
         const vec3 axis = {vf_set1(rays->axis[0]), vf_set1(rays->axis[1]), vf_set1(rays->axis[2])};
         const vf along = dot3(axis, g.delta);

@@ -1,10 +1,11 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// One view, drawn with every kind of tree. What the trees cost comes from clocks and Embree's
-// memory monitor; what they answer from the tracer's counters; what was needed of it from the lists
-// that the forward pass keeps (only what hit a pixel stays in them). How far rays would go without
-// the stop rule is asked of single rays by brute force over the records.
+// One view, drawn with every kind of tree; they take turns, so that a slow moment of the machine
+// hits them alike. What the trees cost comes from clocks and Embree's memory monitor; what they
+// answer from the tracer's counters; what was needed of it from the lists that the forward pass
+// keeps (only what hit a pixel stays in them). How far rays would go without the stop rule is asked
+// of single rays by brute force over the records.
 
 #include "sparegs/profile.h"
 
@@ -47,8 +48,10 @@ typedef struct profile_job {
     sgsi_rays *rays;
     sgsi_view view;
     sgsi_planes planes;
-    sgsi_tile_cost *costs; // [tiles]
-    float *block;          // memory of the planes
+    sgsi_tile_cost *costs;                 // [tiles]
+    float *block;                          // memory of the planes
+    float *guesses;                        // [tiles] depths that the guided gather starts from
+    double second[SGS_PROFILE_KIND_COUNT]; // second least gather
     sgs_profile *out;
 } profile_job;
 
@@ -73,32 +76,27 @@ static sgs_status copy_young(profile_job *job)
     return SGS_STATUS_OK;
 }
 
-// A tree of the kind, ready to be asked for the view; least seconds of the repetitions.
-static sgs_status make_tree(profile_job *job, sgsi_tracer *tracer, sgs_profile_kind kind,
+// Makes the tracer's tree one of the kind, ready to be asked for the view.
+static sgs_status make_tree(const profile_job *job, sgsi_tracer *tracer, sgs_profile_kind kind,
                             sgs_profile_tree *tree)
 {
     const sgs_gaussians *built = kind == SGS_PROFILE_AGED ? job->young : job->model;
-    tree->build = tree->refit = INFINITY;
-    sgs_status status = SGS_STATUS_OK;
-    for (int i = 0; !status && i < job->options->repeat; ++i) {
-        status = sgsi_tracer_project(tracer, built, &job->view, NULL, NULL);
-        if (!status)
-            status = sgsi_tracer_commit(tracer, true, quality_of(kind));
-        tree->build = fmin(tree->build, sgsi_tracer_seconds(tracer).bvh_build);
-        if (kind < SGS_PROFILE_REFIT || status)
-            continue;
-        status = sgsi_tracer_project(tracer, job->model, &job->view, NULL, NULL);
-        if (!status)
-            status = sgsi_tracer_commit(tracer, false, quality_of(kind));
-        tree->refit = fmin(tree->refit, sgsi_tracer_seconds(tracer).bvh_refit);
-    }
-    if (kind < SGS_PROFILE_REFIT)
-        tree->refit = 0;
+    sgs_status status = sgsi_tracer_project(tracer, built, &job->view, NULL, NULL);
+    if (!status)
+        status = sgsi_tracer_commit(tracer, true, quality_of(kind));
+    tree->build = fmin(tree->build, sgsi_tracer_seconds(tracer).bvh_build);
+    if (kind < SGS_PROFILE_REFIT || status)
+        return status;
+    status = sgsi_tracer_project(tracer, job->model, &job->view, NULL, NULL);
+    if (!status)
+        status = sgsi_tracer_commit(tracer, false, quality_of(kind));
+    tree->refit = fmin(tree->refit, sgsi_tracer_seconds(tracer).bvh_refit);
     return status;
 }
 
-static sgs_status measure_cost(const profile_job *job, sgsi_tracer *tracer, sgs_profile_kind kind,
-                               sgs_profile_tree *tree)
+// Surface-area cost and overlap of all kinds. The tracer's tree no longer fits its boxes
+// afterwards.
+static sgs_status measure_costs(const profile_job *job, sgsi_tracer *tracer)
 {
     const size_t count = job->model->count;
     sgsi_bounds *now = sgsi_alloc(count ? count : 1, sizeof *now);
@@ -106,17 +104,14 @@ static sgs_status measure_cost(const profile_job *job, sgsi_tracer *tracer, sgs_
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the boxes of %zu primitives",
                          count);
     memcpy(now, sgsi_tracer_bounds(tracer), count * sizeof *now);
-    sgs_status status = SGS_STATUS_OK;
-    const sgsi_bounds *built = now;
-    if (kind == SGS_PROFILE_AGED) {
-        status = sgsi_tracer_project(tracer, job->young, &job->view, NULL, NULL);
-        built = sgsi_tracer_bounds(tracer);
+    sgs_status status = sgsi_tracer_project(tracer, job->young, &job->view, NULL, NULL);
+    for (int k = 0; !status && k < SGS_PROFILE_KIND_COUNT; ++k) {
+        const sgsi_bounds *built = k == SGS_PROFILE_AGED ? sgsi_tracer_bounds(tracer) : now;
+        sgsi_bvh_cost cost = {0};
+        status = sgsi_bvh_cost_measure(built, now, count, quality_of((sgs_profile_kind)k), &cost);
+        job->out->trees[k].cost = cost.cost;
+        job->out->trees[k].overlap = cost.overlap;
     }
-    sgsi_bvh_cost cost = {0};
-    if (!status)
-        status = sgsi_bvh_cost_measure(built, now, count, quality_of(kind), &cost);
-    tree->cost = cost.cost;
-    tree->overlap = cost.overlap;
     sgsi_free(now);
     return status;
 }
@@ -131,13 +126,12 @@ static void fill_maps(const profile_job *job, const sgsi_tracer *tracer)
             const sgsi_tile_list *list = &lists[y / SGSI_TILE * out->tiles_x + x / SGSI_TILE];
             const int b = y % SGSI_TILE / 4 * 4 + x % SGSI_TILE / 4;
             out->pixel_hits[pixel] = job->planes.hits[(size_t)y * job->planes.stride + (size_t)x];
-            out->pixel_evaluated[pixel] = (float)(list->block_begin[b + 1] - list->block_begin[b]);
+            out->pixel_elements[pixel] = (float)(list->block_begin[b + 1] - list->block_begin[b]);
             out->hits += (double)out->pixel_hits[pixel];
         }
     for (int t = 0; t < out->tiles_x * out->tiles_y; ++t) {
         out->tile_candidates[t] = (float)job->costs[t].candidates;
         out->tile_evaluations[t] = (float)job->costs[t].evaluations;
-        out->tile_seconds[t] = job->costs[t].seconds;
         out->listed += lists[t].count;
         for (int b = 0; b < SGSI_BLOCKS; ++b)
             out->rays += __builtin_popcount(job->rays->tiles[t].valid[b]);
@@ -169,41 +163,94 @@ static sgs_status count_needed(const profile_job *job, const sgsi_tracer *tracer
     return SGS_STATUS_OK;
 }
 
-static sgs_status measure_kind(profile_job *job, sgs_profile_kind kind)
+// What the forward pass over the refittable tree did: counts and maps.
+static sgs_status note_pass(const profile_job *job, const sgsi_tracer *tracer)
 {
-    sgs_profile_tree *tree = &job->out->trees[kind];
+    sgs_profile *out = job->out;
+    const sgsi_trace_counts counts = sgsi_tracer_counts(tracer);
+    out->callbacks = (double)counts.callbacks;
+    out->candidates = (double)counts.candidates;
+    out->block_tests = SGSI_BLOCKS * out->candidates;
+    out->evaluations = (double)counts.evaluations;
+    out->elements = (double)counts.elements;
+    fill_maps(job, tracer);
+    return count_needed(job, tracer);
+}
+
+static void note_gather(profile_job *job, sgs_profile_kind kind, double seconds)
+{
+    double *least = &job->out->trees[kind].gather, *second = &job->second[kind];
+    *second = fmin(*second, fmax(seconds, *least));
+    *least = fmin(*least, seconds);
+}
+
+// One repetition of a kind: its tree, the view without and with depth guesses.
+static sgs_status measure_kind(profile_job *job, sgsi_tracer *tracer, sgs_profile_kind kind,
+                               bool last)
+{
+    sgs_profile *out = job->out;
+    sgs_profile_tree *tree = &out->trees[kind];
+    const bool main_kind = kind == SGS_PROFILE_REFIT;
+    const size_t tiles = (size_t)out->tiles_x * (size_t)out->tiles_y;
+    sgs_status status = make_tree(job, tracer, kind, tree);
+    if (status)
+        return status;
+    tree->bytes = (double)sgsi_bvh_bytes(sgsi_tracer_bvh(tracer));
+    for (size_t t = 0; t < tiles; ++t)
+        job->guesses[t] = INFINITY;
+    sgsi_tracer_watch_tiles(tracer, main_kind ? job->costs : NULL);
+    status = sgsi_tracer_forward(tracer, &job->view, &job->planes, job->guesses, main_kind);
+    sgsi_tracer_watch_tiles(tracer, NULL);
+    const sgsi_trace_seconds seconds = sgsi_tracer_seconds(tracer);
+    note_gather(job, kind, seconds.gather * sgsi_threads());
+    tree->callbacks = (double)sgsi_tracer_counts(tracer).callbacks;
+    if (main_kind) {
+        out->forward = fmin(out->forward, seconds.forward * sgsi_threads());
+        for (size_t t = 0; t < tiles; ++t)
+            out->tile_seconds[t] = fminf(out->tile_seconds[t], job->costs[t].seconds);
+    }
+    if (!status && main_kind && last)
+        status = note_pass(job, tracer);
+    if (!status)
+        status = sgsi_tracer_forward(tracer, &job->view, &job->planes, job->guesses, false);
+    tree->guided_gather =
+        fmin(tree->guided_gather, sgsi_tracer_seconds(tracer).gather * sgsi_threads());
+    return status;
+}
+
+static sgs_status measure_kinds(profile_job *job)
+{
+    sgs_profile *out = job->out;
     sgsi_tracer *tracer;
     sgs_status status = sgsi_tracer_create(&tracer);
     if (status)
         return status;
-    const size_t before = sgsi_bvh_bytes(sgsi_tracer_bvh(tracer));
-    status = make_tree(job, tracer, kind, tree);
-    tree->bytes = (double)sgsi_bvh_bytes(sgsi_tracer_bvh(tracer)) - (double)before;
-    tree->gather = INFINITY;
-    const bool main_kind = kind == SGS_PROFILE_REFIT;
-    for (int i = 0; !status && i < job->options->repeat; ++i) {
-        sgsi_tracer_watch_tiles(tracer, main_kind ? job->costs : NULL);
-        status = sgsi_tracer_forward(tracer, &job->view, &job->planes, NULL, main_kind);
-        const sgsi_trace_seconds seconds = sgsi_tracer_seconds(tracer);
-        tree->gather = fmin(tree->gather, seconds.gather * sgsi_threads());
-        if (main_kind)
-            job->out->forward = i ? fmin(job->out->forward, seconds.forward * sgsi_threads())
-                                  : seconds.forward * sgsi_threads();
+    const double before = (double)sgsi_bvh_bytes(sgsi_tracer_bvh(tracer));
+    for (int round = -1; !status && round < job->options->repeat; ++round) {
+        if (round <= 0) { // the round before the first warms memory and caches up
+            out->forward = INFINITY;
+            for (int t = 0; t < out->tiles_x * out->tiles_y; ++t)
+                out->tile_seconds[t] = INFINITY;
+            for (int k = 0; k < SGS_PROFILE_KIND_COUNT; ++k) {
+                sgs_profile_tree *tree = &out->trees[k];
+                tree->build = tree->gather = tree->guided_gather = job->second[k] = INFINITY;
+                tree->refit = k < SGS_PROFILE_REFIT ? 0 : INFINITY;
+            }
+        }
+        const int kinds = round < 0 ? 1 : SGS_PROFILE_KIND_COUNT;
+        for (int k = 0; !status && k < kinds; ++k)
+            status =
+                measure_kind(job, tracer, (sgs_profile_kind)k, round + 1 == job->options->repeat);
     }
-    const sgsi_trace_counts counts = sgsi_tracer_counts(tracer);
-    tree->callbacks = (double)counts.callbacks;
-    if (main_kind && !status) {
-        sgs_profile *out = job->out;
-        out->callbacks = (double)counts.callbacks;
-        out->candidates = (double)counts.candidates;
-        out->block_tests = SGSI_BLOCKS * out->candidates;
-        out->evaluations = (double)counts.evaluations;
-        out->elements = (double)counts.elements;
-        fill_maps(job, tracer);
-        status = count_needed(job, tracer);
+    for (int k = 0; k < SGS_PROFILE_KIND_COUNT; ++k) {
+        out->trees[k].bytes -= before;
+        out->noise = fmax(
+            out->noise, isfinite(job->second[k]) ? job->second[k] / out->trees[k].gather - 1 : 0.1);
     }
     if (!status)
-        status = measure_cost(job, tracer, kind, tree);
+        status = sgsi_tracer_project(tracer, job->model, &job->view, NULL, NULL);
+    if (!status)
+        status = measure_costs(job, tracer);
     sgsi_tracer_destroy(tracer);
     return status;
 }
@@ -316,8 +363,8 @@ static sgs_status sample_rays(profile_job *job)
         }
         double *const sums[] = {&job->out->sampled_hits, &job->out->sampled_hits_unstopped,
                                 &job->out->sampled_stopped};
-        for (int k = 0; k < 3 && rays > 0; ++k)
-            *sums[k] /= rays;
+        for (int k = 0; k < 3; ++k)
+            *sums[k] = rays > 0 ? *sums[k] / rays : NAN;
     }
     sgsi_tracer_destroy(tracer);
     sgsi_free(sampling);
@@ -334,8 +381,9 @@ static sgs_status check_options(const sgs_profile_options *o)
             SGS_STATUS_INVALID_ARGUMENT,
             "a profile takes refits >= 0, repeat >= 1, 0 to %d samples and a step >= 0",
             SAMPLES_MAX);
-    if (o->render.filter != SGS_FILTER_3DGS && o->render.filter != SGS_FILTER_NONE)
-        return sgsi_fail(SGS_STATUS_UNSUPPORTED, "a profile has the pixel filters 3dgs and none");
+    if (o->render.filter_3d)
+        return sgsi_fail(SGS_STATUS_UNSUPPORTED, "a profile takes models with the 3D filter in "
+                                                 "their scales, as PLY files have it");
     if (o->render.compact_box != 1.0)
         return sgsi_fail(SGS_STATUS_UNSUPPORTED,
                          "a profile counts hits of whole supports; give --compact-box 1");
@@ -361,12 +409,13 @@ static sgs_status prepare(profile_job *job, const sgs_camera *camera, const sgs_
     const size_t stride = ((size_t)out->width + 15) / 16 * 16, plane = stride * (size_t)out->height;
     job->block = sgsi_calloc(5 * plane, sizeof(float));
     job->costs = sgsi_calloc(tiles, sizeof *job->costs);
+    job->guesses = sgsi_calloc(tiles, sizeof *job->guesses);
     out->pixel_hits = sgsi_calloc(2 * pixels + 3 * tiles, sizeof(float)); // all maps in one block
-    if (!job->block || !job->costs || !out->pixel_hits)
+    if (!job->block || !job->costs || !job->guesses || !out->pixel_hits)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the profile of %dx%d pixels",
                          out->width, out->height);
-    out->pixel_evaluated = out->pixel_hits + pixels;
-    out->tile_candidates = out->pixel_evaluated + pixels;
+    out->pixel_elements = out->pixel_hits + pixels;
+    out->tile_candidates = out->pixel_elements + pixels;
     out->tile_evaluations = out->tile_candidates + tiles;
     out->tile_seconds = out->tile_evaluations + tiles;
     job->planes = (sgsi_planes){.width = out->width,
@@ -387,14 +436,15 @@ sgs_status sgs_profile_view(const sgs_gaussians *model, const sgs_camera *camera
     if (!job.out)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a profile");
     sgs_status status = prepare(&job, camera, pose);
-    for (int kind = 0; !status && kind < SGS_PROFILE_KIND_COUNT; ++kind)
-        status = measure_kind(&job, (sgs_profile_kind)kind);
-    if (!status && options->samples)
+    if (!status)
+        status = measure_kinds(&job);
+    if (!status)
         status = sample_rays(&job);
     sgs_gaussians_destroy(job.young);
     sgsi_rays_destroy(job.rays);
     sgsi_free(job.block);
     sgsi_free(job.costs);
+    sgsi_free(job.guesses);
     if (status)
         sgs_profile_destroy(job.out);
     else

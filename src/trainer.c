@@ -8,6 +8,7 @@
 // at zero under a step counter that goes on.
 
 #include <math.h>
+#include <stdatomic.h>
 #include <string.h>
 
 #include "core.h"
@@ -464,13 +465,16 @@ sgs_status sgsi_trainer_draw(sgs_trainer *trainer, step_state *step)
 
 typedef struct optimize_job {
     sgsi_optimize input;
-    size_t broken[1024];
+    atomic_size_t broken;
 } optimize_job;
 
 static void optimize_range(void *context, size_t begin, size_t end, int thread)
 {
+    (void)thread;
     optimize_job *job = context;
-    job->broken[thread] += sgsi_kernels_get()->optimize(&job->input, begin, end);
+    const size_t broken = sgsi_kernels_get()->optimize(&job->input, begin, end);
+    if (broken) // hardly ever
+        atomic_fetch_add(&job->broken, broken);
 }
 
 static void optimize_step(sgs_trainer *trainer, const step_state *step)
@@ -528,9 +532,7 @@ static void optimize_step(sgs_trainer *trainer, const step_state *step)
     if (apply || step->statistics)
         sgsi_parallel_ranges((trainer->model->count + SGS_LANES - 1) / SGS_LANES, 64,
                              optimize_range, &job);
-    size_t broken = 0;
-    for (int i = 0; i < sgsi_threads(); ++i)
-        broken += job.broken[i];
+    const size_t broken = atomic_load(&job.broken);
     if (broken)
         sgsi_skip_gradients(&progress->skipped, step->iteration, step->source->name, broken,
                             &job.input);

@@ -29,7 +29,7 @@ check hits_are_in_the_exr bash -c "oiiotool --info -v '$temporary/maps/0009.prof
 if command -v exrcheck >/dev/null; then
     check valid_by_exrcheck exrcheck "$temporary/maps/0009.profile.exr" "$temporary/maps/0009.tiles.exr"
 fi
-for map in hits evaluated tile_candidates tile_cost; do
+for map in hits elements tile_candidates tile_cost; do
     check "${map}_png_has_the_size_of_the_view" bash -c "oiiotool --info '$temporary/maps/0009.$map.png' | grep -qE '60 x +33'"
 done
 

@@ -130,6 +130,12 @@ says "cannot be written"
 check summary_is_intact cmp "$temporary/full/summary.json" "$temporary/before.json"
 check no_temporary_file_is_left test -z "$(find "$temporary/full" -name '*.tmp*' -o -name '.sparegs*')"
 
+# more_threads_than_any_table_may_assume
+run 0 train "$room" --downscale 8 -o "$temporary/many" --iterations 3 --threads 1100 --quiet
+run 0 train "$room" --downscale 8 -o "$temporary/two" --iterations 3 --threads 2 --quiet
+json "$temporary/many/summary.json" '.skipped.gradients == 0 and .threads == 1100'
+check same_model_with_1100_threads cmp <(jq .model_hash "$temporary/many/summary.json") <(jq .model_hash "$temporary/two/summary.json")
+
 # max_gaussians_caps_the_initial_cloud
 run 0 train "$room" --downscale 8 -o "$temporary/capped" --iterations 3 --max-gaussians 500 --quiet
 json "$temporary/capped/summary.json" '.gaussians <= 500'

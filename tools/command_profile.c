@@ -173,6 +173,7 @@ typedef struct profiling {
     sgs_profile_options options;
     sgs_view views[VIEWS_MAX];
     size_t view_count;
+    sgs_counters *counters; // NULL where there are none
     profile_report report;
 } profiling;
 
@@ -199,19 +200,72 @@ static bool profile_views(profiling *job)
     return true;
 }
 
-static void add_sample(sgs_train_seconds *to, const sgs_bench_sample *sample)
+// One iteration's times as the trace wants them.
+static sgs_train_seconds train_seconds(const sgs_bench_sample *sample)
 {
-    to->gather += sample->gather;
-    to->forward += sample->forward;
-    to->loss += sample->loss;
-    to->backward += sample->backward;
-    to->optimizer += sample->optimizer;
-    to->bvh_refit += sample->refit;
+    return (sgs_train_seconds){.gather = sample->gather,
+                               .forward = sample->forward,
+                               .loss = sample->loss,
+                               .backward = sample->backward,
+                               .optimizer = sample->optimizer,
+                               .bvh_refit = sample->refit};
 }
 
-// Iterations of a training over the views, for the phases, the trace and the hardware counters.
-// Counters go first: they see the threads that start after them.
-static bool measure_training(profiling *job, sgs_counters *counters)
+static void add_sample(sgs_bench_sample *to, const sgs_bench_sample *sample, double share)
+{
+    to->refit += share * sample->refit;
+    to->gather += share * sample->gather;
+    to->forward += share * sample->forward;
+    to->loss += share * sample->loss;
+    to->backward += share * sample->backward;
+    to->optimizer += share * sample->optimizer;
+    to->iteration += share * sample->iteration;
+}
+
+static void add_counters(sgs_counter_values *to, const sgs_counter_values *from, double share)
+{
+    double *const sums[] = {&to->cycles, &to->instructions, &to->cache_references,
+                            &to->cache_misses, &to->branch_misses};
+    const double values[] = {from->cycles, from->instructions, from->cache_references,
+                             from->cache_misses, from->branch_misses};
+    for (int k = 0; k < 5; ++k)
+        *sums[k] = values[k] < 0 ? -1 : *sums[k] + share * values[k];
+}
+
+// A build and an iteration per view, each under its own clock.
+static bool repeat_training(const profiling *job, sgs_bench *bench, trace_file *trace, int *number,
+                            sgs_bench_sample *mean, sgs_counter_values *counted)
+{
+    const double share = 1.0 / (double)job->view_count;
+    bool done = !sgs_bench_build(bench, mean);
+    if (done && trace)
+        trace_span(trace, "bvh_build", clock_seconds() - mean->build,
+                   mean->build); // projects first
+    for (size_t v = 0; done && v < job->view_count && !interrupt_signal(); ++v) {
+        const sgs_train_seconds zero = {0};
+        sgs_bench_sample sample = {0};
+        const double began = clock_seconds();
+        if (job->counters)
+            sgs_counters_start(job->counters);
+        done = !sgs_bench_step(bench, &sample);
+        if (job->counters) {
+            const sgs_counter_values values = sgs_counters_stop(job->counters);
+            add_counters(counted, &values, share);
+        }
+        sgs_bench_restore(bench);
+        add_sample(mean, &sample, share);
+        const sgs_train_seconds phases = train_seconds(&sample);
+        if (done && trace)
+            trace_iteration(trace, ++*number, began, sample.iteration, &zero, &phases);
+    }
+    if (!done)
+        fail_library();
+    return done;
+}
+
+// Iterations of a training over the views, for the phases, the trace and the hardware counters: the
+// repetition whose iterations were the fastest.
+static bool measure_training(profiling *job)
 {
     sgs_bench *bench;
     if (sgs_bench_create(job->model, job->views, job->view_count, &bench)) {
@@ -219,34 +273,17 @@ static bool measure_training(profiling *job, sgs_counters *counters)
         return false;
     }
     trace_file *trace = NULL;
+    int number = 0;
     bool done = !job->values->trace || (trace = trace_open(job->values->trace)) != NULL;
-    sgs_train_seconds before = {0}, after = {0};
     for (int i = 0; i < job->values->repeat && done && !interrupt_signal(); ++i) {
-        sgs_bench_sample sample;
-        if (counters)
-            sgs_counters_start(counters);
-        const double start = clock_seconds();
-        done = !sgs_bench_run(bench, &sample);
-        if (counters)
-            job->report.counters = sgs_counters_stop(counters);
-        if (!done) {
-            fail_library();
-            break;
-        }
-        if (!i || sample.iteration < job->report.training.iteration)
-            job->report.training = sample;
-        add_sample(&after, &sample);
-        if (trace)
-            trace_iteration(trace, i + 1, start, sample.iteration, &before, &after);
-        before = after;
+        sgs_bench_sample sample = {0};
+        sgs_counter_values counted = {0};
+        done = repeat_training(job, bench, trace, &number, &sample, &counted);
+        if (i && sample.iteration >= job->report.training.iteration)
+            continue;
+        job->report.training = sample;
+        job->report.counters = counted;
     }
-    double *const counts[] = {&job->report.counters.cycles, &job->report.counters.instructions,
-                              &job->report.counters.cache_references,
-                              &job->report.counters.cache_misses,
-                              &job->report.counters.branch_misses};
-    for (int k = 0; k < 5; ++k)
-        if (*counts[k] > 0)
-            *counts[k] /= (double)job->view_count;
     sgs_bench_destroy(bench);
     return trace_close(trace, done) && done;
 }
@@ -259,22 +296,13 @@ static bool profile_model(profiling *job, const sgs_scene *scene)
     job->options.step =
         1.6e-4 * scene->extent; // the first rate of the means: what Adam moves them by in a step
     job->report.refits = job->values->refits;
-    char *reason = NULL;
-    sgs_counters *counters = sgs_counters_open();
-    if (!counters)
-        reason = format_text("%s", sgs_last_error());
-    job->report.no_counters = reason;
-    job->report.counted = counters != NULL;
-    bool done = measure_training(job, counters);
-    sgs_counters_close(counters);
-    done = done && profile_views(job);
+    bool done = measure_training(job) && profile_views(job);
     if (done && !interrupt_signal()) {
         if (job->common->json)
             done = print_json(profile_json(&job->report));
         else
             profile_print(&job->report);
     }
-    free(reason);
     return done;
 }
 
@@ -284,6 +312,8 @@ static int run_profile(const command_line *line, const profile_values *values,
     model_path located;
     sgs_scene *scene = NULL;
     sgs_gaussians *model = NULL;
+    sgs_counters *counters = sgs_counters_open(); // they see the threads that start after them
+    char *reason = counters ? NULL : format_text("%s", sgs_last_error());
     int status = model_locate(line->operands[0], &located) ? -1 : EXIT_FAILED;
     if (status < 0)
         status = scene_settle(data, line, located.config);
@@ -305,6 +335,8 @@ static int run_profile(const command_line *line, const profile_values *values,
             *job = (profiling){.values = values,
                                .common = common,
                                .model = model,
+                               .counters = counters,
+                               .report = {.counted = counters != NULL, .no_counters = reason},
                                .options = sgs_profile_options_default()};
             job->options.render = drawing_render_options(drawing);
             job->options.refits = values->refits;
@@ -317,6 +349,8 @@ static int run_profile(const command_line *line, const profile_values *values,
         }
         free(job);
     }
+    sgs_counters_close(counters);
+    free(reason);
     sgs_gaussians_destroy(model);
     sgs_scene_destroy(scene);
     model_path_free(&located);
@@ -340,7 +374,12 @@ int command_profile(int argc, char **argv)
                                .values = &values,
                                .scene = &data,
                                .drawing = &drawing};
-    const int status = command_begin(&spec, argc, argv, &call);
+    int status = command_begin(&spec, argc, argv, &call);
+    const bool split = option_given(&call.line, "split") || option_given(&call.line, "views");
+    if (status < 0 && values.orbit && (values.view || split))
+        status = fail_usage("--orbit chooses the views; leave out --view, --views and --split");
+    if (status < 0 && values.view && split)
+        status = fail_usage("--view chooses one view; leave out --views and --split");
     if (status >= 0)
         return status;
     interrupt_watch();

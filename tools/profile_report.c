@@ -15,6 +15,7 @@
 #define SGS_EACH_SUM(X)                                                                            \
     X(rays)                                                                                        \
     X(forward)                                                                                     \
+    X(noise)                                                                                       \
     X(callbacks)                                                                                   \
     X(candidates)                                                                                  \
     X(block_tests)                                                                                 \
@@ -26,7 +27,8 @@
     X(sampled_hits)                                                                                \
     X(sampled_hits_unstopped)                                                                      \
     X(sampled_stopped)
-#define SGS_EACH_TREE_SUM(X) X(build) X(refit) X(gather) X(bytes) X(callbacks) X(cost) X(overlap)
+#define SGS_EACH_TREE_SUM(X)                                                                       \
+    X(build) X(refit) X(gather) X(guided_gather) X(bytes) X(callbacks) X(cost) X(overlap)
 
 void profile_report_add(profile_report *report, const sgs_profile *profile)
 {
@@ -68,17 +70,21 @@ void profile_report_finish(profile_report *report)
     mean->tiles_y = 1;
 }
 
+// NaN where there is nothing to compare with: null in JSON, a dash in the table.
 static double quotient(double a, double b)
 {
-    return b > 0 ? a / b : 0;
+    return b > 0 ? a / b : NAN;
 }
 
 // ---- The answer ----
 
-// Wall-clock seconds of the gather.
+// Training builds its tree anew when primitives come or go: every hundred iterations at most.
+enum { REBUILT_EVERY = 100 };
+
+// Wall-clock seconds of the gather, as training has it.
 static double gather_wall(const sgs_profile_tree *tree)
 {
-    return tree->gather / sgs_threads();
+    return tree->guided_gather / sgs_threads();
 }
 
 // What a change of the boxes and the question after it cost, per iteration.
@@ -87,38 +93,62 @@ static double iteration_cost(const profile_report *report, sgs_profile_kind kind
     const sgs_profile_tree *tree = &report->mean.trees[kind];
     if (kind < SGS_PROFILE_REFIT)
         return tree->build + gather_wall(tree);
-    return tree->refit + gather_wall(tree) + tree->build / fmax(report->refits, 1);
+    return tree->refit + gather_wall(tree) + tree->build / REBUILT_EVERY;
+}
+
+// What the clock cannot tell apart is the same; never less than 2 %.
+static double least_gain(const profile_report *report)
+{
+    return fmax(report->mean.noise, 0.02);
 }
 
 static sgs_profile_kind best_for_training(const profile_report *report)
 {
+    const double needed = 1 - least_gain(report);
     sgs_profile_kind best = SGS_PROFILE_REFIT;
     for (int k = 0; k < SGS_PROFILE_REFIT; ++k)
-        if (iteration_cost(report, (sgs_profile_kind)k) < iteration_cost(report, best))
+        if (iteration_cost(report, (sgs_profile_kind)k) < needed * iteration_cost(report, best))
             best = (sgs_profile_kind)k;
     return best;
 }
 
-// The fixed model: the cheapest tree over many views.
+// The fixed model: the cheapest tree over many views, and the cheapest to build of equals.
 static sgs_profile_kind best_for_drawing(const profile_report *report)
 {
+    const double needed = 1 - least_gain(report);
     sgs_profile_kind best = SGS_PROFILE_LOW;
     for (int k = 0; k <= SGS_PROFILE_REFIT; ++k)
-        if (report->mean.trees[k].gather < report->mean.trees[best].gather)
+        if (report->mean.trees[k].gather < needed * report->mean.trees[best].gather)
             best = (sgs_profile_kind)k;
     return best;
 }
 
-// Refits after which the extra gather of an aging tree has cost as much as a build: ageing grows
-// evenly from 0 to `extra` over the measured age n, so r refits cost extra r^2 / (2 n); the mean
-// cost per iteration is least where that equals the build. Infinite where the aged tree is not
-// slower.
+// Embree has no better tree for user geometry than MEDIUM's.
+static bool high_is_medium(const profile_report *report)
+{
+    const sgs_profile_tree *medium = &report->mean.trees[SGS_PROFILE_MEDIUM],
+                           *high = &report->mean.trees[SGS_PROFILE_HIGH];
+    return medium->callbacks == high->callbacks && medium->bytes == high->bytes;
+}
+
+static double more_callbacks(const profile_report *report)
+{
+    return quotient(report->mean.trees[SGS_PROFILE_AGED].callbacks,
+                    report->mean.trees[SGS_PROFILE_REFIT].callbacks) -
+           1;
+}
+
+// Refits after which the extra gather of an aging tree has cost as much as a build. The gather
+// grows with the callbacks (the clock would need a long time to see a few per cent), evenly from 0
+// to `extra` over the measured age n, so r refits cost extra r^2 / (2 n); the mean cost per
+// iteration is least where that equals the build. Infinite where the aged tree names no more.
 static double rebuild_after(const profile_report *report)
 {
-    const sgs_profile_tree *fresh = &report->mean.trees[SGS_PROFILE_REFIT],
-                           *aged = &report->mean.trees[SGS_PROFILE_AGED];
-    const double extra = gather_wall(aged) - gather_wall(fresh);
-    return extra > 0 ? sqrt(2 * fresh->build * fmax(report->refits, 1) / extra) : INFINITY;
+    const sgs_profile_tree *fresh = &report->mean.trees[SGS_PROFILE_REFIT];
+    const double extra = gather_wall(fresh) * more_callbacks(report);
+    return report->refits && extra > 0 && more_callbacks(report) > 1e-3
+               ? sqrt(2 * fresh->build * report->refits / extra)
+               : INFINITY;
 }
 
 typedef struct share {
@@ -148,29 +178,35 @@ static share dominant(const profile_report *report, double *whole)
     return largest;
 }
 
-// Three sentences; release with free().
+// Sentences; release with free().
 static char *answer_quality(const profile_report *report)
 {
     const sgs_profile_kind train = best_for_training(report), draw = best_for_drawing(report);
     const sgs_profile_tree *low = &report->mean.trees[SGS_PROFILE_LOW],
                            *best = &report->mean.trees[draw];
-    const double gain = gather_wall(low) - gather_wall(best), price = best->build - low->build;
-    char *training = format_text("Build quality: for training %s, %.2f ms per iteration for tree "
-                                 "and gather (low %.2f, medium %.2f, "
-                                 "high %.2f, refit %.2f)",
-                                 sgs_profile_kind_name(train), 1e3 * iteration_cost(report, train),
-                                 1e3 * iteration_cost(report, SGS_PROFILE_LOW),
-                                 1e3 * iteration_cost(report, SGS_PROFILE_MEDIUM),
-                                 1e3 * iteration_cost(report, SGS_PROFILE_HIGH),
-                                 1e3 * iteration_cost(report, SGS_PROFILE_REFIT));
-    char *drawing = draw == SGS_PROFILE_LOW || gain <= 0
-                        ? format_text("for a fixed model low: no other tree answers faster")
-                        : format_text("for a fixed model %s: it answers %.0f %% faster than low "
-                                      "and has paid for its build after "
-                                      "%.0f views",
-                                      sgs_profile_kind_name(draw), 100 * gain / gather_wall(low),
-                                      ceil(fmax(price / gain, 1)));
-    char *text = format_text("%s; %s.", training, drawing);
+    const double gain = (low->gather - best->gather) / sgs_threads(),
+                 price = best->build - low->build;
+    char *training = format_text(
+        "Build quality: for training %s, %.2f ms per iteration for tree and gather (low %.2f, "
+        "medium %.2f, high %.2f, refit %.2f, built every %d iterations)",
+        sgs_profile_kind_name(train), 1e3 * iteration_cost(report, train),
+        1e3 * iteration_cost(report, SGS_PROFILE_LOW),
+        1e3 * iteration_cost(report, SGS_PROFILE_MEDIUM),
+        1e3 * iteration_cost(report, SGS_PROFILE_HIGH),
+        1e3 * iteration_cost(report, SGS_PROFILE_REFIT), REBUILT_EVERY);
+    char *drawing =
+        draw == SGS_PROFILE_LOW
+            ? format_text("for a fixed model low: no other tree answers faster by more than the "
+                          "clock's %.0f %%",
+                          100 * least_gain(report))
+            : format_text("for a fixed model %s: it answers %.0f %% faster than low and has paid "
+                          "for its build after %.0f views",
+                          sgs_profile_kind_name(draw),
+                          100 * quotient(gain, low->gather) * sgs_threads(),
+                          ceil(fmax(price / gain, 1)));
+    char *text =
+        format_text("%s; %s.%s", training, drawing,
+                    high_is_medium(report) ? " High is the same tree as medium here." : "");
     free(training);
     free(drawing);
     return text;
@@ -178,23 +214,17 @@ static char *answer_quality(const profile_report *report)
 
 static char *answer_rebuild(const profile_report *report)
 {
-    const sgs_profile_tree *fresh = &report->mean.trees[SGS_PROFILE_REFIT],
-                           *aged = &report->mean.trees[SGS_PROFILE_AGED];
-    const double slower = quotient(aged->gather, fresh->gather) - 1,
-                 more = quotient(aged->callbacks, fresh->callbacks) - 1;
+    const sgs_profile_tree *fresh = &report->mean.trees[SGS_PROFILE_REFIT];
     const double after = rebuild_after(report);
-    if (isfinite(after) && slower > 0.01)
-        return format_text("When to rebuild: after about %.0f refits; %d refits make the gather "
-                           "%.1f %% slower (%.1f "
-                           "%% more callbacks), a "
-                           "build costs %.2f ms against %.2f ms for a refit.",
-                           after, report->refits, 100 * slower, 100 * more, 1e3 * fresh->build,
+    if (isfinite(after))
+        return format_text("When to rebuild: after about %.0f refits, if primitives do not come or "
+                           "go earlier; %d refits bring %.1f %% more callbacks, a build costs %.2f "
+                           "ms against %.2f ms for a refit.",
+                           after, report->refits, 100 * more_callbacks(report), 1e3 * fresh->build,
                            1e3 * fresh->refit);
-    return format_text("When to rebuild: only when primitives come or go; %d refits change the "
-                       "gather by %.1f %% (%.1f "
-                       "%% more callbacks), "
-                       "less than a build would cost.",
-                       report->refits, 100 * slower, 100 * more);
+    return format_text("When to rebuild: only when primitives come or go; %d refits bring no more "
+                       "callbacks.",
+                       report->refits);
 }
 
 static char *answer_dominant(const profile_report *report)
@@ -202,6 +232,8 @@ static char *answer_dominant(const profile_report *report)
     const sgs_profile *m = &report->mean;
     double whole;
     const share largest = dominant(report, &whole);
+    if (!(m->evaluations > 0))
+        return format_text("What dominates: %s; nothing of the model is in view.", largest.name);
     return format_text("What dominates: %s, %.0f %% of %s; of the pairs (block, primitive) "
                        "evaluated %.1f %% hit no "
                        "pixel, of the lanes "
@@ -217,21 +249,50 @@ static char *answer_dominant(const profile_report *report)
 
 // ---- Table and JSON ----
 
+typedef struct training_phase {
+    const char *name;
+    double seconds;
+} training_phase;
+
+enum { TRAINING_PHASES = 7 };
+
+static void training_phases(const sgs_bench_sample *s, training_phase phases[TRAINING_PHASES])
+{
+    const training_phase made[TRAINING_PHASES] = {
+        {"refit", s->refit},        {"gather", s->gather},     {"forward", s->forward},
+        {"loss", s->loss},          {"backward", s->backward}, {"optimizer", s->optimizer},
+        {"iteration", s->iteration}};
+    memcpy(phases, made, sizeof made);
+}
+
+static void print_training(const sgs_bench_sample *sample)
+{
+    training_phase phases[TRAINING_PHASES];
+    training_phases(sample, phases);
+    printf("a training iteration takes %.2f ms:", 1e3 * sample->iteration);
+    for (int k = 0; k + 1 < TRAINING_PHASES; ++k)
+        printf("%s %s %.2f", k ? "," : "", phases[k].name, 1e3 * phases[k].seconds);
+    printf(" (a build %.2f)\n", 1e3 * sample->build);
+}
+
 void profile_print(const profile_report *report)
 {
     const sgs_profile *m = &report->mean;
     printf("%.0f primitives, %.0f rays per view, %zu view%s, %s, %d thread%s\n\n", m->primitives,
            m->rays, report->views, report->views == 1 ? "" : "s", sgs_isa_name(sgs_get_isa()),
            sgs_threads(), sgs_threads() == 1 ? "" : "s");
-    printf("%-8s %10s %10s %12s %10s %12s %10s %9s\n", "tree", "build ms", "refit ms", "gather ms*",
-           "MB", "callbacks", "SA cost", "overlap");
+    printf("%-8s %10s %10s %12s %12s %10s %12s %10s %9s\n", "tree", "build ms", "refit ms",
+           "gather ms*", "guided ms*", "MB", "callbacks", "SA cost", "overlap");
     for (int k = 0; k < SGS_PROFILE_KIND_COUNT; ++k) {
         const sgs_profile_tree *t = &m->trees[k];
-        printf("%-8s %10.2f %10.2f %12.2f %10.1f %12.0f %10.1f %9.3f\n",
+        printf("%-8s %10.2f %10.2f %12.2f %12.2f %10.1f %12.0f %10.1f %9.3f\n",
                sgs_profile_kind_name((sgs_profile_kind)k), 1e3 * t->build, 1e3 * t->refit,
-               1e3 * t->gather, 1e-6 * t->bytes, t->callbacks, t->cost, t->overlap);
+               1e3 * t->gather, 1e3 * t->guided_gather, 1e-6 * t->bytes, t->callbacks, t->cost,
+               t->overlap);
     }
-    printf("* core time of a view; aged: refitted %d times\n\n", report->refits);
+    printf("* core time of a view, least of the repetitions (the next is within %.0f %%); guided: "
+           "with the depths of an earlier visit, as in training; aged: refitted %d times\n\n",
+           100 * m->noise, report->refits);
     printf("%-34s %12s %12s\n", "", "per view", "per ray");
     const struct {
         const char *name;
@@ -245,15 +306,21 @@ void profile_print(const profile_report *report)
     for (size_t i = 0; i < sizeof rows / sizeof *rows; ++i)
         printf("%-34s %12.0f %12.3f\n", rows[i].name, rows[i].value,
                quotient(rows[i].value, m->rays));
-    printf("false positives: %.1f %% of callbacks, %.1f %% of candidates, %.1f %% of evaluations, "
-           "%.1f %% of lanes\n",
-           100 * (1 - quotient(m->needed, m->callbacks)),
-           100 * (1 - quotient(m->listed, m->candidates)),
-           100 * (1 - quotient(m->elements, m->evaluations)),
-           100 * (1 - quotient(m->hits, 16 * m->evaluations)));
-    printf(
-        "hits per ray: %.1f until it stops, %.1f if it did not; %.0f %% of rays stop (sampled)\n",
-        m->sampled_hits, m->sampled_hits_unstopped, 100 * m->sampled_stopped);
+    if (m->callbacks > 0 && m->candidates > 0 && m->evaluations > 0)
+        printf("false positives: %.1f %% of callbacks, %.1f %% of candidates, %.1f %% of "
+               "evaluations, %.1f %% of lanes\n",
+               100 * (1 - quotient(m->needed, m->callbacks)),
+               100 * (1 - quotient(m->listed, m->candidates)),
+               100 * (1 - quotient(m->elements, m->evaluations)),
+               100 * (1 - quotient(m->hits, 16 * m->evaluations)));
+    else
+        puts("false positives: none, nothing of the model is in view");
+    if (isfinite(m->sampled_hits))
+        printf("hits per ray: %.1f until it stops, %.1f if it did not; %.0f %% of rays stop "
+               "(sampled)\n",
+               m->sampled_hits, m->sampled_hits_unstopped, 100 * m->sampled_stopped);
+    if (report->training.iteration > 0)
+        print_training(&report->training);
     printf("a view takes %.2f core ms after the gather; per tile %.1f us, the slowest %.1f times "
            "the mean\n",
            1e3 * m->forward, 1e6 * quotient(m->forward, m->tiles_x), report->tile_slowest);
@@ -285,6 +352,7 @@ static json_t *tree_json(const profile_report *report, sgs_profile_kind kind)
     json_object_set_new(object, "refit_seconds",
                         kind < SGS_PROFILE_REFIT ? json_null() : json_number(t->refit));
     json_object_set_new(object, "gather_core_seconds", json_number(t->gather));
+    json_object_set_new(object, "guided_gather_core_seconds", json_number(t->guided_gather));
     json_object_set_new(object, "bytes", json_number(t->bytes));
     json_object_set_new(object, "callbacks", json_number(t->callbacks));
     json_object_set_new(object, "surface_area_cost", json_number(t->cost));
@@ -314,6 +382,19 @@ static json_t *counters_json(const profile_report *report)
     return object;
 }
 
+static json_t *training_json(const sgs_bench_sample *sample)
+{
+    if (!(sample->iteration > 0))
+        return json_null();
+    training_phase phases[TRAINING_PHASES];
+    training_phases(sample, phases);
+    json_t *object = json_object();
+    for (int k = 0; k < TRAINING_PHASES; ++k)
+        json_object_set_new(object, phases[k].name, json_number(phases[k].seconds));
+    json_object_set_new(object, "build", json_number(sample->build));
+    return object;
+}
+
 json_t *profile_json(const profile_report *report)
 {
     const sgs_profile *m = &report->mean;
@@ -336,6 +417,7 @@ json_t *profile_json(const profile_report *report)
                    {"sampled_hits_unstopped", m->sampled_hits_unstopped},
                    {"sampled_stopped", m->sampled_stopped},
                    {"forward_core_seconds", m->forward},
+                   {"gather_noise", m->noise},
                    {"tile_slowest_over_mean", report->tile_slowest}};
     for (size_t i = 0; i < sizeof numbers / sizeof *numbers; ++i)
         json_object_set_new(view, numbers[i].name, json_number(numbers[i].value));
@@ -366,6 +448,7 @@ json_t *profile_json(const profile_report *report)
     json_object_set_new(root, "isa", json_string(sgs_isa_name(sgs_get_isa())));
     json_object_set_new(root, "trees", trees);
     json_object_set_new(root, "view", view);
+    json_object_set_new(root, "training_seconds", training_json(&report->training));
     json_object_set_new(root, "counters", counters_json(report));
     json_object_set_new(root, "answers", answers);
     return root;

@@ -86,6 +86,11 @@ void trace_iteration(trace_file *trace, int iteration, double start, double seco
     }
 }
 
+void trace_span(trace_file *trace, const char *name, double start, double seconds)
+{
+    put_span(trace, name, 1, start, seconds);
+}
+
 void trace_count(trace_file *trace, const char *name, double time, double value)
 {
     if (!isfinite(value))

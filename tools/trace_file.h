@@ -20,6 +20,8 @@ trace_file *trace_open(const char *path);
 // which they begin; gather and forward take turns bin by bin.
 void trace_iteration(trace_file *trace, int iteration, double start, double seconds,
                      const sgs_train_seconds *before, const sgs_train_seconds *after);
+// Something else that took time.
+void trace_span(trace_file *trace, const char *name, double start, double seconds);
 // A number that changes with time.
 void trace_count(trace_file *trace, const char *name, double time, double value);
 

@@ -88,6 +88,13 @@ void sgs_bench_destroy(sgs_bench *bench); // accepts NULL
 sgs_status sgs_bench_run(sgs_bench *bench, sgs_bench_sample *sample);
 sgs_bench_counts sgs_bench_counted(const sgs_bench *bench);
 
+// The pieces of a repetition, for whoever wants to know what happens when: the build, an iteration
+// of the next view (its times are added to *sample; as many iterations as views see each once), and
+// back to the model as it was, without which the next iteration would see a moved one.
+sgs_status sgs_bench_build(sgs_bench *bench, sgs_bench_sample *sample);
+sgs_status sgs_bench_step(sgs_bench *bench, sgs_bench_sample *sample);
+void sgs_bench_restore(sgs_bench *bench);
+
 // ---- How far it scales ----
 
 typedef struct sgs_scaling {

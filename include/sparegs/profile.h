@@ -42,6 +42,7 @@ sgs_profile_options sgs_profile_options_default(void);
 typedef struct sgs_profile_tree {
     double build, refit;  // wall-clock seconds; refit is 0 where a change is a rebuild
     double gather;        // core seconds for the view: traversal, tests, sorting of candidates
+    double guided_gather; // the same with the depth guesses of an earlier visit, as in training
     double bytes;         // that Embree holds for the tree, by its memory monitor
     double callbacks;     // of the view
     double cost, overlap; // surface-area cost and overlap of the boxes, as bvh_cost.h defines them
@@ -52,23 +53,27 @@ typedef struct sgs_profile {
     double primitives, rays; // rays: pixels with one
     sgs_profile_tree trees[SGS_PROFILE_KIND_COUNT];
     double forward; // core seconds for the view after the gather
+    double noise;   // largest relative distance of a tree's two least gathers: what is not told
+                    // apart; 0.1 for a single repetition
     double callbacks, candidates, block_tests, evaluations,
         elements;  // of the view, with the refitted tree
     double listed; // (tile, primitive) pairs with a hit
     double needed; // (bin, primitive) pairs with a hit
     double hits;   // counted hits of all rays
     // Of the sampled rays, brute force over all primitives: hits until the ray stops, hits if rays
-    // did not stop, share that stops.
+    // did not stop, share that stops; NaN without a sample.
     double sampled_hits, sampled_hits_unstopped, sampled_stopped;
     float *pixel_hits,
-        *pixel_evaluated; // [height][width]: counted hits; elements kept by the pixel's block
+        *pixel_elements; // [height][width]: counted hits; elements kept by the pixel's block
     float *tile_candidates, *tile_evaluations, *tile_seconds; // [tiles_y][tiles_x]
 } sgs_profile;
 
-// Measures one view with the present threads and instruction set. The aged tree was built when
-// every mean was `step` * sqrt(`refits`) away in a random direction (the way of `refits` steps
-// without a common direction) and refitted to the model as it is; a refit keeps the topology, so
-// the refits in between leave no trace. On failure *profile is NULL.
+// Measures one view with the present threads and instruction set; the trees take turns, repetition
+// by repetition. The aged tree was built when the means were a normal deviate of `step` *
+// sqrt(`refits`) per axis away (the way of `refits` steps without a common direction) and refitted
+// to the model as it is; a refit keeps the topology, so the refits in between leave no trace.
+// Seconds are the least of the repetitions. render.filter_3d must be NULL. On failure *profile is
+// NULL.
 sgs_status sgs_profile_view(const sgs_gaussians *model, const sgs_camera *camera,
                             const sgs_pose *pose, const sgs_profile_options *options,
                             sgs_profile **profile);
@@ -82,8 +87,9 @@ typedef struct sgs_counter_values {
         branch_misses; // -1: this machine does not count it
 } sgs_counter_values;
 
-// Opens the counters of this process and of the threads it starts from now on (so call it first),
-// stopped at zero. NULL where the system refuses; sgs_last_error() says why.
+// Opens the counters of this thread and of the threads that it starts from now on (so call it
+// before anything that works in parallel), stopped at zero. NULL where the system refuses;
+// sgs_last_error() says why.
 sgs_counters *sgs_counters_open(void);
 void sgs_counters_start(sgs_counters *counters);
 sgs_counter_values sgs_counters_stop(sgs_counters *counters);

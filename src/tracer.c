@@ -472,19 +472,22 @@ static void forward_bin(void *context, size_t item, int thread)
     sgsi_bin tiles = open_bin(pass, bin, numbers);
     size_t candidates = gather_bin(pass, state, bin, &tiles);
     const double gathered = sgsi_seconds();
+    double again = 0.0;
     for (int k = 0; k < tiles.count && !state->status; ++k) {
         if (blend_tile(pass, state, &tiles, k, numbers[k], candidates, false))
             continue;
         if (!tiles.complete) {
+            const double back = sgsi_seconds();
             tiles.complete = true;
             candidates = gather_bin(pass, state, bin, &tiles);
             ++state->counts.regathered;
+            again += sgsi_seconds() - back;
         }
         if (!state->status)
             blend_tile(pass, state, &tiles, k, numbers[k], candidates, true);
     }
-    state->gather_seconds += gathered - start;
-    state->blend_seconds += sgsi_seconds() - gathered;
+    state->gather_seconds += gathered - start + again;
+    state->blend_seconds += sgsi_seconds() - gathered - again;
 }
 
 static sgs_status reserve_lists(sgsi_tracer *tracer, size_t tiles)

@@ -36,6 +36,7 @@ json "$result" 'all(.benches[]; .bytes | (.iteration / (.total + .loss + .optimi
 json "$result" 'all(.benches[].predicted_speedup[]; .speedup > 1 and .speedup <= .cores)'
 # the_optimizer_moves_what_its_arrays_hold: three arrays of 59 floats in and out, at most for all rows
 json "$result" 'all(.benches[]; .bytes.optimizer > 0.2 * 6 * 59 * 4 * .primitives and .bytes.optimizer < 6 * 64 * 4 * .primitives)'
+json "$result" '[.limits.by_threads[].threads] | length == (unique | length)'
 # what_is_counted_does_not_depend_on_threads
 json "$result" '[.benches[] | [.hits_per_ray, .evaluations_per_block, .elements_per_block]] | .[0] == .[1]'
 # (the tree decides which candidates it can spare the tiles)
@@ -50,6 +51,20 @@ json "$temporary/model/summary.json" '[.predicted_speedup[] | .cores] == [8, 32,
 run 0 bench "$temporary/model" "$room" --views 2 --repeat 2 --threads 1 --csv --quiet
 check a_header_and_a_row test "$(wc -l <"$temporary/stdout")" = 2
 check as_many_columns_as_names bash -c "awk -F, 'NR == 1 { n = NF } NF != n { exit 1 }' '$temporary/stdout'"
+cp "$temporary/model/point_cloud/iteration_5/point_cloud.ply" "$temporary/a, \"b\".ply"
+run 0 bench "$temporary/a, \"b\".ply" "$room" --downscale 8 --views 1 --repeat 1 --threads 1 --csv --quiet
+check names_are_quoted grep -qF ', ""b"".ply",' "$temporary/stdout"
+# a_full_disk_behind_a_redirection_is_a_failure
+for how in --csv --json --quiet; do
+    check "a_full_disk_fails $how" bash -c '! "$0" bench sparse-32k --repeat 1 "$1" >/dev/full 2>"$2"' \
+        "$program" "$how" "$temporary/stderr"
+    says "standard output: cannot be written"
+done
+# a_wrong_path_is_told_before_anything_is_measured
+run 1 bench sparse-32k "$temporary/model" "$temporary/nowhere" --json
+one_line
+says "nowhere"
+check nothing_was_measured test ! -s "$temporary/stdout"
 run 2 bench "$temporary/model"
 one_line
 says "needs the SCENE"

@@ -21,7 +21,14 @@ json "$temporary/stdout" 'all(.trees[]; .build_seconds > 0 and .bytes > 0 and .c
 json "$temporary/stdout" '.views == 1 and .view.rays == 60 * 33 and .view.hits_per_ray > 1'
 json "$temporary/stdout" 'all(.view.false_positives[]; . >= 0 and . < 1)'
 json "$temporary/stdout" '.answers | (.quality_training | length > 0) and (.dominant_share > 0 and .dominant_share < 1)'
-json "$temporary/trace.json" '.traceEvents | length > 3'
+json "$temporary/stdout" '.training_seconds | .iteration > 0.9 * (.refit + .gather + .forward + .loss + .backward + .optimizer)'
+json "$temporary/stdout" 'all(.trees[]; .guided_gather_core_seconds > 0) and .view.gather_noise >= 0'
+# the_trace_is_a_timeline: builds and iterations one after the other, phases inside their iteration
+json "$temporary/trace.json" '.traceEvents | map(.name) | contains(["bvh_build", "iteration 1", "backward"])'
+json "$temporary/trace.json" '[.traceEvents[] | select(.name == "bvh_build" or (.name | startswith("iteration")))] |
+    . as $s | all(range(1; length); $s[.].ts >= $s[. - 1].ts + $s[. - 1].dur)'
+run 0 profile "$model" "$room" --view 0009 --repeat 1 --samples 0 --threads 1 --filter mip --json --quiet
+json "$temporary/stdout" '.view.sampled_hits == null and .view.hits_per_ray > 1'
 for map in profile tiles; do
     check "${map}_exr_opens" oiiotool --info -v "$temporary/maps/0009.$map.exr"
 done
@@ -39,6 +46,11 @@ prints "When to rebuild:"
 prints "What dominates:"
 run 1 profile "$model" "$room" --view nothing
 one_line
+for both in "--orbit 2 --view 0009" "--orbit 2 --split test" "--view 0009 --views 2"; do
+    # shellcheck disable=SC2086
+    run 2 profile "$model" "$room" $both
+    one_line
+done
 run 2 profile "$model"
 one_line
 

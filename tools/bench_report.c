@@ -189,6 +189,22 @@ void bench_print_table(const bench_report *report)
     }
 }
 
+// A field of a CSV table; quoted where it has to be (RFC 4180).
+static void put_field(const char *text)
+{
+    if (!strpbrk(text, ",\"\r\n")) {
+        fputs(text, stdout);
+        return;
+    }
+    putchar('"');
+    for (; *text; ++text) {
+        if (*text == '"')
+            putchar('"');
+        putchar(*text);
+    }
+    putchar('"');
+}
+
 void bench_print_csv(const bench_report *report)
 {
     printf("name,isa,threads,primitives,pixels,hits_per_ray,candidates_per_tile,evaluations_per_"
@@ -203,8 +219,9 @@ void bench_print_csv(const bench_report *report)
         const bench_result *r = &report->results[i];
         const sgs_bench_counts *c = &r->counts;
         const sgs_scaling scaling = scaling_of(r);
-        printf("%s,%s,%d,%.0f,%.0f,%.3f,%.2f,%.3f,%.3f,%.4f,%.4f,%.1f,%.1f,%.1f,%.5f,%.5f,%.0f",
-               r->name, sgs_isa_name(r->isa), r->threads, c->primitives, c->pixels, hits_per_ray(r),
+        put_field(r->name);
+        printf(",%s,%d,%.0f,%.0f,%.3f,%.2f,%.3f,%.3f,%.4f,%.4f,%.1f,%.1f,%.1f,%.5f,%.5f,%.0f",
+               sgs_isa_name(r->isa), r->threads, c->primitives, c->pixels, hits_per_ray(r),
                c->candidates / c->tiles, c->evaluations / (16 * c->tiles),
                c->elements / (16 * c->tiles), lane_use(r), r->limits.tsc_ghz, r->limits.fma_gflops,
                r->limits.l2_gbs, r->limits.memory_gbs, scaling.serial / scaling.seconds,
@@ -246,7 +263,8 @@ static json_t *result_json(const bench_result *r)
 {
     const sgs_bench_counts *c = &r->counts;
     json_t *object = json_object();
-    json_object_set_new(object, "name", json_string(r->name));
+    json_t *name = json_string(r->name); // NULL for a path that is no UTF-8
+    json_object_set_new(object, "name", name ? name : json_null());
     json_object_set_new(object, "isa", json_string(sgs_isa_name(r->isa)));
     json_object_set_new(object, "threads", json_integer(r->threads));
     json_object_set_new(object, "primitives", json_integer((json_int_t)c->primitives));
@@ -289,16 +307,18 @@ static json_t *limits_json(const bench_report *report)
 {
     json_t *object = json_object(), *threads = json_array();
     const sgs_machine_limits *most = &report->results[0].limits;
-    int most_threads = 0, last = 0;
+    int most_threads = 0;
     for (size_t i = 0; i < report->count; ++i) {
         const bench_result *r = &report->results[i];
         if (r->threads > most_threads) {
             most_threads = r->threads;
             most = &r->limits;
         }
-        if (r->threads == last)
+        size_t before = 0; // once for each number of threads
+        while (report->results[before].threads != r->threads)
+            ++before;
+        if (before < i)
             continue;
-        last = r->threads;
         json_t *entry = json_object();
         json_object_set_new(entry, "threads", json_integer(r->threads));
         json_object_set_new(entry, "memory_read_gbs", json_number(r->limits.memory_read_gbs));

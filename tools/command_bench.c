@@ -5,8 +5,10 @@
 // on models of the user's own. All settings of a scene take turns, repetition by repetition, so
 // that a slow minute of the machine hits them alike.
 
+#include <errno.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "bench_report.h"
 #include "commands.h"
@@ -228,6 +230,25 @@ static int check_operands(const command_line *line)
     return -1;
 }
 
+// Minutes of measuring may not end in a path that was wrong from the start.
+static bool check_paths(const command_line *line)
+{
+    bool found = true;
+    for (int i = 0; i < line->operand_count && found; ++i) {
+        if (is_made(line->operands[i]))
+            continue;
+        model_path located;
+        found = model_locate(line->operands[i], &located);
+        model_path_free(&located);
+        const char *scene = line->operands[++i];
+        if (found && access(scene, R_OK)) {
+            fail_run("%s: %s; give the folder of a scene", scene, strerror(errno));
+            found = false;
+        }
+    }
+    return found;
+}
+
 static bool measure_all(bench_run *run, const command_line *line, scene_values *data)
 {
     if (!line->operand_count)
@@ -246,7 +267,7 @@ static bool measure_all(bench_run *run, const command_line *line, scene_values *
 static int run_bench(const bench_values *values, const command_line *line, scene_values *data)
 {
     bench_run run = {.values = values};
-    bool done = make_settings(&run, option_given(line, "isa"));
+    bool done = check_paths(line) && make_settings(&run, option_given(line, "isa"));
     run.report.results = calloc((run.setting_count + 1) * 8, sizeof *run.report.results);
     if (done && !run.report.results) {
         fail_run("no memory for the measurements");

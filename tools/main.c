@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "commands.h"
+#include "output.h"
 #include "options.h"
 #include "progress.h"
 #include "sparegs/runtime.h"
@@ -85,9 +86,8 @@ static int print_help_of(const char *name)
     return found->run(2, arguments);
 }
 
-int main(int argc, char **argv)
+static int run(int argc, char **argv)
 {
-    messages_start();
     if (argc < 2) {
         print_commands(stderr);
         return EXIT_USAGE;
@@ -105,4 +105,12 @@ int main(int argc, char **argv)
     }
     const command *found = find_command(name);
     return found ? found->run(argc - 1, argv + 1) : fail_command(name);
+}
+
+int main(int argc, char **argv)
+{
+    messages_start();
+    const int status = run(argc, argv);
+    // What was printed may be the result: a full disk behind a redirection is a failure.
+    return status != EXIT_DONE || stdout_is_whole() ? status : EXIT_FAILED;
 }

@@ -130,10 +130,16 @@ bool write_json(const char *path, json_t *root)
 
 bool print_json(json_t *root)
 {
-    const bool printed = !json_dumpf(root, stdout, JSON_INDENT(1) | JSON_REAL_PRECISION(9)) &&
-                         putchar('\n') == '\n' && !fflush(stdout);
+    const bool printed =
+        !json_dumpf(root, stdout, JSON_INDENT(1) | JSON_REAL_PRECISION(9)) && putchar('\n') == '\n';
     json_decref(root);
-    return printed || fail_file("standard output", "cannot be written", errno);
+    return printed ? stdout_is_whole() : fail_file("standard output", "cannot be written", errno);
+}
+
+bool stdout_is_whole(void)
+{
+    const int code = fflush(stdout) ? errno : 0;
+    return (!code && !ferror(stdout)) || fail_file("standard output", "cannot be written", code);
 }
 
 json_t *json_number(double value)

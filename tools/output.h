@@ -30,6 +30,8 @@ bool write_text(const char *path, const char *text);
 bool write_json(const char *path, json_t *root);
 // The same to stdout.
 bool print_json(json_t *root);
+// Whether all that was printed on stdout has arrived; false after printing the error.
+bool stdout_is_whole(void);
 // A number with at most 9 digits, or null where JSON has none (infinity, NaN).
 json_t *json_number(double value);
 

@@ -236,7 +236,8 @@ sgs_status sgs_bench_run(sgs_bench *bench, sgs_bench_sample *sample)
                              &counts->bytes.loss,
                              &counts->bytes.backward,
                              &counts->bytes.optimizer,
-                             &counts->bytes.total};
+                             &counts->bytes.total,
+                             &counts->bytes.bins};
     counts->bytes = sgs_trainer_bytes(bench->trainer);
     for (size_t i = 0; i < sizeof means / sizeof *means; ++i)
         *means[i] *= share;
@@ -255,9 +256,12 @@ sgs_bench_counts sgs_bench_counted(const sgs_bench *bench)
 
 double sgs_scaling_predict(const sgs_scaling *s, int cores, double memory_gbs)
 {
-    const double work = (s->seconds - s->serial - s->waiting) * s->threads;
+    const double width = s->cores && s->cores < s->threads ? s->cores : s->threads;
+    const double work = (s->seconds - s->serial - s->waiting) * width;
+    const double binned = s->bins > 0.0 ? fmin(s->binned * width, work) : 0.0;
+    const double rounds = s->bins > 0.0 && cores > 0 ? ceil(s->bins / cores) / s->bins : 0.0;
     const double streaming = memory_gbs > 0.0 ? s->bytes / (1e9 * memory_gbs) : 0.0;
-    const double shared = fmax(work / cores, streaming);
+    const double shared = fmax((work - binned) / cores + binned * rounds, streaming);
     return work > 0.0 && s->serial >= 0.0 && cores > 0 ? (s->serial + work) / (s->serial + shared)
                                                        : 1.0;
 }

@@ -30,15 +30,19 @@ int sgs_threads(void)
     return sgsi_threads();
 }
 
+int sgs_cores(void)
+{
+    cpu_set_t mask;
+    const int cores =
+        sched_getaffinity(0, sizeof mask, &mask) ? omp_get_num_procs() : CPU_COUNT(&mask);
+    return cores < 1 ? 1 : cores;
+}
+
 int sgsi_threads(void)
 {
     int count = atomic_load_explicit(&thread_count, memory_order_relaxed);
     if (!count) {
-        cpu_set_t mask;
-        int cores =
-            sched_getaffinity(0, sizeof mask, &mask) ? omp_get_num_procs() : CPU_COUNT(&mask);
-        if (cores < 1)
-            cores = 1;
+        int cores = sgs_cores();
         if (cores > SGSI_THREADS_MAX)
             cores = SGSI_THREADS_MAX;
         // Another thread may have set it meanwhile: then count becomes that number.

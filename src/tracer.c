@@ -4,10 +4,7 @@
 // Orchestration of one view. A work item of the forward pass is a bin (a square of tiles): its
 // packet of cone rays asks the BVH, the candidates are tested against its tiles and put in one
 // order (distance of the mean, then id) so that nothing depends on the traversal, and every tile of
-// the bin is sorted and blended by the kernels. The backward pass runs over the same tiles from
-// their lists, leaves one cache line of sums per (tile, primitive), and adds these up per primitive
-// in tile order: each thread owns a range of primitives and walks all slots, so sums do not depend
-// on the number of threads.
+// the bin is sorted and blended by the kernels.
 //
 // Depth guesses. Per tile we remember how far the last visit of the view had to look. Candidates
 // that begin behind the guess are left out, by the BVH (far of the ray) and, exactly and
@@ -15,51 +12,13 @@
 // become opaque in front of the guess, the bin is gathered again without a limit and the tile
 // redone.
 
-#include "tracer.h"
-
 #include <math.h>
 #include <string.h>
 
-#include "arena.h"
 #include "core.h"
 #include "radix.h"
 #include "rays.h"
-#include "threads.h"
-
-enum { REDUCE_SLOTS = 1 << 18, REDUCE_AHEAD = 12, MAX_THREADS = SGSI_THREADS_MAX };
-
-typedef struct thread_state {
-    sgsi_scratch scratch;
-    sgsi_gather_list gathered;
-    uint64_t *keys, *keys_spare; // [key_capacity]
-    size_t key_capacity;
-    sgsi_arena arena;
-    sgs_status status;
-    double gather_seconds, blend_seconds;
-    sgsi_trace_counts counts;
-} thread_state;
-
-struct sgsi_tracer {
-    sgsi_bvh *bvh;
-    size_t capacity, count, built_count;
-    float *records;
-    sgsi_bounds *bounds;
-    float *sums;
-    uint8_t *touched;
-    uint16_t *visible;
-    sgsi_tile_list *lists;
-    size_t list_capacity;
-    uint32_t *slot_ids; // backward: [slot_capacity]
-    float *slot_sums;   // [slot_capacity][16]
-    size_t *slot_begin; // [list_capacity + 1]
-    size_t slot_capacity;
-    sgsi_tile_cost *costs; // [tiles] or NULL
-    size_t list_words;     // room for lists in every thread's arena
-    bool absolute;         // backward passes sum absolute gradients, too
-    thread_state *threads[MAX_THREADS];
-    sgsi_trace_seconds seconds;
-    sgsi_trace_counts counts;
-};
+#include "tracer_state.h"
 
 sgs_status sgsi_tracer_create(sgsi_tracer **tracer)
 {
@@ -95,9 +54,10 @@ void sgsi_tracer_destroy(sgsi_tracer *tracer)
     for (int i = 0; i < MAX_THREADS; ++i)
         free_thread(tracer->threads[i]);
     sgsi_bvh_destroy(tracer->bvh);
-    void *const arrays[] = {tracer->records,  tracer->bounds,    tracer->sums,
-                            tracer->touched,  tracer->visible,   tracer->lists,
-                            tracer->slot_ids, tracer->slot_sums, tracer->slot_begin};
+    void *const arrays[] = {tracer->records,    tracer->bounds,    tracer->sums,
+                            tracer->touched,    tracer->visible,   tracer->lists,
+                            tracer->slot_order, tracer->slot_sums, tracer->slot_begin,
+                            tracer->buckets};
     for (size_t i = 0; i < sizeof arrays / sizeof *arrays; ++i)
         sgsi_free(arrays[i]);
     sgsi_free(tracer);
@@ -565,151 +525,9 @@ sgs_status sgsi_tracer_forward_rows(sgsi_tracer *tracer, const sgsi_view *view, 
     return forward_bins(tracer, &pass, (last_row - first_row) * bins_x);
 }
 
-typedef struct backward_pass {
-    sgsi_tracer *tracer;
-    const sgsi_view *view;
-    const sgsi_planes *planes;
-    const float *d_color[3], *d_transmittance;
-    const sgsi_score_planes *score; // instead of gradients
-    size_t first_tile, last_tile;   // of this chunk
-} backward_pass;
-
-static void backward_tile(void *context, size_t item, int thread)
-{
-    const backward_pass *pass = context;
-    sgsi_tracer *tracer = pass->tracer;
-    const size_t tile = pass->first_tile + item;
-    const sgsi_tile_list *list = &tracer->lists[tile];
-    thread_state *state = tracer->threads[thread];
-    if (!list->count || state->status)
-        return;
-    sgsi_scratch *s = &state->scratch;
-    if (!sgsi_scratch_reserve(s, list->count + 16)) {
-        state->status = SGS_STATUS_OUT_OF_MEMORY;
-        return;
-    }
-    const sgsi_kernels *kernels = sgsi_kernels_get();
-    sgsi_tile_target target = {.rays = &pass->view->rays->tiles[tile],
-                               .width = pass->planes->width,
-                               .height = pass->planes->height,
-                               .stride = pass->planes->stride,
-                               .d_color = {pass->d_color[0], pass->d_color[1], pass->d_color[2]},
-                               .d_transmittance = pass->d_transmittance,
-                               .records = tracer->records,
-                               .near_distance = pass->view->near_distance};
-    const size_t slot = tracer->slot_begin[tile] - tracer->slot_begin[pass->first_tile];
-    memcpy(tracer->slot_ids + slot, list->ids, list->count * sizeof *list->ids);
-    s->sums = tracer->slot_sums + slot * SGSI_RECORD;
-    if (pass->score)
-        kernels->tile_score(s, list, &target, pass->score);
-    else if (tracer->absolute)
-        kernels->tile_backward_absolute(s, list, &target);
-    else
-        kernels->tile_backward(s, list, &target);
-}
-
-// Adds the chunk's slots to the primitives of one range of blocks.
-static void reduce_range(void *context, size_t item, int thread)
-{
-    (void)thread;
-    const backward_pass *pass = context;
-    sgsi_tracer *tracer = pass->tracer;
-    const size_t blocks = (tracer->count + SGS_LANES - 1) / SGS_LANES,
-                 ranges = (size_t)sgsi_threads();
-    const uint32_t begin = (uint32_t)(blocks * item / ranges * SGS_LANES);
-    const uint32_t length = (uint32_t)(blocks * (item + 1) / ranges * SGS_LANES) - begin;
-    const size_t slots = tracer->slot_begin[pass->last_tile] - tracer->slot_begin[pass->first_tile];
-    for (size_t slot = 0; slot < slots; ++slot) {
-        const uint32_t id = tracer->slot_ids[slot];
-        if (slot + REDUCE_AHEAD < slots && tracer->slot_ids[slot + REDUCE_AHEAD] - begin < length)
-            __builtin_prefetch(
-                tracer->sums + (size_t)tracer->slot_ids[slot + REDUCE_AHEAD] * SGSI_RECORD, 1);
-        if (id - begin >= length)
-            continue;
-        const size_t block = id / SGS_LANES;
-        if (!tracer->touched[block]) {
-            tracer->touched[block] = 1;
-            memset(tracer->sums + block * SGS_LANES * SGSI_RECORD, 0,
-                   SGS_LANES * SGSI_RECORD * sizeof(float));
-        }
-        float *sum = tracer->sums + (size_t)id * SGSI_RECORD;
-        const float *add = tracer->slot_sums + slot * SGSI_RECORD;
-        for (int k = 0; k < SGSI_RECORD; ++k)
-            sum[k] += add[k];
-    }
-}
-
-static sgs_status reserve_slots(sgsi_tracer *tracer, size_t slots)
-{
-    if (slots <= tracer->slot_capacity)
-        return SGS_STATUS_OK;
-    sgsi_free(tracer->slot_ids);
-    sgsi_free(tracer->slot_sums);
-    tracer->slot_ids = sgsi_alloc(slots, sizeof *tracer->slot_ids);
-    tracer->slot_sums = sgsi_alloc(slots, SGSI_RECORD * sizeof *tracer->slot_sums);
-    tracer->slot_capacity = tracer->slot_ids && tracer->slot_sums ? slots : 0;
-    return tracer->slot_capacity
-               ? SGS_STATUS_OK
-               : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu gradient slots", slots);
-}
-
-// Chunks of tiles: sums per (tile, primitive), then per primitive.
-static sgs_status run_backward(sgsi_tracer *tracer, backward_pass *pass)
-{
-    const double start = sgsi_seconds();
-    const size_t tiles = (size_t)pass->view->rays->tiles_x * (size_t)pass->view->rays->tiles_y;
-    double reducing = 0.0;
-    memset(tracer->touched, 0, tracer->capacity / SGS_LANES);
-    tracer->slot_begin[0] = 0;
-    for (size_t i = 0; i < tiles; ++i)
-        tracer->slot_begin[i + 1] = tracer->slot_begin[i] + tracer->lists[i].count;
-    for (size_t first = 0; first < tiles; first = pass->last_tile) {
-        size_t last = first + 1;
-        while (last < tiles &&
-               tracer->slot_begin[last + 1] - tracer->slot_begin[first] <= REDUCE_SLOTS)
-            ++last;
-        pass->first_tile = first;
-        pass->last_tile = last;
-        const size_t slots = tracer->slot_begin[last] - tracer->slot_begin[first];
-        const sgs_status status =
-            reserve_slots(tracer, slots > REDUCE_SLOTS ? slots : REDUCE_SLOTS);
-        if (status)
-            return status;
-        sgsi_parallel_for(last - first, 1, backward_tile, pass);
-        const double reduce_start = sgsi_seconds();
-        sgsi_parallel_for((size_t)sgsi_threads(), 1, reduce_range, pass);
-        reducing += sgsi_seconds() - reduce_start;
-    }
-    tracer->seconds.reduce = reducing;
-    tracer->seconds.backward = sgsi_seconds() - start - reducing;
-    for (int i = 0; i < sgsi_threads(); ++i)
-        if (tracer->threads[i]->status)
-            return sgsi_fail(tracer->threads[i]->status, "no memory for the gradients of a tile");
-    return SGS_STATUS_OK;
-}
-
 void sgsi_tracer_watch_tiles(sgsi_tracer *tracer, sgsi_tile_cost *costs)
 {
     tracer->costs = costs;
-}
-
-sgs_status sgsi_tracer_backward(sgsi_tracer *tracer, const sgsi_view *view,
-                                const sgsi_planes *planes, float *const d_color[3],
-                                float *d_transmittance)
-{
-    backward_pass pass = {.tracer = tracer,
-                          .view = view,
-                          .planes = planes,
-                          .d_color = {d_color[0], d_color[1], d_color[2]},
-                          .d_transmittance = d_transmittance};
-    return run_backward(tracer, &pass);
-}
-
-sgs_status sgsi_tracer_score(sgsi_tracer *tracer, const sgsi_view *view, const sgsi_planes *planes,
-                             const sgsi_score_planes *score)
-{
-    backward_pass pass = {.tracer = tracer, .view = view, .planes = planes, .score = score};
-    return run_backward(tracer, &pass);
 }
 
 void sgsi_tracer_absolute(sgsi_tracer *tracer, bool wanted)

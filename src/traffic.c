@@ -3,7 +3,7 @@
 
 #include "traffic.h"
 
-#include "threads.h"
+#include <math.h>
 
 enum { WORD = 4, RECORD = SGSI_RECORD * WORD, PLANES = 4 }; // colour and transmittance
 
@@ -19,12 +19,16 @@ static double stepped_blocks(const sgsi_traffic *traffic)
     return (double)stepped;
 }
 
-static double listed_primitives(const sgsi_traffic *traffic)
+// (tile, primitive) pairs, and the pixels of the tiles that have any.
+static double listed_primitives(const sgsi_traffic *traffic, double *pixels)
 {
     const sgsi_tile_list *lists = sgsi_tracer_lists(traffic->tracer);
-    size_t listed = 0;
-    for (size_t i = 0; i < traffic->tiles; ++i)
+    size_t listed = 0, tiles = 0;
+    for (size_t i = 0; i < traffic->tiles; ++i) {
         listed += lists[i].count;
+        tiles += lists[i].count != 0;
+    }
+    *pixels = fmin((double)(tiles * SGSI_TILE * SGSI_TILE), (double)traffic->pixels);
     return (double)listed;
 }
 
@@ -32,7 +36,9 @@ void sgsi_traffic_add(const sgsi_traffic *traffic, sgs_train_bytes *bytes)
 {
     const sgsi_trace_counts counts = sgsi_tracer_counts(traffic->tracer);
     const double rows = (double)traffic->primitives, pixels = (double)traffic->pixels;
-    const double listed = listed_primitives(traffic), stepped = SGS_LANES * stepped_blocks(traffic);
+    double drawn;
+    const double listed = listed_primitives(traffic, &drawn),
+                 stepped = SGS_LANES * stepped_blocks(traffic);
     const double bands = (traffic->sh_degree + 1) * (traffic->sh_degree + 1);
     const double shape = SGS_PARAM_SH_DC * WORD, color = 3.0 * WORD * bands;
     const double statistics =
@@ -48,10 +54,9 @@ void sgsi_traffic_add(const sgsi_traffic *traffic, sgs_train_bytes *bytes)
     add.forward = pixels * PLANES * WORD + (listed + (double)counts.elements) * WORD;
     add.loss = pixels * (2.0 * PLANES * WORD + traffic->channels);
     // Lists, records, gradients of the planes in; a record of sums per (tile, primitive) out, and
-    // back in by the reduction, whose threads all read all ids.
-    add.backward = pixels * PLANES * WORD + (listed + (double)counts.elements) * WORD +
-                   2.0 * listed * RECORD + listed * (RECORD + WORD * (1.0 + sgsi_threads())) +
-                   2.0 * stepped * RECORD;
+    // back in by the reduction, which reads ids three times and writes and reads their order.
+    add.backward = drawn * PLANES * WORD + (listed + (double)counts.elements) * WORD +
+                   2.0 * listed * RECORD + listed * (RECORD + WORD * 5.0) + 2.0 * stepped * RECORD;
     // Sums in; parameters and both moments in and out.
     add.optimizer = stepped * (RECORD + (traffic->steps ? 6.0 * (shape + color) : shape + color) +
                                0.5 * statistics);
@@ -63,6 +68,7 @@ void sgsi_traffic_add(const sgsi_traffic *traffic, sgs_train_bytes *bytes)
     bytes->backward += add.backward;
     bytes->optimizer += add.optimizer;
     bytes->iterations += 1.0;
+    bytes->bins += (double)traffic->bins;
     bytes->total +=
         add.project + add.bvh + add.gather + add.forward + add.loss + add.backward + add.optimizer;
 }

@@ -578,6 +578,7 @@ static void count_traffic(sgs_trainer *trainer, const step_state *step)
                                   .pixels =
                                       (size_t)step->planes.width * (size_t)step->planes.height,
                                   .tiles = (size_t)rays->tiles_x * (size_t)rays->tiles_y,
+                                  .bins = (size_t)rays->bins_x * (size_t)rays->bins_y,
                                   .sh_degree = step->view.sh_degree,
                                   .channels = step->source->image.channels,
                                   .collects = step->statistics != NULL,

@@ -27,7 +27,12 @@ static const bench_phase phases[] = {
     {"refit", AT(refit)},         {"build", AT(build)},
     {"iteration", AT(iteration)},
 };
-enum { PHASE_COUNT = sizeof phases / sizeof *phases, HIT_PHASES = 6, PHASE_TOTAL = 3 };
+enum {
+    PHASE_COUNT = sizeof phases / sizeof *phases,
+    HIT_PHASES = 6,
+    PHASE_TOTAL = 3,
+    PHASE_PROJECT = 4
+};
 
 typedef struct spread {
     double median, low, high;
@@ -131,7 +136,12 @@ static sgs_scaling scaling_of(const bench_result *r)
                          .serial = phase_spread(r, &serial).median,
                          .waiting = phase_spread(r, &waiting).median,
                          .bytes = r->counts.bytes.total,
-                         .threads = r->threads};
+                         .threads = r->threads,
+                         .cores = sgs_cores(),
+                         .binned = phase_spread(r, &phases[0]).median +
+                                   phase_spread(r, &phases[1]).median -
+                                   phase_spread(r, &phases[PHASE_PROJECT]).median,
+                         .bins = r->counts.bytes.bins};
 }
 
 static void print_row(const bench_result *r, const bench_phase *phase, bool per_hit)

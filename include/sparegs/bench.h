@@ -102,11 +102,16 @@ typedef struct sgs_scaling {
         waiting;  // wall clock of some iterations: all, outside loops, waiting inside
     double bytes; // moved in them
     int threads;  // they ran on
+    int cores;    // that these had; 0 = one each
+    // Part of seconds that goes bin by bin (gather and forward), and how many bins a view has: more
+    // cores than that have nothing to do then. 0 = cut as fine as one likes.
+    double binned, bins;
 } sgs_scaling;
 
 // Predicted speed-up of `cores` over one core with `memory_gbs` 10^9 bytes per second for all of
-// them: the work, (seconds - serial - waiting) * threads, is shared evenly but never faster than
-// the memory delivers the bytes; the serial part stays (Amdahl). 1 for times that are not positive.
+// them: the work, (seconds - serial - waiting) * threads (or the cores these had, if fewer), is
+// shared evenly, that of the bins in whole bins, but never faster than the memory delivers the
+// bytes; the serial part stays (Amdahl). 1 for times that are not positive.
 double sgs_scaling_predict(const sgs_scaling *scaling, int cores, double memory_gbs);
 
 // ---- What the machine can do ----

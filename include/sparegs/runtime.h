@@ -21,6 +21,8 @@ typedef enum sgs_isa {
 // Threads used by the coming calls; 0 = all cores of the affinity mask (the default).
 void sgs_set_threads(int count);
 int sgs_threads(void);
+// Cores of the affinity mask.
+int sgs_cores(void);
 
 // Instruction set of the kernels. Default: the best the machine has. Fails with UNSUPPORTED when
 // the machine (or the build) lacks it; the setting is then unchanged.

@@ -125,6 +125,7 @@ typedef struct sgs_train_seconds {
 typedef struct sgs_train_bytes {
     double project, bvh, gather, forward, loss, backward, optimizer, total;
     double iterations; // that were counted
+    double bins;       // pieces that their forward passes were cut into, all together
 } sgs_train_bytes;
 
 // What one call of sgs_trainer_step did.

@@ -141,7 +141,7 @@ void sgs_bench_destroy(sgs_bench *bench)
     sgsi_free(bench);
 }
 
-sgs_status sgs_bench_step(sgs_bench *bench, sgs_bench_sample *sum)
+sgs_status sgs_bench_step(sgs_bench *bench, sgs_bench_sample *sample)
 {
     sgs_trainer *trainer = bench->trainer;
     const sgs_train_seconds before = trainer->progress.seconds;
@@ -152,17 +152,17 @@ sgs_status sgs_bench_step(sgs_bench *bench, sgs_bench_sample *sum)
         return status;
     const sgs_train_seconds *after = &trainer->progress.seconds;
     const sgsi_trace_seconds traced = sgsi_tracer_seconds(trainer->tracer);
-    sum->refit += traced.bvh_refit;
-    sum->gather += traced.gather;
-    sum->project += traced.project;
-    sum->forward += traced.project + traced.forward;
-    sum->reduce += traced.reduce;
-    sum->backward += traced.backward + traced.reduce;
-    sum->loss += after->loss - before.loss;
-    sum->optimizer += after->optimizer - before.optimizer;
-    sum->iteration += after->total - before.total;
-    sum->serial += after->serial - before.serial;
-    sum->waiting += after->waiting - before.waiting;
+    sample->refit += traced.bvh_refit;
+    sample->gather += traced.gather;
+    sample->project += traced.project;
+    sample->forward += traced.project + traced.forward;
+    sample->reduce += traced.reduce;
+    sample->backward += traced.backward + traced.reduce;
+    sample->loss += after->loss - before.loss;
+    sample->optimizer += after->optimizer - before.optimizer;
+    sample->iteration += after->total - before.total;
+    sample->serial += after->serial - before.serial;
+    sample->waiting += after->waiting - before.waiting;
     const sgsi_trace_counts counts = sgsi_tracer_counts(trainer->tracer);
     bench->counts.gathered += (double)counts.gathered;
     bench->counts.candidates += (double)counts.candidates;

@@ -105,15 +105,14 @@ static inline vf vf_log2(vf x)
     const int32_t root_half = 0x3F3504F3; // bits of sqrt(1/2)
     const vi n = vi_sra(vi_sub(vf_as_vi(x), vi_set1(root_half)), 23);
     const vf f = vf_sub(vi_as_vf(vi_sub(vf_as_vi(x), vi_sll(n, 23))), vf_set1(1.0f));
-    vf q = vf_set1(1.25837058e-1f);
-    q = vf_fma(q, f, vf_set1(-2.07269818e-1f));
-    q = vf_fma(q, f, vf_set1(2.15715617e-1f));
-    q = vf_fma(q, f, vf_set1(-2.38944814e-1f));
-    q = vf_fma(q, f, vf_set1(2.87916243e-1f));
-    q = vf_fma(q, f, vf_set1(-3.60703677e-1f));
-    q = vf_fma(q, f, vf_set1(4.80910629e-1f));
-    q = vf_fma(q, f, vf_set1(-7.21347332e-1f));
-    q = vf_fma(q, f, vf_set1(1.44269502f));
+    // Pairs of terms by powers of f^2 (Estrin): Horner's chain would be twice as long.
+    const vf f2 = vf_mul(f, f), f4 = vf_mul(f2, f2);
+    const vf q0 = vf_fma(vf_set1(-7.21347332e-1f), f, vf_set1(1.44269502f));
+    const vf q2 = vf_fma(vf_set1(-3.60703677e-1f), f, vf_set1(4.80910629e-1f));
+    const vf q4 = vf_fma(vf_set1(-2.38944814e-1f), f, vf_set1(2.87916243e-1f));
+    const vf q6 = vf_fma(vf_set1(-2.07269818e-1f), f, vf_set1(2.15715617e-1f));
+    const vf high = vf_fma(vf_fma(vf_set1(1.25837058e-1f), f2, q6), f2, q4);
+    const vf q = vf_fma(high, f4, vf_fma(q2, f2, q0));
     return vf_fma(q, f, vi_to_vf(n));
 }
 

@@ -84,3 +84,7 @@ double sgsi_seconds(void);
 uint64_t sgsi_random_bits(uint64_t seed, uint64_t counter);
 double sgsi_random_uniform(uint64_t seed, uint64_t counter);
 double sgsi_random_normal(uint64_t seed, uint64_t counter);
+
+// Cameras farther from the origin are refused: Embree's boxes end at 1.8e18, and single precision
+// long before.
+#define SGSI_FARTHEST_CAMERA 1e15

@@ -28,7 +28,8 @@
 static const float INERT_OPACITY_LOGIT = -30.0f;
 static const float INERT_LOG_SCALE = -20.0f;
 static const double SH_C0 = 0.28209479177387814;
-static const double SMALLEST_SQUARED_DISTANCE = 1e-7;
+static const double SMALLEST_SQUARED_DISTANCE = 1e-7; // in scenes of extent 1 and more
+static const double FALLBACK_OF_EXTENT = 0.01;
 
 enum { INIT_GRAIN = 4096 };
 static const size_t MOST_PRIMITIVES = (size_t)INT32_MAX - 15; // ids are 32 bit, some of them signed
@@ -135,7 +136,7 @@ typedef struct init_loop {
     const float *points;
     const unsigned char *colors;
     const double *distances;
-    double fallback_scale;
+    double fallback_scale, least_squared;
     sgs_gaussians *model;
 } init_loop;
 
@@ -156,7 +157,7 @@ static void init_range(void *context, size_t begin, size_t end, int thread)
             }
         }
         const double mean = found ? sum / found : loop->fallback_scale * loop->fallback_scale;
-        const double squared = mean > SMALLEST_SQUARED_DISTANCE ? mean : SMALLEST_SQUARED_DISTANCE;
+        const double squared = mean > loop->least_squared ? mean : loop->least_squared;
         for (int k = 0; k < 3; ++k) {
             params[SGS_PARAM_MEAN + k] = loop->points[3 * i + (size_t)k];
             params[SGS_PARAM_SCALE + k] = (float)(0.5 * log(squared));
@@ -196,7 +197,9 @@ sgs_status sgs_gaussians_init_points(const float *points, const unsigned char *c
         sgsi_free(distances);
         return status;
     }
-    init_loop loop = {points, colors, distances, fallback_scale, fresh};
+    const double extent = fallback_scale > 0.0 ? fallback_scale / FALLBACK_OF_EXTENT : 1.0;
+    const double least = SMALLEST_SQUARED_DISTANCE * fmin(1.0, extent * extent);
+    init_loop loop = {points, colors, distances, fallback_scale, least, fresh};
     sgsi_parallel_ranges(n, INIT_GRAIN, init_range, &loop);
     sgsi_free(distances);
     *model = fresh;

@@ -242,7 +242,7 @@ static inline vf transverse_norm(const sgsi_optimize *input, const gaussian16 *g
     const vf x = vf_mul(d->transverse.x, vf_set1(input->tan_half_x)),
              y = vf_mul(d->transverse.y, vf_set1(input->tan_half_y));
     const vf norm = vf_mul(g->delta.z, vf_sqrt(vf_fma(x, x, vf_mul(y, y))));
-    return vf_keep(vf_gt(g->delta.z, vf_set1(0.2f)), norm);
+    return vf_keep(vf_gt(g->delta.z, vf_set1(input->view.near_distance)), norm);
 }
 
 // The same from sums of absolute values over pixels. What the sums leave out: 1 / (h |delta|), and
@@ -257,7 +257,7 @@ static inline vf absolute_gradient(const sgsi_optimize *input, const gaussian16 
     const vf y = vf_mul(vf_mul(sums[SGSI_SUM_ABSOLUTE + 1], unit),
                         vf_set1(fisheye ? input->tan_half_x : input->tan_half_y));
     const vf total = input->absolute_norm ? vf_sqrt(vf_fma(x, x, vf_mul(y, y))) : vf_add(x, y);
-    return fisheye ? total : vf_keep(vf_gt(g->delta.z, vf_set1(0.2f)), total);
+    return fisheye ? total : vf_keep(vf_gt(g->delta.z, vf_set1(input->view.near_distance)), total);
 }
 
 typedef struct adam16 {

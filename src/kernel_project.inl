@@ -85,7 +85,7 @@ static inline vf projected_radius(const sgsi_view *view, const gaussian16 *g, vm
     }
     const float width = (float)rays->camera.width, height = (float)rays->camera.height;
     const vf z = g->delta.z;
-    vm visible = vf_gt(z, vf_set1(0.2f));
+    vm visible = vf_gt(z, vf_set1(view->near_distance));
     if (!vm_any(visible))
         return zero;
     const vf inv_z = vf_div(one, vf_select(visible, z, one));

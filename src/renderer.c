@@ -29,6 +29,11 @@ struct sgs_renderer {
     size_t filter_capacity;
 };
 
+double sgs_near_distance(double extent)
+{
+    return extent < 1.0 ? 0.2 * extent : 0.2;
+}
+
 sgs_render_options sgs_render_options_default(void)
 {
     return (sgs_render_options){

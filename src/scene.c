@@ -60,6 +60,7 @@ typedef struct loader {
     sgsi_dataset dataset;
     slot *slots; // parallel to dataset.frames
     sgsi_roots roots;
+    bool mask_folder; // there is a folder where masks are looked for
     lens_mask *lenses;
     size_t lens_count;
     bool limited;               // the photographs do not fit into the image cache
@@ -368,6 +369,7 @@ static sgs_status find_masks(loader *l)
         if (!place)
             status = sgsi_scene_no_memory(l->scene->path);
         sgsi_roots_add(&l->roots, place);
+        l->mask_folder = l->mask_folder || (place && sgsi_is_folder(place));
         sgsi_free(place);
     }
     for (size_t i = 0; i < l->scene->view_count && !status; ++i)
@@ -491,6 +493,10 @@ static sgs_status keep_readable_views(loader *l)
                          "%s: none of the %zu registered images can be read; the first: %s",
                          l->files.image_folder, count,
                          l->slots[0].error ? l->slots[0].error : "no reason known");
+    if (!scene->masks && l->mask_folder)
+        sgsi_warn("%s: there is a folder of masks, but none in it is named after an image "
+                  "(NAME.png or STEM.png)",
+                  scene->path);
     if (scene->masks && scene->masks < kept)
         sgsi_warn("%s: %zu of %zu images have no mask; all of their pixels count", scene->path,
                   kept - scene->masks, kept);

@@ -7,7 +7,6 @@
 
 #include "scene_split.h"
 
-#include <float.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -196,9 +195,14 @@ sgs_status sgsi_scene_measure_extent(sgs_scene *scene)
     size_t count = 0;
     double sum[3] = {0}, largest = 0, magnitude = 0, center[3];
     for (size_t i = 0; i < scene->view_count; ++i) {
+        sgs_pose_center(&scene->views[i].pose, center);
+        if (!(fabs(center[0]) + fabs(center[1]) + fabs(center[2]) < SGSI_FARTHEST_CAMERA))
+            return sgsi_fail(SGS_STATUS_FORMAT,
+                             "%s: the camera of '%s' is too far away to be real; is the model "
+                             "damaged?",
+                             scene->model_path, scene->views[i].name);
         if (scene->views[i].split != SGS_SPLIT_TRAIN)
             continue;
-        sgs_pose_center(&scene->views[i].pose, center);
         for (int k = 0; k < 3; ++k)
             sum[k] += center[k];
         ++count;
@@ -217,10 +221,6 @@ sgs_status sgsi_scene_measure_extent(sgs_scene *scene)
         largest = fmax(largest, distance);
     }
     scene->extent = 1.1 * largest;
-    if (!(magnitude < FLT_MAX) || !(scene->extent < FLT_MAX))
-        return sgsi_fail(SGS_STATUS_FORMAT,
-                         "%s: the cameras are too far apart to be real; is the model damaged?",
-                         scene->model_path);
     // Below rounding noise the cameras are in one place.
     if (scene->extent > 1e-9 * (1e-3 + magnitude))
         return SGS_STATUS_OK;

@@ -170,6 +170,11 @@ sgs_status sgsi_tracer_project(sgsi_tracer *tracer, const sgs_gaussians *model,
                                const sgsi_view *view, uint32_t *visible_count, float *radius_max)
 {
     const double start = sgsi_seconds();
+    for (int k = 0; k < 3; ++k)
+        if (!(fabs((double)view->center[k]) < SGSI_FARTHEST_CAMERA))
+            return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                             "a camera at %g on axis %d is too far away to draw",
+                             (double)view->center[k], k);
     const sgs_status status = reserve_primitives(tracer, model->capacity);
     if (status)
         return status;

@@ -154,6 +154,10 @@ static sgs_status copy_initial_model(sgs_trainer *trainer, const sgs_gaussians *
 {
     const size_t cap = trainer->options.max_gaussians;
     size_t wanted = cap && cap < from->count ? cap : from->count, taken = 0;
+    if (wanted < from->count)
+        sgsi_warn("the initial model has %zu primitives; %zu of them, drawn at random, are left by "
+                  "the limit (--max-gaussians)",
+                  from->count, wanted);
     sgs_status status = sgs_gaussians_create(wanted + SGS_LANES, &trainer->model);
     if (!status)
         status = sgs_gaussians_resize(trainer->model, wanted);
@@ -381,7 +385,7 @@ static sgs_status trace_forward(sgs_trainer *trainer, step_state *step)
     if (status)
         return status;
     const sgs_render_options options = {.filter = trainer->options.filter,
-                                        .near_distance = 0.2,
+                                        .near_distance = sgs_near_distance(trainer->scene->extent),
                                         .filter_3d = trainer->filter_3d,
                                         .sh_degree = active_sh_degree(trainer, step->iteration),
                                         .compact_box = trainer->options.compact_box};
@@ -598,6 +602,16 @@ static void account_step(sgs_trainer *trainer, double start, sgsi_loop_seconds l
     seconds->waiting += now.waiting - loops.waiting;
 }
 
+// A training that looks past its model would end well and show nothing.
+static void watch_views(sgs_trainer *trainer, int iteration)
+{
+    trainer->seen = trainer->seen || sgsi_tracer_counts(trainer->tracer).elements;
+    if (!trainer->seen && (size_t)iteration == trainer->train_view_count)
+        sgsi_warn("%s: none of the %zu training views has seen a primitive; do the points (or "
+                  "--init) belong to these cameras?",
+                  trainer->scene->path, trainer->train_view_count);
+}
+
 sgs_status sgs_trainer_step(sgs_trainer *trainer, sgs_step_info *info)
 {
     const double start = sgsi_seconds();
@@ -617,6 +631,8 @@ sgs_status sgs_trainer_step(sgs_trainer *trainer, sgs_step_info *info)
     step.guess = next_view(trainer);
     expect_next_views(trainer);
     sgs_status status = sgsi_trainer_draw(trainer, &step);
+    if (!status)
+        watch_views(trainer, iteration);
     if (!status && trainer->exposure)
         sgsi_exposure_step(trainer->exposure, step.guess,
                            sgsi_exposure_rate(iteration, trainer->options.iterations));

@@ -82,6 +82,7 @@ struct sgs_trainer {
     float *planes;           // colour, transmittance and their gradients: 8 planes
     size_t plane_floats;     // per plane
     bool structure_changed;
+    bool seen; // some view has met a primitive
     sgsi_progress progress;
     sgs_train_bytes bytes; // of this process, not of the checkpoint
     float *cloud_points;

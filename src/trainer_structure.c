@@ -197,7 +197,9 @@ sgs_stop_reason sgsi_trainer_decide_stop(sgs_trainer *trainer, double loss)
                 &progress->equilibrium, trainer->model->count, progress->reset_since_check,
                 o->spare_eps_loss, o->spare_eps_count, o->spare_patience);
             progress->reset_since_check = 0;
-            if (still && iteration < o->iterations) {
+            // Before the first update nothing can have changed the count.
+            const bool moved = progress->updates || iteration >= trainer->schedule.densify_until;
+            if (still && moved && iteration < o->iterations) {
                 describe_equilibrium(trainer);
                 return SGS_STOP_EQUILIBRIUM;
             }

@@ -418,7 +418,7 @@ static void extent_is_that_of_the_training_cameras(void **state)
     m.images[0].pose[4] = 1e300;
     model_put(&folder, "sparse/0/", &m, true);
     assert_refused(folder.path, NULL, SGS_STATUS_FORMAT,
-                   "the cameras are too far apart to be real");
+                   "too far away to be real; is the model damaged?");
     tree_remove(&folder);
 }
 

@@ -293,6 +293,44 @@ static void options_out_of_range_are_named(void **state)
     assert_non_null(strstr(sgs_last_error(), "grid"));
 }
 
+static void scale_scene(double factor)
+{
+    for (size_t i = 0; i < 3 * scene->point_count; ++i)
+        scene->points[i] *= (float)factor;
+    for (size_t v = 0; v < scene->view_count; ++v)
+        for (int k = 0; k < 3; ++k)
+            scene->views[v].pose.translation[k] *= factor;
+    for (int k = 0; k < 3; ++k)
+        scene->center[k] *= factor;
+    scene->extent *= factor;
+}
+
+// Nothing is measured in absolute units that would hide a small scene from its cameras. The last
+// test: it leaves the scene rounded.
+static void a_scene_in_small_units_trains_as_well(void **state)
+{
+    (void)state;
+    const sgs_train_options options = short_run(60);
+    double losses[2];
+    for (int i = 0; i < 2; ++i) {
+        sgs_trainer *trainer = start(&options);
+        losses[i] = run(trainer, 60).loss_average;
+        sgs_trainer_destroy(trainer);
+        scale_scene(i ? 1e3 : 1e-3);
+    }
+    print_message("loss %.5f, a thousand times smaller %.5f\n", losses[0], losses[1]);
+    assert_true(fabs(losses[1] / losses[0] - 1) < 0.1);
+    scene->views[1].pose.translation[2] = 1e19;
+    sgs_trainer *trainer = start(&options);
+    sgs_step_info info;
+    sgs_status status = SGS_STATUS_OK;
+    for (int i = 0; i < 60 && !status; ++i)
+        status = sgs_trainer_step(trainer, &info);
+    assert_int_equal(status, SGS_STATUS_INVALID_ARGUMENT); // and no assertion of Embree's
+    assert_non_null(strstr(sgs_last_error(), "too far"));
+    sgs_trainer_destroy(trainer);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -306,6 +344,7 @@ int main(void)
         cmocka_unit_test(equilibrium_ends_a_run_that_stands_still),
         cmocka_unit_test(every_pipeline_trains_resumes_and_honours_the_cap),
         cmocka_unit_test(options_out_of_range_are_named),
+        cmocka_unit_test(a_scene_in_small_units_trains_as_well),
     };
     return cmocka_run_group_tests(tests, load, unload);
 }

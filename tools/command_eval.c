@@ -66,9 +66,7 @@ static bool evaluate_one(const evaluator *judge, const sgs_view *view, const cha
     sgs_image8_free(&photo);
     if (!done)
         return false;
-    ++sum->images;
-    sum->psnr += score.psnr;
-    sum->ssim += score.ssim;
+    split_score_add(sum, view, &score);
     if (list) {
         json_t *entry = json_object();
         json_object_set_new(entry, "name", json_string(view->name));

@@ -390,6 +390,7 @@ static bool evaluate(training *run)
     sgs_gaussians *model = NULL;
     evaluator judge = {0};
     const drawing_values drawing = {.filter = run->values.filter,
+                                    .near_distance = sgs_near_distance(run->scene->extent),
                                     .compact_box = run->values.compact_box,
                                     .background = run->values.background};
     bool done = !sgs_ply_read(path, &model), damaged = false;

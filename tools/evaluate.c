@@ -9,6 +9,7 @@
 
 #include "evaluate.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -145,6 +146,17 @@ bool evaluate_view(const evaluator *judge, const sgs_view *view, view_score *sco
     return done;
 }
 
+void split_score_add(split_score *sum, const sgs_view *view, const view_score *score)
+{
+    if (isnan(score->psnr)) {
+        print_warning("%s: no pixel of it counts; the mean is without it", view->name);
+        return;
+    }
+    ++sum->images;
+    sum->psnr += fmin(score->psnr, 100.0);
+    sum->ssim += score->ssim;
+}
+
 bool evaluate_split(const evaluator *judge, sgs_split split, split_score *score)
 {
     *score = (split_score){0};
@@ -164,9 +176,7 @@ bool evaluate_split(const evaluator *judge, sgs_split split, split_score *score)
             progress_end();
             return false;
         }
-        ++sum.images;
-        sum.psnr += one.psnr;
-        sum.ssim += one.ssim;
+        split_score_add(&sum, view, &one);
     }
     progress_end();
     if (sum.images)

@@ -38,6 +38,10 @@ typedef struct split_score {
     double psnr, ssim; // means over the images
 } split_score;
 
+// Adds a view to the sums in *sum. A view without a pixel that counts is left out and named; one
+// that is equal to the bit counts as 100 dB, where infinity would leave nothing of a mean.
+void split_score_add(split_score *sum, const sgs_view *view, const view_score *score);
+
 // Scores a split; a request to stop (interrupt.h) ends it early with images = 0.
 bool evaluate_split(const evaluator *judge, sgs_split split, split_score *score);
 

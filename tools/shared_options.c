@@ -219,6 +219,7 @@ void drawing_settle(drawing_values *values, const command_line *line, const json
     values->space = space && !strcmp(space, "linear") ? SGS_SPACE_LINEAR : SGS_SPACE_SRGB;
     const double white = json_number_value(config_option(config, "white"));
     values->white = white > 0 ? white : 1;
+    values->near_distance = sgs_near_distance(scene ? scene->extent : 1.0);
     if (option_given(line, "background"))
         return;
     const json_t *background = config_option(config, "background");
@@ -235,6 +236,8 @@ sgs_render_options drawing_render_options(const drawing_values *values)
     sgs_render_options options = sgs_render_options_default();
     options.filter = (sgs_filter)values->filter;
     options.compact_box = values->compact_box;
+    if (values->near_distance > 0)
+        options.near_distance = values->near_distance;
     return options;
 }
 

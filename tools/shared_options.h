@@ -51,6 +51,7 @@ typedef struct drawing_values {
     sgs_space
         space; // of the model's colours, and the light that is 1 in them: from the run's config
     double white;
+    double near_distance; // from the scene
 } drawing_values;
 
 option_group drawing_group(drawing_values *values);

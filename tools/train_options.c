@@ -45,7 +45,7 @@ static const option output_options[] = {
 };
 
 static const option training_options[] = {
-    {"iterations", 0, OPTION_INTEGER, AT(iterations), 1, 1e9, "N", "30000", NULL, NULL,
+    {"iterations", 0, OPTION_INTEGER, AT(iterations), 1, 1e7, "N", "30000", NULL, NULL,
      "length of the run"},
     {"schedule", 0, OPTION_CHOICE, AT(schedule), 0, 0, "scaled|paper", "scaled", NULL, NULL,
      "scaled: the milestones of the 30000-iteration schedule shrink with N; paper: that schedule, "

@@ -30,7 +30,8 @@ typedef enum sgs_filter { SGS_FILTER_3DGS = 0, SGS_FILTER_NONE = 1, SGS_FILTER_M
 
 typedef struct sgs_render_options {
     sgs_filter filter;
-    double near_distance; // hits at t <= near do not count; default 0.2 (3DGS's cull), world units
+    double near_distance; // hits at t <= near do not count, world units; default 0.2 (3DGS's cull),
+                          // see sgs_near_distance
     int sh_degree;        // highest band used, 0..3; default 3
     const float *filter_3d; // [count] Mip-Splatting's f3 in world units, or NULL (0); used by
                             // SGS_FILTER_MIP only
@@ -40,6 +41,10 @@ typedef struct sgs_render_options {
                         // its rays is beyond this share of the support, 2 ln(255 o), as FastGS's
                         // rasteriser does at 0.5; default 1, exact
 } sgs_render_options;
+
+// The near distance for cameras of this extent (scene.h): 0.2, and in scenes smaller than 1 as much
+// less: their cameras would look through what is to be seen.
+double sgs_near_distance(double extent);
 
 sgs_render_options sgs_render_options_default(void);
 

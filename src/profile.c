@@ -218,6 +218,20 @@ static sgs_status measure_kind(profile_job *job, sgsi_tracer *tracer, sgs_profil
     return status;
 }
 
+// Times are the least of what comes from now on.
+static void forget_times(profile_job *job)
+{
+    sgs_profile *out = job->out;
+    out->forward = INFINITY;
+    for (int t = 0; t < out->tiles_x * out->tiles_y; ++t)
+        out->tile_seconds[t] = INFINITY;
+    for (int k = 0; k < SGS_PROFILE_KIND_COUNT; ++k) {
+        sgs_profile_tree *tree = &out->trees[k];
+        tree->build = tree->gather = tree->guided_gather = job->second[k] = INFINITY;
+        tree->refit = k < SGS_PROFILE_REFIT ? 0 : INFINITY;
+    }
+}
+
 static sgs_status measure_kinds(profile_job *job)
 {
     sgs_profile *out = job->out;
@@ -226,22 +240,11 @@ static sgs_status measure_kinds(profile_job *job)
     if (status)
         return status;
     const double before = (double)sgsi_bvh_bytes(sgsi_tracer_bvh(tracer));
-    for (int round = -1; !status && round < job->options->repeat; ++round) {
-        if (round <= 0) { // the round before the first warms memory and caches up
-            out->forward = INFINITY;
-            for (int t = 0; t < out->tiles_x * out->tiles_y; ++t)
-                out->tile_seconds[t] = INFINITY;
-            for (int k = 0; k < SGS_PROFILE_KIND_COUNT; ++k) {
-                sgs_profile_tree *tree = &out->trees[k];
-                tree->build = tree->gather = tree->guided_gather = job->second[k] = INFINITY;
-                tree->refit = k < SGS_PROFILE_REFIT ? 0 : INFINITY;
-            }
-        }
-        const int kinds = round < 0 ? 1 : SGS_PROFILE_KIND_COUNT;
-        for (int k = 0; !status && k < kinds; ++k)
-            status =
-                measure_kind(job, tracer, (sgs_profile_kind)k, round + 1 == job->options->repeat);
-    }
+    status = measure_kind(job, tracer, SGS_PROFILE_LOW, false); // warms memory and caches up
+    forget_times(job);
+    for (int round = 1; round <= job->options->repeat; ++round)
+        for (int k = 0; !status && k < SGS_PROFILE_KIND_COUNT; ++k)
+            status = measure_kind(job, tracer, (sgs_profile_kind)k, round == job->options->repeat);
     for (int k = 0; k < SGS_PROFILE_KIND_COUNT; ++k) {
         out->trees[k].bytes -= before;
         out->noise = fmax(

@@ -67,12 +67,11 @@ static bool grow_keys(thread_state *state, size_t capacity)
 {
     if (capacity <= state->key_capacity)
         return true;
-    sgsi_free(state->keys);
-    sgsi_free(state->keys_spare);
-    state->keys = sgsi_alloc(capacity, sizeof *state->keys);
-    state->keys_spare = sgsi_alloc(capacity, sizeof *state->keys_spare);
-    state->key_capacity = state->keys && state->keys_spare ? capacity : 0;
-    return state->key_capacity != 0;
+    if (!sgsi_grow((void **)&state->keys, 0, capacity, sizeof *state->keys) ||
+        !sgsi_grow((void **)&state->keys_spare, 0, capacity, sizeof *state->keys_spare))
+        return false;
+    state->key_capacity = capacity;
+    return true;
 }
 
 // A bin may fall to any thread, and one thread may get them all while the others sleep. So every

@@ -128,12 +128,10 @@ static sgs_status reserve_buckets(sgsi_tracer *tracer, size_t needed)
 {
     if (needed <= tracer->bucket_capacity)
         return SGS_STATUS_OK;
-    sgsi_free(tracer->buckets);
-    tracer->buckets = sgsi_alloc(needed, sizeof *tracer->buckets);
-    tracer->bucket_capacity = tracer->buckets ? needed : 0;
-    return tracer->buckets
-               ? SGS_STATUS_OK
-               : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to sort the gradients of a view");
+    if (!sgsi_grow((void **)&tracer->buckets, 0, needed, sizeof *tracer->buckets))
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to sort the gradients of a view");
+    tracer->bucket_capacity = needed;
+    return SGS_STATUS_OK;
 }
 
 static sgs_status reserve_slots(sgsi_tracer *tracer, size_t slots)

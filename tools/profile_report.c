@@ -156,23 +156,32 @@ typedef struct share {
     double seconds;
 } share;
 
+enum { ITERATION_PARTS = 6 };
+
+// Of a training iteration, in the order in which they begin.
+static void iteration_parts(const sgs_bench_sample *s, share parts[ITERATION_PARTS])
+{
+    const share made[ITERATION_PARTS] = {{"refit", s->refit},       {"gather", s->gather},
+                                         {"forward", s->forward},   {"loss", s->loss},
+                                         {"backward", s->backward}, {"optimizer", s->optimizer}};
+    memcpy(parts, made, sizeof made);
+}
+
 // The largest part of an iteration, or of a view where no iteration was measured.
 static share dominant(const profile_report *report, double *whole)
 {
-    const sgs_bench_sample *s = &report->training;
-    const share parts[] = {{"gather", s->gather},       {"forward", s->forward},
-                           {"backward", s->backward},   {"loss", s->loss},
-                           {"optimizer", s->optimizer}, {"refit", s->refit}};
     const sgs_profile_tree *tree = &report->mean.trees[SGS_PROFILE_REFIT];
     share largest = {"gather", gather_wall(tree)};
     *whole = gather_wall(tree) + report->mean.forward / sgs_threads();
     if (report->mean.forward > tree->gather)
         largest = (share){"forward", report->mean.forward / sgs_threads()};
-    if (s->iteration <= 0)
+    if (report->training.iteration <= 0)
         return largest;
-    *whole = s->iteration;
+    share parts[ITERATION_PARTS];
+    iteration_parts(&report->training, parts);
+    *whole = report->training.iteration;
     largest = parts[0];
-    for (size_t i = 1; i < sizeof parts / sizeof *parts; ++i)
+    for (int i = 1; i < ITERATION_PARTS; ++i)
         if (parts[i].seconds > largest.seconds)
             largest = parts[i];
     return largest;
@@ -184,8 +193,8 @@ static char *answer_quality(const profile_report *report)
     const sgs_profile_kind train = best_for_training(report), draw = best_for_drawing(report);
     const sgs_profile_tree *low = &report->mean.trees[SGS_PROFILE_LOW],
                            *best = &report->mean.trees[draw];
-    const double gain = (low->gather - best->gather) / sgs_threads(),
-                 price = best->build - low->build;
+    const double gain = low->gather - best->gather, // of all cores
+        price = (best->build - low->build) * sgs_threads();
     char *training = format_text(
         "Build quality: for training %s, %.2f ms per iteration for tree and gather (low %.2f, "
         "medium %.2f, high %.2f, refit %.2f, built every %d iterations)",
@@ -201,8 +210,7 @@ static char *answer_quality(const profile_report *report)
                           100 * least_gain(report))
             : format_text("for a fixed model %s: it answers %.0f %% faster than low and has paid "
                           "for its build after %.0f views",
-                          sgs_profile_kind_name(draw),
-                          100 * quotient(gain, low->gather) * sgs_threads(),
+                          sgs_profile_kind_name(draw), 100 * quotient(gain, low->gather),
                           ceil(fmax(price / gain, 1)));
     char *text =
         format_text("%s; %s.%s", training, drawing,
@@ -249,29 +257,13 @@ static char *answer_dominant(const profile_report *report)
 
 // ---- Table and JSON ----
 
-typedef struct training_phase {
-    const char *name;
-    double seconds;
-} training_phase;
-
-enum { TRAINING_PHASES = 7 };
-
-static void training_phases(const sgs_bench_sample *s, training_phase phases[TRAINING_PHASES])
-{
-    const training_phase made[TRAINING_PHASES] = {
-        {"refit", s->refit},        {"gather", s->gather},     {"forward", s->forward},
-        {"loss", s->loss},          {"backward", s->backward}, {"optimizer", s->optimizer},
-        {"iteration", s->iteration}};
-    memcpy(phases, made, sizeof made);
-}
-
 static void print_training(const sgs_bench_sample *sample)
 {
-    training_phase phases[TRAINING_PHASES];
-    training_phases(sample, phases);
+    share parts[ITERATION_PARTS];
+    iteration_parts(sample, parts);
     printf("a training iteration takes %.2f ms:", 1e3 * sample->iteration);
-    for (int k = 0; k + 1 < TRAINING_PHASES; ++k)
-        printf("%s %s %.2f", k ? "," : "", phases[k].name, 1e3 * phases[k].seconds);
+    for (int k = 0; k < ITERATION_PARTS; ++k)
+        printf("%s %s %.2f", k ? "," : "", parts[k].name, 1e3 * parts[k].seconds);
     printf(" (a build %.2f)\n", 1e3 * sample->build);
 }
 
@@ -386,11 +378,12 @@ static json_t *training_json(const sgs_bench_sample *sample)
 {
     if (!(sample->iteration > 0))
         return json_null();
-    training_phase phases[TRAINING_PHASES];
-    training_phases(sample, phases);
+    share parts[ITERATION_PARTS];
+    iteration_parts(sample, parts);
     json_t *object = json_object();
-    for (int k = 0; k < TRAINING_PHASES; ++k)
-        json_object_set_new(object, phases[k].name, json_number(phases[k].seconds));
+    for (int k = 0; k < ITERATION_PARTS; ++k)
+        json_object_set_new(object, parts[k].name, json_number(parts[k].seconds));
+    json_object_set_new(object, "iteration", json_number(sample->iteration));
     json_object_set_new(object, "build", json_number(sample->build));
     return object;
 }

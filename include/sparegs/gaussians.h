@@ -79,7 +79,8 @@ void sgs_gaussians_declare_linear_opacity(sgs_gaussians *model);
 // 3DGS initialisation from a point cloud (specs of 3DGS: scale = RMS distance to the 3 nearest
 // others, d^2 clamped at 1e-7, opacity 0.1, unit rotation, SH band 0 from the colour). points
 // [n][3] world, colors [n][3] 8 bit. Exact KNN, parallel. Fewer than 4 points: missing neighbours
-// are left out of the mean (a single point gets the scale `fallback_scale`).
+// are left out of the mean (a single point gets the scale `fallback_scale`, a hundredth of the
+// scene's extent; in scenes of an extent below 1 the clamp shrinks with its square).
 sgs_status sgs_gaussians_init_points(const float *points, const unsigned char *colors, size_t n,
                                      double fallback_scale, sgs_gaussians **model);
 

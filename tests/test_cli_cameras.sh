@@ -39,6 +39,13 @@ says "exclude each other"
 run 2 render "$model" "$room" --focus 2 -o "$temporary/none"
 says "--focus needs --aperture"
 
+# no_view_writes_over_another (equal stems keep their extension, equal names are numbered, none leaves the folder)
+jq '.[0] as $camera | ["a.jpg", "a.png", "b.jpg", "c", "c", "c_2", "..", "../up.png", "in/a.jpg", ".hidden"] |
+    map($camera + {img_name: .})' "$model/cameras.json" >"$temporary/names.json"
+run 0 render "$model" --camera "$temporary/names.json" --size 20x15 --aov rgba -o "$temporary/names/inner"
+(cd "$temporary/names" && find . -type f | LC_ALL=C sort | tr '\n' ' ') >"$temporary/names.txt"
+check files_of_their_own test "$(cat "$temporary/names.txt")" = './inner/.hidden.exr ./inner/a.jpg.exr ./inner/a.png.exr ./inner/b.exr ./inner/c.exr ./inner/c_2.exr ./inner/c_2_2.exr ./inner/in/a.exr ./inner/up.exr ./inner/view.exr '
+
 # all_around (the picture's middle looks where the view does)
 run 0 render "$model" "$room" --view 0009 --projection equirectangular --size 96x48 --aov rgba,depth -o "$temporary/around"
 check twice_as_wide test "$(size_of "$temporary/around/0009.exr")" = 96x48

@@ -203,10 +203,28 @@ bool camera_file_read(const char *path, camera_list *list)
     return done;
 }
 
+void named_camera_free(named_camera *camera)
+{
+    free(camera->name);
+    free(camera->stem);
+}
+
+void camera_list_thin(camera_list *list, size_t most)
+{
+    size_t kept = 0;
+    for (size_t i = 0; i < list->count; ++i) {
+        if (kept < most && (list->count <= most || i * most / list->count == kept))
+            list->cameras[kept++] = list->cameras[i];
+        else
+            named_camera_free(&list->cameras[i]);
+    }
+    list->count = kept;
+}
+
 void camera_list_free(camera_list *list)
 {
     for (size_t i = 0; list->cameras && i < list->count; ++i)
-        free(list->cameras[i].name);
+        named_camera_free(&list->cameras[i]);
     free(list->cameras);
     *list = (camera_list){0};
 }

@@ -11,7 +11,7 @@
 #include "sparegs/camera.h"
 
 typedef struct named_camera {
-    char *name;
+    char *name, *stem; // stem: of its files, see file_stems.h; NULL until they are named
     sgs_camera camera;
     sgs_pose pose;
 } named_camera;
@@ -29,3 +29,7 @@ typedef struct camera_list {
 // error; else release the list with camera_list_free.
 bool camera_file_read(const char *path, camera_list *list);
 void camera_list_free(camera_list *list);
+// Keeps at most `most`, evenly spaced.
+void camera_list_thin(camera_list *list, size_t most);
+// What one of them owns.
+void named_camera_free(named_camera *camera);

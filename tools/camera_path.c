@@ -143,7 +143,10 @@ bool camera_path_orbit(const sgs_scene *scene, int count, camera_list *list)
     const view_group group = group_views(scene);
     if (!group.converge) {
         fail_run(
-            "%s: its views look away from each other, so there is nothing to orbit; use --spiral",
+            scene->view_count < 2
+                ? "%s: has one view, which looks at no certain point to orbit; use render --spiral"
+                : "%s: its views look away from each other, so there is nothing to orbit; use "
+                  "render --spiral",
             scene->path);
         camera_list_free(list);
         return false;

@@ -8,6 +8,7 @@
 #include "commands.h"
 #include "evaluate.h"
 #include "exposure_file.h"
+#include "file_stems.h"
 #include "interrupt.h"
 #include "output.h"
 #include "progress.h"
@@ -34,11 +35,11 @@ static const option eval_options[] = {
 
 static const sgs_split splits[] = {SGS_SPLIT_TEST, SGS_SPLIT_TRAIN, SGS_SPLIT_ALL};
 
-static bool save_pair(const char *folder, const sgs_view *view, const sgs_image8 *drawn,
+static bool save_pair(const char *folder, const char *stem, const sgs_image8 *drawn,
                       const sgs_image8 *photo)
 {
-    char *paths[2] = {view_path(folder, view->name, ".png"),
-                      view_path(folder, view->name, "_photo.png")};
+    char *paths[2] = {format_text("%s/%s.png", folder, stem),
+                      format_text("%s/%s_photo.png", folder, stem)};
     const sgs_image8 *const images[2] = {drawn, photo};
     bool saved = true;
     for (int k = 0; k < 2 && saved; ++k) {
@@ -53,15 +54,15 @@ static bool save_pair(const char *folder, const sgs_view *view, const sgs_image8
     return saved;
 }
 
-// One view into the table or the JSON list.
+// One view into the table or the JSON list; its pictures are saved where a stem is given.
 static bool evaluate_one(const evaluator *judge, const sgs_view *view, const char *save,
-                         json_t *list, split_score *sum)
+                         const char *stem, json_t *list, split_score *sum)
 {
     view_score score;
     sgs_image8 drawn = {0}, photo = {0};
     bool done = evaluate_view(judge, view, &score, &drawn, &photo);
-    if (done && save)
-        done = save_pair(save, view, &drawn, &photo);
+    if (done && stem)
+        done = save_pair(save, stem, &drawn, &photo);
     sgs_image8_free(&drawn);
     sgs_image8_free(&photo);
     if (!done)
@@ -83,12 +84,16 @@ static bool evaluate_all(const evaluator *judge, sgs_split split, const char *sa
 {
     json_t *list = json ? json_array() : NULL;
     split_score sum = {0};
-    bool done = true;
+    const sgs_view *views = judge->scene->views;
+    const size_t count = judge->scene->view_count;
+    char **stems = save ? file_stems(&views->name, sizeof *views, count) : NULL;
+    bool done = !save || stems;
     if (!json)
         printf("%-32s %11s  %s\n", "image", "PSNR", "SSIM");
-    for (size_t v = 0; v < judge->scene->view_count && done && !interrupt_signal(); ++v)
-        if (view_in_split(&judge->scene->views[v], split))
-            done = evaluate_one(judge, &judge->scene->views[v], save, list, &sum);
+    for (size_t v = 0; v < count && done && !interrupt_signal(); ++v)
+        if (view_in_split(&views[v], split))
+            done = evaluate_one(judge, &views[v], save, stems ? stems[v] : NULL, list, &sum);
+    file_stems_free(stems, count);
     if (!done || interrupt_signal()) {
         json_decref(list);
         return done;

@@ -4,15 +4,14 @@
 // `sparegs profile`: what the BVH over a model costs and answers, seen by the cameras of a scene or
 // from an orbit.
 
-#include <math.h>
 #include <stdlib.h>
-#include <string.h>
 
 #include "commands.h"
 #include "interrupt.h"
 #include "output.h"
 #include "profile_report.h"
 #include "progress.h"
+#include "render_cameras.h"
 #include "shared_options.h"
 #include "sparegs/runtime.h"
 #include "trace_file.h"
@@ -60,110 +59,20 @@ static const option profile_options[] = {
 
 enum { VIEWS_MAX = 16 };
 
-// The least-squares meeting point of the optical axes: sum over cameras of (I - a a^T) (p - c) = 0.
-// The mean camera centre plus the extent where the axes are parallel.
-static void meeting_point(const sgs_scene *scene, double point[3])
-{
-    double m[3][4] = {{0}};
-    for (size_t v = 0; v < scene->view_count; ++v) {
-        const double *axis = scene->views[v].pose.rotation + 6;
-        double center[3];
-        sgs_pose_center(&scene->views[v].pose, center);
-        for (int i = 0; i < 3; ++i)
-            for (int j = 0; j < 3; ++j) {
-                const double entry = (i == j) - axis[i] * axis[j];
-                m[i][j] += entry;
-                m[i][3] += entry * center[j];
-            }
-    }
-    for (int i = 0; i < 3; ++i)
-        m[i][i] += 1e-6 * (double)scene->view_count,
-            m[i][3] += 1e-6 * (double)scene->view_count * scene->center[i];
-    for (int i = 0; i < 3; ++i) // positive definite: no pivoting needed
-        for (int r = 0; r < 3; ++r) {
-            if (r == i)
-                continue;
-            const double factor = m[r][i] / m[i][i];
-            for (int c = i; c < 4; ++c)
-                m[r][c] -= factor * m[i][c];
-        }
-    for (int i = 0; i < 3; ++i)
-        point[i] = m[i][3] / m[i][i];
-}
-
-// Turns the first camera around the mean up axis through the meeting point.
-static size_t orbit_views(const sgs_scene *scene, int count, sgs_view *views)
-{
-    static char *const names[VIEWS_MAX] = {"orbit-00", "orbit-01", "orbit-02", "orbit-03",
-                                           "orbit-04", "orbit-05", "orbit-06", "orbit-07",
-                                           "orbit-08", "orbit-09", "orbit-10", "orbit-11",
-                                           "orbit-12", "orbit-13", "orbit-14", "orbit-15"};
-    double point[3], up[3] = {0, 0, 0};
-    meeting_point(scene, point);
-    for (size_t v = 0; v < scene->view_count; ++v)
-        for (int k = 0; k < 3; ++k)
-            up[k] += scene->views[v].pose.rotation[3 + k];
-    const double length = sqrt(up[0] * up[0] + up[1] * up[1] + up[2] * up[2]);
-    for (int k = 0; k < 3; ++k)
-        up[k] = length > 0 ? up[k] / length : k == 1;
-    for (int i = 0; i < count; ++i) {
-        const double angle = 6.283185307179586 * i / count, c = cos(angle), s = sin(angle);
-        const sgs_pose *from = &scene->views[0].pose;
-        views[i] = scene->views[0];
-        views[i].name = names[i];
-        sgs_pose *to = &views[i].pose;
-        double turn[9];
-        for (int r = 0; r < 3; ++r)
-            for (int k = 0; k < 3; ++k)
-                turn[3 * r + k] =
-                    c * (r == k) + (1 - c) * up[r] * up[k] +
-                    s * (r == k ? 0 : (k == (r + 1) % 3 ? -up[(r + 2) % 3] : up[(r + 1) % 3]));
-        // World turned about the point: p -> turn (p - point) + point, then seen by the camera.
-        for (int r = 0; r < 3; ++r)
-            for (int k = 0; k < 3; ++k)
-                to->rotation[3 * r + k] = from->rotation[3 * r] * turn[k] +
-                                          from->rotation[3 * r + 1] * turn[3 + k] +
-                                          from->rotation[3 * r + 2] * turn[6 + k];
-        for (int r = 0; r < 3; ++r) {
-            to->translation[r] = from->translation[r];
-            for (int k = 0; k < 3; ++k)
-                to->translation[r] +=
-                    (from->rotation[3 * r + k] - to->rotation[3 * r + k]) * point[k];
-        }
-    }
-    return (size_t)count;
-}
-
-static size_t choose_views(const sgs_scene *scene, const profile_values *values, sgs_view *views)
+// The cameras that --view, --split, --views or --orbit choose.
+static bool choose_cameras(const sgs_scene *scene, const profile_values *values, bool split_given,
+                           camera_list *list)
 {
     static const sgs_split splits[] = {SGS_SPLIT_TEST, SGS_SPLIT_TRAIN, SGS_SPLIT_ALL};
-    if (values->orbit)
-        return orbit_views(scene, values->orbit, views);
-    if (values->view) {
-        const ptrdiff_t v = sgs_scene_find_view(scene, values->view);
-        if (v < 0) {
-            fail_run("%s: has no view '%s'; 'sparegs info' counts them, the model's image list "
-                     "names them",
-                     scene->path, values->view);
-            return 0;
-        }
-        views[0] = scene->views[v];
-        return 1;
-    }
-    const size_t total = scene_split_count(scene, splits[values->split]);
-    const size_t wanted = (size_t)values->views < total ? (size_t)values->views : total;
-    size_t seen = 0, taken = 0;
-    for (size_t v = 0; v < scene->view_count && taken < wanted; ++v) {
-        if (!view_in_split(&scene->views[v], splits[values->split]))
-            continue;
-        if (seen++ * wanted / total == taken)
-            views[taken++] = scene->views[v];
-    }
-    if (!taken)
-        fail_run(
-            "%s: no view is in this split; hold some out by --eval, --test-every or --test-images",
-            scene->path);
-    return taken;
+    const camera_choice choice = {.view = values->view,
+                                  .split = splits[values->split],
+                                  .split_given = split_given,
+                                  .orbit = values->orbit};
+    if (!cameras_choose(&choice, scene, list))
+        return false;
+    if (!values->orbit)
+        camera_list_thin(list, (size_t)values->views);
+    return true;
 }
 
 typedef struct profiling {
@@ -171,25 +80,24 @@ typedef struct profiling {
     const common_values *common;
     const sgs_gaussians *model;
     sgs_profile_options options;
-    sgs_view views[VIEWS_MAX];
-    size_t view_count;
+    camera_list cameras;    // at most VIEWS_MAX
     sgs_counters *counters; // NULL where there are none
     profile_report report;
 } profiling;
 
 static bool profile_views(profiling *job)
 {
-    for (size_t v = 0; v < job->view_count && !interrupt_signal(); ++v) {
-        const sgs_view *view = &job->views[v];
+    for (size_t v = 0; v < job->cameras.count && !interrupt_signal(); ++v) {
+        const named_camera *view = &job->cameras.cameras[v];
         sgs_profile *profile;
-        progress_count("profiling", v, job->view_count);
+        progress_count("profiling", v, job->cameras.count);
         if (sgs_profile_view(job->model, &view->camera, &view->pose, &job->options, &profile)) {
             fail_library();
             return false;
         }
         profile_report_add(&job->report, profile);
         const bool written =
-            !job->values->output || profile_write_maps(job->values->output, view->name, profile,
+            !job->values->output || profile_write_maps(job->values->output, view, profile,
                                                        job->common->json ? stderr : stdout);
         sgs_profile_destroy(profile);
         if (!written)
@@ -236,12 +144,12 @@ static void add_counters(sgs_counter_values *to, const sgs_counter_values *from,
 static bool repeat_training(const profiling *job, sgs_bench *bench, trace_file *trace, int *number,
                             sgs_bench_sample *mean, sgs_counter_values *counted)
 {
-    const double share = 1.0 / (double)job->view_count;
+    const double share = 1.0 / (double)job->cameras.count;
     bool done = !sgs_bench_build(bench, mean);
     if (done && trace)
         trace_span(trace, "bvh_build", clock_seconds() - mean->build,
                    mean->build); // projects first
-    for (size_t v = 0; done && v < job->view_count && !interrupt_signal(); ++v) {
+    for (size_t v = 0; done && v < job->cameras.count && !interrupt_signal(); ++v) {
         const sgs_train_seconds zero = {0};
         sgs_bench_sample sample = {0};
         const double began = clock_seconds();
@@ -267,8 +175,14 @@ static bool repeat_training(const profiling *job, sgs_bench *bench, trace_file *
 // repetition whose iterations were the fastest.
 static bool measure_training(profiling *job)
 {
+    const camera_list *cameras = &job->cameras;
+    sgs_view views[VIEWS_MAX];
+    for (size_t v = 0; v < cameras->count; ++v)
+        views[v] = (sgs_view){.name = cameras->cameras[v].name,
+                              .camera = cameras->cameras[v].camera,
+                              .pose = cameras->cameras[v].pose};
     sgs_bench *bench;
-    if (sgs_bench_create(job->model, job->views, job->view_count, &bench)) {
+    if (sgs_bench_create(job->model, views, cameras->count, &bench)) {
         fail_library();
         return false;
     }
@@ -288,10 +202,9 @@ static bool measure_training(profiling *job)
     return trace_close(trace, done) && done;
 }
 
-static bool profile_model(profiling *job, const sgs_scene *scene)
+static bool profile_model(profiling *job, const sgs_scene *scene, bool split_given)
 {
-    job->view_count = choose_views(scene, job->values, job->views);
-    if (!job->view_count)
+    if (!choose_cameras(scene, job->values, split_given, &job->cameras))
         return false;
     job->options.step =
         1.6e-4 * scene->extent; // the first rate of the means: what Adam moves them by in a step
@@ -303,6 +216,7 @@ static bool profile_model(profiling *job, const sgs_scene *scene)
         else
             profile_print(&job->report);
     }
+    camera_list_free(&job->cameras);
     return done;
 }
 
@@ -343,7 +257,8 @@ static int run_profile(const command_line *line, const profile_values *values,
             job->options.repeat = values->repeat;
             job->options.samples = values->samples;
             job->options.seed = common->seed;
-            status = profile_model(job, scene) ? interrupt_status() : EXIT_FAILED;
+            const bool done = profile_model(job, scene, option_given(line, "split"));
+            status = done ? interrupt_status() : EXIT_FAILED;
         } else {
             status = fail_run("no memory for a profile");
         }

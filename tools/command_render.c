@@ -148,8 +148,7 @@ static bool render_views(const sgs_gaussians *model, const camera_list *cameras,
     view_drawer drawer;
     bool done = view_drawer_open(&drawer, options, drawing, model);
     for (size_t i = 0; i < cameras->count && done && !interrupt_signal(); ++i) {
-        const named_camera *view = &cameras->cameras[i];
-        done = view_drawer_draw(&drawer, view->name, &view->camera, &view->pose);
+        done = view_drawer_draw(&drawer, &cameras->cameras[i]);
         progress_count("render", i + 1, cameras->count);
     }
     progress_end();

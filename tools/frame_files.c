@@ -229,7 +229,7 @@ static bool write_exr(const frame_files *files, const char *path, const sgs_fram
 bool frame_write_exr(const frame_files *files, sgs_frame *frame)
 {
     made_planes made;
-    char *path = view_path(files->folder, files->name, ".exr");
+    char *path = format_text("%s/%s.exr", files->folder, files->stem);
     bool written = make_planes(files, frame, &made);
     if (written && files->encoding == EXR_LINEAR && files->aovs & AOV_RGBA)
         linearise(files, frame);
@@ -260,8 +260,9 @@ deep_file *deep_file_open(const frame_files *files, const sgs_frame *frame, int 
     view_matrices matrices;
     sgs_exr_info info = describe(files, true, &matrices);
     info.depth_definition = files->axis_depth ? deep_axis_depth : deep_ray_depth;
-    *file = (deep_file){
-        .files = files, .frame = frame, .path = view_path(files->folder, files->name, ".deep.exr")};
+    *file = (deep_file){.files = files,
+                        .frame = frame,
+                        .path = format_text("%s/%s.deep.exr", files->folder, files->stem)};
     if (make_folder_of(file->path)) {
         if (!sgs_exr_deep_open(file->path, &info, max_samples, &file->exr))
             return file;
@@ -345,7 +346,7 @@ bool deep_file_close(deep_file *file, bool complete)
 // Writes and frees one image.
 static bool write_image(const frame_files *files, const char *suffix, sgs_image8 *image)
 {
-    char *path = view_path(files->folder, files->name, suffix);
+    char *path = format_text("%s/%s%s", files->folder, files->stem, suffix);
     bool written = make_folder_of(path);
     if (written && sgs_png_write(path, image)) {
         fail_library();

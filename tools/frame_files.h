@@ -36,7 +36,8 @@ unsigned aov_planes(unsigned aovs);
 typedef enum exr_encoding { EXR_LINEAR = 0, EXR_SRGB = 1 } exr_encoding;
 
 typedef struct frame_files {
-    const char *folder, *name; // of the view, with its extension
+    const char *folder, *stem; // see file_stems.h
+    const char *name;          // of the view, with its extension
     const sgs_camera *camera;
     const sgs_pose *pose;
     unsigned aovs;

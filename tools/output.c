@@ -271,24 +271,3 @@ json_t *config_option(const json_t *config, const char *name)
 {
     return config ? json_object_get(json_object_get(config, "options"), name) : NULL;
 }
-
-char *view_path(const char *folder, const char *name, const char *suffix)
-{
-    char *stem = format_text("%s", name);
-    char *dot = strrchr(stem, '.');
-    if (dot && dot != stem && dot[-1] != '/' && !strchr(dot, '/'))
-        *dot = 0;
-    char *path = format_text("%s", folder);
-    char *rest = stem;
-    for (char *part; (part = strsep(&rest, "/"));) {
-        if (!*part || !strcmp(part, ".") || !strcmp(part, ".."))
-            continue;
-        char *longer = format_text("%s/%s", path, part);
-        free(path);
-        path = longer;
-    }
-    char *whole = format_text("%s%s", path, suffix);
-    free(path);
-    free(stem);
-    return whole;
-}

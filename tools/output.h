@@ -54,7 +54,3 @@ void model_path_free(model_path *located);
 
 // The member `name` of config's "options", or NULL. Accepts NULL.
 json_t *config_option(const json_t *config, const char *name);
-
-// FOLDER/STEM + suffix of a view: the image name without extension, kept inside the folder ("..",
-// "" and a leading "/" are left out). Release with free().
-char *view_path(const char *folder, const char *name, const char *suffix);

@@ -14,14 +14,14 @@
 #include "sparegs/image.h"
 
 typedef struct map_files {
-    const char *folder, *name;
-    FILE *stream; // gets the paths
+    const char *folder, *stem, *name; // of the view
+    FILE *stream;                     // gets the paths
 } map_files;
 
 static bool write_exr(const map_files *files, const char *suffix, int width, int height,
                       const sgs_exr_channel *channels, int count)
 {
-    char *path = view_path(files->folder, files->name, suffix);
+    char *path = format_text("%s/%s%s", files->folder, files->stem, suffix);
     const sgs_exr_info info = {.width = width, .height = height, .view_name = files->name};
     bool written = make_folder_of(path);
     if (written && sgs_exr_write(path, &info, channels, count)) {
@@ -37,7 +37,7 @@ static bool write_exr(const map_files *files, const char *suffix, int width, int
 static bool write_png(const map_files *files, const char *suffix, const float *plane, int width,
                       int height)
 {
-    char *path = view_path(files->folder, files->name, suffix);
+    char *path = format_text("%s/%s%s", files->folder, files->stem, suffix);
     const value_range range = plane_range(plane, (size_t)width * (size_t)height);
     sgs_image8 image = {0};
     bool written = plane_colored(plane, width, height, range, &image);
@@ -75,10 +75,10 @@ static bool write_tiles_png(const map_files *files, const char *suffix, const fl
     return written;
 }
 
-bool profile_write_maps(const char *folder, const char *name, const sgs_profile *profile,
+bool profile_write_maps(const char *folder, const named_camera *view, const sgs_profile *profile,
                         FILE *stream)
 {
-    const map_files files = {folder, name, stream};
+    const map_files files = {folder, view->stem, view->name, stream};
     const sgs_exr_channel pixels[] = {
         {.name = "hits.count", .floats = profile->pixel_hits},
         {.name = "elements.count", .floats = profile->pixel_elements}};

@@ -7,6 +7,7 @@
 #include <jansson.h>
 #include <stdbool.h>
 
+#include "camera_file.h"
 #include "sparegs/bench.h"
 #include "sparegs/profile.h"
 
@@ -32,5 +33,5 @@ json_t *profile_json(const profile_report *report);
 // FOLDER/STEM.profile.exr and STEM.tiles.exr with all maps; STEM.hits.png, STEM.elements.png,
 // STEM.tile_candidates.png and STEM.tile_cost.png. Prints the paths on `stream`. False after
 // printing the error.
-bool profile_write_maps(const char *folder, const char *name, const sgs_profile *profile,
+bool profile_write_maps(const char *folder, const named_camera *view, const sgs_profile *profile,
                         FILE *stream);

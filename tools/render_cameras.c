@@ -8,6 +8,7 @@
 #include <sys/stat.h>
 
 #include "camera_path.h"
+#include "file_stems.h"
 #include "options.h"
 #include "output.h"
 #include "progress.h"
@@ -71,8 +72,8 @@ static bool scene_cameras(const camera_choice *choice, const sgs_scene *scene, c
         const sgs_view *view = &scene->views[v];
         if (choice->view ? (ptrdiff_t)v != wanted : !view_in_split(view, split))
             continue;
-        list->cameras[list->count++] =
-            (named_camera){format_text("%s", view->name), view->camera, view->pose};
+        list->cameras[list->count++] = (named_camera){
+            .name = format_text("%s", view->name), .camera = view->camera, .pose = view->pose};
     }
     if (list->count)
         return true;
@@ -90,7 +91,7 @@ static void filter(camera_list *list, const camera_choice *choice,
         if (kept(choice, list->cameras[i].name, i))
             list->cameras[count++] = list->cameras[i];
         else
-            free(list->cameras[i].name);
+            named_camera_free(&list->cameras[i]);
     }
     list->count = count;
 }
@@ -164,6 +165,15 @@ static void reshape(const camera_choice *choice, sgs_camera *camera)
         *camera = sgs_camera_resized(camera, choice->width, choice->height);
 }
 
+static bool name_files(camera_list *list)
+{
+    char **stems = file_stems(&list->cameras->name, sizeof *list->cameras, list->count);
+    for (size_t i = 0; stems && i < list->count; ++i)
+        list->cameras[i].stem = stems[i];
+    free(stems);
+    return stems != NULL;
+}
+
 bool cameras_choose(const camera_choice *choice, const sgs_scene *scene, camera_list *list)
 {
     *list = (camera_list){0};
@@ -175,7 +185,7 @@ bool cameras_choose(const camera_choice *choice, const sgs_scene *scene, camera_
         if (!done)
             fail_run("--frames: there are only the frames 0 to %zu", count - 1);
     }
-    if (!done) {
+    if (!done || !name_files(list)) {
         camera_list_free(list);
         return false;
     }

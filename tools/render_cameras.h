@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Which cameras `render` draws from: views of a scene, a camera file or a path made from the views,
-// thinned out to a range of frames, at another size or all around.
+// Which cameras `render` draws and `profile` measures from: views of a scene, a camera file or a
+// path made from the views, thinned out to a range of frames, at another size or all around.
 
 #include "camera_file.h"
 #include "sparegs/scene.h"
@@ -29,5 +29,5 @@ bool frame_range_parse(const char *text, frame_range *range);
 // "WIDTHxHEIGHT", each from 1 to 65536.
 bool size_parse(const char *text, int *width, int *height);
 
-// scene may be NULL with a file. False after printing the error.
+// scene may be NULL with a file. The cameras' files are named. False after printing the error.
 bool cameras_choose(const camera_choice *choice, const sgs_scene *scene, camera_list *list);

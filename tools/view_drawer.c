@@ -247,18 +247,19 @@ static bool fits_film(const view_drawer *drawer, const char *name, const sgs_cam
     return false;
 }
 
-bool view_drawer_draw(view_drawer *drawer, const char *name, const sgs_camera *camera,
-                      const sgs_pose *pose)
+bool view_drawer_draw(view_drawer *drawer, const named_camera *view)
 {
     const view_options *o = drawer->options;
     sgs_render_options options = drawing_render_options(drawer->drawing);
     options.axis_depth = o->axis_depth;
-    if ((o->axis_depth && !has_axis_depth(name, camera)) || !fits_film(drawer, name, camera))
+    if ((o->axis_depth && !has_axis_depth(view->name, &view->camera)) ||
+        !fits_film(drawer, view->name, &view->camera))
         return false;
     frame_files files = {.folder = o->folder,
-                         .name = name,
-                         .camera = camera,
-                         .pose = pose,
+                         .stem = view->stem,
+                         .name = view->name,
+                         .camera = &view->camera,
+                         .pose = &view->pose,
                          .aovs = o->aovs,
                          .regions = o->regions,
                          .axis_depth = o->axis_depth,

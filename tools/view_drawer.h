@@ -6,6 +6,7 @@
 // view is written while the next one is drawn.
 
 #include "background.h"
+#include "camera_file.h"
 #include "frame_files.h"
 #include "shared_options.h"
 #include "video.h"
@@ -47,10 +48,9 @@ typedef struct view_drawer {
 // it with view_drawer_close in any case.
 bool view_drawer_open(view_drawer *drawer, const view_options *options,
                       const drawing_values *drawing, const sgs_gaussians *model);
-// Name, camera and pose must last until the next call. False after printing the error of this view
-// or the one before.
-bool view_drawer_draw(view_drawer *drawer, const char *name, const sgs_camera *camera,
-                      const sgs_pose *pose);
+// The view must last until the next call. False after printing the error of this view or the one
+// before.
+bool view_drawer_draw(view_drawer *drawer, const named_camera *view);
 // Waits for the last view and ends the film; `complete`: all views were drawn. False after printing
 // the error.
 bool view_drawer_close(view_drawer *drawer, bool complete);

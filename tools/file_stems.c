@@ -1,0 +1,106 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+#include "file_stems.h"
+
+#include <stdbool.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "output.h"
+#include "progress.h"
+
+// The parts of a name that stay inside a folder.
+static char *inside(const char *name)
+{
+    char *const copy = format_text("%s", name), *path = calloc(strlen(name) + 1, 1);
+    char *rest = copy, *end = path;
+    for (char *part; path && (part = strsep(&rest, "/"));) {
+        if (!*part || !strcmp(part, ".") || !strcmp(part, ".."))
+            continue;
+        if (end != path)
+            *end++ = '/';
+        end = stpcpy(end, part);
+    }
+    free(copy);
+    if (path && *path)
+        return path;
+    free(path);
+    return format_text("view");
+}
+
+static void cut_extension(char *path)
+{
+    char *const slash = strrchr(path, '/'), *const last = slash ? slash + 1 : path,
+                *const dot = strrchr(last, '.');
+    if (dot && dot != last)
+        *dot = 0;
+}
+
+static int by_text(const void *a, const void *b)
+{
+    char *const *const *x = a, *const *const *y = b; // pointers to stems, which lie in views' order
+    const int order = strcmp(**x, **y);
+    return order ? order : (*x > *y) - (*x < *y);
+}
+
+typedef struct name_list {
+    char *const *first;
+    size_t stride, count;
+} name_list;
+
+static const char *name_at(const name_list *names, size_t i)
+{
+    return *(char *const *)((const char *)names->first + i * names->stride);
+}
+
+// Calls those that share a stem otherwise: by their full names at first, then by numbers. False
+// when there were none.
+static bool part_equals(const name_list *names, char **stems, char ***order, bool numbered)
+{
+    bool changed = false;
+    for (size_t i = 0; i < names->count; ++i)
+        order[i] = stems + i;
+    qsort(order, names->count, sizeof *order, by_text);
+    for (size_t first = 0, end; first < names->count; first = end) {
+        for (end = first + 1; end < names->count && !strcmp(*order[end], *order[first]);)
+            ++end;
+        for (size_t k = first + numbered; k < end && end - first > 1; ++k) {
+            char *const other = numbered ? format_text("%s_%zu", *order[k], k - first + 1)
+                                         : inside(name_at(names, (size_t)(order[k] - stems)));
+            free(*order[k]);
+            *order[k] = other;
+            changed = true;
+        }
+    }
+    return changed;
+}
+
+char **file_stems(char *const *first_name, size_t stride, size_t count)
+{
+    const name_list names = {first_name, stride, count};
+    char **stems = calloc(count + 1, sizeof *stems);
+    char ***order = calloc(count + 1, sizeof *order);
+    if (!stems || !order) {
+        fail_run("no memory for the file names of %zu views", count);
+        free(order);
+        free(stems);
+        return NULL;
+    }
+    for (size_t i = 0; i < count; ++i) {
+        stems[i] = inside(name_at(&names, i));
+        cut_extension(stems[i]);
+    }
+    part_equals(&names, stems, order, false);
+    while (part_equals(&names, stems, order, true))
+        ; // ends: each round makes the names longer that it changes
+    free(order);
+    return stems;
+}
+
+void file_stems_free(char **stems, size_t count)
+{
+    for (size_t i = 0; stems && i < count; ++i)
+        free(stems[i]);
+    free(stems);
+}

@@ -414,15 +414,7 @@ static sgs_status trace_forward(sgs_trainer *trainer, step_state *step)
 
 static sgs_status evaluate_loss(sgs_trainer *trainer, step_state *step)
 {
-    const double begin = sgsi_seconds();
-    sgs_status status = SGS_STATUS_OK;
-    if (!step->target)
-        status = sgs_scene_photo(trainer->scene, (size_t)(step->source - trainer->scene->views),
-                                 &step->target);
-    if (status)
-        return status;
     const double start = sgsi_seconds();
-    trainer->progress.seconds.image_io += start - begin;
     const sgsi_planes *planes = &step->planes;
     sgsi_loss_input input = {
         .width = planes->width,
@@ -440,23 +432,34 @@ static sgs_status evaluate_loss(sgs_trainer *trainer, step_state *step)
     const sgsi_loss_input image = input;
     if (trainer->exposure)
         sgsi_exposure_forward(trainer->exposure, step->guess, &input);
-    status = sgsi_loss_evaluate(trainer->loss, &input, &step->loss);
+    const sgs_status status = sgsi_loss_evaluate(trainer->loss, &input, &step->loss);
     if (trainer->exposure && !status)
         sgsi_exposure_backward(trainer->exposure, step->guess, &image, &step->loss);
     trainer->progress.seconds.loss += sgsi_seconds() - start;
     return status;
 }
 
+// The photograph of step->guess. It comes before all else, so that a file that cannot be read any
+// more leaves the training as it was.
+sgs_status sgsi_trainer_fetch(sgs_trainer *trainer, step_state *step)
+{
+    const size_t view = trainer->train_views[step->guess];
+    step->source = &trainer->scene->views[view];
+    step->camera = step->source->camera;
+    if (trainer->small_images) {
+        step->target = &trainer->small_images[step->guess];
+        step->camera = sgs_camera_resized(&step->camera, step->target->width, step->target->height);
+        return SGS_STATUS_OK;
+    }
+    const double start = sgsi_seconds();
+    const sgs_status status = sgs_scene_photo(trainer->scene, view, &step->target);
+    trainer->progress.seconds.image_io += sgsi_seconds() - start;
+    return status;
+}
+
 // Forward and loss of a training view.
 sgs_status sgsi_trainer_draw(sgs_trainer *trainer, step_state *step)
 {
-    step->source = &trainer->scene->views[trainer->train_views[step->guess]];
-    const bool small = trainer->small_images != NULL;
-    step->target =
-        small ? &trainer->small_images[step->guess] : NULL; // else fetched when it is needed
-    step->camera =
-        small ? sgs_camera_resized(&step->source->camera, step->target->width, step->target->height)
-              : step->source->camera;
     for (int c = 0; c < 3; ++c)
         step->background[c] =
             trainer->options.background_random
@@ -628,9 +631,16 @@ sgs_status sgs_trainer_step(sgs_trainer *trainer, sgs_step_info *info)
         .statistics = iteration < trainer->schedule.densify_until ? &trainer->statistics : NULL,
         .prunes = sgsi_schedule_is_final_prune(&trainer->schedule, iteration),
         .resets = sgsi_schedule_is_reset(&trainer->schedule, iteration)};
+    const sgsi_progress before = *progress;
     step.guess = next_view(trainer);
     expect_next_views(trainer);
-    sgs_status status = sgsi_trainer_draw(trainer, &step);
+    sgs_status status = sgsi_trainer_fetch(trainer, &step);
+    if (status) {
+        *progress = before; // the same view comes next
+        return status;
+    }
+    trainer->half_way = true;
+    status = sgsi_trainer_draw(trainer, &step);
     if (!status)
         watch_views(trainer, iteration);
     if (!status && trainer->exposure)
@@ -669,8 +679,14 @@ sgs_status sgs_trainer_step(sgs_trainer *trainer, sgs_step_info *info)
     fill_info(trainer, &step, info);
     info->stop = sgsi_trainer_decide_stop(trainer, step.loss.loss);
     progress->stop = info->stop;
+    trainer->half_way = false;
     account_step(trainer, start, loops);
     return SGS_STATUS_OK;
+}
+
+bool sgs_trainer_is_whole(const sgs_trainer *trainer)
+{
+    return !trainer->half_way;
 }
 
 const sgs_gaussians *sgs_trainer_model(const sgs_trainer *trainer)

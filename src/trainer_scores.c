@@ -166,7 +166,9 @@ static sgs_status score_one(sgs_trainer *trainer, int iteration, size_t view)
     const size_t n = trainer->model->count;
     step_state step = {.iteration = iteration, .guess = view, .statistics = &scores->view};
     sgsi_statistics_clear(&scores->view, scores->capacity);
-    sgs_status status = sgsi_trainer_draw(trainer, &step);
+    sgs_status status = sgsi_trainer_fetch(trainer, &step);
+    if (!status)
+        status = sgsi_trainer_draw(trainer, &step);
     if (status)
         return status;
     column_job job = {trainer, scores, &step};

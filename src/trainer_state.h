@@ -82,7 +82,8 @@ struct sgs_trainer {
     float *planes;           // colour, transmittance and their gradients: 8 planes
     size_t plane_floats;     // per plane
     bool structure_changed;
-    bool seen; // some view has met a primitive
+    bool seen;     // some view has met a primitive
+    bool half_way; // the last step has begun to change things and not ended
     sgsi_progress progress;
     sgs_train_bytes bytes; // of this process, not of the checkpoint
     float *cloud_points;
@@ -107,7 +108,9 @@ typedef struct step_state {
     sgsi_loss_output loss;
 } step_state;
 
-// Forward and loss of the training view step->guess at step->iteration; fills the rest of *step.
+// The photograph of the training view step->guess, and the camera it was taken by.
+sgs_status sgsi_trainer_fetch(sgs_trainer *trainer, step_state *step);
+// Forward and loss of it at step->iteration; fills the rest of *step.
 sgs_status sgsi_trainer_draw(sgs_trainer *trainer, step_state *step);
 // The scores that the pipeline wants, from views drawn at random.
 sgs_status sgsi_trainer_score(sgs_trainer *trainer, int iteration);

@@ -128,6 +128,14 @@ check fails_with_status_1 bash -c 'trap "" XFSZ; ulimit -f 16; status=0
     "$program" "$room" "$temporary/full" "$temporary/stderr"
 says "cannot be written"
 check summary_is_intact cmp "$temporary/full/summary.json" "$temporary/before.json"
+
+# room_for_the_model_but_not_for_its_checkpoint (the result is measured all the same)
+model_bytes=$(stat -c %s "$temporary/full/point_cloud/iteration_3/point_cloud.ply")
+check fails_without_a_checkpoint bash -c 'trap "" XFSZ; ulimit -f "$3"; status=0
+    "$0" train "$1" --downscale 8 -o "$2" --iterations 4 --eval >/dev/null 2>"$4" || status=$?; test $status = 1' \
+    "$program" "$room" "$temporary/full" $((model_bytes * 3 / 2 / 1024)) "$temporary/stderr"
+check names_the_checkpoint grep -q 'checkpoint' "$temporary/stderr"
+json "$temporary/full/summary.json" '.iterations == 4 and .test.psnr > 5'
 check no_temporary_file_is_left test -z "$(find "$temporary/full" -name '*.tmp*' -o -name '.sparegs*')"
 
 # more_threads_than_any_table_may_assume

@@ -57,6 +57,7 @@ typedef struct training {
     sgs_train_bytes bytes;
     sgs_train_skipped skipped;
     char hash[17];
+    bool checkpoint_lost; // of the last iteration, and said so; the model is worth its measurement
     split_score test, train;
 } training;
 
@@ -297,6 +298,23 @@ static void record_trace(const training *run, trace_file *trace, double start,
     trace_count(trace, "rss_mb", start, 1e-6 * (double)sgs_current_rss());
 }
 
+// A step failed. What was reached until then is saved where it is whole, as it is when a photograph
+// vanishes.
+static bool give_up(training *run)
+{
+    char *reason = format_text("%s", sgs_last_error());
+    const int iteration = sgs_trainer_iteration(run->trainer);
+    progress_end();
+    if (iteration && sgs_trainer_is_whole(run->trainer) && save_model(run, iteration) &&
+        run_folder_save_checkpoint(&run->folder, run->trainer))
+        fail_run("%s; the state of iteration %d is saved: mend this and continue with --resume",
+                 reason, iteration);
+    else
+        fail_run("%s", reason);
+    free(reason);
+    return false;
+}
+
 static bool iterate(training *run, trace_file *trace)
 {
     const int total = run->values.iterations;
@@ -325,11 +343,8 @@ static bool iterate(training *run, trace_file *trace)
             run->stop = SGS_STOP_EQUILIBRIUM; // resumed from a checkpoint made in equilibrium
             break;
         }
-        if (status) {
-            progress_end();
-            fail_library();
-            return false;
-        }
+        if (status)
+            return give_up(run);
         run->stop = info.stop;
         run->most_gaussians =
             info.gaussians > run->most_gaussians ? info.gaussians : run->most_gaussians;
@@ -378,9 +393,9 @@ static bool save_results(training *run)
     char *exposure = format_text("%s/exposure.json", run->values.output);
     saved = exposure_write(exposure, run->scene, run->trainer) && saved;
     free(exposure);
-    if (!stopped_early(run) && !run->values.checkpoint_every)
-        return saved;
-    return run_folder_save_checkpoint(&run->folder, run->trainer) && saved;
+    if (stopped_early(run) || run->values.checkpoint_every)
+        run->checkpoint_lost = !run_folder_save_checkpoint(&run->folder, run->trainer);
+    return saved;
 }
 
 static bool evaluate(training *run)
@@ -505,11 +520,11 @@ static int train(training *run, bool background_given)
     run->trainer = NULL;
     if (done && !stopped_early(run))
         done = evaluate(run);
-    if (done && run->stop == SGS_STOP_TIME_LIMIT)
+    if (done && !run->checkpoint_lost && run->stop == SGS_STOP_TIME_LIMIT)
         print_note(
             "%s: the time limit ended this run at iteration %d of %d; continue with --resume",
             run->values.output, run->iterations, run->values.iterations);
-    if (!done || !report(run))
+    if (!done || !report(run) || run->checkpoint_lost)
         return EXIT_FAILED;
     if (run->stop == SGS_STOP_MEMORY_LIMIT)
         return fail_run("%s: with %zu primitives the next structural update may need more than "

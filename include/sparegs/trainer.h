@@ -190,8 +190,11 @@ sgs_status sgs_trainer_create(const sgs_scene *scene, const sgs_train_options *o
                               sgs_trainer **trainer);
 void sgs_trainer_destroy(sgs_trainer *trainer);
 
-// One iteration. After the last one info->stop is set; further calls fail with LIMIT.
+// One iteration. After the last one info->stop is set; further calls fail with LIMIT. Where the
+// photograph cannot be read any more the trainer stays as it was, and the step may be tried again.
 sgs_status sgs_trainer_step(sgs_trainer *trainer, sgs_step_info *info);
+// False when the last step failed half-way: model and checkpoint would be of no certain iteration.
+bool sgs_trainer_is_whole(const sgs_trainer *trainer);
 
 // The model as it stands; owned by the trainer, invalidated by the next step. Row order changes at
 // structural updates.

@@ -10,12 +10,17 @@
 
 void sgsi_roots_add(sgsi_roots *roots, const char *folder)
 {
-    for (size_t i = 0; folder && i < SGSI_ROOTS; ++i) {
-        if (roots->path[i])
+    char *real = folder ? realpath(folder, NULL) : NULL;
+    for (size_t i = 0; real && i < SGSI_ROOTS; ++i) {
+        if (roots->path[i] && strcmp(roots->path[i], real))
             continue;
-        roots->path[i] = realpath(folder, NULL);
+        if (!roots->path[i])
+            roots->path[i] = real;
+        else
+            free(real);
         return;
     }
+    free(real);
 }
 
 void sgsi_roots_free(sgsi_roots *roots)

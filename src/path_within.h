@@ -10,14 +10,14 @@
 
 #include "sparegs/status.h"
 
-enum { SGSI_ROOTS = 6 };
+enum { SGSI_ROOTS = 12 };
 
 // Real paths of the folders, NULL-padded.
 typedef struct sgsi_roots {
     char *path[SGSI_ROOTS];
 } sgsi_roots;
 
-// Adds a folder; one that does not exist, or NULL, adds nothing.
+// Adds a folder; one that does not exist, or NULL, or one more than there is room for adds nothing.
 void sgsi_roots_add(sgsi_roots *roots, const char *folder);
 void sgsi_roots_free(sgsi_roots *roots);
 

@@ -382,6 +382,26 @@ static sgs_status find_masks(loader *l)
     return status;
 }
 
+// The folders at the top of the names that transforms.json writes: that one of them is a link is
+// the user's choice, as it is with COLMAP's image folder.
+static sgs_status add_named_folders(loader *l)
+{
+    const char *before = "";
+    for (size_t i = 0; !l->files.colmap && i < l->scene->view_count; ++i) {
+        const char *name = l->scene->views[i].name, *end = strchr(name, '/');
+        const size_t length = end ? (size_t)(end - name) + 1 : 0;
+        if (!length || !strncmp(name, before, length))
+            continue;
+        before = name;
+        char *folder = sgsi_format("%s/%.*s", l->files.image_folder, (int)length, name);
+        if (!folder)
+            return sgsi_scene_no_memory(l->scene->path);
+        sgsi_roots_add(&l->roots, folder);
+        sgsi_free(folder);
+    }
+    return SGS_STATUS_OK;
+}
+
 // Views in the order of their names, each with the paths of its photograph and its mask.
 static sgs_status make_views(loader *l)
 {
@@ -418,7 +438,8 @@ static sgs_status make_views(loader *l)
         if (!view->image_path)
             return sgsi_scene_no_memory(scene->path);
     }
-    return find_masks(l);
+    const sgs_status status = add_named_folders(l);
+    return status ? status : find_masks(l);
 }
 
 static void drop_view(sgs_view *view)

@@ -74,6 +74,18 @@ says "cloud.ply: a link leads out of the data set"
 transforms ../secret/inside.jpg ../secret/cloud.ply
 run 1 info "$nerf"
 says "leaves the image folder"
+cp "$nerf/images/a.jpg" "$nerf/images/b.jpg"
+transforms images/b.jpg none.ply
+mv "$nerf/images" "$temporary/photographs"
+ln -s "$temporary/photographs" "$nerf/images"
+run 0 info "$nerf"
+check a_linked_image_folder_is_fine bash -c '! grep -q skipped "$0"' "$temporary/stderr"
+ln -s "$secret" "$temporary/photographs/deeper"
+transforms images/deeper/inside.jpg none.ply
+run 0 info "$nerf"
+says "inside.jpg: a link leads out of the data set"
+rm "$nerf/images"
+mv "$temporary/photographs" "$nerf/images"
 mkdir "$nerf/masks"
 ln -s "$secret/inside.jpg" "$nerf/masks/a.png"
 printf '{"w": 1280, "h": 720, "fl_x": 500, "frames": [{"file_path": "images/a.jpg", "transform_matrix":

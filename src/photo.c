@@ -207,10 +207,9 @@ static sgs_status read_photo(const sgsi_photo_source *source, sgs_photo *photo, 
     if (!status)
         status = sgsi_oiio_describe(source->image_path, source->colorspace, &info);
     if (!status && (info.width < source->width || info.height < source->height))
-        status = sgsi_fail(SGS_STATUS_FORMAT,
-                           "%s: has %d x %d pixels now, too few for %d x %d; was it replaced?",
-                           source->image_path, info.width, info.height, source->width,
-                           source->height);
+        status = sgsi_fail(
+            SGS_STATUS_FORMAT, "%s: has %d x %d pixels now, too few for %d x %d; was it replaced?",
+            source->image_path, info.width, info.height, source->width, source->height);
     if (status)
         return status;
     if (!stays_bytes(&info, source->space))

@@ -10,6 +10,7 @@
 #include "deep.h"
 #include "normals.h"
 #include "rays.h"
+#include "sparegs/runtime.h"
 #include "threads.h"
 #include "tracer.h"
 
@@ -69,6 +70,15 @@ sgs_status sgs_frame_create_with(int width, int height, unsigned planes, sgs_fra
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "a frame of %dx%d pixels is empty", width,
                          height);
     const frame_planes list = list_planes(frame);
+    const double pixels = (double)width * height, machine = (double)sgs_machine_memory();
+    double bytes = 0;
+    for (int i = 0; i < PLANE_COUNT; ++i)
+        bytes += !list.bit[i] || planes & list.bit[i] ? pixels * sizeof(float) : 0;
+    if (bytes > machine)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                         "a frame of %dx%d pixels takes more than %.0f GB, and this machine has "
+                         "%.0f GB; choose a smaller size",
+                         width, height, bytes / 1e9, machine / 1e9);
     for (int i = 0; i < PLANE_COUNT; ++i) {
         if (list.bit[i] && !(planes & list.bit[i]))
             continue;

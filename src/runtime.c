@@ -5,10 +5,12 @@
 
 #include "sparegs/runtime.h"
 
+#include <limits.h>
 #include <stdatomic.h>
 #include <stdio.h>
 #include <string.h>
 #include <sys/resource.h>
+#include <sys/sysinfo.h>
 #include <unistd.h>
 
 #include "core.h"
@@ -91,4 +93,18 @@ unsigned long long sgs_current_rss(void)
         pages = 0;
     fclose(stream);
     return pages * (unsigned long long)sysconf(_SC_PAGESIZE);
+}
+
+unsigned long long sgs_machine_memory(void)
+{
+    struct sysinfo info;
+    unsigned long long bytes = ULLONG_MAX, allowed;
+    if (!sysinfo(&info))
+        bytes = (unsigned long long)info.mem_unit * (info.totalram + info.totalswap);
+    FILE *stream = fopen("/sys/fs/cgroup/memory.max", "r"); // "max" where there is no limit
+    if (stream && fscanf(stream, "%llu", &allowed) == 1 && allowed < bytes)
+        bytes = allowed;
+    if (stream)
+        fclose(stream);
+    return bytes;
 }

@@ -3,7 +3,8 @@
 # SPDX-License-Identifier: Apache-2.0
 
 # The estimate that --max-memory goes by is within 20 % of the peak memory of trainings with 8-bit and with half-float
-# photographs, with SPARE-GS and checkpoints and without, and refined; it counts what a run continues.
+# photographs, with SPARE-GS and checkpoints and without, and refined; it counts what a run continues. What exceeds the
+# machine is told before it is tried.
 set -euo pipefail
 . "$(dirname "$0")/cli_support.sh"
 if grep -qE '^SPAREGS_SANITIZE:[A-Z]*=.' "$SPAREGS_BUILD/CMakeCache.txt"; then
@@ -37,4 +38,18 @@ says "the first $points primitives"
 run 1 train "$room" --downscale 8 --iterations 150 --spare on --resume -o "$temporary/small" --max-memory 20M
 check resume_counts_the_checkpoint test "$(grep -oE 'the first [0-9]+ primitives' "$temporary/stderr" | grep -oE '[0-9]+')" \
     -gt $((points * 95 / 100))
+
+# more_than_there_is (a limit on addresses keeps a machine that has so much from doing it)
+ulimit -v 6000000
+run 1 render "$temporary/small" "$room" --orbit 1 --size 65536x65536 --aov all -o "$temporary/huge"
+says "a frame of 65536x65536 pixels"
+mkdir "$temporary/empty"
+cp -r "$room/images" "$room/sparse" "$temporary/empty/"
+rm "$temporary"/empty/sparse/0/points3D.*
+if [ "$(awk '/^MemTotal/ { print $2 }' /proc/meminfo)" -lt 300000000 ]; then
+    run 1 train "$temporary/empty" --downscale 8 --random-points 100000000 --iterations 1 -o "$temporary/huge"
+    says "more than there is"
+    says "no memory for"
+    check warns_once test "$(grep -c 'holds no points3D' "$temporary/stderr")" = 1
+fi
 finish

@@ -105,12 +105,13 @@ static size_t first_primitives(const training *run, const sgs_scene *scene)
     return scene->point_count ? scene->point_count : (size_t)run->values.random_points;
 }
 
-// Before the images are loaded: what will they and the first model take?
+// Before the images are loaded: what will they and the first model take? More than --max-memory
+// allows is refused, more than the machine has is worth a warning.
 static bool memory_suffices(const training *run)
 {
-    if (!run->values.max_memory)
-        return true;
+    messages_hear_library(false); // its warnings come when the scene is loaded with its images
     sgs_scene *scene = scene_open(run->scene_path, &run->data, false);
+    messages_hear_library(true);
     if (!scene)
         return false;
     const sgs_train_options options = train_library_options(&run->values, run->common.seed);
@@ -119,16 +120,21 @@ static bool memory_suffices(const training *run)
     const double without = (double)sgs_train_memory(scene, &options, cache, 0);
     const double needed = (double)sgs_train_memory(scene, &options, cache, count);
     sgs_scene_destroy(scene);
-    const bool enough = needed <= (double)run->values.max_memory;
-    if (!enough)
-        fail_run("%s: training needs about %.2f GB (images and program %.2f GB, the first %zu "
-                 "primitives %.2f GB), more "
-                 "than "
-                 "--max-memory allows (%.2f GB); reduce the images with --downscale, or the "
-                 "primitives with --max-gaussians",
-                 run->scene_path, needed / 1e9, without / 1e9, count, (needed - without) / 1e9,
-                 (double)run->values.max_memory / 1e9);
-    return enough;
+    const double allowed = (double)run->values.max_memory, machine = (double)sgs_machine_memory();
+    if (allowed > 0 ? needed <= allowed : needed <= machine)
+        return true;
+    char *needs =
+        format_text("%s: training needs about %.2f GB (images and program %.2f GB, the "
+                    "first %zu primitives %.2f GB)",
+                    run->scene_path, needed / 1e9, without / 1e9, count, (needed - without) / 1e9);
+    static const char hint[] = "reduce the images with --downscale or keep a part of them with "
+                               "--image-cache, or the primitives with --max-gaussians";
+    if (allowed > 0)
+        fail_run("%s, more than --max-memory allows (%.2f GB); %s", needs, allowed / 1e9, hint);
+    else
+        print_warning("%s, more than there is (%.2f GB); %s", needs, machine / 1e9, hint);
+    free(needs);
+    return allowed <= 0;
 }
 
 // A structural update may double the primitives it works on for a moment: is there room for the

@@ -109,7 +109,7 @@ static int run(int argc, char **argv)
 
 int main(int argc, char **argv)
 {
-    messages_start();
+    messages_hear_library(true);
     const int status = run(argc, argv);
     // What was printed may be the result: a full disk behind a redirection is a failure.
     return status != EXIT_DONE || stdout_is_whole() ? status : EXIT_FAILED;

@@ -98,9 +98,9 @@ int fail_library(void)
     return fail_run("%s", sgs_last_error());
 }
 
-void messages_start(void)
+void messages_hear_library(bool hear)
 {
-    sgs_set_warning_handler(receive_warning, NULL);
+    sgs_set_warning_handler(hear ? receive_warning : NULL, NULL);
 }
 
 void messages_set_quiet(bool quiet)

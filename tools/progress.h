@@ -8,8 +8,8 @@
 #include <stdbool.h>
 #include <stddef.h>
 
-// Routes the library's warnings to stderr as "sparegs: warning: ...". Call once at start.
-void messages_start(void);
+// Routes the library's warnings to stderr as "sparegs: warning: ...", or drops them, as at first.
+void messages_hear_library(bool hear);
 
 // Silences notes and progress (not warnings, not errors).
 void messages_set_quiet(bool quiet);

@@ -42,6 +42,9 @@ const char *sgs_version_libraries(void);
 unsigned long long sgs_peak_rss(void);
 // Resident set size now, in bytes.
 unsigned long long sgs_current_rss(void);
+// Memory that there is for this process, in bytes: main memory and swap, or what its control group
+// allows where that is less; ULLONG_MAX when the system does not tell.
+unsigned long long sgs_machine_memory(void);
 
 #ifdef __cplusplus
 }

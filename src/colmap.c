@@ -567,6 +567,14 @@ bool sgsi_colmap_present(const char *folder)
            (file_present(folder, "cameras.txt") && file_present(folder, "images.txt"));
 }
 
+// The whole of a text file, behind the mark that some editors set before UTF-8.
+static lines text_lines(uint8_t *content, size_t size)
+{
+    const size_t mark = size >= 3 && !memcmp(content, "\xEF\xBB\xBF", 3) ? 3 : 0;
+    return (lines){
+        .next = (char *)content + mark, .end = (char *)content + size, .announced = UINT64_MAX};
+}
+
 // Runs one of the readers on one file.
 static sgs_status read_file(loader *l, const char *folder, const char *name,
                             sgs_status (*binary)(loader *, bytes *),
@@ -590,7 +598,7 @@ static sgs_status read_file(loader *l, const char *folder, const char *name,
                 path, b.at, size - b.at);
     } else if (!status) {
         const uint8_t *nul = memchr(content, 0, size);
-        lines t = {.next = (char *)content, .end = (char *)content + size, .announced = UINT64_MAX};
+        lines t = text_lines(content, size);
         status =
             nul ? sgsi_fail(SGS_STATUS_FORMAT,
                             "%s: byte %zu: a zero byte; this is not a text file: export it again",
@@ -612,12 +620,17 @@ static sgs_status read_model(loader *l, const char *folder, bool binary)
             read_file(l, folder, "images", binary ? read_images_binary : NULL, read_images_text);
     if (status)
         return status;
-    if (!file_present(folder, binary ? "points3D.bin" : "points3D.txt")) {
+    // Tools that edit the cloud alone leave it as text beside binary cameras, or the other way.
+    const bool binary_points = file_present(folder, "points3D.bin"),
+               text_points = file_present(folder, "points3D.txt");
+    if (!binary_points && !text_points) {
         sgsi_warn("%s: holds no points3D.%s: the model has no points", folder,
                   binary ? "bin" : "txt");
         return SGS_STATUS_OK;
     }
-    return read_file(l, folder, "points3D", binary ? read_points_binary : NULL, read_points_text);
+    return read_file(l, folder, "points3D",
+                     binary_points && (binary || !text_points) ? read_points_binary : NULL,
+                     read_points_text);
 }
 
 sgs_status sgsi_colmap_read(const char *folder, sgsi_dataset *dataset)
@@ -654,7 +667,7 @@ size_t sgsi_colmap_image_count(const char *folder)
         count = announced > size / IMAGE_BYTES ? 0 : (size_t)announced;
     } else {
         loader l = {.path = path};
-        lines t = {.next = (char *)content, .end = (char *)content + size, .announced = UINT64_MAX};
+        lines t = text_lines(content, size);
         while (next_record(&l, &t)) {
             next_line(&l, &t);
             ++count;

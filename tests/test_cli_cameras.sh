@@ -46,6 +46,13 @@ run 0 render "$model" --camera "$temporary/names.json" --size 20x15 --aov rgba -
 (cd "$temporary/names" && find . -type f | LC_ALL=C sort | tr '\n' ' ') >"$temporary/names.txt"
 check files_of_their_own test "$(cat "$temporary/names.txt")" = './inner/.hidden.exr ./inner/a.jpg.exr ./inner/a.png.exr ./inner/b.exr ./inner/c.exr ./inner/c_2.exr ./inner/c_2_2.exr ./inner/in/a.exr ./inner/up.exr ./inner/view.exr '
 
+# what_is_near_stays_away_as_in_training (OUT remembers how near that is, also where there is no scene)
+json "$model/config.json" '.near_distance == 0.2'
+cp -r "$model" "$temporary/short_sighted"
+jq '.near_distance = 1000' "$model/config.json" >"$temporary/short_sighted/config.json"
+run 0 render "$temporary/short_sighted" --camera "$model/cameras.json" --frames 0 --aov rgba -o "$temporary/nothing"
+check nothing_is_drawn bash -c 'oiiotool --stats "$0" | grep -q "Constant Color: 0.000000 0.000000 0.000000 0.000000"' "$(find "$temporary/nothing" -name '*.exr')"
+
 # all_around (the picture's middle looks where the view does)
 run 0 render "$model" "$room" --view 0009 --projection equirectangular --size 96x48 --aov rgba,depth -o "$temporary/around"
 check twice_as_wide test "$(size_of "$temporary/around/0009.exr")" = 96x48

@@ -110,6 +110,29 @@ static void binary_is_preferred_over_text(void **state)
     tree_remove(&folder);
 }
 
+static void a_cloud_of_the_other_kind_is_read(void **state)
+{
+    (void)state;
+    const model m = model_make();
+    for (int binary = 0; binary < 2; ++binary) {
+        const temp_folder folder = temp_folder_make(), other = temp_folder_make();
+        const char *kind = binary ? "points3D.txt" : "points3D.bin";
+        char target[4096];
+        model_put(&folder, "", &m, binary);
+        model_put(&other, "", &m, !binary);
+        unlink(temp_path(&folder, binary ? "points3D.bin" : "points3D.txt"));
+        snprintf(target, sizeof target, "%s", temp_path(&folder, kind));
+        assert_int_equal(rename(temp_path(&other, kind), target), 0);
+        sgsi_dataset d;
+        assert_int_equal(sgsi_colmap_read(folder.path, &d), SGS_STATUS_OK);
+        assert_equals_model(&d, &m);
+        assert_string_equal(warnings, "");
+        sgsi_dataset_free(&d);
+        tree_remove(&folder);
+        tree_remove(&other);
+    }
+}
+
 // ---- content that is wrong in any format --------------------------------------------------------
 
 static char long_name[1200];
@@ -603,14 +626,16 @@ static void text_files_with_zero_bytes_are_refused(void **state)
     tree_remove(&folder);
 }
 
-static void text_with_windows_line_ends_and_tabs_is_read(void **state)
+static void text_with_windows_marks_line_ends_and_tabs_is_read(void **state)
 {
     (void)state;
     const temp_folder folder = temp_folder_make();
-    tree_put_text(&folder, "cameras.txt", "\t1\tPINHOLE 64  48 50 50 32 24 \r\n");
+    tree_put_text(&folder, "cameras.txt", "\xEF\xBB\xBF\t1\tPINHOLE 64  48 50 50 32 24 \r\n");
     tree_put_text(&folder, "images.txt",
-                  "1 1 0 0 0 0 0 0 1 a b.png\r\n\r\n2 1 0 0 0 0 0 0 1 c.png\r\n1.5 2 -1 3 4 5\r\n");
+                  "\xEF\xBB\xBF# two images\r\n1 1 0 0 0 0 0 0 1 a b.png\r\n\r\n2 1 0 0 0 0 0 0 1 "
+                  "c.png\r\n1.5 2 -1 3 4 5\r\n");
     tree_put_text(&folder, "points3D.txt", "1 1 2 3 4 5 6 0.5\r\n");
+    assert_int_equal(sgsi_colmap_image_count(folder.path), 2);
     sgsi_dataset d;
     assert_int_equal(sgsi_colmap_read(folder.path, &d), SGS_STATUS_OK);
     assert_int_equal(d.frame_count, 2);
@@ -665,6 +690,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup(both_formats_hold_the_model_exactly, warnings_begin),
         cmocka_unit_test_setup(binary_is_preferred_over_text, warnings_begin),
+        cmocka_unit_test_setup(a_cloud_of_the_other_kind_is_read, warnings_begin),
         cmocka_unit_test_setup(wrong_content_is_refused_in_both_formats, warnings_begin),
         cmocka_unit_test_setup(points_that_are_not_finite_are_dropped_and_counted, warnings_begin),
         cmocka_unit_test_setup(models_without_points_are_read, warnings_begin),
@@ -676,7 +702,7 @@ int main(void)
         cmocka_unit_test_setup(any_failing_allocation_is_reported, warnings_begin),
         cmocka_unit_test_setup(wrong_lines_are_named, warnings_begin),
         cmocka_unit_test_setup(text_files_with_zero_bytes_are_refused, warnings_begin),
-        cmocka_unit_test_setup(text_with_windows_line_ends_and_tabs_is_read, warnings_begin),
+        cmocka_unit_test_setup(text_with_windows_marks_line_ends_and_tabs_is_read, warnings_begin),
         cmocka_unit_test_setup(header_that_announces_more_is_reported, warnings_begin),
         cmocka_unit_test_setup(decimal_points_do_not_depend_on_the_language, warnings_begin),
     };

@@ -218,6 +218,8 @@ static bool open_folder(training *run)
 {
     char *config_path = format_text("%s/config.json", run->values.output);
     json_t *config = train_config(run->scene_path, &run->values, &run->data, &run->common);
+    json_object_set_new(config, "near_distance",
+                        json_number(sgs_near_distance(run->scene->extent)));
     const int resumed = run->values.resume ? resume(run, config_path, config) : 0;
     // What an earlier run left goes only after the disk has taken the first files of this one.
     bool ready = resumed >= 0 && write_first_files(run);

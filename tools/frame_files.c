@@ -83,7 +83,7 @@ static void linearise(const frame_files *files, sgs_frame *frame)
 }
 
 static void camera_matrices(const sgs_camera *camera, const sgs_pose *pose, double to_camera[16],
-                            double to_ndc[16])
+                            double near_distance, double to_ndc[16])
 {
     double fx, fy, cx, cy, rows[3][4];
     sgs_camera_intrinsics(camera, &fx, &fy, &cx, &cy);
@@ -92,7 +92,6 @@ static void camera_matrices(const sgs_camera *camera, const sgs_pose *pose, doub
             rows[i][j] = j < 3 ? pose->rotation[3 * i + j] : pose->translation[i];
             to_camera[4 * i + j] = i == 1 ? -rows[i][j] : rows[i][j];
         }
-    const double near_distance = sgs_render_options_default().near_distance;
     for (int j = 0; j < 4; ++j) {
         to_camera[12 + j] = j == 3;
         to_ndc[j] = (fx * rows[0][j] + cx * rows[2][j]) / camera->width;
@@ -196,7 +195,8 @@ typedef struct view_matrices {
 
 static sgs_exr_info describe(const frame_files *files, bool any_depth, view_matrices *matrices)
 {
-    camera_matrices(files->camera, files->pose, matrices->to_camera, matrices->to_ndc);
+    camera_matrices(files->camera, files->pose, matrices->to_camera, files->near_distance,
+                    matrices->to_ndc);
     return (sgs_exr_info){.width = files->camera->width,
                           .height = files->camera->height,
                           .world_to_camera = matrices->to_camera,

@@ -47,6 +47,7 @@ typedef struct frame_files {
     float background[3];             // PNG only
     sgs_space space;                 // of the frame's colours
     float white;                     // light that is 1 in them
+    double near_distance;            // what is nearer to the camera was not drawn
     const region_map *regions;       // of the model; for AOV_REGION and AOV_SLACK only
 } frame_files;
 

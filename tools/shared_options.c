@@ -219,7 +219,9 @@ void drawing_settle(drawing_values *values, const command_line *line, const json
     values->space = space && !strcmp(space, "linear") ? SGS_SPACE_LINEAR : SGS_SPACE_SRGB;
     const double white = json_number_value(config_option(config, "white"));
     values->white = white > 0 ? white : 1;
-    values->near_distance = sgs_near_distance(scene ? scene->extent : 1.0);
+    const double near_distance = json_number_value(json_object_get(config, "near_distance"));
+    values->near_distance =
+        near_distance > 0 ? near_distance : sgs_near_distance(scene ? scene->extent : 1.0);
     if (option_given(line, "background"))
         return;
     const json_t *background = config_option(config, "background");

@@ -266,7 +266,8 @@ bool view_drawer_draw(view_drawer *drawer, const named_camera *view)
                          .encoding = o->encoding,
                          .compression = o->compression,
                          .space = drawer->drawing->space,
-                         .white = (float)drawer->drawing->white};
+                         .white = (float)drawer->drawing->white,
+                         .near_distance = options.near_distance};
     memcpy(files.background, drawer->drawing->background.rgb, sizeof files.background);
     const double start = clock_seconds();
     const bool drawn = draw_frame(drawer, &files, &options);

@@ -22,6 +22,7 @@ enum { VIEWS_MAX = 16, HELD_ITERATION = 3000 };
 // where something is hit, 15; blending: w, three colours, T 10; backward once more the response and
 // w, the shade and v 12, nine products and fourteen sums 23.
 enum { RESPONSE_FLOPS = 25, ALPHA_FLOPS = 15, BLEND_FLOPS = 10, GRADIENT_FLOPS = 35, LANES = 16 };
+enum { RECORD_BYTES = SGSI_RECORD * sizeof(float) };
 
 struct sgs_bench {
     sgs_scene scene;
@@ -213,31 +214,16 @@ sgs_status sgs_bench_run(sgs_bench *bench, sgs_bench_sample *sample)
     if (status)
         return status;
     const double share = 1.0 / (double)bench->scene.view_count;
-    double *const means[] = {&sample->refit,
-                             &sample->gather,
-                             &sample->forward,
-                             &sample->backward,
-                             &sample->loss,
-                             &sample->optimizer,
-                             &sample->iteration,
-                             &sample->project,
-                             &sample->reduce,
-                             &counts->gathered,
-                             &counts->candidates,
-                             &counts->evaluations,
-                             &counts->elements,
-                             &counts->regathered,
-                             &sample->serial,
-                             &sample->waiting,
-                             &counts->bytes.project,
-                             &counts->bytes.bvh,
-                             &counts->bytes.gather,
-                             &counts->bytes.forward,
-                             &counts->bytes.loss,
-                             &counts->bytes.backward,
-                             &counts->bytes.optimizer,
-                             &counts->bytes.total,
-                             &counts->bytes.bins};
+    double *const means[] = {
+        &sample->refit,          &sample->gather,        &sample->forward,
+        &sample->backward,       &sample->loss,          &sample->optimizer,
+        &sample->iteration,      &sample->project,       &sample->reduce,
+        &counts->gathered,       &counts->candidates,    &counts->evaluations,
+        &counts->elements,       &counts->regathered,    &sample->serial,
+        &sample->waiting,        &counts->bytes.project, &counts->bytes.bvh,
+        &counts->bytes.gather,   &counts->bytes.forward, &counts->bytes.loss,
+        &counts->bytes.backward, &counts->bytes.reduce,  &counts->bytes.optimizer,
+        &counts->bytes.total,    &counts->bytes.bins};
     counts->bytes = sgs_trainer_bytes(bench->trainer);
     for (size_t i = 0; i < sizeof means / sizeof *means; ++i)
         *means[i] *= share;
@@ -246,6 +232,10 @@ sgs_status sgs_bench_run(sgs_bench *bench, sgs_bench_sample *sample)
                                      counts->elements * (ALPHA_FLOPS + BLEND_FLOPS));
     counts->backward_flops =
         LANES * counts->elements * (RESPONSE_FLOPS + ALPHA_FLOPS + BLEND_FLOPS + GRADIENT_FLOPS);
+    counts->forward_l2_bytes = counts->evaluations * RECORD_BYTES;
+    counts->backward_l2_bytes = counts->elements * 3 * RECORD_BYTES; // the record, sums in and out
+    const sgsi_bvh *bvh = sgsi_tracer_bvh(bench->trainer->tracer);
+    counts->build_bytes = counts->primitives * sizeof(sgsi_bounds) + (double)sgsi_bvh_bytes(bvh);
     return SGS_STATUS_OK;
 }
 

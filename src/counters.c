@@ -13,8 +13,15 @@
 
 enum { EVENTS = 5 };
 
+// What the kernel tells of an event. Where there are more events than counters it lets them take
+// turns: the event was counted for `running` of `enabled` nanoseconds.
+typedef struct reading {
+    uint64_t count, enabled, running;
+} reading;
+
 struct sgs_counters {
     int files[EVENTS]; // -1: not counted
+    reading start[EVENTS];
 };
 
 #ifdef __linux__
@@ -34,6 +41,8 @@ sgs_counters *sgs_counters_open(void)
         struct perf_event_attr attributes = {.type = PERF_TYPE_HARDWARE,
                                              .size = sizeof attributes,
                                              .config = events[i],
+                                             .read_format = PERF_FORMAT_TOTAL_TIME_ENABLED |
+                                                            PERF_FORMAT_TOTAL_TIME_RUNNING,
                                              .disabled = 1,
                                              .inherit = 1,
                                              .exclude_kernel = 1,
@@ -59,9 +68,16 @@ static void control(sgs_counters *counters, unsigned long request)
             ioctl(counters->files[i], request, 0);
 }
 
+static bool read_event(const sgs_counters *counters, int i, reading *to)
+{
+    *to = (reading){0};
+    return counters->files[i] >= 0 && read(counters->files[i], to, sizeof *to) == sizeof *to;
+}
+
 void sgs_counters_start(sgs_counters *counters)
 {
-    control(counters, PERF_EVENT_IOC_RESET);
+    for (int i = 0; i < EVENTS; ++i)
+        (void)read_event(counters, i, &counters->start[i]);
     control(counters, PERF_EVENT_IOC_ENABLE);
 }
 
@@ -72,10 +88,14 @@ sgs_counter_values sgs_counters_stop(sgs_counters *counters)
                                 &values.cache_misses, &values.branch_misses};
     control(counters, PERF_EVENT_IOC_DISABLE);
     for (int i = 0; i < EVENTS; ++i) {
-        uint64_t count = 0;
-        const bool counted = counters->files[i] >= 0 &&
-                             read(counters->files[i], &count, sizeof count) == sizeof count;
-        *to[i] = counted ? (double)count : -1.0;
+        reading now;
+        const reading *start = &counters->start[i];
+        const bool counted =
+            read_event(counters, i, &now) && now.running > start->running; // had its turn
+        *to[i] = counted
+                     ? (double)(now.count - start->count) * (double)(now.enabled - start->enabled) /
+                           (double)(now.running - start->running)
+                     : -1.0;
     }
     return values;
 }

@@ -55,8 +55,9 @@ void sgsi_traffic_add(const sgsi_traffic *traffic, sgs_train_bytes *bytes)
     add.loss = pixels * (2.0 * PLANES * WORD + traffic->channels);
     // Lists, records, gradients of the planes in; a record of sums per (tile, primitive) out, and
     // back in by the reduction, which reads ids three times and writes and reads their order.
+    add.reduce = listed * (RECORD + WORD * 5.0) + 2.0 * stepped * RECORD;
     add.backward = drawn * PLANES * WORD + (listed + (double)counts.elements) * WORD +
-                   2.0 * listed * RECORD + listed * (RECORD + WORD * 5.0) + 2.0 * stepped * RECORD;
+                   2.0 * listed * RECORD + add.reduce;
     // Sums in; parameters and both moments in and out.
     add.optimizer = stepped * (RECORD + (traffic->steps ? 6.0 * (shape + color) : shape + color) +
                                0.5 * statistics);
@@ -66,6 +67,7 @@ void sgsi_traffic_add(const sgsi_traffic *traffic, sgs_train_bytes *bytes)
     bytes->forward += add.forward;
     bytes->loss += add.loss;
     bytes->backward += add.backward;
+    bytes->reduce += add.reduce;
     bytes->optimizer += add.optimizer;
     bytes->iterations += 1.0;
     bytes->bins += (double)traffic->bins;

@@ -30,6 +30,11 @@ json "$result" 'all(.benches[]; .core_seconds_per_mp.total > 0 and .lane_use > 0
 # the_whole_is_the_sum_of_its_parts
 json "$result" 'all(.benches[].ns_per_hit; ((.gather + .forward + .backward) / .total - 1 | fabs) < 1e-6)'
 json "$result" 'all(.benches[]; .seconds | .iteration > .gather + .forward + .backward + .loss + .optimizer + .refit - 1e-9 )'
+# every_phase_is_told_in_every_unit, beside_a_limit
+json "$result" 'all(.benches[]; (.seconds | keys) as $phases | [.cycles_per_hit, .ns_per_hit, .core_seconds_per_mp] | all(keys == $phases))'
+json "$result" 'all(.benches[]; ((.share_of_fma + .share_of_memory) | keys) == (.seconds | keys))'
+json "$result" 'all(.benches[]; [.share_of_fma, .share_of_l2, .share_of_memory | .[]] | all(. > 0))'
+json "$result" 'all(.benches[]; .share_of_l2 | keys == ["backward", "forward", "total"] and all(.[]; . < 1.2))'
 json "$result" '.limits.tsc_ghz as $ghz | all(.benches[]; (.cycles_per_hit.total - .ns_per_hit.total * $ghz | fabs) < 0.01 * .ns_per_hit.total)'
 json "$result" 'all(.benches[]; .serial_share >= 0 and .serial_share < 1 and .waiting_share >= 0 and .waiting_share < 1)'
 json "$result" 'all(.benches[]; .bytes | (.iteration / (.total + .loss + .optimizer + .refit) - 1 | fabs) < 1e-6)'

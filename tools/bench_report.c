@@ -18,7 +18,6 @@ typedef struct bench_phase {
 
 #define AT(member) offsetof(bench_measure, sample.member)
 
-// The first six are told per hit, too.
 static const bench_phase phases[] = {
     {"gather", AT(gather)},       {"forward", AT(forward)},
     {"backward", AT(backward)},   {"total", offsetof(bench_measure, total)},
@@ -27,12 +26,7 @@ static const bench_phase phases[] = {
     {"refit", AT(refit)},         {"build", AT(build)},
     {"iteration", AT(iteration)},
 };
-enum {
-    PHASE_COUNT = sizeof phases / sizeof *phases,
-    HIT_PHASES = 6,
-    PHASE_TOTAL = 3,
-    PHASE_PROJECT = 4
-};
+enum { PHASE_COUNT = sizeof phases / sizeof *phases, PHASE_TOTAL = 3, PHASE_PROJECT = 4 };
 
 typedef struct spread {
     double median, low, high;
@@ -107,6 +101,8 @@ static double phase_bytes(const sgs_bench_counts *c, const bench_phase *phase)
         {AT(loss), b->loss},
         {AT(optimizer), b->optimizer},
         {AT(refit), b->bvh},
+        {AT(reduce), b->reduce},
+        {AT(build), c->build_bytes},
         {AT(iteration), b->total}};
     for (size_t i = 0; i < sizeof moved / sizeof *moved; ++i)
         if (moved[i].offset == phase->offset)
@@ -128,6 +124,20 @@ static double share_of_memory(const bench_result *r, const bench_phase *phase)
            (1e9 * r->limits.memory_gbs * phase_spread(r, phase).median);
 }
 
+static double phase_l2_bytes(const sgs_bench_counts *c, const bench_phase *phase)
+{
+    return phase->offset == AT(forward)    ? c->forward_l2_bytes
+           : phase->offset == AT(backward) ? c->backward_l2_bytes
+           : phase == &phases[PHASE_TOTAL] ? c->forward_l2_bytes + c->backward_l2_bytes
+                                           : 0;
+}
+
+static double share_of_l2(const bench_result *r, const bench_phase *phase)
+{
+    return phase_l2_bytes(&r->counts, phase) /
+           (1e9 * r->limits.l2_gbs * r->threads * phase_spread(r, phase).median);
+}
+
 // Medians of the repetitions' times outside loops and waiting in them.
 static sgs_scaling scaling_of(const bench_result *r)
 {
@@ -144,16 +154,15 @@ static sgs_scaling scaling_of(const bench_result *r)
                          .bins = r->counts.bytes.bins};
 }
 
-static void print_row(const bench_result *r, const bench_phase *phase, bool per_hit)
+static void print_row(const bench_result *r, const bench_phase *phase)
 {
     const spread s = phase_spread(r, phase);
-    printf("  %-10s %9.4f s  [%.4f, %.4f] %8.3f core-s/MP", phase->name, s.median, s.low, s.high,
-           s.median * core_seconds_per_mp(r));
-    if (per_hit)
-        printf(" %8.2f cycles %7.2f ns per hit", s.median * cycles_per_hit(r),
-               s.median * ns_per_hit(r));
+    printf("  %-10s %9.4f s  [%.4f, %.4f] %8.3f core-s/MP %8.2f cycles %7.2f ns per hit",
+           phase->name, s.median, s.low, s.high, s.median * core_seconds_per_mp(r),
+           s.median * cycles_per_hit(r), s.median * ns_per_hit(r));
     if (phase_flops(&r->counts, phase) > 0)
-        printf(", %.1f %% of FMA", 100 * share_of_fma(r, phase));
+        printf(", %.1f %% of FMA, %.1f %% of L2", 100 * share_of_fma(r, phase),
+               100 * share_of_l2(r, phase));
     if (phase_bytes(&r->counts, phase) > 0)
         printf(", %.0f MB, %.1f %% of memory", 1e-6 * phase_bytes(&r->counts, phase),
                100 * share_of_memory(r, phase));
@@ -194,7 +203,7 @@ void bench_print_table(const bench_report *report)
                hits_per_ray(r), c->candidates / c->tiles, c->evaluations / (16 * c->tiles),
                c->elements / (16 * c->tiles), 100 * lane_use(r));
         for (int k = 0; k < PHASE_COUNT; ++k)
-            print_row(r, &phases[k], k < HIT_PHASES);
+            print_row(r, &phases[k]);
         print_scaling(r);
     }
 }
@@ -220,10 +229,10 @@ void bench_print_csv(const bench_report *report)
     printf("name,isa,threads,primitives,pixels,hits_per_ray,candidates_per_tile,evaluations_per_"
            "block,elements_per_block,"
            "lane_use,tsc_ghz,fma_gflops,l2_gbs,memory_gbs,serial_share,waiting_share,bytes");
-    for (int k = 0; k < HIT_PHASES; ++k)
-        printf(",%s_cycles_per_hit", phases[k].name);
     for (int k = 0; k < PHASE_COUNT; ++k)
-        printf(",%s_seconds,%s_min,%s_max", phases[k].name, phases[k].name, phases[k].name);
+        printf(",%s_seconds,%s_min,%s_max,%s_core_seconds_per_mp,%s_cycles_per_hit,%s_ns_per_hit",
+               phases[k].name, phases[k].name, phases[k].name, phases[k].name, phases[k].name,
+               phases[k].name);
     putchar('\n');
     for (size_t i = 0; i < report->count; ++i) {
         const bench_result *r = &report->results[i];
@@ -236,21 +245,21 @@ void bench_print_csv(const bench_report *report)
                c->elements / (16 * c->tiles), lane_use(r), r->limits.tsc_ghz, r->limits.fma_gflops,
                r->limits.l2_gbs, r->limits.memory_gbs, scaling.serial / scaling.seconds,
                scaling.waiting / scaling.seconds, scaling.bytes);
-        for (int k = 0; k < HIT_PHASES; ++k)
-            printf(",%.3f", phase_spread(r, &phases[k]).median * cycles_per_hit(r));
         for (int k = 0; k < PHASE_COUNT; ++k) {
             const spread s = phase_spread(r, &phases[k]);
-            printf(",%.6f,%.6f,%.6f", s.median, s.low, s.high);
+            printf(",%.6f,%.6f,%.6f,%.4f,%.3f,%.3f", s.median, s.low, s.high,
+                   s.median * core_seconds_per_mp(r), s.median * cycles_per_hit(r),
+                   s.median * ns_per_hit(r));
         }
         putchar('\n');
     }
 }
 
-// The medians of the first `count` phases times a factor.
-static json_t *phases_json(const bench_result *r, int count, double factor)
+// The medians of the phases times a factor.
+static json_t *phases_json(const bench_result *r, double factor)
 {
     json_t *object = json_object();
-    for (int k = 0; k < count; ++k)
+    for (int k = 0; k < PHASE_COUNT; ++k)
         json_object_set_new(object, phases[k].name,
                             json_number(phase_spread(r, &phases[k]).median * factor));
     return object;
@@ -287,17 +296,19 @@ static json_t *result_json(const bench_result *r)
     json_object_set_new(object, "elements_per_block", json_number(c->elements / (16 * c->tiles)));
     json_object_set_new(object, "lane_use", json_number(lane_use(r)));
     json_object_set_new(object, "regathered_bins", json_number(c->regathered));
-    json_object_set_new(object, "cycles_per_hit", phases_json(r, HIT_PHASES, cycles_per_hit(r)));
-    json_object_set_new(object, "ns_per_hit", phases_json(r, HIT_PHASES, ns_per_hit(r)));
-    json_object_set_new(object, "core_seconds_per_mp",
-                        phases_json(r, PHASE_COUNT, core_seconds_per_mp(r)));
-    json_object_set_new(object, "seconds", phases_json(r, PHASE_COUNT, 1));
+    json_object_set_new(object, "cycles_per_hit", phases_json(r, cycles_per_hit(r)));
+    json_object_set_new(object, "ns_per_hit", phases_json(r, ns_per_hit(r)));
+    json_object_set_new(object, "core_seconds_per_mp", phases_json(r, core_seconds_per_mp(r)));
+    json_object_set_new(object, "seconds", phases_json(r, 1));
     json_object_set_new(object, "seconds_range", spread_json(r));
-    json_t *bytes = json_object(), *fma = json_object(), *memory = json_object();
+    json_t *bytes = json_object(), *fma = json_object(), *l2 = json_object(),
+           *memory = json_object();
     for (int k = 0; k < PHASE_COUNT; ++k) {
         const bench_phase *phase = &phases[k];
-        if (phase_flops(c, phase) > 0)
+        if (phase_flops(c, phase) > 0) {
             json_object_set_new(fma, phase->name, json_number(share_of_fma(r, phase)));
+            json_object_set_new(l2, phase->name, json_number(share_of_l2(r, phase)));
+        }
         if (phase_bytes(c, phase) <= 0)
             continue;
         json_object_set_new(bytes, phase->name, json_number(phase_bytes(c, phase)));
@@ -305,6 +316,7 @@ static json_t *result_json(const bench_result *r)
     }
     json_object_set_new(object, "bytes", bytes);
     json_object_set_new(object, "share_of_fma", fma);
+    json_object_set_new(object, "share_of_l2", l2);
     json_object_set_new(object, "share_of_memory", memory);
     const sgs_scaling scaling = scaling_of(r);
     json_object_set_new(object, "serial_share", json_number(scaling.serial / scaling.seconds));

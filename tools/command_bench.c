@@ -89,6 +89,9 @@ static bool make_settings(bench_run *run, bool isa_given)
         bench_setting made = {.isa = best};
         sgs_set_threads(run->values->threads.values[t]);
         made.threads = sgs_threads();
+        if (made.threads > sgs_cores())
+            print_warning("%d threads on %d cores take turns; their times tell little",
+                          made.threads, sgs_cores());
         if (sgs_machine_limits_measure(&made.limits)) {
             fail_library();
             return false;

@@ -72,6 +72,10 @@ typedef struct sgs_bench_counts {
     // Floating-point operations that the formulas need, however they are computed: responses,
     // blending and gradients of the pairs above over all 16 lanes; no ordering, no bookkeeping.
     double forward_flops, backward_flops;
+    // Bytes that those pairs read and write of the tile's own copies of its candidates and their
+    // sums, which are larger than a first cache and live in the second.
+    double forward_l2_bytes, backward_l2_bytes;
+    double build_bytes; // boxes read, tree written
 } sgs_bench_counts;
 
 typedef struct sgs_bench sgs_bench;

@@ -124,6 +124,7 @@ typedef struct sgs_train_seconds {
 // estimate of the traffic to memory from above.
 typedef struct sgs_train_bytes {
     double project, bvh, gather, forward, loss, backward, optimizer, total;
+    double reduce;     // part of backward
     double iterations; // that were counted
     double bins;       // pieces that their forward passes were cut into, all together
 } sgs_train_bytes;

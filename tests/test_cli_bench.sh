@@ -59,6 +59,16 @@ check as_many_columns_as_names bash -c "awk -F, 'NR == 1 { n = NF } NF != n { ex
 cp "$temporary/model/point_cloud/iteration_5/point_cloud.ply" "$temporary/a, \"b\".ply"
 run 0 bench "$temporary/a, \"b\".ply" "$room" --downscale 8 --views 1 --repeat 1 --threads 1 --csv --quiet
 check names_are_quoted grep -qF ', ""b"".ply",' "$temporary/stdout"
+# nothing_to_measure_nor_to_start_from
+LC_ALL=C sed '/^end_header$/q; s/^element vertex .*/element vertex 0/' "$temporary/model/point_cloud/iteration_5/point_cloud.ply" >"$temporary/none.ply"
+for command in bench profile; do
+    run 1 "$command" "$temporary/none.ply" "$room"
+    one_line
+    says "none.ply: holds no primitive"
+done
+run 1 train "$room" --init "$temporary/none.ply" -o "$temporary/started"
+says "none.ply: holds no primitive"
+
 # a_full_disk_behind_a_redirection_is_a_failure
 for how in --csv --json --quiet; do
     check "a_full_disk_fails $how" bash -c '! "$0" bench sparse-32k --repeat 1 "$1" >/dev/full 2>"$2"' \

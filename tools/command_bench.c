@@ -179,6 +179,10 @@ static bool measure_model(bench_run *run, const char *model, const char *scene_p
         fail_library();
         done = false;
     }
+    if (done && !gaussians->count) {
+        fail_run("%s: holds no primitive to measure", located.ply_path);
+        done = false;
+    }
     if (done) {
         sgs_view views[16];
         const size_t wanted = (size_t)run->values->views;

@@ -240,6 +240,8 @@ static int run_profile(const command_line *line, const profile_values *values,
     }
     if (status < 0 && sgs_ply_read(located.ply_path, &model))
         status = fail_library();
+    if (status < 0 && !model->count)
+        status = fail_run("%s: holds no primitive to measure", located.ply_path);
     if (status < 0) {
         drawing_settle(drawing, line, located.config, scene);
         if (!option_given(line, "compact-box"))

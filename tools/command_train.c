@@ -157,6 +157,10 @@ static bool create_trainer(training *run)
         if (ready && sgs_ply_read(located.ply_path, &init)) {
             fail_library();
             ready = false;
+        } else if (ready && !init->count) {
+            fail_run("%s: holds no primitive to start from; train without --init",
+                     located.ply_path);
+            ready = false;
         }
         model_path_free(&located);
     }

@@ -5,7 +5,7 @@
 // Sixteen virtual lanes: the vocabulary in which every kernel is written once and compiled per
 // instruction set. A translation unit defines SGSI_ISA (0 baseline, 1 AVX2+FMA, 2 AVX-512) before
 // including this file. AVX2 and AVX-512 perform the same IEEE operations in the same order, so they
-// give the same bits; the baseline has no fused multiply-add and rounds twice.
+// give the same bits; the baseline has no fused multiply-add on x86-64 and rounds twice.
 //
 // vf: 16 floats; vi: 16 int32; vm: 16 booleans. Loads and stores named _u take any address, the
 // others 64-byte alignment.

@@ -2,27 +2,137 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// The sixteen lanes in portable C: plain loops that any compiler may vectorise. Included by simd.h
-// only.
+// The sixteen lanes in four vectors of GNU C, which become SSE2 on x86-64, NEON on ARM and plain
+// code elsewhere. 64-bit ARM has a fused multiply-add, so that its results are those of AVX2; the
+// others round twice. Included by simd.h only.
 
 #include <math.h>
 #include <string.h>
+#ifdef __SSE2__
+#include <emmintrin.h>
+#elif defined(__aarch64__)
+#include <arm_neon.h>
+#endif
+
+typedef float qf __attribute__((vector_size(16)));
+typedef int32_t qi __attribute__((vector_size(16)));
+typedef uint32_t qu __attribute__((vector_size(16)));
+typedef int16_t qh __attribute__((vector_size(16)));
 
 typedef struct vf {
-    float x[16];
+    qf a, b, c, d;
 } vf;
 typedef struct vi {
-    int32_t x[16];
+    qi a, b, c, d;
 } vi;
 typedef struct vm {
-    int32_t x[16];
-} vm; // 0 or -1
+    qi a, b, c, d; // 0 or -1
+} vm;
 
-#define SGSI_LANES(type, expression)                                                               \
-    type r;                                                                                        \
-    for (int i = 0; i < 16; ++i)                                                                   \
-        r.x[i] = (expression);                                                                     \
-    return r
+// A function of one, two or three vectors, quarter by quarter.
+#define SGSI_EACH1(type, f, x) ((type){f((x).a), f((x).b), f((x).c), f((x).d)})
+#define SGSI_EACH2(type, f, x, y)                                                                  \
+    ((type){f((x).a, (y).a), f((x).b, (y).b), f((x).c, (y).c), f((x).d, (y).d)})
+#define SGSI_EACH3(type, f, x, y, z)                                                               \
+    ((type){f((x).a, (y).a, (z).a), f((x).b, (y).b, (z).b), f((x).c, (y).c, (z).c),                \
+            f((x).d, (y).d, (z).d)})
+
+// ---- Quarters ----
+
+static inline qf qf_set1(float x)
+{
+    return (qf){x, x, x, x};
+}
+static inline qf qf_select(qi m, qf x, qf y)
+{
+    return (qf)((m & (qi)x) | (~m & (qi)y));
+}
+static inline qf qf_keep(qi m, qf x)
+{
+    return (qf)(m & (qi)x);
+}
+static inline qf qf_min(qf x, qf y)
+{
+#ifdef __SSE2__
+    return (qf)_mm_min_ps((__m128)x, (__m128)y);
+#else
+    return qf_select(x < y, x, y);
+#endif
+}
+static inline qf qf_max(qf x, qf y)
+{
+#ifdef __SSE2__
+    return (qf)_mm_max_ps((__m128)x, (__m128)y);
+#else
+    return qf_select(x > y, x, y);
+#endif
+}
+static inline qf qf_sqrt(qf x)
+{
+#ifdef __SSE2__
+    return (qf)_mm_sqrt_ps((__m128)x);
+#elif defined(__aarch64__)
+    return (qf)vsqrtq_f32((float32x4_t)x);
+#else
+    return (qf){sqrtf(x[0]), sqrtf(x[1]), sqrtf(x[2]), sqrtf(x[3])};
+#endif
+}
+static inline qf qf_fma(qf x, qf y, qf z)
+{
+#ifdef __aarch64__
+    return (qf)vfmaq_f32((float32x4_t)z, (float32x4_t)x, (float32x4_t)y);
+#else
+    return x * y + z;
+#endif
+}
+static inline qf qf_fnma(qf x, qf y, qf z)
+{
+    return qf_fma(-x, y, z);
+}
+static inline qf qf_fms(qf x, qf y, qf z)
+{
+    return qf_fma(x, y, -z);
+}
+static inline qi qf_round(qf x)
+{
+#ifdef __SSE2__
+    return (qi)_mm_cvtps_epi32((__m128)x);
+#elif defined(__aarch64__)
+    return (qi)vcvtnq_s32_f32((float32x4_t)x);
+#else
+    return (qi){(int32_t)lrintf(x[0]), (int32_t)lrintf(x[1]), (int32_t)lrintf(x[2]),
+                (int32_t)lrintf(x[3])};
+#endif
+}
+static inline unsigned qi_bits(qi m)
+{
+#ifdef __SSE2__
+    return (unsigned)_mm_movemask_ps((__m128)m);
+#else
+    const qi bits = m & (qi){1, 2, 4, 8};
+    return (unsigned)(bits[0] | bits[1] | bits[2] | bits[3]);
+#endif
+}
+// Lanes of two vectors in turn: those of the lower and of the upper halves.
+static inline qf qf_zip_low(qf x, qf y)
+{
+    return __builtin_shufflevector(x, y, 0, 4, 1, 5);
+}
+static inline qf qf_zip_high(qf x, qf y)
+{
+    return __builtin_shufflevector(x, y, 2, 6, 3, 7);
+}
+static inline void transpose4(qf *r0, qf *r1, qf *r2, qf *r3)
+{
+    const qf p = qf_zip_low(*r0, *r2), q = qf_zip_low(*r1, *r3), s = qf_zip_high(*r0, *r2),
+             t = qf_zip_high(*r1, *r3);
+    *r0 = qf_zip_low(p, q);
+    *r1 = qf_zip_high(p, q);
+    *r2 = qf_zip_low(s, t);
+    *r3 = qf_zip_high(s, t);
+}
+
+// ---- Sixteen lanes ----
 
 static inline vf vf_load(const float *p)
 {
@@ -32,131 +142,131 @@ static inline vf vf_load(const float *p)
 }
 static inline vf vf_load_u(const float *p)
 {
-    vf r;
-    memcpy(&r, p, sizeof r);
-    return r;
+    return vf_load(p);
 }
-static inline void vf_store(float *p, vf a)
+static inline void vf_store(float *p, vf x)
 {
-    memcpy(p, &a, sizeof a);
+    memcpy(p, &x, sizeof x);
 }
-static inline void vf_store_u(float *p, vf a)
+static inline void vf_store_u(float *p, vf x)
 {
-    memcpy(p, &a, sizeof a);
+    vf_store(p, x);
 }
-static inline void vf_store_masked(float *p, vm m, vf a)
+static inline vf vf_set1(float x)
 {
-    for (int i = 0; i < 16; ++i)
-        if (m.x[i])
-            p[i] = a.x[i];
-}
-static inline vf vf_set1(float a)
-{
-    SGSI_LANES(vf, a);
+    const qf q = qf_set1(x);
+    return (vf){q, q, q, q};
 }
 static inline vf vf_zero(void)
 {
-    SGSI_LANES(vf, 0.0f);
+    return vf_set1(0.0f);
 }
-static inline vf vf_add(vf a, vf b)
+static inline vf vf_add(vf x, vf y)
 {
-    SGSI_LANES(vf, a.x[i] + b.x[i]);
+    return (vf){x.a + y.a, x.b + y.b, x.c + y.c, x.d + y.d};
 }
-static inline vf vf_sub(vf a, vf b)
+static inline vf vf_sub(vf x, vf y)
 {
-    SGSI_LANES(vf, a.x[i] - b.x[i]);
+    return (vf){x.a - y.a, x.b - y.b, x.c - y.c, x.d - y.d};
 }
-static inline vf vf_mul(vf a, vf b)
+static inline vf vf_mul(vf x, vf y)
 {
-    SGSI_LANES(vf, a.x[i] * b.x[i]);
+    return (vf){x.a * y.a, x.b * y.b, x.c * y.c, x.d * y.d};
 }
-static inline vf vf_div(vf a, vf b)
+static inline vf vf_div(vf x, vf y)
 {
-    SGSI_LANES(vf, a.x[i] / b.x[i]);
+    return (vf){x.a / y.a, x.b / y.b, x.c / y.c, x.d / y.d};
 }
-static inline vf vf_sqrt(vf a)
+static inline vf vf_sqrt(vf x)
 {
-    SGSI_LANES(vf, sqrtf(a.x[i]));
+    return SGSI_EACH1(vf, qf_sqrt, x);
 }
-static inline vf vf_fma(vf a, vf b, vf c)
+static inline vf vf_fma(vf x, vf y, vf z)
 {
-    SGSI_LANES(vf, a.x[i] * b.x[i] + c.x[i]);
+    return SGSI_EACH3(vf, qf_fma, x, y, z);
 }
-static inline vf vf_fnma(vf a, vf b, vf c)
+static inline vf vf_fnma(vf x, vf y, vf z)
 {
-    SGSI_LANES(vf, c.x[i] - a.x[i] * b.x[i]);
+    return SGSI_EACH3(vf, qf_fnma, x, y, z);
 }
-static inline vf vf_fms(vf a, vf b, vf c)
+static inline vf vf_fms(vf x, vf y, vf z)
 {
-    SGSI_LANES(vf, a.x[i] * b.x[i] - c.x[i]);
+    return SGSI_EACH3(vf, qf_fms, x, y, z);
 }
-static inline vf vf_min(vf a, vf b)
+static inline vf vf_min(vf x, vf y)
 {
-    SGSI_LANES(vf, a.x[i] < b.x[i] ? a.x[i] : b.x[i]);
+    return SGSI_EACH2(vf, qf_min, x, y);
 }
-static inline vf vf_max(vf a, vf b)
+static inline vf vf_max(vf x, vf y)
 {
-    SGSI_LANES(vf, a.x[i] > b.x[i] ? a.x[i] : b.x[i]);
+    return SGSI_EACH2(vf, qf_max, x, y);
 }
 
-static inline vm vf_lt(vf a, vf b)
+static inline vm vf_lt(vf x, vf y)
 {
-    SGSI_LANES(vm, -(a.x[i] < b.x[i]));
+    return (vm){x.a < y.a, x.b < y.b, x.c < y.c, x.d < y.d};
 }
-static inline vm vf_le(vf a, vf b)
+static inline vm vf_le(vf x, vf y)
 {
-    SGSI_LANES(vm, -(a.x[i] <= b.x[i]));
+    return (vm){x.a <= y.a, x.b <= y.b, x.c <= y.c, x.d <= y.d};
 }
-static inline vm vf_gt(vf a, vf b)
+static inline vm vf_gt(vf x, vf y)
 {
-    SGSI_LANES(vm, -(a.x[i] > b.x[i]));
+    return (vm){x.a > y.a, x.b > y.b, x.c > y.c, x.d > y.d};
 }
-static inline vm vf_ge(vf a, vf b)
+static inline vm vf_ge(vf x, vf y)
 {
-    SGSI_LANES(vm, -(a.x[i] >= b.x[i]));
+    return (vm){x.a >= y.a, x.b >= y.b, x.c >= y.c, x.d >= y.d};
 }
-static inline vf vf_select(vm m, vf a, vf b)
+static inline vf vf_select(vm m, vf x, vf y)
 {
-    SGSI_LANES(vf, m.x[i] ? a.x[i] : b.x[i]);
+    return SGSI_EACH3(vf, qf_select, m, x, y);
 }
-static inline vf vf_keep(vm m, vf a)
+static inline vf vf_keep(vm m, vf x)
 {
-    SGSI_LANES(vf, m.x[i] ? a.x[i] : 0.0f);
+    return SGSI_EACH2(vf, qf_keep, m, x);
 }
-static inline vm vm_and(vm a, vm b)
+static inline vm vm_and(vm x, vm y)
 {
-    SGSI_LANES(vm, a.x[i] & b.x[i]);
+    return (vm){x.a & y.a, x.b & y.b, x.c & y.c, x.d & y.d};
 }
-static inline vm vm_or(vm a, vm b)
+static inline vm vm_or(vm x, vm y)
 {
-    SGSI_LANES(vm, a.x[i] | b.x[i]);
+    return (vm){x.a | y.a, x.b | y.b, x.c | y.c, x.d | y.d};
 }
-static inline vm vm_andnot(vm a, vm b)
+static inline vm vm_andnot(vm x, vm y)
 {
-    SGSI_LANES(vm, a.x[i] & ~b.x[i]);
+    return (vm){x.a & ~y.a, x.b & ~y.b, x.c & ~y.c, x.d & ~y.d};
 }
-static inline vm vm_not(vm a)
+static inline vm vm_not(vm x)
 {
-    SGSI_LANES(vm, ~a.x[i]);
+    return (vm){~x.a, ~x.b, ~x.c, ~x.d};
 }
 static inline vm vm_none(void)
 {
-    SGSI_LANES(vm, 0);
+    return (vm){{0}, {0}, {0}, {0}};
 }
-static inline unsigned vm_bits(vm a)
+static inline unsigned vm_bits(vm x)
 {
-    unsigned bits = 0;
-    for (int i = 0; i < 16; ++i)
-        bits |= (unsigned)(a.x[i] & 1) << i;
-    return bits;
+    return qi_bits(x.a) | qi_bits(x.b) << 4 | qi_bits(x.c) << 8 | qi_bits(x.d) << 12;
 }
-static inline int vm_any(vm a)
+static inline int vm_any(vm x)
 {
-    return vm_bits(a) != 0;
+    return qi_bits((x.a | x.b) | (x.c | x.d)) != 0;
 }
 static inline vm vm_from_bits(unsigned bits)
 {
-    SGSI_LANES(vm, -(int32_t)(bits >> i & 1));
+    const int32_t word = (int32_t)bits;
+    const qi all = {word, word, word, word}, lane = {1, 2, 4, 8};
+    return (vm){(all & lane) != 0, (all & lane << 4) != 0, (all & lane << 8) != 0,
+                (all & lane << 12) != 0};
+}
+static inline void vf_store_masked(float *p, vm m, vf x)
+{
+    float lanes[16];
+    vf_store(lanes, x);
+    for (unsigned bits = vm_bits(m); bits; bits &= bits - 1)
+        p[__builtin_ctz(bits)] = lanes[__builtin_ctz(bits)];
 }
 
 static inline vi vi_load(const int32_t *p)
@@ -167,111 +277,124 @@ static inline vi vi_load(const int32_t *p)
 }
 static inline vi vi_load_u(const int32_t *p)
 {
-    vi r;
-    memcpy(&r, p, sizeof r);
-    return r;
+    return vi_load(p);
 }
-static inline void vi_store(int32_t *p, vi a)
+static inline void vi_store(int32_t *p, vi x)
 {
-    memcpy(p, &a, sizeof a);
+    memcpy(p, &x, sizeof x);
 }
-static inline vi vi_set1(int32_t a)
+static inline vi vi_set1(int32_t x)
 {
-    SGSI_LANES(vi, a);
+    const qi q = {x, x, x, x};
+    return (vi){q, q, q, q};
 }
-static inline vi vi_add(vi a, vi b)
+static inline qi qi_add(qi x, qi y)
 {
-    SGSI_LANES(vi, (int32_t)((uint32_t)a.x[i] + (uint32_t)b.x[i]));
+    return (qi)((qu)x + (qu)y);
 }
-static inline vi vi_sub(vi a, vi b)
+static inline qi qi_sub(qi x, qi y)
 {
-    SGSI_LANES(vi, (int32_t)((uint32_t)a.x[i] - (uint32_t)b.x[i]));
+    return (qi)((qu)x - (qu)y);
 }
-static inline vi vi_sll(vi a, int n)
+static inline vi vi_add(vi x, vi y)
 {
-    SGSI_LANES(vi, (int32_t)((uint32_t)a.x[i] << n));
+    return SGSI_EACH2(vi, qi_add, x, y);
 }
-static inline vi vi_sra(vi a, int n)
+static inline vi vi_sub(vi x, vi y)
 {
-    SGSI_LANES(vi, a.x[i] >> n);
+    return SGSI_EACH2(vi, qi_sub, x, y);
 }
-static inline vf vi_as_vf(vi a)
+static inline vi vi_sll(vi x, int n)
 {
-    vf r;
-    memcpy(&r, &a, sizeof r);
-    return r;
+    return (vi){(qi)((qu)x.a << n), (qi)((qu)x.b << n), (qi)((qu)x.c << n), (qi)((qu)x.d << n)};
 }
-static inline vi vf_as_vi(vf a)
+static inline vi vi_sra(vi x, int n)
 {
-    vi r;
-    memcpy(&r, &a, sizeof r);
-    return r;
+    return (vi){x.a >> n, x.b >> n, x.c >> n, x.d >> n};
 }
-static inline vf vi_to_vf(vi a)
+static inline vf vi_as_vf(vi x)
 {
-    SGSI_LANES(vf, (float)a.x[i]);
+    return (vf){(qf)x.a, (qf)x.b, (qf)x.c, (qf)x.d};
 }
-static inline vi vf_to_vi(vf a)
+static inline vi vf_as_vi(vf x)
 {
-    SGSI_LANES(vi, (int32_t)lrintf(a.x[i]));
+    return (vi){(qi)x.a, (qi)x.b, (qi)x.c, (qi)x.d};
+}
+static inline qf qi_to_qf(qi x)
+{
+    return __builtin_convertvector(x, qf);
+}
+static inline vf vi_to_vf(vi x)
+{
+    return SGSI_EACH1(vf, qi_to_qf, x);
+}
+static inline vi vf_to_vi(vf x)
+{
+    return SGSI_EACH1(vi, qf_round, x);
+}
+static inline qf qf_load_u8(const uint8_t *p)
+{
+    return qi_to_qf((qi){p[0], p[1], p[2], p[3]});
 }
 static inline vf vf_load_u8(const uint8_t *p)
 {
-    SGSI_LANES(vf, (float)p[i]);
+    return (vf){qf_load_u8(p), qf_load_u8(p + 4), qf_load_u8(p + 8), qf_load_u8(p + 12)};
 }
 
 // Lane k of the result is the sum over the lanes of v[k], by the tree of vf_sum.
+static inline qf sum_four(const vf v[4])
+{
+    qf r[4];
+    for (int k = 0; k < 4; ++k)
+        r[k] = (v[k].a + v[k].c) + (v[k].b + v[k].d);
+    transpose4(&r[0], &r[1], &r[2], &r[3]);
+    return (r[0] + r[2]) + (r[1] + r[3]);
+}
 static inline vf vf_sum16(const vf v[16])
 {
-    vf r;
-    for (int k = 0; k < 16; ++k) {
-        float x[16];
-        memcpy(x, &v[k], sizeof x);
-        for (int stride = 8; stride; stride /= 2)
-            for (int i = 0; i < stride; ++i)
-                x[i] += x[i + stride];
-        r.x[k] = x[0];
-    }
-    return r;
+    return (vf){sum_four(v), sum_four(v + 4), sum_four(v + 8), sum_four(v + 12)};
 }
 
 // Transposes 16 rows of 16 lanes in place.
 static inline void vf_transpose16(vf r[16])
 {
+    qf q[16][4];
+    memcpy(q, r, sizeof q);
+    for (int i = 0; i < 4; ++i)
+        for (int k = 0; k < 4; ++k)
+            transpose4(&q[4 * i][k], &q[4 * i + 1][k], &q[4 * i + 2][k], &q[4 * i + 3][k]);
     for (int i = 0; i < 16; ++i)
-        for (int k = 0; k < i; ++k) {
-            const float kept = r[i].x[k];
-            r[i].x[k] = r[k].x[i];
-            r[k].x[i] = kept;
-        }
+        r[i] =
+            (vf){q[i % 4][i / 4], q[4 + i % 4][i / 4], q[8 + i % 4][i / 4], q[12 + i % 4][i / 4]};
 }
 
 // Masked arithmetic: m ? a op b : a.
-static inline vf vf_mul_where(vm m, vf a, vf b)
+static inline vf vf_mul_where(vm m, vf x, vf y)
 {
-    SGSI_LANES(vf, m.x[i] ? a.x[i] * b.x[i] : a.x[i]);
+    return vf_select(m, vf_mul(x, y), x);
 }
-static inline vf vf_add_where(vm m, vf a, vf b)
+static inline vf vf_add_where(vm m, vf x, vf y)
 {
-    SGSI_LANES(vf, m.x[i] ? a.x[i] + b.x[i] : a.x[i]);
+    return vf_select(m, vf_add(x, y), x);
 }
-static inline vf vf_sub_where(vm m, vf a, vf b)
+static inline vf vf_sub_where(vm m, vf x, vf y)
 {
-    SGSI_LANES(vf, m.x[i] ? a.x[i] - b.x[i] : a.x[i]);
+    return vf_select(m, vf_sub(x, y), x);
 }
-static inline vf vf_min_where(vm m, vf a, vf b)
+static inline vf vf_min_where(vm m, vf x, vf y)
 {
-    SGSI_LANES(vf, m.x[i] && b.x[i] < a.x[i] ? b.x[i] : a.x[i]);
+    return vf_select(m, vf_min(y, x), x);
 }
 
 // Writes the lanes of m together to p and returns their number. All sixteen words from p on may be
 // overwritten.
-static inline unsigned vi_compress_store(int32_t *p, vm m, vi a)
+static inline unsigned vi_compress_store(int32_t *p, vm m, vi x)
 {
+    int32_t lanes[16];
+    vi_store(lanes, x);
     unsigned count = 0;
-    for (int i = 0; i < 16; ++i)
-        if (m.x[i])
-            p[count++] = a.x[i];
+    for (unsigned bits = vm_bits(m); bits; bits &= bits - 1)
+        p[count++] = lanes[__builtin_ctz(bits)];
     return count;
 }
 
@@ -282,19 +405,39 @@ static inline unsigned vi_compress_store(int32_t *p, vm m, vi a)
 static inline void simd_rank(const int16_t *keys, uint16_t *ranks, uint32_t count,
                              const int16_t *least, const int16_t *most)
 {
-    (void)least;
-    (void)most;
-    for (uint32_t i = 0; i < count; ++i) {
-        uint32_t rank = 0;
-        for (uint32_t j = 0; j < count; ++j)
-            rank += j < i ? keys[j] <= keys[i] : keys[j] < keys[i];
-        ranks[i] = (uint16_t)rank;
+    const qh place = {0, 1, 2, 3, 4, 5, 6, 7};
+    for (uint32_t begin = 0; begin < count; begin += 8) {
+        const uint32_t end = begin + 8 < count ? begin + 8 : count, c = begin / 32;
+        const int16_t first_rank = (int16_t)begin; // less those behind: a comparison gives -1
+        qh key, rank = {first_rank, first_rank, first_rank, first_rank,
+                        first_rank, first_rank, first_rank, first_rank};
+        memcpy(&key, keys + begin, sizeof key);
+        for (uint32_t d = 0; d <= c; ++d) {
+            if (d < c && most[d] <= least[c])
+                continue;
+            const uint32_t last = d < c ? 32 * d + 32 : begin;
+            for (uint32_t j = 32 * d; j < last; ++j)
+                rank += keys[j] > key;
+        }
+        for (uint32_t j = begin; j < end; ++j) // of equal keys the earlier one comes first
+            rank -= (key > keys[j]) | ((key == keys[j]) & (place > (int16_t)(j - begin)));
+        for (uint32_t d = c; 32 * d < count; ++d) {
+            if (d > c && least[d] >= most[c])
+                continue;
+            const uint32_t first = d > c ? 32 * d : end,
+                           last = 32 * d + 32 < count ? 32 * d + 32 : count;
+            for (uint32_t j = first; j < last; ++j)
+                rank -= key > keys[j];
+        }
+        memcpy(ranks + begin, &rank, sizeof rank);
     }
 }
 
 // The lanes as int16, which they must fit.
-static inline void vi_store_i16(int16_t *p, vi a)
+static inline void vi_store_i16(int16_t *p, vi x)
 {
+    int32_t lanes[16];
+    vi_store(lanes, x);
     for (int i = 0; i < 16; ++i)
-        p[i] = (int16_t)a.x[i];
+        p[i] = (int16_t)lanes[i];
 }

@@ -146,7 +146,7 @@ sgs_status sgs_bench_step(sgs_bench *bench, sgs_bench_sample *sample)
 {
     sgs_trainer *trainer = bench->trainer;
     const sgs_train_seconds before = trainer->progress.seconds;
-    trainer->progress.iteration = HELD_ITERATION;
+    trainer->progress.iteration = trainer->progress.followed = HELD_ITERATION;
     sgs_step_info info;
     const sgs_status status = sgs_trainer_step(trainer, &info);
     if (status)

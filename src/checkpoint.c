@@ -120,6 +120,9 @@ static const sgs_view *train_view(const sgs_trainer *trainer, size_t i)
 
 sgs_status sgs_trainer_save_checkpoint(const sgs_trainer *trainer, const char *path)
 {
+    if (trainer->half_way)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                         "%s: the last step failed half-way; there is no state to save", path);
     char *options = sgsi_options_text(&trainer->options);
     if (!options)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path);
@@ -178,7 +181,8 @@ static sgs_status check_progress(sgsi_sections *sections, const sgs_trainer *tra
 {
     const size_t views = trainer->train_view_count;
     if (progress->iteration < 0 || progress->iteration > 10000000 || progress->adam_step < 0 ||
-        progress->adam_step > progress->iteration || progress->order_position > views ||
+        progress->adam_step > progress->iteration || progress->followed < 0 ||
+        progress->followed > progress->iteration || progress->order_position > views ||
         progress->stop < SGS_STOP_NONE || progress->stop > SGS_STOP_SIGNAL ||
         progress->resolution < 0 || progress->resolution > 8 || progress->updates < 0)
         return sgsi_fail(SGS_STATUS_FORMAT, "%s: a counter in section 'progress' is out of range",
@@ -290,8 +294,12 @@ sgs_status sgs_trainer_load_checkpoint(sgs_trainer *trainer, const char *path)
         return status;
     size_t n = 0;
     status = check(&sections, trainer, &n);
-    if (!status)
-        status = make_room(trainer, n, path);
+    if (status) {
+        sgsi_sections_close(&sections);
+        return status;
+    }
+    trainer->half_way = true;
+    status = make_room(trainer, n, path);
     if (!status)
         status = restore_resolution(trainer, &sections);
     if (!status) {
@@ -299,6 +307,7 @@ sgs_status sgs_trainer_load_checkpoint(sgs_trainer *trainer, const char *path)
         visit_state(&sections, trainer, n);
         trainer->stop_text[sizeof trainer->stop_text - 1] = 0;
         trainer->structure_changed = true;
+        trainer->half_way = false;
         if (sgsi_trainer_opacity_is_linear(trainer))
             sgs_gaussians_declare_linear_opacity(trainer->model);
         if (trainer->progress.stop == SGS_STOP_SCHEDULE &&

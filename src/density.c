@@ -484,8 +484,10 @@ sgs_status sgsi_density_sort(sgs_gaussians *model)
     const size_t capacity = padded_capacity(model->count);
     if (!status)
         status = gather_block(&model->data, capacity, &plan, true, &options);
-    if (!status)
+    if (!status) {
         model->capacity = capacity;
+        model->count = plan.count; // rows without a finite value are dropped
+    }
     sgsi_statistics_free(&statistics);
     sgsi_free(plan.buffers[0]);
     sgsi_free(plan.buffers[1]);

@@ -50,6 +50,14 @@ static int batch(int paper, double f)
     return paper ? rounded(paper * fmin(f, 1.0), 1) : 0;
 }
 
+// 3DGS then forgets the opacities once more, before what was drawn to hide behind the background
+// settles.
+static bool is_white(const sgs_train_options *options)
+{
+    const float *c = options->background;
+    return !options->background_random && c[0] >= 1.0f && c[1] >= 1.0f && c[2] >= 1.0f;
+}
+
 sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, size_t train_views)
 {
     const bool scaled = options->schedule == SGS_SCHEDULE_SCALED;
@@ -62,6 +70,7 @@ sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, size_t train_
         .densify_interval = pipeline->densify_interval,
         .reset_interval = 3000,
         .reset_until = pipeline->densify_until,
+        .first_reset = is_white(options) ? 500 : 0,
         .prune_interval = pipeline->prune_interval ? rounded(pipeline->prune_interval * f, 1) : 0,
         .batch_rest = batch(pipeline->batch_rest, f),
         .batch_middle = batch(pipeline->batch_middle, f),
@@ -95,6 +104,7 @@ sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, size_t train_
     schedule.reset_interval = (3000 + schedule.densify_interval - 1) / schedule.densify_interval *
                               schedule.densify_interval;
     schedule.reset_until = schedule.densify_until * 2 / 3;
+    schedule.first_reset = 0; // too late in a short run
     return schedule;
 }
 
@@ -107,7 +117,7 @@ bool sgsi_schedule_is_structural(const sgsi_schedule *schedule, int iteration)
 bool sgsi_schedule_is_reset(const sgsi_schedule *schedule, int iteration)
 {
     return schedule->reset_interval && iteration < schedule->reset_until &&
-           iteration % schedule->reset_interval == 0;
+           (iteration % schedule->reset_interval == 0 || iteration == schedule->first_reset);
 }
 
 bool sgsi_schedule_is_final_prune(const sgsi_schedule *schedule, int iteration)

@@ -13,6 +13,7 @@ typedef struct sgsi_schedule {
     int iterations;
     int densify_from, densify_until, densify_interval;
     int reset_interval, reset_until; // opacity resets; 0 = none
+    int first_reset;                 // one more on white backgrounds, where densification begins
     int prune_interval;              // final prunes after densify_until; 0 = none
     int batch_rest, batch_middle, batch_late,
         middle_until;             // see pipeline.h; 0 = every iteration steps

@@ -2,8 +2,9 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // The loop. One iteration, in 3DGS's order (specs of 3DGS, section 9): rate and SH ramp, pick a
-// view, project, refit or rebuild the BVH, forward, loss, backward, statistics, structural update,
-// opacity reset, optimiser step. Two quirks of the original are kept because they shape quality:
+// view, project, refit or rebuild the BVH, forward, loss, backward, statistics, optimiser step;
+// here the model may be saved; structural update and opacity reset, at the beginning of the next
+// call. Two quirks of the original are kept because they shape quality:
 // there is no optimiser step on iterations with a structural update, and moments of new rows start
 // at zero under a step counter that goes on.
 
@@ -192,6 +193,8 @@ static sgs_status create_model(sgs_trainer *trainer)
         return status;
     trainer->model->sh_degree = trainer->options.sh_degree;
     status = sgsi_density_sort(trainer->model);
+    if (!status && !trainer->model->count)
+        status = sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "no primitive to start from is finite");
     if (status)
         return status;
     trainer->m = sgsi_calloc_shared(trainer->model->capacity, SGS_PARAM_COUNT * sizeof(float));
@@ -305,7 +308,7 @@ void sgs_trainer_destroy(sgs_trainer *trainer)
     sgsi_statistics_free(&trainer->statistics);
     sgsi_trainer_scores_free(&trainer->scores);
     sgsi_free((void *)trainer->regions.regions);
-    sgsi_trainer_resolution_free(trainer);
+    sgsi_small_images_free(&trainer->small_images);
     sgs_gaussians_destroy(trainer->model);
     void *const arrays[] = {trainer->m,
                             trainer->v,
@@ -446,8 +449,8 @@ sgs_status sgsi_trainer_fetch(sgs_trainer *trainer, step_state *step)
     const size_t view = trainer->train_views[step->guess];
     step->source = &trainer->scene->views[view];
     step->camera = step->source->camera;
-    if (trainer->small_images) {
-        step->target = &trainer->small_images[step->guess];
+    if (trainer->small_images.photos) {
+        step->target = &trainer->small_images.photos[step->guess];
         step->camera = sgs_camera_resized(&step->camera, step->target->width, step->target->height);
         return SGS_STATUS_OK;
     }
@@ -624,17 +627,24 @@ sgs_status sgs_trainer_step(sgs_trainer *trainer, sgs_step_info *info)
     if (progress->stop != SGS_STOP_NONE)
         return sgsi_fail(SGS_STATUS_LIMIT, "training is over after %d iterations",
                          progress->iteration);
+    if (trainer->half_way)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                         "the step after iteration %d failed half-way; there is nothing to go on "
+                         "from",
+                         progress->iteration);
     const int iteration = progress->iteration + 1;
     step_state step = {
         .iteration = iteration,
         .structural = sgsi_schedule_is_structural(&trainer->schedule, iteration),
         .statistics = iteration < trainer->schedule.densify_until ? &trainer->statistics : NULL,
-        .prunes = sgsi_schedule_is_final_prune(&trainer->schedule, iteration),
-        .resets = sgsi_schedule_is_reset(&trainer->schedule, iteration)};
+        .prunes = sgsi_schedule_is_final_prune(&trainer->schedule, iteration)};
+    sgs_status status = sgsi_trainer_follow_up(trainer, info);
+    if (status)
+        return status;
     const sgsi_progress before = *progress;
     step.guess = next_view(trainer);
     expect_next_views(trainer);
-    sgs_status status = sgsi_trainer_fetch(trainer, &step);
+    status = sgsi_trainer_fetch(trainer, &step);
     if (status) {
         *progress = before; // the same view comes next
         return status;
@@ -659,21 +669,13 @@ sgs_status sgs_trainer_step(sgs_trainer *trainer, sgs_step_info *info)
         optimize_step(trainer, &step);
     else
         sgsi_skip_step(&progress->skipped, iteration, step.source->name, step.loss.loss);
-    if (step.structural || step.prunes)
-        status = sgsi_trainer_update_structure(trainer, iteration, info);
-    if (status)
-        return status;
-    if (!status)
-        status = sgsi_trainer_follow_resolution(trainer, iteration);
     // Mip-Splatting: positions still move after the last structural update.
-    if (!status && trainer->filter_3d && iteration > trainer->schedule.densify_until &&
+    if (trainer->filter_3d && iteration > trainer->schedule.densify_until &&
         iteration % FILTER_INTERVAL == 0 &&
         iteration < trainer->options.iterations - FILTER_INTERVAL)
         status = sgsi_trainer_update_filter_3d(trainer);
     if (status)
         return status;
-    if (step.resets)
-        sgsi_trainer_reset_opacity(trainer, iteration);
     progress->iteration = iteration;
     sgsi_trainer_follow_opacity(trainer);
     fill_info(trainer, &step, info);
@@ -687,6 +689,11 @@ sgs_status sgs_trainer_step(sgs_trainer *trainer, sgs_step_info *info)
 bool sgs_trainer_is_whole(const sgs_trainer *trainer)
 {
     return !trainer->half_way;
+}
+
+int sgs_trainer_updated(const sgs_trainer *trainer)
+{
+    return trainer->progress.followed;
 }
 
 const sgs_gaussians *sgs_trainer_model(const sgs_trainer *trainer)

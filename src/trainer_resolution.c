@@ -11,14 +11,14 @@
 #include "sparegs/image.h"
 #include "trainer_state.h"
 
-void sgsi_trainer_resolution_free(sgs_trainer *trainer)
+void sgsi_small_images_free(sgsi_small_images *images)
 {
-    for (size_t i = 0; trainer->small_images && i < trainer->train_view_count; ++i) {
-        sgsi_free(trainer->small_images[i].pixels);
-        sgsi_free(trainer->small_images[i].keep);
+    for (size_t i = 0; images->photos && i < images->count; ++i) {
+        sgsi_free(images->photos[i].pixels);
+        sgsi_free(images->photos[i].keep);
     }
-    sgsi_free(trainer->small_images);
-    trainer->small_images = NULL;
+    sgsi_free(images->photos);
+    *images = (sgsi_small_images){0};
 }
 
 static sgs_image8 pixels_of(const sgs_photo *photo)
@@ -87,16 +87,16 @@ static void reduce_keep(const sgs_photo *from, sgs_photo *to)
         }
 }
 
-static sgs_status reduce_view(sgs_trainer *trainer, size_t i, int scale)
+static sgs_status reduce_view(sgs_trainer *trainer, size_t i, int scale, sgs_photo *out)
 {
-    const sgs_photo *photo;
-    sgs_photo *out = &trainer->small_images[i];
-    sgs_status status = sgs_scene_photo(trainer->scene, trainer->train_views[i], &photo);
+    sgs_image8 image, small;
+    sgs_status status = view_pixels(trainer, i, &image);
     if (status)
         return status;
-    const sgs_image8 image = pixels_of(photo);
-    sgs_image8 small;
-    status = sgsi_image8_triangle(&image, scale, &small);
+    const sgs_photo *photo;
+    status = sgs_scene_photo(trainer->scene, trainer->train_views[i], &photo); // it is at hand now
+    if (!status)
+        status = sgsi_image8_triangle(&image, scale, &small);
     if (status)
         return status;
     *out = (sgs_photo){.width = small.width,
@@ -115,35 +115,60 @@ static sgs_status reduce_view(sgs_trainer *trainer, size_t i, int scale)
     return SGS_STATUS_OK;
 }
 
-sgs_status sgsi_trainer_set_resolution(sgs_trainer *trainer, int scale)
+// The training views at a scale; none at scale 1. On failure there are none.
+static sgs_status make_small_images(sgs_trainer *trainer, int scale, sgsi_small_images *images)
 {
-    if (trainer->progress.resolution == scale && (scale == 1 || trainer->small_images))
+    *images = (sgsi_small_images){.scale = scale};
+    if (scale <= 1)
         return SGS_STATUS_OK;
-    sgsi_trainer_resolution_free(trainer);
-    const size_t n = trainer->train_view_count;
-    if (scale > 1) {
-        trainer->small_images = sgsi_calloc(n, sizeof *trainer->small_images);
-        if (!trainer->small_images)
-            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu views at a smaller size",
-                             n);
-        for (size_t i = 0; i < n; ++i) {
-            const sgs_status status = reduce_view(trainer, i, scale);
-            if (status)
-                return status;
-        }
-    }
-    trainer->progress.resolution = scale;
-    trainer->progress.reset_since_check = 1; // losses of different sizes do not compare
-    sgsi_trainer_forget_depths(trainer);
-    return SGS_STATUS_OK;
+    images->photos = sgsi_calloc(trainer->train_view_count, sizeof *images->photos);
+    if (!images->photos)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu views at a smaller size",
+                         trainer->train_view_count);
+    images->count = trainer->train_view_count;
+    sgs_status status = SGS_STATUS_OK;
+    for (size_t i = 0; i < images->count && !status; ++i)
+        status = reduce_view(trainer, i, scale, &images->photos[i]);
+    if (status)
+        sgsi_small_images_free(images);
+    return status;
 }
 
-sgs_status sgsi_trainer_follow_resolution(sgs_trainer *trainer, int iteration)
+void sgsi_trainer_adopt_resolution(sgs_trainer *trainer, sgsi_small_images *images)
+{
+    if (!images->scale)
+        return;
+    sgsi_small_images_free(&trainer->small_images);
+    trainer->small_images = *images;
+    trainer->progress.resolution = images->scale;
+    trainer->progress.reset_since_check = 1; // losses of different sizes do not compare
+    sgsi_trainer_forget_depths(trainer);
+}
+
+static bool is_in_force(const sgs_trainer *trainer, int scale)
+{
+    return trainer->progress.resolution == scale && (scale == 1 || trainer->small_images.photos);
+}
+
+sgs_status sgsi_trainer_set_resolution(sgs_trainer *trainer, int scale)
+{
+    sgsi_small_images images;
+    if (is_in_force(trainer, scale))
+        return SGS_STATUS_OK;
+    const sgs_status status = make_small_images(trainer, scale, &images);
+    if (!status)
+        sgsi_trainer_adopt_resolution(trainer, &images);
+    return status;
+}
+
+sgs_status sgsi_trainer_next_resolution(sgs_trainer *trainer, int iteration,
+                                        sgsi_small_images *images)
 {
     const sgsi_schedule *schedule = &trainer->schedule;
+    *images = (sgsi_small_images){0};
     if (!trainer->pipeline->resolution || iteration <= schedule->resolution_from ||
         iteration % schedule->resolution_interval)
         return SGS_STATUS_OK;
-    return sgsi_trainer_set_resolution(trainer,
-                                       sgsi_resolution_at(&trainer->resolution, iteration));
+    const int scale = sgsi_resolution_at(&trainer->resolution, iteration);
+    return is_in_force(trainer, scale) ? SGS_STATUS_OK : make_small_images(trainer, scale, images);
 }

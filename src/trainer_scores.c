@@ -121,7 +121,8 @@ static const uint8_t *photo_bytes(sgsi_trainer_scores *scores, const sgs_photo *
         scores->byte_capacity = scores->bytes ? values : 0;
     }
     for (size_t k = 0; k < values && scores->bytes; ++k)
-        scores->bytes[k] = (uint8_t)(255.0f * fminf(photo_value(photo, k), 1.0f) + 0.5f);
+        scores->bytes[k] =
+            (uint8_t)(255.0f * fmaxf(fminf(photo_value(photo, k), 1.0f), 0.0f) + 0.5f);
     return scores->bytes;
 }
 

@@ -27,6 +27,7 @@ typedef struct sgsi_progress {
     int32_t updates;                      // structural updates made
     int32_t rest_step;  // as adam_step, of the SH bands above 0 where they step on their own
     int32_t resolution; // down-scaling of the images in force; 0 = none yet
+    int32_t followed;   // iteration whose structural update, reset and resolution are made
     sgsi_pipeline_state pipeline;
     double loss_average, loss_weight; // for the progress line
     double psnr_average, psnr_weight;
@@ -54,6 +55,13 @@ typedef struct sgsi_trainer_scores {
     size_t byte_capacity;
 } sgsi_trainer_scores;
 
+// The training views at a smaller size.
+typedef struct sgsi_small_images {
+    int scale;         // 0 = nothing is to change
+    sgs_photo *photos; // [count], or NULL at scale 1
+    size_t count;
+} sgsi_small_images;
+
 struct sgs_trainer {
     const sgs_scene *scene;
     sgs_train_options options;
@@ -78,9 +86,9 @@ struct sgs_trainer {
     float **depth_guesses; // per training view, [tiles]
     size_t *tile_counts;   // per training view
     sgsi_resolution resolution;
-    sgs_photo *small_images; // per training view, at progress.resolution > 1; else NULL
-    float *planes;           // colour, transmittance and their gradients: 8 planes
-    size_t plane_floats;     // per plane
+    sgsi_small_images small_images; // at progress.resolution > 1, else none
+    float *planes;                  // colour, transmittance and their gradients: 8 planes
+    size_t plane_floats;            // per plane
     bool structure_changed;
     bool seen;     // some view has met a primitive
     bool half_way; // the last step has begun to change things and not ended
@@ -104,7 +112,7 @@ typedef struct step_state {
     sgsi_planes planes;
     float *d_color[3], *d_transmittance;
     float background[3];
-    bool structural, prunes, resets;
+    bool structural, prunes;
     sgsi_loss_output loss;
 } step_state;
 
@@ -116,12 +124,16 @@ sgs_status sgsi_trainer_draw(sgs_trainer *trainer, step_state *step);
 sgs_status sgsi_trainer_score(sgs_trainer *trainer, int iteration);
 void sgsi_trainer_scores_free(sgsi_trainer_scores *scores);
 
-// Plans the sizes of the images and sets the first one; changes to one; follows the plan at the end
-// of an iteration.
+// Plans the sizes of the images and sets the first one; changes to one.
 sgs_status sgsi_trainer_resolution_plan(sgs_trainer *trainer);
 sgs_status sgsi_trainer_set_resolution(sgs_trainer *trainer, int scale);
-sgs_status sgsi_trainer_follow_resolution(sgs_trainer *trainer, int iteration);
-void sgsi_trainer_resolution_free(sgs_trainer *trainer);
+// The images of the scale that is due after an iteration; scale 0 where none is. On failure there
+// are none and the trainer is as it was.
+sgs_status sgsi_trainer_next_resolution(sgs_trainer *trainer, int iteration,
+                                        sgsi_small_images *images);
+// Takes them over, unless their scale is 0.
+void sgsi_trainer_adopt_resolution(sgs_trainer *trainer, sgsi_small_images *images);
+void sgsi_small_images_free(sgsi_small_images *images);
 // The depth guesses of all views say nothing any more.
 void sgsi_trainer_forget_depths(sgs_trainer *trainer);
 
@@ -138,6 +150,8 @@ void sgsi_trainer_follow_opacity(sgs_trainer *trainer);
 
 // Density control after the optimiser step of `iteration`; fills the structural part of *info.
 sgs_status sgsi_trainer_update_structure(sgs_trainer *trainer, int iteration, sgs_step_info *info);
-void sgsi_trainer_reset_opacity(sgs_trainer *trainer, int iteration);
+// What the last iteration leaves to do before the next: its structural update, another resolution,
+// its opacity reset. A photograph that is missing here leaves the trainer as it was.
+sgs_status sgsi_trainer_follow_up(sgs_trainer *trainer, sgs_step_info *info);
 // After progress.iteration: feeds SPARE-GS's termination test and says whether training is over.
 sgs_stop_reason sgsi_trainer_decide_stop(sgs_trainer *trainer, double loss);

@@ -100,8 +100,9 @@ sgs_status sgsi_trainer_update_structure(sgs_trainer *trainer, int iteration, sg
     if (trainer->pipeline->score_views) {
         const sgs_status status = sgsi_trainer_score(trainer, iteration);
         if (status)
-            return status;
+            return status; // nothing is changed yet
     }
+    trainer->half_way = true;
     const sgsi_density_options options = {
         .pipeline = trainer->pipeline,
         .train = o,
@@ -147,6 +148,8 @@ sgs_status sgsi_trainer_update_structure(sgs_trainer *trainer, int iteration, sg
     trainer->structure_changed = true;
     progress->updates += !final_prune;
     info->structural = true;
+    info->updated = iteration;
+    info->gaussians = trainer->model->count;
     info->densified = result.cloned + result.split;
     info->pruned = result.pruned;
     info->spare_pruned = result.spare_pruned;
@@ -158,6 +161,7 @@ sgs_status sgsi_trainer_update_structure(sgs_trainer *trainer, int iteration, sg
     info->spare_seconds = result.spare_seconds;
     progress->seconds.spare += result.spare_seconds;
     progress->seconds.density += sgsi_seconds() - start - result.spare_seconds;
+    trainer->half_way = false;
     return SGS_STATUS_OK;
 }
 
@@ -168,12 +172,37 @@ void sgsi_trainer_forget_depths(sgs_trainer *trainer)
             trainer->depth_guesses[i][t] = INFINITY;
 }
 
-void sgsi_trainer_reset_opacity(sgs_trainer *trainer, int iteration)
+static void reset_opacity(sgs_trainer *trainer, int iteration)
 {
     sgsi_density_reset_opacity(trainer->model, trainer->m, trainer->v, 0.01, trainer->filter_3d);
     trainer->progress.last_reset = iteration;
     trainer->progress.reset_since_check = 1;
     sgsi_trainer_forget_depths(trainer); // nothing is opaque now
+}
+
+sgs_status sgsi_trainer_follow_up(sgs_trainer *trainer, sgs_step_info *info)
+{
+    sgsi_progress *progress = &trainer->progress;
+    const sgsi_schedule *schedule = &trainer->schedule;
+    const int iteration = progress->iteration;
+    if (progress->followed >= iteration)
+        return SGS_STATUS_OK;
+    sgsi_small_images next;
+    sgs_status status = sgsi_trainer_next_resolution(trainer, iteration, &next);
+    if (status)
+        return status;
+    if (sgsi_schedule_is_structural(schedule, iteration) ||
+        sgsi_schedule_is_final_prune(schedule, iteration))
+        status = sgsi_trainer_update_structure(trainer, iteration, info);
+    if (status) {
+        sgsi_small_images_free(&next);
+        return status;
+    }
+    sgsi_trainer_adopt_resolution(trainer, &next);
+    if (sgsi_schedule_is_reset(schedule, iteration))
+        reset_opacity(trainer, iteration);
+    progress->followed = iteration;
+    return SGS_STATUS_OK;
 }
 
 static void describe_equilibrium(sgs_trainer *trainer)

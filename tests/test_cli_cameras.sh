@@ -40,11 +40,11 @@ run 2 render "$model" "$room" --focus 2 -o "$temporary/none"
 says "--focus needs --aperture"
 
 # no_view_writes_over_another (equal stems keep their extension, equal names are numbered, none leaves the folder)
-jq '.[0] as $camera | ["a.jpg", "a.png", "b.jpg", "c", "c", "c_2", "..", "../up.png", "in/a.jpg", ".hidden"] |
+jq '.[0] as $camera | ["a.jpg", "a.png", "b.jpg", "c", "c", "c_2", "..", "../up.png", "in/a.jpg", ".hidden", "d.png", "d.deep.png"] |
     map($camera + {img_name: .})' "$model/cameras.json" >"$temporary/names.json"
 run 0 render "$model" --camera "$temporary/names.json" --size 20x15 --aov rgba -o "$temporary/names/inner"
 (cd "$temporary/names" && find . -type f | LC_ALL=C sort | tr '\n' ' ') >"$temporary/names.txt"
-check files_of_their_own test "$(cat "$temporary/names.txt")" = './inner/.hidden.exr ./inner/a.jpg.exr ./inner/a.png.exr ./inner/b.exr ./inner/c.exr ./inner/c_2.exr ./inner/c_2_2.exr ./inner/in/a.exr ./inner/up.exr ./inner/view.exr '
+check files_of_their_own test "$(cat "$temporary/names.txt")" = './inner/.hidden.exr ./inner/a.jpg.exr ./inner/a.png.exr ./inner/b.exr ./inner/c.exr ./inner/c_2.exr ./inner/c_2_2.exr ./inner/d.deep.png.exr ./inner/d.exr ./inner/in/a.exr ./inner/up.exr ./inner/view.exr '
 
 # what_is_near_stays_away_as_in_training (OUT remembers how near that is, also where there is no scene)
 json "$model/config.json" '.near_distance == 0.2'

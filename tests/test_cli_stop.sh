@@ -46,27 +46,30 @@ kill -HUP "$process"
 finish_with 129
 json "$out/summary.json" '.stop_reason == "signal"'
 
-# a_photograph_that_vanishes_costs_nothing (the run ends with its state saved and goes on to what it would have become)
-rm -rf "$out"
+# photographs_that_vanish_cost_nothing (the run ends with its state saved and goes on to what it would have become; the
+# pipelines read them at different times: in every iteration, at a change of size, for the scores of an update too)
 scene=$temporary/scene
 cp -r "$room" "$scene"
-vanishing=("$scene" -o "$out" --downscale 8 --threads 2 --iterations 900 --spare off --checkpoint-every 0 --image-cache 1)
-run 0 train "${vanishing[@]}"
-expected=$(jq -r .model_hash "$out/summary.json")
-rm -rf "$out"
-start "${vanishing[@]}"
-wait_for_iteration_100
-photograph=$(find "$scene/images" -name '*.jpg' | sort | sed -n 2p)
-mv "$photograph" "$temporary/kept.jpg"
-finish_with 1
-check says_what_is_missing_and_what_to_do grep -q "$photograph.*the state of iteration [0-9]* is saved: .*--resume" \
-    "$temporary/started_stderr"
-check the_state_is_kept test -s "$out/checkpoint/state.bin"
-check the_model_is_kept test -n "$(find "$out/point_cloud" -name point_cloud.ply)"
-mv "$temporary/kept.jpg" "$photograph"
-run 0 train "${vanishing[@]}" --resume
-says "continuing at iteration"
-check nothing_is_lost test "$(jq -r .model_hash "$out/summary.json")" = "$expected"
+for pipeline in 3dgs dash fastgs; do
+    vanishing=("$scene" -o "$out" --downscale 8 --threads 2 --iterations 900 --pipeline "$pipeline" --spare off --checkpoint-every 0
+        --image-cache 1)
+    rm -rf "$out"
+    run 0 train "${vanishing[@]}"
+    expected=$(jq -r .model_hash "$out/summary.json")
+    rm -rf "$out"
+    start "${vanishing[@]}"
+    wait_for_iteration_100
+    mv "$scene/images" "$temporary/kept"
+    finish_with 1
+    check "says_what_is_missing_and_what_to_do ($pipeline)" grep -q \
+        "$scene/images/.*the state of iteration [0-9]* is saved: .*--resume" "$temporary/started_stderr"
+    check "the_state_is_kept ($pipeline)" test -s "$out/checkpoint/state.bin"
+    check "the_model_is_kept ($pipeline)" test -n "$(find "$out/point_cloud" -name point_cloud.ply)"
+    mv "$temporary/kept" "$scene/images"
+    run 0 train "${vanishing[@]}" --resume
+    says "continuing at iteration"
+    check "nothing_is_lost ($pipeline)" test "$(jq -r .model_hash "$out/summary.json")" = "$expected"
+done
 
 # nohup_is_honoured
 rm -rf "$out"

@@ -53,6 +53,27 @@ static void published_schedule_has_144_updates_and_4_resets(void **state)
     }
 }
 
+static void white_backgrounds_have_one_reset_more(void **state)
+{
+    (void)state;
+    sgs_train_options options = sgs_train_options_default();
+    for (int c = 0; c < 3; ++c)
+        options.background[c] = 1;
+    for (int paper = 0; paper < 2; ++paper) {
+        options.iterations = paper ? 7000 : 30000;
+        options.schedule = paper ? SGS_SCHEDULE_PAPER : SGS_SCHEDULE_SCALED;
+        const sgsi_schedule schedule = sgsi_schedule_make(&options, 20);
+        int resets = 0;
+        for (int i = 1; i <= options.iterations; ++i)
+            resets += sgsi_schedule_is_reset(&schedule, i);
+        assert_int_equal(resets, paper ? 3 : 5);
+        assert_true(sgsi_schedule_is_reset(&schedule, 500)); // train.py of 3DGS
+    }
+    options.background_random = true;
+    const sgsi_schedule random = sgsi_schedule_make(&options, 20);
+    assert_false(sgsi_schedule_is_reset(&random, 500));
+}
+
 static void paper_schedule_cut_short_keeps_its_milestones(void **state)
 {
     (void)state;
@@ -148,6 +169,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(published_schedule_has_144_updates_and_4_resets),
+        cmocka_unit_test(white_backgrounds_have_one_reset_more),
         cmocka_unit_test(paper_schedule_cut_short_keeps_its_milestones),
         cmocka_unit_test(scaled_schedule_keeps_its_promises_at_every_length),
         cmocka_unit_test(fastgs_steps_and_prunes_as_published),

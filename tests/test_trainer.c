@@ -19,6 +19,7 @@
 #include "core.h"
 #include "sparegs/runtime.h"
 #include "sparegs/trainer.h"
+#include "trainer_state.h"
 
 static sgs_scene *scene;
 
@@ -279,6 +280,87 @@ static void every_pipeline_trains_resumes_and_honours_the_cap(void **state)
     unlink(path);
 }
 
+// Milestones that follow each other closely.
+static sgs_trainer *start_busy(void)
+{
+    const sgs_train_options options = short_run(400);
+    sgs_trainer *trainer = start(&options);
+    trainer->schedule.densify_from = 5;
+    trainer->schedule.densify_interval = 10;
+    trainer->schedule.densify_until = 100;
+    trainer->schedule.reset_interval = 20;
+    trainer->schedule.reset_until = 100;
+    return trainer;
+}
+
+static double largest_opacity(const sgs_trainer *trainer)
+{
+    const sgs_gaussians *model = sgs_trainer_model(trainer);
+    double largest = 0;
+    for (size_t i = 0; i < model->count; ++i)
+        largest =
+            fmax(largest, 1 / (1 + exp(-(double)*sgs_gaussians_at(model, i, SGS_PARAM_OPACITY))));
+    return largest;
+}
+
+// Between calls the model is what an iteration left: the published trainers save it before they
+// change its structure and forget its opacities.
+static void updates_and_resets_wait_for_the_next_iteration(void **state)
+{
+    (void)state;
+    char path[64];
+    snprintf(path, sizeof path, "/tmp/sparegs_between_%ld", (long)getpid());
+    sgs_trainer *trainer = start_busy();
+    const size_t count = sgs_trainer_model(trainer)->count;
+    sgs_step_info info = run(trainer, 10);
+    assert_false(info.structural);
+    assert_int_equal(sgs_trainer_model(trainer)->count, count);
+    assert_int_equal(sgs_trainer_updated(trainer), 9);
+    assert_int_equal(sgs_trainer_save_checkpoint(trainer, path), SGS_STATUS_OK);
+    info = run(trainer, 1);
+    assert_true(info.structural);
+    assert_int_equal(info.updated, 10);
+    assert_int_not_equal(info.gaussians, count);
+    assert_int_equal(sgs_trainer_updated(trainer), 10);
+    run(trainer, 9);
+    assert_true(largest_opacity(trainer) > 0.1);
+    run(trainer, 1);
+    assert_true(largest_opacity(trainer) < 0.02);
+    char whole[17], resumed[17];
+    digest(trainer, whole);
+    sgs_trainer_destroy(trainer);
+    trainer = start_busy();
+    assert_int_equal(sgs_trainer_load_checkpoint(trainer, path), SGS_STATUS_OK);
+    assert_int_equal(sgs_trainer_updated(trainer), 9);
+    run(trainer, 11);
+    digest(trainer, resumed);
+    assert_string_equal(resumed, whole);
+    sgs_trainer_destroy(trainer);
+    unlink(path);
+}
+
+// The loss is compared across the window before a reset, not across the one that it opens.
+static void a_reset_disturbs_the_window_behind_it(void **state)
+{
+    (void)state;
+    sgs_trainer *trainer = start_busy();
+    trainer->options.spare = SGS_SPARE_EDT;
+    trainer->schedule.check_interval = 20;
+    trainer->schedule.reset_interval = 40;
+    trainer->schedule.densify_from = 1000;
+    const spare_equilibrium *equilibrium = &trainer->progress.equilibrium;
+    run(trainer, 20);
+    assert_true(equilibrium->last_loss_change == 0); // nothing to compare with yet
+    run(trainer, 20);
+    const double before = equilibrium->last_loss_change;
+    assert_true(before > 0); // of iterations 20 to 40, at whose end the reset is due
+    run(trainer, 20);
+    assert_true(equilibrium->last_loss_change == before); // 40 to 60 say nothing
+    run(trainer, 20);
+    assert_true(equilibrium->last_loss_change != before);
+    sgs_trainer_destroy(trainer);
+}
+
 static void options_out_of_range_are_named(void **state)
 {
     (void)state;
@@ -344,6 +426,8 @@ int main(void)
         cmocka_unit_test(equilibrium_ends_a_run_that_stands_still),
         cmocka_unit_test(every_pipeline_trains_resumes_and_honours_the_cap),
         cmocka_unit_test(options_out_of_range_are_named),
+        cmocka_unit_test(updates_and_resets_wait_for_the_next_iteration),
+        cmocka_unit_test(a_reset_disturbs_the_window_behind_it),
         cmocka_unit_test(a_scene_in_small_units_trains_as_well),
     };
     return cmocka_run_group_tests(tests, load, unload);

@@ -230,8 +230,9 @@ static bool open_folder(training *run)
     if (ready && !resumed && run_folder_is_used(&run->folder))
         ready = run_folder_clear(&run->folder);
     ready = ready && write_json(config_path, json_incref(config)) &&
-            run_folder_open_tables(&run->folder, sgs_trainer_iteration(run->trainer)) &&
-            region_file_cut(run->values.output, sgs_trainer_iteration(run->trainer));
+            run_folder_open_tables(&run->folder, sgs_trainer_iteration(run->trainer),
+                                   sgs_trainer_updated(run->trainer)) &&
+            region_file_cut(run->values.output, sgs_trainer_updated(run->trainer));
     run->train_seconds = resumed > 0 ? sgs_trainer_seconds(run->trainer).total : 0;
     json_decref(config);
     free(config_path);
@@ -310,15 +311,28 @@ static void record_trace(const training *run, trace_file *trace, double start,
     trace_count(trace, "rss_mb", start, 1e-6 * (double)sgs_current_rss());
 }
 
+static void record_update(training *run, const sgs_step_info *info)
+{
+    const sgs_regions regions = sgs_trainer_regions(run->trainer);
+    if (regions.iteration == info->updated)
+        region_file_append(run->values.output, &regions);
+    run_folder_record_update(&run->folder, info);
+}
+
 // A step failed. What was reached until then is saved where it is whole, as it is when a photograph
 // vanishes.
-static bool give_up(training *run)
+static bool give_up(training *run, const sgs_step_info *info)
 {
     char *reason = format_text("%s", sgs_last_error());
     const int iteration = sgs_trainer_iteration(run->trainer);
+    const bool whole = iteration && sgs_trainer_is_whole(run->trainer);
     progress_end();
-    if (iteration && sgs_trainer_is_whole(run->trainer) && save_model(run, iteration) &&
-        run_folder_save_checkpoint(&run->folder, run->trainer))
+    if (whole && info->structural)
+        record_update(run, info);
+    const bool saved = whole && run_folder_save_checkpoint(&run->folder, run->trainer);
+    if (whole)
+        save_model(run, iteration);
+    if (saved)
         fail_run("%s; the state of iteration %d is saved: mend this and continue with --resume",
                  reason, iteration);
     else
@@ -356,15 +370,14 @@ static bool iterate(training *run, trace_file *trace)
             break;
         }
         if (status)
-            return give_up(run);
+            return give_up(run, &info);
         run->stop = info.stop;
         run->most_gaussians =
             info.gaussians > run->most_gaussians ? info.gaussians : run->most_gaussians;
         if (trace)
             record_trace(run, trace, start, &before, &info);
-        const sgs_regions regions = sgs_trainer_regions(run->trainer);
-        if (info.structural && regions.iteration == info.iteration)
-            region_file_append(run->values.output, &regions);
+        if (info.structural)
+            record_update(run, &info);
         if (info.structural && info.stop == SGS_STOP_NONE && memory_is_short(run, info.gaussians))
             run->stop = SGS_STOP_MEMORY_LIMIT;
         run_folder_record(&run->folder, &info, run->train_seconds, run->stop != SGS_STOP_NONE);

@@ -76,6 +76,44 @@ static bool part_equals(const name_list *names, char **stems, char ***order, boo
     return changed;
 }
 
+static int find_stem(const void *key, const void *stem)
+{
+    char *const *const *at = stem;
+    return strcmp(key, **at);
+}
+
+// Whether a stem is another one and an ending that its files may have: a.depth beside a.
+static bool extends_another(const char *stem, char ***order, size_t count)
+{
+    char *const start = format_text("%s", stem), *const slash = strrchr(start, '/');
+    bool found = false;
+    for (char *end = start + strlen(start); !found && end > (slash ? slash + 1 : start); --end)
+        if (*end == '.' || !strcmp(end, "_photo")) {
+            *end = 0;
+            found = bsearch(start, order, count, sizeof *order, find_stem);
+        }
+    free(start);
+    return found;
+}
+
+// Calls those by their full names. False when there is no memory.
+static bool part_extended(const name_list *names, char **stems, char ***order)
+{
+    bool *extended = calloc(names->count + 1, sizeof *extended);
+    for (size_t i = 0; i < names->count; ++i)
+        order[i] = stems + i;
+    qsort(order, names->count, sizeof *order, by_text);
+    for (size_t i = 0; extended && i < names->count; ++i)
+        extended[i] = extends_another(stems[i], order, names->count);
+    for (size_t i = 0; extended && i < names->count; ++i)
+        if (extended[i]) {
+            free(stems[i]);
+            stems[i] = inside(name_at(names, i));
+        }
+    free(extended);
+    return extended != NULL;
+}
+
 char **file_stems(char *const *first_name, size_t stride, size_t count)
 {
     const name_list names = {first_name, stride, count};
@@ -90,6 +128,12 @@ char **file_stems(char *const *first_name, size_t stride, size_t count)
     for (size_t i = 0; i < count; ++i) {
         stems[i] = inside(name_at(&names, i));
         cut_extension(stems[i]);
+    }
+    if (!part_extended(&names, stems, order)) {
+        fail_run("no memory for the file names of %zu views", count);
+        free(order);
+        file_stems_free(stems, count);
+        return NULL;
     }
     part_equals(&names, stems, order, false);
     while (part_equals(&names, stems, order, true))

@@ -148,14 +148,14 @@ static void read_sums(run_folder *folder, const char *path, int iteration)
         fclose(stream);
 }
 
-bool run_folder_open_tables(run_folder *folder, int iteration)
+bool run_folder_open_tables(run_folder *folder, int iteration, int updated)
 {
     char *train = format_text("%s/train.csv", folder->path),
          *spare = format_text("%s/spare.csv", folder->path);
     char *sums = format_text("%s/checkpoint/sums.csv", folder->path);
     bool opened = make_folder_of(sums) &&
                   (folder->train_csv = csv_open(train, train_header, iteration)) &&
-                  (folder->spare_csv = csv_open(spare, spare_header, iteration)) &&
+                  (folder->spare_csv = csv_open(spare, spare_header, updated)) &&
                   (folder->sums_csv = csv_open(sums, sums_header, iteration));
     if (opened && iteration)
         read_sums(folder, sums, iteration);
@@ -180,20 +180,21 @@ void run_folder_close_tables(run_folder *folder)
         print_warning("%s: train.csv or spare.csv is incomplete: disk full?", folder->path);
 }
 
+void run_folder_record_update(run_folder *folder, const sgs_step_info *info)
+{
+    folder->densified += info->densified;
+    folder->pruned += info->pruned;
+    folder->spare_pruned += info->spare_pruned;
+    if (!info->regions)
+        return;
+    fprintf(folder->spare_csv, "%d,%zu,%zu,%.6f,%.6f,%zu,%zu,%zu,%.6f\n", info->updated,
+            info->regions, info->gaussians, info->over_budget_share, info->mean_weight,
+            info->bmd_suppressed, info->bmd_boosted, info->spare_pruned, info->spare_seconds);
+    fflush(folder->spare_csv);
+}
+
 void run_folder_record(run_folder *folder, const sgs_step_info *info, double seconds, bool last)
 {
-    if (info->structural) {
-        folder->densified += info->densified;
-        folder->pruned += info->pruned;
-        folder->spare_pruned += info->spare_pruned;
-        if (info->regions) {
-            fprintf(folder->spare_csv, "%d,%zu,%zu,%.6f,%.6f,%zu,%zu,%zu,%.6f\n", info->iteration,
-                    info->regions, info->gaussians, info->over_budget_share, info->mean_weight,
-                    info->bmd_suppressed, info->bmd_boosted, info->spare_pruned,
-                    info->spare_seconds);
-            fflush(folder->spare_csv);
-        }
-    }
     if (info->iteration % ROW_EVERY && !last)
         return;
     fprintf(folder->train_csv, "%d,%.3f,%.6f,%zu,%.4f,%zu,%zu,%zu,%llu\n", info->iteration, seconds,
@@ -270,7 +271,8 @@ size_t run_folder_checkpoint_bytes(const run_folder *folder)
     return bytes;
 }
 
-// 1 loaded, 0 it is not there, -1 it is damaged, -2 it is whole and of another run (printed).
+// 1 loaded, 0 it is not there, -1 it is damaged, -2 it is whole and of another run (printed), -3 it
+// cannot be read now.
 static int load_checkpoint(const char *path, sgs_trainer *trainer)
 {
     if (!file_exists(path))
@@ -279,7 +281,7 @@ static int load_checkpoint(const char *path, sgs_trainer *trainer)
     if (!status)
         return 1;
     if (status == SGS_STATUS_FORMAT || status == SGS_STATUS_IO)
-        return -1;
+        return status == SGS_STATUS_FORMAT ? -1 : -3;
     fail_library();
     return -2;
 }
@@ -288,18 +290,20 @@ int run_folder_load_checkpoint(const run_folder *folder, sgs_trainer *trainer)
 {
     char *newest = checkpoint_path(folder, ""), *previous = checkpoint_path(folder, ".previous");
     int result = load_checkpoint(newest, trainer);
-    if (result == 0 || result == -1) {
-        const bool damaged = result < 0;
+    if (result != 1 && result != -2) {
+        const bool damaged = result < 0, unreadable = result == -3;
         if (damaged)
             print_warning("%s; trying the checkpoint before it", sgs_last_error());
         const int before = load_checkpoint(previous, trainer);
-        if (before == -1)
+        if (before == -1 || before == -3)
             fail_library();
         if (before == 0 && damaged)
             fail_run(
                 "%s: is damaged and there is none before it; train without --resume to start again",
                 newest);
-        if (before == 1 && damaged) {
+        if (before == 1 && unreadable)
+            print_warning("%s: is used instead; the iterations after it are done again", previous);
+        if (before == 1 && damaged && !unreadable) {
             rename(previous,
                    newest); // or the next checkpoint would keep the damaged one as the one before
             print_warning("%s: replaced by the checkpoint before it; the iterations after that are "

@@ -33,10 +33,13 @@ bool run_folder_is_used(const run_folder *folder);
 // go.
 bool run_folder_clear(const run_folder *folder);
 
-// Opens the tables; rows beyond `iteration` (where the run continues) are dropped.
-bool run_folder_open_tables(run_folder *folder, int iteration);
+// Opens the tables; rows beyond `iteration` (where the run continues) are dropped, and rows of
+// structural updates beyond `updated`.
+bool run_folder_open_tables(run_folder *folder, int iteration, int updated);
 void run_folder_close_tables(run_folder *folder);
-// Adds the rows that this step earns; `last` adds the final one.
+// Adds the row of the structural update that the step tells of.
+void run_folder_record_update(run_folder *folder, const sgs_step_info *info);
+// Adds the row of train.csv that this step earns; `last` adds the final one.
 void run_folder_record(run_folder *folder, const sgs_step_info *info, double seconds, bool last);
 
 // OUT/point_cloud/iteration_N/point_cloud.ply

@@ -138,7 +138,8 @@ typedef struct sgs_step_info {
     double psnr_average; // EMA of the training views' PSNR (float image against the photo), dB
     size_t gaussians;    // after the step
     size_t visible;      // primitives with a gradient in this step
-    bool structural;     // a structural update happened: the next fields are valid
+    bool structural; // a structural update came before this iteration: the next fields are valid
+    int updated;     // the iteration that it belongs to, the one before
     size_t densified, pruned,
         spare_pruned; // rows added (clones + split children - split parents), removed, removed by
                       // RAP alone
@@ -191,11 +192,18 @@ sgs_status sgs_trainer_create(const sgs_scene *scene, const sgs_train_options *o
                               sgs_trainer **trainer);
 void sgs_trainer_destroy(sgs_trainer *trainer);
 
-// One iteration. After the last one info->stop is set; further calls fail with LIMIT. Where the
-// photograph cannot be read any more the trainer stays as it was, and the step may be tried again.
+// One iteration. After the last one info->stop is set; further calls fail with LIMIT. What the base
+// pipeline does to the structure after an iteration (updates, opacity resets, another resolution)
+// waits for the next call: between calls the model is the one the iteration left, as the published
+// trainers save it. Where a photograph cannot be read any more the trainer stays whole, and the
+// step may be tried again (the update may have been made: info->structural tells); after another
+// failure further calls fail with INVALID_ARGUMENT unless sgs_trainer_is_whole.
 sgs_status sgs_trainer_step(sgs_trainer *trainer, sgs_step_info *info);
-// False when the last step failed half-way: model and checkpoint would be of no certain iteration.
+// False when the last step failed half-way: there is no state to save or to go on from.
 bool sgs_trainer_is_whole(const sgs_trainer *trainer);
+// The last iteration whose structural update, if it has one, is made: the last one or the one
+// before.
+int sgs_trainer_updated(const sgs_trainer *trainer);
 
 // The model as it stands; owned by the trainer, invalidated by the next step. Row order changes at
 // structural updates.

@@ -76,9 +76,9 @@ sgs_status sgs_frame_create_with(int width, int height, unsigned planes, sgs_fra
         bytes += !list.bit[i] || planes & list.bit[i] ? pixels * sizeof(float) : 0;
     if (bytes > machine)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
-                         "a frame of %dx%d pixels takes more than %.0f GB, and this machine has "
-                         "%.0f GB; choose a smaller size",
-                         width, height, bytes / 1e9, machine / 1e9);
+                         "a frame of %dx%d pixels takes more than %.0f GiB, and this machine has "
+                         "%.0f GiB; choose a smaller size",
+                         width, height, bytes / 0x1p30, machine / 0x1p30);
     for (int i = 0; i < PLANE_COUNT; ++i) {
         if (list.bit[i] && !(planes & list.bit[i]))
             continue;

@@ -139,6 +139,12 @@ static void keep_error(slot *s)
         s->error = sgsi_strdup(sgs_last_error()); // of this thread; told later by the caller's
 }
 
+// Cameras are all that is wanted: neither photographs nor masks are looked for.
+static bool no_photographs(const loader *l)
+{
+    return l->options->cameras_only && !l->options->load_images;
+}
+
 // Size and kind of the photograph; without its pixels in view, also whether its file is whole.
 static void probe_view(void *context, size_t i, int thread)
 {
@@ -148,7 +154,7 @@ static void probe_view(void *context, size_t i, int thread)
     const char *path = l->scene->views[i].image_path, *mask = l->scene->views[i].mask_path;
     sgsi_image_info info = {0};
     const sgs_camera *camera = &l->dataset.frames[i].camera;
-    if (l->options->cameras_only && !l->options->load_images && camera->width > 0) {
+    if (no_photographs(l) && camera->width > 0) {
         s->file_width = camera->width;
         s->file_height = camera->height;
         reduced_size(l->options->downscale, s);
@@ -351,7 +357,7 @@ static sgs_status take_named_mask(const loader *l, size_t i)
 static sgs_status find_masks(loader *l)
 {
     const char *folder = l->options->masks_dir, *images = l->files.image_folder;
-    if (folder && !strcmp(folder, "none"))
+    if ((folder && !strcmp(folder, "none")) || no_photographs(l))
         return SGS_STATUS_OK;
     char *root = l->files.colmap ? sgsi_format("%s/..", images) : sgsi_strdup(images);
     char *given = root && folder
@@ -543,8 +549,8 @@ static int text_order(const void *a, const void *b)
 static sgs_status count_unposed(loader *l)
 {
     sgs_scene *scene = l->scene;
-    if (!l->files.colmap)
-        return SGS_STATUS_OK; // its folder also holds depth maps and other splits
+    if (!l->files.colmap || no_photographs(l))
+        return SGS_STATUS_OK; // without COLMAP the folder also holds depth maps and other splits
     const char **known = sgsi_alloc(scene->view_count, sizeof *known);
     if (!known)
         return sgsi_scene_no_memory(scene->path);

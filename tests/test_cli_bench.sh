@@ -10,6 +10,8 @@ run 0 bench --list
 for name in sparse-32k dense-500k dense-2m; do
     prints "$name"
 done
+run 0 bench --list --json
+json "$temporary/stdout" '.scenes | map(.name) == ["sparse-32k", "dense-500k", "dense-2m"]'
 run 2 bench dense-500
 one_line
 says "the nearest is 'dense-500k'"

@@ -46,6 +46,9 @@ run 0 render "$model" --camera "$temporary/names.json" --size 20x15 --aov rgba -
 (cd "$temporary/names" && find . -type f | LC_ALL=C sort | tr '\n' ' ') >"$temporary/names.txt"
 check files_of_their_own test "$(cat "$temporary/names.txt")" = './inner/.hidden.exr ./inner/a.jpg.exr ./inner/a.png.exr ./inner/b.exr ./inner/c.exr ./inner/c_2.exr ./inner/c_2_2.exr ./inner/d.deep.png.exr ./inner/d.exr ./inner/in/a.exr ./inner/up.exr ./inner/view.exr '
 
+run 0 render "$model" "$room" --orbit 2 --size 20x15 --aov rgba --json -o "$temporary/listed"
+json "$temporary/stdout" '.files | length == 2 and all(.[]; endswith(".exr"))'
+
 # what_is_near_stays_away_as_in_training (OUT remembers how near that is, also where there is no scene)
 json "$model/config.json" '.near_distance == 0.2'
 cp -r "$model" "$temporary/short_sighted"

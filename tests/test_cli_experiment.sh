@@ -24,6 +24,7 @@ refused() { # WHAT THE MESSAGE SAYS
         echo "FAIL: a bad plan ran"; exit 1
     fi
     grep -q -- "$1" "$folder/error" || { echo "FAIL: no '$1' in:"; cat "$folder/error"; exit 1; }
+    [ "$(grep -c "^sparegs: .*plan.json\|nowhere" "$folder/error")" = 1 ] && [ "$(wc -l <"$folder/error")" = 1 ] || { echo "FAIL: no single line:"; cat "$folder/error"; exit 1; }
     [ ! -e "$folder/out/runs" ] || { echo "FAIL: something ran"; exit 1; }
 }
 plan "$room/nowhere" '["3dgs"]' ''; refused nowhere
@@ -51,6 +52,16 @@ rm -r "$lost"
 [ "$(jq -r .model_hash "$lost/summary.json")" = "$hash" ]
 [ "$(date -r "$kept/summary.json" +%Y)" = 2001 ]
 
+# Another plan in the same folder is refused before anything runs, what does not change a result is not.
+cp "$folder/plan.json" "$folder/same.json"
+sed -i 's/"iterations": 70/"iterations": 71/' "$folder/plan.json"
+if "$SPAREGS_PROGRAM" experiment "$folder/plan.json" -o "$folder/out" 2>"$folder/error"; then echo "FAIL: took the runs of another plan"; exit 1; fi
+grep -q "seed_0: was trained with iterations 70, and the plan says 71 now" "$folder/error" || { cat "$folder/error"; exit 1; }
+sed 's/"iterations": 70/"iterations": 70, "save-at": 10/' "$folder/same.json" >"$folder/plan.json"
+[ "$("$SPAREGS_PROGRAM" experiment "$folder/plan.json" -o "$folder/out" --quiet --json | jq '.runs | length')" = 5 ]
+[ "$("$SPAREGS_PROGRAM" experiment "$folder/plan.json" -o "$folder/out" --check --json | jq '.runs | length')" = 5 ]
+
+[ "$("$SPAREGS_PROGRAM" report "$folder/out" --json | jq '.files | length')" = 2 ]
 "$SPAREGS_PROGRAM" report "$folder/out" --pictures 1 >/dev/null
 base=$(jq '.runs[] | select(.pipeline == "mip" and .variant == "off") | .summary.gaussians' "$folder/out/results.json")
 ours=$(jq '.runs[] | select(.pipeline == "mip" and .variant == "on") | .summary.gaussians' "$folder/out/results.json")
@@ -80,7 +91,7 @@ training=$folder/ended/runs/room/3dgs/off/seed_0
 for signal in TERM KILL BOTH; do
     "$SPAREGS_PROGRAM" experiment "$folder/plan.json" -o "$folder/ended" --quiet &
     experiment=$!
-    until [ -s "$training/train.csv" ]; do kill -0 $experiment; sleep 0.1; done
+    until grep -q "^100," "$training/train.csv" 2>/dev/null; do kill -0 $experiment; sleep 0.1; done
     if [ $signal = BOTH ]; then # as batch systems do
         pkill -TERM -f "$folder/ended"
     else

@@ -100,7 +100,7 @@ done
 run 2 render "$model" "$room" --deep --reference -o "$temporary/deep"
 says "--deep and --reference exclude each other"
 run 2 render "$model" "$room" --aov rgba,dept -o "$temporary/all"
-says "--aov: 'rgba,dept' is none of"
+says "--aov: 'dept' is none of"
 run 2 render "$model" "$room" --depth y -o "$temporary/all"
 says "--depth: 'y' is none of ray|z"
 run 2 render "$model" "$room" --compression lzma -o "$temporary/all"

@@ -113,7 +113,7 @@ rm -rf "$out"
 run 1 train "${data[@]}" -o "$out" --iterations 5 --max-memory 100M
 one_line
 says "training needs about 0."
-says "--max-memory allows (0.10 GB)"
+says "--max-memory allows (0.10 GiB)"
 check nothing_is_left test ! -e "$out"
 run 0 train "${data[@]}" -o "$out" --iterations 2 --max-memory 8G --quiet
 for text in 8X G -1G 1K ''; do

@@ -52,7 +52,7 @@ run 2 train "$room" -o "$temporary/out" -x
 says "-x"
 
 run 2 train "$room" -o "$temporary/out" --image-cache 4bananas
-says "'4bananas' is no number of bytes"
+says "'4bananas' is not a size"
 
 # values_out_of_range_name_option_and_range
 out_of_range() {
@@ -112,6 +112,23 @@ check nothing_was_written test ! -e "$temporary/out"
 run 1 eval "$temporary/nowhere.ply" "$room"
 one_line
 says "$temporary/nowhere.ply"
+run 1 train "$room" -o "$temporary/out" --init "$temporary/nope.ply" --quiet
+one_line
+says "nope.ply: there is no such model"
+run 2 train "$room" -o "$temporary/out" --pipeline taming --taming-opacity linear --filter mip
+one_line
+says "--taming-opacity linear and --filter mip exclude each other"
+run 1 render "$temporary/nope" --camera "$temporary/nope.json" -o "$temporary/out"
+one_line
+for extra in '--version x' 'help train x'; do
+    # shellcheck disable=SC2086
+    run 2 $extra
+    one_line
+    says "one argument too many"
+done
+run 2 train "$room" -o "$temporary/out" --spare bmd,rpa
+says "'rpa' is none of"
+says "the nearest is rap"
 mkdir "$temporary/empty"
 run 1 eval "$temporary/empty" "$room"
 one_line

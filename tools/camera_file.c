@@ -16,6 +16,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "json_file.h"
 #include "output.h"
 #include "progress.h"
 
@@ -181,12 +182,9 @@ static bool read_path(const char *path, const json_t *root, camera_list *list)
 bool camera_file_read(const char *path, camera_list *list)
 {
     *list = (camera_list){0};
-    json_error_t error;
-    json_t *root = json_load_file(path, 0, &error);
-    if (!root) {
-        fail_run("%s: line %d: %s", path, error.line, error.text);
+    json_t *root = read_json(path);
+    if (!root)
         return false;
-    }
     const json_t *frames = json_object_get(root, "camera_path");
     list->count = frames                ? json_array_size(frames)
                   : json_is_array(root) ? json_array_size(root)

@@ -205,8 +205,17 @@ static bool is_made(const char *name)
     return false;
 }
 
-static int print_list(void)
+static int print_list(bool json)
 {
+    if (json) {
+        json_t *list = json_array();
+        for (size_t i = 0; sgs_bench_scene_name(i); ++i)
+            json_array_append_new(list, json_pack("{s:s,s:s}", "name", sgs_bench_scene_name(i),
+                                                  "text", sgs_bench_scene_text(i)));
+        json_t *root = json_object();
+        json_object_set_new(root, "scenes", list);
+        return print_json(root) ? EXIT_DONE : EXIT_FAILED;
+    }
     for (size_t i = 0; sgs_bench_scene_name(i); ++i)
         printf("%-12s %s\n", sgs_bench_scene_name(i), sgs_bench_scene_text(i));
     return EXIT_DONE;
@@ -314,7 +323,7 @@ int command_bench(int argc, char **argv)
     if (status < 0 && values.json && values.csv)
         status = fail_usage("--json and --csv exclude each other");
     if (status < 0)
-        status = values.list ? print_list() : check_operands(&line);
+        status = values.list ? print_list(values.json) : check_operands(&line);
     if (status >= 0)
         return status;
     messages_set_quiet(values.quiet);

@@ -58,6 +58,85 @@ static json_t *finished(const experiment_run *run)
     return NULL;
 }
 
+// What of a run's options may differ from when it was trained: its result does not depend on them.
+static bool is_free(const char *key)
+{
+    static const char *const names[] = {"threads",    "isa",        "image-cache",
+                                        "max-memory", "time-limit", "checkpoint-every",
+                                        "save-at",    "trace"};
+    for (size_t k = 0; k < sizeof names / sizeof *names; ++k)
+        if (!strcmp(key, names[k]))
+            return true;
+    return false;
+}
+
+static char *settings_path(const experiment_run *run)
+{
+    return format_text("%s/experiment.json", run->folder);
+}
+
+static bool fail_changed(const experiment_run *run, const char *name, const json_t *old,
+                         const json_t *now)
+{
+    char *was = old ? json_dumps(old, JSON_ENCODE_ANY) : NULL;
+    char *is = now ? json_dumps(now, JSON_ENCODE_ANY) : NULL;
+    fail_run("%s: was trained with %s %s, and the plan says %s now; give another -o DIR, or remove "
+             "that folder to train it anew",
+             run->folder, name, was ? was : "not given", is ? is : "nothing of it");
+    free(was);
+    free(is);
+    return false;
+}
+
+static bool same_members(const experiment_run *run, json_t *old, json_t *now)
+{
+    json_t *all = json_object();
+    json_object_update(all, old);
+    json_object_update(all, now);
+    const char *key;
+    json_t *value;
+    bool same = true;
+    json_object_foreach(all, key, value)
+    {
+        const json_t *was = json_object_get(old, key), *is = json_object_get(now, key);
+        if (!same || is_free(key) || json_equal(was, is))
+            continue;
+        same = json_is_object(was) && json_is_object(is)
+                   ? same_members(run, json_object_get(old, key), json_object_get(now, key))
+                   : fail_changed(run, key, was, is);
+    }
+    json_decref(all);
+    return same;
+}
+
+// A run that was begun is of this plan still. (Builds before this one kept no settings.)
+static bool plan_agrees(const experiment_run *run)
+{
+    char *path = settings_path(run);
+    json_t *old = json_load_file(path, 0, NULL);
+    const bool agrees = !old || same_members(run, old, run->settings);
+    json_decref(old);
+    free(path);
+    return agrees;
+}
+
+static bool plans_agree(const experiment_plan *plan)
+{
+    for (size_t i = 0; i < plan->count; ++i)
+        if (!plan_agrees(&plan->runs[i]))
+            return false;
+    return true;
+}
+
+// Notes what a run is of, before it begins.
+static bool write_settings(const experiment_run *run)
+{
+    char *path = settings_path(run);
+    const bool written = make_folder(run->folder) && write_json(path, json_incref(run->settings));
+    free(path);
+    return written;
+}
+
 static const char *const csv_columns[] = {"iterations", "stop_reason", "gaussians", "train_seconds",
                                           "model_hash"};
 
@@ -181,7 +260,7 @@ static int run_all(const experiment_plan *plan, const char *folder)
                    run->pipeline, run->variant, run->seed, done ? ": finished before" : "");
         if (done)
             continue;
-        const int status = run_child(run);
+        const int status = write_settings(run) ? run_child(run) : EXIT_FAILED;
         if (interrupt_signal())
             break;
         if (status) {
@@ -203,20 +282,50 @@ static int run_all(const experiment_plan *plan, const char *folder)
                   : EXIT_DONE;
 }
 
-static int experiment(const char *path, const experiment_values *values)
+static bool print_results(const char *folder)
+{
+    char *path = format_text("%s/results.json", folder);
+    json_error_t error;
+    json_t *results = json_load_file(path, 0, &error);
+    if (!results)
+        fail_run("%s: %s", path, error.text);
+    free(path);
+    return results && print_json(results);
+}
+
+static bool print_runs(const experiment_plan *plan, bool json)
+{
+    json_t *root = json_object(), *runs = json_array();
+    for (size_t i = 0; i < plan->count; ++i) {
+        const char *folder = plan->runs[i].folder;
+        json_t *name = json_string(folder);
+        json_array_append_new(runs, name ? name : json_null());
+        if (!json)
+            printf("%s\n", folder);
+    }
+    json_object_set_new(root, "runs", runs);
+    if (json)
+        return print_json(root);
+    json_decref(root);
+    return true;
+}
+
+static int experiment(const char *path, const experiment_values *values, bool json)
 {
     experiment_plan plan;
     if (!experiment_plan_read(path, values->output, &plan))
         return EXIT_FAILED;
-    int status = EXIT_DONE;
-    if (values->check) {
-        for (size_t i = 0; i < plan.count; ++i)
-            printf("%s\n", plan.runs[i].folder);
-    } else {
-        status = make_folder(values->output) && check_writable(values->output)
-                     ? run_all(&plan, values->output)
-                     : EXIT_FAILED;
+    int status = EXIT_FAILED;
+    if (!plans_agree(&plan)) {
+        experiment_plan_free(&plan);
+        return status;
     }
+    if (values->check)
+        status = print_runs(&plan, json) ? EXIT_DONE : EXIT_FAILED;
+    else if (make_folder(values->output) && check_writable(values->output))
+        status = run_all(&plan, values->output);
+    if (!values->check && json && status != EXIT_FAILED && !print_results(values->output))
+        status = EXIT_FAILED;
     experiment_plan_free(&plan);
     return status;
 }
@@ -246,5 +355,5 @@ int command_experiment(int argc, char **argv)
     // options.
     messages_set_quiet(call.common.quiet);
     interrupt_watch();
-    return experiment(call.line.operands[0], &values);
+    return experiment(call.line.operands[0], &values, call.common.json);
 }

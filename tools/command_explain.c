@@ -185,7 +185,8 @@ int command_explain(int argc, char **argv)
     double point[3];
     char rest;
     if (status < 0 && values.region &&
-        sscanf(values.region, "%lf,%lf,%lf%c", &point[0], &point[1], &point[2], &rest) != 3)
+        (sscanf(values.region, "%lf,%lf,%lf%c", &point[0], &point[1], &point[2], &rest) != 3 ||
+         !isfinite(point[0] + point[1] + point[2])))
         status = fail_usage("--region takes a point X,Y,Z; '%s' is none", values.region);
     if (status >= 0)
         return status;

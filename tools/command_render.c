@@ -276,5 +276,8 @@ int command_render(int argc, char **argv)
     if (status >= 0)
         return status;
     interrupt_watch();
-    return run_render(&call.line, &values, &choice, &data, &drawing);
+    if (call.common.json)
+        told_files_begin();
+    status = run_render(&call.line, &values, &choice, &data, &drawing);
+    return !call.common.json || status == EXIT_FAILED || told_files_print() ? status : EXIT_FAILED;
 }

@@ -344,8 +344,10 @@ static int report(const char *folder, const report_values *values)
         values->html ? format_text("%s", values->html) : format_text("%s/report.html", folder);
     bool done = write_text(text_path, markdown) &&
                 write_page(page_path, page_data(folder, results, tables, values));
-    if (done)
-        printf("%s\n%s\n", text_path, page_path);
+    if (done) {
+        tell_file(text_path);
+        tell_file(page_path);
+    }
     free(text_path);
     free(page_path);
     free(markdown);
@@ -371,5 +373,8 @@ int command_report(int argc, char **argv)
     if (status >= 0)
         return status;
     interrupt_watch();
-    return report(call.line.operands[0], &values);
+    if (call.common.json)
+        told_files_begin();
+    const int done = report(call.line.operands[0], &values);
+    return !call.common.json || done == EXIT_FAILED || told_files_print() ? done : EXIT_FAILED;
 }

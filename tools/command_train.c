@@ -92,11 +92,11 @@ static size_t first_primitives(const training *run, const sgs_scene *scene)
     size_t count =
         run->values.resume ? run_folder_checkpoint_bytes(&run->folder) / CHECKPOINT_BYTES : 0;
     model_path located;
-    if (!count && run->values.init && model_locate(run->values.init, &located)) {
+    // What cannot be read is told later, when it is needed.
+    if (!count && run->values.init && file_exists(run->values.init) && model_is(run->values.init) &&
+        model_locate(run->values.init, &located)) {
         sgs_gaussians *init = NULL;
-        count = sgs_ply_read(located.ply_path, &init)
-                    ? 0
-                    : init->count; // told later when it cannot be read
+        count = sgs_ply_read(located.ply_path, &init) ? 0 : init->count;
         sgs_gaussians_destroy(init);
         model_path_free(&located);
     }
@@ -123,16 +123,16 @@ static bool memory_suffices(const training *run)
     const double allowed = (double)run->values.max_memory, machine = (double)sgs_machine_memory();
     if (allowed > 0 ? needed <= allowed : needed <= machine)
         return true;
-    char *needs =
-        format_text("%s: training needs about %.2f GB (images and program %.2f GB, the "
-                    "first %zu primitives %.2f GB)",
-                    run->scene_path, needed / 1e9, without / 1e9, count, (needed - without) / 1e9);
+    char *needs = format_text("%s: training needs about %.2f GiB (images and program %.2f GiB, the "
+                              "first %zu primitives %.2f GiB)",
+                              run->scene_path, needed / 0x1p30, without / 0x1p30, count,
+                              (needed - without) / 0x1p30);
     static const char hint[] = "reduce the images with --downscale or keep a part of them with "
                                "--image-cache, or the primitives with --max-gaussians";
     if (allowed > 0)
-        fail_run("%s, more than --max-memory allows (%.2f GB); %s", needs, allowed / 1e9, hint);
+        fail_run("%s, more than --max-memory allows (%.2f GiB); %s", needs, allowed / 0x1p30, hint);
     else
-        print_warning("%s, more than there is (%.2f GB); %s", needs, machine / 1e9, hint);
+        print_warning("%s, more than there is (%.2f GiB); %s", needs, machine / 0x1p30, hint);
     free(needs);
     return allowed <= 0;
 }
@@ -165,10 +165,13 @@ static bool create_trainer(training *run)
         model_path_free(&located);
     }
     options.init = init;
+    // What it says of the model to begin with is not true of one that a checkpoint replaces.
+    messages_hear_library(!run->values.resume || !run_folder_checkpoint_bytes(&run->folder));
     if (ready && sgs_trainer_create(run->scene, &options, &run->trainer)) {
         fail_library();
         ready = false;
     }
+    messages_hear_library(true);
     sgs_gaussians_destroy(init);
     return ready;
 }
@@ -222,6 +225,9 @@ static bool open_folder(training *run)
 {
     char *config_path = format_text("%s/config.json", run->values.output);
     json_t *config = train_config(run->scene_path, &run->values, &run->data, &run->common);
+    json_object_set_new(config, "image_cache", json_integer((json_int_t)run->data.cache_bytes));
+    json_object_set_new(config, "max_memory", json_integer((json_int_t)run->values.max_memory));
+    json_object_set_new(config, "time_limit", json_number(run->values.time_limit));
     json_object_set_new(config, "near_distance",
                         json_number(sgs_near_distance(run->scene->extent)));
     const int resumed = run->values.resume ? resume(run, config_path, config) : 0;
@@ -531,8 +537,11 @@ static int train(training *run, bool background_given)
         run_folder_leave(&run->folder);
         return EXIT_FAILED;
     }
-    if (interrupt_signal())
+    if (interrupt_signal()) {
+        print_warning("%s: stopped before the first iteration; nothing is written",
+                      run->values.output);
         return interrupt_status();
+    }
     if (!create_trainer(run) || !open_folder(run))
         return EXIT_FAILED;
     trace_file *trace = run->values.trace ? trace_open(run->values.trace) : NULL;
@@ -580,6 +589,9 @@ static int parse_line(training *run, option_group groups[GROUP_COUNT], command_l
     if (status < 0)
         status = scene_settle(&run->data, line, NULL);
     train_settle(&run->values);
+    if (status < 0 && run->values.pipeline == SGS_PIPELINE_TAMING &&
+        run->values.taming_opacity == SGS_TAMING_LINEAR && run->values.filter == SGS_FILTER_MIP)
+        status = fail_usage("--taming-opacity linear and --filter mip exclude each other");
     if (status < 0 && !run->values.output)
         status = fail_usage("train needs -o OUT, the folder to write to; usage: sparegs train %s",
                             line->synopsis);

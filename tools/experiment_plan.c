@@ -19,6 +19,7 @@
 
 #include "commands.h"
 #include "options.h"
+#include "json_file.h"
 #include "output.h"
 #include "progress.h"
 #include "sparegs/scene.h"
@@ -168,14 +169,18 @@ static bool add_run(experiment_plan *plan, const char *folder, const json_t *sce
     add_argument(run, format_text("--resume"));
     add_argument(run, format_text("--quiet"));
     json_t *options = merged_options(plan->root, scene, variant);
-    const bool added = add_options(run, options);
-    json_decref(options);
-    if (added && command_train_check(run->argument_count, run->arguments) < 0)
-        return true;
-    if (added)
-        fail_run("%s: scene %s, pipeline %s, variant %s: see the line above", plan_path, run->scene,
-                 run->pipeline, run->variant);
-    return false;
+    const char *path = json_string_value(json_object_get(scene, "path"));
+    run->settings = json_pack("{s:s,s:s,s:i,s:o}", "scene", path ? path : "", "pipeline", pipeline,
+                              "seed", seed, "options", options);
+    if (!add_options(run, options))
+        return false;
+    char *context = format_text("%s: scene %s, pipeline %s, variant %s", plan_path, run->scene,
+                                run->pipeline, run->variant);
+    fail_usage_within(context);
+    const bool good = command_train_check(run->argument_count, run->arguments) < 0;
+    fail_usage_within(NULL);
+    free(context);
+    return good;
 }
 
 static bool check_scene(const json_t *scene)
@@ -268,12 +273,9 @@ bool experiment_plan_read(const char *path, const char *folder, experiment_plan 
 {
     *plan = (experiment_plan){0};
     plan_path = path;
-    json_error_t error;
-    plan->root = json_load_file(path, JSON_REJECT_DUPLICATES, &error);
+    plan->root = read_json(path);
     bool fine = json_is_object(plan->root);
-    if (!plan->root)
-        fail_run("%s: line %d: %s", path, error.line, error.text);
-    else if (!fine)
+    if (plan->root && !fine)
         fail_run("%s: is not a JSON object", path);
     if (fine && !json_object_get(plan->root, "variants"))
         json_object_set_new(plan->root, "variants",
@@ -298,6 +300,7 @@ void experiment_plan_free(experiment_plan *plan)
         free(run->pipeline);
         free(run->variant);
         free(run->folder);
+        json_decref(run->settings);
     }
     free(plan->runs);
     json_decref(plan->root);

@@ -16,6 +16,7 @@ typedef struct experiment_run {
     char *folder;     // below the experiment's, e.g. runs/plush/3dgs/on/seed_0
     char **arguments; // of `sparegs train`, NULL-terminated; the folder is arguments[3]
     int argument_count;
+    json_t *settings; // what it trains: scene, pipeline, seed and the merged options
 } experiment_run;
 
 typedef struct experiment_plan {

@@ -222,7 +222,7 @@ static bool write_exr(const frame_files *files, const char *path, const sgs_fram
         fail_library();
         return false;
     }
-    puts(path);
+    tell_file(path);
     return true;
 }
 
@@ -333,7 +333,7 @@ bool deep_file_close(deep_file *file, bool complete)
         fail_library();
         written = false;
     } else {
-        puts(file->path);
+        tell_file(file->path);
     }
     free(file->samples);
     free(file->path);
@@ -353,7 +353,7 @@ static bool write_image(const frame_files *files, const char *suffix, sgs_image8
         written = false;
     }
     if (written)
-        puts(path);
+        tell_file(path);
     sgs_image8_free(image);
     free(path);
     return written;
@@ -375,7 +375,7 @@ static bool write_plane(const frame_files *files, const char *suffix, const sgs_
     if (!write_image(files, suffix, &image))
         return false;
     if (!grey)
-        print_note("%s%s: dark to light is %g to %g", files->name, suffix, (double)range.low,
+        print_note("%s%s: dark to light is %g to %g", files->stem, suffix, (double)range.low,
                    (double)range.high);
     return true;
 }

@@ -93,11 +93,16 @@ static int run(int argc, char **argv)
         return EXIT_USAGE;
     }
     const char *name = argv[1];
+    const bool helps = !strcmp(name, "help") || !strcmp(name, "--help") || !strcmp(name, "-h");
+    const int takes = !strcmp(name, "--version") ? 2 : helps ? 3 : argc;
+    if (argc > takes)
+        return fail_usage("'%s' is one argument too many; usage: sparegs %s%s", argv[takes], name,
+                          helps ? " [COMMAND]" : "");
     if (!strcmp(name, "--version")) {
         print_version();
         return EXIT_DONE;
     }
-    if ((!strcmp(name, "help") || !strcmp(name, "--help") || !strcmp(name, "-h"))) {
+    if (helps) {
         if (argc > 2)
             return print_help_of(argv[2]);
         print_commands(stdout);

@@ -8,20 +8,31 @@
 
 #include "options.h"
 
+#include <ctype.h>
 #include <errno.h>
 #include <math.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 
 enum { HELP_INDENT = 30, HELP_WIDTH = 100, LONGEST_WORD = 63 };
+
+static const char *usage_context;
+
+void fail_usage_within(const char *context)
+{
+    usage_context = context;
+}
 
 int fail_usage(const char *format, ...)
 {
     va_list args;
     va_start(args, format);
     fputs("sparegs: ", stderr);
+    if (usage_context)
+        fprintf(stderr, "%s: ", usage_context);
     vfprintf(stderr, format, args);
     fputc('\n', stderr);
     va_end(args);
@@ -178,17 +189,16 @@ static bool parse_duration(const option *row, const char *argument, double *valu
 
 static bool parse_bytes(const option *row, const char *argument, uint64_t *value)
 {
-    static const char units[] = "KMGT";
+    static const char units[] = "KMGT"; // powers of 1024, whether or not an "iB" says so
     char *end = (char *)argument;
     double number = *argument >= '0' && *argument <= '9' ? strtod(argument, &end) : -1;
-    const char *unit = number >= 0 && *end ? strchr(units, *end) : NULL;
+    const char *unit = number >= 0 && *end ? strchr(units, toupper((unsigned char)*end)) : NULL;
     for (const char *u = units; unit && u <= unit; ++u)
         number *= 1024;
-    if (unit)
-        ++end;
-    if (number < 0 || strcmp(end, *end == 'B' ? "B" : "") ||
-        !(number >= row->low && number <= row->high)) {
-        fail_usage("--%s: '%s' is not a size such as 500M or 8G", row->name, argument);
+    end += unit != NULL;
+    const bool ends = !*end || !strcasecmp(end, "B") || (unit && !strcasecmp(end, "iB"));
+    if (number < 0 || !ends || !(number >= row->low && number <= row->high)) {
+        fail_usage("--%s: '%s' is not a size such as 500M or 4GiB", row->name, argument);
         return false;
     }
     *value = (uint64_t)number;
@@ -229,8 +239,11 @@ static bool parse_set(const option *row, const char *argument, unsigned *value)
     for (const char *at = argument;; ++at) {
         const size_t length = strcspn(at, ",");
         const int k = word_index(words, at, length);
-        if (k < 0)
-            return fail_word(row, argument);
+        if (k < 0) {
+            char unknown[LONGEST_WORD + 1];
+            snprintf(unknown, sizeof unknown, "%.*s", (int)length, at);
+            return fail_word(row, unknown);
+        }
         bits |= 1U << k;
         at += length;
         if (!*at)

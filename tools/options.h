@@ -87,3 +87,5 @@ const char *nearest_word(const char *text, const char *const *words, size_t coun
 
 // One line on stderr, "sparegs: ...", and EXIT_USAGE.
 int fail_usage(const char *format, ...) __attribute__((format(printf, 1, 2)));
+// What to name before each such message, as the file that the options are from; NULL for nothing.
+void fail_usage_within(const char *context);

@@ -136,6 +136,31 @@ bool print_json(json_t *root)
     return printed ? stdout_is_whole() : fail_file("standard output", "cannot be written", errno);
 }
 
+static json_t *told; // paths, or NULL where each is a line
+
+void tell_file(const char *path)
+{
+    if (!told) {
+        puts(path);
+        return;
+    }
+    json_t *name = json_string(path); // NULL for a path that is no UTF-8
+    json_array_append_new(told, name ? name : json_null());
+}
+
+void told_files_begin(void)
+{
+    told = json_array();
+}
+
+bool told_files_print(void)
+{
+    json_t *root = json_object();
+    json_object_set_new(root, "files", told);
+    told = NULL;
+    return print_json(root);
+}
+
 bool stdout_is_whole(void)
 {
     const int code = fflush(stdout) ? errno : 0;

@@ -30,6 +30,11 @@ bool write_text(const char *path, const char *text);
 bool write_json(const char *path, json_t *root);
 // The same to stdout.
 bool print_json(json_t *root);
+// Tells on stdout of a file that is written: its path as a line, or, between told_files_begin and
+// told_files_print, as an entry of {"files": [...]}. One thread at a time.
+void tell_file(const char *path);
+void told_files_begin(void);
+bool told_files_print(void);
 // Whether all that was printed on stdout has arrived; false after printing the error.
 bool stdout_is_whole(void);
 // A number with at most 9 digits, or null where JSON has none (infinity, NaN).

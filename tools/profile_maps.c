@@ -49,7 +49,7 @@ static bool write_png(const map_files *files, const char *suffix, const float *p
     }
     if (written) {
         fprintf(files->stream, "%s\n", path);
-        print_note("%s%s: dark to light is %g to %g", files->name, suffix, (double)range.low,
+        print_note("%s%s: dark to light is %g to %g", files->stem, suffix, (double)range.low,
                    (double)range.high);
     }
     sgs_image8_free(&image);

@@ -67,10 +67,9 @@ static const option scene_options[] = {
     {"alpha", 0, OPTION_CHOICE, offsetof(scene_values, alpha), 0, 0, ALPHA_WORDS, "over", NULL,
      NULL,
      "alpha channels: lay the image over the background, take them for masks, or ignore them"},
-    {"image-cache", 0, OPTION_TEXT, offsetof(scene_values, cache), 0, 0, "BYTES", "4GiB",
-     "4GiB, 0 = no limit", NULL,
-     "memory for decoded images (K, M, G or KiB, MiB, GiB); what does not fit is decoded again "
-     "when it is needed"},
+    {"image-cache", 0, OPTION_BYTES, offsetof(scene_values, cache_bytes), 0, 1e18, "SIZE", "4GiB",
+     "4GiB, 0 = no limit", "bytes, KiB, MiB, GiB",
+     "memory for decoded images; what does not fit is decoded again when it is needed"},
     {"input-colorspace", 0, OPTION_TEXT, offsetof(scene_values, colorspace), 0, 0, "NAME", NULL,
      "what the files say", NULL,
      "colour space of the images: linear, sRGB, or a name that OpenImageIO or $OCIO knows"},
@@ -92,21 +91,6 @@ option_group scene_group(scene_values *values)
 }
 
 // "4GiB", "512M", "1000000". False when it is nothing of the kind.
-static bool parse_bytes(const char *text, uint64_t *bytes)
-{
-    static const char units[] = "KMGT";
-    char *end;
-    const double number = strtod(text, &end);
-    const char *unit = *end ? strchr(units, toupper((unsigned char)*end)) : NULL;
-    const double scale = unit ? exp2(10 * (double)(unit - units + 1)) : 1;
-    if (end == text || !(number >= 0) || !(number * scale < 1e18))
-        return false;
-    end += unit != NULL;
-    *bytes = (uint64_t)(number * scale);
-    return !*end || (unit && (!strcasecmp(end, "iB") || !strcasecmp(end, "B"))) ||
-           !strcasecmp(end, "B");
-}
-
 int scene_settle(scene_values *values, const command_line *line, const json_t *config)
 {
     const int splits = option_given(line, "eval") + option_given(line, "test-every") +
@@ -114,9 +98,6 @@ int scene_settle(scene_values *values, const command_line *line, const json_t *c
     if (splits > 1)
         return fail_usage(
             "--eval, --test-every and --test-images exclude each other; give one of them");
-    if (!parse_bytes(values->cache, &values->cache_bytes))
-        return fail_usage("--image-cache: '%s' is no number of bytes; write 4GiB or 500M",
-                          values->cache);
     if (values->eval)
         values->test_every = 8;
     if (!splits) {

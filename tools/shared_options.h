@@ -22,10 +22,10 @@ option_group common_group(common_values *values);
 int common_apply(const common_values *values, const command_line *line);
 
 typedef struct scene_values {
-    const char *images, *test_images, *masks, *colorspace, *cache;
+    const char *images, *test_images, *masks, *colorspace;
     int downscale, test_every, alpha, space; // sgs_alpha, sgs_space
     double white;                            // 0 = measured
-    uint64_t cache_bytes;                    // of the text `cache`
+    uint64_t cache_bytes;                    // for decoded images; 0 = no limit
     bool eval, invert_masks;
 } scene_values;
 

@@ -35,7 +35,7 @@ static const option output_options[] = {
      "2d12h"},
     {"max-memory", 0, OPTION_BYTES, AT(max_memory), 1e6, 1e15, "SIZE", NULL, "none", NULL,
      "refuse a training whose estimate is larger, and save and end one that is about to grow "
-     "beyond: 500M, 8G"},
+     "beyond: 500M, 8GiB (K, M, G are powers of 1024)"},
     {"resume", 0, OPTION_FLAG, AT(resume), 0, 0, NULL, NULL, NULL, NULL,
      "continue the run in OUT from its newest checkpoint, with the same options; --max-gaussians, "
      "--spare-eps-loss, "
@@ -62,7 +62,7 @@ static const option training_options[] = {
      "share of a primitive's support that brings it into a tile of pixels; 1 is exact, FastGS's "
      "rasteriser has 0.5"},
     {"background", 0, OPTION_COLOR, AT(background), 0, 0, "R,G,B|random", "0,0,0",
-     "0,0,0, or 1,1,1 for NeRF synthetic scenes", NULL,
+     "0,0,0, or 1,1,1 for NeRF synthetic scenes with --alpha over", NULL,
      "colour behind the model, display values from 0 to 1, or a new colour per iteration"},
     {"max-gaussians", 0, OPTION_COUNT, AT(max_gaussians), 0, 2147483647, "N", "0", "0 = none", NULL,
      "hard cap on the number of primitives, also for the initial cloud"},
@@ -216,6 +216,12 @@ static void set_integer(json_t *object, const char *key, uint64_t value)
     json_object_set_new(object, key, json_integer((json_int_t)value));
 }
 
+// 0 is what the option is when it is left out.
+static void set_given(json_t *object, const char *key, int value)
+{
+    json_object_set_new(object, key, value ? json_integer(value) : json_null());
+}
+
 // What shapes the training; a resumed run must have the same.
 static json_t *shaping_options(const train_values *values, const scene_values *scene, uint64_t seed)
 {
@@ -223,8 +229,8 @@ static json_t *shaping_options(const train_values *values, const scene_values *s
                                                                          "h", "v", "c"};
     json_t *options = json_object();
     set_text(options, "images", scene->images ? scene->images : "images");
-    set_integer(options, "downscale", (uint64_t)scene->downscale);
-    set_integer(options, "test_every", (uint64_t)scene->test_every);
+    set_given(options, "downscale", scene->downscale);
+    set_given(options, "test_every", scene->test_every);
     set_text(options, "test_images", scene->test_images);
     set_text(options, "masks", scene->masks);
     json_object_set_new(options, "invert_masks", json_boolean(scene->invert_masks));
@@ -323,6 +329,28 @@ static bool may_change(const char *key, const json_t *now)
     return !strcmp(key, "iterations") && schedule && !strcmp(schedule, "paper");
 }
 
+// A value as one writes it on the command line.
+static char *spoken(const json_t *value)
+{
+    if (json_is_null(value))
+        return format_text("not given");
+    if (json_is_string(value))
+        return format_text("%s", json_string_value(value));
+    if (!json_is_array(value)) {
+        char *text = json_dumps(value, JSON_ENCODE_ANY | JSON_REAL_PRECISION(9));
+        return text ? text : format_text("?");
+    }
+    char *list = format_text("%s", json_array_size(value) ? "" : "off");
+    for (size_t i = 0; i < json_array_size(value); ++i) {
+        char *word = spoken(json_array_get(value, i));
+        char *longer = format_text("%s%s%s", list, i ? "," : "", word);
+        free(word);
+        free(list);
+        list = longer;
+    }
+    return list;
+}
+
 bool train_config_agrees(const char *config_path, const json_t *stored, const json_t *now)
 {
     const char *key;
@@ -336,12 +364,12 @@ bool train_config_agrees(const char *config_path, const json_t *stored, const js
         snprintf(name, sizeof name, "%s", key);
         for (char *dash = name; (dash = strchr(dash, '_'));)
             *dash = '-';
-        char *was = old ? json_dumps(old, JSON_ENCODE_ANY | JSON_REAL_PRECISION(9)) : NULL;
-        char *is = json_dumps(value, JSON_ENCODE_ANY | JSON_REAL_PRECISION(9));
+        char *was = old ? spoken(old) : format_text("not recorded");
+        char *is = spoken(value);
         fail_run("%s: --%s was %s when this run was started and is %s now; resume with the same "
                  "options, or train into "
                  "another folder",
-                 config_path, name, was ? was : "not recorded", is ? is : "?");
+                 config_path, name, was, is);
         free(was);
         free(is);
         return false;

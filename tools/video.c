@@ -179,7 +179,7 @@ bool video_close(video *film, bool complete)
         done = false;
     }
     if (done)
-        puts(film->path);
+        tell_file(film->path);
     else
         unlink(film->temporary);
     free_film(film);

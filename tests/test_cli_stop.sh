@@ -71,6 +71,15 @@ for pipeline in 3dgs dash fastgs; do
     check "nothing_is_lost ($pipeline)" test "$(jq -r .model_hash "$out/summary.json")" = "$expected"
 done
 
+# one_request_on_two_ways_is_one (a batch system signals the experiment, which passes it on, and its training)
+rm -rf "$out"
+start "${data[@]}" -o "$out" --iterations 1000000 --spare off --checkpoint-every 0
+wait_for_iteration_100
+kill -USR2 "$process"
+kill -TERM "$process"
+finish_with 143
+check its_state_is_saved test -s "$out/checkpoint/state.bin"
+
 # nohup_is_honoured
 rm -rf "$out"
 last_command="nohup sparegs train"

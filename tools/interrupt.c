@@ -9,19 +9,22 @@
 #include <stddef.h>
 #include <unistd.h>
 
-static volatile sig_atomic_t received, checkpoint_wanted;
+static volatile sig_atomic_t received, passed_on, checkpoint_wanted;
 
 static void receive(int signal_number)
 {
-    if (received)
+    if (received && !passed_on)
         _exit(128 + signal_number);
     received = signal_number;
+    passed_on = 0;
 }
 
-// From the program that started this one: it may be the second to say so.
+// From the program that started this one: the same request may come directly as well, before this
+// or behind it.
 static void receive_once(int signal_number)
 {
     (void)signal_number;
+    passed_on = !received;
     if (!received)
         received = SIGTERM;
 }

@@ -31,6 +31,10 @@
 
 // Everything below is built from the primitives of the three headers.
 
+#ifdef SIMD_KEYS // AVX-512 has instructions for these
+#include "simd_common.h"
+#endif
+
 static inline vf vf_abs(vf a)
 {
     return vf_max(a, vf_sub(vf_zero(), a));

@@ -6,6 +6,8 @@
 
 #include <immintrin.h>
 
+#define SIMD_KEYS 16 // sort keys compared at a time
+
 typedef struct vf {
     __m256 a, b;
 } vf;
@@ -242,74 +244,10 @@ static inline void vf_transpose16(vf r[16])
         r[i] = (vf){quadrant[i / 8][0][i % 8], quadrant[i / 8][1][i % 8]};
 }
 
-// Masked arithmetic: m ? a op b : a.
-static inline vf vf_mul_where(vm m, vf a, vf b)
-{
-    return vf_select(m, vf_mul(a, b), a);
-}
-static inline vf vf_add_where(vm m, vf a, vf b)
-{
-    return vf_select(m, vf_add(a, b), a);
-}
-static inline vf vf_sub_where(vm m, vf a, vf b)
-{
-    return vf_select(m, vf_sub(a, b), a);
-}
+// m ? min(a, b) : a.
 static inline vf vf_min_where(vm m, vf a, vf b)
 {
     return vf_select(m, vf_min(a, b), a);
-}
-
-// Writes the lanes of m together to p and returns their number. All sixteen words from p on may be
-// overwritten.
-static inline unsigned vi_compress_store(int32_t *p, vm m, vi x)
-{
-    int32_t lanes[16] __attribute__((aligned(32)));
-    vi_store(lanes, x);
-    unsigned count = 0;
-    for (unsigned bits = vm_bits(m); bits; bits &= bits - 1)
-        p[count++] = lanes[__builtin_ctz(bits)];
-    return count;
-}
-
-// ranks[i] = the number of keys[0..count) that stand before keys[i] in ascending order, equal ones
-// in the order of the array. keys and ranks have room for a multiple of 32, 64-byte aligned; least
-// and most are the extremes of each 32 keys: chunks whose ranges do not overlap are not compared,
-// so nearly sorted keys cost little more than their own chunks.
-static inline void simd_rank(const int16_t *keys, uint16_t *ranks, uint32_t count,
-                             const int16_t *least, const int16_t *most)
-{
-    const __m256i place = _mm256_setr_epi16(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
-    for (uint32_t begin = 0; begin < count; begin += 16) {
-        const uint32_t end = begin + 16 < count ? begin + 16 : count, c = begin / 32;
-        const __m256i key = _mm256_load_si256((const __m256i *)(keys + begin));
-        __m256i rank =
-            _mm256_set1_epi16((short)begin); // less those behind: a comparison gives 0 or -1
-        for (uint32_t d = 0; d <= c; ++d) {
-            if (d < c && most[d] <= least[c])
-                continue;
-            const uint32_t last = d < c ? 32 * d + 32 : begin;
-            for (uint32_t j = 32 * d; j < last; ++j)
-                rank = _mm256_add_epi16(rank, _mm256_cmpgt_epi16(_mm256_set1_epi16(keys[j]), key));
-        }
-        for (uint32_t j = begin; j < end; ++j) { // of equal keys the earlier one comes first
-            const __m256i other = _mm256_set1_epi16(keys[j]);
-            const __m256i later = _mm256_cmpgt_epi16(place, _mm256_set1_epi16((short)(j - begin)));
-            const __m256i before =
-                _mm256_or_si256(_mm256_cmpgt_epi16(key, other),
-                                _mm256_and_si256(_mm256_cmpeq_epi16(other, key), later));
-            rank = _mm256_sub_epi16(rank, before);
-        }
-        for (uint32_t d = c; 32 * d < count; ++d) {
-            if (d > c && least[d] >= most[c])
-                continue;
-            const uint32_t first = d > c ? 32 * d : end,
-                           last = 32 * d + 32 < count ? 32 * d + 32 : count;
-            for (uint32_t j = first; j < last; ++j)
-                rank = _mm256_sub_epi16(rank, _mm256_cmpgt_epi16(key, _mm256_set1_epi16(keys[j])));
-        }
-        _mm256_store_si256((__m256i *)(ranks + begin), rank);
-    }
 }
 
 // The lanes as int16, which they must fit.

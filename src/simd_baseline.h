@@ -17,7 +17,7 @@
 typedef float qf __attribute__((vector_size(16)));
 typedef int32_t qi __attribute__((vector_size(16)));
 typedef uint32_t qu __attribute__((vector_size(16)));
-typedef int16_t qh __attribute__((vector_size(16)));
+#define SIMD_KEYS 8 // sort keys compared at a time
 
 typedef struct vf {
     qf a, b, c, d;
@@ -368,69 +368,10 @@ static inline void vf_transpose16(vf r[16])
             (vf){q[i % 4][i / 4], q[4 + i % 4][i / 4], q[8 + i % 4][i / 4], q[12 + i % 4][i / 4]};
 }
 
-// Masked arithmetic: m ? a op b : a.
-static inline vf vf_mul_where(vm m, vf x, vf y)
-{
-    return vf_select(m, vf_mul(x, y), x);
-}
-static inline vf vf_add_where(vm m, vf x, vf y)
-{
-    return vf_select(m, vf_add(x, y), x);
-}
-static inline vf vf_sub_where(vm m, vf x, vf y)
-{
-    return vf_select(m, vf_sub(x, y), x);
-}
+// m ? min(y, x) : x.
 static inline vf vf_min_where(vm m, vf x, vf y)
 {
     return vf_select(m, vf_min(y, x), x);
-}
-
-// Writes the lanes of m together to p and returns their number. All sixteen words from p on may be
-// overwritten.
-static inline unsigned vi_compress_store(int32_t *p, vm m, vi x)
-{
-    int32_t lanes[16];
-    vi_store(lanes, x);
-    unsigned count = 0;
-    for (unsigned bits = vm_bits(m); bits; bits &= bits - 1)
-        p[count++] = lanes[__builtin_ctz(bits)];
-    return count;
-}
-
-// ranks[i] = the number of keys[0..count) that stand before keys[i] in ascending order, equal ones
-// in the order of the array. keys and ranks have room for a multiple of 32, 64-byte aligned; least
-// and most are the extremes of each 32 keys: chunks whose ranges do not overlap are not compared,
-// so nearly sorted keys cost little more than their own chunks.
-static inline void simd_rank(const int16_t *keys, uint16_t *ranks, uint32_t count,
-                             const int16_t *least, const int16_t *most)
-{
-    const qh place = {0, 1, 2, 3, 4, 5, 6, 7};
-    for (uint32_t begin = 0; begin < count; begin += 8) {
-        const uint32_t end = begin + 8 < count ? begin + 8 : count, c = begin / 32;
-        const int16_t first_rank = (int16_t)begin; // less those behind: a comparison gives -1
-        qh key, rank = {first_rank, first_rank, first_rank, first_rank,
-                        first_rank, first_rank, first_rank, first_rank};
-        memcpy(&key, keys + begin, sizeof key);
-        for (uint32_t d = 0; d <= c; ++d) {
-            if (d < c && most[d] <= least[c])
-                continue;
-            const uint32_t last = d < c ? 32 * d + 32 : begin;
-            for (uint32_t j = 32 * d; j < last; ++j)
-                rank += keys[j] > key;
-        }
-        for (uint32_t j = begin; j < end; ++j) // of equal keys the earlier one comes first
-            rank -= (key > keys[j]) | ((key == keys[j]) & (place > (int16_t)(j - begin)));
-        for (uint32_t d = c; 32 * d < count; ++d) {
-            if (d > c && least[d] >= most[c])
-                continue;
-            const uint32_t first = d > c ? 32 * d : end,
-                           last = 32 * d + 32 < count ? 32 * d + 32 : count;
-            for (uint32_t j = first; j < last; ++j)
-                rank -= key > keys[j];
-        }
-        memcpy(ranks + begin, &rank, sizeof rank);
-    }
 }
 
 // The lanes as int16, which they must fit.

@@ -37,16 +37,21 @@ static void view_size(void *context, size_t i, int *width, int *height)
     *height = camera->height;
 }
 
+static sgs_status photo_of_bytes(const sgs_trainer *trainer, size_t i, const sgs_photo **photo)
+{
+    const sgs_status status = sgs_scene_photo(trainer->scene, trainer->train_views[i], photo);
+    if (status || (*photo)->pixels)
+        return status;
+    return sgsi_fail(SGS_STATUS_UNSUPPORTED, "%s: no bytes", trainer->scene->path);
+}
+
 static sgs_status view_pixels(void *context, size_t i, sgs_image8 *image)
 {
-    const sgs_trainer *trainer = context;
     const sgs_photo *photo;
-    const sgs_status status = sgs_scene_photo(trainer->scene, trainer->train_views[i], &photo);
-    if (status)
-        return status;
-    *image = pixels_of(photo);
-    return photo->pixels ? status
-                         : sgsi_fail(SGS_STATUS_UNSUPPORTED, "%s: no bytes", trainer->scene->path);
+    const sgs_status status = photo_of_bytes(context, i, &photo);
+    if (!status)
+        *image = pixels_of(photo);
+    return status;
 }
 
 sgs_status sgsi_trainer_resolution_plan(sgs_trainer *trainer)
@@ -89,14 +94,13 @@ static void reduce_keep(const sgs_photo *from, sgs_photo *to)
 
 static sgs_status reduce_view(sgs_trainer *trainer, size_t i, int scale, sgs_photo *out)
 {
-    sgs_image8 image, small;
-    sgs_status status = view_pixels(trainer, i, &image);
+    const sgs_photo *photo;
+    sgs_status status = photo_of_bytes(trainer, i, &photo);
     if (status)
         return status;
-    const sgs_photo *photo;
-    status = sgs_scene_photo(trainer->scene, trainer->train_views[i], &photo); // it is at hand now
-    if (!status)
-        status = sgsi_image8_triangle(&image, scale, &small);
+    const sgs_image8 image = pixels_of(photo);
+    sgs_image8 small;
+    status = sgsi_image8_triangle(&image, scale, &small);
     if (status)
         return status;
     *out = (sgs_photo){.width = small.width,

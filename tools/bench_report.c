@@ -78,12 +78,22 @@ static double lane_use(const bench_result *r)
 
 // What a phase did per iteration: operations the formulas need and bytes moved; 0 where it is not
 // counted.
+static double pairs_phase(const bench_phase *phase, double forward, double backward)
+{
+    return phase->offset == AT(forward)    ? forward
+           : phase->offset == AT(backward) ? backward
+           : phase == &phases[PHASE_TOTAL] ? forward + backward
+                                           : 0;
+}
+
 static double phase_flops(const sgs_bench_counts *c, const bench_phase *phase)
 {
-    return phase->offset == AT(forward)    ? c->forward_flops
-           : phase->offset == AT(backward) ? c->backward_flops
-           : phase == &phases[PHASE_TOTAL] ? c->forward_flops + c->backward_flops
-                                           : 0;
+    return pairs_phase(phase, c->forward_flops, c->backward_flops);
+}
+
+static double phase_l2_bytes(const sgs_bench_counts *c, const bench_phase *phase)
+{
+    return pairs_phase(phase, c->forward_l2_bytes, c->backward_l2_bytes);
 }
 
 static double phase_bytes(const sgs_bench_counts *c, const bench_phase *phase)
@@ -122,14 +132,6 @@ static double share_of_memory(const bench_result *r, const bench_phase *phase)
 {
     return phase_bytes(&r->counts, phase) /
            (1e9 * r->limits.memory_gbs * phase_spread(r, phase).median);
-}
-
-static double phase_l2_bytes(const sgs_bench_counts *c, const bench_phase *phase)
-{
-    return phase->offset == AT(forward)    ? c->forward_l2_bytes
-           : phase->offset == AT(backward) ? c->backward_l2_bytes
-           : phase == &phases[PHASE_TOTAL] ? c->forward_l2_bytes + c->backward_l2_bytes
-                                           : 0;
 }
 
 static double share_of_l2(const bench_result *r, const bench_phase *phase)

@@ -54,14 +54,19 @@ static const char *name_at(const name_list *names, size_t i)
     return *(char *const *)((const char *)names->first + i * names->stride);
 }
 
+static void sort_stems(char **stems, size_t count, char ***order)
+{
+    for (size_t i = 0; i < count; ++i)
+        order[i] = stems + i;
+    qsort(order, count, sizeof *order, by_text);
+}
+
 // Calls those that share a stem otherwise: by their full names at first, then by numbers. False
 // when there were none.
 static bool part_equals(const name_list *names, char **stems, char ***order, bool numbered)
 {
     bool changed = false;
-    for (size_t i = 0; i < names->count; ++i)
-        order[i] = stems + i;
-    qsort(order, names->count, sizeof *order, by_text);
+    sort_stems(stems, names->count, order);
     for (size_t first = 0, end; first < names->count; first = end) {
         for (end = first + 1; end < names->count && !strcmp(*order[end], *order[first]);)
             ++end;
@@ -100,9 +105,7 @@ static bool extends_another(const char *stem, char ***order, size_t count)
 static bool part_extended(const name_list *names, char **stems, char ***order)
 {
     bool *extended = calloc(names->count + 1, sizeof *extended);
-    for (size_t i = 0; i < names->count; ++i)
-        order[i] = stems + i;
-    qsort(order, names->count, sizeof *order, by_text);
+    sort_stems(stems, names->count, order);
     for (size_t i = 0; extended && i < names->count; ++i)
         extended[i] = extends_another(stems[i], order, names->count);
     for (size_t i = 0; extended && i < names->count; ++i)

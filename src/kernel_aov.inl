@@ -35,7 +35,7 @@ static inline block_sums sum_block(const sgsi_scratch *s, const uint32_t *order,
         const vm counts = vf_ge(vf_mul(front, vf_sub(one, alpha)), vf_set1(TRANSMITTANCE_MIN));
         const vf w = vf_keep(counts, vf_mul(front, alpha));
         const vm counted = vf_gt(w, zero);
-        const vf t = vf_keep(counted, vf_load(el.t + 16 * i)); // -infinity where there is no hit
+        const vf t = vf_keep(counted, vf_load(el.t + 16 * i)); // NaN where there is no hit
         sums.weight = vf_add(sums.weight, w);
         sums.depth = vf_fma(w, t, sums.depth);
         sums.hits = vf_add_where(counted, sums.hits, one);

@@ -9,9 +9,10 @@
 // |delta|, then id), so nothing is moved: the running product gives T_i where the orders agree, and
 // where an element lies in front of earlier ones in some lane (its t is below the running maximum),
 // both sides of each such pair are corrected: the T of one takes in the factor that the other
-// leaves out. That is done for four elements against four at a time, so that loads, stores and
-// branches are shared by sixteen pairs. Elements keep their place, so colours and gradient sums
-// stay uniform over the lanes.
+// leaves out. That is done for four elements against four at a time, so that loads and stores are
+// shared by sixteen pairs; the few groups with an element in front of an earlier group wait until
+// all are evaluated. Elements keep their place, so colours and gradient sums stay uniform over the
+// lanes.
 //
 // Stop rule without order: a hit counts iff T_i (1 - alpha_i) >= 1e-4. Along a ray that product
 // only falls, so this is "stop before the first hit that would take T below 1e-4".
@@ -30,6 +31,7 @@
 
 #define ALPHA_MAX 0.99f
 #define TRANSMITTANCE_MIN 1e-4f
+#define NO_HIT (-127.0f)
 
 typedef struct block_rays {
     vf u, v, near; // near: hits lie beyond this t, in units of |d|; INFINITY where there is no ray
@@ -50,8 +52,8 @@ static inline block_rays load_block(const sgsi_tile_rays *rays, int b, float nea
 }
 
 typedef struct response {
-    vf exponent; // log2 of alpha before the clamp; anything where there is no hit
-    vf t;        // -infinity where there is no hit
+    vf exponent; // log2 of alpha before the clamp; -127, whose power is 0, where there is no hit
+    vf t;        // NaN where there is no hit: neither in front of anything nor behind
     vf a, b, e;
     vm hit;
 } response;
@@ -69,11 +71,10 @@ static inline response respond(const float *r, const block_rays *block, vf far)
     x.e = vf_mul(n2, inv_g);
     x.a = vf_mul(a, c_g);
     x.b = vf_mul(b, c_g);
-    x.exponent = vf_sub(vf_set1(r[9]), x.e);
-    x.t = vf_mul(vf_set1(r[11]), c_g);
-    x.hit = vm_and(vm_and(vf_ge(x.exponent, vf_set1(-SGSI_LOG2_255)), vf_gt(x.t, block->near)),
-                   vf_le(x.t, far));
-    x.t = vf_select(x.hit, x.t, vf_set1(-INFINITY));
+    const vf exponent = vf_sub(vf_set1(r[9]), x.e), t = vf_mul(vf_set1(r[11]), c_g);
+    x.hit = vm_and(vf_ge(exponent, vf_set1(-SGSI_LOG2_255)), vf_between(t, block->near, far));
+    x.exponent = vf_select(x.hit, exponent, vf_set1(NO_HIT));
+    x.t = vf_select(x.hit, t, vf_set1(NAN));
     return x;
 }
 
@@ -85,8 +86,7 @@ typedef struct block_elements {
     float *restrict alpha, *restrict t;
     float *restrict transmittance; // T in front of the element
     float *restrict prefix,
-        *restrict t_before;  // [group]: product and largest t of everything before the group
-    uint32_t *restrict walk; // [group]: groups to look back at for swapped pairs
+        *restrict t_before; // [group]: product and largest t of everything before the group
     float *restrict a, *restrict b, *restrict e; // responses for the backward pass
 } block_elements;
 
@@ -98,7 +98,6 @@ static inline block_elements open_elements(const sgsi_scratch *s)
                             s->transmittance + lanes,
                             s->prefix + 16,
                             s->t_before + 16,
-                            s->walk,
                             s->a,
                             s->b,
                             s->e};
@@ -128,56 +127,17 @@ static inline void put_sentinels(const block_elements *el)
 }
 
 // In which lanes does an element at distance t_j lie in front of element i, which comes later in
-// the list? Equal distances keep the order of the list: near to far by |delta|, then by id. Where i
-// has no hit (-infinity) only those without one do.
+// the list? Equal distances keep the order of the list: near to far by |delta|, then by id. What
+// has no hit (NaN) does not: it hides nothing wherever it stands.
 static inline vm in_front(const block_elements *el, vf t_j, ptrdiff_t i)
 {
     return vf_le(t_j, vf_load(el->t + 16 * i));
 }
 
-// Alpha and T of the four elements of group g, and the correction of the groups before it that are
-// not all in front. prefix and t_last describe everything before the group and are moved behind it.
-// The factors of a T multiply in the order of the list, (((prefix f_j) f_j+1) ...), over the
-// elements in front and nothing else: so an element that hides nothing changes no bit wherever it
-// stands, and depth guesses may leave it out.
-static inline void order_group(const block_elements *el, uint32_t g, vf *prefix, vf *t_last)
+// T of the four elements of a group among each other.
+static inline void order_within(const block_elements *el, ptrdiff_t first, const vf through[GROUP],
+                                vf front[GROUP])
 {
-    const ptrdiff_t first = (ptrdiff_t)g * GROUP;
-    vf through[GROUP], front[GROUP];
-    vf nearest = vf_set1(INFINITY), farthest = *t_last, all = *prefix;
-    for (int i = 0; i < GROUP; ++i) {
-        // The exponential is taken here, four at a time, and not by respond(): the chain from the
-        // record to alpha is so long that the processor's window would hold too few of them.
-        float *const row = el->alpha + 16 * (first + i);
-        const vf t = vf_load(el->t + 16 * (first + i));
-        const vm hit = vf_gt(t, vf_zero());
-        const vf alpha = vf_keep(hit, vf_min(vf_exp2(vf_load(row)), vf_set1(ALPHA_MAX)));
-        vf_store(row, alpha);
-        through[i] = vf_sub(vf_set1(1.0f), alpha);
-        nearest = vf_min_where(hit, nearest, t);
-        farthest = vf_max(farthest, t);
-        all = vf_mul(all, through[i]);
-    }
-    vf_store(el->prefix + 16 * g, *prefix);
-    vf_store(el->t_before + 16 * g, *t_last);
-    ptrdiff_t back = g;
-    vf t_before = *t_last;
-    while (back >= 0 && vm_any(vf_lt(nearest, t_before)))
-        t_before = vf_load(el->t_before + 16 * --back);
-    el->walk[g] = (uint32_t)(g - back);
-    const vf base = vf_load(el->prefix + 16 * back);
-    for (int i = 0; i < GROUP; ++i)
-        front[i] = base;
-    for (ptrdiff_t at = back * GROUP; at < first; ++at) {
-        const vf t_j = vf_load(el->t + 16 * at), through_j = load_through(el, at);
-        vf front_j = vf_load(el->transmittance + 16 * at);
-        for (int i = 0; i < GROUP; ++i) {
-            const vm before = in_front(el, t_j, first + i);
-            front[i] = vf_mul_where(before, front[i], through_j);
-            front_j = vf_mul_where(vm_not(before), front_j, through[i]);
-        }
-        vf_store(el->transmittance + 16 * at, front_j);
-    }
     for (int j = 0; j < GROUP; ++j) {
         const vf t_j = vf_load(el->t + 16 * (first + j));
         for (int i = j + 1; i < GROUP; ++i) {
@@ -188,8 +148,76 @@ static inline void order_group(const block_elements *el, uint32_t g, vf *prefix,
     }
     for (int i = 0; i < GROUP; ++i)
         vf_store(el->transmittance + 16 * (first + i), front[i]);
+}
+
+// Alpha of the four elements of group g, and their T as if all groups before it were in front.
+// prefix and t_last describe everything before the group and are moved behind it. Returns whether
+// an element lies in front of one of those groups.
+// The factors of a T multiply in the order of the list, (((prefix f_j) f_j+1) ...), over the
+// elements in front and nothing else: so an element that hides nothing changes no bit wherever it
+// stands, and depth guesses may leave it out.
+static inline bool order_group(const block_elements *el, uint32_t g, vf *prefix, vf *t_last)
+{
+    const ptrdiff_t first = (ptrdiff_t)g * GROUP;
+    vf through[GROUP], front[GROUP];
+    vf nearest = vf_set1(INFINITY), farthest = *t_last, all = *prefix;
+    for (int i = 0; i < GROUP; ++i) {
+        // The exponential is taken here, four at a time, and not by respond(): the chain from the
+        // record to alpha is so long that the processor's window would hold too few of them.
+        float *const row = el->alpha + 16 * (first + i);
+        const vf t = vf_load(el->t + 16 * (first + i));
+        const vf alpha = vf_min(vf_exp2(vf_load(row)), vf_set1(ALPHA_MAX));
+        vf_store(row, alpha);
+        through[i] = vf_sub(vf_set1(1.0f), alpha);
+        nearest = vf_min(t, nearest); // the second one of NaN
+        farthest = vf_max(t, farthest);
+        all = vf_mul(all, through[i]);
+        front[i] = *prefix;
+    }
+    vf_store(el->prefix + 16 * g, *prefix);
+    vf_store(el->t_before + 16 * g, *t_last);
+    order_within(el, first, through, front);
+    const bool swapped = vm_any(vf_lt(nearest, *t_last)) != 0;
     *prefix = all;
     *t_last = farthest;
+    return swapped;
+}
+
+// Orders group g and notes it if it waits for order_back: without a branch, see evaluate_block.
+static inline void order_next(sgsi_scratch *s, const block_elements *el, uint32_t g, vf *prefix,
+                              vf *t_last)
+{
+    s->swapped[s->swapped_count].group = g;
+    s->swapped_count += order_group(el, g, prefix, t_last);
+}
+
+// The correction of T for group g and for the groups before it that are not all in front. Returns
+// how many these are.
+static inline uint32_t order_back(const block_elements *el, uint32_t g)
+{
+    const ptrdiff_t first = (ptrdiff_t)g * GROUP;
+    vf through[GROUP], front[GROUP], nearest = vf_set1(INFINITY);
+    for (int i = 0; i < GROUP; ++i) {
+        through[i] = load_through(el, first + i);
+        nearest = vf_min(vf_load(el->t + 16 * (first + i)), nearest);
+    }
+    ptrdiff_t back = g;
+    while (back >= 0 && vm_any(vf_lt(nearest, vf_load(el->t_before + 16 * back))))
+        --back;
+    for (int i = 0; i < GROUP; ++i)
+        front[i] = vf_load(el->prefix + 16 * back);
+    for (ptrdiff_t at = back * GROUP; at < first; ++at) {
+        const vf t_j = vf_load(el->t + 16 * at), through_j = load_through(el, at);
+        vf front_j = vf_load(el->transmittance + 16 * at);
+        for (int i = 0; i < GROUP; ++i) {
+            const vm before = in_front(el, t_j, first + i);
+            front[i] = vf_mul_where(before, front[i], through_j);
+            front_j = vf_mul_where(vm_not(before), front_j, through[i]);
+        }
+        vf_store(el->transmittance + 16 * at, front_j);
+    }
+    order_within(el, first, through, front);
+    return (uint32_t)(g - back);
 }
 
 // Drops from order[begin..count) what cannot lie in front of distance `stop` (units of |d|) in this
@@ -223,12 +251,17 @@ static inline float largest_lane(vf x)
     return lanes[0];
 }
 
-// Evaluates the elements of a block in its order: alpha, t and T of each, the walk lengths; drops
-// those that hit no pixel. Returns the number kept. Where the product of a lane falls below the
-// least T, the elements so far have made it opaque at the farthest of their distances: hits beyond
-// count for nothing and hide nothing that counts, so they are none. Once all lanes are, what lies
-// behind the last of them in the whole block is not even evaluated; the lists of the backward pass
-// were chosen already (`may_drop`).
+enum { CHUNK = 32 };
+
+// Evaluates the elements of a block in its order: alpha, t and T of each, and which groups are not
+// in the order of the list; drops those that hit no pixel. Returns the number kept. Where the
+// product of a lane falls below the least T, the elements so far have made it opaque at the
+// farthest of their distances: hits beyond count for nothing and hide nothing that counts, so they
+// are none. Once all lanes are, what lies behind the last of them in the whole block is not even
+// evaluated. The lists of the backward pass were chosen already (`may_drop`).
+//
+// Nothing here branches on what is hit or on what is swapped, but at the end of a chunk: the
+// processor would guess wrong, and lose all it has begun of the elements behind.
 static inline uint32_t evaluate_block(sgsi_scratch *s, const sgsi_tile_rays *rays, int b,
                                       const block_rays *block, uint32_t *restrict order,
                                       uint32_t count, bool may_drop, bool keep_responses,
@@ -236,29 +269,28 @@ static inline uint32_t evaluate_block(sgsi_scratch *s, const sgsi_tile_rays *ray
 {
     const block_elements el = open_elements(s);
     const float *restrict records = s->tile_records;
+    const block_rays lanes = *block;
     const vf open = vf_set1(INFINITY);
     vf prefix = vf_set1(1.0f), t_last = vf_set1(-INFINITY), far = open;
     uint32_t kept = 0, ordered = 0, i = 0;
+    s->swapped_count = 0;
     put_sentinels(&el);
     while (i < count) {
-        for (; i < count && kept < ordered + 2 * GROUP; ++i) {
+        const uint32_t end = count - i < CHUNK ? count : i + CHUNK;
+        for (; i < end; ++i) {
             const uint32_t index = order[i];
-            const response x = respond(records + 16 * (size_t)index, block, far);
-            if (may_drop && !vm_any(x.hit)) // lists of the backward pass hold what is hit
-                continue;
-            order[kept] = index;
+            const response x = respond(records + 16 * (size_t)index, &lanes, far);
             put_element(&el, kept, x.exponent, x.t);
             if (keep_responses) {
                 vf_store(el.a + 16 * kept, x.a);
                 vf_store(el.b + 16 * kept, x.b);
                 vf_store(el.e + 16 * kept, x.e);
             }
-            ++kept;
+            order[kept] = index;
+            kept += !may_drop || vm_any(x.hit); // lists of the backward pass hold what is hit
         }
-        for (uint32_t k = kept; k < ordered + 2 * GROUP; ++k) // only at the end of the list
-            put_element(&el, k, vf_zero(), vf_set1(-INFINITY));
-        for (; ordered < kept; ordered += GROUP)
-            order_group(&el, ordered / GROUP, &prefix, &t_last);
+        for (; ordered + GROUP <= kept; ordered += GROUP)
+            order_next(s, &el, ordered / GROUP, &prefix, &t_last);
         const vm closes = vm_and(vf_lt(prefix, vf_set1(TRANSMITTANCE_MIN)), vf_ge(far, open));
         if (vm_any(closes)) {
             far = vf_select(closes, t_last, far);
@@ -267,6 +299,13 @@ static inline uint32_t evaluate_block(sgsi_scratch *s, const sgsi_tile_rays *ray
                                     order, i, count);
         }
     }
+    if (ordered < kept) {
+        for (uint32_t k = kept; k < ordered + GROUP; ++k)
+            put_element(&el, k, vf_set1(NO_HIT), vf_set1(NAN));
+        order_next(s, &el, ordered / GROUP, &prefix, &t_last);
+    }
+    for (uint32_t k = 0; k < s->swapped_count; ++k)
+        s->swapped[k].back = order_back(&el, s->swapped[k].group);
     *evaluations += count;
     return kept;
 }
@@ -374,37 +413,44 @@ static void tile_forward(sgsi_scratch *s, sgsi_tile_target *target)
     target->stop_distance = stop;
 }
 
-// Repeats the walk of a group for the colour sums: a pair that a lane swaps trades places in
-// `behind`.
-static inline void order_behind(const block_elements *el, const float *restrict q,
-                                float *restrict behind, uint32_t g)
+// A pair that a lane swaps trades places in `behind`: of the elements of a group among each other.
+static inline void order_behind_within(const block_elements *el, ptrdiff_t first, const vf q[GROUP],
+                                       float *restrict behind)
 {
-    const ptrdiff_t first = (ptrdiff_t)g * GROUP;
-    vf q_i[GROUP], gained[GROUP];
-    for (int i = 0; i < GROUP; ++i) {
-        q_i[i] = vf_load(q + 16 * (first + i));
-        gained[i] = vf_zero();
-    }
+    const vf zero = vf_zero();
+    vf gained[GROUP] = {zero, zero, zero, zero};
     for (int j = 0; j < GROUP; ++j) {
         const vf t_j = vf_load(el->t + 16 * (first + j));
         for (int i = j + 1; i < GROUP; ++i) {
             const vm swapped = vm_not(in_front(el, t_j, first + i));
-            gained[i] = vf_add_where(swapped, gained[i], q_i[j]);
-            gained[j] = vf_sub_where(swapped, gained[j], q_i[i]);
+            gained[i] = vf_add_where(swapped, gained[i], q[j]);
+            gained[j] = vf_sub_where(swapped, gained[j], q[i]);
         }
     }
-    for (ptrdiff_t back = (ptrdiff_t)g - 1; back >= (ptrdiff_t)g - (ptrdiff_t)el->walk[g]; --back) {
-        for (int j = 0; j < GROUP; ++j) {
-            const ptrdiff_t at = back * GROUP + j;
-            const vf t_j = vf_load(el->t + 16 * at), q_j = vf_load(q + 16 * at);
-            vf lost = vf_load(behind + 16 * at);
-            for (int i = 0; i < GROUP; ++i) {
-                const vm swapped = vm_not(in_front(el, t_j, first + i));
-                gained[i] = vf_add_where(swapped, gained[i], q_j);
-                lost = vf_sub_where(swapped, lost, q_i[i]);
-            }
-            vf_store(behind + 16 * at, lost);
+    for (int i = 0; i < GROUP; ++i)
+        vf_store(behind + 16 * (first + i), gained[i]);
+}
+
+// The same of a group and the `back` groups before it.
+static inline void order_behind_back(const block_elements *el, const float *restrict q,
+                                     float *restrict behind, ptrdiff_t g, ptrdiff_t back)
+{
+    const ptrdiff_t first = g * GROUP;
+    vf t_i[GROUP], q_i[GROUP], gained[GROUP];
+    for (int i = 0; i < GROUP; ++i) {
+        t_i[i] = vf_load(el->t + 16 * (first + i));
+        q_i[i] = vf_load(q + 16 * (first + i));
+        gained[i] = vf_load(behind + 16 * (first + i));
+    }
+    for (ptrdiff_t at = first - back * GROUP; at < first; ++at) {
+        const vf t_j = vf_load(el->t + 16 * at), q_j = vf_load(q + 16 * at);
+        vf lost = vf_load(behind + 16 * at);
+        for (int i = 0; i < GROUP; ++i) {
+            const vm swapped = vm_not(vf_le(t_j, t_i[i]));
+            gained[i] = vf_add_where(swapped, gained[i], q_j);
+            lost = vf_sub_where(swapped, lost, q_i[i]);
         }
+        vf_store(behind + 16 * at, lost);
     }
     for (int i = 0; i < GROUP; ++i)
         vf_store(behind + 16 * (first + i), gained[i]);
@@ -422,28 +468,31 @@ static inline vf weigh_block(const sgsi_scratch *s, const block_elements *el, co
     float *restrict q = s->q + 16 * GROUP, *restrict behind = s->behind + 16 * GROUP;
     const float *restrict records = s->tile_records;
     vf end = vf_set1(1.0f);
-    for (uint32_t i = 0; i < count; ++i) {
-        const float *r = records + 16 * (size_t)order[i] + SGSI_RECORD_COLOR;
-        const vf front = vf_load(el->transmittance + 16 * i), alpha = vf_load(el->alpha + 16 * i);
-        const vf through = vf_sub(vf_set1(1.0f), alpha);
-        const vm counts = vf_ge(vf_mul(front, through), vf_set1(TRANSMITTANCE_MIN));
-        const vf w = vf_keep(counts, vf_mul(front, alpha));
-        end = vf_mul_where(counts, end, through);
-        const vf shade =
-            vf_fma(vf_set1(r[0]), d->color[0],
-                   vf_fma(vf_set1(r[1]), d->color[1], vf_mul(vf_set1(r[2]), d->color[2])));
-        vf_store(el->transmittance + 16 * i, w);
-        vf_store(q + 16 * i, vf_mul(w, shade));
+    for (uint32_t first = 0; first < count; first += GROUP) {
+        vf q_i[GROUP];
+        for (uint32_t k = 0; k < GROUP; ++k) {
+            const uint32_t i = first + k; // the last group is filled up with what hits nothing
+            const float *r = records + 16 * (size_t)order[i < count ? i : first];
+            const vf front = vf_load(el->transmittance + 16 * i);
+            const vf alpha = vf_load(el->alpha + 16 * i), through = vf_sub(vf_set1(1.0f), alpha);
+            const vm counts = vf_ge(vf_mul(front, through), vf_set1(TRANSMITTANCE_MIN));
+            const vf w = vf_keep(counts, vf_mul(front, alpha));
+            const float *color = r + SGSI_RECORD_COLOR;
+            end = vf_mul_where(counts, end, through);
+            q_i[k] = vf_mul(w, vf_fma(vf_set1(color[0]), d->color[0],
+                                      vf_fma(vf_set1(color[1]), d->color[1],
+                                             vf_mul(vf_set1(color[2]), d->color[2]))));
+            vf_store(el->transmittance + 16 * i, w);
+            vf_store(q + 16 * i, q_i[k]);
+        }
+        order_behind_within(el, first, q_i, behind);
     }
-    const uint32_t groups = (count + GROUP - 1) / GROUP;
-    for (uint32_t i = count; i < groups * GROUP; ++i)
-        vf_store(q + 16 * i, vf_zero());
     for (int k = -GROUP; k < 0; ++k) {
         vf_store(q + 16 * k, vf_zero());
         vf_store(behind + 16 * k, vf_zero());
     }
-    for (uint32_t g = 0; g < groups; ++g)
-        order_behind(el, q, behind, g);
+    for (uint32_t k = 0; k < s->swapped_count; ++k)
+        order_behind_back(el, q, behind, s->swapped[k].group, s->swapped[k].back);
     return end;
 }
 
@@ -464,6 +513,21 @@ static inline void absolute_terms(const float *r, const float frame[9], vf va, v
             vf_fma(along[1], vf_set1(frame[3 + axis]), vf_mul(along[0], vf_set1(frame[axis])))));
 }
 
+// v of the elements, in the place of q, from the last one on; `run` begins as what lies behind all.
+// A loop of its own: the division's latency would hold up the sums.
+static inline void differentiate_block(const block_elements *el, float *restrict q,
+                                       const float *restrict behind, uint32_t count, vf run)
+{
+    for (uint32_t i = count; i-- > 0;) {
+        const vf alpha = vf_load(el->alpha + 16 * i), q_i = vf_load(q + 16 * i);
+        const vf hidden = vf_mul(vf_add(run, vf_load(behind + 16 * i)),
+                                 vf_div(alpha, vf_sub(vf_set1(1.0f), alpha)));
+        const vm counted = vf_gt(vf_load(el->transmittance + 16 * i), vf_zero());
+        vf_store(q + 16 * i, vf_keep(counted, vf_sub(q_i, hidden)));
+        run = vf_add(run, q_i);
+    }
+}
+
 static inline __attribute__((always_inline)) void backward_block(sgsi_scratch *s,
                                                                  const sgsi_tile_list *list,
                                                                  sgsi_tile_target *target, int b,
@@ -481,19 +545,15 @@ static inline __attribute__((always_inline)) void backward_block(sgsi_scratch *s
     for (int c = 0; c < 3; ++c)
         d.color[c] = load_block_plane(target->d_color[c], target, b);
     d.transmittance = load_block_plane(target->d_transmittance, target, b);
-    vf run = vf_mul(weigh_block(s, &el, order, count, &d), d.transmittance);
-    const float *restrict qs = s->q + 16 * GROUP, *restrict behind = s->behind + 16 * GROUP;
+    const vf end = weigh_block(s, &el, order, count, &d);
+    float *restrict vs = s->q + 16 * GROUP;
+    differentiate_block(&el, vs, s->behind + 16 * GROUP, count, vf_mul(end, d.transmittance));
     float *restrict sums = s->sums;
-    for (uint32_t i = count; i-- > 0;) {
-        const vf alpha = vf_load(el.alpha + 16 * i), w = vf_load(el.transmittance + 16 * i);
-        const vf q = vf_load(qs + 16 * i);
+    for (uint32_t i = 0; i < count; ++i) {
+        const vf w = vf_load(el.transmittance + 16 * i), v = vf_load(vs + 16 * i);
         const vf a = vf_load(el.a + 16 * i), bb = vf_load(el.b + 16 * i),
                  e = vf_load(el.e + 16 * i);
         const vm counted = vf_gt(w, zero);
-        const vf hidden =
-            vf_mul(vf_add(run, vf_load(behind + 16 * i)), vf_div(alpha, vf_sub(one, alpha)));
-        const vf v = vf_keep(counted, vf_sub(q, hidden));
-        run = vf_add(run, q);
         const vf va = vf_mul(v, a), vb = vf_mul(v, bb), ve = vf_mul(v, e);
         vf terms[16] = {vf_mul(w, d.color[0]),
                         vf_mul(w, d.color[1]),

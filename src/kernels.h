@@ -41,8 +41,10 @@ typedef struct sgsi_scratch {
     float *alpha, *t, *transmittance, *prefix, *t_before; // elements of a block: [capacity][16]
     float *a, *b, *e, *q, *behind;                        // [capacity][16], backward only
     float *sums;                                          // [count][16] of the tile, the caller's
-    uint32_t
-        *walk; // [capacity]: how many groups a group of elements had to look back to find its place
+    struct {
+        uint32_t group, back; // a group of elements, and how many before it are not all in front
+    } * swapped;              // [capacity]
+    uint32_t swapped_count;   // of the block
     uint32_t entry_count[SGSI_BLOCKS]; // elements in `order`
 } sgsi_scratch;
 

@@ -44,7 +44,7 @@ bool sgsi_scratch_grow(sgsi_scratch *s, size_t capacity)
                   {(void **)&s->b, 64},
                   {(void **)&s->e, 64},
                   {(void **)&s->q, 64},
-                  {(void **)&s->walk, 4}};
+                  {(void **)&s->swapped, 8}};
     enum { COUNT = sizeof arrays / sizeof *arrays };
     size_t at[COUNT], bytes = 0;
     for (size_t i = 0; i < COUNT; ++i) {

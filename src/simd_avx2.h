@@ -78,6 +78,11 @@ SGSI_V1(vf, vf_sqrt, _mm256_sqrt_ps)
 SGSI_V3(vf_fma, _mm256_fmadd_ps)
 SGSI_V3(vf_fnma, _mm256_fnmadd_ps)
 SGSI_V3(vf_fms, _mm256_fmsub_ps)
+static inline vf vf_abs(vf x)
+{
+    const __m256 sign = _mm256_set1_ps(-0.0f);
+    return (vf){_mm256_andnot_ps(sign, x.a), _mm256_andnot_ps(sign, x.b)};
+}
 SGSI_COMPARE(vf_lt, _CMP_LT_OQ)
 SGSI_COMPARE(vf_le, _CMP_LE_OQ)
 SGSI_COMPARE(vf_gt, _CMP_GT_OQ)
@@ -184,6 +189,13 @@ static inline vf vf_load_u8(const uint8_t *p)
     const __m128i bytes = _mm_loadu_si128((const __m128i *)p);
     return (vf){_mm256_cvtepi32_ps(_mm256_cvtepu8_epi32(bytes)),
                 _mm256_cvtepi32_ps(_mm256_cvtepu8_epi32(_mm_srli_si128(bytes, 8)))};
+}
+
+// table[i % 8]; table: 32-byte aligned.
+static inline vi vi_lookup8(const int32_t table[8], vi i)
+{
+    const __m256i all = _mm256_load_si256((const __m256i *)table);
+    return (vi){_mm256_permutevar8x32_epi32(all, i.a), _mm256_permutevar8x32_epi32(all, i.b)};
 }
 
 // Lane k of the result is the sum over the lanes of v[k], by the tree of vf_sum.

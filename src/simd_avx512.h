@@ -79,6 +79,11 @@ static inline vf vf_max(vf a, vf b)
     return _mm512_max_ps(a, b);
 }
 
+static inline vf vf_abs(vf a)
+{
+    return _mm512_abs_ps(a);
+}
+
 static inline vm vf_lt(vf a, vf b)
 {
     return _mm512_cmp_ps_mask(a, b, _CMP_LT_OQ);
@@ -184,15 +189,20 @@ static inline vf vf_load_u8(const uint8_t *p)
     return _mm512_cvtepi32_ps(_mm512_cvtepu8_epi32(_mm_loadu_si128((const __m128i *)p)));
 }
 
-// To the nearest integer, halves to even; x 2^n for an integer n.
-#define SIMD_SCALES 1
-static inline vf vf_round(vf x)
+// table[i % 8]; table: 32-byte aligned.
+static inline vi vi_lookup8(const int32_t table[8], vi i)
 {
-    return _mm512_roundscale_ps(x, _MM_FROUND_TO_NEAREST_INT | _MM_FROUND_NO_EXC);
+    const __m256i half = _mm256_load_si256((const __m256i *)table);
+    return _mm512_permutexvar_epi32(i, _mm512_broadcast_i64x4(half));
 }
-static inline vf vf_scale2(vf x, vf n)
+
+// low < x <= high, for 0 <= low <= high. Numbers from 0 on are in the order of their
+// bits; what is negative or none has larger ones, without a sign.
+static inline vm vf_between(vf x, vf low, vf high)
 {
-    return _mm512_scalef_ps(x, n);
+    const __m512i top = _mm512_castps_si512(high);
+    return _mm512_cmplt_epu32_mask(_mm512_sub_epi32(top, _mm512_castps_si512(x)),
+                                   _mm512_sub_epi32(top, _mm512_castps_si512(low)));
 }
 
 // Lane k of the result is the sum over the lanes of v[k], by the tree of vf_sum. Each step adds the

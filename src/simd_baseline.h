@@ -222,6 +222,14 @@ static inline vf vf_select(vm m, vf x, vf y)
 {
     return SGSI_EACH3(vf, qf_select, m, x, y);
 }
+static inline qf qf_abs(qf x)
+{
+    return (qf)((qi)x & INT32_MAX);
+}
+static inline vf vf_abs(vf x)
+{
+    return SGSI_EACH1(vf, qf_abs, x);
+}
 static inline vf vf_keep(vm m, vf x)
 {
     return SGSI_EACH2(vf, qf_keep, m, x);
@@ -339,6 +347,16 @@ static inline qf qf_load_u8(const uint8_t *p)
 static inline vf vf_load_u8(const uint8_t *p)
 {
     return (vf){qf_load_u8(p), qf_load_u8(p + 4), qf_load_u8(p + 8), qf_load_u8(p + 12)};
+}
+
+// table[i % 8].
+static inline vi vi_lookup8(const int32_t table[8], vi i)
+{
+    int32_t lanes[16];
+    vi_store(lanes, i);
+    for (int k = 0; k < 16; ++k)
+        lanes[k] = table[lanes[k] & 7];
+    return vi_load(lanes);
 }
 
 // Lane k of the result is the sum over the lanes of v[k], by the tree of vf_sum.

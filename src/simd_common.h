@@ -21,6 +21,12 @@ static inline vf vf_sub_where(vm m, vf a, vf b)
     return vf_select(m, vf_sub(a, b), a);
 }
 
+// low < x <= high, for 0 <= low <= high.
+static inline vm vf_between(vf x, vf low, vf high)
+{
+    return vm_and(vf_gt(x, low), vf_le(x, high));
+}
+
 // Writes the lanes of m together to p and returns their number. All sixteen words from p on may be
 // overwritten.
 static inline unsigned vi_compress_store(int32_t *p, vm m, vi x)

@@ -356,7 +356,7 @@ static size_t compact_tile(sgsi_scratch *s, size_t count, uint32_t *map)
 static void keep_list(thread_state *state, sgsi_tile_list *list, size_t count)
 {
     sgsi_scratch *s = &state->scratch;
-    uint32_t *map = s->walk; // free between blocks
+    uint32_t *map = s->entries; // free once the blocks are in order
     count = compact_tile(s, count, map);
     size_t elements = 0;
     for (int b = 0; b < SGSI_BLOCKS; ++b) {

@@ -61,6 +61,7 @@ enum {
     PROBE_ROUND,
     PROBE_BITS,
     PROBE_ISET1,
+    PROBE_LOOKUP,
     PROBE_INTEGER_COUNT
 };
 
@@ -75,10 +76,11 @@ typedef struct simd_probe {
                        float out[PROBE_ARITHMETIC_COUNT][16]);
     void (*masks)(const float *x, const float *y, unsigned a, unsigned b,
                   unsigned out[PROBE_MASK_COUNT]);
+    unsigned (*between)(const float *x, const float *low, const float *high);
     // STORE_MASKED writes x over -1; COPY_UNALIGNED goes through odd addresses; SET1 spreads x[0].
     void (*lanes)(const float *x, const float *y, unsigned mask, float out[PROBE_LANE_COUNT][16]);
     // SLL by 23, SRA by 7; ROUND: floats to integers; BITS: through vi_as_vf and back; ISET1
-    // spreads p[0].
+    // spreads p[0]; LOOKUP: of the first eight of q.
     void (*integers)(const int32_t *p, const int32_t *q, const float *x,
                      int32_t out[PROBE_INTEGER_COUNT][16]);
     void (*to_float)(const int32_t *p, float *out);

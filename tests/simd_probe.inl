@@ -59,6 +59,11 @@ static void probe_masks(const float *px, const float *py, unsigned a, unsigned b
     out[PROBE_ANY_NONE] = vm_any(vm_none()) != 0;
 }
 
+static unsigned probe_between(const float *x, const float *low, const float *high)
+{
+    return vm_bits(vf_between(vf_load(x), vf_load(low), vf_load(high)));
+}
+
 static void probe_lanes(const float *px, const float *py, unsigned mask,
                         float out[PROBE_LANE_COUNT][16])
 {
@@ -88,6 +93,7 @@ static void probe_integers(const int32_t *pp, const int32_t *pq, const float *x,
     vi_store(out[PROBE_ROUND], vf_to_vi(vf_load(x)));
     vi_store(out[PROBE_BITS], vf_as_vi(vi_as_vf(p)));
     vi_store(out[PROBE_ISET1], vi_set1(pp[0]));
+    vi_store(out[PROBE_LOOKUP], vi_lookup8(pq, p));
 }
 
 static void probe_to_float(const int32_t *p, float *out)
@@ -149,6 +155,7 @@ const simd_probe SGSI_KERNEL(simd_probe) = {
     .exp = probe_exp,
     .arithmetic = probe_arithmetic,
     .masks = probe_masks,
+    .between = probe_between,
     .lanes = probe_lanes,
     .integers = probe_integers,
     .to_float = probe_to_float,

@@ -53,20 +53,19 @@ static void fill(float *x, size_t count, uint64_t seed, double low, double high)
 
 enum { GRID = 1 << 20 };
 
-// Dense where the polynomial works, random over the range, and every integer and half integer with
-// its neighbours.
+// Dense around zero, random over the range, and every eighth with its neighbours.
 static size_t exp2_arguments(float *x)
 {
     size_t count = 0;
     for (; count < GRID; ++count)
         x[count] = (float)((double)count / GRID - 0.5);
     for (; count < 2 * GRID; ++count)
-        x[count] = random_float(1, count, -126, 126);
-    for (int twice = -252; twice <= 252; ++twice) {
-        const float at = 0.5f * (float)twice;
+        x[count] = random_float(1, count, -120, 126);
+    for (int part = -960; part <= 1008; ++part) {
+        const float at = 0.125f * (float)part;
         const float around[3] = {nextafterf(at, -1000), at, nextafterf(at, 1000)};
         for (int k = 0; k < 3; ++k)
-            if (fabsf(around[k]) <= 126.0f)
+            if (around[k] >= -120.0f && around[k] <= 126.0f)
                 x[count++] = around[k];
     }
     while (count % 16)
@@ -77,7 +76,7 @@ static size_t exp2_arguments(float *x)
 static void exp2_is_within_1_2e_7_of_double_over_its_whole_range(void **state)
 {
     (void)state;
-    float *x = sgsi_alloc(2 * GRID + 2048, sizeof *x), *y = sgsi_alloc(2 * GRID + 2048, sizeof *y);
+    float *x = sgsi_alloc(2 * GRID + 8192, sizeof *x), *y = sgsi_alloc(2 * GRID + 8192, sizeof *y);
     const size_t count = exp2_arguments(x);
     for (int k = 0; k < probe_count; ++k) {
         double worst = 0;
@@ -94,18 +93,36 @@ static void exp2_is_within_1_2e_7_of_double_over_its_whole_range(void **state)
     sgsi_free(y);
 }
 
-// The argument is rounded twice on its way to base 2 (product and constant), each by 2^-24 of |x
+static void exp2_of_minus_127_is_zero(void **state)
+{
+    (void)state;
+    float x[16] __attribute__((aligned(64))), y[16] __attribute__((aligned(64)));
+    for (int i = 0; i < 16; ++i)
+        x[i] = i % 2 ? -127.0f : (float)-i;
+    for (int k = 0; k < probe_count; ++k) {
+        probes[k]->exp2(x, y, 16);
+        for (int i = 0; i < 16; ++i)
+            assert_true(i % 2 ? y[i] == 0.0f && !signbit(y[i]) : y[i] == exp2f((float)-i));
+    }
+}
+
+// Without a fused multiply-add the argument is rounded on its way to base 2, by 2^-24 of |x
 // log2(e)|.
-static void exp_is_exp2_of_a_rounded_product(void **state)
+static void exp_is_as_good_as_exp2_where_products_are_exact(void **state)
 {
     (void)state;
     float x[4096] __attribute__((aligned(64))), y[4096] __attribute__((aligned(64)));
-    fill(x, 4096, 2, -87, 87);
+    fill(x, 4096, 2, -83, 87);
     for (int k = 0; k < probe_count; ++k) {
+        const bool fused = probes[k] != &simd_probe_baseline;
+        double worst = 0;
         probes[k]->exp(x, y, 4096);
-        for (int i = 0; i < 4096; ++i)
-            assert_true(fabs(y[i] - exp((double)x[i])) <=
-                        exp((double)x[i]) * 1.2e-7 * (1 + fabs((double)x[i])));
+        for (int i = 0; i < 4096; ++i) {
+            const double expected = exp((double)x[i]), error = fabs(y[i] - expected) / expected;
+            assert_true(error <= (fused ? 2e-7 : 1.2e-7 * (1 + fabs((double)x[i]))));
+            worst = fmax(worst, error);
+        }
+        print_message("exp %s: worst relative error %.3g\n", probes[k]->name, worst);
     }
 }
 
@@ -243,6 +260,35 @@ static void comparisons_select_and_minimum_agree_with_c_even_for_nan(void **stat
     }
 }
 
+// All pairs of bounds from 0 on, with numbers of every kind, the bounds and what follows them.
+static void between_leaves_the_lower_bound_out_and_nan(void **state)
+{
+    (void)state;
+    static const float bounds[6] = {0.0f, 1e-40f, 0.2f, 1.0f, 3e38f, INFINITY};
+    float x[2][16] __attribute__((aligned(64))) = {
+        {-0.0f, -1e-40f, -0.2f, -1.0f, -3e38f, -INFINITY, NAN, -NAN, 0.5f, 1e-38f}};
+    float low[16] __attribute__((aligned(64))), high[16] __attribute__((aligned(64)));
+    memcpy(x[1], x[0], sizeof x[1]);
+    for (int i = 0; i < 6; ++i) {
+        x[0][10 + i] = bounds[i];
+        x[1][10 + i] = nextafterf(bounds[i], INFINITY);
+    }
+    for (int pair = 0; pair < 36; ++pair) {
+        for (int i = 0; i < 16; ++i) {
+            low[i] = bounds[pair / 6];
+            high[i] = bounds[pair % 6];
+        }
+        if (low[0] > high[0])
+            continue;
+        for (int k = 0; k < 2 * probe_count; ++k) {
+            const float *values = x[k % 2];
+            const unsigned bits = probes[k / 2]->between(values, low, high);
+            for (int i = 0; i < 16; ++i)
+                assert_int_equal(bits >> i & 1, values[i] > low[i] && values[i] <= high[i]);
+        }
+    }
+}
+
 static void masks_are_sixteen_bits(void **state)
 {
     (void)state;
@@ -290,6 +336,7 @@ static void integers_wrap_shift_and_round_to_even(void **state)
             assert_int_equal(out[PROBE_ROUND][i], (int32_t)nearbyintf(x[i]));
             assert_int_equal(out[PROBE_BITS][i], p[i]);
             assert_int_equal(out[PROBE_ISET1][i], p[0]);
+            assert_int_equal(out[PROBE_LOOKUP][i], q[(uint32_t)p[i] % 8]);
             assert_true(back[i] == (float)p[i]);
         }
     }
@@ -439,10 +486,12 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(exp2_is_within_1_2e_7_of_double_over_its_whole_range),
-        cmocka_unit_test(exp_is_exp2_of_a_rounded_product),
+        cmocka_unit_test(exp2_of_minus_127_is_zero),
+        cmocka_unit_test(exp_is_as_good_as_exp2_where_products_are_exact),
         cmocka_unit_test(log2_is_within_2_5e_7_of_double_for_every_normal_number),
         cmocka_unit_test(arithmetic_is_ieee_and_fma_is_fused_on_vector_isas),
         cmocka_unit_test(comparisons_select_and_minimum_agree_with_c_even_for_nan),
+        cmocka_unit_test(between_leaves_the_lower_bound_out_and_nan),
         cmocka_unit_test(masks_are_sixteen_bits),
         cmocka_unit_test(integers_wrap_shift_and_round_to_even),
         cmocka_unit_test(compressed_lanes_keep_their_order_and_narrow_ones_their_value),

@@ -102,7 +102,7 @@ for limit in 3s 12s 48s; do
     run 0 train "${data[@]}" -o "$out" --iterations 1000000 --spare off --time-limit "$limit"
     [ "$(jq .iterations "$out/summary.json")" = 0 ] || break
 done
-json "$out/summary.json" '.stop_reason == "time_limit" and .iterations > 0 and .iterations < 1000000 and .train.psnr == null'
+json "$out/summary.json" '.stop_reason == "time_limit" and .stop_text == "stopped by --time-limit" and .iterations > 0 and .iterations < 1000000 and .train.psnr == null'
 says "continue with --resume"
 check the_state_is_saved test -s "$out/checkpoint/state.bin"
 at=$(jq .iterations "$out/summary.json")

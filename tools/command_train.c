@@ -404,6 +404,14 @@ static bool stopped_early(const training *run)
     return run->stop >= SGS_STOP_SIGNAL;
 }
 
+static const char *stop_text(const training *run)
+{
+    return run->stop == SGS_STOP_SIGNAL         ? "stopped by a signal"
+           : run->stop == SGS_STOP_TIME_LIMIT   ? "stopped by --time-limit"
+           : run->stop == SGS_STOP_MEMORY_LIMIT ? "stopped by --max-memory"
+                                                : sgs_trainer_stop_text(run->trainer);
+}
+
 static bool save_results(training *run)
 {
     const sgs_gaussians *model = sgs_trainer_model(run->trainer);
@@ -412,7 +420,7 @@ static bool save_results(training *run)
     run->seconds = sgs_trainer_seconds(run->trainer);
     run->bytes = sgs_trainer_bytes(run->trainer);
     run->skipped = sgs_trainer_skipped(run->trainer);
-    run->stop_text = format_text("%s", sgs_trainer_stop_text(run->trainer));
+    run->stop_text = format_text("%s", stop_text(run));
     sgs_gaussians_hash(model, run->hash);
     const sgs_train_options options = train_library_options(&run->values, run->common.seed);
     run->memory_estimate =

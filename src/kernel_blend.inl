@@ -269,7 +269,7 @@ static inline uint32_t evaluate_block(sgsi_scratch *s, const sgsi_tile_rays *ray
 {
     const block_elements el = open_elements(s);
     const float *restrict records = s->tile_records;
-    const block_rays lanes = *block;
+    const block_rays lanes = *block; // a copy that no store can change stays in registers
     const vf open = vf_set1(INFINITY);
     vf prefix = vf_set1(1.0f), t_last = vf_set1(-INFINITY), far = open;
     uint32_t kept = 0, ordered = 0, i = 0;
@@ -436,9 +436,8 @@ static inline void order_behind_back(const block_elements *el, const float *rest
                                      float *restrict behind, ptrdiff_t g, ptrdiff_t back)
 {
     const ptrdiff_t first = g * GROUP;
-    vf t_i[GROUP], q_i[GROUP], gained[GROUP];
+    vf q_i[GROUP], gained[GROUP];
     for (int i = 0; i < GROUP; ++i) {
-        t_i[i] = vf_load(el->t + 16 * (first + i));
         q_i[i] = vf_load(q + 16 * (first + i));
         gained[i] = vf_load(behind + 16 * (first + i));
     }
@@ -446,7 +445,7 @@ static inline void order_behind_back(const block_elements *el, const float *rest
         const vf t_j = vf_load(el->t + 16 * at), q_j = vf_load(q + 16 * at);
         vf lost = vf_load(behind + 16 * at);
         for (int i = 0; i < GROUP; ++i) {
-            const vm swapped = vm_not(vf_le(t_j, t_i[i]));
+            const vm swapped = vm_not(in_front(el, t_j, first + i));
             gained[i] = vf_add_where(swapped, gained[i], q_j);
             lost = vf_sub_where(swapped, lost, q_i[i]);
         }

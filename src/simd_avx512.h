@@ -196,8 +196,8 @@ static inline vi vi_lookup8(const int32_t table[8], vi i)
     return _mm512_permutexvar_epi32(i, _mm512_broadcast_i64x4(half));
 }
 
-// low < x <= high, for 0 <= low <= high. Numbers from 0 on are in the order of their
-// bits; what is negative or none has larger ones, without a sign.
+// low < x <= high, for 0 <= low <= high. Numbers from 0 on are in the order of their bits;
+// what is negative or none has larger ones, without a sign.
 static inline vm vf_between(vf x, vf low, vf high)
 {
     const __m512i top = _mm512_castps_si512(high);

@@ -19,6 +19,7 @@
 #include "commands.h"
 #include "experiment_plan.h"
 #include "interrupt.h"
+#include "json_file.h"
 #include "options.h"
 #include "output.h"
 #include "progress.h"
@@ -285,10 +286,7 @@ static int run_all(const experiment_plan *plan, const char *folder)
 static bool print_results(const char *folder)
 {
     char *path = format_text("%s/results.json", folder);
-    json_error_t error;
-    json_t *results = json_load_file(path, 0, &error);
-    if (!results)
-        fail_run("%s: %s", path, error.text);
+    json_t *results = read_json(path);
     free(path);
     return results && print_json(results);
 }

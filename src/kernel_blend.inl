@@ -498,18 +498,44 @@ static inline vf weigh_block(const sgsi_scratch *s, const block_elements *el, co
 // The gradient with respect to the projected centre is proportional to v (a A + b B - E C), x and y
 // in camera axes (kernel_optimize.inl: transverse). The record of the element has A, B, C in the
 // frame of the bin.
-static inline void absolute_terms(const float *r, const float frame[9], vf va, vf vb, vf ve,
-                                  vf terms[16])
+static inline void absolute_sums(const float *r, const float frame[9], vf v, vf a, vf b, vf e,
+                                 vh sums[16])
 {
+    const vf va = vf_mul(v, a), vb = vf_mul(v, b), ve = vf_mul(v, e);
     vf along[3]; // d0, e1, e2
     for (int k = 0; k < 3; ++k)
         along[k] = vf_fma(
             va, vf_set1(r[SGSI_RECORD_A + k]),
             vf_fms(vb, vf_set1(r[SGSI_RECORD_B + k]), vf_mul(ve, vf_set1(r[SGSI_RECORD_C + k]))));
     for (int axis = 0; axis < 2; ++axis)
-        terms[SGSI_SUM_ABSOLUTE + axis] = vf_abs(vf_fma(
+        sums[SGSI_SUM_ABSOLUTE + axis] = vf_fold(vf_abs(vf_fma(
             along[2], vf_set1(frame[6 + axis]),
-            vf_fma(along[1], vf_set1(frame[3 + axis]), vf_mul(along[0], vf_set1(frame[axis])))));
+            vf_fma(along[1], vf_set1(frame[3 + axis]), vf_mul(along[0], vf_set1(frame[axis]))))));
+}
+
+// sum[k] = the lower half of what a gradient adds up, plus the upper one: the sums of an element
+// but for those of absolute values.
+static inline void element_sums(const float *w, const float *v, const float *a, const float *b,
+                                const float *e, const vh d_color[3][2], vh sums[16])
+{
+    const vh w0 = vh_load(w), w1 = vh_load(w + 8), v0 = vh_load(v), v1 = vh_load(v + 8);
+    const vh a0 = vh_load(a), a1 = vh_load(a + 8), b0 = vh_load(b), b1 = vh_load(b + 8);
+    const vh e0 = vh_load(e), e1 = vh_load(e + 8);
+    const vh va0 = vh_mul(v0, a0), va1 = vh_mul(v1, a1), vb0 = vh_mul(v0, b0), vb1 = vh_mul(v1, b1);
+    const vh ve0 = vh_mul(v0, e0), ve1 = vh_mul(v1, e1);
+    for (int c = 0; c < 3; ++c)
+        sums[SGSI_SUM_COLOR + c] = vh_fma(w1, d_color[c][1], vh_mul(w0, d_color[c][0]));
+    sums[SGSI_SUM_V] = vh_add(v0, v1);
+    sums[SGSI_SUM_VA] = vh_add(va0, va1);
+    sums[SGSI_SUM_VB] = vh_add(vb0, vb1);
+    sums[SGSI_SUM_VE] = vh_add(ve0, ve1);
+    sums[SGSI_SUM_VAA] = vh_fma(va1, a1, vh_mul(va0, a0));
+    sums[SGSI_SUM_VAB] = vh_fma(va1, b1, vh_mul(va0, b0));
+    sums[SGSI_SUM_VBB] = vh_fma(vb1, b1, vh_mul(vb0, b0));
+    sums[SGSI_SUM_VAE] = vh_fma(va1, e1, vh_mul(va0, e0));
+    sums[SGSI_SUM_VBE] = vh_fma(vb1, e1, vh_mul(vb0, e0));
+    sums[SGSI_SUM_VEE] = vh_fma(ve1, e1, vh_mul(ve0, e0));
+    sums[SGSI_SUM_WEIGHT] = vh_add(w0, w1);
 }
 
 // v of the elements, in the place of q, from the last one on; `run` begins as what lies behind all.
@@ -532,49 +558,34 @@ static inline __attribute__((always_inline)) void backward_block(sgsi_scratch *s
                                                                  sgsi_tile_target *target, int b,
                                                                  bool absolute)
 {
-    const vf one = vf_set1(1.0f), zero = vf_zero();
     uint32_t *order = list->elements + list->block_begin[b];
     const uint32_t count = list->block_begin[b + 1] - list->block_begin[b];
     if (!count)
         return;
     const block_rays block = load_block(target->rays, b, target->near_distance);
+    float lanes[16] __attribute__((aligned(64)));
     evaluate_block(s, target->rays, b, &block, order, count, false, true, &target->evaluations);
     const block_elements el = open_elements(s);
     block_gradient d;
-    for (int c = 0; c < 3; ++c)
+    vh d_color[3][2];
+    for (int c = 0; c < 3; ++c) {
         d.color[c] = load_block_plane(target->d_color[c], target, b);
+        vf_store(lanes, d.color[c]);
+        d_color[c][0] = vh_load(lanes), d_color[c][1] = vh_load(lanes + 8);
+    }
     d.transmittance = load_block_plane(target->d_transmittance, target, b);
     const vf end = weigh_block(s, &el, order, count, &d);
     float *restrict vs = s->q + 16 * GROUP;
     differentiate_block(&el, vs, s->behind + 16 * GROUP, count, vf_mul(end, d.transmittance));
-    float *restrict sums = s->sums;
     for (uint32_t i = 0; i < count; ++i) {
-        const vf w = vf_load(el.transmittance + 16 * i), v = vf_load(vs + 16 * i);
-        const vf a = vf_load(el.a + 16 * i), bb = vf_load(el.b + 16 * i),
-                 e = vf_load(el.e + 16 * i);
-        const vm counted = vf_gt(w, zero);
-        const vf va = vf_mul(v, a), vb = vf_mul(v, bb), ve = vf_mul(v, e);
-        vf terms[16] = {vf_mul(w, d.color[0]),
-                        vf_mul(w, d.color[1]),
-                        vf_mul(w, d.color[2]),
-                        v,
-                        va,
-                        vb,
-                        ve,
-                        vf_mul(va, a),
-                        vf_mul(va, bb),
-                        vf_mul(vb, bb),
-                        vf_mul(va, e),
-                        vf_mul(vb, e),
-                        vf_mul(ve, e),
-                        vf_keep(counted, one),
-                        zero,
-                        zero};
+        const size_t at = 16 * (size_t)i, row = 16 * (size_t)order[i];
+        vh sums[16] = {[SGSI_SUM_ABSOLUTE] = vh_zero(), [SGSI_SUM_ABSOLUTE + 1] = vh_zero()};
+        element_sums(el.transmittance + at, vs + at, el.a + at, el.b + at, el.e + at, d_color,
+                     sums);
         if (absolute)
-            absolute_terms(s->tile_records + 16 * (size_t)order[i], target->rays->frame, va, vb, ve,
-                           terms);
-        float *sum = sums + 16 * (size_t)order[i];
-        vf_store(sum, vf_add(vf_load(sum), vf_sum16(terms)));
+            absolute_sums(s->tile_records + row, target->rays->frame, vf_load(vs + at),
+                          vf_load(el.a + at), vf_load(el.b + at), vf_load(el.e + at), sums);
+        vh_add_sums(s->sums + row, sums);
     }
 }
 

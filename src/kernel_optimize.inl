@@ -373,7 +373,7 @@ static size_t optimize(const sgsi_optimize *input, size_t begin, size_t end)
             continue;
         }
         const vm finite = finite_rows(&d);
-        const vm seen = vm_and(vf_gt(sums[SGSI_SUM_HITS], vf_zero()), present);
+        const vm seen = vm_and(vf_gt(sums[SGSI_SUM_WEIGHT], vf_zero()), present);
         broken += (size_t)__builtin_popcount(vm_bits(vm_andnot(seen, finite)));
         if (input->gradient_sum) {
             float *sum = input->gradient_sum + 16 * block;

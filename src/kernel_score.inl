@@ -42,24 +42,11 @@ static void score_block(sgsi_scratch *s, const sgsi_tile_list *list, const sgsi_
             const vf dx = vf_sub(x, vf_set1(center[0])), dy = vf_sub(y, vf_set1(center[1]));
             distance = vf_keep(counted, vf_sqrt(vf_fma(dx, dx, vf_mul(dy, dy))));
         }
-        const vf terms[16] = {vf_keep(counted, weight),
-                              vf_keep(counted, one),
-                              w,
-                              distance,
-                              zero,
-                              zero,
-                              zero,
-                              zero,
-                              zero,
-                              zero,
-                              zero,
-                              zero,
-                              zero,
-                              zero,
-                              zero,
-                              zero};
-        float *sum = s->sums + 16 * (size_t)order[i];
-        vf_store(sum, vf_add(vf_load(sum), vf_sum16(terms)));
+        vh sums[16] = {vf_fold(vf_keep(counted, weight)), vf_fold(vf_keep(counted, one)),
+                       vf_fold(w), vf_fold(distance)};
+        for (int k = 4; k < 16; ++k)
+            sums[k] = vh_zero();
+        vh_add_sums(s->sums + 16 * (size_t)order[i], sums);
     }
 }
 

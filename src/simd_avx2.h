@@ -6,6 +6,8 @@
 
 #include <immintrin.h>
 
+#include "simd_halves.h"
+
 #define SIMD_KEYS 16 // sort keys compared at a time
 
 typedef struct vf {
@@ -198,29 +200,10 @@ static inline vi vi_lookup8(const int32_t table[8], vi i)
     return (vi){_mm256_permutevar8x32_epi32(all, i.a), _mm256_permutevar8x32_epi32(all, i.b)};
 }
 
-// Lane k of the result is the sum over the lanes of v[k], by the tree of vf_sum.
-static inline vf vf_sum16(const vf v[16])
+// Lower and upper half added.
+static inline vh vf_fold(vf x)
 {
-    vf result;
-    for (int half = 0; half < 2; ++half) {
-        __m256 a[8], b[4], c[2];
-        for (int k = 0; k < 8; ++k)
-            a[k] = _mm256_add_ps(v[8 * half + k].a, v[8 * half + k].b);
-        for (int k = 0; k < 4; ++k) // low quarter: k, high quarter: k + 4
-            b[k] = _mm256_add_ps(_mm256_permute2f128_ps(a[k], a[k + 4], 0x20),
-                                 _mm256_permute2f128_ps(a[k], a[k + 4], 0x31));
-        for (int k = 0; k < 2; ++k)
-            c[k] = _mm256_add_ps(_mm256_shuffle_ps(b[k], b[k + 2], 0x44),
-                                 _mm256_shuffle_ps(b[k], b[k + 2], 0xEE));
-        const __m256 d =
-            _mm256_add_ps(_mm256_shuffle_ps(c[0], c[1], 0x88), _mm256_shuffle_ps(c[0], c[1], 0xDD));
-        const __m256 ordered = _mm256_shuffle_ps(d, d, 0xD8); // 0, 2, 1, 3 -> 0, 1, 2, 3
-        if (half)
-            result.b = ordered;
-        else
-            result.a = ordered;
-    }
-    return result;
+    return _mm256_add_ps(x.a, x.b);
 }
 
 static inline void transpose8(__m256 r[8])

@@ -6,6 +6,8 @@
 
 #include <immintrin.h>
 
+#include "simd_halves.h"
+
 typedef __m512 vf;
 typedef __m512i vi;
 typedef __mmask16 vm;
@@ -205,26 +207,10 @@ static inline vm vf_between(vf x, vf low, vf high)
                                    _mm512_sub_epi32(top, _mm512_castps_si512(low)));
 }
 
-// Lane k of the result is the sum over the lanes of v[k], by the tree of vf_sum. Each step adds the
-// upper to the lower parts of two vectors: x + y' with one shuffle and one blend, as blends run on
-// more ports than shuffles.
-static inline vf vf_sum16(const vf v[16])
+// Lower and upper half added.
+static inline vh vf_fold(vf x)
 {
-    vf a[8], b[4], c[2];
-    for (int k = 0; k < 8; ++k) // 256-bit halves of v[k] and v[k + 8]
-        a[k] = _mm512_add_ps(_mm512_shuffle_f32x4(v[k], v[k + 8], 0x4E),
-                             _mm512_mask_blend_ps(0xFF00, v[k], v[k + 8]));
-    const vi quarters =
-        _mm512_setr_epi32(4, 5, 6, 7, 16, 17, 18, 19, 12, 13, 14, 15, 24, 25, 26, 27);
-    for (int k = 0; k < 4; ++k) // quarters: k, k + 4, k + 8, k + 12
-        b[k] = _mm512_add_ps(_mm512_permutex2var_ps(a[k], quarters, a[k + 4]),
-                             _mm512_mask_blend_ps(0xF0F0, a[k], a[k + 4]));
-    for (int k = 0; k < 2; ++k) // pairs: each quarter holds k, k, k+2, k+2
-        c[k] = _mm512_add_ps(_mm512_shuffle_ps(b[k], b[k + 2], 0x4E),
-                             _mm512_mask_blend_ps(0xCCCC, b[k], b[k + 2]));
-    const vf d =
-        _mm512_add_ps(_mm512_shuffle_ps(c[0], c[1], 0x88), _mm512_shuffle_ps(c[0], c[1], 0xDD));
-    return _mm512_permute_ps(d, 0xD8); // 0, 2, 1, 3 within each quarter
+    return _mm256_add_ps(_mm512_castps512_ps256(x), _mm512_extractf32x8_ps(x, 1));
 }
 
 // Transposes 16 rows of 16 lanes in place.

@@ -359,18 +359,53 @@ static inline vi vi_lookup8(const int32_t table[8], vi i)
     return vi_load(lanes);
 }
 
-// Lane k of the result is the sum over the lanes of v[k], by the tree of vf_sum.
-static inline qf sum_four(const vf v[4])
+// ---- Half of the lanes, and sums over the lanes: see simd_halves.h ----
+
+typedef struct vh {
+    qf a, b;
+} vh;
+
+static inline vh vh_load(const float *p)
 {
-    qf r[4];
-    for (int k = 0; k < 4; ++k)
-        r[k] = (v[k].a + v[k].c) + (v[k].b + v[k].d);
-    transpose4(&r[0], &r[1], &r[2], &r[3]);
-    return (r[0] + r[2]) + (r[1] + r[3]);
+    vh r;
+    memcpy(&r, p, sizeof r);
+    return r;
 }
-static inline vf vf_sum16(const vf v[16])
+static inline vh vh_zero(void)
 {
-    return (vf){sum_four(v), sum_four(v + 4), sum_four(v + 8), sum_four(v + 12)};
+    return (vh){qf_set1(0.0f), qf_set1(0.0f)};
+}
+static inline vh vh_add(vh x, vh y)
+{
+    return (vh){x.a + y.a, x.b + y.b};
+}
+static inline vh vh_mul(vh x, vh y)
+{
+    return (vh){x.a * y.a, x.b * y.b};
+}
+static inline vh vh_fma(vh x, vh y, vh z)
+{
+    return (vh){qf_fma(x.a, y.a, z.a), qf_fma(x.b, y.b, z.b)};
+}
+
+// Lower and upper half added.
+static inline vh vf_fold(vf x)
+{
+    return (vh){x.a + x.c, x.b + x.d};
+}
+
+// row[k] += the sum over the lanes of x[k], by the tree of vf_sum.
+static inline void vh_add_sums(float *row, const vh x[16])
+{
+    for (int k = 0; k < 16; k += 4) {
+        qf r[4], sum;
+        for (int j = 0; j < 4; ++j)
+            r[j] = x[k + j].a + x[k + j].b;
+        transpose4(&r[0], &r[1], &r[2], &r[3]);
+        memcpy(&sum, row + k, sizeof sum);
+        sum += (r[0] + r[2]) + (r[1] + r[3]);
+        memcpy(row + k, &sum, sizeof sum);
+    }
 }
 
 // Transposes 16 rows of 16 lanes in place.

@@ -60,7 +60,7 @@ enum {
     SGSI_SUM_VAE = 10,
     SGSI_SUM_VBE = 11,
     SGSI_SUM_VEE = 12,
-    SGSI_SUM_HITS = 13,
+    SGSI_SUM_WEIGHT = 13, // sum w: above 0 where any ray counts a hit
     SGSI_SUM_ABSOLUTE =
         14 // 2, on demand: sums of |v (a A + b B - E C)| over x and y of the camera axes
 };

@@ -85,7 +85,7 @@ typedef struct simd_probe {
                      int32_t out[PROBE_INTEGER_COUNT][16]);
     void (*to_float)(const int32_t *p, float *out);
     float (*sum)(const float *x);
-    void (*sum16)(const float x[16][16], float out[16]);
+    void (*sum16)(const float x[16][16], float out[16]); // adds to out
     void (*transpose)(float x[16][16]);
     void (*load_u8)(const uint8_t *p, float out[16]);                    // p: any address
     unsigned (*compress)(const int32_t *p, unsigned mask, int32_t *out); // out: [16], any address

@@ -108,10 +108,10 @@ static float probe_sum(const float *x)
 
 static void probe_sum16(const float x[16][16], float out[16])
 {
-    vf rows[16];
+    vh halves[16];
     for (int i = 0; i < 16; ++i)
-        rows[i] = vf_load(x[i]);
-    vf_store(out, vf_sum16(rows));
+        halves[i] = vf_fold(vf_load(x[i]));
+    vh_add_sums(out, halves);
 }
 
 static void probe_transpose(float x[16][16])

@@ -58,19 +58,30 @@ typedef struct response {
     vm hit;
 } response;
 
-// far: hits beyond it (units of |d|) are none.
-static inline response respond(const float *r, const block_rays *block, vf far)
+// What a response is made of: A, B, C, A^2 + B^2 and 1 / G.
+typedef struct slopes {
+    vf a, b, c, n2, inv_g;
+} slopes;
+
+static inline slopes meet(const float *r, const block_rays *block)
 {
-    const vf a = vf_fma(block->v, vf_set1(r[2]), vf_fma(block->u, vf_set1(r[1]), vf_set1(r[0])));
-    const vf b = vf_fma(block->v, vf_set1(r[5]), vf_fma(block->u, vf_set1(r[4]), vf_set1(r[3])));
-    const vf c = vf_fma(block->v, vf_set1(r[8]), vf_fma(block->u, vf_set1(r[7]), vf_set1(r[6])));
-    const vf n2 = vf_fma(a, a, vf_mul(b, b));
-    const vf inv_g = vf_div(vf_set1(1.0f), vf_fma(vf_set1(r[10]), n2, vf_mul(c, c)));
-    const vf c_g = vf_mul(c, inv_g);
+    slopes x;
+    x.a = vf_fma(block->v, vf_set1(r[2]), vf_fma(block->u, vf_set1(r[1]), vf_set1(r[0])));
+    x.b = vf_fma(block->v, vf_set1(r[5]), vf_fma(block->u, vf_set1(r[4]), vf_set1(r[3])));
+    x.c = vf_fma(block->v, vf_set1(r[8]), vf_fma(block->u, vf_set1(r[7]), vf_set1(r[6])));
+    x.n2 = vf_fma(x.a, x.a, vf_mul(x.b, x.b));
+    x.inv_g = vf_div(vf_set1(1.0f), vf_fma(vf_set1(r[10]), x.n2, vf_mul(x.c, x.c)));
+    return x;
+}
+
+// far: hits beyond it (units of |d|) are none.
+static inline response respond(const float *r, const slopes *s, const block_rays *block, vf far)
+{
+    const vf c_g = vf_mul(s->c, s->inv_g);
     response x;
-    x.e = vf_mul(n2, inv_g);
-    x.a = vf_mul(a, c_g);
-    x.b = vf_mul(b, c_g);
+    x.e = vf_mul(s->n2, s->inv_g);
+    x.a = vf_mul(s->a, c_g);
+    x.b = vf_mul(s->b, c_g);
     const vf exponent = vf_sub(vf_set1(r[9]), x.e), t = vf_mul(vf_set1(r[11]), c_g);
     x.hit = vm_and(vf_ge(exponent, vf_set1(-SGSI_LOG2_255)), vf_between(t, block->near, far));
     x.exponent = vf_select(x.hit, exponent, vf_set1(NO_HIT));
@@ -277,9 +288,15 @@ static inline uint32_t evaluate_block(sgsi_scratch *s, const sgsi_tile_rays *ray
     put_sentinels(&el);
     while (i < count) {
         const uint32_t end = count - i < CHUNK ? count : i + CHUNK;
+        // An element's slopes are on the way while the response of the one before is made: the
+        // chain from the record to the response is too long for the processor to look beyond it.
+        const float *r = records + 16 * (size_t)order[i];
+        slopes met = meet(r, &lanes);
         for (; i < end; ++i) {
             const uint32_t index = order[i];
-            const response x = respond(records + 16 * (size_t)index, &lanes, far);
+            const float *next = records + 16 * (size_t)order[i + 1 < end ? i + 1 : i];
+            const slopes meets = meet(next, &lanes);
+            const response x = respond(r, &met, &lanes, far);
             put_element(&el, kept, x.exponent, x.t);
             if (keep_responses) {
                 vf_store(el.a + 16 * kept, x.a);
@@ -288,6 +305,8 @@ static inline uint32_t evaluate_block(sgsi_scratch *s, const sgsi_tile_rays *ray
             }
             order[kept] = index;
             kept += !may_drop || vm_any(x.hit); // lists of the backward pass hold what is hit
+            r = next;
+            met = meets;
         }
         for (; ordered + GROUP <= kept; ordered += GROUP)
             order_next(s, &el, ordered / GROUP, &prefix, &t_last);
@@ -459,8 +478,8 @@ typedef struct block_gradient {
     vf color[3], transmittance; // dL/dC, dL/dT of the block's pixels
 } block_gradient;
 
-// Weights (over `transmittance`), q and the corrections of `behind`. Returns the transmittance at
-// the end.
+// Weights (over `transmittance`), alpha / (1 - alpha) of what counts (over `alpha`), q and the
+// corrections of `behind`. Returns the transmittance at the end.
 static inline vf weigh_block(const sgsi_scratch *s, const block_elements *el, const uint32_t *order,
                              uint32_t count, const block_gradient *d)
 {
@@ -482,6 +501,7 @@ static inline vf weigh_block(const sgsi_scratch *s, const block_elements *el, co
                                       vf_fma(vf_set1(color[1]), d->color[1],
                                              vf_mul(vf_set1(color[2]), d->color[2]))));
             vf_store(el->transmittance + 16 * i, w);
+            vf_store(el->alpha + 16 * i, vf_keep(counts, vf_div(alpha, through)));
             vf_store(q + 16 * i, q_i[k]);
         }
         order_behind_within(el, first, q_i, behind);
@@ -513,19 +533,21 @@ static inline void absolute_sums(const float *r, const float frame[9], vf v, vf 
             vf_fma(along[1], vf_set1(frame[3 + axis]), vf_mul(along[0], vf_set1(frame[axis]))))));
 }
 
-// sum[k] = the lower half of what a gradient adds up, plus the upper one: the sums of an element
-// but for those of absolute values.
-static inline void element_sums(const float *w, const float *v, const float *a, const float *b,
-                                const float *e, const vh d_color[3][2], vh sums[16])
+// The sums of an element but for those of absolute values, the lower half of the lanes and the
+// upper one added. `at`: where its lanes begin; v: of either half.
+static inline void element_sums(const block_elements *el, size_t at, const vh v[2],
+                                const vh d_color[3][2], vh sums[16])
 {
-    const vh w0 = vh_load(w), w1 = vh_load(w + 8), v0 = vh_load(v), v1 = vh_load(v + 8);
-    const vh a0 = vh_load(a), a1 = vh_load(a + 8), b0 = vh_load(b), b1 = vh_load(b + 8);
-    const vh e0 = vh_load(e), e1 = vh_load(e + 8);
-    const vh va0 = vh_mul(v0, a0), va1 = vh_mul(v1, a1), vb0 = vh_mul(v0, b0), vb1 = vh_mul(v1, b1);
-    const vh ve0 = vh_mul(v0, e0), ve1 = vh_mul(v1, e1);
+    const vh w0 = vh_load(el->transmittance + at), w1 = vh_load(el->transmittance + at + 8);
+    const vh a0 = vh_load(el->a + at), a1 = vh_load(el->a + at + 8);
+    const vh b0 = vh_load(el->b + at), b1 = vh_load(el->b + at + 8);
+    const vh e0 = vh_load(el->e + at), e1 = vh_load(el->e + at + 8);
+    const vh va0 = vh_mul(v[0], a0), va1 = vh_mul(v[1], a1);
+    const vh vb0 = vh_mul(v[0], b0), vb1 = vh_mul(v[1], b1);
+    const vh ve0 = vh_mul(v[0], e0), ve1 = vh_mul(v[1], e1);
     for (int c = 0; c < 3; ++c)
         sums[SGSI_SUM_COLOR + c] = vh_fma(w1, d_color[c][1], vh_mul(w0, d_color[c][0]));
-    sums[SGSI_SUM_V] = vh_add(v0, v1);
+    sums[SGSI_SUM_V] = vh_add(v[0], v[1]);
     sums[SGSI_SUM_VA] = vh_add(va0, va1);
     sums[SGSI_SUM_VB] = vh_add(vb0, vb1);
     sums[SGSI_SUM_VE] = vh_add(ve0, ve1);
@@ -538,21 +560,6 @@ static inline void element_sums(const float *w, const float *v, const float *a, 
     sums[SGSI_SUM_WEIGHT] = vh_add(w0, w1);
 }
 
-// v of the elements, in the place of q, from the last one on; `run` begins as what lies behind all.
-// A loop of its own: the division's latency would hold up the sums.
-static inline void differentiate_block(const block_elements *el, float *restrict q,
-                                       const float *restrict behind, uint32_t count, vf run)
-{
-    for (uint32_t i = count; i-- > 0;) {
-        const vf alpha = vf_load(el->alpha + 16 * i), q_i = vf_load(q + 16 * i);
-        const vf hidden = vf_mul(vf_add(run, vf_load(behind + 16 * i)),
-                                 vf_div(alpha, vf_sub(vf_set1(1.0f), alpha)));
-        const vm counted = vf_gt(vf_load(el->transmittance + 16 * i), vf_zero());
-        vf_store(q + 16 * i, vf_keep(counted, vf_sub(q_i, hidden)));
-        run = vf_add(run, q_i);
-    }
-}
-
 static inline __attribute__((always_inline)) void backward_block(sgsi_scratch *s,
                                                                  const sgsi_tile_list *list,
                                                                  sgsi_tile_target *target, int b,
@@ -563,27 +570,31 @@ static inline __attribute__((always_inline)) void backward_block(sgsi_scratch *s
     if (!count)
         return;
     const block_rays block = load_block(target->rays, b, target->near_distance);
-    float lanes[16] __attribute__((aligned(64)));
     evaluate_block(s, target->rays, b, &block, order, count, false, true, &target->evaluations);
     const block_elements el = open_elements(s);
     block_gradient d;
-    vh d_color[3][2];
-    for (int c = 0; c < 3; ++c) {
+    for (int c = 0; c < 3; ++c)
         d.color[c] = load_block_plane(target->d_color[c], target, b);
-        vf_store(lanes, d.color[c]);
-        d_color[c][0] = vh_load(lanes), d_color[c][1] = vh_load(lanes + 8);
-    }
     d.transmittance = load_block_plane(target->d_transmittance, target, b);
-    const vf end = weigh_block(s, &el, order, count, &d);
-    float *restrict vs = s->q + 16 * GROUP;
-    differentiate_block(&el, vs, s->behind + 16 * GROUP, count, vf_mul(end, d.transmittance));
-    for (uint32_t i = 0; i < count; ++i) {
+    const vf end = vf_mul(weigh_block(s, &el, order, count, &d), d.transmittance);
+    vh d_color[3][2], run[2]; // run: what lies behind the element, of either half
+    for (int c = 0; c < 3; ++c)
+        vf_halves(d.color[c], d_color[c]);
+    vf_halves(end, run);
+    float *restrict q = s->q + 16 * GROUP;
+    const float *restrict behind = s->behind + 16 * GROUP;
+    for (uint32_t i = count; i-- > 0;) {
         const size_t at = 16 * (size_t)i, row = 16 * (size_t)order[i];
-        vh sums[16] = {[SGSI_SUM_ABSOLUTE] = vh_zero(), [SGSI_SUM_ABSOLUTE + 1] = vh_zero()};
-        element_sums(el.transmittance + at, vs + at, el.a + at, el.b + at, el.e + at, d_color,
-                     sums);
+        vh sums[16] = {[SGSI_SUM_ABSOLUTE] = vh_zero(), [SGSI_SUM_ABSOLUTE + 1] = vh_zero()}, v[2];
+        for (size_t half = 0; half < 2; ++half) {
+            const vh q_i = vh_load(q + at + 8 * half);
+            const vh hidden = vh_add(run[half], vh_load(behind + at + 8 * half));
+            v[half] = vh_fnma(hidden, vh_load(el.alpha + at + 8 * half), q_i);
+            run[half] = vh_add(run[half], q_i);
+        }
+        element_sums(&el, at, v, d_color, sums);
         if (absolute)
-            absolute_sums(s->tile_records + row, target->rays->frame, vf_load(vs + at),
+            absolute_sums(s->tile_records + row, target->rays->frame, vf_join(v),
                           vf_load(el.a + at), vf_load(el.b + at), vf_load(el.e + at), sums);
         vh_add_sums(s->sums + row, sums);
     }

@@ -200,6 +200,14 @@ static inline vi vi_lookup8(const int32_t table[8], vi i)
     return (vi){_mm256_permutevar8x32_epi32(all, i.a), _mm256_permutevar8x32_epi32(all, i.b)};
 }
 
+static inline void vf_halves(vf x, vh halves[2])
+{
+    halves[0] = x.a, halves[1] = x.b;
+}
+static inline vf vf_join(const vh halves[2])
+{
+    return (vf){halves[0], halves[1]};
+}
 // Lower and upper half added.
 static inline vh vf_fold(vf x)
 {

@@ -207,6 +207,14 @@ static inline vm vf_between(vf x, vf low, vf high)
                                    _mm512_sub_epi32(top, _mm512_castps_si512(low)));
 }
 
+static inline void vf_halves(vf x, vh halves[2])
+{
+    halves[0] = _mm512_castps512_ps256(x), halves[1] = _mm512_extractf32x8_ps(x, 1);
+}
+static inline vf vf_join(const vh halves[2])
+{
+    return _mm512_insertf32x8(_mm512_castps256_ps512(halves[0]), halves[1], 1);
+}
 // Lower and upper half added.
 static inline vh vf_fold(vf x)
 {

@@ -28,6 +28,10 @@ static inline vh vh_fma(vh a, vh b, vh c)
 {
     return _mm256_fmadd_ps(a, b, c);
 } // a b + c
+static inline vh vh_fnma(vh a, vh b, vh c)
+{
+    return _mm256_fnmadd_ps(a, b, c);
+} // c - a b
 
 // Lane k of the result is the sum over the lanes of x[k]. Each step adds the upper to the lower
 // parts of two vectors: x + y' with one shuffle and one blend, as blends run on more ports than

@@ -65,6 +65,17 @@ enum {
     PROBE_INTEGER_COUNT
 };
 
+// Rows of `halves`.
+enum {
+    PROBE_HALF_ADD,
+    PROBE_HALF_MUL,
+    PROBE_HALF_FMA,
+    PROBE_HALF_FNMA,
+    PROBE_HALF_LOAD,
+    PROBE_HALF_ZERO,
+    PROBE_HALF_COUNT
+};
+
 enum { PROBE_KEYS_MAX = 512 };
 
 typedef struct simd_probe {
@@ -74,6 +85,8 @@ typedef struct simd_probe {
     void (*exp)(const float *x, float *y, size_t count);
     void (*arithmetic)(const float *x, const float *y, const float *z,
                        float out[PROBE_ARITHMETIC_COUNT][16]);
+    // Each half by itself, and joined again.
+    void (*halves)(const float *x, const float *y, const float *z, float out[PROBE_HALF_COUNT][16]);
     void (*masks)(const float *x, const float *y, unsigned a, unsigned b,
                   unsigned out[PROBE_MASK_COUNT]);
     unsigned (*between)(const float *x, const float *low, const float *high);

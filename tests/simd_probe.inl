@@ -41,6 +41,25 @@ static void probe_arithmetic(const float *px, const float *py, const float *pz,
     vf_store(out[PROBE_CLAMP], vf_clamp(x, vf_set1(-0.25f), vf_set1(0.5f)));
 }
 
+static void probe_halves(const float *px, const float *py, const float *pz,
+                         float out[PROBE_HALF_COUNT][16])
+{
+    vh x[2], y[2], z[2], rows[PROBE_HALF_COUNT][2];
+    vf_halves(vf_load(px), x);
+    vf_halves(vf_load(py), y);
+    vf_halves(vf_load(pz), z);
+    for (int k = 0; k < 2; ++k) {
+        rows[PROBE_HALF_ADD][k] = vh_add(x[k], y[k]);
+        rows[PROBE_HALF_MUL][k] = vh_mul(x[k], y[k]);
+        rows[PROBE_HALF_FMA][k] = vh_fma(x[k], y[k], z[k]);
+        rows[PROBE_HALF_FNMA][k] = vh_fnma(x[k], y[k], z[k]);
+        rows[PROBE_HALF_LOAD][k] = vh_load(px + 8 * (size_t)k);
+        rows[PROBE_HALF_ZERO][k] = vh_zero();
+    }
+    for (int i = 0; i < PROBE_HALF_COUNT; ++i)
+        vf_store(out[i], vf_join(rows[i]));
+}
+
 static void probe_masks(const float *px, const float *py, unsigned a, unsigned b,
                         unsigned out[PROBE_MASK_COUNT])
 {
@@ -154,6 +173,7 @@ const simd_probe SGSI_KERNEL(simd_probe) = {
     .log2 = probe_log2,
     .exp = probe_exp,
     .arithmetic = probe_arithmetic,
+    .halves = probe_halves,
     .masks = probe_masks,
     .between = probe_between,
     .lanes = probe_lanes,

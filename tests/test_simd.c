@@ -49,6 +49,13 @@ static void fill(float *x, size_t count, uint64_t seed, double low, double high)
         x[i] = random_float(seed, i, low, high);
 }
 
+static uint32_t bits_of(float x)
+{
+    uint32_t bits;
+    memcpy(&bits, &x, sizeof bits);
+    return bits;
+}
+
 // ---- The exponential ----
 
 enum { GRID = 1 << 20 };
@@ -211,6 +218,31 @@ static void arithmetic_is_ieee_and_fma_is_fused_on_vector_isas(void **state)
     }
 }
 
+static void halves_are_the_lanes_in_order(void **state)
+{
+    (void)state;
+    float x[16] __attribute__((aligned(64))), y[16] __attribute__((aligned(64))),
+        z[16] __attribute__((aligned(64)));
+    float whole[PROBE_ARITHMETIC_COUNT][16] __attribute__((aligned(64))),
+        out[PROBE_HALF_COUNT][16] __attribute__((aligned(64)));
+    for (uint64_t seed = 0; seed < 200; ++seed) {
+        fill(x, 16, 3 * seed, -1, 1);
+        fill(y, 16, 3 * seed + 1, -2, 2);
+        fill(z, 16, 3 * seed + 2, -1, 1);
+        for (int k = 0; k < probe_count; ++k) {
+            probes[k]->arithmetic(x, y, z, whole);
+            probes[k]->halves(x, y, z, out);
+            assert_memory_equal(out[PROBE_HALF_ADD], whole[PROBE_ADD], sizeof *out);
+            assert_memory_equal(out[PROBE_HALF_MUL], whole[PROBE_MUL], sizeof *out);
+            assert_memory_equal(out[PROBE_HALF_FMA], whole[PROBE_FMA], sizeof *out);
+            assert_memory_equal(out[PROBE_HALF_FNMA], whole[PROBE_FNMA], sizeof *out);
+            assert_memory_equal(out[PROBE_HALF_LOAD], x, sizeof *out);
+            for (int i = 0; i < 16; ++i)
+                assert_int_equal(bits_of(out[PROBE_HALF_ZERO][i]), 0);
+        }
+    }
+}
+
 // Pairs of every kind: ordinary, equal, signed zeros, infinities, NaN on either side.
 static void special_pairs(float x[16], float y[16])
 {
@@ -223,13 +255,6 @@ static void special_pairs(float x[16], float y[16])
         x[i] = values[i][0];
         y[i] = values[i][1];
     }
-}
-
-static uint32_t bits_of(float x)
-{
-    uint32_t bits;
-    memcpy(&bits, &x, sizeof bits);
-    return bits;
 }
 
 // A comparison with NaN is false; min and max give the second operand when either is NaN.
@@ -492,6 +517,7 @@ int main(void)
         cmocka_unit_test(exp_is_as_good_as_exp2_where_products_are_exact),
         cmocka_unit_test(log2_is_within_2_5e_7_of_double_for_every_normal_number),
         cmocka_unit_test(arithmetic_is_ieee_and_fma_is_fused_on_vector_isas),
+        cmocka_unit_test(halves_are_the_lanes_in_order),
         cmocka_unit_test(comparisons_select_and_minimum_agree_with_c_even_for_nan),
         cmocka_unit_test(between_leaves_the_lower_bound_out_and_nan),
         cmocka_unit_test(masks_are_sixteen_bits),

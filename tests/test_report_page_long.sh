@@ -27,7 +27,7 @@ last_command="loading report.html"
 load "$temporary/out/report.html"
 check no_error_on_the_console test "$(grep -cE 'CONSOLE|Uncaught' "$temporary/console")" -eq 0
 has '<polyline' 4                        # a curve per run
-has '<circle' 4                          # a point per run
+has '<circle' 8                          # a point per run, and one for each curve of a single row
 has '<figcaption' 5                      # two plots of counts, one of quality, the phases, the map
 has 'data-drawn="5"' 1                   # set by the script's last line
 has '<h1 id="title">A &lt;/script&gt;&lt;b&gt;title' 1  # texts are texts

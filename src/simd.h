@@ -7,8 +7,8 @@
 // including this file. AVX2 and AVX-512 perform the same IEEE operations in the same order, so they
 // give the same bits; the baseline has no fused multiply-add on x86-64 and rounds twice.
 //
-// vf: 16 floats; vi: 16 int32; vm: 16 booleans. Loads and stores named _u take any address, the
-// others 64-byte alignment.
+// vf: 16 floats; vh: half of them; vi: 16 int32; vm: 16 booleans. Loads and stores named _u take
+// any address, the others 64-byte alignment.
 
 #include <stdint.h>
 
@@ -38,6 +38,14 @@
 static inline vf vf_clamp(vf a, vf low, vf high)
 {
     return vf_min(vf_max(a, low), high);
+}
+
+// Lower and upper half added.
+static inline vh vf_fold(vf x)
+{
+    vh halves[2];
+    vf_halves(x, halves);
+    return vh_add(halves[0], halves[1]);
 }
 
 // Sum of the lanes by the fixed tree (i, i+8), (i, i+4), (i, i+2), (i, i+1): the same on every ISA.

@@ -208,11 +208,6 @@ static inline vf vf_join(const vh halves[2])
 {
     return (vf){halves[0], halves[1]};
 }
-// Lower and upper half added.
-static inline vh vf_fold(vf x)
-{
-    return _mm256_add_ps(x.a, x.b);
-}
 
 static inline void transpose8(__m256 r[8])
 {

@@ -215,11 +215,6 @@ static inline vf vf_join(const vh halves[2])
 {
     return _mm512_insertf32x8(_mm512_castps256_ps512(halves[0]), halves[1], 1);
 }
-// Lower and upper half added.
-static inline vh vf_fold(vf x)
-{
-    return _mm256_add_ps(_mm512_castps512_ps256(x), _mm512_extractf32x8_ps(x, 1));
-}
 
 // Transposes 16 rows of 16 lanes in place.
 static inline void vf_transpose16(vf r[16])

@@ -387,7 +387,6 @@ static inline vh vh_fma(vh x, vh y, vh z)
 {
     return (vh){qf_fma(x.a, y.a, z.a), qf_fma(x.b, y.b, z.b)};
 }
-
 static inline vh vh_fnma(vh x, vh y, vh z)
 {
     return (vh){qf_fnma(x.a, y.a, z.a), qf_fnma(x.b, y.b, z.b)};
@@ -399,11 +398,6 @@ static inline void vf_halves(vf x, vh halves[2])
 static inline vf vf_join(const vh halves[2])
 {
     return (vf){halves[0].a, halves[0].b, halves[1].a, halves[1].b};
-}
-// Lower and upper half added.
-static inline vh vf_fold(vf x)
-{
-    return (vh){x.a + x.c, x.b + x.d};
 }
 
 // row[k] += the sum over the lanes of x[k], by the tree of vf_sum.

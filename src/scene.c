@@ -359,12 +359,11 @@ static sgs_status find_masks(loader *l)
     const char *folder = l->options->masks_dir, *images = l->files.image_folder;
     if ((folder && !strcmp(folder, "none")) || no_photographs(l))
         return SGS_STATUS_OK;
-    char *root = l->files.colmap ? sgsi_format("%s/..", images) : sgsi_strdup(images);
-    char *given = root && folder
-                      ? folder[0] == '/' ? sgsi_strdup(folder) : sgsi_format("%s/%s", root, folder)
-                      : NULL;
-    sgs_status status =
-        root && (!folder || given) ? SGS_STATUS_OK : sgsi_scene_no_memory(l->scene->path);
+    const char *root = l->files.mask_root;
+    char *given = !folder            ? NULL
+                  : folder[0] == '/' ? sgsi_strdup(folder)
+                                     : sgsi_format("%s/%s", root, folder);
+    sgs_status status = !folder || given ? SGS_STATUS_OK : sgsi_scene_no_memory(l->scene->path);
     if (given && !sgsi_is_folder(given))
         status =
             sgsi_fail(SGS_STATUS_IO,
@@ -384,7 +383,6 @@ static sgs_status find_masks(loader *l)
                      : sgsi_mask_find(root, folder, images, l->scene->views[i].name,
                                       &l->scene->views[i].mask_path);
     sgsi_free(given);
-    sgsi_free(root);
     return status;
 }
 

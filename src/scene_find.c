@@ -23,6 +23,7 @@ void sgsi_scene_files_free(sgsi_scene_files *files)
 {
     sgsi_free(files->model_path);
     sgsi_free(files->image_folder);
+    sgsi_free(files->mask_root);
     *files = (sgsi_scene_files){0};
 }
 
@@ -125,6 +126,23 @@ static sgs_status find_images(const char *path, const char *images_dir, bool abo
         name);
 }
 
+// The folder that holds `folder` as it is written: a link to an image folder does not lead the
+// search for masks to where the link points.
+static char *holder_of(const char *folder)
+{
+    size_t end = strlen(folder);
+    while (end > 1 && folder[end - 1] == '/')
+        --end;
+    size_t begin = end;
+    while (begin && folder[begin - 1] != '/')
+        --begin;
+    if (end - begin == 2 && !strncmp(folder + begin, "..", 2))
+        return sgsi_format("%.*s/..", (int)end, folder);
+    while (begin > 1 && folder[begin - 1] == '/')
+        --begin;
+    return begin ? sgsi_format("%.*s", (int)begin, folder) : sgsi_strdup(".");
+}
+
 // A half-copied model deserves a better answer than "nothing found".
 static sgs_status explain_nothing(const char *path)
 {
@@ -211,6 +229,11 @@ sgs_status sgsi_scene_find(const char *path, const char *images_dir, sgsi_scene_
         status = find_in_file(path, files);
     else
         status = sgsi_fail(SGS_STATUS_IO, "%s: there is no such folder", path);
+    if (!status) {
+        files->mask_root =
+            files->colmap ? holder_of(files->image_folder) : sgsi_strdup(files->image_folder);
+        status = files->mask_root ? SGS_STATUS_OK : no_memory(path);
+    }
     if (status)
         sgsi_scene_files_free(files);
     return status;

@@ -14,6 +14,8 @@ typedef struct sgsi_scene_files {
     bool colmap;        // else transforms
     char *model_path;   // COLMAP: folder of cameras.bin; transforms: the JSON file
     char *image_folder; // names of photographs are relative to this
+    char *mask_root;    // holds the folders of masks: COLMAP: what holds the image folder, by its
+                        // name, even if it is a link; transforms: the image folder
 } sgsi_scene_files;
 
 // `images_dir`: as in sgs_scene_options; NULL = "images". On failure *files is empty.

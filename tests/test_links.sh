@@ -55,6 +55,15 @@ model a.jpg
 run 0 info "$set_up"
 check nothing_is_skipped bash -c '! grep -q skipped "$0"' "$temporary/stderr"
 
+# masks_lie_beside_the_link, not_beside_what_it_points_to
+mkdir "$set_up/masks" "$temporary/masks"
+ln -s "$secret/inside.jpg" "$temporary/masks/a.png"
+run 0 info "$set_up"
+mv "$temporary/masks/a.png" "$set_up/masks"
+run 1 info "$set_up"
+says "$set_up/masks/a.png: a link leads out of the data set"
+rm -r "$set_up/masks" "$temporary/masks"
+
 # the_same_for_transforms, its_cloud_and_its_masks
 nerf=$temporary/nerf
 mkdir -p "$nerf/images"

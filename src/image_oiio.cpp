@@ -256,6 +256,17 @@ std::string joined(const std::vector<std::string> &words)
     return text;
 }
 
+// What can be chosen, each name once.
+std::string color_spaces(const OIIO::ColorConfig &config)
+{
+    std::vector<std::string> names = {"linear", "sRGB"};
+    for (const std::string &name : config.getColorSpaceNames())
+        if (std::none_of(names.begin(), names.end(),
+                         [&](const std::string &known) { return lower(known) == lower(name); }))
+            names.push_back(name);
+    return joined(names);
+}
+
 // True when `name` is `wanted`, or a layer's: "beauty.R".
 bool names_channel(const std::string &name, const char *wanted)
 {
@@ -316,9 +327,8 @@ sgs_status choose_colors(const char *path, const OIIO::ImageSpec &spec, const ch
     if (!colors.processor)
         return sgsi_fail(SGS_STATUS_UNSUPPORTED,
                          "%s: nobody here knows the colour space '%s'; choose with "
-                         "--input-colorspace from linear, sRGB, %s",
-                         path, one_line(space).c_str(),
-                         joined(config.getColorSpaceNames()).c_str());
+                         "--input-colorspace from %s",
+                         path, one_line(space).c_str(), color_spaces(config).c_str());
     return SGS_STATUS_OK;
 }
 

@@ -152,6 +152,12 @@ prints "gaussians:"
 run 0 info "$room" --eval --json
 json "$temporary/stdout" '.type == "scene" and .views == 35 and .test_views == 5 and .points > 0 and .warnings == []'
 json "$temporary/stdout" '.cameras | length == 1 and .[0].model == "OPENCV" and .[0].width == 480'
+cp -r "$room" "$temporary/pointless"
+rm -f "$temporary/pointless"/sparse/0/points3D.*
+run 0 info "$temporary/pointless" --json
+json "$temporary/stdout" '.points == 0 and has("bounds") and .bounds == null'
+run 0 info "$temporary/pointless"
+prints "bounds: none"
 head -c 5000 "$model/point_cloud/iteration_40/point_cloud.ply" >"$temporary/cut.ply"
 run 1 info "$temporary/cut.ply"
 one_line

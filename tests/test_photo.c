@@ -9,6 +9,7 @@
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <strings.h>
 
 #include <cmocka.h>
 
@@ -225,6 +226,24 @@ static void sixteen_bits_keep_their_precision(void **state)
     tree_remove(&folder);
 }
 
+// `list`: names with ", " between them, none twice.
+static void assert_distinct(const char *list)
+{
+    size_t count = 0;
+    for (const char *name = list; *name; name += strspn(name, ", ")) {
+        const size_t length = strcspn(name, ",");
+        for (const char *other = name + length + strspn(name + length, ", "); *other;
+             other += strspn(other, ", ")) {
+            const size_t same = strcspn(other, ",");
+            assert_true(length != same || strncasecmp(name, other, length));
+            other += same;
+        }
+        name += length;
+        ++count;
+    }
+    assert_true(count > 2);
+}
+
 static void colour_spaces_are_known_by_name(void **state)
 {
     (void)state;
@@ -248,6 +267,7 @@ static void colour_spaces_are_known_by_name(void **state)
     assert_holds(
         sgs_last_error(),
         "a.exr: nobody here knows the colour space 'sepia'; choose with --input-colorspace from");
+    assert_distinct(strstr(sgs_last_error(), "from ") + 5);
     assert_null(photo.halves);
     tree_remove(&folder);
 }

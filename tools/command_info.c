@@ -49,8 +49,11 @@ static json_t *numbers(const double *values, size_t count)
     return list;
 }
 
+// null where there was no point.
 static json_t *bounds(const double low[3], const double high[3])
 {
+    if (low[0] > high[0])
+        return json_null();
     json_t *object = json_object();
     json_object_set_new(object, "low", numbers(low, 3));
     json_object_set_new(object, "high", numbers(high, 3));
@@ -205,6 +208,8 @@ static void print_value(const json_t *value)
         printf("%.6g", json_real_value(value));
     } else if (json_is_string(value)) {
         fputs(json_string_value(value), stdout);
+    } else if (json_is_null(value)) {
+        fputs("none", stdout);
     } else if (json_is_array(value)) {
         for (size_t i = 0; i < json_array_size(value); ++i) {
             fputs(i ? " " : "", stdout);

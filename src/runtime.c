@@ -13,6 +13,7 @@
 #include <sys/sysinfo.h>
 #include <unistd.h>
 
+#include "control_groups.h"
 #include "core.h"
 
 static atomic_int chosen_isa = -1; // found by whichever thread asks first
@@ -98,13 +99,10 @@ unsigned long long sgs_current_rss(void)
 unsigned long long sgs_machine_memory(void)
 {
     struct sysinfo info;
-    unsigned long long bytes = ULLONG_MAX, allowed;
+    unsigned long long bytes = ULLONG_MAX;
     if (!sysinfo(&info))
         bytes = (unsigned long long)info.mem_unit * (info.totalram + info.totalswap);
-    FILE *stream = fopen("/sys/fs/cgroup/memory.max", "r"); // "max" where there is no limit
-    if (stream && fscanf(stream, "%llu", &allowed) == 1 && allowed < bytes)
-        bytes = allowed;
-    if (stream)
-        fclose(stream);
-    return bytes;
+    const unsigned long long allowed =
+        sgsi_group_limits_read("/proc/self/cgroup", "/sys/fs/cgroup").memory;
+    return allowed && allowed < bytes ? allowed : bytes;
 }

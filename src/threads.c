@@ -5,11 +5,13 @@
 
 #include "threads.h"
 
+#include <math.h>
 #include <omp.h>
 #include <sched.h>
 #include <stdatomic.h>
 #include <string.h>
 
+#include "control_groups.h"
 #include "core.h"
 #include "sparegs/runtime.h"
 
@@ -35,6 +37,9 @@ int sgs_cores(void)
     cpu_set_t mask;
     const int cores =
         sched_getaffinity(0, sizeof mask, &mask) ? omp_get_num_procs() : CPU_COUNT(&mask);
+    const double allowed = sgsi_group_limits_read("/proc/self/cgroup", "/sys/fs/cgroup").cores;
+    if (allowed > 0.0 && allowed < (double)cores)
+        return (int)ceil(allowed);
     return cores < 1 ? 1 : cores;
 }
 

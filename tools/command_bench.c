@@ -43,7 +43,7 @@ typedef struct bench_values {
 static const option bench_options[] = {
     {"list", 0, OPTION_FLAG, AT(list), 0, 0, NULL, NULL, NULL, NULL, "name the scenes and exit"},
     {"threads", 0, OPTION_INTEGERS, AT(threads), 0, 4096, "A,B,...", "0",
-     "0 = all cores of the affinity mask", NULL, "numbers of threads to measure with"},
+     "0 = the cores that this process may use", NULL, "numbers of threads to measure with"},
     {"isa", 0, OPTION_SET, AT(isas), 0, 0, "baseline,avx2,avx512", NULL,
      "the best this machine has", NULL, "instruction sets to measure"},
     {"repeat", 0, OPTION_INTEGER, AT(repeat), 1, 1000, "N", "5", NULL, NULL, "repetitions"},

@@ -18,7 +18,7 @@
 
 static const option common_options[] = {
     {"threads", 0, OPTION_INTEGER, offsetof(common_values, threads), 0, 4096, "N", "0",
-     "0 = all cores of the affinity mask", NULL,
+     "0 = the cores that this process may use", NULL,
      "threads to work with; results do not depend on it"},
     {"isa", 0, OPTION_CHOICE, offsetof(common_values, isa), 0, 0, "baseline|avx2|avx512", NULL,
      "the best this machine has", NULL, "instruction set of the kernels"},

@@ -4,10 +4,12 @@
 #include "bvh_cost.h"
 
 #include <math.h>
+#include <stdio.h>
 #include <string.h>
 
 #include "core.h"
 #include "embree_include.h"
+#include "threads.h"
 
 enum { BRANCHES = 8, LEAF_REFIT = 8 };
 
@@ -150,7 +152,9 @@ sgs_status sgsi_bvh_cost_measure(const sgsi_bounds *built, const sgsi_bounds *bo
     *cost = (sgsi_bvh_cost){0};
     size_t listed;
     struct RTCBuildPrimitive *primitives = list_primitives(built, count, &listed);
-    RTCDevice device = rtcNewDevice(NULL);
+    char config[32]; // a build of this kind cannot be joined: Embree's own threads do it
+    snprintf(config, sizeof config, "threads=%d", sgsi_threads());
+    RTCDevice device = rtcNewDevice(config);
     RTCBVH tree = device ? rtcNewBVH(device) : NULL;
     const tree_node *root = NULL;
     if (primitives && tree && listed) {

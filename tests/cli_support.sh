@@ -24,6 +24,9 @@ run() {
     check "exit_status_$expected" test "$status" -eq "$expected"
 }
 
+# is_sanitized [address|thread]: the program is built with a sanitizer: it is slow, and needs memory of its own.
+is_sanitized() { grep -qE "^SPAREGS_SANITIZE:[A-Z]*=${1:-.}" "$SPAREGS_BUILD/CMakeCache.txt"; }
+
 # check PROPERTY COMMAND...: the command must succeed.
 check() {
     local property=$1

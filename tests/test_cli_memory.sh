@@ -7,7 +7,7 @@
 # machine is told before it is tried.
 set -euo pipefail
 . "$(dirname "$0")/cli_support.sh"
-if grep -qE '^SPAREGS_SANITIZE:[A-Z]*=.' "$SPAREGS_BUILD/CMakeCache.txt"; then
+if is_sanitized; then
     echo "a sanitizer keeps its own books; nothing to compare"
     exit 0
 fi

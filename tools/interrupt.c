@@ -1,22 +1,28 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Stopping on request. A handler does nothing but what is allowed in one: it stores a number, or
-// ends.
+// Stopping on request. A handler does nothing but what is allowed in one: it changes a lock-free
+// number, or ends. Handlers of two signals may run at once, on two threads.
 
 #include "interrupt.h"
 
+#include <stdatomic.h>
 #include <stddef.h>
 #include <unistd.h>
 
-static volatile sig_atomic_t received, passed_on, checkpoint_wanted;
+_Static_assert(ATOMIC_INT_LOCK_FREE == 2, "handlers need atomic integers without locks");
+
+enum { PASSED_ON = 1 << 16 };
+static atomic_int received; // the signal, with PASSED_ON while nothing but that has come
+static atomic_int checkpoint_wanted;
 
 static void receive(int signal_number)
 {
-    if (received && !passed_on)
-        _exit(128 + signal_number);
-    received = signal_number;
-    passed_on = 0;
+    int before = received;
+    do {
+        if (before && !(before & PASSED_ON))
+            _exit(128 + signal_number);
+    } while (!atomic_compare_exchange_weak(&received, &before, signal_number));
 }
 
 // From the program that started this one: the same request may come directly as well, before this
@@ -24,9 +30,9 @@ static void receive(int signal_number)
 static void receive_once(int signal_number)
 {
     (void)signal_number;
-    passed_on = !received;
-    if (!received)
-        received = SIGTERM;
+    int before = 0;
+    if (!atomic_compare_exchange_strong(&received, &before, SIGTERM | PASSED_ON))
+        atomic_fetch_and(&received, ~PASSED_ON);
 }
 
 static void want_checkpoint(int signal_number)
@@ -56,17 +62,16 @@ void interrupt_watch(void)
 
 int interrupt_signal(void)
 {
-    return received;
+    return received & ~PASSED_ON;
 }
 
 bool interrupt_take_checkpoint(void)
 {
-    const bool wanted = checkpoint_wanted;
-    checkpoint_wanted = 0;
-    return wanted;
+    return atomic_exchange(&checkpoint_wanted, 0);
 }
 
 int interrupt_status(void)
 {
-    return received ? 128 + received : 0;
+    const int signal_number = interrupt_signal();
+    return signal_number ? 128 + signal_number : 0;
 }

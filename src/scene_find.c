@@ -95,37 +95,6 @@ static void list_image_folders(const char *path, char *text, size_t size)
     free(entries);
 }
 
-// `above`: the path is a model itself, sparse/0 with the photographs beside sparse.
-static sgs_status find_images(const char *path, const char *images_dir, bool above, char **found)
-{
-    static const char *const places[] = {"", "/..", "/../..", "/colmap"};
-    const char *name = images_dir ? images_dir : "images";
-    *found = NULL;
-    for (size_t i = 0; i < sizeof places / sizeof *places; ++i) {
-        if ((i == 1 || i == 2) && !above)
-            continue;
-        char *candidate =
-            name[0] == '/' ? sgsi_strdup(name) : sgsi_format("%s%s/%s", path, places[i], name);
-        if (!candidate)
-            return no_memory(path);
-        if (sgsi_is_folder(candidate)) {
-            *found = candidate;
-            return SGS_STATUS_OK;
-        }
-        sgsi_free(candidate);
-    }
-    char others[256];
-    list_image_folders(path, others, sizeof others);
-    if (others[0])
-        return sgsi_fail(SGS_STATUS_IO,
-                         "%s: has no image folder '%s'; it has %s: choose with --images", path,
-                         name, others);
-    return sgsi_fail(
-        SGS_STATUS_IO,
-        "%s: has no image folder '%s'; put the photographs there or choose with --images", path,
-        name);
-}
-
 // The folder that holds `folder` as it is written: a link to an image folder does not lead the
 // search for masks to where the link points.
 static char *holder_of(const char *folder)
@@ -141,6 +110,38 @@ static char *holder_of(const char *folder)
     while (begin > 1 && folder[begin - 1] == '/')
         --begin;
     return begin ? sgsi_format("%.*s", (int)begin, folder) : sgsi_strdup(".");
+}
+
+// `above`: the path is a model itself, sparse/0 with the photographs beside sparse.
+static sgs_status find_images(const char *path, const char *images_dir, bool above,
+                              sgsi_scene_files *files)
+{
+    static const char *const places[] = {"", "/..", "/../..", "/colmap"};
+    const char *name = images_dir ? images_dir : "images";
+    for (size_t i = 0; i < sizeof places / sizeof *places; ++i) {
+        if ((i == 1 || i == 2) && !above)
+            continue;
+        char *candidate =
+            name[0] == '/' ? sgsi_strdup(name) : sgsi_format("%s%s/%s", path, places[i], name);
+        if (!candidate)
+            return no_memory(path);
+        if (sgsi_is_folder(candidate)) {
+            files->image_folder = candidate;
+            files->mask_root = holder_of(candidate);
+            return files->mask_root ? SGS_STATUS_OK : no_memory(path);
+        }
+        sgsi_free(candidate);
+    }
+    char others[256];
+    list_image_folders(path, others, sizeof others);
+    if (others[0])
+        return sgsi_fail(SGS_STATUS_IO,
+                         "%s: has no image folder '%s'; it has %s: choose with --images", path,
+                         name, others);
+    return sgsi_fail(
+        SGS_STATUS_IO,
+        "%s: has no image folder '%s'; put the photographs there or choose with --images", path,
+        name);
 }
 
 // A half-copied model deserves a better answer than "nothing found".
@@ -216,7 +217,7 @@ static sgs_status find_in_folder(const char *path, const char *images_dir, sgsi_
     if (!files->model_path)
         return find_transforms(path, files);
     files->colmap = true;
-    return find_images(path, images_dir, i == 3, &files->image_folder);
+    return find_images(path, images_dir, i == 3, files);
 }
 
 sgs_status sgsi_scene_find(const char *path, const char *images_dir, sgsi_scene_files *files)
@@ -229,9 +230,8 @@ sgs_status sgsi_scene_find(const char *path, const char *images_dir, sgsi_scene_
         status = find_in_file(path, files);
     else
         status = sgsi_fail(SGS_STATUS_IO, "%s: there is no such folder", path);
-    if (!status) {
-        files->mask_root =
-            files->colmap ? holder_of(files->image_folder) : sgsi_strdup(files->image_folder);
+    if (!status && !files->colmap) {
+        files->mask_root = sgsi_strdup(files->image_folder);
         status = files->mask_root ? SGS_STATUS_OK : no_memory(path);
     }
     if (status)

@@ -21,8 +21,8 @@ typedef enum sgs_isa {
 // Threads used by the coming calls; 0 = as many as sgs_cores (the default).
 void sgs_set_threads(int count);
 int sgs_threads(void);
-// Cores of the affinity mask, or, rounded up, the processor time that a control group (a container, a
-// batch job) allows, where that is less.
+// Cores of the affinity mask, or, rounded up, the processor time that a control group (a container,
+// a batch job) allows, where that is less.
 int sgs_cores(void);
 
 // Instruction set of the kernels. Default: the best the machine has. Fails with UNSUPPORTED when

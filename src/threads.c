@@ -1,19 +1,22 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Parallel loops on OpenMP.
+// Parallel loops and the number of threads.
 
 #include "threads.h"
 
 #include <math.h>
-#include <omp.h>
 #include <sched.h>
 #include <stdatomic.h>
+#include <stdbool.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "control_groups.h"
 #include "core.h"
+#include "float_mode.h"
 #include "sparegs/runtime.h"
+#include "thread_team.h"
 
 static atomic_int thread_count; // 0 = not asked for yet
 
@@ -35,8 +38,9 @@ int sgs_threads(void)
 int sgs_cores(void)
 {
     cpu_set_t mask;
-    const int cores =
-        sched_getaffinity(0, sizeof mask, &mask) ? omp_get_num_procs() : CPU_COUNT(&mask);
+    const int cores = sched_getaffinity(0, sizeof mask, &mask) // more than a cpu_set_t holds
+                          ? (int)sysconf(_SC_NPROCESSORS_ONLN)
+                          : CPU_COUNT(&mask);
     const double allowed = sgsi_group_limits_read("/proc/self/cgroup", "/sys/fs/cgroup").cores;
     if (allowed > 0.0 && allowed < (double)cores)
         return (int)ceil(allowed);
@@ -57,33 +61,6 @@ int sgsi_threads(void)
     return count;
 }
 
-// Denormals are flushed inside parallel loops (Embree asks for it, and they would cost hundreds of
-// cycles each); the caller's mode comes back afterwards.
-#ifdef SGSI_X86
-#include <xmmintrin.h>
-typedef unsigned float_mode;
-static float_mode enter_float_mode(void)
-{
-    const unsigned mode = _mm_getcsr();
-    _mm_setcsr(mode | 0x8040u); // flush to zero, denormals are zero
-    return mode;
-}
-static void leave_float_mode(float_mode mode)
-{
-    _mm_setcsr(mode);
-}
-#else
-typedef int float_mode;
-static float_mode enter_float_mode(void)
-{
-    return 0;
-}
-static void leave_float_mode(float_mode mode)
-{
-    (void)mode;
-}
-#endif
-
 static _Thread_local sgsi_loop_seconds loop_seconds;
 
 sgsi_loop_seconds sgsi_threads_seconds(void)
@@ -96,30 +73,21 @@ void sgsi_parallel_for(size_t count, size_t chunk, sgsi_item_fn body, void *cont
     if (!chunk)
         chunk = 1;
     const int threads = sgsi_threads();
+    const bool nested = sgsi_team_is_inside(); // then the other threads have work already
     const double start = sgsi_seconds();
-    if (threads == 1 || count <= chunk) {
-        const float_mode mode = enter_float_mode();
+    const sgsi_float_mode mode = sgsi_enter_float_mode(); // the caller's comes back afterwards
+    if (threads == 1 || count <= chunk || nested) {
         for (size_t item = 0; item < count; ++item)
             body(context, item, 0);
-        leave_float_mode(mode);
         if (threads == 1) // else a single item is serial work
             loop_seconds.inside += sgsi_seconds() - start;
-        return;
+    } else {
+        const double finished = sgsi_team_run(threads, count, chunk, body, context, start);
+        const double wall = sgsi_seconds() - start;
+        loop_seconds.inside += wall;
+        loop_seconds.waiting += wall - finished / threads;
     }
-    double finished = 0.0; // sum over the threads
-#pragma omp parallel num_threads(threads) reduction(+ : finished)
-    {
-        const int thread = omp_get_thread_num();
-        const float_mode mode = enter_float_mode();
-#pragma omp for schedule(dynamic, chunk) nowait
-        for (size_t item = 0; item < count; ++item)
-            body(context, item, thread);
-        leave_float_mode(mode);
-        finished = sgsi_seconds() - start;
-    }
-    const double wall = sgsi_seconds() - start;
-    loop_seconds.inside += wall;
-    loop_seconds.waiting += wall - finished / threads;
+    sgsi_leave_float_mode(mode);
 }
 
 typedef struct range_loop {

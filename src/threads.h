@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Parallel loops. The only file that knows OpenMP is threads.c. Results never depend on the number
-// of threads: callers cut work into items that write disjoint memory, and reduce in item order.
+// Parallel loops. Results never depend on the number of threads: callers cut work into items that
+// write disjoint memory, and reduce in item order.
 
 #include <stddef.h>
 
@@ -16,7 +16,7 @@ int sgsi_threads(void);
 
 // Runs body(context, item, thread) for every item in [0, count), each once, in any order; `thread`
 // is in [0, sgsi_threads()). Items are handed out `chunk` at a time (0 = pick one). Returns when
-// all are done.
+// all are done. Inside of an item it runs its own items one after another, with `thread` 0.
 typedef void (*sgsi_item_fn)(void *context, size_t item, int thread);
 void sgsi_parallel_for(size_t count, size_t chunk, sgsi_item_fn body, void *context);
 

@@ -19,7 +19,7 @@ packages=(
 )
 if [ "${1:-}" = --long ]; then
     packages+=(
-        clang libclang-rt-dev libomp-dev # sanitizers, fuzzing; the OpenMP runtime that the thread sanitizer knows
+        clang libclang-rt-dev            # sanitizers, fuzzing
         clang-format clang-tidy cppcheck # tools/lint.sh
         gcovr                            # tools/coverage.sh
         colmap                           # reconstruct

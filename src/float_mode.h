@@ -1,0 +1,37 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// Denormals are flushed inside parallel loops: Embree asks for it, and they would cost hundreds of
+// cycles each.
+
+#ifdef SGSI_X86
+#include <xmmintrin.h>
+
+typedef unsigned sgsi_float_mode;
+
+// Returns the mode there was.
+static inline sgsi_float_mode sgsi_enter_float_mode(void)
+{
+    const unsigned mode = _mm_getcsr();
+    _mm_setcsr(mode | 0x8040u); // flush to zero, denormals are zero
+    return mode;
+}
+
+static inline void sgsi_leave_float_mode(sgsi_float_mode mode)
+{
+    _mm_setcsr(mode);
+}
+#else
+typedef int sgsi_float_mode;
+
+static inline sgsi_float_mode sgsi_enter_float_mode(void)
+{
+    return 0;
+}
+
+static inline void sgsi_leave_float_mode(sgsi_float_mode mode)
+{
+    (void)mode;
+}
+#endif

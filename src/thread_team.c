@@ -14,6 +14,8 @@
 #include <stdalign.h>
 #include <stdatomic.h>
 #include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
 
 #include "core.h"
 #include "float_mode.h"
@@ -58,7 +60,7 @@ struct team {
     pthread_cond_t opened, empty; // a loop opened; the last member left a closed one
     int threads;                  // as asked for, with the caller
     int size;                     // members there are
-    member *members;              // [size]
+    member members[];             // [size]
 };
 
 static _Thread_local team *own;
@@ -172,8 +174,7 @@ static void end_team(void *argument)
     pthread_cond_destroy(&t->opened);
     pthread_cond_destroy(&t->empty);
     pthread_mutex_destroy(&t->lock);
-    sgsi_free(t->members);
-    sgsi_free(t);
+    free(t);
 }
 
 static void make_own_key(void)
@@ -207,14 +208,14 @@ static team *own_team(int threads)
         end_team(own);
         own = NULL;
     }
-    team *t = own_key_made ? sgsi_calloc(1, sizeof *t) : NULL;
-    member *members = t ? sgsi_calloc((size_t)threads, sizeof *members) : NULL;
-    if (!members) {
-        sgsi_free(t);
+    // Not by sgsi_alloc: a loop without memory for a team runs all the same, and a team lives as
+    // long as its thread.
+    const size_t size = sizeof(team) + (size_t)threads * sizeof(member);
+    team *t = own_key_made ? aligned_alloc(CACHE_LINE, size) : NULL;
+    if (!t)
         return NULL;
-    }
+    memset(t, 0, size);
     t->threads = threads;
-    t->members = members;
     pthread_mutex_init(&t->lock, NULL);
     pthread_cond_init(&t->opened, NULL);
     pthread_cond_init(&t->empty, NULL);
@@ -244,10 +245,10 @@ static void close_loop(team *t)
 double sgsi_team_run(int threads, size_t count, size_t chunk, sgsi_item_fn body, void *context,
                      double start)
 {
-    team lone = {.body = body, .context = context, .count = count, .chunk = chunk};
     team *t = own_team(threads);
     if (!t) { // all of it here
-        take_items(&lone, 0);
+        team alone = {.body = body, .context = context, .count = count, .chunk = chunk};
+        take_items(&alone, 0);
         return sgsi_seconds() - start;
     }
     t->body = body;

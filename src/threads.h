@@ -9,8 +9,7 @@
 
 enum { SGSI_THREADS_MAX = 4096 };
 
-// Number of threads of the coming loops, at most SGSI_THREADS_MAX. Default: cores of the affinity
-// mask.
+// Number of threads of the coming loops, at most SGSI_THREADS_MAX. Default: sgs_cores.
 void sgsi_threads_set(int count);
 int sgsi_threads(void);
 

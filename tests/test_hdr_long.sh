@@ -21,23 +21,33 @@ for photo in "$room"/images/*.jpg; do
 done
 
 short=(--iterations 300 --eval --json --quiet --checkpoint-every 0)
-# trained NAME ARGUMENT...: sets `psnr` to that of the held-out images.
+# trained NAME ARGUMENT...: sets `psnr` to that of the held-out images. trained_4: to the mean of four seeds, as a single run
+# of this length is anywhere within 0.3 dB.
 trained() {
     local name=$1
     shift
     run 0 train "$@" -o "$temporary/$name" "${short[@]}"
     psnr=$(jq .test.psnr "$temporary/stdout")
 }
+trained_4() {
+    local seed sum=0
+    for seed in 0 1 2 3; do
+        trained "$@" --seed $seed
+        sum=$(awk -v a="$sum" -v b="$psnr" 'BEGIN { print a + b }')
+    done
+    psnr=$(awk -v a="$sum" 'BEGIN { print a / 4 }')
+}
 near() { awk -v a="$1" -v b="$2" -v d="$3" 'BEGIN { exit !(a - b < d && b - a < d) }'; }
 
-trained ldr_model "$temporary/ldr"
+trained_4 ldr_model "$temporary/ldr"
 ldr=$psnr
-trained bright_model "$hdr" --white 8
+trained_4 bright_model "$hdr" --white 8
 bright=$psnr
 trained linear_model "$hdr" --train-space linear
 linear=$psnr
 echo "held-out PSNR: $ldr dB 8-bit, $bright dB from EXR times 8, $linear dB compared in linear light"
 check an_exr_scene_times_8_trains_like_its_8_bit_twin near "$ldr" "$bright" 0.3
+# A single run of it: the bound is ten times as wide.
 check linear_light_trains_too near "$ldr" "$linear" 3
 json "$temporary/linear_model/config.json" '.options.white > 4 and .options.white < 8.5 and .options.train_space == "linear"'
 

@@ -35,12 +35,27 @@ int sgs_threads(void)
     return sgsi_threads();
 }
 
+// Processors in the affinity mask, however large the machine; 0 when it cannot be had.
+static int affine_cores(void)
+{
+    for (int most = 1024; most <= 1 << 20; most *= 4) {
+        cpu_set_t *mask = CPU_ALLOC((size_t)most);
+        if (!mask)
+            return 0;
+        const size_t size = CPU_ALLOC_SIZE((size_t)most);
+        const int cores = sched_getaffinity(0, size, mask) ? 0 : CPU_COUNT_S(size, mask);
+        CPU_FREE(mask);
+        if (cores)
+            return cores;
+    }
+    return 0;
+}
+
 int sgs_cores(void)
 {
-    cpu_set_t mask;
-    const int cores = sched_getaffinity(0, sizeof mask, &mask) // more than a cpu_set_t holds
-                          ? (int)sysconf(_SC_NPROCESSORS_ONLN)
-                          : CPU_COUNT(&mask);
+    int cores = affine_cores();
+    if (cores < 1)
+        cores = (int)sysconf(_SC_NPROCESSORS_ONLN);
     const double allowed = sgsi_group_limits_read("/proc/self/cgroup", "/sys/fs/cgroup").cores;
     if (allowed > 0.0 && allowed < (double)cores)
         return (int)ceil(allowed);

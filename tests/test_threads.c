@@ -14,6 +14,7 @@
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/wait.h>
 #include <time.h>
 #include <unistd.h>
 
@@ -126,6 +127,7 @@ static void several_threads_have_loops_at_once(void **state)
 typedef struct held_loop {
     atomic_int held;  // a member sits in an item
     atomic_int items; // that ran besides
+    atomic_int waits; // for a member, in milliseconds
 } held_loop;
 
 // The first member to come keeps its item until all others are done, by whomever.
@@ -139,7 +141,7 @@ static void hold_one(void *context, size_t item, int thread)
             rest(0.001);
         return;
     }
-    while (!atomic_load(&loop->held)) // a member comes
+    while (!atomic_load(&loop->held) && atomic_fetch_add(&loop->waits, 1) < 60000)
         rest(0.001);
     atomic_fetch_add(&loop->items, 1);
 }
@@ -154,12 +156,13 @@ static void a_slow_item_leaves_the_others_to_the_rest(void **state)
     assert_int_equal(loop.items, ITEMS - 1);
 }
 
-static atomic_int handled_elsewhere;
+static atomic_int handled, handled_elsewhere;
 static pthread_t test_thread;
 
 static void note_thread(int signal_number)
 {
     (void)signal_number;
+    atomic_store(&handled, 1);
     if (!pthread_equal(pthread_self(), test_thread))
         atomic_store(&handled_elsewhere, 1);
 }
@@ -182,8 +185,68 @@ static void signals_come_to_threads_of_the_caller(void **state)
     sgsi_threads_set(4);
     for (int k = 0; k < 50; ++k)
         sgsi_parallel_for(64, 1, signal_process, NULL);
+    rest(0.01); // the last one arrives
     assert_int_equal(sigaction(SIGUSR1, &before, NULL), 0);
+    assert_int_equal(handled, 1);
     assert_int_equal(handled_elsewhere, 0);
+}
+
+static pthread_key_t late_key;
+
+static void loop_at_the_end(void *wrong)
+{
+    atomic_fetch_add((atomic_size_t *)wrong, run_tally(ITEMS, 1));
+}
+
+static void *loop_and_end(void *wrong)
+{
+    loop_at_the_end(wrong);
+    return pthread_setspecific(late_key, wrong) ? wrong : NULL;
+}
+
+// The key of this destructor is younger than the team's.
+static void destructors_of_a_thread_may_run_loops(void **state)
+{
+    (void)state;
+    sgsi_threads_set(3);
+    assert_int_equal(run_tally(ITEMS, 1), 0);
+    assert_int_equal(pthread_key_create(&late_key, loop_at_the_end), 0);
+    atomic_size_t wrong = 0;
+    pthread_t thread;
+    void *failed = &wrong;
+    assert_int_equal(pthread_create(&thread, NULL, loop_and_end, &wrong), 0);
+    assert_int_equal(pthread_join(thread, &failed), 0);
+    assert_null(failed);
+    assert_int_equal(wrong, 0);
+    assert_int_equal(pthread_key_delete(late_key), 0);
+}
+
+#if defined(__has_feature)
+#if __has_feature(thread_sanitizer)
+#define NO_THREADS_AFTER_FORK // it ends such a process
+#endif
+#endif
+
+static void a_forked_process_has_loops_of_its_own(void **state)
+{
+    (void)state;
+#ifdef NO_THREADS_AFTER_FORK
+    skip();
+#endif
+    sgsi_threads_set(4);
+    assert_int_equal(run_tally(ITEMS, 1), 0);
+    const pid_t child = fork();
+    assert_true(child >= 0);
+    if (!child) {
+        size_t wrong = run_tally(ITEMS, 1);
+        sgsi_threads_set(2);
+        wrong += run_tally(ITEMS, 1);
+        _exit(wrong != 0);
+    }
+    int status;
+    assert_int_equal(waitpid(child, &status, 0), child);
+    assert_int_equal(status, 0);
+    assert_int_equal(run_tally(ITEMS, 1), 0);
 }
 
 int main(void)
@@ -195,6 +258,8 @@ int main(void)
         cmocka_unit_test(several_threads_have_loops_at_once),
         cmocka_unit_test(a_slow_item_leaves_the_others_to_the_rest),
         cmocka_unit_test(signals_come_to_threads_of_the_caller),
+        cmocka_unit_test(destructors_of_a_thread_may_run_loops),
+        cmocka_unit_test(a_forked_process_has_loops_of_its_own),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

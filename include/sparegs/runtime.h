@@ -18,7 +18,8 @@ typedef enum sgs_isa {
     SGS_ISA_COUNT = 3
 } sgs_isa;
 
-// Threads used by the coming calls; 0 = as many as sgs_cores (the default).
+// Threads used by the coming calls; 0 = as many as sgs_cores (the default). Not while another
+// thread is inside of a call.
 void sgs_set_threads(int count);
 int sgs_threads(void);
 // Cores of the affinity mask, or, rounded up, the processor time that a control group (a container,

@@ -3,7 +3,6 @@
 
 #include "control_groups.h"
 
-#include <limits.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -105,4 +104,9 @@ sgsi_group_limits sgsi_group_limits_read(const char *membership, const char *roo
     }
     fclose(stream);
     return limits;
+}
+
+sgsi_group_limits sgsi_group_limits_own(void)
+{
+    return sgsi_group_limits_read("/proc/self/cgroup", "/sys/fs/cgroup");
 }

@@ -15,3 +15,6 @@ typedef struct sgsi_group_limits {
 // /proc/self/cgroup; `root`: where the groups are mounted, /sys/fs/cgroup; version 1, 2, or both.
 // What cannot be read does not limit.
 sgsi_group_limits sgsi_group_limits_read(const char *membership, const char *root);
+
+// Of this process, now.
+sgsi_group_limits sgsi_group_limits_own(void);

@@ -102,7 +102,6 @@ unsigned long long sgs_machine_memory(void)
     unsigned long long bytes = ULLONG_MAX;
     if (!sysinfo(&info))
         bytes = (unsigned long long)info.mem_unit * (info.totalram + info.totalswap);
-    const unsigned long long allowed =
-        sgsi_group_limits_read("/proc/self/cgroup", "/sys/fs/cgroup").memory;
+    const unsigned long long allowed = sgsi_group_limits_own().memory;
     return allowed && allowed < bytes ? allowed : bytes;
 }

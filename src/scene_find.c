@@ -95,21 +95,21 @@ static void list_image_folders(const char *path, char *text, size_t size)
     free(entries);
 }
 
-// The folder that holds `folder` as it is written: a link to an image folder does not lead the
-// search for masks to where the link points.
-static char *holder_of(const char *folder)
+// The folder that holds `path` as it is written: a link to an image folder does not lead the search
+// for masks to where the link points.
+static char *holder_of(const char *path)
 {
-    size_t end = strlen(folder);
-    while (end > 1 && folder[end - 1] == '/')
+    size_t end = strlen(path);
+    while (end > 1 && path[end - 1] == '/')
         --end;
     size_t begin = end;
-    while (begin && folder[begin - 1] != '/')
+    while (begin && path[begin - 1] != '/')
         --begin;
-    if (end - begin == 2 && !strncmp(folder + begin, "..", 2))
-        return sgsi_format("%.*s/..", (int)end, folder);
-    while (begin > 1 && folder[begin - 1] == '/')
+    if (end - begin == 2 && !strncmp(path + begin, "..", 2))
+        return sgsi_format("%.*s/..", (int)end, path);
+    while (begin > 1 && path[begin - 1] == '/')
         --begin;
-    return begin ? sgsi_format("%.*s", (int)begin, folder) : sgsi_strdup(".");
+    return begin ? sgsi_format("%.*s", (int)begin, path) : sgsi_strdup(".");
 }
 
 // `above`: the path is a model itself, sparse/0 with the photographs beside sparse.
@@ -196,10 +196,8 @@ static sgs_status find_in_file(const char *path, sgsi_scene_files *files)
     if (length < 5 || strcasecmp(path + length - 5, ".json"))
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: is a file; name the folder of the scene",
                          path);
-    const char *slash = strrchr(path, '/');
     files->model_path = sgsi_strdup(path);
-    files->image_folder =
-        slash ? sgsi_format("%.*s", (int)(slash - path + (slash == path)), path) : sgsi_strdup(".");
+    files->image_folder = holder_of(path);
     return files->model_path && files->image_folder ? SGS_STATUS_OK : no_memory(path);
 }
 

@@ -56,7 +56,7 @@ int sgs_cores(void)
     int cores = affine_cores();
     if (cores < 1)
         cores = (int)sysconf(_SC_NPROCESSORS_ONLN);
-    const double allowed = sgsi_group_limits_read("/proc/self/cgroup", "/sys/fs/cgroup").cores;
+    const double allowed = sgsi_group_limits_own().cores;
     if (allowed > 0.0 && allowed < (double)cores)
         return (int)ceil(allowed);
     return cores < 1 ? 1 : cores;

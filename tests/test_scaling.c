@@ -9,10 +9,10 @@
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
-#include <time.h>
 #include <cmocka.h>
 
 #include "core.h"
+#include "rest.h"
 #include "sparegs/bench.h"
 #include "threads.h"
 
@@ -49,13 +49,6 @@ static void prediction_is_amdahls_law_with_a_floor(void **state)
     close_to(sgs_scaling_predict(&crowded, 8, 0), 1.0 / (0.01 + 0.99 / 8));
     const sgs_scaling nothing = {.threads = 1};
     close_to(sgs_scaling_predict(&nothing, 8, 10), 1.0);
-}
-
-// Sleeps, so that the other threads find a core even on a busy machine.
-static void rest(double seconds)
-{
-    const struct timespec time = {.tv_nsec = (long)(1e9 * seconds)};
-    nanosleep(&time, NULL);
 }
 
 static void long_item(void *context, size_t item, int thread)

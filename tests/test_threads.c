@@ -12,15 +12,14 @@
 #include <stdatomic.h>
 #include <stddef.h>
 #include <stdint.h>
-#include <stdlib.h>
 #include <string.h>
 #include <sys/wait.h>
-#include <time.h>
 #include <unistd.h>
 
 #include <cmocka.h>
 
 #include "core.h"
+#include "rest.h"
 #include "threads.h"
 
 enum { ITEMS = 5000 };
@@ -48,12 +47,6 @@ static size_t run_tally(size_t count, size_t chunk)
     for (size_t i = 0; i < ITEMS; ++i)
         wrong += t.runs[i] != (i < count);
     return wrong;
-}
-
-static void rest(double seconds)
-{
-    const struct timespec time = {.tv_nsec = (long)(1e9 * seconds)};
-    nanosleep(&time, NULL);
 }
 
 static void every_item_runs_once(void **state)

@@ -11,7 +11,7 @@
 // calls itself a refit, against 0.27 s and 0.027 s). A REFIT geometry never builds again, so every
 // build makes a new one.
 
-#include "bvh.h"
+#include "bvh/bvh.h"
 
 #include <math.h>
 #include <pthread.h>
@@ -19,9 +19,9 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "core.h"
-#include "embree_include.h"
-#include "threads.h"
+#include "base/core.h"
+#include "bvh/embree_include.h"
+#include "base/threads.h"
 
 struct sgsi_bvh {
     RTCScene scene;

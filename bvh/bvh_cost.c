@@ -1,15 +1,15 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-#include "bvh_cost.h"
+#include "bvh/bvh_cost.h"
 
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
 
-#include "core.h"
-#include "embree_include.h"
-#include "threads.h"
+#include "base/core.h"
+#include "bvh/embree_include.h"
+#include "base/threads.h"
 
 enum { BRANCHES = 8, LEAF_REFIT = 8 };
 

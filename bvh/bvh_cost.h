@@ -7,7 +7,7 @@
 // quality makes through rtcBuildBVH (HIGH as MEDIUM: it splits no user geometry), with one
 // primitive per leaf (REFIT: up to eight, as in its trees of two levels).
 
-#include "bvh.h"
+#include "bvh/bvh.h"
 
 typedef struct sgsi_bvh_cost {
     // Expected boxes and primitives that a random ray through the root's box meets: sum over nodes

@@ -57,7 +57,7 @@
 // Sums are double and run in index order within a region, so the result depends on the input alone.
 // One call costs three passes over the primitives and three radix sorts of K numbers.
 
-#include "spare.h"
+#include "spare/spare.h"
 
 #include <float.h>
 #include <math.h>

@@ -22,7 +22,7 @@
 
 #include <math.h>
 
-#include "spare.h"
+#include "spare/spare.h"
 
 void spare_equilibrium_begin(spare_equilibrium *state)
 {

@@ -4,7 +4,7 @@
 
 # Installs what building, testing and the demo need, on Debian and Ubuntu; elsewhere prints the list and stops.
 # Does nothing, quickly, when everything is there. This is the only place where the packages are listed.
-#     tools/setup.sh [--long]        with what the long tests, tools/lint.sh and tools/coverage.sh need besides
+#     tools/setup.sh [--long]        with what the long tests, tools/scripts/lint.sh and tools/scripts/coverage.sh need besides
 set -euo pipefail
 
 packages=(
@@ -20,8 +20,8 @@ packages=(
 if [ "${1:-}" = --long ]; then
     packages+=(
         clang libclang-rt-dev            # sanitizers, fuzzing
-        clang-format clang-tidy cppcheck # tools/lint.sh
-        gcovr                            # tools/coverage.sh
+        clang-format clang-tidy cppcheck # tools/scripts/lint.sh
+        gcovr                            # tools/scripts/coverage.sh
         colmap                           # reconstruct
         chromium                         # the page of `report`
     )

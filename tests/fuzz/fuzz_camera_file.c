@@ -7,7 +7,7 @@
 
 #include <stdarg.h>
 
-#include "camera_file.h"
+#include "cameras/camera_file.h"
 #include "fuzz_support.h"
 
 static char message[2048];

@@ -6,7 +6,7 @@
 // no seed has to be kept in step with the format. Promises: a refusal names the file; a loaded
 // state trains on, and is the same after writing and loading it.
 
-#include "checkpoint_support.h"
+#include "support/checkpoint_support.h"
 #include "fuzz_support.h"
 #include "sparegs/runtime.h"
 #include "sparegs/trainer.h"

@@ -7,7 +7,7 @@
 
 #include <xxhash.h>
 
-#include "colmap.h"
+#include "scene/colmap.h"
 #include "fuzz_support.h"
 #include "sparegs/camera.h"
 

@@ -5,7 +5,7 @@
 // again gives the same.
 
 #include "fuzz_support.h"
-#include "point_cloud.h"
+#include "formats/point_cloud.h"
 #include "sparegs/gaussians.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)

@@ -16,7 +16,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "core.h"
+#include "base/core.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 

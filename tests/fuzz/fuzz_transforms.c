@@ -5,7 +5,7 @@
 // poses are finite.
 
 #include "fuzz_support.h"
-#include "transforms.h"
+#include "scene/transforms.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {

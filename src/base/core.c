@@ -1,0 +1,342 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Errors, memory, files, clocks and random numbers shared by the whole library.
+
+#include "base/core.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <math.h>
+#include <stdatomic.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <time.h>
+#include <unistd.h>
+
+static _Thread_local char last_error[1024];
+static sgs_warning_fn warning_fn;
+static void *warning_user;
+static atomic_size_t allocation_count;
+static atomic_size_t allocation_failure;
+
+enum { ALIGNMENT = 64, HUGE_BLOCK = 2 << 20 };
+
+const char *sgs_status_text(sgs_status status)
+{
+    switch (status) {
+#define SGS_STATUS_CASE(name, text)                                                                \
+    case SGS_STATUS_##name:                                                                        \
+        return text;
+        SGS_STATUS_LIST(SGS_STATUS_CASE)
+#undef SGS_STATUS_CASE
+    }
+    return "unknown status";
+}
+
+const char *sgs_last_error(void)
+{
+    return last_error;
+}
+
+// Messages quote files that nobody trusts: no line break and no terminal escape gets through.
+static void make_printable(char *text)
+{
+    for (; *text; ++text)
+        if ((unsigned char)*text < 0x20 || *text == 0x7f)
+            *text = '?';
+}
+
+sgs_status sgsi_fail(sgs_status status, const char *format, ...)
+{
+    // Through a second buffer: an argument may be sgs_last_error() itself (a caller adding the
+    // file's name).
+    char text[sizeof last_error];
+    va_list args;
+    va_start(args, format);
+    vsnprintf(text, sizeof text, format, args);
+    va_end(args);
+    make_printable(text);
+    memcpy(last_error, text, sizeof text);
+    return status;
+}
+
+void sgs_set_warning_handler(sgs_warning_fn fn, void *user)
+{
+    warning_fn = fn;
+    warning_user = user;
+}
+
+void sgsi_warn(const char *format, ...)
+{
+    if (!warning_fn)
+        return;
+    char text[1024];
+    va_list args;
+    va_start(args, format);
+    vsnprintf(text, sizeof text, format, args);
+    va_end(args);
+    make_printable(text);
+    warning_fn(warning_user, text);
+}
+
+static bool allocation_denied(void)
+{
+    atomic_fetch_add_explicit(&allocation_count, 1, memory_order_relaxed);
+    size_t left = atomic_load_explicit(&allocation_failure, memory_order_relaxed);
+    if (!left)
+        return false;
+    atomic_store_explicit(&allocation_failure, left - 1, memory_order_relaxed);
+    return left == 1;
+}
+
+size_t sgsi_allocation_count(void)
+{
+    return atomic_load(&allocation_count);
+}
+
+void sgsi_fail_allocation(size_t n)
+{
+    atomic_store(&allocation_failure, n);
+}
+
+void *sgsi_alloc(size_t count, size_t size)
+{
+    size_t bytes;
+    if (allocation_denied() || __builtin_mul_overflow(count, size, &bytes) || bytes > SIZE_MAX / 2)
+        return NULL;
+    const size_t alignment = bytes >= HUGE_BLOCK ? HUGE_BLOCK : ALIGNMENT;
+    bytes = (bytes + ALIGNMENT) / ALIGNMENT * ALIGNMENT;
+    void *block = NULL;
+    if (posix_memalign(&block, alignment, bytes))
+        return NULL;
+    if (bytes >= HUGE_BLOCK)
+        madvise(block, bytes, MADV_HUGEPAGE); // a hint: failure costs only speed
+    return block;
+}
+
+void *sgsi_calloc(size_t count, size_t size)
+{
+    void *block = sgsi_alloc(count, size);
+    if (block)
+        memset(block, 0, count * size);
+    return block;
+}
+
+bool sgsi_grow(void **block, size_t old_count, size_t new_count, size_t size)
+{
+    if (*block && new_count <= old_count)
+        return true;
+    void *grown = sgsi_alloc(new_count, size);
+    if (!grown)
+        return false;
+    if (*block && old_count)
+        memcpy(grown, *block, old_count * size);
+    sgsi_free(*block);
+    *block = grown;
+    return true;
+}
+
+void sgsi_free(void *block)
+{
+    free(block);
+}
+
+char *sgsi_strdup(const char *text)
+{
+    const size_t size = strlen(text) + 1;
+    char *copy = sgsi_alloc(size, 1);
+    if (copy)
+        memcpy(copy, text, size);
+    return copy;
+}
+
+char *sgsi_format(const char *format, ...)
+{
+    va_list args;
+    va_start(args, format);
+    const int length = vsnprintf(NULL, 0, format, args);
+    va_end(args);
+    char *text = length < 0 ? NULL : sgsi_alloc((size_t)length + 1, 1);
+    if (!text)
+        return NULL;
+    va_start(args, format);
+    vsnprintf(text, (size_t)length + 1, format, args);
+    va_end(args);
+    return text;
+}
+
+sgs_status sgsi_file_read(const char *path, size_t limit, uint8_t **bytes, size_t *size)
+{
+    *bytes = NULL;
+    *size = 0;
+    FILE *stream = fopen(path, "rb");
+    struct stat info;
+    if (!stream || fstat(fileno(stream), &info)) {
+        const int code = errno;
+        if (stream)
+            fclose(stream);
+        return sgsi_fail(SGS_STATUS_IO, "%s: cannot be opened: %s", path, strerror(code));
+    }
+    if (!S_ISREG(info.st_mode)) {
+        fclose(stream);
+        return sgsi_fail(SGS_STATUS_IO, "%s: is not a regular file", path);
+    }
+    const size_t length = (size_t)info.st_size;
+    if (limit && length > limit) {
+        fclose(stream);
+        return sgsi_fail(SGS_STATUS_LIMIT, "%s: has %zu bytes, more than the %zu that are accepted",
+                         path, length, limit);
+    }
+    uint8_t *block = sgsi_alloc(length + 1, 1);
+    if (!block) {
+        fclose(stream);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory for its %zu bytes", path, length);
+    }
+    const size_t got = fread(block, 1, length, stream);
+    fclose(stream);
+    if (got != length) {
+        sgsi_free(block);
+        return sgsi_fail(SGS_STATUS_IO, "%s: byte %zu: cannot be read further", path, got);
+    }
+    block[length] = 0;
+    *bytes = block;
+    *size = length;
+    return SGS_STATUS_OK;
+}
+
+sgs_status sgsi_atomic_open(sgsi_atomic_file *file, const char *path)
+{
+    *file = (sgsi_atomic_file){.path = sgsi_strdup(path),
+                               .temporary = sgsi_format("%s.tmp.%ld", path, (long)getpid())};
+    if (!file->path || !file->temporary) {
+        sgsi_atomic_abort(file);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path);
+    }
+    file->stream = fopen(file->temporary, "wb");
+    if (!file->stream) {
+        const int code = errno;
+        sgsi_atomic_abort(file);
+        return sgsi_fail(SGS_STATUS_IO, "%s: cannot be written: %s", path, strerror(code));
+    }
+    return SGS_STATUS_OK;
+}
+
+// A rename is on the disk when its folder is. Best effort: some file systems refuse to sync a
+// folder.
+static void sync_folder_of(const char *path)
+{
+    char folder[4096] = ".";
+    const char *slash = strrchr(path, '/');
+    if (slash)
+        snprintf(folder, sizeof folder, "%.*s", (int)(slash - path + (slash == path)), path);
+    const int descriptor = open(folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    if (descriptor < 0)
+        return;
+    fsync(descriptor);
+    close(descriptor);
+}
+
+sgs_status sgsi_atomic_commit(sgsi_atomic_file *file)
+{
+    errno = 0;
+    const bool written =
+        !fflush(file->stream) && !ferror(file->stream) && !fsync(fileno(file->stream));
+    int code = errno;
+    const bool closed = !fclose(file->stream);
+    file->stream = NULL;
+    if (written && closed && !rename(file->temporary, file->path)) {
+        sync_folder_of(file->path);
+        sgsi_free(file->path);
+        sgsi_free(file->temporary);
+        *file = (sgsi_atomic_file){0};
+        return SGS_STATUS_OK;
+    }
+    if (written)
+        code = errno;
+    sgsi_fail(SGS_STATUS_IO, "%s: cannot be written: %s", file->path,
+              code ? strerror(code) : "disk full?");
+    sgsi_atomic_abort(file);
+    return SGS_STATUS_IO;
+}
+
+void sgsi_atomic_abort(sgsi_atomic_file *file)
+{
+    if (file->stream)
+        fclose(file->stream);
+    if (file->temporary)
+        unlink(file->temporary);
+    sgsi_free(file->path);
+    sgsi_free(file->temporary);
+    *file = (sgsi_atomic_file){0};
+}
+
+bool sgsi_is_file(const char *path)
+{
+    struct stat info;
+    return !stat(path, &info) && S_ISREG(info.st_mode);
+}
+
+bool sgsi_is_folder(const char *path)
+{
+    struct stat info;
+    return !stat(path, &info) && S_ISDIR(info.st_mode);
+}
+
+sgs_status sgsi_make_folder(const char *path)
+{
+    char *partial = sgsi_strdup(path);
+    if (!partial)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to create it", path);
+    for (char *at = partial + 1;; ++at) {
+        if (*at != '/' && *at != 0)
+            continue;
+        const char kept = *at;
+        *at = 0;
+        if (mkdir(partial, 0777) && errno != EEXIST) {
+            const int code = errno;
+            sgsi_free(partial);
+            return sgsi_fail(SGS_STATUS_IO, "%s: cannot be created: %s", path, strerror(code));
+        }
+        *at = kept;
+        if (!kept)
+            break;
+    }
+    sgsi_free(partial);
+    struct stat info;
+    if (stat(path, &info) || !S_ISDIR(info.st_mode))
+        return sgsi_fail(SGS_STATUS_IO, "%s: is not a folder", path);
+    return SGS_STATUS_OK;
+}
+
+double sgsi_seconds(void)
+{
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
+}
+
+uint64_t sgsi_random_bits(uint64_t seed, uint64_t counter)
+{
+    // SplitMix64: Steele, Lea, Flood, "Fast splittable pseudorandom number generators", 2014.
+    uint64_t z = seed * UINT64_C(0xD1342543DE82EF95) + (counter + 1) * UINT64_C(0x9E3779B97F4A7C15);
+    for (int round = 0; round < 2; ++round) {
+        z = (z ^ (z >> 30)) * UINT64_C(0xBF58476D1CE4E5B9);
+        z = (z ^ (z >> 27)) * UINT64_C(0x94D049BB133111EB);
+        z ^= z >> 31;
+    }
+    return z;
+}
+
+double sgsi_random_uniform(uint64_t seed, uint64_t counter)
+{
+    return ((double)(sgsi_random_bits(seed, counter) >> 11) + 0.5) * 0x1p-53;
+}
+
+double sgsi_random_normal(uint64_t seed, uint64_t counter)
+{
+    const double radius = sqrt(-2.0 * log(sgsi_random_uniform(seed, 2 * counter)));
+    return radius * cos(6.283185307179586 * sgsi_random_uniform(seed, 2 * counter + 1));
+}

@@ -1,0 +1,107 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Choice of the instruction set, versions, memory readings.
+
+#include "sparegs/runtime.h"
+
+#include <limits.h>
+#include <stdatomic.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/resource.h>
+#include <sys/sysinfo.h>
+#include <unistd.h>
+
+#include "base/cgroup_limits.h"
+#include "base/core.h"
+
+static atomic_int chosen_isa = -1; // found by whichever thread asks first
+
+int sgs_isa_supported(sgs_isa isa)
+{
+    switch (isa) {
+    case SGS_ISA_BASELINE:
+        return 1;
+#ifdef SGSI_X86
+    case SGS_ISA_AVX2:
+        return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") &&
+               __builtin_cpu_supports("bmi2");
+    case SGS_ISA_AVX512:
+        return __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") &&
+               __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl") &&
+               __builtin_cpu_supports("fma");
+#endif
+    default:
+        return 0;
+    }
+}
+
+const char *sgs_isa_name(sgs_isa isa)
+{
+    static const char *const names[SGS_ISA_COUNT] = {"baseline", "avx2", "avx512"};
+    return (unsigned)isa < SGS_ISA_COUNT ? names[isa] : NULL;
+}
+
+sgs_isa sgs_get_isa(void)
+{
+    int isa = atomic_load_explicit(&chosen_isa, memory_order_relaxed);
+    if (isa < 0) {
+        int best = SGS_ISA_COUNT - 1;
+        while (!sgs_isa_supported((sgs_isa)best))
+            --best;
+        // Another thread may have chosen meanwhile: then isa becomes its choice.
+        if (atomic_compare_exchange_strong(&chosen_isa, &isa, best))
+            isa = best;
+    }
+    return (sgs_isa)isa;
+}
+
+sgs_status sgs_set_isa(sgs_isa isa)
+{
+    if (!sgs_isa_name(isa))
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "instruction set %d is unknown", (int)isa);
+    if (!sgs_isa_supported(isa))
+        return sgsi_fail(SGS_STATUS_UNSUPPORTED, "this machine has no %s; leave --isa away",
+                         sgs_isa_name(isa));
+    atomic_store(&chosen_isa, (int)isa);
+    return SGS_STATUS_OK;
+}
+
+const char *sgs_version(void)
+{
+    return SGSI_VERSION;
+}
+
+const char *sgs_version_commit(void)
+{
+    return SGSI_COMMIT;
+}
+
+unsigned long long sgs_peak_rss(void)
+{
+    struct rusage usage;
+    return getrusage(RUSAGE_SELF, &usage) ? 0 : (unsigned long long)usage.ru_maxrss * 1024;
+}
+
+unsigned long long sgs_current_rss(void)
+{
+    unsigned long long pages = 0;
+    FILE *stream = fopen("/proc/self/statm", "r");
+    if (!stream)
+        return 0;
+    if (fscanf(stream, "%*u %llu", &pages) != 1)
+        pages = 0;
+    fclose(stream);
+    return pages * (unsigned long long)sysconf(_SC_PAGESIZE);
+}
+
+unsigned long long sgs_machine_memory(void)
+{
+    struct sysinfo info;
+    unsigned long long bytes = ULLONG_MAX;
+    if (!sysinfo(&info))
+        bytes = (unsigned long long)info.mem_unit * (info.totalram + info.totalswap);
+    const unsigned long long allowed = sgsi_group_limits_own().memory;
+    return allowed && allowed < bytes ? allowed : bytes;
+}

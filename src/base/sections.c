@@ -1,0 +1,239 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// The file, little-endian:
+//
+//   "SPAREGS1" | version: u32 | reserved: u32
+//   per section: name, 16 bytes, padded with zeros | bytes: u64 | content
+//   name "end" | bytes: 0
+//   XXH64 of everything before it: u64
+//
+// Nothing of a file is used before its checksum is proved. The checksum protects against accidents,
+// not against somebody who can compute it: every size is held against the bytes that are there.
+
+#include "base/sections.h"
+
+#include <errno.h>
+#include <string.h>
+#include <xxhash.h>
+
+_Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__,
+               "the sections are written as they lie in memory");
+
+static const char magic[8] = {'S', 'P', 'A', 'R', 'E', 'G', 'S', '1'};
+static const char end_name[] = "end";
+enum {
+    VERSION = 3,
+    HEADER_BYTES = 16,
+    SECTION_HEADER_BYTES = SGSI_SECTION_NAME + 8,
+    DIGEST_BYTES = 8
+};
+
+// ---- writing ----
+
+static void write_bytes(sgsi_sections *sections, const void *data, size_t bytes)
+{
+    if (sections->status || !bytes)
+        return;
+    XXH64_update(sections->hash, data, bytes);
+    errno = 0;
+    if (fwrite(data, 1, bytes, sections->file.stream) != bytes)
+        sections->status = sgsi_fail(SGS_STATUS_IO, "%s: cannot be written: %s", sections->path,
+                                     errno ? strerror(errno) : "disk full?");
+}
+
+static void write_section_header(sgsi_sections *sections, const char *name, uint64_t bytes)
+{
+    char header[SECTION_HEADER_BYTES] = {0};
+    memcpy(header, name, strnlen(name, SGSI_SECTION_NAME));
+    memcpy(header + SGSI_SECTION_NAME, &bytes, sizeof bytes);
+    write_bytes(sections, header, sizeof header);
+}
+
+sgs_status sgsi_sections_create(sgsi_sections *sections, const char *path)
+{
+    *sections = (sgsi_sections){.pass = SGSI_SECTIONS_WRITE, .path = path};
+    const sgs_status status = sgsi_atomic_open(&sections->file, path);
+    if (status)
+        return status;
+    sections->hash = XXH64_createState();
+    if (!sections->hash) {
+        sgsi_atomic_abort(&sections->file);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path);
+    }
+    XXH64_reset(sections->hash, 0);
+    char header[HEADER_BYTES] = {0};
+    const uint32_t version = VERSION;
+    memcpy(header, magic, sizeof magic);
+    memcpy(header + sizeof magic, &version, sizeof version);
+    write_bytes(sections, header, sizeof header);
+    return SGS_STATUS_OK;
+}
+
+// The section before the current place must have got all its pieces: a mistake in the caller's list
+// otherwise.
+static void check_filled(sgsi_sections *sections)
+{
+    if (!sections->status && sections->left)
+        sections->status = sgsi_fail(SGS_STATUS_LIMIT, "%s: %zu bytes of a section have no content",
+                                     sections->path, sections->left);
+}
+
+sgs_status sgsi_sections_commit(sgsi_sections *sections)
+{
+    check_filled(sections);
+    write_section_header(sections, end_name, 0);
+    const uint64_t digest = XXH64_digest(sections->hash);
+    write_bytes(sections, &digest, sizeof digest);
+    XXH64_freeState(sections->hash);
+    sections->hash = NULL;
+    if (!sections->status)
+        return sgsi_atomic_commit(&sections->file);
+    sgsi_atomic_abort(&sections->file);
+    return sections->status;
+}
+
+// ---- reading ----
+
+static sgs_status fail_format(const sgsi_sections *sections, size_t at, const char *what)
+{
+    return sgsi_fail(SGS_STATUS_FORMAT, "%s: byte %zu: %s; the file is cut or damaged",
+                     sections->path, at, what);
+}
+
+static const sgsi_section *look_up(const sgsi_sections *sections, const char *name)
+{
+    for (size_t i = 0; i < sections->count; ++i)
+        if (!strcmp(sections->table[i].name, name))
+            return &sections->table[i];
+    return NULL;
+}
+
+// Walks the section headers of bytes[HEADER_BYTES .. size).
+static sgs_status read_table(sgsi_sections *sections, size_t size)
+{
+    for (size_t at = HEADER_BYTES;;) {
+        if (size - at < SECTION_HEADER_BYTES)
+            return fail_format(sections, at, "the list of sections has no end");
+        sgsi_section section = {.at = at + SECTION_HEADER_BYTES};
+        memcpy(section.name, sections->bytes + at, SGSI_SECTION_NAME);
+        uint64_t bytes;
+        memcpy(&bytes, sections->bytes + at + SGSI_SECTION_NAME, sizeof bytes);
+        if (!strcmp(section.name, end_name))
+            return bytes == 0 && section.at == size
+                       ? SGS_STATUS_OK
+                       : fail_format(sections, at, "something follows the end");
+        if (bytes > size - section.at)
+            return fail_format(sections, at, "a section is longer than the file");
+        if (sections->count == SGSI_SECTIONS_MOST)
+            return fail_format(sections, at, "there are too many sections");
+        if (look_up(sections, section.name))
+            return fail_format(sections, at, "a section is there twice");
+        section.bytes = (size_t)bytes;
+        sections->table[sections->count++] = section;
+        at = section.at + section.bytes;
+    }
+}
+
+static sgs_status prove(sgsi_sections *sections, size_t size)
+{
+    const char *path = sections->path;
+    uint32_t version;
+    uint64_t digest;
+    if (size < HEADER_BYTES + SECTION_HEADER_BYTES + DIGEST_BYTES ||
+        memcmp(sections->bytes, magic, sizeof magic))
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: is not a checkpoint", path);
+    memcpy(&version, sections->bytes + sizeof magic, sizeof version);
+    if (version != VERSION)
+        return sgsi_fail(
+            SGS_STATUS_UNSUPPORTED,
+            "%s: has version %u, this program reads %d; continue with the program that wrote it",
+            path, version, VERSION);
+    size -= DIGEST_BYTES;
+    memcpy(&digest, sections->bytes + size, sizeof digest);
+    if (XXH64(sections->bytes, size, 0) != digest)
+        return sgsi_fail(SGS_STATUS_FORMAT,
+                         "%s: the checksum does not match; the file is cut or damaged", path);
+    return read_table(sections, size);
+}
+
+sgs_status sgsi_sections_open(sgsi_sections *sections, const char *path)
+{
+    *sections = (sgsi_sections){.pass = SGSI_SECTIONS_CHECK, .path = path};
+    size_t size;
+    sgs_status status = sgsi_file_read(path, 0, &sections->bytes, &size);
+    if (!status)
+        status = prove(sections, size);
+    if (status)
+        sgsi_sections_close(sections);
+    return status;
+}
+
+void sgsi_sections_close(sgsi_sections *sections)
+{
+    sgsi_free(sections->bytes);
+    sections->bytes = NULL;
+}
+
+const uint8_t *sgsi_sections_find(sgsi_sections *sections, const char *name, size_t *bytes)
+{
+    const sgsi_section *section = look_up(sections, name);
+    if (!section)
+        return NULL;
+    sections->table[section - sections->table].known = true;
+    *bytes = section->bytes;
+    return sections->bytes + section->at;
+}
+
+sgs_status sgsi_sections_checked(sgsi_sections *sections)
+{
+    for (size_t i = 0; i < sections->count && !sections->status; ++i)
+        if (!sections->table[i].known)
+            sections->status = sgsi_fail(
+                SGS_STATUS_FORMAT,
+                "%s: has a section '%s' that this program does not know; continue with the "
+                "program that wrote it",
+                sections->path, sections->table[i].name);
+    return sections->status;
+}
+
+// ---- the visit ----
+
+void sgsi_sections_begin(sgsi_sections *sections, const char *name, size_t bytes)
+{
+    check_filled(sections);
+    sections->left = bytes;
+    if (sections->status)
+        return;
+    if (sections->pass == SGSI_SECTIONS_WRITE) {
+        write_section_header(sections, name, bytes);
+        return;
+    }
+    size_t stored = 0;
+    sections->next = sgsi_sections_find(sections, name, &stored);
+    if (!sections->next)
+        sections->status =
+            sgsi_fail(SGS_STATUS_FORMAT, "%s: the section '%s' is missing", sections->path, name);
+    else if (stored != bytes)
+        sections->status =
+            sgsi_fail(SGS_STATUS_FORMAT, "%s: the section '%s' has %zu bytes and must have %zu",
+                      sections->path, name, stored, bytes);
+}
+
+void sgsi_sections_piece(sgsi_sections *sections, void *data, size_t bytes)
+{
+    if (sections->status || !bytes)
+        return;
+    if (bytes > sections->left) { // a mistake in the caller's list of sections
+        sections->status = sgsi_fail(SGS_STATUS_LIMIT, "%s: a piece does not fit into its section",
+                                     sections->path);
+        return;
+    }
+    sections->left -= bytes;
+    if (sections->pass == SGSI_SECTIONS_WRITE)
+        write_bytes(sections, data, bytes);
+    if (sections->pass == SGSI_SECTIONS_READ) {
+        memcpy(data, sections->next, bytes);
+        sections->next += bytes;
+    }
+}

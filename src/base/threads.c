@@ -1,0 +1,142 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Parallel loops and the number of threads.
+
+#include "base/threads.h"
+
+#include <math.h>
+#include <sched.h>
+#include <stdatomic.h>
+#include <stdbool.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "base/cgroup_limits.h"
+#include "base/core.h"
+#include "base/float_mode.h"
+#include "sparegs/runtime.h"
+#include "base/thread_team.h"
+
+static atomic_int thread_count; // 0 = not asked for yet
+
+void sgsi_threads_set(int count)
+{
+    thread_count = count < 0 ? 0 : count > SGSI_THREADS_MAX ? SGSI_THREADS_MAX : count;
+}
+
+void sgs_set_threads(int count)
+{
+    sgsi_threads_set(count);
+}
+
+int sgs_threads(void)
+{
+    return sgsi_threads();
+}
+
+// Processors in the affinity mask, however large the machine; 0 when it cannot be had.
+static int affine_cores(void)
+{
+    for (int most = 1024; most <= 1 << 20; most *= 4) {
+        cpu_set_t *mask = CPU_ALLOC((size_t)most);
+        if (!mask)
+            return 0;
+        const size_t size = CPU_ALLOC_SIZE((size_t)most);
+        const int cores = sched_getaffinity(0, size, mask) ? 0 : CPU_COUNT_S(size, mask);
+        CPU_FREE(mask);
+        if (cores)
+            return cores;
+    }
+    return 0;
+}
+
+int sgs_cores(void)
+{
+    int cores = affine_cores();
+    if (cores < 1)
+        cores = (int)sysconf(_SC_NPROCESSORS_ONLN);
+    const double allowed = sgsi_group_limits_own().cores;
+    if (allowed > 0.0 && allowed < (double)cores)
+        return (int)ceil(allowed);
+    return cores < 1 ? 1 : cores;
+}
+
+int sgsi_threads(void)
+{
+    int count = atomic_load_explicit(&thread_count, memory_order_relaxed);
+    if (!count) {
+        int cores = sgs_cores();
+        if (cores > SGSI_THREADS_MAX)
+            cores = SGSI_THREADS_MAX;
+        // Another thread may have set it meanwhile: then count becomes that number.
+        if (atomic_compare_exchange_strong(&thread_count, &count, cores))
+            count = cores;
+    }
+    return count;
+}
+
+static _Thread_local sgsi_loop_seconds loop_seconds;
+
+sgsi_loop_seconds sgsi_threads_seconds(void)
+{
+    return loop_seconds;
+}
+
+void sgsi_parallel_for(size_t count, size_t chunk, sgsi_item_fn body, void *context)
+{
+    if (!chunk)
+        chunk = 1;
+    const int threads = sgsi_threads();
+    const bool nested = sgsi_team_is_inside(); // then the other threads have work already
+    const double start = sgsi_seconds();
+    const sgsi_float_mode mode = sgsi_enter_float_mode(); // the caller's comes back afterwards
+    if (threads == 1 || count <= chunk || nested) {
+        for (size_t item = 0; item < count; ++item)
+            body(context, item, 0);
+        if (threads == 1) // else a single item is serial work
+            loop_seconds.inside += sgsi_seconds() - start;
+    } else {
+        const double finished = sgsi_team_run(threads, count, chunk, body, context, start);
+        const double wall = sgsi_seconds() - start;
+        loop_seconds.inside += wall;
+        loop_seconds.waiting += wall - finished / threads;
+    }
+    sgsi_leave_float_mode(mode);
+}
+
+typedef struct range_loop {
+    size_t count, grain;
+    sgsi_range_fn body;
+    void *context;
+} range_loop;
+
+static void run_range(void *context, size_t item, int thread)
+{
+    const range_loop *loop = context;
+    const size_t begin = item * loop->grain;
+    const size_t end = begin + loop->grain < loop->count ? begin + loop->grain : loop->count;
+    loop->body(loop->context, begin, end, thread);
+}
+
+void sgsi_parallel_ranges(size_t count, size_t grain, sgsi_range_fn body, void *context)
+{
+    range_loop loop = {count, grain, body, context};
+    sgsi_parallel_for((count + grain - 1) / grain, 1, run_range, &loop);
+}
+
+enum { ZEROED_AT_ONCE = 2 << 20 }; // a huge page
+
+static void zero_range(void *context, size_t begin, size_t end, int thread)
+{
+    (void)thread;
+    memset((char *)context + begin, 0, end - begin);
+}
+
+void *sgsi_calloc_shared(size_t count, size_t size)
+{
+    void *block = sgsi_alloc(count, size);
+    if (block)
+        sgsi_parallel_ranges(count * size, ZEROED_AT_ONCE, zero_range, block);
+    return block;
+}

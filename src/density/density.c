@@ -1,0 +1,517 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// The machinery of density control, whatever the base pipeline, with the hooks of SPARE-GS.
+//
+// An update first decides everything from the old rows: scores, weights and redundancy here, clone,
+// split and prune by the pipeline (pipeline.h). Then it writes a plan, one entry per row of the new
+// model (kept, clone, or split child of an old row; removed rows have none), sorts the plan along a
+// Morton curve so that primitives near in space are near in memory, and gathers parameters and
+// moments by it. Differences to the original, none of which changes the mathematics: row order, and
+// the random numbers of the children, which come from a counter (seed, iteration, old row) and so
+// do not depend on threads.
+
+#include "density/density.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "base/core.h"
+#include "model/filter_3d.h"
+#include "density/pipeline.h"
+#include "base/threads.h"
+
+typedef enum plan_kind { PLAN_KEEP, PLAN_CLONE, PLAN_CHILD_0, PLAN_CHILD_1 } plan_kind;
+
+typedef struct plan_entry {
+    uint64_t key; // Morton code, for the sort
+    uint32_t row; // old row
+    uint32_t kind;
+} plan_entry;
+
+sgs_status sgsi_statistics_reserve(sgsi_statistics *statistics, size_t capacity)
+{
+    if (capacity <= statistics->capacity)
+        return SGS_STATUS_OK;
+    sgsi_statistics_free(statistics);
+    statistics->gradient_sum = sgsi_calloc_shared(capacity, sizeof *statistics->gradient_sum);
+    statistics->absolute_sum = sgsi_calloc_shared(capacity, sizeof *statistics->absolute_sum);
+    statistics->visible_count = sgsi_calloc_shared(capacity, sizeof *statistics->visible_count);
+    statistics->radius_max = sgsi_calloc_shared(capacity, sizeof *statistics->radius_max);
+    statistics->capacity = capacity;
+    if (statistics->gradient_sum && statistics->absolute_sum && statistics->visible_count &&
+        statistics->radius_max)
+        return SGS_STATUS_OK;
+    sgsi_statistics_free(statistics);
+    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the statistics of %zu primitives",
+                     capacity);
+}
+
+void sgsi_statistics_clear(sgsi_statistics *statistics, size_t count)
+{
+    memset(statistics->gradient_sum, 0, count * sizeof *statistics->gradient_sum);
+    memset(statistics->absolute_sum, 0, count * sizeof *statistics->absolute_sum);
+    memset(statistics->visible_count, 0, count * sizeof *statistics->visible_count);
+    memset(statistics->radius_max, 0, count * sizeof *statistics->radius_max);
+}
+
+void sgsi_statistics_free(sgsi_statistics *statistics)
+{
+    sgsi_free(statistics->gradient_sum);
+    sgsi_free(statistics->absolute_sum);
+    sgsi_free(statistics->visible_count);
+    sgsi_free(statistics->radius_max);
+    *statistics = (sgsi_statistics){0};
+}
+
+static void free_columns(sgsi_density_columns *columns)
+{
+    void *const arrays[] = {columns->x,        columns->y,         columns->z,
+                            columns->opacity,  columns->scale_max, columns->score,
+                            columns->absolute, columns->weight,    columns->redundant,
+                            columns->action,   columns->removed,   columns->degenerate,
+                            columns->barren,   columns->priority,  columns->workspace};
+    for (size_t i = 0; i < sizeof arrays / sizeof *arrays; ++i)
+        sgsi_free(arrays[i]);
+}
+
+static sgs_status make_columns(const sgs_gaussians *model, const sgsi_density_options *options,
+                               sgsi_density_columns *columns)
+{
+    const size_t n = model->count ? model->count : 1;
+    *columns = (sgsi_density_columns){.count = model->count};
+    float **const floats[] = {&columns->x,        &columns->y,         &columns->z,
+                              &columns->opacity,  &columns->scale_max, &columns->score,
+                              &columns->absolute, &columns->weight,    &columns->priority};
+    bool complete = true;
+    for (size_t i = 0; i < sizeof floats / sizeof *floats; ++i)
+        complete = (*floats[i] = sgsi_alloc(n, sizeof(float))) && complete;
+    uint8_t **const marks[] = {&columns->redundant, &columns->degenerate, &columns->action,
+                               &columns->removed, &columns->barren};
+    for (size_t i = 0; i < sizeof marks / sizeof *marks; ++i)
+        complete = (*marks[i] = sgsi_calloc(n, 1)) && complete;
+    columns->workspace = sgsi_alloc(spare_workspace_size(&options->spare, model->count), 1);
+    if (complete && columns->workspace)
+        return SGS_STATUS_OK;
+    free_columns(columns);
+    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                     "no memory for a structural update of %zu primitives", model->count);
+}
+
+typedef struct column_job {
+    const sgs_gaussians *model;
+    const sgsi_statistics *statistics;
+    sgsi_density_columns *columns;
+} column_job;
+
+static bool is_degenerate(const sgs_gaussians *model, size_t i)
+{
+    float zeros = 0.0f;
+    for (int k = 0; k < SGS_PARAM_COUNT; ++k)
+        zeros += *sgs_gaussians_at(model, i, k) * 0.0f;
+    return !(zeros == 0.0f);
+}
+
+static void fill_columns(void *context, size_t begin, size_t end, int thread)
+{
+    (void)thread;
+    const column_job *job = context;
+    sgsi_density_columns *c = job->columns;
+    for (size_t i = begin; i < end; ++i) {
+        c->x[i] = *sgs_gaussians_at(job->model, i, SGS_PARAM_MEAN);
+        c->y[i] = *sgs_gaussians_at(job->model, i, SGS_PARAM_MEAN + 1);
+        c->z[i] = *sgs_gaussians_at(job->model, i, SGS_PARAM_MEAN + 2);
+        c->opacity[i] = 1.0f / (1.0f + expf(-*sgs_gaussians_at(job->model, i, SGS_PARAM_OPACITY)));
+        float longest = *sgs_gaussians_at(job->model, i, SGS_PARAM_SCALE);
+        for (int k = 1; k < 3; ++k)
+            longest = fmaxf(longest, *sgs_gaussians_at(job->model, i, SGS_PARAM_SCALE + k));
+        c->scale_max[i] = expf(longest);
+        const uint32_t seen = job->statistics->visible_count[i];
+        c->score[i] = seen ? job->statistics->gradient_sum[i] / (float)seen : 0.0f;
+        c->absolute[i] = seen ? job->statistics->absolute_sum[i] / (float)seen : 0.0f;
+        c->weight[i] = 1.0f;
+        if (is_degenerate(job->model, i)) {
+            c->degenerate[i] = 1;
+            c->x[i] = c->y[i] = c->z[i] = c->opacity[i] = c->scale_max[i] = c->score[i] =
+                c->absolute[i] = 0.0f;
+        }
+    }
+}
+
+static void evaluate_spare(sgsi_density_columns *columns, const sgsi_statistics *statistics,
+                           const sgsi_density_options *options, sgsi_density_result *result,
+                           spare_result *regions)
+{
+    *regions = (spare_result){0};
+    if (!options->spare_densify && !options->spare_prune)
+        return;
+    const double start = sgsi_seconds();
+    const spare_input input = {.count = columns->count,
+                               .x = columns->x,
+                               .y = columns->y,
+                               .z = columns->z,
+                               .opacity = columns->opacity,
+                               .gradient_sum = statistics->gradient_sum,
+                               .visible_count = statistics->visible_count,
+                               .radius_max = statistics->radius_max};
+    spare_result found;
+    spare_evaluate(&options->spare, &input, columns->workspace, columns->weight, columns->redundant,
+                   &found);
+    result->regions = found.region_count;
+    result->over_budget_share = found.over_budget_share;
+    result->mean_weight = found.mean_weight;
+    for (size_t i = 0; i < columns->count && !options->spare_densify; ++i)
+        columns->weight[i] = 1.0f;
+    if (!options->spare_prune)
+        memset(columns->redundant, 0, columns->count);
+    *regions = found;
+    result->spare_seconds = sgsi_seconds() - start;
+}
+
+// The cap: keeps only the `room` densifications of highest priority.
+static sgs_status limit_growth(sgsi_density_columns *columns, size_t room)
+{
+    size_t wanted = 0;
+    for (size_t i = 0; i < columns->count; ++i)
+        wanted += columns->action[i] != SGSI_ACTION_KEEP;
+    if (wanted <= room)
+        return SGS_STATUS_OK;
+    double *priority = sgsi_alloc(columns->count, sizeof *priority);
+    uint8_t *chosen = sgsi_alloc(columns->count, 1);
+    sgs_status status = SGS_STATUS_OUT_OF_MEMORY;
+    if (priority && chosen) {
+        for (size_t i = 0; i < columns->count; ++i)
+            priority[i] = (double)columns->priority[i];
+        status = sgsi_select_best(priority, columns->action, columns->count, room, chosen);
+    }
+    for (size_t i = 0; i < columns->count && !status; ++i)
+        columns->action[i] = chosen[i] ? columns->action[i] : SGSI_ACTION_KEEP;
+    sgsi_free(priority);
+    sgsi_free(chosen);
+    return status ? sgsi_fail(status, "no memory to rank %zu primitives", wanted) : status;
+}
+
+// What is decided, region by region.
+static sgs_status report_regions(const sgsi_density_columns *columns, const spare_result *found,
+                                 const sgsi_density_options *options, sgsi_density_result *result)
+{
+    sgs_region *list = sgsi_calloc(found->region_count, sizeof *list);
+    if (!list)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu regions",
+                         found->region_count);
+    for (size_t r = 0; r < found->region_count; ++r) {
+        const spare_region *from = &found->regions[r];
+        list[r] = (sgs_region){.voxel = from->voxel,
+                               .count = from->count,
+                               .gradient = (float)from->gradient,
+                               .visibility = (float)from->visibility,
+                               .demand = (float)from->demand,
+                               .capacity = (float)from->capacity,
+                               .quota = (float)from->quota,
+                               .slack = (float)from->slack,
+                               .weight = options->spare_densify ? (float)from->weight : 1.0f};
+    }
+    for (size_t i = 0; i < columns->count; ++i) {
+        sgs_region *region = &list[found->region_of[i]];
+        const bool split = columns->action[i] == SGSI_ACTION_SPLIT;
+        region->densified += columns->action[i] != SGSI_ACTION_KEEP;
+        region->removed += columns->removed[i] && !split;
+        region->redundant += columns->redundant[i] && !columns->removed[i] && !split;
+    }
+    result->region_list = list;
+    memcpy(result->region_low, found->low, sizeof found->low);
+    memcpy(result->region_cell, found->cell, sizeof found->cell);
+    return SGS_STATUS_OK;
+}
+
+static uint64_t spread_bits(uint64_t v) // 21 bits, two zeros between each
+{
+    v &= 0x1FFFFF;
+    v = (v | v << 32) & UINT64_C(0x1F00000000FFFF);
+    v = (v | v << 16) & UINT64_C(0x1F0000FF0000FF);
+    v = (v | v << 8) & UINT64_C(0x100F00F00F00F00F);
+    v = (v | v << 4) & UINT64_C(0x10C30C30C30C30C3);
+    return (v | v << 2) & UINT64_C(0x1249249249249249);
+}
+
+// Morton code of a mean in the box of all means.
+static uint64_t morton_code(const float mean[3], const float low[3], const float inv_size[3])
+{
+    uint64_t code = 0;
+    for (int k = 0; k < 3; ++k) {
+        const float unit = (mean[k] - low[k]) * inv_size[k];
+        const uint64_t cell =
+            unit > 0.0f ? (unit < 1.0f ? (uint64_t)(unit * 2097152.0f) : 2097151) : 0; // NaN: 0
+        code |= spread_bits(cell) << k;
+    }
+    return code;
+}
+
+static void bounding_box(const sgsi_density_columns *columns, float low[3], float inv_size[3])
+{
+    const float *const axes[3] = {columns->x, columns->y, columns->z};
+    for (int k = 0; k < 3; ++k) {
+        float least = INFINITY, most = -INFINITY;
+        for (size_t i = 0; i < columns->count; ++i) {
+            least = fminf(least, axes[k][i]);
+            most = fmaxf(most, axes[k][i]);
+        }
+        low[k] = least;
+        inv_size[k] = most > least ? 1.0f / (most - least) : 0.0f;
+    }
+}
+
+// Least significant digit first; stable, so rows of equal keys keep their order.
+static plan_entry *sort_plan(plan_entry *entries, plan_entry *spare, size_t count)
+{
+    for (int shift = 0; shift < 63; shift += 16) {
+        static _Thread_local uint32_t begin[65536];
+        memset(begin, 0, sizeof begin);
+        for (size_t i = 0; i < count; ++i)
+            ++begin[entries[i].key >> shift & 0xFFFF];
+        uint32_t total = 0;
+        for (int k = 0; k < 65536; ++k) {
+            const uint32_t size = begin[k];
+            begin[k] = total;
+            total += size;
+        }
+        for (size_t i = 0; i < count; ++i)
+            spare[begin[entries[i].key >> shift & 0xFFFF]++] = entries[i];
+        plan_entry *const swap = entries;
+        entries = spare;
+        spare = swap;
+    }
+    return entries;
+}
+
+typedef struct density_plan {
+    plan_entry *entries, *buffers[2];
+    size_t count;
+} density_plan;
+
+// Lists the rows of the new model. Children and clones are never redundant, but a native rule may
+// take them.
+static sgs_status make_plan(const sgsi_density_columns *columns, sgsi_density_result *result,
+                            density_plan *plan)
+{
+    const size_t room = 2 * columns->count + 1;
+    *plan = (density_plan){0};
+    for (int k = 0; k < 2; ++k)
+        plan->buffers[k] = sgsi_alloc(room, sizeof(plan_entry));
+    if (!plan->buffers[0] || !plan->buffers[1])
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the plan of a structural update");
+    float low[3], inv_size[3];
+    bounding_box(columns, low, inv_size);
+    plan_entry *entries = plan->buffers[0];
+    for (size_t i = 0; i < columns->count; ++i) {
+        if (columns->degenerate[i]) {
+            ++result->pruned;
+            continue;
+        }
+        const float mean[3] = {columns->x[i], columns->y[i], columns->z[i]};
+        const uint64_t key = morton_code(mean, low, inv_size);
+        const bool barren = columns->barren[i];
+        if (columns->action[i] == SGSI_ACTION_SPLIT) {
+            ++result->split;
+            result->pruned += barren ? 2 : 0;
+            for (uint32_t kind = PLAN_CHILD_0; kind <= PLAN_CHILD_1 && !barren; ++kind)
+                entries[plan->count++] = (plan_entry){key, (uint32_t)i, kind};
+            continue;
+        }
+        if (columns->action[i] == SGSI_ACTION_CLONE) {
+            ++result->cloned;
+            result->pruned += barren;
+            if (!barren)
+                entries[plan->count++] = (plan_entry){key, (uint32_t)i, PLAN_CLONE};
+        }
+        const bool removed = columns->removed[i] || columns->redundant[i];
+        result->pruned += removed;
+        result->spare_pruned += removed && !columns->removed[i];
+        if (!removed)
+            entries[plan->count++] = (plan_entry){key, (uint32_t)i, PLAN_KEEP};
+    }
+    plan->entries = sort_plan(plan->buffers[0], plan->buffers[1], plan->count);
+    return SGS_STATUS_OK;
+}
+
+typedef struct gather_job {
+    const plan_entry *entries;
+    size_t count;
+    const float *from;
+    float *to;
+    bool parameters; // false: moments, new rows are 0
+    const sgsi_density_options *options;
+} gather_job;
+
+// Split child: mean + R (s * n), n ~ N(0, 1)^3; scales / 1.6.
+static void make_child(const gather_job *job, const plan_entry *entry,
+                       float params[SGS_PARAM_COUNT])
+{
+    const uint64_t seed = sgsi_random_bits(job->options->seed, (uint64_t)job->options->iteration);
+    double q[4], norm = 0.0, local[3];
+    for (int k = 0; k < 4; ++k) {
+        q[k] = params[SGS_PARAM_ROTATION + k];
+        norm += q[k] * q[k];
+    }
+    if (!(norm > 1e-30)) {
+        q[0] = norm = 1.0;
+        q[1] = q[2] = q[3] = 0.0;
+    }
+    for (int k = 0; k < 4; ++k)
+        q[k] /= sqrt(norm);
+    const double w = q[0], x = q[1], y = q[2], z = q[3];
+    const double rotation[9] = {
+        1 - 2 * (y * y + z * z), 2 * (x * y - w * z),     2 * (x * z + w * y),
+        2 * (x * y + w * z),     1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
+        2 * (x * z - w * y),     2 * (y * z + w * x),     1 - 2 * (x * x + y * y)};
+    const uint64_t counter = (uint64_t)entry->row * 8 + (entry->kind == PLAN_CHILD_1 ? 4 : 0);
+    for (int k = 0; k < 3; ++k)
+        local[k] = exp((double)params[SGS_PARAM_SCALE + k]) *
+                   sgsi_random_normal(seed, counter + (uint64_t)k);
+    for (int k = 0; k < 3; ++k) {
+        params[SGS_PARAM_MEAN + k] +=
+            (float)(rotation[3 * k] * local[0] + rotation[3 * k + 1] * local[1] +
+                    rotation[3 * k + 2] * local[2]);
+        params[SGS_PARAM_SCALE + k] -= 0.47000363f; // ln 1.6
+    }
+}
+
+static void gather_rows(void *context, size_t begin, size_t end, int thread)
+{
+    (void)thread;
+    const gather_job *job = context;
+    for (size_t i = begin; i < end; ++i) {
+        float row[SGS_PARAM_COUNT] = {0};
+        const plan_entry *entry = &job->entries[i];
+        const float *from = job->from +
+                            (size_t)(entry->row / SGS_LANES) * SGS_PARAM_COUNT * SGS_LANES +
+                            entry->row % SGS_LANES;
+        if (job->parameters || entry->kind == PLAN_KEEP)
+            for (int k = 0; k < SGS_PARAM_COUNT; ++k)
+                row[k] = from[k * SGS_LANES];
+        if (job->parameters && entry->kind >= PLAN_CHILD_0)
+            make_child(job, entry, row);
+        float *to = job->to + i / SGS_LANES * SGS_PARAM_COUNT * SGS_LANES + i % SGS_LANES;
+        for (int k = 0; k < SGS_PARAM_COUNT; ++k)
+            to[k * SGS_LANES] = row[k];
+    }
+}
+
+// Replaces *block by its rows gathered along the plan; *block has the new capacity afterwards.
+static sgs_status gather_block(float **block, size_t capacity, const density_plan *plan,
+                               bool parameters, const sgsi_density_options *options)
+{
+    float *to = sgsi_alloc(capacity, SGS_PARAM_COUNT * sizeof *to);
+    if (!to)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu primitives", capacity);
+    const size_t whole = plan->count / SGS_LANES * SGS_LANES; // rows of blocks that get all rows
+    memset(to + whole * SGS_PARAM_COUNT, 0, (capacity - whole) * SGS_PARAM_COUNT * sizeof *to);
+    gather_job job = {plan->entries, plan->count, *block, to, parameters, options};
+    sgsi_parallel_ranges(plan->count, 1024, gather_rows, &job);
+    sgsi_free(*block);
+    *block = to;
+    return SGS_STATUS_OK;
+}
+
+static size_t padded_capacity(size_t count)
+{
+    return (count + SGS_LANES - 1) / SGS_LANES * SGS_LANES + SGS_LANES;
+}
+
+sgs_status sgsi_density_update(sgs_gaussians *model, float **m, float **v,
+                               sgsi_statistics *statistics, const sgsi_density_options *options,
+                               sgsi_density_result *result)
+{
+    *result = (sgsi_density_result){.mean_weight = 1.0};
+    sgsi_density_columns columns;
+    sgs_status status = make_columns(model, options, &columns);
+    if (status)
+        return status;
+    column_job job = {model, statistics, &columns};
+    sgsi_parallel_ranges(model->count, 4096, fill_columns, &job);
+    spare_result regions;
+    evaluate_spare(&columns, statistics, options, result, &regions);
+    status = options->pipeline->decide(options, &columns, result);
+    size_t survivors =
+        0; // a split parent is replaced by its children: it counts as kept, whatever RAP says of it
+    for (size_t i = 0; i < columns.count; ++i)
+        survivors +=
+            columns.action[i] == SGSI_ACTION_SPLIT || !(columns.removed[i] || columns.redundant[i]);
+    if (!status && options->max_count)
+        status = limit_growth(&columns,
+                              survivors < options->max_count ? options->max_count - survivors : 0);
+    if (!status && regions.region_count)
+        status = report_regions(&columns, &regions, options, result);
+    density_plan plan = {0};
+    if (!status)
+        status = make_plan(&columns, result, &plan);
+    const size_t capacity = padded_capacity(plan.count);
+    if (!status)
+        status = gather_block(&model->data, capacity, &plan, true, options);
+    if (!status)
+        status = gather_block(m, capacity, &plan, false, options);
+    if (!status)
+        status = gather_block(v, capacity, &plan, false, options);
+    if (!status) {
+        model->count = plan.count;
+        model->capacity = capacity;
+        status = sgsi_statistics_reserve(statistics, capacity);
+    }
+    if (!status)
+        sgsi_statistics_clear(statistics, plan.count);
+    sgsi_free(plan.buffers[0]);
+    sgsi_free(plan.buffers[1]);
+    free_columns(&columns);
+    return status;
+}
+
+sgs_status sgsi_density_sort(sgs_gaussians *model)
+{
+    const sgsi_density_options options = {.size_max = INFINITY, .spare = spare_options_default()};
+    sgsi_density_result result = {0};
+    sgsi_density_columns columns;
+    sgsi_statistics statistics = {0};
+    sgs_status status = make_columns(model, &options, &columns);
+    if (status)
+        return status;
+    status = sgsi_statistics_reserve(&statistics, model->count + 1);
+    density_plan plan = {0};
+    if (!status) {
+        column_job job = {model, &statistics, &columns};
+        sgsi_parallel_ranges(model->count, 4096, fill_columns, &job);
+        status = make_plan(&columns, &result, &plan);
+    }
+    const size_t capacity = padded_capacity(model->count);
+    if (!status)
+        status = gather_block(&model->data, capacity, &plan, true, &options);
+    if (!status) {
+        model->capacity = capacity;
+        model->count = plan.count; // rows without a finite value are dropped
+    }
+    sgsi_statistics_free(&statistics);
+    sgsi_free(plan.buffers[0]);
+    sgsi_free(plan.buffers[1]);
+    free_columns(&columns);
+    return status;
+}
+
+void sgsi_density_reset_opacity(sgs_gaussians *model, float *m, float *v, double ceiling,
+                                const float *filter_3d)
+{
+    const float limit = (float)log(ceiling / (1.0 - ceiling));
+    for (size_t block = 0; block < (model->count + SGS_LANES - 1) / SGS_LANES; ++block) {
+        const size_t at = (block * SGS_PARAM_COUNT + SGS_PARAM_OPACITY) * SGS_LANES;
+        for (size_t k = 0; k < SGS_LANES; ++k) {
+            const size_t i = block * SGS_LANES + k;
+            float own = limit;
+            if (filter_3d && i < model->count) { // o c <= ceiling, c what the filter leaves
+                const double most =
+                    fmin(ceiling / fmax(sgsi_filter_3d_factor(model, i, filter_3d[i]), 1e-30),
+                         1.0 - 1e-7);
+                own = (float)log(most / (1.0 - most));
+            }
+            model->data[at + k] = model->data[at + k] > own ? own : model->data[at + k];
+            m[at + k] = v[at + k] = 0.0f;
+        }
+    }
+}

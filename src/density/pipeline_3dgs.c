@@ -1,0 +1,31 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// 3D Gaussian Splatting's density control (Kerbl et al., 2023; specs of 3DGS, section 9):
+// primitives whose projected centre is pulled hard are cloned where small and split where large;
+// faint and, after the first reset, oversized ones go, new rows included. SPARE-GS: w multiplies
+// the mean gradient; the redundancy mask joins the prune.
+
+#include "density/pipeline.h"
+
+static sgs_status decide(const sgsi_density_options *options, sgsi_density_columns *c,
+                         sgsi_density_result *result)
+{
+    const float threshold = (float)options->gradient_threshold;
+    for (size_t i = 0; i < c->count; ++i) {
+        c->priority[i] = c->score[i] * c->weight[i];
+        const bool grows = c->priority[i] >= threshold;
+        c->action[i] = sgsi_density_growth(grows, c->scale_max[i], (float)options->size_split);
+        c->removed[i] = sgsi_density_outlived(options, c->opacity[i], c->scale_max[i]);
+        c->barren[i] = sgsi_density_outlived_after(options, c, i);
+        sgsi_density_count_reversal(c->score[i] >= threshold, grows, result);
+    }
+    return SGS_STATUS_OK;
+}
+
+const sgsi_pipeline sgsi_pipeline_3dgs = {.name = "3dgs",
+                                          .densify_until = 15000,
+                                          .densify_interval = 100,
+                                          .rate_opacity = 0.025f,
+                                          .rate_rest = 1.25e-4f,
+                                          .decide = decide};

@@ -1,0 +1,74 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Mip-Splatting (Yu et al., 2024; specs of Mip-Splatting, sections 3 and 4): 3DGS's density control
+// on two gradients. A primitive is pulled hard when its mean gradient reaches tau, or when its mean
+// absolute gradient (summed over pixels without cancelling) is among the largest: the threshold Q
+// is the quantile that lets as many pass as pass tau. Sizes and opacities are the stored ones,
+// without the 3D filter. SPARE-GS: tau and Q come from the unweighted gradients; w multiplies both
+// before they are compared.
+
+#include "density/pipeline.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+#include "base/core.h"
+
+static int by_value(const void *a, const void *b)
+{
+    const float x = *(const float *)a, y = *(const float *)b;
+    return (x > y) - (x < y);
+}
+
+// The (1 - share) quantile with linear interpolation between neighbours.
+static sgs_status upper_quantile(const float *values, size_t count, double share, float *quantile)
+{
+    float *sorted = sgsi_alloc(count ? count : 1, sizeof *sorted);
+    if (!sorted)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to rank %zu primitives", count);
+    for (size_t i = 0; i < count; ++i)
+        sorted[i] = values[i] > 0.0f ? values[i] : 0.0f; // NaN: 0
+    qsort(sorted, count, sizeof *sorted, by_value);
+    const double at = (1.0 - share) * (double)(count ? count - 1 : 0);
+    const size_t below = (size_t)at, above = below + 1 < count ? below + 1 : below;
+    *quantile = (float)((double)sorted[below] +
+                        (at - (double)below) * ((double)sorted[above] - (double)sorted[below]));
+    sgsi_free(sorted);
+    return SGS_STATUS_OK;
+}
+
+static sgs_status decide(const sgsi_density_options *options, sgsi_density_columns *c,
+                         sgsi_density_result *result)
+{
+    const float threshold = (float)options->gradient_threshold;
+    size_t pulled = 0;
+    for (size_t i = 0; i < c->count; ++i)
+        pulled += c->score[i] >= threshold;
+    if (!c->count)
+        return SGS_STATUS_OK;
+    float quantile = 0.0f;
+    const sgs_status status =
+        upper_quantile(c->absolute, c->count, (double)pulled / (double)c->count, &quantile);
+    if (status)
+        return status;
+    for (size_t i = 0; i < c->count; ++i) {
+        const float w = c->weight[i], share = quantile > 0.0f ? threshold / quantile : 0.0f;
+        const bool native = c->score[i] >= threshold || c->absolute[i] >= quantile;
+        const bool grows = c->score[i] * w >= threshold || c->absolute[i] * w >= quantile;
+        c->priority[i] = fmaxf(c->score[i], c->absolute[i] * share) * w;
+        c->action[i] = sgsi_density_growth(grows, c->scale_max[i], (float)options->size_split);
+        c->removed[i] = sgsi_density_outlived(options, c->opacity[i], c->scale_max[i]);
+        c->barren[i] = sgsi_density_outlived_after(options, c, i);
+        sgsi_density_count_reversal(native, grows, result);
+    }
+    return SGS_STATUS_OK;
+}
+
+const sgsi_pipeline sgsi_pipeline_mip = {.name = "mip",
+                                         .densify_until = 15000,
+                                         .densify_interval = 100,
+                                         .rate_opacity = 0.05f,
+                                         .rate_rest = 1.25e-4f,
+                                         .absolute = true,
+                                         .decide = decide};

@@ -1,0 +1,261 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Taming 3DGS (Mallick et al., 2024; specs of Taming, sections 1 to 5): the number of primitives
+// follows a parabola to a budget, and who is cloned or split is drawn by an importance that sums up
+// ten views.
+//
+// Count: S primitives at first, B in the end, n updates: c(x) = B - (B - S) (1 - x / n)^2. Update j
+// may grow to min(c(j + 1), N + qualifiers), shared between clones and splits like their qualifiers
+// (mean gradient >= tau).
+//
+// Importance: with N(c, v) = c v / median of the positive v, per view of loss P,
+//     50 P (N(25, gradient) + N(100, opacity) + N(5, depth) + N(10, radius) + N(25, volume)
+//           + N(50, distance) + N(10, loss) + N(0.1, hits) + N(50, blend))
+// for primitives in view; the last four are sums over pixels, the loss being 50 x error + 50 x
+// edges, both scaled to [0, 1].
+//
+// Pruning: half of what 3DGS would remove, drawn by 1 / (importance + 1e-6), in the first 27
+// updates only. The released code draws with importances that are off by the removed parents' rows;
+// here every row has its own. SPARE-GS: w multiplies the importance and the gradient of the
+// qualifiers (sgs_spare_target chooses one of them): a budget that binds would undo a weight on the
+// importance alone.
+
+#include "density/pipeline.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "base/core.h"
+
+enum { PRUNED_UPDATES = 27 };
+
+// c(x), truncated as the original does.
+static double scheduled_count(double start, double final, int updates, int x)
+{
+    if (x >= updates)
+        return final;
+    const double n = updates, k = 2.0 * (final - start) / n, a = (final - start - k * n) / (n * n);
+    return floor(a * x * x + k * x + start);
+}
+
+static double final_count(const sgsi_density_options *options)
+{
+    const sgs_pipeline_options *own = &options->train->pipeline_options;
+    return own->taming_count
+               ? (double)own->taming_count
+               : floor((double)options->state->initial_count * own->taming_multiplier);
+}
+
+typedef struct draw {
+    double *weight;
+    uint8_t *eligible, *chosen;
+} draw;
+
+static sgs_status draw_kind(const sgsi_density_options *options, sgsi_density_columns *c, draw *d,
+                            sgsi_action kind, size_t budget, uint8_t *action)
+{
+    for (size_t i = 0; i < c->count; ++i)
+        d->eligible[i] = action[i] == kind;
+    const uint64_t seed =
+        sgsi_random_bits(options->seed ^ (kind == SGSI_ACTION_CLONE ? 0xC10E : 0x5917),
+                         (uint64_t)options->iteration);
+    const sgs_status status =
+        sgsi_select_weighted(d->weight, d->eligible, c->count, budget, seed, d->chosen);
+    for (size_t i = 0; i < c->count && !status; ++i)
+        if (d->chosen[i])
+            c->action[i] = (uint8_t)kind;
+    return status;
+}
+
+// Who qualifies (as an action per row), and how many of each kind.
+static void find_qualifiers(const sgsi_density_options *options, const sgsi_density_columns *c,
+                            uint8_t *action, size_t number[3], sgsi_density_result *result)
+{
+    const float threshold = (float)options->gradient_threshold;
+    const bool weighs = options->train->spare_target != SGS_TARGET_IMPORTANCE;
+    for (size_t i = 0; i < c->count; ++i) {
+        const bool qualifies = c->score[i] * (weighs ? c->weight[i] : 1.0f) >= threshold;
+        sgsi_density_count_reversal(c->score[i] >= threshold, qualifies, result);
+        action[i] = sgsi_density_growth(qualifies, c->scale_max[i], (float)options->size_split);
+        ++number[action[i]];
+    }
+}
+
+static sgs_status grow(const sgsi_density_options *options, sgsi_density_columns *c, draw *d,
+                       uint8_t *action, sgsi_density_result *result)
+{
+    size_t number[3] = {0};
+    find_qualifiers(options, c, action, number, result);
+    const size_t qualifiers = number[SGSI_ACTION_CLONE] + number[SGSI_ACTION_SPLIT];
+    const double now = (double)c->count;
+    const double scheduled =
+        scheduled_count((double)options->state->initial_count, final_count(options),
+                        options->update_count, options->update + 1);
+    const double room = fmax(fmin(scheduled, now + (double)qualifiers) - now, 0.0);
+    if (!qualifiers)
+        return SGS_STATUS_OK;
+    const double share = room / (double)qualifiers;
+    sgs_status status = SGS_STATUS_OK;
+    for (sgsi_action kind = SGSI_ACTION_CLONE; kind <= SGSI_ACTION_SPLIT && !status; ++kind)
+        status =
+            draw_kind(options, c, d, kind, (size_t)floor(share * (double)number[kind]), action);
+    return status;
+}
+
+static sgs_status decide(const sgsi_density_options *options, sgsi_density_columns *c,
+                         sgsi_density_result *result)
+{
+    const size_t n = c->count ? c->count : 1;
+    draw d = {sgsi_alloc(n, sizeof(double)), sgsi_alloc(n, 1), sgsi_alloc(n, 1)};
+    uint8_t *action = sgsi_alloc(n, 1);
+    sgs_status status = SGS_STATUS_OUT_OF_MEMORY;
+    if (d.weight && d.eligible && d.chosen && action) {
+        const bool weighs = options->train->spare_target != SGS_TARGET_GRADIENT;
+        for (size_t i = 0; i < c->count; ++i) {
+            c->priority[i] = options->importance[i] * (weighs ? c->weight[i] : 1.0f);
+            d.weight[i] = (double)c->priority[i];
+        }
+        status = grow(options, c, &d, action, result);
+        for (size_t i = 0; i < c->count; ++i)
+            d.weight[i] = 1.0 / (1e-6 + (double)options->importance[i]);
+        if (!status && options->update < PRUNED_UPDATES)
+            status = sgsi_prune_stochastic(options, c, d.weight);
+    }
+    sgsi_free(d.weight);
+    sgsi_free(d.eligible);
+    sgsi_free(d.chosen);
+    sgsi_free(action);
+    return status == SGS_STATUS_OUT_OF_MEMORY
+               ? sgsi_fail(status, "no memory to draw from %zu primitives", c->count)
+               : status;
+}
+
+// ---- Importance ----
+
+static int grey(const sgsi_scored_image *image, int x, int y)
+{
+    const size_t plane = (size_t)image->width * (size_t)image->height,
+                 at = (size_t)y * (size_t)image->width + (size_t)x;
+    return (299 * image->pixels[at] + 587 * image->pixels[plane + at] +
+            114 * image->pixels[2 * plane + at]) /
+           1000;
+}
+
+// The 3x3 edge filter (8 in the middle, -1 around) of the grey image, clipped to a byte; borders
+// are the grey itself.
+static int edge(const sgsi_scored_image *image, int x, int y)
+{
+    const int middle = grey(image, x, y);
+    if (x == 0 || y == 0 || x == image->width - 1 || y == image->height - 1)
+        return middle;
+    int sum = 9 * middle;
+    for (int dy = -1; dy <= 1; ++dy)
+        for (int dx = -1; dx <= 1; ++dx)
+            sum -= grey(image, x + dx, y + dy);
+    return sum < 0 ? 0 : sum > 255 ? 255 : sum;
+}
+
+static sgs_status pixel_weights(const sgsi_scored_image *image, const sgs_train_options *train,
+                                float *weights)
+{
+    (void)train;
+    float least = INFINITY, most = -INFINITY;
+    for (int y = 0; y < image->height; ++y)
+        for (int x = 0; x < image->width; ++x) {
+            float *at = weights + (size_t)y * image->stride + (size_t)x;
+            *at = (float)edge(image, x, y);
+            least = fminf(least, *at);
+            most = fmaxf(most, *at);
+        }
+    const float edge_scale = most > least ? 50.0f / (most - least) : 0.0f;
+    const float range = image->error_max - image->error_min,
+                error_scale = range > 0.0f ? 50.0f / range : 0.0f;
+    for (int y = 0; y < image->height; ++y)
+        for (int x = 0; x < image->width; ++x) {
+            const size_t at = (size_t)y * image->stride + (size_t)x;
+            weights[at] = (weights[at] - least) * edge_scale +
+                          (image->error[at] - image->error_min) * error_scale;
+        }
+    return SGS_STATUS_OK;
+}
+
+float sgsi_positive_median(const float *values, size_t stride, const uint8_t *present, size_t count)
+{
+    // Positive floats order like their bits: two passes of 16 bits find the element without
+    // sorting.
+    static _Thread_local uint32_t bins[65536];
+    uint32_t high = 0;
+    size_t total = 0, rank = 0;
+    for (int pass = 0; pass < 2; ++pass) {
+        memset(bins, 0, sizeof bins);
+        for (size_t i = 0; i < count; ++i) {
+            if ((present && !present[i / SGS_LANES]) || !(values[i * stride] > 0.0f))
+                continue;
+            uint32_t bits;
+            memcpy(&bits, &values[i * stride], sizeof bits);
+            if (!pass || bits >> 16 == high)
+                ++bins[pass ? bits & 0xFFFF : bits >> 16];
+            total += !pass;
+        }
+        if (!total)
+            return 0.0f;
+        if (!pass)
+            rank = (total - 1) / 2; // the lower of two middle ones
+        uint32_t bin = 0;
+        while (rank >= bins[bin])
+            rank -= bins[bin++];
+        high = pass ? high << 16 | bin : bin;
+    }
+    float median;
+    memcpy(&median, &high, sizeof median);
+    return median;
+}
+
+static double normalised(double weight, float value, float median)
+{
+    return value > 0.0f && median > 0.0f ? weight * (double)value / (double)median : 0.0;
+}
+
+static void score_view(const sgsi_scored_view *view, float *importance, float *expendable)
+{
+    (void)expendable;
+    const size_t n = view->count;
+    const struct {
+        const float *values;
+        double weight;
+    } columns[] = {{view->gradient, 25},
+                   {view->opacity, 100},
+                   {view->depth, 5},
+                   {view->radius, 10},
+                   {view->volume, 25}};
+    static const double weights[] = {[SGSI_SCORE_WEIGHT] = 10,
+                                     [SGSI_SCORE_HITS] = 0.1,
+                                     [SGSI_SCORE_BLEND] = 50,
+                                     [SGSI_SCORE_DISTANCE] = 50};
+    float medians[5], sum_medians[4];
+    for (int k = 0; k < 5; ++k)
+        medians[k] = sgsi_positive_median(columns[k].values, 1, NULL, n);
+    for (int k = 0; k < 4; ++k)
+        sum_medians[k] = sgsi_positive_median(view->sums + k, 16, view->touched, n);
+    for (size_t i = 0; i < n; ++i) {
+        if (!(view->radius[i] > 0.0f))
+            continue;
+        double score = 0.0;
+        for (int k = 0; k < 5; ++k)
+            score += normalised(columns[k].weight, columns[k].values[i], medians[k]);
+        for (int k = 0; k < 4 && view->touched[i / SGS_LANES]; ++k)
+            score += normalised(weights[k], view->sums[16 * i + (size_t)k], sum_medians[k]);
+        importance[i] += (float)(50.0 * view->loss * score);
+    }
+}
+
+const sgsi_pipeline sgsi_pipeline_taming = {.name = "taming",
+                                            .densify_until = 15000,
+                                            .densify_interval = 100,
+                                            .rate_opacity = 0.025f,
+                                            .rate_rest = 2.5e-4f,
+                                            .decide = decide,
+                                            .score_views = 10,
+                                            .pixel_weights = pixel_weights,
+                                            .score_view = score_view};

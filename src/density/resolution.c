@@ -1,0 +1,298 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// DashGaussian's resolution schedule (Chen et al., 2025; specs of DashGaussian, section 2).
+//
+// An image reduced by s keeps the middle 1/s of its spectrum in each direction. M is the magnitude
+// of the spectrum, W(s) the sum of M over that window. The scale starts where a quarter of the
+// energy is left, at most at 8: E_0 = W(s_max). 32 levels divide what is missing to the whole
+// energy E evenly; level i is rendered at the s_i with W(s_i) = E_i and begins at iteration T
+// ln(E_(i-1) / E_0) / ln(E / E_0). Between levels the area goes linearly. The scale in force is a
+// whole number.
+//
+// Images of several sizes: those of the most frequent size make the mean spectrum (the paper
+// assumes one size). Photographs at reduced size are rounded to 8 bits, as all photographs of this
+// trainer are.
+
+#include "density/resolution.h"
+
+#include <fftw3.h>
+#include <math.h>
+#include <string.h>
+
+#include "base/core.h"
+
+enum { SCALE_MAX = 8, BISECTIONS = 64 };
+static const double start_share = 0.25;
+
+void sgsi_spectrum_free(sgsi_spectrum *spectrum)
+{
+    sgsi_free(spectrum->magnitude);
+    sgsi_free(spectrum->table);
+    *spectrum = (sgsi_spectrum){0};
+}
+
+static sgs_status spectrum_create(int width, int height, sgsi_spectrum *spectrum)
+{
+    *spectrum = (sgsi_spectrum){.width = width, .height = height};
+    spectrum->magnitude = sgsi_calloc((size_t)width * (size_t)height, sizeof(double));
+    spectrum->table = sgsi_calloc((size_t)(width + 1) * (size_t)(height + 1), sizeof(double));
+    if (spectrum->magnitude && spectrum->table)
+        return SGS_STATUS_OK;
+    sgsi_spectrum_free(spectrum);
+    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                     "no memory for the spectrum of an image of %dx%d pixels", width, height);
+}
+
+static void fill_table(sgsi_spectrum *s)
+{
+    const size_t pitch = (size_t)s->width + 1;
+    for (int y = 0; y < s->height; ++y) {
+        double row = 0.0;
+        for (int x = 0; x < s->width; ++x) {
+            row += s->magnitude[(size_t)y * (size_t)s->width + (size_t)x];
+            s->table[(size_t)(y + 1) * pitch + (size_t)x + 1] =
+                s->table[(size_t)y * pitch + (size_t)x + 1] + row;
+        }
+    }
+}
+
+// Adds the centred magnitudes of one channel. The transform of real numbers is one half; the other
+// mirrors it.
+static void add_channel(const sgs_image8 *image, int channel, double *samples, fftw_complex *half,
+                        fftw_plan plan, double *magnitude)
+{
+    const int w = image->width, h = image->height, half_width = w / 2 + 1;
+    const uint8_t *pixels = image->pixels + (size_t)channel * (size_t)w * (size_t)h;
+    for (size_t i = 0; i < (size_t)w * (size_t)h; ++i)
+        samples[i] = (double)pixels[i] / 255.0;
+    fftw_execute(plan);
+    for (int ky = 0; ky < h; ++ky)
+        for (int kx = 0; kx < w; ++kx) {
+            const bool mirrored = kx >= half_width;
+            const int fx = mirrored ? w - kx : kx, fy = mirrored ? (h - ky) % h : ky;
+            const double *z = half[(size_t)fy * (size_t)half_width + (size_t)fx];
+            const int x = (kx + w / 2) % w, y = (ky + h / 2) % h;
+            // NOLINTNEXTLINE(clang-analyzer-core.NullDereference): of a spectrum that was made
+            magnitude[(size_t)y * (size_t)w + (size_t)x] += sqrt(z[0] * z[0] + z[1] * z[1]);
+        }
+}
+
+sgs_status sgsi_spectrum_of(const sgs_image8 *image, sgsi_spectrum *spectrum)
+{
+    const size_t pixels = (size_t)image->width * (size_t)image->height;
+    sgs_status status = spectrum_create(image->width, image->height, spectrum);
+    if (status)
+        return status;
+    double *samples = fftw_alloc_real(pixels);
+    fftw_complex *half = fftw_alloc_complex((size_t)image->height * (size_t)(image->width / 2 + 1));
+    // The plan is estimated, not measured, so that it and its rounding are the same in every run.
+    fftw_plan plan = samples && half ? fftw_plan_dft_r2c_2d(image->height, image->width, samples,
+                                                            half, FFTW_ESTIMATE)
+                                     : NULL;
+    if (plan) {
+        for (int c = 0; c < 3; ++c)
+            add_channel(image, c, samples, half, plan, spectrum->magnitude);
+        fill_table(spectrum);
+        fftw_destroy_plan(plan);
+    } else {
+        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                           "no memory for the spectrum of an image of %dx%d pixels", image->width,
+                           image->height);
+        sgsi_spectrum_free(spectrum);
+    }
+    fftw_free(samples);
+    fftw_free(half);
+    return status;
+}
+
+static int clamped(int value, int most)
+{
+    return value < 0 ? 0 : value > most ? most : value;
+}
+
+double sgsi_spectrum_window(const sgsi_spectrum *s, double scale)
+{
+    const int h = (int)(s->height / scale), w = (int)(s->width / scale), cy = (s->height + 1) / 2,
+              cx = (s->width + 1) / 2;
+    const int top = clamped(cy - h / 2, s->height), bottom = clamped(cy + h / 2, s->height);
+    const int left = clamped(cx - w / 2, s->width), right = clamped(cx + w / 2, s->width);
+    const size_t pitch = (size_t)s->width + 1;
+    const double *t = s->table;
+    return t[(size_t)bottom * pitch + (size_t)right] - t[(size_t)top * pitch + (size_t)right] -
+           t[(size_t)bottom * pitch + (size_t)left] + t[(size_t)top * pitch + (size_t)left];
+}
+
+static double whole(const sgsi_spectrum *s)
+{
+    // NOLINTNEXTLINE(clang-analyzer-core.NullDereference): of a spectrum that was made
+    return s->table[(size_t)(s->width + 1) * (size_t)(s->height + 1) - 1];
+}
+
+// The scale whose window holds `target`.
+static double solve(const sgsi_spectrum *s, double target)
+{
+    double low = 0.0, high = 1.0, middle = 1.0;
+    for (int i = 0; i < BISECTIONS; ++i) {
+        middle = 0.5 * (low + high);
+        if (sgsi_spectrum_window(s, 1.0 / middle) < target)
+            low = middle;
+        else
+            high = middle;
+    }
+    return 1.0 / middle;
+}
+
+static void make_levels(const sgsi_spectrum *mean, double scale_max, int until,
+                        sgsi_resolution *plan)
+{
+    enum { LAST = SGSI_RESOLUTION_LEVELS - 1 };
+    const double total = whole(mean), least = sgsi_spectrum_window(mean, scale_max);
+    *plan = (sgsi_resolution){.until = until, .decay_begin = 0};
+    for (int i = 0; i <= LAST; ++i)
+        plan->scale[i] = 1.0;
+    plan->begin[LAST + 1] = until;
+    if (!(scale_max > 1.0 && least > 0.0 && total > least))
+        return; // nothing to gain: full resolution throughout
+    double energy[SGSI_RESOLUTION_LEVELS];
+    for (int i = 0; i <= LAST; ++i) {
+        energy[i] = least + (total - least) * i / LAST;
+        plan->scale[i] = i == 0 ? scale_max : i == LAST ? 1.0 : solve(mean, energy[i]);
+    }
+    for (int i = 1; i <= LAST; ++i)
+        plan->begin[i] = (int)(until * log(energy[i - 1] / least) / log(total / least));
+    int level = 0;
+    while (level < LAST && plan->scale[level] >= 2.0)
+        ++level;
+    plan->decay_begin = plan->begin[level];
+}
+
+// The most frequent size; returns how many images have it.
+static size_t frequent_size(const sgsi_image_source *images, int *width, int *height)
+{
+    size_t most = 0;
+    for (size_t i = 0; i < images->count; ++i) {
+        int w, h, other_w, other_h;
+        size_t same = 0;
+        images->size(images->context, i, &w, &h);
+        for (size_t k = 0; k < images->count; ++k) {
+            images->size(images->context, k, &other_w, &other_h);
+            same += w == other_w && h == other_h;
+        }
+        if (same > most) {
+            most = same;
+            *width = w;
+            *height = h;
+        }
+    }
+    return most;
+}
+
+sgs_status sgsi_resolution_plan(const sgsi_image_source *images, int until, sgsi_resolution *plan)
+{
+    int width = 1, height = 1;
+    const size_t most = frequent_size(images, &width, &height);
+    sgsi_spectrum mean;
+    sgs_status status = spectrum_create(width, height, &mean);
+    double scale_max = SCALE_MAX;
+    for (size_t i = 0; i < images->count && !status; ++i) {
+        sgs_image8 image;
+        sgsi_spectrum one = {0};
+        status = images->get(images->context, i, &image);
+        if (!status)
+            status = sgsi_spectrum_of(&image, &one);
+        if (status)
+            break;
+        scale_max = fmin(scale_max, solve(&one, start_share * whole(&one)));
+        if (one.width == mean.width && one.height == mean.height)
+            for (size_t k = 0; k < (size_t)one.width * (size_t)one.height; ++k)
+                mean.magnitude[k] += one.magnitude[k] / (double)most;
+        sgsi_spectrum_free(&one);
+    }
+    if (!status) {
+        fill_table(&mean);
+        make_levels(&mean, scale_max, until, plan);
+    }
+    sgsi_spectrum_free(&mean);
+    return status;
+}
+
+int sgsi_resolution_at(const sgsi_resolution *plan, int iteration)
+{
+    if (iteration >= plan->until)
+        return 1;
+    int i = 1;
+    while (i < SGSI_RESOLUTION_LEVELS - 1 && iteration >= plan->begin[i + 1])
+        ++i;
+    if (iteration < plan->begin[1])
+        return (int)plan->scale[0];
+    const double before = 1.0 / (plan->scale[i - 1] * plan->scale[i - 1]),
+                 after = 1.0 / (plan->scale[i] * plan->scale[i]);
+    const int span = plan->begin[i + 1] - plan->begin[i];
+    const double share = span > 0 ? (double)(iteration - plan->begin[i]) / span : 1.0;
+    const int scale = (int)(1.0 / sqrt(before + share * (after - before)));
+    return scale < 1 ? 1 : scale;
+}
+
+// Weights of one output sample over the inputs first .. first + count - 1.
+static int triangle_weights(int out, double scale, int size, float weights[], int *first)
+{
+    const double center = (out + 0.5) * scale;
+    int begin = (int)floor(center - scale), end = (int)ceil(center + scale);
+    begin = begin < 0 ? 0 : begin;
+    end = end > size ? size : end;
+    double sum = 0.0, value[4 * SCALE_MAX + 4];
+    for (int i = begin; i < end; ++i) {
+        value[i - begin] = fmax(0.0, 1.0 - fabs((i + 0.5 - center) / scale));
+        sum += value[i - begin];
+    }
+    for (int i = begin; i < end; ++i)
+        weights[i - begin] = (float)(value[i - begin] / sum);
+    *first = begin;
+    return end - begin;
+}
+
+sgs_status sgsi_image8_triangle(const sgs_image8 *image, int scale, sgs_image8 *out)
+{
+    const int width = image->width / scale > 0 ? image->width / scale : 1,
+              height = image->height / scale > 0 ? image->height / scale : 1;
+    const size_t from = (size_t)image->width * (size_t)image->height,
+                 to = (size_t)width * (size_t)height;
+    *out = (sgs_image8){.width = width, .height = height, .channels = image->channels};
+    out->pixels = sgsi_alloc(to, (size_t)image->channels);
+    float *rows = sgsi_alloc((size_t)image->width, sizeof *rows);
+    if (!out->pixels || !rows) {
+        sgsi_free(rows);
+        sgsi_free(out->pixels);
+        *out = (sgs_image8){0};
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for an image of %dx%d pixels", width,
+                         height);
+    }
+    float weights[4 * SCALE_MAX + 4] = {0}, across[4 * SCALE_MAX + 4] = {0};
+    for (int c = 0; c < image->channels; ++c)
+        for (int y = 0; y < height; ++y) {
+            int first;
+            const int taps =
+                triangle_weights(y, (double)image->height / height, image->height, weights, &first);
+            memset(rows, 0, (size_t)image->width * sizeof *rows);
+            for (int k = 0; k < taps; ++k)
+                for (int x = 0; x < image->width; ++x)
+                    rows[x] +=
+                        weights[k] *
+                        (float)
+                            image->pixels[(size_t)c * from +
+                                          (size_t)(first + k) * (size_t)image->width + (size_t)x];
+            for (int x = 0; x < width; ++x) {
+                float sum = 0.0f;
+                int left;
+                const int columns =
+                    triangle_weights(x, (double)image->width / width, image->width, across, &left);
+                for (int k = 0; k < columns; ++k)
+                    sum += across[k] * rows[left + k];
+                out->pixels[(size_t)c * to + (size_t)y * (size_t)width + (size_t)x] =
+                    (uint8_t)fminf(fmaxf(sum + 0.5f, 0.0f), 255.0f);
+            }
+        }
+    sgsi_free(rows);
+    return SGS_STATUS_OK;
+}

@@ -1,0 +1,104 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Selections of rows that several pipelines share: the best by score, a weighted draw, and the
+// stochastic pruning of Taming 3DGS and FastGS.
+
+#include <float.h>
+#include <math.h>
+#include <string.h>
+
+#include "base/core.h"
+#include "density/pipeline.h"
+
+typedef struct ranked_row {
+    double score;
+    uint32_t row;
+} ranked_row;
+
+static bool ranks_before(ranked_row a, ranked_row b)
+{
+    return a.score > b.score || (a.score == b.score && a.row < b.row);
+}
+
+static void sift_down(ranked_row *heap, size_t count, size_t at)
+{
+    for (;;) {
+        size_t worst = at;
+        for (size_t child = 2 * at + 1; child <= 2 * at + 2; ++child)
+            if (child < count && ranks_before(heap[worst], heap[child]))
+                worst = child;
+        if (worst == at)
+            return;
+        const ranked_row kept = heap[at];
+        heap[at] = heap[worst];
+        heap[worst] = kept;
+        at = worst;
+    }
+}
+
+// A heap of the best so far, its root the worst of them.
+sgs_status sgsi_select_best(const double *score, const uint8_t *eligible, size_t count,
+                            size_t wanted, uint8_t *chosen)
+{
+    memset(chosen, 0, count);
+    if (!wanted)
+        return SGS_STATUS_OK;
+    wanted = wanted < count ? wanted : count;
+    ranked_row *heap = sgsi_alloc(wanted ? wanted : 1, sizeof *heap);
+    if (!heap)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to rank %zu primitives", count);
+    size_t held = 0;
+    for (size_t i = 0; i < count; ++i) {
+        if (eligible && !eligible[i])
+            continue;
+        const ranked_row row = {score[i], (uint32_t)i};
+        if (held < wanted) {
+            heap[held++] = row;
+            for (size_t k = held / 2; held == wanted && k-- > 0;)
+                sift_down(heap, held, k);
+        } else if (ranks_before(row, heap[0])) {
+            heap[0] = row;
+            sift_down(heap, held, 0);
+        }
+    }
+    for (size_t k = 0; k < held; ++k)
+        chosen[heap[k].row] = 1;
+    sgsi_free(heap);
+    return SGS_STATUS_OK;
+}
+
+sgs_status sgsi_select_weighted(const double *weight, const uint8_t *eligible, size_t count,
+                                size_t wanted, uint64_t seed, uint8_t *chosen)
+{
+    double *key = sgsi_alloc(count ? count : 1, sizeof *key);
+    if (!key)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to draw from %zu primitives", count);
+    for (size_t i = 0; i < count; ++i) // log of u^(1/w): the same order
+        key[i] = weight[i] > 0.0 ? log(sgsi_random_uniform(seed, i)) / weight[i] : -DBL_MAX;
+    const sgs_status status = sgsi_select_best(key, eligible, count, wanted, chosen);
+    sgsi_free(key);
+    return status;
+}
+
+sgs_status sgsi_prune_stochastic(const sgsi_density_options *options, sgsi_density_columns *c,
+                                 const double *weight)
+{
+    uint8_t *stays = sgsi_alloc(c->count ? c->count : 1, 1),
+            *chosen = sgsi_alloc(c->count ? c->count : 1, 1);
+    sgs_status status = stays && chosen ? SGS_STATUS_OK : SGS_STATUS_OUT_OF_MEMORY;
+    size_t outlived = 0;
+    for (size_t i = 0; i < c->count && !status; ++i) {
+        if (sgsi_density_outlived_after(options, c, i))
+            outlived += c->action[i] == SGSI_ACTION_KEEP ? 1 : 2;
+        stays[i] = c->action[i] != SGSI_ACTION_SPLIT;
+    }
+    const uint64_t seed = sgsi_random_bits(options->seed ^ 0x9A0E, (uint64_t)options->iteration);
+    if (!status)
+        status = sgsi_select_weighted(weight, stays, c->count, outlived / 2, seed, chosen);
+    for (size_t i = 0; i < c->count && !status; ++i)
+        c->removed[i] = chosen[i] && sgsi_density_outlived(options, c->opacity[i], c->scale_max[i]);
+    sgsi_free(stays);
+    sgsi_free(chosen);
+    return status ? sgsi_fail(status, "no memory to prune %zu primitives", c->count) : status;
+}

@@ -1,0 +1,447 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// The model's file: the PLY of Kerbl et al., "3D Gaussian Splatting for Real-Time Radiance Field
+// Rendering", 2023, as its code writes it and as every viewer reads it: 62 little-endian floats per
+// primitive for SH degree 3. f_rest is channel-major in the file (all of red, then green, then
+// blue) and coefficient-major in memory, so that lower degrees come first.
+//
+// Reading goes by property name, because other trainers write other orders and types; what a 3DGS
+// model does not have is ignored. Values pass as stored: quaternions are not normalised, except
+// where their norm would leave the range of float arithmetic.
+
+#include "sparegs/gaussians.h"
+
+#include <errno.h>
+#include <float.h>
+#include <locale.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/core.h"
+#include "formats/ply_header.h"
+
+enum {
+    REST_PER_CHANNEL = 15,
+    MAX_REST = 3 * REST_PER_CHANNEL,
+    CHUNK_ROWS = 256,
+    MAX_COLUMNS = SGS_PARAM_COUNT + 4
+};
+
+// exp(44)^2 is the largest square of a scale that float holds.
+static const float MOST_LOG_SCALE = 44.0f;
+
+// ---- Names ----
+
+typedef struct named_param {
+    const char *name;
+    int param;
+} named_param;
+
+static const named_param required[] = {
+    {"x", SGS_PARAM_MEAN},
+    {"y", SGS_PARAM_MEAN + 1},
+    {"z", SGS_PARAM_MEAN + 2},
+    {"f_dc_0", SGS_PARAM_SH_DC},
+    {"f_dc_1", SGS_PARAM_SH_DC + 1},
+    {"f_dc_2", SGS_PARAM_SH_DC + 2},
+    {"opacity", SGS_PARAM_OPACITY},
+    {"scale_0", SGS_PARAM_SCALE},
+    {"scale_1", SGS_PARAM_SCALE + 1},
+    {"scale_2", SGS_PARAM_SCALE + 2},
+    {"rot_0", SGS_PARAM_ROTATION},
+    {"rot_1", SGS_PARAM_ROTATION + 1},
+    {"rot_2", SGS_PARAM_ROTATION + 2},
+    {"rot_3", SGS_PARAM_ROTATION + 3},
+};
+enum { REQUIRED_COUNT = sizeof required / sizeof *required };
+
+static int rest_count(int sh_degree)
+{
+    return 3 * ((sh_degree + 1) * (sh_degree + 1) - 1);
+}
+
+// Parameter of f_rest_k in a file with `count` of them.
+static int rest_param(int k, int count)
+{
+    const int per_channel = count / 3;
+    return SGS_PARAM_SH_REST + 3 * (k % per_channel) + k / per_channel;
+}
+
+// ---- Reading ----
+
+typedef struct column {
+    int property; // in the vertex element
+    int param;
+    size_t offset; // in a binary row
+    sgsi_ply_type type;
+} column;
+
+typedef struct ply_reader {
+    sgsi_ply_stream stream;
+    sgsi_ply_header header;
+    const sgsi_ply_element *vertex;
+    column columns[MAX_COLUMNS];
+    int column_count;
+    int sh_degree;
+    locale_t c_locale; // the decimal point of an ascii body does not depend on the user's language
+    size_t dropped, unrotated;
+} ply_reader;
+
+static int find_property(const ply_reader *reader, const char *name)
+{
+    for (int k = 0; k < reader->vertex->property_count; ++k) {
+        if (!strcmp(reader->header.properties[reader->vertex->first_property + k].name, name))
+            return k;
+    }
+    return -1;
+}
+
+static sgs_status add_column(ply_reader *reader, const char *name, int param)
+{
+    const int found = find_property(reader, name);
+    if (found < 0) {
+        const char *hint = "this is not a 3DGS model";
+        if (find_property(reader, "packed_position") >= 0)
+            hint = "this is a compressed model; export it as an uncompressed PLY";
+        else if (find_property(reader, "red") >= 0)
+            hint = "this is a point cloud and not a 3DGS model";
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: property '%s' is missing; %s", reader->stream.path,
+                         name, hint);
+    }
+    column *added = &reader->columns[reader->column_count++];
+    *added = (column){.property = found, .param = param};
+    for (int k = 0; k < found; ++k)
+        added->offset +=
+            sgsi_ply_type_size(reader->header.properties[reader->vertex->first_property + k].type);
+    added->type = reader->header.properties[reader->vertex->first_property + found].type;
+    return SGS_STATUS_OK;
+}
+
+static sgs_status map_columns(ply_reader *reader)
+{
+    int rest = 0;
+    for (int k = 0; k < reader->vertex->property_count; ++k) {
+        const sgsi_ply_property *property =
+            &reader->header.properties[reader->vertex->first_property + k];
+        if (property->is_list)
+            return sgsi_fail(SGS_STATUS_UNSUPPORTED,
+                             "%s: property '%s' of a vertex is a list; a 3DGS model has none",
+                             reader->stream.path, property->name);
+        rest += !strncmp(property->name, "f_rest_", 7);
+    }
+    for (int k = 0; k < REQUIRED_COUNT; ++k) {
+        const sgs_status status = add_column(reader, required[k].name, required[k].param);
+        if (status)
+            return status;
+    }
+    for (reader->sh_degree = 0; reader->sh_degree <= 3; ++reader->sh_degree) {
+        if (rest_count(reader->sh_degree) == rest)
+            break;
+    }
+    if (reader->sh_degree > 3)
+        return sgsi_fail(SGS_STATUS_UNSUPPORTED,
+                         "%s: has %d f_rest properties; 0, 9, 24 or 45 are read (SH degree 0 to 3)",
+                         reader->stream.path, rest);
+    for (int k = 0; k < rest; ++k) {
+        char name[32];
+        snprintf(name, sizeof name, "f_rest_%d", k);
+        const sgs_status status = add_column(reader, name, rest_param(k, rest));
+        if (status)
+            return status;
+    }
+    return SGS_STATUS_OK;
+}
+
+static float to_float(double value)
+{
+    if (fabs(value) > FLT_MAX)
+        return value > 0.0 ? INFINITY : -INFINITY;
+    return (float)value;
+}
+
+// Parses one row's words into all properties' values; only the mapped ones are kept.
+static sgs_status read_ascii_row(ply_reader *reader, size_t row, float params[SGS_PARAM_COUNT])
+{
+    double values[SGSI_PLY_MAX_PROPERTIES];
+    for (int k = 0; k < reader->vertex->property_count; ++k) {
+        char word[SGSI_PLY_MAX_NAME + 1], *end;
+        const char *name = reader->header.properties[reader->vertex->first_property + k].name;
+        const size_t place = reader->stream.position;
+        if (!sgsi_ply_word(&reader->stream, word))
+            return sgsi_fail(SGS_STATUS_FORMAT,
+                             "%s: byte %zu: vertex %zu: property '%s' is not there; the file is "
+                             "truncated or damaged",
+                             reader->stream.path, place, row, name);
+        values[k] = strtod_l(word, &end, reader->c_locale);
+        if (end == word || *end)
+            return sgsi_fail(SGS_STATUS_FORMAT,
+                             "%s: byte %zu: vertex %zu: property '%s': '%s' is not a number",
+                             reader->stream.path, place, row, name, word);
+    }
+    for (int k = 0; k < reader->column_count; ++k)
+        params[reader->columns[k].param] = to_float(values[reader->columns[k].property]);
+    return SGS_STATUS_OK;
+}
+
+static sgs_status read_binary_row(ply_reader *reader, size_t row_size,
+                                  float params[SGS_PARAM_COUNT])
+{
+    const uint8_t *bytes = sgsi_ply_take(&reader->stream, row_size);
+    if (!bytes)
+        return sgsi_fail(SGS_STATUS_IO, "%s: byte %zu: cannot be read further", reader->stream.path,
+                         reader->stream.position);
+    const bool big_endian = reader->header.format == SGSI_PLY_BIG_ENDIAN;
+    for (int k = 0; k < reader->column_count; ++k) {
+        const column *c = &reader->columns[k];
+        params[c->param] = to_float(sgsi_ply_decode(bytes + c->offset, c->type, big_endian));
+    }
+    return SGS_STATUS_OK;
+}
+
+// False for a row that no arithmetic can use. A quaternion whose square leaves float's range is
+// normalised.
+static bool make_usable(ply_reader *reader, float params[SGS_PARAM_COUNT])
+{
+    for (int k = 0; k < SGS_PARAM_COUNT; ++k) {
+        if (!isfinite(params[k]))
+            return false;
+    }
+    for (int k = 0; k < 3; ++k) {
+        if (params[SGS_PARAM_SCALE + k] > MOST_LOG_SCALE)
+            return false;
+    }
+    float *q = params + SGS_PARAM_ROTATION;
+    const double norm =
+        sqrt((double)q[0] * q[0] + (double)q[1] * q[1] + (double)q[2] * q[2] + (double)q[3] * q[3]);
+    if (norm >= 1e-12 && norm <= 1e12)
+        return true;
+    for (int k = 0; k < 4; ++k)
+        q[k] = norm > 0.0 ? (float)(q[k] / norm) : (float)(k == 0);
+    reader->unrotated += !(norm > 0.0);
+    return true;
+}
+
+static sgs_status read_rows(ply_reader *reader, sgs_gaussians *model)
+{
+    const size_t row_size = sgsi_ply_row_size(&reader->header, reader->vertex);
+    size_t kept = 0;
+    for (size_t row = 0; row < reader->vertex->count; ++row) {
+        float params[SGS_PARAM_COUNT] = {0};
+        const sgs_status status = reader->header.format == SGSI_PLY_ASCII
+                                      ? read_ascii_row(reader, row, params)
+                                      : read_binary_row(reader, row_size, params);
+        if (status)
+            return status;
+        if (make_usable(reader, params))
+            sgs_gaussians_set(model, kept++, params);
+    }
+    reader->dropped = reader->vertex->count - kept;
+    return sgs_gaussians_resize(model, kept);
+}
+
+static void warn_about(const ply_reader *reader)
+{
+    const char *path = reader->stream.path;
+    if (reader->dropped)
+        sgsi_warn("%s: %zu of %zu primitives are not finite and were dropped", path,
+                  reader->dropped, reader->vertex->count);
+    if (reader->unrotated)
+        sgsi_warn("%s: %zu primitives have the rotation 0 0 0 0, read as no rotation", path,
+                  reader->unrotated);
+    const bool is_last =
+        reader->vertex == &reader->header.elements[reader->header.element_count - 1];
+    if (is_last && reader->header.format != SGSI_PLY_ASCII && sgsi_ply_left(&reader->stream))
+        sgsi_warn("%s: byte %zu: %zu bytes after the last vertex were ignored", path,
+                  reader->stream.position, sgsi_ply_left(&reader->stream));
+}
+
+static sgs_status read_model(ply_reader *reader, sgs_gaussians **model)
+{
+    sgs_status status = sgsi_ply_read_header(&reader->stream, &reader->header);
+    if (status)
+        return status;
+    const sgsi_ply_element *end = reader->header.elements + reader->header.element_count;
+    const sgsi_ply_element *vertex = reader->header.elements;
+    while (vertex < end && strcmp(vertex->name, "vertex"))
+        ++vertex;
+    if (vertex == end)
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: has no element 'vertex'; this is not a 3DGS model",
+                         reader->stream.path);
+    reader->vertex = vertex;
+    status = map_columns(reader);
+    for (const sgsi_ply_element *before = reader->header.elements; !status && before < vertex;
+         ++before)
+        status = sgsi_ply_skip(&reader->stream, &reader->header, before);
+    if (!status)
+        status = sgsi_ply_check_count(&reader->stream, &reader->header, vertex);
+    if (!status)
+        status = sgs_gaussians_create(vertex->count, model);
+    if (status)
+        return status;
+    (*model)->sh_degree = reader->sh_degree;
+    status = sgs_gaussians_resize(*model, vertex->count);
+    if (!status)
+        status = read_rows(reader, *model);
+    if (status) {
+        sgs_gaussians_destroy(*model);
+        *model = NULL;
+    } else {
+        warn_about(reader);
+    }
+    return status;
+}
+
+sgs_status sgs_ply_read(const char *path, sgs_gaussians **model)
+{
+    *model = NULL;
+    ply_reader *reader = sgsi_calloc(1, sizeof *reader);
+    if (!reader)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to read it", path);
+    sgs_status status = sgsi_ply_open(path, &reader->stream);
+    if (!status) {
+        reader->c_locale = newlocale(LC_ALL_MASK, "C", (locale_t)0);
+        status = reader->c_locale
+                     ? read_model(reader, model)
+                     : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to read it", path);
+    }
+    if (reader->c_locale)
+        freelocale(reader->c_locale);
+    sgsi_ply_close(&reader->stream);
+    sgsi_free(reader);
+    return status;
+}
+
+// ---- Writing ----
+
+static uint8_t *put_float(uint8_t *at, float value)
+{
+    uint32_t bits;
+    memcpy(&bits, &value, sizeof bits);
+    for (int k = 0; k < 4; ++k)
+        *at++ = (uint8_t)(bits >> (8 * k));
+    return at;
+}
+
+// Fails at once when the disk is full, and not only after the remaining gigabyte.
+static sgs_status put_chunk(sgsi_atomic_file *file, const uint8_t *bytes, size_t size)
+{
+    errno = 0;
+    if (fwrite(bytes, 1, size, file->stream) == size)
+        return SGS_STATUS_OK;
+    const int code = errno;
+    return sgsi_fail(SGS_STATUS_IO, "%s: cannot be written: %s", file->path,
+                     code ? strerror(code) : "disk full?");
+}
+
+typedef struct row_writer {
+    const sgs_gaussians *model; // or:
+    const float *points;
+    const unsigned char *colors;
+    size_t count;
+    const float *filter_3d;  // the last column, or NULL
+    int params[MAX_COLUMNS]; // parameter of each column, -1 for a normal's 0
+    int column_count;
+} row_writer;
+
+static uint8_t *put_row(const row_writer *writer, size_t row, uint8_t *at)
+{
+    if (writer->model) {
+        for (int k = 0; k < writer->column_count; ++k)
+            at = put_float(at, writer->params[k] < 0 ? 0.0f
+                               : writer->params[k] == SGS_PARAM_OPACITY
+                                   ? sgs_gaussians_opacity_logit(writer->model, row)
+                                   : *sgs_gaussians_at(writer->model, row, writer->params[k]));
+        return writer->filter_3d ? put_float(at, writer->filter_3d[row]) : at;
+    }
+    for (size_t k = 0; k < 6; ++k)
+        at = put_float(at, k < 3 ? writer->points[3 * row + k] : 0.0f);
+    for (size_t k = 0; k < 3; ++k)
+        *at++ = writer->colors[3 * row + k];
+    return at;
+}
+
+// Takes over `file`: commits or removes it.
+static sgs_status write_rows(const row_writer *writer, sgsi_atomic_file *file)
+{
+    uint8_t chunk[CHUNK_ROWS * MAX_COLUMNS * sizeof(float)];
+    for (size_t begin = 0; begin < writer->count; begin += CHUNK_ROWS) {
+        const size_t end = begin + CHUNK_ROWS < writer->count ? begin + CHUNK_ROWS : writer->count;
+        uint8_t *at = chunk;
+        for (size_t row = begin; row < end; ++row)
+            at = put_row(writer, row, at);
+        const sgs_status status = put_chunk(file, chunk, (size_t)(at - chunk));
+        if (status) {
+            sgsi_atomic_abort(file);
+            return status;
+        }
+    }
+    return sgsi_atomic_commit(file);
+}
+
+// A number < 0 stands for none.
+static void add_written(row_writer *writer, FILE *stream, const char *prefix, int number, int param)
+{
+    if (number < 0)
+        fprintf(stream, "property float %s\n", prefix);
+    else
+        fprintf(stream, "property float %s%d\n", prefix, number);
+    writer->params[writer->column_count++] = param;
+}
+
+static sgs_status write_model(const char *path, const sgs_gaussians *model, const float *filter_3d)
+{
+    if (model->sh_degree < 0 || model->sh_degree > 3)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                         "%s: SH degree %d cannot be written; 0 to 3 can", path, model->sh_degree);
+    sgsi_atomic_file file;
+    const sgs_status status = sgsi_atomic_open(&file, path);
+    if (status)
+        return status;
+    row_writer writer = {.model = model, .count = model->count, .filter_3d = filter_3d};
+    fprintf(file.stream, "ply\nformat binary_little_endian 1.0\nelement vertex %zu\n",
+            model->count);
+    static const char *const lead[] = {"x", "y", "z", "nx", "ny", "nz"};
+    for (int k = 0; k < 6; ++k)
+        add_written(&writer, file.stream, lead[k], -1, k < 3 ? SGS_PARAM_MEAN + k : -1);
+    for (int k = 0; k < 3; ++k)
+        add_written(&writer, file.stream, "f_dc_", k, SGS_PARAM_SH_DC + k);
+    const int rest = rest_count(model->sh_degree);
+    for (int k = 0; k < rest; ++k)
+        add_written(&writer, file.stream, "f_rest_", k, rest_param(k, rest));
+    add_written(&writer, file.stream, "opacity", -1, SGS_PARAM_OPACITY);
+    for (int k = 0; k < 3; ++k)
+        add_written(&writer, file.stream, "scale_", k, SGS_PARAM_SCALE + k);
+    for (int k = 0; k < 4; ++k)
+        add_written(&writer, file.stream, "rot_", k, SGS_PARAM_ROTATION + k);
+    fputs(filter_3d ? "property float filter_3D\nend_header\n" : "end_header\n", file.stream);
+    return write_rows(&writer, &file);
+}
+
+sgs_status sgs_ply_write(const char *path, const sgs_gaussians *model)
+{
+    return write_model(path, model, NULL);
+}
+
+sgs_status sgs_ply_write_filter_3d(const char *path, const sgs_gaussians *model,
+                                   const float *filter_3d)
+{
+    return write_model(path, model, filter_3d);
+}
+
+sgs_status sgs_ply_write_points(const char *path, const float *points, const unsigned char *colors,
+                                size_t n)
+{
+    sgsi_atomic_file file;
+    const sgs_status status = sgsi_atomic_open(&file, path);
+    if (status)
+        return status;
+    const row_writer writer = {.points = points, .colors = colors, .count = n};
+    fprintf(file.stream, "ply\nformat binary_little_endian 1.0\nelement vertex %zu\n", n);
+    fputs("property float x\nproperty float y\nproperty float z\n"
+          "property float nx\nproperty float ny\nproperty float nz\n"
+          "property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n",
+          file.stream);
+    return write_rows(&writer, &file);
+}

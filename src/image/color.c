@@ -1,0 +1,25 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Values of photographs: the transfer curve of sRGB (IEC 61966-2-1), continued above 1, and
+// half-float numbers.
+
+#include <math.h>
+
+#include "image/half.h"
+#include "sparegs/image.h"
+
+float sgs_srgb_encode(float linear)
+{
+    return linear <= 0.0031308f ? 12.92f * linear : 1.055f * powf(linear, 1.0f / 2.4f) - 0.055f;
+}
+
+float sgs_srgb_decode(float encoded)
+{
+    return encoded <= 0.04045f ? encoded / 12.92f : powf((encoded + 0.055f) / 1.055f, 2.4f);
+}
+
+float sgs_half_value(uint16_t half)
+{
+    return sgsi_half_to_float(half);
+}

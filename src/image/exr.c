@@ -1,0 +1,160 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Multi-channel images for compositors: one scan-line part.
+
+#include "image/exr_writer.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "image/image_oiio.h"
+
+enum { MAX_CHANNELS = 1024, MAX_NAME = 255 };
+
+typedef struct flat_image {
+    int width;
+    const sgs_exr_channel **sorted; // by name
+    int channel_count;
+} flat_image;
+
+static int compare_names(const void *a, const void *b)
+{
+    return strcmp((*(const sgs_exr_channel *const *)a)->name,
+                  (*(const sgs_exr_channel *const *)b)->name);
+}
+
+static sgs_status check_channels(const char *path, const sgs_exr_channel *channels, int count)
+{
+    if (count < 1 || count > MAX_CHANNELS)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                         "%s: an EXR of %d channels cannot be written; 1 to %d can", path, count,
+                         MAX_CHANNELS);
+    for (int k = 0; k < count; ++k) {
+        const sgs_exr_channel *channel = &channels[k];
+        const size_t length = channel->name ? strlen(channel->name) : 0;
+        if (length < 1 || length > MAX_NAME)
+            return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                             "%s: the name of channel %d has %zu characters, not 1 to %d", path, k,
+                             length, MAX_NAME);
+        if (!channel->floats == !channel->uints)
+            return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                             "%s: channel '%s' needs either floats or uints", path, channel->name);
+        if (channel->uints && channel->half)
+            return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                             "%s: channel '%s' is of integers and cannot be half", path,
+                             channel->name);
+    }
+    return SGS_STATUS_OK;
+}
+
+static sgs_status sort_channels(flat_image *image, const char *path,
+                                const sgs_exr_channel *channels, int count)
+{
+    image->sorted = sgsi_alloc((size_t)count, sizeof *image->sorted);
+    if (!image->sorted)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path);
+    image->channel_count = count;
+    for (int k = 0; k < count; ++k)
+        image->sorted[k] = &channels[k];
+    qsort(image->sorted, (size_t)count, sizeof *image->sorted, compare_names);
+    for (int k = 1; k < count; ++k) {
+        if (!compare_names(&image->sorted[k - 1], &image->sorted[k]))
+            return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: two channels are called '%s'", path,
+                             image->sorted[k]->name);
+    }
+    return SGS_STATUS_OK;
+}
+
+static const sgs_exr_channel *find_channel(const flat_image *image, const char *name)
+{
+    const sgs_exr_channel wanted = {.name = name}, *key = &wanted;
+    return *(const sgs_exr_channel **)bsearch(&key, image->sorted, (size_t)image->channel_count,
+                                              sizeof *image->sorted, compare_names);
+}
+
+static void point_at_lines(const void *context, exr_encode_pipeline_t *encoder, int y, int lines)
+{
+    (void)lines;
+    const flat_image *image = context;
+    const size_t first = (size_t)y * (size_t)image->width;
+    for (int k = 0; k < encoder->channel_count; ++k) {
+        exr_coding_channel_info_t *coded = &encoder->channels[k];
+        const sgs_exr_channel *channel = find_channel(image, coded->channel_name);
+        coded->user_data_type =
+            channel->uints ? EXR_PIXEL_UINT : EXR_PIXEL_FLOAT; // the packer makes halves
+        coded->user_bytes_per_element = 4;
+        coded->user_pixel_stride = 4;
+        coded->user_line_stride = 4 * image->width;
+        coded->encode_from_ptr = channel->uints ? (const uint8_t *)(channel->uints + first)
+                                                : (const uint8_t *)(channel->floats + first);
+    }
+}
+
+static sgs_status write_image(const flat_image *image, const char *path, const sgs_exr_info *info)
+{
+    static const exr_compression_t compressions[] = {[SGS_EXR_AUTO] = EXR_COMPRESSION_ZIP,
+                                                     [SGS_EXR_ZIP] = EXR_COMPRESSION_ZIP,
+                                                     [SGS_EXR_ZIPS] = EXR_COMPRESSION_ZIPS,
+                                                     [SGS_EXR_PIZ] = EXR_COMPRESSION_PIZ,
+                                                     [SGS_EXR_NONE] = EXR_COMPRESSION_NONE};
+    sgsi_exr_column columns[MAX_CHANNELS];
+    for (int k = 0; k < image->channel_count; ++k) {
+        const sgs_exr_channel *channel = image->sorted[k];
+        const exr_pixel_type_t of_floats = channel->half ? EXR_PIXEL_HALF : EXR_PIXEL_FLOAT;
+        columns[k] = (sgsi_exr_column){channel->name, channel->uints ? EXR_PIXEL_UINT : of_floats};
+    }
+    sgsi_exr_writer writer;
+    const sgs_status status =
+        sgsi_exr_open(&writer, path, info, EXR_STORAGE_SCANLINE, compressions[info->compression], 0,
+                      columns, image->channel_count);
+    if (status)
+        return status;
+    return sgsi_exr_close(&writer, sgsi_exr_write_lines(&writer, info->height, info->compression,
+                                                        point_at_lines, image));
+}
+
+static sgs_status write_dwaa(const flat_image *image, const char *path, const sgs_exr_info *info)
+{
+    sgs_exr_channel channels[MAX_CHANNELS];
+    for (int k = 0; k < image->channel_count; ++k)
+        channels[k] = *image->sorted[k];
+    uint8_t *bytes;
+    size_t size;
+    sgs_status status =
+        sgsi_oiio_dwaa_encode(path, info, channels, image->channel_count, &bytes, &size);
+    if (status)
+        return status;
+    sgsi_atomic_file file;
+    status = sgsi_atomic_open(&file, path);
+    if (!status) {
+        fwrite(bytes, 1, size, file.stream); // the commit sees a failure
+        status = sgsi_atomic_commit(&file);
+    }
+    sgsi_atomic_abort(&file);
+    sgsi_free(bytes);
+    return status;
+}
+
+sgs_status sgs_exr_write(const char *path, const sgs_exr_info *info,
+                         const sgs_exr_channel *channels, int channel_count)
+{
+    if (info->width < 1 || info->height < 1 || info->width > SGSI_EXR_MAX_SIDE ||
+        info->height > SGSI_EXR_MAX_SIDE)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                         "%s: an image of %d x %d pixels cannot be written", path, info->width,
+                         info->height);
+    if (info->compression < 0 || info->compression >= SGS_EXR_COMPRESSION_COUNT)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: EXR compression %d is unknown", path,
+                         (int)info->compression);
+    sgs_status status = check_channels(path, channels, channel_count);
+    if (status)
+        return status;
+    flat_image image = {.width = info->width};
+    status = sort_channels(&image, path, channels, channel_count);
+    if (!status)
+        status = info->compression == SGS_EXR_DWAA ? write_dwaa(&image, path, info)
+                                                   : write_image(&image, path, info);
+    sgsi_free(image.sorted);
+    return status;
+}

@@ -1,0 +1,217 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Deep scan-line EXR files. OpenEXRCore 3.1 writes deep chunks but does not compress their tables
+// of sample counts, so the chunks are packed here, after "OpenEXR File Layout": a chunk is one
+// line; its table holds the running sum of the samples per pixel, its data the samples of all
+// pixels channel by channel in the order of the channels' names, both little endian, and both
+// zipped. What does not shrink is stored as it is.
+
+#include <string.h>
+
+#include "image/exr_writer.h"
+#include "image/exr_zip.h"
+#include "base/threads.h"
+
+enum { CHANNELS = 6, LINE_BYTES_PER_SAMPLE = 4 * CHANNELS, BAND_LINES = 32 };
+
+// One line on its way to the file.
+typedef struct deep_line {
+    uint8_t *bytes; // [capacity]: see lay_out
+    size_t capacity;
+    uint8_t *table, *data; // what the file gets
+    size_t table_bytes, data_bytes, unpacked_bytes;
+    bool failed; // out of memory
+} deep_line;
+
+struct sgs_exr_deep {
+    sgsi_exr_writer writer;
+    char *path;
+    int width, height, next_row;
+    sgsi_exr_zip *zip;   // NULL: not compressed
+    exr_result_t result; // the first failure
+    deep_line lines[BAND_LINES];
+};
+
+static void put_word(uint8_t *out, const void *word)
+{
+    uint32_t bits;
+    memcpy(&bits, word, sizeof bits);
+    for (int k = 0; k < 4; ++k)
+        out[k] = (uint8_t)(bits >> 8 * k);
+}
+
+typedef struct pack_job {
+    sgs_exr_deep *deep;
+    const uint32_t *counts;
+    const sgs_deep_sample *samples;
+    size_t first_sample[BAND_LINES + 1];
+} pack_job;
+
+// Table, data and their zipped twins, one after the other.
+static bool lay_out(deep_line *line, size_t table_bytes, size_t data_bytes)
+{
+    const size_t needed = 2 * (table_bytes + data_bytes);
+    if (needed <= line->capacity)
+        return true;
+    sgsi_free(line->bytes);
+    line->capacity = needed + needed / 4;
+    line->bytes = sgsi_alloc(line->capacity, 1);
+    if (!line->bytes)
+        line->capacity = 0;
+    return line->bytes != NULL;
+}
+
+// What is to be stored of `count` bytes at `raw`, and in *stored its size.
+static uint8_t *zipped_or_raw(sgsi_exr_zip *zip, int thread, uint8_t *raw, size_t count,
+                              uint8_t *out, size_t *stored)
+{
+    const size_t size = sgsi_exr_zip_pack(zip, thread, raw, count, out);
+    *stored = size ? size : count;
+    return size ? out : raw;
+}
+
+static void pack_line(void *context, size_t item, int thread)
+{
+    const pack_job *job = context;
+    const size_t width = (size_t)job->deep->width;
+    deep_line *line = &job->deep->lines[item];
+    const uint32_t *counts = job->counts + item * width;
+    const sgs_deep_sample *samples = job->samples + job->first_sample[item];
+    const size_t total = job->first_sample[item + 1] - job->first_sample[item];
+    const size_t table_bytes = 4 * width, data_bytes = LINE_BYTES_PER_SAMPLE * total;
+    line->failed = !lay_out(line, table_bytes, data_bytes);
+    if (line->failed)
+        return;
+    uint8_t *table = line->bytes, *data = table + table_bytes, *zipped_table = data + data_bytes;
+    uint8_t *zipped_data = zipped_table + table_bytes;
+    uint32_t sum = 0;
+    for (size_t x = 0; x < width; ++x) {
+        sum += counts[x];
+        put_word(table + 4 * x, &sum);
+    }
+    for (size_t i = 0; i < total; ++i) {
+        const sgs_deep_sample *s = &samples[i];
+        const float values[CHANNELS] = {s->alpha,    s->color[2], s->color[1],
+                                        s->color[0], s->z,        s->z_back}; // A B G R Z ZBack
+        for (size_t k = 0; k < CHANNELS; ++k)
+            put_word(data + 4 * (k * total + i), &values[k]);
+    }
+    line->table = table, line->table_bytes = table_bytes;
+    line->data = data, line->data_bytes = line->unpacked_bytes = data_bytes;
+    sgsi_exr_zip *zip = job->deep->zip;
+    if (!zip)
+        return;
+    line->table = zipped_or_raw(zip, thread, table, table_bytes, zipped_table, &line->table_bytes);
+    line->data = zipped_or_raw(zip, thread, data, data_bytes, zipped_data, &line->data_bytes);
+}
+
+static void free_deep(sgs_exr_deep *deep)
+{
+    for (int k = 0; k < BAND_LINES; ++k)
+        sgsi_free(deep->lines[k].bytes);
+    sgsi_exr_zip_destroy(deep->zip);
+    sgsi_free(deep->path);
+    sgsi_free(deep);
+}
+
+sgs_status sgs_exr_deep_open(const char *path, const sgs_exr_info *info, int max_samples,
+                             sgs_exr_deep **deep)
+{
+    static const sgsi_exr_column columns[CHANNELS] = {
+        {"A", EXR_PIXEL_FLOAT}, {"B", EXR_PIXEL_FLOAT}, {"G", EXR_PIXEL_FLOAT},
+        {"R", EXR_PIXEL_FLOAT}, {"Z", EXR_PIXEL_FLOAT}, {"ZBack", EXR_PIXEL_FLOAT}};
+    *deep = NULL;
+    if (info->width < 1 || info->height < 1 || info->width > SGSI_EXR_MAX_SIDE ||
+        info->height > SGSI_EXR_MAX_SIDE)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                         "%s: an image of %d x %d pixels cannot be written", path, info->width,
+                         info->height);
+    sgs_exr_deep *made = sgsi_calloc(1, sizeof *made);
+    if (made)
+        made->path = sgsi_strdup(path);
+    if (!made || !made->path) {
+        sgsi_free(made);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path);
+    }
+    made->width = info->width;
+    made->height = info->height;
+    const bool zips = info->compression != SGS_EXR_NONE;
+    made->zip = zips ? sgsi_exr_zip_create(4 * (size_t)info->width) : NULL;
+    const sgs_status status =
+        zips && !made->zip
+            ? sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path)
+            : sgsi_exr_open(&made->writer, made->path, info, EXR_STORAGE_DEEP_SCANLINE,
+                            zips ? EXR_COMPRESSION_ZIPS : EXR_COMPRESSION_NONE, max_samples,
+                            columns, CHANNELS);
+    if (status) {
+        free_deep(made);
+        return status;
+    }
+    *deep = made;
+    return SGS_STATUS_OK;
+}
+
+static exr_result_t write_band(sgs_exr_deep *deep, int rows, pack_job *job)
+{
+    size_t most = 0;
+    job->deep = deep;
+    for (size_t row = 0; row < (size_t)rows; ++row) {
+        job->first_sample[row + 1] = job->first_sample[row];
+        for (size_t x = 0; x < (size_t)deep->width; ++x)
+            job->first_sample[row + 1] += job->counts[row * (size_t)deep->width + x];
+        const size_t own = job->first_sample[row + 1] - job->first_sample[row];
+        most = own > most ? own : most;
+    }
+    if (deep->zip && !sgsi_exr_zip_reserve(deep->zip, LINE_BYTES_PER_SAMPLE * most))
+        return EXR_ERR_OUT_OF_MEMORY;
+    sgsi_parallel_for((size_t)rows, 1, pack_line, job);
+    exr_result_t result = EXR_ERR_SUCCESS;
+    for (int row = 0; row < rows && !result; ++row) {
+        const deep_line *line = &deep->lines[row];
+        result = line->failed
+                     ? EXR_ERR_OUT_OF_MEMORY
+                     : exr_write_deep_scanline_chunk(
+                           deep->writer.context, 0, deep->next_row + row, line->data,
+                           line->data_bytes, line->unpacked_bytes, line->table, line->table_bytes);
+    }
+    return result;
+}
+
+sgs_status sgs_exr_deep_write(sgs_exr_deep *deep, int rows, const uint32_t *counts,
+                              const sgs_deep_sample *samples)
+{
+    if (rows < 0 || rows > deep->height - deep->next_row)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: more rows than the image has",
+                         deep->path);
+    while (rows && !deep->result) {
+        const int band = rows < BAND_LINES ? rows : BAND_LINES;
+        pack_job job = {.counts = counts, .samples = samples};
+        deep->result = write_band(deep, band, &job);
+        deep->next_row += band;
+        counts += (size_t)band * (size_t)deep->width;
+        samples += job.first_sample[band];
+        rows -= band;
+    }
+    return sgsi_exr_tell(&deep->writer, deep->result);
+}
+
+sgs_status sgs_exr_deep_close(sgs_exr_deep *deep)
+{
+    const bool whole = deep->next_row == deep->height;
+    sgs_status status =
+        sgsi_exr_close(&deep->writer, whole || deep->result ? deep->result : EXR_ERR_UNKNOWN);
+    if (status && !whole && !deep->result)
+        status = sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: only %d of its %d rows were written",
+                           deep->path, deep->next_row, deep->height);
+    free_deep(deep);
+    return status;
+}
+
+void sgs_exr_deep_abort(sgs_exr_deep *deep)
+{
+    if (!deep)
+        return;
+    sgsi_exr_close(&deep->writer, EXR_ERR_UNKNOWN);
+    free_deep(deep);
+}

@@ -1,0 +1,370 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// EXR files through OpenEXR's C library (OpenEXRCore 3.1 and later).
+//
+// OpenEXRCore writes through a callback into the library's own atomic file, so that an EXR appears
+// under its name only when it is complete and on disk, as every other file does. Its messages are
+// caught and end in sgs_last_error(); its memory comes from the library's allocator.
+//
+// Compression is most of the work, so chunks are packed and compressed by all threads, a band of
+// them at a time, and then written in order: the bytes of a file do not depend on the number of
+// threads.
+//
+// Floats whose low bits are noise hardly shrink, and deflating them takes several times as long as
+// tracing them. The format lets a chunk that does not shrink stand as it is, so SGS_EXR_AUTO
+// deflates a line here and there of a band and, unless that saves a third, none of its chunks.
+
+#include "image/exr_writer.h"
+
+#include <errno.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "image/exr_zip.h"
+#include "sparegs/runtime.h"
+#include "base/threads.h"
+
+enum { MAX_SHORT_NAME = 31, BAND_CHUNKS = 16, SAMPLES = 4 };
+
+// OpenEXR's first complaint in this call. Not in the writer: asking the context for its user data
+// inside the handler waits for the lock that the complaining function holds.
+static _Thread_local char complaint[256];
+
+static void *allocate(size_t bytes)
+{
+    return sgsi_alloc(bytes, 1);
+}
+
+static void keep_complaint(exr_const_context_t context, exr_result_t code, const char *message)
+{
+    (void)context;
+    (void)code;
+    if (complaint[0] || !message)
+        return;
+    const char *text = strrchr(message, ':'); // "file: text"
+    text = text ? text + 1 : message;
+    while (*text == ' ')
+        ++text;
+    snprintf(complaint, sizeof complaint, "%s", text);
+}
+
+static int64_t write_bytes(exr_const_context_t context, void *user, const void *bytes,
+                           uint64_t size, uint64_t offset, exr_stream_error_func_ptr_t error)
+{
+    (void)context;
+    (void)error;
+    sgsi_exr_writer *writer = user;
+    uint64_t done = 0;
+    while (done < size) {
+        const ssize_t step = pwrite(fileno(writer->file.stream), (const char *)bytes + done,
+                                    (size_t)(size - done), (off_t)(offset + done));
+        if (step < 0 && errno == EINTR)
+            continue;
+        if (step <= 0) {
+            if (!writer->write_error)
+                writer->write_error = step < 0 ? errno : ENOSPC;
+            return -1;
+        }
+        done += (uint64_t)step;
+    }
+    return (int64_t)done;
+}
+
+// ---- The header ----
+
+// EXR multiplies row vectors from the left, p' = p M: the transpose of the matrix for column
+// vectors.
+static exr_result_t set_matrix(exr_context_t context, const char *name, const double *matrix)
+{
+    if (!matrix)
+        return EXR_ERR_SUCCESS;
+    exr_attr_m44f_t transposed;
+    for (int row = 0; row < 4; ++row) {
+        for (int column = 0; column < 4; ++column)
+            transposed.m[4 * row + column] = (float)matrix[4 * column + row];
+    }
+    return exr_attr_set_m44f(context, 0, name, &transposed);
+}
+
+static exr_result_t set_text(exr_context_t context, const char *name, const char *text)
+{
+    return text ? exr_attr_set_string(context, 0, name, text) : EXR_ERR_SUCCESS;
+}
+
+static exr_result_t set_attributes(exr_context_t context, const sgs_exr_info *info)
+{
+    // ITU-R BT.709: primaries and the D65 white.
+    const exr_attr_chromaticities_t rec709 = {.red_x = 0.64f,
+                                              .red_y = 0.33f,
+                                              .green_x = 0.30f,
+                                              .green_y = 0.60f,
+                                              .blue_x = 0.15f,
+                                              .blue_y = 0.06f,
+                                              .white_x = 0.3127f,
+                                              .white_y = 0.3290f};
+    char software[64];
+    snprintf(software, sizeof software, "sparegs %s", sgs_version());
+    exr_result_t result = exr_attr_set_chromaticities(context, 0, "chromaticities", &rec709);
+    if (!result)
+        result = set_text(context, "software", software);
+    if (!result)
+        result = set_text(context, "sparegs:depthDefinition", info->depth_definition);
+    if (!result)
+        result = set_text(context, "sparegs:view", info->view_name);
+    if (!result)
+        result = set_matrix(context, "worldToCamera", info->world_to_camera);
+    if (!result)
+        result = set_matrix(context, "worldToNDC", info->world_to_ndc);
+    return result;
+}
+
+static int compare_columns(const void *a, const void *b)
+{
+    return strcmp(((const sgsi_exr_column *)a)->name, ((const sgsi_exr_column *)b)->name);
+}
+
+static exr_result_t write_header(exr_context_t context, const sgs_exr_info *info,
+                                 exr_storage_t storage, exr_compression_t compression,
+                                 int max_samples, const sgsi_exr_column *columns, int count)
+{
+    // Only when needed: readers from before 2013 refuse files with long names.
+    int part, has_long_names = 0;
+    for (int k = 0; k < count; ++k)
+        has_long_names |= strlen(columns[k].name) > MAX_SHORT_NAME;
+    exr_result_t result = exr_set_longname_support(context, has_long_names);
+    const bool deep = storage == EXR_STORAGE_DEEP_SCANLINE;
+    if (!result)
+        result = exr_add_part(context, deep ? "deep" : NULL, storage, &part);
+    if (!result)
+        result =
+            exr_initialize_required_attr_simple(context, 0, info->width, info->height, compression);
+    for (int k = 0; !result && k < count; ++k)
+        result = exr_add_channel(context, 0, columns[k].name, columns[k].type,
+                                 EXR_PERCEPTUALLY_LOGARITHMIC, 1, 1);
+    if (!result)
+        result = set_attributes(context, info);
+    if (!result && deep) // the version of the deep format
+        result = exr_set_version(context, 0, 1);
+    if (!result && deep)
+        result = exr_attr_set_int(context, 0, "maxSamplesPerPixel", max_samples);
+    return result ? result : exr_write_header(context);
+}
+
+sgs_status sgsi_exr_open(sgsi_exr_writer *writer, const char *path, const sgs_exr_info *info,
+                         exr_storage_t storage, exr_compression_t compression, int max_samples,
+                         const sgsi_exr_column *columns, int column_count)
+{
+    *writer = (sgsi_exr_writer){.path = path};
+    sgsi_exr_column *sorted = sgsi_alloc((size_t)column_count, sizeof *sorted);
+    if (!sorted)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path);
+    memcpy(sorted, columns, (size_t)column_count * sizeof *sorted);
+    qsort(sorted, (size_t)column_count, sizeof *sorted, compare_columns);
+    sgs_status status = sgsi_atomic_open(&writer->file, path);
+    if (!status) {
+        exr_context_initializer_t setup = EXR_DEFAULT_CONTEXT_INITIALIZER;
+        setup.error_handler_fn = keep_complaint;
+        setup.alloc_fn = allocate;
+        setup.free_fn = sgsi_free;
+        setup.user_data = writer;
+        setup.write_fn = write_bytes;
+        complaint[0] = 0;
+        exr_result_t result =
+            exr_start_write(&writer->context, path, EXR_WRITE_FILE_DIRECTLY, &setup);
+        if (!result)
+            result = write_header(writer->context, info, storage, compression, max_samples, sorted,
+                                  column_count);
+        if (result)
+            status = sgsi_exr_close(writer, result);
+    }
+    sgsi_free(sorted);
+    return status;
+}
+
+sgs_status sgsi_exr_tell(const sgsi_exr_writer *writer, exr_result_t result)
+{
+    if (writer->write_error)
+        return sgsi_fail(SGS_STATUS_IO, "%s: cannot be written: %s", writer->path,
+                         strerror(writer->write_error));
+    if (result == EXR_ERR_OUT_OF_MEMORY)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", writer->path);
+    if (result)
+        return sgsi_fail(SGS_STATUS_INTERNAL, "%s: cannot be written: OpenEXR: %s", writer->path,
+                         complaint[0] ? complaint : exr_get_default_error_message(result));
+    return SGS_STATUS_OK;
+}
+
+sgs_status sgsi_exr_close(sgsi_exr_writer *writer, exr_result_t result)
+{
+    const exr_result_t finished = exr_finish(&writer->context); // writes the chunk table
+    sgs_status status = sgsi_exr_tell(writer, result ? result : finished);
+    if (!status)
+        status = sgsi_atomic_commit(&writer->file);
+    sgsi_atomic_abort(&writer->file);
+    return status;
+}
+
+// ---- Chunks ----
+
+typedef struct chunk_band {
+    sgsi_exr_writer *writer;
+    sgsi_exr_fill_fn fill;
+    const void *context;
+    int begin, count, lines, height; // first line; chunks; lines of a chunk; height of the image
+    sgsi_exr_zip *zip;               // with ZIP, ZIPS and AUTO
+    uint8_t *zipped;                 // [BAND_CHUNKS][capacity]
+    size_t capacity;
+    exr_encode_pipeline_t encoders[BAND_CHUNKS];
+    exr_result_t results[BAND_CHUNKS];
+    size_t bytes[BAND_CHUNKS]; // in `zipped`; 0: the chunk is stored as the encoder leaves it
+    size_t sampled[SAMPLES], shrunk[SAMPLES];
+} chunk_band;
+
+// Instead of writing: the chunk waits for its turn.
+static exr_result_t hold_chunk(exr_encode_pipeline_t *encoder)
+{
+    (void)encoder;
+    return EXR_ERR_SUCCESS;
+}
+
+static int lines_of(const chunk_band *band, size_t item)
+{
+    const int y = band->begin + (int)item * band->lines;
+    return y + band->lines < band->height ? band->lines : band->height - y;
+}
+
+static void encode_chunk(void *context, size_t item, int thread)
+{
+    (void)thread;
+    chunk_band *band = context;
+    exr_encode_pipeline_t *encoder = &band->encoders[item];
+    if (band->results[item])
+        return;
+    band->fill(band->context, encoder, band->begin + (int)item * band->lines, lines_of(band, item));
+    band->results[item] = exr_encoding_choose_default_routines(band->writer->context, 0, encoder);
+    if (band->zip)
+        encoder->compress_fn = NULL;
+    encoder->write_fn = hold_chunk;
+    encoder->yield_until_ready_fn = hold_chunk;
+    if (!band->results[item])
+        band->results[item] = exr_encoding_run(band->writer->context, 0, encoder);
+}
+
+static void zip_chunk(void *context, size_t item, int thread)
+{
+    chunk_band *band = context;
+    const exr_encode_pipeline_t *encoder = &band->encoders[item];
+    if (!band->results[item])
+        band->bytes[item] =
+            sgsi_exr_zip_pack(band->zip, thread, encoder->compressed_buffer,
+                              encoder->compressed_bytes, band->zipped + item * band->capacity);
+}
+
+// One line of a chunk of the band.
+static void sample_line(void *context, size_t item, int thread)
+{
+    chunk_band *band = context;
+    const size_t chunk = item * (size_t)band->count / SAMPLES;
+    const exr_encode_pipeline_t *encoder = &band->encoders[chunk];
+    if (band->results[chunk])
+        return;
+    const size_t bytes = encoder->compressed_bytes / (size_t)lines_of(band, chunk);
+    const size_t packed = sgsi_exr_zip_pack(band->zip, thread, encoder->compressed_buffer, bytes,
+                                            band->zipped + item * band->capacity);
+    band->sampled[item] = bytes;
+    band->shrunk[item] = packed ? packed : bytes;
+}
+
+static bool zipping_pays(chunk_band *band)
+{
+    sgsi_parallel_for(SAMPLES, 1, sample_line, band);
+    size_t sampled = 0, shrunk = 0;
+    for (int k = 0; k < SAMPLES; ++k) {
+        sampled += band->sampled[k];
+        shrunk += band->shrunk[k];
+    }
+    return 3 * shrunk <= 2 * sampled;
+}
+
+static exr_result_t write_chunk(const chunk_band *band, size_t item)
+{
+    const exr_encode_pipeline_t *encoder = &band->encoders[item];
+    const int y = band->begin + (int)item * band->lines;
+    if (band->results[item])
+        return band->results[item];
+    if (band->bytes[item])
+        return exr_write_scanline_chunk(band->writer->context, 0, y,
+                                        band->zipped + item * band->capacity, band->bytes[item]);
+    return exr_write_scanline_chunk(band->writer->context, 0, y, encoder->compressed_buffer,
+                                    encoder->compressed_bytes);
+}
+
+static bool prepare_zip(chunk_band *band, size_t largest)
+{
+    if (!band->capacity) {
+        band->capacity = largest;
+        band->zip = sgsi_exr_zip_create(largest);
+        band->zipped = sgsi_alloc(BAND_CHUNKS * largest, 1);
+    }
+    return band->zip && band->zipped;
+}
+
+// The first chunk is the largest, for the others have as many lines or fewer.
+static exr_result_t begin_chunks(chunk_band *band, bool zips)
+{
+    exr_result_t result = EXR_ERR_SUCCESS;
+    band->count = 0;
+    for (int y = band->begin; y < band->height && band->count < BAND_CHUNKS;
+         y += band->lines, ++band->count) {
+        exr_chunk_info_t chunk;
+        exr_result_t *own = &band->results[band->count];
+        *own = exr_write_scanline_chunk_info(band->writer->context, 0, y, &chunk);
+        if (!*own && zips && !prepare_zip(band, (size_t)chunk.unpacked_size))
+            result = EXR_ERR_OUT_OF_MEMORY;
+        if (!*own)
+            *own = exr_encoding_initialize(band->writer->context, 0, &chunk,
+                                           &band->encoders[band->count]);
+    }
+    return result;
+}
+
+static exr_result_t write_band(chunk_band *band, sgs_exr_compression compression)
+{
+    const bool zips =
+        compression == SGS_EXR_AUTO || compression == SGS_EXR_ZIP || compression == SGS_EXR_ZIPS;
+    exr_result_t result = begin_chunks(band, zips);
+    memset(band->bytes, 0, sizeof band->bytes);
+    if (!result)
+        sgsi_parallel_for((size_t)band->count, 1, encode_chunk, band);
+    if (!result && zips && (compression != SGS_EXR_AUTO || zipping_pays(band)))
+        sgsi_parallel_for((size_t)band->count, 1, zip_chunk, band);
+    for (int k = 0; k < band->count; ++k) {
+        if (!result)
+            result = write_chunk(band, (size_t)k);
+        exr_encoding_destroy(band->writer->context, &band->encoders[k]);
+    }
+    band->begin += band->count * band->lines;
+    return result;
+}
+
+exr_result_t sgsi_exr_write_lines(sgsi_exr_writer *writer, int height,
+                                  sgs_exr_compression compression, sgsi_exr_fill_fn fill,
+                                  const void *context)
+{
+    chunk_band *band = sgsi_calloc(1, sizeof *band);
+    if (!band)
+        return EXR_ERR_OUT_OF_MEMORY;
+    band->writer = writer;
+    band->fill = fill;
+    band->context = context;
+    band->height = height;
+    exr_result_t result = exr_get_scanlines_per_chunk(writer->context, 0, &band->lines);
+    while (!result && band->begin < height)
+        result = write_band(band, compression);
+    sgsi_exr_zip_destroy(band->zip);
+    sgsi_free(band->zipped);
+    sgsi_free(band);
+    return result;
+}

@@ -1,0 +1,285 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// 8-bit photographs: reading, exact area averaging, PNG. The codec is OpenImageIO, behind
+// image_oiio.h.
+//
+// Area averaging in integers. Measured in units of 1 / out_width of a source pixel, source column x
+// covers [x out_width, (x+1) out_width) and output column i covers [i width, (i+1) width); the
+// overlaps are the weights, they sum to `width`, and no rounding happens before the last division.
+// Colour under a straight alpha is averaged with the alpha as weight, so that what hides under
+// transparent pixels does not bleed in: compositing commutes with the averaging.
+
+#include "sparegs/image.h"
+
+#include <stdio.h>
+#include <string.h>
+
+#include "base/core.h"
+#include "image/image_oiio.h"
+
+// The marker that ends a scan: entropy-coded bytes hold 0xff only before 0 or a restart marker.
+static int scan_end(FILE *stream)
+{
+    int c = getc_unlocked(stream);
+    while (c != EOF) {
+        if (c != 0xff) {
+            c = getc_unlocked(stream);
+            continue;
+        }
+        c = getc_unlocked(stream);
+        if (c != 0 && c != 0xff && !(c >= 0xd0 && c <= 0xd7))
+            return c;
+    }
+    return EOF;
+}
+
+// Walks over the segments of a JPEG file (ITU T.81, annex B) behind its first two bytes; true when
+// the file ends before the end-of-image marker. What cameras append behind that marker does not
+// matter.
+static bool jpeg_ends_early(FILE *stream)
+{
+    int marker = 0xd8;
+    while (marker != 0xd9) {
+        if (marker != 0xd8) {
+            const int high = getc_unlocked(stream), low = getc_unlocked(stream);
+            if (low == EOF || fseek(stream, high * 256L + low - 2, SEEK_CUR))
+                return true;
+        }
+        if (marker == 0xda) {
+            marker = scan_end(stream);
+        } else {
+            marker = getc_unlocked(stream);
+            if (marker != EOF && marker != 0xff)
+                return false; // not a segment: for the decoder to judge
+            while (marker == 0xff)
+                marker = getc_unlocked(stream);
+        }
+        if (marker == EOF)
+            return true;
+    }
+    return false;
+}
+
+// The same for the chunks of a PNG file, up to IEND.
+static bool png_ends_early(FILE *stream)
+{
+    uint8_t head[8];
+    if (fseek(stream, 8, SEEK_SET))
+        return true;
+    while (fread(head, 1, sizeof head, stream) == sizeof head) {
+        if (!memcmp(head + 4, "IEND", 4))
+            return false;
+        const long size = (long)head[0] << 24 | (long)head[1] << 16 | (long)head[2] << 8 | head[3];
+        if (fseek(stream, size + 4, SEEK_CUR))
+            return true;
+    }
+    return true;
+}
+
+// Refuses a picture whose file was cut off, before it is decoded: JPEG decoders fill it up with
+// grey and report nothing, and a trainer would learn the grey; libpng writes to the terminal.
+sgs_status sgsi_image_refuse_truncated(const char *path)
+{
+    FILE *stream = fopen(path, "rb");
+    if (!stream)
+        return SGS_STATUS_OK; // the decoder says why
+    uint8_t start[4] = {0};
+    const size_t got = fread(start, 1, sizeof start, stream);
+    bool truncated = false;
+    if (got == 4 && start[0] == 0xff && start[1] == 0xd8)
+        truncated = fseek(stream, 2, SEEK_SET) || jpeg_ends_early(stream);
+    else if (got == 4 && !memcmp(start, "\x89PNG", 4))
+        truncated = png_ends_early(stream);
+    fclose(stream);
+    return truncated
+               ? sgsi_fail(SGS_STATUS_FORMAT,
+                           "%s: ends before its picture does; it is truncated: copy it again", path)
+               : SGS_STATUS_OK;
+}
+
+sgs_status sgs_image8_read(const char *path, sgs_image8 *image)
+{
+    *image = (sgs_image8){0};
+    const sgs_status status = sgsi_image_refuse_truncated(path);
+    return status ? status : sgsi_oiio_read(path, image);
+}
+
+sgs_status sgsi_image8_probe(const char *path, int *width, int *height, int *channels)
+{
+    const sgs_status status = sgsi_image_refuse_truncated(path);
+    return status ? status : sgsi_oiio_probe(path, width, height, channels);
+}
+
+sgs_status sgs_image8_probe(const char *path, int *width, int *height)
+{
+    int channels;
+    return sgsi_image8_probe(path, width, height, &channels);
+}
+
+void sgs_image8_free(sgs_image8 *image)
+{
+    sgsi_free(image->pixels);
+    *image = (sgs_image8){0};
+}
+
+// Weight of source cell `index` for output cell `out`, in units of 1 / out_size source cells.
+static uint64_t overlap(uint64_t index, uint64_t out, uint64_t size, uint64_t out_size)
+{
+    const uint64_t begin = index * out_size > out * size ? index * out_size : out * size;
+    const uint64_t end =
+        (index + 1) * out_size < (out + 1) * size ? (index + 1) * out_size : (out + 1) * size;
+    return end > begin ? end - begin : 0;
+}
+
+// Sums the source rows under output row `out_y`: sums[x] = sum of weight * value (* alpha where
+// given).
+static void sum_rows(const sgs_image8 *image, const uint8_t *plane, const uint8_t *alpha,
+                     uint64_t out_y, uint64_t out_height, uint64_t *sums)
+{
+    const size_t width = (size_t)image->width;
+    const uint64_t height = (uint64_t)image->height;
+    memset(sums, 0, width * sizeof *sums);
+    for (uint64_t y = out_y * height / out_height;
+         y < height && y * out_height < (out_y + 1) * height; ++y) {
+        const uint64_t weight = overlap(y, out_y, height, out_height);
+        const uint8_t *row = plane + y * width;
+        if (!alpha) {
+            for (size_t x = 0; x < width; ++x)
+                sums[x] +=
+                    weight *
+                    row[x]; // NOLINT(clang-analyzer-core.NullDereference): a plane of the image
+            continue;
+        }
+        const uint8_t *alpha_row = alpha + y * width;
+        for (size_t x = 0; x < width; ++x)
+            sums[x] += weight * row[x] * alpha_row[x];
+    }
+}
+
+// Sums the columns under each output column.
+static void sum_columns(const uint64_t *sums, uint64_t width, uint64_t out_width, uint64_t *out)
+{
+    for (uint64_t i = 0; i < out_width; ++i) {
+        out[i] = 0;
+        for (uint64_t x = i * width / out_width; x < width && x * out_width < (i + 1) * width; ++x)
+            out[i] += overlap(x, i, width, out_width) * sums[x];
+    }
+}
+
+// The common case, side by side k x k pixels and no alpha, gives the same numbers many times
+// faster: all areas are k^2, and (S + k^2 / 2) / k^2 is a product and a shift. With m = ceil(2^32 /
+// k^2), n m >> 32 = n / k^2 for every n below 2^32 / k^2 (Granlund and Montgomery 1994, theorem
+// 4.2), and n stays below 256 k^2.
+enum { WHOLE_FACTOR_MAX = 16 };
+
+static void downscale_whole(const sgs_image8 *image, size_t factor, sgs_image8 *out,
+                            uint32_t *row_sums)
+{
+    const size_t width = (size_t)image->width, out_width = (size_t)out->width,
+                 out_height = (size_t)out->height;
+    const uint32_t area = (uint32_t)(factor * factor);
+    const uint64_t reciprocal = ((UINT64_C(1) << 32) + area - 1) / area;
+    for (size_t row = 0; row < out_height * (size_t)image->channels; ++row) {
+        const uint8_t *in = image->pixels + row * factor * width;
+        uint8_t *to = out->pixels + row * out_width;
+        for (size_t x = 0; x < width; ++x)
+            row_sums[x] = in[x];
+        for (size_t k = 1; k < factor; ++k)
+            for (size_t x = 0; x < width; ++x)
+                row_sums[x] += in[k * width + x];
+        for (size_t x = 0; x < out_width; ++x) {
+            uint32_t sum = area / 2;
+            for (size_t k = 0; k < factor; ++k)
+                sum += row_sums[x * factor + k];
+            to[x] = (uint8_t)(sum * reciprocal >> 32);
+        }
+    }
+}
+
+// The factor of the case above, or 0.
+static size_t whole_factor(const sgs_image8 *image, const sgs_image8 *out)
+{
+    const int factor = image->width / out->width;
+    const bool whole = factor * out->width == image->width && factor * out->height == image->height;
+    return whole && factor <= WHOLE_FACTOR_MAX && image->channels < 4 ? (size_t)factor : 0;
+}
+
+static void downscale(const sgs_image8 *image, sgs_image8 *out, uint64_t *row_sums, uint64_t *sums,
+                      uint64_t *alpha_sums)
+{
+    const size_t plane = (size_t)image->width * (size_t)image->height;
+    const size_t out_width = (size_t)out->width, out_plane = out_width * (size_t)out->height;
+    const uint64_t area = (uint64_t)image->width * (uint64_t)image->height;
+    const uint8_t *alpha = image->channels == 4 ? image->pixels + 3 * plane : NULL;
+    for (int y = 0; y < out->height; ++y) {
+        if (alpha) {
+            sum_rows(image, alpha, NULL, (uint64_t)y, (uint64_t)out->height, row_sums);
+            sum_columns(row_sums, (uint64_t)image->width, out_width, alpha_sums);
+        }
+        for (int c = 0; c < image->channels; ++c) {
+            const uint8_t *in = image->pixels + (size_t)c * plane;
+            uint8_t *to = out->pixels + (size_t)c * out_plane + (size_t)y * out_width;
+            const bool weighted = alpha && c < 3;
+            sum_rows(image, in, weighted ? alpha : NULL, (uint64_t)y, (uint64_t)out->height,
+                     row_sums);
+            sum_columns(row_sums, (uint64_t)image->width, out_width, sums);
+            for (size_t x = 0; x < out_width; ++x) {
+                const uint64_t divisor = weighted ? alpha_sums[x] : area;
+                to[x] = divisor ? (uint8_t)((sums[x] + divisor / 2) / divisor) : 0;
+            }
+        }
+    }
+}
+
+sgs_status sgs_image8_downscale(const sgs_image8 *image, int out_width, int out_height,
+                                sgs_image8 *out)
+{
+    *out = (sgs_image8){0};
+    if (out_width < 1 || out_height < 1 || out_width > image->width || out_height > image->height)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                         "an image of %d x %d pixels cannot be reduced to %d x %d", image->width,
+                         image->height, out_width, out_height);
+    const size_t width = (size_t)image->width;
+    uint64_t *row_sums = sgsi_alloc(width + 2 * (size_t)out_width, sizeof *row_sums);
+    uint8_t *pixels = sgsi_alloc((size_t)out_width * (size_t)out_height, (size_t)image->channels);
+    if (!row_sums || !pixels) {
+        sgsi_free(row_sums);
+        sgsi_free(pixels);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to reduce an image to %d x %d",
+                         out_width, out_height);
+    }
+    *out = (sgs_image8){
+        .width = out_width, .height = out_height, .channels = image->channels, .pixels = pixels};
+    const size_t factor = whole_factor(image, out);
+    if (factor)
+        downscale_whole(image, factor, out, (uint32_t *)row_sums);
+    else
+        downscale(image, out, row_sums, row_sums + width, row_sums + width + out_width);
+    sgsi_free(row_sums);
+    return SGS_STATUS_OK;
+}
+
+sgs_status sgs_png_write(const char *path, const sgs_image8 *image)
+{
+    if (image->channels != 1 && image->channels != 3 && image->channels != 4)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                         "%s: an image of %d channels cannot be written as PNG", path,
+                         image->channels);
+    if (image->width < 1 || image->height < 1 || !image->pixels)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: an empty image cannot be written as PNG",
+                         path);
+    uint8_t *bytes;
+    size_t size;
+    sgs_status status = sgsi_oiio_png_encode(path, image, &bytes, &size);
+    if (status)
+        return status;
+    sgsi_atomic_file file;
+    status = sgsi_atomic_open(&file, path);
+    if (!status) {
+        fwrite(bytes, 1, size, file.stream); // an error stays with the stream and fails the commit
+        status = sgsi_atomic_commit(&file);
+    }
+    sgsi_free(bytes);
+    return status;
+}

@@ -1,0 +1,609 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Photographs in and PNG out through OpenImageIO (2.2 to 3.x). The only C++ file of the project.
+//
+// Pixels come as the file stores them: no colour conversion, no rotation by Exif, alpha straight.
+// What is not 8-bit RGB(A) is made so: grey is repeated, palettes are expanded by OpenImageIO, CMYK
+// becomes RGB, 16 bit is rounded to the nearest 8 bit, floating point is taken as linear light and
+// gets the sRGB curve unless the file says it is sRGB already. Further channels are dropped.
+//
+// sgsi_oiio_read_rows delivers floats instead, for photographs whose range or colour space is more
+// than 8 bit of sRGB. There sRGB stays encoded, linear light stays as it is, and everything else
+// goes through OpenImageIO's colour conversion to linear light.
+//
+// The size is checked before anything is allocated for it, and rows are decoded in slabs, so that
+// the interleaved copy never exists as a whole (tiled files excepted).
+
+#include <algorithm>
+#include <cctype>
+#include <cmath>
+#include <cstdarg>
+#include <cstddef>
+#include <cstdint>
+#include <cstdio>
+#include <cstring>
+#include <exception>
+#include <memory>
+#include <new>
+#include <string>
+#include <vector>
+
+#include <OpenImageIO/color.h>
+#include <OpenImageIO/filesystem.h>
+#include <OpenImageIO/Imath.h>
+#include <OpenImageIO/imageio.h>
+
+#include "image/image_oiio.h"
+
+extern "C" {
+#include "base/core.h"
+#include "sparegs/runtime.h"
+}
+
+namespace
+{
+
+constexpr int max_size = 65536;
+constexpr int64_t max_pixels = int64_t(1) << 30;
+constexpr int slab_rows = 64;
+
+// How the channels of a file become RGB(A).
+struct Layout {
+    int channels = 3;             // out
+    int source[4] = {0, 0, 0, 0}; // file channel of each output channel
+    int read = 1;                 // leading file channels to decode
+    bool cmyk = false;
+    bool associated = false; // colour is multiplied by alpha in the file
+    bool linear = false;
+    OIIO::TypeDesc type = OIIO::TypeDesc::UINT8; // in which rows are decoded
+};
+
+std::string one_line(std::string text)
+{
+    while (!text.empty() && std::isspace(static_cast<unsigned char>(text.back())))
+        text.pop_back();
+    std::replace_if(
+        text.begin(), text.end(), [](unsigned char c) { return c < 0x20; }, ' ');
+    return text.empty() ? "no reason given" : text;
+}
+
+sgs_status unreadable(const char *path, const std::string &reason)
+{
+    return sgsi_fail(SGS_STATUS_FORMAT, "%s: cannot be read as an image: %s", path,
+                     one_line(reason).c_str());
+}
+
+// Runs body() and turns every exception into a status.
+template <typename Body> sgs_status guarded(const char *path, Body body)
+{
+    try {
+        return body();
+    } catch (const std::bad_alloc &) {
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory for the image", path);
+    } catch (const std::exception &e) {
+        return sgsi_fail(SGS_STATUS_INTERNAL, "%s: OpenImageIO failed: %s", path, e.what());
+    } catch (...) {
+        return sgsi_fail(SGS_STATUS_INTERNAL, "%s: OpenImageIO failed", path);
+    }
+}
+
+Layout layout_of(const OIIO::ImageSpec &spec)
+{
+    Layout out;
+    const int n = spec.nchannels;
+    const int alpha = spec.alpha_channel >= 0 && spec.alpha_channel < n ? spec.alpha_channel : -1;
+    const std::string space = spec.get_string_attribute("oiio:ColorSpace");
+    const bool cmyk_names = n >= 4 && spec.channelnames.size() >= 4 &&
+                            spec.channelnames[0] == "C" && spec.channelnames[3] == "K";
+    out.cmyk = cmyk_names || (n >= 4 && space == "CMYK");
+    const bool grey = n - (alpha >= 0) < 3;
+    for (int c = 0; c < 3; ++c)
+        out.source[c] = grey ? (alpha == 0 && n > 1 ? 1 : 0) : c;
+    if (alpha >= 0 && n > 1 && !out.cmyk) {
+        out.channels = 4;
+        out.source[3] = alpha;
+        out.associated = spec.get_int_attribute("oiio:UnassociatedAlpha", 0) == 0;
+    }
+    out.read = 1 + *std::max_element(out.source, out.source + out.channels);
+    if (out.cmyk)
+        out.read = 4;
+    if (spec.format.is_floating_point()) {
+        out.type = OIIO::TypeDesc::FLOAT;
+        out.linear = space.compare(0, 4, "sRGB") != 0 && space.compare(0, 4, "srgb") != 0;
+    } else if (spec.format.size() > 1) {
+        out.type = OIIO::TypeDesc::UINT16;
+    }
+    return out;
+}
+
+sgs_status open_image(const char *path, std::unique_ptr<OIIO::ImageInput> &input, Layout &layout)
+{
+    OIIO::ImageSpec config;
+    config.attribute("oiio:UnassociatedAlpha", 1);
+    if (!OIIO::Filesystem::exists(path))
+        return sgsi_fail(SGS_STATUS_IO, "%s: there is no such file", path);
+    if (!OIIO::Filesystem::is_regular(path))
+        return sgsi_fail(SGS_STATUS_IO, "%s: is not a regular file", path);
+    auto opened = OIIO::ImageInput::open(path, &config);
+    if (!opened)
+        return unreadable(path, OIIO::geterror());
+    opened->threads(1); // the caller reads many images at once
+    const OIIO::ImageSpec &spec = opened->spec();
+    if (spec.width < 1 || spec.height < 1 || spec.width > max_size || spec.height > max_size ||
+        int64_t(spec.width) * spec.height > max_pixels)
+        return sgsi_fail(
+            SGS_STATUS_LIMIT,
+            "%s: has %d x %d pixels; at most %d on a side and 2^30 in all are accepted", path,
+            spec.width, spec.height, max_size);
+    if (spec.deep || spec.nchannels < 1 || spec.depth > 1)
+        return sgsi_fail(SGS_STATUS_UNSUPPORTED, "%s: is not a flat two-dimensional image", path);
+    layout = layout_of(spec);
+    input = std::move(opened);
+    return SGS_STATUS_OK;
+}
+
+// One sample as a number in [0, 1].
+float sample(const unsigned char *row, size_t i, const Layout &layout)
+{
+    if (layout.type == OIIO::TypeDesc::UINT8)
+        return float(row[i]) / 255;
+    if (layout.type == OIIO::TypeDesc::UINT16)
+        return float(reinterpret_cast<const uint16_t *>(row)[i]) / 65535;
+    const float value = reinterpret_cast<const float *>(row)[i];
+    return value > 0 ? std::min(value, 1.0f) : 0; // NaN becomes 0
+}
+
+float srgb_curve(float v)
+{
+    return v <= 0.0031308f ? 12.92f * v : 1.055f * std::pow(v, 1 / 2.4f) - 0.055f;
+}
+
+uint8_t quantised(float v)
+{
+    return uint8_t(std::min(v, 1.0f) * 255 + 0.5f);
+}
+
+// Any layout, sample by sample.
+void convert_pixel(const unsigned char *row, size_t x, const Layout &layout, uint8_t out[4])
+{
+    const size_t at = x * size_t(layout.read);
+    if (layout.cmyk) {
+        const float white = 1 - sample(row, at + 3, layout);
+        for (size_t c = 0; c < 3; ++c)
+            out[c] = quantised((1 - sample(row, at + c, layout)) * white);
+        return;
+    }
+    const float alpha =
+        layout.channels == 4 ? sample(row, at + size_t(layout.source[3]), layout) : 1;
+    for (int c = 0; c < 3; ++c) {
+        float v = sample(row, at + size_t(layout.source[c]), layout);
+        if (layout.associated && alpha > 0)
+            v = std::min(v / alpha, 1.0f);
+        out[c] = quantised(layout.linear ? srgb_curve(v) : v);
+    }
+    out[3] = quantised(alpha);
+}
+
+void convert_rows(const unsigned char *rows, int y0, int y1, const Layout &layout,
+                  sgs_image8 &image)
+{
+    const size_t width = size_t(image.width), plane = width * size_t(image.height);
+    const size_t row_bytes = width * size_t(layout.read) * layout.type.size();
+    const bool plain = layout.type == OIIO::TypeDesc::UINT8 && !layout.cmyk && !layout.associated;
+    for (int y = y0; y < y1; ++y) {
+        const unsigned char *row = rows + size_t(y - y0) * row_bytes;
+        uint8_t *out = image.pixels + size_t(y) * width;
+        if (plain) {
+            for (int c = 0; c < layout.channels; ++c) {
+                const unsigned char *in = row + layout.source[c];
+                for (size_t x = 0; x < width; ++x)
+                    out[size_t(c) * plane + x] = in[x * size_t(layout.read)];
+            }
+            continue;
+        }
+        for (size_t x = 0; x < width; ++x) {
+            uint8_t pixel[4];
+            convert_pixel(row, x, layout, pixel);
+            for (int c = 0; c < layout.channels; ++c)
+                out[size_t(c) * plane + x] = pixel[c];
+        }
+    }
+}
+
+sgs_status read_pixels(const char *path, OIIO::ImageInput &input, const Layout &layout,
+                       sgs_image8 &image)
+{
+    const OIIO::ImageSpec spec = input.spec();
+    const bool tiled = spec.tile_width > 0;
+    const int rows = tiled ? spec.height : std::min(spec.height, slab_rows);
+    std::vector<unsigned char> slab(size_t(rows) * size_t(spec.width) * size_t(layout.read) *
+                                    layout.type.size());
+    for (int y = 0; y < spec.height; y += rows) {
+        const int end = std::min(y + rows, spec.height);
+        const bool fine = tiled ? input.read_image(0, 0, 0, layout.read, layout.type, slab.data())
+                                : input.read_scanlines(0, 0, spec.y + y, spec.y + end, spec.z, 0,
+                                                       layout.read, layout.type, slab.data());
+        if (!fine)
+            return unreadable(path, input.geterror());
+        convert_rows(slab.data(), y, end, layout, image);
+    }
+    return SGS_STATUS_OK;
+}
+
+// ---- Rows of floats ----
+
+// Light as the trainer knows it, or what OpenImageIO has to make of it first.
+enum class Encoding { srgb, linear, other };
+
+struct Colors {
+    Encoding encoding = Encoding::srgb;
+    OIIO::ColorProcessorHandle processor; // other: to linear light
+};
+
+std::string lower(std::string text)
+{
+    std::transform(text.begin(), text.end(), text.begin(),
+                   [](unsigned char c) { return char(std::tolower(c)); });
+    return text;
+}
+
+std::string joined(const std::vector<std::string> &words)
+{
+    std::string text;
+    for (const std::string &word : words)
+        text += (text.empty() ? "" : ", ") + word;
+    return text;
+}
+
+// What can be chosen, each name once.
+std::string color_spaces(const OIIO::ColorConfig &config)
+{
+    std::vector<std::string> names = {"linear", "sRGB"};
+    for (const std::string &name : config.getColorSpaceNames())
+        if (std::none_of(names.begin(), names.end(),
+                         [&](const std::string &known) { return lower(known) == lower(name); }))
+            names.push_back(name);
+    return joined(names);
+}
+
+// True when `name` is `wanted`, or a layer's: "beauty.R".
+bool names_channel(const std::string &name, const char *wanted)
+{
+    const size_t dot = name.rfind('.');
+    return lower(dot == std::string::npos ? name : name.substr(dot + 1)) == wanted;
+}
+
+// Channels of EXR files are found by name. Layers with colours besides the plain R, G, B are taken
+// when there is no such; the first one wins.
+bool find_exr_channels(const OIIO::ImageSpec &spec, Layout &layout)
+{
+    static const char *const wanted[] = {"r", "g", "b", "a"};
+    int found[4] = {-1, -1, -1, -1}, grey = -1;
+    for (int exact = 1; exact >= 0 && found[0] < 0; --exact)
+        for (int c = 0; c < spec.nchannels; ++c) {
+            const std::string &name = spec.channelnames[size_t(c)];
+            if (exact && name.find('.') != std::string::npos)
+                continue;
+            for (int k = 0; k < 4; ++k)
+                if (found[k] < 0 && names_channel(name, wanted[k]))
+                    found[k] = c;
+            if (grey < 0 && names_channel(name, "y"))
+                grey = c;
+        }
+    if (found[0] < 0 || found[1] < 0 || found[2] < 0) {
+        if (grey < 0)
+            return false;
+        found[0] = found[1] = found[2] = grey;
+    }
+    layout.channels = found[3] >= 0 ? 4 : 3;
+    layout.associated = layout.channels == 4;
+    std::copy(found, found + 4, layout.source);
+    layout.source[3] = std::max(layout.source[3], 0);
+    layout.read = 1 + *std::max_element(layout.source, layout.source + layout.channels);
+    return true;
+}
+
+sgs_status choose_colors(const char *path, const OIIO::ImageSpec &spec, const char *colorspace,
+                         Colors &colors)
+{
+    std::string space = colorspace ? colorspace : spec.get_string_attribute("oiio:ColorSpace");
+    if (space.empty())
+        space = spec.format.is_floating_point() ? "linear" : "sRGB";
+    const std::string name = lower(space);
+    if (name.compare(0, 4, "srgb") == 0 || name == "cmyk" || name == "ycbcr") {
+        colors.encoding = Encoding::srgb;
+        return SGS_STATUS_OK;
+    }
+    if (name == "linear" || name == "scene_linear" || name == "lin_srgb" || name == "lin_rec709") {
+        colors.encoding = Encoding::linear;
+        return SGS_STATUS_OK;
+    }
+    const OIIO::ColorConfig config; // of the environment's OCIO, or OpenImageIO's own
+    colors.encoding = Encoding::other;
+    colors.processor = config.createColorProcessor(space, "scene_linear");
+    if (!colors.processor)
+        colors.processor = config.createColorProcessor(space, "linear");
+    if (!colors.processor)
+        return sgsi_fail(SGS_STATUS_UNSUPPORTED,
+                         "%s: nobody here knows the colour space '%s'; choose with "
+                         "--input-colorspace from %s",
+                         path, one_line(space).c_str(), color_spaces(config).c_str());
+    return SGS_STATUS_OK;
+}
+
+sgs_status open_photo(const char *path, const char *colorspace,
+                      std::unique_ptr<OIIO::ImageInput> &input, Layout &layout, Colors &colors)
+{
+    const sgs_status opened = open_image(path, input, layout);
+    if (opened)
+        return opened;
+    const OIIO::ImageSpec &spec = input->spec();
+    layout.type = OIIO::TypeDesc::FLOAT;
+    if (std::strcmp(input->format_name(), "openexr") == 0 && !find_exr_channels(spec, layout))
+        return sgsi_fail(SGS_STATUS_UNSUPPORTED,
+                         "%s: has no colour channels R, G, B or Y; its channels are %s", path,
+                         joined(spec.channelnames).c_str());
+    return choose_colors(path, spec, colorspace, colors);
+}
+
+// One row as [width][channels]; colour multiplied by alpha. `raw` holds layout.read floats per
+// pixel.
+void arrange_row(const float *raw, int width, const Layout &layout, const Colors &colors,
+                 float *row)
+{
+    const size_t channels = size_t(layout.channels);
+    for (size_t x = 0; x < size_t(width); ++x) {
+        const float *in = raw + x * size_t(layout.read);
+        float *out = row + x * channels;
+        for (size_t c = 0; c < channels; ++c)
+            out[c] = in[layout.source[c]];
+        if (layout.cmyk)
+            for (size_t c = 0; c < 3; ++c)
+                out[c] = (1 - in[c]) * (1 - in[3]);
+    }
+    if (colors.processor && layout.channels == 3)
+        colors.processor->apply(row, width, 1, 3, sizeof(float), 3 * sizeof(float),
+                                OIIO::stride_t(size_t(width) * 3 * sizeof(float)));
+    if (layout.channels < 4)
+        return;
+    if (colors.processor && layout.associated) // curves belong to colours without alpha
+        for (size_t x = 0; x < size_t(width); ++x)
+            for (size_t c = 0; c < 3; ++c)
+                row[4 * x + c] = row[4 * x + 3] > 0 ? row[4 * x + c] / row[4 * x + 3] : 0;
+    if (colors.processor)
+        colors.processor->apply(row, width, 1, 3, sizeof(float), 4 * sizeof(float),
+                                OIIO::stride_t(size_t(width) * 4 * sizeof(float)));
+    if (colors.processor || !layout.associated)
+        for (size_t x = 0; x < size_t(width); ++x)
+            for (size_t c = 0; c < 3; ++c)
+                row[4 * x + c] *= row[4 * x + 3];
+}
+
+sgs_status read_rows(const char *path, OIIO::ImageInput &input, const Layout &layout,
+                     const Colors &colors, sgsi_row_fn take, void *context)
+{
+    const OIIO::ImageSpec spec = input.spec();
+    const bool tiled = spec.tile_width > 0;
+    const int rows = tiled ? spec.height : std::min(spec.height, slab_rows);
+    const size_t pitch = size_t(spec.width) * size_t(layout.read);
+    std::vector<float> slab(size_t(rows) * pitch),
+        row(size_t(spec.width) * size_t(layout.channels));
+    for (int y = 0; y < spec.height; y += rows) {
+        const int end = std::min(y + rows, spec.height);
+        const bool fine =
+            tiled ? input.read_image(0, 0, 0, layout.read, OIIO::TypeDesc::FLOAT, slab.data())
+                  : input.read_scanlines(0, 0, spec.y + y, spec.y + end, spec.z, 0, layout.read,
+                                         OIIO::TypeDesc::FLOAT, slab.data());
+        if (!fine)
+            return unreadable(path, input.geterror());
+        for (int k = y; k < end; ++k) {
+            arrange_row(slab.data() + size_t(k - y) * pitch, spec.width, layout, colors,
+                        row.data());
+            take(context, k, row.data());
+        }
+    }
+    return SGS_STATUS_OK;
+}
+
+} // namespace
+
+sgs_status sgsi_oiio_read(const char *path, sgs_image8 *image)
+{
+    *image = sgs_image8{};
+    const sgs_status status = guarded(path, [&]() {
+        std::unique_ptr<OIIO::ImageInput> input;
+        Layout layout;
+        const sgs_status opened = open_image(path, input, layout);
+        if (opened)
+            return opened;
+        image->width = input->spec().width;
+        image->height = input->spec().height;
+        image->channels = layout.channels;
+        image->pixels = static_cast<uint8_t *>(
+            sgsi_alloc(size_t(image->width) * size_t(image->height), size_t(image->channels)));
+        if (!image->pixels)
+            throw std::bad_alloc();
+        return read_pixels(path, *input, layout, *image);
+    });
+    if (status) {
+        sgsi_free(image->pixels);
+        *image = sgs_image8{};
+    }
+    return status;
+}
+
+sgs_status sgsi_oiio_probe(const char *path, int *width, int *height, int *channels)
+{
+    return guarded(path, [&]() {
+        std::unique_ptr<OIIO::ImageInput> input;
+        Layout layout;
+        const sgs_status opened = open_image(path, input, layout);
+        if (opened)
+            return opened;
+        *width = input->spec().width;
+        *height = input->spec().height;
+        *channels = layout.channels;
+        return SGS_STATUS_OK;
+    });
+}
+
+sgs_status sgsi_oiio_describe(const char *path, const char *colorspace, sgsi_image_info *info)
+{
+    *info = sgsi_image_info{};
+    return guarded(path, [&]() {
+        std::unique_ptr<OIIO::ImageInput> input;
+        Layout layout;
+        Colors colors;
+        const sgs_status opened = open_photo(path, colorspace, input, layout, colors);
+        if (opened)
+            return opened;
+        const OIIO::ImageSpec &spec = input->spec();
+        *info = {spec.width, spec.height, layout.channels, spec.format == OIIO::TypeDesc::UINT8,
+                 colors.encoding != Encoding::srgb};
+        return SGS_STATUS_OK;
+    });
+}
+
+sgs_status sgsi_oiio_read_rows(const char *path, const char *colorspace, sgsi_row_fn take,
+                               void *context)
+{
+    return guarded(path, [&]() {
+        std::unique_ptr<OIIO::ImageInput> input;
+        Layout layout;
+        Colors colors;
+        const sgs_status opened = open_photo(path, colorspace, input, layout, colors);
+        return opened ? opened : read_rows(path, *input, layout, colors, take, context);
+    });
+}
+
+sgs_status sgsi_oiio_png_encode(const char *path, const sgs_image8 *image, uint8_t **bytes,
+                                size_t *size)
+{
+    *bytes = nullptr;
+    *size = 0;
+    return guarded(path, [&]() {
+        const size_t width = size_t(image->width), channels = size_t(image->channels);
+        const size_t plane = width * size_t(image->height);
+        std::vector<unsigned char> encoded;
+        OIIO::Filesystem::IOVecOutput memory(encoded);
+        auto output = OIIO::ImageOutput::create("png");
+        if (!output || !output->supports("ioproxy") || !output->set_ioproxy(&memory))
+            return sgsi_fail(SGS_STATUS_UNSUPPORTED, "%s: this OpenImageIO cannot write PNG", path);
+        OIIO::ImageSpec spec(image->width, image->height, image->channels, OIIO::TypeDesc::UINT8);
+        spec.attribute("oiio:UnassociatedAlpha", 1);
+        spec.attribute("oiio:ColorSpace", "sRGB");
+        if (!output->open("memory.png", spec))
+            return sgsi_fail(SGS_STATUS_IO, "%s: cannot be encoded: %s", path,
+                             one_line(output->geterror()).c_str());
+        std::vector<unsigned char> row(width * channels);
+        for (int y = 0; y < image->height; ++y) {
+            for (size_t c = 0; c < channels; ++c) {
+                const uint8_t *in = image->pixels + c * plane + size_t(y) * width;
+                for (size_t x = 0; x < width; ++x)
+                    row[x * channels + c] = in[x];
+            }
+            if (!output->write_scanline(y, 0, OIIO::TypeDesc::UINT8, row.data()))
+                return sgsi_fail(SGS_STATUS_IO, "%s: cannot be encoded: %s", path,
+                                 one_line(output->geterror()).c_str());
+        }
+        if (!output->close())
+            return sgsi_fail(SGS_STATUS_IO, "%s: cannot be encoded: %s", path,
+                             one_line(output->geterror()).c_str());
+        *bytes = static_cast<uint8_t *>(sgsi_alloc(encoded.size(), 1));
+        if (!*bytes)
+            throw std::bad_alloc();
+        std::memcpy(*bytes, encoded.data(), encoded.size());
+        *size = encoded.size();
+        return SGS_STATUS_OK;
+    });
+}
+
+namespace
+{
+
+// EXR multiplies row vectors from the left: the transpose of the matrix for column vectors.
+void set_matrix(OIIO::ImageSpec &spec, const char *name, const double *matrix)
+{
+    float transposed[16];
+    for (int i = 0; i < 16 && matrix; ++i)
+        transposed[i] = float(matrix[4 * (i % 4) + i / 4]);
+    if (matrix)
+        spec.attribute(name, OIIO::TypeMatrix, transposed);
+}
+
+OIIO::ImageSpec describe_exr(const sgs_exr_info &info, const sgs_exr_channel *channels, int count)
+{
+    const float rec709[8] = {0.64F, 0.33F, 0.30F, 0.60F, 0.15F, 0.06F, 0.3127F, 0.3290F};
+    OIIO::ImageSpec spec(info.width, info.height, count, OIIO::TypeDesc::FLOAT);
+    spec.channelnames.clear();
+    for (int k = 0; k < count; ++k) {
+        spec.channelnames.emplace_back(channels[k].name);
+        spec.channelformats.push_back(channels[k].uints  ? OIIO::TypeDesc::UINT32
+                                      : channels[k].half ? OIIO::TypeDesc::HALF
+                                                         : OIIO::TypeDesc::FLOAT);
+        if (channels[k].name[0] == 'A' && !channels[k].name[1])
+            spec.alpha_channel = k;
+    }
+    spec.attribute("compression", "dwaa");
+    spec.attribute("oiio:ColorSpace", "Linear");
+    spec.attribute("chromaticities", OIIO::TypeDesc(OIIO::TypeDesc::FLOAT, 8), rec709);
+    spec.attribute("Software", std::string("sparegs ") + sgs_version());
+    if (info.depth_definition)
+        spec.attribute("sparegs:depthDefinition", info.depth_definition);
+    if (info.view_name)
+        spec.attribute("sparegs:view", info.view_name);
+    set_matrix(spec, "worldToCamera", info.world_to_camera);
+    set_matrix(spec, "worldToNDC", info.world_to_ndc);
+    return spec;
+}
+
+} // namespace
+
+sgs_status sgsi_oiio_dwaa_encode(const char *path, const sgs_exr_info *info,
+                                 const sgs_exr_channel *channels, int channel_count,
+                                 uint8_t **bytes, size_t *size)
+{
+    *bytes = nullptr;
+    *size = 0;
+    return guarded(path, [&]() {
+        std::vector<unsigned char> encoded;
+        OIIO::Filesystem::IOVecOutput memory(encoded);
+        auto output = OIIO::ImageOutput::create("openexr");
+        if (!output || !output->supports("ioproxy") || !output->set_ioproxy(&memory))
+            return sgsi_fail(SGS_STATUS_UNSUPPORTED, "%s: this OpenImageIO cannot write EXR", path);
+        const OIIO::ImageSpec spec = describe_exr(*info, channels, channel_count);
+        if (!output->open("memory.exr", spec))
+            return sgsi_fail(SGS_STATUS_IO, "%s: cannot be encoded: %s", path,
+                             one_line(output->geterror()).c_str());
+        // Pixels in the file's own types, channel after channel: 2 or 4 bytes each.
+        const size_t pixel_bytes = spec.pixel_bytes(true), width = size_t(info->width);
+        std::vector<unsigned char> pixels(pixel_bytes * width * size_t(info->height));
+        size_t offset = 0;
+        for (int k = 0; k < channel_count; ++k) {
+            unsigned char *at = pixels.data() + offset;
+            for (size_t i = 0; i < width * size_t(info->height); ++i, at += pixel_bytes) {
+                if (channels[k].half) {
+                    const half value = half(channels[k].floats[i]);
+                    std::memcpy(at, &value, sizeof value);
+                } else {
+                    std::memcpy(at,
+                                channels[k].uints
+                                    ? static_cast<const void *>(channels[k].uints + i)
+                                    : static_cast<const void *>(channels[k].floats + i),
+                                4);
+                }
+            }
+            offset += channels[k].half ? 2 : 4;
+        }
+        if (!output->write_image(OIIO::TypeDesc::UNKNOWN, pixels.data()) || !output->close())
+            return sgsi_fail(SGS_STATUS_IO, "%s: cannot be encoded: %s", path,
+                             one_line(output->geterror()).c_str());
+        *bytes = static_cast<uint8_t *>(sgsi_alloc(encoded.size(), 1));
+        if (!*bytes)
+            throw std::bad_alloc();
+        std::memcpy(*bytes, encoded.data(), encoded.size());
+        *size = encoded.size();
+        return SGS_STATUS_OK;
+    });
+}

@@ -1,0 +1,194 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Bit planes. A pixel counts or it does not: a pixel that is half masked still shows half of what
+// the mask is there to hide, so a pixel of a reduced photograph counts only when every source pixel
+// that it touches does.
+
+#include "image/mask.h"
+
+#include <string.h>
+
+#include "base/core.h"
+#include "sparegs/image.h"
+#include "base/threads.h"
+
+static const char suffix[] = "_mask.png";
+
+bool sgsi_mask_is_name(const char *name)
+{
+    const size_t length = strlen(name), tail = sizeof suffix - 1;
+    return length > tail && !strcmp(name + length - tail, suffix);
+}
+
+// Takes `candidate` when there is such a file. False when there was no memory for it.
+static bool take(char *candidate, char **path)
+{
+    if (candidate && !*path && sgsi_is_file(candidate))
+        *path = candidate;
+    else
+        sgsi_free(candidate);
+    return candidate != NULL;
+}
+
+sgs_status sgsi_mask_find(const char *root, const char *folder, const char *image_folder,
+                          const char *name, char **path)
+{
+    static const char *const usual[] = {"masks", "mask"};
+    const char *dot = strrchr(name, '.');
+    const int stem = dot && !strchr(dot, '/') ? (int)(dot - name) : (int)strlen(name);
+    // transforms.json writes the image folder into every name; masks do not repeat it.
+    const int skip = !strncmp(name, "images/", 7) ? 7 : 0;
+    bool memory = true;
+    *path = NULL;
+    for (int i = 0; i < (folder ? 1 : 2) && memory && !*path; ++i) {
+        char *base = folder && folder[0] == '/'
+                         ? sgsi_strdup(folder)
+                         : sgsi_format("%s/%s", root, folder ? folder : usual[i]);
+        memory = base && take(sgsi_format("%s/%.*s.png", base, stem - skip, name + skip), path) &&
+                 (*path || take(sgsi_format("%s/%s.png", base, name + skip), path));
+        sgsi_free(base);
+    }
+    if (memory && !*path && !folder)
+        memory = take(sgsi_format("%s/%.*s%s", image_folder, stem, name, suffix), path);
+    return memory ? SGS_STATUS_OK
+                  : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to look for its mask", name);
+}
+
+static void fill(uint16_t *keep, int width, int height)
+{
+    const size_t words = sgsi_mask_words(width);
+    memset(keep, 0xff, words * (size_t)height * sizeof *keep);
+    for (int y = 0; width % 16 && y < height; ++y)
+        keep[(size_t)(y + 1) * words - 1] = (uint16_t)((1u << width % 16) - 1);
+}
+
+static sgs_status create(int width, int height, uint16_t **keep)
+{
+    *keep = sgsi_alloc(sgsi_mask_words(width) * (size_t)height, sizeof **keep);
+    if (!*keep)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a mask of %d x %d pixels", width,
+                         height);
+    fill(*keep, width, height);
+    return SGS_STATUS_OK;
+}
+
+sgs_status sgsi_mask_begin(sgs_photo *photo)
+{
+    return photo->keep ? SGS_STATUS_OK : create(photo->width, photo->height, &photo->keep);
+}
+
+void sgsi_mask_drop(sgs_photo *photo, int width, int height, int x, int y)
+{
+    const long long w = photo->width, h = photo->height;
+    const int x0 = (int)(x * w / width), x1 = (int)(((x + 1) * w + width - 1) / width);
+    const int y0 = (int)(y * h / height), y1 = (int)(((y + 1) * h + height - 1) / height);
+    const size_t words = sgsi_mask_words(photo->width);
+    for (int j = y0; j < y1; ++j)
+        for (int i = x0; i < x1; ++i)
+            photo->keep[(size_t)j * words + (size_t)i / 16] &= (uint16_t) ~(1u << i % 16);
+}
+
+// Mean of the colour channels, under a straight alpha.
+static int whiteness(const sgs_image8 *mask, size_t at, size_t plane)
+{
+    const int sum = mask->pixels[at] + mask->pixels[plane + at] + mask->pixels[2 * plane + at];
+    return mask->channels == 4 ? sum * mask->pixels[3 * plane + at] / (3 * 255) : sum / 3;
+}
+
+sgs_status sgsi_mask_apply_file(sgs_photo *photo, const char *mask_path, const char *photo_path,
+                                int file_width, int file_height, bool invert)
+{
+    sgs_image8 mask;
+    sgs_status status = sgs_image8_read(mask_path, &mask);
+    if (status)
+        return status;
+    // Reduced photographs may come with masks of the full size; their sides were rounded to whole
+    // pixels.
+    const double width = (double)mask.width * file_height / mask.height;
+    if (mask.width < file_width || width < file_width - 1.0 || width > file_width + 1.0)
+        status =
+            sgsi_fail(SGS_STATUS_FORMAT,
+                      "%s: has %d x %d pixels, but its photograph %s has %d x %d; make them the "
+                      "same size",
+                      mask_path, mask.width, mask.height, photo_path, file_width, file_height);
+    if (!status)
+        status = sgsi_mask_begin(photo);
+    const size_t plane = (size_t)mask.width * (size_t)mask.height;
+    for (size_t at = 0; !status && at < plane; ++at)
+        if ((whiteness(&mask, at, plane) >= 128) == invert)
+            sgsi_mask_drop(photo, mask.width, mask.height, (int)(at % (size_t)mask.width),
+                           (int)(at / (size_t)mask.width));
+    sgs_image8_free(&mask);
+    return status;
+}
+
+static bool has_ray(const sgs_camera *camera, int x, int y)
+{
+    double direction[3];
+    return sgs_camera_unproject(camera, (double[2]){x + 0.5, y + 0.5}, direction);
+}
+
+// The image of a lens is the image of a disc under a continuous injection: it has no holes. So a
+// border inside of it says that everything is.
+static bool border_has_rays(const sgs_camera *camera)
+{
+    for (int x = 0; x < camera->width; ++x)
+        if (!has_ray(camera, x, 0) || !has_ray(camera, x, camera->height - 1))
+            return false;
+    for (int y = 0; y < camera->height; ++y)
+        if (!has_ray(camera, 0, y) || !has_ray(camera, camera->width - 1, y))
+            return false;
+    return true;
+}
+
+typedef struct lens_rows {
+    const sgs_camera *camera;
+    uint16_t *keep;
+} lens_rows;
+
+static void lens_row(void *context, size_t y, int thread)
+{
+    (void)thread;
+    const lens_rows *rows = context;
+    uint16_t *row = rows->keep + y * sgsi_mask_words(rows->camera->width);
+    for (int x = 0; x < rows->camera->width; ++x)
+        if (!has_ray(rows->camera, x, (int)y))
+            row[x / 16] &= (uint16_t) ~(1u << x % 16);
+}
+
+sgs_status sgsi_mask_of_lens(const sgs_camera *camera, uint16_t **keep)
+{
+    *keep = NULL;
+    if (border_has_rays(camera))
+        return SGS_STATUS_OK;
+    const sgs_status status = create(camera->width, camera->height, keep);
+    if (!status)
+        sgsi_parallel_for((size_t)camera->height, 8, lens_row, &(lens_rows){camera, *keep});
+    return status;
+}
+
+sgs_status sgsi_mask_intersect(sgs_photo *photo, const uint16_t *keep)
+{
+    if (!keep)
+        return SGS_STATUS_OK;
+    const sgs_status status = sgsi_mask_begin(photo);
+    for (size_t i = 0; !status && i < sgsi_mask_words(photo->width) * (size_t)photo->height; ++i)
+        photo->keep[i] &= keep[i];
+    return status;
+}
+
+void sgsi_mask_finish(sgs_photo *photo)
+{
+    const size_t all = (size_t)photo->width * (size_t)photo->height;
+    photo->kept = all;
+    if (!photo->keep)
+        return;
+    photo->kept = 0;
+    for (size_t i = 0; i < sgsi_mask_words(photo->width) * (size_t)photo->height; ++i)
+        photo->kept += (size_t)__builtin_popcount(photo->keep[i]);
+    if (photo->kept == all) {
+        sgsi_free(photo->keep);
+        photo->keep = NULL;
+    }
+}

@@ -1,0 +1,289 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Decode, reduce, mask: in this order, so that a mask speaks of the photograph's own pixels.
+//
+// 8-bit sRGB photographs are bytes and stay bytes. All others become half-float numbers: 11 bits of
+// precision are more than 8-bit sRGB has anywhere, and the range holds 30 stops. They are averaged
+// as the file stores them (linear files in linear light), divided by the scene's white where they
+// are linear, and only then encoded. So the unit of the light does not matter: the same scene times
+// eight has eight times the white and the same values.
+
+#include "image/photo.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "base/core.h"
+#include "image/half.h"
+#include "image/mask.h"
+#include "sparegs/image.h"
+
+void sgsi_photo_release(sgs_photo *photo)
+{
+    sgsi_free(photo->pixels);
+    sgsi_free(photo->keep);
+    sgsi_free(photo->halves);
+    photo->pixels = NULL;
+    photo->keep = photo->halves = NULL;
+}
+
+void sgsi_photo_free(sgs_photo *photo)
+{
+    sgsi_photo_release(photo);
+    *photo = (sgs_photo){0};
+}
+
+// Bytes stay bytes where they mean what the scene's space means.
+static bool stays_bytes(const sgsi_image_info *info, sgs_space space)
+{
+    return info->bytes && !info->linear && space == SGS_SPACE_SRGB;
+}
+
+size_t sgsi_photo_bytes(const sgsi_image_info *info, sgs_space space, int width, int height)
+{
+    const size_t values = (size_t)width * (size_t)height * (size_t)info->channels;
+    return values * (stays_bytes(info, space) ? 1 : 2) +
+           sgsi_mask_words(width) * (size_t)height * sizeof(uint16_t);
+}
+
+static sgs_status read_pixels(const sgsi_photo_source *source, sgs_image8 *image)
+{
+    sgs_status status = sgs_image8_read(source->image_path, image);
+    if (status || (source->width == image->width && source->height == image->height))
+        return status;
+    sgs_image8 reduced;
+    status = sgs_image8_downscale(image, source->width, source->height, &reduced);
+    sgs_image8_free(image);
+    *image = reduced;
+    return status;
+}
+
+// ---- Photographs of floats: area averages row by row, so that the floats never exist as a whole
+// ----
+
+typedef struct reducer {
+    const sgsi_photo_source *source;
+    const sgsi_image_info *info;
+    sgs_photo *photo;
+    float *across,
+        *sum; // [width * channels]: one source row reduced to the width; the output row in the
+              // making
+    size_t broken;
+    sgs_status status;
+} reducer;
+
+// Length of the overlap of source cell i and output cell j, in units of 1 / out_size source cells.
+static float overlap(int i, int j, int size, int out_size)
+{
+    const int64_t a = (int64_t)i * out_size, b = (int64_t)j * size;
+    const int64_t begin = a > b ? a : b, end = a + out_size < b + size ? a + out_size : b + size;
+    return end > begin ? (float)(end - begin) / (float)size : 0.0f;
+}
+
+static void reduce_across(reducer *r, int y, const float *row)
+{
+    const int width = r->info->width, out_width = r->photo->width, channels = r->info->channels;
+    memset(r->across, 0, (size_t)out_width * (size_t)channels * sizeof *r->across);
+    for (int x = 0; x < width; ++x) {
+        const float *pixel = row + (size_t)x * (size_t)channels;
+        float sum = 0.0f;
+        for (int c = 0; c < channels; ++c)
+            sum += pixel[c] * 0.0f;
+        if (sum != 0.0f) { // NaN: some channel is not finite
+            ++r->broken;
+            if (!r->status)
+                r->status = sgsi_mask_begin(r->photo);
+            if (!r->status)
+                sgsi_mask_drop(r->photo, width, r->info->height, x, y);
+            continue;
+        }
+        const int first = (int)((int64_t)x * out_width / width);
+        for (int j = first; j < out_width && (int64_t)j * width < (int64_t)(x + 1) * out_width;
+             ++j) {
+            const float weight = overlap(x, j, width, out_width);
+            float *out = r->across + (size_t)j * (size_t)channels;
+            for (int c = 0; c < channels; ++c)
+                out[c] += weight * pixel[c];
+        }
+    }
+}
+
+// A value of the file's encoding as one of the photo's.
+static float into_space(const reducer *r, float value)
+{
+    const sgs_space space = r->source->space;
+    if (r->info->linear) {
+        value = (float)(value / r->source->white);
+        return space == SGS_SPACE_SRGB ? sgs_srgb_encode(value) : value;
+    }
+    return space == SGS_SPACE_LINEAR ? sgs_srgb_decode(value) : value;
+}
+
+static void finish_row(const reducer *r, int j)
+{
+    const size_t width = (size_t)r->photo->width, plane = width * (size_t)r->photo->height;
+    const int channels = r->info->channels;
+    for (size_t x = 0; x < width; ++x) {
+        const float *in = r->sum + x * (size_t)channels;
+        uint16_t *out = r->photo->halves + (size_t)j * width + x;
+        const float alpha = channels == 4 ? in[3] : 1.0f;
+        for (size_t c = 0; c < 3; ++c)
+            out[c * plane] =
+                sgsi_half_from_float(into_space(r, alpha > 0.0f ? in[c] / alpha : 0.0f));
+        if (channels == 4)
+            out[3 * plane] = sgsi_half_from_float(alpha < 1.0f ? alpha : 1.0f);
+    }
+}
+
+static void take_row(void *context, int y, const float *row)
+{
+    reducer *r = context;
+    const int height = r->info->height, out_height = r->photo->height;
+    const size_t floats = (size_t)r->photo->width * (size_t)r->info->channels;
+    reduce_across(r, y, row);
+    const int first = (int)((int64_t)y * out_height / height);
+    for (int j = first; j < out_height && (int64_t)j * height < (int64_t)(y + 1) * out_height;
+         ++j) {
+        const float weight = overlap(y, j, height, out_height);
+        if ((int64_t)y * out_height <= (int64_t)j * height)
+            memset(r->sum, 0, floats * sizeof *r->sum); // the first source row of this output row
+        for (size_t i = 0; i < floats; ++i)
+            r->sum[i] += weight * r->across[i];
+        if ((int64_t)(y + 1) * out_height >= (int64_t)(j + 1) * height)
+            finish_row(r, j);
+    }
+}
+
+static sgs_status read_floats(const sgsi_photo_source *source, const sgsi_image_info *info,
+                              sgs_photo *photo, size_t *broken)
+{
+    *photo = (sgs_photo){.width = source->width,
+                         .height = source->height,
+                         .channels = info->channels,
+                         .bright = info->linear};
+    const size_t row = (size_t)photo->width * (size_t)info->channels;
+    reducer r = {.source = source, .info = info, .photo = photo};
+    photo->halves = sgsi_alloc(row * (size_t)photo->height, sizeof *photo->halves);
+    r.across = sgsi_alloc(2 * row, sizeof *r.across);
+    sgs_status status = SGS_STATUS_OK;
+    if (!photo->halves || !r.across) {
+        status =
+            sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory for the image", source->image_path);
+    } else {
+        r.sum = r.across + row;
+        status = sgsi_oiio_read_rows(source->image_path, source->colorspace, take_row, &r);
+    }
+    sgsi_free(r.across);
+    *broken = r.broken;
+    return status ? status : r.status;
+}
+
+// ---- All of it ----
+
+static float alpha_at(const sgs_photo *photo, size_t at)
+{
+    return photo->pixels ? (float)photo->pixels[at] / 255.0f
+                         : sgsi_half_to_float(photo->halves[at]);
+}
+
+// The alpha channel as a mask. Its plane is the last one and simply stays behind unused.
+static sgs_status mask_by_alpha(sgs_photo *photo)
+{
+    const size_t plane = (size_t)photo->width * (size_t)photo->height;
+    const sgs_status status = sgsi_mask_begin(photo);
+    for (size_t at = 0; !status && at < plane; ++at)
+        if (alpha_at(photo, 3 * plane + at) < 0.5f)
+            sgsi_mask_drop(photo, photo->width, photo->height, (int)(at % (size_t)photo->width),
+                           (int)(at / (size_t)photo->width));
+    return status;
+}
+
+static sgs_status read_photo(const sgsi_photo_source *source, sgs_photo *photo, size_t *broken)
+{
+    sgsi_image_info info;
+    sgs_image8 image;
+    sgs_status status = sgsi_image_refuse_truncated(source->image_path);
+    if (!status)
+        status = sgsi_oiio_describe(source->image_path, source->colorspace, &info);
+    if (!status && (info.width < source->width || info.height < source->height))
+        status = sgsi_fail(
+            SGS_STATUS_FORMAT, "%s: has %d x %d pixels now, too few for %d x %d; was it replaced?",
+            source->image_path, info.width, info.height, source->width, source->height);
+    if (status)
+        return status;
+    if (!stays_bytes(&info, source->space))
+        return read_floats(source, &info, photo, broken);
+    status = read_pixels(source, &image);
+    if (!status)
+        *photo = (sgs_photo){.width = image.width,
+                             .height = image.height,
+                             .channels = image.channels,
+                             .pixels = image.pixels};
+    return status;
+}
+
+sgs_status sgsi_photo_load(const sgsi_photo_source *source, sgs_photo *photo,
+                           sgsi_photo_report *report)
+{
+    *photo = (sgs_photo){0};
+    *report = (sgsi_photo_report){0};
+    sgs_status status = read_photo(source, photo, &report->pixels_broken);
+    if (!status && photo->channels == 4 && source->alpha == SGS_ALPHA_MASK)
+        status = mask_by_alpha(photo);
+    if (photo->channels == 4 && source->alpha != SGS_ALPHA_OVER)
+        photo->channels = 3;
+    if (!status && source->mask_path) {
+        status = sgsi_mask_apply_file(photo, source->mask_path, source->image_path,
+                                      source->file_width, source->file_height, source->invert_mask);
+        report->mask_failed = status != SGS_STATUS_OK;
+    }
+    if (!status)
+        status = sgsi_mask_intersect(photo, source->lens);
+    if (status)
+        sgsi_photo_free(photo);
+    else
+        sgsi_mask_finish(photo);
+    return status;
+}
+
+// ---- How bright it is ----
+
+typedef struct light_rows {
+    sgsi_light *light;
+    sgsi_image_info info;
+} light_rows;
+
+static void light_row(void *context, int y, const float *row)
+{
+    (void)y;
+    const light_rows *rows = context;
+    for (int x = 0; x < rows->info.width; ++x) {
+        const float *pixel = row + (size_t)x * (size_t)rows->info.channels;
+        const float most = fmaxf(pixel[0], fmaxf(pixel[1], pixel[2]));
+        if (!(most > 0.0f) || !isfinite(most))
+            continue;
+        const double bin = floor(SGSI_LIGHT_OCTAVE * (log2((double)most) - SGSI_LIGHT_LOW));
+        ++rows->light->bins[(size_t)fmin(fmax(bin, 0), SGSI_LIGHT_BINS - 1)];
+    }
+}
+
+sgs_status sgsi_light_add(sgsi_light *light, const char *path, const char *colorspace)
+{
+    light_rows rows = {.light = light};
+    const sgs_status status = sgsi_oiio_describe(path, colorspace, &rows.info);
+    return status ? status : sgsi_oiio_read_rows(path, colorspace, light_row, &rows);
+}
+
+double sgsi_light_quantile(const sgsi_light *light, double share)
+{
+    uint64_t total = 0, passed = 0;
+    for (int i = 0; i < SGSI_LIGHT_BINS; ++i)
+        total += light->bins[i];
+    for (int i = 0; i < SGSI_LIGHT_BINS && total; ++i) {
+        passed += light->bins[i];
+        if ((double)passed >= share * (double)total)
+            return exp2((double)(i + 1) / SGSI_LIGHT_OCTAVE + SGSI_LIGHT_LOW); // upper edge
+    }
+    return 1.0;
+}

@@ -1,0 +1,207 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// One lock guards the states; decoding happens outside of it. A photograph is ABSENT, EXPECTED
+// (announced, waiting for the thread), DECODING (by the thread or the caller) or READY. Room is
+// made before decoding begins: bytes are counted from then on. Three photographs are never dropped:
+// the one in use, those being decoded, and those announced and ready but not yet asked for, of
+// which there are few.
+
+#include "image/photo_cache.h"
+
+#include <pthread.h>
+#include <string.h>
+
+#include "base/core.h"
+
+typedef enum photo_state { ABSENT, EXPECTED, DECODING, READY } photo_state;
+
+enum { QUEUE = 8 }; // announced photographs at a time; further ones are not decoded ahead
+
+typedef struct entry {
+    sgsi_photo_source source;
+    size_t bytes;
+    photo_state state;
+    bool awaited; // announced and not yet asked for
+    unsigned long long used;
+    sgs_photo photo;
+    sgs_status status; // of the last decoding
+    char *error;
+} entry;
+
+struct sgsi_photo_cache {
+    pthread_mutex_t lock;
+    pthread_cond_t changed; // a state changed, or `stop` is set
+    pthread_t thread;
+    bool stop;
+    size_t count, limit, bytes, peak;
+    size_t current; // in use; `count` at first
+    unsigned long long clock;
+    size_t queue[QUEUE]; // announced, oldest first
+    size_t queued;
+    entry entries[];
+};
+
+static void drop(sgsi_photo_cache *cache, entry *e)
+{
+    sgsi_photo_free(&e->photo);
+    cache->bytes -= e->bytes;
+    e->state = ABSENT;
+    e->awaited = false;
+}
+
+// Drops the least recently used photographs until `bytes` more fit, or nothing can go any more.
+// Returns whether they fit.
+static bool make_room(sgsi_photo_cache *cache, size_t bytes, bool awaited_too)
+{
+    while (cache->bytes + bytes > cache->limit) {
+        entry *oldest = NULL;
+        for (size_t i = 0; i < cache->count; ++i) {
+            entry *e = &cache->entries[i];
+            const bool kept =
+                e->state != READY || i == cache->current || (e->awaited && !awaited_too);
+            if (!kept && (!oldest || e->used < oldest->used))
+                oldest = e;
+        }
+        if (!oldest)
+            return false;
+        drop(cache, oldest);
+    }
+    return true;
+}
+
+// Decodes an entry that room was made for. Called with the lock, which is released meanwhile.
+static void decode(sgsi_photo_cache *cache, entry *e)
+{
+    sgsi_photo_report report;
+    e->state = DECODING;
+    cache->bytes += e->bytes;
+    cache->peak = cache->bytes > cache->peak ? cache->bytes : cache->peak;
+    pthread_mutex_unlock(&cache->lock);
+    sgs_photo photo;
+    const sgs_status status = sgsi_photo_load(&e->source, &photo, &report);
+    char *error = status ? sgsi_strdup(sgs_last_error()) : NULL;
+    pthread_mutex_lock(&cache->lock);
+    sgsi_free(e->error);
+    e->photo = photo;
+    e->status = status;
+    e->error = error;
+    e->used = ++cache->clock;
+    e->state = READY;
+    pthread_cond_broadcast(&cache->changed);
+}
+
+static void *decode_ahead(void *context)
+{
+    sgsi_photo_cache *cache = context;
+    pthread_mutex_lock(&cache->lock);
+    while (!cache->stop) {
+        entry *next = cache->queued ? &cache->entries[cache->queue[0]] : NULL;
+        // Without room for one more beside those that wait, wait until they are used.
+        if (!next || (next->state == EXPECTED && !make_room(cache, next->bytes, false) &&
+                      cache->bytes > 0)) {
+            pthread_cond_wait(&cache->changed, &cache->lock);
+            continue;
+        }
+        --cache->queued;
+        memmove(cache->queue, cache->queue + 1, cache->queued * sizeof *cache->queue);
+        if (next->state == EXPECTED)
+            decode(cache, next);
+    }
+    pthread_mutex_unlock(&cache->lock);
+    return NULL;
+}
+
+sgs_status sgsi_photo_cache_create(const sgsi_photo_source *sources, const size_t *bytes,
+                                   size_t count, size_t limit, sgsi_photo_cache **cache)
+{
+    *cache = sgsi_calloc(1, sizeof **cache + count * sizeof(entry));
+    if (!*cache)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the image cache");
+    sgsi_photo_cache *made = *cache;
+    made->count = made->current = count;
+    made->limit = limit;
+    for (size_t i = 0; i < count; ++i) {
+        made->entries[i].source = sources[i];
+        made->entries[i].bytes = bytes[i];
+    }
+    pthread_mutex_init(&made->lock, NULL);
+    pthread_cond_init(&made->changed, NULL);
+    if (pthread_create(&made->thread, NULL, decode_ahead, made)) {
+        pthread_cond_destroy(&made->changed);
+        pthread_mutex_destroy(&made->lock);
+        sgsi_free(made);
+        *cache = NULL;
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                         "the thread of the image cache cannot be started");
+    }
+    return SGS_STATUS_OK;
+}
+
+void sgsi_photo_cache_destroy(sgsi_photo_cache *cache)
+{
+    if (!cache)
+        return;
+    pthread_mutex_lock(&cache->lock);
+    cache->stop = true;
+    pthread_cond_broadcast(&cache->changed);
+    pthread_mutex_unlock(&cache->lock);
+    pthread_join(cache->thread, NULL);
+    for (size_t i = 0; i < cache->count; ++i) {
+        sgsi_photo_free(&cache->entries[i].photo);
+        sgsi_free(cache->entries[i].error);
+    }
+    pthread_cond_destroy(&cache->changed);
+    pthread_mutex_destroy(&cache->lock);
+    sgsi_free(cache);
+}
+
+sgs_status sgsi_photo_cache_get(sgsi_photo_cache *cache, size_t index, const sgs_photo **photo)
+{
+    *photo = NULL;
+    entry *e = &cache->entries[index];
+    pthread_mutex_lock(&cache->lock);
+    cache->current = index;
+    while (e->state == DECODING)
+        pthread_cond_wait(&cache->changed, &cache->lock);
+    if (e->state !=
+        READY) { // also when the thread has not come to it yet: its place in the queue is then void
+        (void)make_room(cache, e->bytes, true);
+        decode(cache, e);
+    }
+    e->awaited = false;
+    e->used = ++cache->clock;
+    const sgs_status status = e->status;
+    if (status) {
+        sgsi_fail(status, "%s", e->error ? e->error : "no memory for an image");
+        drop(cache, e);
+    } else {
+        *photo = &e->photo;
+    }
+    pthread_cond_broadcast(&cache->changed); // the one in use before may go now
+    pthread_mutex_unlock(&cache->lock);
+    return status;
+}
+
+void sgsi_photo_cache_expect(sgsi_photo_cache *cache, size_t index)
+{
+    pthread_mutex_lock(&cache->lock);
+    entry *e = &cache->entries[index];
+    if (e->state == READY)
+        e->used = ++cache->clock;
+    if (e->state == ABSENT && cache->queued < QUEUE) {
+        e->state = EXPECTED;
+        cache->queue[cache->queued++] = index;
+        pthread_cond_broadcast(&cache->changed);
+    }
+    e->awaited = e->state != ABSENT;
+    pthread_mutex_unlock(&cache->lock);
+}
+
+size_t sgsi_photo_cache_peak(sgsi_photo_cache *cache)
+{
+    pthread_mutex_lock(&cache->lock);
+    const size_t peak = cache->peak;
+    pthread_mutex_unlock(&cache->lock);
+    return peak;
+}

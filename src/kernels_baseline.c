@@ -1,8 +1,0 @@
-// SPDX-FileCopyrightText: 2026 The sparegs authors
-// SPDX-License-Identifier: Apache-2.0
-
-// The kernel template for baseline.
-
-#define SGSI_ISA 0
-#include "simd.h"
-#include "kernel_table.inl"

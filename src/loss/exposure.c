@@ -1,0 +1,182 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// With I = color + T background the image, A the 3 x 3 part of the map and b its last column:
+//
+//   I' = A I + b      dL/dI = A^T dL/dI'      dL/dA = sum over pixels of dL/dI' I^T      dL/db =
+//                                             sum of dL/dI'
+//
+// and dL/dcolor = dL/dI, dL/dT = background . dL/dI (plus the alpha term's part, which does not
+// pass through the map). The sums are made per row and added in the order of the rows, in double:
+// the same for any number of threads.
+
+#include "loss/exposure.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "base/core.h"
+#include "base/threads.h"
+
+typedef struct exposure_state {
+    double map[SGSI_EXPOSURE], m[SGSI_EXPOSURE], v[SGSI_EXPOSURE], steps;
+} exposure_state;
+
+struct sgsi_exposure {
+    size_t count;
+    exposure_state *states;
+    float *mapped[3], *nothing; // planes; `nothing` stays 0
+    double (*rows)[SGSI_EXPOSURE];
+    double gradient[SGSI_EXPOSURE];
+};
+
+void sgsi_exposure_destroy(sgsi_exposure *exposure)
+{
+    if (!exposure)
+        return;
+    sgsi_free(exposure->states);
+    sgsi_free(exposure->nothing); // first plane of the block
+    sgsi_free(exposure->rows);
+    sgsi_free(exposure);
+}
+
+sgs_status sgsi_exposure_create(size_t count, size_t plane_floats, size_t height,
+                                sgsi_exposure **exposure)
+{
+    *exposure = NULL;
+    sgsi_exposure *made = sgsi_calloc(1, sizeof *made);
+    if (made) {
+        made->count = count;
+        made->states = sgsi_calloc(count, sizeof *made->states);
+        made->nothing = sgsi_calloc(plane_floats, 4 * sizeof(float));
+        made->rows = sgsi_calloc(height, sizeof *made->rows);
+    }
+    if (!made || !made->states || !made->nothing || !made->rows) {
+        sgsi_exposure_destroy(made);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the exposure of %zu images",
+                         count);
+    }
+    for (size_t c = 0; c < 3; ++c)
+        made->mapped[c] = made->nothing + (c + 1) * plane_floats;
+    for (size_t i = 0; i < count; ++i)
+        made->states[i].map[0] = made->states[i].map[5] = made->states[i].map[10] = 1;
+    *exposure = made;
+    return SGS_STATUS_OK;
+}
+
+typedef struct exposure_job {
+    sgsi_exposure *exposure;
+    const double *map;
+    const sgsi_loss_input *image;
+    sgsi_loss_output *output;
+} exposure_job;
+
+static inline float image_at(const sgsi_loss_input *image, int c, size_t at)
+{
+    return image->color[c][at] + image->transmittance[at] * image->background[c];
+}
+
+static void forward_row(void *context, size_t y, int thread)
+{
+    (void)thread;
+    const exposure_job *job = context;
+    float map[SGSI_EXPOSURE];
+    for (int i = 0; i < SGSI_EXPOSURE; ++i)
+        map[i] = (float)job->map[i];
+    for (size_t at = y * job->image->stride;
+         at < y * job->image->stride + (size_t)job->image->width; ++at) {
+        const float r = image_at(job->image, 0, at), g = image_at(job->image, 1, at),
+                    b = image_at(job->image, 2, at);
+        for (int c = 0; c < 3; ++c)
+            job->exposure->mapped[c][at] =
+                map[4 * c] * r + map[4 * c + 1] * g + map[4 * c + 2] * b + map[4 * c + 3];
+    }
+}
+
+void sgsi_exposure_forward(sgsi_exposure *exposure, size_t index, sgsi_loss_input *input)
+{
+    exposure_job job = {.exposure = exposure, .map = exposure->states[index].map, .image = input};
+    sgsi_parallel_for((size_t)input->height, 8, forward_row, &job);
+    input->alpha_transmittance = input->transmittance;
+    input->transmittance = exposure->nothing;
+    for (int c = 0; c < 3; ++c)
+        input->color[c] = exposure->mapped[c];
+}
+
+static void backward_row(void *context, size_t y, int thread)
+{
+    (void)thread;
+    const exposure_job *job = context;
+    const sgsi_loss_input *image = job->image;
+    sgsi_loss_output *output = job->output;
+    double *sums = job->exposure->rows[y];
+    memset(sums, 0, SGSI_EXPOSURE * sizeof *sums);
+    for (size_t at = y * image->stride; at < y * image->stride + (size_t)image->width; ++at) {
+        const float mapped[3] = {output->d_color[0][at], output->d_color[1][at],
+                                 output->d_color[2][at]};
+        float through = 0, before = 0;
+        for (int k = 0; k < 3; ++k) {
+            const float value = image_at(image, k, at);
+            double sum = 0;
+            for (int c = 0; c < 3; ++c) {
+                sums[4 * c + k] += (double)mapped[c] * (double)value;
+                sum += job->map[4 * c + k] * (double)mapped[c];
+            }
+            sums[4 * k + 3] += (double)mapped[k];
+            output->d_color[k][at] = (float)sum;
+            through += image->background[k] * (float)sum;
+            before += image->background[k] * mapped[k];
+        }
+        // The loss has put background . dL/dI' there, plus the alpha term's part.
+        output->d_transmittance[at] += through - before;
+    }
+}
+
+void sgsi_exposure_backward(sgsi_exposure *exposure, size_t index, const sgsi_loss_input *image,
+                            sgsi_loss_output *output)
+{
+    exposure_job job = {
+        .exposure = exposure, .map = exposure->states[index].map, .image = image, .output = output};
+    sgsi_parallel_for((size_t)image->height, 8, backward_row, &job);
+    memset(exposure->gradient, 0, sizeof exposure->gradient);
+    for (int y = 0; y < image->height; ++y)
+        for (int i = 0; i < SGSI_EXPOSURE; ++i)
+            exposure->gradient[i] += exposure->rows[y][i];
+}
+
+void sgsi_exposure_step(sgsi_exposure *exposure, size_t index, double rate)
+{
+    exposure_state *state = &exposure->states[index];
+    state->steps += 1;
+    for (int i = 0; i < SGSI_EXPOSURE; ++i) {
+        const double g = exposure->gradient[i];
+        if (!isfinite(g))
+            continue;
+        state->m[i] = 0.9 * state->m[i] + 0.1 * g;
+        state->v[i] = 0.999 * state->v[i] + 0.001 * g * g;
+        const double m = state->m[i] / (1 - pow(0.9, state->steps)),
+                     v = state->v[i] / (1 - pow(0.999, state->steps));
+        state->map[i] -= rate * m / (sqrt(v) + 1e-8);
+    }
+}
+
+double sgsi_exposure_rate(int iteration, int iterations)
+{
+    return 0.01 * pow(0.1, fmin((double)iteration / iterations, 1));
+}
+
+double *sgsi_exposure_state(sgsi_exposure *exposure, size_t *count)
+{
+    *count = exposure->count * sizeof *exposure->states / sizeof(double);
+    return (double *)exposure->states;
+}
+
+const double *sgsi_exposure_map(const sgsi_exposure *exposure, size_t index)
+{
+    return exposure->states[index].map;
+}
+
+const double *sgsi_exposure_gradient(const sgsi_exposure *exposure)
+{
+    return exposure->gradient;
+}

@@ -1,0 +1,216 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// The photometric loss of 3DGS, L = (1 - lambda) mean|I - G| + lambda (1 - mean SSIM), and its
+// gradient; with an alpha channel and a weight for it, plus weight mean|(1 - T) - alpha|.
+//
+// This file cuts the image into blocks, hands them to the threads and adds up their sums; the
+// mathematics stands at the top of loss_kernels.inl. A block is at most LOSS_BLOCK_WIDTH x
+// LOSS_BLOCK_HEIGHT pixels and recomputes a halo of ten pixels on every side, so blocks share
+// nothing. The cutting depends on the image alone and the blocks' sums are added in block order, so
+// the result does not depend on the number of threads.
+
+#include "loss/loss.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "base/core.h"
+#include "loss/loss_kernels.h"
+#include "sparegs/runtime.h"
+#include "base/threads.h"
+
+struct sgsi_loss_workspace {
+    sgsi_loss_scratch *scratch; // one per thread
+    size_t scratch_count;
+    sgsi_loss_sums *sums; // one per block
+    size_t sums_count;
+    float *column_weight, *row_weight;
+    size_t column_count, row_count;
+    float window[LOSS_RADIUS + 1];
+};
+
+static sgsi_loss_kernel kernel_of(sgs_isa isa)
+{
+    static const sgsi_loss_kernel kernels[SGS_ISA_COUNT] = {
+        [SGS_ISA_BASELINE] = sgsi_loss_block_baseline,
+#ifdef SGSI_X86
+        [SGS_ISA_AVX2] = sgsi_loss_block_avx2,
+        [SGS_ISA_AVX512] = sgsi_loss_block_avx512,
+#endif
+    };
+    return kernels[isa];
+}
+
+// exp(-k^2 / (2 * 1.5^2)), normalised. Rounded to float the eleven weights still sum to 1 within
+// 1.4e-9, which the shifted variance of the kernel relies on.
+static void make_window(float window[LOSS_RADIUS + 1])
+{
+    double sum = 0.0, weight[LOSS_RADIUS + 1];
+    for (int k = 0; k <= LOSS_RADIUS; ++k) {
+        weight[k] = exp(-k * k / 4.5);
+        sum += k ? 2.0 * weight[k] : weight[k];
+    }
+    for (int k = 0; k <= LOSS_RADIUS; ++k)
+        window[k] = (float)(weight[k] / sum);
+}
+
+sgs_status sgsi_loss_create(sgsi_loss_workspace **workspace)
+{
+    *workspace = sgsi_calloc(1, sizeof **workspace);
+    if (!*workspace)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the loss");
+    make_window((*workspace)->window);
+    return SGS_STATUS_OK;
+}
+
+void sgsi_loss_destroy(sgsi_loss_workspace *workspace)
+{
+    if (!workspace)
+        return;
+    sgsi_free(workspace->scratch);
+    sgsi_free(workspace->sums);
+    sgsi_free(workspace->column_weight);
+    sgsi_free(workspace->row_weight);
+    sgsi_free(workspace);
+}
+
+// Blocks are as equal as they can be, in multiples of 16 columns and 4 rows.
+static void cut(int size, int most, int multiple, int *blocks, int *block)
+{
+    const int count = (size - 1) / most + 1;
+    *block = ((size - 1) / count / multiple + 1) * multiple;
+    *blocks = (size - 1) / *block + 1;
+}
+
+static bool ensure(void **block, size_t *count, size_t needed, size_t size)
+{
+    if (needed <= *count)
+        return true;
+    void *fresh = sgsi_alloc(needed, size);
+    if (!fresh)
+        return false;
+    sgsi_free(*block);
+    *block = fresh;
+    *count = needed;
+    return true;
+}
+
+sgs_status sgsi_loss_reserve(sgsi_loss_workspace *workspace, int width, int height)
+{
+    if (width < 1 || height < 1)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "loss: an image of %d x %d pixels", width,
+                         height);
+    int blocks_x, blocks_y, block;
+    cut(width, LOSS_BLOCK_WIDTH, 16, &blocks_x, &block);
+    cut(height, LOSS_BLOCK_HEIGHT, 4, &blocks_y, &block);
+    sgsi_loss_workspace *w = workspace;
+    if (!ensure((void **)&w->scratch, &w->scratch_count, (size_t)sgsi_threads(),
+                sizeof *w->scratch) ||
+        !ensure((void **)&w->sums, &w->sums_count, (size_t)blocks_x * (size_t)blocks_y,
+                sizeof *w->sums) ||
+        !ensure((void **)&w->column_weight, &w->column_count, (size_t)width,
+                sizeof *w->column_weight) ||
+        !ensure((void **)&w->row_weight, &w->row_count, (size_t)height, sizeof *w->row_weight))
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the loss of a %d x %d image",
+                         width, height);
+    return SGS_STATUS_OK;
+}
+
+// The part of the window that falls inside [0, size), for every position; exactly 1 where all of it
+// does.
+static void edge_weights(const float window[LOSS_RADIUS + 1], int size, float *weights)
+{
+    for (int x = 0; x < size; ++x) {
+        if (x >= LOSS_RADIUS && x < size - LOSS_RADIUS) {
+            weights[x] = 1.0f;
+            continue;
+        }
+        double sum = 0.0;
+        for (int k = -LOSS_RADIUS; k <= LOSS_RADIUS; ++k)
+            if (x + k >= 0 && x + k < size)
+                sum += (double)window[k < 0 ? -k : k];
+        weights[x] = (float)sum;
+    }
+}
+
+static sgs_status check(const sgsi_loss_input *input, const sgsi_loss_output *output)
+{
+    const sgs_photo *target = input->target;
+    bool complete = input->transmittance && output->d_transmittance && target &&
+                    (target->pixels || target->halves);
+    for (int c = 0; c < 3; ++c)
+        complete = complete && input->color[c] && output->d_color[c];
+    if (!complete)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "loss: a plane is missing");
+    if (target->width != input->width || target->height != input->height || target->channels < 3 ||
+        target->channels > 4)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                         "loss: a %d x %d image against a %d x %d target of %d channels",
+                         input->width, input->height, target->width, target->height,
+                         target->channels);
+    if (input->stride % 16 || input->stride < (size_t)input->width)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "loss: rows of %zu floats for a width of %d",
+                         input->stride, input->width);
+    return SGS_STATUS_OK;
+}
+
+typedef struct block_loop {
+    sgsi_loss_job job;
+    sgsi_loss_kernel kernel;
+    sgsi_loss_workspace *workspace;
+} block_loop;
+
+static void run_block(void *context, size_t item, int thread)
+{
+    const block_loop *loop = context;
+    loop->kernel(&loop->job, item, &loop->workspace->scratch[thread], &loop->workspace->sums[item]);
+}
+
+sgs_status sgsi_loss_evaluate(sgsi_loss_workspace *workspace, const sgsi_loss_input *input,
+                              sgsi_loss_output *output)
+{
+    sgs_status status = sgsi_loss_reserve(workspace, input->width, input->height);
+    if (status == SGS_STATUS_OK)
+        status = check(input, output);
+    if (status != SGS_STATUS_OK)
+        return status;
+
+    const double values = 3.0 * input->width * input->height, lambda = (double)input->ssim_weight;
+    block_loop loop = {
+        .job = {.input = input,
+                .output = output,
+                .column_weight = workspace->column_weight,
+                .row_weight = workspace->row_weight,
+                .l1_scale = (float)((1.0 - lambda) / values),
+                .ssim_scale = (float)(2.0 * lambda / values),
+                .ceiling = input->target->bright ? 1e9f : 1.0f,
+                .alpha_scale = input->target->channels == 4
+                                   ? (float)(3.0 * (double)input->alpha_weight / values)
+                                   : 0.0f},
+        .kernel = kernel_of(sgs_get_isa()),
+        .workspace = workspace,
+    };
+    cut(input->width, LOSS_BLOCK_WIDTH, 16, &loop.job.blocks_x, &loop.job.block_width);
+    cut(input->height, LOSS_BLOCK_HEIGHT, 4, &loop.job.blocks_y, &loop.job.block_height);
+    memcpy(loop.job.window, workspace->window, sizeof workspace->window);
+    edge_weights(workspace->window, input->width, workspace->column_weight);
+    edge_weights(workspace->window, input->height, workspace->row_weight);
+    const size_t count = (size_t)loop.job.blocks_x * (size_t)loop.job.blocks_y;
+    sgsi_parallel_for(count, 1, run_block, &loop);
+
+    sgsi_loss_sums total = {0};
+    for (size_t item = 0; item < count; ++item) {
+        total.l1 += workspace->sums[item].l1;
+        total.square += workspace->sums[item].square;
+        total.dissimilarity += workspace->sums[item].dissimilarity;
+        total.alpha += workspace->sums[item].alpha;
+    }
+    output->l1 = total.l1 / values;
+    output->mse = total.square / (input->target->keep ? 3.0 * (double)input->target->kept : values);
+    output->ssim = 1.0 - total.dissimilarity / values;
+    output->alpha = 3.0 * total.alpha / values;
+    output->loss = (1.0 - lambda) * output->l1 + lambda * (1.0 - output->ssim) +
+                   (double)input->alpha_weight * output->alpha;
+    return SGS_STATUS_OK;
+}

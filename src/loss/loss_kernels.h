@@ -1,0 +1,66 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// What loss.c hands to the loss kernel and how the image is cut: the job of one evaluation, the
+// scratch of one thread, the prototypes of the compiled variants. Nothing outside src/loss*
+// includes this.
+
+#include <stddef.h>
+
+#include "loss/loss.h"
+
+enum {
+    LOSS_RADIUS = 5,        // the window has 2 * 5 + 1 taps
+    LOSS_BLOCK_WIDTH = 128, // output columns per item, at most; multiple of 16
+    LOSS_BLOCK_HEIGHT = 48, // output rows per item, at most; multiple of 4
+    LOSS_RING = 16,         // rows kept of each plane: 4 in the making and 10 of overlap
+    LOSS_MARGIN = 16,       // columns to the left and right of the block in every source plane
+    LOSS_SOURCE_PITCH = LOSS_BLOCK_WIDTH + 2 * LOSS_MARGIN,
+    LOSS_MAP_PITCH = LOSS_BLOCK_WIDTH + LOSS_MARGIN,
+};
+
+// Constants of one evaluation, shared by all items.
+typedef struct sgsi_loss_job {
+    const sgsi_loss_input *input;
+    sgsi_loss_output *output;
+    const float
+        *column_weight;      // [width] share of the window inside the image; 1 away from the edges
+    const float *row_weight; // [height]
+    int blocks_x, blocks_y;
+    int block_width, block_height; // of all but the last block of a row or column
+    float window[LOSS_RADIUS + 1]; // normalised weights by distance from the centre
+    float l1_scale, ssim_scale;    // (1 - lambda) / (3 H W), 2 lambda / (3 H W)
+    float ceiling;     // where the image is clamped above: 1, or a number nothing reaches
+    float alpha_scale; // weight / (H W), 0 without the term
+} sgsi_loss_job;
+
+// Sums of one item over its own pixels and the three channels.
+typedef struct sgsi_loss_sums {
+    double l1, square, dissimilarity; // |I - G|, (I - G)^2, 1 - S
+    double alpha;                     // |(1 - T) - alpha|, over pixels alone
+} sgsi_loss_sums;
+
+// Scratch of one thread; the rings are indexed by row & (LOSS_RING - 1). Every row starts at a
+// multiple of 64 bytes.
+typedef struct sgsi_loss_scratch {
+    _Alignas(64) float source[4][LOSS_RING]
+                             [LOSS_SOURCE_PITCH]; // I - 1/2, e, (I - 1/2)^2 + (G - 1/2)^2, e^2
+    float moment[4][4][LOSS_SOURCE_PITCH];        // the same after the vertical pass, four rows
+    float map[3][LOSS_MAP_PITCH];                 // one row of the three derivative planes
+    float smooth[3][LOSS_RING][LOSS_BLOCK_WIDTH]; // the same after the horizontal pass
+    unsigned inside[LOSS_MAP_PITCH / 16 + 1];     // lanes of a map vector inside the image
+    unsigned own[LOSS_MAP_PITCH / 16 + 1];        // lanes of a map vector inside this block
+    _Alignas(
+        64) float edge[LOSS_MAP_PITCH]; // column_weight of each map column, 0 outside the image
+} sgsi_loss_scratch;
+
+typedef void (*sgsi_loss_kernel)(const sgsi_loss_job *job, size_t item, sgsi_loss_scratch *scratch,
+                                 sgsi_loss_sums *sums);
+
+void sgsi_loss_block_baseline(const sgsi_loss_job *job, size_t item, sgsi_loss_scratch *scratch,
+                              sgsi_loss_sums *sums);
+void sgsi_loss_block_avx2(const sgsi_loss_job *job, size_t item, sgsi_loss_scratch *scratch,
+                          sgsi_loss_sums *sums);
+void sgsi_loss_block_avx512(const sgsi_loss_job *job, size_t item, sgsi_loss_scratch *scratch,
+                            sgsi_loss_sums *sums);

@@ -1,0 +1,257 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// A trainer under the clock. The bench owns a real trainer over its views, holds its iteration
+// counter at a place of the schedule without structural update where all SH bands are active, and
+// after every step puts the parameters back. So each step does the same work, and nothing here
+// repeats what the trainer does.
+
+#include "sparegs/bench.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "base/core.h"
+#include "image/photo.h"
+#include "sparegs/metrics.h"
+#include "train/trainer_state.h"
+
+enum { VIEWS_MAX = 16, HELD_ITERATION = 3000 };
+
+// Operations per lane: three affine forms 12, |n|^2 and G 7, quotients and t 6; 2^x and alpha,
+// where something is hit, 15; blending: w, three colours, T 10; backward once more the response and
+// w, the shade and v 12, nine products and fourteen sums 23.
+enum { RESPONSE_FLOPS = 25, ALPHA_FLOPS = 15, BLEND_FLOPS = 10, GRADIENT_FLOPS = 35, LANES = 16 };
+enum { RECORD_BYTES = SGSI_RECORD * sizeof(float) };
+
+struct sgs_bench {
+    sgs_scene scene;
+    sgs_view views[VIEWS_MAX];
+    sgs_trainer *trainer;
+    float *params; // as created, in the trainer's order
+    sgs_bench_counts counts;
+};
+
+// The photograph of a view: its own render with noise of a few grey levels. Counts the hits on the
+// way.
+static sgs_status photograph(sgs_bench *bench, sgs_renderer *renderer, size_t v)
+{
+    sgs_view *view = &bench->views[v];
+    const sgs_camera *camera = &view->camera;
+    const sgs_render_options options = sgs_render_options_default();
+    const float black[3] = {0, 0, 0};
+    sgs_frame frame;
+    sgs_status status = sgs_frame_create(camera->width, camera->height, &frame);
+    if (status)
+        return status;
+    status = sgs_renderer_render(renderer, camera, &view->pose, &options, &frame);
+    const size_t pixels = (size_t)camera->width * (size_t)camera->height;
+    for (size_t i = 0; !status && i < pixels; ++i) {
+        bench->counts.hits += (double)frame.hits[i];
+        for (size_t c = 0; c < 3; ++c)
+            frame.color[c][i] += (float)(0.03 * (sgsi_random_uniform(v, 3 * i + c) - 0.5));
+    }
+    if (!status) {
+        const float *const color[3] = {frame.color[0], frame.color[1], frame.color[2]};
+        sgs_image8 image;
+        status = sgs_image8_from_planes(color, NULL, black, camera->width, camera->height, &image);
+        view->image = (sgs_photo){.width = image.width,
+                                  .height = image.height,
+                                  .channels = image.channels,
+                                  .pixels = image.pixels,
+                                  .kept = pixels};
+    }
+    bench->counts.pixels += (double)pixels;
+    bench->counts.tiles += (double)((camera->width + SGSI_TILE - 1) / SGSI_TILE) *
+                           ((camera->height + SGSI_TILE - 1) / SGSI_TILE);
+    sgs_frame_free(&frame);
+    return status;
+}
+
+static sgs_status photograph_all(sgs_bench *bench, const sgs_gaussians *model)
+{
+    sgs_renderer *renderer;
+    sgs_status status = sgs_renderer_create(model, &renderer);
+    for (size_t v = 0; !status && v < bench->scene.view_count; ++v)
+        status = photograph(bench, renderer, v);
+    sgs_renderer_destroy(renderer);
+    const double views = (double)bench->scene.view_count;
+    bench->counts.hits /= views;
+    bench->counts.pixels /= views;
+    bench->counts.tiles /= views;
+    return status;
+}
+
+static sgs_status start_trainer(sgs_bench *bench, const sgs_gaussians *model)
+{
+    sgs_train_options options = sgs_train_options_default();
+    options.spare = 0;
+    options.init = model;
+    sgs_status status = sgs_trainer_create(&bench->scene, &options, &bench->trainer);
+    if (status)
+        return status;
+    const sgs_gaussians *own = bench->trainer->model;
+    const size_t floats = own->capacity * SGS_PARAM_COUNT;
+    bench->params = sgsi_alloc(floats, sizeof(float));
+    if (!bench->params)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a second copy of %zu primitives",
+                         own->count);
+    memcpy(bench->params, own->data, floats * sizeof(float));
+    bench->counts.primitives = (double)own->count;
+    sgs_bench_sample warm;
+    return sgs_bench_run(bench, &warm);
+}
+
+sgs_status sgs_bench_create(const sgs_gaussians *model, const sgs_view *views, size_t view_count,
+                            sgs_bench **bench)
+{
+    *bench = NULL;
+    if (view_count < 1 || view_count > VIEWS_MAX || !model->count)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                         "a bench takes 1 to %d views of a model with primitives", VIEWS_MAX);
+    sgs_bench *made = sgsi_calloc(1, sizeof *made);
+    if (!made)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a bench");
+    for (size_t v = 0; v < view_count; ++v)
+        made->views[v] = (sgs_view){.name = views[v].name,
+                                    .camera = views[v].camera,
+                                    .pose = views[v].pose,
+                                    .split = SGS_SPLIT_TRAIN};
+    static char path[] = "bench";
+    made->scene =
+        (sgs_scene){.path = path, .view_count = view_count, .views = made->views, .extent = 1.0};
+    sgs_status status = photograph_all(made, model);
+    if (!status)
+        status = start_trainer(made, model);
+    if (status) {
+        sgs_bench_destroy(made);
+        return status;
+    }
+    *bench = made;
+    return SGS_STATUS_OK;
+}
+
+void sgs_bench_destroy(sgs_bench *bench)
+{
+    if (!bench)
+        return;
+    sgs_trainer_destroy(bench->trainer);
+    for (size_t v = 0; v < bench->scene.view_count; ++v)
+        sgsi_photo_free(&bench->views[v].image);
+    sgsi_free(bench->params);
+    sgsi_free(bench);
+}
+
+sgs_status sgs_bench_step(sgs_bench *bench, sgs_bench_sample *sample)
+{
+    sgs_trainer *trainer = bench->trainer;
+    const sgs_train_seconds before = trainer->progress.seconds;
+    trainer->progress.iteration = trainer->progress.followed = HELD_ITERATION;
+    sgs_step_info info;
+    const sgs_status status = sgs_trainer_step(trainer, &info);
+    if (status)
+        return status;
+    const sgs_train_seconds *after = &trainer->progress.seconds;
+    const sgsi_trace_seconds traced = sgsi_tracer_seconds(trainer->tracer);
+    sample->refit += traced.bvh_refit;
+    sample->gather += traced.gather;
+    sample->project += traced.project;
+    sample->forward += traced.project + traced.forward;
+    sample->reduce += traced.reduce;
+    sample->backward += traced.backward + traced.reduce;
+    sample->loss += after->loss - before.loss;
+    sample->optimizer += after->optimizer - before.optimizer;
+    sample->iteration += after->total - before.total;
+    sample->serial += after->serial - before.serial;
+    sample->waiting += after->waiting - before.waiting;
+    const sgsi_trace_counts counts = sgsi_tracer_counts(trainer->tracer);
+    bench->counts.gathered += (double)counts.gathered;
+    bench->counts.candidates += (double)counts.candidates;
+    bench->counts.evaluations += (double)counts.evaluations;
+    bench->counts.elements += (double)counts.elements;
+    bench->counts.regathered += (double)counts.regathered;
+    return SGS_STATUS_OK;
+}
+
+void sgs_bench_restore(sgs_bench *bench)
+{
+    sgs_gaussians *model = bench->trainer->model;
+    memcpy(model->data, bench->params, model->capacity * SGS_PARAM_COUNT * sizeof(float));
+}
+
+// A tree over the bounds of the last view, for the refits of the coming steps.
+sgs_status sgs_bench_build(sgs_bench *bench, sgs_bench_sample *sample)
+{
+    sgs_trainer *trainer = bench->trainer;
+    const sgs_view *source = &bench->views[bench->scene.view_count - 1];
+    const sgs_render_options options = sgs_render_options_default();
+    const sgsi_rays *rays;
+    sgsi_view view;
+    sgs_status status = sgsi_ray_cache_get(trainer->rays, &source->camera, &rays);
+    if (status)
+        return status;
+    sgsi_view_set(&view, rays, &source->pose, &options);
+    status = sgsi_tracer_project(trainer->tracer, trainer->model, &view, NULL, NULL);
+    if (!status)
+        status = sgsi_tracer_commit(trainer->tracer, true, SGSI_BVH_REFIT);
+    sample->build = sgsi_tracer_seconds(trainer->tracer).bvh_build;
+    trainer->structure_changed = false;
+    return status;
+}
+
+sgs_status sgs_bench_run(sgs_bench *bench, sgs_bench_sample *sample)
+{
+    *sample = (sgs_bench_sample){0};
+    sgs_bench_counts *counts = &bench->counts;
+    counts->gathered = counts->candidates = counts->evaluations = counts->elements =
+        counts->regathered = 0;
+    bench->trainer->bytes = (sgs_train_bytes){0};
+    sgs_status status = sgs_bench_build(bench, sample);
+    for (size_t v = 0; !status && v < bench->scene.view_count; ++v) {
+        status = sgs_bench_step(bench, sample);
+        sgs_bench_restore(bench);
+    }
+    if (status)
+        return status;
+    const double share = 1.0 / (double)bench->scene.view_count;
+    double *const means[] = {
+        &sample->refit,          &sample->gather,        &sample->forward,
+        &sample->backward,       &sample->loss,          &sample->optimizer,
+        &sample->iteration,      &sample->project,       &sample->reduce,
+        &counts->gathered,       &counts->candidates,    &counts->evaluations,
+        &counts->elements,       &counts->regathered,    &sample->serial,
+        &sample->waiting,        &counts->bytes.project, &counts->bytes.bvh,
+        &counts->bytes.gather,   &counts->bytes.forward, &counts->bytes.loss,
+        &counts->bytes.backward, &counts->bytes.reduce,  &counts->bytes.optimizer,
+        &counts->bytes.total,    &counts->bytes.bins};
+    counts->bytes = sgs_trainer_bytes(bench->trainer);
+    for (size_t i = 0; i < sizeof means / sizeof *means; ++i)
+        *means[i] *= share;
+    counts->bytes.iterations = 1.0;
+    counts->forward_flops = LANES * (counts->evaluations * RESPONSE_FLOPS +
+                                     counts->elements * (ALPHA_FLOPS + BLEND_FLOPS));
+    counts->backward_flops =
+        LANES * counts->elements * (RESPONSE_FLOPS + ALPHA_FLOPS + BLEND_FLOPS + GRADIENT_FLOPS);
+    counts->forward_l2_bytes = counts->evaluations * RECORD_BYTES;
+    counts->backward_l2_bytes = counts->elements * 3 * RECORD_BYTES; // the record, sums in and out
+    const sgsi_bvh *bvh = sgsi_tracer_bvh(bench->trainer->tracer);
+    counts->build_bytes = counts->primitives * sizeof(sgsi_bounds) + (double)sgsi_bvh_bytes(bvh);
+    return SGS_STATUS_OK;
+}
+
+sgs_bench_counts sgs_bench_counted(const sgs_bench *bench)
+{
+    return bench->counts;
+}
+
+double sgs_scaling_predict(const sgs_scaling *s, int cores, double memory_gbs)
+{
+    const double width = s->cores && s->cores < s->threads ? s->cores : s->threads;
+    const double work = (s->seconds - s->serial - s->waiting) * width;
+    const double binned = s->bins > 0.0 ? fmin(s->binned * width, work) : 0.0;
+    const double rounds = s->bins > 0.0 && cores > 0 ? ceil(s->bins / cores) / s->bins : 0.0;
+    const double streaming = memory_gbs > 0.0 ? s->bytes / (1e9 * memory_gbs) : 0.0;
+    const double shared = fmax((work - binned) / cores + binned * rounds, streaming);
+    return work > 0.0 && s->serial >= 0.0 && cores > 0 ? (s->serial + work) / (s->serial + shared)
+                                                       : 1.0;
+}

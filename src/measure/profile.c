@@ -1,0 +1,464 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// One view, drawn with every kind of tree; they take turns, so that a slow moment of the machine
+// hits them alike. What the trees cost comes from clocks and Embree's memory monitor; what they
+// answer from the tracer's counters; what was needed of it from the lists that the forward pass
+// keeps (only what hit a pixel stays in them). How far rays would go without the stop rule is asked
+// of single rays by brute force over the records.
+
+#include "sparegs/profile.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "bvh/bvh_cost.h"
+#include "base/core.h"
+#include "rays/rays.h"
+#include "base/threads.h"
+#include "trace/tracer.h"
+
+enum { SAMPLES_MAX = 4096 };
+
+const char *sgs_profile_kind_name(sgs_profile_kind kind)
+{
+    static const char *const names[SGS_PROFILE_KIND_COUNT] = {"low", "medium", "high", "refit",
+                                                              "aged"};
+    return (unsigned)kind < SGS_PROFILE_KIND_COUNT ? names[kind] : NULL;
+}
+
+sgs_profile_options sgs_profile_options_default(void)
+{
+    return (sgs_profile_options){
+        .render = sgs_render_options_default(), .refits = 100, .repeat = 3, .samples = 64};
+}
+
+static sgsi_bvh_quality quality_of(sgs_profile_kind kind)
+{
+    static const sgsi_bvh_quality qualities[SGS_PROFILE_KIND_COUNT] = {
+        SGSI_BVH_LOW, SGSI_BVH_MEDIUM, SGSI_BVH_HIGH, SGSI_BVH_REFIT, SGSI_BVH_REFIT};
+    return qualities[kind];
+}
+
+typedef struct profile_job {
+    const sgs_gaussians *model;
+    sgs_gaussians *young; // the model as many refits ago
+    const sgs_profile_options *options;
+    sgsi_rays *rays;
+    sgsi_view view;
+    sgsi_planes planes;
+    sgsi_tile_cost *costs;                 // [tiles]
+    float *block;                          // memory of the planes
+    float *guesses;                        // [tiles] depths that the guided gather starts from
+    double second[SGS_PROFILE_KIND_COUNT]; // second least gather
+    sgs_profile *out;
+} profile_job;
+
+static sgs_status copy_young(profile_job *job)
+{
+    const sgs_gaussians *model = job->model;
+    sgs_status status = sgs_gaussians_create(model->capacity, &job->young);
+    if (!status)
+        status = sgs_gaussians_resize(job->young, model->count);
+    if (status)
+        return status;
+    memcpy(job->young->data, model->data,
+           (model->count + SGS_LANES - 1) / SGS_LANES * SGS_LANES * SGS_PARAM_COUNT *
+               sizeof(float));
+    job->young->linear_opacity = model->linear_opacity;
+    const double way = job->options->step * sqrt((double)job->options->refits);
+    for (size_t i = 0; way > 0 && i < model->count; ++i)
+        for (int k = 0; k < 3; ++k)
+            *sgs_gaussians_at(job->young, i, SGS_PARAM_MEAN + k) +=
+                (float)(way *
+                        sgsi_random_normal(job->options->seed, 6 * (uint64_t)i + 2 * (uint64_t)k));
+    return SGS_STATUS_OK;
+}
+
+// Makes the tracer's tree one of the kind, ready to be asked for the view.
+static sgs_status make_tree(const profile_job *job, sgsi_tracer *tracer, sgs_profile_kind kind,
+                            sgs_profile_tree *tree)
+{
+    const sgs_gaussians *built = kind == SGS_PROFILE_AGED ? job->young : job->model;
+    sgs_status status = sgsi_tracer_project(tracer, built, &job->view, NULL, NULL);
+    if (!status)
+        status = sgsi_tracer_commit(tracer, true, quality_of(kind));
+    tree->build = fmin(tree->build, sgsi_tracer_seconds(tracer).bvh_build);
+    if (kind < SGS_PROFILE_REFIT || status)
+        return status;
+    status = sgsi_tracer_project(tracer, job->model, &job->view, NULL, NULL);
+    if (!status)
+        status = sgsi_tracer_commit(tracer, false, quality_of(kind));
+    tree->refit = fmin(tree->refit, sgsi_tracer_seconds(tracer).bvh_refit);
+    return status;
+}
+
+// Surface-area cost and overlap of all kinds. The tracer's tree no longer fits its boxes
+// afterwards.
+static sgs_status measure_costs(const profile_job *job, sgsi_tracer *tracer)
+{
+    const size_t count = job->model->count;
+    sgsi_bounds *now = sgsi_alloc(count ? count : 1, sizeof *now);
+    if (!now)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the boxes of %zu primitives",
+                         count);
+    memcpy(now, sgsi_tracer_bounds(tracer), count * sizeof *now);
+    sgs_status status = sgsi_tracer_project(tracer, job->young, &job->view, NULL, NULL);
+    for (int k = 0; !status && k < SGS_PROFILE_KIND_COUNT; ++k) {
+        const sgsi_bounds *built = k == SGS_PROFILE_AGED ? sgsi_tracer_bounds(tracer) : now;
+        sgsi_bvh_cost cost = {0};
+        status = sgsi_bvh_cost_measure(built, now, count, quality_of((sgs_profile_kind)k), &cost);
+        job->out->trees[k].cost = cost.cost;
+        job->out->trees[k].overlap = cost.overlap;
+    }
+    sgsi_free(now);
+    return status;
+}
+
+static void fill_maps(const profile_job *job, const sgsi_tracer *tracer)
+{
+    sgs_profile *out = job->out;
+    const sgsi_tile_list *lists = sgsi_tracer_lists(tracer);
+    for (int y = 0; y < out->height; ++y)
+        for (int x = 0; x < out->width; ++x) {
+            const size_t pixel = (size_t)y * (size_t)out->width + (size_t)x;
+            const sgsi_tile_list *list = &lists[y / SGSI_TILE * out->tiles_x + x / SGSI_TILE];
+            const int b = y % SGSI_TILE / 4 * 4 + x % SGSI_TILE / 4;
+            out->pixel_hits[pixel] = job->planes.hits[(size_t)y * job->planes.stride + (size_t)x];
+            out->pixel_elements[pixel] = (float)(list->block_begin[b + 1] - list->block_begin[b]);
+            out->hits += (double)out->pixel_hits[pixel];
+        }
+    for (int t = 0; t < out->tiles_x * out->tiles_y; ++t) {
+        out->tile_candidates[t] = (float)job->costs[t].candidates;
+        out->tile_evaluations[t] = (float)job->costs[t].evaluations;
+        out->listed += lists[t].count;
+        for (int b = 0; b < SGSI_BLOCKS; ++b)
+            out->rays += __builtin_popcount(job->rays->tiles[t].valid[b]);
+    }
+}
+
+// Distinct primitives with a hit, bin by bin.
+static sgs_status count_needed(const profile_job *job, const sgsi_tracer *tracer)
+{
+    const sgsi_rays *rays = job->rays;
+    const sgsi_tile_list *lists = sgsi_tracer_lists(tracer);
+    uint32_t *last =
+        sgsi_calloc(job->model->count + 1, sizeof *last); // bin of the last hit, plus one
+    if (!last)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to count the hits of %zu primitives",
+                         job->model->count);
+    for (int bin = 0; bin < rays->bins_x * rays->bins_y; ++bin)
+        for (int k = 0; k < rays->bin_tiles * rays->bin_tiles; ++k) {
+            const int tile = sgsi_bin_tile(rays, bin, k);
+            if (tile < 0)
+                continue;
+            const sgsi_tile_list *list = &lists[tile];
+            for (uint32_t i = 0; i < list->count; ++i) {
+                job->out->needed += last[list->ids[i]] != (uint32_t)bin + 1;
+                last[list->ids[i]] = (uint32_t)bin + 1;
+            }
+        }
+    sgsi_free(last);
+    return SGS_STATUS_OK;
+}
+
+// What the forward pass over the refittable tree did: counts and maps.
+static sgs_status note_pass(const profile_job *job, const sgsi_tracer *tracer)
+{
+    sgs_profile *out = job->out;
+    const sgsi_trace_counts counts = sgsi_tracer_counts(tracer);
+    out->callbacks = (double)counts.callbacks;
+    out->candidates = (double)counts.candidates;
+    out->block_tests = SGSI_BLOCKS * out->candidates;
+    out->evaluations = (double)counts.evaluations;
+    out->elements = (double)counts.elements;
+    fill_maps(job, tracer);
+    return count_needed(job, tracer);
+}
+
+static void note_gather(profile_job *job, sgs_profile_kind kind, double seconds)
+{
+    double *least = &job->out->trees[kind].gather, *second = &job->second[kind];
+    *second = fmin(*second, fmax(seconds, *least));
+    *least = fmin(*least, seconds);
+}
+
+// One repetition of a kind: its tree, the view without and with depth guesses.
+static sgs_status measure_kind(profile_job *job, sgsi_tracer *tracer, sgs_profile_kind kind,
+                               bool last)
+{
+    sgs_profile *out = job->out;
+    sgs_profile_tree *tree = &out->trees[kind];
+    const bool main_kind = kind == SGS_PROFILE_REFIT;
+    const size_t tiles = (size_t)out->tiles_x * (size_t)out->tiles_y;
+    sgs_status status = make_tree(job, tracer, kind, tree);
+    if (status)
+        return status;
+    tree->bytes = (double)sgsi_bvh_bytes(sgsi_tracer_bvh(tracer));
+    for (size_t t = 0; t < tiles; ++t)
+        job->guesses[t] = INFINITY;
+    sgsi_tracer_watch_tiles(tracer, main_kind ? job->costs : NULL);
+    status = sgsi_tracer_forward(tracer, &job->view, &job->planes, job->guesses, main_kind);
+    sgsi_tracer_watch_tiles(tracer, NULL);
+    const sgsi_trace_seconds seconds = sgsi_tracer_seconds(tracer);
+    note_gather(job, kind, seconds.gather * sgsi_threads());
+    tree->callbacks = (double)sgsi_tracer_counts(tracer).callbacks;
+    if (main_kind) {
+        out->forward = fmin(out->forward, seconds.forward * sgsi_threads());
+        for (size_t t = 0; t < tiles; ++t)
+            out->tile_seconds[t] = fminf(out->tile_seconds[t], job->costs[t].seconds);
+    }
+    if (!status && main_kind && last)
+        status = note_pass(job, tracer);
+    if (!status)
+        status = sgsi_tracer_forward(tracer, &job->view, &job->planes, job->guesses, false);
+    tree->guided_gather =
+        fmin(tree->guided_gather, sgsi_tracer_seconds(tracer).gather * sgsi_threads());
+    return status;
+}
+
+// Times are the least of what comes from now on.
+static void forget_times(profile_job *job)
+{
+    sgs_profile *out = job->out;
+    out->forward = INFINITY;
+    for (int t = 0; t < out->tiles_x * out->tiles_y; ++t)
+        out->tile_seconds[t] = INFINITY;
+    for (int k = 0; k < SGS_PROFILE_KIND_COUNT; ++k) {
+        sgs_profile_tree *tree = &out->trees[k];
+        tree->build = tree->gather = tree->guided_gather = job->second[k] = INFINITY;
+        tree->refit = k < SGS_PROFILE_REFIT ? 0 : INFINITY;
+    }
+}
+
+static sgs_status measure_kinds(profile_job *job)
+{
+    sgs_profile *out = job->out;
+    sgsi_tracer *tracer;
+    sgs_status status = sgsi_tracer_create(&tracer);
+    if (status)
+        return status;
+    const double before = (double)sgsi_bvh_bytes(sgsi_tracer_bvh(tracer));
+    status = measure_kind(job, tracer, SGS_PROFILE_LOW, false); // warms memory and caches up
+    forget_times(job);
+    for (int round = 1; round <= job->options->repeat; ++round)
+        for (int k = 0; !status && k < SGS_PROFILE_KIND_COUNT; ++k)
+            status = measure_kind(job, tracer, (sgs_profile_kind)k, round == job->options->repeat);
+    for (int k = 0; k < SGS_PROFILE_KIND_COUNT; ++k) {
+        out->trees[k].bytes -= before;
+        out->noise = fmax(
+            out->noise, isfinite(job->second[k]) ? job->second[k] / out->trees[k].gather - 1 : 0.1);
+    }
+    if (!status)
+        status = sgsi_tracer_project(tracer, job->model, &job->view, NULL, NULL);
+    if (!status)
+        status = measure_costs(job, tracer);
+    sgsi_tracer_destroy(tracer);
+    return status;
+}
+
+// ---- Single rays ----
+
+typedef struct ray_hit {
+    double t, alpha;
+} ray_hit;
+
+static int compare_hits(const void *a, const void *b)
+{
+    const double x = ((const ray_hit *)a)->t, y = ((const ray_hit *)b)->t;
+    return (x > y) - (x < y);
+}
+
+typedef struct sample_job {
+    const profile_job *profile;
+    const float *records;
+    int counted[SAMPLES_MAX], all[SAMPLES_MAX]; // -1: no ray at that pixel, or no memory
+    bool stopped[SAMPLES_MAX];
+} sample_job;
+
+// Direction in camera axes of the ray through a pixel; false where there is none.
+static bool pixel_direction(const profile_job *job, int x, int y, double d[3])
+{
+    const sgsi_tile_rays *tile =
+        &job->rays->tiles[y / SGSI_TILE * job->rays->tiles_x + x / SGSI_TILE];
+    const int b = y % SGSI_TILE / 4 * 4 + x % SGSI_TILE / 4, lane = y % 4 * 4 + x % 4;
+    for (int k = 0; k < 3; ++k)
+        d[k] = (double)tile->frame[k] + (double)(tile->u[b][lane] * tile->frame[3 + k]) +
+               (double)(tile->v[b][lane] * tile->frame[6 + k]);
+    return tile->valid[b] >> lane & 1;
+}
+
+// All hits of one ray by trace.h's formulas; then the stop rule over the sorted ones.
+static void follow_ray(void *context, size_t item, int thread)
+{
+    (void)thread;
+    sample_job *job = context;
+    const profile_job *profile = job->profile;
+    // Additive recurrence of the plastic number: evenly spread at any number of samples.
+    const int x = (int)(fmod(0.5 + 0.7548776662466927 * (double)item, 1.0) * profile->out->width);
+    const int y = (int)(fmod(0.5 + 0.5698402909980532 * (double)item, 1.0) * profile->out->height);
+    double d[3];
+    job->all[item] = -1;
+    if (!pixel_direction(profile, x, y, d))
+        return;
+    const double near_distance =
+        profile->options->render.near_distance / sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+    ray_hit *hits = NULL;
+    size_t count = 0, capacity = 0;
+    for (size_t i = 0; i < profile->model->count; ++i) {
+        const float *r = job->records + i * SGSI_RECORD;
+        if (!(r[SGSI_RECORD_LOG_OPACITY] > SGSI_UNTRACED))
+            continue;
+        double row[3];
+        for (int k = 0; k < 3; ++k)
+            row[k] =
+                (double)r[3 * k] * d[0] + (double)r[3 * k + 1] * d[1] + (double)r[3 * k + 2] * d[2];
+        const double n2 = row[0] * row[0] + row[1] * row[1];
+        const double g = n2 * (double)r[SGSI_RECORD_INV_KAPPA] + row[2] * row[2];
+        const double exponent = (double)r[SGSI_RECORD_LOG_OPACITY] - n2 / g,
+                     t = (double)r[SGSI_RECORD_DISTANCE] * row[2] / g;
+        if (!(exponent >= -(double)SGSI_LOG2_255 && t > near_distance))
+            continue;
+        if (count == capacity) {
+            const size_t more = capacity ? 2 * capacity : 256;
+            if (!sgsi_grow((void **)&hits, count, more, sizeof *hits)) {
+                sgsi_free(hits);
+                return;
+            }
+            capacity = more;
+        }
+        hits[count++] = (ray_hit){t, fmin(exp2(exponent), 0.99)};
+    }
+    if (count)
+        qsort(hits, count, sizeof *hits, compare_hits);
+    double through = 1.0;
+    size_t counted = 0;
+    while (counted < count && through * (1.0 - hits[counted].alpha) >= 1e-4)
+        through *= 1.0 - hits[counted++].alpha;
+    job->all[item] = (int)count;
+    job->counted[item] = (int)counted;
+    job->stopped[item] = counted < count;
+    sgsi_free(hits);
+}
+
+static sgs_status sample_rays(profile_job *job)
+{
+    const int samples = job->options->samples;
+    sample_job *sampling = sgsi_calloc(1, sizeof *sampling);
+    sgsi_tracer *tracer = NULL;
+    sgs_status status = sampling ? sgsi_tracer_create(&tracer)
+                                 : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to follow rays");
+    if (!status)
+        status = sgsi_tracer_project(tracer, job->model, &job->view, NULL, NULL);
+    if (sampling && !status) {
+        sampling->profile = job;
+        sampling->records = sgsi_tracer_records(tracer);
+        sgsi_parallel_for((size_t)samples, 1, follow_ray, sampling);
+        double rays = 0;
+        for (int i = 0; i < samples; ++i) {
+            if (sampling->all[i] < 0)
+                continue;
+            ++rays;
+            job->out->sampled_hits += sampling->counted[i];
+            job->out->sampled_hits_unstopped += sampling->all[i];
+            job->out->sampled_stopped += sampling->stopped[i];
+        }
+        double *const sums[] = {&job->out->sampled_hits, &job->out->sampled_hits_unstopped,
+                                &job->out->sampled_stopped};
+        for (int k = 0; k < 3; ++k)
+            *sums[k] = rays > 0 ? *sums[k] / rays : NAN;
+    }
+    sgsi_tracer_destroy(tracer);
+    sgsi_free(sampling);
+    return status;
+}
+
+// ---- The whole ----
+
+static sgs_status check_options(const sgs_profile_options *o)
+{
+    if (o->refits < 0 || o->repeat < 1 || o->samples < 0 || o->samples > SAMPLES_MAX ||
+        !(o->step >= 0))
+        return sgsi_fail(
+            SGS_STATUS_INVALID_ARGUMENT,
+            "a profile takes refits >= 0, repeat >= 1, 0 to %d samples and a step >= 0",
+            SAMPLES_MAX);
+    if (o->render.filter_3d)
+        return sgsi_fail(SGS_STATUS_UNSUPPORTED, "a profile takes models with the 3D filter in "
+                                                 "their scales, as PLY files have it");
+    if (o->render.compact_box != 1.0)
+        return sgsi_fail(SGS_STATUS_UNSUPPORTED,
+                         "a profile counts hits of whole supports; give --compact-box 1");
+    return SGS_STATUS_OK;
+}
+
+static sgs_status prepare(profile_job *job, const sgs_camera *camera, const sgs_pose *pose)
+{
+    sgs_profile *out = job->out;
+    sgs_status status = check_options(job->options);
+    if (!status)
+        status = sgsi_rays_create(camera, sgsi_bin_tiles(camera), &job->rays);
+    if (status)
+        return status;
+    sgsi_view_set(&job->view, job->rays, pose, &job->options->render);
+    *out = (sgs_profile){.width = camera->width,
+                         .height = camera->height,
+                         .tiles_x = job->rays->tiles_x,
+                         .tiles_y = job->rays->tiles_y,
+                         .primitives = (double)job->model->count};
+    const size_t pixels = (size_t)out->width * (size_t)out->height,
+                 tiles = (size_t)out->tiles_x * (size_t)out->tiles_y;
+    const size_t stride = ((size_t)out->width + 15) / 16 * 16, plane = stride * (size_t)out->height;
+    job->block = sgsi_calloc(5 * plane, sizeof(float));
+    job->costs = sgsi_calloc(tiles, sizeof *job->costs);
+    job->guesses = sgsi_calloc(tiles, sizeof *job->guesses);
+    out->pixel_hits = sgsi_calloc(2 * pixels + 3 * tiles, sizeof(float)); // all maps in one block
+    if (!job->block || !job->costs || !job->guesses || !out->pixel_hits)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the profile of %dx%d pixels",
+                         out->width, out->height);
+    out->pixel_elements = out->pixel_hits + pixels;
+    out->tile_candidates = out->pixel_elements + pixels;
+    out->tile_evaluations = out->tile_candidates + tiles;
+    out->tile_seconds = out->tile_evaluations + tiles;
+    job->planes = (sgsi_planes){.width = out->width,
+                                .height = out->height,
+                                .stride = stride,
+                                .color = {job->block, job->block + plane, job->block + 2 * plane},
+                                .transmittance = job->block + 3 * plane,
+                                .hits = job->block + 4 * plane};
+    return copy_young(job);
+}
+
+sgs_status sgs_profile_view(const sgs_gaussians *model, const sgs_camera *camera,
+                            const sgs_pose *pose, const sgs_profile_options *options,
+                            sgs_profile **profile)
+{
+    *profile = NULL;
+    profile_job job = {.model = model, .options = options, .out = sgsi_calloc(1, sizeof *job.out)};
+    if (!job.out)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a profile");
+    sgs_status status = prepare(&job, camera, pose);
+    if (!status)
+        status = measure_kinds(&job);
+    if (!status)
+        status = sample_rays(&job);
+    sgs_gaussians_destroy(job.young);
+    sgsi_rays_destroy(job.rays);
+    sgsi_free(job.block);
+    sgsi_free(job.costs);
+    sgsi_free(job.guesses);
+    if (status)
+        sgs_profile_destroy(job.out);
+    else
+        *profile = job.out;
+    return status;
+}
+
+void sgs_profile_destroy(sgs_profile *profile)
+{
+    if (!profile)
+        return;
+    sgsi_free(profile->pixel_hits);
+    sgsi_free(profile);
+}

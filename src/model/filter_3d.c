@@ -1,0 +1,126 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Mip-Splatting (Yu et al., 2024; specs of Mip-Splatting, section 1). A camera of focal length f
+// samples a primitive at depth z every z / f; what is finer than that is not in the photographs. f3
+// = sqrt(0.2) min z / F, the minimum over the training views that see the mean at z > 0.2 inside
+// the image and a margin of 15 %, F the largest focal length of all. Depth is z, or the distance
+// for fisheye lenses, whose margin is tested on the projected point; other lenses are tested as
+// pinholes, as in the original.
+
+#include "model/filter_3d.h"
+
+#include <math.h>
+
+#include "base/core.h"
+#include "base/threads.h"
+
+static const double depth_min = 0.2, margin = 0.15, variance = 0.2;
+
+typedef struct sampling_job {
+    const sgs_gaussians *model;
+    const sgs_scene *scene;
+    const size_t *views;
+    size_t view_count;
+    double focal;
+    float *filter_3d; // the nearest depth first, -1 where no view samples the primitive
+} sampling_job;
+
+static bool inside(double u, double v, const sgs_camera *camera)
+{
+    return u >= -margin * camera->width && u <= (1 + margin) * camera->width &&
+           v >= -margin * camera->height && v <= (1 + margin) * camera->height;
+}
+
+// Depth at which a view samples a point, or a negative number.
+static double sampled_depth(const sgs_view *view, const double mean[3])
+{
+    double p[3], fx, fy, cx, cy, pixel[2];
+    for (int row = 0; row < 3; ++row)
+        p[row] = view->pose.rotation[3 * row] * mean[0] +
+                 view->pose.rotation[3 * row + 1] * mean[1] +
+                 view->pose.rotation[3 * row + 2] * mean[2] + view->pose.translation[row];
+    if (sgs_camera_is_fisheye(view->camera.model)) {
+        const double distance = sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2]);
+        const bool seen = distance > depth_min && sgs_camera_project(&view->camera, p, pixel) &&
+                          inside(pixel[0], pixel[1], &view->camera);
+        return seen ? distance : -1.0;
+    }
+    if (!(p[2] > depth_min))
+        return -1.0;
+    sgs_camera_intrinsics(&view->camera, &fx, &fy, &cx, &cy);
+    return inside(fx * p[0] / p[2] + cx, fy * p[1] / p[2] + cy, &view->camera) ? p[2] : -1.0;
+}
+
+static void sample_range(void *context, size_t begin, size_t end, int thread)
+{
+    (void)thread;
+    const sampling_job *job = context;
+    for (size_t i = begin; i < end; ++i) {
+        double mean[3], nearest = -1.0;
+        for (int k = 0; k < 3; ++k)
+            mean[k] = (double)*sgs_gaussians_at(job->model, i, SGS_PARAM_MEAN + k);
+        for (size_t v = 0; v < job->view_count; ++v) {
+            const double depth = sampled_depth(&job->scene->views[job->views[v]], mean);
+            if (depth > 0.0 && (nearest < 0.0 || depth < nearest))
+                nearest = depth;
+        }
+        job->filter_3d[i] = (float)nearest;
+    }
+}
+
+void sgsi_filter_3d_compute(const sgs_gaussians *model, const sgs_scene *scene, const size_t *views,
+                            size_t view_count, float *filter_3d)
+{
+    sampling_job job = {model, scene, views, view_count, 0.0, filter_3d};
+    for (size_t v = 0; v < view_count; ++v) {
+        double fx, fy, cx, cy;
+        sgs_camera_intrinsics(&scene->views[views[v]].camera, &fx, &fy, &cx, &cy);
+        job.focal = fmax(job.focal, fx);
+    }
+    sgsi_parallel_ranges(model->count, 1024, sample_range, &job);
+    float farthest = 0.0f;
+    for (size_t i = 0; i < model->count; ++i)
+        farthest = fmaxf(farthest, filter_3d[i]);
+    const float scale = (float)(sqrt(variance) / job.focal);
+    for (size_t i = 0; i < model->count; ++i)
+        filter_3d[i] = (filter_3d[i] < 0.0f ? farthest : filter_3d[i]) * scale;
+}
+
+double sgsi_filter_3d_factor(const sgs_gaussians *model, size_t i, float filter_3d)
+{
+    double factor = 1.0;
+    for (int k = 0; k < 3; ++k) {
+        const double s = exp((double)*sgs_gaussians_at(model, i, SGS_PARAM_SCALE + k));
+        factor *= s / sqrt(s * s + (double)filter_3d * (double)filter_3d);
+    }
+    return factor;
+}
+
+sgs_status sgs_gaussians_fuse_filter_3d(const sgs_gaussians *model, const float *filter_3d,
+                                        sgs_gaussians **fused)
+{
+    sgs_status status = sgs_gaussians_create(model->count, fused);
+    if (!status)
+        status = sgs_gaussians_resize(*fused, model->count);
+    if (status) {
+        sgs_gaussians_destroy(*fused);
+        *fused = NULL;
+        return status;
+    }
+    (*fused)->sh_degree = model->sh_degree;
+    for (size_t i = 0; i < model->count; ++i) {
+        float p[SGS_PARAM_COUNT];
+        sgs_gaussians_get(model, i, p);
+        const double f2 = (double)filter_3d[i] * (double)filter_3d[i];
+        const double opacity = sgsi_filter_3d_factor(model, i, filter_3d[i]) /
+                               (1.0 + exp(-(double)sgs_gaussians_opacity_logit(model, i)));
+        const double held = fmin(fmax(opacity, 1e-12), 1.0 - 1e-7);
+        p[SGS_PARAM_OPACITY] = (float)log(held / (1.0 - held));
+        for (int k = 0; k < 3; ++k)
+            p[SGS_PARAM_SCALE + k] =
+                (float)(0.5 * log(exp(2.0 * (double)p[SGS_PARAM_SCALE + k]) + f2));
+        sgs_gaussians_set(*fused, i, p);
+    }
+    return SGS_STATUS_OK;
+}

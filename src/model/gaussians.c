@@ -1,0 +1,248 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// The model's storage, its 3DGS initialisation from a point cloud, and its digest.
+//
+// Storage is blocks of 16 rows (include/sparegs/gaussians.h). Rows behind the last one are kept
+// inert, so that a kernel may process whole blocks: an inert row has an opacity of 1e-13, below any
+// hit.
+//
+// Initialisation follows Kerbl et al., "3D Gaussian Splatting for Real-Time Radiance Field
+// Rendering", 2023, as its code does it: the scale is the root of the mean squared distance to the
+// three nearest others. The distances are exact and in double (the original's are float).
+
+#include "sparegs/gaussians.h"
+
+#include <math.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <string.h>
+
+#define XXH_INLINE_ALL
+#include <xxhash.h>
+
+#include "base/core.h"
+#include "model/knn.h"
+#include "base/threads.h"
+
+static const float INERT_OPACITY_LOGIT = -30.0f;
+static const float INERT_LOG_SCALE = -20.0f;
+static const double SH_C0 = 0.28209479177387814;
+static const double SMALLEST_SQUARED_DISTANCE = 1e-7; // in scenes of extent 1 and more
+static const double FALLBACK_OF_EXTENT = 0.01;
+
+enum { INIT_GRAIN = 4096 };
+static const size_t MOST_PRIMITIVES = (size_t)INT32_MAX - 15; // ids are 32 bit, some of them signed
+
+typedef struct inert_rows {
+    sgs_gaussians *model;
+    size_t first;
+} inert_rows;
+
+static void inert_range(void *context, size_t begin, size_t end, int thread)
+{
+    (void)thread;
+    const inert_rows *rows = context;
+    float params[SGS_PARAM_COUNT] = {0};
+    params[SGS_PARAM_ROTATION] = 1.0f;
+    for (int k = 0; k < 3; ++k)
+        params[SGS_PARAM_SCALE + k] = INERT_LOG_SCALE;
+    params[SGS_PARAM_OPACITY] = rows->model->linear_opacity ? 0.0f : INERT_OPACITY_LOGIT;
+    for (size_t i = begin; i < end; ++i)
+        sgs_gaussians_set(rows->model, rows->first + i, params);
+}
+
+// By all threads, whose memory the pages are then spread over.
+static void make_inert(sgs_gaussians *model, size_t begin, size_t end)
+{
+    inert_rows rows = {model, begin};
+    sgsi_parallel_ranges(end - begin, INIT_GRAIN, inert_range, &rows);
+}
+
+sgs_status sgs_gaussians_create(size_t capacity, sgs_gaussians **model)
+{
+    *model = NULL;
+    sgs_gaussians *fresh = sgsi_calloc(1, sizeof *fresh);
+    if (!fresh)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a model");
+    fresh->sh_degree = 3;
+    const sgs_status status = sgs_gaussians_reserve(fresh, capacity ? capacity : SGS_LANES);
+    if (status) {
+        sgsi_free(fresh);
+        return status;
+    }
+    *model = fresh;
+    return SGS_STATUS_OK;
+}
+
+void sgs_gaussians_destroy(sgs_gaussians *model)
+{
+    if (!model)
+        return;
+    sgsi_free(model->data);
+    sgsi_free(model);
+}
+
+sgs_status sgs_gaussians_reserve(sgs_gaussians *model, size_t capacity)
+{
+    // NOLINTNEXTLINE(clang-analyzer-core.NullDereference): a failed create does not get here
+    if (capacity <= model->capacity)
+        return SGS_STATUS_OK;
+    if (capacity > MOST_PRIMITIVES)
+        return sgsi_fail(SGS_STATUS_LIMIT,
+                         "%zu primitives are more than the %zu that a model can hold", capacity,
+                         MOST_PRIMITIVES);
+    const size_t blocks = (capacity + SGS_LANES - 1) / SGS_LANES;
+    void *data = model->data;
+    if (!sgsi_grow(&data, model->capacity / SGS_LANES, blocks,
+                   sizeof(float) * SGS_PARAM_COUNT * SGS_LANES))
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                         "no memory for %zu primitives; lower --max-gaussians", capacity);
+    const size_t old = model->capacity;
+    model->data = data;
+    model->capacity = blocks * SGS_LANES;
+    make_inert(model, old, model->capacity);
+    return SGS_STATUS_OK;
+}
+
+sgs_status sgs_gaussians_resize(sgs_gaussians *model, size_t count)
+{
+    const sgs_status status = sgs_gaussians_reserve(model, count);
+    if (status)
+        return status;
+    // The rows that come or go: either way they are inert afterwards.
+    const size_t low = count < model->count ? count : model->count;
+    const size_t high = count < model->count ? model->count : count;
+    make_inert(model, low, high);
+    model->count = count;
+    return SGS_STATUS_OK;
+}
+
+void sgs_gaussians_get(const sgs_gaussians *model, size_t i, float params[59])
+{
+    const float *column = sgs_gaussians_at(model, i, 0);
+    for (int k = 0; k < SGS_PARAM_COUNT; ++k)
+        params[k] = column[k * SGS_LANES];
+}
+
+void sgs_gaussians_set(sgs_gaussians *model, size_t i, const float params[59])
+{
+    float *column = sgs_gaussians_at(model, i, 0);
+    for (int k = 0; k < SGS_PARAM_COUNT; ++k)
+        column[k * SGS_LANES] = params[k];
+}
+
+typedef struct init_loop {
+    const float *points;
+    const unsigned char *colors;
+    const double *distances;
+    double fallback_scale, least_squared;
+    sgs_gaussians *model;
+} init_loop;
+
+static void init_range(void *context, size_t begin, size_t end, int thread)
+{
+    (void)thread;
+    const init_loop *loop = context;
+    const float opacity = (float)log(0.1 / 0.9);
+    for (size_t i = begin; i < end; ++i) {
+        float params[SGS_PARAM_COUNT] = {0};
+        double sum = 0.0;
+        int found = 0;
+        for (int k = 0; k < SGSI_KNN_NEIGHBOURS; ++k) {
+            const double d = loop->distances[i * SGSI_KNN_NEIGHBOURS + (size_t)k];
+            if (isfinite(d)) {
+                sum += d;
+                ++found;
+            }
+        }
+        const double mean = found ? sum / found : loop->fallback_scale * loop->fallback_scale;
+        const double squared = mean > loop->least_squared ? mean : loop->least_squared;
+        for (int k = 0; k < 3; ++k) {
+            params[SGS_PARAM_MEAN + k] = loop->points[3 * i + (size_t)k];
+            params[SGS_PARAM_SCALE + k] = (float)(0.5 * log(squared));
+            params[SGS_PARAM_SH_DC + k] =
+                (float)((loop->colors[3 * i + (size_t)k] / 255.0 - 0.5) / SH_C0);
+        }
+        params[SGS_PARAM_ROTATION] = 1.0f;
+        params[SGS_PARAM_OPACITY] = opacity;
+        sgs_gaussians_set(loop->model, i, params);
+    }
+}
+
+sgs_status sgs_gaussians_init_points(const float *points, const unsigned char *colors, size_t n,
+                                     double fallback_scale, sgs_gaussians **model)
+{
+    *model = NULL;
+    for (size_t i = 0; i < 3 * n; ++i) {
+        if (!isfinite(points[i]))
+            return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                             "point %zu of the initial cloud is not finite; drop it", i / 3);
+    }
+    if (n == 1 && !(fallback_scale > 0.0 && isfinite(fallback_scale)))
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                         "a cloud of one point needs a positive scale, not %g", fallback_scale);
+    double *distances = sgsi_alloc(n, sizeof *distances * SGSI_KNN_NEIGHBOURS);
+    if (!distances)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for an initial cloud of %zu points",
+                         n);
+    sgs_gaussians *fresh = NULL;
+    sgs_status status = sgsi_knn(points, n, distances);
+    if (!status)
+        status = sgs_gaussians_create(n, &fresh);
+    if (!status)
+        status = sgs_gaussians_resize(fresh, n);
+    if (status) {
+        sgs_gaussians_destroy(fresh);
+        sgsi_free(distances);
+        return status;
+    }
+    const double extent = fallback_scale > 0.0 ? fallback_scale / FALLBACK_OF_EXTENT : 1.0;
+    const double least = SMALLEST_SQUARED_DISTANCE * fmin(1.0, extent * extent);
+    init_loop loop = {points, colors, distances, fallback_scale, least, fresh};
+    sgsi_parallel_ranges(n, INIT_GRAIN, init_range, &loop);
+    sgsi_free(distances);
+    *model = fresh;
+    return SGS_STATUS_OK;
+}
+
+float sgs_gaussians_opacity_logit(const sgs_gaussians *model, size_t i)
+{
+    const float x = *sgs_gaussians_at(model, i, SGS_PARAM_OPACITY);
+    if (!model->linear_opacity)
+        return x;
+    const double opacity = fmin(fmax(fabs((double)x), 1e-13), 1.0 - 1e-6);
+    return (float)log(opacity / (1.0 - opacity));
+}
+
+void sgs_gaussians_linearize_opacity(sgs_gaussians *model)
+{
+    for (size_t i = 0; i < model->capacity && !model->linear_opacity; ++i) {
+        float *x = sgs_gaussians_at(model, i, SGS_PARAM_OPACITY);
+        *x = (float)(1.0 / (1.0 + exp(-(double)*x)));
+    }
+    model->linear_opacity = true;
+}
+
+void sgs_gaussians_declare_linear_opacity(sgs_gaussians *model)
+{
+    model->linear_opacity = true;
+    make_inert(model, model->count, model->capacity);
+}
+
+// XXH3 with 64 bits over count, degree and the rows one after another, so that capacity and blocks
+// do not matter.
+void sgs_gaussians_hash(const sgs_gaussians *model, char hex[17])
+{
+    XXH3_state_t state;
+    XXH3_64bits_reset(&state);
+    const uint64_t head[2] = {model->count, (uint64_t)model->sh_degree};
+    XXH3_64bits_update(&state, head, sizeof head);
+    for (size_t i = 0; i < model->count; ++i) {
+        float params[SGS_PARAM_COUNT];
+        sgs_gaussians_get(model, i, params);
+        params[SGS_PARAM_OPACITY] = sgs_gaussians_opacity_logit(model, i);
+        XXH3_64bits_update(&state, params, sizeof params);
+    }
+    snprintf(hex, 17, "%016llx", (unsigned long long)XXH3_64bits_digest(&state));
+}

@@ -1,0 +1,225 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Exact three nearest neighbours by a balanced kd-tree (Friedman, Bentley, Finkel, "An Algorithm
+// for Finding Best Matches in Logarithmic Expected Time", 1977), with tight boxes instead of split
+// planes.
+//
+// The tree is implicit: it is complete, node k of level d owns the points [n k / 2^d, n (k+1) /
+// 2^d), so only boxes are stored. A level is built by a parallel loop over its nodes: each finds
+// its box and partitions its points about the median along the longest side. Cutting by rank and
+// not by place keeps O(n log n) for clusters, for a far outlier and for duplicates, which spoil a
+// grid or a Morton order.
+//
+// Exact also in floating point: a box's distance is computed with the operations of a point's
+// distance in the same order, and rounding is monotonic, so the box's number is never above that of
+// a point inside.
+
+#include "model/knn.h"
+
+#include <math.h>
+#include <stdint.h>
+
+#include "base/core.h"
+#include "base/threads.h"
+
+enum { LEAF_POINTS = 8, MAX_LEVELS = 32, QUERY_GRAIN = 1024 };
+
+typedef struct tree_point {
+    float position[3];
+    uint32_t index;
+} tree_point;
+
+typedef struct tree_box {
+    float low[3], high[3];
+} tree_box;
+
+typedef struct tree {
+    size_t count;
+    int levels;         // the leaves are at this level; the root is level 0
+    tree_point *points; // in leaf order after the build
+    tree_box *boxes;    // node k of level d is boxes[2^d + k]
+    double *distances;
+} tree;
+
+typedef struct tree_level {
+    tree *owner;
+    int level;
+} tree_level;
+
+static size_t node_begin(const tree *t, int level, size_t node)
+{
+    return (size_t)(((uint64_t)t->count * node) >> level); // count < 2^32, node <= 2^30
+}
+
+static void swap_points(tree_point *a, tree_point *b)
+{
+    const tree_point kept = *a;
+    *a = *b;
+    *b = kept;
+}
+
+// Quickselect with three-way partition and hashed pivots (no input makes it quadratic but by
+// chance). Afterwards points[begin, rank) <= points[rank, end) along `axis`.
+static void select_rank(tree_point *points, size_t begin, size_t end, size_t rank, int axis)
+{
+    for (uint64_t round = 0; end - begin > 1; ++round) {
+        const size_t chosen =
+            begin + (size_t)(sgsi_random_bits(end - begin, round) % (end - begin));
+        const float pivot = points[chosen].position[axis];
+        size_t below = begin, at = begin, above = end;
+        while (at < above) {
+            const float value = points[at].position[axis];
+            if (value < pivot)
+                swap_points(&points[below++], &points[at++]);
+            else if (value > pivot)
+                swap_points(&points[--above], &points[at]);
+            else
+                ++at;
+        }
+        if (rank < below)
+            end = below;
+        else if (rank >= above)
+            begin = above;
+        else
+            return;
+    }
+}
+
+static void build_node(void *context, size_t node, int thread)
+{
+    (void)thread;
+    const tree_level *level = context;
+    tree *t = level->owner;
+    const size_t begin = node_begin(t, level->level, node);
+    const size_t end = node_begin(t, level->level, node + 1);
+    tree_box box = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
+    for (size_t i = begin; i < end; ++i) {
+        for (int axis = 0; axis < 3; ++axis) {
+            const float value = t->points[i].position[axis];
+            box.low[axis] = value < box.low[axis] ? value : box.low[axis];
+            box.high[axis] = value > box.high[axis] ? value : box.high[axis];
+        }
+    }
+    t->boxes[((size_t)1 << level->level) + node] = box;
+    if (level->level == t->levels)
+        return;
+    int longest = 0;
+    double length = -1.0;
+    for (int axis = 0; axis < 3; ++axis) {
+        const double side = (double)box.high[axis] - box.low[axis];
+        if (side > length) {
+            length = side;
+            longest = axis;
+        }
+    }
+    select_rank(t->points, begin, end, node_begin(t, level->level + 1, 2 * node + 1), longest);
+}
+
+static double squared_distance(const float a[3], const float b[3])
+{
+    const double x = (double)a[0] - b[0], y = (double)a[1] - b[1], z = (double)a[2] - b[2];
+    return x * x + y * y + z * z;
+}
+
+static double box_distance(const tree_box *box, const float p[3])
+{
+    double side[3];
+    for (int axis = 0; axis < 3; ++axis) {
+        const double under = (double)box->low[axis] - p[axis],
+                     over = (double)p[axis] - box->high[axis];
+        const double outside = under > over ? under : over;
+        side[axis] = outside > 0.0 ? outside : 0.0;
+    }
+    return side[0] * side[0] + side[1] * side[1] + side[2] * side[2];
+}
+
+static void search_leaf(const tree *t, size_t node, const tree_point *query, double best[3])
+{
+    const size_t end = node_begin(t, t->levels, node + 1);
+    for (size_t i = node_begin(t, t->levels, node); i < end; ++i) {
+        const double d = squared_distance(query->position, t->points[i].position);
+        if (d >= best[2] || t->points[i].index == query->index)
+            continue;
+        best[2] = d < best[1] ? best[1] : d;
+        best[1] = d < best[0] ? best[0] : d < best[1] ? d : best[1];
+        best[0] = d < best[0] ? d : best[0];
+    }
+}
+
+typedef struct visit {
+    double distance;
+    size_t node; // numbered as tree.boxes
+    int level;
+} visit;
+
+static void search(const tree *t, const tree_point *query, double best[3])
+{
+    visit stack[MAX_LEVELS + 2]; // a level leaves at most its farther child behind
+    int depth = 0;
+    stack[depth++] = (visit){0.0, 1, 0};
+    while (depth) {
+        const visit at = stack[--depth];
+        if (at.distance >= best[2])
+            continue;
+        if (at.level == t->levels) {
+            search_leaf(t, at.node - ((size_t)1 << at.level), query, best);
+            continue;
+        }
+        visit near = {box_distance(&t->boxes[2 * at.node], query->position), 2 * at.node,
+                      at.level + 1};
+        visit far = {box_distance(&t->boxes[2 * at.node + 1], query->position), 2 * at.node + 1,
+                     at.level + 1};
+        if (far.distance < near.distance) {
+            const visit kept = near;
+            near = far;
+            far = kept;
+        }
+        stack[depth++] = far;
+        stack[depth++] = near;
+    }
+}
+
+static void search_range(void *context, size_t begin, size_t end, int thread)
+{
+    (void)thread;
+    const tree *t = context;
+    for (size_t i = begin; i < end; ++i) {
+        double best[3] = {INFINITY, INFINITY, INFINITY};
+        search(t, &t->points[i], best);
+        for (int k = 0; k < SGSI_KNN_NEIGHBOURS; ++k)
+            t->distances[(size_t)t->points[i].index * SGSI_KNN_NEIGHBOURS + (size_t)k] = best[k];
+    }
+}
+
+sgs_status sgsi_knn(const float *points, size_t n, double *distances)
+{
+    if (!n)
+        return SGS_STATUS_OK;
+    if (n >= UINT32_MAX)
+        return sgsi_fail(SGS_STATUS_LIMIT,
+                         "a cloud of %zu points is too large; at most 4294967294 are accepted", n);
+    tree t = {.count = n, .distances = distances};
+    while (((n - 1) >> t.levels) + 1 > LEAF_POINTS)
+        ++t.levels;
+    t.points = sgsi_alloc(n, sizeof *t.points);
+    t.boxes = sgsi_alloc((size_t)2 << t.levels, sizeof *t.boxes);
+    if (!t.points || !t.boxes) {
+        sgsi_free(t.points);
+        sgsi_free(t.boxes);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                         "no memory for the neighbour search over %zu points", n);
+    }
+    for (size_t i = 0; i < n; ++i)
+        t.points[i] =
+            (tree_point){{points[3 * i], points[3 * i + 1], points[3 * i + 2]}, (uint32_t)i};
+    for (int level = 0; level <= t.levels; ++level) {
+        tree_level context = {&t, level};
+        sgsi_parallel_for((size_t)1 << level, level > 8 ? (size_t)1 << (level - 8) : 1, build_node,
+                          &context);
+    }
+    sgsi_parallel_ranges(n, QUERY_GRAIN, search_range, &t);
+    sgsi_free(t.points);
+    sgsi_free(t.boxes);
+    return SGS_STATUS_OK;
+}

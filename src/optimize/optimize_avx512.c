@@ -1,0 +1,10 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// The kernel template for avx512.
+
+#ifdef SGSI_X86
+#define SGSI_ISA 2
+#include "simd/simd.h"
+#include "optimize/kernel_optimize.inl"
+#endif

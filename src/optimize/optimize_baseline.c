@@ -1,0 +1,8 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// The kernel template for baseline.
+
+#define SGSI_ISA 0
+#include "simd/simd.h"
+#include "optimize/kernel_optimize.inl"

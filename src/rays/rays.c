@@ -1,0 +1,394 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Ray tables. Every pixel's direction comes from sgs_camera_unproject, so any central camera works;
+// a bin of tiles writes its directions on the tangent plane through its own centre, where
+// neighbouring pixels differ by small, exactly spaced numbers whatever the lens.
+
+#include "rays/rays.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "base/core.h"
+#include "base/threads.h"
+
+typedef struct direction_map {
+    const sgs_camera *camera;
+    float (*directions)[3]; // [height * width]; NaN where the lens has no ray
+} direction_map;
+
+static void unproject_row(void *context, size_t y, int thread)
+{
+    (void)thread;
+    const direction_map *map = context;
+    for (int x = 0; x < map->camera->width; ++x) {
+        float *out = map->directions[y * (size_t)map->camera->width + (size_t)x];
+        double d[3];
+        const bool valid =
+            sgs_camera_unproject(map->camera, (double[2]){x + 0.5, (double)y + 0.5}, d);
+        for (int k = 0; k < 3; ++k)
+            out[k] = valid ? (float)d[k] : NAN;
+    }
+}
+
+static void normalize(float v[3])
+{
+    const float length = sqrtf(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+    for (int k = 0; k < 3; ++k)
+        v[k] /= length;
+}
+
+static float dot(const float a[3], const float b[3])
+{
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+// Adds up the directions of a pixel rectangle (clipped to the image). Returns how many there are.
+static int sum_directions(const direction_map *map, int x0, int y0, int size, float sum[3])
+{
+    int count = 0;
+    sum[0] = sum[1] = sum[2] = 0.0f;
+    for (int y = y0; y < y0 + size && y < map->camera->height; ++y) {
+        for (int x = x0; x < x0 + size && x < map->camera->width; ++x) {
+            const float *d = map->directions[(size_t)y * (size_t)map->camera->width + (size_t)x];
+            if (isnan(d[0]))
+                continue;
+            for (int k = 0; k < 3; ++k)
+                sum[k] += d[k];
+            ++count;
+        }
+    }
+    return count;
+}
+
+// 1 - cos of the widest angle between the axis and a pixel of the rectangle, from the chord: in
+// single precision the cosine itself would lose narrow cones.
+static float widest_versine(const direction_map *map, int x0, int y0, int width, int height,
+                            const float axis[3])
+{
+    float versine = 0.0f;
+    for (int y = y0; y < y0 + height && y < map->camera->height; ++y) {
+        for (int x = x0; x < x0 + width && x < map->camera->width; ++x) {
+            const float *d = map->directions[(size_t)y * (size_t)map->camera->width + (size_t)x];
+            const float chord[3] = {d[0] - axis[0], d[1] - axis[1], d[2] - axis[2]};
+            const float v = 0.5f * dot(chord, chord);
+            if (v > versine) // false for NaN
+                versine = v;
+        }
+    }
+    return versine;
+}
+
+// e1, e2 orthogonal to d0; e1 as close to the camera's x axis as possible (to z for sideways
+// tiles).
+static void complete_frame(float frame[9])
+{
+    const float *d0 = frame;
+    const float seed[3] = {fabsf(d0[0]) < 0.9f ? 1.0f : 0.0f, 0.0f,
+                           fabsf(d0[0]) < 0.9f ? 0.0f : 1.0f};
+    const float along = dot(seed, d0);
+    for (int k = 0; k < 3; ++k)
+        frame[3 + k] = seed[k] - along * d0[k];
+    normalize(frame + 3);
+    frame[6] = d0[1] * frame[5] - d0[2] * frame[4];
+    frame[7] = d0[2] * frame[3] - d0[0] * frame[5];
+    frame[8] = d0[0] * frame[4] - d0[1] * frame[3];
+}
+
+typedef struct plane_range {
+    float low[2], high[2]; // of u and v
+} plane_range;
+
+static const plane_range empty_range = {{INFINITY, INFINITY}, {-INFINITY, -INFINITY}};
+
+static void widen_range(plane_range *range, const float low[2], const float high[2])
+{
+    for (int k = 0; k < 2; ++k) {
+        range->low[k] = fminf(range->low[k], low[k]);
+        range->high[k] = fmaxf(range->high[k], high[k]);
+    }
+}
+
+// Centre and half extent of a range. An empty one has less than none: no test lets anything in.
+static void center_range(const plane_range *range, int k, float *center, float *half)
+{
+    const bool any = range->low[k] <= range->high[k];
+    *center = any ? 0.5f * (range->low[k] + range->high[k]) : 0.0f;
+    *half = any ? 0.5f * (range->high[k] - range->low[k]) * 1.00001f : -INFINITY;
+}
+
+// False when the cosine between a ray and the frame's axis is below `least`: it has no good place
+// on the tangent plane.
+static bool fill_block(const direction_map *map, sgsi_tile_rays *tile, int b, float least,
+                       plane_range *tile_range)
+{
+    bool complete = true;
+    plane_range range = empty_range;
+    tile->valid[b] = 0;
+    for (int i = 0; i < 16; ++i) {
+        const int x = tile->x + 4 * (b % 4) + i % 4, y = tile->y + 4 * (b / 4) + i / 4;
+        tile->u[b][i] = tile->v[b][i] = 0.0f;
+        if (x >= map->camera->width || y >= map->camera->height)
+            continue;
+        const float *d = map->directions[(size_t)y * (size_t)map->camera->width + (size_t)x];
+        const float along = dot(d, tile->frame);
+        if (isnan(d[0]))
+            continue;
+        if (!(along > least)) {
+            complete = false;
+            continue;
+        }
+        const float uv[2] = {dot(d, tile->frame + 3) / along, dot(d, tile->frame + 6) / along};
+        widen_range(&range, uv, uv);
+        tile->least_length = fminf(tile->least_length, sqrtf(1.0f + uv[0] * uv[0] + uv[1] * uv[1]));
+        tile->u[b][i] = uv[0];
+        tile->v[b][i] = uv[1];
+        tile->valid[b] |= (uint16_t)(1u << i);
+    }
+    center_range(&range, 0, &tile->block_u[b], &tile->block_half_u[b]);
+    center_range(&range, 1, &tile->block_v[b], &tile->block_half_v[b]);
+    tile->widest_u = fmaxf(tile->widest_u, tile->block_half_u[b]);
+    tile->widest_v = fmaxf(tile->widest_v, tile->block_half_v[b]);
+    widen_range(tile_range, range.low, range.high);
+    return complete;
+}
+
+static bool fill_tile(const direction_map *map, sgsi_tile_rays *tile, float least)
+{
+    bool complete = true;
+    plane_range range = empty_range;
+    tile->widest_u = tile->widest_v = 0.0f;
+    tile->least_length = INFINITY;
+    for (int b = 0; b < SGSI_BLOCKS; ++b)
+        complete = fill_block(map, tile, b, least, &range) && complete;
+    center_range(&range, 0, &tile->center_u, &tile->half_u);
+    center_range(&range, 1, &tile->center_v, &tile->half_v);
+    return complete;
+}
+
+// The tiles of all bins of bin_tiles x bin_tiles. False when one sees too much for its frame: a
+// tile more than its tangent plane can hold, a larger bin more than 60 degrees to a side, where
+// rectangles of (u, v) tell little.
+static bool fill_tiles(sgsi_rays *rays, const direction_map *map, int bin_tiles)
+{
+    const float least = bin_tiles > 1 ? 0.5f : 0.05f;
+    for (int y = 0; y < rays->tiles_y; ++y)
+        for (int x = 0; x < rays->tiles_x; ++x) {
+            sgsi_tile_rays *tile = &rays->tiles[y * rays->tiles_x + x];
+            tile->x = x * SGSI_TILE;
+            tile->y = y * SGSI_TILE;
+            const int corner_x = x % bin_tiles, corner_y = y % bin_tiles; // of the tile in its bin
+            if (corner_x || corner_y) {
+                const sgsi_tile_rays *first = tile - corner_y * rays->tiles_x - corner_x;
+                memcpy(tile->frame, first->frame, sizeof tile->frame);
+            } else {
+                memset(tile->frame, 0, sizeof tile->frame);
+                if (sum_directions(map, tile->x, tile->y, bin_tiles * SGSI_TILE, tile->frame))
+                    normalize(tile->frame);
+                else
+                    tile->frame[2] = 1.0f;
+                complete_frame(tile->frame);
+            }
+            if (!fill_tile(map, tile, least))
+                return false;
+        }
+    return true;
+}
+
+// Beyond 87 degrees a tangent of 20 stands in: boxes dilated by 20 times their farthest distance
+// hold the origin.
+static float cone_tangent(float versine)
+{
+    const float widened = fminf(versine * 1.0001f + 1e-12f, 0.95f);
+    return sqrtf(widened * (2.0f - widened)) / (1.0f - widened);
+}
+
+static void fill_bin(sgsi_rays *rays, const direction_map *map, int bin)
+{
+    const int size = rays->bin_tiles * SGSI_TILE, step = size / 4;
+    const int x0 = bin % rays->bins_x * size, y0 = bin / rays->bins_x * size;
+    rays->bin_valid[bin] = 0;
+    for (int i = 0; i < 16; ++i) {
+        const int x = x0 + i % 4 * step, y = y0 + i / 4 * step;
+        float direction[3];
+        if (!sum_directions(map, x, y, step, direction)) {
+            for (int k = 0; k < 3; ++k)
+                rays->bin_directions[bin][k][i] = k == 2 ? 1.0f : 0.0f;
+            continue;
+        }
+        if (!(dot(direction, direction) > 1e-6f)) // rays all around: any axis will do
+            direction[2] = 1.0f;
+        normalize(direction);
+        rays->bin_valid[bin] |= 1u << i;
+        for (int k = 0; k < 3; ++k)
+            rays->bin_directions[bin][k][i] = direction[k];
+        rays->tan_cone =
+            fmaxf(rays->tan_cone, cone_tangent(widest_versine(map, x, y, step, step, direction)));
+    }
+}
+
+static void fill_image_cone(sgsi_rays *rays, const direction_map *map)
+{
+    float axis[3] = {0.0f, 0.0f, 0.0f};
+    for (int bin = 0; bin < rays->bins_x * rays->bins_y; ++bin)
+        for (int i = 0; i < 16; ++i)
+            for (int k = 0; k < 3; ++k)
+                if (rays->bin_valid[bin] >> i & 1)
+                    axis[k] += rays->bin_directions[bin][k][i];
+    if (!(dot(axis, axis) > 1e-6f))
+        axis[2] = 1.0f;
+    normalize(axis);
+    const float cosine =
+        1.0f - widest_versine(map, 0, 0, map->camera->width, map->camera->height, axis) - 1e-4f;
+    memcpy(rays->axis, axis, sizeof axis);
+    rays->cone_cos = fmaxf(cosine, -1.0f);
+    rays->cone_sin = sqrtf(fmaxf(0.0f, 1.0f - rays->cone_cos * rays->cone_cos));
+}
+
+sgs_status sgsi_rays_create(const sgs_camera *camera, int bin_tiles, sgsi_rays **rays)
+{
+    *rays = NULL;
+    const sgs_status status = sgs_camera_validate(camera);
+    if (status)
+        return status;
+    sgsi_rays *made = sgsi_calloc(1, sizeof *made);
+    direction_map map = {
+        camera, sgsi_alloc((size_t)camera->width * (size_t)camera->height, sizeof *map.directions)};
+    if (!made || !map.directions)
+        goto out_of_memory;
+    made->camera = *camera;
+    made->tiles_x = (camera->width + SGSI_TILE - 1) / SGSI_TILE;
+    made->tiles_y = (camera->height + SGSI_TILE - 1) / SGSI_TILE;
+    made->fisheye = sgs_camera_is_fisheye(camera->model);
+    double fx, fy, cx, cy;
+    sgs_camera_intrinsics(camera, &fx, &fy, &cx, &cy);
+    made->fx = (float)fx, made->fy = (float)fy, made->cx = (float)cx, made->cy = (float)cy;
+    made->focal = (float)sqrt(fx * fy);
+    made->tiles = sgsi_calloc((size_t)made->tiles_x * (size_t)made->tiles_y, sizeof *made->tiles);
+    if (!made->tiles)
+        goto out_of_memory;
+    sgsi_parallel_for((size_t)camera->height, 8, unproject_row, &map);
+    bin_tiles = bin_tiles < SGSI_BIN_SIDE ? bin_tiles : SGSI_BIN_SIDE;
+    while (bin_tiles && !fill_tiles(made, &map, bin_tiles))
+        bin_tiles /= 2;
+    if (!bin_tiles) {
+        sgsi_free(map.directions);
+        sgsi_rays_destroy(made);
+        return sgsi_fail(
+            SGS_STATUS_UNSUPPORTED,
+            "the %dx%d image is too small for its lens: %d pixels see more than 174 degrees",
+            camera->width, camera->height, SGSI_TILE);
+    }
+    const int bin = bin_tiles * SGSI_TILE;
+    made->bin_tiles = bin_tiles;
+    made->bins_x = (camera->width + bin - 1) / bin;
+    made->bins_y = (camera->height + bin - 1) / bin;
+    const size_t bin_count = (size_t)made->bins_x * (size_t)made->bins_y;
+    made->bin_directions = sgsi_calloc(bin_count, sizeof *made->bin_directions);
+    made->bin_valid = sgsi_calloc(bin_count, sizeof *made->bin_valid);
+    if (!made->bin_directions || !made->bin_valid)
+        goto out_of_memory;
+    for (size_t i = 0; i < bin_count; ++i)
+        fill_bin(made, &map, (int)i);
+    fill_image_cone(made, &map);
+    sgsi_free(map.directions);
+    *rays = made;
+    return SGS_STATUS_OK;
+
+out_of_memory:
+    sgsi_free(map.directions);
+    sgsi_rays_destroy(made);
+    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the rays of a %dx%d camera",
+                     camera->width, camera->height);
+}
+
+void sgsi_rays_destroy(sgsi_rays *rays)
+{
+    if (!rays)
+        return;
+    sgsi_free(rays->tiles);
+    sgsi_free(rays->bin_directions);
+    sgsi_free(rays->bin_valid);
+    sgsi_free(rays);
+}
+
+// Images of fewer bins than this are gathered tile by tile: threads would wait for the last bin. By
+// the image's size alone, so that results stay the same for any number of threads.
+enum { BIN_TILES = 2, FEW_BINS = 16 };
+
+int sgsi_bin_tiles(const sgs_camera *camera)
+{
+    const int bin = BIN_TILES * SGSI_TILE;
+    const long long bins =
+        (long long)((camera->width + bin - 1) / bin) * ((camera->height + bin - 1) / bin);
+    return bins < FEW_BINS ? 1 : BIN_TILES;
+}
+
+enum { CACHE_SLOTS = 256 };
+
+struct sgsi_ray_cache {
+    size_t byte_limit, bytes;
+    unsigned long clock;
+    struct {
+        sgsi_rays *rays;
+        size_t bytes;
+        unsigned long used;
+    } slots[CACHE_SLOTS];
+};
+
+sgs_status sgsi_ray_cache_create(size_t byte_limit, sgsi_ray_cache **cache)
+{
+    *cache = sgsi_calloc(1, sizeof **cache);
+    if (!*cache)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the ray cache");
+    (*cache)->byte_limit = byte_limit;
+    return SGS_STATUS_OK;
+}
+
+void sgsi_ray_cache_destroy(sgsi_ray_cache *cache)
+{
+    if (!cache)
+        return;
+    for (int i = 0; i < CACHE_SLOTS; ++i)
+        sgsi_rays_destroy(cache->slots[i].rays);
+    sgsi_free(cache);
+}
+
+sgs_status sgsi_ray_cache_get(sgsi_ray_cache *cache, const sgs_camera *camera,
+                              const sgsi_rays **rays)
+{
+    *rays = NULL;
+    for (int i = 0; i < CACHE_SLOTS; ++i) {
+        if (cache->slots[i].rays && sgs_camera_equal(&cache->slots[i].rays->camera, camera)) {
+            cache->slots[i].used = ++cache->clock;
+            *rays = cache->slots[i].rays;
+            return SGS_STATUS_OK;
+        }
+    }
+    const size_t bytes = (size_t)camera->width * (size_t)camera->height * sizeof(sgsi_tile_rays) /
+                         (SGSI_TILE * SGSI_TILE);
+    for (;;) {
+        int oldest = -1, empty = -1;
+        for (int i = 0; i < CACHE_SLOTS; ++i) {
+            if (!cache->slots[i].rays)
+                empty = i;
+            else if (oldest < 0 || cache->slots[i].used < cache->slots[oldest].used)
+                oldest = i;
+        }
+        if (empty >= 0 && (oldest < 0 || cache->bytes + bytes <= cache->byte_limit)) {
+            const sgs_status status =
+                sgsi_rays_create(camera, sgsi_bin_tiles(camera), &cache->slots[empty].rays);
+            if (status)
+                return status;
+            cache->slots[empty].bytes = bytes;
+            cache->slots[empty].used = ++cache->clock;
+            cache->bytes += bytes;
+            *rays = cache->slots[empty].rays;
+            return SGS_STATUS_OK;
+        }
+        cache->bytes -= cache->slots[oldest].bytes;
+        sgsi_rays_destroy(cache->slots[oldest].rays);
+        cache->slots[oldest].rays = NULL;
+    }
+}

@@ -1,0 +1,679 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// COLMAP's sparse models, after its format documentation ("Output Format", COLMAP 3.8). Both
+// formats end in the same add_camera, add_image and add_point, which hold every rule about the
+// content; above them stand one reader of little-endian bytes and one of lines.
+//
+// The files are untrusted: a count is compared with the bytes that are left before anything is
+// allocated for it, and every refusal names file, place and fix. 2-D observations and tracks are
+// skipped, not kept. Differences from COLMAP's own reader: names with blanks are kept whole in text
+// files; a text file whose header comment announces another number of records than it holds is
+// reported (COLMAP writes that comment).
+
+#include "scene/colmap.h"
+
+#include <errno.h>
+#include <limits.h>
+#include <locale.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "base/core.h"
+
+enum {
+    MAX_SIZE = 65536,
+    // Least bytes of a record: a camera with three parameters, an image with a one-letter name and
+    // no observations, a point without track.
+    CAMERA_BYTES = 4 + 4 + 8 + 8 + 3 * 8,
+    IMAGE_BYTES = 4 + 7 * 8 + 4 + 2 + 8,
+    POINT_BYTES = 8 + 3 * 8 + 3 + 8 + 8
+};
+
+typedef struct camera_entry {
+    uint32_t id;
+    sgs_camera camera;
+    uint64_t place;
+} camera_entry;
+
+typedef struct loader {
+    const char *path, *unit; // of the file being read; unit of `place`: "byte" or "line"
+    uint64_t place;          // of the record being read
+    size_t camera_count, camera_capacity;
+    camera_entry *cameras; // sorted by id once complete
+    size_t frame_capacity, point_capacity, points_dropped;
+    uint64_t first_dropped;
+    sgsi_dataset *dataset;
+} loader;
+
+static sgs_status no_memory(const loader *l)
+{
+    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: %s %llu: no memory for the rest of the file",
+                     l->path, l->unit, (unsigned long long)l->place);
+}
+
+static bool grow(void **block, size_t count, size_t *capacity, size_t size)
+{
+    if (count < *capacity)
+        return true;
+    const size_t wanted = *capacity < 64 ? 64 : 2 * *capacity;
+    if (!sgsi_grow(block, count, wanted, size))
+        return false;
+    *capacity = wanted;
+    return true;
+}
+
+// ---- the rules ----------------------------------------------------------------------------------
+
+static sgs_status add_camera(loader *l, uint32_t id, int model, uint64_t width, uint64_t height,
+                             const double *params)
+{
+    const unsigned long long place = l->place;
+    if (width < 1 || height < 1 || width > MAX_SIZE || height > MAX_SIZE)
+        return sgsi_fail(SGS_STATUS_FORMAT,
+                         "%s: %s %llu: camera %u has the size %llu x %llu, not 1 to %d pixels; is "
+                         "the file damaged?",
+                         l->path, l->unit, place, id, (unsigned long long)width,
+                         (unsigned long long)height, MAX_SIZE);
+    sgs_camera camera = {
+        .model = (sgs_camera_model)model, .width = (int)width, .height = (int)height};
+    memcpy(camera.params, params, (size_t)sgs_camera_param_count(camera.model) * sizeof *params);
+    if (sgs_camera_validate(&camera))
+        return sgsi_fail(SGS_STATUS_FORMAT,
+                         "%s: %s %llu: camera %u: %s; estimate this camera again", l->path, l->unit,
+                         place, id, sgs_last_error());
+    if (!grow((void **)&l->cameras, l->camera_count, &l->camera_capacity, sizeof *l->cameras))
+        return no_memory(l);
+    l->cameras[l->camera_count++] = (camera_entry){.id = id, .camera = camera, .place = l->place};
+    return SGS_STATUS_OK;
+}
+
+static int camera_order(const void *a, const void *b)
+{
+    const camera_entry *x = a, *y = b;
+    return (x->id > y->id) - (x->id < y->id);
+}
+
+static sgs_status finish_cameras(loader *l)
+{
+    if (l->camera_count == 0)
+        return sgsi_fail(SGS_STATUS_FORMAT,
+                         "%s: holds no camera; run COLMAP's mapper again or choose another model",
+                         l->path);
+    qsort(l->cameras, l->camera_count, sizeof *l->cameras, camera_order);
+    for (size_t i = 1; i < l->camera_count; ++i) {
+        const camera_entry *a = &l->cameras[i - 1], *b = &l->cameras[i];
+        if (a->id == b->id)
+            return sgsi_fail(
+                SGS_STATUS_FORMAT,
+                "%s: %s %llu: camera id %u is already used at %s %llu; keep one of them", l->path,
+                l->unit, (unsigned long long)(a->place > b->place ? a->place : b->place), a->id,
+                l->unit, (unsigned long long)(a->place > b->place ? b->place : a->place));
+    }
+    return SGS_STATUS_OK;
+}
+
+static sgs_status add_image(loader *l, uint32_t id, const double pose[7], uint32_t camera_id,
+                            const char *name)
+{
+    sgsi_dataset *d = l->dataset;
+    const unsigned long long place = l->place;
+    if (!grow((void **)&d->frames, d->frame_count, &l->frame_capacity, sizeof *d->frames))
+        return no_memory(l);
+    sgsi_frame *frame = &d->frames[d->frame_count];
+    *frame = (sgsi_frame){.name = sgsi_strdup(name), .place = l->place};
+    if (!frame->name)
+        return no_memory(l);
+    ++d->frame_count; // owned by the dataset from here on
+    const char *complaint = sgsi_image_name_clean(frame->name);
+    if (complaint)
+        return sgsi_fail(SGS_STATUS_FORMAT,
+                         "%s: %s %llu: the name of image %u %s ('%.200s'); rename it in the model",
+                         l->path, l->unit, place, id, complaint,
+                         strcmp(complaint, "holds control characters") ? name : "not shown");
+    if (sgs_pose_from_quaternion(pose, pose + 4, &frame->pose))
+        return sgsi_fail(SGS_STATUS_FORMAT,
+                         "%s: %s %llu: image %u '%.200s': %s; remove the image from the model or "
+                         "register it again",
+                         l->path, l->unit, place, id, frame->name, sgs_last_error());
+    const camera_entry key = {.id = camera_id};
+    const camera_entry *entry =
+        bsearch(&key, l->cameras, l->camera_count, sizeof key, camera_order);
+    if (!entry)
+        return sgsi_fail(
+            SGS_STATUS_FORMAT,
+            "%s: %s %llu: image %u '%.200s' uses camera %u, which the cameras file does not hold; "
+            "take both files from the same model",
+            l->path, l->unit, place, id, frame->name, camera_id);
+    frame->camera = entry->camera;
+    return SGS_STATUS_OK;
+}
+
+static sgs_status finish_images(loader *l)
+{
+    if (l->dataset->frame_count == 0)
+        return sgsi_fail(SGS_STATUS_FORMAT,
+                         "%s: holds no registered image; run COLMAP's mapper again or choose "
+                         "another model",
+                         l->path);
+    return sgsi_dataset_check_names(l->dataset, l->path, l->unit);
+}
+
+static sgs_status add_point(loader *l, const double xyz[3], const uint8_t rgb[3])
+{
+    sgsi_dataset *d = l->dataset;
+    const float point[3] = {(float)xyz[0], (float)xyz[1], (float)xyz[2]};
+    if (!isfinite(point[0]) || !isfinite(point[1]) || !isfinite(point[2])) {
+        if (l->points_dropped++ == 0)
+            l->first_dropped = l->place;
+        return SGS_STATUS_OK;
+    }
+    if (d->point_count == l->point_capacity) {
+        size_t capacity = l->point_capacity;
+        if (!grow((void **)&d->points, d->point_count, &capacity, sizeof point) ||
+            !grow((void **)&d->colors, d->point_count, &l->point_capacity, 3))
+            return no_memory(l);
+    }
+    memcpy(d->points + 3 * d->point_count, point, sizeof point);
+    memcpy(d->colors + 3 * d->point_count, rgb, 3);
+    ++d->point_count;
+    return SGS_STATUS_OK;
+}
+
+static void finish_points(const loader *l)
+{
+    if (l->points_dropped)
+        sgsi_warn(
+            "%s: %s %llu: %zu point(s) that are not finite numbers are dropped, the first one here",
+            l->path, l->unit, (unsigned long long)l->first_dropped, l->points_dropped);
+}
+
+// ---- binary -------------------------------------------------------------------------------------
+
+typedef struct bytes {
+    const uint8_t *data;
+    size_t size, at;
+} bytes;
+
+static uint64_t decode(const uint8_t *p, int count)
+{
+    uint64_t value = 0;
+    for (int i = 0; i < count; ++i)
+        value |= (uint64_t)p[i] << (8 * i);
+    return value;
+}
+
+static double decode_double(const uint8_t *p)
+{
+    const uint64_t bits = decode(p, 8);
+    double value;
+    memcpy(&value, &bits, sizeof value);
+    return value;
+}
+
+// The next `count` bytes, NULL when fewer are left.
+static const uint8_t *take(bytes *b, uint64_t count)
+{
+    if (count > b->size - b->at)
+        return NULL;
+    const uint8_t *p = b->data + b->at;
+    b->at += (size_t)count;
+    return p;
+}
+
+static sgs_status truncated(const loader *l, const bytes *b, const char *what)
+{
+    return sgsi_fail(SGS_STATUS_FORMAT,
+                     "%s: byte %zu: the file ends inside of %s; it is truncated: copy or export it "
+                     "again",
+                     l->path, b->at, what);
+}
+
+// Reads the leading count and holds it against the bytes left.
+static sgs_status take_count(const loader *l, bytes *b, size_t least_bytes, const char *what,
+                             uint64_t *count)
+{
+    const uint8_t *p = take(b, 8);
+    if (!p)
+        return truncated(l, b, "its first count");
+    *count = decode(p, 8);
+    if (*count > (b->size - b->at) / least_bytes)
+        return sgsi_fail(
+            SGS_STATUS_FORMAT,
+            "%s: byte 0: announces %llu %s, but the %zu bytes that follow can hold %zu at most; "
+            "the file is truncated or damaged: copy or export it again",
+            l->path, (unsigned long long)*count, what, b->size - b->at,
+            (b->size - b->at) / least_bytes);
+    return SGS_STATUS_OK;
+}
+
+// Calls `read` for every record of a file that begins with their number.
+static sgs_status read_records(loader *l, bytes *b, size_t least_bytes, const char *what,
+                               sgs_status (*read)(loader *l, bytes *b))
+{
+    uint64_t count = 0;
+    sgs_status status = take_count(l, b, least_bytes, what, &count);
+    for (uint64_t i = 0; i < count && !status; ++i) {
+        l->place = b->at;
+        status = read(l, b);
+    }
+    return status;
+}
+
+static sgs_status read_camera_binary(loader *l, bytes *b)
+{
+    const uint8_t *p = take(b, 24);
+    if (!p)
+        return truncated(l, b, "a camera");
+    const int model = (int)(int32_t)(uint32_t)decode(p + 4, 4);
+    const int param_count = sgs_camera_param_count((sgs_camera_model)model);
+    if (param_count == 0)
+        return sgsi_fail(SGS_STATUS_UNSUPPORTED,
+                         "%s: byte %llu: camera model %d is unknown; COLMAP's models 0 to %d are "
+                         "read: undistort "
+                         "the images or calibrate with one of these",
+                         l->path, (unsigned long long)l->place + 4, model,
+                         SGS_CAMERA_MODEL_COUNT - 1);
+    const uint8_t *raw = take(b, 8 * (uint64_t)param_count);
+    if (!raw)
+        return truncated(l, b, "the parameters of a camera");
+    double params[12] = {0};
+    for (int k = 0; k < param_count; ++k)
+        params[k] = decode_double(raw + 8 * k);
+    return add_camera(l, (uint32_t)decode(p, 4), model, decode(p + 8, 8), decode(p + 16, 8),
+                      params);
+}
+
+static sgs_status read_cameras_binary(loader *l, bytes *b)
+{
+    const sgs_status status = read_records(l, b, CAMERA_BYTES, "cameras", read_camera_binary);
+    return status ? status : finish_cameras(l);
+}
+
+static sgs_status read_image_binary(loader *l, bytes *b)
+{
+    const uint8_t *p = take(b, 64);
+    if (!p)
+        return truncated(l, b, "an image");
+    double pose[7];
+    for (int k = 0; k < 7; ++k)
+        pose[k] = decode_double(p + 4 + 8 * k);
+    const char *name = (const char *)b->data + b->at;
+    const uint8_t *end = memchr(name, 0, b->size - b->at);
+    if (!end)
+        return truncated(l, b, "the name of an image");
+    b->at = (size_t)(end - b->data) + 1;
+    const uint8_t *observations = take(b, 8);
+    if (!observations)
+        return truncated(l, b, "an image");
+    const uint64_t n = decode(observations, 8);
+    if (n > (b->size - b->at) / 24)
+        return sgsi_fail(SGS_STATUS_FORMAT,
+                         "%s: byte %zu: image %u announces %llu 2-D points, but only %zu bytes are "
+                         "left; the file "
+                         "is truncated or damaged: copy or export it again",
+                         l->path, b->at - 8, (unsigned)decode(p, 4), (unsigned long long)n,
+                         b->size - b->at);
+    b->at += 24 * (size_t)n;
+    return add_image(l, (uint32_t)decode(p, 4), pose, (uint32_t)decode(p + 60, 4), name);
+}
+
+static sgs_status read_images_binary(loader *l, bytes *b)
+{
+    const sgs_status status = read_records(l, b, IMAGE_BYTES, "images", read_image_binary);
+    return status ? status : finish_images(l);
+}
+
+static sgs_status read_point_binary(loader *l, bytes *b)
+{
+    const uint8_t *p = take(b, POINT_BYTES);
+    if (!p)
+        return truncated(l, b, "a point");
+    const uint64_t track = decode(p + 43, 8);
+    if (track > (b->size - b->at) / 8)
+        return sgsi_fail(SGS_STATUS_FORMAT,
+                         "%s: byte %zu: point %llu announces a track of %llu images, but only %zu "
+                         "bytes are left; "
+                         "the file is truncated or damaged: copy or export it again",
+                         l->path, b->at - 8, (unsigned long long)decode(p, 8),
+                         (unsigned long long)track, b->size - b->at);
+    b->at += 8 * (size_t)track;
+    const double xyz[3] = {decode_double(p + 8), decode_double(p + 16), decode_double(p + 24)};
+    return add_point(l, xyz, p + 32);
+}
+
+static sgs_status read_points_binary(loader *l, bytes *b)
+{
+    const sgs_status status = read_records(l, b, POINT_BYTES, "points", read_point_binary);
+    if (!status)
+        finish_points(l);
+    return status;
+}
+
+// ---- text ---------------------------------------------------------------------------------------
+
+typedef struct lines {
+    char *next, *end;
+    uint64_t announced; // from the "# Number of ...: N" comment, UINT64_MAX without one
+} lines;
+
+// The next line, trimmed, or NULL at the end of the file.
+static char *next_line(loader *l, lines *t)
+{
+    if (t->next >= t->end)
+        return NULL;
+    char *line = t->next;
+    char *end = memchr(line, '\n', (size_t)(t->end - line));
+    t->next = end ? end + 1 : t->end;
+    ++l->place;
+    if (!end)
+        end = t->end;
+    while (end > line && (end[-1] == ' ' || end[-1] == '\t' || end[-1] == '\r'))
+        --end;
+    *end = 0;
+    return line + strspn(line, " \t");
+}
+
+// The next line that is neither empty nor a comment.
+static char *next_record(loader *l, lines *t)
+{
+    char *line;
+    while ((line = next_line(l, t))) {
+        unsigned long long announced;
+        if (line[0] != '#' && line[0])
+            return line;
+        if (sscanf(line, "# Number of %*[a-z]: %llu", &announced) == 1)
+            t->announced = announced;
+    }
+    return NULL;
+}
+
+static char *next_word(char **cursor)
+{
+    char *word = *cursor + strspn(*cursor, " \t");
+    if (!*word)
+        return NULL;
+    char *end = word + strcspn(word, " \t");
+    *cursor = *end ? end + 1 : end;
+    *end = 0;
+    return word;
+}
+
+static bool word_double(char **cursor, double *value)
+{
+    char *word = next_word(cursor), *end;
+    if (!word)
+        return false;
+    *value = strtod(word, &end);
+    return *end == 0;
+}
+
+static bool word_integer(char **cursor, uint64_t limit, uint64_t *value)
+{
+    char *word = next_word(cursor), *end;
+    if (!word || word[0] < '0' || word[0] > '9')
+        return false;
+    errno = 0;
+    *value = strtoull(word, &end, 10);
+    return *end == 0 && errno == 0 && *value <= limit;
+}
+
+static sgs_status bad_line(const loader *l, const char *expected)
+{
+    return sgsi_fail(
+        SGS_STATUS_FORMAT,
+        "%s: line %llu: is not of the form %s; the file is truncated or damaged: export "
+        "it again",
+        l->path, (unsigned long long)l->place, expected);
+}
+
+static void compare_announced(const loader *l, const lines *t, uint64_t count, const char *what)
+{
+    if (t->announced != UINT64_MAX && t->announced != count)
+        sgsi_warn("%s: its header announces %llu %s, but it holds %llu; is the file complete?",
+                  l->path, (unsigned long long)t->announced, what, (unsigned long long)count);
+}
+
+static sgs_status read_cameras_text(loader *l, lines *t)
+{
+    char *line;
+    while ((line = next_record(l, t))) {
+        uint64_t id, width, height;
+        double params[12] = {0};
+        sgs_camera_model model;
+        const char *form = "CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]";
+        if (!word_integer(&line, UINT32_MAX, &id))
+            return bad_line(l, form);
+        const char *name = next_word(&line);
+        if (!name)
+            return bad_line(l, form);
+        if (!sgs_camera_model_from_name(name, &model))
+            return sgsi_fail(SGS_STATUS_UNSUPPORTED,
+                             "%s: line %llu: camera model '%.64s' is unknown; the models of COLMAP "
+                             "3.8 are read: "
+                             "undistort the images or calibrate with one of these",
+                             l->path, (unsigned long long)l->place, name);
+        if (!word_integer(&line, UINT64_MAX, &width) || !word_integer(&line, UINT64_MAX, &height))
+            return bad_line(l, form);
+        const int expected = sgs_camera_param_count(model);
+        int count = 0;
+        while (count < expected && word_double(&line, &params[count]))
+            ++count;
+        if (count < expected || next_word(&line))
+            return sgsi_fail(SGS_STATUS_FORMAT,
+                             "%s: line %llu: camera model %s needs exactly %d numbers as "
+                             "parameters; export the model "
+                             "again",
+                             l->path, (unsigned long long)l->place, name, expected);
+        const sgs_status status = add_camera(l, (uint32_t)id, model, width, height, params);
+        if (status)
+            return status;
+    }
+    compare_announced(l, t, l->camera_count, "cameras");
+    return finish_cameras(l);
+}
+
+// True for a list of X Y POINT3D_ID triples, which an image's second line must be. What this is to
+// catch is a pose line, taken for it because the second lines were stripped.
+static bool is_observation_line(const char *line)
+{
+    size_t words = 0;
+    const char *last = line;
+    for (const char *c = line + strspn(line, " \t"); *c; c += strspn(c, " \t")) {
+        last = c;
+        c += strcspn(c, " \t");
+        ++words;
+    }
+    last += *last == '-';
+    const size_t digits = strspn(last, "0123456789");
+    return words % 3 == 0 && (words == 0 || (digits > 0 && !last[digits]));
+}
+
+static sgs_status read_images_text(loader *l, lines *t)
+{
+    char *line;
+    while ((line = next_record(l, t))) {
+        const char *form = "IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME";
+        uint64_t id, camera_id;
+        double pose[7];
+        if (!word_integer(&line, UINT32_MAX, &id))
+            return bad_line(l, form);
+        for (int i = 0; i < 7; ++i) {
+            if (!word_double(&line, &pose[i]))
+                return bad_line(l, form);
+        }
+        if (!word_integer(&line, UINT32_MAX, &camera_id))
+            return bad_line(l, form);
+        line += strspn(line, " \t");
+        if (!*line)
+            return bad_line(l, form);
+        const sgs_status status = add_image(l, (uint32_t)id, pose, (uint32_t)camera_id, line);
+        if (status)
+            return status;
+        const char *second = next_line(l, t);
+        if (second && !is_observation_line(second))
+            return bad_line(
+                l, "X Y POINT3D_ID ... (the second line of every image, which may be empty)");
+    }
+    compare_announced(l, t, l->dataset->frame_count, "images");
+    return finish_images(l);
+}
+
+static sgs_status read_points_text(loader *l, lines *t)
+{
+    char *line;
+    uint64_t count = 0;
+    while ((line = next_record(l, t))) {
+        const char *form = "POINT3D_ID X Y Z R G B ERROR TRACK[]";
+        uint64_t id, rgb[3];
+        double xyz[3], error;
+        bool fine = word_integer(&line, UINT64_MAX, &id);
+        for (int i = 0; i < 3; ++i)
+            fine = fine && word_double(&line, &xyz[i]);
+        for (int i = 0; i < 3; ++i)
+            fine = fine && word_integer(&line, 255, &rgb[i]);
+        if (!fine || !word_double(&line, &error))
+            return bad_line(l, form);
+        const uint8_t color[3] = {(uint8_t)rgb[0], (uint8_t)rgb[1], (uint8_t)rgb[2]};
+        const sgs_status status = add_point(l, xyz, color);
+        if (status)
+            return status;
+        ++count;
+    }
+    compare_announced(l, t, count, "points");
+    finish_points(l);
+    return SGS_STATUS_OK;
+}
+
+// ---- files --------------------------------------------------------------------------------------
+
+static bool file_present(const char *folder, const char *name)
+{
+    char path[PATH_MAX];
+    const int length = snprintf(path, sizeof path, "%s/%s", folder, name);
+    return length > 0 && length < PATH_MAX && !access(path, F_OK);
+}
+
+static bool binary_present(const char *folder)
+{
+    return file_present(folder, "cameras.bin") && file_present(folder, "images.bin");
+}
+
+bool sgsi_colmap_present(const char *folder)
+{
+    return binary_present(folder) ||
+           (file_present(folder, "cameras.txt") && file_present(folder, "images.txt"));
+}
+
+// The whole of a text file, behind the mark that some editors set before UTF-8.
+static lines text_lines(uint8_t *content, size_t size)
+{
+    const size_t mark = size >= 3 && !memcmp(content, "\xEF\xBB\xBF", 3) ? 3 : 0;
+    return (lines){
+        .next = (char *)content + mark, .end = (char *)content + size, .announced = UINT64_MAX};
+}
+
+// Runs one of the readers on one file.
+static sgs_status read_file(loader *l, const char *folder, const char *name,
+                            sgs_status (*binary)(loader *, bytes *),
+                            sgs_status (*text)(loader *, lines *))
+{
+    char *path = sgsi_format("%s/%s.%s", folder, name, binary ? "bin" : "txt");
+    uint8_t *content = NULL;
+    size_t size = 0;
+    if (!path)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to read it", folder);
+    sgs_status status = sgsi_file_read(path, 0, &content, &size);
+    l->path = path;
+    l->unit = binary ? "byte" : "line";
+    l->place = 0;
+    if (!status && binary) {
+        bytes b = {.data = content, .size = size};
+        status = binary(l, &b);
+        if (!status && b.at < size)
+            sgsi_warn(
+                "%s: byte %zu: %zu bytes behind the last record are ignored; is its count damaged?",
+                path, b.at, size - b.at);
+    } else if (!status) {
+        const uint8_t *nul = memchr(content, 0, size);
+        lines t = text_lines(content, size);
+        status =
+            nul ? sgsi_fail(SGS_STATUS_FORMAT,
+                            "%s: byte %zu: a zero byte; this is not a text file: export it again",
+                            path, (size_t)(nul - content))
+                : text(l, &t);
+    }
+    l->path = folder;
+    sgsi_free(content);
+    sgsi_free(path);
+    return status;
+}
+
+static sgs_status read_model(loader *l, const char *folder, bool binary)
+{
+    sgs_status status =
+        read_file(l, folder, "cameras", binary ? read_cameras_binary : NULL, read_cameras_text);
+    if (!status)
+        status =
+            read_file(l, folder, "images", binary ? read_images_binary : NULL, read_images_text);
+    if (status)
+        return status;
+    // Tools that edit the cloud alone leave it as text beside binary cameras, or the other way.
+    const bool binary_points = file_present(folder, "points3D.bin"),
+               text_points = file_present(folder, "points3D.txt");
+    if (!binary_points && !text_points) {
+        sgsi_warn("%s: holds no points3D.%s: the model has no points", folder,
+                  binary ? "bin" : "txt");
+        return SGS_STATUS_OK;
+    }
+    return read_file(l, folder, "points3D",
+                     binary_points && (binary || !text_points) ? read_points_binary : NULL,
+                     read_points_text);
+}
+
+sgs_status sgsi_colmap_read(const char *folder, sgsi_dataset *dataset)
+{
+    const bool binary = binary_present(folder);
+    *dataset = (sgsi_dataset){.format = binary ? SGS_SCENE_COLMAP_BINARY : SGS_SCENE_COLMAP_TEXT};
+    loader l = {.dataset = dataset};
+    // Numbers in the files have a decimal point, whatever the language of the calling program.
+    const locale_t plain = newlocale(LC_NUMERIC_MASK, "C", (locale_t)0);
+    const locale_t earlier = plain ? uselocale(plain) : (locale_t)0;
+    const sgs_status status = read_model(&l, folder, binary);
+    if (plain) {
+        uselocale(earlier);
+        freelocale(plain);
+    }
+    sgsi_free(l.cameras);
+    if (status)
+        sgsi_dataset_free(dataset);
+    return status;
+}
+
+size_t sgsi_colmap_image_count(const char *folder)
+{
+    const bool binary = binary_present(folder);
+    char *path = sgsi_format("%s/images.%s", folder, binary ? "bin" : "txt");
+    uint8_t *content = NULL;
+    size_t size = 0, count = 0;
+    if (!path || sgsi_file_read(path, 0, &content, &size)) {
+        sgsi_free(path);
+        return 0;
+    }
+    if (binary) {
+        const uint64_t announced = size < 8 ? 0 : decode(content, 8);
+        count = announced > size / IMAGE_BYTES ? 0 : (size_t)announced;
+    } else {
+        loader l = {.path = path};
+        lines t = text_lines(content, size);
+        while (next_record(&l, &t)) {
+            next_line(&l, &t);
+            ++count;
+        }
+    }
+    sgsi_free(content);
+    sgsi_free(path);
+    return count;
+}

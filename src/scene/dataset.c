@@ -1,0 +1,87 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// What the readers of camera files share: ownership, and the rules for image names. A name comes
+// from an untrusted file and becomes a path, so it must stay below the image folder; it also ends
+// up in messages, tables and output names, so it must be printable.
+
+#include "scene/dataset.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/core.h"
+
+enum { MAX_NAME = 1024 };
+
+void sgsi_dataset_free(sgsi_dataset *dataset)
+{
+    for (size_t i = 0; i < dataset->frame_count; ++i) {
+        sgsi_free(dataset->frames[i].name);
+        sgsi_free(dataset->frames[i].mask);
+    }
+    sgsi_free(dataset->frames);
+    sgsi_free(dataset->points);
+    sgsi_free(dataset->colors);
+    *dataset = (sgsi_dataset){0};
+}
+
+const char *sgsi_image_name_clean(char *name)
+{
+    if (strlen(name) > MAX_NAME)
+        return "is longer than 1024 bytes";
+    for (char *c = name; *c; ++c) {
+        if ((unsigned char)*c < 0x20 || *c == 0x7f)
+            return "holds control characters";
+        if (*c == '\\')
+            *c = '/';
+    }
+    if (name[0] == '/' || (name[0] && name[1] == ':'))
+        return "is an absolute path";
+    char *out = name;
+    for (const char *in = name; *in;) {
+        const size_t length = strcspn(in, "/");
+        if (length == 2 && in[0] == '.' && in[1] == '.')
+            return "leaves the image folder";
+        if (length > 0 && !(length == 1 && in[0] == '.')) {
+            if (out != name)
+                *out++ = '/';
+            memmove(out, in, length);
+            out += length;
+        }
+        in += length;
+        in += *in == '/';
+    }
+    *out = 0;
+    return out == name ? "is empty" : NULL;
+}
+
+static int frame_order(const void *a, const void *b)
+{
+    const sgsi_frame *x = *(const sgsi_frame *const *)a, *y = *(const sgsi_frame *const *)b;
+    const int order = strcmp(x->name, y->name);
+    return order ? order : (x->place > y->place) - (x->place < y->place);
+}
+
+sgs_status sgsi_dataset_check_names(const sgsi_dataset *dataset, const char *path, const char *unit)
+{
+    const size_t count = dataset->frame_count;
+    const sgsi_frame **order = sgsi_alloc(count, sizeof *order);
+    if (!order)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory for %zu images", path, count);
+    for (size_t i = 0; i < count; ++i)
+        order[i] = &dataset->frames[i];
+    qsort(order, count, sizeof *order, frame_order);
+    sgs_status status = SGS_STATUS_OK;
+    for (size_t i = 1; i < count && !status; ++i) {
+        const sgsi_frame *a = order[i - 1], *b = order[i];
+        if (!strcmp(a->name, b->name))
+            status = sgsi_fail(SGS_STATUS_FORMAT,
+                               "%s: %s %llu: image name '%s' is already used at %s %llu; give "
+                               "every image a name of its own",
+                               path, unit, (unsigned long long)b->place, b->name, unit,
+                               (unsigned long long)a->place);
+    }
+    sgsi_free(order);
+    return status;
+}

@@ -1,0 +1,646 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// A scene: what the files say (scene_find.c, colmap.c, transforms.c) and the photographs, joined.
+//
+// Order of things: find the files, read cameras and points, sort by name, look at the headers of
+// the photographs and fit every camera to the size its photograph will have after down-scaling,
+// read the photographs, drop the views without one, split, measure the extent. Photographs are read
+// in parallel; views depend on their own files only, and warnings are sent afterwards in view
+// order, so the result and the messages are the same for any number of threads.
+//
+// From 3DGS: the width of 1600 px, every N-th of the sorted names as test set, and the extent (1.1
+// times the largest distance of a training camera from their mean). Different: images are
+// area-averaged, not bicubic; the intrinsics follow the image's real size per axis instead of a
+// kept field of view; names are sorted after views without a photograph are gone.
+
+#include "sparegs/scene.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "scene/colmap.h"
+#include "base/core.h"
+#include "image/image_oiio.h"
+#include "image/mask.h"
+#include "base/path_sandbox.h"
+#include "image/photo.h"
+#include "scene/scene_find.h"
+#include "scene/scene_split.h"
+#include "scene/scene_store.h"
+#include "sparegs/image.h"
+#include "base/threads.h"
+#include "scene/transforms.h"
+
+enum { AUTOMATIC_WIDTH = 1600, MAX_WARNINGS = 5, WHITE_VIEWS = 16 };
+
+// One photograph on its way in.
+typedef struct slot {
+    sgs_status status;
+    char *error;
+    int file_width, file_height; // before down-scaling
+    int width, height;           // after it
+    int channels;
+    bool linear;  // the file holds linear light
+    size_t bytes; // that its photograph takes in memory
+    size_t lens;  // index into loader.lenses
+    sgsi_photo_report report;
+} slot;
+
+// The pixels that a lens has rays for. Views mostly share one.
+typedef struct lens_mask {
+    sgs_camera camera;
+    uint16_t *keep; // NULL = all
+} lens_mask;
+
+typedef struct loader {
+    const sgs_scene_options *options;
+    sgsi_scene_files files;
+    sgsi_dataset dataset;
+    slot *slots; // parallel to dataset.frames
+    sgsi_roots roots;
+    bool mask_folder; // there is a folder where masks are looked for
+    lens_mask *lenses;
+    size_t lens_count;
+    bool limited;               // the photographs do not fit into the image cache
+    char *colorspace;           // of the options
+    sgsi_photo_source *sources; // limited: of the views that stay, and their bytes
+    size_t *bytes;
+    sgs_scene *scene;
+} loader;
+
+sgs_scene_options sgs_scene_options_default(void)
+{
+    return (sgs_scene_options){.load_images = 1};
+}
+
+void sgs_scene_destroy(sgs_scene *scene)
+{
+    if (!scene)
+        return;
+    sgsi_scene_store_destroy(scene->store);
+    for (size_t i = 0; i < scene->view_count; ++i) {
+        sgsi_free(scene->views[i].name);
+        sgsi_free(scene->views[i].image_path);
+        sgsi_free(scene->views[i].mask_path);
+        sgsi_photo_free(&scene->views[i].image);
+    }
+    sgsi_free(scene->views);
+    sgsi_free(scene->points);
+    sgsi_free(scene->colors);
+    sgsi_free(scene->path);
+    sgsi_free(scene->model_path);
+    sgsi_free(scene);
+}
+
+// ---- photographs --------------------------------------------------------------------------------
+
+static void reduced_size(int downscale, slot *s)
+{
+    s->width = s->file_width;
+    s->height = s->file_height;
+    if (downscale == 0 && s->file_width > AUTOMATIC_WIDTH) {
+        s->width = AUTOMATIC_WIDTH;
+        s->height = (int)((long long)s->file_height * AUTOMATIC_WIDTH / s->file_width);
+    } else if (downscale > 1) {
+        s->width = s->file_width / downscale;
+        s->height = s->file_height / downscale;
+    }
+    s->width = s->width < 1 ? 1 : s->width;
+    s->height = s->height < 1 ? 1 : s->height;
+}
+
+// Completes a camera whose file gave no size (see sgsi_frame) and fits it to its photograph.
+static sgs_status fit_camera(const sgsi_frame *frame, const slot *s, const sgs_view *view,
+                             sgs_camera *out)
+{
+    sgs_camera camera = frame->camera;
+    if (camera.width == 0) {
+        camera.width = s->file_width;
+        camera.height = s->file_height;
+        if (frame->angle_x > 0)
+            camera.params[0] = camera.params[1] = 0.5 * s->file_width / tan(0.5 * frame->angle_x);
+        if (isnan(camera.params[2]))
+            camera.params[2] = 0.5 * s->file_width;
+        if (isnan(camera.params[3]))
+            camera.params[3] = 0.5 * s->file_height;
+    }
+    *out = sgs_camera_resized(&camera, s->width, s->height);
+    if (sgs_camera_validate(out))
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: camera of '%s': %s", view->image_path, view->name,
+                         sgs_last_error());
+    return SGS_STATUS_OK;
+}
+
+static void keep_error(slot *s)
+{
+    if (s->status)
+        s->error = sgsi_strdup(sgs_last_error()); // of this thread; told later by the caller's
+}
+
+// Cameras are all that is wanted: neither photographs nor masks are looked for.
+static bool no_photographs(const loader *l)
+{
+    return l->options->cameras_only && !l->options->load_images;
+}
+
+// Size and kind of the photograph; without its pixels in view, also whether its file is whole.
+static void probe_view(void *context, size_t i, int thread)
+{
+    const loader *l = context;
+    slot *s = &l->slots[i];
+    (void)thread;
+    const char *path = l->scene->views[i].image_path, *mask = l->scene->views[i].mask_path;
+    sgsi_image_info info = {0};
+    const sgs_camera *camera = &l->dataset.frames[i].camera;
+    if (no_photographs(l) && camera->width > 0) {
+        s->file_width = camera->width;
+        s->file_height = camera->height;
+        reduced_size(l->options->downscale, s);
+        return;
+    }
+    s->status = sgsi_roots_check(&l->roots, path);
+    if (!s->status && mask)
+        s->status = sgsi_roots_check(&l->roots, mask);
+    if (s->status) {
+        keep_error(s);
+        return;
+    }
+    if (!l->options->load_images)
+        s->status = sgsi_image_refuse_truncated(path);
+    if (!s->status)
+        s->status = sgsi_oiio_describe(path, l->options->colorspace, &info);
+    s->file_width = info.width;
+    s->file_height = info.height;
+    s->channels = info.channels;
+    s->linear = info.linear;
+    reduced_size(l->options->downscale, s);
+    s->bytes = sgsi_photo_bytes(&info, l->options->space, s->width, s->height);
+    keep_error(s);
+}
+
+static sgsi_photo_source source_of(const loader *l, size_t i)
+{
+    const slot *s = &l->slots[i];
+    const sgs_view *view = &l->scene->views[i];
+    return (sgsi_photo_source){.image_path = view->image_path,
+                               .mask_path = view->mask_path,
+                               .file_width = s->file_width,
+                               .file_height = s->file_height,
+                               .width = s->width,
+                               .height = s->height,
+                               .invert_mask = l->options->invert_masks,
+                               .alpha = l->options->alpha,
+                               .colorspace = l->limited ? l->colorspace : l->options->colorspace,
+                               .space = l->options->space,
+                               .white = l->scene->white,
+                               .lens = l->lenses[s->lens].keep};
+}
+
+static void load_view(void *context, size_t i, int thread)
+{
+    const loader *l = context;
+    slot *s = &l->slots[i];
+    sgs_view *view = &l->scene->views[i];
+    (void)thread;
+    if (s->status)
+        return;
+    const sgsi_photo_source source = source_of(l, i);
+    s->status = sgsi_photo_load(&source, &view->image, &s->report);
+    keep_error(s);
+    if (l->limited) // it was read to see whether it can be
+        sgsi_photo_release(&view->image);
+}
+
+// The entry of view i's camera, a new one where no earlier view has it.
+static sgs_status find_lens(loader *l, size_t i)
+{
+    const sgs_camera *camera = &l->scene->views[i].camera;
+    size_t k = l->lens_count;
+    while (k > 0 && !sgs_camera_equal(&l->lenses[k - 1].camera, camera))
+        --k;
+    if (k == 0) {
+        k = ++l->lens_count;
+        l->lenses[k - 1].camera = *camera;
+        const sgs_status status = sgsi_mask_of_lens(camera, &l->lenses[k - 1].keep);
+        if (status)
+            return status;
+    }
+    l->slots[i].lens = k - 1;
+    return SGS_STATUS_OK;
+}
+
+typedef struct light_job {
+    const loader *loader;
+    size_t views[WHITE_VIEWS];
+    sgsi_light *lights; // one per view
+} light_job;
+
+static void add_light(void *context, size_t i, int thread)
+{
+    (void)thread;
+    const light_job *job = context;
+    const loader *l = job->loader;
+    // A file that cannot be read is told of when it is loaded.
+    (void)sgsi_light_add(&job->lights[i], l->scene->views[job->views[i]].image_path,
+                         l->options->colorspace);
+}
+
+// What becomes 1: what 99 % of the light of the linear photographs stays below, from a sample of
+// them.
+static sgs_status measure_white(loader *l)
+{
+    light_job job = {.loader = l};
+    size_t linear = 0, taken = 0, seen = 0;
+    l->scene->white = l->options->white > 0 ? l->options->white : 1;
+    for (size_t i = 0; i < l->scene->view_count; ++i)
+        linear += l->slots[i].linear;
+    if (l->options->white > 0 || !linear || !l->options->load_images)
+        return SGS_STATUS_OK;
+    const size_t step = (linear + WHITE_VIEWS - 1) / WHITE_VIEWS;
+    for (size_t i = 0; i < l->scene->view_count; ++i)
+        if (l->slots[i].linear && seen++ % step == 0)
+            job.views[taken++] = i;
+    job.lights = sgsi_calloc(taken, sizeof *job.lights);
+    if (!job.lights)
+        return sgsi_scene_no_memory(l->scene->path);
+    sgsi_parallel_for(taken, 1, add_light, &job);
+    for (size_t i = 1; i < taken; ++i)
+        for (size_t k = 0; k < SGSI_LIGHT_BINS; ++k)
+            job.lights[0].bins[k] += job.lights[i].bins[k];
+    l->scene->white = sgsi_light_quantile(&job.lights[0], 0.99);
+    sgsi_free(job.lights);
+    return SGS_STATUS_OK;
+}
+
+// Fits the cameras and reads the photographs.
+static sgs_status load_views(loader *l)
+{
+    sgs_scene *scene = l->scene;
+    sgs_status status = SGS_STATUS_OK;
+    sgsi_parallel_for(scene->view_count, 1, probe_view, l);
+    for (size_t i = 0; i < scene->view_count && !status; ++i)
+        if (!l->slots[i].status)
+            status = fit_camera(&l->dataset.frames[i], &l->slots[i], &scene->views[i],
+                                &scene->views[i].camera);
+    if (!status)
+        status = measure_white(l);
+    if (status || !l->options->load_images)
+        return status;
+    l->lenses = sgsi_calloc(scene->view_count, sizeof *l->lenses);
+    if (!l->lenses)
+        return sgsi_scene_no_memory(scene->path);
+    for (size_t i = 0; i < scene->view_count && !status; ++i)
+        if (!l->slots[i].status)
+            status = find_lens(l, i);
+    size_t bytes = 0;
+    for (size_t i = 0; i < scene->view_count; ++i)
+        bytes += l->slots[i].bytes;
+    l->limited = l->options->image_cache && bytes > l->options->image_cache;
+    if (l->limited) {
+        l->sources = sgsi_calloc(scene->view_count, sizeof *l->sources);
+        l->bytes = sgsi_calloc(scene->view_count, sizeof *l->bytes);
+        l->colorspace = l->options->colorspace ? sgsi_strdup(l->options->colorspace) : NULL;
+        if (!l->sources || !l->bytes || (l->options->colorspace && !l->colorspace))
+            return sgsi_scene_no_memory(scene->path);
+    }
+    if (!status)
+        sgsi_parallel_for(scene->view_count, 1, load_view, l);
+    return status;
+}
+
+// The image cache takes over the planes of the lenses, which the photographs are masked with again
+// and again.
+static sgs_status open_store(loader *l)
+{
+    if (!l->limited)
+        return SGS_STATUS_OK;
+    uint16_t **planes = sgsi_calloc(l->lens_count, sizeof *planes);
+    if (!planes)
+        return sgsi_scene_no_memory(l->scene->path);
+    for (size_t i = 0; i < l->lens_count; ++i) {
+        planes[i] = l->lenses[i].keep;
+        l->lenses[i].keep = NULL;
+    }
+    char *colorspace = l->colorspace;
+    l->colorspace = NULL;
+    return sgsi_scene_store_create(l->sources, l->bytes, l->scene->view_count,
+                                   l->options->image_cache, planes, l->lens_count, colorspace,
+                                   &l->scene->store);
+}
+
+static int frame_order(const void *a, const void *b)
+{
+    const sgsi_frame *x = a, *y = b;
+    return strcmp(x->name, y->name);
+}
+
+// The mask that the camera file names for a view.
+static sgs_status take_named_mask(const loader *l, size_t i)
+{
+    const char *folder = l->files.image_folder, *name = l->dataset.frames[i].mask;
+    char *path = sgsi_format("%s/%s", folder, name);
+    if (!path)
+        return sgsi_scene_no_memory(l->scene->path);
+    l->scene->views[i].mask_path = path;
+    if (sgsi_is_file(path))
+        return SGS_STATUS_OK;
+    return sgsi_fail(
+        SGS_STATUS_IO,
+        "%s: there is no such mask, which %s names for '%s'; --masks none does without", path,
+        l->files.model_path, l->scene->views[i].name);
+}
+
+// The mask of every view that has one. Folders of masks lie beside the image folder; --masks
+// replaces what camera files name.
+static sgs_status find_masks(loader *l)
+{
+    const char *folder = l->options->masks_dir, *images = l->files.image_folder;
+    if ((folder && !strcmp(folder, "none")) || no_photographs(l))
+        return SGS_STATUS_OK;
+    const char *root = l->files.mask_root;
+    char *given = !folder            ? NULL
+                  : folder[0] == '/' ? sgsi_strdup(folder)
+                                     : sgsi_format("%s/%s", root, folder);
+    sgs_status status = !folder || given ? SGS_STATUS_OK : sgsi_scene_no_memory(l->scene->path);
+    if (given && !sgsi_is_folder(given))
+        status =
+            sgsi_fail(SGS_STATUS_IO,
+                      "%s: there is no such folder of masks; --masks none does without", given);
+    static const char *const usual[] = {"masks", "mask"};
+    for (size_t k = 0; k < (given ? 1 : 2) && !status; ++k) {
+        char *place = given ? sgsi_strdup(given) : sgsi_format("%s/%s", root, usual[k]);
+        if (!place)
+            status = sgsi_scene_no_memory(l->scene->path);
+        sgsi_roots_add(&l->roots, place);
+        l->mask_folder = l->mask_folder || (place && sgsi_is_folder(place));
+        sgsi_free(place);
+    }
+    for (size_t i = 0; i < l->scene->view_count && !status; ++i)
+        status = !folder && l->dataset.frames[i].mask
+                     ? take_named_mask(l, i)
+                     : sgsi_mask_find(root, folder, images, l->scene->views[i].name,
+                                      &l->scene->views[i].mask_path);
+    sgsi_free(given);
+    return status;
+}
+
+// The folders at the top of the names that transforms.json writes: that one of them is a link is
+// the user's choice, as it is with COLMAP's image folder.
+static sgs_status add_named_folders(loader *l)
+{
+    const char *before = "";
+    for (size_t i = 0; !l->files.colmap && i < l->scene->view_count; ++i) {
+        const char *name = l->scene->views[i].name, *end = strchr(name, '/');
+        const size_t length = end ? (size_t)(end - name) + 1 : 0;
+        if (!length || !strncmp(name, before, length))
+            continue;
+        before = name;
+        char *folder = sgsi_format("%s/%.*s", l->files.image_folder, (int)length, name);
+        if (!folder)
+            return sgsi_scene_no_memory(l->scene->path);
+        sgsi_roots_add(&l->roots, folder);
+        sgsi_free(folder);
+    }
+    return SGS_STATUS_OK;
+}
+
+// Views in the order of their names, each with the paths of its photograph and its mask.
+static sgs_status make_views(loader *l)
+{
+    sgs_scene *scene = l->scene;
+    const size_t count = l->dataset.frame_count;
+    qsort(l->dataset.frames, count, sizeof *l->dataset.frames, frame_order);
+    scene->views = sgsi_calloc(count, sizeof *scene->views);
+    l->slots = sgsi_calloc(count, sizeof *l->slots);
+    if (!scene->views || !l->slots)
+        return sgsi_scene_no_memory(scene->path);
+    scene->view_count = count;
+    const char *images_dir = l->options->images_dir;
+    char *chosen = !l->files.colmap && images_dir
+                       ? sgsi_format("%s/%s", l->files.image_folder, images_dir)
+                       : NULL;
+    if (!l->files.colmap && images_dir && !chosen)
+        return sgsi_scene_no_memory(scene->path);
+    sgsi_roots_add(&l->roots, scene->path);
+    sgsi_roots_add(&l->roots, l->files.image_folder);
+    sgsi_roots_add(&l->roots, chosen);
+    sgsi_free(chosen);
+    for (size_t i = 0; i < count; ++i) {
+        sgsi_frame *frame = &l->dataset.frames[i];
+        sgs_view *view = &scene->views[i];
+        *view = (sgs_view){.name = frame->name, .pose = frame->pose, .split = frame->split};
+        frame->name = NULL;
+        // transforms.json writes the folder into every name; --images replaces it.
+        const bool replaced = !l->files.colmap && images_dir && !strncmp(view->name, "images/", 7);
+        char *moved = replaced ? sgsi_format("%s/%s", images_dir, view->name + 7) : NULL;
+        view->image_path = replaced && !moved ? NULL
+                                              : sgsi_scene_image_path(l->files.image_folder,
+                                                                      moved ? moved : view->name);
+        sgsi_free(moved);
+        if (!view->image_path)
+            return sgsi_scene_no_memory(scene->path);
+    }
+    const sgs_status status = add_named_folders(l);
+    return status ? status : find_masks(l);
+}
+
+static void drop_view(sgs_view *view)
+{
+    sgsi_free(view->name);
+    sgsi_free(view->image_path);
+    sgsi_free(view->mask_path);
+    sgsi_photo_free(&view->image);
+}
+
+// Warns of the views without a photograph and of those that a mask covers, and closes the gaps.
+static sgs_status keep_readable_views(loader *l)
+{
+    sgs_scene *scene = l->scene;
+    const size_t count = scene->view_count;
+    size_t kept = 0, mismatched = 0, first_mismatched = 0, covered = 0, broken = 0;
+    bool reduced = false;
+    sgs_status status = SGS_STATUS_OK;
+    for (size_t i = 0; i < count; ++i) {
+        const slot *s = &l->slots[i];
+        sgs_view *view = &scene->views[i];
+        const bool fatal = s->status == SGS_STATUS_OUT_OF_MEMORY || s->report.mask_failed ||
+                           (s->status == SGS_STATUS_UNSUPPORTED && l->options->colorspace);
+        if (!status && fatal)
+            status = sgsi_fail(s->status, "%s", s->error ? s->error : "no memory for the images");
+        if (!status && s->report.pixels_broken && broken++ < MAX_WARNINGS)
+            sgsi_warn("%s: %zu of its pixels are infinite or no number; they are ignored",
+                      view->image_path, s->report.pixels_broken);
+        scene->pixels_broken += s->report.pixels_broken;
+        if (!status && !s->status && view->image.width && !view->image.kept) {
+            if (covered++ < MAX_WARNINGS)
+                sgsi_warn("%s: not one pixel of it counts; the view is skipped",
+                          view->mask_path ? view->mask_path : view->image_path);
+            drop_view(view);
+            continue;
+        }
+        if (s->status || status) {
+            if (!status && scene->images_missing++ < MAX_WARNINGS)
+                sgsi_warn("%s; the view is skipped", s->error ? s->error : view->image_path);
+            drop_view(view);
+            continue;
+        }
+        const sgs_camera *model = &l->dataset.frames[i].camera;
+        const double stretch =
+            model->width ? (double)s->file_width * model->height / s->file_height / model->width
+                         : 1;
+        if (fabs(stretch - 1) > 0.02 && mismatched++ == 0)
+            first_mismatched = kept;
+        reduced = reduced || (l->options->downscale == 0 && s->width != s->file_width);
+        scene->has_alpha |= s->channels == 4 && l->options->alpha == SGS_ALPHA_OVER;
+        scene->masks += view->mask_path != NULL;
+        scene->photo_bytes += s->bytes;
+        if (l->limited) {
+            l->sources[kept] = source_of(l, i);
+            l->bytes[kept] = s->bytes;
+        }
+        scene->views[kept++] = *view;
+    }
+    scene->view_count = kept;
+    if (status)
+        return status;
+    if (scene->images_missing > MAX_WARNINGS)
+        sgsi_warn("%s: %zu of %zu registered images cannot be read and are skipped", scene->path,
+                  scene->images_missing, count);
+    if (kept == 0 && covered)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                         "%s: no pixel of any image counts; are the masks the wrong way "
+                         "round (--invert-masks)?",
+                         scene->path);
+    if (kept == 0)
+        return sgsi_fail(SGS_STATUS_IO,
+                         "%s: none of the %zu registered images can be read; the first: %s",
+                         l->files.image_folder, count,
+                         l->slots[0].error ? l->slots[0].error : "no reason known");
+    if (!scene->masks && l->mask_folder)
+        sgsi_warn("%s: there is a folder of masks, but none in it is named after an image "
+                  "(NAME.png or STEM.png)",
+                  scene->path);
+    if (scene->masks && scene->masks < kept)
+        sgsi_warn("%s: %zu of %zu images have no mask; all of their pixels count", scene->path,
+                  kept - scene->masks, kept);
+    if (reduced)
+        sgsi_warn(
+            "%s: images wider than %d px are reduced to %d px; --downscale 1 keeps their size",
+            scene->path, AUTOMATIC_WIDTH, AUTOMATIC_WIDTH);
+    if (mismatched)
+        sgsi_warn("%s: the sides of %zu image(s), the first '%s', are in another ratio than their "
+                  "camera's; were they "
+                  "rotated or cropped?",
+                  scene->path, mismatched, scene->views[first_mismatched].name);
+    return SGS_STATUS_OK;
+}
+
+static int text_order(const void *a, const void *b)
+{
+    return strcmp(*(const char *const *)a, *(const char *const *)b);
+}
+
+// Photographs that the model does not know. Runs before views are dropped: a broken image has a
+// pose.
+static sgs_status count_unposed(loader *l)
+{
+    sgs_scene *scene = l->scene;
+    if (!l->files.colmap || no_photographs(l))
+        return SGS_STATUS_OK; // without COLMAP the folder also holds depth maps and other splits
+    const char **known = sgsi_alloc(scene->view_count, sizeof *known);
+    if (!known)
+        return sgsi_scene_no_memory(scene->path);
+    const size_t prefix = strlen(l->files.image_folder) + 1;
+    for (size_t i = 0; i < scene->view_count; ++i)
+        known[i] = scene->views[i].image_path + prefix;
+    qsort(known, scene->view_count, sizeof *known, text_order);
+    char examples[256];
+    scene->images_unposed = sgsi_scene_count_unknown(l->files.image_folder, known,
+                                                     scene->view_count, examples, sizeof examples);
+    sgsi_free(known);
+    if (scene->images_unposed)
+        sgsi_warn("%s: %zu image(s) have no pose in the model and are ignored: %s%s",
+                  l->files.image_folder, scene->images_unposed, examples,
+                  scene->images_unposed > 3 ? ", ..." : "");
+    return SGS_STATUS_OK;
+}
+
+// ---- all of it ----------------------------------------------------------------------------------
+
+static sgs_status load(loader *l)
+{
+    sgs_scene *scene = l->scene;
+    sgs_status status = sgsi_scene_find(
+        scene->path, l->options->cameras_only ? "." : l->options->images_dir, &l->files);
+    if (status)
+        return status;
+    scene->model_path = sgsi_strdup(l->files.model_path);
+    if (!scene->model_path)
+        return sgsi_scene_no_memory(scene->path);
+    status = l->files.colmap ? sgsi_colmap_read(scene->model_path, &l->dataset)
+                             : sgsi_transforms_read(scene->model_path, &l->dataset);
+    if (status)
+        return status;
+    scene->format = l->dataset.format;
+    scene->space = l->options->space;
+    scene->white = 1;
+    scene->point_count = l->dataset.point_count;
+    scene->points = l->dataset.points;
+    scene->colors = l->dataset.colors;
+    l->dataset.points = NULL;
+    l->dataset.colors = NULL;
+    status = make_views(l);
+    if (status)
+        return status;
+    status = load_views(l);
+    if (!status)
+        status = count_unposed(l);
+    if (!status)
+        status = keep_readable_views(l);
+    if (!status)
+        status = sgsi_scene_split(scene, l->options, l->dataset.has_split);
+    if (!status)
+        status = sgsi_scene_measure_extent(scene);
+    if (!status)
+        status = open_store(l);
+    scene->white_background = l->dataset.white_background && scene->has_alpha;
+    return status;
+}
+
+sgs_status sgs_scene_load(const char *path, const sgs_scene_options *options, sgs_scene **scene)
+{
+    const sgs_scene_options defaults = sgs_scene_options_default();
+    loader l = {.options = options ? options : &defaults};
+    *scene = NULL;
+    if (!path || !*path)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "no scene is named; name its folder");
+    if (l.options->downscale < 0 || l.options->test_every < 0)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                         "%s: down-scaling by %d or holding out every %d-th view is not "
+                         "possible; use positive numbers",
+                         path, l.options->downscale, l.options->test_every);
+    l.scene = sgsi_calloc(1, sizeof *l.scene);
+    if (l.scene)
+        l.scene->path = sgsi_strdup(path);
+    sgs_status status = l.scene && l.scene->path ? load(&l) : sgsi_scene_no_memory(path);
+    for (size_t i = 0; l.slots && i < l.dataset.frame_count; ++i)
+        sgsi_free(l.slots[i].error);
+    sgsi_free(l.slots);
+    sgsi_free(l.sources);
+    sgsi_free(l.bytes);
+    sgsi_free(l.colorspace);
+    for (size_t i = 0; i < l.lens_count; ++i)
+        sgsi_free(l.lenses[i].keep);
+    sgsi_free(l.lenses);
+    sgsi_dataset_free(&l.dataset);
+    sgsi_roots_free(&l.roots);
+    sgsi_scene_files_free(&l.files);
+    if (status) {
+        sgs_scene_destroy(l.scene);
+        return status;
+    }
+    *scene = l.scene;
+    return SGS_STATUS_OK;
+}

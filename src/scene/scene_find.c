@@ -1,0 +1,340 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Where the parts of a scene are. The places that the field uses, in the order they are tried:
+//     COLMAP       sparse/N, sparse, colmap/sparse/N, colmap/sparse, N, the folder itself
+//     transforms   transforms_train.json (NeRF synthetic), transforms.json (nerfstudio), or a path
+//                  to such a file
+// Of several COLMAP models sparse/0, sparse/1, ... (the mapper writes one per connected component)
+// the one with most registered images is taken.
+
+#include "scene/scene_find.h"
+
+#include <dirent.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+
+#include "scene/colmap.h"
+#include "base/core.h"
+#include "image/mask.h"
+
+void sgsi_scene_files_free(sgsi_scene_files *files)
+{
+    sgsi_free(files->model_path);
+    sgsi_free(files->image_folder);
+    sgsi_free(files->mask_root);
+    *files = (sgsi_scene_files){0};
+}
+
+static sgs_status no_memory(const char *path)
+{
+    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to look through it", path);
+}
+
+// The best model in base/0, base/1, ...; else base itself; else *found stays NULL.
+static sgs_status find_model(const char *base, char **found)
+{
+    *found = NULL;
+    DIR *folder = opendir(base);
+    if (!folder)
+        return SGS_STATUS_OK;
+    size_t models = 0, best_images = 0;
+    long best_number = 0;
+    sgs_status status = SGS_STATUS_OK;
+    for (struct dirent *entry; !status && (entry = readdir(folder));) {
+        const size_t digits = strspn(entry->d_name, "0123456789");
+        if (digits == 0 || digits > 9 || entry->d_name[digits])
+            continue;
+        char *path = sgsi_format("%s/%s", base, entry->d_name);
+        if (!path)
+            status = no_memory(base);
+        if (!path || !sgsi_colmap_present(path)) {
+            sgsi_free(path);
+            continue;
+        }
+        const size_t images = sgsi_colmap_image_count(path);
+        const long number = strtol(entry->d_name, NULL, 10);
+        if (models++ == 0 || images > best_images ||
+            (images == best_images && number < best_number)) {
+            sgsi_free(*found);
+            *found = path;
+            best_images = images;
+            best_number = number;
+        } else {
+            sgsi_free(path);
+        }
+    }
+    closedir(folder);
+    if (!status && models > 1)
+        sgsi_warn("%s: holds %zu models; the largest one, %ld with %zu images, is used", base,
+                  models, best_number, best_images);
+    if (!status && !*found && sgsi_colmap_present(base) && !(*found = sgsi_strdup(base)))
+        status = no_memory(base);
+    return status;
+}
+
+static int is_image_folder(const struct dirent *entry)
+{
+    return !strncmp(entry->d_name, "images", 6);
+}
+
+// Names the folders called images* below `path`, for the message.
+static void list_image_folders(const char *path, char *text, size_t size)
+{
+    struct dirent **entries = NULL;
+    const int count = scandir(path, &entries, is_image_folder, alphasort);
+    size_t used = 0;
+    text[0] = 0;
+    for (int i = 0; i < count; ++i) {
+        if (used + strlen(entries[i]->d_name) + 3 < size)
+            used += (size_t)snprintf(text + used, size - used, "%s%s", used ? ", " : "",
+                                     entries[i]->d_name);
+        free(entries[i]);
+    }
+    free(entries);
+}
+
+// The folder that holds `path` as it is written: a link to an image folder does not lead the search
+// for masks to where the link points.
+static char *holder_of(const char *path)
+{
+    size_t end = strlen(path);
+    while (end > 1 && path[end - 1] == '/')
+        --end;
+    size_t begin = end;
+    while (begin && path[begin - 1] != '/')
+        --begin;
+    if (end - begin == 2 && !strncmp(path + begin, "..", 2))
+        return sgsi_format("%.*s/..", (int)end, path);
+    while (begin > 1 && path[begin - 1] == '/')
+        --begin;
+    return begin ? sgsi_format("%.*s", (int)begin, path) : sgsi_strdup(".");
+}
+
+// `above`: the path is a model itself, sparse/0 with the photographs beside sparse.
+static sgs_status find_images(const char *path, const char *images_dir, bool above,
+                              sgsi_scene_files *files)
+{
+    static const char *const places[] = {"", "/..", "/../..", "/colmap"};
+    const char *name = images_dir ? images_dir : "images";
+    for (size_t i = 0; i < sizeof places / sizeof *places; ++i) {
+        if ((i == 1 || i == 2) && !above)
+            continue;
+        char *candidate =
+            name[0] == '/' ? sgsi_strdup(name) : sgsi_format("%s%s/%s", path, places[i], name);
+        if (!candidate)
+            return no_memory(path);
+        if (sgsi_is_folder(candidate)) {
+            files->image_folder = candidate;
+            files->mask_root = holder_of(candidate);
+            return files->mask_root ? SGS_STATUS_OK : no_memory(path);
+        }
+        sgsi_free(candidate);
+    }
+    char others[256];
+    list_image_folders(path, others, sizeof others);
+    if (others[0])
+        return sgsi_fail(SGS_STATUS_IO,
+                         "%s: has no image folder '%s'; it has %s: choose with --images", path,
+                         name, others);
+    return sgsi_fail(
+        SGS_STATUS_IO,
+        "%s: has no image folder '%s'; put the photographs there or choose with --images", path,
+        name);
+}
+
+// A half-copied model deserves a better answer than "nothing found".
+static sgs_status explain_nothing(const char *path)
+{
+    static const char *const places[] = {"sparse/0/", "sparse/", "colmap/sparse/0/", ""};
+    static const char *const kinds[] = {"bin", "txt"};
+    for (size_t i = 0; i < 8; ++i) {
+        const char *place = places[i / 2], *kind = kinds[i % 2];
+        char *cameras = sgsi_format("%s/%scameras.%s", path, place, kind);
+        char *images = sgsi_format("%s/%simages.%s", path, place, kind);
+        const bool has_cameras = cameras && sgsi_is_file(cameras),
+                   has_images = images && sgsi_is_file(images);
+        sgs_status status = SGS_STATUS_OK;
+        if (has_cameras != has_images)
+            status =
+                sgsi_fail(SGS_STATUS_IO, "%s: is missing, though %s is there; copy the whole model",
+                          has_cameras ? images : cameras, has_cameras ? cameras : images);
+        sgsi_free(cameras);
+        sgsi_free(images);
+        if (status)
+            return status;
+    }
+    return sgsi_fail(SGS_STATUS_IO,
+                     "%s: holds no scene: neither a COLMAP model (cameras and images, .bin or "
+                     ".txt, in sparse/0, sparse "
+                     "or colmap/sparse/0) nor transforms_train.json or transforms.json",
+                     path);
+}
+
+static sgs_status find_transforms(const char *path, sgsi_scene_files *files)
+{
+    static const char *const names[] = {"transforms_train.json", "transforms.json"};
+    for (size_t i = 0; i < 2 && !files->model_path; ++i) {
+        char *candidate = sgsi_format("%s/%s", path, names[i]);
+        if (!candidate)
+            return no_memory(path);
+        if (sgsi_is_file(candidate))
+            files->model_path = candidate;
+        else
+            sgsi_free(candidate);
+    }
+    if (!files->model_path)
+        return explain_nothing(path);
+    files->image_folder = sgsi_strdup(path);
+    return files->image_folder ? SGS_STATUS_OK : no_memory(path);
+}
+
+static sgs_status find_in_file(const char *path, sgsi_scene_files *files)
+{
+    const size_t length = strlen(path);
+    if (length < 5 || strcasecmp(path + length - 5, ".json"))
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: is a file; name the folder of the scene",
+                         path);
+    files->model_path = sgsi_strdup(path);
+    files->image_folder = holder_of(path);
+    return files->model_path && files->image_folder ? SGS_STATUS_OK : no_memory(path);
+}
+
+static sgs_status find_in_folder(const char *path, const char *images_dir, sgsi_scene_files *files)
+{
+    static const char *const bases[] = {"/sparse", "/colmap/sparse", ""};
+    size_t i = 0;
+    for (; i < 3 && !files->model_path; ++i) {
+        char *base = sgsi_format("%s%s", path, bases[i]);
+        const sgs_status status = base ? find_model(base, &files->model_path) : no_memory(path);
+        sgsi_free(base);
+        if (status)
+            return status;
+    }
+    if (!files->model_path)
+        return find_transforms(path, files);
+    files->colmap = true;
+    return find_images(path, images_dir, i == 3, files);
+}
+
+sgs_status sgsi_scene_find(const char *path, const char *images_dir, sgsi_scene_files *files)
+{
+    *files = (sgsi_scene_files){0};
+    sgs_status status;
+    if (sgsi_is_folder(path))
+        status = find_in_folder(path, images_dir, files);
+    else if (sgsi_is_file(path))
+        status = find_in_file(path, files);
+    else
+        status = sgsi_fail(SGS_STATUS_IO, "%s: there is no such folder", path);
+    if (!status && !files->colmap) {
+        files->mask_root = sgsi_strdup(files->image_folder);
+        status = files->mask_root ? SGS_STATUS_OK : no_memory(path);
+    }
+    if (status)
+        sgsi_scene_files_free(files);
+    return status;
+}
+
+char *sgsi_scene_image_path(const char *folder, const char *name)
+{
+    static const char *const extensions[] = {"jpg", "JPG", "jpeg", "JPEG", "png",
+                                             "PNG", "exr", "hdr",  "tif",  "tiff"};
+    char *path = sgsi_format("%s/%s", folder, name);
+    const char *dot = strrchr(name, '.');
+    if (!path || sgsi_is_file(path) || !dot || strchr(dot, '/'))
+        return path;
+    for (size_t i = 0; i < sizeof extensions / sizeof *extensions; ++i) {
+        char *other = sgsi_format("%s/%.*s%s", folder, (int)(dot + 1 - name), name, extensions[i]);
+        if (other && sgsi_is_file(other)) {
+            sgsi_free(path);
+            return other;
+        }
+        sgsi_free(other);
+    }
+    return path;
+}
+
+static bool is_image_name(const char *name)
+{
+    static const char *const extensions[] = {"jpg",  "jpeg", "png",  "tif",  "tiff", "bmp",
+                                             "webp", "exr",  "hdr",  "tga",  "ppm",  "pgm",
+                                             "jp2",  "heic", "heif", "avif", "dng"};
+    const char *dot = strrchr(name, '.');
+    for (size_t i = 0; dot && i < sizeof extensions / sizeof *extensions; ++i) {
+        if (!strcasecmp(dot + 1, extensions[i]))
+            return true;
+    }
+    return false;
+}
+
+enum { MAX_DEPTH = 8, EXAMPLES = 3 };
+
+typedef struct search {
+    const char *folder;
+    const char *const *known;
+    size_t known_count, unknown_count;
+    char *examples[EXAMPLES]; // the first ones by name: readdir has no order
+} search;
+
+static int name_order(const void *key, const void *element)
+{
+    return strcmp(key, *(const char *const *)element);
+}
+
+// Takes over `name`.
+static void note_unknown(search *s, char *name)
+{
+    ++s->unknown_count;
+    for (int i = 0; i < EXAMPLES && name; ++i) {
+        if (!s->examples[i] || strcmp(name, s->examples[i]) < 0) {
+            char *earlier = s->examples[i];
+            s->examples[i] = name;
+            name = earlier;
+        }
+    }
+    sgsi_free(name);
+}
+
+static void search_folder(search *s, const char *below, int depth)
+{
+    char *path = sgsi_format("%s/%s", s->folder, below);
+    DIR *folder = path ? opendir(path) : NULL;
+    for (struct dirent *entry; folder && (entry = readdir(folder));) {
+        if (entry->d_name[0] == '.')
+            continue;
+        char *name = sgsi_format("%s%s%s", below, *below ? "/" : "", entry->d_name);
+        char *full = name ? sgsi_format("%s/%s", s->folder, name) : NULL;
+        if (full && sgsi_is_folder(full) && depth < MAX_DEPTH) {
+            search_folder(s, name, depth + 1);
+        } else if (full && is_image_name(name) && !sgsi_mask_is_name(name) && sgsi_is_file(full) &&
+                   !bsearch(name, s->known, s->known_count, sizeof *s->known, name_order)) {
+            note_unknown(s, name);
+            name = NULL;
+        }
+        sgsi_free(name);
+        sgsi_free(full);
+    }
+    if (folder)
+        closedir(folder);
+    sgsi_free(path);
+}
+
+size_t sgsi_scene_count_unknown(const char *folder, const char *const *known, size_t count,
+                                char *examples, size_t examples_size)
+{
+    search s = {.folder = folder, .known = known, .known_count = count};
+    search_folder(&s, "", 0);
+    size_t used = 0;
+    examples[0] = 0;
+    for (int i = 0; i < EXAMPLES; ++i) {
+        if (s.examples[i] && used < examples_size) {
+            const int n = snprintf(examples + used, examples_size - used, "%s%s", i ? ", " : "",
+                                   s.examples[i]);
+            used += n > 0 ? (size_t)n : 0;
+        }
+        sgsi_free(s.examples[i]);
+    }
+    return s.unknown_count;
+}

@@ -1,0 +1,228 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Which of a scene's views train and which are held out, how a view is found by name, and the
+// extent of the scene, which the views that train define (3DGS: 1.1 times the largest distance of a
+// training camera from their mean).
+
+#include "scene/scene_split.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/core.h"
+
+sgs_status sgsi_scene_no_memory(const char *path)
+{
+    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory for the scene", path);
+}
+
+static const char *base_name(const char *name)
+{
+    const char *slash = strrchr(name, '/');
+    return slash ? slash + 1 : name;
+}
+
+// How well NAME names the view: 0 exactly, 1 without folder, 2 without extension, -1 not at all.
+static int match_level(const char *view_name, const char *name)
+{
+    const char *base = base_name(view_name);
+    const char *dot = strrchr(base, '.');
+    if (!strcmp(view_name, name))
+        return 0;
+    if (!strcmp(base, name))
+        return 1;
+    if (!dot)
+        return -1;
+    const size_t length = strlen(name);
+    const bool full = (size_t)(dot - view_name) == length && !strncmp(view_name, name, length);
+    const bool short_form = (size_t)(dot - base) == length && !strncmp(base, name, length);
+    return full || short_form ? 2 : -1;
+}
+
+ptrdiff_t sgs_scene_find_view(const sgs_scene *scene, const char *name)
+{
+    for (int level = 0; level < 3; ++level) {
+        for (size_t i = 0; i < scene->view_count; ++i) {
+            if (match_level(scene->views[i].name, name) == level)
+                return (ptrdiff_t)i;
+        }
+    }
+    return -1;
+}
+
+// Levenshtein's distance, capped lengths: only for "did you mean".
+static size_t edit_distance(const char *a, const char *b)
+{
+    enum { LONGEST = 128 };
+    size_t row[LONGEST + 1];
+    const size_t n = strnlen(a, LONGEST), m = strnlen(b, LONGEST);
+    for (size_t j = 0; j <= m; ++j)
+        row[j] = j;
+    for (size_t i = 1; i <= n; ++i) {
+        size_t diagonal = row[0];
+        row[0] = i;
+        for (size_t j = 1; j <= m; ++j) {
+            const size_t replaced = diagonal + (a[i - 1] != b[j - 1]);
+            const size_t shorter = (row[j] < row[j - 1] ? row[j] : row[j - 1]) + 1;
+            diagonal = row[j];
+            row[j] = replaced < shorter ? replaced : shorter;
+        }
+    }
+    return row[m];
+}
+
+static sgs_status unknown_test_image(const sgs_scene *scene, const char *name)
+{
+    const char *nearest[3] = {NULL};
+    size_t distances[3] = {SIZE_MAX, SIZE_MAX, SIZE_MAX};
+    for (size_t i = 0; i < scene->view_count; ++i) {
+        const char *candidate = scene->views[i].name;
+        size_t distance = edit_distance(name, base_name(candidate));
+        for (int k = 0; k < 3; ++k) {
+            if (distance < distances[k]) {
+                const char *text = nearest[k];
+                const size_t number = distances[k];
+                nearest[k] = candidate;
+                distances[k] = distance;
+                candidate = text;
+                distance = number;
+            }
+        }
+    }
+    return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                     "%s: no loaded view is called '%.200s', which is to be held out; the nearest "
+                     "names are %s%s%s%s%s",
+                     scene->path, name, nearest[0], nearest[1] ? ", " : "",
+                     nearest[1] ? nearest[1] : "", nearest[2] ? ", " : "",
+                     nearest[2] ? nearest[2] : "");
+}
+
+static sgs_status hold_out(sgs_scene *scene, const char *name)
+{
+    const ptrdiff_t found = sgs_scene_find_view(scene, name);
+    if (found < 0)
+        return unknown_test_image(scene, name);
+    // A name without its folder may mean several views; all of them are held out.
+    const int level = match_level(scene->views[found].name, name);
+    for (size_t i = 0; i < scene->view_count; ++i) {
+        if (match_level(scene->views[i].name, name) == level)
+            scene->views[i].split = SGS_SPLIT_TEST;
+    }
+    return SGS_STATUS_OK;
+}
+
+static sgs_status split_by_names(sgs_scene *scene, const char *list)
+{
+    for (size_t i = 0; i < scene->view_count; ++i)
+        scene->views[i].split = SGS_SPLIT_TRAIN;
+    char *names = sgsi_strdup(list);
+    if (!names)
+        return sgsi_scene_no_memory(scene->path);
+    sgs_status status = SGS_STATUS_OK;
+    char *rest = NULL;
+    for (char *name = strtok_r(names, ",", &rest); name && !status;
+         name = strtok_r(NULL, ",", &rest)) {
+        name += strspn(name, " ");
+        for (size_t length = strlen(name); length && name[length - 1] == ' '; --length)
+            name[length - 1] = 0;
+        if (*name)
+            status = hold_out(scene, name);
+    }
+    sgsi_free(names);
+    return status;
+}
+
+sgs_status sgsi_scene_split(sgs_scene *scene, const sgs_scene_options *options, bool has_split)
+{
+    const int every = options->test_every;
+    sgs_status status = SGS_STATUS_OK;
+    if (options->test_images)
+        status = split_by_names(scene, options->test_images);
+    else if (has_split && every) {
+        if (every != 8) // what --eval asks for without meaning the number
+            sgsi_warn("%s: the scene's own test views are used, not every %d-th one", scene->path,
+                      every);
+    } else {
+        for (size_t i = 0; i < scene->view_count; ++i)
+            scene->views[i].split =
+                every && i % (size_t)every == 0 ? SGS_SPLIT_TEST : SGS_SPLIT_TRAIN;
+    }
+    if (status)
+        return status;
+    for (size_t i = 0; i < scene->view_count; ++i) {
+        if (scene->views[i].split == SGS_SPLIT_TRAIN)
+            return SGS_STATUS_OK;
+    }
+    return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                     "%s: all %zu views are held out and none is left to train on; hold "
+                     "out fewer",
+                     scene->path, scene->view_count);
+}
+
+static int double_order(const void *a, const void *b)
+{
+    const double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+// Cameras in one place say nothing about the size of the scene, so half the median distance of the
+// points does: a camera path around an object has about that radius. Without points, 1.
+static sgs_status extent_from_points(sgs_scene *scene)
+{
+    scene->extent = 1;
+    if (scene->point_count == 0)
+        return SGS_STATUS_OK;
+    double *distances = sgsi_alloc(scene->point_count, sizeof *distances);
+    if (!distances)
+        return sgsi_scene_no_memory(scene->path);
+    for (size_t i = 0; i < scene->point_count; ++i) {
+        const float *p = scene->points + 3 * i;
+        distances[i] =
+            hypot(hypot(p[0] - scene->center[0], p[1] - scene->center[1]), p[2] - scene->center[2]);
+    }
+    qsort(distances, scene->point_count, sizeof *distances, double_order);
+    const double median = distances[scene->point_count / 2];
+    sgsi_free(distances);
+    if (median > 0 && isfinite(median))
+        scene->extent = 0.5 * median;
+    return SGS_STATUS_OK;
+}
+
+sgs_status sgsi_scene_measure_extent(sgs_scene *scene)
+{
+    size_t count = 0;
+    double sum[3] = {0}, largest = 0, magnitude = 0, center[3];
+    for (size_t i = 0; i < scene->view_count; ++i) {
+        sgs_pose_center(&scene->views[i].pose, center);
+        if (!(fabs(center[0]) + fabs(center[1]) + fabs(center[2]) < SGSI_FARTHEST_CAMERA))
+            return sgsi_fail(SGS_STATUS_FORMAT,
+                             "%s: the camera of '%s' is too far away to be real; is the model "
+                             "damaged?",
+                             scene->model_path, scene->views[i].name);
+        if (scene->views[i].split != SGS_SPLIT_TRAIN)
+            continue;
+        for (int k = 0; k < 3; ++k)
+            sum[k] += center[k];
+        ++count;
+    }
+    for (int k = 0; k < 3; ++k) {
+        scene->center[k] = sum[k] / (double)count;
+        magnitude = fmax(magnitude, fabs(scene->center[k]));
+    }
+    for (size_t i = 0; i < scene->view_count; ++i) {
+        if (scene->views[i].split != SGS_SPLIT_TRAIN)
+            continue;
+        sgs_pose_center(&scene->views[i].pose, center);
+        const double distance =
+            hypot(hypot(center[0] - scene->center[0], center[1] - scene->center[1]),
+                  center[2] - scene->center[2]);
+        largest = fmax(largest, distance);
+    }
+    scene->extent = 1.1 * largest;
+    // Below rounding noise the cameras are in one place.
+    if (scene->extent > 1e-9 * (1e-3 + magnitude))
+        return SGS_STATUS_OK;
+    return extent_from_points(scene);
+}

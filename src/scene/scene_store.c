@@ -1,0 +1,67 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+#include "scene/scene_store.h"
+
+#include "base/core.h"
+
+struct sgs_scene_store {
+    sgsi_photo_cache *cache;
+    uint16_t **planes; // of the lenses
+    size_t plane_count;
+    char *colorspace;
+};
+
+void sgsi_scene_store_destroy(sgs_scene_store *store)
+{
+    if (!store)
+        return;
+    sgsi_photo_cache_destroy(store->cache);
+    for (size_t i = 0; i < store->plane_count; ++i)
+        sgsi_free(store->planes[i]);
+    sgsi_free(store->planes);
+    sgsi_free(store->colorspace);
+    sgsi_free(store);
+}
+
+sgs_status sgsi_scene_store_create(const sgsi_photo_source *sources, const size_t *bytes,
+                                   size_t count, size_t limit, uint16_t **planes,
+                                   size_t plane_count, char *colorspace, sgs_scene_store **store)
+{
+    sgs_scene_store *made = sgsi_calloc(1, sizeof *made),
+                    left = {NULL, planes, plane_count, colorspace};
+    *store = NULL;
+    if (!made) {
+        for (size_t i = 0; i < plane_count; ++i)
+            sgsi_free(planes[i]);
+        sgsi_free(planes);
+        sgsi_free(colorspace);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the image cache");
+    }
+    *made = left;
+    const sgs_status status = sgsi_photo_cache_create(sources, bytes, count, limit, &made->cache);
+    if (status)
+        sgsi_scene_store_destroy(made);
+    else
+        *store = made;
+    return status;
+}
+
+sgsi_photo_cache *sgsi_scene_store_cache(const sgs_scene_store *store)
+{
+    return store->cache;
+}
+
+sgs_status sgs_scene_photo(const sgs_scene *scene, size_t index, const sgs_photo **photo)
+{
+    if (scene->store)
+        return sgsi_photo_cache_get(scene->store->cache, index, photo);
+    *photo = &scene->views[index].image;
+    return SGS_STATUS_OK;
+}
+
+void sgs_scene_expect(const sgs_scene *scene, size_t index)
+{
+    if (scene->store)
+        sgsi_photo_cache_expect(scene->store->cache, index);
+}

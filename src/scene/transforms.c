@@ -1,0 +1,475 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Camera files of the NeRF family: transforms_train.json / transforms_test.json of NeRF synthetic
+// (Mildenhall et al. 2020) and transforms.json of nerfstudio and instant-ngp.
+//
+// transform_matrix is camera-to-world with OpenGL's camera axes (x right, y up, z backward); ours
+// are x right, y down, z forward, so its second and third columns change sign. The world is left as
+// it is. A uniform scale of the matrix has no effect on rays and is removed, and rounding of its
+// rotation is repaired by the polar decomposition; anything further from a rotation is refused.
+//
+// Intrinsics may stand globally, per frame (which wins), or be absent but for camera_angle_x; then
+// the size of the photograph completes them (see sgsi_frame). NeRF synthetic writes file_path
+// without ".png" and means its RGBA images over white. Frames are counted from 0 in messages, as
+// JSON paths count.
+
+#include "scene/transforms.h"
+
+#include <ctype.h>
+#include <math.h>
+#include <string.h>
+#include <strings.h>
+#include <unistd.h>
+
+#include <jansson.h>
+
+#include "base/core.h"
+#include "base/path_sandbox.h"
+#include "formats/point_cloud.h"
+
+enum { MAX_SIZE = 65536 };
+
+enum key {
+    KEY_W,
+    KEY_H,
+    KEY_FL_X,
+    KEY_FL_Y,
+    KEY_CX,
+    KEY_CY,
+    KEY_K1,
+    KEY_K2,
+    KEY_K3,
+    KEY_K4,
+    KEY_P1,
+    KEY_P2,
+    KEY_ANGLE_X,
+    KEY_ANGLE_Y,
+    KEY_COUNT
+};
+
+static const char *const key_names[KEY_COUNT] = {
+    "w",  "h",  "fl_x",           "fl_y",          "cx", "cy", "k1", "k2", "k3", "k4",
+    "p1", "p2", "camera_angle_x", "camera_angle_y"};
+
+typedef struct intrinsics {
+    double value[KEY_COUNT]; // NaN where absent
+    const char *model;       // camera_model, NULL where absent
+    bool fisheye;            // instant-ngp's is_fisheye
+} intrinsics;
+
+typedef struct reader {
+    const char *path;
+    char where[48]; // "frame 3" or "the global keys"
+    sgsi_dataset *dataset;
+} reader;
+
+// Sets the values that `object` has.
+static sgs_status read_intrinsics(const reader *r, const json_t *object, intrinsics *out)
+{
+    for (int k = 0; k < KEY_COUNT; ++k) {
+        const json_t *value = json_object_get(object, key_names[k]);
+        if (!value || json_is_null(value))
+            continue;
+        if (!json_is_number(value) || !isfinite(json_number_value(value)))
+            return sgsi_fail(SGS_STATUS_FORMAT, "%s: %s: '%s' must be a number", r->path, r->where,
+                             key_names[k]);
+        out->value[k] = json_number_value(value);
+    }
+    const json_t *model = json_object_get(object, "camera_model");
+    if (model && !json_is_string(model) && !json_is_null(model))
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: %s: 'camera_model' must be a string", r->path,
+                         r->where);
+    if (json_is_string(model))
+        out->model = json_string_value(model);
+    out->fisheye = out->fisheye || json_is_true(json_object_get(object, "is_fisheye"));
+    return SGS_STATUS_OK;
+}
+
+static double or_else(double value, double otherwise)
+{
+    return isnan(value) ? otherwise : value;
+}
+
+static sgs_status read_size(const reader *r, const intrinsics *in, sgs_camera *camera)
+{
+    const double w = in->value[KEY_W], h = in->value[KEY_H];
+    if (isnan(w) && isnan(h))
+        return SGS_STATUS_OK; // left to the photograph
+    if (!(w >= 1 && w <= MAX_SIZE && h >= 1 && h <= MAX_SIZE))
+        return sgsi_fail(
+            SGS_STATUS_FORMAT,
+            "%s: %s: the image size w = %g, h = %g is not within 1 to %d pixels; correct "
+            "both or leave both out",
+            r->path, r->where, w, h, MAX_SIZE);
+    camera->width = (int)lround(w);
+    camera->height = (int)lround(h);
+    return SGS_STATUS_OK;
+}
+
+static sgs_status read_model(const reader *r, const intrinsics *in, sgs_camera *camera)
+{
+    static const char *const perspective[] = {"OPENCV", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL",
+                                              "PERSPECTIVE"};
+    const double *v = in->value;
+    const double k1 = or_else(v[KEY_K1], 0), k2 = or_else(v[KEY_K2], 0), k3 = or_else(v[KEY_K3], 0);
+    const double k4 = or_else(v[KEY_K4], 0), p1 = or_else(v[KEY_P1], 0), p2 = or_else(v[KEY_P2], 0);
+    double *p = camera->params;
+    const char *model = in->model ? in->model : in->fisheye ? "OPENCV_FISHEYE" : "OPENCV";
+    bool known = false;
+    for (size_t i = 0; i < sizeof perspective / sizeof *perspective; ++i)
+        known = known || !strcmp(model, perspective[i]);
+    camera->model = SGS_CAMERA_PINHOLE;
+    if (!strcmp(model, "PINHOLE"))
+        return SGS_STATUS_OK;
+    p[4] = k1;
+    p[5] = k2;
+    if (!strcmp(model, "OPENCV_FISHEYE")) {
+        camera->model = SGS_CAMERA_OPENCV_FISHEYE;
+        p[6] = k3;
+        p[7] = k4;
+        return SGS_STATUS_OK;
+    }
+    if (!known || k4 != 0)
+        return sgsi_fail(SGS_STATUS_UNSUPPORTED,
+                         "%s: %s: camera model '%.64s'%s is not supported; PINHOLE, OPENCV and "
+                         "OPENCV_FISHEYE are: "
+                         "undistort the images or calibrate with one of these",
+                         r->path, r->where, model, known ? " with k4" : "");
+    p[6] = p1;
+    p[7] = p2;
+    p[8] = k3; // the rational model with its denominator at 1
+    camera->model = k3 != 0                                    ? SGS_CAMERA_FULL_OPENCV
+                    : k1 != 0 || k2 != 0 || p1 != 0 || p2 != 0 ? SGS_CAMERA_OPENCV
+                                                               : SGS_CAMERA_PINHOLE;
+    return SGS_STATUS_OK;
+}
+
+// Focal length of a field of view, NaN when the angle is absent.
+static sgs_status focal_of_angle(const reader *r, const intrinsics *in, enum key key, int size,
+                                 double *focal)
+{
+    const double angle = in->value[key];
+    *focal = NAN;
+    if (isnan(angle))
+        return SGS_STATUS_OK;
+    if (!(angle > 0 && angle < 3.14159))
+        return sgsi_fail(SGS_STATUS_FORMAT,
+                         "%s: %s: '%s' is %g, not an angle between 0 and pi radians", r->path,
+                         r->where, key_names[key], angle);
+    if (size > 0)
+        *focal = 0.5 * size / tan(0.5 * angle);
+    return SGS_STATUS_OK;
+}
+
+static sgs_status read_camera(const reader *r, const intrinsics *in, sgsi_frame *frame)
+{
+    sgs_camera *camera = &frame->camera;
+    double from_x, from_y;
+    sgs_status status = read_size(r, in, camera);
+    if (!status)
+        status = read_model(r, in, camera);
+    if (!status)
+        status = focal_of_angle(r, in, KEY_ANGLE_X, camera->width, &from_x);
+    if (!status)
+        status = focal_of_angle(r, in, KEY_ANGLE_Y, camera->height, &from_y);
+    if (status)
+        return status;
+    const double fl_x = in->value[KEY_FL_X], fl_y = in->value[KEY_FL_Y];
+    double *p = camera->params;
+    if (sgs_camera_is_fisheye(camera->model))
+        from_x = from_y = NAN; // an angle means a focal length only without distortion of the angle
+    p[0] = or_else(fl_x, or_else(from_x, or_else(fl_y, from_y)));
+    p[1] = or_else(fl_y, isnan(fl_x) ? or_else(from_y, p[0]) : fl_x);
+    const bool completed_later = camera->width == 0 && isnan(p[0]) &&
+                                 !isnan(in->value[KEY_ANGLE_X]) &&
+                                 !sgs_camera_is_fisheye(camera->model);
+    if (completed_later)
+        frame->angle_x = in->value[KEY_ANGLE_X];
+    else if (isnan(p[0]))
+        return sgsi_fail(SGS_STATUS_FORMAT,
+                         "%s: %s: has no focal length; add 'fl_x' (pixels) or 'camera_angle_x' "
+                         "(radians)",
+                         r->path, r->where);
+    p[2] = or_else(in->value[KEY_CX], camera->width ? 0.5 * camera->width : NAN);
+    p[3] = or_else(in->value[KEY_CY], camera->width ? 0.5 * camera->height : NAN);
+    if (camera->width && sgs_camera_validate(camera))
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: %s: %s; correct its intrinsics", r->path, r->where,
+                         sgs_last_error());
+    return SGS_STATUS_OK;
+}
+
+static double determinant(const double m[9], double cofactors[9])
+{
+    for (int i = 0; i < 3; ++i) {
+        for (int j = 0; j < 3; ++j) {
+            const int a = (i + 1) % 3, b = (i + 2) % 3, c = (j + 1) % 3, d = (j + 2) % 3;
+            cofactors[3 * i + j] = m[3 * a + c] * m[3 * b + d] - m[3 * a + d] * m[3 * b + c];
+        }
+    }
+    return m[0] * cofactors[0] + m[1] * cofactors[1] + m[2] * cofactors[2];
+}
+
+// Removes a uniform scale and moves m to the nearest rotation (Newton's iteration of the polar
+// decomposition, Higham 1986: m <- (m + m^-T) / 2). False when m is further than two percent from a
+// scaled rotation.
+static bool make_rotation(double m[9])
+{
+    double cofactors[9];
+    const double scale = cbrt(determinant(m, cofactors));
+    if (!(scale > 0) || !isfinite(scale))
+        return false;
+    for (int i = 0; i < 9; ++i)
+        m[i] /= scale;
+    for (int i = 0; i < 3; ++i) {
+        for (int j = 0; j < 3; ++j) {
+            const double dot = m[i] * m[j] + m[3 + i] * m[3 + j] + m[6 + i] * m[6 + j];
+            if (!(fabs(dot - (i == j)) <= 0.02))
+                return false;
+        }
+    }
+    for (int step = 0; step < 5; ++step) {
+        const double det = determinant(m, cofactors);
+        for (int i = 0; i < 9; ++i)
+            m[i] = 0.5 * (m[i] + cofactors[i] / det);
+    }
+    return true;
+}
+
+static sgs_status read_pose(const reader *r, const json_t *object, sgs_pose *pose)
+{
+    const json_t *rows = json_object_get(object, "transform_matrix");
+    const size_t row_count = json_array_size(rows); // 0 when it is no array
+    bool fine = row_count == 3 || row_count == 4;
+    double m[3][4] = {{0}};
+    for (size_t i = 0; i < 3 && fine; ++i) {
+        const json_t *row = json_array_get(rows, i);
+        fine = json_array_size(row) == 4;
+        for (size_t j = 0; j < 4 && fine; ++j) {
+            fine = json_is_number(json_array_get(row, j));
+            m[i][j] = json_number_value(json_array_get(row, j));
+        }
+    }
+    if (!fine)
+        return sgsi_fail(SGS_STATUS_FORMAT,
+                         "%s: %s: 'transform_matrix' must be 4 rows (or 3) of 4 numbers", r->path,
+                         r->where);
+    double rotation[9];
+    for (int i = 0; i < 3; ++i) {
+        rotation[3 * i] = m[i][0];
+        rotation[3 * i + 1] = -m[i][1];
+        rotation[3 * i + 2] = -m[i][2];
+    }
+    if (!make_rotation(rotation))
+        return sgsi_fail(SGS_STATUS_FORMAT,
+                         "%s: %s: 'transform_matrix' does not hold a rotation; export the cameras "
+                         "again",
+                         r->path, r->where);
+    for (int i = 0; i < 3; ++i) {
+        double t = 0;
+        for (int j = 0; j < 3; ++j) {
+            pose->rotation[3 * i + j] = rotation[3 * j + i];
+            t -= rotation[3 * j + i] * m[j][3];
+        }
+        pose->translation[i] = t;
+    }
+    return SGS_STATUS_OK;
+}
+
+static bool has_image_extension(const char *name)
+{
+    static const char *const extensions[] = {"png",  "jpg", "jpeg", "tif", "tiff",
+                                             "webp", "bmp", "exr",  "hdr"};
+    const char *dot = strrchr(name, '.');
+    for (size_t i = 0; dot && i < sizeof extensions / sizeof *extensions; ++i) {
+        if (!strcasecmp(dot + 1, extensions[i]))
+            return true;
+    }
+    return false;
+}
+
+// The path under `key` below the folder of the file, with `extension` where it has none of an
+// image's.
+static sgs_status read_path(const reader *r, const json_t *object, const char *key,
+                            const char *extension, char **path)
+{
+    const char *file = json_string_value(json_object_get(object, key));
+    if (!file)
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: %s: '%s' must be a string", r->path, r->where,
+                         key);
+    *path = sgsi_format("%s%s", file, *file && !has_image_extension(file) ? extension : "");
+    if (!*path)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: %s: no memory", r->path, r->where);
+    const char *complaint = sgsi_image_name_clean(*path);
+    if (complaint)
+        return sgsi_fail(SGS_STATUS_FORMAT,
+                         "%s: %s: '%s' %s; name a file below the folder of this JSON file", r->path,
+                         r->where, key, complaint);
+    return SGS_STATUS_OK;
+}
+
+// nerfstudio's mask of a frame, white where pixels count.
+static sgs_status read_mask(const reader *r, const json_t *object, char **path)
+{
+    const json_t *value = json_object_get(object, "mask_path");
+    return !value || json_is_null(value) ? SGS_STATUS_OK
+                                         : read_path(r, object, "mask_path", "", path);
+}
+
+static sgs_status read_frame(const reader *r, const json_t *object, const intrinsics *global,
+                             sgsi_frame *frame)
+{
+    intrinsics own = *global;
+    if (!json_is_object(object))
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: %s: must be an object", r->path, r->where);
+    sgs_status status = read_path(r, object, "file_path", ".png", &frame->name);
+    if (!status)
+        status = read_mask(r, object, &frame->mask);
+    if (!status)
+        status = read_pose(r, object, &frame->pose);
+    if (!status)
+        status = read_intrinsics(r, object, &own);
+    return status ? status : read_camera(r, &own, frame);
+}
+
+static sgs_status read_frames(reader *r, const json_t *root, sgs_split split)
+{
+    sgsi_dataset *d = r->dataset;
+    const json_t *frames = json_object_get(root, "frames");
+    const size_t count = json_array_size(frames);
+    if (!json_is_array(frames) || count == 0)
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: 'frames' must be a list with at least one frame",
+                         r->path);
+    intrinsics global = {.model = NULL};
+    for (int k = 0; k < KEY_COUNT; ++k)
+        global.value[k] = NAN;
+    snprintf(r->where, sizeof r->where, "the global keys");
+    sgs_status status = read_intrinsics(r, root, &global);
+    if (status)
+        return status;
+    if (!sgsi_grow((void **)&d->frames, d->frame_count, d->frame_count + count, sizeof *d->frames))
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory for %zu frames", r->path, count);
+    for (size_t i = 0; i < count && !status; ++i) {
+        snprintf(r->where, sizeof r->where, "frame %zu", i);
+        sgsi_frame *frame = &d->frames[d->frame_count++];
+        *frame = (sgsi_frame){.split = split, .place = i};
+        status = read_frame(r, json_array_get(frames, i), &global, frame);
+    }
+    return status;
+}
+
+static sgs_status parse_file(const char *path, json_t **root)
+{
+    uint8_t *content;
+    size_t size;
+    json_error_t error;
+    *root = NULL;
+    const sgs_status status = sgsi_file_read(path, (size_t)1 << 30, &content, &size);
+    if (status)
+        return status;
+    // Whole numbers as doubles, too: one of 30 digits is no reason to refuse a file.
+    *root = json_loadb((const char *)content, size, JSON_DECODE_INT_AS_REAL, &error);
+    sgsi_free(content);
+    if (!*root)
+        return sgsi_fail(SGS_STATUS_FORMAT,
+                         "%s: line %d, column %d: %s; correct it or export the cameras again", path,
+                         error.line, error.column, error.text);
+    if (!json_is_object(*root)) {
+        json_decref(*root);
+        *root = NULL;
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: must hold a JSON object with 'frames'", path);
+    }
+    return SGS_STATUS_OK;
+}
+
+// nerfstudio's list of held-out files.
+static void apply_test_names(const json_t *root, sgsi_dataset *dataset)
+{
+    const json_t *names = json_object_get(root, "test_filenames");
+    for (size_t i = 0; i < json_array_size(names); ++i) {
+        char *name = json_is_string(json_array_get(names, i))
+                         ? sgsi_strdup(json_string_value(json_array_get(names, i)))
+                         : NULL;
+        if (name && !sgsi_image_name_clean(name)) {
+            for (size_t k = 0; k < dataset->frame_count; ++k) {
+                if (!strcmp(dataset->frames[k].name, name)) {
+                    dataset->frames[k].split = SGS_SPLIT_TEST;
+                    dataset->has_split = true;
+                }
+            }
+        }
+        sgsi_free(name);
+    }
+}
+
+// The folder of `path`, with its '/', and then `name`.
+static char *beside(const char *path, const char *name)
+{
+    const char *slash = strrchr(path, '/');
+    return sgsi_format("%.*s%s", slash ? (int)(slash + 1 - path) : 0, path, name);
+}
+
+// The cloud is an aid: when it cannot be read, a warning says so and the scene has no points.
+static void read_points(const char *path, const json_t *root, sgsi_dataset *dataset)
+{
+    const json_t *value = json_object_get(root, "ply_file_path");
+    char *name = json_is_string(value) ? sgsi_strdup(json_string_value(value)) : NULL;
+    if (!name)
+        return;
+    const char *complaint = sgsi_image_name_clean(name);
+    char *cloud = complaint ? NULL : beside(path, name);
+    char *folder = beside(path, ".");
+    sgsi_roots roots = {{NULL}};
+    sgsi_roots_add(&roots, folder);
+    if (complaint)
+        sgsi_warn("%s: 'ply_file_path' %s; the scene has no points", path, complaint);
+    else if (!cloud || sgsi_roots_check(&roots, cloud) ||
+             sgsi_point_cloud_read(cloud, &dataset->point_count, &dataset->points,
+                                   &dataset->colors))
+        sgsi_warn("%s; the scene has no points",
+                  cloud ? sgs_last_error() : "no memory for the points");
+    sgsi_roots_free(&roots);
+    sgsi_free(folder);
+    sgsi_free(cloud);
+    sgsi_free(name);
+}
+
+static sgs_status read_file(const char *path, sgs_split split, sgsi_dataset *dataset)
+{
+    reader r = {.path = path, .dataset = dataset};
+    json_t *root;
+    sgs_status status = parse_file(path, &root);
+    if (status)
+        return status;
+    status = read_frames(&r, root, split);
+    if (!status)
+        apply_test_names(root, dataset);
+    if (!status && split == SGS_SPLIT_TRAIN)
+        read_points(path, root, dataset);
+    json_decref(root);
+    return status;
+}
+
+sgs_status sgsi_transforms_read(const char *path, sgsi_dataset *dataset)
+{
+    const char *suffix = "transforms_train.json";
+    const size_t length = strlen(path), suffix_length = strlen(suffix);
+    *dataset = (sgsi_dataset){.format = SGS_SCENE_TRANSFORMS};
+    sgs_status status = read_file(path, SGS_SPLIT_TRAIN, dataset);
+    if (!status && length >= suffix_length && !strcmp(path + length - suffix_length, suffix)) {
+        dataset->white_background = true;
+        char *test = beside(path, "transforms_test.json");
+        if (!test)
+            status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory", path);
+        else if (!access(test, F_OK)) {
+            status = read_file(test, SGS_SPLIT_TEST, dataset);
+            dataset->has_split = true;
+        }
+        sgsi_free(test);
+    }
+    if (!status)
+        status = sgsi_dataset_check_names(dataset, path, "frame");
+    if (status)
+        sgsi_dataset_free(dataset);
+    return status;
+}

@@ -1,0 +1,323 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// The public renderer: one tracer, one ray cache, a model somebody else owns.
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/core.h"
+#include "trace/deep.h"
+#include "model/normals.h"
+#include "rays/rays.h"
+#include "sparegs/runtime.h"
+#include "base/threads.h"
+#include "trace/tracer.h"
+
+struct sgs_renderer {
+    const sgs_gaussians *model;
+    sgsi_tracer *tracer;
+    sgsi_ray_cache *rays;
+    bool changed;
+    sgsi_planes planes;
+    sgsi_aov aov;
+    size_t unwanted_floats;
+    float *unwanted; // colour and transmittance of frames that do not want them
+    size_t normal_count;
+    float *normals; // [normal_count][4]
+    sgsi_deep deep;
+    float *filter_3d; // padded
+    size_t filter_capacity;
+};
+
+double sgs_near_distance(double extent)
+{
+    return extent < 1.0 ? 0.2 * extent : 0.2;
+}
+
+sgs_render_options sgs_render_options_default(void)
+{
+    return (sgs_render_options){
+        .filter = SGS_FILTER_3DGS, .near_distance = 0.2, .sh_degree = 3, .compact_box = 1.0};
+}
+
+// ---- Frames ----
+
+enum { PLANE_COUNT = 15 };
+
+// The planes of a frame as one list, each with the bit that asks for it (0: always there).
+typedef struct frame_planes {
+    float **plane[PLANE_COUNT];
+    unsigned bit[PLANE_COUNT];
+} frame_planes;
+
+static frame_planes list_planes(sgs_frame *frame)
+{
+    return (frame_planes){
+        {&frame->color[0], &frame->color[1], &frame->color[2], &frame->transmittance,
+         &frame->depth_mean, &frame->depth_median, &frame->depth_first, &frame->hits,
+         &frame->normal[0], &frame->normal[1], &frame->normal[2], &frame->position[0],
+         &frame->position[1], &frame->position[2], (float **)&frame->primitive},
+        {0, 0, 0, 0, SGS_PLANE_DEPTH_MEAN, SGS_PLANE_DEPTH_MEDIAN, SGS_PLANE_DEPTH_FIRST,
+         SGS_PLANE_HITS, SGS_PLANE_NORMAL, SGS_PLANE_NORMAL, SGS_PLANE_NORMAL, SGS_PLANE_POSITION,
+         SGS_PLANE_POSITION, SGS_PLANE_POSITION, SGS_PLANE_PRIMITIVE}};
+}
+
+sgs_status sgs_frame_create_with(int width, int height, unsigned planes, sgs_frame *frame)
+{
+    *frame = (sgs_frame){0};
+    if (width < 1 || height < 1)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "a frame of %dx%d pixels is empty", width,
+                         height);
+    const frame_planes list = list_planes(frame);
+    const double pixels = (double)width * height, machine = (double)sgs_machine_memory();
+    double bytes = 0;
+    for (int i = 0; i < PLANE_COUNT; ++i)
+        bytes += !list.bit[i] || planes & list.bit[i] ? pixels * sizeof(float) : 0;
+    if (bytes > machine)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                         "a frame of %dx%d pixels takes more than %.0f GiB, and this machine has "
+                         "%.0f GiB; choose a smaller size",
+                         width, height, bytes / 0x1p30, machine / 0x1p30);
+    for (int i = 0; i < PLANE_COUNT; ++i) {
+        if (list.bit[i] && !(planes & list.bit[i]))
+            continue;
+        *list.plane[i] = sgsi_calloc((size_t)width * (size_t)height, sizeof(float));
+        if (!*list.plane[i]) {
+            sgs_frame_free(frame);
+            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a frame of %dx%d pixels",
+                             width, height);
+        }
+    }
+    frame->width = width;
+    frame->height = height;
+    return SGS_STATUS_OK;
+}
+
+sgs_status sgs_frame_create(int width, int height, sgs_frame *frame)
+{
+    return sgs_frame_create_with(width, height, SGS_PLANES_BASIC, frame);
+}
+
+void sgs_frame_free(sgs_frame *frame)
+{
+    const frame_planes list = list_planes(frame);
+    for (int i = 0; i < PLANE_COUNT; ++i)
+        sgsi_free(*list.plane[i]);
+    *frame = (sgs_frame){0};
+}
+
+// ---- The renderer ----
+
+sgs_status sgs_renderer_create(const sgs_gaussians *model, sgs_renderer **renderer)
+{
+    *renderer = NULL;
+    sgs_renderer *made = sgsi_calloc(1, sizeof *made);
+    if (!made)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a renderer");
+    made->model = model;
+    made->changed = true;
+    sgs_status status = sgsi_tracer_create(&made->tracer);
+    if (!status)
+        status = sgsi_ray_cache_create((size_t)1 << 30, &made->rays);
+    if (status) {
+        sgs_renderer_destroy(made);
+        return status;
+    }
+    *renderer = made;
+    return SGS_STATUS_OK;
+}
+
+void sgs_renderer_destroy(sgs_renderer *renderer)
+{
+    if (!renderer)
+        return;
+    sgsi_tracer_destroy(renderer->tracer);
+    sgsi_ray_cache_destroy(renderer->rays);
+    sgsi_free(renderer->unwanted);
+    sgsi_free(renderer->normals);
+    sgsi_deep_free(&renderer->deep);
+    sgsi_free(renderer->filter_3d);
+    sgsi_free(renderer);
+}
+
+sgs_status sgs_renderer_update(sgs_renderer *renderer)
+{
+    renderer->changed = true;
+    return SGS_STATUS_OK;
+}
+
+// The kernels write straight into the frame; colour and transmittance that it does not want go to
+// planes of our own.
+static sgs_status prepare_planes(sgs_renderer *renderer, const sgs_frame *frame)
+{
+    const size_t floats = (size_t)frame->width * (size_t)frame->height;
+    float *basic[4] = {frame->color[0], frame->color[1], frame->color[2], frame->transmittance};
+    for (size_t k = 0; k < 4; ++k) {
+        if (basic[k])
+            continue;
+        if (4 * floats > renderer->unwanted_floats) {
+            sgsi_free(renderer->unwanted);
+            renderer->unwanted = sgsi_alloc(floats, 4 * sizeof *renderer->unwanted);
+            renderer->unwanted_floats = renderer->unwanted ? 4 * floats : 0;
+            if (!renderer->unwanted)
+                return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a frame of %dx%d pixels",
+                                 frame->width, frame->height);
+        }
+        basic[k] = renderer->unwanted + k * floats;
+    }
+    renderer->planes = (sgsi_planes){.width = frame->width,
+                                     .height = frame->height,
+                                     .stride = (size_t)frame->width,
+                                     .color = {basic[0], basic[1], basic[2]},
+                                     .transmittance = basic[3],
+                                     .depth_mean = frame->depth_mean,
+                                     .depth_median = frame->depth_median,
+                                     .depth_first = frame->depth_first,
+                                     .hits = frame->hits};
+    return SGS_STATUS_OK;
+}
+
+// The quantities beyond the basic ones, and the primitives' normals where these are wanted.
+static sgs_status prepare_aov(sgs_renderer *renderer, const sgsi_view *view,
+                              const sgs_render_options *options, const sgs_frame *frame)
+{
+    sgsi_aov *aov = &renderer->aov;
+    *aov = (sgsi_aov){.primitive = frame->primitive, .axis_depth = options->axis_depth};
+    memcpy(aov->normal, frame->normal, sizeof aov->normal);
+    memcpy(aov->position, frame->position, sizeof aov->position);
+    memcpy(aov->rotation, view->rotation, sizeof aov->rotation);
+    memcpy(aov->center, view->center, sizeof aov->center);
+    renderer->planes.aov =
+        aov->normal[0] || aov->position[0] || aov->primitive || aov->axis_depth ? aov : NULL;
+    if (!aov->normal[0])
+        return SGS_STATUS_OK;
+    if (renderer->normal_count < renderer->model->count) {
+        sgsi_free(renderer->normals);
+        renderer->normals = sgsi_alloc(renderer->model->count, 4 * sizeof *renderer->normals);
+        renderer->normal_count = renderer->normals ? renderer->model->count : 0;
+        if (!renderer->normals)
+            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                             "no memory for the normals of %zu primitives", renderer->model->count);
+    }
+    sgsi_normals_fill(renderer->model, view->center, renderer->normals);
+    aov->normals = renderer->normals;
+    return SGS_STATUS_OK;
+}
+
+// The kernels read whole blocks of 16; the caller's array ends with the model.
+static sgs_status pad_filter(sgs_renderer *renderer, const sgs_render_options *options,
+                             const float **filter_3d)
+{
+    const size_t count = renderer->model->count, capacity = renderer->model->capacity;
+    *filter_3d = NULL;
+    if (options->filter != SGS_FILTER_MIP || !options->filter_3d)
+        return SGS_STATUS_OK;
+    if (capacity > renderer->filter_capacity) {
+        sgsi_free(renderer->filter_3d);
+        renderer->filter_3d = sgsi_calloc(capacity, sizeof *renderer->filter_3d);
+        renderer->filter_capacity = renderer->filter_3d ? capacity : 0;
+        if (!renderer->filter_3d)
+            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                             "no memory for the 3D filter of %zu primitives", count);
+    }
+    memcpy(renderer->filter_3d, options->filter_3d, count * sizeof *renderer->filter_3d);
+    *filter_3d = renderer->filter_3d;
+    return SGS_STATUS_OK;
+}
+
+// Everything up to the tracing.
+static sgs_status begin_view(sgs_renderer *renderer, const sgs_camera *camera, const sgs_pose *pose,
+                             const sgs_render_options *options, const sgs_frame *frame,
+                             sgsi_view *view)
+{
+    if (frame->width != camera->width || frame->height != camera->height)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                         "the frame is %dx%d pixels but its camera %dx%d", frame->width,
+                         frame->height, camera->width, camera->height);
+    if (options->filter != SGS_FILTER_3DGS && options->filter != SGS_FILTER_NONE &&
+        options->filter != SGS_FILTER_MIP)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "pixel filter %d is unknown",
+                         (int)options->filter);
+    if (options->sh_degree < 0 || options->sh_degree > 3 || !(options->near_distance >= 0.0))
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                         "SH degree %d or near distance %g is out of range", options->sh_degree,
+                         options->near_distance);
+    if (!(options->compact_box > 0.0 && options->compact_box <= 1.0))
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "compact box %g is not in (0, 1]",
+                         options->compact_box);
+    const sgsi_rays *rays;
+    sgs_status status = sgsi_ray_cache_get(renderer->rays, camera, &rays);
+    if (!status)
+        status = prepare_planes(renderer, frame);
+    if (status)
+        return status;
+    sgs_render_options padded = *options;
+    status = pad_filter(renderer, options, &padded.filter_3d);
+    if (status)
+        return status;
+    sgsi_view_set(view, rays, pose, &padded);
+    status = sgsi_tracer_project(renderer->tracer, renderer->model, view, NULL, NULL);
+    if (!status)
+        status = sgsi_tracer_commit(renderer->tracer, renderer->changed, SGSI_BVH_REFIT);
+    renderer->changed = renderer->changed && status;
+    if (!status)
+        status = prepare_aov(renderer, view, options, frame);
+    return status;
+}
+
+sgs_status sgs_renderer_render(sgs_renderer *renderer, const sgs_camera *camera,
+                               const sgs_pose *pose, const sgs_render_options *options,
+                               sgs_frame *frame)
+{
+    sgsi_view view;
+    sgs_status status = begin_view(renderer, camera, pose, options, frame, &view);
+    if (!status)
+        status = sgsi_tracer_forward(renderer->tracer, &view, &renderer->planes, NULL, false);
+    return status;
+}
+
+// Rows of bins per band: enough for all threads, as long as the samples stay within bounds.
+static int band_rows(const sgsi_rays *rays, int max_samples)
+{
+    const size_t wanted = 8 * (size_t)sgsi_threads() / (size_t)rays->bins_x + 1;
+    const size_t row_bytes = (size_t)rays->bin_tiles * SGSI_TILE * (size_t)rays->camera.width *
+                             (size_t)max_samples * sizeof(sgs_deep_sample);
+    const size_t allowed = ((size_t)256 << 20) / row_bytes;
+    return (int)(wanted < allowed ? wanted : allowed ? allowed : 1);
+}
+
+sgs_status sgs_renderer_render_deep(sgs_renderer *renderer, const sgs_camera *camera,
+                                    const sgs_pose *pose, const sgs_render_options *options,
+                                    const sgs_deep_options *deep, sgs_frame *frame,
+                                    sgs_deep_rows_fn rows, void *context)
+{
+    if (!(deep->tolerance >= 0 && deep->tolerance <= 1) || deep->max_samples < 1 ||
+        deep->max_samples > 256)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                         "a deep tolerance of %g or %d samples per pixel is out of range",
+                         deep->tolerance, deep->max_samples);
+    sgsi_view view;
+    sgs_status status = begin_view(renderer, camera, pose, options, frame, &view);
+    if (status)
+        return status;
+    const sgsi_rays *rays = view.rays;
+    const int bin_rows = band_rows(rays, deep->max_samples), step = bin_rows * rays->bin_tiles;
+    status = sgsi_deep_reserve(&renderer->deep, deep, camera->width, step * SGSI_TILE);
+    renderer->aov.visit = sgsi_deep_visit;
+    renderer->aov.context = &renderer->deep;
+    renderer->planes.aov = &renderer->aov;
+    for (int first = 0; first < rays->tiles_y && !status; first += step) {
+        const int y = first * SGSI_TILE, left = camera->height - y;
+        const int height = left < step * SGSI_TILE ? left : step * SGSI_TILE;
+        sgsi_deep_begin(&renderer->deep, y, height);
+        status =
+            sgsi_tracer_forward_rows(renderer->tracer, &view, &renderer->planes, first,
+                                     first + step < rays->tiles_y ? first + step : rays->tiles_y);
+        if (status)
+            break;
+        sgsi_deep_pack(&renderer->deep);
+        status = rows(context, y, height, renderer->deep.counts, renderer->deep.samples);
+    }
+    return status;
+}

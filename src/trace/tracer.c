@@ -1,0 +1,585 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Orchestration of one view. A work item of the forward pass is a bin (a square of tiles): its
+// packet of cone rays asks the BVH, the candidates are tested against its tiles and put in one
+// order (distance of the mean, then id) so that nothing depends on the traversal, and every tile of
+// the bin is sorted and blended by the kernels.
+//
+// Depth guesses. Per tile we remember how far the last visit of the view had to look. Candidates
+// that begin behind the guess are left out, by the BVH (far of the ray) and, exactly and
+// independently of the tree, by the test against the tile. If a pixel of the tile then fails to
+// become opaque in front of the guess, the bin is gathered again without a limit and the tile
+// redone.
+
+#include <math.h>
+#include <string.h>
+
+#include "base/core.h"
+#include "base/radix.h"
+#include "rays/rays.h"
+#include "trace/tracer_state.h"
+
+sgs_status sgsi_tracer_create(sgsi_tracer **tracer)
+{
+    *tracer = NULL;
+    sgsi_tracer *made = sgsi_calloc(1, sizeof *made);
+    if (!made)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the tracer");
+    const sgs_status status = sgsi_bvh_create(&made->bvh);
+    if (status) {
+        sgsi_free(made);
+        return status;
+    }
+    *tracer = made;
+    return SGS_STATUS_OK;
+}
+
+static void free_thread(thread_state *thread)
+{
+    if (!thread)
+        return;
+    sgsi_scratch_free(&thread->scratch);
+    sgsi_free(thread->gathered.ids);
+    sgsi_free(thread->keys);
+    sgsi_free(thread->keys_spare);
+    sgsi_arena_free(&thread->arena);
+    sgsi_free(thread);
+}
+
+void sgsi_tracer_destroy(sgsi_tracer *tracer)
+{
+    if (!tracer)
+        return;
+    for (int i = 0; i < MAX_THREADS; ++i)
+        free_thread(tracer->threads[i]);
+    sgsi_bvh_destroy(tracer->bvh);
+    void *const arrays[] = {tracer->records,    tracer->bounds,    tracer->sums,
+                            tracer->touched,    tracer->visible,   tracer->lists,
+                            tracer->slot_order, tracer->slot_sums, tracer->slot_begin,
+                            tracer->buckets};
+    for (size_t i = 0; i < sizeof arrays / sizeof *arrays; ++i)
+        sgsi_free(arrays[i]);
+    sgsi_free(tracer);
+}
+
+static bool grow_keys(thread_state *state, size_t capacity)
+{
+    if (capacity <= state->key_capacity)
+        return true;
+    if (!sgsi_grow((void **)&state->keys, 0, capacity, sizeof *state->keys) ||
+        !sgsi_grow((void **)&state->keys_spare, 0, capacity, sizeof *state->keys_spare))
+        return false;
+    state->key_capacity = capacity;
+    return true;
+}
+
+// A bin may fall to any thread, and one thread may get them all while the others sleep. So every
+// thread gets room for what any of them has needed, and for the lists of all; then passes over the
+// same views allocate nothing.
+static sgs_status level_threads(sgsi_tracer *tracer)
+{
+    size_t scratch = 0, keys = 0, gathered = 0, words = 0;
+    for (int i = 0; i < sgsi_threads(); ++i) {
+        const thread_state *state = tracer->threads[i];
+        scratch = state->scratch.capacity > scratch ? state->scratch.capacity : scratch;
+        keys = state->key_capacity > keys ? state->key_capacity : keys;
+        gathered = state->gathered.capacity > gathered ? state->gathered.capacity : gathered;
+        words += sgsi_arena_used(&state->arena);
+    }
+    if (words > tracer->list_words)
+        tracer->list_words = words + words / 4;
+    for (int i = 0; i < sgsi_threads(); ++i) {
+        thread_state *state = tracer->threads[i];
+        bool grown = sgsi_scratch_grow(&state->scratch, scratch) && grow_keys(state, keys) &&
+                     sgsi_arena_reserve(&state->arena, tracer->list_words);
+        if (grown && gathered > state->gathered.capacity) {
+            grown =
+                sgsi_grow((void **)&state->gathered.ids, 0, gathered, sizeof *state->gathered.ids);
+            state->gathered.capacity = grown ? gathered : state->gathered.capacity;
+        }
+        if (!grown)
+            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the lists of a view");
+    }
+    return SGS_STATUS_OK;
+}
+
+static sgs_status prepare_threads(sgsi_tracer *tracer)
+{
+    for (int i = 0; i < sgsi_threads(); ++i) {
+        if (!tracer->threads[i])
+            tracer->threads[i] = sgsi_calloc(1, sizeof *tracer->threads[i]);
+        if (!tracer->threads[i])
+            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the tracer's threads");
+        tracer->threads[i]->status = SGS_STATUS_OK;
+    }
+    return level_threads(tracer);
+}
+
+static sgs_status reserve_primitives(sgsi_tracer *tracer, size_t capacity)
+{
+    if (capacity <= tracer->capacity)
+        return SGS_STATUS_OK;
+    sgsi_free(tracer->records);
+    sgsi_free(tracer->bounds);
+    sgsi_free(tracer->sums);
+    sgsi_free(tracer->touched);
+    sgsi_free(tracer->visible);
+    tracer->records = sgsi_alloc(capacity, SGSI_RECORD * sizeof *tracer->records);
+    tracer->bounds = sgsi_alloc(capacity, sizeof *tracer->bounds);
+    tracer->sums = sgsi_alloc(capacity, SGSI_RECORD * sizeof *tracer->sums);
+    tracer->touched = sgsi_calloc(capacity / SGS_LANES + 1, 1);
+    tracer->visible = sgsi_calloc(capacity / SGS_LANES + 1, sizeof *tracer->visible);
+    tracer->built_count = 0;
+    tracer->capacity = capacity;
+    if (tracer->records && tracer->bounds && tracer->sums && tracer->touched && tracer->visible)
+        return SGS_STATUS_OK;
+    tracer->capacity = 0;
+    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to trace %zu primitives", capacity);
+}
+
+void sgsi_view_set(sgsi_view *view, const sgsi_rays *rays, const sgs_pose *pose,
+                   const sgs_render_options *options)
+{
+    double center[3];
+    const float pixel = options->filter == SGS_FILTER_3DGS  ? 0.3f
+                        : options->filter == SGS_FILTER_MIP ? 0.1f
+                                                            : 0.0f;
+    sgs_pose_center(pose, center);
+    *view = (sgsi_view){.rays = rays,
+                        .near_distance = (float)options->near_distance,
+                        .dilation = pixel / (rays->focal * rays->focal),
+                        .mip = options->filter == SGS_FILTER_MIP,
+                        .filter_3d = options->filter == SGS_FILTER_MIP ? options->filter_3d : NULL,
+                        .sh_degree = options->sh_degree,
+                        .compact_box = (float)options->compact_box};
+    for (int k = 0; k < 9; ++k)
+        view->rotation[k] = (float)pose->rotation[k];
+    for (int k = 0; k < 3; ++k)
+        view->center[k] = (float)center[k];
+}
+
+static void project_range(void *context, size_t begin, size_t end, int thread)
+{
+    (void)thread;
+    sgsi_kernels_get()->project(context, begin, end);
+}
+
+sgs_status sgsi_tracer_project(sgsi_tracer *tracer, const sgs_gaussians *model,
+                               const sgsi_view *view, uint32_t *visible_count, float *radius_max)
+{
+    const double start = sgsi_seconds();
+    for (int k = 0; k < 3; ++k)
+        if (!(fabs((double)view->center[k]) < SGSI_FARTHEST_CAMERA))
+            return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                             "a camera at %g on axis %d is too far away to draw",
+                             (double)view->center[k], k);
+    const sgs_status status = reserve_primitives(tracer, model->capacity);
+    if (status)
+        return status;
+    tracer->count = model->count;
+    sgsi_project input = {.params = model->data,
+                          .count = model->count,
+                          .view = *view,
+                          .records = tracer->records,
+                          .bounds = tracer->bounds,
+                          .visible_count = visible_count,
+                          .radius_max = radius_max,
+                          .visible = tracer->visible};
+    input.view.linear_opacity = model->linear_opacity;
+    sgsi_parallel_ranges((model->count + SGS_LANES - 1) / SGS_LANES, 32, project_range, &input);
+    tracer->seconds.project = sgsi_seconds() - start;
+    return SGS_STATUS_OK;
+}
+
+sgs_status sgsi_tracer_commit(sgsi_tracer *tracer, bool rebuild, sgsi_bvh_quality quality)
+{
+    const double start = sgsi_seconds();
+    tracer->seconds.bvh_build = tracer->seconds.bvh_refit = 0.0;
+    rebuild = rebuild || tracer->built_count != tracer->count || !tracer->count;
+    const sgs_status status =
+        rebuild ? sgsi_bvh_build(tracer->bvh, tracer->bounds, tracer->count, quality)
+                : sgsi_bvh_refit(tracer->bvh);
+    if (status)
+        return status;
+    tracer->built_count = tracer->count;
+    *(rebuild ? &tracer->seconds.bvh_build : &tracer->seconds.bvh_refit) = sgsi_seconds() - start;
+    return SGS_STATUS_OK;
+}
+
+typedef struct forward_pass {
+    sgsi_tracer *tracer;
+    const sgsi_view *view;
+    sgsi_planes *planes;
+    float *depth_guess;
+    bool keep_lists;
+    size_t first_bin;
+} forward_pass;
+
+static void insert_keys(uint64_t *keys, size_t count)
+{
+    for (size_t i = 1; i < count; ++i) {
+        const uint64_t key = keys[i];
+        size_t at = i;
+        for (; at && keys[at - 1] > key; --at)
+            keys[at] = keys[at - 1];
+        keys[at] = key;
+    }
+}
+
+// Ascending by the whole key: coarsely by the distance's bits, in [least, most], then by insertion.
+static void sort_keys(uint64_t *keys, uint64_t *spare, size_t count, uint32_t least, uint32_t most)
+{
+    if (count > 96)
+        sgsi_radix_sort(keys, spare, count, least, most);
+    insert_keys(keys, count);
+}
+
+// The tiles of bin number `bin`, their numbers in the image, and the depth guesses.
+static sgsi_bin open_bin(const forward_pass *pass, int bin,
+                         int numbers[SGSI_BIN_SIDE * SGSI_BIN_SIDE])
+{
+    const sgsi_rays *rays = pass->view->rays;
+    sgsi_bin tiles = {.compact_box = pass->view->compact_box};
+    for (int k = 0; k < rays->bin_tiles * rays->bin_tiles; ++k) {
+        const int tile = sgsi_bin_tile(rays, bin, k);
+        if (tile < 0)
+            continue;
+        numbers[tiles.count] = tile;
+        tiles.tiles[tiles.count] = &rays->tiles[tile];
+        tiles.far[tiles.count++] = pass->depth_guess ? pass->depth_guess[tile] : INFINITY;
+    }
+    return tiles;
+}
+
+// Candidates of equal distance: keys become id and index, ascending.
+static void sort_by_id(const sgsi_scratch *s, uint64_t *keys, uint64_t *spare, size_t count)
+{
+    enum { FEW = 32, DIGIT = 8 };
+    for (size_t i = 0; i < count; ++i)
+        keys[i] = (uint64_t)s->bin_ids[(uint32_t)keys[i]] << 32 | (uint32_t)keys[i];
+    if (count > FEW)
+        for (int shift = 32; shift < 64; shift += 2 * DIGIT) {
+            sgsi_radix_pass(keys, spare, count, 0, shift, DIGIT);
+            sgsi_radix_pass(spare, keys, count, 0, shift + DIGIT, DIGIT);
+        }
+    else
+        insert_keys(keys, count);
+}
+
+// Orders the candidates of a bin by distance, then by id, and drops those named twice: where rays
+// of a packet part, Embree follows them one by one and meets a primitive again. Returns how many
+// are left.
+static size_t order_bin(thread_state *state, size_t count)
+{
+    sgsi_scratch *s = &state->scratch;
+    uint64_t *keys = state->keys;
+    uint32_t least = UINT32_MAX, most = 0;
+    for (size_t i = 0; i < count; ++i) {
+        const uint32_t bits = s->bin_distance[i];
+        keys[i] = (uint64_t)bits << 32 | i;
+        least = bits < least ? bits : least;
+        most = bits > most ? bits : most;
+    }
+    sort_keys(keys, state->keys_spare, count, least, most);
+    size_t unique = 0, end = 0;
+    for (size_t begin = 0; begin < count; begin = end) {
+        for (end = begin + 1; end < count && keys[end] >> 32 == keys[begin] >> 32;)
+            ++end;
+        if (end - begin > 1)
+            sort_by_id(s, keys + begin, state->keys_spare, end - begin);
+        for (size_t i = begin; i < end; ++i)
+            if (i == begin || keys[i] >> 32 != keys[i - 1] >> 32)
+                s->bin_order[unique++] = (uint32_t)keys[i];
+    }
+    return unique;
+}
+
+// Asks the BVH for the candidates of a bin, filters and orders them. Returns their number, or sets
+// state->status.
+static size_t gather_bin(const forward_pass *pass, thread_state *state, int bin,
+                         const sgsi_bin *tiles)
+{
+    const sgsi_rays *rays = pass->view->rays;
+    const sgsi_view *view = pass->view;
+    float far = tiles->complete ? INFINITY : 0.0f;
+    for (int k = 0; k < tiles->count; ++k)
+        far = fmaxf(far, tiles->far[k]);
+    sgsi_packet packet = {.origin = {view->center[0], view->center[1], view->center[2]},
+                          .valid = rays->bin_valid[bin]};
+    for (int i = 0; i < 16; ++i) {
+        for (int k = 0; k < 3; ++k) // camera to world
+            packet.direction[k][i] = view->rotation[k] * rays->bin_directions[bin][0][i] +
+                                     view->rotation[3 + k] * rays->bin_directions[bin][1][i] +
+                                     view->rotation[6 + k] * rays->bin_directions[bin][2][i];
+        packet.far[i] = far * 1.0001f;
+    }
+    state->gathered.count = 0;
+    state->gathered.rows =
+        pass->tracer->records; // their lines are on the way while the traversal goes on
+    state->gathered.row_bytes = SGSI_RECORD * sizeof(float);
+    state->status = sgsi_bvh_gather(pass->tracer->bvh, &packet, &state->gathered);
+    const size_t gathered = state->gathered.count;
+    state->counts.callbacks += gathered;
+    const bool sortable =
+        gathered <= state->key_capacity || grow_keys(state, gathered + gathered / 2);
+    if (!state->status && (!sortable || !sgsi_scratch_reserve(&state->scratch, gathered + 16)))
+        state->status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                                  "no memory for the %zu candidates of a bin", gathered);
+    if (state->status)
+        return 0;
+    const size_t kept = sgsi_kernels_get()->bin_filter(&state->scratch, pass->tracer->records,
+                                                       state->gathered.ids, gathered, tiles);
+    const size_t count = order_bin(state, kept);
+    state->counts.gathered += count;
+    return count;
+}
+
+// Drops the primitives of a tile that no block kept, so that lists and sums hold only what was hit.
+// Returns how many are left; map [count] tells where those went.
+static size_t compact_tile(sgsi_scratch *s, size_t count, uint32_t *map)
+{
+    memset(map, 0, count * sizeof *map);
+    for (int b = 0; b < SGSI_BLOCKS; ++b)
+        for (uint32_t i = 0; i < s->entry_count[b]; ++i)
+            map[s->order[(size_t)b * s->capacity + i]] = 1;
+    size_t kept = 0;
+    for (size_t i = 0; i < count; ++i) {
+        const uint32_t marked = map[i]; // too hard to predict for a branch
+        s->tile_ids[kept] = s->tile_ids[i];
+        map[i] = (uint32_t)kept;
+        kept += marked;
+    }
+    return kept;
+}
+
+static void keep_list(thread_state *state, sgsi_tile_list *list, size_t count)
+{
+    sgsi_scratch *s = &state->scratch;
+    uint32_t *map = s->entries; // free once the blocks are in order
+    count = compact_tile(s, count, map);
+    size_t elements = 0;
+    for (int b = 0; b < SGSI_BLOCKS; ++b) {
+        list->block_begin[b] = (uint32_t)elements;
+        elements += s->entry_count[b];
+    }
+    list->block_begin[SGSI_BLOCKS] = (uint32_t)elements;
+    list->count = (uint32_t)count;
+    uint32_t *words = sgsi_arena_take(&state->arena, count + elements);
+    if (!words) {
+        list->count = 0;
+        state->status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the lists of a tile");
+        return;
+    }
+    list->ids = words;
+    list->elements = words + count;
+    memcpy(list->ids, s->tile_ids, count * sizeof *words);
+    for (int b = 0; b < SGSI_BLOCKS; ++b) {
+        const uint32_t *order = s->order + (size_t)b * s->capacity;
+        for (uint32_t i = 0; i < s->entry_count[b]; ++i)
+            list->elements[list->block_begin[b] + i] = map[order[i]];
+    }
+}
+
+// Blends tile k of the bin, whose number in the image is `tile`, from what is in front of its guess
+// or from everything. Returns false when the guess was too near.
+static bool blend_tile(const forward_pass *pass, thread_state *state, const sgsi_bin *bin, int k,
+                       int tile, size_t candidates, bool everything)
+{
+    const sgsi_kernels *kernels = sgsi_kernels_get();
+    const sgsi_tile_rays *rays = bin->tiles[k];
+    const sgsi_planes *planes = pass->planes;
+    const float far = everything ? INFINITY : bin->far[k];
+    sgsi_tile_cost *cost = pass->tracer->costs ? &pass->tracer->costs[tile] : NULL;
+    const double start = cost ? sgsi_seconds() : 0.0;
+    const size_t count = kernels->tile_take(&state->scratch, candidates,
+                                            (everything ? SGSI_MEETS : SGSI_NEARER) << k);
+    kernels->tile_sort(&state->scratch, rays, count);
+    sgsi_tile_target target = {.rays = rays,
+                               .width = planes->width,
+                               .height = planes->height,
+                               .stride = planes->stride,
+                               .color = {planes->color[0], planes->color[1], planes->color[2]},
+                               .transmittance = planes->transmittance,
+                               .depth_mean = planes->depth_mean,
+                               .depth_median = planes->depth_median,
+                               .depth_first = planes->depth_first,
+                               .hits = planes->hits,
+                               .aov = planes->aov,
+                               .near_distance = pass->view->near_distance};
+    kernels->tile_forward(&state->scratch, &target);
+    if (!(target.stop_distance <= far))
+        return false;
+    if (pass->depth_guess)
+        pass->depth_guess[tile] = target.stop_distance * 1.05f;
+    if (cost)
+        *cost = (sgsi_tile_cost){(float)(sgsi_seconds() - start), (uint32_t)count,
+                                 (uint32_t)target.evaluations};
+    state->counts.candidates += count;
+    state->counts.evaluations += target.evaluations;
+    for (int b = 0; b < SGSI_BLOCKS; ++b)
+        state->counts.elements += state->scratch.entry_count[b];
+    if (pass->keep_lists)
+        keep_list(state, &pass->tracer->lists[tile], count);
+    return true;
+}
+
+static void forward_bin(void *context, size_t item, int thread)
+{
+    const forward_pass *pass = context;
+    thread_state *state = pass->tracer->threads[thread];
+    const int bin = (int)(pass->first_bin + item);
+    if (state->status)
+        return;
+    const double start = sgsi_seconds();
+    int numbers[SGSI_BIN_SIDE * SGSI_BIN_SIDE];
+    sgsi_bin tiles = open_bin(pass, bin, numbers);
+    size_t candidates = gather_bin(pass, state, bin, &tiles);
+    const double gathered = sgsi_seconds();
+    double again = 0.0;
+    for (int k = 0; k < tiles.count && !state->status; ++k) {
+        if (blend_tile(pass, state, &tiles, k, numbers[k], candidates, false))
+            continue;
+        if (!tiles.complete) {
+            const double back = sgsi_seconds();
+            tiles.complete = true;
+            candidates = gather_bin(pass, state, bin, &tiles);
+            ++state->counts.regathered;
+            again += sgsi_seconds() - back;
+        }
+        if (!state->status)
+            blend_tile(pass, state, &tiles, k, numbers[k], candidates, true);
+    }
+    state->gather_seconds += gathered - start + again;
+    state->blend_seconds += sgsi_seconds() - gathered - again;
+}
+
+static sgs_status reserve_lists(sgsi_tracer *tracer, size_t tiles)
+{
+    if (tiles <= tracer->list_capacity)
+        return SGS_STATUS_OK;
+    sgsi_free(tracer->lists);
+    sgsi_free(tracer->slot_begin);
+    tracer->lists = sgsi_calloc(tiles, sizeof *tracer->lists);
+    tracer->slot_begin = sgsi_calloc(tiles + 1, sizeof *tracer->slot_begin);
+    tracer->list_capacity = tracer->lists && tracer->slot_begin ? tiles : 0;
+    return tracer->list_capacity
+               ? SGS_STATUS_OK
+               : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the lists of %zu tiles", tiles);
+}
+
+static sgs_status collect_threads(sgsi_tracer *tracer, double wall, double *gather, double *blend)
+{
+    double gather_seconds = 0.0, blend_seconds = 0.0;
+    sgs_status status = SGS_STATUS_OK;
+    for (int i = 0; i < sgsi_threads(); ++i) {
+        thread_state *state = tracer->threads[i];
+        gather_seconds += state->gather_seconds;
+        blend_seconds += state->blend_seconds;
+        tracer->counts.callbacks += state->counts.callbacks;
+        tracer->counts.gathered += state->counts.gathered;
+        tracer->counts.candidates += state->counts.candidates;
+        tracer->counts.evaluations += state->counts.evaluations;
+        tracer->counts.elements += state->counts.elements;
+        tracer->counts.regathered += state->counts.regathered;
+        status = status ? status : state->status;
+    }
+    const double total = gather_seconds + blend_seconds;
+    *gather = total > 0.0 ? wall * gather_seconds / total : 0.0;
+    *blend = wall - *gather;
+    return status == SGS_STATUS_OUT_OF_MEMORY
+               ? sgsi_fail(status, "no memory for the candidates of a tile")
+               : status;
+}
+
+static sgs_status forward_bins(sgsi_tracer *tracer, forward_pass *pass, size_t bin_count)
+{
+    const double start = sgsi_seconds();
+    const sgsi_rays *rays = pass->view->rays;
+    sgs_status status = prepare_threads(tracer);
+    if (!status)
+        status = reserve_lists(tracer, (size_t)rays->tiles_x * (size_t)rays->tiles_y);
+    if (status)
+        return status;
+    tracer->counts = (sgsi_trace_counts){0};
+    for (int i = 0; i < sgsi_threads(); ++i) {
+        thread_state *state = tracer->threads[i];
+        state->gather_seconds = state->blend_seconds = 0.0;
+        state->counts = (sgsi_trace_counts){0};
+    }
+    sgsi_parallel_for(bin_count, 1, forward_bin, pass);
+    return collect_threads(tracer, sgsi_seconds() - start, &tracer->seconds.gather,
+                           &tracer->seconds.forward);
+}
+
+sgs_status sgsi_tracer_forward(sgsi_tracer *tracer, const sgsi_view *view, sgsi_planes *planes,
+                               float *depth_guess, bool keep_lists)
+{
+    forward_pass pass = {tracer, view, planes, depth_guess, keep_lists, 0};
+    return forward_bins(tracer, &pass, (size_t)view->rays->bins_x * (size_t)view->rays->bins_y);
+}
+
+sgs_status sgsi_tracer_forward_rows(sgsi_tracer *tracer, const sgsi_view *view, sgsi_planes *planes,
+                                    int first, int last)
+{
+    const sgsi_rays *rays = view->rays;
+    const size_t bins_x = (size_t)rays->bins_x, first_row = (size_t)(first / rays->bin_tiles);
+    const size_t last_row = (size_t)((last + rays->bin_tiles - 1) / rays->bin_tiles);
+    forward_pass pass = {tracer, view, planes, NULL, false, first_row * bins_x};
+    return forward_bins(tracer, &pass, (last_row - first_row) * bins_x);
+}
+
+void sgsi_tracer_watch_tiles(sgsi_tracer *tracer, sgsi_tile_cost *costs)
+{
+    tracer->costs = costs;
+}
+
+void sgsi_tracer_absolute(sgsi_tracer *tracer, bool wanted)
+{
+    tracer->absolute = wanted;
+}
+
+const float *sgsi_tracer_sums(const sgsi_tracer *tracer)
+{
+    return tracer->sums;
+}
+
+const uint8_t *sgsi_tracer_touched(const sgsi_tracer *tracer)
+{
+    return tracer->touched;
+}
+
+const uint16_t *sgsi_tracer_visible(const sgsi_tracer *tracer)
+{
+    return tracer->visible;
+}
+
+const sgsi_bounds *sgsi_tracer_bounds(const sgsi_tracer *tracer)
+{
+    return tracer->bounds;
+}
+
+const float *sgsi_tracer_records(const sgsi_tracer *tracer)
+{
+    return tracer->records;
+}
+
+sgsi_trace_seconds sgsi_tracer_seconds(const sgsi_tracer *tracer)
+{
+    return tracer->seconds;
+}
+
+sgsi_trace_counts sgsi_tracer_counts(const sgsi_tracer *tracer)
+{
+    return tracer->counts;
+}
+
+const sgsi_tile_list *sgsi_tracer_lists(const sgsi_tracer *tracer)
+{
+    return tracer->lists;
+}
+
+const sgsi_bvh *sgsi_tracer_bvh(const sgsi_tracer *tracer)
+{
+    return tracer->bvh;
+}

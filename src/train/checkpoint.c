@@ -1,0 +1,319 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// The trainer's whole state as named sections of one file (sections.c):
+//
+//   options    text: every option that shapes the result (checkpoint_options.c)
+//   scene      u64 per training view: digest of its name, camera and pose
+//   size       u64: number of primitives n
+//   progress   counters, averages, equilibrium, seconds (sgsi_progress)
+//   model, moment1, moment2    blocks of 16 primitives, 59 parameters each; lanes behind n are 0
+//   statistics gradient sums, sums of norms, visible counts, largest radii: n each
+//   guesses    the depth guesses; they change no bit of a step, only what it costs
+//   order      u32 per training view: this epoch's permutation
+//   exposure   colour maps of the views, their moments and steps, in runs that learn them
+//   pending    gradients that wait for a step, as blocks, then the rows that have some; in runs
+//              whose pipeline batches steps
+//   filter_3d  Mip-Splatting's, n floats, in runs with its pixel filter
+//   stop       text: why training ended, empty before that
+//
+// New state is a section more in visit_state(), and nothing else. The BVH is not stored: padded
+// bounds make the hits independent of it. A file that is cut, changed or of another run is refused
+// before the trainer is touched.
+
+#include <math.h>
+#include <string.h>
+#include <xxhash.h>
+
+#include "train/checkpoint_options.h"
+#include "base/core.h"
+#include "base/sections.h"
+#include "base/threads.h"
+#include "train/trainer_state.h"
+
+enum { BLOCK_FLOATS = SGS_PARAM_COUNT * SGS_LANES };
+
+static size_t block_bytes(size_t n)
+{
+    return (n + SGS_LANES - 1) / SGS_LANES * BLOCK_FLOATS * sizeof(float);
+}
+
+// n primitives in the model's layout. The lanes behind the last primitive are zeros in the file and
+// left alone in memory.
+static void visit_blocks(sgsi_sections *sections, const char *name, float *data, size_t n)
+{
+    const size_t whole = n / SGS_LANES, rest = n % SGS_LANES;
+    sgsi_sections_begin(sections, name, block_bytes(n));
+    sgsi_sections_piece(sections, data, whole * BLOCK_FLOATS * sizeof(float));
+    if (!rest)
+        return;
+    float tail[BLOCK_FLOATS] = {0};
+    const size_t first = whole * BLOCK_FLOATS;
+    for (size_t i = 0; i < BLOCK_FLOATS && sections->pass == SGSI_SECTIONS_WRITE; ++i)
+        if (i % SGS_LANES < rest)
+            tail[i] = data[first + i];
+    sgsi_sections_piece(sections, tail, sizeof tail);
+    for (size_t i = 0; i < BLOCK_FLOATS && sections->pass == SGSI_SECTIONS_READ; ++i)
+        if (i % SGS_LANES < rest)
+            data[first + i] = tail[i];
+}
+
+// What a training step changes, with n primitives.
+static void visit_state(sgsi_sections *sections, sgs_trainer *trainer, size_t n)
+{
+    const size_t views = trainer->train_view_count;
+    size_t tiles = 0;
+    for (size_t i = 0; i < views; ++i)
+        tiles += trainer->tile_counts[i];
+    sgsi_sections_begin(sections, "progress", sizeof trainer->progress);
+    sgsi_sections_piece(sections, &trainer->progress, sizeof trainer->progress);
+    visit_blocks(sections, "model", trainer->model->data, n);
+    visit_blocks(sections, "moment1", trainer->m, n);
+    visit_blocks(sections, "moment2", trainer->v, n);
+    sgsi_sections_begin(sections, "statistics", n * 4 * sizeof(float));
+    sgsi_sections_piece(sections, trainer->statistics.gradient_sum, n * sizeof(float));
+    sgsi_sections_piece(sections, trainer->statistics.absolute_sum, n * sizeof(float));
+    sgsi_sections_piece(sections, trainer->statistics.visible_count, n * sizeof(uint32_t));
+    sgsi_sections_piece(sections, trainer->statistics.radius_max, n * sizeof(float));
+    sgsi_sections_begin(sections, "guesses", tiles * sizeof(float));
+    for (size_t i = 0; i < views; ++i)
+        sgsi_sections_piece(sections, trainer->depth_guesses[i],
+                            trainer->tile_counts[i] * sizeof(float));
+    sgsi_sections_begin(sections, "order", views * sizeof(uint32_t));
+    sgsi_sections_piece(sections, trainer->order, views * sizeof(uint32_t));
+    if (trainer->exposure) {
+        size_t numbers;
+        double *exposure = sgsi_exposure_state(trainer->exposure, &numbers);
+        sgsi_sections_begin(sections, "exposure", numbers * sizeof *exposure);
+        sgsi_sections_piece(sections, exposure, numbers * sizeof *exposure);
+    }
+    if (trainer->pending) {
+        visit_blocks(sections, "pending", trainer->pending, n);
+        const size_t bytes = (n + SGS_LANES - 1) / SGS_LANES * 2 * sizeof *trainer->pending_rows;
+        sgsi_sections_begin(sections, "pending_rows", bytes);
+        sgsi_sections_piece(sections, trainer->pending_rows, bytes);
+    }
+    if (trainer->filter_3d) {
+        sgsi_sections_begin(sections, "filter_3d", n * sizeof *trainer->filter_3d);
+        sgsi_sections_piece(sections, trainer->filter_3d, n * sizeof *trainer->filter_3d);
+    }
+    sgsi_sections_begin(sections, "stop", sizeof trainer->stop_text);
+    sgsi_sections_piece(sections, trainer->stop_text, sizeof trainer->stop_text);
+}
+
+static uint64_t view_digest(const sgs_view *view)
+{
+    // Field by field: structs have padding.
+    const uint64_t parts[] = {XXH64(view->name, strlen(view->name), 0),
+                              (uint64_t)view->camera.model << 32 | (uint32_t)view->camera.width,
+                              (uint32_t)view->camera.height,
+                              XXH64(view->camera.params, sizeof view->camera.params, 0),
+                              XXH64(view->pose.rotation, sizeof view->pose.rotation, 0),
+                              XXH64(view->pose.translation, sizeof view->pose.translation, 0)};
+    return XXH64(parts, sizeof parts, 0);
+}
+
+static const sgs_view *train_view(const sgs_trainer *trainer, size_t i)
+{
+    return &trainer->scene->views[trainer->train_views[i]];
+}
+
+sgs_status sgs_trainer_save_checkpoint(const sgs_trainer *trainer, const char *path)
+{
+    if (trainer->half_way)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                         "%s: the last step failed half-way; there is no state to save", path);
+    char *options = sgsi_options_text(&trainer->options);
+    if (!options)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path);
+    sgsi_sections sections;
+    const sgs_status status = sgsi_sections_create(&sections, path);
+    if (status) {
+        sgsi_free(options);
+        return status;
+    }
+    uint64_t n = trainer->model->count;
+    sgsi_sections_begin(&sections, "options", strlen(options));
+    sgsi_sections_piece(&sections, options, strlen(options));
+    sgsi_sections_begin(&sections, "scene", trainer->train_view_count * sizeof(uint64_t));
+    for (size_t i = 0; i < trainer->train_view_count; ++i) {
+        uint64_t digest = view_digest(train_view(trainer, i));
+        sgsi_sections_piece(&sections, &digest, sizeof digest);
+    }
+    sgsi_sections_begin(&sections, "size", sizeof n);
+    sgsi_sections_piece(&sections, &n, sizeof n);
+    visit_state(&sections, (sgs_trainer *)trainer, trainer->model->count); // WRITE leaves it alone
+    sgsi_free(options);
+    return sgsi_sections_commit(&sections);
+}
+
+// ---- reading ----
+
+static sgs_status check_scene(sgsi_sections *sections, const sgs_trainer *trainer)
+{
+    const size_t views = trainer->train_view_count;
+    size_t bytes;
+    const uint8_t *digests = sgsi_sections_find(sections, "scene", &bytes);
+    if (!digests)
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: the section 'scene' is missing", sections->path);
+    if (bytes != views * sizeof(uint64_t))
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                         "%s: the run was started with %zu training views and has %zu now; resume "
+                         "with the same scene",
+                         sections->path, bytes / sizeof(uint64_t), views);
+    for (size_t i = 0; i < views; ++i) {
+        const sgs_view *view = train_view(trainer, i);
+        uint64_t digest;
+        memcpy(&digest, digests + i * sizeof digest, sizeof digest);
+        if (digest != view_digest(view))
+            return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                             "%s: the view '%s' was another one, or had another camera, when this "
+                             "run was started; resume "
+                             "with the same scene",
+                             sections->path, view->name);
+    }
+    return SGS_STATUS_OK;
+}
+
+// The order must be a permutation, the counters in their ranges: they are used as indices.
+static sgs_status check_progress(sgsi_sections *sections, const sgs_trainer *trainer,
+                                 const sgsi_progress *progress)
+{
+    const size_t views = trainer->train_view_count;
+    if (progress->iteration < 0 || progress->iteration > 10000000 || progress->adam_step < 0 ||
+        progress->adam_step > progress->iteration || progress->followed < 0 ||
+        progress->followed > progress->iteration || progress->order_position > views ||
+        progress->stop < SGS_STOP_NONE || progress->stop > SGS_STOP_SIGNAL ||
+        progress->resolution < 0 || progress->resolution > 8 || progress->updates < 0)
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: a counter in section 'progress' is out of range",
+                         sections->path);
+    size_t bytes;
+    const uint8_t *order = sgsi_sections_find(sections, "order", &bytes);
+    for (size_t i = 0; i < views; ++i) {
+        uint32_t view;
+        memcpy(&view, order + i * sizeof view, sizeof view);
+        if (view >= views)
+            return sgsi_fail(SGS_STATUS_FORMAT, "%s: the view order names view %u of %zu",
+                             sections->path, view, views);
+    }
+    return SGS_STATUS_OK;
+}
+
+// Everything that can be wrong with a whole file. *n receives the number of primitives.
+static sgs_status check(sgsi_sections *sections, sgs_trainer *trainer, size_t *n)
+{
+    size_t bytes;
+    const uint8_t *size = sgsi_sections_find(sections, "size", &bytes);
+    uint64_t count = 0;
+    if (!size || bytes != sizeof count)
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: the section 'size' is missing", sections->path);
+    memcpy(&count, size, sizeof count);
+    const uint8_t *model = sgsi_sections_find(sections, "model", &bytes);
+    if (!model || count > bytes / (SGS_PARAM_COUNT * sizeof(float)))
+        return sgsi_fail(SGS_STATUS_FORMAT,
+                         "%s: section 'size': %llu primitives do not fit into the section 'model'",
+                         sections->path, (unsigned long long)count);
+    *n = (size_t)count;
+    const uint8_t *progress_bytes = sgsi_sections_find(sections, "progress", &bytes);
+    sgsi_progress progress = {0};
+    if (progress_bytes && bytes == sizeof progress)
+        memcpy(&progress, progress_bytes, sizeof progress);
+    const char *options = (const char *)sgsi_sections_find(sections, "options", &bytes);
+    if (!options)
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: the section 'options' is missing", sections->path);
+    sgs_status status =
+        sgsi_options_agree(sections->path, options, bytes, &trainer->options, progress.iteration);
+    if (!status)
+        status = check_scene(sections, trainer);
+    if (status)
+        return status;
+    visit_state(sections, trainer, *n);
+    status = sgsi_sections_checked(sections);
+    if (!status)
+        status = check_progress(sections, trainer, &progress);
+    const size_t cap = trainer->options.max_gaussians;
+    if (!status && cap && *n > cap)
+        status = sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                           "%s: has %zu primitives, more than --max-gaussians %zu; raise it",
+                           sections->path, *n, cap);
+    return status;
+}
+
+// Memory for n primitives in the trainer, contents to come.
+static sgs_status make_room(sgs_trainer *trainer, size_t n, const char *path)
+{
+    sgs_gaussians *model;
+    sgs_status status = sgs_gaussians_create(n + SGS_LANES, &model);
+    if (!status)
+        status = sgs_gaussians_resize(model, n);
+    if (status) {
+        sgs_gaussians_destroy(model);
+        return status;
+    }
+    float *m = sgsi_calloc_shared(model->capacity, SGS_PARAM_COUNT * sizeof(float));
+    float *v = sgsi_calloc_shared(model->capacity, SGS_PARAM_COUNT * sizeof(float));
+    sgsi_statistics statistics = {0};
+    if (!m || !v || sgsi_statistics_reserve(&statistics, model->capacity)) {
+        sgsi_free(m);
+        sgsi_free(v);
+        sgs_gaussians_destroy(model);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory for its %zu primitives", path, n);
+    }
+    model->sh_degree = trainer->options.sh_degree;
+    sgs_gaussians_destroy(trainer->model);
+    sgsi_free(trainer->m);
+    sgsi_free(trainer->v);
+    sgsi_statistics_free(&trainer->statistics);
+    trainer->statistics = statistics;
+    trainer->model = model;
+    trainer->m = m;
+    trainer->v = v;
+    status = sgsi_trainer_reserve_pending(trainer);
+    return status ? status
+                  : sgsi_trainer_update_filter_3d(
+                        trainer); // for the memory; the values come from the file
+}
+
+// The images of the resolution that was in force, where the pipeline changes it. Forgets the depth
+// guesses: before reading.
+static sgs_status restore_resolution(sgs_trainer *trainer, sgsi_sections *sections)
+{
+    size_t bytes;
+    const uint8_t *content = sgsi_sections_find(sections, "progress", &bytes);
+    sgsi_progress progress;
+    memcpy(&progress, content, sizeof progress);
+    return progress.resolution ? sgsi_trainer_set_resolution(trainer, progress.resolution)
+                               : SGS_STATUS_OK;
+}
+
+sgs_status sgs_trainer_load_checkpoint(sgs_trainer *trainer, const char *path)
+{
+    sgsi_sections sections;
+    sgs_status status = sgsi_sections_open(&sections, path);
+    if (status)
+        return status;
+    size_t n = 0;
+    status = check(&sections, trainer, &n);
+    if (status) {
+        sgsi_sections_close(&sections);
+        return status;
+    }
+    trainer->half_way = true;
+    status = make_room(trainer, n, path);
+    if (!status)
+        status = restore_resolution(trainer, &sections);
+    if (!status) {
+        sections.pass = SGSI_SECTIONS_READ;
+        visit_state(&sections, trainer, n);
+        trainer->stop_text[sizeof trainer->stop_text - 1] = 0;
+        trainer->structure_changed = true;
+        trainer->half_way = false;
+        if (sgsi_trainer_opacity_is_linear(trainer))
+            sgs_gaussians_declare_linear_opacity(trainer->model);
+        if (trainer->progress.stop == SGS_STOP_SCHEDULE &&
+            trainer->progress.iteration < trainer->options.iterations)
+            trainer->progress.stop = SGS_STOP_NONE; // the run has been made longer
+    }
+    sgsi_sections_close(&sections);
+    return status;
+}

@@ -1,0 +1,258 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Parallel loops: every item runs once, whatever the number of threads, however long they slept,
+// from inside of items and from several threads at once; and a member that cannot work holds nobody
+// up.
+
+#include <pthread.h>
+#include <setjmp.h>
+#include <signal.h>
+#include <stdarg.h>
+#include <stdatomic.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <string.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <cmocka.h>
+
+#include "base/core.h"
+#include "support/rest.h"
+#include "base/threads.h"
+
+enum { ITEMS = 5000 };
+
+typedef struct tally {
+    unsigned char runs[ITEMS]; // each item's own
+    atomic_int strangers;      // items that were told a thread there is not
+} tally;
+
+static void count_item(void *context, size_t item, int thread)
+{
+    tally *t = context;
+    ++t->runs[item];
+    if (thread < 0 || thread >= sgsi_threads())
+        atomic_fetch_add(&t->strangers, 1);
+}
+
+// Nonzero: items that did not run exactly once.
+static size_t run_tally(size_t count, size_t chunk)
+{
+    static _Thread_local tally t;
+    memset(&t, 0, sizeof t);
+    sgsi_parallel_for(count, chunk, count_item, &t);
+    size_t wrong = (size_t)t.strangers;
+    for (size_t i = 0; i < ITEMS; ++i)
+        wrong += t.runs[i] != (i < count);
+    return wrong;
+}
+
+static void every_item_runs_once(void **state)
+{
+    (void)state;
+    static const int threads[] = {1, 2, 3, 8, 2, 100, 1, 4};
+    static const size_t counts[] = {0, 1, 2, 7, 64, 999, ITEMS}, chunks[] = {0, 1, 3, 64, 4999};
+    for (size_t t = 0; t < sizeof threads / sizeof *threads; ++t) {
+        sgsi_threads_set(threads[t]);
+        for (size_t n = 0; n < sizeof counts / sizeof *counts; ++n)
+            for (size_t c = 0; c < sizeof chunks / sizeof *chunks; ++c)
+                assert_int_equal(run_tally(counts[n], chunks[c]), 0);
+        rest(0.02); // the members fall asleep
+        assert_int_equal(run_tally(ITEMS, 1), 0);
+    }
+}
+
+static void short_loops_follow_each_other(void **state)
+{
+    (void)state;
+    sgsi_threads_set(4);
+    for (int k = 0; k < 20000; ++k)
+        assert_int_equal(run_tally((size_t)k % 9, 1), 0);
+}
+
+static void add_range(void *context, size_t begin, size_t end, int thread)
+{
+    (void)thread;
+    atomic_fetch_add((atomic_size_t *)context, end - begin);
+}
+
+static void loop_again(void *context, size_t item, int thread)
+{
+    (void)item;
+    (void)thread;
+    sgsi_parallel_ranges(100, 7, add_range, context);
+}
+
+static void items_may_run_loops(void **state)
+{
+    (void)state;
+    sgsi_threads_set(4);
+    atomic_size_t sum = 0;
+    sgsi_parallel_for(50, 1, loop_again, &sum);
+    assert_int_equal(sum, 5000);
+    assert_int_equal(run_tally(ITEMS, 1), 0);
+}
+
+static void *run_loops(void *wrong)
+{
+    for (int k = 0; k < 300; ++k)
+        atomic_fetch_add((atomic_size_t *)wrong, run_tally(500, 3));
+    return NULL;
+}
+
+static void several_threads_have_loops_at_once(void **state)
+{
+    (void)state;
+    sgsi_threads_set(3);
+    atomic_size_t wrong = 0;
+    for (int round = 0; round < 3; ++round) {
+        pthread_t threads[4];
+        for (int i = 0; i < 4; ++i)
+            assert_int_equal(pthread_create(&threads[i], NULL, run_loops, &wrong), 0);
+        for (int i = 0; i < 4; ++i)
+            assert_int_equal(pthread_join(threads[i], NULL), 0);
+    }
+    assert_int_equal(wrong, 0);
+}
+
+typedef struct held_loop {
+    atomic_int held;  // a member sits in an item
+    atomic_int items; // that ran besides
+    atomic_int waits; // for a member, in milliseconds
+} held_loop;
+
+// The first member to come keeps its item until all others are done, by whomever.
+static void hold_one(void *context, size_t item, int thread)
+{
+    (void)item;
+    held_loop *loop = context;
+    int free_yet = 0;
+    if (thread && atomic_compare_exchange_strong(&loop->held, &free_yet, 1)) {
+        while (atomic_load(&loop->items) < ITEMS - 1)
+            rest(0.001);
+        return;
+    }
+    while (!atomic_load(&loop->held) && atomic_fetch_add(&loop->waits, 1) < 60000)
+        rest(0.001);
+    atomic_fetch_add(&loop->items, 1);
+}
+
+static void a_slow_item_leaves_the_others_to_the_rest(void **state)
+{
+    (void)state;
+    sgsi_threads_set(2);
+    held_loop loop = {0};
+    sgsi_parallel_for(ITEMS, 1, hold_one, &loop);
+    assert_int_equal(loop.held, 1);
+    assert_int_equal(loop.items, ITEMS - 1);
+}
+
+static atomic_int handled, handled_elsewhere;
+static pthread_t test_thread;
+
+static void note_thread(int signal_number)
+{
+    (void)signal_number;
+    atomic_store(&handled, 1);
+    if (!pthread_equal(pthread_self(), test_thread))
+        atomic_store(&handled_elsewhere, 1);
+}
+
+static void signal_process(void *context, size_t item, int thread)
+{
+    (void)context;
+    (void)item;
+    (void)thread;
+    kill(getpid(), SIGUSR1);
+}
+
+static void signals_come_to_threads_of_the_caller(void **state)
+{
+    (void)state;
+    test_thread = pthread_self();
+    struct sigaction action = {.sa_handler = note_thread}, before;
+    sigemptyset(&action.sa_mask);
+    assert_int_equal(sigaction(SIGUSR1, &action, &before), 0);
+    sgsi_threads_set(4);
+    for (int k = 0; k < 50; ++k)
+        sgsi_parallel_for(64, 1, signal_process, NULL);
+    rest(0.01); // the last one arrives
+    assert_int_equal(sigaction(SIGUSR1, &before, NULL), 0);
+    assert_int_equal(handled, 1);
+    assert_int_equal(handled_elsewhere, 0);
+}
+
+static pthread_key_t late_key;
+
+static void loop_at_the_end(void *wrong)
+{
+    atomic_fetch_add((atomic_size_t *)wrong, run_tally(ITEMS, 1));
+}
+
+static void *loop_and_end(void *wrong)
+{
+    loop_at_the_end(wrong);
+    return pthread_setspecific(late_key, wrong) ? wrong : NULL;
+}
+
+// The key of this destructor is younger than the team's.
+static void destructors_of_a_thread_may_run_loops(void **state)
+{
+    (void)state;
+    sgsi_threads_set(3);
+    assert_int_equal(run_tally(ITEMS, 1), 0);
+    assert_int_equal(pthread_key_create(&late_key, loop_at_the_end), 0);
+    atomic_size_t wrong = 0;
+    pthread_t thread;
+    void *failed = &wrong;
+    assert_int_equal(pthread_create(&thread, NULL, loop_and_end, &wrong), 0);
+    assert_int_equal(pthread_join(thread, &failed), 0);
+    assert_null(failed);
+    assert_int_equal(wrong, 0);
+    assert_int_equal(pthread_key_delete(late_key), 0);
+}
+
+#if defined(__has_feature)
+#if __has_feature(thread_sanitizer)
+#define NO_THREADS_AFTER_FORK // it ends such a process
+#endif
+#endif
+
+static void a_forked_process_has_loops_of_its_own(void **state)
+{
+    (void)state;
+#ifdef NO_THREADS_AFTER_FORK
+    skip();
+#endif
+    sgsi_threads_set(4);
+    assert_int_equal(run_tally(ITEMS, 1), 0);
+    const pid_t child = fork();
+    assert_true(child >= 0);
+    if (!child) {
+        size_t wrong = run_tally(ITEMS, 1);
+        sgsi_threads_set(2);
+        wrong += run_tally(ITEMS, 1);
+        _exit(wrong ? 1 : 0);
+    }
+    int status;
+    assert_int_equal(waitpid(child, &status, 0), child);
+    assert_int_equal(status, 0);
+    assert_int_equal(run_tally(ITEMS, 1), 0);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(every_item_runs_once),
+        cmocka_unit_test(short_loops_follow_each_other),
+        cmocka_unit_test(items_may_run_loops),
+        cmocka_unit_test(several_threads_have_loops_at_once),
+        cmocka_unit_test(a_slow_item_leaves_the_others_to_the_rest),
+        cmocka_unit_test(signals_come_to_threads_of_the_caller),
+        cmocka_unit_test(destructors_of_a_thread_may_run_loops),
+        cmocka_unit_test(a_forked_process_has_loops_of_its_own),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

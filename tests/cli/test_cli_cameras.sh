@@ -1,0 +1,164 @@
+#!/usr/bin/env bash
+# SPDX-FileCopyrightText: 2026 The sparegs authors
+# SPDX-License-Identifier: Apache-2.0
+
+# Where `render` draws from: paths around a scene, camera files, other sizes and projections; many samples per pixel;
+# films. The model is a toy: what matters is which pictures there are and how they relate.
+set -u
+# shellcheck source-path=SCRIPTDIR source=cli_support.sh
+source "$SPAREGS_SOURCE/tests/cli/cli_support.sh"
+
+model=$temporary/model
+run 0 train "$room" -o "$model" --downscale 8 --iterations 10 --eval --quiet
+
+pictures() { find "$1" -name "*.$2" | sort | xargs -n 1 basename | tr '\n' ' '; }
+size_of() { oiiotool --info "$1" | sed -n 's/.*: *\([0-9]*\) x *\([0-9]*\),.*/\1x\2/p' | head -1; }
+
+# paths_have_their_frames
+run 0 render "$model" "$room" --orbit 4 --aov rgba -o "$temporary/orbit"
+check four_frames test "$(pictures "$temporary/orbit" exr)" = \
+    'orbit_00000.exr orbit_00001.exr orbit_00002.exr orbit_00003.exr '
+check frames_differ bash -c "! oiiotool --fail 0.01 '$temporary/orbit/orbit_00000.exr' '$temporary/orbit/orbit_00002.exr' --diff"
+run 0 render "$model" "$room" --orbit 4 --frames 1-3:2 --aov rgba -o "$temporary/some"
+check every_second test "$(pictures "$temporary/some" exr)" = 'orbit_00001.exr orbit_00003.exr '
+check same_frame oiiotool --fail 0 "$temporary/orbit/orbit_00003.exr" "$temporary/some/orbit_00003.exr" --diff
+run 0 render "$model" "$room" --spiral 3 --frames 2 --size 50x40 --aov rgba -o "$temporary/spiral"
+check one_frame test "$(pictures "$temporary/spiral" exr)" = 'spiral_00002.exr '
+check size_is_as_told test "$(size_of "$temporary/spiral/spiral_00002.exr")" = 50x40
+run 1 render "$model" "$room" --orbit 4 --frames 4-9 -o "$temporary/none"
+one_line
+says "there are only the frames 0 to 3"
+for bad in '--frames 3-1' '--frames x' '--frames 1:' '--frames 1-2:0' '--size 10' '--size 0x5' '--size 5x70000' '--orbit 0' \
+    '--spiral -1' '--spp 0' '--spp 5000' '--aperture -1' '--focus -2' '--fps 0' '--projection flat'; do
+    # shellcheck disable=SC2086
+    run 2 render "$model" "$room" $bad -o "$temporary/none"
+    says "${bad% *}"
+done
+run 2 render "$model" "$room" --orbit 3 --view 0009 -o "$temporary/none"
+says "exclude each other"
+run 2 render "$model" "$room" --focus 2 -o "$temporary/none"
+says "--focus needs --aperture"
+
+# no_view_writes_over_another (equal stems keep their extension, equal names are numbered, none leaves the folder)
+jq '.[0] as $camera | ["a.jpg", "a.png", "b.jpg", "c", "c", "c_2", "..", "../up.png", "in/a.jpg", ".hidden", "d.png", "d.deep.png"] |
+    map($camera + {img_name: .})' "$model/cameras.json" >"$temporary/names.json"
+run 0 render "$model" --camera "$temporary/names.json" --size 20x15 --aov rgba -o "$temporary/names/inner"
+(cd "$temporary/names" && find . -type f | LC_ALL=C sort | tr '\n' ' ') >"$temporary/names.txt"
+check files_of_their_own test "$(cat "$temporary/names.txt")" = './inner/.hidden.exr ./inner/a.jpg.exr ./inner/a.png.exr ./inner/b.exr ./inner/c.exr ./inner/c_2.exr ./inner/c_2_2.exr ./inner/d.deep.png.exr ./inner/d.exr ./inner/in/a.exr ./inner/up.exr ./inner/view.exr '
+
+run 0 render "$model" "$room" --orbit 2 --size 20x15 --aov rgba --json -o "$temporary/listed"
+json "$temporary/stdout" '.files | length == 2 and all(.[]; endswith(".exr"))'
+
+# what_is_near_stays_away_as_in_training (OUT remembers how near that is, also where there is no scene)
+json "$model/config.json" '.near_distance == 0.2'
+cp -r "$model" "$temporary/short_sighted"
+jq '.near_distance = 1000' "$model/config.json" >"$temporary/short_sighted/config.json"
+run 0 render "$temporary/short_sighted" --camera "$model/cameras.json" --frames 0 --aov rgba -o "$temporary/nothing"
+check nothing_is_drawn bash -c 'oiiotool --stats "$0" | grep -q "Constant Color: 0.000000 0.000000 0.000000 0.000000"' "$(find "$temporary/nothing" -name '*.exr')"
+
+# all_around (the picture's middle looks where the view does)
+run 0 render "$model" "$room" --view 0009 --projection equirectangular --size 96x48 --aov rgba,depth -o "$temporary/around"
+check twice_as_wide test "$(size_of "$temporary/around/0009.exr")" = 96x48
+run 0 render "$model" "$room" --view 0009 --projection equirectangular --size 96x48 --aov rgba,depth --reference -o "$temporary/exact"
+check reference_agrees_all_around oiiotool --fail 0.002 --hardfail 0.1 --failpercent 1 "$temporary/around/0009.exr" --ch R,G,B,A \
+    "$temporary/exact/0009.exr" --ch R,G,B,A --diff
+run 1 render "$model" "$room" --view 0009 --projection equirectangular --depth z -o "$temporary/none"
+one_line
+says "--depth z has no meaning"
+run 1 render "$model" "$room" --view 0009 --projection equirectangular --aperture 1 -o "$temporary/none"
+one_line
+says "--aperture needs a perspective lens"
+
+# many_samples_soften (a pinhole in focus everywhere: 16 samples are near the mean of the fine picture)
+run 0 render "$model" "$room" --view 0009 --aov rgba,depth -o "$temporary/one"
+run 0 render "$model" "$room" --view 0009 --aov rgba,depth --spp 16 -o "$temporary/many"
+check other_quantities_are_the_centres oiiotool --fail 0 "$temporary/one/0009.exr" --ch depth.Z "$temporary/many/0009.exr" --ch depth.Z --diff
+check colours_are_near oiiotool --fail 0.1 --failpercent 5 "$temporary/one/0009.exr" --ch R,G,B,A "$temporary/many/0009.exr" --ch R,G,B,A --diff
+check colours_are_others bash -c "! oiiotool --fail 0.0001 '$temporary/one/0009.exr' --ch R '$temporary/many/0009.exr' --ch R --diff"
+width=$(size_of "$temporary/one/0009.exr")
+run 0 render "$model" "$room" --view 0009 --aov rgba --size $((8 * ${width%x*}))x$((8 * ${width#*x})) --filter none -o "$temporary/fine"
+run 0 render "$model" "$room" --view 0009 --aov rgba --spp 64 --filter none -o "$temporary/many"
+check samples_are_the_mean_of_a_finer_picture oiiotool --fail 0.02 --failpercent 2 "$temporary/many/0009.exr" \
+    "$temporary/fine/0009.exr" --resize:filter=box "$width" --diff
+run 0 render "$model" "$room" --view 0009 --aov rgba --aperture 0.5 --spp 16 -o "$temporary/blurred"
+check blur_changes_the_picture bash -c "! oiiotool --fail 0.01 '$temporary/one/0009.exr' --ch R '$temporary/blurred/0009.exr' --ch R --diff"
+run 0 render "$model" "$room" --view 0009 --aov rgba --aperture 0.000001 --focus 3 --spp 16 -o "$temporary/pin"
+run 0 render "$model" "$room" --view 0009 --aov rgba --spp 16 -o "$temporary/many"
+check a_tiny_lens_is_a_pinhole oiiotool --fail 0.001 --hardfail 0.05 "$temporary/pin/0009.exr" "$temporary/many/0009.exr" --diff
+run 2 render "$model" "$room" --view 0009 --deep --spp 4 -o "$temporary/none"
+says "--deep and --spp exclude each other"
+
+# nerfstudio_paths (the same camera as cameras.json tells it)
+first=$(jq '.[0]' "$model/cameras.json")
+echo "$first" | jq '[.]' >"$temporary/first.json"
+echo "$first" | jq '{camera_type: "perspective", render_width: .width, render_height: .height, fps: 12, camera_path: [{
+    fov: (2 * (((.height / 2) / .fy) | atan) * 180 / 3.141592653589793),
+    camera_to_world: [.rotation[0][0], -.rotation[0][1], -.rotation[0][2], .position[0],
+                      .rotation[1][0], -.rotation[1][1], -.rotation[1][2], .position[1],
+                      .rotation[2][0], -.rotation[2][1], -.rotation[2][2], .position[2], 0, 0, 0, 1]}]}' >"$temporary/path.json"
+jq '.[0] |= (.fx = .fy | del(.cx, .cy) | .img_name = "frame_00000")' "$temporary/first.json" >"$temporary/same.json"
+run 0 render "$model" --camera "$temporary/path.json" --aov rgba -o "$temporary/path"
+run 0 render "$model" --camera "$temporary/same.json" --aov rgba -o "$temporary/same"
+check same_picture oiiotool --fail 0.001 "$temporary/path/frame_00000.exr" "$temporary/same/frame_00000.exr" --diff
+jq '.camera_type = "equirectangular"' "$temporary/path.json" >"$temporary/around.json"
+run 0 render "$model" --camera "$temporary/around.json" --size 64x32 --aov rgba -o "$temporary/path"
+for broken in '.camera_path[0].fov = 180' '.camera_path[0].camera_to_world[0] = 7' '.camera_path[0].camera_to_world = [1]' \
+    '.render_width = 0' '.camera_type = "orthographic"' '.camera_path = []' '.camera_path = 5'; do
+    jq "$broken" "$temporary/path.json" >"$temporary/broken.json"
+    run 1 render "$model" --camera "$temporary/broken.json" -o "$temporary/none"
+    one_line
+    says broken.json
+done
+
+# a_colmap_model_is_a_camera_file (the bundled scene's, without its photographs)
+mkdir -p "$temporary/colmap/sparse"
+cp -r "$room/sparse/0" "$temporary/colmap/sparse/0"
+run 0 render "$model" --camera "$temporary/colmap" --view 0009.jpg --size 60x33 --aov rgba -o "$temporary/colmap_views"
+run 0 render "$model" "$room" --view 0009.jpg --downscale 1 --size 60x33 --aov rgba -o "$temporary/scene_views"
+check same_as_from_the_scene oiiotool --fail 0 "$temporary/colmap_views/0009.exr" "$temporary/scene_views/0009.exr" --diff
+run 0 render "$model" --camera "$temporary/colmap" --frames 0-30:10 --size 30x17 --aov rgba -o "$temporary/colmap_some"
+check four_views test "$(find "$temporary/colmap_some" -name '*.exr' | wc -l)" = 4
+run 1 render "$model" --camera "$temporary/bin_that_is_not_there" -o "$temporary/none"
+one_line
+says bin_that_is_not_there
+run 1 render "$model" --camera "$temporary/orbit" -o "$temporary/none"
+one_line
+
+# films (by a stand-in for ffmpeg that counts what it gets)
+mkdir "$temporary/bin"
+cat >"$temporary/bin/ffmpeg" <<'EOF'
+#!/usr/bin/env bash
+printf '%s\n' "$@" >"$FFMPEG_SAYS"
+[ -z "${FFMPEG_FAILS:-}" ] || { echo 'first word' >&2; echo 'no such encoder' >&2; exit 1; }
+wc -c >"${@: -1}"
+EOF
+chmod +x "$temporary/bin/ffmpeg"
+export FFMPEG_SAYS=$temporary/arguments
+real_path=$PATH
+PATH=$temporary/bin:$PATH
+run 0 render "$model" "$room" --orbit 3 --size 33x20 --video "$temporary/film;x.mp4" --fps 24
+prints "$temporary/film;x.mp4"
+check three_frames_of_bytes test "$(tr -d ' ' <"$temporary/film;x.mp4")" = $((3 * 33 * 20 * 3))
+check size_and_rate bash -c "grep -qx 33x20 '$temporary/arguments' && grep -qx 24 '$temporary/arguments'"
+check no_leftover test "$(find "$temporary" -maxdepth 1 -name '.*' -type f | wc -l)" = 0
+run 0 render "$model" --camera "$temporary/path.json" --video "$temporary/path.mp4" -o "$temporary/both" --format png --aov rgba
+check rate_of_the_path grep -qx 12 "$temporary/arguments"
+check frames_too test "$(pictures "$temporary/both" png)" = 'frame_00000.png '
+FFMPEG_FAILS=1 run 1 render "$model" "$room" --orbit 2 --size 33x20 --video "$temporary/bad.mp4"
+one_line
+says "bad.mp4: ffmpeg failed: no such encoder"
+check no_film test ! -e "$temporary/bad.mp4"
+mkdir "$temporary/empty"
+PATH=$temporary/empty run 1 render "$model" "$room" --orbit 2 --video "$temporary/none.mp4"
+PATH=$real_path
+one_line
+says "ffmpeg, which is not installed"
+run 2 render "$model" "$room" --orbit 2
+says "or --video FILE"
+if command -v ffprobe >/dev/null; then # the real one, where it is
+    run 0 render "$model" "$room" --orbit 3 --size 33x21 --video "$temporary/real.mp4"
+    check a_film bash -c "ffprobe -v error -count_frames -show_entries stream=nb_read_frames,width,height -of csv '$temporary/real.mp4' |
+        grep -q '34,22,3'"
+fi
+
+finish

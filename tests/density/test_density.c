@@ -1,0 +1,279 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Density control on models small enough to know every row's fate. Rows are told apart by their red
+// SH coefficient, because an update puts them into Morton order.
+
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+#include <cmocka.h>
+
+#include "base/core.h"
+#include "density/density.h"
+#include "density/pipeline.h"
+
+typedef struct fixture {
+    sgs_gaussians *model;
+    float *m, *v;
+    sgsi_statistics statistics;
+    sgsi_density_options options;
+    sgsi_density_result result;
+} fixture;
+
+static fixture make(size_t count)
+{
+    fixture f = {0};
+    assert_int_equal(sgs_gaussians_create(count, &f.model), SGS_STATUS_OK);
+    assert_int_equal(sgs_gaussians_resize(f.model, count), SGS_STATUS_OK);
+    f.m = sgsi_calloc(f.model->capacity, SGS_PARAM_COUNT * sizeof(float));
+    f.v = sgsi_calloc(f.model->capacity, SGS_PARAM_COUNT * sizeof(float));
+    assert_int_equal(sgsi_statistics_reserve(&f.statistics, f.model->capacity), SGS_STATUS_OK);
+    f.options = (sgsi_density_options){.pipeline = &sgsi_pipeline_3dgs,
+                                       .gradient_threshold = 2e-4,
+                                       .opacity_min = 0.005,
+                                       .size_split = 0.1,
+                                       .size_max = INFINITY,
+                                       .seed = 1,
+                                       .iteration = 600,
+                                       .spare = spare_options_default()};
+    for (size_t i = 0; i < count; ++i) {
+        float p[SGS_PARAM_COUNT] = {0};
+        p[SGS_PARAM_MEAN] = (float)sgsi_random_uniform(9, 3 * i);
+        p[SGS_PARAM_MEAN + 1] = (float)sgsi_random_uniform(9, 3 * i + 1);
+        p[SGS_PARAM_MEAN + 2] = (float)sgsi_random_uniform(9, 3 * i + 2);
+        p[SGS_PARAM_ROTATION] = 1;
+        for (int k = 0; k < 3; ++k)
+            p[SGS_PARAM_SCALE + k] = logf(0.05f);
+        p[SGS_PARAM_OPACITY] = 0; // 0.5
+        p[SGS_PARAM_SH_DC] = (float)i;
+        sgs_gaussians_set(f.model, i, p);
+        for (int k = 0; k < SGS_PARAM_COUNT; ++k) {
+            const size_t at = ((i / 16) * SGS_PARAM_COUNT + (size_t)k) * 16 + i % 16;
+            f.m[at] = (float)i + 0.25f;
+            f.v[at] = (float)i + 0.5f;
+        }
+        f.statistics.visible_count[i] = 2;
+    }
+    return f;
+}
+
+static void drop(fixture *f)
+{
+    sgs_gaussians_destroy(f->model);
+    sgsi_free(f->m);
+    sgsi_free(f->v);
+    sgsi_statistics_free(&f->statistics);
+    sgsi_free(f->result.region_list);
+}
+
+static void update(fixture *f)
+{
+    sgsi_free(f->result.region_list);
+    assert_int_equal(
+        sgsi_density_update(f->model, &f->m, &f->v, &f->statistics, &f->options, &f->result),
+        SGS_STATUS_OK);
+}
+
+static size_t rows_of(const fixture *f, float tag, size_t rows[8])
+{
+    size_t count = 0;
+    for (size_t i = 0; i < f->model->count; ++i)
+        if (*sgs_gaussians_at(f->model, i, SGS_PARAM_SH_DC) == tag && count < 8)
+            rows[count++] = i;
+    return count;
+}
+
+static float moment(const float *block, size_t i, int k)
+{
+    return block[((i / 16) * SGS_PARAM_COUNT + (size_t)k) * 16 + i % 16];
+}
+
+static void clone_copies_the_row_and_starts_its_moments_at_zero(void **state)
+{
+    (void)state;
+    fixture f = make(40);
+    f.statistics.gradient_sum[7] = 5e-4f;   // mean 2.5e-4
+    f.statistics.gradient_sum[8] = 3.9e-4f; // below the threshold
+    update(&f);
+    assert_int_equal(f.model->count, 41);
+    assert_int_equal(f.result.cloned, 1);
+    assert_int_equal(f.result.split, 0);
+    size_t rows[8];
+    assert_int_equal(rows_of(&f, 7, rows), 2);
+    for (int k = 0; k < SGS_PARAM_COUNT; ++k)
+        assert_true(*sgs_gaussians_at(f.model, rows[0], k) ==
+                    *sgs_gaussians_at(f.model, rows[1], k));
+    const float sum = moment(f.m, rows[0], 3) + moment(f.m, rows[1], 3);
+    assert_true(sum == 7.25f); // one kept, one zero
+    assert_int_equal(rows_of(&f, 8, rows), 1);
+    assert_true(moment(f.v, rows[0], 0) == 8.5f);
+    for (size_t i = 0; i < f.model->count; ++i)
+        assert_true(f.statistics.gradient_sum[i] == 0 && f.statistics.visible_count[i] == 0 &&
+                    f.statistics.radius_max[i] == 0);
+    drop(&f);
+}
+
+static void split_replaces_the_parent_by_two_smaller_children_around_it(void **state)
+{
+    (void)state;
+    fixture f = make(40);
+    for (int k = 0; k < 3; ++k)
+        *sgs_gaussians_at(f.model, 5, SGS_PARAM_SCALE + k) = logf(k == 1 ? 0.4f : 0.02f);
+    const float y = *sgs_gaussians_at(f.model, 5, SGS_PARAM_MEAN + 1);
+    f.statistics.gradient_sum[5] = 1e-3f;
+    update(&f);
+    assert_int_equal(f.model->count, 41);
+    assert_int_equal(f.result.split, 1);
+    size_t rows[8];
+    assert_int_equal(rows_of(&f, 5, rows), 2);
+    for (int c = 0; c < 2; ++c) {
+        assert_true(fabsf(expf(*sgs_gaussians_at(f.model, rows[c], SGS_PARAM_SCALE + 1)) - 0.25f) <
+                    1e-5f);
+        assert_true(fabsf(*sgs_gaussians_at(f.model, rows[c], SGS_PARAM_MEAN + 1) - y) < 0.4f * 6);
+        assert_true(moment(f.m, rows[c], 0) == 0);
+    }
+    assert_true(*sgs_gaussians_at(f.model, rows[0], SGS_PARAM_MEAN) !=
+                *sgs_gaussians_at(f.model, rows[1], SGS_PARAM_MEAN));
+    drop(&f);
+}
+
+static void split_children_scatter_like_the_parent(void **state)
+{
+    (void)state;
+    fixture f = make(4000);
+    double along = 0, across = 0;
+    for (size_t i = 0; i < 4000;
+         ++i) { // rotated by 90 degrees about z: the long axis x points along world y
+        *sgs_gaussians_at(f.model, i, SGS_PARAM_ROTATION) = 0.70710678f;
+        *sgs_gaussians_at(f.model, i, SGS_PARAM_ROTATION + 3) = 0.70710678f;
+        *sgs_gaussians_at(f.model, i, SGS_PARAM_SCALE) = logf(0.5f);
+        for (int k = 0; k < 3; ++k)
+            *sgs_gaussians_at(f.model, i, SGS_PARAM_MEAN + k) = 0;
+        f.statistics.gradient_sum[i] = 1;
+    }
+    update(&f);
+    assert_int_equal(f.model->count, 8000);
+    for (size_t i = 0; i < 8000; ++i) {
+        along += pow(*sgs_gaussians_at(f.model, i, SGS_PARAM_MEAN + 1), 2) / 8000;
+        across += pow(*sgs_gaussians_at(f.model, i, SGS_PARAM_MEAN), 2) / 8000;
+    }
+    assert_true(fabs(sqrt(along) - 0.5) < 0.02);
+    assert_true(fabs(sqrt(across) - 0.05) < 0.002);
+    drop(&f);
+}
+
+static void faint_and_oversized_rows_are_pruned(void **state)
+{
+    (void)state;
+    fixture f = make(40);
+    *sgs_gaussians_at(f.model, 3, SGS_PARAM_OPACITY) = logf(0.004f / 0.996f);
+    *sgs_gaussians_at(f.model, 4, SGS_PARAM_OPACITY) = logf(0.006f / 0.994f);
+    *sgs_gaussians_at(f.model, 9, SGS_PARAM_SCALE) = logf(3.0f);
+    update(&f);
+    assert_int_equal(f.model->count, 39);
+    size_t rows[8];
+    assert_int_equal(rows_of(&f, 3, rows), 0);
+    assert_int_equal(rows_of(&f, 4, rows), 1);
+    f.options.size_max = 1;
+    update(&f);
+    assert_int_equal(rows_of(&f, 9, rows), 0);
+    assert_int_equal(f.model->count, 38);
+    drop(&f);
+}
+
+static void cap_is_never_exceeded_and_keeps_the_best_scores(void **state)
+{
+    (void)state;
+    fixture f = make(100);
+    f.options.max_count = 110;
+    for (size_t i = 0; i < 100; ++i)
+        f.statistics.gradient_sum[i] = 1e-3f + 1e-5f * (float)i;
+    update(&f);
+    assert_int_equal(f.model->count, 110);
+    size_t rows[8];
+    for (int i = 0; i < 100; ++i)
+        assert_int_equal(rows_of(&f, (float)i, rows), i < 90 ? 1 : 2);
+    drop(&f);
+}
+
+static void rap_removes_faint_still_primitives_of_crowded_voxels_only(void **state)
+{
+    (void)state;
+    fixture f = make(200);
+    for (size_t i = 0; i < 200; ++i) {
+        const float x = i < 150 ? 0.01f * (float)sgsi_random_uniform(3, i)
+                                : 0.2f + 0.016f * (float)(i - 150); // a crowd, and a row
+        *sgs_gaussians_at(f.model, i, SGS_PARAM_MEAN) = x;
+        *sgs_gaussians_at(f.model, i, SGS_PARAM_MEAN + 1) =
+            *sgs_gaussians_at(f.model, i, SGS_PARAM_MEAN + 2) = 0;
+        *sgs_gaussians_at(f.model, i, SGS_PARAM_OPACITY) = i % 2 ? 0 : logf(0.03f / 0.97f);
+        f.statistics.radius_max[i] = 4;
+    }
+    f.options.spare_prune = true;
+    update(&f);
+    assert_int_equal(f.result.spare_pruned, 75);
+    assert_int_equal(f.model->count, 125);
+    assert_true(f.result.regions > 10);
+    size_t rows_in_regions = 0, redundant = 0;
+    for (size_t r = 0; r < f.result.regions; ++r) { // the report adds up to what happened
+        rows_in_regions += f.result.region_list[r].count;
+        redundant += f.result.region_list[r].redundant;
+        assert_true(r == 0 || f.result.region_list[r].voxel > f.result.region_list[r - 1].voxel);
+        assert_true(!f.result.region_list[r].redundant ||
+                    (double)f.result.region_list[r].count > (double)f.result.region_list[r].quota);
+    }
+    assert_int_equal(rows_in_regions, 200);
+    assert_int_equal(redundant, 75);
+    size_t rows[8];
+    assert_int_equal(rows_of(&f, 0, rows), 0);   // faint, in the crowd
+    assert_int_equal(rows_of(&f, 1, rows), 1);   // opaque, in the crowd
+    assert_int_equal(rows_of(&f, 160, rows), 1); // faint, alone
+    drop(&f);
+}
+
+static void reset_lowers_opacities_and_clears_their_moments(void **state)
+{
+    (void)state;
+    fixture f = make(20);
+    *sgs_gaussians_at(f.model, 3, SGS_PARAM_OPACITY) = logf(0.006f / 0.994f);
+    sgsi_density_reset_opacity(f.model, f.m, f.v, 0.01, NULL);
+    assert_true(fabsf(1 / (1 + expf(-*sgs_gaussians_at(f.model, 2, SGS_PARAM_OPACITY))) - 0.01f) <
+                1e-6f);
+    assert_true(fabsf(1 / (1 + expf(-*sgs_gaussians_at(f.model, 3, SGS_PARAM_OPACITY))) - 0.006f) <
+                1e-6f);
+    assert_true(moment(f.m, 5, SGS_PARAM_OPACITY) == 0 && moment(f.v, 5, SGS_PARAM_OPACITY) == 0);
+    assert_true(moment(f.m, 5, SGS_PARAM_SCALE) == 5.25f);
+    drop(&f);
+}
+
+static void sorting_keeps_every_row(void **state)
+{
+    (void)state;
+    fixture f = make(333);
+    assert_int_equal(sgsi_density_sort(f.model), SGS_STATUS_OK);
+    assert_int_equal(f.model->count, 333);
+    size_t rows[8];
+    for (int i = 0; i < 333; ++i)
+        assert_int_equal(rows_of(&f, (float)i, rows), 1);
+    drop(&f);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(clone_copies_the_row_and_starts_its_moments_at_zero),
+        cmocka_unit_test(split_replaces_the_parent_by_two_smaller_children_around_it),
+        cmocka_unit_test(split_children_scatter_like_the_parent),
+        cmocka_unit_test(faint_and_oversized_rows_are_pruned),
+        cmocka_unit_test(cap_is_never_exceeded_and_keeps_the_best_scores),
+        cmocka_unit_test(rap_removes_faint_still_primitives_of_crowded_voxels_only),
+        cmocka_unit_test(reset_lowers_opacities_and_clears_their_moments),
+        cmocka_unit_test(sorting_keeps_every_row),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

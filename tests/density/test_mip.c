@@ -1,0 +1,237 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Mip-Splatting's own: the 3D filter against its definition, models with the filter worked in
+// against models that carry it (by the oracle), both files, the quantile, the reset through the
+// filter. The image and its gradients with the mip filter are held to the oracle in
+// test_tracer_oracle.c and test_tracer_gradient.c.
+
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+#include <cmocka.h>
+
+#include "model/filter_3d.h"
+#include "density/pipeline.h"
+#include "reference/reference.h"
+#include "support/tracer_support.h"
+
+static void filter_is_the_finest_sampling_of_all_views(void **state)
+{
+    (void)state;
+    oracle_scene scene = oracle_random_model(6, 200, NULL);
+    for (size_t i = 0; i < 200; i += 10) // some that no view sees
+        *sgs_gaussians_at(scene.model, i, SGS_PARAM_MEAN) = 500;
+    sgs_view views[4] = {0};
+    const size_t used[3] = {3, 0, 2};
+    for (int v = 0; v < 4; ++v) {
+        views[v].camera = oracle_camera(SGS_CAMERA_PINHOLE, 60 + 10 * v, 50);
+        views[v].camera.params[0] = views[v].camera.params[1] = 45 + 9 * v;
+        views[v].pose = oracle_pose_look_at(1.0 + v, -1.0 + 0.7 * v, -4.0 + 0.5 * v);
+    }
+    const sgs_scene set = {.view_count = 4, .views = views};
+    float filter[200];
+    sgsi_filter_3d_compute(scene.model, &set, used, 3, filter);
+    double nearest[200], farthest = 0;
+    size_t unseen = 0;
+    for (size_t i = 0; i < 200; ++i) {
+        nearest[i] = 1e5;
+        for (int k = 0; k < 3; ++k) {
+            const sgs_view *view = &views[used[k]];
+            double p[3];
+            for (int row = 0; row < 3; ++row) {
+                p[row] = view->pose.translation[row];
+                for (int c = 0; c < 3; ++c)
+                    p[row] += view->pose.rotation[3 * row + c] *
+                              (double)*sgs_gaussians_at(scene.model, i, SGS_PARAM_MEAN + c);
+            }
+            const double *f = view->camera.params, w = view->camera.width, h = view->camera.height;
+            const double x = f[0] * p[0] / p[2] + f[2], y = f[1] * p[1] / p[2] + f[3];
+            if (p[2] > 0.2 && x >= -0.15 * w && x <= 1.15 * w && y >= -0.15 * h && y <= 1.15 * h)
+                nearest[i] = fmin(nearest[i], p[2]);
+        }
+        unseen += nearest[i] == 1e5;
+        farthest = nearest[i] < 1e5 ? fmax(farthest, nearest[i]) : farthest;
+    }
+    assert_true(unseen >= 20 && unseen < 150);
+    for (size_t i = 0; i < 200; ++i) {
+        const double expected =
+            (nearest[i] == 1e5 ? farthest : nearest[i]) / (45 + 9 * 3) * sqrt(0.2);
+        assert_true(fabs((double)filter[i] - expected) <= 1e-5 * expected);
+    }
+    oracle_scene_free(&scene);
+}
+
+static void fused_model_looks_the_same_without_its_filter(void **state)
+{
+    (void)state;
+    oracle_scene scene = oracle_random_model(8, 60, NULL);
+    const sgs_camera camera = oracle_camera(SGS_CAMERA_PINHOLE, 30, 26);
+    const sgs_pose pose = oracle_pose_look_at(1, -0.5, -4);
+    float filter[64];
+    for (size_t i = 0; i < 60; ++i)
+        filter[i] = (float)(0.001 + 0.1 * sgsi_random_uniform(1, i));
+    sgs_gaussians *fused;
+    assert_int_equal(sgs_gaussians_fuse_filter_3d(scene.model, filter, &fused), SGS_STATUS_OK);
+    double *params = oracle_memory(60 * SGS_PARAM_COUNT, sizeof *params);
+    for (size_t i = 0; i < 60; ++i)
+        for (int k = 0; k < SGS_PARAM_COUNT; ++k)
+            params[i * SGS_PARAM_COUNT + (size_t)k] = (double)*sgs_gaussians_at(fused, i, k);
+    sgs_render_options options = sgs_render_options_default();
+    options.filter = SGS_FILTER_MIP;
+    sgs_reference_frame with, without;
+    assert_int_equal(sgs_reference_frame_create(30, 26, &with), SGS_STATUS_OK);
+    assert_int_equal(sgs_reference_frame_create(30, 26, &without), SGS_STATUS_OK);
+    assert_int_equal(sgs_reference_render(params, 60, &camera, &pose, &options, &without),
+                     SGS_STATUS_OK);
+    options.filter_3d = filter;
+    assert_int_equal(sgs_reference_render(scene.params, 60, &camera, &pose, &options, &with),
+                     SGS_STATUS_OK);
+    double brightest = 0;
+    for (int i = 0; i < 30 * 26; ++i)
+        for (int c = 0; c < 3; ++c) {
+            assert_true(fabs(with.color[c][i] - without.color[c][i]) <=
+                        0.006); // a hit at the limit 1/255 may differ
+            brightest = fmax(brightest, with.color[c][i]);
+        }
+    assert_true(brightest > 0.2);
+    sgs_reference_frame_free(&with);
+    sgs_reference_frame_free(&without);
+    sgs_gaussians_destroy(fused);
+    free(params);
+    oracle_scene_free(&scene);
+}
+
+static void filter_is_the_last_of_63_properties(void **state)
+{
+    (void)state;
+    char path[64];
+    snprintf(path, sizeof path, "/tmp/sparegs_mip_%ld.ply", (long)getpid());
+    oracle_scene scene = oracle_random_model(2, 5, NULL);
+    const float filter[5] = {0.5f, 0.25f, 1, 2, 4};
+    scene.model->sh_degree = 3;
+    assert_int_equal(sgs_ply_write_filter_3d(path, scene.model, filter), SGS_STATUS_OK);
+    uint8_t *bytes;
+    size_t size;
+    assert_int_equal(sgsi_file_read(path, 0, &bytes, &size), SGS_STATUS_OK);
+    const char *end = strstr((char *)bytes, "property float filter_3D\nend_header\n");
+    assert_non_null(end);
+    const size_t head =
+        (size_t)(end - (char *)bytes) + strlen("property float filter_3D\nend_header\n");
+    assert_int_equal(size, head + 5 * 63 * 4);
+    for (size_t i = 0; i < 5; ++i) {
+        float value;
+        memcpy(&value, bytes + head + (i * 63 + 62) * 4, sizeof value);
+        assert_true(value == filter[i]);
+    }
+    sgs_gaussians *back; // readers that do not know the property read the rest
+    assert_int_equal(sgs_ply_read(path, &back), SGS_STATUS_OK);
+    assert_int_equal(back->count, 5);
+    sgs_gaussians_destroy(back);
+    sgsi_free(bytes);
+    oracle_scene_free(&scene);
+    unlink(path);
+}
+
+static void reset_holds_the_filtered_opacity_under_the_ceiling(void **state)
+{
+    (void)state;
+    oracle_scene scene = oracle_random_model(5, 40, NULL);
+    float filter[48] = {0},
+          *m = sgsi_calloc(scene.model->capacity, SGS_PARAM_COUNT * sizeof(float));
+    double before[40];
+    for (size_t i = 0; i < 40; ++i) {
+        filter[i] = 0.2f * (float)sgsi_random_uniform(4, i);
+        before[i] = 1 / (1 + exp(-(double)*sgs_gaussians_at(scene.model, i, SGS_PARAM_OPACITY)));
+    }
+    sgsi_density_reset_opacity(scene.model, m, m, 0.01, filter);
+    for (size_t i = 0; i < 40; ++i) {
+        double factor = 1;
+        for (int k = 0; k < 3; ++k) {
+            const double s = exp((double)*sgs_gaussians_at(scene.model, i, SGS_PARAM_SCALE + k));
+            factor *= s / sqrt(s * s + (double)filter[i] * (double)filter[i]);
+        }
+        const double after =
+            1 / (1 + exp(-(double)*sgs_gaussians_at(scene.model, i, SGS_PARAM_OPACITY)));
+        const double expected = fmin(before[i] * factor, 0.01) / factor;
+        assert_true(fabs(after - expected) <= 1e-5 * expected + 1e-6);
+    }
+    sgsi_free(m);
+    oracle_scene_free(&scene);
+}
+
+// As many rows pass the absolute threshold as the signed one.
+static void absolute_gradients_select_as_many_as_signed_ones(void **state)
+{
+    (void)state;
+    enum { N = 1000 };
+    float x[N], score[N], absolute[N], weight[N], opacity[N], scale[N], priority[N];
+    uint8_t redundant[N] = {0}, action[N] = {0}, removed[N] = {0}, barren[N] = {0};
+    size_t pulled = 0;
+    for (size_t i = 0; i < N; ++i) {
+        score[i] = 4e-4f * (float)sgsi_random_uniform(1, i) * (float)sgsi_random_uniform(2, i);
+        absolute[i] = (float)sgsi_random_uniform(3, i);
+        x[i] = 0;
+        weight[i] = 1;
+        opacity[i] = 0.5f;
+        scale[i] = i % 3 ? 0.01f : 1;
+        pulled += score[i] >= 2e-4f;
+    }
+    sgsi_density_columns columns = {.count = N,
+                                    .x = x,
+                                    .y = x,
+                                    .z = x,
+                                    .opacity = opacity,
+                                    .scale_max = scale,
+                                    .score = score,
+                                    .absolute = absolute,
+                                    .weight = weight,
+                                    .redundant = redundant,
+                                    .action = action,
+                                    .removed = removed,
+                                    .barren = barren,
+                                    .priority = priority};
+    const sgsi_density_options options = {.pipeline = &sgsi_pipeline_mip,
+                                          .gradient_threshold = 2e-4,
+                                          .opacity_min = 0.005,
+                                          .size_split = 0.1,
+                                          .size_max = INFINITY};
+    sgsi_density_result result = {0};
+    assert_int_equal(sgsi_pipeline_mip.decide(&options, &columns, &result), SGS_STATUS_OK);
+    size_t by_absolute = 0, both = 0;
+    float least = INFINITY;
+    for (size_t i = 0; i < N; ++i) {
+        const bool grows = action[i] != SGSI_ACTION_KEEP;
+        both += grows;
+        if (grows && score[i] < 2e-4f) {
+            least = fminf(least, absolute[i]);
+            ++by_absolute;
+        }
+        assert_true(!grows || (action[i] == SGSI_ACTION_SPLIT) == (i % 3 == 0));
+    }
+    for (size_t i = 0; i < N; ++i) // nobody with a larger absolute gradient was left out
+        assert_true(action[i] != SGSI_ACTION_KEEP || absolute[i] < least);
+    size_t above = 0;
+    for (size_t i = 0; i < N; ++i)
+        above += absolute[i] >= least;
+    assert_true(pulled > 20 && by_absolute > 0 && both < 2 * pulled + 2);
+    assert_true(above + 2 >= pulled && above <= pulled + 2);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(filter_is_the_finest_sampling_of_all_views),
+        cmocka_unit_test(fused_model_looks_the_same_without_its_filter),
+        cmocka_unit_test(filter_is_the_last_of_63_properties),
+        cmocka_unit_test(reset_holds_the_filtered_opacity_under_the_ceiling),
+        cmocka_unit_test(absolute_gradients_select_as_many_as_signed_ones),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

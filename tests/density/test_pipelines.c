@@ -1,0 +1,596 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// The base pipelines beside 3DGS: what they sum over views against the oracle, the selections that
+// they share against sorting and against frequencies, and each one's rules on models small enough
+// to know every row's fate.
+
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+#include <cmocka.h>
+
+#include "density/pipeline.h"
+#include "reference/reference.h"
+#include "support/tracer_support.h"
+
+// ---- Sums over views ----
+
+static void score_sums_match_the_oracle(void **state)
+{
+    (void)state;
+    oracle_scene scene = oracle_random_model(3, 120, NULL);
+    const sgs_camera camera = oracle_camera(SGS_CAMERA_PINHOLE, 37, 29);
+    const sgs_pose pose = oracle_pose_look_at(1, -0.5, -4);
+    traced_view traced =
+        traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, 2, SGSI_BVH_LOW);
+    const size_t stride = traced.planes.stride;
+    float *weight = sgsi_calloc(stride, (size_t)camera.height * sizeof *weight),
+          *centers = sgsi_calloc(scene.count, 2 * sizeof *centers);
+    double *expected = oracle_memory(scene.count * 4, sizeof *expected);
+    sgs_hit *hits = oracle_memory(scene.count, sizeof *hits);
+    for (size_t i = 0; i < 2 * scene.count; ++i)
+        centers[i] = (float)(40 * sgsi_random_uniform(2, i) - 2);
+    for (int y = 0; y < camera.height; ++y)
+        for (int x = 0; x < camera.width; ++x) {
+            weight[(size_t)y * stride + (size_t)x] =
+                (float)sgsi_random_uniform(5, 64 * (uint64_t)y + (uint64_t)x);
+            const size_t count = sgs_reference_hits(scene.params, scene.count, &camera, &pose,
+                                                    &traced.options, x, y, hits, scene.count);
+            for (size_t k = 0; k < count; ++k) {
+                double *sum = expected + 4 * (size_t)hits[k].primitive;
+                sum[SGSI_SCORE_WEIGHT] += (double)weight[(size_t)y * stride + (size_t)x];
+                sum[SGSI_SCORE_HITS] += 1;
+                sum[SGSI_SCORE_BLEND] += hits[k].transmittance * hits[k].alpha;
+                sum[SGSI_SCORE_DISTANCE] +=
+                    hypot(x + 0.5 - (double)centers[2 * hits[k].primitive],
+                          y + 0.5 - (double)centers[2 * hits[k].primitive + 1]);
+            }
+        }
+    const sgsi_score_planes planes = {.weight = weight, .centers = centers};
+    assert_int_equal(sgsi_tracer_score(traced.tracer, &traced.view, &traced.planes, &planes),
+                     SGS_STATUS_OK);
+    size_t seen = 0;
+    for (size_t i = 0; i < scene.count; ++i) {
+        const float *sum = sgsi_tracer_sums(traced.tracer) + 16 * i;
+        const bool touched = sgsi_tracer_touched(traced.tracer)[i / 16];
+        seen += expected[4 * i + SGSI_SCORE_HITS] > 0;
+        for (int k = 0; k < 4; ++k) {
+            const double actual = touched ? (double)sum[k] : 0;
+            if (!(fabs(actual - expected[4 * i + (size_t)k]) <=
+                  1e-4 * (1 + expected[4 * i + (size_t)k])))
+                fail_msg("primitive %zu, sum %d: %g, not %g", i, k, actual,
+                         expected[4 * i + (size_t)k]);
+        }
+    }
+    assert_true(seen > 50);
+    free(expected);
+    free(hits);
+    sgsi_free(weight);
+    sgsi_free(centers);
+    traced_destroy(&traced);
+    oracle_scene_free(&scene);
+}
+
+static void absolute_gradients_match_the_oracle_pixel_by_pixel(void **state)
+{
+    (void)state;
+    oracle_scene scene = oracle_random_model(4, 24, NULL);
+    const sgs_camera camera = oracle_camera(SGS_CAMERA_PINHOLE, 24, 20);
+    const sgs_pose pose = oracle_pose_look_at(0.5, 0.3, -4);
+    traced_view traced =
+        traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, 2, SGSI_BVH_LOW);
+    const size_t pixels = (size_t)camera.width * (size_t)camera.height;
+    double *d[3], *params = oracle_memory(scene.count * SGS_PARAM_COUNT, sizeof *params),
+                  *mean = oracle_memory(scene.count * 3, sizeof *mean);
+    double *expected = oracle_memory(2 * scene.count, sizeof *expected);
+    sgsi_planes single = traced_planes_create(camera.width, camera.height);
+    for (int c = 0; c < 3; ++c)
+        d[c] = oracle_memory(pixels, sizeof *d[c]);
+    for (int y = 0; y < camera.height; ++y)
+        for (int x = 0; x < camera.width; ++x) {
+            const size_t at = (size_t)y * (size_t)camera.width + (size_t)x,
+                         to = (size_t)y * single.stride + (size_t)x;
+            for (int c = 0; c < 3; ++c)
+                d[c][at] = (double)(single.color[c][to] =
+                                        (float)(sgsi_random_uniform(8, 3 * at + (size_t)c) - 0.5));
+            single.transmittance[to] = 0;
+            assert_int_equal(sgs_reference_backward(
+                                 scene.params, scene.count, &camera, &pose, &traced.options,
+                                 (const double *const[3]){d[0], d[1], d[2]}, NULL, params, mean),
+                             SGS_STATUS_OK);
+            for (size_t i = 0; i < scene.count; ++i)
+                for (int axis = 0; axis < 2; ++axis) { // rows of the rotation: camera x, camera y
+                    double g = 0;
+                    for (int k = 0; k < 3; ++k)
+                        g += pose.rotation[3 * axis + k] * mean[3 * i + (size_t)k];
+                    expected[2 * i + (size_t)axis] += fabs(g);
+                }
+            for (int c = 0; c < 3; ++c)
+                d[c][at] = 0;
+        }
+    sgsi_tracer_absolute(traced.tracer, true);
+    assert_int_equal(sgsi_tracer_backward(traced.tracer, &traced.view, &traced.planes, single.color,
+                                          single.transmittance),
+                     SGS_STATUS_OK);
+    float *sums[2] = {sgsi_calloc(scene.model->capacity, sizeof(float)),
+                      sgsi_calloc(scene.model->capacity, sizeof(float))};
+    for (int norm = 0; norm < 2; ++norm) {
+        const sgsi_optimize input = {.params = scene.model->data,
+                                     .count = scene.count,
+                                     .view = traced.view,
+                                     .sums = sgsi_tracer_sums(traced.tracer),
+                                     .touched = sgsi_tracer_touched(traced.tracer),
+                                     .absolute_sum = sums[norm],
+                                     .absolute_norm = norm,
+                                     .tan_half_x = 0.7f,
+                                     .tan_half_y = 0.4f};
+        sgsi_optimize_blocks(&input, 0, (scene.count + 15) / 16);
+    }
+    size_t seen = 0;
+    for (size_t i = 0; i < scene.count; ++i) {
+        const double *m = scene.params + i * SGS_PARAM_COUNT;
+        double z = pose.translation[2];
+        for (int k = 0; k < 3; ++k)
+            z += pose.rotation[6 + k] * m[k];
+        const double x = 0.7 * z * expected[2 * i], y = 0.4 * z * expected[2 * i + 1];
+        seen += x > 0;
+        assert_true(fabs((double)sums[0][i] - (x + y)) <= 2e-4 * (x + y + 1e-3));
+        assert_true(fabs((double)sums[1][i] - hypot(x, y)) <= 2e-4 * (x + y + 1e-3));
+    }
+    assert_true(seen > 10);
+    for (int c = 0; c < 3; ++c)
+        free(d[c]);
+    free(params);
+    free(mean);
+    free(expected);
+    sgsi_free(sums[0]);
+    sgsi_free(sums[1]);
+    traced_planes_free(&single);
+    traced_destroy(&traced);
+    oracle_scene_free(&scene);
+}
+
+// ---- Selections ----
+
+static int by_value(const void *a, const void *b)
+{
+    const float x = *(const float *)a, y = *(const float *)b;
+    return (x > y) - (x < y);
+}
+
+static void median_is_the_lower_middle_of_the_positive_values(void **state)
+{
+    (void)state;
+    for (size_t n = 0; n < 60; ++n) {
+        float values[64], positive[64];
+        size_t count = 0;
+        for (size_t i = 0; i < n; ++i) {
+            values[i] = (float)ldexp(sgsi_random_uniform(n, i) - 0.3, (int)(i % 9) * 7 - 30);
+            if (values[i] > 0)
+                positive[count++] = values[i];
+        }
+        qsort(positive, count, sizeof *positive, by_value);
+        assert_true(sgsi_positive_median(values, 1, NULL, n) ==
+                    (count ? positive[(count - 1) / 2] : 0.0f));
+    }
+}
+
+static void best_rows_are_those_that_sorting_finds(void **state)
+{
+    (void)state;
+    enum { N = 500 };
+    double score[N];
+    uint8_t eligible[N], chosen[N];
+    for (size_t i = 0; i < N; ++i) {
+        score[i] = floor(40 * sgsi_random_uniform(1, i)); // many ties
+        eligible[i] = sgsi_random_uniform(2, i) < 0.7;
+    }
+    for (size_t wanted = 0; wanted <= N; wanted += 25) {
+        assert_int_equal(sgsi_select_best(score, eligible, N, wanted, chosen), SGS_STATUS_OK);
+        size_t total = 0, held = 0;
+        for (size_t i = 0; i < N; ++i) {
+            size_t before = 0; // eligible rows in front of row i
+            for (size_t k = 0; k < N; ++k)
+                before += eligible[k] && (score[k] > score[i] || (score[k] == score[i] && k < i));
+            assert_int_equal(chosen[i], eligible[i] && before < wanted);
+            total += eligible[i];
+            held += chosen[i];
+        }
+        assert_int_equal(held, wanted < total ? wanted : total);
+    }
+}
+
+static void weighted_draws_follow_their_weights(void **state)
+{
+    (void)state;
+    const double weight[5] = {1, 2, 0, 7, 5};
+    const uint8_t eligible[5] = {1, 1, 1, 1, 0};
+    enum { DRAWS = 20000 };
+    int first[5] = {0}, pair = 0;
+    uint8_t chosen[5];
+    for (uint64_t seed = 0; seed < DRAWS; ++seed) {
+        assert_int_equal(sgsi_select_weighted(weight, eligible, 5, 1, seed, chosen), SGS_STATUS_OK);
+        for (int i = 0; i < 5; ++i)
+            first[i] += chosen[i];
+        assert_int_equal(sgsi_select_weighted(weight, eligible, 5, 2, seed + DRAWS, chosen),
+                         SGS_STATUS_OK);
+        pair += chosen[0] && chosen[1];
+    }
+    assert_int_equal(first[2] + first[4], 0);
+    for (int i = 0; i < 4; ++i) {
+        const double p = weight[i] / 10;
+        assert_true(fabs(first[i] - DRAWS * p) <= 4 * sqrt(DRAWS * p * (1 - p)));
+    }
+    const double p = 0.1 * 2 / 9 + 0.2 * 1 / 8; // rows 0 and 1, in either order
+    assert_true(fabs(pair - DRAWS * p) <= 4 * sqrt(DRAWS * p * (1 - p)));
+    assert_int_equal(sgsi_select_weighted(weight, eligible, 5, 4, 1, chosen), SGS_STATUS_OK);
+    assert_true(chosen[2]); // weight 0 comes last, but comes
+}
+
+// ---- Rules ----
+
+typedef struct fixture {
+    sgs_gaussians *model;
+    float *m, *v, *importance, *expendable;
+    sgsi_statistics statistics;
+    sgs_train_options train;
+    sgsi_pipeline_state state;
+    sgsi_density_options options;
+    sgsi_density_result result;
+} fixture;
+
+// Rows carry their number as red; all are small, opaque to one half and pulled by `gradient`.
+static fixture *make(const sgsi_pipeline *pipeline, size_t count, float gradient)
+{
+    fixture *f = oracle_memory(1, sizeof *f);
+    assert_int_equal(sgs_gaussians_create(count, &f->model), SGS_STATUS_OK);
+    assert_int_equal(sgs_gaussians_resize(f->model, count), SGS_STATUS_OK);
+    f->m = sgsi_calloc(f->model->capacity, SGS_PARAM_COUNT * sizeof(float));
+    f->v = sgsi_calloc(f->model->capacity, SGS_PARAM_COUNT * sizeof(float));
+    f->importance = sgsi_calloc(count, sizeof(float));
+    f->expendable = sgsi_calloc(count, sizeof(float));
+    assert_int_equal(sgsi_statistics_reserve(&f->statistics, f->model->capacity), SGS_STATUS_OK);
+    f->train = sgs_train_options_default();
+    f->state.initial_count = (int64_t)count;
+    f->options = (sgsi_density_options){.pipeline = pipeline,
+                                        .train = &f->train,
+                                        .state = &f->state,
+                                        .extent = 10,
+                                        .update = 0,
+                                        .update_count = 145,
+                                        .until = 15000,
+                                        .interval = 100,
+                                        .resolution = 1,
+                                        .importance = f->importance,
+                                        .expendable = f->expendable,
+                                        .gradient_threshold = 2e-4,
+                                        .opacity_min = 0.005,
+                                        .size_split = 0.1,
+                                        .size_max = INFINITY,
+                                        .seed = 1,
+                                        .iteration = 600,
+                                        .spare = spare_options_default()};
+    for (size_t i = 0; i < count; ++i) {
+        float p[SGS_PARAM_COUNT] = {0};
+        for (int k = 0; k < 3; ++k) {
+            p[SGS_PARAM_MEAN + k] = (float)sgsi_random_uniform(9, 3 * i + (size_t)k);
+            p[SGS_PARAM_SCALE + k] = logf(0.005f);
+        }
+        p[SGS_PARAM_ROTATION] = 1;
+        p[SGS_PARAM_SH_DC] = (float)i;
+        sgs_gaussians_set(f->model, i, p);
+        f->statistics.visible_count[i] = 2;
+        f->statistics.gradient_sum[i] = f->statistics.absolute_sum[i] = 2 * gradient;
+        f->importance[i] = 10;
+    }
+    return f;
+}
+
+static void drop(fixture *f)
+{
+    sgs_gaussians_destroy(f->model);
+    sgsi_free(f->m);
+    sgsi_free(f->v);
+    sgsi_free(f->importance);
+    sgsi_free(f->expendable);
+    sgsi_statistics_free(&f->statistics);
+    sgsi_free(f->result.region_list);
+    free(f);
+}
+
+static size_t update(fixture *f)
+{
+    assert_int_equal(
+        sgsi_density_update(f->model, &f->m, &f->v, &f->statistics, &f->options, &f->result),
+        SGS_STATUS_OK);
+    return f->model->count;
+}
+
+static size_t copies_of(const fixture *f, float row)
+{
+    size_t count = 0;
+    for (size_t i = 0; i < f->model->count; ++i)
+        count += *sgs_gaussians_at(f->model, i, SGS_PARAM_SH_DC) == row;
+    return count;
+}
+
+static void set_faint(fixture *f, size_t row)
+{
+    *sgs_gaussians_at(f->model, row, SGS_PARAM_OPACITY) = logf(0.004f / 0.996f);
+}
+
+static void taming_grows_along_its_parabola(void **state)
+{
+    (void)state;
+    for (int j = 0; j < 145; j += 12) {
+        fixture *f = make(&sgsi_pipeline_taming, 3000, 1e-3f);
+        f->options.update = j;
+        f->state.initial_count = 1000; // as if the run had started smaller
+        f->train.pipeline_options.taming_multiplier = 5;
+        const double x = (j + 1) / 145.0, scheduled = floor(5000 - 4000 * (1 - x) * (1 - x) + 1e-9);
+        const size_t expected =
+            scheduled < 3000 ? 3000 : (size_t)scheduled; // never fewer than there are
+        assert_true(fabs((double)update(f) - (double)expected) <= 1);
+        drop(f);
+    }
+    fixture *f = make(&sgsi_pipeline_taming, 3000, 1e-3f);
+    f->train.pipeline_options.taming_count = 3100;
+    f->options.update = 144;
+    assert_int_equal(update(f), 3100);
+    drop(f);
+}
+
+static void taming_draws_by_importance_among_qualifiers(void **state)
+{
+    (void)state;
+    fixture *f = make(&sgsi_pipeline_taming, 1000, 1e-3f);
+    f->train.pipeline_options.taming_count = 1200;
+    f->options.update = 144;
+    for (size_t i = 0; i < 1000; ++i) {
+        f->importance[i] = i < 500 ? 1e-6f : 1e3f;
+        f->statistics.gradient_sum[i] = i % 2 ? 1e-3f : 1e-5f; // even rows do not qualify
+    }
+    assert_int_equal(update(f), 1200);
+    for (int i = 0; i < 1000; ++i)
+        assert_true(copies_of(f, (float)i) == 1 || (i >= 500 && i % 2));
+    drop(f);
+}
+
+static void half_of_what_3dgs_would_prune_is_drawn(void **state)
+{
+    (void)state;
+    const sgsi_pipeline *const pipelines[] = {&sgsi_pipeline_taming, &sgsi_pipeline_fastgs};
+    for (int p = 0; p < 2; ++p) {
+        fixture *f = make(pipelines[p], 400, 1e-6f);
+        for (size_t i = 0; i < 200; ++i)
+            set_faint(f, i);
+        const size_t left = update(f), removed = 400 - left;
+        assert_true(removed <= 100 &&
+                    removed >= 25); // 100 are drawn among 400 equals: about 50 of them are faint
+        for (int i = 200; i < 400; ++i)
+            assert_int_equal(copies_of(f, (float)i), 1);
+        drop(f);
+    }
+    fixture *f = make(&sgsi_pipeline_taming, 400, 1e-6f);
+    for (size_t i = 0; i < 200; ++i)
+        set_faint(f, i);
+    f->options.update = 27;
+    assert_int_equal(update(f), 400); // no native pruning any more
+    drop(f);
+}
+
+static void fastgs_grows_where_views_agree_only(void **state)
+{
+    (void)state;
+    fixture *f = make(&sgsi_pipeline_fastgs, 60, 1e-3f);
+    for (size_t i = 0; i < 60; ++i) {
+        if (i >= 20)
+            *sgs_gaussians_at(f->model, i, SGS_PARAM_SCALE) =
+                logf(0.02f); // above 0.001 of the extent
+        if (i >= 40)
+            f->statistics.absolute_sum[i] = 2 * 0.0013f;
+        f->importance[i] = i % 2 ? 5.9f : 6.0f; // the floor must exceed 5
+    }
+    assert_int_equal(update(f), 60 + 10 + 10);
+    for (int i = 0; i < 60; ++i)
+        assert_int_equal(copies_of(f, (float)i), i % 2 || (i >= 20 && i < 40) ? 1 : 2);
+    assert_int_equal(f->result.cloned, 10);
+    assert_int_equal(f->result.split, 10);
+    drop(f);
+}
+
+static void fastgs_final_prune_removes_faint_and_expendable_rows(void **state)
+{
+    (void)state;
+    fixture *f = make(&sgsi_pipeline_fastgs, 50, 1e-3f);
+    f->options.final_prune = true;
+    *sgs_gaussians_at(f->model, 3, SGS_PARAM_OPACITY) = logf(0.09f / 0.91f);
+    f->expendable[4] = 0.95f;
+    f->expendable[5] = 0.85f;
+    assert_int_equal(update(f), 48);
+    assert_int_equal(copies_of(f, 3) + copies_of(f, 4), 0);
+    assert_int_equal(copies_of(f, 5), 1);
+    drop(f);
+}
+
+static void fastgs_scores_average_votes_and_scale_pruning(void **state)
+{
+    (void)state;
+    float sums[16 * 16] = {0}, importance[3] = {0}, expendable[3] = {0};
+    uint8_t touched[1] = {1};
+    for (int view = 0; view < 4; ++view) {
+        for (int i = 0; i < 3; ++i)
+            sums[16 * i + SGSI_SCORE_WEIGHT] = (float)(i * (view + 1));
+        const sgsi_scored_view scored = {
+            .count = 3, .loss = 0.1 * (view + 1), .sums = sums, .touched = touched};
+        sgsi_pipeline_fastgs.score_view(&scored, importance, expendable);
+    }
+    sgsi_pipeline_fastgs.finish_scores(3, 4, importance, expendable);
+    assert_true(importance[0] == 0 && importance[1] == 2.5f && importance[2] == 5);
+    assert_true(expendable[0] == 0 && fabsf(expendable[1] - 0.5f) < 1e-6f && expendable[2] == 1);
+}
+
+static void taming_importance_is_the_published_sum(void **state)
+{
+    (void)state;
+    float sums[16 * 16] = {0}, importance[4] = {0};
+    const uint8_t touched[1] = {1};
+    const float gradient[4] = {1, 2, 4, 8}, opacity[4] = {0.1f, 0.2f, 0.5f, 0.9f},
+                depth[4] = {3, 0, 5, 7}, radius[4] = {2, 0, 4, 9}, volume[4] = {1, 1, 3, 2};
+    for (int i = 0; i < 4; ++i)
+        for (int k = 0; k < 4; ++k)
+            sums[16 * i + k] = (float)((i + 1) * (k + 2));
+    const sgsi_scored_view view = {.count = 4,
+                                   .loss = 0.25,
+                                   .sums = sums,
+                                   .touched = touched,
+                                   .depth = depth,
+                                   .radius = radius,
+                                   .gradient = gradient,
+                                   .opacity = opacity,
+                                   .volume = volume};
+    sgsi_pipeline_taming.score_view(&view, importance, NULL);
+    assert_true(importance[1] == 0); // not in view
+    // Medians, lower middle: gradient 2, opacity 0.2, depth 5, radius 4, volume 1; sums: those of
+    // row 1.
+    const double row3 = 25 * 8 / 2.0 + 100 * 0.9 / 0.2 + 5 * 7 / 5.0 + 10 * 9 / 4.0 + 25 * 2.0 +
+                        (10 + 0.1 + 50 + 50) * 2.0;
+    assert_true(fabs((double)importance[3] - 50 * 0.25 * row3) <= 1e-5 * 50 * 0.25 * row3);
+}
+
+static void dash_adds_no_more_than_its_budget(void **state)
+{
+    (void)state;
+    fixture *f = make(&sgsi_pipeline_dash, 1000, 1e-3f);
+    f->options.until = 27000;
+    f->options.update_count = 265;
+    for (size_t i = 0; i < 1000; ++i)
+        f->statistics.gradient_sum[i] = 1e-3f + 1e-6f * (float)i;
+    assert_int_equal(update(f), 1200); // a fifth at most
+    for (int i = 0; i < 1000; ++i)
+        assert_int_equal(copies_of(f, (float)i), i < 800 ? 1 : 2);
+    assert_int_equal(f->state.momentum, 5900); // 0.98 * 5000 + 1000
+    drop(f);
+
+    f = make(&sgsi_pipeline_dash, 1000, 1e-3f);
+    f->options.until = 27000;
+    f->options.update_count = 265;
+    f->options.resolution = 8;
+    const double most = 1000 + 5000 / pow(8, 2 - 600.0 / 27000);
+    assert_int_equal(update(f), (size_t)most);
+    drop(f);
+
+    f = make(&sgsi_pipeline_dash, 1000, 1e-3f);
+    f->train.pipeline_options.dash_count = 1050;
+    f->options.until = 27000;
+    f->options.iteration = 26900;
+    f->options.update_count = 265;
+    assert_int_equal(update(f), 1050);
+    drop(f);
+}
+
+static void dash_prunes_before_it_grows(void **state)
+{
+    (void)state;
+    fixture *f = make(&sgsi_pipeline_dash, 100, 1e-3f);
+    f->options.until = 27000;
+    f->options.update_count = 265;
+    for (size_t i = 0; i < 10; ++i)
+        set_faint(f, i);
+    assert_int_equal(update(f), 120); // a fifth more than there were: what was pruned is filled up
+    for (int i = 0; i < 10; ++i)
+        assert_int_equal(copies_of(f, (float)i), 0);
+    drop(f);
+}
+
+// A crowd of faint rows that no view pulls, in one voxel: RAP's prey in every pipeline, and none of
+// them has new rows.
+static void redundancy_joins_every_pipeline(void **state)
+{
+    (void)state;
+    for (int p = 0; p < SGS_PIPELINE_COUNT; ++p) {
+        const sgsi_pipeline *pipeline = sgsi_pipeline_get((sgs_pipeline)p);
+        if (!pipeline)
+            continue;
+        fixture *f = make(pipeline, 200, 1e-5f);
+        f->options.spare_prune = true;
+        f->options.until = 27000;
+        for (size_t i = 0; i < 200; ++i) {
+            *sgs_gaussians_at(f->model, i, SGS_PARAM_MEAN) =
+                i < 150 ? 0.01f * (float)sgsi_random_uniform(3, i)
+                        : 0.2f + 0.016f * (float)(i - 150);
+            *sgs_gaussians_at(f->model, i, SGS_PARAM_MEAN + 1) =
+                *sgs_gaussians_at(f->model, i, SGS_PARAM_MEAN + 2) = 0;
+            *sgs_gaussians_at(f->model, i, SGS_PARAM_OPACITY) = i % 2 ? 0 : logf(0.03f / 0.97f);
+            f->statistics.absolute_sum[i] =
+                1e-9f * (float)i; // one row is above all others, and only one grows
+            f->statistics.radius_max[i] = 4;
+        }
+        update(f);
+        assert_int_equal(f->result.spare_pruned, 75);
+        assert_int_equal(copies_of(f, 0), 0);
+        assert_int_equal(copies_of(f, 1), 1);
+        assert_int_equal(copies_of(f, 160), 1);
+        drop(f);
+    }
+}
+
+// The weights of crowded voxels keep rows from growing that would grow without them.
+static void weights_suppress_growth_in_every_pipeline(void **state)
+{
+    (void)state;
+    for (int p = 0; p < SGS_PIPELINE_COUNT; ++p) {
+        const sgsi_pipeline *pipeline = sgsi_pipeline_get((sgs_pipeline)p);
+        if (!pipeline)
+            continue;
+        size_t counts[2];
+        for (int spare = 0; spare < 2; ++spare) {
+            fixture *f = make(pipeline, 200, 2.05e-4f);
+            f->options.spare_densify = spare;
+            f->train.pipeline_options.taming_count = 100000; // no budget that binds
+            f->options.until = 27000;
+            for (size_t i = 0; i < 200; ++i) {
+                *sgs_gaussians_at(f->model, i, SGS_PARAM_MEAN) =
+                    i < 150 ? 0.01f * (float)sgsi_random_uniform(3, i)
+                            : 0.2f + 0.016f * (float)(i - 150);
+                *sgs_gaussians_at(f->model, i, SGS_PARAM_MEAN + 1) =
+                    *sgs_gaussians_at(f->model, i, SGS_PARAM_MEAN + 2) = 0;
+                f->statistics.radius_max[i] = 4;
+            }
+            counts[spare] = update(f);
+            assert_true(spare || (!f->result.bmd_suppressed && !f->result.bmd_boosted));
+            drop(f);
+        }
+        if (!(counts[1] + 20 < counts[0]))
+            fail_msg("%s: %zu rows with weights, %zu without", pipeline->name, counts[1],
+                     counts[0]);
+    }
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(score_sums_match_the_oracle),
+        cmocka_unit_test(absolute_gradients_match_the_oracle_pixel_by_pixel),
+        cmocka_unit_test(median_is_the_lower_middle_of_the_positive_values),
+        cmocka_unit_test(best_rows_are_those_that_sorting_finds),
+        cmocka_unit_test(weighted_draws_follow_their_weights),
+        cmocka_unit_test(taming_grows_along_its_parabola),
+        cmocka_unit_test(taming_draws_by_importance_among_qualifiers),
+        cmocka_unit_test(half_of_what_3dgs_would_prune_is_drawn),
+        cmocka_unit_test(taming_importance_is_the_published_sum),
+        cmocka_unit_test(fastgs_grows_where_views_agree_only),
+        cmocka_unit_test(fastgs_final_prune_removes_faint_and_expendable_rows),
+        cmocka_unit_test(fastgs_scores_average_votes_and_scale_pruning),
+        cmocka_unit_test(dash_adds_no_more_than_its_budget),
+        cmocka_unit_test(dash_prunes_before_it_grows),
+        cmocka_unit_test(redundancy_joins_every_pipeline),
+        cmocka_unit_test(weights_suppress_growth_in_every_pipeline),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

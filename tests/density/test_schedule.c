@@ -1,0 +1,179 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// The schedule against the published milestones, and the promises of the scaled one.
+
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <cmocka.h>
+
+#include "density/schedule.h"
+
+static sgsi_schedule make(int iterations, sgs_schedule kind)
+{
+    sgs_train_options options = sgs_train_options_default();
+    options.iterations = iterations;
+    options.schedule = kind;
+    return sgsi_schedule_make(&options, 100);
+}
+
+static int count_structural(const sgsi_schedule *schedule)
+{
+    int count = 0;
+    for (int i = 1; i <= schedule->iterations; ++i)
+        count += sgsi_schedule_is_structural(schedule, i);
+    return count;
+}
+
+static void published_schedule_has_144_updates_and_4_resets(void **state)
+{
+    (void)state;
+    const sgs_schedule kinds[] = {SGS_SCHEDULE_PAPER, SGS_SCHEDULE_SCALED}; // equal at 30 000
+    for (int k = 0; k < 2; ++k) {
+        const sgsi_schedule schedule = make(30000, kinds[k]);
+        assert_int_equal(count_structural(&schedule), 144); // 600, 700, ..., 14900
+        assert_true(sgsi_schedule_is_structural(&schedule, 600));
+        assert_false(sgsi_schedule_is_structural(&schedule, 500));
+        assert_true(sgsi_schedule_is_structural(&schedule, 14900));
+        assert_false(sgsi_schedule_is_structural(&schedule, 15000));
+        int resets = 0;
+        for (int i = 1; i <= 30000; ++i)
+            if (sgsi_schedule_is_reset(&schedule, i)) {
+                assert_int_equal(i % 3000, 0);
+                ++resets;
+            }
+        assert_int_equal(resets, 4);
+        assert_int_equal(schedule.sh_interval, 1000);
+        assert_int_equal(schedule.check_interval, 1000);
+        assert_true(fabs(sgsi_schedule_rate(&schedule, 15000) - 0.1) < 1e-12);
+        assert_true(fabs(sgsi_schedule_rate(&schedule, 30000) - 0.01) < 1e-12);
+    }
+}
+
+static void white_backgrounds_have_one_reset_more(void **state)
+{
+    (void)state;
+    sgs_train_options options = sgs_train_options_default();
+    for (int c = 0; c < 3; ++c)
+        options.background[c] = 1;
+    for (int paper = 0; paper < 2; ++paper) {
+        options.iterations = paper ? 7000 : 30000;
+        options.schedule = paper ? SGS_SCHEDULE_PAPER : SGS_SCHEDULE_SCALED;
+        const sgsi_schedule schedule = sgsi_schedule_make(&options, 20);
+        int resets = 0;
+        for (int i = 1; i <= options.iterations; ++i)
+            resets += sgsi_schedule_is_reset(&schedule, i);
+        assert_int_equal(resets, paper ? 3 : 5);
+        assert_true(sgsi_schedule_is_reset(&schedule, 500)); // train.py of 3DGS
+    }
+    options.background_random = true;
+    const sgsi_schedule random = sgsi_schedule_make(&options, 20);
+    assert_false(sgsi_schedule_is_reset(&random, 500));
+}
+
+static void paper_schedule_cut_short_keeps_its_milestones(void **state)
+{
+    (void)state;
+    const sgsi_schedule schedule = make(7000, SGS_SCHEDULE_PAPER);
+    assert_int_equal(count_structural(&schedule), 65); // 600 ... 7000
+    assert_true(sgsi_schedule_is_reset(&schedule, 3000));
+    assert_true(sgsi_schedule_is_reset(&schedule, 6000));
+    assert_true(sgsi_schedule_rate(&schedule, 7000) > 0.3);
+}
+
+static void scaled_schedule_keeps_its_promises_at_every_length(void **state)
+{
+    (void)state;
+    int previous = 0;
+    for (int n = 1; n <= 60000; n = n < 100 ? n + 1 : n * 11 / 10) {
+        const sgsi_schedule schedule = make(n, SGS_SCHEDULE_SCALED);
+        const int updates = count_structural(&schedule);
+        assert_true(schedule.densify_until <= n / 2 + 1);
+        assert_true(fabs(sgsi_schedule_rate(&schedule, n) - 0.01) < 1e-9);
+        int last = -100000;
+        for (int i = 1; i <= n; ++i) {
+            if (!sgsi_schedule_is_reset(&schedule, i))
+                continue;
+            assert_true(sgsi_schedule_is_structural(&schedule, i));
+            assert_true(i - last >= 3000);
+            last = i;
+        }
+        if (n >= 7000 && n <= 30000) {
+            assert_true(updates + 1 >=
+                        previous); // a longer run has as many updates or more (rounding: one less)
+            previous = updates;
+        }
+        assert_true(n < 1000 || updates >= 4);
+        assert_true(schedule.check_interval >= 1 && schedule.sh_interval >= 1);
+        assert_true(schedule.loss_decay > 0 && schedule.loss_decay < 1);
+    }
+}
+
+static sgsi_schedule make_for(sgs_pipeline pipeline, int iterations)
+{
+    sgs_train_options options = sgs_train_options_default();
+    options.iterations = iterations;
+    options.pipeline = pipeline;
+    return sgsi_schedule_make(&options, 100);
+}
+
+static void fastgs_steps_and_prunes_as_published(void **state)
+{
+    (void)state;
+    const sgsi_schedule schedule = make_for(SGS_PIPELINE_FASTGS, 30000);
+    int main_steps[3] = {0}, rest_steps[3] = {0}, prunes = 0;
+    for (int t = 1; t <= 30000; ++t) {
+        const int phase = t <= 15000 ? 0 : t <= 20000 ? 1 : 2;
+        main_steps[phase] += sgsi_schedule_steps_main(&schedule, t);
+        rest_steps[phase] += sgsi_schedule_steps_rest(&schedule, t);
+        if (sgsi_schedule_is_final_prune(&schedule, t)) {
+            assert_true(t == 18000 || t == 21000 || t == 24000 || t == 27000);
+            ++prunes;
+        }
+    }
+    assert_int_equal(prunes, 4);
+    assert_int_equal(main_steps[0], 15000);
+    assert_int_equal(rest_steps[0], 15000 / 16);
+    assert_int_equal(main_steps[1] + main_steps[2],
+                     156 + 156 +
+                         1); // 20000 / 32 is whole, so 20000 steps and is the last of its phase
+    assert_int_equal(rest_steps[1] + rest_steps[2], main_steps[1] + main_steps[2]);
+    assert_int_equal(count_structural(&schedule), 28); // 1000, 1500, ..., 14500
+    const sgsi_schedule small = make_for(SGS_PIPELINE_FASTGS, 3000);
+    int late = 0;
+    for (int t = 1501; t <= 3000; ++t)
+        late += sgsi_schedule_steps_main(&small, t);
+    assert_true(late > 250 && late < 400); // about as many steps as the long run makes
+}
+
+static void dash_densifies_until_nine_tenths(void **state)
+{
+    (void)state;
+    const sgsi_schedule schedule = make_for(SGS_PIPELINE_DASH, 30000);
+    assert_int_equal(schedule.densify_until, 27000);
+    assert_int_equal(sgsi_schedule_updates(&schedule), 265);
+    assert_int_equal(schedule.resolution_interval, 100);
+    for (int t = 1; t <= 30000; ++t) // vanilla steps in every iteration
+        assert_true(sgsi_schedule_steps_main(&schedule, t) &&
+                    sgsi_schedule_steps_rest(&schedule, t));
+    const sgsi_schedule small = make_for(SGS_PIPELINE_DASH, 3000),
+                        vanilla = make_for(SGS_PIPELINE_3DGS, 3000);
+    assert_int_equal(small.densify_until, 2700);
+    assert_int_equal(small.densify_interval, vanilla.densify_interval);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(published_schedule_has_144_updates_and_4_resets),
+        cmocka_unit_test(white_backgrounds_have_one_reset_more),
+        cmocka_unit_test(paper_schedule_cut_short_keeps_its_milestones),
+        cmocka_unit_test(scaled_schedule_keeps_its_promises_at_every_length),
+        cmocka_unit_test(fastgs_steps_and_prunes_as_published),
+        cmocka_unit_test(dash_densifies_until_nine_tenths),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

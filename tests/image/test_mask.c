@@ -1,0 +1,408 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Masks: found under every name, read the right way round, reduced on the safe side, joined with
+// the pixels that the lens has no ray for; refused when they do not fit; and what they cover does
+// not get into the model.
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include <cmocka.h>
+
+#include "image/mask.h"
+#include "support/bad_input.h"
+#include "support/scene_support.h"
+#include "sparegs/trainer.h"
+
+enum { WIDTH = 64, HEIGHT = 48 };
+
+static const uint8_t grey[4] = {90, 100, 110, 255};
+
+// The scene of scene_support with four photographs of 64 x 48; channels of each.
+static temp_folder make_scene(int channels)
+{
+    const temp_folder folder = temp_folder_make();
+    const model m = model_make();
+    model_put(&folder, "sparse/0/", &m, true);
+    for (int i = 0; i < m.image_count; ++i) {
+        char name[64];
+        snprintf(name, sizeof name, "images/%s", m.images[i].name);
+        tree_put_picture(&folder, name, WIDTH, HEIGHT, channels, grey);
+    }
+    return folder;
+}
+
+// A mask of the size of the photographs, black in the rectangle [x0, x1) x [y0, y1).
+static void put_mask(const temp_folder *folder, const char *name, int scale, int x0, int y0, int x1,
+                     int y1)
+{
+    static uint8_t pixels[9 * WIDTH * HEIGHT];
+    sgs_image8 image = {
+        .width = scale * WIDTH, .height = scale * HEIGHT, .channels = 1, .pixels = pixels};
+    for (int y = 0; y < image.height; ++y)
+        for (int x = 0; x < image.width; ++x)
+            pixels[y * image.width + x] = x >= x0 && x < x1 && y >= y0 && y < y1 ? 0 : 255;
+    tree_put(folder, name, "", 0);
+    assert_int_equal(sgs_png_write(temp_path(folder, name), &image), SGS_STATUS_OK);
+}
+
+static sgs_scene *load(const temp_folder *folder, const sgs_scene_options *options)
+{
+    sgs_scene *scene;
+    if (sgs_scene_load(folder->path, options, &scene))
+        fail_msg("%s", sgs_last_error());
+    return scene;
+}
+
+static const sgs_photo *photo_of(const sgs_scene *scene, const char *name)
+{
+    const ptrdiff_t found = sgs_scene_find_view(scene, name);
+    assert_true(found >= 0);
+    return &scene->views[found].image;
+}
+
+static void assert_hole(const sgs_photo *photo, int x0, int y0, int x1, int y1, bool inverted)
+{
+    size_t kept = 0;
+    for (int y = 0; y < photo->height; ++y)
+        for (int x = 0; x < photo->width; ++x) {
+            const bool inside = x >= x0 && x < x1 && y >= y0 && y < y1;
+            assert_int_equal(sgsi_mask_keeps(photo->keep, photo->width, x, y), inside == inverted);
+            kept += inside == inverted;
+        }
+    assert_int_equal(photo->kept, kept);
+}
+
+static void masks_are_found_under_every_name(void **state)
+{
+    (void)state;
+    temp_folder folder = make_scene(3);
+    put_mask(&folder, "masks/a.png", 1, 3, 4, 20, 30);
+    put_mask(&folder, "masks/b.png.png", 1, 1, 1, 17, 2);
+    put_mask(&folder, "mask/sub/c.png", 1, 0, 0, 64, 5);
+    put_mask(&folder, "images/d with blanks_mask.png", 1, 60, 40, 64, 48);
+    sgs_scene *scene = load(&folder, NULL);
+    assert_hole(photo_of(scene, "a.png"), 3, 4, 20, 30, false);
+    assert_hole(photo_of(scene, "b.png"), 1, 1, 17, 2, false);
+    assert_hole(photo_of(scene, "sub/c.png"), 0, 0, 64, 5, false);
+    assert_hole(photo_of(scene, "d with blanks"), 60, 40, 64, 48, false);
+    assert_int_equal(scene->masks, 4);
+    assert_int_equal(scene->images_unposed, 0); // a mask beside a photograph is none itself
+    assert_string_equal(warnings, "");
+    sgs_scene_destroy(scene);
+    tree_remove(&folder);
+}
+
+static void options_choose_turn_and_switch_off_masks(void **state)
+{
+    (void)state;
+    temp_folder folder = make_scene(3);
+    put_mask(&folder, "masks/a.png", 1, 3, 4, 20, 30);
+    put_mask(&folder, "people/b.png", 1, 1, 1, 17, 2);
+    sgs_scene_options options = sgs_scene_options_default();
+    options.masks_dir = "people";
+    options.invert_masks = 1;
+    sgs_scene *scene = load(&folder, &options);
+    assert_null(photo_of(scene, "a.png")->keep);
+    assert_hole(photo_of(scene, "b.png"), 1, 1, 17, 2, true);
+    assert_holds(warnings, "3 of 4 images have no mask");
+    sgs_scene_destroy(scene);
+    options.masks_dir = "none";
+    scene = load(&folder, &options);
+    assert_true(scene->masks == 0 && !photo_of(scene, "a.png")->keep &&
+                !photo_of(scene, "b.png")->keep);
+    sgs_scene_destroy(scene);
+    options.masks_dir = "peple";
+    assert_int_equal(sgs_scene_load(folder.path, &options, &scene), SGS_STATUS_IO);
+    assert_holds(sgs_last_error(), "peple: there is no such folder of masks");
+    tree_remove(&folder);
+}
+
+// nerfstudio names the mask of a frame; a folder of masks takes part where a frame names none.
+static void camera_files_name_masks(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    static const char *const frames[] = {
+        "\"file_path\":\"images/a.png\",\"mask_path\":\"holes/of a.png\"",
+        "\"file_path\":\"images/b.png\",\"mask_path\":null", "\"file_path\":\"images/c.png\""};
+    char text[1024] = "{\"fl_x\":50,\"w\":64,\"h\":48,\"frames\":[";
+    for (size_t i = 0; i < 3; ++i)
+        snprintf(text + strlen(text), sizeof text - strlen(text),
+                 "{%s,\"transform_matrix\":[[1,0,0,%zu],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}%s",
+                 frames[i], i, i < 2 ? "," : "]}");
+    tree_put_text(&folder, "transforms.json", text);
+    for (const char *name = "abc"; *name; ++name) {
+        char path[] = "images/?.png";
+        path[7] = *name;
+        tree_put_picture(&folder, path, WIDTH, HEIGHT, 3, grey);
+    }
+    put_mask(&folder, "holes/of a.png", 1, 3, 4, 20, 30);
+    put_mask(&folder, "masks/a.png", 1, 0, 0, 5, 5);
+    put_mask(&folder, "masks/c.png", 1, 1, 1, 17, 2);
+    sgs_scene_options options = sgs_scene_options_default();
+    sgs_scene *scene = load(&folder, &options);
+    assert_int_equal(scene->masks, 2);
+    assert_hole(photo_of(scene, "images/a.png"), 3, 4, 20, 30, false);
+    assert_null(photo_of(scene, "images/b.png")->keep);
+    assert_hole(photo_of(scene, "images/c.png"), 1, 1, 17, 2, false);
+    sgs_scene_destroy(scene);
+    options.masks_dir = "masks"; // asked for: it replaces what the file names
+    scene = load(&folder, &options);
+    assert_hole(photo_of(scene, "images/a.png"), 0, 0, 5, 5, false);
+    sgs_scene_destroy(scene);
+    assert_int_equal(remove(temp_path(&folder, "holes/of a.png")), 0);
+    options.masks_dir = NULL;
+    assert_int_equal(sgs_scene_load(folder.path, &options, &scene), SGS_STATUS_IO);
+    assert_holds(sgs_last_error(), "holes/of a.png: there is no such mask, which ");
+    options.masks_dir = "none";
+    scene = load(&folder, &options);
+    assert_int_equal(scene->masks, 0);
+    sgs_scene_destroy(scene);
+    tree_remove(&folder);
+}
+
+// A reduced pixel counts only if all of its area does, also when the mask is three times as large
+// as the photograph.
+static void reduced_pixels_count_when_all_of_them_does(void **state)
+{
+    (void)state;
+    temp_folder folder = make_scene(3);
+    put_mask(&folder, "masks/a.png", 1, 9, 9, 16, 16);
+    put_mask(&folder, "masks/b.png", 3, 3 * 10 + 1, 3 * 20, 3 * 10 + 2, 3 * 20 + 1);
+    sgs_scene_options options = sgs_scene_options_default();
+    options.downscale = 4;
+    sgs_scene *scene = load(&folder, &options);
+    assert_hole(photo_of(scene, "a.png"), 2, 2, 4, 4, false);
+    assert_hole(photo_of(scene, "b.png"), 2, 5, 3, 6, false);
+    sgs_scene_destroy(scene);
+    tree_remove(&folder);
+}
+
+static void masks_that_do_not_fit_are_refused(void **state)
+{
+    (void)state;
+    temp_folder folder = make_scene(3);
+    static const int sizes[][2] = {{32, 24}, {64, 40}, {128, 90}};
+    for (size_t i = 0; i < sizeof sizes / sizeof *sizes; ++i) {
+        sgs_scene *scene;
+        tree_put_picture(&folder, "masks/b.png", sizes[i][0], sizes[i][1], 1, grey);
+        assert_int_equal(sgs_scene_load(folder.path, NULL, &scene), SGS_STATUS_FORMAT);
+        assert_holds(sgs_last_error(), "masks/b.png: has ");
+        assert_holds(sgs_last_error(), "images/b.png has 64 x 48; make them the same size");
+        bad_input();
+    }
+    sgs_scene *scene;
+    tree_put_text(&folder, "masks/b.png", "no picture");
+    assert_int_equal(sgs_scene_load(folder.path, NULL, &scene), SGS_STATUS_FORMAT);
+    assert_holds(sgs_last_error(), "masks/b.png: ");
+    bad_input();
+    tree_remove(&folder);
+}
+
+static void views_without_a_pixel_that_counts_are_skipped(void **state)
+{
+    (void)state;
+    temp_folder folder = make_scene(3);
+    put_mask(&folder, "masks/a.png", 1, 0, 0, WIDTH, HEIGHT);
+    sgs_scene *scene = load(&folder, NULL);
+    assert_int_equal(scene->view_count, 3);
+    assert_holds(warnings, "masks/a.png: not one pixel of it counts; the view is skipped");
+    sgs_scene_destroy(scene);
+    put_mask(&folder, "masks/b.png", 1, 0, 0, WIDTH, HEIGHT);
+    put_mask(&folder, "masks/sub/c.png", 1, 0, 0, WIDTH, HEIGHT);
+    put_mask(&folder, "masks/d with blanks.png", 1, 0, 0, WIDTH, HEIGHT);
+    assert_int_equal(sgs_scene_load(folder.path, NULL, &scene), SGS_STATUS_INVALID_ARGUMENT);
+    assert_holds(sgs_last_error(), "--invert-masks");
+    tree_remove(&folder);
+}
+
+static void alpha_channels_mask_when_asked_to(void **state)
+{
+    (void)state;
+    temp_folder folder = make_scene(4);
+    static uint8_t pixels[4 * WIDTH * HEIGHT];
+    const sgs_image8 image = {WIDTH, HEIGHT, 4, pixels};
+    for (int i = 0; i < WIDTH * HEIGHT; ++i)
+        pixels[3 * WIDTH * HEIGHT + i] = i % WIDTH < 20 ? 100 : 140;
+    assert_int_equal(sgs_png_write(temp_path(&folder, "images/a.png"), &image), SGS_STATUS_OK);
+    sgs_scene_options options = sgs_scene_options_default();
+    for (int use = SGS_ALPHA_OVER; use <= SGS_ALPHA_IGNORE; ++use) {
+        options.alpha = (sgs_alpha)use;
+        sgs_scene *scene = load(&folder, &options);
+        const sgs_photo *photo = photo_of(scene, "a.png");
+        assert_int_equal(photo->channels, use == SGS_ALPHA_OVER ? 4 : 3);
+        assert_int_equal(scene->has_alpha, use == SGS_ALPHA_OVER);
+        assert_hole(photo, 0, 0, use == SGS_ALPHA_MASK ? 20 : 0, HEIGHT, false);
+        sgs_scene_destroy(scene);
+    }
+    tree_remove(&folder);
+}
+
+// The corners of a fisheye's image, and pixels behind the fold of a lens: they do not count, mask
+// or none.
+static void pixels_without_a_ray_do_not_count(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    model m = model_make();
+    m.cameras[0] = (model_camera){7, SGS_CAMERA_OPENCV_FISHEYE, 64, 48, {9, 9, 32, 24}};
+    model_put(&folder, "sparse/0/", &m, false);
+    tree_put_picture(&folder, "images/b.png", WIDTH, HEIGHT, 3, grey);
+    put_mask(&folder, "masks/b.png", 1, 30, 20, 34, 25);
+    sgs_scene *scene = load(&folder, NULL);
+    const sgs_photo *photo = photo_of(scene, "b.png");
+    size_t kept = 0;
+    for (int y = 0; y < HEIGHT; ++y)
+        for (int x = 0; x < WIDTH; ++x) {
+            const bool masked = x >= 30 && x < 34 && y >= 20 && y < 25;
+            const bool seen =
+                hypot(x + 0.5 - 32, y + 0.5 - 24) < 9 * 3.14159265358979323846 && !masked;
+            assert_int_equal(sgsi_mask_keeps(photo->keep, WIDTH, x, y), seen);
+            kept += seen;
+        }
+    assert_true(kept < WIDTH * HEIGHT && photo->kept == kept);
+    sgs_scene_destroy(scene);
+    tree_remove(&folder);
+}
+
+// ---- Training ----
+
+// Paints a magenta square into the same place of every photograph, and covers it when asked to.
+static void paint(sgs_scene *scene, bool cover)
+{
+    for (size_t v = 0; v < scene->view_count; ++v) {
+        sgs_photo *photo = &scene->views[v].image;
+        const int w = photo->width, h = photo->height;
+        const size_t plane = (size_t)w * (size_t)h;
+        assert_int_equal(sgsi_mask_begin(photo), SGS_STATUS_OK);
+        for (int y = h / 4; y < h / 2; ++y)
+            for (int x = w / 3; x < w / 3 + h / 4; ++x) {
+                const size_t at = (size_t)y * (size_t)w + (size_t)x;
+                photo->pixels[at] = photo->pixels[2 * plane + at] = 255;
+                photo->pixels[plane + at] = 0;
+                if (cover)
+                    sgsi_mask_drop(photo, w, h, x, y);
+            }
+        sgsi_mask_finish(photo);
+    }
+}
+
+// How many primitives of a trained model are magenta: min(red, blue) - green > 0.08, from band 0.
+static int count_magenta(bool painted, bool cover)
+{
+    sgs_scene_options options = sgs_scene_options_default();
+    options.downscale = 8;
+    sgs_scene *scene;
+    assert_int_equal(sgs_scene_load(SGSI_TEST_DATA "/room", &options, &scene), SGS_STATUS_OK);
+    if (painted)
+        paint(scene, cover);
+    sgs_train_options train = sgs_train_options_default();
+    train.iterations = 120;
+    train.sh_degree = 0;
+    sgs_trainer *trainer;
+    assert_int_equal(sgs_trainer_create(scene, &train, &trainer), SGS_STATUS_OK);
+    sgs_step_info info = {0};
+    while (!info.stop)
+        assert_int_equal(sgs_trainer_step(trainer, &info), SGS_STATUS_OK);
+    const sgs_gaussians *model = sgs_trainer_model(trainer);
+    int magenta = 0;
+    for (size_t i = 0; i < model->count; ++i) {
+        double rgb[3];
+        for (int c = 0; c < 3; ++c)
+            rgb[c] = 0.5 + 0.28209479177387814 * *sgs_gaussians_at(model, i, SGS_PARAM_SH_DC + c);
+        magenta += fmin(rgb[0], rgb[2]) - rgb[1] > 0.08;
+    }
+    sgs_trainer_destroy(trainer);
+    sgs_scene_destroy(scene);
+    return magenta;
+}
+
+static void a_masked_square_leaves_no_colour_in_the_model(void **state)
+{
+    (void)state;
+    const int clean = count_magenta(false, false), shown = count_magenta(true, false),
+              masked = count_magenta(true, true);
+    print_message("magenta primitives: %d without the square, %d with it, %d under a mask\n", clean,
+                  shown, masked);
+    assert_true(shown > 4 * clean + 50);
+    assert_true(masked < 2 * clean + 10);
+}
+
+// Photographs of a disc with an alpha channel over black: without the alpha loss nothing tells
+// black from empty.
+static double mean_opacity_outside(double weight)
+{
+    sgs_scene_options options = sgs_scene_options_default();
+    options.downscale = 8;
+    sgs_scene *scene;
+    assert_int_equal(sgs_scene_load(SGSI_TEST_DATA "/room", &options, &scene), SGS_STATUS_OK);
+    for (size_t v = 0; v < scene->view_count; ++v) {
+        sgs_photo *photo = &scene->views[v].image;
+        const size_t plane = (size_t)photo->width * (size_t)photo->height;
+        uint8_t *pixels = sgsi_calloc(plane, 4);
+        assert_non_null(pixels);
+        memset(pixels + 3 * plane, 255, plane); // black and opaque, transparent on the left
+        for (size_t i = 0; i < plane; ++i)
+            if (i % (size_t)photo->width < (size_t)photo->width / 2)
+                pixels[3 * plane + i] = 0;
+        sgsi_free(photo->pixels);
+        photo->pixels = pixels;
+        photo->channels = 4;
+    }
+    sgs_train_options train = sgs_train_options_default();
+    train.iterations = 60;
+    train.alpha_loss = weight;
+    sgs_trainer *trainer;
+    sgs_renderer *renderer;
+    sgs_frame frame;
+    sgs_step_info info = {0};
+    const sgs_view *view = &scene->views[0];
+    assert_int_equal(sgs_trainer_create(scene, &train, &trainer), SGS_STATUS_OK);
+    while (!info.stop)
+        assert_int_equal(sgs_trainer_step(trainer, &info), SGS_STATUS_OK);
+    assert_int_equal(sgs_renderer_create(sgs_trainer_model(trainer), &renderer), SGS_STATUS_OK);
+    assert_int_equal(sgs_frame_create(view->camera.width, view->camera.height, &frame),
+                     SGS_STATUS_OK);
+    const sgs_render_options render = sgs_render_options_default();
+    assert_int_equal(sgs_renderer_render(renderer, &view->camera, &view->pose, &render, &frame),
+                     SGS_STATUS_OK);
+    double sides[2] = {0};
+    for (int y = 0; y < frame.height; ++y)
+        for (int x = 0; x < frame.width; ++x)
+            sides[x >= frame.width / 2] += 1 - (double)frame.transmittance[y * frame.width + x];
+    const double half = 0.5 * frame.width * frame.height;
+    sgs_frame_free(&frame);
+    sgs_renderer_destroy(renderer);
+    sgs_trainer_destroy(trainer);
+    sgs_scene_destroy(scene);
+    return (sides[1] - sides[0]) / half;
+}
+
+static void the_alpha_loss_draws_opacity_to_the_alpha_channel(void **state)
+{
+    (void)state;
+    const double without = mean_opacity_outside(0), with = mean_opacity_outside(1);
+    print_message("opacity right minus left: %.3f, with the alpha loss %.3f\n", without, with);
+    assert_true(with > without + 0.1);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_setup(masks_are_found_under_every_name, warnings_begin),
+        cmocka_unit_test_setup(options_choose_turn_and_switch_off_masks, warnings_begin),
+        cmocka_unit_test_setup(camera_files_name_masks, warnings_begin),
+        cmocka_unit_test_setup(reduced_pixels_count_when_all_of_them_does, warnings_begin),
+        cmocka_unit_test_setup(masks_that_do_not_fit_are_refused, warnings_begin),
+        cmocka_unit_test_setup(views_without_a_pixel_that_counts_are_skipped, warnings_begin),
+        cmocka_unit_test_setup(alpha_channels_mask_when_asked_to, warnings_begin),
+        cmocka_unit_test_setup(pixels_without_a_ray_do_not_count, warnings_begin),
+        cmocka_unit_test(a_masked_square_leaves_no_colour_in_the_model),
+        cmocka_unit_test(the_alpha_loss_draws_opacity_to_the_alpha_channel),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,392 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Photographs of more than 8 bit of sRGB: their values against the definition of the curve in
+// double, the unit of the light, averages in linear light, colour spaces by name, and pixels and
+// files that are broken.
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <strings.h>
+
+#include <cmocka.h>
+
+#include "image/half.h"
+#include "image/mask.h"
+#include "image/photo.h"
+#include "support/scene_support.h"
+
+enum { WIDTH = 21, HEIGHT = 70 }; // two slabs of rows, a width that is no multiple of 16
+
+static double encoded(double light)
+{
+    return light <= 0.0031308 ? 12.92 * light : 1.055 * pow(light, 1 / 2.4) - 0.055;
+}
+
+static double decoded(double value)
+{
+    return value <= 0.04045 ? value / 12.92 : pow((value + 0.055) / 1.055, 2.4);
+}
+
+// Light of a scene with a lamp in it: five stops down to black, one pixel far brighter than white.
+static float light_at(int c, int x, int y)
+{
+    if (x == 3 && y == 40)
+        return 200.0f;
+    return (float)((x + 1) * (3 + c) / 64.0 * exp2(-y % 5)) * 0.9f;
+}
+
+// An EXR of that light times `scale`; alpha (premultiplied) when asked for; `broken` in one pixel
+// when it is not 0.
+static void put_light(const temp_folder *folder, const char *name, float scale, bool alpha,
+                      float broken, int half)
+{
+    static float planes[4][WIDTH * HEIGHT];
+    for (int y = 0; y < HEIGHT; ++y)
+        for (int x = 0; x < WIDTH; ++x)
+            for (int c = 0; c < 4; ++c)
+                planes[c][y * WIDTH + x] =
+                    c == 3 ? 0.25f : light_at(c, x, y) * scale * (alpha ? 0.25f : 1.0f);
+    if (broken != 0.0f)
+        planes[1][50 * WIDTH + 7] = broken;
+    const sgs_exr_channel channels[4] = {{"R", planes[0], NULL, half},
+                                         {"G", planes[1], NULL, half},
+                                         {"B", planes[2], NULL, half},
+                                         {"A", planes[3], NULL, half}};
+    const sgs_exr_info info = {.width = WIDTH, .height = HEIGHT};
+    tree_put(folder, name, "", 0);
+    assert_int_equal(sgs_exr_write(temp_path(folder, name), &info, channels, alpha ? 4 : 3),
+                     SGS_STATUS_OK);
+}
+
+static sgsi_photo_source source_of(const char *path)
+{
+    return (sgsi_photo_source){.image_path = path,
+                               .file_width = WIDTH,
+                               .file_height = HEIGHT,
+                               .width = WIDTH,
+                               .height = HEIGHT,
+                               .white = 1};
+}
+
+static sgs_photo load_photo(const sgsi_photo_source *source)
+{
+    sgs_photo photo;
+    sgsi_photo_report report;
+    if (sgsi_photo_load(source, &photo, &report))
+        fail_msg("%s", sgs_last_error());
+    return photo;
+}
+
+static double value_at(const sgs_photo *photo, int c, int x, int y)
+{
+    const size_t plane = (size_t)photo->width * (size_t)photo->height;
+    return sgsi_half_to_float(
+        photo->halves[(size_t)c * plane + (size_t)y * (size_t)photo->width + (size_t)x]);
+}
+
+static void halves_round_to_nearest(void **state)
+{
+    (void)state;
+    for (uint32_t h = 0x400; h < 0x7c00; ++h) {
+        const float value = sgsi_half_to_float((uint16_t)h),
+                    above = sgsi_half_to_float((uint16_t)(h + 1));
+        assert_true(value == (float)ldexp(1024 + (h & 1023), (int)(h >> 10) - 25));
+        assert_int_equal(sgsi_half_from_float(value), h);
+        if (h + 1 < 0x7c00) {
+            assert_int_equal(sgsi_half_from_float(value + 0.49f * (above - value)), h);
+            assert_int_equal(sgsi_half_from_float(value + 0.51f * (above - value)), h + 1);
+        }
+    }
+    assert_int_equal(sgsi_half_from_float(NAN), 0);
+    assert_int_equal(sgsi_half_from_float(-1.0f), 0);
+    assert_int_equal(sgsi_half_from_float(1e-6f), 0);
+    assert_int_equal(sgsi_half_from_float(INFINITY), 0x7bff);
+}
+
+static void linear_light_is_encoded_by_the_curve_of_srgb(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    for (int alpha = 0; alpha < 2; ++alpha) {
+        put_light(&folder, "a.exr", 1, alpha, 0, 0);
+        sgsi_photo_source source = source_of(temp_path(&folder, "a.exr"));
+        for (int space = SGS_SPACE_SRGB; space <= SGS_SPACE_LINEAR; ++space) {
+            source.space = (sgs_space)space;
+            source.white = 0.5;
+            sgs_photo photo = load_photo(&source);
+            assert_true(photo.channels == 3 + alpha && photo.bright && !photo.pixels &&
+                        !photo.keep);
+            for (int y = 0; y < HEIGHT; ++y)
+                for (int x = 0; x < WIDTH; ++x)
+                    for (int c = 0; c < photo.channels; ++c) {
+                        const double light = 2 * (double)light_at(c, x, y);
+                        const double expected = c == 3                    ? 0.25
+                                                : space == SGS_SPACE_SRGB ? encoded(light)
+                                                                          : light;
+                        assert_true(fabs(value_at(&photo, c, x, y) - expected) <=
+                                    5e-4 * expected + 1e-6);
+                    }
+            sgsi_photo_free(&photo);
+        }
+    }
+    tree_remove(&folder);
+}
+
+// What is measured as white carries the unit of the light: the same scene times eight gives the
+// same bits.
+static void the_unit_of_the_light_does_not_matter(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    put_light(&folder, "one.exr", 1, false, 0, 1);
+    put_light(&folder, "eight.exr", 8, false, 0, 1);
+    sgs_photo photos[2];
+    double white[2];
+    for (int k = 0; k < 2; ++k) {
+        sgsi_photo_source source = source_of(temp_path(&folder, k ? "eight.exr" : "one.exr"));
+        sgsi_light *light = calloc(1, sizeof *light);
+        assert_non_null(light);
+        assert_int_equal(sgsi_light_add(light, source.image_path, NULL), SGS_STATUS_OK);
+        white[k] = source.white = sgsi_light_quantile(light, 0.99);
+        free(light);
+        photos[k] = load_photo(&source);
+    }
+    assert_true(white[1] == 8 * white[0] && white[0] > 0.5 &&
+                white[0] < 2); // the lamp is one pixel of 1470
+    assert_memory_equal(photos[0].halves, photos[1].halves, 3 * WIDTH * HEIGHT * sizeof(uint16_t));
+    sgsi_photo_free(&photos[0]);
+    sgsi_photo_free(&photos[1]);
+    tree_remove(&folder);
+}
+
+static void linear_light_is_averaged_before_it_is_encoded(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    put_light(&folder, "a.exr", 1, false, 0, 0);
+    sgsi_photo_source source = source_of(temp_path(&folder, "a.exr"));
+    source.width = 8; // 2.625 source pixels each
+    source.height = 20;
+    sgs_photo photo = load_photo(&source);
+    for (int j = 0; j < source.height; ++j)
+        for (int i = 0; i < source.width; ++i)
+            for (int c = 0; c < 3; ++c) {
+                double sum = 0;
+                for (int y = 0; y < HEIGHT; ++y)
+                    for (int x = 0; x < WIDTH; ++x) {
+                        const double w =
+                            fmin(x + 1, (i + 1) * WIDTH / 8.0) - fmax(x, i * WIDTH / 8.0);
+                        const double h =
+                            fmin(y + 1, (j + 1) * HEIGHT / 20.0) - fmax(y, j * HEIGHT / 20.0);
+                        sum += fmax(w, 0) * fmax(h, 0) * (double)light_at(c, x, y);
+                    }
+                const double expected = encoded(sum * 8 * 20 / (WIDTH * HEIGHT));
+                assert_true(fabs(value_at(&photo, c, i, j) - expected) <= 6e-4 * expected);
+            }
+    sgsi_photo_free(&photo);
+    tree_remove(&folder);
+}
+
+static void sixteen_bits_keep_their_precision(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    uint16_t words[3 * WIDTH * HEIGHT];
+    for (int i = 0; i < 3 * WIDTH * HEIGHT; ++i)
+        words[i] = (uint16_t)(i * 14 + 3);
+    tiff_put(&folder, "a.tif", &(tiff){WIDTH, HEIGHT, 3, 16, 2, 1, 0}, words, sizeof words);
+    sgsi_photo_source source = source_of(temp_path(&folder, "a.tif"));
+    for (int space = SGS_SPACE_SRGB; space <= SGS_SPACE_LINEAR; ++space) {
+        source.space = (sgs_space)space;
+        sgs_photo photo = load_photo(&source);
+        assert_true(photo.halves && !photo.bright);
+        for (int i = 0; i < WIDTH * HEIGHT; ++i)
+            for (int c = 0; c < 3; ++c) {
+                const double stored = words[3 * i + c] / 65535.0,
+                             expected = space ? decoded(stored) : stored;
+                assert_true(fabs(value_at(&photo, c, i % WIDTH, i / WIDTH) - expected) <=
+                            5e-4 * expected + 6.2e-5);
+            }
+        sgsi_photo_free(&photo);
+    }
+    // Eight bits of sRGB stay bytes, unless the training wants light.
+    uint8_t bytes[3 * WIDTH * HEIGHT] = {200};
+    tiff_put(&folder, "b.tif", &(tiff){WIDTH, HEIGHT, 3, 8, 2, 1, 0}, bytes, sizeof bytes);
+    source = source_of(temp_path(&folder, "b.tif"));
+    sgs_photo photo = load_photo(&source);
+    assert_true(photo.pixels && !photo.halves && photo.pixels[0] == 200);
+    sgsi_photo_free(&photo);
+    source.space = SGS_SPACE_LINEAR;
+    photo = load_photo(&source);
+    assert_true(!photo.pixels && fabs(value_at(&photo, 0, 0, 0) - decoded(200 / 255.0)) < 5e-4);
+    sgsi_photo_free(&photo);
+    tree_remove(&folder);
+}
+
+// `list`: names with ", " between them, none twice.
+static void assert_distinct(const char *list)
+{
+    size_t count = 0;
+    for (const char *name = list; *name; name += strspn(name, ", ")) {
+        const size_t length = strcspn(name, ",");
+        for (const char *other = name + length + strspn(name + length, ", "); *other;
+             other += strspn(other, ", ")) {
+            const size_t same = strcspn(other, ",");
+            assert_true(length != same || strncasecmp(name, other, length));
+            other += same;
+        }
+        name += length;
+        ++count;
+    }
+    assert_true(count > 2);
+}
+
+static void colour_spaces_are_known_by_name(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    put_light(&folder, "a.exr", 1, false, 0, 0);
+    sgsi_photo_source source = source_of(temp_path(&folder, "a.exr"));
+    sgs_photo photo;
+    sgsi_photo_report report;
+    source.colorspace = "sRGB"; // the values are what they are
+    photo = load_photo(&source);
+    assert_true(fabs(value_at(&photo, 0, 5, 0) - (double)light_at(0, 5, 0)) < 5e-4 &&
+                !photo.bright);
+    sgsi_photo_free(&photo);
+    source.colorspace = "Rec709"; // by OpenImageIO: the curve of ITU-R BT.709
+    photo = load_photo(&source);
+    const double light = pow(((double)light_at(0, 5, 0) + 0.099) / 1.099, 1 / 0.45);
+    assert_true(fabs(value_at(&photo, 0, 5, 0) - encoded(light)) < 2e-3);
+    sgsi_photo_free(&photo);
+    source.colorspace = "sepia";
+    assert_int_equal(sgsi_photo_load(&source, &photo, &report), SGS_STATUS_UNSUPPORTED);
+    assert_holds(
+        sgs_last_error(),
+        "a.exr: nobody here knows the colour space 'sepia'; choose with --input-colorspace from");
+    assert_distinct(strstr(sgs_last_error(), "from ") + 5);
+    assert_null(photo.halves);
+    tree_remove(&folder);
+}
+
+// A scene of scene_support whose photographs are EXR files under the names of the model's PNG
+// files.
+static temp_folder make_scene(float broken)
+{
+    const temp_folder folder = temp_folder_make();
+    model m = model_make();
+    static const char *const names[] = {"b.exr", "a.exr", "sub/c.exr", "d with blanks.exr"};
+    for (int i = 0; i < m.image_count; ++i) {
+        char path[64];
+        m.images[i].name = names[i];
+        snprintf(path, sizeof path, "images/%s", names[i]);
+        put_light(&folder, path, 8, false, i == 1 ? broken : 0, 0);
+    }
+    for (int k = 0; k < m.camera_count; ++k)
+        m.cameras[k].width = WIDTH, m.cameras[k].height = HEIGHT;
+    model_put(&folder, "sparse/0/", &m, true);
+    return folder;
+}
+
+static void pixels_that_are_no_numbers_are_ignored_and_counted(void **state)
+{
+    (void)state;
+    static const float values[] = {NAN, INFINITY, -INFINITY};
+    for (int k = 0; k < 3; ++k) {
+        const temp_folder folder = make_scene(values[k]);
+        sgs_scene *scene;
+        assert_int_equal(sgs_scene_load(folder.path, NULL, &scene), SGS_STATUS_OK);
+        assert_int_equal(scene->pixels_broken, 1);
+        assert_true(scene->white > 4 && scene->white < 16);
+        assert_holds(warnings,
+                     "a.exr: 1 of its pixels are infinite or no number; they are ignored");
+        const sgs_photo *photo = &scene->views[0].image;
+        assert_string_equal(scene->views[0].name, "a.exr");
+        assert_int_equal(photo->kept, WIDTH * HEIGHT - 1);
+        assert_false(sgsi_mask_keeps(photo->keep, WIDTH, 7, 50));
+        for (int i = 0; i < 3 * WIDTH * HEIGHT; ++i)
+            assert_true(photo->halves[i] < 0x7c00);
+        assert_null(scene->views[1].image.keep);
+        sgs_scene_destroy(scene);
+        tree_remove(&folder);
+    }
+}
+
+static void broken_files_are_told_in_one_line(void **state)
+{
+    (void)state;
+    const temp_folder folder = make_scene(0);
+    sgs_scene *scene;
+    size_t size;
+    unsigned char *bytes = file_get(temp_path(&folder, "images/a.exr"), &size);
+    file_put(temp_path(&folder, "images/a.exr"), bytes, size / 2);
+    free(bytes);
+    static const float plane[WIDTH * HEIGHT];
+    const sgs_exr_channel odd[2] = {{"depth.Z", plane, NULL, 0}, {"velocity.X", plane, NULL, 0}};
+    const sgs_exr_info info = {.width = WIDTH, .height = HEIGHT};
+    assert_int_equal(sgs_exr_write(temp_path(&folder, "images/b.exr"), &info, odd, 2),
+                     SGS_STATUS_OK);
+    assert_int_equal(sgs_scene_load(folder.path, NULL, &scene), SGS_STATUS_OK);
+    assert_int_equal(scene->view_count, 2);
+    assert_int_equal(scene->images_missing, 2);
+    assert_holds(warnings, "images/a.exr: cannot be read as an image");
+    assert_holds(warnings, "images/b.exr: has no colour channels R, G, B or Y; its channels are "
+                           "depth.Z, velocity.X; the view");
+    size_t lines = 0;
+    for (const char *c = warnings; *c; ++c)
+        lines += *c == '\n';
+    assert_int_equal(lines, 2);
+    sgs_scene_destroy(scene);
+    sgs_scene_options options = sgs_scene_options_default();
+    options.colorspace = "sepia";
+    warnings[0] = 0;
+    assert_int_equal(sgs_scene_load(folder.path, &options, &scene), SGS_STATUS_UNSUPPORTED);
+    assert_holds(sgs_last_error(), "'sepia'");
+    tree_remove(&folder);
+}
+
+// A layer's colours are found behind its name, the plain ones first.
+static void exr_layers_are_found_by_name(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    static float planes[5][WIDTH * HEIGHT];
+    for (int k = 0; k < 5; ++k)
+        for (int i = 0; i < WIDTH * HEIGHT; ++i)
+            planes[k][i] = 0.1f * (float)(k + 1);
+    const sgs_exr_channel layers[5] = {{"Z", planes[0], NULL, 0},
+                                       {"beauty.B", planes[1], NULL, 0},
+                                       {"beauty.G", planes[2], NULL, 0},
+                                       {"beauty.R", planes[3], NULL, 0},
+                                       {"mask.id", planes[4], NULL, 0}};
+    const sgs_exr_info info = {.width = WIDTH, .height = HEIGHT};
+    assert_int_equal(sgs_exr_write(temp_path(&folder, "a.exr"), &info, layers, 5), SGS_STATUS_OK);
+    sgsi_photo_source source = source_of(temp_path(&folder, "a.exr"));
+    source.space = SGS_SPACE_LINEAR;
+    sgs_photo photo = load_photo(&source);
+    assert_int_equal(photo.channels, 3);
+    const double expected[3] = {0.4, 0.3, 0.2};
+    for (int c = 0; c < 3; ++c)
+        assert_true(fabs(value_at(&photo, c, 4, 4) - expected[c]) < 2e-4);
+    sgsi_photo_free(&photo);
+    tree_remove(&folder);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(halves_round_to_nearest),
+        cmocka_unit_test(linear_light_is_encoded_by_the_curve_of_srgb),
+        cmocka_unit_test(the_unit_of_the_light_does_not_matter),
+        cmocka_unit_test(linear_light_is_averaged_before_it_is_encoded),
+        cmocka_unit_test(sixteen_bits_keep_their_precision),
+        cmocka_unit_test(colour_spaces_are_known_by_name),
+        cmocka_unit_test_setup(pixels_that_are_no_numbers_are_ignored_and_counted, warnings_begin),
+        cmocka_unit_test_setup(broken_files_are_told_in_one_line, warnings_begin),
+        cmocka_unit_test(exr_layers_are_found_by_name),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,157 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// The bench: its scenes are the same everywhere and shaped as promised, its counts are the
+// oracle's, its times add up, its model does not drift, and the limits keep an order that every
+// machine has. No absolute time.
+
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+#include <cmocka.h>
+
+#include "support/oracle_support.h"
+
+#include "sparegs/bench.h"
+#include "sparegs/runtime.h"
+
+enum { WIDTH = 53, HEIGHT = 38, COUNT = 400 };
+
+static void scenes_depend_on_name_and_seed_alone(void **state)
+{
+    (void)state;
+    char hex[3][17];
+    for (int k = 0; k < 3; ++k) {
+        sgs_bench_scene *scene;
+        sgs_set_threads(1 + 2 * (k == 1));
+        assert_int_equal(sgs_bench_scene_create("sparse-32k", k == 2, &scene), SGS_STATUS_OK);
+        assert_int_equal(scene->model->count, 32768);
+        sgs_gaussians_hash(scene->model, hex[k]);
+        sgs_bench_scene_destroy(scene);
+    }
+    sgs_set_threads(0);
+    assert_string_equal(hex[0], hex[1]);
+    assert_string_not_equal(hex[0], hex[2]);
+    sgs_bench_scene *none;
+    assert_int_equal(sgs_bench_scene_create("sparse-33k", 0, &none), SGS_STATUS_INVALID_ARGUMENT);
+    assert_null(none);
+    sgs_bench_scene_destroy(NULL);
+}
+
+static void scenes_are_shaped_like_trained_ones(void **state)
+{
+    (void)state;
+    sgs_bench_scene *scene;
+    assert_int_equal(sgs_bench_scene_create("sparse-32k", 0, &scene), SGS_STATUS_OK);
+    const size_t n = scene->model->count;
+    size_t faint = 0, thin = 0, far = 0;
+    double sum = 0, square = 0;
+    for (size_t i = 0; i < n; ++i) {
+        float p[SGS_PARAM_COUNT];
+        sgs_gaussians_get(scene->model, i, p);
+        for (int k = 0; k < SGS_PARAM_COUNT; ++k)
+            assert_true(isfinite(p[k]));
+        faint += p[SGS_PARAM_OPACITY] < -2.19f; // opacity 0.1
+        thin += p[SGS_PARAM_SCALE + 2] < fminf(p[SGS_PARAM_SCALE], p[SGS_PARAM_SCALE + 1]);
+        const double distance = sqrt((double)(p[0] * p[0] + p[1] * p[1] + p[2] * p[2]));
+        far += distance > 20;
+        // Log of the size by the distance: normal with standard deviation 0.5, besides the spread
+        // of distances to the camera.
+        if (distance < 20)
+            continue;
+        const double size = (double)p[SGS_PARAM_SCALE] - log(distance);
+        sum += size;
+        square += size * size;
+    }
+    assert_true(fabs((double)faint / (double)n - 0.5) < 0.02);
+    assert_true((double)thin > 0.85 * (double)n);
+    assert_true((double)far > 0.1 * (double)n && (double)far < 0.4 * (double)n);
+    const double deviation = sqrt(square / (double)far - sum * sum / ((double)far * (double)far));
+    assert_true(deviation > 0.45 && deviation < 0.55);
+    sgs_bench_scene_destroy(scene);
+}
+
+static void counts_are_the_oracles_and_times_add_up(void **state)
+{
+    (void)state;
+    oracle_scene scene = oracle_random_model(21, COUNT, NULL);
+    sgs_view views[2] = {{.name = "a",
+                          .camera = oracle_camera(SGS_CAMERA_OPENCV, WIDTH, HEIGHT),
+                          .pose = oracle_pose_look_at(0, 0, -4)},
+                         {.name = "b",
+                          .camera = oracle_camera(SGS_CAMERA_OPENCV, WIDTH, HEIGHT),
+                          .pose = oracle_pose_look_at(1, 0, -4)}};
+    const sgs_render_options options = sgs_render_options_default();
+    double hits = 0;
+    for (int v = 0; v < 2; ++v) {
+        sgs_reference_frame exact;
+        assert_int_equal(sgs_reference_frame_create(WIDTH, HEIGHT, &exact), SGS_STATUS_OK);
+        assert_int_equal(sgs_reference_render(scene.params, scene.count, &views[v].camera,
+                                              &views[v].pose, &options, &exact),
+                         SGS_STATUS_OK);
+        for (int i = 0; i < WIDTH * HEIGHT; ++i)
+            hits += 0.5 * exact.hits[i];
+        sgs_reference_frame_free(&exact);
+    }
+    sgs_bench *bench;
+    assert_int_equal(sgs_bench_create(scene.model, views, 2, &bench), SGS_STATUS_OK);
+    sgs_bench_counts before = {0};
+    for (int run = 0; run < 3; ++run) {
+        sgs_bench_sample s;
+        assert_int_equal(sgs_bench_run(bench, &s), SGS_STATUS_OK);
+        const sgs_bench_counts c = sgs_bench_counted(bench);
+        assert_true(fabs(c.hits - hits) <= 1e-3 * hits);
+        assert_true(c.primitives == (double)scene.count && c.pixels == WIDTH * HEIGHT &&
+                    c.tiles == 4 * 3);
+        assert_true(c.hits <= 16 * c.elements && c.elements <= c.evaluations &&
+                    c.evaluations <= 16 * c.candidates);
+        if (run) // the model is put back: the same work every time
+            assert_true(c.evaluations == before.evaluations && c.elements == before.elements);
+        before = c;
+        const double parts = s.refit + s.gather + s.forward + s.loss + s.backward + s.optimizer;
+        assert_true(s.build > 0 && parts > 0 && parts <= s.iteration * (1 + 1e-9));
+        assert_true(s.project <= s.forward && s.reduce <= s.backward);
+        assert_true(s.serial >= 0 && s.serial + s.waiting <= s.iteration);
+        const double bytes = c.bytes.project + c.bytes.bvh + c.bytes.gather + c.bytes.forward +
+                             c.bytes.loss + c.bytes.backward + c.bytes.optimizer;
+        assert_true(fabs(bytes / c.bytes.total - 1) < 1e-9);
+        assert_true(c.forward_flops >= 16 * 40 * c.evaluations &&
+                    c.backward_flops > 16 * 40 * c.elements);
+    }
+    sgs_bench_destroy(bench);
+    assert_int_equal(sgs_bench_create(scene.model, views, 0, &bench), SGS_STATUS_INVALID_ARGUMENT);
+    assert_null(bench);
+    oracle_scene_free(&scene);
+}
+
+static void limits_are_in_the_order_of_every_machine(void **state)
+{
+    (void)state;
+    sgs_machine_limits limits = {0};
+    sgs_set_threads(1);
+    // Several times where something else runs: one quiet moment shows the order.
+    for (int k = 0; k < 8 && !(limits.l2_gbs > limits.memory_read_gbs); ++k)
+        assert_int_equal(sgs_machine_limits_measure(&limits), SGS_STATUS_OK);
+    sgs_set_threads(0);
+    assert_true(limits.fma_gflops > 0 && limits.memory_read_gbs > 0 &&
+                limits.memory_update_gbs > 0);
+    assert_true(limits.memory_gbs == fmax(limits.memory_read_gbs, limits.memory_update_gbs));
+    assert_true(limits.l2_gbs >
+                limits.memory_read_gbs); // a core reads its cache faster than the memory
+    assert_true(limits.l2_bytes >= 1 << 16);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(scenes_depend_on_name_and_seed_alone),
+        cmocka_unit_test(scenes_are_shaped_like_trained_ones),
+        cmocka_unit_test(counts_are_the_oracles_and_times_add_up),
+        cmocka_unit_test(limits_are_in_the_order_of_every_machine),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,187 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// The profile's counts against the oracle's brute force, the order in which they must stand for
+// every tree, and the cost of trees whose boxes allow it to be computed by hand.
+
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+#include <cmocka.h>
+
+#include "support/oracle_support.h"
+
+#include "bvh/bvh_cost.h"
+#include "sparegs/profile.h"
+#include "sparegs/runtime.h"
+
+enum { WIDTH = 53, HEIGHT = 38, COUNT = 400 };
+
+static sgs_profile *profile_of(const oracle_scene *scene, const sgs_camera *camera,
+                               const sgs_pose *pose, int samples, double step)
+{
+    sgs_profile_options options = sgs_profile_options_default();
+    options.repeat = 1;
+    options.samples = samples;
+    options.step = step;
+    sgs_profile *profile;
+    if (sgs_profile_view(scene->model, camera, pose, &options, &profile))
+        fail_msg("%s", sgs_last_error());
+    return profile;
+}
+
+static void hits_are_those_of_brute_force(void **state)
+{
+    (void)state;
+    oracle_scene scene = oracle_random_model(7, COUNT, NULL);
+    const sgs_camera camera = oracle_camera(SGS_CAMERA_OPENCV, WIDTH, HEIGHT);
+    const sgs_pose pose = oracle_pose_look_at(0, 0, -4);
+    const sgs_render_options options = sgs_render_options_default();
+    sgs_profile *profile = profile_of(&scene, &camera, &pose, WIDTH * HEIGHT / 8, 0);
+    sgs_reference_frame exact;
+    assert_int_equal(sgs_reference_frame_create(WIDTH, HEIGHT, &exact), SGS_STATUS_OK);
+    assert_int_equal(
+        sgs_reference_render(scene.params, scene.count, &camera, &pose, &options, &exact),
+        SGS_STATUS_OK);
+    double sum = 0, off = 0;
+    for (int i = 0; i < WIDTH * HEIGHT; ++i) {
+        sum += exact.hits[i];
+        off += fabs((double)profile->pixel_hits[i] - exact.hits[i]);
+        assert_true(profile->pixel_hits[i] <= profile->pixel_elements[i]);
+    }
+    assert_true(sum > 3 * WIDTH * HEIGHT);
+    print_message("%.0f hits, %.0f differ (alpha within rounding of 1/255); sampled %.2f per ray "
+                  "against %.2f\n",
+                  sum, off, profile->sampled_hits, sum / (WIDTH * HEIGHT));
+    assert_true(off <= 1e-3 * sum);
+    assert_true(fabs(profile->hits - sum) <= 1e-3 * sum);
+    // An eighth of the pixels, spread evenly, speaks for all.
+    assert_true(fabs(profile->sampled_hits / (sum / (WIDTH * HEIGHT)) - 1) < 0.1);
+    assert_true(profile->sampled_hits_unstopped >= profile->sampled_hits);
+    assert_true(profile->rays == WIDTH * HEIGHT);
+    sgs_reference_frame_free(&exact);
+    sgs_profile_destroy(profile);
+    oracle_scene_free(&scene);
+}
+
+static void every_stage_keeps_what_the_next_one_needs(void **state)
+{
+    (void)state;
+    oracle_scene scene = oracle_random_model(11, COUNT, NULL);
+    const sgs_camera camera = oracle_camera(SGS_CAMERA_OPENCV, WIDTH, HEIGHT);
+    const sgs_pose pose = oracle_pose_look_at(0, 0, -4);
+    sgs_profile *p = profile_of(&scene, &camera, &pose, 0, 0.05);
+    assert_true(p->primitives == (double)scene.count);
+    assert_true(p->needed > 0 && p->needed <= p->listed);
+    assert_true(p->listed <= p->candidates && p->elements <= p->evaluations);
+    assert_true(p->evaluations <= p->block_tests && p->block_tests == 16 * p->candidates);
+    assert_true(p->hits <= 16 * p->elements && p->elements <= p->hits + p->evaluations);
+    for (int k = 0; k < SGS_PROFILE_KIND_COUNT; ++k) {
+        const sgs_profile_tree *tree = &p->trees[k];
+        assert_true(tree->callbacks >= p->needed); // conservative, whatever the tree
+        assert_true(tree->build > 0 && tree->gather > 0 && tree->bytes > 16 * COUNT);
+        assert_true((tree->refit > 0) == (k >= SGS_PROFILE_REFIT));
+        assert_true(tree->cost >= 1 && tree->overlap >= 0);
+    }
+    // Boxes that moved apart in a tree of the old neighbourhoods.
+    assert_true(p->trees[SGS_PROFILE_AGED].cost > p->trees[SGS_PROFILE_REFIT].cost);
+    double candidates = 0, evaluations = 0;
+    for (int t = 0; t < p->tiles_x * p->tiles_y; ++t) {
+        candidates += (double)p->tile_candidates[t];
+        evaluations += (double)p->tile_evaluations[t];
+        assert_true(p->tile_seconds[t] >= 0);
+    }
+    assert_true(candidates == p->candidates && evaluations == p->evaluations);
+    sgs_profile_destroy(p);
+    oracle_scene_free(&scene);
+}
+
+static sgsi_bounds box(float x, float y, float z, float size)
+{
+    return (sgsi_bounds){.lower = {x, y, z}, .upper = {x + size, y + size, z + size}};
+}
+
+static void cost_and_overlap_of_two_boxes_are_those_on_paper(void **state)
+{
+    (void)state;
+    static const sgsi_bvh_quality qualities[] = {SGSI_BVH_LOW, SGSI_BVH_MEDIUM, SGSI_BVH_HIGH};
+    for (int q = 0; q < 3; ++q) {
+        // Unit cubes three apart: the root is 4 x 1 x 1, surface 18; leaves 6 each.
+        const sgsi_bounds apart[2] = {box(0, 0, 0, 1), box(3, 0, 0, 1)};
+        sgsi_bvh_cost cost;
+        assert_int_equal(sgsi_bvh_cost_measure(apart, apart, 2, qualities[q], &cost),
+                         SGS_STATUS_OK);
+        assert_int_equal(cost.nodes, 3);
+        assert_int_equal(cost.leaves, 2);
+        assert_true(fabs(cost.cost - (1 + 12.0 / 18)) < 1e-6);
+        assert_true(cost.overlap == 0);
+        // The same tree once the cubes have moved onto each other: all surfaces are 6, and all of
+        // it is shared.
+        const sgsi_bounds moved[2] = {box(0, 0, 0, 1), box(0, 0, 0, 1)};
+        assert_int_equal(sgsi_bvh_cost_measure(apart, moved, 2, qualities[q], &cost),
+                         SGS_STATUS_OK);
+        assert_true(fabs(cost.cost - 3) < 1e-6);
+        assert_true(fabs(cost.overlap - 1) < 1e-6);
+        assert_int_equal(sgsi_bvh_cost_measure(apart, apart, 0, qualities[q], &cost),
+                         SGS_STATUS_OK);
+        assert_true(cost.cost == 0 && cost.nodes == 0);
+    }
+}
+
+static void options_out_of_range_are_refused(void **state)
+{
+    (void)state;
+    oracle_scene scene = oracle_random_model(3, 20, NULL);
+    const sgs_camera camera = oracle_camera(SGS_CAMERA_OPENCV, 20, 20);
+    const sgs_pose pose = oracle_pose_look_at(0, 0, -4);
+    for (int k = 0; k < 4; ++k) {
+        sgs_profile_options options = sgs_profile_options_default();
+        options.refits = k == 0 ? -1 : options.refits;
+        options.repeat = k == 1 ? 0 : options.repeat;
+        options.samples = k == 2 ? 1 << 20 : options.samples;
+        options.step = k == 3 ? NAN : options.step;
+        sgs_profile *profile = (sgs_profile *)&options;
+        assert_int_equal(sgs_profile_view(scene.model, &camera, &pose, &options, &profile),
+                         SGS_STATUS_INVALID_ARGUMENT);
+        assert_null(profile);
+    }
+    sgs_profile_destroy(NULL);
+    oracle_scene_free(&scene);
+}
+
+static void counters_count_or_say_why_not(void **state)
+{
+    (void)state;
+    sgs_counters *counters = sgs_counters_open();
+    if (!counters) {
+        assert_non_null(strstr(sgs_last_error(), "hardware counters"));
+        return;
+    }
+    sgs_counter_values values[2];
+    for (int k = 0; k < 2; ++k) {
+        volatile double x = 1;
+        sgs_counters_start(counters);
+        for (int i = 0; i < (k ? 4000000 : 1000000); ++i)
+            x = x * 1.0000001;
+        values[k] = sgs_counters_stop(counters);
+    }
+    if (values[0].instructions > 0)
+        assert_true(values[1].instructions > 2 * values[0].instructions);
+    sgs_counters_close(counters);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(hits_are_those_of_brute_force),
+        cmocka_unit_test(every_stage_keeps_what_the_next_one_needs),
+        cmocka_unit_test(cost_and_overlap_of_two_boxes_are_those_on_paper),
+        cmocka_unit_test(options_out_of_range_are_refused),
+        cmocka_unit_test(counters_count_or_say_why_not),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

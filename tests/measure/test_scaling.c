@@ -1,0 +1,103 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// What is said about scaling: the prediction against hand-computed cases, and the loops' clock
+// against loops whose shares are known.
+
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <cmocka.h>
+
+#include "base/core.h"
+#include "support/rest.h"
+#include "sparegs/bench.h"
+#include "base/threads.h"
+
+static void close_to(double value, double expected)
+{
+    if (!(fabs(value - expected) <= 1e-9 * fabs(expected)))
+        fail_msg("%.12g instead of %.12g", value, expected);
+}
+
+static void prediction_is_amdahls_law_with_a_floor(void **state)
+{
+    (void)state;
+    // One core, 1 % serial: 1 / (0.01 + 0.99 / P).
+    const sgs_scaling one = {.seconds = 1.0, .serial = 0.01, .threads = 1};
+    close_to(sgs_scaling_predict(&one, 1, 0), 1.0);
+    close_to(sgs_scaling_predict(&one, 8, 0), 1.0 / (0.01 + 0.99 / 8));
+    close_to(sgs_scaling_predict(&one, 64, 1e30), 1.0 / (0.01 + 0.99 / 64));
+    // The same work measured on two threads that wait for each other.
+    const sgs_scaling two = {.seconds = 0.6, .serial = 0.01, .waiting = 0.095, .threads = 2};
+    close_to(sgs_scaling_predict(&two, 8, 0), 1.0 / (0.01 + 0.99 / 8));
+    // 10 GB through 100 GB/s take 0.1 s however many cores there are.
+    const sgs_scaling streaming = {.seconds = 1.0, .serial = 0.01, .bytes = 10e9, .threads = 1};
+    close_to(sgs_scaling_predict(&streaming, 64, 100), 1.0 / 0.11);
+    close_to(sgs_scaling_predict(&streaming, 4, 100), 1.0 / (0.01 + 0.99 / 4));
+    // 96 bins on 64 cores are two rounds for half of the work; on 8 cores they divide evenly.
+    const sgs_scaling bins = {
+        .seconds = 1.0, .serial = 0.0, .threads = 1, .binned = 0.5, .bins = 96};
+    close_to(sgs_scaling_predict(&bins, 64, 0), 1.0 / (0.5 / 64 + 0.5 * 2 / 96));
+    close_to(sgs_scaling_predict(&bins, 8, 0), 8.0);
+    close_to(sgs_scaling_predict(&bins, 1000, 0), 1.0 / (0.5 / 1000 + 0.5 / 96));
+    // Sixteen threads that had to share two cores did the work of two.
+    const sgs_scaling crowded = {
+        .seconds = 0.6, .serial = 0.01, .waiting = 0.095, .threads = 16, .cores = 2};
+    close_to(sgs_scaling_predict(&crowded, 8, 0), 1.0 / (0.01 + 0.99 / 8));
+    const sgs_scaling nothing = {.threads = 1};
+    close_to(sgs_scaling_predict(&nothing, 8, 10), 1.0);
+}
+
+static void long_item(void *context, size_t item, int thread)
+{
+    (void)context;
+    (void)thread;
+    if (item == 0)
+        rest(0.1);
+}
+
+static void the_clock_of_loops_sees_who_waits(void **state)
+{
+    (void)state;
+    for (int threads = 1; threads <= 4; ++threads) {
+        sgsi_threads_set(threads);
+        const sgsi_loop_seconds before = sgsi_threads_seconds();
+        const double start = sgsi_seconds();
+        sgsi_parallel_for(8, 1, long_item, NULL);
+        const double wall = sgsi_seconds() - start;
+        rest(0.01); // outside
+        const sgsi_loop_seconds after = sgsi_threads_seconds();
+        const double inside = after.inside - before.inside,
+                     waiting = after.waiting - before.waiting;
+        assert_true(inside >= 0.1 && inside <= wall);
+        assert_true(waiting >= 0.0 && waiting <= inside);
+        if (threads == 1)
+            assert_true(waiting == 0.0);
+        else // a single thread works, and the others wait for most of the time
+            assert_true(waiting > 0.25 * inside * (threads - 1) / threads);
+    }
+    sgsi_threads_set(0);
+}
+
+static void single_items_count_as_serial_on_many_threads(void **state)
+{
+    (void)state;
+    sgsi_threads_set(2);
+    const sgsi_loop_seconds before = sgsi_threads_seconds();
+    sgsi_parallel_for(1, 1, long_item, NULL);
+    assert_true(sgsi_threads_seconds().inside == before.inside);
+    sgsi_threads_set(0);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(prediction_is_amdahls_law_with_a_floor),
+        cmocka_unit_test(the_clock_of_loops_sees_who_waits),
+        cmocka_unit_test(single_items_count_as_serial_on_many_threads),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

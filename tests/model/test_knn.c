@@ -1,0 +1,197 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// The neighbour search gives the very numbers of brute force, whatever the cloud and the number of
+// threads.
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#include <math.h>
+
+#include "base/core.h"
+#include "model/knn.h"
+#include "sparegs/runtime.h"
+
+enum { MOST = 20000 };
+
+static void brute_force(const float *points, size_t n, size_t i, double best[3])
+{
+    best[0] = best[1] = best[2] = INFINITY;
+    for (size_t k = 0; k < n; ++k) {
+        if (k == i)
+            continue;
+        double d = 0.0;
+        for (int axis = 0; axis < 3; ++axis) {
+            const double side = (double)points[3 * i + (size_t)axis] - points[3 * k + (size_t)axis];
+            d += side * side;
+        }
+        for (int place = 0; place < 3; ++place) {
+            if (d < best[place]) {
+                const double kept = best[place];
+                best[place] = d;
+                d = kept;
+            }
+        }
+    }
+}
+
+// Compares every point of small clouds, and every 17th of large ones.
+static void check_cloud(const float *points, size_t n)
+{
+    double *distances = malloc((3 * n + 1) * sizeof *distances);
+    assert_non_null(distances);
+    distances[3 * n] = -7.0; // guard
+    assert_int_equal(sgsi_knn(points, n, distances), SGS_STATUS_OK);
+    for (size_t i = 0; i<n; i += n> 2000 ? 17 : 1) {
+        double best[3];
+        brute_force(points, n, i, best);
+        for (int k = 0; k < 3; ++k) {
+            if (!(distances[3 * i + (size_t)k] == best[k]))
+                fail_msg("point %zu of %zu, neighbour %d: %.17g, brute force has %.17g", i, n, k,
+                         distances[3 * i + (size_t)k], best[k]);
+        }
+    }
+    assert_true(distances[3 * n] == -7.0);
+    free(distances);
+}
+
+typedef float (*coordinate_fn)(uint64_t point, int axis);
+
+static float uniform(uint64_t point, int axis)
+{
+    return (float)(10.0 * sgsi_random_uniform(1, 3 * point + (uint64_t)axis) - 5.0);
+}
+
+static float collinear(uint64_t point, int axis)
+{
+    return (float)(sgsi_random_uniform(2, point) * (axis + 1));
+}
+
+static float on_axis(uint64_t point, int axis)
+{
+    return axis == 1 ? (float)(point % 977) : 3.0f;
+}
+
+static float coplanar_grid(uint64_t point, int axis)
+{
+    return axis == 0 ? (float)(point % 64) : axis == 1 ? (float)(point / 64) : 0.0f;
+}
+
+static float all_equal(uint64_t point, int axis)
+{
+    (void)point;
+    return (float)axis - 0.3f;
+}
+
+static float pairs_of_duplicates(uint64_t point, int axis)
+{
+    return uniform(point / 2, axis);
+}
+
+static float few_places(uint64_t point, int axis)
+{
+    return uniform(point % 5, axis);
+}
+
+// Clusters of 1e-4 far from each other: a grid over the whole box would put each into one cell.
+static float clusters(uint64_t point, int axis)
+{
+    const uint64_t cluster = point % 7;
+    return (float)(1e3 * sgsi_random_uniform(3, 3 * cluster + (uint64_t)axis) +
+                   1e-1 * sgsi_random_normal(4, 3 * point + (uint64_t)axis));
+}
+
+static float far_outlier(uint64_t point, int axis)
+{
+    return point == 11 ? 1e30f : 1e-3f * uniform(point, axis);
+}
+
+static float huge_and_tiny(uint64_t point, int axis)
+{
+    const double exponent = 60.0 * sgsi_random_uniform(5, point) - 30.0;
+    return (float)(pow(10.0, exponent) *
+                   (sgsi_random_uniform(6, 3 * point + (uint64_t)axis) - 0.5));
+}
+
+static const coordinate_fn clouds[] = {uniform,     collinear,           on_axis,    coplanar_grid,
+                                       all_equal,   pairs_of_duplicates, few_places, clusters,
+                                       far_outlier, huge_and_tiny};
+
+static float *make_cloud(coordinate_fn fn, size_t n)
+{
+    float *points = malloc((3 * n + 1) * sizeof *points);
+    assert_non_null(points);
+    for (size_t i = 0; i < n; ++i) {
+        for (int axis = 0; axis < 3; ++axis)
+            points[3 * i + (size_t)axis] = fn(i, axis);
+    }
+    return points;
+}
+
+static void knn_equals_brute_force(void **state)
+{
+    (void)state;
+    static const size_t sizes[] = {1,  2,  3,  4,  5,   7,    8,    9,   16,
+                                   17, 63, 64, 65, 129, 1000, 1025, MOST};
+    for (size_t c = 0; c < sizeof clouds / sizeof *clouds; ++c) {
+        for (size_t s = 0; s < sizeof sizes / sizeof *sizes; ++s) {
+            float *points = make_cloud(clouds[c], sizes[s]);
+            check_cloud(points, sizes[s]);
+            free(points);
+        }
+    }
+}
+
+static void knn_of_nothing_is_fine(void **state)
+{
+    (void)state;
+    assert_int_equal(sgsi_knn(NULL, 0, NULL), SGS_STATUS_OK);
+}
+
+static void knn_is_the_same_for_every_thread_count(void **state)
+{
+    (void)state;
+    static double expected[3 * MOST], got[3 * MOST];
+    float *points = make_cloud(clusters, MOST);
+    const int before = sgs_threads();
+    sgs_set_threads(1);
+    assert_int_equal(sgsi_knn(points, MOST, expected), SGS_STATUS_OK);
+    for (int threads = 2; threads <= 5; ++threads) {
+        sgs_set_threads(threads);
+        assert_int_equal(sgsi_knn(points, MOST, got), SGS_STATUS_OK);
+        assert_memory_equal(got, expected, sizeof expected);
+    }
+    sgs_set_threads(before);
+    free(points);
+}
+
+static void knn_fails_cleanly_without_memory(void **state)
+{
+    (void)state;
+    static double distances[3 * 100];
+    float *points = make_cloud(uniform, 100);
+    for (size_t n = 1; n <= 2; ++n) {
+        sgsi_fail_allocation(n);
+        assert_int_equal(sgsi_knn(points, 100, distances), SGS_STATUS_OUT_OF_MEMORY);
+    }
+    sgsi_fail_allocation(0);
+    free(points);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(knn_equals_brute_force),
+        cmocka_unit_test(knn_of_nothing_is_fine),
+        cmocka_unit_test(knn_is_the_same_for_every_thread_count),
+        cmocka_unit_test(knn_fails_cleanly_without_memory),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

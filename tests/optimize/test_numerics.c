@@ -1,0 +1,204 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Numbers that are not finite never reach the parameters: the step or the primitive is skipped,
+// counted and reported by name; degenerate Gaussians are drawn by the rules of the README and leave
+// at the next structural update.
+
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <cmocka.h>
+
+#include "base/core.h"
+#include "density/density.h"
+#include "sparegs/trainer.h"
+#include "train/trainer_state.h"
+
+static sgs_scene *scene;
+static char warning[1024];
+static int warnings;
+
+static void keep_warning(void *user, const char *text)
+{
+    (void)user;
+    ++warnings;
+    snprintf(warning, sizeof warning, "%s", text);
+}
+
+static int load(void **state)
+{
+    (void)state;
+    sgs_scene_options options = sgs_scene_options_default();
+    options.downscale = 16;
+    return sgs_scene_load(SGSI_TEST_DATA "/room", &options, &scene) != SGS_STATUS_OK;
+}
+
+static int unload(void **state)
+{
+    (void)state;
+    sgs_scene_destroy(scene);
+    return 0;
+}
+
+static sgs_trainer *start(int iterations)
+{
+    sgs_train_options options = sgs_train_options_default();
+    options.iterations = iterations;
+    options.spare = SGS_SPARE_BMD | SGS_SPARE_RAP;
+    sgs_trainer *trainer;
+    assert_int_equal(sgs_trainer_create(scene, &options, &trainer), SGS_STATUS_OK);
+    sgs_set_warning_handler(keep_warning, NULL);
+    warnings = 0;
+    warning[0] = 0;
+    return trainer;
+}
+
+static void end(sgs_trainer *trainer)
+{
+    sgs_set_warning_handler(NULL, NULL);
+    sgs_trainer_destroy(trainer);
+}
+
+static void step(sgs_trainer *trainer)
+{
+    sgs_step_info info;
+    assert_int_equal(sgs_trainer_step(trainer, &info), SGS_STATUS_OK);
+}
+
+// Repeats the last plane as alpha, or takes the alpha away.
+static void set_channels(sgs_photo *photo, int channels)
+{
+    const size_t plane = (size_t)photo->width * (size_t)photo->height;
+    uint8_t *pixels = sgsi_alloc(4 * plane, 1);
+    assert_non_null(pixels);
+    memcpy(pixels, photo->pixels, 3 * plane);
+    memcpy(pixels + 3 * plane, photo->pixels, plane);
+    sgsi_free(photo->pixels);
+    photo->pixels = pixels;
+    photo->channels = channels;
+}
+
+static void expect_finite_model(const sgs_trainer *trainer)
+{
+    const sgs_gaussians *model = sgs_trainer_model(trainer);
+    for (size_t i = 0; i < model->capacity * SGS_PARAM_COUNT; ++i) {
+        assert_true(isfinite(model->data[i]));
+        assert_true(isfinite(trainer->m[i]) && isfinite(trainer->v[i]));
+    }
+}
+
+static void a_step_whose_loss_is_not_finite_is_skipped_counted_and_named(void **state)
+{
+    (void)state;
+    sgs_trainer *trainer = start(1000);
+    char before[17], after[17];
+    step(trainer);
+    sgs_gaussians_hash(sgs_trainer_model(trainer), before);
+    // Images are clamped, so that only a weight can spoil the loss itself: the one of the alpha
+    // channel.
+    for (size_t i = 0; i < scene->view_count; ++i)
+        set_channels(&scene->views[i].image, 4);
+    trainer->options.alpha_loss = NAN;
+    step(trainer);
+    trainer->options.alpha_loss = 0;
+    for (size_t i = 0; i < scene->view_count; ++i)
+        set_channels(&scene->views[i].image, 3);
+    sgs_gaussians_hash(sgs_trainer_model(trainer), after);
+    assert_string_equal(before, after);
+    expect_finite_model(trainer);
+    assert_int_equal(sgs_trainer_skipped(trainer).steps, 1);
+    assert_int_equal(sgs_trainer_skipped(trainer).gradients, 0);
+    assert_non_null(strstr(warning, "iteration 2, view 00"));
+    assert_non_null(strstr(warning, "the step is skipped"));
+    step(trainer); // and training goes on
+    sgs_gaussians_hash(sgs_trainer_model(trainer), after);
+    assert_string_not_equal(before, after);
+    assert_int_equal(sgs_trainer_skipped(trainer).steps, 1);
+    end(trainer);
+}
+
+static void a_gradient_that_is_not_finite_leaves_its_primitive_alone_and_is_named(void **state)
+{
+    (void)state;
+    sgs_trainer *trainer = start(1000);
+    step(trainer);
+    trainer->options.background[0] =
+        NAN; // clamped in the image, but not in the gradient of the transmittance
+    step(trainer);
+    trainer->options.background[0] = 0;
+    expect_finite_model(trainer);
+    assert_true(sgs_trainer_skipped(trainer).gradients > 0);
+    assert_int_equal(sgs_trainer_skipped(trainer).steps, 0);
+    assert_non_null(strstr(warning, "iteration 2, view 00"));
+    const char *named = strstr(warning, "the first is primitive ");
+    assert_non_null(named);
+    assert_true(strtoul(named + strlen("the first is primitive "), NULL, 10) <
+                sgs_trainer_model(trainer)->count);
+    end(trainer);
+}
+
+static void reports_grow_rare(void **state)
+{
+    (void)state;
+    sgsi_skipped skipped = {0};
+    sgs_set_warning_handler(keep_warning, NULL);
+    warnings = 0;
+    for (int i = 1; i <= 1000; ++i)
+        sgsi_skip_step(&skipped, i, "a.jpg", NAN);
+    sgs_set_warning_handler(NULL, NULL);
+    assert_int_equal(skipped.steps, 1000);
+    assert_int_equal(warnings, 5 + 7); // 8, 16, ..., 512
+}
+
+// Degenerate rows in a model that trains: neither the image nor any other primitive suffers.
+static void degenerate_gaussians_are_harmless_and_leave(void **state)
+{
+    (void)state;
+    sgs_trainer *trainer = start(1000);
+    sgs_gaussians *model = trainer->model;
+    const size_t before = model->count;
+    *sgs_gaussians_at(model, 1, SGS_PARAM_MEAN) = NAN;
+    *sgs_gaussians_at(model, 20, SGS_PARAM_SCALE + 1) = INFINITY;
+    *sgs_gaussians_at(model, 300, SGS_PARAM_OPACITY) = NAN;
+    *sgs_gaussians_at(model, 301, SGS_PARAM_SH_REST + 7) = NAN;
+    *sgs_gaussians_at(model, 302, SGS_PARAM_SH_DC) = INFINITY;
+    for (int k = 0; k < 4; ++k)
+        *sgs_gaussians_at(model, 40, SGS_PARAM_ROTATION + k) = 0;
+    for (int k = 0; k < 3; ++k) {
+        *sgs_gaussians_at(model, 50, SGS_PARAM_SCALE + k) = -INFINITY;
+        *sgs_gaussians_at(model, 60, SGS_PARAM_SCALE + k) = 80; // e^80 is clamped
+        *sgs_gaussians_at(model, 70, SGS_PARAM_SCALE + k) = -80;
+    }
+    for (int i = 0; i < 10; ++i) {
+        step(trainer);
+        assert_true(isfinite(trainer->progress.loss_average));
+    }
+    for (size_t i = 0; i < before; ++i) {
+        if (i == 1 || i == 20 || i == 50 || (i >= 300 && i <= 302))
+            continue;
+        for (int k = 0; k < SGS_PARAM_COUNT; ++k)
+            assert_true(isfinite(*sgs_gaussians_at(model, i, k)));
+    }
+    sgs_step_info info = {0};
+    assert_int_equal(sgsi_trainer_update_structure(trainer, 11, &info), SGS_STATUS_OK);
+    assert_true(info.pruned >= 6);
+    expect_finite_model(trainer);
+    end(trainer);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(a_step_whose_loss_is_not_finite_is_skipped_counted_and_named),
+        cmocka_unit_test(a_gradient_that_is_not_finite_leaves_its_primitive_alone_and_is_named),
+        cmocka_unit_test(reports_grow_rare),
+        cmocka_unit_test(degenerate_gaussians_are_harmless_and_leave),
+    };
+    return cmocka_run_group_tests(tests, load, unload);
+}

@@ -1,0 +1,172 @@
+#!/usr/bin/env bash
+# SPDX-FileCopyrightText: 2026 The sparegs authors
+# SPDX-License-Identifier: Apache-2.0
+
+# layout_holds: every #include follows the tables below, no circle between files or folders, every source file stands
+# in a folder of the tables, every folder of the tables has files, and what src/README.md names exists. Calls between
+# object files are checked by test_calls.sh.
+set -euo pipefail
+cd "$SPAREGS_SOURCE"
+shopt -s nullglob
+
+failures=0
+fail() {
+    printf 'FAIL: %s\n' "$1"
+    failures=$((failures + 1))
+}
+
+# Folder of src/ -> the folders it may include besides itself, base, simd and public headers.
+declare -A src_may=(
+    [base]="" [simd]="" [rays]="" [image]="" [model]=""
+    [formats]="model"
+    [scene]="rays image model formats"
+    [loss]="image"
+    [reference]="rays"
+    [trace]="rays model bvh"
+    [optimize]="trace"
+    [density]="model spare"
+    [train]="rays image model formats scene loss reference trace optimize density bvh spare"
+    [measure]="rays image model formats scene loss reference trace optimize density train bvh spare"
+)
+# Folder of tools/ -> the folders it may include besides itself and public headers.
+declare -A tools_may=(
+    [cli]=""
+    [cameras]="cli"
+    [run]="cli"
+    [draw]="run cameras cli"
+    [report]="draw run cameras cli"
+    [commands]="report draw run cameras cli"
+)
+# Folders of tools/ without C sources, and of tests/ that mirror no folder of src/.
+tools_other=" bench experiments manual package scripts "
+tests_other=" bvh spare cli project support fuzz data "
+
+allowed() { # WORD LIST
+    [[ " $2 " == *" $1 "* ]]
+}
+
+# ---- every file stands in a folder of the tables, every folder of the tables has files ----
+for file in src/* tools/*; do
+    case $file in
+        src/README.md | tools/setup.sh | tools/test.sh | tools/demo.sh) ;;
+        *) [ -d "$file" ] || fail "$file stands in no folder" ;;
+    esac
+done
+for folder in src/*/; do
+    name=$(basename "$folder")
+    [ -n "${src_may[$name]+set}" ] || fail "src/$name is not in the table of this test"
+done
+for folder in tools/*/; do
+    name=$(basename "$folder")
+    [ -n "${tools_may[$name]+set}" ] || allowed "$name" "$tools_other" || fail "tools/$name is not in the table of this test"
+done
+for name in "${!src_may[@]}"; do
+    files=(src/"$name"/*.[ch] src/"$name"/*.cpp src/"$name"/*.inl)
+    [ ${#files[@]} -gt 0 ] || fail "src/$name has no file"
+done
+for name in "${!tools_may[@]}"; do
+    files=(tools/"$name"/*.[ch])
+    [ ${#files[@]} -gt 0 ] || fail "tools/$name has no file"
+done
+for file in src/*/*/* bvh/*/* spare/*/* include/sparegs/*/* tools/{cli,cameras,run,draw,report,commands}/*/* tests/*.c tests/*.sh; do
+    fail "$file stands in no folder"
+done
+for folder in tests/*/; do
+    name=$(basename "$folder")
+    [ -n "${src_may[$name]+set}" ] || allowed "$name" "$tests_other" || fail "tests/$name mirrors no folder"
+done
+
+# ---- every #include follows the tables ----
+standard='(assert|ctype|errno|fenv|float|inttypes|limits|math|stdalign|stdarg|stdatomic|stdbool|stddef|stdint|stdio|stdlib|string|time)\.h'
+public=(include/sparegs/*.h)
+src=(src/*/*.c src/*/*.cpp src/*/*.h src/*/*.inl)
+bvh=(bvh/*.c bvh/*.h)
+spare=(spare/*.c spare/*.h)
+tools=(tools/*/*.c tools/*/*.h)
+# Lines "FILE INCLUDED" of the quoted includes of the files.
+quoted() { grep -HE '^[[:space:]]*#[[:space:]]*include[[:space:]]*"' "$@" | sed -E 's/^([^:]*):[^"]*"([^"]*)".*/\1 \2/'; }
+# Lines "FILE INCLUDED" of the bracketed ones.
+bracketed() { grep -HE '^[[:space:]]*#[[:space:]]*include[[:space:]]*<' "$@" | sed -E 's/^([^:]*):[^<]*<([^>]*)>.*/\1 \2/'; }
+
+edges=$(mktemp)
+trap 'rm -f "$edges" "$edges.folders" "$edges.loops"' EXIT
+while read -r file included; do
+    target=
+    case $included in sparegs/*) continue ;; esac
+    case $file in
+        src/*)
+            from=$(cut -d/ -f2 <<<"$file") to=${included%%/*}
+            if [ "$to" = bvh ] || [ "$to" = spare ]; then target=$included; else target=src/$included; fi
+            allowed "$to" "$from base simd ${src_may[$from]-}" || fail "$file may not include $included: src/$from sees ${src_may[$from]:-only base and simd}"
+            ;;
+        bvh/*)
+            to=${included%%/*}
+            target=$included
+            [ "$to" = bvh ] || target=src/$included
+            allowed "$to" "bvh base" || fail "$file may not include $included: bvh/ sees base only"
+            ;;
+        spare/*)
+            target=$included
+            [ "${included%%/*}" = spare ] || fail "$file may not include $included: spare/ sees its own header and the standard library"
+            ;;
+        tools/*)
+            from=$(cut -d/ -f2 <<<"$file") to=${included%%/*}
+            target=tools/$included
+            allowed "$to" "$from ${tools_may[$from]-}" || fail "$file may not include $included: tools/$from sees ${tools_may[$from]:-public headers only}"
+            ;;
+        include/*) fail "$file may not include $included: public headers include standard headers and each other" ;;
+    esac
+    [ -e "$target" ] || fail "$file includes $included, which does not exist; includes name the folder"
+    echo "$file $target" >>"$edges"
+done < <(quoted "${public[@]}" "${src[@]}" "${bvh[@]}" "${spare[@]}" "${tools[@]}")
+while read -r file included; do
+    case $file in
+        include/* | spare/*) grep -qxE "$standard" <<<"$included" || fail "$file may not include <$included>: standard headers only" ;;
+    esac
+    case $included in
+        embree* | rtcore*) [ "$file" = bvh/embree_include.h ] || fail "$file may not include <$included>: only bvh/embree_include.h does" ;;
+    esac
+done < <(bracketed "${public[@]}" "${src[@]}" "${bvh[@]}" "${spare[@]}" "${tools[@]}")
+[ "$(wc -l <"$edges")" -gt 100 ] || fail "only $(wc -l <"$edges") includes were seen"
+
+# ---- no circle between files, none between folders ----
+tsort "$edges" >/dev/null 2>"$edges.loops" || fail "circle between files: $(grep -v 'input contains a loop' "$edges.loops" | sed 's/tsort: //' | tr '\n' ' ')"
+sed -E 's:^(src|tools)/([^/]*)/[^ ]* :\1/\2 :; s:^(bvh|spare)/[^ ]* :\1 :; s: (src|tools)/([^/]*)/.*: \1/\2:; s: (bvh|spare)/.*: \1:' "$edges" |
+    awk '$1 != $2 && !($1 == "bvh" && $2 == "src/base")' | sort -u >"$edges.folders"
+tsort "$edges.folders" >/dev/null 2>"$edges.loops" || fail "circle between folders: $(grep -v 'input contains a loop' "$edges.loops" | sed 's/tsort: //' | tr '\n' ' ')"
+
+# ---- size, licence, names, what must not be in any file ----
+sources=("${public[@]}" "${src[@]}" "${bvh[@]}" "${spare[@]}" "${tools[@]}" tests/*/*.[ch] tests/*/*.inl tests/*/*.sh tools/*.sh
+    tools/scripts/*.sh CMakeLists.txt tests/CMakeLists.txt)
+for file in "${sources[@]}"; do
+    lines=$(wc -l <"$file")
+    [ "$lines" -le 800 ] || fail "$file has $lines lines; split files of more than 800"
+    grep -q 'SPDX-License-Identifier: Apache-2.0' "$file" || fail "$file names no licence"
+done
+duplicates=$(for file in "${sources[@]}"; do basename "$file"; done | grep -v '^CMakeLists.txt$' | sort | uniq -d)
+[ -z "$duplicates" ] || fail "file names are unique in the repository: $duplicates"
+# deny WHY PATTERN FILE...: no line of the files may match.
+deny() {
+    local why=$1 pattern=$2 found
+    shift 2
+    if found=$(grep -nHE -- "$pattern" "$@"); then
+        fail "$why:
+$found"
+    fi
+}
+deny "a path of one machine" '(^|[^[:alnum:]_.])/(home|root|work|Users|mnt)/[[:alnum:]_]' "${sources[@]}" ./*.md src/*.md tools/manual/*.md
+deny "unfinished work" '\b(TODO|FIXME|XXX)\b' "${public[@]}" "${src[@]}" "${bvh[@]}" "${spare[@]}" "${tools[@]}"
+
+# ---- the architecture page ----
+if [ -e src/README.md ]; then
+    while read -r named; do
+        [ -e "$named" ] || [ -e "src/$named" ] || fail "src/README.md names $named, which does not exist"
+    done < <(grep -oE '\b(src/|bvh/|spare/|tools/|tests/|include/)?[a-z_0-9]+/[a-z_0-9/]+\.(c|h|cpp|inl|sh)\b' src/README.md | sort -u)
+    for name in "${!src_may[@]}"; do
+        grep -q "\`$name/\`" src/README.md || fail "src/README.md does not name the folder $name/"
+    done
+else
+    fail "src/README.md is missing"
+fi
+
+[ "$failures" -eq 0 ] && echo "layout holds over ${#sources[@]} files and $(wc -l <"$edges") includes"

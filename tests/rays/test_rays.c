@@ -1,0 +1,194 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// The ray tables against the camera in double precision: every pixel's ray is in its lane, and
+// inside of everything that is said to contain it: the block's and the tile's rectangle, the bin's
+// cone, the image's cone. On these bounds rests that no primitive is lost; that they are tight is
+// what makes the gather cheap.
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include <cmocka.h>
+
+#include <math.h>
+#include <string.h>
+
+#include "base/core.h"
+#include "rays/rays.h"
+#include "base/threads.h"
+
+static const sgs_camera cameras[] = {
+    {SGS_CAMERA_PINHOLE, 83, 61, {88, 91, 41, 30}},
+    {SGS_CAMERA_PINHOLE, 1, 1, {1, 1, 0.5, 0.5}},
+    {SGS_CAMERA_PINHOLE, 4, 4, {2800, 2800, 2, 2}}, // one block of a photograph's pixels
+    {SGS_CAMERA_PINHOLE, 40, 40, {5000, 5000, 20, 20}},
+    {SGS_CAMERA_PINHOLE, 64, 48, {1e5, 1e5, 32, 24}},    // a telescope
+    {SGS_CAMERA_PINHOLE, 64, 48, {300, 300, -500, 900}}, // shifted out of the image
+    {SGS_CAMERA_OPENCV, 100, 75, {106, 110, 50.3, 36.7, -0.12, 0.03, 0.0011, -0.0007}},
+    {SGS_CAMERA_OPENCV_FISHEYE, 63, 47, {28, 28, 31, 23, 0.02, -0.004, 0.001, -0.0002}},
+    {SGS_CAMERA_OPENCV_FISHEYE, 96, 96, {25, 25, 48, 48}}, // 220 degrees
+    {SGS_CAMERA_FOV, 80, 60, {50, 50, 40, 30, 0.9}},
+};
+enum { CAMERA_COUNT = sizeof cameras / sizeof *cameras };
+
+static double dot(const double a[3], const float b[3])
+{
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+// Angle between a unit vector and a float vector, accurate for small ones.
+static double angle(const double a[3], const float b[3])
+{
+    const double c[3] = {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2],
+                         a[0] * b[1] - a[1] * b[0]};
+    return atan2(sqrt(c[0] * c[0] + c[1] * c[1] + c[2] * c[2]), dot(a, b));
+}
+
+static void check_tile(const sgsi_tile_rays *tile, int block, int lane, const double d[3])
+{
+    const double along = dot(d, tile->frame), u = dot(d, tile->frame + 3) / along,
+                 v = dot(d, tile->frame + 6) / along;
+    const double slack = 3e-7 * (1 + fabs(u) + fabs(v));
+    assert_true(tile->valid[block] >> lane & 1);
+    assert_true(fabs(tile->u[block][lane] - u) <= slack && fabs(tile->v[block][lane] - v) <= slack);
+    assert_true(
+        fabs((double)tile->u[block][lane] - tile->center_u) <= tile->half_u + 1e-7 * fabs(u) &&
+        fabs((double)tile->v[block][lane] - tile->center_v) <= tile->half_v + 1e-7 * fabs(v));
+    assert_true(tile->least_length <= sqrt(1 + u * u + v * v) * (1 + 1e-6));
+    const double off_u = fabs((double)tile->u[block][lane] - tile->block_u[block]);
+    const double off_v = fabs((double)tile->v[block][lane] - tile->block_v[block]);
+    assert_true(off_u <= tile->block_half_u[block] + 1e-7 * fabs(u) &&
+                off_v <= tile->block_half_v[block] + 1e-7 * fabs(v));
+}
+
+static void every_pixel_lies_in_its_block_tile_bin_and_image(void **state)
+{
+    (void)state;
+    sgsi_threads_set(1);
+    for (int c = 0; c < CAMERA_COUNT; ++c) {
+        for (int most = 1; most <= SGSI_BIN_SIDE; most *= 2) {
+            sgsi_rays *rays;
+            assert_int_equal(sgsi_rays_create(&cameras[c], most, &rays), SGS_STATUS_OK);
+            const int bin = rays->bin_tiles;
+            assert_true(bin >= 1 && bin <= most);
+            double widest = 0;
+            for (int y = 0; y < cameras[c].height; ++y) {
+                for (int x = 0; x < cameras[c].width; ++x) {
+                    const sgsi_tile_rays *tile = &rays->tiles[y / 16 * rays->tiles_x + x / 16];
+                    const int block = y % 16 / 4 * 4 + x % 16 / 4, lane = y % 4 * 4 + x % 4,
+                              size = 16 * bin;
+                    double d[3];
+                    if (!sgs_camera_unproject(&cameras[c], (double[2]){x + 0.5, y + 0.5}, d)) {
+                        assert_false(tile->valid[block] >> lane & 1);
+                        continue;
+                    }
+                    check_tile(tile, block, lane, d);
+                    const int b = y / size * rays->bins_x + x / size,
+                              ray = y % size / (size / 4) * 4 + x % size / (size / 4);
+                    float axis[3];
+                    for (int k = 0; k < 3; ++k)
+                        axis[k] = rays->bin_directions[b][k][ray];
+                    assert_true(rays->bin_valid[b] >> ray & 1);
+                    const double theta = angle(d, axis);
+                    widest = fmax(widest, theta);
+                    // Bounds are padded by another 4e-6 of the distance: ten times the rounding of
+                    // the directions.
+                    assert_true(theta < 1.5 ? tan(theta) <= rays->tan_cone + 3e-7
+                                            : rays->tan_cone > 15);
+                    assert_true(angle(d, rays->axis) <= acos((double)rays->cone_cos) + 1e-6);
+                }
+            }
+            assert_true(widest > 1.5 || rays->tan_cone <= 1.001 * tan(widest) + 2e-6);
+            sgsi_rays_destroy(rays);
+        }
+    }
+}
+
+static void frames_are_orthonormal(void **state)
+{
+    (void)state;
+    for (int c = 0; c < CAMERA_COUNT; ++c) {
+        sgsi_rays *rays;
+        assert_int_equal(sgsi_rays_create(&cameras[c], 2, &rays), SGS_STATUS_OK);
+        for (int t = 0; t < rays->tiles_x * rays->tiles_y; ++t)
+            for (int i = 0; i < 3; ++i)
+                for (int j = 0; j < 3; ++j) {
+                    const float *f = rays->tiles[t].frame;
+                    const float product = f[3 * i] * f[3 * j] + f[3 * i + 1] * f[3 * j + 1] +
+                                          f[3 * i + 2] * f[3 * j + 2];
+                    assert_true(fabsf(product - (i == j)) <= 1e-6f);
+                }
+        sgsi_rays_destroy(rays);
+    }
+}
+
+// Sixteen pixels that look all around have no tangent plane: an error, not a hole in the image.
+static void images_too_small_for_their_lens_are_refused(void **state)
+{
+    (void)state;
+    const sgs_camera camera = {SGS_CAMERA_OPENCV_FISHEYE, 40, 40, {4, 4, 20, 20}};
+    sgsi_rays *rays = (sgsi_rays *)&camera;
+    assert_int_equal(sgsi_rays_create(&camera, 2, &rays), SGS_STATUS_UNSUPPORTED);
+    assert_null(rays);
+    assert_non_null(strstr(sgs_last_error(), "too small for its lens"));
+}
+
+static void every_failed_allocation_is_reported(void **state)
+{
+    (void)state;
+    sgsi_rays *rays = NULL;
+    size_t failures = 0;
+    for (size_t n = 1; n < 20; ++n) {
+        sgsi_fail_allocation(n);
+        const sgs_status status = sgsi_rays_create(&cameras[0], 2, &rays);
+        sgsi_fail_allocation(0);
+        if (status == SGS_STATUS_OK)
+            break;
+        assert_int_equal(status, SGS_STATUS_OUT_OF_MEMORY);
+        assert_null(rays);
+        ++failures;
+    }
+    assert_true(failures >= 4 && rays);
+    sgsi_rays_destroy(rays);
+    sgsi_rays_destroy(NULL);
+}
+
+static void the_cache_returns_one_table_per_camera_and_stays_within_its_limit(void **state)
+{
+    (void)state;
+    sgsi_ray_cache *cache;
+    const size_t tiles = 6 * 4, bytes = tiles * sizeof(sgsi_tile_rays);
+    sgs_camera camera = cameras[0];
+    const sgsi_rays *first, *again;
+    assert_int_equal(sgsi_ray_cache_create(3 * bytes, &cache), SGS_STATUS_OK);
+    assert_int_equal(sgsi_ray_cache_get(cache, &camera, &first), SGS_STATUS_OK);
+    assert_int_equal(sgsi_ray_cache_get(cache, &camera, &again), SGS_STATUS_OK);
+    assert_ptr_equal(first, again);
+    for (int i = 0; i < 400; ++i) { // more cameras than slots and than bytes
+        camera.params[2] = 41 + i;
+        assert_int_equal(sgsi_ray_cache_get(cache, &camera, &again), SGS_STATUS_OK);
+        assert_true(again->camera.params[2] == 41 + i);
+    }
+    camera.params[0] = -1;
+    assert_int_not_equal(sgsi_ray_cache_get(cache, &camera, &again), SGS_STATUS_OK);
+    assert_null(again);
+    camera = cameras[0];
+    assert_int_equal(sgsi_ray_cache_get(cache, &camera, &again), SGS_STATUS_OK);
+    sgsi_ray_cache_destroy(cache);
+    sgsi_ray_cache_destroy(NULL);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(every_pixel_lies_in_its_block_tile_bin_and_image),
+        cmocka_unit_test(frames_are_orthonormal),
+        cmocka_unit_test(images_too_small_for_their_lens_are_refused),
+        cmocka_unit_test(every_failed_allocation_is_reported),
+        cmocka_unit_test(the_cache_returns_one_table_per_camera_and_stays_within_its_limit),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

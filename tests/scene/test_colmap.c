@@ -1,0 +1,710 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// COLMAP models: both formats hold the same scene, and every way in which a model can be wrong is
+// refused with file, place and reason.
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#include <locale.h>
+
+#include "support/bad_input.h"
+#include "scene/colmap.h"
+#include "support/scene_support.h"
+
+static const char *const kinds[2] = {"txt", "bin"};
+
+// A status of one of these means that reading ended in an orderly way.
+static bool orderly(sgs_status status)
+{
+    return status == SGS_STATUS_OK || status == SGS_STATUS_FORMAT ||
+           status == SGS_STATUS_UNSUPPORTED || status == SGS_STATUS_OUT_OF_MEMORY;
+}
+
+static temp_folder whole_model(bool binary)
+{
+    const model m = model_make();
+    const temp_folder folder = temp_folder_make();
+    model_put(&folder, "", &m, binary);
+    return folder;
+}
+
+// A model is refused with this status and message. Removes it.
+static void assert_refused(const temp_folder *folder, size_t number, sgs_status status,
+                           const char *message)
+{
+    sgsi_dataset d;
+    if (sgsi_colmap_read(folder->path, &d) != status)
+        fail_msg("case %zu (%s): %s", number, message, sgs_last_error());
+    assert_holds(sgs_last_error(), message);
+    bad_input();
+    tree_remove(folder);
+}
+
+static void assert_equals_model(const sgsi_dataset *d, const model *m)
+{
+    assert_int_equal(d->frame_count, m->image_count);
+    assert_int_equal(d->point_count, m->point_count);
+    for (int i = 0; i < m->image_count; ++i) {
+        const sgsi_frame *frame = &d->frames[i];
+        sgs_pose pose;
+        assert_string_equal(frame->name, m->images[i].name);
+        assert_int_equal(sgs_pose_from_quaternion(m->images[i].pose, m->images[i].pose + 4, &pose),
+                         SGS_STATUS_OK);
+        assert_memory_equal(&frame->pose, &pose, sizeof pose);
+        for (int k = 0; k < m->camera_count; ++k) {
+            const model_camera *camera = &m->cameras[k];
+            if (camera->id != m->images[i].camera)
+                continue;
+            assert_int_equal(frame->camera.model, camera->model);
+            assert_int_equal(frame->camera.width, camera->width);
+            assert_int_equal(frame->camera.height, camera->height);
+            assert_memory_equal(frame->camera.params, camera->params, sizeof camera->params);
+        }
+    }
+    for (int i = 0; i < m->point_count; ++i) {
+        for (int k = 0; k < 3; ++k) {
+            assert_true(d->points[3 * i + k] == (float)m->points[i].xyz[k]);
+            assert_int_equal(d->colors[3 * i + k], m->points[i].rgb[k]);
+        }
+    }
+}
+
+static void both_formats_hold_the_model_exactly(void **state)
+{
+    (void)state;
+    const model m = model_make();
+    for (int binary = 0; binary < 2; ++binary) {
+        const temp_folder folder = temp_folder_make();
+        model_put(&folder, "", &m, binary);
+        sgsi_dataset d;
+        assert_true(sgsi_colmap_present(folder.path));
+        assert_int_equal(sgsi_colmap_image_count(folder.path), MODEL_IMAGES);
+        assert_int_equal(sgsi_colmap_read(folder.path, &d), SGS_STATUS_OK);
+        assert_int_equal(d.format, binary ? SGS_SCENE_COLMAP_BINARY : SGS_SCENE_COLMAP_TEXT);
+        assert_equals_model(&d, &m);
+        assert_string_equal(warnings, "");
+        sgsi_dataset_free(&d);
+        tree_remove(&folder);
+    }
+}
+
+static void binary_is_preferred_over_text(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    model m = model_make();
+    model_put(&folder, "", &m, true);
+    m.image_count = 1;
+    model_put(&folder, "", &m, false);
+    sgsi_dataset d;
+    assert_int_equal(sgsi_colmap_read(folder.path, &d), SGS_STATUS_OK);
+    assert_int_equal(d.frame_count, MODEL_IMAGES);
+    sgsi_dataset_free(&d);
+    tree_remove(&folder);
+}
+
+static void a_cloud_of_the_other_kind_is_read(void **state)
+{
+    (void)state;
+    const model m = model_make();
+    for (int binary = 0; binary < 2; ++binary) {
+        const temp_folder folder = temp_folder_make(), other = temp_folder_make();
+        const char *kind = binary ? "points3D.txt" : "points3D.bin";
+        char target[4096];
+        model_put(&folder, "", &m, binary);
+        model_put(&other, "", &m, !binary);
+        unlink(temp_path(&folder, binary ? "points3D.bin" : "points3D.txt"));
+        snprintf(target, sizeof target, "%s", temp_path(&folder, kind));
+        assert_int_equal(rename(temp_path(&other, kind), target), 0);
+        sgsi_dataset d;
+        assert_int_equal(sgsi_colmap_read(folder.path, &d), SGS_STATUS_OK);
+        assert_equals_model(&d, &m);
+        assert_string_equal(warnings, "");
+        sgsi_dataset_free(&d);
+        tree_remove(&folder);
+        tree_remove(&other);
+    }
+}
+
+// ---- content that is wrong in any format --------------------------------------------------------
+
+static char long_name[1200];
+
+static void no_cameras(model *m)
+{
+    m->camera_count = 0;
+}
+static void no_images(model *m)
+{
+    m->image_count = 0;
+}
+static void no_width(model *m)
+{
+    m->cameras[0].width = 0;
+}
+static void no_height(model *m)
+{
+    m->cameras[1].height = 0;
+}
+static void wide(model *m)
+{
+    m->cameras[0].width = 65537;
+}
+static void huge(model *m)
+{
+    m->cameras[0].height = UINT64_MAX;
+}
+static void no_focal(model *m)
+{
+    m->cameras[1].params[0] = 0;
+}
+static void backward_focal(model *m)
+{
+    m->cameras[0].params[1] = -50;
+}
+static void nan_focal(model *m)
+{
+    m->cameras[0].params[0] = NAN;
+}
+static void infinite_focal(model *m)
+{
+    m->cameras[0].params[0] = INFINITY;
+}
+static void nan_distortion(model *m)
+{
+    m->cameras[2].params[11] = NAN;
+}
+static void wide_fov(model *m)
+{
+    m->cameras[0].model = SGS_CAMERA_FOV, m->cameras[0].params[4] = 4;
+}
+static void camera_twice(model *m)
+{
+    m->cameras[2].id = 7;
+}
+static void lost_camera(model *m)
+{
+    m->images[1].camera = 55;
+}
+static void zero_quaternion(model *m)
+{
+    memset(m->images[1].pose, 0, 4 * sizeof(double));
+}
+static void nan_quaternion(model *m)
+{
+    m->images[0].pose[2] = NAN;
+}
+static void infinite_quaternion(model *m)
+{
+    m->images[0].pose[0] = -INFINITY;
+}
+static void nan_translation(model *m)
+{
+    m->images[2].pose[5] = NAN;
+}
+static void infinite_translation(model *m)
+{
+    m->images[2].pose[6] = INFINITY;
+}
+static void image_twice(model *m)
+{
+    m->images[3].name = "b.png";
+}
+static void image_twice_spelled(model *m)
+{
+    m->images[3].name = "./sub//c.png";
+}
+static void parent_name(model *m)
+{
+    m->images[1].name = "../a.png";
+}
+static void hidden_parent_name(model *m)
+{
+    m->images[1].name = "x/../../a.png";
+}
+static void windows_parent_name(model *m)
+{
+    m->images[1].name = "x\\..\\a.png";
+}
+static void absolute_name(model *m)
+{
+    m->images[1].name = "/etc/passwd";
+}
+static void drive_name(model *m)
+{
+    m->images[1].name = "C:\\a.png";
+}
+static void bare_dot_name(model *m)
+{
+    m->images[1].name = "./";
+}
+static void control_name(model *m)
+{
+    m->images[1].name = "a\033[31m.png";
+}
+static void endless_name(model *m)
+{
+    m->images[1].name = memset(long_name, 'x', sizeof long_name - 1);
+}
+
+// `binary` and `text` are the places, NULL where the message has none.
+static const struct {
+    void (*edit)(model *);
+    const char *file, *binary, *text, *message;
+} wrong_contents[] = {
+    {no_cameras, "cameras", NULL, NULL, "holds no camera; run COLMAP's mapper again"},
+    {no_images, "images", NULL, NULL, "holds no registered image; run COLMAP's mapper again"},
+    {no_width, "cameras", "byte 8", "line 4",
+     "camera 7 has the size 0 x 48, not 1 to 65536 pixels"},
+    {no_height, "cameras", "byte 96", "line 5", "camera 2 has the size 64 x 0"},
+    {wide, "cameras", "byte 8", "line 4", "camera 7 has the size 65537 x 48"},
+    {huge, "cameras", "byte 8", "line 4", "camera 7 has the size 64 x 18446744073709551615"},
+    {no_focal, "cameras", "byte 96", "line 5",
+     "camera 2: focal length 0 of the SIMPLE_PINHOLE camera is not positive"},
+    {backward_focal, "cameras", "byte 8", "line 4",
+     "camera 7: focal length -50 of the OPENCV camera"},
+    {nan_focal, "cameras", "byte 8", "line 4",
+     "camera 7: parameter 1 of the OPENCV camera is not finite; estimate"},
+    {infinite_focal, "cameras", "byte 8", "line 4",
+     "camera 7: parameter 1 of the OPENCV camera is not finite"},
+    {nan_distortion, "cameras", "byte 144", "line 6",
+     "camera 9: parameter 12 of the FULL_OPENCV camera is not finite"},
+    {wide_fov, "cameras", "byte 8", "line 4",
+     "camera 7: field-of-view parameter 4 of the FOV camera"},
+    {camera_twice, "cameras", "byte 144", "line 6", "camera id 7 is already used at"},
+    {lost_camera, "images", "byte 134", "line 5",
+     "image 1 'a.png' uses camera 55, which the cameras file does not hold"},
+    {zero_quaternion, "images", "byte 134", "line 5",
+     "image 1 'a.png': the rotation quaternion has norm 0; remove"},
+    {nan_quaternion, "images", "byte 8", "line 3",
+     "image 4 'b.png': the rotation quaternion is not finite"},
+    {infinite_quaternion, "images", "byte 8", "line 3",
+     "image 4 'b.png': the rotation quaternion is not finite"},
+    {nan_translation, "images", "byte 212", "line 7",
+     "image 3 'sub/c.png': the translation is not finite"},
+    {infinite_translation, "images", "byte 212", "line 7",
+     "image 3 'sub/c.png': the translation is not finite"},
+    {image_twice, "images", "byte 318", "line 9", "image name 'b.png' is already used at"},
+    {image_twice_spelled, "images", "byte 318", "line 9",
+     "image name 'sub/c.png' is already used at"},
+    {parent_name, "images", "byte 134", "line 5",
+     "the name of image 1 leaves the image folder ('../a.png')"},
+    {hidden_parent_name, "images", "byte 134", "line 5",
+     "leaves the image folder ('x/../../a.png')"},
+    {windows_parent_name, "images", "byte 134", "line 5", "leaves the image folder"},
+    {absolute_name, "images", "byte 134", "line 5", "is an absolute path ('/etc/passwd')"},
+    {drive_name, "images", "byte 134", "line 5", "is an absolute path"},
+    {bare_dot_name, "images", "byte 134", "line 5", "the name of image 1 is empty"},
+    {control_name, "images", "byte 134", "line 5", "holds control characters ('not shown')"},
+    {endless_name, "images", "byte 134", "line 5", "is longer than 1024 bytes"},
+};
+
+static void wrong_content_is_refused_in_both_formats(void **state)
+{
+    (void)state;
+    for (size_t i = 0; i < sizeof wrong_contents / sizeof *wrong_contents; ++i) {
+        for (int binary = 0; binary < 2; ++binary) {
+            const temp_folder folder = temp_folder_make();
+            model m = model_make();
+            wrong_contents[i].edit(&m);
+            model_put(&folder, "", &m, binary);
+            sgsi_dataset d;
+            if (sgsi_colmap_read(folder.path, &d) != SGS_STATUS_FORMAT)
+                fail_msg("case %zu (%s) is not refused", i, wrong_contents[i].message);
+            const char *place = binary ? wrong_contents[i].binary : wrong_contents[i].text;
+            char start[512];
+            snprintf(start, sizeof start, "%s/%s.%s: %s%s", folder.path, wrong_contents[i].file,
+                     kinds[binary], place ? place : "", place ? ": " : "");
+            assert_memory_equal(sgs_last_error(), start, strlen(start));
+            assert_holds(sgs_last_error(), wrong_contents[i].message);
+            bad_input();
+            assert_null(d.frames);
+            tree_remove(&folder);
+        }
+    }
+}
+
+static void points_that_are_not_finite_are_dropped_and_counted(void **state)
+{
+    (void)state;
+    for (int binary = 0; binary < 2; ++binary) {
+        const temp_folder folder = temp_folder_make();
+        model m = model_make();
+        warnings_begin(state);
+        m.points[1].xyz[0] = NAN;
+        m.points[2].xyz[2] = -INFINITY;
+        m.points[4].xyz[1] = 1e300; // beyond float
+        model_put(&folder, "", &m, binary);
+        sgsi_dataset d;
+        assert_int_equal(sgsi_colmap_read(folder.path, &d), SGS_STATUS_OK);
+        assert_int_equal(d.point_count, 2);
+        assert_true(d.points[3] == 1 && d.points[4] == 2 && d.points[5] == 3 && d.colors[3] == 9);
+        assert_holds(
+            warnings,
+            binary ? "points3D.bin: byte 75: 3 point(s) that are not finite numbers are dropped"
+                   : "points3D.txt: line 4: 3 point(s) that are not finite numbers are dropped");
+        sgsi_dataset_free(&d);
+        tree_remove(&folder);
+    }
+}
+
+static void models_without_points_are_read(void **state)
+{
+    (void)state;
+    for (int binary = 0; binary < 2; ++binary) {
+        const temp_folder folder = temp_folder_make();
+        model m = model_make();
+        warnings_begin(state);
+        m.point_count = 0;
+        model_put(&folder, "", &m, binary);
+        sgsi_dataset d;
+        assert_int_equal(sgsi_colmap_read(folder.path, &d), SGS_STATUS_OK);
+        assert_int_equal(d.point_count, 0);
+        assert_string_equal(warnings, "");
+        sgsi_dataset_free(&d);
+        unlink(temp_path(&folder, binary ? "points3D.bin" : "points3D.txt"));
+        assert_int_equal(sgsi_colmap_read(folder.path, &d), SGS_STATUS_OK);
+        assert_holds(warnings, binary ? "holds no points3D.bin" : "holds no points3D.txt");
+        sgsi_dataset_free(&d);
+        tree_remove(&folder);
+    }
+}
+
+// ---- damaged bytes ------------------------------------------------------------------------------
+
+// Overwrites `size` bytes at `offset` of a whole model's file with `value`.
+static const struct {
+    const char *file;
+    size_t offset;
+    int size;
+    uint64_t value;
+    sgs_status status;
+    const char *message;
+} damages[] = {
+    {"cameras.bin", 0, 8, 4, SGS_STATUS_FORMAT,
+     "cameras.bin: byte 264: the file ends inside of a camera"},
+    {"cameras.bin", 0, 8, 6, SGS_STATUS_FORMAT,
+     "byte 0: announces 6 cameras, but the 256 bytes that follow can hold 5"},
+    {"cameras.bin", 0, 8, UINT64_MAX, SGS_STATUS_FORMAT,
+     "byte 0: announces 18446744073709551615 cameras"},
+    {"cameras.bin", 12, 4, 17, SGS_STATUS_UNSUPPORTED,
+     "cameras.bin: byte 12: camera model 17 is unknown"},
+    {"cameras.bin", 100, 4, 11, SGS_STATUS_UNSUPPORTED,
+     "byte 100: camera model 11 is unknown; COLMAP's models 0 to 10"},
+    {"cameras.bin", 12, 4, UINT32_MAX, SGS_STATUS_UNSUPPORTED,
+     "byte 12: camera model -1 is unknown"},
+    {"images.bin", 0, 8, 100, SGS_STATUS_FORMAT, "images.bin: byte 0: announces 100 images"},
+    {"images.bin", 0, 8, (uint64_t)1 << 60, SGS_STATUS_FORMAT,
+     "byte 0: announces 1152921504606846976 images"},
+    {"images.bin", 0, 8, 5, SGS_STATUS_FORMAT, "the file ends inside of an image"},
+    {"images.bin", 78, 8, 1000, SGS_STATUS_FORMAT,
+     "byte 78: image 4 announces 1000 2-D points, but only"},
+    {"images.bin", 78, 8, UINT64_MAX / 24 + 2, SGS_STATUS_FORMAT,
+     "byte 78: image 4 announces 768614336404564652 2-D"},
+    {"images.bin", 72, 1, 0, SGS_STATUS_FORMAT,
+     "byte 73: image 4 announces"}, // an empty name shifts what follows
+    {"images.bin", 73, 1, '\n', SGS_STATUS_FORMAT,
+     "byte 8: the name of image 4 holds control characters"},
+    {"points3D.bin", 0, 8, 1000000, SGS_STATUS_FORMAT,
+     "points3D.bin: byte 0: announces 1000000 points"},
+    {"points3D.bin", 0, 8, 6, SGS_STATUS_FORMAT,
+     "announces 6 points, but the 303 bytes that follow can hold 5 at most"},
+    {"points3D.bin", 51, 8, 1 << 20, SGS_STATUS_FORMAT,
+     "byte 51: point 10 announces a track of 1048576 images"},
+    {"points3D.bin", 51, 8, (uint64_t)1 << 61, SGS_STATUS_FORMAT,
+     "byte 51: point 10 announces a track of 2305843009"},
+};
+
+static void damaged_counts_and_models_are_refused(void **state)
+{
+    (void)state;
+    for (size_t i = 0; i < sizeof damages / sizeof *damages; ++i) {
+        const temp_folder folder = whole_model(true);
+        size_t size;
+        unsigned char *bytes = file_get(temp_path(&folder, damages[i].file), &size);
+        for (int k = 0; k < damages[i].size; ++k)
+            bytes[damages[i].offset + (size_t)k] = (unsigned char)(damages[i].value >> (8 * k));
+        file_put(temp_path(&folder, damages[i].file), bytes, size);
+        free(bytes);
+        assert_refused(&folder, i, damages[i].status, damages[i].message);
+    }
+}
+
+static void too_small_counts_are_reported(void **state)
+{
+    (void)state;
+    const temp_folder folder = whole_model(true);
+    size_t size;
+    unsigned char *bytes = file_get(temp_path(&folder, "images.bin"), &size);
+    bytes[0] = 3;
+    file_put(temp_path(&folder, "images.bin"), bytes, size);
+    free(bytes);
+    sgsi_dataset d;
+    assert_int_equal(sgsi_colmap_read(folder.path, &d), SGS_STATUS_OK);
+    assert_int_equal(d.frame_count, 3);
+    assert_holds(warnings, "images.bin: byte 318: 162 bytes behind the last record are ignored");
+    sgsi_dataset_free(&d);
+    tree_remove(&folder);
+}
+
+static const char *const files[2][3] = {{"cameras.txt", "images.txt", "points3D.txt"},
+                                        {"cameras.bin", "images.bin", "points3D.bin"}};
+
+static void binary_files_cut_anywhere_are_refused(void **state)
+{
+    (void)state;
+    const temp_folder folder = whole_model(true);
+    for (int f = 0; f < 3; ++f) {
+        size_t size;
+        unsigned char *bytes = file_get(temp_path(&folder, files[1][f]), &size);
+        for (size_t length = 0; length < size; ++length) {
+            sgsi_dataset d;
+            file_put(temp_path(&folder, files[1][f]), bytes, length);
+            if (sgsi_colmap_read(folder.path, &d) != SGS_STATUS_FORMAT)
+                fail_msg("%s cut at byte %zu is not refused: %s", files[1][f], length,
+                         sgs_last_error());
+            assert_holds(sgs_last_error(), files[1][f]);
+            assert_holds(sgs_last_error(), ": byte ");
+        }
+        file_put(temp_path(&folder, files[1][f]), bytes, size);
+        free(bytes);
+    }
+    tree_remove(&folder);
+}
+
+static void text_files_cut_anywhere_end_in_order(void **state)
+{
+    (void)state;
+    const temp_folder folder = whole_model(false);
+    for (int f = 0; f < 3; ++f) {
+        size_t size;
+        unsigned char *bytes = file_get(temp_path(&folder, files[0][f]), &size);
+        for (size_t length = 0; length < size; ++length) {
+            sgsi_dataset d;
+            file_put(temp_path(&folder, files[0][f]), bytes, length);
+            const sgs_status status = sgsi_colmap_read(folder.path, &d);
+            assert_true(status == SGS_STATUS_OK || status == SGS_STATUS_FORMAT ||
+                        status == SGS_STATUS_UNSUPPORTED);
+            assert_true(d.frame_count <= MODEL_IMAGES && d.point_count <= MODEL_POINTS);
+            if (status)
+                assert_holds(sgs_last_error(), f == 0 && length > 120 ? "s.txt: " : files[0][f]);
+            sgsi_dataset_free(&d);
+        }
+        file_put(temp_path(&folder, files[0][f]), bytes, size);
+        free(bytes);
+    }
+    tree_remove(&folder);
+}
+
+static void any_damaged_byte_ends_in_order(void **state)
+{
+    (void)state;
+    static const unsigned char values[] = {0x00, 0xff, 0x7f, '\n', '-'};
+    const temp_folder folder = whole_model(true);
+    for (int f = 0; f < 3; ++f) {
+        size_t size;
+        unsigned char *bytes = file_get(temp_path(&folder, files[1][f]), &size);
+        for (size_t at = 0; at < size * sizeof values; ++at) {
+            const unsigned char kept = bytes[at / sizeof values];
+            bytes[at / sizeof values] = values[at % sizeof values];
+            file_put(temp_path(&folder, files[1][f]), bytes, size);
+            bytes[at / sizeof values] = kept;
+            sgsi_dataset d;
+            assert_true(orderly(sgsi_colmap_read(folder.path, &d)));
+            sgsi_dataset_free(&d);
+        }
+        file_put(temp_path(&folder, files[1][f]), bytes, size);
+        free(bytes);
+    }
+    tree_remove(&folder);
+}
+
+static void any_failing_allocation_is_reported(void **state)
+{
+    (void)state;
+    const model m = model_make();
+    for (int binary = 0; binary < 2; ++binary) {
+        const temp_folder folder = temp_folder_make();
+        model_put(&folder, "", &m, binary);
+        sgs_status status = SGS_STATUS_OUT_OF_MEMORY;
+        for (size_t n = 1; n < 200 && status; ++n) {
+            sgsi_dataset d;
+            sgsi_fail_allocation(n);
+            status = sgsi_colmap_read(folder.path, &d);
+            sgsi_fail_allocation(0);
+            assert_true(status == SGS_STATUS_OK || status == SGS_STATUS_OUT_OF_MEMORY);
+            sgsi_dataset_free(&d);
+        }
+        assert_int_equal(status, SGS_STATUS_OK);
+        tree_remove(&folder);
+    }
+}
+
+// ---- text ---------------------------------------------------------------------------------------
+
+static const struct {
+    const char *file, *content;
+    sgs_status status;
+    const char *message;
+} wrong_texts[] = {
+    {"cameras.txt", "", SGS_STATUS_FORMAT, "cameras.txt: holds no camera"},
+    {"cameras.txt", "# only\n\n   # comments\n", SGS_STATUS_FORMAT, "cameras.txt: holds no camera"},
+    {"cameras.txt", "7\n", SGS_STATUS_FORMAT,
+     "line 1: is not of the form CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]"},
+    {"cameras.txt", "x PINHOLE 64 48 1 1 1 1\n", SGS_STATUS_FORMAT,
+     "line 1: is not of the form CAMERA_ID"},
+    {"cameras.txt", "-7 PINHOLE 64 48 1 1 1 1\n", SGS_STATUS_FORMAT,
+     "line 1: is not of the form CAMERA_ID"},
+    {"cameras.txt", "4294967296 PINHOLE 64 48 1 1 1 1\n", SGS_STATUS_FORMAT,
+     "line 1: is not of the form CAMERA_ID"},
+    {"cameras.txt", "\n7 MAGIC 64 48 1 1 1 1\n", SGS_STATUS_UNSUPPORTED,
+     "line 2: camera model 'MAGIC' is unknown"},
+    {"cameras.txt", "7 pinhole 64 48 1 1 1 1\n", SGS_STATUS_UNSUPPORTED,
+     "camera model 'pinhole' is unknown"},
+    {"cameras.txt", "7 PINHOLE 64.5 48 1 1 1 1\n", SGS_STATUS_FORMAT,
+     "line 1: is not of the form CAMERA_ID"},
+    {"cameras.txt", "7 PINHOLE 99999999999999999999 48 1 1 1 1\n", SGS_STATUS_FORMAT,
+     "line 1: is not of the form"},
+    {"cameras.txt", "7 PINHOLE 64 48 1 1 1\n", SGS_STATUS_FORMAT,
+     "PINHOLE needs exactly 4 numbers as parameters"},
+    {"cameras.txt", "7 PINHOLE 64 48 1 1 1 1 1\n", SGS_STATUS_FORMAT,
+     "PINHOLE needs exactly 4 numbers"},
+    {"cameras.txt", "7 PINHOLE 64 48 1 1 1 1x\n", SGS_STATUS_FORMAT,
+     "PINHOLE needs exactly 4 numbers"},
+    {"images.txt", "# nothing\n", SGS_STATUS_FORMAT, "images.txt: holds no registered image"},
+    {"images.txt", "1 1 0 0 0 0 0 0 7 a.png\n\n2 1 0 0 0 0 0 0 7\n", SGS_STATUS_FORMAT,
+     "line 3: is not of the form IMAGE_ID"},
+    {"images.txt", "1 1 0 0 zero 0 0 0 7 a.png\n", SGS_STATUS_FORMAT,
+     "line 1: is not of the form IMAGE_ID QW QX QY QZ"},
+    {"images.txt", "1 1 0 0 0 0 0 0 seven a.png\n", SGS_STATUS_FORMAT,
+     "line 1: is not of the form IMAGE_ID"},
+    {"images.txt", "1 1 0 0 0 0 0 0 7 a.png\n2 1 0 0 0 0 0 0 7 b.png\n", SGS_STATUS_FORMAT,
+     "line 2: is not of the form X Y POINT3D_ID ... (the second line of every image"},
+    {"images.txt", "1 1 0 0 0 0 0 0 7 a.png\n2 1 0 0 0 0 0 0 7 two blanks in.png\n",
+     SGS_STATUS_FORMAT, "line 2: is not of the form X Y POINT3D_ID"},
+    {"images.txt", "1 1 0 0 0 0 0 0 7 a.png\n1 2 3 4\n", SGS_STATUS_FORMAT,
+     "line 2: is not of the form X Y POINT3D_ID"},
+    {"images.txt", "1 nan 0 0 0 0 0 0 7 a.png\n\n", SGS_STATUS_FORMAT,
+     "line 1: image 1 'a.png': the rotation"},
+    {"points3D.txt", "1 0 0\n", SGS_STATUS_FORMAT,
+     "points3D.txt: line 1: is not of the form POINT3D_ID X Y Z R G B"},
+    {"points3D.txt", "1 0 0 0 1 2 256 0.1\n", SGS_STATUS_FORMAT,
+     "line 1: is not of the form POINT3D_ID"},
+    {"points3D.txt", "1 0 0 0 1 2 -3 0.1\n", SGS_STATUS_FORMAT,
+     "line 1: is not of the form POINT3D_ID"},
+    {"points3D.txt", "1 0 0 0 1 2 3\n", SGS_STATUS_FORMAT, "line 1: is not of the form POINT3D_ID"},
+    {"points3D.txt", "1 0 0,5 0 1 2 3 0.1\n", SGS_STATUS_FORMAT,
+     "line 1: is not of the form POINT3D_ID"},
+};
+
+static void wrong_lines_are_named(void **state)
+{
+    (void)state;
+    for (size_t i = 0; i < sizeof wrong_texts / sizeof *wrong_texts; ++i) {
+        const temp_folder folder = whole_model(false);
+        tree_put_text(&folder, wrong_texts[i].file, wrong_texts[i].content);
+        assert_refused(&folder, i, wrong_texts[i].status, wrong_texts[i].message);
+    }
+}
+
+static void text_files_with_zero_bytes_are_refused(void **state)
+{
+    (void)state;
+    const temp_folder folder = whole_model(false);
+    tree_put(&folder, "points3D.txt", "1 0 0 0\0 1 2 3", 15);
+    sgsi_dataset d;
+    assert_int_equal(sgsi_colmap_read(folder.path, &d), SGS_STATUS_FORMAT);
+    assert_holds(sgs_last_error(), "points3D.txt: byte 7: a zero byte; this is not a text file");
+    bad_input();
+    tree_remove(&folder);
+}
+
+static void text_with_windows_marks_line_ends_and_tabs_is_read(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    tree_put_text(&folder, "cameras.txt", "\xEF\xBB\xBF\t1\tPINHOLE 64  48 50 50 32 24 \r\n");
+    tree_put_text(&folder, "images.txt",
+                  "\xEF\xBB\xBF# two images\r\n1 1 0 0 0 0 0 0 1 a b.png\r\n\r\n2 1 0 0 0 0 0 0 1 "
+                  "c.png\r\n1.5 2 -1 3 4 5\r\n");
+    tree_put_text(&folder, "points3D.txt", "1 1 2 3 4 5 6 0.5\r\n");
+    assert_int_equal(sgsi_colmap_image_count(folder.path), 2);
+    sgsi_dataset d;
+    assert_int_equal(sgsi_colmap_read(folder.path, &d), SGS_STATUS_OK);
+    assert_int_equal(d.frame_count, 2);
+    assert_string_equal(d.frames[0].name, "a b.png");
+    assert_string_equal(d.frames[1].name, "c.png");
+    assert_int_equal(d.point_count, 1);
+    sgsi_dataset_free(&d);
+    tree_remove(&folder);
+}
+
+static void header_that_announces_more_is_reported(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    model m = model_make();
+    model_put(&folder, "", &m, false);
+    tree_put_text(&folder, "points3D.txt",
+                  "# Number of points: 900, mean track length: 2\n1 1 2 3 4 5 6 0.5\n");
+    sgsi_dataset d;
+    assert_int_equal(sgsi_colmap_read(folder.path, &d), SGS_STATUS_OK);
+    assert_holds(
+        warnings,
+        "points3D.txt: its header announces 900 points, but it holds 1; is the file complete?");
+    sgsi_dataset_free(&d);
+    tree_remove(&folder);
+}
+
+static void decimal_points_do_not_depend_on_the_language(void **state)
+{
+    (void)state;
+    static const char *const names[] = {"de_DE.UTF-8", "fr_FR.UTF-8", "de_DE", "ru_RU.UTF-8"};
+    locale_t german = (locale_t)0;
+    for (size_t i = 0; i < 4 && !german; ++i)
+        german = newlocale(LC_NUMERIC_MASK, names[i], (locale_t)0);
+    if (!german)
+        skip(); // none of them is installed
+    const model m = model_make();
+    const temp_folder folder = whole_model(false);
+    const locale_t earlier = uselocale(german);
+    sgsi_dataset d;
+    const sgs_status status = sgsi_colmap_read(folder.path, &d);
+    uselocale(earlier);
+    freelocale(german);
+    assert_int_equal(status, SGS_STATUS_OK);
+    assert_equals_model(&d, &m);
+    sgsi_dataset_free(&d);
+    tree_remove(&folder);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_setup(both_formats_hold_the_model_exactly, warnings_begin),
+        cmocka_unit_test_setup(binary_is_preferred_over_text, warnings_begin),
+        cmocka_unit_test_setup(a_cloud_of_the_other_kind_is_read, warnings_begin),
+        cmocka_unit_test_setup(wrong_content_is_refused_in_both_formats, warnings_begin),
+        cmocka_unit_test_setup(points_that_are_not_finite_are_dropped_and_counted, warnings_begin),
+        cmocka_unit_test_setup(models_without_points_are_read, warnings_begin),
+        cmocka_unit_test_setup(damaged_counts_and_models_are_refused, warnings_begin),
+        cmocka_unit_test_setup(too_small_counts_are_reported, warnings_begin),
+        cmocka_unit_test_setup(binary_files_cut_anywhere_are_refused, warnings_begin),
+        cmocka_unit_test_setup(text_files_cut_anywhere_end_in_order, warnings_begin),
+        cmocka_unit_test_setup(any_damaged_byte_ends_in_order, warnings_begin),
+        cmocka_unit_test_setup(any_failing_allocation_is_reported, warnings_begin),
+        cmocka_unit_test_setup(wrong_lines_are_named, warnings_begin),
+        cmocka_unit_test_setup(text_files_with_zero_bytes_are_refused, warnings_begin),
+        cmocka_unit_test_setup(text_with_windows_marks_line_ends_and_tabs_is_read, warnings_begin),
+        cmocka_unit_test_setup(header_that_announces_more_is_reported, warnings_begin),
+        cmocka_unit_test_setup(decimal_points_do_not_depend_on_the_language, warnings_begin),
+    };
+    return cmocka_run_group_tests_name("colmap", tests, NULL, NULL);
+}

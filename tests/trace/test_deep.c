@@ -1,0 +1,424 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Deep samples: the oracle's hits where nothing is merged; whatever is merged, the flat picture
+// when laid over each other; and deep EXR files as another program reads them.
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include <cmocka.h>
+
+#include <stdio.h>
+
+#include "support/files_support.h"
+#include "support/fragile_support.h"
+#include "support/oracle_support.h"
+#include "sparegs/image.h"
+#include "sparegs/runtime.h"
+
+enum { WIDTH = 61, HEIGHT = 83, PIXELS = WIDTH * HEIGHT }; // three bands of bins and a part
+
+// Everything a rendering delivers.
+typedef struct deep_picture {
+    sgs_frame frame;
+    uint32_t counts[PIXELS];
+    size_t first[PIXELS + 1];
+    sgs_deep_sample *samples;
+    int next_row;
+} deep_picture;
+
+static sgs_status take_rows(void *context, int y, int rows, const uint32_t *counts,
+                            const sgs_deep_sample *samples)
+{
+    deep_picture *picture = context;
+    assert_int_equal(y, picture->next_row);
+    assert_true(rows > 0 && y + rows <= HEIGHT);
+    picture->next_row = y + rows;
+    for (size_t i = (size_t)y * WIDTH; i < (size_t)(y + rows) * WIDTH; ++i) {
+        picture->counts[i] = counts[i - (size_t)y * WIDTH];
+        picture->first[i + 1] = picture->first[i] + picture->counts[i];
+    }
+    const size_t begin = picture->first[y * WIDTH], end = picture->first[(y + rows) * WIDTH];
+    picture->samples = realloc(picture->samples, (end + 1) * sizeof *samples);
+    assert_non_null(picture->samples);
+    memcpy(picture->samples + begin, samples, (end - begin) * sizeof *samples);
+    return SGS_STATUS_OK;
+}
+
+static deep_picture *picture_create(const sgs_gaussians *model, const sgs_camera *camera,
+                                    const sgs_pose *pose, const sgs_render_options *options,
+                                    const sgs_deep_options *deep)
+{
+    deep_picture *picture = oracle_memory(1, sizeof *picture);
+    sgs_renderer *renderer;
+    assert_int_equal(sgs_renderer_create(model, &renderer), SGS_STATUS_OK);
+    assert_int_equal(sgs_frame_create(WIDTH, HEIGHT, &picture->frame), SGS_STATUS_OK);
+    if (sgs_renderer_render_deep(renderer, camera, pose, options, deep, &picture->frame, take_rows,
+                                 picture))
+        fail_msg("%s", sgs_last_error());
+    assert_int_equal(picture->next_row, HEIGHT);
+    sgs_renderer_destroy(renderer);
+    return picture;
+}
+
+static void picture_free(deep_picture *picture)
+{
+    sgs_frame_free(&picture->frame);
+    free(picture->samples);
+    free(picture);
+}
+
+static const sgs_pose *view_pose(void)
+{
+    static sgs_pose pose;
+    pose = oracle_pose_look_at(1.2, -0.7, -3.6);
+    return &pose;
+}
+
+static sgs_camera view_camera(sgs_camera_model model)
+{
+    return oracle_camera(model, WIDTH, HEIGHT);
+}
+
+// `over` of a pixel's samples against the flat planes, order, overlap and first distance. Returns
+// the worst difference.
+static double check_pixel(const deep_picture *picture, size_t i, const sgs_deep_options *deep)
+{
+    double through = 1, color[3] = {0, 0, 0}, worst = 0, behind = 0;
+    assert_true(picture->counts[i] <= (uint32_t)deep->max_samples);
+    for (size_t k = picture->first[i]; k < picture->first[i + 1]; ++k) {
+        const sgs_deep_sample *s = &picture->samples[k];
+        assert_true(s->z > behind && s->z_back >= s->z && s->alpha > 0 && s->alpha <= 1);
+        behind = s->z_back;
+        for (int c = 0; c < 3; ++c) {
+            assert_true(s->color[c] >= 0);
+            color[c] += through * s->color[c];
+        }
+        through *= 1 - s->alpha;
+    }
+    for (int c = 0; c < 3; ++c)
+        worst = fmax(worst, fabs(color[c] - picture->frame.color[c][i]));
+    worst = fmax(worst, fabs(through - picture->frame.transmittance[i]));
+    const float first = picture->counts[i] ? picture->samples[picture->first[i]].z : 0;
+    assert_true(first == picture->frame.depth_first[i]);
+    assert_int_equal(picture->counts[i] > 0, picture->frame.hits[i] > 0);
+    return worst;
+}
+
+static void flattened_samples_are_the_flat_picture(void **state)
+{
+    (void)state;
+    static const sgs_deep_options choices[] = {{0, 256}, {0.01, 32}, {0.05, 8},
+                                               {0, 3},   {1, 1},     {0, 1}};
+    const sgs_render_options options = sgs_render_options_default();
+    oracle_scene scenes[2] = {oracle_random_model(3, 600, NULL),
+                              oracle_adversarial_model(ORACLE_DUPLICATES, 11, 400)};
+    for (int n = 0; n < 2; ++n) {
+        const sgs_camera camera = view_camera(SGS_CAMERA_OPENCV);
+        for (size_t k = 0; k < sizeof choices / sizeof *choices; ++k) {
+            deep_picture *picture =
+                picture_create(scenes[n].model, &camera, view_pose(), &options, &choices[k]);
+            double worst = 0;
+            for (size_t i = 0; i < PIXELS; ++i)
+                worst = fmax(worst, check_pixel(picture, i, &choices[k]));
+            print_message("tolerance %g, at most %d: %zu samples, worst %.2g\n",
+                          choices[k].tolerance, choices[k].max_samples, picture->first[PIXELS],
+                          worst);
+            assert_true(worst <= 1e-5);
+            picture_free(picture);
+        }
+        oracle_scene_free(&scenes[n]);
+    }
+}
+
+static void samples_are_the_hits_of_the_oracle(void **state)
+{
+    (void)state;
+    const sgs_deep_options deep = {0, 256};
+    size_t compared = 0;
+    oracle_scene scene = oracle_random_model(8, 200, NULL);
+    for (int run = 0; run < 4; ++run) {
+        const sgs_camera camera =
+            view_camera(run % 2 ? SGS_CAMERA_OPENCV_FISHEYE : SGS_CAMERA_PINHOLE);
+        sgs_render_options options = sgs_render_options_default();
+        options.axis_depth = run >= 2;
+        deep_picture *picture = picture_create(scene.model, &camera, view_pose(), &options, &deep);
+        sgsi_reference_view view;
+        assert_int_equal(sgsi_reference_view_create(scene.params, scene.count, &camera, view_pose(),
+                                                    &options, &view),
+                         SGS_STATUS_OK);
+        sgs_hit *hits = oracle_memory(scene.count, sizeof *hits);
+        for (int i = 0; i < PIXELS; ++i) {
+            double direction[3];
+            assert_true(sgsi_reference_ray(&view, i % WIDTH, i / WIDTH, direction));
+            const pixel_truth truth = judge(&view, direction, hits);
+            if (truth.fragile)
+                continue;
+            assert_int_equal(picture->counts[i], truth.count);
+            const double *axis = view.pose->rotation + 6;
+            const double unit =
+                options.axis_depth
+                    ? axis[0] * direction[0] + axis[1] * direction[1] + axis[2] * direction[2]
+                    : 1;
+            for (size_t k = 0; k < truth.count; ++k) {
+                const sgs_deep_sample *s = &picture->samples[picture->first[i] + k];
+                assert_true(fabs(s->z - unit * hits[k].t) <= 2e-5 * hits[k].t && s->z_back == s->z);
+                assert_true(fabs(s->alpha - hits[k].alpha) <= 1e-5);
+                for (int c = 0; c < 3; ++c)
+                    assert_true(fabs(s->color[c] -
+                                     hits[k].alpha * view.primitives[hits[k].primitive].color[c]) <=
+                                2e-5);
+                ++compared;
+            }
+        }
+        free(hits);
+        sgsi_reference_view_free(&view);
+        picture_free(picture);
+    }
+    oracle_scene_free(&scene);
+    assert_true(compared > 50000);
+}
+
+static void hits_merge_only_within_the_tolerance(void **state)
+{
+    (void)state;
+    const sgs_deep_options fine = {0, 256}, coarse = {0.03, 256};
+    const sgs_render_options options = sgs_render_options_default();
+    const sgs_camera camera = view_camera(SGS_CAMERA_PINHOLE);
+    oracle_scene scene = oracle_random_model(8, 300, NULL);
+    deep_picture *all = picture_create(scene.model, &camera, view_pose(), &options, &fine);
+    deep_picture *some = picture_create(scene.model, &camera, view_pose(), &options, &coarse);
+    for (size_t i = 0; i < PIXELS; ++i) {
+        size_t k = all->first[i];
+        for (size_t j = some->first[i]; j < some->first[i + 1]; ++j) {
+            const sgs_deep_sample *s = &some->samples[j];
+            assert_true(s->z_back <= s->z * (1.03 + 1e-6));
+            assert_true(s->z == all->samples[k].z);
+            while (k < all->first[i + 1] && all->samples[k].z <= s->z_back)
+                ++k; // what this sample holds
+            assert_true(k == all->first[i + 1] ||
+                        all->samples[k].z >= s->z * (1.03 - 1e-6)); // no less than it could
+        }
+        assert_true(k == all->first[i + 1]);
+    }
+    assert_true(some->first[PIXELS] * 2 < all->first[PIXELS]);
+    picture_free(all);
+    picture_free(some);
+    oracle_scene_free(&scene);
+}
+
+static void bits_do_not_depend_on_threads_or_samples(void **state)
+{
+    (void)state;
+    const sgs_deep_options deep = sgs_deep_options_default();
+    const sgs_render_options options = sgs_render_options_default();
+    const sgs_camera camera = view_camera(SGS_CAMERA_OPENCV);
+    oracle_scene scene = oracle_random_model(21, 500, NULL);
+    sgs_set_threads(1);
+    deep_picture *one = picture_create(scene.model, &camera, view_pose(), &options, &deep);
+    sgs_set_threads(3);
+    deep_picture *three = picture_create(scene.model, &camera, view_pose(), &options, &deep);
+    sgs_set_threads(0);
+    assert_memory_equal(one->counts, three->counts, sizeof one->counts);
+    assert_memory_equal(one->samples, three->samples, one->first[PIXELS] * sizeof *one->samples);
+    sgs_renderer *renderer;
+    sgs_frame flat;
+    assert_int_equal(sgs_renderer_create(scene.model, &renderer), SGS_STATUS_OK);
+    assert_int_equal(sgs_frame_create(WIDTH, HEIGHT, &flat), SGS_STATUS_OK);
+    assert_int_equal(sgs_renderer_render(renderer, &camera, view_pose(), &options, &flat),
+                     SGS_STATUS_OK);
+    for (int c = 0; c < 3; ++c)
+        assert_memory_equal(flat.color[c], one->frame.color[c], PIXELS * sizeof(float));
+    assert_memory_equal(flat.depth_median, one->frame.depth_median, PIXELS * sizeof(float));
+    sgs_frame_free(&flat);
+    sgs_renderer_destroy(renderer);
+    picture_free(one);
+    picture_free(three);
+    oracle_scene_free(&scene);
+}
+
+static sgs_status refuse_rows(void *context, int y, int rows, const uint32_t *counts,
+                              const sgs_deep_sample *samples)
+{
+    (void)rows, (void)counts, (void)samples;
+    *(int *)context += 1;
+    return y ? SGS_STATUS_INTERNAL : SGS_STATUS_IO;
+}
+
+static void a_refused_band_ends_the_rendering(void **state)
+{
+    (void)state;
+    const sgs_deep_options deep = sgs_deep_options_default(),
+                           bad[] = {{-1, 4}, {2, 4}, {NAN, 4}, {0, 0}, {0, 257}};
+    const sgs_render_options options = sgs_render_options_default();
+    const sgs_camera camera = view_camera(SGS_CAMERA_PINHOLE);
+    oracle_scene scene = oracle_random_model(2, 20, NULL);
+    sgs_renderer *renderer;
+    sgs_frame frame;
+    int calls = 0;
+    assert_int_equal(sgs_renderer_create(scene.model, &renderer), SGS_STATUS_OK);
+    assert_int_equal(sgs_frame_create(WIDTH, HEIGHT, &frame), SGS_STATUS_OK);
+    assert_int_equal(sgs_renderer_render_deep(renderer, &camera, view_pose(), &options, &deep,
+                                              &frame, refuse_rows, &calls),
+                     SGS_STATUS_IO);
+    assert_int_equal(calls, 1);
+    for (size_t k = 0; k < sizeof bad / sizeof *bad; ++k)
+        assert_int_equal(sgs_renderer_render_deep(renderer, &camera, view_pose(), &options, &bad[k],
+                                                  &frame, refuse_rows, &calls),
+                         SGS_STATUS_INVALID_ARGUMENT);
+    sgs_frame_free(&frame);
+    sgs_renderer_destroy(renderer);
+    oracle_scene_free(&scene);
+}
+
+// ---- Files ----
+
+enum { SMALL_WIDTH = 5, SMALL_HEIGHT = 40 };
+
+// Random samples, some pixels empty, at numbers that a decimal print tells exactly.
+static size_t random_samples(uint32_t counts[SMALL_WIDTH * SMALL_HEIGHT], sgs_deep_sample *samples)
+{
+    oracle_random random = {.seed = 4};
+    size_t total = 0;
+    for (size_t i = 0; i < SMALL_WIDTH * SMALL_HEIGHT; ++i) {
+        counts[i] = (uint32_t)oracle_uniform(&random, 0, 7);
+        for (uint32_t k = 0; k < counts[i]; ++k) {
+            const float z = (float)k + 1 + 0.25f * (float)(i % 3);
+            samples[total++] = (sgs_deep_sample){
+                z, z + 0.125f, (float)(k + 1) / 64, {0.5f, (float)(i % 16) / 16, 0.25f}};
+        }
+    }
+    return total;
+}
+
+static sgs_status write_file(const char *path, sgs_exr_compression compression,
+                             const uint32_t *counts, const sgs_deep_sample *samples)
+{
+    const sgs_exr_info info = {.width = SMALL_WIDTH,
+                               .height = SMALL_HEIGHT,
+                               .view_name = "deep",
+                               .compression = compression};
+    sgs_exr_deep *deep;
+    sgs_status status = sgs_exr_deep_open(path, &info, 7, &deep);
+    if (status)
+        return status;
+    static const int bands[] = {1, 0, 3, 36}; // of any height
+    for (size_t k = 0; k < sizeof bands / sizeof *bands && !status; ++k) {
+        status = sgs_exr_deep_write(deep, bands[k], counts, samples);
+        for (int i = 0; i < bands[k] * SMALL_WIDTH; ++i)
+            samples += *counts++;
+    }
+    if (!status)
+        return sgs_exr_deep_close(deep);
+    sgs_exr_deep_abort(deep);
+    return status;
+}
+
+static void deep_files_are_read_by_another_program(void **state)
+{
+    (void)state;
+    static uint32_t counts[SMALL_WIDTH * SMALL_HEIGHT];
+    static sgs_deep_sample samples[7 * SMALL_WIDTH * SMALL_HEIGHT];
+    static char output[1 << 20];
+    random_samples(counts, samples);
+    const temp_folder folder = temp_folder_make();
+    for (int run = 0; run < 2; ++run) {
+        const char *path = temp_path(&folder, "deep.exr");
+        if (write_file(path, run ? SGS_EXR_NONE : SGS_EXR_ZIP, counts, samples))
+            fail_msg("%s", sgs_last_error());
+        const char *const dump[] = {"oiiotool", "--info", "-v", "--dumpdata", path, NULL};
+        const int status = run_program(dump, output, sizeof output);
+        if (status == 127) {
+            temp_folder_remove(&folder);
+            skip();
+        }
+        assert_int_equal(status, 0);
+        assert_non_null(strstr(output, run ? "compression: \"none\"" : "compression: \"zips\""));
+        assert_non_null(strstr(output, "deep float"));
+        size_t k = 0;
+        for (int i = 0; i < SMALL_WIDTH * SMALL_HEIGHT; ++i) {
+            char expected[1024];
+            int length = snprintf(expected, sizeof expected, "Pixel (%d, %d): %u samples",
+                                  i % SMALL_WIDTH, i / SMALL_WIDTH, counts[i]);
+            for (uint32_t j = 0; j < counts[i]; ++j, ++k)
+                length += snprintf(expected + length, sizeof expected - (size_t)length,
+                                   "%s R=%g G=%g B=%g A=%g Z=%g ZBack=%g", j ? " / " : " :",
+                                   samples[k].color[0], samples[k].color[1], samples[k].color[2],
+                                   samples[k].alpha, samples[k].z, samples[k].z_back);
+            if (!strstr(output, expected))
+                fail_msg("oiiotool does not say '%s' but:\n%.2000s", expected, output);
+        }
+    }
+    temp_folder_remove(&folder);
+}
+
+static void deep_write_failure_leaves_no_file(void **state)
+{
+    (void)state;
+    static uint32_t counts[SMALL_WIDTH * SMALL_HEIGHT];
+    static sgs_deep_sample samples[7 * SMALL_WIDTH * SMALL_HEIGHT];
+    random_samples(counts, samples);
+    const temp_folder folder = temp_folder_make();
+    const char *path = temp_path(&folder, "deep.exr");
+    static const size_t limits[] = {0, 100, 900, 2500};
+    for (size_t k = 0; k < sizeof limits / sizeof *limits; ++k) {
+        files_limited(limits[k]);
+        const sgs_status status = write_file(path, SGS_EXR_NONE, counts, samples);
+        files_unlimited();
+        assert_int_equal(status, SGS_STATUS_IO);
+        assert_non_null(strstr(sgs_last_error(), "deep.exr: cannot be written: File too large"));
+        assert_int_equal(temp_folder_count(&folder), 0);
+    }
+    // A file that lacks rows is no file either.
+    const sgs_exr_info info = {.width = SMALL_WIDTH, .height = SMALL_HEIGHT};
+    sgs_exr_deep *deep;
+    assert_int_equal(sgs_exr_deep_open(path, &info, 7, &deep), SGS_STATUS_OK);
+    assert_int_equal(sgs_exr_deep_write(deep, 7, counts, samples), SGS_STATUS_OK);
+    assert_int_equal(sgs_exr_deep_write(deep, SMALL_HEIGHT, counts, samples),
+                     SGS_STATUS_INVALID_ARGUMENT);
+    assert_int_not_equal(sgs_exr_deep_close(deep), SGS_STATUS_OK);
+    sgs_exr_deep_abort(NULL);
+    assert_int_equal(temp_folder_count(&folder), 0);
+    temp_folder_remove(&folder);
+}
+
+static void deep_files_survive_lack_of_memory(void **state)
+{
+    (void)state;
+    static uint32_t counts[SMALL_WIDTH * SMALL_HEIGHT];
+    static sgs_deep_sample samples[7 * SMALL_WIDTH * SMALL_HEIGHT];
+    random_samples(counts, samples);
+    const temp_folder folder = temp_folder_make();
+    char path[300];
+    snprintf(path, sizeof path, "%s", temp_path(&folder, "deep.exr"));
+    sgs_status status = SGS_STATUS_OUT_OF_MEMORY;
+    size_t n = 0;
+    while (status) {
+        sgsi_fail_allocation(++n);
+        status = write_file(path, SGS_EXR_ZIP, counts, samples);
+        if (status && status != SGS_STATUS_OUT_OF_MEMORY)
+            fail_msg("allocation %zu: %s", n, sgs_last_error());
+        assert_int_equal(temp_folder_count(&folder), status ? 0 : 1);
+    }
+    sgsi_fail_allocation(0);
+    assert_true(n > 10);
+    temp_folder_remove(&folder);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(flattened_samples_are_the_flat_picture),
+        cmocka_unit_test(samples_are_the_hits_of_the_oracle),
+        cmocka_unit_test(hits_merge_only_within_the_tolerance),
+        cmocka_unit_test(bits_do_not_depend_on_threads_or_samples),
+        cmocka_unit_test(a_refused_band_ends_the_rendering),
+        cmocka_unit_test(deep_files_are_read_by_another_program),
+        cmocka_unit_test(deep_write_failure_leaves_no_file),
+        cmocka_unit_test(deep_files_survive_lack_of_memory),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

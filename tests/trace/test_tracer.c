@@ -1,0 +1,417 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Order and hits. The tracer's images and hit lists against the same kernels without a BVH:
+// identical to the bit, for every scene, lens, build quality, bin size, refit history, depth guess
+// and number of threads. Against the oracle in double precision: see test_tracer_oracle.c;
+// gradients: test_tracer_gradient.c.
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include <cmocka.h>
+
+#include <stdio.h>
+
+#include "support/tracer_support.h"
+
+static const sgs_isa all_isas[SGS_ISA_COUNT] = {SGS_ISA_BASELINE, SGS_ISA_AVX2, SGS_ISA_AVX512};
+
+static const char *label(const char *scene, const char *rest, int number)
+{
+    static char text[160];
+    snprintf(text, sizeof text, "%s, %s %d", scene, rest, number);
+    return text;
+}
+
+// ---- With and without a BVH ----
+
+static void lists_and_images_equal_those_without_a_bvh(void **state)
+{
+    (void)state;
+    static const int bins[] = {1, 2, 4};
+    const sgs_pose poses[2] = {oracle_pose_look_at(0, 0, -4), oracle_pose_look_at(2.1, -1.3, -3.2)};
+    int run = 0;
+    for (int number = 0; number < TRACED_SCENE_COUNT; ++number) {
+        oracle_scene scene = traced_scene(number);
+        for (int lens = 0; lens < TRACED_LENS_COUNT; ++lens) {
+            for (int filter = SGS_FILTER_3DGS; filter <= SGS_FILTER_NONE; ++filter, ++run) {
+                const sgs_camera camera = oracle_camera(traced_lenses[lens], 83, 61);
+                traced_view traced =
+                    traced_create(scene.model, &camera, &poses[run % 2], (sgs_filter)filter,
+                                  bins[(run + number) % 3],
+                                  (sgsi_bvh_quality)((run + run / 4) % SGSI_BVH_QUALITY_COUNT));
+                traced_assert_matches_brute_force(&traced, scene.count,
+                                                  label(traced_scene_name(number), "lens", lens));
+                traced_destroy(&traced);
+            }
+        }
+        oracle_scene_free(&scene);
+    }
+}
+
+static void every_isa_equals_itself_without_a_bvh(void **state)
+{
+    (void)state;
+    const sgs_pose pose = oracle_pose_look_at(0, 0, -4);
+    const sgs_camera camera = oracle_camera(SGS_CAMERA_OPENCV, 63, 47);
+    for (int i = 0; i < SGS_ISA_COUNT; ++i) {
+        if (!sgs_isa_supported(all_isas[i]))
+            continue;
+        assert_int_equal(sgs_set_isa(all_isas[i]), SGS_STATUS_OK);
+        for (int number = 0; number < TRACED_SCENE_COUNT; ++number) {
+            oracle_scene scene = traced_scene(number);
+            traced_view traced =
+                traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, 2, SGSI_BVH_REFIT);
+            traced_assert_matches_brute_force(&traced, scene.count,
+                                              label(traced_scene_name(number), "isa", i));
+            traced_destroy(&traced);
+            oracle_scene_free(&scene);
+        }
+    }
+}
+
+// A tree that was refitted for other cameras and for moved primitives, and a fresh one, of any
+// quality.
+static void morton_sah_and_refitted_trees_give_the_same_bits(void **state)
+{
+    (void)state;
+    const sgs_pose pose = oracle_pose_look_at(0, 0, -4), away = oracle_pose_look_at(-9, 3, 5);
+    const sgs_camera camera = oracle_camera(SGS_CAMERA_OPENCV, 83, 61),
+                     other = oracle_camera(SGS_CAMERA_OPENCV_FISHEYE, 40, 30);
+    for (int number = 0; number < TRACED_SCENE_COUNT; ++number) {
+        const char *name = traced_scene_name(number);
+        oracle_scene scene = traced_scene(number), moved = traced_scene(number);
+        for (size_t i = 0; i < moved.count; ++i)
+            for (int k = 0; k < 3; ++k)
+                oracle_primitive(&moved, i)[SGS_PARAM_MEAN + k] += sin((double)i * (k + 1));
+        oracle_scene_round(&moved);
+        const int bin = 1 << number % 3;
+        traced_view first =
+            traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, bin, SGSI_BVH_REFIT);
+        const traced_lists lists = traced_lists_of(first.tracer, first.rays);
+        for (int quality = SGSI_BVH_LOW; quality < SGSI_BVH_QUALITY_COUNT; ++quality) {
+            traced_view again = traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, bin,
+                                              (sgsi_bvh_quality)quality);
+            traced_assert_same_image(&first.planes, &again.planes, label(name, "quality", quality));
+            traced_aim(&again, &other, &away, 1);
+            traced_project(&again, scene.model, false, (sgsi_bvh_quality)quality);
+            traced_forward(&again, NULL);
+            traced_assert_matches_brute_force(&again, scene.count,
+                                              label(name, "refitted away, quality", quality));
+            traced_project(&again, moved.model, false, (sgsi_bvh_quality)quality);
+            traced_forward(&again, NULL);
+            traced_assert_matches_brute_force(&again, scene.count,
+                                              label(name, "moved, quality", quality));
+            traced_aim(&again, &camera, &pose, bin);
+            traced_project(&again, scene.model, false, (sgsi_bvh_quality)quality);
+            traced_forward(&again, NULL);
+            traced_assert_same_image(&first.planes, &again.planes,
+                                     label(name, "refitted back, quality", quality));
+            traced_lists back = traced_lists_of(again.tracer, again.rays);
+            traced_assert_same_lists(&lists, &back, label(name, "refitted back, quality", quality));
+            traced_lists_free(&back);
+            traced_destroy(&again);
+        }
+        traced_lists_free(&(traced_lists){.begin = lists.begin, .ids = lists.ids});
+        traced_destroy(&first);
+        oracle_scene_free(&scene);
+        oracle_scene_free(&moved);
+    }
+}
+
+// ---- Depth guesses ----
+
+// Nearly opaque and slanted, many layers: the guesses cut most of the scene, and order is repaired
+// in most blocks.
+static oracle_scene opaque_scene(uint64_t seed, size_t count)
+{
+    const oracle_range range = {1.5, 0.02, 0.9, 0.6, 0.99, 0.15};
+    return oracle_random_model(seed, count, &range);
+}
+
+// Pancakes seen nearly edge on: within a block their distances vary so much that hits far behind a
+// guess stand before counted ones in the list.
+static oracle_scene slanted_scene(uint64_t seed, size_t count)
+{
+    const oracle_range range = {2, 0.005, 3, 0.5, 0.95, 0.15};
+    oracle_scene scene = oracle_random_model(seed, count, &range);
+    oracle_random random = {seed + 1, 0};
+    for (size_t i = 0; i < count; ++i) {
+        double *p = oracle_primitive(&scene, i);
+        const double turn = oracle_uniform(&random, 0, 6.28),
+                     tilt = oracle_uniform(&random, -0.15, 0.15);
+        double normal[3] = {cos(turn), sin(turn), tilt};
+        oracle_normalize(normal);
+        const double rotation[4] = {1 + normal[1] + 1e-9, normal[2], 0,
+                                    -normal[0]}; // local y onto the normal
+        memcpy(p + SGS_PARAM_ROTATION, rotation, sizeof rotation);
+        oracle_set_scales(p, oracle_uniform(&random, 0.3, 2), oracle_uniform(&random, 0.005, 0.05),
+                          oracle_uniform(&random, 0.3, 2));
+    }
+    oracle_scene_round(&scene);
+    return scene;
+}
+
+// Numbers below 0: two opaque scenes, six slanted ones.
+enum { GUESS_SCENES = 8 };
+
+static oracle_scene guess_scene(int number)
+{
+    if (number >= 0)
+        return traced_scene(number);
+    return number >= -2 ? opaque_scene((uint64_t)(20 - number), 1500)
+                        : slanted_scene((uint64_t)(500 - number), 1500);
+}
+
+static size_t tile_count(const traced_view *traced)
+{
+    return (size_t)traced->rays->tiles_x * (size_t)traced->rays->tiles_y;
+}
+
+static void guesses_of_earlier_visits_change_no_bit_and_save_work(void **state)
+{
+    (void)state;
+    const sgs_pose pose = oracle_pose_look_at(0, 0, -4);
+    const sgs_camera camera = oracle_camera(SGS_CAMERA_PINHOLE, 150, 110);
+    for (int number = -GUESS_SCENES; number < TRACED_SCENE_COUNT; ++number) {
+        oracle_scene scene = guess_scene(number);
+        const char *name = number < 0 ? "opaque or slanted" : traced_scene_name(number);
+        for (int bin = 1; bin <= SGSI_BIN_SIDE; bin *= 4) {
+            traced_view traced =
+                traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, bin, SGSI_BVH_REFIT);
+            sgsi_planes plain = traced.planes;
+            traced.planes = (sgsi_planes){0};
+            const uint64_t candidates = sgsi_tracer_counts(traced.tracer).candidates;
+            float *guess = oracle_memory(tile_count(&traced), sizeof *guess);
+            for (size_t i = 0; i < tile_count(&traced); ++i)
+                guess[i] = INFINITY;
+            for (int visit = 0; visit < 3; ++visit) {
+                traced_forward(&traced, guess);
+                traced_assert_same_image(&plain, &traced.planes, label(name, "visit", visit));
+                if (visit)
+                    assert_int_equal(sgsi_tracer_counts(traced.tracer).regathered, 0);
+            }
+            if (number < 0)
+                assert_true(sgsi_tracer_counts(traced.tracer).candidates < candidates * 3 / 4);
+            free(guess);
+            traced_planes_free(&plain);
+            traced_destroy(&traced);
+        }
+        oracle_scene_free(&scene);
+    }
+}
+
+static void guesses_that_are_too_near_are_repaired_exactly(void **state)
+{
+    (void)state;
+    const sgs_pose pose = oracle_pose_look_at(0, 0, -4);
+    const sgs_camera cameras[2] = {
+        oracle_camera(SGS_CAMERA_PINHOLE, 150, 110),
+        {SGS_CAMERA_OPENCV_FISHEYE, 140, 140, {42, 42, 70, 70}}}; // no rays in the corners
+    uint64_t regathered = 0;
+    for (int number = -GUESS_SCENES; number < TRACED_SCENE_COUNT; ++number) {
+        oracle_scene scene = guess_scene(number);
+        const sgs_camera *camera = &cameras[(number + GUESS_SCENES) % 2];
+        traced_view traced = traced_create(scene.model, camera, &pose, SGS_FILTER_3DGS,
+                                           1 << (number + GUESS_SCENES) / 2 % 3, SGSI_BVH_REFIT);
+        sgsi_planes plain = traced.planes;
+        traced.planes = (sgsi_planes){0};
+        float *guess = oracle_memory(tile_count(&traced), sizeof *guess);
+        for (int plant = 0; plant < 6; ++plant) {
+            for (size_t i = 0; i < tile_count(&traced); ++i) {
+                const float planted[6] = {
+                    0.0f, 3.0f,  (float)(2 + (i * 7) % 5),
+                    NAN,  -1.0f, (float)(2.5 + 3 * sgsi_random_uniform((uint64_t)number + 50, i))};
+                guess[i] = planted[plant];
+            }
+            traced_forward(&traced, guess);
+            regathered += sgsi_tracer_counts(traced.tracer).regathered;
+            traced_assert_same_image(&plain, &traced.planes, label("guess", "planted", plant));
+            traced_forward(&traced, guess); // the repaired guesses are good ones
+            assert_int_equal(sgsi_tracer_counts(traced.tracer).regathered, 0);
+            traced_assert_same_image(&plain, &traced.planes, label("guess", "repaired", plant));
+        }
+        free(guess);
+        traced_planes_free(&plain);
+        traced_destroy(&traced);
+        oracle_scene_free(&scene);
+    }
+    assert_true(regathered > 100);
+}
+
+// A guess takes hidden elements out of the middle of a block's list, so a hidden element must not
+// change a bit wherever it stands. Elements straight from the pen: response 1 everywhere, t equal
+// to the distance.
+static void hidden_elements_change_no_bit_wherever_they_stand(void **state)
+{
+    (void)state;
+    enum { SEEN = 12, HIDDEN = 4, COUNT = SEEN + HIDDEN };
+    sgsi_scratch scratch = {0};
+    sgsi_tile_rays rays = {.valid = {0xFFFF}};
+    assert_true(sgsi_scratch_reserve(&scratch, COUNT));
+    for (uint64_t seed = 0; seed < 2000; ++seed) {
+        uint32_t order[COUNT] = {0};
+        for (uint32_t i = 0; i < COUNT; ++i) {
+            float *r = scratch.tile_records + SGSI_RECORD * i;
+            const bool hidden = i >= SEEN,
+                       wall = i < 3; // three of alpha 0.99 end every ray at t <= 9
+            memset(r, 0, SGSI_RECORD * sizeof *r);
+            r[SGSI_RECORD_C] = 1.0f;
+            r[SGSI_RECORD_INV_KAPPA] = 1.0f;
+            r[SGSI_RECORD_LOG_OPACITY] = wall ? 0.0f : -(float)sgsi_random_uniform(seed, 4 * i);
+            r[SGSI_RECORD_DISTANCE] = hidden ? 10 + (float)i
+                                      : wall ? 7 + (float)i
+                                             : 1 + 5 * (float)sgsi_random_uniform(seed, 4 * i + 1);
+            r[SGSI_RECORD_COLOR] = (float)sgsi_random_uniform(seed, 4 * i + 2);
+            scratch.tile_ids[i] = i;
+            const uint32_t at = (uint32_t)(sgsi_random_bits(seed, 4 * i + 3) % (i + 1));
+            order[i] = order[at];
+            order[at] = i;
+        }
+        sgsi_planes planes[2];
+        for (int k = 0; k < 2; ++k) {
+            planes[k] = traced_planes_create(4, 4);
+            memset(scratch.entry_count, 0, sizeof scratch.entry_count);
+            for (uint32_t i = 0; i < COUNT; ++i)
+                if (k == 0 || order[i] < SEEN)
+                    scratch.order[scratch.entry_count[0]++] = order[i];
+            sgsi_tile_target target = {
+                .rays = &rays,
+                .width = 4,
+                .height = 4,
+                .stride = planes[k].stride,
+                .color = {planes[k].color[0], planes[k].color[1], planes[k].color[2]},
+                .transmittance = planes[k].transmittance,
+                .depth_mean = planes[k].depth_mean,
+                .depth_median = planes[k].depth_median,
+                .depth_first = planes[k].depth_first,
+                .hits = planes[k].hits,
+                .near_distance = 0.2f};
+            sgsi_kernels_get()->tile_forward(&scratch, &target);
+        }
+        traced_assert_same_image(&planes[0], &planes[1], "without the hidden elements");
+        traced_planes_free(&planes[0]);
+        traced_planes_free(&planes[1]);
+    }
+    sgsi_scratch_free(&scratch);
+}
+
+// ---- Threads and instruction sets ----
+
+typedef struct frozen {
+    sgsi_planes planes;
+    float *sums;
+    uint8_t *touched;
+    size_t capacity;
+} frozen;
+
+// Forward and backward with fixed pseudo-random gradients; keeps images and sums.
+static frozen trace_and_freeze(const oracle_scene *scene, const sgs_camera *camera,
+                               const sgs_pose *pose, sgs_filter filter)
+{
+    traced_view traced = traced_create(scene->model, camera, pose, filter, 2, SGSI_BVH_REFIT);
+    sgsi_planes d = traced_planes_create(camera->width, camera->height);
+    oracle_random random = {5, 0};
+    for (size_t i = 0; i < 4 * d.stride * (size_t)d.height; ++i)
+        d.color[0][i] = (float)oracle_normal(&random);
+    assert_int_equal(
+        sgsi_tracer_backward(traced.tracer, &traced.view, &traced.planes, d.color, d.transmittance),
+        SGS_STATUS_OK);
+    frozen kept = {.planes = traced.planes, .capacity = scene->model->capacity};
+    kept.sums = oracle_memory(kept.capacity, SGSI_RECORD * sizeof *kept.sums);
+    kept.touched = oracle_memory(kept.capacity / 16, 1);
+    memcpy(kept.touched, sgsi_tracer_touched(traced.tracer), kept.capacity / 16);
+    for (size_t block = 0; block < kept.capacity / 16; ++block)
+        if (kept.touched[block])
+            memcpy(kept.sums + block * 256, sgsi_tracer_sums(traced.tracer) + block * 256,
+                   256 * sizeof *kept.sums);
+    traced.planes = (sgsi_planes){0};
+    traced_planes_free(&d);
+    traced_destroy(&traced);
+    return kept;
+}
+
+static void frozen_free(frozen *kept)
+{
+    traced_planes_free(&kept->planes);
+    free(kept->sums);
+    free(kept->touched);
+}
+
+static void assert_same_frozen(const frozen *a, const frozen *b, const char *what)
+{
+    traced_assert_same_image(&a->planes, &b->planes, what);
+    assert_memory_equal(a->touched, b->touched, a->capacity / 16);
+    assert_memory_equal(a->sums, b->sums, a->capacity * SGSI_RECORD * sizeof *a->sums);
+}
+
+static void one_two_and_three_threads_give_the_same_bits(void **state)
+{
+    (void)state;
+    const sgs_pose pose = oracle_pose_look_at(0, 0, -4);
+    const sgs_camera camera = oracle_camera(SGS_CAMERA_OPENCV, 150, 110);
+    for (int number = 0; number < TRACED_SCENE_COUNT; number += 3) {
+        oracle_scene scene = traced_scene(number);
+        sgsi_threads_set(1);
+        frozen one = trace_and_freeze(&scene, &camera, &pose, SGS_FILTER_3DGS);
+        for (int threads = 2; threads <= 3; ++threads) {
+            sgsi_threads_set(threads);
+            frozen more = trace_and_freeze(&scene, &camera, &pose, SGS_FILTER_3DGS);
+            assert_same_frozen(&one, &more, label(traced_scene_name(number), "threads", threads));
+            frozen_free(&more);
+        }
+        frozen_free(&one);
+        oracle_scene_free(&scene);
+    }
+}
+
+static void avx2_and_avx512_trace_the_same_bits(void **state)
+{
+    (void)state;
+    if (!sgs_isa_supported(SGS_ISA_AVX512) || !sgs_isa_supported(SGS_ISA_AVX2))
+        skip();
+    const sgs_pose pose = oracle_pose_look_at(0.3, -0.2, -4);
+    for (int number = 0; number < TRACED_SCENE_COUNT; ++number) {
+        oracle_scene scene = traced_scene(number);
+        for (int filter = SGS_FILTER_3DGS; filter <= SGS_FILTER_NONE; ++filter) {
+            const sgs_camera camera = oracle_camera(traced_lenses[number % 3], 63, 47);
+            sgs_set_isa(SGS_ISA_AVX2);
+            frozen narrow = trace_and_freeze(&scene, &camera, &pose, (sgs_filter)filter);
+            sgs_set_isa(SGS_ISA_AVX512);
+            frozen wide = trace_and_freeze(&scene, &camera, &pose, (sgs_filter)filter);
+            assert_same_frozen(&narrow, &wide, label(traced_scene_name(number), "filter", filter));
+            frozen_free(&narrow);
+            frozen_free(&wide);
+        }
+        oracle_scene_free(&scene);
+    }
+}
+
+static void thread_counts_are_clamped_to_what_the_tracer_holds(void **state)
+{
+    (void)state;
+    sgsi_threads_set(1 << 20);
+    assert_int_equal(sgsi_threads(), SGSI_THREADS_MAX);
+    sgsi_threads_set(-3);
+    assert_true(sgsi_threads() >= 1 && sgsi_threads() <= SGSI_THREADS_MAX);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(lists_and_images_equal_those_without_a_bvh),
+        cmocka_unit_test_teardown(every_isa_equals_itself_without_a_bvh, traced_restore),
+        cmocka_unit_test(morton_sah_and_refitted_trees_give_the_same_bits),
+        cmocka_unit_test(guesses_of_earlier_visits_change_no_bit_and_save_work),
+        cmocka_unit_test(guesses_that_are_too_near_are_repaired_exactly),
+        cmocka_unit_test(hidden_elements_change_no_bit_wherever_they_stand),
+        cmocka_unit_test_teardown(one_two_and_three_threads_give_the_same_bits, traced_restore),
+        cmocka_unit_test_teardown(avx2_and_avx512_trace_the_same_bits, traced_restore),
+        cmocka_unit_test_teardown(thread_counts_are_clamped_to_what_the_tracer_holds,
+                                  traced_restore),
+    };
+    return cmocka_run_group_tests(tests, traced_prepare, NULL);
+}

@@ -1,0 +1,434 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// The trainer on the bundled scene at an eighth of its size: it learns, the same bits come out at
+// any number of threads, on AVX2 and AVX-512 and after a resume, damaged checkpoints are refused,
+// caps and signals of NaN are honoured.
+
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+#include <cmocka.h>
+
+#include "base/core.h"
+#include "sparegs/runtime.h"
+#include "sparegs/trainer.h"
+#include "train/trainer_state.h"
+
+static sgs_scene *scene;
+
+static int load(void **state)
+{
+    (void)state;
+    sgs_scene_options options = sgs_scene_options_default();
+    options.downscale = 8;
+    options.test_every = 8;
+    return sgs_scene_load(SGSI_TEST_DATA "/room", &options, &scene) != SGS_STATUS_OK;
+}
+
+static int unload(void **state)
+{
+    (void)state;
+    sgs_scene_destroy(scene);
+    return 0;
+}
+
+static sgs_train_options short_run(int iterations)
+{
+    sgs_train_options options = sgs_train_options_default();
+    options.iterations = iterations;
+    options.spare = SGS_SPARE_BMD | SGS_SPARE_RAP;
+    return options;
+}
+
+static sgs_trainer *start(const sgs_train_options *options)
+{
+    sgs_trainer *trainer;
+    if (sgs_trainer_create(scene, options, &trainer))
+        fail_msg("%s", sgs_last_error());
+    return trainer;
+}
+
+static sgs_step_info run(sgs_trainer *trainer, int steps)
+{
+    sgs_step_info info = {0};
+    for (int i = 0; i < steps; ++i)
+        if (sgs_trainer_step(trainer, &info))
+            fail_msg("%s", sgs_last_error());
+    return info;
+}
+
+static void digest(const sgs_trainer *trainer, char hex[17])
+{
+    sgs_gaussians_hash(sgs_trainer_model(trainer), hex);
+}
+
+static void training_lowers_the_loss_and_grows_the_model(void **state)
+{
+    (void)state;
+    const sgs_train_options options = short_run(300);
+    sgs_trainer *trainer = start(&options);
+    const size_t before = sgs_trainer_model(trainer)->count;
+    const sgs_step_info first = run(trainer, 10), last = run(trainer, 290);
+    assert_int_equal(last.stop, SGS_STOP_SCHEDULE);
+    assert_true(last.loss_average < 0.6 * first.loss_average);
+    assert_true(last.psnr_average > first.psnr_average + 4);
+    assert_true(last.gaussians > before);
+    sgs_step_info info;
+    assert_int_equal(sgs_trainer_step(trainer, &info), SGS_STATUS_LIMIT);
+    sgs_trainer_destroy(trainer);
+}
+
+static void bits_do_not_depend_on_threads_or_vector_width(void **state)
+{
+    (void)state;
+    const sgs_train_options options = short_run(120);
+    char reference[17] = "";
+    const sgs_isa best = sgs_get_isa();
+    for (int isa = SGS_ISA_AVX2; isa <= SGS_ISA_AVX512; ++isa) {
+        if (!sgs_isa_supported((sgs_isa)isa))
+            continue;
+        sgs_set_isa((sgs_isa)isa);
+        for (int threads = 1; threads <= 3; ++threads) {
+            sgs_set_threads(threads);
+            sgs_trainer *trainer = start(&options);
+            run(trainer, 120);
+            char hex[17];
+            digest(trainer, hex);
+            if (reference[0])
+                assert_string_equal(hex, reference);
+            memcpy(reference, hex, sizeof hex);
+            sgs_trainer_destroy(trainer);
+        }
+    }
+    sgs_set_threads(0);
+    sgs_set_isa(best);
+}
+
+static void another_seed_gives_other_bits(void **state)
+{
+    (void)state;
+    char hex[2][17];
+    for (int k = 0; k < 2; ++k) {
+        sgs_train_options options = short_run(60);
+        options.seed = (uint64_t)k;
+        sgs_trainer *trainer = start(&options);
+        run(trainer, 60);
+        digest(trainer, hex[k]);
+        sgs_trainer_destroy(trainer);
+    }
+    assert_string_not_equal(hex[0], hex[1]);
+}
+
+static void checkpoint_resumes_to_the_same_bits(void **state)
+{
+    (void)state;
+    char path[64], straight[17], resumed[17];
+    snprintf(path, sizeof path, "/tmp/sparegs_checkpoint_%ld", (long)getpid());
+    const sgs_train_options options = short_run(150);
+    sgs_trainer *trainer = start(&options);
+    run(trainer, 83);
+    assert_int_equal(sgs_trainer_save_checkpoint(trainer, path), SGS_STATUS_OK);
+    run(trainer, 67);
+    digest(trainer, straight);
+    sgs_trainer_destroy(trainer);
+    trainer = start(&options);
+    assert_int_equal(sgs_trainer_load_checkpoint(trainer, path), SGS_STATUS_OK);
+    assert_int_equal(sgs_trainer_iteration(trainer), 83);
+    run(trainer, 67);
+    digest(trainer, resumed);
+    sgs_trainer_destroy(trainer);
+    assert_string_equal(straight, resumed);
+    unlink(path);
+}
+
+static void write_bytes(const char *path, const uint8_t *bytes, size_t size)
+{
+    FILE *stream = fopen(path, "wb");
+    assert_non_null(stream);
+    assert_int_equal(fwrite(bytes, 1, size, stream), size);
+    fclose(stream);
+}
+
+static void damaged_or_foreign_checkpoints_are_refused_and_change_nothing(void **state)
+{
+    (void)state;
+    char path[64], before[17], after[17];
+    snprintf(path, sizeof path, "/tmp/sparegs_checkpoint_%ld", (long)getpid());
+    sgs_train_options options = short_run(100);
+    sgs_trainer *trainer = start(&options);
+    run(trainer, 5);
+    assert_int_equal(sgs_trainer_save_checkpoint(trainer, path), SGS_STATUS_OK);
+    uint8_t *bytes;
+    size_t size;
+    assert_int_equal(sgsi_file_read(path, 0, &bytes, &size), SGS_STATUS_OK);
+    run(trainer, 1);
+    digest(trainer, before);
+    const size_t cuts[] = {0, 1, 7, 31, 40, size / 3, size - 9, size - 1};
+    for (size_t k = 0; k < sizeof cuts / sizeof *cuts; ++k) {
+        write_bytes(path, bytes, cuts[k]);
+        assert_int_equal(sgs_trainer_load_checkpoint(trainer, path), SGS_STATUS_FORMAT);
+        assert_non_null(strstr(sgs_last_error(), path));
+    }
+    for (size_t k = 0; k < 64; ++k) {
+        const size_t at = 16 + k * (size - 16) / 64;
+        bytes[at] ^= 0x20;
+        write_bytes(path, bytes, size);
+        assert_int_not_equal(sgs_trainer_load_checkpoint(trainer, path), SGS_STATUS_OK);
+        bytes[at] ^= 0x20;
+    }
+    digest(trainer, after);
+    assert_string_equal(before, after);
+    sgs_trainer_destroy(trainer);
+    options.seed = 5;
+    trainer = start(&options);
+    write_bytes(path, bytes, size);
+    assert_int_equal(sgs_trainer_load_checkpoint(trainer, path), SGS_STATUS_INVALID_ARGUMENT);
+    sgs_trainer_destroy(trainer);
+    sgsi_free(bytes);
+    unlink(path);
+}
+
+static void cap_holds_for_the_initial_cloud_and_for_growth(void **state)
+{
+    (void)state;
+    sgs_train_options options = short_run(200);
+    options.max_gaussians = 1000;
+    sgs_trainer *trainer = start(&options);
+    assert_int_equal(sgs_trainer_model(trainer)->count, 1000);
+    for (int i = 0; i < 200; ++i)
+        assert_true(run(trainer, 1).gaussians <= 1000);
+    sgs_trainer_destroy(trainer);
+}
+
+static void dense_optimizer_and_random_background_train_too(void **state)
+{
+    (void)state;
+    sgs_train_options options = short_run(150);
+    options.optimizer = SGS_OPTIMIZER_DENSE;
+    options.background_random = true;
+    options.filter = SGS_FILTER_NONE;
+    sgs_trainer *trainer = start(&options);
+    const sgs_step_info first = run(trainer, 10), last = run(trainer, 140);
+    assert_true(last.loss_average < 0.8 * first.loss_average);
+    sgs_trainer_destroy(trainer);
+}
+
+static void equilibrium_ends_a_run_that_stands_still(void **state)
+{
+    (void)state;
+    sgs_train_options options = short_run(3000);
+    options.spare = SGS_SPARE_EDT;
+    options.spare_eps_loss = 1e9;
+    options.spare_eps_count = 1e9; // everything is still
+    options.spare_interval = 100;  // 10 iterations of this run
+    sgs_trainer *trainer = start(&options);
+    sgs_step_info info = {0};
+    int steps = 0;
+    while (!info.stop && steps < 3000) {
+        info = run(trainer, 1);
+        ++steps;
+    }
+    assert_int_equal(info.stop, SGS_STOP_EQUILIBRIUM);
+    assert_true(steps < 3000 && steps % 10 == 0);
+    assert_non_null(strstr(sgs_trainer_stop_text(trainer), "stopped at"));
+    sgs_trainer_destroy(trainer);
+}
+
+// Every base pipeline learns, gives the same bits on one thread straight through and on two with a
+// stop in between, and honours the cap.
+static void every_pipeline_trains_resumes_and_honours_the_cap(void **state)
+{
+    (void)state;
+    char path[64];
+    snprintf(path, sizeof path, "/tmp/sparegs_checkpoint_%ld", (long)getpid());
+    for (int pipeline = SGS_PIPELINE_3DGS + 1; pipeline < SGS_PIPELINE_COUNT; ++pipeline) {
+        sgs_train_options options = short_run(160);
+        options.pipeline = (sgs_pipeline)pipeline;
+        options.max_gaussians = 6000;
+        sgs_trainer *trainer;
+        if (sgs_trainer_create(scene, &options, &trainer))
+            fail_msg("%s", sgs_last_error());
+        char straight[17], resumed[17];
+        sgs_set_threads(1);
+        const sgs_step_info first = run(trainer, 10);
+        sgs_step_info last = first;
+        for (int i = 10; i < 160; ++i) {
+            last = run(trainer, 1);
+            assert_true(last.gaussians <= 6000);
+            if (i == 90)
+                assert_int_equal(sgs_trainer_save_checkpoint(trainer, path), SGS_STATUS_OK);
+        }
+        assert_true(last.loss_average < 0.9 * first.loss_average);
+        digest(trainer, straight);
+        sgs_trainer_destroy(trainer);
+        sgs_set_threads(2);
+        trainer = start(&options);
+        assert_int_equal(sgs_trainer_load_checkpoint(trainer, path), SGS_STATUS_OK);
+        run(trainer, 160 - sgs_trainer_iteration(trainer));
+        digest(trainer, resumed);
+        sgs_trainer_destroy(trainer);
+        assert_string_equal(straight, resumed);
+    }
+    sgs_set_threads(0);
+    unlink(path);
+}
+
+// Milestones that follow each other closely.
+static sgs_trainer *start_busy(void)
+{
+    const sgs_train_options options = short_run(400);
+    sgs_trainer *trainer = start(&options);
+    trainer->schedule.densify_from = 5;
+    trainer->schedule.densify_interval = 10;
+    trainer->schedule.densify_until = 100;
+    trainer->schedule.reset_interval = 20;
+    trainer->schedule.reset_until = 100;
+    return trainer;
+}
+
+static double largest_opacity(const sgs_trainer *trainer)
+{
+    const sgs_gaussians *model = sgs_trainer_model(trainer);
+    double largest = 0;
+    for (size_t i = 0; i < model->count; ++i)
+        largest =
+            fmax(largest, 1 / (1 + exp(-(double)*sgs_gaussians_at(model, i, SGS_PARAM_OPACITY))));
+    return largest;
+}
+
+// Between calls the model is what an iteration left: the published trainers save it before they
+// change its structure and forget its opacities.
+static void updates_and_resets_wait_for_the_next_iteration(void **state)
+{
+    (void)state;
+    char path[64];
+    snprintf(path, sizeof path, "/tmp/sparegs_between_%ld", (long)getpid());
+    sgs_trainer *trainer = start_busy();
+    const size_t count = sgs_trainer_model(trainer)->count;
+    sgs_step_info info = run(trainer, 10);
+    assert_false(info.structural);
+    assert_int_equal(sgs_trainer_model(trainer)->count, count);
+    assert_int_equal(sgs_trainer_updated(trainer), 9);
+    assert_int_equal(sgs_trainer_save_checkpoint(trainer, path), SGS_STATUS_OK);
+    info = run(trainer, 1);
+    assert_true(info.structural);
+    assert_int_equal(info.updated, 10);
+    assert_int_not_equal(info.gaussians, count);
+    assert_int_equal(sgs_trainer_updated(trainer), 10);
+    run(trainer, 9);
+    assert_true(largest_opacity(trainer) > 0.1);
+    run(trainer, 1);
+    assert_true(largest_opacity(trainer) < 0.02);
+    char whole[17], resumed[17];
+    digest(trainer, whole);
+    sgs_trainer_destroy(trainer);
+    trainer = start_busy();
+    assert_int_equal(sgs_trainer_load_checkpoint(trainer, path), SGS_STATUS_OK);
+    assert_int_equal(sgs_trainer_updated(trainer), 9);
+    run(trainer, 11);
+    digest(trainer, resumed);
+    assert_string_equal(resumed, whole);
+    sgs_trainer_destroy(trainer);
+    unlink(path);
+}
+
+// The loss is compared across the window before a reset, not across the one that it opens.
+static void a_reset_disturbs_the_window_behind_it(void **state)
+{
+    (void)state;
+    sgs_trainer *trainer = start_busy();
+    trainer->options.spare = SGS_SPARE_EDT;
+    trainer->schedule.check_interval = 20;
+    trainer->schedule.reset_interval = 40;
+    trainer->schedule.densify_from = 1000;
+    const spare_equilibrium *equilibrium = &trainer->progress.equilibrium;
+    run(trainer, 20);
+    assert_true(equilibrium->last_loss_change == 0); // nothing to compare with yet
+    run(trainer, 20);
+    const double before = equilibrium->last_loss_change;
+    assert_true(before > 0); // of iterations 20 to 40, at whose end the reset is due
+    run(trainer, 20);
+    assert_true(equilibrium->last_loss_change == before); // 40 to 60 say nothing
+    run(trainer, 20);
+    assert_true(equilibrium->last_loss_change != before);
+    sgs_trainer_destroy(trainer);
+}
+
+static void options_out_of_range_are_named(void **state)
+{
+    (void)state;
+    sgs_trainer *trainer;
+    sgs_train_options options = short_run(0);
+    assert_int_equal(sgs_trainer_create(scene, &options, &trainer), SGS_STATUS_INVALID_ARGUMENT);
+    assert_non_null(strstr(sgs_last_error(), "iterations"));
+    assert_null(trainer);
+    options = short_run(10);
+    options.spare_grid = 1;
+    assert_int_equal(sgs_trainer_create(scene, &options, &trainer), SGS_STATUS_INVALID_ARGUMENT);
+    assert_non_null(strstr(sgs_last_error(), "grid"));
+}
+
+static void scale_scene(double factor)
+{
+    for (size_t i = 0; i < 3 * scene->point_count; ++i)
+        scene->points[i] *= (float)factor;
+    for (size_t v = 0; v < scene->view_count; ++v)
+        for (int k = 0; k < 3; ++k)
+            scene->views[v].pose.translation[k] *= factor;
+    for (int k = 0; k < 3; ++k)
+        scene->center[k] *= factor;
+    scene->extent *= factor;
+}
+
+// Nothing is measured in absolute units that would hide a small scene from its cameras. The last
+// test: it leaves the scene rounded.
+static void a_scene_in_small_units_trains_as_well(void **state)
+{
+    (void)state;
+    const sgs_train_options options = short_run(60);
+    double losses[2];
+    for (int i = 0; i < 2; ++i) {
+        sgs_trainer *trainer = start(&options);
+        losses[i] = run(trainer, 60).loss_average;
+        sgs_trainer_destroy(trainer);
+        scale_scene(i ? 1e3 : 1e-3);
+    }
+    print_message("loss %.5f, a thousand times smaller %.5f\n", losses[0], losses[1]);
+    assert_true(fabs(losses[1] / losses[0] - 1) < 0.1);
+    scene->views[1].pose.translation[2] = 1e19;
+    sgs_trainer *trainer = start(&options);
+    sgs_step_info info;
+    sgs_status status = SGS_STATUS_OK;
+    for (int i = 0; i < 60 && !status; ++i)
+        status = sgs_trainer_step(trainer, &info);
+    assert_int_equal(status, SGS_STATUS_INVALID_ARGUMENT); // and no assertion of Embree's
+    assert_non_null(strstr(sgs_last_error(), "too far"));
+    sgs_trainer_destroy(trainer);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(training_lowers_the_loss_and_grows_the_model),
+        cmocka_unit_test(bits_do_not_depend_on_threads_or_vector_width),
+        cmocka_unit_test(another_seed_gives_other_bits),
+        cmocka_unit_test(checkpoint_resumes_to_the_same_bits),
+        cmocka_unit_test(damaged_or_foreign_checkpoints_are_refused_and_change_nothing),
+        cmocka_unit_test(cap_holds_for_the_initial_cloud_and_for_growth),
+        cmocka_unit_test(dense_optimizer_and_random_background_train_too),
+        cmocka_unit_test(equilibrium_ends_a_run_that_stands_still),
+        cmocka_unit_test(every_pipeline_trains_resumes_and_honours_the_cap),
+        cmocka_unit_test(options_out_of_range_are_named),
+        cmocka_unit_test(updates_and_resets_wait_for_the_next_iteration),
+        cmocka_unit_test(a_reset_disturbs_the_window_behind_it),
+        cmocka_unit_test(a_scene_in_small_units_trains_as_well),
+    };
+    return cmocka_run_group_tests(tests, load, unload);
+}

@@ -1,0 +1,228 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// cameras.json as 3DGS writes it: position is the camera's centre in world space, rotation its axes
+// in world space (camera to world), so the pose is rotation transposed and -rotation^T position. A
+// rotation that is not orthonormal to 1e-3 is refused: drawing through it would shear the picture
+// without a word.
+//
+// A camera path of nerfstudio's viewer tells camera_to_world per frame, row-major and with OpenGL's
+// camera axes, the vertical field of view in degrees, and the size and kind of all pictures.
+
+#include "cameras/camera_file.h"
+
+#include <jansson.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "cli/json_file.h"
+#include "cli/output.h"
+#include "cli/progress.h"
+
+static bool read_number(const json_t *value, double *number)
+{
+    *number = json_number_value(value);
+    return json_is_number(value) && isfinite(*number);
+}
+
+static bool is_rotation(const double r[9])
+{
+    for (int i = 0; i < 3; ++i)
+        for (int j = 0; j < 3; ++j) {
+            const double dot = r[i] * r[j] + r[3 + i] * r[3 + j] + r[6 + i] * r[6 + j];
+            if (!(fabs(dot - (i == j)) < 1e-3))
+                return false;
+        }
+    return r[0] * (r[4] * r[8] - r[5] * r[7]) - r[1] * (r[3] * r[8] - r[5] * r[6]) +
+               r[2] * (r[3] * r[7] - r[4] * r[6]) >
+           0;
+}
+
+// NULL, or what is wrong with the entry.
+static const char *read_camera(const json_t *entry, named_camera *camera)
+{
+    double width, height, fx, fy, cx, cy, position[3], rotation[9];
+    if (!read_number(json_object_get(entry, "width"), &width) ||
+        !read_number(json_object_get(entry, "height"), &height) ||
+        !read_number(json_object_get(entry, "fx"), &fx) ||
+        !read_number(json_object_get(entry, "fy"), &fy))
+        return "width, height, fx and fy must be numbers";
+    if (!(width >= 1 && width <= 65536 && height >= 1 && height <= 65536))
+        return "width and height must be from 1 to 65536";
+    if (!read_number(json_object_get(entry, "cx"), &cx))
+        cx = width / 2;
+    if (!read_number(json_object_get(entry, "cy"), &cy))
+        cy = height / 2;
+    for (size_t i = 0; i < 3; ++i) {
+        if (!read_number(json_array_get(json_object_get(entry, "position"), i), &position[i]))
+            return "position must be three numbers";
+        for (size_t j = 0; j < 3; ++j)
+            if (!read_number(
+                    json_array_get(json_array_get(json_object_get(entry, "rotation"), i), j),
+                    &rotation[3 * i + j]))
+                return "rotation must be three rows of three numbers";
+    }
+    if (!is_rotation(rotation))
+        return "rotation is not a rotation matrix";
+    camera->camera = (sgs_camera){SGS_CAMERA_PINHOLE, (int)width, (int)height, {fx, fy, cx, cy}};
+    for (int i = 0; i < 3; ++i) {
+        camera->pose.translation[i] = 0;
+        for (int j = 0; j < 3; ++j) {
+            camera->pose.rotation[3 * i + j] = rotation[3 * j + i];
+            camera->pose.translation[i] -= rotation[3 * j + i] * position[j];
+        }
+    }
+    return sgs_camera_validate(&camera->camera) ? sgs_last_error() : NULL;
+}
+
+static bool read_all(const char *path, const json_t *root, named_camera *cameras, size_t count)
+{
+    for (size_t i = 0; i < count; ++i) {
+        const json_t *entry = json_is_array(root) ? json_array_get(root, i) : root;
+        const char *problem = read_camera(entry, &cameras[i]);
+        if (problem) {
+            fail_run("%s: camera %zu: %s", path, i, problem);
+            return false;
+        }
+        const char *name = json_string_value(json_object_get(entry, "img_name"));
+        cameras[i].name = name ? format_text("%s", name) : format_text("camera_%zu", i);
+    }
+    return true;
+}
+
+// ---- nerfstudio's camera paths ----
+
+static bool read_numbers(const json_t *array, double *numbers, size_t count)
+{
+    for (size_t i = 0; i < count; ++i)
+        if (!read_number(json_array_get(array, i), &numbers[i]))
+            return false;
+    return json_array_size(array) == count;
+}
+
+// A lens of vertical field of view `fov`, in degrees. NULL, or what is wrong.
+static const char *path_lens(const char *type, int width, int height, double fov,
+                             sgs_camera *camera)
+{
+    if (!strcmp(type, "equirectangular") || !strcmp(type, "spherical")) {
+        *camera = sgs_camera_equirectangular(width, height);
+        return NULL;
+    }
+    const bool fisheye = !strcmp(type, "fisheye");
+    if (!fisheye && strcmp(type, "perspective"))
+        return "camera_type is none of perspective, fisheye and equirectangular";
+    if (!(fov > 0 && fov < 179))
+        return "fov must be an angle between 0 and 179 degrees";
+    const double focal = 0.5 * height / tan(fov * 3.141592653589793 / 360);
+    *camera = (sgs_camera){fisheye ? SGS_CAMERA_OPENCV_FISHEYE : SGS_CAMERA_PINHOLE,
+                           width,
+                           height,
+                           {focal, focal, 0.5 * width, 0.5 * height}};
+    return NULL;
+}
+
+// camera_to_world has OpenGL's camera axes (y up, z backward), so its second and third columns
+// change sign. NULL, or what is wrong.
+static const char *path_pose(const json_t *matrix, sgs_pose *pose)
+{
+    double m[16], rotation[9];
+    if (!read_numbers(matrix, m, 16))
+        return "camera_to_world must be sixteen numbers";
+    const double scale = sqrt(m[0] * m[0] + m[4] * m[4] + m[8] * m[8]);
+    for (int i = 0; i < 3; ++i)
+        for (int j = 0; j < 3; ++j)
+            rotation[3 * i + j] = m[4 * i + j] / scale * (j ? -1 : 1);
+    if (!(scale > 0) || !is_rotation(rotation))
+        return "camera_to_world is not a rotation and a translation";
+    for (int i = 0; i < 3; ++i) {
+        pose->translation[i] = 0;
+        for (int j = 0; j < 3; ++j) {
+            pose->rotation[3 * i + j] = rotation[3 * j + i];
+            pose->translation[i] -= rotation[3 * j + i] * m[4 * j + 3];
+        }
+        if (!isfinite(pose->translation[i]))
+            return "camera_to_world is too far away";
+    }
+    return NULL;
+}
+
+static bool read_path(const char *path, const json_t *root, camera_list *list)
+{
+    double width, height;
+    if (!read_number(json_object_get(root, "render_width"), &width) ||
+        !read_number(json_object_get(root, "render_height"), &height) ||
+        !(width >= 1 && width <= 65536) || !(height >= 1 && height <= 65536)) {
+        fail_run("%s: render_width and render_height must be numbers from 1 to 65536", path);
+        return false;
+    }
+    const char *type = json_string_value(json_object_get(root, "camera_type"));
+    read_number(json_object_get(root, "fps"), &list->fps);
+    const json_t *frames = json_object_get(root, "camera_path");
+    for (size_t i = 0; i < list->count; ++i) {
+        const json_t *frame = json_array_get(frames, i);
+        double fov = 0;
+        read_number(json_object_get(frame, "fov"), &fov);
+        const char *problem =
+            path_pose(json_object_get(frame, "camera_to_world"), &list->cameras[i].pose);
+        if (!problem)
+            problem = path_lens(type ? type : "perspective", (int)width, (int)height, fov,
+                                &list->cameras[i].camera);
+        if (!problem && sgs_camera_validate(&list->cameras[i].camera))
+            problem = sgs_last_error();
+        if (problem) {
+            fail_run("%s: camera_path: frame %zu: %s", path, i, problem);
+            return false;
+        }
+        list->cameras[i].name = format_text("frame_%05zu", i);
+    }
+    return true;
+}
+
+bool camera_file_read(const char *path, camera_list *list)
+{
+    *list = (camera_list){0};
+    json_t *root = read_json(path);
+    if (!root)
+        return false;
+    const json_t *frames = json_object_get(root, "camera_path");
+    list->count = frames                ? json_array_size(frames)
+                  : json_is_array(root) ? json_array_size(root)
+                                        : 1;
+    list->cameras = calloc(list->count + 1, sizeof *list->cameras);
+    bool done = list->cameras && list->count;
+    if (!done)
+        fail_run("%s: holds no camera", path);
+    done = done && (frames ? read_path(path, root, list)
+                           : read_all(path, root, list->cameras, list->count));
+    json_decref(root);
+    if (!done)
+        camera_list_free(list);
+    return done;
+}
+
+void named_camera_free(named_camera *camera)
+{
+    free(camera->name);
+    free(camera->stem);
+}
+
+void camera_list_thin(camera_list *list, size_t most)
+{
+    size_t kept = 0;
+    for (size_t i = 0; i < list->count; ++i) {
+        if (kept < most && (list->count <= most || i * most / list->count == kept))
+            list->cameras[kept++] = list->cameras[i];
+        else
+            named_camera_free(&list->cameras[i]);
+    }
+    list->count = kept;
+}
+
+void camera_list_free(camera_list *list)
+{
+    for (size_t i = 0; list->cameras && i < list->count; ++i)
+        named_camera_free(&list->cameras[i]);
+    free(list->cameras);
+    *list = (camera_list){0};
+}

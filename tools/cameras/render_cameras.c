@@ -1,0 +1,195 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+#include "cameras/render_cameras.h"
+
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+
+#include "cameras/camera_path.h"
+#include "cli/file_stems.h"
+#include "cli/options.h"
+#include "cli/output.h"
+#include "cli/progress.h"
+#include "cli/shared_options.h"
+
+static bool parse_number(const char **at, int low, int high, int *value)
+{
+    char *end;
+    if (**at < '0' || **at > '9')
+        return false;
+    const long number = strtol(*at, &end, 10);
+    *at = end;
+    *value = (int)number;
+    return number >= low && number <= high;
+}
+
+bool frame_range_parse(const char *text, frame_range *range)
+{
+    enum { MOST = 1000000 };
+    const char *at = text;
+    *range = (frame_range){.step = 1};
+    if (!parse_number(&at, 0, MOST, &range->first))
+        return false;
+    range->last = range->first;
+    if (*at == '-' && (++at, !parse_number(&at, range->first, MOST, &range->last)))
+        return false;
+    if (*at == ':' && (++at, !parse_number(&at, 1, MOST, &range->step)))
+        return false;
+    return !*at;
+}
+
+bool size_parse(const char *text, int *width, int *height)
+{
+    const char *at = text;
+    return parse_number(&at, 1, 65536, width) && *at++ == 'x' &&
+           parse_number(&at, 1, 65536, height) && !*at;
+}
+
+static bool missing_view(const sgs_scene *scene, const char *view)
+{
+    const char **names = calloc(scene->view_count + 1, sizeof *names);
+    for (size_t i = 0; names && i < scene->view_count; ++i)
+        names[i] = scene->views[i].name;
+    const char *nearest = names ? nearest_word(view, names, scene->view_count) : NULL;
+    fail_run("%s: has no view '%s'; the nearest is '%s'", scene->path, view,
+             nearest ? nearest : "");
+    free(names);
+    return false;
+}
+
+static bool scene_cameras(const camera_choice *choice, const sgs_scene *scene, camera_list *list)
+{
+    const ptrdiff_t wanted = choice->view ? sgs_scene_find_view(scene, choice->view) : -1;
+    if (choice->view && wanted < 0)
+        return missing_view(scene, choice->view);
+    const sgs_split split = choice->split_given || scene_split_count(scene, choice->split)
+                                ? choice->split
+                                : SGS_SPLIT_ALL;
+    list->cameras = calloc(scene->view_count + 1, sizeof *list->cameras);
+    for (size_t v = 0; v < scene->view_count && list->cameras; ++v) {
+        const sgs_view *view = &scene->views[v];
+        if (choice->view ? (ptrdiff_t)v != wanted : !view_in_split(view, split))
+            continue;
+        list->cameras[list->count++] = (named_camera){
+            .name = format_text("%s", view->name), .camera = view->camera, .pose = view->pose};
+    }
+    if (list->count)
+        return true;
+    fail_run("%s: no view is in this split; hold some out by --eval, --test-every or --test-images",
+             scene->path);
+    return false;
+}
+
+// Keeps the cameras for which `kept` of their index holds.
+static void filter(camera_list *list, const camera_choice *choice,
+                   bool (*kept)(const camera_choice *, const char *, size_t))
+{
+    size_t count = 0;
+    for (size_t i = 0; i < list->count; ++i) {
+        if (kept(choice, list->cameras[i].name, i))
+            list->cameras[count++] = list->cameras[i];
+        else
+            named_camera_free(&list->cameras[i]);
+    }
+    list->count = count;
+}
+
+static bool is_view(const camera_choice *choice, const char *name, size_t index)
+{
+    (void)index;
+    return !strcmp(choice->view, name);
+}
+
+static bool in_frames(const camera_choice *choice, const char *name, size_t index)
+{
+    (void)name;
+    const frame_range *range = &choice->frames;
+    const long from_first = (long)index - range->first;
+    return from_first >= 0 && (long)index <= range->last && from_first % range->step == 0;
+}
+
+// A COLMAP model (or another data set's folder) without its photographs.
+static bool folder_cameras(const camera_choice *choice, camera_list *list)
+{
+    sgs_scene_options options = sgs_scene_options_default();
+    options.load_images = 0;
+    options.cameras_only = 1;
+    options.downscale = 1;
+    sgs_scene *scene = NULL;
+    if (sgs_scene_load(choice->file, &options, &scene)) {
+        fail_library();
+        return false;
+    }
+    camera_choice all = *choice;
+    all.split = SGS_SPLIT_ALL;
+    const bool done = scene_cameras(&all, scene, list);
+    sgs_scene_destroy(scene);
+    return done;
+}
+
+static bool file_cameras(const camera_choice *choice, camera_list *list)
+{
+    struct stat status;
+    if (!stat(choice->file, &status) && S_ISDIR(status.st_mode))
+        return folder_cameras(choice, list);
+    if (!camera_file_read(choice->file, list))
+        return false;
+    if (choice->view)
+        filter(list, choice, is_view);
+    if (list->count)
+        return true;
+    fail_run("%s: has no camera '%s'", choice->file, choice->view);
+    return false;
+}
+
+static bool source_cameras(const camera_choice *choice, const sgs_scene *scene, camera_list *list)
+{
+    if (choice->file)
+        return file_cameras(choice, list);
+    if (choice->orbit)
+        return camera_path_orbit(scene, choice->orbit, list);
+    if (choice->spiral)
+        return camera_path_spiral(scene, choice->spiral, list);
+    return scene_cameras(choice, scene, list);
+}
+
+static void reshape(const camera_choice *choice, sgs_camera *camera)
+{
+    const bool sized = choice->width > 0;
+    if (choice->projection == PROJECTION_EQUIRECTANGULAR)
+        *camera = sgs_camera_equirectangular(sized ? choice->width : 2 * camera->height,
+                                             sized ? choice->height : camera->height);
+    else if (sized)
+        *camera = sgs_camera_resized(camera, choice->width, choice->height);
+}
+
+static bool name_files(camera_list *list)
+{
+    char **stems = file_stems(&list->cameras->name, sizeof *list->cameras, list->count);
+    for (size_t i = 0; stems && i < list->count; ++i)
+        list->cameras[i].stem = stems[i];
+    free(stems);
+    return stems != NULL;
+}
+
+bool cameras_choose(const camera_choice *choice, const sgs_scene *scene, camera_list *list)
+{
+    *list = (camera_list){0};
+    bool done = source_cameras(choice, scene, list);
+    const size_t count = list->count;
+    if (done && choice->frames.step) {
+        filter(list, choice, in_frames);
+        done = list->count > 0;
+        if (!done)
+            fail_run("--frames: there are only the frames 0 to %zu", count - 1);
+    }
+    if (!done || !name_files(list)) {
+        camera_list_free(list);
+        return false;
+    }
+    for (size_t i = 0; i < list->count; ++i)
+        reshape(choice, &list->cameras[i].camera);
+    return true;
+}

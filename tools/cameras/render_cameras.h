@@ -1,0 +1,33 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// Which cameras `render` draws and `profile` measures from: views of a scene, a camera file or a
+// path made from the views, thinned out to a range of frames, at another size or all around.
+
+#include "cameras/camera_file.h"
+#include "sparegs/scene.h"
+
+enum { PROJECTION_VIEW = 0, PROJECTION_EQUIRECTANGULAR = 1 };
+
+typedef struct frame_range {
+    int first, last, step; // step 0: all frames
+} frame_range;
+
+typedef struct camera_choice {
+    const char *view, *file; // or NULL
+    sgs_split split;
+    bool split_given;
+    int orbit, spiral; // frames, 0 = none
+    frame_range frames;
+    int width, height; // 0 = the camera's own
+    int projection;
+} camera_choice;
+
+// "FIRST", "FIRST-LAST" or "FIRST-LAST:STEP"; false if it is none of these.
+bool frame_range_parse(const char *text, frame_range *range);
+// "WIDTHxHEIGHT", each from 1 to 65536.
+bool size_parse(const char *text, int *width, int *height);
+
+// scene may be NULL with a file. The cameras' files are named. False after printing the error.
+bool cameras_choose(const camera_choice *choice, const sgs_scene *scene, camera_list *list);

@@ -1,0 +1,121 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// The program `sparegs`: finds the command and hands over. Exit status: 0 done; 1 failed while
+// running; 2 wrong usage; 130 or 143 stopped by SIGINT or SIGTERM after saving.
+
+#include <stdio.h>
+#include <string.h>
+
+#include "cli/commands.h"
+#include "cli/output.h"
+#include "cli/options.h"
+#include "cli/progress.h"
+#include "sparegs/runtime.h"
+
+typedef struct command {
+    const char *name, *summary;
+    int (*run)(int argc, char **argv);
+} command;
+
+static const command commands[] = {
+    {"train", "train a model on a data set", command_train},
+    {"eval", "compare a model's views with the photographs", command_eval},
+    {"render", "draw views as EXR or PNG", command_render},
+    {"info", "tell what a model or a data set is", command_info},
+    {"reconstruct", "find the cameras of photographs with COLMAP", command_reconstruct},
+    {"explain", "tell why SPARE-GS gave a region its primitives", command_explain},
+    {"experiment", "train what a plan asks for: scenes, pipelines, variants, seeds",
+     command_experiment},
+    {"report", "tables and a page of an experiment", command_report},
+    {"bench", "measure the phases of training against the limits of the machine", command_bench},
+    {"profile", "report on the BVH over a model: trees, tests, hits, cost per tile",
+     command_profile},
+};
+
+enum { COMMAND_COUNT = sizeof commands / sizeof *commands };
+
+static void print_version(void)
+{
+    printf("sparegs %s (%s)\n%s\nISA: %s\n", sgs_version(), sgs_version_commit(),
+           sgs_version_libraries(), sgs_isa_name(sgs_get_isa()));
+}
+
+static void print_commands(FILE *stream)
+{
+    fputs("Usage: sparegs COMMAND [options]\n\nTrains 3D Gaussians on CPUs.\n\nCommands:\n",
+          stream);
+    for (int i = 0; i < COMMAND_COUNT; ++i)
+        fprintf(stream, "  %-11s %s\n", commands[i].name, commands[i].summary);
+    fputs("  help        print this, or the options of a command: sparegs help COMMAND\n\n"
+          "  --version   versions of the program and its libraries, instruction set in use\n\n"
+          "Exit status: 0 done; 1 failed while running; 2 wrong usage; 130 or 143 stopped by "
+          "SIGINT or SIGTERM.\n",
+          stream);
+}
+
+static const command *find_command(const char *name)
+{
+    for (int i = 0; i < COMMAND_COUNT; ++i)
+        if (!strcmp(commands[i].name, name))
+            return &commands[i];
+    return NULL;
+}
+
+static int fail_command(const char *name)
+{
+    const char *words[COMMAND_COUNT + 2];
+    size_t count = 0;
+    const bool is_option = name[0] == '-';
+    for (int i = 0; i < COMMAND_COUNT && !is_option; ++i)
+        words[count++] = commands[i].name;
+    words[count++] = is_option ? "--help" : "help";
+    if (is_option)
+        words[count++] = "--version";
+    return fail_usage("unknown %s '%s'; the nearest is '%s' ('sparegs help' lists all)",
+                      is_option ? "option" : "command", name, nearest_word(name, words, count));
+}
+
+static int print_help_of(const char *name)
+{
+    const command *found = find_command(name);
+    if (!found)
+        return fail_command(name);
+    char help[] = "--help";
+    char *arguments[] = {(char *)found->name, help, NULL};
+    return found->run(2, arguments);
+}
+
+static int run(int argc, char **argv)
+{
+    if (argc < 2) {
+        print_commands(stderr);
+        return EXIT_USAGE;
+    }
+    const char *name = argv[1];
+    const bool helps = !strcmp(name, "help") || !strcmp(name, "--help") || !strcmp(name, "-h");
+    const int takes = !strcmp(name, "--version") ? 2 : helps ? 3 : argc;
+    if (argc > takes)
+        return fail_usage("'%s' is one argument too many; usage: sparegs %s%s", argv[takes], name,
+                          helps ? " [COMMAND]" : "");
+    if (!strcmp(name, "--version")) {
+        print_version();
+        return EXIT_DONE;
+    }
+    if (helps) {
+        if (argc > 2)
+            return print_help_of(argv[2]);
+        print_commands(stdout);
+        return EXIT_DONE;
+    }
+    const command *found = find_command(name);
+    return found ? found->run(argc - 1, argv + 1) : fail_command(name);
+}
+
+int main(int argc, char **argv)
+{
+    messages_hear_library(true);
+    const int status = run(argc, argv);
+    // What was printed may be the result: a full disk behind a redirection is a failure.
+    return status != EXIT_DONE || stdout_is_whole() ? status : EXIT_FAILED;
+}

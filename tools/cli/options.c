@@ -1,0 +1,531 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// The option parser. Every option is a row of a table, so that what --help says, what a range error
+// says and what is accepted cannot drift apart: the defaults shown are the defaults parsed. Long
+// names are never abbreviated (a script must not break when an option with the same beginning
+// arrives); a mistyped one is answered with its nearest neighbour.
+
+#include "cli/options.h"
+
+#include <ctype.h>
+#include <errno.h>
+#include <math.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+
+enum { HELP_INDENT = 30, HELP_WIDTH = 100, LONGEST_WORD = 63 };
+
+static const char *usage_context;
+
+void fail_usage_within(const char *context)
+{
+    usage_context = context;
+}
+
+int fail_usage(const char *format, ...)
+{
+    va_list args;
+    va_start(args, format);
+    fputs("sparegs: ", stderr);
+    if (usage_context)
+        fprintf(stderr, "%s: ", usage_context);
+    vfprintf(stderr, format, args);
+    fputc('\n', stderr);
+    va_end(args);
+    return EXIT_USAGE;
+}
+
+// Damerau-Levenshtein distance (optimal string alignment): insert, delete, replace, swap
+// neighbours.
+static size_t edit_distance(const char *a, const char *b)
+{
+    size_t rows[3][LONGEST_WORD + 1];
+    const size_t length_a = strnlen(a, LONGEST_WORD), length_b = strnlen(b, LONGEST_WORD);
+    for (size_t j = 0; j <= length_b; ++j)
+        rows[0][j] = j;
+    for (size_t i = 1; i <= length_a; ++i) {
+        size_t *now = rows[i % 3];
+        const size_t *before = rows[(i + 2) % 3], *earlier = rows[(i + 1) % 3];
+        now[0] = i;
+        for (size_t j = 1; j <= length_b; ++j) {
+            size_t best = before[j - 1] + (a[i - 1] != b[j - 1]);
+            if (before[j] + 1 < best)
+                best = before[j] + 1;
+            if (now[j - 1] + 1 < best)
+                best = now[j - 1] + 1;
+            if (i > 1 && j > 1 && a[i - 1] == b[j - 2] && a[i - 2] == b[j - 1] &&
+                earlier[j - 2] + 1 < best)
+                best = earlier[j - 2] + 1;
+            now[j] = best;
+        }
+    }
+    return rows[length_a % 3][length_b];
+}
+
+const char *nearest_word(const char *text, const char *const *words, size_t count)
+{
+    const char *nearest = NULL;
+    size_t least = SIZE_MAX;
+    for (size_t i = 0; i < count; ++i) {
+        size_t distance = 2 * edit_distance(text, words[i]);
+        if (*text && !strncmp(words[i], text, strlen(text)))
+            distance = 1; // an abbreviation
+        if (distance < least) {
+            least = distance;
+            nearest = words[i];
+        }
+    }
+    return nearest;
+}
+
+// Copies word number k of "a|b|c" or "a,b,c"; false if there are fewer words.
+static bool word_at(const char *words, int k, char word[LONGEST_WORD + 1])
+{
+    const char *at = words;
+    for (; k > 0; --k) {
+        at += strcspn(at, "|,");
+        if (!*at++)
+            return false;
+    }
+    const size_t length = strcspn(at, "|,");
+    snprintf(word, LONGEST_WORD + 1, "%.*s", (int)length, at);
+    return length > 0;
+}
+
+static int word_index(const char *words, const char *text, size_t length)
+{
+    char word[LONGEST_WORD + 1];
+    for (int k = 0; word_at(words, k, word); ++k)
+        if (strlen(word) == length && !strncmp(word, text, length))
+            return k;
+    return -1;
+}
+
+// "1 to 30000 iterations"
+static const char *range_text(const option *row, char text[96])
+{
+    const int digits = row->kind == OPTION_REAL ? 6 : 17; // whole numbers in full
+    snprintf(text, 96, "%.*g to %.*g%s%s", digits, row->low, digits, row->high,
+             row->unit ? " " : "", row->unit ? row->unit : "");
+    return text;
+}
+
+static bool fail_range(const option *row, const char *argument)
+{
+    char range[96];
+    fail_usage("--%s: '%s' is not %s %s", row->name, argument,
+               row->kind == OPTION_REAL ? "a number from" : "a whole number from",
+               range_text(row, range));
+    return false;
+}
+
+static bool parse_integer(const option *row, const char *argument, int *value)
+{
+    char *end;
+    errno = 0;
+    const long number = strtol(argument, &end, 10);
+    if (errno || end == argument || *end || (double)number < row->low || (double)number > row->high)
+        return fail_range(row, argument);
+    *value = (int)number;
+    return true;
+}
+
+static bool parse_count(const option *row, const char *argument, uint64_t *value)
+{
+    char *end;
+    errno = 0;
+    const unsigned long long number = strtoull(argument, &end, 10);
+    if (errno || end == argument || *end || strchr(argument, '-') || (double)number < row->low ||
+        (double)number > row->high)
+        return fail_range(row, argument);
+    *value = number;
+    return true;
+}
+
+static bool parse_real(const option *row, const char *argument, double *value)
+{
+    char *end;
+    const double number = strtod(argument, &end);
+    if (end == argument || *end || !(number >= row->low && number <= row->high))
+        return fail_range(row, argument);
+    *value = number;
+    return true;
+}
+
+// Sum of numbers with units: 3h55m. A bare number is in seconds.
+static bool parse_duration(const option *row, const char *argument, double *value)
+{
+    static const char units[] = "dhms";
+    static const double seconds[] = {86400, 3600, 60, 1};
+    double sum = 0;
+    size_t least = 0; // units come in falling order, each once
+    for (const char *at = argument; *argument && *at;) {
+        char *end = (char *)at;
+        const double number = *at >= '0' && *at <= '9' ? strtod(at, &end) : -1;
+        const char *unit = number < 0       ? NULL
+                           : *end           ? strchr(units, *end)
+                           : at == argument ? units + 3
+                                            : NULL;
+        if (!unit || (size_t)(unit - units) < least || unit - units > 3) {
+            sum = -1;
+            break;
+        }
+        least = (size_t)(unit - units) + 1;
+        sum += number * seconds[unit - units];
+        at = *end ? end + 1 : end;
+    }
+    if (!*argument || !(sum >= row->low && sum <= row->high)) {
+        fail_usage("--%s: '%s' is not a time such as 90s, 45m, 3h55m or 2d12h", row->name,
+                   argument);
+        return false;
+    }
+    *value = sum;
+    return true;
+}
+
+static bool parse_bytes(const option *row, const char *argument, uint64_t *value)
+{
+    static const char units[] = "KMGT"; // powers of 1024, whether or not an "iB" says so
+    char *end = (char *)argument;
+    double number = *argument >= '0' && *argument <= '9' ? strtod(argument, &end) : -1;
+    const char *unit = number >= 0 && *end ? strchr(units, toupper((unsigned char)*end)) : NULL;
+    for (const char *u = units; unit && u <= unit; ++u)
+        number *= 1024;
+    end += unit != NULL;
+    const bool ends = !*end || !strcasecmp(end, "B") || (unit && !strcasecmp(end, "iB"));
+    if (number < 0 || !ends || !(number >= row->low && number <= row->high)) {
+        fail_usage("--%s: '%s' is not a size such as 500M or 4GiB", row->name, argument);
+        return false;
+    }
+    *value = (uint64_t)number;
+    return true;
+}
+
+static bool fail_word(const option *row, const char *argument)
+{
+    char storage[32][LONGEST_WORD + 1];
+    const char *words[32];
+    int count = 0;
+    while (count < 32 && word_at(row->argument, count, storage[count])) {
+        words[count] = storage[count];
+        ++count;
+    }
+    const char *nearest = nearest_word(argument, words, (size_t)count);
+    fail_usage("--%s: '%s' is none of %s; the nearest is %s", row->name, argument, row->argument,
+               nearest);
+    return false;
+}
+
+static bool parse_set(const option *row, const char *argument, unsigned *value)
+{
+    const char *bar = strrchr(row->argument, '|');
+    const char *words = bar ? bar + 1 : row->argument;
+    char word[LONGEST_WORD + 1];
+    unsigned all = 0, bits = 0;
+    for (int k = 0; word_at(words, k, word); ++k)
+        all |= 1U << k;
+    if (bar && row->argument[0] == 'o' && (!strcmp(argument, "on") || !strcmp(argument, "off"))) {
+        *value = argument[1] == 'n' ? all : 0;
+        return true;
+    }
+    if (bar && !strcmp(argument, "all") && !strncmp(row->argument, "all|", 4)) {
+        *value = all;
+        return true;
+    }
+    for (const char *at = argument;; ++at) {
+        const size_t length = strcspn(at, ",");
+        const int k = word_index(words, at, length);
+        if (k < 0) {
+            char unknown[LONGEST_WORD + 1];
+            snprintf(unknown, sizeof unknown, "%.*s", (int)length, at);
+            return fail_word(row, unknown);
+        }
+        bits |= 1U << k;
+        at += length;
+        if (!*at)
+            break;
+    }
+    *value = bits;
+    return true;
+}
+
+static bool parse_integers(const option *row, const char *argument, integer_list *list)
+{
+    list->count = 0;
+    for (const char *at = argument;; ++at) {
+        const size_t length = strcspn(at, ",");
+        char text[24];
+        if (list->count == (int)(sizeof list->values / sizeof *list->values)) {
+            fail_usage("--%s: more than %d numbers", row->name, list->count);
+            return false;
+        }
+        snprintf(text, sizeof text, "%.*s", (int)length, at);
+        if (length >= sizeof text || !parse_integer(row, text, &list->values[list->count++]))
+            return length >= sizeof text ? fail_range(row, argument) : false;
+        at += length;
+        if (!*at)
+            return true;
+    }
+}
+
+static bool parse_color(const option *row, const char *argument, color_value *color)
+{
+    *color = (color_value){.random = !strcmp(argument, "random")};
+    if (color->random)
+        return true;
+    const char *at = argument;
+    for (int c = 0; c < 3; ++c) {
+        char *end;
+        color->rgb[c] = strtof(at, &end);
+        if (end == at || *end != (c < 2 ? ',' : 0) || !(color->rgb[c] >= 0 && color->rgb[c] <= 1)) {
+            fail_usage("--%s: '%s' is not R,G,B with numbers from 0 to 1%s", row->name, argument,
+                       strstr(row->argument, "random") ? ", nor random" : "");
+            return false;
+        }
+        at = end + 1;
+    }
+    return true;
+}
+
+static bool parse_value(const option *row, const char *argument, void *values)
+{
+    void *value = (char *)values + row->offset;
+    switch (row->kind) {
+    case OPTION_FLAG:
+        *(bool *)value = true;
+        return true;
+    case OPTION_INTEGER:
+        return parse_integer(row, argument, value);
+    case OPTION_COUNT:
+        return parse_count(row, argument, value);
+    case OPTION_REAL:
+        return parse_real(row, argument, value);
+    case OPTION_TEXT:
+        *(const char **)value = argument;
+        if (!*argument)
+            fail_usage("--%s: its %s is empty", row->name, row->argument);
+        return *argument != 0;
+    case OPTION_CHOICE:
+        *(int *)value = word_index(row->argument, argument, strlen(argument));
+        return *(int *)value >= 0 || fail_word(row, argument);
+    case OPTION_SET:
+        return parse_set(row, argument, value);
+    case OPTION_INTEGERS:
+        return parse_integers(row, argument, value);
+    case OPTION_DURATION:
+        return parse_duration(row, argument, value);
+    case OPTION_BYTES:
+        return parse_bytes(row, argument, value);
+    case OPTION_COLOR:
+        if (!strstr(row->argument, "random") && !strcmp(argument, "random")) {
+            fail_usage("--%s: '%s' is not R,G,B with numbers from 0 to 1", row->name, argument);
+            return false;
+        }
+        return parse_color(row, argument, value);
+    }
+    return false;
+}
+
+// ---- Help ----
+
+// Prints text wrapped into the right column; the cursor stands at `column`.
+static void print_wrapped(const char *text, int column)
+{
+    const char *at = text;
+    bool first = true;
+    while (*at) {
+        const int length = (int)strcspn(at, " ");
+        if (!first && column + 1 + length > HELP_WIDTH) {
+            printf("\n%*s", HELP_INDENT, "");
+            column = HELP_INDENT;
+        } else if (!first) {
+            putchar(' ');
+            ++column;
+        }
+        printf("%.*s", length, at);
+        column += length;
+        at += length;
+        at += strspn(at, " ");
+        first = false;
+    }
+    putchar('\n');
+}
+
+// Prints the name and argument of an option; what is wider than the page goes on in a second line,
+// after a comma. Returns the column of the cursor.
+static int print_left(const char *left)
+{
+    int length = (int)strlen(left), head = length < HELP_WIDTH ? length : HELP_WIDTH;
+    while (head < length && head > 0 && left[head - 1] != ',')
+        --head;
+    printf("%.*s", head, left);
+    if (head == length || head == 0)
+        return printf("%s", left + head) + head;
+    return printf("\n%*s%s", HELP_INDENT / 2, "", left + head) - 1;
+}
+
+static void print_option(const option *row)
+{
+    char left[160], right[768], range[96];
+    const char letter[] = {'-', row->letter, ',', ' ', 0};
+    snprintf(left, sizeof left, "  %s--%s%s%s", row->letter ? letter : "", row->name,
+             row->argument ? " " : "", row->argument ? row->argument : "");
+    const char *value = row->shown ? row->shown : row->initial;
+    const bool ranged = row->kind == OPTION_INTEGER || row->kind == OPTION_COUNT ||
+                        row->kind == OPTION_REAL || row->kind == OPTION_INTEGERS;
+    const int length = snprintf(right, sizeof right, "%s", row->help);
+    if (ranged || value)
+        snprintf(right + length, sizeof right - (size_t)length, " [%s%s%s%s]",
+                 ranged ? range_text(row, range) : "", ranged && value ? "; " : "",
+                 value ? "default: " : "", value ? value : "");
+    int column = print_left(left);
+    if (column + 2 > HELP_INDENT) {
+        putchar('\n');
+        column = 0;
+    }
+    printf("%*s", HELP_INDENT - column, "");
+    print_wrapped(right, HELP_INDENT);
+}
+
+static void print_help(const command_line *line)
+{
+    printf("Usage: sparegs %s %s\n\n%s\n", line->command, line->synopsis, line->description);
+    for (size_t g = 0; g < line->group_count; ++g) {
+        printf("\n%s:\n", line->groups[g].title);
+        for (size_t i = 0; i < line->groups[g].count; ++i)
+            print_option(&line->groups[g].options[i]);
+    }
+    puts("  --help                      print this and exit");
+}
+
+// ---- Parsing ----
+
+static const option *find_option(const command_line *line, const char *name, size_t length,
+                                 option_group **group)
+{
+    for (size_t g = 0; g < line->group_count; ++g)
+        for (size_t i = 0; i < line->groups[g].count; ++i) {
+            const option *row = &line->groups[g].options[i];
+            if (strlen(row->name) == length && !strncmp(row->name, name, length)) {
+                *group = &line->groups[g];
+                return row;
+            }
+        }
+    return NULL;
+}
+
+static const option *find_letter(const command_line *line, char letter, option_group **group)
+{
+    for (size_t g = 0; g < line->group_count; ++g)
+        for (size_t i = 0; i < line->groups[g].count; ++i)
+            if (line->groups[g].options[i].letter == letter) {
+                *group = &line->groups[g];
+                return &line->groups[g].options[i];
+            }
+    return NULL;
+}
+
+static int fail_unknown(const command_line *line, const char *name, size_t length)
+{
+    const char *names[256];
+    char text[LONGEST_WORD + 1];
+    size_t count = 0;
+    for (size_t g = 0; g < line->group_count; ++g)
+        for (size_t i = 0; i < line->groups[g].count && count < 255; ++i)
+            names[count++] = line->groups[g].options[i].name;
+    names[count++] = "help";
+    snprintf(text, sizeof text, "%.*s", (int)length, name);
+    return fail_usage("unknown option --%s; the nearest is --%s ('sparegs help %s' lists all)",
+                      text, nearest_word(text, names, count), line->command);
+}
+
+static bool is_known_long(const command_line *line, const char *argument)
+{
+    option_group *group;
+    return !strncmp(argument, "--", 2) &&
+           find_option(line, argument + 2, strcspn(argument + 2, "="), &group);
+}
+
+// One option at argv[*at]; -1 to go on.
+static int parse_option(command_line *line, int argc, char **argv, int *at)
+{
+    const char *argument = argv[*at], *value = NULL;
+    option_group *group = NULL;
+    const option *row;
+    if (argument[1] == '-') {
+        const size_t length = strcspn(argument + 2, "=");
+        row = find_option(line, argument + 2, length, &group);
+        if (!row)
+            return fail_unknown(line, argument + 2, length);
+        value = argument[2 + length] ? argument + 3 + length : NULL;
+    } else {
+        row = find_letter(line, argument[1], &group);
+        if (!row)
+            return fail_usage("unknown option -%c ('sparegs help %s' lists all)", argument[1],
+                              line->command);
+        value = argument[2] ? argument + 2 : NULL;
+    }
+    if (row->kind == OPTION_FLAG && value)
+        return fail_usage("--%s takes no value", row->name);
+    if (row->kind != OPTION_FLAG && !value) {
+        if (*at + 1 >= argc || is_known_long(line, argv[*at + 1]))
+            return fail_usage("--%s needs a value: %s", row->name, row->argument);
+        value = argv[++*at];
+    }
+    group->given |= UINT64_C(1) << (row - group->options);
+    return parse_value(row, value, group->values) ? -1 : EXIT_USAGE;
+}
+
+static int set_defaults(command_line *line)
+{
+    for (size_t g = 0; g < line->group_count; ++g) {
+        line->groups[g].given = 0;
+        for (size_t i = 0; i < line->groups[g].count; ++i) {
+            const option *row = &line->groups[g].options[i];
+            if (row->initial && !parse_value(row, row->initial, line->groups[g].values))
+                return EXIT_USAGE;
+        }
+    }
+    line->operand_count = 0;
+    return -1;
+}
+
+int command_line_parse(command_line *line, int argc, char **argv)
+{
+    if (set_defaults(line) >= 0)
+        return EXIT_USAGE;
+    for (int i = 1; i < argc && strcmp(argv[i], "--"); ++i)
+        if (!strcmp(argv[i], "--help")) {
+            print_help(line);
+            return EXIT_DONE;
+        }
+    bool only_operands = false;
+    for (int i = 1; i < argc; ++i) {
+        if (!only_operands && !strcmp(argv[i], "--")) {
+            only_operands = true;
+        } else if (!only_operands && argv[i][0] == '-' && argv[i][1]) {
+            const int status = parse_option(line, argc, argv, &i);
+            if (status >= 0)
+                return status;
+        } else if (line->operand_count == line->operand_maximum) {
+            return fail_usage("'%s' is one argument too many; usage: sparegs %s %s", argv[i],
+                              line->command, line->synopsis);
+        } else {
+            line->operands[line->operand_count++] = argv[i];
+        }
+    }
+    if (line->operand_count < line->operand_minimum)
+        return fail_usage("usage: sparegs %s %s", line->command, line->synopsis);
+    return -1;
+}
+
+bool option_given(const command_line *line, const char *name)
+{
+    option_group *group = NULL;
+    const option *row = find_option(line, name, strlen(name), &group);
+    return row && (group->given >> (row - group->options) & 1);
+}

@@ -1,0 +1,298 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Paths and files of the command line. Everything that replaces a file goes through a temporary
+// file in the same folder, is flushed to the disk and renamed, so that a full disk or a killed
+// process leaves the old one.
+
+#include "cli/output.h"
+
+#include <dirent.h>
+#include <errno.h>
+#include <math.h>
+#include <stdarg.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "cli/progress.h"
+
+char *format_text(const char *format, ...)
+{
+    char *text = NULL;
+    va_list args;
+    va_start(args, format);
+    if (vasprintf(&text, format, args) < 0) {
+        fputs("sparegs: out of memory\n", stderr);
+        exit(1);
+    }
+    va_end(args);
+    return text;
+}
+
+static bool fail_file(const char *path, const char *what, int code)
+{
+    fail_run("%s: %s: %s", path, what, code ? strerror(code) : "disk full?");
+    return false;
+}
+
+bool make_folder(const char *path)
+{
+    char *partial = format_text("%s", path);
+    for (char *at = partial + 1;; ++at) {
+        if (at[-1] && *at != '/' && *at)
+            continue;
+        const char kept = *at;
+        *at = 0;
+        if (mkdir(partial, 0777) && errno != EEXIST) {
+            fail_file(partial, "cannot be created", errno);
+            free(partial);
+            return false;
+        }
+        *at = kept;
+        if (!kept)
+            break;
+    }
+    free(partial);
+    struct stat info;
+    if (stat(path, &info))
+        return fail_file(path, "cannot be created", errno);
+    if (!S_ISDIR(info.st_mode))
+        return fail_file(path, "cannot be used as a folder", ENOTDIR);
+    return true;
+}
+
+bool make_folder_of(const char *path)
+{
+    const char *slash = strrchr(path, '/');
+    if (!slash || slash == path)
+        return true;
+    char *folder = format_text("%.*s", (int)(slash - path), path);
+    const bool made = make_folder(folder);
+    free(folder);
+    return made;
+}
+
+bool check_writable(const char *folder)
+{
+    char *probe = format_text("%s/.sparegs.%ld", folder, (long)getpid());
+    FILE *stream = fopen(probe, "wb");
+    const bool written = stream && fputs("probe\n", stream) >= 0 && !fflush(stream);
+    const int code = errno;
+    if (stream) {
+        fclose(stream);
+        unlink(probe);
+    }
+    free(probe);
+    return written || fail_file(folder, "files cannot be written there", code);
+}
+
+bool file_exists(const char *path)
+{
+    struct stat info;
+    return !stat(path, &info);
+}
+
+bool write_text(const char *path, const char *text)
+{
+    char *temporary = format_text("%s.tmp.%ld", path, (long)getpid());
+    errno = 0;
+    FILE *stream = fopen(temporary, "wb");
+    bool written = stream && fputs(text, stream) >= 0 && !fflush(stream) && !fsync(fileno(stream));
+    int code = errno;
+    if (stream && fclose(stream) && written) {
+        code = errno;
+        written = false;
+    }
+    if (written && rename(temporary, path)) {
+        code = errno;
+        written = false;
+    }
+    if (!written && stream)
+        unlink(temporary);
+    free(temporary);
+    return written || fail_file(path, "cannot be written", code);
+}
+
+bool write_json(const char *path, json_t *root)
+{
+    char *text = json_dumps(root, JSON_INDENT(1) | JSON_REAL_PRECISION(9));
+    json_decref(root);
+    if (!text)
+        return fail_file(path, "cannot be written", ENOMEM);
+    char *lines = format_text("%s\n", text);
+    const bool written = write_text(path, lines);
+    free(lines);
+    free(text);
+    return written;
+}
+
+bool print_json(json_t *root)
+{
+    const bool printed =
+        !json_dumpf(root, stdout, JSON_INDENT(1) | JSON_REAL_PRECISION(9)) && putchar('\n') == '\n';
+    json_decref(root);
+    return printed ? stdout_is_whole() : fail_file("standard output", "cannot be written", errno);
+}
+
+static json_t *told; // paths, or NULL where each is a line
+
+void tell_file(const char *path)
+{
+    if (!told) {
+        puts(path);
+        return;
+    }
+    json_t *name = json_string(path); // NULL for a path that is no UTF-8
+    json_array_append_new(told, name ? name : json_null());
+}
+
+void told_files_begin(void)
+{
+    told = json_array();
+}
+
+bool told_files_print(void)
+{
+    json_t *root = json_object();
+    json_object_set_new(root, "files", told);
+    told = NULL;
+    return print_json(root);
+}
+
+bool stdout_is_whole(void)
+{
+    const int code = fflush(stdout) ? errno : 0;
+    return (!code && !ferror(stdout)) || fail_file("standard output", "cannot be written", code);
+}
+
+json_t *json_number(double value)
+{
+    return isfinite(value) ? json_real(value) : json_null();
+}
+
+// The header and the rows up to `last_iteration` of an existing table; NULL when it cannot be read.
+static char *kept_rows(const char *path, const char *header, int last_iteration)
+{
+    FILE *stream = fopen(path, "r");
+    if (!stream)
+        return errno == ENOENT ? format_text("%s\n", header) : NULL;
+    char *text = format_text("%s\n", header), *line = NULL;
+    size_t room = 0;
+    for (bool first = true; getline(&line, &room, stream) > 0; first = false) {
+        const long iteration = strtol(line, NULL, 10);
+        if (first || iteration <= 0 || iteration > last_iteration || !strchr(line, '\n'))
+            continue;
+        char *longer = format_text("%s%s", text, line);
+        free(text);
+        text = longer;
+    }
+    free(line);
+    fclose(stream);
+    return text;
+}
+
+FILE *csv_open(const char *path, const char *header, int last_iteration)
+{
+    char *text =
+        last_iteration > 0 ? kept_rows(path, header, last_iteration) : format_text("%s\n", header);
+    if (!text) {
+        fail_file(path, "cannot be read", errno);
+        return NULL;
+    }
+    const bool written = write_text(path, text);
+    free(text);
+    if (!written)
+        return NULL;
+    FILE *stream = fopen(path, "a");
+    if (!stream)
+        fail_file(path, "cannot be written", errno);
+    return stream;
+}
+
+// ---- MODEL ----
+
+static bool is_folder(const char *path)
+{
+    struct stat info;
+    return !stat(path, &info) && S_ISDIR(info.st_mode);
+}
+
+// The highest N of OUT/point_cloud/iteration_N that holds a PLY, or 0.
+static int newest_iteration(const char *folder)
+{
+    char *clouds = format_text("%s/point_cloud", folder);
+    DIR *directory = opendir(clouds);
+    int newest = 0;
+    for (struct dirent *entry; directory && (entry = readdir(directory));) {
+        char *end;
+        if (strncmp(entry->d_name, "iteration_", 10))
+            continue;
+        const long iteration = strtol(entry->d_name + 10, &end, 10);
+        char *ply = format_text("%s/%s/point_cloud.ply", clouds, entry->d_name);
+        if (!*end && iteration > newest && iteration < 1000000000 && file_exists(ply))
+            newest = (int)iteration;
+        free(ply);
+    }
+    if (directory)
+        closedir(directory);
+    free(clouds);
+    return newest;
+}
+
+bool model_is(const char *model)
+{
+    const size_t length = strlen(model);
+    if (length > 4 && !strcasecmp(model + length - 4, ".ply"))
+        return true;
+    char *clouds = format_text("%s/point_cloud", model);
+    const bool is = is_folder(clouds);
+    free(clouds);
+    return is;
+}
+
+bool model_locate(const char *model, model_path *located)
+{
+    *located = (model_path){0};
+    if (!file_exists(model)) {
+        fail_run("%s: there is no such model; give a PLY file or the folder of a training run",
+                 model);
+        return false;
+    }
+    if (!is_folder(model)) {
+        located->ply_path = format_text("%s", model);
+        return true;
+    }
+    located->iteration = newest_iteration(model);
+    if (!located->iteration) {
+        fail_run("%s: holds no point_cloud/iteration_N/point_cloud.ply; give a PLY file or the "
+                 "folder of a training run",
+                 model);
+        return false;
+    }
+    located->ply_path =
+        format_text("%s/point_cloud/iteration_%d/point_cloud.ply", model, located->iteration);
+    char *config = format_text("%s/config.json", model);
+    if (file_exists(config)) {
+        json_error_t error;
+        located->config = json_load_file(config, 0, &error);
+        if (!located->config)
+            print_warning("%s: line %d: %s; its options are not used", config, error.line,
+                          error.text);
+    }
+    free(config);
+    return true;
+}
+
+void model_path_free(model_path *located)
+{
+    free(located->ply_path);
+    json_decref(located->config);
+    *located = (model_path){0};
+}
+
+json_t *config_option(const json_t *config, const char *name)
+{
+    return config ? json_object_get(json_object_get(config, "options"), name) : NULL;
+}

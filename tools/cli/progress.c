@@ -1,0 +1,227 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Messages and the live progress line. On a terminal one line is redrawn in place and cleared
+// before any other message; elsewhere (a log, a pipe) every hundredth iteration gets a line of its
+// own. The rate is averaged over the last seconds, because an iteration's cost changes with the
+// number of primitives.
+
+#include "cli/progress.h"
+
+#include <math.h>
+#include <pthread.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/ioctl.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "cli/options.h"
+#include "sparegs/runtime.h"
+#include "sparegs/status.h"
+
+enum { WARNINGS_KEPT = 100, BAR_WIDTH = 20, LINE_EVERY = 100 };
+
+static struct {
+    pthread_mutex_t lock;
+    bool quiet, live;
+    size_t warning_count;
+    char *warnings[WARNINGS_KEPT];
+    double drawn_at, measured_at, rate, shown_rate;
+    int measured_iteration;
+} console = {.lock = PTHREAD_MUTEX_INITIALIZER};
+
+static void clear_line(void)
+{
+    if (console.live)
+        fputs("\r\033[K", stderr);
+    console.live = false;
+}
+
+static void print_line(const char *prefix, const char *format, va_list args)
+{
+    char text[2048];
+    vsnprintf(text, sizeof text, format, args);
+    for (char *c = text; *c; ++c)
+        if ((unsigned char)*c < 0x20 || *c == 0x7f) // quoted from a file: one line stays one line
+            *c = '?';
+    pthread_mutex_lock(&console.lock);
+    clear_line();
+    fprintf(stderr, "%s%s\n", prefix, text);
+    pthread_mutex_unlock(&console.lock);
+}
+
+void print_note(const char *format, ...)
+{
+    if (console.quiet)
+        return;
+    va_list args;
+    va_start(args, format);
+    print_line("sparegs: ", format, args);
+    va_end(args);
+}
+
+static void receive_warning(void *user, const char *message)
+{
+    (void)user;
+    pthread_mutex_lock(&console.lock);
+    clear_line();
+    fprintf(stderr, "sparegs: warning: %s\n", message);
+    if (console.warning_count < WARNINGS_KEPT)
+        console.warnings[console.warning_count++] = strdup(message);
+    pthread_mutex_unlock(&console.lock);
+}
+
+void print_warning(const char *format, ...)
+{
+    char text[1024];
+    va_list args;
+    va_start(args, format);
+    vsnprintf(text, sizeof text, format, args);
+    va_end(args);
+    receive_warning(NULL, text);
+}
+
+int fail_run(const char *format, ...)
+{
+    va_list args;
+    va_start(args, format);
+    print_line("sparegs: ", format, args);
+    va_end(args);
+    return EXIT_FAILED;
+}
+
+int fail_library(void)
+{
+    return fail_run("%s", sgs_last_error());
+}
+
+void messages_hear_library(bool hear)
+{
+    sgs_set_warning_handler(hear ? receive_warning : NULL, NULL);
+}
+
+void messages_set_quiet(bool quiet)
+{
+    console.quiet = quiet;
+}
+
+size_t warning_count(void)
+{
+    return console.warning_count;
+}
+
+const char *warning_text(size_t k)
+{
+    return console.warnings[k] ? console.warnings[k] : "";
+}
+
+double clock_seconds(void)
+{
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
+}
+
+void progress_start(int iteration)
+{
+    console.measured_iteration = iteration;
+    console.measured_at = clock_seconds();
+    console.drawn_at = 0;
+    console.rate = console.shown_rate = 0;
+}
+
+static void measure_rate(int iteration, double now)
+{
+    const double elapsed = now - console.measured_at;
+    if (elapsed <= 0 || iteration <= console.measured_iteration)
+        return;
+    const double rate = (iteration - console.measured_iteration) / elapsed;
+    if (elapsed < 0.5) { // too short to be kept, good enough to be shown
+        console.shown_rate = console.rate > 0 ? console.rate : rate;
+        return;
+    }
+    const double keep = console.rate > 0 ? exp(-elapsed / 10) : 0;
+    console.rate = keep * console.rate + (1 - keep) * rate;
+    console.shown_rate = console.rate;
+    console.measured_at = now;
+    console.measured_iteration = iteration;
+}
+
+// "1:02:03" or "2:03"; "-" when unknown.
+static void duration_text(double seconds, char text[24])
+{
+    if (!(seconds >= 0 && seconds < 1e7)) {
+        snprintf(text, 24, "-");
+        return;
+    }
+    const int whole = (int)(seconds + 0.5);
+    if (whole >= 3600)
+        snprintf(text, 24, "%d:%02d:%02d", whole / 3600, whole / 60 % 60, whole % 60);
+    else
+        snprintf(text, 24, "%d:%02d", whole / 60, whole % 60);
+}
+
+static int terminal_width(void)
+{
+    struct winsize size;
+    return !ioctl(STDERR_FILENO, TIOCGWINSZ, &size) && size.ws_col > 0 ? size.ws_col : 80;
+}
+
+void progress_step(const progress_state *state)
+{
+    if (console.quiet)
+        return;
+    const bool terminal = isatty(STDERR_FILENO);
+    const bool last = state->iteration == state->total;
+    const double now = clock_seconds();
+    measure_rate(state->iteration, now);
+    if (terminal ? now - console.drawn_at < 0.1 && !last : state->iteration % LINE_EVERY && !last)
+        return;
+    console.drawn_at = now;
+    char left[24], numbers[256], line[512];
+    duration_text(
+        console.shown_rate > 0 ? (state->total - state->iteration) / console.shown_rate : -1, left);
+    snprintf(numbers, sizeof numbers,
+             "%d/%d  loss %.4f  %zu primitives  %.1f it/s  ETA %s  RSS %.0f MB", state->iteration,
+             state->total, state->loss, state->gaussians, console.shown_rate, left,
+             (double)sgs_current_rss() / 1e6);
+    if (terminal) {
+        char bar[BAR_WIDTH + 1] = {0};
+        const int full = (int)((double)BAR_WIDTH * state->iteration / state->total);
+        for (int i = 0; i < BAR_WIDTH; ++i)
+            bar[i] = i < full ? '#' : '.';
+        snprintf(line, sizeof line, "[%s] %s", bar, numbers);
+    } else {
+        snprintf(line, sizeof line, "%s", numbers);
+    }
+    pthread_mutex_lock(&console.lock);
+    if (terminal)
+        fprintf(stderr, "\r%.*s\033[K", terminal_width() - 1, line);
+    else
+        fprintf(stderr, "%s\n", line);
+    fflush(stderr);
+    console.live = terminal;
+    pthread_mutex_unlock(&console.lock);
+}
+
+void progress_end(void)
+{
+    pthread_mutex_lock(&console.lock);
+    clear_line();
+    fflush(stderr);
+    pthread_mutex_unlock(&console.lock);
+}
+
+void progress_count(const char *label, size_t done, size_t total)
+{
+    if (console.quiet || !isatty(STDERR_FILENO))
+        return;
+    pthread_mutex_lock(&console.lock);
+    fprintf(stderr, "\r%s %zu/%zu\033[K", label, done, total);
+    fflush(stderr);
+    console.live = true;
+    pthread_mutex_unlock(&console.lock);
+}

@@ -1,0 +1,256 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Option tables shared by the commands, and the rule where a value comes from: the command line,
+// else the config.json of the run that made the model, else the data set's convention.
+
+#include "cli/shared_options.h"
+
+#include <ctype.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+
+#include "cli/output.h"
+#include "cli/progress.h"
+#include "sparegs/runtime.h"
+
+static const option common_options[] = {
+    {"threads", 0, OPTION_INTEGER, offsetof(common_values, threads), 0, 4096, "N", "0",
+     "0 = the cores that this process may use", NULL,
+     "threads to work with; results do not depend on it"},
+    {"isa", 0, OPTION_CHOICE, offsetof(common_values, isa), 0, 0, "baseline|avx2|avx512", NULL,
+     "the best this machine has", NULL, "instruction set of the kernels"},
+    {"seed", 0, OPTION_COUNT, offsetof(common_values, seed), 0, 9007199254740991.0, "N", "0", NULL,
+     NULL, "seed of every random choice (training makes some, the other commands none)"},
+    {"json", 0, OPTION_FLAG, offsetof(common_values, json), 0, 0, NULL, NULL, NULL, NULL,
+     "print the result as one JSON object on stdout"},
+    {"quiet", 0, OPTION_FLAG, offsetof(common_values, quiet), 0, 0, NULL, NULL, NULL, NULL,
+     "no progress, no notes"},
+};
+
+option_group common_group(common_values *values)
+{
+    *values = (common_values){.isa = -1};
+    return (option_group){.title = "Common options",
+                          .options = common_options,
+                          .count = sizeof common_options / sizeof *common_options,
+                          .values = values};
+}
+
+int common_apply(const common_values *values, const command_line *line)
+{
+    messages_set_quiet(values->quiet);
+    sgs_set_threads(values->threads);
+    if (option_given(line, "isa") && sgs_set_isa((sgs_isa)values->isa))
+        return fail_library();
+    return -1;
+}
+
+static const option scene_options[] = {
+    {"images", 0, OPTION_TEXT, offsetof(scene_values, images), 0, 0, "DIR", NULL, "images", NULL,
+     "image folder beside the sparse model"},
+    {"downscale", 0, OPTION_INTEGER, offsetof(scene_values, downscale), 1, 64, "K", NULL,
+     "1, or to 1600 px width", NULL, "divide width and height by K, averaging areas"},
+    {"eval", 0, OPTION_FLAG, offsetof(scene_values, eval), 0, 0, NULL, NULL, NULL, NULL,
+     "hold out every 8th image: --test-every 8"},
+    {"test-every", 0, OPTION_INTEGER, offsetof(scene_values, test_every), 2, 1000000, "N", NULL,
+     "none", "images", "hold out the images whose index in the sorted names is a multiple of N"},
+    {"test-images", 0, OPTION_TEXT, offsetof(scene_values, test_images), 0, 0, "A,B,...", NULL,
+     "none", NULL, "hold out the images of these names"},
+    {"masks", 0, OPTION_TEXT, offsetof(scene_values, masks), 0, 0, "DIR|none", NULL,
+     "masks or mask, if there", NULL,
+     "folder of masks beside the image folder: STEM.png or NAME.png, white counts, black does not"},
+    {"invert-masks", 0, OPTION_FLAG, offsetof(scene_values, invert_masks), 0, 0, NULL, NULL, NULL,
+     NULL, "black counts, white does not"},
+    {"alpha", 0, OPTION_CHOICE, offsetof(scene_values, alpha), 0, 0, ALPHA_WORDS, "over", NULL,
+     NULL,
+     "alpha channels: lay the image over the background, take them for masks, or ignore them"},
+    {"image-cache", 0, OPTION_BYTES, offsetof(scene_values, cache_bytes), 0, 1e18, "SIZE", "4GiB",
+     "4GiB, 0 = no limit", "bytes, KiB, MiB, GiB",
+     "memory for decoded images; what does not fit is decoded again when it is needed"},
+    {"input-colorspace", 0, OPTION_TEXT, offsetof(scene_values, colorspace), 0, 0, "NAME", NULL,
+     "what the files say", NULL,
+     "colour space of the images: linear, sRGB, or a name that OpenImageIO or $OCIO knows"},
+    {"train-space", 0, OPTION_CHOICE, offsetof(scene_values, space), 0, 0, SPACE_WORDS, "srgb",
+     NULL, NULL,
+     "space to compare in, and of the model's colours: encoded for display, or linear light"},
+    {"white", 0, OPTION_REAL, offsetof(scene_values, white), 0, 1e30, "X", "0",
+     "99 % of the light in linear files stays below", NULL,
+     "linear light that becomes 1 in the model's colours"},
+};
+
+option_group scene_group(scene_values *values)
+{
+    *values = (scene_values){0};
+    return (option_group){.title = "Data set",
+                          .options = scene_options,
+                          .count = sizeof scene_options / sizeof *scene_options,
+                          .values = values};
+}
+
+// "4GiB", "512M", "1000000". False when it is nothing of the kind.
+int scene_settle(scene_values *values, const command_line *line, const json_t *config)
+{
+    const int splits = option_given(line, "eval") + option_given(line, "test-every") +
+                       option_given(line, "test-images");
+    if (splits > 1)
+        return fail_usage(
+            "--eval, --test-every and --test-images exclude each other; give one of them");
+    if (values->eval)
+        values->test_every = 8;
+    if (!splits) {
+        values->test_every = (int)json_integer_value(config_option(config, "test_every"));
+        values->test_images = json_string_value(config_option(config, "test_images"));
+    }
+    if (!option_given(line, "images"))
+        values->images = json_string_value(config_option(config, "images"));
+    if (!option_given(line, "masks"))
+        values->masks = json_string_value(config_option(config, "masks"));
+    if (!option_given(line, "invert-masks"))
+        values->invert_masks = json_is_true(config_option(config, "invert_masks"));
+    const char *alpha = json_string_value(config_option(config, "alpha"));
+    if (!option_given(line, "alpha") && alpha)
+        values->alpha = !strcmp(alpha, "mask")     ? SGS_ALPHA_MASK
+                        : !strcmp(alpha, "ignore") ? SGS_ALPHA_IGNORE
+                                                   : SGS_ALPHA_OVER;
+    if (!option_given(line, "input-colorspace"))
+        values->colorspace = json_string_value(config_option(config, "input_colorspace"));
+    const char *space = json_string_value(config_option(config, "train_space"));
+    if (!option_given(line, "train-space") && space)
+        values->space = !strcmp(space, "linear") ? SGS_SPACE_LINEAR : SGS_SPACE_SRGB;
+    if (!option_given(line, "white"))
+        values->white = json_number_value(config_option(config, "white"));
+    if (!option_given(line, "downscale"))
+        values->downscale = (int)json_integer_value(config_option(config, "downscale"));
+    return -1;
+}
+
+sgs_scene *scene_open(const char *path, const scene_values *values, bool load_images)
+{
+    sgs_scene_options options = sgs_scene_options_default();
+    options.images_dir = values->images;
+    options.downscale = values->downscale;
+    options.test_every = values->test_every;
+    options.test_images = values->test_images;
+    options.load_images = load_images;
+    options.masks_dir = values->masks;
+    options.invert_masks = values->invert_masks;
+    options.alpha = (sgs_alpha)values->alpha;
+    options.colorspace = values->colorspace;
+    options.space = (sgs_space)values->space;
+    options.white = values->white;
+    options.image_cache = (size_t)values->cache_bytes;
+    sgs_scene *scene = NULL;
+    if (sgs_scene_load(path, &options, &scene)) {
+        fail_library();
+        return NULL;
+    }
+    return scene;
+}
+
+bool view_in_split(const sgs_view *view, sgs_split split)
+{
+    return split == SGS_SPLIT_ALL || view->split == split;
+}
+
+size_t scene_split_count(const sgs_scene *scene, sgs_split split)
+{
+    size_t count = 0;
+    for (size_t v = 0; v < scene->view_count; ++v)
+        count += view_in_split(&scene->views[v], split);
+    return count;
+}
+
+static const option drawing_options[] = {
+    {"filter", 0, OPTION_CHOICE, offsetof(drawing_values, filter), 0, 0, "3dgs|none|mip", "3dgs",
+     "as the run was trained, or 3dgs", NULL,
+     "pixel filter: the 0.3 px^2 dilation of 3DGS, the bare Gaussians, or Mip-Splatting's 0.1 px^2 "
+     "that keeps the energy"},
+    {"compact-box", 0, OPTION_REAL, offsetof(drawing_values, compact_box), 1e-3, 1, "X", "1",
+     "as the run was trained, or 1", NULL,
+     "share of a primitive's support that brings it into a tile of pixels; 1 is exact"},
+    {"background", 0, OPTION_COLOR, offsetof(drawing_values, background), 0, 0, "R,G,B", "0,0,0",
+     "as the run was trained, or 0,0,0", NULL,
+     "colour behind the model, display values from 0 to 1"},
+};
+
+option_group drawing_group(drawing_values *values)
+{
+    *values = (drawing_values){.compact_box = 1, .white = 1};
+    return (option_group){.title = "Drawing",
+                          .options = drawing_options,
+                          .count = sizeof drawing_options / sizeof *drawing_options,
+                          .values = values};
+}
+
+void drawing_settle(drawing_values *values, const command_line *line, const json_t *config,
+                    const sgs_scene *scene)
+{
+    const char *filter = json_string_value(config_option(config, "filter"));
+    if (!option_given(line, "filter") && filter)
+        values->filter = !strcmp(filter, "none")  ? SGS_FILTER_NONE
+                         : !strcmp(filter, "mip") ? SGS_FILTER_MIP
+                                                  : SGS_FILTER_3DGS;
+    const double compact_box = json_number_value(config_option(config, "compact_box"));
+    if (!option_given(line, "compact-box") && compact_box > 0 && compact_box <= 1)
+        values->compact_box = compact_box;
+    const char *space = json_string_value(config_option(config, "train_space"));
+    values->space = space && !strcmp(space, "linear") ? SGS_SPACE_LINEAR : SGS_SPACE_SRGB;
+    const double white = json_number_value(config_option(config, "white"));
+    values->white = white > 0 ? white : 1;
+    const double near_distance = json_number_value(json_object_get(config, "near_distance"));
+    values->near_distance =
+        near_distance > 0 ? near_distance : sgs_near_distance(scene ? scene->extent : 1.0);
+    if (option_given(line, "background"))
+        return;
+    const json_t *background = config_option(config, "background");
+    for (size_t c = 0; c < 3; ++c) {
+        if (json_is_array(background))
+            values->background.rgb[c] = (float)json_number_value(json_array_get(background, c));
+        else if (!background && scene && scene->white_background)
+            values->background.rgb[c] = 1;
+    }
+}
+
+sgs_render_options drawing_render_options(const drawing_values *values)
+{
+    sgs_render_options options = sgs_render_options_default();
+    options.filter = (sgs_filter)values->filter;
+    options.compact_box = values->compact_box;
+    if (values->near_distance > 0)
+        options.near_distance = values->near_distance;
+    return options;
+}
+
+int command_parse(const command_spec *spec, int argc, char **argv, command_call *call)
+{
+    size_t count = 0;
+    if (spec->option_count) {
+        const option_group own = {.title = spec->title,
+                                  .options = spec->options,
+                                  .count = spec->option_count,
+                                  .values = spec->values};
+        call->groups[count++] = own;
+    }
+    if (spec->drawing)
+        call->groups[count++] = drawing_group(spec->drawing);
+    if (spec->scene)
+        call->groups[count++] = scene_group(spec->scene);
+    call->groups[count++] = common_group(&call->common);
+    call->line = (command_line){.command = spec->name,
+                                .synopsis = spec->synopsis,
+                                .description = spec->description,
+                                .groups = call->groups,
+                                .group_count = count,
+                                .operand_minimum = spec->operand_minimum,
+                                .operand_maximum = spec->operand_maximum};
+    return command_line_parse(&call->line, argc, argv);
+}
+
+int command_begin(const command_spec *spec, int argc, char **argv, command_call *call)
+{
+    const int status = command_parse(spec, argc, argv, call);
+    return status < 0 ? common_apply(&call->common, &call->line) : status;
+}

@@ -1,0 +1,89 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// The options that several commands share, and what they set: threads and instruction set; the data
+// set and its split; how a stored model is drawn.
+
+#include <jansson.h>
+
+#include "cli/options.h"
+#include "sparegs/render.h"
+#include "sparegs/scene.h"
+
+typedef struct common_values {
+    int threads, isa;
+    uint64_t seed;
+    bool quiet, json;
+} common_values;
+
+option_group common_group(common_values *values);
+// Sets threads, instruction set and quietness. Returns -1 to go on, or an exit status.
+int common_apply(const common_values *values, const command_line *line);
+
+typedef struct scene_values {
+    const char *images, *test_images, *masks, *colorspace;
+    int downscale, test_every, alpha, space; // sgs_alpha, sgs_space
+    double white;                            // 0 = measured
+    uint64_t cache_bytes;                    // for decoded images; 0 = no limit
+    bool eval, invert_masks;
+} scene_values;
+
+option_group scene_group(scene_values *values);
+// Settles --eval and the options that exclude each other; with a run's config (or NULL) fills in
+// what it recorded and the command line left open. The strings stay owned by argv and config.
+// Returns -1, or an exit status.
+int scene_settle(scene_values *values, const command_line *line, const json_t *config);
+// The words of --alpha, in the order of sgs_alpha.
+#define ALPHA_WORDS "over|mask|ignore"
+// The words of --train-space, in the order of sgs_space.
+#define SPACE_WORDS "srgb|linear"
+// Loads the scene; NULL after printing the error.
+sgs_scene *scene_open(const char *path, const scene_values *values, bool load_images);
+// Views of a split.
+size_t scene_split_count(const sgs_scene *scene, sgs_split split);
+bool view_in_split(const sgs_view *view, sgs_split split);
+
+typedef struct drawing_values {
+    int filter; // sgs_filter
+    double compact_box;
+    color_value background;
+    sgs_space
+        space; // of the model's colours, and the light that is 1 in them: from the run's config
+    double white;
+    double near_distance; // from the scene
+} drawing_values;
+
+option_group drawing_group(drawing_values *values);
+// What the command line left open comes from the run's config, then from the scene.
+void drawing_settle(drawing_values *values, const command_line *line, const json_t *config,
+                    const sgs_scene *scene);
+// How to draw for them.
+sgs_render_options drawing_render_options(const drawing_values *values);
+
+// A command whose line is its own options, then those that it shares with others, then the common
+// ones.
+typedef struct command_spec {
+    const char *name, *synopsis, *description; // "eval", "MODEL SCENE [options]", paragraphs
+    int operand_minimum, operand_maximum;
+    const char *title; // of its own options
+    const option *options;
+    size_t option_count;
+    void *values;            // of its own options
+    scene_values *scene;     // NULL: it takes no such options
+    drawing_values *drawing; // likewise
+} command_spec;
+
+enum { COMMAND_GROUPS = 4 };
+
+typedef struct command_call {
+    common_values common;
+    option_group groups[COMMAND_GROUPS];
+    command_line line;
+} command_call;
+
+// Parses argv into the values of the groups; `call` must not move afterwards. Returns -1 to go on,
+// or an exit status.
+int command_parse(const command_spec *spec, int argc, char **argv, command_call *call);
+// The same, and applies the common options.
+int command_begin(const command_spec *spec, int argc, char **argv, command_call *call);

@@ -1,0 +1,400 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Options of the training. config.json is written from the same struct that the trainer is started
+// with, so a run can be repeated from it; every key under "options" is a long option with '_' for
+// '-'.
+
+#include "cli/train_options.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "cli/output.h"
+#include "cli/progress.h"
+#include "sparegs/runtime.h"
+
+#define PIPELINES "3dgs|mip|taming|dash|fastgs"
+#define TAMING_OPACITIES "trained|frozen|linear"
+#define FILTERS "3dgs|none|mip"
+#define PHIS "coupled|constant|product|plain"
+#define TARGETS "default|gradient|importance|both"
+enum { FILTER_OF_PIPELINE = -1 };
+#define AT(member) offsetof(train_values, member)
+
+static const option output_options[] = {
+    {"output", 'o', OPTION_TEXT, AT(output), 0, 0, "OUT", NULL, NULL, NULL,
+     "folder for the model, its records and checkpoints; needed"},
+    {"save-at", 0, OPTION_INTEGERS, AT(save_at), 1, 1e9, "A,B,...", "7000", "7000", "iterations",
+     "iterations at which to write the model; the last one is always written"},
+    {"checkpoint-every", 0, OPTION_INTEGER, AT(checkpoint_every), 0, 1e9, "N", "1000",
+     "1000, 0 = never", "iterations",
+     "iterations between two checkpoints of the full state; the last two are kept"},
+    {"time-limit", 0, OPTION_DURATION, AT(time_limit), 0, 1e9, "TIME", NULL, "none", NULL,
+     "end before this time since the start, with the state saved for --resume: 90s, 45m, 3h55m, "
+     "2d12h"},
+    {"max-memory", 0, OPTION_BYTES, AT(max_memory), 1e6, 1e15, "SIZE", NULL, "none", NULL,
+     "refuse a training whose estimate is larger, and save and end one that is about to grow "
+     "beyond: 500M, 8GiB (K, M, G are powers of 1024)"},
+    {"resume", 0, OPTION_FLAG, AT(resume), 0, 0, NULL, NULL, NULL, NULL,
+     "continue the run in OUT from its newest checkpoint, with the same options; --max-gaussians, "
+     "--spare-eps-loss, "
+     "--spare-eps-count, --spare-patience and, under --schedule paper, --iterations may change"},
+    {"trace", 0, OPTION_TEXT, AT(trace), 0, 0, "FILE", NULL, "none", NULL,
+     "write the phases of every iteration as a Chrome/Perfetto trace (about 1 KB each)"},
+};
+
+static const option training_options[] = {
+    {"iterations", 0, OPTION_INTEGER, AT(iterations), 1, 1e7, "N", "30000", NULL, NULL,
+     "length of the run"},
+    {"schedule", 0, OPTION_CHOICE, AT(schedule), 0, 0, "scaled|paper", "scaled", NULL, NULL,
+     "scaled: the milestones of the 30000-iteration schedule shrink with N; paper: that schedule, "
+     "stopped at N"},
+    {"pipeline", 0, OPTION_CHOICE, AT(pipeline), 0, 0, PIPELINES, "3dgs", NULL, NULL,
+     "base pipeline: 3DGS, Mip-Splatting, Taming 3DGS, DashGaussian, FastGS"},
+    {"filter", 0, OPTION_CHOICE, AT(filter), 0, 0, FILTERS, NULL, "the pipeline's", NULL,
+     "pixel filter: the 0.3 px^2 dilation of 3DGS, the bare Gaussians, or Mip-Splatting's filters"},
+    {"optimizer", 0, OPTION_CHOICE, AT(optimizer), 0, 0, "sparse|dense", "sparse", NULL, NULL,
+     "Adam over the primitives seen in the iteration, or over all of them"},
+    {"sh-degree", 0, OPTION_INTEGER, AT(sh_degree), 0, 3, "D", "3", NULL, NULL,
+     "highest band of the spherical harmonics"},
+    {"compact-box", 0, OPTION_REAL, AT(compact_box), 1e-3, 1, "X", "1", NULL, NULL,
+     "share of a primitive's support that brings it into a tile of pixels; 1 is exact, FastGS's "
+     "rasteriser has 0.5"},
+    {"background", 0, OPTION_COLOR, AT(background), 0, 0, "R,G,B|random", "0,0,0",
+     "0,0,0, or 1,1,1 for NeRF synthetic scenes with --alpha over", NULL,
+     "colour behind the model, display values from 0 to 1, or a new colour per iteration"},
+    {"max-gaussians", 0, OPTION_COUNT, AT(max_gaussians), 0, 2147483647, "N", "0", "0 = none", NULL,
+     "hard cap on the number of primitives, also for the initial cloud"},
+    {"init", 0, OPTION_TEXT, AT(init), 0, 0, "MODEL", NULL, "none", NULL,
+     "start from this 3DGS model (PLY file or folder of a run) instead of the point cloud"},
+    {"alpha-loss", 0, OPTION_REAL, AT(alpha_loss), 0, 1000, "W", "0", "0 = none", NULL,
+     "weight of the mean difference between the model's opacity and the images' alpha channel"},
+    {"exposure", 0, OPTION_FLAG, AT(exposure), 0, 0, NULL, NULL, NULL, NULL,
+     "learn what exposure and white balance did to each image: a 3 x 4 map of its colours, in "
+     "exposure.json"},
+    {"random-points", 0, OPTION_COUNT, AT(random_points), 1, 100000000, "N", "100000", NULL, NULL,
+     "size of the random cloud for a scene without points"},
+};
+
+static const option pipeline_options[] = {
+    {"taming-multiplier", 0, OPTION_REAL, AT(taming_multiplier), 1e-3, 1e6, "X", "20", NULL, NULL,
+     "Taming: final number of primitives as a multiple of the initial one"},
+    {"taming-count", 0, OPTION_COUNT, AT(taming_count), 0, 2147483647, "N", "0",
+     "0 = by the multiplier", NULL, "Taming: final number of primitives"},
+    {"taming-opacity", 0, OPTION_CHOICE, AT(taming_opacity), 0, 0, TAMING_OPACITIES, "frozen", NULL,
+     NULL,
+     "Taming: opacities after densification; its released code freezes them, its paper wants them "
+     "linear, so that they may exceed 1 (not with --filter mip; files hold at most 0.999999)"},
+    {"dash-count", 0, OPTION_COUNT, AT(dash_count), 0, 2147483647, "N", "0", "0 = by momentum",
+     NULL, "Dash: final number of primitives"},
+    {"fastgs-loss", 0, OPTION_REAL, AT(fastgs_loss), 0, 1, "X", "0.1", NULL, NULL,
+     "FastGS: share of a view's range of errors above which a pixel votes"},
+    {"fastgs-gradient", 0, OPTION_REAL, AT(fastgs_gradient), 1e-9, 1, "X", "0.0012", NULL, NULL,
+     "FastGS: absolute gradient above which a primitive is split"},
+    {"fastgs-dense", 0, OPTION_REAL, AT(fastgs_dense), 1e-9, 1, "X", "0.001", NULL,
+     "of the scene's extent", "FastGS: size above which a primitive is split instead of cloned"},
+};
+
+static const option spare_options[] = {
+    {"spare", 0, OPTION_SET, AT(spare), 0, 0, "on|off|bmd,rap,edt", "on", NULL, NULL,
+     "SPARE-GS, or these parts of it: budget-modulated densification, redundancy-aware pruning, "
+     "equilibrium-driven termination"},
+    {"spare-grid", 0, OPTION_INTEGER, AT(spare_grid), 2, 256, "N", "32", NULL, "voxels per axis",
+     "grid of the regions"},
+    {"spare-tau-alpha", 0, OPTION_REAL, AT(spare_tau_alpha), 0, 1, "X", "0.05", NULL, NULL,
+     "opacity below which a primitive may be redundant"},
+    {"spare-eps-loss", 0, OPTION_REAL, AT(spare_eps_loss), 0, 1, "X", "0.008", NULL, NULL,
+     "relative change of the loss that counts as equilibrium"},
+    {"spare-eps-count", 0, OPTION_REAL, AT(spare_eps_count), 0, 1, "X", "0.01", NULL, NULL,
+     "relative change of the number of primitives that counts as equilibrium"},
+    {"spare-patience", 0, OPTION_INTEGER, AT(spare_patience), 1, 1000, "N", "2", NULL, "checks",
+     "checks in equilibrium before training ends"},
+    {"spare-interval", 0, OPTION_INTEGER, AT(spare_interval), 1, 1e9, "N", "1000", NULL,
+     "iterations", "iterations, of the 30000-iteration schedule, between two checks"},
+    {"spare-demand", 0, OPTION_SET, AT(spare_demand), 0, 0, "h,v,c", "h,v,c", NULL, NULL,
+     "the terms of the demand"},
+    {"spare-phi", 0, OPTION_CHOICE, AT(spare_phi), 0, 0, PHIS, "coupled", NULL, NULL,
+     "how slack and demand make a weight: coupled, constant range, their product, slack alone"},
+    {"spare-budget", 0, OPTION_REAL, AT(spare_budget), 0.01, 100, "X", "1", NULL,
+     "of the number of primitives", "budget that the regions share"},
+    {"spare-target", 0, OPTION_CHOICE, AT(spare_target), 0, 0, TARGETS, "default",
+     "default: both for taming, gradient for fastgs", NULL,
+     "the score that the weight multiplies, where a pipeline has two"},
+};
+
+void train_groups(train_values *values, option_group groups[TRAIN_GROUP_COUNT])
+{
+    *values = (train_values){.filter = FILTER_OF_PIPELINE};
+    groups[0] = (option_group){.title = "Output",
+                               .options = output_options,
+                               .count = sizeof output_options / sizeof *output_options,
+                               .values = values};
+    groups[1] = (option_group){.title = "Training",
+                               .options = training_options,
+                               .count = sizeof training_options / sizeof *training_options,
+                               .values = values};
+    groups[2] = (option_group){.title = "Base pipelines",
+                               .options = pipeline_options,
+                               .count = sizeof pipeline_options / sizeof *pipeline_options,
+                               .values = values};
+    groups[3] = (option_group){.title = "SPARE-GS",
+                               .options = spare_options,
+                               .count = sizeof spare_options / sizeof *spare_options,
+                               .values = values};
+}
+
+void train_settle(train_values *values)
+{
+    if (values->filter == FILTER_OF_PIPELINE)
+        values->filter = values->pipeline == SGS_PIPELINE_MIP ? SGS_FILTER_MIP : SGS_FILTER_3DGS;
+}
+
+sgs_train_options train_library_options(const train_values *values, uint64_t seed)
+{
+    sgs_train_options options = sgs_train_options_default();
+    options.iterations = values->iterations;
+    options.schedule = (sgs_schedule)values->schedule;
+    options.pipeline = (sgs_pipeline)values->pipeline;
+    options.filter = (sgs_filter)values->filter;
+    options.optimizer = (sgs_optimizer)values->optimizer;
+    options.sh_degree = values->sh_degree;
+    options.compact_box = values->compact_box;
+    memcpy(options.background, values->background.rgb, sizeof options.background);
+    options.background_random = values->background.random;
+    options.max_gaussians = (size_t)values->max_gaussians;
+    options.seed = seed;
+    options.spare = values->spare;
+    options.spare_grid = values->spare_grid;
+    options.spare_tau_alpha = values->spare_tau_alpha;
+    options.spare_eps_loss = values->spare_eps_loss;
+    options.spare_eps_count = values->spare_eps_count;
+    options.spare_patience = values->spare_patience;
+    options.spare_interval = values->spare_interval;
+    options.spare_demand = values->spare_demand;
+    options.alpha_loss = values->alpha_loss;
+    options.exposure = values->exposure;
+    options.spare_phi = (sgs_phi)values->spare_phi;
+    options.spare_budget = values->spare_budget;
+    options.spare_target = (sgs_spare_target)values->spare_target;
+    options.pipeline_options =
+        (sgs_pipeline_options){.taming_multiplier = values->taming_multiplier,
+                               .taming_count = (size_t)values->taming_count,
+                               .taming_opacity = (sgs_taming_opacity)values->taming_opacity,
+                               .dash_count = (size_t)values->dash_count,
+                               .fastgs_loss = values->fastgs_loss,
+                               .fastgs_gradient = values->fastgs_gradient,
+                               .fastgs_dense = values->fastgs_dense};
+    options.random_points = (size_t)values->random_points;
+    return options;
+}
+
+static void set_word(json_t *object, const char *key, const char *words, int index)
+{
+    const char *at = words;
+    for (const char *bar; index > 0 && (bar = strchr(at, '|')); --index)
+        at = bar + 1;
+    json_object_set_new(object, key, json_stringn(at, strcspn(at, "|")));
+}
+
+static void set_text(json_t *object, const char *key, const char *text)
+{
+    json_object_set_new(object, key, text ? json_string(text) : json_null());
+}
+
+static void set_bits(json_t *object, const char *key, unsigned bits, const char *const names[3])
+{
+    json_t *list = json_array();
+    for (int k = 0; k < 3; ++k)
+        if (bits >> k & 1)
+            json_array_append_new(list, json_string(names[k]));
+    json_object_set_new(object, key, list);
+}
+
+static void set_integer(json_t *object, const char *key, uint64_t value)
+{
+    json_object_set_new(object, key, json_integer((json_int_t)value));
+}
+
+// 0 is what the option is when it is left out.
+static void set_given(json_t *object, const char *key, int value)
+{
+    json_object_set_new(object, key, value ? json_integer(value) : json_null());
+}
+
+// What shapes the training; a resumed run must have the same.
+static json_t *shaping_options(const train_values *values, const scene_values *scene, uint64_t seed)
+{
+    static const char *const spare_names[3] = {"bmd", "rap", "edt"}, *const demand_names[3] = {
+                                                                         "h", "v", "c"};
+    json_t *options = json_object();
+    set_text(options, "images", scene->images ? scene->images : "images");
+    set_given(options, "downscale", scene->downscale);
+    set_given(options, "test_every", scene->test_every);
+    set_text(options, "test_images", scene->test_images);
+    set_text(options, "masks", scene->masks);
+    json_object_set_new(options, "invert_masks", json_boolean(scene->invert_masks));
+    set_word(options, "alpha", ALPHA_WORDS, scene->alpha);
+    set_text(options, "input_colorspace", scene->colorspace);
+    set_word(options, "train_space", SPACE_WORDS, scene->space);
+    json_object_set_new(options, "white", json_real(scene->white));
+    set_integer(options, "iterations", (uint64_t)values->iterations);
+    set_word(options, "schedule", "scaled|paper", values->schedule);
+    set_word(options, "pipeline", PIPELINES, values->pipeline);
+    set_word(options, "filter", FILTERS, values->filter);
+    json_object_set_new(options, "compact_box", json_real(values->compact_box));
+    set_word(options, "optimizer", "sparse|dense", values->optimizer);
+    set_integer(options, "sh_degree", (uint64_t)values->sh_degree);
+    if (values->background.random) {
+        set_text(options, "background", "random");
+    } else {
+        json_t *list = json_array();
+        for (int c = 0; c < 3; ++c)
+            json_array_append_new(list, json_real((double)values->background.rgb[c]));
+        json_object_set_new(options, "background", list);
+    }
+    set_integer(options, "max_gaussians", values->max_gaussians);
+    set_text(options, "init", values->init);
+    set_integer(options, "random_points", values->random_points);
+    json_object_set_new(options, "alpha_loss", json_real(values->alpha_loss));
+    json_object_set_new(options, "exposure", json_boolean(values->exposure));
+    set_bits(options, "spare", values->spare, spare_names);
+    set_integer(options, "spare_grid", (uint64_t)values->spare_grid);
+    json_object_set_new(options, "spare_tau_alpha", json_real(values->spare_tau_alpha));
+    json_object_set_new(options, "spare_eps_loss", json_real(values->spare_eps_loss));
+    json_object_set_new(options, "spare_eps_count", json_real(values->spare_eps_count));
+    set_integer(options, "spare_patience", (uint64_t)values->spare_patience);
+    set_integer(options, "spare_interval", (uint64_t)values->spare_interval);
+    set_bits(options, "spare_demand", values->spare_demand, demand_names);
+    set_word(options, "spare_phi", PHIS, values->spare_phi);
+    json_object_set_new(options, "spare_budget", json_real(values->spare_budget));
+    set_word(options, "spare_target", TARGETS, values->spare_target);
+    json_object_set_new(options, "taming_multiplier", json_real(values->taming_multiplier));
+    set_integer(options, "taming_count", values->taming_count);
+    set_word(options, "taming_opacity", TAMING_OPACITIES, values->taming_opacity);
+    set_integer(options, "dash_count", values->dash_count);
+    json_object_set_new(options, "fastgs_loss", json_real(values->fastgs_loss));
+    json_object_set_new(options, "fastgs_gradient", json_real(values->fastgs_gradient));
+    json_object_set_new(options, "fastgs_dense", json_real(values->fastgs_dense));
+    set_integer(options, "seed", seed);
+    return options;
+}
+
+json_t *train_config(const char *scene_path, const train_values *values, const scene_values *scene,
+                     const common_values *common)
+{
+    json_t *config = json_object(), *save_at = json_array();
+    for (int i = 0; i < values->save_at.count; ++i)
+        json_array_append_new(save_at, json_integer(values->save_at.values[i]));
+    set_text(config, "version", sgs_version());
+    set_text(config, "commit", sgs_version_commit());
+    set_text(config, "libraries", sgs_version_libraries());
+    set_text(config, "isa", sgs_isa_name(sgs_get_isa()));
+    set_integer(config, "threads", (uint64_t)sgs_threads());
+    set_text(config, "scene", scene_path);
+    set_integer(config, "seed", common->seed);
+    json_object_set_new(config, "options", shaping_options(values, scene, common->seed));
+    json_object_set_new(config, "save_at", save_at);
+    set_integer(config, "checkpoint_every", (uint64_t)values->checkpoint_every);
+    return config;
+}
+
+// Equal up to the digits that the file keeps.
+static bool same_value(const json_t *a, const json_t *b)
+{
+    if (json_is_array(a) && json_is_array(b) && json_array_size(a) == json_array_size(b)) {
+        for (size_t i = 0; i < json_array_size(a); ++i)
+            if (!same_value(json_array_get(a, i), json_array_get(b, i)))
+                return false;
+        return true;
+    }
+    if (json_is_real(a) && json_is_number(b)) {
+        char x[32], y[32];
+        snprintf(x, sizeof x, "%.9g", json_number_value(a));
+        snprintf(y, sizeof y, "%.9g", json_number_value(b));
+        return !strcmp(x, y);
+    }
+    return json_equal(a, b);
+}
+
+// What a resumed run may be given anew (the library warns of it).
+static bool may_change(const char *key, const json_t *now)
+{
+    static const char *const keys[] = {"max_gaussians", "spare_eps_loss", "spare_eps_count",
+                                       "spare_patience"};
+    for (size_t i = 0; i < sizeof keys / sizeof *keys; ++i)
+        if (!strcmp(keys[i], key))
+            return true;
+    const char *schedule = json_string_value(config_option(now, "schedule"));
+    return !strcmp(key, "iterations") && schedule && !strcmp(schedule, "paper");
+}
+
+// A value as one writes it on the command line.
+static char *spoken(const json_t *value)
+{
+    if (json_is_null(value))
+        return format_text("not given");
+    if (json_is_string(value))
+        return format_text("%s", json_string_value(value));
+    if (!json_is_array(value)) {
+        char *text = json_dumps(value, JSON_ENCODE_ANY | JSON_REAL_PRECISION(9));
+        return text ? text : format_text("?");
+    }
+    char *list = format_text("%s", json_array_size(value) ? "" : "off");
+    for (size_t i = 0; i < json_array_size(value); ++i) {
+        char *word = spoken(json_array_get(value, i));
+        char *longer = format_text("%s%s%s", list, i ? "," : "", word);
+        free(word);
+        free(list);
+        list = longer;
+    }
+    return list;
+}
+
+bool train_config_agrees(const char *config_path, const json_t *stored, const json_t *now)
+{
+    const char *key;
+    json_t *value;
+    json_object_foreach(json_object_get(now, "options"), key, value)
+    {
+        const json_t *old = config_option(stored, key);
+        if (same_value(value, old) || (old && may_change(key, now)))
+            continue;
+        char name[64];
+        snprintf(name, sizeof name, "%s", key);
+        for (char *dash = name; (dash = strchr(dash, '_'));)
+            *dash = '-';
+        char *was = old ? spoken(old) : format_text("not recorded");
+        char *is = spoken(value);
+        fail_run("%s: --%s was %s when this run was started and is %s now; resume with the same "
+                 "options, or train into "
+                 "another folder",
+                 config_path, name, was, is);
+        free(was);
+        free(is);
+        return false;
+    }
+    return true;
+}
+
+void train_config_record(const json_t *stored, json_t *now, int iteration)
+{
+    json_t *list = json_deep_copy(json_object_get(stored, "resumed")), *entry = json_object(),
+           *changed = json_object();
+    const char *key;
+    json_t *value;
+    json_object_foreach(json_object_get(now, "options"), key, value)
+    {
+        json_t *old = config_option(stored, key);
+        if (!same_value(value, old))
+            json_object_set(changed, key, old);
+    }
+    json_object_set_new(entry, "iteration", json_integer(iteration));
+    json_object_set_new(entry, "changed_from", changed);
+    if (!json_is_array(list)) {
+        json_decref(list);
+        list = json_array();
+    }
+    json_array_append_new(list, entry);
+    json_object_set_new(now, "resumed", list);
+}

@@ -1,0 +1,332 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// `sparegs bench`: the phases of a training iteration under the clock, on scenes made by seed and
+// on models of the user's own. All settings of a scene take turns, repetition by repetition, so
+// that a slow minute of the machine hits them alike.
+
+#include <errno.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "report/bench_report.h"
+#include "cli/commands.h"
+#include "cli/interrupt.h"
+#include "cli/output.h"
+#include "cli/progress.h"
+#include "cli/shared_options.h"
+
+static const char description[] =
+    "Measures the phases of a training iteration on scenes made inside the program (--list names "
+    "them;\n"
+    "all when none is given), or on MODEL (a PLY file or a run's folder) seen by the cameras of "
+    "SCENE.\n"
+    "Prints medians over the repetitions with the least and the largest value; per ray hit in TSC "
+    "cycles\n"
+    "and nanoseconds and per megapixel, both as core time (wall clock times threads); and the "
+    "machine's\n"
+    "own limits, measured in the same run. `forward` is project, order and blend without "
+    "`gather`;\n"
+    "`total` is gather, forward and backward; `iteration` is everything but `build`.";
+
+typedef struct bench_values {
+    integer_list threads;
+    unsigned isas;
+    int repeat, views;
+    uint64_t seed;
+    bool list, json, csv, quiet;
+} bench_values;
+
+#define AT(member) offsetof(bench_values, member)
+
+static const option bench_options[] = {
+    {"list", 0, OPTION_FLAG, AT(list), 0, 0, NULL, NULL, NULL, NULL, "name the scenes and exit"},
+    {"threads", 0, OPTION_INTEGERS, AT(threads), 0, 4096, "A,B,...", "0",
+     "0 = the cores that this process may use", NULL, "numbers of threads to measure with"},
+    {"isa", 0, OPTION_SET, AT(isas), 0, 0, "baseline,avx2,avx512", NULL,
+     "the best this machine has", NULL, "instruction sets to measure"},
+    {"repeat", 0, OPTION_INTEGER, AT(repeat), 1, 1000, "N", "5", NULL, NULL, "repetitions"},
+    {"views", 0, OPTION_INTEGER, AT(views), 1, 16, "N", "3", NULL, NULL,
+     "views of SCENE, evenly spaced by name"},
+    {"seed", 0, OPTION_COUNT, AT(seed), 0, 9007199254740991.0, "N", "0", NULL, NULL,
+     "seed of the scenes"},
+    {"json", 0, OPTION_FLAG, AT(json), 0, 0, NULL, NULL, NULL, NULL,
+     "print the result as one JSON object on stdout"},
+    {"csv", 0, OPTION_FLAG, AT(csv), 0, 0, NULL, NULL, NULL, NULL,
+     "print a CSV row per scene and setting on stdout"},
+    {"quiet", 0, OPTION_FLAG, AT(quiet), 0, 0, NULL, NULL, NULL, NULL, "no progress, no notes"},
+};
+
+typedef struct bench_setting {
+    int threads;
+    sgs_isa isa;
+    sgs_machine_limits limits;
+} bench_setting;
+
+typedef struct bench_run {
+    const bench_values *values;
+    bench_setting settings[64 * SGS_ISA_COUNT];
+    size_t setting_count;
+    bench_report report;
+    size_t capacity; // of the report
+} bench_run;
+
+static bool apply(const bench_setting *setting)
+{
+    sgs_set_threads(setting->threads);
+    if (!sgs_set_isa(setting->isa))
+        return true;
+    fail_library();
+    return false;
+}
+
+// Threads outside, instruction sets inside; the limits are those of the best instruction set.
+static bool make_settings(bench_run *run, bool isa_given)
+{
+    const sgs_isa best = sgs_get_isa();
+    for (int t = 0; t < run->values->threads.count; ++t) {
+        bench_setting made = {.isa = best};
+        sgs_set_threads(run->values->threads.values[t]);
+        made.threads = sgs_threads();
+        if (made.threads > sgs_cores())
+            print_warning("%d threads on %d cores take turns; their times tell little",
+                          made.threads, sgs_cores());
+        if (sgs_machine_limits_measure(&made.limits)) {
+            fail_library();
+            return false;
+        }
+        for (int isa = 0; isa < SGS_ISA_COUNT; ++isa) {
+            if (isa_given ? !(run->values->isas >> isa & 1) : isa != (int)best)
+                continue;
+            made.isa = (sgs_isa)isa;
+            if (!apply(&made))
+                return false;
+            run->settings[run->setting_count++] = made;
+            sgs_set_isa(best);
+        }
+    }
+    return true;
+}
+
+static bench_result *add_result(bench_run *run, const char *name, const bench_setting *setting)
+{
+    bench_result *result = &run->report.results[run->report.count++];
+    *result =
+        (bench_result){.name = name,
+                       .isa = setting->isa,
+                       .threads = setting->threads,
+                       .limits = setting->limits,
+                       .repeat = (size_t)run->values->repeat,
+                       .measures = calloc((size_t)run->values->repeat, sizeof(bench_measure))};
+    return result->measures ? result : NULL;
+}
+
+static bool measure(bench_run *run, const char *name, const sgs_gaussians *model,
+                    const sgs_view *views, size_t view_count)
+{
+    sgs_bench *bench = NULL;
+    bench_result *results = &run->report.results[run->report.count];
+    bool done = true;
+    for (size_t s = 0; s < run->setting_count && done; ++s)
+        done = add_result(run, name, &run->settings[s]) != NULL;
+    if (!done)
+        fail_run("no memory for the measurements");
+    if (done && (!apply(&run->settings[0]) || sgs_bench_create(model, views, view_count, &bench))) {
+        fail_library();
+        done = false;
+    }
+    for (int i = 0; i < run->values->repeat && done; ++i) {
+        for (size_t s = 0; s < run->setting_count && done && !interrupt_signal(); ++s) {
+            bench_measure *to = &results[s].measures[i];
+            progress_count(name, (size_t)i * run->setting_count + s,
+                           (size_t)run->values->repeat * run->setting_count);
+            done = apply(&run->settings[s]);
+            if (done && sgs_bench_run(bench, &to->sample)) {
+                fail_library();
+                done = false;
+            }
+            to->total = to->sample.gather + to->sample.forward + to->sample.backward;
+            results[s].counts = sgs_bench_counted(bench);
+        }
+    }
+    progress_end();
+    sgs_bench_destroy(bench);
+    return done;
+}
+
+static bool measure_made(bench_run *run, const char *name)
+{
+    sgs_bench_scene *scene;
+    if (sgs_bench_scene_create(name, run->values->seed, &scene)) {
+        fail_library();
+        return false;
+    }
+    const bool done = measure(run, scene->name, scene->model, scene->views, scene->view_count);
+    sgs_bench_scene_destroy(scene);
+    return done;
+}
+
+static bool measure_model(bench_run *run, const char *model, const char *scene_path,
+                          scene_values *data, const command_line *line)
+{
+    model_path located;
+    sgs_scene *scene = NULL;
+    sgs_gaussians *gaussians = NULL;
+    bool done = model_locate(model, &located) && scene_settle(data, line, located.config) < 0 &&
+                (scene = scene_open(scene_path, data, false)) != NULL;
+    if (done && sgs_ply_read(located.ply_path, &gaussians)) {
+        fail_library();
+        done = false;
+    }
+    if (done && !gaussians->count) {
+        fail_run("%s: holds no primitive to measure", located.ply_path);
+        done = false;
+    }
+    if (done) {
+        sgs_view views[16];
+        const size_t wanted = (size_t)run->values->views;
+        const size_t count = wanted < scene->view_count ? wanted : scene->view_count;
+        for (size_t v = 0; v < count; ++v)
+            views[v] = scene->views[v * scene->view_count / count];
+        done = measure(run, model, gaussians, views, count);
+    }
+    sgs_gaussians_destroy(gaussians);
+    sgs_scene_destroy(scene);
+    model_path_free(&located);
+    return done;
+}
+
+static bool is_made(const char *name)
+{
+    for (size_t i = 0; sgs_bench_scene_name(i); ++i)
+        if (!strcmp(sgs_bench_scene_name(i), name))
+            return true;
+    return false;
+}
+
+static int print_list(bool json)
+{
+    if (json) {
+        json_t *list = json_array();
+        for (size_t i = 0; sgs_bench_scene_name(i); ++i)
+            json_array_append_new(list, json_pack("{s:s,s:s}", "name", sgs_bench_scene_name(i),
+                                                  "text", sgs_bench_scene_text(i)));
+        json_t *root = json_object();
+        json_object_set_new(root, "scenes", list);
+        return print_json(root) ? EXIT_DONE : EXIT_FAILED;
+    }
+    for (size_t i = 0; sgs_bench_scene_name(i); ++i)
+        printf("%-12s %s\n", sgs_bench_scene_name(i), sgs_bench_scene_text(i));
+    return EXIT_DONE;
+}
+
+// Every operand is the name of a scene made here, or a MODEL that a SCENE follows.
+static int check_operands(const command_line *line)
+{
+    const char *names[16];
+    size_t count = 0;
+    while (count < 16 && sgs_bench_scene_name(count)) {
+        names[count] = sgs_bench_scene_name(count);
+        ++count;
+    }
+    for (int i = 0; i < line->operand_count; ++i) {
+        const char *operand = line->operands[i];
+        if (is_made(operand))
+            continue;
+        if (!model_is(operand))
+            return fail_usage(
+                "'%s' is neither a scene of the bench (the nearest is '%s') nor a model", operand,
+                nearest_word(operand, names, count));
+        if (++i == line->operand_count)
+            return fail_usage(
+                "bench needs the SCENE whose cameras look at '%s'; usage: sparegs bench %s",
+                operand, line->synopsis);
+    }
+    return -1;
+}
+
+// Minutes of measuring may not end in a path that was wrong from the start.
+static bool check_paths(const command_line *line)
+{
+    bool found = true;
+    for (int i = 0; i < line->operand_count && found; ++i) {
+        if (is_made(line->operands[i]))
+            continue;
+        model_path located;
+        found = model_locate(line->operands[i], &located);
+        model_path_free(&located);
+        const char *scene = line->operands[++i];
+        if (found && access(scene, R_OK)) {
+            fail_run("%s: %s; give the folder of a scene", scene, strerror(errno));
+            found = false;
+        }
+    }
+    return found;
+}
+
+static bool measure_all(bench_run *run, const command_line *line, scene_values *data)
+{
+    if (!line->operand_count)
+        for (size_t i = 0; sgs_bench_scene_name(i); ++i)
+            if (interrupt_signal() || !measure_made(run, sgs_bench_scene_name(i)))
+                return false;
+    for (int i = 0; i < line->operand_count && !interrupt_signal(); ++i) {
+        const char *operand = line->operands[i];
+        if (!(is_made(operand) ? measure_made(run, operand)
+                               : measure_model(run, operand, line->operands[++i], data, line)))
+            return false;
+    }
+    return true;
+}
+
+static int run_bench(const bench_values *values, const command_line *line, scene_values *data)
+{
+    bench_run run = {.values = values};
+    bool done = check_paths(line) && make_settings(&run, option_given(line, "isa"));
+    run.report.results = calloc((run.setting_count + 1) * 8, sizeof *run.report.results);
+    if (done && !run.report.results) {
+        fail_run("no memory for the measurements");
+        done = false;
+    }
+    done = done && measure_all(&run, line, data);
+    if (done && !interrupt_signal()) {
+        if (values->json)
+            done = bench_print_json(&run.report);
+        else if (values->csv)
+            bench_print_csv(&run.report);
+        else
+            bench_print_table(&run.report);
+    }
+    for (size_t i = 0; run.report.results && i < run.report.count; ++i)
+        free(run.report.results[i].measures);
+    free(run.report.results);
+    return interrupt_signal() ? interrupt_status() : done ? EXIT_DONE : EXIT_FAILED;
+}
+
+int command_bench(int argc, char **argv)
+{
+    bench_values values = {0};
+    scene_values data;
+    option_group groups[] = {{.title = "Measuring",
+                              .options = bench_options,
+                              .count = sizeof bench_options / sizeof *bench_options,
+                              .values = &values},
+                             scene_group(&data)};
+    command_line line = {.command = "bench",
+                         .synopsis = "[NAME|MODEL SCENE]... [options]",
+                         .description = description,
+                         .groups = groups,
+                         .group_count = sizeof groups / sizeof *groups,
+                         .operand_maximum = 8};
+    int status = command_line_parse(&line, argc, argv);
+    if (status < 0 && values.json && values.csv)
+        status = fail_usage("--json and --csv exclude each other");
+    if (status < 0)
+        status = values.list ? print_list(values.json) : check_operands(&line);
+    if (status >= 0)
+        return status;
+    messages_set_quiet(values.quiet);
+    interrupt_watch();
+    return run_bench(&values, &line, &data);
+}

@@ -1,0 +1,184 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// `sparegs eval`: the quality of a stored model on the views of a data set, image by image.
+
+#include <stdlib.h>
+
+#include "cli/commands.h"
+#include "run/evaluate.h"
+#include "run/exposure_file.h"
+#include "cli/file_stems.h"
+#include "cli/interrupt.h"
+#include "cli/output.h"
+#include "cli/progress.h"
+
+static const char description[] =
+    "Draws the views of SCENE from MODEL (a PLY file, or the folder of a training run: its newest\n"
+    "iteration) and compares them with the photographs: both quantised to 8 bit, PSNR over all "
+    "pixels\n"
+    "and channels, SSIM with an 11 x 11 Gaussian window and zero padding. Image folder, size, "
+    "split,\n"
+    "filter and background are those of the run unless given here.";
+
+typedef struct eval_values {
+    int split; // sgs_split in the order of the words, reordered below
+    const char *save;
+} eval_values;
+
+static const option eval_options[] = {
+    {"split", 0, OPTION_CHOICE, offsetof(eval_values, split), 0, 0, "test|train|all", "test",
+     "test, or all when no image is held out", NULL, "the images to evaluate"},
+    {"save", 0, OPTION_TEXT, offsetof(eval_values, save), 0, 0, "DIR", NULL, "none", NULL,
+     "write NAME.png (drawn) and NAME_photo.png (the photograph) there"},
+};
+
+static const sgs_split splits[] = {SGS_SPLIT_TEST, SGS_SPLIT_TRAIN, SGS_SPLIT_ALL};
+
+static bool save_pair(const char *folder, const char *stem, const sgs_image8 *drawn,
+                      const sgs_image8 *photo)
+{
+    char *paths[2] = {format_text("%s/%s.png", folder, stem),
+                      format_text("%s/%s_photo.png", folder, stem)};
+    const sgs_image8 *const images[2] = {drawn, photo};
+    bool saved = true;
+    for (int k = 0; k < 2 && saved; ++k) {
+        saved = make_folder_of(paths[k]);
+        if (saved && sgs_png_write(paths[k], images[k])) {
+            fail_library();
+            saved = false;
+        }
+    }
+    free(paths[0]);
+    free(paths[1]);
+    return saved;
+}
+
+// One view into the table or the JSON list; its pictures are saved where a stem is given.
+static bool evaluate_one(const evaluator *judge, const sgs_view *view, const char *save,
+                         const char *stem, json_t *list, split_score *sum)
+{
+    view_score score;
+    sgs_image8 drawn = {0}, photo = {0};
+    bool done = evaluate_view(judge, view, &score, &drawn, &photo);
+    if (done && stem)
+        done = save_pair(save, stem, &drawn, &photo);
+    sgs_image8_free(&drawn);
+    sgs_image8_free(&photo);
+    if (!done)
+        return false;
+    split_score_add(sum, view, &score);
+    if (list) {
+        json_t *entry = json_object();
+        json_object_set_new(entry, "name", json_string(view->name));
+        json_object_set_new(entry, "psnr", json_number(score.psnr));
+        json_object_set_new(entry, "ssim", json_number(score.ssim));
+        json_array_append_new(list, entry);
+    } else {
+        printf("%-32s %8.3f dB  %.5f\n", view->name, score.psnr, score.ssim);
+    }
+    return true;
+}
+
+static bool evaluate_all(const evaluator *judge, sgs_split split, const char *save, bool json)
+{
+    json_t *list = json ? json_array() : NULL;
+    split_score sum = {0};
+    const sgs_view *views = judge->scene->views;
+    const size_t count = judge->scene->view_count;
+    char **stems = save ? file_stems(&views->name, sizeof *views, count) : NULL;
+    bool done = !save || stems;
+    if (!json)
+        printf("%-32s %11s  %s\n", "image", "PSNR", "SSIM");
+    for (size_t v = 0; v < count && done && !interrupt_signal(); ++v)
+        if (view_in_split(&views[v], split))
+            done = evaluate_one(judge, &views[v], save, stems ? stems[v] : NULL, list, &sum);
+    file_stems_free(stems, count);
+    if (!done || interrupt_signal()) {
+        json_decref(list);
+        return done;
+    }
+    const double psnr = sum.psnr / (double)sum.images, ssim = sum.ssim / (double)sum.images;
+    if (!json) {
+        printf("%-32s %8.3f dB  %.5f\n", "mean", psnr, ssim);
+        printf("PSNR %.2f dB, SSIM %.4f over %zu images\n", psnr, ssim, sum.images);
+        return true;
+    }
+    json_t *root = json_object(), *mean = json_object();
+    json_object_set_new(mean, "psnr", json_number(psnr));
+    json_object_set_new(mean, "ssim", json_number(ssim));
+    json_object_set_new(mean, "lpips", json_null());
+    json_object_set_new(root, "images", list);
+    json_object_set_new(root, "mean", mean);
+    return print_json(root);
+}
+
+static int evaluate_model(const char *ply_path, const json_t *exposures, const sgs_scene *scene,
+                          const drawing_values *drawing, const eval_values *values,
+                          bool split_given, bool json)
+{
+    sgs_split split = splits[values->split];
+    if (!split_given && !scene_split_count(scene, split))
+        split = SGS_SPLIT_ALL;
+    if (!scene_split_count(scene, split))
+        return fail_run(
+            "%s: no image is in this split; hold some out by --eval, --test-every or --test-images",
+            scene->path);
+    sgs_gaussians *model = NULL;
+    if (sgs_ply_read(ply_path, &model))
+        return fail_library();
+    evaluator judge = {0};
+    bool done = evaluator_open(&judge, model, scene, drawing);
+    judge.exposures = exposures;
+    done = done && evaluate_all(&judge, split, values->save, json);
+    evaluator_close(&judge);
+    sgs_gaussians_destroy(model);
+    return done ? interrupt_status() : EXIT_FAILED;
+}
+
+int command_eval(int argc, char **argv)
+{
+    command_call call;
+    scene_values data;
+    drawing_values drawing;
+    eval_values values = {0};
+    const command_spec spec = {.name = "eval",
+                               .synopsis = "MODEL SCENE [options]",
+                               .description = description,
+                               .operand_minimum = 2,
+                               .operand_maximum = 2,
+                               .title = "Evaluation",
+                               .options = eval_options,
+                               .option_count = sizeof eval_options / sizeof *eval_options,
+                               .values = &values,
+                               .scene = &data,
+                               .drawing = &drawing};
+    int status = command_begin(&spec, argc, argv, &call);
+    if (status >= 0)
+        return status;
+    interrupt_watch();
+    model_path located;
+    sgs_scene *scene = NULL;
+    status = EXIT_FAILED;
+    if (model_locate(call.line.operands[0], &located)) {
+        status = scene_settle(&data, &call.line, located.config);
+        if (status < 0)
+            scene = scene_open(call.line.operands[1], &data, true);
+        if (status < 0 && scene) {
+            drawing_settle(&drawing, &call.line, located.config, scene);
+            char *path = format_text("%s/exposure.json", call.line.operands[0]);
+            bool damaged = false;
+            json_t *exposures = json_is_true(config_option(located.config, "exposure"))
+                                    ? exposure_read(path, &damaged)
+                                    : NULL;
+            if (!damaged)
+                status = evaluate_model(located.ply_path, exposures, scene, &drawing, &values,
+                                        option_given(&call.line, "split"), call.common.json);
+            json_decref(exposures);
+            free(path);
+        }
+    }
+    sgs_scene_destroy(scene);
+    model_path_free(&located);
+    return status < 0 ? EXIT_FAILED : status;
+}

@@ -1,0 +1,357 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// `sparegs experiment`: the trainings of a plan, one after the other, each in a process of its own.
+// What is finished stays finished: a run with a summary is not repeated, one that was stopped goes
+// on from its checkpoint.
+
+#include <errno.h>
+#include <signal.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/wait.h>
+#include <time.h>
+#include <unistd.h>
+#ifdef __linux__
+#include <sys/prctl.h>
+#endif
+
+#include "cli/commands.h"
+#include "run/experiment_plan.h"
+#include "cli/interrupt.h"
+#include "cli/json_file.h"
+#include "cli/options.h"
+#include "cli/output.h"
+#include "cli/progress.h"
+#include "cli/shared_options.h"
+
+static const char description[] =
+    "Runs the trainings that PLAN.json asks for (scenes x pipelines x variants x seeds) below DIR, "
+    "one at a time,\n"
+    "and collects their results in DIR/results.json and DIR/results.csv after each. A plan with an "
+    "unknown\n"
+    "scene, pipeline, option or value is refused before the first run. Started again with the same "
+    "plan it\n"
+    "continues; 'sparegs report DIR' makes tables and a page of it. README.md shows a plan.";
+
+typedef struct experiment_values {
+    const char *output;
+    bool check;
+} experiment_values;
+
+static const option experiment_options[] = {
+    {"output", 'o', OPTION_TEXT, offsetof(experiment_values, output), 0, 0, "DIR", NULL, NULL, NULL,
+     "folder for runs and results; needed"},
+    {"check", 0, OPTION_FLAG, offsetof(experiment_values, check), 0, 0, NULL, NULL, NULL, NULL,
+     "only check the plan and list its runs"},
+};
+
+// The summary of a finished run, or NULL.
+static json_t *finished(const experiment_run *run)
+{
+    char *path = format_text("%s/summary.json", run->folder);
+    json_t *summary = json_load_file(path, 0, NULL);
+    free(path);
+    const char *reason = json_string_value(json_object_get(summary, "stop_reason"));
+    if (reason && strcmp(reason, "signal"))
+        return summary;
+    json_decref(summary);
+    return NULL;
+}
+
+// What of a run's options may differ from when it was trained: its result does not depend on them.
+static bool is_free(const char *key)
+{
+    static const char *const names[] = {"threads",    "isa",        "image-cache",
+                                        "max-memory", "time-limit", "checkpoint-every",
+                                        "save-at",    "trace"};
+    for (size_t k = 0; k < sizeof names / sizeof *names; ++k)
+        if (!strcmp(key, names[k]))
+            return true;
+    return false;
+}
+
+static char *settings_path(const experiment_run *run)
+{
+    return format_text("%s/experiment.json", run->folder);
+}
+
+static bool fail_changed(const experiment_run *run, const char *name, const json_t *old,
+                         const json_t *now)
+{
+    char *was = old ? json_dumps(old, JSON_ENCODE_ANY) : NULL;
+    char *is = now ? json_dumps(now, JSON_ENCODE_ANY) : NULL;
+    fail_run("%s: was trained with %s %s, and the plan says %s now; give another -o DIR, or remove "
+             "that folder to train it anew",
+             run->folder, name, was ? was : "not given", is ? is : "nothing of it");
+    free(was);
+    free(is);
+    return false;
+}
+
+static bool same_members(const experiment_run *run, json_t *old, json_t *now)
+{
+    json_t *all = json_object();
+    json_object_update(all, old);
+    json_object_update(all, now);
+    const char *key;
+    json_t *value;
+    bool same = true;
+    json_object_foreach(all, key, value)
+    {
+        const json_t *was = json_object_get(old, key), *is = json_object_get(now, key);
+        if (!same || is_free(key) || json_equal(was, is))
+            continue;
+        same = json_is_object(was) && json_is_object(is)
+                   ? same_members(run, json_object_get(old, key), json_object_get(now, key))
+                   : fail_changed(run, key, was, is);
+    }
+    json_decref(all);
+    return same;
+}
+
+// A run that was begun is of this plan still. (Builds before this one kept no settings.)
+static bool plan_agrees(const experiment_run *run)
+{
+    char *path = settings_path(run);
+    json_t *old = json_load_file(path, 0, NULL);
+    const bool agrees = !old || same_members(run, old, run->settings);
+    json_decref(old);
+    free(path);
+    return agrees;
+}
+
+static bool plans_agree(const experiment_plan *plan)
+{
+    for (size_t i = 0; i < plan->count; ++i)
+        if (!plan_agrees(&plan->runs[i]))
+            return false;
+    return true;
+}
+
+// Notes what a run is of, before it begins.
+static bool write_settings(const experiment_run *run)
+{
+    char *path = settings_path(run);
+    const bool written = make_folder(run->folder) && write_json(path, json_incref(run->settings));
+    free(path);
+    return written;
+}
+
+static const char *const csv_columns[] = {"iterations", "stop_reason", "gaussians", "train_seconds",
+                                          "model_hash"};
+
+static double split_number(const json_t *summary, const char *split, const char *member)
+{
+    return json_number_value(json_object_get(json_object_get(summary, split), member));
+}
+
+static char *csv_row(const experiment_run *run, const json_t *summary)
+{
+    char *row = format_text("%s,%s,%s,%d", run->scene, run->pipeline, run->variant, run->seed);
+    for (size_t k = 0; k < sizeof csv_columns / sizeof *csv_columns; ++k) {
+        const json_t *value = json_object_get(summary, csv_columns[k]);
+        char *longer = json_is_string(value)
+                           ? format_text("%s,%s", row, json_string_value(value))
+                           : format_text("%s,%.9g", row, json_number_value(value));
+        free(row);
+        row = longer;
+    }
+    char *complete =
+        format_text("%s,%.6f,%.6f,%.6f,%.6f\n", row, split_number(summary, "test", "psnr"),
+                    split_number(summary, "test", "ssim"), split_number(summary, "train", "psnr"),
+                    split_number(summary, "train", "ssim"));
+    free(row);
+    return complete;
+}
+
+// Results of all runs that are finished by now.
+static bool write_results(const experiment_plan *plan, const char *folder)
+{
+    json_t *root = json_object(), *list = json_array();
+    char *csv = format_text(
+        "scene,pipeline,variant,seed,iterations,stop_reason,gaussians,train_seconds,model_hash,"
+        "test_psnr,test_ssim,train_psnr,train_ssim\n");
+    for (size_t i = 0; i < plan->count; ++i) {
+        const experiment_run *run = &plan->runs[i];
+        json_t *summary = finished(run);
+        if (!summary)
+            continue;
+        char *row = csv_row(run, summary), *longer = format_text("%s%s", csv, row);
+        free(row);
+        free(csv);
+        csv = longer;
+        json_array_append_new(
+            list, json_pack("{s:s,s:s,s:s,s:i,s:s,s:o}", "scene", run->scene, "pipeline",
+                            run->pipeline, "variant", run->variant, "seed", run->seed, "folder",
+                            run->folder + strlen(folder) + 1, "summary", summary));
+    }
+    json_object_set(root, "plan", plan->root);
+    json_object_set_new(root, "runs", list);
+    char *json_path = format_text("%s/results.json", folder),
+         *csv_path = format_text("%s/results.csv", folder);
+    const bool written = write_json(json_path, root) && write_text(csv_path, csv);
+    free(json_path);
+    free(csv_path);
+    free(csv);
+    return written;
+}
+
+// Trains in a process of its own: this program again, so that neither memory nor threads nor a
+// crash are shared. Returns its exit status.
+static int run_child(const experiment_run *run)
+{
+    const char **arguments = calloc((size_t)run->argument_count + 2, sizeof *arguments);
+    if (!arguments)
+        return fail_run("out of memory");
+    arguments[0] = "sparegs";
+    for (int k = 0; k < run->argument_count; ++k)
+        arguments[k + 1] = run->arguments[k];
+    fflush(NULL);
+    const pid_t child = fork();
+    if (child < 0) {
+        free(arguments);
+        return fail_run("%s: cannot be started: %s", run->folder, strerror(errno));
+    }
+    if (!child) {
+        // A group of its own: Ctrl-C reaches this program only, which passes it on.
+        setpgid(0, 0);
+#ifdef __linux__
+        prctl(PR_SET_PDEATHSIG, INTERRUPT_PASSED_ON); // should this program be killed
+#endif
+        if (!freopen("/dev/null", "w", stdout)) // the summary is read from the file
+            _exit(EXIT_FAILED);
+        execv("/proc/self/exe", (char *const *)arguments);
+        _exit(EXIT_FAILED);
+    }
+    free(arguments);
+    int state;
+    bool told = false;
+    for (pid_t ended; (ended = waitpid(child, &state, WNOHANG)) != child;) {
+        if (ended < 0 && errno != EINTR)
+            return fail_run("%s: is lost: %s", run->folder, strerror(errno));
+        if (interrupt_signal() && !told) {
+            told = !kill(child, INTERRUPT_PASSED_ON);
+            kill(child, SIGCONT); // a terminal may have stopped it
+        }
+        nanosleep(&(struct timespec){.tv_nsec = 20000000}, NULL);
+    }
+    return WIFEXITED(state) ? WEXITSTATUS(state) : 128 + WTERMSIG(state);
+}
+
+// What a run needs no more once it is finished.
+static void drop_checkpoint(const experiment_run *run)
+{
+    static const char *const names[] = {"state.bin", "state.previous.bin", "sums.csv"};
+    for (size_t k = 0; k < sizeof names / sizeof *names; ++k) {
+        char *path = format_text("%s/checkpoint/%s", run->folder, names[k]);
+        unlink(path);
+        free(path);
+    }
+}
+
+static int run_all(const experiment_plan *plan, const char *folder)
+{
+    int failed = 0;
+    for (size_t i = 0; i < plan->count && !interrupt_signal(); ++i) {
+        const experiment_run *run = &plan->runs[i];
+        json_t *done = finished(run);
+        json_decref(done);
+        print_note("run %zu of %zu: %s, %s, %s, seed %d%s", i + 1, plan->count, run->scene,
+                   run->pipeline, run->variant, run->seed, done ? ": finished before" : "");
+        if (done)
+            continue;
+        const int status = write_settings(run) ? run_child(run) : EXIT_FAILED;
+        if (interrupt_signal())
+            break;
+        if (status) {
+            ++failed;
+            print_warning("%s: the training failed with status %d; the other runs go on",
+                          run->folder, status);
+            continue;
+        }
+        drop_checkpoint(run);
+        if (!write_results(plan, folder))
+            return EXIT_FAILED;
+    }
+    if (!write_results(plan, folder))
+        return EXIT_FAILED;
+    if (interrupt_signal())
+        return interrupt_status();
+    return failed ? fail_run("%s: %d of %zu runs failed; start the experiment again to repeat them",
+                             folder, failed, plan->count)
+                  : EXIT_DONE;
+}
+
+static bool print_results(const char *folder)
+{
+    char *path = format_text("%s/results.json", folder);
+    json_t *results = read_json(path);
+    free(path);
+    return results && print_json(results);
+}
+
+static bool print_runs(const experiment_plan *plan, bool json)
+{
+    json_t *root = json_object(), *runs = json_array();
+    for (size_t i = 0; i < plan->count; ++i) {
+        const char *folder = plan->runs[i].folder;
+        json_t *name = json_string(folder);
+        json_array_append_new(runs, name ? name : json_null());
+        if (!json)
+            printf("%s\n", folder);
+    }
+    json_object_set_new(root, "runs", runs);
+    if (json)
+        return print_json(root);
+    json_decref(root);
+    return true;
+}
+
+static int experiment(const char *path, const experiment_values *values, bool json)
+{
+    experiment_plan plan;
+    if (!experiment_plan_read(path, values->output, &plan))
+        return EXIT_FAILED;
+    int status = EXIT_FAILED;
+    if (!plans_agree(&plan)) {
+        experiment_plan_free(&plan);
+        return status;
+    }
+    if (values->check)
+        status = print_runs(&plan, json) ? EXIT_DONE : EXIT_FAILED;
+    else if (make_folder(values->output) && check_writable(values->output))
+        status = run_all(&plan, values->output);
+    if (!values->check && json && status != EXIT_FAILED && !print_results(values->output))
+        status = EXIT_FAILED;
+    experiment_plan_free(&plan);
+    return status;
+}
+
+int command_experiment(int argc, char **argv)
+{
+    command_call call;
+    experiment_values values = {0};
+    const command_spec spec = {.name = "experiment",
+                               .synopsis = "PLAN.json -o DIR [options]",
+                               .description = description,
+                               .operand_minimum = 1,
+                               .operand_maximum = 1,
+                               .title = "Experiment",
+                               .options = experiment_options,
+                               .option_count =
+                                   sizeof experiment_options / sizeof *experiment_options,
+                               .values = &values};
+    int status = command_parse(&spec, argc, argv, &call);
+    if (status < 0 && !values.output)
+        status = fail_usage(
+            "experiment needs -o DIR, the folder to write to; usage: sparegs experiment %s",
+            call.line.synopsis);
+    if (status >= 0)
+        return status;
+    // Threads, instruction set and quiet are the runs' own: they may be given in the plan's
+    // options.
+    messages_set_quiet(call.common.quiet);
+    interrupt_watch();
+    return experiment(call.line.operands[0], &values, call.common.json);
+}

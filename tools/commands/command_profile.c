@@ -1,0 +1,304 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// `sparegs profile`: what the BVH over a model costs and answers, seen by the cameras of a scene or
+// from an orbit.
+
+#include <stdlib.h>
+
+#include "cli/commands.h"
+#include "cli/interrupt.h"
+#include "cli/output.h"
+#include "report/profile_report.h"
+#include "cli/progress.h"
+#include "cameras/render_cameras.h"
+#include "cli/shared_options.h"
+#include "sparegs/runtime.h"
+#include "run/trace_file.h"
+
+static const char description[] =
+    "Measures the BVH over MODEL (a PLY file, or the folder of a training run) as the cameras of "
+    "SCENE ask\n"
+    "it: build and refit time, memory, surface-area cost and overlap of trees of quality low, "
+    "medium and\n"
+    "high, of the refittable one that training uses, and of that one aged by refits; callbacks, "
+    "tests,\n"
+    "evaluations and true hits per ray, false positives, hits until rays stop, cost per tile, the "
+    "phases of\n"
+    "a training iteration over the same views. Ends with the answers: which build quality, when to "
+    "rebuild,\n"
+    "what dominates. With -o DIR writes heat maps per pixel and per tile as EXR and PNG.";
+
+typedef struct profile_values {
+    const char *output, *view, *trace;
+    int split, views, orbit, refits, repeat, samples;
+} profile_values;
+
+#define AT(member) offsetof(profile_values, member)
+
+static const option profile_options[] = {
+    {"output", 'o', OPTION_TEXT, AT(output), 0, 0, "DIR", NULL, "none", NULL,
+     "write heat maps there"},
+    {"view", 0, OPTION_TEXT, AT(view), 0, 0, "NAME", NULL, "see --split", NULL,
+     "this view only: an image name"},
+    {"split", 0, OPTION_CHOICE, AT(split), 0, 0, "test|train|all", "all", NULL, NULL,
+     "the views to choose from"},
+    {"views", 0, OPTION_INTEGER, AT(views), 1, 16, "N", "4", NULL, NULL,
+     "views taken from the split, evenly spaced by name"},
+    {"orbit", 0, OPTION_INTEGER, AT(orbit), 0, 16, "N", "0", NULL, NULL,
+     "instead, N views on the circle around the point the cameras look at; 0 = none"},
+    {"refits", 0, OPTION_INTEGER, AT(refits), 0, 1000000, "K", "100", NULL, NULL,
+     "age of the aged tree"},
+    {"repeat", 0, OPTION_INTEGER, AT(repeat), 1, 1000, "N", "3", NULL, NULL,
+     "repetitions; times are the least"},
+    {"samples", 0, OPTION_INTEGER, AT(samples), 0, 4096, "N", "64", NULL, "rays",
+     "rays per view followed by brute force"},
+    {"trace", 0, OPTION_TEXT, AT(trace), 0, 0, "FILE", NULL, "none", NULL,
+     "write the phases of training iterations over the views as a Chrome/Perfetto trace"},
+};
+
+enum { VIEWS_MAX = 16 };
+
+// The cameras that --view, --split, --views or --orbit choose.
+static bool choose_cameras(const sgs_scene *scene, const profile_values *values, bool split_given,
+                           camera_list *list)
+{
+    static const sgs_split splits[] = {SGS_SPLIT_TEST, SGS_SPLIT_TRAIN, SGS_SPLIT_ALL};
+    const camera_choice choice = {.view = values->view,
+                                  .split = splits[values->split],
+                                  .split_given = split_given,
+                                  .orbit = values->orbit};
+    if (!cameras_choose(&choice, scene, list))
+        return false;
+    if (!values->orbit)
+        camera_list_thin(list, (size_t)values->views);
+    return true;
+}
+
+typedef struct profiling {
+    const profile_values *values;
+    const common_values *common;
+    const sgs_gaussians *model;
+    sgs_profile_options options;
+    camera_list cameras;    // at most VIEWS_MAX
+    sgs_counters *counters; // NULL where there are none
+    profile_report report;
+} profiling;
+
+static bool profile_views(profiling *job)
+{
+    for (size_t v = 0; v < job->cameras.count && !interrupt_signal(); ++v) {
+        const named_camera *view = &job->cameras.cameras[v];
+        sgs_profile *profile;
+        progress_count("profiling", v, job->cameras.count);
+        if (sgs_profile_view(job->model, &view->camera, &view->pose, &job->options, &profile)) {
+            fail_library();
+            return false;
+        }
+        profile_report_add(&job->report, profile);
+        const bool written =
+            !job->values->output || profile_write_maps(job->values->output, view, profile,
+                                                       job->common->json ? stderr : stdout);
+        sgs_profile_destroy(profile);
+        if (!written)
+            return false;
+    }
+    progress_end();
+    profile_report_finish(&job->report);
+    return true;
+}
+
+// One iteration's times as the trace wants them.
+static sgs_train_seconds train_seconds(const sgs_bench_sample *sample)
+{
+    return (sgs_train_seconds){.gather = sample->gather,
+                               .forward = sample->forward,
+                               .loss = sample->loss,
+                               .backward = sample->backward,
+                               .optimizer = sample->optimizer,
+                               .bvh_refit = sample->refit};
+}
+
+static void add_sample(sgs_bench_sample *to, const sgs_bench_sample *sample, double share)
+{
+    to->refit += share * sample->refit;
+    to->gather += share * sample->gather;
+    to->forward += share * sample->forward;
+    to->loss += share * sample->loss;
+    to->backward += share * sample->backward;
+    to->optimizer += share * sample->optimizer;
+    to->iteration += share * sample->iteration;
+}
+
+static void add_counters(sgs_counter_values *to, const sgs_counter_values *from, double share)
+{
+    double *const sums[] = {&to->cycles, &to->instructions, &to->cache_references,
+                            &to->cache_misses, &to->branch_misses};
+    const double values[] = {from->cycles, from->instructions, from->cache_references,
+                             from->cache_misses, from->branch_misses};
+    for (int k = 0; k < 5; ++k)
+        *sums[k] = values[k] < 0 ? -1 : *sums[k] + share * values[k];
+}
+
+// A build and an iteration per view, each under its own clock.
+static bool repeat_training(const profiling *job, sgs_bench *bench, trace_file *trace, int *number,
+                            sgs_bench_sample *mean, sgs_counter_values *counted)
+{
+    const double share = 1.0 / (double)job->cameras.count;
+    bool done = !sgs_bench_build(bench, mean);
+    if (done && trace)
+        trace_span(trace, "bvh_build", clock_seconds() - mean->build,
+                   mean->build); // projects first
+    for (size_t v = 0; done && v < job->cameras.count && !interrupt_signal(); ++v) {
+        const sgs_train_seconds zero = {0};
+        sgs_bench_sample sample = {0};
+        const double began = clock_seconds();
+        if (job->counters)
+            sgs_counters_start(job->counters);
+        done = !sgs_bench_step(bench, &sample);
+        if (job->counters) {
+            const sgs_counter_values values = sgs_counters_stop(job->counters);
+            add_counters(counted, &values, share);
+        }
+        sgs_bench_restore(bench);
+        add_sample(mean, &sample, share);
+        const sgs_train_seconds phases = train_seconds(&sample);
+        if (done && trace)
+            trace_iteration(trace, ++*number, began, sample.iteration, &zero, &phases);
+    }
+    if (!done)
+        fail_library();
+    return done;
+}
+
+// Iterations of a training over the views, for the phases, the trace and the hardware counters: the
+// repetition whose iterations were the fastest.
+static bool measure_training(profiling *job)
+{
+    const camera_list *cameras = &job->cameras;
+    sgs_view views[VIEWS_MAX];
+    for (size_t v = 0; v < cameras->count; ++v)
+        views[v] = (sgs_view){.name = cameras->cameras[v].name,
+                              .camera = cameras->cameras[v].camera,
+                              .pose = cameras->cameras[v].pose};
+    sgs_bench *bench;
+    if (sgs_bench_create(job->model, views, cameras->count, &bench)) {
+        fail_library();
+        return false;
+    }
+    trace_file *trace = NULL;
+    int number = 0;
+    bool done = !job->values->trace || (trace = trace_open(job->values->trace)) != NULL;
+    for (int i = 0; i < job->values->repeat && done && !interrupt_signal(); ++i) {
+        sgs_bench_sample sample = {0};
+        sgs_counter_values counted = {0};
+        done = repeat_training(job, bench, trace, &number, &sample, &counted);
+        if (i && sample.iteration >= job->report.training.iteration)
+            continue;
+        job->report.training = sample;
+        job->report.counters = counted;
+    }
+    sgs_bench_destroy(bench);
+    return trace_close(trace, done) && done;
+}
+
+static bool profile_model(profiling *job, const sgs_scene *scene, bool split_given)
+{
+    if (!choose_cameras(scene, job->values, split_given, &job->cameras))
+        return false;
+    job->options.step =
+        1.6e-4 * scene->extent; // the first rate of the means: what Adam moves them by in a step
+    job->report.refits = job->values->refits;
+    bool done = measure_training(job) && profile_views(job);
+    if (done && !interrupt_signal()) {
+        if (job->common->json)
+            done = print_json(profile_json(&job->report));
+        else
+            profile_print(&job->report);
+    }
+    camera_list_free(&job->cameras);
+    return done;
+}
+
+static int run_profile(const command_line *line, const profile_values *values,
+                       const common_values *common, scene_values *data, drawing_values *drawing)
+{
+    model_path located;
+    sgs_scene *scene = NULL;
+    sgs_gaussians *model = NULL;
+    sgs_counters *counters = sgs_counters_open(); // they see the threads that start after them
+    char *reason = counters ? NULL : format_text("%s", sgs_last_error());
+    int status = model_locate(line->operands[0], &located) ? -1 : EXIT_FAILED;
+    if (status < 0)
+        status = scene_settle(data, line, located.config);
+    if (status < 0 && values->output &&
+        !(make_folder(values->output) && check_writable(values->output)))
+        status = EXIT_FAILED;
+    if (status < 0) {
+        scene = scene_open(line->operands[1], data, false);
+        status = scene ? -1 : EXIT_FAILED;
+    }
+    if (status < 0 && sgs_ply_read(located.ply_path, &model))
+        status = fail_library();
+    if (status < 0 && !model->count)
+        status = fail_run("%s: holds no primitive to measure", located.ply_path);
+    if (status < 0) {
+        drawing_settle(drawing, line, located.config, scene);
+        if (!option_given(line, "compact-box"))
+            drawing->compact_box = 1; // whole supports are what a profile counts
+        profiling *job = calloc(1, sizeof *job);
+        if (job) {
+            *job = (profiling){.values = values,
+                               .common = common,
+                               .model = model,
+                               .counters = counters,
+                               .report = {.counted = counters != NULL, .no_counters = reason},
+                               .options = sgs_profile_options_default()};
+            job->options.render = drawing_render_options(drawing);
+            job->options.refits = values->refits;
+            job->options.repeat = values->repeat;
+            job->options.samples = values->samples;
+            job->options.seed = common->seed;
+            const bool done = profile_model(job, scene, option_given(line, "split"));
+            status = done ? interrupt_status() : EXIT_FAILED;
+        } else {
+            status = fail_run("no memory for a profile");
+        }
+        free(job);
+    }
+    sgs_counters_close(counters);
+    free(reason);
+    sgs_gaussians_destroy(model);
+    sgs_scene_destroy(scene);
+    model_path_free(&located);
+    return status;
+}
+
+int command_profile(int argc, char **argv)
+{
+    command_call call;
+    scene_values data;
+    drawing_values drawing;
+    profile_values values = {0};
+    const command_spec spec = {.name = "profile",
+                               .synopsis = "MODEL SCENE [options]",
+                               .description = description,
+                               .operand_minimum = 2,
+                               .operand_maximum = 2,
+                               .title = "Profiling",
+                               .options = profile_options,
+                               .option_count = sizeof profile_options / sizeof *profile_options,
+                               .values = &values,
+                               .scene = &data,
+                               .drawing = &drawing};
+    int status = command_begin(&spec, argc, argv, &call);
+    const bool split = option_given(&call.line, "split") || option_given(&call.line, "views");
+    if (status < 0 && values.orbit && (values.view || split))
+        status = fail_usage("--orbit chooses the views; leave out --view, --views and --split");
+    if (status < 0 && values.view && split)
+        status = fail_usage("--view chooses one view; leave out --views and --split");
+    if (status >= 0)
+        return status;
+    interrupt_watch();
+    return run_profile(&call.line, &values, &call.common, &data, &drawing);
+}

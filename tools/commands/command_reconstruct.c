@@ -1,0 +1,524 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// `sparegs reconstruct`: cameras for photographs, by COLMAP as a child process. Three stages, each
+// remembered in SCENE/colmap/state.json together with what it was made from, so that a run that was
+// interrupted goes on where it was: features, matches, models. Then the model with most images
+// becomes SCENE/sparse/0, where `train` looks for it.
+//
+// COLMAP's own files keep to SCENE/colmap: database, logs, all of its models.
+
+#include <dirent.h>
+#include <errno.h>
+#include <ftw.h>
+#include <limits.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "cli/child_process.h"
+#include "cli/commands.h"
+#include "cli/interrupt.h"
+#include "cli/output.h"
+#include "cli/progress.h"
+#include "cli/shared_options.h"
+#include "sparegs/image.h"
+#include "sparegs/runtime.h"
+
+static const char description[] = "Finds the cameras of the photographs in the folder PHOTOS with "
+                                  "COLMAP (the program `colmap`, 3.8 or\n"
+                                  "newer, must be installed) and makes SCENE ready for `sparegs "
+                                  "train`: SCENE/images leads to the\n"
+                                  "photographs, SCENE/sparse/0 is the model, SCENE/colmap keeps "
+                                  "the database and the logs. Runs without\n"
+                                  "a display and without a GPU. A run that was interrupted "
+                                  "continues after the last stage it finished.";
+
+typedef struct reconstruct_values {
+    const char *output, *colmap, *camera_model;
+    int matcher, cameras;
+} reconstruct_values;
+
+enum { EXHAUSTIVE_MOST = 150, MATCHER_AUTO = 0, MATCHER_EXHAUSTIVE = 1, MAX_DEPTH = 8 };
+
+static const option reconstruct_options[] = {
+    {"output", 'o', OPTION_TEXT, offsetof(reconstruct_values, output), 0, 0, "SCENE", NULL, NULL,
+     NULL, "folder of the scene to make; needed"},
+    {"matcher", 0, OPTION_CHOICE, offsetof(reconstruct_values, matcher), 0, 0,
+     "auto|exhaustive|sequential", "auto", "auto: exhaustive up to 150 photographs", NULL,
+     "compare all pairs of photographs, or neighbours by name (video)"},
+    {"camera-model", 0, OPTION_TEXT, offsetof(reconstruct_values, camera_model), 0, 0, "MODEL",
+     "OPENCV", NULL, NULL,
+     "COLMAP's name of the lens model: SIMPLE_RADIAL, OPENCV, OPENCV_FISHEYE, ..."},
+    {"cameras", 0, OPTION_CHOICE, offsetof(reconstruct_values, cameras), 0, 0, "auto|shared|own",
+     "auto", "auto: shared when all photographs have one size", NULL,
+     "one camera for all photographs, or one for each"},
+    {"colmap", 0, OPTION_TEXT, offsetof(reconstruct_values, colmap), 0, 0, "PROGRAM", "colmap",
+     NULL, NULL, "name or path of the program"},
+};
+
+typedef struct reconstruction {
+    const reconstruct_values *values;
+    const char *photos; // as given
+    char *photos_path;  // absolute
+    char *work, *database, *models, *state_path;
+    size_t count;      // photographs
+    int width, height; // of all, or 0 when they differ
+    json_t *state;     // {"made_from": ..., "stages": [...]}
+} reconstruction;
+
+// ---- The photographs ----
+
+static bool is_photo(const char *name)
+{
+    static const char *const endings[] = {"jpg", "jpeg", "png", "tif", "tiff",
+                                          "bmp", "webp", "ppm", "pgm"};
+    const char *dot = strrchr(name, '.');
+    for (size_t i = 0; dot && i < sizeof endings / sizeof *endings; ++i)
+        if (!strcasecmp(dot + 1, endings[i]))
+            return true;
+    return false;
+}
+
+static int by_name(const struct dirent **a, const struct dirent **b)
+{
+    return strcmp((*a)->d_name, (*b)->d_name);
+}
+
+// Counts the photographs below `folder` and lists "NAME SIZE MTIME" into `made_from`.
+static bool list_photos(reconstruction *run, const char *folder, const char *below, int depth,
+                        json_t *made_from)
+{
+    struct dirent **entries = NULL;
+    const int n = scandir(folder, &entries, NULL, by_name);
+    bool fine = n >= 0;
+    if (!fine)
+        fail_run("%s: cannot be read: %s", folder, strerror(errno));
+    for (int i = 0; i < n; ++i) {
+        char *path = format_text("%s/%s", folder, entries[i]->d_name);
+        char *name = format_text("%s%s%s", below, *below ? "/" : "", entries[i]->d_name);
+        struct stat info;
+        if (fine && entries[i]->d_name[0] != '.' && !stat(path, &info)) {
+            int width = 0, height = 0;
+            if (S_ISDIR(info.st_mode) && depth < MAX_DEPTH) {
+                fine = list_photos(run, path, name, depth + 1, made_from);
+            } else if (S_ISREG(info.st_mode) && is_photo(name)) {
+                if (sgs_image8_probe(path, &width, &height))
+                    print_warning("%s; COLMAP will not use it", sgs_last_error());
+                else if (!run->count++)
+                    run->width = width, run->height = height;
+                else if (width != run->width || height != run->height)
+                    run->width = run->height = 0;
+                char *line = format_text("%s %lld %lld", name, (long long)info.st_size,
+                                         (long long)info.st_mtime);
+                json_array_append_new(made_from, json_string(line));
+                free(line);
+            }
+        }
+        free(name);
+        free(path);
+        free(entries[i]);
+    }
+    free(entries);
+    return fine;
+}
+
+// ---- Stages ----
+
+static bool stage_done(const reconstruction *run, const char *stage)
+{
+    size_t i;
+    json_t *entry;
+    json_array_foreach(json_object_get(run->state, "stages"), i, entry)
+    {
+        if (!strcmp(json_string_value(entry) ? json_string_value(entry) : "", stage))
+            return true;
+    }
+    return false;
+}
+
+static bool note_stage(reconstruction *run, const char *stage)
+{
+    json_array_append_new(json_object_get(run->state, "stages"), json_string(stage));
+    return write_json(run->state_path, json_incref(run->state));
+}
+
+// Progress as COLMAP's log tells it: "Processed file [3/16]", "Matching block [1/2, 1/2]",
+// "Registering image #5 (7)".
+typedef struct stage_progress {
+    const char *label;
+    size_t photos, done;
+    double error;     // "Mean reprojection error: 0.51px"
+    long long points; // "Points: 4711"
+} stage_progress;
+
+static void follow_log(void *context, const char *text)
+{
+    stage_progress *progress = context;
+    const char *at;
+    size_t done, total;
+    double error;
+    long long points;
+    if ((at = strstr(text, "Processed file [")) && sscanf(at + 16, "%zu/%zu", &done, &total) == 2)
+        progress_count(progress->label, done, total);
+    else if ((at = strstr(text, "Matching block [")) &&
+             sscanf(at + 16, "%zu/%zu", &done, &total) == 2)
+        progress_count(progress->label, done, total);
+    else if ((at = strstr(text, "Matching image [")) &&
+             sscanf(at + 16, "%zu/%zu", &done, &total) == 2)
+        progress_count(progress->label, done, total);
+    else if (strstr(text, "Registering image #"))
+        progress_count(progress->label,
+                       ++progress->done < progress->photos ? progress->done : progress->photos,
+                       progress->photos);
+    else if ((at = strstr(text, "Mean reprojection error: ")) &&
+             sscanf(at + 25, "%lf", &error) == 1)
+        progress->error = error;
+    else if ((at = strstr(text, "Points: ")) && sscanf(at + 8, "%lld", &points) == 1)
+        progress->points = points;
+}
+
+// Runs `colmap COMMAND ...`. -1 to go on, else an exit status.
+static int run_colmap(const reconstruction *run, const char *const *arguments,
+                      stage_progress *progress)
+{
+    char *log = format_text("%s/%s.log", run->work, arguments[1]);
+    child_process child = {
+        .arguments = arguments, .log_path = log, .line = follow_log, .context = progress};
+    const int status = child_run(&child);
+    const int reason = errno;
+    int result = -1;
+    progress_end();
+    if (status == CHILD_INTERRUPTED) {
+        result = interrupt_status();
+    } else if (status == CHILD_MISSING) {
+        result = fail_run("%s: this program is not installed; install COLMAP (Debian and Ubuntu: "
+                          "apt install colmap) or "
+                          "name it with --colmap",
+                          arguments[0]);
+    } else if (status == CHILD_UNSTARTED) {
+        result = fail_run("%s: cannot be started: %s", arguments[0], strerror(reason));
+    } else if (status) {
+        char *tail = child_tail(&child);
+        result =
+            fail_run("%s: colmap %s ended with status %d: %s", log, arguments[1], status, tail);
+        free(tail);
+    }
+    free(log);
+    return result;
+}
+
+static int find_features(reconstruction *run, const char *threads)
+{
+    const reconstruct_values *v = run->values;
+    const bool shared = v->cameras == 1 || (v->cameras == 0 && run->width);
+    const char *const arguments[] = {v->colmap,
+                                     "feature_extractor",
+                                     "--database_path",
+                                     run->database,
+                                     "--image_path",
+                                     run->photos_path,
+                                     "--ImageReader.camera_model",
+                                     v->camera_model,
+                                     "--ImageReader.single_camera",
+                                     shared ? "1" : "0",
+                                     "--SiftExtraction.use_gpu",
+                                     "0",
+                                     "--SiftExtraction.num_threads",
+                                     threads,
+                                     NULL};
+    stage_progress progress = {.label = "features of photographs", .photos = run->count};
+    return run_colmap(run, arguments, &progress);
+}
+
+static int find_matches(reconstruction *run, const char *threads)
+{
+    const reconstruct_values *v = run->values;
+    const bool exhaustive = v->matcher == MATCHER_AUTO ? run->count <= EXHAUSTIVE_MOST
+                                                       : v->matcher == MATCHER_EXHAUSTIVE;
+    const char *const arguments[] = {v->colmap,
+                                     exhaustive ? "exhaustive_matcher" : "sequential_matcher",
+                                     "--database_path",
+                                     run->database,
+                                     "--SiftMatching.use_gpu",
+                                     "0",
+                                     "--SiftMatching.num_threads",
+                                     threads,
+                                     NULL};
+    stage_progress progress = {.label = "matching", .photos = run->count};
+    return run_colmap(run, arguments, &progress);
+}
+
+static int remove_entry(const char *path, const struct stat *info, int kind, struct FTW *place)
+{
+    (void)info, (void)kind, (void)place;
+    return remove(path);
+}
+
+static int find_cameras(reconstruction *run, const char *threads)
+{
+    if (file_exists(run->models) && nftw(run->models, remove_entry, 8, FTW_DEPTH | FTW_PHYS))
+        return fail_run("%s: what an earlier run left cannot be removed: %s", run->models,
+                        strerror(errno));
+    const char *const arguments[] = {run->values->colmap,
+                                     "mapper",
+                                     "--database_path",
+                                     run->database,
+                                     "--image_path",
+                                     run->photos_path,
+                                     "--output_path",
+                                     run->models,
+                                     "--Mapper.num_threads",
+                                     threads,
+                                     NULL};
+    stage_progress progress = {.label = "cameras", .photos = run->count};
+    return make_folder(run->models) ? run_colmap(run, arguments, &progress) : EXIT_FAILED;
+}
+
+// ---- The result ----
+
+// Registered images of a binary model, 0 when there is none.
+static unsigned long long model_images(const char *folder)
+{
+    char *path = format_text("%s/images.bin", folder);
+    FILE *stream = fopen(path, "rb");
+    unsigned char bytes[8] = {0};
+    unsigned long long count = 0;
+    if (stream && fread(bytes, 1, sizeof bytes, stream) == sizeof bytes)
+        for (int i = 7; i >= 0; --i)
+            count = count << 8 | bytes[i];
+    if (stream)
+        fclose(stream);
+    free(path);
+    return count;
+}
+
+static bool copy_file(const char *from, const char *to)
+{
+    FILE *in = fopen(from, "rb");
+    char *beside = format_text("%s.tmp", to);
+    FILE *out = in ? fopen(beside, "wb") : NULL;
+    char bytes[1 << 16];
+    size_t got = 0;
+    bool fine = out != NULL;
+    while (fine && (got = fread(bytes, 1, sizeof bytes, in)) > 0)
+        fine = fwrite(bytes, 1, got, out) == got;
+    fine = fine && !ferror(in);
+    if (out)
+        fine = !fclose(out) && fine;
+    if (in)
+        fclose(in);
+    fine = fine && !rename(beside, to);
+    if (!fine)
+        fail_run("%s: cannot be copied to %s: %s", from, to, strerror(errno));
+    free(beside);
+    return fine;
+}
+
+// Makes the model with most images SCENE/sparse/0. False after printing the error.
+static bool keep_largest(const reconstruction *run, unsigned long long *registered, int *models)
+{
+    char *best = NULL;
+    *registered = 0;
+    *models = 0;
+    for (int k = 0; k < 10000; ++k) {
+        char *folder = format_text("%s/%d", run->models, k);
+        const unsigned long long images = model_images(folder);
+        *models += images > 0;
+        if (images <= *registered) {
+            const bool there = file_exists(folder);
+            free(folder);
+            if (there)
+                continue;
+            break;
+        }
+        *registered = images;
+        free(best);
+        best = folder;
+    }
+    if (!best) {
+        fail_run("%s: COLMAP found no camera of the %zu photographs; take more of them with more "
+                 "overlap, of something "
+                 "with texture",
+                 run->photos, run->count);
+        return false;
+    }
+    static const char *const names[] = {"cameras.bin", "points3D.bin", "images.bin"};
+    bool fine = true;
+    for (size_t i = 0; i < 3 && fine; ++i) {
+        char *from = format_text("%s/%s", best, names[i]);
+        char *to = format_text("%s/sparse/0/%s", run->values->output, names[i]);
+        fine = make_folder_of(to) && copy_file(from, to);
+        free(from);
+        free(to);
+    }
+    free(best);
+    return fine;
+}
+
+// SCENE/images leads to the photographs.
+static bool link_photos(const reconstruction *run)
+{
+    char *path = format_text("%s/images", run->values->output), *real = realpath(path, NULL);
+    bool fine = real && !strcmp(real, run->photos_path);
+    if (!fine) {
+        unlink(path); // a link to other photographs; a folder stays and is told of
+        fine = !symlink(run->photos_path, path);
+        if (!fine)
+            fail_run("%s: cannot lead to %s: %s", path, run->photos_path, strerror(errno));
+    }
+    free(real);
+    free(path);
+    return fine;
+}
+
+static int report(const reconstruction *run, bool json)
+{
+    unsigned long long registered;
+    int models;
+    if (!keep_largest(run, &registered, &models) || !link_photos(run))
+        return EXIT_FAILED;
+    char *model = format_text("%s/sparse/0", run->values->output);
+    const char *const arguments[] = {run->values->colmap, "model_analyzer", "--path", model, NULL};
+    stage_progress progress = {.label = "analysing", .error = -1, .points = -1};
+    const int status = run_colmap(run, arguments, &progress);
+    free(model);
+    if (status >= 0)
+        return status;
+    if (models > 1)
+        print_note("%s: COLMAP made %d models that it could not join; the largest is kept",
+                   run->photos, models);
+    if (!json) {
+        printf("%llu of %zu photographs registered, %lld points, mean reprojection error %.3f "
+               "px\n%s\n",
+               registered, run->count, progress.points, progress.error, run->values->output);
+        return EXIT_DONE;
+    }
+    json_t *root = json_object();
+    json_object_set_new(root, "scene", json_string(run->values->output));
+    json_object_set_new(root, "photographs", json_integer((json_int_t)run->count));
+    json_object_set_new(root, "registered", json_integer((json_int_t)registered));
+    json_object_set_new(root, "models", json_integer(models));
+    json_object_set_new(root, "points",
+                        progress.points < 0 ? json_null() : json_integer(progress.points));
+    json_object_set_new(root, "mean_reprojection_error",
+                        progress.error < 0 ? json_null() : json_number(progress.error));
+    return print_json(root) ? EXIT_DONE : EXIT_FAILED;
+}
+
+// ---- All of it ----
+
+// Takes up what an earlier run with the same photographs and options finished; drops what others
+// left.
+static bool open_state(reconstruction *run, json_t *made_from)
+{
+    json_error_t error;
+    run->state = file_exists(run->state_path) ? json_load_file(run->state_path, 0, &error) : NULL;
+    if (run->state && json_equal(json_object_get(run->state, "made_from"), made_from) &&
+        json_is_array(json_object_get(run->state, "stages"))) {
+        if (json_array_size(json_object_get(run->state, "stages")))
+            print_note("%s: continuing an earlier reconstruction", run->values->output);
+        return true;
+    }
+    json_decref(run->state);
+    if (unlink(run->database) && errno != ENOENT) {
+        fail_run("%s: cannot be removed: %s", run->database, strerror(errno));
+        return false;
+    }
+    run->state = json_object();
+    json_object_set(run->state, "made_from", made_from);
+    json_object_set_new(run->state, "stages", json_array());
+    return write_json(run->state_path, json_incref(run->state));
+}
+
+static int run_stages(reconstruction *run)
+{
+    static const struct {
+        const char *name;
+        int (*run)(reconstruction *, const char *);
+    } stages[] = {{"features", find_features}, {"matches", find_matches}, {"models", find_cameras}};
+    char threads[16];
+    snprintf(threads, sizeof threads, "%d", sgs_threads());
+    for (size_t i = 0; i < sizeof stages / sizeof *stages; ++i) {
+        if (stage_done(run, stages[i].name))
+            continue;
+        print_note("%s: %s of %zu photographs", run->photos, stages[i].name, run->count);
+        const int status = stages[i].run(run, threads);
+        if (status >= 0)
+            return status;
+        if (!note_stage(run, stages[i].name))
+            return EXIT_FAILED;
+    }
+    return -1;
+}
+
+static int reconstruct(reconstruction *run, bool json)
+{
+    const reconstruct_values *v = run->values;
+    json_t *made_from = json_array();
+    int status = EXIT_FAILED;
+    run->photos_path = realpath(run->photos, NULL);
+    if (!run->photos_path) {
+        fail_run("%s: %s", run->photos, strerror(errno));
+    } else if (list_photos(run, run->photos_path, "", 0, made_from)) {
+        json_array_append_new(made_from, json_string(run->photos_path));
+        json_array_append_new(made_from, json_string(v->camera_model));
+        json_array_append_new(made_from, json_integer(v->matcher));
+        json_array_append_new(made_from, json_integer(v->cameras));
+        if (run->count < 2)
+            fail_run("%s: holds %zu photograph(s); cameras need at least two, better twenty",
+                     run->photos, run->count);
+        else if (make_folder(run->work) && check_writable(run->work) && open_state(run, made_from))
+            status = run_stages(run);
+        if (status < 0)
+            status = report(run, json);
+    }
+    json_decref(made_from);
+    return status;
+}
+
+int command_reconstruct(int argc, char **argv)
+{
+    command_call call;
+    reconstruct_values values = {0};
+    const command_spec spec = {.name = "reconstruct",
+                               .synopsis = "PHOTOS -o SCENE [options]",
+                               .description = description,
+                               .operand_minimum = 1,
+                               .operand_maximum = 1,
+                               .title = "Reconstruction",
+                               .options = reconstruct_options,
+                               .option_count =
+                                   sizeof reconstruct_options / sizeof *reconstruct_options,
+                               .values = &values};
+    int status = command_parse(&spec, argc, argv, &call);
+    sgs_camera_model model;
+    if (status < 0 && !values.output)
+        status = fail_usage(
+            "reconstruct needs -o SCENE, the folder to write to; usage: sparegs reconstruct %s",
+            call.line.synopsis);
+    if (status < 0 && !sgs_camera_model_from_name(values.camera_model, &model))
+        status = fail_usage("--camera-model %s: COLMAP has no such model; common ones are "
+                            "SIMPLE_RADIAL, OPENCV and "
+                            "OPENCV_FISHEYE",
+                            values.camera_model);
+    if (status < 0)
+        status = common_apply(&call.common, &call.line);
+    if (status >= 0)
+        return status;
+    interrupt_watch();
+    setenv("QT_QPA_PLATFORM", "offscreen", 1); // COLMAP links Qt, which wants a display otherwise
+    reconstruction run = {.values = &values, .photos = call.line.operands[0]};
+    run.work = format_text("%s/colmap", values.output);
+    run.database = format_text("%s/database.db", run.work);
+    run.models = format_text("%s/models", run.work);
+    run.state_path = format_text("%s/state.json", run.work);
+    status = reconstruct(&run, call.common.json);
+    json_decref(run.state);
+    char *const strings[] = {run.photos_path, run.work, run.database, run.models, run.state_path};
+    for (size_t i = 0; i < sizeof strings / sizeof *strings; ++i)
+        free(strings[i]);
+    return status;
+}

@@ -1,0 +1,380 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// `sparegs report`: the tables of an experiment as Markdown, and everything a person wants to look
+// at as one HTML page that needs no network: the page of report_page.html with the data and the
+// pictures inside.
+
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "cli/commands.h"
+#include "run/evaluate.h"
+#include "cli/interrupt.h"
+#include "cli/options.h"
+#include "cli/output.h"
+#include "cli/progress.h"
+#include "run/region_file.h"
+#include "report/report_tables.h"
+
+extern const char report_page[]; // report_page.html, made by report_page.cmake
+
+static const char description[] = "Makes tables and a page of an experiment (DIR of 'sparegs "
+                                  "experiment'), finished or not: DIR/report.md and\n"
+                                  "DIR/report.html. The page is one file that needs no network: "
+                                  "primitives over iterations, quality against\n"
+                                  "primitives, seconds by phase, maps of the regions, renders "
+                                  "beside photographs, the updates in words.";
+
+typedef struct report_values {
+    const char *markdown, *html;
+    int pictures, maps;
+} report_values;
+
+static const option report_options[] = {
+    {"markdown", 0, OPTION_TEXT, offsetof(report_values, markdown), 0, 0, "FILE", NULL,
+     "DIR/report.md", NULL, "where the tables go"},
+    {"html", 0, OPTION_TEXT, offsetof(report_values, html), 0, 0, "FILE", NULL, "DIR/report.html",
+     NULL, "where the page goes"},
+    {"pictures", 0, OPTION_INTEGER, offsetof(report_values, pictures), 0, 100, "N", "4", NULL,
+     "runs",
+     "runs whose first held-out view is drawn into the page; their scenes must still be there"},
+    {"maps", 0, OPTION_INTEGER, offsetof(report_values, maps), 0, 1000, "N", "4", NULL, "runs",
+     "runs with SPARE-GS whose maps of regions are in the page, some 200 KB each"},
+};
+
+// ---- Tables of a run ----
+
+// The rows of a CSV as lists of numbers, without the header.
+static json_t *csv_rows(const char *folder, const char *name)
+{
+    char *path = format_text("%s/%s", folder, name), *line = NULL;
+    FILE *stream = fopen(path, "r");
+    size_t room = 0;
+    json_t *rows = json_array();
+    for (bool first = true; stream && getline(&line, &room, stream) > 0; first = false) {
+        json_t *row = first ? NULL : json_array();
+        for (char *at = line; row && *at && *at != '\n';) {
+            char *end;
+            json_array_append_new(row, json_number(strtod(at, &end)));
+            if (end == at)
+                break;
+            at = end + (*end == ',');
+        }
+        if (row)
+            json_array_append_new(rows, row);
+    }
+    if (stream)
+        fclose(stream);
+    free(line);
+    free(path);
+    return rows;
+}
+
+static double number_at(const json_t *row, size_t k)
+{
+    return json_number_value(json_array_get(row, k));
+}
+
+// The structural updates in words, from spare.csv or, without SPARE-GS, from train.csv.
+static json_t *update_words(const json_t *train, const json_t *spare, const json_t *summary)
+{
+    json_t *words = json_array();
+    for (size_t k = 0; k < json_array_size(spare); ++k) {
+        const json_t *r = json_array_get(spare, k);
+        char *text = format_text(
+            "iteration %.0f: %.0f primitives in %.0f regions afterwards; %.0f %% were over "
+            "budget, mean weight %.3f; the "
+            "weights kept %.0f from growing and let %.0f grow; %.0f removed as redundant",
+            number_at(r, 0), number_at(r, 2), number_at(r, 1), 100 * number_at(r, 3),
+            number_at(r, 4), number_at(r, 5), number_at(r, 6), number_at(r, 7));
+        json_array_append_new(words, json_string(text));
+        free(text);
+    }
+    for (size_t k = 0; k < json_array_size(train) && !json_array_size(spare); ++k) {
+        const json_t *r = json_array_get(train, k);
+        if (number_at(r, 5) == 0 && number_at(r, 6) == 0)
+            continue;
+        char *text =
+            format_text("until iteration %.0f: %.0f densified, %.0f removed, %.0f primitives",
+                        number_at(r, 0), number_at(r, 5), number_at(r, 6), number_at(r, 3));
+        json_array_append_new(words, json_string(text));
+        free(text);
+    }
+    json_array_append(words, json_object_get(summary, "stop_text"));
+    return words;
+}
+
+// [{"iteration","grid","cells":[[voxel, -, count, quota, slack, weight]]}], at most eight updates
+// evenly spread.
+static json_t *region_maps(const char *folder)
+{
+    enum { MAPS = 8 };
+    region_history history;
+    json_t *maps = json_array();
+    if (!region_history_read(folder, &history))
+        return maps;
+    for (size_t u = 0; u < history.count; ++u) {
+        const sgs_regions *update = &history.updates[u];
+        const size_t wanted = history.count < MAPS ? history.count : MAPS;
+        if ((u + 1) * wanted / history.count == u * wanted / history.count)
+            continue;
+        json_t *cells = json_array();
+        for (size_t i = 0; i < update->count; ++i) {
+            const sgs_region *r = &update->regions[i];
+            char quota[24], slack[24], weight[24];
+            snprintf(quota, sizeof quota, "%.3g", (double)r->quota);
+            snprintf(slack, sizeof slack, "%.3g", (double)r->slack);
+            snprintf(weight, sizeof weight, "%.3g", (double)r->weight);
+            json_array_append_new(cells, json_pack("[i,i,i,f,f,f]", (int)r->voxel, 0, (int)r->count,
+                                                   strtod(quota, NULL), strtod(slack, NULL),
+                                                   strtod(weight, NULL)));
+        }
+        json_array_append_new(maps, json_pack("{s:i,s:i,s:o}", "iteration", update->iteration,
+                                              "grid", update->grid, "cells", cells));
+    }
+    region_history_free(&history);
+    return maps;
+}
+
+static json_t *page_run(const char *folder, const json_t *run, bool mapped)
+{
+    const json_t *summary = json_object_get(run, "summary");
+    char *path = format_text("%s/%s", folder, json_string_value(json_object_get(run, "folder")));
+    json_t *train = csv_rows(path, "train.csv"), *spare = csv_rows(path, "spare.csv");
+    json_t *psnr = json_object_get(json_object_get(summary, "test"), "psnr"), *out = json_object();
+    static const char *const copied[] = {"scene", "pipeline", "variant", "seed"};
+    for (size_t k = 0; k < sizeof copied / sizeof *copied; ++k)
+        json_object_set(out, copied[k], json_object_get(run, copied[k]));
+    json_object_set(out, "gaussians", json_object_get(summary, "gaussians"));
+    json_object_set(out, "seconds", json_object_get(summary, "seconds"));
+    json_object_set(out, "psnr", psnr ? psnr : json_null());
+    json_object_set_new(out, "words", update_words(train, spare, summary));
+    json_object_set_new(out, "train", train);
+    json_object_set_new(out, "regions", mapped ? region_maps(path) : json_array());
+    json_decref(spare);
+    free(path);
+    return out;
+}
+
+// ---- Pictures ----
+
+static char *base64(const unsigned char *bytes, size_t size)
+{
+    static const char digits[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    char *text = malloc((size + 2) / 3 * 4 + 1), *to = text;
+    for (size_t i = 0; text && i < size; i += 3) {
+        const unsigned b = (unsigned)bytes[i] << 16 |
+                           (i + 1 < size ? (unsigned)bytes[i + 1] << 8 : 0) |
+                           (i + 2 < size ? bytes[i + 2] : 0u);
+        *to++ = digits[b >> 18];
+        *to++ = digits[b >> 12 & 63];
+        *to++ = (char)(i + 1 < size ? digits[b >> 6 & 63] : '=');
+        *to++ = (char)(i + 2 < size ? digits[b & 63] : '=');
+    }
+    if (text)
+        *to = 0;
+    return text;
+}
+
+// A PNG as a data URI, by way of a file beside the report; NULL after printing the error.
+static json_t *picture_uri(const char *folder, const sgs_image8 *image)
+{
+    char *path = format_text("%s/.picture.%ld.png", folder, (long)getpid());
+    json_t *uri = NULL;
+    FILE *stream = NULL;
+    if (sgs_png_write(path, image))
+        fail_library();
+    else
+        stream = fopen(path, "rb");
+    if (stream && !fseek(stream, 0, SEEK_END)) {
+        const long size = ftell(stream);
+        unsigned char *bytes = malloc((size_t)size + 1);
+        rewind(stream);
+        if (bytes && fread(bytes, 1, (size_t)size, stream) == (size_t)size) {
+            char *encoded = base64(bytes, (size_t)size),
+                 *text = format_text("data:image/png;base64,%s", encoded ? encoded : "");
+            uri = json_string(text);
+            free(text);
+            free(encoded);
+        }
+        free(bytes);
+    }
+    if (stream)
+        fclose(stream);
+    unlink(path);
+    free(path);
+    return uri;
+}
+
+// The first held-out view (or the first one) of a run, drawn.
+static json_t *picture_of(const char *folder, const json_t *run)
+{
+    char *path = format_text("%s/%s", folder, json_string_value(json_object_get(run, "folder")));
+    model_path located;
+    json_t *picture = NULL;
+    if (model_locate(path, &located)) {
+        // The defaults of an empty command line, so that the run's record decides.
+        scene_values data;
+        drawing_values drawing;
+        option_group groups[] = {scene_group(&data), drawing_group(&drawing)};
+        command_line nothing = {.command = "report", .groups = groups, .group_count = 2};
+        char name[] = "report", *arguments[] = {name, NULL};
+        const bool parsed = command_line_parse(&nothing, 1, arguments) < 0;
+        const char *scene_path = json_string_value(json_object_get(located.config, "scene"));
+        sgs_scene *scene = parsed && scene_path && scene_settle(&data, &nothing, located.config) < 0
+                               ? scene_open(scene_path, &data, true)
+                               : NULL;
+        sgs_gaussians *model = NULL;
+        evaluator judge = {0};
+        view_score score;
+        sgs_image8 drawn = {0}, photo = {0};
+        const sgs_view *view = scene ? &scene->views[0] : NULL;
+        for (size_t v = 0; scene && v < scene->view_count && view->split != SGS_SPLIT_TEST; ++v)
+            view = scene->views[v].split == SGS_SPLIT_TEST ? &scene->views[v] : view;
+        if (scene)
+            drawing_settle(&drawing, &nothing, located.config, scene);
+        if (view && !sgs_ply_read(located.ply_path, &model) &&
+            evaluator_open(&judge, model, scene, &drawing) &&
+            evaluate_view(&judge, view, &score, &drawn, &photo)) {
+            json_t *left = picture_uri(folder, &drawn), *right = picture_uri(folder, &photo);
+            char *label =
+                format_text("%s / %s / %s: %s", json_string_value(json_object_get(run, "scene")),
+                            json_string_value(json_object_get(run, "pipeline")),
+                            json_string_value(json_object_get(run, "variant")), view->name);
+            if (left && right)
+                picture = json_pack("{s:s,s:O,s:O,s:f}", "label", label, "drawn", left, "photo",
+                                    right, "psnr", score.psnr);
+            json_decref(left);
+            json_decref(right);
+            free(label);
+        }
+        sgs_image8_free(&drawn);
+        sgs_image8_free(&photo);
+        evaluator_close(&judge);
+        sgs_gaussians_destroy(model);
+        sgs_scene_destroy(scene);
+    }
+    model_path_free(&located);
+    free(path);
+    return picture;
+}
+
+// ---- The page ----
+
+static json_t *page_data(const char *folder, const json_t *results, const json_t *tables,
+                         const report_values *values)
+{
+    const json_t *runs = json_object_get(results, "runs");
+    const char *title =
+        json_string_value(json_object_get(json_object_get(results, "plan"), "title"));
+    json_t *data = json_object(), *list = json_array(), *drawn = json_array();
+    int mapped = 0, tried = 0;
+    for (size_t k = 0; k < json_array_size(runs); ++k) {
+        json_t *run = page_run(folder, json_array_get(runs, k), mapped < values->maps);
+        mapped += json_array_size(json_object_get(run, "regions")) > 0;
+        json_array_append_new(list, run);
+        if (tried++ < values->pictures && !interrupt_signal()) {
+            json_t *picture = picture_of(folder, json_array_get(runs, k));
+            if (picture)
+                json_array_append_new(drawn, picture);
+        }
+    }
+    json_object_set_new(data, "title", json_string(title ? title : "Experiment"));
+    json_object_set_new(data, "runs", list);
+    json_object_set_new(data, "pictures", drawn);
+    json_object_set(data, "tables", (json_t *)tables);
+    return data;
+}
+
+static bool write_page(const char *path, json_t *data)
+{
+    char *json = json_dumps(data, JSON_COMPACT | JSON_REAL_PRECISION(6));
+    json_decref(data);
+    static const char mark[] = "@DATA@";
+    const char *at = strstr(report_page, mark);
+    if (!json || !at) {
+        free(json);
+        fail_run("%s: no memory for the page", path);
+        return false;
+    }
+    // "</" would end the script element that holds the data; JSON may write it as "<\/".
+    size_t extra = 0;
+    for (const char *c = json; (c = strstr(c, "</")); c += 2)
+        ++extra;
+    char *safe = malloc(strlen(json) + extra + 1), *to = safe;
+    for (const char *c = json; safe && *c; ++c) {
+        *to++ = *c;
+        if (c[0] == '<' && c[1] == '/')
+            *to++ = '\\';
+    }
+    bool written = false;
+    if (safe) {
+        *to = 0;
+        char *page =
+            format_text("%.*s%s%s", (int)(at - report_page), report_page, safe, at + strlen(mark));
+        written = write_text(path, page);
+        free(page);
+    }
+    free(safe);
+    free(json);
+    return written;
+}
+
+static int report(const char *folder, const report_values *values)
+{
+    char *path = format_text("%s/results.json", folder);
+    json_error_t error;
+    json_t *results = json_load_file(path, 0, &error);
+    if (!results || !json_array_size(json_object_get(results, "runs"))) {
+        fail_run(results ? "%s: no run is finished yet; let 'sparegs experiment' run on"
+                         : "%s: %s; DIR is the folder of an experiment",
+                 path, error.text);
+        json_decref(results);
+        free(path);
+        return EXIT_FAILED;
+    }
+    free(path);
+    json_t *tables = report_tables(results);
+    char *markdown = report_markdown(results, tables);
+    char *text_path = values->markdown ? format_text("%s", values->markdown)
+                                       : format_text("%s/report.md", folder);
+    char *page_path =
+        values->html ? format_text("%s", values->html) : format_text("%s/report.html", folder);
+    bool done = write_text(text_path, markdown) &&
+                write_page(page_path, page_data(folder, results, tables, values));
+    if (done) {
+        tell_file(text_path);
+        tell_file(page_path);
+    }
+    free(text_path);
+    free(page_path);
+    free(markdown);
+    json_decref(tables);
+    json_decref(results);
+    return done ? interrupt_status() : EXIT_FAILED;
+}
+
+int command_report(int argc, char **argv)
+{
+    command_call call;
+    report_values values = {0};
+    const command_spec spec = {.name = "report",
+                               .synopsis = "DIR [options]",
+                               .description = description,
+                               .operand_minimum = 1,
+                               .operand_maximum = 1,
+                               .title = "Report",
+                               .options = report_options,
+                               .option_count = sizeof report_options / sizeof *report_options,
+                               .values = &values};
+    const int status = command_begin(&spec, argc, argv, &call);
+    if (status >= 0)
+        return status;
+    interrupt_watch();
+    if (call.common.json)
+        told_files_begin();
+    const int done = report(call.line.operands[0], &values);
+    return !call.common.json || done == EXIT_FAILED || told_files_print() ? done : EXIT_FAILED;
+}

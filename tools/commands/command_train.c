@@ -1,0 +1,634 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// `sparegs train`: data set in, model and records out. The order of things: prove that OUT can be
+// written, load, create the trainer, and only then touch what an earlier run left; train; save the
+// model; free the trainer's memory, read the saved model back and measure exactly that file on the
+// held-out and the training views.
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "cli/commands.h"
+#include "run/evaluate.h"
+#include "run/exposure_file.h"
+#include "cli/interrupt.h"
+#include "cli/output.h"
+#include "cli/progress.h"
+#include "run/region_file.h"
+#include "run/run_folder.h"
+#include "report/scaling_report.h"
+#include "sparegs/metrics.h"
+#include "sparegs/runtime.h"
+#include "run/trace_file.h"
+#include "cli/train_options.h"
+
+static const char description[] =
+    "Trains 3D Gaussians on SCENE: a folder with a COLMAP model (sparse/0, sparse or "
+    "colmap/sparse/0,\n"
+    "binary or text) and its images, or with transforms_train.json or transforms.json (NeRF "
+    "synthetic,\n"
+    "nerfstudio). Writes into OUT:\n"
+    "  point_cloud/iteration_N/point_cloud.ply  the model, as every 3DGS viewer reads it\n"
+    "  cameras.json, input.ply, config.json     cameras, initial cloud, options as used\n"
+    "  train.csv, spare.csv, summary.json       the course of the training and its result\n"
+    "  checkpoint/                              full state for --resume\n"
+    "SIGINT, SIGTERM and SIGHUP finish the iteration and save; a second one ends at once. SIGUSR1 "
+    "saves a\n"
+    "checkpoint and goes on.";
+
+typedef struct training {
+    common_values common;
+    scene_values data;
+    train_values values;
+    const char *scene_path;
+    sgs_scene *scene;
+    sgs_trainer *trainer;
+    run_folder folder;
+    double started, load_seconds, train_seconds, longest_step;
+    sgs_stop_reason stop;
+    // kept when the trainer is gone
+    int iterations;
+    size_t gaussians, most_gaussians;
+    size_t memory_estimate; // with the most primitives
+    char *stop_text;
+    sgs_train_seconds seconds;
+    sgs_train_bytes bytes;
+    sgs_train_skipped skipped;
+    char hash[17];
+    bool checkpoint_lost; // of the last iteration, and said so; the model is worth its measurement
+    split_score test, train;
+} training;
+
+// ---- Before the first iteration ----
+
+static bool load_scene(training *run, bool background_given)
+{
+    const double start = clock_seconds();
+    run->scene = scene_open(run->scene_path, &run->data, true);
+    if (!run->scene)
+        return false;
+    run->load_seconds = clock_seconds() - start;
+    if (run->scene->white_background && !background_given)
+        for (int c = 0; c < 3; ++c)
+            run->values.background.rgb[c] = 1;
+    run->data.white = run->scene->white; // for config.json: as it was measured
+    const size_t test = scene_split_count(run->scene, SGS_SPLIT_TEST);
+    print_note("%s: %zu training images, %zu held out, %zu points, loaded in %.1f s",
+               run->scene_path, run->scene->view_count - test, test, run->scene->point_count,
+               run->load_seconds);
+    if (!run->scene->point_count && !run->values.init)
+        print_note("%s: no points; starting from %llu random ones", run->scene_path,
+                   (unsigned long long)run->values.random_points);
+    return true;
+}
+
+enum { CHECKPOINT_BYTES = 720 }; // per primitive
+
+// Primitives to begin with: of the checkpoint that is continued, of --init, or of the scene.
+static size_t first_primitives(const training *run, const sgs_scene *scene)
+{
+    size_t count =
+        run->values.resume ? run_folder_checkpoint_bytes(&run->folder) / CHECKPOINT_BYTES : 0;
+    model_path located;
+    // What cannot be read is told later, when it is needed.
+    if (!count && run->values.init && file_exists(run->values.init) && model_is(run->values.init) &&
+        model_locate(run->values.init, &located)) {
+        sgs_gaussians *init = NULL;
+        count = sgs_ply_read(located.ply_path, &init) ? 0 : init->count;
+        sgs_gaussians_destroy(init);
+        model_path_free(&located);
+    }
+    if (count)
+        return count;
+    return scene->point_count ? scene->point_count : (size_t)run->values.random_points;
+}
+
+// Before the images are loaded: what will they and the first model take? More than --max-memory
+// allows is refused, more than the machine has is worth a warning.
+static bool memory_suffices(const training *run)
+{
+    messages_hear_library(false); // its warnings come when the scene is loaded with its images
+    sgs_scene *scene = scene_open(run->scene_path, &run->data, false);
+    messages_hear_library(true);
+    if (!scene)
+        return false;
+    const sgs_train_options options = train_library_options(&run->values, run->common.seed);
+    const size_t count = first_primitives(run, scene);
+    const size_t cache = (size_t)run->data.cache_bytes;
+    const double without = (double)sgs_train_memory(scene, &options, cache, 0);
+    const double needed = (double)sgs_train_memory(scene, &options, cache, count);
+    sgs_scene_destroy(scene);
+    const double allowed = (double)run->values.max_memory, machine = (double)sgs_machine_memory();
+    if (allowed > 0 ? needed <= allowed : needed <= machine)
+        return true;
+    char *needs = format_text("%s: training needs about %.2f GiB (images and program %.2f GiB, the "
+                              "first %zu primitives %.2f GiB)",
+                              run->scene_path, needed / 0x1p30, without / 0x1p30, count,
+                              (needed - without) / 0x1p30);
+    static const char hint[] = "reduce the images with --downscale or keep a part of them with "
+                               "--image-cache, or the primitives with --max-gaussians";
+    if (allowed > 0)
+        fail_run("%s, more than --max-memory allows (%.2f GiB); %s", needs, allowed / 0x1p30, hint);
+    else
+        print_warning("%s, more than there is (%.2f GiB); %s", needs, machine / 0x1p30, hint);
+    free(needs);
+    return allowed <= 0;
+}
+
+// A structural update may double the primitives it works on for a moment: is there room for the
+// next one?
+static bool memory_is_short(const training *run, size_t gaussians)
+{
+    enum { UPDATE_BYTES = 700 }; // per primitive
+    const double next = (double)sgs_current_rss() + (double)gaussians * UPDATE_BYTES;
+    return run->values.max_memory && next > (double)run->values.max_memory;
+}
+
+static bool create_trainer(training *run)
+{
+    sgs_train_options options = train_library_options(&run->values, run->common.seed);
+    sgs_gaussians *init = NULL;
+    bool ready = true;
+    if (run->values.init) {
+        model_path located;
+        ready = model_locate(run->values.init, &located);
+        if (ready && sgs_ply_read(located.ply_path, &init)) {
+            fail_library();
+            ready = false;
+        } else if (ready && !init->count) {
+            fail_run("%s: holds no primitive to start from; train without --init",
+                     located.ply_path);
+            ready = false;
+        }
+        model_path_free(&located);
+    }
+    options.init = init;
+    // What it says of the model to begin with is not true of one that a checkpoint replaces.
+    messages_hear_library(!run->values.resume || !run_folder_checkpoint_bytes(&run->folder));
+    if (ready && sgs_trainer_create(run->scene, &options, &run->trainer)) {
+        fail_library();
+        ready = false;
+    }
+    messages_hear_library(true);
+    sgs_gaussians_destroy(init);
+    return ready;
+}
+
+// Continues from a checkpoint where --resume finds one. Returns 1 continued, 0 start at zero, -1
+// failed.
+static int resume(training *run, const char *config_path, json_t *config)
+{
+    json_error_t error = {0};
+    json_t *stored = file_exists(config_path) ? json_load_file(config_path, 0, &error) : NULL;
+    if (!stored) {
+        if (file_exists(config_path))
+            fail_run("%s: line %d: %s; the run cannot be continued, train without --resume",
+                     config_path, error.line, error.text);
+        else
+            print_note("%s: there is no run to continue; starting at iteration 0",
+                       run->values.output);
+        return file_exists(config_path) ? -1 : 0;
+    }
+    const int loaded = train_config_agrees(config_path, stored, config)
+                           ? run_folder_load_checkpoint(&run->folder, run->trainer)
+                           : -1;
+    if (loaded > 0)
+        train_config_record(stored, config, sgs_trainer_iteration(run->trainer));
+    json_decref(stored);
+    if (loaded > 0)
+        print_note("%s: continuing at iteration %d", run->values.output,
+                   sgs_trainer_iteration(run->trainer));
+    else if (!loaded)
+        print_note("%s: there is no checkpoint yet; starting at iteration 0", run->values.output);
+    return loaded;
+}
+
+static bool write_first_files(const training *run)
+{
+    const float *points;
+    const unsigned char *colors;
+    const size_t count = sgs_trainer_initial_cloud(run->trainer, &points, &colors);
+    char *cameras = format_text("%s/cameras.json", run->values.output);
+    char *input = format_text("%s/input.ply", run->values.output);
+    const bool written = !sgs_scene_write_cameras_json(run->scene, cameras) &&
+                         (!count || !points || !sgs_ply_write_points(input, points, colors, count));
+    if (!written)
+        fail_library();
+    free(cameras);
+    free(input);
+    return written;
+}
+
+static bool open_folder(training *run)
+{
+    char *config_path = format_text("%s/config.json", run->values.output);
+    json_t *config = train_config(run->scene_path, &run->values, &run->data, &run->common);
+    json_object_set_new(config, "image_cache", json_integer((json_int_t)run->data.cache_bytes));
+    json_object_set_new(config, "max_memory", json_integer((json_int_t)run->values.max_memory));
+    json_object_set_new(config, "time_limit", json_number(run->values.time_limit));
+    json_object_set_new(config, "near_distance",
+                        json_number(sgs_near_distance(run->scene->extent)));
+    const int resumed = run->values.resume ? resume(run, config_path, config) : 0;
+    // What an earlier run left goes only after the disk has taken the first files of this one.
+    bool ready = resumed >= 0 && write_first_files(run);
+    if (ready && !resumed && run_folder_is_used(&run->folder))
+        ready = run_folder_clear(&run->folder);
+    ready = ready && write_json(config_path, json_incref(config)) &&
+            run_folder_open_tables(&run->folder, sgs_trainer_iteration(run->trainer),
+                                   sgs_trainer_updated(run->trainer)) &&
+            region_file_cut(run->values.output, sgs_trainer_updated(run->trainer));
+    run->train_seconds = resumed > 0 ? sgs_trainer_seconds(run->trainer).total : 0;
+    json_decref(config);
+    free(config_path);
+    return ready;
+}
+
+// ---- The iterations ----
+
+static bool is_save_point(const training *run, int iteration)
+{
+    for (int i = 0; i < run->values.save_at.count; ++i)
+        if (run->values.save_at.values[i] == iteration)
+            return true;
+    return false;
+}
+
+// The model of an iteration; with Mip-Splatting's 3D filter both worked into the model and beside
+// it.
+static bool save_model(const training *run, int iteration)
+{
+    const sgs_gaussians *model = sgs_trainer_model(run->trainer);
+    const float *filter = sgs_trainer_filter_3d(run->trainer);
+    if (!filter)
+        return run_folder_save_model(&run->folder, model, iteration);
+    sgs_gaussians *fused = NULL;
+    if (sgs_gaussians_fuse_filter_3d(model, filter, &fused)) {
+        fail_library();
+        return false;
+    }
+    bool saved = run_folder_save_model(&run->folder, fused, iteration);
+    sgs_gaussians_destroy(fused);
+    char *path = format_text("%s/point_cloud/iteration_%d/point_cloud_filter_3D.ply",
+                             run->values.output, iteration);
+    if (saved && sgs_ply_write_filter_3d(path, model, filter)) {
+        fail_library();
+        saved = false;
+    }
+    free(path);
+    return saved;
+}
+
+// What is due after an iteration that is not the last. Failing to save here is a warning: the disk
+// may have room again later, and the training is worth more than this file.
+static void save_due(training *run, int iteration)
+{
+    const bool asked = interrupt_take_checkpoint();
+    if (is_save_point(run, iteration) && !save_model(run, iteration))
+        print_warning("the model of iteration %d is not saved; training goes on", iteration);
+    if (!asked && !(run->values.checkpoint_every && iteration % run->values.checkpoint_every == 0))
+        return;
+    if (!run_folder_save_checkpoint(&run->folder, run->trainer))
+        print_warning("the checkpoint of iteration %d is not saved; training goes on", iteration);
+    else if (asked)
+        print_note("%s: the state of iteration %d is saved", run->values.output, iteration);
+}
+
+// An iteration more, then saving, might end after the limit.
+static bool time_is_up(const training *run)
+{
+    enum { SLOW_DISK = 100000000 }; // bytes per second
+    const double left = run->started + run->values.time_limit - clock_seconds();
+    const double expected =
+        (double)sgs_trainer_model(run->trainer)->count * CHECKPOINT_BYTES / SLOW_DISK;
+    const double saving = fmax(run->folder.checkpoint_seconds, expected);
+    return run->values.time_limit > 0 && left < run->longest_step + 2 * saving + 1;
+}
+
+// The phases of the iteration that began at `start`, and what changes with it.
+static void record_trace(const training *run, trace_file *trace, double start,
+                         const sgs_train_seconds *before, const sgs_step_info *info)
+{
+    const sgs_train_seconds after = sgs_trainer_seconds(run->trainer);
+    trace_iteration(trace, info->iteration, start, after.total - before->total, before, &after);
+    trace_count(trace, "loss", start, info->loss);
+    trace_count(trace, "gaussians", start, (double)info->gaussians);
+    trace_count(trace, "rss_mb", start, 1e-6 * (double)sgs_current_rss());
+}
+
+static void record_update(training *run, const sgs_step_info *info)
+{
+    const sgs_regions regions = sgs_trainer_regions(run->trainer);
+    if (regions.iteration == info->updated)
+        region_file_append(run->values.output, &regions);
+    run_folder_record_update(&run->folder, info);
+}
+
+// A step failed. What was reached until then is saved where it is whole, as it is when a photograph
+// vanishes.
+static bool give_up(training *run, const sgs_step_info *info)
+{
+    char *reason = format_text("%s", sgs_last_error());
+    const int iteration = sgs_trainer_iteration(run->trainer);
+    const bool whole = iteration && sgs_trainer_is_whole(run->trainer);
+    progress_end();
+    if (whole && info->structural)
+        record_update(run, info);
+    const bool saved = whole && run_folder_save_checkpoint(&run->folder, run->trainer);
+    if (whole)
+        save_model(run, iteration);
+    if (saved)
+        fail_run("%s; the state of iteration %d is saved: mend this and continue with --resume",
+                 reason, iteration);
+    else
+        fail_run("%s", reason);
+    free(reason);
+    return false;
+}
+
+static bool iterate(training *run, trace_file *trace)
+{
+    const int total = run->values.iterations;
+    progress_start(sgs_trainer_iteration(run->trainer));
+    while (run->stop == SGS_STOP_NONE) {
+        if (interrupt_signal()) {
+            run->stop = SGS_STOP_SIGNAL;
+            break;
+        }
+        if (time_is_up(run)) {
+            run->stop = SGS_STOP_TIME_LIMIT;
+            break;
+        }
+        if (sgs_trainer_iteration(run->trainer) >= total) {
+            run->stop = SGS_STOP_SCHEDULE; // resumed from a checkpoint of the last iteration
+            break;
+        }
+        sgs_step_info info = {0};
+        const double start = clock_seconds();
+        const sgs_train_seconds before = sgs_trainer_seconds(run->trainer);
+        const sgs_status status = sgs_trainer_step(run->trainer, &info);
+        const double spent = clock_seconds() - start;
+        run->train_seconds += spent;
+        run->longest_step = spent > run->longest_step ? spent : run->longest_step;
+        if (status == SGS_STATUS_LIMIT) {
+            run->stop = SGS_STOP_EQUILIBRIUM; // resumed from a checkpoint made in equilibrium
+            break;
+        }
+        if (status)
+            return give_up(run, &info);
+        run->stop = info.stop;
+        run->most_gaussians =
+            info.gaussians > run->most_gaussians ? info.gaussians : run->most_gaussians;
+        if (trace)
+            record_trace(run, trace, start, &before, &info);
+        if (info.structural)
+            record_update(run, &info);
+        if (info.structural && info.stop == SGS_STOP_NONE && memory_is_short(run, info.gaussians))
+            run->stop = SGS_STOP_MEMORY_LIMIT;
+        run_folder_record(&run->folder, &info, run->train_seconds, run->stop != SGS_STOP_NONE);
+        progress_step(&(progress_state){info.iteration, total, info.loss_average, info.psnr_average,
+                                        info.gaussians});
+        if (run->stop == SGS_STOP_NONE)
+            save_due(run, info.iteration);
+    }
+    progress_end();
+    return true;
+}
+
+// ---- After the last iteration ----
+
+// The state is saved and the training not over.
+static bool stopped_early(const training *run)
+{
+    return run->stop >= SGS_STOP_SIGNAL;
+}
+
+static const char *stop_text(const training *run)
+{
+    return run->stop == SGS_STOP_SIGNAL         ? "stopped by a signal"
+           : run->stop == SGS_STOP_TIME_LIMIT   ? "stopped by --time-limit"
+           : run->stop == SGS_STOP_MEMORY_LIMIT ? "stopped by --max-memory"
+                                                : sgs_trainer_stop_text(run->trainer);
+}
+
+static bool save_results(training *run)
+{
+    const sgs_gaussians *model = sgs_trainer_model(run->trainer);
+    run->iterations = sgs_trainer_iteration(run->trainer);
+    run->gaussians = model->count;
+    run->seconds = sgs_trainer_seconds(run->trainer);
+    run->bytes = sgs_trainer_bytes(run->trainer);
+    run->skipped = sgs_trainer_skipped(run->trainer);
+    run->stop_text = format_text("%s", stop_text(run));
+    sgs_gaussians_hash(model, run->hash);
+    const sgs_train_options options = train_library_options(&run->values, run->common.seed);
+    run->memory_estimate =
+        sgs_train_memory(run->scene, &options, (size_t)run->data.cache_bytes,
+                         run->most_gaussians > model->count ? run->most_gaussians : model->count);
+    if (!run->iterations)
+        return true;
+    bool saved = save_model(run, run->iterations);
+    char *exposure = format_text("%s/exposure.json", run->values.output);
+    saved = exposure_write(exposure, run->scene, run->trainer) && saved;
+    free(exposure);
+    if (stopped_early(run) || run->values.checkpoint_every)
+        run->checkpoint_lost = !run_folder_save_checkpoint(&run->folder, run->trainer);
+    return saved;
+}
+
+static bool evaluate(training *run)
+{
+    char *path = format_text("%s/point_cloud/iteration_%d/point_cloud.ply", run->values.output,
+                             run->iterations);
+    sgs_gaussians *model = NULL;
+    evaluator judge = {0};
+    const drawing_values drawing = {.filter = run->values.filter,
+                                    .near_distance = sgs_near_distance(run->scene->extent),
+                                    .compact_box = run->values.compact_box,
+                                    .background = run->values.background};
+    bool done = !sgs_ply_read(path, &model), damaged = false;
+    if (!done)
+        fail_library();
+    char *exposure_path = format_text("%s/exposure.json", run->values.output);
+    json_t *exposures = run->values.exposure ? exposure_read(exposure_path, &damaged) : NULL;
+    done = done && !damaged && evaluator_open(&judge, model, run->scene, &drawing);
+    judge.exposures = exposures;
+    done = done && evaluate_split(&judge, SGS_SPLIT_TEST, &run->test) &&
+           evaluate_split(&judge, SGS_SPLIT_TRAIN, &run->train);
+    evaluator_close(&judge);
+    sgs_gaussians_destroy(model);
+    json_decref(exposures);
+    free(exposure_path);
+    free(path);
+    return done;
+}
+
+static json_t *summary_json(const training *run)
+{
+    static const char *const reasons[] = {
+        [SGS_STOP_NONE] = "schedule",           [SGS_STOP_SCHEDULE] = "schedule",
+        [SGS_STOP_EQUILIBRIUM] = "equilibrium", [SGS_STOP_SIGNAL] = "signal",
+        [SGS_STOP_TIME_LIMIT] = "time_limit",   [SGS_STOP_MEMORY_LIMIT] = "memory_limit"};
+    const sgs_train_seconds *s = &run->seconds;
+    const struct {
+        const char *name;
+        double value;
+    } phases[] = {{"gather", s->gather},
+                  {"forward", s->forward},
+                  {"loss", s->loss},
+                  {"backward", s->backward},
+                  {"optimizer", s->optimizer},
+                  {"bvh_refit", s->bvh_refit},
+                  {"bvh_build", s->bvh_build},
+                  {"density", s->density},
+                  {"spare", s->spare},
+                  {"image_io", run->load_seconds + s->image_io},
+                  {"checkpoint", run->folder.checkpoint_total}};
+    json_t *summary = json_object(), *seconds = json_object();
+    for (size_t i = 0; i < sizeof phases / sizeof *phases; ++i)
+        json_object_set_new(seconds, phases[i].name, json_number(phases[i].value));
+    json_object_set_new(summary, "iterations", json_integer(run->iterations));
+    json_object_set_new(summary, "stop_reason", json_string(reasons[run->stop]));
+    json_object_set_new(summary, "stop_text", json_string(run->stop_text));
+    json_object_set_new(summary, "gaussians", json_integer((json_int_t)run->gaussians));
+    json_object_set_new(summary, "train_seconds", json_number(run->train_seconds));
+    json_object_set_new(summary, "seconds", seconds);
+    scaling_add_training(summary, &run->seconds, &run->bytes);
+    json_object_set_new(summary, "skipped",
+                        json_pack("{s:I, s:I}", "steps", (json_int_t)run->skipped.steps,
+                                  "gradients", (json_int_t)run->skipped.gradients));
+    json_object_set_new(summary, "test", split_score_json(&run->test));
+    json_object_set_new(summary, "train", split_score_json(&run->train));
+    json_object_set_new(summary, "threads", json_integer(sgs_threads()));
+    json_object_set_new(summary, "isa", json_string(sgs_isa_name(sgs_get_isa())));
+    json_object_set_new(summary, "peak_rss_bytes", json_integer((json_int_t)sgs_peak_rss()));
+    json_object_set_new(summary, "memory_estimate_bytes",
+                        json_integer((json_int_t)run->memory_estimate));
+    json_object_set_new(summary, "model_hash", json_string(run->hash));
+    json_object_set_new(summary, "seed", json_integer((json_int_t)run->common.seed));
+    return summary;
+}
+
+static void print_score(const char *label, const split_score *score)
+{
+    if (score->images)
+        printf("%s PSNR %.2f dB, SSIM %.4f (%zu images)\n", label, score->psnr, score->ssim,
+               score->images);
+}
+
+static bool report(const training *run)
+{
+    char *path = format_text("%s/summary.json", run->values.output);
+    json_t *summary = summary_json(run);
+    bool done = write_json(path, json_incref(summary));
+    free(path);
+    if (run->common.json)
+        return print_json(summary) && done;
+    json_decref(summary);
+    printf("%d iterations in %.1f s%s%s, %zu primitives, model %s\n", run->iterations,
+           run->train_seconds, *run->stop_text ? ": " : "", run->stop_text, run->gaussians,
+           run->hash);
+    print_score("held-out images:", &run->test);
+    print_score("training images:", &run->train);
+    if (run->iterations)
+        printf("%s/point_cloud/iteration_%d/point_cloud.ply\n", run->values.output,
+               run->iterations);
+    return done;
+}
+
+static int train(training *run, bool background_given)
+{
+    if (!run_folder_prepare(&run->folder, run->values.output))
+        return EXIT_FAILED;
+    if (!memory_suffices(run) || !load_scene(run, background_given)) {
+        run_folder_leave(&run->folder);
+        return EXIT_FAILED;
+    }
+    if (interrupt_signal()) {
+        print_warning("%s: stopped before the first iteration; nothing is written",
+                      run->values.output);
+        return interrupt_status();
+    }
+    if (!create_trainer(run) || !open_folder(run))
+        return EXIT_FAILED;
+    trace_file *trace = run->values.trace ? trace_open(run->values.trace) : NULL;
+    bool done = !run->values.trace || trace;
+    done = done && iterate(run, trace);
+    done = trace_close(trace, done) && done;
+    done = done && save_results(run);
+    run_folder_close_tables(&run->folder);
+    sgs_trainer_destroy(run->trainer);
+    run->trainer = NULL;
+    if (done && !stopped_early(run))
+        done = evaluate(run);
+    if (done && !run->checkpoint_lost && run->stop == SGS_STOP_TIME_LIMIT)
+        print_note(
+            "%s: the time limit ended this run at iteration %d of %d; continue with --resume",
+            run->values.output, run->iterations, run->values.iterations);
+    if (!done || !report(run) || run->checkpoint_lost)
+        return EXIT_FAILED;
+    if (run->stop == SGS_STOP_MEMORY_LIMIT)
+        return fail_run("%s: with %zu primitives the next structural update may need more than "
+                        "--max-memory; the state of "
+                        "iteration %d is saved: continue with --resume and more memory, or with "
+                        "--max-gaussians",
+                        run->values.output, run->gaussians, run->iterations);
+    return interrupt_status();
+}
+
+enum { GROUP_COUNT = TRAIN_GROUP_COUNT + 2 };
+
+// Fills `run` from the command line. Returns -1 to go on, or an exit status.
+static int parse_line(training *run, option_group groups[GROUP_COUNT], command_line *line, int argc,
+                      char **argv)
+{
+    train_groups(&run->values, groups);
+    groups[TRAIN_GROUP_COUNT] = scene_group(&run->data);
+    groups[TRAIN_GROUP_COUNT + 1] = common_group(&run->common);
+    *line = (command_line){.command = "train",
+                           .synopsis = "SCENE -o OUT [options]",
+                           .description = description,
+                           .groups = groups,
+                           .group_count = GROUP_COUNT,
+                           .operand_minimum = 1,
+                           .operand_maximum = 1};
+    int status = command_line_parse(line, argc, argv);
+    if (status < 0)
+        status = scene_settle(&run->data, line, NULL);
+    train_settle(&run->values);
+    if (status < 0 && run->values.pipeline == SGS_PIPELINE_TAMING &&
+        run->values.taming_opacity == SGS_TAMING_LINEAR && run->values.filter == SGS_FILTER_MIP)
+        status = fail_usage("--taming-opacity linear and --filter mip exclude each other");
+    if (status < 0 && !run->values.output)
+        status = fail_usage("train needs -o OUT, the folder to write to; usage: sparegs train %s",
+                            line->synopsis);
+    return status;
+}
+
+int command_train_check(int argc, char **argv)
+{
+    training run = {0};
+    option_group groups[GROUP_COUNT];
+    command_line line;
+    return parse_line(&run, groups, &line, argc, argv);
+}
+
+int command_train(int argc, char **argv)
+{
+    training run = {.started = clock_seconds()};
+    option_group groups[GROUP_COUNT];
+    command_line line;
+    int status = parse_line(&run, groups, &line, argc, argv);
+    if (status < 0)
+        status = common_apply(&run.common, &line);
+    if (status >= 0)
+        return status;
+    run.scene_path = line.operands[0];
+    interrupt_watch();
+    status = train(&run, option_given(&line, "background"));
+    sgs_trainer_destroy(run.trainer);
+    sgs_scene_destroy(run.scene);
+    free(run.stop_text);
+    return status;
+}

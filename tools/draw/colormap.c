@@ -1,0 +1,153 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// A colour scale whose brightness rises evenly, so that it also reads in grey: the spiral of D. A.
+// Green, "A colour scheme for the display of astronomical intensity images", Bull. Astr. Soc. India
+// 39 (2011), equation 2: the grey diagonal plus a turn of the hue around it, of a radius that
+// vanishes at both ends.
+
+#include "draw/colormap.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+static int compare_floats(const void *a, const void *b)
+{
+    const float x = *(const float *)a, y = *(const float *)b;
+    return (x > y) - (x < y);
+}
+
+// Quantiles of the finite values where `shown` (NULL: the values themselves) is positive.
+static value_range quantiles(const float *plane, const float *shown, size_t count)
+{
+    float *sorted = malloc(count * sizeof *sorted);
+    size_t kept = 0;
+    for (size_t i = 0; sorted && i < count; ++i)
+        if ((shown ? shown : plane)[i] > 0 && isfinite(plane[i]))
+            sorted[kept++] = plane[i];
+    value_range range = {0, 1};
+    if (kept) {
+        qsort(sorted, kept, sizeof *sorted, compare_floats);
+        range = (value_range){sorted[kept / 100], sorted[kept - 1 - kept / 100]};
+    }
+    free(sorted);
+    return range;
+}
+
+value_range plane_range(const float *plane, size_t count)
+{
+    return quantiles(plane, NULL, count);
+}
+
+static uint8_t quantised(double value)
+{
+    return (uint8_t)fmin(fmax(255 * value + 0.5, 0), 255);
+}
+
+static bool allocate(int width, int height, sgs_image8 *out)
+{
+    *out = (sgs_image8){width, height, 3, NULL};
+    const size_t bytes = 3 * (size_t)width * (size_t)height;
+    out->pixels = aligned_alloc(64, (bytes + 63) / 64 * 64);
+    return out->pixels != NULL;
+}
+
+bool plane_colored(const float *plane, int width, int height, value_range range, sgs_image8 *out)
+{
+    if (!allocate(width, height, out))
+        return false;
+    static const double cosine[3] = {-0.14861, -0.29227, 1.97294}, sine[3] = {1.78277, -0.90649, 0};
+    const double start = 0.5, turns = -1.2, hue = 1;
+    const size_t pixels = (size_t)width * (size_t)height;
+    const double scale = range.high > range.low ? 1 / ((double)range.high - (double)range.low) : 0;
+    for (size_t i = 0; i < pixels; ++i) {
+        const bool shown = plane[i] > 0;
+        const double x =
+            0.12 + 0.85 * fmin(fmax(((double)plane[i] - (double)range.low) * scale, 0), 1);
+        const double angle = 2 * 3.141592653589793 * (start / 3 + 1 + turns * x),
+                     radius = hue * x * (1 - x) / 2;
+        for (size_t c = 0; c < 3; ++c)
+            out->pixels[c * pixels + i] =
+                shown ? quantised(x + radius * (cosine[c] * cos(angle) + sine[c] * sin(angle))) : 0;
+    }
+    return true;
+}
+
+bool plane_grey(const float *plane, int width, int height, sgs_image8 *out)
+{
+    if (!allocate(width, height, out))
+        return false;
+    const size_t pixels = (size_t)width * (size_t)height;
+    for (size_t i = 0; i < 3 * pixels; ++i)
+        out->pixels[i] = quantised((double)plane[i % pixels]);
+    return true;
+}
+
+bool normals_colored(const float *const normal[3], int width, int height, sgs_image8 *out)
+{
+    if (!allocate(width, height, out))
+        return false;
+    const size_t pixels = (size_t)width * (size_t)height;
+    for (size_t i = 0; i < pixels; ++i) {
+        const bool any = normal[0][i] != 0 || normal[1][i] != 0 || normal[2][i] != 0;
+        for (size_t c = 0; c < 3; ++c)
+            out->pixels[c * pixels + i] = any ? quantised(0.5 + 0.5 * (double)normal[c][i]) : 0;
+    }
+    return true;
+}
+
+bool positions_colored(const float *const position[3], const float *transmittance, int width,
+                       int height, sgs_image8 *out)
+{
+    const size_t pixels = (size_t)width * (size_t)height;
+    float *seen = malloc(pixels * sizeof *seen);
+    if (!seen || !allocate(width, height, out)) {
+        free(seen);
+        return false;
+    }
+    for (size_t i = 0; i < pixels; ++i)
+        seen[i] = 1 - transmittance[i];
+    for (size_t c = 0; c < 3; ++c) {
+        const value_range range = quantiles(position[c], seen, pixels);
+        const double scale =
+            range.high > range.low ? 1 / ((double)range.high - (double)range.low) : 0;
+        for (size_t i = 0; i < pixels; ++i)
+            out->pixels[c * pixels + i] =
+                seen[i] > 0
+                    ? quantised(0.1 +
+                                0.9 * fmax(scale * ((double)position[c][i] - (double)range.low), 0))
+                    : 0;
+    }
+    free(seen);
+    return true;
+}
+
+bool ids_colored(const uint32_t *ids, int width, int height, sgs_image8 *out)
+{
+    if (!allocate(width, height, out))
+        return false;
+    const size_t pixels = (size_t)width * (size_t)height;
+    for (size_t i = 0; i < pixels; ++i)
+        for (size_t c = 0; c < 3; ++c) { // multiplicative hashing: neighbouring numbers part
+            const uint32_t mixed = (ids[i] + 1) * 2654435761U;
+            out->pixels[c * pixels + i] =
+                ids[i] == SGS_NO_PRIMITIVE ? 0
+                                           : (uint8_t)(64 + (mixed >> (8 * c + 8) & 255) * 3 / 4);
+        }
+    return true;
+}
+
+bool slack_colored(const float *slack, const uint32_t *ids, int width, int height, sgs_image8 *out)
+{
+    static const double grey = 0.9, over[3] = {0.7, 0.1, 0.1}, room[3] = {0.1, 0.3, 0.75};
+    if (!allocate(width, height, out))
+        return false;
+    const size_t pixels = (size_t)width * (size_t)height;
+    for (size_t i = 0; i < pixels; ++i) {
+        const double x = tanh((double)slack[i]), *const end = x < 0 ? over : room;
+        for (size_t c = 0; c < 3; ++c)
+            out->pixels[c * pixels + i] =
+                ids[i] == SGS_NO_PRIMITIVE ? 0 : quantised(grey + fabs(x) * (end[c] - grey));
+    }
+    return true;
+}

@@ -1,0 +1,480 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Frames on disk.
+//
+// Colours. Training compares with photographs as they are stored, so a trained colour is a display
+// (sRGB) value and blending happens between display values. An EXR is expected to be scene-linear:
+// the blended colour is freed of its alpha, decoded by the sRGB curve (continued above 1) and
+// multiplied by alpha again. `srgb` leaves the values as they were blended.
+//
+// Deep samples are decoded one by one, each as if it stood alone; their sum is then more light than
+// the flat image has, for a mixture is decoded after it was blended. So the samples of a pixel are
+// scaled by one factor per channel, at most 1, that makes a flattened file equal the flat one. All
+// samples stay positive and keep their share of the light, so an object put between them hides what
+// it should, to within that factor; with `srgb` every partial sum is exact.
+//
+// Matrices. OpenEXR's standard attributes speak of a left-handed camera with y up and z forward;
+// COLMAP's has y down, so worldToCamera is the pose with its second row negated. worldToNDC maps to
+// (0,0) upper left, (1,1) lower right by the linear part of the lens (no distortion), with depth 1
+// - near / z; a fisheye lens has no such matrix and none is written.
+
+#include "draw/frame_files.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "draw/colormap.h"
+#include "cli/output.h"
+#include "cli/progress.h"
+#include "sparegs/metrics.h"
+
+#define DEPTHS(kind)                                                                               \
+    "depth.Z: mean distance of the hits " kind ", weighted by their contribution, world units; "   \
+    "depth_median.Z: distance of the hit that takes the transmittance to 0.5; depth_first.Z: "     \
+    "distance of the first "                                                                       \
+    "hit; 0 where there is none"
+
+static const char ray_depth[] = DEPTHS("along the unit ray from the camera centre");
+static const char axis_depth[] =
+    DEPTHS("along the camera's axis (z, perpendicular to the image plane)");
+
+static const char deep_ray_depth[] =
+    "Z, ZBack: first and last hit of a sample, along the unit ray from the camera "
+    "centre, world units";
+static const char deep_axis_depth[] =
+    "Z, ZBack: first and last hit of a sample, along the camera's axis (z, "
+    "perpendicular to the image plane), world units";
+
+unsigned aov_planes(unsigned aovs)
+{
+    static const struct {
+        unsigned aov, plane;
+    } needs[] = {
+        {AOV_DEPTH, SGS_PLANE_DEPTH_MEAN},        {AOV_DEPTH_MEDIAN, SGS_PLANE_DEPTH_MEDIAN},
+        {AOV_DEPTH_FIRST, SGS_PLANE_DEPTH_FIRST}, {AOV_HITS, SGS_PLANE_HITS},
+        {AOV_NORMAL, SGS_PLANE_NORMAL},           {AOV_POSITION, SGS_PLANE_POSITION},
+        {AOV_PRIMITIVE, SGS_PLANE_PRIMITIVE},     {AOV_REGION, SGS_PLANE_PRIMITIVE},
+        {AOV_SLACK, SGS_PLANE_PRIMITIVE}};
+    unsigned planes = 0;
+    for (size_t k = 0; k < sizeof needs / sizeof *needs; ++k)
+        planes |= aovs & needs[k].aov ? needs[k].plane : 0;
+    return planes;
+}
+
+// The light that a trained colour stands for.
+static float light_of(const frame_files *files, float value)
+{
+    return files->white * (files->space == SGS_SPACE_LINEAR ? value : sgs_srgb_decode(value));
+}
+
+static void linearise(const frame_files *files, sgs_frame *frame)
+{
+    const size_t pixels = (size_t)frame->width * (size_t)frame->height;
+    for (size_t i = 0; i < pixels; ++i) {
+        const float alpha = 1 - frame->transmittance[i];
+        for (int c = 0; c < 3; ++c) {
+            float *value = &frame->color[c][i];
+            *value = alpha > 0 ? alpha * light_of(files, *value / alpha) : 0;
+        }
+    }
+}
+
+static void camera_matrices(const sgs_camera *camera, const sgs_pose *pose, double to_camera[16],
+                            double near_distance, double to_ndc[16])
+{
+    double fx, fy, cx, cy, rows[3][4];
+    sgs_camera_intrinsics(camera, &fx, &fy, &cx, &cy);
+    for (int i = 0; i < 3; ++i)
+        for (int j = 0; j < 4; ++j) {
+            rows[i][j] = j < 3 ? pose->rotation[3 * i + j] : pose->translation[i];
+            to_camera[4 * i + j] = i == 1 ? -rows[i][j] : rows[i][j];
+        }
+    for (int j = 0; j < 4; ++j) {
+        to_camera[12 + j] = j == 3;
+        to_ndc[j] = (fx * rows[0][j] + cx * rows[2][j]) / camera->width;
+        to_ndc[4 + j] = (fy * rows[1][j] + cy * rows[2][j]) / camera->height;
+        to_ndc[8 + j] = rows[2][j] - (j == 3 ? near_distance : 0);
+        to_ndc[12 + j] = rows[2][j];
+    }
+}
+
+// Planes of a file that are made from the frame's.
+typedef struct made_planes {
+    float *alpha, *slack;
+    uint32_t *hits, *region;
+} made_planes;
+
+static void free_planes(made_planes *planes)
+{
+    free(planes->alpha);
+    free(planes->slack);
+    free(planes->hits);
+    free(planes->region);
+}
+
+// The regions of the primitives that contribute most. Planes that are not wanted stay NULL. False
+// after printing the error.
+static bool make_regions(const frame_files *files, const sgs_frame *frame, made_planes *planes)
+{
+    const size_t pixels = (size_t)frame->width * (size_t)frame->height;
+    if (!(files->aovs & (AOV_REGION | AOV_SLACK)))
+        return true;
+    planes->region = malloc(pixels * sizeof *planes->region);
+    planes->slack = malloc(pixels * sizeof *planes->slack);
+    if (!planes->region || !planes->slack) {
+        fail_run("%s: no memory for its regions", files->name);
+        return false;
+    }
+    for (size_t i = 0; i < pixels; ++i) {
+        const uint32_t primitive = frame->primitive[i];
+        const bool any = primitive < files->regions->count;
+        planes->region[i] = any ? files->regions->region[primitive] : SGS_NO_PRIMITIVE;
+        planes->slack[i] = any ? files->regions->slack[primitive] : 0;
+    }
+    return true;
+}
+
+static bool make_planes(const frame_files *files, const sgs_frame *frame, made_planes *planes)
+{
+    const size_t pixels = (size_t)frame->width * (size_t)frame->height;
+    *planes = (made_planes){.alpha = malloc(pixels * sizeof *planes->alpha),
+                            .hits = malloc(pixels * sizeof *planes->hits)};
+    if (!planes->alpha || !planes->hits) {
+        fail_run("%s: no memory to write it", files->name);
+        return false;
+    }
+    for (size_t i = 0; i < pixels; ++i) {
+        planes->alpha[i] = 1 - frame->transmittance[i];
+        planes->hits[i] = frame->hits ? (uint32_t)(frame->hits[i] + 0.5F) : 0;
+    }
+    return make_regions(files, frame, planes);
+}
+
+// The channels of an EXR, at most EXR_CHANNELS.
+enum { EXR_CHANNELS = 18 };
+
+static int list_channels(unsigned aovs, const sgs_frame *frame, const made_planes *made,
+                         sgs_exr_channel *channels)
+{
+    const struct {
+        unsigned aov;
+        sgs_exr_channel channel;
+    } all[EXR_CHANNELS] = {
+        {AOV_RGBA, {.name = "R", .floats = frame->color[0]}},
+        {AOV_RGBA, {.name = "G", .floats = frame->color[1]}},
+        {AOV_RGBA, {.name = "B", .floats = frame->color[2]}},
+        {AOV_RGBA, {.name = "A", .floats = made->alpha}},
+        {AOV_DEPTH, {.name = "depth.Z", .floats = frame->depth_mean}},
+        {AOV_DEPTH_MEDIAN, {.name = "depth_median.Z", .floats = frame->depth_median}},
+        {AOV_DEPTH_FIRST, {.name = "depth_first.Z", .floats = frame->depth_first}},
+        {AOV_TRANSMITTANCE, {.name = "transmittance.T", .floats = frame->transmittance}},
+        {AOV_HITS, {.name = "hits.count", .uints = made->hits}},
+        {AOV_NORMAL, {.name = "N.X", .floats = frame->normal[0]}},
+        {AOV_NORMAL, {.name = "N.Y", .floats = frame->normal[1]}},
+        {AOV_NORMAL, {.name = "N.Z", .floats = frame->normal[2]}},
+        {AOV_POSITION, {.name = "P.X", .floats = frame->position[0]}},
+        {AOV_POSITION, {.name = "P.Y", .floats = frame->position[1]}},
+        {AOV_POSITION, {.name = "P.Z", .floats = frame->position[2]}},
+        {AOV_PRIMITIVE, {.name = "primitive.id", .uints = frame->primitive}},
+        {AOV_REGION, {.name = "region.id", .uints = made->region}},
+        {AOV_SLACK, {.name = "slack.S", .floats = made->slack}}};
+    int count = 0;
+    for (size_t k = 0; k < EXR_CHANNELS; ++k)
+        if (aovs & all[k].aov)
+            channels[count++] = all[k].channel;
+    return count;
+}
+
+// What the header says; the matrices live in `matrices`.
+typedef struct view_matrices {
+    double to_camera[16], to_ndc[16];
+} view_matrices;
+
+static sgs_exr_info describe(const frame_files *files, bool any_depth, view_matrices *matrices)
+{
+    camera_matrices(files->camera, files->pose, matrices->to_camera, files->near_distance,
+                    matrices->to_ndc);
+    return (sgs_exr_info){.width = files->camera->width,
+                          .height = files->camera->height,
+                          .world_to_camera = matrices->to_camera,
+                          .world_to_ndc =
+                              sgs_camera_is_fisheye(files->camera->model) ? NULL : matrices->to_ndc,
+                          .depth_definition = !any_depth          ? NULL
+                                              : files->axis_depth ? axis_depth
+                                                                  : ray_depth,
+                          .view_name = files->name,
+                          .compression = files->compression};
+}
+
+static bool write_exr(const frame_files *files, const char *path, const sgs_frame *frame,
+                      const made_planes *made)
+{
+    sgs_exr_channel channels[EXR_CHANNELS];
+    view_matrices matrices;
+    const bool any_depth = files->aovs & (AOV_DEPTH | AOV_DEPTH_MEDIAN | AOV_DEPTH_FIRST);
+    const sgs_exr_info info = describe(files, any_depth, &matrices);
+    if (!make_folder_of(path))
+        return false;
+    if (sgs_exr_write(path, &info, channels, list_channels(files->aovs, frame, made, channels))) {
+        fail_library();
+        return false;
+    }
+    tell_file(path);
+    return true;
+}
+
+bool frame_write_exr(const frame_files *files, sgs_frame *frame)
+{
+    made_planes made;
+    char *path = format_text("%s/%s.exr", files->folder, files->stem);
+    bool written = make_planes(files, frame, &made);
+    if (written && files->encoding == EXR_LINEAR && files->aovs & AOV_RGBA)
+        linearise(files, frame);
+    written = written && write_exr(files, path, frame, &made);
+    free(path);
+    free_planes(&made);
+    return written;
+}
+
+// ---- Deep files ----
+
+struct deep_file {
+    const frame_files *files;
+    const sgs_frame *frame;
+    sgs_exr_deep *exr;
+    char *path;
+    sgs_deep_sample *samples; // of a band
+    size_t capacity;
+};
+
+deep_file *deep_file_open(const frame_files *files, const sgs_frame *frame, int max_samples)
+{
+    deep_file *file = calloc(1, sizeof *file);
+    if (!file) {
+        fail_run("%s: no memory to write it", files->name);
+        return NULL;
+    }
+    view_matrices matrices;
+    sgs_exr_info info = describe(files, true, &matrices);
+    info.depth_definition = files->axis_depth ? deep_axis_depth : deep_ray_depth;
+    *file = (deep_file){.files = files,
+                        .frame = frame,
+                        .path = format_text("%s/%s.deep.exr", files->folder, files->stem)};
+    if (make_folder_of(file->path)) {
+        if (!sgs_exr_deep_open(file->path, &info, max_samples, &file->exr))
+            return file;
+        fail_library();
+    }
+    free(file->path);
+    free(file);
+    return NULL;
+}
+
+// Display to scene-linear: see above.
+static void linearise_samples(const frame_files *files, sgs_deep_sample *samples, size_t count,
+                              const float flat[3], float alpha)
+{
+    for (int c = 0; c < 3; ++c) {
+        double sum = 0, through = 1;
+        for (size_t k = 0; k < count; ++k) {
+            float *value = &samples[k].color[c];
+            *value = samples[k].alpha > 0
+                         ? samples[k].alpha * light_of(files, *value / samples[k].alpha)
+                         : 0;
+            sum += through * (double)*value;
+            through *= 1 - (double)samples[k].alpha;
+        }
+        const double wanted = alpha > 0 ? (double)(alpha * light_of(files, flat[c] / alpha)) : 0;
+        const float scale = sum > 0 ? (float)(wanted / sum) : 0;
+        for (size_t k = 0; k < count; ++k)
+            samples[k].color[c] *= scale;
+    }
+}
+
+sgs_status deep_file_rows(void *context, int y, int rows, const uint32_t *counts,
+                          const sgs_deep_sample *samples)
+{
+    deep_file *file = context;
+    const sgs_frame *frame = file->frame;
+    const size_t width = (size_t)frame->width, pixels = width * (size_t)rows,
+                 first = width * (size_t)y;
+    if (file->files->encoding == EXR_SRGB)
+        return sgs_exr_deep_write(file->exr, rows, counts, samples);
+    size_t total = 0;
+    for (size_t i = 0; i < pixels; ++i)
+        total += counts[i];
+    if (total > file->capacity) {
+        free(file->samples);
+        file->samples = malloc(total * sizeof *file->samples);
+        file->capacity = file->samples ? total : 0;
+        if (!file->samples)
+            return SGS_STATUS_OUT_OF_MEMORY;
+    }
+    if (total)
+        memcpy(file->samples, samples, total * sizeof *samples);
+    sgs_deep_sample *at = file->samples;
+    for (size_t i = 0; i < pixels; at += counts[i++]) {
+        const float flat[3] = {frame->color[0][first + i], frame->color[1][first + i],
+                               frame->color[2][first + i]};
+        linearise_samples(file->files, at, counts[i], flat, 1 - frame->transmittance[first + i]);
+    }
+    return sgs_exr_deep_write(file->exr, rows, counts, file->samples);
+}
+
+bool deep_file_close(deep_file *file, bool complete)
+{
+    bool written = complete;
+    if (!complete)
+        sgs_exr_deep_abort(file->exr);
+    else if (sgs_exr_deep_close(file->exr)) {
+        fail_library();
+        written = false;
+    } else {
+        tell_file(file->path);
+    }
+    free(file->samples);
+    free(file->path);
+    free(file);
+    return written;
+}
+
+// ---- PNG ----
+
+// Writes and frees one image.
+static bool write_image(const frame_files *files, const char *suffix, sgs_image8 *image)
+{
+    char *path = format_text("%s/%s%s", files->folder, files->stem, suffix);
+    bool written = make_folder_of(path);
+    if (written && sgs_png_write(path, image)) {
+        fail_library();
+        written = false;
+    }
+    if (written)
+        tell_file(path);
+    sgs_image8_free(image);
+    free(path);
+    return written;
+}
+
+// A plane as colours or greys, with a note on what they mean.
+static bool write_plane(const frame_files *files, const char *suffix, const sgs_frame *frame,
+                        const float *plane)
+{
+    const size_t pixels = (size_t)frame->width * (size_t)frame->height;
+    const bool grey = plane == frame->transmittance;
+    const value_range range = plane_range(plane, pixels);
+    sgs_image8 image = {0};
+    if (grey ? !plane_grey(plane, frame->width, frame->height, &image)
+             : !plane_colored(plane, frame->width, frame->height, range, &image)) {
+        fail_run("%s: no memory to write it", files->name);
+        return false;
+    }
+    if (!write_image(files, suffix, &image))
+        return false;
+    if (!grey)
+        print_note("%s%s: dark to light is %g to %g", files->stem, suffix, (double)range.low,
+                   (double)range.high);
+    return true;
+}
+
+bool frame_picture(const frame_files *files, const sgs_frame *frame, sgs_image8 *image)
+{
+    if (files->space != SGS_SPACE_LINEAR) {
+        if (!sgs_image8_from_planes((const float *const *)frame->color, frame->transmittance,
+                                    files->background, frame->width, frame->height, image))
+            return true;
+        fail_library();
+        return false;
+    }
+    // Light is laid over the background first and becomes display values then.
+    const size_t pixels = (size_t)frame->width * (size_t)frame->height;
+    float *display = malloc(3 * pixels * sizeof *display);
+    if (!display) {
+        fail_run("%s: no memory to write it", files->name);
+        return false;
+    }
+    for (size_t c = 0; c < 3; ++c)
+        for (size_t i = 0; i < pixels; ++i)
+            display[c * pixels + i] = sgs_srgb_encode(
+                frame->color[c][i] + frame->transmittance[i] * files->background[c]);
+    const float *const planes[3] = {display, display + pixels, display + 2 * pixels};
+    const bool made = !sgs_image8_from_planes(planes, NULL, files->background, frame->width,
+                                              frame->height, image);
+    free(display);
+    if (!made)
+        fail_library();
+    return made;
+}
+
+static bool write_rgb(const frame_files *files, const sgs_frame *frame)
+{
+    sgs_image8 image = {0};
+    return frame_picture(files, frame, &image) && write_image(files, ".png", &image);
+}
+
+// Quantities that are no single number.
+static bool write_picture(const frame_files *files, const char *suffix, bool made,
+                          sgs_image8 *image)
+{
+    if (made)
+        return write_image(files, suffix, image);
+    fail_run("%s: no memory to write it", files->name);
+    return false;
+}
+
+static bool write_regions(const frame_files *files, const sgs_frame *frame)
+{
+    made_planes made = {0};
+    sgs_image8 image = {0};
+    bool written = make_regions(files, frame, &made);
+    if (files->aovs & AOV_REGION && written)
+        written =
+            write_picture(files, ".region.png",
+                          ids_colored(made.region, frame->width, frame->height, &image), &image);
+    if (files->aovs & AOV_SLACK && written)
+        written = write_picture(
+            files, ".slack.png",
+            slack_colored(made.slack, made.region, frame->width, frame->height, &image), &image);
+    free_planes(&made);
+    return written;
+}
+
+bool frame_write_png(const frame_files *files, const sgs_frame *frame)
+{
+    const struct {
+        unsigned bit;
+        const char *suffix;
+        const float *plane;
+    } planes[] = {{AOV_DEPTH, ".depth.png", frame->depth_mean},
+                  {AOV_DEPTH_MEDIAN, ".depth_median.png", frame->depth_median},
+                  {AOV_DEPTH_FIRST, ".depth_first.png", frame->depth_first},
+                  {AOV_TRANSMITTANCE, ".transmittance.png", frame->transmittance},
+                  {AOV_HITS, ".hits.png", frame->hits}};
+    const int width = frame->width, height = frame->height;
+    sgs_image8 image = {0};
+    if (files->aovs & AOV_RGBA && !write_rgb(files, frame))
+        return false;
+    for (size_t k = 0; k < sizeof planes / sizeof *planes; ++k)
+        if (files->aovs & planes[k].bit &&
+            !write_plane(files, planes[k].suffix, frame, planes[k].plane))
+            return false;
+    if (files->aovs & AOV_NORMAL &&
+        !write_picture(files, ".normal.png",
+                       normals_colored((const float *const *)frame->normal, width, height, &image),
+                       &image))
+        return false;
+    if (files->aovs & AOV_POSITION &&
+        !write_picture(files, ".position.png",
+                       positions_colored((const float *const *)frame->position,
+                                         frame->transmittance, width, height, &image),
+                       &image))
+        return false;
+    if (files->aovs & AOV_PRIMITIVE &&
+        !write_picture(files, ".primitive.png",
+                       ids_colored(frame->primitive, width, height, &image), &image))
+        return false;
+    return write_regions(files, frame);
+}

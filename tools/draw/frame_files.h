@@ -1,0 +1,72 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// A drawn frame as files: one EXR with a layer per quantity for compositors, or one PNG per
+// quantity for people.
+
+#include <stdbool.h>
+
+#include "draw/region_map.h"
+#include "sparegs/image.h"
+#include "sparegs/render.h"
+
+// Bits in the order of the words of --aov.
+enum {
+    AOV_RGBA = 1,
+    AOV_DEPTH = 2,
+    AOV_DEPTH_MEDIAN = 4,
+    AOV_DEPTH_FIRST = 8,
+    AOV_TRANSMITTANCE = 16,
+    AOV_HITS = 32,
+    AOV_NORMAL = 64,
+    AOV_POSITION = 128,
+    AOV_PRIMITIVE = 256,
+    AOV_REGION = 512,
+    AOV_SLACK = 1024,
+    AOV_ALL = 2047
+};
+#define AOV_WORDS                                                                                  \
+    "all|rgba,depth,depth_median,depth_first,transmittance,hits,normal,position,primitive,region," \
+    "slack"
+
+// The planes (SGS_PLANE_ bits) of a frame that these need.
+unsigned aov_planes(unsigned aovs);
+
+typedef enum exr_encoding { EXR_LINEAR = 0, EXR_SRGB = 1 } exr_encoding;
+
+typedef struct frame_files {
+    const char *folder, *stem; // see file_stems.h
+    const char *name;          // of the view, with its extension
+    const sgs_camera *camera;
+    const sgs_pose *pose;
+    unsigned aovs;
+    bool axis_depth;                 // the frame's distances are along the axis
+    exr_encoding encoding;           // EXR only
+    sgs_exr_compression compression; // EXR only
+    float background[3];             // PNG only
+    sgs_space space;                 // of the frame's colours
+    float white;                     // light that is 1 in them
+    double near_distance;            // what is nearer to the camera was not drawn
+    const region_map *regions;       // of the model; for AOV_REGION and AOV_SLACK only
+} frame_files;
+
+// Opens FOLDER/STEM.deep.exr. NULL after printing the error.
+typedef struct deep_file deep_file;
+deep_file *deep_file_open(const frame_files *files, const sgs_frame *frame, int max_samples);
+// A sgs_deep_rows_fn; context is the deep_file. The frame must hold its display colours still.
+sgs_status deep_file_rows(void *context, int y, int rows, const uint32_t *counts,
+                          const sgs_deep_sample *samples);
+// Completes the file and prints its path on stdout, or, unless `complete`, leaves none. False after
+// printing the error.
+bool deep_file_close(deep_file *file, bool complete);
+
+// The colours as a picture for people, over the background. False after printing the error.
+bool frame_picture(const frame_files *files, const sgs_frame *frame, sgs_image8 *image);
+
+// FOLDER/STEM.exr. May overwrite the frame's colour planes. Prints the path on stdout, or the
+// error.
+bool frame_write_exr(const frame_files *files, sgs_frame *frame);
+
+// FOLDER/STEM.png and FOLDER/STEM.AOV.png.
+bool frame_write_png(const frame_files *files, const sgs_frame *frame);

@@ -1,0 +1,187 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Frames go to ffmpeg's standard input as raw RGB; H.264 in 4:2:0, which every player shows, wants
+// even sizes, so an odd row or column is doubled by padding. ffmpeg is started by its argument
+// vector, never through a shell, and writes beside the target, which is renamed when it ended well.
+// What it says goes to a temporary file; its last line is told when it fails.
+
+#include "draw/video.h"
+
+#include <errno.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "cli/output.h"
+#include "cli/progress.h"
+
+struct video {
+    char *path, *temporary;
+    int width, height;
+    pid_t child;
+    int pipe;
+    FILE *messages;
+    unsigned char *frame; // interleaved
+};
+
+bool video_possible(void)
+{
+    const char *path = getenv("PATH");
+    for (const char *at = path ? path : ""; *at; at += *at == ':') {
+        const int length = (int)strcspn(at, ":");
+        char *program = format_text("%.*s/ffmpeg", length, at);
+        const bool found = length && !access(program, X_OK);
+        free(program);
+        if (found)
+            return true;
+        at += length;
+    }
+    fail_run("--video needs ffmpeg, which is not installed; install it (Debian: apt install "
+             "ffmpeg), or write the frames by "
+             "--format png");
+    return false;
+}
+
+// FOLDER/.NAME.PID.ENDING: ffmpeg takes the format from the ending.
+static char *temporary_path(const char *path)
+{
+    const char *slash = strrchr(path, '/'), *name = slash ? slash + 1 : path,
+               *dot = strrchr(name, '.');
+    return format_text("%.*s.%.*s.%ld%s", (int)(name - path), path,
+                       (int)(dot ? dot - name : (long)strlen(name)), name, (long)getpid(),
+                       dot ? dot : "");
+}
+
+static void run_ffmpeg(const video *film, double fps, int input)
+{
+    char size[32], rate[32];
+    snprintf(size, sizeof size, "%dx%d", film->width, film->height);
+    snprintf(rate, sizeof rate, "%.6g", fps);
+    const char *const arguments[] = {"ffmpeg",
+                                     "-hide_banner",
+                                     "-loglevel",
+                                     "error",
+                                     "-y",
+                                     "-f",
+                                     "rawvideo",
+                                     "-pixel_format",
+                                     "rgb24",
+                                     "-video_size",
+                                     size,
+                                     "-framerate",
+                                     rate,
+                                     "-i",
+                                     "-",
+                                     "-vf",
+                                     "pad=ceil(iw/2)*2:ceil(ih/2)*2",
+                                     "-pix_fmt",
+                                     "yuv420p",
+                                     film->temporary,
+                                     NULL};
+    dup2(input, STDIN_FILENO);
+    dup2(fileno(film->messages), STDOUT_FILENO);
+    dup2(fileno(film->messages), STDERR_FILENO);
+    execvp(arguments[0], (char *const *)arguments);
+    _exit(127);
+}
+
+static void free_film(video *film)
+{
+    if (film->messages)
+        fclose(film->messages);
+    free(film->frame);
+    free(film->path);
+    free(film->temporary);
+    free(film);
+}
+
+video *video_open(const char *path, int width, int height, double fps)
+{
+    video *film = calloc(1, sizeof *film);
+    int ends[2];
+    if (!film || !make_folder_of(path)) {
+        free(film);
+        return NULL;
+    }
+    *film = (video){.path = format_text("%s", path),
+                    .temporary = temporary_path(path),
+                    .width = width,
+                    .height = height};
+    film->frame = malloc(3 * (size_t)width * (size_t)height);
+    film->messages = tmpfile();
+    if (!film->frame || !film->messages || pipe(ends)) {
+        fail_run("%s: cannot start ffmpeg: %s", path, strerror(errno));
+        free_film(film);
+        return NULL;
+    }
+    signal(SIGPIPE, SIG_IGN); // a dead ffmpeg shows as a failed write
+    film->child = fork();
+    if (!film->child) {
+        close(ends[1]);
+        run_ffmpeg(film, fps, ends[0]);
+    }
+    close(ends[0]);
+    film->pipe = ends[1];
+    if (film->child > 0)
+        return film;
+    fail_run("%s: cannot start ffmpeg: %s", path, strerror(errno));
+    close(ends[1]);
+    free_film(film);
+    return NULL;
+}
+
+// Ends the child; false after telling why it failed.
+static bool finish_child(video *film)
+{
+    int status = 0;
+    close(film->pipe);
+    while (waitpid(film->child, &status, 0) < 0 && errno == EINTR)
+        ;
+    if (WIFEXITED(status) && WEXITSTATUS(status) == 0)
+        return true;
+    char line[256], last[256] = "it gave no reason";
+    rewind(film->messages);
+    while (fgets(line, sizeof line, film->messages))
+        if (line[strspn(line, " \r\n")])
+            snprintf(last, sizeof last, "%.*s", (int)strcspn(line, "\r\n"), line);
+    fail_run("%s: ffmpeg failed: %s", film->path, last);
+    return false;
+}
+
+bool video_add(video *film, const sgs_image8 *image)
+{
+    const size_t pixels = (size_t)film->width * (size_t)film->height;
+    for (size_t i = 0; i < pixels; ++i)
+        for (size_t c = 0; c < 3; ++c)
+            film->frame[3 * i + c] = image->pixels[c * pixels + i];
+    for (size_t done = 0; done < 3 * pixels;) {
+        const ssize_t step = write(film->pipe, film->frame + done, 3 * pixels - done);
+        if (step < 0 && errno == EINTR)
+            continue;
+        if (step < 0)
+            return false; // told when the film is closed
+        done += (size_t)step;
+    }
+    return true;
+}
+
+bool video_close(video *film, bool complete)
+{
+    if (!film)
+        return true;
+    bool done = finish_child(film) && complete;
+    if (done && rename(film->temporary, film->path)) {
+        fail_run("%s: cannot be put in its place: %s", film->path, strerror(errno));
+        done = false;
+    }
+    if (done)
+        tell_file(film->path);
+    else
+        unlink(film->temporary);
+    free_film(film);
+    return done;
+}

@@ -1,0 +1,284 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+#include "draw/view_drawer.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "cameras/lens_samples.h"
+#include "cli/progress.h"
+#include "sparegs/metrics.h"
+#include "sparegs/runtime.h"
+
+// The model's parameters in double, row by row.
+static double *exact_params(const sgs_gaussians *model)
+{
+    double *params = malloc((model->count + 1) * SGS_PARAM_COUNT * sizeof *params);
+    for (size_t i = 0; params && i < model->count; ++i)
+        for (int k = 0; k < SGS_PARAM_COUNT; ++k)
+            params[i * SGS_PARAM_COUNT + (size_t)k] = (double)*sgs_gaussians_at(model, i, k);
+    return params;
+}
+
+bool view_drawer_open(view_drawer *drawer, const view_options *options,
+                      const drawing_values *drawing, const sgs_gaussians *model)
+{
+    *drawer = (view_drawer){.options = options, .drawing = drawing, .model = model};
+    drawer->frame = &drawer->frames[0];
+    if (options->film && !video_possible())
+        return false;
+    if (options->reference) {
+        drawer->params = exact_params(model);
+        if (!drawer->params)
+            fail_run("no memory for %zu primitives in double precision", model->count);
+        return drawer->params != NULL;
+    }
+    if (!sgs_renderer_create(model, &drawer->renderer))
+        return true;
+    fail_library();
+    return false;
+}
+
+bool view_drawer_close(view_drawer *drawer, bool complete)
+{
+    const bool written = background_wait(&drawer->writing);
+    const bool done = video_close(drawer->film, complete && written) && written;
+    for (int k = 0; k < 2; ++k)
+        sgs_frame_free(&drawer->frames[k]);
+    sgs_frame_free(&drawer->sampled);
+    sgs_renderer_destroy(drawer->renderer);
+    free(drawer->params);
+    return done;
+}
+
+static bool draw_reference(const view_drawer *drawer, const sgs_camera *camera,
+                           const sgs_pose *pose, const sgs_render_options *options,
+                           sgs_frame *frame)
+{
+    sgs_reference_frame exact = {0};
+    bool done =
+        !sgs_reference_frame_create(camera->width, camera->height, &exact) &&
+        !sgs_reference_render(drawer->params, drawer->model->count, camera, pose, options, &exact);
+    const double *const from[] = {exact.color[0],      exact.color[1],   exact.color[2],
+                                  exact.transmittance, exact.depth_mean, exact.depth_median,
+                                  exact.depth_first,   exact.hits,       exact.normal[0],
+                                  exact.normal[1],     exact.normal[2],  exact.position[0],
+                                  exact.position[1],   exact.position[2]};
+    float *const to[] = {frame->color[0],      frame->color[1],   frame->color[2],
+                         frame->transmittance, frame->depth_mean, frame->depth_median,
+                         frame->depth_first,   frame->hits,       frame->normal[0],
+                         frame->normal[1],     frame->normal[2],  frame->position[0],
+                         frame->position[1],   frame->position[2]};
+    const size_t pixels = (size_t)camera->width * (size_t)camera->height;
+    for (size_t k = 0; k < sizeof to / sizeof *to && done; ++k)
+        for (size_t i = 0; i < pixels && to[k]; ++i)
+            to[k][i] = (float)from[k][i];
+    for (size_t i = 0; i < pixels && done && frame->primitive; ++i)
+        frame->primitive[i] =
+            exact.primitive[i] < 0 ? SGS_NO_PRIMITIVE : (uint32_t)exact.primitive[i];
+    sgs_reference_frame_free(&exact);
+    return done;
+}
+
+// False after telling it, when some ray of the lens runs sideways or back.
+static bool has_axis_depth(const char *name, const sgs_camera *camera)
+{
+    const size_t width = (size_t)camera->width, count = width * (size_t)camera->height;
+    for (size_t i = 0; sgs_camera_is_fisheye(camera->model) && i < count; ++i) {
+        const double pixel[2] = {(double)(i % width) + 0.5, (double)(i / width) + 0.5};
+        double direction[3];
+        if (sgs_camera_unproject(camera, pixel, direction) && !(direction[2] > 0)) {
+            fail_run("%s: --depth z has no meaning for a lens that sees beyond 90 degrees; use "
+                     "--depth ray",
+                     name);
+            return false;
+        }
+    }
+    return true;
+}
+
+// Gives a frame the size of a view.
+static bool prepare_frame(sgs_frame *frame, const sgs_camera *camera, unsigned planes)
+{
+    if (frame->width == camera->width && frame->height == camera->height)
+        return true;
+    sgs_frame_free(frame);
+    if (!sgs_frame_create_with(camera->width, camera->height, planes, frame))
+        return true;
+    fail_library();
+    return false;
+}
+
+static bool draw_flat(view_drawer *drawer, const sgs_camera *camera, const sgs_pose *pose,
+                      const sgs_render_options *options, sgs_frame *frame)
+{
+    const bool done = drawer->renderer
+                          ? !sgs_renderer_render(drawer->renderer, camera, pose, options, frame)
+                          : draw_reference(drawer, camera, pose, options, frame);
+    if (!done)
+        fail_library();
+    return done;
+}
+
+// Renders into the frame, and the deep file on the way.
+static bool draw_deep(view_drawer *drawer, const frame_files *files,
+                      const sgs_render_options *options)
+{
+    const sgs_deep_options *deep = &drawer->options->deep_options;
+    deep_file *file = deep_file_open(files, drawer->frame, deep->max_samples);
+    if (!file)
+        return false;
+    const bool done = !sgs_renderer_render_deep(drawer->renderer, files->camera, files->pose,
+                                                options, deep, drawer->frame, deep_file_rows, file);
+    if (!done)
+        fail_library();
+    return deep_file_close(file, done);
+}
+
+// ---- Many samples ----
+
+// Distance along the axis of what the middle of the drawn frame shows; 0 after telling that there
+// is nothing.
+static double middle_distance(const view_drawer *drawer, const char *name, const sgs_camera *camera)
+{
+    const int x = camera->width / 2, y = camera->height / 2;
+    const double pixel[2] = {x + 0.5, y + 0.5};
+    double direction[3] = {0, 0, 1};
+    const float depth = drawer->frame->depth_mean[(size_t)y * (size_t)camera->width + (size_t)x];
+    if (!drawer->options->axis_depth && !sgs_camera_unproject(camera, pixel, direction))
+        direction[2] = 0;
+    const double distance = (double)depth * direction[2];
+    if (!(distance > 0))
+        fail_run("%s: nothing stands in the middle of the picture to focus on; give --focus", name);
+    return distance > 0 ? distance : 0;
+}
+
+// Replaces the colours of the frame by the mean of the samples; its other quantities stay those of
+// the pixels' centres.
+static bool draw_samples(view_drawer *drawer, const char *name, const sgs_camera *camera,
+                         const sgs_pose *pose, const sgs_render_options *options)
+{
+    const view_options *o = drawer->options;
+    if (o->aperture > 0 && sgs_camera_is_fisheye(camera->model)) {
+        fail_run("%s: --aperture needs a perspective lens, not %s", name,
+                 sgs_camera_model_name(camera->model));
+        return false;
+    }
+    const double focus =
+        o->focus > 0 || !(o->aperture > 0) ? o->focus : middle_distance(drawer, name, camera);
+    if (o->aperture > 0 && !(focus > 0))
+        return false;
+    light_sum sum;
+    bool done = prepare_frame(&drawer->sampled, camera, 0);
+    if (done && !light_sum_begin(&sum, camera->width, camera->height,
+                                 drawer->drawing->space == SGS_SPACE_LINEAR)) {
+        fail_run("%s: no memory for its samples", name);
+        done = false;
+    }
+    if (!done)
+        return false;
+    for (int k = 0; k < o->samples && done; ++k) {
+        sgs_camera lens = *camera;
+        sgs_pose place = *pose;
+        lens_sample(k, o->aperture, focus, &lens, &place);
+        done = draw_flat(drawer, &lens, &place, options, &drawer->sampled);
+        if (done)
+            light_sum_add(&sum, &drawer->sampled);
+    }
+    if (done)
+        light_sum_mean(&sum, drawer->frame);
+    light_sum_free(&sum);
+    return done;
+}
+
+static bool draw_frame(view_drawer *drawer, const frame_files *files,
+                       const sgs_render_options *options)
+{
+    const view_options *o = drawer->options;
+    const bool sampled = o->samples > 1 || o->aperture > 0;
+    const unsigned planes = aov_planes(o->aovs) | (o->aperture > 0 ? SGS_PLANE_DEPTH_MEAN : 0);
+    if (!prepare_frame(drawer->frame, files->camera, planes))
+        return false;
+    if (o->deep)
+        return draw_deep(drawer, files, options);
+    return draw_flat(drawer, files->camera, files->pose, options, drawer->frame) &&
+           (!sampled || draw_samples(drawer, files->name, files->camera, files->pose, options));
+}
+
+// ---- Out ----
+
+static bool add_to_film(view_drawer *drawer)
+{
+    const sgs_frame *frame = drawer->finished;
+    sgs_image8 image = {0};
+    if (!drawer->film)
+        drawer->film =
+            video_open(drawer->options->film, frame->width, frame->height, drawer->options->fps);
+    if (!drawer->film || !frame_picture(&drawer->files, frame, &image))
+        return false;
+    const bool done = video_add(drawer->film, &image);
+    sgs_image8_free(&image);
+    return done;
+}
+
+static bool write_finished(void *context)
+{
+    view_drawer *drawer = context;
+    const view_options *o = drawer->options;
+    const double start = clock_seconds();
+    bool done = !o->film || add_to_film(drawer);
+    if (done && o->folder)
+        done = o->png ? frame_write_png(&drawer->files, drawer->finished)
+                      : frame_write_exr(&drawer->files, drawer->finished);
+    drawer->write_seconds += clock_seconds() - start;
+    return done;
+}
+
+// Whether a view can be a frame of the film, which has the size of its first.
+static bool fits_film(const view_drawer *drawer, const char *name, const sgs_camera *camera)
+{
+    const sgs_frame *first = drawer->finished;
+    if (!drawer->options->film || !first ||
+        (first->width == camera->width && first->height == camera->height))
+        return true;
+    fail_run("%s: the pictures of a film have one size, this one is %d x %d; give --size", name,
+             camera->width, camera->height);
+    return false;
+}
+
+bool view_drawer_draw(view_drawer *drawer, const named_camera *view)
+{
+    const view_options *o = drawer->options;
+    sgs_render_options options = drawing_render_options(drawer->drawing);
+    options.axis_depth = o->axis_depth;
+    if ((o->axis_depth && !has_axis_depth(view->name, &view->camera)) ||
+        !fits_film(drawer, view->name, &view->camera))
+        return false;
+    frame_files files = {.folder = o->folder,
+                         .stem = view->stem,
+                         .name = view->name,
+                         .camera = &view->camera,
+                         .pose = &view->pose,
+                         .aovs = o->aovs,
+                         .regions = o->regions,
+                         .axis_depth = o->axis_depth,
+                         .encoding = o->encoding,
+                         .compression = o->compression,
+                         .space = drawer->drawing->space,
+                         .white = (float)drawer->drawing->white,
+                         .near_distance = options.near_distance};
+    memcpy(files.background, drawer->drawing->background.rgb, sizeof files.background);
+    const double start = clock_seconds();
+    const bool drawn = draw_frame(drawer, &files, &options);
+    drawer->draw_seconds += clock_seconds() - start;
+    if (!background_wait(&drawer->writing) || !drawn)
+        return false;
+    drawer->files = files;
+    drawer->finished = drawer->frame;
+    drawer->frame = &drawer->frames[drawer->frame == drawer->frames];
+    ++drawer->drawn;
+    // Deep files are written while drawing: their paths shall not overtake those of flat ones.
+    background_start(&drawer->writing, sgs_threads() > 1 && !o->deep, write_finished, drawer);
+    return true;
+}

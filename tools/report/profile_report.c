@@ -1,0 +1,448 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+#include "report/profile_report.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "cli/output.h"
+#include "sparegs/runtime.h"
+
+// Numbers of a profile that are summed over views.
+#define SGS_EACH_SUM(X)                                                                            \
+    X(rays)                                                                                        \
+    X(forward)                                                                                     \
+    X(noise)                                                                                       \
+    X(callbacks)                                                                                   \
+    X(candidates)                                                                                  \
+    X(block_tests)                                                                                 \
+    X(evaluations)                                                                                 \
+    X(elements)                                                                                    \
+    X(listed)                                                                                      \
+    X(needed)                                                                                      \
+    X(hits)                                                                                        \
+    X(sampled_hits)                                                                                \
+    X(sampled_hits_unstopped)                                                                      \
+    X(sampled_stopped)
+#define SGS_EACH_TREE_SUM(X)                                                                       \
+    X(build) X(refit) X(gather) X(guided_gather) X(bytes) X(callbacks) X(cost) X(overlap)
+
+void profile_report_add(profile_report *report, const sgs_profile *profile)
+{
+    sgs_profile *mean = &report->mean;
+    ++report->views;
+    mean->primitives = profile->primitives;
+    mean->tiles_x += profile->tiles_x * profile->tiles_y;
+#define X(name) mean->name += profile->name;
+    SGS_EACH_SUM(X)
+#undef X
+    for (int k = 0; k < SGS_PROFILE_KIND_COUNT; ++k) {
+#define X(name) mean->trees[k].name += profile->trees[k].name;
+        SGS_EACH_TREE_SUM(X)
+#undef X
+    }
+    const int tiles = profile->tiles_x * profile->tiles_y;
+    double sum = 0, largest = 0;
+    for (int t = 0; t < tiles; ++t) {
+        sum += (double)profile->tile_seconds[t];
+        largest = fmax(largest, (double)profile->tile_seconds[t]);
+    }
+    if (sum > 0)
+        report->tile_slowest = fmax(report->tile_slowest, largest * tiles / sum);
+}
+
+void profile_report_finish(profile_report *report)
+{
+    sgs_profile *mean = &report->mean;
+    const double share = report->views ? 1.0 / (double)report->views : 0;
+#define X(name) mean->name *= share;
+    SGS_EACH_SUM(X)
+#undef X
+    for (int k = 0; k < SGS_PROFILE_KIND_COUNT; ++k) {
+#define X(name) mean->trees[k].name *= share;
+        SGS_EACH_TREE_SUM(X)
+#undef X
+    }
+    mean->tiles_x = (int)(mean->tiles_x * share + 0.5);
+    mean->tiles_y = 1;
+}
+
+// NaN where there is nothing to compare with: null in JSON, a dash in the table.
+static double quotient(double a, double b)
+{
+    return b > 0 ? a / b : NAN;
+}
+
+// ---- The answer ----
+
+// Training builds its tree anew when primitives come or go: every hundred iterations at most.
+enum { REBUILT_EVERY = 100 };
+
+// Wall-clock seconds of the gather, as training has it.
+static double gather_wall(const sgs_profile_tree *tree)
+{
+    return tree->guided_gather / sgs_threads();
+}
+
+// What a change of the boxes and the question after it cost, per iteration.
+static double iteration_cost(const profile_report *report, sgs_profile_kind kind)
+{
+    const sgs_profile_tree *tree = &report->mean.trees[kind];
+    if (kind < SGS_PROFILE_REFIT)
+        return tree->build + gather_wall(tree);
+    return tree->refit + gather_wall(tree) + tree->build / REBUILT_EVERY;
+}
+
+// What the clock cannot tell apart is the same; never less than 2 %.
+static double least_gain(const profile_report *report)
+{
+    return fmax(report->mean.noise, 0.02);
+}
+
+static sgs_profile_kind best_for_training(const profile_report *report)
+{
+    const double needed = 1 - least_gain(report);
+    sgs_profile_kind best = SGS_PROFILE_REFIT;
+    for (int k = 0; k < SGS_PROFILE_REFIT; ++k)
+        if (iteration_cost(report, (sgs_profile_kind)k) < needed * iteration_cost(report, best))
+            best = (sgs_profile_kind)k;
+    return best;
+}
+
+// The fixed model: the cheapest tree over many views, and the cheapest to build of equals.
+static sgs_profile_kind best_for_drawing(const profile_report *report)
+{
+    const double needed = 1 - least_gain(report);
+    sgs_profile_kind best = SGS_PROFILE_LOW;
+    for (int k = 0; k <= SGS_PROFILE_REFIT; ++k)
+        if (report->mean.trees[k].gather < needed * report->mean.trees[best].gather)
+            best = (sgs_profile_kind)k;
+    return best;
+}
+
+// Embree has no better tree for user geometry than MEDIUM's.
+static bool high_is_medium(const profile_report *report)
+{
+    const sgs_profile_tree *medium = &report->mean.trees[SGS_PROFILE_MEDIUM],
+                           *high = &report->mean.trees[SGS_PROFILE_HIGH];
+    return medium->callbacks == high->callbacks && medium->bytes == high->bytes;
+}
+
+static double more_callbacks(const profile_report *report)
+{
+    return quotient(report->mean.trees[SGS_PROFILE_AGED].callbacks,
+                    report->mean.trees[SGS_PROFILE_REFIT].callbacks) -
+           1;
+}
+
+// Refits after which the extra gather of an aging tree has cost as much as a build. The gather
+// grows with the callbacks (the clock would need a long time to see a few per cent), evenly from 0
+// to `extra` over the measured age n, so r refits cost extra r^2 / (2 n); the mean cost per
+// iteration is least where that equals the build. Infinite where the aged tree names no more.
+static double rebuild_after(const profile_report *report)
+{
+    const sgs_profile_tree *fresh = &report->mean.trees[SGS_PROFILE_REFIT];
+    const double extra = gather_wall(fresh) * more_callbacks(report);
+    return report->refits && extra > 0 && more_callbacks(report) > 1e-3
+               ? sqrt(2 * fresh->build * report->refits / extra)
+               : INFINITY;
+}
+
+typedef struct share {
+    const char *name;
+    double seconds;
+} share;
+
+enum { ITERATION_PARTS = 6 };
+
+// Of a training iteration, in the order in which they begin.
+static void iteration_parts(const sgs_bench_sample *s, share parts[ITERATION_PARTS])
+{
+    const share made[ITERATION_PARTS] = {{"refit", s->refit},       {"gather", s->gather},
+                                         {"forward", s->forward},   {"loss", s->loss},
+                                         {"backward", s->backward}, {"optimizer", s->optimizer}};
+    memcpy(parts, made, sizeof made);
+}
+
+// The largest part of an iteration, or of a view where no iteration was measured.
+static share dominant(const profile_report *report, double *whole)
+{
+    const sgs_profile_tree *tree = &report->mean.trees[SGS_PROFILE_REFIT];
+    share largest = {"gather", gather_wall(tree)};
+    *whole = gather_wall(tree) + report->mean.forward / sgs_threads();
+    if (report->mean.forward > tree->gather)
+        largest = (share){"forward", report->mean.forward / sgs_threads()};
+    if (report->training.iteration <= 0)
+        return largest;
+    share parts[ITERATION_PARTS];
+    iteration_parts(&report->training, parts);
+    *whole = report->training.iteration;
+    largest = parts[0];
+    for (int i = 1; i < ITERATION_PARTS; ++i)
+        if (parts[i].seconds > largest.seconds)
+            largest = parts[i];
+    return largest;
+}
+
+// Sentences; release with free().
+static char *answer_quality(const profile_report *report)
+{
+    const sgs_profile_kind train = best_for_training(report), draw = best_for_drawing(report);
+    const sgs_profile_tree *low = &report->mean.trees[SGS_PROFILE_LOW],
+                           *best = &report->mean.trees[draw];
+    const double gain = low->gather - best->gather, // of all cores
+        price = (best->build - low->build) * sgs_threads();
+    char *training = format_text(
+        "Build quality: for training %s, %.2f ms per iteration for tree and gather (low %.2f, "
+        "medium %.2f, high %.2f, refit %.2f, built every %d iterations)",
+        sgs_profile_kind_name(train), 1e3 * iteration_cost(report, train),
+        1e3 * iteration_cost(report, SGS_PROFILE_LOW),
+        1e3 * iteration_cost(report, SGS_PROFILE_MEDIUM),
+        1e3 * iteration_cost(report, SGS_PROFILE_HIGH),
+        1e3 * iteration_cost(report, SGS_PROFILE_REFIT), REBUILT_EVERY);
+    char *drawing =
+        draw == SGS_PROFILE_LOW
+            ? format_text("for a fixed model low: no other tree answers faster by more than the "
+                          "clock's %.0f %%",
+                          100 * least_gain(report))
+            : format_text("for a fixed model %s: it answers %.0f %% faster than low and has paid "
+                          "for its build after %.0f views",
+                          sgs_profile_kind_name(draw), 100 * quotient(gain, low->gather),
+                          ceil(fmax(price / gain, 1)));
+    char *text =
+        format_text("%s; %s.%s", training, drawing,
+                    high_is_medium(report) ? " High is the same tree as medium here." : "");
+    free(training);
+    free(drawing);
+    return text;
+}
+
+static char *answer_rebuild(const profile_report *report)
+{
+    const sgs_profile_tree *fresh = &report->mean.trees[SGS_PROFILE_REFIT];
+    const double after = rebuild_after(report);
+    if (isfinite(after))
+        return format_text("When to rebuild: after about %.0f refits, if primitives do not come or "
+                           "go earlier; %d refits bring %.1f %% more callbacks, a build costs %.2f "
+                           "ms against %.2f ms for a refit.",
+                           after, report->refits, 100 * more_callbacks(report), 1e3 * fresh->build,
+                           1e3 * fresh->refit);
+    return format_text("When to rebuild: only when primitives come or go; %d refits bring no more "
+                       "callbacks.",
+                       report->refits);
+}
+
+static char *answer_dominant(const profile_report *report)
+{
+    const sgs_profile *m = &report->mean;
+    double whole;
+    const share largest = dominant(report, &whole);
+    if (!(m->evaluations > 0))
+        return format_text("What dominates: %s; nothing of the model is in view.", largest.name);
+    return format_text("What dominates: %s, %.0f %% of %s; of the pairs (block, primitive) "
+                       "evaluated %.1f %% hit no "
+                       "pixel, of the lanes "
+                       "%.0f %% carry a counted hit, of the BVH's callbacks %.1f %% were needed, "
+                       "and the slowest tile "
+                       "takes %.1f times the mean.",
+                       largest.name, 100 * quotient(largest.seconds, whole),
+                       report->training.iteration > 0 ? "an iteration" : "a view",
+                       100 * (1 - quotient(m->elements, m->evaluations)),
+                       100 * quotient(m->hits, 16 * m->evaluations),
+                       100 * quotient(m->needed, m->callbacks), report->tile_slowest);
+}
+
+// ---- Table and JSON ----
+
+static void print_training(const sgs_bench_sample *sample)
+{
+    share parts[ITERATION_PARTS];
+    iteration_parts(sample, parts);
+    printf("a training iteration takes %.2f ms:", 1e3 * sample->iteration);
+    for (int k = 0; k < ITERATION_PARTS; ++k)
+        printf("%s %s %.2f", k ? "," : "", parts[k].name, 1e3 * parts[k].seconds);
+    printf(" (a build %.2f)\n", 1e3 * sample->build);
+}
+
+void profile_print(const profile_report *report)
+{
+    const sgs_profile *m = &report->mean;
+    printf("%.0f primitives, %.0f rays per view, %zu view%s, %s, %d thread%s\n\n", m->primitives,
+           m->rays, report->views, report->views == 1 ? "" : "s", sgs_isa_name(sgs_get_isa()),
+           sgs_threads(), sgs_threads() == 1 ? "" : "s");
+    printf("%-8s %10s %10s %12s %12s %10s %12s %10s %9s\n", "tree", "build ms", "refit ms",
+           "gather ms*", "guided ms*", "MB", "callbacks", "SA cost", "overlap");
+    for (int k = 0; k < SGS_PROFILE_KIND_COUNT; ++k) {
+        const sgs_profile_tree *t = &m->trees[k];
+        printf("%-8s %10.2f %10.2f %12.2f %12.2f %10.1f %12.0f %10.1f %9.3f\n",
+               sgs_profile_kind_name((sgs_profile_kind)k), 1e3 * t->build, 1e3 * t->refit,
+               1e3 * t->gather, 1e3 * t->guided_gather, 1e-6 * t->bytes, t->callbacks, t->cost,
+               t->overlap);
+    }
+    printf("* core time of a view, least of the repetitions (the next is within %.0f %%); guided: "
+           "with the depths of an earlier visit, as in training; aged: refitted %d times\n\n",
+           100 * m->noise, report->refits);
+    printf("%-34s %12s %12s\n", "", "per view", "per ray");
+    const struct {
+        const char *name;
+        double value;
+    } rows[] = {{"callbacks of the BVH", m->callbacks},
+                {"candidates of the tiles", m->candidates},
+                {"block tests", m->block_tests},
+                {"evaluations (block, primitive)", m->evaluations},
+                {"elements (some pixel was hit)", m->elements},
+                {"true hits", m->hits}};
+    for (size_t i = 0; i < sizeof rows / sizeof *rows; ++i)
+        printf("%-34s %12.0f %12.3f\n", rows[i].name, rows[i].value,
+               quotient(rows[i].value, m->rays));
+    if (m->callbacks > 0 && m->candidates > 0 && m->evaluations > 0)
+        printf("false positives: %.1f %% of callbacks, %.1f %% of candidates, %.1f %% of "
+               "evaluations, %.1f %% of lanes\n",
+               100 * (1 - quotient(m->needed, m->callbacks)),
+               100 * (1 - quotient(m->listed, m->candidates)),
+               100 * (1 - quotient(m->elements, m->evaluations)),
+               100 * (1 - quotient(m->hits, 16 * m->evaluations)));
+    else
+        puts("false positives: none, nothing of the model is in view");
+    if (isfinite(m->sampled_hits))
+        printf("hits per ray: %.1f until it stops, %.1f if it did not; %.0f %% of rays stop "
+               "(sampled)\n",
+               m->sampled_hits, m->sampled_hits_unstopped, 100 * m->sampled_stopped);
+    if (report->training.iteration > 0)
+        print_training(&report->training);
+    printf("a view takes %.2f core ms after the gather; per tile %.1f us, the slowest %.1f times "
+           "the mean\n",
+           1e3 * m->forward, 1e6 * quotient(m->forward, m->tiles_x), report->tile_slowest);
+    if (report->counted)
+        printf("hardware counters per view: %.0f M cycles, %.0f M instructions, %.2f M cache "
+               "references, %.2f M "
+               "misses, %.2f M branch misses "
+               "(-1e-6: not counted here)\n",
+               1e-6 * report->counters.cycles, 1e-6 * report->counters.instructions,
+               1e-6 * report->counters.cache_references, 1e-6 * report->counters.cache_misses,
+               1e-6 * report->counters.branch_misses);
+    else
+        printf("no hardware counters: %s\n", report->no_counters);
+    char *const answers[] = {answer_quality(report), answer_rebuild(report),
+                             answer_dominant(report)};
+    putchar('\n');
+    for (int i = 0; i < 3; ++i) {
+        puts(answers[i]);
+        free(answers[i]);
+    }
+}
+
+static json_t *tree_json(const profile_report *report, sgs_profile_kind kind)
+{
+    const sgs_profile_tree *t = &report->mean.trees[kind];
+    json_t *object = json_object();
+    json_object_set_new(object, "name", json_string(sgs_profile_kind_name(kind)));
+    json_object_set_new(object, "build_seconds", json_number(t->build));
+    json_object_set_new(object, "refit_seconds",
+                        kind < SGS_PROFILE_REFIT ? json_null() : json_number(t->refit));
+    json_object_set_new(object, "gather_core_seconds", json_number(t->gather));
+    json_object_set_new(object, "guided_gather_core_seconds", json_number(t->guided_gather));
+    json_object_set_new(object, "bytes", json_number(t->bytes));
+    json_object_set_new(object, "callbacks", json_number(t->callbacks));
+    json_object_set_new(object, "surface_area_cost", json_number(t->cost));
+    json_object_set_new(object, "overlap", json_number(t->overlap));
+    json_object_set_new(object, "refits",
+                        json_integer(kind == SGS_PROFILE_AGED ? report->refits : 0));
+    json_object_set_new(object, "iteration_seconds", json_number(iteration_cost(report, kind)));
+    return object;
+}
+
+static json_t *counters_json(const profile_report *report)
+{
+    if (!report->counted)
+        return json_null();
+    const struct {
+        const char *name;
+        double value;
+    } values[] = {{"cycles", report->counters.cycles},
+                  {"instructions", report->counters.instructions},
+                  {"cache_references", report->counters.cache_references},
+                  {"cache_misses", report->counters.cache_misses},
+                  {"branch_misses", report->counters.branch_misses}};
+    json_t *object = json_object();
+    for (size_t i = 0; i < sizeof values / sizeof *values; ++i)
+        json_object_set_new(object, values[i].name,
+                            values[i].value < 0 ? json_null() : json_number(values[i].value));
+    return object;
+}
+
+static json_t *training_json(const sgs_bench_sample *sample)
+{
+    if (!(sample->iteration > 0))
+        return json_null();
+    share parts[ITERATION_PARTS];
+    iteration_parts(sample, parts);
+    json_t *object = json_object();
+    for (int k = 0; k < ITERATION_PARTS; ++k)
+        json_object_set_new(object, parts[k].name, json_number(parts[k].seconds));
+    json_object_set_new(object, "iteration", json_number(sample->iteration));
+    json_object_set_new(object, "build", json_number(sample->build));
+    return object;
+}
+
+json_t *profile_json(const profile_report *report)
+{
+    const sgs_profile *m = &report->mean;
+    json_t *root = json_object(), *trees = json_array(), *view = json_object(),
+           *rates = json_object(), *answers = json_object();
+    for (int k = 0; k < SGS_PROFILE_KIND_COUNT; ++k)
+        json_array_append_new(trees, tree_json(report, (sgs_profile_kind)k));
+    const struct {
+        const char *name;
+        double value;
+    } numbers[] = {{"rays", m->rays},
+                   {"callbacks", m->callbacks},
+                   {"candidates", m->candidates},
+                   {"block_tests", m->block_tests},
+                   {"evaluations", m->evaluations},
+                   {"elements", m->elements},
+                   {"hits", m->hits},
+                   {"hits_per_ray", quotient(m->hits, m->rays)},
+                   {"sampled_hits", m->sampled_hits},
+                   {"sampled_hits_unstopped", m->sampled_hits_unstopped},
+                   {"sampled_stopped", m->sampled_stopped},
+                   {"forward_core_seconds", m->forward},
+                   {"gather_noise", m->noise},
+                   {"tile_slowest_over_mean", report->tile_slowest}};
+    for (size_t i = 0; i < sizeof numbers / sizeof *numbers; ++i)
+        json_object_set_new(view, numbers[i].name, json_number(numbers[i].value));
+    json_object_set_new(rates, "callbacks", json_number(1 - quotient(m->needed, m->callbacks)));
+    json_object_set_new(rates, "candidates", json_number(1 - quotient(m->listed, m->candidates)));
+    json_object_set_new(rates, "evaluations",
+                        json_number(1 - quotient(m->elements, m->evaluations)));
+    json_object_set_new(rates, "lanes", json_number(1 - quotient(m->hits, 16 * m->evaluations)));
+    json_object_set_new(view, "false_positives", rates);
+    double whole;
+    const share largest = dominant(report, &whole);
+    char *texts[] = {answer_quality(report), answer_rebuild(report), answer_dominant(report)};
+    static const char *const keys[] = {"quality_text", "rebuild_text", "dominant_text"};
+    json_object_set_new(answers, "quality_training",
+                        json_string(sgs_profile_kind_name(best_for_training(report))));
+    json_object_set_new(answers, "quality_drawing",
+                        json_string(sgs_profile_kind_name(best_for_drawing(report))));
+    json_object_set_new(answers, "rebuild_after_refits", json_number(rebuild_after(report)));
+    json_object_set_new(answers, "dominant", json_string(largest.name));
+    json_object_set_new(answers, "dominant_share", json_number(quotient(largest.seconds, whole)));
+    for (int i = 0; i < 3; ++i) {
+        json_object_set_new(answers, keys[i], json_string(texts[i]));
+        free(texts[i]);
+    }
+    json_object_set_new(root, "primitives", json_number(m->primitives));
+    json_object_set_new(root, "views", json_integer((json_int_t)report->views));
+    json_object_set_new(root, "threads", json_integer(sgs_threads()));
+    json_object_set_new(root, "isa", json_string(sgs_isa_name(sgs_get_isa())));
+    json_object_set_new(root, "trees", trees);
+    json_object_set_new(root, "view", view);
+    json_object_set_new(root, "training_seconds", training_json(&report->training));
+    json_object_set_new(root, "counters", counters_json(report));
+    json_object_set_new(root, "answers", answers);
+    return root;
+}

@@ -1,0 +1,196 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Evaluation. A photograph with an alpha channel is laid over the background by the same
+// quantisation as the drawn image, so that both sides of the comparison are treated alike. Pixels
+// that do not count (masks, pixels without a ray) are left out. Linear colours are encoded for
+// display first, so that every score speaks of the picture that people see: light above the scene's
+// white is white.
+
+#include "run/evaluate.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "run/exposure_file.h"
+#include "cli/interrupt.h"
+#include "cli/output.h"
+#include "cli/progress.h"
+#include "sparegs/metrics.h"
+
+bool evaluator_open(evaluator *judge, const sgs_gaussians *model, const sgs_scene *scene,
+                    const drawing_values *drawing)
+{
+    *judge = (evaluator){.scene = scene, .render = drawing_render_options(drawing)};
+    memcpy(judge->background, drawing->background.rgb, sizeof judge->background);
+    if (sgs_renderer_create(model, &judge->renderer)) {
+        fail_library();
+        return false;
+    }
+    return true;
+}
+
+void evaluator_close(evaluator *judge)
+{
+    sgs_renderer_destroy(judge->renderer);
+    judge->renderer = NULL;
+}
+
+// One value of a photograph, as its space has it.
+static float photo_value(const sgs_photo *photo, size_t at)
+{
+    return photo->pixels ? (float)photo->pixels[at] / 255.0F : sgs_half_value(photo->halves[at]);
+}
+
+// The photograph over the background: three planes in one block, or NULL after printing the error.
+static float *flatten_photo(const evaluator *judge, const sgs_photo *photo)
+{
+    const size_t pixels = (size_t)photo->width * (size_t)photo->height;
+    float *planes = malloc(3 * pixels * sizeof *planes);
+    if (!planes)
+        fail_run("no memory to compare a photo of %d x %d", photo->width, photo->height);
+    for (size_t i = 0; planes && i < pixels; ++i) {
+        const float alpha = photo->channels > 3 ? photo_value(photo, 3 * pixels + i) : 1.0F;
+        for (size_t c = 0; c < 3; ++c)
+            planes[c * pixels + i] =
+                alpha * photo_value(photo, c * pixels + i) + (1.0F - alpha) * judge->background[c];
+    }
+    return planes;
+}
+
+static bool draw(const evaluator *judge, const sgs_view *view, sgs_frame *frame)
+{
+    if (sgs_frame_create(view->camera.width, view->camera.height, frame) ||
+        sgs_renderer_render(judge->renderer, &view->camera, &view->pose, &judge->render, frame)) {
+        fail_library();
+        return false;
+    }
+    const size_t pixels = (size_t)frame->width * (size_t)frame->height;
+    for (size_t c = 0; c < 3; ++c)
+        for (size_t i = 0; i < pixels; ++i)
+            frame->color[c][i] += frame->transmittance[i] * judge->background[c];
+    return true;
+}
+
+// Encodes for display what is light, and rounds to 8 bit.
+static bool quantise(const evaluator *judge, float *const color[3], int width, int height,
+                     sgs_image8 *out)
+{
+    const size_t pixels = (size_t)width * (size_t)height;
+    for (size_t c = 0; c < 3 && judge->scene->space == SGS_SPACE_LINEAR; ++c)
+        for (size_t i = 0; i < pixels; ++i)
+            color[c][i] = sgs_srgb_encode(color[c][i]);
+    if (!sgs_image8_from_planes((const float *const *)color, NULL, NULL, width, height, out))
+        return true;
+    fail_library();
+    return false;
+}
+
+// Gives the drawn image the exposure of its photograph. *half receives the pixels to judge where
+// the other half was used up to find it.
+static bool expose(const evaluator *judge, const sgs_view *view, float *const drawn[3],
+                   float *const photo[3], const uint16_t *keep, uint16_t **half)
+{
+    double map[12];
+    const int width = view->camera.width, height = view->camera.height;
+    if (!judge->exposures)
+        return true;
+    if (!exposure_find(judge->exposures, view->name, map)) {
+        exposure_fit(drawn, photo, keep, width, height, map);
+        *half = exposure_right_half(keep, width, height);
+        if (!*half) {
+            fail_run("no memory to compare a photo of %d x %d", width, height);
+            return false;
+        }
+    }
+    exposure_apply(drawn, (size_t)width * (size_t)height, map);
+    return true;
+}
+
+bool evaluate_view(const evaluator *judge, const sgs_view *view, view_score *score,
+                   sgs_image8 *drawn, sgs_image8 *photo)
+{
+    sgs_image8 images[2] = {0};
+    sgs_frame frame = {0};
+    const sgs_photo *source = NULL;
+    uint16_t *half = NULL;
+    bool done = !sgs_scene_photo(judge->scene, (size_t)(view - judge->scene->views), &source);
+    if (!done)
+        fail_library();
+    float *planes = done ? flatten_photo(judge, source) : NULL;
+    if (planes) {
+        const size_t pixels = (size_t)source->width * (size_t)source->height;
+        float *const color[3] = {planes, planes + pixels, planes + 2 * pixels};
+        done = draw(judge, view, &frame) &&
+               expose(judge, view, frame.color, color, source->keep, &half) &&
+               quantise(judge, color, source->width, source->height, &images[1]) &&
+               quantise(judge, frame.color, frame.width, frame.height, &images[0]);
+    }
+    done = done && planes;
+    sgs_frame_free(&frame);
+    free(planes);
+    if (done) {
+        const uint16_t *keep = half ? half : source->keep;
+        *score = (view_score){sgs_psnr_masked(&images[0], &images[1], keep),
+                              sgs_ssim_masked(&images[0], &images[1], keep)};
+    }
+    free(half);
+    sgs_image8 *const out[2] = {drawn, photo};
+    for (int k = 0; k < 2; ++k) {
+        if (out[k] && done)
+            *out[k] = images[k];
+        else
+            sgs_image8_free(&images[k]);
+    }
+    return done;
+}
+
+void split_score_add(split_score *sum, const sgs_view *view, const view_score *score)
+{
+    if (isnan(score->psnr)) {
+        print_warning("%s: no pixel of it counts; the mean is without it", view->name);
+        return;
+    }
+    ++sum->images;
+    sum->psnr += fmin(score->psnr, 100.0);
+    sum->ssim += score->ssim;
+}
+
+bool evaluate_split(const evaluator *judge, sgs_split split, split_score *score)
+{
+    *score = (split_score){0};
+    split_score sum = {0};
+    const size_t total = scene_split_count(judge->scene, split);
+    for (size_t v = 0; v < judge->scene->view_count; ++v) {
+        const sgs_view *view = &judge->scene->views[v];
+        if (!view_in_split(view, split))
+            continue;
+        if (interrupt_signal())
+            return true;
+        progress_count(split == SGS_SPLIT_TEST ? "evaluating held-out images"
+                                               : "evaluating training images",
+                       sum.images, total);
+        view_score one;
+        if (!evaluate_view(judge, view, &one, NULL, NULL)) {
+            progress_end();
+            return false;
+        }
+        split_score_add(&sum, view, &one);
+    }
+    progress_end();
+    if (sum.images)
+        *score =
+            (split_score){sum.images, sum.psnr / (double)sum.images, sum.ssim / (double)sum.images};
+    return true;
+}
+
+json_t *split_score_json(const split_score *score)
+{
+    json_t *object = json_object();
+    json_object_set_new(object, "images", json_integer((json_int_t)score->images));
+    json_object_set_new(object, "psnr", score->images ? json_number(score->psnr) : json_null());
+    json_object_set_new(object, "ssim", score->images ? json_number(score->ssim) : json_null());
+    json_object_set_new(object, "lpips", json_null());
+    return object;
+}

@@ -1,0 +1,49 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// How good a model is, by the protocol of the 3DGS papers: each view is drawn, quantised to 8 bit
+// and compared with its photograph (PSNR, SSIM). Prints errors, writes nothing.
+
+#include <jansson.h>
+
+#include "cli/shared_options.h"
+#include "sparegs/image.h"
+
+typedef struct evaluator {
+    const sgs_scene *scene; // with images
+    sgs_renderer *renderer;
+    sgs_render_options render;
+    float background[3];
+    const json_t *exposures; // of OUT/exposure.json, or NULL; set it after opening
+} evaluator;
+
+// Builds the renderer over a model, which must outlive the evaluator. False after printing the
+// error.
+bool evaluator_open(evaluator *judge, const sgs_gaussians *model, const sgs_scene *scene,
+                    const drawing_values *drawing);
+void evaluator_close(evaluator *judge);
+
+typedef struct view_score {
+    double psnr, ssim;
+} view_score;
+
+// Scores one view. drawn and photo, when not NULL, receive the two 8-bit images (release with
+// sgs_image8_free).
+bool evaluate_view(const evaluator *judge, const sgs_view *view, view_score *score,
+                   sgs_image8 *drawn, sgs_image8 *photo);
+
+typedef struct split_score {
+    size_t images;
+    double psnr, ssim; // means over the images
+} split_score;
+
+// Adds a view to the sums in *sum. A view without a pixel that counts is left out and named; one
+// that is equal to the bit counts as 100 dB, where infinity would leave nothing of a mean.
+void split_score_add(split_score *sum, const sgs_view *view, const view_score *score);
+
+// Scores a split; a request to stop (interrupt.h) ends it early with images = 0.
+bool evaluate_split(const evaluator *judge, sgs_split split, split_score *score);
+
+// {"images":n,"psnr":dB,"ssim":x,"lpips":null}; psnr and ssim are null without images.
+json_t *split_score_json(const split_score *score);

@@ -1,0 +1,308 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// A plan:
+//   {"scenes": [{"name": "room", "path": "data/room", "options": {"downscale": 2}}],
+//    "pipelines": ["3dgs", "mip"],
+//    "variants": [{"name": "off", "options": {"spare": "off"}}, {"name": "on"},
+//                 {"name": "tau-0.1", "pipelines": ["3dgs"], "options": {"spare_tau_alpha": 0.1}}],
+//    "seeds": [0, 1],
+//    "options": {"iterations": 7000, "eval": true}}
+// Options are those of `sparegs train`, '_' or '-', and mean the same there; a scene's override the
+// plan's, a variant's override both. Without "variants" there are two, off and on. Paths are as
+// seen from the plan's folder.
+
+#include "run/experiment_plan.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "cli/commands.h"
+#include "cli/options.h"
+#include "cli/json_file.h"
+#include "cli/output.h"
+#include "cli/progress.h"
+#include "sparegs/scene.h"
+
+static const char *plan_path;
+
+static bool refuse(const char *what, const char *name)
+{
+    fail_run("%s: %s '%s'", plan_path, what, name);
+    return false;
+}
+
+// Names become folders.
+static bool check_name(const char *what, const json_t *value)
+{
+    const char *name = json_string_value(value);
+    if (!name || !*name || strlen(name) > 60 || *name == '.' ||
+        strspn(name, "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789._-") !=
+            strlen(name)) {
+        fail_run("%s: a %s needs a name of letters, digits, '.', '_' and '-'; %s%s%s is none",
+                 plan_path, what, name ? "'" : "this", name ? name : "", name ? "'" : "");
+        return false;
+    }
+    return true;
+}
+
+static void add_argument(experiment_run *run, char *text)
+{
+    run->arguments =
+        realloc(run->arguments, (size_t)(run->argument_count + 2) * sizeof *run->arguments);
+    if (!run->arguments)
+        exit(fail_run("out of memory"));
+    run->arguments[run->argument_count++] = text;
+    run->arguments[run->argument_count] = NULL;
+}
+
+static char *value_text(const json_t *value)
+{
+    if (json_is_string(value))
+        return format_text("%s", json_string_value(value));
+    if (json_is_integer(value))
+        return format_text("%lld", (long long)json_integer_value(value));
+    if (json_is_real(value))
+        return format_text("%.9g", json_real_value(value));
+    if (json_is_array(value)) {
+        char *joined = format_text("%s", "");
+        for (size_t k = 0; k < json_array_size(value); ++k) {
+            char *item = value_text(json_array_get(value, k)),
+                 *longer = format_text("%s%s%s", joined, k ? "," : "", item ? item : "");
+            free(item);
+            free(joined);
+            joined = longer;
+        }
+        return joined;
+    }
+    return NULL;
+}
+
+// The options of one run as arguments: the merged object's members.
+static bool add_options(experiment_run *run, json_t *options)
+{
+    static const char *const own[] = {"output", "resume", "json",    "quiet",
+                                      "help",   "seed",   "pipeline"};
+    const char *key;
+    json_t *value;
+    json_object_foreach(options, key, value)
+    {
+        char *name = format_text("--%s", key);
+        for (char *dash = name; (dash = strchr(dash, '_'));)
+            *dash = '-';
+        for (size_t k = 0; k < sizeof own / sizeof *own; ++k)
+            if (!strcmp(name + 2, own[k])) {
+                free(name);
+                return refuse("the experiment itself sets the option", own[k]);
+            }
+        if (json_is_true(value)) {
+            add_argument(run, name);
+            continue;
+        }
+        char *text = json_is_false(value) || json_is_null(value) ? NULL : value_text(value);
+        if (text) {
+            add_argument(run, name);
+            add_argument(run, text);
+        } else {
+            free(name);
+        }
+        if (!text && !json_is_false(value) && !json_is_null(value))
+            return refuse("a number, a text, a list or true is needed for the option", key);
+    }
+    return true;
+}
+
+static json_t *merged_options(const json_t *plan, const json_t *scene, const json_t *variant)
+{
+    json_t *all = json_object();
+    const json_t *const parts[] = {plan, scene, variant};
+    for (int k = 0; k < 3; ++k) {
+        json_t *options = json_object_get(parts[k], "options");
+        if (options)
+            json_object_update(all, options);
+    }
+    return all;
+}
+
+// Does the variant run with this pipeline?
+static bool applies(const json_t *variant, const char *pipeline)
+{
+    const json_t *only = json_object_get(variant, "pipelines");
+    for (size_t k = 0; k < json_array_size(only); ++k)
+        if (!strcmp(pipeline, json_string_value(json_array_get(only, k))
+                                  ? json_string_value(json_array_get(only, k))
+                                  : ""))
+            return true;
+    return !only;
+}
+
+static char *scene_path(const json_t *scene)
+{
+    const char *path = json_string_value(json_object_get(scene, "path")),
+               *slash = strrchr(plan_path, '/');
+    if (!path || *path == '/' || !slash)
+        return format_text("%s", path ? path : "");
+    return format_text("%.*s/%s", (int)(slash - plan_path), plan_path, path);
+}
+
+static bool add_run(experiment_plan *plan, const char *folder, const json_t *scene,
+                    const char *pipeline, const json_t *variant, int seed)
+{
+    plan->runs = realloc(plan->runs, (plan->count + 1) * sizeof *plan->runs);
+    if (!plan->runs)
+        exit(fail_run("out of memory"));
+    experiment_run *run = &plan->runs[plan->count++];
+    *run = (experiment_run){.seed = seed};
+    run->scene = format_text("%s", json_string_value(json_object_get(scene, "name")));
+    run->pipeline = format_text("%s", pipeline);
+    run->variant = format_text("%s", json_string_value(json_object_get(variant, "name")));
+    run->folder = format_text("%s/runs/%s/%s/%s/seed_%d", folder, run->scene, run->pipeline,
+                              run->variant, seed);
+    add_argument(run, format_text("train"));
+    add_argument(run, scene_path(scene));
+    add_argument(run, format_text("-o"));
+    add_argument(run, format_text("%s", run->folder));
+    add_argument(run, format_text("--pipeline"));
+    add_argument(run, format_text("%s", pipeline));
+    add_argument(run, format_text("--seed"));
+    add_argument(run, format_text("%d", seed));
+    add_argument(run, format_text("--resume"));
+    add_argument(run, format_text("--quiet"));
+    json_t *options = merged_options(plan->root, scene, variant);
+    const char *path = json_string_value(json_object_get(scene, "path"));
+    run->settings = json_pack("{s:s,s:s,s:i,s:o}", "scene", path ? path : "", "pipeline", pipeline,
+                              "seed", seed, "options", options);
+    if (!add_options(run, options))
+        return false;
+    char *context = format_text("%s: scene %s, pipeline %s, variant %s", plan_path, run->scene,
+                                run->pipeline, run->variant);
+    fail_usage_within(context);
+    const bool good = command_train_check(run->argument_count, run->arguments) < 0;
+    fail_usage_within(NULL);
+    free(context);
+    return good;
+}
+
+static bool check_scene(const json_t *scene)
+{
+    char *path = scene_path(scene);
+    sgs_scene_options options = sgs_scene_options_default();
+    options.load_images = 0;
+    const char *images =
+        json_string_value(json_object_get(json_object_get(scene, "options"), "images"));
+    options.images_dir = images;
+    sgs_scene *loaded = NULL;
+    const bool found = *path && !sgs_scene_load(path, &options, &loaded);
+    if (!*path)
+        refuse("the scene has no \"path\":", json_string_value(json_object_get(scene, "name")));
+    else if (!found)
+        fail_library();
+    sgs_scene_destroy(loaded);
+    free(path);
+    return found;
+}
+
+static bool check_members(const json_t *root)
+{
+    static const char *const known[] = {"scenes", "pipelines", "variants",
+                                        "seeds",  "options",   "title"};
+    const char *key;
+    json_t *value;
+    json_object_foreach((json_t *)root, key, value)
+    {
+        bool found = false;
+        for (size_t k = 0; k < sizeof known / sizeof *known; ++k)
+            found = found || !strcmp(key, known[k]);
+        if (!found) {
+            fail_run("%s: unknown member '%s'; the nearest is '%s'", plan_path, key,
+                     nearest_word(key, known, sizeof known / sizeof *known));
+            return false;
+        }
+    }
+    if (json_array_size(json_object_get(root, "scenes")) &&
+        json_array_size(json_object_get(root, "pipelines")))
+        return true;
+    fail_run("%s: \"scenes\" and \"pipelines\" are needed, each a list of at least one", plan_path);
+    return false;
+}
+
+// A list of things with names that are valid and differ.
+static bool check_names(const char *what, const json_t *list)
+{
+    for (size_t k = 0; k < json_array_size(list); ++k) {
+        const json_t *name = json_object_get(json_array_get(list, k), "name");
+        if (!check_name(what, name))
+            return false;
+        for (size_t j = 0; j < k; ++j)
+            if (json_equal(name, json_object_get(json_array_get(list, j), "name")))
+                return refuse("two of the same name:", json_string_value(name));
+    }
+    return true;
+}
+
+static bool unroll(experiment_plan *plan, const char *folder)
+{
+    const json_t *scenes = json_object_get(plan->root, "scenes"),
+                 *pipelines = json_object_get(plan->root, "pipelines");
+    const json_t *variants = json_object_get(plan->root, "variants"),
+                 *seeds = json_object_get(plan->root, "seeds");
+    const size_t seed_count = seeds ? json_array_size(seeds) : 1;
+    for (size_t s = 0; s < json_array_size(scenes); ++s)
+        if (!check_scene(json_array_get(scenes, s)))
+            return false;
+    // Seeds outside: a stopped experiment has all of the first seed before any of the second.
+    for (size_t k = 0; k < seed_count; ++k)
+        for (size_t s = 0; s < json_array_size(scenes); ++s)
+            for (size_t p = 0; p < json_array_size(pipelines); ++p)
+                for (size_t v = 0; v < json_array_size(variants); ++v) {
+                    const char *pipeline = json_string_value(json_array_get(pipelines, p));
+                    const json_t *variant = json_array_get(variants, v);
+                    const int seed = seeds ? (int)json_integer_value(json_array_get(seeds, k)) : 0;
+                    if (!pipeline)
+                        return refuse("pipelines are texts;", "a member of \"pipelines\" is none");
+                    if (applies(variant, pipeline) &&
+                        !add_run(plan, folder, json_array_get(scenes, s), pipeline, variant, seed))
+                        return false;
+                }
+    if (!plan->count)
+        fail_run("%s: nothing is to be run; is a list empty?", plan_path);
+    return plan->count > 0;
+}
+
+bool experiment_plan_read(const char *path, const char *folder, experiment_plan *plan)
+{
+    *plan = (experiment_plan){0};
+    plan_path = path;
+    plan->root = read_json(path);
+    bool fine = json_is_object(plan->root);
+    if (plan->root && !fine)
+        fail_run("%s: is not a JSON object", path);
+    if (fine && !json_object_get(plan->root, "variants"))
+        json_object_set_new(plan->root, "variants",
+                            json_pack("[{s:s,s:{s:s}},{s:s,s:{s:s}}]", "name", "off", "options",
+                                      "spare", "off", "name", "on", "options", "spare", "on"));
+    fine = fine && check_members(plan->root) &&
+           check_names("scene", json_object_get(plan->root, "scenes")) &&
+           check_names("variant", json_object_get(plan->root, "variants")) && unroll(plan, folder);
+    if (!fine)
+        experiment_plan_free(plan);
+    return fine;
+}
+
+void experiment_plan_free(experiment_plan *plan)
+{
+    for (size_t i = 0; i < plan->count; ++i) {
+        experiment_run *run = &plan->runs[i];
+        for (int k = 0; k < run->argument_count; ++k)
+            free(run->arguments[k]);
+        free(run->arguments);
+        free(run->scene);
+        free(run->pipeline);
+        free(run->variant);
+        free(run->folder);
+        json_decref(run->settings);
+    }
+    free(plan->runs);
+    json_decref(plan->root);
+    *plan = (experiment_plan){0};
+}

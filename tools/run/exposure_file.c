@@ -1,0 +1,154 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// A held-out image has no map of its own: its left half says what its exposure was, its right half
+// is judged (the protocol of 3DGS's --train_test_exp; unlike there, the left half teaches the map
+// alone, not the scene).
+
+#include "run/exposure_file.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "cli/output.h"
+#include "cli/progress.h"
+
+bool exposure_write(const char *path, const sgs_scene *scene, const sgs_trainer *trainer)
+{
+    json_t *root = json_object();
+    for (size_t v = 0; v < scene->view_count; ++v) {
+        const double *map = sgs_trainer_exposure(trainer, v);
+        if (!map)
+            continue;
+        json_t *rows = json_array();
+        for (int c = 0; c < 3; ++c) {
+            json_t *row = json_array();
+            for (int k = 0; k < 4; ++k)
+                json_array_append_new(row, json_number(map[4 * c + k]));
+            json_array_append_new(rows, row);
+        }
+        json_object_set_new(root, scene->views[v].name, rows);
+    }
+    if (json_object_size(root))
+        return write_json(path, root);
+    json_decref(root);
+    return true;
+}
+
+json_t *exposure_read(const char *path, bool *failed)
+{
+    json_error_t error;
+    json_t *root = file_exists(path) ? json_load_file(path, 0, &error) : NULL;
+    if (file_exists(path) && !json_is_object(root)) {
+        fail_run("%s: is damaged; train again, or evaluate the PLY file itself", path);
+        json_decref(root);
+        *failed = true;
+        return NULL;
+    }
+    return root;
+}
+
+bool exposure_find(const json_t *exposures, const char *name, double map[12])
+{
+    const json_t *rows = json_object_get(exposures, name);
+    for (size_t i = 0; i < 12 && rows; ++i) {
+        const json_t *value = json_array_get(json_array_get(rows, i / 4), i % 4);
+        if (!json_is_number(value))
+            return false;
+        map[i] = json_number_value(value);
+    }
+    return rows != NULL;
+}
+
+static bool counts(const uint16_t *keep, int width, int x, int y)
+{
+    return !keep || (keep[(size_t)y * (((size_t)width + 15) / 16) + (size_t)x / 16] >> x % 16 & 1);
+}
+
+// Solves a x = b for three right-hand sides, a symmetric and positive; by Gauss with pivots. False
+// when singular.
+static bool solve(double a[4][4], double b[4][3])
+{
+    for (int i = 0; i < 4; ++i) {
+        int pivot = i;
+        for (int r = i + 1; r < 4; ++r)
+            pivot = fabs(a[r][i]) > fabs(a[pivot][i]) ? r : pivot;
+        if (!(fabs(a[pivot][i]) > 1e-12))
+            return false;
+        for (int k = 0; k < 4; ++k) {
+            const double kept = a[i][k];
+            a[i][k] = a[pivot][k];
+            a[pivot][k] = kept;
+        }
+        for (int k = 0; k < 3; ++k) {
+            const double kept = b[i][k];
+            b[i][k] = b[pivot][k];
+            b[pivot][k] = kept;
+        }
+        for (int r = 0; r < 4; ++r) {
+            const double factor = r == i ? 0 : a[r][i] / a[i][i];
+            for (int k = 0; k < 4 && r != i; ++k)
+                a[r][k] -= factor * a[i][k];
+            for (int k = 0; k < 3 && r != i; ++k)
+                b[r][k] -= factor * b[i][k];
+        }
+    }
+    for (int i = 0; i < 4; ++i)
+        for (int k = 0; k < 3; ++k)
+            b[i][k] /= a[i][i];
+    return true;
+}
+
+void exposure_fit(float *const drawn[3], float *const photo[3], const uint16_t *keep, int width,
+                  int height, double map[12])
+{
+    double a[4][4] = {{0}}, b[4][3] = {{0}};
+    for (int y = 0; y < height; ++y)
+        for (int x = 0; x < width / 2; ++x) {
+            const size_t at = (size_t)y * (size_t)width + (size_t)x;
+            if (!counts(keep, width, x, y))
+                continue;
+            const double from[4] = {(double)drawn[0][at], (double)drawn[1][at],
+                                    (double)drawn[2][at], 1};
+            for (int i = 0; i < 4; ++i) {
+                for (int k = 0; k < 4; ++k)
+                    a[i][k] += from[i] * from[k];
+                for (int c = 0; c < 3; ++c)
+                    b[i][c] += from[i] * (double)photo[c][at];
+            }
+        }
+    // Pulls towards the identity what the half does not determine (a grey wall says nothing of
+    // colours).
+    const double pull = 1e-4 * a[3][3] + 1e-9;
+    for (int i = 0; i < 4; ++i) {
+        a[i][i] += pull;
+        if (i < 3)
+            b[i][i] += pull;
+    }
+    const bool solved = solve(a, b);
+    for (int c = 0; c < 3; ++c)
+        for (int k = 0; k < 4; ++k)
+            map[4 * c + k] = solved ? b[k][c] : k == c;
+}
+
+void exposure_apply(float *const planes[3], size_t pixels, const double map[12])
+{
+    for (size_t i = 0; i < pixels; ++i) {
+        const double image[3] = {(double)planes[0][i], (double)planes[1][i], (double)planes[2][i]};
+        for (int c = 0; c < 3; ++c)
+            planes[c][i] = (float)(map[4 * c] * image[0] + map[4 * c + 1] * image[1] +
+                                   map[4 * c + 2] * image[2] + map[4 * c + 3]);
+    }
+}
+
+uint16_t *exposure_right_half(const uint16_t *keep, int width, int height)
+{
+    const size_t words = ((size_t)width + 15) / 16;
+    uint16_t *half = calloc(words * (size_t)height, sizeof *half);
+    for (int y = 0; half && y < height; ++y)
+        for (int x = width / 2; x < width; ++x)
+            if (counts(keep, width, x, y))
+                half[(size_t)y * words + (size_t)x / 16] |= (uint16_t)(1u << x % 16);
+    return half;
+}

@@ -1,0 +1,163 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// One record per update, little-endian as the machine: "SGRG", iteration, grid, number of regions
+// (4 bytes each), corner and cell of the grid (6 doubles), then the regions as sgs_region.
+
+#include "run/region_file.h"
+
+#include <errno.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "cli/output.h"
+#include "cli/progress.h"
+
+typedef struct record_header {
+    char magic[4];
+    uint32_t iteration, grid, count;
+    double low[3], cell[3];
+} record_header;
+
+static const char magic[4] = {'S', 'G', 'R', 'G'};
+
+static char *file_of(const char *folder)
+{
+    return format_text("%s/regions.bin", folder);
+}
+
+// The next record's header; false at the end of the file or of what makes sense.
+static bool read_header(FILE *stream, long size, record_header *header)
+{
+    if (fread(header, sizeof *header, 1, stream) != 1 || memcmp(header->magic, magic, sizeof magic))
+        return false;
+    const long left = size - ftell(stream);
+    return header->grid >= 2 && header->grid <= 256 && header->iteration > 0 &&
+           header->count <= (unsigned long)left / sizeof(sgs_region);
+}
+
+static long size_of(FILE *stream)
+{
+    struct stat info;
+    return fstat(fileno(stream), &info) ? 0 : (long)info.st_size;
+}
+
+bool region_file_cut(const char *folder, int iteration)
+{
+    char *path = file_of(folder);
+    FILE *stream = fopen(path, "rb");
+    long keep = 0;
+    record_header header;
+    while (stream && read_header(stream, size_of(stream), &header) &&
+           header.iteration <= (uint32_t)iteration &&
+           !fseek(stream, (long)(header.count * sizeof(sgs_region)), SEEK_CUR))
+        keep = ftell(stream);
+    if (stream)
+        fclose(stream);
+    const bool done = !stream || !truncate(path, keep);
+    if (!done)
+        fail_run("%s: cannot be cut: %s", path, strerror(errno));
+    free(path);
+    return done;
+}
+
+bool region_file_append(const char *folder, const sgs_regions *regions)
+{
+    char *path = file_of(folder);
+    record_header header = {.iteration = (uint32_t)regions->iteration,
+                            .grid = (uint32_t)regions->grid,
+                            .count = (uint32_t)regions->count};
+    memcpy(header.magic, magic, sizeof magic);
+    memcpy(header.low, regions->low, sizeof header.low);
+    memcpy(header.cell, regions->cell, sizeof header.cell);
+    FILE *stream = fopen(path, "ab");
+    bool written = stream && fwrite(&header, sizeof header, 1, stream) == 1 &&
+                   fwrite(regions->regions, sizeof *regions->regions, regions->count, stream) ==
+                       regions->count;
+    if (stream && fclose(stream))
+        written = false;
+    if (!written)
+        print_warning("%s: an update is not recorded: %s", path,
+                      errno ? strerror(errno) : "disk full?");
+    free(path);
+    return written;
+}
+
+bool region_history_read(const char *folder, region_history *history)
+{
+    *history = (region_history){0};
+    char *path = file_of(folder);
+    FILE *stream = fopen(path, "rb");
+    const bool missing = !stream && errno == ENOENT;
+    bool complete = stream || missing;
+    if (!complete)
+        fail_run("%s: cannot be read: %s", path, strerror(errno));
+    record_header header;
+    while (stream && read_header(stream, size_of(stream), &header)) {
+        sgs_regions *longer = realloc(history->updates, (history->count + 1) * sizeof *longer);
+        sgs_region *list = malloc((header.count ? header.count : 1) * sizeof *list);
+        history->updates = longer ? longer : history->updates;
+        if (!longer || !list || fread(list, sizeof *list, header.count, stream) != header.count) {
+            free(list);
+            complete = false;
+            fail_run("%s: update %zu cannot be read", path, history->count + 1);
+            break;
+        }
+        sgs_regions *update = &history->updates[history->count++];
+        *update = (sgs_regions){.iteration = (int)header.iteration,
+                                .grid = (int)header.grid,
+                                .count = header.count,
+                                .regions = list};
+        memcpy(update->low, header.low, sizeof header.low);
+        memcpy(update->cell, header.cell, sizeof header.cell);
+    }
+    if (stream && complete && ftell(stream) < size_of(stream) && !feof(stream)) {
+        fail_run("%s: byte %ld: this is not a record of regions; train again", path, ftell(stream));
+        complete = false;
+    }
+    if (stream)
+        fclose(stream);
+    free(path);
+    if (!complete)
+        region_history_free(history);
+    return complete;
+}
+
+void region_history_free(region_history *history)
+{
+    for (size_t i = 0; i < history->count; ++i)
+        free((void *)history->updates[i].regions);
+    free(history->updates);
+    *history = (region_history){0};
+}
+
+uint32_t region_voxel(const sgs_regions *update, const double point[3], bool *inside)
+{
+    const uint32_t grid = (uint32_t)update->grid;
+    bool held = true;
+    uint32_t voxel = 0;
+    for (int k = 2; k >= 0; --k) {
+        const double at = floor((point[k] - update->low[k]) / update->cell[k]);
+        held = held && at >= 0 && at < grid;
+        voxel = voxel * grid + (uint32_t)fmin(fmax(at, 0), grid - 1);
+    }
+    if (inside)
+        *inside = held;
+    return voxel;
+}
+
+static int compare_voxels(const void *key, const void *region)
+{
+    const uint32_t a = *(const uint32_t *)key, b = ((const sgs_region *)region)->voxel;
+    return (a > b) - (a < b);
+}
+
+const sgs_region *region_find(const sgs_regions *update, uint32_t voxel)
+{
+    return update->count ? bsearch(&voxel, update->regions, update->count, sizeof *update->regions,
+                                   compare_voxels)
+                         : NULL;
+}

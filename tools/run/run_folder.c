@@ -1,0 +1,318 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// The folder of a run. Whatever moment the process is killed at, the folder holds the newest
+// complete checkpoint as state.bin: the next one is written beside it as state.next.bin, the old
+// one gets a second name, state.previous.bin, and the rename of the next one over state.bin takes
+// the first away. A row of train.csv counts what happened since the row before; what a checkpoint
+// between two rows has counted so far stands beside it in checkpoint/sums.csv, so that a resumed
+// table is the same too.
+
+#include "run/run_folder.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <ftw.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/file.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "cli/output.h"
+#include "cli/progress.h"
+#include "sparegs/runtime.h"
+
+enum { ROW_EVERY = 100 };
+
+static const char train_header[] =
+    "iteration,seconds,loss,gaussians,psnr_train,densified,pruned,spare_pruned,rss_bytes";
+static const char spare_header[] = "iteration,regions,gaussians,over_budget_share,mean_weight,bmd_"
+                                   "suppressed,bmd_boosted,rap_pruned,seconds";
+
+static const char sums_header[] = "iteration,densified,pruned,spare_pruned";
+
+// The folder itself is the lock: nothing is left behind, and the kernel frees it however the
+// process ends.
+static bool lock_folder(run_folder *folder)
+{
+    folder->lock = open(folder->path, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    if (folder->lock >= 0 && !flock(folder->lock, LOCK_EX | LOCK_NB))
+        return true;
+    if (folder->lock >= 0 && errno == EWOULDBLOCK) {
+        fail_run("%s: another training is writing there; wait until it has ended or choose another "
+                 "folder",
+                 folder->path);
+        return false;
+    }
+    print_warning("%s: cannot be locked against a second training: %s", folder->path,
+                  strerror(errno));
+    return true;
+}
+
+// NAME.tmp.PID, as every file is called while it is written.
+static bool is_temporary(const char *name)
+{
+    const char *mark = strstr(name, ".tmp.");
+    return (mark && mark[5] && mark[5 + strspn(mark + 5, "0123456789")] == 0) ||
+           !strncmp(name, ".sparegs.", 9);
+}
+
+static int remove_temporary(const char *path, const struct stat *info, int kind, struct FTW *place)
+{
+    (void)info;
+    if (kind == FTW_F && is_temporary(path + place->base))
+        unlink(path);
+    return 0;
+}
+
+bool run_folder_prepare(run_folder *folder, const char *path)
+{
+    *folder = (run_folder){.path = path, .lock = -1};
+    if (!make_folder(path) || !lock_folder(folder))
+        return false;
+    nftw(path, remove_temporary, 8, FTW_PHYS | FTW_MOUNT);
+    return check_writable(path);
+}
+
+void run_folder_leave(const run_folder *folder)
+{
+    rmdir(folder->path); // fails, as it should, when anything is in it
+}
+
+bool run_folder_is_used(const run_folder *folder)
+{
+    char *config = format_text("%s/config.json", folder->path);
+    const bool used = file_exists(config);
+    free(config);
+    return used;
+}
+
+// Removes OUT/name if it is there.
+static bool remove_file(const run_folder *folder, const char *name)
+{
+    char *path = format_text("%s/%s", folder->path, name);
+    const bool gone = !unlink(path) || errno == ENOENT;
+    if (!gone)
+        fail_run("%s: cannot be removed: %s", path, strerror(errno));
+    free(path);
+    return gone;
+}
+
+bool run_folder_clear(const run_folder *folder)
+{
+    static const char *const names[] = {"summary.json",
+                                        "exposure.json",
+                                        "train.csv",
+                                        "spare.csv",
+                                        "checkpoint/state.bin",
+                                        "checkpoint/state.previous.bin",
+                                        "checkpoint/state.next.bin"};
+    for (size_t i = 0; i < sizeof names / sizeof *names; ++i)
+        if (!remove_file(folder, names[i]))
+            return false;
+    char *clouds = format_text("%s/point_cloud", folder->path), *kept = NULL;
+    bool done = true;
+    if (file_exists(clouds)) {
+        int k = 1;
+        for (kept = format_text("%s.%d", clouds, k); file_exists(kept);
+             kept = format_text("%s.%d", clouds, ++k))
+            free(kept);
+        done = !rename(clouds, kept);
+        if (done)
+            print_note("%s: the models of an earlier run are now in %s", folder->path, kept);
+        else
+            fail_run("%s: cannot be renamed: %s", clouds, strerror(errno));
+    }
+    free(kept);
+    free(clouds);
+    return done;
+}
+
+// Takes up the sums that the checkpoint of `iteration` left.
+static void read_sums(run_folder *folder, const char *path, int iteration)
+{
+    FILE *stream = fopen(path, "r");
+    char line[128];
+    while (stream && fgets(line, sizeof line, stream)) {
+        int at;
+        size_t densified, pruned, spare_pruned;
+        if (sscanf(line, "%d,%zu,%zu,%zu", &at, &densified, &pruned, &spare_pruned) == 4 &&
+            at == iteration) {
+            folder->densified = densified;
+            folder->pruned = pruned;
+            folder->spare_pruned = spare_pruned;
+        }
+    }
+    if (stream)
+        fclose(stream);
+}
+
+bool run_folder_open_tables(run_folder *folder, int iteration, int updated)
+{
+    char *train = format_text("%s/train.csv", folder->path),
+         *spare = format_text("%s/spare.csv", folder->path);
+    char *sums = format_text("%s/checkpoint/sums.csv", folder->path);
+    bool opened = make_folder_of(sums) &&
+                  (folder->train_csv = csv_open(train, train_header, iteration)) &&
+                  (folder->spare_csv = csv_open(spare, spare_header, updated)) &&
+                  (folder->sums_csv = csv_open(sums, sums_header, iteration));
+    if (opened && iteration)
+        read_sums(folder, sums, iteration);
+    free(train);
+    free(spare);
+    free(sums);
+    return opened;
+}
+
+void run_folder_close_tables(run_folder *folder)
+{
+    FILE **const tables[] = {&folder->train_csv, &folder->spare_csv, &folder->sums_csv};
+    bool complete = true;
+    for (size_t i = 0; i < sizeof tables / sizeof *tables; ++i) {
+        if (*tables[i]) {
+            const bool failed = ferror(*tables[i]);
+            complete = !fclose(*tables[i]) && !failed && complete;
+        }
+        *tables[i] = NULL;
+    }
+    if (!complete)
+        print_warning("%s: train.csv or spare.csv is incomplete: disk full?", folder->path);
+}
+
+void run_folder_record_update(run_folder *folder, const sgs_step_info *info)
+{
+    folder->densified += info->densified;
+    folder->pruned += info->pruned;
+    folder->spare_pruned += info->spare_pruned;
+    if (!info->regions)
+        return;
+    fprintf(folder->spare_csv, "%d,%zu,%zu,%.6f,%.6f,%zu,%zu,%zu,%.6f\n", info->updated,
+            info->regions, info->gaussians, info->over_budget_share, info->mean_weight,
+            info->bmd_suppressed, info->bmd_boosted, info->spare_pruned, info->spare_seconds);
+    fflush(folder->spare_csv);
+}
+
+void run_folder_record(run_folder *folder, const sgs_step_info *info, double seconds, bool last)
+{
+    if (info->iteration % ROW_EVERY && !last)
+        return;
+    fprintf(folder->train_csv, "%d,%.3f,%.6f,%zu,%.4f,%zu,%zu,%zu,%llu\n", info->iteration, seconds,
+            info->loss_average, info->gaussians, info->psnr_average, folder->densified,
+            folder->pruned, folder->spare_pruned, sgs_current_rss());
+    fflush(folder->train_csv);
+    folder->densified = folder->pruned = folder->spare_pruned = 0;
+}
+
+bool run_folder_save_model(const run_folder *folder, const sgs_gaussians *model, int iteration)
+{
+    char *path =
+        format_text("%s/point_cloud/iteration_%d/point_cloud.ply", folder->path, iteration);
+    bool saved = make_folder_of(path);
+    if (saved && sgs_ply_write(path, model)) {
+        fail_library();
+        saved = false;
+    }
+    free(path);
+    return saved;
+}
+
+static char *checkpoint_path(const run_folder *folder, const char *kind)
+{
+    return format_text("%s/checkpoint/state%s.bin", folder->path, kind);
+}
+
+// Gives the checkpoint before `newest` the name `previous`. A hard link leaves `newest` in place
+// meanwhile; where the file system has none, a rename has to do.
+static bool keep_previous(const char *newest, const char *previous)
+{
+    if ((unlink(previous) && errno != ENOENT) ||
+        (link(newest, previous) && errno != ENOENT && rename(newest, previous))) {
+        fail_run("%s: cannot be renamed: %s", newest, strerror(errno));
+        return false;
+    }
+    return true;
+}
+
+bool run_folder_save_checkpoint(run_folder *folder, const sgs_trainer *trainer)
+{
+    const double start = clock_seconds();
+    char *newest = checkpoint_path(folder, ""), *next = checkpoint_path(folder, ".next");
+    char *previous = checkpoint_path(folder, ".previous");
+    bool saved = make_folder_of(newest);
+    fprintf(folder->sums_csv, "%d,%zu,%zu,%zu\n", sgs_trainer_iteration(trainer), folder->densified,
+            folder->pruned, folder->spare_pruned);
+    fflush(folder->sums_csv);
+    if (saved && sgs_trainer_save_checkpoint(trainer, next)) {
+        fail_library();
+        saved = false;
+    }
+    saved = saved && keep_previous(newest, previous);
+    if (saved && rename(next, newest)) {
+        fail_run("%s: cannot be renamed: %s", next, strerror(errno));
+        saved = false;
+    }
+    free(newest);
+    free(next);
+    free(previous);
+    const double seconds = clock_seconds() - start;
+    folder->checkpoint_total += seconds;
+    if (saved && seconds > folder->checkpoint_seconds)
+        folder->checkpoint_seconds = seconds;
+    return saved;
+}
+
+size_t run_folder_checkpoint_bytes(const run_folder *folder)
+{
+    char *path = checkpoint_path(folder, "");
+    struct stat info;
+    const size_t bytes = stat(path, &info) ? 0 : (size_t)info.st_size;
+    free(path);
+    return bytes;
+}
+
+// 1 loaded, 0 it is not there, -1 it is damaged, -2 it is whole and of another run (printed), -3 it
+// cannot be read now.
+static int load_checkpoint(const char *path, sgs_trainer *trainer)
+{
+    if (!file_exists(path))
+        return 0;
+    const sgs_status status = sgs_trainer_load_checkpoint(trainer, path);
+    if (!status)
+        return 1;
+    if (status == SGS_STATUS_FORMAT || status == SGS_STATUS_IO)
+        return status == SGS_STATUS_FORMAT ? -1 : -3;
+    fail_library();
+    return -2;
+}
+
+int run_folder_load_checkpoint(const run_folder *folder, sgs_trainer *trainer)
+{
+    char *newest = checkpoint_path(folder, ""), *previous = checkpoint_path(folder, ".previous");
+    int result = load_checkpoint(newest, trainer);
+    if (result != 1 && result != -2) {
+        const bool damaged = result < 0, unreadable = result == -3;
+        if (damaged)
+            print_warning("%s; trying the checkpoint before it", sgs_last_error());
+        const int before = load_checkpoint(previous, trainer);
+        if (before == -1 || before == -3)
+            fail_library();
+        if (before == 0 && damaged)
+            fail_run(
+                "%s: is damaged and there is none before it; train without --resume to start again",
+                newest);
+        if (before == 1 && unreadable)
+            print_warning("%s: is used instead; the iterations after it are done again", previous);
+        if (before == 1 && damaged && !unreadable) {
+            rename(previous,
+                   newest); // or the next checkpoint would keep the damaged one as the one before
+            print_warning("%s: replaced by the checkpoint before it; the iterations after that are "
+                          "done again",
+                          newest);
+        }
+        result = before == 0 && damaged ? -1 : before;
+    }
+    free(newest);
+    free(previous);
+    return result < 0 ? -1 : result;
+}

@@ -1,0 +1,125 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// The "JSON array" flavour inside an object: complete events ("ph":"X") with begin and duration in
+// microseconds, and counters ("ph":"C"). Written as it comes, so that a long training costs no
+// memory.
+
+#include "run/trace_file.h"
+
+#include <errno.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "cli/output.h"
+#include "cli/progress.h"
+
+struct trace_file {
+    FILE *stream;
+    char *path, *temporary;
+    double zero; // time of the first event
+    bool any;
+};
+
+trace_file *trace_open(const char *path)
+{
+    if (!make_folder_of(path))
+        return NULL;
+    trace_file *trace = calloc(1, sizeof *trace);
+    if (!trace)
+        return NULL;
+    trace->path = format_text("%s", path);
+    trace->temporary = format_text("%s.tmp.%ld", path, (long)getpid());
+    trace->stream = fopen(trace->temporary, "w");
+    if (!trace->stream) {
+        fail_run("%s: %s; choose another file for --trace", trace->temporary, strerror(errno));
+        trace_close(trace, false);
+        return NULL;
+    }
+    fputs("{\"displayTimeUnit\":\"ms\",\"traceEvents\":[", trace->stream);
+    return trace;
+}
+
+static void begin_event(trace_file *trace, double time)
+{
+    if (!trace->any)
+        trace->zero = time;
+    fputs(trace->any ? ",\n" : "\n", trace->stream);
+    trace->any = true;
+}
+
+static void put_span(trace_file *trace, const char *name, int thread, double time, double seconds)
+{
+    begin_event(trace, time);
+    fprintf(trace->stream,
+            "{\"name\":\"%s\",\"ph\":\"X\",\"pid\":1,\"tid\":%d,\"ts\":%.3f,\"dur\":%.3f}", name,
+            thread, 1e6 * (time - trace->zero), 1e6 * seconds);
+}
+
+void trace_iteration(trace_file *trace, int iteration, double start, double seconds,
+                     const sgs_train_seconds *before, const sgs_train_seconds *after)
+{
+    const struct {
+        const char *name;
+        double seconds;
+    } phases[] = {{"bvh_build", after->bvh_build - before->bvh_build},
+                  {"bvh_refit", after->bvh_refit - before->bvh_refit},
+                  {"gather", after->gather - before->gather},
+                  {"forward", after->forward - before->forward},
+                  {"loss", after->loss - before->loss},
+                  {"backward", after->backward - before->backward},
+                  {"optimizer", after->optimizer - before->optimizer},
+                  {"density", after->density - before->density},
+                  {"spare", after->spare - before->spare}};
+    char name[32];
+    snprintf(name, sizeof name, "iteration %d", iteration);
+    put_span(trace, name, 1, start, seconds);
+    double time = start;
+    for (size_t i = 0; i < sizeof phases / sizeof *phases; ++i) {
+        if (!(phases[i].seconds > 0))
+            continue;
+        put_span(trace, phases[i].name, 1, time, phases[i].seconds);
+        time += phases[i].seconds;
+    }
+}
+
+void trace_span(trace_file *trace, const char *name, double start, double seconds)
+{
+    put_span(trace, name, 1, start, seconds);
+}
+
+void trace_count(trace_file *trace, const char *name, double time, double value)
+{
+    if (!isfinite(value))
+        return;
+    begin_event(trace, time);
+    fprintf(trace->stream,
+            "{\"name\":\"%s\",\"ph\":\"C\",\"pid\":1,\"ts\":%.3f,\"args\":{\"%s\":%.9g}}", name,
+            1e6 * (time - trace->zero), name, value);
+}
+
+bool trace_close(trace_file *trace, bool keep)
+{
+    if (!trace)
+        return true;
+    bool written = keep;
+    if (trace->stream) {
+        fputs("\n]}\n", trace->stream);
+        written = !ferror(trace->stream) && !fflush(trace->stream) && !fsync(fileno(trace->stream));
+        written = !fclose(trace->stream) && written && keep;
+        if (written && rename(trace->temporary, trace->path))
+            written = false;
+        if (keep && !written)
+            fail_run("%s: %s; make room there or choose another file for --trace", trace->path,
+                     strerror(errno));
+        if (!written)
+            unlink(trace->temporary);
+    }
+    free(trace->path);
+    free(trace->temporary);
+    free(trace);
+    return written || !keep;
+}

@@ -1,0 +1,30 @@
+#!/usr/bin/env bash
+# SPDX-FileCopyrightText: 2026 The sparegs authors
+# SPDX-License-Identifier: Apache-2.0
+
+# Which lines the default tests run, by gcov and gcovr (tools/setup.sh --long installs it): a table for the readers, the
+# checkpoint and spare/, then one line for everything. Pages with the lines are in build/coverage/html.
+#     tools/scripts/coverage.sh [LEAST]        fails when the readers, checkpoint and spare/ are below LEAST percent (90)
+set -euo pipefail
+
+root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd)
+least=${1:-90}
+build=$root/build/coverage
+mkdir -p "$build"
+cmake -S "$root" -B "$build" -DCMAKE_BUILD_TYPE=Coverage -DCMAKE_C_FLAGS="-O1 --coverage" \
+    -DCMAKE_CXX_FLAGS="-O1 --coverage" >"$build/cmake.log"
+cmake --build "$build" -j "$(nproc)" >"$build/build.log" 2>&1 || { tail "$build/build.log"; exit 1; }
+find "$build" -name '*.gcda' -delete
+ctest --test-dir "$build" -j "$(nproc)" -E 'test_package|test_setup|test_headers|test_layout|test_asan' \
+    >"$build/test.log" 2>&1 || { tail -n 20 "$build/test.log"; exit 1; }
+
+cd "$root"
+mkdir -p "$build/html"
+report() { gcovr --root . --object-directory "$build" --gcov-ignore-parse-errors "$@" "$build" 2>"$build/gcovr.log"; }
+echo "everything:"
+report --filter 'src/|bvh/|spare/|tools/' --print-summary --html-details "$build/html/index.html" |
+    grep -E '^lines'
+echo "readers, checkpoint, spare/:"
+readers='colmap|transforms|cameras_json|ply|ply_header|point_cloud|dataset|scene|scene_split|scene_find|scene_store|path_sandbox'
+readers="$readers|image|image_oiio|photo|mask|sections|checkpoint|checkpoint_options"
+report --filter "src/.*/($readers)\\.(c|cpp)\$" --filter 'spare/.*\.c$' --filter 'tools/cameras/camera_file\.c$' --fail-under-line "$least"

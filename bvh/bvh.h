@@ -20,8 +20,9 @@ typedef struct sgsi_bounds {
     float upper[3], align1;
 } sgsi_bounds;
 
-// LOW: Morton order, the fastest build. MEDIUM: binned SAH. HIGH: Embree's best (no spatial splits
-// for user geometry). REFIT: binned SAH in a scene of two levels, the only one that refits.
+// LOW: Morton order, the fastest build. MEDIUM: macrotile_seconds SAH. HIGH: Embree's best (no
+// spatial splits for user geometry). REFIT: macrotile_seconds SAH in a scene of two levels, the
+// only one that refits.
 typedef enum sgsi_bvh_quality {
     SGSI_BVH_LOW,
     SGSI_BVH_MEDIUM,

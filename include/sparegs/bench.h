@@ -7,8 +7,8 @@
 // Writes no files.
 //
 // The measured iteration is the trainer's own, as it runs between two structural updates once all
-// SH bands are active: project, refit, gather and blend with the depth guesses of the last visit,
-// loss, backward, chain rule and sparse Adam.
+// SH bands are active: project, refit, gather and blend with the depth depth_bounds of the last
+// visit, loss, backward, chain rule and sparse Adam.
 
 #include "sparegs/gaussians.h"
 #include "sparegs/runtime.h"
@@ -62,13 +62,13 @@ typedef struct sgs_bench_sample {
 // Means over the views, of the last repetition.
 typedef struct sgs_bench_counts {
     double primitives, pixels, tiles;
-    double hits;           // counted hits of all rays (before the stop rule ends a ray)
-    double gathered;       // candidates of the bins: what the BVH named and may meet a tile
-    double candidates;     // candidates of the tiles
-    double evaluations;    // (block of 4x4 pixels, primitive) pairs evaluated in the forward pass
-    double elements;       // pairs with a hit in some pixel
-    double regathered;     // bins gathered again because a depth guess was too near
-    sgs_train_bytes bytes; // moved, by phase
+    double hits;             // counted hits of all rays (before the stop rule ends a ray)
+    double gathered;         // candidates of the macrotiles: what the BVH named and may meet a tile
+    double candidates;       // candidates of the tiles
+    double evaluations;      // (block of 4x4 pixels, primitive) pairs evaluated in the forward pass
+    double block_hits;       // pairs with a hit in some pixel
+    double fallback_gathers; // macrotiles gathered again because a depth depth_bound was too near
+    sgs_train_bytes bytes;   // moved, by phase
     // Floating-point operations that the formulas need, however they are computed: responses,
     // blending and gradients of the pairs above over all 16 lanes; no ordering, no bookkeeping.
     double forward_flops, backward_flops;
@@ -90,7 +90,7 @@ void sgs_bench_destroy(sgs_bench *bench); // accepts NULL
 // One repetition under the present settings (sgs_set_threads, sgs_set_isa): a build, then an
 // iteration per view.
 sgs_status sgs_bench_run(sgs_bench *bench, sgs_bench_sample *sample);
-sgs_bench_counts sgs_bench_counted(const sgs_bench *bench);
+sgs_bench_counts sgs_bench_counts_get(const sgs_bench *bench);
 
 // The pieces of a repetition, for whoever wants to know what happens when: the build, an iteration
 // of the next view (its times are added to *sample; as many iterations as views see each once), and
@@ -107,15 +107,16 @@ typedef struct sgs_scaling {
     double bytes; // moved in them
     int threads;  // they ran on
     int cores;    // that these had; 0 = one each
-    // Part of seconds that goes bin by bin (gather and forward), and how many bins a view has: more
-    // cores than that have nothing to do then. 0 = cut as fine as one likes.
-    double binned, bins;
+    // Part of seconds that goes macrotile by macrotile (gather and forward), and how many
+    // macrotiles a view has: more cores than that have nothing to do then. 0 = cut as fine as one
+    // likes.
+    double macrotile_seconds, macrotiles;
 } sgs_scaling;
 
 // Predicted speed-up of `cores` over one core with `memory_gbs` 10^9 bytes per second for all of
 // them: the work, (seconds - serial - waiting) * threads (or the cores these had, if fewer), is
-// shared evenly, that of the bins in whole bins, but never faster than the memory delivers the
-// bytes; the serial part stays (Amdahl). 1 for times that are not positive.
+// shared evenly, that of the macrotiles in whole macrotiles, but never faster than the memory
+// delivers the bytes; the serial part stays (Amdahl). 1 for times that are not positive.
 double sgs_scaling_predict(const sgs_scaling *scaling, int cores, double memory_gbs);
 
 // ---- What the machine can do ----

@@ -26,11 +26,11 @@ double sgs_psnr(const sgs_image8 *a, const sgs_image8 *b);
 // match.
 double sgs_ssim(const sgs_image8 *a, const sgs_image8 *b);
 
-// The same over the pixels that count alone (`keep` as in sgs_photo; NULL = all). What the others
-// show has no influence: SSIM takes them for black in both images and leaves out the windows around
-// them. NaN when no pixel counts.
-double sgs_psnr_masked(const sgs_image8 *a, const sgs_image8 *b, const uint16_t *keep);
-double sgs_ssim_masked(const sgs_image8 *a, const sgs_image8 *b, const uint16_t *keep);
+// The same over the pixels that count alone (`valid_mask` as in sgs_photo; NULL = all). What the
+// others show has no influence: SSIM takes them for black in both images and leaves out the windows
+// around them. NaN when no pixel counts.
+double sgs_psnr_masked(const sgs_image8 *a, const sgs_image8 *b, const uint16_t *valid_mask);
+double sgs_ssim_masked(const sgs_image8 *a, const sgs_image8 *b, const uint16_t *valid_mask);
 
 #ifdef __cplusplus
 }

@@ -6,9 +6,10 @@
 // answer was needed, and where in the image the work lies. Draws one view per call; writes no
 // files.
 //
-// A packet of 16 cones of rays asks the tree for a bin of 2x2 tiles of 16x16 pixels; each primitive
-// it names is a callback. What is left for a tile are its candidates; those are tested against its
-// 16 blocks of 4x4 pixels, and a block evaluates what passes, until its pixels are opaque.
+// A packet of 16 cones of rays asks the tree for a macrotile of 2x2 tiles of 16x16 pixels; each
+// primitive it names is a callback. What is left for a tile are its candidates; those are tested
+// against its 16 blocks of 4x4 pixels, and a block evaluates what passes, until its pixels are
+// opaque.
 
 #include "sparegs/render.h"
 
@@ -18,7 +19,7 @@ extern "C" {
 
 typedef enum sgs_profile_kind {
     SGS_PROFILE_LOW,    // Morton order; every change is a rebuild
-    SGS_PROFILE_MEDIUM, // binned surface-area heuristic; likewise
+    SGS_PROFILE_MEDIUM, // macrotile_seconds surface-area heuristic; likewise
     SGS_PROFILE_HIGH,   // Embree's best; likewise
     SGS_PROFILE_REFIT,  // surface-area heuristic, refitted in between: what training uses
     SGS_PROFILE_AGED,   // the same after many refits
@@ -40,11 +41,12 @@ typedef struct sgs_profile_options {
 sgs_profile_options sgs_profile_options_default(void);
 
 typedef struct sgs_profile_tree {
-    double build, refit;  // wall-clock seconds; refit is 0 where a change is a rebuild
-    double gather;        // core seconds for the view: traversal, tests, sorting of candidates
-    double guided_gather; // the same with the depth guesses of an earlier visit, as in training
-    double bytes;         // that Embree holds for the tree, by its memory monitor
-    double callbacks;     // of the view
+    double build, refit; // wall-clock seconds; refit is 0 where a change is a rebuild
+    double gather;       // core seconds for the view: traversal, tests, sorting of candidates
+    double gather_with_depth_bound; // the same with the depth depth_bounds of an earlier visit, as
+                                    // in training
+    double bytes;                   // that Embree holds for the tree, by its memory monitor
+    double callbacks;               // of the view
     double cost, overlap; // surface-area cost and overlap of the boxes, as bvh_cost.h defines them
 } sgs_profile_tree;
 
@@ -56,15 +58,15 @@ typedef struct sgs_profile {
     double noise;   // largest relative distance of a tree's two least gathers: what is not told
                     // apart; 0.1 for a single repetition
     double callbacks, candidates, block_tests, evaluations,
-        elements;  // of the view, with the refitted tree
-    double listed; // (tile, primitive) pairs with a hit
-    double needed; // (bin, primitive) pairs with a hit
-    double hits;   // counted hits of all rays
+        block_hits; // of the view, with the refitted tree
+    double listed;  // (tile, primitive) pairs with a hit
+    double needed;  // (macrotile, primitive) pairs with a hit
+    double hits;    // counted hits of all rays
     // Of the sampled rays, brute force over all primitives: hits until the ray stops, hits if rays
     // did not stop, share that stops; NaN without a sample.
     double sampled_hits, sampled_hits_unstopped, sampled_stopped;
     float *pixel_hits,
-        *pixel_elements; // [height][width]: counted hits; elements kept by the pixel's block
+        *pixel_block_hits; // [height][width]: counted hits; elements kept by the pixel's block
     float *tile_candidates, *tile_evaluations, *tile_seconds; // [tiles_y][tiles_x]
 } sgs_profile;
 

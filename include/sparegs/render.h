@@ -50,15 +50,15 @@ sgs_render_options sgs_render_options_default(void);
 
 // What a frame can hold besides colour and transmittance.
 enum {
-    SGS_PLANE_DEPTH_MEAN = 1,
-    SGS_PLANE_DEPTH_MEDIAN = 2,
-    SGS_PLANE_DEPTH_FIRST = 4,
-    SGS_PLANE_HITS = 8,
-    SGS_PLANE_NORMAL = 16,
-    SGS_PLANE_POSITION = 32,
-    SGS_PLANE_PRIMITIVE = 64,
-    SGS_PLANES_BASIC = 15,
-    SGS_PLANES_ALL = 127
+    SGS_AOV_DEPTH_MEAN = 1,
+    SGS_AOV_DEPTH_MEDIAN = 2,
+    SGS_AOV_DEPTH_FIRST = 4,
+    SGS_AOV_HITS = 8,
+    SGS_AOV_NORMAL = 16,
+    SGS_AOV_POSITION = 32,
+    SGS_AOV_PRIMITIVE = 64,
+    SGS_AOVS_BASIC = 15,
+    SGS_AOVS_ALL = 127
 };
 
 #define SGS_NO_PRIMITIVE UINT32_MAX
@@ -82,10 +82,10 @@ typedef struct sgs_frame {
                          // was hit
 } sgs_frame;
 
-// Allocates colour, transmittance and the planes of SGS_PLANES_BASIC (64-byte aligned, zeroed); on
+// Allocates colour, transmittance and the planes of SGS_AOVS_BASIC (64-byte aligned, zeroed); on
 // failure everything is NULL.
 sgs_status sgs_frame_create(int width, int height, sgs_frame *frame);
-// The same with a choice: `planes` is a sum of SGS_PLANE_ bits.
+// The same with a choice: `planes` is a sum of SGS_AOV_ bits.
 sgs_status sgs_frame_create_with(int width, int height, unsigned planes, sgs_frame *frame);
 void sgs_frame_free(sgs_frame *frame);
 

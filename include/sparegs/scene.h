@@ -45,11 +45,11 @@ typedef enum sgs_space { SGS_SPACE_SRGB = 0, SGS_SPACE_LINEAR = 1 } sgs_space;
 typedef struct sgs_photo {
     int width, height, channels;
     uint8_t *pixels;
-    uint16_t *keep; // [height][(width + 15) / 16]: bit i of word w is pixel 16 w + i of the row, 1
-                    // = counts; NULL = all
-    size_t kept;    // number of pixels that count
+    uint16_t *valid_mask; // [height][(width + 15) / 16]: bit i of word w is pixel 16 w + i of the
+                          // row, 1 = counts; NULL = all
+    size_t kept;      // number of pixels that count
     uint16_t *halves; // IEEE 754 binary16, >= 0, neither infinite nor subnormal
-    bool bright;      // values above 1 mean something: comparisons do not clamp there
+    bool is_hdr;      // values above 1 mean something: comparisons do not clamp there
 } sgs_photo;
 
 // What an alpha channel says. Over: the photograph is laid over the background, transparent pixels
@@ -85,8 +85,8 @@ typedef struct sgs_scene_options {
         colorspace; // of the image files, instead of what they say themselves; NULL = what they say
     sgs_space space;    // to compare and train in
     size_t image_cache; // bytes of decoded photographs to keep in memory; 0 = all of them
-    double white; // linear light that becomes 1; 0 = the 99th percentile where files are linear,
-                  // else 1
+    double white_point; // linear light that becomes 1; 0 = the 99th percentile where files are
+                        // linear, else 1
     int cameras_only; // no photograph is looked for where the model tells its camera's size; with
                       // load_images 0
 } sgs_scene_options;
@@ -112,7 +112,7 @@ typedef struct sgs_scene {
     struct sgs_scene_store
         *store;           // internal: the image cache; NULL = all photographs are in `views`
     sgs_space space;      // of photographs and trained colours
-    double white;         // linear light that is 1 in them; 1 where no file is linear
+    double white_point;   // linear light that is 1 in them; 1 where no file is linear
     int has_alpha;        // any image has an alpha channel
     int white_background; // NeRF synthetic convention: white unless the user says otherwise
     double center[3];     // mean of the training camera centres, world
@@ -140,7 +140,7 @@ sgs_status sgs_scene_photo(const sgs_scene *scene, size_t index, const sgs_photo
 
 // Announces that this photograph will be asked for soon: a thread decodes it ahead, where it is not
 // in memory. Cannot fail.
-void sgs_scene_expect(const sgs_scene *scene, size_t index);
+void sgs_scene_prefetch(const sgs_scene *scene, size_t index);
 
 // Index of the view called NAME (exact, then without folder, then without extension), or -1.
 ptrdiff_t sgs_scene_find_view(const sgs_scene *scene, const char *name);

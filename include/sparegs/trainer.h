@@ -126,7 +126,7 @@ typedef struct sgs_train_bytes {
     double project, bvh, gather, forward, loss, backward, optimizer, total;
     double reduce;     // part of backward
     double iterations; // that were counted
-    double bins;       // pieces that their forward passes were cut into, all together
+    double macrotiles; // pieces that their forward passes were cut into, all together
 } sgs_train_bytes;
 
 // What one call of sgs_trainer_step did.
@@ -139,7 +139,7 @@ typedef struct sgs_step_info {
     size_t gaussians;    // after the step
     size_t visible;      // primitives with a gradient in this step
     bool structural; // a structural update came before this iteration: the next fields are valid
-    int updated;     // the iteration that it belongs to, the one before
+    int structure_iteration; // the iteration that it belongs to, the one before
     size_t densified, pruned,
         spare_pruned; // rows added (clones + split children - split parents), removed, removed by
                       // RAP alone
@@ -197,13 +197,13 @@ void sgs_trainer_destroy(sgs_trainer *trainer);
 // waits for the next call: between calls the model is the one the iteration left, as the published
 // trainers save it. Where a photograph cannot be read any more the trainer stays whole, and the
 // step may be tried again (the update may have been made: info->structural tells); after another
-// failure further calls fail with INVALID_ARGUMENT unless sgs_trainer_is_whole.
+// failure further calls fail with INVALID_ARGUMENT unless sgs_trainer_is_consistent.
 sgs_status sgs_trainer_step(sgs_trainer *trainer, sgs_step_info *info);
 // False when the last step failed half-way: there is no state to save or to go on from.
-bool sgs_trainer_is_whole(const sgs_trainer *trainer);
+bool sgs_trainer_is_consistent(const sgs_trainer *trainer);
 // The last iteration whose structural update, if it has one, is made: the last one or the one
 // before.
-int sgs_trainer_updated(const sgs_trainer *trainer);
+int sgs_trainer_structure_iteration(const sgs_trainer *trainer);
 
 // The model as it stands; owned by the trainer, invalidated by the next step. Row order changes at
 // structural updates.

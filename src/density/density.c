@@ -35,11 +35,11 @@ sgs_status sgsi_statistics_reserve(sgsi_statistics *statistics, size_t capacity)
         return SGS_STATUS_OK;
     sgsi_statistics_free(statistics);
     statistics->gradient_sum = sgsi_calloc_shared(capacity, sizeof *statistics->gradient_sum);
-    statistics->absolute_sum = sgsi_calloc_shared(capacity, sizeof *statistics->absolute_sum);
+    statistics->abs_grad_sum = sgsi_calloc_shared(capacity, sizeof *statistics->abs_grad_sum);
     statistics->visible_count = sgsi_calloc_shared(capacity, sizeof *statistics->visible_count);
     statistics->radius_max = sgsi_calloc_shared(capacity, sizeof *statistics->radius_max);
     statistics->capacity = capacity;
-    if (statistics->gradient_sum && statistics->absolute_sum && statistics->visible_count &&
+    if (statistics->gradient_sum && statistics->abs_grad_sum && statistics->visible_count &&
         statistics->radius_max)
         return SGS_STATUS_OK;
     sgsi_statistics_free(statistics);
@@ -50,7 +50,7 @@ sgs_status sgsi_statistics_reserve(sgsi_statistics *statistics, size_t capacity)
 void sgsi_statistics_clear(sgsi_statistics *statistics, size_t count)
 {
     memset(statistics->gradient_sum, 0, count * sizeof *statistics->gradient_sum);
-    memset(statistics->absolute_sum, 0, count * sizeof *statistics->absolute_sum);
+    memset(statistics->abs_grad_sum, 0, count * sizeof *statistics->abs_grad_sum);
     memset(statistics->visible_count, 0, count * sizeof *statistics->visible_count);
     memset(statistics->radius_max, 0, count * sizeof *statistics->radius_max);
 }
@@ -58,7 +58,7 @@ void sgsi_statistics_clear(sgsi_statistics *statistics, size_t count)
 void sgsi_statistics_free(sgsi_statistics *statistics)
 {
     sgsi_free(statistics->gradient_sum);
-    sgsi_free(statistics->absolute_sum);
+    sgsi_free(statistics->abs_grad_sum);
     sgsi_free(statistics->visible_count);
     sgsi_free(statistics->radius_max);
     *statistics = (sgsi_statistics){0};
@@ -66,11 +66,21 @@ void sgsi_statistics_free(sgsi_statistics *statistics)
 
 static void free_columns(sgsi_density_columns *columns)
 {
-    void *const arrays[] = {columns->x,        columns->y,         columns->z,
-                            columns->opacity,  columns->scale_max, columns->score,
-                            columns->absolute, columns->weight,    columns->redundant,
-                            columns->action,   columns->removed,   columns->degenerate,
-                            columns->barren,   columns->priority,  columns->workspace};
+    void *const arrays[] = {columns->x,
+                            columns->y,
+                            columns->z,
+                            columns->opacity,
+                            columns->scale_max,
+                            columns->score,
+                            columns->abs_grad,
+                            columns->weight,
+                            columns->redundant,
+                            columns->action,
+                            columns->removed,
+                            columns->degenerate,
+                            columns->prune_children,
+                            columns->priority,
+                            columns->workspace};
     for (size_t i = 0; i < sizeof arrays / sizeof *arrays; ++i)
         sgsi_free(arrays[i]);
 }
@@ -82,12 +92,12 @@ static sgs_status make_columns(const sgs_gaussians *model, const sgsi_density_op
     *columns = (sgsi_density_columns){.count = model->count};
     float **const floats[] = {&columns->x,        &columns->y,         &columns->z,
                               &columns->opacity,  &columns->scale_max, &columns->score,
-                              &columns->absolute, &columns->weight,    &columns->priority};
+                              &columns->abs_grad, &columns->weight,    &columns->priority};
     bool complete = true;
     for (size_t i = 0; i < sizeof floats / sizeof *floats; ++i)
         complete = (*floats[i] = sgsi_alloc(n, sizeof(float))) && complete;
     uint8_t **const marks[] = {&columns->redundant, &columns->degenerate, &columns->action,
-                               &columns->removed, &columns->barren};
+                               &columns->removed, &columns->prune_children};
     for (size_t i = 0; i < sizeof marks / sizeof *marks; ++i)
         complete = (*marks[i] = sgsi_calloc(n, 1)) && complete;
     columns->workspace = sgsi_alloc(spare_workspace_size(&options->spare, model->count), 1);
@@ -128,12 +138,12 @@ static void fill_columns(void *context, size_t begin, size_t end, int thread)
         c->scale_max[i] = expf(longest);
         const uint32_t seen = job->statistics->visible_count[i];
         c->score[i] = seen ? job->statistics->gradient_sum[i] / (float)seen : 0.0f;
-        c->absolute[i] = seen ? job->statistics->absolute_sum[i] / (float)seen : 0.0f;
+        c->abs_grad[i] = seen ? job->statistics->abs_grad_sum[i] / (float)seen : 0.0f;
         c->weight[i] = 1.0f;
         if (is_degenerate(job->model, i)) {
             c->degenerate[i] = 1;
             c->x[i] = c->y[i] = c->z[i] = c->opacity[i] = c->scale_max[i] = c->score[i] =
-                c->absolute[i] = 0.0f;
+                c->abs_grad[i] = 0.0f;
         }
     }
 }
@@ -310,18 +320,18 @@ static sgs_status make_plan(const sgsi_density_columns *columns, sgsi_density_re
         }
         const float mean[3] = {columns->x[i], columns->y[i], columns->z[i]};
         const uint64_t key = morton_code(mean, low, inv_size);
-        const bool barren = columns->barren[i];
+        const bool prune_children = columns->prune_children[i];
         if (columns->action[i] == SGSI_ACTION_SPLIT) {
             ++result->split;
-            result->pruned += barren ? 2 : 0;
-            for (uint32_t kind = PLAN_CHILD_0; kind <= PLAN_CHILD_1 && !barren; ++kind)
+            result->pruned += prune_children ? 2 : 0;
+            for (uint32_t kind = PLAN_CHILD_0; kind <= PLAN_CHILD_1 && !prune_children; ++kind)
                 entries[plan->count++] = (plan_entry){key, (uint32_t)i, kind};
             continue;
         }
         if (columns->action[i] == SGSI_ACTION_CLONE) {
             ++result->cloned;
-            result->pruned += barren;
-            if (!barren)
+            result->pruned += prune_children;
+            if (!prune_children)
                 entries[plan->count++] = (plan_entry){key, (uint32_t)i, PLAN_CLONE};
         }
         const bool removed = columns->removed[i] || columns->redundant[i];

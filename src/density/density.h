@@ -15,7 +15,7 @@
 // columns, `capacity` long.
 typedef struct sgsi_statistics {
     float *gradient_sum;     // a_i
-    float *absolute_sum;     // the same over absolute values of the pixels' gradients; 0 where the
+    float *abs_grad_sum;     // the same over absolute values of the pixels' gradients; 0 where the
                              // pipeline wants none
     uint32_t *visible_count; // d_i
     float *radius_max;       // rho_i, pixels
@@ -43,7 +43,7 @@ typedef struct sgsi_density_options {
     int resolution;           // down-scaling of the images in force, >= 1
     bool final_prune;         // after the densification: removes only
     const float *importance,
-        *expendable;           // [count] scores from views, for pipelines that ask for them
+        *prune_score;          // [count] scores from views, for pipelines that ask for them
     double gradient_threshold; // tau, 2e-4
     double opacity_min;        // 0.005
     double size_split;         // scales above this are split, below cloned: 0.01 * extent

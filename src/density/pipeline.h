@@ -17,16 +17,16 @@ typedef struct sgsi_density_columns {
     size_t count;
     float *x, *y, *z, *opacity, *scale_max;
     float *score;        // a / d, 0 where unseen
-    float *absolute;     // the same over absolute values, 0 where unseen or not collected
+    float *abs_grad;     // the same over absolute values, 0 where unseen or not collected
     float *weight;       // w of SPARE-GS, 1 without BMD
     uint8_t *redundant;  // RAP's mask, 0 without
     uint8_t *degenerate; // a parameter is not finite: the row goes, whatever is decided; its
                          // columns above are 0
     // decided by the pipeline; all 0 before
-    uint8_t *action;  // sgsi_action
-    uint8_t *removed; // the native rule removes the row
-    uint8_t *barren;  // the native rule removes the row's clone or children at once
-    float *priority;  // who may grow first when the cap leaves no room for all
+    uint8_t *action;         // sgsi_action
+    uint8_t *removed;        // the native rule removes the row
+    uint8_t *prune_children; // the native rule removes the row's clone or children at once
+    float *priority;         // who may grow first when the cap leaves no room for all
     void *workspace;
 } sgsi_density_columns;
 
@@ -64,11 +64,11 @@ typedef struct sgsi_pipeline {
     // SH bands above 0 while primitives are added, everything in the sixth of the run after that,
     // everything in the rest.
     int batch_rest, batch_middle, batch_late;
-    float rate_opacity, rate_rest;
+    float lr_opacity, lr_rest;
     float opacity_ceiling; // after every structural update; 0 = none
     bool resolution;       // renders small images first
-    bool absolute;         // wants sums of absolute gradients
-    bool absolute_norm;    // the 2-norm of the sums of both axes instead of their sum
+    bool abs_grad;         // wants sums of absolute gradients
+    bool abs_grad_norm;    // the 2-norm of the sums of both axes instead of their sum
     sgs_status (*decide)(const sgsi_density_options *options, sgsi_density_columns *columns,
                          sgsi_density_result *result);
     // Scores from views: drawn before every update, 0 = none. pixel_weights fills [height][stride]
@@ -77,8 +77,8 @@ typedef struct sgsi_pipeline {
     int score_views;
     sgs_status (*pixel_weights)(const sgsi_scored_image *image, const sgs_train_options *train,
                                 float *weights);
-    void (*score_view)(const sgsi_scored_view *view, float *importance, float *expendable);
-    void (*finish_scores)(size_t count, int views, float *importance, float *expendable);
+    void (*score_view)(const sgsi_scored_view *view, float *importance, float *prune_score);
+    void (*finish_scores)(size_t count, int views, float *importance, float *prune_score);
 } sgsi_pipeline;
 
 // Never NULL for a pipeline of the enumeration.
@@ -91,20 +91,20 @@ extern const sgsi_pipeline sgsi_pipeline_3dgs, sgsi_pipeline_mip, sgsi_pipeline_
 
 // 3DGS's rule on one row: fainter than opacity_min or, where size pruning is on, longer than
 // size_max.
-static inline bool sgsi_density_outlived(const sgsi_density_options *options, float opacity,
-                                         float scale_max)
+static inline bool sgsi_density_should_prune(const sgsi_density_options *options, float opacity,
+                                             float scale_max)
 {
     return opacity < (float)options->opacity_min || scale_max > (float)options->size_max;
 }
 
 // The same on what row i's action, decided already, leaves of it: the children of a split are 1.6
 // times shorter.
-static inline bool sgsi_density_outlived_after(const sgsi_density_options *options,
-                                               const sgsi_density_columns *columns, size_t i)
+static inline bool sgsi_density_should_prune_after(const sgsi_density_options *options,
+                                                   const sgsi_density_columns *columns, size_t i)
 {
     const bool split = columns->action[i] == SGSI_ACTION_SPLIT;
-    return sgsi_density_outlived(options, columns->opacity[i],
-                                 split ? columns->scale_max[i] / 1.6f : columns->scale_max[i]);
+    return sgsi_density_should_prune(options, columns->opacity[i],
+                                     split ? columns->scale_max[i] / 1.6f : columns->scale_max[i]);
 }
 
 // How a row grows: longer than `size` it splits, else it is cloned.

@@ -16,8 +16,8 @@ static sgs_status decide(const sgsi_density_options *options, sgsi_density_colum
         c->priority[i] = c->score[i] * c->weight[i];
         const bool grows = c->priority[i] >= threshold;
         c->action[i] = sgsi_density_growth(grows, c->scale_max[i], (float)options->size_split);
-        c->removed[i] = sgsi_density_outlived(options, c->opacity[i], c->scale_max[i]);
-        c->barren[i] = sgsi_density_outlived_after(options, c, i);
+        c->removed[i] = sgsi_density_should_prune(options, c->opacity[i], c->scale_max[i]);
+        c->prune_children[i] = sgsi_density_should_prune_after(options, c, i);
         sgsi_density_count_reversal(c->score[i] >= threshold, grows, result);
     }
     return SGS_STATUS_OK;
@@ -26,6 +26,6 @@ static sgs_status decide(const sgsi_density_options *options, sgsi_density_colum
 const sgsi_pipeline sgsi_pipeline_3dgs = {.name = "3dgs",
                                           .densify_until = 15000,
                                           .densify_interval = 100,
-                                          .rate_opacity = 0.025f,
-                                          .rate_rest = 1.25e-4f,
+                                          .lr_opacity = 0.025f,
+                                          .lr_rest = 1.25e-4f,
                                           .decide = decide};

@@ -89,7 +89,7 @@ static sgs_status decide(const sgsi_density_options *options, sgsi_density_colum
 const sgsi_pipeline sgsi_pipeline_dash = {.name = "dash",
                                           .densify_until = 27000,
                                           .densify_interval = 100,
-                                          .rate_opacity = 0.025f,
-                                          .rate_rest = 1.25e-4f,
+                                          .lr_opacity = 0.025f,
+                                          .lr_rest = 1.25e-4f,
                                           .resolution = true,
                                           .decide = decide};

@@ -38,7 +38,7 @@ static void decide_growth(const sgsi_density_options *options, sgsi_density_colu
     const float size = (float)(own->fastgs_dense * options->extent);
     for (size_t i = 0; i < c->count; ++i) {
         const bool large = c->scale_max[i] > size;
-        const float gradient = large ? c->absolute[i] : c->score[i];
+        const float gradient = large ? c->abs_grad[i] : c->score[i];
         const float threshold =
             large ? (float)own->fastgs_gradient : (float)options->gradient_threshold;
         const float vote =
@@ -57,7 +57,8 @@ static sgs_status decide(const sgsi_density_options *options, sgsi_density_colum
 {
     if (options->final_prune) {
         for (size_t i = 0; i < c->count; ++i)
-            c->removed[i] = c->opacity[i] < opacity_final || options->expendable[i] > pruning_final;
+            c->removed[i] =
+                c->opacity[i] < opacity_final || options->prune_score[i] > pruning_final;
         return SGS_STATUS_OK;
     }
     double *weight = sgsi_alloc(c->count ? c->count : 1, sizeof *weight);
@@ -66,7 +67,7 @@ static sgs_status decide(const sgsi_density_options *options, sgsi_density_colum
                          c->count);
     decide_growth(options, c, result);
     for (size_t i = 0; i < c->count; ++i)
-        weight[i] = 1.0 / (1e-6 + (1.0 - (double)options->expendable[i]));
+        weight[i] = 1.0 / (1e-6 + (1.0 - (double)options->prune_score[i]));
     const sgs_status status = sgsi_prune_stochastic(options, c, weight);
     sgsi_free(weight);
     return status;
@@ -85,27 +86,27 @@ static sgs_status pixel_weights(const sgsi_scored_image *image, const sgs_train_
     return SGS_STATUS_OK;
 }
 
-static void score_view(const sgsi_scored_view *view, float *importance, float *expendable)
+static void score_view(const sgsi_scored_view *view, float *importance, float *prune_score)
 {
     for (size_t i = 0; i < view->count; ++i) {
         const float votes =
             view->touched[i / SGS_LANES] ? view->sums[16 * i + SGSI_SCORE_WEIGHT] : 0.0f;
         importance[i] += votes;
-        expendable[i] += (float)view->loss * votes;
+        prune_score[i] += (float)view->loss * votes;
     }
 }
 
-static void finish_scores(size_t count, int views, float *importance, float *expendable)
+static void finish_scores(size_t count, int views, float *importance, float *prune_score)
 {
     float least = INFINITY, most = -INFINITY;
     for (size_t i = 0; i < count; ++i) {
         importance[i] /= (float)views;
-        least = fminf(least, expendable[i]);
-        most = fmaxf(most, expendable[i]);
+        least = fminf(least, prune_score[i]);
+        most = fmaxf(most, prune_score[i]);
     }
     const float scale = most > least ? 1.0f / (most - least) : 0.0f;
     for (size_t i = 0; i < count; ++i)
-        expendable[i] = (expendable[i] - least) * scale;
+        prune_score[i] = (prune_score[i] - least) * scale;
 }
 
 const sgsi_pipeline sgsi_pipeline_fastgs = {.name = "fastgs",
@@ -115,11 +116,11 @@ const sgsi_pipeline sgsi_pipeline_fastgs = {.name = "fastgs",
                                             .batch_rest = 16,
                                             .batch_middle = 32,
                                             .batch_late = 64,
-                                            .rate_opacity = 0.025f,
-                                            .rate_rest = 2.5e-4f,
+                                            .lr_opacity = 0.025f,
+                                            .lr_rest = 2.5e-4f,
                                             .opacity_ceiling = 0.8f,
-                                            .absolute = true,
-                                            .absolute_norm = true,
+                                            .abs_grad = true,
+                                            .abs_grad_norm = true,
                                             .decide = decide,
                                             .score_views = 10,
                                             .pixel_weights = pixel_weights,

@@ -49,17 +49,17 @@ static sgs_status decide(const sgsi_density_options *options, sgsi_density_colum
         return SGS_STATUS_OK;
     float quantile = 0.0f;
     const sgs_status status =
-        upper_quantile(c->absolute, c->count, (double)pulled / (double)c->count, &quantile);
+        upper_quantile(c->abs_grad, c->count, (double)pulled / (double)c->count, &quantile);
     if (status)
         return status;
     for (size_t i = 0; i < c->count; ++i) {
         const float w = c->weight[i], share = quantile > 0.0f ? threshold / quantile : 0.0f;
-        const bool native = c->score[i] >= threshold || c->absolute[i] >= quantile;
-        const bool grows = c->score[i] * w >= threshold || c->absolute[i] * w >= quantile;
-        c->priority[i] = fmaxf(c->score[i], c->absolute[i] * share) * w;
+        const bool native = c->score[i] >= threshold || c->abs_grad[i] >= quantile;
+        const bool grows = c->score[i] * w >= threshold || c->abs_grad[i] * w >= quantile;
+        c->priority[i] = fmaxf(c->score[i], c->abs_grad[i] * share) * w;
         c->action[i] = sgsi_density_growth(grows, c->scale_max[i], (float)options->size_split);
-        c->removed[i] = sgsi_density_outlived(options, c->opacity[i], c->scale_max[i]);
-        c->barren[i] = sgsi_density_outlived_after(options, c, i);
+        c->removed[i] = sgsi_density_should_prune(options, c->opacity[i], c->scale_max[i]);
+        c->prune_children[i] = sgsi_density_should_prune_after(options, c, i);
         sgsi_density_count_reversal(native, grows, result);
     }
     return SGS_STATUS_OK;
@@ -68,7 +68,7 @@ static sgs_status decide(const sgsi_density_options *options, sgsi_density_colum
 const sgsi_pipeline sgsi_pipeline_mip = {.name = "mip",
                                          .densify_until = 15000,
                                          .densify_interval = 100,
-                                         .rate_opacity = 0.05f,
-                                         .rate_rest = 1.25e-4f,
-                                         .absolute = true,
+                                         .lr_opacity = 0.05f,
+                                         .lr_rest = 1.25e-4f,
+                                         .abs_grad = true,
                                          .decide = decide};

@@ -217,9 +217,9 @@ static double normalised(double weight, float value, float median)
     return value > 0.0f && median > 0.0f ? weight * (double)value / (double)median : 0.0;
 }
 
-static void score_view(const sgsi_scored_view *view, float *importance, float *expendable)
+static void score_view(const sgsi_scored_view *view, float *importance, float *prune_score)
 {
-    (void)expendable;
+    (void)prune_score;
     const size_t n = view->count;
     const struct {
         const float *values;
@@ -253,8 +253,8 @@ static void score_view(const sgsi_scored_view *view, float *importance, float *e
 const sgsi_pipeline sgsi_pipeline_taming = {.name = "taming",
                                             .densify_until = 15000,
                                             .densify_interval = 100,
-                                            .rate_opacity = 0.025f,
-                                            .rate_rest = 2.5e-4f,
+                                            .lr_opacity = 0.025f,
+                                            .lr_rest = 2.5e-4f,
                                             .decide = decide,
                                             .score_views = 10,
                                             .pixel_weights = pixel_weights,

@@ -87,17 +87,18 @@ sgs_status sgsi_prune_stochastic(const sgsi_density_options *options, sgsi_densi
     uint8_t *stays = sgsi_alloc(c->count ? c->count : 1, 1),
             *chosen = sgsi_alloc(c->count ? c->count : 1, 1);
     sgs_status status = stays && chosen ? SGS_STATUS_OK : SGS_STATUS_OUT_OF_MEMORY;
-    size_t outlived = 0;
+    size_t prunable = 0;
     for (size_t i = 0; i < c->count && !status; ++i) {
-        if (sgsi_density_outlived_after(options, c, i))
-            outlived += c->action[i] == SGSI_ACTION_KEEP ? 1 : 2;
+        if (sgsi_density_should_prune_after(options, c, i))
+            prunable += c->action[i] == SGSI_ACTION_KEEP ? 1 : 2;
         stays[i] = c->action[i] != SGSI_ACTION_SPLIT;
     }
     const uint64_t seed = sgsi_random_bits(options->seed ^ 0x9A0E, (uint64_t)options->iteration);
     if (!status)
-        status = sgsi_select_weighted(weight, stays, c->count, outlived / 2, seed, chosen);
+        status = sgsi_select_weighted(weight, stays, c->count, prunable / 2, seed, chosen);
     for (size_t i = 0; i < c->count && !status; ++i)
-        c->removed[i] = chosen[i] && sgsi_density_outlived(options, c->opacity[i], c->scale_max[i]);
+        c->removed[i] =
+            chosen[i] && sgsi_density_should_prune(options, c->opacity[i], c->scale_max[i]);
     sgsi_free(stays);
     sgsi_free(chosen);
     return status ? sgsi_fail(status, "no memory to prune %zu primitives", c->count) : status;

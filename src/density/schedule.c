@@ -79,7 +79,7 @@ sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, size_t train_
         .sh_interval = rounded(1000 * f, 1),
         .resolution_from = rounded(500 * fmin(f, 1.0), 0),
         .resolution_interval = rounded(100 * fmin(f, 1.0), 1),
-        .rate_span = PAPER_LENGTH * f,
+        .lr_span = PAPER_LENGTH * f,
         .check_interval = rounded(options->spare_interval * f, 1),
         .threshold_factor = 1.0};
     const double memory = fmax(200 * f, (double)train_views);
@@ -149,11 +149,10 @@ bool sgsi_schedule_steps_rest(const sgsi_schedule *schedule, int iteration)
     return iteration % schedule->batch_rest == 0;
 }
 
-double sgsi_schedule_rate(const sgsi_schedule *schedule, int iteration)
+double sgsi_schedule_lr(const sgsi_schedule *schedule, int iteration)
 {
     const double u =
-        fmin(fmax((iteration - schedule->rate_begin) / (schedule->rate_span - schedule->rate_begin),
-                  0.0),
+        fmin(fmax((iteration - schedule->lr_begin) / (schedule->lr_span - schedule->lr_begin), 0.0),
              1.0);
     return exp(u * log(0.01));
 }

@@ -16,9 +16,9 @@ typedef struct sgsi_schedule {
     int first_reset;                 // one more on white backgrounds, where densification begins
     int prune_interval;              // final prunes after densify_until; 0 = none
     int batch_rest, batch_middle, batch_late,
-        middle_until;             // see pipeline.h; 0 = every iteration steps
-    int sh_interval;              // one more SH band every so many iterations
-    double rate_begin, rate_span; // the position rate decays from one to the other, iterations
+        middle_until;         // see pipeline.h; 0 = every iteration steps
+    int sh_interval;          // one more SH band every so many iterations
+    double lr_begin, lr_span; // the position rate decays from one to the other, iterations
     int resolution_from,
         resolution_interval; // when the size of the images may change: after the first, every so
                              // often
@@ -43,4 +43,4 @@ int sgsi_schedule_updates(const sgsi_schedule *schedule);
 bool sgsi_schedule_steps_rest(const sgsi_schedule *schedule, int iteration);
 bool sgsi_schedule_steps_main(const sgsi_schedule *schedule, int iteration);
 // Factor between the first and the last position rate: 1 at 0, 0.01 at the end, log-linear.
-double sgsi_schedule_rate(const sgsi_schedule *schedule, int iteration);
+double sgsi_schedule_lr(const sgsi_schedule *schedule, int iteration);

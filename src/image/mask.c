@@ -55,27 +55,28 @@ sgs_status sgsi_mask_find(const char *root, const char *folder, const char *imag
                   : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to look for its mask", name);
 }
 
-static void fill(uint16_t *keep, int width, int height)
+static void fill(uint16_t *valid_mask, int width, int height)
 {
     const size_t words = sgsi_mask_words(width);
-    memset(keep, 0xff, words * (size_t)height * sizeof *keep);
+    memset(valid_mask, 0xff, words * (size_t)height * sizeof *valid_mask);
     for (int y = 0; width % 16 && y < height; ++y)
-        keep[(size_t)(y + 1) * words - 1] = (uint16_t)((1u << width % 16) - 1);
+        valid_mask[(size_t)(y + 1) * words - 1] = (uint16_t)((1u << width % 16) - 1);
 }
 
-static sgs_status create(int width, int height, uint16_t **keep)
+static sgs_status create(int width, int height, uint16_t **valid_mask)
 {
-    *keep = sgsi_alloc(sgsi_mask_words(width) * (size_t)height, sizeof **keep);
-    if (!*keep)
+    *valid_mask = sgsi_alloc(sgsi_mask_words(width) * (size_t)height, sizeof **valid_mask);
+    if (!*valid_mask)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a mask of %d x %d pixels", width,
                          height);
-    fill(*keep, width, height);
+    fill(*valid_mask, width, height);
     return SGS_STATUS_OK;
 }
 
 sgs_status sgsi_mask_begin(sgs_photo *photo)
 {
-    return photo->keep ? SGS_STATUS_OK : create(photo->width, photo->height, &photo->keep);
+    return photo->valid_mask ? SGS_STATUS_OK
+                             : create(photo->width, photo->height, &photo->valid_mask);
 }
 
 void sgsi_mask_drop(sgs_photo *photo, int width, int height, int x, int y)
@@ -86,7 +87,7 @@ void sgsi_mask_drop(sgs_photo *photo, int width, int height, int x, int y)
     const size_t words = sgsi_mask_words(photo->width);
     for (int j = y0; j < y1; ++j)
         for (int i = x0; i < x1; ++i)
-            photo->keep[(size_t)j * words + (size_t)i / 16] &= (uint16_t) ~(1u << i % 16);
+            photo->valid_mask[(size_t)j * words + (size_t)i / 16] &= (uint16_t) ~(1u << i % 16);
 }
 
 // Mean of the colour channels, under a straight alpha.
@@ -144,37 +145,37 @@ static bool border_has_rays(const sgs_camera *camera)
 
 typedef struct lens_rows {
     const sgs_camera *camera;
-    uint16_t *keep;
+    uint16_t *valid_mask;
 } lens_rows;
 
 static void lens_row(void *context, size_t y, int thread)
 {
     (void)thread;
     const lens_rows *rows = context;
-    uint16_t *row = rows->keep + y * sgsi_mask_words(rows->camera->width);
+    uint16_t *row = rows->valid_mask + y * sgsi_mask_words(rows->camera->width);
     for (int x = 0; x < rows->camera->width; ++x)
         if (!has_ray(rows->camera, x, (int)y))
             row[x / 16] &= (uint16_t) ~(1u << x % 16);
 }
 
-sgs_status sgsi_mask_of_lens(const sgs_camera *camera, uint16_t **keep)
+sgs_status sgsi_mask_of_lens(const sgs_camera *camera, uint16_t **valid_mask)
 {
-    *keep = NULL;
+    *valid_mask = NULL;
     if (border_has_rays(camera))
         return SGS_STATUS_OK;
-    const sgs_status status = create(camera->width, camera->height, keep);
+    const sgs_status status = create(camera->width, camera->height, valid_mask);
     if (!status)
-        sgsi_parallel_for((size_t)camera->height, 8, lens_row, &(lens_rows){camera, *keep});
+        sgsi_parallel_for((size_t)camera->height, 8, lens_row, &(lens_rows){camera, *valid_mask});
     return status;
 }
 
-sgs_status sgsi_mask_intersect(sgs_photo *photo, const uint16_t *keep)
+sgs_status sgsi_mask_intersect(sgs_photo *photo, const uint16_t *valid_mask)
 {
-    if (!keep)
+    if (!valid_mask)
         return SGS_STATUS_OK;
     const sgs_status status = sgsi_mask_begin(photo);
     for (size_t i = 0; !status && i < sgsi_mask_words(photo->width) * (size_t)photo->height; ++i)
-        photo->keep[i] &= keep[i];
+        photo->valid_mask[i] &= valid_mask[i];
     return status;
 }
 
@@ -182,13 +183,13 @@ void sgsi_mask_finish(sgs_photo *photo)
 {
     const size_t all = (size_t)photo->width * (size_t)photo->height;
     photo->kept = all;
-    if (!photo->keep)
+    if (!photo->valid_mask)
         return;
     photo->kept = 0;
     for (size_t i = 0; i < sgsi_mask_words(photo->width) * (size_t)photo->height; ++i)
-        photo->kept += (size_t)__builtin_popcount(photo->keep[i]);
+        photo->kept += (size_t)__builtin_popcount(photo->valid_mask[i]);
     if (photo->kept == all) {
-        sgsi_free(photo->keep);
-        photo->keep = NULL;
+        sgsi_free(photo->valid_mask);
+        photo->valid_mask = NULL;
     }
 }

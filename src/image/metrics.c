@@ -81,15 +81,15 @@ static bool comparable(const sgs_image8 *a, const sgs_image8 *b)
            a->width > 0 && a->height > 0 && a->channels >= 3 && b->channels >= 3;
 }
 
-double sgs_psnr_masked(const sgs_image8 *a, const sgs_image8 *b, const uint16_t *keep)
+double sgs_psnr_masked(const sgs_image8 *a, const sgs_image8 *b, const uint16_t *valid_mask)
 {
     if (!comparable(a, b))
         return NAN;
     const size_t plane = (size_t)a->width * (size_t)a->height;
     uint64_t sum = 0, values = 0; // exact
     for (size_t i = 0; i < plane; ++i) {
-        if (keep && !sgsi_mask_keeps(keep, a->width, (int)(i % (size_t)a->width),
-                                     (int)(i / (size_t)a->width)))
+        if (valid_mask && !sgsi_mask_is_valid(valid_mask, a->width, (int)(i % (size_t)a->width),
+                                              (int)(i / (size_t)a->width)))
             continue;
         for (size_t c = 0; c < 3; ++c) {
             const int difference = (int)a->pixels[c * plane + i] - (int)b->pixels[c * plane + i];
@@ -112,7 +112,7 @@ double sgs_psnr(const sgs_image8 *a, const sgs_image8 *b)
 
 typedef struct ssim_job {
     const sgs_image8 *a, *b;
-    const uint16_t *keep;
+    const uint16_t *valid_mask;
     double window[RADIUS + 1];
     size_t pitch;    // doubles per padded row
     size_t strips;   // per channel
@@ -135,7 +135,7 @@ static void load_lines(const ssim_job *job, size_t row, double *lines)
             lines[m * pitch + k] = lines[m * pitch + RADIUS + width + k] = 0.0;
     const int y = (int)(row % (size_t)job->a->height);
     for (size_t x = 0; x < width; ++x) {
-        const bool counts = sgsi_mask_keeps(job->keep, job->a->width, (int)x, y);
+        const bool counts = sgsi_mask_is_valid(job->valid_mask, job->a->width, (int)x, y);
         const double p = counts ? a[x] / 255.0 : 0.0, q = counts ? b[x] / 255.0 : 0.0;
         double *at = lines + RADIUS + x;
         at[0] = p;
@@ -201,7 +201,7 @@ static void ssim_strip(void *context, size_t item, int thread)
     double sum = 0.0;
     for (ptrdiff_t r = 0; r < STRIP_ROWS && first + r < height; ++r)
         for (size_t x = 0; x < width; ++x) {
-            if (!sgsi_mask_keeps(job->keep, job->a->width, (int)x, (int)(first + r)))
+            if (!sgsi_mask_is_valid(job->valid_mask, job->a->width, (int)x, (int)(first + r)))
                 continue;
             const double *const at = smooth + (size_t)r * pitch + x;
             double moment[MOMENTS];
@@ -228,11 +228,11 @@ double sgs_ssim(const sgs_image8 *a, const sgs_image8 *b)
     return sgs_ssim_masked(a, b, NULL);
 }
 
-double sgs_ssim_masked(const sgs_image8 *a, const sgs_image8 *b, const uint16_t *keep)
+double sgs_ssim_masked(const sgs_image8 *a, const sgs_image8 *b, const uint16_t *valid_mask)
 {
     if (!comparable(a, b))
         return NAN;
-    ssim_job job = {.a = a, .b = b, .keep = keep};
+    ssim_job job = {.a = a, .b = b, .valid_mask = valid_mask};
     job.pitch = ((size_t)a->width + 2 * RADIUS + 7) / 8 * 8;
     job.strips = ((size_t)a->height + STRIP_ROWS - 1) / STRIP_ROWS;
     make_window(job.window);
@@ -250,8 +250,8 @@ double sgs_ssim_masked(const sgs_image8 *a, const sgs_image8 *b, const uint16_t 
         sum += job.sums[item];
     sgsi_free(job.scratch);
     size_t kept = (size_t)a->width * (size_t)a->height;
-    for (size_t i = 0; keep && i < (size_t)a->width * (size_t)a->height; ++i)
-        kept -= !sgsi_mask_keeps(keep, a->width, (int)(i % (size_t)a->width),
-                                 (int)(i / (size_t)a->width));
+    for (size_t i = 0; valid_mask && i < (size_t)a->width * (size_t)a->height; ++i)
+        kept -= !sgsi_mask_is_valid(valid_mask, a->width, (int)(i % (size_t)a->width),
+                                    (int)(i / (size_t)a->width));
     return kept ? sum / (3.0 * (double)kept) : NAN;
 }

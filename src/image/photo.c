@@ -22,10 +22,10 @@
 void sgsi_photo_release(sgs_photo *photo)
 {
     sgsi_free(photo->pixels);
-    sgsi_free(photo->keep);
+    sgsi_free(photo->valid_mask);
     sgsi_free(photo->halves);
     photo->pixels = NULL;
-    photo->keep = photo->halves = NULL;
+    photo->valid_mask = photo->halves = NULL;
 }
 
 void sgsi_photo_free(sgs_photo *photo)
@@ -114,7 +114,7 @@ static float into_space(const reducer *r, float value)
 {
     const sgs_space space = r->source->space;
     if (r->info->linear) {
-        value = (float)(value / r->source->white);
+        value = (float)(value / r->source->white_point);
         return space == SGS_SPACE_SRGB ? sgs_srgb_encode(value) : value;
     }
     return space == SGS_SPACE_LINEAR ? sgs_srgb_decode(value) : value;
@@ -161,7 +161,7 @@ static sgs_status read_floats(const sgsi_photo_source *source, const sgsi_image_
     *photo = (sgs_photo){.width = source->width,
                          .height = source->height,
                          .channels = info->channels,
-                         .bright = info->linear};
+                         .is_hdr = info->linear};
     const size_t row = (size_t)photo->width * (size_t)info->channels;
     reducer r = {.source = source, .info = info, .photo = photo};
     photo->halves = sgsi_alloc(row * (size_t)photo->height, sizeof *photo->halves);

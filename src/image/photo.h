@@ -19,7 +19,7 @@ typedef struct sgsi_photo_source {
     sgs_alpha alpha;
     const char *colorspace; // NULL = the file's
     sgs_space space;
-    double white;         // > 0
+    double white_point;   // > 0
     const uint16_t *lens; // pixels with a ray, width x height, or NULL = all
 } sgsi_photo_source;
 

@@ -160,7 +160,7 @@ void sgsi_exposure_step(sgsi_exposure *exposure, size_t index, double rate)
     }
 }
 
-double sgsi_exposure_rate(int iteration, int iterations)
+double sgsi_exposure_lr(int iteration, int iterations)
 {
     return 0.01 * pow(0.1, fmin((double)iteration / iterations, 1));
 }

@@ -32,7 +32,7 @@ void sgsi_exposure_backward(sgsi_exposure *exposure, size_t index, const sgsi_lo
 void sgsi_exposure_step(sgsi_exposure *exposure, size_t index, double rate);
 
 // 0.01 falling to 0.001, log-linear, over the iterations (3DGS's rates).
-double sgsi_exposure_rate(int iteration, int iterations);
+double sgsi_exposure_lr(int iteration, int iterations);
 
 // The state of all photographs as one block of doubles, for checkpoints: maps, both moments, steps.
 double *sgsi_exposure_state(sgsi_exposure *exposure, size_t *count);

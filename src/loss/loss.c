@@ -184,7 +184,7 @@ sgs_status sgsi_loss_evaluate(sgsi_loss_workspace *workspace, const sgsi_loss_in
                 .row_weight = workspace->row_weight,
                 .l1_scale = (float)((1.0 - lambda) / values),
                 .ssim_scale = (float)(2.0 * lambda / values),
-                .ceiling = input->target->bright ? 1e9f : 1.0f,
+                .ceiling = input->target->is_hdr ? 1e9f : 1.0f,
                 .alpha_scale = input->target->channels == 4
                                    ? (float)(3.0 * (double)input->alpha_weight / values)
                                    : 0.0f},
@@ -207,7 +207,8 @@ sgs_status sgsi_loss_evaluate(sgsi_loss_workspace *workspace, const sgsi_loss_in
         total.alpha += workspace->sums[item].alpha;
     }
     output->l1 = total.l1 / values;
-    output->mse = total.square / (input->target->keep ? 3.0 * (double)input->target->kept : values);
+    output->mse =
+        total.square / (input->target->valid_mask ? 3.0 * (double)input->target->kept : values);
     output->ssim = 1.0 - total.dissimilarity / values;
     output->alpha = 3.0 * total.alpha / values;
     output->loss = (1.0 - lambda) * output->l1 + lambda * (1.0 - output->ssim) +

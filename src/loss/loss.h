@@ -37,9 +37,9 @@ typedef struct sgsi_loss_output {
                                   // dL/dI, and alpha's
 } sgsi_loss_output;
 
-// Pixels that do not count (target->keep) are mid-grey in both images: they add nothing to L1 or
-// alpha, no window sees what they show, their gradient is zero. All means are over all pixels, so
-// that the others weigh what they weigh without a mask.
+// Pixels that do not count (target->valid_mask) are mid-grey in both images: they add nothing to L1
+// or alpha, no window sees what they show, their gradient is zero. All means are over all pixels,
+// so that the others weigh what they weigh without a mask.
 //
 // I = clamp(color + T * background, 0, 1) is compared (without the 1 when the target is bright);
 // the gradient is zero where the clamp acts (upper: I > 1, lower: I < 0). Sums do not depend on the

@@ -22,7 +22,7 @@ enum { VIEWS_MAX = 16, HELD_ITERATION = 3000 };
 // where something is hit, 15; blending: w, three colours, T 10; backward once more the response and
 // w, the shade and v 12, nine products and fourteen sums 23.
 enum { RESPONSE_FLOPS = 25, ALPHA_FLOPS = 15, BLEND_FLOPS = 10, GRADIENT_FLOPS = 35, LANES = 16 };
-enum { RECORD_BYTES = SGSI_RECORD * sizeof(float) };
+enum { RECORD_BYTES = SGSI_PROJECTED_FLOATS * sizeof(float) };
 
 struct sgs_bench {
     sgs_scene scene;
@@ -146,7 +146,7 @@ sgs_status sgs_bench_step(sgs_bench *bench, sgs_bench_sample *sample)
 {
     sgs_trainer *trainer = bench->trainer;
     const sgs_train_seconds before = trainer->progress.seconds;
-    trainer->progress.iteration = trainer->progress.followed = HELD_ITERATION;
+    trainer->progress.iteration = trainer->progress.structure_iteration = HELD_ITERATION;
     sgs_step_info info;
     const sgs_status status = sgs_trainer_step(trainer, &info);
     if (status)
@@ -168,8 +168,8 @@ sgs_status sgs_bench_step(sgs_bench *bench, sgs_bench_sample *sample)
     bench->counts.gathered += (double)counts.gathered;
     bench->counts.candidates += (double)counts.candidates;
     bench->counts.evaluations += (double)counts.evaluations;
-    bench->counts.elements += (double)counts.elements;
-    bench->counts.regathered += (double)counts.regathered;
+    bench->counts.block_hits += (double)counts.block_hits;
+    bench->counts.fallback_gathers += (double)counts.fallback_gathers;
     return SGS_STATUS_OK;
 }
 
@@ -203,8 +203,8 @@ sgs_status sgs_bench_run(sgs_bench *bench, sgs_bench_sample *sample)
 {
     *sample = (sgs_bench_sample){0};
     sgs_bench_counts *counts = &bench->counts;
-    counts->gathered = counts->candidates = counts->evaluations = counts->elements =
-        counts->regathered = 0;
+    counts->gathered = counts->candidates = counts->evaluations = counts->block_hits =
+        counts->fallback_gathers = 0;
     bench->trainer->bytes = (sgs_train_bytes){0};
     sgs_status status = sgs_bench_build(bench, sample);
     for (size_t v = 0; !status && v < bench->scene.view_count; ++v) {
@@ -214,32 +214,36 @@ sgs_status sgs_bench_run(sgs_bench *bench, sgs_bench_sample *sample)
     if (status)
         return status;
     const double share = 1.0 / (double)bench->scene.view_count;
-    double *const means[] = {
-        &sample->refit,          &sample->gather,        &sample->forward,
-        &sample->backward,       &sample->loss,          &sample->optimizer,
-        &sample->iteration,      &sample->project,       &sample->reduce,
-        &counts->gathered,       &counts->candidates,    &counts->evaluations,
-        &counts->elements,       &counts->regathered,    &sample->serial,
-        &sample->waiting,        &counts->bytes.project, &counts->bytes.bvh,
-        &counts->bytes.gather,   &counts->bytes.forward, &counts->bytes.loss,
-        &counts->bytes.backward, &counts->bytes.reduce,  &counts->bytes.optimizer,
-        &counts->bytes.total,    &counts->bytes.bins};
+    double *const means[] = {&sample->refit,         &sample->gather,
+                             &sample->forward,       &sample->backward,
+                             &sample->loss,          &sample->optimizer,
+                             &sample->iteration,     &sample->project,
+                             &sample->reduce,        &counts->gathered,
+                             &counts->candidates,    &counts->evaluations,
+                             &counts->block_hits,    &counts->fallback_gathers,
+                             &sample->serial,        &sample->waiting,
+                             &counts->bytes.project, &counts->bytes.bvh,
+                             &counts->bytes.gather,  &counts->bytes.forward,
+                             &counts->bytes.loss,    &counts->bytes.backward,
+                             &counts->bytes.reduce,  &counts->bytes.optimizer,
+                             &counts->bytes.total,   &counts->bytes.macrotiles};
     counts->bytes = sgs_trainer_bytes(bench->trainer);
     for (size_t i = 0; i < sizeof means / sizeof *means; ++i)
         *means[i] *= share;
     counts->bytes.iterations = 1.0;
     counts->forward_flops = LANES * (counts->evaluations * RESPONSE_FLOPS +
-                                     counts->elements * (ALPHA_FLOPS + BLEND_FLOPS));
+                                     counts->block_hits * (ALPHA_FLOPS + BLEND_FLOPS));
     counts->backward_flops =
-        LANES * counts->elements * (RESPONSE_FLOPS + ALPHA_FLOPS + BLEND_FLOPS + GRADIENT_FLOPS);
+        LANES * counts->block_hits * (RESPONSE_FLOPS + ALPHA_FLOPS + BLEND_FLOPS + GRADIENT_FLOPS);
     counts->forward_l2_bytes = counts->evaluations * RECORD_BYTES;
-    counts->backward_l2_bytes = counts->elements * 3 * RECORD_BYTES; // the record, sums in and out
+    counts->backward_l2_bytes =
+        counts->block_hits * 3 * RECORD_BYTES; // the record, sums in and out
     const sgsi_bvh *bvh = sgsi_tracer_bvh(bench->trainer->tracer);
     counts->build_bytes = counts->primitives * sizeof(sgsi_bounds) + (double)sgsi_bvh_bytes(bvh);
     return SGS_STATUS_OK;
 }
 
-sgs_bench_counts sgs_bench_counted(const sgs_bench *bench)
+sgs_bench_counts sgs_bench_counts_get(const sgs_bench *bench)
 {
     return bench->counts;
 }
@@ -248,10 +252,13 @@ double sgs_scaling_predict(const sgs_scaling *s, int cores, double memory_gbs)
 {
     const double width = s->cores && s->cores < s->threads ? s->cores : s->threads;
     const double work = (s->seconds - s->serial - s->waiting) * width;
-    const double binned = s->bins > 0.0 ? fmin(s->binned * width, work) : 0.0;
-    const double rounds = s->bins > 0.0 && cores > 0 ? ceil(s->bins / cores) / s->bins : 0.0;
+    const double macrotile_seconds =
+        s->macrotiles > 0.0 ? fmin(s->macrotile_seconds * width, work) : 0.0;
+    const double rounds =
+        s->macrotiles > 0.0 && cores > 0 ? ceil(s->macrotiles / cores) / s->macrotiles : 0.0;
     const double streaming = memory_gbs > 0.0 ? s->bytes / (1e9 * memory_gbs) : 0.0;
-    const double shared = fmax((work - binned) / cores + binned * rounds, streaming);
+    const double shared =
+        fmax((work - macrotile_seconds) / cores + macrotile_seconds * rounds, streaming);
     return work > 0.0 && s->serial >= 0.0 && cores > 0 ? (s->serial + work) / (s->serial + shared)
                                                        : 1.0;
 }

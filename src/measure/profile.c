@@ -50,7 +50,7 @@ typedef struct profile_job {
     sgsi_planes planes;
     sgsi_tile_cost *costs;                 // [tiles]
     float *block;                          // memory of the planes
-    float *guesses;                        // [tiles] depths that the guided gather starts from
+    float *depth_bounds;                   // [tiles] depths that the guided gather starts from
     double second[SGS_PROFILE_KIND_COUNT]; // second least gather
     sgs_profile *out;
 } profile_job;
@@ -126,7 +126,7 @@ static void fill_maps(const profile_job *job, const sgsi_tracer *tracer)
             const sgsi_tile_list *list = &lists[y / SGSI_TILE * out->tiles_x + x / SGSI_TILE];
             const int b = y % SGSI_TILE / 4 * 4 + x % SGSI_TILE / 4;
             out->pixel_hits[pixel] = job->planes.hits[(size_t)y * job->planes.stride + (size_t)x];
-            out->pixel_elements[pixel] = (float)(list->block_begin[b + 1] - list->block_begin[b]);
+            out->pixel_block_hits[pixel] = (float)(list->block_begin[b + 1] - list->block_begin[b]);
             out->hits += (double)out->pixel_hits[pixel];
         }
     for (int t = 0; t < out->tiles_x * out->tiles_y; ++t) {
@@ -138,25 +138,25 @@ static void fill_maps(const profile_job *job, const sgsi_tracer *tracer)
     }
 }
 
-// Distinct primitives with a hit, bin by bin.
+// Distinct primitives with a hit, macrotile by macrotile.
 static sgs_status count_needed(const profile_job *job, const sgsi_tracer *tracer)
 {
     const sgsi_rays *rays = job->rays;
     const sgsi_tile_list *lists = sgsi_tracer_lists(tracer);
     uint32_t *last =
-        sgsi_calloc(job->model->count + 1, sizeof *last); // bin of the last hit, plus one
+        sgsi_calloc(job->model->count + 1, sizeof *last); // macrotile of the last hit, plus one
     if (!last)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to count the hits of %zu primitives",
                          job->model->count);
-    for (int bin = 0; bin < rays->bins_x * rays->bins_y; ++bin)
-        for (int k = 0; k < rays->bin_tiles * rays->bin_tiles; ++k) {
-            const int tile = sgsi_bin_tile(rays, bin, k);
+    for (int macrotile = 0; macrotile < rays->macrotiles_x * rays->macrotiles_y; ++macrotile)
+        for (int k = 0; k < rays->macrotile_side * rays->macrotile_side; ++k) {
+            const int tile = sgsi_macrotile_tile(rays, macrotile, k);
             if (tile < 0)
                 continue;
             const sgsi_tile_list *list = &lists[tile];
             for (uint32_t i = 0; i < list->count; ++i) {
-                job->out->needed += last[list->ids[i]] != (uint32_t)bin + 1;
-                last[list->ids[i]] = (uint32_t)bin + 1;
+                job->out->needed += last[list->ids[i]] != (uint32_t)macrotile + 1;
+                last[list->ids[i]] = (uint32_t)macrotile + 1;
             }
         }
     sgsi_free(last);
@@ -172,7 +172,7 @@ static sgs_status note_pass(const profile_job *job, const sgsi_tracer *tracer)
     out->candidates = (double)counts.candidates;
     out->block_tests = SGSI_BLOCKS * out->candidates;
     out->evaluations = (double)counts.evaluations;
-    out->elements = (double)counts.elements;
+    out->block_hits = (double)counts.block_hits;
     fill_maps(job, tracer);
     return count_needed(job, tracer);
 }
@@ -184,7 +184,7 @@ static void note_gather(profile_job *job, sgs_profile_kind kind, double seconds)
     *least = fmin(*least, seconds);
 }
 
-// One repetition of a kind: its tree, the view without and with depth guesses.
+// One repetition of a kind: its tree, the view without and with depth depth_bounds.
 static sgs_status measure_kind(profile_job *job, sgsi_tracer *tracer, sgs_profile_kind kind,
                                bool last)
 {
@@ -197,9 +197,9 @@ static sgs_status measure_kind(profile_job *job, sgsi_tracer *tracer, sgs_profil
         return status;
     tree->bytes = (double)sgsi_bvh_bytes(sgsi_tracer_bvh(tracer));
     for (size_t t = 0; t < tiles; ++t)
-        job->guesses[t] = INFINITY;
+        job->depth_bounds[t] = INFINITY;
     sgsi_tracer_watch_tiles(tracer, main_kind ? job->costs : NULL);
-    status = sgsi_tracer_forward(tracer, &job->view, &job->planes, job->guesses, main_kind);
+    status = sgsi_tracer_forward(tracer, &job->view, &job->planes, job->depth_bounds, main_kind);
     sgsi_tracer_watch_tiles(tracer, NULL);
     const sgsi_trace_seconds seconds = sgsi_tracer_seconds(tracer);
     note_gather(job, kind, seconds.gather * sgsi_threads());
@@ -212,9 +212,9 @@ static sgs_status measure_kind(profile_job *job, sgsi_tracer *tracer, sgs_profil
     if (!status && main_kind && last)
         status = note_pass(job, tracer);
     if (!status)
-        status = sgsi_tracer_forward(tracer, &job->view, &job->planes, job->guesses, false);
-    tree->guided_gather =
-        fmin(tree->guided_gather, sgsi_tracer_seconds(tracer).gather * sgsi_threads());
+        status = sgsi_tracer_forward(tracer, &job->view, &job->planes, job->depth_bounds, false);
+    tree->gather_with_depth_bound =
+        fmin(tree->gather_with_depth_bound, sgsi_tracer_seconds(tracer).gather * sgsi_threads());
     return status;
 }
 
@@ -227,7 +227,7 @@ static void forget_times(profile_job *job)
         out->tile_seconds[t] = INFINITY;
     for (int k = 0; k < SGS_PROFILE_KIND_COUNT; ++k) {
         sgs_profile_tree *tree = &out->trees[k];
-        tree->build = tree->gather = tree->guided_gather = job->second[k] = INFINITY;
+        tree->build = tree->gather = tree->gather_with_depth_bound = job->second[k] = INFINITY;
         tree->refit = k < SGS_PROFILE_REFIT ? 0 : INFINITY;
     }
 }
@@ -272,7 +272,7 @@ static int compare_hits(const void *a, const void *b)
 
 typedef struct sample_job {
     const profile_job *profile;
-    const float *records;
+    const float *projected;
     int counted[SAMPLES_MAX], all[SAMPLES_MAX]; // -1: no ray at that pixel, or no memory
     bool stopped[SAMPLES_MAX];
 } sample_job;
@@ -307,17 +307,17 @@ static void follow_ray(void *context, size_t item, int thread)
     ray_hit *hits = NULL;
     size_t count = 0, capacity = 0;
     for (size_t i = 0; i < profile->model->count; ++i) {
-        const float *r = job->records + i * SGSI_RECORD;
-        if (!(r[SGSI_RECORD_LOG_OPACITY] > SGSI_UNTRACED))
+        const float *r = job->projected + i * SGSI_PROJECTED_FLOATS;
+        if (!(r[SGSI_PROJECTED_LOG_OPACITY] > SGSI_UNTRACED))
             continue;
         double row[3];
         for (int k = 0; k < 3; ++k)
             row[k] =
                 (double)r[3 * k] * d[0] + (double)r[3 * k + 1] * d[1] + (double)r[3 * k + 2] * d[2];
         const double n2 = row[0] * row[0] + row[1] * row[1];
-        const double g = n2 * (double)r[SGSI_RECORD_INV_KAPPA] + row[2] * row[2];
-        const double exponent = (double)r[SGSI_RECORD_LOG_OPACITY] - n2 / g,
-                     t = (double)r[SGSI_RECORD_DISTANCE] * row[2] / g;
+        const double g = n2 * (double)r[SGSI_PROJECTED_INV_KAPPA] + row[2] * row[2];
+        const double exponent = (double)r[SGSI_PROJECTED_LOG_OPACITY] - n2 / g,
+                     t = (double)r[SGSI_PROJECTED_DISTANCE] * row[2] / g;
         if (!(exponent >= -(double)SGSI_LOG2_255 && t > near_distance))
             continue;
         if (count == capacity) {
@@ -353,7 +353,7 @@ static sgs_status sample_rays(profile_job *job)
         status = sgsi_tracer_project(tracer, job->model, &job->view, NULL, NULL);
     if (sampling && !status) {
         sampling->profile = job;
-        sampling->records = sgsi_tracer_records(tracer);
+        sampling->projected = sgsi_tracer_projected(tracer);
         sgsi_parallel_for((size_t)samples, 1, follow_ray, sampling);
         double rays = 0;
         for (int i = 0; i < samples; ++i) {
@@ -398,7 +398,7 @@ static sgs_status prepare(profile_job *job, const sgs_camera *camera, const sgs_
     sgs_profile *out = job->out;
     sgs_status status = check_options(job->options);
     if (!status)
-        status = sgsi_rays_create(camera, sgsi_bin_tiles(camera), &job->rays);
+        status = sgsi_rays_create(camera, sgsi_macrotile_side(camera), &job->rays);
     if (status)
         return status;
     sgsi_view_set(&job->view, job->rays, pose, &job->options->render);
@@ -412,13 +412,13 @@ static sgs_status prepare(profile_job *job, const sgs_camera *camera, const sgs_
     const size_t stride = ((size_t)out->width + 15) / 16 * 16, plane = stride * (size_t)out->height;
     job->block = sgsi_calloc(5 * plane, sizeof(float));
     job->costs = sgsi_calloc(tiles, sizeof *job->costs);
-    job->guesses = sgsi_calloc(tiles, sizeof *job->guesses);
+    job->depth_bounds = sgsi_calloc(tiles, sizeof *job->depth_bounds);
     out->pixel_hits = sgsi_calloc(2 * pixels + 3 * tiles, sizeof(float)); // all maps in one block
-    if (!job->block || !job->costs || !job->guesses || !out->pixel_hits)
+    if (!job->block || !job->costs || !job->depth_bounds || !out->pixel_hits)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the profile of %dx%d pixels",
                          out->width, out->height);
-    out->pixel_elements = out->pixel_hits + pixels;
-    out->tile_candidates = out->pixel_elements + pixels;
+    out->pixel_block_hits = out->pixel_hits + pixels;
+    out->tile_candidates = out->pixel_block_hits + pixels;
     out->tile_evaluations = out->tile_candidates + tiles;
     out->tile_seconds = out->tile_evaluations + tiles;
     job->planes = (sgsi_planes){.width = out->width,
@@ -447,7 +447,7 @@ sgs_status sgs_profile_view(const sgs_gaussians *model, const sgs_camera *camera
     sgsi_rays_destroy(job.rays);
     sgsi_free(job.block);
     sgsi_free(job.costs);
-    sgsi_free(job.guesses);
+    sgsi_free(job.depth_bounds);
     if (status)
         sgs_profile_destroy(job.out);
     else

@@ -5,22 +5,23 @@
 // above 0 ("rest") and for everything else ("main"). A row steps when any iteration since the last
 // step of its group saw it.
 
-typedef struct pending_group {
+typedef struct accumulate_group {
     const sgsi_optimize *input;
     size_t base; // of the block in the model layout
     vm rows;     // rows with a usable gradient in this iteration
     bool steps;
     adam16 adam; // its rows: those seen since the last step
-} pending_group;
+} accumulate_group;
 
-static inline pending_group open_group(const sgsi_optimize *input, size_t block, vm rows, bool rest)
+static inline accumulate_group open_group(const sgsi_optimize *input, size_t block, vm rows,
+                                          bool rest)
 {
-    uint16_t *seen = &input->pending_rows[2 * block + rest];
+    uint16_t *seen = &input->accumulated_rows[2 * block + rest];
     *seen |= (uint16_t)vm_bits(rows);
-    pending_group group = {.input = input,
-                           .base = block * SGS_PARAM_COUNT * 16,
-                           .rows = rows,
-                           .steps = rest ? input->step_rest : input->step_main};
+    accumulate_group group = {.input = input,
+                              .base = block * SGS_PARAM_COUNT * 16,
+                              .rows = rows,
+                              .steps = rest ? input->step_rest : input->step_main};
     group.adam = (adam16){vf_set1(input->beta1),
                           vf_set1(input->beta2),
                           vf_set1(1.0f - input->beta1),
@@ -34,35 +35,36 @@ static inline pending_group open_group(const sgsi_optimize *input, size_t block,
     return group;
 }
 
-static inline void add_pending(const pending_group *group, int k, vf gradient, float rate)
+static inline void accumulate(const accumulate_group *group, int k, vf gradient, float rate)
 {
     const size_t at = group->base + 16 * (size_t)k;
-    const vf sum = vf_add(vf_load(group->input->pending + at), vf_keep(group->rows, gradient));
-    vf_store(group->input->pending + at, group->steps ? vf_zero() : sum);
+    const vf sum =
+        vf_add(vf_load(group->input->accumulated_grad + at), vf_keep(group->rows, gradient));
+    vf_store(group->input->accumulated_grad + at, group->steps ? vf_zero() : sum);
     if (group->steps)
         adam_step(&group->adam, group->input->params + at, group->input->m + at,
                   group->input->v + at, sum, rate);
 }
 
-static inline void step_pending(const sgsi_optimize *input, size_t block, vm rows,
-                                const gradient16 *d)
+static inline void step_accumulated(const sgsi_optimize *input, size_t block, vm rows,
+                                    const gradient16 *d)
 {
-    const pending_group rest = open_group(input, block, rows, true),
-                        main = open_group(input, block, rows, false);
+    const accumulate_group rest = open_group(input, block, rows, true),
+                           main = open_group(input, block, rows, false);
     for (int k = 0; k < 3; ++k)
-        add_pending(&main, SGS_PARAM_MEAN + k, d->mean[k], input->rate_mean);
+        accumulate(&main, SGS_PARAM_MEAN + k, d->mean[k], input->lr_mean);
     for (int k = 0; k < 4; ++k)
-        add_pending(&main, SGS_PARAM_ROTATION + k, d->rotation[k], input->rate_rotation);
+        accumulate(&main, SGS_PARAM_ROTATION + k, d->rotation[k], input->lr_rotation);
     for (int k = 0; k < 3; ++k)
-        add_pending(&main, SGS_PARAM_SCALE + k, d->scale[k], input->rate_scale);
-    add_pending(&main, SGS_PARAM_OPACITY, d->opacity, input->rate_opacity);
+        accumulate(&main, SGS_PARAM_SCALE + k, d->scale[k], input->lr_scale);
+    accumulate(&main, SGS_PARAM_OPACITY, d->opacity, input->lr_opacity);
     for (int c = 0; c < 3; ++c)
-        add_pending(&main, SGS_PARAM_SH_DC + c, vf_mul(vf_set1(0.28209479177387814f), d->color[c]),
-                    input->rate_dc);
+        accumulate(&main, SGS_PARAM_SH_DC + c, vf_mul(vf_set1(0.28209479177387814f), d->color[c]),
+                   input->lr_dc);
     vf basis[15];
     const int count = sh_basis(d->direction, input->view.sh_degree, basis);
     for (int k = 0; k < count; ++k)
         for (int c = 0; c < 3; ++c)
-            add_pending(&rest, SGS_PARAM_SH_REST + 3 * k + c, vf_mul(basis[k], d->color[c]),
-                        input->rate_rest);
+            accumulate(&rest, SGS_PARAM_SH_REST + 3 * k + c, vf_mul(basis[k], d->color[c]),
+                       input->lr_rest);
 }

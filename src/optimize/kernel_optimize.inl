@@ -76,16 +76,16 @@ static inline void chain_shape(const gaussian16 *g, const vf sums[16], bool mip,
     const float inv_h = 1.0f / SGSI_HALF_LOG2E, inv_root = 1.1774100225154747f; // 1 / sqrt(h)
     const vf half = vf_set1(-0.5f);
     // W and f in the frame q1, q2, q3.
-    const vf xx = vf_mul(vf_mul(sums[SGSI_SUM_VAA], vf_set1(inv_h)), half),
-             xy = vf_mul(vf_mul(sums[SGSI_SUM_VAB], vf_set1(inv_h)), half);
-    const vf yy = vf_mul(vf_mul(sums[SGSI_SUM_VBB], vf_set1(inv_h)), half);
+    const vf xx = vf_mul(vf_mul(sums[SGSI_GRAD_SUM_VAA], vf_set1(inv_h)), half),
+             xy = vf_mul(vf_mul(sums[SGSI_GRAD_SUM_VAB], vf_set1(inv_h)), half);
+    const vf yy = vf_mul(vf_mul(sums[SGSI_GRAD_SUM_VBB], vf_set1(inv_h)), half);
     const vf third = vf_mul(inv_ph, vf_set1(-inv_root));
-    const vf xz = vf_mul(vf_mul(sums[SGSI_SUM_VAE], third), half),
-             yz = vf_mul(vf_mul(sums[SGSI_SUM_VBE], third), half);
-    const vf zz = vf_mul(vf_mul(sums[SGSI_SUM_VEE], vf_mul(inv_ph, inv_ph)), half);
-    const vf fx = vf_mul(sums[SGSI_SUM_VA], vf_set1(-inv_root)),
-             fy = vf_mul(sums[SGSI_SUM_VB], vf_set1(-inv_root));
-    const vf fz = vf_mul(sums[SGSI_SUM_VE], inv_ph);
+    const vf xz = vf_mul(vf_mul(sums[SGSI_GRAD_SUM_VAE], third), half),
+             yz = vf_mul(vf_mul(sums[SGSI_GRAD_SUM_VBE], third), half);
+    const vf zz = vf_mul(vf_mul(sums[SGSI_GRAD_SUM_VEE], vf_mul(inv_ph, inv_ph)), half);
+    const vf fx = vf_mul(sums[SGSI_GRAD_SUM_VA], vf_set1(-inv_root)),
+             fy = vf_mul(sums[SGSI_GRAD_SUM_VB], vf_set1(-inv_root));
+    const vf fz = vf_mul(sums[SGSI_GRAD_SUM_VE], inv_ph);
     // Into the primitive's axes: f = q1 fx + q2 fy + q3 fz, W = Q^T W Q.
     const vec3 f = add_scaled3(add_scaled3(scale3(g->q1, fx), g->q2, fy), g->q3, fz);
     const vec3 w1 =
@@ -105,7 +105,7 @@ static inline void chain_shape(const gaussian16 *g, const vf sums[16], bool mip,
                   vf_mul(vf_mul(minus2, pxz), vf_fms(s.z, inv.x, vf_mul(s.x, inv.z))),
                   vf_mul(vf_mul(minus2, pxy), vf_fms(s.x, inv.y, vf_mul(s.y, inv.x)))};
     if (mip)
-        chain_mip(g, sums[SGSI_SUM_V], &log_scale, &omega, out->scale, &out->sight);
+        chain_mip(g, sums[SGSI_GRAD_SUM_V], &log_scale, &omega, out->scale, &out->sight);
     const vf *q = g->quaternion;
     const vf two = vf_mul(vf_set1(2.0f), g->inv_norm), zero = vf_zero();
     out->rotation[0] = vf_mul(two, vf_sub(zero, dot3((vec3){q[1], q[2], q[3]}, omega)));
@@ -202,18 +202,18 @@ static inline void chain_rule(const sgsi_optimize *input, const float *p, const 
 {
     const vf one = vf_set1(1.0f);
     chain_shape(g, sums, input->view.mip, out);
-    out->opacity = vf_mul(sums[SGSI_SUM_V], vf_sub(one, g->opacity_stored));
+    out->opacity = vf_mul(sums[SGSI_GRAD_SUM_V], vf_sub(one, g->opacity_stored));
     if (input->view.linear_opacity) { // what was hit is not 0
         const vf x = vf_load(p + 16 * SGS_PARAM_OPACITY);
         const vm seen = vf_gt(vf_abs(x), vf_set1(1e-6f));
-        out->opacity = vf_keep(seen, vf_div(sums[SGSI_SUM_V], vf_select(seen, x, one)));
+        out->opacity = vf_keep(seen, vf_div(sums[SGSI_GRAD_SUM_V], vf_select(seen, x, one)));
     }
     const vf inv_distance = vf_div(one, g->distance);
     out->direction = scale3(g->delta_world, inv_distance);
     vf color[3];
     sh_colors(p, out->direction, input->view.sh_degree, color);
     for (int c = 0; c < 3; ++c)
-        out->color[c] = vf_keep(vf_gt(color[c], vf_zero()), sums[SGSI_SUM_COLOR + c]);
+        out->color[c] = vf_keep(vf_gt(color[c], vf_zero()), sums[SGSI_GRAD_SUM_COLOR + c]);
     // The mean: footprint, filter through the depth, SH direction.
     const vf through_depth = vf_mul(vf_mul(out->mean[0], vf_set1(input->view.dilation)), g->depth);
     vec3 camera = out->transverse;
@@ -253,16 +253,15 @@ static inline vf transverse_norm(const sgsi_optimize *input, const gaussian16 *g
 
 // The same from sums of absolute values over pixels. What the sums leave out: 1 / (h |delta|), and
 // the way to NDC units.
-static inline vf absolute_gradient(const sgsi_optimize *input, const gaussian16 *g,
-                                   const vf sums[16])
+static inline vf abs_grad_value(const sgsi_optimize *input, const gaussian16 *g, const vf sums[16])
 {
     const bool fisheye = input->view.rays->fisheye;
     const vf unit = vf_div(
         vf_mul(fisheye ? g->distance : g->delta.z, vf_set1(1.0f / SGSI_HALF_LOG2E)), g->distance);
-    const vf x = vf_mul(vf_mul(sums[SGSI_SUM_ABSOLUTE], unit), vf_set1(input->tan_half_x));
-    const vf y = vf_mul(vf_mul(sums[SGSI_SUM_ABSOLUTE + 1], unit),
+    const vf x = vf_mul(vf_mul(sums[SGSI_GRAD_SUM_ABS], unit), vf_set1(input->tan_half_x));
+    const vf y = vf_mul(vf_mul(sums[SGSI_GRAD_SUM_ABS + 1], unit),
                         vf_set1(fisheye ? input->tan_half_x : input->tan_half_y));
-    const vf total = input->absolute_norm ? vf_sqrt(vf_fma(x, x, vf_mul(y, y))) : vf_add(x, y);
+    const vf total = input->abs_grad_norm ? vf_sqrt(vf_fma(x, x, vf_mul(y, y))) : vf_add(x, y);
     return fisheye ? total : vf_keep(vf_gt(g->delta.z, vf_set1(input->view.near_distance)), total);
 }
 
@@ -299,21 +298,20 @@ static inline void step_block(const sgsi_optimize *input, size_t block, vm rows,
     adam_step(&adam, p + 16 * (k), m + 16 * (k), v + 16 * (k), gradient, rate)
     // In the order of the memory: the processor's prefetchers lose streams that jump back.
     for (int k = 0; k < 3; ++k)
-        SGSI_STEP(SGS_PARAM_MEAN + k, d->mean[k], input->rate_mean);
+        SGSI_STEP(SGS_PARAM_MEAN + k, d->mean[k], input->lr_mean);
     for (int k = 0; k < 4; ++k)
-        SGSI_STEP(SGS_PARAM_ROTATION + k, d->rotation[k], input->rate_rotation);
+        SGSI_STEP(SGS_PARAM_ROTATION + k, d->rotation[k], input->lr_rotation);
     for (int k = 0; k < 3; ++k)
-        SGSI_STEP(SGS_PARAM_SCALE + k, d->scale[k], input->rate_scale);
-    SGSI_STEP(SGS_PARAM_OPACITY, d->opacity, input->rate_opacity);
+        SGSI_STEP(SGS_PARAM_SCALE + k, d->scale[k], input->lr_scale);
+    SGSI_STEP(SGS_PARAM_OPACITY, d->opacity, input->lr_opacity);
     for (int c = 0; c < 3; ++c)
         SGSI_STEP(SGS_PARAM_SH_DC + c, vf_mul(vf_set1(0.28209479177387814f), d->color[c]),
-                  input->rate_dc);
+                  input->lr_dc);
     vf basis[15];
     const int count = sh_basis(d->direction, input->view.sh_degree, basis);
     for (int k = 0; k < count; ++k)
         for (int c = 0; c < 3; ++c)
-            SGSI_STEP(SGS_PARAM_SH_REST + 3 * k + c, vf_mul(basis[k], d->color[c]),
-                      input->rate_rest);
+            SGSI_STEP(SGS_PARAM_SH_REST + 3 * k + c, vf_mul(basis[k], d->color[c]), input->lr_rest);
 #undef SGSI_STEP
 }
 
@@ -356,8 +354,8 @@ size_t SGSI_KERNEL(sgsi_optimize_blocks)(const sgsi_optimize *input, size_t begi
     size_t broken = 0;
     for (size_t block = begin; block < end; ++block) {
         const unsigned visible = input->visible ? input->visible[block] : 0;
-        const bool waits = input->pending &&
-                           (input->pending_rows[2 * block] || input->pending_rows[2 * block + 1]);
+        const bool waits = input->accumulated_grad && (input->accumulated_rows[2 * block] ||
+                                                       input->accumulated_rows[2 * block + 1]);
         if (!input->touched[block] && !input->dense && !input->gradients &&
             !(visible && input->apply) && !waits)
             continue;
@@ -366,7 +364,7 @@ size_t SGSI_KERNEL(sgsi_optimize_blocks)(const sgsi_optimize *input, size_t begi
         vf sums[16];
         for (int i = 0; i < 16; ++i)
             sums[i] = input->touched[block]
-                          ? vf_load(input->sums + (16 * block + (size_t)i) * SGSI_RECORD)
+                          ? vf_load(input->sums + (16 * block + (size_t)i) * SGSI_PROJECTED_FLOATS)
                           : vf_zero();
         vf_transpose16(sums);
         const float *p = input->params + block * SGS_PARAM_COUNT * 16;
@@ -379,21 +377,21 @@ size_t SGSI_KERNEL(sgsi_optimize_blocks)(const sgsi_optimize *input, size_t begi
             continue;
         }
         const vm finite = finite_rows(&d);
-        const vm seen = vm_and(vf_gt(sums[SGSI_SUM_WEIGHT], vf_zero()), present);
+        const vm seen = vm_and(vf_gt(sums[SGSI_GRAD_SUM_WEIGHT], vf_zero()), present);
         broken += (size_t)__builtin_popcount(vm_bits(vm_andnot(seen, finite)));
         if (input->gradient_sum) {
             float *sum = input->gradient_sum + 16 * block;
             vf_store(sum, vf_add(vf_load(sum),
                                  vf_keep(vm_and(seen, finite), transverse_norm(input, &g, &d))));
         }
-        if (input->absolute_sum) {
-            float *sum = input->absolute_sum + 16 * block;
-            vf_store(sum, vf_add(vf_load(sum), vf_keep(vm_and(seen, finite),
-                                                       absolute_gradient(input, &g, sums))));
+        if (input->abs_grad_sum) {
+            float *sum = input->abs_grad_sum + 16 * block;
+            vf_store(sum, vf_add(vf_load(sum),
+                                 vf_keep(vm_and(seen, finite), abs_grad_value(input, &g, sums))));
         }
         const vm sparse = vm_and(vm_or(seen, vm_from_bits(visible)), present);
-        if (input->apply && input->pending)
-            step_pending(input, block, vm_and(finite, input->dense ? present : sparse), &d);
+        if (input->apply && input->accumulated_grad)
+            step_accumulated(input, block, vm_and(finite, input->dense ? present : sparse), &d);
         else if (input->apply)
             step_block(input, block, vm_and(finite, input->dense ? present : sparse), &d);
     }

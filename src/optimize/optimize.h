@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// The optimiser step: from the gradient sums of a view to the gradients of the stored parameters and
-// through Adam, fused, compiled once per instruction set from kernel_optimize.inl.
+// The optimiser step: from the gradient sums of a view to the gradients of the stored parameters
+// and through Adam, fused, compiled once per instruction set from kernel_optimize.inl.
 
 #include "trace/trace.h"
 
@@ -17,17 +17,17 @@ typedef struct sgsi_optimize {
                              // those hit; may be NULL
     bool dense;              // update every row
     bool apply; // false: statistics only (3DGS makes no step on densification iterations)
-    float rate_mean, rate_rotation, rate_scale, rate_opacity, rate_dc, rate_rest;
+    float lr_mean, lr_rotation, lr_scale, lr_opacity, lr_dc, lr_rest;
     float beta1, beta2, epsilon;
     float correction1,
         correction2;     // 1 / (1 - beta1^t), 1 / sqrt(1 - beta2^t); 1 without bias correction
     float *gradient_sum; // a_i, or NULL
-    float *absolute_sum; // the same from SGSI_SUM_ABSOLUTE, or NULL
-    bool absolute_norm;  // the 2-norm over both axes instead of the sum
+    float *abs_grad_sum; // the same from SGSI_GRAD_SUM_ABS, or NULL
+    bool abs_grad_norm;  // the 2-norm over both axes instead of the sum
     float tan_half_x, tan_half_y;
-    // Gradients that add up before a step; pending is NULL where every iteration steps.
-    float *pending;         // model layout
-    uint16_t *pending_rows; // [capacity / 16][2]: rows seen since the last step of main, rest
+    // Gradients that add up before a step; accumulated_grad is NULL where every iteration steps.
+    float *accumulated_grad;    // model layout
+    uint16_t *accumulated_rows; // [capacity / 16][2]: rows seen since the last step of main, rest
     bool step_main, step_rest;
     float rest_correction1, rest_correction2;
     float *gradients; // [capacity][59] in model layout, or NULL: writes dL/dparameter instead of

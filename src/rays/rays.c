@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Ray tables. Every pixel's direction comes from sgs_camera_unproject, so any central camera works;
-// a bin of tiles writes its directions on the tangent plane through its own centre, where
+// a macrotile of tiles writes its directions on the tangent plane through its own centre, where
 // neighbouring pixels differ by small, exactly spaced numbers whatever the lens.
 
 #include "rays/rays.h"
@@ -167,24 +167,25 @@ static bool fill_tile(const direction_map *map, sgsi_tile_rays *tile, float leas
     return complete;
 }
 
-// The tiles of all bins of bin_tiles x bin_tiles. False when one sees too much for its frame: a
-// tile more than its tangent plane can hold, a larger bin more than 60 degrees to a side, where
-// rectangles of (u, v) tell little.
-static bool fill_tiles(sgsi_rays *rays, const direction_map *map, int bin_tiles)
+// The tiles of all macrotiles of macrotile_side x macrotile_side. False when one sees too much for
+// its frame: a tile more than its tangent plane can hold, a larger macrotile more than 60 degrees
+// to a side, where rectangles of (u, v) tell little.
+static bool fill_tiles(sgsi_rays *rays, const direction_map *map, int macrotile_side)
 {
-    const float least = bin_tiles > 1 ? 0.5f : 0.05f;
+    const float least = macrotile_side > 1 ? 0.5f : 0.05f;
     for (int y = 0; y < rays->tiles_y; ++y)
         for (int x = 0; x < rays->tiles_x; ++x) {
             sgsi_tile_rays *tile = &rays->tiles[y * rays->tiles_x + x];
             tile->x = x * SGSI_TILE;
             tile->y = y * SGSI_TILE;
-            const int corner_x = x % bin_tiles, corner_y = y % bin_tiles; // of the tile in its bin
+            const int corner_x = x % macrotile_side,
+                      corner_y = y % macrotile_side; // of the tile in its macrotile
             if (corner_x || corner_y) {
                 const sgsi_tile_rays *first = tile - corner_y * rays->tiles_x - corner_x;
                 memcpy(tile->frame, first->frame, sizeof tile->frame);
             } else {
                 memset(tile->frame, 0, sizeof tile->frame);
-                if (sum_directions(map, tile->x, tile->y, bin_tiles * SGSI_TILE, tile->frame))
+                if (sum_directions(map, tile->x, tile->y, macrotile_side * SGSI_TILE, tile->frame))
                     normalize(tile->frame);
                 else
                     tile->frame[2] = 1.0f;
@@ -204,25 +205,26 @@ static float cone_tangent(float versine)
     return sqrtf(widened * (2.0f - widened)) / (1.0f - widened);
 }
 
-static void fill_bin(sgsi_rays *rays, const direction_map *map, int bin)
+static void fill_macrotile(sgsi_rays *rays, const direction_map *map, int macrotile)
 {
-    const int size = rays->bin_tiles * SGSI_TILE, step = size / 4;
-    const int x0 = bin % rays->bins_x * size, y0 = bin / rays->bins_x * size;
-    rays->bin_valid[bin] = 0;
+    const int size = rays->macrotile_side * SGSI_TILE, step = size / 4;
+    const int x0 = macrotile % rays->macrotiles_x * size,
+              y0 = macrotile / rays->macrotiles_x * size;
+    rays->macrotile_valid[macrotile] = 0;
     for (int i = 0; i < 16; ++i) {
         const int x = x0 + i % 4 * step, y = y0 + i / 4 * step;
         float direction[3];
         if (!sum_directions(map, x, y, step, direction)) {
             for (int k = 0; k < 3; ++k)
-                rays->bin_directions[bin][k][i] = k == 2 ? 1.0f : 0.0f;
+                rays->macrotile_directions[macrotile][k][i] = k == 2 ? 1.0f : 0.0f;
             continue;
         }
         if (!(dot(direction, direction) > 1e-6f)) // rays all around: any axis will do
             direction[2] = 1.0f;
         normalize(direction);
-        rays->bin_valid[bin] |= 1u << i;
+        rays->macrotile_valid[macrotile] |= 1u << i;
         for (int k = 0; k < 3; ++k)
-            rays->bin_directions[bin][k][i] = direction[k];
+            rays->macrotile_directions[macrotile][k][i] = direction[k];
         rays->tan_cone =
             fmaxf(rays->tan_cone, cone_tangent(widest_versine(map, x, y, step, step, direction)));
     }
@@ -231,11 +233,11 @@ static void fill_bin(sgsi_rays *rays, const direction_map *map, int bin)
 static void fill_image_cone(sgsi_rays *rays, const direction_map *map)
 {
     float axis[3] = {0.0f, 0.0f, 0.0f};
-    for (int bin = 0; bin < rays->bins_x * rays->bins_y; ++bin)
+    for (int macrotile = 0; macrotile < rays->macrotiles_x * rays->macrotiles_y; ++macrotile)
         for (int i = 0; i < 16; ++i)
             for (int k = 0; k < 3; ++k)
-                if (rays->bin_valid[bin] >> i & 1)
-                    axis[k] += rays->bin_directions[bin][k][i];
+                if (rays->macrotile_valid[macrotile] >> i & 1)
+                    axis[k] += rays->macrotile_directions[macrotile][k][i];
     if (!(dot(axis, axis) > 1e-6f))
         axis[2] = 1.0f;
     normalize(axis);
@@ -246,7 +248,7 @@ static void fill_image_cone(sgsi_rays *rays, const direction_map *map)
     rays->cone_sin = sqrtf(fmaxf(0.0f, 1.0f - rays->cone_cos * rays->cone_cos));
 }
 
-sgs_status sgsi_rays_create(const sgs_camera *camera, int bin_tiles, sgsi_rays **rays)
+sgs_status sgsi_rays_create(const sgs_camera *camera, int macrotile_side, sgsi_rays **rays)
 {
     *rays = NULL;
     const sgs_status status = sgs_camera_validate(camera);
@@ -269,10 +271,10 @@ sgs_status sgsi_rays_create(const sgs_camera *camera, int bin_tiles, sgsi_rays *
     if (!made->tiles)
         goto out_of_memory;
     sgsi_parallel_for((size_t)camera->height, 8, unproject_row, &map);
-    bin_tiles = bin_tiles < SGSI_BIN_SIDE ? bin_tiles : SGSI_BIN_SIDE;
-    while (bin_tiles && !fill_tiles(made, &map, bin_tiles))
-        bin_tiles /= 2;
-    if (!bin_tiles) {
+    macrotile_side = macrotile_side < SGSI_MACROTILE_SIDE ? macrotile_side : SGSI_MACROTILE_SIDE;
+    while (macrotile_side && !fill_tiles(made, &map, macrotile_side))
+        macrotile_side /= 2;
+    if (!macrotile_side) {
         sgsi_free(map.directions);
         sgsi_rays_destroy(made);
         return sgsi_fail(
@@ -280,17 +282,17 @@ sgs_status sgsi_rays_create(const sgs_camera *camera, int bin_tiles, sgsi_rays *
             "the %dx%d image is too small for its lens: %d pixels see more than 174 degrees",
             camera->width, camera->height, SGSI_TILE);
     }
-    const int bin = bin_tiles * SGSI_TILE;
-    made->bin_tiles = bin_tiles;
-    made->bins_x = (camera->width + bin - 1) / bin;
-    made->bins_y = (camera->height + bin - 1) / bin;
-    const size_t bin_count = (size_t)made->bins_x * (size_t)made->bins_y;
-    made->bin_directions = sgsi_calloc(bin_count, sizeof *made->bin_directions);
-    made->bin_valid = sgsi_calloc(bin_count, sizeof *made->bin_valid);
-    if (!made->bin_directions || !made->bin_valid)
+    const int macrotile = macrotile_side * SGSI_TILE;
+    made->macrotile_side = macrotile_side;
+    made->macrotiles_x = (camera->width + macrotile - 1) / macrotile;
+    made->macrotiles_y = (camera->height + macrotile - 1) / macrotile;
+    const size_t macrotile_count = (size_t)made->macrotiles_x * (size_t)made->macrotiles_y;
+    made->macrotile_directions = sgsi_calloc(macrotile_count, sizeof *made->macrotile_directions);
+    made->macrotile_valid = sgsi_calloc(macrotile_count, sizeof *made->macrotile_valid);
+    if (!made->macrotile_directions || !made->macrotile_valid)
         goto out_of_memory;
-    for (size_t i = 0; i < bin_count; ++i)
-        fill_bin(made, &map, (int)i);
+    for (size_t i = 0; i < macrotile_count; ++i)
+        fill_macrotile(made, &map, (int)i);
     fill_image_cone(made, &map);
     sgsi_free(map.directions);
     *rays = made;
@@ -308,21 +310,21 @@ void sgsi_rays_destroy(sgsi_rays *rays)
     if (!rays)
         return;
     sgsi_free(rays->tiles);
-    sgsi_free(rays->bin_directions);
-    sgsi_free(rays->bin_valid);
+    sgsi_free(rays->macrotile_directions);
+    sgsi_free(rays->macrotile_valid);
     sgsi_free(rays);
 }
 
-// Images of fewer bins than this are gathered tile by tile: threads would wait for the last bin. By
-// the image's size alone, so that results stay the same for any number of threads.
+// Images of fewer macrotiles than this are gathered tile by tile: threads would wait for the last
+// macrotile. By the image's size alone, so that results stay the same for any number of threads.
 enum { BIN_TILES = 2, FEW_BINS = 16 };
 
-int sgsi_bin_tiles(const sgs_camera *camera)
+int sgsi_macrotile_side(const sgs_camera *camera)
 {
-    const int bin = BIN_TILES * SGSI_TILE;
-    const long long bins =
-        (long long)((camera->width + bin - 1) / bin) * ((camera->height + bin - 1) / bin);
-    return bins < FEW_BINS ? 1 : BIN_TILES;
+    const int macrotile = BIN_TILES * SGSI_TILE;
+    const long long macrotiles = (long long)((camera->width + macrotile - 1) / macrotile) *
+                                 ((camera->height + macrotile - 1) / macrotile);
+    return macrotiles < FEW_BINS ? 1 : BIN_TILES;
 }
 
 enum { CACHE_SLOTS = 256 };
@@ -378,7 +380,7 @@ sgs_status sgsi_ray_cache_get(sgsi_ray_cache *cache, const sgs_camera *camera,
         }
         if (empty >= 0 && (oldest < 0 || cache->bytes + bytes <= cache->byte_limit)) {
             const sgs_status status =
-                sgsi_rays_create(camera, sgsi_bin_tiles(camera), &cache->slots[empty].rays);
+                sgsi_rays_create(camera, sgsi_macrotile_side(camera), &cache->slots[empty].rays);
             if (status)
                 return status;
             cache->slots[empty].bytes = bytes;

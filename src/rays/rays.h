@@ -12,9 +12,9 @@
 #include "sparegs/camera.h"
 
 enum {
-    SGSI_TILE = 16,   // pixels
-    SGSI_BLOCKS = 16, // blocks of 4x4 pixels per tile
-    SGSI_BIN_SIDE = 4 // tiles, at most
+    SGSI_TILE = 16,         // pixels
+    SGSI_BLOCKS = 16,       // blocks of 4x4 pixels per tile
+    SGSI_MACROTILE_SIDE = 4 // tiles, at most
 };
 
 // The rays of a 16x16-pixel tile, camera axes. Lane i of block b is pixel (4 (b % 4) + i % 4, 4 (b
@@ -27,9 +27,9 @@ typedef struct sgsi_tile_rays {
     float center_u, center_v, half_u, half_v; // of the tile's range of (u, v); half is -INFINITY
                                               // for a tile without rays
     float least_length;                       // least |d| of the tile's rays
-    float frame[9];                           // d0, e1, e2: orthonormal, the same in a whole bin
-    uint16_t valid[SGSI_BLOCKS];              // pixels inside the image with a ray
-    int x, y;                                 // upper left pixel
+    float frame[9];              // d0, e1, e2: orthonormal, the same in a whole macrotile
+    uint16_t valid[SGSI_BLOCKS]; // pixels inside the image with a ray
+    int x, y;                    // upper left pixel
 } sgsi_tile_rays;
 
 // Everything that depends on the camera's intrinsics only.
@@ -37,10 +37,11 @@ typedef struct sgsi_rays {
     sgs_camera camera;
     int tiles_x, tiles_y;
     sgsi_tile_rays *tiles; // [tiles_y][tiles_x], 64-byte aligned
-    int bin_tiles;         // tiles per bin side; a bin is gathered by one packet of 4x4 cone rays
-    int bins_x, bins_y;
-    float (*bin_directions)[3][16]; // camera axes, unit
-    uint32_t *bin_valid;
+    int macrotile_side;    // tiles per macrotile side; a macrotile is gathered by one packet of 4x4
+                           // cone rays
+    int macrotiles_x, macrotiles_y;
+    float (*macrotile_directions)[3][16]; // camera axes, unit
+    uint32_t *macrotile_valid;
     float tan_cone;                    // tangent of the widest cone ray's half angle
     float axis[3], cone_cos, cone_sin; // circumscribed cone of the whole image
     float focal, fx, fy, cx, cy;
@@ -63,22 +64,23 @@ typedef struct sgsi_view {
                          // Bounds hold the whole: the tile alone decides
 } sgsi_view;
 
-// bin_tiles: tiles per side of a gather bin (1, 2, 4; more count as 4). In an image with a bin that
-// would see too much for one tangent plane all bins have fewer. On failure *rays is NULL.
-sgs_status sgsi_rays_create(const sgs_camera *camera, int bin_tiles, sgsi_rays **rays);
+// macrotile_side: tiles per side of a gather macrotile (1, 2, 4; more count as 4). In an image with
+// a macrotile that would see too much for one tangent plane all macrotiles have fewer. On failure
+// *rays is NULL.
+sgs_status sgsi_rays_create(const sgs_camera *camera, int macrotile_side, sgsi_rays **rays);
 void sgsi_rays_destroy(sgsi_rays *rays); // accepts NULL
 
-// The number in rays->tiles of tile k (< bin_tiles^2) of a bin; -1 where that lies beyond the
-// image.
-static inline int sgsi_bin_tile(const sgsi_rays *rays, int bin, int k)
+// The number in rays->tiles of tile k (< macrotile_side^2) of a macrotile; -1 where that lies
+// beyond the image.
+static inline int sgsi_macrotile_tile(const sgsi_rays *rays, int macrotile, int k)
 {
-    const int x = bin % rays->bins_x * rays->bin_tiles + k % rays->bin_tiles;
-    const int y = bin / rays->bins_x * rays->bin_tiles + k / rays->bin_tiles;
+    const int x = macrotile % rays->macrotiles_x * rays->macrotile_side + k % rays->macrotile_side;
+    const int y = macrotile / rays->macrotiles_x * rays->macrotile_side + k / rays->macrotile_side;
     return x < rays->tiles_x && y < rays->tiles_y ? y * rays->tiles_x + x : -1;
 }
 
-// The bin_tiles that suit a camera's image, the same for any number of threads.
-int sgsi_bin_tiles(const sgs_camera *camera);
+// The macrotile_side that suit a camera's image, the same for any number of threads.
+int sgsi_macrotile_side(const sgs_camera *camera);
 
 // Ray tables by camera, least recently used first out. One user thread at a time.
 typedef struct sgsi_ray_cache sgsi_ray_cache;

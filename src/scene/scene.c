@@ -51,7 +51,7 @@ typedef struct slot {
 // The pixels that a lens has rays for. Views mostly share one.
 typedef struct lens_mask {
     sgs_camera camera;
-    uint16_t *keep; // NULL = all
+    uint16_t *valid_mask; // NULL = all
 } lens_mask;
 
 typedef struct loader {
@@ -194,8 +194,8 @@ static sgsi_photo_source source_of(const loader *l, size_t i)
                                .alpha = l->options->alpha,
                                .colorspace = l->limited ? l->colorspace : l->options->colorspace,
                                .space = l->options->space,
-                               .white = l->scene->white,
-                               .lens = l->lenses[s->lens].keep};
+                               .white_point = l->scene->white_point,
+                               .lens = l->lenses[s->lens].valid_mask};
 }
 
 static void load_view(void *context, size_t i, int thread)
@@ -223,7 +223,7 @@ static sgs_status find_lens(loader *l, size_t i)
     if (k == 0) {
         k = ++l->lens_count;
         l->lenses[k - 1].camera = *camera;
-        const sgs_status status = sgsi_mask_of_lens(camera, &l->lenses[k - 1].keep);
+        const sgs_status status = sgsi_mask_of_lens(camera, &l->lenses[k - 1].valid_mask);
         if (status)
             return status;
     }
@@ -253,10 +253,10 @@ static sgs_status measure_white(loader *l)
 {
     light_job job = {.loader = l};
     size_t linear = 0, taken = 0, seen = 0;
-    l->scene->white = l->options->white > 0 ? l->options->white : 1;
+    l->scene->white_point = l->options->white_point > 0 ? l->options->white_point : 1;
     for (size_t i = 0; i < l->scene->view_count; ++i)
         linear += l->slots[i].linear;
-    if (l->options->white > 0 || !linear || !l->options->load_images)
+    if (l->options->white_point > 0 || !linear || !l->options->load_images)
         return SGS_STATUS_OK;
     const size_t step = (linear + WHITE_VIEWS - 1) / WHITE_VIEWS;
     for (size_t i = 0; i < l->scene->view_count; ++i)
@@ -269,7 +269,7 @@ static sgs_status measure_white(loader *l)
     for (size_t i = 1; i < taken; ++i)
         for (size_t k = 0; k < SGSI_LIGHT_BINS; ++k)
             job.lights[0].bins[k] += job.lights[i].bins[k];
-    l->scene->white = sgsi_light_quantile(&job.lights[0], 0.99);
+    l->scene->white_point = sgsi_light_quantile(&job.lights[0], 0.99);
     sgsi_free(job.lights);
     return SGS_STATUS_OK;
 }
@@ -320,8 +320,8 @@ static sgs_status open_store(loader *l)
     if (!planes)
         return sgsi_scene_no_memory(l->scene->path);
     for (size_t i = 0; i < l->lens_count; ++i) {
-        planes[i] = l->lenses[i].keep;
-        l->lenses[i].keep = NULL;
+        planes[i] = l->lenses[i].valid_mask;
+        l->lenses[i].valid_mask = NULL;
     }
     char *colorspace = l->colorspace;
     l->colorspace = NULL;
@@ -585,7 +585,7 @@ static sgs_status load(loader *l)
         return status;
     scene->format = l->dataset.format;
     scene->space = l->options->space;
-    scene->white = 1;
+    scene->white_point = 1;
     scene->point_count = l->dataset.point_count;
     scene->points = l->dataset.points;
     scene->colors = l->dataset.colors;
@@ -632,7 +632,7 @@ sgs_status sgs_scene_load(const char *path, const sgs_scene_options *options, sg
     sgsi_free(l.bytes);
     sgsi_free(l.colorspace);
     for (size_t i = 0; i < l.lens_count; ++i)
-        sgsi_free(l.lenses[i].keep);
+        sgsi_free(l.lenses[i].valid_mask);
     sgsi_free(l.lenses);
     sgsi_dataset_free(&l.dataset);
     sgsi_roots_free(&l.roots);

@@ -60,7 +60,7 @@ sgs_status sgs_scene_photo(const sgs_scene *scene, size_t index, const sgs_photo
     return SGS_STATUS_OK;
 }
 
-void sgs_scene_expect(const sgs_scene *scene, size_t index)
+void sgs_scene_prefetch(const sgs_scene *scene, size_t index)
 {
     if (scene->store)
         sgsi_photo_cache_expect(scene->store->cache, index);

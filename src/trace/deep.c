@@ -117,7 +117,7 @@ static sgs_deep_sample merge(const sgsi_block_hits *hits, int lane, const uint64
     for (size_t k = 0; k < count; ++k) {
         const size_t i = (uint32_t)run[k];
         const float *shade =
-            hits->records + SGSI_RECORD * (size_t)hits->order[i] + SGSI_RECORD_COLOR;
+            hits->projected + SGSI_PROJECTED_FLOATS * (size_t)hits->order[i] + SGSI_PROJECTED_COLOR;
         const double through = (double)hits->transmittance[16 * i + (size_t)lane];
         const double w = through * (double)hits->alpha[16 * i + (size_t)lane];
         front = through > front

@@ -56,7 +56,7 @@ static inline block_sums sum_block(const sgsi_scratch *s, const uint32_t *order,
     return sums;
 }
 
-// Direction of the block's rays in camera axes, on the bin's tangent plane.
+// Direction of the block's rays in camera axes, on the macrotile's tangent plane.
 static inline vec3 block_direction(const float frame[9], const block_rays *block)
 {
     vf d[3];
@@ -97,7 +97,7 @@ static void show_block(const sgsi_scratch *s, const sgsi_tile_target *target, in
                             .transmittance = el.transmittance,
                             .t = el.t,
                             .order = s->order + (size_t)b * s->capacity,
-                            .records = s->tile_records,
+                            .projected = s->tile_projected,
                             .transmittance_min = TRANSMITTANCE_MIN,
                             .spare = s->sort_spare};
     vf_store_u(hits.unit, unit);

@@ -166,7 +166,7 @@ static inline void order_within(const block_elements *el, ptrdiff_t first, const
 // an element lies in front of one of those groups.
 // The factors of a T multiply in the order of the list, (((prefix f_j) f_j+1) ...), over the
 // elements in front and nothing else: so an element that hides nothing changes no bit wherever it
-// stands, and depth guesses may leave it out.
+// stands, and depth depth_bounds may leave it out.
 static inline bool order_group(const block_elements *el, uint32_t g, vf *prefix, vf *t_last)
 {
     const ptrdiff_t first = (ptrdiff_t)g * GROUP;
@@ -233,7 +233,7 @@ static inline uint32_t order_back(const block_elements *el, uint32_t g)
 
 // Drops from order[begin..count) what cannot lie in front of distance `stop` (units of |d|) in this
 // block. Returns the new count. Not inline: the loop that evaluates wants its registers.
-static __attribute__((noinline)) uint32_t drop_hidden(const float *records,
+static __attribute__((noinline)) uint32_t drop_hidden(const float *projected,
                                                       const sgsi_tile_rays *rays, int b, float stop,
                                                       uint32_t *order, uint32_t begin,
                                                       uint32_t count)
@@ -243,7 +243,7 @@ static __attribute__((noinline)) uint32_t drop_hidden(const float *records,
     uint32_t kept = begin;
     for (uint32_t i = begin; i < count; ++i) {
         const uint32_t index = order[i];
-        const float *r = records + 16 * (size_t)index;
+        const float *r = projected + 16 * (size_t)index;
         const float c_max =
             r[6] + r[7] * u + r[8] * v + fabsf(r[7]) * half_u + fabsf(r[8]) * half_v;
         order[kept] = index;
@@ -272,14 +272,14 @@ enum { CHUNK = 32 };
 // evaluated. The lists of the backward pass were chosen already (`may_drop`).
 //
 // Nothing here branches on what is hit or on what is swapped, but at the end of a chunk: the
-// processor would guess wrong, and lose all it has begun of the elements behind.
+// processor would depth_bound wrong, and lose all it has begun of the elements behind.
 static inline uint32_t evaluate_block(sgsi_scratch *s, const sgsi_tile_rays *rays, int b,
                                       const block_rays *block, uint32_t *restrict order,
                                       uint32_t count, bool may_drop, bool keep_responses,
                                       uint64_t *evaluations)
 {
     const block_elements el = open_elements(s);
-    const float *restrict records = s->tile_records;
+    const float *restrict projected = s->tile_projected;
     const block_rays lanes = *block; // a copy that no store can change stays in registers
     const vf open = vf_set1(INFINITY);
     vf prefix = vf_set1(1.0f), t_last = vf_set1(-INFINITY), far = open;
@@ -290,11 +290,11 @@ static inline uint32_t evaluate_block(sgsi_scratch *s, const sgsi_tile_rays *ray
         const uint32_t end = count - i < CHUNK ? count : i + CHUNK;
         // An element's slopes are on the way while the response of the one before is made: the
         // chain from the record to the response is too long for the processor to look beyond it.
-        const float *r = records + 16 * (size_t)order[i];
+        const float *r = projected + 16 * (size_t)order[i];
         slopes met = meet(r, &lanes);
         for (; i < end; ++i) {
             const uint32_t index = order[i];
-            const float *next = records + 16 * (size_t)order[i + 1 < end ? i + 1 : i];
+            const float *next = projected + 16 * (size_t)order[i + 1 < end ? i + 1 : i];
             const slopes meets = meet(next, &lanes);
             const response x = respond(r, &met, &lanes, far);
             put_element(&el, kept, x.exponent, x.t);
@@ -314,7 +314,7 @@ static inline uint32_t evaluate_block(sgsi_scratch *s, const sgsi_tile_rays *ray
         if (vm_any(closes)) {
             far = vf_select(closes, t_last, far);
             if (may_drop && !vm_any(vm_and(block->valid, vf_ge(far, open))))
-                count = drop_hidden(records, rays, b, largest_lane(vf_keep(block->valid, far)),
+                count = drop_hidden(projected, rays, b, largest_lane(vf_keep(block->valid, far)),
                                     order, i, count);
         }
     }
@@ -381,7 +381,7 @@ blend_block(const sgsi_scratch *s, uint32_t *restrict order, uint32_t count, uin
     uint32_t kept = 0;
     for (uint32_t i = 0; i < count; ++i) {
         const uint32_t index = order[i];
-        const float *r = s->tile_records + 16 * (size_t)index + SGSI_RECORD_COLOR;
+        const float *r = s->tile_projected + 16 * (size_t)index + SGSI_PROJECTED_COLOR;
         const vf alpha = vf_load(el.alpha + 16 * i), t = vf_load(el.t + 16 * i);
         const vf front = vf_load(el.transmittance + 16 * i), through = vf_sub(one, alpha);
         const vf back = vf_mul(front, through);
@@ -484,18 +484,18 @@ static inline vf weigh_block(const sgsi_scratch *s, const block_elements *el, co
                              uint32_t count, const block_gradient *d)
 {
     float *restrict q = s->q + 16 * GROUP, *restrict behind = s->behind + 16 * GROUP;
-    const float *restrict records = s->tile_records;
+    const float *restrict projected = s->tile_projected;
     vf end = vf_set1(1.0f);
     for (uint32_t first = 0; first < count; first += GROUP) {
         vf q_i[GROUP];
         for (uint32_t k = 0; k < GROUP; ++k) {
             const uint32_t i = first + k; // the last group is filled up with what hits nothing
-            const float *r = records + 16 * (size_t)order[i < count ? i : first];
+            const float *r = projected + 16 * (size_t)order[i < count ? i : first];
             const vf front = vf_load(el->transmittance + 16 * i);
             const vf alpha = vf_load(el->alpha + 16 * i), through = vf_sub(vf_set1(1.0f), alpha);
             const vm counts = vf_ge(vf_mul(front, through), vf_set1(TRANSMITTANCE_MIN));
             const vf w = vf_keep(counts, vf_mul(front, alpha));
-            const float *color = r + SGSI_RECORD_COLOR;
+            const float *color = r + SGSI_PROJECTED_COLOR;
             end = vf_mul_where(counts, end, through);
             q_i[k] = vf_mul(w, vf_fma(vf_set1(color[0]), d->color[0],
                                       vf_fma(vf_set1(color[1]), d->color[1],
@@ -517,18 +517,18 @@ static inline vf weigh_block(const sgsi_scratch *s, const block_elements *el, co
 
 // The gradient with respect to the projected centre is proportional to v (a A + b B - E C), x and y
 // in camera axes (kernel_optimize.inl: transverse). The record of the element has A, B, C in the
-// frame of the bin.
-static inline void absolute_sums(const float *r, const float frame[9], vf v, vf a, vf b, vf e,
+// frame of the macrotile.
+static inline void abs_grad_sums(const float *r, const float frame[9], vf v, vf a, vf b, vf e,
                                  vh sums[16])
 {
     const vf va = vf_mul(v, a), vb = vf_mul(v, b), ve = vf_mul(v, e);
     vf along[3]; // d0, e1, e2
     for (int k = 0; k < 3; ++k)
-        along[k] = vf_fma(
-            va, vf_set1(r[SGSI_RECORD_A + k]),
-            vf_fms(vb, vf_set1(r[SGSI_RECORD_B + k]), vf_mul(ve, vf_set1(r[SGSI_RECORD_C + k]))));
+        along[k] = vf_fma(va, vf_set1(r[SGSI_PROJECTED_A + k]),
+                          vf_fms(vb, vf_set1(r[SGSI_PROJECTED_B + k]),
+                                 vf_mul(ve, vf_set1(r[SGSI_PROJECTED_C + k]))));
     for (int axis = 0; axis < 2; ++axis)
-        sums[SGSI_SUM_ABSOLUTE + axis] = vf_fold(vf_abs(vf_fma(
+        sums[SGSI_GRAD_SUM_ABS + axis] = vf_fold(vf_abs(vf_fma(
             along[2], vf_set1(frame[6 + axis]),
             vf_fma(along[1], vf_set1(frame[3 + axis]), vf_mul(along[0], vf_set1(frame[axis]))))));
 }
@@ -546,26 +546,26 @@ static inline void element_sums(const block_elements *el, size_t at, const vh v[
     const vh vb0 = vh_mul(v[0], b0), vb1 = vh_mul(v[1], b1);
     const vh ve0 = vh_mul(v[0], e0), ve1 = vh_mul(v[1], e1);
     for (int c = 0; c < 3; ++c)
-        sums[SGSI_SUM_COLOR + c] = vh_fma(w1, d_color[c][1], vh_mul(w0, d_color[c][0]));
-    sums[SGSI_SUM_V] = vh_add(v[0], v[1]);
-    sums[SGSI_SUM_VA] = vh_add(va0, va1);
-    sums[SGSI_SUM_VB] = vh_add(vb0, vb1);
-    sums[SGSI_SUM_VE] = vh_add(ve0, ve1);
-    sums[SGSI_SUM_VAA] = vh_fma(va1, a1, vh_mul(va0, a0));
-    sums[SGSI_SUM_VAB] = vh_fma(va1, b1, vh_mul(va0, b0));
-    sums[SGSI_SUM_VBB] = vh_fma(vb1, b1, vh_mul(vb0, b0));
-    sums[SGSI_SUM_VAE] = vh_fma(va1, e1, vh_mul(va0, e0));
-    sums[SGSI_SUM_VBE] = vh_fma(vb1, e1, vh_mul(vb0, e0));
-    sums[SGSI_SUM_VEE] = vh_fma(ve1, e1, vh_mul(ve0, e0));
-    sums[SGSI_SUM_WEIGHT] = vh_add(w0, w1);
+        sums[SGSI_GRAD_SUM_COLOR + c] = vh_fma(w1, d_color[c][1], vh_mul(w0, d_color[c][0]));
+    sums[SGSI_GRAD_SUM_V] = vh_add(v[0], v[1]);
+    sums[SGSI_GRAD_SUM_VA] = vh_add(va0, va1);
+    sums[SGSI_GRAD_SUM_VB] = vh_add(vb0, vb1);
+    sums[SGSI_GRAD_SUM_VE] = vh_add(ve0, ve1);
+    sums[SGSI_GRAD_SUM_VAA] = vh_fma(va1, a1, vh_mul(va0, a0));
+    sums[SGSI_GRAD_SUM_VAB] = vh_fma(va1, b1, vh_mul(va0, b0));
+    sums[SGSI_GRAD_SUM_VBB] = vh_fma(vb1, b1, vh_mul(vb0, b0));
+    sums[SGSI_GRAD_SUM_VAE] = vh_fma(va1, e1, vh_mul(va0, e0));
+    sums[SGSI_GRAD_SUM_VBE] = vh_fma(vb1, e1, vh_mul(vb0, e0));
+    sums[SGSI_GRAD_SUM_VEE] = vh_fma(ve1, e1, vh_mul(ve0, e0));
+    sums[SGSI_GRAD_SUM_WEIGHT] = vh_add(w0, w1);
 }
 
 static inline __attribute__((always_inline)) void backward_block(sgsi_scratch *s,
                                                                  const sgsi_tile_list *list,
                                                                  sgsi_tile_target *target, int b,
-                                                                 bool absolute)
+                                                                 bool abs_grad)
 {
-    uint32_t *order = list->elements + list->block_begin[b];
+    uint32_t *order = list->block_hits + list->block_begin[b];
     const uint32_t count = list->block_begin[b + 1] - list->block_begin[b];
     if (!count)
         return;
@@ -585,7 +585,7 @@ static inline __attribute__((always_inline)) void backward_block(sgsi_scratch *s
     const float *restrict behind = s->behind + 16 * GROUP;
     for (uint32_t i = count; i-- > 0;) {
         const size_t at = 16 * (size_t)i, row = 16 * (size_t)order[i];
-        vh sums[16] = {[SGSI_SUM_ABSOLUTE] = vh_zero(), [SGSI_SUM_ABSOLUTE + 1] = vh_zero()}, v[2];
+        vh sums[16] = {[SGSI_GRAD_SUM_ABS] = vh_zero(), [SGSI_GRAD_SUM_ABS + 1] = vh_zero()}, v[2];
         for (size_t half = 0; half < 2; ++half) {
             const vh q_i = vh_load(q + at + 8 * half);
             const vh hidden = vh_add(run[half], vh_load(behind + at + 8 * half));
@@ -593,42 +593,42 @@ static inline __attribute__((always_inline)) void backward_block(sgsi_scratch *s
             run[half] = vh_add(run[half], q_i);
         }
         element_sums(&el, at, v, d_color, sums);
-        if (absolute)
-            absolute_sums(s->tile_records + row, target->rays->frame, vf_join(v),
+        if (abs_grad)
+            abs_grad_sums(s->tile_projected + row, target->rays->frame, vf_join(v),
                           vf_load(el.a + at), vf_load(el.b + at), vf_load(el.e + at), sums);
         vh_add_sums(s->sums + row, sums);
     }
 }
 
-static void load_tile_records(sgsi_scratch *s, const sgsi_tile_list *list,
-                              const sgsi_tile_target *target)
+static void load_tile_projected(sgsi_scratch *s, const sgsi_tile_list *list,
+                                const sgsi_tile_target *target)
 {
-    const bin_frame16 frame = broadcast_frame(target->rays->frame);
+    const macrotile_frame16 frame = broadcast_frame(target->rays->frame);
     for (size_t i = 0; i < list->count; i += 16) {
         vf r[16];
         for (size_t k = i + 16; k < i + 32 && k < list->count; ++k)
-            __builtin_prefetch(target->records + (size_t)list->ids[k] * SGSI_RECORD);
-        frame_rows(target->records, list->ids + i, list->count - i, &frame, r);
+            __builtin_prefetch(target->projected + (size_t)list->ids[k] * SGSI_PROJECTED_FLOATS);
+        frame_rows(target->projected, list->ids + i, list->count - i, &frame, r);
         r[15] = vf_zero();
         vf_transpose16(r);
         for (size_t k = 0; k < 16; ++k)
-            vf_store(s->tile_records + 16 * (i + k), r[k]);
+            vf_store(s->tile_projected + 16 * (i + k), r[k]);
     }
 }
 
 static void tile_backward(sgsi_scratch *s, const sgsi_tile_list *list, sgsi_tile_target *target)
 {
-    load_tile_records(s, list, target);
-    memset(s->sums, 0, list->count * SGSI_RECORD * sizeof *s->sums);
+    load_tile_projected(s, list, target);
+    memset(s->sums, 0, list->count * SGSI_PROJECTED_FLOATS * sizeof *s->sums);
     for (int b = 0; b < SGSI_BLOCKS; ++b)
         backward_block(s, list, target, b, false);
 }
 
-static void tile_backward_absolute(sgsi_scratch *s, const sgsi_tile_list *list,
+static void tile_backward_abs_grad(sgsi_scratch *s, const sgsi_tile_list *list,
                                    sgsi_tile_target *target)
 {
-    load_tile_records(s, list, target);
-    memset(s->sums, 0, list->count * SGSI_RECORD * sizeof *s->sums);
+    load_tile_projected(s, list, target);
+    memset(s->sums, 0, list->count * SGSI_PROJECTED_FLOATS * sizeof *s->sums);
     for (int b = 0; b < SGSI_BLOCKS; ++b)
         backward_block(s, list, target, b, true);
 }

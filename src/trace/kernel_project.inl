@@ -134,8 +134,8 @@ static inline void project_statistics(const sgsi_project *input, size_t block, c
     vi_store(count, vi_add(vi_load(count), vf_as_vi(vf_keep(visible, vi_as_vf(vi_set1(1))))));
 }
 
-static inline void store_records(const sgsi_project *input, size_t block, const gaussian16 *g,
-                                 vf log_opacity, vm traced)
+static inline void store_projected(const sgsi_project *input, size_t block, const gaussian16 *g,
+                                   vf log_opacity, vm traced)
 {
     const float *p = input->params + block * SGS_PARAM_COUNT * 16;
     const vf one = vf_set1(1.0f);
@@ -167,7 +167,7 @@ static inline void store_records(const sgsi_project *input, size_t block, const 
                    vf_zero()};
     vf_transpose16(rows);
     for (int i = 0; i < 16; ++i)
-        vf_store(input->records + (16 * block + (size_t)i) * SGSI_RECORD, rows[i]);
+        vf_store(input->projected + (16 * block + (size_t)i) * SGSI_PROJECTED_FLOATS, rows[i]);
 }
 
 static void project(const sgsi_project *input, size_t begin, size_t end)
@@ -199,10 +199,10 @@ static void project(const sgsi_project *input, size_t begin, size_t end)
         if (input->visible_count || input->visible)
             project_statistics(input, block, &g, in_cone);
         if (vm_any(traced))
-            store_records(input, block, &g, log_opacity, traced);
+            store_projected(input, block, &g, log_opacity, traced);
         else
             for (int i = 0; i < 16; ++i)
-                input->records[(16 * block + (size_t)i) * SGSI_RECORD + SGSI_RECORD_LOG_OPACITY] =
-                    SGSI_UNTRACED;
+                input->projected[(16 * block + (size_t)i) * SGSI_PROJECTED_FLOATS +
+                                 SGSI_PROJECTED_LOG_OPACITY] = SGSI_UNTRACED;
     }
 }

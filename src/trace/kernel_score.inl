@@ -19,7 +19,7 @@ static void score_block(sgsi_scratch *s, const sgsi_tile_list *list, const sgsi_
                         const sgsi_score_planes *planes, int b, uint64_t *evaluations)
 {
     const vf one = vf_set1(1.0f), zero = vf_zero();
-    uint32_t *order = list->elements + list->block_begin[b];
+    uint32_t *order = list->block_hits + list->block_begin[b];
     const uint32_t count = list->block_begin[b + 1] - list->block_begin[b];
     if (!count)
         return;
@@ -53,8 +53,8 @@ static void score_block(sgsi_scratch *s, const sgsi_tile_list *list, const sgsi_
 static void tile_score(sgsi_scratch *s, const sgsi_tile_list *list, sgsi_tile_target *target,
                        const sgsi_score_planes *planes)
 {
-    load_tile_records(s, list, target);
-    memset(s->sums, 0, list->count * SGSI_RECORD * sizeof *s->sums);
+    load_tile_projected(s, list, target);
+    memset(s->sums, 0, list->count * SGSI_PROJECTED_FLOATS * sizeof *s->sums);
     for (int b = 0; b < SGSI_BLOCKS; ++b)
         score_block(s, list, target, planes, b, &target->evaluations);
 }

@@ -18,17 +18,17 @@ enum { RANK_SORT_MAX = 512 };
 // Sixteen candidates, and what of their tests is the same for every block of the tile. The half
 // extents are those of the largest block: a test may let through what misses a smaller one.
 typedef struct candidates16 {
-    vf r[16];          // tile records, transposed
+    vf r[16];          // tile projected, transposed
     vf half_u, half_v; // of a block
     vf c_half;         // by which C can exceed its value at the block's centre
     vf reach;          // q
     vf stretch;        // 1 + q^2 / kappa
 } candidates16;
 
-static inline void load_candidates16(const float *records, vf half_u, vf half_v, candidates16 *x)
+static inline void load_candidates16(const float *projected, vf half_u, vf half_v, candidates16 *x)
 {
     for (size_t k = 0; k < 16; ++k)
-        x->r[k] = vf_load(records + k * 16);
+        x->r[k] = vf_load(projected + k * 16);
     vf_transpose16(x->r);
     // Room for rounding: of |n|^2 - s, and of the comparison.
     x->half_u = vf_mul(half_u, vf_set1(1.0003f));
@@ -71,7 +71,7 @@ static void list_blocks(sgsi_scratch *scratch, const sgsi_tile_rays *rays, size_
     const vf half_u = vf_set1(rays->widest_u), half_v = vf_set1(rays->widest_v);
     for (size_t i = 0; i < count; i += 16) {
         candidates16 x; // the last rows past the end count for nothing, see `present`
-        load_candidates16(scratch->tile_records + i * 16, half_u, half_v, &x);
+        load_candidates16(scratch->tile_projected + i * 16, half_u, half_v, &x);
         const vm present = vm_from_bits(count - i < 16 ? (1u << (count - i)) - 1u : 0xFFFFu);
         const vi indices = vi_add(vi_load(lanes), vi_set1((int32_t)i));
         for (int b = 0; b < SGSI_BLOCKS; ++b) {

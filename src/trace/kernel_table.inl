@@ -25,11 +25,11 @@ const sgsi_kernels SGSI_KERNEL(sgsi_kernels) = {
     .name = "baseline",
 #endif
     .project = project,
-    .bin_filter = bin_filter,
+    .macrotile_filter = macrotile_filter,
     .tile_take = tile_take,
     .tile_sort = tile_sort,
     .tile_forward = tile_forward,
     .tile_backward = tile_backward,
-    .tile_backward_absolute = tile_backward_absolute,
+    .tile_backward_abs_grad = tile_backward_abs_grad,
     .tile_score = tile_score,
 };

@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // From what the BVH named to the candidates of a tile: sixteen primitives per step are written in
-// the frame of their bin and tested against each of its tiles. (kernel_sort.inl tests the
+// the frame of their macrotile and tested against each of its tiles. (kernel_sort.inl tests the
 // candidates of a tile against its blocks in the same way.)
 //
 // A test bounds the response over a rectangle |u - uc| <= hu, |v - vc| <= hv. With n = (A, B) at
@@ -13,27 +13,27 @@
 // same bounds give a hit's distance: t >= |delta| / (Cmax (1 + q^2 / kappa)). A compact box asks
 // with a share of Emax whether the tile gets the primitive; in the tile it counts as ever.
 
-typedef struct bin_frame16 {
+typedef struct macrotile_frame16 {
     vec3 d0, e1, e2;
-} bin_frame16;
+} macrotile_frame16;
 
-static inline bin_frame16 broadcast_frame(const float f[9])
+static inline macrotile_frame16 broadcast_frame(const float f[9])
 {
-    return (bin_frame16){{vf_set1(f[0]), vf_set1(f[1]), vf_set1(f[2])},
-                         {vf_set1(f[3]), vf_set1(f[4]), vf_set1(f[5])},
-                         {vf_set1(f[6]), vf_set1(f[7]), vf_set1(f[8])}};
+    return (macrotile_frame16){{vf_set1(f[0]), vf_set1(f[1]), vf_set1(f[2])},
+                               {vf_set1(f[3]), vf_set1(f[4]), vf_set1(f[5])},
+                               {vf_set1(f[6]), vf_set1(f[7]), vf_set1(f[8])}};
 }
 
-// Rows 0..14 of sixteen primitives in the frame of a bin; row 15 is the caller's. What is missing
-// of the sixteen (`present` < 16) is as if the view could not see it.
-static inline void frame_rows(const float *records, const uint32_t *ids, size_t present,
-                              const bin_frame16 *frame, vf out[16])
+// Rows 0..14 of sixteen primitives in the frame of a macrotile; row 15 is the caller's. What is
+// missing of the sixteen (`present` < 16) is as if the view could not see it.
+static inline void frame_rows(const float *projected, const uint32_t *ids, size_t present,
+                              const macrotile_frame16 *frame, vf out[16])
 {
     static const float untraced[16]
-        __attribute__((aligned(64))) = {[SGSI_RECORD_LOG_OPACITY] = SGSI_UNTRACED};
+        __attribute__((aligned(64))) = {[SGSI_PROJECTED_LOG_OPACITY] = SGSI_UNTRACED};
     vf r[16];
     for (size_t k = 0; k < 16; ++k)
-        r[k] = vf_load(k < present ? records + (size_t)ids[k] * SGSI_RECORD : untraced);
+        r[k] = vf_load(k < present ? projected + (size_t)ids[k] * SGSI_PROJECTED_FLOATS : untraced);
     vf_transpose16(r);
     for (int k = 0; k < 3; ++k) {
         const vec3 row = {r[3 * k], r[3 * k + 1], r[3 * k + 2]};
@@ -41,7 +41,7 @@ static inline void frame_rows(const float *records, const uint32_t *ids, size_t 
         out[3 * k + 1] = dot3(row, frame->e1);
         out[3 * k + 2] = dot3(row, frame->e2);
     }
-    for (int k = SGSI_RECORD_LOG_OPACITY; k < SGSI_RECORD_REACH; ++k)
+    for (int k = SGSI_PROJECTED_LOG_OPACITY; k < SGSI_PROJECTED_REACH; ++k)
         out[k] = r[k];
 }
 
@@ -76,30 +76,32 @@ static inline vm test_tile(const vf r[16], const sgsi_tile_rays *tile, vf reach2
     return meets;
 }
 
-static size_t bin_filter(sgsi_scratch *scratch, const float *records, const uint32_t *ids,
-                         size_t count, const sgsi_bin *bin)
+static size_t macrotile_filter(sgsi_scratch *scratch, const float *projected, const uint32_t *ids,
+                               size_t count, const sgsi_macrotile *macrotile)
 {
-    const bin_frame16 frame = broadcast_frame(bin->tiles[0]->frame);
+    const macrotile_frame16 frame = broadcast_frame(macrotile->tiles[0]->frame);
     const vf one = vf_set1(1.0f), zero = vf_zero();
-    float *restrict rows = scratch->bin_records;
+    float *restrict rows = scratch->macrotile_projected;
     size_t kept = 0;
     for (size_t i = 0; i < count; i += 16) {
         vf r[16];
-        frame_rows(records, ids + i, count - i, &frame, r);
+        frame_rows(projected, ids + i, count - i, &frame, r);
         const vf e_max = vf_add(r[9], vf_set1(SGSI_LOG2_255));
         const vf q2 = support_slope2(e_max, r[10]), stretch = vf_fma(q2, r[10], one);
-        const vf reach2 = bin->compact_box < 1.0f
-                              ? support_slope2(vf_mul(e_max, vf_set1(bin->compact_box)), r[10])
-                              : q2;
+        const vf reach2 =
+            macrotile->compact_box < 1.0f
+                ? support_slope2(vf_mul(e_max, vf_set1(macrotile->compact_box)), r[10])
+                : q2;
         r[15] = vf_sqrt(q2);
         const vm traced = vf_ge(e_max, zero);
         vm any = vm_none();
         vi tiles = vi_set1(0);
-        for (int k = 0; k < bin->count; ++k) {
+        for (int k = 0; k < macrotile->count; ++k) {
             vm nearer;
-            const vm meets =
-                vm_and(test_tile(r, bin->tiles[k], reach2, stretch, bin->far[k], &nearer), traced);
-            any = vm_or(any, bin->complete ? meets : vm_and(nearer, traced));
+            const vm meets = vm_and(
+                test_tile(r, macrotile->tiles[k], reach2, stretch, macrotile->far[k], &nearer),
+                traced);
+            any = vm_or(any, macrotile->complete ? meets : vm_and(nearer, traced));
             tiles = vi_add(tiles,
                            vf_as_vi(vf_keep(meets, vi_as_vf(vi_set1((int32_t)(SGSI_MEETS << k))))));
             tiles = vi_add(
@@ -108,10 +110,10 @@ static size_t bin_filter(sgsi_scratch *scratch, const float *records, const uint
         const unsigned bits = vm_bits(any);
         if (!bits)
             continue;
-        vi_compress_store((int32_t *)scratch->bin_tiles + kept, any, tiles);
-        vi_compress_store((int32_t *)scratch->bin_ids + kept, any,
+        vi_compress_store((int32_t *)scratch->macrotile_side + kept, any, tiles);
+        vi_compress_store((int32_t *)scratch->macrotile_ids + kept, any,
                           vi_load_u((const int32_t *)ids + i));
-        vi_compress_store((int32_t *)scratch->bin_distance + kept, any, vf_as_vi(r[11]));
+        vi_compress_store((int32_t *)scratch->macrotile_distance + kept, any, vf_as_vi(r[11]));
         vf_transpose16(r);
         // Every row is written where the next one to keep belongs: whether a candidate stays is
         // too hard to predict for a branch.
@@ -129,14 +131,14 @@ static size_t tile_take(sgsi_scratch *scratch, size_t count, unsigned tile)
     uint32_t *restrict index = scratch->entries; // free until the blocks are listed
     size_t taken = 0;
     for (size_t i = 0; i < count; ++i) {
-        const uint32_t k = scratch->bin_order[i];
+        const uint32_t k = scratch->macrotile_order[i];
         index[taken] = k;
-        taken += (scratch->bin_tiles[k] & tile) != 0;
+        taken += (scratch->macrotile_side[k] & tile) != 0;
     }
     for (size_t i = 0; i < taken; ++i) {
-        vf_store(scratch->tile_records + i * 16,
-                 vf_load(scratch->bin_records + (size_t)index[i] * 16));
-        scratch->tile_ids[i] = scratch->bin_ids[index[i]];
+        vf_store(scratch->tile_projected + i * 16,
+                 vf_load(scratch->macrotile_projected + (size_t)index[i] * 16));
+        scratch->tile_ids[i] = scratch->macrotile_ids[index[i]];
     }
     return taken;
 }

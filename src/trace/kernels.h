@@ -12,7 +12,7 @@ typedef struct sgsi_project {
     const float *params; // model layout
     size_t count;
     sgsi_view view;
-    float *records;          // [capacity][16]
+    float *projected;        // [capacity][16]
     sgsi_bounds *bounds;     // [capacity]
     uint32_t *visible_count; // d_i: += 1 for a projected radius > 0 that meets the image; NULL = no
                              // statistics
@@ -27,17 +27,17 @@ enum { SGSI_SENTINELS = 16 }; // spare entries of every scratch array beyond its
 typedef struct sgsi_scratch {
     void *memory; // that all arrays lie in
     size_t capacity;
-    float *bin_records;     // [capacity][16] candidates of a bin, in its frame
-    uint32_t *bin_ids;      // [capacity]
-    uint32_t *bin_tiles;    // [capacity]: bits SGSI_MEETS and SGSI_NEARER of each tile
-    uint32_t *bin_distance; // [capacity]: bits of the float |delta|
-    uint32_t *bin_order;    // [capacity]: indices into bin_records, near to far
-    float *tile_records;    // [capacity][16] candidates of a tile, in the bin's frame
-    uint32_t *tile_ids;     // [capacity]
-    int32_t *entry_keys;    // [16][capacity]: per block, what its elements are ordered by
-    uint32_t *entries;      // [16][capacity]: indices into tile_records
-    uint64_t *sort_spare;   // [2][capacity]
-    uint32_t *order;        // [16][capacity]: indices into tile_records in the block's order
+    float *macrotile_projected;   // [capacity][16] candidates of a macrotile, in its frame
+    uint32_t *macrotile_ids;      // [capacity]
+    uint32_t *macrotile_side;     // [capacity]: bits SGSI_MEETS and SGSI_NEARER of each tile
+    uint32_t *macrotile_distance; // [capacity]: bits of the float |delta|
+    uint32_t *macrotile_order;    // [capacity]: indices into macrotile_projected, near to far
+    float *tile_projected;        // [capacity][16] candidates of a tile, in the macrotile's frame
+    uint32_t *tile_ids;           // [capacity]
+    int32_t *entry_keys;          // [16][capacity]: per block, what its elements are ordered by
+    uint32_t *entries;            // [16][capacity]: indices into tile_projected
+    uint64_t *sort_spare;         // [2][capacity]
+    uint32_t *order; // [16][capacity]: indices into tile_projected in the block's order
     float *alpha, *t, *transmittance, *prefix, *t_before; // elements of a block: [capacity][16]
     float *a, *b, *e, *q, *behind;                        // [capacity][16], backward only
     float *sums;                                          // [count][16] of the tile, the caller's
@@ -48,16 +48,16 @@ typedef struct sgsi_scratch {
     uint32_t entry_count[SGSI_BLOCKS]; // elements in `order`
 } sgsi_scratch;
 
-// The tiles of a bin that lie in the image, and how far each must be looked.
-#define SGSI_NEARER 0x1u // of a bin's first tile; the bits of the others lie above
+// The tiles of a macrotile that lie in the image, and how far each must be looked.
+#define SGSI_NEARER 0x1u // of a macrotile's first tile; the bits of the others lie above
 #define SGSI_MEETS 0x10000u
-typedef struct sgsi_bin {
-    const sgsi_tile_rays *tiles[SGSI_BIN_SIDE * SGSI_BIN_SIDE];
-    float far[SGSI_BIN_SIDE * SGSI_BIN_SIDE]; // what begins behind it is not NEARER
+typedef struct sgsi_macrotile {
+    const sgsi_tile_rays *tiles[SGSI_MACROTILE_SIDE * SGSI_MACROTILE_SIDE];
+    float far[SGSI_MACROTILE_SIDE * SGSI_MACROTILE_SIDE]; // what begins behind it is not NEARER
     int count;
     bool complete;     // keeps what MEETS a tile, not only what is NEARER
     float compact_box; // share of the support that brings a primitive into a tile
-} sgsi_bin;
+} sgsi_macrotile;
 
 // The ordered elements of a block, for whoever wants to look at each hit. Arrays of [element][16
 // lanes]; a hit counts where alpha > 0 and transmittance * (1 - alpha) >= transmittance_min. Valid
@@ -67,10 +67,10 @@ typedef struct sgsi_block_hits {
     unsigned valid; // lanes with a ray
     uint32_t count; // elements
     const float *alpha, *transmittance;
-    const float *t;        // in units of the lane's |d|
-    const uint32_t *order; // [element]: index into records
-    const float *records;  // [][SGSI_RECORD]
-    float unit[16];        // what one unit of t is, along the ray or along the axis
+    const float *t;         // in units of the lane's |d|
+    const uint32_t *order;  // [element]: index into records
+    const float *projected; // [][SGSI_PROJECTED_FLOATS]
+    float unit[16];         // what one unit of t is, along the ray or along the axis
     float transmittance_min;
     uint64_t *spare; // room for `count` numbers
 } sgsi_block_hits;
@@ -96,7 +96,7 @@ typedef struct sgsi_tile_target {
     float *color[3], *transmittance;                       // forward, always
     float *depth_mean, *depth_median, *depth_first, *hits; // forward, each may be NULL
     const float *d_color[3], *d_transmittance;             // backward
-    const float *records;                                  // of the view; backward
+    const float *projected;                                // of the view; backward
     const sgsi_aov *aov;                                   // forward, NULL = nothing more
     float near_distance;
     float
@@ -115,12 +115,12 @@ typedef struct sgsi_kernels {
     // Blocks [begin, end) of 16 primitives.
     void (*project)(const sgsi_project *input, size_t begin, size_t end);
     // Keeps of ids[0..count) (readable up to a multiple of 16) those that can meet one of the
-    // tiles, in front of its `far` unless the bin is complete: bin_records, bin_ids, bin_tiles,
-    // bin_distance. Returns their number.
-    size_t (*bin_filter)(sgsi_scratch *scratch, const float *records, const uint32_t *ids,
-                         size_t count, const sgsi_bin *bin);
-    // Takes those of bin_order[0..count) with a bit of `tile` in bin_tiles: tile_records, tile_ids.
-    // Returns their number.
+    // tiles, in front of its `far` unless the macrotile is complete: macrotile_projected,
+    // macrotile_ids, macrotile_side, macrotile_distance. Returns their number.
+    size_t (*macrotile_filter)(sgsi_scratch *scratch, const float *projected, const uint32_t *ids,
+                               size_t count, const sgsi_macrotile *macrotile);
+    // Takes those of macrotile_order[0..count) with a bit of `tile` in macrotile_side:
+    // tile_projected, tile_ids. Returns their number.
     size_t (*tile_take)(sgsi_scratch *scratch, size_t count, unsigned tile);
     // Block lists in the order of the block's centre ray.
     void (*tile_sort)(sgsi_scratch *scratch, const sgsi_tile_rays *rays, size_t count);
@@ -129,8 +129,8 @@ typedef struct sgsi_kernels {
     // Adds to scratch->sums[0..count) for the lists of `list`.
     void (*tile_backward)(sgsi_scratch *scratch, const sgsi_tile_list *list,
                           sgsi_tile_target *target);
-    // The same for sums of absolute gradients, SGSI_SUM_ABSOLUTE.
-    void (*tile_backward_absolute)(sgsi_scratch *scratch, const sgsi_tile_list *list,
+    // The same for sums of absolute gradients, SGSI_GRAD_SUM_ABS.
+    void (*tile_backward_abs_grad)(sgsi_scratch *scratch, const sgsi_tile_list *list,
                                    sgsi_tile_target *target);
     // Adds to scratch->sums[0..count): weight, hits, T alpha, distance.
     void (*tile_score)(sgsi_scratch *scratch, const sgsi_tile_list *list, sgsi_tile_target *target,

@@ -58,9 +58,9 @@ static frame_planes list_planes(sgs_frame *frame)
          &frame->depth_mean, &frame->depth_median, &frame->depth_first, &frame->hits,
          &frame->normal[0], &frame->normal[1], &frame->normal[2], &frame->position[0],
          &frame->position[1], &frame->position[2], (float **)&frame->primitive},
-        {0, 0, 0, 0, SGS_PLANE_DEPTH_MEAN, SGS_PLANE_DEPTH_MEDIAN, SGS_PLANE_DEPTH_FIRST,
-         SGS_PLANE_HITS, SGS_PLANE_NORMAL, SGS_PLANE_NORMAL, SGS_PLANE_NORMAL, SGS_PLANE_POSITION,
-         SGS_PLANE_POSITION, SGS_PLANE_POSITION, SGS_PLANE_PRIMITIVE}};
+        {0, 0, 0, 0, SGS_AOV_DEPTH_MEAN, SGS_AOV_DEPTH_MEDIAN, SGS_AOV_DEPTH_FIRST, SGS_AOV_HITS,
+         SGS_AOV_NORMAL, SGS_AOV_NORMAL, SGS_AOV_NORMAL, SGS_AOV_POSITION, SGS_AOV_POSITION,
+         SGS_AOV_POSITION, SGS_AOV_PRIMITIVE}};
 }
 
 sgs_status sgs_frame_create_with(int width, int height, unsigned planes, sgs_frame *frame)
@@ -96,7 +96,7 @@ sgs_status sgs_frame_create_with(int width, int height, unsigned planes, sgs_fra
 
 sgs_status sgs_frame_create(int width, int height, sgs_frame *frame)
 {
-    return sgs_frame_create_with(width, height, SGS_PLANES_BASIC, frame);
+    return sgs_frame_create_with(width, height, SGS_AOVS_BASIC, frame);
 }
 
 void sgs_frame_free(sgs_frame *frame)
@@ -277,11 +277,11 @@ sgs_status sgs_renderer_render(sgs_renderer *renderer, const sgs_camera *camera,
     return status;
 }
 
-// Rows of bins per band: enough for all threads, as long as the samples stay within bounds.
+// Rows of macrotiles per band: enough for all threads, as long as the samples stay within bounds.
 static int band_rows(const sgsi_rays *rays, int max_samples)
 {
-    const size_t wanted = 8 * (size_t)sgsi_threads() / (size_t)rays->bins_x + 1;
-    const size_t row_bytes = (size_t)rays->bin_tiles * SGSI_TILE * (size_t)rays->camera.width *
+    const size_t wanted = 8 * (size_t)sgsi_threads() / (size_t)rays->macrotiles_x + 1;
+    const size_t row_bytes = (size_t)rays->macrotile_side * SGSI_TILE * (size_t)rays->camera.width *
                              (size_t)max_samples * sizeof(sgs_deep_sample);
     const size_t allowed = ((size_t)256 << 20) / row_bytes;
     return (int)(wanted < allowed ? wanted : allowed ? allowed : 1);
@@ -302,7 +302,8 @@ sgs_status sgs_renderer_render_deep(sgs_renderer *renderer, const sgs_camera *ca
     if (status)
         return status;
     const sgsi_rays *rays = view.rays;
-    const int bin_rows = band_rows(rays, deep->max_samples), step = bin_rows * rays->bin_tiles;
+    const int macrotile_rows = band_rows(rays, deep->max_samples),
+              step = macrotile_rows * rays->macrotile_side;
     status = sgsi_deep_reserve(&renderer->deep, deep, camera->width, step * SGSI_TILE);
     renderer->aov.visit = sgsi_deep_visit;
     renderer->aov.context = &renderer->deep;

@@ -23,12 +23,12 @@ bool sgsi_scratch_grow(sgsi_scratch *s, size_t capacity)
     const struct {
         void **array;
         size_t bytes; // per primitive
-    } arrays[] = {{(void **)&s->bin_records, 64},
-                  {(void **)&s->bin_ids, 4},
-                  {(void **)&s->bin_tiles, 4},
-                  {(void **)&s->bin_distance, 4},
-                  {(void **)&s->bin_order, 4},
-                  {(void **)&s->tile_records, 64},
+    } arrays[] = {{(void **)&s->macrotile_projected, 64},
+                  {(void **)&s->macrotile_ids, 4},
+                  {(void **)&s->macrotile_side, 4},
+                  {(void **)&s->macrotile_distance, 4},
+                  {(void **)&s->macrotile_order, 4},
+                  {(void **)&s->tile_projected, 64},
                   {(void **)&s->tile_ids, 4},
                   {(void **)&s->entry_keys, 4 * SGSI_BLOCKS},
                   {(void **)&s->entries, 4 * SGSI_BLOCKS},

@@ -13,9 +13,9 @@
 // With kappa = P^2 log2(e) / 2 folded into A = sqrt(kappa) gx, B = sqrt(kappa) gy, C = gz:
 //     G = (A^2 + B^2) / kappa + C^2,   E = (A^2 + B^2) / G,   alpha = 2^(log2 o - E),   t = |delta|
 //         C / G.
-// A, B, C are linear in d. A bin of tiles writes its rays as d = d0 + u e1 + v e2 (any central
-// camera, no unit length needed: rho is homogeneous), so they become affine in (u, v), with nothing
-// that cancels at the footprint.
+// A, B, C are linear in d. A macrotile of tiles writes its rays as d = d0 + u e1 + v e2 (any
+// central camera, no unit length needed: rho is homogeneous), so they become affine in (u, v), with
+// nothing that cancels at the footprint.
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -25,18 +25,19 @@
 #include "rays/rays.h"
 #include "sparegs/render.h"
 
-enum { SGSI_RECORD = 16 }; // floats per record
+enum { SGSI_PROJECTED_FLOATS = 16 }; // floats per record
 
 // What a view knows of a primitive: one cache line.
 enum {
-    SGSI_RECORD_A = 0, // 3: row of A in camera axes
-    SGSI_RECORD_B = 3,
-    SGSI_RECORD_C = 6,
-    SGSI_RECORD_LOG_OPACITY = 9, // log2 of the opacity; SGSI_UNTRACED when the view cannot see it
-    SGSI_RECORD_INV_KAPPA = 10,
-    SGSI_RECORD_DISTANCE = 11, // |delta|
-    SGSI_RECORD_COLOR = 12,    // 3: clamped at 0
-    SGSI_RECORD_REACH = 15     // in tiles: q, bound on sqrt(A^2 + B^2) / C inside the support
+    SGSI_PROJECTED_A = 0, // 3: row of A in camera axes
+    SGSI_PROJECTED_B = 3,
+    SGSI_PROJECTED_C = 6,
+    SGSI_PROJECTED_LOG_OPACITY =
+        9, // log2 of the opacity; SGSI_UNTRACED when the view cannot see it
+    SGSI_PROJECTED_INV_KAPPA = 10,
+    SGSI_PROJECTED_DISTANCE = 11, // |delta|
+    SGSI_PROJECTED_COLOR = 12,    // 3: clamped at 0
+    SGSI_PROJECTED_REACH = 15     // in tiles: q, bound on sqrt(A^2 + B^2) / C inside the support
 };
 #define SGSI_UNTRACED (-1e30f)
 #define SGSI_LOG2_255 7.9943534368588578f
@@ -45,26 +46,26 @@ enum {
 // What the backward pass sums per primitive, over counted hits: v = alpha dL/dalpha, a = A C / G, b
 // = B C / G, E.
 enum {
-    SGSI_SUM_COLOR = 0, // 3: dL/dcolour = sum w dL/dC
-    SGSI_SUM_V = 3,
-    SGSI_SUM_VA = 4,
-    SGSI_SUM_VB = 5,
-    SGSI_SUM_VE = 6,
-    SGSI_SUM_VAA = 7,
-    SGSI_SUM_VAB = 8,
-    SGSI_SUM_VBB = 9,
-    SGSI_SUM_VAE = 10,
-    SGSI_SUM_VBE = 11,
-    SGSI_SUM_VEE = 12,
-    SGSI_SUM_WEIGHT = 13, // sum w: above 0 where any ray counts a hit
-    SGSI_SUM_ABSOLUTE =
+    SGSI_GRAD_SUM_COLOR = 0, // 3: dL/dcolour = sum w dL/dC
+    SGSI_GRAD_SUM_V = 3,
+    SGSI_GRAD_SUM_VA = 4,
+    SGSI_GRAD_SUM_VB = 5,
+    SGSI_GRAD_SUM_VE = 6,
+    SGSI_GRAD_SUM_VAA = 7,
+    SGSI_GRAD_SUM_VAB = 8,
+    SGSI_GRAD_SUM_VBB = 9,
+    SGSI_GRAD_SUM_VAE = 10,
+    SGSI_GRAD_SUM_VBE = 11,
+    SGSI_GRAD_SUM_VEE = 12,
+    SGSI_GRAD_SUM_WEIGHT = 13, // sum w: above 0 where any ray counts a hit
+    SGSI_GRAD_SUM_ABS =
         14 // 2, on demand: sums of |v (a A + b B - E C)| over x and y of the camera axes
 };
 
 // Bits of a tile's candidates for the backward pass.
 typedef struct sgsi_tile_list {
-    uint32_t *ids;      // [count] primitives, near to far by |delta|
-    uint32_t *elements; // per block: indices into ids, in the block's order
+    uint32_t *ids;        // [count] primitives, near to far by |delta|
+    uint32_t *block_hits; // per block: indices into ids, in the block's order
     uint32_t block_begin[SGSI_BLOCKS + 1];
     uint32_t count;
 } sgsi_tile_list;

@@ -1,16 +1,16 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Orchestration of one view. A work item of the forward pass is a bin (a square of tiles): its
-// packet of cone rays asks the BVH, the candidates are tested against its tiles and put in one
+// Orchestration of one view. A work item of the forward pass is a macrotile (a square of tiles):
+// its packet of cone rays asks the BVH, the candidates are tested against its tiles and put in one
 // order (distance of the mean, then id) so that nothing depends on the traversal, and every tile of
-// the bin is sorted and blended by the kernels.
+// the macrotile is sorted and blended by the kernels.
 //
-// Depth guesses. Per tile we remember how far the last visit of the view had to look. Candidates
-// that begin behind the guess are left out, by the BVH (far of the ray) and, exactly and
-// independently of the tree, by the test against the tile. If a pixel of the tile then fails to
-// become opaque in front of the guess, the bin is gathered again without a limit and the tile
-// redone.
+// Depth depth_bounds. Per tile we remember how far the last visit of the view had to look.
+// Candidates that begin behind the depth_bound are left out, by the BVH (far of the ray) and,
+// exactly and independently of the tree, by the test against the tile. If a pixel of the tile then
+// fails to become opaque in front of the depth_bound, the macrotile is gathered again without a
+// limit and the tile redone.
 
 #include <math.h>
 #include <string.h>
@@ -54,7 +54,7 @@ void sgsi_tracer_destroy(sgsi_tracer *tracer)
     for (int i = 0; i < MAX_THREADS; ++i)
         free_thread(tracer->threads[i]);
     sgsi_bvh_destroy(tracer->bvh);
-    void *const arrays[] = {tracer->records,    tracer->bounds,    tracer->sums,
+    void *const arrays[] = {tracer->projected,  tracer->bounds,    tracer->sums,
                             tracer->touched,    tracer->visible,   tracer->lists,
                             tracer->slot_order, tracer->slot_sums, tracer->slot_begin,
                             tracer->buckets};
@@ -74,9 +74,9 @@ static bool grow_keys(thread_state *state, size_t capacity)
     return true;
 }
 
-// A bin may fall to any thread, and one thread may get them all while the others sleep. So every
-// thread gets room for what any of them has needed, and for the lists of all; then passes over the
-// same views allocate nothing.
+// A macrotile may fall to any thread, and one thread may get them all while the others sleep. So
+// every thread gets room for what any of them has needed, and for the lists of all; then passes
+// over the same views allocate nothing.
 static sgs_status level_threads(sgsi_tracer *tracer)
 {
     size_t scratch = 0, keys = 0, gathered = 0, words = 0;
@@ -120,19 +120,19 @@ static sgs_status reserve_primitives(sgsi_tracer *tracer, size_t capacity)
 {
     if (capacity <= tracer->capacity)
         return SGS_STATUS_OK;
-    sgsi_free(tracer->records);
+    sgsi_free(tracer->projected);
     sgsi_free(tracer->bounds);
     sgsi_free(tracer->sums);
     sgsi_free(tracer->touched);
     sgsi_free(tracer->visible);
-    tracer->records = sgsi_alloc(capacity, SGSI_RECORD * sizeof *tracer->records);
+    tracer->projected = sgsi_alloc(capacity, SGSI_PROJECTED_FLOATS * sizeof *tracer->projected);
     tracer->bounds = sgsi_alloc(capacity, sizeof *tracer->bounds);
-    tracer->sums = sgsi_alloc(capacity, SGSI_RECORD * sizeof *tracer->sums);
+    tracer->sums = sgsi_alloc(capacity, SGSI_PROJECTED_FLOATS * sizeof *tracer->sums);
     tracer->touched = sgsi_calloc(capacity / SGS_LANES + 1, 1);
     tracer->visible = sgsi_calloc(capacity / SGS_LANES + 1, sizeof *tracer->visible);
     tracer->built_count = 0;
     tracer->capacity = capacity;
-    if (tracer->records && tracer->bounds && tracer->sums && tracer->touched && tracer->visible)
+    if (tracer->projected && tracer->bounds && tracer->sums && tracer->touched && tracer->visible)
         return SGS_STATUS_OK;
     tracer->capacity = 0;
     return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to trace %zu primitives", capacity);
@@ -181,7 +181,7 @@ sgs_status sgsi_tracer_project(sgsi_tracer *tracer, const sgs_gaussians *model,
     sgsi_project input = {.params = model->data,
                           .count = model->count,
                           .view = *view,
-                          .records = tracer->records,
+                          .projected = tracer->projected,
                           .bounds = tracer->bounds,
                           .visible_count = visible_count,
                           .radius_max = radius_max,
@@ -211,9 +211,9 @@ typedef struct forward_pass {
     sgsi_tracer *tracer;
     const sgsi_view *view;
     sgsi_planes *planes;
-    float *depth_guess;
+    float *depth_bound;
     bool keep_lists;
-    size_t first_bin;
+    size_t first_macrotile;
 } forward_pass;
 
 static void insert_keys(uint64_t *keys, size_t count)
@@ -235,19 +235,20 @@ static void sort_keys(uint64_t *keys, uint64_t *spare, size_t count, uint32_t le
     insert_keys(keys, count);
 }
 
-// The tiles of bin number `bin`, their numbers in the image, and the depth guesses.
-static sgsi_bin open_bin(const forward_pass *pass, int bin,
-                         int numbers[SGSI_BIN_SIDE * SGSI_BIN_SIDE])
+// The tiles of macrotile number `macrotile`, their numbers in the image, and the depth
+// depth_bounds.
+static sgsi_macrotile open_macrotile(const forward_pass *pass, int macrotile,
+                                     int numbers[SGSI_MACROTILE_SIDE * SGSI_MACROTILE_SIDE])
 {
     const sgsi_rays *rays = pass->view->rays;
-    sgsi_bin tiles = {.compact_box = pass->view->compact_box};
-    for (int k = 0; k < rays->bin_tiles * rays->bin_tiles; ++k) {
-        const int tile = sgsi_bin_tile(rays, bin, k);
+    sgsi_macrotile tiles = {.compact_box = pass->view->compact_box};
+    for (int k = 0; k < rays->macrotile_side * rays->macrotile_side; ++k) {
+        const int tile = sgsi_macrotile_tile(rays, macrotile, k);
         if (tile < 0)
             continue;
         numbers[tiles.count] = tile;
         tiles.tiles[tiles.count] = &rays->tiles[tile];
-        tiles.far[tiles.count++] = pass->depth_guess ? pass->depth_guess[tile] : INFINITY;
+        tiles.far[tiles.count++] = pass->depth_bound ? pass->depth_bound[tile] : INFINITY;
     }
     return tiles;
 }
@@ -257,7 +258,7 @@ static void sort_by_id(const sgsi_scratch *s, uint64_t *keys, uint64_t *spare, s
 {
     enum { FEW = 32, DIGIT = 8 };
     for (size_t i = 0; i < count; ++i)
-        keys[i] = (uint64_t)s->bin_ids[(uint32_t)keys[i]] << 32 | (uint32_t)keys[i];
+        keys[i] = (uint64_t)s->macrotile_ids[(uint32_t)keys[i]] << 32 | (uint32_t)keys[i];
     if (count > FEW)
         for (int shift = 32; shift < 64; shift += 2 * DIGIT) {
             sgsi_radix_pass(keys, spare, count, 0, shift, DIGIT);
@@ -267,16 +268,16 @@ static void sort_by_id(const sgsi_scratch *s, uint64_t *keys, uint64_t *spare, s
         insert_keys(keys, count);
 }
 
-// Orders the candidates of a bin by distance, then by id, and drops those named twice: where rays
-// of a packet part, Embree follows them one by one and meets a primitive again. Returns how many
-// are left.
-static size_t order_bin(thread_state *state, size_t count)
+// Orders the candidates of a macrotile by distance, then by id, and drops those named twice: where
+// rays of a packet part, Embree follows them one by one and meets a primitive again. Returns how
+// many are left.
+static size_t order_macrotile(thread_state *state, size_t count)
 {
     sgsi_scratch *s = &state->scratch;
     uint64_t *keys = state->keys;
     uint32_t least = UINT32_MAX, most = 0;
     for (size_t i = 0; i < count; ++i) {
-        const uint32_t bits = s->bin_distance[i];
+        const uint32_t bits = s->macrotile_distance[i];
         keys[i] = (uint64_t)bits << 32 | i;
         least = bits < least ? bits : least;
         most = bits > most ? bits : most;
@@ -290,15 +291,15 @@ static size_t order_bin(thread_state *state, size_t count)
             sort_by_id(s, keys + begin, state->keys_spare, end - begin);
         for (size_t i = begin; i < end; ++i)
             if (i == begin || keys[i] >> 32 != keys[i - 1] >> 32)
-                s->bin_order[unique++] = (uint32_t)keys[i];
+                s->macrotile_order[unique++] = (uint32_t)keys[i];
     }
     return unique;
 }
 
-// Asks the BVH for the candidates of a bin, filters and orders them. Returns their number, or sets
-// state->status.
-static size_t gather_bin(const forward_pass *pass, thread_state *state, int bin,
-                         const sgsi_bin *tiles)
+// Asks the BVH for the candidates of a macrotile, filters and orders them. Returns their number, or
+// sets state->status.
+static size_t gather_macrotile(const forward_pass *pass, thread_state *state, int macrotile,
+                               const sgsi_macrotile *tiles)
 {
     const sgsi_rays *rays = pass->view->rays;
     const sgsi_view *view = pass->view;
@@ -306,18 +307,19 @@ static size_t gather_bin(const forward_pass *pass, thread_state *state, int bin,
     for (int k = 0; k < tiles->count; ++k)
         far = fmaxf(far, tiles->far[k]);
     sgsi_packet packet = {.origin = {view->center[0], view->center[1], view->center[2]},
-                          .valid = rays->bin_valid[bin]};
+                          .valid = rays->macrotile_valid[macrotile]};
     for (int i = 0; i < 16; ++i) {
         for (int k = 0; k < 3; ++k) // camera to world
-            packet.direction[k][i] = view->rotation[k] * rays->bin_directions[bin][0][i] +
-                                     view->rotation[3 + k] * rays->bin_directions[bin][1][i] +
-                                     view->rotation[6 + k] * rays->bin_directions[bin][2][i];
+            packet.direction[k][i] =
+                view->rotation[k] * rays->macrotile_directions[macrotile][0][i] +
+                view->rotation[3 + k] * rays->macrotile_directions[macrotile][1][i] +
+                view->rotation[6 + k] * rays->macrotile_directions[macrotile][2][i];
         packet.far[i] = far * 1.0001f;
     }
     state->gathered.count = 0;
     state->gathered.rows =
-        pass->tracer->records; // their lines are on the way while the traversal goes on
-    state->gathered.row_bytes = SGSI_RECORD * sizeof(float);
+        pass->tracer->projected; // their lines are on the way while the traversal goes on
+    state->gathered.row_bytes = SGSI_PROJECTED_FLOATS * sizeof(float);
     state->status = sgsi_bvh_gather(pass->tracer->bvh, &packet, &state->gathered);
     const size_t gathered = state->gathered.count;
     state->counts.callbacks += gathered;
@@ -328,9 +330,9 @@ static size_t gather_bin(const forward_pass *pass, thread_state *state, int bin,
                                   "no memory for the %zu candidates of a bin", gathered);
     if (state->status)
         return 0;
-    const size_t kept = sgsi_kernels_get()->bin_filter(&state->scratch, pass->tracer->records,
-                                                       state->gathered.ids, gathered, tiles);
-    const size_t count = order_bin(state, kept);
+    const size_t kept = sgsi_kernels_get()->macrotile_filter(
+        &state->scratch, pass->tracer->projected, state->gathered.ids, gathered, tiles);
+    const size_t count = order_macrotile(state, kept);
     state->counts.gathered += count;
     return count;
 }
@@ -372,24 +374,25 @@ static void keep_list(thread_state *state, sgsi_tile_list *list, size_t count)
         return;
     }
     list->ids = words;
-    list->elements = words + count;
+    list->block_hits = words + count;
     memcpy(list->ids, s->tile_ids, count * sizeof *words);
     for (int b = 0; b < SGSI_BLOCKS; ++b) {
         const uint32_t *order = s->order + (size_t)b * s->capacity;
         for (uint32_t i = 0; i < s->entry_count[b]; ++i)
-            list->elements[list->block_begin[b] + i] = map[order[i]];
+            list->block_hits[list->block_begin[b] + i] = map[order[i]];
     }
 }
 
-// Blends tile k of the bin, whose number in the image is `tile`, from what is in front of its guess
-// or from everything. Returns false when the guess was too near.
-static bool blend_tile(const forward_pass *pass, thread_state *state, const sgsi_bin *bin, int k,
-                       int tile, size_t candidates, bool everything)
+// Blends tile k of the macrotile, whose number in the image is `tile`, from what is in front of its
+// depth_bound or from everything. Returns false when the depth_bound was too near.
+static bool blend_tile(const forward_pass *pass, thread_state *state,
+                       const sgsi_macrotile *macrotile, int k, int tile, size_t candidates,
+                       bool everything)
 {
     const sgsi_kernels *kernels = sgsi_kernels_get();
-    const sgsi_tile_rays *rays = bin->tiles[k];
+    const sgsi_tile_rays *rays = macrotile->tiles[k];
     const sgsi_planes *planes = pass->planes;
-    const float far = everything ? INFINITY : bin->far[k];
+    const float far = everything ? INFINITY : macrotile->far[k];
     sgsi_tile_cost *cost = pass->tracer->costs ? &pass->tracer->costs[tile] : NULL;
     const double start = cost ? sgsi_seconds() : 0.0;
     const size_t count = kernels->tile_take(&state->scratch, candidates,
@@ -410,31 +413,31 @@ static bool blend_tile(const forward_pass *pass, thread_state *state, const sgsi
     kernels->tile_forward(&state->scratch, &target);
     if (!(target.stop_distance <= far))
         return false;
-    if (pass->depth_guess)
-        pass->depth_guess[tile] = target.stop_distance * 1.05f;
+    if (pass->depth_bound)
+        pass->depth_bound[tile] = target.stop_distance * 1.05f;
     if (cost)
         *cost = (sgsi_tile_cost){(float)(sgsi_seconds() - start), (uint32_t)count,
                                  (uint32_t)target.evaluations};
     state->counts.candidates += count;
     state->counts.evaluations += target.evaluations;
     for (int b = 0; b < SGSI_BLOCKS; ++b)
-        state->counts.elements += state->scratch.entry_count[b];
+        state->counts.block_hits += state->scratch.entry_count[b];
     if (pass->keep_lists)
         keep_list(state, &pass->tracer->lists[tile], count);
     return true;
 }
 
-static void forward_bin(void *context, size_t item, int thread)
+static void forward_macrotile(void *context, size_t item, int thread)
 {
     const forward_pass *pass = context;
     thread_state *state = pass->tracer->threads[thread];
-    const int bin = (int)(pass->first_bin + item);
+    const int macrotile = (int)(pass->first_macrotile + item);
     if (state->status)
         return;
     const double start = sgsi_seconds();
-    int numbers[SGSI_BIN_SIDE * SGSI_BIN_SIDE];
-    sgsi_bin tiles = open_bin(pass, bin, numbers);
-    size_t candidates = gather_bin(pass, state, bin, &tiles);
+    int numbers[SGSI_MACROTILE_SIDE * SGSI_MACROTILE_SIDE];
+    sgsi_macrotile tiles = open_macrotile(pass, macrotile, numbers);
+    size_t candidates = gather_macrotile(pass, state, macrotile, &tiles);
     const double gathered = sgsi_seconds();
     double again = 0.0;
     for (int k = 0; k < tiles.count && !state->status; ++k) {
@@ -443,8 +446,8 @@ static void forward_bin(void *context, size_t item, int thread)
         if (!tiles.complete) {
             const double back = sgsi_seconds();
             tiles.complete = true;
-            candidates = gather_bin(pass, state, bin, &tiles);
-            ++state->counts.regathered;
+            candidates = gather_macrotile(pass, state, macrotile, &tiles);
+            ++state->counts.fallback_gathers;
             again += sgsi_seconds() - back;
         }
         if (!state->status)
@@ -480,8 +483,8 @@ static sgs_status collect_threads(sgsi_tracer *tracer, double wall, double *gath
         tracer->counts.gathered += state->counts.gathered;
         tracer->counts.candidates += state->counts.candidates;
         tracer->counts.evaluations += state->counts.evaluations;
-        tracer->counts.elements += state->counts.elements;
-        tracer->counts.regathered += state->counts.regathered;
+        tracer->counts.block_hits += state->counts.block_hits;
+        tracer->counts.fallback_gathers += state->counts.fallback_gathers;
         status = status ? status : state->status;
     }
     const double total = gather_seconds + blend_seconds;
@@ -492,7 +495,8 @@ static sgs_status collect_threads(sgsi_tracer *tracer, double wall, double *gath
                : status;
 }
 
-static sgs_status forward_bins(sgsi_tracer *tracer, forward_pass *pass, size_t bin_count)
+static sgs_status forward_macrotiles(sgsi_tracer *tracer, forward_pass *pass,
+                                     size_t macrotile_count)
 {
     const double start = sgsi_seconds();
     const sgsi_rays *rays = pass->view->rays;
@@ -507,26 +511,28 @@ static sgs_status forward_bins(sgsi_tracer *tracer, forward_pass *pass, size_t b
         state->gather_seconds = state->blend_seconds = 0.0;
         state->counts = (sgsi_trace_counts){0};
     }
-    sgsi_parallel_for(bin_count, 1, forward_bin, pass);
+    sgsi_parallel_for(macrotile_count, 1, forward_macrotile, pass);
     return collect_threads(tracer, sgsi_seconds() - start, &tracer->seconds.gather,
                            &tracer->seconds.forward);
 }
 
 sgs_status sgsi_tracer_forward(sgsi_tracer *tracer, const sgsi_view *view, sgsi_planes *planes,
-                               float *depth_guess, bool keep_lists)
+                               float *depth_bound, bool keep_lists)
 {
-    forward_pass pass = {tracer, view, planes, depth_guess, keep_lists, 0};
-    return forward_bins(tracer, &pass, (size_t)view->rays->bins_x * (size_t)view->rays->bins_y);
+    forward_pass pass = {tracer, view, planes, depth_bound, keep_lists, 0};
+    return forward_macrotiles(tracer, &pass,
+                              (size_t)view->rays->macrotiles_x * (size_t)view->rays->macrotiles_y);
 }
 
 sgs_status sgsi_tracer_forward_rows(sgsi_tracer *tracer, const sgsi_view *view, sgsi_planes *planes,
                                     int first, int last)
 {
     const sgsi_rays *rays = view->rays;
-    const size_t bins_x = (size_t)rays->bins_x, first_row = (size_t)(first / rays->bin_tiles);
-    const size_t last_row = (size_t)((last + rays->bin_tiles - 1) / rays->bin_tiles);
-    forward_pass pass = {tracer, view, planes, NULL, false, first_row * bins_x};
-    return forward_bins(tracer, &pass, (last_row - first_row) * bins_x);
+    const size_t macrotiles_x = (size_t)rays->macrotiles_x,
+                 first_row = (size_t)(first / rays->macrotile_side);
+    const size_t last_row = (size_t)((last + rays->macrotile_side - 1) / rays->macrotile_side);
+    forward_pass pass = {tracer, view, planes, NULL, false, first_row * macrotiles_x};
+    return forward_macrotiles(tracer, &pass, (last_row - first_row) * macrotiles_x);
 }
 
 void sgsi_tracer_watch_tiles(sgsi_tracer *tracer, sgsi_tile_cost *costs)
@@ -534,12 +540,12 @@ void sgsi_tracer_watch_tiles(sgsi_tracer *tracer, sgsi_tile_cost *costs)
     tracer->costs = costs;
 }
 
-void sgsi_tracer_absolute(sgsi_tracer *tracer, bool wanted)
+void sgsi_tracer_collect_abs_grad(sgsi_tracer *tracer, bool wanted)
 {
-    tracer->absolute = wanted;
+    tracer->abs_grad = wanted;
 }
 
-const float *sgsi_tracer_sums(const sgsi_tracer *tracer)
+const float *sgsi_tracer_grad_sums(const sgsi_tracer *tracer)
 {
     return tracer->sums;
 }
@@ -559,9 +565,9 @@ const sgsi_bounds *sgsi_tracer_bounds(const sgsi_tracer *tracer)
     return tracer->bounds;
 }
 
-const float *sgsi_tracer_records(const sgsi_tracer *tracer)
+const float *sgsi_tracer_projected(const sgsi_tracer *tracer)
 {
-    return tracer->records;
+    return tracer->projected;
 }
 
 sgsi_trace_seconds sgsi_tracer_seconds(const sgsi_tracer *tracer)

@@ -18,12 +18,12 @@ typedef struct sgsi_trace_seconds {
 // What the last forward (and backward) did.
 typedef struct sgsi_trace_counts {
     uint64_t callbacks;   // primitives that the BVH named, some several times
-    uint64_t gathered;    // candidates of all bins: what may meet one of their tiles
+    uint64_t gathered;    // candidates of all macrotiles: what may meet one of their tiles
     uint64_t candidates;  // candidates of all tiles
     uint64_t evaluations; // (block, primitive) pairs evaluated forward
     uint64_t
-        elements; // pairs that count in some pixel, or hit one where distances or AOVs are drawn
-    uint64_t regathered; // bins gathered again because a depth guess was too near
+        block_hits; // pairs that count in some pixel, or hit one where distances or AOVs are drawn
+    uint64_t fallback_gathers; // macrotiles gathered again because a depth depth_bound was too near
 } sgsi_trace_counts;
 
 // What a tile cost in the forward pass.
@@ -57,35 +57,35 @@ sgs_status sgsi_tracer_commit(sgsi_tracer *tracer, bool rebuild, sgsi_bvh_qualit
 // that.
 void sgsi_tracer_watch_tiles(sgsi_tracer *tracer, sgsi_tile_cost *costs);
 
-// Gathers and blends. depth_guess [tiles] or NULL: per tile the distance behind which everything
+// Gathers and blends. depth_bound [tiles] or NULL: per tile the distance behind which everything
 // was hidden at the last visit (INFINITY: unknown); read, then replaced. keep_lists: needed before
 // a backward pass.
 sgs_status sgsi_tracer_forward(sgsi_tracer *tracer, const sgsi_view *view, sgsi_planes *planes,
-                               float *depth_guess, bool keep_lists);
+                               float *depth_bound, bool keep_lists);
 
-// The same for the rows of tiles [first, last) only, without guesses and lists; first and last are
-// multiples of the rays' bin_tiles (last: or the end). Other pixels are left alone.
+// The same for the rows of tiles [first, last) only, without depth_bounds and lists; first and last
+// are multiples of the rays' macrotile_side (last: or the end). Other pixels are left alone.
 sgs_status sgsi_tracer_forward_rows(sgsi_tracer *tracer, const sgsi_view *view, sgsi_planes *planes,
                                     int first, int last);
 
-// Gradients of the last forward pass with lists: fills sums and touched; with SGSI_SUM_ABSOLUTE if
-// sgsi_tracer_absolute was told so.
+// Gradients of the last forward pass with lists: fills sums and touched; with SGSI_GRAD_SUM_ABS if
+// sgsi_tracer_collect_abs_grad was told so.
 sgs_status sgsi_tracer_backward(sgsi_tracer *tracer, const sgsi_view *view,
                                 const sgsi_planes *planes, float *const d_color[3],
                                 float *d_transmittance);
-void sgsi_tracer_absolute(sgsi_tracer *tracer, bool wanted);
+void sgsi_tracer_collect_abs_grad(sgsi_tracer *tracer, bool wanted);
 
 // Instead of gradients, what a density control wants to know of the last forward pass with lists:
 // fills slots SGSI_SCORE_ (pipeline.h) of sums, and touched. planes: sizes only.
 sgs_status sgsi_tracer_score(sgsi_tracer *tracer, const sgsi_view *view, const sgsi_planes *planes,
                              const sgsi_score_planes *score);
 
-const float *sgsi_tracer_sums(const sgsi_tracer *tracer);      // [capacity][16]
+const float *sgsi_tracer_grad_sums(const sgsi_tracer *tracer); // [capacity][16]
 const uint8_t *sgsi_tracer_touched(const sgsi_tracer *tracer); // [capacity / 16]
 const uint16_t *sgsi_tracer_visible(
     const sgsi_tracer *tracer); // [capacity / 16]: bits of the rows in view (projected radius > 0)
 const sgsi_bounds *sgsi_tracer_bounds(const sgsi_tracer *tracer); // [capacity]
-const float *sgsi_tracer_records(const sgsi_tracer *tracer);      // [capacity][16]
+const float *sgsi_tracer_projected(const sgsi_tracer *tracer);    // [capacity][16]
 sgsi_trace_seconds sgsi_tracer_seconds(const sgsi_tracer *tracer);
 sgsi_trace_counts sgsi_tracer_counts(const sgsi_tracer *tracer);
 const sgsi_tile_list *

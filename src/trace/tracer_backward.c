@@ -69,14 +69,14 @@ static void backward_tile(void *context, size_t item, int thread)
                                .stride = pass->planes->stride,
                                .d_color = {pass->d_color[0], pass->d_color[1], pass->d_color[2]},
                                .d_transmittance = pass->d_transmittance,
-                               .records = tracer->records,
+                               .projected = tracer->projected,
                                .near_distance = pass->view->near_distance};
     const size_t slot = tracer->slot_begin[tile] - tracer->slot_begin[pass->first_tile];
-    s->sums = tracer->slot_sums + slot * SGSI_RECORD;
+    s->sums = tracer->slot_sums + slot * SGSI_PROJECTED_FLOATS;
     if (pass->score)
         kernels->tile_score(s, list, &target, pass->score);
-    else if (tracer->absolute)
-        kernels->tile_backward_absolute(s, list, &target);
+    else if (tracer->abs_grad)
+        kernels->tile_backward_abs_grad(s, list, &target);
     else
         kernels->tile_backward(s, list, &target);
 }
@@ -96,18 +96,18 @@ static void reduce_bucket(void *context, size_t bucket, int thread)
             const uint32_t id = ids[order[i]];
             if (i + REDUCE_AHEAD < begin[1]) {
                 const uint32_t ahead = order[i + REDUCE_AHEAD];
-                __builtin_prefetch(tracer->sums + (size_t)ids[ahead] * SGSI_RECORD, 1);
-                __builtin_prefetch(tracer->slot_sums + (slot + ahead) * SGSI_RECORD);
+                __builtin_prefetch(tracer->sums + (size_t)ids[ahead] * SGSI_PROJECTED_FLOATS, 1);
+                __builtin_prefetch(tracer->slot_sums + (slot + ahead) * SGSI_PROJECTED_FLOATS);
             }
             const size_t block = id / SGS_LANES;
             if (!tracer->touched[block]) {
                 tracer->touched[block] = 1;
-                memset(tracer->sums + block * SGS_LANES * SGSI_RECORD, 0,
-                       SGS_LANES * SGSI_RECORD * sizeof(float));
+                memset(tracer->sums + block * SGS_LANES * SGSI_PROJECTED_FLOATS, 0,
+                       SGS_LANES * SGSI_PROJECTED_FLOATS * sizeof(float));
             }
-            float *sum = tracer->sums + (size_t)id * SGSI_RECORD;
-            const float *add = tracer->slot_sums + (slot + order[i]) * SGSI_RECORD;
-            for (int k = 0; k < SGSI_RECORD; ++k)
+            float *sum = tracer->sums + (size_t)id * SGSI_PROJECTED_FLOATS;
+            const float *add = tracer->slot_sums + (slot + order[i]) * SGSI_PROJECTED_FLOATS;
+            for (int k = 0; k < SGSI_PROJECTED_FLOATS; ++k)
                 sum[k] += add[k];
         }
     }
@@ -141,7 +141,7 @@ static sgs_status reserve_slots(sgsi_tracer *tracer, size_t slots)
     sgsi_free(tracer->slot_order);
     sgsi_free(tracer->slot_sums);
     tracer->slot_order = sgsi_alloc(slots, sizeof *tracer->slot_order);
-    tracer->slot_sums = sgsi_alloc(slots, SGSI_RECORD * sizeof *tracer->slot_sums);
+    tracer->slot_sums = sgsi_alloc(slots, SGSI_PROJECTED_FLOATS * sizeof *tracer->slot_sums);
     tracer->slot_capacity = tracer->slot_order && tracer->slot_sums ? slots : 0;
     return tracer->slot_capacity
                ? SGS_STATUS_OK

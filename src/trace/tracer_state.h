@@ -25,7 +25,7 @@ typedef struct thread_state {
 struct sgsi_tracer {
     sgsi_bvh *bvh;
     size_t capacity, count, built_count;
-    float *records;
+    float *projected;
     sgsi_bounds *bounds;
     float *sums;
     uint8_t *touched;
@@ -40,7 +40,7 @@ struct sgsi_tracer {
     size_t bucket_capacity;
     sgsi_tile_cost *costs; // [tiles] or NULL
     size_t list_words;     // room for lists in every thread's arena
-    bool absolute;         // backward passes sum absolute gradients, too
+    bool abs_grad;         // backward passes sum absolute gradients, too
     thread_state *threads[MAX_THREADS];
     sgsi_trace_seconds seconds;
     sgsi_trace_counts counts;

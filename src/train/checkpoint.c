@@ -9,10 +9,11 @@
 //   progress   counters, averages, equilibrium, seconds (sgsi_progress)
 //   model, moment1, moment2    blocks of 16 primitives, 59 parameters each; lanes behind n are 0
 //   statistics gradient sums, sums of norms, visible counts, largest radii: n each
-//   guesses    the depth guesses; they change no bit of a step, only what it costs
+//   depth_bounds    the depth depth_bounds; they change no bit of a step, only what it costs
 //   order      u32 per training view: this epoch's permutation
 //   exposure   colour maps of the views, their moments and steps, in runs that learn them
-//   pending    gradients that wait for a step, as blocks, then the rows that have some; in runs
+//   accumulated_grad    gradients that wait for a step, as blocks, then the rows that have some; in
+//   runs
 //              whose pipeline batches steps
 //   filter_3d  Mip-Splatting's, n floats, in runs with its pixel filter
 //   stop       text: why training ended, empty before that
@@ -72,12 +73,12 @@ static void visit_state(sgsi_sections *sections, sgs_trainer *trainer, size_t n)
     visit_blocks(sections, "moment2", trainer->v, n);
     sgsi_sections_begin(sections, "statistics", n * 4 * sizeof(float));
     sgsi_sections_piece(sections, trainer->statistics.gradient_sum, n * sizeof(float));
-    sgsi_sections_piece(sections, trainer->statistics.absolute_sum, n * sizeof(float));
+    sgsi_sections_piece(sections, trainer->statistics.abs_grad_sum, n * sizeof(float));
     sgsi_sections_piece(sections, trainer->statistics.visible_count, n * sizeof(uint32_t));
     sgsi_sections_piece(sections, trainer->statistics.radius_max, n * sizeof(float));
-    sgsi_sections_begin(sections, "guesses", tiles * sizeof(float));
+    sgsi_sections_begin(sections, "depth_bounds", tiles * sizeof(float));
     for (size_t i = 0; i < views; ++i)
-        sgsi_sections_piece(sections, trainer->depth_guesses[i],
+        sgsi_sections_piece(sections, trainer->depth_bounds[i],
                             trainer->tile_counts[i] * sizeof(float));
     sgsi_sections_begin(sections, "order", views * sizeof(uint32_t));
     sgsi_sections_piece(sections, trainer->order, views * sizeof(uint32_t));
@@ -87,11 +88,12 @@ static void visit_state(sgsi_sections *sections, sgs_trainer *trainer, size_t n)
         sgsi_sections_begin(sections, "exposure", numbers * sizeof *exposure);
         sgsi_sections_piece(sections, exposure, numbers * sizeof *exposure);
     }
-    if (trainer->pending) {
-        visit_blocks(sections, "pending", trainer->pending, n);
-        const size_t bytes = (n + SGS_LANES - 1) / SGS_LANES * 2 * sizeof *trainer->pending_rows;
-        sgsi_sections_begin(sections, "pending_rows", bytes);
-        sgsi_sections_piece(sections, trainer->pending_rows, bytes);
+    if (trainer->accumulated_grad) {
+        visit_blocks(sections, "accumulated_grad", trainer->accumulated_grad, n);
+        const size_t bytes =
+            (n + SGS_LANES - 1) / SGS_LANES * 2 * sizeof *trainer->accumulated_rows;
+        sgsi_sections_begin(sections, "accumulated_rows", bytes);
+        sgsi_sections_piece(sections, trainer->accumulated_rows, bytes);
     }
     if (trainer->filter_3d) {
         sgsi_sections_begin(sections, "filter_3d", n * sizeof *trainer->filter_3d);
@@ -120,7 +122,7 @@ static const sgs_view *train_view(const sgs_trainer *trainer, size_t i)
 
 sgs_status sgs_trainer_save_checkpoint(const sgs_trainer *trainer, const char *path)
 {
-    if (trainer->half_way)
+    if (trainer->inconsistent)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
                          "%s: the last step failed half-way; there is no state to save", path);
     char *options = sgsi_options_text(&trainer->options);
@@ -181,8 +183,8 @@ static sgs_status check_progress(sgsi_sections *sections, const sgs_trainer *tra
 {
     const size_t views = trainer->train_view_count;
     if (progress->iteration < 0 || progress->iteration > 10000000 || progress->adam_step < 0 ||
-        progress->adam_step > progress->iteration || progress->followed < 0 ||
-        progress->followed > progress->iteration || progress->order_position > views ||
+        progress->adam_step > progress->iteration || progress->structure_iteration < 0 ||
+        progress->structure_iteration > progress->iteration || progress->order_position > views ||
         progress->stop < SGS_STOP_NONE || progress->stop > SGS_STOP_SIGNAL ||
         progress->resolution < 0 || progress->resolution > 8 || progress->updates < 0)
         return sgsi_fail(SGS_STATUS_FORMAT, "%s: a counter in section 'progress' is out of range",
@@ -268,14 +270,14 @@ static sgs_status make_room(sgs_trainer *trainer, size_t n, const char *path)
     trainer->model = model;
     trainer->m = m;
     trainer->v = v;
-    status = sgsi_trainer_reserve_pending(trainer);
+    status = sgsi_trainer_reserve_accumulated_grad(trainer);
     return status ? status
                   : sgsi_trainer_update_filter_3d(
                         trainer); // for the memory; the values come from the file
 }
 
 // The images of the resolution that was in force, where the pipeline changes it. Forgets the depth
-// guesses: before reading.
+// depth_bounds: before reading.
 static sgs_status restore_resolution(sgs_trainer *trainer, sgsi_sections *sections)
 {
     size_t bytes;
@@ -298,7 +300,7 @@ sgs_status sgs_trainer_load_checkpoint(sgs_trainer *trainer, const char *path)
         sgsi_sections_close(&sections);
         return status;
     }
-    trainer->half_way = true;
+    trainer->inconsistent = true;
     status = make_room(trainer, n, path);
     if (!status)
         status = restore_resolution(trainer, &sections);
@@ -307,7 +309,7 @@ sgs_status sgs_trainer_load_checkpoint(sgs_trainer *trainer, const char *path)
         visit_state(&sections, trainer, n);
         trainer->stop_text[sizeof trainer->stop_text - 1] = 0;
         trainer->structure_changed = true;
-        trainer->half_way = false;
+        trainer->inconsistent = false;
         if (sgsi_trainer_opacity_is_linear(trainer))
             sgs_gaussians_declare_linear_opacity(trainer->model);
         if (trainer->progress.stop == SGS_STOP_SCHEDULE &&

@@ -2,11 +2,11 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // How much memory a training will take, before any of it is asked for. A sum of what is known
-// exactly (photographs, rays, parameters, moments, statistics, records) and of what depends on the
-// scene: candidates of the fullest tile, gradient records per tile and primitive, the copies of a
-// structural update. The numbers for the latter were fitted to the peak RSS of 37 trainings of five
-// scenes with up to 67 000 primitives, 8-bit images of 480 to 376 000 pixels and all pipelines;
-// they met it within 20 %.
+// exactly (photographs, rays, parameters, moments, statistics, projected) and of what depends on
+// the scene: candidates of the fullest tile, gradient records per tile and primitive, the copies of
+// a structural update. The numbers for the latter were fitted to the peak RSS of 37 trainings of
+// five scenes with up to 67 000 primitives, 8-bit images of 480 to 376 000 pixels and all
+// pipelines; they met it within 20 %.
 
 #include "sparegs/trainer.h"
 #include "base/threads.h"

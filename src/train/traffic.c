@@ -5,7 +5,7 @@
 
 #include <math.h>
 
-enum { WORD = 4, RECORD = SGSI_RECORD * WORD, PLANES = 4 }; // colour and transmittance
+enum { WORD = 4, RECORD = SGSI_PROJECTED_FLOATS * WORD, PLANES = 4 }; // colour and transmittance
 
 // Blocks of 16 rows that the optimiser visits.
 static double stepped_blocks(const sgsi_traffic *traffic)
@@ -49,14 +49,14 @@ void sgsi_traffic_add(const sgsi_traffic *traffic, sgs_train_bytes *bytes)
     // Every box once, every node read and written.
     add.bvh =
         rows * sizeof(sgsi_bounds) + 2.0 * (double)sgsi_bvh_bytes(sgsi_tracer_bvh(traffic->tracer));
-    // Each naming reads the record; the second of one bin is most likely cached.
+    // Each naming reads the record; the second of one macrotile is most likely cached.
     add.gather = (double)counts.callbacks * (RECORD + WORD);
-    add.forward = pixels * PLANES * WORD + (listed + (double)counts.elements) * WORD;
+    add.forward = pixels * PLANES * WORD + (listed + (double)counts.block_hits) * WORD;
     add.loss = pixels * (2.0 * PLANES * WORD + traffic->channels);
-    // Lists, records, gradients of the planes in; a record of sums per (tile, primitive) out, and
+    // Lists, projected, gradients of the planes in; a record of sums per (tile, primitive) out, and
     // back in by the reduction, which reads ids three times and writes and reads their order.
     add.reduce = listed * (RECORD + WORD * 5.0) + 2.0 * stepped * RECORD;
-    add.backward = drawn * PLANES * WORD + (listed + (double)counts.elements) * WORD +
+    add.backward = drawn * PLANES * WORD + (listed + (double)counts.block_hits) * WORD +
                    2.0 * listed * RECORD + add.reduce;
     // Sums in; parameters and both moments in and out.
     add.optimizer = stepped * (RECORD + (traffic->steps ? 6.0 * (shape + color) : shape + color) +
@@ -70,7 +70,7 @@ void sgsi_traffic_add(const sgsi_traffic *traffic, sgs_train_bytes *bytes)
     bytes->reduce += add.reduce;
     bytes->optimizer += add.optimizer;
     bytes->iterations += 1.0;
-    bytes->bins += (double)traffic->bins;
+    bytes->macrotiles += (double)traffic->macrotiles;
     bytes->total +=
         add.project + add.bvh + add.gather + add.forward + add.loss + add.backward + add.optimizer;
 }

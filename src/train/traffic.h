@@ -11,7 +11,7 @@
 
 typedef struct sgsi_traffic {
     const sgsi_tracer *tracer; // after its backward pass
-    size_t primitives, pixels, tiles, bins;
+    size_t primitives, pixels, tiles, macrotiles;
     int sh_degree;     // bands in use
     int channels;      // bytes per pixel of the photograph
     bool collects;     // statistics of the density control

@@ -204,7 +204,7 @@ static sgs_status create_model(sgs_trainer *trainer)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the optimiser of %zu primitives",
                          trainer->model->count);
     trainer->progress.pipeline.initial_count = (int64_t)trainer->model->count;
-    status = sgsi_trainer_reserve_pending(trainer);
+    status = sgsi_trainer_reserve_accumulated_grad(trainer);
     if (!status)
         status = sgsi_trainer_update_filter_3d(trainer);
     return status ? status
@@ -217,12 +217,11 @@ static sgs_status create_views(sgs_trainer *trainer)
     trainer->train_views =
         sgsi_calloc(scene->view_count ? scene->view_count : 1, sizeof *trainer->train_views);
     trainer->order = sgsi_calloc(scene->view_count ? scene->view_count : 1, sizeof *trainer->order);
-    trainer->depth_guesses =
-        sgsi_calloc(scene->view_count ? scene->view_count : 1, sizeof *trainer->depth_guesses);
+    trainer->depth_bounds =
+        sgsi_calloc(scene->view_count ? scene->view_count : 1, sizeof *trainer->depth_bounds);
     trainer->tile_counts =
         sgsi_calloc(scene->view_count ? scene->view_count : 1, sizeof *trainer->tile_counts);
-    if (!trainer->train_views || !trainer->order || !trainer->depth_guesses ||
-        !trainer->tile_counts)
+    if (!trainer->train_views || !trainer->order || !trainer->depth_bounds || !trainer->tile_counts)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu views", scene->view_count);
     int width = 1, height = 1;
     for (size_t i = 0; i < scene->view_count; ++i) {
@@ -234,12 +233,12 @@ static sgs_status create_views(sgs_trainer *trainer)
                              (size_t)((view->camera.height + SGSI_TILE - 1) / SGSI_TILE);
         trainer->train_views[k] = i;
         trainer->tile_counts[k] = tiles;
-        trainer->depth_guesses[k] = sgsi_alloc(tiles, sizeof(float));
-        if (!trainer->depth_guesses[k])
+        trainer->depth_bounds[k] = sgsi_alloc(tiles, sizeof(float));
+        if (!trainer->depth_bounds[k])
             return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu views",
                              scene->view_count);
         for (size_t t = 0; t < tiles; ++t)
-            trainer->depth_guesses[k][t] = INFINITY;
+            trainer->depth_bounds[k][t] = INFINITY;
         width = view->camera.width > width ? view->camera.width : width;
         height = view->camera.height > height ? view->camera.height : height;
     }
@@ -276,7 +275,7 @@ sgs_status sgs_trainer_create(const sgs_scene *scene, const sgs_train_options *o
     spare_equilibrium_begin(&made->progress.equilibrium);
     status = sgsi_tracer_create(&made->tracer);
     if (!status)
-        sgsi_tracer_absolute(made->tracer, made->pipeline->absolute);
+        sgsi_tracer_collect_abs_grad(made->tracer, made->pipeline->abs_grad);
     if (!status)
         status = sgsi_ray_cache_create((size_t)1 << 30, &made->rays);
     if (!status)
@@ -300,8 +299,8 @@ void sgs_trainer_destroy(sgs_trainer *trainer)
 {
     if (!trainer)
         return;
-    for (size_t i = 0; trainer->depth_guesses && i < trainer->train_view_count; ++i)
-        sgsi_free(trainer->depth_guesses[i]);
+    for (size_t i = 0; trainer->depth_bounds && i < trainer->train_view_count; ++i)
+        sgsi_free(trainer->depth_bounds[i]);
     sgsi_exposure_destroy(trainer->exposure);
     sgsi_loss_destroy(trainer->loss);
     sgsi_ray_cache_destroy(trainer->rays);
@@ -315,13 +314,13 @@ void sgs_trainer_destroy(sgs_trainer *trainer)
                             trainer->v,
                             trainer->train_views,
                             trainer->order,
-                            trainer->depth_guesses,
+                            trainer->depth_bounds,
                             trainer->tile_counts,
                             trainer->planes,
                             trainer->cloud_points,
                             trainer->cloud_colors,
-                            trainer->pending,
-                            trainer->pending_rows,
+                            trainer->accumulated_grad,
+                            trainer->accumulated_rows,
                             trainer->filter_3d};
     for (size_t i = 0; i < sizeof arrays / sizeof *arrays; ++i)
         sgsi_free(arrays[i]);
@@ -357,7 +356,7 @@ static void expect_next_views(const sgs_trainer *trainer)
 {
     const size_t next = trainer->progress.order_position;
     for (size_t i = next; i < next + 2 && i < trainer->train_view_count; ++i)
-        sgs_scene_expect(trainer->scene, trainer->train_views[trainer->order[i]]);
+        sgs_scene_prefetch(trainer->scene, trainer->train_views[trainer->order[i]]);
 }
 
 static int active_sh_degree(const sgs_trainer *trainer, int iteration)
@@ -404,7 +403,7 @@ static sgs_status trace_forward(sgs_trainer *trainer, step_state *step)
         status = sgsi_tracer_commit(trainer->tracer, trainer->structure_changed, SGSI_BVH_REFIT);
     if (!status)
         status = sgsi_tracer_forward(trainer->tracer, &step->view, &step->planes,
-                                     trainer->depth_guesses[step->guess], true);
+                                     trainer->depth_bounds[step->view_index], true);
     if (status)
         return status;
     trainer->structure_changed = false;
@@ -435,23 +434,23 @@ static sgs_status evaluate_loss(sgs_trainer *trainer, step_state *step)
                            .d_transmittance = step->d_transmittance};
     const sgsi_loss_input image = input;
     if (trainer->exposure)
-        sgsi_exposure_forward(trainer->exposure, step->guess, &input);
+        sgsi_exposure_forward(trainer->exposure, step->view_index, &input);
     const sgs_status status = sgsi_loss_evaluate(trainer->loss, &input, &step->loss);
     if (trainer->exposure && !status)
-        sgsi_exposure_backward(trainer->exposure, step->guess, &image, &step->loss);
+        sgsi_exposure_backward(trainer->exposure, step->view_index, &image, &step->loss);
     trainer->progress.seconds.loss += sgsi_seconds() - start;
     return status;
 }
 
-// The photograph of step->guess. It comes before all else, so that a file that cannot be read any
-// more leaves the training as it was.
+// The photograph of step->view_index. It comes before all else, so that a file that cannot be read
+// any more leaves the training as it was.
 sgs_status sgsi_trainer_fetch(sgs_trainer *trainer, step_state *step)
 {
-    const size_t view = trainer->train_views[step->guess];
+    const size_t view = trainer->train_views[step->view_index];
     step->source = &trainer->scene->views[view];
     step->camera = step->source->camera;
     if (trainer->small_images.photos) {
-        step->target = &trainer->small_images.photos[step->guess];
+        step->target = &trainer->small_images.photos[step->view_index];
         step->camera = sgs_camera_resized(&step->camera, step->target->width, step->target->height);
         return SGS_STATUS_OK;
     }
@@ -502,24 +501,24 @@ static void optimize_step(sgs_trainer *trainer, const step_state *step)
     progress->rest_step += step_rest;
     const double t = fmax(progress->adam_step, 1), rest_t = fmax(progress->rest_step, 1);
     const double rate =
-        1.6e-4 * trainer->scene->extent * sgsi_schedule_rate(&trainer->schedule, step->iteration);
+        1.6e-4 * trainer->scene->extent * sgsi_schedule_lr(&trainer->schedule, step->iteration);
     optimize_job job = {
         .input = {.params = trainer->model->data,
                   .m = trainer->m,
                   .v = trainer->v,
                   .count = trainer->model->count,
                   .view = step->view,
-                  .sums = sgsi_tracer_sums(trainer->tracer),
+                  .sums = sgsi_tracer_grad_sums(trainer->tracer),
                   .touched = sgsi_tracer_touched(trainer->tracer),
                   .visible = sgsi_tracer_visible(trainer->tracer),
                   .dense = dense,
                   .apply = apply,
-                  .rate_mean = (float)rate,
-                  .rate_rotation = 1e-3f,
-                  .rate_scale = 5e-3f,
-                  .rate_opacity = sgsi_trainer_opacity_rate(trainer, step->iteration),
-                  .rate_dc = 2.5e-3f,
-                  .rate_rest = trainer->pipeline->rate_rest,
+                  .lr_mean = (float)rate,
+                  .lr_rotation = 1e-3f,
+                  .lr_scale = 5e-3f,
+                  .lr_opacity = sgsi_trainer_lr_opacity(trainer, step->iteration),
+                  .lr_dc = 2.5e-3f,
+                  .lr_rest = trainer->pipeline->lr_rest,
                   .beta1 = 0.9f,
                   .beta2 = 0.999f,
                   .epsilon = 1e-15f,
@@ -529,15 +528,15 @@ static void optimize_step(sgs_trainer *trainer, const step_state *step)
                       dense && apply ? (float)(1.0 / (1.0 - pow(0.9, rest_t))) : 1.0f,
                   .rest_correction2 =
                       dense && apply ? (float)(1.0 / sqrt(1.0 - pow(0.999, rest_t))) : 1.0f,
-                  .pending = trainer->pending,
-                  .pending_rows = trainer->pending_rows,
+                  .accumulated_grad = trainer->accumulated_grad,
+                  .accumulated_rows = trainer->accumulated_rows,
                   .step_main = step_main,
                   .step_rest = step_rest,
                   .gradient_sum = step->statistics ? step->statistics->gradient_sum : NULL,
-                  .absolute_sum = step->statistics && trainer->pipeline->absolute
-                                      ? step->statistics->absolute_sum
+                  .abs_grad_sum = step->statistics && trainer->pipeline->abs_grad
+                                      ? step->statistics->abs_grad_sum
                                       : NULL,
-                  .absolute_norm = trainer->pipeline->absolute_norm,
+                  .abs_grad_norm = trainer->pipeline->abs_grad_norm,
                   .tan_half_x = 0.5f * (float)camera->width / step->view.rays->fx,
                   .tan_half_y = 0.5f * (float)camera->height / step->view.rays->fy}};
     if (apply || step->statistics)
@@ -584,17 +583,17 @@ static size_t count_visible(const sgs_trainer *trainer)
 static void count_traffic(sgs_trainer *trainer, const step_state *step)
 {
     const sgsi_rays *rays = step->view.rays;
-    const sgsi_traffic traffic = {.tracer = trainer->tracer,
-                                  .primitives = trainer->model->count,
-                                  .pixels =
-                                      (size_t)step->planes.width * (size_t)step->planes.height,
-                                  .tiles = (size_t)rays->tiles_x * (size_t)rays->tiles_y,
-                                  .bins = (size_t)rays->bins_x * (size_t)rays->bins_y,
-                                  .sh_degree = step->view.sh_degree,
-                                  .channels = step->source->image.channels,
-                                  .collects = step->statistics != NULL,
-                                  .steps = !step->structural,
-                                  .dense = trainer->options.optimizer == SGS_OPTIMIZER_DENSE};
+    const sgsi_traffic traffic = {
+        .tracer = trainer->tracer,
+        .primitives = trainer->model->count,
+        .pixels = (size_t)step->planes.width * (size_t)step->planes.height,
+        .tiles = (size_t)rays->tiles_x * (size_t)rays->tiles_y,
+        .macrotiles = (size_t)rays->macrotiles_x * (size_t)rays->macrotiles_y,
+        .sh_degree = step->view.sh_degree,
+        .channels = step->source->image.channels,
+        .collects = step->statistics != NULL,
+        .steps = !step->structural,
+        .dense = trainer->options.optimizer == SGS_OPTIMIZER_DENSE};
     sgsi_traffic_add(&traffic, &trainer->bytes);
 }
 
@@ -612,7 +611,7 @@ static void account_step(sgs_trainer *trainer, double start, sgsi_loop_seconds l
 // A training that looks past its model would end well and show nothing.
 static void watch_views(sgs_trainer *trainer, int iteration)
 {
-    trainer->seen = trainer->seen || sgsi_tracer_counts(trainer->tracer).elements;
+    trainer->seen = trainer->seen || sgsi_tracer_counts(trainer->tracer).block_hits;
     if (!trainer->seen && (size_t)iteration == trainer->train_view_count)
         sgsi_warn("%s: none of the %zu training views has seen a primitive; do the points (or "
                   "--init) belong to these cameras?",
@@ -628,7 +627,7 @@ sgs_status sgs_trainer_step(sgs_trainer *trainer, sgs_step_info *info)
     if (progress->stop != SGS_STOP_NONE)
         return sgsi_fail(SGS_STATUS_LIMIT, "training is over after %d iterations",
                          progress->iteration);
-    if (trainer->half_way)
+    if (trainer->inconsistent)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
                          "the step after iteration %d failed half-way; there is nothing to go on "
                          "from",
@@ -639,24 +638,24 @@ sgs_status sgs_trainer_step(sgs_trainer *trainer, sgs_step_info *info)
         .structural = sgsi_schedule_is_structural(&trainer->schedule, iteration),
         .statistics = iteration < trainer->schedule.densify_until ? &trainer->statistics : NULL,
         .prunes = sgsi_schedule_is_final_prune(&trainer->schedule, iteration)};
-    sgs_status status = sgsi_trainer_follow_up(trainer, info);
+    sgs_status status = sgsi_trainer_apply_deferred(trainer, info);
     if (status)
         return status;
     const sgsi_progress before = *progress;
-    step.guess = next_view(trainer);
+    step.view_index = next_view(trainer);
     expect_next_views(trainer);
     status = sgsi_trainer_fetch(trainer, &step);
     if (status) {
         *progress = before; // the same view comes next
         return status;
     }
-    trainer->half_way = true;
+    trainer->inconsistent = true;
     status = sgsi_trainer_draw(trainer, &step);
     if (!status)
         watch_views(trainer, iteration);
     if (!status && trainer->exposure)
-        sgsi_exposure_step(trainer->exposure, step.guess,
-                           sgsi_exposure_rate(iteration, trainer->options.iterations));
+        sgsi_exposure_step(trainer->exposure, step.view_index,
+                           sgsi_exposure_lr(iteration, trainer->options.iterations));
     if (!status)
         status = sgsi_tracer_backward(trainer->tracer, &step.view, &step.planes, step.d_color,
                                       step.d_transmittance);
@@ -678,23 +677,23 @@ sgs_status sgs_trainer_step(sgs_trainer *trainer, sgs_step_info *info)
     if (status)
         return status;
     progress->iteration = iteration;
-    sgsi_trainer_follow_opacity(trainer);
+    sgsi_trainer_convert_opacity(trainer);
     fill_info(trainer, &step, info);
     info->stop = sgsi_trainer_decide_stop(trainer, step.loss.loss);
     progress->stop = info->stop;
-    trainer->half_way = false;
+    trainer->inconsistent = false;
     account_step(trainer, start, loops);
     return SGS_STATUS_OK;
 }
 
-bool sgs_trainer_is_whole(const sgs_trainer *trainer)
+bool sgs_trainer_is_consistent(const sgs_trainer *trainer)
 {
-    return !trainer->half_way;
+    return !trainer->inconsistent;
 }
 
-int sgs_trainer_updated(const sgs_trainer *trainer)
+int sgs_trainer_structure_iteration(const sgs_trainer *trainer)
 {
-    return trainer->progress.followed;
+    return trainer->progress.structure_iteration;
 }
 
 const sgs_gaussians *sgs_trainer_model(const sgs_trainer *trainer)

@@ -15,7 +15,7 @@ void sgsi_small_images_free(sgsi_small_images *images)
 {
     for (size_t i = 0; images->photos && i < images->count; ++i) {
         sgsi_free(images->photos[i].pixels);
-        sgsi_free(images->photos[i].keep);
+        sgsi_free(images->photos[i].valid_mask);
     }
     sgsi_free(images->photos);
     *images = (sgsi_small_images){0};
@@ -70,7 +70,7 @@ sgs_status sgsi_trainer_resolution_plan(sgs_trainer *trainer)
     }
     if (status)
         return status;
-    trainer->schedule.rate_begin = trainer->resolution.decay_begin;
+    trainer->schedule.lr_begin = trainer->resolution.decay_begin;
     return sgsi_trainer_set_resolution(trainer, sgsi_resolution_at(&trainer->resolution, 1));
 }
 
@@ -87,7 +87,8 @@ static void reduce_keep(const sgs_photo *from, sgs_photo *to)
                 for (int u = x * from->width / to->width; u * to->width < (x + 1) * from->width;
                      ++u)
                     all = all && sgsi_photo_counts(from, u, v);
-            to->keep[(size_t)y * words + (size_t)x / 16] |= (uint16_t)((unsigned)all << (x % 16));
+            to->valid_mask[(size_t)y * words + (size_t)x / 16] |=
+                (uint16_t)((unsigned)all << (x % 16));
             to->kept += all;
         }
 }
@@ -108,11 +109,11 @@ static sgs_status reduce_view(sgs_trainer *trainer, size_t i, int scale, sgs_pho
                        .channels = small.channels,
                        .pixels = small.pixels,
                        .kept = (size_t)small.width * (size_t)small.height};
-    if (!photo->keep)
+    if (!photo->valid_mask)
         return SGS_STATUS_OK;
-    out->keep =
-        sgsi_calloc(((size_t)out->width + 15) / 16 * (size_t)out->height, sizeof *out->keep);
-    if (!out->keep)
+    out->valid_mask =
+        sgsi_calloc(((size_t)out->width + 15) / 16 * (size_t)out->height, sizeof *out->valid_mask);
+    if (!out->valid_mask)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a mask of %dx%d pixels",
                          out->width, out->height);
     reduce_keep(photo, out);

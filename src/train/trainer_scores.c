@@ -17,14 +17,14 @@ void sgsi_trainer_scores_free(sgsi_trainer_scores *scores)
 {
     sgsi_free(scores->bytes);
     void *const arrays[] = {scores->importance,
-                            scores->expendable,
+                            scores->prune_score,
                             scores->gradient,
                             scores->opacity,
                             scores->volume,
                             scores->depth,
                             scores->centers,
                             scores->view.gradient_sum,
-                            scores->view.absolute_sum,
+                            scores->view.abs_grad_sum,
                             scores->view.visible_count,
                             scores->view.radius_max};
     for (size_t i = 0; i < sizeof arrays / sizeof *arrays; ++i)
@@ -36,8 +36,8 @@ static sgs_status reserve(sgsi_trainer_scores *scores, size_t capacity)
 {
     if (capacity > scores->capacity) {
         sgsi_trainer_scores_free(scores);
-        float **const columns[] = {&scores->importance, &scores->expendable, &scores->gradient,
-                                   &scores->opacity,    &scores->volume,     &scores->depth};
+        float **const columns[] = {&scores->importance, &scores->prune_score, &scores->gradient,
+                                   &scores->opacity,    &scores->volume,      &scores->depth};
         bool complete = true;
         for (size_t i = 0; i < sizeof columns / sizeof *columns; ++i)
             complete = (*columns[i] = sgsi_alloc(capacity, sizeof(float))) && complete;
@@ -50,7 +50,7 @@ static sgs_status reserve(sgsi_trainer_scores *scores, size_t capacity)
         scores->capacity = capacity;
     }
     memset(scores->importance, 0, capacity * sizeof(float));
-    memset(scores->expendable, 0, capacity * sizeof(float));
+    memset(scores->prune_score, 0, capacity * sizeof(float));
     return SGS_STATUS_OK;
 }
 
@@ -151,7 +151,7 @@ static sgsi_scored_image error_image(const step_state *step, const uint8_t *byte
                     planes->color[c][at] + planes->transmittance[at] * step->background[c];
                 const float photo = opaque * photo_value(step->target, (size_t)c * pixels + from) +
                                     (1.0f - opaque) * step->background[c];
-                sum += fabsf(fminf(fmaxf(drawn, 0.0f), step->target->bright ? INFINITY : 1.0f) -
+                sum += fabsf(fminf(fmaxf(drawn, 0.0f), step->target->is_hdr ? INFINITY : 1.0f) -
                              photo);
             }
             error[at] = sgsi_photo_counts(step->target, x, y) ? sum / 3.0f : 0.0f;
@@ -165,7 +165,7 @@ static sgs_status score_one(sgs_trainer *trainer, int iteration, size_t view)
 {
     sgsi_trainer_scores *scores = &trainer->scores;
     const size_t n = trainer->model->count;
-    step_state step = {.iteration = iteration, .guess = view, .statistics = &scores->view};
+    step_state step = {.iteration = iteration, .view_index = view, .statistics = &scores->view};
     sgsi_statistics_clear(&scores->view, scores->capacity);
     sgs_status status = sgsi_trainer_fetch(trainer, &step);
     if (!status)
@@ -182,7 +182,7 @@ static sgs_status score_one(sgs_trainer *trainer, int iteration, size_t view)
     status = trainer->pipeline->pixel_weights(&image, &trainer->options, step.d_color[1]);
     if (status)
         return status;
-    for (int y = 0; y < image.height && step.target->keep; ++y)
+    for (int y = 0; y < image.height && step.target->valid_mask; ++y)
         for (int x = 0; x < image.width; ++x)
             if (!sgsi_photo_counts(step.target, x, y))
                 step.d_color[1][(size_t)y * image.stride + (size_t)x] = 0.0f;
@@ -190,7 +190,7 @@ static sgs_status score_one(sgs_trainer *trainer, int iteration, size_t view)
     status = sgsi_tracer_score(trainer->tracer, &step.view, &step.planes, &planes);
     const sgsi_scored_view scored = {.count = n,
                                      .loss = step.loss.loss,
-                                     .sums = sgsi_tracer_sums(trainer->tracer),
+                                     .sums = sgsi_tracer_grad_sums(trainer->tracer),
                                      .touched = sgsi_tracer_touched(trainer->tracer),
                                      .depth = scores->depth,
                                      .radius = scores->view.radius_max,
@@ -198,7 +198,7 @@ static sgs_status score_one(sgs_trainer *trainer, int iteration, size_t view)
                                      .opacity = scores->opacity,
                                      .volume = scores->volume};
     if (!status)
-        trainer->pipeline->score_view(&scored, scores->importance, scores->expendable);
+        trainer->pipeline->score_view(&scored, scores->importance, scores->prune_score);
     return status;
 }
 
@@ -228,7 +228,7 @@ sgs_status sgsi_trainer_score(sgs_trainer *trainer, int iteration)
     }
     if (!status && pipeline->finish_scores)
         pipeline->finish_scores(trainer->model->count, (int)wanted, trainer->scores.importance,
-                                trainer->scores.expendable);
+                                trainer->scores.prune_score);
     trainer->progress.seconds = seconds;
     return status;
 }

@@ -11,16 +11,16 @@
 #include "base/threads.h"
 #include "train/trainer_state.h"
 
-sgs_status sgsi_trainer_reserve_pending(sgs_trainer *trainer)
+sgs_status sgsi_trainer_reserve_accumulated_grad(sgs_trainer *trainer)
 {
     if (!trainer->schedule.batch_rest)
         return SGS_STATUS_OK;
     const size_t capacity = trainer->model->capacity;
-    sgsi_free(trainer->pending);
-    sgsi_free(trainer->pending_rows);
-    trainer->pending = sgsi_calloc_shared(capacity, SGS_PARAM_COUNT * sizeof(float));
-    trainer->pending_rows = sgsi_calloc(capacity / SGS_LANES + 1, 2 * sizeof(uint16_t));
-    if (trainer->pending && trainer->pending_rows)
+    sgsi_free(trainer->accumulated_grad);
+    sgsi_free(trainer->accumulated_rows);
+    trainer->accumulated_grad = sgsi_calloc_shared(capacity, SGS_PARAM_COUNT * sizeof(float));
+    trainer->accumulated_rows = sgsi_calloc(capacity / SGS_LANES + 1, 2 * sizeof(uint16_t));
+    if (trainer->accumulated_grad && trainer->accumulated_rows)
         return SGS_STATUS_OK;
     return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the gradients of %zu primitives",
                      trainer->model->count);
@@ -48,10 +48,10 @@ static bool opacities_are(const sgs_trainer *trainer, sgs_taming_opacity treated
            iteration >= trainer->schedule.densify_until;
 }
 
-float sgsi_trainer_opacity_rate(const sgs_trainer *trainer, int iteration)
+float sgsi_trainer_lr_opacity(const sgs_trainer *trainer, int iteration)
 {
     return opacities_are(trainer, SGS_TAMING_FROZEN, iteration) ? 0.0f
-                                                                : trainer->pipeline->rate_opacity;
+                                                                : trainer->pipeline->lr_opacity;
 }
 
 bool sgsi_trainer_opacity_is_linear(const sgs_trainer *trainer)
@@ -59,7 +59,7 @@ bool sgsi_trainer_opacity_is_linear(const sgs_trainer *trainer)
     return opacities_are(trainer, SGS_TAMING_LINEAR, trainer->progress.iteration);
 }
 
-void sgsi_trainer_follow_opacity(sgs_trainer *trainer)
+void sgsi_trainer_convert_opacity(sgs_trainer *trainer)
 {
     sgs_gaussians *model = trainer->model;
     if (!sgsi_trainer_opacity_is_linear(trainer) || model->linear_opacity)
@@ -102,7 +102,7 @@ sgs_status sgsi_trainer_update_structure(sgs_trainer *trainer, int iteration, sg
         if (status)
             return status; // nothing is changed yet
     }
-    trainer->half_way = true;
+    trainer->inconsistent = true;
     const sgsi_density_options options = {
         .pipeline = trainer->pipeline,
         .train = o,
@@ -115,7 +115,7 @@ sgs_status sgsi_trainer_update_structure(sgs_trainer *trainer, int iteration, sg
         .resolution = progress->resolution ? progress->resolution : 1,
         .final_prune = final_prune,
         .importance = trainer->scores.importance,
-        .expendable = trainer->scores.expendable,
+        .prune_score = trainer->scores.prune_score,
         .gradient_threshold = gradient_threshold,
         .opacity_min = 0.005,
         .size_split = 0.01 * extent,
@@ -137,7 +137,7 @@ sgs_status sgsi_trainer_update_structure(sgs_trainer *trainer, int iteration, sg
     memcpy(trainer->regions.low, result.region_low, sizeof result.region_low);
     memcpy(trainer->regions.cell, result.region_cell, sizeof result.region_cell);
     if (!status)
-        status = sgsi_trainer_reserve_pending(trainer);
+        status = sgsi_trainer_reserve_accumulated_grad(trainer);
     if (!status)
         status = sgsi_trainer_update_filter_3d(trainer);
     if (status)
@@ -148,7 +148,7 @@ sgs_status sgsi_trainer_update_structure(sgs_trainer *trainer, int iteration, sg
     trainer->structure_changed = true;
     progress->updates += !final_prune;
     info->structural = true;
-    info->updated = iteration;
+    info->structure_iteration = iteration;
     info->gaussians = trainer->model->count;
     info->densified = result.cloned + result.split;
     info->pruned = result.pruned;
@@ -161,7 +161,7 @@ sgs_status sgsi_trainer_update_structure(sgs_trainer *trainer, int iteration, sg
     info->spare_seconds = result.spare_seconds;
     progress->seconds.spare += result.spare_seconds;
     progress->seconds.density += sgsi_seconds() - start - result.spare_seconds;
-    trainer->half_way = false;
+    trainer->inconsistent = false;
     return SGS_STATUS_OK;
 }
 
@@ -169,7 +169,7 @@ void sgsi_trainer_forget_depths(sgs_trainer *trainer)
 {
     for (size_t i = 0; i < trainer->train_view_count; ++i)
         for (size_t t = 0; t < trainer->tile_counts[i]; ++t)
-            trainer->depth_guesses[i][t] = INFINITY;
+            trainer->depth_bounds[i][t] = INFINITY;
 }
 
 static void reset_opacity(sgs_trainer *trainer, int iteration)
@@ -180,12 +180,12 @@ static void reset_opacity(sgs_trainer *trainer, int iteration)
     sgsi_trainer_forget_depths(trainer); // nothing is opaque now
 }
 
-sgs_status sgsi_trainer_follow_up(sgs_trainer *trainer, sgs_step_info *info)
+sgs_status sgsi_trainer_apply_deferred(sgs_trainer *trainer, sgs_step_info *info)
 {
     sgsi_progress *progress = &trainer->progress;
     const sgsi_schedule *schedule = &trainer->schedule;
     const int iteration = progress->iteration;
-    if (progress->followed >= iteration)
+    if (progress->structure_iteration >= iteration)
         return SGS_STATUS_OK;
     sgsi_small_images next;
     sgs_status status = sgsi_trainer_next_resolution(trainer, iteration, &next);
@@ -201,7 +201,7 @@ sgs_status sgsi_trainer_follow_up(sgs_trainer *trainer, sgs_step_info *info)
     sgsi_trainer_adopt_resolution(trainer, &next);
     if (sgsi_schedule_is_reset(schedule, iteration))
         reset_opacity(trainer, iteration);
-    progress->followed = iteration;
+    progress->structure_iteration = iteration;
     return SGS_STATUS_OK;
 }
 

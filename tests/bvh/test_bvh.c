@@ -52,7 +52,7 @@ static sgsi_bounds *make_boxes(size_t count, uint64_t seed)
     return boxes;
 }
 
-// Sixteen rays around one direction, as a bin has them; `width` is the packet's half angle.
+// Sixteen rays around one direction, as a macrotile has them; `width` is the packet's half angle.
 static sgsi_packet make_packet(uint64_t seed, double width, float far)
 {
     uint64_t counter = 1000;

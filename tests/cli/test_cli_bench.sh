@@ -45,10 +45,10 @@ json "$result" 'all(.benches[].predicted_speedup[]; .speedup > 1 and .speedup <=
 json "$result" 'all(.benches[]; .bytes.optimizer > 0.2 * 6 * 59 * 4 * .primitives and .bytes.optimizer < 6 * 64 * 4 * .primitives)'
 json "$result" '[.limits.by_threads[].threads] | length == (unique | length)'
 # what_is_counted_does_not_depend_on_threads
-json "$result" '[.benches[] | [.hits_per_ray, .evaluations_per_block, .elements_per_block]] | .[0] == .[1]'
+json "$result" '[.benches[] | [.hits_per_ray, .evaluations_per_block, .block_hits_per_block]] | .[0] == .[1]'
 # (the tree decides which candidates it can spare the tiles)
 json "$result" '[.benches[].candidates_per_tile] | .[0] / .[1] - 1 | fabs < 0.01'
-json "$result" 'all(.benches[]; .elements_per_block <= .evaluations_per_block and .hits_per_ray <= .elements_per_block)'
+json "$result" 'all(.benches[]; .block_hits_per_block <= .evaluations_per_block and .hits_per_ray <= .block_hits_per_block)'
 
 # a_model_and_a_scene_of_ones_own
 run 0 train "$room" -o "$temporary/model" --downscale 4 --iterations 5 --spare off --quiet

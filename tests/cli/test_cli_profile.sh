@@ -22,7 +22,7 @@ json "$temporary/stdout" '.views == 1 and .view.rays == 60 * 33 and .view.hits_p
 json "$temporary/stdout" 'all(.view.false_positives[]; . >= 0 and . < 1)'
 json "$temporary/stdout" '.answers | (.quality_training | length > 0) and (.dominant_share > 0 and .dominant_share < 1)'
 json "$temporary/stdout" '.training_seconds | .iteration > 0.9 * (.refit + .gather + .forward + .loss + .backward + .optimizer)'
-json "$temporary/stdout" 'all(.trees[]; .guided_gather_core_seconds > 0) and .view.gather_noise >= 0'
+json "$temporary/stdout" 'all(.trees[]; .gather_with_depth_bound_core_seconds > 0) and .view.gather_noise >= 0'
 # the_trace_is_a_timeline: builds and iterations one after the other, phases inside their iteration
 json "$temporary/trace.json" '.traceEvents | map(.name) | contains(["bvh_build", "iteration 1", "backward"])'
 json "$temporary/trace.json" '[.traceEvents[] | select(.name == "bvh_build" or (.name | startswith("iteration")))] |
@@ -36,7 +36,7 @@ check hits_are_in_the_exr bash -c "oiiotool --info -v '$temporary/maps/0009.prof
 if command -v exrcheck >/dev/null; then
     check valid_by_exrcheck exrcheck "$temporary/maps/0009.profile.exr" "$temporary/maps/0009.tiles.exr"
 fi
-for map in hits elements tile_candidates tile_cost; do
+for map in hits block_hits tile_candidates tile_cost; do
     check "${map}_png_has_the_size_of_the_view" bash -c "oiiotool --info '$temporary/maps/0009.$map.png' | grep -qE '60 x +33'"
 done
 

@@ -172,7 +172,7 @@ static void absolute_gradients_select_as_many_as_signed_ones(void **state)
     (void)state;
     enum { N = 1000 };
     float x[N], score[N], absolute[N], weight[N], opacity[N], scale[N], priority[N];
-    uint8_t redundant[N] = {0}, action[N] = {0}, removed[N] = {0}, barren[N] = {0};
+    uint8_t redundant[N] = {0}, action[N] = {0}, removed[N] = {0}, prune_children[N] = {0};
     size_t pulled = 0;
     for (size_t i = 0; i < N; ++i) {
         score[i] = 4e-4f * (float)sgsi_random_uniform(1, i) * (float)sgsi_random_uniform(2, i);
@@ -190,12 +190,12 @@ static void absolute_gradients_select_as_many_as_signed_ones(void **state)
                                     .opacity = opacity,
                                     .scale_max = scale,
                                     .score = score,
-                                    .absolute = absolute,
+                                    .abs_grad = absolute,
                                     .weight = weight,
                                     .redundant = redundant,
                                     .action = action,
                                     .removed = removed,
-                                    .barren = barren,
+                                    .prune_children = prune_children,
                                     .priority = priority};
     const sgsi_density_options options = {.pipeline = &sgsi_pipeline_mip,
                                           .gradient_threshold = 2e-4,

@@ -56,7 +56,7 @@ static void score_sums_match_the_oracle(void **state)
                      SGS_STATUS_OK);
     size_t seen = 0;
     for (size_t i = 0; i < scene.count; ++i) {
-        const float *sum = sgsi_tracer_sums(traced.tracer) + 16 * i;
+        const float *sum = sgsi_tracer_grad_sums(traced.tracer) + 16 * i;
         const bool touched = sgsi_tracer_touched(traced.tracer)[i / 16];
         seen += expected[4 * i + SGSI_SCORE_HITS] > 0;
         for (int k = 0; k < 4; ++k) {
@@ -113,7 +113,7 @@ static void absolute_gradients_match_the_oracle_pixel_by_pixel(void **state)
             for (int c = 0; c < 3; ++c)
                 d[c][at] = 0;
         }
-    sgsi_tracer_absolute(traced.tracer, true);
+    sgsi_tracer_collect_abs_grad(traced.tracer, true);
     assert_int_equal(sgsi_tracer_backward(traced.tracer, &traced.view, &traced.planes, single.color,
                                           single.transmittance),
                      SGS_STATUS_OK);
@@ -123,10 +123,10 @@ static void absolute_gradients_match_the_oracle_pixel_by_pixel(void **state)
         const sgsi_optimize input = {.params = scene.model->data,
                                      .count = scene.count,
                                      .view = traced.view,
-                                     .sums = sgsi_tracer_sums(traced.tracer),
+                                     .sums = sgsi_tracer_grad_sums(traced.tracer),
                                      .touched = sgsi_tracer_touched(traced.tracer),
-                                     .absolute_sum = sums[norm],
-                                     .absolute_norm = norm,
+                                     .abs_grad_sum = sums[norm],
+                                     .abs_grad_norm = norm,
                                      .tan_half_x = 0.7f,
                                      .tan_half_y = 0.4f};
         sgsi_optimize_blocks(&input, 0, (scene.count + 15) / 16);
@@ -236,7 +236,7 @@ static void weighted_draws_follow_their_weights(void **state)
 
 typedef struct fixture {
     sgs_gaussians *model;
-    float *m, *v, *importance, *expendable;
+    float *m, *v, *importance, *prune_score;
     sgsi_statistics statistics;
     sgs_train_options train;
     sgsi_pipeline_state state;
@@ -253,7 +253,7 @@ static fixture *make(const sgsi_pipeline *pipeline, size_t count, float gradient
     f->m = sgsi_calloc(f->model->capacity, SGS_PARAM_COUNT * sizeof(float));
     f->v = sgsi_calloc(f->model->capacity, SGS_PARAM_COUNT * sizeof(float));
     f->importance = sgsi_calloc(count, sizeof(float));
-    f->expendable = sgsi_calloc(count, sizeof(float));
+    f->prune_score = sgsi_calloc(count, sizeof(float));
     assert_int_equal(sgsi_statistics_reserve(&f->statistics, f->model->capacity), SGS_STATUS_OK);
     f->train = sgs_train_options_default();
     f->state.initial_count = (int64_t)count;
@@ -267,7 +267,7 @@ static fixture *make(const sgsi_pipeline *pipeline, size_t count, float gradient
                                         .interval = 100,
                                         .resolution = 1,
                                         .importance = f->importance,
-                                        .expendable = f->expendable,
+                                        .prune_score = f->prune_score,
                                         .gradient_threshold = 2e-4,
                                         .opacity_min = 0.005,
                                         .size_split = 0.1,
@@ -285,7 +285,7 @@ static fixture *make(const sgsi_pipeline *pipeline, size_t count, float gradient
         p[SGS_PARAM_SH_DC] = (float)i;
         sgs_gaussians_set(f->model, i, p);
         f->statistics.visible_count[i] = 2;
-        f->statistics.gradient_sum[i] = f->statistics.absolute_sum[i] = 2 * gradient;
+        f->statistics.gradient_sum[i] = f->statistics.abs_grad_sum[i] = 2 * gradient;
         f->importance[i] = 10;
     }
     return f;
@@ -297,7 +297,7 @@ static void drop(fixture *f)
     sgsi_free(f->m);
     sgsi_free(f->v);
     sgsi_free(f->importance);
-    sgsi_free(f->expendable);
+    sgsi_free(f->prune_score);
     sgsi_statistics_free(&f->statistics);
     sgsi_free(f->result.region_list);
     free(f);
@@ -393,7 +393,7 @@ static void fastgs_grows_where_views_agree_only(void **state)
             *sgs_gaussians_at(f->model, i, SGS_PARAM_SCALE) =
                 logf(0.02f); // above 0.001 of the extent
         if (i >= 40)
-            f->statistics.absolute_sum[i] = 2 * 0.0013f;
+            f->statistics.abs_grad_sum[i] = 2 * 0.0013f;
         f->importance[i] = i % 2 ? 5.9f : 6.0f; // the floor must exceed 5
     }
     assert_int_equal(update(f), 60 + 10 + 10);
@@ -410,8 +410,8 @@ static void fastgs_final_prune_removes_faint_and_expendable_rows(void **state)
     fixture *f = make(&sgsi_pipeline_fastgs, 50, 1e-3f);
     f->options.final_prune = true;
     *sgs_gaussians_at(f->model, 3, SGS_PARAM_OPACITY) = logf(0.09f / 0.91f);
-    f->expendable[4] = 0.95f;
-    f->expendable[5] = 0.85f;
+    f->prune_score[4] = 0.95f;
+    f->prune_score[5] = 0.85f;
     assert_int_equal(update(f), 48);
     assert_int_equal(copies_of(f, 3) + copies_of(f, 4), 0);
     assert_int_equal(copies_of(f, 5), 1);
@@ -421,18 +421,18 @@ static void fastgs_final_prune_removes_faint_and_expendable_rows(void **state)
 static void fastgs_scores_average_votes_and_scale_pruning(void **state)
 {
     (void)state;
-    float sums[16 * 16] = {0}, importance[3] = {0}, expendable[3] = {0};
+    float sums[16 * 16] = {0}, importance[3] = {0}, prune_score[3] = {0};
     uint8_t touched[1] = {1};
     for (int view = 0; view < 4; ++view) {
         for (int i = 0; i < 3; ++i)
             sums[16 * i + SGSI_SCORE_WEIGHT] = (float)(i * (view + 1));
         const sgsi_scored_view scored = {
             .count = 3, .loss = 0.1 * (view + 1), .sums = sums, .touched = touched};
-        sgsi_pipeline_fastgs.score_view(&scored, importance, expendable);
+        sgsi_pipeline_fastgs.score_view(&scored, importance, prune_score);
     }
-    sgsi_pipeline_fastgs.finish_scores(3, 4, importance, expendable);
+    sgsi_pipeline_fastgs.finish_scores(3, 4, importance, prune_score);
     assert_true(importance[0] == 0 && importance[1] == 2.5f && importance[2] == 5);
-    assert_true(expendable[0] == 0 && fabsf(expendable[1] - 0.5f) < 1e-6f && expendable[2] == 1);
+    assert_true(prune_score[0] == 0 && fabsf(prune_score[1] - 0.5f) < 1e-6f && prune_score[2] == 1);
 }
 
 static void taming_importance_is_the_published_sum(void **state)
@@ -527,7 +527,7 @@ static void redundancy_joins_every_pipeline(void **state)
             *sgs_gaussians_at(f->model, i, SGS_PARAM_MEAN + 1) =
                 *sgs_gaussians_at(f->model, i, SGS_PARAM_MEAN + 2) = 0;
             *sgs_gaussians_at(f->model, i, SGS_PARAM_OPACITY) = i % 2 ? 0 : logf(0.03f / 0.97f);
-            f->statistics.absolute_sum[i] =
+            f->statistics.abs_grad_sum[i] =
                 1e-9f * (float)i; // one row is above all others, and only one grows
             f->statistics.radius_max[i] = 4;
         }

@@ -48,8 +48,8 @@ static void published_schedule_has_144_updates_and_4_resets(void **state)
         assert_int_equal(resets, 4);
         assert_int_equal(schedule.sh_interval, 1000);
         assert_int_equal(schedule.check_interval, 1000);
-        assert_true(fabs(sgsi_schedule_rate(&schedule, 15000) - 0.1) < 1e-12);
-        assert_true(fabs(sgsi_schedule_rate(&schedule, 30000) - 0.01) < 1e-12);
+        assert_true(fabs(sgsi_schedule_lr(&schedule, 15000) - 0.1) < 1e-12);
+        assert_true(fabs(sgsi_schedule_lr(&schedule, 30000) - 0.01) < 1e-12);
     }
 }
 
@@ -81,7 +81,7 @@ static void paper_schedule_cut_short_keeps_its_milestones(void **state)
     assert_int_equal(count_structural(&schedule), 65); // 600 ... 7000
     assert_true(sgsi_schedule_is_reset(&schedule, 3000));
     assert_true(sgsi_schedule_is_reset(&schedule, 6000));
-    assert_true(sgsi_schedule_rate(&schedule, 7000) > 0.3);
+    assert_true(sgsi_schedule_lr(&schedule, 7000) > 0.3);
 }
 
 static void scaled_schedule_keeps_its_promises_at_every_length(void **state)
@@ -92,7 +92,7 @@ static void scaled_schedule_keeps_its_promises_at_every_length(void **state)
         const sgsi_schedule schedule = make(n, SGS_SCHEDULE_SCALED);
         const int updates = count_structural(&schedule);
         assert_true(schedule.densify_until <= n / 2 + 1);
-        assert_true(fabs(sgsi_schedule_rate(&schedule, n) - 0.01) < 1e-9);
+        assert_true(fabs(sgsi_schedule_lr(&schedule, n) - 0.01) < 1e-9);
         int last = -100000;
         for (int i = 1; i <= n; ++i) {
             if (!sgsi_schedule_is_reset(&schedule, i))

@@ -70,7 +70,8 @@ static void assert_hole(const sgs_photo *photo, int x0, int y0, int x1, int y1, 
     for (int y = 0; y < photo->height; ++y)
         for (int x = 0; x < photo->width; ++x) {
             const bool inside = x >= x0 && x < x1 && y >= y0 && y < y1;
-            assert_int_equal(sgsi_mask_keeps(photo->keep, photo->width, x, y), inside == inverted);
+            assert_int_equal(sgsi_mask_is_valid(photo->valid_mask, photo->width, x, y),
+                             inside == inverted);
             kept += inside == inverted;
         }
     assert_int_equal(photo->kept, kept);
@@ -106,14 +107,14 @@ static void options_choose_turn_and_switch_off_masks(void **state)
     options.masks_dir = "people";
     options.invert_masks = 1;
     sgs_scene *scene = load(&folder, &options);
-    assert_null(photo_of(scene, "a.png")->keep);
+    assert_null(photo_of(scene, "a.png")->valid_mask);
     assert_hole(photo_of(scene, "b.png"), 1, 1, 17, 2, true);
     assert_holds(warnings, "3 of 4 images have no mask");
     sgs_scene_destroy(scene);
     options.masks_dir = "none";
     scene = load(&folder, &options);
-    assert_true(scene->masks == 0 && !photo_of(scene, "a.png")->keep &&
-                !photo_of(scene, "b.png")->keep);
+    assert_true(scene->masks == 0 && !photo_of(scene, "a.png")->valid_mask &&
+                !photo_of(scene, "b.png")->valid_mask);
     sgs_scene_destroy(scene);
     options.masks_dir = "peple";
     assert_int_equal(sgs_scene_load(folder.path, &options, &scene), SGS_STATUS_IO);
@@ -147,7 +148,7 @@ static void camera_files_name_masks(void **state)
     sgs_scene *scene = load(&folder, &options);
     assert_int_equal(scene->masks, 2);
     assert_hole(photo_of(scene, "images/a.png"), 3, 4, 20, 30, false);
-    assert_null(photo_of(scene, "images/b.png")->keep);
+    assert_null(photo_of(scene, "images/b.png")->valid_mask);
     assert_hole(photo_of(scene, "images/c.png"), 1, 1, 17, 2, false);
     sgs_scene_destroy(scene);
     options.masks_dir = "masks"; // asked for: it replaces what the file names
@@ -261,7 +262,7 @@ static void pixels_without_a_ray_do_not_count(void **state)
             const bool masked = x >= 30 && x < 34 && y >= 20 && y < 25;
             const bool seen =
                 hypot(x + 0.5 - 32, y + 0.5 - 24) < 9 * 3.14159265358979323846 && !masked;
-            assert_int_equal(sgsi_mask_keeps(photo->keep, WIDTH, x, y), seen);
+            assert_int_equal(sgsi_mask_is_valid(photo->valid_mask, WIDTH, x, y), seen);
             kept += seen;
         }
     assert_true(kept < WIDTH * HEIGHT && photo->kept == kept);

@@ -226,28 +226,32 @@ static void masked_pixels_have_no_influence(void **state)
     (void)state;
     sgs_image8 a = make_image(45, 30, 3, 5, 20, 200), b = make_image(45, 30, 3, 6, 20, 200);
     const size_t plane = 45 * 30, words = 3;
-    uint16_t keep[30 * 3] = {0};
+    uint16_t valid_mask[30 * 3] = {0};
     size_t kept = 0;
     double squares = 0;
     for (size_t i = 0; i < plane; ++i) {
         const size_t x = i % 45, y = i / 45;
         if ((x > 10 && x < 25 && y > 5 && y < 22) || x == 44)
             continue;
-        keep[y * words + x / 16] |= (uint16_t)(1u << x % 16);
+        valid_mask[y * words + x / 16] |= (uint16_t)(1u << x % 16);
         ++kept;
         for (size_t c = 0; c < 3; ++c)
             squares += pow((a.pixels[c * plane + i] - b.pixels[c * plane + i]) / 255.0, 2);
     }
-    const double psnr = sgs_psnr_masked(&a, &b, keep), ssim = sgs_ssim_masked(&a, &b, keep);
+    const double psnr = sgs_psnr_masked(&a, &b, valid_mask),
+                 ssim = sgs_ssim_masked(&a, &b, valid_mask);
     assert_true(fabs(psnr - 10 * log10(3.0 * (double)kept / squares)) < 1e-9);
     for (size_t i = 0; i < plane; ++i)
-        for (size_t c = 0; c < 3 && !(keep[i / 45 * words + i % 45 / 16] >> i % 45 % 16 & 1); ++c)
+        for (size_t c = 0; c < 3 && !(valid_mask[i / 45 * words + i % 45 / 16] >> i % 45 % 16 & 1);
+             ++c)
             a.pixels[c * plane + i] = b.pixels[c * plane + i] = 0;
-    assert_true(sgs_psnr_masked(&a, &b, keep) == psnr && sgs_ssim_masked(&a, &b, keep) == ssim);
+    assert_true(sgs_psnr_masked(&a, &b, valid_mask) == psnr &&
+                sgs_ssim_masked(&a, &b, valid_mask) == ssim);
     // Black everywhere else, the windows that were left out have similarities of their own.
     assert_true(fabs(sgs_ssim(&a, &b) - ssim) > 1e-3);
-    memset(keep, 0, sizeof keep);
-    assert_true(isnan(sgs_psnr_masked(&a, &b, keep)) && isnan(sgs_ssim_masked(&a, &b, keep)));
+    memset(valid_mask, 0, sizeof valid_mask);
+    assert_true(isnan(sgs_psnr_masked(&a, &b, valid_mask)) &&
+                isnan(sgs_ssim_masked(&a, &b, valid_mask)));
     sgsi_free(a.pixels);
     sgsi_free(b.pixels);
 }

@@ -68,7 +68,7 @@ static sgsi_photo_source source_of(const char *path)
                                .file_height = HEIGHT,
                                .width = WIDTH,
                                .height = HEIGHT,
-                               .white = 1};
+                               .white_point = 1};
 }
 
 static sgs_photo load_photo(const sgsi_photo_source *source)
@@ -115,10 +115,10 @@ static void linear_light_is_encoded_by_the_curve_of_srgb(void **state)
         sgsi_photo_source source = source_of(temp_path(&folder, "a.exr"));
         for (int space = SGS_SPACE_SRGB; space <= SGS_SPACE_LINEAR; ++space) {
             source.space = (sgs_space)space;
-            source.white = 0.5;
+            source.white_point = 0.5;
             sgs_photo photo = load_photo(&source);
-            assert_true(photo.channels == 3 + alpha && photo.bright && !photo.pixels &&
-                        !photo.keep);
+            assert_true(photo.channels == 3 + alpha && photo.is_hdr && !photo.pixels &&
+                        !photo.valid_mask);
             for (int y = 0; y < HEIGHT; ++y)
                 for (int x = 0; x < WIDTH; ++x)
                     for (int c = 0; c < photo.channels; ++c) {
@@ -150,7 +150,7 @@ static void the_unit_of_the_light_does_not_matter(void **state)
         sgsi_light *light = calloc(1, sizeof *light);
         assert_non_null(light);
         assert_int_equal(sgsi_light_add(light, source.image_path, NULL), SGS_STATUS_OK);
-        white[k] = source.white = sgsi_light_quantile(light, 0.99);
+        white[k] = source.white_point = sgsi_light_quantile(light, 0.99);
         free(light);
         photos[k] = load_photo(&source);
     }
@@ -202,7 +202,7 @@ static void sixteen_bits_keep_their_precision(void **state)
     for (int space = SGS_SPACE_SRGB; space <= SGS_SPACE_LINEAR; ++space) {
         source.space = (sgs_space)space;
         sgs_photo photo = load_photo(&source);
-        assert_true(photo.halves && !photo.bright);
+        assert_true(photo.halves && !photo.is_hdr);
         for (int i = 0; i < WIDTH * HEIGHT; ++i)
             for (int c = 0; c < 3; ++c) {
                 const double stored = words[3 * i + c] / 65535.0,
@@ -255,7 +255,7 @@ static void colour_spaces_are_known_by_name(void **state)
     source.colorspace = "sRGB"; // the values are what they are
     photo = load_photo(&source);
     assert_true(fabs(value_at(&photo, 0, 5, 0) - (double)light_at(0, 5, 0)) < 5e-4 &&
-                !photo.bright);
+                !photo.is_hdr);
     sgsi_photo_free(&photo);
     source.colorspace = "Rec709"; // by OpenImageIO: the curve of ITU-R BT.709
     photo = load_photo(&source);
@@ -300,16 +300,16 @@ static void pixels_that_are_no_numbers_are_ignored_and_counted(void **state)
         sgs_scene *scene;
         assert_int_equal(sgs_scene_load(folder.path, NULL, &scene), SGS_STATUS_OK);
         assert_int_equal(scene->pixels_broken, 1);
-        assert_true(scene->white > 4 && scene->white < 16);
+        assert_true(scene->white_point > 4 && scene->white_point < 16);
         assert_holds(warnings,
                      "a.exr: 1 of its pixels are infinite or no number; they are ignored");
         const sgs_photo *photo = &scene->views[0].image;
         assert_string_equal(scene->views[0].name, "a.exr");
         assert_int_equal(photo->kept, WIDTH * HEIGHT - 1);
-        assert_false(sgsi_mask_keeps(photo->keep, WIDTH, 7, 50));
+        assert_false(sgsi_mask_is_valid(photo->valid_mask, WIDTH, 7, 50));
         for (int i = 0; i < 3 * WIDTH * HEIGHT; ++i)
             assert_true(photo->halves[i] < 0x7c00);
-        assert_null(scene->views[1].image.keep);
+        assert_null(scene->views[1].image.valid_mask);
         sgs_scene_destroy(scene);
         tree_remove(&folder);
     }

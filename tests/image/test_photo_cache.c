@@ -56,7 +56,7 @@ static void a_quarter_of_the_memory_gives_the_same_photographs(void **state)
         const sgs_photo *a, *b;
         for (uint64_t ahead = 1; ahead < 4 && k % 3;
              ++ahead) // a third of the time nothing is announced
-            sgs_scene_expect(some, (size_t)(sgsi_random_bits(1, k + ahead) % all->view_count));
+            sgs_scene_prefetch(some, (size_t)(sgsi_random_bits(1, k + ahead) % all->view_count));
         assert_int_equal(sgs_scene_photo(all, v, &a), SGS_STATUS_OK);
         assert_int_equal(sgs_scene_photo(some, v, &b), SGS_STATUS_OK);
         assert_same_photo(a, b);
@@ -75,8 +75,8 @@ static void the_smallest_cache_works(void **state)
     sgs_scene *all = load_room(0), *none = load_room(1);
     for (size_t v = 0; v < all->view_count; ++v) {
         const sgs_photo *a, *b;
-        sgs_scene_expect(none, (v + 1) % all->view_count);
-        sgs_scene_expect(none, (v + 2) % all->view_count);
+        sgs_scene_prefetch(none, (v + 1) % all->view_count);
+        sgs_scene_prefetch(none, (v + 2) % all->view_count);
         assert_int_equal(sgs_scene_photo(all, v, &a), SGS_STATUS_OK);
         assert_int_equal(sgs_scene_photo(none, v, &b), SGS_STATUS_OK);
         assert_same_photo(a, b);
@@ -130,7 +130,7 @@ static void a_photograph_that_went_away_is_an_error(void **state)
     const sgs_photo *photo;
     assert_int_equal(sgs_scene_load(folder.path, &options, &scene), SGS_STATUS_OK);
     assert_int_equal(remove(temp_path(&folder, "images/b.png")), 0);
-    sgs_scene_expect(scene, 1);
+    sgs_scene_prefetch(scene, 1);
     for (int k = 0; k < 3; ++k) {
         assert_int_equal(sgs_scene_photo(scene, 0, &photo), SGS_STATUS_OK);
         assert_int_equal(sgs_scene_photo(scene, 1, &photo), SGS_STATUS_IO);

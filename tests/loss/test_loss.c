@@ -132,7 +132,7 @@ static void free_scene(scene *s)
     sgsi_free(s->transmittance);
     sgsi_free(s->d_transmittance);
     sgsi_free(s->target.pixels);
-    sgsi_free(s->target.keep);
+    sgsi_free(s->target.valid_mask);
     sgsi_free(s->target.halves);
 }
 
@@ -153,20 +153,20 @@ static void halve_scene(scene *s, float gain)
                                                    (i < 3 * plane ? gain : 1.0f));
     sgsi_free(s->target.pixels);
     s->target.pixels = NULL;
-    s->target.bright = gain > 1.0f;
+    s->target.is_hdr = gain > 1.0f;
 }
 
 static bool counts(const scene *s, size_t x, size_t y)
 {
     const size_t words = ((size_t)s->width + 15) / 16;
-    return !s->target.keep || s->target.keep[y * words + x / 16] >> x % 16 & 1;
+    return !s->target.valid_mask || s->target.valid_mask[y * words + x / 16] >> x % 16 & 1;
 }
 
 // Takes pixels out: a disc, a stripe that ends at the right edge, and lone ones.
 static void mask_scene(scene *s)
 {
     const size_t width = (size_t)s->width, height = (size_t)s->height, words = (width + 15) / 16;
-    s->target.keep = take(words * height, sizeof *s->target.keep);
+    s->target.valid_mask = take(words * height, sizeof *s->target.valid_mask);
     s->target.kept = 0;
     for (size_t y = 0; y < height; ++y)
         for (size_t x = 0; x < width; ++x) {
@@ -174,7 +174,7 @@ static void mask_scene(scene *s)
             if (u * u + v * v < 0.04 || (x > width / 2 && y % 23 == 7) ||
                 (31 * x + 17 * y) % 97 == 5)
                 continue;
-            s->target.keep[y * words + x / 16] |= (uint16_t)(1u << x % 16);
+            s->target.valid_mask[y * words + x / 16] |= (uint16_t)(1u << x % 16);
             ++s->target.kept;
         }
 }
@@ -218,7 +218,7 @@ static void load_channel(const scene *s, int c, const double *color, double *raw
                          pixel = (size_t)y * (size_t)s->width + (size_t)x;
             const double background = (double)s->background[c];
             raw[at] = color[at] + (double)s->transmittance[at] * background;
-            image[at] = fmin(fmax(raw[at], 0.0), s->target.bright ? 1e9 : 1.0);
+            image[at] = fmin(fmax(raw[at], 0.0), s->target.is_hdr ? 1e9 : 1.0);
             const double value = target_value(s, plane * (size_t)c + pixel);
             const double alpha = s->target.channels == 4 ? target_value(s, plane * 3 + pixel) : 1.0;
             target[at] = error == PLANT_ALPHA ? value : value * alpha + background * (1.0 - alpha);
@@ -302,7 +302,7 @@ static void reference(const scene *s, double *const color[3], truth *t, plant er
         reference_channel(s, image, target, t, t->d_transmittance ? d_image : NULL, error);
         for (size_t i = 0; t->d_transmittance && i < padded; ++i) {
             const int clamped =
-                (error != PLANT_CLAMP && ((raw[i] > 1.0 && !s->target.bright) || raw[i] < 0.0)) ||
+                (error != PLANT_CLAMP && ((raw[i] > 1.0 && !s->target.is_hdr) || raw[i] < 0.0)) ||
                 (i % s->stride < (size_t)s->width && !counts(s, i % s->stride, i / s->stride));
             t->d_color[c][i] = clamped ? 0.0 : d_image[i];
             t->d_transmittance[i] += (double)s->background[c] * t->d_color[c][i];

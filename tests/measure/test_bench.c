@@ -103,14 +103,14 @@ static void counts_are_the_oracles_and_times_add_up(void **state)
     for (int run = 0; run < 3; ++run) {
         sgs_bench_sample s;
         assert_int_equal(sgs_bench_run(bench, &s), SGS_STATUS_OK);
-        const sgs_bench_counts c = sgs_bench_counted(bench);
+        const sgs_bench_counts c = sgs_bench_counts_get(bench);
         assert_true(fabs(c.hits - hits) <= 1e-3 * hits);
         assert_true(c.primitives == (double)scene.count && c.pixels == WIDTH * HEIGHT &&
                     c.tiles == 4 * 3);
-        assert_true(c.hits <= 16 * c.elements && c.elements <= c.evaluations &&
+        assert_true(c.hits <= 16 * c.block_hits && c.block_hits <= c.evaluations &&
                     c.evaluations <= 16 * c.candidates);
         if (run) // the model is put back: the same work every time
-            assert_true(c.evaluations == before.evaluations && c.elements == before.elements);
+            assert_true(c.evaluations == before.evaluations && c.block_hits == before.block_hits);
         before = c;
         const double parts = s.refit + s.gather + s.forward + s.loss + s.backward + s.optimizer;
         assert_true(s.build > 0 && parts > 0 && parts <= s.iteration * (1 + 1e-9));
@@ -120,7 +120,7 @@ static void counts_are_the_oracles_and_times_add_up(void **state)
                              c.bytes.loss + c.bytes.backward + c.bytes.optimizer;
         assert_true(fabs(bytes / c.bytes.total - 1) < 1e-9);
         assert_true(c.forward_flops >= 16 * 40 * c.evaluations &&
-                    c.backward_flops > 16 * 40 * c.elements);
+                    c.backward_flops > 16 * 40 * c.block_hits);
     }
     sgs_bench_destroy(bench);
     assert_int_equal(sgs_bench_create(scene.model, views, 0, &bench), SGS_STATUS_INVALID_ARGUMENT);

@@ -51,7 +51,7 @@ static void hits_are_those_of_brute_force(void **state)
     for (int i = 0; i < WIDTH * HEIGHT; ++i) {
         sum += exact.hits[i];
         off += fabs((double)profile->pixel_hits[i] - exact.hits[i]);
-        assert_true(profile->pixel_hits[i] <= profile->pixel_elements[i]);
+        assert_true(profile->pixel_hits[i] <= profile->pixel_block_hits[i]);
     }
     assert_true(sum > 3 * WIDTH * HEIGHT);
     print_message("%.0f hits, %.0f differ (alpha within rounding of 1/255); sampled %.2f per ray "
@@ -77,9 +77,9 @@ static void every_stage_keeps_what_the_next_one_needs(void **state)
     sgs_profile *p = profile_of(&scene, &camera, &pose, 0, 0.05);
     assert_true(p->primitives == (double)scene.count);
     assert_true(p->needed > 0 && p->needed <= p->listed);
-    assert_true(p->listed <= p->candidates && p->elements <= p->evaluations);
+    assert_true(p->listed <= p->candidates && p->block_hits <= p->evaluations);
     assert_true(p->evaluations <= p->block_tests && p->block_tests == 16 * p->candidates);
-    assert_true(p->hits <= 16 * p->elements && p->elements <= p->hits + p->evaluations);
+    assert_true(p->hits <= 16 * p->block_hits && p->block_hits <= p->hits + p->evaluations);
     for (int k = 0; k < SGS_PROFILE_KIND_COUNT; ++k) {
         const sgs_profile_tree *tree = &p->trees[k];
         assert_true(tree->callbacks >= p->needed); // conservative, whatever the tree

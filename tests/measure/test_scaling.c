@@ -37,12 +37,12 @@ static void prediction_is_amdahls_law_with_a_floor(void **state)
     const sgs_scaling streaming = {.seconds = 1.0, .serial = 0.01, .bytes = 10e9, .threads = 1};
     close_to(sgs_scaling_predict(&streaming, 64, 100), 1.0 / 0.11);
     close_to(sgs_scaling_predict(&streaming, 4, 100), 1.0 / (0.01 + 0.99 / 4));
-    // 96 bins on 64 cores are two rounds for half of the work; on 8 cores they divide evenly.
-    const sgs_scaling bins = {
-        .seconds = 1.0, .serial = 0.0, .threads = 1, .binned = 0.5, .bins = 96};
-    close_to(sgs_scaling_predict(&bins, 64, 0), 1.0 / (0.5 / 64 + 0.5 * 2 / 96));
-    close_to(sgs_scaling_predict(&bins, 8, 0), 8.0);
-    close_to(sgs_scaling_predict(&bins, 1000, 0), 1.0 / (0.5 / 1000 + 0.5 / 96));
+    // 96 macrotiles on 64 cores are two rounds for half of the work; on 8 cores they divide evenly.
+    const sgs_scaling macrotiles = {
+        .seconds = 1.0, .serial = 0.0, .threads = 1, .macrotile_seconds = 0.5, .macrotiles = 96};
+    close_to(sgs_scaling_predict(&macrotiles, 64, 0), 1.0 / (0.5 / 64 + 0.5 * 2 / 96));
+    close_to(sgs_scaling_predict(&macrotiles, 8, 0), 8.0);
+    close_to(sgs_scaling_predict(&macrotiles, 1000, 0), 1.0 / (0.5 / 1000 + 0.5 / 96));
     // Sixteen threads that had to share two cores did the work of two.
     const sgs_scaling crowded = {
         .seconds = 0.6, .serial = 0.01, .waiting = 0.095, .threads = 16, .cores = 2};

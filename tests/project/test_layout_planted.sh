@@ -31,7 +31,7 @@ plant_line() {
     cp "$temporary/kept" "$1"
 }
 plant_line src/image/image.c '#include "train/trainer_state.h"'
-plant_line src/image/half.h '#include "image/photo.h"'
+plant_line src/image/image_oiio.h '#include "image/photo.h"'
 plant_line src/loss/loss.h '#include "loss/exposure.h"'
 plant_line tools/run/run_folder.c '#include "commands/commands.h"'
 plant_line tools/cli/output.c '#include "base/core.h"'

@@ -2,9 +2,9 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // The ray tables against the camera in double precision: every pixel's ray is in its lane, and
-// inside of everything that is said to contain it: the block's and the tile's rectangle, the bin's
-// cone, the image's cone. On these bounds rests that no primitive is lost; that they are tight is
-// what makes the gather cheap.
+// inside of everything that is said to contain it: the block's and the tile's rectangle, the
+// macrotile's cone, the image's cone. On these bounds rests that no primitive is lost; that they
+// are tight is what makes the gather cheap.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -69,29 +69,29 @@ static void every_pixel_lies_in_its_block_tile_bin_and_image(void **state)
     (void)state;
     sgsi_threads_set(1);
     for (int c = 0; c < CAMERA_COUNT; ++c) {
-        for (int most = 1; most <= SGSI_BIN_SIDE; most *= 2) {
+        for (int most = 1; most <= SGSI_MACROTILE_SIDE; most *= 2) {
             sgsi_rays *rays;
             assert_int_equal(sgsi_rays_create(&cameras[c], most, &rays), SGS_STATUS_OK);
-            const int bin = rays->bin_tiles;
-            assert_true(bin >= 1 && bin <= most);
+            const int macrotile = rays->macrotile_side;
+            assert_true(macrotile >= 1 && macrotile <= most);
             double widest = 0;
             for (int y = 0; y < cameras[c].height; ++y) {
                 for (int x = 0; x < cameras[c].width; ++x) {
                     const sgsi_tile_rays *tile = &rays->tiles[y / 16 * rays->tiles_x + x / 16];
                     const int block = y % 16 / 4 * 4 + x % 16 / 4, lane = y % 4 * 4 + x % 4,
-                              size = 16 * bin;
+                              size = 16 * macrotile;
                     double d[3];
                     if (!sgs_camera_unproject(&cameras[c], (double[2]){x + 0.5, y + 0.5}, d)) {
                         assert_false(tile->valid[block] >> lane & 1);
                         continue;
                     }
                     check_tile(tile, block, lane, d);
-                    const int b = y / size * rays->bins_x + x / size,
+                    const int b = y / size * rays->macrotiles_x + x / size,
                               ray = y % size / (size / 4) * 4 + x % size / (size / 4);
                     float axis[3];
                     for (int k = 0; k < 3; ++k)
-                        axis[k] = rays->bin_directions[b][k][ray];
-                    assert_true(rays->bin_valid[b] >> ray & 1);
+                        axis[k] = rays->macrotile_directions[b][k][ray];
+                    assert_true(rays->macrotile_valid[b] >> ray & 1);
                     const double theta = angle(d, axis);
                     widest = fmax(widest, theta);
                     // Bounds are padded by another 4e-6 of the distance: ten times the rounding of

@@ -5,7 +5,7 @@
 // A model seen by the tracer, and the same kernels without a BVH: every primitive is a candidate of
 // every tile, in the order (distance, id) that the tracer promises. Whatever both compute from
 // there on is the same code, so images and lists must agree to the bit, and any difference is a
-// primitive that the BVH, its bounds or a depth guess lost. Include after cmocka.h.
+// primitive that the BVH, its bounds or a depth depth_bound lost. Include after cmocka.h.
 
 #include <math.h>
 #include <stdlib.h>
@@ -170,7 +170,7 @@ static inline traced_lists traced_lists_of(const sgsi_tracer *tracer, const sgsi
         lists.begin[block + 1] = lists.begin[block];
         for (uint32_t i = list->count ? list->block_begin[b] : 0;
              list->count && i < list->block_begin[b + 1]; ++i)
-            traced_lists_append(&lists, block, list->ids[list->elements[i]]);
+            traced_lists_append(&lists, block, list->ids[list->block_hits[i]]);
     }
     return lists;
 }
@@ -201,11 +201,11 @@ typedef struct traced_view {
     sgsi_planes planes;
 } traced_view;
 
-static inline void traced_forward(traced_view *traced, float *depth_guess)
+static inline void traced_forward(traced_view *traced, float *depth_bound)
 {
     traced_planes_free(&traced->planes);
     traced->planes = traced_planes_create(traced->camera.width, traced->camera.height);
-    if (sgsi_tracer_forward(traced->tracer, &traced->view, &traced->planes, depth_guess, true))
+    if (sgsi_tracer_forward(traced->tracer, &traced->view, &traced->planes, depth_bound, true))
         fail_msg("%s", sgs_last_error());
     traced_assert_complete(&traced->planes);
 }
@@ -218,16 +218,16 @@ static inline void traced_project(traced_view *traced, const sgs_gaussians *mode
         fail_msg("%s", sgs_last_error());
 }
 
-// Aims the tracer elsewhere without tracing; bin_tiles 0 keeps the size.
+// Aims the tracer elsewhere without tracing; macrotile_side 0 keeps the size.
 static inline void traced_aim(traced_view *traced, const sgs_camera *camera, const sgs_pose *pose,
-                              int bin_tiles)
+                              int macrotile_side)
 {
-    if (!bin_tiles)
-        bin_tiles = traced->rays->bin_tiles;
+    if (!macrotile_side)
+        macrotile_side = traced->rays->macrotile_side;
     sgsi_rays_destroy(traced->rays);
     traced->camera = *camera;
     traced->pose = *pose;
-    if (sgsi_rays_create(camera, bin_tiles, &traced->rays))
+    if (sgsi_rays_create(camera, macrotile_side, &traced->rays))
         fail_msg("%s", sgs_last_error());
     sgsi_view_set(&traced->view, traced->rays, pose, &traced->options);
 }
@@ -245,14 +245,14 @@ static inline const float *traced_filter_3d(size_t count)
 
 // Projects, builds and traces with lists.
 static inline traced_view traced_create(const sgs_gaussians *model, const sgs_camera *camera,
-                                        const sgs_pose *pose, sgs_filter filter, int bin_tiles,
+                                        const sgs_pose *pose, sgs_filter filter, int macrotile_side,
                                         sgsi_bvh_quality quality)
 {
     traced_view traced = {.options = sgs_render_options_default()};
     traced.options.filter = filter;
     traced.options.filter_3d = filter == SGS_FILTER_MIP ? traced_filter_3d(model->count) : NULL;
     assert_int_equal(sgsi_tracer_create(&traced.tracer), SGS_STATUS_OK);
-    traced_aim(&traced, camera, pose, bin_tiles);
+    traced_aim(&traced, camera, pose, macrotile_side);
     traced_project(&traced, model, true, quality);
     traced_forward(&traced, NULL);
     return traced;
@@ -267,13 +267,13 @@ static inline void traced_destroy(traced_view *traced)
 
 // ---- The same kernels without a BVH ----
 
-static const float *brute_records;
+static const float *brute_projected;
 
 static inline int brute_compare(const void *a, const void *b)
 {
     const uint32_t i = *(const uint32_t *)a, j = *(const uint32_t *)b;
-    const float x = brute_records[(size_t)i * SGSI_RECORD + SGSI_RECORD_DISTANCE];
-    const float y = brute_records[(size_t)j * SGSI_RECORD + SGSI_RECORD_DISTANCE];
+    const float x = brute_projected[(size_t)i * SGSI_PROJECTED_FLOATS + SGSI_PROJECTED_DISTANCE];
+    const float y = brute_projected[(size_t)j * SGSI_PROJECTED_FLOATS + SGSI_PROJECTED_DISTANCE];
     return x < y ? -1 : x > y ? 1 : (i > j) - (i < j);
 }
 
@@ -283,12 +283,12 @@ static inline void brute_forward(const traced_view *traced, size_t count, sgsi_p
 {
     sgsi_scratch scratch = {0};
     assert_true(sgsi_scratch_reserve(&scratch, count + 16));
-    brute_records = sgsi_tracer_records(traced->tracer);
+    brute_projected = sgsi_tracer_projected(traced->tracer);
     size_t candidates = 0;
     uint32_t *ids = calloc(count + 16, sizeof *ids);
     assert_non_null(ids);
     for (size_t i = 0; i < count; ++i)
-        if (brute_records[i * SGSI_RECORD + SGSI_RECORD_LOG_OPACITY] > SGSI_UNTRACED)
+        if (brute_projected[i * SGSI_PROJECTED_FLOATS + SGSI_PROJECTED_LOG_OPACITY] > SGSI_UNTRACED)
             ids[candidates++] = (uint32_t)i;
     qsort(ids, candidates, sizeof *ids, brute_compare);
     const sgsi_kernels *kernels = sgsi_kernels_get();
@@ -296,10 +296,11 @@ static inline void brute_forward(const traced_view *traced, size_t count, sgsi_p
     *lists = traced_lists_create(traced->rays);
     for (size_t tile = 0; tile < lists->blocks / SGSI_BLOCKS; ++tile) {
         const sgsi_tile_rays *rays = &traced->rays->tiles[tile];
-        const sgsi_bin alone = {{rays}, {INFINITY}, 1, false, traced->view.compact_box};
-        const size_t met = kernels->bin_filter(&scratch, brute_records, ids, candidates, &alone);
+        const sgsi_macrotile alone = {{rays}, {INFINITY}, 1, false, traced->view.compact_box};
+        const size_t met =
+            kernels->macrotile_filter(&scratch, brute_projected, ids, candidates, &alone);
         for (size_t i = 0; i < met; ++i)
-            scratch.bin_order[i] = (uint32_t)i;
+            scratch.macrotile_order[i] = (uint32_t)i;
         const size_t kept = kernels->tile_take(&scratch, met, SGSI_NEARER);
         assert_int_equal(kept, met);
         kernels->tile_sort(&scratch, rays, kept);

@@ -107,7 +107,7 @@ static void compare_with_oracle(const oracle_scene *scene, const sgs_camera *cam
                                 const sgs_pose *pose, const sgs_render_options *options,
                                 aov_errors *errors)
 {
-    sgs_frame frame = drawn(scene->model, camera, pose, options, SGS_PLANES_ALL);
+    sgs_frame frame = drawn(scene->model, camera, pose, options, SGS_AOVS_ALL);
     sgs_reference_frame exact;
     sgsi_reference_view view;
     assert_int_equal(sgs_reference_frame_create(camera->width, camera->height, &exact),
@@ -221,7 +221,7 @@ static surface_errors judge_surface(const oracle_scene *scene, const sgs_camera 
     sgs_render_options options = sgs_render_options_default();
     options.filter = filter;
     options.axis_depth = axis;
-    sgs_frame frame = drawn(scene->model, camera, &identity, &options, SGS_PLANES_ALL);
+    sgs_frame frame = drawn(scene->model, camera, &identity, &options, SGS_AOVS_ALL);
     surface_errors errors = {0};
     for (size_t i = 0; i < (size_t)camera->width * (size_t)camera->height; ++i) {
         const double pixel[2] = {(double)(i % (size_t)camera->width) + 0.5,
@@ -343,15 +343,14 @@ static void planes_that_were_not_asked_for_are_missing(void **state)
     const sgs_camera camera = oracle_camera(SGS_CAMERA_PINHOLE, 33, 21);
     const sgs_pose pose = oracle_pose_look_at(0, 0, -4);
     const sgs_render_options options = sgs_render_options_default();
-    sgs_frame all = drawn(scene.model, &camera, &pose, &options, SGS_PLANES_ALL);
+    sgs_frame all = drawn(scene.model, &camera, &pose, &options, SGS_AOVS_ALL);
     const struct {
         unsigned bit;
         const void *whole;
-    } planes[] = {
-        {SGS_PLANE_DEPTH_MEAN, all.depth_mean},   {SGS_PLANE_DEPTH_MEDIAN, all.depth_median},
-        {SGS_PLANE_DEPTH_FIRST, all.depth_first}, {SGS_PLANE_HITS, all.hits},
-        {SGS_PLANE_NORMAL, all.normal[1]},        {SGS_PLANE_POSITION, all.position[2]},
-        {SGS_PLANE_PRIMITIVE, all.primitive}};
+    } planes[] = {{SGS_AOV_DEPTH_MEAN, all.depth_mean},   {SGS_AOV_DEPTH_MEDIAN, all.depth_median},
+                  {SGS_AOV_DEPTH_FIRST, all.depth_first}, {SGS_AOV_HITS, all.hits},
+                  {SGS_AOV_NORMAL, all.normal[1]},        {SGS_AOV_POSITION, all.position[2]},
+                  {SGS_AOV_PRIMITIVE, all.primitive}};
     for (size_t k = 0; k < sizeof planes / sizeof *planes; ++k) {
         sgs_frame one = drawn(scene.model, &camera, &pose, &options, planes[k].bit);
         const void *const own[] = {one.depth_mean, one.depth_median, one.depth_first, one.hits,
@@ -378,9 +377,9 @@ static void bits_do_not_depend_on_threads(void **state)
     const sgs_render_options options = sgs_render_options_default();
     const size_t bytes = 90 * 70 * sizeof(float);
     sgs_set_threads(1);
-    sgs_frame one = drawn(scene.model, &camera, &pose, &options, SGS_PLANES_ALL);
+    sgs_frame one = drawn(scene.model, &camera, &pose, &options, SGS_AOVS_ALL);
     sgs_set_threads(3);
-    sgs_frame three = drawn(scene.model, &camera, &pose, &options, SGS_PLANES_ALL);
+    sgs_frame three = drawn(scene.model, &camera, &pose, &options, SGS_AOVS_ALL);
     sgs_set_threads(0);
     for (int c = 0; c < 3; ++c) {
         assert_memory_equal(one.normal[c], three.normal[c], bytes);

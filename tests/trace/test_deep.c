@@ -19,7 +19,7 @@
 #include "sparegs/image.h"
 #include "sparegs/runtime.h"
 
-enum { WIDTH = 61, HEIGHT = 83, PIXELS = WIDTH * HEIGHT }; // three bands of bins and a part
+enum { WIDTH = 61, HEIGHT = 83, PIXELS = WIDTH * HEIGHT }; // three bands of macrotiles and a part
 
 // Everything a rendering delivers.
 typedef struct deep_picture {

@@ -29,7 +29,7 @@ static float *gradients(const sgs_gaussians *model, traced_view *traced,
     sgsi_optimize input = {.params = model->data,
                            .count = model->count,
                            .view = traced->view,
-                           .sums = sgsi_tracer_sums(traced->tracer),
+                           .sums = sgsi_tracer_grad_sums(traced->tracer),
                            .touched = sgsi_tracer_touched(traced->tracer),
                            .gradients = out};
     input.view.linear_opacity = model->linear_opacity;

@@ -2,9 +2,9 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Order and hits. The tracer's images and hit lists against the same kernels without a BVH:
-// identical to the bit, for every scene, lens, build quality, bin size, refit history, depth guess
-// and number of threads. Against the oracle in double precision: see test_tracer_oracle.c;
-// gradients: test_tracer_gradient.c.
+// identical to the bit, for every scene, lens, build quality, macrotile size, refit history, depth
+// depth_bound and number of threads. Against the oracle in double precision: see
+// test_tracer_oracle.c; gradients: test_tracer_gradient.c.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -31,7 +31,7 @@ static const char *label(const char *scene, const char *rest, int number)
 static void lists_and_images_equal_those_without_a_bvh(void **state)
 {
     (void)state;
-    static const int bins[] = {1, 2, 4};
+    static const int macrotiles[] = {1, 2, 4};
     const sgs_pose poses[2] = {oracle_pose_look_at(0, 0, -4), oracle_pose_look_at(2.1, -1.3, -3.2)};
     int run = 0;
     for (int number = 0; number < TRACED_SCENE_COUNT; ++number) {
@@ -41,7 +41,7 @@ static void lists_and_images_equal_those_without_a_bvh(void **state)
                 const sgs_camera camera = oracle_camera(traced_lenses[lens], 83, 61);
                 traced_view traced =
                     traced_create(scene.model, &camera, &poses[run % 2], (sgs_filter)filter,
-                                  bins[(run + number) % 3],
+                                  macrotiles[(run + number) % 3],
                                   (sgsi_bvh_quality)((run + run / 4) % SGSI_BVH_QUALITY_COUNT));
                 traced_assert_matches_brute_force(&traced, scene.count,
                                                   label(traced_scene_name(number), "lens", lens));
@@ -88,13 +88,13 @@ static void morton_sah_and_refitted_trees_give_the_same_bits(void **state)
             for (int k = 0; k < 3; ++k)
                 oracle_primitive(&moved, i)[SGS_PARAM_MEAN + k] += sin((double)i * (k + 1));
         oracle_scene_round(&moved);
-        const int bin = 1 << number % 3;
+        const int macrotile = 1 << number % 3;
         traced_view first =
-            traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, bin, SGSI_BVH_REFIT);
+            traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, macrotile, SGSI_BVH_REFIT);
         const traced_lists lists = traced_lists_of(first.tracer, first.rays);
         for (int quality = SGSI_BVH_LOW; quality < SGSI_BVH_QUALITY_COUNT; ++quality) {
-            traced_view again = traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, bin,
-                                              (sgsi_bvh_quality)quality);
+            traced_view again = traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS,
+                                              macrotile, (sgsi_bvh_quality)quality);
             traced_assert_same_image(&first.planes, &again.planes, label(name, "quality", quality));
             traced_aim(&again, &other, &away, 1);
             traced_project(&again, scene.model, false, (sgsi_bvh_quality)quality);
@@ -105,7 +105,7 @@ static void morton_sah_and_refitted_trees_give_the_same_bits(void **state)
             traced_forward(&again, NULL);
             traced_assert_matches_brute_force(&again, scene.count,
                                               label(name, "moved, quality", quality));
-            traced_aim(&again, &camera, &pose, bin);
+            traced_aim(&again, &camera, &pose, macrotile);
             traced_project(&again, scene.model, false, (sgsi_bvh_quality)quality);
             traced_forward(&again, NULL);
             traced_assert_same_image(&first.planes, &again.planes,
@@ -122,10 +122,10 @@ static void morton_sah_and_refitted_trees_give_the_same_bits(void **state)
     }
 }
 
-// ---- Depth guesses ----
+// ---- Depth depth_bounds ----
 
-// Nearly opaque and slanted, many layers: the guesses cut most of the scene, and order is repaired
-// in most blocks.
+// Nearly opaque and slanted, many layers: the depth_bounds cut most of the scene, and order is
+// repaired in most blocks.
 static oracle_scene opaque_scene(uint64_t seed, size_t count)
 {
     const oracle_range range = {1.5, 0.02, 0.9, 0.6, 0.99, 0.15};
@@ -133,7 +133,7 @@ static oracle_scene opaque_scene(uint64_t seed, size_t count)
 }
 
 // Pancakes seen nearly edge on: within a block their distances vary so much that hits far behind a
-// guess stand before counted ones in the list.
+// depth_bound stand before counted ones in the list.
 static oracle_scene slanted_scene(uint64_t seed, size_t count)
 {
     const oracle_range range = {2, 0.005, 3, 0.5, 0.95, 0.15};
@@ -158,7 +158,7 @@ static oracle_scene slanted_scene(uint64_t seed, size_t count)
 // Numbers below 0: two opaque scenes, six slanted ones.
 enum { GUESS_SCENES = 8 };
 
-static oracle_scene guess_scene(int number)
+static oracle_scene depth_bound_scene(int number)
 {
     if (number >= 0)
         return traced_scene(number);
@@ -171,32 +171,32 @@ static size_t tile_count(const traced_view *traced)
     return (size_t)traced->rays->tiles_x * (size_t)traced->rays->tiles_y;
 }
 
-static void guesses_of_earlier_visits_change_no_bit_and_save_work(void **state)
+static void depth_bounds_of_earlier_visits_change_no_bit_and_save_work(void **state)
 {
     (void)state;
     const sgs_pose pose = oracle_pose_look_at(0, 0, -4);
     const sgs_camera camera = oracle_camera(SGS_CAMERA_PINHOLE, 150, 110);
     for (int number = -GUESS_SCENES; number < TRACED_SCENE_COUNT; ++number) {
-        oracle_scene scene = guess_scene(number);
+        oracle_scene scene = depth_bound_scene(number);
         const char *name = number < 0 ? "opaque or slanted" : traced_scene_name(number);
-        for (int bin = 1; bin <= SGSI_BIN_SIDE; bin *= 4) {
-            traced_view traced =
-                traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, bin, SGSI_BVH_REFIT);
+        for (int macrotile = 1; macrotile <= SGSI_MACROTILE_SIDE; macrotile *= 4) {
+            traced_view traced = traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS,
+                                               macrotile, SGSI_BVH_REFIT);
             sgsi_planes plain = traced.planes;
             traced.planes = (sgsi_planes){0};
             const uint64_t candidates = sgsi_tracer_counts(traced.tracer).candidates;
-            float *guess = oracle_memory(tile_count(&traced), sizeof *guess);
+            float *depth_bound = oracle_memory(tile_count(&traced), sizeof *depth_bound);
             for (size_t i = 0; i < tile_count(&traced); ++i)
-                guess[i] = INFINITY;
+                depth_bound[i] = INFINITY;
             for (int visit = 0; visit < 3; ++visit) {
-                traced_forward(&traced, guess);
+                traced_forward(&traced, depth_bound);
                 traced_assert_same_image(&plain, &traced.planes, label(name, "visit", visit));
                 if (visit)
-                    assert_int_equal(sgsi_tracer_counts(traced.tracer).regathered, 0);
+                    assert_int_equal(sgsi_tracer_counts(traced.tracer).fallback_gathers, 0);
             }
             if (number < 0)
                 assert_true(sgsi_tracer_counts(traced.tracer).candidates < candidates * 3 / 4);
-            free(guess);
+            free(depth_bound);
             traced_planes_free(&plain);
             traced_destroy(&traced);
         }
@@ -204,47 +204,49 @@ static void guesses_of_earlier_visits_change_no_bit_and_save_work(void **state)
     }
 }
 
-static void guesses_that_are_too_near_are_repaired_exactly(void **state)
+static void depth_bounds_that_are_too_near_are_repaired_exactly(void **state)
 {
     (void)state;
     const sgs_pose pose = oracle_pose_look_at(0, 0, -4);
     const sgs_camera cameras[2] = {
         oracle_camera(SGS_CAMERA_PINHOLE, 150, 110),
         {SGS_CAMERA_OPENCV_FISHEYE, 140, 140, {42, 42, 70, 70}}}; // no rays in the corners
-    uint64_t regathered = 0;
+    uint64_t fallback_gathers = 0;
     for (int number = -GUESS_SCENES; number < TRACED_SCENE_COUNT; ++number) {
-        oracle_scene scene = guess_scene(number);
+        oracle_scene scene = depth_bound_scene(number);
         const sgs_camera *camera = &cameras[(number + GUESS_SCENES) % 2];
         traced_view traced = traced_create(scene.model, camera, &pose, SGS_FILTER_3DGS,
                                            1 << (number + GUESS_SCENES) / 2 % 3, SGSI_BVH_REFIT);
         sgsi_planes plain = traced.planes;
         traced.planes = (sgsi_planes){0};
-        float *guess = oracle_memory(tile_count(&traced), sizeof *guess);
+        float *depth_bound = oracle_memory(tile_count(&traced), sizeof *depth_bound);
         for (int plant = 0; plant < 6; ++plant) {
             for (size_t i = 0; i < tile_count(&traced); ++i) {
                 const float planted[6] = {
                     0.0f, 3.0f,  (float)(2 + (i * 7) % 5),
                     NAN,  -1.0f, (float)(2.5 + 3 * sgsi_random_uniform((uint64_t)number + 50, i))};
-                guess[i] = planted[plant];
+                depth_bound[i] = planted[plant];
             }
-            traced_forward(&traced, guess);
-            regathered += sgsi_tracer_counts(traced.tracer).regathered;
-            traced_assert_same_image(&plain, &traced.planes, label("guess", "planted", plant));
-            traced_forward(&traced, guess); // the repaired guesses are good ones
-            assert_int_equal(sgsi_tracer_counts(traced.tracer).regathered, 0);
-            traced_assert_same_image(&plain, &traced.planes, label("guess", "repaired", plant));
+            traced_forward(&traced, depth_bound);
+            fallback_gathers += sgsi_tracer_counts(traced.tracer).fallback_gathers;
+            traced_assert_same_image(&plain, &traced.planes,
+                                     label("depth_bound", "planted", plant));
+            traced_forward(&traced, depth_bound); // the repaired depth_bounds are good ones
+            assert_int_equal(sgsi_tracer_counts(traced.tracer).fallback_gathers, 0);
+            traced_assert_same_image(&plain, &traced.planes,
+                                     label("depth_bound", "repaired", plant));
         }
-        free(guess);
+        free(depth_bound);
         traced_planes_free(&plain);
         traced_destroy(&traced);
         oracle_scene_free(&scene);
     }
-    assert_true(regathered > 100);
+    assert_true(fallback_gathers > 100);
 }
 
-// A guess takes hidden elements out of the middle of a block's list, so a hidden element must not
-// change a bit wherever it stands. Elements straight from the pen: response 1 everywhere, t equal
-// to the distance.
+// A depth_bound takes hidden elements out of the middle of a block's list, so a hidden element must
+// not change a bit wherever it stands. Elements straight from the pen: response 1 everywhere, t
+// equal to the distance.
 static void hidden_elements_change_no_bit_wherever_they_stand(void **state)
 {
     (void)state;
@@ -255,17 +257,18 @@ static void hidden_elements_change_no_bit_wherever_they_stand(void **state)
     for (uint64_t seed = 0; seed < 2000; ++seed) {
         uint32_t order[COUNT] = {0};
         for (uint32_t i = 0; i < COUNT; ++i) {
-            float *r = scratch.tile_records + SGSI_RECORD * i;
+            float *r = scratch.tile_projected + SGSI_PROJECTED_FLOATS * i;
             const bool hidden = i >= SEEN,
                        wall = i < 3; // three of alpha 0.99 end every ray at t <= 9
-            memset(r, 0, SGSI_RECORD * sizeof *r);
-            r[SGSI_RECORD_C] = 1.0f;
-            r[SGSI_RECORD_INV_KAPPA] = 1.0f;
-            r[SGSI_RECORD_LOG_OPACITY] = wall ? 0.0f : -(float)sgsi_random_uniform(seed, 4 * i);
-            r[SGSI_RECORD_DISTANCE] = hidden ? 10 + (float)i
-                                      : wall ? 7 + (float)i
+            memset(r, 0, SGSI_PROJECTED_FLOATS * sizeof *r);
+            r[SGSI_PROJECTED_C] = 1.0f;
+            r[SGSI_PROJECTED_INV_KAPPA] = 1.0f;
+            r[SGSI_PROJECTED_LOG_OPACITY] = wall ? 0.0f : -(float)sgsi_random_uniform(seed, 4 * i);
+            r[SGSI_PROJECTED_DISTANCE] = hidden ? 10 + (float)i
+                                         : wall
+                                             ? 7 + (float)i
                                              : 1 + 5 * (float)sgsi_random_uniform(seed, 4 * i + 1);
-            r[SGSI_RECORD_COLOR] = (float)sgsi_random_uniform(seed, 4 * i + 2);
+            r[SGSI_PROJECTED_COLOR] = (float)sgsi_random_uniform(seed, 4 * i + 2);
             scratch.tile_ids[i] = i;
             const uint32_t at = (uint32_t)(sgsi_random_bits(seed, 4 * i + 3) % (i + 1));
             order[i] = order[at];
@@ -321,12 +324,12 @@ static frozen trace_and_freeze(const oracle_scene *scene, const sgs_camera *came
         sgsi_tracer_backward(traced.tracer, &traced.view, &traced.planes, d.color, d.transmittance),
         SGS_STATUS_OK);
     frozen kept = {.planes = traced.planes, .capacity = scene->model->capacity};
-    kept.sums = oracle_memory(kept.capacity, SGSI_RECORD * sizeof *kept.sums);
+    kept.sums = oracle_memory(kept.capacity, SGSI_PROJECTED_FLOATS * sizeof *kept.sums);
     kept.touched = oracle_memory(kept.capacity / 16, 1);
     memcpy(kept.touched, sgsi_tracer_touched(traced.tracer), kept.capacity / 16);
     for (size_t block = 0; block < kept.capacity / 16; ++block)
         if (kept.touched[block])
-            memcpy(kept.sums + block * 256, sgsi_tracer_sums(traced.tracer) + block * 256,
+            memcpy(kept.sums + block * 256, sgsi_tracer_grad_sums(traced.tracer) + block * 256,
                    256 * sizeof *kept.sums);
     traced.planes = (sgsi_planes){0};
     traced_planes_free(&d);
@@ -345,7 +348,7 @@ static void assert_same_frozen(const frozen *a, const frozen *b, const char *wha
 {
     traced_assert_same_image(&a->planes, &b->planes, what);
     assert_memory_equal(a->touched, b->touched, a->capacity / 16);
-    assert_memory_equal(a->sums, b->sums, a->capacity * SGSI_RECORD * sizeof *a->sums);
+    assert_memory_equal(a->sums, b->sums, a->capacity * SGSI_PROJECTED_FLOATS * sizeof *a->sums);
 }
 
 static void one_two_and_three_threads_give_the_same_bits(void **state)
@@ -405,8 +408,8 @@ int main(void)
         cmocka_unit_test(lists_and_images_equal_those_without_a_bvh),
         cmocka_unit_test_teardown(every_isa_equals_itself_without_a_bvh, traced_restore),
         cmocka_unit_test(morton_sah_and_refitted_trees_give_the_same_bits),
-        cmocka_unit_test(guesses_of_earlier_visits_change_no_bit_and_save_work),
-        cmocka_unit_test(guesses_that_are_too_near_are_repaired_exactly),
+        cmocka_unit_test(depth_bounds_of_earlier_visits_change_no_bit_and_save_work),
+        cmocka_unit_test(depth_bounds_that_are_too_near_are_repaired_exactly),
         cmocka_unit_test(hidden_elements_change_no_bit_wherever_they_stand),
         cmocka_unit_test_teardown(one_two_and_three_threads_give_the_same_bits, traced_restore),
         cmocka_unit_test_teardown(avx2_and_avx512_trace_the_same_bits, traced_restore),

@@ -133,7 +133,7 @@ static float *single_gradients(const sgs_gaussians *model, const traced_view *tr
     const sgsi_optimize input = {.params = model->data,
                                  .count = model->count,
                                  .view = traced->view,
-                                 .sums = sgsi_tracer_sums(traced->tracer),
+                                 .sums = sgsi_tracer_grad_sums(traced->tracer),
                                  .touched = sgsi_tracer_touched(traced->tracer),
                                  .gradients = out};
     sgsi_optimize_blocks(&input, 0, (model->count + SGS_LANES - 1) / SGS_LANES);
@@ -439,7 +439,7 @@ static void planted_errors_are_caught(void **state)
 typedef struct step_state {
     oracle_scene scene;
     traced_view traced;
-    float *m, *v, *gradient_sum, *guess, *radius_max;
+    float *m, *v, *gradient_sum, *depth_bound, *radius_max;
     uint32_t *visible_count;
     sgsi_planes d;
 } step_state;
@@ -452,9 +452,9 @@ static void train_like_step(step_state *s, int step)
                      SGS_STATUS_OK);
     assert_int_equal(sgsi_tracer_commit(s->traced.tracer, step == 0, SGSI_BVH_REFIT),
                      SGS_STATUS_OK);
-    assert_int_equal(
-        sgsi_tracer_forward(s->traced.tracer, &s->traced.view, &s->traced.planes, s->guess, true),
-        SGS_STATUS_OK);
+    assert_int_equal(sgsi_tracer_forward(s->traced.tracer, &s->traced.view, &s->traced.planes,
+                                         s->depth_bound, true),
+                     SGS_STATUS_OK);
     assert_int_equal(sgsi_tracer_backward(s->traced.tracer, &s->traced.view, &s->traced.planes,
                                           s->d.color, s->d.transmittance),
                      SGS_STATUS_OK);
@@ -463,15 +463,15 @@ static void train_like_step(step_state *s, int step)
                                  .v = s->v,
                                  .count = model->count,
                                  .view = s->traced.view,
-                                 .sums = sgsi_tracer_sums(s->traced.tracer),
+                                 .sums = sgsi_tracer_grad_sums(s->traced.tracer),
                                  .touched = sgsi_tracer_touched(s->traced.tracer),
                                  .apply = true,
-                                 .rate_mean = 1e-5f,
-                                 .rate_rotation = 1e-4f,
-                                 .rate_scale = 1e-4f,
-                                 .rate_opacity = 1e-3f,
-                                 .rate_dc = 1e-3f,
-                                 .rate_rest = 1e-4f,
+                                 .lr_mean = 1e-5f,
+                                 .lr_rotation = 1e-4f,
+                                 .lr_scale = 1e-4f,
+                                 .lr_opacity = 1e-3f,
+                                 .lr_dc = 1e-3f,
+                                 .lr_rest = 1e-4f,
                                  .beta1 = 0.9f,
                                  .beta2 = 0.999f,
                                  .epsilon = 1e-15f,
@@ -480,8 +480,8 @@ static void train_like_step(step_state *s, int step)
                                  .gradient_sum = s->gradient_sum,
                                  .tan_half_x = 0.5f,
                                  .tan_half_y = 0.4f};
-    assert_int_equal(
-        sgsi_optimize_blocks(&input, 0, (model->count + SGS_LANES - 1) / SGS_LANES), 0);
+    assert_int_equal(sgsi_optimize_blocks(&input, 0, (model->count + SGS_LANES - 1) / SGS_LANES),
+                     0);
 }
 
 static void repeated_steps_allocate_nothing(void **state)
@@ -502,9 +502,9 @@ static void repeated_steps_allocate_nothing(void **state)
         s.gradient_sum = sgsi_calloc(capacity, sizeof *s.gradient_sum);
         s.radius_max = sgsi_calloc(capacity, sizeof *s.radius_max);
         s.visible_count = sgsi_calloc(capacity, sizeof *s.visible_count);
-        s.guess = sgsi_calloc(4096, sizeof *s.guess);
+        s.depth_bound = sgsi_calloc(4096, sizeof *s.depth_bound);
         for (int i = 0; i < 4096; ++i)
-            s.guess[i] = INFINITY;
+            s.depth_bound[i] = INFINITY;
         for (int step = 0; step < 2; ++step)
             train_like_step(&s, step);
         const size_t before = sgsi_allocation_count();
@@ -513,7 +513,8 @@ static void repeated_steps_allocate_nothing(void **state)
         const size_t made = sgsi_allocation_count() - before;
         print_message("%d threads: %zu allocations in ten steps\n", threads, made);
         assert_int_equal(made, 0);
-        void *const arrays[] = {s.m, s.v, s.gradient_sum, s.radius_max, s.visible_count, s.guess};
+        void *const arrays[] = {s.m,          s.v, s.gradient_sum, s.radius_max, s.visible_count,
+                                s.depth_bound};
         for (size_t i = 0; i < sizeof arrays / sizeof *arrays; ++i)
             sgsi_free(arrays[i]);
         traced_planes_free(&s.d);

@@ -282,7 +282,8 @@ static void extreme_parameters_neither_crash_nor_get_lost(void **state)
             continue;
         sgs_set_isa((sgs_isa)isa);
         for (size_t run = 0; run < 2 * sizeof extremes / sizeof *extremes; ++run) {
-            // 210 degrees, in bins whose cones are wide: the widest margins on the largest boxes.
+            // 210 degrees, in macrotiles whose cones are wide: the widest margins on the largest
+            // boxes.
             const sgs_camera wide = {SGS_CAMERA_OPENCV_FISHEYE, 33, 21, {9, 9, 16.5, 10.5}};
             const sgs_camera camera =
                 run % 3 ? oracle_camera(traced_lenses[run % 3 - 1], 33, 21) : wide;
@@ -338,16 +339,16 @@ static void the_optimiser_steps_around_sick_primitives(void **state)
                                      .v = v,
                                      .count = scene.count,
                                      .view = traced.view,
-                                     .sums = sgsi_tracer_sums(traced.tracer),
+                                     .sums = sgsi_tracer_grad_sums(traced.tracer),
                                      .touched = sgsi_tracer_touched(traced.tracer),
                                      .dense = dense,
                                      .apply = true,
-                                     .rate_mean = 1e-3f,
-                                     .rate_rotation = 1e-3f,
-                                     .rate_scale = 1e-3f,
-                                     .rate_opacity = 1e-3f,
-                                     .rate_dc = 1e-3f,
-                                     .rate_rest = 1e-3f,
+                                     .lr_mean = 1e-3f,
+                                     .lr_rotation = 1e-3f,
+                                     .lr_scale = 1e-3f,
+                                     .lr_opacity = 1e-3f,
+                                     .lr_dc = 1e-3f,
+                                     .lr_rest = 1e-3f,
                                      .beta1 = 0.9f,
                                      .beta2 = 0.999f,
                                      .epsilon = 1e-15f,

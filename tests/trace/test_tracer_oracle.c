@@ -30,20 +30,20 @@
 static size_t traced_hits(const traced_view *traced, const traced_lists *lists, int x, int y,
                           const double direction[3], sgs_hit *hits)
 {
-    const float *records = sgsi_tracer_records(traced->tracer);
+    const float *projected = sgsi_tracer_projected(traced->tracer);
     const size_t tile = (size_t)(y / 16) * (size_t)traced->rays->tiles_x + (size_t)(x / 16);
     const size_t block = tile * SGSI_BLOCKS + (size_t)(y % 16 / 4 * 4 + x % 16 / 4);
     size_t found = 0;
     for (size_t i = lists->begin[block]; i < lists->begin[block + 1]; ++i) {
-        const float *r = records + (size_t)lists->ids[i] * SGSI_RECORD;
+        const float *r = projected + (size_t)lists->ids[i] * SGSI_PROJECTED_FLOATS;
         double abc[3];
         for (int k = 0; k < 3; ++k)
             abc[k] =
                 r[3 * k] * direction[0] + r[3 * k + 1] * direction[1] + r[3 * k + 2] * direction[2];
         const double n2 = abc[0] * abc[0] + abc[1] * abc[1];
-        const double g = r[SGSI_RECORD_INV_KAPPA] * n2 + abc[2] * abc[2];
-        const double alpha = exp2(r[SGSI_RECORD_LOG_OPACITY] - n2 / g),
-                     t = r[SGSI_RECORD_DISTANCE] * abc[2] / g;
+        const double g = r[SGSI_PROJECTED_INV_KAPPA] * n2 + abc[2] * abc[2];
+        const double alpha = exp2(r[SGSI_PROJECTED_LOG_OPACITY] - n2 / g),
+                     t = r[SGSI_PROJECTED_DISTANCE] * abc[2] / g;
         if (alpha >= 1.0 / 255 && t > traced->options.near_distance)
             hits[found++] = (sgs_hit){lists->ids[i], t, fmin(alpha, 0.99), 0};
     }
@@ -264,13 +264,13 @@ static void flat_discs_equal_the_oracle(void **state)
             }
         }
         oracle_scene_round(&scene);
-        for (int bin = 1; bin <= SGSI_BIN_SIDE; bin *= 2) {
+        for (int macrotile = 1; macrotile <= SGSI_MACROTILE_SIDE; macrotile *= 2) {
             const sgs_camera camera = oracle_camera(SGS_CAMERA_OPENCV, 83, 61);
-            traced_view traced =
-                traced_create(scene.model, &camera, &pose, SGS_FILTER_NONE, bin, SGSI_BVH_REFIT);
+            traced_view traced = traced_create(scene.model, &camera, &pose, SGS_FILTER_NONE,
+                                               macrotile, SGSI_BVH_REFIT);
             const comparison one = compare_with_oracle(&traced, &scene, true, 0);
-            print_message("size %g, log scale -%d, bins of %d: colour %.2g, distance %.2g\n", size,
-                          thinness, bin, one.color, one.distance);
+            print_message("size %g, log scale -%d, macrotiles of %d: colour %.2g, distance %.2g\n",
+                          size, thinness, macrotile, one.color, one.distance);
             assert_true(one.color <= 1e-5 && one.distance <= 1e-5 && one.listed * 2 > one.pixels);
             traced_destroy(&traced);
         }

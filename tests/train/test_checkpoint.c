@@ -179,9 +179,9 @@ static void wrong_contents_with_a_right_checksum_are_refused_by_name(void **stat
     size_t size;
     sgs_trainer *trainer = start_saved(90, 5, "good");
     unsigned char *good = file_get(temp_path(&folder, "good"), &size), *bytes = malloc(size + 64);
-    static const char *const sections[] = {"options", "scene",   "size",    "progress",
-                                           "model",   "moment1", "moment2", "statistics",
-                                           "guesses", "order",   "stop"};
+    static const char *const sections[] = {"options",      "scene",   "size",    "progress",
+                                           "model",        "moment1", "moment2", "statistics",
+                                           "depth_bounds", "order",   "stop"};
     char words[64];
     for (size_t k = 0; k < sizeof sections / sizeof *sections; ++k) {
         const size_t at = section_find(good, size, sections[k]);

@@ -315,13 +315,13 @@ static void updates_and_resets_wait_for_the_next_iteration(void **state)
     sgs_step_info info = run(trainer, 10);
     assert_false(info.structural);
     assert_int_equal(sgs_trainer_model(trainer)->count, count);
-    assert_int_equal(sgs_trainer_updated(trainer), 9);
+    assert_int_equal(sgs_trainer_structure_iteration(trainer), 9);
     assert_int_equal(sgs_trainer_save_checkpoint(trainer, path), SGS_STATUS_OK);
     info = run(trainer, 1);
     assert_true(info.structural);
-    assert_int_equal(info.updated, 10);
+    assert_int_equal(info.structure_iteration, 10);
     assert_int_not_equal(info.gaussians, count);
-    assert_int_equal(sgs_trainer_updated(trainer), 10);
+    assert_int_equal(sgs_trainer_structure_iteration(trainer), 10);
     run(trainer, 9);
     assert_true(largest_opacity(trainer) > 0.1);
     run(trainer, 1);
@@ -331,7 +331,7 @@ static void updates_and_resets_wait_for_the_next_iteration(void **state)
     sgs_trainer_destroy(trainer);
     trainer = start_busy();
     assert_int_equal(sgs_trainer_load_checkpoint(trainer, path), SGS_STATUS_OK);
-    assert_int_equal(sgs_trainer_updated(trainer), 9);
+    assert_int_equal(sgs_trainer_structure_iteration(trainer), 9);
     run(trainer, 11);
     digest(trainer, resumed);
     assert_string_equal(resumed, whole);

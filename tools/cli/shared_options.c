@@ -76,7 +76,7 @@ static const option scene_options[] = {
     {"train-space", 0, OPTION_CHOICE, offsetof(scene_values, space), 0, 0, SPACE_WORDS, "srgb",
      NULL, NULL,
      "space to compare in, and of the model's colours: encoded for display, or linear light"},
-    {"white", 0, OPTION_REAL, offsetof(scene_values, white), 0, 1e30, "X", "0",
+    {"white", 0, OPTION_REAL, offsetof(scene_values, white_point), 0, 1e30, "X", "0",
      "99 % of the light in linear files stays below", NULL,
      "linear light that becomes 1 in the model's colours"},
 };
@@ -91,7 +91,7 @@ option_group scene_group(scene_values *values)
 }
 
 // "4GiB", "512M", "1000000". False when it is nothing of the kind.
-int scene_settle(scene_values *values, const command_line *line, const json_t *config)
+int scene_resolve(scene_values *values, const command_line *line, const json_t *config)
 {
     const int splits = option_given(line, "eval") + option_given(line, "test-every") +
                        option_given(line, "test-images");
@@ -121,7 +121,7 @@ int scene_settle(scene_values *values, const command_line *line, const json_t *c
     if (!option_given(line, "train-space") && space)
         values->space = !strcmp(space, "linear") ? SGS_SPACE_LINEAR : SGS_SPACE_SRGB;
     if (!option_given(line, "white"))
-        values->white = json_number_value(config_option(config, "white"));
+        values->white_point = json_number_value(config_option(config, "white"));
     if (!option_given(line, "downscale"))
         values->downscale = (int)json_integer_value(config_option(config, "downscale"));
     return -1;
@@ -140,7 +140,7 @@ sgs_scene *scene_open(const char *path, const scene_values *values, bool load_im
     options.alpha = (sgs_alpha)values->alpha;
     options.colorspace = values->colorspace;
     options.space = (sgs_space)values->space;
-    options.white = values->white;
+    options.white_point = values->white_point;
     options.image_cache = (size_t)values->cache_bytes;
     sgs_scene *scene = NULL;
     if (sgs_scene_load(path, &options, &scene)) {
@@ -178,15 +178,15 @@ static const option drawing_options[] = {
 
 option_group drawing_group(drawing_values *values)
 {
-    *values = (drawing_values){.compact_box = 1, .white = 1};
+    *values = (drawing_values){.compact_box = 1, .white_point = 1};
     return (option_group){.title = "Drawing",
                           .options = drawing_options,
                           .count = sizeof drawing_options / sizeof *drawing_options,
                           .values = values};
 }
 
-void drawing_settle(drawing_values *values, const command_line *line, const json_t *config,
-                    const sgs_scene *scene)
+void drawing_resolve(drawing_values *values, const command_line *line, const json_t *config,
+                     const sgs_scene *scene)
 {
     const char *filter = json_string_value(config_option(config, "filter"));
     if (!option_given(line, "filter") && filter)
@@ -199,7 +199,7 @@ void drawing_settle(drawing_values *values, const command_line *line, const json
     const char *space = json_string_value(config_option(config, "train_space"));
     values->space = space && !strcmp(space, "linear") ? SGS_SPACE_LINEAR : SGS_SPACE_SRGB;
     const double white = json_number_value(config_option(config, "white"));
-    values->white = white > 0 ? white : 1;
+    values->white_point = white > 0 ? white : 1;
     const double near_distance = json_number_value(json_object_get(config, "near_distance"));
     values->near_distance =
         near_distance > 0 ? near_distance : sgs_near_distance(scene ? scene->extent : 1.0);

@@ -24,7 +24,7 @@ int common_apply(const common_values *values, const command_line *line);
 typedef struct scene_values {
     const char *images, *test_images, *masks, *colorspace;
     int downscale, test_every, alpha, space; // sgs_alpha, sgs_space
-    double white;                            // 0 = measured
+    double white_point;                      // 0 = measured
     uint64_t cache_bytes;                    // for decoded images; 0 = no limit
     bool eval, invert_masks;
 } scene_values;
@@ -33,7 +33,7 @@ option_group scene_group(scene_values *values);
 // Settles --eval and the options that exclude each other; with a run's config (or NULL) fills in
 // what it recorded and the command line left open. The strings stay owned by argv and config.
 // Returns -1, or an exit status.
-int scene_settle(scene_values *values, const command_line *line, const json_t *config);
+int scene_resolve(scene_values *values, const command_line *line, const json_t *config);
 // The words of --alpha, in the order of sgs_alpha.
 #define ALPHA_WORDS "over|mask|ignore"
 // The words of --train-space, in the order of sgs_space.
@@ -50,14 +50,14 @@ typedef struct drawing_values {
     color_value background;
     sgs_space
         space; // of the model's colours, and the light that is 1 in them: from the run's config
-    double white;
+    double white_point;
     double near_distance; // from the scene
 } drawing_values;
 
 option_group drawing_group(drawing_values *values);
 // What the command line left open comes from the run's config, then from the scene.
-void drawing_settle(drawing_values *values, const command_line *line, const json_t *config,
-                    const sgs_scene *scene);
+void drawing_resolve(drawing_values *values, const command_line *line, const json_t *config,
+                     const sgs_scene *scene);
 // How to draw for them.
 sgs_render_options drawing_render_options(const drawing_values *values);
 

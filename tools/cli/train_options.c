@@ -144,7 +144,7 @@ void train_groups(train_values *values, option_group groups[TRAIN_GROUP_COUNT])
                                .values = values};
 }
 
-void train_settle(train_values *values)
+void train_resolve(train_values *values)
 {
     if (values->filter == FILTER_OF_PIPELINE)
         values->filter = values->pipeline == SGS_PIPELINE_MIP ? SGS_FILTER_MIP : SGS_FILTER_3DGS;
@@ -237,7 +237,7 @@ static json_t *shaping_options(const train_values *values, const scene_values *s
     set_word(options, "alpha", ALPHA_WORDS, scene->alpha);
     set_text(options, "input_colorspace", scene->colorspace);
     set_word(options, "train_space", SPACE_WORDS, scene->space);
-    json_object_set_new(options, "white", json_real(scene->white));
+    json_object_set_new(options, "white", json_real(scene->white_point));
     set_integer(options, "iterations", (uint64_t)values->iterations);
     set_word(options, "schedule", "scaled|paper", values->schedule);
     set_word(options, "pipeline", PIPELINES, values->pipeline);
@@ -330,7 +330,7 @@ static bool may_change(const char *key, const json_t *now)
 }
 
 // A value as one writes it on the command line.
-static char *spoken(const json_t *value)
+static char *option_text(const json_t *value)
 {
     if (json_is_null(value))
         return format_text("not given");
@@ -342,7 +342,7 @@ static char *spoken(const json_t *value)
     }
     char *list = format_text("%s", json_array_size(value) ? "" : "off");
     for (size_t i = 0; i < json_array_size(value); ++i) {
-        char *word = spoken(json_array_get(value, i));
+        char *word = option_text(json_array_get(value, i));
         char *longer = format_text("%s%s%s", list, i ? "," : "", word);
         free(word);
         free(list);
@@ -364,8 +364,8 @@ bool train_config_agrees(const char *config_path, const json_t *stored, const js
         snprintf(name, sizeof name, "%s", key);
         for (char *dash = name; (dash = strchr(dash, '_'));)
             *dash = '-';
-        char *was = old ? spoken(old) : format_text("not recorded");
-        char *is = spoken(value);
+        char *was = old ? option_text(old) : format_text("not recorded");
+        char *is = option_text(value);
         fail_run("%s: --%s was %s when this run was started and is %s now; resume with the same "
                  "options, or train into "
                  "another folder",

@@ -29,7 +29,7 @@ enum { TRAIN_GROUP_COUNT = 4 };
 void train_groups(train_values *values, option_group groups[TRAIN_GROUP_COUNT]);
 
 // Fills in what depends on other options: call once after parsing.
-void train_settle(train_values *values);
+void train_resolve(train_values *values);
 
 // The library's options. init is left NULL.
 sgs_train_options train_library_options(const train_values *values, uint64_t seed);

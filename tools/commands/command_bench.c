@@ -147,7 +147,7 @@ static bool measure(bench_run *run, const char *name, const sgs_gaussians *model
                 done = false;
             }
             to->total = to->sample.gather + to->sample.forward + to->sample.backward;
-            results[s].counts = sgs_bench_counted(bench);
+            results[s].counts = sgs_bench_counts_get(bench);
         }
     }
     progress_end();
@@ -173,7 +173,7 @@ static bool measure_model(bench_run *run, const char *model, const char *scene_p
     model_path located;
     sgs_scene *scene = NULL;
     sgs_gaussians *gaussians = NULL;
-    bool done = model_locate(model, &located) && scene_settle(data, line, located.config) < 0 &&
+    bool done = model_locate(model, &located) && scene_resolve(data, line, located.config) < 0 &&
                 (scene = scene_open(scene_path, data, false)) != NULL;
     if (done && sgs_ply_read(located.ply_path, &gaussians)) {
         fail_library();

@@ -55,12 +55,12 @@ static bool save_pair(const char *folder, const char *stem, const sgs_image8 *dr
 }
 
 // One view into the table or the JSON list; its pictures are saved where a stem is given.
-static bool evaluate_one(const evaluator *judge, const sgs_view *view, const char *save,
+static bool evaluate_one(const evaluator *evaluation, const sgs_view *view, const char *save,
                          const char *stem, json_t *list, split_score *sum)
 {
     view_score score;
     sgs_image8 drawn = {0}, photo = {0};
-    bool done = evaluate_view(judge, view, &score, &drawn, &photo);
+    bool done = evaluate_view(evaluation, view, &score, &drawn, &photo);
     if (done && stem)
         done = save_pair(save, stem, &drawn, &photo);
     sgs_image8_free(&drawn);
@@ -80,19 +80,19 @@ static bool evaluate_one(const evaluator *judge, const sgs_view *view, const cha
     return true;
 }
 
-static bool evaluate_all(const evaluator *judge, sgs_split split, const char *save, bool json)
+static bool evaluate_all(const evaluator *evaluation, sgs_split split, const char *save, bool json)
 {
     json_t *list = json ? json_array() : NULL;
     split_score sum = {0};
-    const sgs_view *views = judge->scene->views;
-    const size_t count = judge->scene->view_count;
+    const sgs_view *views = evaluation->scene->views;
+    const size_t count = evaluation->scene->view_count;
     char **stems = save ? file_stems(&views->name, sizeof *views, count) : NULL;
     bool done = !save || stems;
     if (!json)
         printf("%-32s %11s  %s\n", "image", "PSNR", "SSIM");
     for (size_t v = 0; v < count && done && !interrupt_signal(); ++v)
         if (view_in_split(&views[v], split))
-            done = evaluate_one(judge, &views[v], save, stems ? stems[v] : NULL, list, &sum);
+            done = evaluate_one(evaluation, &views[v], save, stems ? stems[v] : NULL, list, &sum);
     file_stems_free(stems, count);
     if (!done || interrupt_signal()) {
         json_decref(list);
@@ -127,11 +127,11 @@ static int evaluate_model(const char *ply_path, const json_t *exposures, const s
     sgs_gaussians *model = NULL;
     if (sgs_ply_read(ply_path, &model))
         return fail_library();
-    evaluator judge = {0};
-    bool done = evaluator_open(&judge, model, scene, drawing);
-    judge.exposures = exposures;
-    done = done && evaluate_all(&judge, split, values->save, json);
-    evaluator_close(&judge);
+    evaluator evaluation = {0};
+    bool done = evaluator_open(&evaluation, model, scene, drawing);
+    evaluation.exposures = exposures;
+    done = done && evaluate_all(&evaluation, split, values->save, json);
+    evaluator_close(&evaluation);
     sgs_gaussians_destroy(model);
     return done ? interrupt_status() : EXIT_FAILED;
 }
@@ -161,11 +161,11 @@ int command_eval(int argc, char **argv)
     sgs_scene *scene = NULL;
     status = EXIT_FAILED;
     if (model_locate(call.line.operands[0], &located)) {
-        status = scene_settle(&data, &call.line, located.config);
+        status = scene_resolve(&data, &call.line, located.config);
         if (status < 0)
             scene = scene_open(call.line.operands[1], &data, true);
         if (status < 0 && scene) {
-            drawing_settle(&drawing, &call.line, located.config, scene);
+            drawing_resolve(&drawing, &call.line, located.config, scene);
             char *path = format_text("%s/exposure.json", call.line.operands[0]);
             bool damaged = false;
             json_t *exposures = json_is_true(config_option(located.config, "exposure"))

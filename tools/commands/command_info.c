@@ -260,7 +260,7 @@ int command_info(int argc, char **argv)
                                .scene = &data};
     int status = command_parse(&spec, argc, argv, &call);
     if (status < 0)
-        status = scene_settle(&data, &call.line, NULL);
+        status = scene_resolve(&data, &call.line, NULL);
     if (status < 0)
         status = common_apply(&call.common, &call.line);
     if (status >= 0)

@@ -95,7 +95,7 @@ enum { FORMAT_EXR = 0, DEPTH_Z = 1, BLUR_SAMPLES = 64, DEFAULT_FPS = 30 };
 static const sgs_split splits[] = {SGS_SPLIT_TEST, SGS_SPLIT_TRAIN, SGS_SPLIT_ALL};
 
 // What the options ask for, in the words of those who do it.
-static view_options drawing_wishes(const render_values *values, double path_fps)
+static view_options view_options_from(const render_values *values, double path_fps)
 {
     const bool blurred = values->aperture > 0;
     return (view_options){.folder = values->output,
@@ -167,7 +167,7 @@ static bool render_model(const char *name, const model_path *located, const came
         fail_library();
         return false;
     }
-    view_options options = drawing_wishes(values, cameras->fps);
+    view_options options = view_options_from(values, cameras->fps);
     region_map regions;
     options.regions = &regions;
     const bool done = find_regions(name, located->iteration, model, &regions, &options.aovs) &&
@@ -185,7 +185,7 @@ static int run_render(const command_line *line, const render_values *values,
     camera_list cameras = {0};
     int status = model_locate(line->operands[0], &located) ? -1 : EXIT_FAILED;
     if (status < 0)
-        status = scene_settle(data, line, located.config);
+        status = scene_resolve(data, line, located.config);
     if (status < 0 && values->output &&
         !(make_folder(values->output) && check_writable(values->output)))
         status = EXIT_FAILED;
@@ -196,7 +196,7 @@ static int run_render(const command_line *line, const render_values *values,
     if (status < 0 && !cameras_choose(choice, scene, &cameras))
         status = EXIT_FAILED;
     if (status < 0) {
-        drawing_settle(drawing, line, located.config, scene);
+        drawing_resolve(drawing, line, located.config, scene);
         if (values->reference && !option_given(line, "compact-box"))
             drawing->compact_box = 1; // it knows no tiles
         const bool done = render_model(line->operands[0], &located, &cameras, drawing, values);

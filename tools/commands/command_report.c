@@ -223,21 +223,22 @@ static json_t *picture_of(const char *folder, const json_t *run)
         char name[] = "report", *arguments[] = {name, NULL};
         const bool parsed = command_line_parse(&nothing, 1, arguments) < 0;
         const char *scene_path = json_string_value(json_object_get(located.config, "scene"));
-        sgs_scene *scene = parsed && scene_path && scene_settle(&data, &nothing, located.config) < 0
-                               ? scene_open(scene_path, &data, true)
-                               : NULL;
+        sgs_scene *scene =
+            parsed && scene_path && scene_resolve(&data, &nothing, located.config) < 0
+                ? scene_open(scene_path, &data, true)
+                : NULL;
         sgs_gaussians *model = NULL;
-        evaluator judge = {0};
+        evaluator evaluation = {0};
         view_score score;
         sgs_image8 drawn = {0}, photo = {0};
         const sgs_view *view = scene ? &scene->views[0] : NULL;
         for (size_t v = 0; scene && v < scene->view_count && view->split != SGS_SPLIT_TEST; ++v)
             view = scene->views[v].split == SGS_SPLIT_TEST ? &scene->views[v] : view;
         if (scene)
-            drawing_settle(&drawing, &nothing, located.config, scene);
+            drawing_resolve(&drawing, &nothing, located.config, scene);
         if (view && !sgs_ply_read(located.ply_path, &model) &&
-            evaluator_open(&judge, model, scene, &drawing) &&
-            evaluate_view(&judge, view, &score, &drawn, &photo)) {
+            evaluator_open(&evaluation, model, scene, &drawing) &&
+            evaluate_view(&evaluation, view, &score, &drawn, &photo)) {
             json_t *left = picture_uri(folder, &drawn), *right = picture_uri(folder, &photo);
             char *label =
                 format_text("%s / %s / %s: %s", json_string_value(json_object_get(run, "scene")),
@@ -252,7 +253,7 @@ static json_t *picture_of(const char *folder, const json_t *run)
         }
         sgs_image8_free(&drawn);
         sgs_image8_free(&photo);
-        evaluator_close(&judge);
+        evaluator_close(&evaluation);
         sgs_gaussians_destroy(model);
         sgs_scene_destroy(scene);
     }

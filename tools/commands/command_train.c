@@ -73,7 +73,7 @@ static bool load_scene(training *run, bool background_given)
     if (run->scene->white_background && !background_given)
         for (int c = 0; c < 3; ++c)
             run->values.background.rgb[c] = 1;
-    run->data.white = run->scene->white; // for config.json: as it was measured
+    run->data.white_point = run->scene->white_point; // for config.json: as it was measured
     const size_t test = scene_split_count(run->scene, SGS_SPLIT_TEST);
     print_note("%s: %zu training images, %zu held out, %zu points, loaded in %.1f s",
                run->scene_path, run->scene->view_count - test, test, run->scene->point_count,
@@ -237,8 +237,8 @@ static bool open_folder(training *run)
         ready = run_folder_clear(&run->folder);
     ready = ready && write_json(config_path, json_incref(config)) &&
             run_folder_open_tables(&run->folder, sgs_trainer_iteration(run->trainer),
-                                   sgs_trainer_updated(run->trainer)) &&
-            region_file_cut(run->values.output, sgs_trainer_updated(run->trainer));
+                                   sgs_trainer_structure_iteration(run->trainer)) &&
+            region_file_cut(run->values.output, sgs_trainer_structure_iteration(run->trainer));
     run->train_seconds = resumed > 0 ? sgs_trainer_seconds(run->trainer).total : 0;
     json_decref(config);
     free(config_path);
@@ -320,7 +320,7 @@ static void record_trace(const training *run, trace_file *trace, double start,
 static void record_update(training *run, const sgs_step_info *info)
 {
     const sgs_regions regions = sgs_trainer_regions(run->trainer);
-    if (regions.iteration == info->updated)
+    if (regions.iteration == info->structure_iteration)
         region_file_append(run->values.output, &regions);
     run_folder_record_update(&run->folder, info);
 }
@@ -331,7 +331,7 @@ static bool give_up(training *run, const sgs_step_info *info)
 {
     char *reason = format_text("%s", sgs_last_error());
     const int iteration = sgs_trainer_iteration(run->trainer);
-    const bool whole = iteration && sgs_trainer_is_whole(run->trainer);
+    const bool whole = iteration && sgs_trainer_is_consistent(run->trainer);
     progress_end();
     if (whole && info->structural)
         record_update(run, info);
@@ -442,7 +442,7 @@ static bool evaluate(training *run)
     char *path = format_text("%s/point_cloud/iteration_%d/point_cloud.ply", run->values.output,
                              run->iterations);
     sgs_gaussians *model = NULL;
-    evaluator judge = {0};
+    evaluator evaluation = {0};
     const drawing_values drawing = {.filter = run->values.filter,
                                     .near_distance = sgs_near_distance(run->scene->extent),
                                     .compact_box = run->values.compact_box,
@@ -452,11 +452,11 @@ static bool evaluate(training *run)
         fail_library();
     char *exposure_path = format_text("%s/exposure.json", run->values.output);
     json_t *exposures = run->values.exposure ? exposure_read(exposure_path, &damaged) : NULL;
-    done = done && !damaged && evaluator_open(&judge, model, run->scene, &drawing);
-    judge.exposures = exposures;
-    done = done && evaluate_split(&judge, SGS_SPLIT_TEST, &run->test) &&
-           evaluate_split(&judge, SGS_SPLIT_TRAIN, &run->train);
-    evaluator_close(&judge);
+    done = done && !damaged && evaluator_open(&evaluation, model, run->scene, &drawing);
+    evaluation.exposures = exposures;
+    done = done && evaluate_split(&evaluation, SGS_SPLIT_TEST, &run->test) &&
+           evaluate_split(&evaluation, SGS_SPLIT_TRAIN, &run->train);
+    evaluator_close(&evaluation);
     sgs_gaussians_destroy(model);
     json_decref(exposures);
     free(exposure_path);
@@ -595,8 +595,8 @@ static int parse_line(training *run, option_group groups[GROUP_COUNT], command_l
                            .operand_maximum = 1};
     int status = command_line_parse(line, argc, argv);
     if (status < 0)
-        status = scene_settle(&run->data, line, NULL);
-    train_settle(&run->values);
+        status = scene_resolve(&run->data, line, NULL);
+    train_resolve(&run->values);
     if (status < 0 && run->values.pipeline == SGS_PIPELINE_TAMING &&
         run->values.taming_opacity == SGS_TAMING_LINEAR && run->values.filter == SGS_FILTER_MIP)
         status = fail_usage("--taming-opacity linear and --filter mip exclude each other");

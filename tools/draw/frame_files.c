@@ -52,12 +52,11 @@ unsigned aov_planes(unsigned aovs)
 {
     static const struct {
         unsigned aov, plane;
-    } needs[] = {
-        {AOV_DEPTH, SGS_PLANE_DEPTH_MEAN},        {AOV_DEPTH_MEDIAN, SGS_PLANE_DEPTH_MEDIAN},
-        {AOV_DEPTH_FIRST, SGS_PLANE_DEPTH_FIRST}, {AOV_HITS, SGS_PLANE_HITS},
-        {AOV_NORMAL, SGS_PLANE_NORMAL},           {AOV_POSITION, SGS_PLANE_POSITION},
-        {AOV_PRIMITIVE, SGS_PLANE_PRIMITIVE},     {AOV_REGION, SGS_PLANE_PRIMITIVE},
-        {AOV_SLACK, SGS_PLANE_PRIMITIVE}};
+    } needs[] = {{AOV_DEPTH, SGS_AOV_DEPTH_MEAN},        {AOV_DEPTH_MEDIAN, SGS_AOV_DEPTH_MEDIAN},
+                 {AOV_DEPTH_FIRST, SGS_AOV_DEPTH_FIRST}, {AOV_HITS, SGS_AOV_HITS},
+                 {AOV_NORMAL, SGS_AOV_NORMAL},           {AOV_POSITION, SGS_AOV_POSITION},
+                 {AOV_PRIMITIVE, SGS_AOV_PRIMITIVE},     {AOV_REGION, SGS_AOV_PRIMITIVE},
+                 {AOV_SLACK, SGS_AOV_PRIMITIVE}};
     unsigned planes = 0;
     for (size_t k = 0; k < sizeof needs / sizeof *needs; ++k)
         planes |= aovs & needs[k].aov ? needs[k].plane : 0;
@@ -67,7 +66,7 @@ unsigned aov_planes(unsigned aovs)
 // The light that a trained colour stands for.
 static float light_of(const frame_files *files, float value)
 {
-    return files->white * (files->space == SGS_SPACE_LINEAR ? value : sgs_srgb_decode(value));
+    return files->white_point * (files->space == SGS_SPACE_LINEAR ? value : sgs_srgb_decode(value));
 }
 
 static void linearise(const frame_files *files, sgs_frame *frame)

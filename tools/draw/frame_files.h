@@ -30,7 +30,7 @@ enum {
     "all|rgba,depth,depth_median,depth_first,transmittance,hits,normal,position,primitive,region," \
     "slack"
 
-// The planes (SGS_PLANE_ bits) of a frame that these need.
+// The planes (SGS_AOV_ bits) of a frame that these need.
 unsigned aov_planes(unsigned aovs);
 
 typedef enum exr_encoding { EXR_LINEAR = 0, EXR_SRGB = 1 } exr_encoding;
@@ -46,7 +46,7 @@ typedef struct frame_files {
     sgs_exr_compression compression; // EXR only
     float background[3];             // PNG only
     sgs_space space;                 // of the frame's colours
-    float white;                     // light that is 1 in them
+    float white_point;               // light that is 1 in them
     double near_distance;            // what is nearer to the camera was not drawn
     const region_map *regions;       // of the model; for AOV_REGION and AOV_SLACK only
 } frame_files;

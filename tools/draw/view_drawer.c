@@ -197,7 +197,7 @@ static bool draw_frame(view_drawer *drawer, const frame_files *files,
 {
     const view_options *o = drawer->options;
     const bool sampled = o->samples > 1 || o->aperture > 0;
-    const unsigned planes = aov_planes(o->aovs) | (o->aperture > 0 ? SGS_PLANE_DEPTH_MEAN : 0);
+    const unsigned planes = aov_planes(o->aovs) | (o->aperture > 0 ? SGS_AOV_DEPTH_MEAN : 0);
     if (!prepare_frame(drawer->frame, files->camera, planes))
         return false;
     if (o->deep)
@@ -266,7 +266,7 @@ bool view_drawer_draw(view_drawer *drawer, const named_camera *view)
                          .encoding = o->encoding,
                          .compression = o->compression,
                          .space = drawer->drawing->space,
-                         .white = (float)drawer->drawing->white,
+                         .white_point = (float)drawer->drawing->white_point,
                          .near_distance = options.near_distance};
     memcpy(files.background, drawer->drawing->background.rgb, sizeof files.background);
     const double start = clock_seconds();

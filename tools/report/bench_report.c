@@ -150,10 +150,10 @@ static sgs_scaling scaling_of(const bench_result *r)
                          .bytes = r->counts.bytes.total,
                          .threads = r->threads,
                          .cores = sgs_cores(),
-                         .binned = phase_spread(r, &phases[0]).median +
-                                   phase_spread(r, &phases[1]).median -
-                                   phase_spread(r, &phases[PHASE_PROJECT]).median,
-                         .bins = r->counts.bytes.bins};
+                         .macrotile_seconds = phase_spread(r, &phases[0]).median +
+                                              phase_spread(r, &phases[1]).median -
+                                              phase_spread(r, &phases[PHASE_PROJECT]).median,
+                         .macrotiles = r->counts.bytes.macrotiles};
 }
 
 static void print_row(const bench_result *r, const bench_phase *phase)
@@ -203,7 +203,7 @@ void bench_print_table(const bench_report *report)
                "block, %.1f %% of lanes "
                "used\n",
                hits_per_ray(r), c->candidates / c->tiles, c->evaluations / (16 * c->tiles),
-               c->elements / (16 * c->tiles), 100 * lane_use(r));
+               c->block_hits / (16 * c->tiles), 100 * lane_use(r));
         for (int k = 0; k < PHASE_COUNT; ++k)
             print_row(r, &phases[k]);
         print_scaling(r);
@@ -229,7 +229,7 @@ static void put_field(const char *text)
 void bench_print_csv(const bench_report *report)
 {
     printf("name,isa,threads,primitives,pixels,hits_per_ray,candidates_per_tile,evaluations_per_"
-           "block,elements_per_block,"
+           "block,block_hits_per_block,"
            "lane_use,tsc_ghz,fma_gflops,l2_gbs,memory_gbs,serial_share,waiting_share,bytes");
     for (int k = 0; k < PHASE_COUNT; ++k)
         printf(",%s_seconds,%s_min,%s_max,%s_core_seconds_per_mp,%s_cycles_per_hit,%s_ns_per_hit",
@@ -244,9 +244,9 @@ void bench_print_csv(const bench_report *report)
         printf(",%s,%d,%.0f,%.0f,%.3f,%.2f,%.3f,%.3f,%.4f,%.4f,%.1f,%.1f,%.1f,%.5f,%.5f,%.0f",
                sgs_isa_name(r->isa), r->threads, c->primitives, c->pixels, hits_per_ray(r),
                c->candidates / c->tiles, c->evaluations / (16 * c->tiles),
-               c->elements / (16 * c->tiles), lane_use(r), r->limits.tsc_ghz, r->limits.fma_gflops,
-               r->limits.l2_gbs, r->limits.memory_gbs, scaling.serial / scaling.seconds,
-               scaling.waiting / scaling.seconds, scaling.bytes);
+               c->block_hits / (16 * c->tiles), lane_use(r), r->limits.tsc_ghz,
+               r->limits.fma_gflops, r->limits.l2_gbs, r->limits.memory_gbs,
+               scaling.serial / scaling.seconds, scaling.waiting / scaling.seconds, scaling.bytes);
         for (int k = 0; k < PHASE_COUNT; ++k) {
             const spread s = phase_spread(r, &phases[k]);
             printf(",%.6f,%.6f,%.6f,%.4f,%.3f,%.3f", s.median, s.low, s.high,
@@ -295,9 +295,10 @@ static json_t *result_json(const bench_result *r)
     json_object_set_new(object, "candidates_per_tile", json_number(c->candidates / c->tiles));
     json_object_set_new(object, "evaluations_per_block",
                         json_number(c->evaluations / (16 * c->tiles)));
-    json_object_set_new(object, "elements_per_block", json_number(c->elements / (16 * c->tiles)));
+    json_object_set_new(object, "block_hits_per_block",
+                        json_number(c->block_hits / (16 * c->tiles)));
     json_object_set_new(object, "lane_use", json_number(lane_use(r)));
-    json_object_set_new(object, "regathered_bins", json_number(c->regathered));
+    json_object_set_new(object, "fallback_gathers", json_number(c->fallback_gathers));
     json_object_set_new(object, "cycles_per_hit", phases_json(r, cycles_per_hit(r)));
     json_object_set_new(object, "ns_per_hit", phases_json(r, ns_per_hit(r)));
     json_object_set_new(object, "core_seconds_per_mp", phases_json(r, core_seconds_per_mp(r)));

@@ -81,7 +81,7 @@ bool profile_write_maps(const char *folder, const named_camera *view, const sgs_
     const map_files files = {folder, view->stem, view->name, stream};
     const sgs_exr_channel pixels[] = {
         {.name = "hits.count", .floats = profile->pixel_hits},
-        {.name = "elements.count", .floats = profile->pixel_elements}};
+        {.name = "block_hits.count", .floats = profile->pixel_block_hits}};
     const sgs_exr_channel tiles[] = {
         {.name = "candidates.count", .floats = profile->tile_candidates},
         {.name = "evaluations.count", .floats = profile->tile_evaluations},
@@ -89,7 +89,7 @@ bool profile_write_maps(const char *folder, const named_camera *view, const sgs_
     return write_exr(&files, ".profile.exr", profile->width, profile->height, pixels, 2) &&
            write_exr(&files, ".tiles.exr", profile->tiles_x, profile->tiles_y, tiles, 3) &&
            write_png(&files, ".hits.png", profile->pixel_hits, profile->width, profile->height) &&
-           write_png(&files, ".elements.png", profile->pixel_elements, profile->width,
+           write_png(&files, ".block_hits.png", profile->pixel_block_hits, profile->width,
                      profile->height) &&
            write_tiles_png(&files, ".tile_candidates.png", profile->tile_candidates, profile) &&
            write_tiles_png(&files, ".tile_cost.png", profile->tile_seconds, profile);

@@ -20,7 +20,7 @@
     X(candidates)                                                                                  \
     X(block_tests)                                                                                 \
     X(evaluations)                                                                                 \
-    X(elements)                                                                                    \
+    X(block_hits)                                                                                  \
     X(listed)                                                                                      \
     X(needed)                                                                                      \
     X(hits)                                                                                        \
@@ -28,7 +28,7 @@
     X(sampled_hits_unstopped)                                                                      \
     X(sampled_stopped)
 #define SGS_EACH_TREE_SUM(X)                                                                       \
-    X(build) X(refit) X(gather) X(guided_gather) X(bytes) X(callbacks) X(cost) X(overlap)
+    X(build) X(refit) X(gather) X(gather_with_depth_bound) X(bytes) X(callbacks) X(cost) X(overlap)
 
 void profile_report_add(profile_report *report, const sgs_profile *profile)
 {
@@ -84,7 +84,7 @@ enum { REBUILT_EVERY = 100 };
 // Wall-clock seconds of the gather, as training has it.
 static double gather_wall(const sgs_profile_tree *tree)
 {
-    return tree->guided_gather / sgs_threads();
+    return tree->gather_with_depth_bound / sgs_threads();
 }
 
 // What a change of the boxes and the question after it cost, per iteration.
@@ -250,7 +250,7 @@ static char *answer_dominant(const profile_report *report)
                        "takes %.1f times the mean.",
                        largest.name, 100 * quotient(largest.seconds, whole),
                        report->training.iteration > 0 ? "an iteration" : "a view",
-                       100 * (1 - quotient(m->elements, m->evaluations)),
+                       100 * (1 - quotient(m->block_hits, m->evaluations)),
                        100 * quotient(m->hits, 16 * m->evaluations),
                        100 * quotient(m->needed, m->callbacks), report->tile_slowest);
 }
@@ -274,15 +274,15 @@ void profile_print(const profile_report *report)
            m->rays, report->views, report->views == 1 ? "" : "s", sgs_isa_name(sgs_get_isa()),
            sgs_threads(), sgs_threads() == 1 ? "" : "s");
     printf("%-8s %10s %10s %12s %12s %10s %12s %10s %9s\n", "tree", "build ms", "refit ms",
-           "gather ms*", "guided ms*", "MB", "callbacks", "SA cost", "overlap");
+           "gather ms*", "bounded ms*", "MB", "callbacks", "SA cost", "overlap");
     for (int k = 0; k < SGS_PROFILE_KIND_COUNT; ++k) {
         const sgs_profile_tree *t = &m->trees[k];
         printf("%-8s %10.2f %10.2f %12.2f %12.2f %10.1f %12.0f %10.1f %9.3f\n",
                sgs_profile_kind_name((sgs_profile_kind)k), 1e3 * t->build, 1e3 * t->refit,
-               1e3 * t->gather, 1e3 * t->guided_gather, 1e-6 * t->bytes, t->callbacks, t->cost,
-               t->overlap);
+               1e3 * t->gather, 1e3 * t->gather_with_depth_bound, 1e-6 * t->bytes, t->callbacks,
+               t->cost, t->overlap);
     }
-    printf("* core time of a view, least of the repetitions (the next is within %.0f %%); guided: "
+    printf("* core time of a view, least of the repetitions (the next is within %.0f %%); bounded: "
            "with the depths of an earlier visit, as in training; aged: refitted %d times\n\n",
            100 * m->noise, report->refits);
     printf("%-34s %12s %12s\n", "", "per view", "per ray");
@@ -293,7 +293,7 @@ void profile_print(const profile_report *report)
                 {"candidates of the tiles", m->candidates},
                 {"block tests", m->block_tests},
                 {"evaluations (block, primitive)", m->evaluations},
-                {"elements (some pixel was hit)", m->elements},
+                {"block hits (some pixel was hit)", m->block_hits},
                 {"true hits", m->hits}};
     for (size_t i = 0; i < sizeof rows / sizeof *rows; ++i)
         printf("%-34s %12.0f %12.3f\n", rows[i].name, rows[i].value,
@@ -303,7 +303,7 @@ void profile_print(const profile_report *report)
                "evaluations, %.1f %% of lanes\n",
                100 * (1 - quotient(m->needed, m->callbacks)),
                100 * (1 - quotient(m->listed, m->candidates)),
-               100 * (1 - quotient(m->elements, m->evaluations)),
+               100 * (1 - quotient(m->block_hits, m->evaluations)),
                100 * (1 - quotient(m->hits, 16 * m->evaluations)));
     else
         puts("false positives: none, nothing of the model is in view");
@@ -344,7 +344,8 @@ static json_t *tree_json(const profile_report *report, sgs_profile_kind kind)
     json_object_set_new(object, "refit_seconds",
                         kind < SGS_PROFILE_REFIT ? json_null() : json_number(t->refit));
     json_object_set_new(object, "gather_core_seconds", json_number(t->gather));
-    json_object_set_new(object, "guided_gather_core_seconds", json_number(t->guided_gather));
+    json_object_set_new(object, "gather_with_depth_bound_core_seconds",
+                        json_number(t->gather_with_depth_bound));
     json_object_set_new(object, "bytes", json_number(t->bytes));
     json_object_set_new(object, "callbacks", json_number(t->callbacks));
     json_object_set_new(object, "surface_area_cost", json_number(t->cost));
@@ -403,7 +404,7 @@ json_t *profile_json(const profile_report *report)
                    {"candidates", m->candidates},
                    {"block_tests", m->block_tests},
                    {"evaluations", m->evaluations},
-                   {"elements", m->elements},
+                   {"block_hits", m->block_hits},
                    {"hits", m->hits},
                    {"hits_per_ray", quotient(m->hits, m->rays)},
                    {"sampled_hits", m->sampled_hits},
@@ -417,7 +418,7 @@ json_t *profile_json(const profile_report *report)
     json_object_set_new(rates, "callbacks", json_number(1 - quotient(m->needed, m->callbacks)));
     json_object_set_new(rates, "candidates", json_number(1 - quotient(m->listed, m->candidates)));
     json_object_set_new(rates, "evaluations",
-                        json_number(1 - quotient(m->elements, m->evaluations)));
+                        json_number(1 - quotient(m->block_hits, m->evaluations)));
     json_object_set_new(rates, "lanes", json_number(1 - quotient(m->hits, 16 * m->evaluations)));
     json_object_set_new(view, "false_positives", rates);
     double whole;

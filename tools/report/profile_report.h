@@ -30,7 +30,7 @@ void profile_report_finish(profile_report *report);
 void profile_print(const profile_report *report);
 json_t *profile_json(const profile_report *report);
 
-// FOLDER/STEM.profile.exr and STEM.tiles.exr with all maps; STEM.hits.png, STEM.elements.png,
+// FOLDER/STEM.profile.exr and STEM.tiles.exr with all maps; STEM.hits.png, STEM.block_hits.png,
 // STEM.tile_candidates.png and STEM.tile_cost.png. Prints the paths on `stream`. False after
 // printing the error.
 bool profile_write_maps(const char *folder, const named_camera *view, const sgs_profile *profile,

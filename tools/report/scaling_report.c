@@ -43,8 +43,8 @@ void scaling_add_training(json_t *summary, const sgs_train_seconds *seconds,
                                  .bytes = bytes->total,
                                  .threads = sgs_threads(),
                                  .cores = sgs_cores(),
-                                 .binned = seconds->gather + seconds->forward,
-                                 .bins = bytes->bins / iterations};
+                                 .macrotile_seconds = seconds->gather + seconds->forward,
+                                 .macrotiles = bytes->macrotiles / iterations};
     json_object_set_new(summary, "serial_seconds", json_number(seconds->serial));
     json_object_set_new(summary, "waiting_seconds", json_number(seconds->waiting));
     json_object_set_new(summary, "bytes_per_iteration", json_number(bytes->total / iterations));

@@ -19,22 +19,22 @@
 #include "cli/progress.h"
 #include "sparegs/metrics.h"
 
-bool evaluator_open(evaluator *judge, const sgs_gaussians *model, const sgs_scene *scene,
+bool evaluator_open(evaluator *evaluation, const sgs_gaussians *model, const sgs_scene *scene,
                     const drawing_values *drawing)
 {
-    *judge = (evaluator){.scene = scene, .render = drawing_render_options(drawing)};
-    memcpy(judge->background, drawing->background.rgb, sizeof judge->background);
-    if (sgs_renderer_create(model, &judge->renderer)) {
+    *evaluation = (evaluator){.scene = scene, .render = drawing_render_options(drawing)};
+    memcpy(evaluation->background, drawing->background.rgb, sizeof evaluation->background);
+    if (sgs_renderer_create(model, &evaluation->renderer)) {
         fail_library();
         return false;
     }
     return true;
 }
 
-void evaluator_close(evaluator *judge)
+void evaluator_close(evaluator *evaluation)
 {
-    sgs_renderer_destroy(judge->renderer);
-    judge->renderer = NULL;
+    sgs_renderer_destroy(evaluation->renderer);
+    evaluation->renderer = NULL;
 }
 
 // One value of a photograph, as its space has it.
@@ -44,7 +44,7 @@ static float photo_value(const sgs_photo *photo, size_t at)
 }
 
 // The photograph over the background: three planes in one block, or NULL after printing the error.
-static float *flatten_photo(const evaluator *judge, const sgs_photo *photo)
+static float *flatten_photo(const evaluator *evaluation, const sgs_photo *photo)
 {
     const size_t pixels = (size_t)photo->width * (size_t)photo->height;
     float *planes = malloc(3 * pixels * sizeof *planes);
@@ -53,32 +53,33 @@ static float *flatten_photo(const evaluator *judge, const sgs_photo *photo)
     for (size_t i = 0; planes && i < pixels; ++i) {
         const float alpha = photo->channels > 3 ? photo_value(photo, 3 * pixels + i) : 1.0F;
         for (size_t c = 0; c < 3; ++c)
-            planes[c * pixels + i] =
-                alpha * photo_value(photo, c * pixels + i) + (1.0F - alpha) * judge->background[c];
+            planes[c * pixels + i] = alpha * photo_value(photo, c * pixels + i) +
+                                     (1.0F - alpha) * evaluation->background[c];
     }
     return planes;
 }
 
-static bool draw(const evaluator *judge, const sgs_view *view, sgs_frame *frame)
+static bool draw(const evaluator *evaluation, const sgs_view *view, sgs_frame *frame)
 {
     if (sgs_frame_create(view->camera.width, view->camera.height, frame) ||
-        sgs_renderer_render(judge->renderer, &view->camera, &view->pose, &judge->render, frame)) {
+        sgs_renderer_render(evaluation->renderer, &view->camera, &view->pose, &evaluation->render,
+                            frame)) {
         fail_library();
         return false;
     }
     const size_t pixels = (size_t)frame->width * (size_t)frame->height;
     for (size_t c = 0; c < 3; ++c)
         for (size_t i = 0; i < pixels; ++i)
-            frame->color[c][i] += frame->transmittance[i] * judge->background[c];
+            frame->color[c][i] += frame->transmittance[i] * evaluation->background[c];
     return true;
 }
 
 // Encodes for display what is light, and rounds to 8 bit.
-static bool quantise(const evaluator *judge, float *const color[3], int width, int height,
+static bool quantise(const evaluator *evaluation, float *const color[3], int width, int height,
                      sgs_image8 *out)
 {
     const size_t pixels = (size_t)width * (size_t)height;
-    for (size_t c = 0; c < 3 && judge->scene->space == SGS_SPACE_LINEAR; ++c)
+    for (size_t c = 0; c < 3 && evaluation->scene->space == SGS_SPACE_LINEAR; ++c)
         for (size_t i = 0; i < pixels; ++i)
             color[c][i] = sgs_srgb_encode(color[c][i]);
     if (!sgs_image8_from_planes((const float *const *)color, NULL, NULL, width, height, out))
@@ -87,18 +88,18 @@ static bool quantise(const evaluator *judge, float *const color[3], int width, i
     return false;
 }
 
-// Gives the drawn image the exposure of its photograph. *half receives the pixels to judge where
-// the other half was used up to find it.
-static bool expose(const evaluator *judge, const sgs_view *view, float *const drawn[3],
-                   float *const photo[3], const uint16_t *keep, uint16_t **half)
+// Gives the drawn image the exposure of its photograph. *half receives the pixels to evaluation
+// where the other half was used up to find it.
+static bool expose(const evaluator *evaluation, const sgs_view *view, float *const drawn[3],
+                   float *const photo[3], const uint16_t *valid_mask, uint16_t **half)
 {
     double map[12];
     const int width = view->camera.width, height = view->camera.height;
-    if (!judge->exposures)
+    if (!evaluation->exposures)
         return true;
-    if (!exposure_find(judge->exposures, view->name, map)) {
-        exposure_fit(drawn, photo, keep, width, height, map);
-        *half = exposure_right_half(keep, width, height);
+    if (!exposure_find(evaluation->exposures, view->name, map)) {
+        exposure_fit(drawn, photo, valid_mask, width, height, map);
+        *half = exposure_right_half(valid_mask, width, height);
         if (!*half) {
             fail_run("no memory to compare a photo of %d x %d", width, height);
             return false;
@@ -108,32 +109,33 @@ static bool expose(const evaluator *judge, const sgs_view *view, float *const dr
     return true;
 }
 
-bool evaluate_view(const evaluator *judge, const sgs_view *view, view_score *score,
+bool evaluate_view(const evaluator *evaluation, const sgs_view *view, view_score *score,
                    sgs_image8 *drawn, sgs_image8 *photo)
 {
     sgs_image8 images[2] = {0};
     sgs_frame frame = {0};
     const sgs_photo *source = NULL;
     uint16_t *half = NULL;
-    bool done = !sgs_scene_photo(judge->scene, (size_t)(view - judge->scene->views), &source);
+    bool done =
+        !sgs_scene_photo(evaluation->scene, (size_t)(view - evaluation->scene->views), &source);
     if (!done)
         fail_library();
-    float *planes = done ? flatten_photo(judge, source) : NULL;
+    float *planes = done ? flatten_photo(evaluation, source) : NULL;
     if (planes) {
         const size_t pixels = (size_t)source->width * (size_t)source->height;
         float *const color[3] = {planes, planes + pixels, planes + 2 * pixels};
-        done = draw(judge, view, &frame) &&
-               expose(judge, view, frame.color, color, source->keep, &half) &&
-               quantise(judge, color, source->width, source->height, &images[1]) &&
-               quantise(judge, frame.color, frame.width, frame.height, &images[0]);
+        done = draw(evaluation, view, &frame) &&
+               expose(evaluation, view, frame.color, color, source->valid_mask, &half) &&
+               quantise(evaluation, color, source->width, source->height, &images[1]) &&
+               quantise(evaluation, frame.color, frame.width, frame.height, &images[0]);
     }
     done = done && planes;
     sgs_frame_free(&frame);
     free(planes);
     if (done) {
-        const uint16_t *keep = half ? half : source->keep;
-        *score = (view_score){sgs_psnr_masked(&images[0], &images[1], keep),
-                              sgs_ssim_masked(&images[0], &images[1], keep)};
+        const uint16_t *valid_mask = half ? half : source->valid_mask;
+        *score = (view_score){sgs_psnr_masked(&images[0], &images[1], valid_mask),
+                              sgs_ssim_masked(&images[0], &images[1], valid_mask)};
     }
     free(half);
     sgs_image8 *const out[2] = {drawn, photo};
@@ -157,13 +159,13 @@ void split_score_add(split_score *sum, const sgs_view *view, const view_score *s
     sum->ssim += score->ssim;
 }
 
-bool evaluate_split(const evaluator *judge, sgs_split split, split_score *score)
+bool evaluate_split(const evaluator *evaluation, sgs_split split, split_score *score)
 {
     *score = (split_score){0};
     split_score sum = {0};
-    const size_t total = scene_split_count(judge->scene, split);
-    for (size_t v = 0; v < judge->scene->view_count; ++v) {
-        const sgs_view *view = &judge->scene->views[v];
+    const size_t total = scene_split_count(evaluation->scene, split);
+    for (size_t v = 0; v < evaluation->scene->view_count; ++v) {
+        const sgs_view *view = &evaluation->scene->views[v];
         if (!view_in_split(view, split))
             continue;
         if (interrupt_signal())
@@ -172,7 +174,7 @@ bool evaluate_split(const evaluator *judge, sgs_split split, split_score *score)
                                                : "evaluating training images",
                        sum.images, total);
         view_score one;
-        if (!evaluate_view(judge, view, &one, NULL, NULL)) {
+        if (!evaluate_view(evaluation, view, &one, NULL, NULL)) {
             progress_end();
             return false;
         }

@@ -20,9 +20,9 @@ typedef struct evaluator {
 
 // Builds the renderer over a model, which must outlive the evaluator. False after printing the
 // error.
-bool evaluator_open(evaluator *judge, const sgs_gaussians *model, const sgs_scene *scene,
+bool evaluator_open(evaluator *evaluation, const sgs_gaussians *model, const sgs_scene *scene,
                     const drawing_values *drawing);
-void evaluator_close(evaluator *judge);
+void evaluator_close(evaluator *evaluation);
 
 typedef struct view_score {
     double psnr, ssim;
@@ -30,7 +30,7 @@ typedef struct view_score {
 
 // Scores one view. drawn and photo, when not NULL, receive the two 8-bit images (release with
 // sgs_image8_free).
-bool evaluate_view(const evaluator *judge, const sgs_view *view, view_score *score,
+bool evaluate_view(const evaluator *evaluation, const sgs_view *view, view_score *score,
                    sgs_image8 *drawn, sgs_image8 *photo);
 
 typedef struct split_score {
@@ -43,7 +43,7 @@ typedef struct split_score {
 void split_score_add(split_score *sum, const sgs_view *view, const view_score *score);
 
 // Scores a split; a request to stop (interrupt.h) ends it early with images = 0.
-bool evaluate_split(const evaluator *judge, sgs_split split, split_score *score);
+bool evaluate_split(const evaluator *evaluation, sgs_split split, split_score *score);
 
 // {"images":n,"psnr":dB,"ssim":x,"lpips":null}; psnr and ssim are null without images.
 json_t *split_score_json(const split_score *score);

@@ -24,12 +24,12 @@ bool exposure_find(const json_t *exposures, const char *name, double map[12]);
 
 // The map that takes the drawn image closest to the photograph (least squares) over the left halves
 // of both. Planes as in sgs_frame; `keep` as in sgs_photo. Without enough pixels, the identity.
-void exposure_fit(float *const drawn[3], float *const photo[3], const uint16_t *keep, int width,
-                  int height, double map[12]);
+void exposure_fit(float *const drawn[3], float *const photo[3], const uint16_t *valid_mask,
+                  int width, int height, double map[12]);
 
 // mapped[c] = sum over k of map[4 c + k] image[k] + map[4 c + 3], in place.
 void exposure_apply(float *const planes[3], size_t pixels, const double map[12]);
 
-// A plane like sgs_photo.keep that keeps what `keep` keeps of the right half. Release with free();
-// NULL without memory.
-uint16_t *exposure_right_half(const uint16_t *keep, int width, int height);
+// A plane like sgs_photo.valid_mask that keeps what `keep` keeps of the right half. Release with
+// free(); NULL without memory.
+uint16_t *exposure_right_half(const uint16_t *valid_mask, int width, int height);

@@ -148,14 +148,14 @@ static void read_sums(run_folder *folder, const char *path, int iteration)
         fclose(stream);
 }
 
-bool run_folder_open_tables(run_folder *folder, int iteration, int updated)
+bool run_folder_open_tables(run_folder *folder, int iteration, int structure_iteration)
 {
     char *train = format_text("%s/train.csv", folder->path),
          *spare = format_text("%s/spare.csv", folder->path);
     char *sums = format_text("%s/checkpoint/sums.csv", folder->path);
     bool opened = make_folder_of(sums) &&
                   (folder->train_csv = csv_open(train, train_header, iteration)) &&
-                  (folder->spare_csv = csv_open(spare, spare_header, updated)) &&
+                  (folder->spare_csv = csv_open(spare, spare_header, structure_iteration)) &&
                   (folder->sums_csv = csv_open(sums, sums_header, iteration));
     if (opened && iteration)
         read_sums(folder, sums, iteration);
@@ -187,7 +187,7 @@ void run_folder_record_update(run_folder *folder, const sgs_step_info *info)
     folder->spare_pruned += info->spare_pruned;
     if (!info->regions)
         return;
-    fprintf(folder->spare_csv, "%d,%zu,%zu,%.6f,%.6f,%zu,%zu,%zu,%.6f\n", info->updated,
+    fprintf(folder->spare_csv, "%d,%zu,%zu,%.6f,%.6f,%zu,%zu,%zu,%.6f\n", info->structure_iteration,
             info->regions, info->gaussians, info->over_budget_share, info->mean_weight,
             info->bmd_suppressed, info->bmd_boosted, info->spare_pruned, info->spare_seconds);
     fflush(folder->spare_csv);

@@ -35,7 +35,7 @@ bool run_folder_clear(const run_folder *folder);
 
 // Opens the tables; rows beyond `iteration` (where the run continues) are dropped, and rows of
 // structural updates beyond `updated`.
-bool run_folder_open_tables(run_folder *folder, int iteration, int updated);
+bool run_folder_open_tables(run_folder *folder, int iteration, int structure_iteration);
 void run_folder_close_tables(run_folder *folder);
 // Adds the row of the structural update that the step tells of.
 void run_folder_record_update(run_folder *folder, const sgs_step_info *info);

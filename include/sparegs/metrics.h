@@ -32,6 +32,24 @@ double sgs_ssim(const sgs_image8 *a, const sgs_image8 *b);
 double sgs_psnr_masked(const sgs_image8 *a, const sgs_image8 *b, const uint16_t *valid_mask);
 double sgs_ssim_masked(const sgs_image8 *a, const sgs_image8 *b, const uint16_t *valid_mask);
 
+// Pixels per degree of vision at which FLIP is reported.
+#define SGS_FLIP_PIXELS_PER_DEGREE 67.0
+
+// FLIP error of `test` against `reference` (Andersson et al. 2020, low dynamic range): per pixel in
+// [0, 1], 0 = no visible difference when the two images alternate on a screen. Display values
+// (sRGB). Sizes must match; three channels are used. Pixels outside valid_mask ([height][(width +
+// 15) / 16], NULL = all pixels valid) are black in both images and have error 0. map:
+// [height][width], written, or NULL. *mean: mean error over valid pixels, NaN where none is. Fails
+// with INVALID_ARGUMENT (sizes, pixels_per_degree outside (0, 3700]) or OUT_OF_MEMORY.
+sgs_status sgs_flip(const sgs_image8 *reference, const sgs_image8 *test, const uint16_t *valid_mask,
+                    double pixels_per_degree, float *map, double *mean);
+
+// Sharpness of a render: the energy (sum of squares) of the 5-point Laplacian of its luma (0.299,
+// 0.587, 0.114) over the same energy of the photograph. 1 = as much detail as the photograph, below
+// 1 = blurred, above 1 = noisier. Only pixels count whose four neighbours exist and are valid. NaN
+// when the sizes differ or the photograph has no energy. Cannot fail otherwise.
+double sgs_sharpness(const sgs_image8 *render, const sgs_image8 *photo, const uint16_t *valid_mask);
+
 #ifdef __cplusplus
 }
 #endif

@@ -1,0 +1,158 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// FLIP against numbers that NVIDIA's own evaluator (CPU) printed for the same images,
+// and sharpness against values in closed form.
+
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#include "base/core.h"
+#include "sparegs/metrics.h"
+#include "sparegs/runtime.h"
+
+enum { WIDTH = 96, HEIGHT = 64, PIXELS = WIDTH * HEIGHT };
+
+// Integer arithmetic only, so that another program can make the same pictures.
+static uint8_t reference_value(int x, int y, int c)
+{
+    return (uint8_t)((x * (3 + c) + y * (5 - c) + (x / 8 + y / 8) % 2 * 60 + x * y / (16 + c)) %
+                     256);
+}
+
+static uint8_t test_value(int kind, int x, int y, int c)
+{
+    if (kind == 0) // box blur of 3x1
+        return (uint8_t)((reference_value(x > 0 ? x - 1 : 0, y, c) + reference_value(x, y, c) +
+                          reference_value(x < WIDTH - 1 ? x + 1 : x, y, c)) /
+                         3);
+    if (kind == 1) // colour cast
+        return (uint8_t)(reference_value(x, y, c) * (8 - c) / 10);
+    return (uint8_t)(255 - reference_value(x, y, c));
+}
+
+static void make(sgs_image8 *image, int kind)
+{
+    *image = (sgs_image8){WIDTH, HEIGHT, 3, sgsi_alloc(3, PIXELS)};
+    assert_non_null(image->pixels);
+    for (int c = 0; c < 3; ++c)
+        for (int i = 0; i < PIXELS; ++i)
+            image->pixels[c * PIXELS + i] = kind < 0 ? reference_value(i % WIDTH, i / WIDTH, c)
+                                                     : test_value(kind, i % WIDTH, i / WIDTH, c);
+}
+
+static void flip_agrees_with_the_published_evaluator(void **state)
+{
+    (void)state;
+    static const double pixels_per_degree[] = {67, 30};
+    static const double expected[3][2] = {
+        {0.152264, 0.185063}, {0.618721, 0.612688}, {0.855354, 0.885579}};
+    sgs_image8 reference;
+    make(&reference, -1);
+    for (int kind = 0; kind < 3; ++kind) {
+        sgs_image8 test;
+        make(&test, kind);
+        for (int k = 0; k < 2; ++k) {
+            double mean;
+            assert_int_equal(sgs_flip(&reference, &test, NULL, pixels_per_degree[k], NULL, &mean),
+                             SGS_STATUS_OK);
+            if (!(fabs(mean - expected[kind][k]) <= 2e-6))
+                fail_msg("kind %d at %g pixels per degree: %.6f, expected %.6f", kind,
+                         pixels_per_degree[k], mean, expected[kind][k]);
+        }
+        sgsi_free(test.pixels);
+    }
+    sgsi_free(reference.pixels);
+}
+
+static void flip_of_equal_images_is_zero_and_masked_pixels_have_no_influence(void **state)
+{
+    (void)state;
+    enum { WORDS = (WIDTH + 15) / 16 };
+    sgs_image8 a, b;
+    make(&a, -1);
+    make(&b, -1);
+    float *map = sgsi_alloc(PIXELS, sizeof *map);
+    double mean;
+    assert_int_equal(sgs_flip(&a, &b, NULL, 67, map, &mean), SGS_STATUS_OK);
+    assert_true(mean == 0);
+    uint16_t mask[WORDS * HEIGHT];
+    memset(mask, 0xff, sizeof mask);
+    for (int y = 10; y < 20; ++y)
+        mask[y * WORDS + 2] = 0; // pixels 32 to 47
+    for (int y = 10; y < 20; ++y)
+        for (int x = 32; x < 48; ++x)
+            b.pixels[y * WIDTH + x] = (uint8_t)~b.pixels[y * WIDTH + x];
+    assert_int_equal(sgs_flip(&a, &b, mask, 67, map, &mean), SGS_STATUS_OK);
+    assert_true(mean == 0);
+    assert_int_equal(sgs_flip(&a, &b, NULL, 67, map, &mean), SGS_STATUS_OK);
+    double sum = 0;
+    for (int i = 0; i < PIXELS; ++i) {
+        assert_true(map[i] >= 0 && map[i] <= 1);
+        sum += (double)map[i];
+    }
+    assert_true(mean > 0.01 && fabs(sum / PIXELS - mean) < 1e-12);
+    memset(mask, 0, sizeof mask);
+    assert_int_equal(sgs_flip(&a, &b, mask, 67, NULL, &mean), SGS_STATUS_OK);
+    assert_true(isnan(mean));
+    sgsi_free(map);
+    sgsi_free(a.pixels);
+    sgsi_free(b.pixels);
+}
+
+static void flip_is_the_same_on_any_number_of_threads_and_refuses_bad_input(void **state)
+{
+    (void)state;
+    sgs_image8 a, b;
+    make(&a, -1);
+    make(&b, 0);
+    double mean[3];
+    for (int threads = 1; threads <= 3; ++threads) {
+        sgs_set_threads(threads);
+        assert_int_equal(sgs_flip(&a, &b, NULL, 67, NULL, &mean[threads - 1]), SGS_STATUS_OK);
+    }
+    sgs_set_threads(0);
+    assert_true(mean[0] == mean[1] && mean[0] == mean[2]);
+    const double wrong[] = {0, -1, NAN, INFINITY, 4000};
+    for (size_t k = 0; k < sizeof wrong / sizeof *wrong; ++k)
+        assert_int_equal(sgs_flip(&a, &b, NULL, wrong[k], NULL, mean), SGS_STATUS_INVALID_ARGUMENT);
+    b.width = WIDTH - 1;
+    assert_int_equal(sgs_flip(&a, &b, NULL, 67, NULL, mean), SGS_STATUS_INVALID_ARGUMENT);
+    assert_true(isnan(sgs_sharpness(&a, &b, NULL)));
+    sgsi_free(a.pixels);
+    sgsi_free(b.pixels);
+}
+
+static void sharpness_is_the_ratio_of_laplacian_energies(void **state)
+{
+    (void)state;
+    uint8_t photo[3][5 * 5] = {0}, render[3][5 * 5] = {0};
+    const sgs_image8 a = {5, 5, 3, photo[0]}, b = {5, 5, 3, render[0]};
+    assert_true(isnan(sgs_sharpness(&b, &a, NULL))); // flat photograph
+    photo[1][12] = 200;                              // a point: 16 + 4 times its square
+    render[1][12] = 100;
+    assert_true(fabs(sgs_sharpness(&b, &a, NULL) - 0.25) < 1e-12);
+    memset(render, 0, sizeof render);
+    render[0][12] = 200; // red instead of green
+    const double ratio = 0.299 / 0.587;
+    assert_true(fabs(sgs_sharpness(&b, &a, NULL) - ratio * ratio) < 1e-12);
+    uint16_t mask[5] = {31, 31, 31, 31, 31};
+    mask[2] = 31 & ~4; // without the point, no stencil is left that sees it
+    assert_true(isnan(sgs_sharpness(&b, &a, mask)));
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(flip_agrees_with_the_published_evaluator),
+        cmocka_unit_test(flip_of_equal_images_is_zero_and_masked_pixels_have_no_influence),
+        cmocka_unit_test(flip_is_the_same_on_any_number_of_threads_and_refuses_bad_input),
+        cmocka_unit_test(sharpness_is_the_ratio_of_laplacian_energies),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

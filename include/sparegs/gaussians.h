@@ -76,11 +76,12 @@ void sgs_gaussians_linearize_opacity(sgs_gaussians *model);
 // Says that the rows [0, count) hold opacities already.
 void sgs_gaussians_declare_linear_opacity(sgs_gaussians *model);
 
-// 3DGS initialisation from a point cloud (specs of 3DGS: scale = RMS distance to the 3 nearest
-// others, d^2 clamped at 1e-7, opacity 0.1, unit rotation, SH band 0 from the colour). points
-// [n][3] world, colors [n][3] 8 bit. Exact KNN, parallel. Fewer than 4 points: missing neighbours
-// are left out of the mean (a single point gets the scale `fallback_scale`, a hundredth of the
-// scene's extent; in scenes of an extent below 1 the clamp shrinks with its square).
+// 3DGS initialisation from a point cloud (Kerbl et al. 2023, section 5.1): scale = RMS distance to
+// the 3 nearest other points, d^2 clamped at 1e-7, opacity 0.1, unit rotation, SH band 0 from the
+// colour. points [n][3] world, colors [n][3] 8 bit. Exact KNN, parallel. Fewer than 4 points:
+// missing neighbours are left out of the mean (a single point gets the scale `fallback_scale`, a
+// hundredth of the scene's extent; in scenes of an extent below 1 the clamp shrinks with its
+// square).
 sgs_status sgs_gaussians_init_points(const float *points, const unsigned char *colors, size_t n,
                                      double fallback_scale, sgs_gaussians **model);
 

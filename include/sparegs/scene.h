@@ -47,9 +47,9 @@ typedef struct sgs_photo {
     uint8_t *pixels;
     uint16_t *valid_mask; // [height][(width + 15) / 16]: bit i of word w is pixel 16 w + i of the
                           // row, 1 = counts; NULL = all
-    size_t kept;      // number of pixels that count
-    uint16_t *halves; // IEEE 754 binary16, >= 0, neither infinite nor subnormal
-    bool is_hdr;      // values above 1 mean something: comparisons do not clamp there
+    size_t kept;          // number of pixels that count
+    uint16_t *halves;     // IEEE 754 binary16, >= 0, neither infinite nor subnormal
+    bool is_hdr;          // values above 1 mean something: comparisons do not clamp there
 } sgs_photo;
 
 // What an alpha channel says. Over: the photograph is laid over the background, transparent pixels
@@ -87,8 +87,8 @@ typedef struct sgs_scene_options {
     size_t image_cache; // bytes of decoded photographs to keep in memory; 0 = all of them
     double white_point; // linear light that becomes 1; 0 = the 99th percentile where files are
                         // linear, else 1
-    int cameras_only; // no photograph is looked for where the model tells its camera's size; with
-                      // load_images 0
+    int cameras_only;   // no photograph is looked for where the model tells its camera's size; with
+                        // load_images 0
 } sgs_scene_options;
 
 // {NULL, 0, 0, NULL, 1, NULL, 0, SGS_ALPHA_OVER, NULL, SGS_SPACE_SRGB, 0, 0, 0}
@@ -116,8 +116,8 @@ typedef struct sgs_scene {
     int has_alpha;        // any image has an alpha channel
     int white_background; // NeRF synthetic convention: white unless the user says otherwise
     double center[3];     // mean of the training camera centres, world
-    double
-        extent; // 1.1 * max distance of a training camera to the centre (specs: nerf++ norm); > 0
+    double extent; // 1.1 * max distance of a training camera to the centre (cameras_extent in
+                   // 3DGS); > 0
 } sgs_scene;
 
 // Loads a scene. On failure *scene is NULL. Missing or broken images are skipped with a warning and

@@ -11,8 +11,8 @@
 #include "spare/spare.h"
 #include "sparegs/gaussians.h"
 
-// Per primitive, since the last structural update (specs of 3DGS, section 8). 64-byte aligned
-// columns, `capacity` long.
+// Per primitive, since the last structural update (Kerbl et al. 2023, section 5.2; a_i, d_i and
+// rho_i of the SPARE-GS paper, equations 16 to 18). 64-byte aligned columns, `capacity` long.
 typedef struct sgsi_statistics {
     float *gradient_sum;     // a_i
     float *abs_grad_sum;     // the same over absolute values of the pixels' gradients; 0 where the

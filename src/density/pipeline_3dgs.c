@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// 3D Gaussian Splatting's density control (Kerbl et al., 2023; specs of 3DGS, section 9):
+// 3D Gaussian Splatting's density control (Kerbl et al. 2023, section 5.2 and appendix B):
 // primitives whose projected centre is pulled hard are cloned where small and split where large;
 // faint and, after the first reset, oversized ones go, new rows included. SPARE-GS: w multiplies
 // the mean gradient; the redundancy mask joins the prune.

@@ -1,9 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// DashGaussian (Chen et al., 2025; specs of DashGaussian, sections 1 to 4): images are rendered
-// small at first (resolution.c) and the number of primitives follows their resolution, up to a
-// budget that momentum or a preset gives.
+// DashGaussian (Chen et al. 2025, the primitive scheduler): images are rendered small at first
+// (resolution.c) and the number of primitives follows their resolution, up to a budget that
+// momentum or a preset gives.
 //
 // Budget: N_max = N_0 + m, m = 5 N_0 at first; after every update m <- max(m, 0.98 m + min(1e6,
 // n)), n the number of primitives whose mean gradient reaches tau. At scale r and iteration t, N

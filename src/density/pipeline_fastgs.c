@@ -1,9 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// FastGS (Ren et al., 2025; specs of FastGS, sections 1 to 6): a primitive may grow only where
-// several views agree that it covers pixels that are still wrong, and what they agree is needless
-// goes early.
+// FastGS (Ren et al. 2025; multi-view consistent densification and pruning, VCD and VCP): a
+// primitive may grow only where several views agree that it covers pixels that are still wrong, and
+// what they agree is needless goes early.
 //
 // Ten views vote. In each, pixels whose error exceeds a tenth of the view's range of errors are
 // marked; c_i counts the marked pixels that primitive i contributes to, P is the view's loss.

@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Mip-Splatting (Yu et al., 2024; specs of Mip-Splatting, sections 3 and 4): 3DGS's density control
+// Mip-Splatting (Yu et al. 2024, section 5, and the authors' trainer): 3DGS's density control
 // on two gradients. A primitive is pulled hard when its mean gradient reaches tau, or when its mean
 // absolute gradient (summed over pixels without cancelling) is among the largest: the threshold Q
 // is the quantile that lets as many pass as pass tau. Sizes and opacities are the stored ones,

@@ -1,9 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Taming 3DGS (Mallick et al., 2024; specs of Taming, sections 1 to 5): the number of primitives
-// follows a parabola to a budget, and who is cloned or split is drawn by an importance that sums up
-// ten views.
+// Taming 3DGS (Mallick et al. 2024; score-based densification to a budget): the number of
+// primitives follows a parabola to a budget, and who is cloned or split is drawn by an importance
+// that sums up ten views.
 //
 // Count: S primitives at first, B in the end, n updates: c(x) = B - (B - S) (1 - x / n)^2. Update j
 // may grow to min(c(j + 1), N + qualifiers), shared between clones and splits like their qualifiers

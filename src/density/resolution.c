@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// DashGaussian's resolution schedule (Chen et al., 2025; specs of DashGaussian, section 2).
+// DashGaussian's resolution schedule (Chen et al. 2025, the resolution scheduler).
 //
 // An image reduced by s keeps the middle 1/s of its spectrum in each direction. M is the magnitude
 // of the spectrum, W(s) the sum of M over that window. The scale starts where a quarter of the

@@ -3,8 +3,9 @@
 
 // Milestones. Where densification ends and how often it happens is the base pipeline's; what
 // follows is 3DGS's, and the rule that scales it holds for all. The published schedule (30 000
-// iterations, specs of 3DGS, sections 5 and 9): densification from 500 to 15 000 every 100, opacity
-// reset every 3000, one SH band per 1000, positions decay over the whole run.
+// iterations; Kerbl et al. 2023, sections 5.2 and 7.1, appendix B): densification from 500 to
+// 15 000 every 100, opacity reset every 3000, one SH band per 1000, positions decay over the whole
+// run.
 //
 // Scaled to N iterations, f = N / 30 000: densification until N/2, SH band every N/30, equilibrium
 // checks every spare_interval * f, positions decay over N. Chosen by measurement for N < 30 000:

@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Mip-Splatting (Yu et al., 2024; specs of Mip-Splatting, section 1). A camera of focal length f
+// Mip-Splatting (Yu et al. 2024, section 5.1). A camera of focal length f
 // samples a primitive at depth z every z / f; what is finer than that is not in the photographs. f3
 // = sqrt(0.2) min z / F, the minimum over the training views that see the mean at z > 0.2 inside
 // the image and a margin of 15 %, F the largest focal length of all. Depth is z, or the distance

@@ -234,8 +234,8 @@ static inline void chain_rule(const sgsi_optimize *input, const float *p, const 
 }
 
 // Densification statistic: norm of the gradient with respect to the projected centre in NDC units
-// (specs of 3DGS, section 8): z |(tan(fovx/2) gx, tan(fovy/2) gy)|, g the transverse gradient in
-// camera axes.
+// (Kerbl et al. 2023, section 5.2): z |(tan(fovx/2) gx, tan(fovy/2) gy)|, g the transverse gradient
+// in camera axes.
 static inline vf transverse_norm(const sgsi_optimize *input, const gaussian16 *g,
                                  const gradient16 *d)
 {

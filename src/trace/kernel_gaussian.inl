@@ -193,7 +193,8 @@ static inline vec3 frame_row(const gaussian16 *g, vec3 q, vf factor)
     return add_scaled3(add_scaled3(scale3(g->axis[0], x), g->axis[1], y), g->axis[2], z);
 }
 
-// Real spherical harmonics of 3DGS (specs of 3DGS, section 1), without the coefficient-free band 0.
+// Real spherical harmonics of 3DGS (Kerbl et al. 2023; the signs of its released code), without the
+// coefficient-free band 0.
 static inline int sh_basis(vec3 d, int degree, vf basis[15])
 {
     if (degree < 1)

@@ -2,7 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Parameters -> what one view needs: a record per primitive, dilated bounds for the BVH, and 3DGS's
-// visibility statistics (projected radius, specs of 3DGS section 7).
+// visibility statistics (projected radius: 3 standard deviations of the covariance of Kerbl et al.
+// 2023, equation 5).
 
 // Lanes whose shape can be traced: no parameter is NaN or infinite (x * 0 tells), the mean is
 // within reach of single precision. A box that is not finite would take whole subtrees with it at

@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The loop. One iteration, in 3DGS's order (specs of 3DGS, section 9): rate and SH ramp, pick a
-// view, project, refit or rebuild the BVH, forward, loss, backward, statistics, optimiser step;
+// The loop. One iteration, in 3DGS's order (Kerbl et al. 2023, algorithm 1): rate and SH ramp, pick
+// a view, project, refit or rebuild the BVH, forward, loss, backward, statistics, optimiser step;
 // here the model may be saved; structural update and opacity reset, at the beginning of the next
 // call. Two quirks of the original are kept because they shape quality:
 // there is no optimiser step on iterations with a structural update, and moments of new rows start

@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// FastGS's compact box (specs of FastGS, section 3): a tile leaves a primitive out where all of it
+// FastGS's compact box (Ren et al. 2025): a tile leaves a primitive out where all of it
 // is fainter than o (255 o)^-share; where a tile has it, nothing changes.
 
 #include <setjmp.h>

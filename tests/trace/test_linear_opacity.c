@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Opacities that are parameters themselves, for Taming 3DGS (specs of Taming, section 5): the same
+// Opacities that are parameters themselves, for Taming 3DGS (Mallick et al. 2024): the same
 // picture and the gradient that calculus wants, more than 1, logits in files, and a training that
 // changes over and resumes.
 

@@ -184,9 +184,12 @@ static void end_own_team(void *argument)
     end_team(argument);
 }
 
-// The members stay behind in the process that forked.
+// Runs in the new process, which has none of the members: the key's destructor must not join them.
 static void forget_team(void)
 {
+    pthread_setspecific(own_key, NULL);
+    if (!inside) // else the loop that forked still uses it
+        free(own);
     own = NULL;
     inside = false;
 }

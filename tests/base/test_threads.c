@@ -242,6 +242,52 @@ static void a_forked_process_has_loops_of_its_own(void **state)
     assert_int_equal(run_tally(ITEMS, 1), 0);
 }
 
+// Runs after the thread that forked has ended: its process must still be able to run loops.
+static void *await_end(void *forking)
+{
+    if (pthread_join(*(pthread_t *)forking, NULL))
+        _exit(2);
+    for (int threads = 2; threads <= 8; ++threads) {
+        sgsi_threads_set(threads);
+        if (run_tally(ITEMS, 1))
+            _exit(3);
+    }
+    _exit(0);
+}
+
+static void *fork_and_end(void *result)
+{
+    static pthread_t forking;
+    atomic_size_t wrong = run_tally(ITEMS, 1);
+    const pid_t child = fork();
+    if (!child) {
+        pthread_t watcher;
+        alarm(60); // a join of a thread that does not exist may never return
+        forking = pthread_self();
+        if (pthread_create(&watcher, NULL, await_end, &forking))
+            _exit(4);
+        pthread_exit(NULL); // runs the destructors, unlike _exit
+    }
+    int status = -1;
+    wrong += child < 0 || waitpid(child, &status, 0) != child || status;
+    atomic_store((atomic_size_t *)result, wrong);
+    return NULL;
+}
+
+static void a_thread_may_end_in_the_process_it_forked(void **state)
+{
+    (void)state;
+#ifdef NO_THREADS_AFTER_FORK
+    skip();
+#endif
+    sgsi_threads_set(4);
+    atomic_size_t wrong = 1;
+    pthread_t thread;
+    assert_int_equal(pthread_create(&thread, NULL, fork_and_end, &wrong), 0);
+    assert_int_equal(pthread_join(thread, NULL), 0);
+    assert_int_equal(wrong, 0);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -253,6 +299,7 @@ int main(void)
         cmocka_unit_test(signals_come_to_threads_of_the_caller),
         cmocka_unit_test(destructors_of_a_thread_may_run_loops),
         cmocka_unit_test(a_forked_process_has_loops_of_its_own),
+        cmocka_unit_test(a_thread_may_end_in_the_process_it_forked),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,15 +1,16 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The Embree side: one device for all trees, one scene with one user geometry per tree. The bounds
-// callback copies boxes that a SIMD pass has computed (five times faster than computing them
-// inside); the "intersection" callback only notes the primitive's id and reports no hit, so
-// traversal goes on to the end of the ray. Refits need the two-level builder, that is a scene of
-// quality LOW with a geometry that had the quality REFIT when it was first committed: in any other
-// scene Embree silently rebuilds, and a geometry that turns to REFIT later is built a second time
-// by its first refit (500 k boxes: 0.12 s for the Morton build and then 0.27 s for a SAH build that
-// calls itself a refit, against 0.27 s and 0.027 s). A REFIT geometry never builds again, so every
-// build makes a new one.
+// One Embree device for all trees, one scene with one user geometry per tree. The bounds callback
+// copies boxes that a SIMD pass has computed, which is five times faster than computing them in the
+// callback. The occlusion callback only records the primitive id and reports no hit, so traversal
+// continues to the end of the ray.
+//
+// Refitting needs the two-level builder: a scene of quality LOW whose geometry had quality REFIT at
+// its first commit. In any other scene Embree silently rebuilds. A geometry that becomes REFIT
+// later is built a second time by its first refit (500 k boxes: 0.12 s Morton build plus 0.27 s SAH
+// build in that refit, instead of 0.27 s build and 0.027 s refit). Embree never rebuilds a REFIT
+// geometry, so every build creates a new one.
 
 #include "bvh/bvh.h"
 
@@ -29,20 +30,21 @@ struct sgsi_bvh {
     const sgsi_bounds *bounds;
     size_t count;
     sgsi_bvh_quality quality;
-    atomic_int error; // of the last commit: the first that one of its threads met
+    atomic_int error; // first error of any thread in the last commit
 };
 
 typedef struct gather_context {
-    sgsi_rtc_context base; // first: Embree hands this address back
+    sgsi_rtc_context base; // first member: Embree passes this address to the callback
     sgsi_gather_list *list;
     bool failed;
 } gather_context;
 
-// Lives as long as a tree does, so that trees of another number of threads find one of theirs.
+// Exists as long as any tree exists, so that trees created after a change of the thread count share
+// it.
 static RTCDevice device;
 static size_t device_users;
 static pthread_mutex_t device_lock = PTHREAD_MUTEX_INITIALIZER;
-static bool native_packets; // of sixteen rays
+static bool native_packets; // packets of sixteen rays
 static atomic_llong device_bytes;
 
 static bool count_bytes(void *user, ssize_t bytes, bool post)
@@ -57,7 +59,7 @@ static bool acquire_device(void)
 {
     pthread_mutex_lock(&device_lock);
     if (!device_users) {
-        char config[64]; // no workers of Embree's own: ours join its builds, see commit
+        char config[64]; // our threads join the builds, see commit()
         snprintf(config, sizeof config, "threads=%d,user_threads=%d", sgsi_threads(),
                  sgsi_threads());
         device = rtcNewDevice(config);
@@ -128,7 +130,7 @@ sgs_status sgsi_bvh_create(sgsi_bvh **bvh)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a BVH");
     if (!acquire_device()) {
         sgsi_free(created);
-        return sgsi_fail(SGS_STATUS_UNSUPPORTED, "Embree cannot start on this machine");
+        return sgsi_fail(SGS_STATUS_UNSUPPORTED, "cannot create an Embree device");
     }
     *bvh = created;
     return SGS_STATUS_OK;
@@ -153,7 +155,7 @@ void sgsi_bvh_destroy(sgsi_bvh *bvh)
     release_device();
 }
 
-// Embree keeps errors by thread: any that worked on a commit may hold the only one.
+// Embree stores errors per thread: any thread of a commit may hold the only one.
 static void note_error(sgsi_bvh *bvh)
 {
     int none = RTC_ERROR_NONE;
@@ -171,8 +173,8 @@ static void join_commit(void *context, size_t item, int thread)
     note_error(bvh);
 }
 
-// The first thread starts the work, the others join it. Workers of Embree would have to be woken
-// beside ours, which spin between two loops: with two threads on two cores a refit took longer than
+// The first thread starts the commit, the others join it. Embree's own workers would compete with
+// our team, whose members spin between loops: on two cores a refit with two threads was slower than
 // with one.
 static sgs_status commit(sgsi_bvh *bvh, const char *doing)
 {
@@ -194,7 +196,7 @@ sgs_status sgsi_bvh_build(sgsi_bvh *bvh, const sgsi_bounds *bounds, size_t count
     };
     const bool two_level = quality == SGSI_BVH_LOW || quality == SGSI_BVH_REFIT;
     if (count > UINT32_MAX - 1)
-        return sgsi_fail(SGS_STATUS_LIMIT, "%zu primitives are more than a BVH can hold", count);
+        return sgsi_fail(SGS_STATUS_LIMIT, "%zu primitives exceed the capacity of a BVH", count);
     bvh->bounds = bounds;
     bvh->count = count;
     if (bvh->quality != quality || quality == SGSI_BVH_REFIT)
@@ -206,7 +208,8 @@ sgs_status sgsi_bvh_build(sgsi_bvh *bvh, const sgsi_bounds *bounds, size_t count
         if (!bvh->scene || !bvh->geometry)
             return embree_failure((int)rtcGetDeviceError(device), "creating a scene");
         rtcSetSceneBuildQuality(bvh->scene, two_level ? RTC_BUILD_QUALITY_LOW : qualities[quality]);
-        // ROBUST: box tests without the fast mode's rounding, so that padded bounds never miss.
+        // ROBUST: box tests without the rounding of the fast mode, so that padded bounds are never
+        // missed.
         rtcSetSceneFlags(bvh->scene, (two_level ? RTC_SCENE_FLAG_DYNAMIC : RTC_SCENE_FLAG_NONE) |
                                          RTC_SCENE_FLAG_ROBUST);
         rtcSetGeometryUserData(bvh->geometry, bvh);
@@ -247,7 +250,7 @@ sgs_status sgsi_bvh_gather(const sgsi_bvh *bvh, const sgsi_packet *packet, sgsi_
     }
     sgsi_rtc_occluded16(valid, bvh->scene, &context.base, &rays, native_packets);
     if (context.failed)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu candidates of a tile",
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu tile candidates",
                          2 * list->capacity);
     return SGS_STATUS_OK;
 }

@@ -2,10 +2,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// "Which Gaussians can these rays meet?" One Embree user geometry over all primitives, answered for
-// packets of sixteen cone rays: each ray stands for a block of pixels, and the caller has dilated
-// the bounds by the block's footprint, so the answer is conservative. Knows boxes and ids, nothing
-// of Gaussians.
+// "Which Gaussians can these rays meet?" One Embree user geometry over all primitives, queried with
+// packets of sixteen rays. Each ray represents a block of pixels. The caller dilates the bounds by
+// the footprint of a block, so the answer is conservative. This module knows boxes and ids, not
+// Gaussians.
 
 #include <stddef.h>
 #include <stdint.h>
@@ -20,9 +20,9 @@ typedef struct sgsi_bounds {
     float upper[3], align1;
 } sgsi_bounds;
 
-// LOW: Morton order, the fastest build. MEDIUM: macrotile_seconds SAH. HIGH: Embree's best (no
-// spatial splits for user geometry). REFIT: macrotile_seconds SAH in a scene of two levels, the
-// only one that refits.
+// LOW: Morton order, the fastest build. MEDIUM: binned SAH. HIGH: the best quality of Embree
+// (without spatial splits, which user geometry does not support). REFIT: binned SAH in a two-level
+// scene, the only kind that can be refitted.
 typedef enum sgsi_bvh_quality {
     SGSI_BVH_LOW,
     SGSI_BVH_MEDIUM,
@@ -35,13 +35,13 @@ typedef enum sgsi_bvh_quality {
 sgs_status sgsi_bvh_create(sgsi_bvh **bvh);
 void sgsi_bvh_destroy(sgsi_bvh *bvh); // accepts NULL
 
-// Builds over `bounds`, which stay owned by the caller and must live until the next build or
+// Builds over `bounds`. The caller owns the array and keeps it alive until the next build or
 // destroy.
 sgs_status sgsi_bvh_build(sgsi_bvh *bvh, const sgsi_bounds *bounds, size_t count,
                           sgsi_bvh_quality quality);
 
-// Follows changed bounds (same array, same count) without changing the tree's topology. Falls back
-// to a rebuild for a tree that was not built with SGSI_BVH_REFIT.
+// Adapts the tree to changed bounds (same array, same count) and keeps its topology. Rebuilds a
+// tree that was not built with SGSI_BVH_REFIT.
 sgs_status sgsi_bvh_refit(sgsi_bvh *bvh);
 
 // Sixteen rays from one origin, world space; unit directions. Lanes whose bit in `valid` is 0 are
@@ -53,22 +53,22 @@ typedef struct sgsi_packet {
     float far[16];
 } sgsi_packet;
 
-// Where the ids go. Owned by the caller, one per thread; grows as needed (ids may be NULL at
+// Result of a gather. Owned by the caller, one per thread; grows as needed (ids may be NULL at
 // first).
 typedef struct sgsi_gather_list {
     uint32_t *ids;
     size_t count, capacity;
-    const void
-        *rows; // NULL, or what the caller reads next of each primitive: row `id` is prefetched
+    // NULL, or the array that the caller reads next: row `id` is prefetched.
+    const void *rows;
     size_t row_bytes;
 } sgsi_gather_list;
 
 // Appends the id of every primitive whose bounds a ray of the packet may cross at a distance in [0,
-// far], in no particular order and possibly more than once. Thread-safe for different lists. Fails
-// with OUT_OF_MEMORY.
+// far]. The order is undefined and ids may repeat. Thread-safe for different lists. Fails with
+// OUT_OF_MEMORY.
 sgs_status sgsi_bvh_gather(const sgsi_bvh *bvh, const sgsi_packet *packet, sgsi_gather_list *list);
 
-// Bytes that Embree holds for this tree, by its memory monitor.
+// Bytes that Embree has allocated for all trees, as reported to its memory monitor.
 size_t sgsi_bvh_bytes(const sgsi_bvh *bvh);
 
 // "Embree 3.13.5": the library as loaded. Constant string.

@@ -18,7 +18,7 @@ typedef struct box {
 } box;
 
 typedef struct tree_node {
-    unsigned child_count, primitive_count; // one of them is 0
+    unsigned child_count, primitive_count; // exactly one is non-zero
     union {
         struct tree_node *children[BRANCHES];
         unsigned primitives[2 * BRANCHES];
@@ -79,7 +79,7 @@ static void widen(box *b, const float lower[3], const float upper[3])
     }
 }
 
-// Surface of what two boxes share; 0 when they part.
+// Surface of the intersection of two boxes; 0 when they are disjoint.
 static double shared_area(const box *a, const box *b)
 {
     box both;
@@ -122,7 +122,7 @@ static box measure_node(measure_sums *sums, const tree_node *node)
     return own;
 }
 
-// Primitives with a box that is not finite are in no tree.
+// Primitives with non-finite boxes are left out of the tree.
 static struct RTCBuildPrimitive *list_primitives(const sgsi_bounds *bounds, size_t count,
                                                  size_t *listed)
 {
@@ -152,7 +152,7 @@ sgs_status sgsi_bvh_cost_measure(const sgsi_bounds *built, const sgsi_bounds *bo
     *cost = (sgsi_bvh_cost){0};
     size_t listed;
     struct RTCBuildPrimitive *primitives = list_primitives(built, count, &listed);
-    char config[32]; // a build of this kind cannot be joined: Embree's own threads do it
+    char config[32]; // rtcBuildBVH cannot be joined: it runs on Embree's own threads
     snprintf(config, sizeof config, "threads=%d", sgsi_threads());
     RTCDevice device = rtcNewDevice(config);
     RTCBVH tree = device ? rtcNewBVH(device) : NULL;

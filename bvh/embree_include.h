@@ -2,9 +2,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Embree 3.13 and 4.x behind one set of names. The differences that concern us: the query context
-// became an argument struct, and its flags moved there. The build says which one it links: where
-// the headers of both are installed, looking for them could take the other's.
+// One set of names for Embree 3.13 and 4.x. In 4.x the query context became an argument struct and
+// took over the flags. The build defines the major version that it links; testing for the header
+// could find the other version.
 
 #include <stdbool.h>
 #include <string.h>
@@ -21,9 +21,9 @@ static inline void sgsi_rtc_init_context(sgsi_rtc_context *context)
 {
     rtcInitRayQueryContext(context);
 }
-// Where the processor has no packets of sixteen, Embree 4 (seen in 4.4.1) would ask ray by ray, and
-// write each ray back with a hit behind the end of `rays`. Two packets of eight are what it has
-// instead; they have room for hits, because a processor without those is treated likewise.
+// Without native packets of sixteen, Embree 4 (observed in 4.4.1) traces ray by ray and writes a
+// hit past the end of `rays`. Two packets of eight avoid that: RTCRayHit8 has room for hits,
+// because a processor without packets of eight writes them as well.
 static inline void sgsi_rtc_occluded16(const int *valid, RTCScene scene, sgsi_rtc_context *context,
                                        struct RTCRay16 *rays, bool native)
 {
@@ -52,7 +52,7 @@ static inline void sgsi_rtc_init_context(sgsi_rtc_context *context)
     rtcInitIntersectContext(context);
     context->flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
 }
-// Splits packets by itself.
+// Embree 3 splits packets itself.
 static inline void sgsi_rtc_occluded16(const int *valid, RTCScene scene, sgsi_rtc_context *context,
                                        struct RTCRay16 *rays, bool native)
 {

@@ -1,61 +1,60 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// SPARE-GS, the part that looks at the primitives: regions, demand, quotas, weights, redundancy.
+// SPARE-GS: regions, demand, quotas, weights and redundancy.
 //
-// Training 3D Gaussians under a budget of primitives is an allocation problem: put the next
-// primitive where it lowers the loss most. Its optimality conditions say that at the optimum the
-// marginal utility of one more primitive is the same in every region of space. The paper
-// ("SPARE-GS", arXiv 2607.16624) turns that into a feedback loop that runs at every structural
-// update, before anything is cloned, split or removed, from statistics the base pipeline keeps
-// anyway:
+// Training 3D Gaussians under a budget of primitives is an allocation problem: place the next
+// primitive where it lowers the loss most. At the optimum the marginal utility of one more
+// primitive is equal in every region of space (Eq. 12). The paper ("SPARE-GS", arXiv 2607.16624)
+// turns this condition into a feedback loop. It runs at every structural update, before anything is
+// cloned, split or removed, and uses statistics that the base pipeline accumulates anyway:
 //
-//   a_i  accumulated norm of the view-space gradient      d_i  number of views that saw the
-//       primitive
-//   rho_i  largest projected radius in pixels             alpha_i  opacity
+//   a_i    accumulated norm of the view-space gradient
+//   d_i    number of views in which the primitive was visible
+//   rho_i  largest projected radius in pixels
+//   alpha_i  opacity
 //
-//   regions   The bounding box of the centres is cut into 32^3 voxels; the K voxels that hold
-//             primitives are the regions. n_r primitives are in region r.
-//   (15)      demand      D_r = Q(H_r) + Q(V_r), Q(m) = rank of m among the regions / K
-//   (16)      gradient    H_r = mean over r of a_i / d_i
-//   (17)      visibility  V_r = mean over r of d_i
-//   (18)      footprint   A_r = mean over r of rho_i^2;  capacity C_r = A_r / median of A;  score
-//                         Q_r = D_r / C_r
-//   (19)      share       l_r = Q_r / sum of Q
-//   (20)      quota       n^_r = B l_r
-//   (21)      slack       s_r = (n^_r - n_r) / (n^_r + 1), in (-inf, 1): positive where primitives
-//                         are missing
-//   (22)      weight      w_i = Phi(s, l_r / max l): the trainer multiplies its densification score
-//                         by it (23)
-//   (24)      redundant   n_r > n^_r and alpha_i < tau_alpha and a_i / d_i < tau_org / 2
+//   The bounding box of the centres is divided into 32^3 voxels. The K non-empty voxels are the
+//   regions; region r contains n_r primitives.
 //
-// What the paper leaves open, and what is done here:
+//   (15)  demand      D_r = Q(H_r) + Q(V_r), Q(m) = rank of m among the regions / K
+//   (16)  gradient    H_r = mean over r of a_i / d_i
+//   (17)  visibility  V_r = mean over r of d_i
+//   (18)  footprint   A_r = mean over r of rho_i^2
+//         capacity    C_r = A_r / median of A
+//         score       Q_r = D_r / C_r
+//   (19)  share       l_r = Q_r / sum of Q
+//   (20)  quota       n^_r = B l_r
+//   (21)  slack       s_r = (n^_r - n_r) / (n^_r + 1), in (-inf, 1); positive: under budget
+//   (22)  weight      w_i = Phi(s, l_r / max l); multiplies the densification score (23)
+//   (24)  redundant   n_r > n^_r and alpha_i < tau_alpha and a_i / d_i < tau_org / 2
 //
-//   OPEN-1, "footprint-normalised gradient": the text promises a normalisation by footprint, the
-//     printed formula divides by d_i only. The formula is taken literally. H enters through its
-//     rank alone, so the choice is mild.
-//   OPEN-2, the budget B, "dynamically scaled according to N": B = kappa N with kappa = 1, a pure
-//     redistribution target. kappa < 1 would put every region over budget and turn the method into
-//     a higher threshold.
-//   OPEN-3, Phi, "a bounded sigmoid": w = 1 + gamma tanh(kappa_s s / 2), kappa_s = 2, where gamma
-//     is gamma_0 (1 + l~) / 2 if primitives are missing and gamma_0 (1 - l~ / 2) if there are too
-//     many, gamma_0 = 3/8. So w is 1 at slack 0, in (1 - gamma_0, 1 + gamma_0), grows with slack
-//     and with share; regions in demand are boosted more and suppressed less. gamma_0 is calibrated
-//     once, on vanilla, to the 12 % fewer primitives that the paper reports for this part alone
-//     (plush, 7000 iterations: 8.1 % at 1/4, 16.1 % at 1/2). Three other readings are switches
-//     (spare_phi).
-//   OPEN-4, interval and averaging of the termination test: see spare_equilibrium.c.
+// The paper leaves four points open. The choices of this implementation:
 //
-// And smaller gaps: ties share the mean of their ranks (many regions tie at 0). C_r is clamped to
-// [1/4, 4], because otherwise a few voxels of tiny primitives take the whole budget. The median
-// runs over regions with A_r > 0 (mean of the two middle values for an even number) and C_r = 1
-// when there are none. a_i / d_i is 0 when d_i = 0, as in the base pipeline, so a faint primitive
-// in a crowded region that no view has seen is redundant, unless rap_require_visible. A centre that
-// is not finite lies in voxel 0 and has no part in the box; a gradient or radius that is not finite
-// counts as 0 in the means and is never "negligible".
+//   OPEN-1, "footprint-normalized gradient": the text announces a normalisation by footprint, the
+//     formula divides by d_i only. The formula is implemented as printed. H enters through its rank
+//     only, so the influence is small.
+//   OPEN-2, the budget B, "dynamically scaled" with N: B = kappa N with kappa = 1, a pure
+//     redistribution target. kappa < 1 would put every region over budget, which amounts to a
+//     higher threshold.
+//   OPEN-3, Phi, "a bounded sigmoid": w = 1 + gamma tanh(kappa_s s / 2), kappa_s = 2, with gamma =
+//     gamma_0 (1 + l~) / 2 for s >= 0 and gamma_0 (1 - l~ / 2) for s < 0, gamma_0 = 3/8. So w = 1
+//     at s = 0, w is in (1 - gamma_0, 1 + gamma_0) and increases with s and l~: regions of high
+//     demand are boosted more and suppressed less. gamma_0 was calibrated once, on 3DGS, to the
+//     reduction by 12 % that the paper reports for BMD alone (plush, 7000 iterations: 8.1 % at 1/4,
+//     16.1 % at 1/2). spare_phi selects three other forms.
+//   OPEN-4, interval and average of the termination test: see spare_equilibrium.c.
 //
-// Sums are double and run in index order within a region, so the result depends on the input alone.
-// One call costs three passes over the primitives and three radix sorts of K numbers.
+// Further details: tied regions share the mean of their ranks (many tie at 0). C_r is clamped to
+// [1/4, 4]; otherwise a few voxels of tiny primitives take the whole budget. The median is taken
+// over regions with A_r > 0 (mean of the two middle values for an even number); without any, C_r =
+// 1. a_i / d_i is 0 when d_i = 0, as in the base pipelines, so a faint primitive of an over-budget
+// region that no view has seen is redundant unless rap_require_visible is set. A non-finite centre
+// is assigned to voxel 0 and excluded from the bounding box. A non-finite gradient or radius counts
+// as 0 in the means and never passes the gradient test of (24).
+//
+// Sums are in double precision and in index order within a region: the result depends on the input
+// only. A call makes three passes over the primitives and three radix sorts of K numbers.
 
 #include "spare/spare.h"
 
@@ -71,7 +70,7 @@ typedef struct cell {
     uint64_t count;
 } cell;
 
-// What the last pass needs to know about a voxel.
+// Per voxel, for the last pass over the primitives.
 typedef struct verdict {
     uint32_t region;
     float weight;
@@ -84,7 +83,7 @@ typedef struct sort_item {
 } sort_item;
 
 typedef struct workspace {
-    uint32_t *region_of;      // [count]; holds the voxel until the last pass
+    uint32_t *region_of;      // [count]; voxel index until the last pass
     cell *cells;              // [voxels]
     verdict *verdicts;        // [voxels]
     spare_region *regions;    // [regions]
@@ -151,8 +150,8 @@ size_t spare_workspace_size(const spare_options *options, size_t count)
     return lay_out(options, count, NULL).size;
 }
 
-// Bounding box of the finite centres, padded by a thousandth of its extent (at least 1e-6) on every
-// side.
+// Bounding box of the finite centres, padded on every side by a thousandth of its extent (at least
+// 1e-6).
 static box bounding_box(const spare_input *input, size_t grid)
 {
     float low[3][BOX_LANES], high[3][BOX_LANES];
@@ -161,9 +160,8 @@ static box bounding_box(const spare_input *input, size_t grid)
             low[axis][lane] = INFINITY;
             high[axis][lane] = -INFINITY;
         }
-    // Lanes keep the eight minima independent, which lets the compiler use vector minima. `taint`
-    // is 0, or NaN when a coordinate is not finite; then every comparison is false and the
-    // primitive has no part in the box.
+    // Eight independent minima let the compiler use vector instructions. `taint` is 0, or NaN for a
+    // non-finite coordinate: then every comparison is false and the primitive is left out.
     for (size_t begin = 0; begin < input->count; begin += BOX_LANES) {
         const size_t lanes = input->count - begin < BOX_LANES ? input->count - begin : BOX_LANES;
         for (size_t lane = 0; lane < lanes; ++lane) {
@@ -192,7 +190,7 @@ static box bounding_box(const spare_input *input, size_t grid)
     return b;
 }
 
-// Anything outside the grid goes to its nearest voxel, NaN to voxel 0.
+// Clamps to the grid; NaN gives 0.
 static inline uint32_t voxel_coordinate(double x, double low, double scale, double last)
 {
     const double at = (x - low) * scale;
@@ -210,12 +208,12 @@ static void assign_voxels(const spare_input *input, const box *b, size_t grid, u
         const uint32_t vx = voxel_coordinate((double)x, b->low[0], b->scale[0], last);
         const uint32_t vy = voxel_coordinate((double)y, b->low[1], b->scale[1], last);
         const uint32_t vz = voxel_coordinate((double)z, b->low[2], b->scale[2], last);
-        // NOLINTNEXTLINE(clang-analyzer-core.NullDereference): NULL is for sizing alone
+        // NOLINTNEXTLINE(clang-analyzer-core.NullDereference): NULL only when computing the size
         voxel_of[i] = taint == 0.0f ? (vz * (uint32_t)grid + vy) * (uint32_t)grid + vx : 0u;
     }
 }
 
-// a_i / d_i, 0 for a primitive that no view has seen.
+// a_i / d_i; 0 for a primitive that was not visible in any view.
 static inline double mean_gradient(const spare_input *input, size_t i)
 {
     const uint32_t views = input->visible_count[i];
@@ -227,7 +225,7 @@ static inline double finite_or_zero(double value)
     return fabs(value) <= DBL_MAX ? value : 0.0;
 }
 
-// The sums of (16), (17), (18) per voxel, in index order.
+// Sums of (16), (17) and (18) per voxel, in index order.
 static void accumulate(const spare_input *input, const uint32_t *voxel_of, cell *cells)
 {
     for (size_t i = 0; i < input->count; ++i) {
@@ -240,7 +238,7 @@ static void accumulate(const spare_input *input, const uint32_t *voxel_of, cell 
     }
 }
 
-// The non-empty voxels, ascending, with their means (16), (17), (18). Returns K.
+// Non-empty voxels in ascending order with their means (16), (17) and (18). Returns K.
 static size_t collect_regions(const cell *cells, size_t voxels, spare_region *regions,
                               verdict *verdicts)
 {
@@ -262,8 +260,8 @@ static size_t collect_regions(const cell *cells, size_t voxels, spare_region *re
     return count;
 }
 
-// The bits of doubles that are not negative sort as integers; -0 becomes +0. A negative mean cannot
-// come from sums of norms, counts and squares; it would rank highest.
+// The bits of non-negative doubles sort as integers; -0 becomes +0. The means are sums of norms,
+// counts and squares, hence never negative.
 static uint64_t ordered_bits(double value)
 {
     uint64_t bits;
@@ -272,8 +270,8 @@ static uint64_t ordered_bits(double value)
     return bits;
 }
 
-// Stable radix sort by key, eight bits at a time; bytes that all keys share are skipped. The result
-// is in *items.
+// Stable radix sort by key, eight bits per pass; skips bytes that all keys share. The result is in
+// *items.
 static void sort_items(sort_item **items, sort_item **other, size_t count)
 {
     for (int shift = 0; shift < 64; shift += 8) {
@@ -308,7 +306,7 @@ static double metric_visibility(const spare_region *region)
     return region->visibility;
 }
 
-// Adds Q(m) = rank / K to the demand of every region, (15); equal values share the mean of their
+// Adds Q(m) = rank / K to the demand of every region (15). Equal values share the mean of their
 // ranks.
 static void add_rank(workspace *w, size_t count, metric_fn metric)
 {
@@ -324,7 +322,7 @@ static void add_rank(workspace *w, size_t count, metric_fn metric)
     }
 }
 
-// A_ref: the median of A_r over the regions where it is positive; 0 when there are none.
+// A_ref: the median of the positive A_r; 0 if there are none.
 static double reference_area(workspace *w, size_t count)
 {
     size_t positive = 0;
@@ -339,8 +337,8 @@ static double reference_area(workspace *w, size_t count)
     return 0.5 * (low + high);
 }
 
-// Phi of (22): the weight for a slack s and a relative share l~ in (0, 1]. 2 sigma(u) - 1 is
-// written tanh(u / 2).
+// Phi of (22): the weight for slack s and normalised share l~ in (0, 1]. 2 sigma(u) - 1 is written
+// as tanh(u / 2).
 static double modulation(const spare_options *options, double slack, double share)
 {
     const double gain = 0.5 * options->slack_gain;
@@ -348,7 +346,7 @@ static double modulation(const spare_options *options, double slack, double shar
     case SPARE_PHI_CONSTANT:
         return 1.0 + options->weight_range * tanh(gain * slack);
     case SPARE_PHI_PRODUCT:
-        return 2.0 / (1.0 + exp(-options->slack_gain * slack * share)); // may come close to 0
+        return 2.0 / (1.0 + exp(-options->slack_gain * slack * share)); // can approach 0
     case SPARE_PHI_PLAIN:
         return 1.0 + 0.5 * tanh(gain * slack);
     default: {
@@ -359,8 +357,8 @@ static double modulation(const spare_options *options, double slack, double shar
     }
 }
 
-// Demand (15), capacity and score (18). Without H and V every region demands the same; without C it
-// is 1.
+// Demand (15), capacity and score (18). Without H and V all regions have the same demand; without C
+// all capacities are 1.
 static void score_regions(const spare_options *options, workspace *w, size_t count)
 {
     const bool any = options->use_h || options->use_v;
@@ -381,8 +379,7 @@ static void score_regions(const spare_options *options, workspace *w, size_t cou
     }
 }
 
-// Share (19), quota (20), slack (21), weight (22), and what the primitives of each voxel are to be
-// told.
+// Share (19), quota (20), slack (21), weight (22) and the verdict of each voxel.
 static void allocate(const spare_options *options, workspace *w, size_t count, double budget)
 {
     double sum = 0.0, most = 0.0;
@@ -403,8 +400,8 @@ static void allocate(const spare_options *options, workspace *w, size_t count, d
     }
 }
 
-// Weights of the primitives, the mask (24), and region_of in place of the voxels. Returns the
-// number of redundant ones.
+// Writes the weights and the mask (24) and replaces the voxels of region_of by regions. Returns the
+// number of redundant primitives.
 static size_t judge(const spare_options *options, const spare_input *input, const workspace *w,
                     float *weights, uint8_t *redundant)
 {
@@ -458,8 +455,7 @@ void spare_evaluate(const spare_options *options, const spare_input *input, void
 
 bool spare_pruning_rests(long iteration, long last_opacity_reset, long interval)
 {
-    // "0 < t - t_reset": the update of the reset's own iteration comes before the reset and is not
-    // affected.
+    // An update at the iteration of the reset runs before the reset and is not affected.
     return last_opacity_reset >= 0 && iteration > last_opacity_reset &&
            iteration - last_opacity_reset <= interval;
 }

@@ -2,19 +2,21 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// SPARE-GS as pure functions on plain arrays: regional demand, capacity-aware quotas, weights on
-// densification (BMD), redundancy-aware pruning (RAP), equilibrium-driven termination (EDT). Knows
-// no Embree, no files, no threads; allocates nothing: the caller brings the workspace.
+// SPARE-GS (arXiv 2607.16624) as pure functions on plain arrays: regional demand, capacity-aware
+// quotas, budget-modulated densification (BMD), redundancy-aware pruning (RAP) and
+// equilibrium-driven termination (EDT). No Embree, no files, no threads, no allocation: the caller
+// provides the workspace.
 
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
+// Forms of Phi in Eq. 22; s is the slack, l the normalised share. spare.c derives the first.
 typedef enum spare_phi {
-    SPARE_PHI_COUPLED,
-    SPARE_PHI_CONSTANT,
-    SPARE_PHI_PRODUCT,
-    SPARE_PHI_PLAIN
+    SPARE_PHI_COUPLED,  // 1 + gamma(l, s) tanh(kappa_s s / 2)
+    SPARE_PHI_CONSTANT, // 1 + gamma_0 tanh(kappa_s s / 2)
+    SPARE_PHI_PRODUCT,  // 2 sigmoid(kappa_s s l)
+    SPARE_PHI_PLAIN     // 1/2 + sigmoid(kappa_s s)
 } spare_phi;
 
 typedef struct spare_options {
@@ -25,11 +27,11 @@ typedef struct spare_options {
     spare_phi phi;                     // SPARE_PHI_COUPLED
     double capacity_min, capacity_max; // clamp of C_r (0.25, 4)
     double tau_alpha;                  // opacity below which a primitive may be redundant (0.05)
-    double tau_gradient; // tau_org, the base pipeline's densification threshold (2e-4); RAP tests
-                         // half of it
+    // tau_org, the densification threshold of the base pipeline (2e-4). RAP uses half of it.
+    double tau_gradient;
     bool use_h, use_v, use_c; // demand by gradient, demand by visibility, capacity (all true)
-    bool rap_require_visible; // RAP only for primitives seen since the last update (false: literal
-                              // reading)
+    // RAP only for primitives that were visible since the last update (false, as in Eq. 24).
+    bool rap_require_visible;
 } spare_options;
 
 spare_options spare_options_default(void);
@@ -50,7 +52,7 @@ typedef struct spare_region {
     double weight;     // w of its primitives
 } spare_region;
 
-// Plain columns of n primitives, structural statistics since the last update.
+// Columns of n primitives with the structural statistics since the last update.
 typedef struct spare_input {
     size_t count;
     const float *x, *y, *z;        // means, world
@@ -65,37 +67,38 @@ size_t spare_workspace_size(const spare_options *options, size_t count);
 
 typedef struct spare_result {
     size_t region_count;
-    const spare_region *regions; // [region_count] ascending voxel; lives in the workspace
-    const uint32_t *region_of;   // [count] index into regions; lives in the workspace
+    const spare_region *regions; // [region_count] by ascending voxel; in the workspace
+    const uint32_t *region_of;   // [count] index into regions; in the workspace
     double over_budget_share;    // share of primitives in regions with n_r > quota
     double mean_weight;          // over primitives
     size_t redundant_count;
-    double low[3], cell[3]; // corner and cell of the grid, world units
+    double low[3], cell[3]; // lower corner and cell size of the grid, world units
 } spare_result;
 
-// Regions, quotas, weights and the redundancy mask, all from the state before this update's
-// densification. weights [count] and redundant [count] (0/1) are written; workspace is 64-byte
-// aligned, spare_workspace_size bytes.
+// Computes regions, quotas, weights and the redundancy mask from the state before the densification
+// of this update (Eqs. 15 to 22 and 24). Writes weights [count] and redundant [count] (0 or 1).
+// `memory` is 64-byte aligned and has spare_workspace_size bytes. Cannot fail.
 void spare_evaluate(const spare_options *options, const spare_input *input, void *memory,
                     float *weights, uint8_t *redundant, spare_result *result);
 
-// True when redundancy pruning must rest: 0 < iteration - reset <= interval (reset < 0: never
-// reset).
+// True during the cooldown of redundancy-aware pruning after an opacity reset: 0 < iteration -
+// reset <= interval (reset < 0: no reset yet).
 bool spare_pruning_rests(long iteration, long last_opacity_reset, long interval);
 
-// Equilibrium-driven termination, Eq. (26).
+// Equilibrium-driven termination, Eq. 26.
 typedef struct spare_equilibrium {
     double loss_average, loss_weight; // EMA of the loss with bias correction
     double previous_loss;             // at the last check; < 0: none
     size_t previous_count;
-    int held;                                   // consecutive checks that held
-    double last_loss_change, last_count_change; // of the last comparison, for the message
+    int held; // consecutive checks that passed
+    // Delta L and Delta N of the last comparison, for the message.
+    double last_loss_change, last_count_change;
 } spare_equilibrium;
 
 void spare_equilibrium_begin(spare_equilibrium *state);
-// Every iteration: feeds the loss (decay 0.995 by default; non-finite losses are ignored).
+// Adds the loss of an iteration to the average (decay 0.995 by default). Ignores non-finite losses.
 void spare_equilibrium_observe(spare_equilibrium *state, double loss, double decay);
-// At a check. disturbed: an opacity reset (or a change of resolution) lies inside the window since
-// the last check: the counter and the comparison start anew. Returns true when training may stop.
+// Evaluates Eq. 26. disturbed: an opacity reset or a change of resolution happened since the last
+// check; the counter and the comparison restart. Returns true when training may stop.
 bool spare_equilibrium_check(spare_equilibrium *state, size_t count, bool disturbed,
                              double eps_loss, double eps_count, int patience);

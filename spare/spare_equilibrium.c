@@ -1,24 +1,23 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// SPARE-GS, the part that says when to stop: Eq. (26) of the paper.
+// SPARE-GS: equilibrium-driven termination, Eq. 26 of the paper.
 //
 //   Delta L = 1 - L(t) / L(t - Delta t),   Delta N = N(t) / N(t - Delta t) - 1
 //   stop when 0 <= Delta L < eps_L and |Delta N| < eps_N at `patience` checks in a row
 //
-// with L an exponential moving average of the photometric loss. A loss that grows (Delta L < 0)
-// starts the count again.
+// with L an exponential moving average of the photometric loss. A growing loss (Delta L < 0) resets
+// the count.
 //
-// OPEN-4: the paper names neither Delta t nor the average. Late in training the loss falls by 0.7
-// to 1 % per 1000 iterations, so eps_L = 0.008 is a sensible threshold for checks 1000 iterations
-// apart and for no other interval: the trainer checks every 1000. The average has decay 0.995, a
-// memory of about 200 iterations (one round through the views); the decay 0.6 of the usual log line
-// remembers three views, and Delta L would be noise of +-20 %. The average is corrected for its
-// start at 0 by dividing by the weight it has gathered.
+// OPEN-4: the paper specifies neither Delta t nor the average. Late in training the loss falls by
+// 0.7 to 1 % per 1000 iterations, so eps_L = 0.008 fits checks that are 1000 iterations apart. The
+// average has decay 0.995, a memory of about 200 iterations (one pass over the views). The decay
+// 0.6 of the usual log line would average about three views and make Delta L noise of +-20 %. The
+// average is divided by its accumulated weight, which removes the bias of the start at 0.
 //
-// Two cases the paper does not mention: a window that holds an opacity reset says nothing about
-// convergence, because the loss jumps there: its check only records where the next comparison
-// starts from. A loss that is not finite is not observed.
+// Two cases that the paper does not cover: an interval with an opacity reset gives no evidence of
+// convergence, because the reset raises the loss; its check only sets the reference of the next
+// comparison. A non-finite loss is ignored.
 
 #include <math.h>
 
@@ -37,7 +36,7 @@ void spare_equilibrium_observe(spare_equilibrium *state, double loss, double dec
     state->loss_weight = decay * state->loss_weight + (1.0 - decay);
 }
 
-// now / before - 1, with 0/0 no change.
+// now / before - 1; 0 / 0 counts as no change.
 static double relative_change(double now, double before)
 {
     return now == before ? 0.0 : now / before - 1.0;

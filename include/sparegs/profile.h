@@ -19,7 +19,7 @@ extern "C" {
 
 typedef enum sgs_profile_kind {
     SGS_PROFILE_LOW,    // Morton order; every change is a rebuild
-    SGS_PROFILE_MEDIUM, // macrotile_seconds surface-area heuristic; likewise
+    SGS_PROFILE_MEDIUM, // binned surface-area heuristic; likewise
     SGS_PROFILE_HIGH,   // Embree's best; likewise
     SGS_PROFILE_REFIT,  // surface-area heuristic, refitted in between: what training uses
     SGS_PROFILE_AGED,   // the same after many refits

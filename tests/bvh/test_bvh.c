@@ -1,10 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The BVH promises a superset: whatever box a ray of the packet crosses within its limit is in the
-// list. Held here against a brute-force slab test in double precision, for every build quality,
-// after refits small and large, for no primitive, for one and for a hundred thousand. That the list
-// is not simply everything is held too.
+// A gather must list every box that a ray of the packet crosses within its limit. Compared with a
+// brute-force slab test in double precision, for every build quality, after small and large refits,
+// for 0, 1 and 100 000 primitives. The list must also be smaller than the whole set.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -52,7 +51,7 @@ static sgsi_bounds *make_boxes(size_t count, uint64_t seed)
     return boxes;
 }
 
-// Sixteen rays around one direction, as a macrotile has them; `width` is the packet's half angle.
+// Sixteen rays around one direction, as in a macrotile; `width` is the half angle of the packet.
 static sgsi_packet make_packet(uint64_t seed, double width, float far)
 {
     uint64_t counter = 1000;
@@ -76,7 +75,8 @@ static sgsi_packet make_packet(uint64_t seed, double width, float far)
     return packet;
 }
 
-// Where a ray enters a box (0 from inside), or INFINITY. Exact but for the rounding of doubles.
+// Distance at which a ray enters a box (0 from inside), or INFINITY. Exact up to rounding in double
+// precision.
 static double entry(const sgsi_packet *packet, int ray, const sgsi_bounds *box)
 {
     double near = 0, far = INFINITY;
@@ -94,9 +94,9 @@ static double entry(const sgsi_packet *packet, int ray, const sgsi_bounds *box)
     return near <= far ? near : INFINITY;
 }
 
-// A box is required when a valid ray crosses it before its far distance. The caller of the BVH pads
-// boxes and far distances by more than the rounding of the box tests, so boxes that are met only
-// within 1e-6 are left out.
+// A box is required when a valid ray crosses it before its far distance. Callers pad boxes and far
+// distances by more than the rounding of the box tests, so boxes hit by less than 1e-6 are not
+// required.
 static bool required(const sgsi_packet *packet, const sgsi_bounds *box)
 {
     sgsi_bounds inner = *box;
@@ -182,15 +182,15 @@ static void every_crossed_box_is_gathered_at_every_quality(void **state)
         print_message("%s: %zu gathered, %zu required\n", quality_names[quality], found.unique,
                       found.required);
         assert_true(found.required > 300);
-        // and not simply everything (Embree's refittable trees have leaves of about ten boxes)
+        // not all of them (refittable trees of Embree have leaves of about ten boxes)
         assert_true(found.unique < (quality == SGSI_BVH_REFIT ? 20 : 3) * found.required);
         sgsi_bvh_destroy(bvh);
     }
     sgsi_free(boxes);
 }
 
-// The optimiser moves boxes a little, the next camera dilates them, an opacity reset shrinks them;
-// nothing stops them from trading places altogether.
+// The optimiser moves boxes slightly, the next camera dilates them and an opacity reset shrinks
+// them. Refits must also survive boxes that trade places.
 static void refitted_trees_gather_every_crossed_box(void **state)
 {
     (void)state;
@@ -210,13 +210,13 @@ static void refitted_trees_gather_every_crossed_box(void **state)
                     boxes[i].lower[k] += shift - grow;
                     boxes[i].upper[k] += shift + grow;
                 }
-            if (round == 5) // everything elsewhere
+            if (round == 5) // all boxes move
                 fill_boxes(boxes, COUNT, 99, 8, 0.02, 2);
             assert_int_equal(sgsi_bvh_refit(bvh), SGS_STATUS_OK);
             assert_true(check_packets(bvh, boxes, COUNT, 20, INFINITY).required > 100);
         }
-        // A rebuild after refits, over another number of boxes and at another quality, on the same
-        // object.
+        // A rebuild of the same object after refits, with another number of boxes and another
+        // quality.
         assert_int_equal(sgsi_bvh_build(bvh, boxes, COUNT / 2, (sgsi_bvh_quality)quality),
                          SGS_STATUS_OK);
         check_packets(bvh, boxes, COUNT / 2, 10, INFINITY);
@@ -236,7 +236,7 @@ static void small_trees_are_complete(void **state)
     for (int quality = SGSI_BVH_LOW; quality < SGSI_BVH_QUALITY_COUNT; ++quality) {
         for (size_t c = 0; c < sizeof counts / sizeof *counts; ++c) {
             sgsi_bounds *boxes = make_boxes(counts[c], c);
-            fill_boxes(boxes, counts[c], c, 4, 1, 8); // large, so that most packets meet some
+            fill_boxes(boxes, counts[c], c, 4, 1, 8); // large, so that most packets hit some
             sgsi_bvh *bvh = make_bvh(boxes, counts[c], (sgsi_bvh_quality)quality);
             const gather_result built = check_packets(bvh, boxes, counts[c], 12, INFINITY);
             assert_true(built.required > 0 || counts[c] == 0);
@@ -278,7 +278,7 @@ static void far_limits_cut_what_lies_behind_and_nothing_before(void **state)
         assert_true(found.unique >= before && found.unique <= all.unique);
         before = found.unique;
         if (limits[i] == 2.0f)
-            assert_true(found.unique < all.unique / 2); // the limit saves work
+            assert_true(found.unique < all.unique / 2); // the limit reduces work
     }
     assert_int_equal(before, all.unique);
     sgsi_bvh_destroy(bvh);
@@ -310,7 +310,7 @@ static void lanes_without_a_ray_ask_nothing(void **state)
     sgsi_free(boxes);
 }
 
-// Rays along the axes, on the faces of a grid of touching boxes; origin inside a box.
+// Rays along the axes, on the faces of a grid of touching boxes; the origin is inside a box.
 static void axis_aligned_rays_in_a_grid_lose_nothing(void **state)
 {
     (void)state;
@@ -345,7 +345,7 @@ static void a_list_that_cannot_grow_is_an_error_and_stays_usable(void **state)
     (void)state;
     enum { COUNT = 30000 };
     sgsi_bounds *boxes = make_boxes(COUNT, 7);
-    fill_boxes(boxes, COUNT, 7, 1, 4, 8); // all overlap: more than the list's first capacity
+    fill_boxes(boxes, COUNT, 7, 1, 4, 8); // all overlap: exceeds the initial capacity of the list
     sgsi_bvh *bvh = make_bvh(boxes, COUNT, SGSI_BVH_REFIT);
     sgsi_gather_list list = {0};
     const sgsi_packet packet = make_packet(1, 0.1, INFINITY);
@@ -366,7 +366,7 @@ static void a_list_that_cannot_grow_is_an_error_and_stays_usable(void **state)
     sgsi_free(boxes);
 }
 
-// Also the first one: Embree builds where a geometry only becomes refittable after its first
+// The first refit counts too: Embree rebuilds a geometry that becomes refittable after its first
 // commit.
 static void every_refit_is_cheaper_than_a_build(void **state)
 {
@@ -375,15 +375,14 @@ static void every_refit_is_cheaper_than_a_build(void **state)
     sgsi_bounds *boxes = make_boxes(COUNT, 9);
     sgsi_bvh *bvh = make_bvh(boxes, COUNT, SGSI_BVH_REFIT);
     double build = INFINITY, first = INFINITY, second = INFINITY;
-    for (int run = 0; run < 5;
-         ++run) { // the least of several: other programs may take their time in between
-        double *const least[] = {&build, &first, &second};
+    for (int run = 0; run < 5; ++run) { // best time of five: other programs may interfere
+        double *const best[] = {&build, &first, &second};
         for (int k = 0; k < 3; ++k) {
             const double start = sgsi_seconds();
             assert_int_equal(k ? sgsi_bvh_refit(bvh)
                                : sgsi_bvh_build(bvh, boxes, COUNT, SGSI_BVH_REFIT),
                              SGS_STATUS_OK);
-            *least[k] = fmin(*least[k], sgsi_seconds() - start);
+            *best[k] = fmin(*best[k], sgsi_seconds() - start);
         }
     }
     print_message("build %.4f s, first refit %.4f s, second refit %.4f s\n", build, first, second);

@@ -1,9 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// SPARE-GS against numbers worked out by hand, against a slow second reading of the paper (a loop
-// over all primitives for every region, ranks by counting), and against the properties that the
-// method promises.
+// SPARE-GS is compared with values computed by hand and with a slow independent implementation of
+// the paper (a loop over all primitives for every region, ranks by counting). The properties that
+// the method guarantees are tested as well.
 
 #include <float.h>
 #include <math.h>
@@ -19,7 +19,7 @@
 
 enum { GUARD = 64 };
 
-// Columns of primitives that the test owns, and what spare_evaluate said about them.
+// Columns of primitives owned by the test, and the output of spare_evaluate.
 typedef struct fixture {
     size_t count;
     float *x, *y, *z, *opacity, *gradient, *radius, *weights;
@@ -58,8 +58,8 @@ static void free_fixture(fixture *f)
     sgsi_free(f->workspace);
 }
 
-// Runs on dirty memory of exactly the promised size, with a guard behind it, and checks that
-// nothing was allocated.
+// Runs on uninitialised memory of exactly the documented size with a guard behind it, and checks
+// that nothing was allocated.
 static void evaluate(fixture *f, const spare_options *options)
 {
     sgsi_free(f->workspace);
@@ -78,7 +78,7 @@ static void evaluate(fixture *f, const spare_options *options)
 }
 
 // -------------------------------------------------------------------------------------------------
-// The second reading.
+// The independent implementation.
 
 typedef enum plant {
     PLANT_NONE,
@@ -140,7 +140,7 @@ static double slow_rank(const spare_region *regions, size_t count, size_t r, int
     return (less + (error == PLANT_TIES_FIRST ? 1.0 : (equal + 1.0) / 2.0)) / (double)count;
 }
 
-// Median by counting: the mean of the smallest and the largest value that have at most half of the
+// Median by counting: the mean of the smallest and the largest value with at most half of the
 // values on either side.
 static double slow_median(const spare_region *regions, size_t count, plant error)
 {
@@ -182,7 +182,7 @@ static double slow_phi(const spare_options *o, double slack, double share)
     return 1.0 + gamma * (2.0 * slow_sigmoid(o->slack_gain * slack) - 1.0);
 }
 
-// Statistics (16) to (18) of one region by a loop over all primitives.
+// Statistics (16) to (18) of one region, by a loop over all primitives.
 static spare_region slow_region(const fixture *f, const uint32_t *voxel_of, uint32_t voxel,
                                 plant error)
 {
@@ -281,8 +281,8 @@ static double difference(double a, double b)
     return a == b ? 0.0 : isnan(d) ? INFINITY : d;
 }
 
-// Largest relative difference between what spare_evaluate said and the second reading; infinite
-// when they disagree on a region, a membership or a redundant primitive.
+// Largest relative difference between spare_evaluate and the independent implementation; infinite
+// if they disagree on a region, a membership or a redundant primitive.
 static double disagreement(const fixture *f, const opinion *p)
 {
     const spare_result *result = &f->result;
@@ -393,7 +393,7 @@ static fixture make_layout(size_t count, layout kind, uint64_t seed)
     return f;
 }
 
-// Options that make regions large enough to hold several primitives of a small test.
+// Options for regions that are large enough to hold several primitives of a small test.
 static spare_options small_grid(void)
 {
     spare_options options = spare_options_default();
@@ -402,7 +402,7 @@ static spare_options small_grid(void)
 }
 
 // -------------------------------------------------------------------------------------------------
-// Hand-computed: x = 0 holds one primitive, x = 1 two, x = 2 three.
+// Computed by hand: one primitive at x = 0, two at x = 1, three at x = 2.
 
 static fixture make_three_regions(void)
 {
@@ -425,7 +425,7 @@ static void three_regions_match_hand_computation(void **state)
     (void)state;
     fixture f = make_three_regions();
     spare_options options = spare_options_default();
-    options.tau_gradient = 2.0 * (double)1e-4f; // primitive 1 sits exactly on the threshold
+    options.tau_gradient = 2.0 * (double)1e-4f; // primitive 1 is exactly at the threshold
     evaluate(&f, &options);
     const double third = 1.0 / 3.0;
     const struct {
@@ -484,7 +484,7 @@ static void ties_share_the_mean_rank(void **state)
     assert_int_equal(f.result.region_count, 5);
     for (size_t r = 0; r < 5; ++r) {
         assert_true(difference(f.result.regions[r].demand, r < 3 ? 0.4 : 0.9) < 1e-14);
-        assert_true(f.result.regions[r].capacity == 1.0); // no radius anywhere
+        assert_true(f.result.regions[r].capacity == 1.0); // all radii are 0
     }
     free_fixture(&f);
 }
@@ -492,7 +492,7 @@ static void ties_share_the_mean_rank(void **state)
 static void median_of_an_even_number_is_the_middle_mean(void **state)
 {
     (void)state;
-    // Areas 0, 1, 4, 9, 16: the zero has no part in the median, 6.5.
+    // Areas 0, 1, 4, 9, 16: the median 6.5 leaves out the zero.
     fixture f = make_fixture(5);
     for (size_t i = 0; i < 5; ++i) {
         f.x[i] = (float)i;
@@ -509,14 +509,14 @@ static void median_of_an_even_number_is_the_middle_mean(void **state)
 static void mask_is_strict_in_every_condition(void **state)
 {
     (void)state;
-    // One region: quota = count, not over budget, so nothing is redundant however faint.
+    // One region: the quota equals the count, so nothing is over budget or redundant.
     fixture f = make_fixture(4);
     spare_options options = spare_options_default();
     evaluate(&f, &options);
     assert_int_equal(f.result.region_count, 1);
     assert_true(f.result.regions[0].quota == 4.0 && f.weights[0] == 1.0f);
     assert_int_equal(f.result.redundant_count, 0);
-    // Half the budget: over; now opacity decides, strictly.
+    // Half the budget: over budget; the opacity test is strict.
     options.budget_scale = 0.5;
     options.tau_alpha = 0.0625;
     f.opacity[1] = 0.0625f;
@@ -581,7 +581,7 @@ static void comparison_catches_planted_errors(void **state)
     for (int error = PLANT_NONE; error < PLANT_COUNT; ++error) {
         opinion p = slow_opinion(&f, &options, (plant)error);
         const double d = disagreement(&f, &p);
-        if (error == PLANT_TIES_FIRST) { // needs ties, which means of random numbers do not have
+        if (error == PLANT_TIES_FIRST) { // needs ties, which random input does not have
             fixture tied = make_layout(300, LAYOUT_TIES, 6);
             opinion q = slow_opinion(&tied, &options, PLANT_TIES_FIRST);
             evaluate(&tied, &options);
@@ -620,8 +620,8 @@ static void quotas_sum_to_the_budget_and_weights_follow_slack(void **state)
     }
 }
 
-// Two regions whose counts the caller chooses: the weight of the first as its slack grows, at equal
-// demand.
+// Weight of the first of two regions as its slack grows, at equal demand. The caller sets the
+// counts.
 static void weight_grows_with_slack(void **state)
 {
     (void)state;
@@ -648,9 +648,9 @@ static void weight_grows_with_slack(void **state)
 static void weight_grows_with_share_at_equal_slack(void **state)
 {
     (void)state;
-    // Three regions with shares 1/6, 2/6, 3/6 by rank of visibility, counts proportional to shares:
-    // every slack is 0, and with kappa != 1 of one sign and nearly one size; the larger share must
-    // not have the smaller weight.
+    // Three regions with shares 1/6, 2/6, 3/6 by rank of visibility and counts proportional to the
+    // shares: every slack is 0. With kappa != 1 all slacks have one sign and nearly one size; the
+    // weight must not decrease with the share.
     for (int more = 0; more < 2; ++more) {
         fixture f = make_fixture(6000);
         for (size_t i = 0; i < 6000; ++i) {

@@ -1,8 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// When SPARE-GS stops training and when its pruning rests: small state machines, walked through by
-// hand.
+// Termination and the cooldown of pruning: small state machines, checked step by step.
 
 #include <math.h>
 #include <setjmp.h>
@@ -25,7 +24,7 @@ static void pruning_rests_after_a_reset_for_one_interval(void **state)
     assert_true(spare_pruning_rests(100, 0, 100));
 }
 
-// With decay 0 the average is the last loss, so every check can be written down.
+// With decay 0 the average equals the last loss, so the expected result of every check is known.
 static bool feed(spare_equilibrium *e, double loss, size_t count, bool disturbed)
 {
     spare_equilibrium_observe(e, loss, 0.0);
@@ -43,7 +42,7 @@ static void equilibrium_stops_after_patience(void **state)
     assert_int_equal(e.held, 1);
     assert_true(fabs(e.last_loss_change - 0.005) < 1e-12 &&
                 fabs(e.last_count_change - 0.005) < 1e-12);
-    assert_true(feed(&e, 0.995, 1000, false)); // no change at all holds as well
+    assert_true(feed(&e, 0.995, 1000, false)); // no change passes as well
     spare_equilibrium_begin(&e);
     assert_false(feed(&e, 1.0, 7, false));
     spare_equilibrium_observe(&e, 1.0, 0.0);
@@ -75,7 +74,7 @@ static void equilibrium_starts_again_when_disturbed_or_moving(void **state)
         assert_false(feed(&e, breaks[k].loss, breaks[k].count, false));
         assert_true(feed(&e, breaks[k].loss, breaks[k].count, false));
     }
-    // Bounds are strict: exactly eps does not hold.
+    // Bounds are strict: exactly eps does not pass.
     spare_equilibrium e;
     spare_equilibrium_begin(&e);
     feed(&e, 1.0, 1000, false);
@@ -102,7 +101,7 @@ static void equilibrium_average_is_unbiased_and_ignores_non_finite(void **state)
     spare_equilibrium_begin(&e);
     spare_equilibrium_observe(&e, 0.25, 0.995);
     assert_true(fabs(e.loss_average / e.loss_weight - 0.25) < 1e-12);
-    // A constant loss is a constant average from the first iteration on, although its weight still
+    // A constant loss gives a constant average from the first iteration on, while its weight still
     // grows.
     spare_equilibrium_begin(&e);
     for (int check = 0; check < 3; ++check) {
@@ -110,7 +109,7 @@ static void equilibrium_average_is_unbiased_and_ignores_non_finite(void **state)
         spare_equilibrium_check(&e, 10, false, 0.008, 0.01, 2);
         assert_true(fabs(e.last_loss_change) < 1e-12 && fabs(e.previous_loss - 0.25) < 1e-12);
     }
-    // A loss of exactly zero neither divides by zero nor blocks the stop.
+    // A loss of exactly 0 neither divides by zero nor prevents the stop.
     spare_equilibrium_begin(&e);
     assert_false(feed(&e, 0.0, 10, false));
     assert_false(feed(&e, 0.0, 10, false));

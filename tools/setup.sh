@@ -13,7 +13,7 @@ packages=(
     libopenimageio-dev libopenexr-dev # images
     libjansson-dev libxxhash-dev      # JSON, hashes
     libdeflate-dev                    # ZIP of EXR
-    libfftw3-dev                      # spectra
+    libkissfft-dev                    # spectra
     libcmocka-dev                     # tests
     openimageio-tools openexr jq      # tests of the written files
 )

@@ -4,6 +4,7 @@
 // Choice of the instruction set, versions, memory readings.
 
 #include "sparegs/runtime.h"
+#include "sparegs/version.h"
 
 #include <limits.h>
 #include <stdatomic.h>
@@ -70,7 +71,7 @@ sgs_status sgs_set_isa(sgs_isa isa)
 
 const char *sgs_version(void)
 {
-    return SGSI_VERSION;
+    return SGS_VERSION;
 }
 
 const char *sgs_version_commit(void)

@@ -16,11 +16,12 @@
 
 #include "density/resolution.h"
 
-#include <fftw3.h>
 #include <math.h>
 #include <string.h>
 
 #include "base/core.h"
+#include "base/threads.h"
+#include "density/fourier.h"
 
 enum { SCALE_MAX = 8, BISECTIONS = 64 };
 static const double start_share = 0.25;
@@ -57,21 +58,55 @@ static void fill_table(sgsi_spectrum *s)
     }
 }
 
-// Adds the centred magnitudes of one channel. The transform of real numbers is one half; the other
-// mirrors it.
-static void add_channel(const sgs_image8 *image, int channel, double *samples, fftw_complex *half,
-                        fftw_plan plan, double *magnitude)
+// A two-dimensional transform: all rows, then the columns of one half; the transform of real
+// numbers mirrors that half in the other.
+typedef struct transform2d {
+    const sgs_image8 *image;
+    int channel, half_width;
+    sgsi_fourier *row, *column;
+    double (*half)[2];       // [height][half_width]
+    double *lines, *scratch; // per thread
+    size_t line_size, scratch_size;
+} transform2d;
+
+static void transform_row(void *context, size_t y, int thread)
 {
-    const int w = image->width, h = image->height, half_width = w / 2 + 1;
-    const uint8_t *pixels = image->pixels + (size_t)channel * (size_t)w * (size_t)h;
-    for (size_t i = 0; i < (size_t)w * (size_t)h; ++i)
-        samples[i] = (double)pixels[i] / 255.0;
-    fftw_execute(plan);
+    const transform2d *t = context;
+    const size_t w = (size_t)t->image->width, h = (size_t)t->image->height;
+    const uint8_t *pixels = t->image->pixels + ((size_t)t->channel * h + y) * w;
+    double *line = t->lines + (size_t)thread * t->line_size;
+    for (size_t x = 0; x < w; ++x) {
+        line[2 * x] = (double)pixels[x] / 255.0;
+        line[2 * x + 1] = 0.0;
+    }
+    sgsi_fourier_transform(t->row, line, t->scratch + (size_t)thread * t->scratch_size);
+    memcpy(t->half[y * (size_t)t->half_width], line, (size_t)t->half_width * sizeof *t->half);
+}
+
+static void transform_column(void *context, size_t x, int thread)
+{
+    const transform2d *t = context;
+    const size_t h = (size_t)t->image->height, pitch = (size_t)t->half_width;
+    double *line = t->lines + (size_t)thread * t->line_size;
+    for (size_t y = 0; y < h; ++y)
+        memcpy(line + 2 * y, t->half[y * pitch + x], sizeof *t->half);
+    sgsi_fourier_transform(t->column, line, t->scratch + (size_t)thread * t->scratch_size);
+    for (size_t y = 0; y < h; ++y)
+        memcpy(t->half[y * pitch + x], line + 2 * y, sizeof *t->half);
+}
+
+// Adds the centred magnitudes of one channel.
+static void add_channel(transform2d *t, int channel, double *magnitude)
+{
+    const int w = t->image->width, h = t->image->height;
+    t->channel = channel;
+    sgsi_parallel_for((size_t)h, 8, transform_row, t);
+    sgsi_parallel_for((size_t)t->half_width, 8, transform_column, t);
     for (int ky = 0; ky < h; ++ky)
         for (int kx = 0; kx < w; ++kx) {
-            const bool mirrored = kx >= half_width;
+            const bool mirrored = kx >= t->half_width;
             const int fx = mirrored ? w - kx : kx, fy = mirrored ? (h - ky) % h : ky;
-            const double *z = half[(size_t)fy * (size_t)half_width + (size_t)fx];
+            const double *z = t->half[(size_t)fy * (size_t)t->half_width + (size_t)fx];
             const int x = (kx + w / 2) % w, y = (ky + h / 2) % h;
             // NOLINTNEXTLINE(clang-analyzer-core.NullDereference): of a spectrum that was made
             magnitude[(size_t)y * (size_t)w + (size_t)x] += sqrt(z[0] * z[0] + z[1] * z[1]);
@@ -80,29 +115,39 @@ static void add_channel(const sgs_image8 *image, int channel, double *samples, f
 
 sgs_status sgsi_spectrum_of(const sgs_image8 *image, sgsi_spectrum *spectrum)
 {
-    const size_t pixels = (size_t)image->width * (size_t)image->height;
     sgs_status status = spectrum_create(image->width, image->height, spectrum);
     if (status)
         return status;
-    double *samples = fftw_alloc_real(pixels);
-    fftw_complex *half = fftw_alloc_complex((size_t)image->height * (size_t)(image->width / 2 + 1));
-    // The plan is estimated, not measured, so that it and its rounding are the same in every run.
-    fftw_plan plan = samples && half ? fftw_plan_dft_r2c_2d(image->height, image->width, samples,
-                                                            half, FFTW_ESTIMATE)
-                                     : NULL;
-    if (plan) {
+    const int longer = image->width > image->height ? image->width : image->height;
+    const size_t threads = (size_t)sgsi_threads();
+    transform2d t = {.image = image,
+                     .half_width = image->width / 2 + 1,
+                     .row = sgsi_fourier_create(image->width),
+                     .column = sgsi_fourier_create(image->height),
+                     .line_size = 2 * (size_t)longer};
+    if (t.row && t.column) {
+        const size_t of_rows = sgsi_fourier_scratch(t.row),
+                     of_columns = sgsi_fourier_scratch(t.column);
+        t.scratch_size = of_rows > of_columns ? of_rows : of_columns;
+        t.half = sgsi_alloc((size_t)image->height * (size_t)t.half_width, sizeof *t.half);
+        t.lines = sgsi_alloc(threads * t.line_size, sizeof *t.lines);
+        t.scratch = sgsi_alloc(threads * t.scratch_size, sizeof *t.scratch);
+    }
+    if (t.half && t.lines && t.scratch) {
         for (int c = 0; c < 3; ++c)
-            add_channel(image, c, samples, half, plan, spectrum->magnitude);
+            add_channel(&t, c, spectrum->magnitude);
         fill_table(spectrum);
-        fftw_destroy_plan(plan);
     } else {
         status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
                            "no memory for the spectrum of an image of %dx%d pixels", image->width,
                            image->height);
         sgsi_spectrum_free(spectrum);
     }
-    fftw_free(samples);
-    fftw_free(half);
+    sgsi_fourier_destroy(t.row);
+    sgsi_fourier_destroy(t.column);
+    sgsi_free(t.half);
+    sgsi_free(t.lines);
+    sgsi_free(t.scratch);
     return status;
 }
 

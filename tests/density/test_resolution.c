@@ -49,8 +49,8 @@ static sgs_status get(void *context, size_t i, sgs_image8 *image)
 static void spectrum_is_the_sum_that_defines_it(void **state)
 {
     (void)state;
-    const int sizes[][2] = {{7, 6}, {8, 5}, {9, 9}, {6, 8}};
-    for (int n = 0; n < 4; ++n) {
+    const int sizes[][2] = {{7, 6}, {8, 5}, {9, 9}, {6, 8}, {1, 13}, {37, 22}};
+    for (int n = 0; n < 6; ++n) {
         const int w = sizes[n][0], h = sizes[n][1];
         sgs_image8 image = make_image(w, h, 1, 0.5);
         sgsi_spectrum spectrum;

@@ -1,0 +1,34 @@
+#!/usr/bin/env bash
+# SPDX-FileCopyrightText: 2026 The sparegs authors
+# SPDX-License-Identifier: Apache-2.0
+
+# no_source_is_contracted: every source of the library was compiled with -ffp-contract=off, by compile_commands.json.
+set -euo pipefail
+cd "$SPAREGS_SOURCE"
+temporary=$(mktemp -d)
+trap 'rm -rf "$temporary"' EXIT
+commands=$SPAREGS_BUILD/compile_commands.json
+
+# unmarked JSON: the sources of the library that JSON does not compile with the flag, or whose last such flag is another.
+unmarked() {
+    jq -r --arg root "$SPAREGS_SOURCE/" '.[] | (.file | ltrimstr($root)) + " " +
+        ([(.command | split(" "))[] | select(startswith("-ffp-contract") or . == "-ffast-math" or . == "-Ofast")] | last // "none")' "$1" |
+        sort -u >"$temporary/flags"
+    for file in src/*/*.c src/*/*.cpp bvh/*.c spare/*.c; do
+        if ! grep -q "^$file " "$temporary/flags" || grep "^$file " "$temporary/flags" | grep -qv -- ' -ffp-contract=off$'; then
+            echo "$file"
+        fi
+    done
+}
+
+found=$(unmarked "$commands")
+[ -z "$found" ] || { printf 'FAIL: compiled without -ffp-contract=off:\n%s\n' "$found"; exit 1; }
+
+# the_check_sees_planted_faults
+jq '(.[] | select(.file | endswith("spare/spare.c")) | .command) |= gsub("-ffp-contract=off"; "")' "$commands" >"$temporary/missing.json"
+jq '(.[] | select(.file | endswith("bvh/bvh.c")) | .command) |= . + " -ffp-contract=fast"' "$commands" >"$temporary/later.json"
+jq 'map(select(.file | endswith("image_oiio.cpp") | not))' "$commands" >"$temporary/absent.json"
+[ "$(unmarked "$temporary/missing.json")" = spare/spare.c ] || { echo "FAIL: a missing flag is not seen"; exit 1; }
+[ "$(unmarked "$temporary/later.json")" = bvh/bvh.c ] || { echo "FAIL: a later flag is not seen"; exit 1; }
+[ "$(unmarked "$temporary/absent.json")" = src/image/image_oiio.cpp ] || { echo "FAIL: a missing file is not seen"; exit 1; }
+echo "-ffp-contract=off: $(jq length "$commands") commands"

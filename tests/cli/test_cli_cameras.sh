@@ -36,8 +36,14 @@ for bad in '--frames 3-1' '--frames x' '--frames 1:' '--frames 1-2:0' '--size 10
 done
 run 2 render "$model" "$room" --orbit 3 --view 0009 -o "$temporary/none"
 says "exclude each other"
-run 2 render "$model" "$room" --focus 2 -o "$temporary/none"
-says "--focus needs --aperture"
+for idle in '--focus 2 aperture' '--fps 24 video' '--deep-max 4 deep' '--deep-tolerance 0.1 deep'; do
+    read -r option value needed <<<"$idle"
+    run 2 render "$model" "$room" "$option" "$value" -o "$temporary/none"
+    says "$option has no effect without --$needed"
+    one_line
+done
+run 2 render "$model" "$room" --aperture 0 --focus 2 -o "$temporary/none"
+says "--focus has no effect with --aperture 0"
 
 # no_view_writes_over_another (equal stems keep their extension, equal names are numbered, none leaves the folder)
 jq '.[0] as $camera | ["a.jpg", "a.png", "b.jpg", "c", "c", "c_2", "..", "../up.png", "in/a.jpg", ".hidden", "d.png", "d.deep.png"] |

@@ -494,6 +494,27 @@ static int set_defaults(command_line *line)
     return -1;
 }
 
+static bool needs_met(const command_line *line, const char *needs)
+{
+    char name[LONGEST_WORD + 1];
+    for (int k = 0; word_at(needs, k, name); ++k)
+        if (option_given(line, name))
+            return true;
+    return false;
+}
+
+// An option that was given and can have no effect; -1 if there is none.
+static int check_needs(const command_line *line)
+{
+    for (size_t g = 0; g < line->group_count; ++g)
+        for (size_t i = 0; i < line->groups[g].count; ++i) {
+            const option *row = &line->groups[g].options[i];
+            if (row->needs && option_given(line, row->name) && !needs_met(line, row->needs))
+                return fail_usage("--%s has no effect without --%s", row->name, row->needs);
+        }
+    return -1;
+}
+
 int command_line_parse(command_line *line, int argc, char **argv)
 {
     if (set_defaults(line) >= 0)
@@ -520,7 +541,7 @@ int command_line_parse(command_line *line, int argc, char **argv)
     }
     if (line->operand_count < line->operand_minimum)
         return fail_usage("usage: sparegs %s %s", line->command, line->synopsis);
-    return -1;
+    return check_needs(line);
 }
 
 bool option_given(const command_line *line, const char *name)

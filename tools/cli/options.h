@@ -42,14 +42,15 @@ typedef struct option {
     char letter;      // short form, 0 = none
     option_kind kind;
     size_t offset; // of the value inside the group's struct
-    double low,
-        high; // range, both ends included, of INTEGER, COUNT, REAL, INTEGERS; also of DURATION,
-              // BYTES
+    // Range, both ends included, of INTEGER, COUNT, REAL, INTEGERS, DURATION, BYTES.
+    double low, high;
     const char *argument; // what the help calls it; the words of CHOICE and SET
     const char *initial;  // default, parsed as an argument; NULL leaves the struct's own value
-    const char
-        *shown; // default as the help tells it, where `initial` does not say it; NULL = `initial`
-    const char *unit; // or NULL
+    const char *shown;    // default as the help prints it; NULL = `initial`
+    const char *unit;     // or NULL
+    // Options of the same line without which this one has no effect: "orbit|spiral", one of them is
+    // required; NULL = it always has an effect. Given without them it is a usage error.
+    const char *needs;
     const char *help;
 } option;
 

@@ -27,10 +27,19 @@ typedef struct eval_values {
 } eval_values;
 
 static const option eval_options[] = {
-    {"split", 0, OPTION_CHOICE, offsetof(eval_values, split), 0, 0, "test|train|all", "test",
-     "test, or all when no image is held out", NULL, "the images to evaluate"},
-    {"save", 0, OPTION_TEXT, offsetof(eval_values, save), 0, 0, "DIR", NULL, "none", NULL,
-     "write NAME.png (drawn) and NAME_photo.png (the photograph) there"},
+    {.name = "split",
+     .kind = OPTION_CHOICE,
+     .offset = offsetof(eval_values, split),
+     .argument = "test|train|all",
+     .initial = "test",
+     .shown = "test, or all when no image is held out",
+     .help = "the images to evaluate"},
+    {.name = "save",
+     .kind = OPTION_TEXT,
+     .offset = offsetof(eval_values, save),
+     .argument = "DIR",
+     .shown = "none",
+     .help = "write NAME.png (drawn) and NAME_photo.png (the photograph) there"},
 };
 
 static const sgs_split splits[] = {SGS_SPLIT_TEST, SGS_SPLIT_TRAIN, SGS_SPLIT_ALL};

@@ -40,10 +40,16 @@ typedef struct experiment_values {
 } experiment_values;
 
 static const option experiment_options[] = {
-    {"output", 'o', OPTION_TEXT, offsetof(experiment_values, output), 0, 0, "DIR", NULL, NULL, NULL,
-     "folder for runs and results; needed"},
-    {"check", 0, OPTION_FLAG, offsetof(experiment_values, check), 0, 0, NULL, NULL, NULL, NULL,
-     "only check the plan and list its runs"},
+    {.name = "output",
+     .letter = 'o',
+     .kind = OPTION_TEXT,
+     .offset = offsetof(experiment_values, output),
+     .argument = "DIR",
+     .help = "folder for runs and results; needed"},
+    {.name = "check",
+     .kind = OPTION_FLAG,
+     .offset = offsetof(experiment_values, check),
+     .help = "only check the plan and list its runs"},
 };
 
 // The summary of a finished run, or NULL.

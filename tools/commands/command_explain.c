@@ -28,10 +28,22 @@ typedef struct explain_values {
 } explain_values;
 
 static const option explain_options[] = {
-    {"top", 0, OPTION_INTEGER, offsetof(explain_values, top), 1, 100000, "N", "20", NULL, "regions",
-     "how many of the regions furthest from their quota"},
-    {"region", 0, OPTION_TEXT, offsetof(explain_values, region), 0, 0, "X,Y,Z", NULL, "none",
-     "world units", "the region that holds this point, over all updates"},
+    {.name = "top",
+     .kind = OPTION_INTEGER,
+     .offset = offsetof(explain_values, top),
+     .low = 1,
+     .high = 100000,
+     .argument = "N",
+     .initial = "20",
+     .unit = "regions",
+     .help = "how many of the regions furthest from their quota"},
+    {.name = "region",
+     .kind = OPTION_TEXT,
+     .offset = offsetof(explain_values, region),
+     .argument = "X,Y,Z",
+     .shown = "none",
+     .unit = "world units",
+     .help = "the region that holds this point, over all updates"},
 };
 
 static void center_of(const sgs_regions *update, uint32_t voxel, double center[3])

@@ -75,6 +75,11 @@ void sgs_camera_intrinsics(const sgs_camera *camera, double *fx, double *fy, dou
 // A one-focal model whose axes scale differently becomes the two-focal model of the same lens.
 sgs_camera sgs_camera_resized(const sgs_camera *camera, int width, int height);
 
+// The same lens in an image of another size and the same vertical field of view: focal lengths and
+// distortion scale by height / camera->height, the image is cropped or extended to the left and
+// right. Never squashes. Cannot fail.
+sgs_camera sgs_camera_reframed(const sgs_camera *camera, int width, int height);
+
 // The same lens with its principal point moved by (dx, dy) pixels: the image shifts by as much.
 sgs_camera sgs_camera_shifted(const sgs_camera *camera, double dx, double dy);
 

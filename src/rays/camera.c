@@ -199,6 +199,21 @@ sgs_camera sgs_camera_resized(const sgs_camera *camera, int width, int height)
     return out;
 }
 
+sgs_camera sgs_camera_reframed(const sgs_camera *camera, int width, int height)
+{
+    sgs_camera out = *camera;
+    const int focal_count = model_known(camera->model) ? kind_of(camera->model)->focal_count : 1;
+    const double scale = (double)height / camera->height;
+    double *p = out.params;
+    for (int i = 0; i < focal_count; ++i)
+        p[i] *= scale;
+    p[focal_count] = (p[focal_count] - 0.5 * camera->width) * scale + 0.5 * width;
+    p[focal_count + 1] *= scale;
+    out.width = width;
+    out.height = height;
+    return out;
+}
+
 sgs_camera sgs_camera_shifted(const sgs_camera *camera, double dx, double dy)
 {
     sgs_camera out = *camera;

@@ -20,6 +20,7 @@ typedef struct camera_list {
     named_camera *cameras; // [count]
     size_t count;
     double fps; // of a path, 0 = not told
+    double arc; // of an orbit that is not a full circle, degrees; else 0
 } camera_list;
 
 // cameras.json: one object or a list of them: width, height, fx, fy, position [3], rotation [3][3]

@@ -1,9 +1,21 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Paths around a scene. What the views look at is the point nearest to all their axes: with axes
-// c_i + s d_i it solves sum (I - d_i d_i^T) (x - c_i) = 0. "Up" is the mean of the views' up. The
-// spiral is that of Mildenhall et al., "Local Light Field Fusion", 2019.
+// Camera paths around a scene.
+//
+// The subject is the point nearest to all viewing axes: with axes c_i + s d_i it solves
+// sum (I - d_i d_i^T) (x - c_i) = 0.
+//
+// Up is the direction most perpendicular to the right vectors r_i of all views, because people hold
+// cameras level more often than upright: the minimum of sum (u . r_i)^2 - w (u . m)^2 over unit
+// vectors u, where m is the mean up vector of the views. The small weight w only decides where the
+// right vectors leave a choice, as when all views look the same way.
+//
+// An orbit covers the arc that was photographed: the full circle less its widest gap between two
+// neighbouring views, or all of it when that gap is less than a quarter. Its distance and height
+// follow the views near each angle.
+//
+// The spiral is that of Mildenhall et al., "Local Light Field Fusion", 2019.
 
 #include "cameras/camera_path.h"
 
@@ -16,7 +28,10 @@
 
 #define PI 3.14159265358979323846
 
-static const double SPIRAL_WIDTH = 0.15; // at most, of the distance to what it looks at
+static const double SPIRAL_WIDTH = 0.15;  // at most, as a share of the distance to the subject
+static const double UP_WEIGHT = 1e-3;     // w above
+static const double CIRCLE_GAP = PI / 2;  // a smaller gap counts as a full circle
+static const double ORBIT_SIGMA = PI / 9; // of the weights of neighbouring views, radians
 
 typedef struct vec {
     double x[3];
@@ -59,10 +74,11 @@ static vec center(const sgs_pose *pose)
 
 // What the views of a scene have in common.
 typedef struct view_group {
-    vec middle, up; // means; up is a unit vector
-    vec target;     // what the views look at
-    bool converge;  // the target lies in front of them
-    double spread;  // mean distance from the middle
+    vec middle;    // mean centre
+    vec up;        // unit
+    vec target;    // the subject
+    bool converge; // the subject lies in front of the views
+    double spread; // mean distance from the middle
 } view_group;
 
 // Solves the symmetric system m x = b by Cramer's rule; false when it is singular.
@@ -80,9 +96,59 @@ static bool solve(const double m[3][3], vec b, vec *x)
     return true;
 }
 
+// Unit eigenvector of the smallest eigenvalue of a symmetric matrix, by Jacobi rotations.
+static vec smallest_eigenvector(double m[3][3])
+{
+    double v[3][3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
+    for (int sweep = 0; sweep < 20; ++sweep)
+        for (int p = 0; p < 2; ++p)
+            for (int q = p + 1; q < 3; ++q) {
+                if (fabs(m[p][q]) < 1e-300)
+                    continue;
+                const double angle = 0.5 * atan2(2 * m[p][q], m[q][q] - m[p][p]);
+                const double c = cos(angle), s = sin(angle);
+                for (int k = 0; k < 3; ++k) {
+                    const double a = m[k][p], b = m[k][q];
+                    m[k][p] = c * a - s * b;
+                    m[k][q] = s * a + c * b;
+                }
+                for (int k = 0; k < 3; ++k) {
+                    const double a = m[p][k], b = m[q][k], x = v[k][p], y = v[k][q];
+                    m[p][k] = c * a - s * b;
+                    m[q][k] = s * a + c * b;
+                    v[k][p] = c * x - s * y;
+                    v[k][q] = s * x + c * y;
+                }
+            }
+    int smallest = 0;
+    for (int k = 1; k < 3; ++k)
+        if (m[k][k] < m[smallest][smallest])
+            smallest = k;
+    return unit((vec){{v[0][smallest], v[1][smallest], v[2][smallest]}});
+}
+
+static vec find_up(const sgs_scene *scene)
+{
+    const double share = 1 / (double)scene->view_count;
+    double m[3][3] = {{0}};
+    vec mean = {{0, 0, 0}};
+    for (size_t v = 0; v < scene->view_count; ++v) {
+        const vec right = axis(&scene->views[v].pose, 0);
+        mean = along(mean, axis(&scene->views[v].pose, 1), -share);
+        for (int i = 0; i < 3; ++i)
+            for (int j = 0; j < 3; ++j)
+                m[i][j] += share * right.x[i] * right.x[j];
+    }
+    for (int i = 0; i < 3; ++i)
+        for (int j = 0; j < 3; ++j)
+            m[i][j] -= UP_WEIGHT * mean.x[i] * mean.x[j];
+    const vec up = smallest_eigenvector(m);
+    return dot(up, mean) < 0 ? along((vec){{0, 0, 0}}, up, -1) : up;
+}
+
 static view_group group_views(const sgs_scene *scene)
 {
-    view_group group = {.converge = false};
+    view_group group = {.up = find_up(scene)};
     double m[3][3] = {{0}};
     vec b = {{0, 0, 0}};
     const double share = 1 / (double)scene->view_count;
@@ -90,7 +156,6 @@ static view_group group_views(const sgs_scene *scene)
         const sgs_pose *pose = &scene->views[v].pose;
         const vec c = center(pose), d = axis(pose, 2);
         group.middle = along(group.middle, c, share);
-        group.up = along(group.up, axis(pose, 1), -1);
         for (int i = 0; i < 3; ++i)
             for (int j = 0; j < 3; ++j) {
                 const double entry = ((i == j) - d.x[i] * d.x[j]) * share;
@@ -98,7 +163,6 @@ static view_group group_views(const sgs_scene *scene)
                 b.x[i] += entry * c.x[j];
             }
     }
-    group.up = unit(group.up);
     group.converge = solve((const double(*)[3])m, b, &group.target);
     double ahead = 0;
     for (size_t v = 0; v < scene->view_count; ++v) {
@@ -136,40 +200,130 @@ static void look(named_camera *camera, vec eye, vec target, vec up)
     }
 }
 
-bool camera_path_orbit(const sgs_scene *scene, int count, camera_list *list)
+// The lens of the path: that of the first view, or a pinhole of its focal length.
+static sgs_camera path_lens(const sgs_scene *scene, const path_options *options)
 {
-    if (!allocate(scene, count, list))
+    const sgs_camera *first = &scene->views[0].camera;
+    double fx, fy, cx, cy;
+    if (options->keep_lens)
+        return *first;
+    sgs_camera_intrinsics(first, &fx, &fy, &cx, &cy);
+    return (sgs_camera){SGS_CAMERA_PINHOLE,
+                        first->width,
+                        first->height,
+                        {fx, fy, 0.5 * first->width, 0.5 * first->height}};
+}
+
+// Where a view was taken: its angle around the subject, distance from the axis and height.
+typedef struct station {
+    double angle, radius, height;
+} station;
+
+// The stations of all views, sorted by angle, around the axis through the subject.
+typedef struct orbit {
+    vec subject, up, start, side; // up, start, side: orthonormal; angle 0 is along start
+    station *stations;            // [count]
+    size_t count;
+    double first, arc; // radians: where the orbit begins, and its length
+} orbit;
+
+static int compare_stations(const void *a, const void *b)
+{
+    const station *x = a, *y = b;
+    return (x->angle > y->angle) - (x->angle < y->angle);
+}
+
+// The photographed arc: the circle less the widest gap between two neighbouring views.
+static void find_arc(orbit *path)
+{
+    const station *s = path->stations;
+    double gap = s[0].angle + 2 * PI - s[path->count - 1].angle;
+    path->first = s[0].angle;
+    for (size_t v = 1; v < path->count; ++v)
+        if (s[v].angle - s[v - 1].angle > gap) {
+            gap = s[v].angle - s[v - 1].angle;
+            path->first = s[v].angle;
+        }
+    path->arc = 2 * PI - gap;
+    if (gap < CIRCLE_GAP) {
+        path->arc = 2 * PI;
+        path->first = 0; // at the first view
+    }
+}
+
+static bool orbit_find(const sgs_scene *scene, const view_group *group, orbit *path)
+{
+    const vec first = along(center(&scene->views[0].pose), group->target, -1);
+    *path = (orbit){.subject = group->target, .up = group->up, .count = scene->view_count};
+    path->start = unit(along(first, path->up, -dot(first, path->up)));
+    path->side = cross(path->up, path->start);
+    path->stations = malloc(path->count * sizeof *path->stations);
+    if (!path->stations) {
+        fail_run("%s: no memory for the stations of %zu views", scene->path, path->count);
+        return false;
+    }
+    for (size_t v = 0; v < path->count; ++v) {
+        const vec offset = along(center(&scene->views[v].pose), path->subject, -1);
+        const double x = dot(offset, path->start), y = dot(offset, path->side);
+        path->stations[v] = (station){atan2(y, x), hypot(x, y), dot(offset, path->up)};
+    }
+    qsort(path->stations, path->count, sizeof *path->stations, compare_stations);
+    find_arc(path);
+    return true;
+}
+
+// The camera centre at an angle: distance and height are means over the views, weighted by how near
+// their angles are, so that the orbit stays where photographs were taken.
+static vec orbit_eye(const orbit *path, double angle)
+{
+    double sum = 0, radius = 0, height = 0;
+    for (size_t v = 0; v < path->count; ++v) {
+        const double turn = remainder(angle - path->stations[v].angle, 2 * PI);
+        // The floor makes angles far from every view take the mean of all.
+        const double weight = exp(-0.5 * turn * turn / (ORBIT_SIGMA * ORBIT_SIGMA)) + 1e-6;
+        sum += weight;
+        radius += weight * path->stations[v].radius;
+        height += weight * path->stations[v].height;
+    }
+    const vec hub = along(path->subject, path->up, height / sum);
+    return along(along(hub, path->start, radius / sum * cos(angle)), path->side,
+                 radius / sum * sin(angle));
+}
+
+bool camera_path_orbit(const sgs_scene *scene, const path_options *options, camera_list *list)
+{
+    if (!allocate(scene, options->count, list))
         return false;
     const view_group group = group_views(scene);
+    orbit path;
     if (!group.converge) {
-        fail_run(
-            scene->view_count < 2
-                ? "%s: has one view, which looks at no certain point to orbit; use render --spiral"
-                : "%s: its views look away from each other, so there is nothing to orbit; use "
-                  "render --spiral",
-            scene->path);
+        fail_run(scene->view_count < 2
+                     ? "%s: one view does not define a point to orbit; use render --spiral"
+                     : "%s: the views do not look at a common point; use render --spiral",
+                 scene->path);
         camera_list_free(list);
         return false;
     }
-    double height = 0, radius = 0;
-    for (size_t v = 0; v < scene->view_count; ++v) {
-        const vec offset = along(center(&scene->views[v].pose), group.target, -1);
-        const double up = dot(offset, group.up);
-        height += up / (double)scene->view_count;
-        radius += sqrt(fmax(dot(offset, offset) - up * up, 0)) / (double)scene->view_count;
+    if (!orbit_find(scene, &group, &path)) {
+        camera_list_free(list);
+        return false;
     }
-    const vec first = along(center(&scene->views[0].pose), group.target, -1);
-    const vec start = unit(along(first, group.up, -dot(first, group.up))),
-              side = cross(group.up, start);
-    const vec hub = along(group.target, group.up, height);
+    if (options->arc > 0) { // centred on what was photographed
+        const double arc = options->arc * PI / 180;
+        path.first += path.arc < 2 * PI ? 0.5 * (path.arc - arc) : 0;
+        path.arc = arc;
+    }
+    const int count = options->count;
+    const bool closed = path.arc > 2 * PI - 1e-6;
+    const sgs_camera lens = path_lens(scene, options);
     for (int i = 0; i < count; ++i) {
-        const double turn = 2 * PI * i / count;
+        const double step = path.arc / (closed ? count : fmax(count - 1, 1));
         list->cameras[i].name = format_text("orbit_%05d", i);
-        list->cameras[i].camera = scene->views[0].camera;
-        look(&list->cameras[i],
-             along(along(hub, start, radius * cos(turn)), side, radius * sin(turn)), group.target,
-             group.up);
+        list->cameras[i].camera = lens;
+        look(&list->cameras[i], orbit_eye(&path, path.first + step * i), path.subject, path.up);
     }
+    list->arc = closed ? 0 : path.arc * 180 / PI;
+    free(path.stations);
     return true;
 }
 
@@ -188,8 +342,9 @@ static const sgs_pose *middle_view(const sgs_scene *scene, const view_group *gro
     return &scene->views[nearest].pose;
 }
 
-bool camera_path_spiral(const sgs_scene *scene, int count, camera_list *list)
+bool camera_path_spiral(const sgs_scene *scene, const path_options *options, camera_list *list)
 {
+    const int count = options->count;
     if (!allocate(scene, count, list))
         return false;
     const view_group group = group_views(scene);
@@ -200,12 +355,13 @@ bool camera_path_spiral(const sgs_scene *scene, int count, camera_list *list)
     const double distance = ahead > 0 ? ahead : 4 * group.spread + 1e-6;
     const double radius = fmin(0.5 * group.spread, SPIRAL_WIDTH * distance);
     const vec target = along(hub, forward, distance);
+    const sgs_camera lens = path_lens(scene, options);
     for (int i = 0; i < count; ++i) {
         const double turn = 4 * PI * i / count;
         const vec eye = along(along(along(hub, right, radius * cos(turn)), up, radius * sin(turn)),
                               forward, radius * sin(0.5 * turn));
         list->cameras[i].name = format_text("spiral_%05d", i);
-        list->cameras[i].camera = scene->views[0].camera;
+        list->cameras[i].camera = lens;
         look(&list->cameras[i], eye, target, up);
     }
     return true;

@@ -2,17 +2,23 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Camera paths made from the views of a scene, with the lens of its first view.
+// Camera paths made from the views of a scene.
 
 #include "cameras/camera_file.h"
 #include "sparegs/scene.h"
 
-// A circle of `count` cameras around the point that the views look at, at their mean distance and
-// height, names orbit_00000, ... . Fails, with a word on stderr, for views that look away from each
-// other.
-bool camera_path_orbit(const sgs_scene *scene, int count, camera_list *list);
+typedef struct path_options {
+    int count;      // cameras, >= 1
+    double arc;     // of an orbit, degrees up to 360; 0 = the arc that was photographed
+    bool keep_lens; // the lens of the first view with its distortion, instead of a pinhole of the
+                    // same focal length
+} path_options;
 
-// Two turns of a spiral around the view in the middle of all, half as wide as the views lie apart
-// and at most 0.15 of the distance of what they look at, which it looks at; names spiral_00000, ...
-// .
-bool camera_path_spiral(const sgs_scene *scene, int count, camera_list *list);
+// An orbit around the point that the views look at, at the distance and height of
+// the views near each angle, level with the up direction of the capture; names orbit_00000, ... .
+// Fails, with a message, for views that look at no common point.
+bool camera_path_orbit(const sgs_scene *scene, const path_options *options, camera_list *list);
+
+// Two turns of a spiral around the middle view, half as wide as the views lie apart and at most
+// 0.15 of the distance of the subject, which it looks at; names spiral_00000, ... .
+bool camera_path_spiral(const sgs_scene *scene, const path_options *options, camera_list *list);

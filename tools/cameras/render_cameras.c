@@ -149,9 +149,11 @@ static bool source_cameras(const camera_choice *choice, const sgs_scene *scene, 
     if (choice->file)
         return file_cameras(choice, list);
     if (choice->orbit)
-        return camera_path_orbit(scene, choice->orbit, list);
+        return camera_path_orbit(scene, &(path_options){choice->orbit, choice->arc, choice->keep_lens},
+                                 list);
     if (choice->spiral)
-        return camera_path_spiral(scene, choice->spiral, list);
+        return camera_path_spiral(scene, &(path_options){choice->spiral, 0, choice->keep_lens},
+                                  list);
     return scene_cameras(choice, scene, list);
 }
 
@@ -162,7 +164,7 @@ static void reshape(const camera_choice *choice, sgs_camera *camera)
         *camera = sgs_camera_equirectangular(sized ? choice->width : 2 * camera->height,
                                              sized ? choice->height : camera->height);
     else if (sized)
-        *camera = sgs_camera_resized(camera, choice->width, choice->height);
+        *camera = sgs_camera_reframed(camera, choice->width, choice->height);
 }
 
 static bool name_files(camera_list *list)

@@ -19,6 +19,8 @@ typedef struct camera_choice {
     sgs_split split;
     bool split_given;
     int orbit, spiral; // frames, 0 = none
+    double arc;        // of an orbit, degrees; 0 = as photographed
+    bool keep_lens;    // paths keep the distortion of the first view
     frame_range frames;
     int width, height; // 0 = the camera's own
     int projection;

@@ -32,7 +32,8 @@ typedef struct render_values {
     double deep_tolerance;
     int deep_max;
     const char *frames, *size, *film;
-    int orbit, spiral, projection, samples;
+    int orbit, spiral, projection, samples, path_lens;
+    double arc;
     double aperture, focus, fps;
 } render_values;
 
@@ -100,6 +101,23 @@ static const option render_options[] = {
      .shown = "none",
      .unit = "frames",
      .help = "two turns around the view in the middle of SCENE's"},
+    {.name = "arc",
+     .kind = OPTION_REAL,
+     .offset = AT(arc),
+     .low = 1,
+     .high = 360,
+     .argument = "DEG",
+     .shown = "the photographed arc",
+     .unit = "degrees",
+     .needs = "orbit",
+     .help = "length of the orbit, centred on the photographed arc"},
+    {.name = "path-lens",
+     .kind = OPTION_CHOICE,
+     .offset = AT(path_lens),
+     .argument = "pinhole|view",
+     .initial = "pinhole",
+     .needs = "orbit|spiral",
+     .help = "lens of the path: without distortion, or that of the first view"},
     {.name = "frames",
      .kind = OPTION_TEXT,
      .offset = AT(frames),
@@ -112,7 +130,7 @@ static const option render_options[] = {
      .argument = "WxH",
      .shown = "the view's",
      .unit = "pixels",
-     .help = "the same lens at another size (--downscale divides that of SCENE's photographs)"},
+     .help = "image size; keeps the vertical field of view and crops or extends the horizontal one"},
     {.name = "projection",
      .kind = OPTION_CHOICE,
      .offset = AT(projection),
@@ -270,6 +288,9 @@ static bool render_views(const sgs_gaussians *model, const camera_list *cameras,
     }
     progress_end();
     done = view_drawer_close(&drawer, done) && done;
+    if (done && cameras->arc > 0)
+        print_note("orbit: an arc of %.0f degrees; --arc sets another, 360 the full circle",
+                   cameras->arc);
     if (done)
         print_note("%zu view(s): %.2f s drawing, meanwhile %.2f s writing", drawer.drawn,
                    drawer.draw_seconds, drawer.write_seconds);
@@ -335,6 +356,8 @@ static int check_values(const command_line *line, const render_values *values,
                               .split_given = option_given(line, "split"),
                               .orbit = values->orbit,
                               .spiral = values->spiral,
+                              .arc = values->arc,
+                              .keep_lens = values->path_lens != 0,
                               .projection = values->projection};
     const int paths =
         (values->orbit > 0) + (values->spiral > 0) + (values->view != NULL) + choice->split_given;

@@ -121,6 +121,13 @@ bool sgsi_schedule_is_reset(const sgsi_schedule *schedule, int iteration)
            (iteration % schedule->reset_interval == 0 || iteration == schedule->first_reset);
 }
 
+// train.py of 3DGS: `iteration > opacity_reset_interval`. Its reset at that iteration follows the
+// update; a scaled run may be too short for one, and then keeps its large primitives.
+bool sgsi_schedule_prunes_large(const sgsi_schedule *schedule, int last_reset)
+{
+    return schedule->reset_interval && last_reset >= schedule->reset_interval;
+}
+
 bool sgsi_schedule_is_final_prune(const sgsi_schedule *schedule, int iteration)
 {
     return schedule->prune_interval && iteration > schedule->densify_until &&

@@ -34,6 +34,9 @@ sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, size_t train_
 bool sgsi_schedule_is_structural(const sgsi_schedule *schedule, int iteration);
 // An opacity reset follows it.
 bool sgsi_schedule_is_reset(const sgsi_schedule *schedule, int iteration);
+// Updates prune large primitives: after the first opacity reset, the early one of white backgrounds
+// aside. last_reset is the iteration of the last one made, -1 = none.
+bool sgsi_schedule_prunes_large(const sgsi_schedule *schedule, int last_reset);
 // One of the final prunes, after densification.
 bool sgsi_schedule_is_final_prune(const sgsi_schedule *schedule, int iteration);
 // Number of intervals between structural updates in the whole run: 145 for 3DGS as published. At

@@ -119,7 +119,8 @@ sgs_status sgsi_trainer_update_structure(sgs_trainer *trainer, int iteration, sg
         .gradient_threshold = gradient_threshold,
         .opacity_min = 0.005,
         .size_split = 0.01 * extent,
-        .size_max = iteration > schedule->reset_interval ? 0.1 * extent : INFINITY,
+        .size_max =
+            sgsi_schedule_prunes_large(schedule, progress->last_reset) ? 0.1 * extent : INFINITY,
         .max_count = o->max_gaussians,
         .seed = o->seed,
         .iteration = iteration,

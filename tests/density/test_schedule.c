@@ -53,6 +53,36 @@ static void published_schedule_has_144_updates_and_4_resets(void **state)
     }
 }
 
+// last_reset as the trainer keeps it: an update comes before the reset of its own iteration.
+static void size_pruning_is_published_or_without(void **state)
+{
+    (void)state;
+    for (int pipeline = 0; pipeline < SGS_PIPELINE_COUNT; ++pipeline)
+        for (int white = 0; white < 2; ++white)
+            for (int n = 7000; n <= 30000; n += 23000) {
+                sgs_train_options options = sgs_train_options_default();
+                options.iterations = n;
+                options.pipeline = (sgs_pipeline)pipeline;
+                for (int c = 0; c < 3; ++c)
+                    options.background[c] = (float)white;
+                for (int paper = 0; paper < 2; ++paper) {
+                    options.schedule = paper ? SGS_SCHEDULE_PAPER : SGS_SCHEDULE_SCALED;
+                    const sgsi_schedule schedule = sgsi_schedule_make(&options, 20);
+                    int last_reset = -1, resets = 0;
+                    for (int t = 1; t <= n; ++t) {
+                        const bool prunes = sgsi_schedule_prunes_large(&schedule, last_reset);
+                        if (paper || n == 30000)
+                            assert_int_equal(prunes, t > 3000); // train.py of 3DGS
+                        assert_true(!prunes || resets > 0);
+                        if (sgsi_schedule_is_reset(&schedule, t)) {
+                            last_reset = t;
+                            ++resets;
+                        }
+                    }
+                }
+            }
+}
+
 static void white_backgrounds_have_one_reset_more(void **state)
 {
     (void)state;
@@ -169,6 +199,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(published_schedule_has_144_updates_and_4_resets),
+        cmocka_unit_test(size_pruning_is_published_or_without),
         cmocka_unit_test(white_backgrounds_have_one_reset_more),
         cmocka_unit_test(paper_schedule_cut_short_keeps_its_milestones),
         cmocka_unit_test(scaled_schedule_keeps_its_promises_at_every_length),

@@ -339,6 +339,33 @@ static void updates_and_resets_wait_for_the_next_iteration(void **state)
     unlink(path);
 }
 
+// Share of the primitives longer than a tenth of the extent after the update of iteration 30. The
+// cloud of the scene is sparse: a fifth of it is. The reset is at 20, unless the run has none.
+static double large_share(int reset_until)
+{
+    sgs_trainer *trainer = start_busy();
+    trainer->schedule.reset_until = reset_until;
+    run(trainer, 31);
+    const sgs_gaussians *model = sgs_trainer_model(trainer);
+    double large = 0;
+    for (size_t i = 0; i < model->count; ++i) {
+        float longest = -INFINITY;
+        for (int k = 0; k < 3; ++k)
+            longest = fmaxf(longest, *sgs_gaussians_at(model, i, SGS_PARAM_SCALE + k));
+        large += exp((double)longest) > 0.1 * scene->extent;
+    }
+    const double share = large / (double)model->count;
+    sgs_trainer_destroy(trainer);
+    return share;
+}
+
+static void large_primitives_go_only_after_an_opacity_reset(void **state)
+{
+    (void)state;
+    assert_true(large_share(100) < 0.05);
+    assert_true(large_share(15) > 0.15);
+}
+
 // The loss is compared across the window before a reset, not across the one that it opens.
 static void a_reset_disturbs_the_window_behind_it(void **state)
 {
@@ -427,6 +454,7 @@ int main(void)
         cmocka_unit_test(every_pipeline_trains_resumes_and_honours_the_cap),
         cmocka_unit_test(options_out_of_range_are_named),
         cmocka_unit_test(updates_and_resets_wait_for_the_next_iteration),
+        cmocka_unit_test(large_primitives_go_only_after_an_opacity_reset),
         cmocka_unit_test(a_reset_disturbs_the_window_behind_it),
         cmocka_unit_test(a_scene_in_small_units_trains_as_well),
     };

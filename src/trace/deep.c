@@ -1,14 +1,14 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Deep samples. A hit is a point sample: what it adds to the pixel is w = T alpha times its colour,
-// T the transmittance in front of it. Neighbouring hits become one sample when the last is closer
-// to the first than the tolerance, a fraction of the distance. With T in front of the first hit and
-// the sum W of the weights, the sample has
-//     alpha = W / T,    colour = sum(w c) / T    (premultiplied),
-// which, laid over what is behind by `over`, adds and hides exactly what its hits do. So a
-// flattened file is the flat image whatever was merged. Where a pixel still has too many samples,
-// its tolerance grows until they fit.
+// Deep samples. A hit is a point sample: it adds w = T alpha times its colour to the pixel, where T
+// is the transmittance in front of it. Consecutive hits merge into one sample if the last is within
+// the tolerance, a fraction of the distance, of the first. With T in front of the first hit and W
+// the sum of the weights, the sample has
+//     alpha = W / T,    colour = sum(w c) / T    (premultiplied).
+// Composited with `over`, it adds and hides exactly what its hits do, so flattening the file gives
+// the flat image for any tolerance. If a pixel still exceeds max_samples, its tolerance grows until
+// the samples fit.
 
 #include "trace/deep.h"
 
@@ -56,8 +56,8 @@ void sgsi_deep_begin(sgsi_deep *deep, int first_row, int rows)
     memset(deep->counts, 0, (size_t)rows * (size_t)deep->width * sizeof *deep->counts);
 }
 
-// Counted hits of a lane, ascending by t: the bits of t (positive floats order like them) above the
-// place in the list.
+// Sorts the counted hits of a lane by t. A key holds the bits of t, which order like positive
+// floats, above the row index.
 static size_t sort_hits(const sgsi_block_hits *hits, int lane, uint64_t *sorted)
 {
     size_t count = 0;
@@ -85,7 +85,7 @@ static float key_distance(uint64_t key)
     return t;
 }
 
-// End of the run of hits that merge with the one at `begin`.
+// End of the run of hits that merge with the hit at `begin`.
 static size_t run_end(const uint64_t *sorted, size_t begin, size_t count, double tolerance)
 {
     const double limit = (double)key_distance(sorted[begin]) * (1 + tolerance);
@@ -120,9 +120,8 @@ static sgs_deep_sample merge(const sgsi_block_hits *hits, int lane, const uint64
             hits->projected + SGSI_PROJECTED_FLOATS * (size_t)hits->order[i] + SGSI_PROJECTED_COLOR;
         const double through = (double)hits->transmittance[16 * i + (size_t)lane];
         const double w = through * (double)hits->alpha[16 * i + (size_t)lane];
-        front = through > front
-                    ? through
-                    : front; // not always the first's: at equal distances the id decides
+        // Equal distances are ordered by id, so the largest T need not be the first hit's.
+        front = through > front ? through : front;
         weights += w;
         for (int c = 0; c < 3; ++c)
             color[c] += w * (double)shade[c];

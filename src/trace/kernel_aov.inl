@@ -1,25 +1,24 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// What a picture can tell besides its colours: distances, number of hits, normal, position, the
-// dominant primitive. A second walk over the elements of a block, after its colours were blended,
-// so that training pays nothing.
+// AOVs besides colour: distances, number of hits, normal, position, dominant primitive. Computed in
+// a second pass over the block hits after blending, so that training pays nothing.
 //
-// Every quantity is a sum or an extreme over the counted hits, which needs no order. Only the
-// median asks for the transmittance T in front of a hit: T falls along a ray, so the hit that takes
-// it to one half is the farthest one with T > 1/2, provided that the ray ends with T <= 1/2. The
-// mean of the hits' points is the point at the mean distance, for they lie on one line.
+// Every AOV is a sum or an extreme over the counted hits and needs no order. Only the median depth
+// needs the transmittance T in front of a hit: T decreases along a ray, so the hit that takes T to
+// 1/2 is the farthest one with T > 1/2 in front, if the ray ends with T <= 1/2. The mean of the hit
+// points is the point at the mean distance, because they are collinear.
 
 typedef struct block_sums {
     vf weight, depth, median, first, hits, largest, primitive;
     vf normal[3];
 } block_sums;
 
-// normals [primitive][4], or NULL; inlined once per choice.
+// normals: [primitive][4] or NULL. Inlined for each combination.
 static inline block_sums sum_block(const sgsi_scratch *s, const uint32_t *order, uint32_t count,
                                    const float *normals, bool identify)
 {
-    const block_elements el = open_elements(s);
+    const hit_rows rows = open_rows(s);
     const vf one = vf_set1(1.0f), zero = vf_zero(), half = vf_set1(0.5f),
              infinity = vf_set1(INFINITY);
     block_sums sums = {.weight = zero,
@@ -31,11 +30,11 @@ static inline block_sums sum_block(const sgsi_scratch *s, const uint32_t *order,
                        .primitive = vi_as_vf(vi_set1((int32_t)SGS_NO_PRIMITIVE)),
                        .normal = {zero, zero, zero}};
     for (uint32_t i = 0; i < count; ++i) {
-        const vf front = vf_load(el.transmittance + 16 * i), alpha = vf_load(el.alpha + 16 * i);
+        const vf front = vf_load(rows.transmittance + 16 * i), alpha = vf_load(rows.alpha + 16 * i);
         const vm counts = vf_ge(vf_mul(front, vf_sub(one, alpha)), vf_set1(TRANSMITTANCE_MIN));
         const vf w = vf_keep(counts, vf_mul(front, alpha));
         const vm counted = vf_gt(w, zero);
-        const vf t = vf_keep(counted, vf_load(el.t + 16 * i)); // NaN where there is no hit
+        const vf t = vf_keep(counted, vf_load(rows.t + 16 * i)); // NaN where there is no hit
         sums.weight = vf_add(sums.weight, w);
         sums.depth = vf_fma(w, t, sums.depth);
         sums.hits = vf_add_where(counted, sums.hits, one);
@@ -56,7 +55,7 @@ static inline block_sums sum_block(const sgsi_scratch *s, const uint32_t *order,
     return sums;
 }
 
-// Direction of the block's rays in camera axes, on the macrotile's tangent plane.
+// Directions of the block's rays in camera axes, on the macrotile's tangent plane.
 static inline vec3 block_direction(const float frame[9], const block_rays *block)
 {
     vf d[3];
@@ -85,17 +84,17 @@ static void store_position(const sgsi_tile_target *target, int b, vec3 direction
                     vf_keep(any, vf_add(point[c], vf_set1(target->aov->center[c]))));
 }
 
-static void show_block(const sgsi_scratch *s, const sgsi_tile_target *target, int b, uint32_t count,
-                       vf unit)
+static void visit_block(const sgsi_scratch *s, const sgsi_tile_target *target, int b,
+                        uint32_t count, vf unit)
 {
-    const block_elements el = open_elements(s);
+    const hit_rows rows = open_rows(s);
     sgsi_block_hits hits = {.x = target->rays->x + 4 * (b % 4),
                             .y = target->rays->y + 4 * (b / 4),
                             .valid = target->rays->valid[b],
                             .count = count,
-                            .alpha = el.alpha,
-                            .transmittance = el.transmittance,
-                            .t = el.t,
+                            .alpha = rows.alpha,
+                            .transmittance = rows.transmittance,
+                            .t = rows.t,
                             .order = s->order + (size_t)b * s->capacity,
                             .projected = s->tile_projected,
                             .transmittance_min = TRANSMITTANCE_MIN,
@@ -104,9 +103,9 @@ static void show_block(const sgsi_scratch *s, const sgsi_tile_target *target, in
     target->aov->visit(target->aov->context, &hits);
 }
 
-// Writes the planes of a block whose elements were evaluated; `end` is the transmittance left.
-static void describe_block(const sgsi_scratch *s, const sgsi_tile_target *target, int b,
-                           const block_rays *block, uint32_t count, vf end)
+// Writes the AOV planes of an evaluated block; `end`: its final transmittance.
+static void write_aovs(const sgsi_scratch *s, const sgsi_tile_target *target, int b,
+                       const block_rays *block, uint32_t count, vf end)
 {
     const sgsi_aov *aov = target->aov;
     const float *normals = aov && aov->normal[0] ? aov->normals : NULL;
@@ -137,5 +136,5 @@ static void describe_block(const sgsi_scratch *s, const sgsi_tile_target *target
     if (identify)
         store_block((float *)aov->primitive, target, b, sums.primitive);
     if (aov && aov->visit)
-        show_block(s, target, b, count, unit);
+        visit_block(s, target, b, count, unit);
 }

@@ -3,39 +3,39 @@
 
 // Blending and its gradient, sixteen pixels (a 4x4 block) at a time.
 //
-// Exact order without sorting lanes. The elements of a block come in the order of its centre ray;
-// in a lane two of them may be swapped. Blending needs the order only through the transmittance in
-// front of each hit, T_i = product of (1 - alpha_j) over the hits with t_j < t_i (equal ones by
-// |delta|, then id), so nothing is moved: the running product gives T_i where the orders agree, and
-// where an element lies in front of earlier ones in some lane (its t is below the running maximum),
-// both sides of each such pair are corrected: the T of one takes in the factor that the other
-// leaves out. That is done for four elements against four at a time, so that loads and stores are
-// shared by sixteen pairs; the few groups with an element in front of an earlier group wait until
-// all are evaluated. Elements keep their place, so colours and gradient sums stay uniform over the
-// lanes.
+// Exact order without sorting lanes. The entries of a block are sorted along its centre ray; in
+// another lane, two of them may be swapped. Blending needs the order only for the transmittance in
+// front of each hit, T_i = product of (1 - alpha_j) over the hits with t_j < t_i (ties: |delta|,
+// then id). Nothing is moved. The running product gives T_i where the orders agree. Where an entry
+// lies in front of earlier ones in some lane (its t is below the running maximum), each such pair
+// is corrected: the factor moves from the T of one to the T of the other. This is done for four
+// entries against four at a time, so that sixteen pairs share their loads and stores. The few
+// groups with an entry in front of an earlier group are corrected after all groups are evaluated.
+// Entries keep their places, so colours and gradient sums stay uniform over the lanes.
 //
-// Stop rule without order: a hit counts iff T_i (1 - alpha_i) >= 1e-4. Along a ray that product
-// only falls, so this is "stop before the first hit that would take T below 1e-4".
+// Termination without order. A hit counts iff T_i (1 - alpha_i) >= 1e-4. Along a ray this product
+// decreases, so the rule is "stop before the first hit that would take T below 1e-4".
 //
-// Backward, v = alpha dL/dalpha. With w = T alpha, q_i = w_i (c_i . dC) and behind_i = the sum of q
-// over the hits behind i plus T_end (background terms): dL/dalpha_i = q_i / alpha_i - behind_i / (1
-// - alpha_i), so
+// Backward, v = alpha dL/dalpha. Let w = T alpha, q_i = w_i (c_i . dC), and behind_i = the sum of q
+// over the hits behind i plus T_end (background terms). Then dL/dalpha_i = q_i / alpha_i - behind_i
+// / (1 - alpha_i), so
 //     v_i = q_i - behind_i alpha_i / (1 - alpha_i).
-// alpha = 2^(lo - E) gives dL/dlo ~ v, dL/d(rho^2) = -v / 2 (the 0.99 clamp passed straight
-// through, as 3DGS does; of opacities above 1 as much as the clamp leaves of alpha). Let m be the
-// vector from the mean to the ray's point of largest response in the primitive's metric: rho^2 =
-// |m|^2 and, since t maximises the response, d(rho^2)/dM = 2 m m^T M^-T and d(rho^2)/dmean = -2 M^T
-// m with t held fixed. In the frame of trace.h m = (a, b, -E / (P sqrt(h))) / sqrt(h), a = A C / G,
-// b = B C / G, h = log2(e) / 2. So the sums of v, v m and v m m^T say everything about mean,
-// scales, rotation and opacity; nothing in them cancels.
+// alpha = 2^(lo - E) gives dL/dlo ~ v and dL/d(rho^2) = -v / 2. The gradient ignores the clamp at
+// 0.99, as in 3DGS; for opacities above 1 it is scaled by the share of alpha that the clamp leaves.
+// Let m be the vector from the mean to the ray's point of largest response, in the primitive's
+// metric. Then rho^2 = |m|^2 and, because t maximises the response, d(rho^2)/dM = 2 m m^T M^-T and
+// d(rho^2)/dmean = -2 M^T m with t held fixed. In the frame of trace.h m = (a, b, -E / (P sqrt(h)))
+// / sqrt(h), a = A C / G, b = B C / G, h = log2(e) / 2. The sums of v, v m and v m m^T therefore
+// determine the gradients of mean, scales, rotation and opacity, and none of their terms cancel.
 
 #define ALPHA_MAX 0.99f
 #define TRANSMITTANCE_MIN 1e-4f
 #define NO_HIT (-127.0f)
 
 typedef struct block_rays {
-    vf u, v, near; // near: hits lie beyond this t, in units of |d|; INFINITY where there is no ray
-    vf length;     // |d|
+    // near: hits with smaller t are ignored, in units of |d|; INFINITY for lanes without a ray.
+    vf u, v, near;
+    vf length; // |d|
     vm valid;
 } block_rays;
 
@@ -52,29 +52,30 @@ static inline block_rays load_block(const sgsi_tile_rays *rays, int b, float nea
 }
 
 typedef struct response {
-    vf exponent; // log2 of alpha before the clamp; -127, whose power is 0, where there is no hit
-    vf t;        // NaN where there is no hit: neither in front of anything nor behind
+    vf exponent; // log2 of alpha before the clamp; NO_HIT, whose power is 0, without a hit
+    vf t;        // NaN without a hit: neither in front of nor behind any other
     vf a, b, e;
     vm hit;
 } response;
 
-// What a response is made of: A, B, C, A^2 + B^2 and 1 / G.
+// The terms of a response: A, B, C, A^2 + B^2 and 1 / G.
 typedef struct slopes {
     vf a, b, c, n2, inv_g;
 } slopes;
 
-static inline slopes meet(const float *r, const block_rays *block)
+static inline slopes eval_slopes(const float *r, const block_rays *block)
 {
     slopes x;
     x.a = vf_fma(block->v, vf_set1(r[2]), vf_fma(block->u, vf_set1(r[1]), vf_set1(r[0])));
     x.b = vf_fma(block->v, vf_set1(r[5]), vf_fma(block->u, vf_set1(r[4]), vf_set1(r[3])));
     x.c = vf_fma(block->v, vf_set1(r[8]), vf_fma(block->u, vf_set1(r[7]), vf_set1(r[6])));
     x.n2 = vf_fma(x.a, x.a, vf_mul(x.b, x.b));
-    x.inv_g = vf_div(vf_set1(1.0f), vf_fma(vf_set1(r[10]), x.n2, vf_mul(x.c, x.c)));
+    x.inv_g =
+        vf_div(vf_set1(1.0f), vf_fma(vf_set1(r[SGSI_PROJECTED_INV_KAPPA]), x.n2, vf_mul(x.c, x.c)));
     return x;
 }
 
-// far: hits beyond it (units of |d|) are none.
+// far: hits with larger t are ignored (units of |d|).
 static inline response respond(const float *r, const slopes *s, const block_rays *block, vf far)
 {
     const vf c_g = vf_mul(s->c, s->inv_g);
@@ -82,157 +83,157 @@ static inline response respond(const float *r, const slopes *s, const block_rays
     x.e = vf_mul(s->n2, s->inv_g);
     x.a = vf_mul(s->a, c_g);
     x.b = vf_mul(s->b, c_g);
-    const vf exponent = vf_sub(vf_set1(r[9]), x.e), t = vf_mul(vf_set1(r[11]), c_g);
+    const vf exponent = vf_sub(vf_set1(r[SGSI_PROJECTED_LOG_OPACITY]), x.e),
+             t = vf_mul(vf_set1(r[SGSI_PROJECTED_DISTANCE]), c_g);
     x.hit = vm_and(vf_ge(exponent, vf_set1(-SGSI_LOG2_255)), vf_between(t, block->near, far));
     x.exponent = vf_select(x.hit, exponent, vf_set1(NO_HIT));
     x.t = vf_select(x.hit, t, vf_set1(NAN));
     return x;
 }
 
-// The elements of a block, four to a group. One group of sentinels stands before the first: in
-// front of everything, and transparent. The last group is filled up with elements that hit nothing.
+// Rows of evaluated entries, in groups of four. A group of sentinels precedes the first one:
+// transparent and in front of everything. The last group is padded with rows without a hit.
 enum { GROUP = 4 };
 
-typedef struct block_elements {
+typedef struct hit_rows {
     float *restrict alpha, *restrict t;
-    float *restrict transmittance; // T in front of the element
-    float *restrict prefix,
-        *restrict t_before; // [group]: product and largest t of everything before the group
-    float *restrict a, *restrict b, *restrict e; // responses for the backward pass
-} block_elements;
+    float *restrict transmittance; // T in front of the entry
+    // [group]: product of 1 - alpha and largest t of all groups before it.
+    float *restrict prefix, *restrict t_before;
+    float *restrict a, *restrict b, *restrict e; // responses, backward only
+} hit_rows;
 
-static inline block_elements open_elements(const sgsi_scratch *s)
+static inline hit_rows open_rows(const sgsi_scratch *s)
 {
     const size_t lanes = 16 * GROUP;
-    return (block_elements){s->alpha + lanes,
-                            s->t + lanes,
-                            s->transmittance + lanes,
-                            s->prefix + 16,
-                            s->t_before + 16,
-                            s->a,
-                            s->b,
-                            s->e};
+    return (hit_rows){s->alpha + lanes,
+                      s->t + lanes,
+                      s->transmittance + lanes,
+                      s->prefix + 16,
+                      s->t_before + 16,
+                      s->a,
+                      s->b,
+                      s->e};
 }
 
-// 1 - alpha: one subtraction costs less than another stored row.
-static inline vf load_through(const block_elements *el, ptrdiff_t i)
+// 1 - alpha, recomputed: a subtraction is cheaper than another stored row.
+static inline vf load_through(const hit_rows *rows, ptrdiff_t i)
 {
-    return vf_sub(vf_set1(1.0f), vf_load(el->alpha + 16 * i));
+    return vf_sub(vf_set1(1.0f), vf_load(rows->alpha + 16 * i));
 }
 
-// `alpha` still is its logarithm where order_group has not been.
-static inline void put_element(const block_elements *el, ptrdiff_t i, vf alpha, vf t)
+// `alpha` holds its logarithm until order_group.
+static inline void put_row(const hit_rows *rows, ptrdiff_t i, vf alpha, vf t)
 {
-    vf_store(el->alpha + 16 * i, alpha);
-    vf_store(el->t + 16 * i, t);
+    vf_store(rows->alpha + 16 * i, alpha);
+    vf_store(rows->t + 16 * i, t);
 }
 
-static inline void put_sentinels(const block_elements *el)
+static inline void put_sentinels(const hit_rows *rows)
 {
     for (int k = -GROUP; k < 0; ++k) {
-        put_element(el, k, vf_zero(), vf_set1(-INFINITY));
-        vf_store(el->transmittance + 16 * k, vf_set1(1.0f));
+        put_row(rows, k, vf_zero(), vf_set1(-INFINITY));
+        vf_store(rows->transmittance + 16 * k, vf_set1(1.0f));
     }
-    vf_store(el->prefix - 16, vf_set1(1.0f));
-    vf_store(el->t_before - 16, vf_set1(-INFINITY));
+    vf_store(rows->prefix - 16, vf_set1(1.0f));
+    vf_store(rows->t_before - 16, vf_set1(-INFINITY));
 }
 
-// In which lanes does an element at distance t_j lie in front of element i, which comes later in
-// the list? Equal distances keep the order of the list: near to far by |delta|, then by id. What
-// has no hit (NaN) does not: it hides nothing wherever it stands.
-static inline vm in_front(const block_elements *el, vf t_j, ptrdiff_t i)
+// Mask of the lanes in which an entry at distance t_j lies in front of row i, which comes later in
+// the list. Equal distances keep the order of the list: by |delta|, then by id. False for rows
+// without a hit (NaN), which hide nothing.
+static inline vm in_front(const hit_rows *rows, vf t_j, ptrdiff_t i)
 {
-    return vf_le(t_j, vf_load(el->t + 16 * i));
+    return vf_le(t_j, vf_load(rows->t + 16 * i));
 }
 
-// T of the four elements of a group among each other.
-static inline void order_within(const block_elements *el, ptrdiff_t first, const vf through[GROUP],
+// T of the four entries of a group with respect to each other.
+static inline void order_within(const hit_rows *rows, ptrdiff_t first, const vf through[GROUP],
                                 vf front[GROUP])
 {
     for (int j = 0; j < GROUP; ++j) {
-        const vf t_j = vf_load(el->t + 16 * (first + j));
+        const vf t_j = vf_load(rows->t + 16 * (first + j));
         for (int i = j + 1; i < GROUP; ++i) {
-            const vm before = in_front(el, t_j, first + i);
+            const vm before = in_front(rows, t_j, first + i);
             front[i] = vf_mul_where(before, front[i], through[j]);
             front[j] = vf_mul_where(vm_not(before), front[j], through[i]);
         }
     }
     for (int i = 0; i < GROUP; ++i)
-        vf_store(el->transmittance + 16 * (first + i), front[i]);
+        vf_store(rows->transmittance + 16 * (first + i), front[i]);
 }
 
-// Alpha of the four elements of group g, and their T as if all groups before it were in front.
-// prefix and t_last describe everything before the group and are moved behind it. Returns whether
-// an element lies in front of one of those groups.
-// The factors of a T multiply in the order of the list, (((prefix f_j) f_j+1) ...), over the
-// elements in front and nothing else: so an element that hides nothing changes no bit wherever it
-// stands, and depth depth_bounds may leave it out.
-static inline bool order_group(const block_elements *el, uint32_t g, vf *prefix, vf *t_last)
+// Computes alpha of the four entries of group g, and their T as if all earlier groups were in
+// front. prefix and t_last describe all earlier groups and are advanced past this one. Returns
+// whether an entry lies in front of an earlier group. The factors of T are multiplied in list
+// order, (((prefix f_j) f_j+1) ...), over the entries in front only. An entry that hides nothing
+// therefore does not change a single bit wherever it is in the list, and depth bounds may omit it.
+static inline bool order_group(const hit_rows *rows, uint32_t g, vf *prefix, vf *t_last)
 {
     const ptrdiff_t first = (ptrdiff_t)g * GROUP;
     vf through[GROUP], front[GROUP];
     vf nearest = vf_set1(INFINITY), farthest = *t_last, all = *prefix;
     for (int i = 0; i < GROUP; ++i) {
-        // The exponential is taken here, four at a time, and not by respond(): the chain from the
-        // record to alpha is so long that the processor's window would hold too few of them.
-        float *const row = el->alpha + 16 * (first + i);
-        const vf t = vf_load(el->t + 16 * (first + i));
+        // The exponential is computed here for four entries, not in respond(): the dependency chain
+        // from record to alpha would be too long for out-of-order execution.
+        float *const row = rows->alpha + 16 * (first + i);
+        const vf t = vf_load(rows->t + 16 * (first + i));
         const vf alpha = vf_min(vf_exp2(vf_load(row)), vf_set1(ALPHA_MAX));
         vf_store(row, alpha);
         through[i] = vf_sub(vf_set1(1.0f), alpha);
-        nearest = vf_min(t, nearest); // the second one of NaN
+        nearest = vf_min(t, nearest); // if either is NaN, the second operand
         farthest = vf_max(t, farthest);
         all = vf_mul(all, through[i]);
         front[i] = *prefix;
     }
-    vf_store(el->prefix + 16 * g, *prefix);
-    vf_store(el->t_before + 16 * g, *t_last);
-    order_within(el, first, through, front);
+    vf_store(rows->prefix + 16 * g, *prefix);
+    vf_store(rows->t_before + 16 * g, *t_last);
+    order_within(rows, first, through, front);
     const bool swapped = vm_any(vf_lt(nearest, *t_last)) != 0;
     *prefix = all;
     *t_last = farthest;
     return swapped;
 }
 
-// Orders group g and notes it if it waits for order_back: without a branch, see evaluate_block.
-static inline void order_next(sgsi_scratch *s, const block_elements *el, uint32_t g, vf *prefix,
+// Orders group g and records it if order_back must correct it. Branch-free, see evaluate_block.
+static inline void order_next(sgsi_scratch *s, const hit_rows *rows, uint32_t g, vf *prefix,
                               vf *t_last)
 {
     s->swapped[s->swapped_count].group = g;
-    s->swapped_count += order_group(el, g, prefix, t_last);
+    s->swapped_count += order_group(rows, g, prefix, t_last);
 }
 
-// The correction of T for group g and for the groups before it that are not all in front. Returns
-// how many these are.
-static inline uint32_t order_back(const block_elements *el, uint32_t g)
+// Corrects T of group g and of the earlier groups that are not entirely in front of it. Returns the
+// number of these.
+static inline uint32_t order_back(const hit_rows *rows, uint32_t g)
 {
     const ptrdiff_t first = (ptrdiff_t)g * GROUP;
     vf through[GROUP], front[GROUP], nearest = vf_set1(INFINITY);
     for (int i = 0; i < GROUP; ++i) {
-        through[i] = load_through(el, first + i);
-        nearest = vf_min(vf_load(el->t + 16 * (first + i)), nearest);
+        through[i] = load_through(rows, first + i);
+        nearest = vf_min(vf_load(rows->t + 16 * (first + i)), nearest);
     }
     ptrdiff_t back = g;
-    while (back >= 0 && vm_any(vf_lt(nearest, vf_load(el->t_before + 16 * back))))
+    while (back >= 0 && vm_any(vf_lt(nearest, vf_load(rows->t_before + 16 * back))))
         --back;
     for (int i = 0; i < GROUP; ++i)
-        front[i] = vf_load(el->prefix + 16 * back);
+        front[i] = vf_load(rows->prefix + 16 * back);
     for (ptrdiff_t at = back * GROUP; at < first; ++at) {
-        const vf t_j = vf_load(el->t + 16 * at), through_j = load_through(el, at);
-        vf front_j = vf_load(el->transmittance + 16 * at);
+        const vf t_j = vf_load(rows->t + 16 * at), through_j = load_through(rows, at);
+        vf front_j = vf_load(rows->transmittance + 16 * at);
         for (int i = 0; i < GROUP; ++i) {
-            const vm before = in_front(el, t_j, first + i);
+            const vm before = in_front(rows, t_j, first + i);
             front[i] = vf_mul_where(before, front[i], through_j);
             front_j = vf_mul_where(vm_not(before), front_j, through[i]);
         }
-        vf_store(el->transmittance + 16 * at, front_j);
+        vf_store(rows->transmittance + 16 * at, front_j);
     }
-    order_within(el, first, through, front);
+    order_within(rows, first, through, front);
     return (uint32_t)(g - back);
 }
 
-// Drops from order[begin..count) what cannot lie in front of distance `stop` (units of |d|) in this
-// block. Returns the new count. Not inline: the loop that evaluates wants its registers.
+// Removes from order[begin..count) the entries that cannot hit this block in front of distance
+// `stop` (units of |d|). Returns the new count. Not inline, to leave the caller its registers.
 static __attribute__((noinline)) uint32_t drop_hidden(const float *projected,
                                                       const sgsi_tile_rays *rays, int b, float stop,
                                                       uint32_t *order, uint32_t begin,
@@ -247,7 +248,10 @@ static __attribute__((noinline)) uint32_t drop_hidden(const float *projected,
         const float c_max =
             r[6] + r[7] * u + r[8] * v + fabsf(r[7]) * half_u + fabsf(r[8]) * half_v;
         order[kept] = index;
-        kept += !(r[11] > stop * 1.0001f * c_max * (1.0f + r[15] * r[15] * r[10]));
+        kept += !(r[SGSI_PROJECTED_DISTANCE] >
+                  stop * 1.0001f * c_max *
+                      (1.0f + r[SGSI_PROJECTED_REACH] * r[SGSI_PROJECTED_REACH] *
+                                  r[SGSI_PROJECTED_INV_KAPPA]));
     }
     return kept;
 }
@@ -264,55 +268,55 @@ static inline float largest_lane(vf x)
 
 enum { CHUNK = 32 };
 
-// Evaluates the elements of a block in its order: alpha, t and T of each, and which groups are not
-// in the order of the list; drops those that hit no pixel. Returns the number kept. Where the
-// product of a lane falls below the least T, the elements so far have made it opaque at the
-// farthest of their distances: hits beyond count for nothing and hide nothing that counts, so they
-// are none. Once all lanes are, what lies behind the last of them in the whole block is not even
-// evaluated. The lists of the backward pass were chosen already (`may_drop`).
+// Evaluates the entries of a block in order: alpha, t and T of each, and the groups that are out of
+// order. Removes entries that hit no pixel and returns the number kept. Once the product of a lane
+// falls below the minimum T, the entries so far have made it opaque at the largest of their
+// distances. Hits beyond it neither count nor hide a counted hit, so they are ignored. Once all
+// lanes are opaque, entries behind the last of these distances are not evaluated. The lists of the
+// backward pass are final (`may_drop` is false).
 //
-// Nothing here branches on what is hit or on what is swapped, but at the end of a chunk: the
-// processor would depth_bound wrong, and lose all it has begun of the elements behind.
+// Branches do not depend on hits or on swaps, except at the end of a chunk: mispredictions would
+// discard the work already started on later entries.
 static inline uint32_t evaluate_block(sgsi_scratch *s, const sgsi_tile_rays *rays, int b,
                                       const block_rays *block, uint32_t *restrict order,
                                       uint32_t count, bool may_drop, bool keep_responses,
                                       uint64_t *evaluations)
 {
-    const block_elements el = open_elements(s);
+    const hit_rows rows = open_rows(s);
     const float *restrict projected = s->tile_projected;
-    const block_rays lanes = *block; // a copy that no store can change stays in registers
+    const block_rays lanes = *block; // stays in registers: no store can alias it
     const vf open = vf_set1(INFINITY);
     vf prefix = vf_set1(1.0f), t_last = vf_set1(-INFINITY), far = open;
     uint32_t kept = 0, ordered = 0, i = 0;
     s->swapped_count = 0;
-    put_sentinels(&el);
+    put_sentinels(&rows);
     while (i < count) {
         const uint32_t end = count - i < CHUNK ? count : i + CHUNK;
-        // An element's slopes are on the way while the response of the one before is made: the
-        // chain from the record to the response is too long for the processor to look beyond it.
+        // The slopes of the next entry are computed while this one's response completes: the chain
+        // from record to response is too long for out-of-order execution to overlap them.
         const float *r = projected + 16 * (size_t)order[i];
-        slopes met = meet(r, &lanes);
+        slopes current = eval_slopes(r, &lanes);
         for (; i < end; ++i) {
             const uint32_t index = order[i];
             const float *next = projected + 16 * (size_t)order[i + 1 < end ? i + 1 : i];
-            const slopes meets = meet(next, &lanes);
-            const response x = respond(r, &met, &lanes, far);
-            put_element(&el, kept, x.exponent, x.t);
+            const slopes next_slopes = eval_slopes(next, &lanes);
+            const response x = respond(r, &current, &lanes, far);
+            put_row(&rows, kept, x.exponent, x.t);
             if (keep_responses) {
-                vf_store(el.a + 16 * kept, x.a);
-                vf_store(el.b + 16 * kept, x.b);
-                vf_store(el.e + 16 * kept, x.e);
+                vf_store(rows.a + 16 * kept, x.a);
+                vf_store(rows.b + 16 * kept, x.b);
+                vf_store(rows.e + 16 * kept, x.e);
             }
             order[kept] = index;
-            kept += !may_drop || vm_any(x.hit); // lists of the backward pass hold what is hit
+            kept += !may_drop || vm_any(x.hit); // backward lists contain hits only
             r = next;
-            met = meets;
+            current = next_slopes;
         }
         for (; ordered + GROUP <= kept; ordered += GROUP)
-            order_next(s, &el, ordered / GROUP, &prefix, &t_last);
-        const vm closes = vm_and(vf_lt(prefix, vf_set1(TRANSMITTANCE_MIN)), vf_ge(far, open));
-        if (vm_any(closes)) {
-            far = vf_select(closes, t_last, far);
+            order_next(s, &rows, ordered / GROUP, &prefix, &t_last);
+        const vm saturated = vm_and(vf_lt(prefix, vf_set1(TRANSMITTANCE_MIN)), vf_ge(far, open));
+        if (vm_any(saturated)) {
+            far = vf_select(saturated, t_last, far);
             if (may_drop && !vm_any(vm_and(block->valid, vf_ge(far, open))))
                 count = drop_hidden(projected, rays, b, largest_lane(vf_keep(block->valid, far)),
                                     order, i, count);
@@ -320,11 +324,11 @@ static inline uint32_t evaluate_block(sgsi_scratch *s, const sgsi_tile_rays *ray
     }
     if (ordered < kept) {
         for (uint32_t k = kept; k < ordered + GROUP; ++k)
-            put_element(&el, k, vf_set1(NO_HIT), vf_set1(NAN));
-        order_next(s, &el, ordered / GROUP, &prefix, &t_last);
+            put_row(&rows, k, vf_set1(NO_HIT), vf_set1(NAN));
+        order_next(s, &rows, ordered / GROUP, &prefix, &t_last);
     }
     for (uint32_t k = 0; k < s->swapped_count; ++k)
-        s->swapped[k].back = order_back(&el, s->swapped[k].group);
+        s->swapped[k].back = order_back(&rows, s->swapped[k].group);
     *evaluations += count;
     return kept;
 }
@@ -366,24 +370,24 @@ static inline vf load_block_plane(const float *plane, const sgsi_tile_target *ta
 }
 
 typedef struct blended {
-    vf color[3], transmittance,
-        stop; // stop: distance of the hit that ended the ray, in units of |d|
+    // stop: distance of the hit that ended the ray, in units of |d|.
+    vf color[3], transmittance, stop;
 } blended;
 
-// `counted` receives the number of elements that count in some lane, moved to the front of `order`;
-// NULL leaves it alone. Not inline: its sums stay in registers.
+// If not NULL, `counted` receives the number of block hits that count in some lane, and `order` is
+// compacted to them. Not inline, to keep the sums in registers.
 static __attribute__((noinline)) blended
 blend_block(const sgsi_scratch *s, uint32_t *restrict order, uint32_t count, uint32_t *counted)
 {
-    const block_elements el = open_elements(s);
+    const hit_rows rows = open_rows(s);
     const vf one = vf_set1(1.0f), zero = vf_zero();
     blended out = {.color = {zero, zero, zero}, .transmittance = one, .stop = vf_set1(INFINITY)};
     uint32_t kept = 0;
     for (uint32_t i = 0; i < count; ++i) {
         const uint32_t index = order[i];
         const float *r = s->tile_projected + 16 * (size_t)index + SGSI_PROJECTED_COLOR;
-        const vf alpha = vf_load(el.alpha + 16 * i), t = vf_load(el.t + 16 * i);
-        const vf front = vf_load(el.transmittance + 16 * i), through = vf_sub(one, alpha);
+        const vf alpha = vf_load(rows.alpha + 16 * i), t = vf_load(rows.t + 16 * i);
+        const vf front = vf_load(rows.transmittance + 16 * i), through = vf_sub(one, alpha);
         const vf back = vf_mul(front, through);
         const vm counts = vf_ge(back, vf_set1(TRANSMITTANCE_MIN));
         const vf w = vf_keep(counts, vf_mul(front, alpha));
@@ -408,8 +412,8 @@ blend_block(const sgsi_scratch *s, uint32_t *restrict order, uint32_t count, uin
 static void tile_forward(sgsi_scratch *s, sgsi_tile_target *target)
 {
     const sgsi_tile_rays *rays = target->rays;
-    const bool described = target->depth_mean || target->depth_median || target->depth_first ||
-                           target->hits || target->aov;
+    const bool has_aovs = target->depth_mean || target->depth_median || target->depth_first ||
+                          target->hits || target->aov;
     float stop = 0.0f;
     for (int b = 0; b < SGSI_BLOCKS; ++b) {
         const block_rays block = load_block(rays, b, target->near_distance);
@@ -419,12 +423,12 @@ static void tile_forward(sgsi_scratch *s, sgsi_tile_target *target)
         s->entry_count[b] = kept;
         if (rays->x + 4 * (b % 4) >= target->width || rays->y + 4 * (b / 4) >= target->height)
             continue;
-        const blended out = blend_block(s, order, kept, described ? NULL : &s->entry_count[b]);
+        const blended out = blend_block(s, order, kept, has_aovs ? NULL : &s->entry_count[b]);
         for (int c = 0; c < 3; ++c)
             store_block(target->color[c], target, b, out.color[c]);
         store_block(target->transmittance, target, b, out.transmittance);
-        if (described)
-            describe_block(s, target, b, &block, kept, out.transmittance);
+        if (has_aovs)
+            write_aovs(s, target, b, &block, kept, out.transmittance);
         const float block_stop =
             largest_lane(vf_select(block.valid, vf_mul(out.stop, block.length), vf_zero()));
         stop = block_stop > stop ? block_stop : stop;
@@ -432,16 +436,16 @@ static void tile_forward(sgsi_scratch *s, sgsi_tile_target *target)
     target->stop_distance = stop;
 }
 
-// A pair that a lane swaps trades places in `behind`: of the elements of a group among each other.
-static inline void order_behind_within(const block_elements *el, ptrdiff_t first, const vf q[GROUP],
+// Corrects `behind` for swapped pairs within a group.
+static inline void order_behind_within(const hit_rows *rows, ptrdiff_t first, const vf q[GROUP],
                                        float *restrict behind)
 {
     const vf zero = vf_zero();
     vf gained[GROUP] = {zero, zero, zero, zero};
     for (int j = 0; j < GROUP; ++j) {
-        const vf t_j = vf_load(el->t + 16 * (first + j));
+        const vf t_j = vf_load(rows->t + 16 * (first + j));
         for (int i = j + 1; i < GROUP; ++i) {
-            const vm swapped = vm_not(in_front(el, t_j, first + i));
+            const vm swapped = vm_not(in_front(rows, t_j, first + i));
             gained[i] = vf_add_where(swapped, gained[i], q[j]);
             gained[j] = vf_sub_where(swapped, gained[j], q[i]);
         }
@@ -450,8 +454,8 @@ static inline void order_behind_within(const block_elements *el, ptrdiff_t first
         vf_store(behind + 16 * (first + i), gained[i]);
 }
 
-// The same of a group and the `back` groups before it.
-static inline void order_behind_back(const block_elements *el, const float *restrict q,
+// Corrects `behind` for swapped pairs of a group and the `back` groups before it.
+static inline void order_behind_back(const hit_rows *rows, const float *restrict q,
                                      float *restrict behind, ptrdiff_t g, ptrdiff_t back)
 {
     const ptrdiff_t first = g * GROUP;
@@ -461,10 +465,10 @@ static inline void order_behind_back(const block_elements *el, const float *rest
         gained[i] = vf_load(behind + 16 * (first + i));
     }
     for (ptrdiff_t at = first - back * GROUP; at < first; ++at) {
-        const vf t_j = vf_load(el->t + 16 * at), q_j = vf_load(q + 16 * at);
+        const vf t_j = vf_load(rows->t + 16 * at), q_j = vf_load(q + 16 * at);
         vf lost = vf_load(behind + 16 * at);
         for (int i = 0; i < GROUP; ++i) {
-            const vm swapped = vm_not(in_front(el, t_j, first + i));
+            const vm swapped = vm_not(in_front(rows, t_j, first + i));
             gained[i] = vf_add_where(swapped, gained[i], q_j);
             lost = vf_sub_where(swapped, lost, q_i[i]);
         }
@@ -478,9 +482,9 @@ typedef struct block_gradient {
     vf color[3], transmittance; // dL/dC, dL/dT of the block's pixels
 } block_gradient;
 
-// Weights (over `transmittance`), alpha / (1 - alpha) of what counts (over `alpha`), q and the
-// corrections of `behind`. Returns the transmittance at the end.
-static inline vf weigh_block(const sgsi_scratch *s, const block_elements *el, const uint32_t *order,
+// Replaces `transmittance` by the weights and `alpha` by alpha / (1 - alpha) of counted hits, and
+// computes q and the corrections of `behind`. Returns the final transmittance.
+static inline vf weigh_block(const sgsi_scratch *s, const hit_rows *rows, const uint32_t *order,
                              uint32_t count, const block_gradient *d)
 {
     float *restrict q = s->q + 16 * GROUP, *restrict behind = s->behind + 16 * GROUP;
@@ -489,10 +493,10 @@ static inline vf weigh_block(const sgsi_scratch *s, const block_elements *el, co
     for (uint32_t first = 0; first < count; first += GROUP) {
         vf q_i[GROUP];
         for (uint32_t k = 0; k < GROUP; ++k) {
-            const uint32_t i = first + k; // the last group is filled up with what hits nothing
+            const uint32_t i = first + k; // the last group is padded with rows without a hit
             const float *r = projected + 16 * (size_t)order[i < count ? i : first];
-            const vf front = vf_load(el->transmittance + 16 * i);
-            const vf alpha = vf_load(el->alpha + 16 * i), through = vf_sub(vf_set1(1.0f), alpha);
+            const vf front = vf_load(rows->transmittance + 16 * i);
+            const vf alpha = vf_load(rows->alpha + 16 * i), through = vf_sub(vf_set1(1.0f), alpha);
             const vm counts = vf_ge(vf_mul(front, through), vf_set1(TRANSMITTANCE_MIN));
             const vf w = vf_keep(counts, vf_mul(front, alpha));
             const float *color = r + SGSI_PROJECTED_COLOR;
@@ -500,24 +504,24 @@ static inline vf weigh_block(const sgsi_scratch *s, const block_elements *el, co
             q_i[k] = vf_mul(w, vf_fma(vf_set1(color[0]), d->color[0],
                                       vf_fma(vf_set1(color[1]), d->color[1],
                                              vf_mul(vf_set1(color[2]), d->color[2]))));
-            vf_store(el->transmittance + 16 * i, w);
-            vf_store(el->alpha + 16 * i, vf_keep(counts, vf_div(alpha, through)));
+            vf_store(rows->transmittance + 16 * i, w);
+            vf_store(rows->alpha + 16 * i, vf_keep(counts, vf_div(alpha, through)));
             vf_store(q + 16 * i, q_i[k]);
         }
-        order_behind_within(el, first, q_i, behind);
+        order_behind_within(rows, first, q_i, behind);
     }
     for (int k = -GROUP; k < 0; ++k) {
         vf_store(q + 16 * k, vf_zero());
         vf_store(behind + 16 * k, vf_zero());
     }
     for (uint32_t k = 0; k < s->swapped_count; ++k)
-        order_behind_back(el, q, behind, s->swapped[k].group, s->swapped[k].back);
+        order_behind_back(rows, q, behind, s->swapped[k].group, s->swapped[k].back);
     return end;
 }
 
 // The gradient with respect to the projected centre is proportional to v (a A + b B - E C), x and y
-// in camera axes (kernel_optimize.inl: transverse). The record of the element has A, B, C in the
-// frame of the macrotile.
+// in camera axes (kernel_optimize.inl: transverse). The record r has A, B, C in the frame of the
+// macrotile.
 static inline void abs_grad_sums(const float *r, const float frame[9], vf v, vf a, vf b, vf e,
                                  vh sums[16])
 {
@@ -533,15 +537,15 @@ static inline void abs_grad_sums(const float *r, const float frame[9], vf v, vf 
             vf_fma(along[1], vf_set1(frame[3 + axis]), vf_mul(along[0], vf_set1(frame[axis]))))));
 }
 
-// The sums of an element but for those of absolute values, the lower half of the lanes and the
-// upper one added. `at`: where its lanes begin; v: of either half.
-static inline void element_sums(const block_elements *el, size_t at, const vh v[2],
-                                const vh d_color[3][2], vh sums[16])
+// The sums of a block hit except the absolute ones, folded from 16 to 8 lanes. `at`: first lane of
+// its row; v: lower and upper half.
+static inline void hit_sums(const hit_rows *rows, size_t at, const vh v[2], const vh d_color[3][2],
+                            vh sums[16])
 {
-    const vh w0 = vh_load(el->transmittance + at), w1 = vh_load(el->transmittance + at + 8);
-    const vh a0 = vh_load(el->a + at), a1 = vh_load(el->a + at + 8);
-    const vh b0 = vh_load(el->b + at), b1 = vh_load(el->b + at + 8);
-    const vh e0 = vh_load(el->e + at), e1 = vh_load(el->e + at + 8);
+    const vh w0 = vh_load(rows->transmittance + at), w1 = vh_load(rows->transmittance + at + 8);
+    const vh a0 = vh_load(rows->a + at), a1 = vh_load(rows->a + at + 8);
+    const vh b0 = vh_load(rows->b + at), b1 = vh_load(rows->b + at + 8);
+    const vh e0 = vh_load(rows->e + at), e1 = vh_load(rows->e + at + 8);
     const vh va0 = vh_mul(v[0], a0), va1 = vh_mul(v[1], a1);
     const vh vb0 = vh_mul(v[0], b0), vb1 = vh_mul(v[1], b1);
     const vh ve0 = vh_mul(v[0], e0), ve1 = vh_mul(v[1], e1);
@@ -571,13 +575,13 @@ static inline __attribute__((always_inline)) void backward_block(sgsi_scratch *s
         return;
     const block_rays block = load_block(target->rays, b, target->near_distance);
     evaluate_block(s, target->rays, b, &block, order, count, false, true, &target->evaluations);
-    const block_elements el = open_elements(s);
+    const hit_rows rows = open_rows(s);
     block_gradient d;
     for (int c = 0; c < 3; ++c)
         d.color[c] = load_block_plane(target->d_color[c], target, b);
     d.transmittance = load_block_plane(target->d_transmittance, target, b);
-    const vf end = vf_mul(weigh_block(s, &el, order, count, &d), d.transmittance);
-    vh d_color[3][2], run[2]; // run: what lies behind the element, of either half
+    const vf end = vf_mul(weigh_block(s, &rows, order, count, &d), d.transmittance);
+    vh d_color[3][2], run[2]; // run: sum of what lies behind, per half
     for (int c = 0; c < 3; ++c)
         vf_halves(d.color[c], d_color[c]);
     vf_halves(end, run);
@@ -589,13 +593,13 @@ static inline __attribute__((always_inline)) void backward_block(sgsi_scratch *s
         for (size_t half = 0; half < 2; ++half) {
             const vh q_i = vh_load(q + at + 8 * half);
             const vh hidden = vh_add(run[half], vh_load(behind + at + 8 * half));
-            v[half] = vh_fnma(hidden, vh_load(el.alpha + at + 8 * half), q_i);
+            v[half] = vh_fnma(hidden, vh_load(rows.alpha + at + 8 * half), q_i);
             run[half] = vh_add(run[half], q_i);
         }
-        element_sums(&el, at, v, d_color, sums);
+        hit_sums(&rows, at, v, d_color, sums);
         if (abs_grad)
             abs_grad_sums(s->tile_projected + row, target->rays->frame, vf_join(v),
-                          vf_load(el.a + at), vf_load(el.b + at), vf_load(el.e + at), sums);
+                          vf_load(rows.a + at), vf_load(rows.b + at), vf_load(rows.e + at), sums);
         vh_add_sums(s->sums + row, sums);
     }
 }
@@ -609,7 +613,7 @@ static void load_tile_projected(sgsi_scratch *s, const sgsi_tile_list *list,
         for (size_t k = i + 16; k < i + 32 && k < list->count; ++k)
             __builtin_prefetch(target->projected + (size_t)list->ids[k] * SGSI_PROJECTED_FLOATS);
         frame_rows(target->projected, list->ids + i, list->count - i, &frame, r);
-        r[15] = vf_zero();
+        r[SGSI_PROJECTED_REACH] = vf_zero();
         vf_transpose16(r);
         for (size_t k = 0; k < 16; ++k)
             vf_store(s->tile_projected + 16 * (i + k), r[k]);

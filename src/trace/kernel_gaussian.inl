@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Sixteen Gaussians seen by a view: activations, filtered scales, the frame of trace.h. Shared by
-// the projection and by the chain rule, so that both see the same numbers.
+// Sixteen Gaussians in a view: activations, filtered scales and the frame of trace.h. Shared by
+// projection and chain rule, so that both use the same numbers.
 
 typedef struct vec3 {
     vf x, y, z;
@@ -41,16 +41,16 @@ typedef struct gaussian16 {
     vec3 delta_world; // mean - camera centre
     vec3 delta;       // the same in camera axes
     vf distance;      // |delta|
-    vf depth;         // z of delta, or |delta| for fisheye lenses: what the filter grows with
+    vf depth;         // z of delta, or |delta| for fisheye lenses; scales the pixel filter
     vf quaternion[4]; // unit
     vf inv_norm;      // 1 / |stored quaternion|, 0 for a zero quaternion
     vec3 axis[3];     // columns of the rotation, camera axes
     vec3 scale;       // s
     vec3 body;        // sqrt(s^2 + f3^2) with the mip filter, else s
-    vec3 filtered;    // s': body widened by the pixel filter
+    vec3 filtered;    // s': body dilated by the pixel filter
     vec3 inv_filtered;
     vf opacity;        // as traced
-    vf opacity_stored; // of the parameter; the same but for the mip filter
+    vf opacity_stored; // of the parameter; differs with the mip filter only
     vec3 q1, q2, q3;   // rows of the rotation that puts M delta on the third axis
     vf p;              // P = |M delta|
 } gaussian16;
@@ -89,10 +89,10 @@ static inline void swap_where(vm m, vf *a, vf *b)
     *b = vf_select(m, old, *b);
 }
 
-// q1, q2 orthogonal to the unit vector q3 (Duff et al., "Building an Orthonormal Basis, Revisited",
-// 2017), with the largest component of q3 in the part of z: then the components of q1 and q2 along
-// it are those of q3 across it, without cancellation. A thin disc multiplies them by the inverse of
-// its thickness.
+// q1 and q2 orthogonal to the unit vector q3 (Duff et al., "Building an Orthonormal Basis,
+// Revisited", 2017). The largest component of q3 takes the role of z. The components of q1 and q2
+// along it are then those of q3 across it, without cancellation; a thin disc multiplies them by the
+// inverse of its thickness.
 static inline void complete_basis(gaussian16 *g)
 {
     vec3 n = g->q3;
@@ -123,7 +123,7 @@ static inline vf widen1(vf scale, vf variance)
     return vf_sqrt(vf_fma(scale, scale, variance));
 }
 
-// The line of sight to the mean in the primitive's axes.
+// Unit vector towards the mean, in the primitive's axes.
 static inline vec3 sight(const gaussian16 *g)
 {
     const vf inv_distance = vf_div(vf_set1(1.0f), g->distance);
@@ -132,9 +132,9 @@ static inline vec3 sight(const gaussian16 *g)
                   vf_mul(dot3(g->axis[2], g->delta), inv_distance)};
 }
 
-// Mip-Splatting's factors on the opacity: the 3D filter's, product of s / body, and the pixel
-// filter's, the ratio of the marginals across the line of sight a: with D(v) = v_x v_y v_z sum of
-// a_k^2 / v_k, sqrt(D(body^2) / D(filtered^2)).
+// Mip-Splatting's opacity factors. 3D filter: product of s / body. Pixel filter: ratio of the
+// marginals across the line of sight a, sqrt(D(body^2) / D(filtered^2)) with D(v) = v_x v_y v_z
+// (sum of a_k^2 / v_k).
 static inline vf mip_factor(const gaussian16 *g)
 {
     const vec3 a = sight(g), kept = divide3(g->scale, g->filtered);
@@ -143,7 +143,7 @@ static inline vf mip_factor(const gaussian16 *g)
     return vf_mul(vf_mul(kept.x, vf_mul(kept.y, kept.z)), vf_sqrt(ratio));
 }
 
-// p: the parameters of block number `block` of 16 (model layout).
+// Loads block number `block` of 16 primitives; p: its parameters (model layout).
 static inline void load_gaussian(const float *p, size_t block, const sgsi_view *view, gaussian16 *g)
 {
     g->delta_world = (vec3){vf_sub(vf_load(p), vf_set1(view->center[0])),
@@ -165,7 +165,7 @@ static inline void load_gaussian(const float *p, size_t block, const sgsi_view *
                          widen1(g->scale.z, variance)};
     }
     g->filtered = (vec3){widen1(g->body.x, eps2), widen1(g->body.y, eps2), widen1(g->body.z, eps2)};
-    const vf flat = vf_mul(g->distance, vf_set1(1e-15f)); // P^2 stays finite
+    const vf flat = vf_mul(g->distance, vf_set1(1e-15f)); // keeps P^2 finite
     g->filtered = (vec3){vf_max(g->filtered.x, flat), vf_max(g->filtered.y, flat),
                          vf_max(g->filtered.z, flat)};
     const vf one = vf_set1(1.0f);
@@ -184,7 +184,7 @@ static inline void load_gaussian(const float *p, size_t block, const sgsi_view *
     complete_basis(g);
 }
 
-// Row q of the frame applied to M: sum over k of q_k / s'_k axis_k, times `factor`.
+// Row q of the frame times M, times `factor`: sum over k of q_k / s'_k axis_k.
 static inline vec3 frame_row(const gaussian16 *g, vec3 q, vf factor)
 {
     const vf x = vf_mul(vf_mul(q.x, g->inv_filtered.x), factor),

@@ -1,13 +1,13 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Parameters -> what one view needs: a record per primitive, dilated bounds for the BVH, and 3DGS's
-// visibility statistics (projected radius: 3 standard deviations of the covariance of Kerbl et al.
-// 2023, equation 5).
+// Projection: parameters -> projected records, dilated bounds for the BVH, and 3DGS's visibility
+// statistics (projected radius: 3 standard deviations of the covariance of Kerbl et al. 2023,
+// equation 5).
 
-// Lanes whose shape can be traced: no parameter is NaN or infinite (x * 0 tells), the mean is
-// within reach of single precision. A box that is not finite would take whole subtrees with it at
-// the next refit.
+// Mask of the lanes that can be traced: no parameter is NaN or infinite (x * 0 is then not 0), and
+// the mean is within the range of single precision. A box that is not finite would corrupt whole
+// subtrees at the next refit.
 static inline vm sane_shapes(const float *p, const gaussian16 *g)
 {
     vf zeros = vf_zero();
@@ -16,13 +16,13 @@ static inline vm sane_shapes(const float *p, const gaussian16 *g)
     return vm_and(vf_ge(zeros, vf_zero()), vf_lt(g->distance, vf_set1(1e15f)));
 }
 
-// Embree leaves out boxes that reach beyond 1.8e18.
+// Embree ignores boxes that extend beyond 1.8e18.
 static inline vf within_embree(vf x)
 {
     return vf_clamp(x, vf_set1(-1e18f), vf_set1(1e18f));
 }
 
-// Writes 16 bounds; `half` are the half extents along the world axes.
+// Writes 16 bounds; `half`: half extents along the world axes.
 static inline void store_bounds(sgsi_bounds *bounds, vec3 mean, vec3 half)
 {
     vf rows[16];
@@ -54,8 +54,8 @@ static inline void project_bounds(const sgsi_project *input, size_t block, const
     const vec3 w0 = rotate3_back(view->rotation, e0), w1 = rotate3_back(view->rotation, e1);
     const vec3 w2 = rotate3_back(view->rotation, e2);
     const vf longest = vf_max(g->filtered.x, vf_max(g->filtered.y, g->filtered.z));
-    // A cone ray misses the axis by at most its distance times the tangent. The rest is room for
-    // rounding: of the box tests (relative to the distance) and of the coordinates themselves.
+    // A cone ray deviates from its axis by at most its distance times the tangent. The rest of the
+    // padding covers rounding: of the box tests (relative to the distance) and of the coordinates.
     const vf magnitude =
         vf_add(vf_max(vf_abs(mean.x), vf_max(vf_abs(mean.y), vf_abs(mean.z))), g->distance);
     const vf pad =
@@ -71,8 +71,8 @@ static inline void project_bounds(const sgsi_project *input, size_t block, const
     store_bounds(input->bounds + 16 * block, place, half);
 }
 
-// 3DGS's radius: 3 sqrt(lambda_max) of the projected covariance + 0.3 px^2 (0.1 with the mip
-// filter), rounded up; 0 where the primitive does not count as visible.
+// Projected radius of 3DGS: 3 sqrt(lambda_max) of the projected covariance + 0.3 px^2 (0.1 with the
+// mip filter), rounded up; 0 if not visible.
 static inline vf projected_radius(const sgsi_view *view, const gaussian16 *g, vm in_cone)
 {
     const sgsi_rays *rays = view->rays;
@@ -109,7 +109,7 @@ static inline vf projected_radius(const sgsi_view *view, const gaussian16 *g, vm
     const vf exact = vf_mul(vf_set1(3.0f), vf_sqrt(vf_min(lambda, vf_set1(1e12f))));
     vf radius = vi_to_vf(vf_to_vi(exact));
     radius = vf_select(vf_lt(radius, exact), vf_add(radius, one), radius); // ceil
-    // The square around the centre covers at least one 16x16 tile of the image. Pixel centres are
+    // The square around the centre must overlap a 16x16 tile of the image. Pixel centres are
     // integers here.
     const vf u = vf_fma(vf_set1(rays->fx), x, vf_set1(rays->cx - 0.5f)),
              v = vf_fma(vf_set1(rays->fy), y, vf_set1(rays->cy - 0.5f));
@@ -148,8 +148,8 @@ static inline void store_projected(const sgsi_project *input, size_t block, cons
     const vec3 direction = scale3(g->delta_world, vf_div(one, g->distance));
     vf color[3];
     sh_colors(p, direction, input->view.sh_degree, color);
-    const vf brightest =
-        vf_set1(1e9f); // finite: 0 * infinity would spoil the pixels that miss the primitive
+    // Finite, because 0 * infinity would corrupt pixels that miss the primitive.
+    const vf brightest = vf_set1(1e9f);
     vf rows[16] = {a.x,
                    a.y,
                    a.z,
@@ -185,7 +185,7 @@ static void project(const sgsi_project *input, size_t begin, size_t end)
         const vf level = vf_add(log_opacity, vf_set1(SGSI_LOG2_255));
         const vm opaque = vf_ge(level, vf_zero());
         const vf reach = vf_sqrt(vf_mul(vf_max(level, vf_zero()), vf_set1(1.0f / SGSI_HALF_LOG2E)));
-        // Inside the circumscribed cone of the image, by the distance from its surface.
+        // Distance from the surface of the cone that encloses the image; negative inside.
         const vec3 axis = {vf_set1(rays->axis[0]), vf_set1(rays->axis[1]), vf_set1(rays->axis[2])};
         const vf along = dot3(axis, g.delta);
         const vf across =

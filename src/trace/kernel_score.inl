@@ -1,12 +1,12 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// What the density controls that look at whole views want to know of a primitive, summed over the
-// hits that count: a weight of the pixel, the number of hits, the blended share T alpha, and the
-// distance from the projected centre. A pass of its own over the lists of a forward pass; the
-// training kernels know nothing of it.
+// Scores of primitives for density control over whole views, summed over counted hits: the weight
+// of the pixel, the number of hits, the blending weight T alpha, and the distance from the
+// projected centre. This is a separate pass over the lists of a forward pass, so training kernels
+// are unaffected.
 
-// Offsets of a block's pixel centres from its upper left pixel's corner.
+// Offsets of a block's pixel centres from the corner of its upper left pixel.
 static inline void block_offsets(float x[16], float y[16])
 {
     for (int i = 0; i < 16; ++i) {
@@ -25,16 +25,16 @@ static void score_block(sgsi_scratch *s, const sgsi_tile_list *list, const sgsi_
         return;
     const block_rays block = load_block(target->rays, b, target->near_distance);
     evaluate_block(s, target->rays, b, &block, order, count, false, false, evaluations);
-    const block_elements el = open_elements(s);
+    const hit_rows rows = open_rows(s);
     const vf weight = load_block_plane(planes->weight, target, b);
     float offset_x[16] __attribute__((aligned(64))), offset_y[16] __attribute__((aligned(64)));
     block_offsets(offset_x, offset_y);
     const vf x = vf_add(vf_load(offset_x), vf_set1((float)(target->rays->x + 4 * (b % 4))));
     const vf y = vf_add(vf_load(offset_y), vf_set1((float)(target->rays->y + 4 * (b / 4))));
     for (uint32_t i = 0; i < count; ++i) {
-        const vf front = vf_load(el.transmittance + 16 * i), through = load_through(&el, i);
+        const vf front = vf_load(rows.transmittance + 16 * i), through = load_through(&rows, i);
         const vf w = vf_keep(vf_ge(vf_mul(front, through), vf_set1(TRANSMITTANCE_MIN)),
-                             vf_mul(front, vf_load(el.alpha + 16 * i)));
+                             vf_mul(front, vf_load(rows.alpha + 16 * i)));
         const vm counted = vf_gt(w, zero);
         vf distance = zero;
         if (planes->centers) {

@@ -1,26 +1,26 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The lists of a tile's blocks. The candidates of the tile are tested against a block sixteen at a
-// time (the bounds of kernel_tile.inl over the block), and the survivors ordered by t on the
-// block's centre ray. The order decides how many pairs a pixel finds swapped, not the image, so
-// fifteen bits of t are enough, and ties stay near to far by |delta|.
+// The lists of a tile's blocks. Candidates of the tile are tested against a block sixteen at a
+// time, with the bounds of kernel_tile.inl, and sorted by t on the block's centre ray. The order
+// affects how many pairs a pixel finds swapped, but not the image. Fifteen bits of t therefore
+// suffice; ties stay near to far by |delta|.
 
-// Keys: five bits of the float's exponent, from 2^-12 on, and ten of its mantissa.
+// Sort keys: five bits of the float's exponent, from 2^-12, and ten bits of its mantissa.
 enum { KEY_DROPPED_BITS = 13, KEY_ORIGIN = (127 - 12) << (23 - KEY_DROPPED_BITS) };
-#define KEY_LEAST 0x1p-12f
-#define KEY_MOST 0x1.fffp19f
+#define KEY_MIN 0x1p-12f
+#define KEY_MAX 0x1.fffp19f
 
-// Up to this length everything is compared with everything, thirty-two at a time: without branches,
-// faster than moving.
+// Lists up to this length are sorted by rank: each key is compared with all others, 32 at a time.
+// Without branches this is faster than moving the keys.
 enum { RANK_SORT_MAX = 512 };
 
-// Sixteen candidates, and what of their tests is the same for every block of the tile. The half
-// extents are those of the largest block: a test may let through what misses a smaller one.
+// Sixteen candidates and the terms of their tests that are the same for all blocks of the tile. The
+// half extents are those of the largest block, so the test is conservative for smaller ones.
 typedef struct candidates16 {
-    vf r[16];          // tile projected, transposed
+    vf r[16];          // tile records, transposed
     vf half_u, half_v; // of a block
-    vf c_half;         // by which C can exceed its value at the block's centre
+    vf c_half;         // bound on C minus its value at the block's centre
     vf reach;          // q
     vf stretch;        // 1 + q^2 / kappa
 } candidates16;
@@ -30,15 +30,16 @@ static inline void load_candidates16(const float *projected, vf half_u, vf half_
     for (size_t k = 0; k < 16; ++k)
         x->r[k] = vf_load(projected + k * 16);
     vf_transpose16(x->r);
-    // Room for rounding: of |n|^2 - s, and of the comparison.
+    // Margins for rounding: of |n|^2 - s, and of the comparison.
     x->half_u = vf_mul(half_u, vf_set1(1.0003f));
     x->half_v = vf_mul(half_v, vf_set1(1.0003f));
     x->c_half = vf_fma(vf_abs(x->r[7]), half_u, vf_mul(vf_abs(x->r[8]), half_v));
-    x->reach = vf_mul(x->r[15], vf_set1(1.0007f));
-    x->stretch = vf_fma(vf_mul(x->r[15], x->r[15]), x->r[10], vf_set1(1.0f));
+    x->reach = vf_mul(x->r[SGSI_PROJECTED_REACH], vf_set1(1.0007f));
+    x->stretch = vf_fma(vf_mul(x->r[SGSI_PROJECTED_REACH], x->r[SGSI_PROJECTED_REACH]),
+                        x->r[SGSI_PROJECTED_INV_KAPPA], vf_set1(1.0f));
 }
 
-// Which of sixteen candidates can hit the block with centre (u, v), and their keys.
+// Mask of the candidates that can hit the block with centre (u, v), and their sort keys.
 static inline vm test_block(const candidates16 *x, vf u, vf v, vi *key)
 {
     const vf *r = x->r;
@@ -53,12 +54,15 @@ static inline vm test_block(const candidates16 *x, vf u, vf v, vi *key)
     const vf reach = vf_mul(x->reach, c_max);
     const vm keep =
         vm_and(vf_le(vf_mul(low, low), vf_mul(n2, vf_mul(reach, reach))), vf_gt(c_max, vf_zero()));
-    // t = |delta| C / G at the block's centre, but not below the bound of the block, |delta| / far:
-    // the larger of the two by one division.
-    const vf g = vf_fma(r[10], n2, vf_mul(c, c)), far = vf_mul(c_max, x->stretch);
+    // t = |delta| C / G at the block's centre, or the lower bound of the block, |delta| / far, if
+    // larger: one division for both.
+    const vf g = vf_fma(r[SGSI_PROJECTED_INV_KAPPA], n2, vf_mul(c, c)),
+             far = vf_mul(c_max, x->stretch);
     const vm centre = vf_ge(vf_mul(c, far), g);
-    const vf t = vf_div(vf_select(centre, vf_mul(r[11], c), r[11]), vf_select(centre, g, far));
-    const vf distance = vf_clamp(t, vf_set1(KEY_LEAST), vf_set1(KEY_MOST));
+    const vf t =
+        vf_div(vf_select(centre, vf_mul(r[SGSI_PROJECTED_DISTANCE], c), r[SGSI_PROJECTED_DISTANCE]),
+               vf_select(centre, g, far));
+    const vf distance = vf_clamp(t, vf_set1(KEY_MIN), vf_set1(KEY_MAX));
     *key = vi_sub(vi_sra(vf_as_vi(distance), KEY_DROPPED_BITS), vi_set1(KEY_ORIGIN));
     return keep;
 }
@@ -70,7 +74,7 @@ static void list_blocks(sgsi_scratch *scratch, const sgsi_tile_rays *rays, size_
         __attribute__((aligned(64))) = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};
     const vf half_u = vf_set1(rays->widest_u), half_v = vf_set1(rays->widest_v);
     for (size_t i = 0; i < count; i += 16) {
-        candidates16 x; // the last rows past the end count for nothing, see `present`
+        candidates16 x; // rows past the end are masked by `present`
         load_candidates16(scratch->tile_projected + i * 16, half_u, half_v, &x);
         const vm present = vm_from_bits(count - i < 16 ? (1u << (count - i)) - 1u : 0xFFFFu);
         const vi indices = vi_add(vi_load(lanes), vi_set1((int32_t)i));
@@ -93,11 +97,11 @@ static void rank_sort(const int32_t *keys, const uint32_t *values, uint32_t *out
 {
     int16_t narrow[RANK_SORT_MAX + 32] __attribute__((aligned(64)));
     uint16_t ranks[RANK_SORT_MAX + 32] __attribute__((aligned(64)));
-    int16_t least[RANK_SORT_MAX / 32], most[RANK_SORT_MAX / 32];
+    int16_t min_keys[RANK_SORT_MAX / 32], max_keys[RANK_SORT_MAX / 32];
     for (uint32_t i = 0; i < count; i += 16)
         vi_store_i16(narrow + i, vi_load_u(keys + i));
-    simd_extremes(narrow, count, least, most);
-    simd_rank(narrow, ranks, count, least, most);
+    simd_extremes(narrow, count, min_keys, max_keys);
+    simd_rank(narrow, ranks, count, min_keys, max_keys);
     for (uint32_t i = 0; i < count; ++i)
         out[ranks[i]] = values[i];
 }

@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// One instruction set's kernels. Included by kernels_<isa>.c after simd.h.
+// Kernel table of one instruction set. Included by kernels_<isa>.c after simd.h.
 
 #include "trace/kernels.h"
 #include "base/radix.h"

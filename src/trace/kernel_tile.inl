@@ -1,17 +1,20 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// From what the BVH named to the candidates of a tile: sixteen primitives per step are written in
-// the frame of their macrotile and tested against each of its tiles. (kernel_sort.inl tests the
-// candidates of a tile against its blocks in the same way.)
+// From the primitives reported by the BVH to the candidates of a tile. Sixteen primitives at a time
+// are transformed to the frame of their macrotile and tested against each of its tiles.
+// (kernel_sort.inl tests the candidates of a tile against its blocks in the same way.)
 //
-// A test bounds the response over a rectangle |u - uc| <= hu, |v - vc| <= hv. With n = (A, B) at
-// the centre, sqrt(A^2 + B^2) over the rectangle is at least n.(A, B) / |n| >= |n| - s / |n|, s =
-// |n.(A1, B1)| hu + |n.(A2, B2)| hv. A hit needs E <= Emax = log2(255 o), that is A^2 + B^2 <= q^2
-// C^2 with q^2 = Emax / (1 - Emax / kappa); inside the support (Emax >= kappa) anything goes. C is
-// at most Cmax, and t > 0 needs C > 0. So a hit is impossible unless |n|^2 - s <= |n| q Cmax. The
-// same bounds give a hit's distance: t >= |delta| / (Cmax (1 + q^2 / kappa)). A compact box asks
-// with a share of Emax whether the tile gets the primitive; in the tile it counts as ever.
+// A test bounds the response over a rectangle |u - uc| <= hu, |v - vc| <= hv. Let n = (A, B) at the
+// centre and A_u, A_v the derivatives of A. Over the rectangle
+//     sqrt(A^2 + B^2) >= n.(A, B) / |n| >= |n| - s / |n|,
+//     s = |n.(A_u, B_u)| hu + |n.(A_v, B_v)| hv.
+// A hit requires E <= Emax = log2(255 o), that is
+//     A^2 + B^2 <= q^2 C^2,    q^2 = Emax / (1 - Emax / kappa).
+// If the camera is inside the support (Emax >= kappa), any ray can hit. C is at t_max Cmax, and t >
+// 0 requires C > 0. A hit is therefore impossible unless |n|^2 - s <= |n| q Cmax. The same bounds
+// limit the distance: t >= |delta| / (Cmax (1 + q^2 / kappa)). A compact box applies a fraction of
+// Emax when it assigns primitives to tiles; inside the tile the full support counts.
 
 typedef struct macrotile_frame16 {
     vec3 d0, e1, e2;
@@ -24,8 +27,8 @@ static inline macrotile_frame16 broadcast_frame(const float f[9])
                                {vf_set1(f[6]), vf_set1(f[7]), vf_set1(f[8])}};
 }
 
-// Rows 0..14 of sixteen primitives in the frame of a macrotile; row 15 is the caller's. What is
-// missing of the sixteen (`present` < 16) is as if the view could not see it.
+// Rows 0..14 of sixteen primitives in the frame of a macrotile; the caller fills row 15. If
+// `present` < 16, the remaining lanes are untraced.
 static inline void frame_rows(const float *projected, const uint32_t *ids, size_t present,
                               const macrotile_frame16 *frame, vf out[16])
 {
@@ -45,7 +48,7 @@ static inline void frame_rows(const float *projected, const uint32_t *ids, size_
         out[k] = r[k];
 }
 
-// q^2 of the hits with E <= e.
+// q^2 for hits with E <= e.
 static inline vf support_slope2(vf e, vf inv_kappa)
 {
     const vf room = vf_fnma(e, inv_kappa, vf_set1(1.0f)); // 1 - E / kappa
@@ -53,9 +56,9 @@ static inline vf support_slope2(vf e, vf inv_kappa)
     return vf_max(vf_select(outside, vf_div(e, room), vf_set1(1e18f)), vf_zero());
 }
 
-// Which of sixteen primitives can meet a tile, and which of those in front of `far`.
+// Mask of the primitives that can hit a tile. *in_bound: those that can hit it in front of `far`.
 static inline vm test_tile(const vf r[16], const sgsi_tile_rays *tile, vf reach2, vf stretch,
-                           float far, vm *nearer)
+                           float far, vm *in_bound)
 {
     const vf u = vf_set1(tile->center_u), v = vf_set1(tile->center_v);
     const vf half_u = vf_set1(tile->half_u), half_v = vf_set1(tile->half_v);
@@ -68,12 +71,13 @@ static inline vm test_tile(const vf r[16], const sgsi_tile_rays *tile, vf reach2
                         vf_mul(vf_abs(vf_fma(a, r[2], vf_mul(b, r[5]))), half_v));
     const vf low = vf_max(vf_fnma(s, vf_set1(1.0001f), vf_mul(n2, vf_set1(0.9999f))), vf_zero());
     const vf reach = vf_mul(vf_mul(c_max, c_max), reach2);
-    const vm meets = vm_and(vf_le(vf_mul(low, low), vf_mul(n2, vf_mul(reach, vf_set1(1.001f)))),
-                            vf_gt(c_max, vf_zero()));
-    // t >= |delta| / (Cmax (1 + q^2 / kappa)), written without the division; in units of |d|.
-    const vf most = vf_set1(far / tile->least_length);
-    *nearer = vm_and(meets, vf_le(r[11], vf_mul(most, vf_mul(c_max, stretch))));
-    return meets;
+    const vm overlaps = vm_and(vf_le(vf_mul(low, low), vf_mul(n2, vf_mul(reach, vf_set1(1.001f)))),
+                               vf_gt(c_max, vf_zero()));
+    // t >= |delta| / (Cmax (1 + q^2 / kappa)), without the division; in units of |d|.
+    const vf t_max = vf_set1(far / tile->least_length);
+    *in_bound =
+        vm_and(overlaps, vf_le(r[SGSI_PROJECTED_DISTANCE], vf_mul(t_max, vf_mul(c_max, stretch))));
+    return overlaps;
 }
 
 static size_t macrotile_filter(sgsi_scratch *scratch, const float *projected, const uint32_t *ids,
@@ -86,37 +90,39 @@ static size_t macrotile_filter(sgsi_scratch *scratch, const float *projected, co
     for (size_t i = 0; i < count; i += 16) {
         vf r[16];
         frame_rows(projected, ids + i, count - i, &frame, r);
-        const vf e_max = vf_add(r[9], vf_set1(SGSI_LOG2_255));
-        const vf q2 = support_slope2(e_max, r[10]), stretch = vf_fma(q2, r[10], one);
-        const vf reach2 =
-            macrotile->compact_box < 1.0f
-                ? support_slope2(vf_mul(e_max, vf_set1(macrotile->compact_box)), r[10])
-                : q2;
-        r[15] = vf_sqrt(q2);
+        const vf e_max = vf_add(r[SGSI_PROJECTED_LOG_OPACITY], vf_set1(SGSI_LOG2_255));
+        const vf q2 = support_slope2(e_max, r[SGSI_PROJECTED_INV_KAPPA]),
+                 stretch = vf_fma(q2, r[SGSI_PROJECTED_INV_KAPPA], one);
+        const vf reach2 = macrotile->compact_box < 1.0f
+                              ? support_slope2(vf_mul(e_max, vf_set1(macrotile->compact_box)),
+                                               r[SGSI_PROJECTED_INV_KAPPA])
+                              : q2;
+        r[SGSI_PROJECTED_REACH] = vf_sqrt(q2);
         const vm traced = vf_ge(e_max, zero);
         vm any = vm_none();
         vi tiles = vi_set1(0);
         for (int k = 0; k < macrotile->count; ++k) {
-            vm nearer;
-            const vm meets = vm_and(
-                test_tile(r, macrotile->tiles[k], reach2, stretch, macrotile->far[k], &nearer),
+            vm in_bound;
+            const vm overlaps = vm_and(
+                test_tile(r, macrotile->tiles[k], reach2, stretch, macrotile->far[k], &in_bound),
                 traced);
-            any = vm_or(any, macrotile->complete ? meets : vm_and(nearer, traced));
-            tiles = vi_add(tiles,
-                           vf_as_vi(vf_keep(meets, vi_as_vf(vi_set1((int32_t)(SGSI_MEETS << k))))));
-            tiles = vi_add(
-                tiles, vf_as_vi(vf_keep(nearer, vi_as_vf(vi_set1((int32_t)(SGSI_NEARER << k))))));
+            any = vm_or(any, macrotile->complete ? overlaps : vm_and(in_bound, traced));
+            tiles = vi_add(tiles, vf_as_vi(vf_keep(
+                                      overlaps, vi_as_vf(vi_set1((int32_t)(SGSI_OVERLAPS << k))))));
+            tiles = vi_add(tiles, vf_as_vi(vf_keep(
+                                      in_bound, vi_as_vf(vi_set1((int32_t)(SGSI_IN_BOUND << k))))));
         }
         const unsigned bits = vm_bits(any);
         if (!bits)
             continue;
-        vi_compress_store((int32_t *)scratch->macrotile_side + kept, any, tiles);
+        vi_compress_store((int32_t *)scratch->macrotile_tiles + kept, any, tiles);
         vi_compress_store((int32_t *)scratch->macrotile_ids + kept, any,
                           vi_load_u((const int32_t *)ids + i));
-        vi_compress_store((int32_t *)scratch->macrotile_distance + kept, any, vf_as_vi(r[11]));
+        vi_compress_store((int32_t *)scratch->macrotile_distance + kept, any,
+                          vf_as_vi(r[SGSI_PROJECTED_DISTANCE]));
         vf_transpose16(r);
-        // Every row is written where the next one to keep belongs: whether a candidate stays is
-        // too hard to predict for a branch.
+        // Every row is written to the next free place, kept or not: the outcome is too hard to
+        // predict for a branch.
 #pragma GCC unroll 16
         for (unsigned k = 0; k < 16; ++k) {
             vf_store(rows + kept * 16, r[k]);
@@ -128,12 +134,12 @@ static size_t macrotile_filter(sgsi_scratch *scratch, const float *projected, co
 
 static size_t tile_take(sgsi_scratch *scratch, size_t count, unsigned tile)
 {
-    uint32_t *restrict index = scratch->entries; // free until the blocks are listed
+    uint32_t *restrict index = scratch->entries; // free until list_blocks
     size_t taken = 0;
     for (size_t i = 0; i < count; ++i) {
         const uint32_t k = scratch->macrotile_order[i];
         index[taken] = k;
-        taken += (scratch->macrotile_side[k] & tile) != 0;
+        taken += (scratch->macrotile_tiles[k] & tile) != 0;
     }
     for (size_t i = 0; i < taken; ++i) {
         vf_store(scratch->tile_projected + i * 16,

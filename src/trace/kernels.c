@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Picks the kernel table of the chosen instruction set.
+// Returns the kernel table of the selected instruction set.
 
 #include "trace/kernels.h"
 

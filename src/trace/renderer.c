@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The public renderer: one tracer, one ray cache, a model somebody else owns.
+// The public renderer: a tracer and a ray cache over a model owned by the caller.
 
 #include <stdlib.h>
 #include <string.h>
@@ -21,12 +21,13 @@ struct sgs_renderer {
     bool changed;
     sgsi_planes planes;
     sgsi_aov aov;
-    size_t unwanted_floats;
-    float *unwanted; // colour and transmittance of frames that do not want them
+    size_t discard_floats;
+    // Colour and transmittance if the frame has no planes for them.
+    float *discarded;
     size_t normal_count;
     float *normals; // [normal_count][4]
     sgsi_deep deep;
-    float *filter_3d; // padded
+    float *filter_3d; // padded to a multiple of 16
     size_t filter_capacity;
 };
 
@@ -45,13 +46,13 @@ sgs_render_options sgs_render_options_default(void)
 
 enum { PLANE_COUNT = 15 };
 
-// The planes of a frame as one list, each with the bit that asks for it (0: always there).
+// The planes of a frame, each with its SGS_AOV_ bit (0: always allocated).
 typedef struct frame_planes {
     float **plane[PLANE_COUNT];
     unsigned bit[PLANE_COUNT];
 } frame_planes;
 
-static frame_planes list_planes(sgs_frame *frame)
+static frame_planes frame_plane_list(sgs_frame *frame)
 {
     return (frame_planes){
         {&frame->color[0], &frame->color[1], &frame->color[2], &frame->transmittance,
@@ -69,7 +70,7 @@ sgs_status sgs_frame_create_with(int width, int height, unsigned planes, sgs_fra
     if (width < 1 || height < 1)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "a frame of %dx%d pixels is empty", width,
                          height);
-    const frame_planes list = list_planes(frame);
+    const frame_planes list = frame_plane_list(frame);
     const double pixels = (double)width * height, machine = (double)sgs_machine_memory();
     double bytes = 0;
     for (int i = 0; i < PLANE_COUNT; ++i)
@@ -101,7 +102,7 @@ sgs_status sgs_frame_create(int width, int height, sgs_frame *frame)
 
 void sgs_frame_free(sgs_frame *frame)
 {
-    const frame_planes list = list_planes(frame);
+    const frame_planes list = frame_plane_list(frame);
     for (int i = 0; i < PLANE_COUNT; ++i)
         sgsi_free(*list.plane[i]);
     *frame = (sgs_frame){0};
@@ -134,7 +135,7 @@ void sgs_renderer_destroy(sgs_renderer *renderer)
         return;
     sgsi_tracer_destroy(renderer->tracer);
     sgsi_ray_cache_destroy(renderer->rays);
-    sgsi_free(renderer->unwanted);
+    sgsi_free(renderer->discarded);
     sgsi_free(renderer->normals);
     sgsi_deep_free(&renderer->deep);
     sgsi_free(renderer->filter_3d);
@@ -147,8 +148,8 @@ sgs_status sgs_renderer_update(sgs_renderer *renderer)
     return SGS_STATUS_OK;
 }
 
-// The kernels write straight into the frame; colour and transmittance that it does not want go to
-// planes of our own.
+// The kernels write directly into the frame. Colour and transmittance planes missing from it are
+// replaced by internal ones.
 static sgs_status prepare_planes(sgs_renderer *renderer, const sgs_frame *frame)
 {
     const size_t floats = (size_t)frame->width * (size_t)frame->height;
@@ -156,15 +157,15 @@ static sgs_status prepare_planes(sgs_renderer *renderer, const sgs_frame *frame)
     for (size_t k = 0; k < 4; ++k) {
         if (basic[k])
             continue;
-        if (4 * floats > renderer->unwanted_floats) {
-            sgsi_free(renderer->unwanted);
-            renderer->unwanted = sgsi_alloc(floats, 4 * sizeof *renderer->unwanted);
-            renderer->unwanted_floats = renderer->unwanted ? 4 * floats : 0;
-            if (!renderer->unwanted)
+        if (4 * floats > renderer->discard_floats) {
+            sgsi_free(renderer->discarded);
+            renderer->discarded = sgsi_alloc(floats, 4 * sizeof *renderer->discarded);
+            renderer->discard_floats = renderer->discarded ? 4 * floats : 0;
+            if (!renderer->discarded)
                 return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a frame of %dx%d pixels",
                                  frame->width, frame->height);
         }
-        basic[k] = renderer->unwanted + k * floats;
+        basic[k] = renderer->discarded + k * floats;
     }
     renderer->planes = (sgsi_planes){.width = frame->width,
                                      .height = frame->height,
@@ -178,7 +179,7 @@ static sgs_status prepare_planes(sgs_renderer *renderer, const sgs_frame *frame)
     return SGS_STATUS_OK;
 }
 
-// The quantities beyond the basic ones, and the primitives' normals where these are wanted.
+// AOVs beyond the basic ones, and the normals of the primitives if requested.
 static sgs_status prepare_aov(sgs_renderer *renderer, const sgsi_view *view,
                               const sgs_render_options *options, const sgs_frame *frame)
 {
@@ -205,7 +206,7 @@ static sgs_status prepare_aov(sgs_renderer *renderer, const sgsi_view *view,
     return SGS_STATUS_OK;
 }
 
-// The kernels read whole blocks of 16; the caller's array ends with the model.
+// The kernels read whole blocks of 16; the caller's array has model->count entries.
 static sgs_status pad_filter(sgs_renderer *renderer, const sgs_render_options *options,
                              const float **filter_3d)
 {
@@ -226,7 +227,7 @@ static sgs_status pad_filter(sgs_renderer *renderer, const sgs_render_options *o
     return SGS_STATUS_OK;
 }
 
-// Everything up to the tracing.
+// All steps before tracing.
 static sgs_status begin_view(sgs_renderer *renderer, const sgs_camera *camera, const sgs_pose *pose,
                              const sgs_render_options *options, const sgs_frame *frame,
                              sgsi_view *view)
@@ -277,7 +278,7 @@ sgs_status sgs_renderer_render(sgs_renderer *renderer, const sgs_camera *camera,
     return status;
 }
 
-// Rows of macrotiles per band: enough for all threads, as long as the samples stay within bounds.
+// Rows of macrotiles per band: enough work for all threads within a limit on sample memory.
 static int band_rows(const sgsi_rays *rays, int max_samples)
 {
     const size_t wanted = 8 * (size_t)sgsi_threads() / (size_t)rays->macrotiles_x + 1;

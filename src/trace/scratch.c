@@ -1,9 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// A thread's scratch: one block of memory, so that large pages can carry it. Arrays, and the rows
-// of a block's lists in them, begin at different cache sets: the kernels walk through many of them
-// at the same index.
+// Scratch memory of a thread: one allocation, so that it can use large pages. Arrays, and the rows
+// of block lists within them, start at different cache sets, because the kernels access many of
+// them at the same index.
 
 #include "base/core.h"
 #include "trace/tracer.h"
@@ -25,7 +25,7 @@ bool sgsi_scratch_grow(sgsi_scratch *s, size_t capacity)
         size_t bytes; // per primitive
     } arrays[] = {{(void **)&s->macrotile_projected, 64},
                   {(void **)&s->macrotile_ids, 4},
-                  {(void **)&s->macrotile_side, 4},
+                  {(void **)&s->macrotile_tiles, 4},
                   {(void **)&s->macrotile_distance, 4},
                   {(void **)&s->macrotile_order, 4},
                   {(void **)&s->tile_projected, 64},

@@ -1,16 +1,16 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Orchestration of one view. A work item of the forward pass is a macrotile (a square of tiles):
-// its packet of cone rays asks the BVH, the candidates are tested against its tiles and put in one
-// order (distance of the mean, then id) so that nothing depends on the traversal, and every tile of
-// the macrotile is sorted and blended by the kernels.
+// Forward pass of one view. A work item is a macrotile, a square of tiles. Its packet of cone rays
+// queries the BVH; the candidates are tested against its tiles and sorted by distance of the mean,
+// then by id, so that the result does not depend on the traversal. The kernels then sort and blend
+// each tile of the macrotile.
 //
-// Depth depth_bounds. Per tile we remember how far the last visit of the view had to look.
-// Candidates that begin behind the depth_bound are left out, by the BVH (far of the ray) and,
-// exactly and independently of the tree, by the test against the tile. If a pixel of the tile then
-// fails to become opaque in front of the depth_bound, the macrotile is gathered again without a
-// limit and the tile redone.
+// Depth bounds. The distance at which each tile became opaque is remembered from the previous visit
+// of the view. Candidates behind it are culled, by the BVH (far of the rays) and by the test
+// against the tile, which is exact and independent of the tree. If a pixel of the tile does not
+// become opaque in front of the depth bound, the macrotile is gathered again without bounds and the
+// tile is redone (fallback gather).
 
 #include <math.h>
 #include <string.h>
@@ -74,10 +74,10 @@ static bool grow_keys(thread_state *state, size_t capacity)
     return true;
 }
 
-// A macrotile may fall to any thread, and one thread may get them all while the others sleep. So
-// every thread gets room for what any of them has needed, and for the lists of all; then passes
-// over the same views allocate nothing.
-static sgs_status level_threads(sgsi_tracer *tracer)
+// Macrotiles are scheduled dynamically, and one thread may process all of them. Every thread
+// therefore gets the capacities of the largest, and list memory for the whole view. Later passes
+// over the same views then allocate nothing.
+static sgs_status equalize_threads(sgsi_tracer *tracer)
 {
     size_t scratch = 0, keys = 0, gathered = 0, words = 0;
     for (int i = 0; i < sgsi_threads(); ++i) {
@@ -113,7 +113,7 @@ static sgs_status prepare_threads(sgsi_tracer *tracer)
             return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the tracer's threads");
         tracer->threads[i]->status = SGS_STATUS_OK;
     }
-    return level_threads(tracer);
+    return equalize_threads(tracer);
 }
 
 static sgs_status reserve_primitives(sgsi_tracer *tracer, size_t capacity)
@@ -227,16 +227,17 @@ static void insert_keys(uint64_t *keys, size_t count)
     }
 }
 
-// Ascending by the whole key: coarsely by the distance's bits, in [least, most], then by insertion.
-static void sort_keys(uint64_t *keys, uint64_t *spare, size_t count, uint32_t least, uint32_t most)
+// Sorts by the whole key: a radix sort by the distance's bits, in [min_bits, max_bits], then
+// insertion.
+static void sort_keys(uint64_t *keys, uint64_t *spare, size_t count, uint32_t min_bits,
+                      uint32_t max_bits)
 {
     if (count > 96)
-        sgsi_radix_sort(keys, spare, count, least, most);
+        sgsi_radix_sort(keys, spare, count, min_bits, max_bits);
     insert_keys(keys, count);
 }
 
-// The tiles of macrotile number `macrotile`, their numbers in the image, and the depth
-// depth_bounds.
+// The tiles of a macrotile, their numbers in the image and their depth bounds.
 static sgsi_macrotile open_macrotile(const forward_pass *pass, int macrotile,
                                      int numbers[SGSI_MACROTILE_SIDE * SGSI_MACROTILE_SIDE])
 {
@@ -253,7 +254,7 @@ static sgsi_macrotile open_macrotile(const forward_pass *pass, int macrotile,
     return tiles;
 }
 
-// Candidates of equal distance: keys become id and index, ascending.
+// Sorts candidates of equal distance by id; the keys become (id, index).
 static void sort_by_id(const sgsi_scratch *s, uint64_t *keys, uint64_t *spare, size_t count)
 {
     enum { FEW = 32, DIGIT = 8 };
@@ -268,21 +269,21 @@ static void sort_by_id(const sgsi_scratch *s, uint64_t *keys, uint64_t *spare, s
         insert_keys(keys, count);
 }
 
-// Orders the candidates of a macrotile by distance, then by id, and drops those named twice: where
-// rays of a packet part, Embree follows them one by one and meets a primitive again. Returns how
-// many are left.
+// Sorts the candidates of a macrotile by distance, then by id, and removes duplicates: if the rays
+// of a packet diverge, Embree traverses them separately and reports a primitive more than once.
+// Returns the number left.
 static size_t order_macrotile(thread_state *state, size_t count)
 {
     sgsi_scratch *s = &state->scratch;
     uint64_t *keys = state->keys;
-    uint32_t least = UINT32_MAX, most = 0;
+    uint32_t min_bits = UINT32_MAX, max_bits = 0;
     for (size_t i = 0; i < count; ++i) {
         const uint32_t bits = s->macrotile_distance[i];
         keys[i] = (uint64_t)bits << 32 | i;
-        least = bits < least ? bits : least;
-        most = bits > most ? bits : most;
+        min_bits = bits < min_bits ? bits : min_bits;
+        max_bits = bits > max_bits ? bits : max_bits;
     }
-    sort_keys(keys, state->keys_spare, count, least, most);
+    sort_keys(keys, state->keys_spare, count, min_bits, max_bits);
     size_t unique = 0, end = 0;
     for (size_t begin = 0; begin < count; begin = end) {
         for (end = begin + 1; end < count && keys[end] >> 32 == keys[begin] >> 32;)
@@ -296,8 +297,8 @@ static size_t order_macrotile(thread_state *state, size_t count)
     return unique;
 }
 
-// Asks the BVH for the candidates of a macrotile, filters and orders them. Returns their number, or
-// sets state->status.
+// Queries the BVH for the candidates of a macrotile, filters and sorts them. Returns their number,
+// or sets state->status.
 static size_t gather_macrotile(const forward_pass *pass, thread_state *state, int macrotile,
                                const sgsi_macrotile *tiles)
 {
@@ -317,8 +318,8 @@ static size_t gather_macrotile(const forward_pass *pass, thread_state *state, in
         packet.far[i] = far * 1.0001f;
     }
     state->gathered.count = 0;
-    state->gathered.rows =
-        pass->tracer->projected; // their lines are on the way while the traversal goes on
+    // The traversal prefetches these rows.
+    state->gathered.rows = pass->tracer->projected;
     state->gathered.row_bytes = SGSI_PROJECTED_FLOATS * sizeof(float);
     state->status = sgsi_bvh_gather(pass->tracer->bvh, &packet, &state->gathered);
     const size_t gathered = state->gathered.count;
@@ -337,8 +338,8 @@ static size_t gather_macrotile(const forward_pass *pass, thread_state *state, in
     return count;
 }
 
-// Drops the primitives of a tile that no block kept, so that lists and sums hold only what was hit.
-// Returns how many are left; map [count] tells where those went.
+// Removes the primitives of a tile that are in no block list. Returns the number left; map[count]
+// receives their new indices.
 static size_t compact_tile(sgsi_scratch *s, size_t count, uint32_t *map)
 {
     memset(map, 0, count * sizeof *map);
@@ -358,16 +359,16 @@ static size_t compact_tile(sgsi_scratch *s, size_t count, uint32_t *map)
 static void keep_list(thread_state *state, sgsi_tile_list *list, size_t count)
 {
     sgsi_scratch *s = &state->scratch;
-    uint32_t *map = s->entries; // free once the blocks are in order
+    uint32_t *map = s->entries; // free after the blocks are sorted
     count = compact_tile(s, count, map);
-    size_t elements = 0;
+    size_t block_hits = 0;
     for (int b = 0; b < SGSI_BLOCKS; ++b) {
-        list->block_begin[b] = (uint32_t)elements;
-        elements += s->entry_count[b];
+        list->block_begin[b] = (uint32_t)block_hits;
+        block_hits += s->entry_count[b];
     }
-    list->block_begin[SGSI_BLOCKS] = (uint32_t)elements;
+    list->block_begin[SGSI_BLOCKS] = (uint32_t)block_hits;
     list->count = (uint32_t)count;
-    uint32_t *words = sgsi_arena_take(&state->arena, count + elements);
+    uint32_t *words = sgsi_arena_take(&state->arena, count + block_hits);
     if (!words) {
         list->count = 0;
         state->status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the lists of a tile");
@@ -383,8 +384,8 @@ static void keep_list(thread_state *state, sgsi_tile_list *list, size_t count)
     }
 }
 
-// Blends tile k of the macrotile, whose number in the image is `tile`, from what is in front of its
-// depth_bound or from everything. Returns false when the depth_bound was too near.
+// Blends tile k of the macrotile, number `tile` of the image, from the candidates in front of its
+// depth bound or from all. Returns false if the depth bound was too near.
 static bool blend_tile(const forward_pass *pass, thread_state *state,
                        const sgsi_macrotile *macrotile, int k, int tile, size_t candidates,
                        bool everything)
@@ -396,7 +397,7 @@ static bool blend_tile(const forward_pass *pass, thread_state *state,
     sgsi_tile_cost *cost = pass->tracer->costs ? &pass->tracer->costs[tile] : NULL;
     const double start = cost ? sgsi_seconds() : 0.0;
     const size_t count = kernels->tile_take(&state->scratch, candidates,
-                                            (everything ? SGSI_MEETS : SGSI_NEARER) << k);
+                                            (everything ? SGSI_OVERLAPS : SGSI_IN_BOUND) << k);
     kernels->tile_sort(&state->scratch, rays, count);
     sgsi_tile_target target = {.rays = rays,
                                .width = planes->width,

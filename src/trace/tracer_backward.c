@@ -1,11 +1,11 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The way back. It runs over the tiles of the forward pass from their lists, leaves one cache line
-// of sums per (tile, primitive), a slot, and adds these up per primitive in tile order, so that
-// sums do not depend on the number of threads. Primitives are cut into buckets that threads take in
-// turn; the tiles have sorted their slots by bucket, so that no thread looks at slots of another.
-// All that happens chunk by chunk of tiles, while the slots are in the caches.
+// Backward pass. It visits the tiles of the forward pass through their lists and writes one slot, a
+// cache line of gradient sums, per (tile, primitive). The slots are then added per primitive in
+// tile order, so the result does not depend on the number of threads. Primitives are divided into
+// buckets, and each tile sorts its slots by bucket, so that a thread reduces whole buckets without
+// reading other slots. Tiles are processed in chunks whose slots fit in the caches.
 
 #include <string.h>
 
@@ -19,19 +19,20 @@ typedef struct backward_pass {
     const sgsi_view *view;
     const sgsi_planes *planes;
     const float *d_color[3], *d_transmittance;
-    const sgsi_score_planes *score; // instead of gradients
-    size_t first_tile, last_tile;   // of this chunk
-    int bucket_shift;               // a primitive's bucket is its number over 2^bucket_shift
+    const sgsi_score_planes *score; // replaces the gradients, or NULL
+    size_t first_tile, last_tile;   // chunk [first_tile, last_tile)
+    int bucket_shift;               // bucket of primitive id: id >> bucket_shift
     size_t bucket_count;
 } backward_pass;
 
-// Where the buckets of a tile begin in slot_order; one place more for the end, one for the sort.
+// First slot of each bucket of a tile, in slot_order. One extra entry for the end, one for the
+// sort.
 static uint32_t *tile_buckets(const backward_pass *pass, size_t tile)
 {
     return pass->tracer->buckets + (tile - pass->first_tile) * (pass->bucket_count + 2);
 }
 
-// Orders the slots of a tile by bucket.
+// Sorts the slots of a tile by bucket.
 static void sort_slots(const backward_pass *pass, size_t tile)
 {
     const sgsi_tile_list *list = &pass->tracer->lists[tile];
@@ -113,24 +114,24 @@ static void reduce_bucket(void *context, size_t bucket, int thread)
     }
 }
 
-// Buckets of whole blocks of primitives, some for every thread, so that none waits for long.
+// Buckets are whole blocks of primitives, several per thread to balance the load.
 static void choose_buckets(backward_pass *pass)
 {
     const size_t count = pass->tracer->count, threads = (size_t)sgsi_threads();
-    const size_t most = threads > 1 ? BUCKETS_PER_THREAD * threads : 1;
-    pass->bucket_shift = 4; // SGS_LANES: `touched` belongs to one bucket
-    while (count && (count - 1) >> pass->bucket_shift >= most)
+    const size_t max_buckets = threads > 1 ? BUCKETS_PER_THREAD * threads : 1;
+    pass->bucket_shift = 4; // log2 of SGS_LANES: each `touched` flag belongs to one bucket
+    while (count && (count - 1) >> pass->bucket_shift >= max_buckets)
         ++pass->bucket_shift;
     pass->bucket_count = count ? ((count - 1) >> pass->bucket_shift) + 1 : 0;
 }
 
-static sgs_status reserve_buckets(sgsi_tracer *tracer, size_t needed)
+static sgs_status reserve_buckets(sgsi_tracer *tracer, size_t required)
 {
-    if (needed <= tracer->bucket_capacity)
+    if (required <= tracer->bucket_capacity)
         return SGS_STATUS_OK;
-    if (!sgsi_grow((void **)&tracer->buckets, 0, needed, sizeof *tracer->buckets))
+    if (!sgsi_grow((void **)&tracer->buckets, 0, required, sizeof *tracer->buckets))
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to sort the gradients of a view");
-    tracer->bucket_capacity = needed;
+    tracer->bucket_capacity = required;
     return SGS_STATUS_OK;
 }
 
@@ -148,7 +149,7 @@ static sgs_status reserve_slots(sgsi_tracer *tracer, size_t slots)
                : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu gradient slots", slots);
 }
 
-// Chunks of tiles: sums per (tile, primitive), then per primitive.
+// For each chunk of tiles: sums per (tile, primitive), then per primitive.
 static sgs_status run_backward(sgsi_tracer *tracer, backward_pass *pass)
 {
     const double start = sgsi_seconds();

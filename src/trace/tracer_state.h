@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// What the files of the tracer share: tracer.c, which goes forward, and tracer_backward.c.
+// State of the tracer, shared by tracer.c (forward pass) and tracer_backward.c.
 
 #include "base/arena.h"
 #include "base/threads.h"
@@ -10,7 +10,7 @@
 
 enum { MAX_THREADS = SGSI_THREADS_MAX };
 
-// What one thread works with.
+// Per-thread state.
 typedef struct thread_state {
     sgsi_scratch scratch;
     sgsi_gather_list gathered;
@@ -32,15 +32,16 @@ struct sgsi_tracer {
     uint16_t *visible;
     sgsi_tile_list *lists;
     size_t list_capacity;
-    float *slot_sums;     // backward: [slot_capacity][16], a slot per (tile, primitive) of a chunk
-    uint32_t *slot_order; // [slot_capacity]: per tile its slots by bucket
-    size_t *slot_begin;   // [list_capacity + 1]
+    // Backward pass: a slot of sums per (tile, primitive) of a chunk of tiles.
+    float *slot_sums;     // [slot_capacity][16]
+    uint32_t *slot_order; // [slot_capacity]: the slots of each tile, sorted by bucket
+    size_t *slot_begin;   // [list_capacity + 1]: first slot of each tile
     size_t slot_capacity;
-    uint32_t *buckets; // [bucket_capacity]: per tile of a chunk where its buckets begin
+    uint32_t *buckets; // [bucket_capacity]: per tile of a chunk, where its buckets begin
     size_t bucket_capacity;
     sgsi_tile_cost *costs; // [tiles] or NULL
-    size_t list_words;     // room for lists in every thread's arena
-    bool abs_grad;         // backward passes sum absolute gradients, too
+    size_t list_words;     // size of each thread's list arena
+    bool abs_grad;         // backward passes also sum absolute gradients
     thread_state *threads[MAX_THREADS];
     sgsi_trace_seconds seconds;
     sgsi_trace_counts counts;

@@ -1,8 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The line that names the libraries in use: Embree and OpenEXR as loaded, OpenImageIO as compiled
-// against.
+// Version string of the libraries: Embree and OpenEXR as loaded, OpenImageIO as compiled against.
 
 #include <openexr.h>
 #include <pthread.h>

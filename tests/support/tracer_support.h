@@ -301,7 +301,7 @@ static inline void brute_forward(const traced_view *traced, size_t count, sgsi_p
             kernels->macrotile_filter(&scratch, brute_projected, ids, candidates, &alone);
         for (size_t i = 0; i < met; ++i)
             scratch.macrotile_order[i] = (uint32_t)i;
-        const size_t kept = kernels->tile_take(&scratch, met, SGSI_NEARER);
+        const size_t kept = kernels->tile_take(&scratch, met, SGSI_IN_BOUND);
         assert_int_equal(kept, met);
         kernels->tile_sort(&scratch, rays, kept);
         sgsi_tile_target target = {.rays = rays,

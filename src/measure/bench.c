@@ -1,10 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// A trainer under the clock. The bench owns a real trainer over its views, holds its iteration
-// counter at a place of the schedule without structural update where all SH bands are active, and
-// after every step puts the parameters back. So each step does the same work, and nothing here
-// repeats what the trainer does.
+// Times training iterations. The bench owns a real trainer over its views and keeps it at an
+// iteration without structural update at which all SH bands are active. The parameters are restored
+// after each step, so all steps do the same work. No trainer code is duplicated here.
 
 #include "sparegs/bench.h"
 
@@ -18,9 +17,9 @@
 
 enum { VIEWS_MAX = 16, HELD_ITERATION = 3000 };
 
-// Operations per lane: three affine forms 12, |n|^2 and G 7, quotients and t 6; 2^x and alpha,
-// where something is hit, 15; blending: w, three colours, T 10; backward once more the response and
-// w, the shade and v 12, nine products and fourteen sums 23.
+// Floating-point operations per lane. Response: three affine forms 12, |n|^2 and G 7, quotients and
+// t 6. Alpha, of hits only: 2^x and clamp 15. Blending: w, three colours, T 10. Backward: response
+// and w again, shading and v 12, nine products and fourteen sums 23.
 enum { RESPONSE_FLOPS = 25, ALPHA_FLOPS = 15, BLEND_FLOPS = 10, GRADIENT_FLOPS = 35, LANES = 16 };
 enum { RECORD_BYTES = SGSI_PROJECTED_FLOATS * sizeof(float) };
 
@@ -32,8 +31,7 @@ struct sgs_bench {
     sgs_bench_counts counts;
 };
 
-// The photograph of a view: its own render with noise of a few grey levels. Counts the hits on the
-// way.
+// Makes the photograph of a view: its render plus noise of a few grey levels. Also counts hits.
 static sgs_status photograph(sgs_bench *bench, sgs_renderer *renderer, size_t v)
 {
     sgs_view *view = &bench->views[v];
@@ -179,7 +177,7 @@ void sgs_bench_restore(sgs_bench *bench)
     memcpy(model->data, bench->params, model->capacity * SGS_PARAM_COUNT * sizeof(float));
 }
 
-// A tree over the bounds of the last view, for the refits of the coming steps.
+// Builds a tree over the bounds of the last view; later steps refit it.
 sgs_status sgs_bench_build(sgs_bench *bench, sgs_bench_sample *sample)
 {
     sgs_trainer *trainer = bench->trainer;
@@ -236,8 +234,8 @@ sgs_status sgs_bench_run(sgs_bench *bench, sgs_bench_sample *sample)
     counts->backward_flops =
         LANES * counts->block_hits * (RESPONSE_FLOPS + ALPHA_FLOPS + BLEND_FLOPS + GRADIENT_FLOPS);
     counts->forward_l2_bytes = counts->evaluations * RECORD_BYTES;
-    counts->backward_l2_bytes =
-        counts->block_hits * 3 * RECORD_BYTES; // the record, sums in and out
+    // Per block hit: a record read, sums read and written.
+    counts->backward_l2_bytes = counts->block_hits * 3 * RECORD_BYTES;
     const sgsi_bvh *bvh = sgsi_tracer_bvh(bench->trainer->tracer);
     counts->build_bytes = counts->primitives * sizeof(sgsi_bounds) + (double)sgsi_bvh_bytes(bvh);
     return SGS_STATUS_OK;

@@ -1,13 +1,13 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Scenes for the bench, by seed. A trained model looks like this from one of its training views:
-// surfaces are covered by thin discs whose size follows the pixel grid (densification works in
-// screen space), also where another surface hides them from this view; the background is a shell of
-// large primitives far away; floaters hang in between; half of the primitives are nearly
-// transparent. So primitives are drawn per direction: a ray of the middle camera, spread a little
-// beyond its image, meets a small set of spheres, a floor and a wall, and one of its intersections
-// is taken.
+// Synthetic bench scenes, reproducible by seed. They imitate a trained model seen from a training
+// view: thin discs cover the surfaces, with sizes that follow the pixel grid because densification
+// works in screen space, including surfaces hidden from this view; the background is a shell of
+// large, distant primitives; a few floaters are in between; half of the primitives are nearly
+// transparent. Primitives are drawn per direction: a ray of the middle camera, spread slightly
+// beyond its image, is intersected with spheres, a floor and a wall, and one of the intersections
+// is chosen at random.
 
 #include <math.h>
 #include <string.h>
@@ -19,7 +19,7 @@
 typedef struct recipe {
     const char *name, *text;
     size_t count;
-    double pixels; // median standard deviation of a disc, pixels
+    double pixels; // median standard deviation of a disc, in pixels
 } recipe;
 
 static const recipe recipes[] = {
@@ -70,7 +70,7 @@ static void normalize(double v[3])
         v[k] /= length;
 }
 
-// The camera at `angle` on the arc (radians from the middle one), looking at the scene.
+// Pose of the camera at `angle` on the arc (radians from the middle camera), looking at the scene.
 static sgs_pose arc_pose(double angle)
 {
     const double down[3] = {0, 1, 0},
@@ -109,9 +109,10 @@ static void add_point(surface_point *points, int *count, const double origin[3],
     normalize(p->normal);
 }
 
-// Near and far distance of a sphere (axis 1 left out: an upright cylinder). False when missed.
-static bool meet_round(const double origin[3], const double direction[3], const double center[3],
-                       double radius, bool upright, double t[2])
+// Near and far intersection with a sphere, or with a vertical cylinder if `upright`. False if
+// missed.
+static bool intersect_round(const double origin[3], const double direction[3],
+                            const double center[3], double radius, bool upright, double t[2])
 {
     double a = 0, b = 0, c = -radius * radius;
     for (int k = 0; k < 3; ++k) {
@@ -130,19 +131,19 @@ static bool meet_round(const double origin[3], const double direction[3], const 
     return t[1] > 0;
 }
 
-// All intersections of a ray with the scene but the shell.
-static int meet_surfaces(const double origin[3], const double direction[3],
-                         surface_point points[2 * SPHERES + 2])
+// All intersections of a ray with the scene except the shell.
+static int intersect_surfaces(const double origin[3], const double direction[3],
+                              surface_point points[2 * SPHERES + 2])
 {
     int count = 0;
     double t[2];
     for (int s = 0; s < SPHERES; ++s)
-        if (meet_round(origin, direction, spheres[s], spheres[s][3], false, t)) {
+        if (intersect_round(origin, direction, spheres[s], spheres[s][3], false, t)) {
             add_point(points, &count, origin, direction, t[0], spheres[s]);
             add_point(points, &count, origin, direction, t[1], spheres[s]);
         }
     const double axis[3] = {0, 0, 0};
-    if (meet_round(origin, direction, axis, wall_radius, true, t)) {
+    if (intersect_round(origin, direction, axis, wall_radius, true, t)) {
         const double y = origin[1] + t[1] * direction[1];
         if (y < floor_y && y > -wall_height)
             add_point(points, &count, origin, direction, t[1], (double[3]){0, y, 0});
@@ -156,7 +157,7 @@ static int meet_surfaces(const double origin[3], const double direction[3],
     return count;
 }
 
-// Independent draws of one primitive.
+// Random numbers of one primitive.
 typedef struct dice {
     uint64_t seed, counter;
 } dice;
@@ -172,7 +173,7 @@ static double normal(dice *d)
     return sgsi_random_normal(d->seed, d->counter - 2);
 }
 
-// A disc facing along `axis`, turned at random around it.
+// A disc facing along `axis`, rotated by `turn` around it.
 static void set_rotation(float params[SGS_PARAM_COUNT], const double axis[3], double turn)
 {
     const double other[3] = {fabs(axis[0]) < 0.7, fabs(axis[0]) >= 0.7, 0};
@@ -191,7 +192,7 @@ static void set_rotation(float params[SGS_PARAM_COUNT], const double axis[3], do
         params[SGS_PARAM_ROTATION + k] = (float)quaternion[k];
 }
 
-// Bands of colour that follow the place, and faint view dependence in all SH bands.
+// Colour waves over the position, and faint view dependence in all SH bands.
 static void set_color(float params[SGS_PARAM_COUNT], const double position[3], double frequency,
                       dice *d)
 {
@@ -213,7 +214,7 @@ typedef struct scene_job {
     double origin[3];
 } scene_job;
 
-static void ray_of(const scene_job *job, dice *d, double direction[3])
+static void draw_ray(const scene_job *job, dice *d, double direction[3])
 {
     const double spread = 1.12;
     const double x = spread * (uniform(d) - 0.5) * WIDTH / focal,
@@ -229,17 +230,17 @@ static void make_primitive(const scene_job *job, size_t i)
     dice d = {job->seed ^ 0xBE9C4, DRAWS * (uint64_t)i};
     surface_point points[2 * SPHERES + 2], point;
     double direction[3];
-    ray_of(job, &d, direction);
+    draw_ray(job, &d, direction);
     const double kind = uniform(&d), pick = uniform(&d);
-    const int met = meet_surfaces(job->origin, direction, points);
+    const int found = intersect_surfaces(job->origin, direction, points);
     double thin = 0.12, grow = 1.0, rough = 0.012, frequency = 3.0;
     const bool floats = kind < 0.015;
-    if (floats) { // somewhere in front of the wall, nearly round, faint
+    if (floats) { // floater: in front of the wall, nearly round, faint
         int one = 0;
         add_point(&point, &one, job->origin, direction, 0.8 + 7.0 * pick, job->origin);
         thin = 0.7;
         grow = 1.5;
-    } else if (!met || kind < 0.15) { // the far shell
+    } else if (!found || kind < 0.15) { // shell
         const double radius = shell_radius * (0.7 + 0.6 * pick);
         int one = 0;
         add_point(&point, &one, job->origin, direction, radius, job->origin);
@@ -248,7 +249,7 @@ static void make_primitive(const scene_job *job, size_t i)
         rough = 0.02;
         frequency = 0.08;
     } else {
-        point = points[(int)(pick * met)];
+        point = points[(int)(pick * found)];
     }
     const double offset = rough * point.distance * normal(&d);
     const double size = grow * job->recipe->pixels * point.distance / focal;

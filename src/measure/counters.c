@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Hardware counters through perf_event_open(2). Inherited by threads, user space only, so that the
-// usual perf_event_paranoid of 2 allows them.
+// Hardware counters through perf_event_open(2). Inherited by threads; user space only, which the
+// usual perf_event_paranoid of 2 permits.
 
 #include <errno.h>
 #include <string.h>
@@ -13,14 +13,14 @@
 
 enum { EVENTS = 5 };
 
-// What the kernel tells of an event. Where there are more events than counters it lets them take
-// turns: the event was counted for `running` of `enabled` nanoseconds.
+// What read(2) returns for an event. If there are more events than counters, the kernel multiplexes
+// them: the event was counted for `running` of `enabled` nanoseconds.
 typedef struct reading {
     uint64_t count, enabled, running;
 } reading;
 
 struct sgs_counters {
-    int files[EVENTS]; // -1: not counted
+    int files[EVENTS]; // -1: not available
     reading start[EVENTS];
 };
 
@@ -91,7 +91,7 @@ sgs_counter_values sgs_counters_stop(sgs_counters *counters)
         reading now;
         const reading *start = &counters->start[i];
         const bool counted =
-            read_event(counters, i, &now) && now.running > start->running; // had its turn
+            read_event(counters, i, &now) && now.running > start->running; // at least once
         *to[i] = counted
                      ? (double)(now.count - start->count) * (double)(now.enabled - start->enabled) /
                            (double)(now.running - start->running)

@@ -1,9 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Two multiply-adds start per cycle and take four or five, so ten chains are in flight at the peak.
-// A group is what fits the registers of the instruction set beside the constants; groups run one
-// after the other, chains inside a group together.
+// Two multiply-adds issue per cycle with a latency of four or five, so the peak needs ten chains in
+// flight. A group is as many chains as fit in the registers next to the constants. Chains of a
+// group run together, groups one after the other.
 
 #if SGSI_ISA == 2
 enum { GROUP_CHAINS = 12 };

@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The limit loops for AVX2 and FMA.
+// Limit loops for AVX2 and FMA.
 
 #ifdef SGSI_X86
 #define SGSI_ISA 1

@@ -1,9 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// What the machine can do at best, measured, so that a figure of the bench can be told as a share
-// of it. Every limit is the best of several short trials: a limit is what is possible, not what is
-// usual.
+// Measures what the machine can reach, so that the bench can report its figures as fractions of
+// that. Each limit is the best of several short trials.
 
 #include <math.h>
 #include <string.h>
@@ -18,11 +17,11 @@ enum {
     TRIALS = 5,
     ROUNDS = 400000,
     L2_DEFAULT = 1 << 20,
-    MEMORY_LEAST = 256 << 20,
+    MEMORY_MIN = 256 << 20,
     MEMORY_PER_THREAD = 64 << 20
 };
 
-static const sgsi_limit_kernels *kernels_now(void)
+static const sgsi_limit_kernels *current_kernels(void)
 {
     static const sgsi_limit_kernels *const tables[SGS_ISA_COUNT] = {
         [SGS_ISA_BASELINE] = &sgsi_limit_kernels_baseline,
@@ -117,11 +116,11 @@ static double measure_stream(stream_job *job, size_t floats, bool writes)
 sgs_status sgs_machine_limits_measure(sgs_machine_limits *limits)
 {
     *limits = (sgs_machine_limits){0};
-    const sgsi_limit_kernels *kernels = kernels_now();
+    const sgsi_limit_kernels *kernels = current_kernels();
     const long l2 = sysconf(_SC_LEVEL2_CACHE_SIZE);
     size_t bytes = (size_t)sgsi_threads() * MEMORY_PER_THREAD;
-    if (bytes < MEMORY_LEAST)
-        bytes = MEMORY_LEAST;
+    if (bytes < MEMORY_MIN)
+        bytes = MEMORY_MIN;
     const size_t floats = bytes / sizeof(float);
     stream_job job = {.kernels = kernels, .data = sgsi_alloc(floats, sizeof(float))};
     if (!job.data)

@@ -1,11 +1,10 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// One view, drawn with every kind of tree; they take turns, so that a slow moment of the machine
-// hits them alike. What the trees cost comes from clocks and Embree's memory monitor; what they
-// answer from the tracer's counters; what was needed of it from the lists that the forward pass
-// keeps (only what hit a pixel stays in them). How far rays would go without the stop rule is asked
-// of single rays by brute force over the records.
+// Profiles one view with every kind of BVH. The kinds alternate, so that slow phases of the machine
+// affect all of them. Costs come from clocks and Embree's memory monitor, answers from the tracer's
+// counters, and the useful share of them from the forward pass's hit lists. How far rays would go
+// without early termination is sampled by brute force over the projected records.
 
 #include "sparegs/profile.h"
 
@@ -43,15 +42,15 @@ static sgsi_bvh_quality quality_of(sgs_profile_kind kind)
 
 typedef struct profile_job {
     const sgs_gaussians *model;
-    sgs_gaussians *young; // the model as many refits ago
+    sgs_gaussians *young; // the model before `refits` refits
     const sgs_profile_options *options;
     sgsi_rays *rays;
     sgsi_view view;
     sgsi_planes planes;
     sgsi_tile_cost *costs;                 // [tiles]
     float *block;                          // memory of the planes
-    float *depth_bounds;                   // [tiles] depths that the guided gather starts from
-    double second[SGS_PROFILE_KIND_COUNT]; // second least gather
+    float *depth_bounds;                   // [tiles], input of the gather with depth bounds
+    double second[SGS_PROFILE_KIND_COUNT]; // second best gather time
     sgs_profile *out;
 } profile_job;
 
@@ -67,16 +66,16 @@ static sgs_status copy_young(profile_job *job)
            (model->count + SGS_LANES - 1) / SGS_LANES * SGS_LANES * SGS_PARAM_COUNT *
                sizeof(float));
     job->young->linear_opacity = model->linear_opacity;
-    const double way = job->options->step * sqrt((double)job->options->refits);
-    for (size_t i = 0; way > 0 && i < model->count; ++i)
+    const double distance = job->options->step * sqrt((double)job->options->refits);
+    for (size_t i = 0; distance > 0 && i < model->count; ++i)
         for (int k = 0; k < 3; ++k)
             *sgs_gaussians_at(job->young, i, SGS_PARAM_MEAN + k) +=
-                (float)(way *
+                (float)(distance *
                         sgsi_random_normal(job->options->seed, 6 * (uint64_t)i + 2 * (uint64_t)k));
     return SGS_STATUS_OK;
 }
 
-// Makes the tracer's tree one of the kind, ready to be asked for the view.
+// Builds the tracer's tree as one of the kind, refitted to the view if the kind requires it.
 static sgs_status make_tree(const profile_job *job, sgsi_tracer *tracer, sgs_profile_kind kind,
                             sgs_profile_tree *tree)
 {
@@ -94,8 +93,8 @@ static sgs_status make_tree(const profile_job *job, sgsi_tracer *tracer, sgs_pro
     return status;
 }
 
-// Surface-area cost and overlap of all kinds. The tracer's tree no longer fits its boxes
-// afterwards.
+// Surface-area cost and overlap of all kinds. Afterwards the tracer's tree does not match its
+// bounds.
 static sgs_status measure_costs(const profile_job *job, sgsi_tracer *tracer)
 {
     const size_t count = job->model->count;
@@ -138,13 +137,13 @@ static void fill_maps(const profile_job *job, const sgsi_tracer *tracer)
     }
 }
 
-// Distinct primitives with a hit, macrotile by macrotile.
+// Counts the distinct primitives with a hit in each macrotile.
 static sgs_status count_needed(const profile_job *job, const sgsi_tracer *tracer)
 {
     const sgsi_rays *rays = job->rays;
     const sgsi_tile_list *lists = sgsi_tracer_lists(tracer);
-    uint32_t *last =
-        sgsi_calloc(job->model->count + 1, sizeof *last); // macrotile of the last hit, plus one
+    // Number of the last macrotile with a hit, plus one.
+    uint32_t *last = sgsi_calloc(job->model->count + 1, sizeof *last);
     if (!last)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to count the hits of %zu primitives",
                          job->model->count);
@@ -163,8 +162,8 @@ static sgs_status count_needed(const profile_job *job, const sgsi_tracer *tracer
     return SGS_STATUS_OK;
 }
 
-// What the forward pass over the refittable tree did: counts and maps.
-static sgs_status note_pass(const profile_job *job, const sgsi_tracer *tracer)
+// Records counts and maps of the forward pass over the refitted tree.
+static sgs_status record_pass(const profile_job *job, const sgsi_tracer *tracer)
 {
     sgs_profile *out = job->out;
     const sgsi_trace_counts counts = sgsi_tracer_counts(tracer);
@@ -177,14 +176,14 @@ static sgs_status note_pass(const profile_job *job, const sgsi_tracer *tracer)
     return count_needed(job, tracer);
 }
 
-static void note_gather(profile_job *job, sgs_profile_kind kind, double seconds)
+static void record_gather(profile_job *job, sgs_profile_kind kind, double seconds)
 {
-    double *least = &job->out->trees[kind].gather, *second = &job->second[kind];
-    *second = fmin(*second, fmax(seconds, *least));
-    *least = fmin(*least, seconds);
+    double *best = &job->out->trees[kind].gather, *second = &job->second[kind];
+    *second = fmin(*second, fmax(seconds, *best));
+    *best = fmin(*best, seconds);
 }
 
-// One repetition of a kind: its tree, the view without and with depth depth_bounds.
+// One repetition of a kind: builds its tree, draws the view without and with depth bounds.
 static sgs_status measure_kind(profile_job *job, sgsi_tracer *tracer, sgs_profile_kind kind,
                                bool last)
 {
@@ -202,7 +201,7 @@ static sgs_status measure_kind(profile_job *job, sgsi_tracer *tracer, sgs_profil
     status = sgsi_tracer_forward(tracer, &job->view, &job->planes, job->depth_bounds, main_kind);
     sgsi_tracer_watch_tiles(tracer, NULL);
     const sgsi_trace_seconds seconds = sgsi_tracer_seconds(tracer);
-    note_gather(job, kind, seconds.gather * sgsi_threads());
+    record_gather(job, kind, seconds.gather * sgsi_threads());
     tree->callbacks = (double)sgsi_tracer_counts(tracer).callbacks;
     if (main_kind) {
         out->forward = fmin(out->forward, seconds.forward * sgsi_threads());
@@ -210,7 +209,7 @@ static sgs_status measure_kind(profile_job *job, sgsi_tracer *tracer, sgs_profil
             out->tile_seconds[t] = fminf(out->tile_seconds[t], job->costs[t].seconds);
     }
     if (!status && main_kind && last)
-        status = note_pass(job, tracer);
+        status = record_pass(job, tracer);
     if (!status)
         status = sgsi_tracer_forward(tracer, &job->view, &job->planes, job->depth_bounds, false);
     tree->gather_with_depth_bound =
@@ -218,8 +217,8 @@ static sgs_status measure_kind(profile_job *job, sgsi_tracer *tracer, sgs_profil
     return status;
 }
 
-// Times are the least of what comes from now on.
-static void forget_times(profile_job *job)
+// Resets all times; later measurements keep the minimum.
+static void reset_times(profile_job *job)
 {
     sgs_profile *out = job->out;
     out->forward = INFINITY;
@@ -240,8 +239,8 @@ static sgs_status measure_kinds(profile_job *job)
     if (status)
         return status;
     const double before = (double)sgsi_bvh_bytes(sgsi_tracer_bvh(tracer));
-    status = measure_kind(job, tracer, SGS_PROFILE_LOW, false); // warms memory and caches up
-    forget_times(job);
+    status = measure_kind(job, tracer, SGS_PROFILE_LOW, false); // warms up memory and caches
+    reset_times(job);
     for (int round = 1; round <= job->options->repeat; ++round)
         for (int k = 0; !status && k < SGS_PROFILE_KIND_COUNT; ++k)
             status = measure_kind(job, tracer, (sgs_profile_kind)k, round == job->options->repeat);
@@ -273,11 +272,12 @@ static int compare_hits(const void *a, const void *b)
 typedef struct sample_job {
     const profile_job *profile;
     const float *projected;
-    int counted[SAMPLES_MAX], all[SAMPLES_MAX]; // -1: no ray at that pixel, or no memory
+    // -1: no ray at that pixel, or out of memory.
+    int counted[SAMPLES_MAX], all[SAMPLES_MAX];
     bool stopped[SAMPLES_MAX];
 } sample_job;
 
-// Direction in camera axes of the ray through a pixel; false where there is none.
+// Direction in camera axes of the ray through a pixel. False if the pixel has no ray.
 static bool pixel_direction(const profile_job *job, int x, int y, double d[3])
 {
     const sgsi_tile_rays *tile =
@@ -289,13 +289,13 @@ static bool pixel_direction(const profile_job *job, int x, int y, double d[3])
     return tile->valid[b] >> lane & 1;
 }
 
-// All hits of one ray by trace.h's formulas; then the stop rule over the sorted ones.
+// All hits of one ray by the formulas of trace.h, then early termination over the sorted hits.
 static void follow_ray(void *context, size_t item, int thread)
 {
     (void)thread;
     sample_job *job = context;
     const profile_job *profile = job->profile;
-    // Additive recurrence of the plastic number: evenly spread at any number of samples.
+    // Additive recurrence of the plastic number: evenly spread for any number of samples.
     const int x = (int)(fmod(0.5 + 0.7548776662466927 * (double)item, 1.0) * profile->out->width);
     const int y = (int)(fmod(0.5 + 0.5698402909980532 * (double)item, 1.0) * profile->out->height);
     double d[3];
@@ -374,7 +374,7 @@ static sgs_status sample_rays(profile_job *job)
     return status;
 }
 
-// ---- The whole ----
+// ---- The profile ----
 
 static sgs_status check_options(const sgs_profile_options *o)
 {
@@ -413,7 +413,8 @@ static sgs_status prepare(profile_job *job, const sgs_camera *camera, const sgs_
     job->block = sgsi_calloc(5 * plane, sizeof(float));
     job->costs = sgsi_calloc(tiles, sizeof *job->costs);
     job->depth_bounds = sgsi_calloc(tiles, sizeof *job->depth_bounds);
-    out->pixel_hits = sgsi_calloc(2 * pixels + 3 * tiles, sizeof(float)); // all maps in one block
+    // All maps in one allocation.
+    out->pixel_hits = sgsi_calloc(2 * pixels + 3 * tiles, sizeof(float));
     if (!job->block || !job->costs || !job->depth_bounds || !out->pixel_hits)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the profile of %dx%d pixels",
                          out->width, out->height);

@@ -1,16 +1,16 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Adam on gradients that add up over several iterations before a step, separately for the SH bands
-// above 0 ("rest") and for everything else ("main"). A row steps when any iteration since the last
-// step of its group saw it.
+// Adam on gradients accumulated over several iterations, separately for the SH bands above 0
+// ("rest") and all other parameters ("main"). A row steps if any iteration since its group's last
+// step saw it.
 
 typedef struct accumulate_group {
     const sgsi_optimize *input;
-    size_t base; // of the block in the model layout
-    vm rows;     // rows with a usable gradient in this iteration
+    size_t base; // first float of the block in the model layout
+    vm rows;     // rows with a valid gradient in this iteration
     bool steps;
-    adam16 adam; // its rows: those seen since the last step
+    adam16 adam; // adam.rows: rows seen since the last step
 } accumulate_group;
 
 static inline accumulate_group open_group(const sgsi_optimize *input, size_t block, vm rows,

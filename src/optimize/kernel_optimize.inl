@@ -1,20 +1,20 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The chain rule from a primitive's sums to its stored parameters, fused with Adam: every parameter
-// and moment is read and written once.
+// Chain rule from a primitive's gradient sums to its stored parameters, fused with Adam, so that
+// each parameter and moment is read and written once.
 //
-// From kernel_blend.inl: with m in the primitive's own axes (rotate back by q1, q2, q3),
+// From kernel_blend.inl, with m rotated back to the primitive's own axes by q1, q2, q3:
 //   W = sum of dL/d(rho^2) m m^T = -1/2 sum v m m^T,    f = 2 sum of dL/d(rho^2) m = -sum v m.
 //   dL/dlog s'_k  = -2 W_kk                                 (rho^2 = sum (y_k / s'_k)^2)
 //   dL/domega     = -2 (W_yz (s'_y/s'_z - s'_z/s'_y), ...)  (R -> R exp([omega]x))
 //   dL/dq         = sum over i of 2 dL/domega_i (q * e_i) / |stored q|
 //   dL/ddelta     = -M^T f = -sum over k of f_k / s'_k axis_k
-// Filter s'^2 = s^2 + eps^2, eps^2 = dilation * depth^2: dL/dlog s = dL/dlog s' s^2 / s'^2 and
+// Pixel filter: s'^2 = s^2 + eps^2 with eps^2 = dilation * depth^2, so dL/dlog s = dL/dlog s' s^2 /
+// s'^2 and
 //   dL/ddepth = dilation * depth * sum over k of dL/dlog s'_k / s'_k^2.
-// Filter `mip`: see chain_mip.
-// dL/dlogit = sum v (1 - o), or of linear opacities dL/dx = sum v / x. Colours: a channel clamped
-// at 0 gets nothing.
+// Filter `mip`: see chain_mip. Opacity: dL/dlogit = sum v (1 - o); for linear opacities dL/dx = sum
+// v / x. Colour: a channel clamped at 0 has zero gradient.
 
 #include <math.h>
 #include <string.h>
@@ -24,31 +24,30 @@
 
 typedef struct gradient16 {
     vf mean[3], rotation[4], scale[3], opacity, color[3];
-    vec3 sight;      // dL/dmean through the direction to the mean, camera axes; mip only
-    vec3 transverse; // dL/dmean in camera axes without the paths through the SH direction and the
-                     // filter
-    vec3 direction;  // unit, world
+    vec3 sight; // dL/dmean through the direction to the mean, camera axes; mip only
+    // dL/dmean in camera axes, without the paths through the SH direction and the filter.
+    vec3 transverse;
+    vec3 direction; // unit, world
 } gradient16;
 
-// With the mip filter opacity and pixel filter depend on the scales as well. In logarithms, with b
-// = body, f = filtered, a = the line of sight in the primitive's axes, B = sum of a_k^2 / b_k^2, F
-// = sum of a_k^2 / f_k^2, V = dL/dln o:
+// With the mip filter, opacity and pixel filter also depend on the scales. Let b = body, f =
+// filtered, a = the line of sight in the primitive's axes, B = sum of a_k^2 / b_k^2, F = sum of
+// a_k^2 / f_k^2, V = dL/dln o, and l_k the gradient through the response, as without the filter:
 //   ln o = ln o_stored + sum (ln s_k - ln b_k) + sum (ln b_k - ln f_k) + (ln B - ln F) / 2
-//   dL/dln f_k = l_k + V (a_k^2 / (f_k^2 F) - 1)               l_k: through the response, as
-//                                                              without the filter
+//   dL/dln f_k = l_k + V (a_k^2 / (f_k^2 F) - 1)
 //   dL/dln b_k = dL/dln f_k b_k^2 / f_k^2 - V a_k^2 / (b_k^2 B)
 //   dL/dln s_k = dL/dln b_k s_k^2 / b_k^2 + V
-//   dL/da_k    = V (a_k / (b_k^2 B) - a_k / (f_k^2 F)) = h_k;  dL/domega += h x a;  dL/dmean += R h
-//       / distance
-// (h is across the line of sight: h.a = 0). On return log_scale holds dL/dln f, *scale dL/dln s.
+//   h_k = dL/da_k = V (a_k / (b_k^2 B) - a_k / (f_k^2 F))
+//   dL/domega += h x a,    dL/dmean += R h / distance    (h.a = 0)
+// Returns dL/dln f in *log_scale and dL/dln s in scale.
 static inline void chain_mip(const gaussian16 *g, vf v, vec3 *log_scale, vec3 *omega, vf scale[3],
                              vec3 *sight_gradient)
 {
     const vec3 a = sight(g),
                inv_body = divide3((vec3){vf_set1(1.0f), vf_set1(1.0f), vf_set1(1.0f)}, g->body);
     const vec3 before = divide3(a, g->body), after = divide3(a, g->filtered);
-    const vf least = vf_set1(1e-37f), inv_b = vf_div(v, vf_max(dot3(before, before), least));
-    const vf inv_f = vf_div(v, vf_max(dot3(after, after), least));
+    const vf smallest = vf_set1(1e-37f), inv_b = vf_div(v, vf_max(dot3(before, before), smallest));
+    const vf inv_f = vf_div(v, vf_max(dot3(after, after), smallest));
     vf *const out[3] = {&log_scale->x, &log_scale->y, &log_scale->z};
     const vf s[3] = {g->scale.x, g->scale.y, g->scale.z}, b[3] = {g->body.x, g->body.y, g->body.z};
     const vf inv[3] = {g->inv_filtered.x, g->inv_filtered.y, g->inv_filtered.z},
@@ -86,7 +85,7 @@ static inline void chain_shape(const gaussian16 *g, const vf sums[16], bool mip,
     const vf fx = vf_mul(sums[SGSI_GRAD_SUM_VA], vf_set1(-inv_root)),
              fy = vf_mul(sums[SGSI_GRAD_SUM_VB], vf_set1(-inv_root));
     const vf fz = vf_mul(sums[SGSI_GRAD_SUM_VE], inv_ph);
-    // Into the primitive's axes: f = q1 fx + q2 fy + q3 fz, W = Q^T W Q.
+    // To the primitive's axes: f = q1 fx + q2 fy + q3 fz, W = Q^T W Q.
     const vec3 f = add_scaled3(add_scaled3(scale3(g->q1, fx), g->q2, fy), g->q3, fz);
     const vec3 w1 =
         add_scaled3(add_scaled3(scale3(g->q1, xx), g->q2, xy), g->q3, xz); // row 1 of W Q
@@ -124,7 +123,7 @@ static inline void chain_shape(const gaussian16 *g, const vf sums[16], bool mip,
                                      g->axis[2], back.z);
     out->transverse =
         (vec3){vf_sub(zero, towards.x), vf_sub(zero, towards.y), vf_sub(zero, towards.z)};
-    // dL/d(eps^2) * 2, for the filter's dependence on the depth.
+    // 2 dL/d(eps^2), for the filter's dependence on depth.
     const vf widen = vf_fma(
         log_scale.x, vf_mul(inv.x, inv.x),
         vf_fma(log_scale.y, vf_mul(inv.y, inv.y), vf_mul(log_scale.z, vf_mul(inv.z, inv.z))));
@@ -203,7 +202,7 @@ static inline void chain_rule(const sgsi_optimize *input, const float *p, const 
     const vf one = vf_set1(1.0f);
     chain_shape(g, sums, input->view.mip, out);
     out->opacity = vf_mul(sums[SGSI_GRAD_SUM_V], vf_sub(one, g->opacity_stored));
-    if (input->view.linear_opacity) { // what was hit is not 0
+    if (input->view.linear_opacity) { // a primitive that was hit has x != 0
         const vf x = vf_load(p + 16 * SGS_PARAM_OPACITY);
         const vm seen = vf_gt(vf_abs(x), vf_set1(1e-6f));
         out->opacity = vf_keep(seen, vf_div(sums[SGSI_GRAD_SUM_V], vf_select(seen, x, one)));
@@ -214,7 +213,7 @@ static inline void chain_rule(const sgsi_optimize *input, const float *p, const 
     sh_colors(p, out->direction, input->view.sh_degree, color);
     for (int c = 0; c < 3; ++c)
         out->color[c] = vf_keep(vf_gt(color[c], vf_zero()), sums[SGSI_GRAD_SUM_COLOR + c]);
-    // The mean: footprint, filter through the depth, SH direction.
+    // dL/dmean: footprint, filter through the depth, SH direction.
     const vf through_depth = vf_mul(vf_mul(out->mean[0], vf_set1(input->view.dilation)), g->depth);
     vec3 camera = out->transverse;
     if (input->view.rays->fisheye)
@@ -234,8 +233,8 @@ static inline void chain_rule(const sgsi_optimize *input, const float *p, const 
 }
 
 // Densification statistic: norm of the gradient with respect to the projected centre in NDC units
-// (Kerbl et al. 2023, section 5.2): z |(tan(fovx/2) gx, tan(fovy/2) gy)|, g the transverse gradient
-// in camera axes.
+// (Kerbl et al. 2023, section 5.2), z |(tan(fovx/2) gx, tan(fovy/2) gy)| with g the transverse
+// gradient in camera axes.
 static inline vf transverse_norm(const sgsi_optimize *input, const gaussian16 *g,
                                  const gradient16 *d)
 {
@@ -251,8 +250,8 @@ static inline vf transverse_norm(const sgsi_optimize *input, const gaussian16 *g
     return vf_keep(vf_gt(g->delta.z, vf_set1(input->view.near_distance)), norm);
 }
 
-// The same from sums of absolute values over pixels. What the sums leave out: 1 / (h |delta|), and
-// the way to NDC units.
+// The same from sums of absolute values over pixels. The sums lack the factor 1 / (h |delta|) and
+// the conversion to NDC units.
 static inline vf abs_grad_value(const sgsi_optimize *input, const gaussian16 *g, const vf sums[16])
 {
     const bool fisheye = input->view.rays->fisheye;
@@ -296,7 +295,7 @@ static inline void step_block(const sgsi_optimize *input, size_t block, vm rows,
     float *p = input->params + base, *m = input->m + base, *v = input->v + base;
 #define SGSI_STEP(k, gradient, rate)                                                               \
     adam_step(&adam, p + 16 * (k), m + 16 * (k), v + 16 * (k), gradient, rate)
-    // In the order of the memory: the processor's prefetchers lose streams that jump back.
+    // In memory order: hardware prefetchers lose streams that jump back.
     for (int k = 0; k < 3; ++k)
         SGSI_STEP(SGS_PARAM_MEAN + k, d->mean[k], input->lr_mean);
     for (int k = 0; k < 4; ++k)
@@ -337,7 +336,7 @@ static inline void write_gradients(const sgsi_optimize *input, size_t block, con
     vf_store(out + 16 * SGS_PARAM_OPACITY, d->opacity);
 }
 
-// Every gradient of a lane is finite and sane.
+// Mask of the lanes whose gradients are all finite and within range.
 static inline vm finite_rows(const gradient16 *d)
 {
     vf sum = vf_abs(d->opacity);

@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Reports of steps and gradients that were not finite. The sums of a step stay where they are until
-// the next one, so the kernel can be asked again, block by block, which of them it refused.
+// Reports of non-finite steps and gradients. The sums of a step stay valid until the next one, so
+// the kernel can run again, block by block, to find the rows it rejected.
 
 #include "optimize/numerics.h"
 
@@ -22,22 +22,21 @@ void sgsi_skip_step(sgsi_skipped *skipped, int iteration, const char *view, doub
                   iteration, view, loss, (unsigned long long)skipped->steps);
 }
 
-// First row that the kernel refuses, or count.
-static size_t first_refused(const sgsi_optimize *input)
+// First row that the kernel rejects, or count.
+static size_t first_rejected(const sgsi_optimize *input)
 {
-    sgsi_optimize question = *input;
-    question.apply = false;
-    question.gradient_sum = NULL;
+    sgsi_optimize probe = *input;
+    probe.apply = false;
+    probe.gradient_sum = NULL;
     for (size_t block = 0; 16 * block < input->count; ++block) {
-        if (!input->touched[block] || !sgsi_optimize_blocks(&question, block, block + 1))
+        if (!input->touched[block] || !sgsi_optimize_blocks(&probe, block, block + 1))
             continue;
-        // One row at a time: the rows of a block before and behind it have no hits in a copy of the
-        // sums.
+        // One row at a time: all other rows of the block have zero sums.
         for (size_t lane = 0; lane < 16 && 16 * block + lane < input->count; ++lane) {
             float sums[16 * 16] __attribute__((aligned(64))) = {0};
             for (int k = 0; k < 16; ++k)
                 sums[16 * lane + (size_t)k] = input->sums[16 * (16 * block + lane) + (size_t)k];
-            sgsi_optimize one = question;
+            sgsi_optimize one = probe;
             one.params = input->params + block * SGS_PARAM_COUNT * SGS_LANES;
             one.count = input->count - 16 * block;
             one.sums = sums;
@@ -56,7 +55,7 @@ void sgsi_skip_gradients(sgsi_skipped *skipped, int iteration, const char *view,
     skipped->gradients += rows;
     if (!is_due(skipped))
         return;
-    const size_t first = first_refused(input);
+    const size_t first = first_rejected(input);
     const float *mean = input->params + first / 16 * SGS_PARAM_COUNT * SGS_LANES + first % 16;
     if (first < input->count)
         sgsi_warn("iteration %d, view %s: the gradients of %zu primitive(s) are not finite, the "

@@ -2,23 +2,22 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// What happens to numbers that are not finite in a training step. The hot path only counts them
-// (the kernel compares one sum per row); finding out whose they are is left to here, after the
-// fact.
+// Handling of non-finite values in a training step. The kernel only counts them, with one
+// comparison per row. This file finds the rows afterwards.
 
 #include "optimize/optimize.h"
 
-// Counted over the whole run; part of the checkpoint.
+// Counts over the whole run; part of the checkpoint.
 typedef struct sgsi_skipped {
-    uint64_t steps;     // whole steps, because the loss was not finite
-    uint64_t gradients; // rows left alone in a step, because their gradient was not finite
-    uint64_t reports;   // warnings that were due; the 1st to 5th, 8th, 16th, 32nd, ... are given
+    uint64_t steps;     // steps skipped because the loss was not finite
+    uint64_t gradients; // rows not updated in a step because their gradient was not finite
+    uint64_t reports;   // occasions to warn; only the 1st to 5th, 8th, 16th, 32nd, ... do
 } sgsi_skipped;
 
-// Counts a step whose loss is not finite and warns, naming iteration and view.
+// Counts a step whose loss is not finite and warns with iteration and view.
 void sgsi_skip_step(sgsi_skipped *skipped, int iteration, const char *view, double loss);
 
-// Counts `rows` rows that the optimiser left alone and warns, naming the first primitive among
+// Counts `rows` rows that the optimiser did not update and warns with the first primitive among
 // them.
 void sgsi_skip_gradients(sgsi_skipped *skipped, int iteration, const char *view, size_t rows,
                          const sgsi_optimize *input);

@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Picks the optimiser step of the chosen instruction set.
+// Dispatches the optimiser step to the selected instruction set.
 
 #include "optimize/optimize.h"
 

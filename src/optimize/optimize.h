@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// The optimiser step: from the gradient sums of a view to the gradients of the stored parameters
-// and through Adam, fused, compiled once per instruction set from kernel_optimize.inl.
+// The optimiser step: from the gradient sums of a view through the chain rule and Adam to the
+// stored parameters. Compiled once per instruction set from kernel_optimize.inl.
 
 #include "trace/trace.h"
 
@@ -11,31 +11,32 @@ typedef struct sgsi_optimize {
     float *params, *m, *v; // model layout
     size_t count;
     sgsi_view view;
-    const float *sums;       // [capacity][16]
-    const uint8_t *touched;  // [capacity / 16]: 0 = no sums there
-    const uint16_t *visible; // [capacity / 16]: bits of the rows the sparse optimiser steps besides
-                             // those hit; may be NULL
-    bool dense;              // update every row
-    bool apply; // false: statistics only (3DGS makes no step on densification iterations)
+    const float *sums;      // [capacity][16]
+    const uint8_t *touched; // [capacity / 16]: 0 = no sums for the block
+    // [capacity / 16] or NULL: rows that the sparse optimiser steps in addition to those hit.
+    const uint16_t *visible;
+    bool dense; // step every row
+    bool apply; // false: statistics only (3DGS does not step on densification iterations)
     float lr_mean, lr_rotation, lr_scale, lr_opacity, lr_dc, lr_rest;
     float beta1, beta2, epsilon;
-    float correction1,
-        correction2;     // 1 / (1 - beta1^t), 1 / sqrt(1 - beta2^t); 1 without bias correction
-    float *gradient_sum; // a_i, or NULL
+    // 1 / (1 - beta1^t) and 1 / sqrt(1 - beta2^t); 1 without bias correction.
+    float correction1, correction2;
+    float *gradient_sum; // a_i of 3DGS, or NULL
     float *abs_grad_sum; // the same from SGSI_GRAD_SUM_ABS, or NULL
-    bool abs_grad_norm;  // the 2-norm over both axes instead of the sum
+    bool abs_grad_norm;  // norm over both axes instead of their sum
     float tan_half_x, tan_half_y;
-    // Gradients that add up before a step; accumulated_grad is NULL where every iteration steps.
-    float *accumulated_grad;    // model layout
-    uint16_t *accumulated_rows; // [capacity / 16][2]: rows seen since the last step of main, rest
+    // Gradients accumulated before a step. accumulated_grad is NULL if every iteration steps.
+    float *accumulated_grad; // model layout
+    // [capacity / 16][2]: rows seen since the last step of main and of rest.
+    uint16_t *accumulated_rows;
     bool step_main, step_rest;
     float rest_correction1, rest_correction2;
-    float *gradients; // [capacity][59] in model layout, or NULL: writes dL/dparameter instead of
-                      // stepping (tests)
+    // [capacity][59] in model layout, or NULL: write dL/dparameter instead of stepping (tests).
+    float *gradients;
 } sgsi_optimize;
 
-// Steps blocks [begin, end) of 16 primitives with the chosen instruction set. Returns the number of
-// rows whose gradient was not finite; those rows are left alone.
+// Steps blocks [begin, end) of 16 primitives. Returns the number of rows whose gradient was not
+// finite; these rows are not updated.
 size_t sgsi_optimize_blocks(const sgsi_optimize *input, size_t begin, size_t end);
 
 size_t sgsi_optimize_blocks_baseline(const sgsi_optimize *input, size_t begin, size_t end);

@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The kernel template for avx2.
+// Optimiser step for AVX2.
 
 #ifdef SGSI_X86
 #define SGSI_ISA 1

@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The kernel template for avx512.
+// Optimiser step for AVX-512.
 
 #ifdef SGSI_X86
 #define SGSI_ISA 2

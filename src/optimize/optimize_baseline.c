@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The kernel template for baseline.
+// Optimiser step for the baseline instruction set.
 
 #define SGSI_ISA 0
 #include "simd/simd.h"

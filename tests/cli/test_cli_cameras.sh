@@ -45,6 +45,59 @@ done
 run 2 render "$model" "$room" --aperture 0 --focus 2 -o "$temporary/none"
 says "--focus has no effect with --aperture 0"
 
+# orbits_are_level (up is most perpendicular to the right vectors of the captured cameras, found here by power iteration on
+# the inverse; the rolled mean up vector of this hand-held capture is far from it)
+run 0 render "$model" "$room" --orbit 5 --size 60x40 --aov rgba --save-cameras json,chan,usda -o "$temporary/level"
+check an_arc_is_reported grep -q 'orbit: an arc of' "$temporary/stderr"
+right='[.[] | [.rotation[0][0], .rotation[1][0], .rotation[2][0]]]' # columns of rotation are camera axes in the world
+jq -c "$right | .[]" "$model/cameras.json" | tr -d '[]' | awk -F, '
+    { for (i = 1; i <= 3; ++i) for (j = 1; j <= 3; ++j) m[i, j] += $i * $j }
+    END { # adjugate of m, whose dominant eigenvector is the wanted one
+        for (i = 1; i <= 3; ++i) for (j = 1; j <= 3; ++j) {
+            a = i % 3 + 1; b = (i + 1) % 3 + 1; c = j % 3 + 1; d = (j + 1) % 3 + 1
+            adj[j, i] = m[a, c] * m[b, d] - m[a, d] * m[b, c]
+        }
+        u[1] = u[2] = u[3] = 1
+        for (k = 0; k < 200; ++k) {
+            n = 0
+            for (i = 1; i <= 3; ++i) { w[i] = adj[i, 1] * u[1] + adj[i, 2] * u[2] + adj[i, 3] * u[3]; n += w[i] * w[i] }
+            for (i = 1; i <= 3; ++i) u[i] = w[i] / sqrt(n)
+        }
+        print u[1], u[2], u[3]
+    }' >"$temporary/up"
+jq -c "$right | .[]" "$temporary/level/cameras.json" | tr -d '[]' | awk -F, -v up="$(cat "$temporary/up")" '
+    BEGIN { split(up, u, " ") }
+    { s = $1 * u[1] + $2 * u[2] + $3 * u[3]; if (s < 0) s = -s; if (s > worst) worst = s }
+    END { print "sine of the worst roll:", worst; exit !(NR == 5 && worst < 0.0349) }' >"$temporary/roll"
+check level_within_2_degrees test $? -eq 0
+# exported_cameras_agree: .chan by its angles, .usda by its matrices, cameras.json by rendering from it again
+run 0 render "$model" --camera "$temporary/level/cameras.json" --aov rgba -o "$temporary/again"
+check same_picture oiiotool --fail 1e-4 "$temporary/level/orbit_00003.exr" "$temporary/again/orbit_00003.exr" --diff
+jq -r '.[] | [.rotation[0][2], .rotation[1][2], .rotation[2][2], .rotation[0][1], .rotation[1][1], .rotation[2][1], .fy, .height] | @tsv' \
+    "$temporary/level/cameras.json" | paste - "$temporary/level/cameras.chan" | awk '
+    function off(x) { return x < 0 ? -x : x }
+    { r = 3.14159265358979 / 180; x = $13 * r; y = $14 * r; z = $15 * r
+      # R = Ry Rx Rz; the camera looks along -z, its y axis is up
+      error = off(sin(y) * cos(x) + $1) + off(-sin(x) + $2) + off(cos(y) * cos(x) + $3)
+      error += off(-cos(y) * sin(z) + sin(y) * sin(x) * cos(z) + $4) + off(cos(x) * cos(z) + $5)
+      error += off($16 - 2 * atan2($8 / 2, $7) / r)
+      if (error > worst) worst = error }
+    END { exit !(NR == 5 && worst < 1e-4) }'
+check chan_has_the_same_cameras test $? -eq 0
+check usda_has_five_samples test "$(grep -c '^        [0-4]: ((' "$temporary/level/cameras.usda")" = 5
+run 1 render "$model" "$room" --view 0009 --projection equirectangular --size 96x48 --save-cameras chan -o "$temporary/around"
+one_line
+says "is not perspective"
+run 2 render "$model" "$room" --arc 90 -o "$temporary/none"
+says "--orbit"
+run 0 render "$model" "$room" --orbit 2 --size 40x20 --path-lens view --save-cameras usda --aov rgba -o "$temporary/lens"
+check no_json_unasked test ! -e "$temporary/lens/cameras.json"
+
+# size_keeps_the_vertical_field_of_view: the middle of a wide picture is the narrow one
+run 0 render "$model" "$room" --view 0009 --size 80x40 --aov rgba -o "$temporary/wide"
+run 0 render "$model" "$room" --view 0009 --size 40x40 --aov rgba -o "$temporary/narrow"
+check cropped_not_squashed oiiotool --fail 1e-3 --failpercent 2 "$temporary/wide/0009.exr" --cut 40x40+20+0 "$temporary/narrow/0009.exr" --diff
+
 # no_view_writes_over_another (equal stems keep their extension, equal names are numbered, none leaves the folder)
 jq '.[0] as $camera | ["a.jpg", "a.png", "b.jpg", "c", "c", "c_2", "..", "../up.png", "in/a.jpg", ".hidden", "d.png", "d.deep.png"] |
     map($camera + {img_name: .})' "$model/cameras.json" >"$temporary/names.json"
@@ -53,7 +106,7 @@ run 0 render "$model" --camera "$temporary/names.json" --size 20x15 --aov rgba -
 check files_of_their_own test "$(cat "$temporary/names.txt")" = './inner/.hidden.exr ./inner/a.jpg.exr ./inner/a.png.exr ./inner/b.exr ./inner/c.exr ./inner/c_2.exr ./inner/c_2_2.exr ./inner/d.deep.png.exr ./inner/d.exr ./inner/in/a.exr ./inner/up.exr ./inner/view.exr '
 
 run 0 render "$model" "$room" --orbit 2 --size 20x15 --aov rgba --json -o "$temporary/listed"
-json "$temporary/stdout" '.files | length == 2 and all(.[]; endswith(".exr"))'
+json "$temporary/stdout" '.files | length == 3 and (.[0] | endswith("cameras.json")) and all(.[1:][]; endswith(".exr"))'
 
 # what_is_near_stays_away_as_in_training (OUT remembers how near that is, also where there is no scene)
 json "$model/config.json" '.near_distance == 0.2'

@@ -529,12 +529,34 @@ static void broken_poses_are_refused(void **state)
     assert_int_equal(sgs_pose_from_quaternion(fine, inf_t, &pose), SGS_STATUS_FORMAT);
 }
 
+// The image of a direction moves by the same scale on both axes; the middle column stays the
+// middle.
+static void reframing_never_squashes(void **state)
+{
+    (void)state;
+    for (size_t model = 0; model < LENSES; ++model) {
+        const sgs_camera camera = lenses[model];
+        const int width = camera.width / 3, height = 2 * camera.height;
+        const sgs_camera other = sgs_camera_reframed(&camera, width, height);
+        assert_true(other.model == camera.model && other.width == width && other.height == height);
+        const double points[][3] = {{0.05, 0.1, 1}, {-0.08, 0.02, 1}, {0, 0, 1}};
+        for (size_t k = 0; k < sizeof points / sizeof *points; ++k) {
+            double a[2], b[2];
+            assert_true(sgs_camera_project(&camera, points[k], a));
+            assert_true(sgs_camera_project(&other, points[k], b));
+            assert_true(fabs(b[0] - 0.5 * width - 2 * (a[0] - 0.5 * camera.width)) < 1e-9);
+            assert_true(fabs(b[1] - 2 * a[1]) < 1e-9);
+        }
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(projection_equals_colmaps_formulas),
         cmocka_unit_test(axis_projects_to_the_principal_point),
         cmocka_unit_test(every_pixel_round_trips),
+        cmocka_unit_test(reframing_never_squashes),
         cmocka_unit_test(every_projected_direction_round_trips),
         cmocka_unit_test(barrel_distortion_is_refused_beyond_its_fold),
         cmocka_unit_test(unfolded_branch_of_a_polynomial_is_refused),

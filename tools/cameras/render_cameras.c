@@ -149,8 +149,8 @@ static bool source_cameras(const camera_choice *choice, const sgs_scene *scene, 
     if (choice->file)
         return file_cameras(choice, list);
     if (choice->orbit)
-        return camera_path_orbit(scene, &(path_options){choice->orbit, choice->arc, choice->keep_lens},
-                                 list);
+        return camera_path_orbit(
+            scene, &(path_options){choice->orbit, choice->arc, choice->keep_lens}, list);
     if (choice->spiral)
         return camera_path_spiral(scene, &(path_options){choice->spiral, 0, choice->keep_lens},
                                   list);

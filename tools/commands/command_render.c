@@ -11,6 +11,7 @@
 #include "cli/interrupt.h"
 #include "cli/output.h"
 #include "cli/progress.h"
+#include "cameras/camera_export.h"
 #include "cameras/render_cameras.h"
 #include "draw/view_drawer.h"
 
@@ -27,7 +28,7 @@ static const char description[] =
 typedef struct render_values {
     const char *output, *view, *camera;
     int split, format, encoding, depth, compression;
-    unsigned aovs;
+    unsigned aovs, save_cameras;
     bool reference, deep;
     double deep_tolerance;
     int deep_max;
@@ -118,6 +119,13 @@ static const option render_options[] = {
      .initial = "pinhole",
      .needs = "orbit|spiral",
      .help = "lens of the path: without distortion, or that of the first view"},
+    {.name = "save-cameras",
+     .kind = OPTION_SET,
+     .offset = AT(save_cameras),
+     .argument = "json,chan,usda",
+     .shown = "json with --orbit or --spiral",
+     .needs = "output",
+     .help = "write the cameras too, as DIR/cameras.json, .chan (Nuke) or .usda (OpenUSD)"},
     {.name = "frames",
      .kind = OPTION_TEXT,
      .offset = AT(frames),
@@ -130,7 +138,8 @@ static const option render_options[] = {
      .argument = "WxH",
      .shown = "the view's",
      .unit = "pixels",
-     .help = "image size; keeps the vertical field of view and crops or extends the horizontal one"},
+     .help =
+         "image size; keeps the vertical field of view and crops or extends the horizontal one"},
     {.name = "projection",
      .kind = OPTION_CHOICE,
      .offset = AT(projection),
@@ -306,9 +315,13 @@ static bool render_model(const char *name, const model_path *located, const came
         return false;
     }
     view_options options = view_options_from(values, cameras->fps);
-    region_map regions;
+    region_map regions = {0};
     options.regions = &regions;
-    const bool done = find_regions(name, located->iteration, model, &regions, &options.aovs) &&
+    unsigned formats = values->save_cameras;
+    if (!formats && values->output && (values->orbit || values->spiral))
+        formats = CAMERAS_JSON;
+    const bool done = (!formats || cameras_export(values->output, formats, cameras, options.fps)) &&
+                      find_regions(name, located->iteration, model, &regions, &options.aovs) &&
                       render_views(model, cameras, &options, drawing);
     region_map_free(&regions);
     sgs_gaussians_destroy(model);

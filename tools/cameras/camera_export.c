@@ -1,0 +1,187 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// World axes are those of the scene, so that exported cameras fit the position AOV and the
+// worldToCamera matrix of the EXR files. .chan and USD cameras look down their -z axis with y up,
+// ours look down z with y down: camera y and z change sign.
+//
+// .chan: frame, translation, rotation in degrees (order ZXY: about z first, then x, then y; Nuke's
+// default), vertical field of view in degrees.
+//
+// USD: a Camera prim with one time sample per frame. Apertures assume a film back 36 units wide
+// (the width of full-frame film in mm).
+
+#include "cameras/camera_export.h"
+
+#include <jansson.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+#include "cli/output.h"
+#include "cli/progress.h"
+
+#define PI 3.14159265358979323846
+
+static const double FILM_WIDTH = 36; // mm
+
+// Camera to world, row-major; columns are the camera's axes x right, y up, z backwards.
+static void graphics_axes(const sgs_pose *pose, double axes[9])
+{
+    for (int i = 0; i < 3; ++i)
+        for (int j = 0; j < 3; ++j)
+            axes[3 * i + j] = (j == 0 ? 1 : -1) * pose->rotation[3 * j + i];
+}
+
+static json_t *describe(const named_camera *camera, size_t id)
+{
+    const double *r = camera->pose.rotation;
+    double fx, fy, cx, cy, center[3];
+    sgs_camera_intrinsics(&camera->camera, &fx, &fy, &cx, &cy);
+    sgs_pose_center(&camera->pose, center);
+    json_t *name = json_string(camera->name);
+    if (!name) // not UTF-8
+        name = json_sprintf("camera_%05zu", id);
+    return json_pack("{s:I, s:o, s:i, s:i, s:[f, f, f], s:[[f, f, f], [f, f, f], [f, f, f]], s:f, "
+                     "s:f, s:f, s:f}",
+                     "id", (json_int_t)id, "img_name", name, "width", camera->camera.width,
+                     "height", camera->camera.height, "position", center[0], center[1], center[2],
+                     "rotation", r[0], r[3], r[6], r[1], r[4], r[7], r[2], r[5], r[8], "fy", fy,
+                     "fx", fx, "cx", cx, "cy", cy);
+}
+
+static bool write_cameras_json(const char *path, const camera_list *list)
+{
+    json_t *root = json_array();
+    for (size_t i = 0; i < list->count; ++i)
+        json_array_append_new(root, describe(&list->cameras[i], i));
+    return write_json(path, root);
+}
+
+static void chan_line(FILE *out, const named_camera *camera, size_t frame)
+{
+    double axes[9], center[3], fx, fy, cx, cy;
+    graphics_axes(&camera->pose, axes);
+    sgs_pose_center(&camera->pose, center);
+    sgs_camera_intrinsics(&camera->camera, &fx, &fy, &cx, &cy);
+    // Rotation = R_y R_x R_z.
+    const double x = asin(fmax(-1, fmin(1, -axes[5]))), y = atan2(axes[2], axes[8]),
+                 z = atan2(axes[3], axes[4]);
+    fprintf(out, "%zu\t%.9g\t%.9g\t%.9g\t%.9g\t%.9g\t%.9g\t%.9g\n", frame, center[0], center[1],
+            center[2], x * 180 / PI, y * 180 / PI, z * 180 / PI,
+            2 * atan2(0.5 * camera->camera.height, fy) * 180 / PI);
+}
+
+static void write_chan(FILE *out, const camera_list *list, double fps)
+{
+    (void)fps;
+    for (size_t i = 0; i < list->count; ++i)
+        chan_line(out, &list->cameras[i], i);
+}
+
+// Values of a camera in USD's terms.
+typedef struct film {
+    double focal, width, height, offset_x, offset_y;
+} film;
+
+static film film_of(const sgs_camera *camera)
+{
+    double fx, fy, cx, cy;
+    sgs_camera_intrinsics(camera, &fx, &fy, &cx, &cy);
+    const double focal = fx / camera->width * FILM_WIDTH, height = camera->height / fy * focal;
+    return (film){.focal = focal,
+                  .width = FILM_WIDTH,
+                  .height = height,
+                  .offset_x = (0.5 - cx / camera->width) * FILM_WIDTH,
+                  .offset_y = (cy / camera->height - 0.5) * height};
+}
+
+static void usd_samples(FILE *out, const camera_list *list, const char *name, size_t offset)
+{
+    fprintf(out, "    float %s.timeSamples = {\n", name);
+    for (size_t i = 0; i < list->count; ++i) {
+        const film values = film_of(&list->cameras[i].camera);
+        fprintf(out, "        %zu: %.9g,\n", i, *(const double *)((const char *)&values + offset));
+    }
+    fputs("    }\n", out);
+}
+
+static void write_usda(FILE *out, const camera_list *list, double fps)
+{
+    fprintf(out,
+            "#usda 1.0\n(\n    defaultPrim = \"camera\"\n    startTimeCode = 0\n"
+            "    endTimeCode = %zu\n    timeCodesPerSecond = %.9g\n    framesPerSecond = %.9g\n"
+            "    metersPerUnit = 1\n    upAxis = \"Y\"\n)\n\ndef Camera \"camera\"\n{\n"
+            "    token projection = \"perspective\"\n    float2 clippingRange = (0.01, 100000)\n",
+            list->count - 1, fps, fps);
+    usd_samples(out, list, "focalLength", offsetof(film, focal));
+    usd_samples(out, list, "horizontalAperture", offsetof(film, width));
+    usd_samples(out, list, "verticalAperture", offsetof(film, height));
+    usd_samples(out, list, "horizontalApertureOffset", offsetof(film, offset_x));
+    usd_samples(out, list, "verticalApertureOffset", offsetof(film, offset_y));
+    fputs("    matrix4d xformOp:transform.timeSamples = {\n", out);
+    for (size_t i = 0; i < list->count; ++i) { // row vectors: a row is an axis
+        double a[9], c[3];
+        graphics_axes(&list->cameras[i].pose, a);
+        sgs_pose_center(&list->cameras[i].pose, c);
+        fprintf(out,
+                "        %zu: ((%.12g, %.12g, %.12g, 0), (%.12g, %.12g, %.12g, 0), "
+                "(%.12g, %.12g, %.12g, 0), (%.12g, %.12g, %.12g, 1)),\n",
+                i, a[0], a[3], a[6], a[1], a[4], a[7], a[2], a[5], a[8], c[0], c[1], c[2]);
+    }
+    fputs("    }\n    uniform token[] xformOpOrder = [\"xformOp:transform\"]\n}\n", out);
+}
+
+static bool write_with(const char *path, const camera_list *list, double fps,
+                       void (*write)(FILE *, const camera_list *, double))
+{
+    char *text = NULL;
+    size_t size;
+    FILE *memory = open_memstream(&text, &size);
+    if (memory)
+        write(memory, list, fps);
+    if (!memory || fclose(memory)) {
+        free(text);
+        fail_run("%s: no memory for %zu cameras", path, list->count);
+        return false;
+    }
+    const bool done = write_text(path, text);
+    free(text);
+    return done;
+}
+
+static bool are_perspective(const char *folder, const camera_list *list)
+{
+    for (size_t i = 0; i < list->count; ++i)
+        if (sgs_camera_is_fisheye(list->cameras[i].camera.model) ||
+            list->cameras[i].camera.model == SGS_CAMERA_EQUIRECTANGULAR) {
+            fail_run("%s: camera %s is not perspective; .chan and USD hold perspective cameras "
+                     "only, use --save-cameras json",
+                     folder, list->cameras[i].name);
+            return false;
+        }
+    return true;
+}
+
+bool cameras_export(const char *folder, unsigned formats, const camera_list *list, double fps)
+{
+    if (!list->count ||
+        ((formats & (CAMERAS_CHAN | CAMERAS_USDA)) && !are_perspective(folder, list)))
+        return !list->count;
+    bool done = true;
+    for (unsigned format = CAMERAS_JSON; format <= CAMERAS_USDA && done; format <<= 1) {
+        if (!(formats & format))
+            continue;
+        char *path = format_text("%s/cameras.%s", folder,
+                                 format == CAMERAS_JSON   ? "json"
+                                 : format == CAMERAS_CHAN ? "chan"
+                                                          : "usda");
+        done = format == CAMERAS_JSON
+                   ? write_cameras_json(path, list)
+                   : write_with(path, list, fps, format == CAMERAS_CHAN ? write_chan : write_usda);
+        if (done)
+            tell_file(path);
+        free(path);
+    }
+    return done;
+}

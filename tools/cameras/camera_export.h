@@ -1,0 +1,15 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// Cameras as files for other programs: cameras.json (3DGS), .chan (Nuke, Blender, Houdini) and
+// OpenUSD text (.usda). Lens distortion has no place in these formats.
+
+#include "cameras/camera_file.h"
+
+enum { CAMERAS_JSON = 1, CAMERAS_CHAN = 2, CAMERAS_USDA = 4 };
+
+// Writes FOLDER/cameras.json, .chan, .usda for the bits of `formats`; the n-th camera is frame n,
+// counted from 0. False after printing the error, also for cameras that are not perspective where
+// .chan or .usda is wanted.
+bool cameras_export(const char *folder, unsigned formats, const camera_list *list, double fps);

@@ -2,7 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Bump allocator that keeps its memory: what one step needed, the next has already.
+// Bump allocator that keeps its memory across resets: after the first steps a training step
+// allocates nothing.
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -24,9 +25,8 @@ typedef struct sgsi_arena {
 uint32_t *sgsi_arena_take(sgsi_arena *arena, size_t words);
 // Words handed out since the last reset.
 size_t sgsi_arena_used(const sgsi_arena *arena);
-// Resets, and makes room for `words` in one piece, so that any takes which together need no more
-// will not allocate. (Fresh pages cost nothing until they are used.) False when out of memory: the
-// arena is empty and usable.
+// Resets and reserves `words` in one chunk, so that takes with this total do not allocate.
+// (Untouched pages take no memory.) False when out of memory: the arena is then empty and usable.
 bool sgsi_arena_reserve(sgsi_arena *arena, size_t words);
 void sgsi_arena_reset(sgsi_arena *arena);
 void sgsi_arena_free(sgsi_arena *arena);

@@ -8,8 +8,7 @@
 
 enum { LONGEST_PATH = 4096 };
 
-// The first numbers of a file, `wanted` of them at most; "max" ends them. Returns how many there
-// are.
+// Reads up to `wanted` numbers from a file, stopping at "max". Returns how many were read.
 static int read_numbers(const char *folder, const char *name, int wanted, double *numbers)
 {
     char path[2 * LONGEST_PATH];
@@ -33,7 +32,7 @@ static void allow_cores(sgsi_group_limits *limits, double quota, double period)
 
 static void allow_memory(sgsi_group_limits *limits, double bytes)
 {
-    // Version 1 writes the largest number there is for "no limit".
+    // Version 1 reports "no limit" as the largest number.
     if (bytes > 0.0 && bytes < 0x1p60 && (!limits->memory || bytes < (double)limits->memory))
         limits->memory = (unsigned long long)bytes;
 }
@@ -51,8 +50,8 @@ static void read_group(const char *folder, sgsi_group_limits *limits)
         allow_memory(limits, numbers[0]);
 }
 
-// The group `path` below `hierarchy`, and all around it. In a container the path may be that of the
-// machine and the mount begin at the container's own group, which is then the outermost.
+// Reads the group `path` below `hierarchy` and its ancestors. In a container the path may be that
+// of the host while the mount starts at the container's own group, which is then the outermost.
 static void read_groups(const char *root, const char *hierarchy, const char *path,
                         sgsi_group_limits *limits)
 {

@@ -2,19 +2,18 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// What Linux's control groups leave to this process: containers, batch systems and systemd units
-// limit processor time and memory there, and the affinity mask and the size of the machine do not
-// show it.
+// CPU and memory limits of the Linux control groups of this process. Containers, batch systems and
+// systemd units set limits there that neither the affinity mask nor the size of the machine shows.
 
 typedef struct sgsi_group_limits {
-    double cores;              // seconds of processor time per second; 0 = not limited
-    unsigned long long memory; // bytes; 0 = not limited
+    double cores;              // CPU seconds per second; 0 = unlimited
+    unsigned long long memory; // bytes; 0 = unlimited
 } sgsi_group_limits;
 
-// The least limits of the groups that `membership` lists and of those around them. `membership`: as
-// /proc/self/cgroup; `root`: where the groups are mounted, /sys/fs/cgroup; version 1, 2, or both.
-// What cannot be read does not limit.
+// The lowest limits of the groups that `membership` lists and of their ancestors. membership: in
+// the format of /proc/self/cgroup; root: the mount point, /sys/fs/cgroup; version 1, 2 or both.
+// Unreadable files set no limit.
 sgsi_group_limits sgsi_group_limits_read(const char *membership, const char *root);
 
-// Of this process, now.
+// The limits of this process, read now.
 sgsi_group_limits sgsi_group_limits_own(void);

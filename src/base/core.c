@@ -41,7 +41,7 @@ const char *sgs_last_error(void)
     return last_error;
 }
 
-// Messages quote files that nobody trusts: no line break and no terminal escape gets through.
+// Messages quote untrusted files: line breaks and terminal escapes are replaced.
 static void make_printable(char *text)
 {
     for (; *text; ++text)
@@ -51,8 +51,8 @@ static void make_printable(char *text)
 
 sgs_status sgsi_fail(sgs_status status, const char *format, ...)
 {
-    // Through a second buffer: an argument may be sgs_last_error() itself (a caller adding the
-    // file's name).
+    // Formats into a second buffer: an argument may be sgs_last_error() itself when a caller adds a
+    // file name.
     char text[sizeof last_error];
     va_list args;
     va_start(args, format);
@@ -113,7 +113,7 @@ void *sgsi_alloc(size_t count, size_t size)
     if (posix_memalign(&block, alignment, bytes))
         return NULL;
     if (bytes >= HUGE_BLOCK)
-        madvise(block, bytes, MADV_HUGEPAGE); // a hint: failure costs only speed
+        madvise(block, bytes, MADV_HUGEPAGE); // a hint: failure only affects speed
     return block;
 }
 
@@ -187,8 +187,8 @@ sgs_status sgsi_file_read(const char *path, size_t limit, uint8_t **bytes, size_
     const size_t length = (size_t)info.st_size;
     if (limit && length > limit) {
         fclose(stream);
-        return sgsi_fail(SGS_STATUS_LIMIT, "%s: has %zu bytes, more than the %zu that are accepted",
-                         path, length, limit);
+        return sgsi_fail(SGS_STATUS_LIMIT, "%s: has %zu bytes; the limit is %zu", path, length,
+                         limit);
     }
     uint8_t *block = sgsi_alloc(length + 1, 1);
     if (!block) {
@@ -199,7 +199,7 @@ sgs_status sgsi_file_read(const char *path, size_t limit, uint8_t **bytes, size_
     fclose(stream);
     if (got != length) {
         sgsi_free(block);
-        return sgsi_fail(SGS_STATUS_IO, "%s: byte %zu: cannot be read further", path, got);
+        return sgsi_fail(SGS_STATUS_IO, "%s: byte %zu: read error", path, got);
     }
     block[length] = 0;
     *bytes = block;
@@ -224,8 +224,8 @@ sgs_status sgsi_atomic_open(sgsi_atomic_file *file, const char *path)
     return SGS_STATUS_OK;
 }
 
-// A rename is on the disk when its folder is. Best effort: some file systems refuse to sync a
-// folder.
+// A rename is durable once its folder is synced. Best effort: some file systems do not sync
+// folders.
 static void sync_folder_of(const char *path)
 {
     char folder[4096] = ".";

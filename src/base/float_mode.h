@@ -2,15 +2,15 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Denormals are flushed inside parallel loops: Embree asks for it, and they would cost hundreds of
-// cycles each.
+// Flushes denormals to zero inside parallel loops: Embree requires it, and denormal arithmetic
+// takes hundreds of cycles per operation.
 
 #ifdef SGSI_X86
 #include <xmmintrin.h>
 
 typedef unsigned sgsi_float_mode;
 
-// Returns the mode there was.
+// Returns the previous mode.
 static inline sgsi_float_mode sgsi_enter_float_mode(void)
 {
     const unsigned mode = _mm_getcsr();

@@ -26,7 +26,7 @@ void sgsi_roots_add(sgsi_roots *roots, const char *folder)
 void sgsi_roots_free(sgsi_roots *roots)
 {
     for (size_t i = 0; i < SGSI_ROOTS; ++i)
-        free(roots->path[i]); // of realpath
+        free(roots->path[i]); // allocated by realpath
     *roots = (sgsi_roots){0};
 }
 
@@ -40,7 +40,7 @@ sgs_status sgsi_roots_check(const sgsi_roots *roots, const char *path)
 {
     char *real = realpath(path, NULL);
     if (!real)
-        return SGS_STATUS_OK; // opening it will say why
+        return SGS_STATUS_OK; // opening it reports the error
     bool below = false;
     for (size_t i = 0; i < SGSI_ROOTS; ++i)
         below = below || (roots->path[i] && is_below(real, roots->path[i]));

@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Holds files that a data set names to the folders the user named. Names with ".." are refused
-// where they are read (dataset.h); this finds what symbolic links would lead out.
+// Restricts the files of a data set to the folders that the user named. Names with ".." are
+// rejected when they are read (dataset.h); this module detects symbolic links that lead elsewhere.
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -17,10 +17,10 @@ typedef struct sgsi_roots {
     char *path[SGSI_ROOTS];
 } sgsi_roots;
 
-// Adds a folder; one that does not exist, or NULL, or one more than there is room for adds nothing.
+// Adds a folder. Ignores NULL, a missing folder and folders beyond SGSI_ROOTS.
 void sgsi_roots_add(sgsi_roots *roots, const char *folder);
 void sgsi_roots_free(sgsi_roots *roots);
 
-// FORMAT, with a sentence that names where `path` leads, if it exists and lies in none of the
-// folders. Any thread.
+// Fails with FORMAT if `path` exists and resolves to a file outside of all folders; the error names
+// its target. Thread-safe.
 sgs_status sgsi_roots_check(const sgsi_roots *roots, const char *path);

@@ -2,14 +2,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Sorting by the bits of a positive float, which order like the float itself.
+// Radix sort by the bits of positive floats, which have the same order as the floats.
 
 #include <stddef.h>
 #include <stdint.h>
 #include <string.h>
 
-// Stable counting sort of `from` into `to` by `bits` (at most 11) bits, from `shift` on, of what
-// the keys exceed `base` by.
+// Stable counting sort of `from` into `to` by `bits` (at most 11) bits of key - base, starting at
+// bit `shift`.
 static inline void sgsi_radix_pass(const uint64_t *from, uint64_t *to, size_t count, uint64_t base,
                                    int shift, int bits)
 {
@@ -28,9 +28,8 @@ static inline void sgsi_radix_pass(const uint64_t *from, uint64_t *to, size_t co
         to[begin[(from[i] - base) >> shift & (buckets - 1)]++] = from[i];
 }
 
-// Sorts by the upper 32 bits, which lie in [least, most], to a resolution of 2^-20 of that range or
-// finer; what is closer keeps its order. Both buffers hold `count` keys, the sorted ones end in
-// `keys`.
+// Sorts by the upper 32 bits, which lie in [least, most], with a resolution of 2^-20 of that range
+// or finer; closer keys keep their order. Both buffers hold `count` keys; the result is in `keys`.
 static inline void sgsi_radix_sort(uint64_t *keys, uint64_t *spare, size_t count, uint32_t least,
                                    uint32_t most)
 {

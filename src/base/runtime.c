@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Choice of the instruction set, versions, memory readings.
+// Instruction set, versions and memory readings.
 
 #include "sparegs/runtime.h"
 #include "sparegs/version.h"
@@ -17,7 +17,7 @@
 #include "base/cgroup_limits.h"
 #include "base/core.h"
 
-static atomic_int chosen_isa = -1; // found by whichever thread asks first
+static atomic_int chosen_isa = -1; // detected at the first call
 
 int sgs_isa_supported(sgs_isa isa)
 {
@@ -51,7 +51,7 @@ sgs_isa sgs_get_isa(void)
         int best = SGS_ISA_COUNT - 1;
         while (!sgs_isa_supported((sgs_isa)best))
             --best;
-        // Another thread may have chosen meanwhile: then isa becomes its choice.
+        // On failure another thread has chosen; isa then holds its choice.
         if (atomic_compare_exchange_strong(&chosen_isa, &isa, best))
             isa = best;
     }
@@ -63,7 +63,7 @@ sgs_status sgs_set_isa(sgs_isa isa)
     if (!sgs_isa_name(isa))
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "instruction set %d is unknown", (int)isa);
     if (!sgs_isa_supported(isa))
-        return sgsi_fail(SGS_STATUS_UNSUPPORTED, "this machine has no %s; leave --isa away",
+        return sgsi_fail(SGS_STATUS_UNSUPPORTED, "CPU does not support %s; omit --isa",
                          sgs_isa_name(isa));
     atomic_store(&chosen_isa, (int)isa);
     return SGS_STATUS_OK;

@@ -8,8 +8,8 @@
 //   name "end" | bytes: 0
 //   XXH64 of everything before it: u64
 //
-// Nothing of a file is used before its checksum is proved. The checksum protects against accidents,
-// not against somebody who can compute it: every size is held against the bytes that are there.
+// No content is used before the checksum is verified. The checksum detects accidents, not
+// manipulation: every size is validated against the remaining bytes.
 
 #include "base/sections.h"
 
@@ -18,7 +18,7 @@
 #include <xxhash.h>
 
 _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__,
-               "the sections are written as they lie in memory");
+               "sections are stored in the byte order of memory");
 
 static const char magic[8] = {'S', 'P', 'A', 'R', 'E', 'G', 'S', '1'};
 static const char end_name[] = "end";
@@ -70,12 +70,11 @@ sgs_status sgsi_sections_create(sgsi_sections *sections, const char *path)
     return SGS_STATUS_OK;
 }
 
-// The section before the current place must have got all its pieces: a mistake in the caller's list
-// otherwise.
+// The previous section must be complete; otherwise the list of the caller is wrong.
 static void check_filled(sgsi_sections *sections)
 {
     if (!sections->status && sections->left)
-        sections->status = sgsi_fail(SGS_STATUS_LIMIT, "%s: %zu bytes of a section have no content",
+        sections->status = sgsi_fail(SGS_STATUS_LIMIT, "%s: a section lacks %zu bytes",
                                      sections->path, sections->left);
 }
 
@@ -97,7 +96,7 @@ sgs_status sgsi_sections_commit(sgsi_sections *sections)
 
 static sgs_status fail_format(const sgsi_sections *sections, size_t at, const char *what)
 {
-    return sgsi_fail(SGS_STATUS_FORMAT, "%s: byte %zu: %s; the file is cut or damaged",
+    return sgsi_fail(SGS_STATUS_FORMAT, "%s: byte %zu: %s; the file is truncated or corrupt",
                      sections->path, at, what);
 }
 
@@ -114,7 +113,7 @@ static sgs_status read_table(sgsi_sections *sections, size_t size)
 {
     for (size_t at = HEADER_BYTES;;) {
         if (size - at < SECTION_HEADER_BYTES)
-            return fail_format(sections, at, "the list of sections has no end");
+            return fail_format(sections, at, "end of the section list is missing");
         sgsi_section section = {.at = at + SECTION_HEADER_BYTES};
         memcpy(section.name, sections->bytes + at, SGSI_SECTION_NAME);
         uint64_t bytes;
@@ -122,13 +121,13 @@ static sgs_status read_table(sgsi_sections *sections, size_t size)
         if (!strcmp(section.name, end_name))
             return bytes == 0 && section.at == size
                        ? SGS_STATUS_OK
-                       : fail_format(sections, at, "something follows the end");
+                       : fail_format(sections, at, "data after the end");
         if (bytes > size - section.at)
-            return fail_format(sections, at, "a section is longer than the file");
+            return fail_format(sections, at, "section exceeds the file");
         if (sections->count == SGSI_SECTIONS_MOST)
-            return fail_format(sections, at, "there are too many sections");
+            return fail_format(sections, at, "too many sections");
         if (look_up(sections, section.name))
-            return fail_format(sections, at, "a section is there twice");
+            return fail_format(sections, at, "duplicate section");
         section.bytes = (size_t)bytes;
         sections->table[sections->count++] = section;
         at = section.at + section.bytes;
@@ -153,7 +152,7 @@ static sgs_status prove(sgsi_sections *sections, size_t size)
     memcpy(&digest, sections->bytes + size, sizeof digest);
     if (XXH64(sections->bytes, size, 0) != digest)
         return sgsi_fail(SGS_STATUS_FORMAT,
-                         "%s: the checksum does not match; the file is cut or damaged", path);
+                         "%s: checksum mismatch; the file is truncated or corrupt", path);
     return read_table(sections, size);
 }
 
@@ -224,7 +223,7 @@ void sgsi_sections_piece(sgsi_sections *sections, void *data, size_t bytes)
 {
     if (sections->status || !bytes)
         return;
-    if (bytes > sections->left) { // a mistake in the caller's list of sections
+    if (bytes > sections->left) { // the list of the caller is wrong
         sections->status = sgsi_fail(SGS_STATUS_LIMIT, "%s: a piece does not fit into its section",
                                      sections->path);
         return;

@@ -18,7 +18,7 @@
 #include "sparegs/runtime.h"
 #include "base/thread_team.h"
 
-static atomic_int thread_count; // 0 = not asked for yet
+static atomic_int thread_count; // 0 = default
 
 void sgsi_threads_set(int count)
 {
@@ -35,7 +35,7 @@ int sgs_threads(void)
     return sgsi_threads();
 }
 
-// Processors in the affinity mask, however large the machine; 0 when it cannot be had.
+// Processors in the affinity mask, for any size of machine; 0 when it is not available.
 static int affine_cores(void)
 {
     for (int most = 1024; most <= 1 << 20; most *= 4) {
@@ -69,7 +69,7 @@ int sgsi_threads(void)
         int cores = sgs_cores();
         if (cores > SGSI_THREADS_MAX)
             cores = SGSI_THREADS_MAX;
-        // Another thread may have set it meanwhile: then count becomes that number.
+        // On failure another thread has set it; count then holds that number.
         if (atomic_compare_exchange_strong(&thread_count, &count, cores))
             count = cores;
     }
@@ -88,13 +88,13 @@ void sgsi_parallel_for(size_t count, size_t chunk, sgsi_item_fn body, void *cont
     if (!chunk)
         chunk = 1;
     const int threads = sgsi_threads();
-    const bool nested = sgsi_team_is_inside(); // then the other threads have work already
+    const bool nested = sgsi_team_is_inside(); // the other threads are busy
     const double start = sgsi_seconds();
-    const sgsi_float_mode mode = sgsi_enter_float_mode(); // the caller's comes back afterwards
+    const sgsi_float_mode mode = sgsi_enter_float_mode(); // restored below
     if (threads == 1 || count <= chunk || nested) {
         for (size_t item = 0; item < count; ++item)
             body(context, item, 0);
-        if (threads == 1) // else a single item is serial work
+        if (threads == 1) // a single item counts as serial work
             loop_seconds.inside += sgsi_seconds() - start;
     } else {
         const double finished = sgsi_team_run(threads, count, chunk, body, context, start);

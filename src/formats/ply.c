@@ -1,10 +1,10 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The model's file: the PLY of Kerbl et al., "3D Gaussian Splatting for Real-Time Radiance Field
-// Rendering", 2023, as its code writes it and as every viewer reads it: 62 little-endian floats per
-// primitive for SH degree 3. f_rest is channel-major in the file (all of red, then green, then
-// blue) and coefficient-major in memory, so that lower degrees come first.
+// The model file: the PLY written by the code of Kerbl et al., "3D Gaussian Splatting for Real-Time
+// Radiance Field Rendering", 2023, which every viewer reads: 62 little-endian floats per primitive
+// for SH degree 3. f_rest is channel-major in the file (all of red, then green, then blue) and
+// coefficient-major in memory, so that lower degrees come first.
 //
 // Reading goes by property name, because other trainers write other orders and types; what a 3DGS
 // model does not have is ignored. Values pass as stored: quaternions are not normalised, except
@@ -62,7 +62,7 @@ static int rest_count(int sh_degree)
     return 3 * ((sh_degree + 1) * (sh_degree + 1) - 1);
 }
 
-// Parameter of f_rest_k in a file with `count` of them.
+// Parameter of f_rest_k in a file with `count` of these properties.
 static int rest_param(int k, int count)
 {
     const int per_channel = count / 3;
@@ -72,7 +72,7 @@ static int rest_param(int k, int count)
 // ---- Reading ----
 
 typedef struct column {
-    int property; // in the vertex element
+    int property; // index in the vertex element
     int param;
     size_t offset; // in a binary row
     sgsi_ply_type type;
@@ -85,7 +85,7 @@ typedef struct ply_reader {
     column columns[MAX_COLUMNS];
     int column_count;
     int sh_degree;
-    locale_t c_locale; // the decimal point of an ascii body does not depend on the user's language
+    locale_t c_locale; // decimal point of ascii bodies, independent of the locale
     size_t dropped, unrotated;
 } ply_reader;
 
@@ -141,9 +141,10 @@ static sgs_status map_columns(ply_reader *reader)
             break;
     }
     if (reader->sh_degree > 3)
-        return sgsi_fail(SGS_STATUS_UNSUPPORTED,
-                         "%s: has %d f_rest properties; 0, 9, 24 or 45 are read (SH degree 0 to 3)",
-                         reader->stream.path, rest);
+        return sgsi_fail(
+            SGS_STATUS_UNSUPPORTED,
+            "%s: has %d f_rest properties; supported are 0, 9, 24 or 45 (SH degree 0 to 3)",
+            reader->stream.path, rest);
     for (int k = 0; k < rest; ++k) {
         char name[32];
         snprintf(name, sizeof name, "f_rest_%d", k);
@@ -171,8 +172,8 @@ static sgs_status read_ascii_row(ply_reader *reader, size_t row, float params[SG
         const size_t place = reader->stream.position;
         if (!sgsi_ply_word(&reader->stream, word))
             return sgsi_fail(SGS_STATUS_FORMAT,
-                             "%s: byte %zu: vertex %zu: property '%s' is not there; the file is "
-                             "truncated or damaged",
+                             "%s: byte %zu: vertex %zu: property '%s' is missing; the file is "
+                             "truncated or corrupt",
                              reader->stream.path, place, row, name);
         values[k] = strtod_l(word, &end, reader->c_locale);
         if (end == word || *end)
@@ -190,7 +191,7 @@ static sgs_status read_binary_row(ply_reader *reader, size_t row_size,
 {
     const uint8_t *bytes = sgsi_ply_take(&reader->stream, row_size);
     if (!bytes)
-        return sgsi_fail(SGS_STATUS_IO, "%s: byte %zu: cannot be read further", reader->stream.path,
+        return sgsi_fail(SGS_STATUS_IO, "%s: byte %zu: read error", reader->stream.path,
                          reader->stream.position);
     const bool big_endian = reader->header.format == SGSI_PLY_BIG_ENDIAN;
     for (int k = 0; k < reader->column_count; ++k) {
@@ -324,7 +325,7 @@ static uint8_t *put_float(uint8_t *at, float value)
     return at;
 }
 
-// Fails at once when the disk is full, and not only after the remaining gigabyte.
+// Fails as soon as the disk is full.
 static sgs_status put_chunk(sgsi_atomic_file *file, const uint8_t *bytes, size_t size)
 {
     errno = 0;
@@ -362,7 +363,7 @@ static uint8_t *put_row(const row_writer *writer, size_t row, uint8_t *at)
     return at;
 }
 
-// Takes over `file`: commits or removes it.
+// Takes ownership of `file`: commits or removes it.
 static sgs_status write_rows(const row_writer *writer, sgsi_atomic_file *file)
 {
     uint8_t chunk[CHUNK_ROWS * MAX_COLUMNS * sizeof(float)];
@@ -380,7 +381,7 @@ static sgs_status write_rows(const row_writer *writer, sgsi_atomic_file *file)
     return sgsi_atomic_commit(file);
 }
 
-// A number < 0 stands for none.
+// A negative number means none.
 static void add_written(row_writer *writer, FILE *stream, const char *prefix, int number, int param)
 {
     if (number < 0)

@@ -2,12 +2,12 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // The container of Greg Turk's "The PLY Polygon File Format", 1994: a header of text lines, then
-// the rows of each element, as text or binary. Written for hostile input: the file is streamed,
-// every count is compared with the bytes left before anything is allocated or walked, and the
-// header has a limited size.
+// the rows of each element, as text or binary. Robust against hostile input: the file is streamed,
+// every count is validated against the remaining bytes before memory is allocated or rows are read,
+// and the size of the header is limited.
 //
-// Stricter than the original: a byte of the header that is not printable text, an unknown keyword
-// and a name used twice are errors, because in practice they mean a damaged file.
+// Stricter than the original: a non-printable byte in the header, an unknown keyword or a duplicate
+// name is an error, because it indicates a corrupt file.
 
 #include "formats/ply_header.h"
 
@@ -55,7 +55,7 @@ const uint8_t *sgsi_ply_take(sgsi_ply_stream *stream, size_t n)
         stream->end +=
             fread(stream->buffer + stream->end, 1, BUFFER_BYTES - stream->end, stream->file);
         if (stream->end < n)
-            return NULL; // the file shrank or cannot be read
+            return NULL; // the file shrank or a read failed
     }
     const uint8_t *bytes = stream->buffer + stream->begin;
     stream->begin += n;
@@ -90,7 +90,7 @@ bool sgsi_ply_word(sgsi_ply_stream *stream, char word[SGSI_PLY_MAX_NAME + 1])
             if (length == SGSI_PLY_MAX_NAME)
                 return false;
             word[length++] =
-                (char)(*byte >= 32 && *byte < 127 ? *byte : '?'); // it may end in a message
+                (char)(*byte >= 32 && *byte < 127 ? *byte : '?'); // may appear in an error message
             continue;
         }
         if (length || !byte)
@@ -149,7 +149,7 @@ typedef struct header_line {
     int number; // from 1
     char text[MAX_LINE + 1];
     char *words[MAX_WORDS]; // into text
-    int word_count;         // words beyond MAX_WORDS are not split off
+    int word_count;         // at most MAX_WORDS are split
     bool is_comment;
 } header_line;
 
@@ -187,12 +187,12 @@ static sgs_status read_line(sgsi_ply_stream *stream, header_line *line)
                              stream->path, SGSI_PLY_MAX_HEADER);
         const uint8_t *byte = sgsi_ply_take(stream, 1);
         if (!byte)
-            return sgsi_fail(SGS_STATUS_FORMAT, "%s: line %d: the file ends inside the header",
+            return sgsi_fail(SGS_STATUS_FORMAT, "%s: line %d: file ends inside the header",
                              stream->path, line->number);
         if (*byte == '\n')
             break;
         if (length == MAX_LINE)
-            return sgsi_fail(SGS_STATUS_LIMIT, "%s: line %d: is longer than %d characters",
+            return sgsi_fail(SGS_STATUS_LIMIT, "%s: line %d: longer than %d characters",
                              stream->path, line->number, MAX_LINE);
         line->text[length++] = (char)*byte;
     }
@@ -204,7 +204,7 @@ static sgs_status read_line(sgsi_ply_stream *stream, header_line *line)
         const unsigned char byte = (unsigned char)line->text[k];
         if ((byte < 32 && byte != '\t') || byte > 126)
             return sgsi_fail(SGS_STATUS_FORMAT,
-                             "%s: line %d: byte 0x%02x is not text; the header is damaged",
+                             "%s: line %d: byte 0x%02x is not text; the header is corrupt",
                              stream->path, line->number, byte);
     }
     if (!line->is_comment)
@@ -244,28 +244,28 @@ static sgs_status parse_format(const char *path, const header_line *line, sgsi_p
 {
     static const char *const names[] = {"ascii", "binary_little_endian", "binary_big_endian"};
     if (line->word_count != 3 || strcmp(line->words[0], "format"))
-        return sgsi_fail(SGS_STATUS_FORMAT, "%s: line %d: 'format' is expected after 'ply'", path,
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: line %d: expected 'format' after 'ply'", path,
                          line->number);
     for (int k = 0; k < 3; ++k) {
         if (strcmp(line->words[1], names[k]))
             continue;
         if (strcmp(line->words[2], "1.0"))
             return sgsi_fail(SGS_STATUS_UNSUPPORTED,
-                             "%s: line %d: PLY version %.63s is unknown; only 1.0 is read", path,
+                             "%s: line %d: unknown PLY version %.63s; only 1.0 is supported", path,
                              line->number, line->words[2]);
         header->format = (sgsi_ply_format)k;
         return SGS_STATUS_OK;
     }
     return sgsi_fail(SGS_STATUS_UNSUPPORTED,
-                     "%s: line %d: format '%.63s' is unknown; ascii, binary_little_endian or "
-                     "binary_big_endian is read",
+                     "%s: line %d: unknown format '%.63s'; supported are ascii, "
+                     "binary_little_endian and binary_big_endian",
                      path, line->number, line->words[1]);
 }
 
 static sgs_status check_name(const char *path, int number, const char *name)
 {
     if (strlen(name) > SGSI_PLY_MAX_NAME)
-        return sgsi_fail(SGS_STATUS_LIMIT, "%s: line %d: a name is longer than %d characters", path,
+        return sgsi_fail(SGS_STATUS_LIMIT, "%s: line %d: name longer than %d characters", path,
                          number, SGSI_PLY_MAX_NAME);
     return SGS_STATUS_OK;
 }
@@ -274,18 +274,18 @@ static sgs_status parse_element(const char *path, const header_line *line, sgsi_
 {
     size_t count;
     if (line->word_count != 3)
-        return sgsi_fail(SGS_STATUS_FORMAT, "%s: line %d: 'element NAME COUNT' is expected", path,
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: line %d: expected 'element NAME COUNT'", path,
                          line->number);
     const char *name = line->words[1];
     if (check_name(path, line->number, name))
         return SGS_STATUS_LIMIT;
     if (!parse_count(line->words[2], &count))
         return sgsi_fail(SGS_STATUS_FORMAT,
-                         "%s: line %d: element '%s' has the count '%.63s', which is not a number",
-                         path, line->number, name, line->words[2]);
+                         "%s: line %d: count '%.63s' of element '%s' is not a number", path,
+                         line->number, line->words[2], name);
     for (int k = 0; k < header->element_count; ++k) {
         if (!strcmp(header->elements[k].name, name))
-            return sgsi_fail(SGS_STATUS_FORMAT, "%s: line %d: element '%s' occurs twice", path,
+            return sgsi_fail(SGS_STATUS_FORMAT, "%s: line %d: duplicate element '%s'", path,
                              line->number, name);
     }
     if (header->element_count == SGSI_PLY_MAX_ELEMENTS)
@@ -303,11 +303,10 @@ static sgs_status parse_property(const char *path, const header_line *line, sgsi
     if (line->word_count != (is_list ? 5 : 3))
         return sgsi_fail(
             SGS_STATUS_FORMAT,
-            "%s: line %d: 'property TYPE NAME' or 'property list COUNT-TYPE TYPE NAME' is expected",
+            "%s: line %d: expected 'property TYPE NAME' or 'property list COUNT-TYPE TYPE NAME'",
             path, line->number);
     if (!header->element_count)
-        return sgsi_fail(SGS_STATUS_FORMAT,
-                         "%s: line %d: a property stands before the first element", path,
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: line %d: property before the first element", path,
                          line->number);
     if (header->property_count == SGSI_PLY_MAX_PROPERTIES)
         return sgsi_fail(SGS_STATUS_LIMIT, "%s: line %d: more than %d properties", path,
@@ -318,18 +317,17 @@ static sgs_status parse_property(const char *path, const header_line *line, sgsi
     if (check_name(path, line->number, name))
         return SGS_STATUS_LIMIT;
     if (!parse_type(type, &property.type))
-        return sgsi_fail(SGS_STATUS_FORMAT,
-                         "%s: line %d: property '%s' has the unknown type '%.63s'", path,
-                         line->number, name, type);
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: line %d: property '%s' has unknown type '%.63s'",
+                         path, line->number, name, type);
     if (is_list && (!parse_type(line->words[2], &property.count_type) ||
                     property.count_type >= SGSI_PLY_FLOAT))
         return sgsi_fail(
             SGS_STATUS_FORMAT,
-            "%s: line %d: list '%s' has the count type '%.63s', which is no integer type", path,
+            "%s: line %d: list '%s' has count type '%.63s', which is not an integer type", path,
             line->number, name, line->words[2]);
     for (int k = 0; k < element->property_count; ++k) {
         if (!strcmp(header->properties[element->first_property + k].name, name))
-            return sgsi_fail(SGS_STATUS_FORMAT, "%s: line %d: property '%s' occurs twice", path,
+            return sgsi_fail(SGS_STATUS_FORMAT, "%s: line %d: duplicate property '%s'", path,
                              line->number, name);
     }
     memcpy(property.name, name, strlen(name) + 1);
@@ -348,8 +346,7 @@ sgs_status sgsi_ply_read_header(sgsi_ply_stream *stream, sgsi_ply_header *header
     if (magic[3] == '\r') {
         const uint8_t *feed = sgsi_ply_take(stream, 1);
         if (!feed || *feed != '\n')
-            return sgsi_fail(SGS_STATUS_FORMAT, "%s: line 1: is not ended by a line feed",
-                             stream->path);
+            return sgsi_fail(SGS_STATUS_FORMAT, "%s: line 1: missing line feed", stream->path);
     }
     header_line line = {.number = 1};
     bool have_format = false;
@@ -382,8 +379,7 @@ sgs_status sgsi_ply_read_header(sgsi_ply_stream *stream, sgsi_ply_header *header
 sgs_status sgsi_ply_check_count(const sgsi_ply_stream *stream, const sgsi_ply_header *header,
                                 const sgsi_ply_element *element)
 {
-    // A value of an ascii body takes a character and a separator; the last separator may be
-    // missing.
+    // A value of an ascii body takes a character and a separator; the last separator is optional.
     const bool ascii = header->format == SGSI_PLY_ASCII;
     const size_t row =
         ascii ? 2 * (size_t)element->property_count : sgsi_ply_row_size(header, element);
@@ -448,7 +444,7 @@ sgs_status sgsi_ply_skip(sgsi_ply_stream *stream, const sgsi_ply_header *header,
                                                    header->format == SGSI_PLY_BIG_ENDIAN);
         if (!skipped)
             return sgsi_fail(SGS_STATUS_FORMAT,
-                             "%s: byte %zu: row %zu of element '%s' is damaged or truncated",
+                             "%s: byte %zu: row %zu of element '%s' is corrupt or truncated",
                              stream->path, place, row, element->name);
     }
     return SGS_STATUS_OK;

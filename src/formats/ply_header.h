@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// The PLY container: a buffered stream that knows how many bytes are left, the header, and the
-// skipping of elements. Knows nothing of Gaussians; reads only.
+// The PLY container, read only: a buffered stream that tracks the remaining bytes, the header, and
+// the skipping of elements. Independent of Gaussians.
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -30,8 +30,8 @@ typedef enum sgsi_ply_format {
     SGSI_PLY_BIG_ENDIAN
 } sgsi_ply_format;
 
-// Far above what any exporter writes; they bound the memory and time that a hostile header can ask
-// for.
+// Far above the output of any exporter; they limit the memory and time that a hostile header can
+// request.
 enum {
     SGSI_PLY_MAX_NAME = 63,
     SGSI_PLY_MAX_ELEMENTS = 16,
@@ -43,7 +43,7 @@ typedef struct sgsi_ply_property {
     char name[SGSI_PLY_MAX_NAME + 1];
     sgsi_ply_type type;
     bool is_list;
-    sgsi_ply_type count_type; // of a list; an integer type
+    sgsi_ply_type count_type; // for a list; an integer type
 } sgsi_ply_property;
 
 typedef struct sgsi_ply_element {
@@ -62,20 +62,20 @@ typedef struct sgsi_ply_header {
 typedef struct sgsi_ply_stream {
     const char *path; // borrowed
     FILE *file;
-    size_t size;     // of the file
+    size_t size;     // of the file, bytes
     size_t position; // bytes consumed
     uint8_t *buffer;
     size_t begin, end; // unread part of the buffer
 } sgsi_ply_stream;
 
-// Opens a regular file; fails with IO or OUT_OF_MEMORY. Close also after a failure.
+// Opens a regular file; fails with IO or OUT_OF_MEMORY. Close it after a failure too.
 sgs_status sgsi_ply_open(const char *path, sgsi_ply_stream *stream);
 void sgsi_ply_close(sgsi_ply_stream *stream);
 
-// The next n bytes (n <= 64 KiB), consumed; NULL when fewer are left. Valid until the next call.
+// Consumes the next n bytes (n <= 64 KiB); NULL when fewer remain. Valid until the next call.
 const uint8_t *sgsi_ply_take(sgsi_ply_stream *stream, size_t n);
 
-// The next word of an ascii body; false at the end of the file or when it has more than 63
+// The next word of an ascii body; false at the end of the file or for a word of more than 63
 // characters.
 bool sgsi_ply_word(sgsi_ply_stream *stream, char word[SGSI_PLY_MAX_NAME + 1]);
 
@@ -87,17 +87,17 @@ static inline size_t sgsi_ply_left(const sgsi_ply_stream *stream)
 // Reads up to and including end_header. Errors name the line.
 sgs_status sgsi_ply_read_header(sgsi_ply_stream *stream, sgsi_ply_header *header);
 
-// Bytes of one binary value, and of one binary row without its lists' items.
+// Bytes of one binary value, and of one binary row without the items of its lists.
 size_t sgsi_ply_type_size(sgsi_ply_type type);
 size_t sgsi_ply_row_size(const sgsi_ply_header *header, const sgsi_ply_element *element);
 
-// One binary value.
+// Decodes one binary value.
 double sgsi_ply_decode(const uint8_t *bytes, sgsi_ply_type type, bool big_endian);
 
-// Checks that the rows promised by `element` can fit into the bytes left (lists count as empty).
+// Checks that the declared rows of `element` fit into the remaining bytes (lists count as empty).
 sgs_status sgsi_ply_check_count(const sgsi_ply_stream *stream, const sgsi_ply_header *header,
                                 const sgsi_ply_element *element);
 
-// Walks over all rows of an element, lists included.
+// Skips all rows of an element, including lists.
 sgs_status sgsi_ply_skip(sgsi_ply_stream *stream, const sgsi_ply_header *header,
                          const sgsi_ply_element *element);

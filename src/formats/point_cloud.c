@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Point clouds from PLY: x y z of any number type, red green blue as 8 bit, or as fractions when
-// they are floating point. The container is ply_header.c's business.
+// Point clouds from PLY: x y z of any number type; red green blue as 8-bit integers, or as
+// fractions if they are floating point.
 
 #include "formats/point_cloud.h"
 
@@ -22,7 +22,7 @@ typedef struct cloud {
     sgsi_ply_stream stream;
     sgsi_ply_header header;
     const sgsi_ply_element *element;
-    int field_of[SGSI_PLY_MAX_PROPERTIES]; // per property of the element, -1 for none
+    int field_of[SGSI_PLY_MAX_PROPERTIES]; // field of each property of the element, -1 = none
     bool fraction, colored;
 } cloud;
 
@@ -34,7 +34,7 @@ static sgs_status find_fields(cloud *c)
         c->field_of[i] = -1;
         if (property->is_list)
             return sgsi_fail(SGS_STATUS_UNSUPPORTED,
-                             "%s: its vertices hold the list '%s'; save it as a plain point cloud",
+                             "%s: vertex property '%s' is a list; export a plain point cloud",
                              c->stream.path, property->name);
         for (int f = 0; f < FIELD_COUNT; ++f) {
             if (strcmp(property->name, field_names[f]))
@@ -46,8 +46,7 @@ static sgs_status find_fields(cloud *c)
         }
     }
     if (!present[X] || !present[Y] || !present[Z])
-        return sgsi_fail(SGS_STATUS_FORMAT,
-                         "%s: its vertices have no x, y, z; save it as a point cloud",
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: vertices lack x, y, z; export a point cloud",
                          c->stream.path);
     c->colored = present[RED] && present[GREEN] && present[BLUE];
     return SGS_STATUS_OK;
@@ -65,11 +64,11 @@ static sgs_status find_vertices(cloud *c)
         if (status)
             return status;
     }
-    return sgsi_fail(SGS_STATUS_FORMAT, "%s: holds no vertices; save it as a point cloud",
+    return sgsi_fail(SGS_STATUS_FORMAT, "%s: has no vertices; export a point cloud",
                      c->stream.path);
 }
 
-// One row; false at the end of the file.
+// Reads one row; false at the end of the file.
 static bool read_row(cloud *c, double fields[FIELD_COUNT])
 {
     const sgsi_ply_property *properties = c->header.properties + c->element->first_property;
@@ -112,7 +111,7 @@ static sgs_status read_rows(cloud *c, size_t *count, float *points, uint8_t *col
         if (!read_row(c, fields))
             return sgsi_fail(
                 SGS_STATUS_FORMAT,
-                "%s: byte %zu: vertex %zu of %zu is cut off or no number; save it again",
+                "%s: byte %zu: vertex %zu of %zu is truncated or not a number; export it again",
                 c->stream.path, c->stream.position, row, c->element->count);
         float *p = points + 3 * *count;
         for (int k = 0; k < 3; ++k) {
@@ -125,8 +124,7 @@ static sgs_status read_rows(cloud *c, size_t *count, float *points, uint8_t *col
             ++dropped;
     }
     if (dropped)
-        sgsi_warn("%s: %zu point(s) that are not finite numbers are dropped", c->stream.path,
-                  dropped);
+        sgsi_warn("%s: dropped %zu non-finite point(s)", c->stream.path, dropped);
     return SGS_STATUS_OK;
 }
 

@@ -2,13 +2,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Reads a coloured point cloud from a PLY file, as nerfstudio's ply_file_path names one.
+// Reads a coloured point cloud from a PLY file, for example the ply_file_path of nerfstudio.
 
 #include <stddef.h>
 #include <stdint.h>
 
 #include "sparegs/status.h"
 
-// points [count][3], finite (others are dropped with one warning); colors [count][3], grey without
-// colour. The caller frees both with sgsi_free. On failure both are NULL and *count is 0.
+// points [count][3]: finite (others are dropped with one warning); colors [count][3]: grey if the
+// file has none. The caller releases both with sgsi_free. On failure both are NULL and *count is 0.
 sgs_status sgsi_point_cloud_read(const char *path, size_t *count, float **points, uint8_t **colors);

@@ -1,12 +1,12 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Mip-Splatting (Yu et al. 2024, section 5.1). A camera of focal length f
-// samples a primitive at depth z every z / f; what is finer than that is not in the photographs. f3
-// = sqrt(0.2) min z / F, the minimum over the training views that see the mean at z > 0.2 inside
-// the image and a margin of 15 %, F the largest focal length of all. Depth is z, or the distance
-// for fisheye lenses, whose margin is tested on the projected point; other lenses are tested as
-// pinholes, as in the original.
+// Mip-Splatting (Yu et al. 2024, section 5.1). A camera of focal length f samples a primitive at
+// depth z at intervals of z / f; finer detail is not in the images. f3 = sqrt(0.2) min z / F: the
+// minimum over the training views that see the mean at z > 0.2 inside the image plus a margin of 15
+// %, F the largest focal length of all views. Depth is z; for fisheye lenses it is the distance,
+// and the margin is tested on the projected point. Other lenses are treated as pinholes, as in the
+// original.
 
 #include "model/filter_3d.h"
 
@@ -23,7 +23,7 @@ typedef struct sampling_job {
     const size_t *views;
     size_t view_count;
     double focal;
-    float *filter_3d; // the nearest depth first, -1 where no view samples the primitive
+    float *filter_3d; // first the nearest depth, -1 if no view samples the primitive
 } sampling_job;
 
 static bool inside(double u, double v, const sgs_camera *camera)
@@ -32,7 +32,7 @@ static bool inside(double u, double v, const sgs_camera *camera)
            v >= -margin * camera->height && v <= (1 + margin) * camera->height;
 }
 
-// Depth at which a view samples a point, or a negative number.
+// Depth at which a view samples a point; negative if it does not.
 static double sampled_depth(const sgs_view *view, const double mean[3])
 {
     double p[3], fx, fy, cx, cy, pixel[2];

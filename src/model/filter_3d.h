@@ -2,18 +2,16 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Mip-Splatting's 3D smoothing filter: the width below which no training camera can tell a
-// primitive's shape, and models with that filter worked into their scales and opacities. Knows no
-// images.
+// The 3D smoothing filter of Mip-Splatting (Yu et al. 2024, section 5.1): the sampling limit of the
+// training cameras per primitive, and models with the filter baked into scales and opacities.
 
 #include "sparegs/gaussians.h"
 #include "sparegs/scene.h"
 
-// f3 of every primitive, world units: filter_3d [count] is written. views: [view_count] indices
-// into scene->views. Primitives that no view samples get the filter of the most distant one that
-// some view does.
+// Writes filter_3d [count], f3 of every primitive in world units. views: [view_count] indices into
+// scene->views. A primitive that no view samples gets the largest filter of the sampled ones.
 void sgsi_filter_3d_compute(const sgs_gaussians *model, const sgs_scene *scene, const size_t *views,
                             size_t view_count, float *filter_3d);
 
-// sqrt of product s^2 / product (s^2 + f3^2): what the filter leaves of a primitive's opacity.
+// sqrt(product s^2 / product (s^2 + f3^2)): the factor of the filter on the opacity of a primitive.
 double sgsi_filter_3d_factor(const sgs_gaussians *model, size_t i, float filter_3d);

@@ -1,15 +1,14 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The model's storage, its 3DGS initialisation from a point cloud, and its digest.
+// Storage of a model, its 3DGS initialisation from a point cloud, and its hash.
 //
-// Storage is blocks of 16 rows (include/sparegs/gaussians.h). Rows behind the last one are kept
-// inert, so that a kernel may process whole blocks: an inert row has an opacity of 1e-13, below any
-// hit.
+// Storage is blocks of 16 rows (include/sparegs/gaussians.h). Rows after the last one are inert, so
+// that kernels can process whole blocks: the opacity of an inert row is 1e-13, below any hit.
 //
-// Initialisation follows Kerbl et al., "3D Gaussian Splatting for Real-Time Radiance Field
-// Rendering", 2023, as its code does it: the scale is the root of the mean squared distance to the
-// three nearest others. The distances are exact and in double (the original's are float).
+// Initialisation follows the code of Kerbl et al., "3D Gaussian Splatting for Real-Time Radiance
+// Field Rendering", 2023: the scale is the root of the mean squared distance to the three nearest
+// other points. The distances are exact and in double precision (in float in the original).
 
 #include "sparegs/gaussians.h"
 
@@ -28,11 +27,11 @@
 static const float INERT_OPACITY_LOGIT = -30.0f;
 static const float INERT_LOG_SCALE = -20.0f;
 static const double SH_C0 = 0.28209479177387814;
-static const double SMALLEST_SQUARED_DISTANCE = 1e-7; // in scenes of extent 1 and more
+static const double SMALLEST_SQUARED_DISTANCE = 1e-7; // for scenes of extent >= 1
 static const double FALLBACK_OF_EXTENT = 0.01;
 
 enum { INIT_GRAIN = 4096 };
-static const size_t MOST_PRIMITIVES = (size_t)INT32_MAX - 15; // ids are 32 bit, some of them signed
+static const size_t MOST_PRIMITIVES = (size_t)INT32_MAX - 15; // ids have 32 bits, some are signed
 
 typedef struct inert_rows {
     sgs_gaussians *model;
@@ -52,7 +51,7 @@ static void inert_range(void *context, size_t begin, size_t end, int thread)
         sgs_gaussians_set(rows->model, rows->first + i, params);
 }
 
-// By all threads, whose memory the pages are then spread over.
+// Zeroed by all threads, which distributes the pages over NUMA nodes.
 static void make_inert(sgs_gaussians *model, size_t begin, size_t end)
 {
     inert_rows rows = {model, begin};
@@ -110,7 +109,7 @@ sgs_status sgs_gaussians_resize(sgs_gaussians *model, size_t count)
     const sgs_status status = sgs_gaussians_reserve(model, count);
     if (status)
         return status;
-    // The rows that come or go: either way they are inert afterwards.
+    // Rows that are added or removed become inert.
     const size_t low = count < model->count ? count : model->count;
     const size_t high = count < model->count ? model->count : count;
     make_inert(model, low, high);
@@ -230,8 +229,7 @@ void sgs_gaussians_declare_linear_opacity(sgs_gaussians *model)
     make_inert(model, model->count, model->capacity);
 }
 
-// XXH3 with 64 bits over count, degree and the rows one after another, so that capacity and blocks
-// do not matter.
+// 64-bit XXH3 of count, degree and the rows in order; independent of capacity and block layout.
 void sgs_gaussians_hash(const sgs_gaussians *model, char hex[17])
 {
     XXH3_state_t state;

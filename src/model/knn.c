@@ -5,15 +5,15 @@
 // for Finding Best Matches in Logarithmic Expected Time", 1977), with tight boxes instead of split
 // planes.
 //
-// The tree is implicit: it is complete, node k of level d owns the points [n k / 2^d, n (k+1) /
-// 2^d), so only boxes are stored. A level is built by a parallel loop over its nodes: each finds
-// its box and partitions its points about the median along the longest side. Cutting by rank and
-// not by place keeps O(n log n) for clusters, for a far outlier and for duplicates, which spoil a
-// grid or a Morton order.
+// The tree is implicit and complete: node k of level d owns the points [n k / 2^d, n (k+1) / 2^d),
+// so only boxes are stored. A level is built by a parallel loop over its nodes, each of which
+// computes its box and partitions its points about the median along the longest side. Splitting by
+// rank instead of position keeps O(n log n) for clusters, distant outliers and duplicates, which
+// degrade a grid or a Morton order.
 //
-// Exact also in floating point: a box's distance is computed with the operations of a point's
-// distance in the same order, and rounding is monotonic, so the box's number is never above that of
-// a point inside.
+// The search is exact in floating point: the distance to a box uses the operations of the distance
+// to a point in the same order, and rounding is monotonic, so the former never exceeds the latter
+// for a point inside the box.
 
 #include "model/knn.h"
 
@@ -59,8 +59,8 @@ static void swap_points(tree_point *a, tree_point *b)
     *b = kept;
 }
 
-// Quickselect with three-way partition and hashed pivots (no input makes it quadratic but by
-// chance). Afterwards points[begin, rank) <= points[rank, end) along `axis`.
+// Quickselect with three-way partition and hashed pivots (quadratic time is improbable for any
+// input). Afterwards points[begin, rank) <= points[rank, end) along `axis`.
 static void select_rank(tree_point *points, size_t begin, size_t end, size_t rank, int axis)
 {
     for (uint64_t round = 0; end - begin > 1; ++round) {
@@ -149,13 +149,13 @@ static void search_leaf(const tree *t, size_t node, const tree_point *query, dou
 
 typedef struct visit {
     double distance;
-    size_t node; // numbered as tree.boxes
+    size_t node; // index into tree.boxes
     int level;
 } visit;
 
 static void search(const tree *t, const tree_point *query, double best[3])
 {
-    visit stack[MAX_LEVELS + 2]; // a level leaves at most its farther child behind
+    visit stack[MAX_LEVELS + 2]; // each level pushes at most its farther child
     int depth = 0;
     stack[depth++] = (visit){0.0, 1, 0};
     while (depth) {

@@ -1,9 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Normals of primitives. A trained Gaussian lies flat on the surface that it shows, so its shortest
-// axis is the best guess of the surface's normal; the sign is the one that faces the camera. Once
-// per view and primitive, in plain C: a hundredth of what the hits of the view cost.
+// Normals of primitives. A trained Gaussian lies flat on its surface, so its shortest axis
+// estimates the surface normal, with the sign that faces the camera. Computed once per view and
+// primitive in plain C: one percent of the cost of the hits.
 
 #include "model/normals.h"
 
@@ -19,8 +19,8 @@ typedef struct normals_job {
     float *normals;
 } normals_job;
 
-// Column `k` of the rotation of a quaternion (w, x, y, z) of any norm; a zero quaternion is the
-// identity.
+// Column `k` of the rotation matrix of a quaternion (w, x, y, z) of any norm; a zero quaternion is
+// the identity.
 static void rotation_column(const float stored[4], int k, float column[3])
 {
     const float norm = sqrtf(stored[0] * stored[0] + stored[1] * stored[1] + stored[2] * stored[2] +

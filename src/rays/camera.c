@@ -1,31 +1,29 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The eleven camera models of COLMAP 3.8 (its documentation and camera_models.h define them) as one
-// lens.
+// The eleven camera models of COLMAP 3.8 (defined by its documentation and camera_models.h),
+// evaluated as one lens.
 //
 // Every model first maps a point to a plane vector x: (X/Z, Y/Z) for the perspective models, theta
-// (X, Y)/R with R = |(X, Y)|, theta = atan2(R, Z) for the fisheye ones. The lens then bends it,
-//     y = x g(s) + (2 p1 uv + p2 (s + 2u^2), 2 p2 uv + p1 (s + 2v^2)) + s (sx1, sy1),    x = (u,
-//                                                                                        v), s =
-//                                                                                        |x|^2,
-// with g = N(s) / D(s), and the pixel is (fx y0 + cx, fy y1 + cy). Coefficients a model does not
-// have are 0. FOV is the exception: g = atan(2 r tan(omega / 2)) / (r omega), and has a closed
-// inverse.
+// (X, Y)/R with R = |(X, Y)| and theta = atan2(R, Z) for the fisheye models. The lens then distorts
+// it,
+//     y = x g(s) + (2 p1 uv + p2 (s + 2u^2), 2 p2 uv + p1 (s + 2v^2)) + s (sx1, sy1),
+// with x = (u, v), s = |x|^2 and g = N(s) / D(s), and the pixel is (fx y0 + cx, fy y1 + cy).
+// Coefficients that a model lacks are 0. FOV is the exception: g = atan(2 r tan(omega / 2)) / (r
+// omega), with a closed inverse.
 //
-// What differs from COLMAP: its fisheye models divide by Z and so end at 90 degrees; here theta
-// goes on to
-// 180. Its FOV model switches to Taylor series below 1e-4; atan(x)/x needs none. Its inversion runs
-// a fixed number of Newton steps and never fails; here a point or pixel outside of the lens's
-// domain is refused.
+// Differences from COLMAP: its fisheye models divide by Z and end at 90 degrees; here theta extends
+// to 180. Its FOV model switches to Taylor series below 1e-4; atan(x)/x needs none. Its inversion
+// runs a fixed number of Newton steps and never fails; here points and pixels outside the domain of
+// the lens are rejected.
 //
-// Domain. Strong barrel distortion folds: beyond some radius y turns back. The domain is the
-// largest disc |x| < limit on which the symmetric part of the Jacobian stays positive definite; on
-// a convex set that makes the map injective. With h = d(r g)/dr the Jacobian of the radial part has
+// Domain. Strong barrel distortion folds: beyond some radius y decreases again. The domain is the
+// largest disc |x| < limit on which the symmetric part of the Jacobian is positive definite; on a
+// convex set that makes the map injective. With h = d(r g)/dr the Jacobian of the radial part has
 // the eigenvalues h (radial) and g (tangential). The tangential part adds 2 r (p e' + e p' + (p.e)
-// I), e = x/r, p = (p2, p1), whose least eigenvalue is -6 r |p|, reached along e = -p/|p|, and the
-// thin prism r (t e' + e t') with least eigenvalue -2 r |t|. So limit is the first root of h - q r
-// or of g - q r, q = 6 |p| + 2 |t|: polynomials in r.
+// I), e = x/r, p = (p2, p1), whose smallest eigenvalue is -6 r |p|, at e = -p/|p|. The thin prism
+// adds r (t e' + e t') with smallest eigenvalue -2 r |t|. So limit is the first root of h - q r or
+// of g - q r, q = 6 |p| + 2 |t|: polynomials in r.
 
 #include "sparegs/camera.h"
 
@@ -60,7 +58,7 @@ static const lens_kind models[SGS_CAMERA_MODEL_COUNT] = {
 };
 
 typedef struct lens {
-    sgs_camera_model model; // with `params`, the key of the memo in lens_of
+    sgs_camera_model model; // with `params`, the cache key of lens_of
     double params[12];
     bool fisheye, tangential;
     double fx, fy, cx, cy;
@@ -114,7 +112,7 @@ sgs_status sgs_camera_validate(const sgs_camera *camera)
         return sgsi_fail(SGS_STATUS_FORMAT, "camera model %d is unknown", (int)camera->model);
     if (camera->width < 1 || camera->height < 1 || camera->width > MAX_SIZE ||
         camera->height > MAX_SIZE)
-        return sgsi_fail(SGS_STATUS_FORMAT, "camera size %d x %d is outside of 1 to %d pixels",
+        return sgsi_fail(SGS_STATUS_FORMAT, "camera size %d x %d is not within 1 to %d pixels",
                          camera->width, camera->height, MAX_SIZE);
     const int focal_count = kind_of(camera->model)->focal_count;
     for (int i = 0; i < kind_of(camera->model)->param_count; ++i) {
@@ -132,7 +130,7 @@ sgs_status sgs_camera_validate(const sgs_camera *camera)
     return SGS_STATUS_OK;
 }
 
-// Bit by bit: -0 is not 0 here, and NaN equals itself.
+// Compares bits: -0 differs from 0, and NaN equals itself.
 static bool params_equal(const double *a, const double *b)
 {
     // NOLINTNEXTLINE(bugprone-suspicious-memory-comparison,cert-*)
@@ -156,7 +154,7 @@ void sgs_camera_intrinsics(const sgs_camera *camera, double *fx, double *fy, dou
     *cy = p[second + 2];
 }
 
-// The model with separate fx and fy that contains a one-focal model.
+// The model with separate fx and fy that generalises a one-focal model.
 static sgs_camera_model two_focal_model(sgs_camera_model model)
 {
     switch (model) {
@@ -188,7 +186,7 @@ sgs_camera sgs_camera_resized(const sgs_camera *camera, int width, int height)
             p[2] *= sx;
             return out;
         }
-        // f, cx, cy, k... becomes fx, fy, cx, cy, k...: all of these models list k1, k2 next.
+        // f, cx, cy, k... becomes fx, fy, cx, cy, k...; k1 and k2 come next in all these models.
         out.model = two_focal_model(camera->model);
         memmove(p + 1, p, 11 * sizeof *p);
     }
@@ -231,7 +229,7 @@ static double polynomial(const double *c, int degree, double x)
     return value;
 }
 
-// Sorted sign changes of a polynomial in (0, end): between the roots of its derivative it is
+// Sorted sign changes of a polynomial in (0, end). Between the roots of its derivative it is
 // monotonic.
 static int polynomial_roots(const double *c, int degree, double end, double *roots)
 {
@@ -333,7 +331,7 @@ static void lens_init(lens *l, const sgs_camera *camera)
         }
         break;
     case SGS_CAMERA_FOV:
-        l->omega = fabs(p[4]); // the formula is even in omega
+        l->omega = fabs(p[4]); // the model is even in omega
         l->fov_scale = 2 * tan(0.5 * l->omega);
         break;
     default:
@@ -343,7 +341,7 @@ static void lens_init(lens *l, const sgs_camera *camera)
     l->limit = domain_limit(l);
 }
 
-// Finding the domain costs microseconds, a projection nanoseconds: each thread remembers its last
+// The domain takes microseconds to find, a projection nanoseconds: each thread caches its last
 // lens.
 static const lens *lens_of(const sgs_camera *camera)
 {
@@ -391,7 +389,7 @@ static double fov_factor(const lens *l, double r)
     return per_omega * (x > 0 ? atan(x) / x : 1);
 }
 
-// ---- Equirectangular: longitude and latitude as image axes, all around. Nothing to invert. ----
+// ---- Equirectangular: longitude and latitude as image axes. No inversion needed. ----
 
 sgs_camera sgs_camera_equirectangular(int width, int height)
 {
@@ -430,7 +428,7 @@ bool sgs_camera_project(const sgs_camera *camera, const double point[3], double 
     if (l->fisheye) {
         const double theta = atan2(across, point[2]);
         if (across == 0 && !(point[2] > 0))
-            return false; // straight behind there is no azimuth
+            return false; // the azimuth is undefined on the backward axis
         scale = across > 0 ? theta / across : 1;
     } else {
         if (!(point[2] > 0))
@@ -454,8 +452,7 @@ bool sgs_camera_project(const sgs_camera *camera, const double point[3], double 
     return isfinite(pixel[0]) && isfinite(pixel[1]);
 }
 
-// r with r g(r^2) = target, by Newton inside a bracket that bisection shrinks when Newton leaves
-// it.
+// r with r g(r^2) = target, by Newton steps inside a bracket; bisection where Newton leaves it.
 static bool invert_radial(const lens *l, double target, double *r)
 {
     double low = 0, high = isinf(l->limit) ? 1e6 : l->limit, slope;
@@ -471,7 +468,7 @@ static bool invert_radial(const lens *l, double target, double *r)
         const double h = g + 2 * x * x * slope;
         double next = x - error / h;
         if (h > 0 && fabs(next - x) <= 2e-16 * x && fabs(error) <= 1e-12 * target)
-            break; // without the second condition, the tiny steps beside a pole would end it
+            break; // tiny steps near a pole do not mean convergence
         if (!(h > 0) || !(next > low && next < high))
             next = 0.5 * (low + high);
         x = next;
@@ -480,7 +477,7 @@ static bool invert_radial(const lens *l, double target, double *r)
     return true;
 }
 
-// x with y(x) = target, by Newton with halved steps from the solution of the radial part alone.
+// x with y(x) = target, by damped Newton steps from the solution of the radial part.
 static bool invert_tangential(const lens *l, const double target[2], double x[2])
 {
     const double size = hypot(target[0], target[1]), goal = 1e-15 * (1 + size);
@@ -526,7 +523,7 @@ static bool undistort(const lens *l, const double target[2], double x[2])
             return false;
         r = l->fov_scale > 0 ? tan(angle) / l->fov_scale : size;
     } else if (!invert_radial(l, size, &r)) {
-        // A tangential part may carry the lens a little further than its radial part alone.
+        // The tangential part can extend the lens slightly beyond its radial part.
         if (!l->tangential || isinf(l->limit))
             return false;
         r = 0.999 * l->limit;
@@ -581,7 +578,7 @@ sgs_status sgs_pose_from_quaternion(const double qvec[4], const double tvec[3], 
         return sgsi_fail(SGS_STATUS_FORMAT, "the rotation quaternion has norm 0");
     if (!isfinite(tvec[0]) || !isfinite(tvec[1]) || !isfinite(tvec[2]))
         return sgsi_fail(SGS_STATUS_FORMAT, "the translation is not finite");
-    // Scaled first: squares of very small or large components would underflow or overflow.
+    // Scale first: squares of very small or large components would underflow or overflow.
     double w = qvec[0] / largest, x = qvec[1] / largest, y = qvec[2] / largest,
            z = qvec[3] / largest;
     const double norm = sqrt(w * w + x * x + y * y + z * z);
@@ -597,8 +594,7 @@ sgs_status sgs_pose_from_quaternion(const double qvec[4], const double tvec[3], 
 
 void sgs_pose_quaternion(const sgs_pose *pose, double qvec[4])
 {
-    // Shepperd 1978: four times the square of each component; the largest one divides the others
-    // safely.
+    // Shepperd 1978: four times the square of each component; dividing by the largest one is safe.
     const double *m = pose->rotation;
     const double squares[4] = {1 + m[0] + m[4] + m[8], 1 + m[0] - m[4] - m[8],
                                1 - m[0] + m[4] - m[8], 1 - m[0] - m[4] + m[8]};

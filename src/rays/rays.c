@@ -1,9 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Ray tables. Every pixel's direction comes from sgs_camera_unproject, so any central camera works;
-// a macrotile of tiles writes its directions on the tangent plane through its own centre, where
-// neighbouring pixels differ by small, exactly spaced numbers whatever the lens.
+// Ray tables. Every direction comes from sgs_camera_unproject, so any central camera works. A
+// macrotile stores directions on the tangent plane through its centre, where neighbouring pixels
+// differ by small, precise numbers for any lens.
 
 #include "rays/rays.h"
 
@@ -44,7 +44,7 @@ static float dot(const float a[3], const float b[3])
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
-// Adds up the directions of a pixel rectangle (clipped to the image). Returns how many there are.
+// Sums the directions of a pixel rectangle (clipped to the image). Returns their number.
 static int sum_directions(const direction_map *map, int x0, int y0, int size, float sum[3])
 {
     int count = 0;
@@ -62,8 +62,8 @@ static int sum_directions(const direction_map *map, int x0, int y0, int size, fl
     return count;
 }
 
-// 1 - cos of the widest angle between the axis and a pixel of the rectangle, from the chord: in
-// single precision the cosine itself would lose narrow cones.
+// 1 - cos of the widest angle between the axis and a pixel of the rectangle, computed from the
+// chord: in single precision the cosine itself is too coarse for narrow cones.
 static float widest_versine(const direction_map *map, int x0, int y0, int width, int height,
                             const float axis[3])
 {
@@ -80,8 +80,8 @@ static float widest_versine(const direction_map *map, int x0, int y0, int width,
     return versine;
 }
 
-// e1, e2 orthogonal to d0; e1 as close to the camera's x axis as possible (to z for sideways
-// tiles).
+// e1, e2 orthogonal to d0; e1 as close to the x axis of the camera as possible (to z for tiles that
+// look sideways).
 static void complete_frame(float frame[9])
 {
     const float *d0 = frame;
@@ -110,7 +110,8 @@ static void widen_range(plane_range *range, const float low[2], const float high
     }
 }
 
-// Centre and half extent of a range. An empty one has less than none: no test lets anything in.
+// Centre and half extent of a range; the half extent of an empty range is negative, so that every
+// test rejects it.
 static void center_range(const plane_range *range, int k, float *center, float *half)
 {
     const bool any = range->low[k] <= range->high[k];
@@ -118,8 +119,8 @@ static void center_range(const plane_range *range, int k, float *center, float *
     *half = any ? 0.5f * (range->high[k] - range->low[k]) * 1.00001f : -INFINITY;
 }
 
-// False when the cosine between a ray and the frame's axis is below `least`: it has no good place
-// on the tangent plane.
+// False when the cosine between a ray and the axis of the frame is below `least`: too far out on
+// the tangent plane.
 static bool fill_block(const direction_map *map, sgsi_tile_rays *tile, int b, float least,
                        plane_range *tile_range)
 {
@@ -167,9 +168,9 @@ static bool fill_tile(const direction_map *map, sgsi_tile_rays *tile, float leas
     return complete;
 }
 
-// The tiles of all macrotiles of macrotile_side x macrotile_side. False when one sees too much for
-// its frame: a tile more than its tangent plane can hold, a larger macrotile more than 60 degrees
-// to a side, where rectangles of (u, v) tell little.
+// Fills the tiles of all macrotiles. False when a tile sees more than its tangent plane can
+// represent, or a larger macrotile more than 60 degrees to a side, where rectangles of (u, v) bound
+// poorly.
 static bool fill_tiles(sgsi_rays *rays, const direction_map *map, int macrotile_side)
 {
     const float least = macrotile_side > 1 ? 0.5f : 0.05f;
@@ -179,7 +180,7 @@ static bool fill_tiles(sgsi_rays *rays, const direction_map *map, int macrotile_
             tile->x = x * SGSI_TILE;
             tile->y = y * SGSI_TILE;
             const int corner_x = x % macrotile_side,
-                      corner_y = y % macrotile_side; // of the tile in its macrotile
+                      corner_y = y % macrotile_side; // tile within its macrotile
             if (corner_x || corner_y) {
                 const sgsi_tile_rays *first = tile - corner_y * rays->tiles_x - corner_x;
                 memcpy(tile->frame, first->frame, sizeof tile->frame);
@@ -197,8 +198,8 @@ static bool fill_tiles(sgsi_rays *rays, const direction_map *map, int macrotile_
     return true;
 }
 
-// Beyond 87 degrees a tangent of 20 stands in: boxes dilated by 20 times their farthest distance
-// hold the origin.
+// The tangent is limited to 20 (87 degrees): boxes dilated by 20 times their farthest distance
+// contain the origin.
 static float cone_tangent(float versine)
 {
     const float widened = fminf(versine * 1.0001f + 1e-12f, 0.95f);
@@ -219,7 +220,7 @@ static void fill_macrotile(sgsi_rays *rays, const direction_map *map, int macrot
                 rays->macrotile_directions[macrotile][k][i] = k == 2 ? 1.0f : 0.0f;
             continue;
         }
-        if (!(dot(direction, direction) > 1e-6f)) // rays all around: any axis will do
+        if (!(dot(direction, direction) > 1e-6f)) // rays in all directions: any axis
             direction[2] = 1.0f;
         normalize(direction);
         rays->macrotile_valid[macrotile] |= 1u << i;
@@ -279,7 +280,7 @@ sgs_status sgsi_rays_create(const sgs_camera *camera, int macrotile_side, sgsi_r
         sgsi_rays_destroy(made);
         return sgsi_fail(
             SGS_STATUS_UNSUPPORTED,
-            "the %dx%d image is too small for its lens: %d pixels see more than 174 degrees",
+            "%dx%d image is too small for its lens: %d pixels span more than 174 degrees",
             camera->width, camera->height, SGSI_TILE);
     }
     const int macrotile = macrotile_side * SGSI_TILE;
@@ -315,8 +316,9 @@ void sgsi_rays_destroy(sgsi_rays *rays)
     sgsi_free(rays);
 }
 
-// Images of fewer macrotiles than this are gathered tile by tile: threads would wait for the last
-// macrotile. By the image's size alone, so that results stay the same for any number of threads.
+// Images with fewer macrotiles than this are gathered tile by tile; otherwise threads would wait
+// for the last macrotile. Depends on the image size only, so that results do not depend on the
+// number of threads.
 enum { BIN_TILES = 2, FEW_BINS = 16 };
 
 int sgsi_macrotile_side(const sgs_camera *camera)

@@ -2,13 +2,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Sixteen virtual lanes: the vocabulary in which every kernel is written once and compiled per
+// Sixteen virtual lanes: the operations in which every kernel is written once and compiled per
 // instruction set. A translation unit defines SGSI_ISA (0 baseline, 1 AVX2+FMA, 2 AVX-512) before
-// including this file. AVX2 and AVX-512 perform the same IEEE operations in the same order, so they
-// give the same bits; the baseline has no fused multiply-add on x86-64 and rounds twice.
+// including this file. AVX2 and AVX-512 perform the same IEEE operations in the same order and give
+// the same bits. The baseline has no fused multiply-add on x86-64 and rounds twice.
 //
-// vf: 16 floats; vh: half of them; vi: 16 int32; vm: 16 booleans. Loads and stores named _u take
-// any address, the others 64-byte alignment.
+// vf: 16 floats; vh: 8 floats; vi: 16 int32; vm: 16 booleans. Loads and stores named _u accept any
+// address, the others require 64-byte alignment.
 
 #include <stdint.h>
 
@@ -29,9 +29,9 @@
 #define SGSI_KERNEL(name) SGSI_CONCAT(name, _baseline)
 #endif
 
-// Everything below is built from the primitives of the three headers.
+// Everything below uses only the primitives of the three headers.
 
-#ifdef SIMD_KEYS // AVX-512 has instructions for these
+#ifdef SIMD_KEYS // AVX-512 has its own versions
 #include "simd/simd_common.h"
 #endif
 
@@ -40,7 +40,7 @@ static inline vf vf_clamp(vf a, vf low, vf high)
     return vf_min(vf_max(a, low), high);
 }
 
-// Lower and upper half added.
+// Sum of the lower and the upper half.
 static inline vh vf_fold(vf x)
 {
     vh halves[2];
@@ -48,7 +48,8 @@ static inline vh vf_fold(vf x)
     return vh_add(halves[0], halves[1]);
 }
 
-// Sum of the lanes by the fixed tree (i, i+8), (i, i+4), (i, i+2), (i, i+1): the same on every ISA.
+// Sum of the lanes by the fixed tree (i, i+8), (i, i+4), (i, i+2), (i, i+1), identical for every
+// instruction set.
 static inline float vf_sum(vf a)
 {
     float x[16] __attribute__((aligned(64)));
@@ -59,7 +60,7 @@ static inline float vf_sum(vf a)
     return x[0];
 }
 
-// Least and largest of every thirty-two keys.
+// Smallest and largest of every 32 keys.
 static inline void simd_extremes(const int16_t *keys, uint32_t count, int16_t *least, int16_t *most)
 {
     for (uint32_t begin = 0; begin < count; begin += 32) {
@@ -76,16 +77,16 @@ static inline void simd_extremes(const int16_t *keys, uint32_t count, int16_t *l
     }
 }
 
-// 2^x for x in [-120, 126], and 0 for -127: x is rounded to a multiple n + j/8, 2^(j/8) looked up,
-// and the rest a minimax polynomial of degree 3 on [-1/16, 1/16]. Relative error below 1.2e-7
-// (tests/test_simd.c measures it against double). No special cases: NaN in, garbage out.
+// 2^x for x in [-120, 126], and 0 for -127. x is rounded to a multiple n + j/8; 2^(j/8) comes from
+// a table, the rest from a minimax polynomial of degree 3 on [-1/16, 1/16]. Relative error below
+// 1.2e-7 (measured by tests/simd/test_simd.c). The result for NaN is undefined.
 static inline vf vf_exp2(vf x)
 {
-    // Bits of 2^(j/8) less j 2^20, which the shifted multiple brings along.
+    // Bits of 2^(j/8) minus j 2^20, which the shifted multiple contributes.
     static const int32_t powers[8]
         __attribute__((aligned(32))) = {0x3F800000, 0x3F7B95C2, 0x3F7837F0, 0x3F75FED7,
                                         0x3F7504F3, 0x3F75672A, 0x3F7744FD, 0x3F7AC0C7};
-    // 1.5 2^20: adding it rounds to a multiple of 1/8, counted by the low bits.
+    // Adding 1.5 2^20 rounds to a multiple of 1/8, which the low bits then count.
     const vf magic = vf_set1(1572864.0f), shifted = vf_add(x, magic);
     const vf r = vf_sub(x, vf_sub(shifted, magic));
     const vi eighths = vf_as_vi(shifted);
@@ -95,16 +96,17 @@ static inline vf vf_exp2(vf x)
     return vf_fma(power, vf_mul(q, r), power);
 }
 
-// Logarithm to base 2 of a normal positive number: x = 2^n m with m in [sqrt(1/2), sqrt(2)), then
-// f Q(f) with f = m - 1 and Q of degree 8, minimax in the relative error (2.7e-8). Within 2.5e-7 of
-// the result or 1.2e-7 of n, whichever is larger (tests/test_simd.c). Zero and subnormal numbers
-// give -127 to -126.
+// Base-2 logarithm of a normal positive number: x = 2^n m with m in [sqrt(1/2), sqrt(2)), then f
+// Q(f) with f = m - 1 and Q of degree 8, minimax in the relative error (2.7e-8). Error below 2.5e-7
+// of the result or 1.2e-7 of n, whichever is larger (tests/simd/test_simd.c). Zero and subnormal
+// numbers give -127 to -126.
 static inline vf vf_log2(vf x)
 {
     const int32_t root_half = 0x3F3504F3; // bits of sqrt(1/2)
     const vi n = vi_sra(vi_sub(vf_as_vi(x), vi_set1(root_half)), 23);
     const vf f = vf_sub(vi_as_vf(vi_sub(vf_as_vi(x), vi_sll(n, 23))), vf_set1(1.0f));
-    // Pairs of terms by powers of f^2 (Estrin): Horner's chain would be twice as long.
+    // Estrin's scheme by powers of f^2: the dependency chain of Horner's scheme would be twice as
+    // long.
     const vf f2 = vf_mul(f, f), f4 = vf_mul(f2, f2);
     const vf q0 = vf_fma(vf_set1(-7.21347332e-1f), f, vf_set1(1.44269502f));
     const vf q2 = vf_fma(vf_set1(-3.60703677e-1f), f, vf_set1(4.80910629e-1f));
@@ -115,8 +117,8 @@ static inline vf vf_log2(vf x)
     return vf_fma(q, f, vi_to_vf(n));
 }
 
-// e^x for x in [-83, 87]. The product with log2(e) is rounded, and what was lost worked in behind
-// it: an error of 2e-7 where multiplication and addition are fused. Elsewhere 1.2e-7 (1 + |x|).
+// e^x for x in [-83, 87]. The product with log2(e) is rounded and its rounding error added
+// afterwards: relative error 2e-7 with fused multiply-add, otherwise 1.2e-7 (1 + |x|).
 static inline vf vf_exp(vf x)
 {
     const vf log2e = vf_set1(1.44269502f), log2e_rest = vf_set1(1.92596303e-8f);

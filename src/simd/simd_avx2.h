@@ -8,7 +8,7 @@
 
 #include "simd/simd_halves.h"
 
-#define SIMD_KEYS 16 // sort keys compared at a time
+#define SIMD_KEYS 16 // sort keys per comparison
 
 typedef struct vf {
     __m256 a, b;
@@ -248,7 +248,7 @@ static inline vf vf_min_where(vm m, vf a, vf b)
     return vf_select(m, vf_min(a, b), a);
 }
 
-// The lanes as int16, which they must fit.
+// The lanes converted to int16; every value must fit.
 static inline void vi_store_i16(int16_t *p, vi x)
 {
     _mm256_storeu_si256((__m256i *)p, _mm256_permute4x64_epi64(_mm256_packs_epi32(x.a, x.b), 0xD8));

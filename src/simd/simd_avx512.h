@@ -198,8 +198,8 @@ static inline vi vi_lookup8(const int32_t table[8], vi i)
     return _mm512_permutexvar_epi32(i, _mm512_broadcast_i64x4(half));
 }
 
-// low < x <= high, for 0 <= low <= high. Numbers from 0 on are in the order of their bits;
-// what is negative or none has larger ones, without a sign.
+// low < x <= high, for 0 <= low <= high. Non-negative floats have the order of their bits; negative
+// numbers and NaN have larger bits as unsigned integers.
 static inline vm vf_between(vf x, vf low, vf high)
 {
     const __m512i top = _mm512_castps_si512(high);
@@ -260,18 +260,17 @@ static inline vf vf_min_where(vm m, vf a, vf b)
     return _mm512_mask_min_ps(a, m, a, b);
 }
 
-// Writes the lanes of m together to p and returns their number. All sixteen words from p on may be
-// overwritten.
+// Compresses the lanes of m to p and returns their number. May overwrite all sixteen words at p.
 static inline unsigned vi_compress_store(int32_t *p, vm m, vi a)
 {
     _mm512_storeu_si512(p, _mm512_maskz_compress_epi32(m, a));
     return (unsigned)__builtin_popcount(m);
 }
 
-// ranks[i] = the number of keys[0..count) that stand before keys[i] in ascending order, equal ones
-// in the order of the array. keys and ranks have room for a multiple of 32, 64-byte aligned; least
-// and most are the extremes of each 32 keys: chunks whose ranges do not overlap are not compared,
-// so nearly sorted keys cost little more than their own chunks.
+// ranks[i] = position of keys[i] in ascending order, equal keys in the order of the array. keys and
+// ranks have room for a multiple of 32 and are 64-byte aligned. least and most are the extremes of
+// each 32 keys: chunks with disjoint ranges are not compared, so nearly sorted keys cost little
+// more than their own chunks.
 static inline void simd_rank(const int16_t *keys, uint16_t *ranks, uint32_t count,
                              const int16_t *least, const int16_t *most)
 {
@@ -290,7 +289,7 @@ static inline void simd_rank(const int16_t *keys, uint16_t *ranks, uint32_t coun
                 rank = _mm512_mask_add_epi16(
                     rank, _mm512_cmple_epi16_mask(_mm512_set1_epi16(keys[j]), key), rank, one);
         }
-        for (uint32_t j = begin; j < end; ++j) { // of equal keys the earlier one comes first
+        for (uint32_t j = begin; j < end; ++j) { // stable for equal keys
             const __m512i other = _mm512_set1_epi16(keys[j]);
             const __mmask32 later = (__mmask32)(0xFFFFFFFEu << (j - begin));
             const __mmask32 before =
@@ -309,7 +308,7 @@ static inline void simd_rank(const int16_t *keys, uint16_t *ranks, uint32_t coun
     }
 }
 
-// The lanes as int16, which they must fit.
+// The lanes converted to int16; every value must fit.
 static inline void vi_store_i16(int16_t *p, vi a)
 {
     _mm256_storeu_si256((__m256i *)p, _mm512_cvtepi32_epi16(a));

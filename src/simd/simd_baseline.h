@@ -2,9 +2,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// The sixteen lanes in four vectors of GNU C, which become SSE2 on x86-64, NEON on ARM and plain
-// code elsewhere. 64-bit ARM has a fused multiply-add, so that its results are those of AVX2; the
-// others round twice. Included by simd.h only.
+// The sixteen lanes as four GNU C vectors, which become SSE2 on x86-64, NEON on ARM and scalar code
+// elsewhere. 64-bit ARM has a fused multiply-add and gives the results of AVX2; the others round
+// twice. Included by simd.h only.
 
 #include <math.h>
 #include <string.h>
@@ -17,7 +17,7 @@
 typedef float qf __attribute__((vector_size(16)));
 typedef int32_t qi __attribute__((vector_size(16)));
 typedef uint32_t qu __attribute__((vector_size(16)));
-#define SIMD_KEYS 8 // sort keys compared at a time
+#define SIMD_KEYS 8 // sort keys per comparison
 
 typedef struct vf {
     qf a, b, c, d;
@@ -29,7 +29,7 @@ typedef struct vm {
     qi a, b, c, d; // 0 or -1
 } vm;
 
-// A function of one, two or three vectors, quarter by quarter.
+// Applies a function of one, two or three vectors to each quarter.
 #define SGSI_EACH1(type, f, x) ((type){f((x).a), f((x).b), f((x).c), f((x).d)})
 #define SGSI_EACH2(type, f, x, y)                                                                  \
     ((type){f((x).a, (y).a), f((x).b, (y).b), f((x).c, (y).c), f((x).d, (y).d)})
@@ -113,7 +113,7 @@ static inline unsigned qi_bits(qi m)
     return (unsigned)(bits[0] | bits[1] | bits[2] | bits[3]);
 #endif
 }
-// Lanes of two vectors in turn: those of the lower and of the upper halves.
+// Interleaves the lower or the upper halves of two vectors.
 static inline qf qf_zip_low(qf x, qf y)
 {
     return __builtin_shufflevector(x, y, 0, 4, 1, 5);
@@ -400,7 +400,7 @@ static inline vf vf_join(const vh halves[2])
     return (vf){halves[0].a, halves[0].b, halves[1].a, halves[1].b};
 }
 
-// row[k] += the sum over the lanes of x[k], by the tree of vf_sum.
+// Adds the sum over the lanes of x[k] to row[k], by the tree of vf_sum.
 static inline void vh_add_sums(float *row, const vh x[16])
 {
     for (int k = 0; k < 16; k += 4) {
@@ -433,7 +433,7 @@ static inline vf vf_min_where(vm m, vf x, vf y)
     return vf_select(m, vf_min(y, x), x);
 }
 
-// The lanes as int16, which they must fit.
+// The lanes converted to int16; every value must fit.
 static inline void vi_store_i16(int16_t *p, vi x)
 {
     int32_t lanes[16];

@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// What the instruction sets without masks have in common. Included by simd.h only, behind one that
-// defines SIMD_KEYS.
+// Common code of the instruction sets without mask registers. Included by simd.h only, after the
+// header that defines SIMD_KEYS.
 
 #include <string.h>
 
@@ -27,8 +27,7 @@ static inline vm vf_between(vf x, vf low, vf high)
     return vm_and(vf_gt(x, low), vf_le(x, high));
 }
 
-// Writes the lanes of m together to p and returns their number. All sixteen words from p on may be
-// overwritten.
+// Compresses the lanes of m to p and returns their number. May overwrite all sixteen words at p.
 static inline unsigned vi_compress_store(int32_t *p, vm m, vi x)
 {
     int32_t lanes[16] __attribute__((aligned(64)));
@@ -41,10 +40,10 @@ static inline unsigned vi_compress_store(int32_t *p, vm m, vi x)
 
 typedef int16_t simd_keys __attribute__((vector_size(2 * SIMD_KEYS)));
 
-// ranks[i] = the number of keys[0..count) that stand before keys[i] in ascending order, equal ones
-// in the order of the array. keys and ranks have room for a multiple of 32, 64-byte aligned; least
-// and most are the extremes of each 32 keys: chunks whose ranges do not overlap are not compared,
-// so nearly sorted keys cost little more than their own chunks.
+// ranks[i] = position of keys[i] in ascending order, equal keys in the order of the array. keys and
+// ranks have room for a multiple of 32 and are 64-byte aligned. least and most are the extremes of
+// each 32 keys: chunks with disjoint ranges are not compared, so nearly sorted keys cost little
+// more than their own chunks.
 static inline void simd_rank(const int16_t *keys, uint16_t *ranks, uint32_t count,
                              const int16_t *least, const int16_t *most)
 {
@@ -63,7 +62,7 @@ static inline void simd_rank(const int16_t *keys, uint16_t *ranks, uint32_t coun
             for (uint32_t j = 32 * d; j < last; ++j)
                 rank += keys[j] > key;
         }
-        for (uint32_t j = begin; j < end; ++j) // of equal keys the earlier one comes first
+        for (uint32_t j = begin; j < end; ++j) // stable for equal keys
             rank -= (key > keys[j]) | ((key == keys[j]) & (place > (int16_t)(j - begin)));
         for (uint32_t d = c; 32 * d < count; ++d) {
             if (d > c && least[d] >= most[c])

@@ -2,9 +2,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Half of the sixteen lanes as one AVX register, and sums over the lanes. Sums of products begin
-// with the two halves: x = a b of the lower, fma(a, b, x) of the upper one, so that the first of
-// the additions costs nothing. Included by simd_avx2.h and simd_avx512.h.
+// Half of the sixteen lanes as one AVX register, and sums over the lanes. A sum of products starts
+// with the two halves: x = a b of the lower one, then fma(a, b, x) of the upper one, which makes
+// the first addition free. Included by simd_avx2.h and simd_avx512.h.
 
 typedef __m256 vh;
 
@@ -34,7 +34,7 @@ static inline vh vh_fnma(vh a, vh b, vh c)
 } // c - a b
 
 // Lane k of the result is the sum over the lanes of x[k]. Each step adds the upper to the lower
-// parts of two vectors: x + y' with one shuffle and one blend, as blends run on more ports than
+// parts of two vectors with one shuffle and one blend, because blends run on more ports than
 // shuffles.
 static inline vh vh_sum8(const vh x[8])
 {
@@ -48,7 +48,7 @@ static inline vh vh_sum8(const vh x[8])
     return _mm256_add_ps(_mm256_shuffle_ps(c[0], c[1], 0x88), _mm256_shuffle_ps(c[0], c[1], 0xDD));
 }
 
-// row[k] += the sum over the lanes of x[k], by the tree of vf_sum.
+// Adds the sum over the lanes of x[k] to row[k], by the tree of vf_sum.
 static inline void vh_add_sums(float *row, const vh x[16])
 {
     _mm256_store_ps(row, _mm256_add_ps(_mm256_load_ps(row), vh_sum8(x)));

@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Limits of control groups, from trees of files as Linux shows them (kernel documentation:
-// cgroup-v2, section "cpu.max" and "memory.max"; scheduler/sched-bwc for version 1).
+// Limits of control groups, read from file trees as Linux presents them (kernel documentation:
+// cgroup-v2, "cpu.max" and "memory.max"; scheduler/sched-bwc for version 1).
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -43,7 +43,7 @@ static void the_least_limit_on_the_way_to_the_root_holds(void **state)
     tree_remove(&folder);
 }
 
-// A container sees the machine's path beside a mount of its own group.
+// A container sees the path of the host next to a mount of its own group.
 static void a_path_from_outside_ends_at_the_mounted_group(void **state)
 {
     (void)state;
@@ -89,7 +89,7 @@ static void what_cannot_be_read_does_not_limit(void **state)
     memcpy(line, "0::/a", 5);
     line[sizeof line - 1] = '\0';
     tree_put_text(&folder, "sys/a/cpu.max", "100000 100000\n");
-    limits_of(&folder, line); // anything but a crash
+    limits_of(&folder, line); // must not crash
     tree_remove(&folder);
 }
 

@@ -1,9 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Parallel loops: every item runs once, whatever the number of threads, however long they slept,
-// from inside of items and from several threads at once; and a member that cannot work holds nobody
-// up.
+// Parallel loops: every item runs exactly once, with any number of threads, after any pause, from
+// inside items and from several threads at once. A member that is not scheduled does not delay the
+// loop.
 
 #include <pthread.h>
 #include <setjmp.h>
@@ -25,8 +25,8 @@
 enum { ITEMS = 5000 };
 
 typedef struct tally {
-    unsigned char runs[ITEMS]; // each item's own
-    atomic_int strangers;      // items that were told a thread there is not
+    unsigned char runs[ITEMS]; // per item
+    atomic_int strangers;      // items with an invalid thread number
 } tally;
 
 static void count_item(void *context, size_t item, int thread)
@@ -37,7 +37,7 @@ static void count_item(void *context, size_t item, int thread)
         atomic_fetch_add(&t->strangers, 1);
 }
 
-// Nonzero: items that did not run exactly once.
+// Number of items that did not run exactly once.
 static size_t run_tally(size_t count, size_t chunk)
 {
     static _Thread_local tally t;
@@ -118,12 +118,12 @@ static void several_threads_have_loops_at_once(void **state)
 }
 
 typedef struct held_loop {
-    atomic_int held;  // a member sits in an item
-    atomic_int items; // that ran besides
-    atomic_int waits; // for a member, in milliseconds
+    atomic_int held;  // a member is inside an item
+    atomic_int items; // other items that ran
+    atomic_int waits; // wait for a member, milliseconds
 } held_loop;
 
-// The first member to come keeps its item until all others are done, by whomever.
+// The first member that arrives keeps its item until all other items are done.
 static void hold_one(void *context, size_t item, int thread)
 {
     (void)item;
@@ -197,7 +197,7 @@ static void *loop_and_end(void *wrong)
     return pthread_setspecific(late_key, wrong) ? wrong : NULL;
 }
 
-// The key of this destructor is younger than the team's.
+// The key of this destructor was created after the key of the team.
 static void destructors_of_a_thread_may_run_loops(void **state)
 {
     (void)state;
@@ -216,7 +216,7 @@ static void destructors_of_a_thread_may_run_loops(void **state)
 
 #if defined(__has_feature)
 #if __has_feature(thread_sanitizer)
-#define NO_THREADS_AFTER_FORK // it ends such a process
+#define NO_THREADS_AFTER_FORK // the sanitizer ends such a process
 #endif
 #endif
 

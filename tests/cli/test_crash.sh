@@ -38,7 +38,7 @@ while { [ "$killed" -lt "$kills" ] || [ "$finished" = 0 ]; } && [ "$failures" -l
     } 2>"$temporary/stderr"
     at=$(sed -n 's/.*continuing at iteration \([0-9]*\)$/\1/p' "$temporary/stderr")
     check at_most_one_interval_is_done_again test "${at:-$before}" -ge $((before - interval))
-    check no_checkpoint_is_damaged bash -c '! grep -q damaged "$0"' "$temporary/stderr"
+    check no_checkpoint_is_damaged bash -c '! grep -Eq "damaged|corrupt" "$0"' "$temporary/stderr"
     resume=(--resume)
     if [ "$status" = 0 ]; then
         finished=$((finished + 1))

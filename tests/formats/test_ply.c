@@ -1,9 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Model files: the layout is 3DGS's to the byte, values survive bit by bit, other trainers' orders
-// and types are read, and a failed write leaves the earlier file. Broken files are
-// test_ply_errors.c's.
+// Model files: the layout equals that of 3DGS byte by byte, values survive bit by bit, other
+// property orders and types are read, and a failed write preserves the previous file.
+// test_ply_errors.c covers invalid files.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -76,7 +76,7 @@ static void ply_survives_a_round_trip_bit_by_bit(void **state)
             sgs_gaussians_destroy(back);
         }
     }
-    assert_int_equal(temp_folder_count(&folder), 1); // no temporary file is left
+    assert_int_equal(temp_folder_count(&folder), 1); // no temporary file remains
     temp_folder_remove(&folder);
 }
 
@@ -189,8 +189,7 @@ static void ply_points_have_the_layout_of_input_ply(void **state)
 
 enum { ASCII, LITTLE, BIG };
 
-// Writes a model in a chosen order, format and type, with foreign properties and elements around
-// it.
+// Writes a model in a chosen order, format and type, surrounded by unknown properties and elements.
 typedef struct foreign {
     int format;
     const char *type; // of every property
@@ -341,11 +340,11 @@ static void ply_reads_text_in_any_language(void **state)
 {
     (void)state;
     const temp_folder folder = temp_folder_make();
-    // A decimal comma, where such a language is installed.
+    // With a decimal comma, where such a locale is installed.
     if (!setlocale(LC_NUMERIC, "de_DE.UTF-8"))
         setlocale(LC_NUMERIC, "fr_FR.UTF-8");
-    sgs_gaussians *model =
-        read_text(&folder, 1, "1.5 -2e-3 +3\n\n4 5 -6\t.25 1 1 1 \r\n1 0 0 0"); // no last line feed
+    sgs_gaussians *model = read_text(
+        &folder, 1, "1.5 -2e-3 +3\n\n4 5 -6\t.25 1 1 1 \r\n1 0 0 0"); // no final line feed
     static const float expected[] = {1.5f, -2e-3f, 3, 1, 0, 0, 0, 1, 1, 1, 0.25f, 4, 5, -6};
     for (int k = 0; k < SGS_PARAM_SH_REST; ++k)
         assert_true(*sgs_gaussians_at(model, 0, k) == expected[k]);

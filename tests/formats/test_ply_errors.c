@@ -1,8 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Broken, truncated and hostile PLY files: each ends in one sentence that names the file and the
-// place.
+// Invalid, truncated and hostile PLY files: each gives one error that names the file and the place.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -42,47 +41,47 @@ static const bad_file bad_files[] = {
     {"pl", SGS_STATUS_FORMAT, "is not a PLY file: it does not begin with 'ply'"},
     {"\x89PNG\r\n", SGS_STATUS_FORMAT, "is not a PLY file: it does not begin with 'ply'"},
     {"plyx\n", SGS_STATUS_FORMAT, "is not a PLY file: it does not begin with 'ply'"},
-    {"ply\rformat ascii 1.0\r", SGS_STATUS_FORMAT, "line 1: is not ended by a line feed"},
-    {"ply\n", SGS_STATUS_FORMAT, "line 2: the file ends inside the header"},
-    {"ply\nelement vertex 1\n", SGS_STATUS_FORMAT, "line 2: 'format' is expected after 'ply'"},
-    {"ply\nformat ascii\n", SGS_STATUS_FORMAT, "line 2: 'format' is expected after 'ply'"},
+    {"ply\rformat ascii 1.0\r", SGS_STATUS_FORMAT, "line 1: missing line feed"},
+    {"ply\n", SGS_STATUS_FORMAT, "line 2: file ends inside the header"},
+    {"ply\nelement vertex 1\n", SGS_STATUS_FORMAT, "line 2: expected 'format' after 'ply'"},
+    {"ply\nformat ascii\n", SGS_STATUS_FORMAT, "line 2: expected 'format' after 'ply'"},
     {"ply\nformat ascii 2.0\n", SGS_STATUS_UNSUPPORTED,
-     "line 2: PLY version 2.0 is unknown; only 1.0 is read"},
+     "line 2: unknown PLY version 2.0; only 1.0 is supported"},
     {"ply\nformat zip 1.0\n", SGS_STATUS_UNSUPPORTED,
-     "line 2: format 'zip' is unknown; ascii, binary_little_endian or binary_big_endian is read"},
+     "line 2: unknown format 'zip'; supported are ascii, binary_little_endian and "
+     "binary_big_endian"},
     {ASCII "end_header\n", SGS_STATUS_FORMAT, "has no element 'vertex'; this is not a 3DGS model"},
     {ASCII "element face 3\nend_header\n", SGS_STATUS_FORMAT,
      "has no element 'vertex'; this is not a 3DGS model"},
-    {ASCII "element vertex 1\n", SGS_STATUS_FORMAT, "line 4: the file ends inside the header"},
-    {ASCII "element vertex\n", SGS_STATUS_FORMAT, "line 3: 'element NAME COUNT' is expected"},
-    {ASCII "element vertex 1 2\n", SGS_STATUS_FORMAT, "line 3: 'element NAME COUNT' is expected"},
+    {ASCII "element vertex 1\n", SGS_STATUS_FORMAT, "line 4: file ends inside the header"},
+    {ASCII "element vertex\n", SGS_STATUS_FORMAT, "line 3: expected 'element NAME COUNT'"},
+    {ASCII "element vertex 1 2\n", SGS_STATUS_FORMAT, "line 3: expected 'element NAME COUNT'"},
     {ASCII "element vertex many\n", SGS_STATUS_FORMAT,
-     "line 3: element 'vertex' has the count 'many', which is not a number"},
+     "line 3: count 'many' of element 'vertex' is not a number"},
     {ASCII "element vertex -1\n", SGS_STATUS_FORMAT,
-     "line 3: element 'vertex' has the count '-1', which is not a number"},
+     "line 3: count '-1' of element 'vertex' is not a number"},
     {ASCII "element vertex 18446744073709551616\n", SGS_STATUS_FORMAT,
-     "line 3: element 'vertex' has the count '18446744073709551616', which is not a number"},
+     "line 3: count '18446744073709551616' of element 'vertex' is not a number"},
     {ASCII "element vertex 1\nelement vertex 1\n", SGS_STATUS_FORMAT,
-     "line 4: element 'vertex' occurs twice"},
-    {ASCII "property float x\n", SGS_STATUS_FORMAT,
-     "line 3: a property stands before the first element"},
+     "line 4: duplicate element 'vertex'"},
+    {ASCII "property float x\n", SGS_STATUS_FORMAT, "line 3: property before the first element"},
     {ASCII "element vertex 1\nproperty float\n", SGS_STATUS_FORMAT,
-     "line 4: 'property TYPE NAME' or 'property list COUNT-TYPE TYPE NAME' is expected"},
+     "line 4: expected 'property TYPE NAME' or 'property list COUNT-TYPE TYPE NAME'"},
     {ASCII "element vertex 1\nproperty list uchar x\n", SGS_STATUS_FORMAT,
-     "line 4: 'property TYPE NAME' or 'property list COUNT-TYPE TYPE NAME' is expected"},
+     "line 4: expected 'property TYPE NAME' or 'property list COUNT-TYPE TYPE NAME'"},
     {ASCII "element vertex 1\nproperty half x\n", SGS_STATUS_FORMAT,
-     "line 4: property 'x' has the unknown type 'half'"},
+     "line 4: property 'x' has unknown type 'half'"},
     {ASCII "element vertex 1\nproperty list float int x\n", SGS_STATUS_FORMAT,
-     "line 4: list 'x' has the count type 'float', which is no integer type"},
+     "line 4: list 'x' has count type 'float', which is not an integer type"},
     {ASCII "element vertex 1\nproperty float x\nproperty int x\n", SGS_STATUS_FORMAT,
-     "line 5: property 'x' occurs twice"},
+     "line 5: duplicate property 'x'"},
     {ASCII "element vertex 1\nproperty float " NAME64 "\n", SGS_STATUS_LIMIT,
-     "line 4: a name is longer than 63 characters"},
+     "line 4: name longer than 63 characters"},
     {ASCII "elements vertex 1\n", SGS_STATUS_FORMAT, "line 3: 'elements' is not a PLY keyword"},
     {ASCII "element ver\x1b[2Jtex 1\n", SGS_STATUS_FORMAT,
-     "line 3: byte 0x1b is not text; the header is damaged"},
+     "line 3: byte 0x1b is not text; the header is corrupt"},
     {ASCII "element ver\xfftex 1\n", SGS_STATUS_FORMAT,
-     "line 3: byte 0xff is not text; the header is damaged"},
+     "line 3: byte 0xff is not text; the header is corrupt"},
     {ASCII "element vertex 1\nproperty list uchar float x\nend_header\n", SGS_STATUS_UNSUPPORTED,
      "property 'x' of a vertex is a list; a 3DGS model has none"},
     {ASCII "element vertex 1\nend_header\n", SGS_STATUS_FORMAT,
@@ -96,7 +95,8 @@ static const bad_file bad_files[] = {
     {ASCII "element vertex 1\nproperty uint packed_position\nend_header\n", SGS_STATUS_FORMAT,
      "property 'x' is missing; this is a compressed model; export it as an uncompressed PLY"},
     {ASCII "element vertex 1\n" MODEL "property float f_rest_0\nend_header\n" ROW,
-     SGS_STATUS_UNSUPPORTED, "has 1 f_rest properties; 0, 9, 24 or 45 are read (SH degree 0 to 3)"},
+     SGS_STATUS_UNSUPPORTED,
+     "has 1 f_rest properties; supported are 0, 9, 24 or 45 (SH degree 0 to 3)"},
     {ASCII "element vertex 1\n" MODEL "property float f_rest_0\nproperty float f_rest_1\nproperty "
            "float f_rest_2\nproperty float f_rest_3\n"
            "property float f_rest_4\nproperty float f_rest_5\nproperty float f_rest_6\nproperty "
@@ -121,7 +121,7 @@ static const bad_file bad_files[] = {
      SGS_STATUS_FORMAT, "byte 346: vertex 0: property 'z': '1?[2J' is not a number"},
     {ASCII "element vertex 1\n" MODEL "end_header\n0 0 0 0 0 0 0 0 0 0 1.00000 0 0\n",
      SGS_STATUS_FORMAT,
-     "byte 374: vertex 0: property 'rot_3' is not there; the file is truncated or damaged"},
+     "byte 374: vertex 0: property 'rot_3' is missing; the file is truncated or corrupt"},
     {ASCII "element cell 99\nproperty int a\nelement vertex 1\n" MODEL "end_header\n" ROW,
      SGS_STATUS_FORMAT,
      "byte 373: 99 rows of element 'cell' take at least 2 bytes each, but only 28 bytes are left; "
@@ -129,13 +129,13 @@ static const bad_file bad_files[] = {
      "truncated or its count is wrong"},
     {ASCII "element cell 1\nproperty list int int a\nelement vertex 1\n" MODEL
            "end_header\n99999999999999999999 " ROW,
-     SGS_STATUS_FORMAT, "byte 381: row 0 of element 'cell' is damaged or truncated"},
+     SGS_STATUS_FORMAT, "byte 381: row 0 of element 'cell' is corrupt or truncated"},
     {LITTLE "element cell 1\nproperty list uint double a\nelement vertex 0\n" MODEL
             "end_header\n\xff\xff\xff\xff...",
-     SGS_STATUS_FORMAT, "byte 400: row 0 of element 'cell' is damaged or truncated"},
+     SGS_STATUS_FORMAT, "byte 400: row 0 of element 'cell' is corrupt or truncated"},
     {LITTLE "element cell 2\nproperty list char uchar a\nelement vertex 0\n" MODEL
             "end_header\n\xff...",
-     SGS_STATUS_FORMAT, "byte 399: row 0 of element 'cell' is damaged or truncated"},
+     SGS_STATUS_FORMAT, "byte 399: row 0 of element 'cell' is corrupt or truncated"},
 };
 
 static void ply_names_what_is_wrong(void **state)
@@ -164,7 +164,7 @@ static void read_generated(const temp_folder *folder, sgs_status expected, const
     assert_int_equal(sgs_ply_read(temp_path(folder, "g.ply"), &model), expected);
     assert_null(model);
     if (!strstr(sgs_last_error(), message))
-        fail_msg("'%s' does not say '%s'", sgs_last_error(), message);
+        fail_msg("'%s' does not contain '%s'", sgs_last_error(), message);
     bad_input();
 }
 
@@ -188,7 +188,7 @@ static void ply_limits_the_header(void **state)
     length = sprintf(text, ASCII "comment ");
     memset(text + length, 'x', 2000);
     file_put(temp_path(&folder, "g.ply"), text, (size_t)length + 2000);
-    read_generated(&folder, SGS_STATUS_LIMIT, "line 3: is longer than 1024 characters");
+    read_generated(&folder, SGS_STATUS_LIMIT, "line 3: longer than 1024 characters");
 
     length = sprintf(text, ASCII);
     memset(text + length, '\n', sizeof text - (size_t)length);
@@ -241,8 +241,8 @@ static void ply_survives_truncation_at_every_byte(void **state)
     temp_folder_remove(&folder);
 }
 
-// Ascii with a list element before the vertices: cut after every byte, it fails or (the last number
-// cut short) reads.
+// Ascii with a list element before the vertices, truncated after every byte: reading fails, or
+// succeeds if only the last number is shortened.
 static void ply_survives_truncated_text(void **state)
 {
     (void)state;
@@ -261,8 +261,8 @@ static void ply_survives_truncated_text(void **state)
     temp_folder_remove(&folder);
 }
 
-// Any status may come out; nothing may break (the sanitizers watch) and a model that comes out is
-// finite.
+// Random changes may give any status, but no memory error (checked by the sanitizers), and a model
+// that is returned is finite.
 static void ply_survives_random_damage(void **state)
 {
     (void)state;

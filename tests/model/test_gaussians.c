@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Storage, inert rows, initialisation by 3DGS's rule, and the digest of a model.
+// Storage, inert rows, 3DGS initialisation, and the hash of a model.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -178,7 +178,7 @@ static void init_leaves_missing_neighbours_out(void **state)
     (void)state;
     const float points[] = {0, 0, 0, 3, 0, 0, 0, 4, 0};
     const unsigned char colors[9] = {0};
-    const double expected[] = {0.25, 9.0, (9.0 + 16.0) / 2}; // of the first point, for n = 1, 2, 3
+    const double expected[] = {0.25, 9.0, (9.0 + 16.0) / 2}; // first point, for n = 1, 2, 3
     for (size_t n = 1; n <= 3; ++n) {
         sgs_gaussians *model;
         assert_int_equal(sgs_gaussians_init_points(points, colors, n, 0.5, &model), SGS_STATUS_OK);
@@ -255,7 +255,7 @@ static void hash_sees_every_bit_and_only_the_rows(void **state)
     assert_int_equal(strlen(base), 16);
     assert_int_equal(strspn(base, "0123456789abcdef"), 16);
     sgs_gaussians_hash(wide, other);
-    assert_string_equal(base, other); // capacity does not matter
+    assert_string_equal(base, other); // independent of capacity
     for (size_t i = 0; i < 33; ++i) {
         for (int k = 0; k < SGS_PARAM_COUNT; ++k) {
             uint32_t bits;

@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The neighbour search gives the very numbers of brute force, whatever the cloud and the number of
+// The neighbour search gives exactly the distances of brute force, for any cloud and number of
 // threads.
 
 #include <setjmp.h>
@@ -100,7 +100,7 @@ static float few_places(uint64_t point, int axis)
     return uniform(point % 5, axis);
 }
 
-// Clusters of 1e-4 far from each other: a grid over the whole box would put each into one cell.
+// Clusters of size 1e-4 at large distances: a grid over the whole box would put each into one cell.
 static float clusters(uint64_t point, int axis)
 {
     const uint64_t cluster = point % 7;

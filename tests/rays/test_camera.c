@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Cameras: every COLMAP model against formulas written out here once more, the inversion over whole
-// images, the edge of the domain where distortion folds, resizing, and poses.
+// Cameras: every COLMAP model against an independent implementation of its formulas, the inversion
+// over whole images, the edge of the domain where distortion folds, resizing, and poses.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -20,7 +20,7 @@
 
 #define PI 3.14159265358979323846
 
-// Lenses of real cameras and some that are worse; every pixel of their images has a ray.
+// Real lenses and some extreme ones; every pixel of their images has a ray.
 static const sgs_camera lenses[] = {
     {SGS_CAMERA_SIMPLE_PINHOLE, 640, 480, {500, 320, 240}},
     {SGS_CAMERA_PINHOLE, 640, 480, {500, 510, 300, 250}},
@@ -67,8 +67,7 @@ static double radial(double r2, const double *k, int count)
     return sum;
 }
 
-// COLMAP's formulas, model by model, as its documentation writes them; for points in front of the
-// camera.
+// The formulas of the COLMAP documentation, model by model, for points in front of the camera.
 static void expected_projection(const sgs_camera *camera, const double p[3], double pixel[2])
 {
     const double *q = camera->params;
@@ -191,7 +190,7 @@ static void every_pixel_round_trips(void **state)
     print_message("worst round trip: %.3g px\n", worst);
 }
 
-// What injectivity means: whatever projects, unprojects to the same direction.
+// Injectivity: every point that projects unprojects to the same direction.
 static void every_projected_direction_round_trips(void **state)
 {
     (void)state;
@@ -224,7 +223,7 @@ static void every_projected_direction_round_trips(void **state)
                 fail_msg("lens %zu: direction (%g, %g, %g) has a pixel without a ray", i, d[0],
                          d[1], d[2]);
             const double error = hypot(hypot(back[0] - d[0], back[1] - d[1]), back[2] - d[2]);
-            // Beside the fold the inverse is as steep as a square root at 0.
+            // Near the fold the inverse is as steep as a square root at 0.
             if (!(error <= 1e-5))
                 fail_msg("lens %zu: direction (%g, %g, %g) comes back %g away", i, d[0], d[1], d[2],
                          error);
@@ -252,7 +251,7 @@ static void barrel_distortion_is_refused_beyond_its_fold(void **state)
 static void unfolded_branch_of_a_polynomial_is_refused(void **state)
 {
     (void)state;
-    // 1 - 2.7 s + 1.25 s^2 has roots s = 0.475 and 1.685: beyond the second one the lens grows
+    // 1 - 2.7 s + 1.25 s^2 has roots s = 0.475 and 1.685: beyond the second one the radius grows
     // again.
     const sgs_camera camera = {SGS_CAMERA_RADIAL, 640, 480, {400, 320, 240, -0.9, 0.25}};
     const double before[3] = {0.68, 0, 1}, between[3] = {1, 0, 1}, beyond[3] = {0, 2, 1};

@@ -1,10 +1,10 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The ray tables against the camera in double precision: every pixel's ray is in its lane, and
-// inside of everything that is said to contain it: the block's and the tile's rectangle, the
-// macrotile's cone, the image's cone. On these bounds rests that no primitive is lost; that they
-// are tight is what makes the gather cheap.
+// The ray tables against the camera in double precision: every ray is in the right lane and inside
+// the rectangles of its block and tile, the cone of its macrotile and the cone of the image. These
+// bounds guarantee that no primitive is missed; the test also checks that they are tight, because
+// the cost of the gather depends on it.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -23,10 +23,10 @@
 static const sgs_camera cameras[] = {
     {SGS_CAMERA_PINHOLE, 83, 61, {88, 91, 41, 30}},
     {SGS_CAMERA_PINHOLE, 1, 1, {1, 1, 0.5, 0.5}},
-    {SGS_CAMERA_PINHOLE, 4, 4, {2800, 2800, 2, 2}}, // one block of a photograph's pixels
+    {SGS_CAMERA_PINHOLE, 4, 4, {2800, 2800, 2, 2}}, // a single block
     {SGS_CAMERA_PINHOLE, 40, 40, {5000, 5000, 20, 20}},
     {SGS_CAMERA_PINHOLE, 64, 48, {1e5, 1e5, 32, 24}},    // a telescope
-    {SGS_CAMERA_PINHOLE, 64, 48, {300, 300, -500, 900}}, // shifted out of the image
+    {SGS_CAMERA_PINHOLE, 64, 48, {300, 300, -500, 900}}, // principal point outside the image
     {SGS_CAMERA_OPENCV, 100, 75, {106, 110, 50.3, 36.7, -0.12, 0.03, 0.0011, -0.0007}},
     {SGS_CAMERA_OPENCV_FISHEYE, 63, 47, {28, 28, 31, 23, 0.02, -0.004, 0.001, -0.0002}},
     {SGS_CAMERA_OPENCV_FISHEYE, 96, 96, {25, 25, 48, 48}}, // 220 degrees
@@ -39,7 +39,7 @@ static double dot(const double a[3], const float b[3])
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
-// Angle between a unit vector and a float vector, accurate for small ones.
+// Angle between a unit vector and a float vector, accurate for small angles.
 static double angle(const double a[3], const float b[3])
 {
     const double c[3] = {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2],
@@ -94,8 +94,8 @@ static void every_pixel_lies_in_its_block_tile_bin_and_image(void **state)
                     assert_true(rays->macrotile_valid[b] >> ray & 1);
                     const double theta = angle(d, axis);
                     widest = fmax(widest, theta);
-                    // Bounds are padded by another 4e-6 of the distance: ten times the rounding of
-                    // the directions.
+                    // Bounds are padded by 4e-6 of the distance: ten times the rounding of the
+                    // directions.
                     assert_true(theta < 1.5 ? tan(theta) <= rays->tan_cone + 3e-7
                                             : rays->tan_cone > 15);
                     assert_true(angle(d, rays->axis) <= acos((double)rays->cone_cos) + 1e-6);
@@ -125,7 +125,8 @@ static void frames_are_orthonormal(void **state)
     }
 }
 
-// Sixteen pixels that look all around have no tangent plane: an error, not a hole in the image.
+// Sixteen pixels that cover all directions have no tangent plane: an error, not a hole in the
+// image.
 static void images_too_small_for_their_lens_are_refused(void **state)
 {
     (void)state;

@@ -405,8 +405,7 @@ static void point_cloud_is_read(void **state)
         assert_memory_equal(d.points, clouds[i].points, sizeof clouds[i].points);
         assert_memory_equal(d.colors, clouds[i].colors, sizeof clouds[i].colors);
         if (i == 1)
-            assert_holds(warnings,
-                         "sparse_pc.ply: 1 point(s) that are not finite numbers are dropped");
+            assert_holds(warnings, "sparse_pc.ply: dropped 1 non-finite point(s)");
         else
             assert_string_equal(warnings, "");
         sgsi_dataset_free(&d);
@@ -446,21 +445,21 @@ static void scene_with_a_broken_point_cloud_has_no_points(void **state)
         {"sparse_pc.ply", "not a ply", "sparse_pc.ply: "},
         {"sparse_pc.ply",
          "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nend_header\n1\n",
-         "have no x, y, z"},
+         "lack x, y, z"},
         {"sparse_pc.ply", "ply\nformat ascii 1.0\nelement face 0\nproperty float x\nend_header\n",
-         "holds no vertices"},
+         "has no vertices"},
         {"sparse_pc.ply",
          "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty "
          "float z\n"
          "end_header\n1 2 3 4 5 z\n",
-         "vertex 1 of 2 is cut off or no number"},
+         "vertex 1 of 2 is truncated or not a number"},
         {"sparse_pc.ply",
          "ply\nformat binary_little_endian 1.0\nelement vertex 4000000000\nproperty float x\n"
          "property float y\nproperty float z\nend_header\n",
          "sparse_pc.ply: "},
         {"sparse_pc.ply",
          "ply\nformat ascii 1.0\nelement vertex 1\nproperty list uchar int x\nend_header\n0\n",
-         "list 'x'"},
+         "property 'x' is a list"},
     };
     for (size_t i = 0; i < sizeof clouds / sizeof *clouds; ++i) {
         const temp_folder folder = temp_folder_make();

@@ -2,9 +2,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// The SIMD vocabulary made visible: one table of plain functions per instruction set, each compiled
-// from simd_probe.inl, so that test_simd.c can look at every operation of src/simd.h through
-// ordinary arrays. All arrays are 64-byte aligned.
+// One table of plain functions per instruction set, each compiled from simd_probe.inl, so that
+// test_simd.c can test every operation of src/simd/simd.h through ordinary arrays. All arrays are
+// 64-byte aligned.
 
 #include <stddef.h>
 #include <stdint.h>
@@ -24,7 +24,7 @@ enum {
     PROBE_ARITHMETIC_COUNT
 };
 
-// Words of `masks`, each 16 bits: comparisons of x and y, then logic of the bit patterns a and b.
+// Words of `masks`, 16 bits each: comparisons of x and y, then logic of the bit patterns a and b.
 enum {
     PROBE_LT,
     PROBE_LE,
@@ -85,15 +85,15 @@ typedef struct simd_probe {
     void (*exp)(const float *x, float *y, size_t count);
     void (*arithmetic)(const float *x, const float *y, const float *z,
                        float out[PROBE_ARITHMETIC_COUNT][16]);
-    // Each half by itself, and joined again.
+    // Each half separately, and joined again.
     void (*halves)(const float *x, const float *y, const float *z, float out[PROBE_HALF_COUNT][16]);
     void (*masks)(const float *x, const float *y, unsigned a, unsigned b,
                   unsigned out[PROBE_MASK_COUNT]);
     unsigned (*between)(const float *x, const float *low, const float *high);
-    // STORE_MASKED writes x over -1; COPY_UNALIGNED goes through odd addresses; SET1 spreads x[0].
+    // STORE_MASKED writes x over -1; COPY_UNALIGNED uses odd addresses; SET1 broadcasts x[0].
     void (*lanes)(const float *x, const float *y, unsigned mask, float out[PROBE_LANE_COUNT][16]);
-    // SLL by 23, SRA by 7; ROUND: floats to integers; BITS: through vi_as_vf and back; ISET1
-    // spreads p[0]; LOOKUP: of the first eight of q.
+    // SLL by 23, SRA by 7; ROUND: floats to integers; BITS: round trip through vi_as_vf; ISET1
+    // broadcasts p[0]; LOOKUP: in the first eight of q.
     void (*integers)(const int32_t *p, const int32_t *q, const float *x,
                      int32_t out[PROBE_INTEGER_COUNT][16]);
     void (*to_float)(const int32_t *p, float *out);

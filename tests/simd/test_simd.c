@@ -1,10 +1,10 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The sixteen lanes of src/simd.h, on every instruction set the machine has: each operation against
-// its plain C meaning, the exponential against double precision over its whole range, sums against
-// the documented tree to the bit, and AVX2 against AVX-512 to the bit: on that rests the promise
-// that a training run gives the same model on both.
+// The sixteen lanes of src/simd/simd.h on every instruction set of the machine: each operation
+// against its scalar C definition, the exponential against double precision over its whole range,
+// sums against the documented tree bit by bit, and AVX2 against AVX-512 bit by bit. The last test
+// ensures that a training run gives the same model on both.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -60,7 +60,7 @@ static uint32_t bits_of(float x)
 
 enum { GRID = 1 << 20 };
 
-// Dense around zero, random over the range, and every eighth with its neighbours.
+// Dense around zero, random over the range, and multiples of 1/8 with their neighbours.
 static size_t exp2_arguments(float *x)
 {
     size_t count = 0;
@@ -113,7 +113,7 @@ static void exp2_of_minus_127_is_zero(void **state)
     }
 }
 
-// Without a fused multiply-add the argument is rounded on its way to base 2, by 2^-24 of |x
+// Without a fused multiply-add the argument is rounded in the conversion to base 2, by 2^-24 of |x
 // log2(e)|.
 static void exp_is_as_good_as_exp2_where_products_are_exact(void **state)
 {
@@ -135,8 +135,8 @@ static void exp_is_as_good_as_exp2_where_products_are_exact(void **state)
 
 // ---- The logarithm ----
 
-// All mantissas between 1/2 and 2 in steps, random exponents, and the neighbours of powers of two
-// and of the places where the exponent is split off.
+// Mantissas from 1/2 to 2 in steps, random exponents, and the neighbours of powers of two and of
+// the points where the exponent changes.
 static size_t log2_arguments(float *x)
 {
     size_t count = 0;
@@ -243,7 +243,7 @@ static void halves_are_the_lanes_in_order(void **state)
     }
 }
 
-// Pairs of every kind: ordinary, equal, signed zeros, infinities, NaN on either side.
+// Pairs of all kinds: ordinary, equal, signed zeros, infinities, NaN on either side.
 static void special_pairs(float x[16], float y[16])
 {
     const float values[16][2] = {
@@ -257,7 +257,7 @@ static void special_pairs(float x[16], float y[16])
     }
 }
 
-// A comparison with NaN is false; min and max give the second operand when either is NaN.
+// A comparison with NaN is false; min and max return the second operand when either is NaN.
 static void comparisons_select_and_minimum_agree_with_c_even_for_nan(void **state)
 {
     (void)state;
@@ -285,7 +285,7 @@ static void comparisons_select_and_minimum_agree_with_c_even_for_nan(void **stat
     }
 }
 
-// All pairs of bounds from 0 on, with numbers of every kind, the bounds and what follows them.
+// All pairs of non-negative bounds, with numbers of every kind, the bounds and their successors.
 static void between_leaves_the_lower_bound_out_and_nan(void **state)
 {
     (void)state;
@@ -390,8 +390,8 @@ static void compressed_lanes_keep_their_order_and_narrow_ones_their_value(void *
     }
 }
 
-// Against counting by definition; few different keys, so that ties abound, or nearly sorted ones,
-// or neither.
+// Compared with the definition by counting; keys with many ties, nearly sorted keys and random
+// keys.
 static void ranks_count_what_stands_before(void **state)
 {
     (void)state;
@@ -449,7 +449,7 @@ static void sums_follow_the_documented_tree_to_the_bit(void **state)
     float x[16][16] __attribute__((aligned(64))), out[16] __attribute__((aligned(64)));
     for (uint64_t seed = 0; seed < 300; ++seed) {
         fill(x[0], 256, seed, -1, 1);
-        for (int i = 0; i < 16; ++i) // over many magnitudes, so that every other tree would differ
+        for (int i = 0; i < 16; ++i) // many magnitudes, so that any other tree differs
             for (int k = 0; k < 16; ++k)
                 x[i][k] *= exp2f(random_float(99, seed * 256 + (uint64_t)(16 * i + k), -12, 12));
         for (int k = 0; k < probe_count; ++k) {

@@ -196,14 +196,14 @@ static void wrong_contents_with_a_right_checksum_are_refused_by_name(void **stat
         if (k) {
             memset(bytes + at, 0, 16);
             memcpy(bytes + at, sections[k - 1], strlen(sections[k - 1]));
-            refuses(trainer, bytes, size, SGS_STATUS_FORMAT, "twice");
+            refuses(trainer, bytes, size, SGS_STATUS_FORMAT, "duplicate section");
         }
         // A length beyond the file, and all lengths whose sum overflows.
         static const uint64_t lengths[] = {UINT64_MAX, UINT64_MAX - 24, UINT64_MAX / 2, 1ull << 32};
         for (size_t j = 0; j < sizeof lengths / sizeof *lengths; ++j) {
             memcpy(bytes, good, size);
             memcpy(bytes + at + 16, &lengths[j], 8);
-            refuses(trainer, bytes, size, SGS_STATUS_FORMAT, "longer than the file");
+            refuses(trainer, bytes, size, SGS_STATUS_FORMAT, "exceeds the file");
         }
     }
     // One section more than this program knows.
@@ -217,7 +217,7 @@ static void wrong_contents_with_a_right_checksum_are_refused_by_name(void **stat
             "section 'exposure_later' that this program does not know");
     // Something behind the end.
     memcpy(bytes, good, size - 8);
-    refuses(trainer, bytes, size + 3, SGS_STATUS_FORMAT, "something follows the end");
+    refuses(trainer, bytes, size + 3, SGS_STATUS_FORMAT, "data after the end");
     free(good);
     free(bytes);
     sgs_trainer_destroy(trainer);

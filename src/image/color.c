@@ -1,8 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Values of photographs: the transfer curve of sRGB (IEC 61966-2-1), continued above 1, and
-// half-float numbers.
+// Pixel values: the sRGB transfer function (IEC 61966-2-1), extended above 1, and half floats.
 
 #include <math.h>
 

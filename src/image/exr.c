@@ -1,7 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Multi-channel images for compositors: one scan-line part.
+// Flat multi-channel EXR: one scan-line part. Most compressions use exr_writer.c (see there for the
+// reasons). DWAA uses OpenImageIO, because OpenEXRCore 3.1 does not implement it; that path holds
+// the interleaved image and the encoded file in memory.
 
 #include "image/exr_writer.h"
 
@@ -14,7 +16,7 @@ enum { MAX_CHANNELS = 1024, MAX_NAME = 255 };
 
 typedef struct flat_image {
     int width;
-    const sgs_exr_channel **sorted; // by name
+    const sgs_exr_channel **sorted; // sorted by name
     int channel_count;
 } flat_image;
 
@@ -81,8 +83,8 @@ static void point_at_lines(const void *context, exr_encode_pipeline_t *encoder, 
     for (int k = 0; k < encoder->channel_count; ++k) {
         exr_coding_channel_info_t *coded = &encoder->channels[k];
         const sgs_exr_channel *channel = find_channel(image, coded->channel_name);
-        coded->user_data_type =
-            channel->uints ? EXR_PIXEL_UINT : EXR_PIXEL_FLOAT; // the packer makes halves
+        // The encoder converts to half.
+        coded->user_data_type = channel->uints ? EXR_PIXEL_UINT : EXR_PIXEL_FLOAT;
         coded->user_bytes_per_element = 4;
         coded->user_pixel_stride = 4;
         coded->user_line_stride = 4 * image->width;
@@ -128,7 +130,7 @@ static sgs_status write_dwaa(const flat_image *image, const char *path, const sg
     sgsi_atomic_file file;
     status = sgsi_atomic_open(&file, path);
     if (!status) {
-        fwrite(bytes, 1, size, file.stream); // the commit sees a failure
+        fwrite(bytes, 1, size, file.stream); // sgsi_atomic_commit reports errors
         status = sgsi_atomic_commit(&file);
     }
     sgsi_atomic_abort(&file);

@@ -1,11 +1,12 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Deep scan-line EXR files. OpenEXRCore 3.1 writes deep chunks but does not compress their tables
-// of sample counts, so the chunks are packed here, after "OpenEXR File Layout": a chunk is one
-// line; its table holds the running sum of the samples per pixel, its data the samples of all
-// pixels channel by channel in the order of the channels' names, both little endian, and both
-// zipped. What does not shrink is stored as it is.
+// Deep scan-line EXR files. OpenEXRCore 3.1 can write deep chunks but does not compress their
+// sample count tables, so the chunks are encoded here, after "OpenEXR File Layout", in bands of
+// lines as they are rendered. A chunk is one line. Its table holds the running sum of samples per
+// pixel; its data holds the samples of all pixels, channel by channel in the order of the channel
+// names. Both are little-endian and ZIP-compressed; data that does not shrink is stored
+// uncompressed.
 
 #include <string.h>
 
@@ -15,11 +16,11 @@
 
 enum { CHANNELS = 6, LINE_BYTES_PER_SAMPLE = 4 * CHANNELS, BAND_LINES = 32 };
 
-// One line on its way to the file.
+// An encoded line, before it is written.
 typedef struct deep_line {
-    uint8_t *bytes; // [capacity]: see lay_out
+    uint8_t *bytes; // [capacity]: see reserve_line
     size_t capacity;
-    uint8_t *table, *data; // what the file gets
+    uint8_t *table, *data; // as written to the file
     size_t table_bytes, data_bytes, unpacked_bytes;
     bool failed; // out of memory
 } deep_line;
@@ -28,8 +29,8 @@ struct sgs_exr_deep {
     sgsi_exr_writer writer;
     char *path;
     int width, height, next_row;
-    sgsi_exr_zip *zip;   // NULL: not compressed
-    exr_result_t result; // the first failure
+    sgsi_exr_zip *zip;   // NULL: uncompressed
+    exr_result_t result; // first failure
     deep_line lines[BAND_LINES];
 };
 
@@ -48,21 +49,22 @@ typedef struct pack_job {
     size_t first_sample[BAND_LINES + 1];
 } pack_job;
 
-// Table, data and their zipped twins, one after the other.
-static bool lay_out(deep_line *line, size_t table_bytes, size_t data_bytes)
+// Table, data and their compressed copies, in one buffer.
+static bool reserve_line(deep_line *line, size_t table_bytes, size_t data_bytes)
 {
-    const size_t needed = 2 * (table_bytes + data_bytes);
-    if (needed <= line->capacity)
+    const size_t required = 2 * (table_bytes + data_bytes);
+    if (required <= line->capacity)
         return true;
     sgsi_free(line->bytes);
-    line->capacity = needed + needed / 4;
+    line->capacity = required + required / 4;
     line->bytes = sgsi_alloc(line->capacity, 1);
     if (!line->bytes)
         line->capacity = 0;
     return line->bytes != NULL;
 }
 
-// What is to be stored of `count` bytes at `raw`, and in *stored its size.
+// Compresses `count` bytes of `raw` if they shrink. Returns the bytes to store and their size in
+// *stored.
 static uint8_t *zipped_or_raw(sgsi_exr_zip *zip, int thread, uint8_t *raw, size_t count,
                               uint8_t *out, size_t *stored)
 {
@@ -80,7 +82,7 @@ static void pack_line(void *context, size_t item, int thread)
     const sgs_deep_sample *samples = job->samples + job->first_sample[item];
     const size_t total = job->first_sample[item + 1] - job->first_sample[item];
     const size_t table_bytes = 4 * width, data_bytes = LINE_BYTES_PER_SAMPLE * total;
-    line->failed = !lay_out(line, table_bytes, data_bytes);
+    line->failed = !reserve_line(line, table_bytes, data_bytes);
     if (line->failed)
         return;
     uint8_t *table = line->bytes, *data = table + table_bytes, *zipped_table = data + data_bytes;
@@ -154,16 +156,16 @@ sgs_status sgs_exr_deep_open(const char *path, const sgs_exr_info *info, int max
 
 static exr_result_t write_band(sgs_exr_deep *deep, int rows, pack_job *job)
 {
-    size_t most = 0;
+    size_t max_samples = 0;
     job->deep = deep;
     for (size_t row = 0; row < (size_t)rows; ++row) {
         job->first_sample[row + 1] = job->first_sample[row];
         for (size_t x = 0; x < (size_t)deep->width; ++x)
             job->first_sample[row + 1] += job->counts[row * (size_t)deep->width + x];
         const size_t own = job->first_sample[row + 1] - job->first_sample[row];
-        most = own > most ? own : most;
+        max_samples = own > max_samples ? own : max_samples;
     }
-    if (deep->zip && !sgsi_exr_zip_reserve(deep->zip, LINE_BYTES_PER_SAMPLE * most))
+    if (deep->zip && !sgsi_exr_zip_reserve(deep->zip, LINE_BYTES_PER_SAMPLE * max_samples))
         return EXR_ERR_OUT_OF_MEMORY;
     sgsi_parallel_for((size_t)rows, 1, pack_line, job);
     exr_result_t result = EXR_ERR_SUCCESS;
@@ -193,7 +195,7 @@ sgs_status sgs_exr_deep_write(sgs_exr_deep *deep, int rows, const uint32_t *coun
         samples += job.first_sample[band];
         rows -= band;
     }
-    return sgsi_exr_tell(&deep->writer, deep->result);
+    return sgsi_exr_check(&deep->writer, deep->result);
 }
 
 sgs_status sgs_exr_deep_close(sgs_exr_deep *deep)

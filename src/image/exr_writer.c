@@ -1,19 +1,20 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// EXR files through OpenEXR's C library (OpenEXRCore 3.1 and later).
+// Writes EXR files with OpenEXR's C library (OpenEXRCore 3.1 and later).
 //
-// OpenEXRCore writes through a callback into the library's own atomic file, so that an EXR appears
-// under its name only when it is complete and on disk, as every other file does. Its messages are
-// caught and end in sgs_last_error(); its memory comes from the library's allocator.
+// OpenEXRCore writes through a callback to an atomic file, so an EXR appears under its name only
+// when it is complete and on disk, like all other outputs. Its error messages are captured for
+// sgs_last_error(), and it uses the library's allocator.
 //
-// Compression is most of the work, so chunks are packed and compressed by all threads, a band of
-// them at a time, and then written in order: the bytes of a file do not depend on the number of
-// threads.
+// Chunks are encoded in parallel, a band of them at a time, because compression dominates the time.
+// They are written in order: the bytes of a file do not depend on the number of threads.
 //
-// Floats whose low bits are noise hardly shrink, and deflating them takes several times as long as
-// tracing them. The format lets a chunk that does not shrink stand as it is, so SGS_EXR_AUTO
-// deflates a line here and there of a band and, unless that saves a third, none of its chunks.
+// Why not OpenImageIO for flat files: it has one compression for all chunks of a file, and with
+// OpenEXR 3.1 it deflates by zlib (see exr_zip.c). Floats with noise in their low bits hardly
+// shrink, yet deflating them takes several times as long as tracing them. The format permits
+// uncompressed chunks, so SGS_EXR_AUTO compresses a sample of lines of each band and compresses the
+// band only if this saves a third.
 
 #include "image/exr_writer.h"
 
@@ -28,26 +29,26 @@
 
 enum { MAX_SHORT_NAME = 31, BAND_CHUNKS = 16, SAMPLES = 4 };
 
-// OpenEXR's first complaint in this call. Not in the writer: asking the context for its user data
-// inside the handler waits for the lock that the complaining function holds.
-static _Thread_local char complaint[256];
+// First error message of OpenEXR in this call. Not stored in the writer: asking the context for its
+// user data inside the handler would deadlock on a lock held by the caller.
+static _Thread_local char last_message[256];
 
 static void *allocate(size_t bytes)
 {
     return sgsi_alloc(bytes, 1);
 }
 
-static void keep_complaint(exr_const_context_t context, exr_result_t code, const char *message)
+static void keep_message(exr_const_context_t context, exr_result_t code, const char *message)
 {
     (void)context;
     (void)code;
-    if (complaint[0] || !message)
+    if (last_message[0] || !message)
         return;
     const char *text = strrchr(message, ':'); // "file: text"
     text = text ? text + 1 : message;
     while (*text == ' ')
         ++text;
-    snprintf(complaint, sizeof complaint, "%s", text);
+    snprintf(last_message, sizeof last_message, "%s", text);
 }
 
 static int64_t write_bytes(exr_const_context_t context, void *user, const void *bytes,
@@ -74,8 +75,7 @@ static int64_t write_bytes(exr_const_context_t context, void *user, const void *
 
 // ---- The header ----
 
-// EXR multiplies row vectors from the left, p' = p M: the transpose of the matrix for column
-// vectors.
+// EXR uses row vectors, p' = p M: the transpose of the matrix for column vectors.
 static exr_result_t set_matrix(exr_context_t context, const char *name, const double *matrix)
 {
     if (!matrix)
@@ -95,7 +95,7 @@ static exr_result_t set_text(exr_context_t context, const char *name, const char
 
 static exr_result_t set_attributes(exr_context_t context, const sgs_exr_info *info)
 {
-    // ITU-R BT.709: primaries and the D65 white.
+    // ITU-R BT.709 primaries and D65 white point.
     const exr_attr_chromaticities_t rec709 = {.red_x = 0.64f,
                                               .red_y = 0.33f,
                                               .green_x = 0.30f,
@@ -129,7 +129,7 @@ static exr_result_t write_header(exr_context_t context, const sgs_exr_info *info
                                  exr_storage_t storage, exr_compression_t compression,
                                  int max_samples, const sgsi_exr_column *columns, int count)
 {
-    // Only when needed: readers from before 2013 refuse files with long names.
+    // Only if required: readers from before 2013 reject files with long names.
     int part, has_long_names = 0;
     for (int k = 0; k < count; ++k)
         has_long_names |= strlen(columns[k].name) > MAX_SHORT_NAME;
@@ -145,7 +145,7 @@ static exr_result_t write_header(exr_context_t context, const sgs_exr_info *info
                                  EXR_PERCEPTUALLY_LOGARITHMIC, 1, 1);
     if (!result)
         result = set_attributes(context, info);
-    if (!result && deep) // the version of the deep format
+    if (!result && deep) // version of the deep format
         result = exr_set_version(context, 0, 1);
     if (!result && deep)
         result = exr_attr_set_int(context, 0, "maxSamplesPerPixel", max_samples);
@@ -165,12 +165,12 @@ sgs_status sgsi_exr_open(sgsi_exr_writer *writer, const char *path, const sgs_ex
     sgs_status status = sgsi_atomic_open(&writer->file, path);
     if (!status) {
         exr_context_initializer_t setup = EXR_DEFAULT_CONTEXT_INITIALIZER;
-        setup.error_handler_fn = keep_complaint;
+        setup.error_handler_fn = keep_message;
         setup.alloc_fn = allocate;
         setup.free_fn = sgsi_free;
         setup.user_data = writer;
         setup.write_fn = write_bytes;
-        complaint[0] = 0;
+        last_message[0] = 0;
         exr_result_t result =
             exr_start_write(&writer->context, path, EXR_WRITE_FILE_DIRECTLY, &setup);
         if (!result)
@@ -183,7 +183,7 @@ sgs_status sgsi_exr_open(sgsi_exr_writer *writer, const char *path, const sgs_ex
     return status;
 }
 
-sgs_status sgsi_exr_tell(const sgsi_exr_writer *writer, exr_result_t result)
+sgs_status sgsi_exr_check(const sgsi_exr_writer *writer, exr_result_t result)
 {
     if (writer->write_error)
         return sgsi_fail(SGS_STATUS_IO, "%s: cannot be written: %s", writer->path,
@@ -192,14 +192,14 @@ sgs_status sgsi_exr_tell(const sgsi_exr_writer *writer, exr_result_t result)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", writer->path);
     if (result)
         return sgsi_fail(SGS_STATUS_INTERNAL, "%s: cannot be written: OpenEXR: %s", writer->path,
-                         complaint[0] ? complaint : exr_get_default_error_message(result));
+                         last_message[0] ? last_message : exr_get_default_error_message(result));
     return SGS_STATUS_OK;
 }
 
 sgs_status sgsi_exr_close(sgsi_exr_writer *writer, exr_result_t result)
 {
     const exr_result_t finished = exr_finish(&writer->context); // writes the chunk table
-    sgs_status status = sgsi_exr_tell(writer, result ? result : finished);
+    sgs_status status = sgsi_exr_check(writer, result ? result : finished);
     if (!status)
         status = sgsi_atomic_commit(&writer->file);
     sgsi_atomic_abort(&writer->file);
@@ -212,17 +212,17 @@ typedef struct chunk_band {
     sgsi_exr_writer *writer;
     sgsi_exr_fill_fn fill;
     const void *context;
-    int begin, count, lines, height; // first line; chunks; lines of a chunk; height of the image
-    sgsi_exr_zip *zip;               // with ZIP, ZIPS and AUTO
+    int begin, count, lines, height; // first line; chunks; lines per chunk; height of the image
+    sgsi_exr_zip *zip;               // for ZIP, ZIPS and AUTO
     uint8_t *zipped;                 // [BAND_CHUNKS][capacity]
     size_t capacity;
     exr_encode_pipeline_t encoders[BAND_CHUNKS];
     exr_result_t results[BAND_CHUNKS];
-    size_t bytes[BAND_CHUNKS]; // in `zipped`; 0: the chunk is stored as the encoder leaves it
+    size_t bytes[BAND_CHUNKS]; // in `zipped`; 0: store the chunk as encoded
     size_t sampled[SAMPLES], shrunk[SAMPLES];
 } chunk_band;
 
-// Instead of writing: the chunk waits for its turn.
+// Replaces the encoder's write: chunks are written later, in order.
 static exr_result_t hold_chunk(exr_encode_pipeline_t *encoder)
 {
     (void)encoder;
@@ -262,7 +262,7 @@ static void zip_chunk(void *context, size_t item, int thread)
                               encoder->compressed_bytes, band->zipped + item * band->capacity);
 }
 
-// One line of a chunk of the band.
+// Compresses one line of a chunk of the band.
 static void sample_line(void *context, size_t item, int thread)
 {
     chunk_band *band = context;
@@ -311,7 +311,7 @@ static bool prepare_zip(chunk_band *band, size_t largest)
     return band->zip && band->zipped;
 }
 
-// The first chunk is the largest, for the others have as many lines or fewer.
+// The first chunk is the largest; others have at most as many lines.
 static exr_result_t begin_chunks(chunk_band *band, bool zips)
 {
     exr_result_t result = EXR_ERR_SUCCESS;

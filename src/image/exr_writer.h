@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// What flat and deep EXR files share: OpenEXRCore's context over the library's own atomic file, the
-// header, and the encoding of chunks by many threads. Knows no pixels.
+// Shared by flat and deep EXR files: OpenEXRCore's context on top of an atomic file, the header,
+// and the parallel encoding of chunks. Independent of pixel contents.
 
 #include <openexr.h>
 
@@ -19,28 +19,27 @@ typedef struct sgsi_exr_writer {
     int write_error;  // errno of the first failed write
 } sgsi_exr_writer;
 
-// A channel as the header lists it.
+// A channel in the header.
 typedef struct sgsi_exr_column {
     const char *name;
     exr_pixel_type_t type;
 } sgsi_exr_column;
 
-// Opens the file and writes its header. Columns are sorted by name, as the format demands. On
-// failure the error is told and nothing is left behind. The writer must not move afterwards.
-// max_samples: per pixel, of deep files.
+// Opens the file and writes its header. Columns are sorted by name, as the format requires. On
+// failure sets the error and removes the file. The writer must not move in memory afterwards.
+// max_samples: per pixel, deep files only.
 sgs_status sgsi_exr_open(sgsi_exr_writer *writer, const char *path, const sgs_exr_info *info,
                          exr_storage_t storage, exr_compression_t compression, int max_samples,
                          const sgsi_exr_column *columns, int column_count);
 
-// Ends the file and puts it in its place if `result` is success; tells the error and leaves nothing
-// behind otherwise.
+// Finishes the file and moves it into place if `result` is success. Otherwise sets the error and
+// removes the file.
 sgs_status sgsi_exr_close(sgsi_exr_writer *writer, exr_result_t result);
 
-// The error of a failed call of OpenEXR's as ours.
-sgs_status sgsi_exr_tell(const sgsi_exr_writer *writer, exr_result_t result);
+// Converts a result of OpenEXR to a status and sets the error.
+sgs_status sgsi_exr_check(const sgsi_exr_writer *writer, exr_result_t result);
 
-// Points a chunk's encoder at the pixels of its channels. `lines` are those
-// of the chunk. Called in parallel.
+// Sets the encoder's pointers to the pixels of a chunk of `lines` lines. Called in parallel.
 typedef void (*sgsi_exr_fill_fn)(const void *context, exr_encode_pipeline_t *encoder, int y,
                                  int lines);
 

@@ -2,22 +2,22 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// The ZIP and ZIPS compression of EXR: bytes in, deflated bytes out. Knows no pixels and no files.
+// The ZIP and ZIPS compressions of EXR, on byte buffers. Independent of pixels and files.
 
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
-// One deflater and buffer per thread of the coming loops.
+// One compressor and buffer per thread.
 typedef struct sgsi_exr_zip sgsi_exr_zip;
 
-// For chunks of at most `largest` bytes. NULL when out of memory.
+// For chunks of at most `largest` bytes. Returns NULL if out of memory.
 sgsi_exr_zip *sgsi_exr_zip_create(size_t largest);
 void sgsi_exr_zip_destroy(sgsi_exr_zip *zip);
-// The same for larger chunks. False when out of memory.
+// Raises `largest`. Returns false if out of memory.
 bool sgsi_exr_zip_reserve(sgsi_exr_zip *zip, size_t largest);
 
-// Deflates `count` bytes of `raw` into out, [count]. Returns the number of bytes there, or 0 when
-// they would not be fewer: then readers take `raw` itself. Cannot fail.
+// Compresses `count` bytes of `raw` to out [count]. Returns the compressed size, or 0 if it would
+// not be smaller; `raw` is then stored as it is, which readers accept.
 size_t sgsi_exr_zip_pack(sgsi_exr_zip *zip, int thread, const uint8_t *raw, size_t count,
                          uint8_t *out);

@@ -2,17 +2,17 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// IEEE 754 binary16 numbers for photographs: never negative, never infinite, and nothing between 0
-// and the smallest normal number, so that the way back is a shift and a multiplication.
+// IEEE 754 binary16 for photographs: non-negative, finite and without subnormals, so that decoding
+// is a shift and a multiplication.
 
 #include <stdint.h>
 #include <string.h>
 
 #define SGSI_HALF_MAX 65504.0f
-#define SGSI_HALF_MIN 6.103515625e-05f // smaller ones become 0
+#define SGSI_HALF_MIN 6.103515625e-05f // smaller values become 0
 
-// Nearest (even) half of a number in [0, SGSI_HALF_MAX]; what lies outside is clamped, NaN becomes
-// 0.
+// Rounds to the nearest half (ties to even). Values outside [0, SGSI_HALF_MAX] are clamped; NaN
+// becomes 0.
 static inline uint16_t sgsi_half_from_float(float value)
 {
     if (!(value >= SGSI_HALF_MIN))
@@ -29,5 +29,5 @@ static inline float sgsi_half_to_float(uint16_t half)
     const uint32_t bits = (uint32_t)half << 13;
     float value;
     memcpy(&value, &bits, sizeof value);
-    return value * 0x1p112f; // 0 stays 0; there are no subnormal ones
+    return value * 0x1p112f; // no subnormals; 0 stays 0
 }

@@ -1,14 +1,14 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// 8-bit photographs: reading, exact area averaging, PNG. The codec is OpenImageIO, behind
+// 8-bit photographs: reading, exact area averaging, PNG. Files are decoded by OpenImageIO through
 // image_oiio.h.
 //
-// Area averaging in integers. Measured in units of 1 / out_width of a source pixel, source column x
-// covers [x out_width, (x+1) out_width) and output column i covers [i width, (i+1) width); the
-// overlaps are the weights, they sum to `width`, and no rounding happens before the last division.
-// Colour under a straight alpha is averaged with the alpha as weight, so that what hides under
-// transparent pixels does not bleed in: compositing commutes with the averaging.
+// Area averaging uses integers. In units of 1 / out_width of a source pixel, source column x covers
+// [x out_width, (x+1) out_width) and output column i covers [i width, (i+1) width). The overlaps
+// are the weights; they sum to `width`, and only the final division rounds. With straight alpha,
+// colours are weighted by alpha so that hidden colours of transparent pixels do not bleed in;
+// compositing then commutes with averaging.
 
 #include "sparegs/image.h"
 
@@ -18,7 +18,8 @@
 #include "base/core.h"
 #include "image/image_oiio.h"
 
-// The marker that ends a scan: entropy-coded bytes hold 0xff only before 0 or a restart marker.
+// Returns the marker that ends a scan. In entropy-coded data, 0xff is followed by 0 or a restart
+// marker only.
 static int scan_end(FILE *stream)
 {
     int c = getc_unlocked(stream);
@@ -34,9 +35,8 @@ static int scan_end(FILE *stream)
     return EOF;
 }
 
-// Walks over the segments of a JPEG file (ITU T.81, annex B) behind its first two bytes; true when
-// the file ends before the end-of-image marker. What cameras append behind that marker does not
-// matter.
+// Parses the segments of a JPEG file (ITU T.81, annex B) after its first two bytes. Returns true if
+// the file ends before the end-of-image marker; data that cameras append after it is ignored.
 static bool jpeg_ends_early(FILE *stream)
 {
     int marker = 0xd8;
@@ -51,7 +51,7 @@ static bool jpeg_ends_early(FILE *stream)
         } else {
             marker = getc_unlocked(stream);
             if (marker != EOF && marker != 0xff)
-                return false; // not a segment: for the decoder to judge
+                return false; // not a segment: left to the decoder
             while (marker == 0xff)
                 marker = getc_unlocked(stream);
         }
@@ -77,13 +77,13 @@ static bool png_ends_early(FILE *stream)
     return true;
 }
 
-// Refuses a picture whose file was cut off, before it is decoded: JPEG decoders fill it up with
-// grey and report nothing, and a trainer would learn the grey; libpng writes to the terminal.
-sgs_status sgsi_image_refuse_truncated(const char *path)
+// Fails for truncated files before they are decoded: JPEG decoders fill the missing part with grey
+// without an error, which would then be trained; libpng prints to the terminal.
+sgs_status sgsi_image_check_complete(const char *path)
 {
     FILE *stream = fopen(path, "rb");
     if (!stream)
-        return SGS_STATUS_OK; // the decoder says why
+        return SGS_STATUS_OK; // the decoder reports the reason
     uint8_t start[4] = {0};
     const size_t got = fread(start, 1, sizeof start, stream);
     bool truncated = false;
@@ -101,13 +101,13 @@ sgs_status sgsi_image_refuse_truncated(const char *path)
 sgs_status sgs_image8_read(const char *path, sgs_image8 *image)
 {
     *image = (sgs_image8){0};
-    const sgs_status status = sgsi_image_refuse_truncated(path);
+    const sgs_status status = sgsi_image_check_complete(path);
     return status ? status : sgsi_oiio_read(path, image);
 }
 
 sgs_status sgsi_image8_probe(const char *path, int *width, int *height, int *channels)
 {
-    const sgs_status status = sgsi_image_refuse_truncated(path);
+    const sgs_status status = sgsi_image_check_complete(path);
     return status ? status : sgsi_oiio_probe(path, width, height, channels);
 }
 
@@ -132,7 +132,7 @@ static uint64_t overlap(uint64_t index, uint64_t out, uint64_t size, uint64_t ou
     return end > begin ? end - begin : 0;
 }
 
-// Sums the source rows under output row `out_y`: sums[x] = sum of weight * value (* alpha where
+// Sums the source rows under output row `out_y`: sums[x] = sum of weight * value (* alpha if
 // given).
 static void sum_rows(const sgs_image8 *image, const uint8_t *plane, const uint8_t *alpha,
                      uint64_t out_y, uint64_t out_height, uint64_t *sums)
@@ -146,9 +146,8 @@ static void sum_rows(const sgs_image8 *image, const uint8_t *plane, const uint8_
         const uint8_t *row = plane + y * width;
         if (!alpha) {
             for (size_t x = 0; x < width; ++x)
-                sums[x] +=
-                    weight *
-                    row[x]; // NOLINT(clang-analyzer-core.NullDereference): a plane of the image
+                // NOLINTNEXTLINE(clang-analyzer-core.NullDereference): row is in the image's plane
+                sums[x] += weight * row[x];
             continue;
         }
         const uint8_t *alpha_row = alpha + y * width;
@@ -167,10 +166,9 @@ static void sum_columns(const uint64_t *sums, uint64_t width, uint64_t out_width
     }
 }
 
-// The common case, side by side k x k pixels and no alpha, gives the same numbers many times
-// faster: all areas are k^2, and (S + k^2 / 2) / k^2 is a product and a shift. With m = ceil(2^32 /
-// k^2), n m >> 32 = n / k^2 for every n below 2^32 / k^2 (Granlund and Montgomery 1994, theorem
-// 4.2), and n stays below 256 k^2.
+// Fast path for blocks of k x k pixels without alpha; same result. All areas are k^2, so (S + k^2 /
+// 2) / k^2 is a multiplication and a shift: with m = ceil(2^32 / k^2), n m >> 32 = n / k^2 for
+// every n below 2^32 / k^2 (Granlund and Montgomery 1994, theorem 4.2), and n is below 256 k^2.
 enum { WHOLE_FACTOR_MAX = 16 };
 
 static void downscale_whole(const sgs_image8 *image, size_t factor, sgs_image8 *out,
@@ -197,7 +195,7 @@ static void downscale_whole(const sgs_image8 *image, size_t factor, sgs_image8 *
     }
 }
 
-// The factor of the case above, or 0.
+// The factor of the fast path, or 0 if it does not apply.
 static size_t whole_factor(const sgs_image8 *image, const sgs_image8 *out)
 {
     const int factor = image->width / out->width;

@@ -1,19 +1,20 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Photographs in and PNG out through OpenImageIO (2.2 to 3.x). The only C++ file of the project.
+// Reads photographs and encodes PNG and DWAA EXR with OpenImageIO (2.2 to 3.x). The only C++ file
+// of the project.
 //
-// Pixels come as the file stores them: no colour conversion, no rotation by Exif, alpha straight.
-// What is not 8-bit RGB(A) is made so: grey is repeated, palettes are expanded by OpenImageIO, CMYK
-// becomes RGB, 16 bit is rounded to the nearest 8 bit, floating point is taken as linear light and
-// gets the sRGB curve unless the file says it is sRGB already. Further channels are dropped.
+// Pixels are returned as stored: no colour conversion, no Exif rotation, straight alpha. Other
+// formats are converted to 8-bit RGB(A): grey is replicated, palettes are expanded by OpenImageIO,
+// CMYK becomes RGB, 16 bits are rounded to 8, and floats are treated as linear light and encoded as
+// sRGB unless the file declares sRGB. Further channels are dropped.
 //
-// sgsi_oiio_read_rows delivers floats instead, for photographs whose range or colour space is more
-// than 8 bit of sRGB. There sRGB stays encoded, linear light stays as it is, and everything else
-// goes through OpenImageIO's colour conversion to linear light.
+// sgsi_oiio_read_rows returns floats instead, for photographs whose range or colour space exceeds
+// 8-bit sRGB. sRGB stays encoded, linear light stays linear, and all other colour spaces are
+// converted to linear light by OpenImageIO.
 //
-// The size is checked before anything is allocated for it, and rows are decoded in slabs, so that
-// the interleaved copy never exists as a whole (tiled files excepted).
+// Sizes are checked before allocation. Rows are decoded in slabs, so that the interleaved image
+// never exists as a whole (except for tiled files).
 
 #include <algorithm>
 #include <cctype>
@@ -48,15 +49,15 @@ constexpr int max_size = 65536;
 constexpr int64_t max_pixels = int64_t(1) << 30;
 constexpr int slab_rows = 64;
 
-// How the channels of a file become RGB(A).
+// Mapping of a file's channels to RGB(A).
 struct Layout {
-    int channels = 3;             // out
+    int channels = 3;             // output channels
     int source[4] = {0, 0, 0, 0}; // file channel of each output channel
-    int read = 1;                 // leading file channels to decode
+    int read = 1;                 // number of leading file channels to decode
     bool cmyk = false;
-    bool associated = false; // colour is multiplied by alpha in the file
+    bool associated = false; // the file's colour is premultiplied by alpha
     bool linear = false;
-    OIIO::TypeDesc type = OIIO::TypeDesc::UINT8; // in which rows are decoded
+    OIIO::TypeDesc type = OIIO::TypeDesc::UINT8; // type in which rows are decoded
 };
 
 std::string one_line(std::string text)
@@ -74,7 +75,7 @@ sgs_status unreadable(const char *path, const std::string &reason)
                      one_line(reason).c_str());
 }
 
-// Runs body() and turns every exception into a status.
+// Runs body() and converts exceptions to a status.
 template <typename Body> sgs_status guarded(const char *path, Body body)
 {
     try {
@@ -128,7 +129,7 @@ sgs_status open_image(const char *path, std::unique_ptr<OIIO::ImageInput> &input
     auto opened = OIIO::ImageInput::open(path, &config);
     if (!opened)
         return unreadable(path, OIIO::geterror());
-    opened->threads(1); // the caller reads many images at once
+    opened->threads(1); // the caller reads several images in parallel
     const OIIO::ImageSpec &spec = opened->spec();
     if (spec.width < 1 || spec.height < 1 || spec.width > max_size || spec.height > max_size ||
         int64_t(spec.width) * spec.height > max_pixels)
@@ -143,7 +144,7 @@ sgs_status open_image(const char *path, std::unique_ptr<OIIO::ImageInput> &input
     return SGS_STATUS_OK;
 }
 
-// One sample as a number in [0, 1].
+// One sample as a value in [0, 1].
 float sample(const unsigned char *row, size_t i, const Layout &layout)
 {
     if (layout.type == OIIO::TypeDesc::UINT8)
@@ -164,7 +165,7 @@ uint8_t quantised(float v)
     return uint8_t(std::min(v, 1.0f) * 255 + 0.5f);
 }
 
-// Any layout, sample by sample.
+// Converts any layout, sample by sample.
 void convert_pixel(const unsigned char *row, size_t x, const Layout &layout, uint8_t out[4])
 {
     const size_t at = x * size_t(layout.read);
@@ -221,10 +222,10 @@ sgs_status read_pixels(const char *path, OIIO::ImageInput &input, const Layout &
                                     layout.type.size());
     for (int y = 0; y < spec.height; y += rows) {
         const int end = std::min(y + rows, spec.height);
-        const bool fine = tiled ? input.read_image(0, 0, 0, layout.read, layout.type, slab.data())
-                                : input.read_scanlines(0, 0, spec.y + y, spec.y + end, spec.z, 0,
-                                                       layout.read, layout.type, slab.data());
-        if (!fine)
+        const bool ok = tiled ? input.read_image(0, 0, 0, layout.read, layout.type, slab.data())
+                              : input.read_scanlines(0, 0, spec.y + y, spec.y + end, spec.z, 0,
+                                                     layout.read, layout.type, slab.data());
+        if (!ok)
             return unreadable(path, input.geterror());
         convert_rows(slab.data(), y, end, layout, image);
     }
@@ -233,12 +234,12 @@ sgs_status read_pixels(const char *path, OIIO::ImageInput &input, const Layout &
 
 // ---- Rows of floats ----
 
-// Light as the trainer knows it, or what OpenImageIO has to make of it first.
+// Encodings that the trainer uses directly, or `other`: converted by OpenImageIO first.
 enum class Encoding { srgb, linear, other };
 
 struct Colors {
     Encoding encoding = Encoding::srgb;
-    OIIO::ColorProcessorHandle processor; // other: to linear light
+    OIIO::ColorProcessorHandle processor; // other: converts to linear light
 };
 
 std::string lower(std::string text)
@@ -256,7 +257,7 @@ std::string joined(const std::vector<std::string> &words)
     return text;
 }
 
-// What can be chosen, each name once.
+// The colour spaces to choose from, each name once.
 std::string color_spaces(const OIIO::ColorConfig &config)
 {
     std::vector<std::string> names = {"linear", "sRGB"};
@@ -267,15 +268,15 @@ std::string color_spaces(const OIIO::ColorConfig &config)
     return joined(names);
 }
 
-// True when `name` is `wanted`, or a layer's: "beauty.R".
+// True if `name` is `wanted`, with or without a layer prefix ("beauty.R").
 bool names_channel(const std::string &name, const char *wanted)
 {
     const size_t dot = name.rfind('.');
     return lower(dot == std::string::npos ? name : name.substr(dot + 1)) == wanted;
 }
 
-// Channels of EXR files are found by name. Layers with colours besides the plain R, G, B are taken
-// when there is no such; the first one wins.
+// Finds the channels of EXR files by name. Without plain R, G, B, the first layer with colours is
+// used.
 bool find_exr_channels(const OIIO::ImageSpec &spec, Layout &layout)
 {
     static const char *const wanted[] = {"r", "g", "b", "a"};
@@ -319,7 +320,7 @@ sgs_status choose_colors(const char *path, const OIIO::ImageSpec &spec, const ch
         colors.encoding = Encoding::linear;
         return SGS_STATUS_OK;
     }
-    const OIIO::ColorConfig config; // of the environment's OCIO, or OpenImageIO's own
+    const OIIO::ColorConfig config; // of the OCIO environment variable, or OpenImageIO's default
     colors.encoding = Encoding::other;
     colors.processor = config.createColorProcessor(space, "scene_linear");
     if (!colors.processor)
@@ -347,7 +348,7 @@ sgs_status open_photo(const char *path, const char *colorspace,
     return choose_colors(path, spec, colorspace, colors);
 }
 
-// One row as [width][channels]; colour multiplied by alpha. `raw` holds layout.read floats per
+// Writes one row as [width][channels], colour premultiplied by alpha. `raw`: layout.read floats per
 // pixel.
 void arrange_row(const float *raw, int width, const Layout &layout, const Colors &colors,
                  float *row)
@@ -367,7 +368,8 @@ void arrange_row(const float *raw, int width, const Layout &layout, const Colors
                                 OIIO::stride_t(size_t(width) * 3 * sizeof(float)));
     if (layout.channels < 4)
         return;
-    if (colors.processor && layout.associated) // curves belong to colours without alpha
+    // Transfer functions apply to unpremultiplied colours.
+    if (colors.processor && layout.associated)
         for (size_t x = 0; x < size_t(width); ++x)
             for (size_t c = 0; c < 3; ++c)
                 row[4 * x + c] = row[4 * x + 3] > 0 ? row[4 * x + c] / row[4 * x + 3] : 0;
@@ -391,11 +393,11 @@ sgs_status read_rows(const char *path, OIIO::ImageInput &input, const Layout &la
         row(size_t(spec.width) * size_t(layout.channels));
     for (int y = 0; y < spec.height; y += rows) {
         const int end = std::min(y + rows, spec.height);
-        const bool fine =
+        const bool ok =
             tiled ? input.read_image(0, 0, 0, layout.read, OIIO::TypeDesc::FLOAT, slab.data())
                   : input.read_scanlines(0, 0, spec.y + y, spec.y + end, spec.z, 0, layout.read,
                                          OIIO::TypeDesc::FLOAT, slab.data());
-        if (!fine)
+        if (!ok)
             return unreadable(path, input.geterror());
         for (int k = y; k < end; ++k) {
             arrange_row(slab.data() + size_t(k - y) * pitch, spec.width, layout, colors,
@@ -522,7 +524,7 @@ sgs_status sgsi_oiio_png_encode(const char *path, const sgs_image8 *image, uint8
 namespace
 {
 
-// EXR multiplies row vectors from the left: the transpose of the matrix for column vectors.
+// EXR uses row vectors: the transpose of the matrix for column vectors.
 void set_matrix(OIIO::ImageSpec &spec, const char *name, const double *matrix)
 {
     float transposed[16];
@@ -576,7 +578,7 @@ sgs_status sgsi_oiio_dwaa_encode(const char *path, const sgs_exr_info *info,
         if (!output->open("memory.exr", spec))
             return sgsi_fail(SGS_STATUS_IO, "%s: cannot be encoded: %s", path,
                              one_line(output->geterror()).c_str());
-        // Pixels in the file's own types, channel after channel: 2 or 4 bytes each.
+        // Pixels interleaved in the file's own types: 2 or 4 bytes per channel.
         const size_t pixel_bytes = spec.pixel_bytes(true), width = size_t(info->width);
         std::vector<unsigned char> pixels(pixel_bytes * width * size_t(info->height));
         size_t offset = 0;

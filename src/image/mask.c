@@ -1,9 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Bit planes. A pixel counts or it does not: a pixel that is half masked still shows half of what
-// the mask is there to hide, so a pixel of a reduced photograph counts only when every source pixel
-// that it touches does.
+// A pixel is either valid or not. A partly masked pixel would still show part of what the mask
+// hides, so a pixel of a downscaled photograph is valid only if all source pixels it overlaps are.
 
 #include "image/mask.h"
 
@@ -21,8 +20,9 @@ bool sgsi_mask_is_name(const char *name)
     return length > tail && !strcmp(name + length - tail, suffix);
 }
 
-// Takes `candidate` when there is such a file. False when there was no memory for it.
-static bool take(char *candidate, char **path)
+// Uses `candidate` if the file exists. Takes ownership; returns false if candidate is NULL (out of
+// memory).
+static bool use_if_file(char *candidate, char **path)
 {
     if (candidate && !*path && sgsi_is_file(candidate))
         *path = candidate;
@@ -37,7 +37,7 @@ sgs_status sgsi_mask_find(const char *root, const char *folder, const char *imag
     static const char *const usual[] = {"masks", "mask"};
     const char *dot = strrchr(name, '.');
     const int stem = dot && !strchr(dot, '/') ? (int)(dot - name) : (int)strlen(name);
-    // transforms.json writes the image folder into every name; masks do not repeat it.
+    // Names in transforms.json include the image folder; masks do not.
     const int skip = !strncmp(name, "images/", 7) ? 7 : 0;
     bool memory = true;
     *path = NULL;
@@ -45,17 +45,18 @@ sgs_status sgsi_mask_find(const char *root, const char *folder, const char *imag
         char *base = folder && folder[0] == '/'
                          ? sgsi_strdup(folder)
                          : sgsi_format("%s/%s", root, folder ? folder : usual[i]);
-        memory = base && take(sgsi_format("%s/%.*s.png", base, stem - skip, name + skip), path) &&
-                 (*path || take(sgsi_format("%s/%s.png", base, name + skip), path));
+        memory = base &&
+                 use_if_file(sgsi_format("%s/%.*s.png", base, stem - skip, name + skip), path) &&
+                 (*path || use_if_file(sgsi_format("%s/%s.png", base, name + skip), path));
         sgsi_free(base);
     }
     if (memory && !*path && !folder)
-        memory = take(sgsi_format("%s/%.*s%s", image_folder, stem, name, suffix), path);
+        memory = use_if_file(sgsi_format("%s/%.*s%s", image_folder, stem, name, suffix), path);
     return memory ? SGS_STATUS_OK
                   : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to look for its mask", name);
 }
 
-static void fill(uint16_t *valid_mask, int width, int height)
+static void set_all(uint16_t *valid_mask, int width, int height)
 {
     const size_t words = sgsi_mask_words(width);
     memset(valid_mask, 0xff, words * (size_t)height * sizeof *valid_mask);
@@ -69,7 +70,7 @@ static sgs_status create(int width, int height, uint16_t **valid_mask)
     if (!*valid_mask)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a mask of %d x %d pixels", width,
                          height);
-    fill(*valid_mask, width, height);
+    set_all(*valid_mask, width, height);
     return SGS_STATUS_OK;
 }
 
@@ -90,7 +91,7 @@ void sgsi_mask_drop(sgs_photo *photo, int width, int height, int x, int y)
             photo->valid_mask[(size_t)j * words + (size_t)i / 16] &= (uint16_t) ~(1u << i % 16);
 }
 
-// Mean of the colour channels, under a straight alpha.
+// Mean of the colour channels, times a straight alpha.
 static int whiteness(const sgs_image8 *mask, size_t at, size_t plane)
 {
     const int sum = mask->pixels[at] + mask->pixels[plane + at] + mask->pixels[2 * plane + at];
@@ -104,8 +105,7 @@ sgs_status sgsi_mask_apply_file(sgs_photo *photo, const char *mask_path, const c
     sgs_status status = sgs_image8_read(mask_path, &mask);
     if (status)
         return status;
-    // Reduced photographs may come with masks of the full size; their sides were rounded to whole
-    // pixels.
+    // Downscaled photographs may have full-size masks; their sizes were rounded to whole pixels.
     const double width = (double)mask.width * file_height / mask.height;
     if (mask.width < file_width || width < file_width - 1.0 || width > file_width + 1.0)
         status =
@@ -130,8 +130,8 @@ static bool has_ray(const sgs_camera *camera, int x, int y)
     return sgs_camera_unproject(camera, (double[2]){x + 0.5, y + 0.5}, direction);
 }
 
-// The image of a lens is the image of a disc under a continuous injection: it has no holes. So a
-// border inside of it says that everything is.
+// The valid image of a lens is the image of a disc under a continuous injection, so it has no
+// holes. If the whole border is inside, every pixel is.
 static bool border_has_rays(const sgs_camera *camera)
 {
     for (int x = 0; x < camera->width; ++x)

@@ -1,13 +1,13 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Image quality as the 3DGS papers measure it: the rendered image is rounded to 8 bits as if it had
-// been saved as PNG, then compared with the 8-bit photograph by PSNR and SSIM over three channels.
+// Image quality as measured in the 3DGS papers: the render is rounded to 8 bits, as if saved as
+// PNG, and compared with the 8-bit photograph by PSNR and SSIM over three channels.
 //
-// SSIM uses the window of the training loss (11 x 11 Gaussian, sigma 1.5, zero outside the image
-// and not renormalised there, C1 = 1e-4, C2 = 9e-4 for values in [0, 1]); numbers are therefore a
-// little higher at the borders than those of tools that only count whole windows. It is computed in
-// double by two separable passes, in strips of rows whose sums are added in order, so the result
+// SSIM uses the window of the training loss: 11 x 11 Gaussian, sigma 1.5, zero outside the image
+// and not renormalised there, C1 = 1e-4, C2 = 9e-4 for values in [0, 1]. Its values are therefore
+// slightly higher than those of tools that only use complete windows. It is computed in double
+// precision by two separable passes, in strips of rows whose sums are added in order, so the result
 // does not depend on the number of threads.
 
 #include "sparegs/metrics.h"
@@ -31,7 +31,7 @@ typedef struct quantise_job {
     uint8_t *pixels;
 } quantise_job;
 
-// floor(clamp(255 v + 0.5, 0, 255)) in float, NaN to 0.
+// floor(clamp(255 v + 0.5, 0, 255)) in float; NaN becomes 0.
 static inline uint8_t quantise(float value)
 {
     const float scaled = value * 255.0f + 0.5f;
@@ -116,7 +116,7 @@ typedef struct ssim_job {
     double window[RADIUS + 1];
     size_t pitch;    // doubles per padded row
     size_t strips;   // per channel
-    double *scratch; // per thread: MOMENTS padded lines, then [MOMENTS][WINDOW_ROWS] smoothed rows
+    double *scratch; // per thread: MOMENTS padded lines, then [MOMENTS][WINDOW_ROWS] filtered rows
     double *sums;    // per item
 } ssim_job;
 
@@ -125,7 +125,7 @@ static size_t scratch_size(size_t pitch)
     return MOMENTS * pitch * (1 + WINDOW_ROWS);
 }
 
-// x, y, x^2, y^2, x y of one row, with RADIUS zeros on either side.
+// x, y, x^2, y^2 and x y of one row, with RADIUS zeros on each side.
 static void load_lines(const ssim_job *job, size_t row, double *lines)
 {
     const size_t width = (size_t)job->a->width, pitch = job->pitch;
@@ -157,7 +157,7 @@ static void smooth_line(const double window[RADIUS + 1], const double *line, siz
     }
 }
 
-// The window down eleven smoothed rows that start at `rows`.
+// Applies the window down eleven filtered rows that start at `rows`.
 static inline double smooth_down(const double window[RADIUS + 1], const double *rows, size_t pitch)
 {
     double sum = window[0] * rows[RADIUS * pitch];
@@ -176,7 +176,7 @@ static inline double similarity(double m1, double m2, double square1, double squ
            ((m1 * m1 + m2 * m2 + c1) * (variance1 + variance2 + c2));
 }
 
-// Item: one strip of rows of one channel.
+// Work item: a strip of rows of one channel.
 static void ssim_strip(void *context, size_t item, int thread)
 {
     const ssim_job *job = context;

@@ -1,13 +1,13 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Decode, reduce, mask: in this order, so that a mask speaks of the photograph's own pixels.
+// Decodes, then downscales, then masks, so that masks refer to the photograph's own pixels.
 //
-// 8-bit sRGB photographs are bytes and stay bytes. All others become half-float numbers: 11 bits of
-// precision are more than 8-bit sRGB has anywhere, and the range holds 30 stops. They are averaged
-// as the file stores them (linear files in linear light), divided by the scene's white where they
-// are linear, and only then encoded. So the unit of the light does not matter: the same scene times
-// eight has eight times the white and the same values.
+// 8-bit sRGB photographs stay 8-bit. All others become half floats: their 11 bits of precision
+// exceed 8-bit sRGB everywhere, and their range is 30 stops. Values are averaged as stored (linear
+// files in linear light), divided by the scene's white point if linear, and only then encoded. The
+// unit of light therefore does not matter: the same scene times eight has eight times the white
+// point and the same values.
 
 #include "image/photo.h"
 
@@ -34,8 +34,8 @@ void sgsi_photo_free(sgs_photo *photo)
     *photo = (sgs_photo){0};
 }
 
-// Bytes stay bytes where they mean what the scene's space means.
-static bool stays_bytes(const sgsi_image_info *info, sgs_space space)
+// 8-bit samples are kept if their encoding is that of the scene's space.
+static bool keeps_bytes(const sgsi_image_info *info, sgs_space space)
 {
     return info->bytes && !info->linear && space == SGS_SPACE_SRGB;
 }
@@ -43,7 +43,7 @@ static bool stays_bytes(const sgsi_image_info *info, sgs_space space)
 size_t sgsi_photo_bytes(const sgsi_image_info *info, sgs_space space, int width, int height)
 {
     const size_t values = (size_t)width * (size_t)height * (size_t)info->channels;
-    return values * (stays_bytes(info, space) ? 1 : 2) +
+    return values * (keeps_bytes(info, space) ? 1 : 2) +
            sgsi_mask_words(width) * (size_t)height * sizeof(uint16_t);
 }
 
@@ -59,21 +59,19 @@ static sgs_status read_pixels(const sgsi_photo_source *source, sgs_image8 *image
     return status;
 }
 
-// ---- Photographs of floats: area averages row by row, so that the floats never exist as a whole
-// ----
+// ---- Float photographs: area averages row by row, without a full-size float image ----
 
 typedef struct reducer {
     const sgsi_photo_source *source;
     const sgsi_image_info *info;
     sgs_photo *photo;
-    float *across,
-        *sum; // [width * channels]: one source row reduced to the width; the output row in the
-              // making
+    // [width * channels]: a source row downscaled horizontally; the output row being accumulated.
+    float *across, *sum;
     size_t broken;
     sgs_status status;
 } reducer;
 
-// Length of the overlap of source cell i and output cell j, in units of 1 / out_size source cells.
+// Overlap of source cell i and output cell j, as a fraction of the output cell.
 static float overlap(int i, int j, int size, int out_size)
 {
     const int64_t a = (int64_t)i * out_size, b = (int64_t)j * size;
@@ -90,7 +88,7 @@ static void reduce_across(reducer *r, int y, const float *row)
         float sum = 0.0f;
         for (int c = 0; c < channels; ++c)
             sum += pixel[c] * 0.0f;
-        if (sum != 0.0f) { // NaN: some channel is not finite
+        if (sum != 0.0f) { // NaN: a channel is not finite
             ++r->broken;
             if (!r->status)
                 r->status = sgsi_mask_begin(r->photo);
@@ -109,8 +107,8 @@ static void reduce_across(reducer *r, int y, const float *row)
     }
 }
 
-// A value of the file's encoding as one of the photo's.
-static float into_space(const reducer *r, float value)
+// Converts a value from the file's encoding to the photo's.
+static float convert_value(const reducer *r, float value)
 {
     const sgs_space space = r->source->space;
     if (r->info->linear) {
@@ -130,7 +128,7 @@ static void finish_row(const reducer *r, int j)
         const float alpha = channels == 4 ? in[3] : 1.0f;
         for (size_t c = 0; c < 3; ++c)
             out[c * plane] =
-                sgsi_half_from_float(into_space(r, alpha > 0.0f ? in[c] / alpha : 0.0f));
+                sgsi_half_from_float(convert_value(r, alpha > 0.0f ? in[c] / alpha : 0.0f));
         if (channels == 4)
             out[3 * plane] = sgsi_half_from_float(alpha < 1.0f ? alpha : 1.0f);
     }
@@ -147,7 +145,7 @@ static void take_row(void *context, int y, const float *row)
          ++j) {
         const float weight = overlap(y, j, height, out_height);
         if ((int64_t)y * out_height <= (int64_t)j * height)
-            memset(r->sum, 0, floats * sizeof *r->sum); // the first source row of this output row
+            memset(r->sum, 0, floats * sizeof *r->sum); // first source row of this output row
         for (size_t i = 0; i < floats; ++i)
             r->sum[i] += weight * r->across[i];
         if ((int64_t)(y + 1) * out_height >= (int64_t)(j + 1) * height)
@@ -179,7 +177,7 @@ static sgs_status read_floats(const sgsi_photo_source *source, const sgsi_image_
     return status ? status : r.status;
 }
 
-// ---- All of it ----
+// ---- Loading ----
 
 static float alpha_at(const sgs_photo *photo, size_t at)
 {
@@ -187,7 +185,7 @@ static float alpha_at(const sgs_photo *photo, size_t at)
                          : sgsi_half_to_float(photo->halves[at]);
 }
 
-// The alpha channel as a mask. Its plane is the last one and simply stays behind unused.
+// Uses the alpha channel as a mask. Its plane is the last one and remains allocated but unused.
 static sgs_status mask_by_alpha(sgs_photo *photo)
 {
     const size_t plane = (size_t)photo->width * (size_t)photo->height;
@@ -203,7 +201,7 @@ static sgs_status read_photo(const sgsi_photo_source *source, sgs_photo *photo, 
 {
     sgsi_image_info info;
     sgs_image8 image;
-    sgs_status status = sgsi_image_refuse_truncated(source->image_path);
+    sgs_status status = sgsi_image_check_complete(source->image_path);
     if (!status)
         status = sgsi_oiio_describe(source->image_path, source->colorspace, &info);
     if (!status && (info.width < source->width || info.height < source->height))
@@ -212,7 +210,7 @@ static sgs_status read_photo(const sgsi_photo_source *source, sgs_photo *photo, 
             source->image_path, info.width, info.height, source->width, source->height);
     if (status)
         return status;
-    if (!stays_bytes(&info, source->space))
+    if (!keeps_bytes(&info, source->space))
         return read_floats(source, &info, photo, broken);
     status = read_pixels(source, &image);
     if (!status)
@@ -247,7 +245,7 @@ sgs_status sgsi_photo_load(const sgsi_photo_source *source, sgs_photo *photo,
     return status;
 }
 
-// ---- How bright it is ----
+// ---- Luminance ----
 
 typedef struct light_rows {
     sgsi_light *light;
@@ -260,10 +258,10 @@ static void light_row(void *context, int y, const float *row)
     const light_rows *rows = context;
     for (int x = 0; x < rows->info.width; ++x) {
         const float *pixel = row + (size_t)x * (size_t)rows->info.channels;
-        const float most = fmaxf(pixel[0], fmaxf(pixel[1], pixel[2]));
-        if (!(most > 0.0f) || !isfinite(most))
+        const float brightest = fmaxf(pixel[0], fmaxf(pixel[1], pixel[2]));
+        if (!(brightest > 0.0f) || !isfinite(brightest))
             continue;
-        const double bin = floor(SGSI_LIGHT_OCTAVE * (log2((double)most) - SGSI_LIGHT_LOW));
+        const double bin = floor(SGSI_LIGHT_OCTAVE * (log2((double)brightest) - SGSI_LIGHT_LOW));
         ++rows->light->bins[(size_t)fmin(fmax(bin, 0), SGSI_LIGHT_BINS - 1)];
     }
 }

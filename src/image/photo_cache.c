@@ -1,11 +1,10 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// One lock guards the states; decoding happens outside of it. A photograph is ABSENT, EXPECTED
-// (announced, waiting for the thread), DECODING (by the thread or the caller) or READY. Room is
-// made before decoding begins: bytes are counted from then on. Three photographs are never dropped:
-// the one in use, those being decoded, and those announced and ready but not yet asked for, of
-// which there are few.
+// A lock protects the states; decoding runs outside of it. A photograph is ABSENT, QUEUED (prefetch
+// requested), DECODING (by the thread or the caller) or READY. Space is freed before decoding
+// starts and is counted from then on. Three kinds of photographs are never evicted: the one in use,
+// those being decoded, and the few that were prefetched but not yet used.
 
 #include "image/photo_cache.h"
 
@@ -14,15 +13,15 @@
 
 #include "base/core.h"
 
-typedef enum photo_state { ABSENT, EXPECTED, DECODING, READY } photo_state;
+typedef enum photo_state { ABSENT, QUEUED, DECODING, READY } photo_state;
 
-enum { QUEUE = 8 }; // announced photographs at a time; further ones are not decoded ahead
+enum { QUEUE = 8 }; // prefetch requests at a time; further ones are ignored
 
 typedef struct entry {
     sgsi_photo_source source;
     size_t bytes;
     photo_state state;
-    bool awaited; // announced and not yet asked for
+    bool prefetched; // prefetch requested and not yet used
     unsigned long long used;
     sgs_photo photo;
     sgs_status status; // of the last decoding
@@ -35,9 +34,9 @@ struct sgsi_photo_cache {
     pthread_t thread;
     bool stop;
     size_t count, limit, bytes, peak;
-    size_t current; // in use; `count` at first
+    size_t current; // in use; initially `count`
     unsigned long long clock;
-    size_t queue[QUEUE]; // announced, oldest first
+    size_t queue[QUEUE]; // prefetch requests, oldest first
     size_t queued;
     entry entries[];
 };
@@ -47,19 +46,19 @@ static void drop(sgsi_photo_cache *cache, entry *e)
     sgsi_photo_free(&e->photo);
     cache->bytes -= e->bytes;
     e->state = ABSENT;
-    e->awaited = false;
+    e->prefetched = false;
 }
 
-// Drops the least recently used photographs until `bytes` more fit, or nothing can go any more.
-// Returns whether they fit.
-static bool make_room(sgsi_photo_cache *cache, size_t bytes, bool awaited_too)
+// Evicts the least recently used photographs until `bytes` more fit. Returns whether they fit.
+// prefetched_too: evict prefetched photographs as well.
+static bool make_room(sgsi_photo_cache *cache, size_t bytes, bool prefetched_too)
 {
     while (cache->bytes + bytes > cache->limit) {
         entry *oldest = NULL;
         for (size_t i = 0; i < cache->count; ++i) {
             entry *e = &cache->entries[i];
             const bool kept =
-                e->state != READY || i == cache->current || (e->awaited && !awaited_too);
+                e->state != READY || i == cache->current || (e->prefetched && !prefetched_too);
             if (!kept && (!oldest || e->used < oldest->used))
                 oldest = e;
         }
@@ -70,7 +69,7 @@ static bool make_room(sgsi_photo_cache *cache, size_t bytes, bool awaited_too)
     return true;
 }
 
-// Decodes an entry that room was made for. Called with the lock, which is released meanwhile.
+// Decodes an entry for which space was freed. Releases the lock while decoding.
 static void decode(sgsi_photo_cache *cache, entry *e)
 {
     sgsi_photo_report report;
@@ -97,15 +96,15 @@ static void *decode_ahead(void *context)
     pthread_mutex_lock(&cache->lock);
     while (!cache->stop) {
         entry *next = cache->queued ? &cache->entries[cache->queue[0]] : NULL;
-        // Without room for one more beside those that wait, wait until they are used.
-        if (!next || (next->state == EXPECTED && !make_room(cache, next->bytes, false) &&
-                      cache->bytes > 0)) {
+        // If the unused prefetched photographs leave no space, wait until they are used.
+        if (!next ||
+            (next->state == QUEUED && !make_room(cache, next->bytes, false) && cache->bytes > 0)) {
             pthread_cond_wait(&cache->changed, &cache->lock);
             continue;
         }
         --cache->queued;
         memmove(cache->queue, cache->queue + 1, cache->queued * sizeof *cache->queue);
-        if (next->state == EXPECTED)
+        if (next->state == QUEUED)
             decode(cache, next);
     }
     pthread_mutex_unlock(&cache->lock);
@@ -164,12 +163,12 @@ sgs_status sgsi_photo_cache_get(sgsi_photo_cache *cache, size_t index, const sgs
     cache->current = index;
     while (e->state == DECODING)
         pthread_cond_wait(&cache->changed, &cache->lock);
-    if (e->state !=
-        READY) { // also when the thread has not come to it yet: its place in the queue is then void
+    // QUEUED also: the entry's place in the queue then has no effect.
+    if (e->state != READY) {
         (void)make_room(cache, e->bytes, true);
         decode(cache, e);
     }
-    e->awaited = false;
+    e->prefetched = false;
     e->used = ++cache->clock;
     const sgs_status status = e->status;
     if (status) {
@@ -178,23 +177,23 @@ sgs_status sgsi_photo_cache_get(sgsi_photo_cache *cache, size_t index, const sgs
     } else {
         *photo = &e->photo;
     }
-    pthread_cond_broadcast(&cache->changed); // the one in use before may go now
+    pthread_cond_broadcast(&cache->changed); // the previous photograph may be evicted now
     pthread_mutex_unlock(&cache->lock);
     return status;
 }
 
-void sgsi_photo_cache_expect(sgsi_photo_cache *cache, size_t index)
+void sgsi_photo_cache_prefetch(sgsi_photo_cache *cache, size_t index)
 {
     pthread_mutex_lock(&cache->lock);
     entry *e = &cache->entries[index];
     if (e->state == READY)
         e->used = ++cache->clock;
     if (e->state == ABSENT && cache->queued < QUEUE) {
-        e->state = EXPECTED;
+        e->state = QUEUED;
         cache->queue[cache->queued++] = index;
         pthread_cond_broadcast(&cache->changed);
     }
-    e->awaited = e->state != ABSENT;
+    e->prefetched = e->state != ABSENT;
     pthread_mutex_unlock(&cache->lock);
 }
 

@@ -168,7 +168,7 @@ static void probe_view(void *context, size_t i, int thread)
         return;
     }
     if (!l->options->load_images)
-        s->status = sgsi_image_refuse_truncated(path);
+        s->status = sgsi_image_check_complete(path);
     if (!s->status)
         s->status = sgsi_oiio_describe(path, l->options->colorspace, &info);
     s->file_width = info.width;

@@ -63,5 +63,5 @@ sgs_status sgs_scene_photo(const sgs_scene *scene, size_t index, const sgs_photo
 void sgs_scene_prefetch(const sgs_scene *scene, size_t index)
 {
     if (scene->store)
-        sgsi_photo_cache_expect(scene->store->cache, index);
+        sgsi_photo_cache_prefetch(scene->store->cache, index);
 }

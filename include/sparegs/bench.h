@@ -31,14 +31,14 @@ typedef struct sgs_bench_scene {
 } sgs_bench_scene;
 
 // Names of the scenes ("sparse-32k", "dense-500k", "dense-2m"); NULL from the number of scenes on.
-const char *sgs_bench_scene_name(size_t index);
+SGS_API const char *sgs_bench_scene_name(size_t index);
 // What it stands for, in a sentence; NULL likewise.
-const char *sgs_bench_scene_text(size_t index);
+SGS_API const char *sgs_bench_scene_text(size_t index);
 
 // Makes the scene of that name; the same for every machine and number of threads. Fails with
 // INVALID_ARGUMENT for an unknown name. On failure *scene is NULL.
-sgs_status sgs_bench_scene_create(const char *name, uint64_t seed, sgs_bench_scene **scene);
-void sgs_bench_scene_destroy(sgs_bench_scene *scene); // accepts NULL
+SGS_API sgs_status sgs_bench_scene_create(const char *name, uint64_t seed, sgs_bench_scene **scene);
+SGS_API void sgs_bench_scene_destroy(sgs_bench_scene *scene); // accepts NULL
 
 // ---- One model and its views under the clock ----
 
@@ -83,21 +83,21 @@ typedef struct sgs_bench sgs_bench;
 // Copies the model and takes cameras and poses of the views (1..16; images are not needed: the
 // photographs are renders with noise). Renders and trains every view once to warm up. On failure
 // *bench is NULL.
-sgs_status sgs_bench_create(const sgs_gaussians *model, const sgs_view *views, size_t view_count,
-                            sgs_bench **bench);
-void sgs_bench_destroy(sgs_bench *bench); // accepts NULL
+SGS_API sgs_status sgs_bench_create(const sgs_gaussians *model, const sgs_view *views,
+                                    size_t view_count, sgs_bench **bench);
+SGS_API void sgs_bench_destroy(sgs_bench *bench); // accepts NULL
 
-// One repetition under the present settings (sgs_set_threads, sgs_set_isa): a build, then an
+// One repetition under the present settings (sgs_threads_set, sgs_isa_set): a build, then an
 // iteration per view.
-sgs_status sgs_bench_run(sgs_bench *bench, sgs_bench_sample *sample);
-sgs_bench_counts sgs_bench_counts_get(const sgs_bench *bench);
+SGS_API sgs_status sgs_bench_run(sgs_bench *bench, sgs_bench_sample *sample);
+SGS_API sgs_bench_counts sgs_bench_counts_get(const sgs_bench *bench);
 
 // The pieces of a repetition, for whoever wants to know what happens when: the build, an iteration
 // of the next view (its times are added to *sample; as many iterations as views see each once), and
 // back to the model as it was, without which the next iteration would see a moved one.
-sgs_status sgs_bench_build(sgs_bench *bench, sgs_bench_sample *sample);
-sgs_status sgs_bench_step(sgs_bench *bench, sgs_bench_sample *sample);
-void sgs_bench_restore(sgs_bench *bench);
+SGS_API sgs_status sgs_bench_build(sgs_bench *bench, sgs_bench_sample *sample);
+SGS_API sgs_status sgs_bench_step(sgs_bench *bench, sgs_bench_sample *sample);
+SGS_API void sgs_bench_restore(sgs_bench *bench);
 
 // ---- How far it scales ----
 
@@ -117,7 +117,7 @@ typedef struct sgs_scaling {
 // them: the work, (seconds - serial - waiting) * threads (or the cores these had, if fewer), is
 // shared evenly, that of the macrotiles in whole macrotiles, but never faster than the memory
 // delivers the bytes; the serial part stays (Amdahl). 1 for times that are not positive.
-double sgs_scaling_predict(const sgs_scaling *scaling, int cores, double memory_gbs);
+SGS_API double sgs_scaling_predict(const sgs_scaling *scaling, int cores, double memory_gbs);
 
 // ---- What the machine can do ----
 
@@ -133,7 +133,7 @@ typedef struct sgs_machine_limits {
 
 // Measures with the present instruction set and number of threads; takes about a second and 64 MB
 // per thread (at least 256 MB). Fails with OUT_OF_MEMORY.
-sgs_status sgs_machine_limits_measure(sgs_machine_limits *limits);
+SGS_API sgs_status sgs_machine_limits_measure(sgs_machine_limits *limits);
 
 #ifdef __cplusplus
 }

@@ -48,32 +48,32 @@ typedef struct sgs_pose {
 } sgs_pose;
 
 // Number of parameters of a model, 0 for an unknown id.
-int sgs_camera_param_count(sgs_camera_model model);
+SGS_API int sgs_camera_param_count(sgs_camera_model model);
 
 // COLMAP's name of a model ("OPENCV"), NULL for an unknown id.
-const char *sgs_camera_model_name(sgs_camera_model model);
+SGS_API const char *sgs_camera_model_name(sgs_camera_model model);
 
 // Finds a model by COLMAP's name; returns false if there is none.
-bool sgs_camera_model_from_name(const char *name, sgs_camera_model *model);
+SGS_API bool sgs_camera_model_from_name(const char *name, sgs_camera_model *model);
 
 // True for the models whose distortion acts on the angle from the axis (rays beyond 90 degrees may
 // exist).
-bool sgs_camera_is_fisheye(sgs_camera_model model);
+SGS_API bool sgs_camera_is_fisheye(sgs_camera_model model);
 
 // Checks sizes in [1, 65536], finite parameters, positive focal lengths. On failure
 // sgs_last_error() says what is wrong (without a file name: the caller adds it).
-sgs_status sgs_camera_validate(const sgs_camera *camera);
+SGS_API sgs_status sgs_camera_validate(const sgs_camera *camera);
 
 // True when both cameras have the same model, size and parameters.
-bool sgs_camera_equal(const sgs_camera *a, const sgs_camera *b);
+SGS_API bool sgs_camera_equal(const sgs_camera *a, const sgs_camera *b);
 
 // Focal lengths in pixels (fx, fy) and principal point (cx, cy) in pixels. Cannot fail.
-void sgs_camera_intrinsics(const sgs_camera *camera, double *fx, double *fy, double *cx,
-                           double *cy);
+SGS_API void sgs_camera_intrinsics(const sgs_camera *camera, double *fx, double *fy, double *cx,
+                                   double *cy);
 
 // The same lens seen by an image of another size: focal lengths and principal point scale per axis.
 // A one-focal model whose axes scale differently becomes the two-focal model of the same lens.
-sgs_camera sgs_camera_resized(const sgs_camera *camera, int width, int height);
+SGS_API sgs_camera sgs_camera_resized(const sgs_camera *camera, int width, int height);
 
 // The same lens in an image of another size and the same vertical field of view: focal lengths and
 // distortion scale by height / camera->height, the image is cropped or extended to the left and
@@ -81,29 +81,31 @@ sgs_camera sgs_camera_resized(const sgs_camera *camera, int width, int height);
 sgs_camera sgs_camera_reframed(const sgs_camera *camera, int width, int height);
 
 // The same lens with its principal point moved by (dx, dy) pixels: the image shifts by as much.
-sgs_camera sgs_camera_shifted(const sgs_camera *camera, double dx, double dy);
+SGS_API sgs_camera sgs_camera_shifted(const sgs_camera *camera, double dx, double dy);
 
 // All directions as one image: longitude from -180 to 180 degrees left to right, latitude from
 // above to below, the camera's axis in the middle.
-sgs_camera sgs_camera_equirectangular(int width, int height);
+SGS_API sgs_camera sgs_camera_equirectangular(int width, int height);
 
 // Projects a point in camera axes to pixel coordinates. False when the point has no image (behind
 // the camera for a perspective model, or outside the domain where the distortion is monotonic).
-bool sgs_camera_project(const sgs_camera *camera, const double point[3], double pixel[2]);
+SGS_API bool sgs_camera_project(const sgs_camera *camera, const double point[3], double pixel[2]);
 
 // Unit direction in camera axes of the ray through a pixel coordinate. Newton inversion of the
 // distortion; false when it does not converge or the pixel lies outside the lens's valid image.
-bool sgs_camera_unproject(const sgs_camera *camera, const double pixel[2], double direction[3]);
+SGS_API bool sgs_camera_unproject(const sgs_camera *camera, const double pixel[2],
+                                  double direction[3]);
 
 // Camera centre in world space: -Rᵀ t.
-void sgs_pose_center(const sgs_pose *pose, double center[3]);
+SGS_API void sgs_pose_center(const sgs_pose *pose, double center[3]);
 
 // Pose from a quaternion (w,x,y,z, any positive norm) and translation, COLMAP's convention. Fails
 // with SGS_STATUS_FORMAT for a zero or non-finite quaternion or translation.
-sgs_status sgs_pose_from_quaternion(const double qvec[4], const double tvec[3], sgs_pose *pose);
+SGS_API sgs_status sgs_pose_from_quaternion(const double qvec[4], const double tvec[3],
+                                            sgs_pose *pose);
 
 // Quaternion (w,x,y,z), unit, w >= 0, of a pose's rotation.
-void sgs_pose_quaternion(const sgs_pose *pose, double qvec[4]);
+SGS_API void sgs_pose_quaternion(const sgs_pose *pose, double qvec[4]);
 
 #ifdef __cplusplus
 }

@@ -45,17 +45,17 @@ typedef struct sgs_gaussians {
 } sgs_gaussians;
 
 // Creates an empty model with room for `capacity` primitives. On failure *model is NULL.
-sgs_status sgs_gaussians_create(size_t capacity, sgs_gaussians **model);
+SGS_API sgs_status sgs_gaussians_create(size_t capacity, sgs_gaussians **model);
 
 // Accepts NULL.
-void sgs_gaussians_destroy(sgs_gaussians *model);
+SGS_API void sgs_gaussians_destroy(sgs_gaussians *model);
 
 // Grows the capacity (never shrinks); contents are kept. On failure the model is unchanged.
-sgs_status sgs_gaussians_reserve(sgs_gaussians *model, size_t capacity);
+SGS_API sgs_status sgs_gaussians_reserve(sgs_gaussians *model, size_t capacity);
 
 // Sets count; new rows become inert (opacity logit -30 or opacity 0, unit rotation, tiny scale,
 // zero elsewhere).
-sgs_status sgs_gaussians_resize(sgs_gaussians *model, size_t count);
+SGS_API sgs_status sgs_gaussians_resize(sgs_gaussians *model, size_t count);
 
 // One parameter of one primitive; no bounds check.
 static inline float *sgs_gaussians_at(const sgs_gaussians *model, size_t i, int param)
@@ -65,16 +65,16 @@ static inline float *sgs_gaussians_at(const sgs_gaussians *model, size_t i, int 
 }
 
 // Copies all parameters of primitive i as they are (59 floats, SGS_PARAM_ order). No bounds check.
-void sgs_gaussians_get(const sgs_gaussians *model, size_t i, float params[59]);
-void sgs_gaussians_set(sgs_gaussians *model, size_t i, const float params[59]);
+SGS_API void sgs_gaussians_get(const sgs_gaussians *model, size_t i, float params[59]);
+SGS_API void sgs_gaussians_set(sgs_gaussians *model, size_t i, const float params[59]);
 
 // What files hold of the opacity of primitive i. No bounds check.
-float sgs_gaussians_opacity_logit(const sgs_gaussians *model, size_t i);
+SGS_API float sgs_gaussians_opacity_logit(const sgs_gaussians *model, size_t i);
 
 // Turns logits into opacities, in all rows; nothing when they are already.
-void sgs_gaussians_linearize_opacity(sgs_gaussians *model);
+SGS_API void sgs_gaussians_linearize_opacity(sgs_gaussians *model);
 // Says that the rows [0, count) hold opacities already.
-void sgs_gaussians_declare_linear_opacity(sgs_gaussians *model);
+SGS_API void sgs_gaussians_declare_linear_opacity(sgs_gaussians *model);
 
 // 3DGS initialisation from a point cloud (Kerbl et al. 2023, section 5.1): scale = RMS distance to
 // the 3 nearest other points, d^2 clamped at 1e-7, opacity 0.1, unit rotation, SH band 0 from the
@@ -82,36 +82,37 @@ void sgs_gaussians_declare_linear_opacity(sgs_gaussians *model);
 // missing neighbours are left out of the mean (a single point gets the scale `fallback_scale`, a
 // hundredth of the scene's extent; in scenes of an extent below 1 the clamp shrinks with its
 // square).
-sgs_status sgs_gaussians_init_points(const float *points, const unsigned char *colors, size_t n,
-                                     double fallback_scale, sgs_gaussians **model);
+SGS_API sgs_status sgs_gaussians_init_points(const float *points, const unsigned char *colors,
+                                             size_t n, double fallback_scale,
+                                             sgs_gaussians **model);
 
 // Reads a 3DGS PLY: binary (either byte order) or ascii, any property order, any SH degree
 // (0/9/24/45 f_rest), unknown properties ignored. Non-finite rows are dropped with one warning.
 // Accepts |q| = 0 as identity with a warning. On failure *model is NULL and the error names file
 // and place.
-sgs_status sgs_ply_read(const char *path, sgs_gaussians **model);
+SGS_API sgs_status sgs_ply_read(const char *path, sgs_gaussians **model);
 
 // Writes the 62-property little-endian PLY of 3DGS (fewer f_rest for a lower sh_degree),
 // atomically.
-sgs_status sgs_ply_write(const char *path, const sgs_gaussians *model);
+SGS_API sgs_status sgs_ply_write(const char *path, const sgs_gaussians *model);
 
 // The same with a last property filter_3D, Mip-Splatting's f3 of every primitive (world units);
 // [count].
-sgs_status sgs_ply_write_filter_3d(const char *path, const sgs_gaussians *model,
-                                   const float *filter_3d);
+SGS_API sgs_status sgs_ply_write_filter_3d(const char *path, const sgs_gaussians *model,
+                                           const float *filter_3d);
 
 // A copy of the model with Mip-Splatting's 3D filter [count] worked into scales and opacities, for
 // files and viewers that do not know the filter. On failure *fused is NULL.
-sgs_status sgs_gaussians_fuse_filter_3d(const sgs_gaussians *model, const float *filter_3d,
-                                        sgs_gaussians **fused);
+SGS_API sgs_status sgs_gaussians_fuse_filter_3d(const sgs_gaussians *model, const float *filter_3d,
+                                                sgs_gaussians **fused);
 
 // Writes a point cloud (x y z nx ny nz red green blue) as 3DGS's input.ply, atomically.
-sgs_status sgs_ply_write_points(const char *path, const float *points, const unsigned char *colors,
-                                size_t n);
+SGS_API sgs_status sgs_ply_write_points(const char *path, const float *points,
+                                        const unsigned char *colors, size_t n);
 
 // 64-bit FNV-1a-style or xxhash digest of count, degree and all parameters in canonical row order,
 // as 16 hex digits.
-void sgs_gaussians_hash(const sgs_gaussians *model, char hex[17]);
+SGS_API void sgs_gaussians_hash(const sgs_gaussians *model, char hex[17]);
 
 #ifdef __cplusplus
 }

@@ -14,23 +14,25 @@ extern "C" {
 // Quantises planar float RGB ([3][height*width], display values) as 3DGS does: floor(clamp(255 v +
 // 0.5, 0, 255)). NaN becomes 0. out->pixels is allocated here. background: colour behind,
 // multiplied by `transmittance` (NULL: 0 everywhere).
-sgs_status sgs_image8_from_planes(const float *const color[3], const float *transmittance,
-                                  const float background[3], int width, int height,
-                                  sgs_image8 *out);
+SGS_API sgs_status sgs_image8_from_planes(const float *const color[3], const float *transmittance,
+                                          const float background[3], int width, int height,
+                                          sgs_image8 *out);
 
 // 20 log10(1 / sqrt(MSE)) in dB over the first three channels; +infinity for identical images.
 // Sizes must match.
-double sgs_psnr(const sgs_image8 *a, const sgs_image8 *b);
+SGS_API double sgs_psnr(const sgs_image8 *a, const sgs_image8 *b);
 
 // Mean SSIM over pixels and three channels, in [-1, 1]. Double precision, separable. Sizes must
 // match.
-double sgs_ssim(const sgs_image8 *a, const sgs_image8 *b);
+SGS_API double sgs_ssim(const sgs_image8 *a, const sgs_image8 *b);
 
 // The same over the pixels that count alone (`valid_mask` as in sgs_photo; NULL = all). What the
 // others show has no influence: SSIM takes them for black in both images and leaves out the windows
 // around them. NaN when no pixel counts.
-double sgs_psnr_masked(const sgs_image8 *a, const sgs_image8 *b, const uint16_t *valid_mask);
-double sgs_ssim_masked(const sgs_image8 *a, const sgs_image8 *b, const uint16_t *valid_mask);
+SGS_API double sgs_psnr_masked(const sgs_image8 *a, const sgs_image8 *b,
+                               const uint16_t *valid_mask);
+SGS_API double sgs_ssim_masked(const sgs_image8 *a, const sgs_image8 *b,
+                               const uint16_t *valid_mask);
 
 // Pixels per degree of vision at which FLIP is reported.
 #define SGS_FLIP_PIXELS_PER_DEGREE 67.0
@@ -41,14 +43,16 @@ double sgs_ssim_masked(const sgs_image8 *a, const sgs_image8 *b, const uint16_t 
 // 15) / 16], NULL = all pixels valid) are black in both images and have error 0. map:
 // [height][width], written, or NULL. *mean: mean error over valid pixels, NaN where none is. Fails
 // with INVALID_ARGUMENT (sizes, pixels_per_degree outside (0, 3700]) or OUT_OF_MEMORY.
-sgs_status sgs_flip(const sgs_image8 *reference, const sgs_image8 *test, const uint16_t *valid_mask,
-                    double pixels_per_degree, float *map, double *mean);
+SGS_API sgs_status sgs_flip(const sgs_image8 *reference, const sgs_image8 *test,
+                            const uint16_t *valid_mask, double pixels_per_degree, float *map,
+                            double *mean);
 
 // Sharpness of a render: the energy (sum of squares) of the 5-point Laplacian of its luma (0.299,
 // 0.587, 0.114) over the same energy of the photograph. 1 = as much detail as the photograph, below
 // 1 = blurred, above 1 = noisier. Only pixels count whose four neighbours exist and are valid. NaN
 // when the sizes differ or the photograph has no energy. Cannot fail otherwise.
-double sgs_sharpness(const sgs_image8 *render, const sgs_image8 *photo, const uint16_t *valid_mask);
+SGS_API double sgs_sharpness(const sgs_image8 *render, const sgs_image8 *photo,
+                             const uint16_t *valid_mask);
 
 #ifdef __cplusplus
 }

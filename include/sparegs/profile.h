@@ -27,7 +27,7 @@ typedef enum sgs_profile_kind {
 } sgs_profile_kind;
 
 // "low", "medium", "high", "refit", "aged".
-const char *sgs_profile_kind_name(sgs_profile_kind kind);
+SGS_API const char *sgs_profile_kind_name(sgs_profile_kind kind);
 
 typedef struct sgs_profile_options {
     sgs_render_options render;
@@ -38,7 +38,7 @@ typedef struct sgs_profile_options {
     uint64_t seed;
 } sgs_profile_options;
 
-sgs_profile_options sgs_profile_options_default(void);
+SGS_API sgs_profile_options sgs_profile_options_default(void);
 
 typedef struct sgs_profile_tree {
     double build, refit; // wall-clock seconds; refit is 0 where a change is a rebuild
@@ -76,10 +76,10 @@ typedef struct sgs_profile {
 // to the model as it is; a refit keeps the topology, so the refits in between leave no trace.
 // Seconds are the least of the repetitions. render.filter_3d must be NULL. On failure *profile is
 // NULL.
-sgs_status sgs_profile_view(const sgs_gaussians *model, const sgs_camera *camera,
-                            const sgs_pose *pose, const sgs_profile_options *options,
-                            sgs_profile **profile);
-void sgs_profile_destroy(sgs_profile *profile); // accepts NULL
+SGS_API sgs_status sgs_profile_view(const sgs_gaussians *model, const sgs_camera *camera,
+                                    const sgs_pose *pose, const sgs_profile_options *options,
+                                    sgs_profile **profile);
+SGS_API void sgs_profile_destroy(sgs_profile *profile); // accepts NULL
 
 // ---- Hardware counters, where the kernel allows them ----
 
@@ -92,10 +92,10 @@ typedef struct sgs_counter_values {
 // Opens the counters of this thread and of the threads that it starts from now on (so call it
 // before anything that works in parallel), stopped at zero. NULL where the system refuses;
 // sgs_last_error() says why.
-sgs_counters *sgs_counters_open(void);
-void sgs_counters_start(sgs_counters *counters);
-sgs_counter_values sgs_counters_stop(sgs_counters *counters);
-void sgs_counters_close(sgs_counters *counters); // accepts NULL
+SGS_API sgs_counters *sgs_counters_open(void);
+SGS_API void sgs_counters_start(sgs_counters *counters);
+SGS_API sgs_counter_values sgs_counters_stop(sgs_counters *counters);
+SGS_API void sgs_counters_close(sgs_counters *counters); // accepts NULL
 
 #ifdef __cplusplus
 }

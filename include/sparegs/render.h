@@ -21,6 +21,7 @@
 
 #include "sparegs/camera.h"
 #include "sparegs/gaussians.h"
+#include "sparegs/image.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -44,9 +45,9 @@ typedef struct sgs_render_options {
 
 // The near distance for cameras of this extent (scene.h): 0.2, and in scenes smaller than 1 as much
 // less: their cameras would look through what is to be seen.
-double sgs_near_distance(double extent);
+SGS_API double sgs_near_distance(double extent);
 
-sgs_render_options sgs_render_options_default(void);
+SGS_API sgs_render_options sgs_render_options_default(void);
 
 // What a frame can hold besides colour and transmittance.
 enum {
@@ -84,32 +85,25 @@ typedef struct sgs_frame {
 
 // Allocates colour, transmittance and the planes of SGS_AOVS_BASIC (64-byte aligned, zeroed); on
 // failure everything is NULL.
-sgs_status sgs_frame_create(int width, int height, sgs_frame *frame);
+SGS_API sgs_status sgs_frame_create(int width, int height, sgs_frame *frame);
 // The same with a choice: `planes` is a sum of SGS_AOV_ bits.
-sgs_status sgs_frame_create_with(int width, int height, unsigned planes, sgs_frame *frame);
-void sgs_frame_free(sgs_frame *frame);
+SGS_API sgs_status sgs_frame_create_with(int width, int height, unsigned planes, sgs_frame *frame);
+SGS_API void sgs_frame_free(sgs_frame *frame);
 
 typedef struct sgs_renderer sgs_renderer;
 
 // Builds the BVH over a model, which must outlive the renderer and not change (call
 // sgs_renderer_update after a change). On failure *renderer is NULL.
-sgs_status sgs_renderer_create(const sgs_gaussians *model, sgs_renderer **renderer);
-void sgs_renderer_destroy(sgs_renderer *renderer);
+SGS_API sgs_status sgs_renderer_create(const sgs_gaussians *model, sgs_renderer **renderer);
+SGS_API void sgs_renderer_destroy(sgs_renderer *renderer);
 // Rebuilds after the model changed.
-sgs_status sgs_renderer_update(sgs_renderer *renderer);
+SGS_API sgs_status sgs_renderer_update(sgs_renderer *renderer);
 // Renders one view. Bits do not depend on the number of threads.
-sgs_status sgs_renderer_render(sgs_renderer *renderer, const sgs_camera *camera,
-                               const sgs_pose *pose, const sgs_render_options *options,
-                               sgs_frame *frame);
+SGS_API sgs_status sgs_renderer_render(sgs_renderer *renderer, const sgs_camera *camera,
+                                       const sgs_pose *pose, const sgs_render_options *options,
+                                       sgs_frame *frame);
 
 // ---- Deep pictures: what a ray meets, one by one ----
-
-// A stretch of a ray. Samples of a pixel are in ray order and do not overlap; z <= z_back (equal
-// for a single hit), as the frame's distances are measured. Colour is premultiplied, display
-// values: laid over each other, nearest on top, the samples of a pixel give its colour and alpha.
-typedef struct sgs_deep_sample {
-    float z, z_back, alpha, color[3];
-} sgs_deep_sample;
 
 typedef struct sgs_deep_options {
     double tolerance; // hits closer than this fraction of their distance become one sample, [0, 1];
@@ -117,7 +111,7 @@ typedef struct sgs_deep_options {
     int max_samples;  // per pixel, 1..256: where there are more, the tolerance grows; default 32
 } sgs_deep_options;
 
-sgs_deep_options sgs_deep_options_default(void);
+SGS_API sgs_deep_options sgs_deep_options_default(void);
 
 // Receives the rows [y, y + rows) of a picture, bands in order. counts [rows][width]: samples per
 // pixel; samples: all of them, pixel after pixel. Valid during the call. The frame's planes of
@@ -127,10 +121,10 @@ typedef sgs_status (*sgs_deep_rows_fn)(void *context, int y, int rows, const uin
 
 // Renders one view into a frame, as sgs_renderer_render does and to the same bits, and its samples
 // on the way. depth_first of the frame equals z of a pixel's first sample.
-sgs_status sgs_renderer_render_deep(sgs_renderer *renderer, const sgs_camera *camera,
-                                    const sgs_pose *pose, const sgs_render_options *options,
-                                    const sgs_deep_options *deep, sgs_frame *frame,
-                                    sgs_deep_rows_fn rows, void *context);
+SGS_API sgs_status sgs_renderer_render_deep(sgs_renderer *renderer, const sgs_camera *camera,
+                                            const sgs_pose *pose, const sgs_render_options *options,
+                                            const sgs_deep_options *deep, sgs_frame *frame,
+                                            sgs_deep_rows_fn rows, void *context);
 
 // ---- The oracle: brute force over all primitives, double precision, no BVH, no SIMD. O(pixels x
 // primitives). ----
@@ -144,8 +138,8 @@ typedef struct sgs_reference_frame {
 } sgs_reference_frame;
 
 // Allocates all planes.
-sgs_status sgs_reference_frame_create(int width, int height, sgs_reference_frame *frame);
-void sgs_reference_frame_free(sgs_reference_frame *frame);
+SGS_API sgs_status sgs_reference_frame_create(int width, int height, sgs_reference_frame *frame);
+SGS_API void sgs_reference_frame_free(sgs_reference_frame *frame);
 
 // One counted hit of one ray.
 typedef struct sgs_hit {
@@ -155,15 +149,16 @@ typedef struct sgs_hit {
 
 // params: [count][SGS_PARAM_COUNT] doubles in SGS_PARAM_ order (so that finite differences can
 // perturb them below float resolution).
-sgs_status sgs_reference_render(const double *params, size_t count, const sgs_camera *camera,
-                                const sgs_pose *pose, const sgs_render_options *options,
-                                sgs_reference_frame *frame);
+SGS_API sgs_status sgs_reference_render(const double *params, size_t count,
+                                        const sgs_camera *camera, const sgs_pose *pose,
+                                        const sgs_render_options *options,
+                                        sgs_reference_frame *frame);
 
 // Counted hits of the ray through pixel (x, y)'s centre, in blending order. Writes at most
 // `capacity`; returns the number there are.
-size_t sgs_reference_hits(const double *params, size_t count, const sgs_camera *camera,
-                          const sgs_pose *pose, const sgs_render_options *options, int x, int y,
-                          sgs_hit *hits, size_t capacity);
+SGS_API size_t sgs_reference_hits(const double *params, size_t count, const sgs_camera *camera,
+                                  const sgs_pose *pose, const sgs_render_options *options, int x,
+                                  int y, sgs_hit *hits, size_t capacity);
 
 // Gradients of L given dL/dcolor (3 planes) and dL/dT (plane, may be NULL) of the render above:
 // d_params [count][SGS_PARAM_COUNT] receives dL/d(stored parameter) (logit, log, unnormalised
@@ -171,10 +166,12 @@ size_t sgs_reference_hits(const double *params, size_t count, const sgs_camera *
 // the SH direction. The 0.99 clamp of alpha is ignored in the gradient, as in 3DGS
 // (straight-through); a colour channel clamped at 0 gets none. The path of the 3dgs filter through
 // z is included.
-sgs_status sgs_reference_backward(const double *params, size_t count, const sgs_camera *camera,
-                                  const sgs_pose *pose, const sgs_render_options *options,
-                                  const double *const d_color[3], const double *d_transmittance,
-                                  double *d_params, double *d_mean_no_sh);
+SGS_API sgs_status sgs_reference_backward(const double *params, size_t count,
+                                          const sgs_camera *camera, const sgs_pose *pose,
+                                          const sgs_render_options *options,
+                                          const double *const d_color[3],
+                                          const double *d_transmittance, double *d_params,
+                                          double *d_mean_no_sh);
 
 #ifdef __cplusplus
 }

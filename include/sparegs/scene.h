@@ -11,6 +11,7 @@
 #include <stdint.h>
 
 #include "sparegs/camera.h"
+#include "sparegs/image.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -23,34 +24,6 @@ typedef enum sgs_scene_format {
     SGS_SCENE_COLMAP_TEXT,
     SGS_SCENE_TRANSFORMS
 } sgs_scene_format;
-
-// A photograph: planar 8-bit, display-encoded (sRGB as stored in the file). Plane c starts at
-// pixels + c * width * height; row-major, top row first. channels is 3 (RGB) or 4 (RGB and straight
-// alpha).
-typedef struct sgs_image8 {
-    int width, height, channels;
-    uint8_t *pixels; // 64-byte aligned
-} sgs_image8;
-
-// The space that photographs are compared in, and so that trained colours are in: encoded for
-// display, or light itself.
-typedef enum sgs_space { SGS_SPACE_SRGB = 0, SGS_SPACE_LINEAR = 1 } sgs_space;
-
-// A photograph ready to be compared with: planes as in sgs_image8, 3 or 4 channels, colours in the
-// scene's space, and which of its pixels count. Pixels that a mask covers, that the lens has no ray
-// for or that hold no number do not.
-//
-// Values are bytes (255 is 1) or half-float numbers, whichever the file needs; the other pointer is
-// NULL. Light brighter than the scene's white is above 1.
-typedef struct sgs_photo {
-    int width, height, channels;
-    uint8_t *pixels;
-    uint16_t *valid_mask; // [height][(width + 15) / 16]: bit i of word w is pixel 16 w + i of the
-                          // row, 1 = counts; NULL = all
-    size_t kept;          // number of pixels that count
-    uint16_t *halves;     // IEEE 754 binary16, >= 0, neither infinite nor subnormal
-    bool is_hdr;          // values above 1 mean something: comparisons do not clamp there
-} sgs_photo;
 
 // What an alpha channel says. Over: the photograph is laid over the background, transparent pixels
 // teach transparency. Mask: pixels of alpha below one half do not count, the others are opaque.
@@ -76,23 +49,24 @@ typedef struct sgs_scene_options {
                     // where the scene names test views of its own (transforms_test.json), these
     const char *test_images; // comma-separated names held out instead (name, or name without
                              // folder); NULL = none
-    int load_images; // 0: only cameras and points (image sizes are read from the files' headers)
-    const char *masks_dir; // folder of masks beside the image folder; "none" = no masks; NULL =
-                           // "masks" or "mask" if there
-    int invert_masks;      // black counts instead of white
-    sgs_alpha alpha;       // what alpha channels say
+    bool load_images;        // false: only cameras and points (image sizes are read from the files'
+                             // headers)
+    const char *masks_dir;   // folder of masks beside the image folder; "none" = no masks; NULL =
+                             // "masks" or "mask" if there
+    bool invert_masks;       // black counts instead of white
+    sgs_alpha alpha;         // what alpha channels say
     const char *
         colorspace; // of the image files, instead of what they say themselves; NULL = what they say
     sgs_space space;    // to compare and train in
     size_t image_cache; // bytes of decoded photographs to keep in memory; 0 = all of them
     double white_point; // linear light that becomes 1; 0 = the 99th percentile where files are
                         // linear, else 1
-    int cameras_only;   // no photograph is looked for where the model tells its camera's size; with
-                        // load_images 0
+    bool cameras_only;  // no photograph is looked for where the model tells its camera's size; with
+                        // load_images false
 } sgs_scene_options;
 
 // {NULL, 0, 0, NULL, 1, NULL, 0, SGS_ALPHA_OVER, NULL, SGS_SPACE_SRGB, 0, 0, 0}
-sgs_scene_options sgs_scene_options_default(void);
+SGS_API sgs_scene_options sgs_scene_options_default(void);
 
 typedef struct sgs_scene {
     sgs_scene_format format;
@@ -110,12 +84,12 @@ typedef struct sgs_scene {
     size_t photo_bytes;    // that all photographs take in memory, whether they are there or not; 0
                            // with cameras_only
     struct sgs_scene_store
-        *store;           // internal: the image cache; NULL = all photographs are in `views`
-    sgs_space space;      // of photographs and trained colours
-    double white_point;   // linear light that is 1 in them; 1 where no file is linear
-    int has_alpha;        // any image has an alpha channel
-    int white_background; // NeRF synthetic convention: white unless the user says otherwise
-    double center[3];     // mean of the training camera centres, world
+        *store;            // internal: the image cache; NULL = all photographs are in `views`
+    sgs_space space;       // of photographs and trained colours
+    double white_point;    // linear light that is 1 in them; 1 where no file is linear
+    bool has_alpha;        // any image has an alpha channel
+    bool white_background; // NeRF synthetic convention: white unless the user says otherwise
+    double center[3];      // mean of the training camera centres, world
     double extent; // 1.1 * max distance of a training camera to the centre (cameras_extent in
                    // 3DGS); > 0
 } sgs_scene;
@@ -129,25 +103,26 @@ typedef struct sgs_scene {
 // before .png), and STEM_mask.png beside the photograph. White (mean of the channels >= 128)
 // counts. A pixel of a reduced photograph counts when all of its area does. Thread rule: may use
 // the library's threads; call from one thread.
-sgs_status sgs_scene_load(const char *path, const sgs_scene_options *options, sgs_scene **scene);
+SGS_API sgs_status sgs_scene_load(const char *path, const sgs_scene_options *options,
+                                  sgs_scene **scene);
 
 // Accepts NULL.
-void sgs_scene_destroy(sgs_scene *scene);
+SGS_API void sgs_scene_destroy(sgs_scene *scene);
 
 // The photograph of view `index`, from memory or decoded now. Valid until the next call for this
 // scene; one thread at a time. Fails as loading does, when its file has gone or changed since.
-sgs_status sgs_scene_photo(const sgs_scene *scene, size_t index, const sgs_photo **photo);
+SGS_API sgs_status sgs_scene_photo(const sgs_scene *scene, size_t index, const sgs_photo **photo);
 
 // Announces that this photograph will be asked for soon: a thread decodes it ahead, where it is not
 // in memory. Cannot fail.
-void sgs_scene_prefetch(const sgs_scene *scene, size_t index);
+SGS_API void sgs_scene_prefetch(const sgs_scene *scene, size_t index);
 
 // Index of the view called NAME (exact, then without folder, then without extension), or -1.
-ptrdiff_t sgs_scene_find_view(const sgs_scene *scene, const char *name);
+SGS_API ptrdiff_t sgs_scene_find_view(const sgs_scene *scene, const char *name);
 
 // Writes the cameras.json of 3DGS (id, img_name, width, height, position, camera-to-world rotation
 // rows, fy, fx; held-out views first), atomically. Fails with IO or OUT_OF_MEMORY.
-sgs_status sgs_scene_write_cameras_json(const sgs_scene *scene, const char *path);
+SGS_API sgs_status sgs_scene_write_cameras_json(const sgs_scene *scene, const char *path);
 
 #ifdef __cplusplus
 }

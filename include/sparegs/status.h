@@ -6,6 +6,8 @@
 // that names the file, the place in it and the fix, and a callback for warnings. The library itself
 // never prints and never exits.
 
+#include "sparegs/export.h"
+
 #ifdef __cplusplus
 extern "C" {
 #endif
@@ -19,6 +21,7 @@ extern "C" {
     X(FORMAT, "file content is invalid")                                                           \
     X(UNSUPPORTED, "not supported")                                                                \
     X(LIMIT, "a limit was reached")                                                                \
+    X(CANCELLED, "cancelled by the caller")                                                        \
     X(INTERNAL, "internal error")
 
 typedef enum sgs_status {
@@ -28,18 +31,18 @@ typedef enum sgs_status {
 } sgs_status;
 
 // Short constant text for a status; never NULL, cannot fail.
-const char *sgs_status_text(sgs_status status);
+SGS_API const char *sgs_status_text(sgs_status status);
 
 // The sentence that explains the last failed call of this thread, "" if there was none. Owned by
 // the library; valid until the next failing call on the same thread.
-const char *sgs_last_error(void);
+SGS_API const char *sgs_last_error(void);
 
 // Receives one line (no newline) per warning, possibly from several threads at once.
 typedef void (*sgs_warning_fn)(void *user, const char *message);
 
 // Sets the process-wide warning receiver; NULL drops warnings (the default). Not thread-safe
 // against running library calls: set it once at start.
-void sgs_set_warning_handler(sgs_warning_fn fn, void *user);
+SGS_API void sgs_warning_handler_set(sgs_warning_fn fn, void *user);
 
 #ifdef __cplusplus
 }

@@ -108,7 +108,7 @@ typedef struct sgs_train_options {
     size_t random_points; // size of the random cloud when the scene has no points; 100000
 } sgs_train_options;
 
-sgs_train_options sgs_train_options_default(void);
+SGS_API sgs_train_options sgs_train_options_default(void);
 
 // Seconds of wall clock by phase, since the start of the training.
 typedef struct sgs_train_seconds {
@@ -183,14 +183,14 @@ typedef struct sgs_trainer sgs_trainer;
 // About how many bytes a training of this scene takes at `gaussians` primitives, photographs and
 // the program itself included: a rule of thumb, not a bound. The scene's images need not be loaded.
 // Cannot fail. image_cache as in sgs_scene_options, 0 = none.
-size_t sgs_train_memory(const sgs_scene *scene, const sgs_train_options *options,
-                        size_t image_cache, size_t gaussians);
+SGS_API size_t sgs_train_memory(const sgs_scene *scene, const sgs_train_options *options,
+                                size_t image_cache, size_t gaussians);
 
 // The scene (with loaded images) must outlive the trainer. Options are copied. On failure *trainer
 // is NULL. Fails with INVALID_ARGUMENT (names the option) when an option is out of range.
-sgs_status sgs_trainer_create(const sgs_scene *scene, const sgs_train_options *options,
-                              sgs_trainer **trainer);
-void sgs_trainer_destroy(sgs_trainer *trainer);
+SGS_API sgs_status sgs_trainer_create(const sgs_scene *scene, const sgs_train_options *options,
+                                      sgs_trainer **trainer);
+SGS_API void sgs_trainer_destroy(sgs_trainer *trainer);
 
 // One iteration. After the last one info->stop is set; further calls fail with LIMIT. What the base
 // pipeline does to the structure after an iteration (updates, opacity resets, another resolution)
@@ -198,26 +198,26 @@ void sgs_trainer_destroy(sgs_trainer *trainer);
 // trainers save it. Where a photograph cannot be read any more the trainer stays whole, and the
 // step may be tried again (the update may have been made: info->structural tells); after another
 // failure further calls fail with INVALID_ARGUMENT unless sgs_trainer_is_consistent.
-sgs_status sgs_trainer_step(sgs_trainer *trainer, sgs_step_info *info);
+SGS_API sgs_status sgs_trainer_step(sgs_trainer *trainer, sgs_step_info *info);
 // False when the last step failed half-way: there is no state to save or to go on from.
-bool sgs_trainer_is_consistent(const sgs_trainer *trainer);
+SGS_API bool sgs_trainer_is_consistent(const sgs_trainer *trainer);
 // The last iteration whose structural update, if it has one, is made: the last one or the one
 // before.
-int sgs_trainer_structure_iteration(const sgs_trainer *trainer);
+SGS_API int sgs_trainer_structure_iteration(const sgs_trainer *trainer);
 
 // The model as it stands; owned by the trainer, invalidated by the next step. Row order changes at
 // structural updates.
-const sgs_gaussians *sgs_trainer_model(const sgs_trainer *trainer);
+SGS_API const sgs_gaussians *sgs_trainer_model(const sgs_trainer *trainer);
 // Mip-Splatting's 3D filter of that model, [count], world units; NULL with another pixel filter.
 // Owned by the trainer.
-const float *sgs_trainer_filter_3d(const sgs_trainer *trainer);
-sgs_regions sgs_trainer_regions(const sgs_trainer *trainer);
-int sgs_trainer_iteration(const sgs_trainer *trainer);
+SGS_API const float *sgs_trainer_filter_3d(const sgs_trainer *trainer);
+SGS_API sgs_regions sgs_trainer_regions(const sgs_trainer *trainer);
+SGS_API int sgs_trainer_iteration(const sgs_trainer *trainer);
 // The colour map of a training view, row-major 3 x 4 (mapped = A image + b), owned by the trainer;
 // NULL when none is learned.
-const double *sgs_trainer_exposure(const sgs_trainer *trainer, size_t view);
-sgs_train_seconds sgs_trainer_seconds(const sgs_trainer *trainer);
-sgs_train_bytes sgs_trainer_bytes(const sgs_trainer *trainer);
+SGS_API const double *sgs_trainer_exposure(const sgs_trainer *trainer, size_t view);
+SGS_API sgs_train_seconds sgs_trainer_seconds(const sgs_trainer *trainer);
+SGS_API sgs_train_bytes sgs_trainer_bytes(const sgs_trainer *trainer);
 
 // What was left out because it was not finite, since the start of the training; the parameters
 // stayed as they were.
@@ -225,15 +225,15 @@ typedef struct sgs_train_skipped {
     uint64_t steps;     // whole optimiser steps: the loss was NaN or infinite
     uint64_t gradients; // single primitives within a step
 } sgs_train_skipped;
-sgs_train_skipped sgs_trainer_skipped(const sgs_trainer *trainer);
+SGS_API sgs_train_skipped sgs_trainer_skipped(const sgs_trainer *trainer);
 // In words, why training ended ("loss changed 0.5 %, count 0.2 % in two checks"); "" before that.
 // Owned by the trainer.
-const char *sgs_trainer_stop_text(const sgs_trainer *trainer);
+SGS_API const char *sgs_trainer_stop_text(const sgs_trainer *trainer);
 
 // Number of primitives the trainer started from, and a copy of the initial cloud for input.ply
 // (points [n][3], colours [n][3]), owned by the trainer.
-size_t sgs_trainer_initial_cloud(const sgs_trainer *trainer, const float **points,
-                                 const unsigned char **colors);
+SGS_API size_t sgs_trainer_initial_cloud(const sgs_trainer *trainer, const float **points,
+                                         const unsigned char **colors);
 
 // The whole state (parameters, moments, statistics, schedule, counters, options) to one file,
 // atomically, and back: training goes on with the same bits as if it had never stopped. Save fails
@@ -242,8 +242,8 @@ size_t sgs_trainer_initial_cloud(const sgs_trainer *trainer, const float **point
 // another version wrote it, INVALID_ARGUMENT when options or training views differ; the error names
 // what differs. max_gaussians, spare_eps_loss, spare_eps_count, spare_patience and, under the
 // paper's schedule, iterations may differ: they hold from then on, and a warning says so.
-sgs_status sgs_trainer_save_checkpoint(const sgs_trainer *trainer, const char *path);
-sgs_status sgs_trainer_load_checkpoint(sgs_trainer *trainer, const char *path);
+SGS_API sgs_status sgs_trainer_save_checkpoint(const sgs_trainer *trainer, const char *path);
+SGS_API sgs_status sgs_trainer_load_checkpoint(sgs_trainer *trainer, const char *path);
 
 #ifdef __cplusplus
 }

@@ -63,7 +63,7 @@ sgs_status sgsi_fail(sgs_status status, const char *format, ...)
     return status;
 }
 
-void sgs_set_warning_handler(sgs_warning_fn fn, void *user)
+void sgs_warning_handler_set(sgs_warning_fn fn, void *user)
 {
     warning_fn = fn;
     warning_user = user;

@@ -6,7 +6,7 @@
 #include "sparegs/runtime.h"
 #include "sparegs/version.h"
 
-#include <limits.h>
+#include <inttypes.h>
 #include <stdatomic.h>
 #include <stdio.h>
 #include <string.h>
@@ -19,11 +19,11 @@
 
 static atomic_int chosen_isa = -1; // detected at the first call
 
-int sgs_isa_supported(sgs_isa isa)
+bool sgs_isa_supported(sgs_isa isa)
 {
     switch (isa) {
     case SGS_ISA_BASELINE:
-        return 1;
+        return true;
 #ifdef SGSI_X86
     case SGS_ISA_AVX2:
         return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") &&
@@ -34,7 +34,7 @@ int sgs_isa_supported(sgs_isa isa)
                __builtin_cpu_supports("fma");
 #endif
     default:
-        return 0;
+        return false;
     }
 }
 
@@ -44,7 +44,7 @@ const char *sgs_isa_name(sgs_isa isa)
     return (unsigned)isa < SGS_ISA_COUNT ? names[isa] : NULL;
 }
 
-sgs_isa sgs_get_isa(void)
+sgs_isa sgs_isa_get(void)
 {
     int isa = atomic_load_explicit(&chosen_isa, memory_order_relaxed);
     if (isa < 0) {
@@ -58,13 +58,12 @@ sgs_isa sgs_get_isa(void)
     return (sgs_isa)isa;
 }
 
-sgs_status sgs_set_isa(sgs_isa isa)
+sgs_status sgs_isa_set(sgs_isa isa)
 {
     if (!sgs_isa_name(isa))
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "instruction set %d is unknown", (int)isa);
     if (!sgs_isa_supported(isa))
-        return sgsi_fail(SGS_STATUS_UNSUPPORTED, "CPU does not support %s; omit --isa",
-                         sgs_isa_name(isa));
+        return sgsi_fail(SGS_STATUS_UNSUPPORTED, "CPU does not support %s", sgs_isa_name(isa));
     atomic_store(&chosen_isa, (int)isa);
     return SGS_STATUS_OK;
 }
@@ -79,30 +78,30 @@ const char *sgs_version_commit(void)
     return SGSI_COMMIT;
 }
 
-unsigned long long sgs_peak_rss(void)
+uint64_t sgs_rss_peak(void)
 {
     struct rusage usage;
-    return getrusage(RUSAGE_SELF, &usage) ? 0 : (unsigned long long)usage.ru_maxrss * 1024;
+    return getrusage(RUSAGE_SELF, &usage) ? 0 : (uint64_t)usage.ru_maxrss * 1024;
 }
 
-unsigned long long sgs_current_rss(void)
+uint64_t sgs_rss_current(void)
 {
-    unsigned long long pages = 0;
+    uint64_t pages = 0;
     FILE *stream = fopen("/proc/self/statm", "r");
     if (!stream)
         return 0;
-    if (fscanf(stream, "%*u %llu", &pages) != 1)
+    if (fscanf(stream, "%*u %" SCNu64, &pages) != 1)
         pages = 0;
     fclose(stream);
-    return pages * (unsigned long long)sysconf(_SC_PAGESIZE);
+    return pages * (uint64_t)sysconf(_SC_PAGESIZE);
 }
 
-unsigned long long sgs_machine_memory(void)
+uint64_t sgs_machine_memory(void)
 {
     struct sysinfo info;
-    unsigned long long bytes = ULLONG_MAX;
+    uint64_t bytes = UINT64_MAX;
     if (!sysinfo(&info))
-        bytes = (unsigned long long)info.mem_unit * (info.totalram + info.totalswap);
-    const unsigned long long allowed = sgsi_group_limits_own().memory;
+        bytes = (uint64_t)info.mem_unit * (info.totalram + info.totalswap);
+    const uint64_t allowed = sgsi_group_limits_own().memory;
     return allowed && allowed < bytes ? allowed : bytes;
 }

@@ -25,12 +25,12 @@ void sgsi_threads_set(int count)
     thread_count = count < 0 ? 0 : count > SGSI_THREADS_MAX ? SGSI_THREADS_MAX : count;
 }
 
-void sgs_set_threads(int count)
+void sgs_threads_set(int count)
 {
     sgsi_threads_set(count);
 }
 
-int sgs_threads(void)
+int sgs_threads_get(void)
 {
     return sgsi_threads();
 }

@@ -188,7 +188,7 @@ sgs_status sgsi_loss_evaluate(sgsi_loss_workspace *workspace, const sgsi_loss_in
                 .alpha_scale = input->target->channels == 4
                                    ? (float)(3.0 * (double)input->alpha_weight / values)
                                    : 0.0f},
-        .kernel = kernel_of(sgs_get_isa()),
+        .kernel = kernel_of(sgs_isa_get()),
         .workspace = workspace,
     };
     cut(input->width, LOSS_BLOCK_WIDTH, 16, &loop.job.blocks_x, &loop.job.block_width);

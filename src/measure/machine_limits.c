@@ -30,7 +30,7 @@ static const sgsi_limit_kernels *current_kernels(void)
         [SGS_ISA_AVX512] = &sgsi_limit_kernels_avx512,
 #endif
     };
-    return tables[sgs_get_isa()];
+    return tables[sgs_isa_get()];
 }
 
 #ifdef SGSI_X86

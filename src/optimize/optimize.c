@@ -9,7 +9,7 @@
 
 size_t sgsi_optimize_blocks(const sgsi_optimize *input, size_t begin, size_t end)
 {
-    switch (sgs_get_isa()) {
+    switch (sgs_isa_get()) {
 #ifdef SGSI_X86
     case SGS_ISA_AVX512:
         return sgsi_optimize_blocks_avx512(input, begin, end);

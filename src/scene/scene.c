@@ -72,7 +72,7 @@ typedef struct loader {
 
 sgs_scene_options sgs_scene_options_default(void)
 {
-    return (sgs_scene_options){.load_images = 1};
+    return (sgs_scene_options){.load_images = true};
 }
 
 void sgs_scene_destroy(sgs_scene *scene)

@@ -9,7 +9,7 @@
 
 const sgsi_kernels *sgsi_kernels_get(void)
 {
-    switch (sgs_get_isa()) {
+    switch (sgs_isa_get()) {
 #ifdef SGSI_X86
     case SGS_ISA_AVX512:
         return &sgsi_kernels_avx512;

@@ -295,7 +295,7 @@ static void ply_reads_any_order_type_format_and_degree(void **state)
     (void)state;
     const temp_folder folder = temp_folder_make();
     warning_count = 0;
-    sgs_set_warning_handler(keep_warning, NULL);
+    sgs_warning_handler_set(keep_warning, NULL);
     for (int degree = 0; degree <= 3; ++degree) {
         sgs_gaussians *model = random_model(37, degree), *back;
         for (int variant = 0; variant < 3 * 2 * 2 * 3; ++variant) {
@@ -311,7 +311,7 @@ static void ply_reads_any_order_type_format_and_degree(void **state)
         }
         sgs_gaussians_destroy(model);
     }
-    sgs_set_warning_handler(NULL, NULL);
+    sgs_warning_handler_set(NULL, NULL);
     assert_int_equal(warning_count, 0);
     temp_folder_remove(&folder);
 }
@@ -358,7 +358,7 @@ static void ply_drops_rows_that_are_not_finite(void **state)
 {
     (void)state;
     const temp_folder folder = temp_folder_make();
-    sgs_set_warning_handler(keep_warning, NULL);
+    sgs_warning_handler_set(keep_warning, NULL);
     warning_count = 0;
     sgs_gaussians *model = read_text(&folder, 6,
                                      "nan 0 0 0 0 0 0 0 0 0 1 0 0 0\n"
@@ -374,7 +374,7 @@ static void ply_drops_rows_that_are_not_finite(void **state)
     assert_non_null(
         strstr(last_warning, "c.ply: 4 of 6 primitives are not finite and were dropped"));
     sgs_gaussians_destroy(model);
-    sgs_set_warning_handler(NULL, NULL);
+    sgs_warning_handler_set(NULL, NULL);
     temp_folder_remove(&folder);
 }
 
@@ -382,7 +382,7 @@ static void ply_reads_a_zero_quaternion_as_no_rotation(void **state)
 {
     (void)state;
     const temp_folder folder = temp_folder_make();
-    sgs_set_warning_handler(keep_warning, NULL);
+    sgs_warning_handler_set(keep_warning, NULL);
     warning_count = 0;
     sgs_gaussians *model = read_text(&folder, 3,
                                      "0 0 0 0 0 0 0 0 0 0 0 0 0 0\n"
@@ -397,7 +397,7 @@ static void ply_reads_a_zero_quaternion_as_no_rotation(void **state)
     assert_int_equal(warning_count, 1);
     assert_non_null(strstr(last_warning, "1 primitives have the rotation 0 0 0 0"));
     sgs_gaussians_destroy(model);
-    sgs_set_warning_handler(NULL, NULL);
+    sgs_warning_handler_set(NULL, NULL);
     temp_folder_remove(&folder);
 }
 
@@ -410,11 +410,11 @@ static void ply_mentions_bytes_behind_the_last_vertex(void **state)
     FILE *stream = fopen(temp_path(&folder, "a.ply"), "ab");
     fputs("more", stream);
     fclose(stream);
-    sgs_set_warning_handler(keep_warning, NULL);
+    sgs_warning_handler_set(keep_warning, NULL);
     assert_int_equal(sgs_ply_read(temp_path(&folder, "a.ply"), &back), SGS_STATUS_OK);
     assert_non_null(strstr(last_warning, "4 bytes after the last vertex were ignored"));
     assert_same_model(model, back);
-    sgs_set_warning_handler(NULL, NULL);
+    sgs_warning_handler_set(NULL, NULL);
     sgs_gaussians_destroy(model);
     sgs_gaussians_destroy(back);
     temp_folder_remove(&folder);

@@ -46,7 +46,7 @@ static void prepare(void)
         points[i] = (float)(2 * sgsi_random_uniform(1, (uint64_t)i) - 1);
         colors[i] = (uint8_t)(40 * i);
     }
-    sgs_set_threads(1);
+    sgs_threads_set(1);
     sgs_train_options options = sgs_train_options_default();
     options.iterations = 1000;
     sgs_step_info info;

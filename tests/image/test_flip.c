@@ -113,10 +113,10 @@ static void flip_is_the_same_on_any_number_of_threads_and_refuses_bad_input(void
     make(&b, 0);
     double mean[3];
     for (int threads = 1; threads <= 3; ++threads) {
-        sgs_set_threads(threads);
+        sgs_threads_set(threads);
         assert_int_equal(sgs_flip(&a, &b, NULL, 67, NULL, &mean[threads - 1]), SGS_STATUS_OK);
     }
-    sgs_set_threads(0);
+    sgs_threads_set(0);
     assert_true(mean[0] == mean[1] && mean[0] == mean[2]);
     const double wrong[] = {0, -1, NAN, INFINITY, 4000};
     for (size_t k = 0; k < sizeof wrong / sizeof *wrong; ++k)

@@ -130,15 +130,15 @@ static void psnr_has_known_values(void **state)
 static void ssim_does_not_depend_on_threads(void **state)
 {
     (void)state;
-    const int before = sgs_threads();
+    const int before = sgs_threads_get();
     sgs_image8 a = make_image(203, 151, 3, 4, 0, 256), b = make_image(203, 151, 3, 5, 30, 200);
-    sgs_set_threads(1);
+    sgs_threads_set(1);
     const double first = sgs_ssim(&a, &b);
     for (int threads = 2; threads <= 5; ++threads) {
-        sgs_set_threads(threads);
+        sgs_threads_set(threads);
         assert_true(sgs_ssim(&a, &b) == first);
     }
-    sgs_set_threads(before);
+    sgs_threads_set(before);
     sgsi_free(a.pixels);
     sgsi_free(b.pixels);
 }

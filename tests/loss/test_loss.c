@@ -429,7 +429,7 @@ static void loss_and_gradient_match_double_brute_force(void **state)
             for (int isa = 0; isa < SGS_ISA_COUNT; ++isa) {
                 if (!sgs_isa_supported((sgs_isa)isa))
                     continue;
-                assert_int_equal(sgs_set_isa((sgs_isa)isa), SGS_STATUS_OK);
+                assert_int_equal(sgs_isa_set((sgs_isa)isa), SGS_STATUS_OK);
                 const sgsi_loss_output output = evaluate(&s);
                 const double error = scene_error(&s, &output, &t);
                 worst[isa][kind] = fmax(worst[isa][kind], error);
@@ -544,17 +544,17 @@ static void nothing_that_a_mask_covers_changes_a_bit(void **state)
 static void thread_counts_give_the_same_bits(void **state)
 {
     (void)state;
-    const int before = sgs_threads();
+    const int before = sgs_threads_get();
     scene s = make_scene(700, 301, 4, CONTENT_WILD, tinted);
-    sgs_set_threads(1);
+    sgs_threads_set(1);
     record first = evaluate_record(&s);
     for (int threads = 2; threads <= 3; ++threads) {
-        sgs_set_threads(threads);
+        sgs_threads_set(threads);
         record other = evaluate_record(&s);
         assert_same_record(&first, &other);
         sgsi_free(other.planes);
     }
-    sgs_set_threads(before);
+    sgs_threads_set(before);
     sgsi_free(first.planes);
     free_scene(&s);
 }
@@ -566,9 +566,9 @@ static void avx2_and_avx512_give_the_same_bits(void **state)
         skip();
     for (int kind = 0; kind < CONTENT_COUNT; ++kind) {
         scene s = make_scene(277, 131, 4, (content)kind, tinted);
-        assert_int_equal(sgs_set_isa(SGS_ISA_AVX2), SGS_STATUS_OK);
+        assert_int_equal(sgs_isa_set(SGS_ISA_AVX2), SGS_STATUS_OK);
         record a = evaluate_record(&s);
-        assert_int_equal(sgs_set_isa(SGS_ISA_AVX512), SGS_STATUS_OK);
+        assert_int_equal(sgs_isa_set(SGS_ISA_AVX512), SGS_STATUS_OK);
         record b = evaluate_record(&s);
         assert_same_record(&a, &b);
         sgsi_free(a.planes);

@@ -27,13 +27,13 @@ static void scenes_depend_on_name_and_seed_alone(void **state)
     char hex[3][17];
     for (int k = 0; k < 3; ++k) {
         sgs_bench_scene *scene;
-        sgs_set_threads(1 + 2 * (k == 1));
+        sgs_threads_set(1 + 2 * (k == 1));
         assert_int_equal(sgs_bench_scene_create("sparse-32k", k == 2, &scene), SGS_STATUS_OK);
         assert_int_equal(scene->model->count, 32768);
         sgs_gaussians_hash(scene->model, hex[k]);
         sgs_bench_scene_destroy(scene);
     }
-    sgs_set_threads(0);
+    sgs_threads_set(0);
     assert_string_equal(hex[0], hex[1]);
     assert_string_not_equal(hex[0], hex[2]);
     sgs_bench_scene *none;
@@ -132,11 +132,11 @@ static void limits_are_in_the_order_of_every_machine(void **state)
 {
     (void)state;
     sgs_machine_limits limits = {0};
-    sgs_set_threads(1);
+    sgs_threads_set(1);
     // Several times where something else runs: one quiet moment shows the order.
     for (int k = 0; k < 8 && !(limits.l2_gbs > limits.memory_read_gbs); ++k)
         assert_int_equal(sgs_machine_limits_measure(&limits), SGS_STATUS_OK);
-    sgs_set_threads(0);
+    sgs_threads_set(0);
     assert_true(limits.fma_gflops > 0 && limits.memory_read_gbs > 0 &&
                 limits.memory_update_gbs > 0);
     assert_true(limits.memory_gbs == fmax(limits.memory_read_gbs, limits.memory_update_gbs));

@@ -231,11 +231,11 @@ static void init_is_the_same_for_every_thread_count(void **state)
         points[i] = (float)sgsi_random_normal(9, i);
         colors[i] = (unsigned char)sgsi_random_bits(10, i);
     }
-    const int before = sgs_threads();
+    const int before = sgs_threads_get();
     char expected[17] = "", got[17];
     for (int threads = 1; threads <= 4; ++threads) {
         sgs_gaussians *model;
-        sgs_set_threads(threads);
+        sgs_threads_set(threads);
         assert_int_equal(sgs_gaussians_init_points(points, colors, COUNT, 1.0, &model),
                          SGS_STATUS_OK);
         sgs_gaussians_hash(model, threads == 1 ? expected : got);
@@ -243,7 +243,7 @@ static void init_is_the_same_for_every_thread_count(void **state)
             assert_string_equal(got, expected);
         sgs_gaussians_destroy(model);
     }
-    sgs_set_threads(before);
+    sgs_threads_set(before);
 }
 
 static void hash_sees_every_bit_and_only_the_rows(void **state)

@@ -160,15 +160,15 @@ static void knn_is_the_same_for_every_thread_count(void **state)
     (void)state;
     static double expected[3 * MOST], got[3 * MOST];
     float *points = make_cloud(clusters, MOST);
-    const int before = sgs_threads();
-    sgs_set_threads(1);
+    const int before = sgs_threads_get();
+    sgs_threads_set(1);
     assert_int_equal(sgsi_knn(points, MOST, expected), SGS_STATUS_OK);
     for (int threads = 2; threads <= 5; ++threads) {
-        sgs_set_threads(threads);
+        sgs_threads_set(threads);
         assert_int_equal(sgsi_knn(points, MOST, got), SGS_STATUS_OK);
         assert_memory_equal(got, expected, sizeof expected);
     }
-    sgs_set_threads(before);
+    sgs_threads_set(before);
     free(points);
 }
 

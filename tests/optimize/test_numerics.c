@@ -53,7 +53,7 @@ static sgs_trainer *start(int iterations)
     options.spare = SGS_SPARE_BMD | SGS_SPARE_RAP;
     sgs_trainer *trainer;
     assert_int_equal(sgs_trainer_create(scene, &options, &trainer), SGS_STATUS_OK);
-    sgs_set_warning_handler(keep_warning, NULL);
+    sgs_warning_handler_set(keep_warning, NULL);
     warnings = 0;
     warning[0] = 0;
     return trainer;
@@ -61,7 +61,7 @@ static sgs_trainer *start(int iterations)
 
 static void end(sgs_trainer *trainer)
 {
-    sgs_set_warning_handler(NULL, NULL);
+    sgs_warning_handler_set(NULL, NULL);
     sgs_trainer_destroy(trainer);
 }
 
@@ -147,11 +147,11 @@ static void reports_grow_rare(void **state)
 {
     (void)state;
     sgsi_skipped skipped = {0};
-    sgs_set_warning_handler(keep_warning, NULL);
+    sgs_warning_handler_set(keep_warning, NULL);
     warnings = 0;
     for (int i = 1; i <= 1000; ++i)
         sgsi_skip_step(&skipped, i, "a.jpg", NAN);
-    sgs_set_warning_handler(NULL, NULL);
+    sgs_warning_handler_set(NULL, NULL);
     assert_int_equal(skipped.steps, 1000);
     assert_int_equal(warnings, 5 + 7); // 8, 16, ..., 512
 }

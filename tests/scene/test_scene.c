@@ -443,7 +443,8 @@ static void nerf_synthetic_scenes_are_white_behind_their_alpha(void **state)
     sgs_scene_options options = sgs_scene_options_default();
     assert_split(folder.path, &options, "0000"); // nothing is held out unasked
     options.test_every = 8;
-    for (options.load_images = 0; options.load_images < 2; ++options.load_images) {
+    for (int images = 0; images < 2; ++images) {
+        options.load_images = images != 0;
         sgs_scene *scene = load(folder.path, &options);
         assert_int_equal(scene->format, SGS_SCENE_TRANSFORMS);
         assert_int_equal(scene->view_count, 4);

@@ -29,7 +29,7 @@ static inline int warnings_begin(void **state)
 {
     (void)state;
     warnings[0] = 0;
-    sgs_set_warning_handler(warning_collect, NULL);
+    sgs_warning_handler_set(warning_collect, NULL);
     return 0;
 }
 

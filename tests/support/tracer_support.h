@@ -40,7 +40,7 @@ static inline sgs_isa *traced_best_isa(void)
 static inline int traced_prepare(void **state)
 {
     (void)state;
-    *traced_best_isa() = sgs_get_isa();
+    *traced_best_isa() = sgs_isa_get();
     sgsi_threads_set(1);
     return 0;
 }
@@ -50,7 +50,7 @@ static inline int traced_restore(void **state)
 {
     (void)state;
     sgsi_threads_set(1);
-    return sgs_set_isa(*traced_best_isa()) != SGS_STATUS_OK;
+    return sgs_isa_set(*traced_best_isa()) != SGS_STATUS_OK;
 }
 
 // ---- Images ----

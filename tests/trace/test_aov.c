@@ -140,13 +140,13 @@ static void aovs_equal_the_oracle_on_every_isa_and_lens(void **state)
     (void)state;
     static const sgs_camera_model lenses[] = {SGS_CAMERA_PINHOLE, SGS_CAMERA_OPENCV,
                                               SGS_CAMERA_OPENCV_FISHEYE};
-    const sgs_isa best = sgs_get_isa();
+    const sgs_isa best = sgs_isa_get();
     const sgs_pose pose = oracle_pose_look_at(2.1, -1.3, -3.2);
     oracle_scene scene = oracle_random_model(31, 300, NULL);
     for (int isa = 0; isa < SGS_ISA_COUNT; ++isa) {
         if (!sgs_isa_supported((sgs_isa)isa))
             continue;
-        sgs_set_isa((sgs_isa)isa);
+        sgs_isa_set((sgs_isa)isa);
         aov_errors errors = {0};
         size_t pixels = 0;
         for (int run = 0; run < 12; ++run) {
@@ -163,7 +163,7 @@ static void aovs_equal_the_oracle_on_every_isa_and_lens(void **state)
         assert_true(errors.normal <= 2e-5 && errors.position <= 2e-5 && errors.distance <= 2e-5);
         assert_true(errors.compared * 10 > pixels * 9 && errors.identified * 10 > pixels * 9);
     }
-    sgs_set_isa(best);
+    sgs_isa_set(best);
     oracle_scene_free(&scene);
 }
 
@@ -376,11 +376,11 @@ static void bits_do_not_depend_on_threads(void **state)
     const sgs_pose pose = oracle_pose_look_at(1, 1, -4);
     const sgs_render_options options = sgs_render_options_default();
     const size_t bytes = 90 * 70 * sizeof(float);
-    sgs_set_threads(1);
+    sgs_threads_set(1);
     sgs_frame one = drawn(scene.model, &camera, &pose, &options, SGS_AOVS_ALL);
-    sgs_set_threads(3);
+    sgs_threads_set(3);
     sgs_frame three = drawn(scene.model, &camera, &pose, &options, SGS_AOVS_ALL);
-    sgs_set_threads(0);
+    sgs_threads_set(0);
     for (int c = 0; c < 3; ++c) {
         assert_memory_equal(one.normal[c], three.normal[c], bytes);
         assert_memory_equal(one.position[c], three.position[c], bytes);

@@ -217,11 +217,11 @@ static void bits_do_not_depend_on_threads_or_samples(void **state)
     const sgs_render_options options = sgs_render_options_default();
     const sgs_camera camera = view_camera(SGS_CAMERA_OPENCV);
     oracle_scene scene = oracle_random_model(21, 500, NULL);
-    sgs_set_threads(1);
+    sgs_threads_set(1);
     deep_picture *one = picture_create(scene.model, &camera, view_pose(), &options, &deep);
-    sgs_set_threads(3);
+    sgs_threads_set(3);
     deep_picture *three = picture_create(scene.model, &camera, view_pose(), &options, &deep);
-    sgs_set_threads(0);
+    sgs_threads_set(0);
     assert_memory_equal(one->counts, three->counts, sizeof one->counts);
     assert_memory_equal(one->samples, three->samples, one->first[PIXELS] * sizeof *one->samples);
     sgs_renderer *renderer;

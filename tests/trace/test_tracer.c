@@ -60,7 +60,7 @@ static void every_isa_equals_itself_without_a_bvh(void **state)
     for (int i = 0; i < SGS_ISA_COUNT; ++i) {
         if (!sgs_isa_supported(all_isas[i]))
             continue;
-        assert_int_equal(sgs_set_isa(all_isas[i]), SGS_STATUS_OK);
+        assert_int_equal(sgs_isa_set(all_isas[i]), SGS_STATUS_OK);
         for (int number = 0; number < TRACED_SCENE_COUNT; ++number) {
             oracle_scene scene = traced_scene(number);
             traced_view traced =
@@ -381,9 +381,9 @@ static void avx2_and_avx512_trace_the_same_bits(void **state)
         oracle_scene scene = traced_scene(number);
         for (int filter = SGS_FILTER_3DGS; filter <= SGS_FILTER_NONE; ++filter) {
             const sgs_camera camera = oracle_camera(traced_lenses[number % 3], 63, 47);
-            sgs_set_isa(SGS_ISA_AVX2);
+            sgs_isa_set(SGS_ISA_AVX2);
             frozen narrow = trace_and_freeze(&scene, &camera, &pose, (sgs_filter)filter);
-            sgs_set_isa(SGS_ISA_AVX512);
+            sgs_isa_set(SGS_ISA_AVX512);
             frozen wide = trace_and_freeze(&scene, &camera, &pose, (sgs_filter)filter);
             assert_same_frozen(&narrow, &wide, label(traced_scene_name(number), "filter", filter));
             frozen_free(&narrow);

@@ -268,7 +268,7 @@ static void gradients_equal_the_oracle_on_every_isa_lens_and_filter(void **state
     for (int isa = 0; isa < SGS_ISA_COUNT; ++isa) {
         if (!sgs_isa_supported((sgs_isa)isa))
             continue;
-        sgs_set_isa((sgs_isa)isa);
+        sgs_isa_set((sgs_isa)isa);
         for (int lens = 0; lens < TRACED_LENS_COUNT; ++lens) {
             for (int filter = SGS_FILTER_3DGS; filter <= SGS_FILTER_MIP; ++filter) {
                 case_options options = default_case(traced_lenses[lens]);

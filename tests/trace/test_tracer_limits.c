@@ -280,7 +280,7 @@ static void extreme_parameters_neither_crash_nor_get_lost(void **state)
     for (int isa = 0; isa < SGS_ISA_COUNT; ++isa) {
         if (!sgs_isa_supported((sgs_isa)isa))
             continue;
-        sgs_set_isa((sgs_isa)isa);
+        sgs_isa_set((sgs_isa)isa);
         for (size_t run = 0; run < 2 * sizeof extremes / sizeof *extremes; ++run) {
             // 210 degrees, in macrotiles whose cones are wide: the widest margins on the largest
             // boxes.

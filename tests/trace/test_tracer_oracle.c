@@ -150,7 +150,7 @@ static void random_scenes_equal_the_oracle_on_every_isa_and_lens(void **state)
     for (int isa = 0; isa < SGS_ISA_COUNT; ++isa) {
         if (!sgs_isa_supported((sgs_isa)isa))
             continue;
-        sgs_set_isa((sgs_isa)isa);
+        sgs_isa_set((sgs_isa)isa);
         comparison sum = {0};
         for (int lens = 0; lens < TRACED_LENS_COUNT; ++lens) {
             for (int filter = SGS_FILTER_3DGS; filter <= SGS_FILTER_MIP; ++filter) {

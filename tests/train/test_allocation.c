@@ -56,7 +56,7 @@ static int make_scene(void **state)
     for (int i = 0; i < VIEWS; ++i)
         if (sgs_png_write(temp_path(&folder, names[i]), &image))
             return 1;
-    sgs_set_threads(1); // one order of allocations
+    sgs_threads_set(1); // one order of allocations
     return 0;
 }
 

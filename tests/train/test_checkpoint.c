@@ -123,7 +123,7 @@ static void every_stop_point_resumes_to_the_same_bits(void **state)
         if (!stop_at[at])
             continue;
         snprintf(name, sizeof name, "at_%d", at);
-        sgs_set_threads(1 + at % 3);
+        sgs_threads_set(1 + at % 3);
         trainer = start(scene, &options);
         if (sgs_trainer_load_checkpoint(trainer, temp_path(&folder, name)))
             fail_msg("%s", sgs_last_error());
@@ -133,7 +133,7 @@ static void every_stop_point_resumes_to_the_same_bits(void **state)
         sgs_trainer_destroy(trainer);
         assert_string_equal(straight, resumed);
     }
-    sgs_set_threads(0);
+    sgs_threads_set(0);
 }
 
 static void a_loaded_state_is_written_as_the_same_bytes(void **state)
@@ -325,7 +325,7 @@ static void options_are_honoured_or_refused_by_name(void **state)
     other.spare_patience = 3;
     other.spare_interval = 999;
     other.spare_demand = SGS_DEMAND_H;
-    sgs_set_warning_handler(keep_warning, NULL);
+    sgs_warning_handler_set(keep_warning, NULL);
     for (size_t k = 0; k < sizeof cases / sizeof *cases; ++k) {
         sgs_train_options changed = options;
         memcpy((char *)&changed + cases[k].offset, (const char *)&other + cases[k].offset,
@@ -341,7 +341,7 @@ static void options_are_honoured_or_refused_by_name(void **state)
             fail_msg("expected '%s' in: %s", words, told);
         sgs_trainer_destroy(trainer);
     }
-    sgs_set_warning_handler(NULL, NULL);
+    sgs_warning_handler_set(NULL, NULL);
     // Another set of views.
     sgs_scene_options fewer = sgs_scene_options_default();
     fewer.downscale = 16;

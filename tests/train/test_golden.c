@@ -124,12 +124,12 @@ static void compare(const char *set, const char *pipeline, const result *r)
 static void trainings_give_the_golden_numbers(void **state)
 {
     (void)state;
-    const sgs_isa best = sgs_get_isa();
+    const sgs_isa best = sgs_isa_get();
     int sets = 0;
     for (int isa = 0; isa <= SGS_ISA_AVX512; ++isa) {
         if (!sgs_isa_supported((sgs_isa)isa))
             continue;
-        sgs_set_isa((sgs_isa)isa);
+        sgs_isa_set((sgs_isa)isa);
         ++sets;
         const char *set = isa == SGS_ISA_BASELINE ? "baseline" : "avx2 and avx512";
         for (int p = 0; p < SGS_PIPELINE_COUNT; ++p) {
@@ -141,7 +141,7 @@ static void trainings_give_the_golden_numbers(void **state)
                 compare(set, pipeline_names[p], &r);
         }
     }
-    sgs_set_isa(best);
+    sgs_isa_set(best);
     assert_true(sets >= 1);
 }
 

@@ -90,13 +90,13 @@ static void bits_do_not_depend_on_threads_or_vector_width(void **state)
     (void)state;
     const sgs_train_options options = short_run(120);
     char reference[17] = "";
-    const sgs_isa best = sgs_get_isa();
+    const sgs_isa best = sgs_isa_get();
     for (int isa = SGS_ISA_AVX2; isa <= SGS_ISA_AVX512; ++isa) {
         if (!sgs_isa_supported((sgs_isa)isa))
             continue;
-        sgs_set_isa((sgs_isa)isa);
+        sgs_isa_set((sgs_isa)isa);
         for (int threads = 1; threads <= 3; ++threads) {
-            sgs_set_threads(threads);
+            sgs_threads_set(threads);
             sgs_trainer *trainer = start(&options);
             run(trainer, 120);
             char hex[17];
@@ -107,8 +107,8 @@ static void bits_do_not_depend_on_threads_or_vector_width(void **state)
             sgs_trainer_destroy(trainer);
         }
     }
-    sgs_set_threads(0);
-    sgs_set_isa(best);
+    sgs_threads_set(0);
+    sgs_isa_set(best);
 }
 
 static void another_seed_gives_other_bits(void **state)
@@ -256,7 +256,7 @@ static void every_pipeline_trains_resumes_and_honours_the_cap(void **state)
         if (sgs_trainer_create(scene, &options, &trainer))
             fail_msg("%s", sgs_last_error());
         char straight[17], resumed[17];
-        sgs_set_threads(1);
+        sgs_threads_set(1);
         const sgs_step_info first = run(trainer, 10);
         sgs_step_info last = first;
         for (int i = 10; i < 160; ++i) {
@@ -268,7 +268,7 @@ static void every_pipeline_trains_resumes_and_honours_the_cap(void **state)
         assert_true(last.loss_average < 0.9 * first.loss_average);
         digest(trainer, straight);
         sgs_trainer_destroy(trainer);
-        sgs_set_threads(2);
+        sgs_threads_set(2);
         trainer = start(&options);
         assert_int_equal(sgs_trainer_load_checkpoint(trainer, path), SGS_STATUS_OK);
         run(trainer, 160 - sgs_trainer_iteration(trainer));
@@ -276,7 +276,7 @@ static void every_pipeline_trains_resumes_and_honours_the_cap(void **state)
         sgs_trainer_destroy(trainer);
         assert_string_equal(straight, resumed);
     }
-    sgs_set_threads(0);
+    sgs_threads_set(0);
     unlink(path);
 }
 

@@ -114,8 +114,8 @@ static bool in_frames(const camera_choice *choice, const char *name, size_t inde
 static bool folder_cameras(const camera_choice *choice, camera_list *list)
 {
     sgs_scene_options options = sgs_scene_options_default();
-    options.load_images = 0;
-    options.cameras_only = 1;
+    options.load_images = false;
+    options.cameras_only = true;
     options.downscale = 1;
     sgs_scene *scene = NULL;
     if (sgs_scene_load(choice->file, &options, &scene)) {

@@ -38,7 +38,7 @@ enum { COMMAND_COUNT = sizeof commands / sizeof *commands };
 static void print_version(void)
 {
     printf("sparegs %s (%s)\n%s\nISA: %s\n", sgs_version(), sgs_version_commit(),
-           sgs_version_libraries(), sgs_isa_name(sgs_get_isa()));
+           sgs_version_libraries(), sgs_isa_name(sgs_isa_get()));
 }
 
 static void print_commands(FILE *stream)

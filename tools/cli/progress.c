@@ -100,7 +100,7 @@ int fail_library(void)
 
 void messages_hear_library(bool hear)
 {
-    sgs_set_warning_handler(hear ? receive_warning : NULL, NULL);
+    sgs_warning_handler_set(hear ? receive_warning : NULL, NULL);
 }
 
 void messages_set_quiet(bool quiet)
@@ -187,7 +187,7 @@ void progress_step(const progress_state *state)
     snprintf(numbers, sizeof numbers,
              "%d/%d  loss %.4f  %zu primitives  %.1f it/s  ETA %s  RSS %.0f MB", state->iteration,
              state->total, state->loss, state->gaussians, console.shown_rate, left,
-             (double)sgs_current_rss() / 1e6);
+             (double)sgs_rss_current() / 1e6);
     if (terminal) {
         char bar[BAR_WIDTH + 1] = {0};
         const int full = (int)((double)BAR_WIDTH * state->iteration / state->total);

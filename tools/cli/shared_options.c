@@ -62,8 +62,8 @@ option_group common_group(common_values *values)
 int common_apply(const common_values *values, const command_line *line)
 {
     messages_set_quiet(values->quiet);
-    sgs_set_threads(values->threads);
-    if (option_given(line, "isa") && sgs_set_isa((sgs_isa)values->isa))
+    sgs_threads_set(values->threads);
+    if (option_given(line, "isa") && sgs_isa_set((sgs_isa)values->isa))
         return fail_library();
     return -1;
 }

@@ -498,8 +498,8 @@ json_t *train_config(const char *scene_path, const train_values *values, const s
     set_text(config, "version", sgs_version());
     set_text(config, "commit", sgs_version_commit());
     set_text(config, "libraries", sgs_version_libraries());
-    set_text(config, "isa", sgs_isa_name(sgs_get_isa()));
-    set_integer(config, "threads", (uint64_t)sgs_threads());
+    set_text(config, "isa", sgs_isa_name(sgs_isa_get()));
+    set_integer(config, "threads", (uint64_t)sgs_threads_get());
     set_text(config, "scene", scene_path);
     set_integer(config, "seed", common->seed);
     json_object_set_new(config, "options", shaping_options(values, scene, common->seed));

@@ -108,8 +108,8 @@ typedef struct bench_run {
 
 static bool apply(const bench_setting *setting)
 {
-    sgs_set_threads(setting->threads);
-    if (!sgs_set_isa(setting->isa))
+    sgs_threads_set(setting->threads);
+    if (!sgs_isa_set(setting->isa))
         return true;
     fail_library();
     return false;
@@ -118,11 +118,11 @@ static bool apply(const bench_setting *setting)
 // Threads outside, instruction sets inside; the limits are those of the best instruction set.
 static bool make_settings(bench_run *run, bool isa_given)
 {
-    const sgs_isa best = sgs_get_isa();
+    const sgs_isa best = sgs_isa_get();
     for (int t = 0; t < run->values->threads.count; ++t) {
         bench_setting made = {.isa = best};
-        sgs_set_threads(run->values->threads.values[t]);
-        made.threads = sgs_threads();
+        sgs_threads_set(run->values->threads.values[t]);
+        made.threads = sgs_threads_get();
         if (made.threads > sgs_cores())
             print_warning("%d threads on %d cores take turns; their times tell little",
                           made.threads, sgs_cores());
@@ -137,7 +137,7 @@ static bool make_settings(bench_run *run, bool isa_given)
             if (!apply(&made))
                 return false;
             run->settings[run->setting_count++] = made;
-            sgs_set_isa(best);
+            sgs_isa_set(best);
         }
     }
     return true;

@@ -459,7 +459,7 @@ static int run_stages(reconstruction *run)
         int (*run)(reconstruction *, const char *);
     } stages[] = {{"features", find_features}, {"matches", find_matches}, {"models", find_cameras}};
     char threads[16];
-    snprintf(threads, sizeof threads, "%d", sgs_threads());
+    snprintf(threads, sizeof threads, "%d", sgs_threads_get());
     for (size_t i = 0; i < sizeof stages / sizeof *stages; ++i) {
         if (stage_done(run, stages[i].name))
             continue;

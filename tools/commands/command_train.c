@@ -142,7 +142,7 @@ static bool memory_suffices(const training *run)
 static bool memory_is_short(const training *run, size_t gaussians)
 {
     enum { UPDATE_BYTES = 700 }; // per primitive
-    const double next = (double)sgs_current_rss() + (double)gaussians * UPDATE_BYTES;
+    const double next = (double)sgs_rss_current() + (double)gaussians * UPDATE_BYTES;
     return run->values.max_memory && next > (double)run->values.max_memory;
 }
 
@@ -314,7 +314,7 @@ static void record_trace(const training *run, trace_file *trace, double start,
     trace_iteration(trace, info->iteration, start, after.total - before->total, before, &after);
     trace_count(trace, "loss", start, info->loss);
     trace_count(trace, "gaussians", start, (double)info->gaussians);
-    trace_count(trace, "rss_mb", start, 1e-6 * (double)sgs_current_rss());
+    trace_count(trace, "rss_mb", start, 1e-6 * (double)sgs_rss_current());
 }
 
 static void record_update(training *run, const sgs_step_info *info)
@@ -500,9 +500,9 @@ static json_t *summary_json(const training *run)
                                   "gradients", (json_int_t)run->skipped.gradients));
     json_object_set_new(summary, "test", split_score_json(&run->test));
     json_object_set_new(summary, "train", split_score_json(&run->train));
-    json_object_set_new(summary, "threads", json_integer(sgs_threads()));
-    json_object_set_new(summary, "isa", json_string(sgs_isa_name(sgs_get_isa())));
-    json_object_set_new(summary, "peak_rss_bytes", json_integer((json_int_t)sgs_peak_rss()));
+    json_object_set_new(summary, "threads", json_integer(sgs_threads_get()));
+    json_object_set_new(summary, "isa", json_string(sgs_isa_name(sgs_isa_get())));
+    json_object_set_new(summary, "peak_rss_bytes", json_integer((json_int_t)sgs_rss_peak()));
     json_object_set_new(summary, "memory_estimate_bytes",
                         json_integer((json_int_t)run->memory_estimate));
     json_object_set_new(summary, "model_hash", json_string(run->hash));

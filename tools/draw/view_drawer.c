@@ -279,6 +279,6 @@ bool view_drawer_draw(view_drawer *drawer, const named_camera *view)
     drawer->frame = &drawer->frames[drawer->frame == drawer->frames];
     ++drawer->drawn;
     // Deep files are written while drawing: their paths shall not overtake those of flat ones.
-    background_start(&drawer->writing, sgs_threads() > 1 && !o->deep, write_finished, drawer);
+    background_start(&drawer->writing, sgs_threads_get() > 1 && !o->deep, write_finished, drawer);
     return true;
 }

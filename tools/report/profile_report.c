@@ -84,7 +84,7 @@ enum { REBUILT_EVERY = 100 };
 // Wall-clock seconds of the gather, as training has it.
 static double gather_wall(const sgs_profile_tree *tree)
 {
-    return tree->gather_with_depth_bound / sgs_threads();
+    return tree->gather_with_depth_bound / sgs_threads_get();
 }
 
 // What a change of the boxes and the question after it cost, per iteration.
@@ -172,9 +172,9 @@ static share dominant(const profile_report *report, double *whole)
 {
     const sgs_profile_tree *tree = &report->mean.trees[SGS_PROFILE_REFIT];
     share largest = {"gather", gather_wall(tree)};
-    *whole = gather_wall(tree) + report->mean.forward / sgs_threads();
+    *whole = gather_wall(tree) + report->mean.forward / sgs_threads_get();
     if (report->mean.forward > tree->gather)
-        largest = (share){"forward", report->mean.forward / sgs_threads()};
+        largest = (share){"forward", report->mean.forward / sgs_threads_get()};
     if (report->training.iteration <= 0)
         return largest;
     share parts[ITERATION_PARTS];
@@ -194,7 +194,7 @@ static char *answer_quality(const profile_report *report)
     const sgs_profile_tree *low = &report->mean.trees[SGS_PROFILE_LOW],
                            *best = &report->mean.trees[draw];
     const double gain = low->gather - best->gather, // of all cores
-        price = (best->build - low->build) * sgs_threads();
+        price = (best->build - low->build) * sgs_threads_get();
     char *training = format_text(
         "Build quality: for training %s, %.2f ms per iteration for tree and gather (low %.2f, "
         "medium %.2f, high %.2f, refit %.2f, built every %d iterations)",
@@ -271,8 +271,8 @@ void profile_print(const profile_report *report)
 {
     const sgs_profile *m = &report->mean;
     printf("%.0f primitives, %.0f rays per view, %zu view%s, %s, %d thread%s\n\n", m->primitives,
-           m->rays, report->views, report->views == 1 ? "" : "s", sgs_isa_name(sgs_get_isa()),
-           sgs_threads(), sgs_threads() == 1 ? "" : "s");
+           m->rays, report->views, report->views == 1 ? "" : "s", sgs_isa_name(sgs_isa_get()),
+           sgs_threads_get(), sgs_threads_get() == 1 ? "" : "s");
     printf("%-8s %10s %10s %12s %12s %10s %12s %10s %9s\n", "tree", "build ms", "refit ms",
            "gather ms*", "bounded ms*", "MB", "callbacks", "SA cost", "overlap");
     for (int k = 0; k < SGS_PROFILE_KIND_COUNT; ++k) {
@@ -438,8 +438,8 @@ json_t *profile_json(const profile_report *report)
     }
     json_object_set_new(root, "primitives", json_number(m->primitives));
     json_object_set_new(root, "views", json_integer((json_int_t)report->views));
-    json_object_set_new(root, "threads", json_integer(sgs_threads()));
-    json_object_set_new(root, "isa", json_string(sgs_isa_name(sgs_get_isa())));
+    json_object_set_new(root, "threads", json_integer(sgs_threads_get()));
+    json_object_set_new(root, "isa", json_string(sgs_isa_name(sgs_isa_get())));
     json_object_set_new(root, "trees", trees);
     json_object_set_new(root, "view", view);
     json_object_set_new(root, "training_seconds", training_json(&report->training));

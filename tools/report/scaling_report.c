@@ -41,7 +41,7 @@ void scaling_add_training(json_t *summary, const sgs_train_seconds *seconds,
                                  .serial = seconds->serial,
                                  .waiting = seconds->waiting,
                                  .bytes = bytes->total,
-                                 .threads = sgs_threads(),
+                                 .threads = sgs_threads_get(),
                                  .cores = sgs_cores(),
                                  .macrotile_seconds = seconds->gather + seconds->forward,
                                  .macrotiles = bytes->macrotiles / iterations};

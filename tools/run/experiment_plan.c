@@ -187,7 +187,7 @@ static bool check_scene(const json_t *scene)
 {
     char *path = scene_path(scene);
     sgs_scene_options options = sgs_scene_options_default();
-    options.load_images = 0;
+    options.load_images = false;
     const char *images =
         json_string_value(json_object_get(json_object_get(scene, "options"), "images"));
     options.images_dir = images;

@@ -10,6 +10,7 @@
 
 #include "run/run_folder.h"
 
+#include <inttypes.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <ftw.h>
@@ -197,9 +198,9 @@ void run_folder_record(run_folder *folder, const sgs_step_info *info, double sec
 {
     if (info->iteration % ROW_EVERY && !last)
         return;
-    fprintf(folder->train_csv, "%d,%.3f,%.6f,%zu,%.4f,%zu,%zu,%zu,%llu\n", info->iteration, seconds,
-            info->loss_average, info->gaussians, info->psnr_average, folder->densified,
-            folder->pruned, folder->spare_pruned, sgs_current_rss());
+    fprintf(folder->train_csv, "%d,%.3f,%.6f,%zu,%.4f,%zu,%zu,%zu,%" PRIu64 "\n", info->iteration,
+            seconds, info->loss_average, info->gaussians, info->psnr_average, folder->densified,
+            folder->pruned, folder->spare_pruned, sgs_rss_current());
     fflush(folder->train_csv);
     folder->densified = folder->pruned = folder->spare_pruned = 0;
 }

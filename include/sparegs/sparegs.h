@@ -1,0 +1,27 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// All public headers at once.
+
+#include "sparegs/export.h"
+#include "sparegs/status.h"
+#include "sparegs/version.h"
+
+// Process-wide settings.
+#include "sparegs/runtime.h"
+
+// Data: cameras, images, the model, scenes.
+#include "sparegs/camera.h"
+#include "sparegs/gaussians.h"
+#include "sparegs/image.h"
+#include "sparegs/metrics.h"
+#include "sparegs/scene.h"
+
+// Work: rendering, training.
+#include "sparegs/render.h"
+#include "sparegs/trainer.h"
+
+// Measurement of the program itself; an application that renders or trains needs neither.
+#include "sparegs/bench.h"
+#include "sparegs/profile.h"

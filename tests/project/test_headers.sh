@@ -12,7 +12,7 @@ for header in "$SPAREGS_SOURCE"/include/sparegs/*.h; do
         compiler=$CC
         [ "$language" = c ] || compiler=$CXX
         standard=${language}17
-        if ! printf '#include "%s"\n#include "%s"\n' "$name" "$name" |
+        if ! printf '#include "%s"\n#include "%s"\nextern int not_empty;\n' "$name" "$name" |
             "$compiler" -x "$language" -std="$standard" -Wall -Wextra -Wshadow -pedantic -Werror -fsyntax-only \
                 -I"$SPAREGS_SOURCE/include" -; then
             echo "FAIL: $name does not compile alone as $standard"

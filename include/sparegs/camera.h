@@ -78,7 +78,7 @@ SGS_API sgs_camera sgs_camera_resized(const sgs_camera *camera, int width, int h
 // The same lens in an image of another size and the same vertical field of view: focal lengths and
 // distortion scale by height / camera->height, the image is cropped or extended to the left and
 // right. Never squashes. Cannot fail.
-sgs_camera sgs_camera_reframed(const sgs_camera *camera, int width, int height);
+SGS_API sgs_camera sgs_camera_reframed(const sgs_camera *camera, int width, int height);
 
 // The same lens with its principal point moved by (dx, dy) pixels: the image shifts by as much.
 SGS_API sgs_camera sgs_camera_shifted(const sgs_camera *camera, double dx, double dy);

@@ -98,6 +98,11 @@ typedef struct sgs_exr_info {
     const double *world_to_ndc;    // likewise
     const char *depth_definition;  // text attribute "sparegs:depthDefinition", or NULL
     const char *view_name;         // text attribute "sparegs:view", or NULL
+    // fx, fy, cx, cy in pixels of a perspective camera, or NULL. Written as screenWindowWidth and
+    // screenWindowCenter and, for a film back 36 mm wide, as pinholeFocalLength and
+    // sensorOverallDimensions in mm.
+    const double *intrinsics;
+    bool is_latlong; // a latitude-longitude map of all directions: attribute envmap
     sgs_exr_compression compression;
 } sgs_exr_info;
 

@@ -93,6 +93,47 @@ static exr_result_t set_text(exr_context_t context, const char *name, const char
     return text ? exr_attr_set_string(context, 0, name, text) : EXR_ERR_SUCCESS;
 }
 
+sgsi_exr_film sgsi_exr_film_of(const sgs_exr_info *info)
+{
+    const double *k = info->intrinsics;
+    const double film_width = 36.0, focal = k[0] / info->width * film_width;
+    return (sgsi_exr_film){.focal_length = (float)focal,
+                           .size = {(float)film_width, (float)(info->height / k[1] * focal)},
+                           .window_width = (float)(info->width / k[0]),
+                           .window_center = {(float)((0.5 * info->width - k[2]) / k[0]),
+                                             (float)((k[3] - 0.5 * info->height) / k[1])}};
+}
+
+// Focal length and film back (names of OpenEXR's standard attributes), or the kind of a panorama.
+static exr_result_t set_camera(exr_context_t context, const sgs_exr_info *info)
+{
+    if (info->is_latlong)
+        return exr_attr_set_envmap(context, 0, "envmap", EXR_ENVMAP_LATLONG);
+    if (!info->intrinsics)
+        return EXR_ERR_SUCCESS;
+    const sgsi_exr_film film = sgsi_exr_film_of(info);
+    const exr_attr_v2f_t size = {.x = film.size[0], .y = film.size[1]};
+    const exr_attr_v2f_t center = {.x = film.window_center[0], .y = film.window_center[1]};
+    exr_result_t result = exr_attr_set_float(context, 0, "pinholeFocalLength", film.focal_length);
+    if (!result)
+        result = exr_attr_set_v2f(context, 0, "sensorOverallDimensions", &size);
+    if (!result)
+        result = exr_set_screen_window_center(context, 0, &center);
+    return result ? result : exr_set_screen_window_width(context, 0, film.window_width);
+}
+
+// Samples of a pixel are sorted and do not overlap. OpenEXR's C library has no type for this
+// attribute; its C++ library stores one byte.
+static exr_result_t set_deep_state(exr_context_t context)
+{
+    static const char name[] = "deepImageState";
+    const unsigned char tidy = 3;
+    exr_attribute_t *attribute;
+    // OpenEXR 3.1 crashes where exr_attr_set_user has no memory for a new attribute.
+    const exr_result_t result = exr_attr_declare_by_type(context, 0, name, name, &attribute);
+    return result ? result : exr_attr_set_user(context, 0, name, name, 1, &tidy);
+}
+
 static exr_result_t set_attributes(exr_context_t context, const sgs_exr_info *info)
 {
     // ITU-R BT.709 primaries and D65 white point.
@@ -117,7 +158,7 @@ static exr_result_t set_attributes(exr_context_t context, const sgs_exr_info *in
         result = set_matrix(context, "worldToCamera", info->world_to_camera);
     if (!result)
         result = set_matrix(context, "worldToNDC", info->world_to_ndc);
-    return result;
+    return result ? result : set_camera(context, info);
 }
 
 static int compare_columns(const void *a, const void *b)
@@ -149,6 +190,8 @@ static exr_result_t write_header(exr_context_t context, const sgs_exr_info *info
         result = exr_set_version(context, 0, 1);
     if (!result && deep)
         result = exr_attr_set_int(context, 0, "maxSamplesPerPixel", max_samples);
+    if (!result && deep)
+        result = set_deep_state(context);
     return result ? result : exr_write_header(context);
 }
 

@@ -39,6 +39,7 @@
 
 extern "C" {
 #include "base/core.h"
+#include "image/exr_writer.h"
 #include "sparegs/runtime.h"
 }
 
@@ -557,6 +558,17 @@ OIIO::ImageSpec describe_exr(const sgs_exr_info &info, const sgs_exr_channel *ch
         spec.attribute("sparegs:view", info.view_name);
     set_matrix(spec, "worldToCamera", info.world_to_camera);
     set_matrix(spec, "worldToNDC", info.world_to_ndc);
+    // OpenImageIO marks files with `envmap` as incomplete, so panoramas go without.
+    if (info.intrinsics) {
+        const sgsi_exr_film film = sgsi_exr_film_of(&info);
+        spec.attribute("pinholeFocalLength", film.focal_length);
+        spec.attribute("sensorOverallDimensions",
+                       OIIO::TypeDesc(OIIO::TypeDesc::FLOAT, OIIO::TypeDesc::VEC2), film.size);
+        spec.attribute("screenWindowWidth", film.window_width);
+        spec.attribute("screenWindowCenter",
+                       OIIO::TypeDesc(OIIO::TypeDesc::FLOAT, OIIO::TypeDesc::VEC2),
+                       film.window_center);
+    }
     return spec;
 }
 

@@ -84,6 +84,11 @@ jq -r '.[] | [.rotation[0][2], .rotation[1][2], .rotation[2][2], .rotation[0][1]
       if (error > worst) worst = error }
     END { exit !(NR == 5 && worst < 1e-4) }'
 check chan_has_the_same_cameras test $? -eq 0
+# headers_have_the_film_back: 36 mm wide, by the camera's focal length
+jq -r '.[2] | 36 * .fx / .width' "$temporary/level/cameras.json" >"$temporary/focal"
+exrheader "$temporary/level/orbit_00002.exr" | sed -n 's/^pinholeFocalLength (type float): //p' >"$temporary/pinhole"
+check focal_length_in_mm awk 'NR == FNR { a = $1; next } { exit !(a > 1 && (a - $1) * (a - $1) < 1e-6 * a * a) }' "$temporary/focal" "$temporary/pinhole"
+check film_back_in_mm bash -c "exrheader '$temporary/level/orbit_00002.exr' | grep -qE '^sensorOverallDimensions .type v2f.: .36 2[34]'"
 check usda_has_five_samples test "$(grep -c '^        [0-4]: ((' "$temporary/level/cameras.usda")" = 5
 run 1 render "$model" "$room" --view 0009 --projection equirectangular --size 96x48 --save-cameras chan -o "$temporary/around"
 one_line
@@ -117,6 +122,7 @@ check nothing_is_drawn bash -c 'oiiotool --stats "$0" | grep -q "Constant Color:
 
 # all_around (the picture's middle looks where the view does)
 run 0 render "$model" "$room" --view 0009 --projection equirectangular --size 96x48 --aov rgba,depth -o "$temporary/around"
+check panorama_is_marked bash -c "exrheader '$temporary/around/0009.exr' | grep -q 'envmap (type envmap): latitude-longitude map'"
 check twice_as_wide test "$(size_of "$temporary/around/0009.exr")" = 96x48
 run 0 render "$model" "$room" --view 0009 --projection equirectangular --size 96x48 --aov rgba,depth --reference -o "$temporary/exact"
 check reference_agrees_all_around oiiotool --fail 0.002 --hardfail 0.1 --failpercent 1 "$temporary/around/0009.exr" --ch R,G,B,A \

@@ -76,6 +76,7 @@ for depth in ray z; do
     run 0 render "$model" "$room" --view 0009 --downscale 8 --aov rgba,depth_first,hits --depth $depth --deep -o "$temporary/deep"
     prints "$temporary/deep/0009.deep.exr"
     check it_is_deep bash -c "oiiotool --info '$temporary/deep/0009.deep.exr' | grep -q 'deep float'"
+    check its_state_is_written bash -c "exrheader '$temporary/deep/0009.deep.exr' | grep -q 'deepImageState (type deepImageState)'"
     check it_flattens oiiotool "$temporary/deep/0009.deep.exr" --flatten --ch R,G,B,A -o "$temporary/deep/flat.exr"
     check flattened_is_flat oiiotool --fail 0.001 "$temporary/deep/0009.exr" --ch R,G,B,A "$temporary/deep/flat.exr" --ch R,G,B,A --diff
     oiiotool --dumpdata "$temporary/deep/0009.deep.exr" | sed -n 's/.*Pixel (\(.*\)): [1-9][0-9]* samples[^/]* Z=\([^ ]*\) .*/\1 \2/p' |

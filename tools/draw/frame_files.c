@@ -189,18 +189,24 @@ static int list_channels(unsigned aovs, const sgs_frame *frame, const made_plane
 
 // What the header says; the matrices live in `matrices`.
 typedef struct view_matrices {
-    double to_camera[16], to_ndc[16];
+    double to_camera[16], to_ndc[16], intrinsics[4];
 } view_matrices;
 
 static sgs_exr_info describe(const frame_files *files, bool any_depth, view_matrices *matrices)
 {
     camera_matrices(files->camera, files->pose, matrices->to_camera, files->near_distance,
                     matrices->to_ndc);
+    double *k = matrices->intrinsics;
+    sgs_camera_intrinsics(files->camera, &k[0], &k[1], &k[2], &k[3]);
+    const bool is_latlong = files->camera->model == SGS_CAMERA_EQUIRECTANGULAR;
+    const bool is_perspective = !is_latlong && !sgs_camera_is_fisheye(files->camera->model);
     return (sgs_exr_info){.width = files->camera->width,
                           .height = files->camera->height,
                           .world_to_camera = matrices->to_camera,
                           .world_to_ndc =
                               sgs_camera_is_fisheye(files->camera->model) ? NULL : matrices->to_ndc,
+                          .intrinsics = is_perspective ? k : NULL,
+                          .is_latlong = is_latlong,
                           .depth_definition = !any_depth          ? NULL
                                               : files->axis_depth ? axis_depth
                                                                   : ray_depth,

@@ -1,0 +1,131 @@
+#!/usr/bin/env bash
+# SPDX-FileCopyrightText: 2026 The sparegs authors
+# SPDX-License-Identifier: Apache-2.0
+
+# Plants faults one at a time in a copy of the sources, builds each and runs the default suite. A fault is caught when a
+# test fails; survivors need a test. Takes about a minute per fault; needs the machine for itself.
+#     tools/scripts/mutants.sh [NAME...]        all faults, or those whose name matches one of the regular expressions
+# Results are appended to build/mutants/results.tsv (name, verdict, first failing test); faults listed there are skipped,
+# so that an interrupted run can be repeated. Fails when a fault survives.
+set -euo pipefail
+
+root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd)
+work=$root/build/mutants
+results=$work/results.tsv
+tree=$work/tree
+mkdir -p "$work"
+touch "$results"
+
+# NAME | regular expression of the tests that should catch it (run first) | perl pattern (must match one line of the
+# sources) | replacement
+faults() {
+    cat <<'FAULTS'
+alpha_clamp | tracer_gradient|tracer_oracle | define ALPHA_MAX 0\.99f | define ALPHA_MAX 0.98f
+transmittance_limit | tracer_oracle|tracer_gradient | define TRANSMITTANCE_MIN 1e-4f | define TRANSMITTANCE_MIN 2e-4f
+slack_denominator | test_spare | (region->slack = .*)\+ 1\.0\) | ${1}+ 2.0)
+swapped_quota_share | test_spare | region->quota = budget \* region->share; | region->quota = budget * (1.0 - region->share);
+redundancy_threshold | test_spare | \.tau_alpha = 0\.05, | .tau_alpha = 0.04,
+unseen_is_redundant | test_spare | redundant\[i\] = faint && seen && | redundant[i] = faint &&
+split_scale | test_density|pipelines | -= 0\.47000363f | -= 0.40546511f
+split_scale_in_pruning | test_pipelines|test_density|golden | (split \? columns->scale_max\[i\]) / 1\.6f | ${1} / 1.3f
+opacity_threshold | golden|test_trainer | \.opacity_min = 0\.005, | .opacity_min = 0.004,
+split_size | golden|test_trainer | \.size_split = 0\.01 \* extent, | .size_split = 0.02 * extent,
+opacity_after_reset | test_trainer|test_density | (trainer->m, trainer->v, )0\.01, | ${1}0.02,
+sh_interval | test_schedule | \.sh_interval = rounded\(1000 \* f, 1\) | .sh_interval = rounded(900 * f, 1)
+learning_rate_decay | test_schedule | exp\(u \* log\(0\.01\)\) | exp(u * log(0.02))
+adam_beta2 | golden|test_trainer | \.beta2 = 0\.999f | .beta2 = 0.99f
+learning_rate_scale | golden | \.lr_scale = 5e-3f | .lr_scale = 4e-3f
+exposure_beta2 | test_exposure | state->v\[i\] = 0\.999 \* state->v\[i\] \+ 0\.001 | state->v[i] = 0.99 * state->v[i] + 0.01
+tangential_distortion | test_camera | (y\[1\] = v \* g \+ )2 \* l->p2 \* u \* v | ${1}2 * l->p1 * u * v
+ssim_c2_of_the_loss | test_loss | vf_add\(variances, border\), vf_set1\(9e-4f\) | vf_add(variances, border), vf_set1(3e-4f)
+ssim_c2_of_the_metric | test_metrics | c1 = 1e-4, c2 = 9e-4 | c1 = 1e-4, c2 = 3e-4
+sh_band_3_sign | test_tracer|test_reference | (basis\[14\] = vf_mul\(vf_mul\(vf_set1\()-0\.59 | ${1}0.59
+sh_band_2_sign | test_tracer|test_reference | (basis\[6\] = vf_mul\(vf_set1\()-1\.09 | ${1}1.09
+skipped_last_tile | tracer_gradient|golden | (tile = pass->first_tile; tile )< pass->last_tile; \+\+tile | ${1}+ 1 < pass->last_tile; ++tile
+dilation_of_3dgs | test_tracer_oracle | (SGS_FILTER_3DGS  *\? )0\.3f | ${1}0.31f
+near_distance_of_small_scenes | test_trainer|test_cli|test_aov | extent < 1\.0 \? 0\.2 \* extent : 0\.2 | extent < 1.0 ? 0.2 : 0.2
+median_at_a_half | test_aov | vf_gt\(front, half\) | vf_gt(front, vf_set1(0.6f))
+filter_3d_variance | test_mip | margin = 0\.15, variance = 0\.2 | margin = 0.15, variance = 0.3
+mask_inverted | test_mask | whiteness\(&mask, at, plane\) >= 128\) == invert | whiteness(\&mask, at, plane) >= 128) != invert
+test_split_offset | test_scene | every && i % \(size_t\)every == 0 \? | every && i % (size_t)every == 1 ?
+initial_opacity | test_gaussians | log\(0\.1 / 0\.9\) | log(0.2 / 0.8)
+srgb_decode | test_photo|test_image|cli_outputs | encoded \+ 0\.055f\) / 1\.055f, 2\.4f | encoded + 0.055f) / 1.055f, 2.2f
+checkpoint_without_second_moments | test_checkpoint|test_trainer|cli_stop | visit_blocks\(sections, "moment2", trainer->v, n\); | visit_blocks(sections, "moment2", trainer->m, n);
+equilibrium_patience | test_spare_equilibrium | state->held >= patience | state->held >= patience - 1
+f_rest_order | test_ply|test_links | SGS_PARAM_SH_REST \+ 3 \* \(k % per_channel\) \+ k / per_channel | SGS_PARAM_SH_REST + k
+aov_without_premultiplication | cli_outputs | \*value = alpha > 0 \? alpha \* light_of | *value = alpha > 0 ? light_of
+densification_threshold | golden|test_trainer | gradient_threshold = 2e-4 \* | gradient_threshold = 3e-4 *
+ssim_weight | golden | \.ssim_weight = 0\.2f | .ssim_weight = 0.3f
+FAULTS
+}
+
+copy_sources() {
+    mkdir -p "$tree"
+    rsync_list=(include src bvh spare tools tests CMakeLists.txt README.md CHANGELOG.md LICENSE)
+    for item in "${rsync_list[@]}"; do
+        rm -rf "${tree:?}/$item"
+        cp -rp "$root/$item" "$tree/$item"
+    done
+}
+
+# plant PATTERN REPLACEMENT: changes the one line that matches; prints its file.
+plant() {
+    local pattern=$1 replacement=$2 found
+    found=$(cd "$tree" && grep -rnlP --include='*.[ch]' --include='*.inl' --include='*.cpp' -- "$pattern" src bvh spare tools || true)
+    if [ "$(printf '%s' "$found" | grep -c .)" != 1 ] || [ "$(grep -cP -- "$pattern" "$tree/$found")" != 1 ]; then
+        return 1
+    fi
+    PATTERN=$pattern REPLACEMENT=$replacement perl -pi -e '
+        BEGIN { $p = qr/$ENV{PATTERN}/; $r = $ENV{REPLACEMENT}; $r =~ s/\\&/&/g; }
+        s/$p/my $first = $1; (my $t = $r) =~ s{\$\{1\}}{$first}g; $t/e' "$tree/$found"
+    echo "$found"
+}
+
+# first_failure CTEST-ARGUMENT...: runs the tests until one fails; prints its name.
+first_failure() {
+    ctest --test-dir "$work/build" --stop-on-failure -j "$(nproc)" --timeout 900 "$@" >"$work/ctest.log" 2>&1 || true
+    sed -n 's/^ *[0-9]*\/[0-9]* Test *#[0-9]*: \([a-z0-9_]*\) .*\*\*\*.*/\1/p' "$work/ctest.log" | head -1
+}
+
+copy_sources
+cmake -S "$tree" -B "$work/build" -DCMAKE_BUILD_TYPE=Release >"$work/cmake.log"
+cmake --build "$work/build" -j "$(nproc)" >"$work/build.log" 2>&1
+baseline=$(first_failure -L unit)
+[ -z "$baseline" ] || { echo "mutants: $baseline fails without a planted fault"; exit 1; }
+
+survivors=0
+while IFS= read -r line; do
+    name=$(sed 's/ | .*//' <<<"$line")
+    rest=${line#* | }
+    tests=${rest%% | *}
+    rest=${rest#* | }
+    pattern=${rest% | *}
+    replacement=${rest##* | }
+    if [ $# -gt 0 ]; then
+        wanted=0
+        for expression in "$@"; do [[ $name =~ $expression ]] && wanted=1; done
+        [ "$wanted" = 1 ] || continue
+    fi
+    grep -q "^$name	" "$results" && continue
+    if ! file=$(plant "$pattern" "$replacement"); then
+        echo "mutants: $name: the pattern does not match exactly one line: $pattern"
+        exit 1
+    fi
+    if ! cmake --build "$work/build" -j "$(nproc)" >"$work/build.log" 2>&1; then
+        echo "mutants: $name does not build, see $work/build.log"
+        exit 1
+    fi
+    failing=$(first_failure -R "$tests")
+    [ -n "$failing" ] || failing=$(first_failure -L unit)
+    [ -n "$failing" ] || failing=$(first_failure -L cli -E 'test_package|test_layout|test_asan|test_docs')
+    if [ -n "$failing" ]; then
+        printf '%s\tcaught\t%s\n' "$name" "$failing" | tee -a "$results"
+    else
+        printf '%s\tsurvived\t%s\n' "$name" "$file" | tee -a "$results"
+    fi
+    cp -p "$root/$file" "$tree/$file"
+    touch "$tree/$file"
+done < <(faults)
+survivors=$(grep -c '	survived	' "$results" || true)
+echo "$(grep -c '	caught	' "$results" || true) caught, $survivors survived"
+[ "$survivors" = 0 ]

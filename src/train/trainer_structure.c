@@ -215,6 +215,25 @@ static void describe_equilibrium(sgs_trainer *trainer)
              100.0 * e->last_count_change, trainer->options.spare_patience);
 }
 
+// Whether the loss can show an equilibrium: densification has ended, and every training view has
+// been seen twice since the last structural update or opacity reset. Until then the average still
+// falls from those changes, and a short run would end long before its schedule does.
+static bool may_be_in_equilibrium(const sgs_trainer *trainer)
+{
+    const sgsi_schedule *schedule = &trainer->schedule;
+    const int iteration = trainer->progress.iteration;
+    const size_t epochs = 2 * trainer->train_view_count;
+    if (iteration < schedule->densify_until || (size_t)iteration < epochs)
+        return false;
+    const int calm_since = iteration - (int)epochs;
+    if (trainer->progress.last_reset > calm_since)
+        return false;
+    for (int i = iteration; i > calm_since; --i)
+        if (sgsi_schedule_is_structural(schedule, i) || sgsi_schedule_is_final_prune(schedule, i))
+            return false;
+    return true;
+}
+
 sgs_stop_reason sgsi_trainer_decide_stop(sgs_trainer *trainer, double loss)
 {
     sgsi_progress *progress = &trainer->progress;
@@ -227,9 +246,9 @@ sgs_stop_reason sgsi_trainer_decide_stop(sgs_trainer *trainer, double loss)
                 &progress->equilibrium, trainer->model->count, progress->reset_since_check,
                 o->spare_eps_loss, o->spare_eps_count, o->spare_patience);
             progress->reset_since_check = 0;
-            // Before the first update nothing can have changed the count.
-            const bool moved = progress->updates || iteration >= trainer->schedule.densify_until;
-            if (still && moved && iteration < o->iterations) {
+            if (!may_be_in_equilibrium(trainer))
+                progress->equilibrium.held = 0;
+            else if (still && iteration < o->iterations) {
                 describe_equilibrium(trainer);
                 return SGS_STOP_EQUILIBRIUM;
             }

@@ -237,7 +237,37 @@ static void equilibrium_ends_a_run_that_stands_still(void **state)
     }
     assert_int_equal(info.stop, SGS_STOP_EQUILIBRIUM);
     assert_true(steps < 3000 && steps % 10 == 0);
+    assert_true(steps > trainer->schedule.densify_until);
     assert_non_null(strstr(sgs_trainer_stop_text(trainer), "stopped at"));
+    sgs_trainer_destroy(trainer);
+}
+
+// Neither while primitives are added, nor before every view was seen twice after it, nor after an
+// opacity reset: a run too short for that does all of its iterations.
+static void equilibrium_waits_for_two_calm_epochs(void **state)
+{
+    (void)state;
+    sgs_train_options options = short_run(200);
+    options.spare = SGS_SPARE_EDT;
+    options.spare_eps_loss = 1e9;
+    options.spare_eps_count = 1e9;
+    options.spare_interval = 100; // every iteration of this run
+    sgs_trainer *trainer = start(&options);
+    const int views = (int)trainer->train_view_count;
+    trainer->schedule.densify_until = 30;
+    trainer->schedule.densify_interval = 20;
+    sgs_step_info info = {0};
+    int steps = 0;
+    for (; !info.stop; ++steps)
+        info = run(trainer, 1);
+    assert_int_equal(info.stop, SGS_STOP_EQUILIBRIUM);
+    assert_in_range(steps, 20 + 2 * views, 20 + 2 * views + options.spare_patience + 1);
+    sgs_trainer_destroy(trainer);
+    trainer = start(&options);
+    trainer->schedule.densify_until = 30;
+    trainer->progress.last_reset = 200 - 2 * views + 1;
+    info = run(trainer, 200);
+    assert_int_equal(info.stop, SGS_STOP_SCHEDULE);
     sgs_trainer_destroy(trainer);
 }
 
@@ -451,6 +481,7 @@ int main(void)
         cmocka_unit_test(cap_holds_for_the_initial_cloud_and_for_growth),
         cmocka_unit_test(dense_optimizer_and_random_background_train_too),
         cmocka_unit_test(equilibrium_ends_a_run_that_stands_still),
+        cmocka_unit_test(equilibrium_waits_for_two_calm_epochs),
         cmocka_unit_test(every_pipeline_trains_resumes_and_honours_the_cap),
         cmocka_unit_test(options_out_of_range_are_named),
         cmocka_unit_test(updates_and_resets_wait_for_the_next_iteration),

@@ -1,11 +1,10 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// One word decides who takes part in which loop: the number of the loop, whether it is open, and
-// how many members are in it. A member enters an open loop by adding itself, with a comparison that
-// fails when anything changed meanwhile; the caller closes the loop when no item is left, and is
-// done when the last member has gone. What the loop is was written before it opened and changes
-// after that.
+// One atomic word holds the state of a team: the number of the loop, whether it is open, and the
+// number of members inside. A member enters an open loop by a compare-and-swap that adds itself.
+// The caller closes the loop when no item is left, and is done when the last member has left. The
+// loop description is written before the loop opens and changes only after that.
 
 #include "base/thread_team.h"
 
@@ -25,11 +24,12 @@
 
 enum {
     CACHE_LINE = 64,
-    AWAKE = 2000, // looks before falling asleep: 50 to 100 microseconds, longer than what lies
-                  // between most loops of an iteration
+    // Polls before sleeping: 50 to 100 microseconds, more than the gap between most loops of an
+    // iteration.
+    AWAKE = 2000,
 };
 
-// The word: members in the loop, from MEMBER on; OPEN; the number of the loop, from LOOP on.
+// Fields of the word: members from MEMBER on, OPEN, the number of the loop from LOOP on.
 #define MEMBER UINT64_C(1)
 #define MEMBERS UINT64_C(0xFFFF)
 #define OPEN UINT64_C(0x10000)
@@ -42,13 +42,13 @@ typedef struct member {
     alignas(CACHE_LINE) team *team;
     pthread_t thread;
     int number;      // 1 ..
-    uint64_t loop;   // the last one it took part in
-    double finished; // when it was done there
+    uint64_t loop;   // last loop it took part in
+    double finished; // time at which it finished there
 } member;
 
 struct team {
     alignas(CACHE_LINE) atomic_uint_fast64_t word;
-    alignas(CACHE_LINE) atomic_size_t next; // item
+    alignas(CACHE_LINE) atomic_size_t next; // next item
     alignas(CACHE_LINE) sgsi_item_fn body;
     void *context;
     size_t count, chunk;
@@ -56,10 +56,10 @@ struct team {
     alignas(CACHE_LINE) atomic_bool ending;
     atomic_int sleepers; // members asleep
     atomic_bool caller_sleeps;
-    pthread_mutex_t lock;         // for falling asleep and waking up alone
+    pthread_mutex_t lock;         // for sleeping and waking only
     pthread_cond_t opened, empty; // a loop opened; the last member left a closed one
-    int threads;                  // as asked for, with the caller
-    int size;                     // members there are
+    int threads;                  // as requested, including the caller
+    int size;                     // number of members
     member members[];             // [size]
 };
 
@@ -98,7 +98,7 @@ static void take_items(team *t, int thread)
     inside = false;
 }
 
-// Returns the word once it is of another loop than `seen`.
+// Waits for another loop than `seen`; returns the word.
 static uint64_t await_loop(team *t, uint64_t seen)
 {
     for (int look = 0; look < AWAKE; ++look) {
@@ -107,8 +107,8 @@ static uint64_t await_loop(team *t, uint64_t seen)
             return word;
         breathe();
     }
-    // The caller changes the word, then looks for sleepers; this counts itself, then looks at the
-    // word: one of them sees the other.
+    // The caller changes the word and then checks for sleepers; a member counts itself as a sleeper
+    // and then checks the word. One of the two notices the other.
     pthread_mutex_lock(&t->lock);
     atomic_fetch_add(&t->sleepers, 1);
     uint64_t word;
@@ -150,10 +150,10 @@ static void *serve(void *argument)
     return NULL;
 }
 
-// A new loop, or with `open` 0 none, for which everybody wakes up all the same.
+// Announces a new loop. With `open` 0 there is none, but every member wakes up.
 static void announce(team *t, uint64_t open)
 {
-    const uint64_t word = atomic_load(&t->word); // closed, nobody in it
+    const uint64_t word = atomic_load(&t->word); // closed and empty
     atomic_store(&t->word, (loop_of(word) + 1) * LOOP + open);
     if (atomic_load(&t->sleepers)) {
         pthread_mutex_lock(&t->lock);
@@ -177,7 +177,8 @@ static void end_team(void *argument)
     free(t);
 }
 
-// A thread ends. What its other destructors still run makes a new team, which comes here again.
+// Called when a thread ends. If a later destructor runs a loop, it creates a new team, which ends
+// here as well.
 static void end_own_team(void *argument)
 {
     own = NULL;
@@ -200,8 +201,8 @@ static void make_own_key(void)
         !pthread_key_create(&own_key, end_own_team) && !pthread_atfork(NULL, NULL, forget_team);
 }
 
-// Members take no signals, so that handlers run on threads of the program's own, but for those of
-// their own faults.
+// Members block signals, so that handlers run on threads of the program; only the signals of their
+// own faults are unblocked.
 static void start_members(team *t)
 {
     static const int faults[] = {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGTRAP, SIGSYS, SIGABRT};
@@ -219,7 +220,7 @@ static void start_members(team *t)
     pthread_sigmask(SIG_SETMASK, &before, NULL);
 }
 
-// The team of the calling thread, of `threads` threads; NULL when there is no memory for one.
+// The team of the calling thread with `threads` threads; NULL when out of memory.
 static team *own_team(int threads)
 {
     if (own && own->threads == threads)
@@ -229,8 +230,8 @@ static team *own_team(int threads)
         pthread_setspecific(own_key, NULL);
         end_own_team(own);
     }
-    // Not by sgsi_alloc: a loop without memory for a team runs all the same, and a team lives as
-    // long as its thread.
+    // Not sgsi_alloc: a loop runs without a team when memory is short, and a team lives as long as
+    // its thread.
     const size_t size = sizeof(team) + (size_t)threads * sizeof(member);
     team *t = own_key_made ? aligned_alloc(CACHE_LINE, size) : NULL;
     if (!t)
@@ -240,7 +241,7 @@ static team *own_team(int threads)
     pthread_mutex_init(&t->lock, NULL);
     pthread_cond_init(&t->opened, NULL);
     pthread_cond_init(&t->empty, NULL);
-    if (pthread_setspecific(own_key, t)) { // without it nobody would end the team
+    if (pthread_setspecific(own_key, t)) { // the team would never end
         end_team(t);
         return NULL;
     }
@@ -270,7 +271,7 @@ double sgsi_team_run(int threads, size_t count, size_t chunk, sgsi_item_fn body,
                      double start)
 {
     team *t = own_team(threads);
-    if (!t) { // all of it here
+    if (!t) { // run all items here
         team alone = {.body = body, .context = context, .count = count, .chunk = chunk};
         take_items(&alone, 0);
         return sgsi_seconds() - start;

@@ -3,12 +3,13 @@
 
 // With I = color + T background the image, A the 3 x 3 part of the map and b its last column:
 //
-//   I' = A I + b      dL/dI = A^T dL/dI'      dL/dA = sum over pixels of dL/dI' I^T      dL/db =
-//                                             sum of dL/dI'
+//   I' = A I + b
+//   dL/dI = A^T dL/dI',   dL/dA = sum over pixels of dL/dI' I^T,   dL/db = sum over pixels of
+//   dL/dI'
 //
-// and dL/dcolor = dL/dI, dL/dT = background . dL/dI (plus the alpha term's part, which does not
-// pass through the map). The sums are made per row and added in the order of the rows, in double:
-// the same for any number of threads.
+// and dL/dcolor = dL/dI, dL/dT = background . dL/dI (plus the alpha term, which does not pass
+// through the map). The sums are computed per row and added in row order, in double precision: the
+// result does not depend on the number of threads.
 
 #include "loss/exposure.h"
 
@@ -25,7 +26,7 @@ typedef struct exposure_state {
 struct sgsi_exposure {
     size_t count;
     exposure_state *states;
-    float *mapped[3], *nothing; // planes; `nothing` stays 0
+    float *mapped[3], *nothing; // planes; `nothing` is 0
     double (*rows)[SGSI_EXPOSURE];
     double gradient[SGSI_EXPOSURE];
 };
@@ -127,7 +128,7 @@ static void backward_row(void *context, size_t y, int thread)
             through += image->background[k] * (float)sum;
             before += image->background[k] * mapped[k];
         }
-        // The loss has put background . dL/dI' there, plus the alpha term's part.
+        // The loss has written background . dL/dI' here, plus the alpha term.
         output->d_transmittance[at] += through - before;
     }
 }

@@ -2,9 +2,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// One affine map of colours per training photograph, learned with the scene: what the camera's
-// exposure and white balance did to that picture alone (3DGS, "exposure compensation": the drawn
-// image is mapped before it is compared). Knows the planes of an image, no tracer and no files.
+// One affine colour map per training image, learned with the scene. It models the exposure and
+// white balance of that image (exposure compensation of 3DGS: the rendered image is mapped before
+// the comparison). Works on image planes only.
 
 #include "loss/loss.h"
 
@@ -14,29 +14,29 @@ enum {
 
 typedef struct sgsi_exposure sgsi_exposure;
 
-// Identity maps for `count` photographs of up to plane_floats floats per plane and `height` rows.
+// Identity maps for `count` images of up to plane_floats floats per plane and `height` rows.
 sgs_status sgsi_exposure_create(size_t count, size_t plane_floats, size_t height,
                                 sgsi_exposure **exposure);
 void sgsi_exposure_destroy(sgsi_exposure *exposure); // accepts NULL
 
-// Maps the image that `input` describes (colour over background) and points input to the mapped
-// one, which has no transmittance left; the alpha term keeps the image's own.
+// Maps the image of `input` (colour over background) and points input to the result, which has no
+// transmittance left; the alpha term keeps the transmittance of the image.
 void sgsi_exposure_forward(sgsi_exposure *exposure, size_t index, sgsi_loss_input *input);
 
-// Gradients of the mapped image in output->d_color become those of the image, with dL/dT; `image`
-// is what forward was given. Keeps dL/dmap for the step.
+// Converts the gradients of the mapped image in output->d_color to those of the image, with dL/dT.
+// `image` is the input of forward. Stores dL/dmap for the step.
 void sgsi_exposure_backward(sgsi_exposure *exposure, size_t index, const sgsi_loss_input *image,
                             sgsi_loss_output *output);
 
-// One step of Adam (0.9, 0.999) on the map, by the gradient of the last backward call.
+// One Adam step (0.9, 0.999) on the map with the gradient of the last backward call.
 void sgsi_exposure_step(sgsi_exposure *exposure, size_t index, double rate);
 
-// 0.01 falling to 0.001, log-linear, over the iterations (3DGS's rates).
+// Learning rate: 0.01 to 0.001, log-linear over the iterations, as in 3DGS.
 double sgsi_exposure_lr(int iteration, int iterations);
 
-// The state of all photographs as one block of doubles, for checkpoints: maps, both moments, steps.
+// The state of all images as one block of doubles, for checkpoints: maps, both moments, steps.
 double *sgsi_exposure_state(sgsi_exposure *exposure, size_t *count);
-// The map of a photograph, [SGSI_EXPOSURE].
+// The map of an image, [SGSI_EXPOSURE].
 const double *sgsi_exposure_map(const sgsi_exposure *exposure, size_t index);
 // dL/dmap of the last backward call, [SGSI_EXPOSURE], for tests.
 const double *sgsi_exposure_gradient(const sgsi_exposure *exposure);

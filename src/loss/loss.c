@@ -1,14 +1,15 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The photometric loss of 3DGS, L = (1 - lambda) mean|I - G| + lambda (1 - mean SSIM), and its
-// gradient; with an alpha channel and a weight for it, plus weight mean|(1 - T) - alpha|.
+// The photometric loss of 3DGS (Kerbl et al. 2023, equation 7), L = (1 - lambda) mean|I - G| +
+// lambda (1 - mean SSIM) with the SSIM of Wang et al. 2004, and its gradient. Images with an alpha
+// channel can add weight mean|(1 - T) - alpha|.
 //
-// This file cuts the image into blocks, hands them to the threads and adds up their sums; the
-// mathematics stands at the top of loss_kernels.inl. A block is at most LOSS_BLOCK_WIDTH x
-// LOSS_BLOCK_HEIGHT pixels and recomputes a halo of ten pixels on every side, so blocks share
-// nothing. The cutting depends on the image alone and the blocks' sums are added in block order, so
-// the result does not depend on the number of threads.
+// This file divides the image into blocks, runs them on the threads and adds up their sums;
+// loss_kernels.inl contains the mathematics. A block has at most LOSS_BLOCK_WIDTH x
+// LOSS_BLOCK_HEIGHT pixels and recomputes a halo of ten pixels on every side, so blocks are
+// independent. The division depends on the image size only and the sums are added in block order,
+// so the result does not depend on the number of threads.
 
 #include "loss/loss.h"
 
@@ -42,8 +43,8 @@ static sgsi_loss_kernel kernel_of(sgs_isa isa)
     return kernels[isa];
 }
 
-// exp(-k^2 / (2 * 1.5^2)), normalised. Rounded to float the eleven weights still sum to 1 within
-// 1.4e-9, which the shifted variance of the kernel relies on.
+// exp(-k^2 / (2 * 1.5^2)), normalised. Rounded to float the eleven weights sum to 1 within 1.4e-9,
+// which the shifted variance of the kernel relies on.
 static void make_window(float window[LOSS_RADIUS + 1])
 {
     double sum = 0.0, weight[LOSS_RADIUS + 1];
@@ -75,7 +76,7 @@ void sgsi_loss_destroy(sgsi_loss_workspace *workspace)
     sgsi_free(workspace);
 }
 
-// Blocks are as equal as they can be, in multiples of 16 columns and 4 rows.
+// Blocks of nearly equal size, in multiples of 16 columns and 4 rows.
 static void cut(int size, int most, int multiple, int *blocks, int *block)
 {
     const int count = (size - 1) / most + 1;
@@ -117,8 +118,8 @@ sgs_status sgsi_loss_reserve(sgsi_loss_workspace *workspace, int width, int heig
     return SGS_STATUS_OK;
 }
 
-// The part of the window that falls inside [0, size), for every position; exactly 1 where all of it
-// does.
+// The share of the window inside [0, size) for every position; exactly 1 where the whole window is
+// inside.
 static void edge_weights(const float window[LOSS_RADIUS + 1], int size, float *weights)
 {
     for (int x = 0; x < size; ++x) {

@@ -2,9 +2,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// The photometric loss 0.8 L1 + 0.2 (1 - SSIM) and its exact gradient, in float, vectorised and
-// threaded. (3DGS's window: 11x11 Gaussian, sigma 1.5, zero padding, weights not renormalised at
-// borders.)
+// The photometric loss 0.8 L1 + 0.2 (1 - SSIM) of Kerbl et al. 2023, equation 7, and its exact
+// gradient, in float, vectorised and threaded. SSIM window of 3DGS: 11x11 Gaussian, sigma 1.5, zero
+// padding, weights not renormalised at borders.
 
 #include "sparegs/scene.h"
 
@@ -12,8 +12,7 @@ typedef struct sgsi_loss_workspace sgsi_loss_workspace;
 
 sgs_status sgsi_loss_create(sgsi_loss_workspace **workspace);
 void sgsi_loss_destroy(sgsi_loss_workspace *workspace); // accepts NULL
-// Makes sure the workspace suits images up to this size, so that sgsi_loss_evaluate allocates
-// nothing.
+// Prepares the workspace for images up to this size, so that sgsi_loss_evaluate does not allocate.
 sgs_status sgsi_loss_reserve(sgsi_loss_workspace *workspace, int width, int height);
 
 typedef struct sgsi_loss_input {
@@ -30,19 +29,19 @@ typedef struct sgsi_loss_input {
 } sgsi_loss_input;
 
 typedef struct sgsi_loss_output {
-    double loss, l1, ssim, alpha; // alpha: mean |(1 - T) - alpha|, 0 when not asked for
-    double mse;                   // of the clamped image over the pixels that count, for PSNR
+    double loss, l1, ssim, alpha; // alpha: mean |(1 - T) - alpha|, 0 when disabled
+    double mse;                   // of the clamped image over the valid pixels, for PSNR
     float *d_color[3];            // dL/d(color), [height][stride]; columns >= width are set to 0
-    float *d_transmittance;       // dL/dT through the background: sum over channels of background *
-                                  // dL/dI, and alpha's
+    // dL/dT: sum over channels of background * dL/dI, plus the alpha term.
+    float *d_transmittance;
 } sgsi_loss_output;
 
-// Pixels that do not count (target->valid_mask) are mid-grey in both images: they add nothing to L1
-// or alpha, no window sees what they show, their gradient is zero. All means are over all pixels,
-// so that the others weigh what they weigh without a mask.
+// Invalid pixels (target->valid_mask) are mid-grey in both images: they add nothing to L1 or alpha,
+// do not influence the windows of other pixels, and have gradient zero. All means are over all
+// pixels, so that a mask does not change the weight of the others.
 //
-// I = clamp(color + T * background, 0, 1) is compared (without the 1 when the target is bright);
-// the gradient is zero where the clamp acts (upper: I > 1, lower: I < 0). Sums do not depend on the
-// number of threads.
+// I = clamp(color + T * background, 0, 1) is compared (without the upper clamp for HDR targets).
+// The gradient is zero where the clamp acts (I > 1 or I < 0). Sums do not depend on the number of
+// threads.
 sgs_status sgsi_loss_evaluate(sgsi_loss_workspace *workspace, const sgsi_loss_input *input,
                               sgsi_loss_output *output);

@@ -2,9 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// What loss.c hands to the loss kernel and how the image is cut: the job of one evaluation, the
-// scratch of one thread, the prototypes of the compiled variants. Nothing outside src/loss*
-// includes this.
+// Interface between loss.c and the loss kernel: the job of one evaluation, the scratch memory of
+// one thread, the prototypes of the compiled variants. Included by src/loss/ only.
 
 #include <stddef.h>
 
@@ -15,7 +14,7 @@ enum {
     LOSS_BLOCK_WIDTH = 128, // output columns per item, at most; multiple of 16
     LOSS_BLOCK_HEIGHT = 48, // output rows per item, at most; multiple of 4
     LOSS_RING = 16,         // rows kept of each plane: 4 in the making and 10 of overlap
-    LOSS_MARGIN = 16,       // columns to the left and right of the block in every source plane
+    LOSS_MARGIN = 16,       // columns on both sides of the block in every source plane
     LOSS_SOURCE_PITCH = LOSS_BLOCK_WIDTH + 2 * LOSS_MARGIN,
     LOSS_MAP_PITCH = LOSS_BLOCK_WIDTH + LOSS_MARGIN,
 };
@@ -24,21 +23,20 @@ enum {
 typedef struct sgsi_loss_job {
     const sgsi_loss_input *input;
     sgsi_loss_output *output;
-    const float
-        *column_weight;      // [width] share of the window inside the image; 1 away from the edges
-    const float *row_weight; // [height]
+    const float *column_weight; // [width] share of the window inside the image; 1 in the interior
+    const float *row_weight;    // [height]
     int blocks_x, blocks_y;
-    int block_width, block_height; // of all but the last block of a row or column
+    int block_width, block_height; // the last block of a row or column may be smaller
     float window[LOSS_RADIUS + 1]; // normalised weights by distance from the centre
     float l1_scale, ssim_scale;    // (1 - lambda) / (3 H W), 2 lambda / (3 H W)
-    float ceiling;     // where the image is clamped above: 1, or a number nothing reaches
-    float alpha_scale; // weight / (H W), 0 without the term
+    float ceiling;                 // upper clamp of the image: 1, or 1e9 for HDR
+    float alpha_scale;             // weight / (H W), 0 without the term
 } sgsi_loss_job;
 
 // Sums of one item over its own pixels and the three channels.
 typedef struct sgsi_loss_sums {
     double l1, square, dissimilarity; // |I - G|, (I - G)^2, 1 - S
-    double alpha;                     // |(1 - T) - alpha|, over pixels alone
+    double alpha;                     // |(1 - T) - alpha|, one channel
 } sgsi_loss_sums;
 
 // Scratch of one thread; the rings are indexed by row & (LOSS_RING - 1). Every row starts at a

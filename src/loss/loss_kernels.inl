@@ -10,17 +10,17 @@
 //   S = (2 m1 m2 + C1)(2 s12 + C2) / ((m1^2 + m2^2 + C1)(s1^2 + s2^2 + C2)),
 //   m = E[.], s^2 = E[.^2] - m^2, s12 = E[IG] - m1 m2.
 //
-// Taken literally this loses half of a float's digits: E[I^2] - m^2 cancels, and near the end of
-// training, when I is close to G, so do the numerator against the denominator and the three terms
-// of the gradient against each other. The same function in terms of the difference e = I - G has no
-// such trouble. With D = m1^2 + m2^2 + C1, F = s1^2 + s2^2 + C2, V = var(e) = E[e^2] - E[e]^2:
+// Evaluated as written, this loses half of the digits of a float: E[I^2] - m^2 cancels, and near
+// the end of training, when I is close to G, so do the numerator against the denominator and the
+// three terms of the gradient against each other. The same function in terms of the difference e =
+// I - G avoids this. With D = m1^2 + m2^2 + C1, F = s1^2 + s2^2 + C2, V = var(e) = E[e^2] - E[e]^2:
 //
-//   numerator / denominator = (D - E[e]^2)/D * (F - V)/F   =>   S = (1 - u)(1 - v),  u = E[e]^2 /
-//       D,  v = V / F,
+//   numerator / denominator = (D - E[e]^2)/D * (F - V)/F
+//   =>  S = (1 - u)(1 - v),  u = E[e]^2 / D,  v = V / F,
 //   1 - S = u (1 - v) + v,
 //
 // and only F still contains E[I^2] - m^2. There the values are shifted by 1/2, which quarters the
-// squares. A shift leaves a variance alone only where the weights inside the image sum to W = 1; at
+// squares. A shift preserves the variance only where the weights inside the image sum to W = 1; at
 // the borders, with I' = I - 1/2 inside and zero outside, m = E[I'] + W/2 and
 //
 //   E[I^2] - m^2 = E[I'^2] - E[I']^2 + (1 - W)(E[I'] + W/4).
@@ -33,16 +33,16 @@
 //   dS/dm1              =  2a, a = (1 - u) E[e] / F - (1 - v) (E[e] / D)(1 - E[e] m1 / D) - m1 c
 //
 // and through the (symmetric) window dS/dI = 2 (conv(a) - e conv(b) + I conv(c)). Shifting m1 in a
-// and I in the last term by the same 1/2 changes nothing, because conv is linear, and keeps them
-// small: that is what the code does.
+// and I in the last term by the same 1/2 changes nothing, because conv is linear, and keeps both
+// small: this is what the code computes.
 //
-// A pixel that does not count is 1/2 in both images: all four source values are 0 there, as outside
-// of the image, but it belongs to W. What it shows reaches no window, and nothing flows back to it.
+// An invalid pixel is 1/2 in both images: all four source values are 0 there, as outside of the
+// image, but it belongs to W. It influences no window and receives no gradient.
 //
-// Walk: four rows at a time down the block. Source rows (I', e, I'^2 + G'^2, e^2) -> vertical pass
-// -> horizontal pass and the algebra above -> horizontal pass over a, b, c -> vertical pass ->
-// gradient. Everything lives in rings of 16 rows, about 100 KB per thread; halos are computed again
-// by the neighbouring blocks, so that no intermediate plane passes through memory.
+// Order of computation: four rows at a time down the block. Source rows (I', e, I'^2 + G'^2, e^2)
+// -> vertical pass -> horizontal pass and the algebra above -> horizontal pass over a, b, c ->
+// vertical pass -> gradient. All data is in rings of 16 rows, about 100 KB per thread. Neighbouring
+// blocks recompute the halos, so that no intermediate plane is written to memory.
 
 #include "image/half.h"
 #include "loss/loss_kernels.h"
@@ -81,7 +81,7 @@ static inline vf composite(const sgsi_loss_input *input, int channel, size_t at)
                   vf_load_u(input->color[channel] + at));
 }
 
-// Half-float numbers as sgsi_half_to_float reads them.
+// Half-float numbers; same result as sgsi_half_to_float.
 static inline vf load_halves(const uint16_t *halves, int count)
 {
     float values[16] __attribute__((aligned(64)));
@@ -90,7 +90,7 @@ static inline vf load_halves(const uint16_t *halves, int count)
     return vf_load(values);
 }
 
-// Values of a target's plane, from its first one `at` on, of which `count` exist.
+// Values of a target plane from element `at` on, of which `count` exist.
 static inline vf load_values(const sgs_photo *target, size_t at, int count)
 {
     return target->pixels ? vf_div(load_bytes(target->pixels + at, count), vf_set1(255.0f))
@@ -110,8 +110,8 @@ static inline vf load_target(const sgsi_loss_input *input, int channel, size_t a
     return vf_fma(alpha, vf_sub(value, background), background);
 }
 
-// Which of the pixels x + 0...15 of row y exist and count; x is a multiple of 16, `count` of them
-// exist.
+// Mask of the pixels x + 0...15 of row y that exist and are valid; x is a multiple of 16, `count`
+// of them exist.
 static inline vm counted(const sgsi_loss_input *input, int x, int y, int count)
 {
     const unsigned exist = count >= 16 ? 0xFFFFu : (1u << count) - 1;
@@ -141,7 +141,7 @@ static void load_row(const channel_block *block, int row)
             const size_t pixel = (size_t)y * (size_t)input->width + (size_t)x;
             const vf value = vf_clamp(composite(input, block->channel, at), vf_zero(), ceiling);
             const vf target = load_target(input, block->channel, pixel, count);
-            const vm real = counted(input, x, y, count); // the others stay mid-grey: i = e = 0
+            const vm real = counted(input, x, y, count); // invalid pixels: i = e = 0
             const vf g = vf_sub(target, half);
             i = vf_keep(real, vf_sub(value, half));
             e = vf_keep(real, vf_sub(value, target));
@@ -154,8 +154,8 @@ static void load_row(const channel_block *block, int row)
     }
 }
 
-// The window down 14 rows of a ring that start at `first`, for four neighbouring output rows of one
-// column of vectors.
+// Applies the window vertically to 14 ring rows starting at `first`, for four neighbouring output
+// rows of one column of vectors.
 static inline void convolve_down(const float *ring, size_t pitch, int first,
                                  const vf window[LOSS_RADIUS + 1], vf out[GROUP])
 {
@@ -175,7 +175,7 @@ static inline void convolve_down(const float *ring, size_t pitch, int first,
     }
 }
 
-// The window along a row; `line` points at the leftmost tap of the first lane.
+// Applies the window along a row; `line` points at the leftmost tap of the first lane.
 static inline vf convolve_along(const float *line, const vf window[LOSS_RADIUS + 1])
 {
     vf sum = vf_mul(vf_load_u(line + LOSS_RADIUS), window[0]);
@@ -273,7 +273,7 @@ static void map_row(channel_block *block, int row, int r)
                      convolve_along(&s->map[plane][16 * k], window));
 }
 
-// Adds this channel's share of dL/dT; the first channel writes.
+// Adds the contribution of this channel to dL/dT; the first channel overwrites.
 static inline void store_gradient(const channel_block *block, size_t at, vf gradient)
 {
     sgsi_loss_output *output = block->job->output;
@@ -341,7 +341,7 @@ static void prepare_columns(const channel_block *block)
     }
 }
 
-// The columns between the width and the stride, which belong to the last block of a row.
+// Clears the columns between width and stride, which belong to the last block of a row.
 static void clear_padding(const channel_block *block)
 {
     const sgsi_loss_job *job = block->job;

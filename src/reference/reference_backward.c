@@ -1,15 +1,15 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The oracle, backward: dL/d(stored parameter) of the image of reference_render.c, for any L whose
-// gradients by the colour and transmittance planes are given. Two steps, as in the fast trainer:
-//   1. over pixels: each ray adds, for each primitive it counts, sixteen sums: dL/d colour (3),
+// The reference renderer, backward pass: dL/d(stored parameter) for the image of reference_render.c
+// and any L with given gradients of colour and transmittance. Two steps, as in the fast trainer:
+//   1. over pixels: each ray adds sixteen sums to each primitive it counts: dL/d colour (3),
 //      dL/d opacity (1), dL/dp (3), dL/dM (9). They suffice because a view has one origin c, so p
 //      and M are per primitive;
 //   2. over primitives: the chain rule from these sums to the 59 stored parameters.
-// Depths and hit counts are not differentiated, nor are the jumps where a hit appears or
-// disappears. Every derivation stands before its function; d_x is dL/dx. The sums of a few fixed
-// bands of rows are added in order, so the bits do not depend on the number of threads.
+// Depths and hit counts are not differentiated, and neither are the jumps where a hit appears or
+// disappears. Each derivation precedes its function; d_x is dL/dx. The sums of a fixed number of
+// row bands are added in order, so the bits do not depend on the number of threads.
 
 #include "reference/reference.h"
 
@@ -43,8 +43,8 @@ static void cross(const double a[3], const double b[3], double out[3])
 // Response. With g = M d, n = p x g and rho^2 = |n|^2 / |g|^2:
 //   d|n|^2 = 2 n.(dp x g + p x dg) = 2 dp.(g x n) + 2 dg.(n x p), hence
 //   d rho^2/dp = 2 (g x n) / |g|^2,    d rho^2/dg = 2 (n x p) / |g|^2 - 2 rho^2 g / |g|^2,
-// and g = M d puts (d rho^2/dg) (x) d into M. The part of M that acts through p = M (c - mean) is
-// left to step 2: it is (d_p) (x) (c - mean), and c - mean is the same for all rays.
+// and g = M d adds (d rho^2/dg) (x) d to d_M. The part of d_M through p = M (c - mean) is added in
+// step 2: it is (d_p) (x) (c - mean), and c - mean is the same for all rays.
 static void response_backward(const sgsi_reference_primitive *primitive, const double direction[3],
                               double d_rho_squared, hit_sums *sums)
 {
@@ -71,7 +71,7 @@ static void response_backward(const sgsi_reference_primitive *primitive, const d
 //   dT/dalpha_i = -T / (1 - alpha_i).
 // alpha = o'' G with G = exp(-rho^2 / 2), the clamp at 0.99 taken as the identity:
 //   dalpha/do'' = G,    dalpha/drho^2 = -o'' G / 2.
-// The walk goes back to front so that behind_i is a running sum of the very terms it stands for.
+// The loop runs back to front so that behind_i is the running sum of exactly its terms.
 static void ray_backward(const sgsi_reference_view *view, const double direction[3],
                          const sgs_hit *hits, size_t count, const double d_color[3],
                          double d_transmittance, hit_sums *sums)
@@ -170,7 +170,7 @@ static void sh_basis_gradients(const sgsi_reference_primitive *primitive,
 }
 
 // A unit vector u = v / |v|: du = (I - u u^T) dv / |v|, so d_v = (d_u - u (u.d_u)) / |v|. Adds to
-// d_v; the zero vector has no direction and gets nothing.
+// d_v; the zero vector gets nothing.
 static void direction_backward(const sgsi_reference_primitive *primitive,
                                const double d_direction[3], double d_mean[3])
 {
@@ -218,7 +218,7 @@ static void filters_backward(const sgsi_reference_view *view,
 {
     const double *stage1 = primitive->variance_3d, *stage2 = primitive->variance_view;
     const double d_log_opacity = sums->opacity * primitive->opacity;
-    double d_variance_3d[3] = {0, 0, 0}; // the direct part; the rest arrives through variance_view
+    double d_variance_3d[3] = {0, 0, 0}; // direct part; the rest comes through variance_view
     if (view->mip && primitive->distance > 0) {
         double a[3], slope1[3], slope2[3], d_direction[3] = {0, 0, 0};
         for (int k = 0; k < 3; ++k)
@@ -257,7 +257,7 @@ static void filters_backward(const sgsi_reference_view *view,
 
 // Rotation. R(q) as written in reference_render.c, with G = d_R; each line collects the entries of
 // R that hold the component. Then the normalisation q = r / |r|: d_r = (d_q - q (q.d_q)) / |r|. |r|
-// = 0 stood for the identity: 0.
+// = 0 means identity: gradient 0.
 static void rotation_backward(const sgsi_reference_primitive *primitive, const double G[9],
                               double *d_stored)
 {
@@ -347,8 +347,7 @@ sgs_status sgs_reference_backward(const double *params, size_t count, const sgs_
         if (d_mean_no_sh)
             memset(d_mean_no_sh, 0, count * 3 * sizeof *d_mean_no_sh);
         for (size_t i = 0; i < count; ++i) {
-            // A primitive that no ray counts has gradient 0, even where its own matrices are not
-            // finite.
+            // A primitive without hits has gradient 0, even if its matrices are not finite.
             hit_sums sums;
             if (reduce_bands(job.sums, count, i, &sums))
                 primitive_backward(&view, &view.primitives[i], &sums, params + i * SGS_PARAM_COUNT,

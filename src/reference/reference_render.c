@@ -1,9 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The oracle, forward: what every faster renderer of this library must compute, written to be
-// believed at sight. Each ray meets every Gaussian, in double precision, without a BVH, without
-// SIMD, without bounds.
+// The reference renderer, forward pass: the definition of what every faster renderer of this
+// library must compute. Every ray is tested against every Gaussian in double precision, without a
+// BVH, SIMD or bounds.
 //
 // The model is 3D Gaussian Splatting (Kerbl et al., 2023) seen by rays, as in 3D Gaussian Ray
 // Tracing (Moenne-Loccoz et al., 2024): a Gaussian's response on a ray is its maximum along the
@@ -14,9 +14,9 @@
 // isotropic in space, which equals the rasteriser's on the optical axis and over-dilates the radial
 // direction by 1/cos(theta) off it.
 //
-// The tests of one ray, in this order: (1) alpha >= 1/255 and t > near, else the hit does not
-// exist; (2) sort; (3) walk; the first hit with T (1 - alpha) < 1e-4 ends the ray and is itself not
-// counted, even when a later, fainter one would still fit.
+// The tests of one ray, in this order: (1) keep hits with alpha >= 1/255 and t > near; (2) sort;
+// (3) blend. The first hit with T (1 - alpha) < 1e-4 ends the ray and is not counted, even if a
+// later, fainter hit would still fit.
 
 #include "reference/reference.h"
 
@@ -32,7 +32,7 @@ static const double dilation_3dgs = 0.3, dilation_mip = 0.1; // px^2
 
 static double dot(const double a[3], const double b[3])
 {
-    // NOLINTNEXTLINE(clang-analyzer-core.NullDereference): rows of matrices that are members
+    // NOLINTNEXTLINE(clang-analyzer-core.NullDereference): rows of member matrices
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
@@ -57,7 +57,7 @@ static void multiply_transposed(const double m[9], const double v[3], double out
         out[column] = m[column] * v[0] + m[3 + column] * v[1] + m[6 + column] * v[2];
 }
 
-// ---- Activation: from stored parameters to what one camera sees ----
+// ---- Activation: from stored parameters to the view of one camera ----
 
 static void activate_rotation(const double *stored, sgsi_reference_primitive *out)
 {
@@ -75,8 +75,8 @@ static void activate_rotation(const double *stored, sgsi_reference_primitive *ou
     memcpy(out->rotation, rotation, sizeof rotation);
 }
 
-// Where the mean is: distance and direction from the centre (Mip-Splatting's factor and SH want
-// them) and the depth z that turns pixels into world units.
+// Distance and direction of the mean from the centre (for Mip-Splatting's factor and SH), and the
+// depth z that converts pixels to world units.
 static void activate_position(const sgsi_reference_view *view, const double *mean,
                               sgsi_reference_primitive *out)
 {
@@ -104,9 +104,9 @@ double sgsi_reference_marginal(const double a[3], const double v[3], double d_ma
     return a2[0] * v[1] * v[2] + a2[1] * v[2] * v[0] + a2[2] * v[0] * v[1];
 }
 
-// Scales and opacity through the filters. Mip-Splatting (Yu et al., 2024) keeps the integral of a
-// Gaussian when it widens it: in space by the ratio of the volumes, in the image by the ratio of
-// the marginals across the line of sight.
+// Applies the filters to scales and opacity. Mip-Splatting (Yu et al. 2024, section 5) preserves
+// the integral of a widened Gaussian: in space by the ratio of the volumes, in the image by the
+// ratio of the marginals across the line of sight.
 static void activate_filters(const sgsi_reference_view *view, const double *stored,
                              double filter_3d, sgsi_reference_primitive *out)
 {
@@ -264,7 +264,7 @@ size_t sgsi_reference_trace(const sgsi_reference_view *view, const double direct
         double rho_squared, t;
         sgsi_reference_response(&view->primitives[i], direction, &rho_squared, &t);
         const double alpha = view->primitives[i].opacity * exp(-0.5 * rho_squared);
-        // NaN and an infinite t fail here too: a degenerate primitive is never hit.
+        // Also rejects NaN and infinite t: a degenerate primitive is never hit.
         if (alpha >= alpha_min && t > view->near_distance && t < HUGE_VAL)
             hits[found++] = (sgs_hit){(uint32_t)i, t, alpha < alpha_max ? alpha : alpha_max, 1};
     }

@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Colour maps per photograph: gradients against finite differences, the same bits on any number of
-// threads, and photographs whose exposure was turned up and down give their turns away.
+// Colour maps per image: gradients against finite differences, the same bits with any number of
+// threads, and recovery of known exposure changes.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -23,7 +23,7 @@
 
 enum { WIDTH = 45, HEIGHT = 33, STRIDE = 48, PLANE = STRIDE * HEIGHT };
 
-// Everything one evaluation needs; the image is random, the target another one.
+// Input of one evaluation; image and target are random.
 typedef struct fixture {
     sgsi_exposure *exposure;
     sgsi_loss_workspace *workspace;
@@ -53,7 +53,7 @@ static fixture make_fixture(void)
     for (size_t i = 0; i < PLANE; ++i)
         for (int k = 0; k < 4; ++k)
             f.planes[k][i] = (float)(0.15 + 0.4 * sgsi_random_uniform(10 + (uint64_t)k, i));
-    // A map that is none of the simple ones.
+    // A general map.
     size_t count;
     double *map = sgsi_exposure_state(f.exposure, &count);
     for (int i = 0; i < SGSI_EXPOSURE; ++i)
@@ -70,7 +70,7 @@ static void free_fixture(fixture *f)
     sgsi_exposure_destroy(f->exposure);
 }
 
-// The loss of the mapped image, and with `gradients` its way back.
+// Loss of the mapped image; with `gradients` also the backward pass.
 static double evaluate(fixture *f, bool gradients)
 {
     const sgsi_loss_input image = {.width = WIDTH,
@@ -112,8 +112,8 @@ static void gradients_match_finite_differences(void **state)
     }
     print_message("map: largest error %.1e of the gradient\n", worst);
     assert_true(worst < 5e-3);
-    // Colours and transmittance, at a few pixels; single values move the loss by little, so the
-    // step is large.
+    // Colours and transmittance at a few pixels; the step is large because single values change the
+    // loss little.
     evaluate(&f, true);
     float *d_planes[4];
     for (int k = 0; k < 4; ++k) {
@@ -122,7 +122,7 @@ static void gradients_match_finite_differences(void **state)
     }
     for (int k = 0; k < 4; ++k) {
         double sum = 0, expected = 0;
-        const double step = 1e-3; // of a whole plane, in the direction of its gradient's signs
+        const double step = 1e-3; // a whole plane, along the signs of its gradient
         for (int pass = 0; pass < 2; ++pass) {
             for (size_t i = 0; i < PLANE; ++i)
                 if (i % STRIDE < WIDTH)
@@ -169,7 +169,7 @@ static double gain_of(size_t view)
     return 0.5 + 0.5 * sgsi_random_uniform(77, view);
 }
 
-// Loss after a short training on photographs of changing exposure; *correlation of gains and
+// Loss after a short training on images with varying exposure; *correlation between gains and
 // learned maps.
 static double train(bool exposure, double *correlation)
 {
@@ -183,7 +183,7 @@ static double train(bool exposure, double *correlation)
             photo->pixels[i] = (uint8_t)(photo->pixels[i] * gain_of(v));
     }
     sgs_train_options values = sgs_train_options_default();
-    values.iterations = 175; // five visits of each photograph
+    values.iterations = 175; // five iterations per image
     values.exposure = exposure;
     values.sh_degree = 0;
     sgs_trainer *trainer;

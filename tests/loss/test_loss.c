@@ -1,9 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The loss against an obvious double-precision version: the textbook formula of SSIM, 121 taps per
-// moment, no separability, no shift. That version is itself checked by finite differences, and the
-// comparison is checked by planting errors in it.
+// The loss against a simple double-precision implementation: the textbook formula of SSIM, 121 taps
+// per moment, not separable, no shift. Finite differences verify that implementation, and planted
+// errors verify the comparison.
 
 #include <math.h>
 #include <setjmp.h>
@@ -32,8 +32,8 @@ typedef enum plant {
     PLANT_COUNT
 } plant;
 
-// What an image holds: noise, noise close to the target, flat and bright with faint noise, values
-// far outside [0, 1].
+// Image contents: noise, noise close to the target, flat and bright with faint noise, values far
+// outside [0, 1].
 typedef enum content {
     CONTENT_NOISE,
     CONTENT_CLOSE,
@@ -100,7 +100,7 @@ static scene make_scene(int width, int height, int channels, content kind,
         s.target.pixels[i] = (uint8_t)(kind == CONTENT_FLAT ? 245 + (int)(u * 3) : (int)(u * 256));
     }
     for (size_t i = 0; i < padded; ++i)
-        s.transmittance[i] = NAN; // padding must not be read into the result
+        s.transmittance[i] = NAN; // padding must not influence the result
     for (int y = 0; y < height; ++y)
         for (int x = 0; x < width; ++x)
             s.transmittance[(size_t)y * s.stride + (size_t)x] =
@@ -142,7 +142,7 @@ static double target_value(const scene *s, size_t at)
                             : (double)sgsi_half_to_float(s->target.halves[at]);
 }
 
-// The target as half-float numbers, its colours `gain` times as bright.
+// The target as half floats, with its colours multiplied by `gain`.
 static void halve_scene(scene *s, float gain)
 {
     const size_t plane = (size_t)s->width * (size_t)s->height,
@@ -162,7 +162,7 @@ static bool counts(const scene *s, size_t x, size_t y)
     return !s->target.valid_mask || s->target.valid_mask[y * words + x / 16] >> x % 16 & 1;
 }
 
-// Takes pixels out: a disc, a stripe that ends at the right edge, and lone ones.
+// Masks out a disc, a stripe that ends at the right edge, and single pixels.
 static void mask_scene(scene *s)
 {
     const size_t width = (size_t)s->width, height = (size_t)s->height, words = (width + 15) / 16;
@@ -227,7 +227,7 @@ static void load_channel(const scene *s, int c, const double *color, double *raw
         }
 }
 
-// Loss of one channel added to `t`, and with gradients wanted dL/dI into d_image.
+// Adds the loss of one channel to `t`, and dL/dI to d_image if gradients are requested.
 static void reference_channel(const scene *s, const double *image, const double *target, truth *t,
                               double *d_image, plant error)
 {
@@ -376,8 +376,8 @@ static sgsi_loss_output evaluate(scene *s)
     return output;
 }
 
-// Largest difference of `plane` from `expected` relative to the largest expected value; NaN counts
-// as infinite.
+// Largest difference between `plane` and `expected`, relative to the largest expected value; NaN
+// counts as infinite.
 static double plane_error(const scene *s, const float *plane, const double *expected)
 {
     double error = 0.0, scale = 0.0;
@@ -408,8 +408,8 @@ static const char *const content_names[CONTENT_COUNT] = {"noise", "close", "flat
 static void loss_and_gradient_match_double_brute_force(void **state)
 {
     (void)state;
-    // Bright and flat is the hard case: the float moments carry an error near 3e-8, the variance
-    // there is 1e-6, and only C2 = 9e-4 stands between that error and the quotient.
+    // Bright and flat is the hard case: the float moments have an error near 3e-8 and the variance
+    // is 1e-6; only C2 = 9e-4 keeps that error small relative to the denominator.
     const double tolerance[CONTENT_COUNT] = {2e-6, 2e-5, 1e-4, 2e-6};
     double worst[SGS_ISA_COUNT][CONTENT_COUNT] = {{0}};
     for (size_t k = 0; k < sizeof sizes / sizeof *sizes; ++k)
@@ -417,7 +417,7 @@ static void loss_and_gradient_match_double_brute_force(void **state)
             const content kind = (content)(variant / 2);
             const int alpha = variant % 2;
             if (sizes[k][0] * sizes[k][1] > 20000 && alpha != (int)kind % 2)
-                continue; // the brute force takes its time
+                continue; // brute force is slow
             scene s =
                 make_scene(sizes[k][0], sizes[k][1], alpha ? 4 : 3, kind, alpha ? tinted : black);
             if (k % 2 == 0 && k)
@@ -488,7 +488,7 @@ static void comparison_catches_planted_errors(void **state)
     free_scene(&s);
 }
 
-// Keeps a copy of everything an evaluation wrote.
+// Copies everything that an evaluation wrote.
 typedef struct record {
     double sums[4];
     float *planes;

@@ -1,9 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The oracle's images: scenes whose pixels are known in closed form, the rules of a ray
-// (thresholds, order, stop) one by one, invariants, and the scenes which break careless code.
-// Gradients: test_reference_gradient.c.
+// Images of the reference renderer: scenes with closed-form pixels, the rules of a ray (thresholds,
+// order, termination) one by one, invariants, and difficult scenes. test_reference_gradient.c tests
+// the gradients.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -18,7 +18,7 @@
 #include "reference/reference.h"
 #include "base/threads.h"
 
-// Closed forms hold up to the rounding of a few dozen operations on numbers near 1.
+// Closed forms agree up to the rounding of a few dozen operations on numbers near 1.
 static const double exact = 1e-13;
 
 static const sgs_pose identity = {{1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 0}};
@@ -28,7 +28,7 @@ static sgs_render_options bare(void)
     return (sgs_render_options){SGS_FILTER_NONE, 0.2, 3, NULL, false, 1};
 }
 
-// 5 x 5 pixels of which (2, 2) looks along the axis; f in pixels.
+// 5 x 5 pixels; (2, 2) looks along the axis; f in pixels.
 static sgs_camera axis_camera(double f)
 {
     return (sgs_camera){SGS_CAMERA_PINHOLE, 5, 5, {f, f, 2.5, 2.5}};
@@ -52,7 +52,7 @@ static sgs_reference_frame render(const double *params, size_t count, const sgs_
     return frame;
 }
 
-// Counted hits of the axis ray of axis_camera(100) with the bare filter.
+// Counted hits of the axis ray of axis_camera(100) without a pixel filter.
 static size_t axis_hits(const double *params, size_t count, double near_distance, sgs_hit *hits,
                         size_t capacity)
 {
@@ -80,7 +80,7 @@ static void one_ball_on_the_axis(void **state)
     assert_true(near_to(frame.depth_median[CENTRE], 3));
     assert_true(near_to(frame.depth_first[CENTRE], 3));
     assert_true(frame.hits[CENTRE] == 1);
-    // One pixel to the right: the ray passes the mean at 3 sin(theta) and is nearest at 3
+    // One pixel to the right: the ray passes the mean at distance 3 sin(theta), closest at t = 3
     // cos(theta).
     const double cosine = 1 / sqrt(1 + 1e-4), sine = 0.01 * cosine;
     const double alpha = 0.7 * exp(-0.5 * 9 * sine * sine / 0.01);
@@ -129,7 +129,7 @@ static void filters_widen_a_ball_as_their_papers_say(void **state)
                         0.7 * exp(-0.5 * shift2 / (s2 + 0.3 * z * z / (f * f)))));
     sgs_reference_frame_free(&frame);
 
-    // Mip-Splatting keeps the mass: s^3 / s'^3 in space, then s'^2 / s''^2 in the image.
+    // Mip-Splatting preserves the mass: s^3 / s'^3 in space, then s'^2 / s''^2 in the image.
     options = (sgs_render_options){SGS_FILTER_MIP, 0.2, 3, &f3, false, 1};
     const double v1 = s2 + (double)f3 * f3, v2 = v1 + 0.1 * z * z / (f * f);
     const double opacity = 0.7 * pow(s2 / v1, 1.5) * v1 / v2;
@@ -138,7 +138,7 @@ static void filters_widen_a_ball_as_their_papers_say(void **state)
     assert_true(near_to(1 - frame.transmittance[CENTRE + 1], opacity * exp(-0.5 * shift2 / v2)));
     sgs_reference_frame_free(&frame);
 
-    options.filter_3d = NULL; // the pixel filter alone
+    options.filter_3d = NULL; // pixel filter only
     frame = render(ball, 1, &camera, &identity, &options);
     assert_true(near_to(1 - frame.transmittance[CENTRE], 0.7 * s2 / (s2 + 0.1 * z * z / (f * f))));
     sgs_reference_frame_free(&frame);
@@ -202,12 +202,12 @@ static void two_balls_blend(void **state)
     sgs_reference_frame_free(&frame);
 }
 
-// Every SH basis function where it is known by hand: seen from direction u = (2, 3, 6) / 7.
+// Every SH basis function, computed by hand for direction u = (2, 3, 6) / 7.
 static void spherical_harmonics_have_the_signs_of_3dgs(void **state)
 {
     (void)state;
     const double x = 2.0 / 7, y = 3.0 / 7, z = 6.0 / 7, pi = 3.14159265358979323846;
-    // The textbook forms of the real harmonics, with 3DGS's signs.
+    // Textbook forms of the real harmonics, with the signs of 3DGS.
     const double expected[SGSI_SH_COUNT] = {
         0.5 * sqrt(1 / pi),
         -sqrt(3 / (4 * pi)) * y,
@@ -290,7 +290,7 @@ static void near_distance_is_open_and_is_measured_at_the_hit(void **state)
     (void)state;
     double ball[SGS_PARAM_COUNT];
     sgs_hit hit;
-    oracle_set_ball(ball, 0, 0, 0.25, 1, 0.5); // scale 1: t is 0.25 to the last bit
+    oracle_set_ball(ball, 0, 0, 0.25, 1, 0.5); // scale 1: t is exactly 0.25
     assert_int_equal(axis_hits(ball, 1, 0.25, &hit, 1), 0);
     assert_int_equal(axis_hits(ball, 1, nextafter(0.25, 0), &hit, 1), 1);
     assert_true(hit.t == 0.25);
@@ -302,15 +302,15 @@ static void hits_behind_the_camera_do_not_count(void **state)
     (void)state;
     double balls[2 * SGS_PARAM_COUNT];
     sgs_hit hits[2];
-    oracle_set_ball(balls, 0, 0, -1, 2, 0.9);                  // reaches far in front of the camera
-    oracle_set_ball(balls + SGS_PARAM_COUNT, 0, 0, 1, 3, 0.5); // the camera sits inside this one
+    oracle_set_ball(balls, 0, 0, -1, 2, 0.9);                  // extends in front of the camera
+    oracle_set_ball(balls + SGS_PARAM_COUNT, 0, 0, 1, 3, 0.5); // contains the camera
     assert_int_equal(axis_hits(balls, 2, 0.2, hits, 2), 1);
     assert_int_equal(hits[0].primitive, 1);
     assert_true(near_to(hits[0].alpha, 0.5) && near_to(hits[0].t, 1));
 }
 
-// Mean and camera in one point: no direction, so band 0 alone colours it; t = 0 counts for a
-// negative near only.
+// Mean and camera coincide: there is no direction, so only band 0 contributes colour; t = 0 counts
+// for a negative near distance only.
 static void camera_at_a_mean(void **state)
 {
     (void)state;
@@ -358,8 +358,8 @@ static void equal_depths_are_ordered_by_id(void **state)
 static void pixels_without_a_ray_stay_empty(void **state)
 {
     (void)state;
-    // A fisheye image 1.5 times as wide as the circle of 180 degrees from the axis: its corners see
-    // nothing.
+    // A fisheye image 1.5 times as wide as the circle at 180 degrees from the axis: its corners
+    // have no rays.
     const sgs_camera camera = {SGS_CAMERA_OPENCV_FISHEYE, 40, 40, {4, 4, 20, 20}};
     double ball[SGS_PARAM_COUNT];
     oracle_set_ball(ball, 0, 0, 1, 100, 0.5);
@@ -439,7 +439,7 @@ static void white_in_front_of_white_is_white(void **state)
     oracle_scene_free(&scene);
 }
 
-// Ids only break ties, so an image without ties does not change by a bit.
+// Ids only break ties, so without ties the image is identical bit by bit.
 static void permuting_primitives_changes_nothing(void **state)
 {
     (void)state;
@@ -464,7 +464,7 @@ static void permuting_primitives_changes_nothing(void **state)
     oracle_scene_free(&shuffled);
 }
 
-// World point x becomes Q x + v: means and rotations move, and the camera with them.
+// World point x becomes Q x + v: means and rotations move together with the camera.
 static void moving_world_and_camera_changes_nothing(void **state)
 {
     (void)state;
@@ -550,10 +550,10 @@ static void bits_do_not_depend_on_threads(void **state)
     oracle_scene_free(&scene);
 }
 
-// ---- Hard scenes, and what the calls promise ----
+// ---- Difficult scenes and the guarantees of the calls ----
 
-// Every ray of a frame: hits strictly in the order (t, id), within their limits, T as the product
-// of what stands before, and the frame says the same as the list.
+// Every ray of a frame: hits strictly ordered by (t, id) and within their limits, T the product
+// over the preceding hits, and the frame agrees with the list.
 static void check_rays(const oracle_scene *scene, const sgs_camera *camera, const sgs_pose *pose,
                        const sgs_render_options *options)
 {
@@ -581,7 +581,8 @@ static void check_rays(const oracle_scene *scene, const sgs_camera *camera, cons
             any += frame.hits[i];
         }
     }
-    // Bare, the thinnest slip between the rays; with Mip-Splatting's factors they are too faint.
+    // Without a filter the thinnest fall between the rays; with Mip-Splatting's factors they are
+    // too faint.
     assert_true(any > 0 || options->filter != SGS_FILTER_3DGS);
     free(hits);
     sgs_reference_frame_free(&frame);
@@ -722,7 +723,7 @@ static void bad_arguments_are_refused(void **state)
                      SGS_STATUS_INVALID_ARGUMENT);
     assert_true(strlen(sgs_last_error()) > 0);
     sgs_reference_frame_free(&frame);
-    sgs_reference_frame_free(&frame); // harmless
+    sgs_reference_frame_free(&frame); // no effect
     sgs_reference_frame_free(NULL);
 }
 

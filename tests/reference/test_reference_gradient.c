@@ -1,12 +1,12 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The oracle's gradients against central finite differences, all in double: every one of the 59
-// parameters of every primitive, for three lenses and all filters, for losses on colour and on
-// transmittance. The rendered image jumps where a hit appears, ends a ray or changes places, and
-// has kinks at the clamps; a parameter whose stencil crosses one (seen by comparing every pixel's
-// hit list and every clamp) is skipped, and few may be. The checker itself is checked with
-// gradients that are wrong on purpose.
+// Gradients of the reference renderer against central finite differences in double precision: all
+// 59 parameters of every primitive, for three lenses and all filters, for losses on colour and on
+// transmittance. The image jumps where a hit appears, ends a ray or changes places, and has kinks
+// at the clamps. A parameter whose stencil crosses one of these (detected by comparing every hit
+// list and every clamp) is skipped, and the number of skips is limited. The checker itself is
+// tested with wrong gradients.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -31,7 +31,7 @@ typedef struct setup {
     const char *name;
     sgs_camera_model lens;
     sgs_filter filter;
-    bool dense; // opaque and crowded: rays stop at T < 1e-4
+    bool dense; // many opaque primitives: rays end at T < 1e-4
 } setup;
 
 static const setup setups[] = {
@@ -95,8 +95,7 @@ static size_t problem_values(const problem *p)
     return p->scene.count * SGS_PARAM_COUNT;
 }
 
-// The losses of a rendering with the problem's parameters as they are now, and the sums of the
-// magnitudes of their terms.
+// Losses of a rendering with the current parameters, and the sums of the magnitudes of their terms.
 static void evaluate(const problem *p, sgs_reference_frame *frame, double loss[LOSS_COUNT],
                      double magnitude[LOSS_COUNT])
 {
@@ -115,9 +114,9 @@ static void evaluate(const problem *p, sgs_reference_frame *frame, double loss[L
     }
 }
 
-// Which smooth piece of the image function the parameters lie on: the ordered ids of every pixel
-// with the state of the 0.99 clamp, and the clamped colour channels. Room: count + PIXELS (count +
-// 1) words. Returns the words used.
+// Identifies the smooth piece of the image function: the ordered ids of every pixel with the state
+// of the 0.99 clamp, and the clamped colour channels. Needs count + PIXELS (count + 1) words.
+// Returns the number of words used.
 static size_t write_piece(const problem *p, uint32_t *words)
 {
     sgsi_reference_view view;
@@ -153,7 +152,7 @@ typedef struct difference_table {
     size_t skipped_count;
 } difference_table;
 
-// A parameter's natural unit: the move that changes a response by about its own size.
+// Natural unit of a parameter: the change that changes a response by about its own size.
 static double natural_unit(const sgsi_reference_primitive *primitive, int param)
 {
     const double *v = primitive->variance_view;
@@ -166,10 +165,10 @@ static double natural_unit(const sgsi_reference_primitive *primitive, int param)
     return param < SGS_PARAM_SH_DC ? 1 : 10;
 }
 
-// Fourth-order central difference at steps h and 2h: its truncation is h^4 f'''''/30, below 1e-13
-// of f in natural units for h = 2e-4. What remains is rounding: a loss whose terms have the
-// magnitudes A carries a few eps A, and the stencil multiplies it by 18/12 / h. `scale` is set so
-// that this noise, taken as 16 eps A / h, is the tolerance.
+// Fourth-order central difference at steps h and 2h. Its truncation error is h^4 f'''''/30, below
+// 1e-13 of f in natural units for h = 2e-4. The rest is rounding: a loss with terms of magnitude A
+// has an error of a few eps A, which the stencil multiplies by 18/12 / h. `scale` makes this noise,
+// taken as 16 eps A / h, the tolerance.
 static void difference_one(problem *p, sgs_reference_frame *frame, size_t index, double h,
                            const uint32_t *piece, size_t piece_words, uint32_t *words,
                            difference_table *table)
@@ -233,7 +232,7 @@ static void difference_free(difference_table *table)
     free(table->skipped);
 }
 
-// The checker: worst error of a gradient against one loss's differences.
+// The checker: largest error of a gradient against the differences of one loss.
 static double worst_gradient_error(const difference_table *table, int loss, const double *gradient,
                                    size_t count)
 {
@@ -258,7 +257,7 @@ static void gradient_of(const problem *p, int loss, double *d_params, double *d_
     free(zero);
 }
 
-// Rays that leave hits uncounted because T would fall below 1e-4.
+// Number of rays with hits that are not counted because T would fall below 1e-4.
 static size_t stopped_rays(const problem *p)
 {
     sgsi_reference_view view;
@@ -313,7 +312,7 @@ static void gradients_match_finite_differences(void **state)
     problem_free(&p);
 }
 
-// ---- The checker must see errors ----
+// ---- The checker must detect errors ----
 
 typedef enum planted_error {
     PLANTED_MEAN_SIGN,
@@ -375,7 +374,7 @@ static void checker_fails_on_planted_errors(void **state)
         plant((planted_error)error, d_mean_no_sh, p.scene.count, planted);
         const double worst = worst_gradient_error(&table, LOSS_COLOR, planted, values);
         assert_false(worst <= tolerance);
-        assert_true(worst > 0.1); // and not by a hair
+        assert_true(worst > 0.1); // by a clear margin
     }
     free(gradient);
     free(planted);
@@ -384,9 +383,9 @@ static void checker_fails_on_planted_errors(void **state)
     problem_free(&p);
 }
 
-// ---- What finite differences cannot say ----
+// ---- Properties that finite differences cannot test ----
 
-// The gradient without the SH direction is that of a model whose colours are painted on.
+// Without the SH direction the gradient is that of a model with view-independent colours.
 static void mean_gradient_without_sh_is_that_of_painted_colours(void **state)
 {
     (void)state;
@@ -415,7 +414,7 @@ static void mean_gradient_without_sh_is_that_of_painted_colours(void **state)
     }
 }
 
-// One ball on the axis of a one-pixel camera: everything in closed form.
+// One ball on the axis of a one-pixel camera: everything has a closed form.
 static void ball_gradient(const double *ball, double *d_params)
 {
     const sgs_camera camera = {SGS_CAMERA_PINHOLE, 1, 1, {100, 100, 0.5, 0.5}};
@@ -476,8 +475,7 @@ static void zero_quaternion_and_unseen_primitives_get_zero(void **state)
     problem_free(&p);
 }
 
-// A lower degree in the options is the same as zero coefficients above it, which themselves get no
-// gradient.
+// A lower degree in the options equals zero coefficients above it, which get no gradient.
 static void lower_sh_degree_is_zeroed_coefficients(void **state)
 {
     (void)state;
@@ -507,7 +505,7 @@ static void lower_sh_degree_is_zeroed_coefficients(void **state)
     }
 }
 
-// NULL for dL/dT means zeros, gradients add, and the planes of both losses are used together.
+// NULL for dL/dT means zeros; gradients are added; the gradients of both losses are used together.
 static void losses_add(void **state)
 {
     (void)state;
@@ -600,7 +598,6 @@ int main(void)
         cmocka_unit_test(backward_rejects_bad_arguments_and_survives_lack_of_memory),
     };
     memcpy(tests + count, others, sizeof others);
-    sgsi_threads_set(
-        1); // 30 000 images of 108 pixels: starting threads would cost more than they save
+    sgsi_threads_set(1); // 30 000 images of 108 pixels: one thread is faster
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -40,9 +40,9 @@ check() {
     fi
 }
 
-# says TEXT: stderr has the text. one_line: stderr is a single line that begins as errors do.
-says() {
-    check "stderr_says: $1" grep -qF -- "$1" "$temporary/stderr"
+# reports TEXT: stderr contains the text. one_line: stderr is a single line that begins as errors do.
+reports() {
+    check "stderr_has: $1" grep -qF -- "$1" "$temporary/stderr"
     bad_inputs=$((bad_inputs + ${refused:-0}))
     refused=0
 }

@@ -14,7 +14,7 @@ run 0 bench --list --json
 json "$temporary/stdout" '.scenes | map(.name) == ["sparse-32k", "dense-500k", "dense-2m"]'
 run 2 bench dense-500
 one_line
-says "the nearest is 'dense-500k'"
+reports "did you mean 'dense-500k'?"
 run 2 bench "$room/images/0001.jpg"
 one_line
 run 2 bench sparse-32k --json --csv
@@ -66,24 +66,24 @@ LC_ALL=C sed '/^end_header$/q; s/^element vertex .*/element vertex 0/' "$tempora
 for command in bench profile; do
     run 1 "$command" "$temporary/none.ply" "$room"
     one_line
-    says "none.ply: holds no primitive"
+    reports "none.ply: contains no primitives"
 done
 run 1 train "$room" --init "$temporary/none.ply" -o "$temporary/started"
-says "none.ply: holds no primitive"
+reports "none.ply: contains no primitives"
 
 # a_full_disk_behind_a_redirection_is_a_failure
 for how in --csv --json --quiet; do
     check "a_full_disk_fails $how" bash -c '! "$0" bench sparse-32k --repeat 1 "$1" >/dev/full 2>"$2"' \
         "$program" "$how" "$temporary/stderr"
-    says "standard output: cannot be written"
+    reports "standard output: cannot be written"
 done
 # a_wrong_path_is_told_before_anything_is_measured
 run 1 bench sparse-32k "$temporary/model" "$temporary/nowhere" --json
 one_line
-says "nowhere"
+reports "nowhere"
 check nothing_was_measured test ! -s "$temporary/stdout"
 run 2 bench "$temporary/model"
 one_line
-says "needs the SCENE"
+reports "requires a SCENE"
 
 finish

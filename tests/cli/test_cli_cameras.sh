@@ -27,23 +27,23 @@ check one_frame test "$(pictures "$temporary/spiral" exr)" = 'spiral_00002.exr '
 check size_is_as_told test "$(size_of "$temporary/spiral/spiral_00002.exr")" = 50x40
 run 1 render "$model" "$room" --orbit 4 --frames 4-9 -o "$temporary/none"
 one_line
-says "there are only the frames 0 to 3"
+reports "there are only the frames 0 to 3"
 for bad in '--frames 3-1' '--frames x' '--frames 1:' '--frames 1-2:0' '--size 10' '--size 0x5' '--size 5x70000' '--orbit 0' \
     '--spiral -1' '--spp 0' '--spp 5000' '--aperture -1' '--focus -2' '--fps 0' '--projection flat'; do
     # shellcheck disable=SC2086
     run 2 render "$model" "$room" $bad -o "$temporary/none"
-    says "${bad% *}"
+    reports "${bad% *}"
 done
 run 2 render "$model" "$room" --orbit 3 --view 0009 -o "$temporary/none"
-says "exclude each other"
+reports "are mutually exclusive"
 for idle in '--focus 2 aperture' '--fps 24 video' '--deep-max 4 deep' '--deep-tolerance 0.1 deep'; do
     read -r option value needed <<<"$idle"
     run 2 render "$model" "$room" "$option" "$value" -o "$temporary/none"
-    says "$option has no effect without --$needed"
+    reports "$option requires --$needed"
     one_line
 done
 run 2 render "$model" "$room" --aperture 0 --focus 2 -o "$temporary/none"
-says "--focus has no effect with --aperture 0"
+reports "--focus has no effect with --aperture 0"
 
 # orbits_are_level (up is most perpendicular to the right vectors of the captured cameras, found here by power iteration on
 # the inverse; the rolled mean up vector of this hand-held capture is far from it)
@@ -92,9 +92,9 @@ check film_back_in_mm bash -c "exrheader '$temporary/level/orbit_00002.exr' | gr
 check usda_has_five_samples test "$(grep -c '^        [0-4]: ((' "$temporary/level/cameras.usda")" = 5
 run 1 render "$model" "$room" --view 0009 --projection equirectangular --size 96x48 --save-cameras chan -o "$temporary/around"
 one_line
-says "is not perspective"
+reports "is not perspective"
 run 2 render "$model" "$room" --arc 90 -o "$temporary/none"
-says "--orbit"
+reports "--orbit"
 run 0 render "$model" "$room" --orbit 2 --size 40x20 --path-lens view --save-cameras usda --aov rgba -o "$temporary/lens"
 check no_json_unasked test ! -e "$temporary/lens/cameras.json"
 
@@ -129,10 +129,10 @@ check reference_agrees_all_around oiiotool --fail 0.002 --hardfail 0.1 --failper
     "$temporary/exact/0009.exr" --ch R,G,B,A --diff
 run 1 render "$model" "$room" --view 0009 --projection equirectangular --depth z -o "$temporary/none"
 one_line
-says "--depth z has no meaning"
+reports "--depth z has no meaning"
 run 1 render "$model" "$room" --view 0009 --projection equirectangular --aperture 1 -o "$temporary/none"
 one_line
-says "--aperture needs a perspective lens"
+reports "--aperture needs a perspective lens"
 
 # many_samples_soften (a pinhole in focus everywhere: 16 samples are near the mean of the fine picture)
 run 0 render "$model" "$room" --view 0009 --aov rgba,depth -o "$temporary/one"
@@ -151,7 +151,7 @@ run 0 render "$model" "$room" --view 0009 --aov rgba --aperture 0.000001 --focus
 run 0 render "$model" "$room" --view 0009 --aov rgba --spp 16 -o "$temporary/many"
 check a_tiny_lens_is_a_pinhole oiiotool --fail 0.001 --hardfail 0.05 "$temporary/pin/0009.exr" "$temporary/many/0009.exr" --diff
 run 2 render "$model" "$room" --view 0009 --deep --spp 4 -o "$temporary/none"
-says "--deep and --spp exclude each other"
+reports "--deep and --spp are mutually exclusive"
 
 # nerfstudio_paths (the same camera as cameras.json tells it)
 first=$(jq '.[0]' "$model/cameras.json")
@@ -172,7 +172,7 @@ for broken in '.camera_path[0].fov = 180' '.camera_path[0].camera_to_world[0] = 
     jq "$broken" "$temporary/path.json" >"$temporary/broken.json"
     run 1 render "$model" --camera "$temporary/broken.json" -o "$temporary/none"
     one_line
-    says broken.json
+    reports broken.json
 done
 
 # a_colmap_model_is_a_camera_file (the bundled scene's, without its photographs)
@@ -185,7 +185,7 @@ run 0 render "$model" --camera "$temporary/colmap" --frames 0-30:10 --size 30x17
 check four_views test "$(find "$temporary/colmap_some" -name '*.exr' | wc -l)" = 4
 run 1 render "$model" --camera "$temporary/bin_that_is_not_there" -o "$temporary/none"
 one_line
-says bin_that_is_not_there
+reports bin_that_is_not_there
 run 1 render "$model" --camera "$temporary/orbit" -o "$temporary/none"
 one_line
 
@@ -211,15 +211,15 @@ check rate_of_the_path grep -qx 12 "$temporary/arguments"
 check frames_too test "$(pictures "$temporary/both" png)" = 'frame_00000.png '
 FFMPEG_FAILS=1 run 1 render "$model" "$room" --orbit 2 --size 33x20 --video "$temporary/bad.mp4"
 one_line
-says "bad.mp4: ffmpeg failed: no such encoder"
+reports "bad.mp4: ffmpeg failed: no such encoder"
 check no_film test ! -e "$temporary/bad.mp4"
 mkdir "$temporary/empty"
 PATH=$temporary/empty run 1 render "$model" "$room" --orbit 2 --video "$temporary/none.mp4"
 PATH=$real_path
 one_line
-says "ffmpeg, which is not installed"
+reports "ffmpeg, which is not installed"
 run 2 render "$model" "$room" --orbit 2
-says "or --video FILE"
+reports "or --video FILE"
 if command -v ffprobe >/dev/null; then # the real one, where it is
     run 0 render "$model" "$room" --orbit 3 --size 33x21 --video "$temporary/real.mp4"
     check a_film bash -c "ffprobe -v error -count_frames -show_entries stream=nb_read_frames,width,height -of csv '$temporary/real.mp4' |

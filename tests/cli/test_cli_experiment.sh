@@ -56,7 +56,7 @@ rm -r "$lost"
 cp "$folder/plan.json" "$folder/same.json"
 sed -i 's/"iterations": 70/"iterations": 71/' "$folder/plan.json"
 if "$SPAREGS_PROGRAM" experiment "$folder/plan.json" -o "$folder/out" 2>"$folder/error"; then echo "FAIL: took the runs of another plan"; exit 1; fi
-grep -q "seed_0: was trained with iterations 70, and the plan says 71 now" "$folder/error" || { cat "$folder/error"; exit 1; }
+grep -q "seed_0: was trained with iterations 70, but the plan has 71" "$folder/error" || { cat "$folder/error"; exit 1; }
 sed 's/"iterations": 70/"iterations": 70, "save-at": 10/' "$folder/same.json" >"$folder/plan.json"
 [ "$("$SPAREGS_PROGRAM" experiment "$folder/plan.json" -o "$folder/out" --quiet --json | jq '.runs | length')" = 5 ]
 [ "$("$SPAREGS_PROGRAM" experiment "$folder/plan.json" -o "$folder/out" --check --json | jq '.runs | length')" = 5 ]

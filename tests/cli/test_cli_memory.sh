@@ -34,22 +34,22 @@ near refined "$room" --downscale 4 --iterations 30 --init "$temporary/small"
 # the_estimate_knows_what_it_continues: the model of `small` has more primitives than the scene has points
 points=$(jq .gaussians "$temporary/small/summary.json")
 run 1 train "$room" --downscale 4 --iterations 30 --init "$temporary/small" -o "$temporary/refused" --max-memory 20M
-says "the first $points primitives"
+reports "initial model of $points primitives"
 run 1 train "$room" --downscale 8 --iterations 150 --spare on --resume -o "$temporary/small" --max-memory 20M
-check resume_counts_the_checkpoint test "$(grep -oE 'the first [0-9]+ primitives' "$temporary/stderr" | grep -oE '[0-9]+')" \
+check resume_counts_the_checkpoint test "$(grep -oE 'initial model of [0-9]+ primitives' "$temporary/stderr" | grep -oE '[0-9]+')" \
     -gt $((points * 95 / 100))
 
 # more_than_there_is (a limit on addresses keeps a machine that has so much from doing it)
 ulimit -v 6000000
 run 1 render "$temporary/small" "$room" --orbit 1 --size 65536x65536 --aov all -o "$temporary/huge"
-says "a frame of 65536x65536 pixels"
+reports "a frame of 65536x65536 pixels"
 mkdir "$temporary/empty"
 cp -r "$room/images" "$room/sparse" "$temporary/empty/"
 rm "$temporary"/empty/sparse/0/points3D.*
 if [ "$(awk '/^MemTotal/ { print $2 }' /proc/meminfo)" -lt 300000000 ]; then
     run 1 train "$temporary/empty" --downscale 8 --random-points 100000000 --iterations 1 -o "$temporary/huge"
-    says "more than there is"
-    says "no memory for"
+    reports "more than the available"
+    reports "no memory for"
     check warns_once test "$(grep -c 'holds no points3D' "$temporary/stderr")" = 1
 fi
 finish

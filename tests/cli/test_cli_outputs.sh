@@ -96,16 +96,16 @@ check never_more_samples bash -c "! oiiotool --dumpdata '$temporary/deep/0009.de
 for bad in '--deep-tolerance -1' '--deep-tolerance 1.5' '--deep-tolerance x' '--deep-max 0' '--deep-max 257'; do
     # shellcheck disable=SC2086
     run 2 render "$model" "$room" --deep $bad -o "$temporary/deep"
-    says "${bad% *}"
+    reports "${bad% *}"
 done
 run 2 render "$model" "$room" --deep --reference -o "$temporary/deep"
-says "--deep and --reference exclude each other"
+reports "--deep and --reference are mutually exclusive"
 run 2 render "$model" "$room" --aov rgba,dept -o "$temporary/all"
-says "--aov: 'dept' is none of"
+reports "--aov: invalid value 'dept' (did you mean 'depth'?); choose from all|rgba"
 run 2 render "$model" "$room" --depth y -o "$temporary/all"
-says "--depth: 'y' is none of ray|z"
+reports "--depth: invalid value 'y'; choose from ray|z"
 run 2 render "$model" "$room" --compression lzma -o "$temporary/all"
-says "--compression"
+reports "--compression"
 
 # render_by_name_without_extension_and_by_split
 run 0 render "$model" "$room" --view 0009 -o "$temporary/exr2" --aov rgba
@@ -114,7 +114,7 @@ run 0 render "$model" "$room" -o "$temporary/split"
 check five_held_out_views test "$(find "$temporary/split" -name '*.exr' | wc -l)" = 5
 run 1 render "$model" "$room" --view 009.jpg -o "$temporary/exr"
 one_line
-says "the nearest is '0009.jpg'"
+reports "did you mean '0009.jpg'?"
 
 # exr_colours_are_linear_unless_asked
 run 0 render "$model" "$room" --view 0009 -o "$temporary/srgb" --aov rgba --exr-encoding srgb
@@ -142,7 +142,7 @@ echo '[{"width": 10, "height": 10, "fx": 10, "fy": 10, "position": [0, 0, 0], "r
     >"$temporary/sheared.json"
 run 1 render "$model" --camera "$temporary/sheared.json" -o "$temporary/camera"
 one_line
-says "not a rotation"
+reports "not a rotation"
 
 # info_describes_models_and_scenes
 run 0 info "$model" --json
@@ -162,6 +162,6 @@ prints "bounds: none"
 head -c 5000 "$model/point_cloud/iteration_40/point_cloud.ply" >"$temporary/cut.ply"
 run 1 info "$temporary/cut.ply"
 one_line
-says "cut.ply"
+reports "cut.ply"
 
 finish

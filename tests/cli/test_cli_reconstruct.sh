@@ -65,7 +65,7 @@ calls feature_extractor
 # a_failure_tells_colmaps_last_lines_and_continues_there
 FAIL=1 with_standin run 1 reconstruct "$photos" -o "$temporary/second" --quiet
 one_line
-says "second/colmap/mapper.log: colmap mapper ended with status 7: loading | ERROR: the database is empty"
+reports "second/colmap/mapper.log: colmap mapper failed with status 7: loading | ERROR: the database is empty"
 : >"$CALLS"
 with_standin run 0 reconstruct "$photos" -o "$temporary/second" --quiet
 check features_and_matches_were_kept test "$(grep -c '^---' "$CALLS")" = 2
@@ -73,20 +73,20 @@ check features_and_matches_were_kept test "$(grep -c '^---' "$CALLS")" = 2
 # clear_words
 NONE=1 with_standin run 1 reconstruct "$photos" -o "$temporary/third" --quiet
 one_line
-says "COLMAP found no camera of the 35 photographs"
+reports "COLMAP registered none of the 35 photographs"
 run 1 reconstruct "$photos" -o "$temporary/fourth" --colmap no-such-colmap --quiet
 one_line
-says "no-such-colmap: this program is not installed; install COLMAP"
+reports "no-such-colmap: program not found; install COLMAP"
 mkdir "$temporary/empty"
 with_standin run 1 reconstruct "$temporary/empty" -o "$temporary/fifth"
 one_line
-says "holds 0 photograph(s)"
+reports "contains 0 photograph(s)"
 with_standin run 1 reconstruct "$temporary/absent" -o "$temporary/fifth"
 one_line
 run 2 reconstruct "$photos"
-says "-o SCENE"
+reports "-o SCENE"
 run 2 reconstruct "$photos" -o "$temporary/x" --camera-model OPENCVV
-says "COLMAP has no such model"
+reports "not a COLMAP camera model"
 
 # a_signal_ends_colmap_too
 SLOW=1 PATH=$bin:$PATH "$program" reconstruct "$photos" -o "$temporary/sixth" --quiet 2>"$temporary/stderr" &

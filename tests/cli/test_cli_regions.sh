@@ -3,7 +3,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 # The layers `region` and `slack` of render: a pixel's region is the one that holds the centre of the primitive in
-# `primitive`, and its slack is what `explain` says of that region. Centres are read from the PLY by od.
+# `primitive`, and its slack is what `explain` prints for that region. Centres are read from the PLY by od.
 set -euo pipefail
 . "$(dirname "$0")/cli_support.sh"
 model=$temporary/model
@@ -66,14 +66,14 @@ done
 cp "$ply" "$temporary/alone.ply"
 run 1 render "$temporary/alone.ply" "$room" --downscale 8 --view 0009 --aov rgba,slack -o "$temporary/exr"
 one_line
-says "folder of a run with --spare on"
+reports "run folder trained with --spare on"
 run 0 render "$temporary/alone.ply" "$room" --downscale 8 --view 0009 --aov all -o "$temporary/alone"
-says "region and slack are left out"
+reports "region and slack are omitted"
 oiiotool --info -v "$temporary/alone/0009.exr" >"$temporary/info"
 check the_others_are_there grep -qF 'primitive.id (uint), transmittance.T' "$temporary/info"
 head -c 100 "$model/regions.bin" >"$temporary/cut" && cat "$temporary/cut" "$temporary/cut" >"$model/regions.bin"
 run 1 render "$model" "$room" --view 0009 --aov region -o "$temporary/exr"
 one_line
-says "regions.bin"
+reports "regions.bin"
 
 finish

@@ -39,7 +39,7 @@ done
 check usr1_saves_a_checkpoint test -s "$out/checkpoint/state.bin"
 check usr1_does_not_end_the_run kill -0 "$process"
 check the_second_run_fails bash -c '! "$@" 2>"$0"' "$temporary/stderr" "$program" train "${data[@]}" -o "$out" --iterations 5
-says "another training is writing there"
+reports "another training is writing there"
 one_line
 check the_first_run_goes_on kill -0 "$process"
 kill -HUP "$process"
@@ -63,13 +63,13 @@ for pipeline in 3dgs dash fastgs; do
     wait_for_iteration_100
     mv "$scene/images" "$temporary/kept"
     finish_with 1
-    check "says_what_is_missing_and_what_to_do ($pipeline)" grep -q \
-        "$scene/images/.*the state of iteration [0-9]* is saved: .*--resume" "$temporary/started_stderr"
+    check "reports_what_is_missing_and_what_to_do ($pipeline)" grep -q \
+        "$scene/images/.*saved a checkpoint at iteration [0-9]*: .*--resume" "$temporary/started_stderr"
     check "the_state_is_kept ($pipeline)" test -s "$out/checkpoint/state.bin"
     check "the_model_is_kept ($pipeline)" test -n "$(find "$out/point_cloud" -name point_cloud.ply)"
     mv "$temporary/kept" "$scene/images"
     run 0 train "${vanishing[@]}" --resume
-    says "continuing at iteration"
+    reports "resuming at iteration"
     check "nothing_is_lost ($pipeline)" test "$(jq -r .model_hash "$out/summary.json")" = "$expected"
 done
 
@@ -105,17 +105,17 @@ for limit in 3s 12s 48s; do
     [ "$(jq .iterations "$out/summary.json")" = 0 ] || break
 done
 json "$out/summary.json" '.stop_reason == "time_limit" and .stop_text == "stopped by --time-limit" and .iterations > 0 and .iterations < 1000000 and .train.psnr == null'
-says "continue with --resume"
+reports "continue with --resume"
 check the_state_is_saved test -s "$out/checkpoint/state.bin"
 at=$(jq .iterations "$out/summary.json")
 run 0 train "${data[@]}" -o "$out" --iterations 1000000 --spare off --resume --time-limit "$limit"
-says "continuing at iteration $at"
+reports "resuming at iteration $at"
 run 0 train "${data[@]}" -o "$temporary/short" --iterations 1 --quiet --time-limit 1d3h55m1.5s
 run 1 train "$temporary" -o "$temporary/short" --time-limit 2d12h # accepted; there is no scene
 run 1 train "$temporary" -o "$temporary/short" --time-limit 1200
 for text in 3h55x m 55m3h -3s 3s4 3hh ''; do
     run 2 train "${data[@]}" -o "$out" --time-limit "$text"
-    says "--time-limit"
+    reports "--time-limit"
     one_line
 done
 
@@ -123,13 +123,13 @@ done
 rm -rf "$out"
 run 1 train "${data[@]}" -o "$out" --iterations 5 --max-memory 100M
 one_line
-says "training needs about 0."
-says "--max-memory allows (0.10 GiB)"
+reports "training requires about 0."
+reports "more than --max-memory (0.10 GiB)"
 check nothing_is_left test ! -e "$out"
 run 0 train "${data[@]}" -o "$out" --iterations 2 --max-memory 8G --quiet
 for text in 8X G -1G 1K ''; do
     run 2 train "${data[@]}" -o "$out" --max-memory "$text"
-    says "--max-memory"
+    reports "--max-memory"
 done
 
 # changed_options_are_honoured_and_recorded, or refused by name
@@ -137,21 +137,21 @@ rm -rf "$out"
 paper=(-o "$out" --schedule paper --spare bmd,rap --checkpoint-every 20 --quiet)
 run 0 train "${data[@]}" "${paper[@]}" --iterations 40
 run 0 train "${data[@]}" "${paper[@]}" --iterations 60 --max-gaussians 100000 --resume
-says "--iterations was 40 and is 60 from iteration 41 on"
-says "--max-gaussians was 0 and is 100000 from iteration 41 on"
+reports "--iterations was 40 and is 60 from iteration 41 on"
+reports "--max-gaussians was 0 and is 100000 from iteration 41 on"
 json "$out/config.json" '.options.iterations == 60 and .resumed == [{"iteration": 40,
     "changed_from": {"iterations": 40, "max_gaussians": 0}}]'
 json "$out/summary.json" '.iterations == 60'
 run 0 train "${data[@]}" -o "$temporary/whole" --schedule paper --spare bmd,rap --iterations 60 --quiet
 check a_longer_run_is_the_long_run cmp <(jq .model_hash "$out/summary.json") <(jq .model_hash "$temporary/whole/summary.json")
 run 1 train "${data[@]}" "${paper[@]}" --iterations 80 --max-gaussians 10 --resume
-says "more than --max-gaussians 10"
+reports "more than --max-gaussians 10"
 run 1 train "${data[@]}" "${paper[@]}" --iterations 60 --sh-degree 2 --resume
-says "--sh-degree was 3 when this run was started and is 2 now"
+reports "--sh-degree was 3 when the run started and is 2 now"
 one_line
 jq 'del(.options.sh_degree)' "$out/config.json" >"$temporary/edited" && cp "$temporary/edited" "$out/config.json"
 run 1 train "${data[@]}" "${paper[@]}" --iterations 60 --resume
-says "--sh-degree was not recorded"
+reports "--sh-degree was not recorded"
 
 # leftovers_of_a_killed_run_are_removed, other files stay
 touch "$out/checkpoint/state.next.bin.tmp.123" "$out/config.json.tmp.77" "$out/notes.tmp.txt" "$out/keep.me"
@@ -172,8 +172,8 @@ for damage in 'truncate -s 5000' 'dd conv=notrunc status=none bs=1 seek=70000 co
         printf "\\x$(printf %x $((byte ^ 4)))" | ${damage/if=\/dev\/urandom /}"$out/checkpoint/state.bin"
     fi
     run 0 train "${data[@]}" -o "$out" --iterations 30 --checkpoint-every 10 --quiet --resume
-    says "state.bin"
-    says "replaced by the checkpoint before it"
+    reports "state.bin"
+    reports "replaced by the checkpoint before it"
     check the_model_is_the_same test "$(jq .model_hash "$out/summary.json")" = "$hash"
 done
 

@@ -39,8 +39,8 @@ hash=$(jq -r .model_hash "$out/summary.json")
 
 # progress_is_a_line_per_100_iterations
 run 0 train "$room" --downscale 8 -o "$temporary/lines" --iterations 200 --spare off
-says "100/200"
-says "200/200"
+reports "100/200"
+reports "200/200"
 prints "training images: PSNR"
 check no_escape_codes_in_a_log test -z "$(tr -d -c '\033' <"$temporary/stderr")"
 
@@ -56,8 +56,8 @@ json "$out/summary.json" ".model_hash == \"$hash\""
 cp "$out/checkpoint/state.previous.bin" "$temporary/previous"
 truncate -s 100 "$out/checkpoint/state.bin"
 run 0 train "${data[@]}" -o "$out" --eval --spare bmd,rap --iterations 20 --checkpoint-every 0 --resume
-says "warning"
-says "state.bin"
+reports "warning"
+reports "state.bin"
 json "$out/summary.json" ".model_hash == \"$hash\""
 check csv_rows_are_not_doubled test "$(grep -c '^20,' "$out/train.csv")" = 1
 truncate -s 100 "$out/checkpoint/state.bin" "$out/checkpoint/state.previous.bin"
@@ -66,13 +66,13 @@ run 1 train "${data[@]}" -o "$out" --eval --spare bmd,rap --iterations 20 --resu
 # resume_refuses_other_options
 run 1 train "${data[@]}" -o "$out" --eval --spare bmd,rap --iterations 30 --resume
 one_line
-says "--iterations was 20"
+reports "--iterations was 20"
 run 1 train "${data[@]}" -o "$out" --eval --spare bmd,rap --iterations 20 --spare-grid 16 --resume
-says "--spare-grid was 32"
+reports "--spare-grid was 32"
 
 # resume_without_a_run_starts_at_zero
 run 0 train "$room" --downscale 8 -o "$temporary/fresh" --iterations 5 --resume
-says "starting at iteration 0"
+reports "starting at iteration 0"
 
 # a_new_run_keeps_the_models_of_the_old_one
 run 0 train "$room" --downscale 8 -o "$temporary/fresh" --iterations 3
@@ -129,7 +129,7 @@ if is_sanitized thread; then least=1024; fi
 check fails_with_status_1 bash -c 'trap "" XFSZ; ulimit -f "$4"; status=0
     "$0" train "$1" --downscale 8 -o "$2" --iterations 3 --quiet --resume 2>"$3" || status=$?; [ $status = 1 ]' \
     "$program" "$room" "$temporary/full" "$temporary/stderr" $least
-says "cannot be written"
+reports "cannot be written"
 check summary_is_intact cmp "$temporary/full/summary.json" "$temporary/before.json"
 
 # room_for_the_model_but_not_for_its_checkpoint (the result is measured all the same)

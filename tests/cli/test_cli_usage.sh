@@ -33,32 +33,42 @@ prints "ISA: "
 # mistakes_name_the_nearest
 run 2
 run 2 trian
-says "the nearest is 'train'"
+reports "did you mean 'train'?"
 one_line
 run 2 help rendr
-says "the nearest is 'render'"
+reports "did you mean 'render'?"
 run 2 --versoin
-says "'--version'"
+reports "'--version'"
 run 2 train "$room" -o "$temporary/out" --itertions 3
-says "the nearest is --iterations"
+reports "did you mean '--iterations'?"
 run 2 train "$room" -o "$temporary/out" --iter 3
-says "the nearest is --iterations"
+reports "did you mean '--iterations'?"
 run 2 eval a b --splt test
-says "the nearest is --split"
+reports "did you mean '--split'?"
 run 2 render a b -o "$temporary/out" --format pgn
-says "exr|png"
-says "the nearest is png"
+reports "exr|png"
+reports "did you mean 'png'?"
+# nothing_is_suggested_that_is_not_near
+run 2 train "$room" -o "$temporary/out" --foo
+reports "unknown option '--foo'; 'sparegs help train' lists all options"
+one_line
+run 2 render a b -o "$temporary/out" --aov foo
+reports "--aov: invalid value 'foo'; choose from all|rgba,"
+one_line
+run 2 paint
+reports "unknown command 'paint'; 'sparegs help' lists all commands"
+one_line
 run 2 train "$room" -o "$temporary/out" -x
-says "-x"
+reports "-x"
 
 run 2 train "$room" -o "$temporary/out" --image-cache 4bananas
-says "'4bananas' is not a size"
+reports "'4bananas' is not a size"
 
 # values_out_of_range_name_option_and_range
 out_of_range() {
     run 2 train "$room" -o "$temporary/out" "--$1" "$2"
-    says "--$1: '"
-    says "$3"
+    check names_option_and_value grep -qE -- "^sparegs: --$1: (invalid value )?'" "$temporary/stderr"
+    reports "$3"
     one_line
 }
 out_of_range iterations 0 "from 1 to"
@@ -80,59 +90,59 @@ out_of_range threads -1 "from 0 to"
 out_of_range max-gaussians -1 "from 0 to"
 out_of_range test-every 1 "from 2 to"
 run 2 train "$room" -o "$temporary/out" --iterations=0
-says "--iterations: '0'"
+reports "--iterations: '0'"
 
-# incomplete_lines_say_what_is_needed
+# incomplete_lines_name_what_is_missing
 run 2 train
-says "SCENE"
+reports "SCENE"
 run 2 train "$room"
-says "-o OUT"
+reports "-o OUT"
 run 2 train "$room" -o
-says "needs a value"
+reports "requires a value"
 run 2 train "$room" -o --quiet
-says "needs a value"
+reports "requires a value"
 run 2 train "$room" -o "$temporary/out" --json=1
-says "takes no value"
+reports "takes no value"
 run 2 train "$room" other -o "$temporary/out"
-says "one argument too many"
+reports "unexpected argument"
 run 2 train "$room" -o "$temporary/out" --eval --test-every 4
-says "exclude each other"
+reports "are mutually exclusive"
 run 2 eval model.ply
 run 2 render model.ply "$room"
-says "-o DIR"
+reports "-o DIR"
 run 2 render model.ply -o "$temporary/out"
-says "SCENE"
+reports "SCENE"
 check nothing_was_written test ! -e "$temporary/out"
 
 # inputs_that_are_not_there
 run 1 train "$temporary/nowhere" -o "$temporary/out" --quiet
 one_line
-says "$temporary/nowhere"
+reports "$temporary/nowhere"
 check nothing_was_written test ! -e "$temporary/out"
 run 1 eval "$temporary/nowhere.ply" "$room"
 one_line
-says "$temporary/nowhere.ply"
+reports "$temporary/nowhere.ply"
 run 1 train "$room" -o "$temporary/out" --init "$temporary/nope.ply" --quiet
 one_line
-says "nope.ply: there is no such model"
+reports "nope.ply: no such model"
 run 2 train "$room" -o "$temporary/out" --pipeline taming --taming-opacity linear --filter mip
 one_line
-says "--taming-opacity linear and --filter mip exclude each other"
+reports "--taming-opacity linear and --filter mip are mutually exclusive"
 run 1 render "$temporary/nope" --camera "$temporary/nope.json" -o "$temporary/out"
 one_line
 for extra in '--version x' 'help train x'; do
     # shellcheck disable=SC2086
     run 2 $extra
     one_line
-    says "one argument too many"
+    reports "unexpected argument"
 done
 run 2 train "$room" -o "$temporary/out" --spare bmd,rpa
-says "'rpa' is none of"
-says "the nearest is rap"
+reports "invalid value 'rpa'"
+reports "did you mean 'rap'?"
 mkdir "$temporary/empty"
 run 1 eval "$temporary/empty" "$room"
 one_line
-says "point_cloud"
+reports "point_cloud"
 run 1 render "$temporary/nowhere.ply" "$room" -o "$temporary/out"
 one_line
 run 1 info "$temporary/nowhere"
@@ -144,7 +154,7 @@ one_line
 echo "not a folder" >"$temporary/file"
 run 1 train "$room" -o "$temporary/file/out" --quiet
 one_line
-says "$temporary/file"
+reports "$temporary/file"
 run 1 train "$room" -o "$temporary/file" --quiet
 one_line
 check the_file_is_intact grep -qx "not a folder" "$temporary/file"

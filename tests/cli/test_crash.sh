@@ -36,7 +36,7 @@ while { [ "$killed" -lt "$kills" ] || [ "$finished" = 0 ]; } && [ "$failures" -l
         "${limit[@]}" "$program" train "${options[@]}" -o "$out" --threads $((1 + RANDOM % 3)) "${resume[@]}" \
             >"$temporary/stdout" || status=$?
     } 2>"$temporary/stderr"
-    at=$(sed -n 's/.*continuing at iteration \([0-9]*\)$/\1/p' "$temporary/stderr")
+    at=$(sed -n 's/.*resuming at iteration \([0-9]*\)$/\1/p' "$temporary/stderr")
     check at_most_one_interval_is_done_again test "${at:-$before}" -ge $((before - interval))
     check no_checkpoint_is_damaged bash -c '! grep -Eq "damaged|corrupt" "$0"' "$temporary/stderr"
     resume=(--resume)

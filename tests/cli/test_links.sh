@@ -28,7 +28,7 @@ for name in ../secret/inside.jpg images/../../secret/inside.jpg "$secret/inside.
     model a.jpg "$name"
     run 1 info "$set_up"
     one_line
-    says "images.txt: line 3"
+    reports "images.txt: line 3"
 done
 
 # links_inside_are_followed, links_that_lead_out_are_not
@@ -41,11 +41,11 @@ json "$temporary/stdout" '[.. | objects | select(has("images_missing")) | .image
 for name in out.jpg folder/inside.jpg; do
     model a.jpg "$name"
     run 0 info "$set_up"
-    says "a link leads out of the data set"
-    says "secret/inside.jpg; put the file itself there; the view is skipped"
+    reports "a link leads out of the data set"
+    reports "secret/inside.jpg; put the file itself there; the view is skipped"
     model "$name"
     run 1 info "$set_up"
-    says "a link leads out of the data set"
+    reports "a link leads out of the data set"
 done
 
 # an_image_folder_that_is_a_link_is_the_users_choice
@@ -61,7 +61,7 @@ ln -s "$secret/inside.jpg" "$temporary/masks/a.png"
 run 0 info "$set_up"
 mv "$temporary/masks/a.png" "$set_up/masks"
 run 1 info "$set_up"
-says "$set_up/masks/a.png: a link leads out of the data set"
+reports "$set_up/masks/a.png: a link leads out of the data set"
 rm -r "$set_up/masks" "$temporary/masks"
 
 # the_same_for_transforms, its_cloud_and_its_masks
@@ -78,11 +78,11 @@ transforms() {
 }
 transforms images/out.jpg cloud.ply
 run 0 info "$nerf"
-says "out.jpg: a link leads out of the data set"
-says "cloud.ply: a link leads out of the data set"
+reports "out.jpg: a link leads out of the data set"
+reports "cloud.ply: a link leads out of the data set"
 transforms ../secret/inside.jpg ../secret/cloud.ply
 run 1 info "$nerf"
-says "leaves the image folder"
+reports "leaves the image folder"
 cp "$nerf/images/a.jpg" "$nerf/images/b.jpg"
 transforms images/b.jpg none.ply
 mv "$nerf/images" "$temporary/photographs"
@@ -92,7 +92,7 @@ check a_linked_image_folder_is_fine bash -c '! grep -q skipped "$0"' "$temporary
 ln -s "$secret" "$temporary/photographs/deeper"
 transforms images/deeper/inside.jpg none.ply
 run 0 info "$nerf"
-says "inside.jpg: a link leads out of the data set"
+reports "inside.jpg: a link leads out of the data set"
 rm "$nerf/images"
 mv "$temporary/photographs" "$nerf/images"
 mkdir "$nerf/masks"
@@ -100,6 +100,6 @@ ln -s "$secret/inside.jpg" "$nerf/masks/a.png"
 printf '{"w": 1280, "h": 720, "fl_x": 500, "frames": [{"file_path": "images/a.jpg", "transform_matrix":
     [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}]}' >"$nerf/transforms.json"
 run 1 info "$nerf"
-says "masks/a.png: a link leads out of the data set"
+reports "masks/a.png: a link leads out of the data set"
 
 finish

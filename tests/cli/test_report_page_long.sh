@@ -2,7 +2,7 @@
 # SPDX-FileCopyrightText: 2026 The sparegs authors
 # SPDX-License-Identifier: Apache-2.0
 
-# The page of `sparegs report` in a browser: it loads without an error and draws what its data says. Skipped without Chromium.
+# The page of `sparegs report` in a browser: it loads without an error and draws its data. Skipped without Chromium.
 set -euo pipefail
 . "$(dirname "$0")/cli_support.sh"
 

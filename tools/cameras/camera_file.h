@@ -19,7 +19,7 @@ typedef struct named_camera {
 typedef struct camera_list {
     named_camera *cameras; // [count]
     size_t count;
-    double fps; // of a path, 0 = not told
+    double fps; // of a path, 0 = unspecified
     double arc; // of an orbit that is not a full circle, degrees; else 0
 } camera_list;
 

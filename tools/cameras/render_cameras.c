@@ -52,9 +52,9 @@ static bool missing_view(const sgs_scene *scene, const char *view)
     const char **names = calloc(scene->view_count + 1, sizeof *names);
     for (size_t i = 0; names && i < scene->view_count; ++i)
         names[i] = scene->views[i].name;
-    const char *nearest = names ? nearest_word(view, names, scene->view_count) : NULL;
-    fail_run("%s: has no view '%s'; the nearest is '%s'", scene->path, view,
-             nearest ? nearest : "");
+    char near[SUGGESTION_LENGTH];
+    fail_run("%s: no view named '%s'%s", scene->path, view,
+             suggestion(near, "", view, names, names ? scene->view_count : 0));
     free(names);
     return false;
 }

@@ -2,12 +2,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// One piece of work at a time beside the caller's own.
+// One task at a time that runs in a thread next to the caller's.
 
 #include <pthread.h>
 #include <stdbool.h>
 
-// Zero at first.
+// Zero-initialise before use.
 typedef struct background {
     pthread_t thread;
     bool running, result;
@@ -15,8 +15,9 @@ typedef struct background {
     void *context;
 } background;
 
-// Calls work(context) in a thread of its own; where none can be started, or unless `beside`, before
-// it returns. The work before must have been waited for. It must not move meanwhile.
+// Calls work(context) in a new thread, or, if `beside` is false or no thread can be started,
+// synchronously. Wait for the previous task first. `self` must not move until background_wait
+// returns.
 void background_start(background *self, bool beside, bool (*work)(void *), void *context);
-// Waits for the end of the work. Returns its result; true when there was none.
+// Waits for the task and returns its result; true if there was none.
 bool background_wait(background *self);

@@ -1,9 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Child processes. Both of its outputs share one pipe, so that the log keeps their order. Between
-// fork and exec only what is allowed there happens; that exec failed comes back through a second
-// pipe, which exec closes.
+// Child processes. stdout and stderr share one pipe, so that the log keeps their order. Between
+// fork and exec only async-signal-safe functions are called. A failed exec reports errno through a
+// second pipe, which a successful exec closes.
 
 #include "cli/child_process.h"
 
@@ -35,11 +35,11 @@ static void become(const child_process *child, const int output[2], const int fa
     close(failure[0]);
     execvp(child->arguments[0], (char *const *)child->arguments);
     const int reason = errno;
-    const ssize_t told = write(failure[1], &reason, sizeof reason);
-    _exit(told == (ssize_t)sizeof reason ? 127 : 126);
+    const ssize_t reported = write(failure[1], &reason, sizeof reason);
+    _exit(reported == (ssize_t)sizeof reason ? 127 : 126);
 }
 
-// Starts the program; -1 with errno set when that is not possible.
+// Starts the program. Returns -1 with errno set on failure.
 static pid_t start(const child_process *child, int *output)
 {
     int pipe_output[2], pipe_failure[2], reason = 0;
@@ -81,7 +81,7 @@ static void take_line(child_process *child, const char *text)
     snprintf(child->tail[CHILD_TAIL - 1], sizeof child->tail[0], "%s", text + strspn(text, " \t"));
 }
 
-// Reads until the program closes its output or a stop is asked for. True in the first case.
+// Reads until the program closes its output (true) or a signal asks to stop (false).
 static bool listen(child_process *child, int output, FILE *log)
 {
     char line[1024];

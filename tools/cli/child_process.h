@@ -2,26 +2,26 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Running another program: by argv, never through a shell; its output line by line into a log and
-// to a listener; ended when the user asks to stop (interrupt.h). Prints nothing itself.
+// Runs another program by argv, never through a shell. Its output goes line by line to a log and to
+// a callback. A request to stop (interrupt.h) terminates it. Prints nothing itself.
 
 #include <stdbool.h>
 
 enum { CHILD_MISSING = -1, CHILD_INTERRUPTED = -2, CHILD_UNSTARTED = -3, CHILD_TAIL = 3 };
 
 typedef struct child_process {
-    const char *const *arguments;                  // NULL-terminated; [0] is looked up in PATH
+    const char *const *arguments;                  // NULL-terminated; [0] is searched for in PATH
     const char *log_path;                          // receives stdout and stderr
-    void (*line)(void *context, const char *text); // every line, without its newline; may be NULL
+    void (*line)(void *context, const char *text); // called per line, without newline; may be NULL
     void *context;
-    // After the run: its last lines that say anything, oldest first.
+    // After the run: its last non-empty lines, oldest first.
     char tail[CHILD_TAIL][256];
-    int signal; // that ended it, or 0
+    int signal; // the signal that terminated it, or 0
 } child_process;
 
-// Waits for the end. Returns the exit status (128 + signal when one ended it), or CHILD_MISSING
-// when there is no such program, CHILD_INTERRUPTED, CHILD_UNSTARTED (see errno).
+// Runs the program to its end. Returns the exit status (128 + signal if a signal terminated it),
+// CHILD_MISSING if the program does not exist, CHILD_INTERRUPTED, or CHILD_UNSTARTED (see errno).
 int child_run(child_process *child);
 
-// The last lines in one, separated by " | ". Release with free().
+// The last lines joined by " | ". Release with free().
 char *child_tail(const child_process *child);

@@ -2,7 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// The commands of the program. Each gets argv with its own name first and returns the exit status.
+// The commands of the program. Each takes argv starting with its own name and returns the exit
+// status.
 
 int command_train(int argc, char **argv);
 int command_eval(int argc, char **argv);
@@ -15,6 +16,6 @@ int command_explain(int argc, char **argv);
 int command_experiment(int argc, char **argv);
 int command_report(int argc, char **argv);
 
-// Only parses and checks the line of `train`: -1 when it is fine, else the exit status, after
-// naming the mistake.
+// Parses and checks a command line of `train` without running it. Returns -1 if it is valid, else
+// an exit status after printing the error.
 int command_train_check(int argc, char **argv);

@@ -10,7 +10,7 @@
 #include "cli/output.h"
 #include "cli/progress.h"
 
-// The parts of a name that stay inside a folder.
+// A name without components that would leave the folder.
 static char *inside(const char *name)
 {
     char *const copy = format_text("%s", name), *path = calloc(strlen(name) + 1, 1);
@@ -39,7 +39,8 @@ static void cut_extension(char *path)
 
 static int by_text(const void *a, const void *b)
 {
-    char *const *const *x = a, *const *const *y = b; // pointers to stems, which lie in views' order
+    char *const *const *x = a, *const *const *y =
+                                   b; // pointers into the array of stems, ordered as the views
     const int order = strcmp(**x, **y);
     return order ? order : (*x > *y) - (*x < *y);
 }
@@ -61,8 +62,8 @@ static void sort_stems(char **stems, size_t count, char ***order)
     qsort(order, count, sizeof *order, by_text);
 }
 
-// Calls those that share a stem otherwise: by their full names at first, then by numbers. False
-// when there were none.
+// Renames entries that share a stem: to their full names, or, if `numbered`, with a number
+// appended. Returns false if there were none.
 static bool part_equals(const name_list *names, char **stems, char ***order, bool numbered)
 {
     bool changed = false;
@@ -87,7 +88,7 @@ static int find_stem(const void *key, const void *stem)
     return strcmp(key, **at);
 }
 
-// Whether a stem is another one and an ending that its files may have: a.depth beside a.
+// True if a stem equals another one plus a suffix that its files may have: a.depth next to a.
 static bool extends_another(const char *stem, char ***order, size_t count)
 {
     char *const start = format_text("%s", stem), *const slash = strrchr(start, '/');
@@ -101,7 +102,7 @@ static bool extends_another(const char *stem, char ***order, size_t count)
     return found;
 }
 
-// Calls those by their full names. False when there is no memory.
+// Renames such entries to their full names. False if out of memory.
 static bool part_extended(const name_list *names, char **stems, char ***order)
 {
     bool *extended = calloc(names->count + 1, sizeof *extended);
@@ -140,7 +141,7 @@ char **file_stems(char *const *first_name, size_t stride, size_t count)
     }
     part_equals(&names, stems, order, false);
     while (part_equals(&names, stems, order, true))
-        ; // ends: each round makes the names longer that it changes
+        ; // terminates: every pass lengthens the names that it changes
     free(order);
     return stems;
 }

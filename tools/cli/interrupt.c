@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Stopping on request. A handler does nothing but what is allowed in one: it changes a lock-free
-// number, or ends. Handlers of two signals may run at once, on two threads.
+// Stopping on request. The handlers are async-signal-safe: they change a lock-free integer or call
+// _exit. Handlers of two signals may run concurrently on two threads.
 
 #include "cli/interrupt.h"
 
@@ -13,7 +13,7 @@
 _Static_assert(ATOMIC_INT_LOCK_FREE == 2, "handlers need atomic integers without locks");
 
 enum { PASSED_ON = 1 << 16 };
-static atomic_int received; // the signal, with PASSED_ON while nothing but that has come
+static atomic_int received; // the signal, with PASSED_ON while only the forwarded one has arrived
 static atomic_int checkpoint_wanted;
 
 static void receive(int signal_number)
@@ -25,8 +25,7 @@ static void receive(int signal_number)
     } while (!atomic_compare_exchange_weak(&received, &before, signal_number));
 }
 
-// From the program that started this one: the same request may come directly as well, before this
-// or behind it.
+// Forwarded by the parent program. The same request may also arrive directly, before or after.
 static void receive_once(int signal_number)
 {
     (void)signal_number;
@@ -47,14 +46,13 @@ void interrupt_watch(void)
     sigemptyset(&action.sa_mask);
     sigaction(SIGINT, &action, NULL);
     sigaction(SIGTERM, &action, NULL);
-    if (!sigaction(SIGHUP, NULL, &before) && before.sa_handler != SIG_IGN) // nohup wants it ignored
+    if (!sigaction(SIGHUP, NULL, &before) && before.sa_handler != SIG_IGN) // nohup ignores SIGHUP
         sigaction(SIGHUP, &action, NULL);
     action.sa_handler = receive_once;
     sigaction(INTERRUPT_PASSED_ON, &action, NULL);
     action.sa_handler = want_checkpoint;
     sigaction(SIGUSR1, &action, NULL);
-    // A reader of our messages that has gone, or a limit on file sizes, is an error of that write
-    // and no reason to die.
+    // A closed pipe or a file-size limit is reported as an error of the write instead.
     action.sa_handler = SIG_IGN;
     sigaction(SIGPIPE, &action, NULL);
     sigaction(SIGXFSZ, &action, NULL);

@@ -2,25 +2,25 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// SIGINT, SIGTERM and SIGHUP as a request to finish: the first one only sets a flag, the second
-// ends the process at once with status 128 + signal. SIGUSR1 asks for a checkpoint.
-// INTERRUPT_PASSED_ON is SIGTERM from a program that started this one, and never ends it at once:
-// the same request may have come directly.
+// SIGINT, SIGTERM and SIGHUP request a stop: the first one sets a flag, a second one exits
+// immediately with status 128 + signal. SIGUSR1 requests a checkpoint. INTERRUPT_PASSED_ON is
+// SIGTERM forwarded by the parent program; it never exits immediately, because the same request may
+// also have arrived directly.
 
 #include <signal.h>
 #include <stdbool.h>
 
 #define INTERRUPT_PASSED_ON SIGUSR2
 
-// Installs the handlers; SIGPIPE and SIGXFSZ become write errors. SIGHUP stays ignored if it was
+// Installs the handlers. SIGPIPE and SIGXFSZ become write errors. SIGHUP stays ignored if it was
 // (nohup).
 void interrupt_watch(void);
 
-// The signal that asked to stop, or 0.
+// The signal that requested a stop, or 0.
 int interrupt_signal(void);
 
 // True once per request for a checkpoint.
 bool interrupt_take_checkpoint(void);
 
-// 129 after SIGHUP, 130 after SIGINT, 143 after SIGTERM, 0 if there was none.
+// Exit status: 129 after SIGHUP, 130 after SIGINT, 143 after SIGTERM, 0 without a signal.
 int interrupt_status(void);

@@ -2,10 +2,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// JSON that a user names.
+// JSON files named by the user.
 
 #include <jansson.h>
 
-// The root of a file; a name twice in an object is an error. NULL after printing the error, with
-// its line.
+// The root of a JSON file. Duplicate keys are an error. NULL after printing the error with its
+// line.
 json_t *read_json(const char *path);

@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The program `sparegs`: finds the command and hands over. Exit status: 0 done; 1 failed while
-// running; 2 wrong usage; 130 or 143 stopped by SIGINT or SIGTERM after saving.
+// The program `sparegs`: dispatches to the command. Exit status: 0 success; 1 failure; 2 usage
+// error; 130 or 143 stopped by SIGINT or SIGTERM after saving.
 
 #include <stdio.h>
 #include <string.h>
@@ -20,17 +20,16 @@ typedef struct command {
 
 static const command commands[] = {
     {"train", "train a model on a data set", command_train},
-    {"eval", "compare a model's views with the photographs", command_eval},
-    {"render", "draw views as EXR or PNG", command_render},
-    {"info", "tell what a model or a data set is", command_info},
-    {"reconstruct", "find the cameras of photographs with COLMAP", command_reconstruct},
-    {"explain", "tell why SPARE-GS gave a region its primitives", command_explain},
-    {"experiment", "train what a plan asks for: scenes, pipelines, variants, seeds",
+    {"eval", "compare renders of a model with the photographs", command_eval},
+    {"render", "render views as EXR or PNG", command_render},
+    {"info", "describe a model or a data set", command_info},
+    {"reconstruct", "estimate the cameras of photographs with COLMAP", command_reconstruct},
+    {"explain", "explain the budget that SPARE-GS assigned to regions", command_explain},
+    {"experiment", "run a plan of trainings: scenes, pipelines, variants, seeds",
      command_experiment},
-    {"report", "tables and a page of an experiment", command_report},
-    {"bench", "measure the phases of training against the limits of the machine", command_bench},
-    {"profile", "report on the BVH over a model: trees, tests, hits, cost per tile",
-     command_profile},
+    {"report", "create tables and an HTML page of an experiment", command_report},
+    {"bench", "measure the phases of training against the machine's limits", command_bench},
+    {"profile", "profile the BVH over a model: trees, tests, hits, cost per tile", command_profile},
 };
 
 enum { COMMAND_COUNT = sizeof commands / sizeof *commands };
@@ -43,15 +42,16 @@ static void print_version(void)
 
 static void print_commands(FILE *stream)
 {
-    fputs("Usage: sparegs COMMAND [options]\n\nTrains 3D Gaussians on CPUs.\n\nCommands:\n",
+    fputs("Usage: sparegs COMMAND [options]\n\nTrains and renders 3D Gaussians on "
+          "CPUs.\n\nCommands:\n",
           stream);
     for (int i = 0; i < COMMAND_COUNT; ++i)
         fprintf(stream, "  %-11s %s\n", commands[i].name, commands[i].summary);
-    fputs("  help        print this, or the options of a command: sparegs help COMMAND\n\n"
-          "  --version   versions of the program and its libraries, instruction set in use\n\n"
-          "Exit status: 0 done; 1 failed while running; 2 wrong usage; 130 or 143 stopped by "
-          "SIGINT or SIGTERM.\n",
-          stream);
+    fputs(
+        "  help        print this help, or that of a command: sparegs help COMMAND\n\n  --version  "
+        " print the versions of the program and its libraries, and the instruction set\n\nExit "
+        "status: 0 success; 1 failure; 2 usage error; 130 or 143 stopped by SIGINT or SIGTERM.\n",
+        stream);
 }
 
 static const command *find_command(const char *name)
@@ -65,6 +65,7 @@ static const command *find_command(const char *name)
 static int fail_command(const char *name)
 {
     const char *words[COMMAND_COUNT + 2];
+    char near[SUGGESTION_LENGTH];
     size_t count = 0;
     const bool is_option = name[0] == '-';
     for (int i = 0; i < COMMAND_COUNT && !is_option; ++i)
@@ -72,8 +73,9 @@ static int fail_command(const char *name)
     words[count++] = is_option ? "--help" : "help";
     if (is_option)
         words[count++] = "--version";
-    return fail_usage("unknown %s '%s'; the nearest is '%s' ('sparegs help' lists all)",
-                      is_option ? "option" : "command", name, nearest_word(name, words, count));
+    return fail_usage("unknown %s '%s'%s; 'sparegs help' lists all commands",
+                      is_option ? "option" : "command", name,
+                      suggestion(near, "", name, words, count));
 }
 
 static int print_help_of(const char *name)
@@ -96,7 +98,7 @@ static int run(int argc, char **argv)
     const bool helps = !strcmp(name, "help") || !strcmp(name, "--help") || !strcmp(name, "-h");
     const int takes = !strcmp(name, "--version") ? 2 : helps ? 3 : argc;
     if (argc > takes)
-        return fail_usage("'%s' is one argument too many; usage: sparegs %s%s", argv[takes], name,
+        return fail_usage("unexpected argument '%s'; usage: sparegs %s%s", argv[takes], name,
                           helps ? " [COMMAND]" : "");
     if (!strcmp(name, "--version")) {
         print_version();
@@ -116,6 +118,6 @@ int main(int argc, char **argv)
 {
     messages_hear_library(true);
     const int status = run(argc, argv);
-    // What was printed may be the result: a full disk behind a redirection is a failure.
+    // Standard output may hold the result, so a failed write (a full disk) is an error.
     return status != EXIT_DONE || stdout_is_whole() ? status : EXIT_FAILED;
 }

@@ -1,10 +1,10 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The option parser. Every option is a row of a table, so that what --help says, what a range error
-// says and what is accepted cannot drift apart: the defaults shown are the defaults parsed. Long
-// names are never abbreviated (a script must not break when an option with the same beginning
-// arrives); a mistyped one is answered with its nearest neighbour.
+// The option parser. Every option is one row of a table. --help, range errors and parsing all read
+// that row, so they cannot disagree: the defaults shown are the defaults parsed. Long names cannot
+// be abbreviated, so that a new option with the same prefix breaks no script. The error for a
+// mistyped name suggests the nearest known one.
 
 #include "cli/options.h"
 
@@ -69,12 +69,13 @@ static size_t edit_distance(const char *a, const char *b)
 const char *nearest_word(const char *text, const char *const *words, size_t count)
 {
     const char *nearest = NULL;
-    size_t least = SIZE_MAX;
+    const size_t length = strlen(text);
+    size_t least = length < 2 ? 0 : length < 6 ? 1 : length / 3; // at most this many edits
     for (size_t i = 0; i < count; ++i) {
-        size_t distance = 2 * edit_distance(text, words[i]);
-        if (*text && !strncmp(words[i], text, strlen(text)))
-            distance = 1; // an abbreviation
-        if (distance < least) {
+        if (length && !strncmp(words[i], text, length))
+            return words[i];
+        const size_t distance = edit_distance(text, words[i]);
+        if (distance < least + !nearest) {
             least = distance;
             nearest = words[i];
         }
@@ -82,7 +83,17 @@ const char *nearest_word(const char *text, const char *const *words, size_t coun
     return nearest;
 }
 
-// Copies word number k of "a|b|c" or "a,b,c"; false if there are fewer words.
+const char *suggestion(char storage[SUGGESTION_LENGTH], const char *prefix, const char *text,
+                       const char *const *words, size_t count)
+{
+    const char *nearest = nearest_word(text, words, count);
+    *storage = 0;
+    if (nearest)
+        snprintf(storage, SUGGESTION_LENGTH, " (did you mean '%s%s'?)", prefix, nearest);
+    return storage;
+}
+
+// Copies word k of "a|b|c" or "a,b,c". False if there are fewer words.
 static bool word_at(const char *words, int k, char word[LONGEST_WORD + 1])
 {
     const char *at = words;
@@ -105,10 +116,10 @@ static int word_index(const char *words, const char *text, size_t length)
     return -1;
 }
 
-// "1 to 30000 iterations"
+// For example "1 to 30000 iterations".
 static const char *range_text(const option *row, char text[96])
 {
-    const int digits = row->kind == OPTION_REAL ? 6 : 17; // whole numbers in full
+    const int digits = row->kind == OPTION_REAL ? 6 : 17; // integers with all digits
     snprintf(text, 96, "%.*g to %.*g%s%s", digits, row->low, digits, row->high,
              row->unit ? " " : "", row->unit ? row->unit : "");
     return text;
@@ -156,13 +167,13 @@ static bool parse_real(const option *row, const char *argument, double *value)
     return true;
 }
 
-// Sum of numbers with units: 3h55m. A bare number is in seconds.
+// A sum of numbers with units: 3h55m. A number without a unit is in seconds.
 static bool parse_duration(const option *row, const char *argument, double *value)
 {
     static const char units[] = "dhms";
     static const double seconds[] = {86400, 3600, 60, 1};
     double sum = 0;
-    size_t least = 0; // units come in falling order, each once
+    size_t least = 0; // units must be in descending order, each at most once
     for (const char *at = argument; *argument && *at;) {
         char *end = (char *)at;
         const double number = *at >= '0' && *at <= '9' ? strtod(at, &end) : -1;
@@ -179,8 +190,8 @@ static bool parse_duration(const option *row, const char *argument, double *valu
         at = *end ? end + 1 : end;
     }
     if (!*argument || !(sum >= row->low && sum <= row->high)) {
-        fail_usage("--%s: '%s' is not a time such as 90s, 45m, 3h55m or 2d12h", row->name,
-                   argument);
+        fail_usage("--%s: '%s' is not a duration; write for example 90s, 45m, 3h55m or 2d12h",
+                   row->name, argument);
         return false;
     }
     *value = sum;
@@ -189,7 +200,7 @@ static bool parse_duration(const option *row, const char *argument, double *valu
 
 static bool parse_bytes(const option *row, const char *argument, uint64_t *value)
 {
-    static const char units[] = "KMGT"; // powers of 1024, whether or not an "iB" says so
+    static const char units[] = "KMGT"; // powers of 1024, with or without "iB"
     char *end = (char *)argument;
     double number = *argument >= '0' && *argument <= '9' ? strtod(argument, &end) : -1;
     const char *unit = number >= 0 && *end ? strchr(units, toupper((unsigned char)*end)) : NULL;
@@ -198,7 +209,7 @@ static bool parse_bytes(const option *row, const char *argument, uint64_t *value
     end += unit != NULL;
     const bool ends = !*end || !strcasecmp(end, "B") || (unit && !strcasecmp(end, "iB"));
     if (number < 0 || !ends || !(number >= row->low && number <= row->high)) {
-        fail_usage("--%s: '%s' is not a size such as 500M or 4GiB", row->name, argument);
+        fail_usage("--%s: '%s' is not a size; write for example 500M or 4GiB", row->name, argument);
         return false;
     }
     *value = (uint64_t)number;
@@ -214,9 +225,9 @@ static bool fail_word(const option *row, const char *argument)
         words[count] = storage[count];
         ++count;
     }
-    const char *nearest = nearest_word(argument, words, (size_t)count);
-    fail_usage("--%s: '%s' is none of %s; the nearest is %s", row->name, argument, row->argument,
-               nearest);
+    char near[SUGGESTION_LENGTH];
+    fail_usage("--%s: invalid value '%s'%s; choose from %s", row->name, argument,
+               suggestion(near, "", argument, words, (size_t)count), row->argument);
     return false;
 }
 
@@ -260,7 +271,7 @@ static bool parse_integers(const option *row, const char *argument, integer_list
         const size_t length = strcspn(at, ",");
         char text[24];
         if (list->count == (int)(sizeof list->values / sizeof *list->values)) {
-            fail_usage("--%s: more than %d numbers", row->name, list->count);
+            fail_usage("--%s: too many numbers; at most %d are allowed", row->name, list->count);
             return false;
         }
         snprintf(text, sizeof text, "%.*s", (int)length, at);
@@ -282,8 +293,8 @@ static bool parse_color(const option *row, const char *argument, color_value *co
         char *end;
         color->rgb[c] = strtof(at, &end);
         if (end == at || *end != (c < 2 ? ',' : 0) || !(color->rgb[c] >= 0 && color->rgb[c] <= 1)) {
-            fail_usage("--%s: '%s' is not R,G,B with numbers from 0 to 1%s", row->name, argument,
-                       strstr(row->argument, "random") ? ", nor random" : "");
+            fail_usage("--%s: '%s' is not R,G,B with values from 0 to 1%s", row->name, argument,
+                       strstr(row->argument, "random") ? ", or 'random'" : "");
             return false;
         }
         at = end + 1;
@@ -307,7 +318,7 @@ static bool parse_value(const option *row, const char *argument, void *values)
     case OPTION_TEXT:
         *(const char **)value = argument;
         if (!*argument)
-            fail_usage("--%s: its %s is empty", row->name, row->argument);
+            fail_usage("--%s: %s must not be empty", row->name, row->argument);
         return *argument != 0;
     case OPTION_CHOICE:
         *(int *)value = word_index(row->argument, argument, strlen(argument));
@@ -322,7 +333,7 @@ static bool parse_value(const option *row, const char *argument, void *values)
         return parse_bytes(row, argument, value);
     case OPTION_COLOR:
         if (!strstr(row->argument, "random") && !strcmp(argument, "random")) {
-            fail_usage("--%s: '%s' is not R,G,B with numbers from 0 to 1", row->name, argument);
+            fail_usage("--%s: '%s' is not R,G,B with values from 0 to 1", row->name, argument);
             return false;
         }
         return parse_color(row, argument, value);
@@ -332,31 +343,32 @@ static bool parse_value(const option *row, const char *argument, void *values)
 
 // ---- Help ----
 
-// Prints text wrapped into the right column; the cursor stands at `column`.
-static void print_wrapped(const char *text, int column)
+// Prints text wrapped at HELP_WIDTH, with further lines indented; the cursor is at column `indent`.
+// A newline in the text starts a new line; spaces after it stay.
+static void print_wrapped(const char *text, int indent)
 {
-    const char *at = text;
-    bool first = true;
-    while (*at) {
-        const int length = (int)strcspn(at, " ");
-        if (!first && column + 1 + length > HELP_WIDTH) {
-            printf("\n%*s", HELP_INDENT, "");
-            column = HELP_INDENT;
-        } else if (!first) {
-            putchar(' ');
-            ++column;
+    int column = indent;
+    for (const char *at = text; *at;) {
+        const int gap = (int)strspn(at, " "), length = (int)strcspn(at + gap, " \n");
+        if (column > indent && column + gap + length > HELP_WIDTH) {
+            printf("\n%*s%.*s", indent, "", length, at + gap);
+            column = indent + length;
+        } else {
+            printf("%.*s", gap + length, at);
+            column += gap + length;
         }
-        printf("%.*s", length, at);
-        column += length;
-        at += length;
-        at += strspn(at, " ");
-        first = false;
+        at += gap + length;
+        if (*at == '\n') {
+            printf("\n%*s", at[1] ? indent : 0, "");
+            column = indent;
+            ++at;
+        }
     }
     putchar('\n');
 }
 
-// Prints the name and argument of an option; what is wider than the page goes on in a second line,
-// after a comma. Returns the column of the cursor.
+// Prints the name and argument of an option, broken after a comma where they are wider than the
+// page. Returns the cursor's column.
 static int print_left(const char *left)
 {
     int length = (int)strlen(left), head = length < HELP_WIDTH ? length : HELP_WIDTH;
@@ -393,7 +405,8 @@ static void print_option(const option *row)
 
 static void print_help(const command_line *line)
 {
-    printf("Usage: sparegs %s %s\n\n%s\n", line->command, line->synopsis, line->description);
+    printf("Usage: sparegs %s %s\n\n", line->command, line->synopsis);
+    print_wrapped(line->description, 0);
     for (size_t g = 0; g < line->group_count; ++g) {
         printf("\n%s:\n", line->groups[g].title);
         for (size_t i = 0; i < line->groups[g].count; ++i)
@@ -432,15 +445,15 @@ static const option *find_letter(const command_line *line, char letter, option_g
 static int fail_unknown(const command_line *line, const char *name, size_t length)
 {
     const char *names[256];
-    char text[LONGEST_WORD + 1];
+    char text[LONGEST_WORD + 1], near[SUGGESTION_LENGTH];
     size_t count = 0;
     for (size_t g = 0; g < line->group_count; ++g)
         for (size_t i = 0; i < line->groups[g].count && count < 255; ++i)
             names[count++] = line->groups[g].options[i].name;
     names[count++] = "help";
     snprintf(text, sizeof text, "%.*s", (int)length, name);
-    return fail_usage("unknown option --%s; the nearest is --%s ('sparegs help %s' lists all)",
-                      text, nearest_word(text, names, count), line->command);
+    return fail_usage("unknown option '--%s'%s; 'sparegs help %s' lists all options", text,
+                      suggestion(near, "--", text, names, count), line->command);
 }
 
 static bool is_known_long(const command_line *line, const char *argument)
@@ -450,7 +463,7 @@ static bool is_known_long(const command_line *line, const char *argument)
            find_option(line, argument + 2, strcspn(argument + 2, "="), &group);
 }
 
-// One option at argv[*at]; -1 to go on.
+// Parses one option at argv[*at]. Returns -1 to continue, or an exit status.
 static int parse_option(command_line *line, int argc, char **argv, int *at)
 {
     const char *argument = argv[*at], *value = NULL;
@@ -465,15 +478,15 @@ static int parse_option(command_line *line, int argc, char **argv, int *at)
     } else {
         row = find_letter(line, argument[1], &group);
         if (!row)
-            return fail_usage("unknown option -%c ('sparegs help %s' lists all)", argument[1],
-                              line->command);
+            return fail_usage("unknown option '-%c'; 'sparegs help %s' lists all options",
+                              argument[1], line->command);
         value = argument[2] ? argument + 2 : NULL;
     }
     if (row->kind == OPTION_FLAG && value)
         return fail_usage("--%s takes no value", row->name);
     if (row->kind != OPTION_FLAG && !value) {
         if (*at + 1 >= argc || is_known_long(line, argv[*at + 1]))
-            return fail_usage("--%s needs a value: %s", row->name, row->argument);
+            return fail_usage("--%s requires a value: %s", row->name, row->argument);
         value = argv[++*at];
     }
     group->given |= UINT64_C(1) << (row - group->options);
@@ -503,14 +516,14 @@ static bool needs_met(const command_line *line, const char *needs)
     return false;
 }
 
-// An option that was given and can have no effect; -1 if there is none.
+// Rejects an option that has no effect without others. Returns -1 to continue, or EXIT_USAGE.
 static int check_needs(const command_line *line)
 {
     for (size_t g = 0; g < line->group_count; ++g)
         for (size_t i = 0; i < line->groups[g].count; ++i) {
             const option *row = &line->groups[g].options[i];
             if (row->needs && option_given(line, row->name) && !needs_met(line, row->needs))
-                return fail_usage("--%s has no effect without --%s", row->name, row->needs);
+                return fail_usage("--%s requires --%s", row->name, row->needs);
         }
     return -1;
 }
@@ -533,14 +546,14 @@ int command_line_parse(command_line *line, int argc, char **argv)
             if (status >= 0)
                 return status;
         } else if (line->operand_count == line->operand_maximum) {
-            return fail_usage("'%s' is one argument too many; usage: sparegs %s %s", argv[i],
+            return fail_usage("unexpected argument '%s'; usage: sparegs %s %s", argv[i],
                               line->command, line->synopsis);
         } else {
             line->operands[line->operand_count++] = argv[i];
         }
     }
     if (line->operand_count < line->operand_minimum)
-        return fail_usage("usage: sparegs %s %s", line->command, line->synopsis);
+        return fail_usage("missing argument; usage: sparegs %s %s", line->command, line->synopsis);
     return check_needs(line);
 }
 

@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// GNU long options from a table: one row names an option, its argument, range, unit, default and
-// help; parsing, range errors and --help all come from that row. Knows no command and no training.
+// GNU long options from a table: one row defines an option's name, argument, range, unit, default
+// and help. Parsing, range errors and --help all use that row. Independent of any command.
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -11,9 +11,9 @@
 
 enum { EXIT_DONE = 0, EXIT_FAILED = 1, EXIT_USAGE = 2 };
 
-// What an option takes, and the type of its value.
+// The argument of an option, and the type of its value.
 typedef enum option_kind {
-    OPTION_FLAG,    // nothing; bool
+    OPTION_FLAG,    // no argument; bool
     OPTION_INTEGER, // int
     OPTION_COUNT,   // uint64_t
     OPTION_REAL,    // double
@@ -44,17 +44,17 @@ typedef struct option {
     size_t offset; // of the value inside the group's struct
     // Range, both ends included, of INTEGER, COUNT, REAL, INTEGERS, DURATION, BYTES.
     double low, high;
-    const char *argument; // what the help calls it; the words of CHOICE and SET
+    const char *argument; // name in the help; the words of CHOICE and SET
     const char *initial;  // default, parsed as an argument; NULL leaves the struct's own value
-    const char *shown;    // default as the help prints it; NULL = `initial`
+    const char *shown;    // default as shown in the help; NULL = `initial`
     const char *unit;     // or NULL
-    // Options of the same line without which this one has no effect: "orbit|spiral", one of them is
-    // required; NULL = it always has an effect. Given without them it is a usage error.
+    // Options that this one requires, at least one of them: "orbit|spiral". NULL = none. An option
+    // that is given without them has no effect and is a usage error.
     const char *needs;
     const char *help;
 } option;
 
-// Options that are described and parsed together into one struct. At most 64.
+// Options that share a heading in --help and a struct of values. At most 64.
 typedef struct option_group {
     const char *title;
     const option *options;
@@ -63,11 +63,11 @@ typedef struct option_group {
     uint64_t given; // bit k: options[k] was on the command line
 } option_group;
 
-// One command's whole line.
+// The command line of one command.
 typedef struct command_line {
     const char *command;     // "train"
     const char *synopsis;    // "SCENE -o OUT [options]"
-    const char *description; // paragraphs for --help
+    const char *description; // for --help, which wraps it; "\n" ends a line
     option_group *groups;
     size_t group_count;
     int operand_minimum, operand_maximum; // at most 8
@@ -75,18 +75,23 @@ typedef struct command_line {
     int operand_count;                    // out
 } command_line;
 
-// Fills the values with the defaults and then with argv[1...]. Returns -1 to go on, or an exit
-// status: EXIT_DONE after printing --help to stdout, EXIT_USAGE after naming the mistake on stderr.
+// Sets the values to their defaults and then parses argv[1...]. Returns -1 to continue, or an exit
+// status: EXIT_DONE after printing --help to stdout, EXIT_USAGE after printing the error to stderr.
 int command_line_parse(command_line *line, int argc, char **argv);
 
 // True if the option was on the command line.
 bool option_given(const command_line *line, const char *name);
 
-// The word nearest to `text`: one that begins with it, else the least edit distance. NULL if count
-// is 0.
+// The word that `text` abbreviates or else the nearest by edit distance, where it is near enough to
+// be meant. NULL if there is none.
 const char *nearest_word(const char *text, const char *const *words, size_t count);
 
-// One line on stderr, "sparegs: ...", and EXIT_USAGE.
+// " (did you mean 'PREFIXword'?)" for the nearest word, or "" if there is none; held by `storage`.
+enum { SUGGESTION_LENGTH = 300 };
+const char *suggestion(char storage[SUGGESTION_LENGTH], const char *prefix, const char *text,
+                       const char *const *words, size_t count);
+
+// Prints one line "sparegs: ..." to stderr and returns EXIT_USAGE.
 int fail_usage(const char *format, ...) __attribute__((format(printf, 1, 2)));
-// What to name before each such message, as the file that the options are from; NULL for nothing.
+// Prefix of these messages, such as the file that the options come from; NULL for none.
 void fail_usage_within(const char *context);

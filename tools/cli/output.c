@@ -1,9 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Paths and files of the command line. Everything that replaces a file goes through a temporary
-// file in the same folder, is flushed to the disk and renamed, so that a full disk or a killed
-// process leaves the old one.
+// Output files and paths. A file is replaced by writing a temporary file in the same folder,
+// flushing it to disk and renaming it, so that a full disk or a killed process leaves the old file
+// intact.
 
 #include "cli/output.h"
 
@@ -59,7 +59,7 @@ bool make_folder(const char *path)
     if (stat(path, &info))
         return fail_file(path, "cannot be created", errno);
     if (!S_ISDIR(info.st_mode))
-        return fail_file(path, "cannot be used as a folder", ENOTDIR);
+        return fail_file(path, "is not a folder", ENOTDIR);
     return true;
 }
 
@@ -85,7 +85,7 @@ bool check_writable(const char *folder)
         unlink(probe);
     }
     free(probe);
-    return written || fail_file(folder, "files cannot be written there", code);
+    return written || fail_file(folder, "folder is not writable", code);
 }
 
 bool file_exists(const char *path)
@@ -136,28 +136,28 @@ bool print_json(json_t *root)
     return printed ? stdout_is_whole() : fail_file("standard output", "cannot be written", errno);
 }
 
-static json_t *told; // paths, or NULL where each is a line
+static json_t *reported; // list of paths; NULL: each path is printed as a line
 
-void tell_file(const char *path)
+void report_file(const char *path)
 {
-    if (!told) {
+    if (!reported) {
         puts(path);
         return;
     }
-    json_t *name = json_string(path); // NULL for a path that is no UTF-8
-    json_array_append_new(told, name ? name : json_null());
+    json_t *name = json_string(path); // NULL if the path is not valid UTF-8
+    json_array_append_new(reported, name ? name : json_null());
 }
 
-void told_files_begin(void)
+void reported_files_begin(void)
 {
-    told = json_array();
+    reported = json_array();
 }
 
-bool told_files_print(void)
+bool reported_files_print(void)
 {
     json_t *root = json_object();
-    json_object_set_new(root, "files", told);
-    told = NULL;
+    json_object_set_new(root, "files", reported);
+    reported = NULL;
     return print_json(root);
 }
 
@@ -172,7 +172,7 @@ json_t *json_number(double value)
     return isfinite(value) ? json_real(value) : json_null();
 }
 
-// The header and the rows up to `last_iteration` of an existing table; NULL when it cannot be read.
+// The header and the rows up to `last_iteration` of an existing table. NULL if it cannot be read.
 static char *kept_rows(const char *path, const char *header, int last_iteration)
 {
     FILE *stream = fopen(path, "r");
@@ -256,8 +256,7 @@ bool model_locate(const char *model, model_path *located)
 {
     *located = (model_path){0};
     if (!file_exists(model)) {
-        fail_run("%s: there is no such model; give a PLY file or the folder of a training run",
-                 model);
+        fail_run("%s: no such model; specify a PLY file or a run folder", model);
         return false;
     }
     if (!is_folder(model)) {
@@ -266,8 +265,8 @@ bool model_locate(const char *model, model_path *located)
     }
     located->iteration = newest_iteration(model);
     if (!located->iteration) {
-        fail_run("%s: holds no point_cloud/iteration_N/point_cloud.ply; give a PLY file or the "
-                 "folder of a training run",
+        fail_run("%s: no point_cloud/iteration_N/point_cloud.ply in this folder; specify a PLY "
+                 "file or a run folder",
                  model);
         return false;
     }
@@ -278,7 +277,7 @@ bool model_locate(const char *model, model_path *located)
         json_error_t error;
         located->config = json_load_file(config, 0, &error);
         if (!located->config)
-            print_warning("%s: line %d: %s; its options are not used", config, error.line,
+            print_warning("%s: line %d: %s; its options are ignored", config, error.line,
                           error.text);
     }
     free(config);

@@ -1,10 +1,10 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Messages and the live progress line. On a terminal one line is redrawn in place and cleared
-// before any other message; elsewhere (a log, a pipe) every hundredth iteration gets a line of its
-// own. The rate is averaged over the last seconds, because an iteration's cost changes with the
-// number of primitives.
+// Messages and the progress line. On a terminal one line is redrawn in place and cleared before any
+// other message; otherwise (log, pipe) every hundredth iteration prints a line. The rate is
+// averaged over the last seconds, because the cost of an iteration changes with the number of
+// primitives.
 
 #include "cli/progress.h"
 
@@ -45,7 +45,8 @@ static void print_line(const char *prefix, const char *format, va_list args)
     char text[2048];
     vsnprintf(text, sizeof text, format, args);
     for (char *c = text; *c; ++c)
-        if ((unsigned char)*c < 0x20 || *c == 0x7f) // quoted from a file: one line stays one line
+        if ((unsigned char)*c < 0x20 ||
+            *c == 0x7f) // control characters quoted from a file must not break the line
             *c = '?';
     pthread_mutex_lock(&console.lock);
     clear_line();
@@ -139,7 +140,7 @@ static void measure_rate(int iteration, double now)
     if (elapsed <= 0 || iteration <= console.measured_iteration)
         return;
     const double rate = (iteration - console.measured_iteration) / elapsed;
-    if (elapsed < 0.5) { // too short to be kept, good enough to be shown
+    if (elapsed < 0.5) { // too short to store, sufficient to show
         console.shown_rate = console.rate > 0 ? console.rate : rate;
         return;
     }

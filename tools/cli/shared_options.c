@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Option tables shared by the commands, and the rule where a value comes from: the command line,
-// else the config.json of the run that made the model, else the data set's convention.
+// Option tables shared by the commands. A value comes from the command line, else from the
+// config.json of the run that trained the model, else from the convention of the data set.
 
 #include "cli/shared_options.h"
 
@@ -24,13 +24,13 @@ static const option common_options[] = {
      .high = 4096,
      .argument = "N",
      .initial = "0",
-     .shown = "0 = the cores that this process may use",
-     .help = "threads to work with; results do not depend on it"},
+     .shown = "0 = all cores available to the process",
+     .help = "number of threads; results do not depend on it"},
     {.name = "isa",
      .kind = OPTION_CHOICE,
      .offset = offsetof(common_values, isa),
      .argument = "baseline|avx2|avx512",
-     .shown = "the best this machine has",
+     .shown = "the best that the CPU supports",
      .help = "instruction set of the kernels"},
     {.name = "seed",
      .kind = OPTION_COUNT,
@@ -39,7 +39,7 @@ static const option common_options[] = {
      .high = 9007199254740991.0,
      .argument = "N",
      .initial = "0",
-     .help = "seed of every random choice (training makes some, the other commands none)"},
+     .help = "random seed, used by train only"},
     {.name = "json",
      .kind = OPTION_FLAG,
      .offset = offsetof(common_values, json),
@@ -74,19 +74,19 @@ static const option scene_options[] = {
      .offset = offsetof(scene_values, images),
      .argument = "DIR",
      .shown = "images",
-     .help = "image folder beside the sparse model"},
+     .help = "image folder, next to the sparse model"},
     {.name = "downscale",
      .kind = OPTION_INTEGER,
      .offset = offsetof(scene_values, downscale),
      .low = 1,
      .high = 64,
      .argument = "K",
-     .shown = "1, or to 1600 px width",
-     .help = "divide width and height by K, averaging areas"},
+     .shown = "1; images wider than 1600 px are reduced to 1600 px",
+     .help = "divide width and height by K (area average)"},
     {.name = "eval",
      .kind = OPTION_FLAG,
      .offset = offsetof(scene_values, eval),
-     .help = "hold out every 8th image: --test-every 8"},
+     .help = "hold out every 8th image (same as --test-every 8)"},
     {.name = "test-every",
      .kind = OPTION_INTEGER,
      .offset = offsetof(scene_values, test_every),
@@ -95,31 +95,31 @@ static const option scene_options[] = {
      .argument = "N",
      .shown = "none",
      .unit = "images",
-     .help = "hold out the images whose index in the sorted names is a multiple of N"},
+     .help = "hold out every Nth image, sorted by name, starting with the first"},
     {.name = "test-images",
      .kind = OPTION_TEXT,
      .offset = offsetof(scene_values, test_images),
      .argument = "A,B,...",
      .shown = "none",
-     .help = "hold out the images of these names"},
+     .help = "hold out the images with these names"},
     {.name = "masks",
      .kind = OPTION_TEXT,
      .offset = offsetof(scene_values, masks),
      .argument = "DIR|none",
-     .shown = "masks or mask, if there",
-     .help = "folder of masks beside the image folder: STEM.png or NAME.png, white counts, black "
-             "does not"},
+     .shown = "masks or mask, if it exists",
+     .help = "folder with masks, next to the image folder: STEM.png or NAME.png; white pixels are "
+             "used, black pixels are ignored"},
     {.name = "invert-masks",
      .kind = OPTION_FLAG,
      .offset = offsetof(scene_values, invert_masks),
-     .help = "black counts, white does not"},
+     .help = "black pixels are used, white pixels are ignored"},
     {.name = "alpha",
      .kind = OPTION_CHOICE,
      .offset = offsetof(scene_values, alpha),
      .argument = ALPHA_WORDS,
      .initial = "over",
-     .help =
-         "alpha channels: lay the image over the background, take them for masks, or ignore them"},
+     .help = "alpha channel: composite the image over the background, use alpha as a mask, or "
+             "ignore it"},
     {.name = "image-cache",
      .kind = OPTION_BYTES,
      .offset = offsetof(scene_values, cache_bytes),
@@ -129,20 +129,20 @@ static const option scene_options[] = {
      .initial = "4GiB",
      .shown = "4GiB, 0 = no limit",
      .unit = "bytes, KiB, MiB, GiB",
-     .help = "memory for decoded images; what does not fit is decoded again when it is needed"},
+     .help =
+         "memory for decoded images; beyond it, images are evicted and decoded again on demand"},
     {.name = "input-colorspace",
      .kind = OPTION_TEXT,
      .offset = offsetof(scene_values, colorspace),
      .argument = "NAME",
-     .shown = "what the files say",
-     .help = "colour space of the images: linear, sRGB, or a name that OpenImageIO or $OCIO knows"},
+     .shown = "from the files' metadata",
+     .help = "colour space of the images: linear, sRGB, or a name known to OpenImageIO or $OCIO"},
     {.name = "train-space",
      .kind = OPTION_CHOICE,
      .offset = offsetof(scene_values, space),
      .argument = SPACE_WORDS,
      .initial = "srgb",
-     .help =
-         "space to compare in, and of the model's colours: encoded for display, or linear light"},
+     .help = "colour space of the model and the loss: display-encoded (sRGB) or scene-linear"},
     {.name = "white",
      .kind = OPTION_REAL,
      .offset = offsetof(scene_values, white_point),
@@ -150,8 +150,8 @@ static const option scene_options[] = {
      .high = 1e30,
      .argument = "X",
      .initial = "0",
-     .shown = "99 % of the light in linear files stays below",
-     .help = "linear light that becomes 1 in the model's colours"},
+     .shown = "the 99th percentile of linear images",
+     .help = "white point: the scene-linear value that maps to 1 in the model"},
 };
 
 option_group scene_group(scene_values *values)
@@ -170,7 +170,7 @@ int scene_resolve(scene_values *values, const command_line *line, const json_t *
                        option_given(line, "test-images");
     if (splits > 1)
         return fail_usage(
-            "--eval, --test-every and --test-images exclude each other; give one of them");
+            "--eval, --test-every and --test-images are mutually exclusive; choose one");
     if (values->eval)
         values->test_every = 8;
     if (!splits) {
@@ -242,9 +242,9 @@ static const option drawing_options[] = {
      .offset = offsetof(drawing_values, filter),
      .argument = "3dgs|none|mip",
      .initial = "3dgs",
-     .shown = "as the run was trained, or 3dgs",
-     .help = "pixel filter: the 0.3 px^2 dilation of 3DGS, the bare Gaussians, or Mip-Splatting's "
-             "0.1 px^2 that keeps the energy"},
+     .shown = "as trained, else 3dgs",
+     .help = "pixel filter: 0.3 px^2 dilation (3DGS), none, or Mip-Splatting's energy-preserving "
+             "0.1 px^2"},
     {.name = "compact-box",
      .kind = OPTION_REAL,
      .offset = offsetof(drawing_values, compact_box),
@@ -252,21 +252,21 @@ static const option drawing_options[] = {
      .high = 1,
      .argument = "X",
      .initial = "1",
-     .shown = "as the run was trained, or 1",
-     .help = "share of a primitive's support that brings it into a tile of pixels; 1 is exact"},
+     .shown = "as trained, else 1",
+     .help = "fraction of a primitive's support used to assign it to tiles; 1 is exact"},
     {.name = "background",
      .kind = OPTION_COLOR,
      .offset = offsetof(drawing_values, background),
      .argument = "R,G,B",
      .initial = "0,0,0",
-     .shown = "as the run was trained, or 0,0,0",
-     .help = "colour behind the model, display values from 0 to 1"},
+     .shown = "as trained, else 0,0,0",
+     .help = "background colour, display values from 0 to 1"},
 };
 
 option_group drawing_group(drawing_values *values)
 {
     *values = (drawing_values){.compact_box = 1, .white_point = 1};
-    return (option_group){.title = "Drawing",
+    return (option_group){.title = "Appearance",
                           .options = drawing_options,
                           .count = sizeof drawing_options / sizeof *drawing_options,
                           .values = values};

@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// The options that several commands share, and what they set: threads and instruction set; the data
-// set and its split; how a stored model is drawn.
+// The options shared by several commands, and their effects: threads and instruction set; the data
+// set and its split; how a stored model is rendered.
 
 #include <jansson.h>
 
@@ -18,7 +18,7 @@ typedef struct common_values {
 } common_values;
 
 option_group common_group(common_values *values);
-// Sets threads, instruction set and quietness. Returns -1 to go on, or an exit status.
+// Sets threads, instruction set and verbosity. Returns -1 to continue, or an exit status.
 int common_apply(const common_values *values, const command_line *line);
 
 typedef struct scene_values {
@@ -30,9 +30,9 @@ typedef struct scene_values {
 } scene_values;
 
 option_group scene_group(scene_values *values);
-// Settles --eval and the options that exclude each other; with a run's config (or NULL) fills in
-// what it recorded and the command line left open. The strings stay owned by argv and config.
-// Returns -1, or an exit status.
+// Resolves --eval and rejects mutually exclusive options. With a run's config (or NULL), options
+// not given on the command line take the recorded values. The strings stay owned by argv and
+// config. Returns -1 to continue, or an exit status.
 int scene_resolve(scene_values *values, const command_line *line, const json_t *config);
 // The words of --alpha, in the order of sgs_alpha.
 #define ALPHA_WORDS "over|mask|ignore"
@@ -40,7 +40,7 @@ int scene_resolve(scene_values *values, const command_line *line, const json_t *
 #define SPACE_WORDS "srgb|linear"
 // Loads the scene; NULL after printing the error.
 sgs_scene *scene_open(const char *path, const scene_values *values, bool load_images);
-// Views of a split.
+// Number of views in a split.
 size_t scene_split_count(const sgs_scene *scene, sgs_split split);
 bool view_in_split(const sgs_view *view, sgs_split split);
 
@@ -55,14 +55,13 @@ typedef struct drawing_values {
 } drawing_values;
 
 option_group drawing_group(drawing_values *values);
-// What the command line left open comes from the run's config, then from the scene.
+// Options not given on the command line come from the run's config, then from the scene.
 void drawing_resolve(drawing_values *values, const command_line *line, const json_t *config,
                      const sgs_scene *scene);
-// How to draw for them.
+// The render options that correspond to the values.
 sgs_render_options drawing_render_options(const drawing_values *values);
 
-// A command whose line is its own options, then those that it shares with others, then the common
-// ones.
+// A command: its own options, the shared groups that it takes, and the common options.
 typedef struct command_spec {
     const char *name, *synopsis, *description; // "eval", "MODEL SCENE [options]", paragraphs
     int operand_minimum, operand_maximum;
@@ -82,8 +81,8 @@ typedef struct command_call {
     command_line line;
 } command_call;
 
-// Parses argv into the values of the groups; `call` must not move afterwards. Returns -1 to go on,
-// or an exit status.
+// Parses argv into the values of the groups. `call` must not move afterwards. Returns -1 to
+// continue, or an exit status.
 int command_parse(const command_spec *spec, int argc, char **argv, command_call *call);
-// The same, and applies the common options.
+// Parses as command_parse and applies the common options.
 int command_begin(const command_spec *spec, int argc, char **argv, command_call *call);

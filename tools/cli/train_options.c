@@ -1,9 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Options of the training. config.json is written from the same struct that the trainer is started
-// with, so a run can be repeated from it; every key under "options" is a long option with '_' for
-// '-'.
+// The options of `sparegs train`. config.json is written from the struct that configures the
+// trainer, so a run can be repeated from it. Every key under "options" is a long option with '_' in
+// place of '-'.
 
 #include "cli/train_options.h"
 
@@ -28,7 +28,7 @@ static const option output_options[] = {
      .kind = OPTION_TEXT,
      .offset = AT(output),
      .argument = "OUT",
-     .help = "folder for the model, its records and checkpoints; needed"},
+     .help = "output folder for the model, logs and checkpoints (required)"},
     {.name = "save-at",
      .kind = OPTION_INTEGERS,
      .offset = AT(save_at),
@@ -38,7 +38,7 @@ static const option output_options[] = {
      .initial = "7000",
      .shown = "7000",
      .unit = "iterations",
-     .help = "iterations at which to write the model; the last one is always written"},
+     .help = "iterations at which to save the model; the last one is always saved"},
     {.name = "checkpoint-every",
      .kind = OPTION_INTEGER,
      .offset = AT(checkpoint_every),
@@ -48,7 +48,7 @@ static const option output_options[] = {
      .initial = "1000",
      .shown = "1000, 0 = never",
      .unit = "iterations",
-     .help = "iterations between two checkpoints of the full state; the last two are kept"},
+     .help = "iterations between checkpoints of the full state; the last two are kept"},
     {.name = "time-limit",
      .kind = OPTION_DURATION,
      .offset = AT(time_limit),
@@ -56,8 +56,8 @@ static const option output_options[] = {
      .high = 1e9,
      .argument = "TIME",
      .shown = "none",
-     .help = "end before this time since the start, with the state saved for --resume: 90s, 45m, "
-             "3h55m, 2d12h"},
+     .help = "wall-clock limit since the start, for example 90s, 45m, 3h55m, 2d12h; the state is "
+             "saved for --resume before the limit"},
     {.name = "max-memory",
      .kind = OPTION_BYTES,
      .offset = AT(max_memory),
@@ -65,20 +65,21 @@ static const option output_options[] = {
      .high = 1e15,
      .argument = "SIZE",
      .shown = "none",
-     .help = "refuse a training whose estimate is larger, and save and end one that is about to "
-             "grow beyond: 500M, 8GiB (K, M, G are powers of 1024)"},
+     .help = "memory limit, for example 500M or 8GiB (K, M, G are powers of 1024): refuse to start "
+             "if the estimate exceeds it; save and stop before exceeding it"},
     {.name = "resume",
      .kind = OPTION_FLAG,
      .offset = AT(resume),
-     .help = "continue the run in OUT from its newest checkpoint, with the same options; "
-             "--max-gaussians, --spare-eps-loss, --spare-eps-count, --spare-patience and, under "
+     .help = "continue the run in OUT from its latest checkpoint with the same options; only "
+             "--max-gaussians, --spare-eps-loss, --spare-eps-count, --spare-patience and, with "
              "--schedule paper, --iterations may change"},
     {.name = "trace",
      .kind = OPTION_TEXT,
      .offset = AT(trace),
      .argument = "FILE",
      .shown = "none",
-     .help = "write the phases of every iteration as a Chrome/Perfetto trace (about 1 KB each)"},
+     .help = "write the phases of each iteration as a Chrome/Perfetto trace (about 1 KB per "
+             "iteration)"},
 };
 
 static const option training_options[] = {
@@ -89,13 +90,13 @@ static const option training_options[] = {
      .high = 1e7,
      .argument = "N",
      .initial = "30000",
-     .help = "length of the run"},
+     .help = "number of iterations"},
     {.name = "schedule",
      .kind = OPTION_CHOICE,
      .offset = AT(schedule),
      .argument = "scaled|paper",
      .initial = "scaled",
-     .help = "scaled: the milestones of the 30000-iteration schedule shrink with N; paper: that "
+     .help = "scaled: the 30000-iteration schedule scaled to N iterations; paper: the unscaled "
              "schedule, stopped at N"},
     {.name = "pipeline",
      .kind = OPTION_CHOICE,
@@ -107,15 +108,14 @@ static const option training_options[] = {
      .kind = OPTION_CHOICE,
      .offset = AT(filter),
      .argument = FILTERS,
-     .shown = "the pipeline's",
-     .help = "pixel filter: the 0.3 px^2 dilation of 3DGS, the bare Gaussians, or Mip-Splatting's "
-             "filters"},
+     .shown = "the pipeline's filter",
+     .help = "pixel filter: 0.3 px^2 dilation (3DGS), none, or Mip-Splatting's filters"},
     {.name = "optimizer",
      .kind = OPTION_CHOICE,
      .offset = AT(optimizer),
      .argument = "sparse|dense",
      .initial = "sparse",
-     .help = "Adam over the primitives seen in the iteration, or over all of them"},
+     .help = "Adam over the primitives visible in the iteration, or over all primitives"},
     {.name = "sh-degree",
      .kind = OPTION_INTEGER,
      .offset = AT(sh_degree),
@@ -123,7 +123,7 @@ static const option training_options[] = {
      .high = 3,
      .argument = "D",
      .initial = "3",
-     .help = "highest band of the spherical harmonics"},
+     .help = "maximum degree of the spherical harmonics"},
     {.name = "compact-box",
      .kind = OPTION_REAL,
      .offset = AT(compact_box),
@@ -131,15 +131,15 @@ static const option training_options[] = {
      .high = 1,
      .argument = "X",
      .initial = "1",
-     .help = "share of a primitive's support that brings it into a tile of pixels; 1 is exact, "
-             "FastGS's rasteriser has 0.5"},
+     .help = "fraction of a primitive's support used to assign it to tiles; 1 is exact, FastGS "
+             "uses 0.5"},
     {.name = "background",
      .kind = OPTION_COLOR,
      .offset = AT(background),
      .argument = "R,G,B|random",
      .initial = "0,0,0",
      .shown = "0,0,0, or 1,1,1 for NeRF synthetic scenes with --alpha over",
-     .help = "colour behind the model, display values from 0 to 1, or a new colour per iteration"},
+     .help = "background colour, display values from 0 to 1, or a random colour in each iteration"},
     {.name = "max-gaussians",
      .kind = OPTION_COUNT,
      .offset = AT(max_gaussians),
@@ -148,13 +148,14 @@ static const option training_options[] = {
      .argument = "N",
      .initial = "0",
      .shown = "0 = none",
-     .help = "hard cap on the number of primitives, also for the initial cloud"},
+     .help = "maximum number of primitives, also of the initial cloud"},
     {.name = "init",
      .kind = OPTION_TEXT,
      .offset = AT(init),
      .argument = "MODEL",
      .shown = "none",
-     .help = "start from this 3DGS model (PLY file or folder of a run) instead of the point cloud"},
+     .help =
+         "initialise from this 3DGS model (a PLY file or run folder) instead of the point cloud"},
     {.name = "alpha-loss",
      .kind = OPTION_REAL,
      .offset = AT(alpha_loss),
@@ -164,12 +165,12 @@ static const option training_options[] = {
      .initial = "0",
      .shown = "0 = none",
      .help =
-         "weight of the mean difference between the model's opacity and the images' alpha channel"},
+         "weight of the mean absolute difference between rendered opacity and the images' alpha"},
     {.name = "exposure",
      .kind = OPTION_FLAG,
      .offset = AT(exposure),
-     .help = "learn what exposure and white balance did to each image: a 3 x 4 map of its colours, "
-             "in exposure.json"},
+     .help = "compensate exposure and white balance: optimise a 3 x 4 colour transform per image, "
+             "saved in exposure.json"},
     {.name = "random-points",
      .kind = OPTION_COUNT,
      .offset = AT(random_points),
@@ -177,7 +178,7 @@ static const option training_options[] = {
      .high = 100000000,
      .argument = "N",
      .initial = "100000",
-     .help = "size of the random cloud for a scene without points"},
+     .help = "size of the random initial cloud for a scene without points"},
 };
 
 static const option pipeline_options[] = {
@@ -188,7 +189,7 @@ static const option pipeline_options[] = {
      .high = 1e6,
      .argument = "X",
      .initial = "20",
-     .help = "Taming: final number of primitives as a multiple of the initial one"},
+     .help = "Taming: final number of primitives, as a multiple of the initial number"},
     {.name = "taming-count",
      .kind = OPTION_COUNT,
      .offset = AT(taming_count),
@@ -196,16 +197,16 @@ static const option pipeline_options[] = {
      .high = 2147483647,
      .argument = "N",
      .initial = "0",
-     .shown = "0 = by the multiplier",
+     .shown = "0 = from --taming-multiplier",
      .help = "Taming: final number of primitives"},
     {.name = "taming-opacity",
      .kind = OPTION_CHOICE,
      .offset = AT(taming_opacity),
      .argument = TAMING_OPACITIES,
      .initial = "frozen",
-     .help = "Taming: opacities after densification; its released code freezes them, its paper "
-             "wants them linear, so that they may exceed 1 (not with --filter mip; files hold at "
-             "most 0.999999)"},
+     .help = "Taming: opacities after densification: trained, frozen as in the released code, or "
+             "linear as in the paper, where they may exceed 1 (not with --filter mip; saved "
+             "opacities are limited to 0.999999)"},
     {.name = "dash-count",
      .kind = OPTION_COUNT,
      .offset = AT(dash_count),
@@ -213,7 +214,7 @@ static const option pipeline_options[] = {
      .high = 2147483647,
      .argument = "N",
      .initial = "0",
-     .shown = "0 = by momentum",
+     .shown = "0 = momentum-based",
      .help = "Dash: final number of primitives"},
     {.name = "fastgs-loss",
      .kind = OPTION_REAL,
@@ -222,7 +223,7 @@ static const option pipeline_options[] = {
      .high = 1,
      .argument = "X",
      .initial = "0.1",
-     .help = "FastGS: share of a view's range of errors above which a pixel votes"},
+     .help = "FastGS: normalised per-view error above which a pixel counts as high-error"},
     {.name = "fastgs-gradient",
      .kind = OPTION_REAL,
      .offset = AT(fastgs_gradient),
@@ -230,7 +231,7 @@ static const option pipeline_options[] = {
      .high = 1,
      .argument = "X",
      .initial = "0.0012",
-     .help = "FastGS: absolute gradient above which a primitive is split"},
+     .help = "FastGS: absolute-gradient threshold for splitting"},
     {.name = "fastgs-dense",
      .kind = OPTION_REAL,
      .offset = AT(fastgs_dense),
@@ -238,8 +239,8 @@ static const option pipeline_options[] = {
      .high = 1,
      .argument = "X",
      .initial = "0.001",
-     .unit = "of the scene's extent",
-     .help = "FastGS: size above which a primitive is split instead of cloned"},
+     .unit = "x scene extent",
+     .help = "FastGS: size above which a primitive is split, not cloned"},
 };
 
 static const option spare_options[] = {
@@ -248,8 +249,8 @@ static const option spare_options[] = {
      .offset = AT(spare),
      .argument = "on|off|bmd,rap,edt",
      .initial = "on",
-     .help = "SPARE-GS, or these parts of it: budget-modulated densification, redundancy-aware "
-             "pruning, equilibrium-driven termination"},
+     .help = "SPARE-GS, or some of its parts: budget-modulated densification (bmd), "
+             "redundancy-aware pruning (rap), equilibrium-driven termination (edt)"},
     {.name = "spare-grid",
      .kind = OPTION_INTEGER,
      .offset = AT(spare_grid),
@@ -258,7 +259,7 @@ static const option spare_options[] = {
      .argument = "N",
      .initial = "32",
      .unit = "voxels per axis",
-     .help = "grid of the regions"},
+     .help = "resolution of the region grid"},
     {.name = "spare-tau-alpha",
      .kind = OPTION_REAL,
      .offset = AT(spare_tau_alpha),
@@ -266,7 +267,7 @@ static const option spare_options[] = {
      .high = 1,
      .argument = "X",
      .initial = "0.05",
-     .help = "opacity below which a primitive may be redundant"},
+     .help = "opacity threshold for redundant primitives"},
     {.name = "spare-eps-loss",
      .kind = OPTION_REAL,
      .offset = AT(spare_eps_loss),
@@ -274,7 +275,7 @@ static const option spare_options[] = {
      .high = 1,
      .argument = "X",
      .initial = "0.008",
-     .help = "relative change of the loss that counts as equilibrium"},
+     .help = "equilibrium threshold for the relative change of the loss"},
     {.name = "spare-eps-count",
      .kind = OPTION_REAL,
      .offset = AT(spare_eps_count),
@@ -282,7 +283,7 @@ static const option spare_options[] = {
      .high = 1,
      .argument = "X",
      .initial = "0.01",
-     .help = "relative change of the number of primitives that counts as equilibrium"},
+     .help = "equilibrium threshold for the relative change x number of primitives"},
     {.name = "spare-patience",
      .kind = OPTION_INTEGER,
      .offset = AT(spare_patience),
@@ -291,7 +292,7 @@ static const option spare_options[] = {
      .argument = "N",
      .initial = "2",
      .unit = "checks",
-     .help = "checks in equilibrium before training ends"},
+     .help = "consecutive checks in equilibrium before training stops"},
     {.name = "spare-interval",
      .kind = OPTION_INTEGER,
      .offset = AT(spare_interval),
@@ -300,20 +301,20 @@ static const option spare_options[] = {
      .argument = "N",
      .initial = "1000",
      .unit = "iterations",
-     .help = "iterations, of the 30000-iteration schedule, between two checks"},
+     .help = "iterations between equilibrium checks, in the 30000-iteration schedule"},
     {.name = "spare-demand",
      .kind = OPTION_SET,
      .offset = AT(spare_demand),
      .argument = "h,v,c",
      .initial = "h,v,c",
-     .help = "the terms of the demand"},
+     .help = "terms of the regional demand: gradient (h), visibility (v), capacity (c)"},
     {.name = "spare-phi",
      .kind = OPTION_CHOICE,
      .offset = AT(spare_phi),
      .argument = PHIS,
      .initial = "coupled",
-     .help =
-         "how slack and demand make a weight: coupled, constant range, their product, slack alone"},
+     .help = "how slack and demand form the densification weight: coupled, constant range, "
+             "product, or slack only"},
     {.name = "spare-budget",
      .kind = OPTION_REAL,
      .offset = AT(spare_budget),
@@ -321,15 +322,15 @@ static const option spare_options[] = {
      .high = 100,
      .argument = "X",
      .initial = "1",
-     .unit = "of the number of primitives",
-     .help = "budget that the regions share"},
+     .unit = "x number of primitives",
+     .help = "total budget of the regions"},
     {.name = "spare-target",
      .kind = OPTION_CHOICE,
      .offset = AT(spare_target),
      .argument = TARGETS,
      .initial = "default",
-     .shown = "default: both for taming, gradient for fastgs",
-     .help = "the score that the weight multiplies, where a pipeline has two"},
+     .shown = "default (both for taming, gradient for fastgs)",
+     .help = "score modulated by the weight, for pipelines with two scores"},
 };
 
 void train_groups(train_values *values, option_group groups[TRAIN_GROUP_COUNT])
@@ -425,13 +426,13 @@ static void set_integer(json_t *object, const char *key, uint64_t value)
     json_object_set_new(object, key, json_integer((json_int_t)value));
 }
 
-// 0 is what the option is when it is left out.
+// 0 means that the option was not given.
 static void set_given(json_t *object, const char *key, int value)
 {
     json_object_set_new(object, key, value ? json_integer(value) : json_null());
 }
 
-// What shapes the training; a resumed run must have the same.
+// The options that affect the result; a resumed run must use the same.
 static json_t *shaping_options(const train_values *values, const scene_values *scene, uint64_t seed)
 {
     static const char *const spare_names[3] = {"bmd", "rap", "edt"}, *const demand_names[3] = {
@@ -508,7 +509,7 @@ json_t *train_config(const char *scene_path, const train_values *values, const s
     return config;
 }
 
-// Equal up to the digits that the file keeps.
+// True if equal at the precision of the file.
 static bool same_value(const json_t *a, const json_t *b)
 {
     if (json_is_array(a) && json_is_array(b) && json_array_size(a) == json_array_size(b)) {
@@ -526,7 +527,7 @@ static bool same_value(const json_t *a, const json_t *b)
     return json_equal(a, b);
 }
 
-// What a resumed run may be given anew (the library warns of it).
+// Options that may change when a run is resumed (the library warns about the change).
 static bool may_change(const char *key, const json_t *now)
 {
     static const char *const keys[] = {"max_gaussians", "spare_eps_loss", "spare_eps_count",
@@ -538,7 +539,7 @@ static bool may_change(const char *key, const json_t *now)
     return !strcmp(key, "iterations") && schedule && !strcmp(schedule, "paper");
 }
 
-// A value as one writes it on the command line.
+// A value as written on the command line.
 static char *option_text(const json_t *value)
 {
     if (json_is_null(value))
@@ -575,9 +576,8 @@ bool train_config_agrees(const char *config_path, const json_t *stored, const js
             *dash = '-';
         char *was = old ? option_text(old) : format_text("not recorded");
         char *is = option_text(value);
-        fail_run("%s: --%s was %s when this run was started and is %s now; resume with the same "
-                 "options, or train into "
-                 "another folder",
+        fail_run("%s: --%s was %s when the run started and is %s now; resume with the same "
+                 "options, or train into another folder",
                  config_path, name, was, is);
         free(was);
         free(is);

@@ -3,7 +3,7 @@
 #pragma once
 
 // The options of `sparegs train`, their record in OUT/config.json, and the check that a resumed run
-// is asked for with the options it was started with.
+// uses the options that it was started with.
 
 #include "cli/shared_options.h"
 #include "sparegs/trainer.h"
@@ -24,23 +24,23 @@ typedef struct train_values {
     bool resume, exposure;
 } train_values;
 
-// Four groups: output, training, base pipelines, SPARE-GS, all filling one struct.
+// Four groups that fill one struct: output, training, base pipelines, SPARE-GS.
 enum { TRAIN_GROUP_COUNT = 4 };
 void train_groups(train_values *values, option_group groups[TRAIN_GROUP_COUNT]);
 
-// Fills in what depends on other options: call once after parsing.
+// Sets the defaults that depend on other options. Call once after parsing.
 void train_resolve(train_values *values);
 
-// The library's options. init is left NULL.
+// The corresponding library options. init is NULL.
 sgs_train_options train_library_options(const train_values *values, uint64_t seed);
 
 // OUT/config.json: versions, machine settings and under "options" every option as used.
 json_t *train_config(const char *scene_path, const train_values *values, const scene_values *scene,
                      const common_values *common);
 
-// True if the training of `stored` (an earlier config) can be continued as `now`: options that
-// shape it are the same, or may change. Else prints which one differs.
+// True if a run with the config `stored` can be resumed with the config `now`: the options that
+// affect the result are equal or may change. Otherwise prints the option that differs.
 bool train_config_agrees(const char *config_path, const json_t *stored, const json_t *now);
-// Carries the "resumed" list of `stored` over to `now` and adds this continuation: its iteration,
-// and the options that have changed with their former values.
+// Copies the "resumed" list of `stored` to `now` and appends an entry for this continuation: its
+// iteration, and the former values of the options that changed.
 void train_config_record(const json_t *stored, json_t *now, int iteration);

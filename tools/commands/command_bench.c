@@ -1,9 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// `sparegs bench`: the phases of a training iteration under the clock, on scenes made by seed and
-// on models of the user's own. All settings of a scene take turns, repetition by repetition, so
-// that a slow minute of the machine hits them alike.
+// `sparegs bench`: times the phases of a training iteration on built-in scenes and on the user's
+// models. The repetitions of all settings of a scene are interleaved, so that a temporary slowdown
+// of the machine affects them alike.
 
 #include <errno.h>
 #include <stdlib.h>
@@ -18,17 +18,13 @@
 #include "cli/shared_options.h"
 
 static const char description[] =
-    "Measures the phases of a training iteration on scenes made inside the program (--list names "
-    "them;\n"
-    "all when none is given), or on MODEL (a PLY file or a run's folder) seen by the cameras of "
-    "SCENE.\n"
-    "Prints medians over the repetitions with the least and the largest value; per ray hit in TSC "
-    "cycles\n"
-    "and nanoseconds and per megapixel, both as core time (wall clock times threads); and the "
-    "machine's\n"
-    "own limits, measured in the same run. `forward` is project, order and blend without "
-    "`gather`;\n"
-    "`total` is gather, forward and backward; `iteration` is everything but `build`.";
+    "Measures the phases of a training iteration on built-in scenes (listed by --list; all of them "
+    "by default), or on MODEL (a PLY file or a run folder) viewed from the cameras of SCENE. "
+    "Prints the median, minimum and maximum over the repetitions, per ray hit in TSC cycles and "
+    "nanoseconds and per megapixel, both as core time (wall-clock time x threads), together with "
+    "the limits of the machine, measured in the same run. `forward` is project, order and blend "
+    "without `gather`; `total` is gather, forward and backward; `iteration` is everything except "
+    "`build`.";
 
 typedef struct bench_values {
     integer_list threads;
@@ -41,7 +37,10 @@ typedef struct bench_values {
 #define AT(member) offsetof(bench_values, member)
 
 static const option bench_options[] = {
-    {.name = "list", .kind = OPTION_FLAG, .offset = AT(list), .help = "name the scenes and exit"},
+    {.name = "list",
+     .kind = OPTION_FLAG,
+     .offset = AT(list),
+     .help = "list the built-in scenes and exit"},
     {.name = "threads",
      .kind = OPTION_INTEGERS,
      .offset = AT(threads),
@@ -49,13 +48,13 @@ static const option bench_options[] = {
      .high = 4096,
      .argument = "A,B,...",
      .initial = "0",
-     .shown = "0 = the cores that this process may use",
-     .help = "numbers of threads to measure with"},
+     .shown = "0 = all cores available to the process",
+     .help = "thread counts to measure"},
     {.name = "isa",
      .kind = OPTION_SET,
      .offset = AT(isas),
      .argument = "baseline,avx2,avx512",
-     .shown = "the best this machine has",
+     .shown = "the best that the CPU supports",
      .help = "instruction sets to measure"},
     {.name = "repeat",
      .kind = OPTION_INTEGER,
@@ -72,7 +71,7 @@ static const option bench_options[] = {
      .high = 16,
      .argument = "N",
      .initial = "3",
-     .help = "views of SCENE, evenly spaced by name"},
+     .help = "number of views of SCENE, evenly spaced in order of name"},
     {.name = "seed",
      .kind = OPTION_COUNT,
      .offset = AT(seed),
@@ -80,7 +79,7 @@ static const option bench_options[] = {
      .high = 9007199254740991.0,
      .argument = "N",
      .initial = "0",
-     .help = "seed of the scenes"},
+     .help = "random seed of the built-in scenes"},
     {.name = "json",
      .kind = OPTION_FLAG,
      .offset = AT(json),
@@ -88,7 +87,7 @@ static const option bench_options[] = {
     {.name = "csv",
      .kind = OPTION_FLAG,
      .offset = AT(csv),
-     .help = "print a CSV row per scene and setting on stdout"},
+     .help = "print one CSV row per scene and setting on stdout"},
     {.name = "quiet", .kind = OPTION_FLAG, .offset = AT(quiet), .help = "no progress, no notes"},
 };
 
@@ -103,7 +102,7 @@ typedef struct bench_run {
     bench_setting settings[64 * SGS_ISA_COUNT];
     size_t setting_count;
     bench_report report;
-    size_t capacity; // of the report
+    size_t capacity; // of report.results
 } bench_run;
 
 static bool apply(const bench_setting *setting)
@@ -115,7 +114,8 @@ static bool apply(const bench_setting *setting)
     return false;
 }
 
-// Threads outside, instruction sets inside; the limits are those of the best instruction set.
+// Outer loop over threads, inner over instruction sets. Limits are those of the best instruction
+// set.
 static bool make_settings(bench_run *run, bool isa_given)
 {
     const sgs_isa best = sgs_isa_get();
@@ -124,7 +124,7 @@ static bool make_settings(bench_run *run, bool isa_given)
         sgs_threads_set(run->values->threads.values[t]);
         made.threads = sgs_threads_get();
         if (made.threads > sgs_cores())
-            print_warning("%d threads on %d cores take turns; their times tell little",
+            print_warning("%d threads on %d cores share cores; their times are not meaningful",
                           made.threads, sgs_cores());
         if (sgs_machine_limits_measure(&made.limits)) {
             fail_library();
@@ -214,7 +214,7 @@ static bool measure_model(bench_run *run, const char *model, const char *scene_p
         done = false;
     }
     if (done && !gaussians->count) {
-        fail_run("%s: holds no primitive to measure", located.ply_path);
+        fail_run("%s: contains no primitives", located.ply_path);
         done = false;
     }
     if (done) {
@@ -255,10 +255,11 @@ static int print_list(bool json)
     return EXIT_DONE;
 }
 
-// Every operand is the name of a scene made here, or a MODEL that a SCENE follows.
+// Each operand is the name of a built-in scene, or a MODEL followed by a SCENE.
 static int check_operands(const command_line *line)
 {
     const char *names[16];
+    char near[SUGGESTION_LENGTH];
     size_t count = 0;
     while (count < 16 && sgs_bench_scene_name(count)) {
         names[count] = sgs_bench_scene_name(count);
@@ -270,17 +271,16 @@ static int check_operands(const command_line *line)
             continue;
         if (!model_is(operand))
             return fail_usage(
-                "'%s' is neither a scene of the bench (the nearest is '%s') nor a model", operand,
-                nearest_word(operand, names, count));
+                "'%s' is neither a built-in scene%s nor a model; --list lists the scenes", operand,
+                suggestion(near, "", operand, names, count));
         if (++i == line->operand_count)
-            return fail_usage(
-                "bench needs the SCENE whose cameras look at '%s'; usage: sparegs bench %s",
-                operand, line->synopsis);
+            return fail_usage("bench requires a SCENE after MODEL '%s'; usage: sparegs bench %s",
+                              operand, line->synopsis);
     }
     return -1;
 }
 
-// Minutes of measuring may not end in a path that was wrong from the start.
+// Reports wrong paths before minutes of measurement.
 static bool check_paths(const command_line *line)
 {
     bool found = true;
@@ -292,7 +292,7 @@ static bool check_paths(const command_line *line)
         model_path_free(&located);
         const char *scene = line->operands[++i];
         if (found && access(scene, R_OK)) {
-            fail_run("%s: %s; give the folder of a scene", scene, strerror(errno));
+            fail_run("%s: %s; specify a scene folder", scene, strerror(errno));
             found = false;
         }
     }
@@ -342,7 +342,7 @@ int command_bench(int argc, char **argv)
 {
     bench_values values = {0};
     scene_values data;
-    option_group groups[] = {{.title = "Measuring",
+    option_group groups[] = {{.title = "Measurement",
                               .options = bench_options,
                               .count = sizeof bench_options / sizeof *bench_options,
                               .values = &values},
@@ -355,7 +355,7 @@ int command_bench(int argc, char **argv)
                          .operand_maximum = 8};
     int status = command_line_parse(&line, argc, argv);
     if (status < 0 && values.json && values.csv)
-        status = fail_usage("--json and --csv exclude each other");
+        status = fail_usage("--json and --csv are mutually exclusive");
     if (status < 0)
         status = values.list ? print_list(values.json) : check_operands(&line);
     if (status >= 0)

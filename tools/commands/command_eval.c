@@ -14,15 +14,13 @@
 #include "cli/progress.h"
 
 static const char description[] =
-    "Draws the views of SCENE from MODEL (a PLY file, or the folder of a training run: its newest\n"
-    "iteration) and compares them with the photographs: both quantised to 8 bit, PSNR over all "
-    "pixels\n"
-    "and channels, SSIM with an 11 x 11 Gaussian window and zero padding. Image folder, size, "
-    "split,\n"
-    "filter and background are those of the run unless given here.";
+    "Renders the views of SCENE from MODEL (a PLY file, or a run folder: its latest iteration) and "
+    "compares them with the photographs. Both images are quantised to 8 bits; PSNR covers all "
+    "pixels and channels; SSIM uses an 11 x 11 Gaussian window with zero padding. Image folder, "
+    "size, split, filter and background default to those of the run.";
 
 typedef struct eval_values {
-    int split; // sgs_split in the order of the words, reordered below
+    int split; // index of the word; mapped to sgs_split below
     const char *save;
 } eval_values;
 
@@ -32,14 +30,14 @@ static const option eval_options[] = {
      .offset = offsetof(eval_values, split),
      .argument = "test|train|all",
      .initial = "test",
-     .shown = "test, or all when no image is held out",
-     .help = "the images to evaluate"},
+     .shown = "test, or all if no images are held out",
+     .help = "images to evaluate"},
     {.name = "save",
      .kind = OPTION_TEXT,
      .offset = offsetof(eval_values, save),
      .argument = "DIR",
      .shown = "none",
-     .help = "write NAME.png (drawn) and NAME_photo.png (the photograph) there"},
+     .help = "write NAME.png (render) and NAME_photo.png (photograph) to DIR"},
 };
 
 static const sgs_split splits[] = {SGS_SPLIT_TEST, SGS_SPLIT_TRAIN, SGS_SPLIT_ALL};
@@ -63,7 +61,7 @@ static bool save_pair(const char *folder, const char *stem, const sgs_image8 *dr
     return saved;
 }
 
-// One view into the table or the JSON list; its pictures are saved where a stem is given.
+// Adds one view to the table or the JSON list. Saves its images if a stem is given.
 static bool evaluate_one(const evaluator *evaluation, const sgs_view *view, const char *save,
                          const char *stem, json_t *list, split_score *sum)
 {
@@ -130,9 +128,9 @@ static int evaluate_model(const char *ply_path, const json_t *exposures, const s
     if (!split_given && !scene_split_count(scene, split))
         split = SGS_SPLIT_ALL;
     if (!scene_split_count(scene, split))
-        return fail_run(
-            "%s: no image is in this split; hold some out by --eval, --test-every or --test-images",
-            scene->path);
+        return fail_run("%s: no images in this split; hold images out with --eval, --test-every or "
+                        "--test-images",
+                        scene->path);
     sgs_gaussians *model = NULL;
     if (sgs_ply_read(ply_path, &model))
         return fail_library();

@@ -1,9 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// `sparegs experiment`: the trainings of a plan, one after the other, each in a process of its own.
-// What is finished stays finished: a run with a summary is not repeated, one that was stopped goes
-// on from its checkpoint.
+// `sparegs experiment`: runs the trainings of a plan one after the other, each in its own process.
+// A run with a summary is not repeated; an interrupted one resumes from its checkpoint.
 
 #include <errno.h>
 #include <signal.h>
@@ -26,13 +25,10 @@
 #include "cli/shared_options.h"
 
 static const char description[] =
-    "Runs the trainings that PLAN.json asks for (scenes x pipelines x variants x seeds) below DIR, "
-    "one at a time,\n"
-    "and collects their results in DIR/results.json and DIR/results.csv after each. A plan with an "
-    "unknown\n"
-    "scene, pipeline, option or value is refused before the first run. Started again with the same "
-    "plan it\n"
-    "continues; 'sparegs report DIR' makes tables and a page of it. README.md shows a plan.";
+    "Runs the trainings defined by PLAN.json (scenes x pipelines x variants x seeds), one at a "
+    "time, into DIR, and updates DIR/results.json and DIR/results.csv after each. The plan is "
+    "validated before the first run. Rerun the same command to continue an interrupted experiment. "
+    "'sparegs report DIR' creates tables and an HTML page.";
 
 typedef struct experiment_values {
     const char *output;
@@ -45,14 +41,14 @@ static const option experiment_options[] = {
      .kind = OPTION_TEXT,
      .offset = offsetof(experiment_values, output),
      .argument = "DIR",
-     .help = "folder for runs and results; needed"},
+     .help = "output folder for runs and results (required)"},
     {.name = "check",
      .kind = OPTION_FLAG,
      .offset = offsetof(experiment_values, check),
-     .help = "only check the plan and list its runs"},
+     .help = "validate the plan, list its runs and exit"},
 };
 
-// The summary of a finished run, or NULL.
+// The summary of a completed run, or NULL.
 static json_t *finished(const experiment_run *run)
 {
     char *path = format_text("%s/summary.json", run->folder);
@@ -65,7 +61,7 @@ static json_t *finished(const experiment_run *run)
     return NULL;
 }
 
-// What of a run's options may differ from when it was trained: its result does not depend on them.
+// Options that may change between sessions, because results do not depend on them.
 static bool is_free(const char *key)
 {
     static const char *const names[] = {"threads",    "isa",        "image-cache",
@@ -87,9 +83,9 @@ static bool fail_changed(const experiment_run *run, const char *name, const json
 {
     char *was = old ? json_dumps(old, JSON_ENCODE_ANY) : NULL;
     char *is = now ? json_dumps(now, JSON_ENCODE_ANY) : NULL;
-    fail_run("%s: was trained with %s %s, and the plan says %s now; give another -o DIR, or remove "
-             "that folder to train it anew",
-             run->folder, name, was ? was : "not given", is ? is : "nothing of it");
+    fail_run("%s: was trained with %s %s, but the plan has %s; use another -o DIR, or delete this "
+             "folder to train again",
+             run->folder, name, was ? was : "none", is ? is : "none");
     free(was);
     free(is);
     return false;
@@ -116,7 +112,7 @@ static bool same_members(const experiment_run *run, json_t *old, json_t *now)
     return same;
 }
 
-// A run that was begun is of this plan still. (Builds before this one kept no settings.)
+// Checks that a run that was started belongs to this plan. (Earlier builds stored no settings.)
 static bool plan_agrees(const experiment_run *run)
 {
     char *path = settings_path(run);
@@ -135,7 +131,7 @@ static bool plans_agree(const experiment_plan *plan)
     return true;
 }
 
-// Notes what a run is of, before it begins.
+// Records the settings of a run before it starts.
 static bool write_settings(const experiment_run *run)
 {
     char *path = settings_path(run);
@@ -171,7 +167,7 @@ static char *csv_row(const experiment_run *run, const json_t *summary)
     return complete;
 }
 
-// Results of all runs that are finished by now.
+// Writes the results of all completed runs.
 static bool write_results(const experiment_plan *plan, const char *folder)
 {
     json_t *root = json_object(), *list = json_array();
@@ -203,8 +199,8 @@ static bool write_results(const experiment_plan *plan, const char *folder)
     return written;
 }
 
-// Trains in a process of its own: this program again, so that neither memory nor threads nor a
-// crash are shared. Returns its exit status.
+// Trains in a new process of this program, so that runs share neither memory, threads nor crashes.
+// Returns its exit status.
 static int run_child(const experiment_run *run)
 {
     const char **arguments = calloc((size_t)run->argument_count + 2, sizeof *arguments);
@@ -217,13 +213,13 @@ static int run_child(const experiment_run *run)
     const pid_t child = fork();
     if (child < 0) {
         free(arguments);
-        return fail_run("%s: cannot be started: %s", run->folder, strerror(errno));
+        return fail_run("%s: cannot start the training process: %s", run->folder, strerror(errno));
     }
     if (!child) {
-        // A group of its own: Ctrl-C reaches this program only, which passes it on.
+        // A new process group: Ctrl-C reaches only this program, which forwards it.
         setpgid(0, 0);
 #ifdef __linux__
-        prctl(PR_SET_PDEATHSIG, INTERRUPT_PASSED_ON); // should this program be killed
+        prctl(PR_SET_PDEATHSIG, INTERRUPT_PASSED_ON); // if this program is killed
 #endif
         if (!freopen("/dev/null", "w", stdout)) // the summary is read from the file
             _exit(EXIT_FAILED);
@@ -232,20 +228,21 @@ static int run_child(const experiment_run *run)
     }
     free(arguments);
     int state;
-    bool told = false;
+    bool forwarded = false;
     for (pid_t ended; (ended = waitpid(child, &state, WNOHANG)) != child;) {
         if (ended < 0 && errno != EINTR)
-            return fail_run("%s: is lost: %s", run->folder, strerror(errno));
-        if (interrupt_signal() && !told) {
-            told = !kill(child, INTERRUPT_PASSED_ON);
-            kill(child, SIGCONT); // a terminal may have stopped it
+            return fail_run("%s: cannot wait for the training process: %s", run->folder,
+                            strerror(errno));
+        if (interrupt_signal() && !forwarded) {
+            forwarded = !kill(child, INTERRUPT_PASSED_ON);
+            kill(child, SIGCONT); // a terminal may have suspended it
         }
         nanosleep(&(struct timespec){.tv_nsec = 20000000}, NULL);
     }
     return WIFEXITED(state) ? WEXITSTATUS(state) : 128 + WTERMSIG(state);
 }
 
-// What a run needs no more once it is finished.
+// Deletes the files that a completed run no longer needs.
 static void drop_checkpoint(const experiment_run *run)
 {
     static const char *const names[] = {"state.bin", "state.previous.bin", "sums.csv"};
@@ -264,7 +261,7 @@ static int run_all(const experiment_plan *plan, const char *folder)
         json_t *done = finished(run);
         json_decref(done);
         print_note("run %zu of %zu: %s, %s, %s, seed %d%s", i + 1, plan->count, run->scene,
-                   run->pipeline, run->variant, run->seed, done ? ": finished before" : "");
+                   run->pipeline, run->variant, run->seed, done ? ": already complete" : "");
         if (done)
             continue;
         const int status = write_settings(run) ? run_child(run) : EXIT_FAILED;
@@ -272,7 +269,7 @@ static int run_all(const experiment_plan *plan, const char *folder)
             break;
         if (status) {
             ++failed;
-            print_warning("%s: the training failed with status %d; the other runs go on",
+            print_warning("%s: training failed with status %d; continuing with the remaining runs",
                           run->folder, status);
             continue;
         }
@@ -284,7 +281,7 @@ static int run_all(const experiment_plan *plan, const char *folder)
         return EXIT_FAILED;
     if (interrupt_signal())
         return interrupt_status();
-    return failed ? fail_run("%s: %d of %zu runs failed; start the experiment again to repeat them",
+    return failed ? fail_run("%s: %d of %zu runs failed; rerun the experiment to repeat them",
                              folder, failed, plan->count)
                   : EXIT_DONE;
 }
@@ -350,13 +347,12 @@ int command_experiment(int argc, char **argv)
                                .values = &values};
     int status = command_parse(&spec, argc, argv, &call);
     if (status < 0 && !values.output)
-        status = fail_usage(
-            "experiment needs -o DIR, the folder to write to; usage: sparegs experiment %s",
-            call.line.synopsis);
+        status =
+            fail_usage("experiment requires an output folder, -o DIR; usage: sparegs experiment %s",
+                       call.line.synopsis);
     if (status >= 0)
         return status;
-    // Threads, instruction set and quiet are the runs' own: they may be given in the plan's
-    // options.
+    // Threads, instruction set and --quiet belong to the runs: set them in the plan's options.
     messages_set_quiet(call.common.quiet);
     interrupt_watch();
     return experiment(call.line.operands[0], &values, call.common.json);

@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// `sparegs explain`: why SPARE-GS let primitives grow in one place and not in another: quota, slack
-// and weight of regions, what made them, and what became of their primitives.
+// `sparegs explain`: quota, slack and weight of SPARE-GS's regions, the quantities that they derive
+// from, and how many primitives each region gained and lost.
 
 #include <math.h>
 #include <stdlib.h>
@@ -16,11 +16,10 @@
 #include "cli/shared_options.h"
 
 static const char description[] =
-    "Explains the budget of a training run: for the regions furthest from their quota at the last "
-    "structural\n"
-    "update, or for the region around a point, what it demanded, what it was allowed, what it had, "
-    "and what was\n"
-    "cloned, split and removed there. OUT is the folder of a run with SPARE-GS.";
+    "Explains the budget of a training run with SPARE-GS, stored in the run folder OUT. For the "
+    "regions furthest from their quota at the last structural update, or for the region around a "
+    "point, prints demand, quota, number of primitives, and how many were cloned, split and "
+    "removed.";
 
 typedef struct explain_values {
     const char *region;
@@ -36,14 +35,14 @@ static const option explain_options[] = {
      .argument = "N",
      .initial = "20",
      .unit = "regions",
-     .help = "how many of the regions furthest from their quota"},
+     .help = "number of regions to list, furthest from their quota first"},
     {.name = "region",
      .kind = OPTION_TEXT,
      .offset = offsetof(explain_values, region),
      .argument = "X,Y,Z",
      .shown = "none",
      .unit = "world units",
-     .help = "the region that holds this point, over all updates"},
+     .help = "report the region that contains this point, at all updates"},
 };
 
 static void center_of(const sgs_regions *update, uint32_t voxel, double center[3])
@@ -80,7 +79,7 @@ static json_t *region_json(const sgs_regions *update, const sgs_region *r)
     return object;
 }
 
-// One region at one update, in words.
+// Prints one region at one update.
 static void print_region(const sgs_regions *update, const sgs_region *r, bool dated)
 {
     double center[3];
@@ -92,10 +91,10 @@ static void print_region(const sgs_regions *update, const sgs_region *r, bool da
     printf("%u primitives, quota %.1f (demand %.2f of 2, capacity %.2f): %s, slack %.2f, weight "
            "%.2f; ",
            r->count, (double)r->quota, (double)r->demand, (double)r->capacity,
-           (double)r->count > (double)r->quota ? "over budget" : "room to grow", (double)r->slack,
+           (double)r->count > (double)r->quota ? "over budget" : "under budget", (double)r->slack,
            (double)r->weight);
-    printf("%u densified, %u removed by the pipeline, %u as redundant\n", r->densified, r->removed,
-           r->redundant);
+    printf("%u densified, %u pruned by the pipeline, %u pruned as redundant\n", r->densified,
+           r->removed, r->redundant);
 }
 
 static double excess(const sgs_region *r)
@@ -149,7 +148,7 @@ static int explain_top(const region_history *history, int top, bool json)
     return EXIT_DONE;
 }
 
-// The region of a point at an update, or NULL: no primitives there.
+// The region that contains a point at an update, or NULL if it has no primitives.
 static const sgs_region *region_at(const sgs_regions *update, const double point[3])
 {
     bool inside;
@@ -169,14 +168,14 @@ static int explain_point(const region_history *history, const double point[3], b
         else if (!json && region)
             print_region(&history->updates[u], region, true);
         else if (!json)
-            printf("iteration %d: no primitives there\n", history->updates[u].iteration);
+            printf("iteration %d: no primitives in this region\n", history->updates[u].iteration);
     }
     if (json)
         return print_json(json_pack("{s:o}", "updates", list)) ? EXIT_DONE : EXIT_FAILED;
     json_decref(list);
     return found ? EXIT_DONE
-                 : fail_run("no update had primitives around (%g, %g, %g); 'sparegs info' tells "
-                            "the bounds of the model",
+                 : fail_run("no update has primitives in the region of (%g, %g, %g); 'sparegs "
+                            "info' prints the bounds of the model",
                             point[0], point[1], point[2]);
 }
 
@@ -199,7 +198,7 @@ int command_explain(int argc, char **argv)
     if (status < 0 && values.region &&
         (sscanf(values.region, "%lf,%lf,%lf%c", &point[0], &point[1], &point[2], &rest) != 3 ||
          !isfinite(point[0] + point[1] + point[2])))
-        status = fail_usage("--region takes a point X,Y,Z; '%s' is none", values.region);
+        status = fail_usage("--region: '%s' is not a point X,Y,Z", values.region);
     if (status >= 0)
         return status;
     const char *folder = call.line.operands[0];
@@ -207,14 +206,13 @@ int command_explain(int argc, char **argv)
     const bool is_run = file_exists(config);
     free(config);
     if (!is_run)
-        return fail_run("%s: is not the folder of a training run; there is no config.json in it",
-                        folder);
+        return fail_run("%s: not a run folder: config.json is missing", folder);
     region_history history;
     if (!region_history_read(folder, &history))
         return EXIT_FAILED;
     if (!history.count)
         status = fail_run(
-            "%s: no structural update with SPARE-GS is recorded; train with --spare on", folder);
+            "%s: no structural update with SPARE-GS was recorded; train with --spare on", folder);
     else
         status = values.region ? explain_point(&history, point, call.common.json)
                                : explain_top(&history, values.top, call.common.json);

@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// `sparegs info`: what a model or a data set is. One description is built as JSON; without --json
-// it is printed as indented text, so the two cannot disagree.
+// `sparegs info`: describes a model or a data set. The description is built as JSON and, without
+// --json, printed as indented text, so the two cannot disagree.
 
 #include <math.h>
 #include <stdlib.h>
@@ -13,10 +13,10 @@
 #include "cli/progress.h"
 #include "cli/shared_options.h"
 
-static const char description[] = "Describes MODEL (a PLY file, or the folder of a training run: "
-                                  "its newest iteration) or SCENE (a\n"
-                                  "data set): counts, bounds, quantiles of scales and opacities, "
-                                  "camera models, sizes, split, warnings.";
+static const char description[] =
+    "Describes MODEL (a PLY file, or a run folder: its latest iteration) or SCENE (a data set): "
+    "counts, bounds, quantiles of scales and opacities, camera models, image sizes, split, "
+    "warnings.";
 
 static int compare_doubles(const void *a, const void *b)
 {
@@ -49,7 +49,7 @@ static json_t *numbers(const double *values, size_t count)
     return list;
 }
 
-// null where there was no point.
+// null without points.
 static json_t *bounds(const double low[3], const double high[3])
 {
     if (low[0] > high[0])
@@ -134,7 +134,7 @@ static bool describe_model(const char *path, json_t *root)
 
 // ---- A data set ----
 
-// Each lens and size once, with the number of its views.
+// Each distinct camera once, with its number of views.
 static json_t *describe_cameras(const sgs_scene *scene)
 {
     json_t *list = json_array();

@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// `sparegs profile`: what the BVH over a model costs and answers, seen by the cameras of a scene or
-// from an orbit.
+// `sparegs profile`: cost and quality of the BVH over a model, for the cameras of a scene or an
+// orbit.
 
 #include <stdlib.h>
 
@@ -17,17 +17,13 @@
 #include "run/trace_file.h"
 
 static const char description[] =
-    "Measures the BVH over MODEL (a PLY file, or the folder of a training run) as the cameras of "
-    "SCENE ask\n"
-    "it: build and refit time, memory, surface-area cost and overlap of trees of quality low, "
-    "medium and\n"
-    "high, of the refittable one that training uses, and of that one aged by refits; callbacks, "
-    "tests,\n"
-    "evaluations and true hits per ray, false positives, hits until rays stop, cost per tile, the "
-    "phases of\n"
-    "a training iteration over the same views. Ends with the answers: which build quality, when to "
-    "rebuild,\n"
-    "what dominates. With -o DIR writes heat maps per pixel and per tile as EXR and PNG.";
+    "Measures the BVH over MODEL (a PLY file or a run folder) with rays of the cameras of SCENE: "
+    "build and refit time, memory, surface-area cost and overlap of trees built with low, medium "
+    "and high quality, of the refittable tree that training uses, and of that tree after many "
+    "refits; callbacks, tests, evaluations and hits per ray, false positives, hits until rays "
+    "terminate, cost per tile, and the phases of a training iteration over the same views. "
+    "Concludes with the recommended build quality and rebuild interval, and the dominant phase. "
+    "With -o DIR, writes heat maps per pixel and per tile as EXR and PNG.";
 
 typedef struct profile_values {
     const char *output, *view, *trace;
@@ -43,19 +39,19 @@ static const option profile_options[] = {
      .offset = AT(output),
      .argument = "DIR",
      .shown = "none",
-     .help = "write heat maps there"},
+     .help = "folder for heat maps"},
     {.name = "view",
      .kind = OPTION_TEXT,
      .offset = AT(view),
      .argument = "NAME",
      .shown = "see --split",
-     .help = "this view only: an image name"},
+     .help = "profile only this view: an image name"},
     {.name = "split",
      .kind = OPTION_CHOICE,
      .offset = AT(split),
      .argument = "test|train|all",
      .initial = "all",
-     .help = "the views to choose from"},
+     .help = "views to choose from"},
     {.name = "views",
      .kind = OPTION_INTEGER,
      .offset = AT(views),
@@ -63,7 +59,7 @@ static const option profile_options[] = {
      .high = 16,
      .argument = "N",
      .initial = "4",
-     .help = "views taken from the split, evenly spaced by name"},
+     .help = "number of views of the split, evenly spaced in order of name"},
     {.name = "orbit",
      .kind = OPTION_INTEGER,
      .offset = AT(orbit),
@@ -71,7 +67,7 @@ static const option profile_options[] = {
      .high = 16,
      .argument = "N",
      .initial = "0",
-     .help = "instead, N views on the circle around the point the cameras look at; 0 = none"},
+     .help = "use N views on a circle around the point that the cameras look at instead; 0 = off"},
     {.name = "refits",
      .kind = OPTION_INTEGER,
      .offset = AT(refits),
@@ -79,7 +75,7 @@ static const option profile_options[] = {
      .high = 1000000,
      .argument = "K",
      .initial = "100",
-     .help = "age of the aged tree"},
+     .help = "number of refits of the aged tree"},
     {.name = "repeat",
      .kind = OPTION_INTEGER,
      .offset = AT(repeat),
@@ -87,7 +83,7 @@ static const option profile_options[] = {
      .high = 1000,
      .argument = "N",
      .initial = "3",
-     .help = "repetitions; times are the least"},
+     .help = "repetitions; the best time is reported"},
     {.name = "samples",
      .kind = OPTION_INTEGER,
      .offset = AT(samples),
@@ -96,18 +92,18 @@ static const option profile_options[] = {
      .argument = "N",
      .initial = "64",
      .unit = "rays",
-     .help = "rays per view followed by brute force"},
+     .help = "rays per view traced by brute force"},
     {.name = "trace",
      .kind = OPTION_TEXT,
      .offset = AT(trace),
      .argument = "FILE",
      .shown = "none",
-     .help = "write the phases of training iterations over the views as a Chrome/Perfetto trace"},
+     .help = "write the phases of the training iterations as a Chrome/Perfetto trace"},
 };
 
 enum { VIEWS_MAX = 16 };
 
-// The cameras that --view, --split, --views or --orbit choose.
+// The cameras selected by --view, --split, --views or --orbit.
 static bool choose_cameras(const sgs_scene *scene, const profile_values *values, bool split_given,
                            camera_list *list)
 {
@@ -129,7 +125,7 @@ typedef struct profiling {
     const sgs_gaussians *model;
     sgs_profile_options options;
     camera_list cameras;    // at most VIEWS_MAX
-    sgs_counters *counters; // NULL where there are none
+    sgs_counters *counters; // NULL if unavailable
     profile_report report;
 } profiling;
 
@@ -156,7 +152,7 @@ static bool profile_views(profiling *job)
     return true;
 }
 
-// One iteration's times as the trace wants them.
+// The times of one iteration, in the form that the trace takes.
 static sgs_train_seconds train_seconds(const sgs_bench_sample *sample)
 {
     return (sgs_train_seconds){.gather = sample->gather,
@@ -188,7 +184,7 @@ static void add_counters(sgs_counter_values *to, const sgs_counter_values *from,
         *sums[k] = values[k] < 0 ? -1 : *sums[k] + share * values[k];
 }
 
-// A build and an iteration per view, each under its own clock.
+// Times a build and an iteration per view.
 static bool repeat_training(const profiling *job, sgs_bench *bench, trace_file *trace, int *number,
                             sgs_bench_sample *mean, sgs_counter_values *counted)
 {
@@ -219,8 +215,8 @@ static bool repeat_training(const profiling *job, sgs_bench *bench, trace_file *
     return done;
 }
 
-// Iterations of a training over the views, for the phases, the trace and the hardware counters: the
-// repetition whose iterations were the fastest.
+// Runs training iterations over the views for the phase times, the trace and the hardware counters.
+// Keeps the fastest repetition.
 static bool measure_training(profiling *job)
 {
     const camera_list *cameras = &job->cameras;
@@ -255,7 +251,7 @@ static bool profile_model(profiling *job, const sgs_scene *scene, bool split_giv
     if (!choose_cameras(scene, job->values, split_given, &job->cameras))
         return false;
     job->options.step =
-        1.6e-4 * scene->extent; // the first rate of the means: what Adam moves them by in a step
+        1.6e-4 * scene->extent; // initial learning rate of the means: the size of an Adam step
     job->report.refits = job->values->refits;
     bool done = measure_training(job) && profile_views(job);
     if (done && !interrupt_signal()) {
@@ -274,7 +270,7 @@ static int run_profile(const command_line *line, const profile_values *values,
     model_path located;
     sgs_scene *scene = NULL;
     sgs_gaussians *model = NULL;
-    sgs_counters *counters = sgs_counters_open(); // they see the threads that start after them
+    sgs_counters *counters = sgs_counters_open(); // they count threads that start later
     char *reason = counters ? NULL : format_text("%s", sgs_last_error());
     int status = model_locate(line->operands[0], &located) ? -1 : EXIT_FAILED;
     if (status < 0)
@@ -289,11 +285,11 @@ static int run_profile(const command_line *line, const profile_values *values,
     if (status < 0 && sgs_ply_read(located.ply_path, &model))
         status = fail_library();
     if (status < 0 && !model->count)
-        status = fail_run("%s: holds no primitive to measure", located.ply_path);
+        status = fail_run("%s: contains no primitives", located.ply_path);
     if (status < 0) {
         drawing_resolve(drawing, line, located.config, scene);
         if (!option_given(line, "compact-box"))
-            drawing->compact_box = 1; // whole supports are what a profile counts
+            drawing->compact_box = 1; // a profile counts hits of the whole support
         profiling *job = calloc(1, sizeof *job);
         if (job) {
             *job = (profiling){.values = values,
@@ -342,9 +338,9 @@ int command_profile(int argc, char **argv)
     int status = command_begin(&spec, argc, argv, &call);
     const bool split = option_given(&call.line, "split") || option_given(&call.line, "views");
     if (status < 0 && values.orbit && (values.view || split))
-        status = fail_usage("--orbit chooses the views; leave out --view, --views and --split");
+        status = fail_usage("--orbit selects the views; omit --view, --views and --split");
     if (status < 0 && values.view && split)
-        status = fail_usage("--view chooses one view; leave out --views and --split");
+        status = fail_usage("--view selects one view; omit --views and --split");
     if (status >= 0)
         return status;
     interrupt_watch();

@@ -1,12 +1,12 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// `sparegs reconstruct`: cameras for photographs, by COLMAP as a child process. Three stages, each
-// remembered in SCENE/colmap/state.json together with what it was made from, so that a run that was
-// interrupted goes on where it was: features, matches, models. Then the model with most images
-// becomes SCENE/sparse/0, where `train` looks for it.
+// `sparegs reconstruct`: estimates cameras of photographs with COLMAP as a child process, in three
+// stages: features, matches, models. SCENE/colmap/state.json records the completed stages and their
+// inputs, so that an interrupted run resumes. The model with the most images becomes
+// SCENE/sparse/0, where `train` looks for it.
 //
-// COLMAP's own files keep to SCENE/colmap: database, logs, all of its models.
+// COLMAP's own files stay in SCENE/colmap: database, logs, all models.
 
 #include <dirent.h>
 #include <errno.h>
@@ -27,14 +27,12 @@
 #include "sparegs/image.h"
 #include "sparegs/runtime.h"
 
-static const char description[] = "Finds the cameras of the photographs in the folder PHOTOS with "
-                                  "COLMAP (the program `colmap`, 3.8 or\n"
-                                  "newer, must be installed) and makes SCENE ready for `sparegs "
-                                  "train`: SCENE/images leads to the\n"
-                                  "photographs, SCENE/sparse/0 is the model, SCENE/colmap keeps "
-                                  "the database and the logs. Runs without\n"
-                                  "a display and without a GPU. A run that was interrupted "
-                                  "continues after the last stage it finished.";
+static const char description[] =
+    "Estimates the cameras of the photographs in the folder PHOTOS with COLMAP (the program "
+    "`colmap`, 3.8 or newer, must be installed) and prepares SCENE for `sparegs train`: "
+    "SCENE/images is a link to the photographs, SCENE/sparse/0 is the model, SCENE/colmap holds "
+    "the database and logs. Needs neither a display nor a GPU. An interrupted run resumes after "
+    "the last completed stage.";
 
 typedef struct reconstruct_values {
     const char *output, *colmap, *camera_model;
@@ -49,27 +47,27 @@ static const option reconstruct_options[] = {
      .kind = OPTION_TEXT,
      .offset = offsetof(reconstruct_values, output),
      .argument = "SCENE",
-     .help = "folder of the scene to make; needed"},
+     .help = "scene folder to create (required)"},
     {.name = "matcher",
      .kind = OPTION_CHOICE,
      .offset = offsetof(reconstruct_values, matcher),
      .argument = "auto|exhaustive|sequential",
      .initial = "auto",
-     .shown = "auto: exhaustive up to 150 photographs",
-     .help = "compare all pairs of photographs, or neighbours by name (video)"},
+     .shown = "auto: exhaustive for up to 150 photographs",
+     .help = "match all pairs of photographs, or neighbours in order of name (video)"},
     {.name = "camera-model",
      .kind = OPTION_TEXT,
      .offset = offsetof(reconstruct_values, camera_model),
      .argument = "MODEL",
      .initial = "OPENCV",
-     .help = "COLMAP's name of the lens model: SIMPLE_RADIAL, OPENCV, OPENCV_FISHEYE, ..."},
+     .help = "COLMAP camera model: SIMPLE_RADIAL, OPENCV, OPENCV_FISHEYE, ..."},
     {.name = "cameras",
      .kind = OPTION_CHOICE,
      .offset = offsetof(reconstruct_values, cameras),
      .argument = "auto|shared|own",
      .initial = "auto",
-     .shown = "auto: shared when all photographs have one size",
-     .help = "one camera for all photographs, or one for each"},
+     .shown = "auto: shared if all photographs have the same size",
+     .help = "one camera for all photographs, or one per photograph"},
     {.name = "colmap",
      .kind = OPTION_TEXT,
      .offset = offsetof(reconstruct_values, colmap),
@@ -84,7 +82,7 @@ typedef struct reconstruction {
     char *photos_path;  // absolute
     char *work, *database, *models, *state_path;
     size_t count;      // photographs
-    int width, height; // of all, or 0 when they differ
+    int width, height; // of all photographs, or 0 if they differ
     json_t *state;     // {"made_from": ..., "stages": [...]}
 } reconstruction;
 
@@ -106,7 +104,7 @@ static int by_name(const struct dirent **a, const struct dirent **b)
     return strcmp((*a)->d_name, (*b)->d_name);
 }
 
-// Counts the photographs below `folder` and lists "NAME SIZE MTIME" into `made_from`.
+// Counts the photographs below `folder` and appends "NAME SIZE MTIME" of each to `made_from`.
 static bool list_photos(reconstruction *run, const char *folder, const char *below, int depth,
                         json_t *made_from)
 {
@@ -164,7 +162,7 @@ static bool note_stage(reconstruction *run, const char *stage)
     return write_json(run->state_path, json_incref(run->state));
 }
 
-// Progress as COLMAP's log tells it: "Processed file [3/16]", "Matching block [1/2, 1/2]",
+// Progress parsed from COLMAP's log: "Processed file [3/16]", "Matching block [1/2, 1/2]",
 // "Registering image #5 (7)".
 typedef struct stage_progress {
     const char *label;
@@ -199,7 +197,7 @@ static void follow_log(void *context, const char *text)
         progress->points = points;
 }
 
-// Runs `colmap COMMAND ...`. -1 to go on, else an exit status.
+// Runs `colmap COMMAND ...`. Returns -1 to continue, or an exit status.
 static int run_colmap(const reconstruction *run, const char *const *arguments,
                       stage_progress *progress)
 {
@@ -213,16 +211,15 @@ static int run_colmap(const reconstruction *run, const char *const *arguments,
     if (status == CHILD_INTERRUPTED) {
         result = interrupt_status();
     } else if (status == CHILD_MISSING) {
-        result = fail_run("%s: this program is not installed; install COLMAP (Debian and Ubuntu: "
-                          "apt install colmap) or "
-                          "name it with --colmap",
+        result = fail_run("%s: program not found; install COLMAP (Debian and Ubuntu: apt install "
+                          "colmap) or give its path with --colmap",
                           arguments[0]);
     } else if (status == CHILD_UNSTARTED) {
-        result = fail_run("%s: cannot be started: %s", arguments[0], strerror(reason));
+        result = fail_run("%s: cannot start: %s", arguments[0], strerror(reason));
     } else if (status) {
         char *tail = child_tail(&child);
         result =
-            fail_run("%s: colmap %s ended with status %d: %s", log, arguments[1], status, tail);
+            fail_run("%s: colmap %s failed with status %d: %s", log, arguments[1], status, tail);
         free(tail);
     }
     free(log);
@@ -279,7 +276,7 @@ static int remove_entry(const char *path, const struct stat *info, int kind, str
 static int find_cameras(reconstruction *run, const char *threads)
 {
     if (file_exists(run->models) && nftw(run->models, remove_entry, 8, FTW_DEPTH | FTW_PHYS))
-        return fail_run("%s: what an earlier run left cannot be removed: %s", run->models,
+        return fail_run("%s: cannot remove the models of an earlier run: %s", run->models,
                         strerror(errno));
     const char *const arguments[] = {run->values->colmap,
                                      "mapper",
@@ -298,7 +295,7 @@ static int find_cameras(reconstruction *run, const char *threads)
 
 // ---- The result ----
 
-// Registered images of a binary model, 0 when there is none.
+// Number of registered images in a binary model, 0 if there is none.
 static unsigned long long model_images(const char *folder)
 {
     char *path = format_text("%s/images.bin", folder);
@@ -331,12 +328,12 @@ static bool copy_file(const char *from, const char *to)
         fclose(in);
     fine = fine && !rename(beside, to);
     if (!fine)
-        fail_run("%s: cannot be copied to %s: %s", from, to, strerror(errno));
+        fail_run("%s: cannot copy to %s: %s", from, to, strerror(errno));
     free(beside);
     return fine;
 }
 
-// Makes the model with most images SCENE/sparse/0. False after printing the error.
+// Copies the model with the most images to SCENE/sparse/0. False after printing the error.
 static bool keep_largest(const reconstruction *run, unsigned long long *registered, int *models)
 {
     char *best = NULL;
@@ -358,9 +355,8 @@ static bool keep_largest(const reconstruction *run, unsigned long long *register
         best = folder;
     }
     if (!best) {
-        fail_run("%s: COLMAP found no camera of the %zu photographs; take more of them with more "
-                 "overlap, of something "
-                 "with texture",
+        fail_run("%s: COLMAP registered none of the %zu photographs; take more photographs with "
+                 "more overlap, of a textured subject",
                  run->photos, run->count);
         return false;
     }
@@ -377,16 +373,17 @@ static bool keep_largest(const reconstruction *run, unsigned long long *register
     return fine;
 }
 
-// SCENE/images leads to the photographs.
+// Makes SCENE/images a link to the photographs.
 static bool link_photos(const reconstruction *run)
 {
     char *path = format_text("%s/images", run->values->output), *real = realpath(path, NULL);
     bool fine = real && !strcmp(real, run->photos_path);
     if (!fine) {
-        unlink(path); // a link to other photographs; a folder stays and is told of
+        unlink(path); // removes a link to other photographs; a folder makes symlink fail below
         fine = !symlink(run->photos_path, path);
         if (!fine)
-            fail_run("%s: cannot lead to %s: %s", path, run->photos_path, strerror(errno));
+            fail_run("%s: cannot create symlink to %s: %s", path, run->photos_path,
+                     strerror(errno));
     }
     free(real);
     free(path);
@@ -407,8 +404,8 @@ static int report(const reconstruction *run, bool json)
     if (status >= 0)
         return status;
     if (models > 1)
-        print_note("%s: COLMAP made %d models that it could not join; the largest is kept",
-                   run->photos, models);
+        print_note("%s: COLMAP produced %d separate models; the largest is used", run->photos,
+                   models);
     if (!json) {
         printf("%llu of %zu photographs registered, %lld points, mean reprojection error %.3f "
                "px\n%s\n",
@@ -429,8 +426,8 @@ static int report(const reconstruction *run, bool json)
 
 // ---- All of it ----
 
-// Takes up what an earlier run with the same photographs and options finished; drops what others
-// left.
+// Keeps the completed stages of an earlier run with the same photographs and options, and discards
+// those of any other run.
 static bool open_state(reconstruction *run, json_t *made_from)
 {
     json_error_t error;
@@ -443,7 +440,7 @@ static bool open_state(reconstruction *run, json_t *made_from)
     }
     json_decref(run->state);
     if (unlink(run->database) && errno != ENOENT) {
-        fail_run("%s: cannot be removed: %s", run->database, strerror(errno));
+        fail_run("%s: cannot remove: %s", run->database, strerror(errno));
         return false;
     }
     run->state = json_object();
@@ -487,8 +484,9 @@ static int reconstruct(reconstruction *run, bool json)
         json_array_append_new(made_from, json_integer(v->matcher));
         json_array_append_new(made_from, json_integer(v->cameras));
         if (run->count < 2)
-            fail_run("%s: holds %zu photograph(s); cameras need at least two, better twenty",
-                     run->photos, run->count);
+            fail_run(
+                "%s: contains %zu photograph(s); at least 2 are required, 20 or more recommended",
+                run->photos, run->count);
         else if (make_folder(run->work) && check_writable(run->work) && open_state(run, made_from))
             status = run_stages(run);
         if (status < 0)
@@ -516,19 +514,19 @@ int command_reconstruct(int argc, char **argv)
     sgs_camera_model model;
     if (status < 0 && !values.output)
         status = fail_usage(
-            "reconstruct needs -o SCENE, the folder to write to; usage: sparegs reconstruct %s",
+            "reconstruct requires a scene folder, -o SCENE; usage: sparegs reconstruct %s",
             call.line.synopsis);
     if (status < 0 && !sgs_camera_model_from_name(values.camera_model, &model))
-        status = fail_usage("--camera-model %s: COLMAP has no such model; common ones are "
-                            "SIMPLE_RADIAL, OPENCV and "
-                            "OPENCV_FISHEYE",
+        status = fail_usage("--camera-model: '%s' is not a COLMAP camera model; common ones are "
+                            "SIMPLE_RADIAL, OPENCV and OPENCV_FISHEYE",
                             values.camera_model);
     if (status < 0)
         status = common_apply(&call.common, &call.line);
     if (status >= 0)
         return status;
     interrupt_watch();
-    setenv("QT_QPA_PLATFORM", "offscreen", 1); // COLMAP links Qt, which wants a display otherwise
+    setenv("QT_QPA_PLATFORM", "offscreen",
+           1); // otherwise Qt, which COLMAP links, requires a display
     reconstruction run = {.values = &values, .photos = call.line.operands[0]};
     run.work = format_text("%s/colmap", values.output);
     run.database = format_text("%s/database.db", run.work);

@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// `sparegs render`: views of a stored model as EXR or PNG, by the tracer or, with --reference, by
-// the brute-force renderer that defines what the tracer must compute.
+// `sparegs render`: renders views of a stored model as EXR or PNG, by the tracer or, with
+// --reference, by the brute-force reference renderer that the tracer must match.
 
 #include <stdlib.h>
 #include <string.h>
@@ -16,14 +16,12 @@
 #include "draw/view_drawer.h"
 
 static const char description[] =
-    "Draws MODEL (a PLY file, or the folder of a training run: its newest iteration) from the "
-    "cameras\n"
-    "of SCENE, from a camera file, or along a path around the scene. Writes DIR/STEM.exr with all\n"
-    "quantities as layers, or DIR/STEM.png and DIR/STEM.AOV.png, STEM being the view's image name\n"
-    "without its extension, and prints the paths. EXR colours are premultiplied by alpha, without\n"
-    "background, and scene-linear: trained colours are display (sRGB) values and are decoded, "
-    "unless\n"
-    "--exr-encoding srgb keeps them. PNGs and films are laid over the background.";
+    "Renders MODEL (a PLY file, or a run folder: its latest iteration) from the cameras of SCENE, "
+    "from a camera file, or along a path around the scene. Writes DIR/STEM.exr with all AOVs as "
+    "layers, or DIR/STEM.png and DIR/STEM.AOV.png, where STEM is the image name of the view "
+    "without extension, and prints the paths. EXR colours are premultiplied by alpha, without "
+    "background, and scene-linear: the model's display (sRGB) values are decoded unless "
+    "--exr-encoding srgb is given. PNGs and videos are composited over the background.";
 
 typedef struct render_values {
     const char *output, *view, *camera;
@@ -47,13 +45,13 @@ static const option render_options[] = {
      .offset = AT(output),
      .argument = "DIR",
      .shown = "none",
-     .help = "folder to write to; needed unless there is --video"},
+     .help = "output folder; required unless --video is given"},
     {.name = "video",
      .kind = OPTION_TEXT,
      .offset = AT(film),
      .argument = "FILE.mp4",
      .shown = "none",
-     .help = "the pictures as a film, made by ffmpeg, which must be installed"},
+     .help = "write the frames as a video, encoded by ffmpeg, which must be installed"},
     {.name = "fps",
      .kind = OPTION_REAL,
      .offset = AT(fps),
@@ -61,29 +59,29 @@ static const option render_options[] = {
      .high = 1000,
      .argument = "X",
      .shown = "the camera path's, or 30",
-     .unit = "pictures per second",
+     .unit = "frames per second",
      .needs = "video",
-     .help = "of --video"},
+     .help = "frame rate of --video"},
     {.name = "view",
      .kind = OPTION_TEXT,
      .offset = AT(view),
      .argument = "NAME",
      .shown = "see --split",
-     .help = "draw this view only: an image name, with or without folder and extension"},
+     .help = "render only this view: an image name, with or without folder and extension"},
     {.name = "split",
      .kind = OPTION_CHOICE,
      .offset = AT(split),
      .argument = "test|train|all",
      .initial = "test",
-     .shown = "test, or all when no image is held out",
-     .help = "the views to draw"},
+     .shown = "test, or all if no images are held out",
+     .help = "views to render"},
     {.name = "camera",
      .kind = OPTION_TEXT,
      .offset = AT(camera),
      .argument = "FILE",
      .shown = "none",
-     .help = "draw from this cameras.json, camera path of nerfstudio or folder of a COLMAP model "
-             "(without photographs) instead of a SCENE"},
+     .help = "use the cameras of this cameras.json, nerfstudio camera path or COLMAP model folder "
+             "instead of a SCENE; photographs are not needed"},
     {.name = "orbit",
      .kind = OPTION_INTEGER,
      .offset = AT(orbit),
@@ -92,7 +90,7 @@ static const option render_options[] = {
      .argument = "N",
      .shown = "none",
      .unit = "frames",
-     .help = "a circle around what the views of SCENE look at"},
+     .help = "render N frames on a circle around the point that the views of SCENE look at"},
     {.name = "spiral",
      .kind = OPTION_INTEGER,
      .offset = AT(spiral),
@@ -101,7 +99,7 @@ static const option render_options[] = {
      .argument = "N",
      .shown = "none",
      .unit = "frames",
-     .help = "two turns around the view in the middle of SCENE's"},
+     .help = "render N frames on a spiral of two turns around the central view of SCENE"},
     {.name = "arc",
      .kind = OPTION_REAL,
      .offset = AT(arc),
@@ -111,27 +109,27 @@ static const option render_options[] = {
      .shown = "the photographed arc",
      .unit = "degrees",
      .needs = "orbit",
-     .help = "length of the orbit, centred on the photographed arc"},
+     .help = "angle of the orbit, centred on the photographed arc"},
     {.name = "path-lens",
      .kind = OPTION_CHOICE,
      .offset = AT(path_lens),
      .argument = "pinhole|view",
      .initial = "pinhole",
      .needs = "orbit|spiral",
-     .help = "lens of the path: without distortion, or that of the first view"},
+     .help = "lens of the path: pinhole without distortion, or the lens of the first view"},
     {.name = "save-cameras",
      .kind = OPTION_SET,
      .offset = AT(save_cameras),
      .argument = "json,chan,usda",
      .shown = "json with --orbit or --spiral",
      .needs = "output",
-     .help = "write the cameras too, as DIR/cameras.json, .chan (Nuke) or .usda (OpenUSD)"},
+     .help = "also write the cameras to DIR/cameras.json, .chan (Nuke) or .usda (OpenUSD)"},
     {.name = "frames",
      .kind = OPTION_TEXT,
      .offset = AT(frames),
      .argument = "A-B[:STEP]",
      .shown = "all",
-     .help = "only these of the chosen views, counted from 0"},
+     .help = "render only these of the selected views, counted from 0"},
     {.name = "size",
      .kind = OPTION_TEXT,
      .offset = AT(size),
@@ -145,7 +143,7 @@ static const option render_options[] = {
      .offset = AT(projection),
      .argument = "view|equirectangular",
      .initial = "view",
-     .help = "the view's lens, or all directions around it as longitude and latitude"},
+     .help = "lens of the view, or a full panorama as longitude and latitude"},
     {.name = "spp",
      .kind = OPTION_INTEGER,
      .offset = AT(samples),
@@ -154,7 +152,7 @@ static const option render_options[] = {
      .argument = "N",
      .shown = "1, or 64 with --aperture",
      .unit = "samples",
-     .help = "colours are the mean of N points of each pixel"},
+     .help = "samples per pixel, averaged for colour"},
     {.name = "aperture",
      .kind = OPTION_REAL,
      .offset = AT(aperture),
@@ -163,29 +161,29 @@ static const option render_options[] = {
      .argument = "D",
      .initial = "0",
      .unit = "world units",
-     .help = "diameter of the lens: what is out of focus is blurred"},
+     .help = "diameter of the thin lens, for depth of field"},
     {.name = "focus",
      .kind = OPTION_REAL,
      .offset = AT(focus),
      .low = 0,
      .high = 1e9,
      .argument = "Z",
-     .shown = "what stands in the middle",
+     .shown = "the surface at the image centre",
      .unit = "world units",
      .needs = "aperture",
-     .help = "distance along the axis that is in focus"},
+     .help = "focus distance along the camera axis"},
     {.name = "aov",
      .kind = OPTION_SET,
      .offset = AT(aovs),
      .argument = AOV_WORDS,
      .initial = "rgba,depth",
-     .help = "quantities to write; region and slack need the folder of a run with SPARE-GS"},
+     .help = "AOVs to write; region and slack require a run folder with SPARE-GS"},
     {.name = "depth",
      .kind = OPTION_CHOICE,
      .offset = AT(depth),
      .argument = "ray|z",
      .initial = "ray",
-     .help = "distances are along the ray, or along the camera's axis"},
+     .help = "depth is the distance along the ray or along the camera axis"},
     {.name = "format",
      .kind = OPTION_CHOICE,
      .offset = AT(format),
@@ -197,18 +195,18 @@ static const option render_options[] = {
      .offset = AT(encoding),
      .argument = "linear|srgb",
      .initial = "linear",
-     .help = "colours of an EXR: decoded to scene-linear, or the display values as trained"},
+     .help = "EXR colours: decoded to scene-linear, or display values as trained"},
     {.name = "compression",
      .kind = OPTION_CHOICE,
      .offset = AT(compression),
      .argument = "auto|zip|zips|piz|none|dwaa",
      .initial = "auto",
-     .help = "how an EXR's pixels are packed; auto is zip, but leaves as it is what would not "
-             "shrink by a third; dwaa loses a little of the colours"},
+     .help = "EXR compression; auto uses zip for data that shrink by at least a third, else none; "
+             "dwaa is lossy for colour"},
     {.name = "deep",
      .kind = OPTION_FLAG,
      .offset = AT(deep),
-     .help = "write DIR/STEM.deep.exr too: the samples of every ray, which flatten to the image"},
+     .help = "also write DIR/STEM.deep.exr, a deep image of the samples along each ray"},
     {.name = "deep-tolerance",
      .kind = OPTION_REAL,
      .offset = AT(deep_tolerance),
@@ -216,9 +214,9 @@ static const option render_options[] = {
      .high = 1,
      .argument = "X",
      .initial = "0.01",
-     .unit = "of the distance",
+     .unit = "x distance",
      .needs = "deep",
-     .help = "hits closer than this to the first of a sample join it"},
+     .help = "merge hits closer than this to the first hit of a sample"},
     {.name = "deep-max",
      .kind = OPTION_INTEGER,
      .offset = AT(deep_max),
@@ -228,17 +226,17 @@ static const option render_options[] = {
      .initial = "32",
      .unit = "samples",
      .needs = "deep",
-     .help = "per pixel at most; where there are more, the tolerance grows"},
+     .help = "maximum per pixel; the tolerance grows where it is exceeded"},
     {.name = "reference",
      .kind = OPTION_FLAG,
      .offset = AT(reference),
-     .help = "draw by brute force in double precision: exact and slow"},
+     .help = "use the brute-force renderer in double precision: exact but slow"},
 };
 
 enum { FORMAT_EXR = 0, DEPTH_Z = 1, BLUR_SAMPLES = 64, DEFAULT_FPS = 30 };
 static const sgs_split splits[] = {SGS_SPLIT_TEST, SGS_SPLIT_TRAIN, SGS_SPLIT_ALL};
 
-// What the options ask for, in the words of those who do it.
+// The view options that correspond to the command line.
 static view_options view_options_from(const render_values *values, double path_fps)
 {
     const bool blurred = values->aperture > 0;
@@ -262,7 +260,7 @@ static view_options view_options_from(const render_values *values, double path_f
                                                  : DEFAULT_FPS};
 }
 
-// Reads the regions of the model where they are wanted; --aov all goes without when there are none.
+// Reads the regions of the model if requested. --aov all omits them if none were recorded.
 static bool find_regions(const char *model_name, int iteration, const sgs_gaussians *model,
                          region_map *regions, unsigned *aovs)
 {
@@ -274,14 +272,13 @@ static bool find_regions(const char *model_name, int iteration, const sgs_gaussi
     if (regions->iteration)
         return true;
     if (*aovs != AOV_ALL) {
-        fail_run("%s: there are no regions recorded with this model; region and slack need the "
-                 "folder of a run with "
-                 "--spare on",
+        fail_run("%s: no regions were recorded with this model; region and slack require a run "
+                 "folder trained with --spare on",
                  model_name);
         return false;
     }
     *aovs &= ~(unsigned)(AOV_REGION | AOV_SLACK);
-    print_note("%s: no regions are recorded with this model; region and slack are left out",
+    print_note("%s: no regions were recorded with this model; region and slack are omitted",
                model_name);
     return true;
 }
@@ -298,10 +295,9 @@ static bool render_views(const sgs_gaussians *model, const camera_list *cameras,
     progress_end();
     done = view_drawer_close(&drawer, done) && done;
     if (done && cameras->arc > 0)
-        print_note("orbit: an arc of %.0f degrees; --arc sets another, 360 the full circle",
-                   cameras->arc);
+        print_note("orbit: arc of %.0f degrees; use --arc 360 for a full circle", cameras->arc);
     if (done)
-        print_note("%zu view(s): %.2f s drawing, meanwhile %.2f s writing", drawer.drawn,
+        print_note("%zu view(s): %.2f s rendering, %.2f s writing in parallel", drawer.drawn,
                    drawer.draw_seconds, drawer.write_seconds);
     return done;
 }
@@ -349,7 +345,7 @@ static int run_render(const command_line *line, const render_values *values,
     if (status < 0) {
         drawing_resolve(drawing, line, located.config, scene);
         if (values->reference && !option_given(line, "compact-box"))
-            drawing->compact_box = 1; // it knows no tiles
+            drawing->compact_box = 1; // the reference has no tiles
         const bool done = render_model(line->operands[0], &located, &cameras, drawing, values);
         status = done ? interrupt_status() : EXIT_FAILED;
     }
@@ -359,7 +355,8 @@ static int run_render(const command_line *line, const render_values *values,
     return status;
 }
 
-// Options that exclude or need each other, and those with a form of their own. -1 to go on.
+// Checks combinations of options and parses those with their own syntax. Returns -1 to continue, or
+// an exit status.
 static int check_values(const command_line *line, const render_values *values,
                         camera_choice *choice)
 {
@@ -377,29 +374,30 @@ static int check_values(const command_line *line, const render_values *values,
     const bool sampled = values->samples > 1 || values->aperture > 0;
     if ((line->operand_count == 2) == (values->camera != NULL))
         return fail_usage(
-            "render needs a SCENE or --camera FILE, one of them; usage: sparegs render %s",
+            "render requires either a SCENE or --camera FILE; usage: sparegs render %s",
             line->synopsis);
     if (!values->output && !values->film)
-        return fail_usage("render needs -o DIR, the folder to write to (or --video FILE); usage: "
-                          "sparegs render %s",
-                          line->synopsis);
+        return fail_usage(
+            "render requires an output folder, -o DIR (or --video FILE); usage: sparegs render %s",
+            line->synopsis);
     if ((values->orbit > 0 || values->spiral > 0) && (paths > 1 || values->camera))
         return fail_usage(
-            "--orbit, --spiral, --view, --split and --camera exclude each other; give one of them");
+            "--orbit, --spiral, --view, --split and --camera are mutually exclusive; choose one");
     if (values->frames && !frame_range_parse(values->frames, &choice->frames))
-        return fail_usage("--frames: '%s' is not FIRST-LAST nor FIRST-LAST:STEP, counted from 0",
+        return fail_usage("--frames: '%s' is not FIRST-LAST or FIRST-LAST:STEP, counted from 0",
                           values->frames);
     if (values->size && !size_parse(values->size, &choice->width, &choice->height))
         return fail_usage("--size: '%s' is not WIDTHxHEIGHT, each from 1 to 65536", values->size);
     if (values->deep && (values->reference || sampled || !values->output))
         return fail_usage(
-            "--deep and %s exclude each other; deep files hold the hits of one ray per pixel",
+            "--deep and %s are mutually exclusive; deep files hold the hits of one ray per pixel",
             values->reference           ? "--reference"
             : values->aperture > 0      ? "--aperture"
             : values->output && sampled ? "--spp"
                                         : "--video without -o");
     if (values->focus > 0 && !(values->aperture > 0))
-        return fail_usage("--focus has no effect with --aperture 0; give the lens a diameter");
+        return fail_usage(
+            "--focus has no effect with --aperture 0; set a lens diameter with --aperture");
     return -1;
 }
 
@@ -430,7 +428,8 @@ int command_render(int argc, char **argv)
         return status;
     interrupt_watch();
     if (call.common.json)
-        told_files_begin();
+        reported_files_begin();
     status = run_render(&call.line, &values, &choice, &data, &drawing);
-    return !call.common.json || status == EXIT_FAILED || told_files_print() ? status : EXIT_FAILED;
+    return !call.common.json || status == EXIT_FAILED || reported_files_print() ? status
+                                                                                : EXIT_FAILED;
 }

@@ -1,9 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// `sparegs report`: the tables of an experiment as Markdown, and everything a person wants to look
-// at as one HTML page that needs no network: the page of report_page.html with the data and the
-// pictures inside.
+// `sparegs report`: the tables of an experiment as Markdown, and one self-contained HTML page:
+// report_page.html with data and images embedded.
 
 #include <stdlib.h>
 #include <string.h>
@@ -18,14 +17,13 @@
 #include "run/region_file.h"
 #include "report/report_tables.h"
 
-extern const char report_page[]; // report_page.html, made by report_page.cmake
+extern const char report_page[]; // report_page.html, embedded by report_page.cmake
 
-static const char description[] = "Makes tables and a page of an experiment (DIR of 'sparegs "
-                                  "experiment'), finished or not: DIR/report.md and\n"
-                                  "DIR/report.html. The page is one file that needs no network: "
-                                  "primitives over iterations, quality against\n"
-                                  "primitives, seconds by phase, maps of the regions, renders "
-                                  "beside photographs, the updates in words.";
+static const char description[] =
+    "Creates tables and an HTML page of an experiment (DIR of 'sparegs experiment'), complete or "
+    "not: DIR/report.md and DIR/report.html. The page is one self-contained file: primitives over "
+    "iterations, quality against primitives, seconds by phase, maps of the regions, renders next "
+    "to photographs, and a log of the structural updates.";
 
 typedef struct report_values {
     const char *markdown, *html;
@@ -38,13 +36,13 @@ static const option report_options[] = {
      .offset = offsetof(report_values, markdown),
      .argument = "FILE",
      .shown = "DIR/report.md",
-     .help = "where the tables go"},
+     .help = "output file of the tables"},
     {.name = "html",
      .kind = OPTION_TEXT,
      .offset = offsetof(report_values, html),
      .argument = "FILE",
      .shown = "DIR/report.html",
-     .help = "where the page goes"},
+     .help = "output file of the page"},
     {.name = "pictures",
      .kind = OPTION_INTEGER,
      .offset = offsetof(report_values, pictures),
@@ -53,8 +51,7 @@ static const option report_options[] = {
      .argument = "N",
      .initial = "4",
      .unit = "runs",
-     .help =
-         "runs whose first held-out view is drawn into the page; their scenes must still be there"},
+     .help = "number of runs with a render of the first held-out view; their scenes must exist"},
     {.name = "maps",
      .kind = OPTION_INTEGER,
      .offset = offsetof(report_values, maps),
@@ -63,12 +60,12 @@ static const option report_options[] = {
      .argument = "N",
      .initial = "4",
      .unit = "runs",
-     .help = "runs with SPARE-GS whose maps of regions are in the page, some 200 KB each"},
+     .help = "number of runs with SPARE-GS with region maps, about 200 KB each"},
 };
 
 // ---- Tables of a run ----
 
-// The rows of a CSV as lists of numbers, without the header.
+// The rows of a CSV file as lists of numbers, without the header.
 static json_t *csv_rows(const char *folder, const char *name)
 {
     char *path = format_text("%s/%s", folder, name), *line = NULL;
@@ -99,18 +96,18 @@ static double number_at(const json_t *row, size_t k)
     return json_number_value(json_array_get(row, k));
 }
 
-// The structural updates in words, from spare.csv or, without SPARE-GS, from train.csv.
+// A log of the structural updates, from spare.csv or, without SPARE-GS, from train.csv.
 static json_t *update_words(const json_t *train, const json_t *spare, const json_t *summary)
 {
     json_t *words = json_array();
     for (size_t k = 0; k < json_array_size(spare); ++k) {
         const json_t *r = json_array_get(spare, k);
-        char *text = format_text(
-            "iteration %.0f: %.0f primitives in %.0f regions afterwards; %.0f %% were over "
-            "budget, mean weight %.3f; the "
-            "weights kept %.0f from growing and let %.0f grow; %.0f removed as redundant",
-            number_at(r, 0), number_at(r, 2), number_at(r, 1), 100 * number_at(r, 3),
-            number_at(r, 4), number_at(r, 5), number_at(r, 6), number_at(r, 7));
+        char *text =
+            format_text("iteration %.0f: %.0f primitives in %.0f regions after the update; %.0f %% "
+                        "over budget before it, mean weight %.3f; weights suppressed %.0f and "
+                        "boosted %.0f densifications; %.0f pruned as redundant",
+                        number_at(r, 0), number_at(r, 2), number_at(r, 1), 100 * number_at(r, 3),
+                        number_at(r, 4), number_at(r, 5), number_at(r, 6), number_at(r, 7));
         json_array_append_new(words, json_string(text));
         free(text);
     }
@@ -119,7 +116,7 @@ static json_t *update_words(const json_t *train, const json_t *spare, const json
         if (number_at(r, 5) == 0 && number_at(r, 6) == 0)
             continue;
         char *text =
-            format_text("until iteration %.0f: %.0f densified, %.0f removed, %.0f primitives",
+            format_text("up to iteration %.0f: %.0f densified, %.0f pruned, %.0f primitives",
                         number_at(r, 0), number_at(r, 5), number_at(r, 6), number_at(r, 3));
         json_array_append_new(words, json_string(text));
         free(text);
@@ -200,7 +197,7 @@ static char *base64(const unsigned char *bytes, size_t size)
     return text;
 }
 
-// A PNG as a data URI, by way of a file beside the report; NULL after printing the error.
+// A PNG as a data URI, encoded through a temporary file. NULL after printing the error.
 static json_t *picture_uri(const char *folder, const sgs_image8 *image)
 {
     char *path = format_text("%s/.picture.%ld.png", folder, (long)getpid());
@@ -230,14 +227,14 @@ static json_t *picture_uri(const char *folder, const sgs_image8 *image)
     return uri;
 }
 
-// The first held-out view (or the first one) of a run, drawn.
+// A render of the first held-out view of a run (the first view if none is held out).
 static json_t *picture_of(const char *folder, const json_t *run)
 {
     char *path = format_text("%s/%s", folder, json_string_value(json_object_get(run, "folder")));
     model_path located;
     json_t *picture = NULL;
     if (model_locate(path, &located)) {
-        // The defaults of an empty command line, so that the run's record decides.
+        // An empty command line, so that the run's config applies.
         scene_values data;
         drawing_values drawing;
         option_group groups[] = {scene_group(&data), drawing_group(&drawing)};
@@ -322,7 +319,7 @@ static bool write_page(const char *path, json_t *data)
         fail_run("%s: no memory for the page", path);
         return false;
     }
-    // "</" would end the script element that holds the data; JSON may write it as "<\/".
+    // "</" would end the script element that contains the data; JSON allows "<\/".
     size_t extra = 0;
     for (const char *c = json; (c = strstr(c, "</")); c += 2)
         ++extra;
@@ -351,8 +348,8 @@ static int report(const char *folder, const report_values *values)
     json_error_t error;
     json_t *results = json_load_file(path, 0, &error);
     if (!results || !json_array_size(json_object_get(results, "runs"))) {
-        fail_run(results ? "%s: no run is finished yet; let 'sparegs experiment' run on"
-                         : "%s: %s; DIR is the folder of an experiment",
+        fail_run(results ? "%s: no run is complete yet; continue 'sparegs experiment'"
+                         : "%s: %s; DIR must be the folder of an experiment",
                  path, error.text);
         json_decref(results);
         free(path);
@@ -368,8 +365,8 @@ static int report(const char *folder, const report_values *values)
     bool done = write_text(text_path, markdown) &&
                 write_page(page_path, page_data(folder, results, tables, values));
     if (done) {
-        tell_file(text_path);
-        tell_file(page_path);
+        report_file(text_path);
+        report_file(page_path);
     }
     free(text_path);
     free(page_path);
@@ -397,7 +394,7 @@ int command_report(int argc, char **argv)
         return status;
     interrupt_watch();
     if (call.common.json)
-        told_files_begin();
+        reported_files_begin();
     const int done = report(call.line.operands[0], &values);
-    return !call.common.json || done == EXIT_FAILED || told_files_print() ? done : EXIT_FAILED;
+    return !call.common.json || done == EXIT_FAILED || reported_files_print() ? done : EXIT_FAILED;
 }

@@ -1,10 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// `sparegs train`: data set in, model and records out. The order of things: prove that OUT can be
-// written, load, create the trainer, and only then touch what an earlier run left; train; save the
-// model; free the trainer's memory, read the saved model back and measure exactly that file on the
-// held-out and the training views.
+// `sparegs train`. The order of steps: check that OUT is writable, load the scene, create the
+// trainer, and only then replace the files of an earlier run; train; save the model; free the
+// trainer; read the saved model back and evaluate that file on the held-out and training views.
 
 #include <math.h>
 #include <stdlib.h>
@@ -26,17 +25,13 @@
 
 static const char description[] =
     "Trains 3D Gaussians on SCENE: a folder with a COLMAP model (sparse/0, sparse or "
-    "colmap/sparse/0,\n"
-    "binary or text) and its images, or with transforms_train.json or transforms.json (NeRF "
-    "synthetic,\n"
-    "nerfstudio). Writes into OUT:\n"
-    "  point_cloud/iteration_N/point_cloud.ply  the model, as every 3DGS viewer reads it\n"
-    "  cameras.json, input.ply, config.json     cameras, initial cloud, options as used\n"
-    "  train.csv, spare.csv, summary.json       the course of the training and its result\n"
-    "  checkpoint/                              full state for --resume\n"
-    "SIGINT, SIGTERM and SIGHUP finish the iteration and save; a second one ends at once. SIGUSR1 "
-    "saves a\n"
-    "checkpoint and goes on.";
+    "colmap/sparse/0, binary or text) and its images, or with transforms_train.json or "
+    "transforms.json (NeRF synthetic, nerfstudio). Writes into OUT:\n  "
+    "point_cloud/iteration_N/point_cloud.ply  the model, readable by 3DGS viewers\n  cameras.json, "
+    "input.ply, config.json     cameras, initial cloud, options\n  train.csv, spare.csv, "
+    "summary.json       training curves and results\n  checkpoint/                              "
+    "full state for --resume\nSIGINT, SIGTERM and SIGHUP finish the current iteration and save; a "
+    "second signal exits immediately. SIGUSR1 saves a checkpoint and continues.";
 
 typedef struct training {
     common_values common;
@@ -48,16 +43,17 @@ typedef struct training {
     run_folder folder;
     double started, load_seconds, train_seconds, longest_step;
     sgs_stop_reason stop;
-    // kept when the trainer is gone
+    // Valid after the trainer is destroyed.
     int iterations;
     size_t gaussians, most_gaussians;
-    size_t memory_estimate; // with the most primitives
+    size_t memory_estimate; // at the largest number of primitives
     char *stop_text;
     sgs_train_seconds seconds;
     sgs_train_bytes bytes;
     sgs_train_skipped skipped;
     char hash[17];
-    bool checkpoint_lost; // of the last iteration, and said so; the model is worth its measurement
+    bool checkpoint_lost; // saving the last one failed and was reported; the model is evaluated
+                          // anyway
     split_score test, train;
 } training;
 
@@ -73,26 +69,26 @@ static bool load_scene(training *run, bool background_given)
     if (run->scene->white_background && !background_given)
         for (int c = 0; c < 3; ++c)
             run->values.background.rgb[c] = 1;
-    run->data.white_point = run->scene->white_point; // for config.json: as it was measured
+    run->data.white_point = run->scene->white_point; // for config.json: the measured value
     const size_t test = scene_split_count(run->scene, SGS_SPLIT_TEST);
     print_note("%s: %zu training images, %zu held out, %zu points, loaded in %.1f s",
                run->scene_path, run->scene->view_count - test, test, run->scene->point_count,
                run->load_seconds);
     if (!run->scene->point_count && !run->values.init)
-        print_note("%s: no points; starting from %llu random ones", run->scene_path,
+        print_note("%s: no points; starting from %llu random points", run->scene_path,
                    (unsigned long long)run->values.random_points);
     return true;
 }
 
 enum { CHECKPOINT_BYTES = 720 }; // per primitive
 
-// Primitives to begin with: of the checkpoint that is continued, of --init, or of the scene.
+// Initial number of primitives: from the checkpoint to resume, from --init, or from the scene.
 static size_t first_primitives(const training *run, const sgs_scene *scene)
 {
     size_t count =
         run->values.resume ? run_folder_checkpoint_bytes(&run->folder) / CHECKPOINT_BYTES : 0;
     model_path located;
-    // What cannot be read is told later, when it is needed.
+    // Read errors are reported later, when the file is used.
     if (!count && run->values.init && file_exists(run->values.init) && model_is(run->values.init) &&
         model_locate(run->values.init, &located)) {
         sgs_gaussians *init = NULL;
@@ -105,11 +101,24 @@ static size_t first_primitives(const training *run, const sgs_scene *scene)
     return scene->point_count ? scene->point_count : (size_t)run->values.random_points;
 }
 
-// Before the images are loaded: what will they and the first model take? More than --max-memory
-// allows is refused, more than the machine has is worth a warning.
+// Decimals, at least two, with which the printed numbers differ.
+static int distinct_digits(double a, double b)
+{
+    char x[32], y[32];
+    int digits = 1;
+    do {
+        ++digits;
+        snprintf(x, sizeof x, "%.*f", digits, a);
+        snprintf(y, sizeof y, "%.*f", digits, b);
+    } while (digits < 9 && !strcmp(x, y));
+    return digits;
+}
+
+// Estimates the memory of the images and the initial model before loading. Exceeding --max-memory
+// is an error; exceeding the machine's memory is a warning.
 static bool memory_suffices(const training *run)
 {
-    messages_hear_library(false); // its warnings come when the scene is loaded with its images
+    messages_hear_library(false); // the same warnings follow when the images are loaded
     sgs_scene *scene = scene_open(run->scene_path, &run->data, false);
     messages_hear_library(true);
     if (!scene)
@@ -123,22 +132,25 @@ static bool memory_suffices(const training *run)
     const double allowed = (double)run->values.max_memory, machine = (double)sgs_machine_memory();
     if (allowed > 0 ? needed <= allowed : needed <= machine)
         return true;
-    char *needs = format_text("%s: training needs about %.2f GiB (images and program %.2f GiB, the "
-                              "first %zu primitives %.2f GiB)",
-                              run->scene_path, needed / 0x1p30, without / 0x1p30, count,
-                              (needed - without) / 0x1p30);
-    static const char hint[] = "reduce the images with --downscale or keep a part of them with "
-                               "--image-cache, or the primitives with --max-gaussians";
+    const double limit = allowed > 0 ? allowed : machine;
+    const int digits = distinct_digits(needed / 0x1p30, limit / 0x1p30);
+    char *needs =
+        format_text("%s: training requires about %.*f GiB (images and program %.*f GiB, initial "
+                    "model of %zu primitives %.*f GiB)",
+                    run->scene_path, digits, needed / 0x1p30, digits, without / 0x1p30, count,
+                    digits, (needed - without) / 0x1p30);
+    static const char hint[] = "reduce --image-cache or --max-gaussians, or use --downscale";
     if (allowed > 0)
-        fail_run("%s, more than --max-memory allows (%.2f GiB); %s", needs, allowed / 0x1p30, hint);
+        fail_run("%s, more than --max-memory (%.*f GiB); %s", needs, digits, limit / 0x1p30, hint);
     else
-        print_warning("%s, more than there is (%.2f GiB); %s", needs, machine / 0x1p30, hint);
+        print_warning("%s, more than the available %.*f GiB; %s", needs, digits, limit / 0x1p30,
+                      hint);
     free(needs);
     return allowed <= 0;
 }
 
-// A structural update may double the primitives it works on for a moment: is there room for the
-// next one?
+// A structural update may temporarily double its primitives. True if the next one could exceed
+// --max-memory.
 static bool memory_is_short(const training *run, size_t gaussians)
 {
     enum { UPDATE_BYTES = 700 }; // per primitive
@@ -158,14 +170,13 @@ static bool create_trainer(training *run)
             fail_library();
             ready = false;
         } else if (ready && !init->count) {
-            fail_run("%s: holds no primitive to start from; train without --init",
-                     located.ply_path);
+            fail_run("%s: contains no primitives; train without --init", located.ply_path);
             ready = false;
         }
         model_path_free(&located);
     }
     options.init = init;
-    // What it says of the model to begin with is not true of one that a checkpoint replaces.
+    // Warnings about the initial model do not apply if a checkpoint replaces it.
     messages_hear_library(!run->values.resume || !run_folder_checkpoint_bytes(&run->folder));
     if (ready && sgs_trainer_create(run->scene, &options, &run->trainer)) {
         fail_library();
@@ -176,19 +187,17 @@ static bool create_trainer(training *run)
     return ready;
 }
 
-// Continues from a checkpoint where --resume finds one. Returns 1 continued, 0 start at zero, -1
-// failed.
+// Loads the checkpoint for --resume. Returns 1 if loaded, 0 to start at iteration 0, -1 on failure.
 static int resume(training *run, const char *config_path, json_t *config)
 {
     json_error_t error = {0};
     json_t *stored = file_exists(config_path) ? json_load_file(config_path, 0, &error) : NULL;
     if (!stored) {
         if (file_exists(config_path))
-            fail_run("%s: line %d: %s; the run cannot be continued, train without --resume",
+            fail_run("%s: line %d: %s; the run cannot be resumed, train without --resume",
                      config_path, error.line, error.text);
         else
-            print_note("%s: there is no run to continue; starting at iteration 0",
-                       run->values.output);
+            print_note("%s: no run to resume; starting at iteration 0", run->values.output);
         return file_exists(config_path) ? -1 : 0;
     }
     const int loaded = train_config_agrees(config_path, stored, config)
@@ -198,10 +207,10 @@ static int resume(training *run, const char *config_path, json_t *config)
         train_config_record(stored, config, sgs_trainer_iteration(run->trainer));
     json_decref(stored);
     if (loaded > 0)
-        print_note("%s: continuing at iteration %d", run->values.output,
+        print_note("%s: resuming at iteration %d", run->values.output,
                    sgs_trainer_iteration(run->trainer));
     else if (!loaded)
-        print_note("%s: there is no checkpoint yet; starting at iteration 0", run->values.output);
+        print_note("%s: no checkpoint yet; starting at iteration 0", run->values.output);
     return loaded;
 }
 
@@ -231,7 +240,7 @@ static bool open_folder(training *run)
     json_object_set_new(config, "near_distance",
                         json_number(sgs_near_distance(run->scene->extent)));
     const int resumed = run->values.resume ? resume(run, config_path, config) : 0;
-    // What an earlier run left goes only after the disk has taken the first files of this one.
+    // Files of an earlier run are replaced only after the first files of this one are on disk.
     bool ready = resumed >= 0 && write_first_files(run);
     if (ready && !resumed && run_folder_is_used(&run->folder))
         ready = run_folder_clear(&run->folder);
@@ -255,8 +264,8 @@ static bool is_save_point(const training *run, int iteration)
     return false;
 }
 
-// The model of an iteration; with Mip-Splatting's 3D filter both worked into the model and beside
-// it.
+// Saves the model of an iteration. Mip-Splatting's 3D filter is fused into it and also saved
+// separately.
 static bool save_model(const training *run, int iteration)
 {
     const sgs_gaussians *model = sgs_trainer_model(run->trainer);
@@ -280,22 +289,23 @@ static bool save_model(const training *run, int iteration)
     return saved;
 }
 
-// What is due after an iteration that is not the last. Failing to save here is a warning: the disk
-// may have room again later, and the training is worth more than this file.
+// Periodic saves, except after the last iteration. A failure is only a warning: the disk may have
+// space again later.
 static void save_due(training *run, int iteration)
 {
     const bool asked = interrupt_take_checkpoint();
     if (is_save_point(run, iteration) && !save_model(run, iteration))
-        print_warning("the model of iteration %d is not saved; training goes on", iteration);
+        print_warning("the model of iteration %d was not saved; training continues", iteration);
     if (!asked && !(run->values.checkpoint_every && iteration % run->values.checkpoint_every == 0))
         return;
     if (!run_folder_save_checkpoint(&run->folder, run->trainer))
-        print_warning("the checkpoint of iteration %d is not saved; training goes on", iteration);
+        print_warning("the checkpoint of iteration %d was not saved; training continues",
+                      iteration);
     else if (asked)
-        print_note("%s: the state of iteration %d is saved", run->values.output, iteration);
+        print_note("%s: saved a checkpoint at iteration %d", run->values.output, iteration);
 }
 
-// An iteration more, then saving, might end after the limit.
+// True if one more iteration and saving could exceed the time limit.
 static bool time_is_up(const training *run)
 {
     enum { SLOW_DISK = 100000000 }; // bytes per second
@@ -306,7 +316,7 @@ static bool time_is_up(const training *run)
     return run->values.time_limit > 0 && left < run->longest_step + 2 * saving + 1;
 }
 
-// The phases of the iteration that began at `start`, and what changes with it.
+// Records the phases and counters of the iteration that began at `start`.
 static void record_trace(const training *run, trace_file *trace, double start,
                          const sgs_train_seconds *before, const sgs_step_info *info)
 {
@@ -325,8 +335,7 @@ static void record_update(training *run, const sgs_step_info *info)
     run_folder_record_update(&run->folder, info);
 }
 
-// A step failed. What was reached until then is saved where it is whole, as it is when a photograph
-// vanishes.
+// Handles a failed step. Saves the state if it is consistent, as after an unreadable photograph.
 static bool give_up(training *run, const sgs_step_info *info)
 {
     char *reason = format_text("%s", sgs_last_error());
@@ -339,7 +348,7 @@ static bool give_up(training *run, const sgs_step_info *info)
     if (whole)
         save_model(run, iteration);
     if (saved)
-        fail_run("%s; the state of iteration %d is saved: mend this and continue with --resume",
+        fail_run("%s; saved a checkpoint at iteration %d: fix this, then rerun with --resume",
                  reason, iteration);
     else
         fail_run("%s", reason);
@@ -398,7 +407,7 @@ static bool iterate(training *run, trace_file *trace)
 
 // ---- After the last iteration ----
 
-// The state is saved and the training not over.
+// True if training stopped early with its state saved.
 static bool stopped_early(const training *run)
 {
     return run->stop >= SGS_STOP_SIGNAL;
@@ -526,9 +535,9 @@ static bool report(const training *run)
     if (run->common.json)
         return print_json(summary) && done;
     json_decref(summary);
-    printf("%d iterations in %.1f s%s%s, %zu primitives, model %s\n", run->iterations,
-           run->train_seconds, *run->stop_text ? ": " : "", run->stop_text, run->gaussians,
-           run->hash);
+    printf("%d iteration%s in %.1f s%s%s, %zu primitives, model %s\n", run->iterations,
+           run->iterations == 1 ? "" : "s", run->train_seconds, *run->stop_text ? ": " : "",
+           run->stop_text, run->gaussians, run->hash);
     print_score("held-out images:", &run->test);
     print_score("training images:", &run->train);
     if (run->iterations)
@@ -537,7 +546,8 @@ static bool report(const training *run)
     return done;
 }
 
-static int train(training *run, bool background_given)
+// Prepares OUT, the scene and the trainer. Returns -1 to continue, or an exit status.
+static int prepare(training *run, bool background_given)
 {
     if (!run_folder_prepare(&run->folder, run->values.output))
         return EXIT_FAILED;
@@ -546,12 +556,16 @@ static int train(training *run, bool background_given)
         return EXIT_FAILED;
     }
     if (interrupt_signal()) {
-        print_warning("%s: stopped before the first iteration; nothing is written",
+        print_warning("%s: stopped before the first iteration; nothing was written",
                       run->values.output);
         return interrupt_status();
     }
-    if (!create_trainer(run) || !open_folder(run))
-        return EXIT_FAILED;
+    return create_trainer(run) && open_folder(run) ? -1 : EXIT_FAILED;
+}
+
+// Iterates, saves the results and frees the trainer.
+static bool iterate_and_save(training *run)
+{
     trace_file *trace = run->values.trace ? trace_open(run->values.trace) : NULL;
     bool done = !run->values.trace || trace;
     done = done && iterate(run, trace);
@@ -560,26 +574,45 @@ static int train(training *run, bool background_given)
     run_folder_close_tables(&run->folder);
     sgs_trainer_destroy(run->trainer);
     run->trainer = NULL;
+    return done;
+}
+
+static int train(training *run, bool background_given)
+{
+    const int status = prepare(run, background_given);
+    if (status >= 0)
+        return status;
+    bool done = iterate_and_save(run);
     if (done && !stopped_early(run))
         done = evaluate(run);
     if (done && !run->checkpoint_lost && run->stop == SGS_STOP_TIME_LIMIT)
-        print_note(
-            "%s: the time limit ended this run at iteration %d of %d; continue with --resume",
-            run->values.output, run->iterations, run->values.iterations);
+        print_note("%s: reached the time limit at iteration %d of %d; continue with --resume",
+                   run->values.output, run->iterations, run->values.iterations);
     if (!done || !report(run) || run->checkpoint_lost)
         return EXIT_FAILED;
     if (run->stop == SGS_STOP_MEMORY_LIMIT)
-        return fail_run("%s: with %zu primitives the next structural update may need more than "
-                        "--max-memory; the state of "
-                        "iteration %d is saved: continue with --resume and more memory, or with "
-                        "--max-gaussians",
+        return fail_run("%s: the next structural update of %zu primitives may exceed --max-memory; "
+                        "saved a checkpoint at iteration %d: rerun with --resume and a larger "
+                        "--max-memory, or with --max-gaussians",
                         run->values.output, run->gaussians, run->iterations);
     return interrupt_status();
 }
 
 enum { GROUP_COUNT = TRAIN_GROUP_COUNT + 2 };
 
-// Fills `run` from the command line. Returns -1 to go on, or an exit status.
+// Checks the combination of the parsed options. Returns -1 to continue, or an exit status.
+static int check_values(const train_values *values, const command_line *line)
+{
+    if (values->pipeline == SGS_PIPELINE_TAMING && values->taming_opacity == SGS_TAMING_LINEAR &&
+        values->filter == SGS_FILTER_MIP)
+        return fail_usage("--taming-opacity linear and --filter mip are mutually exclusive");
+    if (!values->output)
+        return fail_usage("train requires an output folder, -o OUT; usage: sparegs train %s",
+                          line->synopsis);
+    return -1;
+}
+
+// Parses the command line into `run`. Returns -1 to continue, or an exit status.
 static int parse_line(training *run, option_group groups[GROUP_COUNT], command_line *line, int argc,
                       char **argv)
 {
@@ -597,13 +630,7 @@ static int parse_line(training *run, option_group groups[GROUP_COUNT], command_l
     if (status < 0)
         status = scene_resolve(&run->data, line, NULL);
     train_resolve(&run->values);
-    if (status < 0 && run->values.pipeline == SGS_PIPELINE_TAMING &&
-        run->values.taming_opacity == SGS_TAMING_LINEAR && run->values.filter == SGS_FILTER_MIP)
-        status = fail_usage("--taming-opacity linear and --filter mip exclude each other");
-    if (status < 0 && !run->values.output)
-        status = fail_usage("train needs -o OUT, the folder to write to; usage: sparegs train %s",
-                            line->synopsis);
-    return status;
+    return status < 0 ? check_values(&run->values, line) : status;
 }
 
 int command_train_check(int argc, char **argv)

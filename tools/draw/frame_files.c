@@ -227,7 +227,7 @@ static bool write_exr(const frame_files *files, const char *path, const sgs_fram
         fail_library();
         return false;
     }
-    tell_file(path);
+    report_file(path);
     return true;
 }
 
@@ -338,7 +338,7 @@ bool deep_file_close(deep_file *file, bool complete)
         fail_library();
         written = false;
     } else {
-        tell_file(file->path);
+        report_file(file->path);
     }
     free(file->samples);
     free(file->path);
@@ -358,7 +358,7 @@ static bool write_image(const frame_files *files, const char *suffix, sgs_image8
         written = false;
     }
     if (written)
-        tell_file(path);
+        report_file(path);
     sgs_image8_free(image);
     free(path);
     return written;

@@ -4,7 +4,7 @@
 // Frames go to ffmpeg's standard input as raw RGB; H.264 in 4:2:0, which every player shows, wants
 // even sizes, so an odd row or column is doubled by padding. ffmpeg is started by its argument
 // vector, never through a shell, and writes beside the target, which is renamed when it ended well.
-// What it says goes to a temporary file; its last line is told when it fails.
+// What it says goes to a temporary file; its last line is reported when it fails.
 
 #include "draw/video.h"
 
@@ -163,7 +163,7 @@ bool video_add(video *film, const sgs_image8 *image)
         if (step < 0 && errno == EINTR)
             continue;
         if (step < 0)
-            return false; // told when the film is closed
+            return false; // reported when the film is closed
         done += (size_t)step;
     }
     return true;
@@ -179,7 +179,7 @@ bool video_close(video *film, bool complete)
         done = false;
     }
     if (done)
-        tell_file(film->path);
+        report_file(film->path);
     else
         unlink(film->temporary);
     free_film(film);

@@ -210,12 +210,13 @@ static bool check_members(const json_t *root)
     json_t *value;
     json_object_foreach((json_t *)root, key, value)
     {
+        char near[SUGGESTION_LENGTH];
         bool found = false;
         for (size_t k = 0; k < sizeof known / sizeof *known; ++k)
             found = found || !strcmp(key, known[k]);
         if (!found) {
-            fail_run("%s: unknown member '%s'; the nearest is '%s'", plan_path, key,
-                     nearest_word(key, known, sizeof known / sizeof *known));
+            fail_run("%s: unknown key '%s'%s", plan_path, key,
+                     suggestion(near, "", key, known, sizeof known / sizeof *known));
             return false;
         }
     }

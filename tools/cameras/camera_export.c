@@ -180,7 +180,7 @@ bool cameras_export(const char *folder, unsigned formats, const camera_list *lis
                    ? write_cameras_json(path, list)
                    : write_with(path, list, fps, format == CAMERAS_CHAN ? write_chan : write_usda);
         if (done)
-            tell_file(path);
+            report_file(path);
         free(path);
     }
     return done;

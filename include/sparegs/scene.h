@@ -63,9 +63,16 @@ typedef struct sgs_scene_options {
                         // linear, else 1
     bool cameras_only;  // no photograph is looked for where the model tells its camera's size; with
                         // load_images false
+    // Exact view names that are held out instead of what test_every and test_images select, as a
+    // run recorded them. Names without a view are ignored. NULL = no such list; an empty list holds
+    // out nothing.
+    const char *const *held_out;
+    size_t held_out_count;
+    // Hold out the test views that the data set names, also with test_every 0.
+    bool own_split;
 } sgs_scene_options;
 
-// {NULL, 0, 0, NULL, 1, NULL, 0, SGS_ALPHA_OVER, NULL, SGS_SPACE_SRGB, 0, 0, 0}
+// {NULL, 0, 0, NULL, 1, NULL, 0, SGS_ALPHA_OVER, NULL, SGS_SPACE_SRGB, 0, 0, 0, NULL, 0, 0}
 SGS_API sgs_scene_options sgs_scene_options_default(void);
 
 typedef struct sgs_scene {

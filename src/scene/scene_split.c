@@ -134,14 +134,27 @@ static sgs_status split_by_names(sgs_scene *scene, const char *list)
     return status;
 }
 
+// By the names that a run recorded. A view that has gone since moves no other one.
+static void split_by_record(sgs_scene *scene, const sgs_scene_options *options)
+{
+    for (size_t i = 0; i < scene->view_count; ++i) {
+        scene->views[i].split = SGS_SPLIT_TRAIN;
+        for (size_t k = 0; k < options->held_out_count; ++k)
+            if (!strcmp(scene->views[i].name, options->held_out[k]))
+                scene->views[i].split = SGS_SPLIT_TEST;
+    }
+}
+
 sgs_status sgsi_scene_split(sgs_scene *scene, const sgs_scene_options *options, bool has_split)
 {
     const int every = options->test_every;
     sgs_status status = SGS_STATUS_OK;
-    if (options->test_images)
+    if (options->held_out)
+        split_by_record(scene, options);
+    else if (options->test_images)
         status = split_by_names(scene, options->test_images);
-    else if (has_split && every) {
-        if (every != 8) // what --eval asks for without meaning the number
+    else if (has_split && (every || options->own_split)) {
+        if (every && every != 8) // what --eval asks for without meaning the number
             sgsi_warn("%s: the scene's own test views are used, not every %d-th one", scene->path,
                       every);
     } else {

@@ -8,9 +8,10 @@
 
 #include "sparegs/scene.h"
 
-// Sets the split of every view: by the names in options->test_images, by the data set's own split
-// (has_split: the views carry it already) or every options->test_every-th view. INVALID_ARGUMENT
-// for a name that no view has, and when no view is left to train on.
+// Sets the split of every view: by options->held_out, by the names in options->test_images, by the
+// data set's own split (has_split: the views carry it already) or every options->test_every-th
+// view. INVALID_ARGUMENT for a name of test_images that no view has, and when no view is left to
+// train on.
 sgs_status sgsi_scene_split(sgs_scene *scene, const sgs_scene_options *options, bool has_split);
 
 // Sets scene->center and scene->extent (world units, > 0) from the cameras that train, at least

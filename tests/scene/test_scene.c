@@ -339,6 +339,25 @@ static void views_are_held_out_by_index_or_by_name(void **state)
     tree_remove(&folder);
 }
 
+// A photograph that has gone moves no other one into or out of a recorded split.
+static void recorded_names_stay_held_out(void **state)
+{
+    (void)state;
+    static const char *const names[] = {"a.png", "sub/c.png", "gone.png"};
+    const temp_folder folder = scene_make("sparse/0/", true, "images");
+    sgs_scene_options options = sgs_scene_options_default();
+    options.test_every = 2;
+    options.test_images = "b.png";
+    options.held_out = names;
+    options.held_out_count = 3;
+    assert_split(folder.path, &options, "1001");
+    unlink(temp_path(&folder, "images/a.png"));
+    assert_split(folder.path, &options, "001");
+    options.held_out_count = 0;
+    assert_split(folder.path, &options, "000");
+    tree_remove(&folder);
+}
+
 static void short_name_holds_out_every_view_it_means(void **state)
 {
     (void)state;
@@ -442,6 +461,9 @@ static void nerf_synthetic_scenes_are_white_behind_their_alpha(void **state)
         tree_put_picture(&folder, names[i], 20, 10, 4, glass);
     sgs_scene_options options = sgs_scene_options_default();
     assert_split(folder.path, &options, "0000"); // nothing is held out unasked
+    options.own_split = true;
+    assert_split(folder.path, &options, "1100");
+    options.own_split = false;
     options.test_every = 8;
     for (int images = 0; images < 2; ++images) {
         options.load_images = images != 0;
@@ -642,6 +664,7 @@ int main(void)
         cmocka_unit_test_setup(images_without_a_pose_are_counted, warnings_begin),
         cmocka_unit_test_setup(other_extension_of_a_reduced_folder_is_found, warnings_begin),
         cmocka_unit_test_setup(views_are_held_out_by_index_or_by_name, warnings_begin),
+        cmocka_unit_test_setup(recorded_names_stay_held_out, warnings_begin),
         cmocka_unit_test_setup(short_name_holds_out_every_view_it_means, warnings_begin),
         cmocka_unit_test_setup(views_are_found_by_name, warnings_begin),
         cmocka_unit_test_setup(extent_is_that_of_the_training_cameras, warnings_begin),

@@ -1,10 +1,10 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// cameras.json as the code of Kerbl et al., "3D Gaussian Splatting for Real-Time Radiance Field
-// Rendering", 2023, writes it and as viewers read it for their start position: camera-to-world
-// rotations (rows), centres, focal lengths in pixels; held-out views first, ids counted in that
-// order. Distortion and principal point have no place in it.
+// Writes cameras.json like the code of Kerbl et al., "3D Gaussian Splatting for Real-Time Radiance
+// Field Rendering", 2023; viewers use it for their start position. It holds camera-to-world
+// rotations (rows), centres and focal lengths in pixels; held-out views come first, and ids follow
+// that order. The format has no distortion or principal point.
 
 #include "sparegs/scene.h"
 
@@ -33,7 +33,8 @@ static json_t *camera_of(const sgs_view *view, size_t id)
 {
     double fx, fy, cx, cy;
     sgs_camera_intrinsics(&view->camera, &fx, &fy, &cx, &cy);
-    // JSON is UTF-8; a file name need not be. "s" refuses other bytes, so they are replaced.
+    // JSON is UTF-8, but file names need not be. json_string rejects other bytes, so they are
+    // replaced.
     char *name = sgsi_strdup(view->name);
     if (!name)
         return NULL;

@@ -1,15 +1,13 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// COLMAP's sparse models, after its format documentation ("Output Format", COLMAP 3.8). Both
-// formats end in the same add_camera, add_image and add_point, which hold every rule about the
-// content; above them stand one reader of little-endian bytes and one of lines.
+// COLMAP's sparse models, after its documentation ("Output Format", COLMAP 3.8). The binary reader
+// and the text reader both call add_camera, add_image and add_point, which check the contents.
 //
-// The files are untrusted: a count is compared with the bytes that are left before anything is
-// allocated for it, and every refusal names file, place and fix. 2-D observations and tracks are
-// skipped, not kept. Differences from COLMAP's own reader: names with blanks are kept whole in text
-// files; a text file whose header comment announces another number of records than it holds is
-// reported (COLMAP writes that comment).
+// The files are untrusted. Counts are validated against the remaining bytes before allocation, and
+// every error gives file, position and fix. 2-D observations and tracks are skipped. Differences
+// from COLMAP's reader: names in text files may contain blanks; a warning is sent if the number of
+// records in a text file's header comment (written by COLMAP) is wrong.
 
 #include "scene/colmap.h"
 
@@ -25,8 +23,8 @@
 
 enum {
     MAX_SIZE = 65536,
-    // Least bytes of a record: a camera with three parameters, an image with a one-letter name and
-    // no observations, a point without track.
+    // Minimum bytes of a record: a camera with three parameters, an image with a one-letter name
+    // and no observations, a point without track.
     CAMERA_BYTES = 4 + 4 + 8 + 8 + 3 * 8,
     IMAGE_BYTES = 4 + 7 * 8 + 4 + 2 + 8,
     POINT_BYTES = 8 + 3 * 8 + 3 + 8 + 8
@@ -39,10 +37,10 @@ typedef struct camera_entry {
 } camera_entry;
 
 typedef struct loader {
-    const char *path, *unit; // of the file being read; unit of `place`: "byte" or "line"
-    uint64_t place;          // of the record being read
+    const char *path, *unit; // of the current file; unit of `place`: "byte" or "line"
+    uint64_t place;          // of the current record
     size_t camera_count, camera_capacity;
-    camera_entry *cameras; // sorted by id once complete
+    camera_entry *cameras; // sorted by id when complete
     size_t frame_capacity, point_capacity, points_dropped;
     uint64_t first_dropped;
     sgsi_dataset *dataset;
@@ -65,7 +63,7 @@ static bool grow(void **block, size_t count, size_t *capacity, size_t size)
     return true;
 }
 
-// ---- the rules ----------------------------------------------------------------------------------
+// ---- Checks -------------------------------------------------------------------------------------
 
 static sgs_status add_camera(loader *l, uint32_t id, int model, uint64_t width, uint64_t height,
                              const double *params)
@@ -126,13 +124,13 @@ static sgs_status add_image(loader *l, uint32_t id, const double pose[7], uint32
     *frame = (sgsi_frame){.name = sgsi_strdup(name), .place = l->place};
     if (!frame->name)
         return no_memory(l);
-    ++d->frame_count; // owned by the dataset from here on
-    const char *complaint = sgsi_image_name_clean(frame->name);
-    if (complaint)
+    ++d->frame_count; // now owned by the dataset
+    const char *problem = sgsi_image_name_clean(frame->name);
+    if (problem)
         return sgsi_fail(SGS_STATUS_FORMAT,
                          "%s: %s %llu: the name of image %u %s ('%.200s'); rename it in the model",
-                         l->path, l->unit, place, id, complaint,
-                         strcmp(complaint, "holds control characters") ? name : "not shown");
+                         l->path, l->unit, place, id, problem,
+                         strcmp(problem, "holds control characters") ? name : "not shown");
     if (sgs_pose_from_quaternion(pose, pose + 4, &frame->pose))
         return sgsi_fail(SGS_STATUS_FORMAT,
                          "%s: %s %llu: image %u '%.200s': %s; remove the image from the model or "
@@ -190,7 +188,7 @@ static void finish_points(const loader *l)
             l->path, l->unit, (unsigned long long)l->first_dropped, l->points_dropped);
 }
 
-// ---- binary -------------------------------------------------------------------------------------
+// ---- Binary -------------------------------------------------------------------------------------
 
 typedef struct bytes {
     const uint8_t *data;
@@ -213,7 +211,7 @@ static double decode_double(const uint8_t *p)
     return value;
 }
 
-// The next `count` bytes, NULL when fewer are left.
+// Returns the next `count` bytes, or NULL if fewer are left.
 static const uint8_t *take(bytes *b, uint64_t count)
 {
     if (count > b->size - b->at)
@@ -231,30 +229,30 @@ static sgs_status truncated(const loader *l, const bytes *b, const char *what)
                      l->path, b->at, what);
 }
 
-// Reads the leading count and holds it against the bytes left.
-static sgs_status take_count(const loader *l, bytes *b, size_t least_bytes, const char *what,
+// Reads the leading count and validates it against the remaining bytes.
+static sgs_status take_count(const loader *l, bytes *b, size_t min_bytes, const char *what,
                              uint64_t *count)
 {
     const uint8_t *p = take(b, 8);
     if (!p)
         return truncated(l, b, "its first count");
     *count = decode(p, 8);
-    if (*count > (b->size - b->at) / least_bytes)
+    if (*count > (b->size - b->at) / min_bytes)
         return sgsi_fail(
             SGS_STATUS_FORMAT,
             "%s: byte 0: announces %llu %s, but the %zu bytes that follow can hold %zu at most; "
             "the file is truncated or damaged: copy or export it again",
             l->path, (unsigned long long)*count, what, b->size - b->at,
-            (b->size - b->at) / least_bytes);
+            (b->size - b->at) / min_bytes);
     return SGS_STATUS_OK;
 }
 
-// Calls `read` for every record of a file that begins with their number.
-static sgs_status read_records(loader *l, bytes *b, size_t least_bytes, const char *what,
+// Calls `read` for each record of a file that starts with their number.
+static sgs_status read_records(loader *l, bytes *b, size_t min_bytes, const char *what,
                                sgs_status (*read)(loader *l, bytes *b))
 {
     uint64_t count = 0;
-    sgs_status status = take_count(l, b, least_bytes, what, &count);
+    sgs_status status = take_count(l, b, min_bytes, what, &count);
     for (uint64_t i = 0; i < count && !status; ++i) {
         l->place = b->at;
         status = read(l, b);
@@ -352,11 +350,11 @@ static sgs_status read_points_binary(loader *l, bytes *b)
     return status;
 }
 
-// ---- text ---------------------------------------------------------------------------------------
+// ---- Text ---------------------------------------------------------------------------------------
 
 typedef struct lines {
     char *next, *end;
-    uint64_t announced; // from the "# Number of ...: N" comment, UINT64_MAX without one
+    uint64_t announced; // from the "# Number of ...: N" comment; UINT64_MAX if absent
 } lines;
 
 // The next line, trimmed, or NULL at the end of the file.
@@ -429,7 +427,7 @@ static sgs_status bad_line(const loader *l, const char *expected)
         l->path, (unsigned long long)l->place, expected);
 }
 
-static void compare_announced(const loader *l, const lines *t, uint64_t count, const char *what)
+static void check_announced(const loader *l, const lines *t, uint64_t count, const char *what)
 {
     if (t->announced != UINT64_MAX && t->announced != count)
         sgsi_warn("%s: its header announces %llu %s, but it holds %llu; is the file complete?",
@@ -471,12 +469,12 @@ static sgs_status read_cameras_text(loader *l, lines *t)
         if (status)
             return status;
     }
-    compare_announced(l, t, l->camera_count, "cameras");
+    check_announced(l, t, l->camera_count, "cameras");
     return finish_cameras(l);
 }
 
-// True for a list of X Y POINT3D_ID triples, which an image's second line must be. What this is to
-// catch is a pose line, taken for it because the second lines were stripped.
+// True for a list of X Y POINT3D_ID triples, the second line of an image. Detects pose lines in
+// files whose second lines were removed.
 static bool is_observation_line(const char *line)
 {
     size_t words = 0;
@@ -517,7 +515,7 @@ static sgs_status read_images_text(loader *l, lines *t)
             return bad_line(
                 l, "X Y POINT3D_ID ... (the second line of every image, which may be empty)");
     }
-    compare_announced(l, t, l->dataset->frame_count, "images");
+    check_announced(l, t, l->dataset->frame_count, "images");
     return finish_images(l);
 }
 
@@ -529,12 +527,12 @@ static sgs_status read_points_text(loader *l, lines *t)
         const char *form = "POINT3D_ID X Y Z R G B ERROR TRACK[]";
         uint64_t id, rgb[3];
         double xyz[3], error;
-        bool fine = word_integer(&line, UINT64_MAX, &id);
+        bool ok = word_integer(&line, UINT64_MAX, &id);
         for (int i = 0; i < 3; ++i)
-            fine = fine && word_double(&line, &xyz[i]);
+            ok = ok && word_double(&line, &xyz[i]);
         for (int i = 0; i < 3; ++i)
-            fine = fine && word_integer(&line, 255, &rgb[i]);
-        if (!fine || !word_double(&line, &error))
+            ok = ok && word_integer(&line, 255, &rgb[i]);
+        if (!ok || !word_double(&line, &error))
             return bad_line(l, form);
         const uint8_t color[3] = {(uint8_t)rgb[0], (uint8_t)rgb[1], (uint8_t)rgb[2]};
         const sgs_status status = add_point(l, xyz, color);
@@ -542,12 +540,12 @@ static sgs_status read_points_text(loader *l, lines *t)
             return status;
         ++count;
     }
-    compare_announced(l, t, count, "points");
+    check_announced(l, t, count, "points");
     finish_points(l);
     return SGS_STATUS_OK;
 }
 
-// ---- files --------------------------------------------------------------------------------------
+// ---- Files --------------------------------------------------------------------------------------
 
 static bool file_present(const char *folder, const char *name)
 {
@@ -567,7 +565,7 @@ bool sgsi_colmap_present(const char *folder)
            (file_present(folder, "cameras.txt") && file_present(folder, "images.txt"));
 }
 
-// The whole of a text file, behind the mark that some editors set before UTF-8.
+// A text file, without the byte order mark that some editors write.
 static lines text_lines(uint8_t *content, size_t size)
 {
     const size_t mark = size >= 3 && !memcmp(content, "\xEF\xBB\xBF", 3) ? 3 : 0;
@@ -575,7 +573,7 @@ static lines text_lines(uint8_t *content, size_t size)
         .next = (char *)content + mark, .end = (char *)content + size, .announced = UINT64_MAX};
 }
 
-// Runs one of the readers on one file.
+// Reads one file with one of the readers.
 static sgs_status read_file(loader *l, const char *folder, const char *name,
                             sgs_status (*binary)(loader *, bytes *),
                             sgs_status (*text)(loader *, lines *))
@@ -620,7 +618,7 @@ static sgs_status read_model(loader *l, const char *folder, bool binary)
             read_file(l, folder, "images", binary ? read_images_binary : NULL, read_images_text);
     if (status)
         return status;
-    // Tools that edit the cloud alone leave it as text beside binary cameras, or the other way.
+    // Tools that edit the points alone may leave text points with binary cameras, or vice versa.
     const bool binary_points = file_present(folder, "points3D.bin"),
                text_points = file_present(folder, "points3D.txt");
     if (!binary_points && !text_points) {
@@ -638,7 +636,7 @@ sgs_status sgsi_colmap_read(const char *folder, sgsi_dataset *dataset)
     const bool binary = binary_present(folder);
     *dataset = (sgsi_dataset){.format = binary ? SGS_SCENE_COLMAP_BINARY : SGS_SCENE_COLMAP_TEXT};
     loader l = {.dataset = dataset};
-    // Numbers in the files have a decimal point, whatever the language of the calling program.
+    // Numbers use a decimal point, whatever the locale of the calling program.
     const locale_t plain = newlocale(LC_NUMERIC_MASK, "C", (locale_t)0);
     const locale_t earlier = plain ? uselocale(plain) : (locale_t)0;
     const sgs_status status = read_model(&l, folder, binary);

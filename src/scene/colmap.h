@@ -2,19 +2,18 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Reads one COLMAP model (cameras, images, points3D; binary preferred over text). Looks at no
-// photograph.
+// Reads a COLMAP model: cameras, images and points3D, binary (preferred) or text. Does not access
+// photographs.
 
 #include "scene/dataset.h"
 
-// True when FOLDER holds cameras.bin and images.bin, or cameras.txt and images.txt.
+// True if `folder` holds cameras.bin and images.bin, or cameras.txt and images.txt.
 bool sgsi_colmap_present(const char *folder);
 
-// Number of registered images, for choosing among several models; 0 when the files are unusable
-// (the reason then comes from sgsi_colmap_read).
+// Number of registered images, to choose among several models. 0 if the files are unusable;
+// sgsi_colmap_read then reports the reason.
 size_t sgsi_colmap_image_count(const char *folder);
 
-// Reads the model in FOLDER. Points that are not finite are dropped with one warning; points3D may
-// be missing or empty. On failure *dataset is empty and the error names file, byte or line, and the
-// fix.
+// Reads the model in `folder`. Non-finite points are dropped with one warning; points3D may be
+// missing or empty. On failure *dataset is empty.
 sgs_status sgsi_colmap_read(const char *folder, sgsi_dataset *dataset);

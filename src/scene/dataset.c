@@ -1,9 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// What the readers of camera files share: ownership, and the rules for image names. A name comes
-// from an untrusted file and becomes a path, so it must stay below the image folder; it also ends
-// up in messages, tables and output names, so it must be printable.
+// Shared by the readers of camera files: ownership, and the rules for image names. Names come from
+// untrusted files and become paths, so they must stay below the image folder; they also appear in
+// messages, tables and output names, so they must be printable.
 
 #include "scene/dataset.h"
 

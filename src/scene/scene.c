@@ -1,18 +1,18 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// A scene: what the files say (scene_find.c, colmap.c, transforms.c) and the photographs, joined.
+// Loads a scene: camera files (scene_find.c, colmap.c, transforms.c) and photographs.
 //
-// Order of things: find the files, read cameras and points, sort by name, look at the headers of
-// the photographs and fit every camera to the size its photograph will have after down-scaling,
-// read the photographs, drop the views without one, split, measure the extent. Photographs are read
-// in parallel; views depend on their own files only, and warnings are sent afterwards in view
-// order, so the result and the messages are the same for any number of threads.
+// Steps: find the files; read cameras and points; sort views by name; read the headers of the
+// photographs and fit each camera to the size of its photograph after downscaling; read the
+// photographs; drop views without one; split; measure the extent. Photographs are read in parallel.
+// A view depends on its own files only, and warnings are sent afterwards in view order, so the
+// result and the messages do not depend on the number of threads.
 //
-// From 3DGS: the width of 1600 px, every N-th of the sorted names as test set, and the extent (1.1
-// times the largest distance of a training camera from their mean). Different: images are
-// area-averaged, not bicubic; the intrinsics follow the image's real size per axis instead of a
-// kept field of view; names are sorted after views without a photograph are gone.
+// As in 3DGS: the maximum width of 1600 pixels, every N-th of the sorted names as test set, and the
+// extent. Differences: images are area-averaged instead of bicubic; intrinsics are scaled to the
+// image's actual size per axis instead of keeping the field of view; views without a photograph are
+// dropped before the split.
 
 #include "sparegs/scene.h"
 
@@ -35,20 +35,20 @@
 
 enum { AUTOMATIC_WIDTH = 1600, MAX_WARNINGS = 5, WHITE_VIEWS = 16 };
 
-// One photograph on its way in.
+// State of a view while it is loaded.
 typedef struct slot {
     sgs_status status;
     char *error;
-    int file_width, file_height; // before down-scaling
-    int width, height;           // after it
+    int file_width, file_height; // before downscaling
+    int width, height;           // after downscaling
     int channels;
     bool linear;  // the file holds linear light
-    size_t bytes; // that its photograph takes in memory
+    size_t bytes; // decoded size of the photograph
     size_t lens;  // index into loader.lenses
     sgsi_photo_report report;
 } slot;
 
-// The pixels that a lens has rays for. Views mostly share one.
+// Mask of the pixels for which a lens has rays. Most views share one.
 typedef struct lens_mask {
     sgs_camera camera;
     uint16_t *valid_mask; // NULL = all
@@ -60,12 +60,13 @@ typedef struct loader {
     sgsi_dataset dataset;
     slot *slots; // parallel to dataset.frames
     sgsi_roots roots;
-    bool mask_folder; // there is a folder where masks are looked for
+    bool mask_folder; // a mask folder exists
     lens_mask *lenses;
     size_t lens_count;
-    bool limited;               // the photographs do not fit into the image cache
-    char *colorspace;           // of the options
-    sgsi_photo_source *sources; // limited: of the views that stay, and their bytes
+    bool limited;     // the photographs exceed the image cache
+    char *colorspace; // copy of the option
+    // If limited: of the views that are kept, and their decoded sizes.
+    sgsi_photo_source *sources;
     size_t *bytes;
     sgs_scene *scene;
 } loader;
@@ -94,7 +95,7 @@ void sgs_scene_destroy(sgs_scene *scene)
     sgsi_free(scene);
 }
 
-// ---- photographs --------------------------------------------------------------------------------
+// ---- Photographs --------------------------------------------------------------------------------
 
 static void reduced_size(int downscale, slot *s)
 {
@@ -111,7 +112,7 @@ static void reduced_size(int downscale, slot *s)
     s->height = s->height < 1 ? 1 : s->height;
 }
 
-// Completes a camera whose file gave no size (see sgsi_frame) and fits it to its photograph.
+// Completes a camera without size (see sgsi_frame) and fits it to its photograph.
 static sgs_status fit_camera(const sgsi_frame *frame, const slot *s, const sgs_view *view,
                              sgs_camera *out)
 {
@@ -136,16 +137,18 @@ static sgs_status fit_camera(const sgsi_frame *frame, const slot *s, const sgs_v
 static void keep_error(slot *s)
 {
     if (s->status)
-        s->error = sgsi_strdup(sgs_last_error()); // of this thread; told later by the caller's
+        s->error =
+            sgsi_strdup(sgs_last_error()); // thread-local; the calling thread reports it later
 }
 
-// Cameras are all that is wanted: neither photographs nor masks are looked for.
-static bool no_photographs(const loader *l)
+// Only cameras are requested: photographs and masks are not accessed.
+static bool cameras_only(const loader *l)
 {
     return l->options->cameras_only && !l->options->load_images;
 }
 
-// Size and kind of the photograph; without its pixels in view, also whether its file is whole.
+// Reads size and format of the photograph. If its pixels are not loaded, also checks that the file
+// is complete.
 static void probe_view(void *context, size_t i, int thread)
 {
     const loader *l = context;
@@ -154,7 +157,7 @@ static void probe_view(void *context, size_t i, int thread)
     const char *path = l->scene->views[i].image_path, *mask = l->scene->views[i].mask_path;
     sgsi_image_info info = {0};
     const sgs_camera *camera = &l->dataset.frames[i].camera;
-    if (no_photographs(l) && camera->width > 0) {
+    if (cameras_only(l) && camera->width > 0) {
         s->file_width = camera->width;
         s->file_height = camera->height;
         reduced_size(l->options->downscale, s);
@@ -209,11 +212,11 @@ static void load_view(void *context, size_t i, int thread)
     const sgsi_photo_source source = source_of(l, i);
     s->status = sgsi_photo_load(&source, &view->image, &s->report);
     keep_error(s);
-    if (l->limited) // it was read to see whether it can be
+    if (l->limited) // it was only loaded to check that it can be
         sgsi_photo_release(&view->image);
 }
 
-// The entry of view i's camera, a new one where no earlier view has it.
+// Finds the entry of view i's camera, or adds one.
 static sgs_status find_lens(loader *l, size_t i)
 {
     const sgs_camera *camera = &l->scene->views[i].camera;
@@ -242,14 +245,13 @@ static void add_light(void *context, size_t i, int thread)
     (void)thread;
     const light_job *job = context;
     const loader *l = job->loader;
-    // A file that cannot be read is told of when it is loaded.
+    // A file that cannot be read is reported when it is loaded.
     (void)sgsi_light_add(&job->lights[i], l->scene->views[job->views[i]].image_path,
                          l->options->colorspace);
 }
 
-// What becomes 1: what 99 % of the light of the linear photographs stays below, from a sample of
-// them.
-static sgs_status measure_white(loader *l)
+// White point: the 99 % quantile of the light in a sample of the linear photographs.
+static sgs_status measure_white_point(loader *l)
 {
     light_job job = {.loader = l};
     size_t linear = 0, taken = 0, seen = 0;
@@ -285,7 +287,7 @@ static sgs_status load_views(loader *l)
             status = fit_camera(&l->dataset.frames[i], &l->slots[i], &scene->views[i],
                                 &scene->views[i].camera);
     if (!status)
-        status = measure_white(l);
+        status = measure_white_point(l);
     if (status || !l->options->load_images)
         return status;
     l->lenses = sgsi_calloc(scene->view_count, sizeof *l->lenses);
@@ -310,8 +312,7 @@ static sgs_status load_views(loader *l)
     return status;
 }
 
-// The image cache takes over the planes of the lenses, which the photographs are masked with again
-// and again.
+// The image cache takes ownership of the lens masks, which it applies at each decoding.
 static sgs_status open_store(loader *l)
 {
     if (!l->limited)
@@ -336,8 +337,8 @@ static int frame_order(const void *a, const void *b)
     return strcmp(x->name, y->name);
 }
 
-// The mask that the camera file names for a view.
-static sgs_status take_named_mask(const loader *l, size_t i)
+// Uses the mask that the camera file names for a view.
+static sgs_status use_named_mask(const loader *l, size_t i)
 {
     const char *folder = l->files.image_folder, *name = l->dataset.frames[i].mask;
     char *path = sgsi_format("%s/%s", folder, name);
@@ -352,12 +353,12 @@ static sgs_status take_named_mask(const loader *l, size_t i)
         l->files.model_path, l->scene->views[i].name);
 }
 
-// The mask of every view that has one. Folders of masks lie beside the image folder; --masks
-// replaces what camera files name.
+// Finds the masks of all views. Mask folders are next to the image folder; --masks overrides masks
+// named in camera files.
 static sgs_status find_masks(loader *l)
 {
     const char *folder = l->options->masks_dir, *images = l->files.image_folder;
-    if ((folder && !strcmp(folder, "none")) || no_photographs(l))
+    if ((folder && !strcmp(folder, "none")) || cameras_only(l))
         return SGS_STATUS_OK;
     const char *root = l->files.mask_root;
     char *given = !folder            ? NULL
@@ -379,15 +380,15 @@ static sgs_status find_masks(loader *l)
     }
     for (size_t i = 0; i < l->scene->view_count && !status; ++i)
         status = !folder && l->dataset.frames[i].mask
-                     ? take_named_mask(l, i)
+                     ? use_named_mask(l, i)
                      : sgsi_mask_find(root, folder, images, l->scene->views[i].name,
                                       &l->scene->views[i].mask_path);
     sgsi_free(given);
     return status;
 }
 
-// The folders at the top of the names that transforms.json writes: that one of them is a link is
-// the user's choice, as it is with COLMAP's image folder.
+// Adds the top-level folders of the names in transforms.json as roots: they may be links, like
+// COLMAP's image folder.
 static sgs_status add_named_folders(loader *l)
 {
     const char *before = "";
@@ -406,7 +407,7 @@ static sgs_status add_named_folders(loader *l)
     return SGS_STATUS_OK;
 }
 
-// Views in the order of their names, each with the paths of its photograph and its mask.
+// Creates the views, sorted by name, with the paths of their photographs and masks.
 static sgs_status make_views(loader *l)
 {
     sgs_scene *scene = l->scene;
@@ -432,7 +433,7 @@ static sgs_status make_views(loader *l)
         sgs_view *view = &scene->views[i];
         *view = (sgs_view){.name = frame->name, .pose = frame->pose, .split = frame->split};
         frame->name = NULL;
-        // transforms.json writes the folder into every name; --images replaces it.
+        // Names in transforms.json include the folder; --images replaces it.
         const bool replaced = !l->files.colmap && images_dir && !strncmp(view->name, "images/", 7);
         char *moved = replaced ? sgsi_format("%s/%s", images_dir, view->name + 7) : NULL;
         view->image_path = replaced && !moved ? NULL
@@ -454,86 +455,135 @@ static void drop_view(sgs_view *view)
     sgsi_photo_free(&view->image);
 }
 
-// Warns of the views without a photograph and of those that a mask covers, and closes the gaps.
-static sgs_status keep_readable_views(loader *l)
+// Counts for the warnings about all views.
+typedef struct view_tally {
+    size_t masked_out, broken, mismatched;
+    const char *first_mismatched; // name
+    bool downscaled;
+} view_tally;
+
+// Errors that do not merely skip a view: out of memory, a bad mask, a bad --input-colorspace.
+static sgs_status check_fatal(const loader *l)
+{
+    for (size_t i = 0; i < l->scene->view_count; ++i) {
+        const slot *s = &l->slots[i];
+        if (s->status == SGS_STATUS_OUT_OF_MEMORY || s->report.mask_failed ||
+            (s->status == SGS_STATUS_UNSUPPORTED && l->options->colorspace))
+            return sgsi_fail(s->status, "%s", s->error ? s->error : "no memory for the images");
+    }
+    return SGS_STATUS_OK;
+}
+
+// Returns whether the view has a photograph with valid pixels; warns otherwise.
+static bool is_usable(loader *l, size_t i, view_tally *tally)
 {
     sgs_scene *scene = l->scene;
-    const size_t count = scene->view_count;
-    size_t kept = 0, mismatched = 0, first_mismatched = 0, covered = 0, broken = 0;
-    bool reduced = false;
-    sgs_status status = SGS_STATUS_OK;
-    for (size_t i = 0; i < count; ++i) {
-        const slot *s = &l->slots[i];
-        sgs_view *view = &scene->views[i];
-        const bool fatal = s->status == SGS_STATUS_OUT_OF_MEMORY || s->report.mask_failed ||
-                           (s->status == SGS_STATUS_UNSUPPORTED && l->options->colorspace);
-        if (!status && fatal)
-            status = sgsi_fail(s->status, "%s", s->error ? s->error : "no memory for the images");
-        if (!status && s->report.pixels_broken && broken++ < MAX_WARNINGS)
-            sgsi_warn("%s: %zu of its pixels are infinite or no number; they are ignored",
-                      view->image_path, s->report.pixels_broken);
-        scene->pixels_broken += s->report.pixels_broken;
-        if (!status && !s->status && view->image.width && !view->image.kept) {
-            if (covered++ < MAX_WARNINGS)
-                sgsi_warn("%s: not one pixel of it counts; the view is skipped",
-                          view->mask_path ? view->mask_path : view->image_path);
-            drop_view(view);
-            continue;
-        }
-        if (s->status || status) {
-            if (!status && scene->images_missing++ < MAX_WARNINGS)
-                sgsi_warn("%s; the view is skipped", s->error ? s->error : view->image_path);
-            drop_view(view);
-            continue;
-        }
-        const sgs_camera *model = &l->dataset.frames[i].camera;
-        const double stretch =
-            model->width ? (double)s->file_width * model->height / s->file_height / model->width
-                         : 1;
-        if (fabs(stretch - 1) > 0.02 && mismatched++ == 0)
-            first_mismatched = kept;
-        reduced = reduced || (l->options->downscale == 0 && s->width != s->file_width);
-        scene->has_alpha |= s->channels == 4 && l->options->alpha == SGS_ALPHA_OVER;
-        scene->masks += view->mask_path != NULL;
-        scene->photo_bytes += s->bytes;
-        if (l->limited) {
-            l->sources[kept] = source_of(l, i);
-            l->bytes[kept] = s->bytes;
-        }
-        scene->views[kept++] = *view;
+    const slot *s = &l->slots[i];
+    const sgs_view *view = &scene->views[i];
+    if (s->report.pixels_broken && tally->broken++ < MAX_WARNINGS)
+        sgsi_warn("%s: %zu of its pixels are infinite or no number; they are ignored",
+                  view->image_path, s->report.pixels_broken);
+    scene->pixels_broken += s->report.pixels_broken;
+    if (s->status) {
+        if (scene->images_missing++ < MAX_WARNINGS)
+            sgsi_warn("%s; the view is skipped", s->error ? s->error : view->image_path);
+        return false;
     }
-    scene->view_count = kept;
-    if (status)
-        return status;
-    if (scene->images_missing > MAX_WARNINGS)
-        sgsi_warn("%s: %zu of %zu registered images cannot be read and are skipped", scene->path,
-                  scene->images_missing, count);
-    if (kept == 0 && covered)
+    if (view->image.width && !view->image.kept) {
+        if (tally->masked_out++ < MAX_WARNINGS)
+            sgsi_warn("%s: not one pixel of it counts; the view is skipped",
+                      view->mask_path ? view->mask_path : view->image_path);
+        return false;
+    }
+    return true;
+}
+
+static bool has_camera_aspect(const loader *l, size_t i)
+{
+    const slot *s = &l->slots[i];
+    const sgs_camera *camera = &l->dataset.frames[i].camera;
+    if (!camera->width)
+        return true;
+    const double stretch = (double)s->file_width * camera->height / s->file_height / camera->width;
+    return !(fabs(stretch - 1) > 0.02);
+}
+
+// Moves view i to index `to` and adds it to the totals of the scene.
+static void keep_view(loader *l, size_t i, size_t to, view_tally *tally)
+{
+    sgs_scene *scene = l->scene;
+    const slot *s = &l->slots[i];
+    const sgs_view *view = &scene->views[i];
+    if (!has_camera_aspect(l, i) && tally->mismatched++ == 0)
+        tally->first_mismatched = view->name;
+    tally->downscaled |= l->options->downscale == 0 && s->width != s->file_width;
+    scene->has_alpha |= s->channels == 4 && l->options->alpha == SGS_ALPHA_OVER;
+    scene->masks += view->mask_path != NULL;
+    scene->photo_bytes += s->bytes;
+    if (l->limited) {
+        l->sources[to] = source_of(l, i);
+        l->bytes[to] = s->bytes;
+    }
+    scene->views[to] = *view;
+}
+
+static sgs_status report_no_views(const loader *l, size_t count, const view_tally *tally)
+{
+    const sgs_scene *scene = l->scene;
+    if (tally->masked_out)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
                          "%s: no pixel of any image counts; are the masks the wrong way "
                          "round (--invert-masks)?",
                          scene->path);
-    if (kept == 0)
-        return sgsi_fail(SGS_STATUS_IO,
-                         "%s: none of the %zu registered images can be read; the first: %s",
-                         l->files.image_folder, count,
-                         l->slots[0].error ? l->slots[0].error : "no reason known");
+    return sgsi_fail(
+        SGS_STATUS_IO, "%s: none of the %zu registered images can be read; the first: %s",
+        l->files.image_folder, count, l->slots[0].error ? l->slots[0].error : "no reason known");
+}
+
+static void warn_about_views(const loader *l, const view_tally *tally)
+{
+    const sgs_scene *scene = l->scene;
     if (!scene->masks && l->mask_folder)
         sgsi_warn("%s: there is a folder of masks, but none in it is named after an image "
                   "(NAME.png or STEM.png)",
                   scene->path);
-    if (scene->masks && scene->masks < kept)
+    if (scene->masks && scene->masks < scene->view_count)
         sgsi_warn("%s: %zu of %zu images have no mask; all of their pixels count", scene->path,
-                  kept - scene->masks, kept);
-    if (reduced)
+                  scene->view_count - scene->masks, scene->view_count);
+    if (tally->downscaled)
         sgsi_warn(
             "%s: images wider than %d px are reduced to %d px; --downscale 1 keeps their size",
             scene->path, AUTOMATIC_WIDTH, AUTOMATIC_WIDTH);
-    if (mismatched)
+    if (tally->mismatched)
         sgsi_warn("%s: the sides of %zu image(s), the first '%s', are in another ratio than their "
                   "camera's; were they "
                   "rotated or cropped?",
-                  scene->path, mismatched, scene->views[first_mismatched].name);
+                  scene->path, tally->mismatched, tally->first_mismatched);
+}
+
+// Drops the views without a usable photograph.
+static sgs_status drop_unusable_views(loader *l)
+{
+    sgs_scene *scene = l->scene;
+    const size_t count = scene->view_count;
+    view_tally tally = {0};
+    const sgs_status status = check_fatal(l);
+    if (status)
+        return status;
+    size_t kept = 0;
+    for (size_t i = 0; i < count; ++i) {
+        if (is_usable(l, i, &tally))
+            keep_view(l, i, kept++, &tally);
+        else
+            drop_view(&scene->views[i]);
+    }
+    scene->view_count = kept;
+    if (scene->images_missing > MAX_WARNINGS)
+        sgsi_warn("%s: %zu of %zu registered images cannot be read and are skipped", scene->path,
+                  scene->images_missing, count);
+    if (!kept)
+        return report_no_views(l, count, &tally);
+    warn_about_views(l, &tally);
     return SGS_STATUS_OK;
 }
 
@@ -542,13 +592,14 @@ static int text_order(const void *a, const void *b)
     return strcmp(*(const char *const *)a, *(const char *const *)b);
 }
 
-// Photographs that the model does not know. Runs before views are dropped: a broken image has a
+// Counts the photographs without a pose. Runs before views are dropped: unreadable images have a
 // pose.
 static sgs_status count_unposed(loader *l)
 {
     sgs_scene *scene = l->scene;
-    if (!l->files.colmap || no_photographs(l))
-        return SGS_STATUS_OK; // without COLMAP the folder also holds depth maps and other splits
+    if (!l->files.colmap || cameras_only(l))
+        return SGS_STATUS_OK; // without COLMAP, the folder also contains depth maps and other
+                              // splits
     const char **known = sgsi_alloc(scene->view_count, sizeof *known);
     if (!known)
         return sgsi_scene_no_memory(scene->path);
@@ -567,7 +618,7 @@ static sgs_status count_unposed(loader *l)
     return SGS_STATUS_OK;
 }
 
-// ---- all of it ----------------------------------------------------------------------------------
+// ---- Loading ------------------------------------------------------------------------------------
 
 static sgs_status load(loader *l)
 {
@@ -598,7 +649,7 @@ static sgs_status load(loader *l)
     if (!status)
         status = count_unposed(l);
     if (!status)
-        status = keep_readable_views(l);
+        status = drop_unusable_views(l);
     if (!status)
         status = sgsi_scene_split(scene, l->options, l->dataset.has_split);
     if (!status)

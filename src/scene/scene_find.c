@@ -1,12 +1,12 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Where the parts of a scene are. The places that the field uses, in the order they are tried:
+// Locates the parts of a scene. Places, in the order they are tried:
 //     COLMAP       sparse/N, sparse, colmap/sparse/N, colmap/sparse, N, the folder itself
 //     transforms   transforms_train.json (NeRF synthetic), transforms.json (nerfstudio), or a path
 //                  to such a file
-// Of several COLMAP models sparse/0, sparse/1, ... (the mapper writes one per connected component)
-// the one with most registered images is taken.
+// The mapper writes a COLMAP model per connected component (sparse/0, sparse/1, ...); the one with
+// the most registered images is used.
 
 #include "scene/scene_find.h"
 
@@ -32,7 +32,7 @@ static sgs_status no_memory(const char *path)
     return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to look through it", path);
 }
 
-// The best model in base/0, base/1, ...; else base itself; else *found stays NULL.
+// Finds the best model in base/0, base/1, ..., else in base itself; else *found is NULL.
 static sgs_status find_model(const char *base, char **found)
 {
     *found = NULL;
@@ -79,7 +79,7 @@ static int is_image_folder(const struct dirent *entry)
     return !strncmp(entry->d_name, "images", 6);
 }
 
-// Names the folders called images* below `path`, for the message.
+// Lists the folders below `path` whose names start with "images", for an error.
 static void list_image_folders(const char *path, char *text, size_t size)
 {
     struct dirent **entries = NULL;
@@ -95,9 +95,8 @@ static void list_image_folders(const char *path, char *text, size_t size)
     free(entries);
 }
 
-// The folder that holds `path` as it is written: a link to an image folder does not lead the search
-// for masks to where the link points.
-static char *holder_of(const char *path)
+// Parent folder of `path` by name: links are not resolved, so masks are searched next to the link.
+static char *parent_folder(const char *path)
 {
     size_t end = strlen(path);
     while (end > 1 && path[end - 1] == '/')
@@ -112,14 +111,14 @@ static char *holder_of(const char *path)
     return begin ? sgsi_format("%.*s", (int)begin, path) : sgsi_strdup(".");
 }
 
-// `above`: the path is a model itself, sparse/0 with the photographs beside sparse.
-static sgs_status find_images(const char *path, const char *images_dir, bool above,
+// model_only: `path` is a model itself (sparse/0), with the photographs next to `sparse`.
+static sgs_status find_images(const char *path, const char *images_dir, bool model_only,
                               sgsi_scene_files *files)
 {
     static const char *const places[] = {"", "/..", "/../..", "/colmap"};
     const char *name = images_dir ? images_dir : "images";
     for (size_t i = 0; i < sizeof places / sizeof *places; ++i) {
-        if ((i == 1 || i == 2) && !above)
+        if ((i == 1 || i == 2) && !model_only)
             continue;
         char *candidate =
             name[0] == '/' ? sgsi_strdup(name) : sgsi_format("%s%s/%s", path, places[i], name);
@@ -127,7 +126,7 @@ static sgs_status find_images(const char *path, const char *images_dir, bool abo
             return no_memory(path);
         if (sgsi_is_folder(candidate)) {
             files->image_folder = candidate;
-            files->mask_root = holder_of(candidate);
+            files->mask_root = parent_folder(candidate);
             return files->mask_root ? SGS_STATUS_OK : no_memory(path);
         }
         sgsi_free(candidate);
@@ -144,8 +143,8 @@ static sgs_status find_images(const char *path, const char *images_dir, bool abo
         name);
 }
 
-// A half-copied model deserves a better answer than "nothing found".
-static sgs_status explain_nothing(const char *path)
+// Reports an incompletely copied model; otherwise that no scene was found.
+static sgs_status report_missing(const char *path)
 {
     static const char *const places[] = {"sparse/0/", "sparse/", "colmap/sparse/0/", ""};
     static const char *const kinds[] = {"bin", "txt"};
@@ -185,7 +184,7 @@ static sgs_status find_transforms(const char *path, sgsi_scene_files *files)
             sgsi_free(candidate);
     }
     if (!files->model_path)
-        return explain_nothing(path);
+        return report_missing(path);
     files->image_folder = sgsi_strdup(path);
     return files->image_folder ? SGS_STATUS_OK : no_memory(path);
 }
@@ -197,7 +196,7 @@ static sgs_status find_in_file(const char *path, sgsi_scene_files *files)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: is a file; name the folder of the scene",
                          path);
     files->model_path = sgsi_strdup(path);
-    files->image_folder = holder_of(path);
+    files->image_folder = parent_folder(path);
     return files->model_path && files->image_folder ? SGS_STATUS_OK : no_memory(path);
 }
 
@@ -275,7 +274,7 @@ typedef struct search {
     const char *folder;
     const char *const *known;
     size_t known_count, unknown_count;
-    char *examples[EXAMPLES]; // the first ones by name: readdir has no order
+    char *examples[EXAMPLES]; // the first ones by name: readdir is unordered
 } search;
 
 static int name_order(const void *key, const void *element)
@@ -283,8 +282,8 @@ static int name_order(const void *key, const void *element)
     return strcmp(key, *(const char *const *)element);
 }
 
-// Takes over `name`.
-static void note_unknown(search *s, char *name)
+// Takes ownership of `name`.
+static void add_unknown(search *s, char *name)
 {
     ++s->unknown_count;
     for (int i = 0; i < EXAMPLES && name; ++i) {
@@ -310,7 +309,7 @@ static void search_folder(search *s, const char *below, int depth)
             search_folder(s, name, depth + 1);
         } else if (full && is_image_name(name) && !sgsi_mask_is_name(name) && sgsi_is_file(full) &&
                    !bsearch(name, s->known, s->known_count, sizeof *s->known, name_order)) {
-            note_unknown(s, name);
+            add_unknown(s, name);
             name = NULL;
         }
         sgsi_free(name);

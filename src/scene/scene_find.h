@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Finds out by looking what kind of scene a folder holds and where its parts are. Reads no content
-// beyond the image counts that decide among several COLMAP models.
+// Detects the kind of scene in a folder and locates its files. Reads no contents except image
+// counts, to choose among several COLMAP models.
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -11,25 +11,25 @@
 #include "sparegs/status.h"
 
 typedef struct sgsi_scene_files {
-    bool colmap;        // else transforms
-    char *model_path;   // COLMAP: folder of cameras.bin; transforms: the JSON file
-    char *image_folder; // names of photographs are relative to this
-    char *mask_root;    // holds the folders of masks: COLMAP: what holds the image folder, by its
-                        // name, even if it is a link; transforms: the image folder
+    bool colmap;        // otherwise transforms
+    char *model_path;   // COLMAP: folder of cameras.bin; transforms: JSON file
+    char *image_folder; // names of photographs are relative to it
+    // Parent of the mask folders. COLMAP: parent of the image folder by name, even if that is a
+    // link; transforms: the image folder.
+    char *mask_root;
 } sgsi_scene_files;
 
-// `images_dir`: as in sgs_scene_options; NULL = "images". On failure *files is empty.
+// images_dir: see sgs_scene_options; NULL = "images". On failure *files is empty.
 sgs_status sgsi_scene_find(const char *path, const char *images_dir, sgsi_scene_files *files);
 
 // Frees the contents and zeroes the struct.
 void sgsi_scene_files_free(sgsi_scene_files *files);
 
-// The file of the photograph `name`: folder/name, or, when there is no such file, the one with
-// another usual image extension (folders of reduced images often change it). NULL when out of
-// memory.
+// Path of photograph `name`: folder/name, or if that does not exist the same name with another
+// image extension, because folders of downscaled images often change it. NULL if out of memory.
 char *sgsi_scene_image_path(const char *folder, const char *name);
 
-// Counts the image files below `folder` (hidden ones aside) that are not in `known` (`count` paths
-// relative to folder, sorted by strcmp) and writes the first few of them into `examples`.
+// Counts the image files below `folder` that are not in `known` (`count` paths relative to folder,
+// sorted by strcmp), ignoring hidden files, and writes the first few names to `examples`.
 size_t sgsi_scene_count_unknown(const char *folder, const char *const *known, size_t count,
                                 char *examples, size_t examples_size);

@@ -1,9 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Which of a scene's views train and which are held out, how a view is found by name, and the
-// extent of the scene, which the views that train define (3DGS: 1.1 times the largest distance of a
-// training camera from their mean).
+// Train/test split, lookup of views by name, and the extent of the scene: 1.1 times the largest
+// distance of a training camera from their mean, as in 3DGS.
 
 #include "scene/scene_split.h"
 
@@ -24,7 +23,7 @@ static const char *base_name(const char *name)
     return slash ? slash + 1 : name;
 }
 
-// How well NAME names the view: 0 exactly, 1 without folder, 2 without extension, -1 not at all.
+// Quality of a match: 0 exact, 1 without folder, 2 without extension, -1 no match.
 static int match_level(const char *view_name, const char *name)
 {
     const char *base = base_name(view_name);
@@ -52,12 +51,12 @@ ptrdiff_t sgs_scene_find_view(const sgs_scene *scene, const char *name)
     return -1;
 }
 
-// Levenshtein's distance, capped lengths: only for "did you mean".
+// Levenshtein distance of truncated strings, for suggestions.
 static size_t edit_distance(const char *a, const char *b)
 {
-    enum { LONGEST = 128 };
-    size_t row[LONGEST + 1];
-    const size_t n = strnlen(a, LONGEST), m = strnlen(b, LONGEST);
+    enum { MAX_LENGTH = 128 };
+    size_t row[MAX_LENGTH + 1];
+    const size_t n = strnlen(a, MAX_LENGTH), m = strnlen(b, MAX_LENGTH);
     for (size_t j = 0; j <= m; ++j)
         row[j] = j;
     for (size_t i = 1; i <= n; ++i) {
@@ -104,7 +103,7 @@ static sgs_status hold_out(sgs_scene *scene, const char *name)
     const ptrdiff_t found = sgs_scene_find_view(scene, name);
     if (found < 0)
         return unknown_test_image(scene, name);
-    // A name without its folder may mean several views; all of them are held out.
+    // A name without folder may match several views; all of them are held out.
     const int level = match_level(scene->views[found].name, name);
     for (size_t i = 0; i < scene->view_count; ++i) {
         if (match_level(scene->views[i].name, name) == level)
@@ -154,7 +153,7 @@ sgs_status sgsi_scene_split(sgs_scene *scene, const sgs_scene_options *options, 
     else if (options->test_images)
         status = split_by_names(scene, options->test_images);
     else if (has_split && (every || options->own_split)) {
-        if (every && every != 8) // what --eval asks for without meaning the number
+        if (every && every != 8) // the default of --eval: no explicit number was given
             sgsi_warn("%s: the scene's own test views are used, not every %d-th one", scene->path,
                       every);
     } else {
@@ -180,8 +179,8 @@ static int double_order(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-// Cameras in one place say nothing about the size of the scene, so half the median distance of the
-// points does: a camera path around an object has about that radius. Without points, 1.
+// If the cameras coincide, the extent is half the median distance of the points, about the radius
+// of a camera path around an object. Without points it is 1.
 static sgs_status extent_from_points(sgs_scene *scene)
 {
     scene->extent = 1;
@@ -234,7 +233,7 @@ sgs_status sgsi_scene_measure_extent(sgs_scene *scene)
         largest = fmax(largest, distance);
     }
     scene->extent = 1.1 * largest;
-    // Below rounding noise the cameras are in one place.
+    // Cameras closer than rounding errors coincide.
     if (scene->extent > 1e-9 * (1e-3 + magnitude))
         return SGS_STATUS_OK;
     return extent_from_points(scene);

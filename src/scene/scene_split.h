@@ -2,21 +2,21 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// The split of a scene's views and its extent. Used by scene.c alone, while it loads.
+// Train/test split and extent of a scene. Used by scene.c during loading.
 
 #include <stdbool.h>
 
 #include "sparegs/scene.h"
 
-// Sets the split of every view: by options->held_out, by the names in options->test_images, by the
-// data set's own split (has_split: the views carry it already) or every options->test_every-th
-// view. INVALID_ARGUMENT for a name of test_images that no view has, and when no view is left to
-// train on.
+// Sets the split of each view: by options->held_out, else by the names in options->test_images, else
+// by the data set's own split (has_split: already set in the views), else every
+// options->test_every-th view. Fails with INVALID_ARGUMENT for names in test_images without a view
+// and if no training view is left.
 sgs_status sgsi_scene_split(sgs_scene *scene, const sgs_scene_options *options, bool has_split);
 
-// Sets scene->center and scene->extent (world units, > 0) from the cameras that train, at least
-// one; from the points where all cameras are in one place. FORMAT when it would not be finite.
+// Sets scene->center and scene->extent (world units, > 0) from the training cameras, at least one;
+// from the points if all cameras coincide. Fails with FORMAT if a camera is too far away.
 sgs_status sgsi_scene_measure_extent(sgs_scene *scene);
 
-// Fails with OUT_OF_MEMORY: loading the scene at `path` needs more memory than there is.
+// Fails with OUT_OF_MEMORY for the scene at `path`.
 sgs_status sgsi_scene_no_memory(const char *path);

@@ -7,7 +7,7 @@
 
 struct sgs_scene_store {
     sgsi_photo_cache *cache;
-    uint16_t **planes; // of the lenses
+    uint16_t **planes; // valid masks of the lenses
     size_t plane_count;
     char *colorspace;
 };

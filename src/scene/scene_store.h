@@ -2,15 +2,15 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Where a scene's photographs come from when they are more than the image cache may hold. Used by
-// scene.c alone; readers of photographs call sgs_scene_photo.
+// Source of a scene's photographs if they exceed the image cache. Created by scene.c; photographs
+// are read through sgs_scene_photo.
 
 #include "image/photo_cache.h"
 
 typedef struct sgs_scene_store sgs_scene_store;
 
-// Takes over `planes` ([plane_count], with the array itself) and `colorspace`, which the sources
-// point to; on failure they are freed.
+// Takes ownership of `planes` (the array and its [plane_count] elements) and `colorspace`, both of
+// which the sources point to. Frees them on failure.
 sgs_status sgsi_scene_store_create(const sgsi_photo_source *sources, const size_t *bytes,
                                    size_t count, size_t limit, uint16_t **planes,
                                    size_t plane_count, char *colorspace, sgs_scene_store **store);

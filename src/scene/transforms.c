@@ -4,15 +4,15 @@
 // Camera files of the NeRF family: transforms_train.json / transforms_test.json of NeRF synthetic
 // (Mildenhall et al. 2020) and transforms.json of nerfstudio and instant-ngp.
 //
-// transform_matrix is camera-to-world with OpenGL's camera axes (x right, y up, z backward); ours
-// are x right, y down, z forward, so its second and third columns change sign. The world is left as
-// it is. A uniform scale of the matrix has no effect on rays and is removed, and rounding of its
-// rotation is repaired by the polar decomposition; anything further from a rotation is refused.
+// transform_matrix is camera-to-world with OpenGL camera axes (x right, y up, z backward). Ours are
+// x right, y down, z forward, so its second and third columns change sign; world axes are kept. A
+// uniform scale of the matrix does not affect rays and is removed. Rounding errors of its rotation
+// are repaired by polar decomposition; larger deviations from a rotation are errors.
 //
-// Intrinsics may stand globally, per frame (which wins), or be absent but for camera_angle_x; then
-// the size of the photograph completes them (see sgsi_frame). NeRF synthetic writes file_path
-// without ".png" and means its RGBA images over white. Frames are counted from 0 in messages, as
-// JSON paths count.
+// Intrinsics are global, per frame (these take precedence), or reduced to camera_angle_x; in the
+// last case the photograph's size completes them (see sgsi_frame). NeRF synthetic omits ".png" in
+// file_path and composites its RGBA images over white. Errors count frames from 0, as JSON paths
+// do.
 
 #include "scene/transforms.h"
 
@@ -53,8 +53,8 @@ static const char *const key_names[KEY_COUNT] = {
     "p1", "p2", "camera_angle_x", "camera_angle_y"};
 
 typedef struct intrinsics {
-    double value[KEY_COUNT]; // NaN where absent
-    const char *model;       // camera_model, NULL where absent
+    double value[KEY_COUNT]; // NaN if absent
+    const char *model;       // camera_model, NULL if absent
     bool fisheye;            // instant-ngp's is_fisheye
 } intrinsics;
 
@@ -64,7 +64,7 @@ typedef struct reader {
     sgsi_dataset *dataset;
 } reader;
 
-// Sets the values that `object` has.
+// Sets the values that are present in `object`.
 static sgs_status read_intrinsics(const reader *r, const json_t *object, intrinsics *out)
 {
     for (int k = 0; k < KEY_COUNT; ++k) {
@@ -95,7 +95,7 @@ static sgs_status read_size(const reader *r, const intrinsics *in, sgs_camera *c
 {
     const double w = in->value[KEY_W], h = in->value[KEY_H];
     if (isnan(w) && isnan(h))
-        return SGS_STATUS_OK; // left to the photograph
+        return SGS_STATUS_OK; // taken from the photograph
     if (!(w >= 1 && w <= MAX_SIZE && h >= 1 && h <= MAX_SIZE))
         return sgsi_fail(
             SGS_STATUS_FORMAT,
@@ -138,14 +138,14 @@ static sgs_status read_model(const reader *r, const intrinsics *in, sgs_camera *
                          r->path, r->where, model, known ? " with k4" : "");
     p[6] = p1;
     p[7] = p2;
-    p[8] = k3; // the rational model with its denominator at 1
+    p[8] = k3; // the rational model with denominator 1
     camera->model = k3 != 0                                    ? SGS_CAMERA_FULL_OPENCV
                     : k1 != 0 || k2 != 0 || p1 != 0 || p2 != 0 ? SGS_CAMERA_OPENCV
                                                                : SGS_CAMERA_PINHOLE;
     return SGS_STATUS_OK;
 }
 
-// Focal length of a field of view, NaN when the angle is absent.
+// Focal length from a field of view; NaN if the angle is absent.
 static sgs_status focal_of_angle(const reader *r, const intrinsics *in, enum key key, int size,
                                  double *focal)
 {
@@ -178,7 +178,7 @@ static sgs_status read_camera(const reader *r, const intrinsics *in, sgsi_frame 
     const double fl_x = in->value[KEY_FL_X], fl_y = in->value[KEY_FL_Y];
     double *p = camera->params;
     if (sgs_camera_is_fisheye(camera->model))
-        from_x = from_y = NAN; // an angle means a focal length only without distortion of the angle
+        from_x = from_y = NAN; // distortion of the angle: no simple relation to the focal length
     p[0] = or_else(fl_x, or_else(from_x, or_else(fl_y, from_y)));
     p[1] = or_else(fl_y, isnan(fl_x) ? or_else(from_y, p[0]) : fl_x);
     const bool completed_later = camera->width == 0 && isnan(p[0]) &&
@@ -210,9 +210,9 @@ static double determinant(const double m[9], double cofactors[9])
     return m[0] * cofactors[0] + m[1] * cofactors[1] + m[2] * cofactors[2];
 }
 
-// Removes a uniform scale and moves m to the nearest rotation (Newton's iteration of the polar
-// decomposition, Higham 1986: m <- (m + m^-T) / 2). False when m is further than two percent from a
-// scaled rotation.
+// Removes a uniform scale and replaces m by the nearest rotation (Newton iteration of the polar
+// decomposition, Higham 1986: m <- (m + m^-T) / 2). Returns false if m differs by more than two
+// percent from a scaled rotation.
 static bool make_rotation(double m[9])
 {
     double cofactors[9];
@@ -239,18 +239,18 @@ static bool make_rotation(double m[9])
 static sgs_status read_pose(const reader *r, const json_t *object, sgs_pose *pose)
 {
     const json_t *rows = json_object_get(object, "transform_matrix");
-    const size_t row_count = json_array_size(rows); // 0 when it is no array
-    bool fine = row_count == 3 || row_count == 4;
+    const size_t row_count = json_array_size(rows); // 0 if not an array
+    bool ok = row_count == 3 || row_count == 4;
     double m[3][4] = {{0}};
-    for (size_t i = 0; i < 3 && fine; ++i) {
+    for (size_t i = 0; i < 3 && ok; ++i) {
         const json_t *row = json_array_get(rows, i);
-        fine = json_array_size(row) == 4;
-        for (size_t j = 0; j < 4 && fine; ++j) {
-            fine = json_is_number(json_array_get(row, j));
+        ok = json_array_size(row) == 4;
+        for (size_t j = 0; j < 4 && ok; ++j) {
+            ok = json_is_number(json_array_get(row, j));
             m[i][j] = json_number_value(json_array_get(row, j));
         }
     }
-    if (!fine)
+    if (!ok)
         return sgsi_fail(SGS_STATUS_FORMAT,
                          "%s: %s: 'transform_matrix' must be 4 rows (or 3) of 4 numbers", r->path,
                          r->where);
@@ -288,8 +288,8 @@ static bool has_image_extension(const char *name)
     return false;
 }
 
-// The path under `key` below the folder of the file, with `extension` where it has none of an
-// image's.
+// Reads the path under `key`, relative to the JSON file's folder. Appends `extension` if the path
+// has no image extension.
 static sgs_status read_path(const reader *r, const json_t *object, const char *key,
                             const char *extension, char **path)
 {
@@ -300,15 +300,15 @@ static sgs_status read_path(const reader *r, const json_t *object, const char *k
     *path = sgsi_format("%s%s", file, *file && !has_image_extension(file) ? extension : "");
     if (!*path)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: %s: no memory", r->path, r->where);
-    const char *complaint = sgsi_image_name_clean(*path);
-    if (complaint)
+    const char *problem = sgsi_image_name_clean(*path);
+    if (problem)
         return sgsi_fail(SGS_STATUS_FORMAT,
                          "%s: %s: '%s' %s; name a file below the folder of this JSON file", r->path,
-                         r->where, key, complaint);
+                         r->where, key, problem);
     return SGS_STATUS_OK;
 }
 
-// nerfstudio's mask of a frame, white where pixels count.
+// nerfstudio's mask of a frame: white pixels are valid.
 static sgs_status read_mask(const reader *r, const json_t *object, char **path)
 {
     const json_t *value = json_object_get(object, "mask_path");
@@ -367,7 +367,7 @@ static sgs_status parse_file(const char *path, json_t **root)
     const sgs_status status = sgsi_file_read(path, (size_t)1 << 30, &content, &size);
     if (status)
         return status;
-    // Whole numbers as doubles, too: one of 30 digits is no reason to refuse a file.
+    // Integers as doubles too: integers of many digits are not an error.
     *root = json_loadb((const char *)content, size, JSON_DECODE_INT_AS_REAL, &error);
     sgsi_free(content);
     if (!*root)
@@ -382,7 +382,7 @@ static sgs_status parse_file(const char *path, json_t **root)
     return SGS_STATUS_OK;
 }
 
-// nerfstudio's list of held-out files.
+// nerfstudio's list of held-out images.
 static void apply_test_names(const json_t *root, sgsi_dataset *dataset)
 {
     const json_t *names = json_object_get(root, "test_filenames");
@@ -402,27 +402,27 @@ static void apply_test_names(const json_t *root, sgsi_dataset *dataset)
     }
 }
 
-// The folder of `path`, with its '/', and then `name`.
-static char *beside(const char *path, const char *name)
+// Replaces the file name of `path` by `name`.
+static char *sibling_path(const char *path, const char *name)
 {
     const char *slash = strrchr(path, '/');
     return sgsi_format("%.*s%s", slash ? (int)(slash + 1 - path) : 0, path, name);
 }
 
-// The cloud is an aid: when it cannot be read, a warning says so and the scene has no points.
+// The point cloud is optional: if it cannot be read, a warning is sent and the scene has no points.
 static void read_points(const char *path, const json_t *root, sgsi_dataset *dataset)
 {
     const json_t *value = json_object_get(root, "ply_file_path");
     char *name = json_is_string(value) ? sgsi_strdup(json_string_value(value)) : NULL;
     if (!name)
         return;
-    const char *complaint = sgsi_image_name_clean(name);
-    char *cloud = complaint ? NULL : beside(path, name);
-    char *folder = beside(path, ".");
+    const char *problem = sgsi_image_name_clean(name);
+    char *cloud = problem ? NULL : sibling_path(path, name);
+    char *folder = sibling_path(path, ".");
     sgsi_roots roots = {{NULL}};
     sgsi_roots_add(&roots, folder);
-    if (complaint)
-        sgsi_warn("%s: 'ply_file_path' %s; the scene has no points", path, complaint);
+    if (problem)
+        sgsi_warn("%s: 'ply_file_path' %s; the scene has no points", path, problem);
     else if (!cloud || sgsi_roots_check(&roots, cloud) ||
              sgsi_point_cloud_read(cloud, &dataset->point_count, &dataset->points,
                                    &dataset->colors))
@@ -458,7 +458,7 @@ sgs_status sgsi_transforms_read(const char *path, sgsi_dataset *dataset)
     sgs_status status = read_file(path, SGS_SPLIT_TRAIN, dataset);
     if (!status && length >= suffix_length && !strcmp(path + length - suffix_length, suffix)) {
         dataset->white_background = true;
-        char *test = beside(path, "transforms_test.json");
+        char *test = sibling_path(path, "transforms_test.json");
         if (!test)
             status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory", path);
         else if (!access(test, F_OK)) {

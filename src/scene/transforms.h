@@ -3,10 +3,10 @@
 #pragma once
 
 // Reads the camera files of NeRF synthetic (transforms_train.json, transforms_test.json) and of
-// nerfstudio and instant-ngp (transforms.json). Looks at no photograph.
+// nerfstudio and instant-ngp (transforms.json). Does not access photographs.
 
 #include "scene/dataset.h"
 
-// `path` is the JSON file; a name that ends in transforms_train.json brings transforms_test.json
-// beside it. On failure *dataset is empty and the error names file, frame, key and fix.
+// `path`: the JSON file. If its name ends in transforms_train.json, transforms_test.json in the
+// same folder is read as well. On failure *dataset is empty.
 sgs_status sgsi_transforms_read(const char *path, sgsi_dataset *dataset);

@@ -312,9 +312,6 @@ sgs_status sgs_trainer_load_checkpoint(sgs_trainer *trainer, const char *path)
         trainer->inconsistent = false;
         if (sgsi_trainer_opacity_is_linear(trainer))
             sgs_gaussians_declare_linear_opacity(trainer->model);
-        if (trainer->progress.stop == SGS_STOP_SCHEDULE &&
-            trainer->progress.iteration < trainer->options.iterations)
-            trainer->progress.stop = SGS_STOP_NONE; // the run has been made longer
     }
     sgsi_sections_close(&sections);
     return status;

@@ -493,7 +493,7 @@ static void optimize_step(sgs_trainer *trainer, const step_state *step)
     const sgs_train_options *o = &trainer->options;
     const sgs_camera *camera = &step->camera;
     const bool dense = o->optimizer == SGS_OPTIMIZER_DENSE;
-    const bool apply = !step->structural && !step->prunes;
+    const bool apply = !step->structural && !step->prunes && !step->last;
     sgsi_progress *progress = &trainer->progress;
     const bool step_main = apply && sgsi_schedule_steps_main(&trainer->schedule, step->iteration);
     const bool step_rest = apply && sgsi_schedule_steps_rest(&trainer->schedule, step->iteration);
@@ -592,7 +592,7 @@ static void count_traffic(sgs_trainer *trainer, const step_state *step)
         .sh_degree = step->view.sh_degree,
         .channels = step->source->image.channels,
         .collects = step->statistics != NULL,
-        .steps = !step->structural,
+        .steps = !step->structural && !step->last,
         .dense = trainer->options.optimizer == SGS_OPTIMIZER_DENSE};
     sgsi_traffic_add(&traffic, &trainer->bytes);
 }
@@ -618,12 +618,29 @@ static void watch_views(sgs_trainer *trainer, int iteration)
                   trainer->scene->path, trainer->train_view_count);
 }
 
+// The last iteration of a shorter run has changed nothing but counters. Afterwards the state is
+// that of a run that always had the present length.
+static sgs_status repeat_last(sgs_trainer *trainer)
+{
+    sgsi_progress *progress = &trainer->progress;
+    sgs_step_info info;
+    progress->stop = SGS_STOP_NONE;
+    --progress->iteration;
+    --progress->order_position;
+    return sgs_trainer_step(trainer, &info);
+}
+
 sgs_status sgs_trainer_step(sgs_trainer *trainer, sgs_step_info *info)
 {
     const double start = sgsi_seconds();
     const sgsi_loop_seconds loops = sgsi_threads_seconds();
     sgsi_progress *progress = &trainer->progress;
     *info = (sgs_step_info){.mean_weight = 1.0};
+    if (progress->stop == SGS_STOP_SCHEDULE && progress->iteration < trainer->options.iterations) {
+        const sgs_status repeated = repeat_last(trainer);
+        if (repeated)
+            return repeated;
+    }
     if (progress->stop != SGS_STOP_NONE)
         return sgsi_fail(SGS_STATUS_LIMIT, "training is over after %d iterations",
                          progress->iteration);
@@ -633,11 +650,12 @@ sgs_status sgs_trainer_step(sgs_trainer *trainer, sgs_step_info *info)
                          "from",
                          progress->iteration);
     const int iteration = progress->iteration + 1;
-    step_state step = {
-        .iteration = iteration,
-        .structural = sgsi_schedule_is_structural(&trainer->schedule, iteration),
-        .statistics = iteration < trainer->schedule.densify_until ? &trainer->statistics : NULL,
-        .prunes = sgsi_schedule_is_final_prune(&trainer->schedule, iteration)};
+    step_state step = {.iteration = iteration,
+                       .structural = sgsi_schedule_is_structural(&trainer->schedule, iteration),
+                       .prunes = sgsi_schedule_is_final_prune(&trainer->schedule, iteration),
+                       .last = iteration == trainer->options.iterations};
+    if (iteration < trainer->schedule.densify_until && !step.last)
+        step.statistics = &trainer->statistics;
     sgs_status status = sgsi_trainer_apply_deferred(trainer, info);
     if (status)
         return status;
@@ -653,7 +671,7 @@ sgs_status sgs_trainer_step(sgs_trainer *trainer, sgs_step_info *info)
     status = sgsi_trainer_draw(trainer, &step);
     if (!status)
         watch_views(trainer, iteration);
-    if (!status && trainer->exposure)
+    if (!status && trainer->exposure && !step.last)
         sgsi_exposure_step(trainer->exposure, step.view_index,
                            sgsi_exposure_lr(iteration, trainer->options.iterations));
     if (!status)

@@ -112,7 +112,7 @@ typedef struct step_state {
     sgsi_planes planes;
     float *d_color[3], *d_transmittance;
     float background[3];
-    bool structural, prunes;
+    bool structural, prunes, last;
     sgsi_loss_output loss;
 } step_state;
 

@@ -239,7 +239,7 @@ sgs_stop_reason sgsi_trainer_decide_stop(sgs_trainer *trainer, double loss)
     sgsi_progress *progress = &trainer->progress;
     const sgs_train_options *o = &trainer->options;
     const int iteration = progress->iteration;
-    if (o->spare & SGS_SPARE_EDT) {
+    if (o->spare & SGS_SPARE_EDT && iteration < o->iterations) {
         spare_equilibrium_observe(&progress->equilibrium, loss, trainer->schedule.loss_decay);
         if (iteration % trainer->schedule.check_interval == 0) {
             const bool still = spare_equilibrium_check(
@@ -248,7 +248,7 @@ sgs_stop_reason sgsi_trainer_decide_stop(sgs_trainer *trainer, double loss)
             progress->reset_since_check = 0;
             if (!may_be_in_equilibrium(trainer))
                 progress->equilibrium.held = 0;
-            else if (still && iteration < o->iterations) {
+            else if (still) {
                 describe_equilibrium(trainer);
                 return SGS_STOP_EQUILIBRIUM;
             }

@@ -111,6 +111,48 @@ static void bits_do_not_depend_on_threads_or_vector_width(void **state)
     sgs_isa_set(best);
 }
 
+// train.py of 3DGS: `if iteration < opt.iterations: optimizer.step()`. A longer run makes the step.
+static void the_last_iteration_makes_no_step(void **state)
+{
+    (void)state;
+    char path[64], before[17], after[17], whole[17], resumed[17];
+    snprintf(path, sizeof path, "/tmp/sparegs_last_%ld", (long)getpid());
+    for (int pipeline = 0; pipeline < SGS_PIPELINE_COUNT; ++pipeline) {
+        sgs_train_options options = short_run(12);
+        options.pipeline = (sgs_pipeline)pipeline;
+        options.schedule = SGS_SCHEDULE_PAPER;
+        options.exposure = true;
+        sgs_trainer *trainer = start(&options);
+        run(trainer, 11);
+        digest(trainer, before);
+        const sgs_step_info last = run(trainer, 1);
+        assert_int_equal(last.stop, SGS_STOP_SCHEDULE);
+        assert_true(last.loss > 0);
+        digest(trainer, after);
+        assert_string_equal(before, after);
+        const double *map = sgs_trainer_exposure(trainer, last.view); // of the first visit
+        for (int k = 0; k < 12; ++k)
+            assert_true(map[k] == (k % 5 == 0));
+        assert_int_equal(sgs_trainer_save_checkpoint(trainer, path), SGS_STATUS_OK);
+        sgs_trainer_destroy(trainer);
+
+        options.iterations = 30;
+        trainer = start(&options);
+        run(trainer, 30);
+        digest(trainer, whole);
+        sgs_trainer_destroy(trainer);
+        trainer = start(&options);
+        assert_int_equal(sgs_trainer_load_checkpoint(trainer, path), SGS_STATUS_OK);
+        assert_int_equal(sgs_trainer_iteration(trainer), 12);
+        run(trainer, 18);
+        assert_int_equal(sgs_trainer_iteration(trainer), 30);
+        digest(trainer, resumed);
+        sgs_trainer_destroy(trainer);
+        assert_string_equal(whole, resumed);
+    }
+    unlink(path);
+}
+
 static void another_seed_gives_other_bits(void **state)
 {
     (void)state;
@@ -475,6 +517,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(training_lowers_the_loss_and_grows_the_model),
         cmocka_unit_test(bits_do_not_depend_on_threads_or_vector_width),
+        cmocka_unit_test(the_last_iteration_makes_no_step),
         cmocka_unit_test(another_seed_gives_other_bits),
         cmocka_unit_test(checkpoint_resumes_to_the_same_bits),
         cmocka_unit_test(damaged_or_foreign_checkpoints_are_refused_and_change_nothing),

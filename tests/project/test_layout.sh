@@ -162,8 +162,21 @@ if [ -e src/README.md ]; then
     while read -r named; do
         [ -e "$named" ] || [ -e "src/$named" ] || fail "src/README.md names $named, which does not exist"
     done < <(grep -oE '\b(src/|bvh/|spare/|tools/|tests/|include/)?[a-z_0-9]+/[a-z_0-9/]+\.(c|h|cpp|inl|sh)\b' src/README.md | sort -u)
+    # `folder/file.c:name`: the name occurs in the file.
+    functions=$(grep -oE '`[A-Za-z_0-9./]+\.(c|h|cpp|inl|sh):[A-Za-z_][A-Za-z_0-9]*`' src/README.md | tr -d '`' | sort -u)
+    [ "$(wc -l <<<"$functions")" -gt 100 ] || fail "src/README.md names fewer than 100 functions"
+    while IFS=: read -r named name; do
+        [ -e "$named" ] || named=src/$named
+        grep -qw -- "$name" "$named" 2>/dev/null || fail "src/README.md names $name in $named, which does not contain it"
+    done <<<"$functions"
+    # The tables of folders: | `name/` | contents | may include |
     for name in "${!src_may[@]}"; do
-        grep -q "\`$name/\`" src/README.md || fail "src/README.md does not name the folder $name/"
+        grep -q "^| \`$name/\` | .* | *${src_may[$name]}${src_may[$name]:+ }|\$" src/README.md ||
+            fail "src/README.md lacks a row of $name/ that allows: ${src_may[$name]:-nothing more}"
+    done
+    for name in "${!tools_may[@]}"; do
+        grep -q "^| \`$name/\` | .* | *${tools_may[$name]}${tools_may[$name]:+ }|\$" src/README.md ||
+            fail "src/README.md lacks a row of tools/$name/ that allows: ${tools_may[$name]:-nothing more}"
     done
 else
     fail "src/README.md is missing"

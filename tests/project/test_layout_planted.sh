@@ -40,6 +40,10 @@ plant_line spare/spare.c '#include "base/core.h"'
 plant_line src/trace/trace.h '#include <embree3/rtcore.h>'
 plant_line include/sparegs/camera.h '#include "base/core.h"'
 plant_line src/README.md 'See `train/no_such_file.c`.'
+plant_line src/README.md 'See `train/trainer.c:no_such_function`.'
+cp src/README.md "$temporary/kept"
+sed -i 's:^| `loss/`\(.*\)| image |:| `loss/`\1| image rays |:' src/README.md && seen "an arrow in src/README.md that the test does not allow"
+cp "$temporary/kept" src/README.md
 touch src/stray.c && seen "src/stray.c" && rm src/stray.c
 rm -f src/stray.c
 mkdir src/attic && cp src/rays/rays.h src/attic/attic.h && seen "a folder that no table has"

@@ -64,8 +64,9 @@ SGS_API void sgs_image8_free(sgs_image8 *image);
 SGS_API float sgs_srgb_encode(float linear);
 SGS_API float sgs_srgb_decode(float encoded);
 
-// The number that a half-float value of an sgs_photo stands for.
-SGS_API float sgs_half_value(uint16_t half);
+// Value `at` of a photograph's planes (plane * width * height + pixel), as its space has it: 8-bit
+// values scaled to [0, 1], or half-float numbers. No bounds check.
+SGS_API float sgs_photo_value(const sgs_photo *photo, size_t at);
 
 // Writes planar 8-bit RGB or RGBA or grey (channels 1, 3, 4) as PNG.
 SGS_API sgs_status sgs_png_write(const char *path, const sgs_image8 *image);

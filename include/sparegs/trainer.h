@@ -110,6 +110,9 @@ typedef struct sgs_train_options {
 
 SGS_API sgs_train_options sgs_train_options_default(void);
 
+// The first learning rate of the means, in extents of the scene.
+#define SGS_TRAIN_LR_MEAN 1.6e-4
+
 // Seconds of wall clock by phase, since the start of the training.
 typedef struct sgs_train_seconds {
     double gather, forward, loss, backward, optimizer, bvh_refit, bvh_build, density, spare,

@@ -134,6 +134,11 @@ bool sgsi_schedule_is_final_prune(const sgsi_schedule *schedule, int iteration)
            iteration < schedule->iterations && iteration % schedule->prune_interval == 0;
 }
 
+bool sgsi_schedule_may_resize(const sgsi_schedule *schedule, int iteration)
+{
+    return iteration > schedule->resolution_from && iteration % schedule->resolution_interval == 0;
+}
+
 int sgsi_schedule_updates(const sgsi_schedule *schedule)
 {
     const int updates =

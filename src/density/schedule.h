@@ -39,6 +39,8 @@ bool sgsi_schedule_is_reset(const sgsi_schedule *schedule, int iteration);
 bool sgsi_schedule_prunes_large(const sgsi_schedule *schedule, int last_reset);
 // One of the final prunes, after densification.
 bool sgsi_schedule_is_final_prune(const sgsi_schedule *schedule, int iteration);
+// The size of the images may change after this iteration.
+bool sgsi_schedule_may_resize(const sgsi_schedule *schedule, int iteration);
 // Number of intervals between structural updates in the whole run: 145 for 3DGS as published. At
 // least 1.
 int sgsi_schedule_updates(const sgsi_schedule *schedule);

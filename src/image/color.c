@@ -18,7 +18,8 @@ float sgs_srgb_decode(float encoded)
     return encoded <= 0.04045f ? encoded / 12.92f : powf((encoded + 0.055f) / 1.055f, 2.4f);
 }
 
-float sgs_half_value(uint16_t half)
+float sgs_photo_value(const sgs_photo *photo, size_t at)
 {
-    return sgsi_half_to_float(half);
+    return photo->halves ? sgsi_half_to_float(photo->halves[at])
+                         : (float)photo->pixels[at] / 255.0f;
 }

@@ -27,7 +27,6 @@ struct sgs_bench {
     sgs_scene scene;
     sgs_view views[VIEWS_MAX];
     sgs_trainer *trainer;
-    float *params; // as created, in the trainer's order
     sgs_bench_counts counts;
 };
 
@@ -88,14 +87,10 @@ static sgs_status start_trainer(sgs_bench *bench, const sgs_gaussians *model)
     sgs_status status = sgs_trainer_create(&bench->scene, &options, &bench->trainer);
     if (status)
         return status;
-    const sgs_gaussians *own = bench->trainer->model;
-    const size_t floats = own->capacity * SGS_PARAM_COUNT;
-    bench->params = sgsi_alloc(floats, sizeof(float));
-    if (!bench->params)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a second copy of %zu primitives",
-                         own->count);
-    memcpy(bench->params, own->data, floats * sizeof(float));
-    bench->counts.primitives = (double)own->count;
+    status = sgsi_trainer_hold(bench->trainer, HELD_ITERATION);
+    if (status)
+        return status;
+    bench->counts.primitives = (double)bench->trainer->model->count;
     sgs_bench_sample warm;
     return sgs_bench_run(bench, &warm);
 }
@@ -136,7 +131,6 @@ void sgs_bench_destroy(sgs_bench *bench)
     sgs_trainer_destroy(bench->trainer);
     for (size_t v = 0; v < bench->scene.view_count; ++v)
         sgsi_photo_free(&bench->views[v].image);
-    sgsi_free(bench->params);
     sgsi_free(bench);
 }
 
@@ -144,13 +138,12 @@ sgs_status sgs_bench_step(sgs_bench *bench, sgs_bench_sample *sample)
 {
     sgs_trainer *trainer = bench->trainer;
     const sgs_train_seconds before = trainer->progress.seconds;
-    trainer->progress.iteration = trainer->progress.structure_iteration = HELD_ITERATION;
     sgs_step_info info;
     const sgs_status status = sgs_trainer_step(trainer, &info);
     if (status)
         return status;
     const sgs_train_seconds *after = &trainer->progress.seconds;
-    const sgsi_trace_seconds traced = sgsi_tracer_seconds(trainer->tracer);
+    const sgsi_trace_seconds traced = sgsi_tracer_seconds(trainer->views.tracer);
     sample->refit += traced.bvh_refit;
     sample->gather += traced.gather;
     sample->project += traced.project;
@@ -162,7 +155,7 @@ sgs_status sgs_bench_step(sgs_bench *bench, sgs_bench_sample *sample)
     sample->iteration += after->total - before.total;
     sample->serial += after->serial - before.serial;
     sample->waiting += after->waiting - before.waiting;
-    const sgsi_trace_counts counts = sgsi_tracer_counts(trainer->tracer);
+    const sgsi_trace_counts counts = sgsi_tracer_counts(trainer->views.tracer);
     bench->counts.gathered += (double)counts.gathered;
     bench->counts.candidates += (double)counts.candidates;
     bench->counts.evaluations += (double)counts.evaluations;
@@ -173,8 +166,7 @@ sgs_status sgs_bench_step(sgs_bench *bench, sgs_bench_sample *sample)
 
 void sgs_bench_restore(sgs_bench *bench)
 {
-    sgs_gaussians *model = bench->trainer->model;
-    memcpy(model->data, bench->params, model->capacity * SGS_PARAM_COUNT * sizeof(float));
+    sgsi_trainer_restore(bench->trainer);
 }
 
 // Builds a tree over the bounds of the last view; later steps refit it.
@@ -185,15 +177,15 @@ sgs_status sgs_bench_build(sgs_bench *bench, sgs_bench_sample *sample)
     const sgs_render_options options = sgs_render_options_default();
     const sgsi_rays *rays;
     sgsi_view view;
-    sgs_status status = sgsi_ray_cache_get(trainer->rays, &source->camera, &rays);
+    sgs_status status = sgsi_ray_cache_get(trainer->views.rays, &source->camera, &rays);
     if (status)
         return status;
     sgsi_view_set(&view, rays, &source->pose, &options);
-    status = sgsi_tracer_project(trainer->tracer, trainer->model, &view, NULL, NULL);
+    status = sgsi_tracer_project(trainer->views.tracer, trainer->model, &view, NULL, NULL);
     if (!status)
-        status = sgsi_tracer_commit(trainer->tracer, true, SGSI_BVH_REFIT);
-    sample->build = sgsi_tracer_seconds(trainer->tracer).bvh_build;
-    trainer->structure_changed = false;
+        status = sgsi_tracer_commit(trainer->views.tracer, true, SGSI_BVH_REFIT);
+    sample->build = sgsi_tracer_seconds(trainer->views.tracer).bvh_build;
+    trainer->views.rebuild = false;
     return status;
 }
 
@@ -236,7 +228,7 @@ sgs_status sgs_bench_run(sgs_bench *bench, sgs_bench_sample *sample)
     counts->forward_l2_bytes = counts->evaluations * RECORD_BYTES;
     // Per block hit: a record read, sums read and written.
     counts->backward_l2_bytes = counts->block_hits * 3 * RECORD_BYTES;
-    const sgsi_bvh *bvh = sgsi_tracer_bvh(bench->trainer->tracer);
+    const sgsi_bvh *bvh = sgsi_tracer_bvh(bench->trainer->views.tracer);
     counts->build_bytes = counts->primitives * sizeof(sgsi_bounds) + (double)sgsi_bvh_bytes(bvh);
     return SGS_STATUS_OK;
 }

@@ -30,6 +30,7 @@
 #include "base/core.h"
 #include "base/sections.h"
 #include "base/threads.h"
+#include "train/small_images.h"
 #include "train/trainer_state.h"
 
 enum { BLOCK_FLOATS = SGS_PARAM_COUNT * SGS_LANES };
@@ -62,10 +63,10 @@ static void visit_blocks(sgsi_sections *sections, const char *name, float *data,
 // What a training step changes, with n primitives.
 static void visit_state(sgsi_sections *sections, sgs_trainer *trainer, size_t n)
 {
-    const size_t views = trainer->train_view_count;
+    const size_t views = trainer->views.count;
     size_t tiles = 0;
     for (size_t i = 0; i < views; ++i)
-        tiles += trainer->tile_counts[i];
+        tiles += trainer->views.tile_counts[i];
     sgsi_sections_begin(sections, "progress", sizeof trainer->progress);
     sgsi_sections_piece(sections, &trainer->progress, sizeof trainer->progress);
     visit_blocks(sections, "model", trainer->model->data, n);
@@ -78,13 +79,13 @@ static void visit_state(sgsi_sections *sections, sgs_trainer *trainer, size_t n)
     sgsi_sections_piece(sections, trainer->statistics.radius_max, n * sizeof(float));
     sgsi_sections_begin(sections, "depth_bounds", tiles * sizeof(float));
     for (size_t i = 0; i < views; ++i)
-        sgsi_sections_piece(sections, trainer->depth_bounds[i],
-                            trainer->tile_counts[i] * sizeof(float));
+        sgsi_sections_piece(sections, trainer->views.depth_bounds[i],
+                            trainer->views.tile_counts[i] * sizeof(float));
     sgsi_sections_begin(sections, "order", views * sizeof(uint32_t));
     sgsi_sections_piece(sections, trainer->order, views * sizeof(uint32_t));
-    if (trainer->exposure) {
+    if (trainer->views.exposure) {
         size_t numbers;
-        double *exposure = sgsi_exposure_state(trainer->exposure, &numbers);
+        double *exposure = sgsi_exposure_state(trainer->views.exposure, &numbers);
         sgsi_sections_begin(sections, "exposure", numbers * sizeof *exposure);
         sgsi_sections_piece(sections, exposure, numbers * sizeof *exposure);
     }
@@ -117,7 +118,7 @@ static uint64_t view_digest(const sgs_view *view)
 
 static const sgs_view *train_view(const sgs_trainer *trainer, size_t i)
 {
-    return &trainer->scene->views[trainer->train_views[i]];
+    return &trainer->scene->views[trainer->views.scene_views[i]];
 }
 
 sgs_status sgs_trainer_save_checkpoint(const sgs_trainer *trainer, const char *path)
@@ -137,8 +138,8 @@ sgs_status sgs_trainer_save_checkpoint(const sgs_trainer *trainer, const char *p
     uint64_t n = trainer->model->count;
     sgsi_sections_begin(&sections, "options", strlen(options));
     sgsi_sections_piece(&sections, options, strlen(options));
-    sgsi_sections_begin(&sections, "scene", trainer->train_view_count * sizeof(uint64_t));
-    for (size_t i = 0; i < trainer->train_view_count; ++i) {
+    sgsi_sections_begin(&sections, "scene", trainer->views.count * sizeof(uint64_t));
+    for (size_t i = 0; i < trainer->views.count; ++i) {
         uint64_t digest = view_digest(train_view(trainer, i));
         sgsi_sections_piece(&sections, &digest, sizeof digest);
     }
@@ -153,7 +154,7 @@ sgs_status sgs_trainer_save_checkpoint(const sgs_trainer *trainer, const char *p
 
 static sgs_status check_scene(sgsi_sections *sections, const sgs_trainer *trainer)
 {
-    const size_t views = trainer->train_view_count;
+    const size_t views = trainer->views.count;
     size_t bytes;
     const uint8_t *digests = sgsi_sections_find(sections, "scene", &bytes);
     if (!digests)
@@ -181,7 +182,7 @@ static sgs_status check_scene(sgsi_sections *sections, const sgs_trainer *traine
 static sgs_status check_progress(sgsi_sections *sections, const sgs_trainer *trainer,
                                  const sgsi_progress *progress)
 {
-    const size_t views = trainer->train_view_count;
+    const size_t views = trainer->views.count;
     if (progress->iteration < 0 || progress->iteration > 10000000 || progress->adam_step < 0 ||
         progress->adam_step > progress->iteration || progress->structure_iteration < 0 ||
         progress->structure_iteration > progress->iteration || progress->order_position > views ||
@@ -276,16 +277,20 @@ static sgs_status make_room(sgs_trainer *trainer, size_t n, const char *path)
                         trainer); // for the memory; the values come from the file
 }
 
-// The images of the resolution that was in force, where the pipeline changes it. Forgets the depth
-// depth_bounds: before reading.
+// The images of the resolution that was in use, where the pipeline changes it.
 static sgs_status restore_resolution(sgs_trainer *trainer, sgsi_sections *sections)
 {
     size_t bytes;
     const uint8_t *content = sgsi_sections_find(sections, "progress", &bytes);
     sgsi_progress progress;
     memcpy(&progress, content, sizeof progress);
-    return progress.resolution ? sgsi_trainer_set_resolution(trainer, progress.resolution)
-                               : SGS_STATUS_OK;
+    if (!progress.resolution)
+        return SGS_STATUS_OK;
+    sgsi_small_images images;
+    const sgs_status status = sgsi_small_images_make(&trainer->views, progress.resolution, &images);
+    if (!status)
+        sgsi_small_images_adopt(&trainer->views, &images);
+    return status;
 }
 
 sgs_status sgs_trainer_load_checkpoint(sgs_trainer *trainer, const char *path)
@@ -308,7 +313,7 @@ sgs_status sgs_trainer_load_checkpoint(sgs_trainer *trainer, const char *path)
         sections.pass = SGSI_SECTIONS_READ;
         visit_state(&sections, trainer, n);
         trainer->stop_text[sizeof trainer->stop_text - 1] = 0;
-        trainer->structure_changed = true;
+        trainer->views.rebuild = true;
         trainer->inconsistent = false;
         if (sgsi_trainer_opacity_is_linear(trainer))
             sgs_gaussians_declare_linear_opacity(trainer->model);

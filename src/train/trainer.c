@@ -1,21 +1,19 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The loop. One iteration, in 3DGS's order (Kerbl et al. 2023, algorithm 1): rate and SH ramp, pick
-// a view, project, refit or rebuild the BVH, forward, loss, backward, statistics, optimiser step;
-// here the model may be saved; structural update and opacity reset, at the beginning of the next
-// call. Two quirks of the original are kept because they shape quality:
-// there is no optimiser step on iterations with a structural update, and moments of new rows start
-// at zero under a step counter that goes on.
+// The training loop. sgs_trainer_step runs one iteration, in the order of 3DGS (Kerbl et al. 2023,
+// algorithm 1): learning rates and SH ramp, view, forward, loss, backward, optimiser step,
+// statistics. At this point the model may be saved. Density control, image size and opacity reset
+// follow at the beginning of the next call. Two quirks of the original are kept because they shape
+// quality: there is no optimiser step on iterations with a structural update, and moments of new
+// rows start at zero while the step counter continues.
 
 #include <math.h>
-#include <stdatomic.h>
 #include <string.h>
 
 #include "base/core.h"
-#include "optimize/optimize.h"
-#include "sparegs/image.h"
 #include "base/threads.h"
+#include "train/small_images.h"
 #include "train/traffic.h"
 #include "train/trainer_state.h"
 
@@ -91,170 +89,55 @@ static sgs_status check_options(const sgs_train_options *o)
     return SGS_STATUS_OK;
 }
 
-// Random cloud: in the cube around the origin for NeRF synthetic scenes, around the cameras
-// otherwise.
-static sgs_status random_cloud(sgs_trainer *trainer)
+// ---- Creation ----
+
+static void adopt_images(sgs_trainer *trainer, sgsi_small_images *images)
 {
-    const sgs_scene *scene = trainer->scene;
-    size_t n = trainer->options.random_points;
-    if (trainer->options.max_gaussians && n > trainer->options.max_gaussians)
-        n = trainer->options.max_gaussians;
-    trainer->cloud_points = sgsi_alloc(n ? n : 1, 3 * sizeof(float));
-    trainer->cloud_colors = sgsi_alloc(n ? n : 1, 3);
-    if (!trainer->cloud_points || !trainer->cloud_colors)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu random points", n);
-    const bool cube = scene->white_background != 0;
-    const double half = cube ? 1.3 : 3.0 * scene->extent;
-    for (size_t i = 0; i < 3 * n; ++i) {
-        const double u = sgsi_random_uniform(trainer->options.seed ^ 0xC10D, i);
-        trainer->cloud_points[i] =
-            (float)((cube ? 0.0 : scene->center[i % 3]) + half * (2.0 * u - 1.0));
-        // The original draws SH coefficients in [0, 1] / 255: colours just above middle grey.
-        const double coefficient = sgsi_random_uniform(trainer->options.seed ^ 0xC0108, i) / 255.0;
-        trainer->cloud_colors[i] =
-            (unsigned char)(255.0 * (0.5 + 0.28209479177387814 * coefficient) + 0.5);
-    }
-    trainer->cloud_count = n;
-    return SGS_STATUS_OK;
+    if (!sgsi_small_images_adopt(&trainer->views, images))
+        return;
+    trainer->progress.resolution = trainer->views.small_images.scale;
+    trainer->progress.reset_since_check = 1; // losses of different sizes do not compare
+    sgsi_train_views_forget_depths(&trainer->views);
 }
 
-// The scene's cloud, thinned at random to the cap.
-static sgs_status scene_cloud(sgs_trainer *trainer)
+// Plans the image sizes, for pipelines that change them, and sets the first one.
+static sgs_status plan_resolution(sgs_trainer *trainer)
 {
-    const sgs_scene *scene = trainer->scene;
-    const size_t cap = trainer->options.max_gaussians, n = scene->point_count;
-    const size_t wanted = cap && cap < n ? cap : n;
-    trainer->cloud_points = sgsi_alloc(wanted, 3 * sizeof(float));
-    trainer->cloud_colors = sgsi_alloc(wanted, 3);
-    if (!trainer->cloud_points || !trainer->cloud_colors)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu points", wanted);
-    if (wanted < n)
-        sgsi_warn("the sparse model has %zu points; %zu are drawn at random to honour the cap", n,
-                  wanted);
-    size_t taken = 0;
-    for (size_t i = 0; i < n && taken < wanted; ++i) {
-        // Selection sampling (Knuth, algorithm S): each subset of the size equally likely, order
-        // kept.
-        if ((double)(n - i) * sgsi_random_uniform(trainer->options.seed ^ 0x5A3D, i) >=
-            (double)(wanted - taken))
-            continue;
-        memcpy(trainer->cloud_points + 3 * taken, scene->points + 3 * i, 3 * sizeof(float));
-        for (size_t c = 0; c < 3; ++c) {
-            const unsigned char color = scene->colors[3 * i + c]; // of display-encoded photographs
-            trainer->cloud_colors[3 * taken + c] =
-                scene->space == SGS_SPACE_SRGB
-                    ? color
-                    : (unsigned char)(255.0f * sgs_srgb_decode((float)color / 255.0f) + 0.5f);
-        }
-        ++taken;
-    }
-    trainer->cloud_count = taken;
-    return SGS_STATUS_OK;
-}
-
-static sgs_status copy_initial_model(sgs_trainer *trainer, const sgs_gaussians *from)
-{
-    const size_t cap = trainer->options.max_gaussians;
-    size_t wanted = cap && cap < from->count ? cap : from->count, taken = 0;
-    if (wanted < from->count)
-        sgsi_warn("the initial model has %zu primitives; %zu of them, drawn at random, are left by "
-                  "the limit (--max-gaussians)",
-                  from->count, wanted);
-    sgs_status status = sgs_gaussians_create(wanted + SGS_LANES, &trainer->model);
-    if (!status)
-        status = sgs_gaussians_resize(trainer->model, wanted);
-    if (status)
+    if (!trainer->pipeline->resolution)
+        return SGS_STATUS_OK;
+    int scale = 1;
+    sgs_status status = sgsi_small_images_plan(&trainer->views, trainer->schedule.densify_until,
+                                               &trainer->resolution);
+    if (status == SGS_STATUS_UNSUPPORTED) {
+        sgsi_warn("%s: some photographs are not 8-bit; pipeline %s trains at full resolution",
+                  trainer->scene->path, trainer->pipeline->name);
+        trainer->resolution = (sgsi_resolution){0}; // full resolution from iteration 0
+    } else if (status) {
         return status;
-    for (size_t i = 0; i < from->count && taken < wanted; ++i) {
-        if ((double)(from->count - i) * sgsi_random_uniform(trainer->options.seed ^ 0x5A3D, i) >=
-            (double)(wanted - taken))
-            continue;
-        float params[SGS_PARAM_COUNT];
-        sgs_gaussians_get(from, i, params);
-        params[SGS_PARAM_OPACITY] = sgs_gaussians_opacity_logit(from, i);
-        sgs_gaussians_set(trainer->model, taken++, params);
-    }
-    return SGS_STATUS_OK;
-}
-
-static sgs_status create_model(sgs_trainer *trainer)
-{
-    sgs_status status;
-    if (trainer->options.init) {
-        status = copy_initial_model(trainer, trainer->options.init);
-        trainer->options.init = NULL;
     } else {
-        status = trainer->scene->point_count ? scene_cloud(trainer) : random_cloud(trainer);
-        if (!status)
-            status = sgs_gaussians_init_points(trainer->cloud_points, trainer->cloud_colors,
-                                               trainer->cloud_count, 0.01 * trainer->scene->extent,
-                                               &trainer->model);
+        trainer->schedule.lr_begin = trainer->resolution.decay_begin;
+        scale = sgsi_resolution_at(&trainer->resolution, 1);
     }
-    if (status)
-        return status;
-    trainer->model->sh_degree = trainer->options.sh_degree;
-    status = sgsi_density_sort(trainer->model);
-    if (!status && !trainer->model->count)
-        status = sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "no primitive to start from is finite");
-    if (status)
-        return status;
-    trainer->m = sgsi_calloc_shared(trainer->model->capacity, SGS_PARAM_COUNT * sizeof(float));
-    trainer->v = sgsi_calloc_shared(trainer->model->capacity, SGS_PARAM_COUNT * sizeof(float));
-    if (!trainer->m || !trainer->v)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the optimiser of %zu primitives",
-                         trainer->model->count);
-    trainer->progress.pipeline.initial_count = (int64_t)trainer->model->count;
-    status = sgsi_trainer_reserve_accumulated_grad(trainer);
+    sgsi_small_images images;
+    status = sgsi_small_images_make(&trainer->views, scale, &images);
     if (!status)
-        status = sgsi_trainer_update_filter_3d(trainer);
-    return status ? status
-                  : sgsi_statistics_reserve(&trainer->statistics, trainer->model->capacity);
+        adopt_images(trainer, &images);
+    return status;
 }
 
-static sgs_status create_views(sgs_trainer *trainer)
+static sgs_status create_parts(sgs_trainer *trainer)
 {
-    const sgs_scene *scene = trainer->scene;
-    trainer->train_views =
-        sgsi_calloc(scene->view_count ? scene->view_count : 1, sizeof *trainer->train_views);
-    trainer->order = sgsi_calloc(scene->view_count ? scene->view_count : 1, sizeof *trainer->order);
-    trainer->depth_bounds =
-        sgsi_calloc(scene->view_count ? scene->view_count : 1, sizeof *trainer->depth_bounds);
-    trainer->tile_counts =
-        sgsi_calloc(scene->view_count ? scene->view_count : 1, sizeof *trainer->tile_counts);
-    if (!trainer->train_views || !trainer->order || !trainer->depth_bounds || !trainer->tile_counts)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu views", scene->view_count);
-    int width = 1, height = 1;
-    for (size_t i = 0; i < scene->view_count; ++i) {
-        const sgs_view *view = &scene->views[i];
-        if (view->split != SGS_SPLIT_TRAIN || !view->image.width)
-            continue;
-        const size_t k = trainer->train_view_count++;
-        const size_t tiles = (size_t)((view->camera.width + SGSI_TILE - 1) / SGSI_TILE) *
-                             (size_t)((view->camera.height + SGSI_TILE - 1) / SGSI_TILE);
-        trainer->train_views[k] = i;
-        trainer->tile_counts[k] = tiles;
-        trainer->depth_bounds[k] = sgsi_alloc(tiles, sizeof(float));
-        if (!trainer->depth_bounds[k])
-            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu views",
-                             scene->view_count);
-        for (size_t t = 0; t < tiles; ++t)
-            trainer->depth_bounds[k][t] = INFINITY;
-        width = view->camera.width > width ? view->camera.width : width;
-        height = view->camera.height > height ? view->camera.height : height;
-    }
-    if (!trainer->train_view_count)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                         "%s: no view is left for training; hold out fewer", scene->path);
-    trainer->plane_floats = ((size_t)width + 15) / 16 * 16 * (size_t)height;
-    trainer->planes = sgsi_calloc_shared(trainer->plane_floats, 8 * sizeof(float));
-    if (!trainer->planes)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for images of %dx%d pixels", width,
-                         height);
-    const sgs_status status = sgsi_loss_reserve(trainer->loss, width, height);
-    if (status || !trainer->options.exposure)
+    sgsi_train_views *views = &trainer->views;
+    sgs_status status = sgsi_train_views_create(trainer->scene, &trainer->options, views);
+    if (status)
         return status;
-    return sgsi_exposure_create(trainer->train_view_count, trainer->plane_floats, (size_t)height,
-                                &trainer->exposure);
+    sgsi_tracer_collect_abs_grad(views->tracer, trainer->pipeline->abs_grad);
+    trainer->schedule = sgsi_schedule_make(&trainer->options, views->count);
+    trainer->order = sgsi_calloc(views->count, sizeof *trainer->order);
+    if (!trainer->order)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu views", views->count);
+    status = plan_resolution(trainer);
+    return status ? status : sgsi_trainer_create_model(trainer);
 }
 
 sgs_status sgs_trainer_create(const sgs_scene *scene, const sgs_train_options *options,
@@ -270,23 +153,9 @@ sgs_status sgs_trainer_create(const sgs_scene *scene, const sgs_train_options *o
     made->scene = scene;
     made->options = *options;
     made->pipeline = sgsi_pipeline_get(options->pipeline);
-    made->structure_changed = true;
     made->progress.last_reset = -1;
     spare_equilibrium_begin(&made->progress.equilibrium);
-    status = sgsi_tracer_create(&made->tracer);
-    if (!status)
-        sgsi_tracer_collect_abs_grad(made->tracer, made->pipeline->abs_grad);
-    if (!status)
-        status = sgsi_ray_cache_create((size_t)1 << 30, &made->rays);
-    if (!status)
-        status = sgsi_loss_create(&made->loss);
-    if (!status)
-        status = create_views(made);
-    made->schedule = sgsi_schedule_make(options, made->train_view_count);
-    if (!status)
-        status = sgsi_trainer_resolution_plan(made);
-    if (!status)
-        status = create_model(made);
+    status = create_parts(made);
     if (status) {
         sgs_trainer_destroy(made);
         return status;
@@ -299,39 +168,32 @@ void sgs_trainer_destroy(sgs_trainer *trainer)
 {
     if (!trainer)
         return;
-    for (size_t i = 0; trainer->depth_bounds && i < trainer->train_view_count; ++i)
-        sgsi_free(trainer->depth_bounds[i]);
-    sgsi_exposure_destroy(trainer->exposure);
-    sgsi_loss_destroy(trainer->loss);
-    sgsi_ray_cache_destroy(trainer->rays);
-    sgsi_tracer_destroy(trainer->tracer);
+    sgsi_train_views_free(&trainer->views);
     sgsi_statistics_free(&trainer->statistics);
-    sgsi_trainer_scores_free(&trainer->scores);
-    sgsi_free((void *)trainer->regions.regions);
-    sgsi_small_images_free(&trainer->small_images);
+    sgsi_view_scores_free(&trainer->scores);
     sgs_gaussians_destroy(trainer->model);
-    void *const arrays[] = {trainer->m,
+    void *const arrays[] = {(void *)trainer->regions.regions,
+                            trainer->m,
                             trainer->v,
-                            trainer->train_views,
                             trainer->order,
-                            trainer->depth_bounds,
-                            trainer->tile_counts,
-                            trainer->planes,
                             trainer->cloud_points,
                             trainer->cloud_colors,
                             trainer->accumulated_grad,
                             trainer->accumulated_rows,
-                            trainer->filter_3d};
+                            trainer->filter_3d,
+                            trainer->held_params};
     for (size_t i = 0; i < sizeof arrays / sizeof *arrays; ++i)
         sgsi_free(arrays[i]);
     sgsi_free(trainer);
 }
 
+// ---- One iteration ----
+
 // A random permutation per epoch, drawn from the seed and the epoch alone.
 static size_t next_view(sgs_trainer *trainer)
 {
     sgsi_progress *progress = &trainer->progress;
-    const size_t n = trainer->train_view_count;
+    const size_t n = trainer->views.count;
     if (progress->order_position >= n || (!progress->order_position && !progress->order_epoch)) {
         progress->order_position = 0;
         ++progress->order_epoch;
@@ -355,8 +217,8 @@ static size_t next_view(sgs_trainer *trainer)
 static void expect_next_views(const sgs_trainer *trainer)
 {
     const size_t next = trainer->progress.order_position;
-    for (size_t i = next; i < next + 2 && i < trainer->train_view_count; ++i)
-        sgs_scene_prefetch(trainer->scene, trainer->train_views[trainer->order[i]]);
+    for (size_t i = next; i < next + 2 && i < trainer->views.count; ++i)
+        sgs_scene_prefetch(trainer->scene, trainer->views.scene_views[trainer->order[i]]);
 }
 
 static int active_sh_degree(const sgs_trainer *trainer, int iteration)
@@ -365,188 +227,164 @@ static int active_sh_degree(const sgs_trainer *trainer, int iteration)
     return degree < trainer->options.sh_degree ? degree : trainer->options.sh_degree;
 }
 
-static void set_planes(sgs_trainer *trainer, step_state *step)
+// Whether statistics for density control are gathered.
+static bool collects_statistics(const sgs_trainer *trainer, int iteration)
 {
-    float *block = trainer->planes;
-    const size_t n = trainer->plane_floats;
-    const int width = step->camera.width, height = step->camera.height;
-    step->planes = (sgsi_planes){.width = width,
-                                 .height = height,
-                                 .stride = ((size_t)width + 15) / 16 * 16,
-                                 .color = {block, block + n, block + 2 * n},
-                                 .transmittance = block + 3 * n};
-    for (int c = 0; c < 3; ++c)
-        step->d_color[c] = block + (size_t)(4 + c) * n;
-    step->d_transmittance = block + 7 * n;
+    return iteration < trainer->schedule.densify_until && iteration < trainer->options.iterations;
 }
 
-static sgs_status trace_forward(sgs_trainer *trainer, step_state *step)
+// The next view and its photograph. On failure nothing has changed: the same view comes next.
+static sgs_status begin_view(sgs_trainer *trainer, int iteration, sgsi_train_view *view)
 {
-    sgs_train_seconds *seconds = &trainer->progress.seconds;
-    const sgsi_rays *rays;
-    sgs_status status = sgsi_ray_cache_get(trainer->rays, &step->camera, &rays);
+    const sgsi_progress before = trainer->progress;
+    const bool collects = collects_statistics(trainer, iteration);
+    *view = (sgsi_train_view){.iteration = iteration,
+                              .index = next_view(trainer),
+                              .model = trainer->model,
+                              .filter_3d = trainer->filter_3d,
+                              .sh_degree = active_sh_degree(trainer, iteration),
+                              .visible_count = collects ? trainer->statistics.visible_count : NULL,
+                              .radius_max = collects ? trainer->statistics.radius_max : NULL,
+                              .seconds = &trainer->progress.seconds};
+    expect_next_views(trainer);
+    const sgs_status status = sgsi_train_view_fetch(&trainer->views, view);
+    if (status)
+        trainer->progress = before;
+    return status;
+}
+
+// A training that looks past its model would end well and show nothing.
+static void watch_views(sgs_trainer *trainer, int iteration)
+{
+    trainer->seen = trainer->seen || sgsi_tracer_counts(trainer->views.tracer).block_hits;
+    if (!trainer->seen && (size_t)iteration == trainer->views.count)
+        sgsi_warn("%s: none of the %zu training views has seen a primitive; do the points (or "
+                  "--init) belong to these cameras?",
+                  trainer->scene->path, trainer->views.count);
+}
+
+static size_t count_visible(const sgs_trainer *trainer)
+{
+    const uint8_t *touched = sgsi_tracer_touched(trainer->views.tracer);
+    size_t blocks = 0;
+    for (size_t i = 0; i < (trainer->model->count + SGS_LANES - 1) / SGS_LANES; ++i)
+        blocks += touched[i];
+    return blocks * SGS_LANES;
+}
+
+static void count_traffic(sgs_trainer *trainer, const sgsi_train_view *view)
+{
+    const sgsi_rays *rays = view->view.rays;
+    const sgsi_traffic traffic = {
+        .tracer = trainer->views.tracer,
+        .primitives = trainer->model->count,
+        .pixels = (size_t)view->planes.width * (size_t)view->planes.height,
+        .tiles = (size_t)rays->tiles_x * (size_t)rays->tiles_y,
+        .macrotiles = (size_t)rays->macrotiles_x * (size_t)rays->macrotiles_y,
+        .sh_degree = view->view.sh_degree,
+        .channels = view->source->image.channels,
+        .collects = view->visible_count != NULL,
+        .steps = sgsi_trainer_makes_step(trainer, view->iteration),
+        .dense = trainer->options.optimizer == SGS_OPTIMIZER_DENSE};
+    sgsi_traffic_add(&traffic, &trainer->bytes);
+}
+
+// From the photograph of a view to moved parameters.
+static sgs_status train_on_view(sgs_trainer *trainer, sgsi_train_view *view, sgs_step_info *info)
+{
+    sgsi_train_views *views = &trainer->views;
+    // Rays of the view's tiles, projected primitives; the BVH is rebuilt after density control and
+    // refitted to this view's bounds otherwise.
+    sgs_status status = sgsi_train_view_project(views, view);
+    // Macrotiles gather candidates from the BVH; kernels evaluate, order and blend them to an
+    // image.
+    if (!status)
+        status = sgsi_train_view_forward(views, view);
     if (status)
         return status;
-    const sgs_render_options options = {.filter = trainer->options.filter,
-                                        .near_distance = sgs_near_distance(trainer->scene->extent),
-                                        .filter_3d = trainer->filter_3d,
-                                        .sh_degree = active_sh_degree(trainer, step->iteration),
-                                        .compact_box = trainer->options.compact_box};
-    sgsi_view_set(&step->view, rays, &step->source->pose, &options);
-    step->view.linear_opacity = trainer->model->linear_opacity;
-    set_planes(trainer, step);
-    const sgsi_statistics *statistics = step->statistics;
-    status = sgsi_tracer_project(trainer->tracer, trainer->model, &step->view,
-                                 statistics ? statistics->visible_count : NULL,
-                                 statistics ? statistics->radius_max : NULL);
+    watch_views(trainer, view->iteration);
+    // Loss against the photograph, and its gradient image.
+    status = sgsi_train_view_loss(views, view);
+    // The same tiles backward: one gradient record per (tile, primitive), summed per primitive in
+    // tile order.
     if (!status)
-        status = sgsi_tracer_commit(trainer->tracer, trainer->structure_changed, SGSI_BVH_REFIT);
-    if (!status)
-        status = sgsi_tracer_forward(trainer->tracer, &step->view, &step->planes,
-                                     trainer->depth_bounds[step->view_index], true);
+        status = sgsi_train_view_backward(views, view);
     if (status)
         return status;
-    trainer->structure_changed = false;
-    const sgsi_trace_seconds spent = sgsi_tracer_seconds(trainer->tracer);
-    seconds->bvh_build += spent.bvh_build;
-    seconds->bvh_refit += spent.bvh_refit;
-    seconds->gather += spent.gather;
-    seconds->forward += spent.project + spent.forward;
+    info->visible = count_visible(trainer);
+    count_traffic(trainer, view);
+    // Chain rule, statistics for density control, Adam.
+    if (views->exposure && view->iteration < trainer->options.iterations)
+        sgsi_exposure_step(views->exposure, view->index,
+                           sgsi_exposure_lr(view->iteration, trainer->options.iterations));
+    if (isfinite(view->loss.loss))
+        sgsi_trainer_optimize(trainer, view);
+    else
+        sgsi_skip_step(&trainer->progress.skipped, view->iteration, view->source->name,
+                       view->loss.loss);
     return SGS_STATUS_OK;
 }
 
-static sgs_status evaluate_loss(sgs_trainer *trainer, step_state *step)
+// Clones, splits and removes primitives, for a pipeline with scores from views by these.
+static sgs_status control_density(sgs_trainer *trainer, int iteration, sgs_step_info *info)
 {
-    const double start = sgsi_seconds();
-    const sgsi_planes *planes = &step->planes;
-    sgsi_loss_input input = {
-        .width = planes->width,
-        .height = planes->height,
-        .stride = planes->stride,
-        .color = {planes->color[0], planes->color[1], planes->color[2]},
-        .transmittance = planes->transmittance,
-        .background = {step->background[0], step->background[1], step->background[2]},
-        .target = step->target,
-        .ssim_weight = 0.2f,
-        .alpha_weight = (float)trainer->options.alpha_loss};
-    step->loss =
-        (sgsi_loss_output){.d_color = {step->d_color[0], step->d_color[1], step->d_color[2]},
-                           .d_transmittance = step->d_transmittance};
-    const sgsi_loss_input image = input;
-    if (trainer->exposure)
-        sgsi_exposure_forward(trainer->exposure, step->view_index, &input);
-    const sgs_status status = sgsi_loss_evaluate(trainer->loss, &input, &step->loss);
-    if (trainer->exposure && !status)
-        sgsi_exposure_backward(trainer->exposure, step->view_index, &image, &step->loss);
-    trainer->progress.seconds.loss += sgsi_seconds() - start;
-    return status;
-}
-
-// The photograph of step->view_index. It comes before all else, so that a file that cannot be read
-// any more leaves the training as it was.
-sgs_status sgsi_trainer_fetch(sgs_trainer *trainer, step_state *step)
-{
-    const size_t view = trainer->train_views[step->view_index];
-    step->source = &trainer->scene->views[view];
-    step->camera = step->source->camera;
-    if (trainer->small_images.photos) {
-        step->target = &trainer->small_images.photos[step->view_index];
-        step->camera = sgs_camera_resized(&step->camera, step->target->width, step->target->height);
-        return SGS_STATUS_OK;
+    const sgsi_view_scores *scores = NULL;
+    if (trainer->pipeline->score_views) {
+        const double start = sgsi_seconds();
+        const sgsi_score_input input = {.pipeline = trainer->pipeline,
+                                        .model = trainer->model,
+                                        .filter_3d = trainer->filter_3d,
+                                        .sh_degree = active_sh_degree(trainer, iteration),
+                                        .iteration = iteration,
+                                        .statistics = &trainer->statistics};
+        const sgs_status status =
+            sgsi_view_scores_compute(&trainer->views, &input, &trainer->scores);
+        trainer->progress.seconds.density += sgsi_seconds() - start;
+        if (status)
+            return status; // nothing has changed yet
+        scores = &trainer->scores;
     }
-    const double start = sgsi_seconds();
-    const sgs_status status = sgs_scene_photo(trainer->scene, view, &step->target);
-    trainer->progress.seconds.image_io += sgsi_seconds() - start;
+    trainer->inconsistent = true;
+    const sgs_status status = sgsi_trainer_update_structure(trainer, iteration, scores, info);
+    trainer->inconsistent = status != SGS_STATUS_OK;
     return status;
 }
 
-// Forward and loss of a training view.
-sgs_status sgsi_trainer_draw(sgs_trainer *trainer, step_state *step)
+// What the iteration before leaves to do: density control, another image size, opacity reset. A
+// photograph that cannot be read leaves the trainer as it was.
+static sgs_status apply_deferred(sgs_trainer *trainer, sgs_step_info *info)
 {
-    for (int c = 0; c < 3; ++c)
-        step->background[c] =
-            trainer->options.background_random
-                ? (float)sgsi_random_uniform(trainer->options.seed ^ 0xBAC6,
-                                             3 * (uint64_t)step->iteration + (uint64_t)c)
-                : trainer->options.background[c];
-    const sgs_status status = trace_forward(trainer, step);
-    return status ? status : evaluate_loss(trainer, step);
-}
-
-typedef struct optimize_job {
-    sgsi_optimize input;
-    atomic_size_t broken;
-} optimize_job;
-
-static void optimize_range(void *context, size_t begin, size_t end, int thread)
-{
-    (void)thread;
-    optimize_job *job = context;
-    const size_t broken = sgsi_optimize_blocks(&job->input, begin, end);
-    if (broken) // hardly ever
-        atomic_fetch_add(&job->broken, broken);
-}
-
-static void optimize_step(sgs_trainer *trainer, const step_state *step)
-{
-    const double start = sgsi_seconds();
-    const sgs_train_options *o = &trainer->options;
-    const sgs_camera *camera = &step->camera;
-    const bool dense = o->optimizer == SGS_OPTIMIZER_DENSE;
-    const bool apply = !step->structural && !step->prunes && !step->last;
     sgsi_progress *progress = &trainer->progress;
-    const bool step_main = apply && sgsi_schedule_steps_main(&trainer->schedule, step->iteration);
-    const bool step_rest = apply && sgsi_schedule_steps_rest(&trainer->schedule, step->iteration);
-    progress->adam_step += step_main;
-    progress->rest_step += step_rest;
-    const double t = fmax(progress->adam_step, 1), rest_t = fmax(progress->rest_step, 1);
-    const double rate =
-        1.6e-4 * trainer->scene->extent * sgsi_schedule_lr(&trainer->schedule, step->iteration);
-    optimize_job job = {
-        .input = {.params = trainer->model->data,
-                  .m = trainer->m,
-                  .v = trainer->v,
-                  .count = trainer->model->count,
-                  .view = step->view,
-                  .sums = sgsi_tracer_grad_sums(trainer->tracer),
-                  .touched = sgsi_tracer_touched(trainer->tracer),
-                  .visible = sgsi_tracer_visible(trainer->tracer),
-                  .dense = dense,
-                  .apply = apply,
-                  .lr_mean = (float)rate,
-                  .lr_rotation = 1e-3f,
-                  .lr_scale = 5e-3f,
-                  .lr_opacity = sgsi_trainer_lr_opacity(trainer, step->iteration),
-                  .lr_dc = 2.5e-3f,
-                  .lr_rest = trainer->pipeline->lr_rest,
-                  .beta1 = 0.9f,
-                  .beta2 = 0.999f,
-                  .epsilon = 1e-15f,
-                  .correction1 = dense && apply ? (float)(1.0 / (1.0 - pow(0.9, t))) : 1.0f,
-                  .correction2 = dense && apply ? (float)(1.0 / sqrt(1.0 - pow(0.999, t))) : 1.0f,
-                  .rest_correction1 =
-                      dense && apply ? (float)(1.0 / (1.0 - pow(0.9, rest_t))) : 1.0f,
-                  .rest_correction2 =
-                      dense && apply ? (float)(1.0 / sqrt(1.0 - pow(0.999, rest_t))) : 1.0f,
-                  .accumulated_grad = trainer->accumulated_grad,
-                  .accumulated_rows = trainer->accumulated_rows,
-                  .step_main = step_main,
-                  .step_rest = step_rest,
-                  .gradient_sum = step->statistics ? step->statistics->gradient_sum : NULL,
-                  .abs_grad_sum = step->statistics && trainer->pipeline->abs_grad
-                                      ? step->statistics->abs_grad_sum
-                                      : NULL,
-                  .abs_grad_norm = trainer->pipeline->abs_grad_norm,
-                  .tan_half_x = 0.5f * (float)camera->width / step->view.rays->fx,
-                  .tan_half_y = 0.5f * (float)camera->height / step->view.rays->fy}};
-    if (apply || step->statistics)
-        sgsi_parallel_ranges((trainer->model->count + SGS_LANES - 1) / SGS_LANES, 64,
-                             optimize_range, &job);
-    const size_t broken = atomic_load(&job.broken);
-    if (broken)
-        sgsi_skip_gradients(&progress->skipped, step->iteration, step->source->name, broken,
-                            &job.input);
-    progress->seconds.optimizer += sgsi_seconds() - start;
+    const sgsi_schedule *schedule = &trainer->schedule;
+    const int iteration = progress->iteration;
+    if (progress->structure_iteration >= iteration)
+        return SGS_STATUS_OK;
+    sgsi_small_images images = {0};
+    sgs_status status = SGS_STATUS_OK;
+    if (trainer->pipeline->resolution && sgsi_schedule_may_resize(schedule, iteration))
+        status = sgsi_small_images_make(
+            &trainer->views, sgsi_resolution_at(&trainer->resolution, iteration), &images);
+    if (!status && (sgsi_schedule_is_structural(schedule, iteration) ||
+                    sgsi_schedule_is_final_prune(schedule, iteration)))
+        status = control_density(trainer, iteration, info);
+    if (status) {
+        sgsi_small_images_free(&images);
+        return status;
+    }
+    adopt_images(trainer, &images);
+    if (sgsi_schedule_is_reset(schedule, iteration))
+        sgsi_trainer_reset_opacity(trainer, iteration);
+    progress->structure_iteration = iteration;
+    return SGS_STATUS_OK;
+}
+
+// Mip-Splatting: positions still move after the last structural update.
+static sgs_status refresh_filter_3d(sgs_trainer *trainer, int iteration)
+{
+    const bool due = trainer->filter_3d && iteration > trainer->schedule.densify_until &&
+                     iteration % FILTER_INTERVAL == 0 &&
+                     iteration < trainer->options.iterations - FILTER_INTERVAL;
+    return due ? sgsi_trainer_update_filter_3d(trainer) : SGS_STATUS_OK;
 }
 
 static double follow(double *average, double *weight, double value)
@@ -558,43 +396,17 @@ static double follow(double *average, double *weight, double value)
     return *weight > 0.0 ? *average / *weight : 0.0;
 }
 
-static void fill_info(sgs_trainer *trainer, const step_state *step, sgs_step_info *info)
+static void fill_info(sgs_trainer *trainer, const sgsi_train_view *view, sgs_step_info *info)
 {
     sgsi_progress *progress = &trainer->progress;
-    info->iteration = step->iteration;
-    info->view = (size_t)(step->source - trainer->scene->views);
-    info->loss = step->loss.loss;
-    info->loss_average = follow(&progress->loss_average, &progress->loss_weight, step->loss.loss);
+    const sgsi_loss_output *loss = &view->loss;
+    info->iteration = view->iteration;
+    info->view = (size_t)(view->source - trainer->scene->views);
+    info->loss = loss->loss;
+    info->loss_average = follow(&progress->loss_average, &progress->loss_weight, loss->loss);
     info->psnr_average = follow(&progress->psnr_average, &progress->psnr_weight,
-                                -10.0 * log10(fmax(step->loss.mse, 1e-12)));
+                                -10.0 * log10(fmax(loss->mse, 1e-12)));
     info->gaussians = trainer->model->count;
-}
-
-static size_t count_visible(const sgs_trainer *trainer)
-{
-    const uint8_t *touched = sgsi_tracer_touched(trainer->tracer);
-    size_t blocks = 0;
-    for (size_t i = 0; i < (trainer->model->count + SGS_LANES - 1) / SGS_LANES; ++i)
-        blocks += touched[i];
-    return blocks * SGS_LANES;
-}
-
-// Before a structural update changes the rows.
-static void count_traffic(sgs_trainer *trainer, const step_state *step)
-{
-    const sgsi_rays *rays = step->view.rays;
-    const sgsi_traffic traffic = {
-        .tracer = trainer->tracer,
-        .primitives = trainer->model->count,
-        .pixels = (size_t)step->planes.width * (size_t)step->planes.height,
-        .tiles = (size_t)rays->tiles_x * (size_t)rays->tiles_y,
-        .macrotiles = (size_t)rays->macrotiles_x * (size_t)rays->macrotiles_y,
-        .sh_degree = step->view.sh_degree,
-        .channels = step->source->image.channels,
-        .collects = step->statistics != NULL,
-        .steps = !step->structural && !step->last,
-        .dense = trainer->options.optimizer == SGS_OPTIMIZER_DENSE};
-    sgsi_traffic_add(&traffic, &trainer->bytes);
 }
 
 // Time of the step that began at `start`.
@@ -608,14 +420,18 @@ static void account_step(sgs_trainer *trainer, double start, sgsi_loop_seconds l
     seconds->waiting += now.waiting - loops.waiting;
 }
 
-// A training that looks past its model would end well and show nothing.
-static void watch_views(sgs_trainer *trainer, int iteration)
+static sgs_status check_ready(const sgs_trainer *trainer)
 {
-    trainer->seen = trainer->seen || sgsi_tracer_counts(trainer->tracer).block_hits;
-    if (!trainer->seen && (size_t)iteration == trainer->train_view_count)
-        sgsi_warn("%s: none of the %zu training views has seen a primitive; do the points (or "
-                  "--init) belong to these cameras?",
-                  trainer->scene->path, trainer->train_view_count);
+    const sgsi_progress *progress = &trainer->progress;
+    if (progress->stop != SGS_STOP_NONE)
+        return sgsi_fail(SGS_STATUS_LIMIT, "training is over after %d iterations",
+                         progress->iteration);
+    if (trainer->inconsistent)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                         "the step after iteration %d failed half-way; there is nothing to go on "
+                         "from",
+                         progress->iteration);
+    return SGS_STATUS_OK;
 }
 
 // The last iteration of a shorter run has changed nothing but counters. Afterwards the state is
@@ -624,6 +440,8 @@ static sgs_status repeat_last(sgs_trainer *trainer)
 {
     sgsi_progress *progress = &trainer->progress;
     sgs_step_info info;
+    if (progress->stop != SGS_STOP_SCHEDULE || progress->iteration >= trainer->options.iterations)
+        return SGS_STATUS_OK;
     progress->stop = SGS_STOP_NONE;
     --progress->iteration;
     --progress->order_position;
@@ -634,75 +452,59 @@ sgs_status sgs_trainer_step(sgs_trainer *trainer, sgs_step_info *info)
 {
     const double start = sgsi_seconds();
     const sgsi_loop_seconds loops = sgsi_threads_seconds();
-    sgsi_progress *progress = &trainer->progress;
     *info = (sgs_step_info){.mean_weight = 1.0};
-    if (progress->stop == SGS_STOP_SCHEDULE && progress->iteration < trainer->options.iterations) {
-        const sgs_status repeated = repeat_last(trainer);
-        if (repeated)
-            return repeated;
-    }
-    if (progress->stop != SGS_STOP_NONE)
-        return sgsi_fail(SGS_STATUS_LIMIT, "training is over after %d iterations",
-                         progress->iteration);
-    if (trainer->inconsistent)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                         "the step after iteration %d failed half-way; there is nothing to go on "
-                         "from",
-                         progress->iteration);
-    const int iteration = progress->iteration + 1;
-    step_state step = {.iteration = iteration,
-                       .structural = sgsi_schedule_is_structural(&trainer->schedule, iteration),
-                       .prunes = sgsi_schedule_is_final_prune(&trainer->schedule, iteration),
-                       .last = iteration == trainer->options.iterations};
-    if (iteration < trainer->schedule.densify_until && !step.last)
-        step.statistics = &trainer->statistics;
-    sgs_status status = sgsi_trainer_apply_deferred(trainer, info);
+    sgs_status status = repeat_last(trainer);
+    if (!status)
+        status = check_ready(trainer);
+    if (!status)
+        status = apply_deferred(trainer, info);
     if (status)
         return status;
-    const sgsi_progress before = *progress;
-    step.view_index = next_view(trainer);
-    expect_next_views(trainer);
-    status = sgsi_trainer_fetch(trainer, &step);
-    if (status) {
-        *progress = before; // the same view comes next
+    const int iteration = trainer->progress.iteration + 1;
+    sgsi_train_view view;
+    status = begin_view(trainer, iteration, &view);
+    if (status)
         return status;
-    }
     trainer->inconsistent = true;
-    status = sgsi_trainer_draw(trainer, &step);
+    status = train_on_view(trainer, &view, info);
     if (!status)
-        watch_views(trainer, iteration);
-    if (!status && trainer->exposure && !step.last)
-        sgsi_exposure_step(trainer->exposure, step.view_index,
-                           sgsi_exposure_lr(iteration, trainer->options.iterations));
-    if (!status)
-        status = sgsi_tracer_backward(trainer->tracer, &step.view, &step.planes, step.d_color,
-                                      step.d_transmittance);
+        status = refresh_filter_3d(trainer, iteration);
     if (status)
         return status;
-    const sgsi_trace_seconds spent = sgsi_tracer_seconds(trainer->tracer);
-    progress->seconds.backward += spent.backward + spent.reduce;
-    info->visible = count_visible(trainer);
-    count_traffic(trainer, &step);
-    if (isfinite(step.loss.loss))
-        optimize_step(trainer, &step);
-    else
-        sgsi_skip_step(&progress->skipped, iteration, step.source->name, step.loss.loss);
-    // Mip-Splatting: positions still move after the last structural update.
-    if (trainer->filter_3d && iteration > trainer->schedule.densify_until &&
-        iteration % FILTER_INTERVAL == 0 &&
-        iteration < trainer->options.iterations - FILTER_INTERVAL)
-        status = sgsi_trainer_update_filter_3d(trainer);
-    if (status)
-        return status;
-    progress->iteration = iteration;
+    trainer->progress.iteration = iteration;
     sgsi_trainer_convert_opacity(trainer);
-    fill_info(trainer, &step, info);
-    info->stop = sgsi_trainer_decide_stop(trainer, step.loss.loss);
-    progress->stop = info->stop;
+    fill_info(trainer, &view, info);
+    info->stop = sgsi_trainer_decide_stop(trainer, view.loss.loss);
+    trainer->progress.stop = info->stop;
     trainer->inconsistent = false;
     account_step(trainer, start, loops);
     return SGS_STATUS_OK;
 }
+
+// ---- Measurements ----
+
+sgs_status sgsi_trainer_hold(sgs_trainer *trainer, int iteration)
+{
+    const size_t bytes = trainer->model->capacity * SGS_PARAM_COUNT * sizeof(float);
+    sgsi_free(trainer->held_params);
+    trainer->held_params = sgsi_alloc(bytes, 1);
+    if (!trainer->held_params)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a second copy of %zu primitives",
+                         trainer->model->count);
+    memcpy(trainer->held_params, trainer->model->data, bytes);
+    trainer->held_iteration = iteration;
+    sgsi_trainer_restore(trainer);
+    return SGS_STATUS_OK;
+}
+
+void sgsi_trainer_restore(sgs_trainer *trainer)
+{
+    const size_t bytes = trainer->model->capacity * SGS_PARAM_COUNT * sizeof(float);
+    memcpy(trainer->model->data, trainer->held_params, bytes);
+    trainer->progress.iteration = trainer->progress.structure_iteration = trainer->held_iteration;
+}
+
+// ---- State ----
 
 bool sgs_trainer_is_consistent(const sgs_trainer *trainer)
 {
@@ -721,9 +523,10 @@ const sgs_gaussians *sgs_trainer_model(const sgs_trainer *trainer)
 
 const double *sgs_trainer_exposure(const sgs_trainer *trainer, size_t view)
 {
-    for (size_t i = 0; trainer->exposure && i < trainer->train_view_count; ++i)
-        if (trainer->train_views[i] == view)
-            return sgsi_exposure_map(trainer->exposure, i);
+    const sgsi_train_views *views = &trainer->views;
+    for (size_t i = 0; views->exposure && i < views->count; ++i)
+        if (views->scene_views[i] == view)
+            return sgsi_exposure_map(views->exposure, i);
     return NULL;
 }
 

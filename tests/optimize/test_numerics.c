@@ -186,7 +186,7 @@ static void degenerate_gaussians_are_harmless_and_leave(void **state)
             assert_true(isfinite(*sgs_gaussians_at(model, i, k)));
     }
     sgs_step_info info = {0};
-    assert_int_equal(sgsi_trainer_update_structure(trainer, 11, &info), SGS_STATUS_OK);
+    assert_int_equal(sgsi_trainer_update_structure(trainer, 11, NULL, &info), SGS_STATUS_OK);
     assert_true(info.pruned >= 6);
     expect_finite_model(trainer);
     end(trainer);

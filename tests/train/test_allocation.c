@@ -159,7 +159,7 @@ static sgs_status structural_update(void)
     sgs_status status = create_trainer();
     if (!status)
         status = sgs_trainer_step(trainer, &info);
-    return status ? status : sgsi_trainer_update_structure(trainer, 2, &info);
+    return status ? status : sgsi_trainer_update_structure(trainer, 2, NULL, &info);
 }
 
 static void a_structural_update(void **state)

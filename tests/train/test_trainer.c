@@ -295,7 +295,7 @@ static void equilibrium_waits_for_two_calm_epochs(void **state)
     options.spare_eps_count = 1e9;
     options.spare_interval = 100; // every iteration of this run
     sgs_trainer *trainer = start(&options);
-    const int views = (int)trainer->train_view_count;
+    const int views = (int)trainer->views.count;
     trainer->schedule.densify_until = 30;
     trainer->schedule.densify_interval = 20;
     sgs_step_info info = {0};

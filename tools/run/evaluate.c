@@ -37,12 +37,6 @@ void evaluator_close(evaluator *evaluation)
     evaluation->renderer = NULL;
 }
 
-// One value of a photograph, as its space has it.
-static float photo_value(const sgs_photo *photo, size_t at)
-{
-    return photo->pixels ? (float)photo->pixels[at] / 255.0F : sgs_half_value(photo->halves[at]);
-}
-
 // The photograph over the background: three planes in one block, or NULL after printing the error.
 static float *flatten_photo(const evaluator *evaluation, const sgs_photo *photo)
 {
@@ -51,9 +45,9 @@ static float *flatten_photo(const evaluator *evaluation, const sgs_photo *photo)
     if (!planes)
         fail_run("no memory to compare a photo of %d x %d", photo->width, photo->height);
     for (size_t i = 0; planes && i < pixels; ++i) {
-        const float alpha = photo->channels > 3 ? photo_value(photo, 3 * pixels + i) : 1.0F;
+        const float alpha = photo->channels > 3 ? sgs_photo_value(photo, 3 * pixels + i) : 1.0F;
         for (size_t c = 0; c < 3; ++c)
-            planes[c * pixels + i] = alpha * photo_value(photo, c * pixels + i) +
+            planes[c * pixels + i] = alpha * sgs_photo_value(photo, c * pixels + i) +
                                      (1.0F - alpha) * evaluation->background[c];
     }
     return planes;

@@ -1,0 +1,129 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// The views of one scale are made together when the scale changes and kept until the next change.
+// Photographs of half-float numbers are not reduced: a run with any of them stays at full
+// resolution.
+
+#include "train/small_images.h"
+
+#include "base/core.h"
+#include "image/mask.h"
+#include "sparegs/image.h"
+
+static sgs_image8 pixels_of(const sgs_photo *photo)
+{
+    return (sgs_image8){.width = photo->width,
+                        .height = photo->height,
+                        .channels = photo->channels,
+                        .pixels = photo->pixels};
+}
+
+static void view_size(void *context, size_t i, int *width, int *height)
+{
+    const sgsi_train_views *views = context;
+    const sgs_camera *camera = &views->scene->views[views->scene_views[i]].camera;
+    *width = camera->width;
+    *height = camera->height;
+}
+
+static sgs_status photo_of_bytes(const sgsi_train_views *views, size_t i, const sgs_photo **photo)
+{
+    const sgs_status status = sgs_scene_photo(views->scene, views->scene_views[i], photo);
+    if (status || (*photo)->pixels)
+        return status;
+    return sgsi_fail(SGS_STATUS_UNSUPPORTED, "%s: photographs are not 8-bit", views->scene->path);
+}
+
+static sgs_status view_pixels(void *context, size_t i, sgs_image8 *image)
+{
+    const sgs_photo *photo;
+    const sgs_status status = photo_of_bytes(context, i, &photo);
+    if (!status)
+        *image = pixels_of(photo);
+    return status;
+}
+
+sgs_status sgsi_small_images_plan(const sgsi_train_views *views, int until, sgsi_resolution *plan)
+{
+    const sgsi_image_source images = {(void *)views, views->count, view_size, view_pixels};
+    return sgsi_resolution_plan(&images, until, plan);
+}
+
+// A small pixel counts when every pixel that it covers does.
+static void reduce_keep(const sgs_photo *from, sgs_photo *to)
+{
+    const size_t words = sgsi_mask_words(to->width);
+    to->kept = 0;
+    for (int y = 0; y < to->height; ++y)
+        for (int x = 0; x < to->width; ++x) {
+            bool all = true;
+            for (int v = y * from->height / to->height; v * to->height < (y + 1) * from->height;
+                 ++v)
+                for (int u = x * from->width / to->width; u * to->width < (x + 1) * from->width;
+                     ++u)
+                    all = all && sgsi_mask_is_valid(from->valid_mask, from->width, u, v);
+            to->valid_mask[(size_t)y * words + (size_t)x / 16] |=
+                (uint16_t)((unsigned)all << (x % 16));
+            to->kept += all;
+        }
+}
+
+static sgs_status reduce_view(const sgsi_train_views *views, size_t i, int scale, sgs_photo *out)
+{
+    const sgs_photo *photo;
+    sgs_status status = photo_of_bytes(views, i, &photo);
+    if (status)
+        return status;
+    const sgs_image8 image = pixels_of(photo);
+    sgs_image8 small;
+    status = sgsi_image8_triangle(&image, scale, &small);
+    if (status)
+        return status;
+    *out = (sgs_photo){.width = small.width,
+                       .height = small.height,
+                       .channels = small.channels,
+                       .pixels = small.pixels,
+                       .kept = (size_t)small.width * (size_t)small.height};
+    if (!photo->valid_mask)
+        return SGS_STATUS_OK;
+    out->valid_mask =
+        sgsi_calloc(sgsi_mask_words(out->width) * (size_t)out->height, sizeof *out->valid_mask);
+    if (!out->valid_mask)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a mask of %dx%d pixels",
+                         out->width, out->height);
+    reduce_keep(photo, out);
+    return SGS_STATUS_OK;
+}
+
+sgs_status sgsi_small_images_make(const sgsi_train_views *views, int scale,
+                                  sgsi_small_images *images)
+{
+    *images = (sgsi_small_images){0};
+    if (scale == views->small_images.scale)
+        return SGS_STATUS_OK;
+    images->scale = scale;
+    if (scale == 1)
+        return SGS_STATUS_OK;
+    images->photos = sgsi_calloc(views->count, sizeof *images->photos);
+    if (!images->photos)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu views at a smaller size",
+                         views->count);
+    images->count = views->count;
+    sgs_status status = SGS_STATUS_OK;
+    for (size_t i = 0; i < images->count && !status; ++i)
+        status = reduce_view(views, i, scale, &images->photos[i]);
+    if (status)
+        sgsi_small_images_free(images);
+    return status;
+}
+
+bool sgsi_small_images_adopt(sgsi_train_views *views, sgsi_small_images *images)
+{
+    if (!images->scale)
+        return false;
+    sgsi_small_images_free(&views->small_images);
+    views->small_images = *images;
+    *images = (sgsi_small_images){0};
+    return true;
+}

@@ -1,0 +1,22 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// Training views at a reduced size, for pipelines that render small images first: the plan of the
+// sizes, and the photographs of one size. Knows no model and no schedule.
+
+#include "density/resolution.h"
+#include "train/train_view.h"
+
+// Plans the sizes for iterations up to `until`. Fails with UNSUPPORTED when a photograph is not
+// 8-bit.
+sgs_status sgsi_small_images_plan(const sgsi_train_views *views, int until, sgsi_resolution *plan);
+
+// The photographs at `scale` (>= 1), or scale 0 when that scale is in use. *images is empty after
+// failure.
+sgs_status sgsi_small_images_make(const sgsi_train_views *views, int scale,
+                                  sgsi_small_images *images);
+
+// Moves *images into the views and frees the former ones. Returns false and does nothing when
+// images->scale is 0. The depth bounds of another scale are invalid.
+bool sgsi_small_images_adopt(sgsi_train_views *views, sgsi_small_images *images);

@@ -1,0 +1,213 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+#include "train/train_view.h"
+
+#include <math.h>
+
+#include "base/core.h"
+#include "base/threads.h"
+
+static const size_t RAY_CACHE_BYTES = (size_t)1 << 30;
+
+static sgs_status create_workspaces(sgsi_train_views *views, int width, int height)
+{
+    views->plane_floats = ((size_t)width + 15) / 16 * 16 * (size_t)height;
+    views->planes = sgsi_calloc_shared(views->plane_floats, 8 * sizeof(float));
+    if (!views->planes)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for images of %dx%d pixels", width,
+                         height);
+    sgs_status status = sgsi_tracer_create(&views->tracer);
+    if (!status)
+        status = sgsi_ray_cache_create(RAY_CACHE_BYTES, &views->rays);
+    if (!status)
+        status = sgsi_loss_create(&views->loss);
+    if (!status)
+        status = sgsi_loss_reserve(views->loss, width, height);
+    if (!status && views->options->exposure)
+        status = sgsi_exposure_create(views->count, views->plane_floats, (size_t)height,
+                                      &views->exposure);
+    return status;
+}
+
+sgs_status sgsi_train_views_create(const sgs_scene *scene, const sgs_train_options *options,
+                                   sgsi_train_views *views)
+{
+    *views = (sgsi_train_views){.scene = scene, .options = options, .rebuild = true};
+    const size_t most = scene->view_count ? scene->view_count : 1;
+    views->scene_views = sgsi_calloc(most, sizeof *views->scene_views);
+    views->depth_bounds = sgsi_calloc(most, sizeof *views->depth_bounds);
+    views->tile_counts = sgsi_calloc(most, sizeof *views->tile_counts);
+    if (!views->scene_views || !views->depth_bounds || !views->tile_counts)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu views", scene->view_count);
+    int width = 1, height = 1;
+    for (size_t i = 0; i < scene->view_count; ++i) {
+        const sgs_view *view = &scene->views[i];
+        if (view->split != SGS_SPLIT_TRAIN || !view->image.width)
+            continue;
+        const size_t k = views->count++;
+        const size_t tiles = (size_t)((view->camera.width + SGSI_TILE - 1) / SGSI_TILE) *
+                             (size_t)((view->camera.height + SGSI_TILE - 1) / SGSI_TILE);
+        views->scene_views[k] = i;
+        views->tile_counts[k] = tiles;
+        views->depth_bounds[k] = sgsi_alloc(tiles, sizeof(float));
+        if (!views->depth_bounds[k])
+            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu views",
+                             scene->view_count);
+        width = view->camera.width > width ? view->camera.width : width;
+        height = view->camera.height > height ? view->camera.height : height;
+    }
+    if (!views->count)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                         "%s: no view is left for training; hold out fewer", scene->path);
+    sgsi_train_views_forget_depths(views);
+    return create_workspaces(views, width, height);
+}
+
+void sgsi_small_images_free(sgsi_small_images *images)
+{
+    for (size_t i = 0; images->photos && i < images->count; ++i) {
+        sgsi_free(images->photos[i].pixels);
+        sgsi_free(images->photos[i].valid_mask);
+    }
+    sgsi_free(images->photos);
+    *images = (sgsi_small_images){0};
+}
+
+void sgsi_train_views_free(sgsi_train_views *views)
+{
+    for (size_t i = 0; views->depth_bounds && i < views->count; ++i)
+        sgsi_free(views->depth_bounds[i]);
+    sgsi_exposure_destroy(views->exposure);
+    sgsi_loss_destroy(views->loss);
+    sgsi_ray_cache_destroy(views->rays);
+    sgsi_tracer_destroy(views->tracer);
+    sgsi_small_images_free(&views->small_images);
+    sgsi_free(views->scene_views);
+    sgsi_free(views->depth_bounds);
+    sgsi_free(views->tile_counts);
+    sgsi_free(views->planes);
+    *views = (sgsi_train_views){0};
+}
+
+void sgsi_train_views_forget_depths(sgsi_train_views *views)
+{
+    for (size_t i = 0; i < views->count; ++i)
+        for (size_t t = 0; t < views->tile_counts[i]; ++t)
+            views->depth_bounds[i][t] = INFINITY;
+}
+
+sgs_status sgsi_train_view_fetch(const sgsi_train_views *views, sgsi_train_view *view)
+{
+    const size_t scene_view = views->scene_views[view->index];
+    view->source = &views->scene->views[scene_view];
+    view->camera = view->source->camera;
+    if (views->small_images.photos) {
+        view->target = &views->small_images.photos[view->index];
+        view->camera = sgs_camera_resized(&view->camera, view->target->width, view->target->height);
+        return SGS_STATUS_OK;
+    }
+    const double start = sgsi_seconds();
+    const sgs_status status = sgs_scene_photo(views->scene, scene_view, &view->target);
+    view->seconds->image_io += sgsi_seconds() - start;
+    return status;
+}
+
+static void set_planes(const sgsi_train_views *views, sgsi_train_view *view)
+{
+    float *block = views->planes;
+    const size_t n = views->plane_floats;
+    const int width = view->camera.width, height = view->camera.height;
+    view->planes = (sgsi_planes){.width = width,
+                                 .height = height,
+                                 .stride = ((size_t)width + 15) / 16 * 16,
+                                 .color = {block, block + n, block + 2 * n},
+                                 .transmittance = block + 3 * n};
+    for (int c = 0; c < 3; ++c)
+        view->d_color[c] = block + (size_t)(4 + c) * n;
+    view->d_transmittance = block + 7 * n;
+}
+
+sgs_status sgsi_train_view_project(sgsi_train_views *views, sgsi_train_view *view)
+{
+    const sgsi_rays *rays;
+    sgs_status status = sgsi_ray_cache_get(views->rays, &view->camera, &rays);
+    if (status)
+        return status;
+    const sgs_render_options options = {.filter = views->options->filter,
+                                        .near_distance = sgs_near_distance(views->scene->extent),
+                                        .filter_3d = view->filter_3d,
+                                        .sh_degree = view->sh_degree,
+                                        .compact_box = views->options->compact_box};
+    sgsi_view_set(&view->view, rays, &view->source->pose, &options);
+    view->view.linear_opacity = view->model->linear_opacity;
+    set_planes(views, view);
+    status = sgsi_tracer_project(views->tracer, view->model, &view->view, view->visible_count,
+                                 view->radius_max);
+    if (!status)
+        status = sgsi_tracer_commit(views->tracer, views->rebuild, SGSI_BVH_REFIT);
+    if (status)
+        return status;
+    views->rebuild = false;
+    const sgsi_trace_seconds spent = sgsi_tracer_seconds(views->tracer);
+    view->seconds->bvh_build += spent.bvh_build;
+    view->seconds->bvh_refit += spent.bvh_refit;
+    view->seconds->forward += spent.project;
+    return SGS_STATUS_OK;
+}
+
+sgs_status sgsi_train_view_forward(sgsi_train_views *views, sgsi_train_view *view)
+{
+    const sgs_status status = sgsi_tracer_forward(views->tracer, &view->view, &view->planes,
+                                                  views->depth_bounds[view->index], true);
+    const sgsi_trace_seconds spent = sgsi_tracer_seconds(views->tracer);
+    view->seconds->gather += spent.gather;
+    view->seconds->forward += spent.forward;
+    return status;
+}
+
+static void set_background(const sgs_train_options *options, sgsi_train_view *view)
+{
+    for (uint64_t c = 0; c < 3; ++c)
+        view->background[c] = options->background_random
+                                  ? (float)sgsi_random_uniform(options->seed ^ 0xBAC6,
+                                                               3 * (uint64_t)view->iteration + c)
+                                  : options->background[c];
+}
+
+sgs_status sgsi_train_view_loss(sgsi_train_views *views, sgsi_train_view *view)
+{
+    const double start = sgsi_seconds();
+    const sgsi_planes *planes = &view->planes;
+    set_background(views->options, view);
+    const sgsi_loss_input image = {
+        .width = planes->width,
+        .height = planes->height,
+        .stride = planes->stride,
+        .color = {planes->color[0], planes->color[1], planes->color[2]},
+        .transmittance = planes->transmittance,
+        .background = {view->background[0], view->background[1], view->background[2]},
+        .target = view->target,
+        .ssim_weight = 0.2f,
+        .alpha_weight = (float)views->options->alpha_loss};
+    view->loss =
+        (sgsi_loss_output){.d_color = {view->d_color[0], view->d_color[1], view->d_color[2]},
+                           .d_transmittance = view->d_transmittance};
+    sgsi_loss_input compared = image;
+    if (views->exposure)
+        sgsi_exposure_forward(views->exposure, view->index, &compared);
+    const sgs_status status = sgsi_loss_evaluate(views->loss, &compared, &view->loss);
+    if (views->exposure && !status)
+        sgsi_exposure_backward(views->exposure, view->index, &image, &view->loss);
+    view->seconds->loss += sgsi_seconds() - start;
+    return status;
+}
+
+sgs_status sgsi_train_view_backward(sgsi_train_views *views, sgsi_train_view *view)
+{
+    const sgs_status status = sgsi_tracer_backward(views->tracer, &view->view, &view->planes,
+                                                   view->d_color, view->d_transmittance);
+    const sgsi_trace_seconds spent = sgsi_tracer_seconds(views->tracer);
+    view->seconds->backward += spent.backward + spent.reduce;
+    return status;
+}

@@ -1,0 +1,83 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// One training view on its way through an iteration: photograph, rays, BVH, image, loss with its
+// gradient image, gradient sums per primitive. One function per stage, to be called in the order
+// below. Knows the model it is given; knows no trainer, no optimiser and no density control.
+
+#include "loss/exposure.h"
+#include "loss/loss.h"
+#include "rays/rays.h"
+#include "sparegs/trainer.h"
+#include "trace/tracer.h"
+
+// The photographs of the training views at a reduced size.
+typedef struct sgsi_small_images {
+    int scale;         // down-scaling; 0 = not set yet
+    sgs_photo *photos; // [count], or NULL at scale 1
+    size_t count;
+} sgsi_small_images;
+
+// All training views of a scene, and the workspace to draw one of them.
+typedef struct sgsi_train_views {
+    const sgs_scene *scene;
+    const sgs_train_options *options;
+    size_t count;
+    size_t *scene_views;  // [count] indices into scene->views
+    float **depth_bounds; // [count][tiles], see sgsi_tracer_forward
+    size_t *tile_counts;  // [count]
+    sgsi_small_images small_images;
+    sgsi_tracer *tracer;
+    sgsi_ray_cache *rays;
+    sgsi_loss_workspace *loss;
+    sgsi_exposure *exposure; // NULL = none
+    float *planes;           // colour, transmittance and their gradients: 8 planes
+    size_t plane_floats;     // per plane
+    bool rebuild;            // build the BVH anew before the next view instead of refitting it
+} sgsi_train_views;
+
+typedef struct sgsi_train_view {
+    // Set by the caller.
+    int iteration; // selects the random background
+    size_t index;  // of the training view
+    const sgs_gaussians *model;
+    const float *filter_3d; // as in sgs_render_options
+    int sh_degree;
+    uint32_t *visible_count; // statistics that the projection updates, or NULL
+    float *radius_max;
+    sgs_train_seconds *seconds; // each stage adds its time
+    // sgsi_train_view_fetch
+    const sgs_view *source;
+    const sgs_photo *target;
+    sgs_camera camera; // at the size of the target
+    // sgsi_train_view_project
+    sgsi_view view;
+    sgsi_planes planes;
+    float *d_color[3], *d_transmittance;
+    // sgsi_train_view_loss
+    float background[3];
+    sgsi_loss_output loss;
+} sgsi_train_view;
+
+// Views, tracer and workspaces for the training split of `scene`. scene and options must outlive
+// *views. Free *views after failure, too. Fails with OUT_OF_MEMORY, or INVALID_ARGUMENT without a
+// training view.
+sgs_status sgsi_train_views_create(const sgs_scene *scene, const sgs_train_options *options,
+                                   sgsi_train_views *views);
+void sgsi_train_views_free(sgsi_train_views *views); // accepts a zeroed one
+void sgsi_small_images_free(sgsi_small_images *images);
+
+// Sets all depth bounds to "unknown". Cannot fail.
+void sgsi_train_views_forget_depths(sgsi_train_views *views);
+
+// The photograph and its camera. Fails as sgs_scene_photo does, with nothing changed.
+sgs_status sgsi_train_view_fetch(const sgsi_train_views *views, sgsi_train_view *view);
+// Rays of the camera, projected primitives and their bounds; refits or rebuilds the BVH.
+sgs_status sgsi_train_view_project(sgsi_train_views *views, sgsi_train_view *view);
+// Gathers and blends into view->planes.
+sgs_status sgsi_train_view_forward(sgsi_train_views *views, sgsi_train_view *view);
+// The loss and its gradient image: view->loss, d_color, d_transmittance.
+sgs_status sgsi_train_view_loss(sgsi_train_views *views, sgsi_train_view *view);
+// Gradient sums per primitive: sgsi_tracer_grad_sums and sgsi_tracer_touched of views->tracer.
+sgs_status sgsi_train_view_backward(sgsi_train_views *views, sgsi_train_view *view);

@@ -1,0 +1,199 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// The model of a trainer: what it starts from, and the arrays that are as long as it is. The first
+// cloud of points stays with the trainer: it is written beside the result.
+
+#include <math.h>
+#include <string.h>
+
+#include "base/core.h"
+#include "base/threads.h"
+#include "model/filter_3d.h"
+#include "sparegs/image.h"
+#include "train/trainer_state.h"
+
+// Random cloud: in the cube around the origin for NeRF synthetic scenes, around the cameras
+// otherwise.
+static sgs_status random_cloud(sgs_trainer *trainer)
+{
+    const sgs_scene *scene = trainer->scene;
+    size_t n = trainer->options.random_points;
+    if (trainer->options.max_gaussians && n > trainer->options.max_gaussians)
+        n = trainer->options.max_gaussians;
+    trainer->cloud_points = sgsi_alloc(n ? n : 1, 3 * sizeof(float));
+    trainer->cloud_colors = sgsi_alloc(n ? n : 1, 3);
+    if (!trainer->cloud_points || !trainer->cloud_colors)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu random points", n);
+    const bool cube = scene->white_background != 0;
+    const double half = cube ? 1.3 : 3.0 * scene->extent;
+    for (size_t i = 0; i < 3 * n; ++i) {
+        const double u = sgsi_random_uniform(trainer->options.seed ^ 0xC10D, i);
+        trainer->cloud_points[i] =
+            (float)((cube ? 0.0 : scene->center[i % 3]) + half * (2.0 * u - 1.0));
+        // The original draws SH coefficients in [0, 1] / 255: colours just above middle grey.
+        const double coefficient = sgsi_random_uniform(trainer->options.seed ^ 0xC0108, i) / 255.0;
+        trainer->cloud_colors[i] =
+            (unsigned char)(255.0 * (0.5 + 0.28209479177387814 * coefficient) + 0.5);
+    }
+    trainer->cloud_count = n;
+    return SGS_STATUS_OK;
+}
+
+// Selection sampling (Knuth, algorithm S): whether item i of n is drawn, `taken` of `wanted` being
+// drawn already. Each subset of the size is equally likely; the order is kept.
+static bool is_drawn(const sgs_trainer *trainer, size_t i, size_t n, size_t taken, size_t wanted)
+{
+    return (double)(n - i) * sgsi_random_uniform(trainer->options.seed ^ 0x5A3D, i) <
+           (double)(wanted - taken);
+}
+
+// The scene's cloud, thinned at random to the cap.
+static sgs_status scene_cloud(sgs_trainer *trainer)
+{
+    const sgs_scene *scene = trainer->scene;
+    const size_t cap = trainer->options.max_gaussians, n = scene->point_count;
+    const size_t wanted = cap && cap < n ? cap : n;
+    trainer->cloud_points = sgsi_alloc(wanted, 3 * sizeof(float));
+    trainer->cloud_colors = sgsi_alloc(wanted, 3);
+    if (!trainer->cloud_points || !trainer->cloud_colors)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu points", wanted);
+    if (wanted < n)
+        sgsi_warn("the sparse model has %zu points; %zu are drawn at random to honour the cap", n,
+                  wanted);
+    size_t taken = 0;
+    for (size_t i = 0; i < n && taken < wanted; ++i) {
+        if (!is_drawn(trainer, i, n, taken, wanted))
+            continue;
+        memcpy(trainer->cloud_points + 3 * taken, scene->points + 3 * i, 3 * sizeof(float));
+        for (size_t c = 0; c < 3; ++c) {
+            const unsigned char color = scene->colors[3 * i + c]; // of display-encoded photographs
+            trainer->cloud_colors[3 * taken + c] =
+                scene->space == SGS_SPACE_SRGB
+                    ? color
+                    : (unsigned char)(255.0f * sgs_srgb_decode((float)color / 255.0f) + 0.5f);
+        }
+        ++taken;
+    }
+    trainer->cloud_count = taken;
+    return SGS_STATUS_OK;
+}
+
+static sgs_status copy_initial_model(sgs_trainer *trainer, const sgs_gaussians *from)
+{
+    const size_t cap = trainer->options.max_gaussians;
+    size_t wanted = cap && cap < from->count ? cap : from->count, taken = 0;
+    if (wanted < from->count)
+        sgsi_warn("the initial model has %zu primitives; %zu of them, drawn at random, are left by "
+                  "the limit (--max-gaussians)",
+                  from->count, wanted);
+    sgs_status status = sgs_gaussians_create(wanted + SGS_LANES, &trainer->model);
+    if (!status)
+        status = sgs_gaussians_resize(trainer->model, wanted);
+    if (status)
+        return status;
+    for (size_t i = 0; i < from->count && taken < wanted; ++i) {
+        if (!is_drawn(trainer, i, from->count, taken, wanted))
+            continue;
+        float params[SGS_PARAM_COUNT];
+        sgs_gaussians_get(from, i, params);
+        params[SGS_PARAM_OPACITY] = sgs_gaussians_opacity_logit(from, i);
+        sgs_gaussians_set(trainer->model, taken++, params);
+    }
+    return SGS_STATUS_OK;
+}
+
+sgs_status sgsi_trainer_reserve_accumulated_grad(sgs_trainer *trainer)
+{
+    if (!trainer->schedule.batch_rest)
+        return SGS_STATUS_OK;
+    const size_t capacity = trainer->model->capacity;
+    sgsi_free(trainer->accumulated_grad);
+    sgsi_free(trainer->accumulated_rows);
+    trainer->accumulated_grad = sgsi_calloc_shared(capacity, SGS_PARAM_COUNT * sizeof(float));
+    trainer->accumulated_rows = sgsi_calloc(capacity / SGS_LANES + 1, 2 * sizeof(uint16_t));
+    if (trainer->accumulated_grad && trainer->accumulated_rows)
+        return SGS_STATUS_OK;
+    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the gradients of %zu primitives",
+                     trainer->model->count);
+}
+
+sgs_status sgsi_trainer_update_filter_3d(sgs_trainer *trainer)
+{
+    if (trainer->options.filter != SGS_FILTER_MIP)
+        return SGS_STATUS_OK;
+    sgsi_free(trainer->filter_3d);
+    trainer->filter_3d = sgsi_calloc(trainer->model->capacity, sizeof *trainer->filter_3d);
+    if (!trainer->filter_3d)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the 3D filter of %zu primitives",
+                         trainer->model->count);
+    sgsi_filter_3d_compute(trainer->model, trainer->scene, trainer->views.scene_views,
+                           trainer->views.count, trainer->filter_3d);
+    return SGS_STATUS_OK;
+}
+
+// Taming 3DGS treats opacities in its own way once densification is over.
+static bool opacities_are(const sgs_trainer *trainer, sgs_taming_opacity treated, int iteration)
+{
+    return trainer->options.pipeline == SGS_PIPELINE_TAMING &&
+           trainer->options.pipeline_options.taming_opacity == treated &&
+           iteration >= trainer->schedule.densify_until;
+}
+
+float sgsi_trainer_lr_opacity(const sgs_trainer *trainer, int iteration)
+{
+    return opacities_are(trainer, SGS_TAMING_FROZEN, iteration) ? 0.0f
+                                                                : trainer->pipeline->lr_opacity;
+}
+
+bool sgsi_trainer_opacity_is_linear(const sgs_trainer *trainer)
+{
+    return opacities_are(trainer, SGS_TAMING_LINEAR, trainer->progress.iteration);
+}
+
+void sgsi_trainer_convert_opacity(sgs_trainer *trainer)
+{
+    sgs_gaussians *model = trainer->model;
+    if (!sgsi_trainer_opacity_is_linear(trainer) || model->linear_opacity)
+        return;
+    sgs_gaussians_linearize_opacity(model);
+    for (size_t block = 0; block < model->capacity / SGS_LANES; ++block) {
+        const size_t at = (block * SGS_PARAM_COUNT + SGS_PARAM_OPACITY) * SGS_LANES;
+        memset(trainer->m + at, 0, SGS_LANES * sizeof(float));
+        memset(trainer->v + at, 0, SGS_LANES * sizeof(float));
+    }
+}
+
+sgs_status sgsi_trainer_create_model(sgs_trainer *trainer)
+{
+    sgs_status status;
+    if (trainer->options.init) {
+        status = copy_initial_model(trainer, trainer->options.init);
+        trainer->options.init = NULL;
+    } else {
+        status = trainer->scene->point_count ? scene_cloud(trainer) : random_cloud(trainer);
+        if (!status)
+            status = sgs_gaussians_init_points(trainer->cloud_points, trainer->cloud_colors,
+                                               trainer->cloud_count, 0.01 * trainer->scene->extent,
+                                               &trainer->model);
+    }
+    if (status)
+        return status;
+    trainer->model->sh_degree = trainer->options.sh_degree;
+    status = sgsi_density_sort(trainer->model);
+    if (!status && !trainer->model->count)
+        status = sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "no primitive to start from is finite");
+    if (status)
+        return status;
+    trainer->m = sgsi_calloc_shared(trainer->model->capacity, SGS_PARAM_COUNT * sizeof(float));
+    trainer->v = sgsi_calloc_shared(trainer->model->capacity, SGS_PARAM_COUNT * sizeof(float));
+    if (!trainer->m || !trainer->v)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the optimiser of %zu primitives",
+                         trainer->model->count);
+    trainer->progress.pipeline.initial_count = (int64_t)trainer->model->count;
+    status = sgsi_trainer_reserve_accumulated_grad(trainer);
+    if (!status)
+        status = sgsi_trainer_update_filter_3d(trainer);
+    return status ? status
+                  : sgsi_statistics_reserve(&trainer->statistics, trainer->model->capacity);
+}

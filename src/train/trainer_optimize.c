@@ -1,0 +1,114 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// The optimiser step of an iteration: learning rates and bias corrections of the moment, and one
+// pass of the kernels over the model (Kerbl et al. 2023; the original's rates).
+
+#include <math.h>
+#include <stdatomic.h>
+
+#include "base/core.h"
+#include "base/threads.h"
+#include "optimize/optimize.h"
+#include "train/trainer_state.h"
+
+typedef struct optimize_job {
+    sgsi_optimize input;
+    atomic_size_t broken;
+} optimize_job;
+
+static void optimize_range(void *context, size_t begin, size_t end, int thread)
+{
+    (void)thread;
+    optimize_job *job = context;
+    const size_t broken = sgsi_optimize_blocks(&job->input, begin, end);
+    if (broken) // hardly ever
+        atomic_fetch_add(&job->broken, broken);
+}
+
+bool sgsi_trainer_makes_step(const sgs_trainer *trainer, int iteration)
+{
+    return iteration < trainer->options.iterations &&
+           !sgsi_schedule_is_structural(&trainer->schedule, iteration) &&
+           !sgsi_schedule_is_final_prune(&trainer->schedule, iteration);
+}
+
+// 1 - beta^t: the bias of a moment after t steps.
+static double bias(double beta, int steps)
+{
+    return 1.0 - pow(beta, fmax(steps, 1));
+}
+
+static sgsi_optimize settings(const sgs_trainer *trainer, const sgsi_train_view *view)
+{
+    const sgs_camera *camera = &view->camera;
+    const double lr_mean = SGS_TRAIN_LR_MEAN * trainer->scene->extent *
+                           sgsi_schedule_lr(&trainer->schedule, view->iteration);
+    return (sgsi_optimize){.params = trainer->model->data,
+                           .m = trainer->m,
+                           .v = trainer->v,
+                           .count = trainer->model->count,
+                           .view = view->view,
+                           .sums = sgsi_tracer_grad_sums(trainer->views.tracer),
+                           .touched = sgsi_tracer_touched(trainer->views.tracer),
+                           .visible = sgsi_tracer_visible(trainer->views.tracer),
+                           .dense = trainer->options.optimizer == SGS_OPTIMIZER_DENSE,
+                           .lr_mean = (float)lr_mean,
+                           .lr_rotation = 1e-3f,
+                           .lr_scale = 5e-3f,
+                           .lr_opacity = sgsi_trainer_lr_opacity(trainer, view->iteration),
+                           .lr_dc = 2.5e-3f,
+                           .lr_rest = trainer->pipeline->lr_rest,
+                           .beta1 = 0.9f,
+                           .beta2 = 0.999f,
+                           .epsilon = 1e-15f,
+                           .correction1 = 1.0f,
+                           .correction2 = 1.0f,
+                           .rest_correction1 = 1.0f,
+                           .rest_correction2 = 1.0f,
+                           .accumulated_grad = trainer->accumulated_grad,
+                           .accumulated_rows = trainer->accumulated_rows,
+                           .abs_grad_norm = trainer->pipeline->abs_grad_norm,
+                           .tan_half_x = 0.5f * (float)camera->width / view->view.rays->fx,
+                           .tan_half_y = 0.5f * (float)camera->height / view->view.rays->fy};
+}
+
+// Counts the step and sets what depends on the count. The sparse optimiser has no bias correction,
+// as the original's.
+static void begin_step(sgs_trainer *trainer, int iteration, sgsi_optimize *input)
+{
+    sgsi_progress *progress = &trainer->progress;
+    input->apply = true;
+    input->step_main = sgsi_schedule_steps_main(&trainer->schedule, iteration);
+    input->step_rest = sgsi_schedule_steps_rest(&trainer->schedule, iteration);
+    progress->adam_step += input->step_main;
+    progress->rest_step += input->step_rest;
+    if (!input->dense)
+        return;
+    input->correction1 = (float)(1.0 / bias(0.9, progress->adam_step));
+    input->correction2 = (float)(1.0 / sqrt(bias(0.999, progress->adam_step)));
+    input->rest_correction1 = (float)(1.0 / bias(0.9, progress->rest_step));
+    input->rest_correction2 = (float)(1.0 / sqrt(bias(0.999, progress->rest_step)));
+}
+
+void sgsi_trainer_optimize(sgs_trainer *trainer, const sgsi_train_view *view)
+{
+    const double start = sgsi_seconds();
+    const bool collects = view->visible_count != NULL;
+    sgsi_progress *progress = &trainer->progress;
+    optimize_job job = {.input = settings(trainer, view)};
+    if (sgsi_trainer_makes_step(trainer, view->iteration))
+        begin_step(trainer, view->iteration, &job.input);
+    if (collects)
+        job.input.gradient_sum = trainer->statistics.gradient_sum;
+    if (collects && trainer->pipeline->abs_grad)
+        job.input.abs_grad_sum = trainer->statistics.abs_grad_sum;
+    if (job.input.apply || collects)
+        sgsi_parallel_ranges((trainer->model->count + SGS_LANES - 1) / SGS_LANES, 64,
+                             optimize_range, &job);
+    const size_t broken = atomic_load(&job.broken);
+    if (broken)
+        sgsi_skip_gradients(&progress->skipped, view->iteration, view->source->name, broken,
+                            &job.input);
+    progress->seconds.optimizer += sgsi_seconds() - start;
+}

@@ -1,0 +1,250 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+#include "train/view_scores.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "base/core.h"
+#include "base/threads.h"
+#include "image/mask.h"
+#include "sparegs/image.h"
+
+void sgsi_view_scores_free(sgsi_view_scores *scores)
+{
+    sgsi_statistics_free(&scores->view);
+    void *const arrays[] = {
+        scores->importance, scores->prune_score, scores->gradient, scores->opacity, scores->volume,
+        scores->depth,      scores->centers,     scores->error,    scores->weight,  scores->bytes};
+    for (size_t i = 0; i < sizeof arrays / sizeof *arrays; ++i)
+        sgsi_free(arrays[i]);
+    *scores = (sgsi_view_scores){0};
+}
+
+static bool grow_columns(sgsi_view_scores *scores, size_t capacity)
+{
+    float **const columns[] = {&scores->importance, &scores->prune_score, &scores->gradient,
+                               &scores->opacity,    &scores->volume,      &scores->depth};
+    bool complete = true;
+    for (size_t i = 0; i < sizeof columns / sizeof *columns; ++i)
+        complete = (*columns[i] = sgsi_alloc(capacity, sizeof(float))) && complete;
+    scores->centers = sgsi_alloc(capacity, 2 * sizeof(float));
+    scores->capacity = capacity;
+    return complete && scores->centers && !sgsi_statistics_reserve(&scores->view, capacity);
+}
+
+// Memory for `capacity` primitives and planes of plane_floats; scores of 0.
+static sgs_status reserve(sgsi_view_scores *scores, size_t capacity, size_t plane_floats)
+{
+    if (capacity > scores->capacity || plane_floats > scores->plane_floats) {
+        sgsi_view_scores_free(scores);
+        scores->error = sgsi_calloc(plane_floats, sizeof *scores->error);
+        scores->weight = sgsi_calloc(plane_floats, sizeof *scores->weight);
+        scores->plane_floats = plane_floats;
+        if (!grow_columns(scores, capacity) || !scores->error || !scores->weight) {
+            sgsi_view_scores_free(scores);
+            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the scores of %zu primitives",
+                             capacity);
+        }
+    }
+    memset(scores->importance, 0, capacity * sizeof(float));
+    memset(scores->prune_score, 0, capacity * sizeof(float));
+    return SGS_STATUS_OK;
+}
+
+typedef struct column_job {
+    const sgsi_score_input *input;
+    sgsi_view_scores *scores;
+    const sgsi_train_view *view; // NULL for the columns of all views
+} column_job;
+
+// What does not depend on the view.
+static void fill_columns(void *context, size_t begin, size_t end, int thread)
+{
+    (void)thread;
+    const column_job *job = context;
+    const sgs_gaussians *model = job->input->model;
+    const sgsi_statistics *statistics = job->input->statistics;
+    sgsi_view_scores *s = job->scores;
+    for (size_t i = begin; i < end; ++i) {
+        const uint32_t seen = statistics->visible_count[i];
+        s->gradient[i] = seen ? statistics->gradient_sum[i] / (float)seen : 0.0f;
+        s->opacity[i] = 1.0f / (1.0f + expf(-*sgs_gaussians_at(model, i, SGS_PARAM_OPACITY)));
+        float size = 0.0f;
+        for (int k = 0; k < 3; ++k)
+            size += *sgs_gaussians_at(model, i, SGS_PARAM_SCALE + k);
+        s->volume[i] = expf(size);
+    }
+}
+
+// View depth and projected centre of the primitives in view.
+static void fill_view(void *context, size_t begin, size_t end, int thread)
+{
+    (void)thread;
+    const column_job *job = context;
+    sgsi_view_scores *s = job->scores;
+    for (size_t i = begin; i < end; ++i) {
+        double point[3], pixel[2] = {0, 0};
+        for (int row = 0; row < 3; ++row) {
+            point[row] = job->view->source->pose.translation[row];
+            for (int k = 0; k < 3; ++k)
+                point[row] += job->view->source->pose.rotation[3 * row + k] *
+                              (double)*sgs_gaussians_at(job->input->model, i, SGS_PARAM_MEAN + k);
+        }
+        const bool visible = s->view.radius_max[i] > 0.0f;
+        s->depth[i] = visible ? (float)point[2] : 0.0f;
+        if (!visible || !sgs_camera_project(&job->view->camera, point, pixel))
+            pixel[0] = pixel[1] = 0.0;
+        s->centers[2 * i] = (float)pixel[0];
+        s->centers[2 * i + 1] = (float)pixel[1];
+    }
+}
+
+// The photograph's colours as bytes: its own, or those of half-float numbers clamped to what bytes
+// can say.
+static const uint8_t *photo_bytes(sgsi_view_scores *scores, const sgs_photo *photo)
+{
+    if (!photo->halves)
+        return photo->pixels;
+    const size_t values = 3 * (size_t)photo->width * (size_t)photo->height;
+    if (values > scores->byte_capacity) {
+        sgsi_free(scores->bytes);
+        scores->bytes = sgsi_alloc(values, 1);
+        scores->byte_capacity = scores->bytes ? values : 0;
+    }
+    for (size_t k = 0; k < values && scores->bytes; ++k)
+        scores->bytes[k] =
+            (uint8_t)(255.0f * fmaxf(fminf(sgs_photo_value(photo, k), 1.0f), 0.0f) + 0.5f);
+    return scores->bytes;
+}
+
+// The mean over channels of |image - photograph|, both in [0, 1].
+static sgsi_scored_image error_image(const sgsi_train_view *view, const uint8_t *bytes,
+                                     float *error)
+{
+    const sgsi_planes *planes = &view->planes;
+    const sgs_photo *target = view->target;
+    sgsi_scored_image image = {.width = planes->width,
+                               .height = planes->height,
+                               .stride = planes->stride,
+                               .error = error,
+                               .error_min = INFINITY,
+                               .error_max = -INFINITY,
+                               .pixels = bytes};
+    const size_t pixels = (size_t)image.width * (size_t)image.height;
+    const bool alpha = target->channels == 4;
+    for (int y = 0; y < image.height; ++y)
+        for (int x = 0; x < image.width; ++x) {
+            const size_t at = (size_t)y * image.stride + (size_t)x,
+                         from = (size_t)y * (size_t)image.width + (size_t)x;
+            const float opaque = alpha ? sgs_photo_value(target, 3 * pixels + from) : 1.0f;
+            float sum = 0.0f;
+            for (int c = 0; c < 3; ++c) {
+                const float drawn =
+                    planes->color[c][at] + planes->transmittance[at] * view->background[c];
+                const float photo = opaque * sgs_photo_value(target, (size_t)c * pixels + from) +
+                                    (1.0f - opaque) * view->background[c];
+                sum += fabsf(fminf(fmaxf(drawn, 0.0f), target->is_hdr ? INFINITY : 1.0f) - photo);
+            }
+            error[at] =
+                sgsi_mask_is_valid(target->valid_mask, target->width, x, y) ? sum / 3.0f : 0.0f;
+            image.error_min = fminf(image.error_min, error[at]);
+            image.error_max = fmaxf(image.error_max, error[at]);
+        }
+    return image;
+}
+
+// Weights of the pixels for the sums; 0 where the mask excludes them.
+static sgs_status weigh_pixels(const sgsi_train_views *views, const sgsi_pipeline *pipeline,
+                               const sgsi_train_view *view, sgsi_view_scores *scores)
+{
+    const sgs_photo *target = view->target;
+    const uint8_t *bytes = photo_bytes(scores, target);
+    if (!bytes)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for an image of %dx%d pixels",
+                         target->width, target->height);
+    const sgsi_scored_image image = error_image(view, bytes, scores->error);
+    const sgs_status status = pipeline->pixel_weights(&image, views->options, scores->weight);
+    for (int y = 0; y < image.height && target->valid_mask; ++y)
+        for (int x = 0; x < image.width; ++x)
+            if (!sgsi_mask_is_valid(target->valid_mask, target->width, x, y))
+                scores->weight[(size_t)y * image.stride + (size_t)x] = 0.0f;
+    return status;
+}
+
+static sgs_status score_view(sgsi_train_views *views, const sgsi_score_input *input, size_t index,
+                             sgsi_view_scores *scores)
+{
+    const size_t n = input->model->count;
+    sgs_train_seconds untold = {0}; // all of this counts as density control
+    sgsi_train_view view = {.iteration = input->iteration,
+                            .index = index,
+                            .model = input->model,
+                            .filter_3d = input->filter_3d,
+                            .sh_degree = input->sh_degree,
+                            .visible_count = scores->view.visible_count,
+                            .radius_max = scores->view.radius_max,
+                            .seconds = &untold};
+    sgsi_statistics_clear(&scores->view, scores->capacity);
+    sgs_status status = sgsi_train_view_fetch(views, &view);
+    if (!status)
+        status = sgsi_train_view_project(views, &view);
+    if (!status)
+        status = sgsi_train_view_forward(views, &view);
+    if (!status)
+        status = sgsi_train_view_loss(views, &view);
+    if (status)
+        return status;
+    column_job job = {input, scores, &view};
+    sgsi_parallel_ranges(n, 4096, fill_view, &job);
+    status = weigh_pixels(views, input->pipeline, &view, scores);
+    if (status)
+        return status;
+    const sgsi_score_planes planes = {.weight = scores->weight, .centers = scores->centers};
+    status = sgsi_tracer_score(views->tracer, &view.view, &view.planes, &planes);
+    const sgsi_scored_view scored = {.count = n,
+                                     .loss = view.loss.loss,
+                                     .sums = sgsi_tracer_grad_sums(views->tracer),
+                                     .touched = sgsi_tracer_touched(views->tracer),
+                                     .depth = scores->depth,
+                                     .radius = scores->view.radius_max,
+                                     .gradient = scores->gradient,
+                                     .opacity = scores->opacity,
+                                     .volume = scores->volume};
+    if (!status)
+        input->pipeline->score_view(&scored, scores->importance, scores->prune_score);
+    return status;
+}
+
+sgs_status sgsi_view_scores_compute(sgsi_train_views *views, const sgsi_score_input *input,
+                                    sgsi_view_scores *scores)
+{
+    const sgsi_pipeline *pipeline = input->pipeline;
+    enum { MOST = 64 };
+    size_t drawn[MOST];
+    const size_t n = views->count;
+    size_t wanted = (size_t)pipeline->score_views < n ? (size_t)pipeline->score_views : n;
+    wanted = wanted < MOST ? wanted : MOST;
+    sgs_status status = reserve(scores, input->model->capacity, views->plane_floats);
+    if (status)
+        return status;
+    column_job job = {input, scores, NULL};
+    sgsi_parallel_ranges(input->model->count, 4096, fill_columns, &job);
+    const uint64_t seed =
+        sgsi_random_bits(views->options->seed ^ 0x5C08E, (uint64_t)input->iteration);
+    for (size_t k = 0; k < wanted && !status; ++k) {
+        bool fresh = false;
+        for (uint64_t attempt = 0; !fresh; ++attempt) { // again until the view is a new one
+            drawn[k] = (size_t)(sgsi_random_uniform(seed, 4096 * k + attempt) * (double)n);
+            fresh = drawn[k] < n;
+            for (size_t j = 0; j < k; ++j)
+                fresh = fresh && drawn[j] != drawn[k];
+        }
+        status = score_view(views, input, drawn[k], scores);
+    }
+    if (!status && pipeline->finish_scores)
+        pipeline->finish_scores(input->model->count, (int)wanted, scores->importance,
+                                scores->prune_score);
+    return status;
+}

@@ -1,0 +1,39 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// Scores per primitive from whole views, for the pipelines that ask for them: some training views,
+// drawn at random, are rendered, compared with their photographs and traversed once more for the
+// sums per primitive. The pipeline defines what the sums mean.
+
+#include "density/density.h"
+#include "density/pipeline.h"
+#include "train/train_view.h"
+
+// Scores and the memory to compute them; arrays of `capacity` primitives.
+typedef struct sgsi_view_scores {
+    size_t capacity;
+    float *importance, *prune_score; // the result
+    float *gradient, *opacity, *volume, *depth, *centers;
+    sgsi_statistics view;  // of the view being scored
+    float *error, *weight; // [height][stride] of the view being scored
+    size_t plane_floats;
+    uint8_t *bytes; // its photograph, where that is not 8-bit
+    size_t byte_capacity;
+} sgsi_view_scores;
+
+// What is scored.
+typedef struct sgsi_score_input {
+    const sgsi_pipeline *pipeline;
+    const sgs_gaussians *model;
+    const float *filter_3d; // as in sgs_render_options
+    int sh_degree;
+    int iteration;                     // selects the views
+    const sgsi_statistics *statistics; // of the model since its last update
+} sgsi_score_input;
+
+// Fills scores->importance and prune_score. Changes no exposure and no statistics of the model.
+// Fails with OUT_OF_MEMORY or as sgs_scene_photo does.
+sgs_status sgsi_view_scores_compute(sgsi_train_views *views, const sgsi_score_input *input,
+                                    sgsi_view_scores *scores);
+void sgsi_view_scores_free(sgsi_view_scores *scores); // accepts a zeroed one

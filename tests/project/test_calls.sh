@@ -1,0 +1,24 @@
+#!/usr/bin/env bash
+# SPDX-FileCopyrightText: 2026 The sparegs authors
+# SPDX-License-Identifier: Apache-2.0
+
+# calls_have_no_circle: the object files of src/, bvh/ and spare/ call each other without a circle.
+set -euo pipefail
+library=$SPAREGS_BUILD/libsparegs.a
+if [ ! -e "$library" ]; then
+    echo "skipped: this build has no static library"
+    exit 0
+fi
+edges=$(mktemp)
+trap 'rm -f "$edges" "$edges.loops"' EXIT
+nm -A "$library" | sed -E 's/^[^:]*:([^:]*):/\1 /' | awk '
+    NF == 4 && $3 ~ /^[TDBRVW]$/ { home[$4] = $1 }
+    NF == 3 && $2 == "U" { caller[++n] = $1; called[n] = $3 }
+    END { for (i = 1; i <= n; ++i) if (called[i] in home && home[called[i]] != caller[i]) print caller[i], home[called[i]] }' |
+    sort -u >"$edges"
+[ "$(wc -l <"$edges")" -gt 100 ] || { echo "FAIL: only $(wc -l <"$edges") calls between files were seen"; exit 1; }
+if ! tsort "$edges" >/dev/null 2>"$edges.loops"; then
+    echo "FAIL: circle of calls: $(grep -v 'input contains a loop' "$edges.loops" | sed 's/tsort: //' | tr '\n' ' ')"
+    exit 1
+fi
+echo "no circle in $(wc -l <"$edges") calls between files"

@@ -1,9 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// A gather must list every box that a ray of the packet crosses within its limit. Compared with a
-// brute-force slab test in double precision, for every build quality, after small and large refits,
-// for 0, 1 and 100 000 primitives. The list must also be smaller than the whole set.
+// A gather must report every box that a ray of the packet crosses within its limit. Compared with a
+// brute-force slab test in double precision, for each build quality, after small and large refits,
+// for 0, 1 and 100 000 primitives. The result must also be smaller than the whole set.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -94,7 +94,7 @@ static double entry(const sgsi_packet *packet, int ray, const sgsi_bounds *box)
     return near <= far ? near : INFINITY;
 }
 
-// A box is required when a valid ray crosses it before its far distance. Callers pad boxes and far
+// A box is required if a valid ray crosses it before its far distance. Callers pad boxes and far
 // distances by more than the rounding of the box tests, so boxes hit by less than 1e-6 are not
 // required.
 static bool required(const sgsi_packet *packet, const sgsi_bounds *box)
@@ -118,7 +118,7 @@ typedef struct gather_result {
     size_t required, unique;
 } gather_result;
 
-// Gathers and asserts: ids in range, every required box listed.
+// Gathers and asserts that ids are in range and every required box is reported.
 static gather_result check_gather(const sgsi_bvh *bvh, const sgsi_bounds *boxes, size_t count,
                                   const sgsi_packet *packet, sgsi_gather_list *list, uint8_t *seen)
 {
@@ -182,7 +182,7 @@ static void every_crossed_box_is_gathered_at_every_quality(void **state)
         print_message("%s: %zu gathered, %zu required\n", quality_names[quality], found.unique,
                       found.required);
         assert_true(found.required > 300);
-        // not all of them (refittable trees of Embree have leaves of about ten boxes)
+        // Not all boxes (Embree's refittable trees have leaves of about ten boxes).
         assert_true(found.unique < (quality == SGSI_BVH_REFIT ? 20 : 3) * found.required);
         sgsi_bvh_destroy(bvh);
     }
@@ -190,7 +190,7 @@ static void every_crossed_box_is_gathered_at_every_quality(void **state)
 }
 
 // The optimiser moves boxes slightly, the next camera dilates them and an opacity reset shrinks
-// them. Refits must also survive boxes that trade places.
+// them. Refits must also handle boxes that exchange their positions.
 static void refitted_trees_gather_every_crossed_box(void **state)
 {
     (void)state;
@@ -215,8 +215,7 @@ static void refitted_trees_gather_every_crossed_box(void **state)
             assert_int_equal(sgsi_bvh_refit(bvh), SGS_STATUS_OK);
             assert_true(check_packets(bvh, boxes, COUNT, 20, INFINITY).required > 100);
         }
-        // A rebuild of the same object after refits, with another number of boxes and another
-        // quality.
+        // Rebuilds the same object after refits, with another number of boxes and another quality.
         assert_int_equal(sgsi_bvh_build(bvh, boxes, COUNT / 2, (sgsi_bvh_quality)quality),
                          SGS_STATUS_OK);
         check_packets(bvh, boxes, COUNT / 2, 10, INFINITY);
@@ -249,7 +248,7 @@ static void small_trees_are_complete(void **state)
     }
 }
 
-static void hundred_thousand_boxes_lose_none(void **state)
+static void no_box_of_a_hundred_thousand_is_lost(void **state)
 {
     (void)state;
     enum { COUNT = 100000 };
@@ -264,7 +263,7 @@ static void hundred_thousand_boxes_lose_none(void **state)
     sgsi_free(boxes);
 }
 
-static void far_limits_cut_what_lies_behind_and_nothing_before(void **state)
+static void far_limits_cull_only_boxes_behind_them(void **state)
 {
     (void)state;
     enum { COUNT = 20000 };
@@ -285,7 +284,7 @@ static void far_limits_cut_what_lies_behind_and_nothing_before(void **state)
     sgsi_free(boxes);
 }
 
-static void lanes_without_a_ray_ask_nothing(void **state)
+static void invalid_lanes_gather_nothing(void **state)
 {
     (void)state;
     enum { COUNT = 2000 };
@@ -311,7 +310,7 @@ static void lanes_without_a_ray_ask_nothing(void **state)
 }
 
 // Rays along the axes, on the faces of a grid of touching boxes; the origin is inside a box.
-static void axis_aligned_rays_in_a_grid_lose_nothing(void **state)
+static void axis_aligned_rays_in_a_grid_lose_no_box(void **state)
 {
     (void)state;
     enum { SIDE = 12, COUNT = SIDE * SIDE * SIDE };
@@ -340,7 +339,7 @@ static void axis_aligned_rays_in_a_grid_lose_nothing(void **state)
     sgsi_free(boxes);
 }
 
-static void a_list_that_cannot_grow_is_an_error_and_stays_usable(void **state)
+static void failed_list_growth_is_reported_and_list_stays_usable(void **state)
 {
     (void)state;
     enum { COUNT = 30000 };
@@ -366,7 +365,7 @@ static void a_list_that_cannot_grow_is_an_error_and_stays_usable(void **state)
     sgsi_free(boxes);
 }
 
-// The first refit counts too: Embree rebuilds a geometry that becomes refittable after its first
+// Includes the first refit: Embree rebuilds a geometry that becomes refittable after its first
 // commit.
 static void every_refit_is_cheaper_than_a_build(void **state)
 {
@@ -392,7 +391,7 @@ static void every_refit_is_cheaper_than_a_build(void **state)
     sgsi_free(boxes);
 }
 
-static void bytes_are_counted(void **state)
+static void memory_use_is_counted(void **state)
 {
     (void)state;
     enum { COUNT = 50000 };
@@ -412,13 +411,13 @@ int main(void)
         cmocka_unit_test(every_crossed_box_is_gathered_at_every_quality),
         cmocka_unit_test(refitted_trees_gather_every_crossed_box),
         cmocka_unit_test(small_trees_are_complete),
-        cmocka_unit_test(hundred_thousand_boxes_lose_none),
-        cmocka_unit_test(far_limits_cut_what_lies_behind_and_nothing_before),
-        cmocka_unit_test(lanes_without_a_ray_ask_nothing),
-        cmocka_unit_test(axis_aligned_rays_in_a_grid_lose_nothing),
-        cmocka_unit_test(a_list_that_cannot_grow_is_an_error_and_stays_usable),
+        cmocka_unit_test(no_box_of_a_hundred_thousand_is_lost),
+        cmocka_unit_test(far_limits_cull_only_boxes_behind_them),
+        cmocka_unit_test(invalid_lanes_gather_nothing),
+        cmocka_unit_test(axis_aligned_rays_in_a_grid_lose_no_box),
+        cmocka_unit_test(failed_list_growth_is_reported_and_list_stays_usable),
         cmocka_unit_test(every_refit_is_cheaper_than_a_build),
-        cmocka_unit_test(bytes_are_counted),
+        cmocka_unit_test(memory_use_is_counted),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

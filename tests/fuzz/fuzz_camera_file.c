@@ -1,9 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// cameras.json as `render --camera` reads it (tools/camera_file.c, linked with the messages below
-// in place of the program's). Promises: a refusal names the file; what is accepted is a valid
-// camera with a finite pose.
+// cameras.json as read by `render --camera` (tools/cameras/camera_file.c, linked with the error
+// functions below instead of the program's). Checks that errors name the file and accepted cameras
+// are valid with finite poses.
 
 #include <stdarg.h>
 

@@ -1,10 +1,10 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Checkpoints of a tiny training. The checksum of an input is made right first, or nothing behind
-// it would ever be reached; an input of less than 8 bytes stands for the good checkpoint, so that
-// no seed has to be kept in step with the format. Promises: a refusal names the file; a loaded
-// state trains on, and is the same after writing and loading it.
+// Checkpoints of a tiny training run. The checksum of the input is corrected first, otherwise the
+// fuzzer would never get past it. Inputs below 8 bytes select the valid checkpoint, so that seeds
+// do not depend on the format. Checks that errors name the file, and that a loaded state trains on
+// and is the same after a save and a load.
 
 #include "support/checkpoint_support.h"
 #include "fuzz_support.h"
@@ -88,8 +88,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     memcpy(bytes, data, size);
     checkpoint_reseal(bytes, size);
     const char *path = fuzz_file("input", bytes, size);
-    const bool trains =
-        bytes[size - 1] % 8 == 0 || bytes[size - 1] == good[good_size - 1]; // it is slow
+    const bool trains = bytes[size - 1] % 8 == 0 || bytes[size - 1] == good[good_size - 1]; // slow
     free(bytes);
     if (sgs_trainer_load_checkpoint(trainer, path)) {
         fuzz_check_refusal(path);

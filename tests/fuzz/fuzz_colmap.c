@@ -1,9 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// One file of a COLMAP model (FUZZ_FILE: cameras.bin ... points3D.txt) is the input, the others are
-// small and right. Promises: a refusal names the file; what is accepted has valid cameras,
-// rotations, finite points and names that stay in their folder; reading twice gives the same.
+// One file of a COLMAP model (FUZZ_FILE: cameras.bin ... points3D.txt) is the input; the others are
+// small and valid. Checks that errors name the file, that accepted models have valid cameras,
+// rotations, finite points and names inside their folder, and that reading is deterministic.
 
 #include <xxhash.h>
 

@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// PLY models. Promises: a refusal names the file; an accepted model is finite; writing it and
-// reading that again gives the same bits.
+// PLY models. Checks that errors name the file, accepted models are finite, and a write and read
+// gives the same bits.
 
 #include "fuzz_support.h"
 #include "sparegs/gaussians.h"

@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Point clouds as PLY. Promises: a refusal names the file; points are finite; writing and reading
-// again gives the same.
+// Point clouds as PLY. Checks that errors name the file, points are finite, and a write and read
+// gives the same points.
 
 #include "fuzz_support.h"
 #include "formats/point_cloud.h"

@@ -2,9 +2,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// What the fuzz targets share. The readers take paths, so an input becomes a file in a folder of
-// its own, in memory where the system has such a place. A broken promise ends the process: the
-// fuzzer keeps the input.
+// Shared by the fuzz targets. The readers take paths, so each input becomes a file in its own
+// folder, in memory if the system has such a place. A failed check aborts the process; the fuzzer
+// keeps the input.
 
 #include <fcntl.h>
 #include <math.h>
@@ -68,7 +68,7 @@ static inline const char *fuzz_file(const char *name, const void *data, size_t s
     return path;
 }
 
-// Every refusal is one sentence that names the file.
+// Asserts that an error is one sentence that names the file.
 static inline void fuzz_check_refusal(const char *path)
 {
     FUZZ_REQUIRE(strstr(sgs_last_error(), path) && !strchr(sgs_last_error(), '\n'));

@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// transforms.json. Promises: a refusal names a file of the folder; names stay in their folder;
+// transforms.json. Checks that errors name a file of the folder, names stay in their folder and
 // poses are finite.
 
 #include "fuzz_support.h"

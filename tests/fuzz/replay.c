@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Runs a fuzz target over the files of a folder, for builds without libFuzzer. Fails when there is
+// Runs a fuzz target on the files of a folder, for builds without libFuzzer. Fails if there are
 // none.
 
 #include <dirent.h>

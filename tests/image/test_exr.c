@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// EXR files: read back bit by bit with OpenEXR's C library, and once more by another program
-// (oiiotool, where installed); a failed write leaves the earlier file.
+// EXR files: compared bit by bit after reading with OpenEXR's C library, and with another program
+// (oiiotool, if installed); a failed write keeps the existing file.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -22,7 +22,7 @@
 #include "sparegs/image.h"
 #include "sparegs/runtime.h"
 
-enum { WIDTH = 37, HEIGHT = 41, PLANES = 5 }; // two whole chunks of 16 lines and a part
+enum { WIDTH = 37, HEIGHT = 41, PLANES = 5 }; // two full chunks of 16 lines and a partial one
 
 static float planes[PLANES][WIDTH * HEIGHT];
 static uint32_t ids[WIDTH * HEIGHT];
@@ -63,8 +63,8 @@ static int fill_planes(void **state)
     planes[0][0] = 0.0f;
     planes[0][1] = 1.0f;
     planes[0][2] = 0.5f;
-    planes[0][3] = 1.0f + 0x1p-11f;            // a tie: to even, 1
-    planes[0][4] = 1.0f + 3 * 0x1p-11f;        // a tie: to even, 1 + 2^-9
+    planes[0][3] = 1.0f + 0x1p-11f;            // a tie: rounds to even, 1
+    planes[0][4] = 1.0f + 3 * 0x1p-11f;        // a tie: rounds to even, 1 + 2^-9
     planes[0][5] = 1.0f + 0x1p-11f + 0x1p-20f; // just above: 1 + 2^-10
     planes[0][6] = 65504.0f;                   // the largest half
     planes[0][7] = 1e9f;                       // infinity
@@ -85,7 +85,7 @@ static double half_value(uint16_t bits)
     return bits & 0x8000 ? -size : size;
 }
 
-// Nearest half to a float, ties to even, found by search: slow and obvious.
+// Nearest half to a float, ties to even, by exhaustive search.
 static double nearest_half(float value)
 {
     if (fabsf(value) >= 65520.0f)
@@ -106,7 +106,7 @@ static void open_exr(const char *path, exr_context_t *context)
         fail_msg("%s cannot be read back", path);
 }
 
-// Reads one channel as it is stored.
+// Reads one channel as stored.
 static void read_channel(exr_context_t context, const char *name, size_t size,
                          unsigned char *pixels)
 {
@@ -143,7 +143,7 @@ static void read_channel(exr_context_t context, const char *name, size_t size,
     exr_decoding_destroy(context, &decoder);
 }
 
-// Every channel is read back as it was given, halves as the nearest ones.
+// Every channel is read back exactly, halves rounded to nearest.
 static void check_pixels(const char *path)
 {
     exr_context_t context;
@@ -171,7 +171,7 @@ static void check_pixels(const char *path)
     exr_finish(&context);
 }
 
-static void exr_pixels_survive_a_round_trip(void **state)
+static void exr_pixels_round_trip(void **state)
 {
     (void)state;
     const temp_folder folder = temp_folder_make();
@@ -188,8 +188,8 @@ static void exr_pixels_survive_a_round_trip(void **state)
     temp_folder_remove(&folder);
 }
 
-// What does not shrink by a third stands as it is, what does is zipped, and zip zips both.
-static void exr_auto_zips_what_shrinks(void **state)
+// AUTO compresses bands that shrink by a third and leaves others uncompressed; ZIP compresses both.
+static void exr_auto_compresses_bands_that_shrink(void **state)
 {
     (void)state;
     const temp_folder folder = temp_folder_make();
@@ -235,7 +235,7 @@ static void assert_transposed(exr_context_t context, const char *name, const dou
     }
 }
 
-static void exr_header_says_what_the_image_is(void **state)
+static void exr_header_has_the_attributes(void **state)
 {
     (void)state;
     const temp_folder folder = temp_folder_make();
@@ -275,7 +275,7 @@ static void exr_header_says_what_the_image_is(void **state)
     for (int k = 1; k < list->num_channels; ++k)
         assert_true(strcmp(list->entries[k - 1].name.str, list->entries[k].name.str) < 0);
     exr_finish(&context);
-    // Nothing but an image: no matrices, no texts.
+    // Without matrices and texts.
     const sgs_exr_info bare = {.width = WIDTH, .height = HEIGHT};
     assert_int_equal(sgs_exr_write(path, &bare, channels, 1), SGS_STATUS_OK);
     open_exr(path, &context);
@@ -285,7 +285,7 @@ static void exr_header_says_what_the_image_is(void **state)
     temp_folder_remove(&folder);
 }
 
-// A value somewhere among those of a pixel (oiiotool orders the channels anew).
+// One value of a pixel (oiiotool reorders the channels).
 static void assert_dumped(const char *dump, int x, int y, const char *value)
 {
     char place[64];
@@ -298,7 +298,7 @@ static void assert_dumped(const char *dump, int x, int y, const char *value)
         fail_msg("%s lacks '%s': %.300s", place, value, line);
 }
 
-static void exr_is_read_by_another_program(void **state)
+static void exr_is_readable_by_another_program(void **state)
 {
     (void)state;
     const temp_folder folder = temp_folder_make();
@@ -342,7 +342,7 @@ static void exr_is_read_by_another_program(void **state)
     assert_dumped(output, 1, 0, " 2.000000000");
     assert_dumped(output, 0, 1, " -2.000000000");
     assert_dumped(output, 0, 1, " 4.500000000");
-    assert_dumped(output, 2, 1, " 0.000016298"); // it shows integers as a fraction of 2^32 - 1
+    assert_dumped(output, 2, 1, " 0.000016298"); // integers are printed as fractions of 2^32 - 1
     temp_folder_remove(&folder);
 }
 
@@ -372,7 +372,7 @@ static void exr_write_failure_keeps_the_old_file(void **state)
     temp_folder_remove(&folder);
 }
 
-static void exr_survives_lack_of_memory(void **state)
+static void exr_write_reports_failed_allocations(void **state)
 {
     (void)state;
     const temp_folder folder = temp_folder_make();
@@ -394,7 +394,7 @@ static void exr_survives_lack_of_memory(void **state)
     temp_folder_remove(&folder);
 }
 
-static void exr_refuses_bad_arguments(void **state)
+static void exr_rejects_invalid_arguments(void **state)
 {
     (void)state;
     const temp_folder folder = temp_folder_make();
@@ -423,13 +423,13 @@ static void exr_refuses_bad_arguments(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(exr_pixels_survive_a_round_trip),
-        cmocka_unit_test(exr_header_says_what_the_image_is),
-        cmocka_unit_test(exr_is_read_by_another_program),
+        cmocka_unit_test(exr_pixels_round_trip),
+        cmocka_unit_test(exr_header_has_the_attributes),
+        cmocka_unit_test(exr_is_readable_by_another_program),
         cmocka_unit_test(exr_write_failure_keeps_the_old_file),
-        cmocka_unit_test(exr_survives_lack_of_memory),
-        cmocka_unit_test(exr_refuses_bad_arguments),
-        cmocka_unit_test(exr_auto_zips_what_shrinks),
+        cmocka_unit_test(exr_write_reports_failed_allocations),
+        cmocka_unit_test(exr_rejects_invalid_arguments),
+        cmocka_unit_test(exr_auto_compresses_bands_that_shrink),
     };
     return cmocka_run_group_tests(tests, fill_planes, NULL);
 }

@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Photographs: every kind of pixel becomes 8-bit RGB or RGBA, broken and absurd files are refused,
-// area averaging is exact, and PNG files come back bit by bit.
+// Photographs: all pixel formats become 8-bit RGB or RGBA, broken and oversized files are rejected,
+// area averaging is exact, and PNG files round-trip bit by bit.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -34,7 +34,7 @@ static void assert_pixel(const temp_folder *folder, const char *name, int channe
     assert_null(image.pixels);
 }
 
-static void every_kind_of_pixel_becomes_eight_bit_rgb(void **state)
+static void all_pixel_formats_become_eight_bit_rgb(void **state)
 {
     (void)state;
     const temp_folder folder = temp_folder_make();
@@ -54,11 +54,11 @@ static void every_kind_of_pixel_becomes_eight_bit_rgb(void **state)
     assert_pixel(&folder, "associated.tif", 4, (const uint8_t[]){199, 100, 50, 128});
     tiff_put(&folder, "rgb16.tif", &(tiff){1, 1, 3, 16, 2, 1, 0}, words, 6);
     assert_pixel(&folder, "rgb16.tif", 3, (const uint8_t[]){200, 100, 101});
-    // CMYK 20 % 60 % 0 % under 50 % black.
+    // CMYK 20 % 60 % 0 %, 50 % black.
     tiff_put(&folder, "cmyk.tif", &(tiff){1, 1, 4, 8, 5, 1, 0}, (const uint8_t[]){51, 153, 0, 128},
              4);
     assert_pixel(&folder, "cmyk.tif", 3, (const uint8_t[]){102, 51, 127});
-    // Linear light gets the sRGB curve: 0.5 -> 0.7354.
+    // Linear light is encoded as sRGB: 0.5 -> 0.7354.
     tiff_put(&folder, "float.tif", &(tiff){1, 1, 3, 32, 2, 3, 0}, floats, 12);
     assert_pixel(&folder, "float.tif", 3, (const uint8_t[]){188, 0, 255});
     tiff_put(&folder, "odd.tif", &(tiff){1, 1, 3, 32, 2, 3, 0}, odd_floats, 12);
@@ -114,7 +114,7 @@ static void photographs_keep_rows_and_planes(void **state)
     tree_remove(&folder);
 }
 
-static void png_comes_back_bit_by_bit(void **state)
+static void png_round_trips_bit_by_bit(void **state)
 {
     (void)state;
     const temp_folder folder = temp_folder_make();
@@ -122,7 +122,7 @@ static void png_comes_back_bit_by_bit(void **state)
     enum { WIDTH = 19, HEIGHT = 70 };
     uint8_t pixels[4 * WIDTH * HEIGHT];
     for (uint64_t i = 0; i < sizeof pixels; ++i)
-        pixels[i] = (uint8_t)sgsi_random_bits(6, i); // alpha 0 included: its colour must survive
+        pixels[i] = (uint8_t)sgsi_random_bits(6, i); // with alpha 0: its colour must be kept
     pixels[3 * WIDTH * HEIGHT] = 0;
     for (int k = 0; k < 3; ++k) {
         const sgs_image8 image = {WIDTH, HEIGHT, channel_counts[k], pixels};
@@ -137,11 +137,11 @@ static void png_comes_back_bit_by_bit(void **state)
         }
         sgs_image8_free(&back);
     }
-    assert_int_equal(temp_folder_count(&folder), 1); // no temporary file is left
+    assert_int_equal(temp_folder_count(&folder), 1); // no temporary file left
     tree_remove(&folder);
 }
 
-static void failed_png_leaves_the_earlier_file(void **state)
+static void png_write_failure_keeps_the_old_file(void **state)
 {
     (void)state;
     const temp_folder folder = temp_folder_make();
@@ -166,7 +166,7 @@ static void failed_png_leaves_the_earlier_file(void **state)
     tree_remove(&folder);
 }
 
-static void images_that_cannot_be_png_are_refused(void **state)
+static void png_rejects_unsupported_images(void **state)
 {
     (void)state;
     uint8_t pixels[8] = {0};
@@ -181,7 +181,7 @@ static void images_that_cannot_be_png_are_refused(void **state)
     }
 }
 
-static void broken_files_are_refused_by_name(void **state)
+static void broken_files_are_rejected_by_name(void **state)
 {
     (void)state;
     static const struct {
@@ -224,9 +224,9 @@ static void broken_files_are_refused_by_name(void **state)
     tree_remove(&folder);
 }
 
-// libjpeg would fill the rest of a cut picture with grey; reading the size of one is refused, too,
-// so that the number of usable views does not depend on whether their pixels are wanted.
-static void truncated_pictures_are_refused(void **state)
+// libjpeg fills the missing part of a truncated image with grey. Reading only its size fails as
+// well, so that the number of usable views does not depend on whether pixels are loaded.
+static void truncated_images_are_rejected(void **state)
 {
     (void)state;
     const temp_folder folder = temp_folder_make();
@@ -254,8 +254,8 @@ static void truncated_pictures_are_refused(void **state)
             assert_holds(sgs_last_error(), names[k]);
         }
         sgs_image8 image;
-        const unsigned char appended[] = {0xff, 0xd8, 1, 2,
-                                          3}; // cameras put previews and videos behind
+        // Cameras append previews and videos.
+        const unsigned char appended[] = {0xff, 0xd8, 1, 2, 3};
         buffer *b = calloc(1, sizeof *b);
         put_bytes(b, bytes, size);
         put_bytes(b, appended, sizeof appended);
@@ -268,7 +268,7 @@ static void truncated_pictures_are_refused(void **state)
     tree_remove(&folder);
 }
 
-// ---- area averaging -----------------------------------------------------------------------------
+// ---- Area averaging -----------------------------------------------------------------------------
 
 // The definition in double precision: integral of the piecewise constant image over each output
 // rectangle.
@@ -311,7 +311,7 @@ static void downscaling_is_the_area_average(void **state)
     }
 }
 
-static void downscaling_keeps_a_constant_picture(void **state)
+static void downscaling_keeps_a_constant_image(void **state)
 {
     (void)state;
     static uint8_t pixels[4 * 61 * 47];
@@ -327,7 +327,7 @@ static void downscaling_keeps_a_constant_picture(void **state)
 static void colour_under_transparent_pixels_does_not_bleed(void **state)
 {
     (void)state;
-    // Left pixel opaque (200, 100, 0), right pixel invisible white; below, two invisible ones.
+    // Left pixel opaque (200, 100, 0), right pixel transparent white; below, two transparent ones.
     uint8_t pixels[] = {200, 255, 9, 9, 100, 255, 9, 9, 0, 255, 9, 9, 255, 0, 0, 0};
     const sgs_image8 image = {2, 2, 4, pixels};
     sgs_image8 out;
@@ -337,7 +337,7 @@ static void colour_under_transparent_pixels_does_not_bleed(void **state)
     sgs_image8_free(&out);
 }
 
-static void enlarging_is_refused(void **state)
+static void upscaling_is_rejected(void **state)
 {
     (void)state;
     uint8_t pixels[12] = {0};
@@ -380,18 +380,18 @@ static void failing_allocations_are_reported(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(every_kind_of_pixel_becomes_eight_bit_rgb),
+        cmocka_unit_test(all_pixel_formats_become_eight_bit_rgb),
         cmocka_unit_test(palettes_are_expanded),
         cmocka_unit_test(photographs_keep_rows_and_planes),
-        cmocka_unit_test(png_comes_back_bit_by_bit),
-        cmocka_unit_test(failed_png_leaves_the_earlier_file),
-        cmocka_unit_test(images_that_cannot_be_png_are_refused),
-        cmocka_unit_test(broken_files_are_refused_by_name),
-        cmocka_unit_test(truncated_pictures_are_refused),
+        cmocka_unit_test(png_round_trips_bit_by_bit),
+        cmocka_unit_test(png_write_failure_keeps_the_old_file),
+        cmocka_unit_test(png_rejects_unsupported_images),
+        cmocka_unit_test(broken_files_are_rejected_by_name),
+        cmocka_unit_test(truncated_images_are_rejected),
         cmocka_unit_test(downscaling_is_the_area_average),
-        cmocka_unit_test(downscaling_keeps_a_constant_picture),
+        cmocka_unit_test(downscaling_keeps_a_constant_image),
         cmocka_unit_test(colour_under_transparent_pixels_does_not_bleed),
-        cmocka_unit_test(enlarging_is_refused),
+        cmocka_unit_test(upscaling_is_rejected),
         cmocka_unit_test(failing_allocations_are_reported),
     };
     return cmocka_run_group_tests_name("image", tests, NULL, NULL);

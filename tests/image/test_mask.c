@@ -1,9 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Masks: found under every name, read the right way round, reduced on the safe side, joined with
-// the pixels that the lens has no ray for; refused when they do not fit; and what they cover does
-// not get into the model.
+// Masks: found under all names, read with the right polarity, downscaled conservatively, combined
+// with the pixels without a ray, rejected if the size differs. Masked content does not enter the
+// model.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -21,7 +21,7 @@ enum { WIDTH = 64, HEIGHT = 48 };
 
 static const uint8_t grey[4] = {90, 100, 110, 255};
 
-// The scene of scene_support with four photographs of 64 x 48; channels of each.
+// The scene of scene_support with four photographs of 64 x 48, and their channels.
 static temp_folder make_scene(int channels)
 {
     const temp_folder folder = temp_folder_make();
@@ -35,7 +35,7 @@ static temp_folder make_scene(int channels)
     return folder;
 }
 
-// A mask of the size of the photographs, black in the rectangle [x0, x1) x [y0, y1).
+// A mask of the photographs' size, black in [x0, x1) x [y0, y1).
 static void put_mask(const temp_folder *folder, const char *name, int scale, int x0, int y0, int x1,
                      int y1)
 {
@@ -77,7 +77,7 @@ static void assert_hole(const sgs_photo *photo, int x0, int y0, int x1, int y1, 
     assert_int_equal(photo->kept, kept);
 }
 
-static void masks_are_found_under_every_name(void **state)
+static void masks_are_found_under_all_names(void **state)
 {
     (void)state;
     temp_folder folder = make_scene(3);
@@ -91,13 +91,13 @@ static void masks_are_found_under_every_name(void **state)
     assert_hole(photo_of(scene, "sub/c.png"), 0, 0, 64, 5, false);
     assert_hole(photo_of(scene, "d with blanks"), 60, 40, 64, 48, false);
     assert_int_equal(scene->masks, 4);
-    assert_int_equal(scene->images_unposed, 0); // a mask beside a photograph is none itself
+    assert_int_equal(scene->images_unposed, 0); // a mask next to a photograph is not a photograph
     assert_string_equal(warnings, "");
     sgs_scene_destroy(scene);
     tree_remove(&folder);
 }
 
-static void options_choose_turn_and_switch_off_masks(void **state)
+static void options_select_invert_and_disable_masks(void **state)
 {
     (void)state;
     temp_folder folder = make_scene(3);
@@ -122,7 +122,7 @@ static void options_choose_turn_and_switch_off_masks(void **state)
     tree_remove(&folder);
 }
 
-// nerfstudio names the mask of a frame; a folder of masks takes part where a frame names none.
+// nerfstudio names the mask of each frame; mask folders are used for frames that name none.
 static void camera_files_name_masks(void **state)
 {
     (void)state;
@@ -151,7 +151,7 @@ static void camera_files_name_masks(void **state)
     assert_null(photo_of(scene, "images/b.png")->valid_mask);
     assert_hole(photo_of(scene, "images/c.png"), 1, 1, 17, 2, false);
     sgs_scene_destroy(scene);
-    options.masks_dir = "masks"; // asked for: it replaces what the file names
+    options.masks_dir = "masks"; // overrides masks named in the file
     scene = load(&folder, &options);
     assert_hole(photo_of(scene, "images/a.png"), 0, 0, 5, 5, false);
     sgs_scene_destroy(scene);
@@ -166,9 +166,9 @@ static void camera_files_name_masks(void **state)
     tree_remove(&folder);
 }
 
-// A reduced pixel counts only if all of its area does, also when the mask is three times as large
+// A downscaled pixel is valid only if its whole area is, also if the mask is three times as large
 // as the photograph.
-static void reduced_pixels_count_when_all_of_them_does(void **state)
+static void downscaled_pixels_are_valid_if_entirely_valid(void **state)
 {
     (void)state;
     temp_folder folder = make_scene(3);
@@ -183,7 +183,7 @@ static void reduced_pixels_count_when_all_of_them_does(void **state)
     tree_remove(&folder);
 }
 
-static void masks_that_do_not_fit_are_refused(void **state)
+static void masks_of_other_sizes_are_rejected(void **state)
 {
     (void)state;
     temp_folder folder = make_scene(3);
@@ -204,7 +204,7 @@ static void masks_that_do_not_fit_are_refused(void **state)
     tree_remove(&folder);
 }
 
-static void views_without_a_pixel_that_counts_are_skipped(void **state)
+static void views_without_valid_pixels_are_skipped(void **state)
 {
     (void)state;
     temp_folder folder = make_scene(3);
@@ -221,7 +221,7 @@ static void views_without_a_pixel_that_counts_are_skipped(void **state)
     tree_remove(&folder);
 }
 
-static void alpha_channels_mask_when_asked_to(void **state)
+static void alpha_channels_mask_on_request(void **state)
 {
     (void)state;
     temp_folder folder = make_scene(4);
@@ -243,9 +243,9 @@ static void alpha_channels_mask_when_asked_to(void **state)
     tree_remove(&folder);
 }
 
-// The corners of a fisheye's image, and pixels behind the fold of a lens: they do not count, mask
-// or none.
-static void pixels_without_a_ray_do_not_count(void **state)
+// Corners of a fisheye image and pixels beyond the fold of a lens are invalid, with or without a
+// mask.
+static void pixels_without_a_ray_are_invalid(void **state)
 {
     (void)state;
     const temp_folder folder = temp_folder_make();
@@ -272,7 +272,7 @@ static void pixels_without_a_ray_do_not_count(void **state)
 
 // ---- Training ----
 
-// Paints a magenta square into the same place of every photograph, and covers it when asked to.
+// Paints a magenta square at the same place of each photograph, and masks it if requested.
 static void paint(sgs_scene *scene, bool cover)
 {
     for (size_t v = 0; v < scene->view_count; ++v) {
@@ -292,7 +292,7 @@ static void paint(sgs_scene *scene, bool cover)
     }
 }
 
-// How many primitives of a trained model are magenta: min(red, blue) - green > 0.08, from band 0.
+// Number of magenta primitives in a trained model: min(red, blue) - green > 0.08, from band 0.
 static int count_magenta(bool painted, bool cover)
 {
     sgs_scene_options options = sgs_scene_options_default();
@@ -333,8 +333,8 @@ static void a_masked_square_leaves_no_colour_in_the_model(void **state)
     assert_true(masked < 2 * clean + 10);
 }
 
-// Photographs of a disc with an alpha channel over black: without the alpha loss nothing tells
-// black from empty.
+// Photographs of a disc with alpha over black. Without the alpha loss, black and empty look the
+// same.
 static double mean_opacity_outside(double weight)
 {
     sgs_scene_options options = sgs_scene_options_default();
@@ -383,7 +383,7 @@ static double mean_opacity_outside(double weight)
     return (sides[1] - sides[0]) / half;
 }
 
-static void the_alpha_loss_draws_opacity_to_the_alpha_channel(void **state)
+static void alpha_loss_pulls_opacity_to_the_alpha_channel(void **state)
 {
     (void)state;
     const double without = mean_opacity_outside(0), with = mean_opacity_outside(1);
@@ -394,16 +394,16 @@ static void the_alpha_loss_draws_opacity_to_the_alpha_channel(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test_setup(masks_are_found_under_every_name, warnings_begin),
-        cmocka_unit_test_setup(options_choose_turn_and_switch_off_masks, warnings_begin),
+        cmocka_unit_test_setup(masks_are_found_under_all_names, warnings_begin),
+        cmocka_unit_test_setup(options_select_invert_and_disable_masks, warnings_begin),
         cmocka_unit_test_setup(camera_files_name_masks, warnings_begin),
-        cmocka_unit_test_setup(reduced_pixels_count_when_all_of_them_does, warnings_begin),
-        cmocka_unit_test_setup(masks_that_do_not_fit_are_refused, warnings_begin),
-        cmocka_unit_test_setup(views_without_a_pixel_that_counts_are_skipped, warnings_begin),
-        cmocka_unit_test_setup(alpha_channels_mask_when_asked_to, warnings_begin),
-        cmocka_unit_test_setup(pixels_without_a_ray_do_not_count, warnings_begin),
+        cmocka_unit_test_setup(downscaled_pixels_are_valid_if_entirely_valid, warnings_begin),
+        cmocka_unit_test_setup(masks_of_other_sizes_are_rejected, warnings_begin),
+        cmocka_unit_test_setup(views_without_valid_pixels_are_skipped, warnings_begin),
+        cmocka_unit_test_setup(alpha_channels_mask_on_request, warnings_begin),
+        cmocka_unit_test_setup(pixels_without_a_ray_are_invalid, warnings_begin),
         cmocka_unit_test(a_masked_square_leaves_no_colour_in_the_model),
-        cmocka_unit_test(the_alpha_loss_draws_opacity_to_the_alpha_channel),
+        cmocka_unit_test(alpha_loss_pulls_opacity_to_the_alpha_channel),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -103,7 +103,7 @@ static void ssim_of_one_pixel_has_a_closed_form(void **state)
     assert_true(fabs(sgs_ssim(&a, &b) - expected) < 1e-14);
 }
 
-static void identical_images_are_perfect(void **state)
+static void identical_images_have_perfect_scores(void **state)
 {
     (void)state;
     sgs_image8 a = make_image(61, 47, 3, 3, 0, 256);
@@ -220,7 +220,7 @@ static void quantisation_composites_over_the_background(void **state)
     assert_null(image.pixels);
 }
 
-// Blackening what does not count must change nothing, and PSNR is over the rest alone.
+// Invalid pixels may be black without any effect; PSNR covers valid pixels only.
 static void masked_pixels_have_no_influence(void **state)
 {
     (void)state;
@@ -247,7 +247,7 @@ static void masked_pixels_have_no_influence(void **state)
             a.pixels[c * plane + i] = b.pixels[c * plane + i] = 0;
     assert_true(sgs_psnr_masked(&a, &b, valid_mask) == psnr &&
                 sgs_ssim_masked(&a, &b, valid_mask) == ssim);
-    // Black everywhere else, the windows that were left out have similarities of their own.
+    // Black elsewhere: the excluded windows have a similarity of their own.
     assert_true(fabs(sgs_ssim(&a, &b) - ssim) > 1e-3);
     memset(valid_mask, 0, sizeof valid_mask);
     assert_true(isnan(sgs_psnr_masked(&a, &b, valid_mask)) &&
@@ -261,7 +261,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(ssim_matches_brute_force_and_catches_planted_errors),
         cmocka_unit_test(ssim_of_one_pixel_has_a_closed_form),
-        cmocka_unit_test(identical_images_are_perfect),
+        cmocka_unit_test(identical_images_have_perfect_scores),
         cmocka_unit_test(psnr_has_known_values),
         cmocka_unit_test(ssim_does_not_depend_on_threads),
         cmocka_unit_test(masked_pixels_have_no_influence),

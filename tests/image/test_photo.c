@@ -1,9 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Photographs of more than 8 bit of sRGB: their values against the definition of the curve in
-// double, the unit of the light, averages in linear light, colour spaces by name, and pixels and
-// files that are broken.
+// Photographs beyond 8-bit sRGB: values against the definition of the transfer function in double
+// precision, the unit of light, averages in linear light, colour spaces by name, broken pixels and
+// files.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -18,7 +18,7 @@
 #include "image/photo.h"
 #include "support/scene_support.h"
 
-enum { WIDTH = 21, HEIGHT = 70 }; // two slabs of rows, a width that is no multiple of 16
+enum { WIDTH = 21, HEIGHT = 70 }; // two slabs of rows, a width that is not a multiple of 16
 
 static double encoded(double light)
 {
@@ -30,7 +30,7 @@ static double decoded(double value)
     return value <= 0.04045 ? value / 12.92 : pow((value + 0.055) / 1.055, 2.4);
 }
 
-// Light of a scene with a lamp in it: five stops down to black, one pixel far brighter than white.
+// A scene with a lamp: five stops down to black, one pixel far above white.
 static float light_at(int c, int x, int y)
 {
     if (x == 3 && y == 40)
@@ -38,8 +38,8 @@ static float light_at(int c, int x, int y)
     return (float)((x + 1) * (3 + c) / 64.0 * exp2(-y % 5)) * 0.9f;
 }
 
-// An EXR of that light times `scale`; alpha (premultiplied) when asked for; `broken` in one pixel
-// when it is not 0.
+// An EXR of this light times `scale`; with premultiplied alpha if requested; one pixel has the
+// value `broken` unless it is 0.
 static void put_light(const temp_folder *folder, const char *name, float scale, bool alpha,
                       float broken, int half)
 {
@@ -106,7 +106,7 @@ static void halves_round_to_nearest(void **state)
     assert_int_equal(sgsi_half_from_float(INFINITY), 0x7bff);
 }
 
-static void linear_light_is_encoded_by_the_curve_of_srgb(void **state)
+static void linear_light_is_encoded_as_srgb(void **state)
 {
     (void)state;
     const temp_folder folder = temp_folder_make();
@@ -135,9 +135,8 @@ static void linear_light_is_encoded_by_the_curve_of_srgb(void **state)
     tree_remove(&folder);
 }
 
-// What is measured as white carries the unit of the light: the same scene times eight gives the
-// same bits.
-static void the_unit_of_the_light_does_not_matter(void **state)
+// The white point is measured in the unit of light: the same scene times eight gives the same bits.
+static void scaling_linear_light_changes_no_bit(void **state)
 {
     (void)state;
     const temp_folder folder = temp_folder_make();
@@ -154,8 +153,8 @@ static void the_unit_of_the_light_does_not_matter(void **state)
         free(light);
         photos[k] = load_photo(&source);
     }
-    assert_true(white[1] == 8 * white[0] && white[0] > 0.5 &&
-                white[0] < 2); // the lamp is one pixel of 1470
+    // The lamp is one pixel of 1470.
+    assert_true(white[1] == 8 * white[0] && white[0] > 0.5 && white[0] < 2);
     assert_memory_equal(photos[0].halves, photos[1].halves, 3 * WIDTH * HEIGHT * sizeof(uint16_t));
     sgsi_photo_free(&photos[0]);
     sgsi_photo_free(&photos[1]);
@@ -212,7 +211,7 @@ static void sixteen_bits_keep_their_precision(void **state)
             }
         sgsi_photo_free(&photo);
     }
-    // Eight bits of sRGB stay bytes, unless the training wants light.
+    // 8-bit sRGB stays 8-bit, unless the training space is linear.
     uint8_t bytes[3 * WIDTH * HEIGHT] = {200};
     tiff_put(&folder, "b.tif", &(tiff){WIDTH, HEIGHT, 3, 8, 2, 1, 0}, bytes, sizeof bytes);
     source = source_of(temp_path(&folder, "b.tif"));
@@ -226,7 +225,7 @@ static void sixteen_bits_keep_their_precision(void **state)
     tree_remove(&folder);
 }
 
-// `list`: names with ", " between them, none twice.
+// `list`: comma-separated names, without duplicates.
 static void assert_distinct(const char *list)
 {
     size_t count = 0;
@@ -244,7 +243,7 @@ static void assert_distinct(const char *list)
     assert_true(count > 2);
 }
 
-static void colour_spaces_are_known_by_name(void **state)
+static void colour_spaces_are_selected_by_name(void **state)
 {
     (void)state;
     const temp_folder folder = temp_folder_make();
@@ -252,12 +251,12 @@ static void colour_spaces_are_known_by_name(void **state)
     sgsi_photo_source source = source_of(temp_path(&folder, "a.exr"));
     sgs_photo photo;
     sgsi_photo_report report;
-    source.colorspace = "sRGB"; // the values are what they are
+    source.colorspace = "sRGB"; // the values are not converted
     photo = load_photo(&source);
     assert_true(fabs(value_at(&photo, 0, 5, 0) - (double)light_at(0, 5, 0)) < 5e-4 &&
                 !photo.is_hdr);
     sgsi_photo_free(&photo);
-    source.colorspace = "Rec709"; // by OpenImageIO: the curve of ITU-R BT.709
+    source.colorspace = "Rec709"; // converted by OpenImageIO: transfer function of ITU-R BT.709
     photo = load_photo(&source);
     const double light = pow(((double)light_at(0, 5, 0) + 0.099) / 1.099, 1 / 0.45);
     assert_true(fabs(value_at(&photo, 0, 5, 0) - encoded(light)) < 2e-3);
@@ -272,7 +271,7 @@ static void colour_spaces_are_known_by_name(void **state)
     tree_remove(&folder);
 }
 
-// A scene of scene_support whose photographs are EXR files under the names of the model's PNG
+// A scene of scene_support whose photographs are EXR files, with the names of the model's PNG
 // files.
 static temp_folder make_scene(float broken)
 {
@@ -291,7 +290,7 @@ static temp_folder make_scene(float broken)
     return folder;
 }
 
-static void pixels_that_are_no_numbers_are_ignored_and_counted(void **state)
+static void nonfinite_pixels_are_ignored_and_counted(void **state)
 {
     (void)state;
     static const float values[] = {NAN, INFINITY, -INFINITY};
@@ -315,7 +314,7 @@ static void pixels_that_are_no_numbers_are_ignored_and_counted(void **state)
     }
 }
 
-static void broken_files_are_told_in_one_line(void **state)
+static void broken_files_are_reported_in_one_line(void **state)
 {
     (void)state;
     const temp_folder folder = make_scene(0);
@@ -348,7 +347,7 @@ static void broken_files_are_told_in_one_line(void **state)
     tree_remove(&folder);
 }
 
-// A layer's colours are found behind its name, the plain ones first.
+// A layer's colours are found by the name after its prefix; unprefixed ones take precedence.
 static void exr_layers_are_found_by_name(void **state)
 {
     (void)state;
@@ -379,13 +378,13 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(halves_round_to_nearest),
-        cmocka_unit_test(linear_light_is_encoded_by_the_curve_of_srgb),
-        cmocka_unit_test(the_unit_of_the_light_does_not_matter),
+        cmocka_unit_test(linear_light_is_encoded_as_srgb),
+        cmocka_unit_test(scaling_linear_light_changes_no_bit),
         cmocka_unit_test(linear_light_is_averaged_before_it_is_encoded),
         cmocka_unit_test(sixteen_bits_keep_their_precision),
-        cmocka_unit_test(colour_spaces_are_known_by_name),
-        cmocka_unit_test_setup(pixels_that_are_no_numbers_are_ignored_and_counted, warnings_begin),
-        cmocka_unit_test_setup(broken_files_are_told_in_one_line, warnings_begin),
+        cmocka_unit_test(colour_spaces_are_selected_by_name),
+        cmocka_unit_test_setup(nonfinite_pixels_are_ignored_and_counted, warnings_begin),
+        cmocka_unit_test_setup(broken_files_are_reported_in_one_line, warnings_begin),
         cmocka_unit_test(exr_layers_are_found_by_name),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The image cache: the same photographs and the same model as without a limit, never more bytes
-// than the limit, and files that went away since.
+// The image cache: same photographs and same model as without a limit, the limit is kept, and files
+// that disappear are reported.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -45,7 +45,7 @@ static void assert_same_photo(const sgs_photo *a, const sgs_photo *b)
                         (size_t)a->width * (size_t)a->height * (size_t)a->channels);
 }
 
-static void a_quarter_of_the_memory_gives_the_same_photographs(void **state)
+static void cache_of_a_quarter_returns_the_same_photographs(void **state)
 {
     (void)state;
     sgs_scene *all = load_room(0), *some = load_room(bytes_of(all) / 4);
@@ -54,8 +54,8 @@ static void a_quarter_of_the_memory_gives_the_same_photographs(void **state)
     for (uint64_t k = 0; k < 300; ++k) {
         const size_t v = (size_t)(sgsi_random_bits(1, k) % all->view_count);
         const sgs_photo *a, *b;
-        for (uint64_t ahead = 1; ahead < 4 && k % 3;
-             ++ahead) // a third of the time nothing is announced
+        // A third of the accesses have no prefetch.
+        for (uint64_t ahead = 1; ahead < 4 && k % 3; ++ahead)
             sgs_scene_prefetch(some, (size_t)(sgsi_random_bits(1, k + ahead) % all->view_count));
         assert_int_equal(sgs_scene_photo(all, v, &a), SGS_STATUS_OK);
         assert_int_equal(sgs_scene_photo(some, v, &b), SGS_STATUS_OK);
@@ -68,8 +68,8 @@ static void a_quarter_of_the_memory_gives_the_same_photographs(void **state)
     sgs_scene_destroy(some);
 }
 
-// Less than one photograph fits: still every one can be had, announced or not.
-static void the_smallest_cache_works(void **state)
+// Limit below the size of one photograph: all can still be read, with or without prefetch.
+static void cache_smaller_than_one_photograph_works(void **state)
 {
     (void)state;
     sgs_scene *all = load_room(0), *none = load_room(1);
@@ -112,7 +112,7 @@ static void the_model_does_not_depend_on_the_cache(void **state)
     assert_string_equal(hashes[0], hashes[1]);
 }
 
-static void a_photograph_that_went_away_is_an_error(void **state)
+static void deleted_photograph_is_an_error(void **state)
 {
     (void)state;
     static const uint8_t grey[3] = {90, 100, 110};
@@ -137,7 +137,7 @@ static void a_photograph_that_went_away_is_an_error(void **state)
         assert_null(photo);
         assert_holds(sgs_last_error(), "images/b.png: there is no such file");
     }
-    tree_put_picture(&folder, "images/b.png", 64, 48, 3, grey); // and comes back
+    tree_put_picture(&folder, "images/b.png", 64, 48, 3, grey); // the file is restored
     assert_int_equal(sgs_scene_photo(scene, 1, &photo), SGS_STATUS_OK);
     sgs_scene_destroy(scene);
     tree_remove(&folder);
@@ -146,10 +146,10 @@ static void a_photograph_that_went_away_is_an_error(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_quarter_of_the_memory_gives_the_same_photographs),
-        cmocka_unit_test(the_smallest_cache_works),
+        cmocka_unit_test(cache_of_a_quarter_returns_the_same_photographs),
+        cmocka_unit_test(cache_smaller_than_one_photograph_works),
         cmocka_unit_test(the_model_does_not_depend_on_the_cache),
-        cmocka_unit_test_setup(a_photograph_that_went_away_is_an_error, warnings_begin),
+        cmocka_unit_test_setup(deleted_photograph_is_an_error, warnings_begin),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

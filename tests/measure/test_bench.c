@@ -1,9 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The bench: its scenes are the same everywhere and shaped as promised, its counts are the
-// oracle's, its times add up, its model does not drift, and the limits keep an order that every
-// machine has. No absolute time.
+// The bench: its scenes are deterministic and have the documented statistics, its counts equal the
+// oracle's, its times add up, its model does not drift, and the machine limits are plausibly
+// ordered. No absolute times.
 
 #include <math.h>
 #include <setjmp.h>
@@ -21,7 +21,7 @@
 
 enum { WIDTH = 53, HEIGHT = 38, COUNT = 400 };
 
-static void scenes_depend_on_name_and_seed_alone(void **state)
+static void scenes_are_determined_by_name_and_seed(void **state)
 {
     (void)state;
     char hex[3][17];
@@ -42,7 +42,7 @@ static void scenes_depend_on_name_and_seed_alone(void **state)
     sgs_bench_scene_destroy(NULL);
 }
 
-static void scenes_are_shaped_like_trained_ones(void **state)
+static void scenes_have_statistics_of_trained_models(void **state)
 {
     (void)state;
     sgs_bench_scene *scene;
@@ -59,8 +59,8 @@ static void scenes_are_shaped_like_trained_ones(void **state)
         thin += p[SGS_PARAM_SCALE + 2] < fminf(p[SGS_PARAM_SCALE], p[SGS_PARAM_SCALE + 1]);
         const double distance = sqrt((double)(p[0] * p[0] + p[1] * p[1] + p[2] * p[2]));
         far += distance > 20;
-        // Log of the size by the distance: normal with standard deviation 0.5, besides the spread
-        // of distances to the camera.
+        // Log of size over distance: normal with standard deviation 0.5, plus the spread of
+        // distances to the camera.
         if (distance < 20)
             continue;
         const double size = (double)p[SGS_PARAM_SCALE] - log(distance);
@@ -75,7 +75,7 @@ static void scenes_are_shaped_like_trained_ones(void **state)
     sgs_bench_scene_destroy(scene);
 }
 
-static void counts_are_the_oracles_and_times_add_up(void **state)
+static void counts_equal_the_oracle_and_times_add_up(void **state)
 {
     (void)state;
     oracle_scene scene = oracle_random_model(21, COUNT, NULL);
@@ -109,7 +109,7 @@ static void counts_are_the_oracles_and_times_add_up(void **state)
                     c.tiles == 4 * 3);
         assert_true(c.hits <= 16 * c.block_hits && c.block_hits <= c.evaluations &&
                     c.evaluations <= 16 * c.candidates);
-        if (run) // the model is put back: the same work every time
+        if (run) // the model is restored: the same work each time
             assert_true(c.evaluations == before.evaluations && c.block_hits == before.block_hits);
         before = c;
         const double parts = s.refit + s.gather + s.forward + s.loss + s.backward + s.optimizer;
@@ -128,30 +128,30 @@ static void counts_are_the_oracles_and_times_add_up(void **state)
     oracle_scene_free(&scene);
 }
 
-static void limits_are_in_the_order_of_every_machine(void **state)
+static void machine_limits_are_plausibly_ordered(void **state)
 {
     (void)state;
     sgs_machine_limits limits = {0};
     sgs_threads_set(1);
-    // Several times where something else runs: one quiet moment shows the order.
+    // Several attempts, because other programs may interfere.
     for (int k = 0; k < 8 && !(limits.l2_gbs > limits.memory_read_gbs); ++k)
         assert_int_equal(sgs_machine_limits_measure(&limits), SGS_STATUS_OK);
     sgs_threads_set(0);
     assert_true(limits.fma_gflops > 0 && limits.memory_read_gbs > 0 &&
                 limits.memory_update_gbs > 0);
     assert_true(limits.memory_gbs == fmax(limits.memory_read_gbs, limits.memory_update_gbs));
-    assert_true(limits.l2_gbs >
-                limits.memory_read_gbs); // a core reads its cache faster than the memory
+    // A core reads its cache faster than memory.
+    assert_true(limits.l2_gbs > limits.memory_read_gbs);
     assert_true(limits.l2_bytes >= 1 << 16);
 }
 
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(scenes_depend_on_name_and_seed_alone),
-        cmocka_unit_test(scenes_are_shaped_like_trained_ones),
-        cmocka_unit_test(counts_are_the_oracles_and_times_add_up),
-        cmocka_unit_test(limits_are_in_the_order_of_every_machine),
+        cmocka_unit_test(scenes_are_determined_by_name_and_seed),
+        cmocka_unit_test(scenes_have_statistics_of_trained_models),
+        cmocka_unit_test(counts_equal_the_oracle_and_times_add_up),
+        cmocka_unit_test(machine_limits_are_plausibly_ordered),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

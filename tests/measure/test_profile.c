@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The profile's counts against the oracle's brute force, the order in which they must stand for
-// every tree, and the cost of trees whose boxes allow it to be computed by hand.
+// The profile's counts against the oracle's brute force, their order for each tree, and the cost of
+// trees whose boxes allow a computation by hand.
 
 #include <math.h>
 #include <setjmp.h>
@@ -34,7 +34,7 @@ static sgs_profile *profile_of(const oracle_scene *scene, const sgs_camera *came
     return profile;
 }
 
-static void hits_are_those_of_brute_force(void **state)
+static void hits_equal_brute_force(void **state)
 {
     (void)state;
     oracle_scene scene = oracle_random_model(7, COUNT, NULL);
@@ -59,7 +59,7 @@ static void hits_are_those_of_brute_force(void **state)
                   sum, off, profile->sampled_hits, sum / (WIDTH * HEIGHT));
     assert_true(off <= 1e-3 * sum);
     assert_true(fabs(profile->hits - sum) <= 1e-3 * sum);
-    // An eighth of the pixels, spread evenly, speaks for all.
+    // A regular sample of an eighth of the pixels.
     assert_true(fabs(profile->sampled_hits / (sum / (WIDTH * HEIGHT)) - 1) < 0.1);
     assert_true(profile->sampled_hits_unstopped >= profile->sampled_hits);
     assert_true(profile->rays == WIDTH * HEIGHT);
@@ -68,7 +68,7 @@ static void hits_are_those_of_brute_force(void **state)
     oracle_scene_free(&scene);
 }
 
-static void every_stage_keeps_what_the_next_one_needs(void **state)
+static void every_stage_is_conservative(void **state)
 {
     (void)state;
     oracle_scene scene = oracle_random_model(11, COUNT, NULL);
@@ -82,12 +82,12 @@ static void every_stage_keeps_what_the_next_one_needs(void **state)
     assert_true(p->hits <= 16 * p->block_hits && p->block_hits <= p->hits + p->evaluations);
     for (int k = 0; k < SGS_PROFILE_KIND_COUNT; ++k) {
         const sgs_profile_tree *tree = &p->trees[k];
-        assert_true(tree->callbacks >= p->needed); // conservative, whatever the tree
+        assert_true(tree->callbacks >= p->needed); // conservative for any tree
         assert_true(tree->build > 0 && tree->gather > 0 && tree->bytes > 16 * COUNT);
         assert_true((tree->refit > 0) == (k >= SGS_PROFILE_REFIT));
         assert_true(tree->cost >= 1 && tree->overlap >= 0);
     }
-    // Boxes that moved apart in a tree of the old neighbourhoods.
+    // Boxes that moved apart in a tree built for their old positions.
     assert_true(p->trees[SGS_PROFILE_AGED].cost > p->trees[SGS_PROFILE_REFIT].cost);
     double candidates = 0, evaluations = 0;
     for (int t = 0; t < p->tiles_x * p->tiles_y; ++t) {
@@ -105,12 +105,12 @@ static sgsi_bounds box(float x, float y, float z, float size)
     return (sgsi_bounds){.lower = {x, y, z}, .upper = {x + size, y + size, z + size}};
 }
 
-static void cost_and_overlap_of_two_boxes_are_those_on_paper(void **state)
+static void cost_and_overlap_of_two_boxes_equal_hand_computed_values(void **state)
 {
     (void)state;
     static const sgsi_bvh_quality qualities[] = {SGSI_BVH_LOW, SGSI_BVH_MEDIUM, SGSI_BVH_HIGH};
     for (int q = 0; q < 3; ++q) {
-        // Unit cubes three apart: the root is 4 x 1 x 1, surface 18; leaves 6 each.
+        // Unit cubes three units apart: the root is 4 x 1 x 1, surface 18; leaves 6 each.
         const sgsi_bounds apart[2] = {box(0, 0, 0, 1), box(3, 0, 0, 1)};
         sgsi_bvh_cost cost;
         assert_int_equal(sgsi_bvh_cost_measure(apart, apart, 2, qualities[q], &cost),
@@ -119,8 +119,8 @@ static void cost_and_overlap_of_two_boxes_are_those_on_paper(void **state)
         assert_int_equal(cost.leaves, 2);
         assert_true(fabs(cost.cost - (1 + 12.0 / 18)) < 1e-6);
         assert_true(cost.overlap == 0);
-        // The same tree once the cubes have moved onto each other: all surfaces are 6, and all of
-        // it is shared.
+        // The same tree after the cubes moved onto each other: all surfaces are 6, with full
+        // overlap.
         const sgsi_bounds moved[2] = {box(0, 0, 0, 1), box(0, 0, 0, 1)};
         assert_int_equal(sgsi_bvh_cost_measure(apart, moved, 2, qualities[q], &cost),
                          SGS_STATUS_OK);
@@ -132,7 +132,7 @@ static void cost_and_overlap_of_two_boxes_are_those_on_paper(void **state)
     }
 }
 
-static void options_out_of_range_are_refused(void **state)
+static void options_out_of_range_are_rejected(void **state)
 {
     (void)state;
     oracle_scene scene = oracle_random_model(3, 20, NULL);
@@ -153,7 +153,7 @@ static void options_out_of_range_are_refused(void **state)
     oracle_scene_free(&scene);
 }
 
-static void counters_count_or_say_why_not(void **state)
+static void counters_count_or_report_the_reason(void **state)
 {
     (void)state;
     sgs_counters *counters = sgs_counters_open();
@@ -177,11 +177,11 @@ static void counters_count_or_say_why_not(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(hits_are_those_of_brute_force),
-        cmocka_unit_test(every_stage_keeps_what_the_next_one_needs),
-        cmocka_unit_test(cost_and_overlap_of_two_boxes_are_those_on_paper),
-        cmocka_unit_test(options_out_of_range_are_refused),
-        cmocka_unit_test(counters_count_or_say_why_not),
+        cmocka_unit_test(hits_equal_brute_force),
+        cmocka_unit_test(every_stage_is_conservative),
+        cmocka_unit_test(cost_and_overlap_of_two_boxes_equal_hand_computed_values),
+        cmocka_unit_test(options_out_of_range_are_rejected),
+        cmocka_unit_test(counters_count_or_report_the_reason),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

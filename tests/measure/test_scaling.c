@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// What is said about scaling: the prediction against hand-computed cases, and the loops' clock
-// against loops whose shares are known.
+// The scaling prediction against cases computed by hand, and the clocks of parallel loops against
+// loops of known composition.
 
 #include <math.h>
 #include <setjmp.h>
@@ -22,7 +22,7 @@ static void close_to(double value, double expected)
         fail_msg("%.12g instead of %.12g", value, expected);
 }
 
-static void prediction_is_amdahls_law_with_a_floor(void **state)
+static void prediction_is_amdahls_law_limited_by_bandwidth(void **state)
 {
     (void)state;
     // One core, 1 % serial: 1 / (0.01 + 0.99 / P).
@@ -30,20 +30,21 @@ static void prediction_is_amdahls_law_with_a_floor(void **state)
     close_to(sgs_scaling_predict(&one, 1, 0), 1.0);
     close_to(sgs_scaling_predict(&one, 8, 0), 1.0 / (0.01 + 0.99 / 8));
     close_to(sgs_scaling_predict(&one, 64, 1e30), 1.0 / (0.01 + 0.99 / 64));
-    // The same work measured on two threads that wait for each other.
+    // The same work measured with two threads that wait for each other.
     const sgs_scaling two = {.seconds = 0.6, .serial = 0.01, .waiting = 0.095, .threads = 2};
     close_to(sgs_scaling_predict(&two, 8, 0), 1.0 / (0.01 + 0.99 / 8));
-    // 10 GB through 100 GB/s take 0.1 s however many cores there are.
+    // 10 GB at 100 GB/s take 0.1 s on any number of cores.
     const sgs_scaling streaming = {.seconds = 1.0, .serial = 0.01, .bytes = 10e9, .threads = 1};
     close_to(sgs_scaling_predict(&streaming, 64, 100), 1.0 / 0.11);
     close_to(sgs_scaling_predict(&streaming, 4, 100), 1.0 / (0.01 + 0.99 / 4));
-    // 96 macrotiles on 64 cores are two rounds for half of the work; on 8 cores they divide evenly.
+    // Macrotiles are half of the work. 96 of them take two rounds on 64 cores; on 8 cores they
+    // divide evenly.
     const sgs_scaling macrotiles = {
         .seconds = 1.0, .serial = 0.0, .threads = 1, .macrotile_seconds = 0.5, .macrotiles = 96};
     close_to(sgs_scaling_predict(&macrotiles, 64, 0), 1.0 / (0.5 / 64 + 0.5 * 2 / 96));
     close_to(sgs_scaling_predict(&macrotiles, 8, 0), 8.0);
     close_to(sgs_scaling_predict(&macrotiles, 1000, 0), 1.0 / (0.5 / 1000 + 0.5 / 96));
-    // Sixteen threads that had to share two cores did the work of two.
+    // Sixteen threads on two cores do the work of two.
     const sgs_scaling crowded = {
         .seconds = 0.6, .serial = 0.01, .waiting = 0.095, .threads = 16, .cores = 2};
     close_to(sgs_scaling_predict(&crowded, 8, 0), 1.0 / (0.01 + 0.99 / 8));
@@ -59,7 +60,7 @@ static void long_item(void *context, size_t item, int thread)
         rest(0.1);
 }
 
-static void the_clock_of_loops_sees_who_waits(void **state)
+static void loop_clocks_measure_serial_and_waiting_time(void **state)
 {
     (void)state;
     for (int threads = 1; threads <= 4; ++threads) {
@@ -68,7 +69,7 @@ static void the_clock_of_loops_sees_who_waits(void **state)
         const double start = sgsi_seconds();
         sgsi_parallel_for(8, 1, long_item, NULL);
         const double wall = sgsi_seconds() - start;
-        rest(0.01); // outside
+        rest(0.01); // outside of loops
         const sgsi_loop_seconds after = sgsi_threads_seconds();
         const double inside = after.inside - before.inside,
                      waiting = after.waiting - before.waiting;
@@ -76,7 +77,7 @@ static void the_clock_of_loops_sees_who_waits(void **state)
         assert_true(waiting >= 0.0 && waiting <= inside);
         if (threads == 1)
             assert_true(waiting == 0.0);
-        else // a single thread works, and the others wait for most of the time
+        else // one thread works, the others wait most of the time
             assert_true(waiting > 0.25 * inside * (threads - 1) / threads);
     }
     sgsi_threads_set(0);
@@ -95,8 +96,8 @@ static void single_items_count_as_serial_on_many_threads(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(prediction_is_amdahls_law_with_a_floor),
-        cmocka_unit_test(the_clock_of_loops_sees_who_waits),
+        cmocka_unit_test(prediction_is_amdahls_law_limited_by_bandwidth),
+        cmocka_unit_test(loop_clocks_measure_serial_and_waiting_time),
         cmocka_unit_test(single_items_count_as_serial_on_many_threads),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

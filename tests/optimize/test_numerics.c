@@ -1,9 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Numbers that are not finite never reach the parameters: the step or the primitive is skipped,
-// counted and reported by name; degenerate Gaussians are drawn by the rules of the README and leave
-// at the next structural update.
+// Non-finite numbers never reach the parameters: the step or the primitive is skipped, counted and
+// reported. Degenerate Gaussians are drawn as documented and removed at the next structural update.
 
 #include <math.h>
 #include <setjmp.h>
@@ -71,7 +70,7 @@ static void step(sgs_trainer *trainer)
     assert_int_equal(sgs_trainer_step(trainer, &info), SGS_STATUS_OK);
 }
 
-// Repeats the last plane as alpha, or takes the alpha away.
+// Appends a copy of the last plane as alpha, or removes the alpha.
 static void set_channels(sgs_photo *photo, int channels)
 {
     const size_t plane = (size_t)photo->width * (size_t)photo->height;
@@ -93,15 +92,15 @@ static void expect_finite_model(const sgs_trainer *trainer)
     }
 }
 
-static void a_step_whose_loss_is_not_finite_is_skipped_counted_and_named(void **state)
+static void nonfinite_loss_skips_the_step_and_is_reported(void **state)
 {
     (void)state;
     sgs_trainer *trainer = start(1000);
     char before[17], after[17];
     step(trainer);
     sgs_gaussians_hash(sgs_trainer_model(trainer), before);
-    // Images are clamped, so that only a weight can spoil the loss itself: the one of the alpha
-    // channel.
+    // Images are clamped, so the loss itself can only become non-finite through a weight: the one
+    // of the alpha channel.
     for (size_t i = 0; i < scene->view_count; ++i)
         set_channels(&scene->views[i].image, 4);
     trainer->options.alpha_loss = NAN;
@@ -116,20 +115,20 @@ static void a_step_whose_loss_is_not_finite_is_skipped_counted_and_named(void **
     assert_int_equal(sgs_trainer_skipped(trainer).gradients, 0);
     assert_non_null(strstr(warning, "iteration 2, view 00"));
     assert_non_null(strstr(warning, "the step is skipped"));
-    step(trainer); // and training goes on
+    step(trainer); // training continues
     sgs_gaussians_hash(sgs_trainer_model(trainer), after);
     assert_string_not_equal(before, after);
     assert_int_equal(sgs_trainer_skipped(trainer).steps, 1);
     end(trainer);
 }
 
-static void a_gradient_that_is_not_finite_leaves_its_primitive_alone_and_is_named(void **state)
+static void nonfinite_gradient_skips_its_primitive_and_is_reported(void **state)
 {
     (void)state;
     sgs_trainer *trainer = start(1000);
     step(trainer);
-    trainer->options.background[0] =
-        NAN; // clamped in the image, but not in the gradient of the transmittance
+    // Clamped in the image, but not in the gradient of the transmittance.
+    trainer->options.background[0] = NAN;
     step(trainer);
     trainer->options.background[0] = 0;
     expect_finite_model(trainer);
@@ -143,7 +142,7 @@ static void a_gradient_that_is_not_finite_leaves_its_primitive_alone_and_is_name
     end(trainer);
 }
 
-static void reports_grow_rare(void **state)
+static void warnings_are_rate_limited(void **state)
 {
     (void)state;
     sgsi_skipped skipped = {0};
@@ -156,8 +155,8 @@ static void reports_grow_rare(void **state)
     assert_int_equal(warnings, 5 + 7); // 8, 16, ..., 512
 }
 
-// Degenerate rows in a model that trains: neither the image nor any other primitive suffers.
-static void degenerate_gaussians_are_harmless_and_leave(void **state)
+// Degenerate rows in a model during training: the image and all other primitives are unaffected.
+static void degenerate_gaussians_are_harmless_and_get_pruned(void **state)
 {
     (void)state;
     sgs_trainer *trainer = start(1000);
@@ -195,10 +194,10 @@ static void degenerate_gaussians_are_harmless_and_leave(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_step_whose_loss_is_not_finite_is_skipped_counted_and_named),
-        cmocka_unit_test(a_gradient_that_is_not_finite_leaves_its_primitive_alone_and_is_named),
-        cmocka_unit_test(reports_grow_rare),
-        cmocka_unit_test(degenerate_gaussians_are_harmless_and_leave),
+        cmocka_unit_test(nonfinite_loss_skips_the_step_and_is_reported),
+        cmocka_unit_test(nonfinite_gradient_skips_its_primitive_and_is_reported),
+        cmocka_unit_test(warnings_are_rate_limited),
+        cmocka_unit_test(degenerate_gaussians_are_harmless_and_get_pruned),
     };
     return cmocka_run_group_tests(tests, load, unload);
 }

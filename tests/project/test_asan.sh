@@ -2,8 +2,8 @@
 # SPDX-FileCopyrightText: 2026 The sparegs authors
 # SPDX-License-Identifier: Apache-2.0
 
-# The quick part of the address and undefined-behaviour sanitizers: what reads files, the checkpoint with its tiny
-# trainings, and spare/. test_asan_long runs everything, in the same folder.
+# Address and undefined-behaviour sanitizers on the fast tests: file readers, checkpoints with tiny training runs, and
+# spare/. test_asan_long runs all tests, in the same build folder.
 set -euo pipefail
 cd "$SPAREGS_SOURCE"
 tests=(test_colmap test_transforms test_ply_errors test_checkpoint test_spare)

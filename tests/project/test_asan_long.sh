@@ -2,7 +2,7 @@
 # SPDX-FileCopyrightText: 2026 The sparegs authors
 # SPDX-License-Identifier: Apache-2.0
 
-# The whole default suite under the address, undefined-behaviour and leak sanitizers. SUITE=regex takes a part of it.
+# The whole default suite under the address, undefined-behaviour and leak sanitizers. SUITE=regex selects tests.
 set -euo pipefail
 cd "$SPAREGS_SOURCE"
 cmake --preset asan >/dev/null

@@ -2,14 +2,14 @@
 # SPDX-FileCopyrightText: 2026 The sparegs authors
 # SPDX-License-Identifier: Apache-2.0
 
-# no_source_is_contracted: every source of the library was compiled with -ffp-contract=off, by compile_commands.json.
+# no_source_is_contracted: all sources of the library are compiled with -ffp-contract=off (compile_commands.json).
 set -euo pipefail
 cd "$SPAREGS_SOURCE"
 temporary=$(mktemp -d)
 trap 'rm -rf "$temporary"' EXIT
 commands=$SPAREGS_BUILD/compile_commands.json
 
-# unmarked JSON: the sources of the library that JSON does not compile with the flag, or whose last such flag is another.
+# unmarked JSON: sources of the library without the flag, or with another -ffp-contract after it.
 unmarked() {
     jq -r --arg root "$SPAREGS_SOURCE/" '.[] | (.file | ltrimstr($root)) + " " +
         ([(.command | split(" "))[] | select(startswith("-ffp-contract") or . == "-ffast-math" or . == "-Ofast")] | last // "none")' "$1" |
@@ -24,7 +24,7 @@ unmarked() {
 found=$(unmarked "$commands")
 [ -z "$found" ] || { printf 'FAIL: compiled without -ffp-contract=off:\n%s\n' "$found"; exit 1; }
 
-# the_check_sees_planted_faults
+# check_detects_planted_faults
 jq '(.[] | select(.file | endswith("spare/spare.c")) | .command) |= gsub("-ffp-contract=off"; "")' "$commands" >"$temporary/missing.json"
 jq '(.[] | select(.file | endswith("bvh/bvh.c")) | .command) |= . + " -ffp-contract=fast"' "$commands" >"$temporary/later.json"
 jq 'map(select(.file | endswith("image_oiio.cpp") | not))' "$commands" >"$temporary/absent.json"

@@ -2,7 +2,7 @@
 # SPDX-FileCopyrightText: 2026 The sparegs authors
 # SPDX-License-Identifier: Apache-2.0
 
-# Five minutes of fuzzing per reader, where clang and its sanitizers are installed.
+# Five minutes of fuzzing per reader, if clang and its sanitizers are installed.
 set -euo pipefail
 if ! command -v clang >/dev/null || [ ! -e "$(clang -print-file-name=libclang_rt.fuzzer-x86_64.a)" ]; then
     echo "clang with libFuzzer is not installed: tools/setup.sh --long installs it"

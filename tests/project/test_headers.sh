@@ -2,7 +2,7 @@
 # SPDX-FileCopyrightText: 2026 The sparegs authors
 # SPDX-License-Identifier: Apache-2.0
 
-# every_public_header_compiles_alone: as C17 and as C++17, without a warning, and twice in a row.
+# every_public_header_compiles_alone: as C17 and as C++17, without warnings, and included twice.
 set -euo pipefail
 
 failures=0

@@ -2,8 +2,8 @@
 # SPDX-FileCopyrightText: 2026 The sparegs authors
 # SPDX-License-Identifier: Apache-2.0
 
-# layout_holds: every #include follows the tables below, no circle between files or folders, every source file stands
-# in a folder of the tables, every folder of the tables has files, and what src/README.md names exists. Calls between
+# layout_holds: all #includes follow the tables below; there are no cycles between files or folders; all source files
+# are in folders of the tables; no folder of the tables is empty; all files named in src/README.md exist. Calls between
 # object files are checked by test_calls.sh.
 set -euo pipefail
 cd "$SPAREGS_SOURCE"
@@ -45,7 +45,7 @@ allowed() { # WORD LIST
     [[ " $2 " == *" $1 "* ]]
 }
 
-# ---- every file stands in a folder of the tables, every folder of the tables has files ----
+# ---- All files are in folders of the tables, and no folder of the tables is empty ----
 for file in src/* tools/*; do
     case $file in
         src/README.md | tools/setup.sh | tools/test.sh | tools/demo.sh) ;;
@@ -76,7 +76,7 @@ for folder in tests/*/; do
     [ -n "${src_may[$name]+set}" ] || allowed "$name" "$tests_other" || fail "tests/$name mirrors no folder"
 done
 
-# ---- every #include follows the tables ----
+# ---- All #includes follow the tables ----
 standard='(assert|ctype|errno|fenv|float|inttypes|limits|math|stdalign|stdarg|stdatomic|stdbool|stddef|stdint|stdio|stdlib|string|time)\.h'
 public=(include/sparegs/*.h)
 src=(src/*/*.c src/*/*.cpp src/*/*.h src/*/*.inl)
@@ -85,7 +85,7 @@ spare=(spare/*.c spare/*.h)
 tools=(tools/*/*.c tools/*/*.h)
 # Lines "FILE INCLUDED" of the quoted includes of the files.
 quoted() { grep -HE '^[[:space:]]*#[[:space:]]*include[[:space:]]*"' "$@" | sed -E 's/^([^:]*):[^"]*"([^"]*)".*/\1 \2/'; }
-# Lines "FILE INCLUDED" of the bracketed ones.
+# The same for bracketed includes.
 bracketed() { grep -HE '^[[:space:]]*#[[:space:]]*include[[:space:]]*<' "$@" | sed -E 's/^([^:]*):[^<]*<([^>]*)>.*/\1 \2/'; }
 
 edges=$(mktemp)
@@ -129,13 +129,13 @@ while read -r file included; do
 done < <(bracketed "${public[@]}" "${src[@]}" "${bvh[@]}" "${spare[@]}" "${tools[@]}")
 [ "$(wc -l <"$edges")" -gt 100 ] || fail "only $(wc -l <"$edges") includes were seen"
 
-# ---- no circle between files, none between folders ----
+# ---- No cycles between files or folders ----
 tsort "$edges" >/dev/null 2>"$edges.loops" || fail "circle between files: $(grep -v 'input contains a loop' "$edges.loops" | sed 's/tsort: //' | tr '\n' ' ')"
 sed -E 's:^(src|tools)/([^/]*)/[^ ]* :\1/\2 :; s:^(bvh|spare)/[^ ]* :\1 :; s: (src|tools)/([^/]*)/.*: \1/\2:; s: (bvh|spare)/.*: \1:' "$edges" |
     awk '$1 != $2 && !($1 == "bvh" && $2 == "src/base")' | sort -u >"$edges.folders"
 tsort "$edges.folders" >/dev/null 2>"$edges.loops" || fail "circle between folders: $(grep -v 'input contains a loop' "$edges.loops" | sed 's/tsort: //' | tr '\n' ' ')"
 
-# ---- size, licence, names, what must not be in any file ----
+# ---- Size, licence, names, forbidden contents ----
 sources=("${public[@]}" "${src[@]}" "${bvh[@]}" "${spare[@]}" "${tools[@]}" tests/*/*.[ch] tests/*/*.inl tests/*/*.sh tools/*.sh
     tools/scripts/*.sh CMakeLists.txt tests/CMakeLists.txt)
 for file in "${sources[@]}"; do
@@ -145,7 +145,7 @@ for file in "${sources[@]}"; do
 done
 duplicates=$(for file in "${sources[@]}"; do basename "$file"; done | grep -v '^CMakeLists.txt$' | sort | uniq -d)
 [ -z "$duplicates" ] || fail "file names are unique in the repository: $duplicates"
-# deny WHY PATTERN FILE...: no line of the files may match.
+# deny REASON PATTERN FILE...: fails if a line of the files matches.
 deny() {
     local why=$1 pattern=$2 found
     shift 2
@@ -157,7 +157,7 @@ $found"
 deny "a path of one machine" '(^|[^[:alnum:]_.])/(home|root|work|Users|mnt)/[[:alnum:]_]' "${sources[@]}" ./*.md src/*.md tools/manual/*.md
 deny "unfinished work" '\b(TODO|FIXME|XXX)\b' "${public[@]}" "${src[@]}" "${bvh[@]}" "${spare[@]}" "${tools[@]}"
 
-# ---- the architecture page ----
+# ---- Architecture page ----
 if [ -e src/README.md ]; then
     while read -r named; do
         [ -e "$named" ] || [ -e "src/$named" ] || fail "src/README.md names $named, which does not exist"

@@ -2,7 +2,7 @@
 # SPDX-FileCopyrightText: 2026 The sparegs authors
 # SPDX-License-Identifier: Apache-2.0
 
-# layout_test_can_fail: test_layout.sh fails on each fault planted in a copy of the sources.
+# layout_test_can_fail: test_layout.sh detects each fault planted in a copy of the sources.
 set -euo pipefail
 temporary=$(mktemp -d)
 trap 'rm -rf "$temporary"' EXIT
@@ -16,14 +16,14 @@ failures=0
 holds() { SPAREGS_SOURCE=$PWD bash "$PWD/tests/project/test_layout.sh" >"$temporary/out" 2>&1; }
 holds || { cat "$temporary/out"; echo "FAIL: the layout test fails without a planted fault"; exit 1; }
 
-# seen WHAT: the layout test must fail now.
+# seen WHAT: asserts that the layout test fails.
 seen() {
     if holds; then
         echo "FAIL: not seen: $1"
         failures=$((failures + 1))
     fi
 }
-# plant_line FILE LINE: appends the line, checks, restores the file.
+# plant_line FILE LINE: appends the line, asserts a failure, restores the file.
 plant_line() {
     cp "$1" "$temporary/kept"
     echo "$2" >>"$1"

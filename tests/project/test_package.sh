@@ -2,8 +2,8 @@
 # SPDX-FileCopyrightText: 2026 The sparegs authors
 # SPDX-License-Identifier: Apache-2.0
 
-# package_serves_strangers: installs into a temporary folder, then builds and runs the consumer project against it, by
-# find_package and by pkg-config.
+# package_is_usable: installs into a temporary folder, then builds and runs the consumer project against it with
+# find_package and with pkg-config.
 set -euo pipefail
 
 temporary=$(mktemp -d)

@@ -2,7 +2,7 @@
 # SPDX-FileCopyrightText: 2026 The sparegs authors
 # SPDX-License-Identifier: Apache-2.0
 
-# setup_elsewhere_prints_the_list: without dpkg and apt-get, tools/setup.sh names the packages and stops.
+# setup_without_apt_lists_the_packages: without dpkg and apt-get, tools/setup.sh prints the packages and exits.
 set -euo pipefail
 temporary=$(mktemp -d)
 trap 'rm -rf "$temporary"' EXIT
@@ -14,7 +14,7 @@ PATH=$temporary bash "$SPAREGS_SOURCE/tools/setup.sh" >"$temporary/out" 2>"$temp
 for package in cmake libembree-dev libopenimageio-dev libjansson-dev; do
     grep -q "^ *$package$" "$temporary/err" || { echo "FAIL: $package is not in the list"; cat "$temporary/err"; exit 1; }
 done
-# setup_for_the_long_tests_has_more
+# setup_for_the_long_tests_lists_more
 PATH=$temporary bash "$SPAREGS_SOURCE/tools/setup.sh" --long 2>"$temporary/err" && { echo "FAIL: --long succeeds"; exit 1; }
 for package in cmake clang cppcheck clang-tidy gcovr colmap; do
     grep -q "^ *$package$" "$temporary/err" || { echo "FAIL: --long does not list $package"; cat "$temporary/err"; exit 1; }

@@ -2,9 +2,9 @@
 # SPDX-FileCopyrightText: 2026 The sparegs authors
 # SPDX-License-Identifier: Apache-2.0
 
-# subproject_has_manners: the consumer project includes the sources by add_subdirectory, builds and runs. Its settings
-# stay as they were (consumer/CMakeLists.txt compares them), nothing of ours is installed, no test is registered, and no
-# program is built.
+# subproject_leaves_the_parent_alone: the consumer project adds the sources with add_subdirectory, builds and runs. Its
+# settings do not change (consumer/CMakeLists.txt compares them), and the subproject installs nothing, registers no test
+# and builds no program.
 set -euo pipefail
 temporary=$(mktemp -d)
 trap 'rm -rf "$temporary"' EXIT
@@ -19,7 +19,7 @@ builds >"$temporary/log" 2>&1 || { grep -E 'rror' "$temporary/log" || tail "$tem
 "$build/consumer_c"
 "$build/consumer_cpp"
 
-# A parent without a build type keeps none, and its own files are compiled with its own flags alone.
+# A parent without a build type keeps none, and its files are compiled with its own flags only.
 grep -q '^CMAKE_BUILD_TYPE:[A-Z]*=$' "$build/CMakeCache.txt" || { echo "FAIL: the build type of the parent changed"; exit 1; }
 flags=$(jq -r '.[] | select(.file | endswith("/consumer.c")) | .command' "$build/compile_commands.json" |
     tr ' ' '\n' | grep '^-' | grep -vE '^-(I|o|c$)' | tr '\n' ' ')

@@ -2,9 +2,9 @@
 # SPDX-FileCopyrightText: 2026 The sparegs authors
 # SPDX-License-Identifier: Apache-2.0
 
-# shared_library_exports_the_public_functions_alone: builds the shared library, the program and a test that sees the
-# internals, each without optimisation. Every function that include/ declares is exported, nothing else is; the headers
-# and the linked library agree on the version.
+# shared_library_exports_only_public_functions: builds the shared library, the program and a test that uses internals,
+# without optimisation. All functions declared in include/ are exported, and no others; the headers and the library have
+# the same version.
 set -euo pipefail
 temporary=$(mktemp -d)
 trap 'rm -rf "$temporary"' EXIT
@@ -16,7 +16,7 @@ builds() {
 }
 builds >"$temporary/log" 2>&1 || { grep -E 'rror' "$temporary/log" || tail "$temporary/log"; echo "FAIL: no shared build"; exit 1; }
 
-# exported LIBRARY: the functions and data that it defines for others.
+# exported LIBRARY: its exported functions and data.
 exported() { nm -D --defined-only "$1" | awk '{ sub(/@.*/, "", $3); print $3 }' | sort -u; }
 # Declarations: SGS_API, a type, the name; clang-format may break the line before the name.
 cat "$SPAREGS_SOURCE"/include/sparegs/*.h | tr '\n' ' ' | grep -oE 'SGS_API [a-z_0-9* ]*\bsgs_[a-z_0-9]+\(' |
@@ -26,7 +26,7 @@ exported "$temporary/libsparegs.so" >"$temporary/exported"
 diff "$temporary/declared" "$temporary/exported" >"$temporary/difference" ||
     { echo "FAIL: declared (<) and exported (>) functions differ"; cat "$temporary/difference"; exit 1; }
 
-# A function without the mark is one that a shared build lacks.
+# A function without SGS_API would be missing from a shared build.
 unmarked=$(grep -HnE '^(const |unsigned |struct )?[a-z_0-9]+ \**sgs_[a-z_0-9]+\(' "$SPAREGS_SOURCE"/include/sparegs/*.h || true)
 [ -z "$unmarked" ] || { printf 'FAIL: declared without SGS_API:\n%s\n' "$unmarked"; exit 1; }
 

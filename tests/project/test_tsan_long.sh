@@ -2,7 +2,7 @@
 # SPDX-FileCopyrightText: 2026 The sparegs authors
 # SPDX-License-Identifier: Apache-2.0
 
-# The whole default suite under the thread sanitizer. SUITE=regex takes a part of it.
+# The whole default suite under the thread sanitizer. SUITE=regex selects tests.
 set -euo pipefail
 if ! command -v clang >/dev/null; then
     echo "clang is not installed; tools/setup.sh --long installs it"
@@ -11,7 +11,7 @@ fi
 cd "$SPAREGS_SOURCE"
 export TSAN_OPTIONS="ignore_noninstrumented_modules=1:suppressions=$PWD/tests/project/tsan.supp"
 
-# A planted race is seen, what a join orders is not taken for one.
+# A planted race is detected; accesses ordered by a join are not reported.
 planted=$(mktemp -d)
 trap 'rm -rf "$planted"' EXIT
 cat >"$planted/race.c" <<'C'

@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Cameras: every COLMAP model against an independent implementation of its formulas, the inversion
-// over whole images, the edge of the domain where distortion folds, resizing, and poses.
+// Cameras: each COLMAP model against an independent implementation of its formulas, the inversion
+// over whole images, the limit of the domain where distortion folds, resizing, and poses.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -196,7 +196,7 @@ static void every_projected_direction_round_trips(void **state)
     (void)state;
     sgs_camera worse[] = {
         {SGS_CAMERA_SIMPLE_RADIAL, 640, 480, {400, 320, 240, -0.4}},
-        {SGS_CAMERA_RADIAL, 640, 480, {400, 320, 240, -0.9, 0.25}}, // folds and unfolds again
+        {SGS_CAMERA_RADIAL, 640, 480, {400, 320, 240, -0.9, 0.25}}, // folds twice
         {SGS_CAMERA_OPENCV, 640, 480, {400, 400, 320, 240, -0.5, 0.1, 0.05, -0.08}},
         {SGS_CAMERA_OPENCV, 640, 480, {400, 400, 320, 240, 0, 0, 0.2, 0.1}},
         {SGS_CAMERA_FULL_OPENCV,
@@ -223,7 +223,7 @@ static void every_projected_direction_round_trips(void **state)
                 fail_msg("lens %zu: direction (%g, %g, %g) has a pixel without a ray", i, d[0],
                          d[1], d[2]);
             const double error = hypot(hypot(back[0] - d[0], back[1] - d[1]), back[2] - d[2]);
-            // Near the fold the inverse is as steep as a square root at 0.
+            // Near the fold, the inverse has infinite slope, like a square root at 0.
             if (!(error <= 1e-5))
                 fail_msg("lens %zu: direction (%g, %g, %g) comes back %g away", i, d[0], d[1], d[2],
                          error);
@@ -232,7 +232,7 @@ static void every_projected_direction_round_trips(void **state)
     }
 }
 
-static void barrel_distortion_is_refused_beyond_its_fold(void **state)
+static void barrel_distortion_is_rejected_beyond_its_fold(void **state)
 {
     (void)state;
     const sgs_camera camera = {SGS_CAMERA_SIMPLE_RADIAL, 640, 480, {400, 320, 240, -0.3}};
@@ -248,7 +248,7 @@ static void barrel_distortion_is_refused_beyond_its_fold(void **state)
     assert_false(sgs_camera_unproject(&camera, outside, direction));
 }
 
-static void unfolded_branch_of_a_polynomial_is_refused(void **state)
+static void second_monotonic_branch_of_a_polynomial_is_rejected(void **state)
 {
     (void)state;
     // 1 - 2.7 s + 1.25 s^2 has roots s = 0.475 and 1.685: beyond the second one the radius grows
@@ -261,7 +261,7 @@ static void unfolded_branch_of_a_polynomial_is_refused(void **state)
     assert_false(sgs_camera_project(&camera, beyond, pixel));
 }
 
-static void pole_of_the_rational_model_is_refused(void **state)
+static void pole_of_the_rational_model_is_rejected(void **state)
 {
     (void)state;
     const sgs_camera camera = {
@@ -329,7 +329,7 @@ static void fov_model_tends_to_the_pinhole(void **state)
     }
 }
 
-static void points_and_pixels_that_are_no_numbers_are_refused(void **state)
+static void nonfinite_points_and_pixels_are_rejected(void **state)
 {
     (void)state;
     const double bad[] = {NAN, INFINITY, -INFINITY};
@@ -349,7 +349,7 @@ static void points_and_pixels_that_are_no_numbers_are_refused(void **state)
     }
 }
 
-static void absurd_coefficients_neither_hang_nor_crash(void **state)
+static void extreme_coefficients_neither_hang_nor_crash(void **state)
 {
     (void)state;
     const double values[] = {1e300, -1e300, 1e30, -1e30, 1e-300, 0, 5, -5};
@@ -368,7 +368,7 @@ static void absurd_coefficients_neither_hang_nor_crash(void **state)
     }
 }
 
-static void alternating_cameras_do_not_disturb_each_other(void **state)
+static void alternating_cameras_are_independent(void **state)
 {
     (void)state;
     double first[LENSES][2], again[2];
@@ -413,7 +413,7 @@ static void resizing_keeps_one_focal_models_only_under_equal_scales(void **state
     assert_memory_equal(other.params, expected, sizeof expected);
 }
 
-static void invalid_cameras_are_named(void **state)
+static void invalid_cameras_are_rejected_with_the_reason(void **state)
 {
     (void)state;
     static const struct {
@@ -496,7 +496,7 @@ static void quaternions_of_any_norm_round_trip(void **state)
     }
 }
 
-static void quaternion_turns_as_in_colmap(void **state)
+static void quaternion_convention_is_colmaps(void **state)
 {
     (void)state;
     const double h = sqrt(0.5), q[4] = {h, 0, 0, h}, t[3] = {10, 20, 30}; // 90 degrees about z
@@ -511,7 +511,7 @@ static void quaternion_turns_as_in_colmap(void **state)
                 fabs(center[2] + 30) < 1e-13);
 }
 
-static void broken_poses_are_refused(void **state)
+static void invalid_poses_are_rejected(void **state)
 {
     (void)state;
     const double fine[4] = {1, 0, 0, 0}, zero[4] = {0, 0, 0, 0}, nan_q[4] = {1, NAN, 0, 0},
@@ -528,9 +528,8 @@ static void broken_poses_are_refused(void **state)
     assert_int_equal(sgs_pose_from_quaternion(fine, inf_t, &pose), SGS_STATUS_FORMAT);
 }
 
-// The image of a direction moves by the same scale on both axes; the middle column stays the
-// middle.
-static void reframing_never_squashes(void **state)
+// The image of a direction is scaled equally on both axes; the central column stays central.
+static void reframing_keeps_the_pixel_aspect(void **state)
 {
     (void)state;
     for (size_t model = 0; model < LENSES; ++model) {
@@ -555,25 +554,25 @@ int main(void)
         cmocka_unit_test(projection_equals_colmaps_formulas),
         cmocka_unit_test(axis_projects_to_the_principal_point),
         cmocka_unit_test(every_pixel_round_trips),
-        cmocka_unit_test(reframing_never_squashes),
+        cmocka_unit_test(reframing_keeps_the_pixel_aspect),
         cmocka_unit_test(every_projected_direction_round_trips),
-        cmocka_unit_test(barrel_distortion_is_refused_beyond_its_fold),
-        cmocka_unit_test(unfolded_branch_of_a_polynomial_is_refused),
-        cmocka_unit_test(pole_of_the_rational_model_is_refused),
+        cmocka_unit_test(barrel_distortion_is_rejected_beyond_its_fold),
+        cmocka_unit_test(second_monotonic_branch_of_a_polynomial_is_rejected),
+        cmocka_unit_test(pole_of_the_rational_model_is_rejected),
         cmocka_unit_test(perspective_cameras_see_nothing_behind_them),
         cmocka_unit_test(fisheye_cameras_see_beyond_ninety_degrees),
         cmocka_unit_test(fov_model_ends_where_its_arc_tangent_does),
         cmocka_unit_test(fov_model_tends_to_the_pinhole),
-        cmocka_unit_test(points_and_pixels_that_are_no_numbers_are_refused),
-        cmocka_unit_test(absurd_coefficients_neither_hang_nor_crash),
-        cmocka_unit_test(alternating_cameras_do_not_disturb_each_other),
+        cmocka_unit_test(nonfinite_points_and_pixels_are_rejected),
+        cmocka_unit_test(extreme_coefficients_neither_hang_nor_crash),
+        cmocka_unit_test(alternating_cameras_are_independent),
         cmocka_unit_test(resized_cameras_scale_their_pixels),
         cmocka_unit_test(resizing_keeps_one_focal_models_only_under_equal_scales),
-        cmocka_unit_test(invalid_cameras_are_named),
+        cmocka_unit_test(invalid_cameras_are_rejected_with_the_reason),
         cmocka_unit_test(model_names_and_ids_match_colmaps),
         cmocka_unit_test(quaternions_of_any_norm_round_trip),
-        cmocka_unit_test(quaternion_turns_as_in_colmap),
-        cmocka_unit_test(broken_poses_are_refused),
+        cmocka_unit_test(quaternion_convention_is_colmaps),
+        cmocka_unit_test(invalid_poses_are_rejected),
     };
     return cmocka_run_group_tests_name("camera", tests, NULL, NULL);
 }

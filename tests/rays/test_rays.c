@@ -1,9 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The ray tables against the camera in double precision: every ray is in the right lane and inside
+// The ray tables against the camera in double precision: each ray is in the right lane and inside
 // the rectangles of its block and tile, the cone of its macrotile and the cone of the image. These
-// bounds guarantee that no primitive is missed; the test also checks that they are tight, because
+// bounds guarantee that no primitive is missed. The test also checks that they are tight, because
 // the cost of the gather depends on it.
 
 #include <setjmp.h>
@@ -64,7 +64,7 @@ static void check_tile(const sgsi_tile_rays *tile, int block, int lane, const do
                 off_v <= tile->block_half_v[block] + 1e-7 * fabs(v));
 }
 
-static void every_pixel_lies_in_its_block_tile_bin_and_image(void **state)
+static void every_ray_lies_in_its_block_tile_macrotile_and_image_bounds(void **state)
 {
     (void)state;
     sgsi_threads_set(1);
@@ -94,7 +94,7 @@ static void every_pixel_lies_in_its_block_tile_bin_and_image(void **state)
                     assert_true(rays->macrotile_valid[b] >> ray & 1);
                     const double theta = angle(d, axis);
                     widest = fmax(widest, theta);
-                    // Bounds are padded by 4e-6 of the distance: ten times the rounding of the
+                    // Bounds are padded by 4e-6 of the distance, ten times the rounding errors of
                     // directions.
                     assert_true(theta < 1.5 ? tan(theta) <= rays->tan_cone + 3e-7
                                             : rays->tan_cone > 15);
@@ -125,9 +125,8 @@ static void frames_are_orthonormal(void **state)
     }
 }
 
-// Sixteen pixels that cover all directions have no tangent plane: an error, not a hole in the
-// image.
-static void images_too_small_for_their_lens_are_refused(void **state)
+// Sixteen pixels that cover all directions have no tangent plane: an error, not missing pixels.
+static void images_too_small_for_their_lens_are_rejected(void **state)
 {
     (void)state;
     const sgs_camera camera = {SGS_CAMERA_OPENCV_FISHEYE, 40, 40, {4, 4, 20, 20}};
@@ -157,7 +156,7 @@ static void every_failed_allocation_is_reported(void **state)
     sgsi_rays_destroy(NULL);
 }
 
-static void the_cache_returns_one_table_per_camera_and_stays_within_its_limit(void **state)
+static void cache_returns_one_table_per_camera_within_its_limit(void **state)
 {
     (void)state;
     sgsi_ray_cache *cache;
@@ -185,11 +184,11 @@ static void the_cache_returns_one_table_per_camera_and_stays_within_its_limit(vo
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(every_pixel_lies_in_its_block_tile_bin_and_image),
+        cmocka_unit_test(every_ray_lies_in_its_block_tile_macrotile_and_image_bounds),
         cmocka_unit_test(frames_are_orthonormal),
-        cmocka_unit_test(images_too_small_for_their_lens_are_refused),
+        cmocka_unit_test(images_too_small_for_their_lens_are_rejected),
         cmocka_unit_test(every_failed_allocation_is_reported),
-        cmocka_unit_test(the_cache_returns_one_table_per_camera_and_stays_within_its_limit),
+        cmocka_unit_test(cache_returns_one_table_per_camera_within_its_limit),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// cameras.json: the keys, their order and their meaning are those of 3DGS.
+// cameras.json: keys, their order and their meaning as in 3DGS.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -36,7 +36,7 @@ static double number_at(json_t *array, size_t k)
     return json_number_value(json_array_get(array, k));
 }
 
-// p_cam = R p + t, so the file's rotation C and position c invert it: C p_cam + c = p.
+// p_cam = R p + t; the file's rotation C and position c are its inverse: C p_cam + c = p.
 static void assert_inverts(json_t *camera, const sgs_pose *pose)
 {
     const double p[3] = {0.7, -1.3, 2.9};
@@ -56,7 +56,7 @@ static void assert_inverts(json_t *camera, const sgs_pose *pose)
     }
 }
 
-static void cameras_json_is_what_3dgs_writes(void **state)
+static void cameras_json_matches_3dgs(void **state)
 {
     (void)state;
     const temp_folder folder = temp_folder_make();
@@ -117,7 +117,7 @@ static void cameras_json_write_failure_keeps_the_old_file(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(cameras_json_is_what_3dgs_writes),
+        cmocka_unit_test(cameras_json_matches_3dgs),
         cmocka_unit_test(cameras_json_write_failure_keeps_the_old_file),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// COLMAP models: both formats hold the same scene, and every way in which a model can be wrong is
-// refused with file, place and reason.
+// COLMAP models: both formats give the same scene, and every kind of invalid model is rejected with
+// file, position and reason.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -20,7 +20,7 @@
 
 static const char *const kinds[2] = {"txt", "bin"};
 
-// A status of one of these means that reading ended in an orderly way.
+// Statuses of an orderly failure.
 static bool orderly(sgs_status status)
 {
     return status == SGS_STATUS_OK || status == SGS_STATUS_FORMAT ||
@@ -35,7 +35,7 @@ static temp_folder whole_model(bool binary)
     return folder;
 }
 
-// A model is refused with this status and message. Removes it.
+// Asserts that the model is rejected with this status and message. Removes it.
 static void assert_refused(const temp_folder *folder, size_t number, sgs_status status,
                            const char *message)
 {
@@ -110,7 +110,7 @@ static void binary_is_preferred_over_text(void **state)
     tree_remove(&folder);
 }
 
-static void a_cloud_of_the_other_kind_is_read(void **state)
+static void points_in_the_other_format_are_read(void **state)
 {
     (void)state;
     const model m = model_make();
@@ -133,7 +133,8 @@ static void a_cloud_of_the_other_kind_is_read(void **state)
     }
 }
 
-// ---- content that is wrong in any format --------------------------------------------------------
+// ---- Contents invalid in both formats
+// ------------------------------------------------------------
 
 static char long_name[1200];
 
@@ -254,7 +255,7 @@ static void endless_name(model *m)
     m->images[1].name = memset(long_name, 'x', sizeof long_name - 1);
 }
 
-// `binary` and `text` are the places, NULL where the message has none.
+// `binary` and `text`: expected positions, NULL if the message has none.
 static const struct {
     void (*edit)(model *);
     const char *file, *binary, *text, *message;
@@ -306,7 +307,7 @@ static const struct {
     {endless_name, "images", "byte 134", "line 5", "is longer than 1024 bytes"},
 };
 
-static void wrong_content_is_refused_in_both_formats(void **state)
+static void invalid_content_is_rejected_in_both_formats(void **state)
 {
     (void)state;
     for (size_t i = 0; i < sizeof wrong_contents / sizeof *wrong_contents; ++i) {
@@ -331,7 +332,7 @@ static void wrong_content_is_refused_in_both_formats(void **state)
     }
 }
 
-static void points_that_are_not_finite_are_dropped_and_counted(void **state)
+static void nonfinite_points_are_dropped_and_counted(void **state)
 {
     (void)state;
     for (int binary = 0; binary < 2; ++binary) {
@@ -340,7 +341,7 @@ static void points_that_are_not_finite_are_dropped_and_counted(void **state)
         warnings_begin(state);
         m.points[1].xyz[0] = NAN;
         m.points[2].xyz[2] = -INFINITY;
-        m.points[4].xyz[1] = 1e300; // beyond float
+        m.points[4].xyz[1] = 1e300; // out of range for float
         model_put(&folder, "", &m, binary);
         sgsi_dataset d;
         assert_int_equal(sgsi_colmap_read(folder.path, &d), SGS_STATUS_OK);
@@ -377,9 +378,9 @@ static void models_without_points_are_read(void **state)
     }
 }
 
-// ---- damaged bytes ------------------------------------------------------------------------------
+// ---- Damaged bytes ------------------------------------------------------------------------------
 
-// Overwrites `size` bytes at `offset` of a whole model's file with `value`.
+// Overwrites `size` bytes at `offset` of a valid model's file with `value`.
 static const struct {
     const char *file;
     size_t offset;
@@ -409,7 +410,7 @@ static const struct {
     {"images.bin", 78, 8, UINT64_MAX / 24 + 2, SGS_STATUS_FORMAT,
      "byte 78: image 4 announces 768614336404564652 2-D"},
     {"images.bin", 72, 1, 0, SGS_STATUS_FORMAT,
-     "byte 73: image 4 announces"}, // an empty name shifts what follows
+     "byte 73: image 4 announces"}, // an empty name shifts the following fields
     {"images.bin", 73, 1, '\n', SGS_STATUS_FORMAT,
      "byte 8: the name of image 4 holds control characters"},
     {"points3D.bin", 0, 8, 1000000, SGS_STATUS_FORMAT,
@@ -422,7 +423,7 @@ static const struct {
      "byte 51: point 10 announces a track of 2305843009"},
 };
 
-static void damaged_counts_and_models_are_refused(void **state)
+static void damaged_counts_and_models_are_rejected(void **state)
 {
     (void)state;
     for (size_t i = 0; i < sizeof damages / sizeof *damages; ++i) {
@@ -457,7 +458,7 @@ static void too_small_counts_are_reported(void **state)
 static const char *const files[2][3] = {{"cameras.txt", "images.txt", "points3D.txt"},
                                         {"cameras.bin", "images.bin", "points3D.bin"}};
 
-static void binary_files_cut_anywhere_are_refused(void **state)
+static void truncated_binary_files_are_rejected(void **state)
 {
     (void)state;
     const temp_folder folder = whole_model(true);
@@ -479,7 +480,7 @@ static void binary_files_cut_anywhere_are_refused(void **state)
     tree_remove(&folder);
 }
 
-static void text_files_cut_anywhere_end_in_order(void **state)
+static void truncated_text_files_are_handled(void **state)
 {
     (void)state;
     const temp_folder folder = whole_model(false);
@@ -503,7 +504,7 @@ static void text_files_cut_anywhere_end_in_order(void **state)
     tree_remove(&folder);
 }
 
-static void any_damaged_byte_ends_in_order(void **state)
+static void any_damaged_byte_is_handled(void **state)
 {
     (void)state;
     static const unsigned char values[] = {0x00, 0xff, 0x7f, '\n', '-'};
@@ -547,7 +548,7 @@ static void any_failing_allocation_is_reported(void **state)
     }
 }
 
-// ---- text ---------------------------------------------------------------------------------------
+// ---- Text ---------------------------------------------------------------------------------------
 
 static const struct {
     const char *file, *content;
@@ -604,7 +605,7 @@ static const struct {
      "line 1: is not of the form POINT3D_ID"},
 };
 
-static void wrong_lines_are_named(void **state)
+static void invalid_lines_are_reported_with_their_number(void **state)
 {
     (void)state;
     for (size_t i = 0; i < sizeof wrong_texts / sizeof *wrong_texts; ++i) {
@@ -614,7 +615,7 @@ static void wrong_lines_are_named(void **state)
     }
 }
 
-static void text_files_with_zero_bytes_are_refused(void **state)
+static void text_files_with_zero_bytes_are_rejected(void **state)
 {
     (void)state;
     const temp_folder folder = whole_model(false);
@@ -626,7 +627,7 @@ static void text_files_with_zero_bytes_are_refused(void **state)
     tree_remove(&folder);
 }
 
-static void text_with_windows_marks_line_ends_and_tabs_is_read(void **state)
+static void text_with_bom_crlf_and_tabs_is_read(void **state)
 {
     (void)state;
     const temp_folder folder = temp_folder_make();
@@ -646,7 +647,7 @@ static void text_with_windows_marks_line_ends_and_tabs_is_read(void **state)
     tree_remove(&folder);
 }
 
-static void header_that_announces_more_is_reported(void **state)
+static void wrong_record_count_in_text_header_is_reported(void **state)
 {
     (void)state;
     const temp_folder folder = temp_folder_make();
@@ -663,7 +664,7 @@ static void header_that_announces_more_is_reported(void **state)
     tree_remove(&folder);
 }
 
-static void decimal_points_do_not_depend_on_the_language(void **state)
+static void decimal_points_do_not_depend_on_the_locale(void **state)
 {
     (void)state;
     static const char *const names[] = {"de_DE.UTF-8", "fr_FR.UTF-8", "de_DE", "ru_RU.UTF-8"};
@@ -671,7 +672,7 @@ static void decimal_points_do_not_depend_on_the_language(void **state)
     for (size_t i = 0; i < 4 && !german; ++i)
         german = newlocale(LC_NUMERIC_MASK, names[i], (locale_t)0);
     if (!german)
-        skip(); // none of them is installed
+        skip(); // no such locale is installed
     const model m = model_make();
     const temp_folder folder = whole_model(false);
     const locale_t earlier = uselocale(german);
@@ -690,21 +691,21 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup(both_formats_hold_the_model_exactly, warnings_begin),
         cmocka_unit_test_setup(binary_is_preferred_over_text, warnings_begin),
-        cmocka_unit_test_setup(a_cloud_of_the_other_kind_is_read, warnings_begin),
-        cmocka_unit_test_setup(wrong_content_is_refused_in_both_formats, warnings_begin),
-        cmocka_unit_test_setup(points_that_are_not_finite_are_dropped_and_counted, warnings_begin),
+        cmocka_unit_test_setup(points_in_the_other_format_are_read, warnings_begin),
+        cmocka_unit_test_setup(invalid_content_is_rejected_in_both_formats, warnings_begin),
+        cmocka_unit_test_setup(nonfinite_points_are_dropped_and_counted, warnings_begin),
         cmocka_unit_test_setup(models_without_points_are_read, warnings_begin),
-        cmocka_unit_test_setup(damaged_counts_and_models_are_refused, warnings_begin),
+        cmocka_unit_test_setup(damaged_counts_and_models_are_rejected, warnings_begin),
         cmocka_unit_test_setup(too_small_counts_are_reported, warnings_begin),
-        cmocka_unit_test_setup(binary_files_cut_anywhere_are_refused, warnings_begin),
-        cmocka_unit_test_setup(text_files_cut_anywhere_end_in_order, warnings_begin),
-        cmocka_unit_test_setup(any_damaged_byte_ends_in_order, warnings_begin),
+        cmocka_unit_test_setup(truncated_binary_files_are_rejected, warnings_begin),
+        cmocka_unit_test_setup(truncated_text_files_are_handled, warnings_begin),
+        cmocka_unit_test_setup(any_damaged_byte_is_handled, warnings_begin),
         cmocka_unit_test_setup(any_failing_allocation_is_reported, warnings_begin),
-        cmocka_unit_test_setup(wrong_lines_are_named, warnings_begin),
-        cmocka_unit_test_setup(text_files_with_zero_bytes_are_refused, warnings_begin),
-        cmocka_unit_test_setup(text_with_windows_marks_line_ends_and_tabs_is_read, warnings_begin),
-        cmocka_unit_test_setup(header_that_announces_more_is_reported, warnings_begin),
-        cmocka_unit_test_setup(decimal_points_do_not_depend_on_the_language, warnings_begin),
+        cmocka_unit_test_setup(invalid_lines_are_reported_with_their_number, warnings_begin),
+        cmocka_unit_test_setup(text_files_with_zero_bytes_are_rejected, warnings_begin),
+        cmocka_unit_test_setup(text_with_bom_crlf_and_tabs_is_read, warnings_begin),
+        cmocka_unit_test_setup(wrong_record_count_in_text_header_is_reported, warnings_begin),
+        cmocka_unit_test_setup(decimal_points_do_not_depend_on_the_locale, warnings_begin),
     };
     return cmocka_run_group_tests_name("colmap", tests, NULL, NULL);
 }

@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Whole scenes: where the parts are found, cameras fitted to their photographs, the split, the
-// extent, and what happens when photographs, poses or both are missing.
+// Whole scenes: location of their parts, cameras fitted to photographs, the split, the extent, and
+// missing photographs, poses or both.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -20,7 +20,7 @@
 
 static const uint8_t red[4] = {250, 20, 10, 255}, glass[4] = {100, 150, 200, 128};
 
-// A COLMAP scene of four views of 32 x 24 px (their cameras say 64 x 48 and 128 x 96).
+// A COLMAP scene of four views of 32 x 24 px (the model's cameras have 64 x 48 and 128 x 96).
 static temp_folder scene_make(const char *place, bool binary, const char *images)
 {
     const temp_folder folder = temp_folder_make();
@@ -53,7 +53,7 @@ static void assert_refused(const char *path, const sgs_scene_options *options, s
     bad_input();
 }
 
-static void models_are_found_in_every_usual_place(void **state)
+static void models_are_found_in_all_usual_places(void **state)
 {
     (void)state;
     static const struct {
@@ -101,7 +101,7 @@ static void largest_of_several_models_is_used(void **state)
     tree_remove(&folder);
 }
 
-static void scenes_that_are_not_there_are_explained(void **state)
+static void missing_scenes_are_reported_with_a_hint(void **state)
 {
     (void)state;
     temp_folder folder = temp_folder_make();
@@ -121,7 +121,7 @@ static void scenes_that_are_not_there_are_explained(void **state)
     tree_remove(&folder);
 }
 
-static void missing_image_folder_names_the_others(void **state)
+static void missing_image_folder_error_lists_the_others(void **state)
 {
     (void)state;
     temp_folder folder = scene_make("sparse/0/", true, "images_8");
@@ -145,12 +145,12 @@ static void missing_image_folder_names_the_others(void **state)
     tree_remove(&folder);
 }
 
-static void cameras_fit_their_photographs(void **state)
+static void cameras_are_fitted_to_their_photographs(void **state)
 {
     (void)state;
     const temp_folder folder = scene_make("sparse/0/", true, "images");
-    tree_put_picture(&folder, "images/b.png", 16, 24, 3,
-                     red); // 64 x 48 in the model: two different scales
+    // 64 x 48 in the model: the scale differs per axis.
+    tree_put_picture(&folder, "images/b.png", 16, 24, 3, red);
     sgs_scene *scene = load(folder.path, NULL);
     const char *const names[] = {"a.png", "b.png", "d with blanks.png", "sub/c.png"};
     for (int i = 0; i < 4; ++i) {
@@ -205,7 +205,7 @@ static void downscaling_divides_images_and_cameras(void **state)
     tree_remove(&folder);
 }
 
-static void wide_images_are_reduced_to_1600_pixels_with_a_note(void **state)
+static void wide_images_are_downscaled_to_1600_pixels_with_a_warning(void **state)
 {
     (void)state;
     const temp_folder folder = scene_make("sparse/0/", true, "images");
@@ -280,7 +280,7 @@ static void images_without_a_pose_are_counted(void **state)
     tree_remove(&folder);
 }
 
-static void other_extension_of_a_reduced_folder_is_found(void **state)
+static void other_extension_in_a_downscaled_folder_is_found(void **state)
 {
     (void)state;
     const temp_folder folder = temp_folder_make();
@@ -335,11 +335,11 @@ static void views_are_held_out_by_index_or_by_name(void **state)
     assert_refused(folder.path, &options, SGS_STATUS_INVALID_ARGUMENT, "all 4 views are held out");
     unlink(temp_path(&folder, "images/a.png"));
     options.test_every = 2;
-    assert_split(folder.path, &options, "101"); // counted over the views that loaded
+    assert_split(folder.path, &options, "101"); // counted over the loaded views
     tree_remove(&folder);
 }
 
-// A photograph that has gone moves no other one into or out of a recorded split.
+// A missing photograph does not change the recorded split of the others.
 static void recorded_names_stay_held_out(void **state)
 {
     (void)state;
@@ -358,7 +358,7 @@ static void recorded_names_stay_held_out(void **state)
     tree_remove(&folder);
 }
 
-static void short_name_holds_out_every_view_it_means(void **state)
+static void short_name_holds_out_all_matching_views(void **state)
 {
     (void)state;
     const temp_folder folder = temp_folder_make();
@@ -399,7 +399,7 @@ static void views_are_found_by_name(void **state)
     tree_remove(&folder);
 }
 
-static void extent_is_that_of_the_training_cameras(void **state)
+static void extent_is_measured_from_the_training_cameras(void **state)
 {
     (void)state;
     const temp_folder folder = temp_folder_make();
@@ -446,7 +446,7 @@ static const char synthetic[] =
     "\"transform_matrix\":[[1,0,0,0],[0,1,0,0],[0,0,1,4],[0,0,0,1]]},{\"file_path\":"
     "\"./%s/r_1\",\"transform_matrix\":[[1,0,0,0],[0,1,0,0],[0,0,1,2],[0,0,0,1]]}]}";
 
-static void nerf_synthetic_scenes_are_white_behind_their_alpha(void **state)
+static void nerf_synthetic_scenes_have_a_white_background(void **state)
 {
     (void)state;
     const temp_folder folder = temp_folder_make();
@@ -460,7 +460,7 @@ static void nerf_synthetic_scenes_are_white_behind_their_alpha(void **state)
     for (int i = 0; i < 4; ++i)
         tree_put_picture(&folder, names[i], 20, 10, 4, glass);
     sgs_scene_options options = sgs_scene_options_default();
-    assert_split(folder.path, &options, "0000"); // nothing is held out unasked
+    assert_split(folder.path, &options, "0000"); // nothing is held out by default
     options.own_split = true;
     assert_split(folder.path, &options, "1100");
     options.own_split = false;
@@ -508,8 +508,8 @@ static void nerfstudio_scenes_take_other_image_folders(void **state)
     sgs_scene_destroy(scene);
     sgs_scene_options options = sgs_scene_options_default();
     options.images_dir = "images_2";
-    scene =
-        load(temp_path(&folder, "transforms.json"), &options); // the file itself is a scene, too
+    scene = load(temp_path(&folder, "transforms.json"),
+                 &options); // the file itself is a scene path too
     assert_true(scene->views[0].camera.width == 16 && scene->views[0].camera.params[0] == 20);
     assert_string_equal(scene->views[0].name, "images/a.png");
     sgs_scene_destroy(scene);
@@ -537,8 +537,8 @@ static void result_does_not_depend_on_threads(void **state)
     sgs_scene_destroy(scenes[1]);
 }
 
-// The bundled scene, once more written as text with all its digits.
-static void bundled_room_is_the_same_in_both_formats(void **state)
+// The bundled scene, rewritten as text with full precision.
+static void bundled_scene_is_equal_in_both_formats(void **state)
 {
     (void)state;
     sgs_scene_options options = sgs_scene_options_default();
@@ -598,8 +598,8 @@ static void bundled_room_is_the_same_in_both_formats(void **state)
     tree_remove(&folder);
 }
 
-// The lens and the poses fit together: COLMAP's points fall into the pictures that it saw them in.
-static void bundled_points_project_into_the_pictures(void **state)
+// Lens and poses are consistent: COLMAP's points project into the photographs that observe them.
+static void bundled_points_project_into_the_photographs(void **state)
 {
     (void)state;
     sgs_scene_options options = sgs_scene_options_default();
@@ -639,7 +639,8 @@ static void any_failing_allocation_is_reported(void **state)
         sgsi_fail_allocation(n);
         const sgs_status status = sgs_scene_load(folder.path, &options, &scene);
         sgsi_fail_allocation(0);
-        // Looking for photographs without a pose and the texts of warnings may do without memory.
+        // Searching for photographs without a pose and formatting warnings tolerate failed
+        // allocations.
         assert_true(status == SGS_STATUS_OK || status == SGS_STATUS_OUT_OF_MEMORY);
         assert_int_equal(scene == NULL, status != SGS_STATUS_OK);
         refused += status != SGS_STATUS_OK;
@@ -653,26 +654,27 @@ static void any_failing_allocation_is_reported(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test_setup(models_are_found_in_every_usual_place, warnings_begin),
+        cmocka_unit_test_setup(models_are_found_in_all_usual_places, warnings_begin),
         cmocka_unit_test_setup(largest_of_several_models_is_used, warnings_begin),
-        cmocka_unit_test_setup(scenes_that_are_not_there_are_explained, warnings_begin),
-        cmocka_unit_test_setup(missing_image_folder_names_the_others, warnings_begin),
-        cmocka_unit_test_setup(cameras_fit_their_photographs, warnings_begin),
+        cmocka_unit_test_setup(missing_scenes_are_reported_with_a_hint, warnings_begin),
+        cmocka_unit_test_setup(missing_image_folder_error_lists_the_others, warnings_begin),
+        cmocka_unit_test_setup(cameras_are_fitted_to_their_photographs, warnings_begin),
         cmocka_unit_test_setup(downscaling_divides_images_and_cameras, warnings_begin),
-        cmocka_unit_test_setup(wide_images_are_reduced_to_1600_pixels_with_a_note, warnings_begin),
+        cmocka_unit_test_setup(wide_images_are_downscaled_to_1600_pixels_with_a_warning,
+                               warnings_begin),
         cmocka_unit_test_setup(missing_and_broken_images_are_skipped_and_counted, warnings_begin),
         cmocka_unit_test_setup(images_without_a_pose_are_counted, warnings_begin),
-        cmocka_unit_test_setup(other_extension_of_a_reduced_folder_is_found, warnings_begin),
+        cmocka_unit_test_setup(other_extension_in_a_downscaled_folder_is_found, warnings_begin),
         cmocka_unit_test_setup(views_are_held_out_by_index_or_by_name, warnings_begin),
         cmocka_unit_test_setup(recorded_names_stay_held_out, warnings_begin),
-        cmocka_unit_test_setup(short_name_holds_out_every_view_it_means, warnings_begin),
+        cmocka_unit_test_setup(short_name_holds_out_all_matching_views, warnings_begin),
         cmocka_unit_test_setup(views_are_found_by_name, warnings_begin),
-        cmocka_unit_test_setup(extent_is_that_of_the_training_cameras, warnings_begin),
-        cmocka_unit_test_setup(nerf_synthetic_scenes_are_white_behind_their_alpha, warnings_begin),
+        cmocka_unit_test_setup(extent_is_measured_from_the_training_cameras, warnings_begin),
+        cmocka_unit_test_setup(nerf_synthetic_scenes_have_a_white_background, warnings_begin),
         cmocka_unit_test_setup(nerfstudio_scenes_take_other_image_folders, warnings_begin),
         cmocka_unit_test_setup(result_does_not_depend_on_threads, warnings_begin),
-        cmocka_unit_test_setup(bundled_room_is_the_same_in_both_formats, warnings_begin),
-        cmocka_unit_test_setup(bundled_points_project_into_the_pictures, warnings_begin),
+        cmocka_unit_test_setup(bundled_scene_is_equal_in_both_formats, warnings_begin),
+        cmocka_unit_test_setup(bundled_points_project_into_the_photographs, warnings_begin),
         cmocka_unit_test_setup(any_failing_allocation_is_reported, warnings_begin),
     };
     return cmocka_run_group_tests_name("scene", tests, NULL, NULL);

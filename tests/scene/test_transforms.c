@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// transforms.json and its relatives: axes, intrinsics from every key, splits, the point cloud, and
-// what is wrong named by frame and key.
+// transforms.json and its variants: axes, intrinsics from all keys, splits, the point cloud, and
+// errors with frame and key.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -30,7 +30,7 @@ static void opengl_axes_become_colmap_axes(void **state)
     (void)state;
     const temp_folder folder = temp_folder_make();
     sgsi_dataset d;
-    // At (1, 2, 3), turned by 90 degrees about the world's z: camera x points along world y.
+    // At (1, 2, 3), rotated by 90 degrees about the world's z: camera x points along world y.
     read_text(
         &folder,
         "{\"fl_x\":50,\"w\":64,\"h\":48,\"frames\":[{\"file_path\":\"a.png\",\"transform_matrix\":"
@@ -39,7 +39,7 @@ static void opengl_axes_become_colmap_axes(void **state)
     double center[3];
     sgs_pose_center(&d.frames[0].pose, center);
     assert_true(center[0] == 1 && center[1] == 2 && center[2] == 3);
-    // One unit ahead is -z of OpenGL's camera; up on the picture is smaller v.
+    // One unit ahead is -z of OpenGL's camera; up in the image is smaller v.
     const double ahead[3] = {1, 2, 2}, ahead_up[3] = {1 - 0.1, 2, 2},
                  ahead_right[3] = {1, 2 + 0.1, 2};
     const double *const worlds[3] = {ahead, ahead_up, ahead_right};
@@ -84,10 +84,10 @@ static void scaled_and_rounded_matrices_become_rotations(void **state)
     tree_remove(&folder);
 }
 
-// Keys of one frame (over the global ones) and the camera they make.
+// Keys of a frame (overriding the global ones) and the resulting camera.
 static const struct {
     const char *global, *own;
-    sgs_camera camera; // params as expected; NaN stands for NaN
+    sgs_camera camera; // expected parameters; NaN means NaN
     double angle_x;
 } lenses[] = {
     {"\"fl_x\":50,\"w\":64,\"h\":48", "", {SGS_CAMERA_PINHOLE, 64, 48, {50, 50, 32, 24}}, 0},
@@ -147,7 +147,7 @@ static const struct {
      0},
 };
 
-static void intrinsics_come_from_every_key(void **state)
+static void intrinsics_are_read_from_all_keys(void **state)
 {
     (void)state;
     for (size_t i = 0; i < sizeof lenses / sizeof *lenses; ++i) {
@@ -269,7 +269,7 @@ static const struct {
      "frame 1: image name 'a.png' is already used at frame 0"},
 };
 
-static void wrong_files_are_refused_by_frame_and_key(void **state)
+static void invalid_files_are_rejected_with_frame_and_key(void **state)
 {
     (void)state;
     for (size_t i = 0; i < sizeof wrong / sizeof *wrong; ++i) {
@@ -287,7 +287,7 @@ static void wrong_files_are_refused_by_frame_and_key(void **state)
     }
 }
 
-static void deep_nesting_is_refused(void **state)
+static void deep_nesting_is_rejected(void **state)
 {
     (void)state;
     const temp_folder folder = temp_folder_make();
@@ -306,7 +306,7 @@ static void deep_nesting_is_refused(void **state)
     tree_remove(&folder);
 }
 
-static void files_cut_anywhere_are_refused(void **state)
+static void truncated_files_are_rejected(void **state)
 {
     (void)state;
     const temp_folder folder = temp_folder_make();
@@ -320,7 +320,7 @@ static void files_cut_anywhere_are_refused(void **state)
     tree_remove(&folder);
 }
 
-static void synthetic_test_split_comes_from_its_own_file(void **state)
+static void synthetic_test_split_is_read_from_its_file(void **state)
 {
     (void)state;
     const temp_folder folder = temp_folder_make();
@@ -500,11 +500,11 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup(opengl_axes_become_colmap_axes, warnings_begin),
         cmocka_unit_test_setup(scaled_and_rounded_matrices_become_rotations, warnings_begin),
-        cmocka_unit_test_setup(intrinsics_come_from_every_key, warnings_begin),
-        cmocka_unit_test_setup(wrong_files_are_refused_by_frame_and_key, warnings_begin),
-        cmocka_unit_test_setup(deep_nesting_is_refused, warnings_begin),
-        cmocka_unit_test_setup(files_cut_anywhere_are_refused, warnings_begin),
-        cmocka_unit_test_setup(synthetic_test_split_comes_from_its_own_file, warnings_begin),
+        cmocka_unit_test_setup(intrinsics_are_read_from_all_keys, warnings_begin),
+        cmocka_unit_test_setup(invalid_files_are_rejected_with_frame_and_key, warnings_begin),
+        cmocka_unit_test_setup(deep_nesting_is_rejected, warnings_begin),
+        cmocka_unit_test_setup(truncated_files_are_rejected, warnings_begin),
+        cmocka_unit_test_setup(synthetic_test_split_is_read_from_its_file, warnings_begin),
         cmocka_unit_test_setup(nerfstudio_test_names_are_held_out, warnings_begin),
         cmocka_unit_test_setup(point_cloud_is_read, warnings_begin),
         cmocka_unit_test_setup(binary_point_cloud_is_read, warnings_begin),

@@ -2,8 +2,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Counts the bad inputs of a test program whose message is checked. Tests call bad_input() once per
-// case; the program tells the number when it ends, tools/bad_inputs.sh adds them up.
+// Counts the rejected inputs of a test program whose message is checked. Tests call bad_input()
+// once per case; the program prints the number at exit, and tools/scripts/bad_inputs.sh adds them
+// up.
 
 #include <stdio.h>
 #include <stdlib.h>

@@ -2,8 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Checkpoints as bytes, for tests that change them and make the checksum right again; to be
-// included after cmocka.h.
+// Checkpoints as bytes, for tests that modify them and fix the checksum. Include after cmocka.h.
 
 #include <stdint.h>
 #include <stdio.h>

@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Temporary folders and small files for tests that read and write; to be included after cmocka.h.
+// Temporary folders and small files for tests. Include after cmocka.h.
 
 #include <dirent.h>
 #include <fcntl.h>
@@ -51,7 +51,7 @@ static inline size_t temp_folder_count(const temp_folder *folder)
     return count;
 }
 
-// Removes the files in the folder and the folder; it has no sub-folders.
+// Removes the files in the folder and the folder, which must have no subfolders.
 static inline void temp_folder_remove(const temp_folder *folder)
 {
     DIR *directory = opendir(folder->path);
@@ -88,8 +88,7 @@ static inline unsigned char *file_get(const char *path, size_t *size)
     return bytes;
 }
 
-// Until files_unlimited(), writing behind byte `bytes` of any file fails (EFBIG), as on a full
-// disk.
+// Until files_unlimited(), writes beyond byte `bytes` of a file fail (EFBIG), as on a full disk.
 static inline void files_limited(size_t bytes)
 {
     signal(SIGXFSZ, SIG_IGN);
@@ -103,8 +102,8 @@ static inline void files_unlimited(void)
     assert_int_equal(setrlimit(RLIMIT_FSIZE, &limit), 0);
 }
 
-// Runs a program (looked up in PATH) and returns its exit status, 127 when it is not installed. Its
-// output (stdout and stderr) goes to `output`, NUL-terminated and cut at `capacity`.
+// Runs a program (searched in PATH) and returns its exit status, 127 if it is not installed.
+// `output` receives stdout and stderr, NUL-terminated and truncated to `capacity`.
 static inline int run_program(const char *const arguments[], char *output, size_t capacity)
 {
     int ends[2];

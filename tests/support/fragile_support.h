@@ -2,10 +2,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Fragile pixels. The list of hits is discontinuous: where two hits lie within 1e-5 of each other
-// in t, where an alpha is within 1e-4 of 1/255, where T (1 - alpha) is within 1e-3 of 1e-4, where t
-// is within 1e-5 of the near distance (all relative), single precision may rightly decide the other
-// way. On these pixels the image may differ as one such decision allows; on all others the ordered
+// Fragile pixels. The list of hits is a discontinuous function. Single precision may decide
+// differently where two hits are within 1e-5 of each other in t, alpha is within 1e-4 of 1/255, T
+// (1 - alpha) is within 1e-3 of 1e-4, or t is within 1e-5 of the near distance (all relative). In
+// these pixels the image may differ by as much as one decision allows. In all others the ordered
 // lists must be identical.
 
 #include <math.h>
@@ -28,7 +28,7 @@ static inline int fragile_by_distance(const void *a, const void *b)
                          : (x->primitive > y->primitive) - (x->primitive < y->primitive);
 }
 
-// Hits of a ray, with the margins above. `hits` has room for all primitives.
+// Hits of a ray, with the margins above. `hits`: room for all primitives.
 static inline pixel_truth judge(const sgsi_reference_view *view, const double direction[3],
                                 sgs_hit *hits)
 {

@@ -2,10 +2,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Scenes, cameras and comparisons for every test that asks the oracle. Header only, no cmocka: a
-// helper that cannot do its work (no memory) aborts. A scene holds the same model twice, as doubles
-// for the oracle and as floats for the fast kernels, and the doubles are exactly the floats: what
-// differs afterwards is arithmetic.
+// Scenes, cameras and comparisons for tests that use the oracle. Header only, without cmocka;
+// helpers abort if out of memory. A scene holds the same model twice, as doubles for the oracle and
+// as floats for the fast kernels. The doubles are exactly the floats, so all differences come from
+// arithmetic.
 //
 // Scenes surround the origin; cameras look at it from a few units away (oracle_pose_look_at).
 
@@ -18,7 +18,7 @@
 #include "base/core.h"
 #include "sparegs/render.h"
 
-// ---- Random numbers: one counter per stream, the same on every machine ----
+// ---- Random numbers: one counter per stream, the same on all machines ----
 
 typedef struct oracle_random {
     uint64_t seed, counter;
@@ -45,7 +45,7 @@ typedef struct oracle_scene {
     sgs_gaussians *model; // the same values
 } oracle_scene;
 
-// What random primitives are drawn from; lengths in world units.
+// Distribution of random primitives; lengths in world units.
 typedef struct oracle_range {
     double spread;                    // means: uniform in the cube [-spread, spread]^3
     double scale_low, scale_high;     // log-uniform per axis
@@ -90,7 +90,7 @@ static inline void oracle_set_opacity(double *primitive, double opacity)
     primitive[SGS_PARAM_OPACITY] = log(opacity / (1 - opacity));
 }
 
-// Band 0 for a colour seen alike from everywhere.
+// Band 0 of a colour that does not depend on direction.
 static inline void oracle_set_color(double *primitive, double r, double g, double b)
 {
     const double color[3] = {r, g, b};
@@ -98,7 +98,7 @@ static inline void oracle_set_color(double *primitive, double r, double g, doubl
         primitive[SGS_PARAM_SH_DC + c] = (color[c] - 0.5) / 0.28209479177387814;
 }
 
-// An isotropic primitive: unit rotation, colour from band 0 alone.
+// An isotropic primitive: unit rotation, colour from band 0 only.
 static inline void oracle_set_ball(double *primitive, double x, double y, double z, double scale,
                                    double opacity)
 {
@@ -118,9 +118,9 @@ static inline void oracle_random_primitive(oracle_random *random, const oracle_r
         primitive[SGS_PARAM_SCALE + k] =
             oracle_uniform(random, log(range->scale_low), log(range->scale_high));
         primitive[SGS_PARAM_SH_DC + k] =
-            oracle_uniform(random, -2, 1.6); // colour from -0.06 to 0.95
+            oracle_uniform(random, -2, 1.6); // colours from -0.06 to 0.95
     }
-    // Not of norm 1: the normalisation is part of what is tested.
+    // Not unit quaternions: normalisation is tested too.
     for (int k = 0; k < 4; ++k)
         primitive[SGS_PARAM_ROTATION + k] = oracle_normal(random);
     oracle_set_opacity(primitive, oracle_uniform(random, range->opacity_low, range->opacity_high));
@@ -140,7 +140,7 @@ static inline oracle_scene oracle_scene_create(size_t count)
     return scene;
 }
 
-// Rounds the parameters to floats, in both copies. Call it after editing params.
+// Rounds the parameters to floats, in both copies. Call after editing params.
 static inline void oracle_scene_round(oracle_scene *scene)
 {
     for (size_t i = 0; i < scene->count; ++i) {
@@ -161,7 +161,7 @@ static inline void oracle_scene_free(oracle_scene *scene)
     *scene = (oracle_scene){0};
 }
 
-// `count` random primitives; range NULL stands for oracle_range_default().
+// `count` random primitives; range NULL: oracle_range_default().
 static inline oracle_scene oracle_random_model(uint64_t seed, size_t count,
                                                const oracle_range *range)
 {
@@ -176,17 +176,16 @@ static inline oracle_scene oracle_random_model(uint64_t seed, size_t count,
     return scene;
 }
 
-// ---- Scenes that break careless code. Look at them from (0, 0, -4) with oracle_pose_look_at().
-// ----
+// ---- Adversarial scenes, to be viewed from (0, 0, -4) with oracle_pose_look_at() ----
 
 typedef enum oracle_adversary {
-    ORACLE_COPLANAR, // pancakes 1e-3 thick in the plane z = 0: every depth on a ray nearly the same
-    ORACLE_NESTED,   // one mean, growing scales: each ray passes all of them near one point
-    ORACLE_THIN,     // pancakes 1e-6 thick at any angle, also edge on
-    ORACLE_LARGE,    // 1e4 wide, most of each behind the camera or around it
-    ORACLE_INSIDE,   // the camera at (0, 0, -4) sits inside all of them
-    ORACLE_DUPLICATES, // each primitive four times, at ids far apart: t equal to the last bit
-    ORACLE_NEEDLES,    // 1e-4 thin, up to 10 long, some along the line of sight
+    ORACLE_COPLANAR,   // discs 1e-3 thick in the plane z = 0: nearly equal depths on a ray
+    ORACLE_NESTED,     // one mean, growing scales: each ray passes all of them near one point
+    ORACLE_THIN,       // discs 1e-6 thick at any angle, also edge-on
+    ORACLE_LARGE,      // 1e4 wide, mostly behind or around the camera
+    ORACLE_INSIDE,     // the camera at (0, 0, -4) is inside all of them
+    ORACLE_DUPLICATES, // each primitive four times, with distant ids: t equal to the last bit
+    ORACLE_NEEDLES,    // 1e-4 thick, up to 10 long, some along the line of sight
     ORACLE_ADVERSARY_COUNT
 } oracle_adversary;
 
@@ -237,7 +236,7 @@ static inline void oracle_adversarial_primitive(oracle_adversary kind, oracle_ra
         break;
     case ORACLE_NEEDLES:
         oracle_set_scales(primitive, oracle_uniform(random, 0.5, 10), 1e-4, 1e-4);
-        if (i % 4 == 0) { // local x turned onto world z
+        if (i % 4 == 0) { // rotate local x to world z
             primitive[SGS_PARAM_ROTATION] = primitive[SGS_PARAM_ROTATION + 2] = 0.70710678;
             primitive[SGS_PARAM_ROTATION + 1] = primitive[SGS_PARAM_ROTATION + 3] = 0;
         }
@@ -299,7 +298,8 @@ static inline void oracle_normalize(double v[3])
         v[k] /= length;
 }
 
-// Camera at (x, y, z) looking at the origin, world y down in the image. Not for eyes on the y axis.
+// Camera at (x, y, z) looking at the origin, with world y down in the image. (x, y, z) must not be
+// on the y axis.
 static inline sgs_pose oracle_pose_look_at(double x, double y, double z)
 {
     const double eye[3] = {x, y, z}, world_down[3] = {0, 1, 0};
@@ -319,9 +319,9 @@ static inline sgs_pose oracle_pose_look_at(double x, double y, double z)
     return pose;
 }
 
-// ---- Comparing ----
+// ---- Comparison ----
 
-// |a - b| against max(|a|, |b|, scale); infinite when anything is NaN, 0 when both are equal.
+// a - b| relative to max(|a|, |b|, scale); infinite if either is NaN, 0 if both are equal.
 static inline double oracle_error(double a, double b, double scale)
 {
     if (a == b)

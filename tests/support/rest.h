@@ -5,7 +5,7 @@
 #include <stddef.h>
 #include <time.h>
 
-// Sleeps for less than a second, so that the other threads find a core even on a busy machine.
+// Sleeps for less than a second, so that other threads get a core even on a busy machine.
 static inline void rest(double seconds)
 {
     const struct timespec time = {.tv_nsec = (long)(1e9 * seconds)};

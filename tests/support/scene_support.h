@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// For tests of the readers: collected warnings, growing byte buffers, folder trees, small COLMAP
-// models in both formats, small pictures. To be included after cmocka.h.
+// Support for reader tests: collected warnings, byte buffers, folder trees, small COLMAP models in
+// both formats, small images. Include after cmocka.h.
 
 #include <ftw.h>
 #include <math.h>
@@ -13,7 +13,7 @@
 #include "sparegs/image.h"
 #include "sparegs/scene.h"
 
-// ---- warnings: one string, a line each ----------------------------------------------------------
+// ---- Warnings: one string, a line each ----------------------------------------------------------
 
 static char warnings[16384];
 
@@ -24,7 +24,7 @@ static inline void warning_collect(void *user, const char *message)
     snprintf(warnings + used, sizeof warnings - used, "%s\n", message);
 }
 
-// Test set-up: empties the collection and listens.
+// Test set-up: clears the collected warnings and starts collecting.
 static inline int warnings_begin(void **state)
 {
     (void)state;
@@ -39,7 +39,7 @@ static inline void assert_holds(const char *text, const char *part)
         fail_msg("'%s' does not hold '%s'", text, part);
 }
 
-// ---- bytes --------------------------------------------------------------------------------------
+// ---- Bytes --------------------------------------------------------------------------------------
 
 typedef struct buffer {
     unsigned char data[1 << 16];
@@ -79,7 +79,7 @@ static inline void put_text(buffer *b, const char *format, ...)
     b->size += (size_t)length;
 }
 
-// ---- folders ------------------------------------------------------------------------------------
+// ---- Folders ------------------------------------------------------------------------------------
 
 static inline int tree_remove_entry(const char *path, const struct stat *info, int kind,
                                     struct FTW *place)
@@ -93,7 +93,7 @@ static inline void tree_remove(const temp_folder *folder)
     assert_int_equal(nftw(folder->path, tree_remove_entry, 8, FTW_DEPTH | FTW_PHYS), 0);
 }
 
-// Writes folder/name and the folders that name needs.
+// Writes folder/name and creates the folders of `name`.
 static inline void tree_put(const temp_folder *folder, const char *name, const void *bytes,
                             size_t size)
 {
@@ -111,7 +111,7 @@ static inline void tree_put_text(const temp_folder *folder, const char *name, co
     tree_put(folder, name, text, strlen(text));
 }
 
-// A picture of one colour; channels 1, 3 or 4.
+// An image of one colour; channels 1, 3 or 4.
 static inline void tree_put_picture(const temp_folder *folder, const char *name, int width,
                                     int height, int channels, const uint8_t *color)
 {
@@ -125,7 +125,8 @@ static inline void tree_put_picture(const temp_folder *folder, const char *name,
     assert_int_equal(sgs_png_write(temp_path(folder, name), &image), SGS_STATUS_OK);
 }
 
-// ---- files of any pixel type: an uncompressed TIFF, little endian, one strip --------------------
+// ---- Images of any pixel type: uncompressed TIFF, little-endian, one strip
+// -----------------------
 
 typedef struct tiff {
     uint32_t width, height, samples, bits, photometric, format; // format: 1 unsigned, 3 float
@@ -169,7 +170,7 @@ static inline void tiff_put(const temp_folder *folder, const char *name, const t
     tree_put(folder, name, b.data, b.size);
 }
 
-// ---- a small COLMAP model -----------------------------------------------------------------------
+// ---- A small COLMAP model -----------------------------------------------------------------------
 
 enum { MODEL_CAMERAS = 3, MODEL_IMAGES = 4, MODEL_POINTS = 5 };
 
@@ -194,7 +195,7 @@ typedef struct model_point {
     int track;
 } model_point;
 
-// Tests change entries and counts before writing it out.
+// Tests modify entries and counts before writing the model.
 typedef struct model {
     int camera_count, image_count, point_count;
     model_camera cameras[MODEL_CAMERAS];

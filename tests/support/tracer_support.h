@@ -2,10 +2,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// A model seen by the tracer, and the same kernels without a BVH: every primitive is a candidate of
-// every tile, in the order (distance, id) that the tracer promises. Whatever both compute from
-// there on is the same code, so images and lists must agree to the bit, and any difference is a
-// primitive that the BVH, its bounds or a depth depth_bound lost. Include after cmocka.h.
+// A model traced by the tracer, and by the same kernels without a BVH: every primitive is a
+// candidate of every tile, in the tracer's order (distance, id). All later steps are the same code,
+// so images and lists must agree to the bit. Any difference is a primitive lost by the BVH, its
+// bounds or a depth bound. Include after cmocka.h.
 
 #include <math.h>
 #include <stdlib.h>
@@ -21,7 +21,7 @@
 
 enum { TRACED_PLANES = 8 };
 
-// The larger of two errors; NaN wins and stays.
+// The larger of two errors; NaN is kept.
 static inline double traced_worse(double worst, double error)
 {
     return isnan(worst) || error <= worst ? worst : error;
@@ -29,14 +29,14 @@ static inline double traced_worse(double worst, double error)
 
 // ---- Settings ----
 
-// The instruction set that the machine starts with.
+// The default instruction set of the machine.
 static inline sgs_isa *traced_best_isa(void)
 {
     static sgs_isa best;
     return &best;
 }
 
-// Of a group of tests: one thread.
+// Group set-up: one thread.
 static inline int traced_prepare(void **state)
 {
     (void)state;
@@ -45,7 +45,7 @@ static inline int traced_prepare(void **state)
     return 0;
 }
 
-// After a test that changes them.
+// Tear-down of tests that change the settings.
 static inline int traced_restore(void **state)
 {
     (void)state;
@@ -55,8 +55,7 @@ static inline int traced_restore(void **state)
 
 // ---- Images ----
 
-// Planes with a sentinel in every float, so that a pixel nobody wrote and a write into the padding
-// both show.
+// Planes filled with a sentinel, to detect unwritten pixels and writes to the padding.
 #define TRACED_SENTINEL (-12345.5f)
 
 static inline sgsi_planes traced_planes_create(int width, int height)
@@ -79,7 +78,7 @@ static inline sgsi_planes traced_planes_create(int width, int height)
 
 static inline void traced_planes_free(sgsi_planes *planes)
 {
-    sgsi_free(planes->color[0]); // one block
+    sgsi_free(planes->color[0]); // one allocation
     *planes = (sgsi_planes){0};
 }
 
@@ -114,7 +113,7 @@ static inline void traced_assert_same_image(const sgsi_planes *a, const sgsi_pla
             }
 }
 
-// Every pixel written with a finite number, the padding untouched.
+// Asserts that every pixel has a finite value and the padding is untouched.
 static inline void traced_assert_complete(const sgsi_planes *planes)
 {
     for (int k = 0; k < TRACED_PLANES; ++k)
@@ -189,7 +188,7 @@ static inline void traced_assert_same_lists(const traced_lists *a, const traced_
     }
 }
 
-// ---- A view traced ----
+// ---- A traced view ----
 
 typedef struct traced_view {
     sgs_camera camera;
@@ -218,7 +217,7 @@ static inline void traced_project(traced_view *traced, const sgs_gaussians *mode
         fail_msg("%s", sgs_last_error());
 }
 
-// Aims the tracer elsewhere without tracing; macrotile_side 0 keeps the size.
+// Changes the view without tracing; macrotile_side 0 keeps the size.
 static inline void traced_aim(traced_view *traced, const sgs_camera *camera, const sgs_pose *pose,
                               int macrotile_side)
 {
@@ -232,7 +231,7 @@ static inline void traced_aim(traced_view *traced, const sgs_camera *camera, con
     sgsi_view_set(&traced->view, traced->rays, pose, &traced->options);
 }
 
-// A 3D filter for the mip filter, for any model of the tests; about as large as the primitives.
+// A 3D filter for any test model, about as large as the primitives.
 static inline const float *traced_filter_3d(size_t count)
 {
     enum { MOST = 1 << 16 };
@@ -277,7 +276,7 @@ static inline int brute_compare(const void *a, const void *b)
     return x < y ? -1 : x > y ? 1 : (i > j) - (i < j);
 }
 
-// Uses the records of traced->tracer's last projection.
+// Uses the projected records of traced->tracer.
 static inline void brute_forward(const traced_view *traced, size_t count, sgsi_planes *planes,
                                  traced_lists *lists)
 {
@@ -328,7 +327,7 @@ static inline void brute_forward(const traced_view *traced, size_t count, sgsi_p
     sgsi_scratch_free(&scratch);
 }
 
-// Images and lists of a traced view against those without a BVH.
+// Compares images and lists of a traced view with those without a BVH.
 static inline void traced_assert_matches_brute_force(const traced_view *traced, size_t count,
                                                      const char *what)
 {
@@ -342,7 +341,7 @@ static inline void traced_assert_matches_brute_force(const traced_view *traced, 
     traced_lists_free(&lists);
 }
 
-// ---- Scenes by number: random ones, then the adversaries ----
+// ---- Scenes by number: random ones, then the adversarial ones ----
 
 enum {
     TRACED_RANDOM_SCENES = 2,

@@ -1,9 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The quantities a drawing has besides colour: normals, positions, dominant primitives and
-// distances along the axis, the renderer's against the oracle's, and both against surfaces whose
-// distance, normal and points are known.
+// AOVs besides colour: normals, positions, dominant primitives and axis distances. The renderer is
+// compared with the oracle, and both with surfaces of known distance, normal and position.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -39,11 +38,11 @@ static sgs_frame drawn(const sgs_gaussians *model, const sgs_camera *camera, con
     return frame;
 }
 
-// ---- The oracle ----
+// ---- Against the oracle ----
 
-// What single precision may get wrong in a pixel: besides the list of hits, which of two equal
-// weights is larger, and the side of a primitive seen edge on. `length` is that of the mean normal
-// before it is made a unit vector.
+// Decisions that single precision may take differently in a pixel: the list of hits, the larger of
+// two nearly equal weights, and the visible side of a primitive seen edge-on. `length` is that of
+// the mean normal before normalisation.
 typedef struct aov_truth {
     bool fragile, primitive_fragile, normal_fragile;
     double length;
@@ -170,8 +169,7 @@ static void aovs_equal_the_oracle_on_every_isa_and_lens(void **state)
 static void adversarial_aovs_equal_the_oracle(void **state)
 {
     (void)state;
-    // Not the scenes whose hits single precision cannot tell apart (test_tracer_oracle.c says which
-    // and why).
+    // Without the scenes whose hits single precision cannot distinguish (see test_tracer_oracle.c).
     static const oracle_adversary kinds[] = {ORACLE_COPLANAR, ORACLE_NESTED, ORACLE_INSIDE,
                                              ORACLE_DUPLICATES};
     const sgs_pose pose = oracle_pose_look_at(0, 0, -4);
@@ -190,16 +188,16 @@ static void adversarial_aovs_equal_the_oracle(void **state)
     }
 }
 
-// ---- Surfaces that are known ----
+// ---- Known surfaces ----
 
-// A pancake with its flat side along `side` (unit, either sign).
+// A flat disc whose thin axis is `side` (unit, either sign).
 static void set_tile(double *primitive, const double at[3], const double side[3], double radius)
 {
     const double sign = side[2] < 0 ? -1 : 1,
                  normal[3] = {sign * side[0], sign * side[1], sign * side[2]};
     oracle_set_ball(primitive, at[0], at[1], at[2], radius, 0.995);
     oracle_set_scales(primitive, radius, radius, radius / 50);
-    // The turn that takes z to the normal: axis z x n, by half angles.
+    // Rotation from z to the normal: axis z x n, by half angles.
     const double w = sqrt(0.5 * (1 + normal[2]));
     primitive[SGS_PARAM_ROTATION] = w;
     primitive[SGS_PARAM_ROTATION + 1] = -normal[1] / (2 * w);
@@ -208,12 +206,12 @@ static void set_tile(double *primitive, const double at[3], const double side[3]
 }
 
 typedef struct surface_errors {
-    double depth, normal, position; // worst, relative to the distance; normal: angle in radians
+    // Largest errors. Depth and position: relative to the distance; normal: angle in radians.
+    double depth, normal, position;
     size_t pixels;
 } surface_errors;
 
-// Compares all three depths with `distance` [pixels] (0: not compared), the normal and the
-// position.
+// Compares the three depths with `distance` [pixels] (0: skip), and the normal and the position.
 static surface_errors judge_surface(const oracle_scene *scene, const sgs_camera *camera,
                                     sgs_filter filter, bool axis, const double *distance,
                                     const double (*normals)[3])
@@ -258,7 +256,7 @@ static void depth_of_planes_is_true(void **state)
     for (size_t n = 0; n < sizeof slants / sizeof *slants; ++n) {
         const double *normal = slants[n], at[3] = {0, 0, 4};
         oracle_scene scene = oracle_scene_create(TILES * TILES);
-        for (int i = 0; i < TILES * TILES; ++i) { // a grid in x and y, lifted onto the plane
+        for (int i = 0; i < TILES * TILES; ++i) { // a grid in x and y, projected onto the plane
             double point[3] = {-3.5 + 7.0 * (i % TILES) / (TILES - 1),
                                -3.5 + 7.0 * (double)(i / TILES) / (TILES - 1.0), 0};
             point[2] = at[2] - (normal[0] * point[0] + normal[1] * point[1]) / normal[2];
@@ -314,7 +312,7 @@ static void depth_of_spheres_is_true(void **state)
         const double c = at[0] * at[0] + at[1] * at[1] + at[2] * at[2] - radius * radius,
                      root = b * b - c;
         distance[i] = 0;
-        if (root < pow(0.5 * radius, 2)) // too near the silhouette, where tiles stand edge on
+        if (root < pow(0.5 * radius, 2)) // near the silhouette, discs are seen edge-on
             continue;
         distance[i] = b - sqrt(root);
         for (int k = 0; k < 3; ++k)
@@ -336,7 +334,7 @@ static void depth_of_spheres_is_true(void **state)
 
 // ---- Frames ----
 
-static void planes_that_were_not_asked_for_are_missing(void **state)
+static void unrequested_planes_are_null(void **state)
 {
     (void)state;
     oracle_scene scene = oracle_random_model(5, 60, NULL);
@@ -398,7 +396,7 @@ int main(void)
         cmocka_unit_test(adversarial_aovs_equal_the_oracle),
         cmocka_unit_test(depth_of_planes_is_true),
         cmocka_unit_test(depth_of_spheres_is_true),
-        cmocka_unit_test(planes_that_were_not_asked_for_are_missing),
+        cmocka_unit_test(unrequested_planes_are_null),
         cmocka_unit_test(bits_do_not_depend_on_threads),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// FastGS's compact box (Ren et al. 2025): a tile leaves a primitive out where all of it
-// is fainter than o (255 o)^-share; where a tile has it, nothing changes.
+// FastGS's compact box (Ren et al. 2025): a primitive is left out of a tile in which all of it is
+// fainter than o (255 o)^-share. In the tiles that keep it, nothing changes.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -26,7 +26,7 @@ static traced_view trace(const sgs_gaussians *model, const sgs_camera *camera, d
     return traced;
 }
 
-// What becomes of one primitive's alpha, and of how many pixels it disappears.
+// Alpha of one primitive with and without a compact box, and the number of pixels it loses.
 static size_t compare_one(const traced_view *exact, const traced_view *compact, double faintest)
 {
     size_t lost = 0;
@@ -47,7 +47,7 @@ static size_t compare_one(const traced_view *exact, const traced_view *compact, 
     return lost;
 }
 
-static void a_primitive_is_whole_in_its_tiles_and_only_faint_where_it_is_left_out(void **state)
+static void compact_box_keeps_alpha_in_tiles_and_drops_only_faint_parts(void **state)
 {
     (void)state;
     static const sgs_camera_model lenses[] = {SGS_CAMERA_PINHOLE, SGS_CAMERA_OPENCV_FISHEYE};
@@ -92,7 +92,7 @@ static void lists_and_images_equal_those_without_a_bvh(void **state)
     }
 }
 
-static void shares_out_of_range_are_refused(void **state)
+static void compact_box_out_of_range_is_rejected(void **state)
 {
     (void)state;
     static const double bad[] = {0.0, -1.0, 1.5, NAN};
@@ -121,9 +121,9 @@ static void shares_out_of_range_are_refused(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_primitive_is_whole_in_its_tiles_and_only_faint_where_it_is_left_out),
+        cmocka_unit_test(compact_box_keeps_alpha_in_tiles_and_drops_only_faint_parts),
         cmocka_unit_test(lists_and_images_equal_those_without_a_bvh),
-        cmocka_unit_test(shares_out_of_range_are_refused),
+        cmocka_unit_test(compact_box_out_of_range_is_rejected),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

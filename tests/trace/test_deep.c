@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Deep samples: the oracle's hits where nothing is merged; whatever is merged, the flat picture
-// when laid over each other; and deep EXR files as another program reads them.
+// Deep samples: equal to the oracle's hits without merging; composited, equal to the flat image
+// with any merging; and deep EXR files as read by another program.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -19,9 +19,10 @@
 #include "sparegs/image.h"
 #include "sparegs/runtime.h"
 
-enum { WIDTH = 61, HEIGHT = 83, PIXELS = WIDTH * HEIGHT }; // three bands of macrotiles and a part
+// Three bands of macrotiles and a partial one.
+enum { WIDTH = 61, HEIGHT = 83, PIXELS = WIDTH * HEIGHT };
 
-// Everything a rendering delivers.
+// All outputs of a deep render.
 typedef struct deep_picture {
     sgs_frame frame;
     uint32_t counts[PIXELS];
@@ -83,8 +84,8 @@ static sgs_camera view_camera(sgs_camera_model model)
     return oracle_camera(model, WIDTH, HEIGHT);
 }
 
-// `over` of a pixel's samples against the flat planes, order, overlap and first distance. Returns
-// the worst difference.
+// Composites each pixel's samples with `over` and compares with the flat planes; checks order,
+// overlap and first distance. Returns the largest error.
 static double check_pixel(const deep_picture *picture, size_t i, const sgs_deep_options *deep)
 {
     double through = 1, color[3] = {0, 0, 0}, worst = 0, behind = 0;
@@ -108,7 +109,7 @@ static double check_pixel(const deep_picture *picture, size_t i, const sgs_deep_
     return worst;
 }
 
-static void flattened_samples_are_the_flat_picture(void **state)
+static void flattened_samples_equal_the_flat_image(void **state)
 {
     (void)state;
     static const sgs_deep_options choices[] = {{0, 256}, {0.01, 32}, {0.05, 8},
@@ -134,7 +135,7 @@ static void flattened_samples_are_the_flat_picture(void **state)
     }
 }
 
-static void samples_are_the_hits_of_the_oracle(void **state)
+static void samples_equal_the_hits_of_the_oracle(void **state)
 {
     (void)state;
     const sgs_deep_options deep = {0, 256};
@@ -198,9 +199,9 @@ static void hits_merge_only_within_the_tolerance(void **state)
             assert_true(s->z_back <= s->z * (1.03 + 1e-6));
             assert_true(s->z == all->samples[k].z);
             while (k < all->first[i + 1] && all->samples[k].z <= s->z_back)
-                ++k; // what this sample holds
-            assert_true(k == all->first[i + 1] ||
-                        all->samples[k].z >= s->z * (1.03 - 1e-6)); // no less than it could
+                ++k; // hits in this sample
+            // Samples are not smaller than the tolerance permits.
+            assert_true(k == all->first[i + 1] || all->samples[k].z >= s->z * (1.03 - 1e-6));
         }
         assert_true(k == all->first[i + 1]);
     }
@@ -248,7 +249,7 @@ static sgs_status refuse_rows(void *context, int y, int rows, const uint32_t *co
     return y ? SGS_STATUS_INTERNAL : SGS_STATUS_IO;
 }
 
-static void a_refused_band_ends_the_rendering(void **state)
+static void callback_failure_stops_the_render(void **state)
 {
     (void)state;
     const sgs_deep_options deep = sgs_deep_options_default(),
@@ -278,7 +279,7 @@ static void a_refused_band_ends_the_rendering(void **state)
 
 enum { SMALL_WIDTH = 5, SMALL_HEIGHT = 40 };
 
-// Random samples, some pixels empty, at numbers that a decimal print tells exactly.
+// Random samples, some pixels empty, with values that print exactly in decimal.
 static size_t random_samples(uint32_t counts[SMALL_WIDTH * SMALL_HEIGHT], sgs_deep_sample *samples)
 {
     oracle_random random = {.seed = 4};
@@ -305,7 +306,7 @@ static sgs_status write_file(const char *path, sgs_exr_compression compression,
     sgs_status status = sgs_exr_deep_open(path, &info, 7, &deep);
     if (status)
         return status;
-    static const int bands[] = {1, 0, 3, 36}; // of any height
+    static const int bands[] = {1, 0, 3, 36}; // rows per call
     for (size_t k = 0; k < sizeof bands / sizeof *bands && !status; ++k) {
         status = sgs_exr_deep_write(deep, bands[k], counts, samples);
         for (int i = 0; i < bands[k] * SMALL_WIDTH; ++i)
@@ -317,7 +318,7 @@ static sgs_status write_file(const char *path, sgs_exr_compression compression,
     return status;
 }
 
-static void deep_files_are_read_by_another_program(void **state)
+static void deep_files_are_readable_by_another_program(void **state)
 {
     (void)state;
     static uint32_t counts[SMALL_WIDTH * SMALL_HEIGHT];
@@ -372,7 +373,7 @@ static void deep_write_failure_leaves_no_file(void **state)
         assert_non_null(strstr(sgs_last_error(), "deep.exr: cannot be written: File too large"));
         assert_int_equal(temp_folder_count(&folder), 0);
     }
-    // A file that lacks rows is no file either.
+    // An incomplete file is removed.
     const sgs_exr_info info = {.width = SMALL_WIDTH, .height = SMALL_HEIGHT};
     sgs_exr_deep *deep;
     assert_int_equal(sgs_exr_deep_open(path, &info, 7, &deep), SGS_STATUS_OK);
@@ -385,7 +386,7 @@ static void deep_write_failure_leaves_no_file(void **state)
     temp_folder_remove(&folder);
 }
 
-static void deep_files_survive_lack_of_memory(void **state)
+static void deep_write_reports_failed_allocations(void **state)
 {
     (void)state;
     static uint32_t counts[SMALL_WIDTH * SMALL_HEIGHT];
@@ -411,14 +412,14 @@ static void deep_files_survive_lack_of_memory(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(flattened_samples_are_the_flat_picture),
-        cmocka_unit_test(samples_are_the_hits_of_the_oracle),
+        cmocka_unit_test(flattened_samples_equal_the_flat_image),
+        cmocka_unit_test(samples_equal_the_hits_of_the_oracle),
         cmocka_unit_test(hits_merge_only_within_the_tolerance),
         cmocka_unit_test(bits_do_not_depend_on_threads_or_samples),
-        cmocka_unit_test(a_refused_band_ends_the_rendering),
-        cmocka_unit_test(deep_files_are_read_by_another_program),
+        cmocka_unit_test(callback_failure_stops_the_render),
+        cmocka_unit_test(deep_files_are_readable_by_another_program),
         cmocka_unit_test(deep_write_failure_leaves_no_file),
-        cmocka_unit_test(deep_files_survive_lack_of_memory),
+        cmocka_unit_test(deep_write_reports_failed_allocations),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

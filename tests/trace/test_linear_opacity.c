@@ -1,9 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Opacities that are parameters themselves, for Taming 3DGS (Mallick et al. 2024): the same
-// picture and the gradient that calculus wants, more than 1, logits in files, and a training that
-// changes over and resumes.
+// Opacities as direct parameters, for Taming 3DGS (Mallick et al. 2024): same image, gradients by
+// the chain rule, opacities above 1, logits in files, and a run that switches parametrisation and
+// resumes.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -49,7 +49,7 @@ static sgsi_planes random_planes(int width, int height)
 }
 
 // dL/do = dL/dlogit / (o (1 - o)).
-static void pictures_are_the_same_and_gradients_follow_the_chain_rule(void **state)
+static void images_are_equal_and_gradients_follow_the_chain_rule(void **state)
 {
     (void)state;
     const sgs_camera camera = oracle_camera(SGS_CAMERA_OPENCV, 83, 61);
@@ -87,7 +87,7 @@ static void pictures_are_the_same_and_gradients_follow_the_chain_rule(void **sta
         largest = fmax(largest, fabs((double)expected[at]));
     }
     print_message("image within %.2e; gradient within %.2e of %.2e\n", worst_image, worst, largest);
-    assert_true(worst_image < 4e-3); // a hit at the limit of 1/255 may go either way
+    assert_true(worst_image < 4e-3); // a hit near the limit of 1/255 may be decided either way
     assert_true(largest > 0.1 && worst < 2e-3 * largest);
     sgsi_free(expected);
     sgsi_free(actual);
@@ -98,8 +98,8 @@ static void pictures_are_the_same_and_gradients_follow_the_chain_rule(void **sta
     oracle_scene_free(&scene);
 }
 
-// One ball in the middle of the picture: alpha = min(0.99, o exp(-rho^2 / 2)) along its rows.
-static void more_than_one_widens_the_opaque_core(void **state)
+// One ball in the centre of the image: alpha = min(0.99, o exp(-rho^2 / 2)) along its rows.
+static void opacity_above_one_widens_the_opaque_core(void **state)
 {
     (void)state;
     const sgs_camera camera = oracle_camera(SGS_CAMERA_PINHOLE, 65, 65);
@@ -119,7 +119,7 @@ static void more_than_one_widens_the_opaque_core(void **state)
             for (int x = 0; x < 65; ++x) {
                 double d[3], t;
                 assert_true(sgs_camera_unproject(&camera, (double[]){x + 0.5, y + 0.5}, d));
-                t = 4 * d[2]; // to the point next to the centre, 4 in front
+                t = 4 * d[2]; // the ray's point closest to the centre, which is 4 units away
                 const double miss2 =
                     d[0] * d[0] * t * t + d[1] * d[1] * t * t + (d[2] * t - 4) * (d[2] * t - 4);
                 const double alpha = fmin(opacity * exp(-0.5 * miss2 / (scale * scale)), 0.99);
@@ -170,7 +170,7 @@ static void run(sgs_trainer *trainer, int steps)
             fail_msg("%s", sgs_last_error());
 }
 
-static void training_changes_over_in_the_middle_and_resumes(void **state)
+static void training_switches_parametrisation_and_resumes(void **state)
 {
     (void)state;
     enum { LENGTH = 80 };
@@ -185,7 +185,7 @@ static void training_changes_over_in_the_middle_and_resumes(void **state)
     options.spare = 0;
     float *rows = NULL;
     size_t bytes = 0;
-    for (int stop = 0; stop < 4; ++stop) { // not at all; before, at and after the change
+    for (int stop = 0; stop < 4; ++stop) { // no stop; then a stop before, at and after the switch
         const int at = (int[]){0, LENGTH / 2 - 5, LENGTH / 2, LENGTH / 2 + 5}[stop];
         sgs_trainer *trainer;
         assert_int_equal(sgs_trainer_create(scene, &options, &trainer), SGS_STATUS_OK);
@@ -201,7 +201,7 @@ static void training_changes_over_in_the_middle_and_resumes(void **state)
         run(trainer, LENGTH - at);
         const sgs_gaussians *model = sgs_trainer_model(trainer);
         assert_true(model->linear_opacity);
-        if (!stop) { // the digest does not see what is above 1: keep the rows
+        if (!stop) { // the digest does not cover opacities above 1: compare rows
             bytes = model->count / SGS_LANES * SGS_LANES * SGS_PARAM_COUNT * sizeof *rows;
             rows = oracle_memory(bytes, 1);
             memcpy(rows, model->data, bytes);
@@ -237,10 +237,10 @@ static int remove_folder(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(pictures_are_the_same_and_gradients_follow_the_chain_rule),
-        cmocka_unit_test(more_than_one_widens_the_opaque_core),
+        cmocka_unit_test(images_are_equal_and_gradients_follow_the_chain_rule),
+        cmocka_unit_test(opacity_above_one_widens_the_opaque_core),
         cmocka_unit_test(files_and_digests_hold_logits),
-        cmocka_unit_test(training_changes_over_in_the_middle_and_resumes),
+        cmocka_unit_test(training_switches_parametrisation_and_resumes),
     };
     return cmocka_run_group_tests(tests, make_folder, remove_folder);
 }

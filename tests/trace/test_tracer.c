@@ -1,10 +1,10 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Order and hits. The tracer's images and hit lists against the same kernels without a BVH:
-// identical to the bit, for every scene, lens, build quality, macrotile size, refit history, depth
-// depth_bound and number of threads. Against the oracle in double precision: see
-// test_tracer_oracle.c; gradients: test_tracer_gradient.c.
+// Order and hits. The tracer's images and hit lists must equal those of the same kernels without a
+// BVH to the bit, for each scene, lens, build quality, macrotile size, refit history, depth bound
+// and number of threads. test_tracer_oracle.c compares with the oracle in double precision,
+// test_tracer_gradient.c tests gradients.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -73,8 +73,7 @@ static void every_isa_equals_itself_without_a_bvh(void **state)
     }
 }
 
-// A tree that was refitted for other cameras and for moved primitives, and a fresh one, of any
-// quality.
+// Trees of any quality: refitted for other cameras and moved primitives, and newly built.
 static void morton_sah_and_refitted_trees_give_the_same_bits(void **state)
 {
     (void)state;
@@ -122,18 +121,18 @@ static void morton_sah_and_refitted_trees_give_the_same_bits(void **state)
     }
 }
 
-// ---- Depth depth_bounds ----
+// ---- Depth bounds ----
 
-// Nearly opaque and slanted, many layers: the depth_bounds cut most of the scene, and order is
-// repaired in most blocks.
+// Nearly opaque slanted layers: depth bounds cull most of the scene, and most blocks need order
+// corrections.
 static oracle_scene opaque_scene(uint64_t seed, size_t count)
 {
     const oracle_range range = {1.5, 0.02, 0.9, 0.6, 0.99, 0.15};
     return oracle_random_model(seed, count, &range);
 }
 
-// Pancakes seen nearly edge on: within a block their distances vary so much that hits far behind a
-// depth_bound stand before counted ones in the list.
+// Flat discs seen nearly edge-on: distances vary so much within a block that hits far behind a
+// depth bound precede counted ones in the list.
 static oracle_scene slanted_scene(uint64_t seed, size_t count)
 {
     const oracle_range range = {2, 0.005, 3, 0.5, 0.95, 0.15};
@@ -145,8 +144,8 @@ static oracle_scene slanted_scene(uint64_t seed, size_t count)
                      tilt = oracle_uniform(&random, -0.15, 0.15);
         double normal[3] = {cos(turn), sin(turn), tilt};
         oracle_normalize(normal);
-        const double rotation[4] = {1 + normal[1] + 1e-9, normal[2], 0,
-                                    -normal[0]}; // local y onto the normal
+        // Rotation from local y to the normal.
+        const double rotation[4] = {1 + normal[1] + 1e-9, normal[2], 0, -normal[0]};
         memcpy(p + SGS_PARAM_ROTATION, rotation, sizeof rotation);
         oracle_set_scales(p, oracle_uniform(&random, 0.3, 2), oracle_uniform(&random, 0.005, 0.05),
                           oracle_uniform(&random, 0.3, 2));
@@ -155,7 +154,7 @@ static oracle_scene slanted_scene(uint64_t seed, size_t count)
     return scene;
 }
 
-// Numbers below 0: two opaque scenes, six slanted ones.
+// Negative numbers: two opaque scenes, six slanted ones.
 enum { GUESS_SCENES = 8 };
 
 static oracle_scene depth_bound_scene(int number)
@@ -171,7 +170,7 @@ static size_t tile_count(const traced_view *traced)
     return (size_t)traced->rays->tiles_x * (size_t)traced->rays->tiles_y;
 }
 
-static void depth_bounds_of_earlier_visits_change_no_bit_and_save_work(void **state)
+static void depth_bounds_change_no_bit_and_reduce_work(void **state)
 {
     (void)state;
     const sgs_pose pose = oracle_pose_look_at(0, 0, -4);
@@ -204,13 +203,13 @@ static void depth_bounds_of_earlier_visits_change_no_bit_and_save_work(void **st
     }
 }
 
-static void depth_bounds_that_are_too_near_are_repaired_exactly(void **state)
+static void depth_bounds_too_near_trigger_exact_fallback_gathers(void **state)
 {
     (void)state;
     const sgs_pose pose = oracle_pose_look_at(0, 0, -4);
     const sgs_camera cameras[2] = {
         oracle_camera(SGS_CAMERA_PINHOLE, 150, 110),
-        {SGS_CAMERA_OPENCV_FISHEYE, 140, 140, {42, 42, 70, 70}}}; // no rays in the corners
+        {SGS_CAMERA_OPENCV_FISHEYE, 140, 140, {42, 42, 70, 70}}}; // corners without rays
     uint64_t fallback_gathers = 0;
     for (int number = -GUESS_SCENES; number < TRACED_SCENE_COUNT; ++number) {
         oracle_scene scene = depth_bound_scene(number);
@@ -231,7 +230,7 @@ static void depth_bounds_that_are_too_near_are_repaired_exactly(void **state)
             fallback_gathers += sgsi_tracer_counts(traced.tracer).fallback_gathers;
             traced_assert_same_image(&plain, &traced.planes,
                                      label("depth_bound", "planted", plant));
-            traced_forward(&traced, depth_bound); // the repaired depth_bounds are good ones
+            traced_forward(&traced, depth_bound); // the repaired depth bounds are valid
             assert_int_equal(sgsi_tracer_counts(traced.tracer).fallback_gathers, 0);
             traced_assert_same_image(&plain, &traced.planes,
                                      label("depth_bound", "repaired", plant));
@@ -244,10 +243,10 @@ static void depth_bounds_that_are_too_near_are_repaired_exactly(void **state)
     assert_true(fallback_gathers > 100);
 }
 
-// A depth_bound takes hidden elements out of the middle of a block's list, so a hidden element must
-// not change a bit wherever it stands. Elements straight from the pen: response 1 everywhere, t
+// A depth bound removes hidden entries from the middle of a block's list, so a hidden entry must
+// not change a bit at any position. The entries are constructed directly: response 1 everywhere, t
 // equal to the distance.
-static void hidden_elements_change_no_bit_wherever_they_stand(void **state)
+static void hidden_entries_change_no_bit_at_any_position(void **state)
 {
     (void)state;
     enum { SEEN = 12, HIDDEN = 4, COUNT = SEEN + HIDDEN };
@@ -259,7 +258,7 @@ static void hidden_elements_change_no_bit_wherever_they_stand(void **state)
         for (uint32_t i = 0; i < COUNT; ++i) {
             float *r = scratch.tile_projected + SGSI_PROJECTED_FLOATS * i;
             const bool hidden = i >= SEEN,
-                       wall = i < 3; // three of alpha 0.99 end every ray at t <= 9
+                       wall = i < 3; // three entries of alpha 0.99 end every ray at t <= 9
             memset(r, 0, SGSI_PROJECTED_FLOATS * sizeof *r);
             r[SGSI_PROJECTED_C] = 1.0f;
             r[SGSI_PROJECTED_INV_KAPPA] = 1.0f;
@@ -311,7 +310,7 @@ typedef struct frozen {
     size_t capacity;
 } frozen;
 
-// Forward and backward with fixed pseudo-random gradients; keeps images and sums.
+// Forward and backward pass with fixed pseudo-random gradients; keeps images and sums.
 static frozen trace_and_freeze(const oracle_scene *scene, const sgs_camera *camera,
                                const sgs_pose *pose, sgs_filter filter)
 {
@@ -408,9 +407,9 @@ int main(void)
         cmocka_unit_test(lists_and_images_equal_those_without_a_bvh),
         cmocka_unit_test_teardown(every_isa_equals_itself_without_a_bvh, traced_restore),
         cmocka_unit_test(morton_sah_and_refitted_trees_give_the_same_bits),
-        cmocka_unit_test(depth_bounds_of_earlier_visits_change_no_bit_and_save_work),
-        cmocka_unit_test(depth_bounds_that_are_too_near_are_repaired_exactly),
-        cmocka_unit_test(hidden_elements_change_no_bit_wherever_they_stand),
+        cmocka_unit_test(depth_bounds_change_no_bit_and_reduce_work),
+        cmocka_unit_test(depth_bounds_too_near_trigger_exact_fallback_gathers),
+        cmocka_unit_test(hidden_entries_change_no_bit_at_any_position),
         cmocka_unit_test_teardown(one_two_and_three_threads_give_the_same_bits, traced_restore),
         cmocka_unit_test_teardown(avx2_and_avx512_trace_the_same_bits, traced_restore),
         cmocka_unit_test_teardown(thread_counts_are_clamped_to_what_the_tracer_holds,

@@ -1,15 +1,15 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Gradients in single precision against the oracle's in double (which test_reference_gradient.c
-// holds to finite differences): every instruction set, lens and filter, gradients of colour and of
-// transmittance. Per group of parameters the largest error is at most 1e-4 of the largest gradient,
-// and so is the error of every primitive with at least a tenth of the largest gradient, against its
-// own. The comparison itself must notice planted errors. A repeated training-like step allocates
-// nothing.
+// Gradients in single precision against the oracle's in double precision, which
+// test_reference_gradient.c checks against finite differences: each instruction set, lens and
+// filter, gradients of colour and transmittance. Per group of parameters, the largest error is at
+// most 1e-4 of the largest gradient. The error of each primitive with at least a tenth of the
+// largest gradient is at most 1e-4 of its own. The comparison must detect planted errors. A
+// repeated training step must not allocate.
 //
-// Fragile hits (see test_tracer_oracle.c) make gradients jump too. Their pixels get no incoming
-// gradient here, in both renderers.
+// Gradients are discontinuous at fragile hits (see test_tracer_oracle.c). Their pixels have no
+// incoming gradient here, in both renderers.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -23,7 +23,7 @@
 #include "reference/reference.h"
 #include "support/tracer_support.h"
 
-// ---- Pixels whose list of hits single precision may change ----
+// ---- Pixels whose hit list may differ in single precision ----
 
 static int by_distance(const void *a, const void *b)
 {
@@ -59,7 +59,7 @@ static bool is_fragile(const sgsi_reference_view *view, const double direction[3
     return false;
 }
 
-// ---- Incoming gradients, the same floats for both ----
+// ---- Incoming gradients, the same floats for both renderers ----
 
 typedef struct incoming {
     sgsi_planes single;
@@ -67,7 +67,7 @@ typedef struct incoming {
     size_t fragile;
 } incoming;
 
-// colors, transmittance: which of the two is not zero.
+// colors, transmittance: which of them is nonzero.
 static incoming make_incoming(const oracle_scene *scene, const traced_view *traced, bool colors,
                               bool transmittance)
 {
@@ -110,7 +110,7 @@ static void incoming_free(incoming *in)
         free(in->planes[k]);
 }
 
-// ---- Both gradients, and their comparison ----
+// ---- Both gradients and their comparison ----
 
 enum { GROUP_COUNT = 6 };
 static const int group_begin[GROUP_COUNT + 1] = {
@@ -125,7 +125,7 @@ typedef struct gradients {
     double *actual;
 } gradients;
 
-// dL/dparameter by the optimiser kernel. [capacity][SGS_PARAM_COUNT] in model layout.
+// dL/dparameter from the optimiser kernel: [capacity][SGS_PARAM_COUNT] in model layout.
 static float *single_gradients(const sgs_gaussians *model, const traced_view *traced)
 {
     float *out = sgsi_calloc(model->capacity, SGS_PARAM_COUNT * sizeof *out);
@@ -170,8 +170,8 @@ static void gradients_free(gradients *g)
 
 typedef struct agreement {
     double group[GROUP_COUNT]; // largest error / largest gradient
-    double
-        primitive; // worst over primitives and groups: |error| / |gradient| where it is significant
+    // Largest |error| / |gradient| of significant primitives, over all groups.
+    double primitive;
     size_t significant;
 } agreement;
 
@@ -283,7 +283,7 @@ static void gradients_equal_the_oracle_on_every_isa_lens_and_filter(void **state
     oracle_scene_free(&scene);
 }
 
-static void colour_and_transmittance_gradients_are_right_alone(void **state)
+static void colour_and_transmittance_gradients_equal_the_oracle_separately(void **state)
 {
     (void)state;
     oracle_scene scene = oracle_random_model(42, 200, NULL);
@@ -294,7 +294,7 @@ static void colour_and_transmittance_gradients_are_right_alone(void **state)
         gradients g;
         const agreement a = run_case(&scene, &options, &g);
         print_agreement(part ? "transmittance" : "colour", &a);
-        for (size_t i = 0; part == 1 && i < g.count; ++i) // colours do not touch T
+        for (size_t i = 0; part == 1 && i < g.count; ++i) // colours do not affect T
             for (int k = SGS_PARAM_SH_DC; k < SGS_PARAM_COUNT; ++k)
                 assert_true(g.actual[i * SGS_PARAM_COUNT + (size_t)k] == 0 &&
                             g.expected[i * SGS_PARAM_COUNT + (size_t)k] == 0);
@@ -304,7 +304,7 @@ static void colour_and_transmittance_gradients_are_right_alone(void **state)
     oracle_scene_free(&scene);
 }
 
-static void every_sh_degree_has_its_own_gradient(void **state)
+static void gradients_equal_the_oracle_for_each_sh_degree(void **state)
 {
     (void)state;
     const oracle_range range = {1, 0.05, 0.4, 0.05, 0.95, 0.6}; // strong SH: many clamped channels
@@ -325,9 +325,8 @@ static void every_sh_degree_has_its_own_gradient(void **state)
     oracle_scene_free(&scene);
 }
 
-// Opacities up to 1 - 1e-6: alpha is clamped at 0.99 in the middle of many primitives, rays end
-// early.
-static void opaque_scenes_have_the_right_gradient(void **state)
+// Opacities up to 1 - 1e-6: alpha is clamped at 0.99 inside many primitives, and rays end early.
+static void gradients_equal_the_oracle_in_opaque_scenes(void **state)
 {
     (void)state;
     const oracle_range range = {1, 0.08, 0.5, 0.9, 0.999999, 0.15};
@@ -339,9 +338,9 @@ static void opaque_scenes_have_the_right_gradient(void **state)
     oracle_scene_free(&scene);
 }
 
-// The camera sits between primitives, some around it, many behind it: through a fisheye that sees
-// 130 degrees and a pinhole.
-static void gradients_are_right_inside_the_scene(void **state)
+// The camera is between primitives, inside some and in front of many, with a fisheye of 130 degrees
+// and a pinhole.
+static void gradients_equal_the_oracle_inside_the_scene(void **state)
 {
     (void)state;
     const oracle_range range = {3, 0.1, 1, 0.05, 0.9, 0.15};
@@ -356,7 +355,7 @@ static void gradients_are_right_inside_the_scene(void **state)
     oracle_scene_free(&scene);
 }
 
-// ---- The check notices errors ----
+// ---- Planted errors are detected ----
 
 typedef enum plant {
     PLANT_SIGN,
@@ -368,8 +367,8 @@ typedef enum plant {
     PLANT_COUNT
 } plant;
 
-// The gradient of the rotation as if R were transposed: the vector part of the quaternion changes
-// its sign.
+// Gradient of the rotation as if R were transposed: the sign of the quaternion's vector part
+// changes.
 static void plant_error(gradients *g, plant kind, int group)
 {
     for (size_t i = 0; i < g->count; ++i) {
@@ -393,7 +392,7 @@ static void plant_error(gradients *g, plant kind, int group)
     }
 }
 
-// One significant primitive of a group off by 1 %.
+// One significant primitive of a group with an error of 1 %.
 static void plant_one(gradients *g, int group)
 {
     size_t best = 0;
@@ -404,7 +403,7 @@ static void plant_one(gradients *g, int group)
     g->actual[best * SGS_PARAM_COUNT + (size_t)group_begin[group]] *= 1.01;
 }
 
-static void planted_errors_are_caught(void **state)
+static void comparison_detects_planted_errors(void **state)
 {
     (void)state;
     oracle_scene scene = oracle_random_model(41, 200, NULL);
@@ -434,7 +433,7 @@ static void planted_errors_are_caught(void **state)
     oracle_scene_free(&scene);
 }
 
-// ---- The whole step ----
+// ---- A complete step ----
 
 typedef struct step_state {
     oracle_scene scene;
@@ -528,11 +527,11 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_teardown(gradients_equal_the_oracle_on_every_isa_lens_and_filter,
                                   traced_restore),
-        cmocka_unit_test(colour_and_transmittance_gradients_are_right_alone),
-        cmocka_unit_test(every_sh_degree_has_its_own_gradient),
-        cmocka_unit_test(opaque_scenes_have_the_right_gradient),
-        cmocka_unit_test(gradients_are_right_inside_the_scene),
-        cmocka_unit_test(planted_errors_are_caught),
+        cmocka_unit_test(colour_and_transmittance_gradients_equal_the_oracle_separately),
+        cmocka_unit_test(gradients_equal_the_oracle_for_each_sh_degree),
+        cmocka_unit_test(gradients_equal_the_oracle_in_opaque_scenes),
+        cmocka_unit_test(gradients_equal_the_oracle_inside_the_scene),
+        cmocka_unit_test(comparison_detects_planted_errors),
         cmocka_unit_test_teardown(repeated_steps_allocate_nothing, traced_restore),
     };
     return cmocka_run_group_tests(tests, traced_prepare, NULL);

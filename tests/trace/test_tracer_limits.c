@@ -1,10 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The edges of the tracer: invariants that need no oracle, empty models and empty views, parameters
-// beyond all reason. A primitive whose parameters are not finite, or so large that single precision
-// cannot say what they mean, may vanish or fill the image, but it must not crash, hang, or change
-// what the primitives beside it in memory and in the tree do.
+// Limits of the tracer: invariants without an oracle, empty models and views, extreme parameters. A
+// primitive with non-finite parameters, or too large for single precision, may disappear or fill
+// the image. It must not crash, hang, or affect its neighbours in memory or in the tree.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -19,7 +18,7 @@
 
 // ---- Invariants ----
 
-static void white_in_front_of_white_is_white(void **state)
+static void white_over_white_is_white(void **state)
 {
     (void)state;
     for (int number = 0; number < TRACED_SCENE_COUNT; ++number) {
@@ -45,9 +44,9 @@ static void white_in_front_of_white_is_white(void **state)
     }
 }
 
-// Ids only break ties, so another order in memory changes nothing where t differs: the lists of the
-// blocks, and with them every bit, are the same. (Duplicates do tie, and equal primitives may trade
-// places.)
+// Ids only break ties, so permuting primitives in memory changes nothing where all t differ: the
+// block lists are equal, and so is every bit. (Duplicates do tie, and equal primitives may be
+// swapped.)
 static void permuting_primitives_changes_no_bit(void **state)
 {
     (void)state;
@@ -106,7 +105,7 @@ static void an_empty_model_gives_an_empty_image(void **state)
             traced_create(empty, &camera, &pose, SGS_FILTER_3DGS, 2, (sgsi_bvh_quality)lens);
         assert_empty_image(&traced);
         backward_of_nothing_is_nothing(&traced, empty);
-        // The same tracer goes on with a model, and back.
+        // The same tracer renders a model, then the empty one again.
         traced_project(&traced, scene.model, false, SGSI_BVH_REFIT);
         traced_forward(&traced, NULL);
         traced_assert_matches_brute_force(&traced, scene.count, "filled");
@@ -119,13 +118,13 @@ static void an_empty_model_gives_an_empty_image(void **state)
     oracle_scene_free(&scene);
 }
 
-static void primitives_behind_the_camera_are_not_seen(void **state)
+static void primitives_behind_the_camera_are_invisible(void **state)
 {
     (void)state;
     oracle_scene scene = oracle_random_model(2, 300, NULL);
     const sgs_camera camera = oracle_camera(SGS_CAMERA_PINHOLE, 40, 30);
     const sgs_pose pose = oracle_pose_look_at(0, 0, 9);
-    sgs_pose turned = pose; // half a turn about the camera's y axis, in place
+    sgs_pose turned = pose; // half a turn about the camera's y axis
     for (int k = 0; k < 3; ++k) {
         turned.rotation[k] = -pose.rotation[k], turned.rotation[6 + k] = -pose.rotation[6 + k];
     }
@@ -138,8 +137,8 @@ static void primitives_behind_the_camera_are_not_seen(void **state)
     oracle_scene_free(&scene);
 }
 
-// The model grows and shrinks under one tracer.
-static void a_tracer_follows_a_model_that_changes_its_size(void **state)
+// The model grows and shrinks between calls.
+static void tracer_follows_changes_of_model_size(void **state)
 {
     (void)state;
     const sgs_camera camera = oracle_camera(SGS_CAMERA_PINHOLE, 50, 37);
@@ -159,9 +158,9 @@ static void a_tracer_follows_a_model_that_changes_its_size(void **state)
     oracle_scene_free(&first);
 }
 
-// ---- Parameters beyond reason ----
+// ---- Extreme parameters ----
 
-// Sets one parameter of every fifth primitive; the others keep their values.
+// Sets one parameter of every fifth primitive.
 static void poison(oracle_scene *scene, int param, float value)
 {
     for (size_t i = 2; i < scene->count; i += 5)
@@ -179,8 +178,8 @@ static const int shape_params[] = {SGS_PARAM_MEAN,         SGS_PARAM_MEAN + 2, S
                                    SGS_PARAM_OPACITY};
 enum { SHAPE_PARAM_COUNT = 7 };
 
-// Fresh trees, and trees that were built over healthy primitives and refitted over sick ones.
-static void primitives_that_are_not_finite_vanish_and_harm_nobody(void **state)
+// New trees, and trees built from finite primitives and refitted with non-finite ones.
+static void nonfinite_primitives_vanish_without_side_effects(void **state)
 {
     (void)state;
     static const float values[] = {NAN, INFINITY, -INFINITY};
@@ -214,7 +213,7 @@ static void primitives_that_are_not_finite_vanish_and_harm_nobody(void **state)
     }
 }
 
-static void colours_that_are_not_finite_stay_where_they_are(void **state)
+static void nonfinite_colours_do_not_spread_to_other_pixels(void **state)
 {
     (void)state;
     static const float values[] = {NAN, INFINITY, -INFINITY, 3e38f};
@@ -222,7 +221,7 @@ static void colours_that_are_not_finite_stay_where_they_are(void **state)
     const sgs_camera camera = oracle_camera(SGS_CAMERA_PINHOLE, 50, 37);
     for (int run = 0; run < 8; ++run) {
         oracle_scene sick = oracle_random_model(9, 200, NULL);
-        for (size_t i = 0; i < sick.count; ++i) // one small sick primitive in the middle
+        for (size_t i = 0; i < sick.count; ++i) // one small invalid primitive in the centre
             if (i == 37) {
                 oracle_set_ball(oracle_primitive(&sick, i), 0, 0, 0, 0.02, 0.9);
                 oracle_scene_round(&sick);
@@ -250,9 +249,9 @@ static void colours_that_are_not_finite_stay_where_they_are(void **state)
     }
 }
 
-// Log scales of +-40 and beyond, logits of +-40, means a million away: whatever they show is
-// finite, and what the tree offers is what brute force finds.
-static void extreme_parameters_neither_crash_nor_get_lost(void **state)
+// Log scales of +-40 and beyond, logits of +-40, means a million units away: the image is finite,
+// and the tree finds what brute force finds.
+static void extreme_parameters_give_finite_images_and_complete_lists(void **state)
 {
     (void)state;
     static const struct {
@@ -282,8 +281,7 @@ static void extreme_parameters_neither_crash_nor_get_lost(void **state)
             continue;
         sgs_isa_set((sgs_isa)isa);
         for (size_t run = 0; run < 2 * sizeof extremes / sizeof *extremes; ++run) {
-            // 210 degrees, in macrotiles whose cones are wide: the widest margins on the largest
-            // boxes.
+            // 210 degrees, with wide macrotile cones: the largest margins on the largest boxes.
             const sgs_camera wide = {SGS_CAMERA_OPENCV_FISHEYE, 33, 21, {9, 9, 16.5, 10.5}};
             const sgs_camera camera =
                 run % 3 ? oracle_camera(traced_lenses[run % 3 - 1], 33, 21) : wide;
@@ -310,8 +308,9 @@ static void extreme_parameters_neither_crash_nor_get_lost(void **state)
     }
 }
 
-// A sick gradient leaves its primitive alone and steps its neighbours; statistics stay finite.
-static void the_optimiser_steps_around_sick_primitives(void **state)
+// A primitive with a non-finite gradient is not updated, its neighbours are, and statistics stay
+// finite.
+static void optimiser_skips_primitives_with_nonfinite_gradients(void **state)
 {
     (void)state;
     const sgs_pose pose = oracle_pose_look_at(0.5, 0, -4);
@@ -382,15 +381,16 @@ static void the_optimiser_steps_around_sick_primitives(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(white_in_front_of_white_is_white),
+        cmocka_unit_test(white_over_white_is_white),
         cmocka_unit_test(permuting_primitives_changes_no_bit),
         cmocka_unit_test(an_empty_model_gives_an_empty_image),
-        cmocka_unit_test(primitives_behind_the_camera_are_not_seen),
-        cmocka_unit_test(a_tracer_follows_a_model_that_changes_its_size),
-        cmocka_unit_test(primitives_that_are_not_finite_vanish_and_harm_nobody),
-        cmocka_unit_test(colours_that_are_not_finite_stay_where_they_are),
-        cmocka_unit_test_teardown(extreme_parameters_neither_crash_nor_get_lost, traced_restore),
-        cmocka_unit_test(the_optimiser_steps_around_sick_primitives),
+        cmocka_unit_test(primitives_behind_the_camera_are_invisible),
+        cmocka_unit_test(tracer_follows_changes_of_model_size),
+        cmocka_unit_test(nonfinite_primitives_vanish_without_side_effects),
+        cmocka_unit_test(nonfinite_colours_do_not_spread_to_other_pixels),
+        cmocka_unit_test_teardown(extreme_parameters_give_finite_images_and_complete_lists,
+                                  traced_restore),
+        cmocka_unit_test(optimiser_skips_primitives_with_nonfinite_gradients),
     };
     return cmocka_run_group_tests(tests, traced_prepare, NULL);
 }

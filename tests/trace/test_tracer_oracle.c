@@ -2,16 +2,15 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // The tracer against the oracle in double precision: colours, transmittance, distances, number of
-// hits, and the ordered list of hits of every pixel. And what must hold without an oracle: white
-// stays white, the order of the primitives in memory does not matter, nothing comes of nothing.
+// hits, and the ordered list of hits of each pixel.
 //
-// Fragile pixels: fragile_support.h. On these the image may differ as one such decision allows; on
-// all others the ordered lists must be identical.
+// Fragile pixels (see fragile_support.h) may differ by as much as one decision allows. On all
+// others the ordered lists must be identical.
 //
-// Tolerances. Float rays are good to 1e-7 rad, so a Gaussian of scale s at distance D sees rho
-// wrong by about 2e-7 D / s, and alpha by rho alpha times that: 1e-5 for D = 6, s = 0.05 (the
-// smallest of the random scenes). Distances: a dozen roundings, 1e-6, times the slant (the change
-// of t per rho, in units of s / D: up to a few).
+// Tolerances. Float rays are accurate to 1e-7 rad, so a Gaussian of scale s at distance D sees rho
+// with an error of about 2e-7 D / s, and alpha with rho alpha times that: 1e-5 for D = 6, s = 0.05
+// (the smallest of the random scenes). Distances: a dozen roundings, 1e-6, times the slant (the
+// change of t per rho, in units of s / D: up to a few).
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -25,8 +24,8 @@
 #include "support/fragile_support.h"
 #include "support/tracer_support.h"
 
-// The tracer's ordered hits of a pixel, from its block's list and the primitives' records; the
-// numbers in double. Returns the number counted.
+// The tracer's ordered hits of a pixel, in double, from its block list and the projected records.
+// Returns the number of counted hits.
 static size_t traced_hits(const traced_view *traced, const traced_lists *lists, int x, int y,
                           const double direction[3], sgs_hit *hits)
 {
@@ -57,11 +56,11 @@ static size_t traced_hits(const traced_view *traced, const traced_lists *lists, 
     return found;
 }
 
-// ---- One image against the oracle. strict: compare hits and distances too ----
+// ---- An image against the oracle. strict: also compare hits and distances ----
 
 typedef struct comparison {
-    size_t pixels, fragile, listed; // listed: pixels whose ordered list was compared
-    double color, distance;         // worst errors on the others (distance: relative)
+    size_t pixels, fragile, listed; // listed: pixels whose ordered lists were compared
+    double color, distance; // largest errors on other than fragile pixels (distance: relative)
     double fragile_color;
 } comparison;
 
@@ -175,11 +174,10 @@ static void random_scenes_equal_the_oracle_on_every_isa_and_lens(void **state)
     oracle_scene_free(&scene);
 }
 
-// What single precision leaves of each scene. Bare pancakes 1e-6 thick are thinner than the spacing
-// of float rays (D / s = 4e6): hits themselves are uncertain, so only the image is compared.
-// Needles: D / s = 4e4, and a slip of one thickness (1e-4) along the line of sight is one of the
-// length (10). Large primitives stand 1e4 away and are met near the camera: their t has the
-// absolute error of 1e4, not of itself.
+// Tolerances per scene. Unfiltered discs 1e-6 thick are thinner than the spacing of float rays (D /
+// s = 4e6): hits are uncertain, so only the image is compared. Needles: D / s = 4e4; an error of
+// one thickness (1e-4) along the line of sight is an error of one length (10). Large primitives are
+// centred 1e4 away and hit near the camera: the absolute error of t is that of 1e4.
 static const struct {
     double color[2], distance, distance_scale; // color: filter 3dgs, filter none
 } limits[TRACED_SCENE_COUNT] = {
@@ -245,13 +243,13 @@ static void odd_sizes_equal_the_oracle(void **state)
     oracle_scene_free(&scene);
 }
 
-// Discs thinner than single precision can tell from flat ones, as parameters may say where no
-// filter widens them.
+// Discs that single precision cannot distinguish from flat ones, as parameters may describe without
+// a pixel filter.
 static void flat_discs_equal_the_oracle(void **state)
 {
     (void)state;
     for (int run = 0; run < 6; ++run) {
-        const double size = run % 2 ? 100 : 1; // of everything
+        const double size = run % 2 ? 100 : 1; // scale of the whole scene
         const int thinness = 10 + run / 2 * 15;
         const sgs_pose pose = oracle_pose_look_at(-size, 0.5 * size, -3.5 * size);
         oracle_scene scene = oracle_random_model(61, 150, NULL);
@@ -278,8 +276,8 @@ static void flat_discs_equal_the_oracle(void **state)
     }
 }
 
-// Shifted lenses see a corner of the field; a 220 degree fisheye sees primitives behind the image
-// plane, and pixels beyond its circle see nothing.
+// Shifted lenses see a corner of the field of view. A 220 degree fisheye sees primitives behind the
+// image plane, and pixels outside its circle have no ray.
 static void shifted_and_very_wide_lenses_equal_the_oracle(void **state)
 {
     (void)state;
@@ -294,7 +292,7 @@ static void shifted_and_very_wide_lenses_equal_the_oracle(void **state)
          {40, 41, 10, 60, 0.01, -0.002, 0.001, -0.001, 0, 0, 0.001, 0.002}},
         sgs_camera_equirectangular(160, 80),
     };
-    // All around the camera at the origin of the world.
+    // Around the camera, which is at the origin.
     const oracle_range range = {3, 0.05, 1, 0.05, 0.95, 0.15};
     oracle_scene scene = oracle_random_model(91, 250, &range);
     for (size_t i = 0; i < sizeof cameras / sizeof *cameras; ++i) {
@@ -313,8 +311,8 @@ static void shifted_and_very_wide_lenses_equal_the_oracle(void **state)
     oracle_scene_free(&scene);
 }
 
-// Every COLMAP model with every one of its coefficients at work. The last two fold inside of their
-// image: the pixels beyond see nothing.
+// Each COLMAP model with all coefficients nonzero. The last two fold inside the image: pixels
+// beyond have no ray.
 static void every_lens_equals_the_oracle(void **state)
 {
     (void)state;

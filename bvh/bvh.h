@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// "Which Gaussians can these rays meet?" One Embree user geometry over all primitives, queried with
+// Finds the Gaussians that rays may hit. One Embree user geometry over all primitives, queried with
 // packets of sixteen rays. Each ray represents a block of pixels. The caller dilates the bounds by
 // the footprint of a block, so the answer is conservative. This module knows boxes and ids, not
 // Gaussians.

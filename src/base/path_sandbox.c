@@ -47,7 +47,7 @@ sgs_status sgsi_roots_check(const sgsi_roots *roots, const char *path)
     const sgs_status status =
         below ? SGS_STATUS_OK
               : sgsi_fail(SGS_STATUS_FORMAT,
-                          "%s: a link leads out of the data set, to %s; put the file itself there",
+                          "%s: a link leads out of the data set, to %s; replace it by the file",
                           path, real);
     free(real);
     return status;

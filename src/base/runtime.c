@@ -61,7 +61,7 @@ sgs_isa sgs_isa_get(void)
 sgs_status sgs_isa_set(sgs_isa isa)
 {
     if (!sgs_isa_name(isa))
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "instruction set %d is unknown", (int)isa);
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "unknown instruction set %d", (int)isa);
     if (!sgs_isa_supported(isa))
         return sgsi_fail(SGS_STATUS_UNSUPPORTED, "CPU does not support %s", sgs_isa_name(isa));
     atomic_store(&chosen_isa, (int)isa);

@@ -146,7 +146,7 @@ static sgs_status prove(sgsi_sections *sections, size_t size)
     if (version != VERSION)
         return sgsi_fail(
             SGS_STATUS_UNSUPPORTED,
-            "%s: has version %u, this program reads %d; continue with the program that wrote it",
+            "%s: has version %u, this program reads %d; resume with the version that wrote it",
             path, version, VERSION);
     size -= DIGEST_BYTES;
     memcpy(&digest, sections->bytes + size, sizeof digest);
@@ -188,11 +188,10 @@ sgs_status sgsi_sections_checked(sgsi_sections *sections)
 {
     for (size_t i = 0; i < sections->count && !sections->status; ++i)
         if (!sections->table[i].known)
-            sections->status = sgsi_fail(
-                SGS_STATUS_FORMAT,
-                "%s: has a section '%s' that this program does not know; continue with the "
-                "program that wrote it",
-                sections->path, sections->table[i].name);
+            sections->status =
+                sgsi_fail(SGS_STATUS_FORMAT,
+                          "%s: unknown section '%s'; resume with the version that wrote it",
+                          sections->path, sections->table[i].name);
     return sections->status;
 }
 
@@ -212,10 +211,10 @@ void sgsi_sections_begin(sgsi_sections *sections, const char *name, size_t bytes
     sections->next = sgsi_sections_find(sections, name, &stored);
     if (!sections->next)
         sections->status =
-            sgsi_fail(SGS_STATUS_FORMAT, "%s: the section '%s' is missing", sections->path, name);
+            sgsi_fail(SGS_STATUS_FORMAT, "%s: section '%s' is missing", sections->path, name);
     else if (stored != bytes)
         sections->status =
-            sgsi_fail(SGS_STATUS_FORMAT, "%s: the section '%s' has %zu bytes and must have %zu",
+            sgsi_fail(SGS_STATUS_FORMAT, "%s: section '%s' has %zu bytes instead of %zu",
                       sections->path, name, stored, bytes);
 }
 
@@ -224,8 +223,8 @@ void sgsi_sections_piece(sgsi_sections *sections, void *data, size_t bytes)
     if (sections->status || !bytes)
         return;
     if (bytes > sections->left) { // the list of the caller is wrong
-        sections->status = sgsi_fail(SGS_STATUS_LIMIT, "%s: a piece does not fit into its section",
-                                     sections->path);
+        sections->status =
+            sgsi_fail(SGS_STATUS_LIMIT, "%s: a piece exceeds its section", sections->path);
         return;
     }
     sections->left -= bytes;

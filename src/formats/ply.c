@@ -249,7 +249,7 @@ static void warn_about(const ply_reader *reader)
         sgsi_warn("%s: %zu of %zu primitives are not finite and were dropped", path,
                   reader->dropped, reader->vertex->count);
     if (reader->unrotated)
-        sgsi_warn("%s: %zu primitives have the rotation 0 0 0 0, read as no rotation", path,
+        sgsi_warn("%s: %zu primitives have rotation 0 0 0 0; the identity is used", path,
                   reader->unrotated);
     const bool is_last =
         reader->vertex == &reader->header.elements[reader->header.element_count - 1];
@@ -394,8 +394,8 @@ static void add_written(row_writer *writer, FILE *stream, const char *prefix, in
 static sgs_status write_model(const char *path, const sgs_gaussians *model, const float *filter_3d)
 {
     if (model->sh_degree < 0 || model->sh_degree > 3)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                         "%s: SH degree %d cannot be written; 0 to 3 can", path, model->sh_degree);
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: SH degree %d is not within 0 to 3", path,
+                         model->sh_degree);
     sgsi_atomic_file file;
     const sgs_status status = sgsi_atomic_open(&file, path);
     if (status)

@@ -100,7 +100,7 @@ static bool ensure(void **block, size_t *count, size_t needed, size_t size)
 sgs_status sgsi_loss_reserve(sgsi_loss_workspace *workspace, int width, int height)
 {
     if (width < 1 || height < 1)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "loss: an image of %d x %d pixels", width,
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "loss: invalid image size %d x %d", width,
                          height);
     int blocks_x, blocks_y, block;
     cut(width, LOSS_BLOCK_WIDTH, 16, &blocks_x, &block);
@@ -143,7 +143,7 @@ static sgs_status check(const sgsi_loss_input *input, const sgsi_loss_output *ou
     for (int c = 0; c < 3; ++c)
         complete = complete && input->color[c] && output->d_color[c];
     if (!complete)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "loss: a plane is missing");
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "loss: a required plane is NULL");
     if (target->width != input->width || target->height != input->height || target->channels < 3 ||
         target->channels > 4)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,

@@ -88,15 +88,14 @@ sgs_status sgs_gaussians_reserve(sgs_gaussians *model, size_t capacity)
     if (capacity <= model->capacity)
         return SGS_STATUS_OK;
     if (capacity > MOST_PRIMITIVES)
-        return sgsi_fail(SGS_STATUS_LIMIT,
-                         "%zu primitives are more than the %zu that a model can hold", capacity,
+        return sgsi_fail(SGS_STATUS_LIMIT, "%zu primitives exceed the limit of %zu", capacity,
                          MOST_PRIMITIVES);
     const size_t blocks = (capacity + SGS_LANES - 1) / SGS_LANES;
     void *data = model->data;
     if (!sgsi_grow(&data, model->capacity / SGS_LANES, blocks,
                    sizeof(float) * SGS_PARAM_COUNT * SGS_LANES))
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
-                         "no memory for %zu primitives; lower --max-gaussians", capacity);
+                         "no memory for %zu primitives; lower max_gaussians", capacity);
     const size_t old = model->capacity;
     model->data = data;
     model->capacity = blocks * SGS_LANES;
@@ -176,11 +175,11 @@ sgs_status sgs_gaussians_init_points(const float *points, const unsigned char *c
     for (size_t i = 0; i < 3 * n; ++i) {
         if (!isfinite(points[i]))
             return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                             "point %zu of the initial cloud is not finite; drop it", i / 3);
+                             "point %zu of the initial cloud is not finite; remove it", i / 3);
     }
     if (n == 1 && !(fallback_scale > 0.0 && isfinite(fallback_scale)))
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                         "a cloud of one point needs a positive scale, not %g", fallback_scale);
+                         "a cloud of one point requires a positive scale, not %g", fallback_scale);
     double *distances = sgsi_alloc(n, sizeof *distances * SGSI_KNN_NEIGHBOURS);
     if (!distances)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for an initial cloud of %zu points",

@@ -198,7 +198,7 @@ sgs_status sgsi_knn(const float *points, size_t n, double *distances)
         return SGS_STATUS_OK;
     if (n >= UINT32_MAX)
         return sgsi_fail(SGS_STATUS_LIMIT,
-                         "a cloud of %zu points is too large; at most 4294967294 are accepted", n);
+                         "a cloud of %zu points is too large; the limit is 4294967294", n);
     tree t = {.count = n, .distances = distances};
     while (((n - 1) >> t.levels) + 1 > LEAF_POINTS)
         ++t.levels;

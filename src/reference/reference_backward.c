@@ -331,7 +331,7 @@ sgs_status sgs_reference_backward(const double *params, size_t count, const sgs_
     _Static_assert(sizeof(hit_sums) == 16 * sizeof(double), "sixteen sums");
     if (!d_color || !d_color[0] || !d_color[1] || !d_color[2] || (!d_params && count))
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                         "reference: three colour gradients and d_params are needed");
+                         "reference: three colour gradients and d_params are required");
     sgsi_reference_view view;
     sgs_status status = sgsi_reference_view_create(params, count, camera, pose, options, &view);
     if (status != SGS_STATUS_OK)

@@ -187,14 +187,14 @@ sgs_status sgsi_reference_view_create(const double *params, size_t count, const 
     *view = (sgsi_reference_view){.camera = camera, .pose = pose, .count = count};
     if ((!params && count) || !camera || !pose || !options)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                         "reference: parameters, camera, pose and options are needed");
+                         "reference: parameters, camera, pose and options are required");
     if (options->filter != SGS_FILTER_3DGS && options->filter != SGS_FILTER_NONE &&
         options->filter != SGS_FILTER_MIP)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "reference: filter %d is unknown",
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "reference: unknown filter %d",
                          (int)options->filter);
     if (options->compact_box != 1.0)
         return sgsi_fail(SGS_STATUS_UNSUPPORTED,
-                         "the reference knows no tiles; give --compact-box 1");
+                         "the reference renderer has no tiles; compact_box must be 1");
     if (count > UINT32_MAX)
         return sgsi_fail(SGS_STATUS_LIMIT, "reference: %zu primitives; ids have 32 bits", count);
     const sgs_status status = sgs_camera_validate(camera);
@@ -432,11 +432,11 @@ size_t sgs_reference_hits(const double *params, size_t count, const sgs_camera *
 sgs_status sgs_reference_frame_create(int width, int height, sgs_reference_frame *frame)
 {
     if (!frame)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "reference: no frame to create");
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "reference: frame is NULL");
     *frame = (sgs_reference_frame){0};
     if (width < 1 || height < 1 || width > 65536 || height > 65536)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "reference: a frame of %d x %d pixels", width,
-                         height);
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "reference: invalid frame size %d x %d",
+                         width, height);
     double **const planes[] = {&frame->color[0],      &frame->color[1],    &frame->color[2],
                                &frame->transmittance, &frame->depth_mean,  &frame->depth_median,
                                &frame->depth_first,   &frame->hits,        &frame->normal[0],

@@ -8,8 +8,8 @@
 
 #include "sparegs/scene.h"
 
-// Sets the split of each view: by options->held_out, else by the names in options->test_images, else
-// by the data set's own split (has_split: already set in the views), else every
+// Sets the split of each view: by options->held_out, else by the names in options->test_images,
+// else by the data set's own split (has_split: already set in the views), else every
 // options->test_every-th view. Fails with INVALID_ARGUMENT for names in test_images without a view
 // and if no training view is left.
 sgs_status sgsi_scene_split(sgs_scene *scene, const sgs_scene_options *options, bool has_split);

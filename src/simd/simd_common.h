@@ -54,7 +54,7 @@ static inline void simd_rank(const int16_t *keys, uint16_t *ranks, uint32_t coun
     for (uint32_t begin = 0; begin < count; begin += SIMD_KEYS) {
         const uint32_t end = begin + SIMD_KEYS < count ? begin + SIMD_KEYS : count, c = begin / 32;
         memcpy(&key, keys + begin, sizeof key);
-        simd_keys rank = zero + (int16_t)begin; // less those behind: a comparison gives 0 or -1
+        simd_keys rank = zero + (int16_t)begin; // minus later ones: a comparison is 0 or -1
         for (uint32_t d = 0; d <= c; ++d) {
             if (d < c && most[d] <= least[c])
                 continue;

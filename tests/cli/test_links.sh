@@ -42,7 +42,7 @@ for name in out.jpg folder/inside.jpg; do
     model a.jpg "$name"
     run 0 info "$set_up"
     reports "a link leads out of the data set"
-    reports "secret/inside.jpg; put the file itself there; the view is skipped"
+    reports "secret/inside.jpg; replace it by the file; the view is skipped"
     model "$name"
     run 1 info "$set_up"
     reports "a link leads out of the data set"

@@ -395,7 +395,7 @@ static void ply_reads_a_zero_quaternion_as_no_rotation(void **state)
                               expected[i][k]) <= 1e-7f);
     }
     assert_int_equal(warning_count, 1);
-    assert_non_null(strstr(last_warning, "1 primitives have the rotation 0 0 0 0"));
+    assert_non_null(strstr(last_warning, "1 primitives have rotation 0 0 0 0"));
     sgs_gaussians_destroy(model);
     sgs_warning_handler_set(NULL, NULL);
     temp_folder_remove(&folder);

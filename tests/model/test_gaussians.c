@@ -214,7 +214,7 @@ static void init_refuses_what_is_not_finite(void **state)
     assert_int_equal(sgs_gaussians_init_points(points, colors, 2, 1.0, &model),
                      SGS_STATUS_INVALID_ARGUMENT);
     assert_null(model);
-    assert_string_equal(sgs_last_error(), "point 1 of the initial cloud is not finite; drop it");
+    assert_string_equal(sgs_last_error(), "point 1 of the initial cloud is not finite; remove it");
     assert_int_equal(sgs_gaussians_init_points(points, colors, 1, 0.0, &model),
                      SGS_STATUS_INVALID_ARGUMENT);
     assert_int_equal(sgs_gaussians_init_points(points, colors, 1, NAN, &model),

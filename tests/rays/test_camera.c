@@ -436,7 +436,7 @@ static void invalid_cameras_are_rejected_with_the_reason(void **state)
     for (size_t i = 0; i < sizeof cases / sizeof *cases; ++i) {
         assert_int_equal(sgs_camera_validate(&cases[i].camera), SGS_STATUS_FORMAT);
         if (!strstr(sgs_last_error(), cases[i].message))
-            fail_msg("'%s' does not hold '%s'", sgs_last_error(), cases[i].message);
+            fail_msg("'%s' does not contain '%s'", sgs_last_error(), cases[i].message);
         bad_input();
     }
     for (size_t i = 0; i < LENSES; ++i)

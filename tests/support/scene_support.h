@@ -36,7 +36,7 @@ static inline int warnings_begin(void **state)
 static inline void assert_holds(const char *text, const char *part)
 {
     if (!strstr(text, part))
-        fail_msg("'%s' does not hold '%s'", text, part);
+        fail_msg("'%s' does not contain '%s'", text, part);
 }
 
 // ---- Bytes --------------------------------------------------------------------------------------

@@ -213,8 +213,7 @@ static void wrong_contents_with_a_right_checksum_are_refused_by_name(void **stat
     memcpy(bytes + end, "exposure_later", 14);
     bytes[end + 16] = 5;
     memcpy(bytes + end + 29, good + end, size - end);
-    refuses(trainer, bytes, size + 29, SGS_STATUS_FORMAT,
-            "section 'exposure_later' that this program does not know");
+    refuses(trainer, bytes, size + 29, SGS_STATUS_FORMAT, "unknown section 'exposure_later'");
     // Something behind the end.
     memcpy(bytes, good, size - 8);
     refuses(trainer, bytes, size + 3, SGS_STATUS_FORMAT, "data after the end");

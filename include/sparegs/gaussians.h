@@ -9,9 +9,10 @@
 // normalised when used; log of the scale; logit of the opacity; spherical harmonics, colour =
 // max(0, sum + 0.5).
 //
-// Memory layout: blocks of 16 primitives, column by column inside a block (one cache line per
-// parameter): value of parameter k of primitive i is data[((i / 16) * SGS_PARAM_COUNT + k) * 16 + i
-// % 16].
+// The memory layout is internal and may change: read and write parameters by sgs_gaussians_read,
+// _write, _get and _set. (It is blocks of 16 primitives, column by column inside a block, one cache
+// line per parameter: parameter k of primitive i is data[((i / 16) * SGS_PARAM_COUNT + k) * 16 + i
+// % 16].)
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -57,7 +58,7 @@ SGS_API sgs_status sgs_gaussians_reserve(sgs_gaussians *model, size_t capacity);
 // zero elsewhere).
 SGS_API sgs_status sgs_gaussians_resize(sgs_gaussians *model, size_t count);
 
-// One parameter of one primitive; no bounds check.
+// One parameter of one primitive in the internal layout; no bounds check.
 static inline float *sgs_gaussians_at(const sgs_gaussians *model, size_t i, int param)
 {
     return model->data + ((i / SGS_LANES) * SGS_PARAM_COUNT + (size_t)param) * SGS_LANES +
@@ -67,6 +68,15 @@ static inline float *sgs_gaussians_at(const sgs_gaussians *model, size_t i, int 
 // Copies all parameters of primitive i as they are (59 floats, SGS_PARAM_ order). No bounds check.
 SGS_API void sgs_gaussians_get(const sgs_gaussians *model, size_t i, float params[59]);
 SGS_API void sgs_gaussians_set(sgs_gaussians *model, size_t i, const float params[59]);
+
+// Copies stored parameter `param` (SGS_PARAM_MEAN + 1 is y) of the primitives [first, first +
+// count) to or from floats that are `stride_bytes` apart (0 = packed). The way for bindings and
+// optimisers: the memory layout of a model is internal. Fails with INVALID_ARGUMENT for a parameter
+// or range that the model does not have, or a stride below 4. Values are not checked.
+SGS_API sgs_status sgs_gaussians_read(const sgs_gaussians *model, int param, size_t first,
+                                      size_t count, float *out, size_t stride_bytes);
+SGS_API sgs_status sgs_gaussians_write(sgs_gaussians *model, int param, size_t first, size_t count,
+                                       const float *in, size_t stride_bytes);
 
 // What files hold of the opacity of primitive i. No bounds check.
 SGS_API float sgs_gaussians_opacity_logit(const sgs_gaussians *model, size_t i);
@@ -110,8 +120,8 @@ SGS_API sgs_status sgs_gaussians_fuse_filter_3d(const sgs_gaussians *model, cons
 SGS_API sgs_status sgs_ply_write_points(const char *path, const float *points,
                                         const unsigned char *colors, size_t n);
 
-// 64-bit FNV-1a-style or xxhash digest of count, degree and all parameters in canonical row order,
-// as 16 hex digits.
+// XXH3 (64 bits) of count, SH degree and all parameters, row by row, as 16 hex digits and a NUL.
+// The same parameters in another row order have another digest. Cannot fail.
 SGS_API void sgs_gaussians_hash(const sgs_gaussians *model, char hex[17]);
 
 #ifdef __cplusplus

@@ -30,11 +30,12 @@ typedef enum sgs_profile_kind {
 SGS_API const char *sgs_profile_kind_name(sgs_profile_kind kind);
 
 typedef struct sgs_profile_options {
-    sgs_render_options render;
-    int refits;  // age of the aged tree; 100
-    double step; // length of an optimiser's step of the means, world units; 0
-    int repeat;  // timings are the least of so many; 3
-    int samples; // rays followed without a tree; 64
+    size_t struct_size;               // set by sgs_profile_options_default()
+    const sgs_render_options *render; // NULL = the defaults; filter_3d NULL, compact_box 1
+    int refits;                       // age of the aged tree; 100
+    double step;                      // length of an optimiser's step of the means, world units; 0
+    int repeat;                       // timings are the least of so many; 3
+    int samples;                      // rays followed without a tree; 64
     uint64_t seed;
 } sgs_profile_options;
 

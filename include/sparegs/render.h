@@ -30,6 +30,7 @@ extern "C" {
 typedef enum sgs_filter { SGS_FILTER_3DGS = 0, SGS_FILTER_NONE = 1, SGS_FILTER_MIP = 2 } sgs_filter;
 
 typedef struct sgs_render_options {
+    size_t struct_size; // set by sgs_render_options_default()
     sgs_filter filter;
     double near_distance; // hits at t <= near do not count, world units; default 0.2 (3DGS's cull),
                           // see sgs_near_distance
@@ -38,9 +39,12 @@ typedef struct sgs_render_options {
                             // SGS_FILTER_MIP only
     bool axis_depth; // distances of the frame are along the camera's axis (z) instead of the ray;
                      // default false
-    double compact_box; // in (0, 1]: a tile of 16x16 pixels leaves a primitive out when rho^2 of
-                        // its rays is beyond this share of the support, 2 ln(255 o), as FastGS's
-                        // rasteriser does at 0.5; default 1, exact
+    double compact_box;  // in (0, 1]: a tile of 16x16 pixels leaves a primitive out when rho^2 of
+                         // its rays is beyond this share of the support, 2 ln(255 o), as FastGS's
+                         // rasteriser does at 0.5; default 1, exact
+    bool differentiable; // keep what sgs_renderer_backward needs: the list of every tile's hits
+    sgs_progress_fn progress; // called between bands of rows, or NULL; not with `differentiable`
+    void *progress_user;
 } sgs_render_options;
 
 // The near distance for cameras of this extent (scene.h): 0.2, and in scenes smaller than 1 as much
@@ -98,14 +102,36 @@ SGS_API sgs_status sgs_renderer_create(const sgs_gaussians *model, sgs_renderer 
 SGS_API void sgs_renderer_destroy(sgs_renderer *renderer);
 // Rebuilds after the model changed.
 SGS_API sgs_status sgs_renderer_update(sgs_renderer *renderer);
-// Renders one view. Bits do not depend on the number of threads.
+// Renders one view: the planes of `frame` that are not NULL. Bits do not depend on the number of
+// threads. options: NULL = the defaults. Fails with INVALID_ARGUMENT for options out of range or a
+// frame of another size than the camera's, UNSUPPORTED for a lens without rays, OUT_OF_MEMORY or
+// CANCELLED; the planes then hold anything.
 SGS_API sgs_status sgs_renderer_render(sgs_renderer *renderer, const sgs_camera *camera,
                                        const sgs_pose *pose, const sgs_render_options *options,
                                        sgs_frame *frame);
 
+// Gradient of a loss L with respect to the model, for the last successful sgs_renderer_render of
+// this renderer, whose options had `differentiable` (else INVALID_ARGUMENT). The model must not
+// have changed since.
+//
+// d_frame: dL/dcolour and dL/dtransmittance in the planes of the same names, sizes of that frame; a
+// NULL plane is zero. The other planes (depths, hits, AOVs) have no gradient and must be NULL: make
+// the frame with sgs_frame_create_with(width, height, 0, ...). A loss that lays the image over a
+// background b, C + T b, has dL/dT = b . dL/d(image).
+//
+// d_model: a model of the same number of primitives, whose parameters are overwritten with
+// dL/d(stored parameter): logit of the opacity (or opacity itself: linear_opacity), log of the
+// scale, unnormalised quaternion. Read them with sgs_gaussians_read. Primitives without a counted
+// hit have 0. As in 3DGS, alpha's clamp at 0.99 is ignored (straight-through), and a colour channel
+// clamped at 0 has no gradient. The path of the pixel filter through the depth is included, that of
+// a fixed render_options.filter_3d is not. Bits do not depend on the number of threads.
+SGS_API sgs_status sgs_renderer_backward(sgs_renderer *renderer, const sgs_frame *d_frame,
+                                         sgs_gaussians *d_model);
+
 // ---- Deep pictures: what a ray meets, one by one ----
 
 typedef struct sgs_deep_options {
+    size_t struct_size; // set by sgs_deep_options_default()
     double tolerance; // hits closer than this fraction of their distance become one sample, [0, 1];
                       // default 0.01
     int max_samples;  // per pixel, 1..256: where there are more, the tolerance grows; default 32

@@ -6,6 +6,9 @@
 // that names the file, the place in it and the fix, and a callback for warnings. The library itself
 // never prints and never exits.
 
+#include <stdbool.h>
+#include <stddef.h>
+
 #include "sparegs/export.h"
 
 #ifdef __cplusplus
@@ -36,6 +39,11 @@ SGS_API const char *sgs_status_text(sgs_status status);
 // The sentence that explains the last failed call of this thread, "" if there was none. Owned by
 // the library; valid until the next failing call on the same thread.
 SGS_API const char *sgs_last_error(void);
+
+// Progress of a long call: `done` of `total` steps. Calls come one at a time, but perhaps from a
+// thread of the library; they must not call the library on the objects in use. Returning false
+// cancels: the long call ends soon and fails with SGS_STATUS_CANCELLED.
+typedef bool (*sgs_progress_fn)(void *user, size_t done, size_t total);
 
 // Receives one line (no newline) per warning, possibly from several threads at once.
 typedef void (*sgs_warning_fn)(void *user, const char *message);

@@ -69,6 +69,21 @@ void sgs_warning_handler_set(sgs_warning_fn fn, void *user)
     warning_user = user;
 }
 
+sgs_status sgsi_options_read(const void *given, const char *type, void *options, size_t size)
+{
+    if (!given)
+        return SGS_STATUS_OK;
+    size_t given_size;
+    memcpy(&given_size, given, sizeof given_size);
+    if (given_size < sizeof given_size || given_size > size)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                         "%s.struct_size is %zu, not within %zu to %zu; start from %s_default()",
+                         type, given_size, sizeof given_size, size, type);
+    memcpy(options, given, given_size);
+    memcpy(options, &size, sizeof size);
+    return SGS_STATUS_OK;
+}
+
 void sgsi_warn(const char *format, ...)
 {
     if (!warning_fn)

@@ -26,6 +26,12 @@ sgs_status sgsi_fail(sgs_status status, const char *format, ...) SGSI_PRINTF(2, 
 // Sends one warning line to the process-wide handler.
 void sgsi_warn(const char *format, ...) SGSI_PRINTF(1, 2);
 
+// Fills `options` (`size` bytes, holding the defaults) from a caller's struct of the same type,
+// which begins with its struct_size and may be shorter, as an earlier version declared it: what it
+// lacks keeps the default. NULL means the defaults. Fails with INVALID_ARGUMENT, naming `type`,
+// when struct_size is 0 or larger than `size`.
+sgs_status sgsi_options_read(const void *given, const char *type, void *options, size_t size);
+
 // 64-byte aligned, zeroed memory; NULL when out of memory or when count * size overflows. Blocks of
 // 2 MiB and more request huge pages. Release with sgsi_free.
 void *sgsi_calloc(size_t count, size_t size);

@@ -30,7 +30,7 @@ const char *sgs_profile_kind_name(sgs_profile_kind kind)
 sgs_profile_options sgs_profile_options_default(void)
 {
     return (sgs_profile_options){
-        .render = sgs_render_options_default(), .refits = 100, .repeat = 3, .samples = 64};
+        .struct_size = sizeof(sgs_profile_options), .refits = 100, .repeat = 3, .samples = 64};
 }
 
 static sgsi_bvh_quality quality_of(sgs_profile_kind kind)
@@ -43,7 +43,8 @@ static sgsi_bvh_quality quality_of(sgs_profile_kind kind)
 typedef struct profile_job {
     const sgs_gaussians *model;
     sgs_gaussians *young; // the model before `refits` refits
-    const sgs_profile_options *options;
+    sgs_profile_options options;
+    sgs_render_options render;
     sgsi_rays *rays;
     sgsi_view view;
     sgsi_planes planes;
@@ -66,12 +67,12 @@ static sgs_status copy_young(profile_job *job)
            (model->count + SGS_LANES - 1) / SGS_LANES * SGS_LANES * SGS_PARAM_COUNT *
                sizeof(float));
     job->young->linear_opacity = model->linear_opacity;
-    const double distance = job->options->step * sqrt((double)job->options->refits);
+    const double distance = job->options.step * sqrt((double)job->options.refits);
     for (size_t i = 0; distance > 0 && i < model->count; ++i)
         for (int k = 0; k < 3; ++k)
             *sgs_gaussians_at(job->young, i, SGS_PARAM_MEAN + k) +=
                 (float)(distance *
-                        sgsi_random_normal(job->options->seed, 6 * (uint64_t)i + 2 * (uint64_t)k));
+                        sgsi_random_normal(job->options.seed, 6 * (uint64_t)i + 2 * (uint64_t)k));
     return SGS_STATUS_OK;
 }
 
@@ -241,9 +242,9 @@ static sgs_status measure_kinds(profile_job *job)
     const double before = (double)sgsi_bvh_bytes(sgsi_tracer_bvh(tracer));
     status = measure_kind(job, tracer, SGS_PROFILE_LOW, false); // warms up memory and caches
     reset_times(job);
-    for (int round = 1; round <= job->options->repeat; ++round)
+    for (int round = 1; round <= job->options.repeat; ++round)
         for (int k = 0; !status && k < SGS_PROFILE_KIND_COUNT; ++k)
-            status = measure_kind(job, tracer, (sgs_profile_kind)k, round == job->options->repeat);
+            status = measure_kind(job, tracer, (sgs_profile_kind)k, round == job->options.repeat);
     for (int k = 0; k < SGS_PROFILE_KIND_COUNT; ++k) {
         out->trees[k].bytes -= before;
         out->noise = fmax(
@@ -303,7 +304,7 @@ static void follow_ray(void *context, size_t item, int thread)
     if (!pixel_direction(profile, x, y, d))
         return;
     const double near_distance =
-        profile->options->render.near_distance / sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+        profile->render.near_distance / sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
     ray_hit *hits = NULL;
     size_t count = 0, capacity = 0;
     for (size_t i = 0; i < profile->model->count; ++i) {
@@ -344,7 +345,7 @@ static void follow_ray(void *context, size_t item, int thread)
 
 static sgs_status sample_rays(profile_job *job)
 {
-    const int samples = job->options->samples;
+    const int samples = job->options.samples;
     sample_job *sampling = sgsi_calloc(1, sizeof *sampling);
     sgsi_tracer *tracer = NULL;
     sgs_status status = sampling ? sgsi_tracer_create(&tracer)
@@ -376,7 +377,7 @@ static sgs_status sample_rays(profile_job *job)
 
 // ---- The profile ----
 
-static sgs_status check_options(const sgs_profile_options *o)
+static sgs_status check_options(const sgs_profile_options *o, const sgs_render_options *render)
 {
     if (o->refits < 0 || o->repeat < 1 || o->samples < 0 || o->samples > SAMPLES_MAX ||
         !(o->step >= 0))
@@ -384,24 +385,24 @@ static sgs_status check_options(const sgs_profile_options *o)
             SGS_STATUS_INVALID_ARGUMENT,
             "a profile takes refits >= 0, repeat >= 1, 0 to %d samples and a step >= 0",
             SAMPLES_MAX);
-    if (o->render.filter_3d)
+    if (render->filter_3d)
         return sgsi_fail(SGS_STATUS_UNSUPPORTED, "a profile takes models with the 3D filter in "
                                                  "their scales, as PLY files have it");
-    if (o->render.compact_box != 1.0)
+    if (render->compact_box != 1.0)
         return sgsi_fail(SGS_STATUS_UNSUPPORTED,
-                         "a profile counts hits of whole supports; give --compact-box 1");
+                         "a profile counts hits of whole supports: compact_box must be 1");
     return SGS_STATUS_OK;
 }
 
 static sgs_status prepare(profile_job *job, const sgs_camera *camera, const sgs_pose *pose)
 {
     sgs_profile *out = job->out;
-    sgs_status status = check_options(job->options);
+    sgs_status status = check_options(&job->options, &job->render);
     if (!status)
         status = sgsi_rays_create(camera, sgsi_macrotile_side(camera), &job->rays);
     if (status)
         return status;
-    sgsi_view_set(&job->view, job->rays, pose, &job->options->render);
+    sgsi_view_set(&job->view, job->rays, pose, &job->render);
     *out = (sgs_profile){.width = camera->width,
                          .height = camera->height,
                          .tiles_x = job->rays->tiles_x,
@@ -436,10 +437,20 @@ sgs_status sgs_profile_view(const sgs_gaussians *model, const sgs_camera *camera
                             sgs_profile **profile)
 {
     *profile = NULL;
-    profile_job job = {.model = model, .options = options, .out = sgsi_calloc(1, sizeof *job.out)};
+    profile_job job = {.model = model,
+                       .options = sgs_profile_options_default(),
+                       .render = sgs_render_options_default()};
+    sgs_status status =
+        sgsi_options_read(options, "sgs_profile_options", &job.options, sizeof job.options);
+    if (!status)
+        status = sgsi_options_read(job.options.render, "sgs_render_options", &job.render,
+                                   sizeof job.render);
+    if (status)
+        return status;
+    job.out = sgsi_calloc(1, sizeof *job.out);
     if (!job.out)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a profile");
-    sgs_status status = prepare(&job, camera, pose);
+    status = prepare(&job, camera, pose);
     if (!status)
         status = measure_kinds(&job);
     if (!status)

@@ -130,6 +130,62 @@ void sgs_gaussians_set(sgs_gaussians *model, size_t i, const float params[59])
         column[k * SGS_LANES] = params[k];
 }
 
+typedef struct strided_copy {
+    float *column; // parameter of row 0
+    size_t first, stride;
+    char *out;      // or
+    const char *in; // this
+} strided_copy;
+
+static void copy_strided(void *context, size_t begin, size_t end, int thread)
+{
+    (void)thread;
+    const strided_copy *copy = context;
+    for (size_t i = begin; i < end; ++i) {
+        const size_t row = copy->first + i;
+        float *value =
+            copy->column + row / SGS_LANES * SGS_LANES * SGS_PARAM_COUNT + row % SGS_LANES;
+        if (copy->out)
+            memcpy(copy->out + i * copy->stride, value, sizeof *value);
+        else
+            memcpy(value, copy->in + i * copy->stride, sizeof *value);
+    }
+}
+
+static sgs_status copy_parameter(const sgs_gaussians *model, int param, size_t count,
+                                 strided_copy *copy)
+{
+    if (param < 0 || param >= SGS_PARAM_COUNT)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "parameter %d is not within 0 to %d", param,
+                         SGS_PARAM_COUNT - 1);
+    if (copy->first > model->count || count > model->count - copy->first)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                         "%zu primitives from %zu on are more than the model's %zu", count,
+                         copy->first, model->count);
+    if (copy->stride && copy->stride < sizeof(float))
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "a stride of %zu bytes is below %zu",
+                         copy->stride, sizeof(float));
+    if (!copy->stride)
+        copy->stride = sizeof(float);
+    copy->column = model->data + (size_t)param * SGS_LANES;
+    sgsi_parallel_ranges(count, INIT_GRAIN, copy_strided, copy);
+    return SGS_STATUS_OK;
+}
+
+sgs_status sgs_gaussians_read(const sgs_gaussians *model, int param, size_t first, size_t count,
+                              float *out, size_t stride_bytes)
+{
+    strided_copy copy = {.first = first, .stride = stride_bytes, .out = (char *)out};
+    return copy_parameter(model, param, count, &copy);
+}
+
+sgs_status sgs_gaussians_write(sgs_gaussians *model, int param, size_t first, size_t count,
+                               const float *in, size_t stride_bytes)
+{
+    strided_copy copy = {.first = first, .stride = stride_bytes, .in = (const char *)in};
+    return copy_parameter(model, param, count, &copy);
+}
+
 typedef struct init_loop {
     const float *points;
     const unsigned char *colors;

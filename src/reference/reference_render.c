@@ -185,9 +185,14 @@ sgs_status sgsi_reference_view_create(const double *params, size_t count, const 
                                       sgsi_reference_view *view)
 {
     *view = (sgsi_reference_view){.camera = camera, .pose = pose, .count = count};
-    if ((!params && count) || !camera || !pose || !options)
+    if ((!params && count) || !camera || !pose)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                         "reference: parameters, camera, pose and options are required");
+                         "reference: parameters, camera and pose are required");
+    sgs_render_options own = sgs_render_options_default();
+    const sgs_status read = sgsi_options_read(options, "sgs_render_options", &own, sizeof own);
+    if (read)
+        return read;
+    options = &own;
     if (options->filter != SGS_FILTER_3DGS && options->filter != SGS_FILTER_NONE &&
         options->filter != SGS_FILTER_MIP)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "reference: unknown filter %d",

@@ -18,7 +18,8 @@
 
 sgs_deep_options sgs_deep_options_default(void)
 {
-    return (sgs_deep_options){.tolerance = 0.01, .max_samples = 32};
+    return (sgs_deep_options){
+        .struct_size = sizeof(sgs_deep_options), .tolerance = 0.01, .max_samples = 32};
 }
 
 sgs_status sgsi_deep_reserve(sgsi_deep *deep, const sgs_deep_options *options, int width, int rows)

@@ -134,7 +134,8 @@ sgs_status sgsi_train_view_project(sgsi_train_views *views, sgsi_train_view *vie
     sgs_status status = sgsi_ray_cache_get(views->rays, &view->camera, &rays);
     if (status)
         return status;
-    const sgs_render_options options = {.filter = views->options->filter,
+    const sgs_render_options options = {.struct_size = sizeof options,
+                                        .filter = views->options->filter,
                                         .near_distance = sgs_near_distance(views->scene->extent),
                                         .filter_3d = view->filter_3d,
                                         .sh_degree = view->sh_degree,

@@ -285,6 +285,47 @@ static void hash_sees_every_bit_and_only_the_rows(void **state)
     sgs_gaussians_destroy(wide);
 }
 
+static void strided_copies_read_and_write_one_parameter(void **state)
+{
+    (void)state;
+    enum { COUNT = 37, FIRST = 5, TAKEN = 23, ROW = SGS_PARAM_COUNT };
+    sgs_gaussians *model;
+    assert_int_equal(sgs_gaussians_create(COUNT, &model), SGS_STATUS_OK);
+    assert_int_equal(sgs_gaussians_resize(model, COUNT), SGS_STATUS_OK);
+    for (size_t i = 0; i < COUNT; ++i)
+        for (int k = 0; k < ROW; ++k)
+            *sgs_gaussians_at(model, i, k) = (float)(1000 * i) + (float)k;
+    float rows[TAKEN][ROW], packed[TAKEN];
+    for (int k = 0; k < ROW; ++k)
+        assert_int_equal(sgs_gaussians_read(model, k, FIRST, TAKEN, &rows[0][k], sizeof rows[0]),
+                         SGS_STATUS_OK);
+    for (size_t i = 0; i < TAKEN; ++i)
+        for (int k = 0; k < ROW; ++k)
+            assert_true(rows[i][k] == (float)(1000 * (FIRST + i)) + (float)k);
+    assert_int_equal(sgs_gaussians_read(model, SGS_PARAM_OPACITY, FIRST, TAKEN, packed, 0),
+                     SGS_STATUS_OK);
+    assert_true(packed[3] == rows[3][SGS_PARAM_OPACITY]);
+    for (size_t i = 0; i < TAKEN; ++i)
+        packed[i] = -(float)i - 1;
+    assert_int_equal(sgs_gaussians_write(model, SGS_PARAM_SCALE, FIRST, TAKEN, packed, 0),
+                     SGS_STATUS_OK);
+    for (size_t i = 0; i < COUNT; ++i)
+        for (int k = 0; k < ROW; ++k) {
+            const bool written = k == SGS_PARAM_SCALE && i >= FIRST && i < FIRST + TAKEN;
+            assert_true(*sgs_gaussians_at(model, i, k) ==
+                        (written ? -(float)(i - FIRST) - 1 : (float)(1000 * i) + (float)k));
+        }
+    assert_int_equal(sgs_gaussians_read(model, ROW, 0, 1, packed, 0), SGS_STATUS_INVALID_ARGUMENT);
+    assert_int_equal(sgs_gaussians_read(model, -1, 0, 1, packed, 0), SGS_STATUS_INVALID_ARGUMENT);
+    assert_int_equal(sgs_gaussians_read(model, 0, COUNT, 0, packed, 0), SGS_STATUS_OK);
+    assert_int_equal(sgs_gaussians_read(model, 0, COUNT, 1, packed, 0),
+                     SGS_STATUS_INVALID_ARGUMENT);
+    assert_int_equal(sgs_gaussians_write(model, 0, 1, SIZE_MAX, packed, 0),
+                     SGS_STATUS_INVALID_ARGUMENT);
+    assert_int_equal(sgs_gaussians_read(model, 0, 0, 2, packed, 3), SGS_STATUS_INVALID_ARGUMENT);
+    sgs_gaussians_destroy(model);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -298,6 +339,7 @@ int main(void)
         cmocka_unit_test(init_refuses_what_is_not_finite),
         cmocka_unit_test(init_is_the_same_for_every_thread_count),
         cmocka_unit_test(hash_sees_every_bit_and_only_the_rows),
+        cmocka_unit_test(strided_copies_read_and_write_one_parameter),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

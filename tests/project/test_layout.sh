@@ -24,6 +24,7 @@ declare -A src_may=(
     [reference]="rays"
     [trace]="rays model bvh"
     [optimize]="trace"
+    [render]="rays model trace optimize"
     [density]="model spare"
     [train]="rays image model formats scene loss reference trace optimize density bvh spare"
     [measure]="rays image model formats scene loss reference trace optimize density train bvh spare"

@@ -69,7 +69,7 @@ static problem problem_create(const setup *s, uint64_t seed)
     p.scene = oracle_random_model(seed, s->dense ? 20 : 12, s->dense ? &dense : &sparse);
     p.pose = s->lens == SGS_CAMERA_OPENCV_FISHEYE ? oracle_pose_look_at(0.7, -0.4, -1.5)
                                                   : oracle_pose_look_at(1.3, -0.7, -2.4);
-    p.options = (sgs_render_options){s->filter, 0.2, 3, p.scene.filter_3d, false, 1};
+    p.options = oracle_render_options(s->filter, 3, p.scene.filter_3d);
     oracle_random random = {.seed = seed + 1};
     for (int c = 0; c < 3; ++c)
         p.d_color[c] = oracle_memory(PIXELS, sizeof(double));
@@ -419,7 +419,7 @@ static void ball_gradient(const double *ball, double *d_params)
 {
     const sgs_camera camera = {SGS_CAMERA_PINHOLE, 1, 1, {100, 100, 0.5, 0.5}};
     const sgs_pose pose = {{1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 0}};
-    const sgs_render_options options = {SGS_FILTER_NONE, 0.2, 3, NULL, false, 1};
+    const sgs_render_options options = oracle_render_options(SGS_FILTER_NONE, 3, NULL);
     const double one[1] = {1};
     const double *const d_color[3] = {one, one, one};
     assert_int_equal(

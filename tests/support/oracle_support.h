@@ -36,6 +36,18 @@ static inline double oracle_normal(oracle_random *random)
     return value;
 }
 
+// ---- Options ----
+
+static inline sgs_render_options oracle_render_options(sgs_filter filter, int sh_degree,
+                                                       const float *filter_3d)
+{
+    sgs_render_options options = sgs_render_options_default();
+    options.filter = filter;
+    options.sh_degree = sh_degree;
+    options.filter_3d = filter_3d;
+    return options;
+}
+
 // ---- Scenes ----
 
 typedef struct oracle_scene {

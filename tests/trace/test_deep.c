@@ -31,6 +31,14 @@ typedef struct deep_picture {
     int next_row;
 } deep_picture;
 
+static sgs_deep_options deep_options(double tolerance, int max_samples)
+{
+    sgs_deep_options options = sgs_deep_options_default();
+    options.tolerance = tolerance;
+    options.max_samples = max_samples;
+    return options;
+}
+
 static sgs_status take_rows(void *context, int y, int rows, const uint32_t *counts,
                             const sgs_deep_sample *samples)
 {
@@ -112,8 +120,9 @@ static double check_pixel(const deep_picture *picture, size_t i, const sgs_deep_
 static void flattened_samples_equal_the_flat_image(void **state)
 {
     (void)state;
-    static const sgs_deep_options choices[] = {{0, 256}, {0.01, 32}, {0.05, 8},
-                                               {0, 3},   {1, 1},     {0, 1}};
+    const sgs_deep_options choices[] = {deep_options(0, 256),  deep_options(0.01, 32),
+                                        deep_options(0.05, 8), deep_options(0, 3),
+                                        deep_options(1, 1),    deep_options(0, 1)};
     const sgs_render_options options = sgs_render_options_default();
     oracle_scene scenes[2] = {oracle_random_model(3, 600, NULL),
                               oracle_adversarial_model(ORACLE_DUPLICATES, 11, 400)};
@@ -138,7 +147,7 @@ static void flattened_samples_equal_the_flat_image(void **state)
 static void samples_equal_the_hits_of_the_oracle(void **state)
 {
     (void)state;
-    const sgs_deep_options deep = {0, 256};
+    const sgs_deep_options deep = deep_options(0, 256);
     size_t compared = 0;
     oracle_scene scene = oracle_random_model(8, 200, NULL);
     for (int run = 0; run < 4; ++run) {
@@ -186,7 +195,7 @@ static void samples_equal_the_hits_of_the_oracle(void **state)
 static void hits_merge_only_within_the_tolerance(void **state)
 {
     (void)state;
-    const sgs_deep_options fine = {0, 256}, coarse = {0.03, 256};
+    const sgs_deep_options fine = deep_options(0, 256), coarse = deep_options(0.03, 256);
     const sgs_render_options options = sgs_render_options_default();
     const sgs_camera camera = view_camera(SGS_CAMERA_PINHOLE);
     oracle_scene scene = oracle_random_model(8, 300, NULL);
@@ -253,7 +262,8 @@ static void callback_failure_stops_the_render(void **state)
 {
     (void)state;
     const sgs_deep_options deep = sgs_deep_options_default(),
-                           bad[] = {{-1, 4}, {2, 4}, {NAN, 4}, {0, 0}, {0, 257}};
+                           bad[] = {deep_options(-1, 4), deep_options(2, 4), deep_options(NAN, 4),
+                                    deep_options(0, 0), deep_options(0, 257)};
     const sgs_render_options options = sgs_render_options_default();
     const sgs_camera camera = view_camera(SGS_CAMERA_PINHOLE);
     oracle_scene scene = oracle_random_model(2, 20, NULL);

@@ -124,6 +124,7 @@ typedef struct profiling {
     const common_values *common;
     const sgs_gaussians *model;
     sgs_profile_options options;
+    sgs_render_options render;
     camera_list cameras;    // at most VIEWS_MAX
     sgs_counters *counters; // NULL if unavailable
     profile_report report;
@@ -298,7 +299,8 @@ static int run_profile(const command_line *line, const profile_values *values,
                                .counters = counters,
                                .report = {.counted = counters != NULL, .no_counters = reason},
                                .options = sgs_profile_options_default()};
-            job->options.render = drawing_render_options(drawing);
+            job->render = drawing_render_options(drawing);
+            job->options.render = &job->render;
             job->options.refits = values->refits;
             job->options.repeat = values->repeat;
             job->options.samples = values->samples;

@@ -1,13 +1,16 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The public renderer: a tracer and a ray cache over a model owned by the caller.
+// The public renderer: a tracer and a ray cache over a model owned by the caller. It draws with the
+// tracer of trace/ and ends its backward pass with the chain rule of optimize/, which the tracer
+// below may not know; that is why it has a folder of its own above both.
 
 #include <stdlib.h>
 #include <string.h>
 
 #include "base/core.h"
 #include "trace/deep.h"
+#include "optimize/optimize.h"
 #include "model/normals.h"
 #include "rays/rays.h"
 #include "sparegs/runtime.h"
@@ -29,6 +32,11 @@ struct sgs_renderer {
     sgsi_deep deep;
     float *filter_3d; // padded to a multiple of 16
     size_t filter_capacity;
+    // Of the last differentiable render; valid while its lists are.
+    bool differentiable;
+    sgsi_view view;
+    float *zeros; // a plane, for gradients that the caller leaves out
+    size_t zero_count;
 };
 
 double sgs_near_distance(double extent)
@@ -38,8 +46,11 @@ double sgs_near_distance(double extent)
 
 sgs_render_options sgs_render_options_default(void)
 {
-    return (sgs_render_options){
-        .filter = SGS_FILTER_3DGS, .near_distance = 0.2, .sh_degree = 3, .compact_box = 1.0};
+    return (sgs_render_options){.struct_size = sizeof(sgs_render_options),
+                                .filter = SGS_FILTER_3DGS,
+                                .near_distance = 0.2,
+                                .sh_degree = 3,
+                                .compact_box = 1.0};
 }
 
 // ---- Frames ----
@@ -139,12 +150,14 @@ void sgs_renderer_destroy(sgs_renderer *renderer)
     sgsi_free(renderer->normals);
     sgsi_deep_free(&renderer->deep);
     sgsi_free(renderer->filter_3d);
+    sgsi_free(renderer->zeros);
     sgsi_free(renderer);
 }
 
 sgs_status sgs_renderer_update(sgs_renderer *renderer)
 {
     renderer->changed = true;
+    renderer->differentiable = false;
     return SGS_STATUS_OK;
 }
 
@@ -232,6 +245,7 @@ static sgs_status begin_view(sgs_renderer *renderer, const sgs_camera *camera, c
                              const sgs_render_options *options, const sgs_frame *frame,
                              sgsi_view *view)
 {
+    renderer->differentiable = false;
     if (frame->width != camera->width || frame->height != camera->height)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
                          "the frame is %dx%d pixels but its camera %dx%d", frame->width,
@@ -267,17 +281,6 @@ static sgs_status begin_view(sgs_renderer *renderer, const sgs_camera *camera, c
     return status;
 }
 
-sgs_status sgs_renderer_render(sgs_renderer *renderer, const sgs_camera *camera,
-                               const sgs_pose *pose, const sgs_render_options *options,
-                               sgs_frame *frame)
-{
-    sgsi_view view;
-    sgs_status status = begin_view(renderer, camera, pose, options, frame, &view);
-    if (!status)
-        status = sgsi_tracer_forward(renderer->tracer, &view, &renderer->planes, NULL, false);
-    return status;
-}
-
 // Rows of macrotiles per band: enough work for all threads within a limit on sample memory.
 static int band_rows(const sgsi_rays *rays, int max_samples)
 {
@@ -288,18 +291,65 @@ static int band_rows(const sgsi_rays *rays, int max_samples)
     return (int)(wanted < allowed ? wanted : allowed ? allowed : 1);
 }
 
+// In bands, with the caller's progress function between them.
+static sgs_status render_bands(sgs_renderer *renderer, const sgsi_view *view,
+                               const sgs_render_options *options)
+{
+    const sgsi_rays *rays = view->rays;
+    const int step = band_rows(rays, 1) * rays->macrotile_side;
+    for (int first = 0; first < rays->tiles_y; first += step) {
+        const int last = first + step < rays->tiles_y ? first + step : rays->tiles_y;
+        const sgs_status status =
+            sgsi_tracer_forward_rows(renderer->tracer, view, &renderer->planes, first, last);
+        if (status)
+            return status;
+        if (!options->progress(options->progress_user, (size_t)last, (size_t)rays->tiles_y))
+            return sgsi_fail(SGS_STATUS_CANCELLED, "the rendering was cancelled");
+    }
+    return SGS_STATUS_OK;
+}
+
+sgs_status sgs_renderer_render(sgs_renderer *renderer, const sgs_camera *camera,
+                               const sgs_pose *pose, const sgs_render_options *options,
+                               sgs_frame *frame)
+{
+    sgs_render_options own = sgs_render_options_default();
+    sgs_status status = sgsi_options_read(options, "sgs_render_options", &own, sizeof own);
+    if (!status && own.differentiable && own.progress)
+        status = sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                           "a differentiable rendering takes no progress function");
+    if (!status)
+        status = begin_view(renderer, camera, pose, &own, frame, &renderer->view);
+    if (status)
+        return status;
+    if (own.progress)
+        return render_bands(renderer, &renderer->view, &own);
+    status = sgsi_tracer_forward(renderer->tracer, &renderer->view, &renderer->planes, NULL,
+                                 own.differentiable);
+    renderer->differentiable = own.differentiable && !status;
+    return status;
+}
+
 sgs_status sgs_renderer_render_deep(sgs_renderer *renderer, const sgs_camera *camera,
                                     const sgs_pose *pose, const sgs_render_options *options,
                                     const sgs_deep_options *deep, sgs_frame *frame,
                                     sgs_deep_rows_fn rows, void *context)
 {
+    sgs_render_options own = sgs_render_options_default();
+    sgs_deep_options own_deep = sgs_deep_options_default();
+    sgs_status status = sgsi_options_read(options, "sgs_render_options", &own, sizeof own);
+    if (!status)
+        status = sgsi_options_read(deep, "sgs_deep_options", &own_deep, sizeof own_deep);
+    if (status)
+        return status;
+    deep = &own_deep;
     if (!(deep->tolerance >= 0 && deep->tolerance <= 1) || deep->max_samples < 1 ||
         deep->max_samples > 256)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
                          "a deep tolerance of %g or %d samples per pixel is out of range",
                          deep->tolerance, deep->max_samples);
     sgsi_view view;
-    sgs_status status = begin_view(renderer, camera, pose, options, frame, &view);
+    status = begin_view(renderer, camera, pose, &own, frame, &view);
     if (status)
         return status;
     const sgsi_rays *rays = view.rays;
@@ -320,6 +370,103 @@ sgs_status sgs_renderer_render_deep(sgs_renderer *renderer, const sgs_camera *ca
             break;
         sgsi_deep_pack(&renderer->deep);
         status = rows(context, y, height, renderer->deep.counts, renderer->deep.samples);
+        if (!status && own.progress &&
+            !own.progress(own.progress_user, (size_t)(y + height), (size_t)camera->height))
+            status = sgsi_fail(SGS_STATUS_CANCELLED, "the rendering was cancelled");
     }
     return status;
+}
+
+// ---- Gradients ----
+
+typedef struct gradient_job {
+    const sgsi_optimize *input;
+    float *out; // model layout
+} gradient_job;
+
+// The chain rule for blocks with a hit; rows without one have no gradient, whatever it computes for
+// them (a primitive at the camera's centre has no direction).
+static void finish_blocks(void *context, size_t begin, size_t end, int thread)
+{
+    (void)thread;
+    const gradient_job *job = context;
+    const sgsi_optimize *input = job->input;
+    for (size_t block = begin; block < end; ++block) {
+        float *out = job->out + block * SGS_PARAM_COUNT * SGS_LANES;
+        if (!input->touched[block]) {
+            memset(out, 0, SGS_PARAM_COUNT * SGS_LANES * sizeof *out);
+            continue;
+        }
+        sgsi_optimize_blocks(input, block, block + 1);
+        for (size_t lane = 0; lane < SGS_LANES; ++lane) {
+            const float *sums = input->sums + (block * SGS_LANES + lane) * SGSI_PROJECTED_FLOATS;
+            for (int k = 0; k < SGS_PARAM_COUNT && !(sums[SGSI_GRAD_SUM_WEIGHT] > 0.0f); ++k)
+                out[(size_t)k * SGS_LANES + lane] = 0.0f;
+        }
+    }
+}
+
+static sgs_status check_gradients(const sgs_renderer *renderer, const sgs_frame *d_frame,
+                                  const sgs_gaussians *d_model)
+{
+    if (!renderer->differentiable)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                         "no rendering to differentiate: set sgs_render_options.differentiable");
+    const sgs_camera *camera = &renderer->view.rays->camera;
+    if (d_frame->width != camera->width || d_frame->height != camera->height)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                         "the gradient has %dx%d pixels but the rendering %dx%d", d_frame->width,
+                         d_frame->height, camera->width, camera->height);
+    sgs_frame planes = *d_frame;
+    const frame_planes list = frame_plane_list(&planes);
+    for (int i = 0; i < PLANE_COUNT; ++i)
+        if (list.bit[i] && *list.plane[i])
+            return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                             "only colour and transmittance have gradients; leave the other "
+                             "planes of the frame NULL");
+    if (d_model->count != renderer->model->count)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                         "the gradient has %zu primitives but the model %zu", d_model->count,
+                         renderer->model->count);
+    return SGS_STATUS_OK;
+}
+
+sgs_status sgs_renderer_backward(sgs_renderer *renderer, const sgs_frame *d_frame,
+                                 sgs_gaussians *d_model)
+{
+    sgs_status status = check_gradients(renderer, d_frame, d_model);
+    if (status)
+        return status;
+    const size_t pixels = (size_t)d_frame->width * (size_t)d_frame->height;
+    if (renderer->zero_count < pixels) {
+        sgsi_free(renderer->zeros);
+        renderer->zeros = sgsi_calloc(pixels, sizeof *renderer->zeros);
+        renderer->zero_count = renderer->zeros ? pixels : 0;
+        if (!renderer->zeros)
+            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a gradient of %dx%d pixels",
+                             d_frame->width, d_frame->height);
+    }
+    float *d_color[3];
+    for (int c = 0; c < 3; ++c)
+        d_color[c] = d_frame->color[c] ? d_frame->color[c] : renderer->zeros;
+    const sgsi_planes sizes = {
+        .width = d_frame->width, .height = d_frame->height, .stride = (size_t)d_frame->width};
+    status =
+        sgsi_tracer_backward(renderer->tracer, &renderer->view, &sizes, d_color,
+                             d_frame->transmittance ? d_frame->transmittance : renderer->zeros);
+    if (status)
+        return status;
+    const sgs_gaussians *model = renderer->model;
+    renderer->view.linear_opacity = model->linear_opacity;
+    const sgsi_optimize input = {.params = model->data,
+                                 .count = model->count,
+                                 .view = renderer->view,
+                                 .sums = sgsi_tracer_grad_sums(renderer->tracer),
+                                 .touched = sgsi_tracer_touched(renderer->tracer),
+                                 .gradients = d_model->data};
+    gradient_job job = {&input, d_model->data};
+    sgsi_parallel_ranges((model->count + SGS_LANES - 1) / SGS_LANES, 32, finish_blocks, &job);
+    d_model->sh_degree = model->sh_degree;
+    d_model->linear_opacity = model->linear_opacity;
+    return SGS_STATUS_OK;
 }

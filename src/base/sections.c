@@ -3,7 +3,7 @@
 
 // The file, little-endian:
 //
-//   "SPAREGS1" | version: u32 | reserved: u32
+//   "SPAREGS1" | version: u32 | reserved: u32 | version of the program, 16 bytes, padded with zeros
 //   per section: name, 16 bytes, padded with zeros | bytes: u64 | content
 //   name "end" | bytes: 0
 //   XXH64 of everything before it: u64
@@ -17,14 +17,17 @@
 #include <string.h>
 #include <xxhash.h>
 
+#include "sparegs/runtime.h"
+
 _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__,
                "sections are stored in the byte order of memory");
 
 static const char magic[8] = {'S', 'P', 'A', 'R', 'E', 'G', 'S', '1'};
 static const char end_name[] = "end";
 enum {
-    VERSION = 3,
-    HEADER_BYTES = 16,
+    VERSION = 4,
+    HEADER_BYTES = 32,
+    PROGRAM_AT = 16, // since version 4
     SECTION_HEADER_BYTES = SGSI_SECTION_NAME + 8,
     DIGEST_BYTES = 8
 };
@@ -66,6 +69,7 @@ sgs_status sgsi_sections_create(sgsi_sections *sections, const char *path)
     const uint32_t version = VERSION;
     memcpy(header, magic, sizeof magic);
     memcpy(header + sizeof magic, &version, sizeof version);
+    memcpy(header + PROGRAM_AT, sgs_version(), strnlen(sgs_version(), HEADER_BYTES - PROGRAM_AT));
     write_bytes(sections, header, sizeof header);
     return SGS_STATUS_OK;
 }
@@ -134,6 +138,19 @@ static sgs_status read_table(sgsi_sections *sections, size_t size)
     }
 }
 
+// Files before version 4 do not name the program; all were written by sparegs 0.1.0.
+static sgs_status fail_version(const sgsi_sections *sections, uint32_t version)
+{
+    enum { FIRST_NAMED = 4 };
+    char program[HEADER_BYTES - PROGRAM_AT + 1] = "0.1.0";
+    if (version >= FIRST_NAMED)
+        memcpy(program, sections->bytes + PROGRAM_AT, HEADER_BYTES - PROGRAM_AT);
+    return sgsi_fail(SGS_STATUS_UNSUPPORTED,
+                     "%s: written by sparegs %s in format %u; this program reads format %d: resume "
+                     "with the program that wrote it, or start a new run",
+                     sections->path, program, version, VERSION);
+}
+
 static sgs_status prove(sgsi_sections *sections, size_t size)
 {
     const char *path = sections->path;
@@ -144,10 +161,7 @@ static sgs_status prove(sgsi_sections *sections, size_t size)
         return sgsi_fail(SGS_STATUS_FORMAT, "%s: is not a checkpoint", path);
     memcpy(&version, sections->bytes + sizeof magic, sizeof version);
     if (version != VERSION)
-        return sgsi_fail(
-            SGS_STATUS_UNSUPPORTED,
-            "%s: has version %u, this program reads %d; resume with the version that wrote it",
-            path, version, VERSION);
+        return fail_version(sections, version);
     size -= DIGEST_BYTES;
     memcpy(&digest, sections->bytes + size, sizeof digest);
     if (XXH64(sections->bytes, size, 0) != digest)

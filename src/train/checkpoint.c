@@ -3,22 +3,22 @@
 
 // The trainer's whole state as named sections of one file (sections.c):
 //
-//   options    text: every option that shapes the result (checkpoint_options.c)
+//   options    fields (fields.h): every option that shapes the result (checkpoint_options.c)
 //   scene      u64 per training view: digest of its name, camera and pose
 //   size       u64: number of primitives n
-//   progress   counters, averages, equilibrium, seconds (sgsi_progress)
-//   model, moment1, moment2    blocks of 16 primitives, 59 parameters each; lanes behind n are 0
+//   progress   fields: counters, averages, equilibrium, seconds (checkpoint_progress.c)
+//   model, moment1, moment2    blocks of 16 primitives, 59 parameters each; lanes after n are 0
 //   statistics gradient sums, sums of norms, visible counts, largest radii: n each
-//   depth_bounds    the depth depth_bounds; they change no bit of a step, only what it costs
+//   depth_bounds    they change no bit of a step, only its cost
 //   order      u32 per training view: this epoch's permutation
-//   exposure   colour maps of the views, their moments and steps, in runs that learn them
-//   accumulated_grad    gradients that wait for a step, as blocks, then the rows that have some; in
-//   runs
-//              whose pipeline batches steps
-//   filter_3d  Mip-Splatting's, n floats, in runs with its pixel filter
+//   exposure   colour maps of the views, their moments and steps; in runs that learn them
+//   accumulated_grad, accumulated_rows    gradients that wait for a step, as blocks, and the rows
+//              that have some; in runs whose pipeline batches steps
+//   filter_3d  Mip-Splatting's, n floats; in runs with its pixel filter
 //   stop       text: why training ended, empty before that
 //
-// New state is a section more in visit_state(), and nothing else. The BVH is not stored: padded
+// A new array is one section in visit_state(), a new counter one row in checkpoint_progress.c, a
+// new option needs nothing here. The BVH is not stored: padded
 // bounds make the hits independent of it. A file that is cut, changed or of another run is refused
 // before the trainer is touched.
 
@@ -27,6 +27,7 @@
 #include <xxhash.h>
 
 #include "train/checkpoint_options.h"
+#include "train/checkpoint_progress.h"
 #include "base/core.h"
 #include "base/sections.h"
 #include "base/threads.h"
@@ -67,8 +68,6 @@ static void visit_state(sgsi_sections *sections, sgs_trainer *trainer, size_t n)
     size_t tiles = 0;
     for (size_t i = 0; i < views; ++i)
         tiles += trainer->views.tile_counts[i];
-    sgsi_sections_begin(sections, "progress", sizeof trainer->progress);
-    sgsi_sections_piece(sections, &trainer->progress, sizeof trainer->progress);
     visit_blocks(sections, "model", trainer->model->data, n);
     visit_blocks(sections, "moment1", trainer->m, n);
     visit_blocks(sections, "moment2", trainer->v, n);
@@ -126,18 +125,22 @@ sgs_status sgs_trainer_save_checkpoint(const sgs_trainer *trainer, const char *p
     if (trainer->inconsistent)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
                          "%s: the last step failed half-way; there is no state to save", path);
-    char *options = sgsi_options_text(&trainer->options);
-    if (!options)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path);
+    sgsi_field_list options = {0}, progress = {0};
+    sgsi_options_write(&options, &trainer->options);
+    sgsi_progress_write(&progress, &trainer->progress);
     sgsi_sections sections;
-    const sgs_status status = sgsi_sections_create(&sections, path);
+    const sgs_status status =
+        options.failed || progress.failed
+            ? sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path)
+            : sgsi_sections_create(&sections, path);
     if (status) {
-        sgsi_free(options);
+        sgsi_free(options.bytes);
+        sgsi_free(progress.bytes);
         return status;
     }
     uint64_t n = trainer->model->count;
-    sgsi_sections_begin(&sections, "options", strlen(options));
-    sgsi_sections_piece(&sections, options, strlen(options));
+    sgsi_sections_begin(&sections, "options", options.count);
+    sgsi_sections_piece(&sections, options.bytes, options.count);
     sgsi_sections_begin(&sections, "scene", trainer->views.count * sizeof(uint64_t));
     for (size_t i = 0; i < trainer->views.count; ++i) {
         uint64_t digest = view_digest(train_view(trainer, i));
@@ -145,8 +148,11 @@ sgs_status sgs_trainer_save_checkpoint(const sgs_trainer *trainer, const char *p
     }
     sgsi_sections_begin(&sections, "size", sizeof n);
     sgsi_sections_piece(&sections, &n, sizeof n);
+    sgsi_sections_begin(&sections, "progress", progress.count);
+    sgsi_sections_piece(&sections, progress.bytes, progress.count);
     visit_state(&sections, (sgs_trainer *)trainer, trainer->model->count); // WRITE leaves it alone
-    sgsi_free(options);
+    sgsi_free(options.bytes);
+    sgsi_free(progress.bytes);
     return sgsi_sections_commit(&sections);
 }
 
@@ -202,8 +208,10 @@ static sgs_status check_progress(sgsi_sections *sections, const sgs_trainer *tra
     return SGS_STATUS_OK;
 }
 
-// Everything that can be wrong with a whole file. *n receives the number of primitives.
-static sgs_status check(sgsi_sections *sections, sgs_trainer *trainer, size_t *n)
+// Everything that can be wrong with a whole file. *n receives the number of primitives, *progress
+// the section of this name.
+static sgs_status check(sgsi_sections *sections, sgs_trainer *trainer, size_t *n,
+                        sgsi_progress *progress)
 {
     size_t bytes;
     const uint8_t *size = sgsi_sections_find(sections, "size", &bytes);
@@ -217,15 +225,18 @@ static sgs_status check(sgsi_sections *sections, sgs_trainer *trainer, size_t *n
                          "%s: section 'size': %llu primitives do not fit into the section 'model'",
                          sections->path, (unsigned long long)count);
     *n = (size_t)count;
-    const uint8_t *progress_bytes = sgsi_sections_find(sections, "progress", &bytes);
-    sgsi_progress progress = {0};
-    if (progress_bytes && bytes == sizeof progress)
-        memcpy(&progress, progress_bytes, sizeof progress);
-    const char *options = (const char *)sgsi_sections_find(sections, "options", &bytes);
+    const uint8_t *fields = sgsi_sections_find(sections, "progress", &bytes);
+    if (!fields)
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: the section 'progress' is missing",
+                         sections->path);
+    sgs_status status = sgsi_progress_read(sections->path, fields, bytes, progress);
+    if (status)
+        return status;
+    const uint8_t *options = sgsi_sections_find(sections, "options", &bytes);
     if (!options)
         return sgsi_fail(SGS_STATUS_FORMAT, "%s: the section 'options' is missing", sections->path);
-    sgs_status status =
-        sgsi_options_agree(sections->path, options, bytes, &trainer->options, progress.iteration);
+    status = sgsi_options_compare(sections->path, options, bytes, &trainer->options,
+                                  progress->iteration);
     if (!status)
         status = check_scene(sections, trainer);
     if (status)
@@ -233,11 +244,11 @@ static sgs_status check(sgsi_sections *sections, sgs_trainer *trainer, size_t *n
     visit_state(sections, trainer, *n);
     status = sgsi_sections_checked(sections);
     if (!status)
-        status = check_progress(sections, trainer, &progress);
+        status = check_progress(sections, trainer, progress);
     const size_t cap = trainer->options.max_gaussians;
     if (!status && cap && *n > cap)
         status = sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                           "%s: has %zu primitives, more than --max-gaussians %zu; raise it",
+                           "%s: has %zu primitives, more than max_gaussians %zu; raise it",
                            sections->path, *n, cap);
     return status;
 }
@@ -278,16 +289,10 @@ static sgs_status make_room(sgs_trainer *trainer, size_t n, const char *path)
 }
 
 // The images of the resolution that was in use, where the pipeline changes it.
-static sgs_status restore_resolution(sgs_trainer *trainer, sgsi_sections *sections)
+static sgs_status restore_images(sgs_trainer *trainer, int resolution)
 {
-    size_t bytes;
-    const uint8_t *content = sgsi_sections_find(sections, "progress", &bytes);
-    sgsi_progress progress;
-    memcpy(&progress, content, sizeof progress);
-    if (!progress.resolution)
-        return SGS_STATUS_OK;
     sgsi_small_images images;
-    const sgs_status status = sgsi_small_images_make(&trainer->views, progress.resolution, &images);
+    const sgs_status status = sgsi_small_images_make(&trainer->views, resolution, &images);
     if (!status)
         sgsi_small_images_adopt(&trainer->views, &images);
     return status;
@@ -300,18 +305,20 @@ sgs_status sgs_trainer_load_checkpoint(sgs_trainer *trainer, const char *path)
     if (status)
         return status;
     size_t n = 0;
-    status = check(&sections, trainer, &n);
+    sgsi_progress progress;
+    status = check(&sections, trainer, &n, &progress);
     if (status) {
         sgsi_sections_close(&sections);
         return status;
     }
     trainer->inconsistent = true;
     status = make_room(trainer, n, path);
-    if (!status)
-        status = restore_resolution(trainer, &sections);
+    if (!status && progress.resolution) // before reading: other sizes reset the depth bounds
+        status = restore_images(trainer, progress.resolution);
     if (!status) {
         sections.pass = SGSI_SECTIONS_READ;
         visit_state(&sections, trainer, n);
+        trainer->progress = progress;
         trainer->stop_text[sizeof trainer->stop_text - 1] = 0;
         trainer->views.rebuild = true;
         trainer->inconsistent = false;

@@ -2,16 +2,18 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// The options of a training as text in its checkpoint, and what may differ when it is continued.
+// The options of a training as named fields of its checkpoint, and what may differ when it is
+// resumed.
 
+#include "base/fields.h"
 #include "sparegs/trainer.h"
 
-// "iterations=30000\nschedule=0\n...": every option that shapes the result. Release with sgsi_free;
-// NULL: out of memory.
-char *sgsi_options_text(const sgs_train_options *options);
+// Every option that shapes the result, as text (sgs_train_option_text).
+void sgsi_options_write(sgsi_field_list *list, const sgs_train_options *options);
 
-// Holds the text of a checkpoint (`bytes` long, not terminated) against `now`. Options that may
-// change are warned of, with the iteration they change at; any other difference fails with
-// INVALID_ARGUMENT and names the option and both values.
-sgs_status sgsi_options_agree(const char *path, const char *text, size_t bytes,
-                              const sgs_train_options *now, int iteration);
+// Compares the options of a checkpoint (the content of the section) with `now`. Options that may
+// change are warned about, with the iteration from which the new value is used; any other
+// difference fails with INVALID_ARGUMENT, naming the field and both values. An option that the
+// checkpoint does not name had its default.
+sgs_status sgsi_options_compare(const char *path, const uint8_t *bytes, size_t size,
+                                const sgs_train_options *now, int iteration);

@@ -13,81 +13,12 @@
 
 #include "base/core.h"
 #include "base/threads.h"
+#include "sparegs/option_descriptors.h"
 #include "train/small_images.h"
 #include "train/traffic.h"
 #include "train/trainer_state.h"
 
 enum { FILTER_INTERVAL = 100 };
-
-sgs_train_options sgs_train_options_default(void)
-{
-    return (sgs_train_options){.iterations = 30000,
-                               .schedule = SGS_SCHEDULE_SCALED,
-                               .pipeline = SGS_PIPELINE_3DGS,
-                               .filter = SGS_FILTER_3DGS,
-                               .optimizer = SGS_OPTIMIZER_SPARSE,
-                               .sh_degree = 3,
-                               .compact_box = 1.0,
-                               .spare = SGS_SPARE_ALL,
-                               .spare_grid = 32,
-                               .spare_tau_alpha = 0.05,
-                               .spare_eps_loss = 0.008,
-                               .spare_eps_count = 0.01,
-                               .spare_patience = 2,
-                               .spare_interval = 1000,
-                               .spare_demand = SGS_DEMAND_ALL,
-                               .spare_budget = 1.0,
-                               .random_points = 100000,
-                               .pipeline_options = {.taming_multiplier = 20,
-                                                    .taming_opacity = SGS_TAMING_FROZEN,
-                                                    .fastgs_loss = 0.1,
-                                                    .fastgs_gradient = 0.0012,
-                                                    .fastgs_dense = 0.001}};
-}
-
-static sgs_status check_options(const sgs_train_options *o)
-{
-#define SGSI_REQUIRE(condition, text)                                                              \
-    if (!(condition))                                                                              \
-    return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, text)
-    SGSI_REQUIRE(o->iterations >= 1 && o->iterations <= 10000000,
-                 "iterations must be between 1 and 10000000");
-    SGSI_REQUIRE((unsigned)o->pipeline < SGS_PIPELINE_COUNT,
-                 "pipeline must be one of sgs_pipeline");
-    SGSI_REQUIRE((unsigned)o->filter <= SGS_FILTER_MIP, "filter must be 3dgs, none or mip");
-    SGSI_REQUIRE(o->sh_degree >= 0 && o->sh_degree <= 3, "SH degree must be between 0 and 3");
-    SGSI_REQUIRE((unsigned)o->pipeline_options.taming_opacity <= SGS_TAMING_LINEAR,
-                 "opacities of Taming 3DGS must be frozen, trained or linear");
-    SGSI_REQUIRE(o->pipeline != SGS_PIPELINE_TAMING ||
-                     o->pipeline_options.taming_opacity != SGS_TAMING_LINEAR ||
-                     o->filter != SGS_FILTER_MIP,
-                 "linear opacities do not go with the mip filter");
-    SGSI_REQUIRE(o->compact_box > 0 && o->compact_box <= 1, "the compact box must be in (0, 1]");
-    SGSI_REQUIRE(o->spare_grid >= 2 && o->spare_grid <= 256,
-                 "the SPARE-GS grid must be between 2 and 256");
-    SGSI_REQUIRE(o->spare_tau_alpha >= 0 && o->spare_tau_alpha <= 1,
-                 "SPARE-GS's tau_alpha must be between 0 and 1");
-    SGSI_REQUIRE(o->spare_eps_loss >= 0 && o->spare_eps_count >= 0,
-                 "SPARE-GS's tolerances must not be negative");
-    SGSI_REQUIRE(o->spare_patience >= 1 && o->spare_interval >= 1,
-                 "SPARE-GS's patience and interval must be at least 1");
-    SGSI_REQUIRE(o->alpha_loss >= 0 && o->alpha_loss <= 1000,
-                 "the weight of the alpha loss must be between 0 and 1000");
-    SGSI_REQUIRE(o->spare_budget > 0 && o->spare_budget <= 100,
-                 "SPARE-GS's budget must be between 0 and 100 times the count");
-    const sgs_pipeline_options *own = &o->pipeline_options;
-    SGSI_REQUIRE(own->taming_multiplier > 0 && own->taming_multiplier <= 1e6,
-                 "Taming's multiplier must be between 0 and 1000000");
-    SGSI_REQUIRE(own->fastgs_loss >= 0 && own->fastgs_loss <= 1,
-                 "FastGS's loss threshold must be between 0 and 1");
-    SGSI_REQUIRE(own->fastgs_gradient > 0 && own->fastgs_dense > 0,
-                 "FastGS's thresholds must be positive");
-    for (int c = 0; c < 3; ++c)
-        SGSI_REQUIRE(o->background[c] >= 0 && o->background[c] <= 1,
-                     "background colours must be between 0 and 1");
-#undef SGSI_REQUIRE
-    return SGS_STATUS_OK;
-}
 
 // ---- Creation ----
 
@@ -144,7 +75,7 @@ sgs_status sgs_trainer_create(const sgs_scene *scene, const sgs_train_options *o
                               sgs_trainer **trainer)
 {
     *trainer = NULL;
-    sgs_status status = check_options(options);
+    sgs_status status = sgs_train_options_check(options);
     if (status)
         return status;
     sgs_trainer *made = sgsi_calloc(1, sizeof *made);

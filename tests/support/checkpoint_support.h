@@ -12,7 +12,7 @@
 // Start of the section's header in the file (name 16, length 8, content), or 0.
 static inline size_t section_find(const unsigned char *bytes, size_t size, const char *name)
 {
-    for (size_t at = 16; at + 24 + 8 <= size;) {
+    for (size_t at = 32; at + 24 + 8 <= size;) {
         uint64_t length;
         memcpy(&length, bytes + at + 16, sizeof length);
         if (!strncmp((const char *)bytes + at, name, 16))
@@ -20,6 +20,24 @@ static inline size_t section_find(const unsigned char *bytes, size_t size, const
         if (length > size - at - 24)
             return 0;
         at += 24 + length;
+    }
+    return 0;
+}
+
+// Start of the value of a field in a section of fields (name 32, type 2, essential 2, length 4,
+// value), or 0.
+static inline size_t field_find(const unsigned char *bytes, size_t size, const char *section,
+                                const char *name)
+{
+    const size_t header = section_find(bytes, size, section);
+    uint64_t length;
+    memcpy(&length, bytes + header + 16, sizeof length);
+    for (size_t at = header + 24; at + 40 <= header + 24 + length;) {
+        uint32_t value;
+        memcpy(&value, bytes + at + 36, sizeof value);
+        if (!strncmp((const char *)bytes + at, name, 32))
+            return at + 40;
+        at += 40 + value;
     }
     return 0;
 }

@@ -229,10 +229,10 @@ static void wrong_numbers_with_a_right_checksum_are_refused_by_name(void **state
     sgs_trainer *trainer = start_saved(90, 5, "good");
     unsigned char *good = file_get(temp_path(&folder, "good"), &size), *bytes = malloc(size);
     // Counters out of range.
-    const size_t progress = section_find(good, size, "progress") + 24,
-                 order = section_find(good, size, "order") + 24;
+    const size_t order = section_find(good, size, "order") + 24;
     memcpy(bytes, good, size);
-    memset(bytes + progress, 0xFF, 4);
+    const size_t iteration = field_find(good, size, "progress", "iteration");
+    memset(bytes + iteration, 0xFF, 4);
     refuses(trainer, bytes, size, SGS_STATUS_FORMAT, "section 'progress' is out of range");
     memcpy(bytes, good, size);
     memset(bytes + order, 0xFF, 4);
@@ -249,14 +249,8 @@ static void wrong_numbers_with_a_right_checksum_are_refused_by_name(void **state
     // Another version, other options, another view.
     memcpy(bytes, good, size);
     bytes[8] = 99;
-    refuses(trainer, bytes, size, SGS_STATUS_UNSUPPORTED, "has version 99");
-    const size_t text = section_find(good, size, "options") + 24;
-    memcpy(bytes, good, size);
-    memcpy(bytes + text, "iterators=", 10);
-    refuses(trainer, bytes, size, SGS_STATUS_UNSUPPORTED, "option --iterators");
-    memcpy(bytes, good, size);
-    memcpy(bytes + text, "iterations:", 11);
-    refuses(trainer, bytes, size, SGS_STATUS_FORMAT, "options are not readable");
+    refuses(trainer, bytes, size, SGS_STATUS_UNSUPPORTED,
+            "in format 99; this program reads format 4");
     const size_t views = section_find(good, size, "scene") + 24;
     memcpy(bytes, good, size);
     bytes[views] ^= 1;
@@ -273,6 +267,99 @@ static void wrong_numbers_with_a_right_checksum_are_refused_by_name(void **state
     sgs_trainer_destroy(trainer);
 }
 
+// Writes `bytes` (made whole) and loads them into a fresh trainer of short_run(90).
+static sgs_status load_changed(unsigned char *bytes, size_t size, sgs_trainer **trainer)
+{
+    const sgs_train_options options = short_run(90);
+    *trainer = start(scene, &options);
+    checkpoint_reseal(bytes, size);
+    file_put(temp_path(&folder, "changed"), bytes, size);
+    return sgs_trainer_load_checkpoint(*trainer, temp_path(&folder, "changed"));
+}
+
+// Record headers: name 32, type u16, essential u16, length u32.
+static void fields_may_be_missing_or_unknown_unless_they_are_essential(void **state)
+{
+    (void)state;
+    const struct {
+        const char *section, *field, *name; // the field and what it is called instead
+        sgs_status expected;
+        const char *words;
+    } cases[] = {
+        {"progress", "seconds.gather", "seconds.later", SGS_STATUS_OK, ""},
+        {"progress", "loss_average", "loss_mean", SGS_STATUS_OK, ""},
+        {"progress", "iteration", "iterator", SGS_STATUS_UNSUPPORTED,
+         "section 'progress': unknown field 'iterator'"},
+        {"progress", "seconds.gather", "iteration", SGS_STATUS_FORMAT,
+         "field 'iteration' has another type"},
+        {"progress", "adam_step", "iteration", SGS_STATUS_FORMAT, "'iteration' appears twice"},
+        // Defaults when the run started: unknown ones had no effect, missing ones are implied.
+        {"options", "seed", "spare_grid", SGS_STATUS_FORMAT, "option spare_grid appears twice"},
+        {"options", "spare_grid", "spare_lattice", SGS_STATUS_OK, ""},
+        {"options", "iterations", "iterators", SGS_STATUS_UNSUPPORTED,
+         "uses option iterators (90)"},
+        {"options", "sh_degree", "spare_grid", SGS_STATUS_INVALID_ARGUMENT,
+         "option spare_grid was 3 when the run started and is 32 now"},
+    };
+    size_t size;
+    sgs_trainer *trainer = start_saved(90, 5, "good"), *other;
+    char straight[17], resumed[17];
+    digest(trainer, straight);
+    unsigned char *good = file_get(temp_path(&folder, "good"), &size), *bytes = malloc(size);
+    for (size_t k = 0; k < sizeof cases / sizeof *cases; ++k) {
+        const size_t value = field_find(good, size, cases[k].section, cases[k].field);
+        assert_true(value > 0);
+        memcpy(bytes, good, size);
+        memset(bytes + value - 40, 0, 32);
+        memcpy(bytes + value - 40, cases[k].name, strlen(cases[k].name));
+        const sgs_status status = load_changed(bytes, size, &other);
+        if (status != cases[k].expected || (status && !strstr(sgs_last_error(), cases[k].words)))
+            fail_msg("%s -> %s: status %d: %s", cases[k].field, cases[k].name, (int)status,
+                     sgs_last_error());
+        if (status) {
+            bad_input();
+        } else {
+            digest(other, resumed);
+            assert_string_equal(straight, resumed);
+        }
+        sgs_trainer_destroy(other);
+    }
+    // A missing essential field: the record is unknown and marked optional.
+    const size_t step = field_find(good, size, "progress", "adam_step");
+    memcpy(bytes, good, size);
+    bytes[step - 40] = 'X';
+    bytes[step - 6] = 0;
+    refuses(trainer, bytes, size, SGS_STATUS_FORMAT, "field 'adam_step' is missing");
+    // A length beyond the section.
+    memcpy(bytes, good, size);
+    memset(bytes + step - 4, 0xFF, 4);
+    refuses(trainer, bytes, size, SGS_STATUS_FORMAT, "a field is cut or damaged");
+    free(good);
+    free(bytes);
+    sgs_trainer_destroy(trainer);
+}
+
+// Written by sparegs 0.1.0 before checkpoints had named fields.
+static void a_checkpoint_of_format_3_is_refused_by_name(void **state)
+{
+    (void)state;
+    const sgs_train_options options = short_run(2);
+    sgs_trainer *trainer = start(scene, &options);
+    assert_int_equal(
+        sgs_trainer_load_checkpoint(trainer, SGSI_TEST_DATA "/checkpoint_format_3.bin"),
+        SGS_STATUS_UNSUPPORTED);
+    assert_non_null(strstr(sgs_last_error(), "checkpoint_format_3.bin: written by sparegs 0.1.0 in "
+                                             "format 3; this program reads format 4"));
+    assert_int_equal(sgs_trainer_iteration(trainer), 0);
+    // The version decides, not the size of the header: with the new version it is still refused.
+    size_t size;
+    unsigned char *bytes = file_get(SGSI_TEST_DATA "/checkpoint_format_3.bin", &size);
+    bytes[8] = 4;
+    refuses(trainer, bytes, size, SGS_STATUS_FORMAT, "section exceeds the file");
+    free(bytes);
+    sgs_trainer_destroy(trainer);
+}
+
 static void options_are_honoured_or_refused_by_name(void **state)
 {
     (void)state;
@@ -285,25 +372,25 @@ static void options_are_honoured_or_refused_by_name(void **state)
         bool honoured;
     } cases[] = {
 #define MEMBER(member) offsetof(sgs_train_options, member), sizeof options.member
-        {"--iterations", MEMBER(iterations), false},
-        {"--schedule", MEMBER(schedule), false},
-        {"--filter", MEMBER(filter), false},
-        {"--optimizer", MEMBER(optimizer), false},
-        {"--compact-box", MEMBER(compact_box), false},
-        {"--taming-opacity", MEMBER(pipeline_options.taming_opacity), false},
-        {"--sh-degree", MEMBER(sh_degree), false},
-        {"--background", MEMBER(background), false},
-        {"--background-random", MEMBER(background_random), false},
-        {"--max-gaussians", MEMBER(max_gaussians), true},
-        {"--seed", MEMBER(seed), false},
-        {"--spare", MEMBER(spare), false},
-        {"--spare-grid", MEMBER(spare_grid), false},
-        {"--spare-tau-alpha", MEMBER(spare_tau_alpha), false},
-        {"--spare-eps-loss", MEMBER(spare_eps_loss), true},
-        {"--spare-eps-count", MEMBER(spare_eps_count), true},
-        {"--spare-patience", MEMBER(spare_patience), true},
-        {"--spare-interval", MEMBER(spare_interval), false},
-        {"--spare-demand", MEMBER(spare_demand), false},
+        {"iterations", MEMBER(iterations), false},
+        {"schedule", MEMBER(schedule), false},
+        {"filter", MEMBER(filter), false},
+        {"optimizer", MEMBER(optimizer), false},
+        {"compact_box", MEMBER(compact_box), false},
+        {"taming_opacity", MEMBER(pipeline_options.taming_opacity), false},
+        {"sh_degree", MEMBER(sh_degree), false},
+        {"background", MEMBER(background), false},
+        {"background", MEMBER(background_random), false},
+        {"max_gaussians", MEMBER(max_gaussians), true},
+        {"seed", MEMBER(seed), false},
+        {"spare", MEMBER(spare), false},
+        {"spare_grid", MEMBER(spare_grid), false},
+        {"spare_tau_alpha", MEMBER(spare_tau_alpha), false},
+        {"spare_eps_loss", MEMBER(spare_eps_loss), true},
+        {"spare_eps_count", MEMBER(spare_eps_count), true},
+        {"spare_patience", MEMBER(spare_patience), true},
+        {"spare_interval", MEMBER(spare_interval), false},
+        {"spare_demand", MEMBER(spare_demand), false},
     };
     sgs_train_options other = short_run(91);
     other.schedule = SGS_SCHEDULE_PAPER;
@@ -335,7 +422,7 @@ static void options_are_honoured_or_refused_by_name(void **state)
         assert_int_equal(status, cases[k].honoured ? SGS_STATUS_OK : SGS_STATUS_INVALID_ARGUMENT);
         const char *told = cases[k].honoured ? warning : sgs_last_error();
         char words[64];
-        snprintf(words, sizeof words, "%s was ", cases[k].name);
+        snprintf(words, sizeof words, "option %s was ", cases[k].name);
         if (!strstr(told, words))
             fail_msg("expected '%s' in: %s", words, told);
         sgs_trainer_destroy(trainer);
@@ -388,6 +475,8 @@ int main(void)
         cmocka_unit_test(a_loaded_state_is_written_as_the_same_bytes),
         cmocka_unit_test(wrong_contents_with_a_right_checksum_are_refused_by_name),
         cmocka_unit_test(wrong_numbers_with_a_right_checksum_are_refused_by_name),
+        cmocka_unit_test(fields_may_be_missing_or_unknown_unless_they_are_essential),
+        cmocka_unit_test(a_checkpoint_of_format_3_is_refused_by_name),
         cmocka_unit_test(options_are_honoured_or_refused_by_name),
         cmocka_unit_test(a_full_disk_leaves_the_checkpoint_before),
     };

@@ -267,9 +267,9 @@ static void equilibrium_ends_a_run_that_stands_still(void **state)
     (void)state;
     sgs_train_options options = short_run(3000);
     options.spare = SGS_SPARE_EDT;
-    options.spare_eps_loss = 1e9;
-    options.spare_eps_count = 1e9; // everything is still
-    options.spare_interval = 100;  // 10 iterations of this run
+    options.spare_eps_loss = 1;
+    options.spare_eps_count = 1;  // everything is still
+    options.spare_interval = 100; // 10 iterations of this run
     sgs_trainer *trainer = start(&options);
     sgs_step_info info = {0};
     int steps = 0;

@@ -283,18 +283,30 @@ static bool parse_integers(const option *row, const char *argument, integer_list
     }
 }
 
-static bool parse_color(const option *row, const char *argument, color_value *color)
+static bool parse_size(const option *row, const char *argument, size_t *value)
 {
-    *color = (color_value){.random = !strcmp(argument, "random")};
-    if (color->random)
+    uint64_t count = 0;
+    const bool good = parse_count(row, argument, &count);
+    if (good)
+        *value = (size_t)count;
+    return good;
+}
+
+static bool parse_color(const option *row, const char *argument, void *values)
+{
+    float *rgb = (float *)((char *)values + row->offset);
+    const bool random = row->random_offset && !strcmp(argument, "random");
+    if (row->random_offset)
+        *(bool *)((char *)values + row->random_offset) = random;
+    if (random)
         return true;
     const char *at = argument;
     for (int c = 0; c < 3; ++c) {
         char *end;
-        color->rgb[c] = strtof(at, &end);
-        if (end == at || *end != (c < 2 ? ',' : 0) || !(color->rgb[c] >= 0 && color->rgb[c] <= 1)) {
+        rgb[c] = strtof(at, &end);
+        if (end == at || *end != (c < 2 ? ',' : 0) || !(rgb[c] >= 0 && rgb[c] <= 1)) {
             fail_usage("--%s: '%s' is not R,G,B with values from 0 to 1%s", row->name, argument,
-                       strstr(row->argument, "random") ? ", or 'random'" : "");
+                       row->random_offset ? ", or 'random'" : "");
             return false;
         }
         at = end + 1;
@@ -313,6 +325,8 @@ static bool parse_value(const option *row, const char *argument, void *values)
         return parse_integer(row, argument, value);
     case OPTION_COUNT:
         return parse_count(row, argument, value);
+    case OPTION_SIZE:
+        return parse_size(row, argument, value);
     case OPTION_REAL:
         return parse_real(row, argument, value);
     case OPTION_TEXT:
@@ -332,11 +346,7 @@ static bool parse_value(const option *row, const char *argument, void *values)
     case OPTION_BYTES:
         return parse_bytes(row, argument, value);
     case OPTION_COLOR:
-        if (!strstr(row->argument, "random") && !strcmp(argument, "random")) {
-            fail_usage("--%s: '%s' is not R,G,B with values from 0 to 1", row->name, argument);
-            return false;
-        }
-        return parse_color(row, argument, value);
+        return parse_color(row, argument, values);
     }
     return false;
 }
@@ -388,7 +398,8 @@ static void print_option(const option *row)
              row->argument ? " " : "", row->argument ? row->argument : "");
     const char *value = row->shown ? row->shown : row->initial;
     const bool ranged = row->kind == OPTION_INTEGER || row->kind == OPTION_COUNT ||
-                        row->kind == OPTION_REAL || row->kind == OPTION_INTEGERS;
+                        row->kind == OPTION_SIZE || row->kind == OPTION_REAL ||
+                        row->kind == OPTION_INTEGERS;
     const int length = snprintf(right, sizeof right, "%s", row->help);
     if (ranged || value)
         snprintf(right + length, sizeof right - (size_t)length, " [%s%s%s%s]",

@@ -16,6 +16,7 @@ typedef enum option_kind {
     OPTION_FLAG,    // no argument; bool
     OPTION_INTEGER, // int
     OPTION_COUNT,   // uint64_t
+    OPTION_SIZE,    // size_t
     OPTION_REAL,    // double
     OPTION_TEXT,    // const char *, points into argv
     OPTION_CHOICE,  // int, index into the words of `argument`: "exr|png"
@@ -24,7 +25,7 @@ typedef enum option_kind {
     OPTION_INTEGERS, // integer_list
     OPTION_DURATION, // double, seconds: 90, 45s, 3h55m, 2d12h
     OPTION_BYTES,    // uint64_t: 8G, 500M; K, M, G, T are powers of 1024
-    OPTION_COLOR     // color_value: R,G,B in [0,1] or the word random
+    OPTION_COLOR     // float[3]: R,G,B in [0,1]; or the word random, a bool at random_offset
 } option_kind;
 
 typedef struct integer_list {
@@ -32,17 +33,13 @@ typedef struct integer_list {
     int values[64];
 } integer_list;
 
-typedef struct color_value {
-    float rgb[3];
-    bool random;
-} color_value;
-
 typedef struct option {
     const char *name; // without the dashes
     char letter;      // short form, 0 = none
     option_kind kind;
-    size_t offset; // of the value inside the group's struct
-    // Range, both ends included, of INTEGER, COUNT, REAL, INTEGERS, DURATION, BYTES.
+    size_t offset;        // of the value inside the group's struct
+    size_t random_offset; // COLOR: of the bool that the word random sets; 0 refuses the word
+    // Range, both ends included, of INTEGER, COUNT, SIZE, REAL, INTEGERS, DURATION, BYTES.
     double low, high;
     const char *argument; // name in the help; the words of CHOICE and SET
     const char *initial;  // default, parsed as an argument; NULL leaves the struct's own value

@@ -21,6 +21,7 @@
 #include "cli/options.h"
 #include "sparegs/runtime.h"
 #include "sparegs/status.h"
+#include "sparegs/option_descriptors.h"
 
 enum { WARNINGS_KEPT = 100, BAR_WIDTH = 20, LINE_EVERY = 100 };
 
@@ -54,6 +55,31 @@ static void print_line(const char *prefix, const char *format, va_list args)
     pthread_mutex_unlock(&console.lock);
 }
 
+// The library's "option spare_grid" is --spare-grid on the command line.
+static void with_flags(const char *message, char *text, size_t bytes)
+{
+    static const char word[] = "option ";
+    size_t used = 0;
+    for (const char *at = message; *at && used + 1 < bytes;) {
+        char name[40] = "";
+        const char *from = at + sizeof word - 1;
+        const bool marked = !strncmp(at, word, sizeof word - 1);
+        const size_t length = marked ? strspn(from, "abcdefghijklmnopqrstuvwxyz0123456789_") : 0;
+        if (length < sizeof name)
+            memcpy(name, from, length);
+        if (!length || !sgs_train_option_find(name) || used + length + 3 > bytes) {
+            text[used++] = *at++;
+            continue;
+        }
+        text[used++] = '-';
+        text[used++] = '-';
+        for (const char *c = name; *c; ++c)
+            text[used++] = *c == '_' ? '-' : *c;
+        at = from + length;
+    }
+    text[used] = 0;
+}
+
 void print_note(const char *format, ...)
 {
     if (console.quiet)
@@ -64,9 +90,11 @@ void print_note(const char *format, ...)
     va_end(args);
 }
 
-static void receive_warning(void *user, const char *message)
+static void receive_warning(void *user, const char *warning)
 {
     (void)user;
+    char message[1024];
+    with_flags(warning, message, sizeof message);
     pthread_mutex_lock(&console.lock);
     clear_line();
     fprintf(stderr, "sparegs: warning: %s\n", message);
@@ -96,7 +124,9 @@ int fail_run(const char *format, ...)
 
 int fail_library(void)
 {
-    return fail_run("%s", sgs_last_error());
+    char message[1024];
+    with_flags(sgs_last_error(), message, sizeof message);
+    return fail_run("%s", message);
 }
 
 void messages_hear_library(bool hear)

@@ -295,9 +295,9 @@ void drawing_resolve(drawing_values *values, const command_line *line, const jso
     const json_t *background = config_option(config, "background");
     for (size_t c = 0; c < 3; ++c) {
         if (json_is_array(background))
-            values->background.rgb[c] = (float)json_number_value(json_array_get(background, c));
+            values->background[c] = (float)json_number_value(json_array_get(background, c));
         else if (!background && scene && scene->white_background)
-            values->background.rgb[c] = 1;
+            values->background[c] = 1;
     }
 }
 

@@ -47,7 +47,7 @@ bool view_in_split(const sgs_view *view, sgs_split split);
 typedef struct drawing_values {
     int filter; // sgs_filter
     double compact_box;
-    color_value background;
+    float background[3];
     sgs_space
         space; // of the model's colours, and the light that is 1 in them: from the run's config
     double white_point;

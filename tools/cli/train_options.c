@@ -12,14 +12,14 @@
 
 #include "cli/output.h"
 #include "cli/progress.h"
+#include "sparegs/option_descriptors.h"
 #include "sparegs/runtime.h"
 
-#define PIPELINES "3dgs|mip|taming|dash|fastgs"
-#define TAMING_OPACITIES "trained|frozen|linear"
-#define FILTERS "3dgs|none|mip"
-#define PHIS "coupled|constant|product|plain"
-#define TARGETS "default|gradient|importance|both"
-enum { FILTER_OF_PIPELINE = -1 };
+enum { ROWS_MOST = 64, TEXT_MOST = 96 };
+
+// Help of --resume: the options of the library that may change.
+static char resume_help[512];
+
 #define AT(member) offsetof(train_values, member)
 
 static const option output_options[] = {
@@ -67,12 +67,7 @@ static const option output_options[] = {
      .shown = "none",
      .help = "memory limit, for example 500M or 8GiB (K, M, G are powers of 1024): refuse to start "
              "if the estimate exceeds it; save and stop before exceeding it"},
-    {.name = "resume",
-     .kind = OPTION_FLAG,
-     .offset = AT(resume),
-     .help = "continue the run in OUT from its latest checkpoint with the same options; only "
-             "--max-gaussians, --spare-eps-loss, --spare-eps-count, --spare-patience and, with "
-             "--schedule paper, --iterations may change"},
+    {.name = "resume", .kind = OPTION_FLAG, .offset = AT(resume), .help = resume_help},
     {.name = "trace",
      .kind = OPTION_TEXT,
      .offset = AT(trace),
@@ -82,321 +77,119 @@ static const option output_options[] = {
              "iteration)"},
 };
 
-static const option training_options[] = {
-    {.name = "iterations",
-     .kind = OPTION_INTEGER,
-     .offset = AT(iterations),
-     .low = 1,
-     .high = 1e7,
-     .argument = "N",
-     .initial = "30000",
-     .help = "number of iterations"},
-    {.name = "schedule",
-     .kind = OPTION_CHOICE,
-     .offset = AT(schedule),
-     .argument = "scaled|paper",
-     .initial = "scaled",
-     .help = "scaled: the 30000-iteration schedule scaled to N iterations; paper: the unscaled "
-             "schedule, stopped at N"},
-    {.name = "pipeline",
-     .kind = OPTION_CHOICE,
-     .offset = AT(pipeline),
-     .argument = PIPELINES,
-     .initial = "3dgs",
-     .help = "base pipeline: 3DGS, Mip-Splatting, Taming 3DGS, DashGaussian, FastGS"},
-    {.name = "filter",
-     .kind = OPTION_CHOICE,
-     .offset = AT(filter),
-     .argument = FILTERS,
-     .shown = "the pipeline's filter",
-     .help = "pixel filter: 0.3 px^2 dilation (3DGS), none, or Mip-Splatting's filters"},
-    {.name = "optimizer",
-     .kind = OPTION_CHOICE,
-     .offset = AT(optimizer),
-     .argument = "sparse|dense",
-     .initial = "sparse",
-     .help = "Adam over the primitives visible in the iteration, or over all primitives"},
-    {.name = "sh-degree",
-     .kind = OPTION_INTEGER,
-     .offset = AT(sh_degree),
-     .low = 0,
-     .high = 3,
-     .argument = "D",
-     .initial = "3",
-     .help = "maximum degree of the spherical harmonics"},
-    {.name = "compact-box",
-     .kind = OPTION_REAL,
-     .offset = AT(compact_box),
-     .low = 1e-3,
-     .high = 1,
-     .argument = "X",
-     .initial = "1",
-     .help = "fraction of a primitive's support used to assign it to tiles; 1 is exact, FastGS "
-             "uses 0.5"},
-    {.name = "background",
-     .kind = OPTION_COLOR,
-     .offset = AT(background),
-     .argument = "R,G,B|random",
-     .initial = "0,0,0",
-     .shown = "0,0,0, or 1,1,1 for NeRF synthetic scenes with --alpha over",
-     .help = "background colour, display values from 0 to 1, or a random colour in each iteration"},
-    {.name = "max-gaussians",
-     .kind = OPTION_COUNT,
-     .offset = AT(max_gaussians),
-     .low = 0,
-     .high = 2147483647,
-     .argument = "N",
-     .initial = "0",
-     .shown = "0 = none",
-     .help = "maximum number of primitives, also of the initial cloud"},
-    {.name = "init",
-     .kind = OPTION_TEXT,
-     .offset = AT(init),
-     .argument = "MODEL",
-     .shown = "none",
-     .help =
-         "initialise from this 3DGS model (a PLY file or run folder) instead of the point cloud"},
-    {.name = "alpha-loss",
-     .kind = OPTION_REAL,
-     .offset = AT(alpha_loss),
-     .low = 0,
-     .high = 1000,
-     .argument = "W",
-     .initial = "0",
-     .shown = "0 = none",
-     .help =
-         "weight of the mean absolute difference between rendered opacity and the images' alpha"},
-    {.name = "exposure",
-     .kind = OPTION_FLAG,
-     .offset = AT(exposure),
-     .help = "compensate exposure and white balance: optimise a 3 x 4 colour transform per image, "
-             "saved in exposure.json"},
-    {.name = "random-points",
-     .kind = OPTION_COUNT,
-     .offset = AT(random_points),
-     .low = 1,
-     .high = 100000000,
-     .argument = "N",
-     .initial = "100000",
-     .help = "size of the random initial cloud for a scene without points"},
+// Defaults that the program resolves itself, in words.
+static const struct {
+    const char *name, *shown;
+} resolved_defaults[] = {
+    {"filter", "the pipeline's filter"},
+    {"background", "0,0,0, or 1,1,1 for NeRF synthetic scenes with --alpha over"},
 };
 
-static const option pipeline_options[] = {
-    {.name = "taming-multiplier",
-     .kind = OPTION_REAL,
-     .offset = AT(taming_multiplier),
-     .low = 1e-3,
-     .high = 1e6,
-     .argument = "X",
-     .initial = "20",
-     .help = "Taming: final number of primitives, as a multiple of the initial number"},
-    {.name = "taming-count",
-     .kind = OPTION_COUNT,
-     .offset = AT(taming_count),
-     .low = 0,
-     .high = 2147483647,
-     .argument = "N",
-     .initial = "0",
-     .shown = "0 = from --taming-multiplier",
-     .help = "Taming: final number of primitives"},
-    {.name = "taming-opacity",
-     .kind = OPTION_CHOICE,
-     .offset = AT(taming_opacity),
-     .argument = TAMING_OPACITIES,
-     .initial = "frozen",
-     .help = "Taming: opacities after densification: trained, frozen as in the released code, or "
-             "linear as in the paper, where they may exceed 1 (not with --filter mip; saved "
-             "opacities are limited to 0.999999)"},
-    {.name = "dash-count",
-     .kind = OPTION_COUNT,
-     .offset = AT(dash_count),
-     .low = 0,
-     .high = 2147483647,
-     .argument = "N",
-     .initial = "0",
-     .shown = "0 = momentum-based",
-     .help = "Dash: final number of primitives"},
-    {.name = "fastgs-loss",
-     .kind = OPTION_REAL,
-     .offset = AT(fastgs_loss),
-     .low = 0,
-     .high = 1,
-     .argument = "X",
-     .initial = "0.1",
-     .help = "FastGS: normalised per-view error above which a pixel counts as high-error"},
-    {.name = "fastgs-gradient",
-     .kind = OPTION_REAL,
-     .offset = AT(fastgs_gradient),
-     .low = 1e-9,
-     .high = 1,
-     .argument = "X",
-     .initial = "0.0012",
-     .help = "FastGS: absolute-gradient threshold for splitting"},
-    {.name = "fastgs-dense",
-     .kind = OPTION_REAL,
-     .offset = AT(fastgs_dense),
-     .low = 1e-9,
-     .high = 1,
-     .argument = "X",
-     .initial = "0.001",
-     .unit = "x scene extent",
-     .help = "FastGS: size above which a primitive is split, not cloned"},
-};
+// The rows of the library's options, made once, and what their texts point to.
+static struct {
+    option rows[ROWS_MOST];
+    char names[ROWS_MOST][32], words[ROWS_MOST][TEXT_MOST], defaults[ROWS_MOST][TEXT_MOST];
+    size_t count;
+} table;
 
-static const option spare_options[] = {
-    {.name = "spare",
-     .kind = OPTION_SET,
-     .offset = AT(spare),
-     .argument = "on|off|bmd,rap,edt",
-     .initial = "on",
-     .help = "SPARE-GS, or some of its parts: budget-modulated densification (bmd), "
-             "redundancy-aware pruning (rap), equilibrium-driven termination (edt)"},
-    {.name = "spare-grid",
-     .kind = OPTION_INTEGER,
-     .offset = AT(spare_grid),
-     .low = 2,
-     .high = 256,
-     .argument = "N",
-     .initial = "32",
-     .unit = "voxels per axis",
-     .help = "resolution of the region grid"},
-    {.name = "spare-tau-alpha",
-     .kind = OPTION_REAL,
-     .offset = AT(spare_tau_alpha),
-     .low = 0,
-     .high = 1,
-     .argument = "X",
-     .initial = "0.05",
-     .help = "opacity threshold for redundant primitives"},
-    {.name = "spare-eps-loss",
-     .kind = OPTION_REAL,
-     .offset = AT(spare_eps_loss),
-     .low = 0,
-     .high = 1,
-     .argument = "X",
-     .initial = "0.008",
-     .help = "equilibrium threshold for the relative change of the loss"},
-    {.name = "spare-eps-count",
-     .kind = OPTION_REAL,
-     .offset = AT(spare_eps_count),
-     .low = 0,
-     .high = 1,
-     .argument = "X",
-     .initial = "0.01",
-     .help = "equilibrium threshold for the relative change x number of primitives"},
-    {.name = "spare-patience",
-     .kind = OPTION_INTEGER,
-     .offset = AT(spare_patience),
-     .low = 1,
-     .high = 1000,
-     .argument = "N",
-     .initial = "2",
-     .unit = "checks",
-     .help = "consecutive checks in equilibrium before training stops"},
-    {.name = "spare-interval",
-     .kind = OPTION_INTEGER,
-     .offset = AT(spare_interval),
-     .low = 1,
-     .high = 1e9,
-     .argument = "N",
-     .initial = "1000",
-     .unit = "iterations",
-     .help = "iterations between equilibrium checks, in the 30000-iteration schedule"},
-    {.name = "spare-demand",
-     .kind = OPTION_SET,
-     .offset = AT(spare_demand),
-     .argument = "h,v,c",
-     .initial = "h,v,c",
-     .help = "terms of the regional demand: gradient (h), visibility (v), capacity (c)"},
-    {.name = "spare-phi",
-     .kind = OPTION_CHOICE,
-     .offset = AT(spare_phi),
-     .argument = PHIS,
-     .initial = "coupled",
-     .help = "how slack and demand form the densification weight: coupled, constant range, "
-             "product, or slack only"},
-    {.name = "spare-budget",
-     .kind = OPTION_REAL,
-     .offset = AT(spare_budget),
-     .low = 0.01,
-     .high = 100,
-     .argument = "X",
-     .initial = "1",
-     .unit = "x number of primitives",
-     .help = "total budget of the regions"},
-    {.name = "spare-target",
-     .kind = OPTION_CHOICE,
-     .offset = AT(spare_target),
-     .argument = TARGETS,
-     .initial = "default",
-     .shown = "default (both for taming, gradient for fastgs)",
-     .help = "score modulated by the weight, for pipelines with two scores"},
-};
+// "spare_grid" is --spare-grid.
+static void flag_name(const char *name, char flag[32])
+{
+    snprintf(flag, 32, "%s", name);
+    for (char *dash = flag; (dash = strchr(dash, '_'));)
+        *dash = '-';
+}
+
+static option_kind kind_of(sgs_option_type type)
+{
+    static const option_kind kinds[] = {
+        [SGS_OPTION_BOOL] = OPTION_FLAG,   [SGS_OPTION_INT] = OPTION_INTEGER,
+        [SGS_OPTION_SIZE] = OPTION_SIZE,   [SGS_OPTION_UINT64] = OPTION_COUNT,
+        [SGS_OPTION_DOUBLE] = OPTION_REAL, [SGS_OPTION_CHOICE] = OPTION_CHOICE,
+        [SGS_OPTION_SET] = OPTION_SET,     [SGS_OPTION_COLOR] = OPTION_COLOR,
+        [SGS_OPTION_MODEL] = OPTION_TEXT};
+    return kinds[type];
+}
+
+static void add_row(const sgs_train_option *from, const sgs_train_options *initial)
+{
+    const size_t k = table.count++;
+    option *row = &table.rows[k];
+    const size_t base = offsetof(train_values, options);
+    flag_name(from->name, table.names[k]);
+    *row = (option){.name = table.names[k],
+                    .kind = kind_of(from->type),
+                    .offset = base + from->offset,
+                    .random_offset = from->random_offset ? base + from->random_offset : 0,
+                    .low = from->low,
+                    .high = from->high,
+                    .argument = from->values,
+                    .shown = from->initial_text,
+                    .unit = from->unit,
+                    .help = from->help};
+    if (from->type == SGS_OPTION_MODEL)
+        row->offset = offsetof(train_values, init);
+    if (from->type == SGS_OPTION_SET && !(from->low > 0)) {
+        snprintf(table.words[k], TEXT_MOST, "on|off|%s", from->values);
+        row->argument = table.words[k];
+    }
+    if (!row->shown && from->type != SGS_OPTION_BOOL) {
+        sgs_train_option_text(from, initial, table.defaults[k], TEXT_MOST);
+        row->shown = table.defaults[k];
+    }
+    for (size_t i = 0; i < sizeof resolved_defaults / sizeof *resolved_defaults; ++i)
+        if (!strcmp(resolved_defaults[i].name, from->name))
+            row->shown = resolved_defaults[i].shown;
+}
+
+static void describe_resume(const sgs_train_option *rows, size_t count)
+{
+    char name[32];
+    size_t used = (size_t)snprintf(resume_help, sizeof resume_help,
+                                   "continue the run in OUT from its latest checkpoint with the "
+                                   "same options; only these may change:");
+    const char *comma = "";
+    for (size_t i = 0; i < count && used < sizeof resume_help; ++i) {
+        if (rows[i].resume != SGS_RESUME_FREE && rows[i].resume != SGS_RESUME_FREE_PAPER)
+            continue;
+        flag_name(rows[i].name, name);
+        used += (size_t)snprintf(
+            resume_help + used, sizeof resume_help - used, "%s --%s%s", comma, name,
+            rows[i].resume == SGS_RESUME_FREE ? "" : " (with --schedule paper)");
+        comma = ",";
+    }
+}
 
 void train_groups(train_values *values, option_group groups[TRAIN_GROUP_COUNT])
 {
-    *values = (train_values){.filter = FILTER_OF_PIPELINE};
-    groups[0] = (option_group){.title = "Output",
-                               .options = output_options,
-                               .count = sizeof output_options / sizeof *output_options,
-                               .values = values};
-    groups[1] = (option_group){.title = "Training",
-                               .options = training_options,
-                               .count = sizeof training_options / sizeof *training_options,
-                               .values = values};
-    groups[2] = (option_group){.title = "Base pipelines",
-                               .options = pipeline_options,
-                               .count = sizeof pipeline_options / sizeof *pipeline_options,
-                               .values = values};
-    groups[3] = (option_group){.title = "SPARE-GS",
-                               .options = spare_options,
-                               .count = sizeof spare_options / sizeof *spare_options,
-                               .values = values};
+    *values = (train_values){.options = sgs_train_options_default()};
+    table.count = 0;
+    size_t count, g = 0;
+    const sgs_train_option *rows = sgs_train_option_descriptors(&count);
+    describe_resume(rows, count);
+    groups[g++] = (option_group){.title = "Output",
+                                 .options = output_options,
+                                 .count = sizeof output_options / sizeof *output_options,
+                                 .values = values};
+    for (size_t i = 0; i < count && table.count < ROWS_MOST; ++i) {
+        if (!strcmp(rows[i].group, "Common")) // see common_group
+            continue;
+        if (strcmp(groups[g - 1].title, rows[i].group) && g < TRAIN_GROUP_COUNT)
+            groups[g++] = (option_group){
+                .title = rows[i].group, .options = table.rows + table.count, .values = values};
+        add_row(&rows[i], &values->options);
+        ++groups[g - 1].count;
+    }
+    while (g < TRAIN_GROUP_COUNT)
+        groups[g++] = (option_group){.title = "", .values = values};
 }
 
-void train_resolve(train_values *values)
+void train_resolve(train_values *values, const command_line *line, uint64_t seed)
 {
-    if (values->filter == FILTER_OF_PIPELINE)
-        values->filter = values->pipeline == SGS_PIPELINE_MIP ? SGS_FILTER_MIP : SGS_FILTER_3DGS;
-}
-
-sgs_train_options train_library_options(const train_values *values, uint64_t seed)
-{
-    sgs_train_options options = sgs_train_options_default();
-    options.iterations = values->iterations;
-    options.schedule = (sgs_schedule)values->schedule;
-    options.pipeline = (sgs_pipeline)values->pipeline;
-    options.filter = (sgs_filter)values->filter;
-    options.optimizer = (sgs_optimizer)values->optimizer;
-    options.sh_degree = values->sh_degree;
-    options.compact_box = values->compact_box;
-    memcpy(options.background, values->background.rgb, sizeof options.background);
-    options.background_random = values->background.random;
-    options.max_gaussians = (size_t)values->max_gaussians;
-    options.seed = seed;
-    options.spare = values->spare;
-    options.spare_grid = values->spare_grid;
-    options.spare_tau_alpha = values->spare_tau_alpha;
-    options.spare_eps_loss = values->spare_eps_loss;
-    options.spare_eps_count = values->spare_eps_count;
-    options.spare_patience = values->spare_patience;
-    options.spare_interval = values->spare_interval;
-    options.spare_demand = values->spare_demand;
-    options.alpha_loss = values->alpha_loss;
-    options.exposure = values->exposure;
-    options.spare_phi = (sgs_phi)values->spare_phi;
-    options.spare_budget = values->spare_budget;
-    options.spare_target = (sgs_spare_target)values->spare_target;
-    options.pipeline_options =
-        (sgs_pipeline_options){.taming_multiplier = values->taming_multiplier,
-                               .taming_count = (size_t)values->taming_count,
-                               .taming_opacity = (sgs_taming_opacity)values->taming_opacity,
-                               .dash_count = (size_t)values->dash_count,
-                               .fastgs_loss = values->fastgs_loss,
-                               .fastgs_gradient = values->fastgs_gradient,
-                               .fastgs_dense = values->fastgs_dense};
-    options.random_points = (size_t)values->random_points;
-    return options;
+    values->options.seed = seed;
+    if (!option_given(line, "filter"))
+        values->options.filter =
+            values->options.pipeline == SGS_PIPELINE_MIP ? SGS_FILTER_MIP : SGS_FILTER_3DGS;
 }
 
 static void set_word(json_t *object, const char *key, const char *words, int index)
@@ -412,15 +205,6 @@ static void set_text(json_t *object, const char *key, const char *text)
     json_object_set_new(object, key, text ? json_string(text) : json_null());
 }
 
-static void set_bits(json_t *object, const char *key, unsigned bits, const char *const names[3])
-{
-    json_t *list = json_array();
-    for (int k = 0; k < 3; ++k)
-        if (bits >> k & 1)
-            json_array_append_new(list, json_string(names[k]));
-    json_object_set_new(object, key, list);
-}
-
 static void set_integer(json_t *object, const char *key, uint64_t value)
 {
     json_object_set_new(object, key, json_integer((json_int_t)value));
@@ -432,11 +216,59 @@ static void set_given(json_t *object, const char *key, int value)
     json_object_set_new(object, key, value ? json_integer(value) : json_null());
 }
 
-// The options that affect the result; a resumed run must use the same.
-static json_t *shaping_options(const train_values *values, const scene_values *scene, uint64_t seed)
+// The words of a set or the numbers of a colour.
+static json_t *list_json(const sgs_train_option *row, const sgs_train_options *options)
 {
-    static const char *const spare_names[3] = {"bmd", "rap", "edt"}, *const demand_names[3] = {
-                                                                         "h", "v", "c"};
+    json_t *list = json_array();
+    const void *field = (const char *)options + row->offset;
+    const float *color = field;
+    for (int c = 0; c < 3 && row->type == SGS_OPTION_COLOR; ++c)
+        json_array_append_new(list, json_real((double)color[c]));
+    const unsigned bits = row->type == SGS_OPTION_SET ? *(const unsigned *)field : 0;
+    const char *word = row->values;
+    for (unsigned k = 0; bits >> k; ++k) {
+        const size_t length = strcspn(word, ",");
+        if (bits >> k & 1)
+            json_array_append_new(list, json_stringn(word, length));
+        word += length + (word[length] == ',');
+    }
+    return list;
+}
+
+static json_t *value_json(const sgs_train_option *row, const train_values *values)
+{
+    const sgs_train_options *options = &values->options;
+    const void *field = (const char *)options + row->offset;
+    char text[TEXT_MOST];
+    switch (row->type) {
+    case SGS_OPTION_BOOL:
+        return json_boolean(*(const bool *)field);
+    case SGS_OPTION_INT:
+        return json_integer(*(const int *)field);
+    case SGS_OPTION_SIZE:
+        return json_integer((json_int_t) * (const size_t *)field);
+    case SGS_OPTION_UINT64:
+        return json_integer((json_int_t) * (const uint64_t *)field);
+    case SGS_OPTION_DOUBLE:
+        return json_real(*(const double *)field);
+    case SGS_OPTION_CHOICE:
+        sgs_train_option_text(row, options, text, sizeof text);
+        return json_string(text);
+    case SGS_OPTION_COLOR:
+        if (*(const bool *)((const char *)options + row->random_offset))
+            return json_string("random");
+        return list_json(row, options);
+    case SGS_OPTION_SET:
+        return list_json(row, options);
+    case SGS_OPTION_MODEL:
+        return values->init ? json_string(values->init) : json_null();
+    }
+    return json_null();
+}
+
+// The options that affect the result; a resumed run must use the same.
+static json_t *shaping_options(const train_values *values, const scene_values *scene)
+{
     json_t *options = json_object();
     set_text(options, "images", scene->images ? scene->images : "images");
     set_given(options, "downscale", scene->downscale);
@@ -448,45 +280,10 @@ static json_t *shaping_options(const train_values *values, const scene_values *s
     set_text(options, "input_colorspace", scene->colorspace);
     set_word(options, "train_space", SPACE_WORDS, scene->space);
     json_object_set_new(options, "white", json_real(scene->white_point));
-    set_integer(options, "iterations", (uint64_t)values->iterations);
-    set_word(options, "schedule", "scaled|paper", values->schedule);
-    set_word(options, "pipeline", PIPELINES, values->pipeline);
-    set_word(options, "filter", FILTERS, values->filter);
-    json_object_set_new(options, "compact_box", json_real(values->compact_box));
-    set_word(options, "optimizer", "sparse|dense", values->optimizer);
-    set_integer(options, "sh_degree", (uint64_t)values->sh_degree);
-    if (values->background.random) {
-        set_text(options, "background", "random");
-    } else {
-        json_t *list = json_array();
-        for (int c = 0; c < 3; ++c)
-            json_array_append_new(list, json_real((double)values->background.rgb[c]));
-        json_object_set_new(options, "background", list);
-    }
-    set_integer(options, "max_gaussians", values->max_gaussians);
-    set_text(options, "init", values->init);
-    set_integer(options, "random_points", values->random_points);
-    json_object_set_new(options, "alpha_loss", json_real(values->alpha_loss));
-    json_object_set_new(options, "exposure", json_boolean(values->exposure));
-    set_bits(options, "spare", values->spare, spare_names);
-    set_integer(options, "spare_grid", (uint64_t)values->spare_grid);
-    json_object_set_new(options, "spare_tau_alpha", json_real(values->spare_tau_alpha));
-    json_object_set_new(options, "spare_eps_loss", json_real(values->spare_eps_loss));
-    json_object_set_new(options, "spare_eps_count", json_real(values->spare_eps_count));
-    set_integer(options, "spare_patience", (uint64_t)values->spare_patience);
-    set_integer(options, "spare_interval", (uint64_t)values->spare_interval);
-    set_bits(options, "spare_demand", values->spare_demand, demand_names);
-    set_word(options, "spare_phi", PHIS, values->spare_phi);
-    json_object_set_new(options, "spare_budget", json_real(values->spare_budget));
-    set_word(options, "spare_target", TARGETS, values->spare_target);
-    json_object_set_new(options, "taming_multiplier", json_real(values->taming_multiplier));
-    set_integer(options, "taming_count", values->taming_count);
-    set_word(options, "taming_opacity", TAMING_OPACITIES, values->taming_opacity);
-    set_integer(options, "dash_count", values->dash_count);
-    json_object_set_new(options, "fastgs_loss", json_real(values->fastgs_loss));
-    json_object_set_new(options, "fastgs_gradient", json_real(values->fastgs_gradient));
-    json_object_set_new(options, "fastgs_dense", json_real(values->fastgs_dense));
-    set_integer(options, "seed", seed);
+    size_t count;
+    const sgs_train_option *rows = sgs_train_option_descriptors(&count);
+    for (size_t i = 0; i < count; ++i)
+        json_object_set_new(options, rows[i].name, value_json(&rows[i], values));
     return options;
 }
 
@@ -503,7 +300,7 @@ json_t *train_config(const char *scene_path, const train_values *values, const s
     set_integer(config, "threads", (uint64_t)sgs_threads_get());
     set_text(config, "scene", scene_path);
     set_integer(config, "seed", common->seed);
-    json_object_set_new(config, "options", shaping_options(values, scene, common->seed));
+    json_object_set_new(config, "options", shaping_options(values, scene));
     json_object_set_new(config, "save_at", save_at);
     set_integer(config, "checkpoint_every", (uint64_t)values->checkpoint_every);
     return config;
@@ -530,13 +327,10 @@ static bool same_value(const json_t *a, const json_t *b)
 // Options that may change when a run is resumed (the library warns about the change).
 static bool may_change(const char *key, const json_t *now)
 {
-    static const char *const keys[] = {"max_gaussians", "spare_eps_loss", "spare_eps_count",
-                                       "spare_patience"};
-    for (size_t i = 0; i < sizeof keys / sizeof *keys; ++i)
-        if (!strcmp(keys[i], key))
-            return true;
+    const sgs_train_option *row = sgs_train_option_find(key);
     const char *schedule = json_string_value(config_option(now, "schedule"));
-    return !strcmp(key, "iterations") && schedule && !strcmp(schedule, "paper");
+    return row && (row->resume == SGS_RESUME_FREE || (row->resume == SGS_RESUME_FREE_PAPER &&
+                                                      schedule && !strcmp(schedule, "paper")));
 }
 
 // A value as written on the command line.
@@ -570,10 +364,8 @@ bool train_config_agrees(const char *config_path, const json_t *stored, const js
         const json_t *old = config_option(stored, key);
         if (same_value(value, old) || (old && may_change(key, now)))
             continue;
-        char name[64];
-        snprintf(name, sizeof name, "%s", key);
-        for (char *dash = name; (dash = strchr(dash, '_'));)
-            *dash = '-';
+        char name[32];
+        flag_name(key, name);
         char *was = old ? option_text(old) : format_text("not recorded");
         char *is = option_text(value);
         fail_run("%s: --%s was %s when the run started and is %s now; resume with the same "

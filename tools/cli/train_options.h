@@ -10,29 +10,21 @@
 
 typedef struct train_values {
     const char *output, *init, *trace;
-    int iterations, schedule, pipeline, filter, optimizer, sh_degree;
-    unsigned spare, spare_demand;
-    int spare_phi, spare_target, taming_opacity;
-    double compact_box, spare_budget, taming_multiplier, fastgs_loss, fastgs_gradient, fastgs_dense;
-    uint64_t taming_count, dash_count;
-    int spare_grid, spare_patience, spare_interval, checkpoint_every;
-    double time_limit; // seconds, 0 = none
-    double alpha_loss, spare_tau_alpha, spare_eps_loss, spare_eps_count;
-    uint64_t max_gaussians, random_points, max_memory; // max_memory in bytes, 0 = no limit
-    color_value background;
+    int checkpoint_every;
+    double time_limit;   // seconds, 0 = none
+    uint64_t max_memory; // bytes, 0 = no limit
     integer_list save_at;
-    bool resume, exposure;
+    bool resume;
+    sgs_train_options options; // of the library; init stays NULL
 } train_values;
 
-// Four groups that fill one struct: output, training, base pipelines, SPARE-GS.
+// Four groups that fill one struct: output, and the headings of the library's table
+// (sparegs/option_descriptors.h).
 enum { TRAIN_GROUP_COUNT = 4 };
 void train_groups(train_values *values, option_group groups[TRAIN_GROUP_COUNT]);
 
-// Sets the defaults that depend on other options. Call once after parsing.
-void train_resolve(train_values *values);
-
-// The corresponding library options. init is NULL.
-sgs_train_options train_library_options(const train_values *values, uint64_t seed);
+// Sets what depends on other options: call once after parsing.
+void train_resolve(train_values *values, const command_line *line, uint64_t seed);
 
 // OUT/config.json: versions, machine settings and under "options" every option as used.
 json_t *train_config(const char *scene_path, const train_values *values, const scene_values *scene,

@@ -68,7 +68,7 @@ static bool load_scene(training *run, bool background_given)
     run->load_seconds = clock_seconds() - start;
     if (run->scene->white_background && !background_given)
         for (int c = 0; c < 3; ++c)
-            run->values.background.rgb[c] = 1;
+            run->values.options.background[c] = 1;
     run->data.white_point = run->scene->white_point; // for config.json: the measured value
     const size_t test = scene_split_count(run->scene, SGS_SPLIT_TEST);
     print_note("%s: %zu training images, %zu held out, %zu points, loaded in %.1f s",
@@ -76,7 +76,7 @@ static bool load_scene(training *run, bool background_given)
                run->load_seconds);
     if (!run->scene->point_count && !run->values.init)
         print_note("%s: no points; starting from %llu random points", run->scene_path,
-                   (unsigned long long)run->values.random_points);
+                   (unsigned long long)run->values.options.random_points);
     return true;
 }
 
@@ -98,7 +98,7 @@ static size_t first_primitives(const training *run, const sgs_scene *scene)
     }
     if (count)
         return count;
-    return scene->point_count ? scene->point_count : (size_t)run->values.random_points;
+    return scene->point_count ? scene->point_count : (size_t)run->values.options.random_points;
 }
 
 // Decimals, at least two, with which the printed numbers differ.
@@ -123,11 +123,11 @@ static bool memory_suffices(const training *run)
     messages_hear_library(true);
     if (!scene)
         return false;
-    const sgs_train_options options = train_library_options(&run->values, run->common.seed);
+    const sgs_train_options *options = &run->values.options;
     const size_t count = first_primitives(run, scene);
     const size_t cache = (size_t)run->data.cache_bytes;
-    const double without = (double)sgs_train_memory(scene, &options, cache, 0);
-    const double needed = (double)sgs_train_memory(scene, &options, cache, count);
+    const double without = (double)sgs_train_memory(scene, options, cache, 0);
+    const double needed = (double)sgs_train_memory(scene, options, cache, count);
     sgs_scene_destroy(scene);
     const double allowed = (double)run->values.max_memory, machine = (double)sgs_machine_memory();
     if (allowed > 0 ? needed <= allowed : needed <= machine)
@@ -160,7 +160,7 @@ static bool memory_is_short(const training *run, size_t gaussians)
 
 static bool create_trainer(training *run)
 {
-    sgs_train_options options = train_library_options(&run->values, run->common.seed);
+    sgs_train_options options = run->values.options;
     sgs_gaussians *init = NULL;
     bool ready = true;
     if (run->values.init) {
@@ -358,7 +358,7 @@ static bool give_up(training *run, const sgs_step_info *info)
 
 static bool iterate(training *run, trace_file *trace)
 {
-    const int total = run->values.iterations;
+    const int total = run->values.options.iterations;
     progress_start(sgs_trainer_iteration(run->trainer));
     while (run->stop == SGS_STOP_NONE) {
         if (interrupt_signal()) {
@@ -431,9 +431,9 @@ static bool save_results(training *run)
     run->skipped = sgs_trainer_skipped(run->trainer);
     run->stop_text = format_text("%s", stop_text(run));
     sgs_gaussians_hash(model, run->hash);
-    const sgs_train_options options = train_library_options(&run->values, run->common.seed);
+    const sgs_train_options *options = &run->values.options;
     run->memory_estimate =
-        sgs_train_memory(run->scene, &options, (size_t)run->data.cache_bytes,
+        sgs_train_memory(run->scene, options, (size_t)run->data.cache_bytes,
                          run->most_gaussians > model->count ? run->most_gaussians : model->count);
     if (!run->iterations)
         return true;
@@ -452,15 +452,16 @@ static bool evaluate(training *run)
                              run->iterations);
     sgs_gaussians *model = NULL;
     evaluator evaluation = {0};
-    const drawing_values drawing = {.filter = run->values.filter,
-                                    .near_distance = sgs_near_distance(run->scene->extent),
-                                    .compact_box = run->values.compact_box,
-                                    .background = run->values.background};
+    drawing_values drawing = {.filter = run->values.options.filter,
+                              .near_distance = sgs_near_distance(run->scene->extent),
+                              .compact_box = run->values.options.compact_box};
+    memcpy(drawing.background, run->values.options.background, sizeof drawing.background);
     bool done = !sgs_ply_read(path, &model), damaged = false;
     if (!done)
         fail_library();
     char *exposure_path = format_text("%s/exposure.json", run->values.output);
-    json_t *exposures = run->values.exposure ? exposure_read(exposure_path, &damaged) : NULL;
+    json_t *exposures =
+        run->values.options.exposure ? exposure_read(exposure_path, &damaged) : NULL;
     done = done && !damaged && evaluator_open(&evaluation, model, run->scene, &drawing);
     evaluation.exposures = exposures;
     done = done && evaluate_split(&evaluation, SGS_SPLIT_TEST, &run->test) &&
@@ -587,7 +588,7 @@ static int train(training *run, bool background_given)
         done = evaluate(run);
     if (done && !run->checkpoint_lost && run->stop == SGS_STOP_TIME_LIMIT)
         print_note("%s: reached the time limit at iteration %d of %d; continue with --resume",
-                   run->values.output, run->iterations, run->values.iterations);
+                   run->values.output, run->iterations, run->values.options.iterations);
     if (!done || !report(run) || run->checkpoint_lost)
         return EXIT_FAILED;
     if (run->stop == SGS_STOP_MEMORY_LIMIT)
@@ -603,8 +604,9 @@ enum { GROUP_COUNT = TRAIN_GROUP_COUNT + 2 };
 // Checks the combination of the parsed options. Returns -1 to continue, or an exit status.
 static int check_values(const train_values *values, const command_line *line)
 {
-    if (values->pipeline == SGS_PIPELINE_TAMING && values->taming_opacity == SGS_TAMING_LINEAR &&
-        values->filter == SGS_FILTER_MIP)
+    const sgs_train_options *o = &values->options;
+    if (o->pipeline == SGS_PIPELINE_TAMING &&
+        o->pipeline_options.taming_opacity == SGS_TAMING_LINEAR && o->filter == SGS_FILTER_MIP)
         return fail_usage("--taming-opacity linear and --filter mip are mutually exclusive");
     if (!values->output)
         return fail_usage("train requires an output folder, -o OUT; usage: sparegs train %s",
@@ -629,7 +631,7 @@ static int parse_line(training *run, option_group groups[GROUP_COUNT], command_l
     int status = command_line_parse(line, argc, argv);
     if (status < 0)
         status = scene_resolve(&run->data, line, NULL);
-    train_resolve(&run->values);
+    train_resolve(&run->values, line, run->common.seed);
     return status < 0 ? check_values(&run->values, line) : status;
 }
 

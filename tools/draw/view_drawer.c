@@ -268,7 +268,7 @@ bool view_drawer_draw(view_drawer *drawer, const named_camera *view)
                          .space = drawer->drawing->space,
                          .white_point = (float)drawer->drawing->white_point,
                          .near_distance = options.near_distance};
-    memcpy(files.background, drawer->drawing->background.rgb, sizeof files.background);
+    memcpy(files.background, drawer->drawing->background, sizeof files.background);
     const double start = clock_seconds();
     const bool drawn = draw_frame(drawer, &files, &options);
     drawer->draw_seconds += clock_seconds() - start;

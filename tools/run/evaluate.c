@@ -23,7 +23,7 @@ bool evaluator_open(evaluator *evaluation, const sgs_gaussians *model, const sgs
                     const drawing_values *drawing)
 {
     *evaluation = (evaluator){.scene = scene, .render = drawing_render_options(drawing)};
-    memcpy(evaluation->background, drawing->background.rgb, sizeof evaluation->background);
+    memcpy(evaluation->background, drawing->background, sizeof evaluation->background);
     if (sgs_renderer_create(model, &evaluation->renderer)) {
         fail_library();
         return false;

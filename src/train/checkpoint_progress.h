@@ -1,0 +1,15 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// The counters, averages and timers of a training as named fields of its checkpoint.
+
+#include "base/fields.h"
+#include "train/trainer_state.h"
+
+void sgsi_progress_write(sgsi_field_list *list, const sgsi_progress *progress);
+
+// Reads the content of the section. Timers that are not recorded start at 0; every counter that the
+// next iterations depend on must be there. Errors as sgsi_fields_read; values are not checked.
+sgs_status sgsi_progress_read(const char *path, const uint8_t *bytes, size_t size,
+                              sgsi_progress *progress);

@@ -54,21 +54,21 @@ typedef struct sgs_train_option {
 
 // The table, [*count] in the order of help texts; static. Cannot fail. Every field of
 // sgs_train_options is in one row; background_random is part of the row of background.
-const sgs_train_option *sgs_train_option_descriptors(size_t *count);
+SGS_API const sgs_train_option *sgs_train_option_descriptors(size_t *count);
 
 // The row of a name, or NULL.
-const sgs_train_option *sgs_train_option_find(const char *name);
+SGS_API const sgs_train_option *sgs_train_option_find(const char *name);
 
 // Writes the value that `options` has as text, at most `bytes` with the terminator: "30000", "mip",
 // "bmd,rap" ("off" for an empty set), "true", "0.05" (the shortest decimal that reads back to the
 // same double), "0,0.5,1" or "random", "model" or "none". Returns the length without truncation.
 // Cannot fail.
-size_t sgs_train_option_text(const sgs_train_option *option, const sgs_train_options *options,
-                             char *text, size_t bytes);
+SGS_API size_t sgs_train_option_text(const sgs_train_option *option,
+                                     const sgs_train_options *options, char *text, size_t bytes);
 
 // INVALID_ARGUMENT naming the first field that is out of range, or fields that exclude each other.
 // sgs_trainer_create calls it.
-sgs_status sgs_train_options_check(const sgs_train_options *options);
+SGS_API sgs_status sgs_train_options_check(const sgs_train_options *options);
 
 #ifdef __cplusplus
 }

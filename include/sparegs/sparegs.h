@@ -21,6 +21,7 @@
 // Work: rendering, training.
 #include "sparegs/render.h"
 #include "sparegs/trainer.h"
+#include "sparegs/option_descriptors.h"
 
 // Measurement of the program itself; an application that renders or trains needs neither.
 #include "sparegs/bench.h"

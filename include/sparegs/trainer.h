@@ -243,10 +243,15 @@ SGS_API size_t sgs_trainer_initial_cloud(const sgs_trainer *trainer, const float
 // with IO or OUT_OF_MEMORY; an earlier file at `path` stays. Load replaces the trainer's state, or
 // fails and leaves it as it was: with IO or FORMAT when the file is damaged, UNSUPPORTED when
 // another version wrote it, INVALID_ARGUMENT when options or training views differ; the error names
-// what differs. max_gaussians, spare_eps_loss, spare_eps_count, spare_patience and, under the
-// paper's schedule, iterations may differ: they hold from then on, and a warning says so.
+// what differs. Options may differ as their resume rule allows (option_descriptors.h), with a
+// warning.
 SGS_API sgs_status sgs_trainer_save_checkpoint(const sgs_trainer *trainer, const char *path);
 SGS_API sgs_status sgs_trainer_load_checkpoint(sgs_trainer *trainer, const char *path);
+// Size of the file that sgs_trainer_save_checkpoint would write now. Cannot fail.
+SGS_API size_t sgs_trainer_checkpoint_bytes(const sgs_trainer *trainer);
+// Number of primitives in a checkpoint, without a trainer. Reads and proves the whole file; fails
+// as load does when it is damaged or of another version, and *gaussians is 0.
+SGS_API sgs_status sgs_checkpoint_gaussians(const char *path, size_t *gaussians);
 
 #ifdef __cplusplus
 }

@@ -53,6 +53,13 @@ static void write_section_header(sgsi_sections *sections, const char *name, uint
     write_bytes(sections, header, sizeof header);
 }
 
+void sgsi_sections_measure(sgsi_sections *sections)
+{
+    *sections = (sgsi_sections){.pass = SGSI_SECTIONS_MEASURE,
+                                .path = "",
+                                .measured = HEADER_BYTES + SECTION_HEADER_BYTES + DIGEST_BYTES};
+}
+
 sgs_status sgsi_sections_create(sgsi_sections *sections, const char *path)
 {
     *sections = (sgsi_sections){.pass = SGSI_SECTIONS_WRITE, .path = path};
@@ -217,6 +224,10 @@ void sgsi_sections_begin(sgsi_sections *sections, const char *name, size_t bytes
     sections->left = bytes;
     if (sections->status)
         return;
+    if (sections->pass == SGSI_SECTIONS_MEASURE) {
+        sections->measured += SECTION_HEADER_BYTES + bytes;
+        return;
+    }
     if (sections->pass == SGSI_SECTIONS_WRITE) {
         write_section_header(sections, name, bytes);
         return;

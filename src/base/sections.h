@@ -3,7 +3,7 @@
 #pragma once
 
 // A file of named sections with a checksum. One function of the caller lists its sections and their
-// memory in order. It runs once for each of the three passes below, so that reading and writing
+// memory in order. It runs once for each of the passes below, so that reading, writing and sizes
 // always match. The content of the sections is opaque.
 //
 //     sgsi_sections_begin(&s, "exposure", count * sizeof(float));
@@ -18,9 +18,10 @@
 enum { SGSI_SECTION_NAME = 16, SGSI_SECTIONS_MOST = 64 };
 
 typedef enum sgsi_sections_pass {
-    SGSI_SECTIONS_WRITE, // pieces go to the file
-    SGSI_SECTIONS_CHECK, // names and sizes are compared with the file's; no piece is touched
-    SGSI_SECTIONS_READ   // pieces are filled
+    SGSI_SECTIONS_MEASURE, // adds up the size of the file; no piece is touched
+    SGSI_SECTIONS_WRITE,   // pieces go to the file
+    SGSI_SECTIONS_CHECK,   // names and sizes are compared with the file's; no piece is touched
+    SGSI_SECTIONS_READ     // pieces are filled
 } sgsi_sections_pass;
 
 typedef struct sgsi_section {
@@ -34,6 +35,8 @@ typedef struct sgsi_sections {
     sgs_status status; // first failure; later calls do nothing
     const char *path;
     size_t left; // bytes of the open section that are not yet covered by pieces
+    // MEASURE
+    size_t measured; // bytes of the complete file
     // WRITE
     sgsi_atomic_file file;
     void *hash;
@@ -43,6 +46,9 @@ typedef struct sgsi_sections {
     sgsi_section table[SGSI_SECTIONS_MOST];
     size_t count;
 } sgsi_sections;
+
+// Starts a MEASURE pass. Nothing needs to be closed.
+void sgsi_sections_measure(sgsi_sections *sections);
 
 // Starts the file at `path` (borrowed). It appears under its name, synced, in sgsi_sections_commit.
 sgs_status sgsi_sections_create(sgsi_sections *sections, const char *path);

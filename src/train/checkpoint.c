@@ -120,40 +120,70 @@ static const sgs_view *train_view(const sgs_trainer *trainer, size_t i)
     return &trainer->scene->views[trainer->views.scene_views[i]];
 }
 
+// What identifies the run and its place, before the state itself.
+static void visit_head(sgsi_sections *sections, const sgs_trainer *trainer,
+                       const sgsi_field_list *options, const sgsi_field_list *progress)
+{
+    uint64_t n = trainer->model->count;
+    sgsi_sections_begin(sections, "options", options->count);
+    sgsi_sections_piece(sections, options->bytes, options->count);
+    sgsi_sections_begin(sections, "scene", trainer->views.count * sizeof(uint64_t));
+    for (size_t i = 0; i < trainer->views.count; ++i) {
+        uint64_t digest = view_digest(train_view(trainer, i));
+        sgsi_sections_piece(sections, &digest, sizeof digest);
+    }
+    sgsi_sections_begin(sections, "size", sizeof n);
+    sgsi_sections_piece(sections, &n, sizeof n);
+    sgsi_sections_begin(sections, "progress", progress->count);
+    sgsi_sections_piece(sections, progress->bytes, progress->count);
+}
+
+// MEASURE and WRITE leave the trainer alone.
+static void visit_all(sgsi_sections *sections, const sgs_trainer *trainer,
+                      const sgsi_field_list *options, const sgsi_field_list *progress)
+{
+    visit_head(sections, trainer, options, progress);
+    visit_state(sections, (sgs_trainer *)trainer, trainer->model->count);
+}
+
+static bool list_fields(const sgs_trainer *trainer, sgsi_field_list *options,
+                        sgsi_field_list *progress)
+{
+    sgsi_options_write(options, &trainer->options);
+    sgsi_progress_write(progress, &trainer->progress);
+    return !options->failed && !progress->failed;
+}
+
+size_t sgs_trainer_checkpoint_bytes(const sgs_trainer *trainer)
+{
+    sgsi_field_list options = {0}, progress = {0};
+    sgsi_sections sections;
+    list_fields(trainer, &options, &progress);
+    sgsi_sections_measure(&sections);
+    visit_all(&sections, trainer, &options, &progress);
+    sgsi_free(options.bytes);
+    sgsi_free(progress.bytes);
+    return sections.measured;
+}
+
 sgs_status sgs_trainer_save_checkpoint(const sgs_trainer *trainer, const char *path)
 {
     if (trainer->inconsistent)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
                          "%s: the last step failed half-way; there is no state to save", path);
     sgsi_field_list options = {0}, progress = {0};
-    sgsi_options_write(&options, &trainer->options);
-    sgsi_progress_write(&progress, &trainer->progress);
     sgsi_sections sections;
-    const sgs_status status =
-        options.failed || progress.failed
-            ? sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path)
-            : sgsi_sections_create(&sections, path);
-    if (status) {
-        sgsi_free(options.bytes);
-        sgsi_free(progress.bytes);
-        return status;
+    sgs_status status =
+        list_fields(trainer, &options, &progress)
+            ? sgsi_sections_create(&sections, path)
+            : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path);
+    if (!status) {
+        visit_all(&sections, trainer, &options, &progress);
+        status = sgsi_sections_commit(&sections);
     }
-    uint64_t n = trainer->model->count;
-    sgsi_sections_begin(&sections, "options", options.count);
-    sgsi_sections_piece(&sections, options.bytes, options.count);
-    sgsi_sections_begin(&sections, "scene", trainer->views.count * sizeof(uint64_t));
-    for (size_t i = 0; i < trainer->views.count; ++i) {
-        uint64_t digest = view_digest(train_view(trainer, i));
-        sgsi_sections_piece(&sections, &digest, sizeof digest);
-    }
-    sgsi_sections_begin(&sections, "size", sizeof n);
-    sgsi_sections_piece(&sections, &n, sizeof n);
-    sgsi_sections_begin(&sections, "progress", progress.count);
-    sgsi_sections_piece(&sections, progress.bytes, progress.count);
-    visit_state(&sections, (sgs_trainer *)trainer, trainer->model->count); // WRITE leaves it alone
     sgsi_free(options.bytes);
     sgsi_free(progress.bytes);
-    return sgsi_sections_commit(&sections);
+    return status;
 }
 
 // ---- reading ----
@@ -208,10 +238,8 @@ static sgs_status check_progress(sgsi_sections *sections, const sgs_trainer *tra
     return SGS_STATUS_OK;
 }
 
-// Everything that can be wrong with a whole file. *n receives the number of primitives, *progress
-// the section of this name.
-static sgs_status check(sgsi_sections *sections, sgs_trainer *trainer, size_t *n,
-                        sgsi_progress *progress)
+// The number of primitives: no more than the model's section holds.
+static sgs_status read_size(sgsi_sections *sections, size_t *n)
 {
     size_t bytes;
     const uint8_t *size = sgsi_sections_find(sections, "size", &bytes);
@@ -225,11 +253,35 @@ static sgs_status check(sgsi_sections *sections, sgs_trainer *trainer, size_t *n
                          "%s: section 'size': %llu primitives do not fit into the section 'model'",
                          sections->path, (unsigned long long)count);
     *n = (size_t)count;
+    return SGS_STATUS_OK;
+}
+
+sgs_status sgs_checkpoint_gaussians(const char *path, size_t *gaussians)
+{
+    sgsi_sections sections;
+    *gaussians = 0;
+    sgs_status status = sgsi_sections_open(&sections, path);
+    if (status)
+        return status;
+    status = read_size(&sections, gaussians);
+    sgsi_sections_close(&sections);
+    return status;
+}
+
+// Everything that can be wrong with a whole file. *n receives the number of primitives, *progress
+// the section of this name.
+static sgs_status check(sgsi_sections *sections, sgs_trainer *trainer, size_t *n,
+                        sgsi_progress *progress)
+{
+    sgs_status status = read_size(sections, n);
+    if (status)
+        return status;
+    size_t bytes;
     const uint8_t *fields = sgsi_sections_find(sections, "progress", &bytes);
     if (!fields)
         return sgsi_fail(SGS_STATUS_FORMAT, "%s: the section 'progress' is missing",
                          sections->path);
-    sgs_status status = sgsi_progress_read(sections->path, fields, bytes, progress);
+    status = sgsi_progress_read(sections->path, fields, bytes, progress);
     if (status)
         return status;
     const uint8_t *options = sgsi_sections_find(sections, "options", &bytes);
@@ -248,7 +300,7 @@ static sgs_status check(sgsi_sections *sections, sgs_trainer *trainer, size_t *n
     const size_t cap = trainer->options.max_gaussians;
     if (!status && cap && *n > cap)
         status = sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                           "%s: has %zu primitives, more than max_gaussians %zu; raise it",
+                           "%s: has %zu primitives, more than option max_gaussians %zu; raise it",
                            sections->path, *n, cap);
     return status;
 }

@@ -442,6 +442,32 @@ static void options_are_honoured_or_refused_by_name(void **state)
     sgs_scene_destroy(second);
 }
 
+// Statistics, pending gradients, filters and exposure count where a run has them.
+static void sizes_are_known_before_and_after(void **state)
+{
+    (void)state;
+    for (int pipeline = 0; pipeline < SGS_PIPELINE_COUNT; ++pipeline) {
+        sgs_train_options options = short_run(90);
+        options.pipeline = (sgs_pipeline)pipeline;
+        options.filter = pipeline == SGS_PIPELINE_MIP ? SGS_FILTER_MIP : SGS_FILTER_3DGS;
+        options.exposure = pipeline == SGS_PIPELINE_DASH;
+        sgs_trainer *trainer = start(scene, &options);
+        run(trainer, 2);
+        const char *path = temp_path(&folder, "sized");
+        assert_int_equal(sgs_trainer_save_checkpoint(trainer, path), SGS_STATUS_OK);
+        size_t size, count;
+        free(file_get(path, &size));
+        assert_int_equal(sgs_trainer_checkpoint_bytes(trainer), size);
+        assert_int_equal(sgs_checkpoint_gaussians(path, &count), SGS_STATUS_OK);
+        assert_int_equal(count, sgs_trainer_model(trainer)->count);
+        sgs_trainer_destroy(trainer);
+    }
+    size_t count = 7;
+    assert_int_equal(sgs_checkpoint_gaussians(SGSI_TEST_DATA "/checkpoint_format_3.bin", &count),
+                     SGS_STATUS_UNSUPPORTED);
+    assert_int_equal(count, 0);
+}
+
 static void a_full_disk_leaves_the_checkpoint_before(void **state)
 {
     (void)state;
@@ -478,6 +504,7 @@ int main(void)
         cmocka_unit_test(fields_may_be_missing_or_unknown_unless_they_are_essential),
         cmocka_unit_test(a_checkpoint_of_format_3_is_refused_by_name),
         cmocka_unit_test(options_are_honoured_or_refused_by_name),
+        cmocka_unit_test(sizes_are_known_before_and_after),
         cmocka_unit_test(a_full_disk_leaves_the_checkpoint_before),
     };
     return cmocka_run_group_tests(tests, load, unload);

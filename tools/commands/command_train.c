@@ -80,13 +80,10 @@ static bool load_scene(training *run, bool background_given)
     return true;
 }
 
-enum { CHECKPOINT_BYTES = 720 }; // per primitive
-
 // Initial number of primitives: from the checkpoint to resume, from --init, or from the scene.
 static size_t first_primitives(const training *run, const sgs_scene *scene)
 {
-    size_t count =
-        run->values.resume ? run_folder_checkpoint_bytes(&run->folder) / CHECKPOINT_BYTES : 0;
+    size_t count = run->values.resume ? run_folder_checkpoint_gaussians(&run->folder) : 0;
     model_path located;
     // Read errors are reported later, when the file is used.
     if (!count && run->values.init && file_exists(run->values.init) && model_is(run->values.init) &&
@@ -177,7 +174,7 @@ static bool create_trainer(training *run)
     }
     options.init = init;
     // Warnings about the initial model do not apply if a checkpoint replaces it.
-    messages_hear_library(!run->values.resume || !run_folder_checkpoint_bytes(&run->folder));
+    messages_hear_library(!run->values.resume || !run_folder_has_checkpoint(&run->folder));
     if (ready && sgs_trainer_create(run->scene, &options, &run->trainer)) {
         fail_library();
         ready = false;
@@ -309,11 +306,12 @@ static void save_due(training *run, int iteration)
 static bool time_is_up(const training *run)
 {
     enum { SLOW_DISK = 100000000 }; // bytes per second
+    if (!(run->values.time_limit > 0))
+        return false;
     const double left = run->started + run->values.time_limit - clock_seconds();
-    const double expected =
-        (double)sgs_trainer_model(run->trainer)->count * CHECKPOINT_BYTES / SLOW_DISK;
+    const double expected = (double)sgs_trainer_checkpoint_bytes(run->trainer) / SLOW_DISK;
     const double saving = fmax(run->folder.checkpoint_seconds, expected);
-    return run->values.time_limit > 0 && left < run->longest_step + 2 * saving + 1;
+    return left < run->longest_step + 2 * saving + 1;
 }
 
 // Records the phases and counters of the iteration that began at `start`.

@@ -263,13 +263,22 @@ bool run_folder_save_checkpoint(run_folder *folder, const sgs_trainer *trainer)
     return saved;
 }
 
-size_t run_folder_checkpoint_bytes(const run_folder *folder)
+bool run_folder_has_checkpoint(const run_folder *folder)
 {
     char *path = checkpoint_path(folder, "");
-    struct stat info;
-    const size_t bytes = stat(path, &info) ? 0 : (size_t)info.st_size;
+    const bool exists = file_exists(path);
     free(path);
-    return bytes;
+    return exists;
+}
+
+size_t run_folder_checkpoint_gaussians(const run_folder *folder)
+{
+    char *path = checkpoint_path(folder, "");
+    size_t count = 0;
+    if (file_exists(path))
+        sgs_checkpoint_gaussians(path, &count); // errors are reported when it is loaded
+    free(path);
+    return count;
 }
 
 // 1 loaded, 0 it is not there, -1 it is damaged, -2 it is whole and of another run (printed), -3 it

@@ -47,8 +47,9 @@ bool run_folder_save_model(const run_folder *folder, const sgs_gaussians *model,
 
 // OUT/checkpoint/state.bin; the one before stays as state.previous.bin. The tables must be open.
 bool run_folder_save_checkpoint(run_folder *folder, const sgs_trainer *trainer);
-// Size of the newest checkpoint's file; 0 when there is none.
-size_t run_folder_checkpoint_bytes(const run_folder *folder);
+bool run_folder_has_checkpoint(const run_folder *folder);
+// Primitives in the newest checkpoint; 0 when there is none or it cannot be read.
+size_t run_folder_checkpoint_gaussians(const run_folder *folder);
 // Loads the newest readable checkpoint: 1 loaded, 0 there is none, -1 there are some and none is
 // readable, or the newest is of other options or another scene (printed).
 int run_folder_load_checkpoint(const run_folder *folder, sgs_trainer *trainer);

@@ -16,6 +16,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "model/opacity.h"
 #include "base/core.h"
 #include "model/filter_3d.h"
 #include "density/pipeline.h"
@@ -131,7 +132,7 @@ static void fill_columns(void *context, size_t begin, size_t end, int thread)
         c->x[i] = *sgs_gaussians_at(job->model, i, SGS_PARAM_MEAN);
         c->y[i] = *sgs_gaussians_at(job->model, i, SGS_PARAM_MEAN + 1);
         c->z[i] = *sgs_gaussians_at(job->model, i, SGS_PARAM_MEAN + 2);
-        c->opacity[i] = 1.0f / (1.0f + expf(-*sgs_gaussians_at(job->model, i, SGS_PARAM_OPACITY)));
+        c->opacity[i] = sgsi_gaussians_opacity(job->model, i);
         float longest = *sgs_gaussians_at(job->model, i, SGS_PARAM_SCALE);
         for (int k = 1; k < 3; ++k)
             longest = fmaxf(longest, *sgs_gaussians_at(job->model, i, SGS_PARAM_SCALE + k));

@@ -12,6 +12,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "base/sh.h"
 #include "base/core.h"
 #include "sparegs/bench.h"
 #include "base/threads.h"
@@ -200,7 +201,7 @@ static void set_color(float params[SGS_PARAM_COUNT], const double position[3], d
         const double wave =
             sin(frequency * position[c] + 2.0 * c) * cos(frequency * position[(c + 1) % 3] + c);
         const double color = fmin(fmax(0.5 + 0.35 * wave + 0.05 * normal(d), 0.02), 0.98);
-        params[SGS_PARAM_SH_DC + c] = (float)((color - 0.5) / 0.28209479177387814);
+        params[SGS_PARAM_SH_DC + c] = (float)((color - 0.5) / SGSI_SH_C0);
     }
     for (int k = SGS_PARAM_SH_REST; k < SGS_PARAM_COUNT; ++k)
         params[k] = (float)(0.02 * normal(d));

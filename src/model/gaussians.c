@@ -20,13 +20,13 @@
 #define XXH_INLINE_ALL
 #include <xxhash.h>
 
+#include "base/sh.h"
 #include "base/core.h"
 #include "model/knn.h"
 #include "base/threads.h"
 
 static const float INERT_OPACITY_LOGIT = -30.0f;
 static const float INERT_LOG_SCALE = -20.0f;
-static const double SH_C0 = 0.28209479177387814;
 static const double SMALLEST_SQUARED_DISTANCE = 1e-7; // for scenes of extent >= 1
 static const double FALLBACK_OF_EXTENT = 0.01;
 
@@ -216,7 +216,7 @@ static void init_range(void *context, size_t begin, size_t end, int thread)
             params[SGS_PARAM_MEAN + k] = loop->points[3 * i + (size_t)k];
             params[SGS_PARAM_SCALE + k] = (float)(0.5 * log(squared));
             params[SGS_PARAM_SH_DC + k] =
-                (float)((loop->colors[3 * i + (size_t)k] / 255.0 - 0.5) / SH_C0);
+                (float)((loop->colors[3 * i + (size_t)k] / 255.0 - 0.5) / SGSI_SH_C0);
         }
         params[SGS_PARAM_ROTATION] = 1.0f;
         params[SGS_PARAM_OPACITY] = opacity;

@@ -59,7 +59,7 @@ static inline void step_accumulated(const sgsi_optimize *input, size_t block, vm
         accumulate(&main, SGS_PARAM_SCALE + k, d->scale[k], input->lr_scale);
     accumulate(&main, SGS_PARAM_OPACITY, d->opacity, input->lr_opacity);
     for (int c = 0; c < 3; ++c)
-        accumulate(&main, SGS_PARAM_SH_DC + c, vf_mul(vf_set1(0.28209479177387814f), d->color[c]),
+        accumulate(&main, SGS_PARAM_SH_DC + c, vf_mul(vf_set1((float)SGSI_SH_C0), d->color[c]),
                    input->lr_dc);
     vf basis[15];
     const int count = sh_basis(d->direction, input->view.sh_degree, basis);

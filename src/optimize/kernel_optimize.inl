@@ -304,7 +304,7 @@ static inline void step_block(const sgsi_optimize *input, size_t block, vm rows,
         SGSI_STEP(SGS_PARAM_SCALE + k, d->scale[k], input->lr_scale);
     SGSI_STEP(SGS_PARAM_OPACITY, d->opacity, input->lr_opacity);
     for (int c = 0; c < 3; ++c)
-        SGSI_STEP(SGS_PARAM_SH_DC + c, vf_mul(vf_set1(0.28209479177387814f), d->color[c]),
+        SGSI_STEP(SGS_PARAM_SH_DC + c, vf_mul(vf_set1((float)SGSI_SH_C0), d->color[c]),
                   input->lr_dc);
     vf basis[15];
     const int count = sh_basis(d->direction, input->view.sh_degree, basis);
@@ -326,8 +326,7 @@ static inline void write_gradients(const sgsi_optimize *input, size_t block, con
             vf_store(out + 16 * (SGS_PARAM_SH_REST + 3 * k + c),
                      k < count ? vf_mul(basis[k], d->color[c]) : vf_zero());
     for (int c = 0; c < 3; ++c) {
-        vf_store(out + 16 * (SGS_PARAM_SH_DC + c),
-                 vf_mul(vf_set1(0.28209479177387814f), d->color[c]));
+        vf_store(out + 16 * (SGS_PARAM_SH_DC + c), vf_mul(vf_set1((float)SGSI_SH_C0), d->color[c]));
         vf_store(out + 16 * (SGS_PARAM_MEAN + c), d->mean[c]);
         vf_store(out + 16 * (SGS_PARAM_SCALE + c), d->scale[c]);
     }

@@ -24,6 +24,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/sh.h"
 #include "base/core.h"
 #include "base/threads.h"
 
@@ -134,7 +135,7 @@ static void activate_color(const double *sh, int degree, sgsi_reference_primitiv
 {
     const double x = out->direction[0], y = out->direction[1], z = out->direction[2];
     const double basis[SGSI_SH_COUNT] = {
-        0.28209479177387814,
+        SGSI_SH_C0,
         -0.4886025119029199 * y,
         0.4886025119029199 * z,
         -0.4886025119029199 * x,

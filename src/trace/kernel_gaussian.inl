@@ -4,6 +4,8 @@
 // Sixteen Gaussians in a view: activations, filtered scales and the frame of trace.h. Shared by
 // projection and chain rule, so that both use the same numbers.
 
+#include "base/sh.h"
+
 typedef struct vec3 {
     vf x, y, z;
 } vec3;
@@ -233,7 +235,7 @@ static inline void sh_colors(const float *p, vec3 d, int degree, vf color[3])
     vf basis[15];
     const int count = sh_basis(d, degree, basis);
     for (int c = 0; c < 3; ++c)
-        color[c] = vf_fma(vf_set1(0.28209479177387814f), vf_load(p + 16 * (SGS_PARAM_SH_DC + c)),
+        color[c] = vf_fma(vf_set1((float)SGSI_SH_C0), vf_load(p + 16 * (SGS_PARAM_SH_DC + c)),
                           vf_set1(0.5f));
     for (int k = 0; k < count; ++k)
         for (int c = 0; c < 3; ++c)

@@ -7,6 +7,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "base/sh.h"
 #include "base/core.h"
 #include "base/threads.h"
 #include "model/filter_3d.h"
@@ -33,8 +34,7 @@ static sgs_status random_cloud(sgs_trainer *trainer)
             (float)((cube ? 0.0 : scene->center[i % 3]) + half * (2.0 * u - 1.0));
         // The original draws SH coefficients in [0, 1] / 255: colours just above middle grey.
         const double coefficient = sgsi_random_uniform(trainer->options.seed ^ 0xC0108, i) / 255.0;
-        trainer->cloud_colors[i] =
-            (unsigned char)(255.0 * (0.5 + 0.28209479177387814 * coefficient) + 0.5);
+        trainer->cloud_colors[i] = (unsigned char)(255.0 * (0.5 + SGSI_SH_C0 * coefficient) + 0.5);
     }
     trainer->cloud_count = n;
     return SGS_STATUS_OK;

@@ -6,6 +6,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "model/opacity.h"
 #include "base/core.h"
 #include "base/threads.h"
 #include "image/mask.h"
@@ -70,7 +71,7 @@ static void fill_columns(void *context, size_t begin, size_t end, int thread)
     for (size_t i = begin; i < end; ++i) {
         const uint32_t seen = statistics->visible_count[i];
         s->gradient[i] = seen ? statistics->gradient_sum[i] / (float)seen : 0.0f;
-        s->opacity[i] = 1.0f / (1.0f + expf(-*sgs_gaussians_at(model, i, SGS_PARAM_OPACITY)));
+        s->opacity[i] = sgsi_gaussians_opacity(model, i);
         float size = 0.0f;
         for (int k = 0; k < 3; ++k)
             size += *sgs_gaussians_at(model, i, SGS_PARAM_SCALE + k);

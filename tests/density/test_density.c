@@ -186,6 +186,26 @@ static void faint_and_oversized_rows_are_pruned(void **state)
     drop(&f);
 }
 
+// Linear opacity: |x|, not a logit.
+static void linear_opacities_are_pruned_by_their_value(void **state)
+{
+    (void)state;
+    fixture f = make(40);
+    for (size_t i = 0; i < 40; ++i)
+        *sgs_gaussians_at(f.model, i, SGS_PARAM_OPACITY) = 0.5f;
+    *sgs_gaussians_at(f.model, 3, SGS_PARAM_OPACITY) = 0.004f;
+    *sgs_gaussians_at(f.model, 4, SGS_PARAM_OPACITY) = -0.006f;
+    *sgs_gaussians_at(f.model, 5, SGS_PARAM_OPACITY) = -20.0f; // a logit of 2e-9
+    sgs_gaussians_declare_linear_opacity(f.model);
+    update(&f);
+    size_t rows[8];
+    assert_int_equal(f.model->count, 39);
+    assert_int_equal(rows_of(&f, 3, rows), 0);
+    assert_int_equal(rows_of(&f, 4, rows), 1);
+    assert_int_equal(rows_of(&f, 5, rows), 1);
+    drop(&f);
+}
+
 static void cap_is_never_exceeded_and_keeps_the_best_scores(void **state)
 {
     (void)state;
@@ -270,6 +290,7 @@ int main(void)
         cmocka_unit_test(split_replaces_the_parent_by_two_smaller_children_around_it),
         cmocka_unit_test(split_children_scatter_like_the_parent),
         cmocka_unit_test(faint_and_oversized_rows_are_pruned),
+        cmocka_unit_test(linear_opacities_are_pruned_by_their_value),
         cmocka_unit_test(cap_is_never_exceeded_and_keeps_the_best_scores),
         cmocka_unit_test(rap_removes_faint_still_primitives_of_crowded_voxels_only),
         cmocka_unit_test(reset_lowers_opacities_and_clears_their_moments),

@@ -21,6 +21,7 @@
 #include "model/filter_3d.h"
 #include "density/pipeline.h"
 #include "base/threads.h"
+#include "spare/spare.h"
 
 typedef enum plan_kind { PLAN_KEEP, PLAN_CLONE, PLAN_CHILD_0, PLAN_CHILD_1 } plan_kind;
 
@@ -101,8 +102,9 @@ static sgs_status make_columns(const sgs_gaussians *model, const sgsi_density_op
                                &columns->removed, &columns->prune_children};
     for (size_t i = 0; i < sizeof marks / sizeof *marks; ++i)
         complete = (*marks[i] = sgsi_calloc(n, 1)) && complete;
-    columns->workspace = sgsi_alloc(spare_workspace_size(&options->spare, model->count), 1);
-    if (complete && columns->workspace)
+    if (options->spare)
+        columns->workspace = sgsi_alloc(spare_workspace_size(options->spare, model->count), 1);
+    if (complete && (columns->workspace || !options->spare))
         return SGS_STATUS_OK;
     free_columns(columns);
     return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
@@ -166,7 +168,7 @@ static void evaluate_spare(sgsi_density_columns *columns, const sgsi_statistics 
                                .visible_count = statistics->visible_count,
                                .radius_max = statistics->radius_max};
     spare_result found;
-    spare_evaluate(&options->spare, &input, columns->workspace, columns->weight, columns->redundant,
+    spare_evaluate(options->spare, &input, columns->workspace, columns->weight, columns->redundant,
                    &found);
     result->regions = found.region_count;
     result->over_budget_share = found.over_budget_share;
@@ -429,10 +431,11 @@ static size_t padded_capacity(size_t count)
     return (count + SGS_LANES - 1) / SGS_LANES * SGS_LANES + SGS_LANES;
 }
 
-sgs_status sgsi_density_update(sgs_gaussians *model, float **m, float **v,
-                               sgsi_statistics *statistics, const sgsi_density_options *options,
-                               sgsi_density_result *result)
+sgs_status sgsi_density_update(const sgsi_density_rows *rows, const sgsi_pipeline *pipeline,
+                               const sgsi_density_options *options, sgsi_density_result *result)
 {
+    sgs_gaussians *model = rows->model;
+    sgsi_statistics *statistics = rows->statistics;
     *result = (sgsi_density_result){.mean_weight = 1.0};
     sgsi_density_columns columns;
     sgs_status status = make_columns(model, options, &columns);
@@ -442,7 +445,7 @@ sgs_status sgsi_density_update(sgs_gaussians *model, float **m, float **v,
     sgsi_parallel_ranges(model->count, 4096, fill_columns, &job);
     spare_result regions;
     evaluate_spare(&columns, statistics, options, result, &regions);
-    status = options->pipeline->decide(options, &columns, result);
+    status = pipeline->decide(options, &columns, result);
     size_t survivors =
         0; // a split parent is replaced by its children: it counts as kept, whatever RAP says of it
     for (size_t i = 0; i < columns.count; ++i)
@@ -460,9 +463,9 @@ sgs_status sgsi_density_update(sgs_gaussians *model, float **m, float **v,
     if (!status)
         status = gather_block(&model->data, capacity, &plan, true, options);
     if (!status)
-        status = gather_block(m, capacity, &plan, false, options);
+        status = gather_block(rows->m, capacity, &plan, false, options);
     if (!status)
-        status = gather_block(v, capacity, &plan, false, options);
+        status = gather_block(rows->v, capacity, &plan, false, options);
     if (!status) {
         model->count = plan.count;
         model->capacity = capacity;
@@ -478,7 +481,7 @@ sgs_status sgsi_density_update(sgs_gaussians *model, float **m, float **v,
 
 sgs_status sgsi_density_sort(sgs_gaussians *model)
 {
-    const sgsi_density_options options = {.size_max = INFINITY, .spare = spare_options_default()};
+    const sgsi_density_options options = {.size_max = INFINITY};
     sgsi_density_result result = {0};
     sgsi_density_columns columns;
     sgsi_statistics statistics = {0};

@@ -7,31 +7,9 @@
 // of SPARE-GS are among the columns. The trainer, spare/ and the machinery of density.c know
 // pipelines through this table only.
 
-#include "density/density.h"
+#include "density/density_columns.h"
+#include "model/score_slots.h"
 #include "sparegs/trainer.h"
-
-typedef enum sgsi_action { SGSI_ACTION_KEEP, SGSI_ACTION_CLONE, SGSI_ACTION_SPLIT } sgsi_action;
-
-// Columns of the old rows of one structural update, [count] each.
-typedef struct sgsi_density_columns {
-    size_t count;
-    float *x, *y, *z, *opacity, *scale_max;
-    float *score;        // a / d, 0 where unseen
-    float *abs_grad;     // the same over absolute values, 0 where unseen or not collected
-    float *weight;       // w of SPARE-GS, 1 without BMD
-    uint8_t *redundant;  // RAP's mask, 0 without
-    uint8_t *degenerate; // a parameter is not finite: the row goes, whatever is decided; its
-                         // columns above are 0
-    // decided by the pipeline; all 0 before
-    uint8_t *action;         // sgsi_action
-    uint8_t *removed;        // the native rule removes the row
-    uint8_t *prune_children; // the native rule removes the row's clone or children at once
-    float *priority;         // who may grow first when the cap leaves no room for all
-    void *workspace;
-} sgsi_density_columns;
-
-// Per primitive, over the hits that count of one view: what sgsi_tracer_score sums, in this order.
-enum { SGSI_SCORE_WEIGHT, SGSI_SCORE_HITS, SGSI_SCORE_BLEND, SGSI_SCORE_DISTANCE };
 
 // A drawn view before its sums: the photograph, and the mean over channels of |image - photograph|.
 typedef struct sgsi_scored_image {
@@ -55,6 +33,13 @@ typedef struct sgsi_scored_view {
     const float *volume;    // [count] product of the scales
 } sgsi_scored_view;
 
+// How opacities are treated after the last structural update.
+typedef enum sgsi_late_opacity {
+    SGSI_LATE_OPACITY_TRAINED,
+    SGSI_LATE_OPACITY_FROZEN,
+    SGSI_LATE_OPACITY_LINEAR // converted to linear ones, see sgs_gaussians, and trained
+} sgsi_late_opacity;
+
 typedef struct sgsi_pipeline {
     const char *name;
     // Milestones of the 30 000-iteration schedule.
@@ -66,11 +51,12 @@ typedef struct sgsi_pipeline {
     int batch_rest, batch_middle, batch_late;
     float lr_opacity, lr_rest;
     float opacity_ceiling; // after every structural update; 0 = none
-    bool resolution;       // renders small images first
+    int small_images;      // the first images have about this many times fewer tiles; 0 = full size
     bool abs_grad;         // wants sums of absolute gradients
     bool abs_grad_norm;    // the 2-norm of the sums of both axes instead of their sum
     sgs_status (*decide)(const sgsi_density_options *options, sgsi_density_columns *columns,
                          sgsi_density_result *result);
+    sgsi_late_opacity (*late_opacity)(const sgs_train_options *train); // NULL = trained
     // Scores from views: drawn before every update, 0 = none. pixel_weights fills [height][stride]
     // weights; score_view adds a view to the scores (all 0 before the first one); finish_scores
     // ends them after `views` views.

@@ -91,5 +91,5 @@ const sgsi_pipeline sgsi_pipeline_dash = {.name = "dash",
                                           .densify_interval = 100,
                                           .lr_opacity = 0.025f,
                                           .lr_rest = 1.25e-4f,
-                                          .resolution = true,
+                                          .small_images = 16,
                                           .decide = decide};

@@ -250,12 +250,25 @@ static void score_view(const sgsi_scored_view *view, float *importance, float *p
     }
 }
 
+static sgsi_late_opacity late_opacity(const sgs_train_options *train)
+{
+    switch (train->pipeline_options.taming_opacity) {
+    case SGS_TAMING_FROZEN:
+        return SGSI_LATE_OPACITY_FROZEN;
+    case SGS_TAMING_LINEAR:
+        return SGSI_LATE_OPACITY_LINEAR;
+    default:
+        return SGSI_LATE_OPACITY_TRAINED;
+    }
+}
+
 const sgsi_pipeline sgsi_pipeline_taming = {.name = "taming",
                                             .densify_until = 15000,
                                             .densify_interval = 100,
                                             .lr_opacity = 0.025f,
                                             .lr_rest = 2.5e-4f,
                                             .decide = decide,
+                                            .late_opacity = late_opacity,
                                             .score_views = 10,
                                             .pixel_weights = pixel_weights,
                                             .score_view = score_view};

@@ -6,6 +6,8 @@
 // projected centre. This is a separate pass over the lists of a forward pass, so training kernels
 // are unaffected.
 
+#include "model/score_slots.h"
+
 // Offsets of a block's pixel centres from the corner of its upper left pixel.
 static inline void block_offsets(float x[16], float y[16])
 {
@@ -42,9 +44,11 @@ static void score_block(sgsi_scratch *s, const sgsi_tile_list *list, const sgsi_
             const vf dx = vf_sub(x, vf_set1(center[0])), dy = vf_sub(y, vf_set1(center[1]));
             distance = vf_keep(counted, vf_sqrt(vf_fma(dx, dx, vf_mul(dy, dy))));
         }
-        vh sums[16] = {vf_fold(vf_keep(counted, weight)), vf_fold(vf_keep(counted, one)),
-                       vf_fold(w), vf_fold(distance)};
-        for (int k = 4; k < 16; ++k)
+        vh sums[16] = {[SGSI_SCORE_WEIGHT] = vf_fold(vf_keep(counted, weight)),
+                       [SGSI_SCORE_HITS] = vf_fold(vf_keep(counted, one)),
+                       [SGSI_SCORE_BLEND] = vf_fold(w),
+                       [SGSI_SCORE_DISTANCE] = vf_fold(distance)};
+        for (int k = SGSI_SCORE_COUNT; k < 16; ++k)
             sums[k] = vh_zero();
         vh_add_sums(s->sums + 16 * (size_t)order[i], sums);
     }

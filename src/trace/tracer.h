@@ -78,7 +78,7 @@ sgs_status sgsi_tracer_backward(sgsi_tracer *tracer, const sgsi_view *view,
 void sgsi_tracer_collect_abs_grad(sgsi_tracer *tracer, bool wanted);
 
 // Scores of primitives for density control, over the last forward pass that kept lists. Replaces
-// the gradient sums by the columns SGSI_SCORE_* (density/pipeline.h) and fills `touched`. Only the
+// the gradient sums by the columns SGSI_SCORE_* (model/score_slots.h) and fills `touched`. Only the
 // sizes of `planes` are read.
 sgs_status sgsi_tracer_score(sgsi_tracer *tracer, const sgsi_view *view, const sgsi_planes *planes,
                              const sgsi_score_planes *score);

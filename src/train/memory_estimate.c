@@ -10,6 +10,7 @@
 
 #include "sparegs/trainer.h"
 #include "base/threads.h"
+#include "density/pipeline.h"
 
 enum {
     PROGRAM_BYTES = 131000000, // code, libraries, what they keep
@@ -21,7 +22,6 @@ enum {
     RAY_BYTES = 24,    // per pixel of every camera of its own, kept up to RAY_LIMIT
     CANDIDATE_BYTES = 1560, // per thread and candidate of the fullest tile
     CROWDING = 16,          // which has this many times the mean of primitives per tile
-    DASH_SHRINKS = 16,      // the images of DashGaussian's beginning have so many times fewer tiles
     TILE_PIXELS = 256,
     MOST_CAMERAS = 256 // that are compared
 };
@@ -59,7 +59,8 @@ size_t sgs_train_memory(const sgs_scene *scene, const sgs_train_options *options
         image_cache && scene->photo_bytes > image_cache ? image_cache : scene->photo_bytes;
     const size_t cap = options->max_gaussians, threads = (size_t)sgsi_threads();
     const size_t rows = cap && cap < gaussians ? cap : gaussians;
-    const size_t shrinking = options->pipeline == SGS_PIPELINE_DASH ? DASH_SHRINKS : 1;
+    const sgsi_pipeline *pipeline = sgsi_pipeline_get(options->pipeline);
+    const size_t shrinking = pipeline->small_images ? (size_t)pipeline->small_images : 1;
     const size_t crowd = CROWDING * shrinking * rows / (largest / TILE_PIXELS),
                  fullest = crowd < rows ? crowd : rows;
     const size_t rays = ray_pixels(scene) * RAY_BYTES;

@@ -34,7 +34,7 @@ static void adopt_images(sgs_trainer *trainer, sgsi_small_images *images)
 // Plans the image sizes, for pipelines that change them, and sets the first one.
 static sgs_status plan_resolution(sgs_trainer *trainer)
 {
-    if (!trainer->pipeline->resolution)
+    if (!trainer->pipeline->small_images)
         return SGS_STATUS_OK;
     int scale = 1;
     sgs_status status = sgsi_small_images_plan(&trainer->views, trainer->schedule.densify_until,
@@ -292,7 +292,7 @@ static sgs_status apply_deferred(sgs_trainer *trainer, sgs_step_info *info)
         return SGS_STATUS_OK;
     sgsi_small_images images = {0};
     sgs_status status = SGS_STATUS_OK;
-    if (trainer->pipeline->resolution && sgsi_schedule_may_resize(schedule, iteration))
+    if (trainer->pipeline->small_images && sgsi_schedule_may_resize(schedule, iteration))
         status = sgsi_small_images_make(
             &trainer->views, sgsi_resolution_at(&trainer->resolution, iteration), &images);
     if (!status && (sgsi_schedule_is_structural(schedule, iteration) ||

@@ -132,23 +132,24 @@ sgs_status sgsi_trainer_update_filter_3d(sgs_trainer *trainer)
     return SGS_STATUS_OK;
 }
 
-// Taming 3DGS treats opacities in its own way once densification is over.
-static bool opacities_are(const sgs_trainer *trainer, sgs_taming_opacity treated, int iteration)
+static sgsi_late_opacity opacity_after(const sgs_trainer *trainer, int iteration)
 {
-    return trainer->options.pipeline == SGS_PIPELINE_TAMING &&
-           trainer->options.pipeline_options.taming_opacity == treated &&
-           iteration >= trainer->schedule.densify_until;
+    const sgsi_pipeline *pipeline = trainer->pipeline;
+    return pipeline->late_opacity && iteration >= trainer->schedule.densify_until
+               ? pipeline->late_opacity(&trainer->options)
+               : SGSI_LATE_OPACITY_TRAINED;
 }
 
 float sgsi_trainer_lr_opacity(const sgs_trainer *trainer, int iteration)
 {
-    return opacities_are(trainer, SGS_TAMING_FROZEN, iteration) ? 0.0f
-                                                                : trainer->pipeline->lr_opacity;
+    return opacity_after(trainer, iteration) == SGSI_LATE_OPACITY_FROZEN
+               ? 0.0f
+               : trainer->pipeline->lr_opacity;
 }
 
 bool sgsi_trainer_opacity_is_linear(const sgs_trainer *trainer)
 {
-    return opacities_are(trainer, SGS_TAMING_LINEAR, trainer->progress.iteration);
+    return opacity_after(trainer, trainer->progress.iteration) == SGSI_LATE_OPACITY_LINEAR;
 }
 
 void sgsi_trainer_convert_opacity(sgs_trainer *trainer)

@@ -11,6 +11,7 @@
 #include "density/resolution.h"
 #include "density/schedule.h"
 #include "optimize/numerics.h"
+#include "spare/spare.h"
 #include "sparegs/trainer.h"
 #include "train/train_view.h"
 #include "train/view_scores.h"

@@ -26,18 +26,17 @@ static spare_options spare_settings(const sgs_train_options *o, double gradient_
 }
 
 static sgsi_density_options density_options(sgs_trainer *trainer, int iteration,
-                                            const sgsi_view_scores *scores)
+                                            const sgsi_view_scores *scores,
+                                            const spare_options *spare)
 {
     const sgs_train_options *o = &trainer->options;
     const sgsi_schedule *schedule = &trainer->schedule;
     sgsi_progress *progress = &trainer->progress;
-    const double extent = trainer->scene->extent,
-                 gradient_threshold = 2e-4 * schedule->threshold_factor;
+    const double extent = trainer->scene->extent;
     const bool final_prune = !sgsi_schedule_is_structural(schedule, iteration);
     const bool rests =
         spare_pruning_rests(iteration, progress->last_reset, schedule->densify_interval);
     return (sgsi_density_options){
-        .pipeline = trainer->pipeline,
         .train = o,
         .state = &progress->pipeline,
         .extent = extent,
@@ -49,7 +48,7 @@ static sgsi_density_options density_options(sgs_trainer *trainer, int iteration,
         .final_prune = final_prune,
         .importance = scores ? scores->importance : NULL,
         .prune_score = scores ? scores->prune_score : NULL,
-        .gradient_threshold = gradient_threshold,
+        .gradient_threshold = spare->tau_gradient,
         .opacity_min = 0.005,
         .size_split = 0.01 * extent,
         .size_max =
@@ -59,7 +58,7 @@ static sgsi_density_options density_options(sgs_trainer *trainer, int iteration,
         .iteration = iteration,
         .spare_densify = (o->spare & SGS_SPARE_BMD) && !final_prune,
         .spare_prune = (o->spare & SGS_SPARE_RAP) && !rests && !final_prune,
-        .spare = spare_settings(o, gradient_threshold)};
+        .spare = spare};
 }
 
 // Takes over the list of regions.
@@ -96,10 +95,15 @@ sgs_status sgsi_trainer_update_structure(sgs_trainer *trainer, int iteration,
 {
     const double start = sgsi_seconds();
     sgsi_progress *progress = &trainer->progress;
-    const sgsi_density_options options = density_options(trainer, iteration, scores);
+    const spare_options spare =
+        spare_settings(&trainer->options, 2e-4 * trainer->schedule.threshold_factor);
+    const sgsi_density_options options = density_options(trainer, iteration, scores, &spare);
+    const sgsi_density_rows rows = {.model = trainer->model,
+                                    .m = &trainer->m,
+                                    .v = &trainer->v,
+                                    .statistics = &trainer->statistics};
     sgsi_density_result result;
-    sgs_status status = sgsi_density_update(trainer->model, &trainer->m, &trainer->v,
-                                            &trainer->statistics, &options, &result);
+    sgs_status status = sgsi_density_update(&rows, trainer->pipeline, &options, &result);
     keep_regions(trainer, iteration, &result);
     if (!status)
         status = sgsi_trainer_reserve_accumulated_grad(trainer);

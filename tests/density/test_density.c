@@ -16,11 +16,13 @@
 #include "base/core.h"
 #include "density/density.h"
 #include "density/pipeline.h"
+#include "spare/spare.h"
 
 typedef struct fixture {
     sgs_gaussians *model;
     float *m, *v;
     sgsi_statistics statistics;
+    spare_options spare;
     sgsi_density_options options;
     sgsi_density_result result;
 } fixture;
@@ -33,14 +35,13 @@ static fixture make(size_t count)
     f.m = sgsi_calloc(f.model->capacity, SGS_PARAM_COUNT * sizeof(float));
     f.v = sgsi_calloc(f.model->capacity, SGS_PARAM_COUNT * sizeof(float));
     assert_int_equal(sgsi_statistics_reserve(&f.statistics, f.model->capacity), SGS_STATUS_OK);
-    f.options = (sgsi_density_options){.pipeline = &sgsi_pipeline_3dgs,
-                                       .gradient_threshold = 2e-4,
+    f.options = (sgsi_density_options){.gradient_threshold = 2e-4,
                                        .opacity_min = 0.005,
                                        .size_split = 0.1,
                                        .size_max = INFINITY,
                                        .seed = 1,
-                                       .iteration = 600,
-                                       .spare = spare_options_default()};
+                                       .iteration = 600};
+    f.spare = spare_options_default();
     for (size_t i = 0; i < count; ++i) {
         float p[SGS_PARAM_COUNT] = {0};
         p[SGS_PARAM_MEAN] = (float)sgsi_random_uniform(9, 3 * i);
@@ -73,10 +74,11 @@ static void drop(fixture *f)
 
 static void update(fixture *f)
 {
+    const sgsi_density_rows rows = {f->model, &f->m, &f->v, &f->statistics};
     sgsi_free(f->result.region_list);
-    assert_int_equal(
-        sgsi_density_update(f->model, &f->m, &f->v, &f->statistics, &f->options, &f->result),
-        SGS_STATUS_OK);
+    f->options.spare = &f->spare;
+    assert_int_equal(sgsi_density_update(&rows, &sgsi_pipeline_3dgs, &f->options, &f->result),
+                     SGS_STATUS_OK);
 }
 
 static size_t rows_of(const fixture *f, float tag, size_t rows[8])

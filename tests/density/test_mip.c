@@ -18,6 +18,7 @@
 #include <cmocka.h>
 
 #include "model/filter_3d.h"
+#include "density/density.h"
 #include "density/pipeline.h"
 #include "reference/reference.h"
 #include "support/tracer_support.h"
@@ -197,11 +198,8 @@ static void absolute_gradients_select_as_many_as_signed_ones(void **state)
                                     .removed = removed,
                                     .prune_children = prune_children,
                                     .priority = priority};
-    const sgsi_density_options options = {.pipeline = &sgsi_pipeline_mip,
-                                          .gradient_threshold = 2e-4,
-                                          .opacity_min = 0.005,
-                                          .size_split = 0.1,
-                                          .size_max = INFINITY};
+    const sgsi_density_options options = {
+        .gradient_threshold = 2e-4, .opacity_min = 0.005, .size_split = 0.1, .size_max = INFINITY};
     sgsi_density_result result = {0};
     assert_int_equal(sgsi_pipeline_mip.decide(&options, &columns, &result), SGS_STATUS_OK);
     size_t by_absolute = 0, both = 0;

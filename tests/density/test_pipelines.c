@@ -14,7 +14,9 @@
 #include <string.h>
 #include <cmocka.h>
 
+#include "density/density.h"
 #include "density/pipeline.h"
+#include "spare/spare.h"
 #include "reference/reference.h"
 #include "support/tracer_support.h"
 
@@ -240,6 +242,8 @@ typedef struct fixture {
     sgsi_statistics statistics;
     sgs_train_options train;
     sgsi_pipeline_state state;
+    const sgsi_pipeline *pipeline;
+    spare_options spare;
     sgsi_density_options options;
     sgsi_density_result result;
 } fixture;
@@ -257,8 +261,7 @@ static fixture *make(const sgsi_pipeline *pipeline, size_t count, float gradient
     assert_int_equal(sgsi_statistics_reserve(&f->statistics, f->model->capacity), SGS_STATUS_OK);
     f->train = sgs_train_options_default();
     f->state.initial_count = (int64_t)count;
-    f->options = (sgsi_density_options){.pipeline = pipeline,
-                                        .train = &f->train,
+    f->options = (sgsi_density_options){.train = &f->train,
                                         .state = &f->state,
                                         .extent = 10,
                                         .update = 0,
@@ -273,8 +276,10 @@ static fixture *make(const sgsi_pipeline *pipeline, size_t count, float gradient
                                         .size_split = 0.1,
                                         .size_max = INFINITY,
                                         .seed = 1,
-                                        .iteration = 600,
-                                        .spare = spare_options_default()};
+                                        .iteration = 600};
+    f->pipeline = pipeline;
+    f->spare = spare_options_default();
+    f->options.spare = &f->spare;
     for (size_t i = 0; i < count; ++i) {
         float p[SGS_PARAM_COUNT] = {0};
         for (int k = 0; k < 3; ++k) {
@@ -305,9 +310,9 @@ static void drop(fixture *f)
 
 static size_t update(fixture *f)
 {
-    assert_int_equal(
-        sgsi_density_update(f->model, &f->m, &f->v, &f->statistics, &f->options, &f->result),
-        SGS_STATUS_OK);
+    const sgsi_density_rows rows = {f->model, &f->m, &f->v, &f->statistics};
+    assert_int_equal(sgsi_density_update(&rows, f->pipeline, &f->options, &f->result),
+                     SGS_STATUS_OK);
     return f->model->count;
 }
 

@@ -48,7 +48,7 @@ reports "--focus has no effect with --aperture 0"
 # orbits_are_level (up is most perpendicular to the right vectors of the captured cameras, found here by power iteration on
 # the inverse; the rolled mean up vector of this hand-held capture is far from it)
 run 0 render "$model" "$room" --orbit 5 --size 60x40 --aov rgba --save-cameras json,chan,usda -o "$temporary/level"
-check an_arc_is_reported grep -q 'orbit: an arc of' "$temporary/stderr"
+check an_arc_is_reported grep -q 'orbit: arc of' "$temporary/stderr"
 right='[.[] | [.rotation[0][0], .rotation[1][0], .rotation[2][0]]]' # columns of rotation are camera axes in the world
 jq -c "$right | .[]" "$model/cameras.json" | tr -d '[]' | awk -F, '
     { for (i = 1; i <= 3; ++i) for (j = 1; j <= 3; ++j) m[i, j] += $i * $j }

@@ -30,21 +30,22 @@ static sgs_status check_channels(const char *path, const sgs_exr_channel *channe
 {
     if (count < 1 || count > MAX_CHANNELS)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                         "%s: an EXR of %d channels cannot be written; 1 to %d can", path, count,
+                         "%s: %d channels are not supported in an EXR; 1 to %d are", path, count,
                          MAX_CHANNELS);
     for (int k = 0; k < count; ++k) {
         const sgs_exr_channel *channel = &channels[k];
         const size_t length = channel->name ? strlen(channel->name) : 0;
         if (length < 1 || length > MAX_NAME)
             return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                             "%s: the name of channel %d has %zu characters, not 1 to %d", path, k,
-                             length, MAX_NAME);
+                             "%s: the name of channel %d has %zu characters; 1 to %d are allowed",
+                             path, k, length, MAX_NAME);
         if (!channel->floats == !channel->uints)
             return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                             "%s: channel '%s' needs either floats or uints", path, channel->name);
+                             "%s: channel '%s' requires either floats or uints", path,
+                             channel->name);
         if (channel->uints && channel->half)
             return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                             "%s: channel '%s' is of integers and cannot be half", path,
+                             "%s: integer channel '%s' cannot be stored as half", path,
                              channel->name);
     }
     return SGS_STATUS_OK;
@@ -62,7 +63,7 @@ static sgs_status sort_channels(flat_image *image, const char *path,
     qsort(image->sorted, (size_t)count, sizeof *image->sorted, compare_names);
     for (int k = 1; k < count; ++k) {
         if (!compare_names(&image->sorted[k - 1], &image->sorted[k]))
-            return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: two channels are called '%s'", path,
+            return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: duplicate channel '%s'", path,
                              image->sorted[k]->name);
     }
     return SGS_STATUS_OK;
@@ -143,11 +144,10 @@ sgs_status sgs_exr_write(const char *path, const sgs_exr_info *info,
 {
     if (info->width < 1 || info->height < 1 || info->width > SGSI_EXR_MAX_SIDE ||
         info->height > SGSI_EXR_MAX_SIDE)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                         "%s: an image of %d x %d pixels cannot be written", path, info->width,
-                         info->height);
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: invalid image size %d x %d", path,
+                         info->width, info->height);
     if (info->compression < 0 || info->compression >= SGS_EXR_COMPRESSION_COUNT)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: EXR compression %d is unknown", path,
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: unknown EXR compression %d", path,
                          (int)info->compression);
     sgs_status status = check_channels(path, channels, channel_count);
     if (status)

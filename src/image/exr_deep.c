@@ -126,9 +126,8 @@ sgs_status sgs_exr_deep_open(const char *path, const sgs_exr_info *info, int max
     *deep = NULL;
     if (info->width < 1 || info->height < 1 || info->width > SGSI_EXR_MAX_SIDE ||
         info->height > SGSI_EXR_MAX_SIDE)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                         "%s: an image of %d x %d pixels cannot be written", path, info->width,
-                         info->height);
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: invalid image size %d x %d", path,
+                         info->width, info->height);
     sgs_exr_deep *made = sgsi_calloc(1, sizeof *made);
     if (made)
         made->path = sgsi_strdup(path);

@@ -92,10 +92,9 @@ sgs_status sgsi_image_check_complete(const char *path)
     else if (got == 4 && !memcmp(start, "\x89PNG", 4))
         truncated = png_ends_early(stream);
     fclose(stream);
-    return truncated
-               ? sgsi_fail(SGS_STATUS_FORMAT,
-                           "%s: ends before its picture does; it is truncated: copy it again", path)
-               : SGS_STATUS_OK;
+    return truncated ? sgsi_fail(SGS_STATUS_FORMAT,
+                                 "%s: the image file is truncated; copy it again", path)
+                     : SGS_STATUS_OK;
 }
 
 sgs_status sgs_image8_read(const char *path, sgs_image8 *image)
@@ -236,7 +235,7 @@ sgs_status sgs_image8_downscale(const sgs_image8 *image, int out_width, int out_
     *out = (sgs_image8){0};
     if (out_width < 1 || out_height < 1 || out_width > image->width || out_height > image->height)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                         "an image of %d x %d pixels cannot be reduced to %d x %d", image->width,
+                         "cannot reduce an image of %d x %d pixels to %d x %d", image->width,
                          image->height, out_width, out_height);
     const size_t width = (size_t)image->width;
     uint64_t *row_sums = sgsi_alloc(width + 2 * (size_t)out_width, sizeof *row_sums);
@@ -261,11 +260,10 @@ sgs_status sgs_image8_downscale(const sgs_image8 *image, int out_width, int out_
 sgs_status sgs_png_write(const char *path, const sgs_image8 *image)
 {
     if (image->channels != 1 && image->channels != 3 && image->channels != 4)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                         "%s: an image of %d channels cannot be written as PNG", path,
-                         image->channels);
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: %d channels are not supported in a PNG",
+                         path, image->channels);
     if (image->width < 1 || image->height < 1 || !image->pixels)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: an empty image cannot be written as PNG",
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: cannot write an empty image as PNG",
                          path);
     uint8_t *bytes;
     size_t size;

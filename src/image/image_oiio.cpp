@@ -72,7 +72,7 @@ std::string one_line(std::string text)
 
 sgs_status unreadable(const char *path, const std::string &reason)
 {
-    return sgsi_fail(SGS_STATUS_FORMAT, "%s: cannot be read as an image: %s", path,
+    return sgsi_fail(SGS_STATUS_FORMAT, "%s: cannot read the image: %s", path,
                      one_line(reason).c_str());
 }
 
@@ -124,7 +124,7 @@ sgs_status open_image(const char *path, std::unique_ptr<OIIO::ImageInput> &input
     OIIO::ImageSpec config;
     config.attribute("oiio:UnassociatedAlpha", 1);
     if (!OIIO::Filesystem::exists(path))
-        return sgsi_fail(SGS_STATUS_IO, "%s: there is no such file", path);
+        return sgsi_fail(SGS_STATUS_IO, "%s: no such file", path);
     if (!OIIO::Filesystem::is_regular(path))
         return sgsi_fail(SGS_STATUS_IO, "%s: is not a regular file", path);
     auto opened = OIIO::ImageInput::open(path, &config);
@@ -134,12 +134,11 @@ sgs_status open_image(const char *path, std::unique_ptr<OIIO::ImageInput> &input
     const OIIO::ImageSpec &spec = opened->spec();
     if (spec.width < 1 || spec.height < 1 || spec.width > max_size || spec.height > max_size ||
         int64_t(spec.width) * spec.height > max_pixels)
-        return sgsi_fail(
-            SGS_STATUS_LIMIT,
-            "%s: has %d x %d pixels; at most %d on a side and 2^30 in all are accepted", path,
-            spec.width, spec.height, max_size);
+        return sgsi_fail(SGS_STATUS_LIMIT,
+                         "%s: %d x %d pixels exceed the limit of %d per side and 2^30 in total",
+                         path, spec.width, spec.height, max_size);
     if (spec.deep || spec.nchannels < 1 || spec.depth > 1)
-        return sgsi_fail(SGS_STATUS_UNSUPPORTED, "%s: is not a flat two-dimensional image", path);
+        return sgsi_fail(SGS_STATUS_UNSUPPORTED, "%s: not a flat two-dimensional image", path);
     layout = layout_of(spec);
     input = std::move(opened);
     return SGS_STATUS_OK;
@@ -328,8 +327,7 @@ sgs_status choose_colors(const char *path, const OIIO::ImageSpec &spec, const ch
         colors.processor = config.createColorProcessor(space, "linear");
     if (!colors.processor)
         return sgsi_fail(SGS_STATUS_UNSUPPORTED,
-                         "%s: nobody here knows the colour space '%s'; choose with "
-                         "--input-colorspace from %s",
+                         "%s: unknown colour space '%s'; choose with --input-colorspace from %s",
                          path, one_line(space).c_str(), color_spaces(config).c_str());
     return SGS_STATUS_OK;
 }
@@ -344,7 +342,7 @@ sgs_status open_photo(const char *path, const char *colorspace,
     layout.type = OIIO::TypeDesc::FLOAT;
     if (std::strcmp(input->format_name(), "openexr") == 0 && !find_exr_channels(spec, layout))
         return sgsi_fail(SGS_STATUS_UNSUPPORTED,
-                         "%s: has no colour channels R, G, B or Y; its channels are %s", path,
+                         "%s: no colour channels R, G, B or Y; the channels are %s", path,
                          joined(spec.channelnames).c_str());
     return choose_colors(path, spec, colorspace, colors);
 }
@@ -492,12 +490,13 @@ sgs_status sgsi_oiio_png_encode(const char *path, const sgs_image8 *image, uint8
         OIIO::Filesystem::IOVecOutput memory(encoded);
         auto output = OIIO::ImageOutput::create("png");
         if (!output || !output->supports("ioproxy") || !output->set_ioproxy(&memory))
-            return sgsi_fail(SGS_STATUS_UNSUPPORTED, "%s: this OpenImageIO cannot write PNG", path);
+            return sgsi_fail(SGS_STATUS_UNSUPPORTED,
+                             "%s: this build of OpenImageIO cannot write PNG", path);
         OIIO::ImageSpec spec(image->width, image->height, image->channels, OIIO::TypeDesc::UINT8);
         spec.attribute("oiio:UnassociatedAlpha", 1);
         spec.attribute("oiio:ColorSpace", "sRGB");
         if (!output->open("memory.png", spec))
-            return sgsi_fail(SGS_STATUS_IO, "%s: cannot be encoded: %s", path,
+            return sgsi_fail(SGS_STATUS_IO, "%s: encoding failed: %s", path,
                              one_line(output->geterror()).c_str());
         std::vector<unsigned char> row(width * channels);
         for (int y = 0; y < image->height; ++y) {
@@ -585,7 +584,8 @@ sgs_status sgsi_oiio_dwaa_encode(const char *path, const sgs_exr_info *info,
         OIIO::Filesystem::IOVecOutput memory(encoded);
         auto output = OIIO::ImageOutput::create("openexr");
         if (!output || !output->supports("ioproxy") || !output->set_ioproxy(&memory))
-            return sgsi_fail(SGS_STATUS_UNSUPPORTED, "%s: this OpenImageIO cannot write EXR", path);
+            return sgsi_fail(SGS_STATUS_UNSUPPORTED,
+                             "%s: this build of OpenImageIO cannot write EXR", path);
         const OIIO::ImageSpec spec = describe_exr(*info, channels, channel_count);
         if (!output->open("memory.exr", spec))
             return sgsi_fail(SGS_STATUS_IO, "%s: cannot be encoded: %s", path,

@@ -52,8 +52,9 @@ sgs_status sgsi_mask_find(const char *root, const char *folder, const char *imag
     }
     if (memory && !*path && !folder)
         memory = use_if_file(sgsi_format("%s/%.*s%s", image_folder, stem, name, suffix), path);
-    return memory ? SGS_STATUS_OK
-                  : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to look for its mask", name);
+    return memory
+               ? SGS_STATUS_OK
+               : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to search for its mask", name);
 }
 
 static void set_all(uint16_t *valid_mask, int width, int height)
@@ -108,11 +109,10 @@ sgs_status sgsi_mask_apply_file(sgs_photo *photo, const char *mask_path, const c
     // Downscaled photographs may have full-size masks; their sizes were rounded to whole pixels.
     const double width = (double)mask.width * file_height / mask.height;
     if (mask.width < file_width || width < file_width - 1.0 || width > file_width + 1.0)
-        status =
-            sgsi_fail(SGS_STATUS_FORMAT,
-                      "%s: has %d x %d pixels, but its photograph %s has %d x %d; make them the "
-                      "same size",
-                      mask_path, mask.width, mask.height, photo_path, file_width, file_height);
+        status = sgsi_fail(
+            SGS_STATUS_FORMAT,
+            "%s: the mask has %d x %d pixels, but its photograph %s has %d x %d; use the same size",
+            mask_path, mask.width, mask.height, photo_path, file_width, file_height);
     if (!status)
         status = sgsi_mask_begin(photo);
     const size_t plane = (size_t)mask.width * (size_t)mask.height;

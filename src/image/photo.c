@@ -206,7 +206,8 @@ static sgs_status read_photo(const sgsi_photo_source *source, sgs_photo *photo, 
         status = sgsi_oiio_describe(source->image_path, source->colorspace, &info);
     if (!status && (info.width < source->width || info.height < source->height))
         status = sgsi_fail(
-            SGS_STATUS_FORMAT, "%s: has %d x %d pixels now, too few for %d x %d; was it replaced?",
+            SGS_STATUS_FORMAT,
+            "%s: now has %d x %d pixels, fewer than the required %d x %d; was the file replaced?",
             source->image_path, info.width, info.height, source->width, source->height);
     if (status)
         return status;

@@ -131,8 +131,7 @@ sgs_status sgsi_photo_cache_create(const sgsi_photo_source *sources, const size_
         pthread_mutex_destroy(&made->lock);
         sgsi_free(made);
         *cache = NULL;
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
-                         "the thread of the image cache cannot be started");
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "cannot start the thread of the image cache");
     }
     return SGS_STATUS_OK;
 }

@@ -147,12 +147,13 @@ static sgs_status check(const sgsi_loss_input *input, const sgsi_loss_output *ou
     if (target->width != input->width || target->height != input->height || target->channels < 3 ||
         target->channels > 4)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                         "loss: a %d x %d image against a %d x %d target of %d channels",
+                         "loss: %d x %d image does not match the %d x %d target with %d channels",
                          input->width, input->height, target->width, target->height,
                          target->channels);
     if (input->stride % 16 || input->stride < (size_t)input->width)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "loss: rows of %zu floats for a width of %d",
-                         input->stride, input->width);
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                         "loss: stride of %zu floats is less than the width %d", input->stride,
+                         input->width);
     return SGS_STATUS_OK;
 }
 

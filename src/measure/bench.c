@@ -101,7 +101,7 @@ sgs_status sgs_bench_create(const sgs_gaussians *model, const sgs_view *views, s
     *bench = NULL;
     if (view_count < 1 || view_count > VIEWS_MAX || !model->count)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                         "a bench takes 1 to %d views of a model with primitives", VIEWS_MAX);
+                         "a bench requires 1 to %d views and a model with primitives", VIEWS_MAX);
     sgs_bench *made = sgsi_calloc(1, sizeof *made);
     if (!made)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a bench");

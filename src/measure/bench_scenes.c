@@ -24,11 +24,11 @@ typedef struct recipe {
 } recipe;
 
 static const recipe recipes[] = {
-    {"sparse-32k", "32 thousand primitives, as after a short training at low resolution", 32768,
+    {"sparse-32k", "32 thousand primitives, typical of a short training at low resolution", 32768,
      6.0},
-    {"dense-500k", "500 thousand primitives, as after a full training", 500000, 1.75},
+    {"dense-500k", "500 thousand primitives, typical of a full training", 500000, 1.75},
     {"dense-2m",
-     "2 million primitives, most of them hidden: about 300 hits per ray if rays did not stop",
+     "2 million primitives, mostly hidden: about 300 hits per ray without early termination",
      2000000, 1.38},
 };
 
@@ -283,7 +283,7 @@ sgs_status sgs_bench_scene_create(const char *name, uint64_t seed, sgs_bench_sce
         if (!strcmp(recipes[i].name, name))
             chosen = &recipes[i];
     if (!chosen)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "there is no bench scene '%s'", name);
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "unknown bench scene '%s'", name);
     sgs_bench_scene *made = sgsi_calloc(1, sizeof *made);
     if (!made)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a bench scene");

@@ -348,8 +348,9 @@ static sgs_status sample_rays(profile_job *job)
     const int samples = job->options.samples;
     sample_job *sampling = sgsi_calloc(1, sizeof *sampling);
     sgsi_tracer *tracer = NULL;
-    sgs_status status = sampling ? sgsi_tracer_create(&tracer)
-                                 : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to follow rays");
+    sgs_status status = sampling
+                            ? sgsi_tracer_create(&tracer)
+                            : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to trace sample rays");
     if (!status)
         status = sgsi_tracer_project(tracer, job->model, &job->view, NULL, NULL);
     if (sampling && !status) {
@@ -383,11 +384,12 @@ static sgs_status check_options(const sgs_profile_options *o, const sgs_render_o
         !(o->step >= 0))
         return sgsi_fail(
             SGS_STATUS_INVALID_ARGUMENT,
-            "a profile takes refits >= 0, repeat >= 1, 0 to %d samples and a step >= 0",
+            "a profile requires refits >= 0, repeat >= 1, 0 to %d samples and step >= 0",
             SAMPLES_MAX);
     if (render->filter_3d)
-        return sgsi_fail(SGS_STATUS_UNSUPPORTED, "a profile takes models with the 3D filter in "
-                                                 "their scales, as PLY files have it");
+        return sgsi_fail(
+            SGS_STATUS_UNSUPPORTED,
+            "a profile requires a model with the 3D filter fused into its scales, as in PLY files");
     if (render->compact_box != 1.0)
         return sgsi_fail(SGS_STATUS_UNSUPPORTED,
                          "a profile counts hits of whole supports: compact_box must be 1");

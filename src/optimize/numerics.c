@@ -18,8 +18,8 @@ void sgsi_skip_step(sgsi_skipped *skipped, int iteration, const char *view, doub
 {
     ++skipped->steps;
     if (is_due(skipped))
-        sgsi_warn("iteration %d, view %s: the loss is %g; the step is skipped (%llu so far)",
-                  iteration, view, loss, (unsigned long long)skipped->steps);
+        sgsi_warn("iteration %d, view %s: loss is %g; step skipped (%llu so far)", iteration, view,
+                  loss, (unsigned long long)skipped->steps);
 }
 
 // First row that the kernel rejects, or count.
@@ -58,9 +58,8 @@ void sgsi_skip_gradients(sgsi_skipped *skipped, int iteration, const char *view,
     const size_t first = first_rejected(input);
     const float *mean = input->params + first / 16 * SGS_PARAM_COUNT * SGS_LANES + first % 16;
     if (first < input->count)
-        sgsi_warn("iteration %d, view %s: the gradients of %zu primitive(s) are not finite, the "
-                  "first is primitive %zu at "
-                  "(%g, %g, %g); they are left as they were (%llu so far)",
+        sgsi_warn("iteration %d, view %s: non-finite gradients of %zu primitive(s), first "
+                  "primitive %zu at (%g, %g, %g); their update is skipped (%llu so far)",
                   iteration, view, rows, first, (double)mean[0], (double)mean[16], (double)mean[32],
                   (unsigned long long)skipped->gradients);
 }

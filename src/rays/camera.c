@@ -109,7 +109,7 @@ bool sgs_camera_is_fisheye(sgs_camera_model model)
 sgs_status sgs_camera_validate(const sgs_camera *camera)
 {
     if (!model_known(camera->model))
-        return sgsi_fail(SGS_STATUS_FORMAT, "camera model %d is unknown", (int)camera->model);
+        return sgsi_fail(SGS_STATUS_FORMAT, "unknown camera model %d", (int)camera->model);
     if (camera->width < 1 || camera->height < 1 || camera->width > MAX_SIZE ||
         camera->height > MAX_SIZE)
         return sgsi_fail(SGS_STATUS_FORMAT, "camera size %d x %d is not within 1 to %d pixels",
@@ -125,7 +125,7 @@ sgs_status sgs_camera_validate(const sgs_camera *camera)
     }
     if (camera->model == SGS_CAMERA_FOV && !(fabs(camera->params[4]) < PI))
         return sgsi_fail(SGS_STATUS_FORMAT,
-                         "field-of-view parameter %g of the FOV camera is not below pi",
+                         "field-of-view parameter %g of the FOV camera is not less than pi",
                          camera->params[4]);
     return SGS_STATUS_OK;
 }

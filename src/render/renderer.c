@@ -79,8 +79,7 @@ sgs_status sgs_frame_create_with(int width, int height, unsigned planes, sgs_fra
 {
     *frame = (sgs_frame){0};
     if (width < 1 || height < 1)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "a frame of %dx%d pixels is empty", width,
-                         height);
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "invalid frame size %dx%d", width, height);
     const frame_planes list = frame_plane_list(frame);
     const double pixels = (double)width * height, machine = (double)sgs_machine_memory();
     double bytes = 0;
@@ -88,8 +87,8 @@ sgs_status sgs_frame_create_with(int width, int height, unsigned planes, sgs_fra
         bytes += !list.bit[i] || planes & list.bit[i] ? pixels * sizeof(float) : 0;
     if (bytes > machine)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
-                         "a frame of %dx%d pixels takes more than %.0f GiB, and this machine has "
-                         "%.0f GiB; choose a smaller size",
+                         "a frame of %dx%d pixels requires more than %.1f GiB, but the machine has "
+                         "%.1f GiB; use a smaller size",
                          width, height, bytes / 0x1p30, machine / 0x1p30);
     for (int i = 0; i < PLANE_COUNT; ++i) {
         if (list.bit[i] && !(planes & list.bit[i]))
@@ -248,11 +247,11 @@ static sgs_status begin_view(sgs_renderer *renderer, const sgs_camera *camera, c
     renderer->differentiable = false;
     if (frame->width != camera->width || frame->height != camera->height)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                         "the frame is %dx%d pixels but its camera %dx%d", frame->width,
+                         "frame size %dx%d differs from the camera's, %dx%d", frame->width,
                          frame->height, camera->width, camera->height);
     if (options->filter != SGS_FILTER_3DGS && options->filter != SGS_FILTER_NONE &&
         options->filter != SGS_FILTER_MIP)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "pixel filter %d is unknown",
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "unknown pixel filter %d",
                          (int)options->filter);
     if (options->sh_degree < 0 || options->sh_degree > 3 || !(options->near_distance >= 0.0))
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
@@ -346,7 +345,7 @@ sgs_status sgs_renderer_render_deep(sgs_renderer *renderer, const sgs_camera *ca
     if (!(deep->tolerance >= 0 && deep->tolerance <= 1) || deep->max_samples < 1 ||
         deep->max_samples > 256)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                         "a deep tolerance of %g or %d samples per pixel is out of range",
+                         "deep tolerance %g or %d samples per pixel is out of range",
                          deep->tolerance, deep->max_samples);
     sgsi_view view;
     status = begin_view(renderer, camera, pose, &own, frame, &view);

@@ -71,17 +71,16 @@ static sgs_status add_camera(loader *l, uint32_t id, int model, uint64_t width, 
     const unsigned long long place = l->place;
     if (width < 1 || height < 1 || width > MAX_SIZE || height > MAX_SIZE)
         return sgsi_fail(SGS_STATUS_FORMAT,
-                         "%s: %s %llu: camera %u has the size %llu x %llu, not 1 to %d pixels; is "
-                         "the file damaged?",
+                         "%s: %s %llu: camera %u has size %llu x %llu, not within 1 to %d pixels; "
+                         "the file may be damaged",
                          l->path, l->unit, place, id, (unsigned long long)width,
                          (unsigned long long)height, MAX_SIZE);
     sgs_camera camera = {
         .model = (sgs_camera_model)model, .width = (int)width, .height = (int)height};
     memcpy(camera.params, params, (size_t)sgs_camera_param_count(camera.model) * sizeof *params);
     if (sgs_camera_validate(&camera))
-        return sgsi_fail(SGS_STATUS_FORMAT,
-                         "%s: %s %llu: camera %u: %s; estimate this camera again", l->path, l->unit,
-                         place, id, sgs_last_error());
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: %s %llu: camera %u: %s; recalibrate this camera",
+                         l->path, l->unit, place, id, sgs_last_error());
     if (!grow((void **)&l->cameras, l->camera_count, &l->camera_capacity, sizeof *l->cameras))
         return no_memory(l);
     l->cameras[l->camera_count++] = (camera_entry){.id = id, .camera = camera, .place = l->place};
@@ -98,7 +97,7 @@ static sgs_status finish_cameras(loader *l)
 {
     if (l->camera_count == 0)
         return sgsi_fail(SGS_STATUS_FORMAT,
-                         "%s: holds no camera; run COLMAP's mapper again or choose another model",
+                         "%s: contains no cameras; rerun COLMAP's mapper or use another model",
                          l->path);
     qsort(l->cameras, l->camera_count, sizeof *l->cameras, camera_order);
     for (size_t i = 1; i < l->camera_count; ++i) {
@@ -106,9 +105,9 @@ static sgs_status finish_cameras(loader *l)
         if (a->id == b->id)
             return sgsi_fail(
                 SGS_STATUS_FORMAT,
-                "%s: %s %llu: camera id %u is already used at %s %llu; keep one of them", l->path,
-                l->unit, (unsigned long long)(a->place > b->place ? a->place : b->place), a->id,
-                l->unit, (unsigned long long)(a->place > b->place ? b->place : a->place));
+                "%s: %s %llu: duplicate camera id %u, first used at %s %llu; keep one of them",
+                l->path, l->unit, (unsigned long long)(a->place > b->place ? a->place : b->place),
+                a->id, l->unit, (unsigned long long)(a->place > b->place ? b->place : a->place));
     }
     return SGS_STATUS_OK;
 }
@@ -130,21 +129,19 @@ static sgs_status add_image(loader *l, uint32_t id, const double pose[7], uint32
         return sgsi_fail(SGS_STATUS_FORMAT,
                          "%s: %s %llu: the name of image %u %s ('%.200s'); rename it in the model",
                          l->path, l->unit, place, id, problem,
-                         strcmp(problem, "holds control characters") ? name : "not shown");
+                         strcmp(problem, "contains control characters") ? name : "not shown");
     if (sgs_pose_from_quaternion(pose, pose + 4, &frame->pose))
         return sgsi_fail(SGS_STATUS_FORMAT,
-                         "%s: %s %llu: image %u '%.200s': %s; remove the image from the model or "
-                         "register it again",
+                         "%s: %s %llu: image %u '%.200s': %s; remove or re-register the image",
                          l->path, l->unit, place, id, frame->name, sgs_last_error());
     const camera_entry key = {.id = camera_id};
     const camera_entry *entry =
         bsearch(&key, l->cameras, l->camera_count, sizeof key, camera_order);
     if (!entry)
-        return sgsi_fail(
-            SGS_STATUS_FORMAT,
-            "%s: %s %llu: image %u '%.200s' uses camera %u, which the cameras file does not hold; "
-            "take both files from the same model",
-            l->path, l->unit, place, id, frame->name, camera_id);
+        return sgsi_fail(SGS_STATUS_FORMAT,
+                         "%s: %s %llu: image %u '%.200s' refers to camera %u, which is missing in "
+                         "the cameras file; use files of the same model",
+                         l->path, l->unit, place, id, frame->name, camera_id);
     frame->camera = entry->camera;
     return SGS_STATUS_OK;
 }
@@ -152,10 +149,10 @@ static sgs_status add_image(loader *l, uint32_t id, const double pose[7], uint32
 static sgs_status finish_images(loader *l)
 {
     if (l->dataset->frame_count == 0)
-        return sgsi_fail(SGS_STATUS_FORMAT,
-                         "%s: holds no registered image; run COLMAP's mapper again or choose "
-                         "another model",
-                         l->path);
+        return sgsi_fail(
+            SGS_STATUS_FORMAT,
+            "%s: contains no registered images; rerun COLMAP's mapper or use another model",
+            l->path);
     return sgsi_dataset_check_names(l->dataset, l->path, l->unit);
 }
 
@@ -183,9 +180,8 @@ static sgs_status add_point(loader *l, const double xyz[3], const uint8_t rgb[3]
 static void finish_points(const loader *l)
 {
     if (l->points_dropped)
-        sgsi_warn(
-            "%s: %s %llu: %zu point(s) that are not finite numbers are dropped, the first one here",
-            l->path, l->unit, (unsigned long long)l->first_dropped, l->points_dropped);
+        sgsi_warn("%s: %s %llu: dropped %zu non-finite point(s), the first one here", l->path,
+                  l->unit, (unsigned long long)l->first_dropped, l->points_dropped);
 }
 
 // ---- Binary -------------------------------------------------------------------------------------
@@ -224,8 +220,8 @@ static const uint8_t *take(bytes *b, uint64_t count)
 static sgs_status truncated(const loader *l, const bytes *b, const char *what)
 {
     return sgsi_fail(SGS_STATUS_FORMAT,
-                     "%s: byte %zu: the file ends inside of %s; it is truncated: copy or export it "
-                     "again",
+                     "%s: byte %zu: unexpected end of file in %s; the file is truncated: copy or "
+                     "export it again",
                      l->path, b->at, what);
 }
 
@@ -238,12 +234,11 @@ static sgs_status take_count(const loader *l, bytes *b, size_t min_bytes, const 
         return truncated(l, b, "its first count");
     *count = decode(p, 8);
     if (*count > (b->size - b->at) / min_bytes)
-        return sgsi_fail(
-            SGS_STATUS_FORMAT,
-            "%s: byte 0: announces %llu %s, but the %zu bytes that follow can hold %zu at most; "
-            "the file is truncated or damaged: copy or export it again",
-            l->path, (unsigned long long)*count, what, b->size - b->at,
-            (b->size - b->at) / min_bytes);
+        return sgsi_fail(SGS_STATUS_FORMAT,
+                         "%s: byte 0: declares %llu %s, but the remaining %zu bytes can hold at "
+                         "most %zu; the file is truncated or damaged: copy or export it again",
+                         l->path, (unsigned long long)*count, what, b->size - b->at,
+                         (b->size - b->at) / min_bytes);
     return SGS_STATUS_OK;
 }
 
@@ -269,9 +264,8 @@ static sgs_status read_camera_binary(loader *l, bytes *b)
     const int param_count = sgs_camera_param_count((sgs_camera_model)model);
     if (param_count == 0)
         return sgsi_fail(SGS_STATUS_UNSUPPORTED,
-                         "%s: byte %llu: camera model %d is unknown; COLMAP's models 0 to %d are "
-                         "read: undistort "
-                         "the images or calibrate with one of these",
+                         "%s: byte %llu: unknown camera model %d; COLMAP's models 0 to %d are "
+                         "supported: undistort the images or use one of these",
                          l->path, (unsigned long long)l->place + 4, model,
                          SGS_CAMERA_MODEL_COUNT - 1);
     const uint8_t *raw = take(b, 8 * (uint64_t)param_count);
@@ -309,9 +303,8 @@ static sgs_status read_image_binary(loader *l, bytes *b)
     const uint64_t n = decode(observations, 8);
     if (n > (b->size - b->at) / 24)
         return sgsi_fail(SGS_STATUS_FORMAT,
-                         "%s: byte %zu: image %u announces %llu 2-D points, but only %zu bytes are "
-                         "left; the file "
-                         "is truncated or damaged: copy or export it again",
+                         "%s: byte %zu: image %u declares %llu 2-D points, but only %zu bytes are "
+                         "left; the file is truncated or damaged: copy or export it again",
                          l->path, b->at - 8, (unsigned)decode(p, 4), (unsigned long long)n,
                          b->size - b->at);
     b->at += 24 * (size_t)n;
@@ -331,12 +324,12 @@ static sgs_status read_point_binary(loader *l, bytes *b)
         return truncated(l, b, "a point");
     const uint64_t track = decode(p + 43, 8);
     if (track > (b->size - b->at) / 8)
-        return sgsi_fail(SGS_STATUS_FORMAT,
-                         "%s: byte %zu: point %llu announces a track of %llu images, but only %zu "
-                         "bytes are left; "
-                         "the file is truncated or damaged: copy or export it again",
-                         l->path, b->at - 8, (unsigned long long)decode(p, 8),
-                         (unsigned long long)track, b->size - b->at);
+        return sgsi_fail(
+            SGS_STATUS_FORMAT,
+            "%s: byte %zu: point %llu declares a track of %llu images, but only %zu bytes are "
+            "left; the file is truncated or damaged: copy or export it again",
+            l->path, b->at - 8, (unsigned long long)decode(p, 8), (unsigned long long)track,
+            b->size - b->at);
     b->at += 8 * (size_t)track;
     const double xyz[3] = {decode_double(p + 8), decode_double(p + 16), decode_double(p + 24)};
     return add_point(l, xyz, p + 32);
@@ -422,16 +415,16 @@ static sgs_status bad_line(const loader *l, const char *expected)
 {
     return sgsi_fail(
         SGS_STATUS_FORMAT,
-        "%s: line %llu: is not of the form %s; the file is truncated or damaged: export "
-        "it again",
-        l->path, (unsigned long long)l->place, expected);
+        "%s: line %llu: expected %s; the file is truncated or damaged: export it again", l->path,
+        (unsigned long long)l->place, expected);
 }
 
 static void check_announced(const loader *l, const lines *t, uint64_t count, const char *what)
 {
     if (t->announced != UINT64_MAX && t->announced != count)
-        sgsi_warn("%s: its header announces %llu %s, but it holds %llu; is the file complete?",
-                  l->path, (unsigned long long)t->announced, what, (unsigned long long)count);
+        sgsi_warn(
+            "%s: the header declares %llu %s, but the file contains %llu; is the file complete?",
+            l->path, (unsigned long long)t->announced, what, (unsigned long long)count);
 }
 
 static sgs_status read_cameras_text(loader *l, lines *t)
@@ -449,9 +442,8 @@ static sgs_status read_cameras_text(loader *l, lines *t)
             return bad_line(l, form);
         if (!sgs_camera_model_from_name(name, &model))
             return sgsi_fail(SGS_STATUS_UNSUPPORTED,
-                             "%s: line %llu: camera model '%.64s' is unknown; the models of COLMAP "
-                             "3.8 are read: "
-                             "undistort the images or calibrate with one of these",
+                             "%s: line %llu: unknown camera model '%.64s'; the models of COLMAP "
+                             "3.8 are supported: undistort the images or use one of these",
                              l->path, (unsigned long long)l->place, name);
         if (!word_integer(&line, UINT64_MAX, &width) || !word_integer(&line, UINT64_MAX, &height))
             return bad_line(l, form);
@@ -461,9 +453,8 @@ static sgs_status read_cameras_text(loader *l, lines *t)
             ++count;
         if (count < expected || next_word(&line))
             return sgsi_fail(SGS_STATUS_FORMAT,
-                             "%s: line %llu: camera model %s needs exactly %d numbers as "
-                             "parameters; export the model "
-                             "again",
+                             "%s: line %llu: camera model %s requires exactly %d parameters; "
+                             "export the model again",
                              l->path, (unsigned long long)l->place, name, expected);
         const sgs_status status = add_camera(l, (uint32_t)id, model, width, height, params);
         if (status)
@@ -592,16 +583,15 @@ static sgs_status read_file(loader *l, const char *folder, const char *name,
         status = binary(l, &b);
         if (!status && b.at < size)
             sgsi_warn(
-                "%s: byte %zu: %zu bytes behind the last record are ignored; is its count damaged?",
+                "%s: byte %zu: ignored %zu bytes after the last record; the file may be damaged",
                 path, b.at, size - b.at);
     } else if (!status) {
         const uint8_t *nul = memchr(content, 0, size);
         lines t = text_lines(content, size);
-        status =
-            nul ? sgsi_fail(SGS_STATUS_FORMAT,
-                            "%s: byte %zu: a zero byte; this is not a text file: export it again",
-                            path, (size_t)(nul - content))
-                : text(l, &t);
+        status = nul ? sgsi_fail(SGS_STATUS_FORMAT,
+                                 "%s: byte %zu: zero byte in a text file; export it again", path,
+                                 (size_t)(nul - content))
+                     : text(l, &t);
     }
     l->path = folder;
     sgsi_free(content);
@@ -622,8 +612,7 @@ static sgs_status read_model(loader *l, const char *folder, bool binary)
     const bool binary_points = file_present(folder, "points3D.bin"),
                text_points = file_present(folder, "points3D.txt");
     if (!binary_points && !text_points) {
-        sgsi_warn("%s: holds no points3D.%s: the model has no points", folder,
-                  binary ? "bin" : "txt");
+        sgsi_warn("%s: no points3D.%s; the model has no points", folder, binary ? "bin" : "txt");
         return SGS_STATUS_OK;
     }
     return read_file(l, folder, "points3D",

@@ -32,7 +32,7 @@ const char *sgsi_image_name_clean(char *name)
         return "is longer than 1024 bytes";
     for (char *c = name; *c; ++c) {
         if ((unsigned char)*c < 0x20 || *c == 0x7f)
-            return "holds control characters";
+            return "contains control characters";
         if (*c == '\\')
             *c = '/';
     }
@@ -76,11 +76,11 @@ sgs_status sgsi_dataset_check_names(const sgsi_dataset *dataset, const char *pat
     for (size_t i = 1; i < count && !status; ++i) {
         const sgsi_frame *a = order[i - 1], *b = order[i];
         if (!strcmp(a->name, b->name))
-            status = sgsi_fail(SGS_STATUS_FORMAT,
-                               "%s: %s %llu: image name '%s' is already used at %s %llu; give "
-                               "every image a name of its own",
-                               path, unit, (unsigned long long)b->place, b->name, unit,
-                               (unsigned long long)a->place);
+            status = sgsi_fail(
+                SGS_STATUS_FORMAT,
+                "%s: %s %llu: duplicate image name '%s', first used at %s %llu; use unique names",
+                path, unit, (unsigned long long)b->place, b->name, unit,
+                (unsigned long long)a->place);
     }
     sgsi_free(order);
     return status;

@@ -347,10 +347,9 @@ static sgs_status use_named_mask(const loader *l, size_t i)
     l->scene->views[i].mask_path = path;
     if (sgsi_is_file(path))
         return SGS_STATUS_OK;
-    return sgsi_fail(
-        SGS_STATUS_IO,
-        "%s: there is no such mask, which %s names for '%s'; --masks none does without", path,
-        l->files.model_path, l->scene->views[i].name);
+    return sgsi_fail(SGS_STATUS_IO,
+                     "%s: no such mask, named by %s for '%s'; use --masks none to ignore masks",
+                     path, l->files.model_path, l->scene->views[i].name);
 }
 
 // Finds the masks of all views. Mask folders are next to the image folder; --masks overrides masks
@@ -366,9 +365,8 @@ static sgs_status find_masks(loader *l)
                                      : sgsi_format("%s/%s", root, folder);
     sgs_status status = !folder || given ? SGS_STATUS_OK : sgsi_scene_no_memory(l->scene->path);
     if (given && !sgsi_is_folder(given))
-        status =
-            sgsi_fail(SGS_STATUS_IO,
-                      "%s: there is no such folder of masks; --masks none does without", given);
+        status = sgsi_fail(SGS_STATUS_IO,
+                           "%s: no such mask folder; use --masks none to ignore masks", given);
     static const char *const usual[] = {"masks", "mask"};
     for (size_t k = 0; k < (given ? 1 : 2) && !status; ++k) {
         char *place = given ? sgsi_strdup(given) : sgsi_format("%s/%s", root, usual[k]);
@@ -481,8 +479,8 @@ static bool is_usable(loader *l, size_t i, view_tally *tally)
     const slot *s = &l->slots[i];
     const sgs_view *view = &scene->views[i];
     if (s->report.pixels_broken && tally->broken++ < MAX_WARNINGS)
-        sgsi_warn("%s: %zu of its pixels are infinite or no number; they are ignored",
-                  view->image_path, s->report.pixels_broken);
+        sgsi_warn("%s: ignored %zu pixel(s) with infinite or NaN values", view->image_path,
+                  s->report.pixels_broken);
     scene->pixels_broken += s->report.pixels_broken;
     if (s->status) {
         if (scene->images_missing++ < MAX_WARNINGS)
@@ -491,7 +489,7 @@ static bool is_usable(loader *l, size_t i, view_tally *tally)
     }
     if (view->image.width && !view->image.kept) {
         if (tally->masked_out++ < MAX_WARNINGS)
-            sgsi_warn("%s: not one pixel of it counts; the view is skipped",
+            sgsi_warn("%s: mask excludes every pixel; the view is skipped",
                       view->mask_path ? view->mask_path : view->image_path);
         return false;
     }
@@ -531,33 +529,32 @@ static sgs_status report_no_views(const loader *l, size_t count, const view_tall
 {
     const sgs_scene *scene = l->scene;
     if (tally->masked_out)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                         "%s: no pixel of any image counts; are the masks the wrong way "
-                         "round (--invert-masks)?",
-                         scene->path);
+        return sgsi_fail(
+            SGS_STATUS_INVALID_ARGUMENT,
+            "%s: masks exclude every pixel of every image; masks inverted? (--invert-masks)",
+            scene->path);
     return sgsi_fail(
-        SGS_STATUS_IO, "%s: none of the %zu registered images can be read; the first: %s",
-        l->files.image_folder, count, l->slots[0].error ? l->slots[0].error : "no reason known");
+        SGS_STATUS_IO, "%s: none of the %zu registered images can be read; first error: %s",
+        l->files.image_folder, count, l->slots[0].error ? l->slots[0].error : "unknown error");
 }
 
 static void warn_about_views(const loader *l, const view_tally *tally)
 {
     const sgs_scene *scene = l->scene;
     if (!scene->masks && l->mask_folder)
-        sgsi_warn("%s: there is a folder of masks, but none in it is named after an image "
-                  "(NAME.png or STEM.png)",
-                  scene->path);
+        sgsi_warn(
+            "%s: the mask folder contains no mask named after an image (NAME.png or STEM.png)",
+            scene->path);
     if (scene->masks && scene->masks < scene->view_count)
-        sgsi_warn("%s: %zu of %zu images have no mask; all of their pixels count", scene->path,
+        sgsi_warn("%s: %zu of %zu images have no mask; all of their pixels are used", scene->path,
                   scene->view_count - scene->masks, scene->view_count);
     if (tally->downscaled)
-        sgsi_warn(
-            "%s: images wider than %d px are reduced to %d px; --downscale 1 keeps their size",
-            scene->path, AUTOMATIC_WIDTH, AUTOMATIC_WIDTH);
+        sgsi_warn("%s: images wider than %d px are reduced to %d px; use --downscale 1 to keep "
+                  "their size",
+                  scene->path, AUTOMATIC_WIDTH, AUTOMATIC_WIDTH);
     if (tally->mismatched)
-        sgsi_warn("%s: the sides of %zu image(s), the first '%s', are in another ratio than their "
-                  "camera's; were they "
-                  "rotated or cropped?",
+        sgsi_warn("%s: aspect ratio of %zu image(s), first '%s', differs from their camera; were "
+                  "they rotated or cropped?",
                   scene->path, tally->mismatched, tally->first_mismatched);
 }
 
@@ -612,7 +609,7 @@ static sgs_status count_unposed(loader *l)
                                                      scene->view_count, examples, sizeof examples);
     sgsi_free(known);
     if (scene->images_unposed)
-        sgsi_warn("%s: %zu image(s) have no pose in the model and are ignored: %s%s",
+        sgsi_warn("%s: ignored %zu image(s) without a pose in the model: %s%s",
                   l->files.image_folder, scene->images_unposed, examples,
                   scene->images_unposed > 3 ? ", ..." : "");
     return SGS_STATUS_OK;
@@ -666,12 +663,11 @@ sgs_status sgs_scene_load(const char *path, const sgs_scene_options *options, sg
     loader l = {.options = options ? options : &defaults};
     *scene = NULL;
     if (!path || !*path)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "no scene is named; name its folder");
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "scene path is missing");
     if (l.options->downscale < 0 || l.options->test_every < 0)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                         "%s: down-scaling by %d or holding out every %d-th view is not "
-                         "possible; use positive numbers",
-                         path, l.options->downscale, l.options->test_every);
+                         "%s: downscale %d or test_every %d is negative", path,
+                         l.options->downscale, l.options->test_every);
     l.scene = sgsi_calloc(1, sizeof *l.scene);
     if (l.scene)
         l.scene->path = sgsi_strdup(path);

@@ -29,7 +29,7 @@ void sgsi_scene_files_free(sgsi_scene_files *files)
 
 static sgs_status no_memory(const char *path)
 {
-    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to look through it", path);
+    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to list the folder", path);
 }
 
 // Finds the best model in base/0, base/1, ..., else in base itself; else *found is NULL.
@@ -67,8 +67,8 @@ static sgs_status find_model(const char *base, char **found)
     }
     closedir(folder);
     if (!status && models > 1)
-        sgsi_warn("%s: holds %zu models; the largest one, %ld with %zu images, is used", base,
-                  models, best_number, best_images);
+        sgsi_warn("%s: contains %zu models; using the largest, %ld with %zu images", base, models,
+                  best_number, best_images);
     if (!status && !*found && sgsi_colmap_present(base) && !(*found = sgsi_strdup(base)))
         status = no_memory(base);
     return status;
@@ -134,13 +134,11 @@ static sgs_status find_images(const char *path, const char *images_dir, bool mod
     char others[256];
     list_image_folders(path, others, sizeof others);
     if (others[0])
-        return sgsi_fail(SGS_STATUS_IO,
-                         "%s: has no image folder '%s'; it has %s: choose with --images", path,
-                         name, others);
-    return sgsi_fail(
-        SGS_STATUS_IO,
-        "%s: has no image folder '%s'; put the photographs there or choose with --images", path,
-        name);
+        return sgsi_fail(SGS_STATUS_IO, "%s: no image folder '%s'; choose one of %s with --images",
+                         path, name, others);
+    return sgsi_fail(SGS_STATUS_IO,
+                     "%s: no image folder '%s'; create it or choose another with --images", path,
+                     name);
 }
 
 // Reports an incompletely copied model; otherwise that no scene was found.
@@ -157,18 +155,18 @@ static sgs_status report_missing(const char *path)
         sgs_status status = SGS_STATUS_OK;
         if (has_cameras != has_images)
             status =
-                sgsi_fail(SGS_STATUS_IO, "%s: is missing, though %s is there; copy the whole model",
+                sgsi_fail(SGS_STATUS_IO, "%s: missing, although %s exists; copy the complete model",
                           has_cameras ? images : cameras, has_cameras ? cameras : images);
         sgsi_free(cameras);
         sgsi_free(images);
         if (status)
             return status;
     }
-    return sgsi_fail(SGS_STATUS_IO,
-                     "%s: holds no scene: neither a COLMAP model (cameras and images, .bin or "
-                     ".txt, in sparse/0, sparse "
-                     "or colmap/sparse/0) nor transforms_train.json or transforms.json",
-                     path);
+    return sgsi_fail(
+        SGS_STATUS_IO,
+        "%s: no scene found: neither a COLMAP model (cameras and images, .bin or .txt, in "
+        "sparse/0, sparse or colmap/sparse/0) nor transforms_train.json or transforms.json",
+        path);
 }
 
 static sgs_status find_transforms(const char *path, sgsi_scene_files *files)
@@ -226,7 +224,7 @@ sgs_status sgsi_scene_find(const char *path, const char *images_dir, sgsi_scene_
     else if (sgsi_is_file(path))
         status = find_in_file(path, files);
     else
-        status = sgsi_fail(SGS_STATUS_IO, "%s: there is no such folder", path);
+        status = sgsi_fail(SGS_STATUS_IO, "%s: no such folder", path);
     if (!status && !files->colmap) {
         files->mask_root = sgsi_strdup(files->image_folder);
         status = files->mask_root ? SGS_STATUS_OK : no_memory(path);

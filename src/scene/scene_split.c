@@ -91,8 +91,7 @@ static sgs_status unknown_test_image(const sgs_scene *scene, const char *name)
         }
     }
     return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                     "%s: no loaded view is called '%.200s', which is to be held out; the nearest "
-                     "names are %s%s%s%s%s",
+                     "%s: no view named '%.200s' to hold out; the nearest names are %s%s%s%s%s",
                      scene->path, name, nearest[0], nearest[1] ? ", " : "",
                      nearest[1] ? nearest[1] : "", nearest[2] ? ", " : "",
                      nearest[2] ? nearest[2] : "");
@@ -154,7 +153,7 @@ sgs_status sgsi_scene_split(sgs_scene *scene, const sgs_scene_options *options, 
         status = split_by_names(scene, options->test_images);
     else if (has_split && (every || options->own_split)) {
         if (every && every != 8) // the default of --eval: no explicit number was given
-            sgsi_warn("%s: the scene's own test views are used, not every %d-th one", scene->path,
+            sgsi_warn("%s: using the scene's own test views; test_every %d is ignored", scene->path,
                       every);
     } else {
         for (size_t i = 0; i < scene->view_count; ++i)
@@ -167,9 +166,7 @@ sgs_status sgsi_scene_split(sgs_scene *scene, const sgs_scene_options *options, 
         if (scene->views[i].split == SGS_SPLIT_TRAIN)
             return SGS_STATUS_OK;
     }
-    return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                     "%s: all %zu views are held out and none is left to train on; hold "
-                     "out fewer",
+    return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: all %zu views are held out; hold out fewer",
                      scene->path, scene->view_count);
 }
 
@@ -209,10 +206,10 @@ sgs_status sgsi_scene_measure_extent(sgs_scene *scene)
     for (size_t i = 0; i < scene->view_count; ++i) {
         sgs_pose_center(&scene->views[i].pose, center);
         if (!(fabs(center[0]) + fabs(center[1]) + fabs(center[2]) < SGSI_FARTHEST_CAMERA))
-            return sgsi_fail(SGS_STATUS_FORMAT,
-                             "%s: the camera of '%s' is too far away to be real; is the model "
-                             "damaged?",
-                             scene->model_path, scene->views[i].name);
+            return sgsi_fail(
+                SGS_STATUS_FORMAT,
+                "%s: camera position of '%s' is out of range; the model may be damaged",
+                scene->model_path, scene->views[i].name);
         if (scene->views[i].split != SGS_SPLIT_TRAIN)
             continue;
         for (int k = 0; k < 3; ++k)

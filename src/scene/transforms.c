@@ -99,8 +99,7 @@ static sgs_status read_size(const reader *r, const intrinsics *in, sgs_camera *c
     if (!(w >= 1 && w <= MAX_SIZE && h >= 1 && h <= MAX_SIZE))
         return sgsi_fail(
             SGS_STATUS_FORMAT,
-            "%s: %s: the image size w = %g, h = %g is not within 1 to %d pixels; correct "
-            "both or leave both out",
+            "%s: %s: image size w = %g, h = %g is not within 1 to %d pixels; correct or omit both",
             r->path, r->where, w, h, MAX_SIZE);
     camera->width = (int)lround(w);
     camera->height = (int)lround(h);
@@ -133,8 +132,7 @@ static sgs_status read_model(const reader *r, const intrinsics *in, sgs_camera *
     if (!known || k4 != 0)
         return sgsi_fail(SGS_STATUS_UNSUPPORTED,
                          "%s: %s: camera model '%.64s'%s is not supported; PINHOLE, OPENCV and "
-                         "OPENCV_FISHEYE are: "
-                         "undistort the images or calibrate with one of these",
+                         "OPENCV_FISHEYE are: undistort the images or use one of these",
                          r->path, r->where, model, known ? " with k4" : "");
     p[6] = p1;
     p[7] = p2;
@@ -187,14 +185,14 @@ static sgs_status read_camera(const reader *r, const intrinsics *in, sgsi_frame 
     if (completed_later)
         frame->angle_x = in->value[KEY_ANGLE_X];
     else if (isnan(p[0]))
-        return sgsi_fail(SGS_STATUS_FORMAT,
-                         "%s: %s: has no focal length; add 'fl_x' (pixels) or 'camera_angle_x' "
-                         "(radians)",
-                         r->path, r->where);
+        return sgsi_fail(
+            SGS_STATUS_FORMAT,
+            "%s: %s: no focal length; add 'fl_x' (pixels) or 'camera_angle_x' (radians)", r->path,
+            r->where);
     p[2] = or_else(in->value[KEY_CX], camera->width ? 0.5 * camera->width : NAN);
     p[3] = or_else(in->value[KEY_CY], camera->width ? 0.5 * camera->height : NAN);
     if (camera->width && sgs_camera_validate(camera))
-        return sgsi_fail(SGS_STATUS_FORMAT, "%s: %s: %s; correct its intrinsics", r->path, r->where,
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: %s: %s; correct the intrinsics", r->path, r->where,
                          sgs_last_error());
     return SGS_STATUS_OK;
 }
@@ -261,10 +259,10 @@ static sgs_status read_pose(const reader *r, const json_t *object, sgs_pose *pos
         rotation[3 * i + 2] = -m[i][2];
     }
     if (!make_rotation(rotation))
-        return sgsi_fail(SGS_STATUS_FORMAT,
-                         "%s: %s: 'transform_matrix' does not hold a rotation; export the cameras "
-                         "again",
-                         r->path, r->where);
+        return sgsi_fail(
+            SGS_STATUS_FORMAT,
+            "%s: %s: 'transform_matrix' contains no rotation; export the cameras again", r->path,
+            r->where);
     for (int i = 0; i < 3; ++i) {
         double t = 0;
         for (int j = 0; j < 3; ++j) {
@@ -303,7 +301,7 @@ static sgs_status read_path(const reader *r, const json_t *object, const char *k
     const char *problem = sgsi_image_name_clean(*path);
     if (problem)
         return sgsi_fail(SGS_STATUS_FORMAT,
-                         "%s: %s: '%s' %s; name a file below the folder of this JSON file", r->path,
+                         "%s: %s: '%s' %s; use a path below the folder of this JSON file", r->path,
                          r->where, key, problem);
     return SGS_STATUS_OK;
 }
@@ -377,7 +375,7 @@ static sgs_status parse_file(const char *path, json_t **root)
     if (!json_is_object(*root)) {
         json_decref(*root);
         *root = NULL;
-        return sgsi_fail(SGS_STATUS_FORMAT, "%s: must hold a JSON object with 'frames'", path);
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: must contain a JSON object with 'frames'", path);
     }
     return SGS_STATUS_OK;
 }

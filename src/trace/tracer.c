@@ -172,7 +172,7 @@ sgs_status sgsi_tracer_project(sgsi_tracer *tracer, const sgs_gaussians *model,
     for (int k = 0; k < 3; ++k)
         if (!(fabs((double)view->center[k]) < SGSI_FARTHEST_CAMERA))
             return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                             "a camera at %g on axis %d is too far away to draw",
+                             "camera position %g on axis %d is out of range",
                              (double)view->center[k], k);
     const sgs_status status = reserve_primitives(tracer, model->capacity);
     if (status)
@@ -328,7 +328,7 @@ static size_t gather_macrotile(const forward_pass *pass, thread_state *state, in
         gathered <= state->key_capacity || grow_keys(state, gathered + gathered / 2);
     if (!state->status && (!sortable || !sgsi_scratch_reserve(&state->scratch, gathered + 16)))
         state->status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
-                                  "no memory for the %zu candidates of a bin", gathered);
+                                  "no memory for the %zu candidates of a macrotile", gathered);
     if (state->status)
         return 0;
     const size_t kept = sgsi_kernels_get()->macrotile_filter(

@@ -170,7 +170,8 @@ sgs_status sgs_trainer_save_checkpoint(const sgs_trainer *trainer, const char *p
 {
     if (trainer->inconsistent)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                         "%s: the last step failed half-way; there is no state to save", path);
+                         "%s: cannot save: the last step failed and the state is inconsistent",
+                         path);
     sgsi_field_list options = {0}, progress = {0};
     sgsi_sections sections;
     sgs_status status =
@@ -197,8 +198,8 @@ static sgs_status check_scene(sgsi_sections *sections, const sgs_trainer *traine
         return sgsi_fail(SGS_STATUS_FORMAT, "%s: the section 'scene' is missing", sections->path);
     if (bytes != views * sizeof(uint64_t))
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                         "%s: the run was started with %zu training views and has %zu now; resume "
-                         "with the same scene",
+                         "%s: the run started with %zu training views, but the scene has %zu; "
+                         "resume with the same scene",
                          sections->path, bytes / sizeof(uint64_t), views);
     for (size_t i = 0; i < views; ++i) {
         const sgs_view *view = train_view(trainer, i);
@@ -206,8 +207,7 @@ static sgs_status check_scene(sgsi_sections *sections, const sgs_trainer *traine
         memcpy(&digest, digests + i * sizeof digest, sizeof digest);
         if (digest != view_digest(view))
             return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                             "%s: the view '%s' was another one, or had another camera, when this "
-                             "run was started; resume "
+                             "%s: view '%s' or its camera changed since the run started; resume "
                              "with the same scene",
                              sections->path, view->name);
     }
@@ -232,7 +232,7 @@ static sgs_status check_progress(sgsi_sections *sections, const sgs_trainer *tra
         uint32_t view;
         memcpy(&view, order + i * sizeof view, sizeof view);
         if (view >= views)
-            return sgsi_fail(SGS_STATUS_FORMAT, "%s: the view order names view %u of %zu",
+            return sgsi_fail(SGS_STATUS_FORMAT, "%s: the view order contains view %u of %zu",
                              sections->path, view, views);
     }
     return SGS_STATUS_OK;

@@ -58,8 +58,8 @@ sgs_status sgsi_train_views_create(const sgs_scene *scene, const sgs_train_optio
         height = view->camera.height > height ? view->camera.height : height;
     }
     if (!views->count)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                         "%s: no view is left for training; hold out fewer", scene->path);
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: no training views; hold out fewer",
+                         scene->path);
     sgsi_train_views_forget_depths(views);
     return create_workspaces(views, width, height);
 }

@@ -189,7 +189,7 @@ static void watch_views(sgs_trainer *trainer, int iteration)
 {
     trainer->seen = trainer->seen || sgsi_tracer_counts(trainer->views.tracer).block_hits;
     if (!trainer->seen && (size_t)iteration == trainer->views.count)
-        sgsi_warn("%s: none of the %zu training views has seen a primitive; do the points (or "
+        sgsi_warn("%s: no primitive is visible in any of the %zu training views; do the points (or "
                   "--init) belong to these cameras?",
                   trainer->scene->path, trainer->views.count);
 }
@@ -355,12 +355,11 @@ static sgs_status check_ready(const sgs_trainer *trainer)
 {
     const sgsi_progress *progress = &trainer->progress;
     if (progress->stop != SGS_STOP_NONE)
-        return sgsi_fail(SGS_STATUS_LIMIT, "training is over after %d iterations",
+        return sgsi_fail(SGS_STATUS_LIMIT, "training has ended after %d iterations",
                          progress->iteration);
     if (trainer->inconsistent)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                         "the step after iteration %d failed half-way; there is nothing to go on "
-                         "from",
+                         "step after iteration %d failed; state inconsistent, reload a checkpoint",
                          progress->iteration);
     return SGS_STATUS_OK;
 }

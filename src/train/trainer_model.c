@@ -59,8 +59,9 @@ static sgs_status scene_cloud(sgs_trainer *trainer)
     if (!trainer->cloud_points || !trainer->cloud_colors)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu points", wanted);
     if (wanted < n)
-        sgsi_warn("the sparse model has %zu points; %zu are drawn at random to honour the cap", n,
-                  wanted);
+        sgsi_warn(
+            "the sparse model has %zu points; using %zu at random, limited by --max-gaussians", n,
+            wanted);
     size_t taken = 0;
     for (size_t i = 0; i < n && taken < wanted; ++i) {
         if (!is_drawn(trainer, i, n, taken, wanted))
@@ -84,9 +85,9 @@ static sgs_status copy_initial_model(sgs_trainer *trainer, const sgs_gaussians *
     const size_t cap = trainer->options.max_gaussians;
     size_t wanted = cap && cap < from->count ? cap : from->count, taken = 0;
     if (wanted < from->count)
-        sgsi_warn("the initial model has %zu primitives; %zu of them, drawn at random, are left by "
-                  "the limit (--max-gaussians)",
-                  from->count, wanted);
+        sgsi_warn(
+            "the initial model has %zu primitives; using %zu at random, limited by --max-gaussians",
+            from->count, wanted);
     sgs_status status = sgs_gaussians_create(wanted + SGS_LANES, &trainer->model);
     if (!status)
         status = sgs_gaussians_resize(trainer->model, wanted);
@@ -183,7 +184,8 @@ sgs_status sgsi_trainer_create_model(sgs_trainer *trainer)
     trainer->model->sh_degree = trainer->options.sh_degree;
     status = sgsi_density_sort(trainer->model);
     if (!status && !trainer->model->count)
-        status = sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "no primitive to start from is finite");
+        status =
+            sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "the initial model has no finite primitives");
     if (status)
         return status;
     trainer->m = sgsi_calloc_shared(trainer->model->capacity, SGS_PARAM_COUNT * sizeof(float));

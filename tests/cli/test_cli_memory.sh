@@ -50,6 +50,6 @@ if [ "$(awk '/^MemTotal/ { print $2 }' /proc/meminfo)" -lt 300000000 ]; then
     run 1 train "$temporary/empty" --downscale 8 --random-points 100000000 --iterations 1 -o "$temporary/huge"
     reports "more than the available"
     reports "no memory for"
-    check warns_once test "$(grep -c 'holds no points3D' "$temporary/stderr")" = 1
+    check warns_once test "$(grep -c 'no points3D' "$temporary/stderr")" = 1
 fi
 finish

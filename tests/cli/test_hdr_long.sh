@@ -59,7 +59,7 @@ check eval_agrees_with_the_training near "$again" "$linear" 0.0001
 # clear words
 run 1 train "$hdr" -o "$temporary/x" --input-colorspace sepia --quiet
 one_line
-reports "nobody here knows the colour space 'sepia'"
+reports "unknown colour space 'sepia'"
 run 2 train "$hdr" -o "$temporary/x" --train-space lnear
 reports "srgb|linear"
 finish

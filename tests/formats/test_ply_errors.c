@@ -37,10 +37,10 @@ typedef struct bad_file {
 } bad_file;
 
 static const bad_file bad_files[] = {
-    {"", SGS_STATUS_FORMAT, "is not a PLY file: it does not begin with 'ply'"},
-    {"pl", SGS_STATUS_FORMAT, "is not a PLY file: it does not begin with 'ply'"},
-    {"\x89PNG\r\n", SGS_STATUS_FORMAT, "is not a PLY file: it does not begin with 'ply'"},
-    {"plyx\n", SGS_STATUS_FORMAT, "is not a PLY file: it does not begin with 'ply'"},
+    {"", SGS_STATUS_FORMAT, "not a PLY file: it does not begin with 'ply'"},
+    {"pl", SGS_STATUS_FORMAT, "not a PLY file: it does not begin with 'ply'"},
+    {"\x89PNG\r\n", SGS_STATUS_FORMAT, "not a PLY file: it does not begin with 'ply'"},
+    {"plyx\n", SGS_STATUS_FORMAT, "not a PLY file: it does not begin with 'ply'"},
     {"ply\rformat ascii 1.0\r", SGS_STATUS_FORMAT, "line 1: missing line feed"},
     {"ply\n", SGS_STATUS_FORMAT, "line 2: file ends inside the header"},
     {"ply\nelement vertex 1\n", SGS_STATUS_FORMAT, "line 2: expected 'format' after 'ply'"},

@@ -177,7 +177,8 @@ static void png_rejects_unsupported_images(void **state)
                                 {1, 1, 3, NULL}};
     for (size_t i = 0; i < sizeof wrong / sizeof *wrong; ++i) {
         assert_int_equal(sgs_png_write("/nowhere/a.png", &wrong[i]), SGS_STATUS_INVALID_ARGUMENT);
-        assert_holds(sgs_last_error(), "/nowhere/a.png: an");
+        assert_holds(sgs_last_error(), "/nowhere/a.png: ");
+        assert_holds(sgs_last_error(), "PNG");
     }
 }
 
@@ -189,16 +190,14 @@ static void broken_files_are_rejected_by_name(void **state)
         sgs_status status;
         const char *message;
     } cases[] = {
-        {"empty.jpg", "", SGS_STATUS_FORMAT, "empty.jpg: cannot be read as an image: "},
-        {"text.png", "this is no picture", SGS_STATUS_FORMAT,
-         "text.png: cannot be read as an image: "},
-        {"text.xyz", "neither is this", SGS_STATUS_FORMAT,
-         "text.xyz: cannot be read as an image: "},
-        {"none", "", SGS_STATUS_FORMAT, "none: cannot be read as an image: "},
+        {"empty.jpg", "", SGS_STATUS_FORMAT, "empty.jpg: cannot read the image: "},
+        {"text.png", "this is no picture", SGS_STATUS_FORMAT, "text.png: cannot read the image: "},
+        {"text.xyz", "neither is this", SGS_STATUS_FORMAT, "text.xyz: cannot read the image: "},
+        {"none", "", SGS_STATUS_FORMAT, "none: cannot read the image: "},
         {"wide.pgm", "P5\n100000 1\n255\n", SGS_STATUS_LIMIT,
-         "wide.pgm: has 100000 x 1 pixels; at most 65536"},
+         "wide.pgm: 100000 x 1 pixels exceed the limit of 65536"},
         {"many.pgm", "P5\n60000 60000\n255\n", SGS_STATUS_LIMIT,
-         "many.pgm: has 60000 x 60000 pixels; at most"},
+         "many.pgm: 60000 x 60000 pixels exceed the limit of"},
     };
     const temp_folder folder = temp_folder_make();
     for (size_t i = 0; i < sizeof cases / sizeof *cases; ++i) {
@@ -216,7 +215,7 @@ static void broken_files_are_rejected_by_name(void **state)
     }
     sgs_image8 image;
     assert_int_equal(sgs_image8_read(temp_path(&folder, "missing.png"), &image), SGS_STATUS_IO);
-    assert_holds(sgs_last_error(), "missing.png: there is no such file");
+    assert_holds(sgs_last_error(), "missing.png: no such file");
     bad_input();
     assert_int_equal(sgs_image8_read(folder.path, &image), SGS_STATUS_IO);
     assert_holds(sgs_last_error(), ": is not a regular file");
@@ -347,7 +346,7 @@ static void upscaling_is_rejected(void **state)
         sgs_image8 out = {.pixels = (uint8_t *)1};
         assert_int_equal(sgs_image8_downscale(&image, sizes[i][0], sizes[i][1], &out),
                          SGS_STATUS_INVALID_ARGUMENT);
-        assert_holds(sgs_last_error(), "2 x 2 pixels cannot be reduced to");
+        assert_holds(sgs_last_error(), "cannot reduce an image of 2 x 2 pixels to");
         assert_null(out.pixels);
     }
 }

@@ -118,7 +118,7 @@ static void options_select_invert_and_disable_masks(void **state)
     sgs_scene_destroy(scene);
     options.masks_dir = "peple";
     assert_int_equal(sgs_scene_load(folder.path, &options, &scene), SGS_STATUS_IO);
-    assert_holds(sgs_last_error(), "peple: there is no such folder of masks");
+    assert_holds(sgs_last_error(), "peple: no such mask folder");
     tree_remove(&folder);
 }
 
@@ -158,7 +158,7 @@ static void camera_files_name_masks(void **state)
     assert_int_equal(remove(temp_path(&folder, "holes/of a.png")), 0);
     options.masks_dir = NULL;
     assert_int_equal(sgs_scene_load(folder.path, &options, &scene), SGS_STATUS_IO);
-    assert_holds(sgs_last_error(), "holes/of a.png: there is no such mask, which ");
+    assert_holds(sgs_last_error(), "holes/of a.png: no such mask, named by ");
     options.masks_dir = "none";
     scene = load(&folder, &options);
     assert_int_equal(scene->masks, 0);
@@ -192,8 +192,8 @@ static void masks_of_other_sizes_are_rejected(void **state)
         sgs_scene *scene;
         tree_put_picture(&folder, "masks/b.png", sizes[i][0], sizes[i][1], 1, grey);
         assert_int_equal(sgs_scene_load(folder.path, NULL, &scene), SGS_STATUS_FORMAT);
-        assert_holds(sgs_last_error(), "masks/b.png: has ");
-        assert_holds(sgs_last_error(), "images/b.png has 64 x 48; make them the same size");
+        assert_holds(sgs_last_error(), "masks/b.png: the mask has ");
+        assert_holds(sgs_last_error(), "images/b.png has 64 x 48; use the same size");
         bad_input();
     }
     sgs_scene *scene;
@@ -211,7 +211,7 @@ static void views_without_valid_pixels_are_skipped(void **state)
     put_mask(&folder, "masks/a.png", 1, 0, 0, WIDTH, HEIGHT);
     sgs_scene *scene = load(&folder, NULL);
     assert_int_equal(scene->view_count, 3);
-    assert_holds(warnings, "masks/a.png: not one pixel of it counts; the view is skipped");
+    assert_holds(warnings, "masks/a.png: mask excludes every pixel; the view is skipped");
     sgs_scene_destroy(scene);
     put_mask(&folder, "masks/b.png", 1, 0, 0, WIDTH, HEIGHT);
     put_mask(&folder, "masks/sub/c.png", 1, 0, 0, WIDTH, HEIGHT);

@@ -135,7 +135,7 @@ static void deleted_photograph_is_an_error(void **state)
         assert_int_equal(sgs_scene_photo(scene, 0, &photo), SGS_STATUS_OK);
         assert_int_equal(sgs_scene_photo(scene, 1, &photo), SGS_STATUS_IO);
         assert_null(photo);
-        assert_holds(sgs_last_error(), "images/b.png: there is no such file");
+        assert_holds(sgs_last_error(), "images/b.png: no such file");
     }
     tree_put_picture(&folder, "images/b.png", 64, 48, 3, grey); // the file is restored
     assert_int_equal(sgs_scene_photo(scene, 1, &photo), SGS_STATUS_OK);

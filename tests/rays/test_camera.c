@@ -420,8 +420,8 @@ static void invalid_cameras_are_rejected_with_the_reason(void **state)
         sgs_camera camera;
         const char *message;
     } cases[] = {
-        {{(sgs_camera_model)11, 64, 48, {1, 1, 1}}, "camera model 11 is unknown"},
-        {{(sgs_camera_model)-1, 64, 48, {1, 1, 1}}, "camera model -1 is unknown"},
+        {{(sgs_camera_model)11, 64, 48, {1, 1, 1}}, "unknown camera model 11"},
+        {{(sgs_camera_model)-1, 64, 48, {1, 1, 1}}, "unknown camera model -1"},
         {{SGS_CAMERA_PINHOLE, 0, 48, {1, 1, 1, 1}}, "camera size 0 x 48"},
         {{SGS_CAMERA_PINHOLE, 64, -1, {1, 1, 1, 1}}, "camera size 64 x -1"},
         {{SGS_CAMERA_PINHOLE, 65537, 1, {1, 1, 1, 1}}, "camera size 65537 x 1"},

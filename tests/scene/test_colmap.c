@@ -260,28 +260,28 @@ static const struct {
     void (*edit)(model *);
     const char *file, *binary, *text, *message;
 } wrong_contents[] = {
-    {no_cameras, "cameras", NULL, NULL, "holds no camera; run COLMAP's mapper again"},
-    {no_images, "images", NULL, NULL, "holds no registered image; run COLMAP's mapper again"},
+    {no_cameras, "cameras", NULL, NULL, "contains no cameras; rerun COLMAP's mapper"},
+    {no_images, "images", NULL, NULL, "contains no registered images; rerun COLMAP's mapper"},
     {no_width, "cameras", "byte 8", "line 4",
-     "camera 7 has the size 0 x 48, not 1 to 65536 pixels"},
-    {no_height, "cameras", "byte 96", "line 5", "camera 2 has the size 64 x 0"},
-    {wide, "cameras", "byte 8", "line 4", "camera 7 has the size 65537 x 48"},
-    {huge, "cameras", "byte 8", "line 4", "camera 7 has the size 64 x 18446744073709551615"},
+     "camera 7 has size 0 x 48, not within 1 to 65536 pixels"},
+    {no_height, "cameras", "byte 96", "line 5", "camera 2 has size 64 x 0"},
+    {wide, "cameras", "byte 8", "line 4", "camera 7 has size 65537 x 48"},
+    {huge, "cameras", "byte 8", "line 4", "camera 7 has size 64 x 18446744073709551615"},
     {no_focal, "cameras", "byte 96", "line 5",
      "camera 2: focal length 0 of the SIMPLE_PINHOLE camera is not positive"},
     {backward_focal, "cameras", "byte 8", "line 4",
      "camera 7: focal length -50 of the OPENCV camera"},
     {nan_focal, "cameras", "byte 8", "line 4",
-     "camera 7: parameter 1 of the OPENCV camera is not finite; estimate"},
+     "camera 7: parameter 1 of the OPENCV camera is not finite; recalibrate"},
     {infinite_focal, "cameras", "byte 8", "line 4",
      "camera 7: parameter 1 of the OPENCV camera is not finite"},
     {nan_distortion, "cameras", "byte 144", "line 6",
      "camera 9: parameter 12 of the FULL_OPENCV camera is not finite"},
     {wide_fov, "cameras", "byte 8", "line 4",
      "camera 7: field-of-view parameter 4 of the FOV camera"},
-    {camera_twice, "cameras", "byte 144", "line 6", "camera id 7 is already used at"},
+    {camera_twice, "cameras", "byte 144", "line 6", "duplicate camera id 7, first used at"},
     {lost_camera, "images", "byte 134", "line 5",
-     "image 1 'a.png' uses camera 55, which the cameras file does not hold"},
+     "image 1 'a.png' refers to camera 55, which is missing in the cameras file"},
     {zero_quaternion, "images", "byte 134", "line 5",
      "image 1 'a.png': the rotation quaternion has norm 0; remove"},
     {nan_quaternion, "images", "byte 8", "line 3",
@@ -292,9 +292,9 @@ static const struct {
      "image 3 'sub/c.png': the translation is not finite"},
     {infinite_translation, "images", "byte 212", "line 7",
      "image 3 'sub/c.png': the translation is not finite"},
-    {image_twice, "images", "byte 318", "line 9", "image name 'b.png' is already used at"},
+    {image_twice, "images", "byte 318", "line 9", "duplicate image name 'b.png', first used at"},
     {image_twice_spelled, "images", "byte 318", "line 9",
-     "image name 'sub/c.png' is already used at"},
+     "duplicate image name 'sub/c.png', first used at"},
     {parent_name, "images", "byte 134", "line 5",
      "the name of image 1 leaves the image folder ('../a.png')"},
     {hidden_parent_name, "images", "byte 134", "line 5",
@@ -303,7 +303,7 @@ static const struct {
     {absolute_name, "images", "byte 134", "line 5", "is an absolute path ('/etc/passwd')"},
     {drive_name, "images", "byte 134", "line 5", "is an absolute path"},
     {bare_dot_name, "images", "byte 134", "line 5", "the name of image 1 is empty"},
-    {control_name, "images", "byte 134", "line 5", "holds control characters ('not shown')"},
+    {control_name, "images", "byte 134", "line 5", "contains control characters ('not shown')"},
     {endless_name, "images", "byte 134", "line 5", "is longer than 1024 bytes"},
 };
 
@@ -347,10 +347,8 @@ static void nonfinite_points_are_dropped_and_counted(void **state)
         assert_int_equal(sgsi_colmap_read(folder.path, &d), SGS_STATUS_OK);
         assert_int_equal(d.point_count, 2);
         assert_true(d.points[3] == 1 && d.points[4] == 2 && d.points[5] == 3 && d.colors[3] == 9);
-        assert_holds(
-            warnings,
-            binary ? "points3D.bin: byte 75: 3 point(s) that are not finite numbers are dropped"
-                   : "points3D.txt: line 4: 3 point(s) that are not finite numbers are dropped");
+        assert_holds(warnings, binary ? "points3D.bin: byte 75: dropped 3 non-finite point(s)"
+                                      : "points3D.txt: line 4: dropped 3 non-finite point(s)");
         sgsi_dataset_free(&d);
         tree_remove(&folder);
     }
@@ -372,7 +370,7 @@ static void models_without_points_are_read(void **state)
         sgsi_dataset_free(&d);
         unlink(temp_path(&folder, binary ? "points3D.bin" : "points3D.txt"));
         assert_int_equal(sgsi_colmap_read(folder.path, &d), SGS_STATUS_OK);
-        assert_holds(warnings, binary ? "holds no points3D.bin" : "holds no points3D.txt");
+        assert_holds(warnings, binary ? "no points3D.bin" : "no points3D.txt");
         sgsi_dataset_free(&d);
         tree_remove(&folder);
     }
@@ -390,37 +388,36 @@ static const struct {
     const char *message;
 } damages[] = {
     {"cameras.bin", 0, 8, 4, SGS_STATUS_FORMAT,
-     "cameras.bin: byte 264: the file ends inside of a camera"},
+     "cameras.bin: byte 264: unexpected end of file in a camera"},
     {"cameras.bin", 0, 8, 6, SGS_STATUS_FORMAT,
-     "byte 0: announces 6 cameras, but the 256 bytes that follow can hold 5"},
+     "byte 0: declares 6 cameras, but the remaining 256 bytes can hold at most 5"},
     {"cameras.bin", 0, 8, UINT64_MAX, SGS_STATUS_FORMAT,
-     "byte 0: announces 18446744073709551615 cameras"},
+     "byte 0: declares 18446744073709551615 cameras"},
     {"cameras.bin", 12, 4, 17, SGS_STATUS_UNSUPPORTED,
-     "cameras.bin: byte 12: camera model 17 is unknown"},
+     "cameras.bin: byte 12: unknown camera model 17"},
     {"cameras.bin", 100, 4, 11, SGS_STATUS_UNSUPPORTED,
-     "byte 100: camera model 11 is unknown; COLMAP's models 0 to 10"},
-    {"cameras.bin", 12, 4, UINT32_MAX, SGS_STATUS_UNSUPPORTED,
-     "byte 12: camera model -1 is unknown"},
-    {"images.bin", 0, 8, 100, SGS_STATUS_FORMAT, "images.bin: byte 0: announces 100 images"},
+     "byte 100: unknown camera model 11; COLMAP's models 0 to 10"},
+    {"cameras.bin", 12, 4, UINT32_MAX, SGS_STATUS_UNSUPPORTED, "byte 12: unknown camera model -1"},
+    {"images.bin", 0, 8, 100, SGS_STATUS_FORMAT, "images.bin: byte 0: declares 100 images"},
     {"images.bin", 0, 8, (uint64_t)1 << 60, SGS_STATUS_FORMAT,
-     "byte 0: announces 1152921504606846976 images"},
-    {"images.bin", 0, 8, 5, SGS_STATUS_FORMAT, "the file ends inside of an image"},
+     "byte 0: declares 1152921504606846976 images"},
+    {"images.bin", 0, 8, 5, SGS_STATUS_FORMAT, "unexpected end of file in an image"},
     {"images.bin", 78, 8, 1000, SGS_STATUS_FORMAT,
-     "byte 78: image 4 announces 1000 2-D points, but only"},
+     "byte 78: image 4 declares 1000 2-D points, but only"},
     {"images.bin", 78, 8, UINT64_MAX / 24 + 2, SGS_STATUS_FORMAT,
-     "byte 78: image 4 announces 768614336404564652 2-D"},
+     "byte 78: image 4 declares 768614336404564652 2-D"},
     {"images.bin", 72, 1, 0, SGS_STATUS_FORMAT,
-     "byte 73: image 4 announces"}, // an empty name shifts the following fields
+     "byte 73: image 4 declares"}, // an empty name shifts the following fields
     {"images.bin", 73, 1, '\n', SGS_STATUS_FORMAT,
-     "byte 8: the name of image 4 holds control characters"},
+     "byte 8: the name of image 4 contains control characters"},
     {"points3D.bin", 0, 8, 1000000, SGS_STATUS_FORMAT,
-     "points3D.bin: byte 0: announces 1000000 points"},
+     "points3D.bin: byte 0: declares 1000000 points"},
     {"points3D.bin", 0, 8, 6, SGS_STATUS_FORMAT,
-     "announces 6 points, but the 303 bytes that follow can hold 5 at most"},
+     "declares 6 points, but the remaining 303 bytes can hold at most 5"},
     {"points3D.bin", 51, 8, 1 << 20, SGS_STATUS_FORMAT,
-     "byte 51: point 10 announces a track of 1048576 images"},
+     "byte 51: point 10 declares a track of 1048576 images"},
     {"points3D.bin", 51, 8, (uint64_t)1 << 61, SGS_STATUS_FORMAT,
-     "byte 51: point 10 announces a track of 2305843009"},
+     "byte 51: point 10 declares a track of 2305843009"},
 };
 
 static void damaged_counts_and_models_are_rejected(void **state)
@@ -450,7 +447,7 @@ static void too_small_counts_are_reported(void **state)
     sgsi_dataset d;
     assert_int_equal(sgsi_colmap_read(folder.path, &d), SGS_STATUS_OK);
     assert_int_equal(d.frame_count, 3);
-    assert_holds(warnings, "images.bin: byte 318: 162 bytes behind the last record are ignored");
+    assert_holds(warnings, "images.bin: byte 318: ignored 162 bytes after the last record");
     sgsi_dataset_free(&d);
     tree_remove(&folder);
 }
@@ -555,54 +552,48 @@ static const struct {
     sgs_status status;
     const char *message;
 } wrong_texts[] = {
-    {"cameras.txt", "", SGS_STATUS_FORMAT, "cameras.txt: holds no camera"},
-    {"cameras.txt", "# only\n\n   # comments\n", SGS_STATUS_FORMAT, "cameras.txt: holds no camera"},
+    {"cameras.txt", "", SGS_STATUS_FORMAT, "cameras.txt: contains no cameras"},
+    {"cameras.txt", "# only\n\n   # comments\n", SGS_STATUS_FORMAT,
+     "cameras.txt: contains no cameras"},
     {"cameras.txt", "7\n", SGS_STATUS_FORMAT,
-     "line 1: is not of the form CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]"},
-    {"cameras.txt", "x PINHOLE 64 48 1 1 1 1\n", SGS_STATUS_FORMAT,
-     "line 1: is not of the form CAMERA_ID"},
-    {"cameras.txt", "-7 PINHOLE 64 48 1 1 1 1\n", SGS_STATUS_FORMAT,
-     "line 1: is not of the form CAMERA_ID"},
+     "line 1: expected CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]"},
+    {"cameras.txt", "x PINHOLE 64 48 1 1 1 1\n", SGS_STATUS_FORMAT, "line 1: expected CAMERA_ID"},
+    {"cameras.txt", "-7 PINHOLE 64 48 1 1 1 1\n", SGS_STATUS_FORMAT, "line 1: expected CAMERA_ID"},
     {"cameras.txt", "4294967296 PINHOLE 64 48 1 1 1 1\n", SGS_STATUS_FORMAT,
-     "line 1: is not of the form CAMERA_ID"},
+     "line 1: expected CAMERA_ID"},
     {"cameras.txt", "\n7 MAGIC 64 48 1 1 1 1\n", SGS_STATUS_UNSUPPORTED,
-     "line 2: camera model 'MAGIC' is unknown"},
+     "line 2: unknown camera model 'MAGIC'"},
     {"cameras.txt", "7 pinhole 64 48 1 1 1 1\n", SGS_STATUS_UNSUPPORTED,
-     "camera model 'pinhole' is unknown"},
-    {"cameras.txt", "7 PINHOLE 64.5 48 1 1 1 1\n", SGS_STATUS_FORMAT,
-     "line 1: is not of the form CAMERA_ID"},
+     "unknown camera model 'pinhole'"},
+    {"cameras.txt", "7 PINHOLE 64.5 48 1 1 1 1\n", SGS_STATUS_FORMAT, "line 1: expected CAMERA_ID"},
     {"cameras.txt", "7 PINHOLE 99999999999999999999 48 1 1 1 1\n", SGS_STATUS_FORMAT,
-     "line 1: is not of the form"},
+     "line 1: expected"},
     {"cameras.txt", "7 PINHOLE 64 48 1 1 1\n", SGS_STATUS_FORMAT,
-     "PINHOLE needs exactly 4 numbers as parameters"},
+     "PINHOLE requires exactly 4 parameters"},
     {"cameras.txt", "7 PINHOLE 64 48 1 1 1 1 1\n", SGS_STATUS_FORMAT,
-     "PINHOLE needs exactly 4 numbers"},
+     "PINHOLE requires exactly 4 parameters"},
     {"cameras.txt", "7 PINHOLE 64 48 1 1 1 1x\n", SGS_STATUS_FORMAT,
-     "PINHOLE needs exactly 4 numbers"},
-    {"images.txt", "# nothing\n", SGS_STATUS_FORMAT, "images.txt: holds no registered image"},
+     "PINHOLE requires exactly 4 parameters"},
+    {"images.txt", "# nothing\n", SGS_STATUS_FORMAT, "images.txt: contains no registered images"},
     {"images.txt", "1 1 0 0 0 0 0 0 7 a.png\n\n2 1 0 0 0 0 0 0 7\n", SGS_STATUS_FORMAT,
-     "line 3: is not of the form IMAGE_ID"},
+     "line 3: expected IMAGE_ID"},
     {"images.txt", "1 1 0 0 zero 0 0 0 7 a.png\n", SGS_STATUS_FORMAT,
-     "line 1: is not of the form IMAGE_ID QW QX QY QZ"},
-    {"images.txt", "1 1 0 0 0 0 0 0 seven a.png\n", SGS_STATUS_FORMAT,
-     "line 1: is not of the form IMAGE_ID"},
+     "line 1: expected IMAGE_ID QW QX QY QZ"},
+    {"images.txt", "1 1 0 0 0 0 0 0 seven a.png\n", SGS_STATUS_FORMAT, "line 1: expected IMAGE_ID"},
     {"images.txt", "1 1 0 0 0 0 0 0 7 a.png\n2 1 0 0 0 0 0 0 7 b.png\n", SGS_STATUS_FORMAT,
-     "line 2: is not of the form X Y POINT3D_ID ... (the second line of every image"},
+     "line 2: expected X Y POINT3D_ID ... (the second line of every image"},
     {"images.txt", "1 1 0 0 0 0 0 0 7 a.png\n2 1 0 0 0 0 0 0 7 two blanks in.png\n",
-     SGS_STATUS_FORMAT, "line 2: is not of the form X Y POINT3D_ID"},
+     SGS_STATUS_FORMAT, "line 2: expected X Y POINT3D_ID"},
     {"images.txt", "1 1 0 0 0 0 0 0 7 a.png\n1 2 3 4\n", SGS_STATUS_FORMAT,
-     "line 2: is not of the form X Y POINT3D_ID"},
+     "line 2: expected X Y POINT3D_ID"},
     {"images.txt", "1 nan 0 0 0 0 0 0 7 a.png\n\n", SGS_STATUS_FORMAT,
      "line 1: image 1 'a.png': the rotation"},
     {"points3D.txt", "1 0 0\n", SGS_STATUS_FORMAT,
-     "points3D.txt: line 1: is not of the form POINT3D_ID X Y Z R G B"},
-    {"points3D.txt", "1 0 0 0 1 2 256 0.1\n", SGS_STATUS_FORMAT,
-     "line 1: is not of the form POINT3D_ID"},
-    {"points3D.txt", "1 0 0 0 1 2 -3 0.1\n", SGS_STATUS_FORMAT,
-     "line 1: is not of the form POINT3D_ID"},
-    {"points3D.txt", "1 0 0 0 1 2 3\n", SGS_STATUS_FORMAT, "line 1: is not of the form POINT3D_ID"},
-    {"points3D.txt", "1 0 0,5 0 1 2 3 0.1\n", SGS_STATUS_FORMAT,
-     "line 1: is not of the form POINT3D_ID"},
+     "points3D.txt: line 1: expected POINT3D_ID X Y Z R G B"},
+    {"points3D.txt", "1 0 0 0 1 2 256 0.1\n", SGS_STATUS_FORMAT, "line 1: expected POINT3D_ID"},
+    {"points3D.txt", "1 0 0 0 1 2 -3 0.1\n", SGS_STATUS_FORMAT, "line 1: expected POINT3D_ID"},
+    {"points3D.txt", "1 0 0 0 1 2 3\n", SGS_STATUS_FORMAT, "line 1: expected POINT3D_ID"},
+    {"points3D.txt", "1 0 0,5 0 1 2 3 0.1\n", SGS_STATUS_FORMAT, "line 1: expected POINT3D_ID"},
 };
 
 static void invalid_lines_are_reported_with_their_number(void **state)
@@ -622,7 +613,7 @@ static void text_files_with_zero_bytes_are_rejected(void **state)
     tree_put(&folder, "points3D.txt", "1 0 0 0\0 1 2 3", 15);
     sgsi_dataset d;
     assert_int_equal(sgsi_colmap_read(folder.path, &d), SGS_STATUS_FORMAT);
-    assert_holds(sgs_last_error(), "points3D.txt: byte 7: a zero byte; this is not a text file");
+    assert_holds(sgs_last_error(), "points3D.txt: byte 7: zero byte in a text file");
     bad_input();
     tree_remove(&folder);
 }
@@ -657,9 +648,8 @@ static void wrong_record_count_in_text_header_is_reported(void **state)
                   "# Number of points: 900, mean track length: 2\n1 1 2 3 4 5 6 0.5\n");
     sgsi_dataset d;
     assert_int_equal(sgsi_colmap_read(folder.path, &d), SGS_STATUS_OK);
-    assert_holds(
-        warnings,
-        "points3D.txt: its header announces 900 points, but it holds 1; is the file complete?");
+    assert_holds(warnings, "points3D.txt: the header declares 900 points, but the file contains 1; "
+                           "is the file complete?");
     sgsi_dataset_free(&d);
     tree_remove(&folder);
 }

@@ -252,7 +252,8 @@ static bool profile_model(profiling *job, const sgs_scene *scene, bool split_giv
     if (!choose_cameras(scene, job->values, split_given, &job->cameras))
         return false;
     job->options.step =
-        SGS_TRAIN_LR_MEAN * scene->extent; // initial learning rate of the means: the size of an Adam step
+        SGS_TRAIN_LR_MEAN *
+        scene->extent; // initial learning rate of the means: the size of an Adam step
     job->report.refits = job->values->refits;
     bool done = measure_training(job) && profile_views(job);
     if (done && !interrupt_signal()) {

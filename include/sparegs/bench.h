@@ -2,13 +2,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Measuring: scenes made by seed, the training iteration taken apart into its phases, and the
-// limits of the machine it runs on. Trains nothing: the model is put back after every iteration.
-// Writes no files.
+// Benchmarks: synthetic scenes by seed, the phases of a training iteration, and the limits of the
+// machine. Does not train: the model is restored after each iteration. Writes no files.
 //
-// The measured iteration is the trainer's own, as it runs between two structural updates once all
-// SH bands are active: project, refit, gather and blend with the depth depth_bounds of the last
-// visit, loss, backward, chain rule and sparse Adam.
+// The measured iteration is the trainer's own, between two structural updates and with all SH bands
+// active: project, refit, gather and blend with the depth bounds of the previous visit, loss,
+// backward, chain rule and sparse Adam.
 
 #include "sparegs/gaussians.h"
 #include "sparegs/runtime.h"
@@ -21,8 +20,8 @@ extern "C" {
 
 enum { SGS_BENCH_VIEWS = 3 };
 
-// A scene made inside the program: surfaces covered with thin discs, a far shell, floaters; sizes
-// log-normal in pixels; half of the opacities below 0.1. Views of 800x608 pixels on an arc.
+// A synthetic scene: surfaces covered with thin discs, a distant shell, floaters; sizes log-normal
+// in pixels; half of the opacities below 0.1. Views of 800x608 pixels on an arc.
 typedef struct sgs_bench_scene {
     const char *name; // constant string
     sgs_gaussians *model;
@@ -30,108 +29,109 @@ typedef struct sgs_bench_scene {
     sgs_view views[SGS_BENCH_VIEWS]; // cameras and poses; no images
 } sgs_bench_scene;
 
-// Names of the scenes ("sparse-32k", "dense-500k", "dense-2m"); NULL from the number of scenes on.
+// Name of scene `index` ("sparse-32k", "dense-500k", "dense-2m"); NULL beyond the last scene.
 SGS_API const char *sgs_bench_scene_name(size_t index);
-// What it stands for, in a sentence; NULL likewise.
+// Description of scene `index` in a sentence; NULL beyond the last scene.
 SGS_API const char *sgs_bench_scene_text(size_t index);
 
-// Makes the scene of that name; the same for every machine and number of threads. Fails with
-// INVALID_ARGUMENT for an unknown name. On failure *scene is NULL.
+// Creates the scene of that name, the same on all machines and for any number of threads. Fails
+// with INVALID_ARGUMENT for an unknown name. On failure *scene is NULL.
 SGS_API sgs_status sgs_bench_scene_create(const char *name, uint64_t seed, sgs_bench_scene **scene);
 SGS_API void sgs_bench_scene_destroy(sgs_bench_scene *scene); // accepts NULL
 
-// ---- One model and its views under the clock ----
+// ---- Timing of a model ----
 
-// Means over the views of one repetition. Seconds are wall clock.
+// Means over the views of one repetition, in wall-clock seconds.
 typedef struct sgs_bench_sample {
-    double build;     // BVH from nothing
-    double refit;     // BVH follows the bounds of another view
+    double build;     // BVH build
+    double refit;     // BVH refit to the bounds of another view
     double gather;    // traversal, tests against the tiles, sorting of candidates
     double forward;   // project, order, blend; without gather
     double backward;  // gradients per primitive, reduced; without the chain rule
     double loss;      // loss and its gradient
     double optimizer; // chain rule, statistics, Adam
-    double iteration; // everything but `build`
-    double project;   // part of forward: parameters to records and bounds
+    double iteration; // all but `build`
+    double project;   // part of forward: parameters to projected records and bounds
     double reduce;    // part of backward: sums of the tiles to sums of the primitives
-    double serial;    // part of iteration: outside parallel loops
-    double
-        waiting; // part of iteration: mean over the threads of the wait for the last one of a loop
+    double serial;    // part of iteration: outside of parallel loops
+    // Part of iteration: wait for the last thread of each loop, mean over the threads.
+    double waiting;
 } sgs_bench_sample;
 
-// Means over the views, of the last repetition.
+// Means over the views of the last repetition.
 typedef struct sgs_bench_counts {
     double primitives, pixels, tiles;
-    double hits;             // counted hits of all rays (before the stop rule ends a ray)
-    double gathered;         // candidates of the macrotiles: what the BVH named and may meet a tile
+    double hits;     // counted hits of all rays, that is before early termination
+    double gathered; // candidates of the macrotiles: reported by the BVH, may hit one of the tiles
     double candidates;       // candidates of the tiles
-    double evaluations;      // (block of 4x4 pixels, primitive) pairs evaluated in the forward pass
-    double block_hits;       // pairs with a hit in some pixel
-    double fallback_gathers; // macrotiles gathered again because a depth depth_bound was too near
-    sgs_train_bytes bytes;   // moved, by phase
-    // Floating-point operations that the formulas need, however they are computed: responses,
-    // blending and gradients of the pairs above over all 16 lanes; no ordering, no bookkeeping.
+    double evaluations;      // (4x4 block, primitive) pairs evaluated in the forward pass
+    double block_hits;       // (4x4 block, primitive) pairs with a hit
+    double fallback_gathers; // macrotiles gathered again because a depth bound was too near
+    sgs_train_bytes bytes;   // bytes moved, by phase
+    // Floating-point operations of the formulas over all 16 lanes of the pairs above: responses,
+    // blending and gradients, without sorting and bookkeeping.
     double forward_flops, backward_flops;
-    // Bytes that those pairs read and write of the tile's own copies of its candidates and their
-    // sums, which are larger than a first cache and live in the second.
+    // Bytes that these pairs read and write of the tile's copies of projected records and sums,
+    // which exceed a typical L1 cache and fit in L2.
     double forward_l2_bytes, backward_l2_bytes;
     double build_bytes; // boxes read, tree written
 } sgs_bench_counts;
 
 typedef struct sgs_bench sgs_bench;
 
-// Copies the model and takes cameras and poses of the views (1..16; images are not needed: the
-// photographs are renders with noise). Renders and trains every view once to warm up. On failure
+// Copies the model and the cameras and poses of the views (1 to 16). Images are not required: the
+// photographs are renders with noise. Renders and trains every view once to warm up. On failure
 // *bench is NULL.
 SGS_API sgs_status sgs_bench_create(const sgs_gaussians *model, const sgs_view *views,
                                     size_t view_count, sgs_bench **bench);
 SGS_API void sgs_bench_destroy(sgs_bench *bench); // accepts NULL
 
-// One repetition under the present settings (sgs_threads_set, sgs_isa_set): a build, then an
+// One repetition with the current settings (sgs_threads_set, sgs_isa_set): a build, then an
 // iteration per view.
 SGS_API sgs_status sgs_bench_run(sgs_bench *bench, sgs_bench_sample *sample);
 SGS_API sgs_bench_counts sgs_bench_counts_get(const sgs_bench *bench);
 
-// The pieces of a repetition, for whoever wants to know what happens when: the build, an iteration
-// of the next view (its times are added to *sample; as many iterations as views see each once), and
-// back to the model as it was, without which the next iteration would see a moved one.
+// The steps of a repetition, for measurements in between. _build builds the BVH. _step runs an
+// iteration of the next view and adds its times to *sample; as many steps as views visit each view
+// once. _restore restores the model, so that the next step does the same work.
 SGS_API sgs_status sgs_bench_build(sgs_bench *bench, sgs_bench_sample *sample);
 SGS_API sgs_status sgs_bench_step(sgs_bench *bench, sgs_bench_sample *sample);
 SGS_API void sgs_bench_restore(sgs_bench *bench);
 
-// ---- How far it scales ----
+// ---- Scaling ----
 
 typedef struct sgs_scaling {
-    double seconds, serial,
-        waiting;  // wall clock of some iterations: all, outside loops, waiting inside
-    double bytes; // moved in them
-    int threads;  // they ran on
-    int cores;    // that these had; 0 = one each
-    // Part of seconds that goes macrotile by macrotile (gather and forward), and how many
-    // macrotiles a view has: more cores than that have nothing to do then. 0 = cut as fine as one
-    // likes.
+    // Wall clock of some iterations: total, outside of parallel loops, waiting inside of them.
+    double seconds, serial, waiting;
+    double bytes; // bytes moved in these iterations
+    int threads;  // threads used
+    int cores;    // cores available to them; 0 = one each
+    // Part of `seconds` with macrotiles as work items (gather and forward), and the number of
+    // macrotiles of a view, which limits the number of busy cores. macrotiles 0 = arbitrarily
+    // divisible.
     double macrotile_seconds, macrotiles;
 } sgs_scaling;
 
-// Predicted speed-up of `cores` over one core with `memory_gbs` 10^9 bytes per second for all of
-// them: the work, (seconds - serial - waiting) * threads (or the cores these had, if fewer), is
-// shared evenly, that of the macrotiles in whole macrotiles, but never faster than the memory
-// delivers the bytes; the serial part stays (Amdahl). 1 for times that are not positive.
+// Predicted speed-up of `cores` over one core, with a total bandwidth of `memory_gbs` (10^9 bytes
+// per second). The work, (seconds - serial - waiting) * threads (or the cores they had, if fewer),
+// is divided evenly, that of macrotiles in whole macrotiles, but takes at least the time to move
+// the bytes. The serial part remains (Amdahl's law). 1 if the times are not positive.
 SGS_API double sgs_scaling_predict(const sgs_scaling *scaling, int cores, double memory_gbs);
 
-// ---- What the machine can do ----
+// ---- Machine limits ----
 
 typedef struct sgs_machine_limits {
-    double tsc_ghz;    // time-stamp counter; 0 where there is none
+    double tsc_ghz;    // time-stamp counter; 0 if unavailable
     double fma_gflops; // per core: fused multiply-adds in registers, two operations each
-    double l2_gbs;     // per core: loads from a buffer of half the L2 cache, 10^9 bytes per second
-    double memory_gbs; // all threads together: the best of reading and of updating in place (read +
-                       // written bytes)
+    double l2_gbs;     // per core: loads from a buffer of half the L2 size, 10^9 bytes per second
+    // All threads: the larger of memory_read_gbs and memory_update_gbs (update in place, read +
+    // written bytes).
+    double memory_gbs;
     double memory_read_gbs, memory_update_gbs;
     size_t l2_bytes;
 } sgs_machine_limits;
 
-// Measures with the present instruction set and number of threads; takes about a second and 64 MB
+// Measures with the current instruction set and number of threads. Takes about a second and 64 MB
 // per thread (at least 256 MB). Fails with OUT_OF_MEMORY.
 SGS_API sgs_status sgs_machine_limits_measure(sgs_machine_limits *limits);
 

@@ -2,11 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Central cameras as COLMAP defines them: intrinsics with distortion, projection to pixels and its
-// inverse. Pure functions in double precision; no images, no files.
-//
-// Camera axes: x right, y down, z forward. Pixel coordinates: (0,0) is the upper left corner of the
-// image, the centre of the first pixel is (0.5, 0.5).
+// Central cameras as in COLMAP: intrinsics with distortion, projection to pixels and its inverse.
+// Pure functions in double precision, without images or files.
 
 #include <stdbool.h>
 
@@ -30,8 +27,8 @@ typedef enum sgs_camera_model {
     SGS_CAMERA_RADIAL_FISHEYE = 9,        // f, cx, cy, k1, k2
     SGS_CAMERA_THIN_PRISM_FISHEYE = 10,   // fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, sx1, sy1
     SGS_CAMERA_MODEL_COUNT = 11,
-    // For drawing only, in no file of COLMAP's: fx, fy (pixels per radian of longitude and
-    // latitude), cx, cy.
+    // For rendering only, not a COLMAP model: fx, fy (pixels per radian of longitude and latitude),
+    // cx, cy.
     SGS_CAMERA_EQUIRECTANGULAR = 100
 } sgs_camera_model;
 
@@ -53,54 +50,54 @@ SGS_API int sgs_camera_param_count(sgs_camera_model model);
 // COLMAP's name of a model ("OPENCV"), NULL for an unknown id.
 SGS_API const char *sgs_camera_model_name(sgs_camera_model model);
 
-// Finds a model by COLMAP's name; returns false if there is none.
+// Finds a model by COLMAP's name. Returns false if there is none.
 SGS_API bool sgs_camera_model_from_name(const char *name, sgs_camera_model *model);
 
 // True for the models whose distortion acts on the angle from the axis (rays beyond 90 degrees may
 // exist).
 SGS_API bool sgs_camera_is_fisheye(sgs_camera_model model);
 
-// Checks sizes in [1, 65536], finite parameters, positive focal lengths. On failure
-// sgs_last_error() says what is wrong (without a file name: the caller adds it).
+// Checks sizes in [1, 65536], finite parameters and positive focal lengths. On failure
+// sgs_last_error() gives the reason, without a file name.
 SGS_API sgs_status sgs_camera_validate(const sgs_camera *camera);
 
-// True when both cameras have the same model, size and parameters.
+// True if both cameras have the same model, size and parameters.
 SGS_API bool sgs_camera_equal(const sgs_camera *a, const sgs_camera *b);
 
 // Focal lengths in pixels (fx, fy) and principal point (cx, cy) in pixels. Cannot fail.
 SGS_API void sgs_camera_intrinsics(const sgs_camera *camera, double *fx, double *fy, double *cx,
                                    double *cy);
 
-// The same lens seen by an image of another size: focal lengths and principal point scale per axis.
-// A one-focal model whose axes scale differently becomes the two-focal model of the same lens.
+// The same lens for an image of another size: focal lengths and principal point scale per axis. A
+// model with one focal length becomes the one with two if the axes scale differently.
 SGS_API sgs_camera sgs_camera_resized(const sgs_camera *camera, int width, int height);
 
-// The same lens in an image of another size and the same vertical field of view: focal lengths and
-// distortion scale by height / camera->height, the image is cropped or extended to the left and
-// right. Never squashes. Cannot fail.
+// The same lens for an image of another size with the same vertical field of view: focal lengths
+// and distortion scale by height / camera->height; the image is cropped or extended left and right.
+// Keeps the pixel aspect. Cannot fail.
 SGS_API sgs_camera sgs_camera_reframed(const sgs_camera *camera, int width, int height);
 
-// The same lens with its principal point moved by (dx, dy) pixels: the image shifts by as much.
+// The same lens with the principal point, and therefore the image, shifted by (dx, dy) pixels.
 SGS_API sgs_camera sgs_camera_shifted(const sgs_camera *camera, double dx, double dy);
 
-// All directions as one image: longitude from -180 to 180 degrees left to right, latitude from
-// above to below, the camera's axis in the middle.
+// All directions in one image: longitude from -180 to 180 degrees from left to right, latitude from
+// top to bottom, the camera axis in the centre.
 SGS_API sgs_camera sgs_camera_equirectangular(int width, int height);
 
-// Projects a point in camera axes to pixel coordinates. False when the point has no image (behind
-// the camera for a perspective model, or outside the domain where the distortion is monotonic).
+// Projects a point in camera axes to pixel coordinates. False if the point has no image: behind a
+// perspective camera, or outside the domain where the distortion is monotonic.
 SGS_API bool sgs_camera_project(const sgs_camera *camera, const double point[3], double pixel[2]);
 
-// Unit direction in camera axes of the ray through a pixel coordinate. Newton inversion of the
-// distortion; false when it does not converge or the pixel lies outside the lens's valid image.
+// Unit direction in camera axes of the ray through a pixel coordinate, by Newton inversion of the
+// distortion. False if it does not converge or the pixel is outside the lens's valid image.
 SGS_API bool sgs_camera_unproject(const sgs_camera *camera, const double pixel[2],
                                   double direction[3]);
 
 // Camera centre in world space: -Rᵀ t.
 SGS_API void sgs_pose_center(const sgs_pose *pose, double center[3]);
 
-// Pose from a quaternion (w,x,y,z, any positive norm) and translation, COLMAP's convention. Fails
-// with SGS_STATUS_FORMAT for a zero or non-finite quaternion or translation.
+// Pose from a quaternion (w,x,y,z, any positive norm) and translation, in COLMAP's convention.
+// Fails with SGS_STATUS_FORMAT for zero or non-finite quaternions or non-finite translations.
 SGS_API sgs_status sgs_pose_from_quaternion(const double qvec[4], const double tvec[3],
                                             sgs_pose *pose);
 

@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Image quality by the protocol of the 3DGS papers: 8-bit quantised images, PSNR over all pixels
-// and channels, SSIM with the 11x11 Gaussian window and zero padding. Pure functions.
+// Image quality as in the 3DGS papers: 8-bit quantised images, PSNR over all pixels and channels,
+// SSIM with an 11x11 Gaussian window and zero padding; also FLIP and sharpness. Pure functions.
 
 #include "sparegs/image.h"
 
@@ -12,8 +12,8 @@ extern "C" {
 #endif
 
 // Quantises planar float RGB ([3][height*width], display values) as 3DGS does: floor(clamp(255 v +
-// 0.5, 0, 255)). NaN becomes 0. out->pixels is allocated here. background: colour behind,
-// multiplied by `transmittance` (NULL: 0 everywhere).
+// 0.5, 0, 255)); NaN becomes 0. If `transmittance` is not NULL, adds `background` times it.
+// Allocates out->pixels.
 SGS_API sgs_status sgs_image8_from_planes(const float *const color[3], const float *transmittance,
                                           const float background[3], int width, int height,
                                           sgs_image8 *out);
@@ -26,9 +26,9 @@ SGS_API double sgs_psnr(const sgs_image8 *a, const sgs_image8 *b);
 // match.
 SGS_API double sgs_ssim(const sgs_image8 *a, const sgs_image8 *b);
 
-// The same over the pixels that count alone (`valid_mask` as in sgs_photo; NULL = all). What the
-// others show has no influence: SSIM takes them for black in both images and leaves out the windows
-// around them. NaN when no pixel counts.
+// The same over the valid pixels only (`valid_mask` as in sgs_photo; NULL = all). Invalid pixels
+// have no influence: SSIM treats them as black in both images and skips the windows centred on
+// them. NaN if no pixel is valid.
 SGS_API double sgs_psnr_masked(const sgs_image8 *a, const sgs_image8 *b,
                                const uint16_t *valid_mask);
 SGS_API double sgs_ssim_masked(const sgs_image8 *a, const sgs_image8 *b,
@@ -48,9 +48,9 @@ SGS_API sgs_status sgs_flip(const sgs_image8 *reference, const sgs_image8 *test,
                             double *mean);
 
 // Sharpness of a render: the energy (sum of squares) of the 5-point Laplacian of its luma (0.299,
-// 0.587, 0.114) over the same energy of the photograph. 1 = as much detail as the photograph, below
-// 1 = blurred, above 1 = noisier. Only pixels count whose four neighbours exist and are valid. NaN
-// when the sizes differ or the photograph has no energy. Cannot fail otherwise.
+// 0.587, 0.114), relative to that of the photograph. 1 = as much detail as the photograph, below 1
+// = blurred, above 1 = noisier. Counts pixels that are valid and have four valid neighbours. NaN if
+// sizes differ or the photograph has no energy.
 SGS_API double sgs_sharpness(const sgs_image8 *render, const sgs_image8 *photo,
                              const uint16_t *valid_mask);
 

@@ -25,6 +25,7 @@
 #include <string.h>
 
 #include "base/sh.h"
+#include "base/aov_planes.h"
 #include "base/core.h"
 #include "base/threads.h"
 
@@ -443,19 +444,18 @@ sgs_status sgs_reference_frame_create(int width, int height, sgs_reference_frame
     if (width < 1 || height < 1 || width > 65536 || height > 65536)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "reference: invalid frame size %d x %d",
                          width, height);
-    double **const planes[] = {&frame->color[0],      &frame->color[1],    &frame->color[2],
-                               &frame->transmittance, &frame->depth_mean,  &frame->depth_median,
-                               &frame->depth_first,   &frame->hits,        &frame->normal[0],
-                               &frame->normal[1],     &frame->normal[2],   &frame->position[0],
-                               &frame->position[1],   &frame->position[2], &frame->primitive};
-    for (size_t k = 0; k < sizeof planes / sizeof *planes; ++k) {
-        *planes[k] = sgsi_calloc((size_t)width * (size_t)height, sizeof(double));
-        if (!*planes[k]) {
-            sgs_reference_frame_free(frame);
-            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "reference: no memory for %d x %d pixels",
-                             width, height);
+    size_t count;
+    const sgs_aov *aovs = sgs_aov_descriptors(&count);
+    for (size_t i = 0; i < count; ++i)
+        for (int c = 0; c < aovs[i].channels; ++c) {
+            double *plane = sgsi_calloc((size_t)width * (size_t)height, sizeof(double));
+            if (!plane) {
+                sgs_reference_frame_free(frame);
+                return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                                 "reference: no memory for %d x %d pixels", width, height);
+            }
+            sgsi_plane_set(frame, aovs[i].reference_offset, c, plane);
         }
-    }
     frame->width = width;
     frame->height = height;
     return SGS_STATUS_OK;
@@ -465,16 +465,10 @@ void sgs_reference_frame_free(sgs_reference_frame *frame)
 {
     if (!frame)
         return;
-    for (int c = 0; c < 3; ++c) {
-        sgsi_free(frame->color[c]);
-        sgsi_free(frame->normal[c]);
-        sgsi_free(frame->position[c]);
-    }
-    sgsi_free(frame->transmittance);
-    sgsi_free(frame->depth_mean);
-    sgsi_free(frame->depth_median);
-    sgsi_free(frame->depth_first);
-    sgsi_free(frame->hits);
-    sgsi_free(frame->primitive);
+    size_t count;
+    const sgs_aov *aovs = sgs_aov_descriptors(&count);
+    for (size_t i = 0; i < count; ++i)
+        for (int c = 0; c < aovs[i].channels; ++c)
+            sgsi_free(sgs_aov_reference_plane(&aovs[i], frame, c));
     *frame = (sgs_reference_frame){0};
 }

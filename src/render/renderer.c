@@ -8,6 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/aov_planes.h"
 #include "base/core.h"
 #include "trace/deep.h"
 #include "optimize/optimize.h"
@@ -55,51 +56,33 @@ sgs_render_options sgs_render_options_default(void)
 
 // ---- Frames ----
 
-enum { PLANE_COUNT = 15 };
-
-// The planes of a frame, each with its SGS_AOV_ bit (0: always allocated).
-typedef struct frame_planes {
-    float **plane[PLANE_COUNT];
-    unsigned bit[PLANE_COUNT];
-} frame_planes;
-
-static frame_planes frame_plane_list(sgs_frame *frame)
-{
-    return (frame_planes){
-        {&frame->color[0], &frame->color[1], &frame->color[2], &frame->transmittance,
-         &frame->depth_mean, &frame->depth_median, &frame->depth_first, &frame->hits,
-         &frame->normal[0], &frame->normal[1], &frame->normal[2], &frame->position[0],
-         &frame->position[1], &frame->position[2], (float **)&frame->primitive},
-        {0, 0, 0, 0, SGS_AOV_DEPTH_MEAN, SGS_AOV_DEPTH_MEDIAN, SGS_AOV_DEPTH_FIRST, SGS_AOV_HITS,
-         SGS_AOV_NORMAL, SGS_AOV_NORMAL, SGS_AOV_NORMAL, SGS_AOV_POSITION, SGS_AOV_POSITION,
-         SGS_AOV_POSITION, SGS_AOV_PRIMITIVE}};
-}
-
 sgs_status sgs_frame_create_with(int width, int height, unsigned planes, sgs_frame *frame)
 {
     *frame = (sgs_frame){0};
     if (width < 1 || height < 1)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "invalid frame size %dx%d", width, height);
-    const frame_planes list = frame_plane_list(frame);
+    size_t count;
+    const sgs_aov *aovs = sgs_aov_descriptors(&count);
     const double pixels = (double)width * height, machine = (double)sgs_machine_memory();
     double bytes = 0;
-    for (int i = 0; i < PLANE_COUNT; ++i)
-        bytes += !list.bit[i] || planes & list.bit[i] ? pixels * sizeof(float) : 0;
+    for (size_t i = 0; i < count; ++i)
+        bytes +=
+            sgsi_aov_is_requested(&aovs[i], planes) ? pixels * sizeof(float) * aovs[i].channels : 0;
     if (bytes > machine)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
                          "a frame of %dx%d pixels requires more than %.1f GiB, but the machine has "
                          "%.1f GiB; use a smaller size",
                          width, height, bytes / 0x1p30, machine / 0x1p30);
-    for (int i = 0; i < PLANE_COUNT; ++i) {
-        if (list.bit[i] && !(planes & list.bit[i]))
-            continue;
-        *list.plane[i] = sgsi_calloc((size_t)width * (size_t)height, sizeof(float));
-        if (!*list.plane[i]) {
-            sgs_frame_free(frame);
-            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a frame of %dx%d pixels",
-                             width, height);
+    for (size_t i = 0; i < count; ++i)
+        for (int c = 0; c < aovs[i].channels && sgsi_aov_is_requested(&aovs[i], planes); ++c) {
+            void *plane = sgsi_calloc((size_t)width * (size_t)height, sizeof(float));
+            if (!plane) {
+                sgs_frame_free(frame);
+                return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a frame of %dx%d pixels",
+                                 width, height);
+            }
+            sgsi_plane_set(frame, aovs[i].offset, c, plane);
         }
-    }
     frame->width = width;
     frame->height = height;
     return SGS_STATUS_OK;
@@ -112,9 +95,11 @@ sgs_status sgs_frame_create(int width, int height, sgs_frame *frame)
 
 void sgs_frame_free(sgs_frame *frame)
 {
-    const frame_planes list = frame_plane_list(frame);
-    for (int i = 0; i < PLANE_COUNT; ++i)
-        sgsi_free(*list.plane[i]);
+    size_t count;
+    const sgs_aov *aovs = sgs_aov_descriptors(&count);
+    for (size_t i = 0; i < count; ++i)
+        for (int c = 0; c < aovs[i].channels; ++c)
+            sgsi_free(sgs_aov_plane(&aovs[i], frame, c));
     *frame = (sgs_frame){0};
 }
 
@@ -416,13 +401,14 @@ static sgs_status check_gradients(const sgs_renderer *renderer, const sgs_frame 
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
                          "the gradient has %dx%d pixels but the rendering %dx%d", d_frame->width,
                          d_frame->height, camera->width, camera->height);
-    sgs_frame planes = *d_frame;
-    const frame_planes list = frame_plane_list(&planes);
-    for (int i = 0; i < PLANE_COUNT; ++i)
-        if (list.bit[i] && *list.plane[i])
-            return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                             "only colour and transmittance have gradients; leave the other "
-                             "planes of the frame NULL");
+    size_t count;
+    const sgs_aov *aovs = sgs_aov_descriptors(&count);
+    for (size_t i = 0; i < count; ++i)
+        for (int c = 0; c < aovs[i].channels; ++c)
+            if (aovs[i].bit && sgs_aov_plane(&aovs[i], d_frame, c))
+                return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                                 "only colour and transmittance have gradients; leave the other "
+                                 "planes of the frame NULL");
     if (d_model->count != renderer->model->count)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
                          "the gradient has %zu primitives but the model %zu", d_model->count,

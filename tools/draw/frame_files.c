@@ -29,6 +29,7 @@
 #include "draw/colormap.h"
 #include "cli/output.h"
 #include "cli/progress.h"
+#include "sparegs/aov_descriptors.h"
 #include "sparegs/metrics.h"
 
 #define DEPTHS(kind)                                                                               \
@@ -47,21 +48,6 @@ static const char deep_ray_depth[] =
 static const char deep_axis_depth[] =
     "Z, ZBack: first and last hit of a sample, along the camera's axis (z, "
     "perpendicular to the image plane), world units";
-
-unsigned aov_planes(unsigned aovs)
-{
-    static const struct {
-        unsigned aov, plane;
-    } needs[] = {{AOV_DEPTH, SGS_AOV_DEPTH_MEAN},        {AOV_DEPTH_MEDIAN, SGS_AOV_DEPTH_MEDIAN},
-                 {AOV_DEPTH_FIRST, SGS_AOV_DEPTH_FIRST}, {AOV_HITS, SGS_AOV_HITS},
-                 {AOV_NORMAL, SGS_AOV_NORMAL},           {AOV_POSITION, SGS_AOV_POSITION},
-                 {AOV_PRIMITIVE, SGS_AOV_PRIMITIVE},     {AOV_REGION, SGS_AOV_PRIMITIVE},
-                 {AOV_SLACK, SGS_AOV_PRIMITIVE}};
-    unsigned planes = 0;
-    for (size_t k = 0; k < sizeof needs / sizeof *needs; ++k)
-        planes |= aovs & needs[k].aov ? needs[k].plane : 0;
-    return planes;
-}
 
 // The light that a trained colour stands for.
 static float light_of(const frame_files *files, float value)
@@ -103,15 +89,17 @@ static void camera_matrices(const sgs_camera *camera, const sgs_pose *pose, doub
 // Planes of a file that are made from the frame's.
 typedef struct made_planes {
     float *alpha, *slack;
-    uint32_t *hits, *region;
+    uint32_t *region;
+    uint32_t *counts[AOV_ROWS]; // whole numbers, of rows whose source has such
 } made_planes;
 
 static void free_planes(made_planes *planes)
 {
     free(planes->alpha);
     free(planes->slack);
-    free(planes->hits);
     free(planes->region);
+    for (int k = 0; k < AOV_ROWS; ++k)
+        free(planes->counts[k]);
 }
 
 // The regions of the primitives that contribute most. Planes that are not wanted stay NULL. False
@@ -136,54 +124,68 @@ static bool make_regions(const frame_files *files, const sgs_frame *frame, made_
     return true;
 }
 
+// Whole numbers of the rows that are wanted. False when out of memory.
+static bool make_counts(unsigned aovs, const sgs_frame *frame, made_planes *planes)
+{
+    const size_t pixels = (size_t)frame->width * (size_t)frame->height;
+    for (int k = 0; k < AOV_ROWS; ++k) {
+        const sgs_aov *source = sgs_aov_find(aov_rows[k].source);
+        if (!(aovs >> k & 1) || source->type != SGS_AOV_TYPE_COUNT)
+            continue;
+        const float *from = sgs_aov_plane(source, frame, 0);
+        uint32_t *to = planes->counts[k] = malloc(pixels * sizeof *to);
+        if (!to)
+            return false;
+        for (size_t i = 0; i < pixels; ++i)
+            to[i] = (uint32_t)(from[i] + 0.5F);
+    }
+    return true;
+}
+
 static bool make_planes(const frame_files *files, const sgs_frame *frame, made_planes *planes)
 {
     const size_t pixels = (size_t)frame->width * (size_t)frame->height;
-    *planes = (made_planes){.alpha = malloc(pixels * sizeof *planes->alpha),
-                            .hits = malloc(pixels * sizeof *planes->hits)};
-    if (!planes->alpha || !planes->hits) {
+    *planes = (made_planes){.alpha = malloc(pixels * sizeof *planes->alpha)};
+    if (!planes->alpha || !make_counts(files->aovs, frame, planes)) {
         fail_run("%s: no memory to write it", files->name);
         return false;
     }
-    for (size_t i = 0; i < pixels; ++i) {
+    for (size_t i = 0; i < pixels; ++i)
         planes->alpha[i] = 1 - frame->transmittance[i];
-        planes->hits[i] = frame->hits ? (uint32_t)(frame->hits[i] + 0.5F) : 0;
-    }
     return make_regions(files, frame, planes);
 }
 
+// Channel c of row k in an EXR.
+static sgs_exr_channel channel_of(int k, int c, const sgs_frame *frame, const made_planes *made)
+{
+    const aov_row *row = &aov_rows[k];
+    const sgs_aov *source = sgs_aov_find(row->source);
+    sgs_exr_channel channel = {.name = row->channels[c]};
+    if (row->made == AOV_MADE_REGION)
+        channel.uints = made->region;
+    else if (row->made == AOV_MADE_SLACK)
+        channel.floats = made->slack;
+    else if (c == source->channels)
+        channel.floats = made->alpha;
+    else if (source->type == SGS_AOV_TYPE_COUNT)
+        channel.uints = made->counts[k];
+    else if (source->type == SGS_AOV_TYPE_UINT)
+        channel.uints = sgs_aov_plane(source, frame, c);
+    else
+        channel.floats = sgs_aov_plane(source, frame, c);
+    return channel;
+}
+
 // The channels of an EXR, at most EXR_CHANNELS.
-enum { EXR_CHANNELS = 18 };
+enum { EXR_CHANNELS = 4 * AOV_ROWS };
 
 static int list_channels(unsigned aovs, const sgs_frame *frame, const made_planes *made,
                          sgs_exr_channel *channels)
 {
-    const struct {
-        unsigned aov;
-        sgs_exr_channel channel;
-    } all[EXR_CHANNELS] = {
-        {AOV_RGBA, {.name = "R", .floats = frame->color[0]}},
-        {AOV_RGBA, {.name = "G", .floats = frame->color[1]}},
-        {AOV_RGBA, {.name = "B", .floats = frame->color[2]}},
-        {AOV_RGBA, {.name = "A", .floats = made->alpha}},
-        {AOV_DEPTH, {.name = "depth.Z", .floats = frame->depth_mean}},
-        {AOV_DEPTH_MEDIAN, {.name = "depth_median.Z", .floats = frame->depth_median}},
-        {AOV_DEPTH_FIRST, {.name = "depth_first.Z", .floats = frame->depth_first}},
-        {AOV_TRANSMITTANCE, {.name = "transmittance.T", .floats = frame->transmittance}},
-        {AOV_HITS, {.name = "hits.count", .uints = made->hits}},
-        {AOV_NORMAL, {.name = "N.X", .floats = frame->normal[0]}},
-        {AOV_NORMAL, {.name = "N.Y", .floats = frame->normal[1]}},
-        {AOV_NORMAL, {.name = "N.Z", .floats = frame->normal[2]}},
-        {AOV_POSITION, {.name = "P.X", .floats = frame->position[0]}},
-        {AOV_POSITION, {.name = "P.Y", .floats = frame->position[1]}},
-        {AOV_POSITION, {.name = "P.Z", .floats = frame->position[2]}},
-        {AOV_PRIMITIVE, {.name = "primitive.id", .uints = frame->primitive}},
-        {AOV_REGION, {.name = "region.id", .uints = made->region}},
-        {AOV_SLACK, {.name = "slack.S", .floats = made->slack}}};
     int count = 0;
-    for (size_t k = 0; k < EXR_CHANNELS; ++k)
-        if (aovs & all[k].aov)
-            channels[count++] = all[k].channel;
+    for (int k = 0; k < AOV_ROWS; ++k)
+        for (int c = 0; aovs >> k & 1 && aov_rows[k].channels[c]; ++c)
+            channels[count++] = channel_of(k, c, frame, made);
     return count;
 }
 
@@ -366,10 +368,9 @@ static bool write_image(const frame_files *files, const char *suffix, sgs_image8
 
 // A plane as colours or greys, with a note on what they mean.
 static bool write_plane(const frame_files *files, const char *suffix, const sgs_frame *frame,
-                        const float *plane)
+                        const float *plane, bool grey)
 {
     const size_t pixels = (size_t)frame->width * (size_t)frame->height;
-    const bool grey = plane == frame->transmittance;
     const value_range range = plane_range(plane, pixels);
     sgs_image8 image = {0};
     if (grey ? !plane_grey(plane, frame->width, frame->height, &image)
@@ -430,56 +431,50 @@ static bool write_picture(const frame_files *files, const char *suffix, bool mad
     return false;
 }
 
-static bool write_regions(const frame_files *files, const sgs_frame *frame)
+static bool write_quantity(const frame_files *files, const sgs_frame *frame,
+                           const made_planes *made, int k)
 {
-    made_planes made = {0};
+    const aov_row *row = &aov_rows[k];
+    const sgs_aov *source = sgs_aov_find(row->source);
+    const int width = frame->width, height = frame->height;
+    const void *first = sgs_aov_plane(source, frame, 0);
+    const float *planes[3] = {NULL};
+    for (int c = 0; c < source->channels && source->type != SGS_AOV_TYPE_UINT; ++c)
+        planes[c] = sgs_aov_plane(source, frame, c);
+    const uint32_t *ids = row->made == AOV_MADE_REGION ? made->region : first;
+    char suffix[40];
+    snprintf(suffix, sizeof suffix, ".%s.png", aov_words[k]);
     sgs_image8 image = {0};
-    bool written = make_regions(files, frame, &made);
-    if (files->aovs & AOV_REGION && written)
-        written =
-            write_picture(files, ".region.png",
-                          ids_colored(made.region, frame->width, frame->height, &image), &image);
-    if (files->aovs & AOV_SLACK && written)
-        written = write_picture(
-            files, ".slack.png",
-            slack_colored(made.slack, made.region, frame->width, frame->height, &image), &image);
-    free_planes(&made);
-    return written;
+    bool done = false;
+    switch (row->picture) {
+    case AOV_PICTURE_COLOR:
+        return write_rgb(files, frame);
+    case AOV_PICTURE_GREY:
+    case AOV_PICTURE_RAMP:
+        return write_plane(files, suffix, frame, planes[0], row->picture == AOV_PICTURE_GREY);
+    case AOV_PICTURE_NORMALS:
+        done = normals_colored(planes, width, height, &image);
+        break;
+    case AOV_PICTURE_POSITIONS:
+        done = positions_colored(planes, frame->transmittance, width, height, &image);
+        break;
+    case AOV_PICTURE_IDS:
+        done = ids_colored(ids, width, height, &image);
+        break;
+    case AOV_PICTURE_SLACK:
+        done = slack_colored(made->slack, made->region, width, height, &image);
+        break;
+    }
+    return write_picture(files, suffix, done, &image);
 }
 
 bool frame_write_png(const frame_files *files, const sgs_frame *frame)
 {
-    const struct {
-        unsigned bit;
-        const char *suffix;
-        const float *plane;
-    } planes[] = {{AOV_DEPTH, ".depth.png", frame->depth_mean},
-                  {AOV_DEPTH_MEDIAN, ".depth_median.png", frame->depth_median},
-                  {AOV_DEPTH_FIRST, ".depth_first.png", frame->depth_first},
-                  {AOV_TRANSMITTANCE, ".transmittance.png", frame->transmittance},
-                  {AOV_HITS, ".hits.png", frame->hits}};
-    const int width = frame->width, height = frame->height;
-    sgs_image8 image = {0};
-    if (files->aovs & AOV_RGBA && !write_rgb(files, frame))
-        return false;
-    for (size_t k = 0; k < sizeof planes / sizeof *planes; ++k)
-        if (files->aovs & planes[k].bit &&
-            !write_plane(files, planes[k].suffix, frame, planes[k].plane))
-            return false;
-    if (files->aovs & AOV_NORMAL &&
-        !write_picture(files, ".normal.png",
-                       normals_colored((const float *const *)frame->normal, width, height, &image),
-                       &image))
-        return false;
-    if (files->aovs & AOV_POSITION &&
-        !write_picture(files, ".position.png",
-                       positions_colored((const float *const *)frame->position,
-                                         frame->transmittance, width, height, &image),
-                       &image))
-        return false;
-    if (files->aovs & AOV_PRIMITIVE &&
-        !write_picture(files, ".primitive.png",
-                       ids_colored(frame->primitive, width, height, &image), &image))
-        return false;
-    return write_regions(files, frame);
+    made_planes made = {0};
+    bool written = make_regions(files, frame, &made);
+    for (int k = 0; k < AOV_ROWS && written; ++k)
+        if (files->aovs >> k & 1)
+            written = write_quantity(files, frame, &made, k);
+    free_planes(&made);
+    return written;
 }

@@ -7,31 +7,10 @@
 
 #include <stdbool.h>
 
+#include "draw/aov_list.h"
 #include "draw/region_map.h"
 #include "sparegs/image.h"
 #include "sparegs/render.h"
-
-// Bits in the order of the words of --aov.
-enum {
-    AOV_RGBA = 1,
-    AOV_DEPTH = 2,
-    AOV_DEPTH_MEDIAN = 4,
-    AOV_DEPTH_FIRST = 8,
-    AOV_TRANSMITTANCE = 16,
-    AOV_HITS = 32,
-    AOV_NORMAL = 64,
-    AOV_POSITION = 128,
-    AOV_PRIMITIVE = 256,
-    AOV_REGION = 512,
-    AOV_SLACK = 1024,
-    AOV_ALL = 2047
-};
-#define AOV_WORDS                                                                                  \
-    "all|rgba,depth,depth_median,depth_first,transmittance,hits,normal,position,primitive,region," \
-    "slack"
-
-// The planes (SGS_AOV_ bits) of a frame that these need.
-unsigned aov_planes(unsigned aovs);
 
 typedef enum exr_encoding { EXR_LINEAR = 0, EXR_SRGB = 1 } exr_encoding;
 

@@ -8,6 +8,7 @@
 
 #include "cameras/lens_samples.h"
 #include "cli/progress.h"
+#include "sparegs/aov_descriptors.h"
 #include "sparegs/metrics.h"
 #include "sparegs/runtime.h"
 
@@ -52,6 +53,18 @@ bool view_drawer_close(view_drawer *drawer, bool complete)
     return done;
 }
 
+// `to` may be NULL.
+static void copy_plane(sgs_aov_type type, const double *from, void *to, size_t pixels)
+{
+    float *floats = to;
+    uint32_t *ids = to;
+    for (size_t i = 0; i < pixels && to; ++i)
+        if (type == SGS_AOV_TYPE_UINT)
+            ids[i] = from[i] < 0 ? SGS_NO_PRIMITIVE : (uint32_t)from[i];
+        else
+            floats[i] = (float)from[i];
+}
+
 static bool draw_reference(const view_drawer *drawer, const sgs_camera *camera,
                            const sgs_pose *pose, const sgs_render_options *options,
                            sgs_frame *frame)
@@ -60,23 +73,13 @@ static bool draw_reference(const view_drawer *drawer, const sgs_camera *camera,
     bool done =
         !sgs_reference_frame_create(camera->width, camera->height, &exact) &&
         !sgs_reference_render(drawer->params, drawer->model->count, camera, pose, options, &exact);
-    const double *const from[] = {exact.color[0],      exact.color[1],   exact.color[2],
-                                  exact.transmittance, exact.depth_mean, exact.depth_median,
-                                  exact.depth_first,   exact.hits,       exact.normal[0],
-                                  exact.normal[1],     exact.normal[2],  exact.position[0],
-                                  exact.position[1],   exact.position[2]};
-    float *const to[] = {frame->color[0],      frame->color[1],   frame->color[2],
-                         frame->transmittance, frame->depth_mean, frame->depth_median,
-                         frame->depth_first,   frame->hits,       frame->normal[0],
-                         frame->normal[1],     frame->normal[2],  frame->position[0],
-                         frame->position[1],   frame->position[2]};
     const size_t pixels = (size_t)camera->width * (size_t)camera->height;
-    for (size_t k = 0; k < sizeof to / sizeof *to && done; ++k)
-        for (size_t i = 0; i < pixels && to[k]; ++i)
-            to[k][i] = (float)from[k][i];
-    for (size_t i = 0; i < pixels && done && frame->primitive; ++i)
-        frame->primitive[i] =
-            exact.primitive[i] < 0 ? SGS_NO_PRIMITIVE : (uint32_t)exact.primitive[i];
+    size_t count;
+    const sgs_aov *aovs = sgs_aov_descriptors(&count);
+    for (size_t k = 0; k < count && done; ++k)
+        for (int c = 0; c < aovs[k].channels; ++c)
+            copy_plane(aovs[k].type, sgs_aov_reference_plane(&aovs[k], &exact, c),
+                       sgs_aov_plane(&aovs[k], frame, c), pixels);
     sgs_reference_frame_free(&exact);
     return done;
 }

@@ -248,7 +248,9 @@ static view_options view_options_from(const render_values *values, double path_f
                           .encoding = (exr_encoding)values->encoding,
                           .compression = (sgs_exr_compression)values->compression,
                           .deep = values->deep,
-                          .deep_options = {values->deep_tolerance, values->deep_max},
+                          .deep_options = {.struct_size = sizeof(sgs_deep_options),
+                                           .tolerance = values->deep_tolerance,
+                                           .max_samples = values->deep_max},
                           .samples = values->samples ? values->samples
                                      : blurred       ? BLUR_SAMPLES
                                                      : 1,

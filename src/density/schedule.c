@@ -19,10 +19,12 @@
 //   and weights on them (SPARE-GS) hardly tell. banana as above, updates @ factor: 6 @ 1 65 000
 //   primitives, 14.5 % fewer with SPARE-GS; 8 @ 1.4 62 600, 19.1 %; 10 @ 1.7 58 600, 21.1 %; all
 //   within 0.1 dB of 27.55. plush at 336x252: 31.38, 31.28 and 31.59 dB.
-// - Opacity resets stay 3000 iterations apart, as published, and keep out of the last third of the
-//   densification: an opacity needs some hundred visits to come back from 0.01 and the loss as many
-//   to settle. That run with five updates, and resets at 1000 and 2000: 27.51 dB, without: 27.61 dB
-//   and 14 % less time, because faint primitives let every ray go deeper.
+// - Opacity resets stay 3000 iterations apart, as published, rounded to updates. The last one
+// leaves a third of the
+//   densification, or half an interval between resets where that is shorter: an opacity needs some
+//   hundred visits to come back from 0.01 and the loss as many to settle. That run with five
+//   updates, and resets at 1000 and 2000: 27.51 dB, without: 27.61 dB and 14 % less time, because
+//   faint primitives let every ray go deeper.
 
 #include "density/schedule.h"
 
@@ -102,10 +104,13 @@ sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, size_t train_
         rounded(500 * fmin(1.0, (double)options->iterations / SHORT_LENGTH) - 1, 1);
     schedule.densify_interval =
         rounded((PAPER_HALF * f - schedule.densify_from) / updates, LEAST_INTERVAL);
-    schedule.reset_interval = (3000 + schedule.densify_interval - 1) / schedule.densify_interval *
-                              schedule.densify_interval;
-    schedule.reset_until = schedule.densify_until * 2 / 3;
-    schedule.first_reset = 0; // too late in a short run
+    schedule.reset_interval =
+        rounded(3000.0 / schedule.densify_interval, 1) * schedule.densify_interval;
+    const int third = schedule.densify_until - schedule.densify_until * 2 / 3,
+              half = schedule.reset_interval / 2;
+    schedule.reset_until = schedule.densify_until - (third < half ? third : half);
+    if (schedule.reset_interval >= schedule.reset_until)
+        schedule.first_reset = 0; // too short a run for any reset
     return schedule;
 }
 

@@ -49,9 +49,10 @@
 // [1/4, 4]; otherwise a few voxels of tiny primitives take the whole budget. The median is taken
 // over regions with A_r > 0 (mean of the two middle values for an even number); without any, C_r =
 // 1. a_i / d_i is 0 when d_i = 0, as in the base pipelines, so a faint primitive of an over-budget
-// region that no view has seen is redundant unless rap_require_visible is set. A non-finite centre
-// is assigned to voxel 0 and excluded from the bounding box. A non-finite gradient or radius counts
-// as 0 in the means and never passes the gradient test of (24).
+// region that no view has seen is redundant unless rap_require_visible is set. A primitive with
+// a non-finite centre has no part in anything: not in the box, the regions or N; its weight is 1
+// and it is not redundant. A non-finite gradient or radius counts as 0 in the means and never
+// passes the gradient test of (24).
 //
 // Sums are in double precision and in index order within a region: the result depends on the input
 // only. A call makes three passes over the primitives and three radix sorts of K numbers.
@@ -84,8 +85,8 @@ typedef struct sort_item {
 
 typedef struct workspace {
     uint32_t *region_of;      // [count]; voxel index until the last pass
-    cell *cells;              // [voxels]
-    verdict *verdicts;        // [voxels]
+    cell *cells;              // [voxels + 1], the last one for non-finite centres
+    verdict *verdicts;        // [voxels + 1]
     spare_region *regions;    // [regions]
     sort_item *items, *other; // [regions]
     size_t size;
@@ -137,8 +138,8 @@ static workspace lay_out(const spare_options *options, size_t count, void *memor
     const size_t voxels = voxel_count(options), regions = count < voxels ? count : voxels;
     workspace w = {0};
     w.region_of = carve(memory, &w.size, count, sizeof *w.region_of);
-    w.cells = carve(memory, &w.size, voxels, sizeof *w.cells);
-    w.verdicts = carve(memory, &w.size, voxels, sizeof *w.verdicts);
+    w.cells = carve(memory, &w.size, voxels + 1, sizeof *w.cells);
+    w.verdicts = carve(memory, &w.size, voxels + 1, sizeof *w.verdicts);
     w.regions = carve(memory, &w.size, regions, sizeof *w.regions);
     w.items = carve(memory, &w.size, regions, sizeof *w.items);
     w.other = carve(memory, &w.size, regions, sizeof *w.other);
@@ -198,8 +199,9 @@ static inline uint32_t voxel_coordinate(double x, double low, double scale, doub
     return (uint32_t)(int32_t)(clamped > 0.0 ? clamped : 0.0);
 }
 
-// k_i for every primitive.
-static void assign_voxels(const spare_input *input, const box *b, size_t grid, uint32_t *voxel_of)
+// k_i for every primitive; `outside` for those without a finite centre.
+static void assign_voxels(const spare_input *input, const box *b, size_t grid, uint32_t outside,
+                          uint32_t *voxel_of)
 {
     const double last = (double)grid - 1.0;
     for (size_t i = 0; i < input->count; ++i) {
@@ -209,7 +211,7 @@ static void assign_voxels(const spare_input *input, const box *b, size_t grid, u
         const uint32_t vy = voxel_coordinate((double)y, b->low[1], b->scale[1], last);
         const uint32_t vz = voxel_coordinate((double)z, b->low[2], b->scale[2], last);
         // NOLINTNEXTLINE(clang-analyzer-core.NullDereference): NULL only when computing the size
-        voxel_of[i] = taint == 0.0f ? (vz * (uint32_t)grid + vy) * (uint32_t)grid + vx : 0u;
+        voxel_of[i] = taint == 0.0f ? (vz * (uint32_t)grid + vy) * (uint32_t)grid + vx : outside;
     }
 }
 
@@ -433,13 +435,15 @@ void spare_evaluate(const spare_options *options, const spare_input *input, void
         result->low[axis] = b.low[axis];
         result->cell[axis] = 1.0 / b.scale[axis];
     }
-    assign_voxels(input, &b, grid, w.region_of);
+    assign_voxels(input, &b, grid, (uint32_t)voxels, w.region_of);
     // NOLINTNEXTLINE(clang-analyzer-core.NonNullParamChecker): as above
-    memset(w.cells, 0, voxels * sizeof *w.cells);
+    memset(w.cells, 0, (voxels + 1) * sizeof *w.cells);
     accumulate(input, w.region_of, w.cells);
+    w.verdicts[voxels] = (verdict){.region = SPARE_NO_REGION, .weight = 1.0f};
+    const double total = (double)(input->count - w.cells[voxels].count);
     const size_t count = collect_regions(w.cells, voxels, w.regions, w.verdicts);
     score_regions(options, &w, count);
-    allocate(options, &w, count, options->budget_scale * (double)input->count);
+    allocate(options, &w, count, options->budget_scale * total);
 
     double weight = 0.0, over = 0.0;
     for (size_t r = 0; r < count; ++r) {
@@ -448,8 +452,10 @@ void spare_evaluate(const spare_options *options, const spare_input *input, void
         over += n > w.regions[r].quota ? n : 0.0;
     }
     result->region_count = count;
-    result->mean_weight = weight / (double)input->count;
-    result->over_budget_share = over / (double)input->count;
+    if (count) {
+        result->mean_weight = weight / total;
+        result->over_budget_share = over / total;
+    }
     result->redundant_count = judge(options, input, &w, weights, redundant);
 }
 

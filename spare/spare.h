@@ -65,10 +65,13 @@ typedef struct spare_input {
 // Bytes of workspace that spare_evaluate needs for this grid and count.
 size_t spare_workspace_size(const spare_options *options, size_t count);
 
+// region_of a primitive with a non-finite centre.
+#define SPARE_NO_REGION UINT32_MAX
+
 typedef struct spare_result {
     size_t region_count;
     const spare_region *regions; // [region_count] by ascending voxel; in the workspace
-    const uint32_t *region_of;   // [count] index into regions; in the workspace
+    const uint32_t *region_of;   // [count] index into regions, or SPARE_NO_REGION; in the workspace
     double over_budget_share;    // share of primitives in regions with n_r > quota
     double mean_weight;          // over primitives
     size_t redundant_count;

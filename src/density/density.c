@@ -145,8 +145,8 @@ static void fill_columns(void *context, size_t begin, size_t end, int thread)
         c->weight[i] = 1.0f;
         if (is_degenerate(job->model, i)) {
             c->degenerate[i] = 1;
-            c->x[i] = c->y[i] = c->z[i] = c->opacity[i] = c->scale_max[i] = c->score[i] =
-                c->abs_grad[i] = 0.0f;
+            c->x[i] = c->y[i] = c->z[i] = NAN; // in no box and no region
+            c->opacity[i] = c->scale_max[i] = c->score[i] = c->abs_grad[i] = 0.0f;
         }
     }
 }
@@ -225,6 +225,8 @@ static sgs_status report_regions(const sgsi_density_columns *columns, const spar
                                .weight = options->spare_densify ? (float)from->weight : 1.0f};
     }
     for (size_t i = 0; i < columns->count; ++i) {
+        if (found->region_of[i] == SPARE_NO_REGION)
+            continue;
         sgs_region *region = &list[found->region_of[i]];
         const bool split = columns->action[i] == SGSI_ACTION_SPLIT;
         region->densified += columns->action[i] != SGSI_ACTION_KEEP;

@@ -61,8 +61,8 @@ typedef struct sgsi_density_columns {
     float *abs_grad;     // the same over absolute values, 0 where unseen or not collected
     float *weight;       // w of SPARE-GS, 1 without BMD
     uint8_t *redundant;  // RAP's mask, 0 without
-    uint8_t *degenerate; // a parameter is not finite: the row goes, whatever is decided; its
-                         // columns above are 0
+    uint8_t *degenerate; // a parameter is not finite: the row is removed in any case; x, y, z are
+                         // NaN, the columns behind them 0
     // decided by the pipeline; all 0 before
     uint8_t *action;         // sgsi_action
     uint8_t *removed;        // the native rule removes the row

@@ -17,6 +17,7 @@
 #include "density/density.h"
 #include "density/pipeline.h"
 #include "spare/spare.h"
+#include "sparegs/trainer.h"
 
 typedef struct fixture {
     sgs_gaussians *model;
@@ -285,9 +286,42 @@ static void sorting_keeps_every_row(void **state)
     drop(&f);
 }
 
+// Every row but one lies at 5e6 in x; the box that the grid divides must not reach to the origin.
+static void a_row_that_is_not_finite_has_no_part_in_the_regions(void **state)
+{
+    (void)state;
+    sgs_region *without = NULL;
+    size_t regions = 0;
+    for (int with = 0; with < 2; ++with) {
+        fixture f = make(400 + (size_t)with);
+        f.options.spare_densify = f.options.spare_prune = true;
+        for (size_t i = 0; i < f.model->count; ++i) {
+            *sgs_gaussians_at(f.model, i, SGS_PARAM_MEAN) += 5e6f;
+            *sgs_gaussians_at(f.model, i, SGS_PARAM_MEAN + 1) *= 200;
+            f.statistics.gradient_sum[i] = 1e-5f * (float)i;
+            f.statistics.radius_max[i] = 1 + (float)(i % 7);
+        }
+        if (with) // and a centre that is finite
+            *sgs_gaussians_at(f.model, 400, SGS_PARAM_SCALE + 1) = NAN;
+        update(&f);
+        if (!with) {
+            regions = f.result.regions;
+            without = f.result.region_list;
+            f.result.region_list = NULL;
+            assert_true(regions > 100);
+        } else {
+            assert_int_equal(f.result.regions, regions);
+            assert_memory_equal(f.result.region_list, without, regions * sizeof *without);
+        }
+        drop(&f);
+    }
+    sgsi_free(without);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(a_row_that_is_not_finite_has_no_part_in_the_regions),
         cmocka_unit_test(clone_copies_the_row_and_starts_its_moments_at_zero),
         cmocka_unit_test(split_replaces_the_parent_by_two_smaller_children_around_it),
         cmocka_unit_test(split_children_scatter_like_the_parent),

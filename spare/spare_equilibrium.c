@@ -10,10 +10,12 @@
 // the count.
 //
 // OPEN-4: the paper specifies neither Delta t nor the average. Late in training the loss falls by
-// 0.7 to 1 % per 1000 iterations, so eps_L = 0.008 fits checks that are 1000 iterations apart. The
-// average has decay 0.995, a memory of about 200 iterations (one pass over the views). The decay
-// 0.6 of the usual log line would average about three views and make Delta L noise of +-20 %. The
-// average is divided by its accumulated weight, which removes the bias of the start at 0.
+// 0.7 to 1 % per 1000 iterations of a 30 000-iteration run, so eps_L = 0.008 fits checks that are
+// 1000 f iterations apart, f = iterations / 30 000 (1 under the paper schedule). The average
+// remembers max(200 f, number of training views) iterations, at least one pass over the views: its
+// decay is 1 - 1 / that, 0.995 at full length with up to 200 views. The decay 0.6 of the usual log
+// line would average about three views and make Delta L noise of +-20 %. The average is divided by
+// its accumulated weight, which removes the bias of the start at 0.
 //
 // Two cases that the paper does not cover: an interval with an opacity reset gives no evidence of
 // convergence, because the reset raises the loss; its check only sets the reference of the next

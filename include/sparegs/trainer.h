@@ -72,7 +72,8 @@ typedef struct sgs_pipeline_options {
     sgs_taming_opacity taming_opacity; // frozen, as in the released code
     size_t dash_count;                 // final count; 0 = by momentum
     double fastgs_loss;     // share of the range of a view's error above which a pixel counts; 0.1
-    double fastgs_gradient; // threshold of the absolute gradient that splits; 0.0012
+    double fastgs_gradient; // threshold of the absolute gradient that splits, at full length: the
+                            // schedule scales it as it scales 2e-4; 0.0012
     double fastgs_dense;    // scales above this share of the extent are split, below cloned; 0.001
 } sgs_pipeline_options;
 

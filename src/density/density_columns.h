@@ -19,6 +19,9 @@ typedef struct sgsi_pipeline_state {
     int64_t momentum;      // DashGaussian's budget above initial_count
 } sgsi_pipeline_state;
 
+// tau of a published run, which all five pipelines share.
+#define SGSI_GRADIENT_THRESHOLD 2e-4
+
 typedef struct sgsi_density_options {
     const struct sgs_train_options *train; // for the pipeline's own switches; may be NULL for 3dgs
     sgsi_pipeline_state *state;            // may be NULL for 3dgs
@@ -29,7 +32,7 @@ typedef struct sgsi_density_options {
     bool final_prune;         // after the densification: removes only
     const float *importance,
         *prune_score;          // [count] scores from views, for pipelines that ask for them
-    double gradient_threshold; // tau, 2e-4
+    double gradient_threshold; // tau: SGSI_GRADIENT_THRESHOLD times the schedule's factor
     double opacity_min;        // 0.005
     double size_split;         // scales above this are split, below cloned: 0.01 * extent
     double size_max;           // scales above this are pruned; INFINITY = no size pruning

@@ -17,8 +17,14 @@
 //
 // The compact box of the rasteriser spares tiles at the rim of a footprint and is the tracer's
 // compact_box, 1 by default: what it leaves out is visible, and the tracer's lists hold what is hit
-// and nothing else. SPARE-GS: w
-// multiplies both gradients; with sgs_spare_target also or only the vote, before it is floored.
+// and nothing else.
+//
+// SPARE-GS: w multiplies both gradients; with sgs_spare_target also or only the vote. The native
+// test floor(mean) > 5 is written mean >= 6, so that w * mean >= 6 is the same test at w = 1.
+//
+// The released scripts set the absolute threshold (0.0006 to 0.002), the size and the learning rate
+// of SH bands above 0 (0.0015 to 0.042 over 20) for each scene. The first two are options; the rate
+// is the code's default, 0.005 over 20, for all scenes.
 
 #include "density/pipeline.h"
 
@@ -26,7 +32,7 @@
 
 #include "base/core.h"
 
-static const float vote_needed = 5.0f, opacity_final = 0.1f, pruning_final = 0.9f;
+static const float vote_needed = 6.0f, opacity_final = 0.1f, pruning_final = 0.9f;
 
 static void decide_growth(const sgsi_density_options *options, sgsi_density_columns *c,
                           sgsi_density_result *result)
@@ -36,18 +42,19 @@ static void decide_growth(const sgsi_density_options *options, sgsi_density_colu
     const bool on_gradient = target != SGS_TARGET_IMPORTANCE,
                on_vote = target == SGS_TARGET_IMPORTANCE || target == SGS_TARGET_BOTH;
     const float size = (float)(own->fastgs_dense * options->extent);
+    // The schedule scales both thresholds, or clones alone would become rarer.
+    const double factor = options->gradient_threshold / SGSI_GRADIENT_THRESHOLD;
+    const float split_threshold = (float)(own->fastgs_gradient * factor);
     for (size_t i = 0; i < c->count; ++i) {
         const bool large = c->scale_max[i] > size;
         const float gradient = large ? c->abs_grad[i] : c->score[i];
-        const float threshold =
-            large ? (float)own->fastgs_gradient : (float)options->gradient_threshold;
-        const float vote =
-            on_vote ? options->importance[i] * c->weight[i] : floorf(options->importance[i]);
+        const float threshold = large ? split_threshold : (float)options->gradient_threshold;
+        const float vote = options->importance[i] * (on_vote ? c->weight[i] : 1.0f);
         c->priority[i] = gradient / threshold * (on_gradient ? c->weight[i] : 1.0f);
         const bool grows =
-            gradient * (on_gradient ? c->weight[i] : 1.0f) >= threshold && vote > vote_needed;
-        sgsi_density_count_reversal(
-            gradient >= threshold && floorf(options->importance[i]) > vote_needed, grows, result);
+            gradient * (on_gradient ? c->weight[i] : 1.0f) >= threshold && vote >= vote_needed;
+        sgsi_density_count_reversal(gradient >= threshold && options->importance[i] >= vote_needed,
+                                    grows, result);
         c->action[i] = sgsi_density_growth(grows, c->scale_max[i], size);
     }
 }

@@ -95,8 +95,8 @@ sgs_status sgsi_trainer_update_structure(sgs_trainer *trainer, int iteration,
 {
     const double start = sgsi_seconds();
     sgsi_progress *progress = &trainer->progress;
-    const spare_options spare =
-        spare_settings(&trainer->options, 2e-4 * trainer->schedule.threshold_factor);
+    const spare_options spare = spare_settings(
+        &trainer->options, SGSI_GRADIENT_THRESHOLD * trainer->schedule.threshold_factor);
     const sgsi_density_options options = density_options(trainer, iteration, scores, &spare);
     const sgsi_density_rows rows = {.model = trainer->model,
                                     .m = &trainer->m,

@@ -409,6 +409,42 @@ static void fastgs_grows_where_views_agree_only(void **state)
     drop(f);
 }
 
+// A shorter run asks more of both gradients.
+static void fastgs_scales_both_thresholds(void **state)
+{
+    (void)state;
+    fixture *f = make(&sgsi_pipeline_fastgs, 80, 2e-4f * 1.65f);
+    f->options.gradient_threshold = 1.7 * SGSI_GRADIENT_THRESHOLD;
+    for (size_t i = 0; i < 80; ++i) {
+        if (i < 40)
+            *sgs_gaussians_at(f->model, i, SGS_PARAM_SCALE) = logf(0.02f);
+        f->statistics.abs_grad_sum[i] = 2 * 0.0012f * (i % 2 ? 1.75f : 1.65f);
+        if (i >= 40 && i % 2)
+            f->statistics.gradient_sum[i] = 2 * 2e-4f * 1.75f;
+    }
+    update(f);
+    assert_int_equal(f->result.split, 20);
+    assert_int_equal(f->result.cloned, 20);
+    drop(f);
+}
+
+static void fastgs_votes_are_native_without_weights(void **state)
+{
+    (void)state;
+    size_t counts[4];
+    for (int target = SGS_TARGET_DEFAULT; target <= SGS_TARGET_BOTH; ++target) {
+        fixture *f = make(&sgsi_pipeline_fastgs, 100, 1e-3f);
+        f->train.spare_target = (sgs_spare_target)target;
+        for (size_t i = 0; i < 100; ++i)
+            f->importance[i] = 4 + 0.04f * (float)i; // 4 to 7.96: half of them reach 6
+        counts[target] = update(f);
+        assert_int_equal(f->result.bmd_boosted + f->result.bmd_suppressed, 0);
+        drop(f);
+    }
+    for (int target = SGS_TARGET_DEFAULT; target <= SGS_TARGET_BOTH; ++target)
+        assert_int_equal(counts[target], 150);
+}
+
 static void fastgs_final_prune_removes_faint_and_expendable_rows(void **state)
 {
     (void)state;
@@ -590,6 +626,8 @@ int main(void)
         cmocka_unit_test(half_of_what_3dgs_would_prune_is_drawn),
         cmocka_unit_test(taming_importance_is_the_published_sum),
         cmocka_unit_test(fastgs_grows_where_views_agree_only),
+        cmocka_unit_test(fastgs_scales_both_thresholds),
+        cmocka_unit_test(fastgs_votes_are_native_without_weights),
         cmocka_unit_test(fastgs_final_prune_removes_faint_and_expendable_rows),
         cmocka_unit_test(fastgs_scores_average_votes_and_scale_pruning),
         cmocka_unit_test(dash_adds_no_more_than_its_budget),

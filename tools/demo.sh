@@ -19,8 +19,7 @@ cmake --build "$root/build" -j "$(nproc)" --target sparegs-cli
 program=$root/build/sparegs
 
 echo "== training: $iterations iterations"
-rm -rf "$out"
-"$program" train "$scene" -o "$out" --eval --iterations "$iterations"
+"$program" train "$scene" -o "$out" --overwrite --eval --iterations "$iterations"
 
 echo "== the held-out views"
 "$program" eval "$out" "$scene" --save "$out/eval" | tee "$out/eval.txt"

@@ -101,8 +101,10 @@ json "$out/summary.json" '.iterations == 150'
 # sanitizer takes seconds to load it the limit grows)
 for limit in 3s 12s 48s; do
     rm -rf "$out"
-    run 0 train "${data[@]}" -o "$out" --iterations 1000000 --spare off --time-limit "$limit"
-    [ "$(jq .iterations "$out/summary.json")" = 0 ] || break
+    status=0
+    "$program" train "${data[@]}" -o "$out" --iterations 1000000 --spare off --time-limit "$limit" >"$temporary/stdout" 2>"$temporary/stderr" || status=$?
+    [ "$status" = 0 ] && break
+    check no_iteration_is_an_error test "$status" = 1 -a ! -e "$out/summary.json"
 done
 json "$out/summary.json" '.stop_reason == "time_limit" and .stop_text == "stopped by --time-limit" and .iterations > 0 and .iterations < 1000000 and .train.psnr == null'
 reports "continue with --resume"
@@ -111,8 +113,10 @@ at=$(jq .iterations "$out/summary.json")
 run 0 train "${data[@]}" -o "$out" --iterations 1000000 --spare off --resume --time-limit "$limit"
 reports "resuming at iteration $at"
 run 0 train "${data[@]}" -o "$temporary/short" --iterations 1 --quiet --time-limit 1d3h55m1.5s
-run 1 train "$temporary" -o "$temporary/short" --time-limit 2d12h # accepted; there is no scene
-run 1 train "$temporary" -o "$temporary/short" --time-limit 1200
+run 1 train "$temporary" -o "$temporary/none" --time-limit 2d12h # accepted; there is no scene
+reports "$temporary: "
+run 1 train "$temporary" -o "$temporary/none" --time-limit 1200
+reports "$temporary: "
 for text in 3h55x m 55m3h -3s 3s4 3hh ''; do
     run 2 train "${data[@]}" -o "$out" --time-limit "$text"
     reports "--time-limit"
@@ -155,7 +159,7 @@ reports "--sh-degree was not recorded"
 
 # leftovers_of_a_killed_run_are_removed, other files stay
 touch "$out/checkpoint/state.next.bin.tmp.123" "$out/config.json.tmp.77" "$out/notes.tmp.txt" "$out/keep.me"
-run 0 train "${data[@]}" -o "$out" --iterations 2 --quiet
+run 0 train "${data[@]}" -o "$out" --iterations 2 --quiet --overwrite
 check no_temporary_file_is_left test -z "$(find "$out" -name '*.tmp.[0-9]*')"
 check other_files_stay test -e "$out/keep.me" -a -e "$out/notes.tmp.txt"
 

@@ -70,15 +70,6 @@ reports "--iterations was 20"
 run 1 train "${data[@]}" -o "$out" --eval --spare bmd,rap --iterations 20 --spare-grid 16 --resume
 reports "--spare-grid was 32"
 
-# resume_without_a_run_starts_at_zero
-run 0 train "$room" --downscale 8 -o "$temporary/fresh" --iterations 5 --resume
-reports "starting at iteration 0"
-
-# a_new_run_keeps_the_models_of_the_old_one
-run 0 train "$room" --downscale 8 -o "$temporary/fresh" --iterations 3
-check old_models_are_kept test -s "$temporary/fresh/point_cloud.1/iteration_5/point_cloud.ply"
-check only_the_new_model_is_current test "$(ls "$temporary/fresh/point_cloud")" = iteration_3
-
 # signals_save_and_tell
 for signal in INT:130 TERM:143; do
     rm -rf "$out"
@@ -135,7 +126,7 @@ check summary_is_intact cmp "$temporary/full/summary.json" "$temporary/before.js
 # room_for_the_model_but_not_for_its_checkpoint (the result is measured all the same)
 model_bytes=$(stat -c %s "$temporary/full/point_cloud/iteration_3/point_cloud.ply")
 check fails_without_a_checkpoint bash -c 'trap "" XFSZ; ulimit -f "$3"; status=0
-    "$0" train "$1" --downscale 8 -o "$2" --iterations 4 --eval >/dev/null 2>"$4" || status=$?; test $status = 1' \
+    "$0" train "$1" --downscale 8 -o "$2" --iterations 4 --eval --overwrite >/dev/null 2>"$4" || status=$?; test $status = 1' \
     "$program" "$room" "$temporary/full" $((model_bytes * 3 / 2 / 1024)) "$temporary/stderr"
 check names_the_checkpoint grep -q 'checkpoint' "$temporary/stderr"
 json "$temporary/full/summary.json" '.iterations == 4 and .test.psnr > 5'

@@ -39,7 +39,8 @@ while { [ "$killed" -lt "$kills" ] || [ "$finished" = 0 ]; } && [ "$failures" -l
     at=$(sed -n 's/.*resuming at iteration \([0-9]*\)$/\1/p' "$temporary/stderr")
     check at_most_one_interval_is_done_again test "${at:-$before}" -ge $((before - interval))
     check no_checkpoint_is_damaged bash -c '! grep -Eq "damaged|corrupt" "$0"' "$temporary/stderr"
-    resume=(--resume)
+    resume=()
+    [ ! -e "$out/config.json" ] || resume=(--resume) # killed before the run began
     if [ "$status" = 0 ]; then
         finished=$((finished + 1))
         check the_model_is_the_same test "$(jq -r .model_hash "$out/summary.json")" = "$hash"

@@ -4,10 +4,13 @@
 // The program `sparegs`: dispatches to the command. Exit status: 0 success; 1 failure; 2 usage
 // error; 130 or 143 stopped by SIGINT or SIGTERM after saving.
 
+#include <fcntl.h>
 #include <stdio.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "cli/commands.h"
+#include "cli/json_result.h"
 #include "cli/output.h"
 #include "cli/options.h"
 #include "cli/progress.h"
@@ -114,10 +117,31 @@ static int run(int argc, char **argv)
     return found ? found->run(argc - 1, argv + 1) : fail_command(name);
 }
 
+// True if the command line has the option --json; what follows "--" is no option.
+static bool wants_json(int argc, char **argv)
+{
+    for (int i = 1; i < argc && strcmp(argv[i], "--"); ++i)
+        if (!strcmp(argv[i], "--json"))
+            return true;
+    return false;
+}
+
+// A standard stream that the caller closed would be the next file that is opened.
+static void open_standard_streams(void)
+{
+    for (int fd = open("/dev/null", O_RDWR); fd >= 0; fd = dup(fd))
+        if (fd > STDERR_FILENO) {
+            close(fd);
+            break;
+        }
+}
+
 int main(int argc, char **argv)
 {
+    open_standard_streams();
     messages_hear_library(true);
     const int status = run(argc, argv);
+    const bool printed = json_result_print(status, wants_json(argc, argv));
     // Standard output may hold the result, so a failed write (a full disk) is an error.
-    return status != EXIT_DONE || stdout_is_whole() ? status : EXIT_FAILED;
+    return stdout_is_whole() && printed ? status : status == EXIT_DONE ? EXIT_FAILED : status;
 }

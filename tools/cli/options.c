@@ -17,6 +17,8 @@
 #include <string.h>
 #include <strings.h>
 
+#include "cli/json_result.h"
+
 enum { HELP_INDENT = 30, HELP_WIDTH = 100, LONGEST_WORD = 63 };
 
 static const char *usage_context;
@@ -28,14 +30,16 @@ void fail_usage_within(const char *context)
 
 int fail_usage(const char *format, ...)
 {
+    char text[2048];
     va_list args;
     va_start(args, format);
-    fputs("sparegs: ", stderr);
-    if (usage_context)
-        fprintf(stderr, "%s: ", usage_context);
-    vfprintf(stderr, format, args);
-    fputc('\n', stderr);
+    const int length = snprintf(text, sizeof text, "%s%s", usage_context ? usage_context : "",
+                                usage_context ? ": " : "");
+    if (length >= 0 && length < (int)sizeof text)
+        vsnprintf(text + length, sizeof text - (size_t)length, format, args);
     va_end(args);
+    fprintf(stderr, "sparegs: %s\n", text);
+    json_result_error(text);
     return EXIT_USAGE;
 }
 

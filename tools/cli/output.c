@@ -16,6 +16,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "cli/json_result.h"
 #include "cli/progress.h"
 
 char *format_text(const char *format, ...)
@@ -130,10 +131,8 @@ bool write_json(const char *path, json_t *root)
 
 bool print_json(json_t *root)
 {
-    const bool printed =
-        !json_dumpf(root, stdout, JSON_INDENT(1) | JSON_REAL_PRECISION(9)) && putchar('\n') == '\n';
-    json_decref(root);
-    return printed ? stdout_is_whole() : fail_file("standard output", "cannot be written", errno);
+    json_result_set(root);
+    return true;
 }
 
 static json_t *reported; // list of paths; NULL: each path is printed as a line
@@ -161,10 +160,22 @@ bool reported_files_print(void)
     return print_json(root);
 }
 
+static char *complete; // what is done although stdout cannot be written
+
+void stdout_set_complete(const char *what)
+{
+    free(complete);
+    complete = format_text("%s", what);
+}
+
 bool stdout_is_whole(void)
 {
     const int code = fflush(stdout) ? errno : 0;
-    return (!code && !ferror(stdout)) || fail_file("standard output", "cannot be written", code);
+    if (!code && !ferror(stdout))
+        return true;
+    fail_run("standard output: cannot be written: %s%s%s", code ? strerror(code) : "disk full?",
+             complete ? "; " : "", complete ? complete : "");
+    return false;
 }
 
 json_t *json_number(double value)

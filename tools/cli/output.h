@@ -28,7 +28,8 @@ bool file_exists(const char *path);
 bool write_text(const char *path, const char *text);
 // Writes indented JSON with a final newline. Steals the reference to `root`.
 bool write_json(const char *path, json_t *root);
-// Prints indented JSON to stdout. Steals the reference to `root`.
+// Makes `root` the result that is printed to stdout when the command ends (json_result.h). Steals
+// the reference; always true.
 bool print_json(json_t *root);
 // Reports a written file on stdout: its path as a line, or, between reported_files_begin and
 // reported_files_print, as an entry of {"files": [...]}. Not thread-safe.
@@ -37,6 +38,8 @@ void reported_files_begin(void);
 bool reported_files_print(void);
 // Flushes stdout. False after printing the error if anything could not be written.
 bool stdout_is_whole(void);
+// Adds a sentence to that error: which result is complete without stdout.
+void stdout_set_complete(const char *what);
 // A number with up to 9 digits, or null for infinity and NaN.
 json_t *json_number(double value);
 

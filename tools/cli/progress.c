@@ -18,6 +18,7 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "cli/json_result.h"
 #include "cli/options.h"
 #include "sparegs/runtime.h"
 #include "sparegs/status.h"
@@ -41,7 +42,7 @@ static void clear_line(void)
     console.live = false;
 }
 
-static void print_line(const char *prefix, const char *format, va_list args)
+static void print_line(const char *prefix, const char *format, bool is_error, va_list args)
 {
     char text[2048];
     vsnprintf(text, sizeof text, format, args);
@@ -52,6 +53,8 @@ static void print_line(const char *prefix, const char *format, va_list args)
     pthread_mutex_lock(&console.lock);
     clear_line();
     fprintf(stderr, "%s%s\n", prefix, text);
+    if (is_error)
+        json_result_error(text);
     pthread_mutex_unlock(&console.lock);
 }
 
@@ -86,7 +89,7 @@ void print_note(const char *format, ...)
         return;
     va_list args;
     va_start(args, format);
-    print_line("sparegs: ", format, args);
+    print_line("sparegs: ", format, false, args);
     va_end(args);
 }
 
@@ -117,7 +120,7 @@ int fail_run(const char *format, ...)
 {
     va_list args;
     va_start(args, format);
-    print_line("sparegs: ", format, args);
+    print_line("sparegs: ", format, true, args);
     va_end(args);
     return EXIT_FAILED;
 }

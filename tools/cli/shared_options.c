@@ -163,7 +163,6 @@ option_group scene_group(scene_values *values)
                           .values = values};
 }
 
-// "4GiB", "512M", "1000000". False when it is nothing of the kind.
 int scene_resolve(scene_values *values, const command_line *line, const json_t *config)
 {
     const int splits = option_given(line, "eval") + option_given(line, "test-every") +
@@ -176,6 +175,7 @@ int scene_resolve(scene_values *values, const command_line *line, const json_t *
     if (!splits) {
         values->test_every = (int)json_integer_value(config_option(config, "test_every"));
         values->test_images = json_string_value(config_option(config, "test_images"));
+        values->held_out = json_object_get(config, "test_images");
     }
     if (!option_given(line, "images"))
         values->images = json_string_value(config_option(config, "images"));
@@ -200,9 +200,34 @@ int scene_resolve(scene_values *values, const command_line *line, const json_t *
     return -1;
 }
 
+int model_scene_resolve(scene_values *values, const command_line *line, const json_t *config)
+{
+    const int status = scene_resolve(values, line, config);
+    values->own_split = !config && !values->test_every && !values->test_images;
+    return status;
+}
+
+// The strings of a JSON list, to be released with free(); members that are no strings become "".
+static const char **json_strings(const json_t *list)
+{
+    const size_t count = json_array_size(list);
+    const char **strings = calloc(count + 1, sizeof *strings);
+    if (!strings)
+        exit(fail_run("out of memory"));
+    for (size_t k = 0; k < count; ++k) {
+        const char *text = json_string_value(json_array_get(list, k));
+        strings[k] = text ? text : "";
+    }
+    return strings;
+}
+
 sgs_scene *scene_open(const char *path, const scene_values *values, bool load_images)
 {
     sgs_scene_options options = sgs_scene_options_default();
+    const char **held_out = values->held_out ? json_strings(values->held_out) : NULL;
+    options.held_out = held_out;
+    options.held_out_count = json_array_size(values->held_out);
+    options.own_split = values->own_split;
     options.images_dir = values->images;
     options.downscale = values->downscale;
     options.test_every = values->test_every;
@@ -216,10 +241,9 @@ sgs_scene *scene_open(const char *path, const scene_values *values, bool load_im
     options.white_point = values->white_point;
     options.image_cache = (size_t)values->cache_bytes;
     sgs_scene *scene = NULL;
-    if (sgs_scene_load(path, &options, &scene)) {
-        fail_library();
-        return NULL;
-    }
+    if (sgs_scene_load(path, &options, &scene))
+        fail_library(); // and *scene is NULL
+    free(held_out);
     return scene;
 }
 
@@ -273,7 +297,7 @@ option_group drawing_group(drawing_values *values)
 }
 
 void drawing_resolve(drawing_values *values, const command_line *line, const json_t *config,
-                     const sgs_scene *scene)
+                     const scene_values *data, const sgs_scene *scene)
 {
     const char *filter = json_string_value(config_option(config, "filter"));
     if (!option_given(line, "filter") && filter)
@@ -283,10 +307,10 @@ void drawing_resolve(drawing_values *values, const command_line *line, const jso
     const double compact_box = json_number_value(config_option(config, "compact_box"));
     if (!option_given(line, "compact-box") && compact_box > 0 && compact_box <= 1)
         values->compact_box = compact_box;
-    const char *space = json_string_value(config_option(config, "train_space"));
-    values->space = space && !strcmp(space, "linear") ? SGS_SPACE_LINEAR : SGS_SPACE_SRGB;
-    const double white = json_number_value(config_option(config, "white"));
-    values->white_point = white > 0 ? white : 1;
+    values->space = (sgs_space)data->space;
+    values->white_point = data->white_point > 0             ? data->white_point
+                          : scene && scene->white_point > 0 ? scene->white_point
+                                                            : 1;
     const double near_distance = json_number_value(json_object_get(config, "near_distance"));
     values->near_distance =
         near_distance > 0 ? near_distance : sgs_near_distance(scene ? scene->extent : 1.0);

@@ -27,6 +27,10 @@ typedef struct scene_values {
     double white_point;                      // 0 = measured
     uint64_t cache_bytes;                    // for decoded images; 0 = no limit
     bool eval, invert_masks;
+    // From scene_resolve, borrowed from the config: the names that the run held out, or NULL. They
+    // decide unless the command line has a split of its own.
+    const json_t *held_out;
+    bool own_split; // no run and no option decides: the data set's own test views
 } scene_values;
 
 option_group scene_group(scene_values *values);
@@ -34,6 +38,9 @@ option_group scene_group(scene_values *values);
 // not given on the command line take the recorded values. The strings stay owned by argv and
 // config. Returns -1 to continue, or an exit status.
 int scene_resolve(scene_values *values, const command_line *line, const json_t *config);
+// The same for the scene of a MODEL. Without a run's config and an option, the test views that the
+// data set names are held out.
+int model_scene_resolve(scene_values *values, const command_line *line, const json_t *config);
 // The words of --alpha, in the order of sgs_alpha.
 #define ALPHA_WORDS "over|mask|ignore"
 // The words of --train-space, in the order of sgs_space.
@@ -48,16 +55,16 @@ typedef struct drawing_values {
     int filter; // sgs_filter
     double compact_box;
     float background[3];
-    sgs_space
-        space; // of the model's colours, and the light that is 1 in them: from the run's config
-    double white_point;
+    sgs_space space;      // of the model's colours
+    double white_point;   // linear light that is 1 in them
     double near_distance; // from the scene
 } drawing_values;
 
 option_group drawing_group(drawing_values *values);
-// Options not given on the command line come from the run's config, then from the scene.
+// Options not given on the command line come from the run's config, then from the scene. `data` is
+// resolved before: the space of the colours is that of the data set. scene may be NULL.
 void drawing_resolve(drawing_values *values, const command_line *line, const json_t *config,
-                     const sgs_scene *scene);
+                     const scene_values *data, const sgs_scene *scene);
 // The render options that correspond to the values.
 sgs_render_options drawing_render_options(const drawing_values *values);
 

@@ -68,6 +68,11 @@ static const option output_options[] = {
      .help = "memory limit, for example 500M or 8GiB (K, M, G are powers of 1024): refuse to start "
              "if the estimate exceeds it; save and stop before exceeding it"},
     {.name = "resume", .kind = OPTION_FLAG, .offset = AT(resume), .help = resume_help},
+    {.name = "overwrite",
+     .kind = OPTION_FLAG,
+     .offset = AT(overwrite),
+     .help = "replace the run in OUT, which moves to OUT/previous; the run that was there before "
+             "is removed"},
     {.name = "trace",
      .kind = OPTION_TEXT,
      .offset = AT(trace),
@@ -162,7 +167,7 @@ static void describe_resume(const sgs_train_option *rows, size_t count)
 
 void train_groups(train_values *values, option_group groups[TRAIN_GROUP_COUNT])
 {
-    *values = (train_values){.options = sgs_train_options_default()};
+    *values = (train_values){.options = sgs_train_options_default(), .time_limit = -1};
     table.count = 0;
     size_t count, g = 0;
     const sgs_train_option *rows = sgs_train_option_descriptors(&count);

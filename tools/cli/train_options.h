@@ -11,10 +11,10 @@
 typedef struct train_values {
     const char *output, *init, *trace;
     int checkpoint_every;
-    double time_limit;   // seconds, 0 = none
+    double time_limit;   // seconds, negative = none
     uint64_t max_memory; // bytes, 0 = no limit
     integer_list save_at;
-    bool resume;
+    bool resume, overwrite;
     sgs_train_options options; // of the library; init stays NULL
 } train_values;
 

@@ -207,7 +207,8 @@ static bool measure_model(bench_run *run, const char *model, const char *scene_p
     model_path located;
     sgs_scene *scene = NULL;
     sgs_gaussians *gaussians = NULL;
-    bool done = model_locate(model, &located) && scene_resolve(data, line, located.config) < 0 &&
+    bool done = model_locate(model, &located) &&
+                model_scene_resolve(data, line, located.config) < 0 &&
                 (scene = scene_open(scene_path, data, false)) != NULL;
     if (done && sgs_ply_read(located.ply_path, &gaussians)) {
         fail_library();

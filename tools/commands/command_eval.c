@@ -3,13 +3,16 @@
 
 // `sparegs eval`: the quality of a stored model on the views of a data set, image by image.
 
+#include <math.h>
 #include <stdlib.h>
 
 #include "cli/commands.h"
 #include "run/evaluate.h"
 #include "run/exposure_file.h"
+#include "run/run_record.h"
 #include "cli/file_stems.h"
 #include "cli/interrupt.h"
+#include "cli/json_result.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 
@@ -78,13 +81,51 @@ static bool evaluate_one(const evaluator *evaluation, const sgs_view *view, cons
     if (list) {
         json_t *entry = json_object();
         json_object_set_new(entry, "name", json_string(view->name));
-        json_object_set_new(entry, "psnr", json_number(score.psnr));
+        json_object_set_new(entry, "psnr", json_number(score.psnr)); // null if infinite
+        json_object_set_new(entry, "identical", json_boolean(isinf(score.psnr)));
         json_object_set_new(entry, "ssim", json_number(score.ssim));
         json_array_append_new(list, entry);
     } else {
         printf("%-32s %8.3f dB  %.5f\n", view->name, score.psnr, score.ssim);
     }
     return true;
+}
+
+// How many of the images were used for training, as far as the split is known.
+static void print_means(const sgs_scene *scene, sgs_split split, const split_score *mean)
+{
+    const size_t held_out = scene_split_count(scene, SGS_SPLIT_TEST);
+    char *kind = split == SGS_SPLIT_TEST    ? format_text("held out")
+                 : split == SGS_SPLIT_TRAIN ? format_text("training images")
+                                            : format_text("%zu training images, %zu held out",
+                                                          scene->view_count - held_out, held_out);
+    printf("%-32s %8.3f dB  %.5f\n", "mean", mean->psnr, mean->ssim);
+    printf("PSNR %.2f dB, SSIM %.4f over %zu images (%s)\n", mean->psnr, mean->ssim, mean->images,
+           kind);
+    if (mean->identical)
+        printf("%zu of them identical to the photograph: PSNR is infinite and counts as %g dB in "
+               "the mean\n",
+               mean->identical, IDENTICAL_PSNR);
+    free(kind);
+}
+
+static bool print_scores_json(const sgs_scene *scene, sgs_split split, const split_score *mean,
+                              json_t *list)
+{
+    static const char *const names[] = {
+        [SGS_SPLIT_TEST] = "test", [SGS_SPLIT_TRAIN] = "train", [SGS_SPLIT_ALL] = "all"};
+    const size_t held_out = scene_split_count(scene, SGS_SPLIT_TEST);
+    json_t *root = json_result_new();
+    json_object_set_new(root, "split", json_string(names[split]));
+    json_object_set_new(
+        root, "training_images",
+        json_integer(split == SGS_SPLIT_TEST ? 0 : (json_int_t)(scene->view_count - held_out)));
+    json_object_set_new(root, "images", list);
+    json_object_set_new(root, "mean",
+                        json_pack("{s:o,s:o,s:n,s:I}", "psnr", json_number(mean->psnr), "ssim",
+                                  json_number(mean->ssim), "lpips", "identical",
+                                  (json_int_t)mean->identical));
+    return print_json(root);
 }
 
 static bool evaluate_all(const evaluator *evaluation, sgs_split split, const char *save, bool json)
@@ -105,19 +146,18 @@ static bool evaluate_all(const evaluator *evaluation, sgs_split split, const cha
         json_decref(list);
         return done;
     }
-    const double psnr = sum.psnr / (double)sum.images, ssim = sum.ssim / (double)sum.images;
-    if (!json) {
-        printf("%-32s %8.3f dB  %.5f\n", "mean", psnr, ssim);
-        printf("PSNR %.2f dB, SSIM %.4f over %zu images\n", psnr, ssim, sum.images);
-        return true;
+    if (!sum.images) {
+        json_decref(list);
+        fail_run("%s: no image of this split has a valid pixel; use --masks none to ignore masks",
+                 evaluation->scene->path);
+        return false;
     }
-    json_t *root = json_object(), *mean = json_object();
-    json_object_set_new(mean, "psnr", json_number(psnr));
-    json_object_set_new(mean, "ssim", json_number(ssim));
-    json_object_set_new(mean, "lpips", json_null());
-    json_object_set_new(root, "images", list);
-    json_object_set_new(root, "mean", mean);
-    return print_json(root);
+    sum.psnr /= (double)sum.images;
+    sum.ssim /= (double)sum.images;
+    if (json)
+        return print_scores_json(evaluation->scene, split, &sum, list);
+    print_means(evaluation->scene, split, &sum);
+    return true;
 }
 
 static int evaluate_model(const char *ply_path, const json_t *exposures, const sgs_scene *scene,
@@ -168,11 +208,13 @@ int command_eval(int argc, char **argv)
     sgs_scene *scene = NULL;
     status = EXIT_FAILED;
     if (model_locate(call.line.operands[0], &located)) {
-        status = scene_resolve(&data, &call.line, located.config);
+        status = model_scene_resolve(&data, &call.line, located.config);
         if (status < 0)
             scene = scene_open(call.line.operands[1], &data, true);
         if (status < 0 && scene) {
-            drawing_resolve(&drawing, &call.line, located.config, scene);
+            if (located.iteration)
+                run_record_check_scene(call.line.operands[0], scene);
+            drawing_resolve(&drawing, &call.line, located.config, &data, scene);
             char *path = format_text("%s/exposure.json", call.line.operands[0]);
             bool damaged = false;
             json_t *exposures = json_is_true(config_option(located.config, "exposure"))

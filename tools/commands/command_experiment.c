@@ -19,6 +19,7 @@
 #include "run/experiment_plan.h"
 #include "cli/interrupt.h"
 #include "cli/json_file.h"
+#include "cli/json_result.h"
 #include "cli/options.h"
 #include "cli/output.h"
 #include "cli/progress.h"
@@ -41,7 +42,7 @@ static const option experiment_options[] = {
      .kind = OPTION_TEXT,
      .offset = offsetof(experiment_values, output),
      .argument = "DIR",
-     .help = "output folder for runs and results (required)"},
+     .help = "output folder for runs and results (required without --check)"},
     {.name = "check",
      .kind = OPTION_FLAG,
      .offset = offsetof(experiment_values, check),
@@ -55,7 +56,7 @@ static json_t *finished(const experiment_run *run)
     json_t *summary = json_load_file(path, 0, NULL);
     free(path);
     const char *reason = json_string_value(json_object_get(summary, "stop_reason"));
-    if (reason && strcmp(reason, "signal"))
+    if (reason && (!strcmp(reason, "schedule") || !strcmp(reason, "equilibrium")))
         return summary;
     json_decref(summary);
     return NULL;
@@ -170,7 +171,7 @@ static char *csv_row(const experiment_run *run, const json_t *summary)
 // Writes the results of all completed runs.
 static bool write_results(const experiment_plan *plan, const char *folder)
 {
-    json_t *root = json_object(), *list = json_array();
+    json_t *root = json_result_new(), *list = json_array();
     char *csv = format_text(
         "scene,pipeline,variant,seed,iterations,stop_reason,gaussians,train_seconds,model_hash,"
         "test_psnr,test_ssim,train_psnr,train_ssim\n");
@@ -199,13 +200,33 @@ static bool write_results(const experiment_plan *plan, const char *folder)
     return written;
 }
 
+// The option that a run needs which was begun before: it continues from its checkpoint or, without
+// one, is repeated. NULL for a new run.
+static const char *continuation_of(const experiment_run *run)
+{
+    static const char *const marks[][2] = {{"checkpoint/state.bin", "--resume"},
+                                           {"checkpoint/state.previous.bin", "--resume"},
+                                           {"config.json", "--overwrite"}};
+    const char *chosen = NULL;
+    for (size_t k = 0; k < sizeof marks / sizeof *marks && !chosen; ++k) {
+        char *path = format_text("%s/%s", run->folder, marks[k][0]);
+        if (file_exists(path))
+            chosen = marks[k][1];
+        free(path);
+    }
+    return chosen;
+}
+
 // Trains in a new process of this program, so that runs share neither memory, threads nor crashes.
 // Returns its exit status.
 static int run_child(const experiment_run *run)
 {
-    const char **arguments = calloc((size_t)run->argument_count + 2, sizeof *arguments);
+    const char **arguments = calloc((size_t)run->argument_count + 3, sizeof *arguments);
     if (!arguments)
         return fail_run("out of memory");
+    const char *continuation = continuation_of(run);
+    if (continuation)
+        arguments[run->argument_count + 1] = continuation;
     arguments[0] = "sparegs";
     for (int k = 0; k < run->argument_count; ++k)
         arguments[k + 1] = run->arguments[k];
@@ -273,6 +294,14 @@ static int run_all(const experiment_plan *plan, const char *folder)
                           run->folder, status);
             continue;
         }
+        json_t *summary = finished(run);
+        json_decref(summary);
+        if (!summary) {
+            ++failed;
+            print_warning("%s: stopped before its end; rerun the experiment to continue it",
+                          run->folder);
+            continue;
+        }
         drop_checkpoint(run);
         if (!write_results(plan, folder))
             return EXIT_FAILED;
@@ -314,10 +343,10 @@ static bool print_runs(const experiment_plan *plan, bool json)
 static int experiment(const char *path, const experiment_values *values, bool json)
 {
     experiment_plan plan;
-    if (!experiment_plan_read(path, values->output, &plan))
+    if (!experiment_plan_read(path, values->output ? values->output : ".", &plan))
         return EXIT_FAILED;
     int status = EXIT_FAILED;
-    if (!plans_agree(&plan)) {
+    if (values->output && !plans_agree(&plan)) {
         experiment_plan_free(&plan);
         return status;
     }
@@ -335,6 +364,7 @@ int command_experiment(int argc, char **argv)
 {
     command_call call;
     experiment_values values = {0};
+    static const char *const own[] = {"seed", "threads", "isa"}; // of the runs
     const command_spec spec = {.name = "experiment",
                                .synopsis = "PLAN.json -o DIR [options]",
                                .description = description,
@@ -346,7 +376,13 @@ int command_experiment(int argc, char **argv)
                                    sizeof experiment_options / sizeof *experiment_options,
                                .values = &values};
     int status = command_parse(&spec, argc, argv, &call);
-    if (status < 0 && !values.output)
+    for (size_t k = 0; k < sizeof own / sizeof *own && status < 0; ++k)
+        if (option_given(&call.line, own[k]))
+            status =
+                fail_usage("--%s has no effect on the runs of an experiment; set \"%s\" in the "
+                           "plan",
+                           own[k], k ? own[k] : "seeds");
+    if (status < 0 && !values.output && !values.check)
         status =
             fail_usage("experiment requires an output folder, -o DIR; usage: sparegs experiment %s",
                        call.line.synopsis);

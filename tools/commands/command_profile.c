@@ -276,7 +276,7 @@ static int run_profile(const command_line *line, const profile_values *values,
     char *reason = counters ? NULL : format_text("%s", sgs_last_error());
     int status = model_locate(line->operands[0], &located) ? -1 : EXIT_FAILED;
     if (status < 0)
-        status = scene_resolve(data, line, located.config);
+        status = model_scene_resolve(data, line, located.config);
     if (status < 0 && values->output &&
         !(make_folder(values->output) && check_writable(values->output)))
         status = EXIT_FAILED;
@@ -289,7 +289,7 @@ static int run_profile(const command_line *line, const profile_values *values,
     if (status < 0 && !model->count)
         status = fail_run("%s: contains no primitives", located.ply_path);
     if (status < 0) {
-        drawing_resolve(drawing, line, located.config, scene);
+        drawing_resolve(drawing, line, located.config, data, scene);
         if (!option_given(line, "compact-box"))
             drawing->compact_box = 1; // a profile counts hits of the whole support
         profiling *job = calloc(1, sizeof *job);

@@ -334,7 +334,7 @@ static int run_render(const command_line *line, const render_values *values,
     camera_list cameras = {0};
     int status = model_locate(line->operands[0], &located) ? -1 : EXIT_FAILED;
     if (status < 0)
-        status = scene_resolve(data, line, located.config);
+        status = model_scene_resolve(data, line, located.config);
     if (status < 0 && values->output &&
         !(make_folder(values->output) && check_writable(values->output)))
         status = EXIT_FAILED;
@@ -345,7 +345,7 @@ static int run_render(const command_line *line, const render_values *values,
     if (status < 0 && !cameras_choose(choice, scene, &cameras))
         status = EXIT_FAILED;
     if (status < 0) {
-        drawing_resolve(drawing, line, located.config, scene);
+        drawing_resolve(drawing, line, located.config, data, scene);
         if (values->reference && !option_given(line, "compact-box"))
             drawing->compact_box = 1; // the reference has no tiles
         const bool done = render_model(line->operands[0], &located, &cameras, drawing, values);

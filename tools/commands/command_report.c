@@ -243,7 +243,7 @@ static json_t *picture_of(const char *folder, const json_t *run)
         const bool parsed = command_line_parse(&nothing, 1, arguments) < 0;
         const char *scene_path = json_string_value(json_object_get(located.config, "scene"));
         sgs_scene *scene =
-            parsed && scene_path && scene_resolve(&data, &nothing, located.config) < 0
+            parsed && scene_path && model_scene_resolve(&data, &nothing, located.config) < 0
                 ? scene_open(scene_path, &data, true)
                 : NULL;
         sgs_gaussians *model = NULL;
@@ -254,7 +254,7 @@ static json_t *picture_of(const char *folder, const json_t *run)
         for (size_t v = 0; scene && v < scene->view_count && view->split != SGS_SPLIT_TEST; ++v)
             view = scene->views[v].split == SGS_SPLIT_TEST ? &scene->views[v] : view;
         if (scene)
-            drawing_resolve(&drawing, &nothing, located.config, scene);
+            drawing_resolve(&drawing, &nothing, located.config, &data, scene);
         if (view && !sgs_ply_read(located.ply_path, &model) &&
             evaluator_open(&evaluation, model, scene, &drawing) &&
             evaluate_view(&evaluation, view, &score, &drawn, &photo)) {
@@ -264,8 +264,8 @@ static json_t *picture_of(const char *folder, const json_t *run)
                             json_string_value(json_object_get(run, "pipeline")),
                             json_string_value(json_object_get(run, "variant")), view->name);
             if (left && right)
-                picture = json_pack("{s:s,s:O,s:O,s:f}", "label", label, "drawn", left, "photo",
-                                    right, "psnr", score.psnr);
+                picture = json_pack("{s:s,s:O,s:O,s:o}", "label", label, "drawn", left, "photo",
+                                    right, "psnr", json_number(score.psnr));
             json_decref(left);
             json_decref(right);
             free(label);

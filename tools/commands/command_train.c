@@ -6,6 +6,7 @@
 // trainer; read the saved model back and evaluate that file on the held-out and training views.
 
 #include <math.h>
+#include <stdarg.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -13,10 +14,12 @@
 #include "run/evaluate.h"
 #include "run/exposure_file.h"
 #include "cli/interrupt.h"
+#include "cli/json_result.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "run/region_file.h"
 #include "run/run_folder.h"
+#include "run/run_record.h"
 #include "report/scaling_report.h"
 #include "sparegs/metrics.h"
 #include "sparegs/runtime.h"
@@ -52,6 +55,8 @@ typedef struct training {
     sgs_train_bytes bytes;
     sgs_train_skipped skipped;
     char hash[17];
+    json_t *stored;       // the config of the run to resume
+    double wall_seconds;  // of this command
     bool checkpoint_lost; // saving the last one failed and was reported; the model is evaluated
                           // anyway
     split_score test, train;
@@ -111,8 +116,8 @@ static int distinct_digits(double a, double b)
     return digits;
 }
 
-// Estimates the memory of the images and the initial model before loading. Exceeding --max-memory
-// is an error; exceeding the machine's memory is a warning.
+// Estimates the memory of the images and the initial model before loading. It must not exceed
+// --max-memory or, without that option, the memory of the machine.
 static bool memory_suffices(const training *run)
 {
     messages_hear_library(false); // the same warnings follow when the images are loaded
@@ -136,14 +141,12 @@ static bool memory_suffices(const training *run)
                     "model of %zu primitives %.*f GiB)",
                     run->scene_path, digits, needed / 0x1p30, digits, without / 0x1p30, count,
                     digits, (needed - without) / 0x1p30);
-    static const char hint[] = "reduce --image-cache or --max-gaussians, or use --downscale";
-    if (allowed > 0)
-        fail_run("%s, more than --max-memory (%.*f GiB); %s", needs, digits, limit / 0x1p30, hint);
-    else
-        print_warning("%s, more than the available %.*f GiB; %s", needs, digits, limit / 0x1p30,
-                      hint);
+    fail_run(
+        "%s, more than %s (%.*f GiB); reduce --image-cache or --max-gaussians, use --downscale%s",
+        needs, allowed > 0 ? "--max-memory" : "the memory of the machine", digits, limit / 0x1p30,
+        allowed > 0 ? "" : ", or allow it with a larger --max-memory");
     free(needs);
-    return allowed <= 0;
+    return false;
 }
 
 // A structural update may temporarily double its primitives. True if the next one could exceed
@@ -187,27 +190,22 @@ static bool create_trainer(training *run)
 // Loads the checkpoint for --resume. Returns 1 if loaded, 0 to start at iteration 0, -1 on failure.
 static int resume(training *run, const char *config_path, json_t *config)
 {
-    json_error_t error = {0};
-    json_t *stored = file_exists(config_path) ? json_load_file(config_path, 0, &error) : NULL;
-    if (!stored) {
-        if (file_exists(config_path))
-            fail_run("%s: line %d: %s; the run cannot be resumed, train without --resume",
-                     config_path, error.line, error.text);
-        else
-            print_note("%s: no run to resume; starting at iteration 0", run->values.output);
-        return file_exists(config_path) ? -1 : 0;
-    }
-    const int loaded = train_config_agrees(config_path, stored, config)
-                           ? run_folder_load_checkpoint(&run->folder, run->trainer)
-                           : -1;
-    if (loaded > 0)
-        train_config_record(stored, config, sgs_trainer_iteration(run->trainer));
-    json_decref(stored);
-    if (loaded > 0)
+    if (!run_record_split_agrees(config_path, run->stored, run->scene) ||
+        !train_config_agrees(config_path, run->stored, config))
+        return -1;
+    const int loaded = run_folder_load_checkpoint(&run->folder, run->trainer);
+    if (loaded > 0) {
+        train_config_record(run->stored, config, sgs_trainer_iteration(run->trainer));
         print_note("%s: resuming at iteration %d", run->values.output,
                    sgs_trainer_iteration(run->trainer));
-    else if (!loaded)
+    } else if (!loaded && run_folder_has_results(&run->folder)) {
+        fail_run("%s: no checkpoint to resume from: checkpoint/state.bin does not exist; start "
+                 "again with --overwrite",
+                 run->values.output);
+        return -1;
+    } else if (!loaded) {
         print_note("%s: no checkpoint yet; starting at iteration 0", run->values.output);
+    }
     return loaded;
 }
 
@@ -227,24 +225,45 @@ static bool write_first_files(const training *run)
     return written;
 }
 
+// config.json of this run. Call once the scene is loaded.
+static json_t *config_of(const training *run)
+{
+    json_t *config = train_config(run->scene_path, &run->values, &run->data, &run->common);
+    const double limit = run->values.time_limit;
+    json_object_set_new(config, "image_cache", json_integer((json_int_t)run->data.cache_bytes));
+    json_object_set_new(config, "max_memory", json_integer((json_int_t)run->values.max_memory));
+    json_object_set_new(config, "time_limit", limit >= 0 ? json_number(limit) : json_null());
+    json_object_set_new(config, "near_distance",
+                        json_number(sgs_near_distance(run->scene->extent)));
+    run_record_split(config, run->scene);
+    return config;
+}
+
+// Writes the first files, config.json last: it makes OUT the folder of a run. An earlier run moves
+// away before and comes back if the disk does not take the files.
+static bool begin_run(training *run, const char *config_path, json_t *config)
+{
+    const bool replaces = !run->values.resume && run_folder_is_used(&run->folder);
+    if (replaces && !run_folder_set_aside(&run->folder))
+        return false;
+    const bool written = write_first_files(run) && write_json(config_path, json_incref(config));
+    if (!replaces)
+        return written;
+    if (!written)
+        run_folder_restore(&run->folder);
+    return written && run_folder_keep_previous(&run->folder);
+}
+
 static bool open_folder(training *run)
 {
     char *config_path = format_text("%s/config.json", run->values.output);
-    json_t *config = train_config(run->scene_path, &run->values, &run->data, &run->common);
-    json_object_set_new(config, "image_cache", json_integer((json_int_t)run->data.cache_bytes));
-    json_object_set_new(config, "max_memory", json_integer((json_int_t)run->values.max_memory));
-    json_object_set_new(config, "time_limit", json_number(run->values.time_limit));
-    json_object_set_new(config, "near_distance",
-                        json_number(sgs_near_distance(run->scene->extent)));
+    json_t *config = config_of(run);
     const int resumed = run->values.resume ? resume(run, config_path, config) : 0;
-    // Files of an earlier run are replaced only after the first files of this one are on disk.
-    bool ready = resumed >= 0 && write_first_files(run);
-    if (ready && !resumed && run_folder_is_used(&run->folder))
-        ready = run_folder_clear(&run->folder);
-    ready = ready && write_json(config_path, json_incref(config)) &&
-            run_folder_open_tables(&run->folder, sgs_trainer_iteration(run->trainer),
-                                   sgs_trainer_structure_iteration(run->trainer)) &&
-            region_file_cut(run->values.output, sgs_trainer_structure_iteration(run->trainer));
+    const bool ready =
+        resumed >= 0 && begin_run(run, config_path, config) &&
+        run_folder_open_tables(&run->folder, sgs_trainer_iteration(run->trainer),
+                               sgs_trainer_structure_iteration(run->trainer)) &&
+        region_file_cut(run->values.output, sgs_trainer_structure_iteration(run->trainer));
     run->train_seconds = resumed > 0 ? sgs_trainer_seconds(run->trainer).total : 0;
     json_decref(config);
     free(config_path);
@@ -302,16 +321,31 @@ static void save_due(training *run, int iteration)
         print_note("%s: saved a checkpoint at iteration %d", run->values.output, iteration);
 }
 
-// True if one more iteration and saving could exceed the time limit.
-static bool time_is_up(const training *run)
+// Seconds that one more iteration and saving may take.
+static double time_needed(const training *run)
 {
     enum { SLOW_DISK = 100000000 }; // bytes per second
-    if (!(run->values.time_limit > 0))
+    const size_t bytes = run->trainer ? sgs_trainer_checkpoint_bytes(run->trainer) : 0;
+    const double expected = (double)bytes / SLOW_DISK;
+    return run->longest_step + 2 * fmax(run->folder.checkpoint_seconds, expected) + 1;
+}
+
+static bool time_is_up(const training *run)
+{
+    const double spent = clock_seconds() - run->started;
+    return run->values.time_limit >= 0 && run->values.time_limit < spent + time_needed(run);
+}
+
+// True, after printing the error, if the time limit leaves no time for the first iteration.
+static bool has_no_time(const training *run)
+{
+    if (!time_is_up(run))
         return false;
-    const double left = run->started + run->values.time_limit - clock_seconds();
-    const double expected = (double)sgs_trainer_checkpoint_bytes(run->trainer) / SLOW_DISK;
-    const double saving = fmax(run->folder.checkpoint_seconds, expected);
-    return left < run->longest_step + 2 * saving + 1;
+    fail_run("%s: --time-limit %gs leaves no time for an iteration (with loading and saving about "
+             "%.0f s are required), nothing was trained; allow more time, or omit --time-limit",
+             run->values.output, run->values.time_limit,
+             ceil(clock_seconds() - run->started + time_needed(run)));
+    return true;
 }
 
 // Records the phases and counters of the iteration that began at `start`.
@@ -363,12 +397,16 @@ static bool iterate(training *run, trace_file *trace)
             run->stop = SGS_STOP_SIGNAL;
             break;
         }
-        if (time_is_up(run)) {
-            run->stop = SGS_STOP_TIME_LIMIT;
-            break;
-        }
         if (sgs_trainer_iteration(run->trainer) >= total) {
             run->stop = SGS_STOP_SCHEDULE; // resumed from a checkpoint of the last iteration
+            break;
+        }
+        if (!run->longest_step && has_no_time(run)) {
+            progress_end();
+            return false;
+        }
+        if (time_is_up(run)) {
+            run->stop = SGS_STOP_TIME_LIMIT;
             break;
         }
         sgs_step_info info = {0};
@@ -472,6 +510,18 @@ static bool evaluate(training *run)
     return done;
 }
 
+// Sets a member to a path; null if that is not UTF-8.
+static void add_path(json_t *object, const char *name, const char *format, ...)
+{
+    char path[4096];
+    va_list args;
+    va_start(args, format);
+    vsnprintf(path, sizeof path, format, args);
+    va_end(args);
+    json_t *text = json_string(path);
+    json_object_set_new(object, name, text ? text : json_null());
+}
+
 static json_t *summary_json(const training *run)
 {
     static const char *const reasons[] = {
@@ -493,7 +543,7 @@ static json_t *summary_json(const training *run)
                   {"spare", s->spare},
                   {"image_io", run->load_seconds + s->image_io},
                   {"checkpoint", run->folder.checkpoint_total}};
-    json_t *summary = json_object(), *seconds = json_object();
+    json_t *summary = json_result_new(), *seconds = json_object();
     for (size_t i = 0; i < sizeof phases / sizeof *phases; ++i)
         json_object_set_new(seconds, phases[i].name, json_number(phases[i].value));
     json_object_set_new(summary, "iterations", json_integer(run->iterations));
@@ -501,6 +551,7 @@ static json_t *summary_json(const training *run)
     json_object_set_new(summary, "stop_text", json_string(run->stop_text));
     json_object_set_new(summary, "gaussians", json_integer((json_int_t)run->gaussians));
     json_object_set_new(summary, "train_seconds", json_number(run->train_seconds));
+    json_object_set_new(summary, "wall_seconds", json_number(run->wall_seconds));
     json_object_set_new(summary, "seconds", seconds);
     scaling_add_training(summary, &run->seconds, &run->bytes);
     json_object_set_new(summary, "skipped",
@@ -515,28 +566,42 @@ static json_t *summary_json(const training *run)
                         json_integer((json_int_t)run->memory_estimate));
     json_object_set_new(summary, "model_hash", json_string(run->hash));
     json_object_set_new(summary, "seed", json_integer((json_int_t)run->common.seed));
+    json_object_set_new(summary, "version", json_string(sgs_version()));
+    json_object_set_new(summary, "commit", json_string(sgs_version_commit()));
+    add_path(summary, "scene", "%s", run->scene_path);
+    add_path(summary, "output", "%s", run->values.output);
+    if (run->iterations)
+        add_path(summary, "model", "%s/point_cloud/iteration_%d/point_cloud.ply",
+                 run->values.output, run->iterations);
     return summary;
 }
 
 static void print_score(const char *label, const split_score *score)
 {
     if (score->images)
-        printf("%s PSNR %.2f dB, SSIM %.4f (%zu images)\n", label, score->psnr, score->ssim,
-               score->images);
+        printf("%s PSNR %.2f dB, SSIM %.4f (%zu images%s)\n", label, score->psnr, score->ssim,
+               score->images, score->identical ? ", some identical: 100 dB each" : "");
 }
 
-static bool report(const training *run)
+static bool report(training *run)
 {
     char *path = format_text("%s/summary.json", run->values.output);
+    run->wall_seconds = clock_seconds() - run->started;
     json_t *summary = summary_json(run);
     bool done = write_json(path, json_incref(summary));
+    if (done) {
+        char *kept = format_text("the run is complete, its result is in %s", path);
+        stdout_set_complete(kept);
+        free(kept);
+    }
     free(path);
     if (run->common.json)
         return print_json(summary) && done;
     json_decref(summary);
-    printf("%d iteration%s in %.1f s%s%s, %zu primitives, model %s\n", run->iterations,
-           run->iterations == 1 ? "" : "s", run->train_seconds, *run->stop_text ? ": " : "",
-           run->stop_text, run->gaussians, run->hash);
+    printf("%d iteration%s in %.1f s (this command: %.1f s)%s%s, %zu primitives, "
+           "model %s\n",
+           run->iterations, run->iterations == 1 ? "" : "s", run->train_seconds, run->wall_seconds,
+           *run->stop_text ? ": " : "", run->stop_text, run->gaussians, run->hash);
     print_score("held-out images:", &run->test);
     print_score("training images:", &run->train);
     if (run->iterations)
@@ -545,21 +610,53 @@ static bool report(const training *run)
     return done;
 }
 
+// Decides about a run that OUT may hold, and reads the config of the one to resume. False after
+// printing the error.
+static bool claim_folder(training *run)
+{
+    const char *out = run->values.output;
+    char *config_path = format_text("%s/config.json", out);
+    json_error_t error = {0};
+    bool claimed = true;
+    if (run->values.resume && !file_exists(config_path)) {
+        claimed = false; // and no folder is made of a mistyped name
+        fail_run("%s: no run to resume: config.json does not exist; check the folder, or omit "
+                 "--resume to start",
+                 out);
+    }
+    claimed = claimed && run_folder_prepare(&run->folder, out);
+    if (claimed && run->values.resume) {
+        run->stored = json_load_file(config_path, 0, &error);
+        claimed = run->stored != NULL;
+        if (!claimed)
+            fail_run("%s: line %d: %s; the run cannot be resumed, replace it with --overwrite",
+                     config_path, error.line, error.text);
+        run->data.held_out = json_object_get(run->stored, "test_images");
+    } else if (claimed && run_folder_is_used(&run->folder) && !run->values.overwrite) {
+        claimed = false;
+        fail_run("%s: already contains a run; continue it with --resume, or replace it with "
+                 "--overwrite",
+                 out);
+    }
+    free(config_path);
+    return claimed;
+}
+
 // Prepares OUT, the scene and the trainer. Returns -1 to continue, or an exit status.
 static int prepare(training *run, bool background_given)
 {
-    if (!run_folder_prepare(&run->folder, run->values.output))
+    if (has_no_time(run) || !claim_folder(run))
         return EXIT_FAILED;
-    if (!memory_suffices(run) || !load_scene(run, background_given)) {
-        run_folder_leave(&run->folder);
-        return EXIT_FAILED;
-    }
-    if (interrupt_signal()) {
+    const bool loaded = memory_suffices(run) && load_scene(run, background_given);
+    if (loaded && interrupt_signal()) {
         print_warning("%s: stopped before the first iteration; nothing was written",
                       run->values.output);
         return interrupt_status();
     }
-    return create_trainer(run) && open_folder(run) ? -1 : EXIT_FAILED;
+    if (loaded && create_trainer(run) && !has_no_time(run))
+        return open_folder(run) ? -1 : EXIT_FAILED;
+    run_folder_leave(&run->folder);
+    return EXIT_FAILED;
 }
 
 // Iterates, saves the results and frees the trainer.
@@ -599,6 +696,15 @@ static int train(training *run, bool background_given)
 
 enum { GROUP_COUNT = TRAIN_GROUP_COUNT + 2 };
 
+// True if --save-at has an iteration that the run does not reach.
+static bool is_late(const train_values *values)
+{
+    for (int i = 0; i < values->save_at.count; ++i)
+        if (values->save_at.values[i] > values->options.iterations)
+            return true;
+    return false;
+}
+
 // Checks the combination of the parsed options. Returns -1 to continue, or an exit status.
 static int check_values(const train_values *values, const command_line *line)
 {
@@ -606,6 +712,13 @@ static int check_values(const train_values *values, const command_line *line)
     if (o->pipeline == SGS_PIPELINE_TAMING &&
         o->pipeline_options.taming_opacity == SGS_TAMING_LINEAR && o->filter == SGS_FILTER_MIP)
         return fail_usage("--taming-opacity linear and --filter mip are mutually exclusive");
+    if (values->resume && values->overwrite)
+        return fail_usage("--resume and --overwrite are mutually exclusive; --resume continues the "
+                          "run in OUT, --overwrite replaces it");
+    if (option_given(line, "save-at") && is_late(values))
+        return fail_usage("--save-at: the run ends at iteration %d; choose earlier iterations, or "
+                          "raise --iterations",
+                          o->iterations);
     if (!values->output)
         return fail_usage("train requires an output folder, -o OUT; usage: sparegs train %s",
                           line->synopsis);
@@ -656,6 +769,7 @@ int command_train(int argc, char **argv)
     status = train(&run, option_given(&line, "background"));
     sgs_trainer_destroy(run.trainer);
     sgs_scene_destroy(run.scene);
+    json_decref(run.stored);
     free(run.stop_text);
     return status;
 }

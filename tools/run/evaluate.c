@@ -149,7 +149,8 @@ void split_score_add(split_score *sum, const sgs_view *view, const view_score *s
         return;
     }
     ++sum->images;
-    sum->psnr += fmin(score->psnr, 100.0);
+    sum->identical += isinf(score->psnr) != 0;
+    sum->psnr += fmin(score->psnr, IDENTICAL_PSNR);
     sum->ssim += score->ssim;
 }
 
@@ -176,8 +177,8 @@ bool evaluate_split(const evaluator *evaluation, sgs_split split, split_score *s
     }
     progress_end();
     if (sum.images)
-        *score =
-            (split_score){sum.images, sum.psnr / (double)sum.images, sum.ssim / (double)sum.images};
+        *score = (split_score){sum.images, sum.identical, sum.psnr / (double)sum.images,
+                               sum.ssim / (double)sum.images};
     return true;
 }
 
@@ -185,6 +186,7 @@ json_t *split_score_json(const split_score *score)
 {
     json_t *object = json_object();
     json_object_set_new(object, "images", json_integer((json_int_t)score->images));
+    json_object_set_new(object, "identical", json_integer((json_int_t)score->identical));
     json_object_set_new(object, "psnr", score->images ? json_number(score->psnr) : json_null());
     json_object_set_new(object, "ssim", score->images ? json_number(score->ssim) : json_null());
     json_object_set_new(object, "lpips", json_null());

@@ -33,17 +33,21 @@ typedef struct view_score {
 bool evaluate_view(const evaluator *evaluation, const sgs_view *view, view_score *score,
                    sgs_image8 *drawn, sgs_image8 *photo);
 
+// PSNR of an image that is identical to its photograph in the mean of a split: the mean of an
+// infinite value would be infinite.
+#define IDENTICAL_PSNR 100.0
+
 typedef struct split_score {
-    size_t images;
-    double psnr, ssim; // means over the images
+    size_t images, identical; // identical images are among `images`
+    double psnr, ssim;        // means over the images
 } split_score;
 
-// Adds a view to the sums in *sum. A view without a pixel that counts is left out and named; one
-// that is equal to the bit counts as 100 dB, where infinity would leave nothing of a mean.
+// Adds a view to the sums in *sum. A view without a valid pixel is skipped with a warning.
 void split_score_add(split_score *sum, const sgs_view *view, const view_score *score);
 
 // Scores a split; a request to stop (interrupt.h) ends it early with images = 0.
 bool evaluate_split(const evaluator *evaluation, sgs_split split, split_score *score);
 
-// {"images":n,"psnr":dB,"ssim":x,"lpips":null}; psnr and ssim are null without images.
+// {"images":n,"identical":n,"psnr":dB,"ssim":x,"lpips":null}; psnr and ssim are null without
+// images.
 json_t *split_score_json(const split_score *score);

@@ -81,8 +81,8 @@ static char *value_text(const json_t *value)
 // The options of one run as arguments: the merged object's members.
 static bool add_options(experiment_run *run, json_t *options)
 {
-    static const char *const own[] = {"output", "resume", "json",    "quiet",
-                                      "help",   "seed",   "pipeline"};
+    static const char *const own[] = {"output", "resume", "overwrite", "json",
+                                      "quiet",  "help",   "seed",      "pipeline"};
     const char *key;
     json_t *value;
     json_object_foreach(options, key, value)
@@ -166,7 +166,6 @@ static bool add_run(experiment_plan *plan, const char *folder, const json_t *sce
     add_argument(run, format_text("%s", pipeline));
     add_argument(run, format_text("--seed"));
     add_argument(run, format_text("%d", seed));
-    add_argument(run, format_text("--resume"));
     add_argument(run, format_text("--quiet"));
     json_t *options = merged_options(plan->root, scene, variant);
     const char *path = json_string_value(json_object_get(scene, "path"));

@@ -67,20 +67,6 @@ static int remove_temporary(const char *path, const struct stat *info, int kind,
     return 0;
 }
 
-bool run_folder_prepare(run_folder *folder, const char *path)
-{
-    *folder = (run_folder){.path = path, .lock = -1};
-    if (!make_folder(path) || !lock_folder(folder))
-        return false;
-    nftw(path, remove_temporary, 8, FTW_PHYS | FTW_MOUNT);
-    return check_writable(path);
-}
-
-void run_folder_leave(const run_folder *folder)
-{
-    rmdir(folder->path); // fails, as it should, when anything is in it
-}
-
 bool run_folder_is_used(const run_folder *folder)
 {
     char *config = format_text("%s/config.json", folder->path);
@@ -89,45 +75,140 @@ bool run_folder_is_used(const run_folder *folder)
     return used;
 }
 
-// Removes OUT/name if it is there.
-static bool remove_file(const run_folder *folder, const char *name)
+bool run_folder_has_results(const run_folder *folder)
 {
-    char *path = format_text("%s/%s", folder->path, name);
-    const bool gone = !unlink(path) || errno == ENOENT;
-    if (!gone)
-        fail_run("%s: cannot be removed: %s", path, strerror(errno));
-    free(path);
-    return gone;
+    char *clouds = format_text("%s/point_cloud", folder->path);
+    char *summary = format_text("%s/summary.json", folder->path);
+    const bool has = file_exists(clouds) || file_exists(summary);
+    free(clouds);
+    free(summary);
+    return has;
 }
 
-bool run_folder_clear(const run_folder *folder)
+// ---- An earlier run ----
+
+// What a run writes. config.json makes the folder that of a run. It leaves last and returns first,
+// so that OUT/previous.next holds the whole run whenever it holds config.json.
+static const char *const run_entries[] = {
+    "point_cloud",   "cameras.json", "input.ply",   "train.csv",  "spare.csv",
+    "exposure.json", "summary.json", "regions.bin", "checkpoint", "config.json"};
+enum { RUN_ENTRIES = sizeof run_entries / sizeof *run_entries };
+
+static char *previous_path(const run_folder *folder, const char *kind)
 {
-    static const char *const names[] = {"summary.json",
-                                        "exposure.json",
-                                        "train.csv",
-                                        "spare.csv",
-                                        "checkpoint/state.bin",
-                                        "checkpoint/state.previous.bin",
-                                        "checkpoint/state.next.bin"};
-    for (size_t i = 0; i < sizeof names / sizeof *names; ++i)
-        if (!remove_file(folder, names[i]))
-            return false;
-    char *clouds = format_text("%s/point_cloud", folder->path), *kept = NULL;
-    bool done = true;
-    if (file_exists(clouds)) {
-        int k = 1;
-        for (kept = format_text("%s.%d", clouds, k); file_exists(kept);
-             kept = format_text("%s.%d", clouds, ++k))
-            free(kept);
-        done = !rename(clouds, kept);
-        if (done)
-            print_note("%s: the models of an earlier run are now in %s", folder->path, kept);
-        else
-            fail_run("%s: cannot be renamed: %s", clouds, strerror(errno));
+    return format_text("%s/previous%s", folder->path, kind);
+}
+
+// Moves what a run wrote from one folder to another. Entries that are not there are skipped.
+static bool move_run(const char *from, const char *to, bool back)
+{
+    bool moved = true;
+    for (int k = 0; k < RUN_ENTRIES && moved; ++k) {
+        const char *entry = run_entries[back ? RUN_ENTRIES - 1 - k : k];
+        char *source = format_text("%s/%s", from, entry);
+        char *target = format_text("%s/%s", to, entry);
+        moved = !rename(source, target) || errno == ENOENT;
+        if (!moved)
+            fail_run("%s: cannot be moved to %s: %s", source, target, strerror(errno));
+        free(source);
+        free(target);
     }
-    free(kept);
-    free(clouds);
-    return done;
+    return moved;
+}
+
+static int remove_entry(const char *path, const struct stat *info, int kind, struct FTW *place)
+{
+    (void)info;
+    (void)kind;
+    (void)place;
+    return remove(path);
+}
+
+static void remove_tree(const char *path)
+{
+    if (nftw(path, remove_entry, 16, FTW_DEPTH | FTW_PHYS | FTW_MOUNT) && errno != ENOENT)
+        print_warning("%s: cannot be removed: %s", path, strerror(errno));
+}
+
+bool run_folder_set_aside(const run_folder *folder)
+{
+    char *next = previous_path(folder, ".next"), *previous = previous_path(folder, "");
+    char *config = format_text("%s/config.json", previous);
+    bool moved = !file_exists(previous) || file_exists(config);
+    if (!moved)
+        fail_run("%s: is not an earlier run and would be replaced by --overwrite; move it away",
+                 previous);
+    else if (!make_folder(next) || !move_run(folder->path, next, false)) {
+        run_folder_restore(folder);
+        moved = false;
+    }
+    free(config);
+    free(previous);
+    free(next);
+    return moved;
+}
+
+void run_folder_restore(const run_folder *folder)
+{
+    char *next = previous_path(folder, ".next");
+    for (int k = 0; k < RUN_ENTRIES; ++k) { // what the new run wrote gives way
+        char *kept = format_text("%s/%s", next, run_entries[k]);
+        char *own = format_text("%s/%s", folder->path, run_entries[k]);
+        if (file_exists(kept) && file_exists(own))
+            remove_tree(own);
+        free(kept);
+        free(own);
+    }
+    if (move_run(next, folder->path, true))
+        rmdir(next);
+    free(next);
+}
+
+bool run_folder_keep_previous(const run_folder *folder)
+{
+    char *next = previous_path(folder, ".next"), *previous = previous_path(folder, "");
+    char *old = previous_path(folder, ".old");
+    remove_tree(old);
+    const bool kept = (!rename(previous, old) || errno == ENOENT) && !rename(next, previous);
+    if (kept) {
+        remove_tree(old);
+        print_note("%s: the earlier run is now in %s", folder->path, previous);
+    } else {
+        fail_run("%s: cannot be renamed to %s: %s", next, previous, strerror(errno));
+    }
+    free(next);
+    free(previous);
+    free(old);
+    return kept;
+}
+
+// A process that was killed while it moved an earlier run away: the run goes to OUT/previous if all
+// of it has been moved, else back to OUT.
+static bool finish_move(const run_folder *folder)
+{
+    char *next = previous_path(folder, ".next"), *config = format_text("%s/config.json", next);
+    bool finished = true;
+    if (file_exists(config))
+        finished = run_folder_keep_previous(folder);
+    else if (file_exists(next))
+        run_folder_restore(folder);
+    free(next);
+    free(config);
+    return finished;
+}
+
+bool run_folder_prepare(run_folder *folder, const char *path)
+{
+    *folder = (run_folder){.path = path, .lock = -1};
+    if (!make_folder(path) || !lock_folder(folder))
+        return false;
+    nftw(path, remove_temporary, 8, FTW_PHYS | FTW_MOUNT);
+    return check_writable(path) && finish_move(folder);
+}
+
+void run_folder_leave(const run_folder *folder)
+{
+    rmdir(folder->path); // fails, as it should, when anything is in it
 }
 
 // Takes up the sums that the checkpoint of `iteration` left.
@@ -308,9 +389,8 @@ int run_folder_load_checkpoint(const run_folder *folder, sgs_trainer *trainer)
         if (before == -1 || before == -3)
             fail_library();
         if (before == 0 && damaged)
-            fail_run(
-                "%s: is damaged and there is none before it; train without --resume to start again",
-                newest);
+            fail_run("%s: is damaged and there is none before it; start again with --overwrite",
+                     newest);
         if (before == 1 && unreadable)
             print_warning("%s: is used instead; the iterations after it are done again", previous);
         if (before == 1 && damaged && !unreadable) {

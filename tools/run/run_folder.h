@@ -29,9 +29,15 @@ void run_folder_leave(const run_folder *folder);
 // True if an earlier run left its config.json there.
 bool run_folder_is_used(const run_folder *folder);
 
-// Makes room for a new run: earlier models move to point_cloud.K, earlier results and checkpoints
-// go.
-bool run_folder_clear(const run_folder *folder);
+// Makes room for a new run, in two steps. set_aside moves all files of the earlier run to
+// OUT/previous.next; keep_previous renames that to OUT/previous and removes the one before it.
+// restore undoes set_aside. run_folder_prepare completes or undoes what a killed process left.
+bool run_folder_set_aside(const run_folder *folder);
+bool run_folder_keep_previous(const run_folder *folder);
+void run_folder_restore(const run_folder *folder);
+
+// True if the run in the folder wrote a model or a summary.
+bool run_folder_has_results(const run_folder *folder);
 
 // Opens the tables; rows beyond `iteration` (where the run continues) are dropped, and rows of
 // structural updates beyond `updated`.

@@ -1,0 +1,217 @@
+#!/usr/bin/env bash
+# SPDX-FileCopyrightText: 2026 The sparegs authors
+# SPDX-License-Identifier: Apache-2.0
+
+# A run keeps what it is: its held-out images by name, its files when the same command is given again, its result when
+# stdout fails. No time, no run to resume and a second run in OUT are errors that leave everything as it was.
+set -euo pipefail
+. "$(dirname "$0")/cli_support.sh"
+scene=$temporary/scene
+cp -r "$room" "$scene"
+out=$temporary/out
+data=("$scene" --downscale 8 --threads 2 --quiet)
+names() { jq -r '.images[].name' "$temporary/stdout" | sort | tr '\n' ' '; }
+files() { (cd "$1" && find . -path ./previous -prune -o -type f -print | LC_ALL=C sort | xargs md5sum); }
+
+# the_split_is_that_of_the_run (a photograph that is gone or masked moves no other into the held-out images)
+run 0 train "${data[@]}" -o "$out" --eval --iterations 12
+json "$out/config.json" '.test_images == ["0001.jpg", "0009.jpg", "0017.jpg", "0025.jpg", "0033.jpg"]'
+run 0 eval "$out" "$scene" --json
+all=$(names)
+mv "$scene/images/0003.jpg" "$temporary/"
+run 0 eval "$out" "$scene" --json
+check same_images_without_a_photograph test "$(names)" = "$all"
+json "$temporary/stdout" '.schema == 1 and .split == "test" and .training_images == 0'
+run 0 render "$out" "$scene" --aov rgba -o "$temporary/views"
+check same_views_are_rendered test "$(cd "$temporary/views" && echo *)" = '0001.exr 0009.exr 0017.exr 0025.exr 0033.exr'
+run 0 eval "$out" "$scene" --test-every 8 --json
+check an_explicit_split_is_counted_anew test "$(names)" = '0001.jpg 0010.jpg 0018.jpg 0026.jpg 0034.jpg '
+mv "$temporary/0003.jpg" "$scene/images/"
+mkdir "$scene/masks"
+oiiotool --create 480x270 1 -d uint8 -o "$scene/masks/0004.png"
+run 0 eval "$out" "$scene" --json
+check same_images_with_a_black_mask test "$(names)" = "$all"
+rm -r "$scene/masks"
+mv "$scene/images/0009.jpg" "$temporary/"
+run 0 eval "$out" "$scene" --json
+check a_missing_held_out_image_is_only_missing test "$(names)" = '0001.jpg 0017.jpg 0025.jpg 0033.jpg '
+run 1 train "${data[@]}" -o "$out" --eval --iterations 12 --resume
+reports "the held-out image '0009.jpg' is missing from $scene; restore it to resume"
+mv "$temporary/0009.jpg" "$scene/images/"
+run 0 train "${data[@]}" -o "$out" --eval --iterations 12 --resume
+
+# a_run_without_the_list_keeps_its_rule
+cp -r "$out" "$temporary/old"
+jq 'del(.test_images)' "$out/config.json" >"$temporary/old/config.json"
+run 0 eval "$temporary/old" "$scene" --json
+check the_rule_decides test "$(names)" = "$all"
+run 0 train "${data[@]}" -o "$temporary/old" --eval --iterations 12 --resume
+
+# eval_names_the_split
+run 0 eval "$out" "$scene"
+prints "over 5 images (held out)"
+run 0 eval "$out" "$scene" --split all
+prints "over 35 images (30 training images, 5 held out)"
+run 0 eval "$out" "$scene" --split all --json
+json "$temporary/stdout" '.split == "all" and .training_images == 30'
+ply=$out/point_cloud/iteration_12/point_cloud.ply
+run 0 eval "$ply" "$scene" --downscale 8
+prints "over 35 images (35 training images, 0 held out)"
+
+# another_scene_is_noticed
+cp -r "$room" "$temporary/other"
+sed_poses() { awk '/^#/ { print; next } { if (++n % 2) { $6 += 3 } print }' "$1" >"$1.new" && mv "$1.new" "$1"; }
+if command -v colmap >/dev/null; then
+    colmap model_converter --input_path "$temporary/other/sparse/0" --output_path "$temporary/other/sparse/0" --output_type TXT >/dev/null 2>&1
+    rm -f "$temporary"/other/sparse/0/*.bin
+    sed_poses "$temporary/other/sparse/0/images.txt"
+    run 0 eval "$out" "$temporary/other" --json
+    reports "0 of 35 cameras are those that $out was trained with"
+fi
+run 0 eval "$out" "$scene" --json
+check no_warning_about_its_own_scene test ! -s "$temporary/stderr"
+
+# a_scene_that_names_its_test_views (without an option, without a run)
+mkdir -p "$temporary/nerf/train" "$temporary/nerf/test"
+frame() { printf '{"camera_angle_x": 0.8, "frames": [{"file_path": "./%s/r_0", "transform_matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,%s],[0,0,0,1]]}]}' "$1" "$2"; }
+for split in train:4 test:5; do
+    frame "${split%:*}" "${split#*:}" >"$temporary/nerf/transforms_${split%:*}.json"
+    oiiotool --create 24x16 4 --fill:color=0.8,0.2,0.1,1 24x16 -d uint8 -o "$temporary/nerf/${split%:*}/r_0.png"
+done
+run 0 eval "$ply" "$temporary/nerf" --split test --json
+check its_own_test_views test "$(names)" = 'test/r_0.png '
+run 0 render "$ply" "$temporary/nerf" --split test --aov rgba -o "$temporary/nerf_views"
+check one_view test "$(find "$temporary/nerf_views" -name '*.exr' | wc -l)" = 1
+
+# identical_images (their PSNR is infinite: "inf", null, and 100 dB in the mean)
+cp -r "$room" "$temporary/same"
+one=(--downscale 1 --test-images "0001.jpg,0002.jpg")
+run 0 eval "$ply" "$temporary/same" "${one[@]}" --save "$temporary/drawn"
+rm "$temporary/same/images/0001.jpg"
+cp "$temporary/drawn/0001.png" "$temporary/same/images/"
+run 0 eval "$ply" "$temporary/same" "${one[@]}" --json
+json "$temporary/stdout" '.images[0].psnr == null and .images[0].identical and (.images[1].identical | not)'
+json "$temporary/stdout" '.mean.identical == 1 and (.mean.psnr - (100 + .images[1].psnr) / 2 | fabs) < 1e-6'
+run 0 eval "$ply" "$temporary/same" "${one[@]}"
+check the_table_has_inf grep -qE '^0001.jpg +inf dB' "$temporary/stdout"
+prints "1 of them identical to the photograph: PSNR is infinite and counts as 100 dB in the mean"
+
+# render_honours_the_space_of_the_colours (bare models and runs)
+for model in "$ply" "$out"; do
+    run 0 render "$model" "$room" --downscale 8 --view 0009 --aov rgba --train-space linear --white 1 -o "$temporary/white1"
+    run 0 render "$model" "$room" --downscale 8 --view 0009 --aov rgba --train-space linear --white 10 -o "$temporary/white10"
+    run 0 render "$model" "$room" --downscale 8 --view 0009 --aov rgba -o "$temporary/display"
+    check white_scales_the_light oiiotool --fail 0.001 "$temporary/white1/0009.exr" --mulc 10,10,10,1 "$temporary/white10/0009.exr" --diff
+    check linear_colours_are_not_decoded bash -c "! oiiotool --fail 0.01 '$temporary/white1/0009.exr' '$temporary/display/0009.exr' --diff"
+done
+
+# the_same_line_again_loses_nothing
+before=$(files "$out")
+run 1 train "${data[@]}" -o "$out" --eval --iterations 5
+one_line
+reports "already contains a run; continue it with --resume, or replace it with --overwrite"
+check nothing_changed test "$(files "$out")" = "$before"
+run 1 train "${data[@]}" -o "$temporary/mistyped" --eval --iterations 5 --resume
+one_line
+reports "no run to resume: config.json does not exist"
+check no_folder_is_made test ! -e "$temporary/mistyped"
+run 2 train "${data[@]}" -o "$out" --resume --overwrite
+one_line
+reports "--resume and --overwrite are mutually exclusive"
+
+# overwrite_moves_the_earlier_run_away_whole, and keeps the last one only
+touch "$out/notes.txt"
+before=$(files "$out" | grep -v notes.txt)
+run 0 train "${data[@]}" -o "$out" --iterations 3 --overwrite
+check the_earlier_run_is_whole test "$(files "$out/previous")" = "$before"
+check the_new_run_is_in_out test "$(jq .iterations "$out/summary.json")" = 3
+check other_files_stay test -e "$out/notes.txt"
+run 0 eval "$out/previous" "$scene" --json
+before=$(files "$out" | grep -v notes.txt)
+run 0 train "${data[@]}" -o "$out" --iterations 4 --overwrite
+check one_earlier_run_is_kept test "$(files "$out/previous")" = "$before" -a ! -e "$out/previous/previous"
+
+# a_disk_that_takes_no_file_brings_the_earlier_run_back
+before=$(files "$out")
+kept=$(files "$out/previous")
+last_command="train --overwrite with a limit on the size of files"
+# shellcheck disable=SC2016
+check fails_with_status_1 bash -c 'trap "" XFSZ; ulimit -f 1; status=0
+    "$0" train "$1" --downscale 8 -o "$2" --iterations 3 --quiet --overwrite 2>"$3" || status=$?; [ $status = 1 ]' \
+    "$program" "$room" "$out" "$temporary/stderr"
+check the_run_is_back test "$(files "$out")" = "$before" -a "$(files "$out/previous")" = "$kept"
+check no_leftover test -z "$(find "$out" -maxdepth 1 -name 'previous.*')"
+
+# a_process_killed_while_it_moved_the_run (half of it is moved: it comes back; all of it is: it is the earlier run)
+mkdir "$out/previous.next"
+mv "$out/point_cloud" "$out/train.csv" "$out/previous.next/"
+run 1 train "${data[@]}" -o "$out" --iterations 3
+check half_a_move_is_undone test "$(files "$out")" = "$before"
+mkdir "$out/previous.next"
+for file in point_cloud cameras.json input.ply train.csv spare.csv summary.json regions.bin checkpoint config.json; do
+    [ ! -e "$out/$file" ] || mv "$out/$file" "$out/previous.next/"
+done
+touch "$out/cameras.json"
+run 0 train "${data[@]}" -o "$out" --iterations 3
+check a_whole_move_is_completed test "$(files "$out/previous")" = "$(grep -v notes.txt <<<"$before")"
+
+# what_is_no_run_is_not_removed
+mv "$out/previous" "$temporary/"
+mkdir "$out/previous"
+touch "$out/previous/mine"
+run 1 train "${data[@]}" -o "$out" --iterations 3 --overwrite
+one_line
+reports "previous: is not an earlier run"
+check it_is_there test -e "$out/previous/mine"
+
+# a_finished_run_without_a_checkpoint_is_not_started_again
+run 0 train "${data[@]}" -o "$temporary/unsaved" --iterations 3 --checkpoint-every 0
+run 1 train "${data[@]}" -o "$temporary/unsaved" --iterations 3 --checkpoint-every 0 --resume
+one_line
+reports "no checkpoint to resume from: checkpoint/state.bin does not exist; start again with --overwrite"
+
+# the_loop_of_a_batch_system (the first start and the continuations are one line)
+rm -rf "$temporary/queue"
+batch() {
+    local r=
+    [ ! -e "$temporary/queue/config.json" ] || r=--resume
+    # shellcheck disable=SC2086
+    run "$1" train "${data[@]}" -o "$temporary/queue" --iterations 20 "${@:2}" $r
+}
+batch 0 --checkpoint-every 5
+batch 0 --checkpoint-every 5
+json "$temporary/queue/summary.json" '.stop_reason == "schedule" and .iterations == 20'
+
+# no_time_is_no_training
+for limit in 0s 0.3s; do
+    run 1 train "${data[@]}" -o "$temporary/no_time" --iterations 20 --time-limit $limit
+    one_line
+    reports "--time-limit $limit leaves no time for an iteration"
+    check nothing_is_written test ! -e "$temporary/no_time"
+done
+before=$(files "$temporary/queue")
+run 1 train "${data[@]}" -o "$temporary/queue" --iterations 20 --checkpoint-every 5 --resume --time-limit 0s
+check the_run_is_as_before test "$(files "$temporary/queue")" = "$before"
+
+# the_summary_names_its_files
+json "$temporary/queue/summary.json" '.schema == 1 and .wall_seconds > 0 and (.version | length) > 0'
+check the_model_is_there test -s "$(jq -r .model "$temporary/queue/summary.json")"
+
+# stdout_that_fails_does_not_hide_a_finished_run
+last_command="train with a closed stdout"
+check closed_is_silent bash -c '"$0" train "$@" >&-' "$program" "${data[@]}" -o "$temporary/closed" --iterations 3
+json "$temporary/closed/summary.json" '.iterations == 3 and .wall_seconds >= .train_seconds'
+check tables_are_not_mixed_with_stdout bash -c '! grep -rq "primitives, model" "$0"' "$temporary/closed"
+last_command="train to /dev/full"
+status=0
+"$program" train "${data[@]}" -o "$temporary/full" --iterations 3 >/dev/full 2>"$temporary/stderr" || status=$?
+check status_1 test "$status" = 1
+reports "the run is complete, its result is in $temporary/full/summary.json"
+one_line
+
+# save_at_beyond_the_end
+run 2 train "${data[@]}" -o "$temporary/none" --iterations 20 --save-at 10,99
+one_line
+reports "--save-at: the run ends at iteration 20"
+
+finish

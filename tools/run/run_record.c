@@ -1,0 +1,75 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+#include "run/run_record.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "cli/output.h"
+#include "cli/progress.h"
+
+void run_record_split(json_t *config, const sgs_scene *scene)
+{
+    json_t *list = json_array();
+    bool complete = true;
+    for (size_t v = 0; v < scene->view_count; ++v)
+        if (scene->views[v].split == SGS_SPLIT_TEST)
+            complete = !json_array_append_new(list, json_string(scene->views[v].name)) && complete;
+    if (complete)
+        json_object_set(config, "test_images", list);
+    json_decref(list);
+}
+
+bool run_record_split_agrees(const char *config_path, const json_t *config, const sgs_scene *scene)
+{
+    const json_t *list = json_object_get(config, "test_images");
+    for (size_t k = 0; k < json_array_size(list); ++k) {
+        const char *name = json_string_value(json_array_get(list, k));
+        bool found = false;
+        for (size_t v = 0; v < scene->view_count && name && !found; ++v)
+            found = !strcmp(scene->views[v].name, name);
+        if (found)
+            continue;
+        fail_run("%s: the held-out image '%s' is missing from %s; restore it to resume",
+                 config_path, name ? name : "?", scene->path);
+        return false;
+    }
+    return true;
+}
+
+// The entry of cameras.json with this image name and camera centre.
+static bool has_camera(const json_t *cameras, const sgs_view *view, double tolerance)
+{
+    double center[3];
+    size_t k;
+    json_t *camera;
+    sgs_pose_center(&view->pose, center);
+    json_array_foreach(cameras, k, camera)
+    {
+        const char *name = json_string_value(json_object_get(camera, "img_name"));
+        const json_t *position = json_object_get(camera, "position");
+        double distance = 0;
+        for (size_t c = 0; c < 3; ++c)
+            distance = hypot(distance, json_number_value(json_array_get(position, c)) - center[c]);
+        if (name && !strcmp(name, view->name) && distance <= tolerance)
+            return true;
+    }
+    return false;
+}
+
+void run_record_check_scene(const char *folder, const sgs_scene *scene)
+{
+    char *path = format_text("%s/cameras.json", folder);
+    json_t *cameras = json_load_file(path, 0, NULL);
+    free(path);
+    size_t same = 0;
+    for (size_t v = 0; v < scene->view_count && json_array_size(cameras); ++v)
+        same += has_camera(cameras, &scene->views[v], 1e-4 * scene->extent);
+    if (json_array_size(cameras) && 2 * same < scene->view_count)
+        print_warning("%s: %zu of %zu cameras are those that %s was trained with; the scores "
+                      "compare different scenes unless the model was moved there",
+                      scene->path, same, scene->view_count, folder);
+    json_decref(cameras);
+}

@@ -1,0 +1,23 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// What a run recorded about its data set: the names of the held-out images in config.json, and the
+// cameras in cameras.json. Later commands compare a scene with them.
+
+#include <jansson.h>
+#include <stdbool.h>
+
+#include "sparegs/scene.h"
+
+// Adds the names of the held-out views to a config as "test_images". Names that are not UTF-8
+// cannot be recorded; the list is then omitted, and the rule of the options decides as before.
+void run_record_split(json_t *config, const sgs_scene *scene);
+
+// True if the scene still has every held-out image of the config, or the config has no list.
+// False after printing the error.
+bool run_record_split_agrees(const char *config_path, const json_t *config, const sgs_scene *scene);
+
+// Warns if the scene is not the one that the run was trained on: most of its views have another
+// camera in OUT/cameras.json, or none.
+void run_record_check_scene(const char *folder, const sgs_scene *scene);

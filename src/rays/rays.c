@@ -142,15 +142,15 @@ static bool fill_block(const direction_map *map, sgsi_tile_rays *tile, int b, fl
         }
         const float uv[2] = {dot(d, tile->frame + 3) / along, dot(d, tile->frame + 6) / along};
         widen_range(&range, uv, uv);
-        tile->least_length = fminf(tile->least_length, sqrtf(1.0f + uv[0] * uv[0] + uv[1] * uv[1]));
+        tile->min_length = fminf(tile->min_length, sqrtf(1.0f + uv[0] * uv[0] + uv[1] * uv[1]));
         tile->u[b][i] = uv[0];
         tile->v[b][i] = uv[1];
         tile->valid[b] |= (uint16_t)(1u << i);
     }
     center_range(&range, 0, &tile->block_u[b], &tile->block_half_u[b]);
     center_range(&range, 1, &tile->block_v[b], &tile->block_half_v[b]);
-    tile->widest_u = fmaxf(tile->widest_u, tile->block_half_u[b]);
-    tile->widest_v = fmaxf(tile->widest_v, tile->block_half_v[b]);
+    tile->max_half_u = fmaxf(tile->max_half_u, tile->block_half_u[b]);
+    tile->max_half_v = fmaxf(tile->max_half_v, tile->block_half_v[b]);
     widen_range(tile_range, range.low, range.high);
     return complete;
 }
@@ -159,8 +159,8 @@ static bool fill_tile(const direction_map *map, sgsi_tile_rays *tile, float leas
 {
     bool complete = true;
     plane_range range = empty_range;
-    tile->widest_u = tile->widest_v = 0.0f;
-    tile->least_length = INFINITY;
+    tile->max_half_u = tile->max_half_v = 0.0f;
+    tile->min_length = INFINITY;
     for (int b = 0; b < SGSI_BLOCKS; ++b)
         complete = fill_block(map, tile, b, least, &range) && complete;
     center_range(&range, 0, &tile->center_u, &tile->half_u);
@@ -319,14 +319,14 @@ void sgsi_rays_destroy(sgsi_rays *rays)
 // Images with fewer macrotiles than this are gathered tile by tile; otherwise threads would wait
 // for the last macrotile. Depends on the image size only, so that results do not depend on the
 // number of threads.
-enum { BIN_TILES = 2, FEW_BINS = 16 };
+enum { MACROTILE_SIDE = 2, FEW_MACROTILES = 16 };
 
 int sgsi_macrotile_side(const sgs_camera *camera)
 {
-    const int macrotile = BIN_TILES * SGSI_TILE;
+    const int macrotile = MACROTILE_SIDE * SGSI_TILE;
     const long long macrotiles = (long long)((camera->width + macrotile - 1) / macrotile) *
                                  ((camera->height + macrotile - 1) / macrotile);
-    return macrotiles < FEW_BINS ? 1 : BIN_TILES;
+    return macrotiles < FEW_MACROTILES ? 1 : MACROTILE_SIDE;
 }
 
 enum { CACHE_SLOTS = 256 };

@@ -23,10 +23,10 @@ typedef struct sgsi_tile_rays {
     _Alignas(64) float u[SGSI_BLOCKS][16], v[SGSI_BLOCKS][16];
     float block_u[16], block_v[16];           // centres of the (u, v) ranges of the blocks
     float block_half_u[16], block_half_v[16]; // half extents, over valid pixels
-    float widest_u, widest_v;                 // largest half extents
+    float max_half_u, max_half_v;             // largest half extents
     // (u, v) range of the tile; half is -INFINITY for a tile without rays.
     float center_u, center_v, half_u, half_v;
-    float least_length;          // smallest |d| of the rays
+    float min_length;            // smallest |d| of the rays
     float frame[9];              // d0, e1, e2: orthonormal, shared by all tiles of a macrotile
     uint16_t valid[SGSI_BLOCKS]; // pixels inside the image with a ray
     int x, y;                    // upper left pixel

@@ -72,7 +72,7 @@ static void list_blocks(sgsi_scratch *scratch, const sgsi_tile_rays *rays, size_
 {
     static const int32_t lanes[16]
         __attribute__((aligned(64))) = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};
-    const vf half_u = vf_set1(rays->widest_u), half_v = vf_set1(rays->widest_v);
+    const vf half_u = vf_set1(rays->max_half_u), half_v = vf_set1(rays->max_half_v);
     for (size_t i = 0; i < count; i += 16) {
         candidates16 x; // rows past the end are masked by `present`
         load_candidates16(scratch->tile_projected + i * 16, half_u, half_v, &x);

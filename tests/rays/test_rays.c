@@ -57,7 +57,7 @@ static void check_tile(const sgsi_tile_rays *tile, int block, int lane, const do
     assert_true(
         fabs((double)tile->u[block][lane] - tile->center_u) <= tile->half_u + 1e-7 * fabs(u) &&
         fabs((double)tile->v[block][lane] - tile->center_v) <= tile->half_v + 1e-7 * fabs(v));
-    assert_true(tile->least_length <= sqrt(1 + u * u + v * v) * (1 + 1e-6));
+    assert_true(tile->min_length <= sqrt(1 + u * u + v * v) * (1 + 1e-6));
     const double off_u = fabs((double)tile->u[block][lane] - tile->block_u[block]);
     const double off_v = fabs((double)tile->v[block][lane] - tile->block_v[block]);
     assert_true(off_u <= tile->block_half_u[block] + 1e-7 * fabs(u) &&

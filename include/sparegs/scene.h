@@ -2,9 +2,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// A data set on disk made ready for training: views (camera, pose, photograph), the sparse point
-// cloud, the split. Reads COLMAP (binary and text) and NeRF/nerfstudio transforms. Writes only
-// cameras.json.
+// A data set made ready for training: views (camera, pose, photograph), the sparse point cloud, the
+// split. From files (COLMAP, binary and text; NeRF/nerfstudio transforms) or from the caller's
+// memory. Writes only cameras.json.
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -22,7 +22,8 @@ typedef enum sgs_split { SGS_SPLIT_TRAIN = 0, SGS_SPLIT_TEST = 1, SGS_SPLIT_ALL 
 typedef enum sgs_scene_format {
     SGS_SCENE_COLMAP_BINARY,
     SGS_SCENE_COLMAP_TEXT,
-    SGS_SCENE_TRANSFORMS
+    SGS_SCENE_TRANSFORMS,
+    SGS_SCENE_MEMORY // sgs_scene_create
 } sgs_scene_format;
 
 // What an alpha channel says. Over: the photograph is laid over the background, transparent pixels
@@ -32,7 +33,7 @@ typedef enum sgs_alpha { SGS_ALPHA_OVER = 0, SGS_ALPHA_MASK = 1, SGS_ALPHA_IGNOR
 
 typedef struct sgs_view {
     char *name;        // image name as the model writes it, relative, '/' separators
-    char *image_path;  // file that was or would be read
+    char *image_path;  // file that was or would be read; the name again for SGS_SCENE_MEMORY
     char *mask_path;   // file that says which pixels count, or NULL
     sgs_camera camera; // at the size of `image` after down-scaling
     sgs_pose pose;
@@ -42,6 +43,7 @@ typedef struct sgs_view {
 } sgs_view;
 
 typedef struct sgs_scene_options {
+    size_t struct_size;     // set by sgs_scene_options_default()
     const char *images_dir; // folder beside the sparse model; NULL = "images"
     int downscale;          // 0 = automatic: 1, or to 1600 px width with a warning; else >= 1, area
                             // averaging
@@ -70,9 +72,13 @@ typedef struct sgs_scene_options {
     size_t held_out_count;
     // Hold out the test views that the data set names, also with test_every 0.
     bool own_split;
+    // Called after every view that was looked at or decoded, or NULL. Cancelling makes
+    // sgs_scene_load and sgs_scene_create fail with SGS_STATUS_CANCELLED.
+    sgs_progress_fn progress;
+    void *progress_user;
 } sgs_scene_options;
 
-// {NULL, 0, 0, NULL, 1, NULL, 0, SGS_ALPHA_OVER, NULL, SGS_SPACE_SRGB, 0, 0, 0, NULL, 0, 0}
+// Everything zero but struct_size and load_images, which is true.
 SGS_API sgs_scene_options sgs_scene_options_default(void);
 
 typedef struct sgs_scene {
@@ -112,6 +118,50 @@ typedef struct sgs_scene {
 // the library's threads; call from one thread.
 SGS_API sgs_status sgs_scene_load(const char *path, const sgs_scene_options *options,
                                   sgs_scene **scene);
+
+// How the pixels of an sgs_view_source are stored. Alpha is straight.
+typedef enum sgs_pixel_type {
+    SGS_PIXEL_UINT8 = 0, // 255 is 1; colours encoded as sRGB
+    SGS_PIXEL_HALF = 1,  // IEEE 754 binary16; colours are linear light, Rec. 709 primaries
+    SGS_PIXEL_FLOAT = 2  // likewise
+} sgs_pixel_type;
+
+// A view in the caller's memory. Initialise to zero, then set at least camera, pose, channels and
+// pixels.
+typedef struct sgs_view_source {
+    const char *name;  // unique; NULL = "view_000012" for index 12
+    sgs_camera camera; // at the size of the image
+    sgs_pose pose;
+    sgs_split split; // SGS_SPLIT_TRAIN or SGS_SPLIT_TEST
+    sgs_pixel_type pixel_type;
+    int channels; // 3 (RGB) or 4 (RGBA)
+    // The upper left pixel. NULL = a view without a photograph, which is neither trained on nor
+    // compared.
+    const void *pixels;
+    // Bytes from a channel to the next one, from a pixel to the next one of its row, and from a row
+    // to the next lower one; may be negative. 0 = packed: channels of a pixel are adjacent. An
+    // sgs_image8 has channel_stride width * height and pixel_stride 1.
+    ptrdiff_t channel_stride, pixel_stride, row_stride;
+    // The upper left pixel of an 8-bit mask of the same size: pixels of at least 128 are valid
+    // (below 128 with options->invert_masks). NULL = all are.
+    const uint8_t *mask;
+    ptrdiff_t mask_pixel_stride, mask_row_stride; // likewise
+} sgs_view_source;
+
+// Makes a scene from memory. Everything is copied; the caller's memory may go afterwards. points
+// [point_count][3] world, colors [point_count][3] 8-bit sRGB; both may be NULL with point_count 0,
+// colors alone NULL for grey points. Of the options, test_every, test_images, held_out (else each
+// source's own split), invert_masks, alpha, space, white_point and progress apply; options NULL =
+// the defaults. The scene's views are sorted by name. Pixels with a NaN or an infinite channel are
+// not valid.
+//
+// Fails with INVALID_ARGUMENT, naming view and field, for a camera, pose, channel count, stride or
+// point that is out of range or not finite, duplicate names, a mask that excludes every pixel, or
+// no training view; OUT_OF_MEMORY; CANCELLED. On failure *scene is NULL. Thread rule: as
+// sgs_scene_load.
+SGS_API sgs_status sgs_scene_create(const sgs_view_source *views, size_t view_count,
+                                    const float *points, const uint8_t *colors, size_t point_count,
+                                    const sgs_scene_options *options, sgs_scene **scene);
 
 // Accepts NULL.
 SGS_API void sgs_scene_destroy(sgs_scene *scene);

@@ -107,15 +107,19 @@ static void reduce_across(reducer *r, int y, const float *row)
     }
 }
 
-// Converts a value from the file's encoding to the photo's.
-static float convert_value(const reducer *r, float value)
+float sgsi_photo_encode(float value, bool linear, sgs_space space, double white_point)
 {
-    const sgs_space space = r->source->space;
-    if (r->info->linear) {
-        value = (float)(value / r->source->white_point);
+    if (linear) {
+        value = (float)(value / white_point);
         return space == SGS_SPACE_SRGB ? sgs_srgb_encode(value) : value;
     }
     return space == SGS_SPACE_LINEAR ? sgs_srgb_decode(value) : value;
+}
+
+// Converts a value from the file's encoding to the photo's.
+static float convert_value(const reducer *r, float value)
+{
+    return sgsi_photo_encode(value, r->info->linear, r->source->space, r->source->white_point);
 }
 
 static void finish_row(const reducer *r, int j)
@@ -197,6 +201,16 @@ static sgs_status mask_by_alpha(sgs_photo *photo)
     return status;
 }
 
+sgs_status sgsi_photo_use_alpha(sgs_photo *photo, sgs_alpha alpha)
+{
+    sgs_status status = SGS_STATUS_OK;
+    if (photo->channels == 4 && alpha == SGS_ALPHA_MASK)
+        status = mask_by_alpha(photo);
+    if (photo->channels == 4 && alpha != SGS_ALPHA_OVER)
+        photo->channels = 3;
+    return status;
+}
+
 static sgs_status read_photo(const sgsi_photo_source *source, sgs_photo *photo, size_t *broken)
 {
     sgsi_image_info info;
@@ -228,10 +242,8 @@ sgs_status sgsi_photo_load(const sgsi_photo_source *source, sgs_photo *photo,
     *photo = (sgs_photo){0};
     *report = (sgsi_photo_report){0};
     sgs_status status = read_photo(source, photo, &report->pixels_broken);
-    if (!status && photo->channels == 4 && source->alpha == SGS_ALPHA_MASK)
-        status = mask_by_alpha(photo);
-    if (photo->channels == 4 && source->alpha != SGS_ALPHA_OVER)
-        photo->channels = 3;
+    if (!status)
+        status = sgsi_photo_use_alpha(photo, source->alpha);
     if (!status && source->mask_path) {
         status = sgsi_mask_apply_file(photo, source->mask_path, source->image_path,
                                       source->file_width, source->file_height, source->invert_mask);
@@ -253,6 +265,14 @@ typedef struct light_rows {
     sgsi_image_info info;
 } light_rows;
 
+void sgsi_light_add_value(sgsi_light *light, float brightest)
+{
+    if (!(brightest > 0.0f) || !isfinite(brightest))
+        return;
+    const double bin = floor(SGSI_LIGHT_OCTAVE * (log2((double)brightest) - SGSI_LIGHT_LOW));
+    ++light->bins[(size_t)fmin(fmax(bin, 0), SGSI_LIGHT_BINS - 1)];
+}
+
 static void light_row(void *context, int y, const float *row)
 {
     (void)y;
@@ -260,10 +280,7 @@ static void light_row(void *context, int y, const float *row)
     for (int x = 0; x < rows->info.width; ++x) {
         const float *pixel = row + (size_t)x * (size_t)rows->info.channels;
         const float brightest = fmaxf(pixel[0], fmaxf(pixel[1], pixel[2]));
-        if (!(brightest > 0.0f) || !isfinite(brightest))
-            continue;
-        const double bin = floor(SGSI_LIGHT_OCTAVE * (log2((double)brightest) - SGSI_LIGHT_LOW));
-        ++rows->light->bins[(size_t)fmin(fmax(bin, 0), SGSI_LIGHT_BINS - 1)];
+        sgsi_light_add_value(rows->light, brightest);
     }
 }
 

@@ -33,6 +33,12 @@ typedef struct sgsi_photo_report {
 sgs_status sgsi_photo_load(const sgsi_photo_source *source, sgs_photo *photo,
                            sgsi_photo_report *report);
 
+// Converts a colour value from linear light or its sRGB encoding to the space of photographs.
+float sgsi_photo_encode(float value, bool linear, sgs_space space, double white_point);
+
+// Applies what the alpha channel says, if there is one: see sgs_alpha.
+sgs_status sgsi_photo_use_alpha(sgs_photo *photo, sgs_alpha alpha);
+
 // Luminance histogram of linear photographs: counts of max(R, G, B) > 0, in bins of 1/32 octave.
 enum {
     SGSI_LIGHT_OCTAVE = 32,
@@ -47,6 +53,9 @@ typedef struct sgsi_light {
 
 // Adds the pixels of a file.
 sgs_status sgsi_light_add(sgsi_light *light, const char *path, const char *colorspace);
+
+// Adds a pixel by its brightest channel.
+void sgsi_light_add_value(sgsi_light *light, float brightest);
 
 // The value that a fraction `share` of the pixels does not exceed; 1 if the histogram is empty.
 double sgsi_light_quantile(const sgsi_light *light, double share);

@@ -11,7 +11,6 @@
 #include <string.h>
 
 #include "base/core.h"
-#include "image/photo.h"
 #include "sparegs/metrics.h"
 #include "train/trainer_state.h"
 
@@ -24,16 +23,15 @@ enum { RESPONSE_FLOPS = 25, ALPHA_FLOPS = 15, BLEND_FLOPS = 10, GRADIENT_FLOPS =
 enum { RECORD_BYTES = SGSI_PROJECTED_FLOATS * sizeof(float) };
 
 struct sgs_bench {
-    sgs_scene scene;
-    sgs_view views[VIEWS_MAX];
+    sgs_scene *scene;
     sgs_trainer *trainer;
     sgs_bench_counts counts;
 };
 
 // Makes the photograph of a view: its render plus noise of a few grey levels. Also counts hits.
-static sgs_status photograph(sgs_bench *bench, sgs_renderer *renderer, size_t v)
+static sgs_status photograph(sgs_bench *bench, sgs_renderer *renderer, size_t v,
+                             const sgs_view_source *view, sgs_image8 *image)
 {
-    sgs_view *view = &bench->views[v];
     const sgs_camera *camera = &view->camera;
     const sgs_render_options options = sgs_render_options_default();
     const float black[3] = {0, 0, 0};
@@ -50,13 +48,7 @@ static sgs_status photograph(sgs_bench *bench, sgs_renderer *renderer, size_t v)
     }
     if (!status) {
         const float *const color[3] = {frame.color[0], frame.color[1], frame.color[2]};
-        sgs_image8 image;
-        status = sgs_image8_from_planes(color, NULL, black, camera->width, camera->height, &image);
-        view->image = (sgs_photo){.width = image.width,
-                                  .height = image.height,
-                                  .channels = image.channels,
-                                  .pixels = image.pixels,
-                                  .kept = pixels};
+        status = sgs_image8_from_planes(color, NULL, black, camera->width, camera->height, image);
     }
     bench->counts.pixels += (double)pixels;
     bench->counts.tiles += (double)((camera->width + SGSI_TILE - 1) / SGSI_TILE) *
@@ -65,17 +57,35 @@ static sgs_status photograph(sgs_bench *bench, sgs_renderer *renderer, size_t v)
     return status;
 }
 
-static sgs_status photograph_all(sgs_bench *bench, const sgs_gaussians *model)
+// The scene of all photographs.
+static sgs_status photograph_all(sgs_bench *bench, const sgs_gaussians *model,
+                                 const sgs_view *views, size_t view_count)
 {
+    sgs_view_source sources[VIEWS_MAX] = {0};
+    sgs_image8 images[VIEWS_MAX] = {0};
     sgs_renderer *renderer;
     sgs_status status = sgs_renderer_create(model, &renderer);
-    for (size_t v = 0; !status && v < bench->scene.view_count; ++v)
-        status = photograph(bench, renderer, v);
+    for (size_t v = 0; !status && v < view_count; ++v) {
+        const sgs_camera *camera = &views[v].camera;
+        sources[v] = (sgs_view_source){.camera = *camera,
+                                       .pose = views[v].pose,
+                                       .channels = 3,
+                                       .channel_stride = (ptrdiff_t)camera->width * camera->height,
+                                       .pixel_stride = 1,
+                                       .row_stride = camera->width};
+        status = photograph(bench, renderer, v, &sources[v], &images[v]);
+        sources[v].pixels = images[v].pixels;
+    }
+    if (!status)
+        status = sgs_scene_create(sources, view_count, NULL, NULL, 0, NULL, &bench->scene);
+    if (!status) // the near distance and the learning rates of every scene are those of extent 1
+        bench->scene->extent = 1.0;
     sgs_renderer_destroy(renderer);
-    const double views = (double)bench->scene.view_count;
-    bench->counts.hits /= views;
-    bench->counts.pixels /= views;
-    bench->counts.tiles /= views;
+    for (size_t v = 0; v < view_count; ++v)
+        sgs_image8_free(&images[v]);
+    bench->counts.hits /= (double)view_count;
+    bench->counts.pixels /= (double)view_count;
+    bench->counts.tiles /= (double)view_count;
     return status;
 }
 
@@ -84,7 +94,7 @@ static sgs_status start_trainer(sgs_bench *bench, const sgs_gaussians *model)
     sgs_train_options options = sgs_train_options_default();
     options.spare = 0;
     options.init = model;
-    sgs_status status = sgs_trainer_create(&bench->scene, &options, &bench->trainer);
+    sgs_status status = sgs_trainer_create(bench->scene, &options, &bench->trainer);
     if (status)
         return status;
     status = sgsi_trainer_hold(bench->trainer, HELD_ITERATION);
@@ -105,15 +115,7 @@ sgs_status sgs_bench_create(const sgs_gaussians *model, const sgs_view *views, s
     sgs_bench *made = sgsi_calloc(1, sizeof *made);
     if (!made)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a bench");
-    for (size_t v = 0; v < view_count; ++v)
-        made->views[v] = (sgs_view){.name = views[v].name,
-                                    .camera = views[v].camera,
-                                    .pose = views[v].pose,
-                                    .split = SGS_SPLIT_TRAIN};
-    static char path[] = "bench";
-    made->scene =
-        (sgs_scene){.path = path, .view_count = view_count, .views = made->views, .extent = 1.0};
-    sgs_status status = photograph_all(made, model);
+    sgs_status status = photograph_all(made, model, views, view_count);
     if (!status)
         status = start_trainer(made, model);
     if (status) {
@@ -129,8 +131,7 @@ void sgs_bench_destroy(sgs_bench *bench)
     if (!bench)
         return;
     sgs_trainer_destroy(bench->trainer);
-    for (size_t v = 0; v < bench->scene.view_count; ++v)
-        sgsi_photo_free(&bench->views[v].image);
+    sgs_scene_destroy(bench->scene);
     sgsi_free(bench);
 }
 
@@ -173,7 +174,7 @@ void sgs_bench_restore(sgs_bench *bench)
 sgs_status sgs_bench_build(sgs_bench *bench, sgs_bench_sample *sample)
 {
     sgs_trainer *trainer = bench->trainer;
-    const sgs_view *source = &bench->views[bench->scene.view_count - 1];
+    const sgs_view *source = &bench->scene->views[bench->scene->view_count - 1];
     const sgs_render_options options = sgs_render_options_default();
     const sgsi_rays *rays;
     sgsi_view view;
@@ -197,13 +198,13 @@ sgs_status sgs_bench_run(sgs_bench *bench, sgs_bench_sample *sample)
         counts->fallback_gathers = 0;
     bench->trainer->bytes = (sgs_train_bytes){0};
     sgs_status status = sgs_bench_build(bench, sample);
-    for (size_t v = 0; !status && v < bench->scene.view_count; ++v) {
+    for (size_t v = 0; !status && v < bench->scene->view_count; ++v) {
         status = sgs_bench_step(bench, sample);
         sgs_bench_restore(bench);
     }
     if (status)
         return status;
-    const double share = 1.0 / (double)bench->scene.view_count;
+    const double share = 1.0 / (double)bench->scene->view_count;
     double *const means[] = {&sample->refit,         &sample->gather,
                              &sample->forward,       &sample->backward,
                              &sample->loss,          &sample->optimizer,

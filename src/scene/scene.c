@@ -25,6 +25,7 @@
 #include "image/image_oiio.h"
 #include "image/mask.h"
 #include "base/path_sandbox.h"
+#include "base/progress_calls.h"
 #include "image/photo.h"
 #include "scene/scene_find.h"
 #include "scene/scene_split.h"
@@ -55,7 +56,8 @@ typedef struct lens_mask {
 } lens_mask;
 
 typedef struct loader {
-    const sgs_scene_options *options;
+    sgs_scene_options *options;
+    sgsi_progress progress;
     sgsi_scene_files files;
     sgsi_dataset dataset;
     slot *slots; // parallel to dataset.frames
@@ -73,7 +75,7 @@ typedef struct loader {
 
 sgs_scene_options sgs_scene_options_default(void)
 {
-    return (sgs_scene_options){.load_images = true};
+    return (sgs_scene_options){.struct_size = sizeof(sgs_scene_options), .load_images = true};
 }
 
 void sgs_scene_destroy(sgs_scene *scene)
@@ -149,11 +151,9 @@ static bool cameras_only(const loader *l)
 
 // Reads size and format of the photograph. If its pixels are not loaded, also checks that the file
 // is complete.
-static void probe_view(void *context, size_t i, int thread)
+static void probe(const loader *l, size_t i)
 {
-    const loader *l = context;
     slot *s = &l->slots[i];
-    (void)thread;
     const char *path = l->scene->views[i].image_path, *mask = l->scene->views[i].mask_path;
     sgsi_image_info info = {0};
     const sgs_camera *camera = &l->dataset.frames[i].camera;
@@ -183,6 +183,16 @@ static void probe_view(void *context, size_t i, int thread)
     keep_error(s);
 }
 
+static void probe_view(void *context, size_t i, int thread)
+{
+    loader *l = context;
+    (void)thread;
+    if (sgsi_progress_cancelled(&l->progress))
+        return;
+    probe(l, i);
+    sgsi_progress_advance(&l->progress);
+}
+
 static sgsi_photo_source source_of(const loader *l, size_t i)
 {
     const slot *s = &l->slots[i];
@@ -203,17 +213,20 @@ static sgsi_photo_source source_of(const loader *l, size_t i)
 
 static void load_view(void *context, size_t i, int thread)
 {
-    const loader *l = context;
+    loader *l = context;
     slot *s = &l->slots[i];
     sgs_view *view = &l->scene->views[i];
     (void)thread;
-    if (s->status)
+    if (s->status || sgsi_progress_cancelled(&l->progress)) {
+        sgsi_progress_advance(&l->progress);
         return;
+    }
     const sgsi_photo_source source = source_of(l, i);
     s->status = sgsi_photo_load(&source, &view->image, &s->report);
     keep_error(s);
     if (l->limited) // it was only loaded to check that it can be
         sgsi_photo_release(&view->image);
+    sgsi_progress_advance(&l->progress);
 }
 
 // Finds the entry of view i's camera, or adds one.
@@ -281,7 +294,10 @@ static sgs_status load_views(loader *l)
 {
     sgs_scene *scene = l->scene;
     sgs_status status = SGS_STATUS_OK;
+    l->progress.total = scene->view_count * (l->options->load_images ? 2 : 1);
     sgsi_parallel_for(scene->view_count, 1, probe_view, l);
+    if (sgsi_progress_cancelled(&l->progress))
+        return sgsi_scene_cancelled(scene->path);
     for (size_t i = 0; i < scene->view_count && !status; ++i)
         if (!l->slots[i].status)
             status = fit_camera(&l->dataset.frames[i], &l->slots[i], &scene->views[i],
@@ -309,7 +325,8 @@ static sgs_status load_views(loader *l)
     }
     if (!status)
         sgsi_parallel_for(scene->view_count, 1, load_view, l);
-    return status;
+    return !status && sgsi_progress_cancelled(&l->progress) ? sgsi_scene_cancelled(scene->path)
+                                                            : status;
 }
 
 // The image cache takes ownership of the lens masks, which it applies at each decoding.
@@ -659,15 +676,19 @@ static sgs_status load(loader *l)
 
 sgs_status sgs_scene_load(const char *path, const sgs_scene_options *options, sgs_scene **scene)
 {
-    const sgs_scene_options defaults = sgs_scene_options_default();
-    loader l = {.options = options ? options : &defaults};
+    sgs_scene_options own = sgs_scene_options_default();
+    loader l = {.options = &own};
     *scene = NULL;
+    const sgs_status read = sgsi_options_read(options, "sgs_scene_options", &own, sizeof own);
+    if (read)
+        return read;
     if (!path || !*path)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "scene path is missing");
     if (l.options->downscale < 0 || l.options->test_every < 0)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
                          "%s: downscale %d or test_every %d is negative", path,
                          l.options->downscale, l.options->test_every);
+    sgsi_progress_begin(&l.progress, own.progress, own.progress_user, 0);
     l.scene = sgsi_calloc(1, sizeof *l.scene);
     if (l.scene)
         l.scene->path = sgsi_strdup(path);
@@ -675,6 +696,7 @@ sgs_status sgs_scene_load(const char *path, const sgs_scene_options *options, sg
     for (size_t i = 0; l.slots && i < l.dataset.frame_count; ++i)
         sgsi_free(l.slots[i].error);
     sgsi_free(l.slots);
+    sgsi_progress_end(&l.progress);
     sgsi_free(l.sources);
     sgsi_free(l.bytes);
     sgsi_free(l.colorspace);

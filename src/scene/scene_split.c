@@ -17,6 +17,11 @@ sgs_status sgsi_scene_no_memory(const char *path)
     return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory for the scene", path);
 }
 
+sgs_status sgsi_scene_cancelled(const char *path)
+{
+    return sgsi_fail(SGS_STATUS_CANCELLED, "%s: loading was cancelled", path);
+}
+
 static const char *base_name(const char *name)
 {
     const char *slash = strrchr(name, '/');

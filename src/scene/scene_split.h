@@ -20,3 +20,6 @@ sgs_status sgsi_scene_measure_extent(sgs_scene *scene);
 
 // Fails with OUT_OF_MEMORY for the scene at `path`.
 sgs_status sgsi_scene_no_memory(const char *path);
+
+// Fails with SGS_STATUS_CANCELLED.
+sgs_status sgsi_scene_cancelled(const char *path);

@@ -9,6 +9,8 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "cli/shared_options.h"
+#include "cli/interrupt.h"
 #include "cli/commands.h"
 #include "cli/json_result.h"
 #include "cli/output.h"
@@ -140,7 +142,9 @@ int main(int argc, char **argv)
 {
     open_standard_streams();
     messages_hear_library(true);
-    const int status = run(argc, argv);
+    int status = run(argc, argv);
+    if (status == EXIT_FAILED && scene_open_was_cancelled())
+        status = interrupt_status();
     const bool printed = json_result_print(status, wants_json(argc, argv));
     // Standard output may hold the result, so a failed write (a full disk) is an error.
     return stdout_is_whole() && printed ? status : status == EXIT_DONE ? EXIT_FAILED : status;

@@ -4,6 +4,7 @@
 // Option tables shared by the commands. A value comes from the command line, else from the
 // config.json of the run that trained the model, else from the convention of the data set.
 
+#include "cli/interrupt.h"
 #include "cli/shared_options.h"
 
 #include <ctype.h>
@@ -221,6 +222,20 @@ static const char **json_strings(const json_t *list)
     return strings;
 }
 
+static bool loading_cancelled;
+
+static bool show_loading(void *user, size_t done, size_t total)
+{
+    (void)user;
+    progress_count("loading", done, total);
+    return !interrupt_signal();
+}
+
+bool scene_open_was_cancelled(void)
+{
+    return loading_cancelled;
+}
+
 sgs_scene *scene_open(const char *path, const scene_values *values, bool load_images)
 {
     sgs_scene_options options = sgs_scene_options_default();
@@ -240,9 +255,13 @@ sgs_scene *scene_open(const char *path, const scene_values *values, bool load_im
     options.space = (sgs_space)values->space;
     options.white_point = values->white_point;
     options.image_cache = (size_t)values->cache_bytes;
+    options.progress = show_loading;
     sgs_scene *scene = NULL;
-    if (sgs_scene_load(path, &options, &scene))
-        fail_library(); // and *scene is NULL
+    const sgs_status status = sgs_scene_load(path, &options, &scene);
+    progress_end();
+    loading_cancelled = status == SGS_STATUS_CANCELLED;
+    if (status && !loading_cancelled)
+        fail_library();
     free(held_out);
     return scene;
 }

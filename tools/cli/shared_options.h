@@ -45,8 +45,10 @@ int model_scene_resolve(scene_values *values, const command_line *line, const js
 #define ALPHA_WORDS "over|mask|ignore"
 // The words of --train-space, in the order of sgs_space.
 #define SPACE_WORDS "srgb|linear"
-// Loads the scene; NULL after printing the error.
+// Loads the scene; NULL after printing the error, or when a signal ended the loading.
 sgs_scene *scene_open(const char *path, const scene_values *values, bool load_images);
+// True when a signal ended the last scene_open.
+bool scene_open_was_cancelled(void);
 // Number of views in a split.
 size_t scene_split_count(const sgs_scene *scene, sgs_split split);
 bool view_in_split(const sgs_view *view, sgs_split split);

@@ -173,7 +173,8 @@ static bool describe_scene(const char *path, const scene_values *data, json_t *r
 {
     static const char *const formats[] = {[SGS_SCENE_COLMAP_BINARY] = "COLMAP, binary",
                                           [SGS_SCENE_COLMAP_TEXT] = "COLMAP, text",
-                                          [SGS_SCENE_TRANSFORMS] = "transforms (NeRF, nerfstudio)"};
+                                          [SGS_SCENE_TRANSFORMS] = "transforms (NeRF, nerfstudio)",
+                                          [SGS_SCENE_MEMORY] = "memory"};
     sgs_scene *scene = scene_open(path, data, false);
     if (!scene)
         return false;

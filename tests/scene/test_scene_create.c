@@ -1,0 +1,339 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Scenes from memory: the bundled room copied out of its files and given back trains to the same
+// bits; pixel types, strides, masks and alpha mean what the header says; bad input is named;
+// loading can be watched and cancelled.
+
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#include "sparegs/image.h"
+#include "sparegs/scene.h"
+#include "sparegs/trainer.h"
+
+static const char room[] = SGSI_TEST_DATA "/room";
+
+static sgs_scene *load_room(void)
+{
+    sgs_scene_options options = sgs_scene_options_default();
+    options.downscale = 8;
+    options.test_every = 8;
+    sgs_scene *scene;
+    assert_int_equal(sgs_scene_load(room, &options, &scene), SGS_STATUS_OK);
+    return scene;
+}
+
+static void train(const sgs_scene *scene, char hex[17])
+{
+    sgs_train_options options = sgs_train_options_default();
+    options.iterations = 1000;
+    sgs_trainer *trainer;
+    assert_int_equal(sgs_trainer_create(scene, &options, &trainer), SGS_STATUS_OK);
+    sgs_step_info info;
+    for (int i = 0; i < 30; ++i)
+        assert_int_equal(sgs_trainer_step(trainer, &info), SGS_STATUS_OK);
+    sgs_gaussians_hash(sgs_trainer_model(trainer), hex);
+    sgs_trainer_destroy(trainer);
+}
+
+// The views in reverse order, which the scene sorts.
+static void a_copied_scene_trains_to_the_same_bits(void **state)
+{
+    (void)state;
+    sgs_scene *loaded = load_room(), *made;
+    const size_t count = loaded->view_count;
+    sgs_view_source *sources = calloc(count, sizeof *sources);
+    assert_non_null(sources);
+    for (size_t i = 0; i < count; ++i) {
+        const sgs_view *view = &loaded->views[i];
+        sources[count - 1 - i] =
+            (sgs_view_source){.name = view->name,
+                              .camera = view->camera,
+                              .pose = view->pose,
+                              .split = view->split,
+                              .channels = view->image.channels,
+                              .pixels = view->image.pixels,
+                              .channel_stride = (ptrdiff_t)view->image.width * view->image.height,
+                              .pixel_stride = 1};
+        sources[count - 1 - i].row_stride = view->image.width;
+    }
+    assert_int_equal(sgs_scene_create(sources, count, loaded->points, loaded->colors,
+                                      loaded->point_count, NULL, &made),
+                     SGS_STATUS_OK);
+    free(sources);
+    assert_int_equal(made->format, SGS_SCENE_MEMORY);
+    assert_int_equal(made->view_count, count);
+    assert_int_equal(made->photo_bytes, loaded->photo_bytes);
+    assert_memory_equal(&made->extent, &loaded->extent, sizeof made->extent);
+    for (size_t i = 0; i < count; ++i) {
+        assert_string_equal(made->views[i].name, loaded->views[i].name);
+        assert_int_equal(made->views[i].split, loaded->views[i].split);
+        assert_int_equal(made->views[i].image.kept, loaded->views[i].image.kept);
+        assert_ptr_not_equal(made->views[i].image.pixels, loaded->views[i].image.pixels);
+    }
+    char of_files[17], of_memory[17];
+    train(loaded, of_files);
+    sgs_scene_destroy(loaded);
+    train(made, of_memory);
+    sgs_scene_destroy(made);
+    assert_string_equal(of_memory, of_files);
+}
+
+// ---- Small views ----
+
+enum { W = 19, H = 7 };
+
+static sgs_view_source small_source(int channels, sgs_pixel_type type, const void *pixels)
+{
+    return (sgs_view_source){.camera = {SGS_CAMERA_PINHOLE, W, H, {20, 20, 9.5, 3.5}},
+                             .pose = {{1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 0}},
+                             .pixel_type = type,
+                             .channels = channels,
+                             .pixels = pixels};
+}
+
+static sgs_scene *make(const sgs_view_source *source, const sgs_scene_options *options)
+{
+    sgs_scene *scene;
+    assert_int_equal(sgs_scene_create(source, 1, NULL, NULL, 0, options, &scene), SGS_STATUS_OK);
+    assert_int_equal(scene->view_count, 1);
+    return scene;
+}
+
+static bool is_valid(const sgs_photo *photo, int x, int y)
+{
+    return !photo->valid_mask ||
+           (photo->valid_mask[(size_t)y * ((size_t)W + 15) / 16 + (size_t)x / 16] >> x % 16 & 1);
+}
+
+// Linear floats, bottom row first in memory, five floats apart: alpha, padding and one NaN.
+static void floats_with_strides_become_the_space_of_the_scene(void **state)
+{
+    (void)state;
+    float memory[H][W][5];
+    for (int y = 0; y < H; ++y)
+        for (int x = 0; x < W; ++x) {
+            for (int c = 0; c < 3; ++c)
+                memory[H - 1 - y][x][c] = (float)(1 + x + 20 * y + c) / 64.0f;
+            memory[H - 1 - y][x][3] = x < 4 ? 0.25f : 1.0f;
+            memory[H - 1 - y][x][4] = NAN; // padding
+        }
+    memory[H - 1 - 2][5][1] = NAN;
+    sgs_view_source source = small_source(4, SGS_PIXEL_FLOAT, memory[H - 1]);
+    source.pixel_stride = sizeof memory[0][0];
+    source.row_stride = -(ptrdiff_t)sizeof memory[0];
+    for (int run = 0; run < 3; ++run) { // linear; sRGB; sRGB with alpha as a mask
+        sgs_scene_options options = sgs_scene_options_default();
+        options.space = run == 0 ? SGS_SPACE_LINEAR : SGS_SPACE_SRGB;
+        options.alpha = run == 2 ? SGS_ALPHA_MASK : SGS_ALPHA_OVER;
+        options.white_point = 2;
+        sgs_scene *scene = make(&source, &options);
+        const sgs_photo *photo = &scene->views[0].image;
+        assert_true(photo->is_hdr && photo->halves && !photo->pixels);
+        assert_int_equal(photo->channels, run == 2 ? 3 : 4);
+        assert_int_equal(scene->has_alpha, run != 2);
+        assert_int_equal(scene->pixels_broken, 1);
+        assert_int_equal(photo->kept, W * H - 1 - (run == 2 ? 4 * H : 0));
+        assert_true(scene->white_point == 2);
+        for (int y = 0; y < H; ++y)
+            for (int x = 0; x < W; ++x) {
+                assert_int_equal(is_valid(photo, x, y),
+                                 !(x == 5 && y == 2) && !(run == 2 && x < 4));
+                for (int c = 0; c < 3 && is_valid(photo, x, y); ++c) {
+                    const float light = (float)(1 + x + 20 * y + c) / 128.0f;
+                    const float expected = run ? sgs_srgb_encode(light) : light;
+                    const float value = sgs_photo_value(photo, (size_t)((c * H + y) * W + x));
+                    assert_true(fabsf(value - expected) <= expected / 1024);
+                }
+            }
+        sgs_scene_destroy(scene);
+    }
+    // Without a white point, 99 % of the light is at most 1.
+    sgs_scene *scene = make(&source, NULL);
+    assert_true(scene->white_point > 2.0 && scene->white_point < 2.4);
+    sgs_scene_destroy(scene);
+}
+
+static void halves_keep_their_value(void **state)
+{
+    (void)state;
+    // 1, 0.5, -1 (becomes 0), 65504, the smallest subnormal (becomes 0), infinity.
+    static const uint16_t halves[] = {0x3c00, 0x3800, 0xbc00, 0x7bff, 0x0001, 0x7c00};
+    static const float values[] = {1, 0.5f, 0, 65504, 0};
+    uint16_t pixels[H][W][3] = {{{0}}};
+    for (int i = 0; i < 6; ++i)
+        pixels[0][i][1] = halves[i];
+    const sgs_view_source source = small_source(3, SGS_PIXEL_HALF, pixels);
+    sgs_scene_options options = sgs_scene_options_default();
+    options.space = SGS_SPACE_LINEAR;
+    options.white_point = 1;
+    sgs_scene *scene = make(&source, &options);
+    const sgs_photo *photo = &scene->views[0].image;
+    for (int i = 0; i < 5; ++i)
+        assert_true(sgs_photo_value(photo, (size_t)(W * H + i)) == values[i]);
+    assert_false(is_valid(photo, 5, 0));
+    assert_int_equal(scene->pixels_broken, 1);
+    sgs_scene_destroy(scene);
+}
+
+static void masks_say_which_pixels_are_valid(void **state)
+{
+    (void)state;
+    uint8_t pixels[H][W][3], mask[H][2 * W];
+    memset(pixels, 77, sizeof pixels);
+    memset(mask, 0, sizeof mask);
+    for (int y = 0; y < H; ++y)
+        for (int x = 0; x < W; ++x)
+            mask[y][2 * x] = x % 3 ? 128 : 127;
+    sgs_view_source source = small_source(3, SGS_PIXEL_UINT8, pixels);
+    source.mask = mask[0];
+    source.mask_pixel_stride = 2;
+    source.mask_row_stride = sizeof mask[0];
+    for (int invert = 0; invert < 2; ++invert) {
+        sgs_scene_options options = sgs_scene_options_default();
+        options.invert_masks = invert;
+        sgs_scene *scene = make(&source, &options);
+        assert_int_equal(scene->masks, 1);
+        for (int y = 0; y < H; ++y)
+            for (int x = 0; x < W; ++x)
+                assert_int_equal(is_valid(&scene->views[0].image, x, y), (x % 3 != 0) != invert);
+        sgs_scene_destroy(scene);
+    }
+    memset(mask, 0, sizeof mask);
+    sgs_scene *scene;
+    assert_int_equal(sgs_scene_create(&source, 1, NULL, NULL, 0, NULL, &scene),
+                     SGS_STATUS_INVALID_ARGUMENT);
+    assert_non_null(strstr(sgs_last_error(), "view 'view_000000': mask excludes every pixel"));
+    assert_null(scene);
+}
+
+// ---- Refusals ----
+
+static void refused(const sgs_view_source *views, size_t count, const float *points,
+                    size_t point_count, const char *sentence)
+{
+    sgs_scene *scene = (sgs_scene *)&count;
+    assert_int_equal(sgs_scene_create(views, count, points, NULL, point_count, NULL, &scene),
+                     SGS_STATUS_INVALID_ARGUMENT);
+    assert_null(scene);
+    if (!strstr(sgs_last_error(), sentence))
+        fail_msg("'%s' lacks '%s'", sgs_last_error(), sentence);
+}
+
+static void bad_input_is_named(void **state)
+{
+    (void)state;
+    static const uint8_t pixels[H * W * 4];
+    const sgs_view_source good = small_source(3, SGS_PIXEL_UINT8, pixels);
+    sgs_view_source two[2] = {good, good};
+    refused(NULL, 0, NULL, 0, "no views");
+    sgs_view_source bad = good;
+    bad.name = "a";
+    bad.camera.params[0] = NAN;
+    refused(&bad, 1, NULL, 0, "view 'a': camera: ");
+    bad = good;
+    bad.pose.rotation[0] = 2;
+    refused(&bad, 1, NULL, 0, "view 'view_000000': pose.rotation");
+    bad = good;
+    bad.pose.translation[2] = INFINITY;
+    refused(&bad, 1, NULL, 0, "pose.translation");
+    bad = good;
+    bad.channels = 2;
+    refused(&bad, 1, NULL, 0, "channels");
+    bad = good;
+    bad.pixel_type = (sgs_pixel_type)3;
+    refused(&bad, 1, NULL, 0, "pixel_type");
+    bad = good;
+    bad.pixel_type = SGS_PIXEL_FLOAT;
+    bad.pixel_stride = 3;
+    refused(&bad, 1, NULL, 0, "stride");
+    bad = good;
+    bad.split = SGS_SPLIT_ALL;
+    refused(&bad, 1, NULL, 0, "split");
+    bad = good;
+    bad.split = SGS_SPLIT_TEST;
+    refused(&bad, 1, NULL, 0, "held out");
+    two[0].name = two[1].name = "same";
+    refused(two, 2, NULL, 0, "view 'same': name is used twice");
+    const float points[6] = {0, 0, 0, 0, NAN, 0};
+    refused(&good, 1, points, 2, "point 1 is not finite");
+    sgs_scene_options options = sgs_scene_options_default();
+    options.struct_size += 1;
+    sgs_scene *scene;
+    assert_int_equal(sgs_scene_create(&good, 1, NULL, NULL, 0, &options, &scene),
+                     SGS_STATUS_INVALID_ARGUMENT);
+    assert_int_equal(sgs_scene_load(room, &options, &scene), SGS_STATUS_INVALID_ARGUMENT);
+    assert_non_null(strstr(sgs_last_error(), "sgs_scene_options.struct_size"));
+}
+
+// ---- Progress ----
+
+typedef struct watcher {
+    size_t calls, cancel_at, total;
+} watcher;
+
+static bool watch(void *user, size_t done, size_t total)
+{
+    watcher *w = user;
+    assert_int_equal(done, ++w->calls);
+    w->total = total;
+    return done != w->cancel_at;
+}
+
+static void loading_is_watched_and_can_be_cancelled(void **state)
+{
+    (void)state;
+    for (int images = 0; images < 2; ++images)
+        for (int cancels = 0; cancels < 2; ++cancels) {
+            watcher w = {.cancel_at = cancels ? 20 : 0};
+            sgs_scene_options options = sgs_scene_options_default();
+            options.downscale = 8;
+            options.load_images = images;
+            options.progress = watch;
+            options.progress_user = &w;
+            sgs_scene *scene = NULL;
+            const sgs_status status = sgs_scene_load(room, &options, &scene);
+            assert_int_equal(status, cancels ? SGS_STATUS_CANCELLED : SGS_STATUS_OK);
+            assert_int_equal(scene == NULL, cancels);
+            assert_int_equal(w.total, images ? 70 : 35);
+            assert_int_equal(w.calls, cancels ? 20 : w.total);
+            sgs_scene_destroy(scene);
+        }
+    static const uint8_t pixels[H * W * 3];
+    sgs_view_source sources[5];
+    for (int i = 0; i < 5; ++i)
+        sources[i] = small_source(3, SGS_PIXEL_UINT8, pixels);
+    watcher w = {.cancel_at = 3};
+    sgs_scene_options options = sgs_scene_options_default();
+    options.progress = watch;
+    options.progress_user = &w;
+    sgs_scene *scene;
+    assert_int_equal(sgs_scene_create(sources, 5, NULL, NULL, 0, &options, &scene),
+                     SGS_STATUS_CANCELLED);
+    assert_int_equal(w.calls, 3);
+    w = (watcher){0};
+    assert_int_equal(sgs_scene_create(sources, 5, NULL, NULL, 0, &options, &scene), SGS_STATUS_OK);
+    assert_true(w.calls == 5 && w.total == 5);
+    sgs_scene_destroy(scene);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(a_copied_scene_trains_to_the_same_bits),
+        cmocka_unit_test(floats_with_strides_become_the_space_of_the_scene),
+        cmocka_unit_test(halves_keep_their_value),
+        cmocka_unit_test(masks_say_which_pixels_are_valid),
+        cmocka_unit_test(bad_input_is_named),
+        cmocka_unit_test(loading_is_watched_and_can_be_cancelled),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -291,8 +291,8 @@ static void equilibrium_waits_for_two_calm_epochs(void **state)
     (void)state;
     sgs_train_options options = short_run(200);
     options.spare = SGS_SPARE_EDT;
-    options.spare_eps_loss = 1e9;
-    options.spare_eps_count = 1e9;
+    options.spare_eps_loss = 1;
+    options.spare_eps_count = 1;
     options.spare_interval = 100; // every iteration of this run
     sgs_trainer *trainer = start(&options);
     const int views = (int)trainer->views.count;

@@ -141,7 +141,8 @@ typedef struct sgs_step_info {
     double loss_average; // EMA, bias-corrected
     double psnr_average; // EMA of the training views' PSNR (float image against the photo), dB
     size_t gaussians;    // after the step
-    size_t visible;      // primitives with a gradient in this step
+    // Primitives with a gradient in this step: some ray counts a hit of them. 0 in a skipped step.
+    size_t visible;
     bool structural; // a structural update came before this iteration: the next fields are valid
     int structure_iteration; // the iteration that it belongs to, the one before
     size_t densified, pruned,

@@ -347,9 +347,10 @@ static inline vm finite_rows(const gradient16 *d)
     return vf_lt(sum, vf_set1(1e15f));
 }
 
-size_t SGSI_KERNEL(sgsi_optimize_blocks)(const sgsi_optimize *input, size_t begin, size_t end)
+sgsi_optimize_counts SGSI_KERNEL(sgsi_optimize_blocks)(const sgsi_optimize *input, size_t begin,
+                                                       size_t end)
 {
-    size_t broken = 0;
+    sgsi_optimize_counts counts = {0};
     for (size_t block = begin; block < end; ++block) {
         const unsigned visible = input->visible ? input->visible[block] : 0;
         const bool waits = input->accumulated_grad && (input->accumulated_rows[2 * block] ||
@@ -376,7 +377,8 @@ size_t SGSI_KERNEL(sgsi_optimize_blocks)(const sgsi_optimize *input, size_t begi
         }
         const vm finite = finite_rows(&d);
         const vm seen = vm_and(vf_gt(sums[SGSI_GRAD_SUM_WEIGHT], vf_zero()), present);
-        broken += (size_t)__builtin_popcount(vm_bits(vm_andnot(seen, finite)));
+        counts.seen += (size_t)__builtin_popcount(vm_bits(seen));
+        counts.broken += (size_t)__builtin_popcount(vm_bits(vm_andnot(seen, finite)));
         if (input->gradient_sum) {
             float *sum = input->gradient_sum + 16 * block;
             vf_store(sum, vf_add(vf_load(sum),
@@ -393,5 +395,5 @@ size_t SGSI_KERNEL(sgsi_optimize_blocks)(const sgsi_optimize *input, size_t begi
         else if (input->apply)
             step_block(input, block, vm_and(finite, input->dense ? present : sparse), &d);
     }
-    return broken;
+    return counts;
 }

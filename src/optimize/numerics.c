@@ -27,9 +27,9 @@ static size_t first_rejected(const sgsi_optimize *input)
 {
     sgsi_optimize probe = *input;
     probe.apply = false;
-    probe.gradient_sum = NULL;
+    probe.gradient_sum = probe.abs_grad_sum = NULL;
     for (size_t block = 0; 16 * block < input->count; ++block) {
-        if (!input->touched[block] || !sgsi_optimize_blocks(&probe, block, block + 1))
+        if (!input->touched[block] || !sgsi_optimize_blocks(&probe, block, block + 1).broken)
             continue;
         // One row at a time: all other rows of the block have zero sums.
         for (size_t lane = 0; lane < 16 && 16 * block + lane < input->count; ++lane) {
@@ -42,7 +42,7 @@ static size_t first_rejected(const sgsi_optimize *input)
             one.sums = sums;
             one.touched = input->touched + block;
             one.visible = NULL;
-            if (sgsi_optimize_blocks(&one, 0, 1))
+            if (sgsi_optimize_blocks(&one, 0, 1).broken)
                 return 16 * block + lane;
         }
     }

@@ -7,7 +7,7 @@
 
 #include "sparegs/runtime.h"
 
-size_t sgsi_optimize_blocks(const sgsi_optimize *input, size_t begin, size_t end)
+sgsi_optimize_counts sgsi_optimize_blocks(const sgsi_optimize *input, size_t begin, size_t end)
 {
     switch (sgs_isa_get()) {
 #ifdef SGSI_X86

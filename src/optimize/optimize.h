@@ -35,12 +35,19 @@ typedef struct sgsi_optimize {
     float *gradients;
 } sgsi_optimize;
 
-// Steps blocks [begin, end) of 16 primitives. Returns the number of rows whose gradient was not
-// finite; these rows are not updated.
-size_t sgsi_optimize_blocks(const sgsi_optimize *input, size_t begin, size_t end);
+typedef struct sgsi_optimize_counts {
+    size_t seen;   // rows that a ray counts a hit of
+    size_t broken; // of these, rows whose gradient is not finite; they are not updated
+} sgsi_optimize_counts;
 
-size_t sgsi_optimize_blocks_baseline(const sgsi_optimize *input, size_t begin, size_t end);
+// Steps blocks [begin, end) of 16 primitives. Counts nothing where input->gradients is set.
+sgsi_optimize_counts sgsi_optimize_blocks(const sgsi_optimize *input, size_t begin, size_t end);
+
+sgsi_optimize_counts sgsi_optimize_blocks_baseline(const sgsi_optimize *input, size_t begin,
+                                                   size_t end);
 #ifdef SGSI_X86
-size_t sgsi_optimize_blocks_avx2(const sgsi_optimize *input, size_t begin, size_t end);
-size_t sgsi_optimize_blocks_avx512(const sgsi_optimize *input, size_t begin, size_t end);
+sgsi_optimize_counts sgsi_optimize_blocks_avx2(const sgsi_optimize *input, size_t begin,
+                                               size_t end);
+sgsi_optimize_counts sgsi_optimize_blocks_avx512(const sgsi_optimize *input, size_t begin,
+                                                 size_t end);
 #endif

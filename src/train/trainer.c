@@ -194,15 +194,6 @@ static void watch_views(sgs_trainer *trainer, int iteration)
                   trainer->scene->path, trainer->views.count);
 }
 
-static size_t count_visible(const sgs_trainer *trainer)
-{
-    const uint8_t *touched = sgsi_tracer_touched(trainer->views.tracer);
-    size_t blocks = 0;
-    for (size_t i = 0; i < (trainer->model->count + SGS_LANES - 1) / SGS_LANES; ++i)
-        blocks += touched[i];
-    return blocks * SGS_LANES;
-}
-
 static void count_traffic(sgs_trainer *trainer, const sgsi_train_view *view)
 {
     const sgsi_rays *rays = view->view.rays;
@@ -242,14 +233,13 @@ static sgs_status train_on_view(sgs_trainer *trainer, sgsi_train_view *view, sgs
         status = sgsi_train_view_backward(views, view);
     if (status)
         return status;
-    info->visible = count_visible(trainer);
     count_traffic(trainer, view);
     // Chain rule, statistics for density control, Adam.
     if (views->exposure && view->iteration < trainer->options.iterations)
         sgsi_exposure_step(views->exposure, view->index,
                            sgsi_exposure_lr(view->iteration, trainer->options.iterations));
     if (isfinite(view->loss.loss))
-        sgsi_trainer_optimize(trainer, view);
+        info->visible = sgsi_trainer_optimize(trainer, view);
     else
         sgsi_skip_step(&trainer->progress.skipped, view->iteration, view->source->name,
                        view->loss.loss);

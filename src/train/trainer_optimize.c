@@ -14,16 +14,17 @@
 
 typedef struct optimize_job {
     sgsi_optimize input;
-    atomic_size_t broken;
+    atomic_size_t seen, broken;
 } optimize_job;
 
 static void optimize_range(void *context, size_t begin, size_t end, int thread)
 {
     (void)thread;
     optimize_job *job = context;
-    const size_t broken = sgsi_optimize_blocks(&job->input, begin, end);
-    if (broken) // hardly ever
-        atomic_fetch_add(&job->broken, broken);
+    const sgsi_optimize_counts counts = sgsi_optimize_blocks(&job->input, begin, end);
+    atomic_fetch_add(&job->seen, counts.seen);
+    if (counts.broken) // rare
+        atomic_fetch_add(&job->broken, counts.broken);
 }
 
 bool sgsi_trainer_makes_step(const sgs_trainer *trainer, int iteration)
@@ -91,7 +92,7 @@ static void begin_step(sgs_trainer *trainer, int iteration, sgsi_optimize *input
     input->rest_correction2 = (float)(1.0 / sqrt(bias(0.999, progress->rest_step)));
 }
 
-void sgsi_trainer_optimize(sgs_trainer *trainer, const sgsi_train_view *view)
+size_t sgsi_trainer_optimize(sgs_trainer *trainer, const sgsi_train_view *view)
 {
     const double start = sgsi_seconds();
     const bool collects = view->visible_count != NULL;
@@ -103,12 +104,12 @@ void sgsi_trainer_optimize(sgs_trainer *trainer, const sgsi_train_view *view)
         job.input.gradient_sum = trainer->statistics.gradient_sum;
     if (collects && trainer->pipeline->abs_grad)
         job.input.abs_grad_sum = trainer->statistics.abs_grad_sum;
-    if (job.input.apply || collects)
-        sgsi_parallel_ranges((trainer->model->count + SGS_LANES - 1) / SGS_LANES, 64,
-                             optimize_range, &job);
+    sgsi_parallel_ranges((trainer->model->count + SGS_LANES - 1) / SGS_LANES, 64, optimize_range,
+                         &job);
     const size_t broken = atomic_load(&job.broken);
     if (broken)
         sgsi_skip_gradients(&progress->skipped, view->iteration, view->source->name, broken,
                             &job.input);
     progress->seconds.optimizer += sgsi_seconds() - start;
+    return atomic_load(&job.seen);
 }

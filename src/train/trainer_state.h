@@ -84,8 +84,9 @@ float sgsi_trainer_lr_opacity(const sgs_trainer *trainer, int iteration);
 // Whether parameters move in this iteration: not where a structural update follows, and not in the
 // last one.
 bool sgsi_trainer_makes_step(const sgs_trainer *trainer, int iteration);
-// From the gradient sums of a view that has gone backward: chain rule, statistics and Adam.
-void sgsi_trainer_optimize(sgs_trainer *trainer, const sgsi_train_view *view);
+// From the gradient sums of a view after its backward pass: chain rule, statistics and Adam.
+// Returns the number of primitives with a gradient.
+size_t sgsi_trainer_optimize(sgs_trainer *trainer, const sgsi_train_view *view);
 
 // ---- trainer_structure.c ----
 

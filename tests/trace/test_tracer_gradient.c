@@ -479,8 +479,8 @@ static void train_like_step(step_state *s, int step)
                                  .gradient_sum = s->gradient_sum,
                                  .tan_half_x = 0.5f,
                                  .tan_half_y = 0.4f};
-    assert_int_equal(sgsi_optimize_blocks(&input, 0, (model->count + SGS_LANES - 1) / SGS_LANES),
-                     0);
+    const size_t blocks = (model->count + SGS_LANES - 1) / SGS_LANES;
+    assert_int_equal(sgsi_optimize_blocks(&input, 0, blocks).broken, 0);
 }
 
 static void repeated_steps_allocate_nothing(void **state)

@@ -153,6 +153,40 @@ static void the_last_iteration_makes_no_step(void **state)
     unlink(path);
 }
 
+// Three primitives before the camera, five too faint to hit, the others behind it.
+static void visible_primitives_are_counted_one_by_one(void **state)
+{
+    (void)state;
+    enum { COUNT = 40, HIT = 3, FAINT = 5 };
+    sgs_scene one = *scene;
+    one.view_count = 1;
+    one.views = &scene->views[1];
+    const sgs_pose *pose = &one.views[0].pose;
+    sgs_gaussians *model;
+    assert_int_equal(sgs_gaussians_create(COUNT, &model), SGS_STATUS_OK);
+    assert_int_equal(sgs_gaussians_resize(model, COUNT), SGS_STATUS_OK);
+    for (int i = 0; i < COUNT; ++i) {
+        float p[SGS_PARAM_COUNT] = {[SGS_PARAM_ROTATION] = 1};
+        const double z = i < HIT + FAINT ? 4 + 0.1 * i : -4 - 0.1 * i;
+        const double camera[3] = {0.1 * (i % HIT - 1) * z, 0, z};
+        for (int k = 0; k < 3; ++k) {
+            for (int row = 0; row < 3; ++row)
+                p[SGS_PARAM_MEAN + k] +=
+                    (float)(pose->rotation[3 * row + k] * (camera[row] - pose->translation[row]));
+            p[SGS_PARAM_SCALE + k] = logf(0.1f);
+        }
+        p[SGS_PARAM_OPACITY] = i < HIT || i >= HIT + FAINT ? 0 : -8;
+        sgs_gaussians_set(model, (size_t)i, p);
+    }
+    sgs_train_options options = short_run(100);
+    options.init = model;
+    sgs_trainer *trainer;
+    assert_int_equal(sgs_trainer_create(&one, &options, &trainer), SGS_STATUS_OK);
+    assert_int_equal(run(trainer, 1).visible, HIT);
+    sgs_trainer_destroy(trainer);
+    sgs_gaussians_destroy(model);
+}
+
 static void another_seed_gives_other_bits(void **state)
 {
     (void)state;
@@ -518,6 +552,7 @@ int main(void)
         cmocka_unit_test(training_lowers_the_loss_and_grows_the_model),
         cmocka_unit_test(bits_do_not_depend_on_threads_or_vector_width),
         cmocka_unit_test(the_last_iteration_makes_no_step),
+        cmocka_unit_test(visible_primitives_are_counted_one_by_one),
         cmocka_unit_test(another_seed_gives_other_bits),
         cmocka_unit_test(checkpoint_resumes_to_the_same_bits),
         cmocka_unit_test(damaged_or_foreign_checkpoints_are_refused_and_change_nothing),

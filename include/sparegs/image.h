@@ -45,6 +45,20 @@ typedef struct sgs_photo {
     bool is_hdr;      // values above 1 are meaningful: comparisons do not clamp them
 } sgs_photo;
 
+// 16-bit words per row of a valid mask.
+static inline size_t sgs_mask_words(int width)
+{
+    return ((size_t)width + 15) / 16;
+}
+
+// Whether pixel (x, y) of an image of this width is valid. A NULL mask has all pixels valid. No
+// bounds check.
+static inline bool sgs_mask_is_valid(const uint16_t *valid_mask, int width, int x, int y)
+{
+    return !valid_mask ||
+           (valid_mask[(size_t)y * sgs_mask_words(width) + (size_t)x / 16] >> x % 16 & 1);
+}
+
 // Reads a photograph as 3 or 4 planes of 8 bits (grey becomes RGB, 16 bits are rounded). On failure
 // image->pixels is NULL and the error names the file.
 SGS_API sgs_status sgs_image8_read(const char *path, sgs_image8 *image);

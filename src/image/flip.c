@@ -163,7 +163,7 @@ static void convert_row(void *context, size_t item, int thread)
     const size_t which = item / (size_t)job->height;
     for (size_t x = 0; x < width; ++x) {
         const size_t at = row * width + x;
-        const bool valid = sgsi_mask_is_valid(job->valid_mask, job->width, (int)x, (int)row);
+        const bool valid = sgs_mask_is_valid(job->valid_mask, job->width, (int)x, (int)row);
         double linear[3] = {0}, xyz[3];
         for (size_t c = 0; valid && c < 3; ++c)
             linear[c] = job->decoded[job->images[which]->pixels[c * plane + at]];
@@ -273,7 +273,7 @@ static double mean_error(const flip_job *job)
     for (int y = 0; y < job->height; ++y)
         for (int x = 0; x < job->width; ++x) {
             float *error = &job->map[(size_t)y * (size_t)job->width + (size_t)x];
-            if (sgsi_mask_is_valid(job->valid_mask, job->width, x, y)) {
+            if (sgs_mask_is_valid(job->valid_mask, job->width, x, y)) {
                 sum += (double)*error;
                 ++count;
             } else {
@@ -352,8 +352,8 @@ double sgs_sharpness(const sgs_image8 *render, const sgs_image8 *photo, const ui
         for (int x = 1; x < width - 1; ++x) {
             bool valid = true;
             for (int k = -1; k <= 1 && valid; ++k)
-                valid = sgsi_mask_is_valid(valid_mask, width, x + k, y) &&
-                        sgsi_mask_is_valid(valid_mask, width, x, y + k);
+                valid = sgs_mask_is_valid(valid_mask, width, x + k, y) &&
+                        sgs_mask_is_valid(valid_mask, width, x, y + k);
             const size_t at = (size_t)y * (size_t)width + (size_t)x;
             for (int k = 0; k < 2 && valid; ++k) {
                 const sgs_image8 *image = k ? photo : render;

@@ -59,7 +59,7 @@ sgs_status sgsi_mask_find(const char *root, const char *folder, const char *imag
 
 static void set_all(uint16_t *valid_mask, int width, int height)
 {
-    const size_t words = sgsi_mask_words(width);
+    const size_t words = sgs_mask_words(width);
     memset(valid_mask, 0xff, words * (size_t)height * sizeof *valid_mask);
     for (int y = 0; width % 16 && y < height; ++y)
         valid_mask[(size_t)(y + 1) * words - 1] = (uint16_t)((1u << width % 16) - 1);
@@ -67,7 +67,7 @@ static void set_all(uint16_t *valid_mask, int width, int height)
 
 static sgs_status create(int width, int height, uint16_t **valid_mask)
 {
-    *valid_mask = sgsi_alloc(sgsi_mask_words(width) * (size_t)height, sizeof **valid_mask);
+    *valid_mask = sgsi_alloc(sgs_mask_words(width) * (size_t)height, sizeof **valid_mask);
     if (!*valid_mask)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a mask of %d x %d pixels", width,
                          height);
@@ -86,7 +86,7 @@ void sgsi_mask_drop(sgs_photo *photo, int width, int height, int x, int y)
     const long long w = photo->width, h = photo->height;
     const int x0 = (int)(x * w / width), x1 = (int)(((x + 1) * w + width - 1) / width);
     const int y0 = (int)(y * h / height), y1 = (int)(((y + 1) * h + height - 1) / height);
-    const size_t words = sgsi_mask_words(photo->width);
+    const size_t words = sgs_mask_words(photo->width);
     for (int j = y0; j < y1; ++j)
         for (int i = x0; i < x1; ++i)
             photo->valid_mask[(size_t)j * words + (size_t)i / 16] &= (uint16_t) ~(1u << i % 16);
@@ -152,7 +152,7 @@ static void lens_row(void *context, size_t y, int thread)
 {
     (void)thread;
     const lens_rows *rows = context;
-    uint16_t *row = rows->valid_mask + y * sgsi_mask_words(rows->camera->width);
+    uint16_t *row = rows->valid_mask + y * sgs_mask_words(rows->camera->width);
     for (int x = 0; x < rows->camera->width; ++x)
         if (!has_ray(rows->camera, x, (int)y))
             row[x / 16] &= (uint16_t) ~(1u << x % 16);
@@ -174,7 +174,7 @@ sgs_status sgsi_mask_intersect(sgs_photo *photo, const uint16_t *valid_mask)
     if (!valid_mask)
         return SGS_STATUS_OK;
     const sgs_status status = sgsi_mask_begin(photo);
-    for (size_t i = 0; !status && i < sgsi_mask_words(photo->width) * (size_t)photo->height; ++i)
+    for (size_t i = 0; !status && i < sgs_mask_words(photo->width) * (size_t)photo->height; ++i)
         photo->valid_mask[i] &= valid_mask[i];
     return status;
 }
@@ -186,7 +186,7 @@ void sgsi_mask_finish(sgs_photo *photo)
     if (!photo->valid_mask)
         return;
     photo->kept = 0;
-    for (size_t i = 0; i < sgsi_mask_words(photo->width) * (size_t)photo->height; ++i)
+    for (size_t i = 0; i < sgs_mask_words(photo->width) * (size_t)photo->height; ++i)
         photo->kept += (size_t)__builtin_popcount(photo->valid_mask[i]);
     if (photo->kept == all) {
         sgsi_free(photo->valid_mask);

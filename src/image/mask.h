@@ -11,19 +11,6 @@
 
 #include "sparegs/scene.h"
 
-// Words per row of a mask.
-static inline size_t sgsi_mask_words(int width)
-{
-    return ((size_t)width + 15) / 16;
-}
-
-// True if pixel (x, y) is valid. A NULL mask has all pixels valid.
-static inline bool sgsi_mask_is_valid(const uint16_t *valid_mask, int width, int x, int y)
-{
-    return !valid_mask ||
-           (valid_mask[(size_t)y * sgsi_mask_words(width) + (size_t)x / 16] >> x % 16 & 1);
-}
-
 // Finds the mask file of photograph `name` (relative to image_folder); *path is NULL if there is
 // none. Masks are searched in `root`/masks and `root`/mask, or in `folder` (relative to root, or
 // absolute) if given, and next to the photograph.

@@ -88,8 +88,8 @@ double sgs_psnr_masked(const sgs_image8 *a, const sgs_image8 *b, const uint16_t 
     const size_t plane = (size_t)a->width * (size_t)a->height;
     uint64_t sum = 0, values = 0; // exact
     for (size_t i = 0; i < plane; ++i) {
-        if (valid_mask && !sgsi_mask_is_valid(valid_mask, a->width, (int)(i % (size_t)a->width),
-                                              (int)(i / (size_t)a->width)))
+        if (valid_mask && !sgs_mask_is_valid(valid_mask, a->width, (int)(i % (size_t)a->width),
+                                             (int)(i / (size_t)a->width)))
             continue;
         for (size_t c = 0; c < 3; ++c) {
             const int difference = (int)a->pixels[c * plane + i] - (int)b->pixels[c * plane + i];
@@ -135,7 +135,7 @@ static void load_lines(const ssim_job *job, size_t row, double *lines)
             lines[m * pitch + k] = lines[m * pitch + RADIUS + width + k] = 0.0;
     const int y = (int)(row % (size_t)job->a->height);
     for (size_t x = 0; x < width; ++x) {
-        const bool counts = sgsi_mask_is_valid(job->valid_mask, job->a->width, (int)x, y);
+        const bool counts = sgs_mask_is_valid(job->valid_mask, job->a->width, (int)x, y);
         const double p = counts ? a[x] / 255.0 : 0.0, q = counts ? b[x] / 255.0 : 0.0;
         double *at = lines + RADIUS + x;
         at[0] = p;
@@ -201,7 +201,7 @@ static void ssim_strip(void *context, size_t item, int thread)
     double sum = 0.0;
     for (ptrdiff_t r = 0; r < STRIP_ROWS && first + r < height; ++r)
         for (size_t x = 0; x < width; ++x) {
-            if (!sgsi_mask_is_valid(job->valid_mask, job->a->width, (int)x, (int)(first + r)))
+            if (!sgs_mask_is_valid(job->valid_mask, job->a->width, (int)x, (int)(first + r)))
                 continue;
             const double *const at = smooth + (size_t)r * pitch + x;
             double moment[MOMENTS];
@@ -251,7 +251,7 @@ double sgs_ssim_masked(const sgs_image8 *a, const sgs_image8 *b, const uint16_t 
     sgsi_free(job.scratch);
     size_t kept = (size_t)a->width * (size_t)a->height;
     for (size_t i = 0; valid_mask && i < (size_t)a->width * (size_t)a->height; ++i)
-        kept -= !sgsi_mask_is_valid(valid_mask, a->width, (int)(i % (size_t)a->width),
-                                    (int)(i / (size_t)a->width));
+        kept -= !sgs_mask_is_valid(valid_mask, a->width, (int)(i % (size_t)a->width),
+                                   (int)(i / (size_t)a->width));
     return kept ? sum / (3.0 * (double)kept) : NAN;
 }

@@ -44,7 +44,7 @@ size_t sgsi_photo_bytes(const sgsi_image_info *info, sgs_space space, int width,
 {
     const size_t values = (size_t)width * (size_t)height * (size_t)info->channels;
     return values * (keeps_bytes(info, space) ? 1 : 2) +
-           sgsi_mask_words(width) * (size_t)height * sizeof(uint16_t);
+           sgs_mask_words(width) * (size_t)height * sizeof(uint16_t);
 }
 
 static sgs_status read_pixels(const sgsi_photo_source *source, sgs_image8 *image)

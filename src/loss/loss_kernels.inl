@@ -117,9 +117,8 @@ static inline vm counted(const sgsi_loss_input *input, int x, int y, int count)
     const unsigned exist = count >= 16 ? 0xFFFFu : (1u << count) - 1;
     const uint16_t *valid_mask = input->target->valid_mask;
     return vm_from_bits(
-        valid_mask
-            ? exist & valid_mask[(size_t)y * (((size_t)input->width + 15) / 16) + (size_t)x / 16]
-            : exist);
+        valid_mask ? exist & valid_mask[(size_t)y * sgs_mask_words(input->width) + (size_t)x / 16]
+                   : exist);
 }
 
 // Source row number `row` of the block (0 is 10 above its first output row) into the rings.

@@ -53,7 +53,7 @@ sgs_status sgsi_small_images_plan(const sgsi_train_views *views, int until, sgsi
 // A small pixel counts when every pixel that it covers does.
 static void reduce_keep(const sgs_photo *from, sgs_photo *to)
 {
-    const size_t words = sgsi_mask_words(to->width);
+    const size_t words = sgs_mask_words(to->width);
     to->kept = 0;
     for (int y = 0; y < to->height; ++y)
         for (int x = 0; x < to->width; ++x) {
@@ -62,7 +62,7 @@ static void reduce_keep(const sgs_photo *from, sgs_photo *to)
                  ++v)
                 for (int u = x * from->width / to->width; u * to->width < (x + 1) * from->width;
                      ++u)
-                    all = all && sgsi_mask_is_valid(from->valid_mask, from->width, u, v);
+                    all = all && sgs_mask_is_valid(from->valid_mask, from->width, u, v);
             to->valid_mask[(size_t)y * words + (size_t)x / 16] |=
                 (uint16_t)((unsigned)all << (x % 16));
             to->kept += all;
@@ -88,7 +88,7 @@ static sgs_status reduce_view(const sgsi_train_views *views, size_t i, int scale
     if (!photo->valid_mask)
         return SGS_STATUS_OK;
     out->valid_mask =
-        sgsi_calloc(sgsi_mask_words(out->width) * (size_t)out->height, sizeof *out->valid_mask);
+        sgsi_calloc(sgs_mask_words(out->width) * (size_t)out->height, sizeof *out->valid_mask);
     if (!out->valid_mask)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a mask of %dx%d pixels",
                          out->width, out->height);

@@ -149,7 +149,7 @@ static sgsi_scored_image error_image(const sgsi_train_view *view, const uint8_t 
                 sum += fabsf(fminf(fmaxf(drawn, 0.0f), target->is_hdr ? INFINITY : 1.0f) - photo);
             }
             error[at] =
-                sgsi_mask_is_valid(target->valid_mask, target->width, x, y) ? sum / 3.0f : 0.0f;
+                sgs_mask_is_valid(target->valid_mask, target->width, x, y) ? sum / 3.0f : 0.0f;
             image.error_min = fminf(image.error_min, error[at]);
             image.error_max = fmaxf(image.error_max, error[at]);
         }
@@ -169,7 +169,7 @@ static sgs_status weigh_pixels(const sgsi_train_views *views, const sgsi_pipelin
     const sgs_status status = pipeline->pixel_weights(&image, views->options, scores->weight);
     for (int y = 0; y < image.height && target->valid_mask; ++y)
         for (int x = 0; x < image.width; ++x)
-            if (!sgsi_mask_is_valid(target->valid_mask, target->width, x, y))
+            if (!sgs_mask_is_valid(target->valid_mask, target->width, x, y))
                 scores->weight[(size_t)y * image.stride + (size_t)x] = 0.0f;
     return status;
 }

@@ -70,7 +70,7 @@ static void assert_hole(const sgs_photo *photo, int x0, int y0, int x1, int y1, 
     for (int y = 0; y < photo->height; ++y)
         for (int x = 0; x < photo->width; ++x) {
             const bool inside = x >= x0 && x < x1 && y >= y0 && y < y1;
-            assert_int_equal(sgsi_mask_is_valid(photo->valid_mask, photo->width, x, y),
+            assert_int_equal(sgs_mask_is_valid(photo->valid_mask, photo->width, x, y),
                              inside == inverted);
             kept += inside == inverted;
         }
@@ -262,7 +262,7 @@ static void pixels_without_a_ray_are_invalid(void **state)
             const bool masked = x >= 30 && x < 34 && y >= 20 && y < 25;
             const bool seen =
                 hypot(x + 0.5 - 32, y + 0.5 - 24) < 9 * 3.14159265358979323846 && !masked;
-            assert_int_equal(sgsi_mask_is_valid(photo->valid_mask, WIDTH, x, y), seen);
+            assert_int_equal(sgs_mask_is_valid(photo->valid_mask, WIDTH, x, y), seen);
             kept += seen;
         }
     assert_true(kept < WIDTH * HEIGHT && photo->kept == kept);

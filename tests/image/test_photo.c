@@ -303,7 +303,7 @@ static void nonfinite_pixels_are_ignored_and_counted(void **state)
         const sgs_photo *photo = &scene->views[0].image;
         assert_string_equal(scene->views[0].name, "a.exr");
         assert_int_equal(photo->kept, WIDTH * HEIGHT - 1);
-        assert_false(sgsi_mask_is_valid(photo->valid_mask, WIDTH, 7, 50));
+        assert_false(sgs_mask_is_valid(photo->valid_mask, WIDTH, 7, 50));
         for (int i = 0; i < 3 * WIDTH * HEIGHT; ++i)
             assert_true(photo->halves[i] < 0x7c00);
         assert_null(scene->views[1].image.valid_mask);

@@ -61,12 +61,6 @@ bool exposure_find(const json_t *exposures, const char *name, double map[12])
     return rows != NULL;
 }
 
-static bool counts(const uint16_t *valid_mask, int width, int x, int y)
-{
-    return !valid_mask ||
-           (valid_mask[(size_t)y * (((size_t)width + 15) / 16) + (size_t)x / 16] >> x % 16 & 1);
-}
-
 // Solves a x = b for three right-hand sides, a symmetric and positive; by Gauss with pivots. False
 // when singular.
 static bool solve(double a[4][4], double b[4][3])
@@ -108,7 +102,7 @@ void exposure_fit(float *const drawn[3], float *const photo[3], const uint16_t *
     for (int y = 0; y < height; ++y)
         for (int x = 0; x < width / 2; ++x) {
             const size_t at = (size_t)y * (size_t)width + (size_t)x;
-            if (!counts(valid_mask, width, x, y))
+            if (!sgs_mask_is_valid(valid_mask, width, x, y))
                 continue;
             const double from[4] = {(double)drawn[0][at], (double)drawn[1][at],
                                     (double)drawn[2][at], 1};
@@ -145,11 +139,11 @@ void exposure_apply(float *const planes[3], size_t pixels, const double map[12])
 
 uint16_t *exposure_right_half(const uint16_t *valid_mask, int width, int height)
 {
-    const size_t words = ((size_t)width + 15) / 16;
+    const size_t words = sgs_mask_words(width);
     uint16_t *half = calloc(words * (size_t)height, sizeof *half);
     for (int y = 0; half && y < height; ++y)
         for (int x = width / 2; x < width; ++x)
-            if (counts(valid_mask, width, x, y))
+            if (sgs_mask_is_valid(valid_mask, width, x, y))
                 half[(size_t)y * words + (size_t)x / 16] |= (uint16_t)(1u << x % 16);
     return half;
 }

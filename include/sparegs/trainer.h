@@ -78,6 +78,7 @@ typedef struct sgs_pipeline_options {
 } sgs_pipeline_options;
 
 typedef struct sgs_train_options {
+    size_t struct_size;      // set by sgs_train_options_default()
     int iterations;          // >= 1; 30000
     sgs_schedule schedule;   // scaled
     sgs_pipeline pipeline;   // 3dgs

@@ -327,7 +327,7 @@ sgs_status choose_colors(const char *path, const OIIO::ImageSpec &spec, const ch
         colors.processor = config.createColorProcessor(space, "linear");
     if (!colors.processor)
         return sgsi_fail(SGS_STATUS_UNSUPPORTED,
-                         "%s: unknown colour space '%s'; choose with --input-colorspace from %s",
+                         "%s: unknown colour space '%s'; choose with option colorspace from %s",
                          path, one_line(space).c_str(), color_spaces(config).c_str());
     return SGS_STATUS_OK;
 }

@@ -95,7 +95,7 @@ sgs_status sgs_gaussians_reserve(sgs_gaussians *model, size_t capacity)
     if (!sgsi_grow(&data, model->capacity / SGS_LANES, blocks,
                    sizeof(float) * SGS_PARAM_COUNT * SGS_LANES))
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
-                         "no memory for %zu primitives; lower max_gaussians", capacity);
+                         "no memory for %zu primitives; lower option max_gaussians", capacity);
     const size_t old = model->capacity;
     model->data = data;
     model->capacity = blocks * SGS_LANES;

@@ -364,9 +364,10 @@ static sgs_status use_named_mask(const loader *l, size_t i)
     l->scene->views[i].mask_path = path;
     if (sgsi_is_file(path))
         return SGS_STATUS_OK;
-    return sgsi_fail(SGS_STATUS_IO,
-                     "%s: no such mask, named by %s for '%s'; use --masks none to ignore masks",
-                     path, l->files.model_path, l->scene->views[i].name);
+    return sgsi_fail(
+        SGS_STATUS_IO,
+        "%s: no such mask, named by %s for '%s'; use option masks_dir none to ignore masks", path,
+        l->files.model_path, l->scene->views[i].name);
 }
 
 // Finds the masks of all views. Mask folders are next to the image folder; --masks overrides masks
@@ -382,8 +383,9 @@ static sgs_status find_masks(loader *l)
                                      : sgsi_format("%s/%s", root, folder);
     sgs_status status = !folder || given ? SGS_STATUS_OK : sgsi_scene_no_memory(l->scene->path);
     if (given && !sgsi_is_folder(given))
-        status = sgsi_fail(SGS_STATUS_IO,
-                           "%s: no such mask folder; use --masks none to ignore masks", given);
+        status =
+            sgsi_fail(SGS_STATUS_IO,
+                      "%s: no such mask folder; use option masks_dir none to ignore masks", given);
     static const char *const usual[] = {"masks", "mask"};
     for (size_t k = 0; k < (given ? 1 : 2) && !status; ++k) {
         char *place = given ? sgsi_strdup(given) : sgsi_format("%s/%s", root, usual[k]);
@@ -548,7 +550,7 @@ static sgs_status report_no_views(const loader *l, size_t count, const view_tall
     if (tally->masked_out)
         return sgsi_fail(
             SGS_STATUS_INVALID_ARGUMENT,
-            "%s: masks exclude every pixel of every image; masks inverted? (--invert-masks)",
+            "%s: masks exclude every pixel of every image; masks inverted? (option invert_masks)",
             scene->path);
     return sgsi_fail(
         SGS_STATUS_IO, "%s: none of the %zu registered images can be read; first error: %s",
@@ -566,9 +568,10 @@ static void warn_about_views(const loader *l, const view_tally *tally)
         sgsi_warn("%s: %zu of %zu images have no mask; all of their pixels are used", scene->path,
                   scene->view_count - scene->masks, scene->view_count);
     if (tally->downscaled)
-        sgsi_warn("%s: images wider than %d px are reduced to %d px; use --downscale 1 to keep "
-                  "their size",
-                  scene->path, AUTOMATIC_WIDTH, AUTOMATIC_WIDTH);
+        sgsi_warn(
+            "%s: images wider than %d px are reduced to %d px; use option downscale 1 to keep "
+            "their size",
+            scene->path, AUTOMATIC_WIDTH, AUTOMATIC_WIDTH);
     if (tally->mismatched)
         sgsi_warn("%s: aspect ratio of %zu image(s), first '%s', differs from their camera; were "
                   "they rotated or cropped?",

@@ -134,11 +134,12 @@ static sgs_status find_images(const char *path, const char *images_dir, bool mod
     char others[256];
     list_image_folders(path, others, sizeof others);
     if (others[0])
-        return sgsi_fail(SGS_STATUS_IO, "%s: no image folder '%s'; choose one of %s with --images",
-                         path, name, others);
+        return sgsi_fail(SGS_STATUS_IO,
+                         "%s: no image folder '%s'; choose one of %s with option images_dir", path,
+                         name, others);
     return sgsi_fail(SGS_STATUS_IO,
-                     "%s: no image folder '%s'; create it or choose another with --images", path,
-                     name);
+                     "%s: no image folder '%s'; create it or choose another with option images_dir",
+                     path, name);
 }
 
 // Reports an incompletely copied model; otherwise that no scene was found.

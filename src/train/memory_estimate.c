@@ -9,6 +9,7 @@
 // pipelines; they met it within 20 %.
 
 #include "sparegs/trainer.h"
+#include "base/core.h"
 #include "base/threads.h"
 #include "density/pipeline.h"
 
@@ -49,6 +50,9 @@ static size_t ray_pixels(const sgs_scene *scene)
 size_t sgs_train_memory(const sgs_scene *scene, const sgs_train_options *options,
                         size_t image_cache, size_t gaussians)
 {
+    sgs_train_options own = sgs_train_options_default();
+    if (sgsi_options_read(options, "sgs_train_options", &own, sizeof own))
+        return 0;
     size_t largest = TILE_PIXELS;
     for (size_t i = 0; i < scene->view_count; ++i) {
         const sgs_view *view = &scene->views[i];
@@ -57,9 +61,9 @@ size_t sgs_train_memory(const sgs_scene *scene, const sgs_train_options *options
     }
     const size_t photographs =
         image_cache && scene->photo_bytes > image_cache ? image_cache : scene->photo_bytes;
-    const size_t cap = options->max_gaussians, threads = (size_t)sgsi_threads();
+    const size_t cap = own.max_gaussians, threads = (size_t)sgsi_threads();
     const size_t rows = cap && cap < gaussians ? cap : gaussians;
-    const sgsi_pipeline *pipeline = sgsi_pipeline_get(options->pipeline);
+    const sgsi_pipeline *pipeline = sgsi_pipeline_get(own.pipeline);
     const size_t shrinking = pipeline->small_images ? (size_t)pipeline->small_images : 1;
     const size_t crowd = CROWDING * shrinking * rows / (largest / TILE_PIXELS),
                  fullest = crowd < rows ? crowd : rows;

@@ -401,7 +401,7 @@ static void set_initial(const sgs_train_option *row, sgs_train_options *options)
 
 sgs_train_options sgs_train_options_default(void)
 {
-    sgs_train_options options = {0};
+    sgs_train_options options = {.struct_size = sizeof options};
     for (size_t i = 0; i < sizeof table / sizeof *table; ++i)
         set_initial(&table[i], &options);
     return options;
@@ -462,8 +462,13 @@ static sgs_status check_field(const sgs_train_option *row, const sgs_train_optio
     return SGS_STATUS_OK;
 }
 
-sgs_status sgs_train_options_check(const sgs_train_options *options)
+sgs_status sgs_train_options_check(const sgs_train_options *given)
 {
+    sgs_train_options own = sgs_train_options_default();
+    const sgs_status read = sgsi_options_read(given, "sgs_train_options", &own, sizeof own);
+    if (read)
+        return read;
+    const sgs_train_options *options = &own;
     for (size_t i = 0; i < sizeof table / sizeof *table; ++i) {
         const sgs_status status = check_field(&table[i], options);
         if (status)

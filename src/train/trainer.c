@@ -75,15 +75,18 @@ sgs_status sgs_trainer_create(const sgs_scene *scene, const sgs_train_options *o
                               sgs_trainer **trainer)
 {
     *trainer = NULL;
-    sgs_status status = sgs_train_options_check(options);
+    sgs_train_options own = sgs_train_options_default();
+    sgs_status status = sgsi_options_read(options, "sgs_train_options", &own, sizeof own);
+    if (!status)
+        status = sgs_train_options_check(&own);
     if (status)
         return status;
     sgs_trainer *made = sgsi_calloc(1, sizeof *made);
     if (!made)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a trainer");
     made->scene = scene;
-    made->options = *options;
-    made->pipeline = sgsi_pipeline_get(options->pipeline);
+    made->options = own;
+    made->pipeline = sgsi_pipeline_get(own.pipeline);
     made->progress.last_reset = -1;
     spare_equilibrium_begin(&made->progress.equilibrium);
     status = create_parts(made);
@@ -190,7 +193,7 @@ static void watch_views(sgs_trainer *trainer, int iteration)
     trainer->seen = trainer->seen || sgsi_tracer_counts(trainer->views.tracer).block_hits;
     if (!trainer->seen && (size_t)iteration == trainer->views.count)
         sgsi_warn("%s: no primitive is visible in any of the %zu training views; do the points (or "
-                  "--init) belong to these cameras?",
+                  "option init) belong to these cameras?",
                   trainer->scene->path, trainer->views.count);
 }
 

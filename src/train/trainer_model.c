@@ -60,8 +60,8 @@ static sgs_status scene_cloud(sgs_trainer *trainer)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu points", wanted);
     if (wanted < n)
         sgsi_warn(
-            "the sparse model has %zu points; using %zu at random, limited by --max-gaussians", n,
-            wanted);
+            "the sparse model has %zu points; using %zu at random, limited by option max_gaussians",
+            n, wanted);
     size_t taken = 0;
     for (size_t i = 0; i < n && taken < wanted; ++i) {
         if (!is_drawn(trainer, i, n, taken, wanted))
@@ -85,9 +85,9 @@ static sgs_status copy_initial_model(sgs_trainer *trainer, const sgs_gaussians *
     const size_t cap = trainer->options.max_gaussians;
     size_t wanted = cap && cap < from->count ? cap : from->count, taken = 0;
     if (wanted < from->count)
-        sgsi_warn(
-            "the initial model has %zu primitives; using %zu at random, limited by --max-gaussians",
-            from->count, wanted);
+        sgsi_warn("the initial model has %zu primitives; using %zu at random, limited by option "
+                  "max_gaussians",
+                  from->count, wanted);
     sgs_status status = sgs_gaussians_create(wanted + SGS_LANES, &trainer->model);
     if (!status)
         status = sgs_gaussians_resize(trainer->model, wanted);

@@ -264,7 +264,7 @@ static void colour_spaces_are_selected_by_name(void **state)
     source.colorspace = "sepia";
     assert_int_equal(sgsi_photo_load(&source, &photo, &report), SGS_STATUS_UNSUPPORTED);
     assert_holds(sgs_last_error(),
-                 "a.exr: unknown colour space 'sepia'; choose with --input-colorspace from");
+                 "a.exr: unknown colour space 'sepia'; choose with option colorspace from");
     assert_distinct(strstr(sgs_last_error(), "from ") + 5);
     assert_null(photo.halves);
     tree_remove(&folder);

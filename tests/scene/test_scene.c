@@ -125,8 +125,9 @@ static void missing_image_folder_error_lists_the_others(void **state)
     (void)state;
     temp_folder folder = scene_make("sparse/0/", true, "images_8");
     tree_put_text(&folder, "images_4/x.txt", "");
-    assert_refused(folder.path, NULL, SGS_STATUS_IO,
-                   ": no image folder 'images'; choose one of images_4, images_8 with --images");
+    assert_refused(
+        folder.path, NULL, SGS_STATUS_IO,
+        ": no image folder 'images'; choose one of images_4, images_8 with option images_dir");
     sgs_scene_options options = sgs_scene_options_default();
     options.images_dir = "images_8";
     sgs_scene *scene = load(folder.path, &options);
@@ -208,9 +209,8 @@ static void wide_images_are_downscaled_to_1600_pixels_with_a_warning(void **stat
     sgs_scene *scene = load(folder.path, NULL);
     assert_true(scene->views[0].camera.width == 1600 && scene->views[0].camera.height == 1);
     assert_true(scene->views[0].image.width == 1600 && scene->views[1].camera.width == 32);
-    assert_holds(
-        warnings,
-        "images wider than 1600 px are reduced to 1600 px; use --downscale 1 to keep their size");
+    assert_holds(warnings, "images wider than 1600 px are reduced to 1600 px; use option downscale "
+                           "1 to keep their size");
     sgs_scene_destroy(scene);
     sgs_scene_options options = sgs_scene_options_default();
     options.downscale = 1;

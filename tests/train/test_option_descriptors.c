@@ -30,6 +30,7 @@ static int get_table(void **state)
 static void cover(unsigned char covered[sizeof(sgs_train_options)])
 {
     memset(covered, 0, sizeof(sgs_train_options));
+    memset(covered, 1, sizeof((sgs_train_options *)0)->struct_size); // no option
     for (size_t i = 0; i < row_count; ++i) {
         assert_true(rows[i].offset + rows[i].size <= sizeof(sgs_train_options));
         for (size_t k = 0; k < rows[i].size; ++k)
@@ -190,6 +191,23 @@ static void values_have_a_text(void **state)
     assert_string_equal(text, "h,v");
 }
 
+static void options_of_an_earlier_version_are_filled_up(void **state)
+{
+    (void)state;
+    sgs_train_options options = sgs_train_options_default();
+    assert_int_equal(sgs_train_options_check(&options), SGS_STATUS_OK);
+    assert_int_equal(sgs_train_options_check(NULL), SGS_STATUS_OK); // the defaults
+    options.spare_grid = -5;
+    assert_int_equal(sgs_train_options_check(&options), SGS_STATUS_INVALID_ARGUMENT);
+    options.struct_size = offsetof(sgs_train_options, spare_grid); // a caller that lacks the field
+    assert_int_equal(sgs_train_options_check(&options), SGS_STATUS_OK);
+    for (int k = 0; k < 2; ++k) {
+        options.struct_size = k ? sizeof options + 1 : 0;
+        assert_int_equal(sgs_train_options_check(&options), SGS_STATUS_INVALID_ARGUMENT);
+        assert_non_null(strstr(sgs_last_error(), "sgs_train_options.struct_size"));
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -197,6 +215,7 @@ int main(void)
         cmocka_unit_test(rows_are_well_formed),
         cmocka_unit_test(values_out_of_range_are_refused_by_field),
         cmocka_unit_test(values_have_a_text),
+        cmocka_unit_test(options_of_an_earlier_version_are_filled_up),
     };
     return cmocka_run_group_tests(tests, get_table, NULL);
 }

@@ -58,26 +58,49 @@ static void print_line(const char *prefix, const char *format, bool is_error, va
     pthread_mutex_unlock(&console.lock);
 }
 
-// The library's "option spare_grid" is --spare-grid on the command line.
+// Fields of sgs_scene_options and sgs_render_options whose flags have other names.
+static const struct {
+    const char *field, *flag;
+} renamed_fields[] = {{"images_dir", "images"},
+                      {"masks_dir", "masks"},
+                      {"colorspace", "input-colorspace"},
+                      {"invert_masks", "invert-masks"},
+                      {"downscale", "downscale"}};
+
+// Writes the flag of a field with its dashes; false if the field has none.
+static bool flag_of_field(const char *field, char flag[48])
+{
+    for (size_t i = 0; i < sizeof renamed_fields / sizeof *renamed_fields; ++i)
+        if (!strcmp(renamed_fields[i].field, field)) {
+            snprintf(flag, 48, "--%s", renamed_fields[i].flag);
+            return true;
+        }
+    if (!sgs_train_option_find(field))
+        return false;
+    snprintf(flag, 48, "--%s", field);
+    for (char *c = flag; *c; ++c)
+        *c = *c == '_' ? '-' : *c;
+    return true;
+}
+
+// The library names fields: "option spare_grid" is --spare-grid on the command line.
 static void with_flags(const char *message, char *text, size_t bytes)
 {
     static const char word[] = "option ";
     size_t used = 0;
     for (const char *at = message; *at && used + 1 < bytes;) {
-        char name[40] = "";
+        char name[40] = "", flag[48];
         const char *from = at + sizeof word - 1;
         const bool marked = !strncmp(at, word, sizeof word - 1);
         const size_t length = marked ? strspn(from, "abcdefghijklmnopqrstuvwxyz0123456789_") : 0;
         if (length < sizeof name)
             memcpy(name, from, length);
-        if (!length || !sgs_train_option_find(name) || used + length + 3 > bytes) {
+        if (!length || !flag_of_field(name, flag) || used + strlen(flag) >= bytes) {
             text[used++] = *at++;
             continue;
         }
-        text[used++] = '-';
-        text[used++] = '-';
-        for (const char *c = name; *c; ++c)
-            text[used++] = *c == '_' ? '-' : *c;
+        memcpy(text + used, flag, strlen(flag));
+        used += strlen(flag);
         at = from + length;
     }
     text[used] = 0;

@@ -97,8 +97,9 @@ SGS_API sgs_status sgs_gaussians_init_points(const float *points, const unsigned
                                              sgs_gaussians **model);
 
 // Reads a 3DGS PLY: binary (either byte order) or ascii, any property order, any SH degree
-// (0/9/24/45 f_rest), unknown properties ignored. Non-finite rows are dropped with one warning.
-// Accepts |q| = 0 as identity with a warning. On failure *model is NULL and the error names file
+// (0/9/24/45 f_rest), unknown properties ignored. An opacity of +inf or -inf is read as the
+// logit of 1 - 1e-6 or 1e-6; other non-finite rows are dropped with one warning. Accepts |q| = 0 as
+// identity with a warning. On failure *model is NULL and the error names file
 // and place.
 SGS_API sgs_status sgs_ply_read(const char *path, sgs_gaussians **model);
 

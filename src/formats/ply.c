@@ -32,6 +32,10 @@ enum {
 // exp(44)^2 is the largest square of a scale that float holds.
 static const float MOST_LOG_SCALE = 44.0f;
 
+// Read for an infinite logit: ln((1 - 1e-6) / 1e-6). Beyond the clamp of alpha at 0.99 it draws the
+// same, and its sigmoid still has a gradient in float.
+static const float OPAQUE_LOGIT = 13.8155096f;
+
 // ---- Names ----
 
 typedef struct named_param {
@@ -201,10 +205,14 @@ static sgs_status read_binary_row(ply_reader *reader, size_t row_size,
     return SGS_STATUS_OK;
 }
 
-// False for a row that no arithmetic can use. A quaternion whose square leaves float's range is
+// False for a row that no arithmetic can use. Infinite opacity logits, which other programs write
+// for opaque primitives, become finite. A quaternion whose square leaves float's range is
 // normalised.
 static bool make_usable(ply_reader *reader, float params[SGS_PARAM_COUNT])
 {
+    float *logit = &params[SGS_PARAM_OPACITY];
+    if (isinf(*logit))
+        *logit = *logit > 0.0f ? OPAQUE_LOGIT : -OPAQUE_LOGIT;
     for (int k = 0; k < SGS_PARAM_COUNT; ++k) {
         if (!isfinite(params[k]))
             return false;

@@ -159,6 +159,20 @@ run 0 info "$temporary/pointless" --json
 json "$temporary/stdout" '.points == 0 and has("bounds") and .bounds == null'
 run 0 info "$temporary/pointless"
 prints "bounds: none"
+# info_and_init_take_infinite_logits
+x=0
+{
+    printf 'ply\nformat ascii 1.0\nelement vertex 4\n'
+    printf 'property float %s\n' x y z f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3
+    printf 'end_header\n'
+    for logit in 1.0 inf -inf nan; do echo "$((++x)) 0 3 0 0 0 $logit -3 -3 -3 1 0 0 0"; done
+} >"$temporary/opaque.ply"
+run 0 info "$temporary/opaque.ply" --json
+json "$temporary/stdout" '.gaussians == 3 and .opacity.maximum > 0.9999 and .opacity.minimum < 0.0001'
+reports "1 of 4 primitives are not finite and were dropped"
+run 0 train "$room" --downscale 16 --init "$temporary/opaque.ply" --iterations 3 --spare off -o "$temporary/opaque" --quiet
+json "$temporary/opaque/summary.json" '.gaussians == 3 and .skipped.gradients == 0'
+
 head -c 5000 "$model/point_cloud/iteration_40/point_cloud.ply" >"$temporary/cut.ply"
 run 1 info "$temporary/cut.ply"
 one_line

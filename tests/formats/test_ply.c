@@ -21,6 +21,7 @@
 #include "base/core.h"
 #include "support/files_support.h"
 #include "sparegs/gaussians.h"
+#include "sparegs/render.h"
 
 static char last_warning[1024];
 static int warning_count;
@@ -354,6 +355,61 @@ static void ply_reads_text_in_any_language(void **state)
     temp_folder_remove(&folder);
 }
 
+// SuperSplat and splat-transform write logits of opaque primitives as +inf.
+static void ply_reads_infinite_logits_as_opaque_and_transparent(void **state)
+{
+    (void)state;
+    static const float logits[] = {1.0f, INFINITY, -INFINITY, NAN};
+    static const struct {
+        int format;
+        const char *type;
+    } kinds[] = {{LITTLE, "float"}, {LITTLE, "double"}, {BIG, "float"},
+                 {BIG, "double"},   {ASCII, "float"},   {ASCII, "double"}};
+    const temp_folder folder = temp_folder_make();
+    sgs_warning_handler_set(keep_warning, NULL);
+    for (size_t k = 0; k < sizeof kinds / sizeof *kinds; ++k) {
+        sgs_gaussians *model = random_model(4, 0), *back;
+        for (size_t i = 0; i < 4; ++i) {
+            float p[SGS_PARAM_COUNT] = {[SGS_PARAM_ROTATION] = 1, [SGS_PARAM_OPACITY] = logits[i]};
+            p[SGS_PARAM_MEAN] = 10 * (float)i;
+            sgs_gaussians_set(model, i, p);
+        }
+        const foreign how = {.format = kinds[k].format, .type = kinds[k].type};
+        write_foreign(temp_path(&folder, "a.ply"), model, &how);
+        warning_count = 0;
+        assert_int_equal(sgs_ply_read(temp_path(&folder, "a.ply"), &back), SGS_STATUS_OK);
+        assert_int_equal(back->count, 3);
+        assert_int_equal(warning_count, 1);
+        assert_non_null(strstr(last_warning, "1 of 4 primitives are not finite and were dropped"));
+        assert_true(*sgs_gaussians_at(back, 0, SGS_PARAM_OPACITY) == 1.0f);
+        const float opaque = *sgs_gaussians_at(back, 1, SGS_PARAM_OPACITY);
+        assert_true(opaque > 12 &&
+                    opaque < 17); // below that of 1 - 2^-24, so that it can be learned
+        assert_true(*sgs_gaussians_at(back, 2, SGS_PARAM_OPACITY) == -opaque);
+        // What is drawn of rows 1 and 2, each seen alone from a camera in front of it.
+        const sgs_camera camera = {
+            .model = SGS_CAMERA_PINHOLE, .width = 9, .height = 9, .params = {9, 9, 4.5, 4.5}};
+        sgs_renderer *renderer;
+        sgs_frame frame;
+        assert_int_equal(sgs_renderer_create(back, &renderer), SGS_STATUS_OK);
+        assert_int_equal(sgs_frame_create(9, 9, &frame), SGS_STATUS_OK);
+        for (int i = 1; i < 3; ++i) {
+            const sgs_pose pose = {.rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1},
+                                   .translation = {-10.0 * i, 0, 5}};
+            assert_int_equal(sgs_renderer_render(renderer, &camera, &pose, NULL, &frame),
+                             SGS_STATUS_OK);
+            const double alpha = 1 - (double)frame.transmittance[9 * 4 + 4];
+            assert_true(fabs(alpha - (i == 1 ? 0.99 : 0.0)) < 1e-6);
+        }
+        sgs_frame_free(&frame);
+        sgs_renderer_destroy(renderer);
+        sgs_gaussians_destroy(model);
+        sgs_gaussians_destroy(back);
+    }
+    sgs_warning_handler_set(NULL, NULL);
+    temp_folder_remove(&folder);
+}
+
 static void ply_drops_rows_that_are_not_finite(void **state)
 {
     (void)state;
@@ -363,7 +419,7 @@ static void ply_drops_rows_that_are_not_finite(void **state)
     sgs_gaussians *model = read_text(&folder, 6,
                                      "nan 0 0 0 0 0 0 0 0 0 1 0 0 0\n"
                                      "1 0 0 0 0 0 0 0 0 0 1 0 0 0\n"
-                                     "0 0 0 0 0 0 1e300 0 0 0 1 0 0 0\n"
+                                     "0 1e300 0 0 0 0 0 0 0 0 1 0 0 0\n"
                                      "0 0 0 0 0 0 0 0 0 0 1 0 0 -inf\n"
                                      "0 0 0 0 0 0 0 0 45 0 1 0 0 0\n"
                                      "2 0 0 0 0 0 0 0 0 0 1 0 0 0\n");
@@ -458,6 +514,7 @@ int main(void)
         cmocka_unit_test(ply_points_have_the_layout_of_input_ply),
         cmocka_unit_test(ply_reads_any_order_type_format_and_degree),
         cmocka_unit_test(ply_reads_text_in_any_language),
+        cmocka_unit_test(ply_reads_infinite_logits_as_opaque_and_transparent),
         cmocka_unit_test(ply_drops_rows_that_are_not_finite),
         cmocka_unit_test(ply_reads_a_zero_quaternion_as_no_rotation),
         cmocka_unit_test(ply_mentions_bytes_behind_the_last_vertex),

@@ -27,7 +27,7 @@ check one_frame test "$(pictures "$temporary/spiral" exr)" = 'spiral_00002.exr '
 check size_is_as_told test "$(size_of "$temporary/spiral/spiral_00002.exr")" = 50x40
 run 1 render "$model" "$room" --orbit 4 --frames 4-9 -o "$temporary/none"
 one_line
-reports "there are only the frames 0 to 3"
+reports "the frames are 0 to 3"
 for bad in '--frames 3-1' '--frames x' '--frames 1:' '--frames 1-2:0' '--size 10' '--size 0x5' '--size 5x70000' '--orbit 0' \
     '--spiral -1' '--spp 0' '--spp 5000' '--aperture -1' '--focus -2' '--fps 0' '--projection flat'; do
     # shellcheck disable=SC2086
@@ -129,10 +129,10 @@ check reference_agrees_all_around oiiotool --fail 0.002 --hardfail 0.1 --failper
     "$temporary/exact/0009.exr" --ch R,G,B,A --diff
 run 1 render "$model" "$room" --view 0009 --projection equirectangular --depth z -o "$temporary/none"
 one_line
-reports "--depth z has no meaning"
+reports "--depth z is not defined"
 run 1 render "$model" "$room" --view 0009 --projection equirectangular --aperture 1 -o "$temporary/none"
 one_line
-reports "--aperture needs a perspective lens"
+reports "--aperture requires a perspective lens"
 
 # many_samples_soften (a pinhole in focus everywhere: 16 samples are near the mean of the fine picture)
 run 0 render "$model" "$room" --view 0009 --aov rgba,depth -o "$temporary/one"

@@ -42,8 +42,8 @@ done
 
 run 0 profile "$model" "$room" --orbit 2 --repeat 1 --samples 8 --threads 1
 prints "Build quality:"
-prints "When to rebuild:"
-prints "What dominates:"
+prints "Rebuild:"
+prints "Dominant phase:"
 run 1 profile "$model" "$room" --view nothing
 one_line
 for both in "--orbit 2 --view 0009" "--orbit 2 --split test" "--view 0009 --views 2"; do

@@ -39,7 +39,7 @@ done
 check usr1_saves_a_checkpoint test -s "$out/checkpoint/state.bin"
 check usr1_does_not_end_the_run kill -0 "$process"
 check the_second_run_fails bash -c '! "$@" 2>"$0"' "$temporary/stderr" "$program" train "${data[@]}" -o "$out" --iterations 5
-reports "another training is writing there"
+reports "in use by another training"
 one_line
 check the_first_run_goes_on kill -0 "$process"
 kill -HUP "$process"
@@ -177,7 +177,7 @@ for damage in 'truncate -s 5000' 'dd conv=notrunc status=none bs=1 seek=70000 co
     fi
     run 0 train "${data[@]}" -o "$out" --iterations 30 --checkpoint-every 10 --quiet --resume
     reports "state.bin"
-    reports "replaced by the checkpoint before it"
+    reports "replaced by the previous checkpoint"
     check the_model_is_the_same test "$(jq .model_hash "$out/summary.json")" = "$hash"
 done
 

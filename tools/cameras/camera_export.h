@@ -3,7 +3,7 @@
 #pragma once
 
 // Cameras as files for other programs: cameras.json (3DGS), .chan (Nuke, Blender, Houdini) and
-// OpenUSD text (.usda). Lens distortion has no place in these formats.
+// OpenUSD text (.usda). These formats cannot store lens distortion.
 
 #include "cameras/camera_file.h"
 

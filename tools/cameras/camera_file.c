@@ -1,13 +1,12 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// cameras.json as 3DGS writes it: position is the camera's centre in world space, rotation its axes
-// in world space (camera to world), so the pose is rotation transposed and -rotation^T position. A
-// rotation that is not orthonormal to 1e-3 is refused: drawing through it would shear the picture
-// without a word.
+// cameras.json as 3DGS writes it: position is the camera centre in world space, rotation the
+// camera-to-world axes, so the pose is rotation^T and -rotation^T position. A rotation that is not
+// orthonormal to 1e-3 is rejected, because it would silently shear the image.
 //
-// A camera path of nerfstudio's viewer tells camera_to_world per frame, row-major and with OpenGL's
-// camera axes, the vertical field of view in degrees, and the size and kind of all pictures.
+// A nerfstudio camera path stores camera_to_world per frame (row-major, OpenGL camera axes), the
+// vertical field of view in degrees, and the size and projection of all frames.
 
 #include "cameras/camera_file.h"
 
@@ -39,7 +38,7 @@ static bool is_rotation(const double r[9])
            0;
 }
 
-// NULL, or what is wrong with the entry.
+// Reads one entry. Returns NULL, or a description of the error.
 static const char *read_camera(const json_t *entry, named_camera *camera)
 {
     double width, height, fx, fy, cx, cy, position[3], rotation[9];
@@ -101,7 +100,8 @@ static bool read_numbers(const json_t *array, double *numbers, size_t count)
     return json_array_size(array) == count;
 }
 
-// A lens of vertical field of view `fov`, in degrees. NULL, or what is wrong.
+// Creates a lens with the vertical field of view `fov` in degrees. Returns NULL, or a description
+// of the error.
 static const char *path_lens(const char *type, int width, int height, double fov,
                              sgs_camera *camera)
 {
@@ -111,7 +111,7 @@ static const char *path_lens(const char *type, int width, int height, double fov
     }
     const bool fisheye = !strcmp(type, "fisheye");
     if (!fisheye && strcmp(type, "perspective"))
-        return "camera_type is none of perspective, fisheye and equirectangular";
+        return "camera_type must be perspective, fisheye or equirectangular";
     if (!(fov > 0 && fov < 179))
         return "fov must be an angle between 0 and 179 degrees";
     const double focal = 0.5 * height / tan(fov * 3.141592653589793 / 360);
@@ -123,7 +123,7 @@ static const char *path_lens(const char *type, int width, int height, double fov
 }
 
 // camera_to_world has OpenGL's camera axes (y up, z backward), so its second and third columns
-// change sign. NULL, or what is wrong.
+// change sign. Returns NULL, or a description of the error.
 static const char *path_pose(const json_t *matrix, sgs_pose *pose)
 {
     double m[16], rotation[9];
@@ -142,7 +142,7 @@ static const char *path_pose(const json_t *matrix, sgs_pose *pose)
             pose->translation[i] -= rotation[3 * j + i] * m[4 * j + 3];
         }
         if (!isfinite(pose->translation[i]))
-            return "camera_to_world is too far away";
+            return "camera_to_world is out of range";
     }
     return NULL;
 }
@@ -192,7 +192,7 @@ bool camera_file_read(const char *path, camera_list *list)
     list->cameras = calloc(list->count + 1, sizeof *list->cameras);
     bool done = list->cameras && list->count;
     if (!done)
-        fail_run("%s: holds no camera", path);
+        fail_run("%s: contains no cameras", path);
     done = done && (frames ? read_path(path, root, list)
                            : read_all(path, root, list->cameras, list->count));
     json_decref(root);

@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Cameras for `render --camera`, read from the cameras.json of a 3DGS run (ours or another
-// program's) or from a camera path of nerfstudio's viewer.
+// Cameras for `render --camera`, read from the cameras.json of a 3DGS run (of any program) or from
+// a camera path of nerfstudio's viewer.
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -11,7 +11,7 @@
 #include "sparegs/camera.h"
 
 typedef struct named_camera {
-    char *name, *stem; // stem: of its files, see file_stems.h; NULL until they are named
+    char *name, *stem; // stem: see file_stems.h; NULL until assigned
     sgs_camera camera;
     sgs_pose pose;
 } named_camera;
@@ -24,13 +24,13 @@ typedef struct camera_list {
 } camera_list;
 
 // cameras.json: one object or a list of them: width, height, fx, fy, position [3], rotation [3][3]
-// (camera to world, rows), and where present img_name, cx, cy (else the image's middle). A camera
+// (camera to world, rows), and optionally img_name, cx, cy (default: the image centre). A camera
 // path: an object with render_width, render_height, camera_type and camera_path, frames of
 // camera_to_world [16] and fov; its frames are called frame_00000, ... . False after printing the
 // error; else release the list with camera_list_free.
 bool camera_file_read(const char *path, camera_list *list);
 void camera_list_free(camera_list *list);
-// Keeps at most `most`, evenly spaced.
+// Keeps at most `most` cameras, evenly spaced.
 void camera_list_thin(camera_list *list, size_t most);
-// What one of them owns.
+// Releases the members of a camera.
 void named_camera_free(named_camera *camera);

@@ -178,7 +178,7 @@ static bool allocate(const sgs_scene *scene, int count, camera_list *list)
 {
     *list = (camera_list){0};
     if (!scene->view_count) {
-        fail_run("%s: has no view to make a path from", scene->path);
+        fail_run("%s: no views to create a camera path from", scene->path);
         return false;
     }
     list->cameras = calloc((size_t)count, sizeof *list->cameras);

@@ -1,14 +1,14 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// A thin lens seen from one of its points is a pinhole there, its image shifted so that the plane
-// in focus stays where it is: the centre moves by (x, y) in camera axes, the principal point by f
-// (x, y) / focus. A point of the pixel moves the principal point the other way. So every sample is
-// a view of the same lens, which the renderer draws as any other.
+// A thin lens is sampled as pinholes at points of the lens, with the image shifted so that the
+// focal plane stays fixed: the centre moves by (x, y) in camera axes, the principal point by f (x,
+// y) / focus. A sample position within the pixel moves the principal point in the opposite
+// direction. So every sample is an ordinary view for the renderer.
 //
 // Points come from the additive recurrence of M. Roberts, "The Unreasonable Effectiveness of
-// Quasirandom Sequences" (2018) in four dimensions. Light is averaged, not display values: bright
-// points out of focus become bright discs.
+// Quasirandom Sequences" (2018) in four dimensions. Scene-linear values are averaged, so that
+// bright points out of focus become bright discs.
 
 #include "cameras/lens_samples.h"
 
@@ -60,7 +60,7 @@ void light_sum_add(light_sum *sum, const sgs_frame *frame)
         const float alpha = 1 - frame->transmittance[i];
         sum->transmittance[i] += frame->transmittance[i];
         for (int c = 0; c < 3; ++c)
-            if (alpha > 0) // a colour is freed of its alpha for the curve
+            if (alpha > 0) // unpremultiply before applying the curve
                 sum->color[c][i] += sum->light
                                         ? frame->color[c][i]
                                         : alpha * sgs_srgb_decode(frame->color[c][i] / alpha);

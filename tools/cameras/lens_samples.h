@@ -2,28 +2,28 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Many pictures for one: points in the pixel against jagged edges, points on the lens for depth of
-// field. Knows no renderer.
+// Multisampling: sample positions within the pixel for antialiasing, and on the lens for depth of
+// field. Independent of the renderer.
 
 #include <stdbool.h>
 
 #include "sparegs/render.h"
 
-// The camera of sample k: a point of the pixel and of a lens of diameter `aperture` (world units),
-// the plane at distance `focus` along the axis being sharp. k = 0, 1, ...: any number of the first
-// samples covers pixel and lens evenly.
+// Moves the camera to sample k = 0, 1, ... of the pixel and of a lens with diameter `aperture`
+// (world units), focused at distance `focus` along the axis. Any number of first samples covers
+// pixel and lens evenly.
 void lens_sample(int k, double aperture, double focus, sgs_camera *camera, sgs_pose *pose);
 
-// Sums of light: scene-linear, premultiplied.
+// Accumulated scene-linear colour, premultiplied.
 typedef struct light_sum {
     float *color[3], *transmittance; // [pixels]
     int width, height, count;
-    bool light; // the frames hold light, not display values
+    bool light; // the frames are scene-linear, not display-encoded
 } light_sum;
 
-// False when out of memory. light_sum_free accepts a zeroed one.
+// False if out of memory. light_sum_free accepts a zero-initialised sum.
 bool light_sum_begin(light_sum *sum, int width, int height, bool light);
 void light_sum_add(light_sum *sum, const sgs_frame *frame);
-// Writes the mean to a frame's colour (what the frames hold) and transmittance.
+// Writes the mean to a frame's colour (encoded as the frames are) and transmittance.
 void light_sum_mean(const light_sum *sum, sgs_frame *frame);
 void light_sum_free(light_sum *sum);

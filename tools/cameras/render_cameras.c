@@ -77,12 +77,13 @@ static bool scene_cameras(const camera_choice *choice, const sgs_scene *scene, c
     }
     if (list->count)
         return true;
-    fail_run("%s: no view is in this split; hold some out by --eval, --test-every or --test-images",
-             scene->path);
+    fail_run(
+        "%s: no views in this split; hold images out with --eval, --test-every or --test-images",
+        scene->path);
     return false;
 }
 
-// Keeps the cameras for which `kept` of their index holds.
+// Keeps the cameras whose index satisfies `kept`.
 static void filter(camera_list *list, const camera_choice *choice,
                    bool (*kept)(const camera_choice *, const char *, size_t))
 {
@@ -110,7 +111,7 @@ static bool in_frames(const camera_choice *choice, const char *name, size_t inde
     return from_first >= 0 && (long)index <= range->last && from_first % range->step == 0;
 }
 
-// A COLMAP model (or another data set's folder) without its photographs.
+// Cameras of a COLMAP model or another data set, without its photographs.
 static bool folder_cameras(const camera_choice *choice, camera_list *list)
 {
     sgs_scene_options options = sgs_scene_options_default();
@@ -140,7 +141,7 @@ static bool file_cameras(const camera_choice *choice, camera_list *list)
         filter(list, choice, is_view);
     if (list->count)
         return true;
-    fail_run("%s: has no camera '%s'", choice->file, choice->view);
+    fail_run("%s: no camera named '%s'", choice->file, choice->view);
     return false;
 }
 
@@ -185,7 +186,7 @@ bool cameras_choose(const camera_choice *choice, const sgs_scene *scene, camera_
         filter(list, choice, in_frames);
         done = list->count > 0;
         if (!done)
-            fail_run("--frames: there are only the frames 0 to %zu", count - 1);
+            fail_run("--frames: out of range; the frames are 0 to %zu", count - 1);
     }
     if (!done || !name_files(list)) {
         camera_list_free(list);

@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Which cameras `render` draws and `profile` measures from: views of a scene, a camera file or a
-// path made from the views, thinned out to a range of frames, at another size or all around.
+// The cameras of `render` and `profile`: views of a scene, a camera file or a path around the
+// scene, optionally reduced to a range of frames, at another size or as panoramas.
 
 #include "cameras/camera_file.h"
 #include "sparegs/scene.h"
@@ -31,5 +31,6 @@ bool frame_range_parse(const char *text, frame_range *range);
 // "WIDTHxHEIGHT", each from 1 to 65536.
 bool size_parse(const char *text, int *width, int *height);
 
-// scene may be NULL with a file. The cameras' files are named. False after printing the error.
+// Selects cameras and assigns their file stems. scene may be NULL with a file. False after printing
+// the error.
 bool cameras_choose(const camera_choice *choice, const sgs_scene *scene, camera_list *list);

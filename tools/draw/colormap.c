@@ -1,10 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// A colour scale whose brightness rises evenly, so that it also reads in grey: the spiral of D. A.
-// Green, "A colour scheme for the display of astronomical intensity images", Bull. Astr. Soc. India
-// 39 (2011), equation 2: the grey diagonal plus a turn of the hue around it, of a radius that
-// vanishes at both ends.
+// The cubehelix colour map, with uniformly increasing brightness, so that it is also readable in
+// greyscale: D. A. Green, "A colour scheme for the display of astronomical intensity images", Bull.
+// Astr. Soc. India 39 (2011), equation 2.
 
 #include "draw/colormap.h"
 
@@ -17,7 +16,7 @@ static int compare_floats(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-// Quantiles of the finite values where `shown` (NULL: the values themselves) is positive.
+// Quantiles of the finite values at pixels where `shown` is positive (NULL: where the values are).
 static value_range quantiles(const float *plane, const float *shown, size_t count)
 {
     float *sorted = malloc(count * sizeof *sorted);
@@ -128,7 +127,7 @@ bool ids_colored(const uint32_t *ids, int width, int height, sgs_image8 *out)
         return false;
     const size_t pixels = (size_t)width * (size_t)height;
     for (size_t i = 0; i < pixels; ++i)
-        for (size_t c = 0; c < 3; ++c) { // multiplicative hashing: neighbouring numbers part
+        for (size_t c = 0; c < 3; ++c) { // multiplicative hashing separates neighbouring ids
             const uint32_t mixed = (ids[i] + 1) * 2654435761U;
             out->pixels[c * pixels + i] =
                 ids[i] == SGS_NO_PRIMITIVE ? 0

@@ -1,23 +1,23 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Frames on disk.
+// Writes frames as EXR and PNG files.
 //
-// Colours. Training compares with photographs as they are stored, so a trained colour is a display
-// (sRGB) value and blending happens between display values. An EXR is expected to be scene-linear:
-// the blended colour is freed of its alpha, decoded by the sRGB curve (continued above 1) and
-// multiplied by alpha again. `srgb` leaves the values as they were blended.
+// Colour. Models are trained on photographs as stored, so model colours are display (sRGB) values
+// and are blended as such. EXR files are expected to be scene-linear: the blended colour is
+// unpremultiplied, decoded with the sRGB curve (extended above 1) and premultiplied again. `srgb`
+// keeps the blended values.
 //
-// Deep samples are decoded one by one, each as if it stood alone; their sum is then more light than
-// the flat image has, for a mixture is decoded after it was blended. So the samples of a pixel are
-// scaled by one factor per channel, at most 1, that makes a flattened file equal the flat one. All
-// samples stay positive and keep their share of the light, so an object put between them hides what
-// it should, to within that factor; with `srgb` every partial sum is exact.
+// Deep samples are decoded individually. Their sum exceeds the flat image, which is decoded after
+// blending. So the samples of a pixel are scaled by one factor per channel, at most 1, so that the
+// flattened file equals the flat one. Samples stay positive and keep their proportions, so an
+// object composited between them occludes correctly up to that factor. With `srgb` every partial
+// sum is exact.
 //
-// Matrices. OpenEXR's standard attributes speak of a left-handed camera with y up and z forward;
-// COLMAP's has y down, so worldToCamera is the pose with its second row negated. worldToNDC maps to
-// (0,0) upper left, (1,1) lower right by the linear part of the lens (no distortion), with depth 1
-// - near / z; a fisheye lens has no such matrix and none is written.
+// Matrices. OpenEXR's standard attributes assume a left-handed camera with y up and z forward;
+// COLMAP has y down, so worldToCamera is the pose with its second row negated. worldToNDC maps to
+// (0,0) upper left, (1,1) lower right by the linear part of the lens (without distortion), with
+// depth 1 - near / z. It is not written for fisheye lenses.
 
 #include "draw/frame_files.h"
 
@@ -49,7 +49,7 @@ static const char deep_axis_depth[] =
     "Z, ZBack: first and last hit of a sample, along the camera's axis (z, "
     "perpendicular to the image plane), world units";
 
-// The light that a trained colour stands for.
+// The scene-linear value of a model colour.
 static float light_of(const frame_files *files, float value)
 {
     return files->white_point * (files->space == SGS_SPACE_LINEAR ? value : sgs_srgb_decode(value));
@@ -86,7 +86,7 @@ static void camera_matrices(const sgs_camera *camera, const sgs_pose *pose, doub
     }
 }
 
-// Planes of a file that are made from the frame's.
+// Planes of a file that are derived from the frame's planes.
 typedef struct made_planes {
     float *alpha, *slack;
     uint32_t *region;
@@ -102,8 +102,8 @@ static void free_planes(made_planes *planes)
         free(planes->counts[k]);
 }
 
-// The regions of the primitives that contribute most. Planes that are not wanted stay NULL. False
-// after printing the error.
+// Creates the planes of region ids and slack of the primitive that contributes most. Planes that
+// are not requested stay NULL. False after printing the error.
 static bool make_regions(const frame_files *files, const sgs_frame *frame, made_planes *planes)
 {
     const size_t pixels = (size_t)frame->width * (size_t)frame->height;
@@ -112,7 +112,7 @@ static bool make_regions(const frame_files *files, const sgs_frame *frame, made_
     planes->region = malloc(pixels * sizeof *planes->region);
     planes->slack = malloc(pixels * sizeof *planes->slack);
     if (!planes->region || !planes->slack) {
-        fail_run("%s: no memory for its regions", files->name);
+        fail_run("%s: no memory for the region planes", files->name);
         return false;
     }
     for (size_t i = 0; i < pixels; ++i) {
@@ -176,7 +176,7 @@ static sgs_exr_channel channel_of(int k, int c, const sgs_frame *frame, const ma
     return channel;
 }
 
-// The channels of an EXR, at most EXR_CHANNELS.
+// The channels of an EXR file, at most EXR_CHANNELS.
 enum { EXR_CHANNELS = 4 * AOV_ROWS };
 
 static int list_channels(unsigned aovs, const sgs_frame *frame, const made_planes *made,
@@ -189,7 +189,7 @@ static int list_channels(unsigned aovs, const sgs_frame *frame, const made_plane
     return count;
 }
 
-// What the header says; the matrices live in `matrices`.
+// Fills the header attributes; `matrices` holds the matrices.
 typedef struct view_matrices {
     double to_camera[16], to_ndc[16], intrinsics[4];
 } view_matrices;
@@ -280,7 +280,7 @@ deep_file *deep_file_open(const frame_files *files, const sgs_frame *frame, int 
     return NULL;
 }
 
-// Display to scene-linear: see above.
+// Display to scene-linear, see the top of this file.
 static void linearise_samples(const frame_files *files, sgs_deep_sample *samples, size_t count,
                               const float flat[3], float alpha)
 {
@@ -350,7 +350,7 @@ bool deep_file_close(deep_file *file, bool complete)
 
 // ---- PNG ----
 
-// Writes and frees one image.
+// Writes an image and releases it.
 static bool write_image(const frame_files *files, const char *suffix, sgs_image8 *image)
 {
     char *path = format_text("%s/%s%s", files->folder, files->stem, suffix);
@@ -366,7 +366,7 @@ static bool write_image(const frame_files *files, const char *suffix, sgs_image8
     return written;
 }
 
-// A plane as colours or greys, with a note on what they mean.
+// Writes a plane as a colour or grey image and prints its range.
 static bool write_plane(const frame_files *files, const char *suffix, const sgs_frame *frame,
                         const float *plane, bool grey)
 {
@@ -381,7 +381,7 @@ static bool write_plane(const frame_files *files, const char *suffix, const sgs_
     if (!write_image(files, suffix, &image))
         return false;
     if (!grey)
-        print_note("%s%s: dark to light is %g to %g", files->stem, suffix, (double)range.low,
+        print_note("%s%s: colours from dark to light represent %g to %g", files->stem, suffix, (double)range.low,
                    (double)range.high);
     return true;
 }
@@ -395,7 +395,7 @@ bool frame_picture(const frame_files *files, const sgs_frame *frame, sgs_image8 
         fail_library();
         return false;
     }
-    // Light is laid over the background first and becomes display values then.
+    // Composite scene-linear values over the background first, then display-encode.
     const size_t pixels = (size_t)frame->width * (size_t)frame->height;
     float *display = malloc(3 * pixels * sizeof *display);
     if (!display) {
@@ -421,7 +421,7 @@ static bool write_rgb(const frame_files *files, const sgs_frame *frame)
     return frame_picture(files, frame, &image) && write_image(files, ".png", &image);
 }
 
-// Quantities that are no single number.
+// Writes AOVs that are not scalar.
 static bool write_picture(const frame_files *files, const char *suffix, bool made,
                           sgs_image8 *image)
 {

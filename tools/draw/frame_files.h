@@ -2,8 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// A drawn frame as files: one EXR with a layer per quantity for compositors, or one PNG per
-// quantity for people.
+// Writes a rendered frame as one EXR file with a layer per AOV, or as one PNG file per AOV.
 
 #include <stdbool.h>
 
@@ -20,32 +19,32 @@ typedef struct frame_files {
     const sgs_camera *camera;
     const sgs_pose *pose;
     unsigned aovs;
-    bool axis_depth;                 // the frame's distances are along the axis
+    bool axis_depth;                 // distances are along the camera axis
     exr_encoding encoding;           // EXR only
     sgs_exr_compression compression; // EXR only
     float background[3];             // PNG only
     sgs_space space;                 // of the frame's colours
-    float white_point;               // light that is 1 in them
-    double near_distance;            // what is nearer to the camera was not drawn
+    float white_point;               // scene-linear value of colour 1
+    double near_distance;            // near clipping distance of the render
     const region_map *regions;       // of the model; for AOV_REGION and AOV_SLACK only
 } frame_files;
 
 // Opens FOLDER/STEM.deep.exr. NULL after printing the error.
 typedef struct deep_file deep_file;
 deep_file *deep_file_open(const frame_files *files, const sgs_frame *frame, int max_samples);
-// A sgs_deep_rows_fn; context is the deep_file. The frame must hold its display colours still.
+// A sgs_deep_rows_fn whose context is the deep_file. The frame must still contain display colours.
 sgs_status deep_file_rows(void *context, int y, int rows, const uint32_t *counts,
                           const sgs_deep_sample *samples);
-// Completes the file and prints its path on stdout, or, unless `complete`, leaves none. False after
+// Completes the file and prints its path, or discards it if `complete` is false. False after
 // printing the error.
 bool deep_file_close(deep_file *file, bool complete);
 
-// The colours as a picture for people, over the background. False after printing the error.
+// The colours as a display image over the background. False after printing the error.
 bool frame_picture(const frame_files *files, const sgs_frame *frame, sgs_image8 *image);
 
-// FOLDER/STEM.exr. May overwrite the frame's colour planes. Prints the path on stdout, or the
-// error.
+// Writes FOLDER/STEM.exr and prints the path. May overwrite the frame's colour planes. False after
+// printing the error.
 bool frame_write_exr(const frame_files *files, sgs_frame *frame);
 
-// FOLDER/STEM.png and FOLDER/STEM.AOV.png.
+// Writes FOLDER/STEM.png and FOLDER/STEM.AOV.png.
 bool frame_write_png(const frame_files *files, const sgs_frame *frame);

@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// A primitive is in the voxel that holds its centre now. It may have moved since the update, or out
-// of the grid: then the nearest voxel is its own, as in SPARE-GS.
+// A primitive belongs to the voxel that contains its current centre, or to the nearest voxel if it
+// is outside of the grid, as in SPARE-GS. It may have moved since the update.
 
 #include "draw/region_map.h"
 

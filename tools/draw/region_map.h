@@ -2,8 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Which region of SPARE-GS every primitive of a stored model belongs to, from what the run
-// recorded.
+// The SPARE-GS region of every primitive of a stored model, from the records of the run.
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -12,15 +11,15 @@
 #include "sparegs/gaussians.h"
 
 typedef struct region_map {
-    int iteration;    // of the structural update, 0 = none is recorded and there are no columns
+    int iteration;    // of the structural update; 0 = none recorded, and no columns
     size_t count;     // rows of the model
     uint32_t *region; // [count] voxel number, (z * grid + y) * grid + x; SGS_NO_PRIMITIVE: it held
                       // none at the update
     float *slack;     // [count] of that region, before the update; 0 without region
 } region_map;
 
-// Regions of the last update up to `iteration` in the folder of a run. `map` is to be freed. False
-// after printing the error.
+// Reads the regions of the last update up to `iteration` of a run. Release with region_map_free.
+// False after printing the error.
 bool region_map_read(const char *folder, int iteration, const sgs_gaussians *model,
                      region_map *map);
 void region_map_free(region_map *map);

@@ -1,10 +1,10 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Frames go to ffmpeg's standard input as raw RGB; H.264 in 4:2:0, which every player shows, wants
-// even sizes, so an odd row or column is doubled by padding. ffmpeg is started by its argument
-// vector, never through a shell, and writes beside the target, which is renamed when it ended well.
-// What it says goes to a temporary file; its last line is reported when it fails.
+// Sends raw RGB frames to ffmpeg's standard input. H.264 with 4:2:0 chroma, which all players
+// support, requires even sizes, so odd sizes are padded. ffmpeg is started by argument vector,
+// never through a shell, and writes a temporary file that is renamed on success. Its messages go to
+// a temporary file; the last line is reported on failure.
 
 #include "draw/video.h"
 
@@ -25,7 +25,7 @@ struct video {
     pid_t child;
     int pipe;
     FILE *messages;
-    unsigned char *frame; // interleaved
+    unsigned char *frame; // interleaved RGB
 };
 
 bool video_possible(void)
@@ -40,13 +40,12 @@ bool video_possible(void)
             return true;
         at += length;
     }
-    fail_run("--video needs ffmpeg, which is not installed; install it (Debian: apt install "
-             "ffmpeg), or write the frames by "
-             "--format png");
+    fail_run("--video requires ffmpeg, which is not installed; install it (Debian: apt install "
+             "ffmpeg), or write frames with --format png");
     return false;
 }
 
-// FOLDER/.NAME.PID.ENDING: ffmpeg takes the format from the ending.
+// FOLDER/.NAME.PID.EXTENSION: ffmpeg derives the format from the extension.
 static char *temporary_path(const char *path)
 {
     const char *slash = strrchr(path, '/'), *name = slash ? slash + 1 : path,
@@ -118,7 +117,7 @@ video *video_open(const char *path, int width, int height, double fps)
         free_film(film);
         return NULL;
     }
-    signal(SIGPIPE, SIG_IGN); // a dead ffmpeg shows as a failed write
+    signal(SIGPIPE, SIG_IGN); // if ffmpeg ends, the write fails instead
     film->child = fork();
     if (!film->child) {
         close(ends[1]);
@@ -134,7 +133,7 @@ video *video_open(const char *path, int width, int height, double fps)
     return NULL;
 }
 
-// Ends the child; false after telling why it failed.
+// Waits for ffmpeg. False after printing the error.
 static bool finish_child(video *film)
 {
     int status = 0;
@@ -143,7 +142,7 @@ static bool finish_child(video *film)
         ;
     if (WIFEXITED(status) && WEXITSTATUS(status) == 0)
         return true;
-    char line[256], last[256] = "it gave no reason";
+    char line[256], last[256] = "no error message";
     rewind(film->messages);
     while (fgets(line, sizeof line, film->messages))
         if (line[strspn(line, " \r\n")])
@@ -163,7 +162,7 @@ bool video_add(video *film, const sgs_image8 *image)
         if (step < 0 && errno == EINTR)
             continue;
         if (step < 0)
-            return false; // reported when the film is closed
+            return false; // reported by video_close
         done += (size_t)step;
     }
     return true;
@@ -175,7 +174,7 @@ bool video_close(video *film, bool complete)
         return true;
     bool done = finish_child(film) && complete;
     if (done && rename(film->temporary, film->path)) {
-        fail_run("%s: cannot be put in its place: %s", film->path, strerror(errno));
+        fail_run("%s: cannot rename the temporary file: %s", film->path, strerror(errno));
         done = false;
     }
     if (done)

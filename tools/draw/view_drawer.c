@@ -12,7 +12,7 @@
 #include "sparegs/metrics.h"
 #include "sparegs/runtime.h"
 
-// The model's parameters in double, row by row.
+// The model's parameters in double precision, row by row.
 static double *exact_params(const sgs_gaussians *model)
 {
     double *params = malloc((model->count + 1) * SGS_PARAM_COUNT * sizeof *params);
@@ -84,7 +84,7 @@ static bool draw_reference(const view_drawer *drawer, const sgs_camera *camera,
     return done;
 }
 
-// False after telling it, when some ray of the lens runs sideways or back.
+// False after printing the error if a ray of the lens is at 90 degrees or more from the axis.
 static bool has_axis_depth(const char *name, const sgs_camera *camera)
 {
     const size_t width = (size_t)camera->width, count = width * (size_t)camera->height;
@@ -92,8 +92,8 @@ static bool has_axis_depth(const char *name, const sgs_camera *camera)
         const double pixel[2] = {(double)(i % width) + 0.5, (double)(i / width) + 0.5};
         double direction[3];
         if (sgs_camera_unproject(camera, pixel, direction) && !(direction[2] > 0)) {
-            fail_run("%s: --depth z has no meaning for a lens that sees beyond 90 degrees; use "
-                     "--depth ray",
+            fail_run("%s: --depth z is not defined for rays 90 degrees or more from the camera "
+                     "axis; use --depth ray",
                      name);
             return false;
         }
@@ -101,7 +101,7 @@ static bool has_axis_depth(const char *name, const sgs_camera *camera)
     return true;
 }
 
-// Gives a frame the size of a view.
+// Creates or resizes a frame for a view.
 static bool prepare_frame(sgs_frame *frame, const sgs_camera *camera, unsigned planes)
 {
     if (frame->width == camera->width && frame->height == camera->height)
@@ -124,7 +124,7 @@ static bool draw_flat(view_drawer *drawer, const sgs_camera *camera, const sgs_p
     return done;
 }
 
-// Renders into the frame, and the deep file on the way.
+// Renders the frame and writes the deep file.
 static bool draw_deep(view_drawer *drawer, const frame_files *files,
                       const sgs_render_options *options)
 {
@@ -139,10 +139,10 @@ static bool draw_deep(view_drawer *drawer, const frame_files *files,
     return deep_file_close(file, done);
 }
 
-// ---- Many samples ----
+// ---- Multisampling ----
 
-// Distance along the axis of what the middle of the drawn frame shows; 0 after telling that there
-// is nothing.
+// Distance along the axis of the surface at the image centre. 0 after printing the error if there
+// is none.
 static double middle_distance(const view_drawer *drawer, const char *name, const sgs_camera *camera)
 {
     const int x = camera->width / 2, y = camera->height / 2;
@@ -153,18 +153,18 @@ static double middle_distance(const view_drawer *drawer, const char *name, const
         direction[2] = 0;
     const double distance = (double)depth * direction[2];
     if (!(distance > 0))
-        fail_run("%s: nothing stands in the middle of the picture to focus on; give --focus", name);
+        fail_run("%s: no surface at the image centre; set the focus distance with --focus", name);
     return distance > 0 ? distance : 0;
 }
 
-// Replaces the colours of the frame by the mean of the samples; its other quantities stay those of
-// the pixels' centres.
+// Replaces the frame's colours by the mean of the samples. Other AOVs keep the values at pixel
+// centres.
 static bool draw_samples(view_drawer *drawer, const char *name, const sgs_camera *camera,
                          const sgs_pose *pose, const sgs_render_options *options)
 {
     const view_options *o = drawer->options;
     if (o->aperture > 0 && sgs_camera_is_fisheye(camera->model)) {
-        fail_run("%s: --aperture needs a perspective lens, not %s", name,
+        fail_run("%s: --aperture requires a perspective lens, not %s", name,
                  sgs_camera_model_name(camera->model));
         return false;
     }
@@ -209,7 +209,7 @@ static bool draw_frame(view_drawer *drawer, const frame_files *files,
            (!sampled || draw_samples(drawer, files->name, files->camera, files->pose, options));
 }
 
-// ---- Out ----
+// ---- Output ----
 
 static bool add_to_film(view_drawer *drawer)
 {
@@ -238,15 +238,15 @@ static bool write_finished(void *context)
     return done;
 }
 
-// Whether a view can be a frame of the film, which has the size of its first.
+// True if a view has the frame size of the video, that of its first frame.
 static bool fits_film(const view_drawer *drawer, const char *name, const sgs_camera *camera)
 {
     const sgs_frame *first = drawer->finished;
     if (!drawer->options->film || !first ||
         (first->width == camera->width && first->height == camera->height))
         return true;
-    fail_run("%s: the pictures of a film have one size, this one is %d x %d; give --size", name,
-             camera->width, camera->height);
+    fail_run("%s: all frames of a video must have the same size, this one is %d x %d; use --size",
+             name, camera->width, camera->height);
     return false;
 }
 
@@ -281,7 +281,8 @@ bool view_drawer_draw(view_drawer *drawer, const named_camera *view)
     drawer->finished = drawer->frame;
     drawer->frame = &drawer->frames[drawer->frame == drawer->frames];
     ++drawer->drawn;
-    // Deep files are written while drawing: their paths shall not overtake those of flat ones.
+    // Deep files are written during rendering. Synchronous writing keeps the order of printed
+    // paths.
     background_start(&drawer->writing, sgs_threads_get() > 1 && !o->deep, write_finished, drawer);
     return true;
 }

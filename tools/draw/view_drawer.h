@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// One view after another: rendered (or traced by brute force), written as files, added to a film. A
-// view is written while the next one is drawn.
+// Renders views (with the tracer or by brute force), writes their files and appends them to a
+// video. A view is written while the next one is rendered.
 
 #include "cli/async_task.h"
 #include "cameras/camera_file.h"
@@ -20,8 +20,8 @@ typedef struct view_options {
     sgs_exr_compression compression;
     bool deep;
     sgs_deep_options deep_options;
-    int samples;            // pictures that make one, 1 = the centre of the pixel
-    double aperture, focus; // world units; focus 0 = what stands in the middle
+    int samples;            // samples per pixel; 1 = the pixel centre
+    double aperture, focus; // world units; focus 0 = surface at the image centre
     const char *film;       // or NULL
     double fps;
 } view_options;
@@ -33,24 +33,24 @@ typedef struct view_drawer {
     sgs_renderer *renderer; // NULL with a reference
     double *params;         // with a reference
     sgs_frame
-        frames[2]; // one is drawn while the other is written; kept for further views of their size
-    sgs_frame *frame;    // the one that is drawn
+        frames[2]; // one is rendered while the other is written; reused for views of the same size
+    sgs_frame *frame;    // the frame being rendered
     sgs_frame sampled;   // one sample of it
-    frame_files files;   // of the view that is written,
-    sgs_frame *finished; // its frame, and what does so
+    frame_files files;   // of the view being written
+    sgs_frame *finished; // the frame being written
     background writing;
     video *film;
     size_t drawn;
     double draw_seconds, write_seconds;
 } view_drawer;
 
-// The model must outlive the drawer, which must not move. False after printing the error; release
-// it with view_drawer_close in any case.
+// The model must outlive the drawer, and the drawer must not move. False after printing the error;
+// call view_drawer_close in either case.
 bool view_drawer_open(view_drawer *drawer, const view_options *options,
                       const drawing_values *drawing, const sgs_gaussians *model);
-// The view must last until the next call. False after printing the error of this view or the one
-// before.
+// The view must stay valid until the next call. False after printing the error of this view or of
+// the previous one.
 bool view_drawer_draw(view_drawer *drawer, const named_camera *view);
-// Waits for the last view and ends the film; `complete`: all views were drawn. False after printing
-// the error.
+// Waits for the last view and closes the video, which is discarded if `complete` is false. False
+// after printing the error.
 bool view_drawer_close(view_drawer *drawer, bool complete);

@@ -38,7 +38,7 @@ static int compare_doubles(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-// Over the repetitions, in seconds.
+// Seconds over the repetitions.
 static spread phase_spread(const bench_result *result, const bench_phase *phase)
 {
     double sorted[1024];
@@ -50,7 +50,7 @@ static spread phase_spread(const bench_result *result, const bench_phase *phase)
                     sorted[n - 1]};
 }
 
-// Factors from wall-clock seconds.
+// Conversion factors from wall-clock seconds.
 static double ns_per_hit(const bench_result *r)
 {
     return r->counts.hits > 0 ? 1e9 * r->threads / r->counts.hits : 0;
@@ -76,7 +76,7 @@ static double lane_use(const bench_result *r)
     return r->counts.evaluations > 0 ? r->counts.hits / (16 * r->counts.evaluations) : 0;
 }
 
-// What a phase did per iteration: operations the formulas need and bytes moved; 0 where it is not
+// Work of a phase per iteration: operations required by the formulas, and bytes moved. 0 if not
 // counted.
 static double pairs_phase(const bench_phase *phase, double forward, double backward)
 {
@@ -120,8 +120,8 @@ static double phase_bytes(const sgs_bench_counts *c, const bench_phase *phase)
     return 0;
 }
 
-// Shares of the machine's limits, from 0 to 1 (or a little over, where data stays in caches); 0
-// where not counted.
+// Shares of the machine's limits, from 0 to 1 (slightly more if data stays in caches). 0 if not
+// counted.
 static double share_of_fma(const bench_result *r, const bench_phase *phase)
 {
     return phase_flops(&r->counts, phase) /
@@ -140,7 +140,7 @@ static double share_of_l2(const bench_result *r, const bench_phase *phase)
            (1e9 * r->limits.l2_gbs * r->threads * phase_spread(r, phase).median);
 }
 
-// Medians of the repetitions' times outside loops and waiting in them.
+// Medians of serial time and of waiting time in parallel loops.
 static sgs_scaling scaling_of(const bench_result *r)
 {
     static const bench_phase serial = {"serial", AT(serial)}, waiting = {"waiting", AT(waiting)};
@@ -210,7 +210,7 @@ void bench_print_table(const bench_report *report)
     }
 }
 
-// A field of a CSV table; quoted where it has to be (RFC 4180).
+// Prints a CSV field, quoted if necessary (RFC 4180).
 static void put_field(const char *text)
 {
     if (!strpbrk(text, ",\"\r\n")) {
@@ -257,7 +257,7 @@ void bench_print_csv(const bench_report *report)
     }
 }
 
-// The medians of the phases times a factor.
+// The phase medians times a factor.
 static json_t *phases_json(const bench_result *r, double factor)
 {
     json_t *object = json_object();
@@ -284,7 +284,7 @@ static json_t *result_json(const bench_result *r)
 {
     const sgs_bench_counts *c = &r->counts;
     json_t *object = json_object();
-    json_t *name = json_string(r->name); // NULL for a path that is no UTF-8
+    json_t *name = json_string(r->name); // NULL if the path is not valid UTF-8
     json_object_set_new(object, "name", name ? name : json_null());
     json_object_set_new(object, "isa", json_string(sgs_isa_name(r->isa)));
     json_object_set_new(object, "threads", json_integer(r->threads));
@@ -339,7 +339,7 @@ static json_t *limits_json(const bench_report *report)
             most_threads = r->threads;
             most = &r->limits;
         }
-        size_t before = 0; // once for each number of threads
+        size_t before = 0; // list each number of threads once
         while (report->results[before].threads != r->threads)
             ++before;
         if (before < i)

@@ -2,9 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// What `sparegs bench` measured, as a table for people, as JSON and as CSV. Every figure is a
-// median over the repetitions. Figures per hit and per megapixel are core time: wall clock times
-// threads.
+// Results of `sparegs bench` as text, JSON and CSV. All figures are medians over the repetitions.
+// Figures per hit and per megapixel are core time: wall-clock time x threads.
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -16,12 +15,12 @@ typedef struct bench_measure {
     double total; // gather, forward and backward
 } bench_measure;
 
-// One scene under one setting.
+// One scene with one setting.
 typedef struct bench_result {
     const char *name;
     sgs_isa isa;
     int threads;
-    sgs_machine_limits limits; // of this number of threads
+    sgs_machine_limits limits; // for this number of threads
     size_t repeat;
     bench_measure *measures; // [repeat]
     sgs_bench_counts counts;

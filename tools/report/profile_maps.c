@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The heat maps of a profiled view: exact values as EXR, colours for people as PNG. Maps of tiles
-// are drawn at the size of the image, so that the pictures lie over each other.
+// The heat maps of a profiled view: exact values as EXR, colour maps as PNG. Tile maps are enlarged
+// to the image size, so that all maps align.
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -15,7 +15,7 @@
 
 typedef struct map_files {
     const char *folder, *stem, *name; // of the view
-    FILE *stream;                     // gets the paths
+    FILE *stream;                     // receives the paths
 } map_files;
 
 static bool write_exr(const map_files *files, const char *suffix, int width, int height,
@@ -49,8 +49,8 @@ static bool write_png(const map_files *files, const char *suffix, const float *p
     }
     if (written) {
         fprintf(files->stream, "%s\n", path);
-        print_note("%s%s: dark to light is %g to %g", files->stem, suffix, (double)range.low,
-                   (double)range.high);
+        print_note("%s%s: colours from dark to light represent %g to %g", files->stem, suffix,
+                   (double)range.low, (double)range.high);
     }
     sgs_image8_free(&image);
     free(path);

@@ -11,7 +11,7 @@
 #include "cli/output.h"
 #include "sparegs/runtime.h"
 
-// Numbers of a profile that are summed over views.
+// Numbers of a profile that are averaged over views.
 #define SGS_EACH_SUM(X)                                                                            \
     X(rays)                                                                                        \
     X(forward)                                                                                     \
@@ -70,24 +70,25 @@ void profile_report_finish(profile_report *report)
     mean->tiles_y = 1;
 }
 
-// NaN where there is nothing to compare with: null in JSON, a dash in the table.
+// NaN if the divisor is 0: null in JSON, a dash in the table.
 static double quotient(double a, double b)
 {
     return b > 0 ? a / b : NAN;
 }
 
-// ---- The answer ----
+// ---- Conclusions ----
 
-// Training builds its tree anew when primitives come or go: every hundred iterations at most.
+// Training rebuilds the tree when primitives are added or removed, at most every hundred
+// iterations.
 enum { REBUILT_EVERY = 100 };
 
-// Wall-clock seconds of the gather, as training has it.
+// Wall-clock seconds of the gather with depth bounds, as in training.
 static double gather_wall(const sgs_profile_tree *tree)
 {
     return tree->gather_with_depth_bound / sgs_threads_get();
 }
 
-// What a change of the boxes and the question after it cost, per iteration.
+// Seconds per iteration to update the tree and gather.
 static double iteration_cost(const profile_report *report, sgs_profile_kind kind)
 {
     const sgs_profile_tree *tree = &report->mean.trees[kind];
@@ -96,7 +97,7 @@ static double iteration_cost(const profile_report *report, sgs_profile_kind kind
     return tree->refit + gather_wall(tree) + tree->build / REBUILT_EVERY;
 }
 
-// What the clock cannot tell apart is the same; never less than 2 %.
+// Relative difference that exceeds timing noise, at least 2 %.
 static double least_gain(const profile_report *report)
 {
     return fmax(report->mean.noise, 0.02);
@@ -112,7 +113,7 @@ static sgs_profile_kind best_for_training(const profile_report *report)
     return best;
 }
 
-// The fixed model: the cheapest tree over many views, and the cheapest to build of equals.
+// The tree with the fastest gather for a fixed model; among equals, the cheapest to build.
 static sgs_profile_kind best_for_drawing(const profile_report *report)
 {
     const double needed = 1 - least_gain(report);
@@ -123,7 +124,7 @@ static sgs_profile_kind best_for_drawing(const profile_report *report)
     return best;
 }
 
-// Embree has no better tree for user geometry than MEDIUM's.
+// For user geometry Embree builds the same tree with HIGH as with MEDIUM.
 static bool high_is_medium(const profile_report *report)
 {
     const sgs_profile_tree *medium = &report->mean.trees[SGS_PROFILE_MEDIUM],
@@ -138,10 +139,10 @@ static double more_callbacks(const profile_report *report)
            1;
 }
 
-// Refits after which the extra gather of an aging tree has cost as much as a build. The gather
-// grows with the callbacks (the clock would need a long time to see a few per cent), evenly from 0
-// to `extra` over the measured age n, so r refits cost extra r^2 / (2 n); the mean cost per
-// iteration is least where that equals the build. Infinite where the aged tree names no more.
+// Refits after which the extra gather time of an aging tree equals the cost of a build. Gather time
+// is taken as proportional to callbacks, which are less noisy than time, and grows linearly to
+// `extra` at the measured age n. So r refits cost extra r^2 / (2 n), and the mean cost per
+// iteration is minimal where that equals the build. Infinite if callbacks do not grow.
 static double rebuild_after(const profile_report *report)
 {
     const sgs_profile_tree *fresh = &report->mean.trees[SGS_PROFILE_REFIT];
@@ -158,7 +159,7 @@ typedef struct share {
 
 enum { ITERATION_PARTS = 6 };
 
-// Of a training iteration, in the order in which they begin.
+// Phases of a training iteration, in order.
 static void iteration_parts(const sgs_bench_sample *s, share parts[ITERATION_PARTS])
 {
     const share made[ITERATION_PARTS] = {{"refit", s->refit},       {"gather", s->gather},
@@ -167,7 +168,7 @@ static void iteration_parts(const sgs_bench_sample *s, share parts[ITERATION_PAR
     memcpy(parts, made, sizeof made);
 }
 
-// The largest part of an iteration, or of a view where no iteration was measured.
+// The longest phase of an iteration, or of a view if no iteration was measured.
 static share dominant(const profile_report *report, double *whole)
 {
     const sgs_profile_tree *tree = &report->mean.trees[SGS_PROFILE_REFIT];
@@ -187,34 +188,34 @@ static share dominant(const profile_report *report, double *whole)
     return largest;
 }
 
-// Sentences; release with free().
+// The conclusions as sentences; release with free().
 static char *answer_quality(const profile_report *report)
 {
     const sgs_profile_kind train = best_for_training(report), draw = best_for_drawing(report);
     const sgs_profile_tree *low = &report->mean.trees[SGS_PROFILE_LOW],
                            *best = &report->mean.trees[draw];
-    const double gain = low->gather - best->gather, // of all cores
+    const double gain = low->gather - best->gather, // core time
         price = (best->build - low->build) * sgs_threads_get();
-    char *training = format_text(
-        "Build quality: for training %s, %.2f ms per iteration for tree and gather (low %.2f, "
-        "medium %.2f, high %.2f, refit %.2f, built every %d iterations)",
-        sgs_profile_kind_name(train), 1e3 * iteration_cost(report, train),
-        1e3 * iteration_cost(report, SGS_PROFILE_LOW),
-        1e3 * iteration_cost(report, SGS_PROFILE_MEDIUM),
-        1e3 * iteration_cost(report, SGS_PROFILE_HIGH),
-        1e3 * iteration_cost(report, SGS_PROFILE_REFIT), REBUILT_EVERY);
+    char *training =
+        format_text("Build quality: for training %s, %.2f ms per iteration for tree and gather "
+                    "(low %.2f, medium %.2f, high %.2f, refit %.2f, rebuilt every %d iterations)",
+                    sgs_profile_kind_name(train), 1e3 * iteration_cost(report, train),
+                    1e3 * iteration_cost(report, SGS_PROFILE_LOW),
+                    1e3 * iteration_cost(report, SGS_PROFILE_MEDIUM),
+                    1e3 * iteration_cost(report, SGS_PROFILE_HIGH),
+                    1e3 * iteration_cost(report, SGS_PROFILE_REFIT), REBUILT_EVERY);
     char *drawing =
         draw == SGS_PROFILE_LOW
-            ? format_text("for a fixed model low: no other tree answers faster by more than the "
-                          "clock's %.0f %%",
+            ? format_text("for a fixed model low: no other tree is faster by more than the timing "
+                          "noise of %.0f %%",
                           100 * least_gain(report))
-            : format_text("for a fixed model %s: it answers %.0f %% faster than low and has paid "
-                          "for its build after %.0f views",
+            : format_text("for a fixed model %s: it is %.0f %% faster than low and amortises its "
+                          "build after %.0f views",
                           sgs_profile_kind_name(draw), 100 * quotient(gain, low->gather),
                           ceil(fmax(price / gain, 1)));
     char *text =
         format_text("%s; %s.%s", training, drawing,
-                    high_is_medium(report) ? " High is the same tree as medium here." : "");
+                    high_is_medium(report) ? " High and medium produce the same tree." : "");
     free(training);
     free(drawing);
     return text;
@@ -225,14 +226,14 @@ static char *answer_rebuild(const profile_report *report)
     const sgs_profile_tree *fresh = &report->mean.trees[SGS_PROFILE_REFIT];
     const double after = rebuild_after(report);
     if (isfinite(after))
-        return format_text("When to rebuild: after about %.0f refits, if primitives do not come or "
-                           "go earlier; %d refits bring %.1f %% more callbacks, a build costs %.2f "
-                           "ms against %.2f ms for a refit.",
-                           after, report->refits, 100 * more_callbacks(report), 1e3 * fresh->build,
-                           1e3 * fresh->refit);
-    return format_text("When to rebuild: only when primitives come or go; %d refits bring no more "
-                       "callbacks.",
-                       report->refits);
+        return format_text(
+            "Rebuild: after about %.0f refits, or when primitives are added or removed; %d refits "
+            "increase callbacks by %.1f %%, a build takes %.2f ms and a refit %.2f ms.",
+            after, report->refits, 100 * more_callbacks(report), 1e3 * fresh->build,
+            1e3 * fresh->refit);
+    return format_text(
+        "Rebuild: only when primitives are added or removed; %d refits do not increase callbacks.",
+        report->refits);
 }
 
 static char *answer_dominant(const profile_report *report)
@@ -241,18 +242,16 @@ static char *answer_dominant(const profile_report *report)
     double whole;
     const share largest = dominant(report, &whole);
     if (!(m->evaluations > 0))
-        return format_text("What dominates: %s; nothing of the model is in view.", largest.name);
-    return format_text("What dominates: %s, %.0f %% of %s; of the pairs (block, primitive) "
-                       "evaluated %.1f %% hit no "
-                       "pixel, of the lanes "
-                       "%.0f %% carry a counted hit, of the BVH's callbacks %.1f %% were needed, "
-                       "and the slowest tile "
-                       "takes %.1f times the mean.",
-                       largest.name, 100 * quotient(largest.seconds, whole),
-                       report->training.iteration > 0 ? "an iteration" : "a view",
-                       100 * (1 - quotient(m->block_hits, m->evaluations)),
-                       100 * quotient(m->hits, 16 * m->evaluations),
-                       100 * quotient(m->needed, m->callbacks), report->tile_slowest);
+        return format_text("Dominant phase: %s; no part of the model is in view.", largest.name);
+    return format_text(
+        "Dominant phase: %s, %.0f %% of %s; %.1f %% of the evaluated (block, primitive) pairs hit "
+        "no pixel, %.0f %% of SIMD lanes carry a hit, %.1f %% of BVH callbacks were needed, and "
+        "the slowest tile takes %.1f times the mean.",
+        largest.name, 100 * quotient(largest.seconds, whole),
+        report->training.iteration > 0 ? "an iteration" : "a view",
+        100 * (1 - quotient(m->block_hits, m->evaluations)),
+        100 * quotient(m->hits, 16 * m->evaluations), 100 * quotient(m->needed, m->callbacks),
+        report->tile_slowest);
 }
 
 // ---- Table and JSON ----

@@ -1,10 +1,10 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Tables as the paper has them: the base pipelines without ("off") and with ("on") SPARE-GS and the
-// change; all variants of a pipeline side by side; the seconds of every phase; runs that ended
-// early. A cell is a mean over seeds, a row over scenes a mean of the scenes' percentages, the last
-// one a mean over pipelines.
+// Tables as in the SPARE-GS paper: base pipelines without ("off") and with ("on") SPARE-GS and the
+// change; all variants of a pipeline; seconds per phase; runs that ended early. A cell is a mean
+// over seeds, a row over scenes the mean of the scenes' percentages, the last row a mean over
+// pipelines.
 
 #include "report/report_tables.h"
 
@@ -21,7 +21,7 @@ static const char *text_of(const json_t *object, const char *member)
     return text ? text : "";
 }
 
-// "train_seconds", or "test.psnr".
+// A metric such as "train_seconds" or "test.psnr".
 static double metric_of(const json_t *run, const char *metric)
 {
     const json_t *at = json_object_get(run, "summary");
@@ -35,7 +35,7 @@ static double metric_of(const json_t *run, const char *metric)
     return json_is_number(at) ? json_number_value(at) : NAN;
 }
 
-// Mean over the seeds (and over the scenes, where `scene` is NULL); NaN when there is no such run.
+// Mean over seeds, and over scenes if `scene` is NULL. NaN if there is no such run.
 static double mean(const json_t *runs, const char *scene, const char *pipeline, const char *variant,
                    const char *metric)
 {
@@ -143,8 +143,7 @@ static json_t *pipelines_table(const json_t *plan, const json_t *runs)
                                           "Δ time",    "Δ N",    "Δ PSNR", "Δ SSIM",    NULL};
     json_t *table = new_table(
         "Base pipelines without and with SPARE-GS",
-        "Base: variant off; ours: variant on. PSNR in dB and SSIM of the held-out images.",
-        columns);
+        "Base: variant off; ours: variant on. PSNR (dB) and SSIM of the held-out images.", columns);
     const json_t *pipelines = json_object_get(plan, "pipelines"),
                  *scenes = json_object_get(plan, "scenes");
     double all[METRICS] = {0}, counted = 0;
@@ -171,7 +170,7 @@ static json_t *variants_table(const json_t *plan, const json_t *runs, const char
                                           "SSIM",    "Δ N", "Δ time", "Δ PSNR",     NULL};
     char *title = format_text("Variants of %s", pipeline);
     json_t *table =
-        new_table(title, "Means over scenes and seeds; changes against variant off.", columns);
+        new_table(title, "Means over scenes and seeds; changes relative to variant off.", columns);
     free(title);
     const json_t *variants = json_object_get(plan, "variants");
     double base[METRICS];
@@ -237,10 +236,10 @@ static json_t *seconds_table(const json_t *plan, const json_t *runs)
 
 static json_t *stops_table(const json_t *runs)
 {
-    static const char *const columns[] = {"scene", "pipeline",     "variant",
-                                          "seed",  "how it ended", NULL};
-    json_t *table = new_table("Early stops",
-                              "Runs that ended in equilibrium before the schedule did.", columns);
+    static const char *const columns[] = {"scene", "pipeline",    "variant",
+                                          "seed",  "stop reason", NULL};
+    json_t *table = new_table(
+        "Early stops", "Runs that stopped in equilibrium before the end of the schedule.", columns);
     for (size_t k = 0; k < json_array_size(runs); ++k) {
         const json_t *run = json_array_get(runs, k), *summary = json_object_get(run, "summary");
         if (strcmp(text_of(summary, "stop_reason"), "equilibrium"))
@@ -290,7 +289,7 @@ static char *append_row(char *text, const json_t *cells)
 char *report_markdown(const json_t *results, const json_t *tables)
 {
     const char *title = text_of(json_object_get(results, "plan"), "title");
-    char *text = format_text("# %s\n\n%zu finished runs.\n", *title ? title : "Experiment",
+    char *text = format_text("# %s\n\n%zu completed runs.\n", *title ? title : "Experiment",
                              json_array_size(json_object_get(results, "runs")));
     for (size_t t = 0; t < json_array_size(tables); ++t) {
         const json_t *table = json_array_get(tables, t),

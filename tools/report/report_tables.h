@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// The tables of an experiment's report, from results.json: means over scenes and seeds and what
-// SPARE-GS changes.
+// The tables of an experiment's report, from results.json: means over scenes and seeds, and the
+// changes due to SPARE-GS.
 
 #include <jansson.h>
 

@@ -1,11 +1,10 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Evaluation. A photograph with an alpha channel is laid over the background by the same
-// quantisation as the drawn image, so that both sides of the comparison are treated alike. Pixels
-// that do not count (masks, pixels without a ray) are left out. Linear colours are encoded for
-// display first, so that every score speaks of the picture that people see: light above the scene's
-// white is white.
+// Evaluation. A photograph with alpha is composited over the background with the same quantisation
+// as the render. Masked pixels and pixels without a ray are excluded. Linear colours are
+// display-encoded first and clipped at the white point, so that scores refer to the displayed
+// image.
 
 #include "run/evaluate.h"
 
@@ -37,7 +36,8 @@ void evaluator_close(evaluator *evaluation)
     evaluation->renderer = NULL;
 }
 
-// The photograph over the background: three planes in one block, or NULL after printing the error.
+// The photograph composited over the background: three planes in one block. NULL after printing the
+// error.
 static float *flatten_photo(const evaluator *evaluation, const sgs_photo *photo)
 {
     const size_t pixels = (size_t)photo->width * (size_t)photo->height;
@@ -68,7 +68,7 @@ static bool draw(const evaluator *evaluation, const sgs_view *view, sgs_frame *f
     return true;
 }
 
-// Encodes for display what is light, and rounds to 8 bit.
+// Display-encodes linear colours and quantises to 8 bits.
 static bool quantise(const evaluator *evaluation, float *const color[3], int width, int height,
                      sgs_image8 *out)
 {
@@ -82,8 +82,8 @@ static bool quantise(const evaluator *evaluation, float *const color[3], int wid
     return false;
 }
 
-// Gives the drawn image the exposure of its photograph. *half receives the pixels to evaluation
-// where the other half was used up to find it.
+// Applies the exposure of the photograph to the render. *half receives the mask of pixels to
+// evaluate if the other half was used to fit the exposure.
 static bool expose(const evaluator *evaluation, const sgs_view *view, float *const drawn[3],
                    float *const photo[3], const uint16_t *valid_mask, uint16_t **half)
 {
@@ -145,7 +145,8 @@ bool evaluate_view(const evaluator *evaluation, const sgs_view *view, view_score
 void split_score_add(split_score *sum, const sgs_view *view, const view_score *score)
 {
     if (isnan(score->psnr)) {
-        print_warning("%s: no pixel of it counts; the mean is without it", view->name);
+        print_warning("%s: mask excludes every pixel; the image is excluded from the mean",
+                      view->name);
         return;
     }
     ++sum->images;

@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// How good a model is, by the protocol of the 3DGS papers: each view is drawn, quantised to 8 bit
-// and compared with its photograph (PSNR, SSIM). Prints errors, writes nothing.
+// Image quality by the protocol of the 3DGS papers: each view is rendered, quantised to 8 bits and
+// compared with its photograph (PSNR, SSIM). Writes no files.
 
 #include <jansson.h>
 
@@ -18,7 +18,7 @@ typedef struct evaluator {
     const json_t *exposures; // of OUT/exposure.json, or NULL; set it after opening
 } evaluator;
 
-// Builds the renderer over a model, which must outlive the evaluator. False after printing the
+// Creates the renderer for a model, which must outlive the evaluator. False after printing the
 // error.
 bool evaluator_open(evaluator *evaluation, const sgs_gaussians *model, const sgs_scene *scene,
                     const drawing_values *drawing);
@@ -28,7 +28,7 @@ typedef struct view_score {
     double psnr, ssim;
 } view_score;
 
-// Scores one view. drawn and photo, when not NULL, receive the two 8-bit images (release with
+// Scores one view. drawn and photo, if not NULL, receive the two 8-bit images (release with
 // sgs_image8_free).
 bool evaluate_view(const evaluator *evaluation, const sgs_view *view, view_score *score,
                    sgs_image8 *drawn, sgs_image8 *photo);
@@ -45,7 +45,7 @@ typedef struct split_score {
 // Adds a view to the sums in *sum. A view without a valid pixel is skipped with a warning.
 void split_score_add(split_score *sum, const sgs_view *view, const view_score *score);
 
-// Scores a split; a request to stop (interrupt.h) ends it early with images = 0.
+// Scores a split. A request to stop (interrupt.h) ends it early with images = 0.
 bool evaluate_split(const evaluator *evaluation, sgs_split split, split_score *score);
 
 // {"images":n,"identical":n,"psnr":dB,"ssim":x,"lpips":null}; psnr and ssim are null without

@@ -8,9 +8,9 @@
 //                 {"name": "tau-0.1", "pipelines": ["3dgs"], "options": {"spare_tau_alpha": 0.1}}],
 //    "seeds": [0, 1],
 //    "options": {"iterations": 7000, "eval": true}}
-// Options are those of `sparegs train`, '_' or '-', and mean the same there; a scene's override the
-// plan's, a variant's override both. Without "variants" there are two, off and on. Paths are as
-// seen from the plan's folder.
+// Options are those of `sparegs train`, with '_' or '-'. A scene's options override the plan's, a
+// variant's override both. "variants" defaults to off and on. Paths are relative to the plan's
+// folder.
 
 #include "run/experiment_plan.h"
 
@@ -32,15 +32,15 @@ static bool refuse(const char *what, const char *name)
     return false;
 }
 
-// Names become folders.
+// Names are used as folder names.
 static bool check_name(const char *what, const json_t *value)
 {
     const char *name = json_string_value(value);
     if (!name || !*name || strlen(name) > 60 || *name == '.' ||
         strspn(name, "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789._-") !=
             strlen(name)) {
-        fail_run("%s: a %s needs a name of letters, digits, '.', '_' and '-'; %s%s%s is none",
-                 plan_path, what, name ? "'" : "this", name ? name : "", name ? "'" : "");
+        fail_run("%s: invalid %s name %s%s%s; use letters, digits, '.', '_' and '-'", plan_path,
+                 what, name ? "'" : "(missing)", name ? name : "", name ? "'" : "");
         return false;
     }
     return true;
@@ -78,7 +78,7 @@ static char *value_text(const json_t *value)
     return NULL;
 }
 
-// The options of one run as arguments: the merged object's members.
+// Appends the merged options of a run as arguments.
 static bool add_options(experiment_run *run, json_t *options)
 {
     static const char *const own[] = {"output", "resume", "overwrite", "json",
@@ -93,7 +93,7 @@ static bool add_options(experiment_run *run, json_t *options)
         for (size_t k = 0; k < sizeof own / sizeof *own; ++k)
             if (!strcmp(name + 2, own[k])) {
                 free(name);
-                return refuse("the experiment itself sets the option", own[k]);
+                return refuse("option is set by the experiment:", own[k]);
             }
         if (json_is_true(value)) {
             add_argument(run, name);
@@ -107,7 +107,7 @@ static bool add_options(experiment_run *run, json_t *options)
             free(name);
         }
         if (!text && !json_is_false(value) && !json_is_null(value))
-            return refuse("a number, a text, a list or true is needed for the option", key);
+            return refuse("expected a number, string, list or boolean for option", key);
     }
     return true;
 }
@@ -124,7 +124,7 @@ static json_t *merged_options(const json_t *plan, const json_t *scene, const jso
     return all;
 }
 
-// Does the variant run with this pipeline?
+// True if the variant runs with this pipeline.
 static bool applies(const json_t *variant, const char *pipeline)
 {
     const json_t *only = json_object_get(variant, "pipelines");
@@ -193,7 +193,7 @@ static bool check_scene(const json_t *scene)
     sgs_scene *loaded = NULL;
     const bool found = *path && !sgs_scene_load(path, &options, &loaded);
     if (!*path)
-        refuse("the scene has no \"path\":", json_string_value(json_object_get(scene, "name")));
+        refuse("missing \"path\" of scene", json_string_value(json_object_get(scene, "name")));
     else if (!found)
         fail_library();
     sgs_scene_destroy(loaded);
@@ -222,11 +222,12 @@ static bool check_members(const json_t *root)
     if (json_array_size(json_object_get(root, "scenes")) &&
         json_array_size(json_object_get(root, "pipelines")))
         return true;
-    fail_run("%s: \"scenes\" and \"pipelines\" are needed, each a list of at least one", plan_path);
+    fail_run("%s: \"scenes\" and \"pipelines\" are required and must be non-empty lists",
+             plan_path);
     return false;
 }
 
-// A list of things with names that are valid and differ.
+// Checks that the names of a list are valid and unique.
 static bool check_names(const char *what, const json_t *list)
 {
     for (size_t k = 0; k < json_array_size(list); ++k) {
@@ -235,7 +236,7 @@ static bool check_names(const char *what, const json_t *list)
             return false;
         for (size_t j = 0; j < k; ++j)
             if (json_equal(name, json_object_get(json_array_get(list, j), "name")))
-                return refuse("two of the same name:", json_string_value(name));
+                return refuse("duplicate name", json_string_value(name));
     }
     return true;
 }
@@ -250,7 +251,7 @@ static bool unroll(experiment_plan *plan, const char *folder)
     for (size_t s = 0; s < json_array_size(scenes); ++s)
         if (!check_scene(json_array_get(scenes, s)))
             return false;
-    // Seeds outside: a stopped experiment has all of the first seed before any of the second.
+    // Seeds are the outer loop: an interrupted experiment completes one seed before the next.
     for (size_t k = 0; k < seed_count; ++k)
         for (size_t s = 0; s < json_array_size(scenes); ++s)
             for (size_t p = 0; p < json_array_size(pipelines); ++p)
@@ -259,13 +260,13 @@ static bool unroll(experiment_plan *plan, const char *folder)
                     const json_t *variant = json_array_get(variants, v);
                     const int seed = seeds ? (int)json_integer_value(json_array_get(seeds, k)) : 0;
                     if (!pipeline)
-                        return refuse("pipelines are texts;", "a member of \"pipelines\" is none");
+                        return refuse("expected strings in", "pipelines");
                     if (applies(variant, pipeline) &&
                         !add_run(plan, folder, json_array_get(scenes, s), pipeline, variant, seed))
                         return false;
                 }
     if (!plan->count)
-        fail_run("%s: nothing is to be run; is a list empty?", plan_path);
+        fail_run("%s: the plan contains no runs; is a list empty?", plan_path);
     return plan->count > 0;
 }
 
@@ -276,7 +277,7 @@ bool experiment_plan_read(const char *path, const char *folder, experiment_plan 
     plan->root = read_json(path);
     bool fine = json_is_object(plan->root);
     if (plan->root && !fine)
-        fail_run("%s: is not a JSON object", path);
+        fail_run("%s: not a JSON object", path);
     if (fine && !json_object_get(plan->root, "variants"))
         json_object_set_new(plan->root, "variants",
                             json_pack("[{s:s,s:{s:s}},{s:s,s:{s:s}}]", "name", "off", "options",

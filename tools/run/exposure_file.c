@@ -1,9 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// A held-out image has no map of its own: its left half says what its exposure was, its right half
-// is judged (the protocol of 3DGS's --train_test_exp; unlike there, the left half teaches the map
-// alone, not the scene).
+// A held-out image has no colour map: its left half is used to fit one, its right half is scored
+// (the protocol of 3DGS's --train_test_exp, except that the left half does not train the scene).
 
 #include "run/exposure_file.h"
 
@@ -41,7 +40,7 @@ json_t *exposure_read(const char *path, bool *failed)
     json_error_t error;
     json_t *root = file_exists(path) ? json_load_file(path, 0, &error) : NULL;
     if (file_exists(path) && !json_is_object(root)) {
-        fail_run("%s: is damaged; train again, or evaluate the PLY file itself", path);
+        fail_run("%s: file is damaged; train again, or evaluate the PLY file", path);
         json_decref(root);
         *failed = true;
         return NULL;
@@ -61,8 +60,8 @@ bool exposure_find(const json_t *exposures, const char *name, double map[12])
     return rows != NULL;
 }
 
-// Solves a x = b for three right-hand sides, a symmetric and positive; by Gauss with pivots. False
-// when singular.
+// Solves a x = b for three right-hand sides by Gaussian elimination with pivoting; a is symmetric
+// positive definite. False if singular.
 static bool solve(double a[4][4], double b[4][3])
 {
     for (int i = 0; i < 4; ++i) {
@@ -113,8 +112,7 @@ void exposure_fit(float *const drawn[3], float *const photo[3], const uint16_t *
                     b[i][c] += from[i] * (double)photo[c][at];
             }
         }
-    // Pulls towards the identity what the half does not determine (a grey wall says nothing of
-    // colours).
+    // Regularises towards the identity where the half is not informative, such as a grey wall.
     const double pull = 1e-4 * a[3][3] + 1e-9;
     for (int i = 0; i < 4; ++i) {
         a[i][i] += pull;

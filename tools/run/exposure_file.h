@@ -2,9 +2,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// OUT/exposure.json: the colour map that each training image was learned with, as 3DGS writes it:
-// the image's name and the three rows of a 3 x 4 matrix. And what an evaluation does with such
-// maps.
+// OUT/exposure.json: the optimised colour map of each training image, in the format of 3DGS: the
+// image's name and the three rows of a 3 x 4 matrix. Also applies and fits such maps for
+// evaluation.
 
 #include <jansson.h>
 #include <stdbool.h>
@@ -12,24 +12,23 @@
 #include "sparegs/render.h"
 #include "sparegs/trainer.h"
 
-// Writes the maps of all training views; nothing when none are learned. False after printing the
-// error.
+// Writes the maps of all training views, if exposure was optimised. False after printing the error.
 bool exposure_write(const char *path, const sgs_scene *scene, const sgs_trainer *trainer);
 
-// NULL when there is no such file; *failed is set after printing that it is damaged.
+// NULL if the file does not exist, or with *failed set after printing the error.
 json_t *exposure_read(const char *path, bool *failed);
 
-// The map of an image; false when there is none.
+// The map of an image. False if there is none.
 bool exposure_find(const json_t *exposures, const char *name, double map[12]);
 
-// The map that takes the drawn image closest to the photograph (least squares) over the left halves
-// of both. Planes as in sgs_frame; `keep` as in sgs_photo. Without enough pixels, the identity.
+// Fits the map from render to photograph by least squares over their left halves. Planes as in
+// sgs_frame, valid_mask as in sgs_photo. The identity if there are too few pixels.
 void exposure_fit(float *const drawn[3], float *const photo[3], const uint16_t *valid_mask,
                   int width, int height, double map[12]);
 
 // mapped[c] = sum over k of map[4 c + k] image[k] + map[4 c + 3], in place.
 void exposure_apply(float *const planes[3], size_t pixels, const double map[12]);
 
-// A plane like sgs_photo.valid_mask that keeps what `keep` keeps of the right half. Release with
-// free(); NULL without memory.
+// A copy of valid_mask (sgs_photo) with the left half excluded. Release with free(). NULL if out of
+// memory.
 uint16_t *exposure_right_half(const uint16_t *valid_mask, int width, int height);

@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// One record per update, little-endian as the machine: "SGRG", iteration, grid, number of regions
-// (4 bytes each), corner and cell of the grid (6 doubles), then the regions as sgs_region.
+// One record per update, in host byte order (little-endian): "SGRG", iteration, grid, number of
+// regions (4 bytes each), corner and cell of the grid (6 doubles), then the regions as sgs_region.
 
 #include "run/region_file.h"
 
@@ -29,7 +29,7 @@ static char *file_of(const char *folder)
     return format_text("%s/regions.bin", folder);
 }
 
-// The next record's header; false at the end of the file or of what makes sense.
+// Reads the next header. False at the end of the file or if it is invalid.
 static bool read_header(FILE *stream, long size, record_header *header)
 {
     if (fread(header, sizeof *header, 1, stream) != 1 || memcmp(header->magic, magic, sizeof magic))
@@ -59,7 +59,7 @@ bool region_file_cut(const char *folder, int iteration)
         fclose(stream);
     const bool done = !stream || !truncate(path, keep);
     if (!done)
-        fail_run("%s: cannot be cut: %s", path, strerror(errno));
+        fail_run("%s: cannot be truncated: %s", path, strerror(errno));
     free(path);
     return done;
 }
@@ -80,7 +80,7 @@ bool region_file_append(const char *folder, const sgs_regions *regions)
     if (stream && fclose(stream))
         written = false;
     if (!written)
-        print_warning("%s: an update is not recorded: %s", path,
+        print_warning("%s: an update was not recorded: %s", path,
                       errno ? strerror(errno) : "disk full?");
     free(path);
     return written;
@@ -115,7 +115,7 @@ bool region_history_read(const char *folder, region_history *history)
         memcpy(update->cell, header.cell, sizeof header.cell);
     }
     if (stream && complete && ftell(stream) < size_of(stream) && !feof(stream)) {
-        fail_run("%s: byte %ld: this is not a record of regions; train again", path, ftell(stream));
+        fail_run("%s: byte %ld: invalid region record; train again", path, ftell(stream));
         complete = false;
     }
     if (stream)

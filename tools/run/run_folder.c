@@ -1,12 +1,11 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The folder of a run. Whatever moment the process is killed at, the folder holds the newest
-// complete checkpoint as state.bin: the next one is written beside it as state.next.bin, the old
-// one gets a second name, state.previous.bin, and the rename of the next one over state.bin takes
-// the first away. A row of train.csv counts what happened since the row before; what a checkpoint
-// between two rows has counted so far stands beside it in checkpoint/sums.csv, so that a resumed
-// table is the same too.
+// The run folder. state.bin is a complete checkpoint even if the process is killed: the next one is
+// written as state.next.bin, the current one is linked as state.previous.bin, and then
+// state.next.bin is renamed to state.bin. A row of train.csv counts events since the previous row;
+// partial counts at a checkpoint are saved in checkpoint/sums.csv, so that a resumed run writes the
+// same table.
 
 #include "run/run_folder.h"
 
@@ -33,7 +32,7 @@ static const char spare_header[] = "iteration,regions,gaussians,over_budget_shar
 
 static const char sums_header[] = "iteration,densified,pruned,spare_pruned";
 
-// The folder itself is the lock: nothing is left behind, and the kernel frees it however the
+// Locks the folder itself: no lock file is left behind, and the kernel releases the lock when the
 // process ends.
 static bool lock_folder(run_folder *folder)
 {
@@ -41,17 +40,16 @@ static bool lock_folder(run_folder *folder)
     if (folder->lock >= 0 && !flock(folder->lock, LOCK_EX | LOCK_NB))
         return true;
     if (folder->lock >= 0 && errno == EWOULDBLOCK) {
-        fail_run("%s: another training is writing there; wait until it has ended or choose another "
-                 "folder",
+        fail_run("%s: in use by another training; wait until it ends or choose another folder",
                  folder->path);
         return false;
     }
-    print_warning("%s: cannot be locked against a second training: %s", folder->path,
+    print_warning("%s: cannot lock the folder against a second training: %s", folder->path,
                   strerror(errno));
     return true;
 }
 
-// NAME.tmp.PID, as every file is called while it is written.
+// True for NAME.tmp.PID, the name of a file while it is written.
 static bool is_temporary(const char *name)
 {
     const char *mark = strstr(name, ".tmp.");
@@ -208,10 +206,10 @@ bool run_folder_prepare(run_folder *folder, const char *path)
 
 void run_folder_leave(const run_folder *folder)
 {
-    rmdir(folder->path); // fails, as it should, when anything is in it
+    rmdir(folder->path); // fails, as intended, if the folder is not empty
 }
 
-// Takes up the sums that the checkpoint of `iteration` left.
+// Reads the partial sums saved with the checkpoint of `iteration`.
 static void read_sums(run_folder *folder, const char *path, int iteration)
 {
     FILE *stream = fopen(path, "r");
@@ -259,7 +257,7 @@ void run_folder_close_tables(run_folder *folder)
         *tables[i] = NULL;
     }
     if (!complete)
-        print_warning("%s: train.csv or spare.csv is incomplete: disk full?", folder->path);
+        print_warning("%s: train.csv or spare.csv is incomplete; disk full?", folder->path);
 }
 
 void run_folder_record_update(run_folder *folder, const sgs_step_info *info)
@@ -304,8 +302,8 @@ static char *checkpoint_path(const run_folder *folder, const char *kind)
     return format_text("%s/checkpoint/state%s.bin", folder->path, kind);
 }
 
-// Gives the checkpoint before `newest` the name `previous`. A hard link leaves `newest` in place
-// meanwhile; where the file system has none, a rename has to do.
+// Links `newest` as `previous`, so that `newest` stays in place; renames it where the file system
+// has no hard links.
 static bool keep_previous(const char *newest, const char *previous)
 {
     if ((unlink(previous) && errno != ENOENT) ||
@@ -362,8 +360,8 @@ size_t run_folder_checkpoint_gaussians(const run_folder *folder)
     return count;
 }
 
-// 1 loaded, 0 it is not there, -1 it is damaged, -2 it is whole and of another run (printed), -3 it
-// cannot be read now.
+// Returns 1 if loaded, 0 if it does not exist, -1 if damaged, -2 if it belongs to another run
+// (error printed), -3 if it cannot be read now.
 static int load_checkpoint(const char *path, sgs_trainer *trainer)
 {
     if (!file_exists(path))
@@ -384,7 +382,7 @@ int run_folder_load_checkpoint(const run_folder *folder, sgs_trainer *trainer)
     if (result != 1 && result != -2) {
         const bool damaged = result < 0, unreadable = result == -3;
         if (damaged)
-            print_warning("%s; trying the checkpoint before it", sgs_last_error());
+            print_warning("%s; trying the previous checkpoint", sgs_last_error());
         const int before = load_checkpoint(previous, trainer);
         if (before == -1 || before == -3)
             fail_library();
@@ -392,12 +390,11 @@ int run_folder_load_checkpoint(const run_folder *folder, sgs_trainer *trainer)
             fail_run("%s: is damaged and there is none before it; start again with --overwrite",
                      newest);
         if (before == 1 && unreadable)
-            print_warning("%s: is used instead; the iterations after it are done again", previous);
+            print_warning("%s: used instead; the iterations after it are repeated", previous);
         if (before == 1 && damaged && !unreadable) {
             rename(previous,
-                   newest); // or the next checkpoint would keep the damaged one as the one before
-            print_warning("%s: replaced by the checkpoint before it; the iterations after that are "
-                          "done again",
+                   newest); // otherwise the next checkpoint would keep the damaged one as state.previous.bin
+            print_warning("%s: replaced by the previous checkpoint; the iterations after it are repeated",
                           newest);
         }
         result = before == 0 && damaged ? -1 : before;

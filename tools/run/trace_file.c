@@ -1,9 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The "JSON array" flavour inside an object: complete events ("ph":"X") with begin and duration in
-// microseconds, and counters ("ph":"C"). Written as it comes, so that a long training costs no
-// memory.
+// Trace events in the JSON object format: complete events ("ph":"X") with start and duration in
+// microseconds, and counters ("ph":"C"). Events are streamed, so that memory does not grow with the
+// run.
 
 #include "run/trace_file.h"
 

@@ -2,9 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// A file in the trace format of Chrome (chrome://tracing, ui.perfetto.dev): one row of phases per
-// iteration and counters beside it. Functions that return bool have printed their error when they
-// return false.
+// A trace file for chrome://tracing and ui.perfetto.dev: the phases of each iteration, and
+// counters. Functions that return bool print their error before they return false.
 
 #include <stdbool.h>
 
@@ -12,18 +11,18 @@
 
 typedef struct trace_file trace_file;
 
-// Nothing appears under the path before trace_close. NULL after printing the error.
+// The file appears under `path` at trace_close. NULL after printing the error.
 trace_file *trace_open(const char *path);
 
-// One iteration that began `start` seconds after the clock's zero and took `seconds`: its phases
-// are the differences of the trainer's times. They are drawn one after the other in the order in
-// which they begin; gather and forward take turns bin by bin.
+// Adds an iteration that began at `start` (clock seconds) and took `seconds`. The phases are the
+// differences between the trainer's times, laid out one after the other; gather and forward
+// actually alternate per macrotile.
 void trace_iteration(trace_file *trace, int iteration, double start, double seconds,
                      const sgs_train_seconds *before, const sgs_train_seconds *after);
-// Something else that took time.
+// Adds another timed event.
 void trace_span(trace_file *trace, const char *name, double start, double seconds);
-// A number that changes with time.
+// Adds a counter value.
 void trace_count(trace_file *trace, const char *name, double time, double value);
 
-// Completes the file, or with `keep` false drops it. Accepts NULL.
+// Completes the file, or discards it if `keep` is false. Accepts NULL.
 bool trace_close(trace_file *trace, bool keep);

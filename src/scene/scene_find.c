@@ -190,10 +190,16 @@ static sgs_status find_transforms(const char *path, sgsi_scene_files *files)
 
 static sgs_status find_in_file(const char *path, sgsi_scene_files *files)
 {
-    const size_t length = strlen(path);
-    if (length < 5 || strcasecmp(path + length - 5, ".json"))
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: is a file; name the folder of the scene",
-                         path);
+    static const char *const models[] = {".ply", ".spz", ".sog", ".splat", ".ksplat"};
+    const char *extension = strrchr(path, '.');
+    if (!extension || strcasecmp(extension, ".json")) {
+        bool model = false;
+        for (size_t i = 0; i < sizeof models / sizeof *models; ++i)
+            model = model || (extension && !strcasecmp(extension, models[i]));
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                         "%s: is a %s, not a scene; specify a scene folder or a transforms.json",
+                         path, model ? "file of 3D Gaussians" : "file");
+    }
     files->model_path = sgsi_strdup(path);
     files->image_folder = parent_folder(path);
     return files->model_path && files->image_folder ? SGS_STATUS_OK : no_memory(path);

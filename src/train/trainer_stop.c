@@ -58,7 +58,6 @@ sgs_stop_reason sgsi_trainer_decide_stop(sgs_trainer *trainer, double loss)
     }
     if (iteration < o->iterations)
         return SGS_STOP_NONE;
-    snprintf(trainer->stop_text, sizeof trainer->stop_text, "all %d iterations done",
-             o->iterations);
+    snprintf(trainer->stop_text, sizeof trainer->stop_text, "schedule completed");
     return SGS_STOP_SCHEDULE;
 }

@@ -60,6 +60,10 @@ grep -q "seed_0: was trained with iterations 70, but the plan has 71" "$folder/e
 sed 's/"iterations": 70/"iterations": 70, "save-at": 10/' "$folder/same.json" >"$folder/plan.json"
 [ "$("$SPAREGS_PROGRAM" experiment "$folder/plan.json" -o "$folder/out" --quiet --json | jq '.runs | length')" = 5 ]
 [ "$("$SPAREGS_PROGRAM" experiment "$folder/plan.json" -o "$folder/out" --check --json | jq '.runs | length')" = 5 ]
+# A type error names the key.
+sed 's/"iterations": 70/"iterations": 70, "eval": "yes"/' "$folder/same.json" >"$folder/typed.json"
+if "$SPAREGS_PROGRAM" experiment "$folder/typed.json" -o "$folder/out" --check 2>"$folder/error"; then echo "FAIL: took a string for a flag"; exit 1; fi
+grep -qF "typed.json: expected true or false for option 'eval'" "$folder/error" || { cat "$folder/error"; exit 1; }
 
 [ "$("$SPAREGS_PROGRAM" report "$folder/out" --json | jq '.files | length')" = 2 ]
 "$SPAREGS_PROGRAM" report "$folder/out" --pictures 1 >/dev/null

@@ -153,6 +153,21 @@ prints "gaussians:"
 run 0 info "$room" --eval --json
 json "$temporary/stdout" '.type == "scene" and .views == 35 and .test_views == 5 and .points > 0 and .warnings == []'
 json "$temporary/stdout" '.cameras | length == 1 and .[0].model == "OPENCV" and .[0].width == 480'
+# similar_cameras_are_one_group: a camera for every image, each with another focal length
+mkdir -p "$temporary/alike/sparse/0"
+mkdir "$temporary/alike/images"
+for i in $(seq 5); do
+    echo "$i SIMPLE_PINHOLE 480 270 $((399 + i)) 240 135" >&3
+    printf '%s 1 0 0 0 0 0 %s %s %s.jpg\n\n' "$i" "$i" "$i" "$i" >&4
+    cp "$room/images/0009.jpg" "$temporary/alike/images/$i.jpg"
+done 3>"$temporary/alike/sparse/0/cameras.txt" 4>"$temporary/alike/sparse/0/images.txt"
+run 0 info "$temporary/alike"
+check one_group test "$(grep -c 'model: SIMPLE_PINHOLE' "$temporary/stdout")" = 1
+prints "cameras: 5"
+prints "params_minimum: 400 240 135"
+prints "params_maximum: 404 240 135"
+run 0 info "$temporary/alike" --json
+json "$temporary/stdout" '.cameras | length == 5'
 cp -r "$room" "$temporary/pointless"
 rm -f "$temporary/pointless"/sparse/0/points3D.*
 run 0 info "$temporary/pointless" --json

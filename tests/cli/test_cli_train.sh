@@ -44,6 +44,12 @@ reports "200/200"
 prints "training images: PSNR"
 check no_escape_codes_in_a_log test -z "$(tr -d -c '\033' <"$temporary/stderr")"
 
+# a_trailing_slash_is_removed_from_paths, and one iteration is singular
+run 0 train "$room/" --downscale 8 -o "$temporary/slash/" --iterations 1 --spare off --quiet
+prints "1 iteration in "
+prints "$temporary/slash/point_cloud/iteration_1/point_cloud.ply"
+check the_config_has_no_trailing_slash test "$(jq -r .scene "$temporary/slash/config.json")" = "$room"
+
 # without_a_test_split_the_test_score_is_null
 json "$temporary/lines/summary.json" '.test.images == 0 and .test.psnr == null and .train.images == 35'
 

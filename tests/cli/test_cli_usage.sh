@@ -150,6 +150,20 @@ one_line
 run 1 info "$temporary/empty"
 one_line
 
+# a_model_where_a_scene_is_expected_is_named
+: >"$temporary/model.spz"
+run 1 train "$temporary/model.spz" -o "$temporary/out" --quiet
+one_line
+reports "model.spz: is a file of 3D Gaussians, not a scene; specify a scene folder or a transforms.json"
+: >"$temporary/notes.txt"
+run 1 train "$temporary/notes.txt" -o "$temporary/out" --quiet
+one_line
+reports "notes.txt: is a file, not a scene"
+run 1 info "$temporary/model.spz"
+one_line
+reports "model.spz: "
+reports "PLY"
+
 # outputs_that_cannot_be_written
 echo "not a folder" >"$temporary/file"
 run 1 train "$room" -o "$temporary/file/out" --quiet

@@ -110,7 +110,7 @@ static void missing_scenes_are_reported_with_a_hint(void **state)
     assert_refused(folder.path, NULL, SGS_STATUS_IO, "no scene found: neither a COLMAP model");
     tree_put_text(&folder, "photo.jpg", "");
     assert_refused(temp_path(&folder, "photo.jpg"), NULL, SGS_STATUS_INVALID_ARGUMENT,
-                   "is a file; name the folder");
+                   "is a file, not a scene; specify a scene folder");
     tree_put_text(&folder, "sparse/0/cameras.bin", "");
     assert_refused(folder.path, NULL, SGS_STATUS_IO, "sparse/0/images.bin: missing, although ");
     tree_remove(&folder);

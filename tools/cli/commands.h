@@ -5,6 +5,8 @@
 // The commands of the program. Each takes argv starting with its own name and returns the exit
 // status.
 
+#include <stdbool.h>
+
 int command_train(int argc, char **argv);
 int command_eval(int argc, char **argv);
 int command_render(int argc, char **argv);
@@ -19,3 +21,5 @@ int command_report(int argc, char **argv);
 // Parses and checks a command line of `train` without running it. Returns -1 if it is valid, else
 // an exit status after printing the error.
 int command_train_check(int argc, char **argv);
+// True if `name` is an option of `train` without argument.
+bool command_train_has_flag(const char *name);

@@ -318,6 +318,13 @@ static bool parse_color(const option *row, const char *argument, void *values)
     return true;
 }
 
+// Messages and configs contain the path: OUT/point_cloud, not OUT//point_cloud.
+static void trim_slashes(char *path)
+{
+    for (size_t n = strlen(path); n > 1 && path[n - 1] == '/';)
+        path[--n] = 0;
+}
+
 static bool parse_value(const option *row, const char *argument, void *values)
 {
     void *value = (char *)values + row->offset;
@@ -333,6 +340,9 @@ static bool parse_value(const option *row, const char *argument, void *values)
         return parse_size(row, argument, value);
     case OPTION_REAL:
         return parse_real(row, argument, value);
+    case OPTION_FOLDER:
+        trim_slashes((char *)argument);
+        // fall through
     case OPTION_TEXT:
         *(const char **)value = argument;
         if (!*argument)
@@ -432,8 +442,8 @@ static void print_help(const command_line *line)
 
 // ---- Parsing ----
 
-static const option *find_option(const command_line *line, const char *name, size_t length,
-                                 option_group **group)
+static const option *find_row(const command_line *line, const char *name, size_t length,
+                              option_group **group)
 {
     for (size_t g = 0; g < line->group_count; ++g)
         for (size_t i = 0; i < line->groups[g].count; ++i) {
@@ -475,7 +485,7 @@ static bool is_known_long(const command_line *line, const char *argument)
 {
     option_group *group;
     return !strncmp(argument, "--", 2) &&
-           find_option(line, argument + 2, strcspn(argument + 2, "="), &group);
+           find_row(line, argument + 2, strcspn(argument + 2, "="), &group);
 }
 
 // Parses one option at argv[*at]. Returns -1 to continue, or an exit status.
@@ -486,7 +496,7 @@ static int parse_option(command_line *line, int argc, char **argv, int *at)
     const option *row;
     if (argument[1] == '-') {
         const size_t length = strcspn(argument + 2, "=");
-        row = find_option(line, argument + 2, length, &group);
+        row = find_row(line, argument + 2, length, &group);
         if (!row)
             return fail_unknown(line, argument + 2, length);
         value = argument[2 + length] ? argument + 3 + length : NULL;
@@ -564,6 +574,7 @@ int command_line_parse(command_line *line, int argc, char **argv)
             return fail_usage("unexpected argument '%s'; usage: sparegs %s %s", argv[i],
                               line->command, line->synopsis);
         } else {
+            trim_slashes(argv[i]);
             line->operands[line->operand_count++] = argv[i];
         }
     }
@@ -572,9 +583,20 @@ int command_line_parse(command_line *line, int argc, char **argv)
     return check_needs(line);
 }
 
+const option *find_option(const command_line *line, const char *name)
+{
+    option_group *group = NULL;
+    return find_row(line, name, strlen(name), &group);
+}
+
+int find_word(const char *words, const char *word)
+{
+    return word ? word_index(words, word, strlen(word)) : -1;
+}
+
 bool option_given(const command_line *line, const char *name)
 {
     option_group *group = NULL;
-    const option *row = find_option(line, name, strlen(name), &group);
+    const option *row = find_row(line, name, strlen(name), &group);
     return row && (group->given >> (row - group->options) & 1);
 }

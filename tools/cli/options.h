@@ -19,6 +19,7 @@ typedef enum option_kind {
     OPTION_SIZE,    // size_t
     OPTION_REAL,    // double
     OPTION_TEXT,    // const char *, points into argv
+    OPTION_FOLDER,  // const char *, a path whose trailing slashes are removed in argv
     OPTION_CHOICE,  // int, index into the words of `argument`: "exr|png"
     OPTION_SET, // unsigned, bit k for word k of `argument`: "h,v,c"; "on|off|h,v,c" accepts on and
                 // off too, "all|h,v,c" all
@@ -75,6 +76,12 @@ typedef struct command_line {
 // Sets the values to their defaults and then parses argv[1...]. Returns -1 to continue, or an exit
 // status: EXIT_DONE after printing --help to stdout, EXIT_USAGE after printing the error to stderr.
 int command_line_parse(command_line *line, int argc, char **argv);
+
+// The row of an option; NULL if the command has no such option.
+const option *find_option(const command_line *line, const char *name);
+
+// The index of a word in "a|b|c"; -1 if it is NULL or not in the list.
+int find_word(const char *words, const char *word);
 
 // True if the option was on the command line.
 bool option_given(const command_line *line, const char *name);

@@ -71,7 +71,7 @@ int common_apply(const common_values *values, const command_line *line)
 
 static const option scene_options[] = {
     {.name = "images",
-     .kind = OPTION_TEXT,
+     .kind = OPTION_FOLDER,
      .offset = offsetof(scene_values, images),
      .argument = "DIR",
      .shown = "images",
@@ -104,7 +104,7 @@ static const option scene_options[] = {
      .shown = "none",
      .help = "hold out the images with these names"},
     {.name = "masks",
-     .kind = OPTION_TEXT,
+     .kind = OPTION_FOLDER,
      .offset = offsetof(scene_values, masks),
      .argument = "DIR|none",
      .shown = "masks or mask, if it exists",
@@ -164,6 +164,13 @@ option_group scene_group(scene_values *values)
                           .values = values};
 }
 
+// The index in `words` of a recorded option; `fallback` if it was not recorded.
+static int recorded_word(const json_t *config, const char *key, const char *words, int fallback)
+{
+    const int index = find_word(words, json_string_value(config_option(config, key)));
+    return index >= 0 ? index : fallback;
+}
+
 int scene_resolve(scene_values *values, const command_line *line, const json_t *config)
 {
     const int splits = option_given(line, "eval") + option_given(line, "test-every") +
@@ -184,16 +191,12 @@ int scene_resolve(scene_values *values, const command_line *line, const json_t *
         values->masks = json_string_value(config_option(config, "masks"));
     if (!option_given(line, "invert-masks"))
         values->invert_masks = json_is_true(config_option(config, "invert_masks"));
-    const char *alpha = json_string_value(config_option(config, "alpha"));
-    if (!option_given(line, "alpha") && alpha)
-        values->alpha = !strcmp(alpha, "mask")     ? SGS_ALPHA_MASK
-                        : !strcmp(alpha, "ignore") ? SGS_ALPHA_IGNORE
-                                                   : SGS_ALPHA_OVER;
+    if (!option_given(line, "alpha"))
+        values->alpha = recorded_word(config, "alpha", ALPHA_WORDS, values->alpha);
     if (!option_given(line, "input-colorspace"))
         values->colorspace = json_string_value(config_option(config, "input_colorspace"));
-    const char *space = json_string_value(config_option(config, "train_space"));
-    if (!option_given(line, "train-space") && space)
-        values->space = !strcmp(space, "linear") ? SGS_SPACE_LINEAR : SGS_SPACE_SRGB;
+    if (!option_given(line, "train-space"))
+        values->space = recorded_word(config, "train_space", SPACE_WORDS, values->space);
     if (!option_given(line, "white"))
         values->white_point = json_number_value(config_option(config, "white"));
     if (!option_given(line, "downscale"))
@@ -283,7 +286,7 @@ static const option drawing_options[] = {
     {.name = "filter",
      .kind = OPTION_CHOICE,
      .offset = offsetof(drawing_values, filter),
-     .argument = "3dgs|none|mip",
+     .argument = FILTER_WORDS,
      .initial = "3dgs",
      .shown = "as trained, else 3dgs",
      .help = "pixel filter: 0.3 px^2 dilation (3DGS), none, or Mip-Splatting's energy-preserving "
@@ -318,11 +321,8 @@ option_group drawing_group(drawing_values *values)
 void drawing_resolve(drawing_values *values, const command_line *line, const json_t *config,
                      const scene_values *data, const sgs_scene *scene)
 {
-    const char *filter = json_string_value(config_option(config, "filter"));
-    if (!option_given(line, "filter") && filter)
-        values->filter = !strcmp(filter, "none")  ? SGS_FILTER_NONE
-                         : !strcmp(filter, "mip") ? SGS_FILTER_MIP
-                                                  : SGS_FILTER_3DGS;
+    if (!option_given(line, "filter"))
+        values->filter = recorded_word(config, "filter", FILTER_WORDS, values->filter);
     const double compact_box = json_number_value(config_option(config, "compact_box"));
     if (!option_given(line, "compact-box") && compact_box > 0 && compact_box <= 1)
         values->compact_box = compact_box;

@@ -45,6 +45,8 @@ int model_scene_resolve(scene_values *values, const command_line *line, const js
 #define ALPHA_WORDS "over|mask|ignore"
 // The words of --train-space, in the order of sgs_space.
 #define SPACE_WORDS "srgb|linear"
+// The words of --filter, in the order of sgs_filter.
+#define FILTER_WORDS "3dgs|none|mip"
 // Loads the scene; NULL after printing the error, or when a signal ended the loading.
 sgs_scene *scene_open(const char *path, const scene_values *values, bool load_images);
 // True when a signal ended the last scene_open.

@@ -25,7 +25,7 @@ static char resume_help[512];
 static const option output_options[] = {
     {.name = "output",
      .letter = 'o',
-     .kind = OPTION_TEXT,
+     .kind = OPTION_FOLDER,
      .offset = AT(output),
      .argument = "OUT",
      .help = "output folder for the model, logs and checkpoints (required)"},

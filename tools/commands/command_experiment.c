@@ -39,7 +39,7 @@ typedef struct experiment_values {
 static const option experiment_options[] = {
     {.name = "output",
      .letter = 'o',
-     .kind = OPTION_TEXT,
+     .kind = OPTION_FOLDER,
      .offset = offsetof(experiment_values, output),
      .argument = "DIR",
      .help = "output folder for runs and results (required without --check)"},
@@ -218,8 +218,9 @@ static const char *continuation_of(const experiment_run *run)
 }
 
 // Trains in a new process of this program, so that runs share neither memory, threads nor crashes.
-// Returns its exit status.
-static int run_child(const experiment_run *run)
+// Unlike child_run (child_process.h) it leaves stderr to the training, forwards a request to stop
+// and waits until the training has saved its state. Returns its exit status.
+static int run_training(const experiment_run *run)
 {
     const char **arguments = calloc((size_t)run->argument_count + 3, sizeof *arguments);
     if (!arguments)
@@ -285,7 +286,7 @@ static int run_all(const experiment_plan *plan, const char *folder)
                    run->pipeline, run->variant, run->seed, done ? ": already complete" : "");
         if (done)
             continue;
-        const int status = write_settings(run) ? run_child(run) : EXIT_FAILED;
+        const int status = write_settings(run) ? run_training(run) : EXIT_FAILED;
         if (interrupt_signal())
             break;
         if (status) {

@@ -7,6 +7,8 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
+#include <sys/stat.h>
 
 #include "cli/commands.h"
 #include "cli/output.h"
@@ -203,6 +205,51 @@ static bool describe_scene(const char *path, const scene_values *data, json_t *r
 
 // ---- As text ----
 
+// The distinct cameras of the scene grouped by model and size: one camera with its parameters, or
+// several with their number and the range of each parameter.
+static json_t *group_cameras(const json_t *cameras)
+{
+    json_t *groups = json_array(), *camera;
+    size_t c;
+    json_array_foreach(cameras, c, camera)
+    {
+        json_t *group = NULL, *entry;
+        size_t g;
+        json_array_foreach(groups, g, entry)
+        {
+            if (json_equal(json_object_get(entry, "model"), json_object_get(camera, "model")) &&
+                json_equal(json_object_get(entry, "width"), json_object_get(camera, "width")) &&
+                json_equal(json_object_get(entry, "height"), json_object_get(camera, "height")))
+                group = entry;
+        }
+        if (!group) {
+            json_array_append_new(groups, json_deep_copy(camera));
+            continue;
+        }
+        const json_t *params = json_object_get(camera, "params");
+        if (!json_object_get(group, "cameras")) {
+            json_t *first = json_incref(json_object_get(group, "params"));
+            json_object_del(group, "params");
+            json_object_set_new(group, "cameras", json_integer(1));
+            json_object_set_new(group, "params_minimum", json_deep_copy(first));
+            json_object_set_new(group, "params_maximum", json_deep_copy(first));
+            json_decref(first);
+        }
+        json_t *count = json_object_get(group, "cameras"), *views = json_object_get(group, "views");
+        json_integer_set(count, json_integer_value(count) + 1);
+        json_integer_set(views, json_integer_value(views) +
+                                    json_integer_value(json_object_get(camera, "views")));
+        for (size_t k = 0; k < json_array_size(params); ++k) {
+            const double value = json_number_value(json_array_get(params, k));
+            json_t *low = json_array_get(json_object_get(group, "params_minimum"), k),
+                   *high = json_array_get(json_object_get(group, "params_maximum"), k);
+            json_real_set(low, fmin(json_real_value(low), value));
+            json_real_set(high, fmax(json_real_value(high), value));
+        }
+    }
+    return groups;
+}
+
 static void print_value(const json_t *value)
 {
     if (json_is_real(value)) {
@@ -249,6 +296,15 @@ static void print_members(json_t *object, int indent)
     }
 }
 
+// A file is a model, unless it is a scene's transforms.json.
+static bool is_model(const char *path)
+{
+    struct stat info;
+    const char *extension = strrchr(path, '.');
+    return model_is(path) || (!stat(path, &info) && S_ISREG(info.st_mode) &&
+                              !(extension && !strcasecmp(extension, ".json")));
+}
+
 int command_info(int argc, char **argv)
 {
     command_call call;
@@ -269,7 +325,7 @@ int command_info(int argc, char **argv)
     json_t *root = json_object();
     const char *path = call.line.operands[0];
     const bool done =
-        model_is(path) ? describe_model(path, root) : describe_scene(path, &data, root);
+        is_model(path) ? describe_model(path, root) : describe_scene(path, &data, root);
     if (!done) {
         json_decref(root);
         return EXIT_FAILED;
@@ -277,6 +333,8 @@ int command_info(int argc, char **argv)
     warnings_into(root);
     if (call.common.json)
         return print_json(root) ? EXIT_DONE : EXIT_FAILED;
+    if (json_object_get(root, "cameras"))
+        json_object_set_new(root, "cameras", group_cameras(json_object_get(root, "cameras")));
     print_members(root, 0);
     json_decref(root);
     return EXIT_DONE;

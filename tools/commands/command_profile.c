@@ -35,7 +35,7 @@ typedef struct profile_values {
 static const option profile_options[] = {
     {.name = "output",
      .letter = 'o',
-     .kind = OPTION_TEXT,
+     .kind = OPTION_FOLDER,
      .offset = AT(output),
      .argument = "DIR",
      .shown = "none",

@@ -44,7 +44,7 @@ enum { EXHAUSTIVE_MOST = 150, MATCHER_AUTO = 0, MATCHER_EXHAUSTIVE = 1, MAX_DEPT
 static const option reconstruct_options[] = {
     {.name = "output",
      .letter = 'o',
-     .kind = OPTION_TEXT,
+     .kind = OPTION_FOLDER,
      .offset = offsetof(reconstruct_values, output),
      .argument = "SCENE",
      .help = "scene folder to create (required)"},

@@ -41,7 +41,7 @@ typedef struct render_values {
 static const option render_options[] = {
     {.name = "output",
      .letter = 'o',
-     .kind = OPTION_TEXT,
+     .kind = OPTION_FOLDER,
      .offset = AT(output),
      .argument = "DIR",
      .shown = "none",

@@ -725,9 +725,8 @@ static int check_values(const train_values *values, const command_line *line)
     return -1;
 }
 
-// Parses the command line into `run`. Returns -1 to continue, or an exit status.
-static int parse_line(training *run, option_group groups[GROUP_COUNT], command_line *line, int argc,
-                      char **argv)
+// Describes the options of `train` in `groups` and `line`.
+static void describe_line(training *run, option_group groups[GROUP_COUNT], command_line *line)
 {
     train_groups(&run->values, groups);
     groups[TRAIN_GROUP_COUNT] = scene_group(&run->data);
@@ -739,6 +738,13 @@ static int parse_line(training *run, option_group groups[GROUP_COUNT], command_l
                            .group_count = GROUP_COUNT,
                            .operand_minimum = 1,
                            .operand_maximum = 1};
+}
+
+// Parses the command line into `run`. Returns -1 to continue, or an exit status.
+static int parse_line(training *run, option_group groups[GROUP_COUNT], command_line *line, int argc,
+                      char **argv)
+{
+    describe_line(run, groups, line);
     int status = command_line_parse(line, argc, argv);
     if (status < 0)
         status = scene_resolve(&run->data, line, NULL);
@@ -752,6 +758,16 @@ int command_train_check(int argc, char **argv)
     option_group groups[GROUP_COUNT];
     command_line line;
     return parse_line(&run, groups, &line, argc, argv);
+}
+
+bool command_train_has_flag(const char *name)
+{
+    training run = {0};
+    option_group groups[GROUP_COUNT];
+    command_line line;
+    describe_line(&run, groups, &line);
+    const option *row = find_option(&line, name);
+    return row && row->kind == OPTION_FLAG;
 }
 
 int command_train(int argc, char **argv)

@@ -381,8 +381,8 @@ static bool write_plane(const frame_files *files, const char *suffix, const sgs_
     if (!write_image(files, suffix, &image))
         return false;
     if (!grey)
-        print_note("%s%s: colours from dark to light represent %g to %g", files->stem, suffix, (double)range.low,
-                   (double)range.high);
+        print_note("%s%s: colours from dark to light represent %g to %g", files->stem, suffix,
+                   (double)range.low, (double)range.high);
     return true;
 }
 

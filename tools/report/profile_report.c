@@ -256,22 +256,9 @@ static char *answer_dominant(const profile_report *report)
 
 // ---- Table and JSON ----
 
-static void print_training(const sgs_bench_sample *sample)
-{
-    share parts[ITERATION_PARTS];
-    iteration_parts(sample, parts);
-    printf("a training iteration takes %.2f ms:", 1e3 * sample->iteration);
-    for (int k = 0; k < ITERATION_PARTS; ++k)
-        printf("%s %s %.2f", k ? "," : "", parts[k].name, 1e3 * parts[k].seconds);
-    printf(" (a build %.2f)\n", 1e3 * sample->build);
-}
-
-void profile_print(const profile_report *report)
+static void print_trees(const profile_report *report)
 {
     const sgs_profile *m = &report->mean;
-    printf("%.0f primitives, %.0f rays per view, %zu view%s, %s, %d thread%s\n\n", m->primitives,
-           m->rays, report->views, report->views == 1 ? "" : "s", sgs_isa_name(sgs_isa_get()),
-           sgs_threads_get(), sgs_threads_get() == 1 ? "" : "s");
     printf("%-8s %10s %10s %12s %12s %10s %12s %10s %9s\n", "tree", "build ms", "refit ms",
            "gather ms*", "bounded ms*", "MB", "callbacks", "SA cost", "overlap");
     for (int k = 0; k < SGS_PROFILE_KIND_COUNT; ++k) {
@@ -281,19 +268,23 @@ void profile_print(const profile_report *report)
                1e3 * t->gather, 1e3 * t->gather_with_depth_bound, 1e-6 * t->bytes, t->callbacks,
                t->cost, t->overlap);
     }
-    printf("* core time of a view, least of the repetitions (the next is within %.0f %%); bounded: "
-           "with the depths of an earlier visit, as in training; aged: refitted %d times\n\n",
+    printf("* core time per view, best of the repetitions (timing noise %.0f %%); bounded: with "
+           "depth bounds of an earlier visit, as in training; aged: after %d refits\n\n",
            100 * m->noise, report->refits);
-    printf("%-34s %12s %12s\n", "", "per view", "per ray");
+}
+
+static void print_counts(const sgs_profile *m)
+{
     const struct {
         const char *name;
         double value;
-    } rows[] = {{"callbacks of the BVH", m->callbacks},
+    } rows[] = {{"BVH callbacks", m->callbacks},
                 {"candidates of the tiles", m->candidates},
                 {"block tests", m->block_tests},
                 {"evaluations (block, primitive)", m->evaluations},
-                {"block hits (some pixel was hit)", m->block_hits},
+                {"block hits (any pixel hit)", m->block_hits},
                 {"true hits", m->hits}};
+    printf("%-34s %12s %12s\n", "", "per view", "per ray");
     for (size_t i = 0; i < sizeof rows / sizeof *rows; ++i)
         printf("%-34s %12.0f %12.3f\n", rows[i].name, rows[i].value,
                quotient(rows[i].value, m->rays));
@@ -305,26 +296,62 @@ void profile_print(const profile_report *report)
                100 * (1 - quotient(m->block_hits, m->evaluations)),
                100 * (1 - quotient(m->hits, 16 * m->evaluations)));
     else
-        puts("false positives: none, nothing of the model is in view");
+        puts("false positives: none, no part of the model is in view");
     if (isfinite(m->sampled_hits))
-        printf("hits per ray: %.1f until it stops, %.1f if it did not; %.0f %% of rays stop "
-               "(sampled)\n",
+        printf("hits per ray (sampled): %.1f until termination, %.1f without termination; %.0f %% "
+               "of rays terminate\n",
                m->sampled_hits, m->sampled_hits_unstopped, 100 * m->sampled_stopped);
+}
+
+static void print_training(const sgs_bench_sample *sample)
+{
+    share parts[ITERATION_PARTS];
+    iteration_parts(sample, parts);
+    printf("training iteration: %.2f ms:", 1e3 * sample->iteration);
+    for (int k = 0; k < ITERATION_PARTS; ++k)
+        printf("%s %s %.2f", k ? "," : "", parts[k].name, 1e3 * parts[k].seconds);
+    printf("; build %.2f\n", 1e3 * sample->build);
+}
+
+static void print_counters(const profile_report *report)
+{
+    const struct {
+        const char *name;
+        double value;
+        int digits;
+    } counters[] = {{"cycles", report->counters.cycles, 0},
+                    {"instructions", report->counters.instructions, 0},
+                    {"cache references", report->counters.cache_references, 2},
+                    {"cache misses", report->counters.cache_misses, 2},
+                    {"branch misses", report->counters.branch_misses, 2}};
+    if (!report->counted) {
+        puts(report->no_counters);
+        return;
+    }
+    printf("hardware counters per view:");
+    for (size_t k = 0; k < sizeof counters / sizeof *counters; ++k) {
+        if (counters[k].value < 0)
+            printf("%s %s unavailable", k ? "," : "", counters[k].name);
+        else
+            printf("%s %.*f M %s", k ? "," : "", counters[k].digits, 1e-6 * counters[k].value,
+                   counters[k].name);
+    }
+    putchar('\n');
+}
+
+void profile_print(const profile_report *report)
+{
+    const sgs_profile *m = &report->mean;
+    printf("%.0f primitives, %.0f rays per view, %zu view%s, %s, %d thread%s\n\n", m->primitives,
+           m->rays, report->views, report->views == 1 ? "" : "s", sgs_isa_name(sgs_isa_get()),
+           sgs_threads_get(), sgs_threads_get() == 1 ? "" : "s");
+    print_trees(report);
+    print_counts(m);
     if (report->training.iteration > 0)
         print_training(&report->training);
-    printf("a view takes %.2f core ms after the gather; per tile %.1f us, the slowest %.1f times "
-           "the mean\n",
+    printf("view without gather: %.2f core ms; per tile %.1f us, the slowest %.1f times the mean\n",
            1e3 * m->forward, 1e6 * quotient(m->forward, m->tiles_x), report->tile_slowest);
-    if (report->counted)
-        printf("hardware counters per view: %.0f M cycles, %.0f M instructions, %.2f M cache "
-               "references, %.2f M "
-               "misses, %.2f M branch misses "
-               "(-1e-6: not counted here)\n",
-               1e-6 * report->counters.cycles, 1e-6 * report->counters.instructions,
-               1e-6 * report->counters.cache_references, 1e-6 * report->counters.cache_misses,
-               1e-6 * report->counters.branch_misses);
-    else
-        printf("no hardware counters: %s\n", report->no_counters);
+    print_counters(report);
     char *const answers[] = {answer_quality(report), answer_rebuild(report),
                              answer_dominant(report)};
     putchar('\n');

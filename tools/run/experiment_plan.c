@@ -95,6 +95,11 @@ static bool add_options(experiment_run *run, json_t *options)
                 free(name);
                 return refuse("option is set by the experiment:", own[k]);
             }
+        const bool is_flag = command_train_has_flag(name + 2);
+        if (is_flag && !json_is_boolean(value) && !json_is_null(value)) {
+            free(name);
+            return refuse("expected true or false for option", key);
+        }
         if (json_is_true(value)) {
             add_argument(run, name);
             continue;

@@ -393,9 +393,11 @@ int run_folder_load_checkpoint(const run_folder *folder, sgs_trainer *trainer)
             print_warning("%s: used instead; the iterations after it are repeated", previous);
         if (before == 1 && damaged && !unreadable) {
             rename(previous,
-                   newest); // otherwise the next checkpoint would keep the damaged one as state.previous.bin
-            print_warning("%s: replaced by the previous checkpoint; the iterations after it are repeated",
-                          newest);
+                   newest); // otherwise the next checkpoint would keep the damaged one as
+                            // state.previous.bin
+            print_warning(
+                "%s: replaced by the previous checkpoint; the iterations after it are repeated",
+                newest);
         }
         result = before == 0 && damaged ? -1 : before;
     }

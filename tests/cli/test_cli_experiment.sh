@@ -19,7 +19,7 @@ plan() { # SCENE PIPELINES OPTIONS
 PLAN
 }
 
-refused() { # WHAT THE MESSAGE SAYS
+refused() { # TEXT OF THE MESSAGE
     if "$SPAREGS_PROGRAM" experiment "$folder/plan.json" -o "$folder/out" 2>"$folder/error"; then
         echo "FAIL: a bad plan ran"; exit 1
     fi
@@ -61,7 +61,7 @@ sed 's/"iterations": 70/"iterations": 70, "save-at": 10/' "$folder/same.json" >"
 [ "$("$SPAREGS_PROGRAM" experiment "$folder/plan.json" -o "$folder/out" --quiet --json | jq '.runs | length')" = 5 ]
 [ "$("$SPAREGS_PROGRAM" experiment "$folder/plan.json" -o "$folder/out" --check --json | jq '.runs | length')" = 5 ]
 # A type error names the key.
-sed 's/"iterations": 70/"iterations": 70, "eval": "yes"/' "$folder/same.json" >"$folder/typed.json"
+sed 's/"eval": true/"eval": "yes"/' "$folder/same.json" >"$folder/typed.json"
 if "$SPAREGS_PROGRAM" experiment "$folder/typed.json" -o "$folder/out" --check 2>"$folder/error"; then echo "FAIL: took a string for a flag"; exit 1; fi
 grep -qF "typed.json: expected true or false for option 'eval'" "$folder/error" || { cat "$folder/error"; exit 1; }
 

@@ -2,7 +2,7 @@
 # SPDX-FileCopyrightText: 2026 The sparegs authors
 # SPDX-License-Identifier: Apache-2.0
 
-# From a fresh clone to a trained scene: installs what is missing, builds, trains the bundled scene with every 8th
+# From a fresh clone to a trained scene: installs missing packages, builds, trains the bundled scene with every 8th
 # photograph held out, compares the held-out views with their photographs and writes EXRs.
 set -euo pipefail
 
@@ -21,14 +21,14 @@ program=$root/build/sparegs
 echo "== training: $iterations iterations"
 "$program" train "$scene" -o "$out" --overwrite --eval --iterations "$iterations"
 
-echo "== the held-out views"
+echo "== evaluating held-out views"
 "$program" eval "$out" "$scene" --save "$out/eval" | tee "$out/eval.txt"
 "$program" render "$out" "$scene" --split test --aov rgba,depth --format exr -o "$out/exr" >/dev/null
 
 echo "== files"
 echo "model, for any 3DGS viewer:"
 ls -1 "$out"/point_cloud/iteration_*/point_cloud.ply
-echo "held-out views beside their photographs:"
+echo "held-out views and their photographs:"
 ls -1 "$out"/eval/*.png
 echo "EXR with RGBA and depth:"
 ls -1 "$out"/exr/*.exr

@@ -2,9 +2,9 @@
 # SPDX-FileCopyrightText: 2026 The sparegs authors
 # SPDX-License-Identifier: Apache-2.0
 
-# Installs what building, testing and the demo need, on Debian and Ubuntu; elsewhere prints the list and stops.
-# Does nothing, quickly, when everything is there. This is the only place where the packages are listed.
-#     tools/setup.sh [--long]        with what the long tests, tools/scripts/lint.sh and tools/scripts/coverage.sh need besides
+# Installs the packages for building, testing and the demo on Debian and Ubuntu; prints the list on other systems.
+# Returns immediately if all packages are installed. This is the only list of packages.
+#     tools/setup.sh [--long]        also packages for the long tests, tools/scripts/lint.sh and tools/scripts/coverage.sh
 set -euo pipefail
 
 packages=(
@@ -39,7 +39,7 @@ done
 [ ${#missing[@]} -gt 0 ] || exit 0
 
 if ! command -v apt-get >/dev/null; then
-    echo "setup: this is neither Debian nor Ubuntu; please install the equivalents of:" >&2
+    echo "setup: not Debian or Ubuntu; install the equivalents of:" >&2
     printf '    %s\n' "${packages[@]}" >&2
     exit 1
 fi
@@ -47,7 +47,7 @@ fi
 root=()
 if [ "$(id -u)" -ne 0 ]; then
     if ! command -v sudo >/dev/null; then
-        echo "setup: missing: ${missing[*]}; install them as root (there is no sudo here)" >&2
+        echo "setup: missing packages: ${missing[*]}; sudo not found, install them as root" >&2
         exit 1
     fi
     root=(sudo)

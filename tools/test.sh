@@ -2,8 +2,8 @@
 # SPDX-FileCopyrightText: 2026 The sparegs authors
 # SPDX-License-Identifier: Apache-2.0
 
-# Installs what is missing, builds and runs the tests; with --long also the tests that take minutes each.
-# Further arguments go to ctest: tools/test.sh -R ply
+# Installs missing packages, builds and runs the tests; with --long also the tests that take minutes each.
+# Further arguments are passed to ctest: tools/test.sh -R ply
 set -euo pipefail
 
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)

@@ -5,21 +5,21 @@
 
 static void *run(void *argument)
 {
-    background *self = argument;
+    async_task *self = argument;
     self->result = self->work(self->context);
     return NULL;
 }
 
-void background_start(background *self, bool beside, bool (*work)(void *), void *context)
+void async_task_start(async_task *self, bool asynchronous, bool (*work)(void *), void *context)
 {
     self->work = work;
     self->context = context;
-    self->running = beside && !pthread_create(&self->thread, NULL, run, self);
+    self->running = asynchronous && !pthread_create(&self->thread, NULL, run, self);
     if (!self->running)
         run(self);
 }
 
-bool background_wait(background *self)
+bool async_task_wait(async_task *self)
 {
     if (self->running)
         pthread_join(self->thread, NULL);

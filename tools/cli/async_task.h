@@ -8,16 +8,16 @@
 #include <stdbool.h>
 
 // Zero-initialise before use.
-typedef struct background {
+typedef struct async_task {
     pthread_t thread;
     bool running, result;
     bool (*work)(void *);
     void *context;
-} background;
+} async_task;
 
-// Calls work(context) in a new thread, or, if `beside` is false or no thread can be started,
-// synchronously. Wait for the previous task first. `self` must not move until background_wait
+// Calls work(context) in a new thread, or, if `asynchronous` is false or no thread can be started,
+// synchronously. Wait for the previous task first. `self` must not move until async_task_wait
 // returns.
-void background_start(background *self, bool beside, bool (*work)(void *), void *context);
+void async_task_start(async_task *self, bool asynchronous, bool (*work)(void *), void *context);
 // Waits for the task and returns its result; true if there was none.
-bool background_wait(background *self);
+bool async_task_wait(async_task *self);

@@ -314,8 +314,8 @@ static unsigned long long model_images(const char *folder)
 static bool copy_file(const char *from, const char *to)
 {
     FILE *in = fopen(from, "rb");
-    char *beside = format_text("%s.tmp", to);
-    FILE *out = in ? fopen(beside, "wb") : NULL;
+    char *temporary = format_text("%s.tmp", to);
+    FILE *out = in ? fopen(temporary, "wb") : NULL;
     char bytes[1 << 16];
     size_t got = 0;
     bool fine = out != NULL;
@@ -326,10 +326,10 @@ static bool copy_file(const char *from, const char *to)
         fine = !fclose(out) && fine;
     if (in)
         fclose(in);
-    fine = fine && !rename(beside, to);
+    fine = fine && !rename(temporary, to);
     if (!fine)
         fail_run("%s: cannot copy to %s: %s", from, to, strerror(errno));
-    free(beside);
+    free(temporary);
     return fine;
 }
 

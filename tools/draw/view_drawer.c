@@ -43,7 +43,7 @@ bool view_drawer_open(view_drawer *drawer, const view_options *options,
 
 bool view_drawer_close(view_drawer *drawer, bool complete)
 {
-    const bool written = background_wait(&drawer->writing);
+    const bool written = async_task_wait(&drawer->writing);
     const bool done = video_close(drawer->film, complete && written) && written;
     for (int k = 0; k < 2; ++k)
         sgs_frame_free(&drawer->frames[k]);
@@ -275,7 +275,7 @@ bool view_drawer_draw(view_drawer *drawer, const named_camera *view)
     const double start = clock_seconds();
     const bool drawn = draw_frame(drawer, &files, &options);
     drawer->draw_seconds += clock_seconds() - start;
-    if (!background_wait(&drawer->writing) || !drawn)
+    if (!async_task_wait(&drawer->writing) || !drawn)
         return false;
     drawer->files = files;
     drawer->finished = drawer->frame;
@@ -283,6 +283,6 @@ bool view_drawer_draw(view_drawer *drawer, const named_camera *view)
     ++drawer->drawn;
     // Deep files are written during rendering. Synchronous writing keeps the order of printed
     // paths.
-    background_start(&drawer->writing, sgs_threads_get() > 1 && !o->deep, write_finished, drawer);
+    async_task_start(&drawer->writing, sgs_threads_get() > 1 && !o->deep, write_finished, drawer);
     return true;
 }

@@ -38,7 +38,7 @@ typedef struct view_drawer {
     sgs_frame sampled;   // one sample of it
     frame_files files;   // of the view being written
     sgs_frame *finished; // the frame being written
-    background writing;
+    async_task writing;
     video *film;
     size_t drawn;
     double draw_seconds, write_seconds;

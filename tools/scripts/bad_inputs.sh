@@ -2,12 +2,12 @@
 # SPDX-FileCopyrightText: 2026 The sparegs authors
 # SPDX-License-Identifier: Apache-2.0
 
-# Runs the tests of bad inputs in build/ and counts the cases whose message is checked, by test.
+# Runs the tests of bad inputs in build/ and prints the number of cases per test. Each case checks the message.
 set -euo pipefail
 
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd)
 log=$root/build/bad_inputs.log
-# The tests that count: programs with bad_input.h, scripts with cli_support.sh.
+# Counted tests: programs with bad_input.h, scripts with cli_support.sh.
 tests=$(cd "$root/tests" && grep -lE 'bad_input\.h"|cli_support\.sh"' */test_*.c */test_*.sh | sed 's:.*/::' | grep -v _long | sed 's/\.[a-z]*$//' | paste -sd'|')
 status=0
 ctest --test-dir "$root/build" -V -R "^($tests)\$" >"$log" 2>&1 || status=$?

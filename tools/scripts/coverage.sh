@@ -2,13 +2,13 @@
 # SPDX-FileCopyrightText: 2026 The sparegs authors
 # SPDX-License-Identifier: Apache-2.0
 
-# Which lines the default tests run, by gcov and gcovr (tools/setup.sh --long installs it): a table for the readers, the
-# checkpoint and spare/, then one line for everything. Pages with the lines are in build/coverage/html.
-#     tools/scripts/coverage.sh [LEAST]        fails when the readers, checkpoint and spare/ are below LEAST percent (90)
+# Line coverage of the default tests by gcov and gcovr (installed by tools/setup.sh --long): a table for the readers, the
+# checkpoint and spare/, and one line in total. Annotated sources are in build/coverage/html.
+#     tools/scripts/coverage.sh [PERCENT]        fails if readers, checkpoint and spare/ are below PERCENT (default 90)
 set -euo pipefail
 
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd)
-least=${1:-90}
+minimum=${1:-90}
 build=$root/build/coverage
 mkdir -p "$build"
 cmake -S "$root" -B "$build" -DCMAKE_BUILD_TYPE=Coverage -DCMAKE_C_FLAGS="-O1 --coverage" \
@@ -27,4 +27,4 @@ report --filter 'src/|bvh/|spare/|tools/' --print-summary --html-details "$build
 echo "readers, checkpoint, spare/:"
 readers='colmap|transforms|cameras_json|ply|ply_header|point_cloud|dataset|scene|scene_split|scene_find|scene_store|path_sandbox'
 readers="$readers|image|image_oiio|photo|mask|sections|checkpoint|checkpoint_options"
-report --filter "src/.*/($readers)\\.(c|cpp)\$" --filter 'spare/.*\.c$' --filter 'tools/cameras/camera_file\.c$' --fail-under-line "$least"
+report --filter "src/.*/($readers)\\.(c|cpp)\$" --filter 'spare/.*\.c$' --filter 'tools/cameras/camera_file\.c$' --fail-under-line "$minimum"

@@ -4,8 +4,8 @@
 
 # Fuzzes the readers with libFuzzer under address and undefined-behaviour sanitizers:
 #     tools/scripts/fuzz.sh [SECONDS [TARGET...]]        300 seconds each, all targets
-# New inputs go to build/fuzz/corpus, what breaks a promise to build/fuzz/found; the last lines are the executions of each
-# target and their sum. Fails when something was found.
+# Writes new inputs to build/fuzz/corpus and failures to build/fuzz/found; prints the number of executions per target and in
+# total. Fails if any target fails.
 set -euo pipefail
 
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd)
@@ -32,11 +32,11 @@ for target in "${targets[@]}"; do
         -rss_limit_mb=2048 -malloc_limit_mb=512 -max_len=65536 -verbosity=0 -print_final_stats=1 \
         -artifact_prefix="$build/found/$target-" "$build/corpus/$target" "tests/fuzz/corpus/$target" >"$log" 2>&1 || {
         failed=$((failed + 1))
-        echo "$target: FOUND SOMETHING, see $log and $build/found"
+        echo "$target: FAILED, see $log and $build/found"
     }
     executions=$(sed -n 's/^stat::number_of_executed_units: *//p' "$log")
     printf '%-24s %12s executions\n' "$target" "${executions:-0}"
     total=$((total + ${executions:-0}))
 done
-printf '%-24s %12s executions, %s targets with findings\n' all "$total" "$failed"
+printf '%-24s %12s executions, %s targets failed\n' all "$total" "$failed"
 [ "$failed" = 0 ]

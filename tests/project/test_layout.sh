@@ -39,7 +39,7 @@ declare -A tools_may=(
     [commands]="report draw run cameras cli"
 )
 # Folders of tools/ without C sources, and of tests/ that mirror no folder of src/.
-tools_other=" bench experiments manual package scripts "
+tools_other=" bench examples experiments manual package scripts "
 tests_other=" bvh spare cli project support fuzz data "
 
 allowed() { # WORD LIST
@@ -156,6 +156,7 @@ $found"
     fi
 }
 deny "a path of one machine" '(^|[^[:alnum:]_.])/(home|root|work|Users|mnt)/[[:alnum:]_]' "${sources[@]}" ./*.md src/*.md tools/manual/*.md
+deny "a message of the library names a flag of the command line; name the option's field" '"[^"]*--[a-z]' "${src[@]}" "${bvh[@]}" "${spare[@]}"
 deny "unfinished work" '\b(TODO|FIXME|XXX)\b' "${public[@]}" "${src[@]}" "${bvh[@]}" "${spare[@]}" "${tools[@]}"
 
 # ---- Architecture page ----

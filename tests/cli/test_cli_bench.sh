@@ -81,7 +81,7 @@ done
 run 1 bench sparse-32k "$temporary/model" "$temporary/nowhere" --json
 one_line
 reports "nowhere"
-check nothing_was_measured test ! -s "$temporary/stdout"
+json "$temporary/stdout" '.error.file != null and (has("benches") | not)'
 run 2 bench "$temporary/model"
 one_line
 reports "requires a SCENE"

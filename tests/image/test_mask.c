@@ -217,7 +217,7 @@ static void views_without_valid_pixels_are_skipped(void **state)
     put_mask(&folder, "masks/sub/c.png", 1, 0, 0, WIDTH, HEIGHT);
     put_mask(&folder, "masks/d with blanks.png", 1, 0, 0, WIDTH, HEIGHT);
     assert_int_equal(sgs_scene_load(folder.path, NULL, &scene), SGS_STATUS_INVALID_ARGUMENT);
-    assert_holds(sgs_last_error(), "--invert-masks");
+    assert_holds(sgs_last_error(), "option invert_masks");
     tree_remove(&folder);
 }
 

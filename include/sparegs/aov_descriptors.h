@@ -5,6 +5,8 @@
 // One descriptor per quantity of a rendered frame (arbitrary output variable, AOV): name, planes,
 // type, and how its pixels may be combined. Frames of the tracer and of the reference are allocated
 // from this table; writers of files can walk it.
+//
+// Threads: all functions may be called from any thread at any time.
 
 #include <stddef.h>
 

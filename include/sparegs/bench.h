@@ -8,6 +8,9 @@
 // The measured iteration is the trainer's own, between two structural updates and with all SH bands
 // active: project, refit, gather and blend with the depth bounds of the previous visit, loss,
 // backward, chain rule and sparse Adam.
+//
+// Measurement header: an application that renders or trains does not need it. Threads: one call at
+// a time in the whole process, because other calls would disturb the times.
 
 #include "sparegs/gaussians.h"
 #include "sparegs/runtime.h"

@@ -4,6 +4,8 @@
 
 // Central cameras as in COLMAP: intrinsics with distortion, projection to pixels and its inverse.
 // Pure functions in double precision, without images or files.
+//
+// Threads: all functions may be called from any thread at any time.
 
 #include <stdbool.h>
 

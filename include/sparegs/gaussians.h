@@ -2,12 +2,15 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// The model: N 3D Gaussians with their stored (pre-activation) parameters, and its file, the PLY
-// that every 3DGS viewer reads. Holds no gradients, no optimiser state, no BVH.
+// The model: 3D Gaussians with their stored (pre-activation) parameters, and its file, the PLY of
+// 3DGS. No gradients, no optimiser state, no BVH.
 //
-// Stored values and activations (3DGS): mean in world space; rotation quaternion (w,x,y,z),
-// normalised when used; log of the scale; logit of the opacity; spherical harmonics, colour =
-// max(0, sum + 0.5).
+// Stored values and activations (Kerbl et al. 2023): mean in world units; rotation as a quaternion
+// (w, x, y, z), normalised when used; log of the scale in world units; logit of the opacity;
+// spherical harmonics, colour = max(0, sum + 0.5) in the space of the photographs.
+//
+// Threads: functions with a const model may run at the same time on the same model; a call that
+// changes a model must be the only one on it. Different models are independent.
 //
 // The memory layout is internal and may change: read and write parameters by sgs_gaussians_read,
 // _write, _get and _set. (It is blocks of 16 primitives, column by column inside a block, one cache
@@ -45,17 +48,20 @@ typedef struct sgs_gaussians {
                  // inert
 } sgs_gaussians;
 
-// Creates an empty model with room for `capacity` primitives. On failure *model is NULL.
+// Creates an empty model with room for `capacity` primitives; release it with
+// sgs_gaussians_destroy. Fails with OUT_OF_MEMORY or LIMIT (more than 2^31 - 16); *model is then
+// NULL.
 SGS_API sgs_status sgs_gaussians_create(size_t capacity, sgs_gaussians **model);
 
 // Accepts NULL.
 SGS_API void sgs_gaussians_destroy(sgs_gaussians *model);
 
-// Grows the capacity (never shrinks); contents are kept. On failure the model is unchanged.
+// Grows the capacity (never shrinks it); the contents are kept. Fails as create; the model is then
+// unchanged.
 SGS_API sgs_status sgs_gaussians_reserve(sgs_gaussians *model, size_t capacity);
 
-// Sets count; new rows become inert (opacity logit -30 or opacity 0, unit rotation, tiny scale,
-// zero elsewhere).
+// Sets the count. New rows are inert: opacity logit -30 (or opacity 0), unit rotation, log scale
+// -20, zero elsewhere. Fails as reserve; the model is then unchanged.
 SGS_API sgs_status sgs_gaussians_resize(sgs_gaussians *model, size_t count);
 
 // One parameter of one primitive in the internal layout; no bounds check.
@@ -65,9 +71,9 @@ static inline float *sgs_gaussians_at(const sgs_gaussians *model, size_t i, int 
            i % SGS_LANES;
 }
 
-// Copies all parameters of primitive i as they are (59 floats, SGS_PARAM_ order). No bounds check.
-SGS_API void sgs_gaussians_get(const sgs_gaussians *model, size_t i, float params[59]);
-SGS_API void sgs_gaussians_set(sgs_gaussians *model, size_t i, const float params[59]);
+// Copies all stored parameters of primitive i, in the order of SGS_PARAM_. No bounds check.
+SGS_API void sgs_gaussians_get(const sgs_gaussians *model, size_t i, float params[SGS_PARAM_COUNT]);
+SGS_API void sgs_gaussians_set(sgs_gaussians *model, size_t i, const float params[SGS_PARAM_COUNT]);
 
 // Copies stored parameter `param` (SGS_PARAM_MEAN + 1 is y) of the primitives [first, first +
 // count) to or from floats that are `stride_bytes` apart (0 = packed). The way for bindings and
@@ -78,12 +84,14 @@ SGS_API sgs_status sgs_gaussians_read(const sgs_gaussians *model, int param, siz
 SGS_API sgs_status sgs_gaussians_write(sgs_gaussians *model, int param, size_t first, size_t count,
                                        const float *in, size_t stride_bytes);
 
-// What files hold of the opacity of primitive i. No bounds check.
+// The opacity of primitive i as files store it: a logit, of at most 1 - 1e-6 for linear opacities.
+// No bounds check.
 SGS_API float sgs_gaussians_opacity_logit(const sgs_gaussians *model, size_t i);
 
-// Turns logits into opacities, in all rows; nothing when they are already.
+// Replaces the logits of all rows by opacities and sets linear_opacity. No effect if it is set.
+// Cannot fail.
 SGS_API void sgs_gaussians_linearize_opacity(sgs_gaussians *model);
-// Says that the rows [0, count) hold opacities already.
+// Sets linear_opacity for rows [0, count) that hold opacities already. Cannot fail.
 SGS_API void sgs_gaussians_declare_linear_opacity(sgs_gaussians *model);
 
 // 3DGS initialisation from a point cloud (Kerbl et al. 2023, section 5.1): scale = RMS distance to
@@ -91,7 +99,7 @@ SGS_API void sgs_gaussians_declare_linear_opacity(sgs_gaussians *model);
 // colour. points [n][3] world, colors [n][3] 8 bit. Exact KNN, parallel. Fewer than 4 points:
 // missing neighbours are left out of the mean (a single point gets the scale `fallback_scale`, a
 // hundredth of the scene's extent; in scenes of an extent below 1 the clamp shrinks with its
-// square).
+// square). Fails with OUT_OF_MEMORY or LIMIT; *model is then NULL.
 SGS_API sgs_status sgs_gaussians_init_points(const float *points, const unsigned char *colors,
                                              size_t n, double fallback_scale,
                                              sgs_gaussians **model);
@@ -99,21 +107,21 @@ SGS_API sgs_status sgs_gaussians_init_points(const float *points, const unsigned
 // Reads a 3DGS PLY: binary (either byte order) or ascii, any property order, any SH degree
 // (0/9/24/45 f_rest), unknown properties ignored. An opacity of +inf or -inf is read as the
 // logit of 1 - 1e-6 or 1e-6; other non-finite rows are dropped with one warning. Accepts |q| = 0 as
-// identity with a warning. On failure *model is NULL and the error names file
-// and place.
+// identity with a warning. The caller destroys *model. Fails with IO, FORMAT, UNSUPPORTED, LIMIT or
+// OUT_OF_MEMORY; *model is then NULL and the error names file and place.
 SGS_API sgs_status sgs_ply_read(const char *path, sgs_gaussians **model);
 
-// Writes the 62-property little-endian PLY of 3DGS (fewer f_rest for a lower sh_degree),
-// atomically.
+// Writes the 62-property little-endian PLY of 3DGS (fewer f_rest for a lower sh_degree). The file
+// is replaced atomically: on failure (IO, OUT_OF_MEMORY) an existing one remains.
 SGS_API sgs_status sgs_ply_write(const char *path, const sgs_gaussians *model);
 
-// The same with a last property filter_3D, Mip-Splatting's f3 of every primitive (world units);
-// [count].
+// The same with a last property filter_3D: filter_3d[count], Mip-Splatting's f3 in world units.
 SGS_API sgs_status sgs_ply_write_filter_3d(const char *path, const sgs_gaussians *model,
                                            const float *filter_3d);
 
 // A copy of the model with Mip-Splatting's 3D filter [count] worked into scales and opacities, for
-// files and viewers that do not know the filter. On failure *fused is NULL.
+// files and viewers without the filter. The caller destroys it. Fails with OUT_OF_MEMORY; *fused is
+// then NULL.
 SGS_API sgs_status sgs_gaussians_fuse_filter_3d(const sgs_gaussians *model, const float *filter_3d,
                                                 sgs_gaussians **fused);
 

@@ -5,6 +5,9 @@
 // Image input and output: 8-bit photographs (OpenImageIO), PNG (OpenImageIO) and multi-channel EXR
 // for compositing (OpenEXR). All writers write to a temporary file in the target folder and rename
 // it, so a failed write keeps the existing file.
+//
+// Threads: all functions may be called from any thread at any time; calls on one sgs_exr_deep, one
+// after the other. Two calls that write the same file: the last one remains.
 
 #include <stdbool.h>
 #include <stddef.h>

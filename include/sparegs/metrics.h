@@ -4,6 +4,8 @@
 
 // Image quality as in the 3DGS papers: 8-bit quantised images, PSNR over all pixels and channels,
 // SSIM with an 11x11 Gaussian window and zero padding; also FLIP and sharpness. Pure functions.
+//
+// Threads: all functions may be called from any thread at any time.
 
 #include "sparegs/image.h"
 

@@ -6,6 +6,8 @@
 // that read it, and what may change when a run is resumed. Defaults, range checks, checkpoints and
 // the command line all derive from this table; other programs can build their own interface from
 // it.
+//
+// Threads: all functions may be called from any thread at any time.
 
 #include <stddef.h>
 

@@ -9,6 +9,9 @@
 // tiles; one tile in small images). Each reported primitive is a callback. After filtering, a tile
 // has candidates. They are tested against its 16 blocks of 4x4 pixels, and each block evaluates
 // those that pass until its pixels are opaque.
+//
+// Measurement header: an application that renders or trains does not need it. Threads: one call at
+// a time in the whole process, because other calls would disturb the times.
 
 #include "sparegs/render.h"
 

@@ -2,8 +2,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Rendering a model from a camera: the Embree tracer, and the slow double-precision reference that
-// defines what it must compute. No training, no files.
+// Rendering a model from a camera and differentiating the image: the Embree tracer, and the slow
+// double-precision reference that defines its results. No training, no files.
+//
+// Threads: a renderer takes one call at a time. Different renderers may run at the same time on
+// different threads, also over the same model; nothing may change the model meanwhile. The
+// reference is a set of pure functions.
 //
 // Response of a Gaussian to a ray x(t) = c + t d, |d| = 1 (M = S^-1 R^T, p = M (c - mean), g = M
 // d): rho^2 = |p x g|^2 / |g|^2 at t = -(p.g) / |g|^2; alpha = min(0.99, o exp(-rho^2 / 2)). A hit
@@ -92,15 +96,18 @@ typedef struct sgs_frame {
 SGS_API sgs_status sgs_frame_create(int width, int height, sgs_frame *frame);
 // The same with a choice: `planes` is a sum of SGS_AOV_ bits.
 SGS_API sgs_status sgs_frame_create_with(int width, int height, unsigned planes, sgs_frame *frame);
+// Frees the planes of a frame made by these functions and zeroes the struct; accepts an empty one.
 SGS_API void sgs_frame_free(sgs_frame *frame);
 
 typedef struct sgs_renderer sgs_renderer;
 
-// Builds the BVH over a model, which must outlive the renderer and not change (call
-// sgs_renderer_update after a change). On failure *renderer is NULL.
+// A renderer of a model, which must outlive it and must not change without sgs_renderer_update. The
+// BVH is built at the first rendering. Release it with sgs_renderer_destroy, which accepts NULL.
+// Fails with OUT_OF_MEMORY or INTERNAL (Embree); *renderer is then NULL.
 SGS_API sgs_status sgs_renderer_create(const sgs_gaussians *model, sgs_renderer **renderer);
 SGS_API void sgs_renderer_destroy(sgs_renderer *renderer);
-// Rebuilds after the model changed.
+// To be called after every change of the model, its values or its count: the next rendering
+// rebuilds the BVH. Cannot fail.
 SGS_API sgs_status sgs_renderer_update(sgs_renderer *renderer);
 // Renders one view: the planes of `frame` that are not NULL. Bits do not depend on the number of
 // threads. options: NULL = the defaults. Fails with INVALID_ARGUMENT for options out of range or a

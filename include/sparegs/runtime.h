@@ -2,8 +2,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Process-wide settings: threads, instruction set, versions. Set them before other calls; none of
-// these functions is meant to run beside a working library call.
+// Settings and facts of the process: threads, instruction set, versions, memory.
+//
+// Threads: sgs_threads_set and sgs_isa_set act on the whole process; call them while no other
+// library call runs. The other functions may be called from any thread at any time and cannot fail.
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -21,16 +23,18 @@ typedef enum sgs_isa {
     SGS_ISA_COUNT = 3
 } sgs_isa;
 
-// Threads used by the coming calls; 0 = as many as sgs_cores (the default). Not while another
-// thread is inside of a call.
+// Number of threads of the following calls, including the calling one: 1 to 4096; 0 = sgs_cores
+// (the default), larger numbers are reduced. Every application thread that calls the library has a
+// team of this size of its own. Results do not depend on the number.
 SGS_API void sgs_threads_set(int count);
 SGS_API int sgs_threads_get(void);
-// Cores of the affinity mask, or, rounded up, the processor time that a control group (a container,
-// a batch job) allows, where that is less.
+// Number of cores in the affinity mask, or, rounded up, the processor time that a control group (a
+// container, a batch job) allows, if that is less.
 SGS_API int sgs_cores(void);
 
-// Instruction set of the kernels. Default: the best the machine has. Fails with UNSUPPORTED when
-// the machine (or the build) lacks it; the setting is then unchanged.
+// Instruction set of the kernels. Default: the best that the CPU supports. Fails with
+// INVALID_ARGUMENT outside the enumeration, UNSUPPORTED if CPU or build lack it; the setting is
+// then unchanged. AVX2 and AVX-512 give the same bits, the baseline its own.
 SGS_API sgs_status sgs_isa_set(sgs_isa isa);
 SGS_API sgs_isa sgs_isa_get(void);
 SGS_API bool sgs_isa_supported(sgs_isa isa);
@@ -43,12 +47,11 @@ SGS_API const char *sgs_version(void);
 SGS_API const char *sgs_version_commit(void);
 SGS_API const char *sgs_version_libraries(void);
 
-// Highest resident set size of this process so far, in bytes (0 when the system does not tell).
+// Peak and current resident set size of this process in bytes; 0 if unknown.
 SGS_API uint64_t sgs_rss_peak(void);
-// Resident set size now, in bytes.
 SGS_API uint64_t sgs_rss_current(void);
-// Memory that there is for this process, in bytes: main memory and swap, or what its control group
-// allows where that is less; UINT64_MAX when the system does not tell.
+// Memory available to this process in bytes: main memory and swap, or the limit of its control
+// group if that is less; UINT64_MAX if unknown.
 SGS_API uint64_t sgs_machine_memory(void);
 
 #ifdef __cplusplus

@@ -5,6 +5,10 @@
 // A data set made ready for training: views (camera, pose, photograph), the sparse point cloud, the
 // split. From files (COLMAP, binary and text; NeRF/nerfstudio transforms) or from the caller's
 // memory. Writes only cameras.json.
+//
+// Threads: sgs_scene_load, sgs_scene_create and calls on different scenes may run at the same time.
+// On one scene, sgs_scene_photo and sgs_scene_prefetch take one call at a time; so one trainer at a
+// time uses a scene whose photographs exceed options.image_cache. The rest of a scene is read only.
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -114,8 +118,7 @@ typedef struct sgs_scene {
 //
 // Masks are looked for as MASKS/STEM.png, MASKS/NAME.png (with the photograph's own extension
 // before .png), and STEM_mask.png beside the photograph. White (mean of the channels >= 128)
-// counts. A pixel of a reduced photograph counts when all of its area does. Thread rule: may use
-// the library's threads; call from one thread.
+// counts. A pixel of a reduced photograph counts when all of its area does.
 SGS_API sgs_status sgs_scene_load(const char *path, const sgs_scene_options *options,
                                   sgs_scene **scene);
 
@@ -157,8 +160,7 @@ typedef struct sgs_view_source {
 //
 // Fails with INVALID_ARGUMENT, naming view and field, for a camera, pose, channel count, stride or
 // point that is out of range or not finite, duplicate names, a mask that excludes every pixel, or
-// no training view; OUT_OF_MEMORY; CANCELLED. On failure *scene is NULL. Thread rule: as
-// sgs_scene_load.
+// no training view; OUT_OF_MEMORY; CANCELLED. On failure *scene is NULL.
 SGS_API sgs_status sgs_scene_create(const sgs_view_source *views, size_t view_count,
                                     const float *points, const uint8_t *colors, size_t point_count,
                                     const sgs_scene_options *options, sgs_scene **scene);

@@ -45,11 +45,12 @@ SGS_API const char *sgs_last_error(void);
 // cancels: the long call ends soon and fails with SGS_STATUS_CANCELLED.
 typedef bool (*sgs_progress_fn)(void *user, size_t done, size_t total);
 
-// Receives one line (no newline) per warning, possibly from several threads at once.
+// Receives one line (no newline) per warning. May be called from several threads at the same time;
+// must not call the library. `message` is valid during the call.
 typedef void (*sgs_warning_fn)(void *user, const char *message);
 
-// Sets the process-wide warning receiver; NULL drops warnings (the default). Not thread-safe
-// against running library calls: set it once at start.
+// Sets the receiver of warnings of the whole process; NULL drops warnings (the default). Call it
+// while no other library call runs. Cannot fail.
 SGS_API void sgs_warning_handler_set(sgs_warning_fn fn, void *user);
 
 #ifdef __cplusplus

@@ -3,7 +3,12 @@
 #pragma once
 
 // Training a model on a scene: the 3DGS loop on the ray tracer, with SPARE-GS regulating its
-// structure. Owns the model, the optimiser state, the BVH. Writes files only when asked.
+// structure. A trainer owns the model, the optimiser state and the BVH. Writes files only when
+// asked.
+//
+// Threads: a trainer takes one call at a time; what it returns by pointer is valid until the next
+// step. Different trainers may run at the same time on different threads (for a common scene see
+// scene.h). Results depend neither on that nor on the number of threads.
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -196,7 +201,7 @@ SGS_API size_t sgs_train_memory(const sgs_scene *scene, const sgs_train_options 
 // is NULL. Fails with INVALID_ARGUMENT (names the option) when an option is out of range.
 SGS_API sgs_status sgs_trainer_create(const sgs_scene *scene, const sgs_train_options *options,
                                       sgs_trainer **trainer);
-SGS_API void sgs_trainer_destroy(sgs_trainer *trainer);
+SGS_API void sgs_trainer_destroy(sgs_trainer *trainer); // accepts NULL
 
 // One iteration. After the last one info->stop is set; further calls fail with LIMIT. What the base
 // pipeline does to the structure after an iteration (updates, opacity resets, another resolution)

@@ -116,14 +116,14 @@ sgs_status sgs_gaussians_resize(sgs_gaussians *model, size_t count)
     return SGS_STATUS_OK;
 }
 
-void sgs_gaussians_get(const sgs_gaussians *model, size_t i, float params[59])
+void sgs_gaussians_get(const sgs_gaussians *model, size_t i, float params[SGS_PARAM_COUNT])
 {
     const float *column = sgs_gaussians_at(model, i, 0);
     for (int k = 0; k < SGS_PARAM_COUNT; ++k)
         params[k] = column[k * SGS_LANES];
 }
 
-void sgs_gaussians_set(sgs_gaussians *model, size_t i, const float params[59])
+void sgs_gaussians_set(sgs_gaussians *model, size_t i, const float params[SGS_PARAM_COUNT])
 {
     float *column = sgs_gaussians_at(model, i, 0);
     for (int k = 0; k < SGS_PARAM_COUNT; ++k)

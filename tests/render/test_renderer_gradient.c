@@ -12,6 +12,8 @@
 
 #include <cmocka.h>
 
+#include <pthread.h>
+
 #include "support/fragile_support.h"
 #include "support/oracle_support.h"
 
@@ -273,6 +275,62 @@ static void a_watched_rendering_has_the_same_bits_and_can_be_cancelled(void **st
     drawing_free(&d);
 }
 
+// ---- Threads ----
+
+typedef struct painter {
+    drawing *d;
+    char gradient[17];
+    sgs_status status;
+} painter;
+
+static void *paint(void *context)
+{
+    painter *p = context;
+    for (int round = 0; round < 5 && !p->status; ++round) {
+        p->status = draw(p->d);
+        if (!p->status)
+            p->status = sgs_renderer_backward(p->d->renderer, &p->d->d_frame, p->d->d_model);
+    }
+    sgs_gaussians_hash(p->d->d_model, p->gradient);
+    return NULL;
+}
+
+// The header allows it over different models and over one.
+static void renderers_of_two_threads_do_not_disturb_each_other(void **state)
+{
+    (void)state;
+    for (int same = 0; same < 2; ++same) {
+        drawing d[2];
+        painter alone[2], at_once[2];
+        pthread_t threads[2];
+        for (int k = 0; k < 2; ++k) {
+            d[k] =
+                drawing_create(47 + (same ? 0 : (uint64_t)k), 300,
+                               k ? SGS_CAMERA_OPENCV_FISHEYE : SGS_CAMERA_PINHOLE, SGS_FILTER_3DGS);
+            for (int i = 0; i < PIXELS; ++i)
+                d[k].d_frame.color[k][i] = 1.0f;
+        }
+        if (same) {
+            sgs_renderer_destroy(d[1].renderer);
+            assert_int_equal(sgs_renderer_create(d[0].scene.model, &d[1].renderer), SGS_STATUS_OK);
+        }
+        for (int k = 0; k < 2; ++k) {
+            alone[k] = at_once[k] = (painter){.d = &d[k]};
+            paint(&alone[k]);
+            assert_int_equal(alone[k].status, SGS_STATUS_OK);
+        }
+        for (int k = 0; k < 2; ++k)
+            assert_int_equal(pthread_create(&threads[k], NULL, paint, &at_once[k]), 0);
+        for (int k = 0; k < 2; ++k) {
+            assert_int_equal(pthread_join(threads[k], NULL), 0);
+            assert_int_equal(at_once[k].status, SGS_STATUS_OK);
+            assert_string_equal(at_once[k].gradient, alone[k].gradient);
+        }
+        for (int k = 0; k < 2; ++k)
+            drawing_free(&d[k]);
+    }
+}
+
 // ---- Options of other versions ----
 
 static void options_of_other_sizes_are_filled_up_or_refused(void **state)
@@ -304,6 +362,7 @@ int main(void)
         cmocka_unit_test(primitives_without_a_hit_have_no_gradient),
         cmocka_unit_test(what_has_no_gradient_is_refused),
         cmocka_unit_test(a_watched_rendering_has_the_same_bits_and_can_be_cancelled),
+        cmocka_unit_test(renderers_of_two_threads_do_not_disturb_each_other),
         cmocka_unit_test(options_of_other_sizes_are_filled_up_or_refused),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

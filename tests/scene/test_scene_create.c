@@ -15,6 +15,8 @@
 
 #include <cmocka.h>
 
+#include <pthread.h>
+
 #include "sparegs/image.h"
 #include "sparegs/scene.h"
 #include "sparegs/trainer.h"
@@ -85,6 +87,34 @@ static void a_copied_scene_trains_to_the_same_bits(void **state)
     train(made, of_memory);
     sgs_scene_destroy(made);
     assert_string_equal(of_memory, of_files);
+}
+
+typedef struct training {
+    const sgs_scene *scene;
+    char hex[17];
+} training;
+
+static void *train_in_thread(void *context)
+{
+    training *t = context;
+    train(t->scene, t->hex);
+    return NULL;
+}
+
+static void trainers_of_two_threads_do_not_disturb_each_other(void **state)
+{
+    (void)state;
+    sgs_scene *scene = load_room();
+    training alone = {.scene = scene}, at_once[2] = {alone, alone};
+    pthread_t threads[2];
+    train_in_thread(&alone);
+    for (int k = 0; k < 2; ++k)
+        assert_int_equal(pthread_create(&threads[k], NULL, train_in_thread, &at_once[k]), 0);
+    for (int k = 0; k < 2; ++k) {
+        assert_int_equal(pthread_join(threads[k], NULL), 0);
+        assert_string_equal(at_once[k].hex, alone.hex);
+    }
+    sgs_scene_destroy(scene);
 }
 
 // ---- Small views ----
@@ -329,6 +359,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_copied_scene_trains_to_the_same_bits),
+        cmocka_unit_test(trainers_of_two_threads_do_not_disturb_each_other),
         cmocka_unit_test(floats_with_strides_become_the_space_of_the_scene),
         cmocka_unit_test(halves_keep_their_value),
         cmocka_unit_test(masks_say_which_pixels_are_valid),

@@ -65,7 +65,7 @@ int common_apply(const common_values *values, const command_line *line)
     messages_set_quiet(values->quiet);
     sgs_threads_set(values->threads);
     if (option_given(line, "isa") && sgs_isa_set((sgs_isa)values->isa))
-        return fail_library();
+        return fail_run("%s; omit --isa", sgs_last_error());
     return -1;
 }
 

@@ -63,8 +63,9 @@ size_t sgs_train_memory(const sgs_scene *scene, const sgs_train_options *options
         image_cache && scene->photo_bytes > image_cache ? image_cache : scene->photo_bytes;
     const size_t cap = own.max_gaussians, threads = (size_t)sgsi_threads();
     const size_t rows = cap && cap < gaussians ? cap : gaussians;
-    const sgsi_pipeline *pipeline = sgsi_pipeline_get(own.pipeline);
-    const size_t shrinking = pipeline->small_images ? (size_t)pipeline->small_images : 1;
+    const bool known = (unsigned)own.pipeline < SGS_PIPELINE_COUNT;
+    const int shrinks = known ? sgsi_pipeline_get(own.pipeline)->small_images : 0;
+    const size_t shrinking = shrinks ? (size_t)shrinks : 1;
     const size_t crowd = CROWDING * shrinking * rows / (largest / TILE_PIXELS),
                  fullest = crowd < rows ? crowd : rows;
     const size_t rays = ray_pixels(scene) * RAY_BYTES;

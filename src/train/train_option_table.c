@@ -12,6 +12,7 @@
 #include <string.h>
 
 #include "base/core.h"
+#include "density/pipeline.h"
 
 #define FIELD(member)                                                                              \
     .offset = offsetof(sgs_train_options, member),                                                 \
@@ -474,9 +475,9 @@ sgs_status sgs_train_options_check(const sgs_train_options *given)
         if (status)
             return status;
     }
-    if (options->pipeline == SGS_PIPELINE_TAMING &&
-        options->pipeline_options.taming_opacity == SGS_TAMING_LINEAR &&
-        options->filter == SGS_FILTER_MIP)
+    const sgsi_pipeline *pipeline = sgsi_pipeline_get(options->pipeline);
+    if (options->filter == SGS_FILTER_MIP && pipeline->late_opacity &&
+        pipeline->late_opacity(options) == SGSI_LATE_OPACITY_LINEAR)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
                          "taming_opacity linear and filter mip exclude each other");
     return SGS_STATUS_OK;

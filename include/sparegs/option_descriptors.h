@@ -51,6 +51,7 @@ typedef struct sgs_train_option {
     const char *help;
     const char *group;  // heading for help texts
     unsigned pipelines; // bit k: pipeline k of sgs_pipeline reads it
+    unsigned spare;     // SGS_SPARE_ bits: read only if one of these parts is on; 0 = always
     sgs_resume_rule resume;
 } sgs_train_option;
 

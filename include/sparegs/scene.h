@@ -104,6 +104,7 @@ typedef struct sgs_scene {
         *store;            // internal: the image cache; NULL = all photographs are in `views`
     sgs_space space;       // of photographs and trained colours
     double white_point;    // linear light that is 1 in them; 1 where no file is linear
+    size_t linear_images;  // photographs in linear light; others do not depend on white_point
     bool has_alpha;        // any image has an alpha channel
     bool white_background; // NeRF synthetic convention: white unless the user says otherwise
     double center[3];      // mean of the training camera centres, world

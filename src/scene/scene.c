@@ -271,6 +271,7 @@ static sgs_status measure_white_point(loader *l)
     l->scene->white_point = l->options->white_point > 0 ? l->options->white_point : 1;
     for (size_t i = 0; i < l->scene->view_count; ++i)
         linear += l->slots[i].linear;
+    l->scene->linear_images = linear;
     if (l->options->white_point > 0 || !linear || !l->options->load_images)
         return SGS_STATUS_OK;
     const size_t step = (linear + WHITE_VIEWS - 1) / WHITE_VIEWS;

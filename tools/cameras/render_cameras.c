@@ -187,6 +187,8 @@ bool cameras_choose(const camera_choice *choice, const sgs_scene *scene, camera_
         done = list->count > 0;
         if (!done)
             fail_run("--frames: out of range; the frames are 0 to %zu", count - 1);
+        else if ((size_t)choice->frames.last >= count)
+            print_warning("--frames: partly out of range; the frames are 0 to %zu", count - 1);
     }
     if (!done || !name_files(list)) {
         camera_list_free(list);

@@ -34,6 +34,13 @@ void json_result_set(json_t *root)
     result = root;
 }
 
+json_t *json_result_take(void)
+{
+    json_t *taken = result;
+    result = NULL;
+    return taken;
+}
+
 void json_result_error(const char *message)
 {
     snprintf(error_message, sizeof error_message, "%s", message);

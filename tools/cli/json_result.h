@@ -19,6 +19,9 @@ json_t *json_result_new(void);
 // Keeps `root` as the result of the command. Steals the reference; adds "schema" if it is missing.
 void json_result_set(json_t *root);
 
+// The kept result, which is then no longer the result of the command; release it with json_decref.
+json_t *json_result_take(void);
+
 // Keeps the message of an error, without "sparegs: ". The last one counts.
 void json_result_error(const char *message);
 

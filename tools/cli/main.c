@@ -93,6 +93,25 @@ static int print_help_of(const char *name)
     return found->run(2, arguments);
 }
 
+// The option tables of all commands.
+static int print_option_lists(void)
+{
+    json_t *root = json_result_new(), *list = json_array();
+    for (int i = 0; i < COMMAND_COUNT; ++i) {
+        char help[] = "--help", json[] = "--json";
+        char *arguments[] = {(char *)commands[i].name, help, json, NULL};
+        if (commands[i].run(3, arguments) != EXIT_DONE)
+            return EXIT_FAILED;
+        json_t *entry = json_result_take();
+        json_object_del(entry, "schema");
+        json_object_set_new(entry, "summary", json_string(commands[i].summary));
+        json_array_append_new(list, entry);
+    }
+    json_object_set_new(root, "commands", list);
+    json_result_set(root);
+    return EXIT_DONE;
+}
+
 static int run(int argc, char **argv)
 {
     if (argc < 2) {
@@ -104,12 +123,14 @@ static int run(int argc, char **argv)
     const int takes = !strcmp(name, "--version") ? 2 : helps ? 3 : argc;
     if (argc > takes)
         return fail_usage("unexpected argument '%s'; usage: sparegs %s%s", argv[takes], name,
-                          helps ? " [COMMAND]" : "");
+                          helps ? " [COMMAND|--json]" : "");
     if (!strcmp(name, "--version")) {
         print_version();
         return EXIT_DONE;
     }
     if (helps) {
+        if (argc > 2 && !strcmp(argv[2], "--json"))
+            return print_option_lists();
         if (argc > 2)
             return print_help_of(argv[2]);
         print_commands(stdout);

@@ -18,8 +18,10 @@
 #include <strings.h>
 
 #include "cli/json_result.h"
+#include "cli/option_list.h"
+#include "cli/progress.h"
 
-enum { HELP_INDENT = 30, HELP_WIDTH = 100, LONGEST_WORD = 63 };
+enum { HELP_INDENT = 30, HELP_WIDTH = 100, LONGEST_WORD = 63, NEEDS_MOST = 200 };
 
 static const char *usage_context;
 
@@ -532,36 +534,100 @@ static int set_defaults(command_line *line)
     return -1;
 }
 
-static bool needs_met(const command_line *line, const char *needs)
+// True if a CHOICE or SET has the word.
+static bool has_word(const option *row, const void *values, const char *word)
 {
-    char name[LONGEST_WORD + 1];
-    for (int k = 0; word_at(needs, k, name); ++k)
-        if (option_given(line, name))
-            return true;
-    return false;
+    const void *value = (const char *)values + row->offset;
+    const char *bar = row->kind == OPTION_SET ? strrchr(row->argument, '|') : NULL;
+    const int k = word_index(bar ? bar + 1 : row->argument, word, strlen(word));
+    return k >= 0 &&
+           (row->kind == OPTION_SET ? *(const unsigned *)value >> k & 1 : *(const int *)value == k);
+}
+
+// One condition of option.needs: "name" or "name=word". Appends it to `text` as it is written on a
+// command line.
+static bool condition_met(const command_line *line, const char *condition, size_t length,
+                          char text[NEEDS_MOST])
+{
+    char name[NEEDS_MOST];
+    snprintf(name, sizeof name, "%.*s", (int)length, condition);
+    char *word = strchr(name, '=');
+    if (word)
+        *word++ = 0;
+    const size_t used = strlen(text);
+    if (snprintf(text + used, NEEDS_MOST - used, "%s--%s%s%s", used ? " or " : "", name,
+                 word ? " " : "", word ? word : "") < 0)
+        text[used] = 0;
+    option_group *group = NULL;
+    const option *row = find_row(line, name, strlen(name), &group);
+    return word ? row && has_word(row, group->values, word) : option_given(line, name);
+}
+
+// The first part of option.needs that is not met goes to `text`.
+static bool needs_met(const command_line *line, const char *needs, char text[NEEDS_MOST])
+{
+    for (const char *part = needs; *part;) {
+        const size_t length = strcspn(part, "&");
+        bool met = false;
+        *text = 0;
+        for (const char *at = part; at < part + length; at += strcspn(at, "|&") + 1)
+            met = condition_met(line, at, strcspn(at, "|&"), text) || met;
+        if (!met)
+            return false;
+        part += length + (part[length] == '&');
+    }
+    return true;
 }
 
 // Rejects an option that has no effect without others. Returns -1 to continue, or EXIT_USAGE.
-static int check_needs(const command_line *line)
+static int check_needs(command_line *line)
 {
+    char text[NEEDS_MOST];
+    line->idle = NULL;
     for (size_t g = 0; g < line->group_count; ++g)
         for (size_t i = 0; i < line->groups[g].count; ++i) {
             const option *row = &line->groups[g].options[i];
-            if (row->needs && option_given(line, row->name) && !needs_met(line, row->needs))
-                return fail_usage("--%s requires --%s", row->name, row->needs);
+            if (!row->needs || !option_given(line, row->name) || needs_met(line, row->needs, text))
+                continue;
+            if (!line->allow_idle)
+                return fail_usage("--%s requires %s", row->name, text);
+            line->idle = line->idle ? line->idle : row->name;
         }
     return -1;
+}
+
+int refuse_idle(const command_line *line, const char *names, const char *why)
+{
+    char name[LONGEST_WORD + 1];
+    for (int k = 0; word_at(names, k, name); ++k)
+        if (option_given(line, name))
+            return fail_usage("--%s has no effect %s", name, why);
+    return -1;
+}
+
+void warn_idle(const command_line *line, const char *names, const char *why)
+{
+    char name[LONGEST_WORD + 1];
+    for (int k = 0; word_at(names, k, name); ++k)
+        if (option_given(line, name))
+            print_warning("--%s has no effect %s", name, why);
 }
 
 int command_line_parse(command_line *line, int argc, char **argv)
 {
     if (set_defaults(line) >= 0)
         return EXIT_USAGE;
-    for (int i = 1; i < argc && strcmp(argv[i], "--"); ++i)
-        if (!strcmp(argv[i], "--help")) {
-            print_help(line);
-            return EXIT_DONE;
-        }
+    bool help = false, json = false;
+    for (int i = 1; i < argc && strcmp(argv[i], "--"); ++i) {
+        help = help || !strcmp(argv[i], "--help");
+        json = json || !strcmp(argv[i], "--json");
+    }
+    if (help && json)
+        json_result_set(option_list_json(line));
+    else if (help)
+        print_help(line);
+    if (help)
+        return EXIT_DONE;
     bool only_operands = false;
     for (int i = 1; i < argc; ++i) {
         if (!only_operands && !strcmp(argv[i], "--")) {

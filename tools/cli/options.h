@@ -46,8 +46,9 @@ typedef struct option {
     const char *initial;  // default, parsed as an argument; NULL leaves the struct's own value
     const char *shown;    // default as shown in the help; NULL = `initial`
     const char *unit;     // or NULL
-    // Options that this one requires, at least one of them: "orbit|spiral". NULL = none. An option
-    // that is given without them has no effect and is a usage error.
+    // What this option requires to have an effect: "orbit|spiral", one of these options;
+    // "format=exr", a CHOICE or SET that has this word, by default too; "format=exr&output", both.
+    // NULL = nothing. An option that is given without is a usage error.
     const char *needs;
     const char *help;
 } option;
@@ -71,6 +72,8 @@ typedef struct command_line {
     int operand_minimum, operand_maximum; // at most 8
     const char *operands[8];              // out
     int operand_count;                    // out
+    bool allow_idle;                      // options that have no effect are no error, but...
+    const char *idle;                     // out: ... the name of the first of them, or NULL
 } command_line;
 
 // Sets the values to their defaults and then parses argv[1...]. Returns -1 to continue, or an exit
@@ -85,6 +88,12 @@ int find_word(const char *words, const char *word);
 
 // True if the option was on the command line.
 bool option_given(const command_line *line, const char *name);
+
+// For options whose effect depends on more than `needs`; names is "a|b|c". The first that was given
+// is a usage error, or each gets a warning: "--a has no effect WHY". refuse_idle returns -1 to
+// continue, or EXIT_USAGE.
+int refuse_idle(const command_line *line, const char *names, const char *why);
+void warn_idle(const command_line *line, const char *names, const char *why);
 
 // The word that `text` abbreviates or else the nearest by edit distance, where it is near enough to
 // be meant. NULL if there is none.

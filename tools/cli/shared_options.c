@@ -40,7 +40,7 @@ static const option common_options[] = {
      .high = 9007199254740991.0,
      .argument = "N",
      .initial = "0",
-     .help = "random seed, used by train only"},
+     .help = "random seed, used by train and profile"},
     {.name = "json",
      .kind = OPTION_FLAG,
      .offset = offsetof(common_values, json),
@@ -62,6 +62,8 @@ option_group common_group(common_values *values)
 
 int common_apply(const common_values *values, const command_line *line)
 {
+    if (strcmp(line->command, "train") && strcmp(line->command, "profile"))
+        warn_idle(line, "seed", "on this command, which makes no random choice");
     messages_set_quiet(values->quiet);
     sgs_threads_set(values->threads);
     if (option_given(line, "isa") && sgs_isa_set((sgs_isa)values->isa))
@@ -178,6 +180,8 @@ int scene_resolve(scene_values *values, const command_line *line, const json_t *
     if (splits > 1)
         return fail_usage(
             "--eval, --test-every and --test-images are mutually exclusive; choose one");
+    if (values->masks && !strcmp(values->masks, "none") && option_given(line, "invert-masks"))
+        return refuse_idle(line, "invert-masks", "with --masks none");
     if (values->eval)
         values->test_every = 8;
     if (!splits) {
@@ -267,6 +271,26 @@ sgs_scene *scene_open(const char *path, const scene_values *values, bool load_im
         fail_library();
     free(held_out);
     return scene;
+}
+
+void scene_warn_idle(const sgs_scene *scene, const scene_values *values, const command_line *line)
+{
+    char *why = format_text("on %s: no image has an alpha channel", scene->path);
+    if (!scene->has_alpha)
+        warn_idle(line, "alpha|alpha-loss", why);
+    free(why);
+    why = format_text("on %s: no image is in linear light", scene->path);
+    if (!scene->linear_images)
+        warn_idle(line, "white", why);
+    free(why);
+    why = format_text("on %s: there are no masks", scene->path);
+    if (!scene->masks && (!values->masks || strcmp(values->masks, "none") != 0))
+        warn_idle(line, "masks|invert-masks", why);
+    free(why);
+    why = format_text("on %s: the scene has points", scene->path);
+    if (scene->point_count)
+        warn_idle(line, "random-points", why);
+    free(why);
 }
 
 bool view_in_split(const sgs_view *view, sgs_split split)

@@ -51,6 +51,8 @@ int model_scene_resolve(scene_values *values, const command_line *line, const js
 sgs_scene *scene_open(const char *path, const scene_values *values, bool load_images);
 // True when a signal ended the last scene_open.
 bool scene_open_was_cancelled(void);
+// Warns about options that have no effect on a scene whose images are loaded.
+void scene_warn_idle(const sgs_scene *scene, const scene_values *values, const command_line *line);
 // Number of views in a split.
 size_t scene_split_count(const sgs_scene *scene, sgs_split split);
 bool view_in_split(const sgs_view *view, sgs_split split);

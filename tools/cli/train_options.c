@@ -94,6 +94,7 @@ static const struct {
 static struct {
     option rows[ROWS_MOST];
     char names[ROWS_MOST][32], words[ROWS_MOST][TEXT_MOST], defaults[ROWS_MOST][TEXT_MOST];
+    char conditions[ROWS_MOST][TEXT_MOST];
     size_t count;
 } table;
 
@@ -116,6 +117,37 @@ static option_kind kind_of(sgs_option_type type)
     return kinds[type];
 }
 
+// Appends "name=word|name=word" for the words of `bits`, after '&' if there is text before.
+static void add_condition(char text[TEXT_MOST], const char *name, unsigned bits)
+{
+    const char *words = sgs_train_option_find(name)->values, *joint = *text ? "&" : "";
+    for (const char *at = words; *at; ++at) {
+        const size_t length = strcspn(at, "|,"), used = strlen(text);
+        if (bits & 1) {
+            snprintf(text + used, TEXT_MOST - used, "%s%s=%.*s", joint, name, (int)length, at);
+            joint = "|";
+        }
+        bits >>= 1;
+        at += length;
+        if (!*at)
+            break;
+    }
+}
+
+// option.needs of a row: the pipelines and the parts of SPARE-GS that read it.
+static const char *conditions_of(const sgs_train_option *from, char text[TEXT_MOST])
+{
+    const unsigned all = (1U << SGS_PIPELINE_COUNT) - 1;
+    *text = 0;
+    if ((from->pipelines & all) != all)
+        add_condition(text, "pipeline", from->pipelines);
+    if (from->spare)
+        add_condition(text, "spare", from->spare);
+    if (!strcmp(from->name, "alpha_loss"))
+        snprintf(text, TEXT_MOST, "alpha=over");
+    return *text ? text : NULL;
+}
+
 static void add_row(const sgs_train_option *from, const sgs_train_options *initial)
 {
     const size_t k = table.count++;
@@ -131,6 +163,7 @@ static void add_row(const sgs_train_option *from, const sgs_train_options *initi
                     .argument = from->values,
                     .shown = from->initial_text,
                     .unit = from->unit,
+                    .needs = conditions_of(from, table.conditions[k]),
                     .help = from->help};
     if (from->type == SGS_OPTION_MODEL)
         row->offset = offsetof(train_values, init);

@@ -339,6 +339,35 @@ static int run_bench(const bench_values *values, const command_line *line, scene
     return interrupt_signal() ? interrupt_status() : done ? EXIT_DONE : EXIT_FAILED;
 }
 
+#define SCENE_NAMES "images|downscale|eval|test-every|test-images"
+#define PHOTO_NAMES "masks|invert-masks|alpha|image-cache|input-colorspace|train-space|white"
+
+// Options without an effect: on a list, on built-in scenes, on models. Returns -1 to continue, or
+// an exit status.
+static int check_idle(const command_line *line, bool list)
+{
+    bool made = !line->operand_count, models = false;
+    for (int i = 0; i < line->operand_count; ++i) {
+        const bool is_name = is_made(line->operands[i]);
+        made = made || is_name;
+        models = models || !is_name;
+    }
+    int status =
+        list ? refuse_idle(line, "threads|isa|repeat|views|seed|csv|quiet", "with --list") : -1;
+    if (status < 0 && !models)
+        status = refuse_idle(line, "views", "without a MODEL and its SCENE");
+    if (status < 0 && !made)
+        status = refuse_idle(line, "seed", "without a built-in scene");
+    if (status >= 0)
+        return status;
+    if (!models)
+        warn_idle(line, SCENE_NAMES, "without a MODEL and its SCENE");
+    else
+        warn_idle(line, "eval|test-every|test-images", "on bench, which uses all views");
+    warn_idle(line, PHOTO_NAMES, "on bench, which reads no photographs");
+    return -1;
+}
+
 int command_bench(int argc, char **argv)
 {
     bench_values values = {0};
@@ -357,6 +386,8 @@ int command_bench(int argc, char **argv)
     int status = command_line_parse(&line, argc, argv);
     if (status < 0 && values.json && values.csv)
         status = fail_usage("--json and --csv are mutually exclusive");
+    if (status < 0)
+        status = check_idle(&line, values.list);
     if (status < 0)
         status = values.list ? print_list(values.json) : check_operands(&line);
     if (status >= 0)

@@ -212,6 +212,7 @@ int command_eval(int argc, char **argv)
         if (status < 0)
             scene = scene_open(call.line.operands[1], &data, true);
         if (status < 0 && scene) {
+            scene_warn_idle(scene, &data, &call.line);
             if (located.iteration)
                 run_record_check_scene(call.line.operands[0], scene);
             drawing_resolve(&drawing, &call.line, located.config, &data, scene);

@@ -199,6 +199,8 @@ int command_explain(int argc, char **argv)
         (sscanf(values.region, "%lf,%lf,%lf%c", &point[0], &point[1], &point[2], &rest) != 3 ||
          !isfinite(point[0] + point[1] + point[2])))
         status = fail_usage("--region: '%s' is not a point X,Y,Z", values.region);
+    if (status < 0 && values.region)
+        status = refuse_idle(&call.line, "top", "with --region");
     if (status >= 0)
         return status;
     const char *folder = call.line.operands[0];

@@ -322,8 +322,12 @@ int command_info(int argc, char **argv)
         status = common_apply(&call.common, &call.line);
     if (status >= 0)
         return status;
-    json_t *root = json_object();
     const char *path = call.line.operands[0];
+    if (model_is(path))
+        warn_idle(&call.line, "images|downscale|eval|test-every|test-images", "on a model");
+    warn_idle(&call.line, "masks|invert-masks|alpha|image-cache|input-colorspace|train-space|white",
+              "on info, which reads no photographs");
+    json_t *root = json_object();
     const bool done =
         is_model(path) ? describe_model(path, root) : describe_scene(path, &data, root);
     if (!done) {

@@ -101,7 +101,7 @@ static const option profile_options[] = {
      .help = "write the phases of the training iterations as a Chrome/Perfetto trace"},
 };
 
-enum { VIEWS_MAX = 16 };
+enum { VIEWS_MAX = 16, ALL = 2 }; // ALL: of the words of --split
 
 // The cameras selected by --view, --split, --views or --orbit.
 static bool choose_cameras(const sgs_scene *scene, const profile_values *values, bool split_given,
@@ -346,6 +346,12 @@ int command_profile(int argc, char **argv)
         status = fail_usage("--view selects one view; omit --views and --split");
     if (status >= 0)
         return status;
+    warn_idle(&call.line,
+              "masks|invert-masks|alpha|image-cache|input-colorspace|train-space|white|background",
+              "on profile, which reads no photographs and writes no pictures");
+    if (values.view || values.orbit || !option_given(&call.line, "split") || values.split == ALL)
+        warn_idle(&call.line, "eval|test-every|test-images",
+                  "without --split test or --split train");
     interrupt_watch();
     return run_profile(&call.line, &values, &call.common, &data, &drawing);
 }

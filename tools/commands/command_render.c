@@ -177,30 +177,35 @@ static const option render_options[] = {
      .offset = AT(aovs),
      .argument = AOV_WORDS,
      .initial = "rgba,depth",
+     .needs = "output",
      .help = "AOVs to write; region and slack require a run folder with SPARE-GS"},
     {.name = "depth",
      .kind = OPTION_CHOICE,
      .offset = AT(depth),
      .argument = "ray|z",
      .initial = "ray",
+     .needs = "output&aov=depth|aov=depth_first|aov=depth_median|deep",
      .help = "depth is the distance along the ray or along the camera axis"},
     {.name = "format",
      .kind = OPTION_CHOICE,
      .offset = AT(format),
      .argument = "exr|png",
      .initial = "exr",
+     .needs = "output",
      .help = "file format"},
     {.name = "exr-encoding",
      .kind = OPTION_CHOICE,
      .offset = AT(encoding),
      .argument = "linear|srgb",
      .initial = "linear",
+     .needs = "output&format=exr",
      .help = "EXR colours: decoded to scene-linear, or display values as trained"},
     {.name = "compression",
      .kind = OPTION_CHOICE,
      .offset = AT(compression),
      .argument = "auto|zip|zips|piz|none|dwaa",
      .initial = "auto",
+     .needs = "output&format=exr",
      .help = "EXR compression; auto uses zip for data that shrink by at least a third, else none; "
              "dwaa is lossy for colour"},
     {.name = "deep",
@@ -335,18 +340,18 @@ static int run_render(const command_line *line, const render_values *values,
     int status = model_locate(line->operands[0], &located) ? -1 : EXIT_FAILED;
     if (status < 0)
         status = model_scene_resolve(data, line, located.config);
-    if (status < 0 && values->output &&
-        !(make_folder(values->output) && check_writable(values->output)))
-        status = EXIT_FAILED;
     if (status < 0 && !values->camera) {
         scene = scene_open(line->operands[1], data, false);
         status = scene ? -1 : EXIT_FAILED;
     }
     if (status < 0 && !cameras_choose(choice, scene, &cameras))
         status = EXIT_FAILED;
+    if (status < 0 && values->output && // no folder is left where no camera was found
+        !(make_folder(values->output) && check_writable(values->output)))
+        status = EXIT_FAILED;
     if (status < 0) {
         drawing_resolve(drawing, line, located.config, data, scene);
-        if (values->reference && !option_given(line, "compact-box"))
+        if (values->reference)
             drawing->compact_box = 1; // the reference has no tiles
         const bool done = render_model(line->operands[0], &located, &cameras, drawing, values);
         status = done ? interrupt_status() : EXIT_FAILED;
@@ -385,6 +390,8 @@ static int check_values(const command_line *line, const render_values *values,
     if ((values->orbit > 0 || values->spiral > 0) && (paths > 1 || values->camera))
         return fail_usage(
             "--orbit, --spiral, --view, --split and --camera are mutually exclusive; choose one");
+    if (choice->split_given && (values->view || values->camera))
+        return refuse_idle(line, "split", values->view ? "with --view" : "with --camera");
     if (values->frames && !frame_range_parse(values->frames, &choice->frames))
         return fail_usage("--frames: '%s' is not FIRST-LAST or FIRST-LAST:STEP, counted from 0",
                           values->frames);
@@ -401,6 +408,32 @@ static int check_values(const command_line *line, const render_values *values,
         return fail_usage(
             "--focus has no effect with --aperture 0; set a lens diameter with --aperture");
     return -1;
+}
+
+// Warns about shared options that have no effect on these pictures.
+static void warn_about_idle(const command_line *line, const render_values *values)
+{
+    const bool exr = values->output && values->format == FORMAT_EXR;
+    const bool pictures = values->film || (values->output && values->format != FORMAT_EXR);
+    warn_idle(line, "masks|invert-masks|alpha|image-cache|input-colorspace",
+              "on render, which reads no photographs");
+    if (values->camera)
+        warn_idle(line, "images|downscale|eval|test-every|test-images", "with --camera");
+    else if (values->view || values->orbit || values->spiral)
+        warn_idle(line, "eval|test-every|test-images",
+                  values->view    ? "with --view"
+                  : values->orbit ? "with --orbit"
+                                  : "with --spiral");
+    else if (option_given(line, "split") && splits[values->split] == SGS_SPLIT_ALL)
+        warn_idle(line, "eval|test-every|test-images", "with --split all");
+    if (!pictures)
+        warn_idle(line, "background", "on EXR files, which have no background");
+    if (!exr)
+        warn_idle(line, "white", "on PNG files and videos, which hold display values");
+    else if (values->encoding != EXR_LINEAR)
+        warn_idle(line, "white", "with --exr-encoding srgb");
+    if (values->reference)
+        warn_idle(line, "compact-box", "with --reference, which has no tiles");
 }
 
 int command_render(int argc, char **argv)
@@ -428,6 +461,7 @@ int command_render(int argc, char **argv)
         status = common_apply(&call.common, &call.line);
     if (status >= 0)
         return status;
+    warn_about_idle(&call.line, &values);
     interrupt_watch();
     if (call.common.json)
         reported_files_begin();

@@ -40,6 +40,7 @@ typedef struct training {
     common_values common;
     scene_values data;
     train_values values;
+    const command_line *line;
     const char *scene_path;
     sgs_scene *scene;
     sgs_trainer *trainer;
@@ -64,14 +65,15 @@ typedef struct training {
 
 // ---- Before the first iteration ----
 
-static bool load_scene(training *run, bool background_given)
+static bool load_scene(training *run)
 {
     const double start = clock_seconds();
     run->scene = scene_open(run->scene_path, &run->data, true);
     if (!run->scene)
         return false;
     run->load_seconds = clock_seconds() - start;
-    if (run->scene->white_background && !background_given)
+    scene_warn_idle(run->scene, &run->data, run->line);
+    if (run->scene->white_background && !option_given(run->line, "background"))
         for (int c = 0; c < 3; ++c)
             run->values.options.background[c] = 1;
     run->data.white_point = run->scene->white_point; // for config.json: the measured value
@@ -643,11 +645,11 @@ static bool claim_folder(training *run)
 }
 
 // Prepares OUT, the scene and the trainer. Returns -1 to continue, or an exit status.
-static int prepare(training *run, bool background_given)
+static int prepare(training *run)
 {
     if (has_no_time(run) || !claim_folder(run))
         return EXIT_FAILED;
-    const bool loaded = memory_suffices(run) && load_scene(run, background_given);
+    const bool loaded = memory_suffices(run) && load_scene(run);
     if (loaded && interrupt_signal()) {
         print_warning("%s: stopped before the first iteration; nothing was written",
                       run->values.output);
@@ -673,9 +675,9 @@ static bool iterate_and_save(training *run)
     return done;
 }
 
-static int train(training *run, bool background_given)
+static int train(training *run)
 {
-    const int status = prepare(run, background_given);
+    const int status = prepare(run);
     if (status >= 0)
         return status;
     bool done = iterate_and_save(run);
@@ -722,6 +724,10 @@ static int check_values(const train_values *values, const command_line *line)
     if (!values->output)
         return fail_usage("train requires an output folder, -o OUT; usage: sparegs train %s",
                           line->synopsis);
+    if (values->init)
+        return refuse_idle(line, "random-points", "with --init");
+    if (o->pipeline_options.taming_count)
+        return refuse_idle(line, "taming-multiplier", "with --taming-count");
     return -1;
 }
 
@@ -737,7 +743,8 @@ static void describe_line(training *run, option_group groups[GROUP_COUNT], comma
                            .groups = groups,
                            .group_count = GROUP_COUNT,
                            .operand_minimum = 1,
-                           .operand_maximum = 1};
+                           .operand_maximum = 1,
+                           .allow_idle = line->allow_idle};
 }
 
 // Parses the command line into `run`. Returns -1 to continue, or an exit status.
@@ -752,19 +759,22 @@ static int parse_line(training *run, option_group groups[GROUP_COUNT], command_l
     return status < 0 ? check_values(&run->values, line) : status;
 }
 
-int command_train_check(int argc, char **argv)
+int command_train_check(int argc, char **argv, const char **idle)
 {
     training run = {0};
     option_group groups[GROUP_COUNT];
-    command_line line;
-    return parse_line(&run, groups, &line, argc, argv);
+    command_line line = {.allow_idle = idle != NULL};
+    const int status = parse_line(&run, groups, &line, argc, argv);
+    if (idle)
+        *idle = line.idle;
+    return status;
 }
 
 bool command_train_has_flag(const char *name)
 {
     training run = {0};
     option_group groups[GROUP_COUNT];
-    command_line line;
+    command_line line = {0};
     describe_line(&run, groups, &line);
     const option *row = find_option(&line, name);
     return row && row->kind == OPTION_FLAG;
@@ -774,15 +784,16 @@ int command_train(int argc, char **argv)
 {
     training run = {.started = clock_seconds()};
     option_group groups[GROUP_COUNT];
-    command_line line;
+    command_line line = {0};
     int status = parse_line(&run, groups, &line, argc, argv);
     if (status < 0)
         status = common_apply(&run.common, &line);
     if (status >= 0)
         return status;
+    run.line = &line;
     run.scene_path = line.operands[0];
     interrupt_watch();
-    status = train(&run, option_given(&line, "background"));
+    status = train(&run);
     sgs_trainer_destroy(run.trainer);
     sgs_scene_destroy(run.scene);
     json_decref(run.stored);

@@ -150,6 +150,58 @@ static char *scene_path(const json_t *scene)
     return format_text("%.*s/%s", (int)(slash - plan_path), plan_path, path);
 }
 
+// Removes "--name" and its value from the arguments of a run.
+static void remove_argument(experiment_run *run, const char *name)
+{
+    int kept = 0;
+    for (int k = 0; k < run->argument_count; ++k) {
+        if (!strncmp(run->arguments[k], "--", 2) && !strcmp(run->arguments[k] + 2, name)) {
+            free(run->arguments[k]);
+            const bool has_value =
+                k + 1 < run->argument_count && strncmp(run->arguments[k + 1], "--", 2) != 0;
+            if (has_value)
+                free(run->arguments[++k]);
+            continue;
+        }
+        run->arguments[kept++] = run->arguments[k];
+    }
+    run->argument_count = kept;
+    run->arguments[kept] = NULL;
+}
+
+// The member of an options object that is --name, with either spelling.
+static bool has_option(const json_t *options, const char *name)
+{
+    const char *key;
+    json_t *value;
+    json_object_foreach((json_t *)options, key, value)
+    {
+        char *flag = format_text("%s", key);
+        for (char *dash = flag; (dash = strchr(dash, '_'));)
+            *dash = '-';
+        const bool same = !strcmp(flag, name);
+        free(flag);
+        if (same)
+            return true;
+    }
+    return false;
+}
+
+// Checks the command line of a run. An option of the plan or of a scene belongs to those of its
+// runs that it has an effect on; one of the variant must have an effect.
+static bool check_run(experiment_run *run, const json_t *variant)
+{
+    const char *idle = NULL;
+    while (command_train_check(run->argument_count, run->arguments, &idle) < 0) {
+        if (!idle)
+            return true;
+        if (has_option(json_object_get(variant, "options"), idle))
+            return command_train_check(run->argument_count, run->arguments, NULL) < 0;
+        remove_argument(run, idle);
+    }
+    return false;
+}
+
 static bool add_run(experiment_plan *plan, const char *folder, const json_t *scene,
                     const char *pipeline, const json_t *variant, int seed)
 {
@@ -181,10 +233,31 @@ static bool add_run(experiment_plan *plan, const char *folder, const json_t *sce
     char *context = format_text("%s: scene %s, pipeline %s, variant %s", plan_path, run->scene,
                                 run->pipeline, run->variant);
     fail_usage_within(context);
-    const bool good = command_train_check(run->argument_count, run->arguments) < 0;
+    const bool good = check_run(run, variant);
     fail_usage_within(NULL);
     free(context);
     return good;
+}
+
+// Every option of the plan has an effect on some run.
+static bool check_effects(const experiment_plan *plan)
+{
+    const char *key;
+    json_t *value;
+    json_object_foreach(json_object_get(plan->root, "options"), key, value)
+    {
+        char *flag = format_text("--%s", key);
+        for (char *dash = flag; (dash = strchr(dash, '_'));)
+            *dash = '-';
+        bool found = json_is_false(value) || json_is_null(value);
+        for (size_t i = 0; i < plan->count && !found; ++i)
+            for (int k = 0; k < plan->runs[i].argument_count && !found; ++k)
+                found = !strcmp(plan->runs[i].arguments[k], flag);
+        free(flag);
+        if (!found)
+            return refuse("an option has no effect on any run of the plan; remove", key);
+    }
+    return true;
 }
 
 static bool check_scene(const json_t *scene)
@@ -272,7 +345,7 @@ static bool unroll(experiment_plan *plan, const char *folder)
                 }
     if (!plan->count)
         fail_run("%s: the plan contains no runs; is a list empty?", plan_path);
-    return plan->count > 0;
+    return plan->count > 0 && check_effects(plan);
 }
 
 bool experiment_plan_read(const char *path, const char *folder, experiment_plan *plan)

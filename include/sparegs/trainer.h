@@ -203,6 +203,11 @@ SGS_API sgs_status sgs_trainer_create(const sgs_scene *scene, const sgs_train_op
                                       sgs_trainer **trainer);
 SGS_API void sgs_trainer_destroy(sgs_trainer *trainer); // accepts NULL
 
+// Keeps the process below `bytes`, 0 = no limit: a step whose structural update may need more fails
+// with OUT_OF_MEMORY before it changes anything, and the trainer stays whole. image_cache as in
+// sgs_train_memory. Cannot fail.
+SGS_API void sgs_trainer_memory_limit_set(sgs_trainer *trainer, size_t bytes, size_t image_cache);
+
 // One iteration. After the last one info->stop is set; further calls fail with LIMIT. What the base
 // pipeline does to the structure after an iteration (updates, opacity resets, another resolution)
 // waits for the next call: between calls the model is the one the iteration left, as the published

@@ -462,6 +462,12 @@ sgs_status sgsi_density_update(const sgsi_density_rows *rows, const sgsi_pipelin
     if (!status)
         status = make_plan(&columns, result, &plan);
     const size_t capacity = padded_capacity(plan.count);
+    result->refused =
+        !status && options->admits && !options->admits(options->admits_context, plan.count);
+    if (result->refused)
+        status =
+            sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                      "a structural update to %zu primitives exceeds the memory limit", plan.count);
     if (!status)
         status = gather_block(&model->data, capacity, &plan, true, options);
     if (!status)

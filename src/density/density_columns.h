@@ -37,7 +37,11 @@ typedef struct sgsi_density_options {
     double size_split;         // scales above this are split, below cloned: 0.01 * extent
     double size_max;           // scales above this are pruned; INFINITY = no size pruning
     size_t max_count;          // hard cap, 0 = none
-    uint64_t seed;             // of the split children, mixed with `iteration`
+    // Whether the memory suffices for so many primitives; asked before anything is changed. NULL =
+    // always.
+    bool (*admits)(const void *context, size_t count);
+    const void *admits_context;
+    uint64_t seed; // of the split children, mixed with `iteration`
     long iteration;
     bool spare_densify, spare_prune;   // BMD, RAP
     const struct spare_options *spare; // for these two; NULL without them
@@ -52,6 +56,7 @@ typedef struct sgsi_density_result {
     double spare_seconds;
     struct sgs_region *region_list; // [regions], for the caller to sgsi_free; NULL without SPARE-GS
     double region_low[3], region_cell[3];
+    bool refused; // the memory does not suffice: nothing is changed
 } sgsi_density_result;
 
 typedef enum sgsi_action { SGSI_ACTION_KEEP, SGSI_ACTION_CLONE, SGSI_ACTION_SPLIT } sgsi_action;

@@ -6,7 +6,8 @@
 // the scene: candidates of the fullest tile, gradient records per tile and primitive, the copies of
 // a structural update. The numbers for the latter were fitted to the peak RSS of 37 trainings of
 // five scenes with up to 67 000 primitives, 8-bit images of 480 to 376 000 pixels and all
-// pipelines; they met it within 20 %.
+// pipelines; they met it within 20 %. For small images it is above the peak: --max-memory relies on
+// it before a structural update.
 
 #include "sparegs/trainer.h"
 #include "base/core.h"
@@ -14,7 +15,7 @@
 #include "density/pipeline.h"
 
 enum {
-    PROGRAM_BYTES = 131000000, // code, libraries, what they keep
+    PROGRAM_BYTES = 134000000, // code, libraries, what they keep
     THREAD_BYTES = 6000000,    // stack, allocator, buffers
     ROW_BYTES = 1700, // per primitive: 708 parameters and moments, 180 tracing and statistics, BVH,
                       // structural update
@@ -22,6 +23,7 @@ enum {
                        // gradient records
     RAY_BYTES = 24,    // per pixel of every camera of its own, kept up to RAY_LIMIT
     CANDIDATE_BYTES = 1560, // per thread and candidate of the fullest tile
+    LIST_BYTES = 2800,      // per candidate of the fullest tile, where all primitives are in it
     CROWDING = 16,          // which has this many times the mean of primitives per tile
     TILE_PIXELS = 256,
     MOST_CAMERAS = 256 // that are compared
@@ -69,6 +71,8 @@ size_t sgs_train_memory(const sgs_scene *scene, const sgs_train_options *options
     const size_t crowd = CROWDING * shrinking * rows / (largest / TILE_PIXELS),
                  fullest = crowd < rows ? crowd : rows;
     const size_t rays = ray_pixels(scene) * RAY_BYTES;
+    // The fewer tiles an image has, the more of its candidates each ray of the fullest one meets.
+    const size_t lists = fullest * LIST_BYTES / (largest / TILE_PIXELS);
     return PROGRAM_BYTES + threads * (THREAD_BYTES + fullest * CANDIDATE_BYTES) + photographs +
-           largest * PIXEL_BYTES + (rays < RAY_LIMIT ? rays : RAY_LIMIT) + rows * ROW_BYTES;
+           largest * PIXEL_BYTES + (rays < RAY_LIMIT ? rays : RAY_LIMIT) + rows * ROW_BYTES + lists;
 }

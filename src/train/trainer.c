@@ -270,7 +270,7 @@ static sgs_status control_density(sgs_trainer *trainer, int iteration, sgs_step_
     }
     trainer->inconsistent = true;
     const sgs_status status = sgsi_trainer_update_structure(trainer, iteration, scores, info);
-    trainer->inconsistent = status != SGS_STATUS_OK;
+    trainer->inconsistent = status != SGS_STATUS_OK && !trainer->update_refused;
     return status;
 }
 
@@ -428,6 +428,12 @@ void sgsi_trainer_restore(sgs_trainer *trainer)
 }
 
 // ---- State ----
+
+void sgs_trainer_memory_limit_set(sgs_trainer *trainer, size_t bytes, size_t image_cache)
+{
+    trainer->memory_limit = bytes;
+    trainer->image_cache = image_cache;
+}
 
 bool sgs_trainer_is_consistent(const sgs_trainer *trainer)
 {

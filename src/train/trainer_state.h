@@ -51,10 +51,12 @@ struct sgs_trainer {
     sgsi_train_views views;
     sgsi_view_scores scores;
     sgsi_resolution resolution;
-    sgs_regions regions; // of the last update; owns its list
-    uint32_t *order;     // permutation of the training views of this epoch
-    bool seen;           // some view has met a primitive
-    bool inconsistent;   // the last step has begun to change things and not ended
+    sgs_regions regions;              // of the last update; owns its list
+    uint32_t *order;                  // permutation of the training views of this epoch
+    bool seen;                        // some view has met a primitive
+    bool inconsistent;                // the last step has begun to change things and not ended
+    bool update_refused;              // the last structural update would have exceeded memory_limit
+    size_t memory_limit, image_cache; // bytes; 0 = none
     sgsi_progress progress;
     sgs_train_bytes bytes; // of this process, not of the checkpoint
     float *cloud_points;   // the run started from

@@ -9,6 +9,7 @@
 
 #include "base/core.h"
 #include "base/threads.h"
+#include "sparegs/runtime.h"
 #include "train/trainer_state.h"
 
 static spare_options spare_settings(const sgs_train_options *o, double gradient_threshold)
@@ -23,6 +24,22 @@ static spare_options spare_settings(const sgs_train_options *o, double gradient_
     spare.use_v = o->spare_demand & SGS_DEMAND_V;
     spare.use_c = o->spare_demand & SGS_DEMAND_C;
     return spare;
+}
+
+// The estimate for `count` primitives, and what the process has now with its growth and the copy of
+// one array, stay below the limit.
+static bool memory_admits(const void *context, size_t count)
+{
+    const sgs_trainer *trainer = context;
+    const size_t before = trainer->model->count, limit = trainer->memory_limit;
+    const size_t copy = count * SGS_PARAM_COUNT * sizeof(float);
+    const size_t estimate = sgs_train_memory(trainer->scene, &trainer->options,
+                                             trainer->image_cache, count),
+                 current = sgs_train_memory(trainer->scene, &trainer->options, trainer->image_cache,
+                                            before);
+    const size_t growth = estimate > current ? estimate - current : 0;
+    return !limit || count <= before ||
+           (estimate <= limit && sgs_rss_current() + copy + growth <= limit);
 }
 
 static sgsi_density_options density_options(sgs_trainer *trainer, int iteration,
@@ -54,6 +71,8 @@ static sgsi_density_options density_options(sgs_trainer *trainer, int iteration,
         .size_max =
             sgsi_schedule_prunes_large(schedule, progress->last_reset) ? 0.1 * extent : INFINITY,
         .max_count = o->max_gaussians,
+        .admits = trainer->memory_limit ? memory_admits : NULL,
+        .admits_context = trainer,
         .seed = o->seed,
         .iteration = iteration,
         .spare_densify = (o->spare & SGS_SPARE_BMD) && !final_prune,
@@ -102,8 +121,15 @@ sgs_status sgsi_trainer_update_structure(sgs_trainer *trainer, int iteration,
                                     .m = &trainer->m,
                                     .v = &trainer->v,
                                     .statistics = &trainer->statistics};
+    const sgsi_pipeline_state state = progress->pipeline;
     sgsi_density_result result;
     sgs_status status = sgsi_density_update(&rows, trainer->pipeline, &options, &result);
+    trainer->update_refused = result.refused;
+    if (result.refused) {
+        progress->pipeline = state;
+        sgsi_free(result.region_list);
+        return status;
+    }
     keep_regions(trainer, iteration, &result);
     if (!status)
         status = sgsi_trainer_reserve_accumulated_grad(trainer);

@@ -31,6 +31,32 @@ near halves "$temporary/hdr" --iterations 20 --spare on --checkpoint-every 10
 near small "$room" --downscale 8 --iterations 150 --spare on
 near refined "$room" --downscale 4 --iterations 30 --init "$temporary/small"
 
+# no_run_exceeds_its_limit (tiny images, few threads and many; the update that would is not begun, and a larger limit
+# continues to the same model)
+run 0 train "$room" --downscale 8 --iterations 200 --spare off --quiet -o "$temporary/unlimited" --threads 2
+for setting in '16 1' '8 2' '4 2' '4 4'; do
+    read -r scale threads <<<"$setting"
+    for limit in 160 175 190 205 220; do
+        last_command="train --downscale $scale --threads $threads --max-memory ${limit}M"
+        status=0
+        rm -rf "$temporary/limited"
+        "$program" train "$room" --downscale "$scale" --iterations 200 --spare off --quiet -o "$temporary/limited" --threads "$threads" \
+            --max-memory "${limit}M" >"$temporary/stdout" 2>"$temporary/stderr" || status=$?
+        if [ -e "$temporary/limited/summary.json" ]; then
+            check peak_is_below_the_limit jq -e ".peak_rss_bytes <= $limit * 1048576" "$temporary/limited/summary.json"
+            check status_tells_the_end test "$status" = "$(jq 'if .stop_reason == "memory_limit" then 1 else 0 end' "$temporary/limited/summary.json")"
+        else
+            check refused_at_the_start test "$status" = 1
+            reports "more than --max-memory"
+        fi
+        if [ "$setting" = '8 2' ] && [ "$status" = 1 ] && [ -e "$temporary/limited/summary.json" ]; then
+            reports "may exceed --max-memory; saved a checkpoint"
+            run 0 train "$room" --downscale 8 --iterations 200 --spare off --quiet -o "$temporary/limited" --threads 2 --resume
+            check the_model_is_the_same cmp <(jq .model_hash "$temporary/limited/summary.json") <(jq .model_hash "$temporary/unlimited/summary.json")
+        fi
+    done
+done
+
 # the_estimate_knows_what_it_continues: the model of `small` has more primitives than the scene has points
 points=$(jq .gaussians "$temporary/small/summary.json")
 run 1 train "$room" --downscale 4 --iterations 30 --init "$temporary/small" -o "$temporary/refused" --max-memory 20M

@@ -17,6 +17,7 @@
 #include "cli/json_result.h"
 #include "cli/output.h"
 #include "cli/progress.h"
+#include "run/memory_check.h"
 #include "run/region_file.h"
 #include "run/run_folder.h"
 #include "run/run_record.h"
@@ -87,37 +88,6 @@ static bool load_scene(training *run)
     return true;
 }
 
-// Initial number of primitives: from the checkpoint to resume, from --init, or from the scene.
-static size_t first_primitives(const training *run, const sgs_scene *scene)
-{
-    size_t count = run->values.resume ? run_folder_checkpoint_gaussians(&run->folder) : 0;
-    model_path located;
-    // Read errors are reported later, when the file is used.
-    if (!count && run->values.init && file_exists(run->values.init) && model_is(run->values.init) &&
-        model_locate(run->values.init, &located)) {
-        sgs_gaussians *init = NULL;
-        count = sgs_ply_read(located.ply_path, &init) ? 0 : init->count;
-        sgs_gaussians_destroy(init);
-        model_path_free(&located);
-    }
-    if (count)
-        return count;
-    return scene->point_count ? scene->point_count : (size_t)run->values.options.random_points;
-}
-
-// Decimals, at least two, with which the printed numbers differ.
-static int distinct_digits(double a, double b)
-{
-    char x[32], y[32];
-    int digits = 1;
-    do {
-        ++digits;
-        snprintf(x, sizeof x, "%.*f", digits, a);
-        snprintf(y, sizeof y, "%.*f", digits, b);
-    } while (digits < 9 && !strcmp(x, y));
-    return digits;
-}
-
 // Estimates the memory of the images and the initial model before loading. It must not exceed
 // --max-memory or, without that option, the memory of the machine.
 static bool memory_suffices(const training *run)
@@ -127,37 +97,12 @@ static bool memory_suffices(const training *run)
     messages_hear_library(true);
     if (!scene)
         return false;
-    const sgs_train_options *options = &run->values.options;
-    const size_t count = first_primitives(run, scene);
-    const size_t cache = (size_t)run->data.cache_bytes;
-    const double without = (double)sgs_train_memory(scene, options, cache, 0);
-    const double needed = (double)sgs_train_memory(scene, options, cache, count);
+    const size_t continued = run->values.resume ? run_folder_checkpoint_gaussians(&run->folder) : 0;
+    const bool suffices =
+        memory_check(scene, &run->values.options, (size_t)run->data.cache_bytes,
+                     memory_first_count(scene, &run->values, continued), run->values.max_memory);
     sgs_scene_destroy(scene);
-    const double allowed = (double)run->values.max_memory, machine = (double)sgs_machine_memory();
-    if (allowed > 0 ? needed <= allowed : needed <= machine)
-        return true;
-    const double limit = allowed > 0 ? allowed : machine;
-    const int digits = distinct_digits(needed / 0x1p30, limit / 0x1p30);
-    char *needs =
-        format_text("%s: training requires about %.*f GiB (images and program %.*f GiB, initial "
-                    "model of %zu primitives %.*f GiB)",
-                    run->scene_path, digits, needed / 0x1p30, digits, without / 0x1p30, count,
-                    digits, (needed - without) / 0x1p30);
-    fail_run(
-        "%s, more than %s (%.*f GiB); reduce --image-cache or --max-gaussians, use --downscale%s",
-        needs, allowed > 0 ? "--max-memory" : "the memory of the machine", digits, limit / 0x1p30,
-        allowed > 0 ? "" : ", or allow it with a larger --max-memory");
-    free(needs);
-    return false;
-}
-
-// A structural update may temporarily double its primitives. True if the next one could exceed
-// --max-memory.
-static bool memory_is_short(const training *run, size_t gaussians)
-{
-    enum { UPDATE_BYTES = 700 }; // per primitive
-    const double next = (double)sgs_rss_current() + (double)gaussians * UPDATE_BYTES;
-    return run->values.max_memory && next > (double)run->values.max_memory;
+    return suffices;
 }
 
 static bool create_trainer(training *run)
@@ -186,6 +131,9 @@ static bool create_trainer(training *run)
     }
     messages_hear_library(true);
     sgs_gaussians_destroy(init);
+    if (ready && run->values.max_memory)
+        sgs_trainer_memory_limit_set(run->trainer, (size_t)run->values.max_memory,
+                                     (size_t)run->data.cache_bytes);
     return ready;
 }
 
@@ -390,6 +338,13 @@ static bool give_up(training *run, const sgs_step_info *info)
     return false;
 }
 
+// True if the process is larger than --max-memory. The estimates keep it from that; should they
+// fail, the run ends at once.
+static bool exceeds_memory(const training *run)
+{
+    return run->values.max_memory && sgs_rss_current() > run->values.max_memory;
+}
+
 static bool iterate(training *run, trace_file *trace)
 {
     const int total = run->values.options.iterations;
@@ -422,6 +377,11 @@ static bool iterate(training *run, trace_file *trace)
             run->stop = SGS_STOP_EQUILIBRIUM; // resumed from a checkpoint made in equilibrium
             break;
         }
+        if (status == SGS_STATUS_OUT_OF_MEMORY && run->values.max_memory &&
+            sgs_trainer_is_consistent(run->trainer)) {
+            run->stop = SGS_STOP_MEMORY_LIMIT; // the next structural update was not begun
+            break;
+        }
         if (status)
             return give_up(run, &info);
         run->stop = info.stop;
@@ -431,7 +391,7 @@ static bool iterate(training *run, trace_file *trace)
             record_trace(run, trace, start, &before, &info);
         if (info.structural)
             record_update(run, &info);
-        if (info.structural && info.stop == SGS_STOP_NONE && memory_is_short(run, info.gaussians))
+        if (info.stop == SGS_STOP_NONE && exceeds_memory(run))
             run->stop = SGS_STOP_MEMORY_LIMIT;
         run_folder_record(&run->folder, &info, run->train_seconds, run->stop != SGS_STOP_NONE);
         progress_step(&(progress_state){info.iteration, total, info.loss_average, info.psnr_average,
@@ -689,7 +649,7 @@ static int train(training *run)
     if (!done || !report(run) || run->checkpoint_lost)
         return EXIT_FAILED;
     if (run->stop == SGS_STOP_MEMORY_LIMIT)
-        return fail_run("%s: the next structural update of %zu primitives may exceed --max-memory; "
+        return fail_run("%s: the next iterations of %zu primitives may exceed --max-memory; "
                         "saved a checkpoint at iteration %d: rerun with --resume and a larger "
                         "--max-memory, or with --max-gaussians",
                         run->values.output, run->gaussians, run->iterations);

@@ -1,0 +1,60 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+#include "run/memory_check.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "cli/output.h"
+#include "cli/progress.h"
+#include "sparegs/runtime.h"
+
+size_t memory_first_count(const sgs_scene *scene, const train_values *values, size_t continued)
+{
+    size_t count = continued;
+    model_path located;
+    // Read errors are reported later, when the file is used.
+    if (!count && values->init && file_exists(values->init) && model_is(values->init) &&
+        model_locate(values->init, &located)) {
+        sgs_gaussians *init = NULL;
+        count = sgs_ply_read(located.ply_path, &init) ? 0 : init->count;
+        sgs_gaussians_destroy(init);
+        model_path_free(&located);
+    }
+    if (count)
+        return count;
+    return scene->point_count ? scene->point_count : (size_t)values->options.random_points;
+}
+
+// Decimals, at least two, with which the printed numbers differ.
+static int distinct_digits(double a, double b)
+{
+    char x[32], y[32];
+    int digits = 1;
+    do {
+        ++digits;
+        snprintf(x, sizeof x, "%.*f", digits, a);
+        snprintf(y, sizeof y, "%.*f", digits, b);
+    } while (digits < 9 && !strcmp(x, y));
+    return digits;
+}
+
+bool memory_check(const sgs_scene *scene, const sgs_train_options *options, size_t image_cache,
+                  size_t count, uint64_t max_memory)
+{
+    const double without = (double)sgs_train_memory(scene, options, image_cache, 0);
+    const double needed = (double)sgs_train_memory(scene, options, image_cache, count);
+    const double limit = max_memory ? (double)max_memory : (double)sgs_machine_memory();
+    if (needed <= limit)
+        return true;
+    const int digits = distinct_digits(needed / 0x1p30, limit / 0x1p30);
+    fail_run("%s: training requires about %.*f GiB (images and program %.*f GiB, initial model of "
+             "%zu primitives %.*f GiB), more than %s (%.*f GiB); reduce --image-cache or "
+             "--max-gaussians, use --downscale%s",
+             scene->path, digits, needed / 0x1p30, digits, without / 0x1p30, count, digits,
+             (needed - without) / 0x1p30, max_memory ? "--max-memory" : "the memory of the machine",
+             digits, limit / 0x1p30, max_memory ? "" : ", or allow it with a larger --max-memory");
+    return false;
+}

@@ -257,7 +257,8 @@ SGS_API size_t sgs_trainer_initial_cloud(const sgs_trainer *trainer, const float
 // fails and leaves it as it was: with IO or FORMAT when the file is damaged, UNSUPPORTED when
 // another version wrote it, INVALID_ARGUMENT when options or training views differ; the error names
 // what differs. Options may differ as their resume rule allows (option_descriptors.h), with a
-// warning.
+// warning. A state that ended in equilibrium is over until one of the spare fields differs, one
+// that ended with its schedule until `iterations` is larger.
 SGS_API sgs_status sgs_trainer_save_checkpoint(const sgs_trainer *trainer, const char *path);
 SGS_API sgs_status sgs_trainer_load_checkpoint(sgs_trainer *trainer, const char *path);
 // Size of the file that sgs_trainer_save_checkpoint would write now. Cannot fail.

@@ -287,8 +287,11 @@ static sgs_status check(sgsi_sections *sections, sgs_trainer *trainer, size_t *n
     const uint8_t *options = sgsi_sections_find(sections, "options", &bytes);
     if (!options)
         return sgsi_fail(SGS_STATUS_FORMAT, "%s: the section 'options' is missing", sections->path);
+    bool spare_changed;
     status = sgsi_options_compare(sections->path, options, bytes, &trainer->options,
-                                  progress->iteration);
+                                  progress->iteration, &spare_changed);
+    if (!status && spare_changed && progress->stop == SGS_STOP_EQUILIBRIUM)
+        progress->stop = SGS_STOP_NONE; // it may not be one any more
     if (!status)
         status = check_scene(sections, trainer);
     if (status)
@@ -371,7 +374,7 @@ sgs_status sgs_trainer_load_checkpoint(sgs_trainer *trainer, const char *path)
         sections.pass = SGSI_SECTIONS_READ;
         visit_state(&sections, trainer, n);
         trainer->progress = progress;
-        trainer->stop_text[sizeof trainer->stop_text - 1] = 0;
+        trainer->stop_text[progress.stop ? sizeof trainer->stop_text - 1 : 0] = 0;
         trainer->views.rebuild = true;
         trainer->inconsistent = false;
         if (sgsi_trainer_opacity_is_linear(trainer))

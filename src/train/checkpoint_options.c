@@ -3,8 +3,8 @@
 
 // A run resumed with other options would be neither of the two runs, so a difference is refused,
 // except where a later value is meaningful by itself (sgs_resume_rule): a new cap is used from the
-// next structural update on, new tolerances from the next check on, and the paper's schedule is the
-// same for any length.
+// next structural update on, as are the parts of SPARE-GS, new tolerances from the next check on,
+// and the paper's schedule is the same for any length.
 //
 // An option is essential in the file where it differs from its default: another version of the
 // program may ignore an option that it does not know if the option had no effect.
@@ -39,17 +39,26 @@ void sgsi_options_write(sgsi_field_list *list, const sgs_train_options *options)
     }
 }
 
-static sgs_status compare(const char *path, const sgs_train_option *row, const char *before,
-                          const sgs_train_options *now, int iteration)
+// The file and what its options are compared with.
+typedef struct comparison {
+    const char *path;
+    const sgs_train_options *now;
+    int iteration;
+    bool spare_changed;
+} comparison;
+
+static sgs_status compare(comparison *c, const sgs_train_option *row, const char *before)
 {
+    const char *path = c->path;
     char value[TEXT_CAPACITY];
-    sgs_train_option_text(row, now, value, sizeof value);
+    sgs_train_option_text(row, c->now, value, sizeof value);
     if (!strcmp(value, before))
         return SGS_STATUS_OK;
     if (row->resume == SGS_RESUME_FREE ||
-        (row->resume == SGS_RESUME_FREE_PAPER && now->schedule == SGS_SCHEDULE_PAPER)) {
+        (row->resume == SGS_RESUME_FREE_PAPER && c->now->schedule == SGS_SCHEDULE_PAPER)) {
+        c->spare_changed = c->spare_changed || !strncmp(row->name, "spare", 5);
         sgsi_warn("%s: option %s was %s and is %s from iteration %d on", path, row->name, before,
-                  value, iteration + 1);
+                  value, c->iteration + 1);
         return SGS_STATUS_OK;
     }
     return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
@@ -58,9 +67,10 @@ static sgs_status compare(const char *path, const sgs_train_option *row, const c
                      path, row->name, before, value);
 }
 
-static sgs_status compare_record(const char *path, const sgsi_field_record *record,
-                                 const sgs_train_options *now, int iteration, bool seen[ROWS_MOST])
+static sgs_status compare_record(comparison *c, const sgsi_field_record *record,
+                                 bool seen[ROWS_MOST])
 {
+    const char *path = c->path;
     size_t count;
     const sgs_train_option *rows = sgs_train_option_descriptors(&count);
     if (record->type != SGSI_FIELD_TEXT || record->bytes >= TEXT_CAPACITY)
@@ -74,7 +84,7 @@ static sgs_status compare_record(const char *path, const sgsi_field_record *reco
         if (seen[i])
             return sgsi_fail(SGS_STATUS_FORMAT, "%s: option %s appears twice", path, record->name);
         seen[i] = true;
-        return compare(path, &rows[i], before, now, iteration);
+        return compare(c, &rows[i], before);
     }
     if (!record->essential)
         return SGS_STATUS_OK;
@@ -85,15 +95,16 @@ static sgs_status compare_record(const char *path, const sgsi_field_record *reco
 }
 
 sgs_status sgsi_options_compare(const char *path, const uint8_t *bytes, size_t size,
-                                const sgs_train_options *now, int iteration)
+                                const sgs_train_options *now, int iteration, bool *spare_changed)
 {
+    comparison c = {path, now, iteration, false};
     const sgs_train_options initial = sgs_train_options_default();
     bool seen[ROWS_MOST] = {false}, damaged = false;
     sgsi_field_record record;
     sgs_status status = SGS_STATUS_OK;
     const uint8_t *at = bytes, *end = bytes + size;
     while (!status && sgsi_fields_next(&at, end, &record, &damaged))
-        status = compare_record(path, &record, now, iteration, seen);
+        status = compare_record(&c, &record, seen);
     if (!status && damaged)
         return sgsi_fail(SGS_STATUS_FORMAT, "%s: section 'options': a field is cut or damaged",
                          path);
@@ -103,7 +114,8 @@ sgs_status sgsi_options_compare(const char *path, const uint8_t *bytes, size_t s
         char before[TEXT_CAPACITY];
         sgs_train_option_text(&rows[i], &initial, before, sizeof before);
         if (!seen[i] && is_recorded(&rows[i]))
-            status = compare(path, &rows[i], before, now, iteration);
+            status = compare(&c, &rows[i], before);
     }
+    *spare_changed = c.spare_changed;
     return status;
 }

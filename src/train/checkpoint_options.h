@@ -14,6 +14,6 @@ void sgsi_options_write(sgsi_field_list *list, const sgs_train_options *options)
 // Compares the options of a checkpoint (the content of the section) with `now`. Options that may
 // change are warned about, with the iteration from which the new value is used; any other
 // difference fails with INVALID_ARGUMENT, naming the field and both values. An option that the
-// checkpoint does not name had its default.
+// checkpoint does not name had its default. *spare_changed: one of SPARE-GS's differs.
 sgs_status sgsi_options_compare(const char *path, const uint8_t *bytes, size_t size,
-                                const sgs_train_options *now, int iteration);
+                                const sgs_train_options *now, int iteration, bool *spare_changed);

@@ -233,7 +233,8 @@ static const sgs_train_option table[] = {
      .help = "SPARE-GS, or some of its parts: budget-modulated densification (bmd), "
              "redundancy-aware pruning (rap), equilibrium-driven termination (edt)",
      .group = spare_gs,
-     ALL_PIPELINES},
+     ALL_PIPELINES,
+     .resume = SGS_RESUME_FREE},
     {.name = "spare_grid",
      .type = SGS_OPTION_INT,
      FIELD(spare_grid),

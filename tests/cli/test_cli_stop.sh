@@ -157,6 +157,20 @@ jq 'del(.options.sh_degree)' "$out/config.json" >"$temporary/edited" && cp "$tem
 run 1 train "${data[@]}" "${paper[@]}" --iterations 60 --resume
 reports "--sh-degree was not recorded"
 
+# a_run_that_ended_in_equilibrium_continues_with_other_tolerances
+rm -rf "$out"
+still=(-o "$out" --iterations 400 --spare-interval 300)
+run 0 train "${data[@]}" "${still[@]}" --spare-eps-loss 1 --spare-eps-count 1
+json "$out/summary.json" '.stop_reason == "equilibrium" and .iterations < 400'
+at=$(jq .iterations "$out/summary.json")
+hash=$(jq .model_hash "$out/summary.json")
+run 0 train "${data[@]}" "${still[@]}" --spare-eps-loss 1 --spare-eps-count 1 --resume
+reports "the run ended in equilibrium at iteration $at of 400; to continue it, change --spare-eps-loss"
+check the_model_stays test "$(jq .model_hash "$out/summary.json")" = "$hash"
+run 0 train "${data[@]}" "${still[@]}" --spare-eps-loss 1 --spare-eps-count 1 --spare bmd,rap --resume
+reports "--spare was bmd,rap,edt and is bmd,rap from iteration $((at + 1)) on"
+json "$out/summary.json" '.stop_reason == "schedule" and .iterations == 400'
+
 # leftovers_of_a_killed_run_are_removed, other files stay
 touch "$out/checkpoint/state.next.bin.tmp.123" "$out/config.json.tmp.77" "$out/notes.tmp.txt" "$out/keep.me"
 run 0 train "${data[@]}" -o "$out" --iterations 2 --quiet --overwrite

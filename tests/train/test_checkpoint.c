@@ -383,7 +383,7 @@ static void options_are_honoured_or_refused_by_name(void **state)
         {"background", MEMBER(background_random), false},
         {"max_gaussians", MEMBER(max_gaussians), true},
         {"seed", MEMBER(seed), false},
-        {"spare", MEMBER(spare), false},
+        {"spare", MEMBER(spare), true},
         {"spare_grid", MEMBER(spare_grid), false},
         {"spare_tau_alpha", MEMBER(spare_tau_alpha), false},
         {"spare_eps_loss", MEMBER(spare_eps_loss), true},
@@ -468,6 +468,45 @@ static void sizes_are_known_before_and_after(void **state)
     assert_int_equal(count, 0);
 }
 
+// A run that equilibrium ended continues when the options of that test change, and only then.
+static void an_equilibrium_ends_until_its_options_change(void **state)
+{
+    (void)state;
+    sgs_train_options options = short_run(400);
+    options.spare_eps_loss = options.spare_eps_count = 1;
+    options.spare_interval = 300; // 4 iterations of this run
+    sgs_trainer *trainer = start(scene, &options);
+    sgs_step_info info = {0};
+    while (!info.stop)
+        assert_int_equal(sgs_trainer_step(trainer, &info), SGS_STATUS_OK);
+    assert_int_equal(info.stop, SGS_STOP_EQUILIBRIUM);
+    const int ended = info.iteration;
+    assert_true(ended < 400);
+    assert_int_equal(sgs_trainer_save_checkpoint(trainer, temp_path(&folder, "still")),
+                     SGS_STATUS_OK);
+    sgs_trainer_destroy(trainer);
+    sgs_train_options changes[5];
+    for (int k = 0; k < 5; ++k)
+        changes[k] = options;
+    changes[1].spare = SGS_SPARE_BMD | SGS_SPARE_RAP;
+    changes[2].spare_eps_loss = 1e-6;
+    changes[3].spare_eps_count = 0;
+    changes[4].spare_patience = 1000;
+    for (int k = 0; k < 5; ++k) {
+        trainer = start(scene, &changes[k]);
+        assert_int_equal(sgs_trainer_load_checkpoint(trainer, temp_path(&folder, "still")),
+                         SGS_STATUS_OK);
+        assert_int_equal(sgs_trainer_iteration(trainer), ended);
+        assert_int_equal(sgs_trainer_step(trainer, &info), k ? SGS_STATUS_OK : SGS_STATUS_LIMIT);
+        assert_int_equal(*sgs_trainer_stop_text(trainer) != 0, k == 0);
+        if (k == 1) {
+            run(trainer, 399 - ended);
+            assert_int_equal(sgs_trainer_iteration(trainer), 400);
+        }
+        sgs_trainer_destroy(trainer);
+    }
+}
+
 static void a_full_disk_leaves_the_checkpoint_before(void **state)
 {
     (void)state;
@@ -505,6 +544,7 @@ int main(void)
         cmocka_unit_test(a_checkpoint_of_format_3_is_refused_by_name),
         cmocka_unit_test(options_are_honoured_or_refused_by_name),
         cmocka_unit_test(sizes_are_known_before_and_after),
+        cmocka_unit_test(an_equilibrium_ends_until_its_options_change),
         cmocka_unit_test(a_full_disk_leaves_the_checkpoint_before),
     };
     return cmocka_run_group_tests(tests, load, unload);

@@ -375,6 +375,10 @@ static bool iterate(training *run, trace_file *trace)
         run->longest_step = spent > run->longest_step ? spent : run->longest_step;
         if (status == SGS_STATUS_LIMIT) {
             run->stop = SGS_STOP_EQUILIBRIUM; // resumed from a checkpoint made in equilibrium
+            print_note("%s: the run ended in equilibrium at iteration %d of %d; to continue it, "
+                       "change --spare-eps-loss, --spare-eps-count or --spare-patience, or leave "
+                       "edt out of --spare",
+                       run->values.output, sgs_trainer_iteration(run->trainer), total);
             break;
         }
         if (status == SGS_STATUS_OUT_OF_MEMORY && run->values.max_memory &&

@@ -57,6 +57,12 @@ void sgsi_statistics_clear(sgsi_statistics *statistics, size_t count)
     memset(statistics->radius_max, 0, count * sizeof *statistics->radius_max);
 }
 
+void sgsi_statistics_resize_images(sgsi_statistics *statistics, size_t count, float factor)
+{
+    for (size_t i = 0; i < count; ++i)
+        statistics->radius_max[i] *= factor;
+}
+
 void sgsi_statistics_free(sgsi_statistics *statistics)
 {
     sgsi_free(statistics->gradient_sum);

@@ -25,6 +25,9 @@ typedef struct sgsi_statistics {
 sgs_status sgsi_statistics_reserve(sgsi_statistics *statistics,
                                    size_t capacity); // zeroes everything when it grows
 void sgsi_statistics_clear(sgsi_statistics *statistics, size_t count);
+// After a change of the image size by `factor`: radii are pixels. Gradients are per half image, so
+// they and the counts stay.
+void sgsi_statistics_resize_images(sgsi_statistics *statistics, size_t count, float factor);
 void sgsi_statistics_free(sgsi_statistics *statistics);
 
 // What an update changes. m and v are moments in the model's layout and capacity; both may be

@@ -26,7 +26,13 @@ static void adopt_images(sgs_trainer *trainer, sgsi_small_images *images)
 {
     if (!sgsi_small_images_adopt(&trainer->views, images))
         return;
-    trainer->progress.resolution = trainer->views.small_images.scale;
+    const int before = trainer->progress.resolution, now = trainer->views.small_images.scale;
+    // Scaled schedules change the size between updates, too; the released code of DashGaussian only
+    // with them, where the statistics are 0.
+    if (before && trainer->model)
+        sgsi_statistics_resize_images(&trainer->statistics, trainer->model->count,
+                                      (float)before / (float)now);
+    trainer->progress.resolution = now;
     trainer->progress.reset_since_check = 1; // losses of different sizes do not compare
     sgsi_train_views_forget_depths(&trainer->views);
 }

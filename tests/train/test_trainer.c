@@ -472,6 +472,36 @@ static void large_primitives_go_only_after_an_opacity_reset(void **state)
     assert_true(large_share(15) > 0.15);
 }
 
+// A size that changes between two updates leaves no radius in pixels of the other size.
+static void radii_follow_the_size_of_the_images(void **state)
+{
+    (void)state;
+    sgs_train_options options = short_run(300);
+    options.pipeline = SGS_PIPELINE_DASH;
+    sgs_trainer *trainer = start(&options);
+    size_t compared = 0;
+    for (int k = 0; k < 300; ++k) {
+        const sgsi_statistics *s = &trainer->statistics;
+        const size_t count = trainer->model->count;
+        const int before = trainer->progress.resolution;
+        float *radius = malloc(count * sizeof *radius);
+        uint32_t *seen = malloc(count * sizeof *seen);
+        memcpy(radius, s->radius_max, count * sizeof *radius);
+        memcpy(seen, s->visible_count, count * sizeof *seen);
+        const sgs_step_info info = run(trainer, 1);
+        const int after = trainer->progress.resolution;
+        for (size_t i = 0; i < count && after != before && !info.structural; ++i)
+            if (radius[i] > 0 && s->visible_count[i] == seen[i]) { // not in the view of this step
+                assert_true(s->radius_max[i] == radius[i] * ((float)before / (float)after));
+                ++compared;
+            }
+        free(radius);
+        free(seen);
+    }
+    assert_true(compared > 10);
+    sgs_trainer_destroy(trainer);
+}
+
 // The loss is compared across the window before a reset, not across the one that it opens.
 static void a_reset_disturbs_the_window_behind_it(void **state)
 {
@@ -564,6 +594,7 @@ int main(void)
         cmocka_unit_test(options_out_of_range_are_named),
         cmocka_unit_test(updates_and_resets_wait_for_the_next_iteration),
         cmocka_unit_test(large_primitives_go_only_after_an_opacity_reset),
+        cmocka_unit_test(radii_follow_the_size_of_the_images),
         cmocka_unit_test(a_reset_disturbs_the_window_behind_it),
         cmocka_unit_test(a_scene_in_small_units_trains_as_well),
     };

@@ -52,8 +52,8 @@ static sgs_status compare(comparison *c, const sgs_train_option *row, const char
     const char *path = c->path;
     char value[TEXT_CAPACITY];
     sgs_train_option_text(row, c->now, value, sizeof value);
-    if (!strcmp(value, before))
-        return SGS_STATUS_OK;
+    if (!strcmp(value, before) || (row->spare && !(row->spare & c->now->spare)))
+        return SGS_STATUS_OK; // equal, or not read from now on
     if (row->resume == SGS_RESUME_FREE ||
         (row->resume == SGS_RESUME_FREE_PAPER && c->now->schedule == SGS_SCHEDULE_PAPER)) {
         c->spare_changed = c->spare_changed || !strncmp(row->name, "spare", 5);

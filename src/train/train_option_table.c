@@ -306,6 +306,7 @@ static const sgs_train_option table[] = {
      .help = "iterations between equilibrium checks, in the 30000-iteration schedule",
      .group = spare_gs,
      ALL_PIPELINES,
+     .resume = SGS_RESUME_FREE,
      .spare = SGS_SPARE_EDT},
     {.name = "spare_demand",
      .type = SGS_OPTION_SET,

@@ -167,7 +167,8 @@ hash=$(jq .model_hash "$out/summary.json")
 run 0 train "${data[@]}" "${still[@]}" --spare-eps-loss 1 --spare-eps-count 1 --resume
 reports "the run ended in equilibrium at iteration $at of 400; to continue it, change --spare-eps-loss"
 check the_model_stays test "$(jq .model_hash "$out/summary.json")" = "$hash"
-run 0 train "${data[@]}" "${still[@]}" --spare-eps-loss 1 --spare-eps-count 1 --spare bmd,rap --resume
+# --spare-interval was 300; without edt it is neither read nor compared
+run 0 train "${data[@]}" -o "$out" --iterations 400 --spare bmd,rap --resume
 reports "--spare was bmd,rap,edt and is bmd,rap from iteration $((at + 1)) on"
 json "$out/summary.json" '.stop_reason == "schedule" and .iterations == 400'
 

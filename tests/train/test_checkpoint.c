@@ -389,7 +389,7 @@ static void options_are_honoured_or_refused_by_name(void **state)
         {"spare_eps_loss", MEMBER(spare_eps_loss), true},
         {"spare_eps_count", MEMBER(spare_eps_count), true},
         {"spare_patience", MEMBER(spare_patience), true},
-        {"spare_interval", MEMBER(spare_interval), false},
+        {"spare_interval", MEMBER(spare_interval), true},
         {"spare_demand", MEMBER(spare_demand), false},
     };
     sgs_train_options other = short_run(91);

@@ -7,15 +7,14 @@
 //
 // Stored values and activations (Kerbl et al. 2023): mean in world units; rotation as a quaternion
 // (w, x, y, z), normalised when used; log of the scale in world units; logit of the opacity;
-// spherical harmonics, colour = max(0, sum + 0.5) in the space of the photographs.
+// spherical harmonics: colour = max(0, sum + 0.5) in the space of the photographs.
 //
 // Threads: functions with a const model may run at the same time on the same model; a call that
 // changes a model must be the only one on it. Different models are independent.
 //
-// The memory layout is internal and may change: read and write parameters by sgs_gaussians_read,
-// _write, _get and _set. (It is blocks of 16 primitives, column by column inside a block, one cache
-// line per parameter: parameter k of primitive i is data[((i / 16) * SGS_PARAM_COUNT + k) * 16 + i
-// % 16].)
+// The memory layout is internal and may change; use sgs_gaussians_read, _write, _get and _set.
+// (Blocks of 16 primitives, one cache line per parameter: parameter k of primitive i is data[((i /
+// 16) * SGS_PARAM_COUNT + k) * 16 + i % 16].)
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -39,13 +38,13 @@ enum {
 
 typedef struct sgs_gaussians {
     size_t count;
-    size_t capacity;     // multiple of 16
-    int sh_degree;       // 0..3: degree stored in files; higher coefficients are 0
-    bool linear_opacity; // SGS_PARAM_OPACITY holds x with the opacity |x|, which may exceed 1,
-                         // instead of the logit. Files and digests have the logit: of at most
-                         // 1 - 1e-6
-    float *data; // [capacity / 16][SGS_PARAM_COUNT][16], 64-byte aligned, owned; rows >= count are
-                 // inert
+    size_t capacity; // multiple of 16
+    int sh_degree;   // 0..3: degree stored in files; higher coefficients are 0
+    // SGS_PARAM_OPACITY holds x, opacity |x|, which may exceed 1, instead of the logit. Files and
+    // digests contain the logit of at most 1 - 1e-6.
+    bool linear_opacity;
+    // [capacity / 16][SGS_PARAM_COUNT][16], 64-byte aligned, owned; rows >= count are inert.
+    float *data;
 } sgs_gaussians;
 
 // Creates an empty model with room for `capacity` primitives; release it with
@@ -71,66 +70,71 @@ static inline float *sgs_gaussians_at(const sgs_gaussians *model, size_t i, int 
            i % SGS_LANES;
 }
 
-// Copies all stored parameters of primitive i, in the order of SGS_PARAM_. No bounds check.
+// Copies all stored parameters of primitive i, in the order of SGS_PARAM_, out of or into the
+// model. No bounds check.
 SGS_API void sgs_gaussians_get(const sgs_gaussians *model, size_t i, float params[SGS_PARAM_COUNT]);
 SGS_API void sgs_gaussians_set(sgs_gaussians *model, size_t i, const float params[SGS_PARAM_COUNT]);
 
 // Copies stored parameter `param` (SGS_PARAM_MEAN + 1 is y) of the primitives [first, first +
-// count) to or from floats that are `stride_bytes` apart (0 = packed). The way for bindings and
-// optimisers: the memory layout of a model is internal. Fails with INVALID_ARGUMENT for a parameter
-// or range that the model does not have, or a stride below 4. Values are not checked.
+// count) to or from floats that are `stride_bytes` apart (0 = packed), for bindings and optimisers.
+// Fails with INVALID_ARGUMENT if parameter or range are outside the model or the stride is below 4.
+// Values are not checked.
 SGS_API sgs_status sgs_gaussians_read(const sgs_gaussians *model, int param, size_t first,
                                       size_t count, float *out, size_t stride_bytes);
 SGS_API sgs_status sgs_gaussians_write(sgs_gaussians *model, int param, size_t first, size_t count,
                                        const float *in, size_t stride_bytes);
 
-// The opacity of primitive i as files store it: a logit, of at most 1 - 1e-6 for linear opacities.
+// Opacity of primitive i as stored in files: the logit, of at most 1 - 1e-6 for linear opacities.
 // No bounds check.
 SGS_API float sgs_gaussians_opacity_logit(const sgs_gaussians *model, size_t i);
 
-// Replaces the logits of all rows by opacities and sets linear_opacity. No effect if it is set.
+// Converts the logits of all rows to opacities and sets linear_opacity; no effect if it is set.
 // Cannot fail.
 SGS_API void sgs_gaussians_linearize_opacity(sgs_gaussians *model);
-// Sets linear_opacity for rows [0, count) that hold opacities already. Cannot fail.
+// Sets linear_opacity if rows [0, count) hold opacities already. Cannot fail.
 SGS_API void sgs_gaussians_declare_linear_opacity(sgs_gaussians *model);
 
-// 3DGS initialisation from a point cloud (Kerbl et al. 2023, section 5.1): scale = RMS distance to
-// the 3 nearest other points, d^2 clamped at 1e-7, opacity 0.1, unit rotation, SH band 0 from the
-// colour. points [n][3] world, colors [n][3] 8 bit. Exact KNN, parallel. Fewer than 4 points:
-// missing neighbours are left out of the mean (a single point gets the scale `fallback_scale`, a
-// hundredth of the scene's extent; in scenes of an extent below 1 the clamp shrinks with its
-// square). Fails with OUT_OF_MEMORY or LIMIT; *model is then NULL.
+// Initial model of 3DGS for a point cloud (Kerbl et al. 2023, section 5.1): scale = RMS distance to
+// the 3 nearest other points (exact), opacity 0.1, unit rotation, SH band 0 from the colour.
+// points: [n][3], world; colors: [n][3], 8-bit.
+//
+// fallback_scale: a hundredth of the scene's extent, world units. A single point has this scale.
+// The squared distance is at least 1e-7, times the square of the extent if that is below 1. The
+// caller destroys *model. Fails with INVALID_ARGUMENT (a point is not finite, or a single point
+// without a positive fallback_scale), OUT_OF_MEMORY or LIMIT; *model is then NULL.
 SGS_API sgs_status sgs_gaussians_init_points(const float *points, const unsigned char *colors,
                                              size_t n, double fallback_scale,
                                              sgs_gaussians **model);
 
-// Reads a 3DGS PLY: binary (either byte order) or ascii, any property order, any SH degree
-// (0/9/24/45 f_rest), unknown properties ignored. An opacity of +inf or -inf is read as the
-// logit of 1 - 1e-6 or 1e-6; other non-finite rows are dropped with one warning. Accepts |q| = 0 as
-// identity with a warning. The caller destroys *model. Fails with IO, FORMAT, UNSUPPORTED, LIMIT or
-// OUT_OF_MEMORY; *model is then NULL and the error names file and place.
+// Reads a 3DGS PLY: binary (either byte order) or ASCII, any order of properties, any SH degree (0,
+// 9, 24 or 45 f_rest); unknown properties are ignored. An opacity of +inf or -inf is read as the
+// logit of 1 - 1e-6 or 1e-6; other rows with non-finite values are dropped with one warning. A zero
+// quaternion becomes the identity, with a warning. The caller destroys *model. Fails with IO,
+// FORMAT, UNSUPPORTED, LIMIT or OUT_OF_MEMORY; the error names file and place, *model is then NULL.
 SGS_API sgs_status sgs_ply_read(const char *path, sgs_gaussians **model);
 
-// Writes the 62-property little-endian PLY of 3DGS (fewer f_rest for a lower sh_degree). The file
-// is replaced atomically: on failure (IO, OUT_OF_MEMORY) an existing one remains.
+// Writes the little-endian PLY of 3DGS with 62 properties (fewer f_rest for a lower sh_degree),
+// atomically: on failure (IO, OUT_OF_MEMORY) an existing file is unchanged.
 SGS_API sgs_status sgs_ply_write(const char *path, const sgs_gaussians *model);
 
-// The same with a last property filter_3D: filter_3d[count], Mip-Splatting's f3 in world units.
+// The same with an additional last property filter_3D: filter_3d[count], Mip-Splatting's f3 in
+// world units.
 SGS_API sgs_status sgs_ply_write_filter_3d(const char *path, const sgs_gaussians *model,
                                            const float *filter_3d);
 
-// A copy of the model with Mip-Splatting's 3D filter [count] worked into scales and opacities, for
-// files and viewers without the filter. The caller destroys it. Fails with OUT_OF_MEMORY; *fused is
-// then NULL.
+// A copy of the model with Mip-Splatting's 3D filter [count] applied to scales and opacities (Yu et
+// al. 2024, section 5.1), for viewers without the filter. The caller destroys *fused. Fails with
+// OUT_OF_MEMORY; *fused is then NULL.
 SGS_API sgs_status sgs_gaussians_fuse_filter_3d(const sgs_gaussians *model, const float *filter_3d,
                                                 sgs_gaussians **fused);
 
-// Writes a point cloud (x y z nx ny nz red green blue) as 3DGS's input.ply, atomically.
+// Writes a point cloud (x y z nx ny nz red green blue) like the input.ply of 3DGS, atomically.
+// points: [n][3], world; colors: [n][3]. Fails with IO or OUT_OF_MEMORY.
 SGS_API sgs_status sgs_ply_write_points(const char *path, const float *points,
                                         const unsigned char *colors, size_t n);
 
 // XXH3 (64 bits) of count, SH degree and all parameters, row by row, as 16 hex digits and a NUL.
-// The same parameters in another row order have another digest. Cannot fail.
+// The digest depends on the order of the rows. Cannot fail.
 SGS_API void sgs_gaussians_hash(const sgs_gaussians *model, char hex[17]);
 
 #ifdef __cplusplus

@@ -6,19 +6,20 @@
 // double-precision reference that defines its results. No training, no files.
 //
 // Threads: a renderer takes one call at a time. Different renderers may run at the same time on
-// different threads, also over the same model; nothing may change the model meanwhile. The
-// reference is a set of pure functions.
+// different threads, also with the same model; the model must not change meanwhile. The reference
+// consists of pure functions.
 //
-// Response of a Gaussian to a ray x(t) = c + t d, |d| = 1 (M = S^-1 R^T, p = M (c - mean), g = M
-// d): rho^2 = |p x g|^2 / |g|^2 at t = -(p.g) / |g|^2; alpha = min(0.99, o exp(-rho^2 / 2)). A hit
-// counts when alpha >= 1/255 and t > near. Hits blend in the order (t, id) - where two t round to
-// the same float, the tracer takes the nearer mean first, then the smaller id -; the first one that
-// would take the transmittance below 1e-4 and all behind it do not count.
+// Response of a Gaussian to a ray x(t) = c + t d, |d| = 1, with M = S^-1 R^T, p = M (c - mean) and
+// g = M d: rho^2 = |p x g|^2 / |g|^2 at t = -(p.g) / |g|^2, alpha = min(0.99, o exp(-rho^2 / 2)).
 //
-// Filter `3dgs`: scales become s'^2 = s^2 + 0.3 (z / f)^2 with z the camera depth of the mean (its
-// distance, for fisheye lenses) and f = sqrt(fx fy): the 0.3 px^2 dilation of 3DGS. Filter `none`:
-// the bare Gaussian. Filter `mip`: s'^2 = s^2 + f3^2 with the model's 3D filter f3, then + 0.1 (z /
-// f)^2 with Mip-Splatting's opacity factors.
+// Counted hits of a ray: those with alpha >= 1/255 and t > near, in the order (t, id), up to the
+// first one that would reduce the transmittance below 1e-4, which is excluded (as in 3DGS). If two
+// t round to the same float, the tracer orders by distance of the mean, then by id.
+//
+// Pixel filters. `3dgs`: s'^2 = s^2 + 0.3 (z / f)^2 with z the camera depth of the mean (for
+// fisheye lenses its distance) and f = sqrt(fx fy): the dilation of 3DGS by 0.3 px^2. `none`: the
+// bare Gaussian. `mip` (Yu et al. 2024): s'^2 = s^2 + f3^2 with the model's 3D filter f3, then +
+// 0.1 (z / f)^2 with the opacity factors of the paper.
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -35,29 +36,34 @@ typedef enum sgs_filter { SGS_FILTER_3DGS = 0, SGS_FILTER_NONE = 1, SGS_FILTER_M
 
 typedef struct sgs_render_options {
     size_t struct_size; // set by sgs_render_options_default()
-    sgs_filter filter;
-    double near_distance; // hits at t <= near do not count, world units; default 0.2 (3DGS's cull),
-                          // see sgs_near_distance
-    int sh_degree;        // highest band used, 0..3; default 3
-    const float *filter_3d; // [count] Mip-Splatting's f3 in world units, or NULL (0); used by
-                            // SGS_FILTER_MIP only
-    bool axis_depth; // distances of the frame are along the camera's axis (z) instead of the ray;
-                     // default false
-    double compact_box;  // in (0, 1]: a tile of 16x16 pixels leaves a primitive out when rho^2 of
-                         // its rays is beyond this share of the support, 2 ln(255 o), as FastGS's
-                         // rasteriser does at 0.5; default 1, exact
-    bool differentiable; // keep what sgs_renderer_backward needs: the list of every tile's hits
-    sgs_progress_fn progress; // called between bands of rows, or NULL; not with `differentiable`
+    sgs_filter filter;  // default SGS_FILTER_3DGS
+    // Hits at t <= near are ignored, world units, >= 0; default 0.2, the culling distance of 3DGS.
+    // See sgs_near_distance.
+    double near_distance;
+    int sh_degree; // highest band used, 0..3; default 3
+    // [count] Mip-Splatting's f3 in world units, or NULL = 0; used by SGS_FILTER_MIP only.
+    const float *filter_3d;
+    // Distances of the frame are measured along the camera's axis (z) instead of the ray; default
+    // false.
+    bool axis_depth;
+    // In (0, 1]; default 1, exact. A tile of 16x16 pixels ignores a primitive if rho^2 of all its
+    // rays exceeds this fraction of the support, 2 ln(255 o); FastGS's rasteriser uses 0.5.
+    double compact_box;
+    // Keep what sgs_renderer_backward requires: the list of hits of each tile.
+    bool differentiable;
+    // Called between bands of rows, or NULL; must be NULL with `differentiable`.
+    sgs_progress_fn progress;
     void *progress_user;
 } sgs_render_options;
 
-// The near distance for cameras of this extent (scene.h): 0.2, and in scenes smaller than 1 as much
-// less: their cameras would look through what is to be seen.
+// Near distance for a scene of this extent (sgs_scene.extent), world units: 0.2, and 0.2 * extent
+// for extents below 1. Cannot fail.
 SGS_API double sgs_near_distance(double extent);
 
+// Cannot fail.
 SGS_API sgs_render_options sgs_render_options_default(void);
 
-// What a frame can hold besides colour and transmittance.
+// Optional planes of a frame (AOVs); colour and transmittance are always present.
 enum {
     SGS_AOV_DEPTH_MEAN = 1,
     SGS_AOV_DEPTH_MEDIAN = 2,
@@ -72,97 +78,106 @@ enum {
 
 #define SGS_NO_PRIMITIVE UINT32_MAX
 
-// Planes of a rendered view, [height][width] row-major, top row first, each NULL when not wanted.
-// Owned by the caller. Distances are along the unit ray (or along the axis:
-// sgs_render_options.axis_depth), in world units.
+// Planes of a rendered view: [height][width] row-major, top row first; a NULL plane is not
+// rendered. Owned by the caller. w is the blending weight T alpha of a hit, t its distance along
+// the unit ray (along the axis with sgs_render_options.axis_depth) in world units.
 typedef struct sgs_frame {
     int width, height;    // must equal the camera's
-    float *color[3];      // linear blend of the SH colours, premultiplied, WITHOUT background
-    float *transmittance; // T left after the last counted hit; alpha = 1 - T
-    float *depth_mean;    // sum(w t) / sum(w); 0 where nothing was hit
-    float *depth_median;  // t of the hit that takes T to 0.5 or below; 0 if none does
-    float *depth_first;   // smallest t of a counted hit; 0 where nothing was hit
+    float *color[3];      // sum of w times the SH colour: premultiplied, WITHOUT background
+    float *transmittance; // T after the last counted hit; alpha = 1 - T
+    float *depth_mean;    // sum(w t) / sum(w); 0 without a hit
+    float *depth_median;  // t of the hit that reduces T to 0.5 or below; 0 if none does
+    float *depth_first;   // smallest t of a counted hit; 0 without a hit
     float *hits;          // number of counted hits
-    float *normal[3]; // world, unit: direction of sum(w n), n the primitive's shortest axis (the
-                      // first of equal ones)
-    // turned towards the camera's centre; 0 where nothing was hit or the sum vanishes
-    float *position[3];  // world: sum(w x) / sum(w), x the point of a hit; 0 where nothing was hit
-    uint32_t *primitive; // row of the primitive with the largest w; SGS_NO_PRIMITIVE where nothing
-                         // was hit
+    // World, unit: direction of sum(w n), n the primitive's shortest axis (the first of equal ones)
+    // turned towards the camera centre; 0 without a hit or if the sum vanishes.
+    float *normal[3];
+    float *position[3];  // world: sum(w x) / sum(w), x the point of a hit; 0 without a hit
+    uint32_t *primitive; // row of the primitive with the largest w; SGS_NO_PRIMITIVE without a hit
 } sgs_frame;
 
-// Allocates colour, transmittance and the planes of SGS_AOVS_BASIC (64-byte aligned, zeroed); on
-// failure everything is NULL.
+// Allocates colour, transmittance and the planes of SGS_AOVS_BASIC, 64-byte aligned and zeroed.
+// Free them with sgs_frame_free. Fails with INVALID_ARGUMENT (size) or OUT_OF_MEMORY; all planes
+// are then NULL.
 SGS_API sgs_status sgs_frame_create(int width, int height, sgs_frame *frame);
-// The same with a choice: `planes` is a sum of SGS_AOV_ bits.
+// The same with the planes of `planes`, a combination of SGS_AOV_ bits.
 SGS_API sgs_status sgs_frame_create_with(int width, int height, unsigned planes, sgs_frame *frame);
-// Frees the planes of a frame made by these functions and zeroes the struct; accepts an empty one.
+// Frees the planes of a frame that these functions allocated and zeroes the struct; accepts a
+// zeroed one.
 SGS_API void sgs_frame_free(sgs_frame *frame);
 
 typedef struct sgs_renderer sgs_renderer;
 
-// A renderer of a model, which must outlive it and must not change without sgs_renderer_update. The
-// BVH is built at the first rendering. Release it with sgs_renderer_destroy, which accepts NULL.
-// Fails with OUT_OF_MEMORY or INTERNAL (Embree); *renderer is then NULL.
+// Creates a renderer; release it with sgs_renderer_destroy. The model must outlive it; call
+// sgs_renderer_update after every change. The first rendering builds the BVH. Fails with
+// OUT_OF_MEMORY or INTERNAL (Embree); *renderer is then NULL.
 SGS_API sgs_status sgs_renderer_create(const sgs_gaussians *model, sgs_renderer **renderer);
-SGS_API void sgs_renderer_destroy(sgs_renderer *renderer);
-// To be called after every change of the model, its values or its count: the next rendering
-// rebuilds the BVH. Cannot fail.
+SGS_API void sgs_renderer_destroy(sgs_renderer *renderer); // accepts NULL
+// Call it after every change of the model, of values or count: the next rendering rebuilds the BVH.
+// Cannot fail.
 SGS_API sgs_status sgs_renderer_update(sgs_renderer *renderer);
-// Renders one view: the planes of `frame` that are not NULL. Bits do not depend on the number of
-// threads. options: NULL = the defaults. Fails with INVALID_ARGUMENT for options out of range or a
-// frame of another size than the camera's, UNSUPPORTED for a lens without rays, OUT_OF_MEMORY or
-// CANCELLED; the planes then hold anything.
+// Renders one view into the planes of `frame` that are not NULL. options NULL = the defaults. The
+// result does not depend on the number of threads, bit for bit. Fails with INVALID_ARGUMENT
+// (options out of range, frame size differs from the camera's), UNSUPPORTED (a lens without rays),
+// OUT_OF_MEMORY or CANCELLED; the contents of the planes are then undefined.
 SGS_API sgs_status sgs_renderer_render(sgs_renderer *renderer, const sgs_camera *camera,
                                        const sgs_pose *pose, const sgs_render_options *options,
                                        sgs_frame *frame);
 
-// Gradient of a loss L with respect to the model, for the last successful sgs_renderer_render of
-// this renderer, whose options had `differentiable` (else INVALID_ARGUMENT). The model must not
-// have changed since.
+// Gradient of a loss L with respect to the model, for the last sgs_renderer_render of this
+// renderer, which must have succeeded with options.differentiable. The model must not have changed
+// since.
 //
-// d_frame: dL/dcolour and dL/dtransmittance in the planes of the same names, sizes of that frame; a
-// NULL plane is zero. The other planes (depths, hits, AOVs) have no gradient and must be NULL: make
-// the frame with sgs_frame_create_with(width, height, 0, ...). A loss that lays the image over a
-// background b, C + T b, has dL/dT = b . dL/d(image).
+// d_frame: dL/dcolour and dL/dtransmittance in the planes of the same names, of the size of that
+// frame; NULL planes are zero. The other planes have no gradient and must be NULL: create the frame
+// with sgs_frame_create_with(width, height, 0, ...). For an image composited over a background b,
+// C + T b, dL/dT = b . dL/d(image).
 //
-// d_model: a model of the same number of primitives, whose parameters are overwritten with
-// dL/d(stored parameter): logit of the opacity (or opacity itself: linear_opacity), log of the
-// scale, unnormalised quaternion. Read them with sgs_gaussians_read. Primitives without a counted
-// hit have 0. As in 3DGS, alpha's clamp at 0.99 is ignored (straight-through), and a colour channel
-// clamped at 0 has no gradient. The path of the pixel filter through the depth is included, that of
-// a fixed render_options.filter_3d is not. Bits do not depend on the number of threads.
+// d_model: a model with the same number of primitives. Its parameters are overwritten with
+// dL/d(stored parameter): logit of the opacity (opacity itself with linear_opacity), log of the
+// scale, unnormalised quaternion; 0 for primitives without a counted hit. Read them with
+// sgs_gaussians_read.
+//
+// As in 3DGS the clamp of alpha at 0.99 is ignored (straight-through), and a colour channel clamped
+// at 0 has no gradient. The pixel filter's dependence on depth is included; options.filter_3d is
+// constant. The result does not depend on the number of threads, bit for bit. Fails with
+// INVALID_ARGUMENT or OUT_OF_MEMORY; d_model is then undefined.
 SGS_API sgs_status sgs_renderer_backward(sgs_renderer *renderer, const sgs_frame *d_frame,
                                          sgs_gaussians *d_model);
 
-// ---- Deep pictures: what a ray meets, one by one ----
+// ---- Deep images: the samples along each ray ----
 
 typedef struct sgs_deep_options {
     size_t struct_size; // set by sgs_deep_options_default()
-    double tolerance; // hits closer than this fraction of their distance become one sample, [0, 1];
-                      // default 0.01
-    int max_samples;  // per pixel, 1..256: where there are more, the tolerance grows; default 32
+    // Hits closer than this fraction of their distance are merged into one sample, [0, 1]; default
+    // 0.01.
+    double tolerance;
+    int max_samples; // per pixel, 1..256; the tolerance of a pixel with more grows; default 32
 } sgs_deep_options;
 
+// Cannot fail.
 SGS_API sgs_deep_options sgs_deep_options_default(void);
 
-// Receives the rows [y, y + rows) of a picture, bands in order. counts [rows][width]: samples per
-// pixel; samples: all of them, pixel after pixel. Valid during the call. The frame's planes of
-// these rows are complete. Anything but SGS_STATUS_OK ends the rendering with that status.
+// Receives the rows [y, y + rows) of a deep image, from top to bottom. counts: [rows][width]
+// samples per pixel; samples: of all these pixels, consecutively. Both are valid during the call.
+// The frame's planes are complete for these rows. A status other than SGS_STATUS_OK ends the
+// rendering with that status.
 typedef sgs_status (*sgs_deep_rows_fn)(void *context, int y, int rows, const uint32_t *counts,
                                        const sgs_deep_sample *samples);
 
-// Renders one view into a frame, as sgs_renderer_render does and to the same bits, and its samples
-// on the way. depth_first of the frame equals z of a pixel's first sample.
+// Renders one view like sgs_renderer_render, with the same bits in the frame, and passes the
+// samples to `rows`. depth_first of the frame equals z of a pixel's first sample. deep NULL = the
+// defaults. Fails as sgs_renderer_render, with INVALID_ARGUMENT for deep options out of range, or
+// with the status of `rows`.
 SGS_API sgs_status sgs_renderer_render_deep(sgs_renderer *renderer, const sgs_camera *camera,
                                             const sgs_pose *pose, const sgs_render_options *options,
                                             const sgs_deep_options *deep, sgs_frame *frame,
                                             sgs_deep_rows_fn rows, void *context);
 
-// ---- The oracle: brute force over all primitives, double precision, no BVH, no SIMD. O(pixels x
-// primitives). ----
+// ---- The reference: every ray against every primitive in double precision, no BVH, no SIMD.
+// O(pixels x primitives) ----
 
-// Planes as in sgs_frame, in double (a primitive's row too, and -1 for none).
+// Planes as in sgs_frame, in double; `primitive` is the row, -1 for none.
 typedef struct sgs_reference_frame {
     int width, height;
     double *color[3];
@@ -170,7 +185,8 @@ typedef struct sgs_reference_frame {
     double *normal[3], *position[3], *primitive;
 } sgs_reference_frame;
 
-// Allocates all planes.
+// Allocates all planes, zeroed; free them with sgs_reference_frame_free. Fails with
+// INVALID_ARGUMENT or OUT_OF_MEMORY; all planes are then NULL.
 SGS_API sgs_status sgs_reference_frame_create(int width, int height, sgs_reference_frame *frame);
 SGS_API void sgs_reference_frame_free(sgs_reference_frame *frame);
 
@@ -180,25 +196,24 @@ typedef struct sgs_hit {
     double t, alpha, transmittance; // T in front of the hit
 } sgs_hit;
 
-// params: [count][SGS_PARAM_COUNT] doubles in SGS_PARAM_ order (so that finite differences can
-// perturb them below float resolution).
+// Renders all planes. params: [count][SGS_PARAM_COUNT] in the order of SGS_PARAM_; double, so that
+// finite differences can perturb them below float resolution. Fails as sgs_renderer_render.
 SGS_API sgs_status sgs_reference_render(const double *params, size_t count,
                                         const sgs_camera *camera, const sgs_pose *pose,
                                         const sgs_render_options *options,
                                         sgs_reference_frame *frame);
 
-// Counted hits of the ray through pixel (x, y)'s centre, in blending order. Writes at most
-// `capacity`; returns the number there are.
+// Counted hits of the ray through the centre of pixel (x, y), in blending order. Writes at most
+// `capacity`; returns their total number.
 SGS_API size_t sgs_reference_hits(const double *params, size_t count, const sgs_camera *camera,
                                   const sgs_pose *pose, const sgs_render_options *options, int x,
                                   int y, sgs_hit *hits, size_t capacity);
 
-// Gradients of L given dL/dcolor (3 planes) and dL/dT (plane, may be NULL) of the render above:
-// d_params [count][SGS_PARAM_COUNT] receives dL/d(stored parameter) (logit, log, unnormalised
-// quaternion), overwritten. d_mean_no_sh [count][3], optional: dL/dmean without the part through
-// the SH direction. The 0.99 clamp of alpha is ignored in the gradient, as in 3DGS
-// (straight-through); a colour channel clamped at 0 gets none. The path of the 3dgs filter through
-// z is included.
+// Gradients of a loss L for sgs_reference_render with the same arguments. d_color, d_transmittance:
+// [height][width] planes of dL/dcolour and dL/dtransmittance; d_transmittance may be NULL.
+// d_params: [count][SGS_PARAM_COUNT], overwritten with dL/d(stored parameter); conventions as in
+// sgs_renderer_backward. d_mean_no_sh: [count][3], dL/dmean without the part through the SH
+// direction, or NULL.
 SGS_API sgs_status sgs_reference_backward(const double *params, size_t count,
                                           const sgs_camera *camera, const sgs_pose *pose,
                                           const sgs_render_options *options,

@@ -24,25 +24,25 @@ typedef enum sgs_isa {
 } sgs_isa;
 
 // Number of threads of the following calls, including the calling one: 1 to 4096; 0 = sgs_cores
-// (the default), larger numbers are reduced. Every application thread that calls the library has a
-// team of this size of its own. Results do not depend on the number.
+// (the default); larger numbers are reduced. Each application thread that calls the library has its
+// own team of this size. Results do not depend on it.
 SGS_API void sgs_threads_set(int count);
 SGS_API int sgs_threads_get(void);
-// Number of cores in the affinity mask, or, rounded up, the processor time that a control group (a
-// container, a batch job) allows, if that is less.
+// Number of cores in the affinity mask, or the CPU quota of the control group (container, batch
+// job), rounded up, if that is smaller.
 SGS_API int sgs_cores(void);
 
 // Instruction set of the kernels. Default: the best that the CPU supports. Fails with
 // INVALID_ARGUMENT outside the enumeration, UNSUPPORTED if CPU or build lack it; the setting is
-// then unchanged. AVX2 and AVX-512 give the same bits, the baseline its own.
+// then unchanged. AVX2 and AVX-512 give the same bits; those of the baseline differ.
 SGS_API sgs_status sgs_isa_set(sgs_isa isa);
 SGS_API sgs_isa sgs_isa_get(void);
 SGS_API bool sgs_isa_supported(sgs_isa isa);
 // "baseline", "avx2", "avx512"; NULL outside the enum.
 SGS_API const char *sgs_isa_name(sgs_isa isa);
 
-// "1.0.0", the commit it was built from ("unknown" outside a checkout), and one line naming the
-// versions of Embree, OpenImageIO and OpenEXR in use. Constant strings.
+// "1.0.0"; the commit of the build ("unknown" outside a checkout); one line with the versions of
+// Embree, OpenImageIO and OpenEXR in use. Constant strings.
 SGS_API const char *sgs_version(void);
 SGS_API const char *sgs_version_commit(void);
 SGS_API const char *sgs_version_libraries(void);

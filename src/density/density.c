@@ -1,15 +1,14 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The machinery of density control, whatever the base pipeline, with the hooks of SPARE-GS.
+// Density control independent of the base pipeline, with the hooks of SPARE-GS.
 //
-// An update first decides everything from the old rows: scores, weights and redundancy here, clone,
-// split and prune by the pipeline (pipeline.h). Then it writes a plan, one entry per row of the new
-// model (kept, clone, or split child of an old row; removed rows have none), sorts the plan along a
-// Morton curve so that primitives near in space are near in memory, and gathers parameters and
-// moments by it. Differences to the original, none of which changes the mathematics: row order, and
-// the random numbers of the children, which come from a counter (seed, iteration, old row) and so
-// do not depend on threads.
+// An update first makes all decisions from the old rows: this file computes scores, weights and
+// redundancy, the pipeline decides on clone, split and prune (pipeline.h). Then it writes a plan
+// with one entry per row of the new model (kept, clone or split child of an old row), sorts it
+// along a Morton curve so that primitives near in space are near in memory, and gathers parameters
+// and moments in this order. Differences from 3DGS: the order of rows, and the random numbers of
+// the children, which depend on (seed, iteration, old row) and not on threads.
 
 #include "density/density.h"
 
@@ -151,7 +150,7 @@ static void fill_columns(void *context, size_t begin, size_t end, int thread)
         c->weight[i] = 1.0f;
         if (is_degenerate(job->model, i)) {
             c->degenerate[i] = 1;
-            c->x[i] = c->y[i] = c->z[i] = NAN; // in no box and no region
+            c->x[i] = c->y[i] = c->z[i] = NAN; // outside of all boxes and regions
             c->opacity[i] = c->scale_max[i] = c->score[i] = c->abs_grad[i] = 0.0f;
         }
     }
@@ -187,7 +186,7 @@ static void evaluate_spare(sgsi_density_columns *columns, const sgsi_statistics 
     result->spare_seconds = sgsi_seconds() - start;
 }
 
-// The cap: keeps only the `room` densifications of highest priority.
+// Applies the cap: keeps the `room` densifications of highest priority.
 static sgs_status limit_growth(sgsi_density_columns *columns, size_t room)
 {
     size_t wanted = 0;
@@ -210,7 +209,7 @@ static sgs_status limit_growth(sgsi_density_columns *columns, size_t room)
     return status ? sgsi_fail(status, "no memory to rank %zu primitives", wanted) : status;
 }
 
-// What is decided, region by region.
+// Lists the regions with the decisions on their primitives.
 static sgs_status report_regions(const sgsi_density_columns *columns, const spare_result *found,
                                  const sgsi_density_options *options, sgsi_density_result *result)
 {
@@ -310,8 +309,8 @@ typedef struct density_plan {
     size_t count;
 } density_plan;
 
-// Lists the rows of the new model. Children and clones are never redundant, but a native rule may
-// take them.
+// Lists the rows of the new model. Children and clones are never redundant, but the pipeline's own
+// rule may remove them.
 static sgs_status make_plan(const sgsi_density_columns *columns, sgsi_density_result *result,
                             density_plan *plan)
 {
@@ -418,14 +417,14 @@ static void gather_rows(void *context, size_t begin, size_t end, int thread)
     }
 }
 
-// Replaces *block by its rows gathered along the plan; *block has the new capacity afterwards.
+// Replaces *block by an array of the new capacity with its rows in the order of the plan.
 static sgs_status gather_block(float **block, size_t capacity, const density_plan *plan,
                                bool parameters, const sgsi_density_options *options)
 {
     float *to = sgsi_alloc(capacity, SGS_PARAM_COUNT * sizeof *to);
     if (!to)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu primitives", capacity);
-    const size_t whole = plan->count / SGS_LANES * SGS_LANES; // rows of blocks that get all rows
+    const size_t whole = plan->count / SGS_LANES * SGS_LANES; // rows of full blocks
     memset(to + whole * SGS_PARAM_COUNT, 0, (capacity - whole) * SGS_PARAM_COUNT * sizeof *to);
     gather_job job = {plan->entries, plan->count, *block, to, parameters, options};
     sgsi_parallel_ranges(plan->count, 1024, gather_rows, &job);
@@ -454,8 +453,8 @@ sgs_status sgsi_density_update(const sgsi_density_rows *rows, const sgsi_pipelin
     spare_result regions;
     evaluate_spare(&columns, statistics, options, result, &regions);
     status = pipeline->decide(options, &columns, result);
-    size_t survivors =
-        0; // a split parent is replaced by its children: it counts as kept, whatever RAP says of it
+    // Children replace a split parent, so it is counted as kept, even if RAP marks it.
+    size_t survivors = 0;
     for (size_t i = 0; i < columns.count; ++i)
         survivors +=
             columns.action[i] == SGSI_ACTION_SPLIT || !(columns.removed[i] || columns.redundant[i]);
@@ -514,7 +513,7 @@ sgs_status sgsi_density_sort(sgs_gaussians *model)
         status = gather_block(&model->data, capacity, &plan, true, &options);
     if (!status) {
         model->capacity = capacity;
-        model->count = plan.count; // rows without a finite value are dropped
+        model->count = plan.count; // without rows that are not finite
     }
     sgsi_statistics_free(&statistics);
     sgsi_free(plan.buffers[0]);
@@ -532,7 +531,7 @@ void sgsi_density_reset_opacity(sgs_gaussians *model, float *m, float *v, double
         for (size_t k = 0; k < SGS_LANES; ++k) {
             const size_t i = block * SGS_LANES + k;
             float own = limit;
-            if (filter_3d && i < model->count) { // o c <= ceiling, c what the filter leaves
+            if (filter_3d && i < model->count) { // o c <= ceiling, c the factor of the filter
                 const double most =
                     fmin(ceiling / fmax(sgsi_filter_3d_factor(model, i, filter_3d[i]), 1e-30),
                          1.0 - 1e-7);

@@ -2,9 +2,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Structural updates: where primitives are cloned, split and removed (by the rules of a base
-// pipeline), weighted and pruned by SPARE-GS. Works on the model, its moments and its statistics;
-// knows no images and no BVH.
+// Structural updates: clone, split and remove primitives by the rules of a base pipeline, weighted
+// and pruned by SPARE-GS. Works on the model, its moments and its statistics; independent of images
+// and BVH.
 
 #include "density/density_columns.h"
 #include "sparegs/gaussians.h"
@@ -15,18 +15,17 @@ struct sgsi_pipeline;
 // rho_i of the SPARE-GS paper, equations 16 to 18). 64-byte aligned columns, `capacity` long.
 typedef struct sgsi_statistics {
     float *gradient_sum;     // a_i
-    float *abs_grad_sum;     // the same over absolute values of the pixels' gradients; 0 where the
-                             // pipeline wants none
+    float *abs_grad_sum;     // sum of absolute per-pixel gradients; 0 unless the pipeline uses it
     uint32_t *visible_count; // d_i
     float *radius_max;       // rho_i, pixels
     size_t capacity;
 } sgsi_statistics;
 
-sgs_status sgsi_statistics_reserve(sgsi_statistics *statistics,
-                                   size_t capacity); // zeroes everything when it grows
+// Grows the columns; if it does, all of them are zeroed. Fails with OUT_OF_MEMORY.
+sgs_status sgsi_statistics_reserve(sgsi_statistics *statistics, size_t capacity);
 void sgsi_statistics_clear(sgsi_statistics *statistics, size_t count);
-// After a change of the image size by `factor`: radii are pixels. Gradients are per half image, so
-// they and the counts stay.
+// Scales the radii, which are in pixels, after a change of the image size by `factor`. Gradients
+// are per half image width and do not change.
 void sgsi_statistics_resize_images(sgsi_statistics *statistics, size_t count, float factor);
 void sgsi_statistics_free(sgsi_statistics *statistics);
 
@@ -38,16 +37,16 @@ typedef struct sgsi_density_rows {
     sgsi_statistics *statistics;
 } sgsi_density_rows;
 
-// One structural update by the rules of a pipeline. Moments are gathered along (new rows: 0). Rows
-// come out in Morton order of their means. Statistics are cleared. On failure (OUT_OF_MEMORY) the
-// model must not be used further.
+// One structural update by the rules of a pipeline. Moments move with their rows; those of new rows
+// are 0. The new rows are in Morton order of their means. Clears the statistics. Fails with
+// OUT_OF_MEMORY: with result->refused nothing has changed, otherwise the model is unusable.
 sgs_status sgsi_density_update(const sgsi_density_rows *rows, const struct sgsi_pipeline *pipeline,
                                const sgsi_density_options *options, sgsi_density_result *result);
 
-// Opacity reset: logit <- logit(min(o, ceiling)), its moments <- 0. filter_3d [count] or NULL: what
-// is held under the ceiling is the opacity that Mip-Splatting's filter leaves.
+// Opacity reset: logit <- logit(min(o, ceiling)), its moments <- 0. With filter_3d ([count], or
+// NULL) the ceiling applies to the opacity after Mip-Splatting's filter.
 void sgsi_density_reset_opacity(sgs_gaussians *model, float *m, float *v, double ceiling,
                                 const float *filter_3d);
 
-// Puts the rows of a fresh model (no moments yet) into Morton order.
+// Sorts the rows of a new model without moments into Morton order. Fails with OUT_OF_MEMORY.
 sgs_status sgsi_density_sort(sgs_gaussians *model);

@@ -1,11 +1,11 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// KissFFT's butterflies of 2, 3, 4 and 5 take O(n log n); a prime factor p takes O(n p). So lengths
-// with other factors go through Bluestein's algorithm (Bluestein, 1970): with the chirp c_n =
+// KissFFT's butterflies of 2, 3, 4 and 5 take O(n log n); a prime factor p takes O(n p). Therefore
+// lengths with other factors use Bluestein's algorithm (Bluestein, 1970): with the chirp c_n =
 // exp(-i pi n^2 / N), n k = (n^2 + k^2 - (k - n)^2) / 2 gives
 //     X_k = c_k sum_n (x_n c_n) conj(c_(k-n)),
-// a convolution, which transforms of a power of two M >= 2 N - 1 carry out.
+// a convolution, computed by transforms whose length M >= 2 N - 1 is a power of two.
 
 #include "density/fourier.h"
 
@@ -20,7 +20,7 @@
 using complex = std::complex<double>;
 
 struct sgsi_fourier {
-    std::size_t length, padded; // padded: M, or the length where no chirp is needed
+    std::size_t length, padded; // padded: M, or the length without a chirp
     kissfft<double> forward;
     std::vector<complex> chirp;  // [length]
     std::vector<complex> filter; // [padded]: transform of conj(chirp), divided by M

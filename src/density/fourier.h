@@ -12,12 +12,12 @@ extern "C" {
 
 typedef struct sgsi_fourier sgsi_fourier;
 
-// A plan for lines of `length` >= 1 numbers; NULL when out of memory. A plan does not change: many
-// threads may use it at once.
+// A plan for lines of `length` >= 1 numbers; NULL when out of memory. Plans are read-only: threads
+// may share one.
 sgsi_fourier *sgsi_fourier_create(int length);
 void sgsi_fourier_destroy(sgsi_fourier *plan); // accepts NULL
 
-// Doubles of scratch that a transform needs.
+// Size of the scratch of a transform, in doubles.
 size_t sgsi_fourier_scratch(const sgsi_fourier *plan);
 
 // Forward transform in place, unscaled: line [length][2] (real, imaginary).

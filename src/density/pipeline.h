@@ -2,16 +2,16 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// The interface of a base pipeline's density control, and what pipelines share: which rows to
-// clone, split and remove is decided from columns of the old rows; weights and the redundancy mask
-// of SPARE-GS are among the columns. The trainer, spare/ and the machinery of density.c know
-// pipelines through this table only.
+// The interface of a base pipeline's density control, and functions that pipelines share. A
+// pipeline decides which rows to clone, split and remove from columns of the old rows, which
+// include the weights and the redundancy mask of SPARE-GS. The trainer and density.c use pipelines
+// through this table only.
 
 #include "density/density_columns.h"
 #include "model/score_slots.h"
 #include "sparegs/trainer.h"
 
-// A drawn view before its sums: the photograph, and the mean over channels of |image - photograph|.
+// A rendered view: the photograph, and the mean over channels of |image - photograph|.
 typedef struct sgsi_scored_image {
     int width, height;
     size_t stride; // of error and weights
@@ -20,7 +20,7 @@ typedef struct sgsi_scored_image {
     const uint8_t *pixels; // planes of the photograph, [channels][height][width]
 } sgsi_scored_image;
 
-// A drawn view with its sums.
+// A rendered view with its sums per primitive.
 typedef struct sgsi_scored_view {
     size_t count;
     double loss;            // photometric, of the whole view
@@ -45,21 +45,21 @@ typedef struct sgsi_pipeline {
     // Milestones of the 30 000-iteration schedule.
     int densify_until, densify_interval;
     int prune_interval; // final prunes after densify_until; 0 = none
-    // Gradients of primitives add up over so many iterations before a step (0, 1: every iteration):
-    // SH bands above 0 while primitives are added, everything in the sixth of the run after that,
-    // everything in the rest.
+    // Iterations over which gradients accumulate before a step (0, 1: every iteration): of SH bands
+    // above 0 during densification, of all parameters in the sixth of the run after it, and of all
+    // parameters in the rest.
     int batch_rest, batch_middle, batch_late;
     float lr_opacity, lr_rest;
     float opacity_ceiling; // after every structural update; 0 = none
     int small_images;      // the first images have about this many times fewer tiles; 0 = full size
-    bool abs_grad;         // wants sums of absolute gradients
+    bool abs_grad;         // requires sums of absolute gradients
     bool abs_grad_norm;    // the 2-norm of the sums of both axes instead of their sum
     sgs_status (*decide)(const sgsi_density_options *options, sgsi_density_columns *columns,
                          sgsi_density_result *result);
     sgsi_late_opacity (*late_opacity)(const sgs_train_options *train); // NULL = trained
-    // Scores from views: drawn before every update, 0 = none. pixel_weights fills [height][stride]
-    // weights; score_view adds a view to the scores (all 0 before the first one); finish_scores
-    // ends them after `views` views.
+    // Number of views that are rendered for scores before every update; 0 = none. pixel_weights
+    // fills weights [height][stride]; score_view adds a view to the scores (initially 0);
+    // finish_scores completes them after `views` views.
     int score_views;
     sgs_status (*pixel_weights)(const sgsi_scored_image *image, const sgs_train_options *train,
                                 float *weights);
@@ -73,18 +73,17 @@ const sgsi_pipeline *sgsi_pipeline_get(sgs_pipeline pipeline);
 extern const sgsi_pipeline sgsi_pipeline_3dgs, sgsi_pipeline_mip, sgsi_pipeline_taming,
     sgsi_pipeline_dash, sgsi_pipeline_fastgs;
 
-// ---- What pipelines share ----
+// ---- Shared by pipelines ----
 
-// 3DGS's rule on one row: fainter than opacity_min or, where size pruning is on, longer than
-// size_max.
+// Pruning rule of 3DGS: opacity below opacity_min, or scale above size_max (INFINITY = no size
+// pruning).
 static inline bool sgsi_density_should_prune(const sgsi_density_options *options, float opacity,
                                              float scale_max)
 {
     return opacity < (float)options->opacity_min || scale_max > (float)options->size_max;
 }
 
-// The same on what row i's action, decided already, leaves of it: the children of a split are 1.6
-// times shorter.
+// The same for the result of row i's action: the children of a split are 1.6 times smaller.
 static inline bool sgsi_density_should_prune_after(const sgsi_density_options *options,
                                                    const sgsi_density_columns *columns, size_t i)
 {
@@ -93,7 +92,7 @@ static inline bool sgsi_density_should_prune_after(const sgsi_density_options *o
                                      split ? columns->scale_max[i] / 1.6f : columns->scale_max[i]);
 }
 
-// How a row grows: longer than `size` it splits, else it is cloned.
+// Action of a row that grows: split if longer than `size`, else clone.
 static inline sgsi_action sgsi_density_growth(bool grows, float scale_max, float size)
 {
     return !grows ? SGSI_ACTION_KEEP : scale_max > size ? SGSI_ACTION_SPLIT : SGSI_ACTION_CLONE;
@@ -112,19 +111,19 @@ static inline void sgsi_density_count_reversal(bool native, bool weighted,
 sgs_status sgsi_select_best(const double *score, const uint8_t *eligible, size_t count,
                             size_t wanted, uint8_t *chosen);
 
-// Draws `wanted` of the eligible rows without replacement, each next one with probability
-// proportional to its weight (Efraimidis and Spirakis, 2006: the largest u^(1/w)). Rows of weight 0
-// come last. `seed` names the draw.
+// Draws `wanted` of the eligible rows without replacement, with probability proportional to weight
+// (Efraimidis and Spirakis, 2006: the largest u^(1/w)). Rows of weight 0 are drawn last. Fails with
+// OUT_OF_MEMORY.
 sgs_status sgsi_select_weighted(const double *weight, const uint8_t *eligible, size_t count,
                                 size_t wanted, uint64_t seed, uint8_t *chosen);
 
-// Taming's and FastGS's pruning: of the rows (new ones included) that outlived 3DGS's rule half are
-// meant to go. As many old rows are drawn by `weight`, and those that were drawn and outlived the
-// rule are removed. Reads action; writes removed.
+// Pruning of Taming 3DGS and FastGS. Draws old rows by `weight`, half as many as there are rows
+// (new ones included) to which 3DGS's pruning rule applies; removes those drawn to which it
+// applies. Reads action; writes removed. Fails with OUT_OF_MEMORY.
 sgs_status sgsi_prune_stochastic(const sgsi_density_options *options, sgsi_density_columns *columns,
                                  const double *weight);
 
-// Median of the values > 0 (the lower of two middle ones), 0 when there are none. Value i is
-// values[i * stride], and counts only where present[i / 16] (NULL: everywhere).
+// Median of the positive values (the lower of two middle ones), 0 without any. Value i is values[i
+// * stride]; it is used if present[i / 16] (NULL: always).
 float sgsi_positive_median(const float *values, size_t stride, const uint8_t *present,
                            size_t count);

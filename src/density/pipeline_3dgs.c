@@ -1,10 +1,10 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// 3D Gaussian Splatting's density control (Kerbl et al. 2023, section 5.2 and appendix B):
-// primitives whose projected centre is pulled hard are cloned where small and split where large;
-// faint and, after the first reset, oversized ones go, new rows included. SPARE-GS: w multiplies
-// the mean gradient; the redundancy mask joins the prune.
+// Density control of 3D Gaussian Splatting (Kerbl et al. 2023, section 5.2 and appendix B):
+// primitives with a large gradient of their projected centre are cloned if small and split if
+// large; those that are faint or, after the first opacity reset, too large are removed, new rows
+// included. SPARE-GS: w multiplies the mean gradient; redundant primitives are removed, too.
 
 #include "density/pipeline.h"
 

@@ -1,21 +1,21 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// DashGaussian (Chen et al. 2025, the primitive scheduler): images are rendered small at first
-// (resolution.c) and the number of primitives follows their resolution, up to a budget that
-// momentum or a preset gives.
+// DashGaussian (Chen et al. 2025, the primitive scheduler): the first images are small
+// (resolution.c), and the number of primitives follows their resolution up to a budget, which is
+// momentum-based or preset.
 //
 // Budget: N_max = N_0 + m, m = 5 N_0 at first; after every update m <- max(m, 0.98 m + min(1e6,
 // n)), n the number of primitives whose mean gradient reaches tau. At scale r and iteration t, N
 // may grow towards N_0 + (N_max - N_0) / r^(2 - t / T) by at most a fifth per 100 iterations of the
 // published schedule (compounded where a scaled schedule updates less often). An update first
-// removes what is fainter than 0.005 (no pruning by size), then clones and splits among the largest
-// gradients.
+// removes opacities below 0.005 (no pruning by size), then clones and splits the primitives with
+// the largest gradients.
 //
-// SPARE-GS: w multiplies the gradient for threshold and ranking, not for the momentum; the
-// redundancy mask joins the pruning, which comes first here, so that new rows are safe anyway. The
-// number of rows to add is measured from the count before the pruning, as in the original: where
-// enough primitives qualify, what was pruned is filled up again.
+// SPARE-GS: w multiplies the gradient for threshold and ranking, not for the momentum; redundant
+// primitives are removed with the faint ones, before new rows are added. As in the released code,
+// the number of rows to add is measured from the count before pruning: pruned rows are replaced if
+// enough primitives qualify.
 
 #include "density/pipeline.h"
 
@@ -34,7 +34,7 @@ static double budget(const sgsi_density_options *options, double initial)
     return preset ? (double)preset : initial + (double)options->state->momentum;
 }
 
-// Number of rows to add, given those left after the pruning.
+// Number of rows to add to those left after pruning.
 static double room(const sgsi_density_options *options, size_t count, size_t left)
 {
     const double initial = (double)options->state->initial_count, most = budget(options, initial),

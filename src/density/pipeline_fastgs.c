@@ -2,29 +2,29 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // FastGS (Ren et al. 2025; multi-view consistent densification and pruning, VCD and VCP): a
-// primitive may grow only where several views agree that it covers pixels that are still wrong, and
-// what they agree is needless goes early.
+// primitive is densified only if it covers high-error pixels in several views, and pruned early if
+// several views show it to be unnecessary.
 //
-// Ten views vote. In each, pixels whose error exceeds a tenth of the view's range of errors are
-// marked; c_i counts the marked pixels that primitive i contributes to, P is the view's loss.
+// Ten views vote. In each, pixels with an error above a tenth of the view's range of errors are
+// marked; c_i is the number of marked pixels that primitive i contributes to, P the view's loss.
 //   importance_i = floor(mean of c_i over the views), pruning_i = sum of P c_i, scaled to [0, 1]
 //   over the primitives.
-// Small primitives (0.001 of the extent) with a mean gradient over tau are cloned, larger ones with
-// an absolute gradient over 0.0012 split, both only where the importance exceeds 5. Half of what
-// 3DGS would prune goes, drawn by 1 / (1e-6 + 1 - pruning). All opacities are capped at 0.8 after
-// every update. In the second half four final prunes remove what is fainter than 0.1 or has a
-// pruning score over 0.9. Optimiser steps become rare: see the batches of the table below.
+// Small primitives (0.001 of the extent) with a mean gradient above tau are cloned, larger ones
+// with an absolute gradient above 0.0012 split, both only if the importance exceeds 5. Half of the
+// primitives that 3DGS would prune are removed, drawn by 1 / (1e-6 + 1 - pruning). Opacities are
+// limited to 0.8 after every update. In the second half, four final prunes remove opacities below
+// 0.1 and pruning scores above 0.9. Optimiser steps become rare (batches in the table below).
 //
-// The compact box of the rasteriser spares tiles at the rim of a footprint and is the tracer's
-// compact_box, 1 by default: what it leaves out is visible, and the tracer's lists hold what is hit
-// and nothing else.
+// The compact box of the rasteriser, which skips tiles at the border of a footprint, is the
+// tracer's compact_box; 1 by default, because its omissions are visible and the tracer's lists
+// contain actual hits only.
 //
-// SPARE-GS: w multiplies both gradients; with sgs_spare_target also or only the vote. The native
-// test floor(mean) > 5 is written mean >= 6, so that w * mean >= 6 is the same test at w = 1.
+// SPARE-GS: w multiplies the gradients, or with sgs_spare_target the vote, or both. The native test
+// floor(mean) > 5 is written as mean >= 6, so that w * mean >= 6 equals it at w = 1.
 //
 // The released scripts set the absolute threshold (0.0006 to 0.002), the size and the learning rate
-// of SH bands above 0 (0.0015 to 0.042 over 20) for each scene. The first two are options; the rate
-// is the code's default, 0.005 over 20, for all scenes.
+// of SH bands above 0 (0.0015 to 0.042 over 20) per scene. The first two are options; the rate is
+// the code's default, 0.005 over 20.
 
 #include "density/pipeline.h"
 
@@ -32,7 +32,7 @@
 
 #include "base/core.h"
 
-static const float vote_needed = 6.0f, opacity_final = 0.1f, pruning_final = 0.9f;
+static const float vote_min = 6.0f, opacity_final = 0.1f, pruning_final = 0.9f;
 
 static void decide_growth(const sgsi_density_options *options, sgsi_density_columns *c,
                           sgsi_density_result *result)
@@ -42,7 +42,7 @@ static void decide_growth(const sgsi_density_options *options, sgsi_density_colu
     const bool on_gradient = target != SGS_TARGET_IMPORTANCE,
                on_vote = target == SGS_TARGET_IMPORTANCE || target == SGS_TARGET_BOTH;
     const float size = (float)(own->fastgs_dense * options->extent);
-    // The schedule scales both thresholds, or clones alone would become rarer.
+    // Scale both thresholds: with tau only, clones would become rarer than splits.
     const double factor = options->gradient_threshold / SGSI_GRADIENT_THRESHOLD;
     const float split_threshold = (float)(own->fastgs_gradient * factor);
     for (size_t i = 0; i < c->count; ++i) {
@@ -52,8 +52,8 @@ static void decide_growth(const sgsi_density_options *options, sgsi_density_colu
         const float vote = options->importance[i] * (on_vote ? c->weight[i] : 1.0f);
         c->priority[i] = gradient / threshold * (on_gradient ? c->weight[i] : 1.0f);
         const bool grows =
-            gradient * (on_gradient ? c->weight[i] : 1.0f) >= threshold && vote >= vote_needed;
-        sgsi_density_count_reversal(gradient >= threshold && options->importance[i] >= vote_needed,
+            gradient * (on_gradient ? c->weight[i] : 1.0f) >= threshold && vote >= vote_min;
+        sgsi_density_count_reversal(gradient >= threshold && options->importance[i] >= vote_min,
                                     grows, result);
         c->action[i] = sgsi_density_growth(grows, c->scale_max[i], size);
     }

@@ -1,12 +1,11 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Mip-Splatting (Yu et al. 2024, section 5, and the authors' trainer): 3DGS's density control
-// on two gradients. A primitive is pulled hard when its mean gradient reaches tau, or when its mean
-// absolute gradient (summed over pixels without cancelling) is among the largest: the threshold Q
-// is the quantile that lets as many pass as pass tau. Sizes and opacities are the stored ones,
-// without the 3D filter. SPARE-GS: tau and Q come from the unweighted gradients; w multiplies both
-// before they are compared.
+// Mip-Splatting (Yu et al. 2024, section 5, and the authors' trainer): density control of 3DGS with
+// two gradients. A primitive grows if its mean gradient reaches tau, or its mean absolute gradient
+// (per pixel, without cancellation) reaches Q, the quantile that as many primitives exceed as
+// exceed tau. Sizes and opacities are the stored ones, without the 3D filter. SPARE-GS: tau and Q
+// are from the unweighted gradients; w multiplies both gradients before the comparison.
 
 #include "density/pipeline.h"
 

@@ -2,24 +2,24 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Taming 3DGS (Mallick et al. 2024; score-based densification to a budget): the number of
-// primitives follows a parabola to a budget, and who is cloned or split is drawn by an importance
-// that sums up ten views.
+// primitives follows a parabola to a budget; the primitives to clone or split are drawn by an
+// importance, summed over ten views.
 //
-// Count: S primitives at first, B in the end, n updates: c(x) = B - (B - S) (1 - x / n)^2. Update j
-// may grow to min(c(j + 1), N + qualifiers), shared between clones and splits like their qualifiers
-// (mean gradient >= tau).
+// Count, from S initial to B final primitives in n updates: c(x) = B - (B - S) (1 - x / n)^2.
+// Update j may grow to min(c(j + 1), N + qualifiers), divided between clones and splits in
+// proportion to their qualifiers (mean gradient >= tau).
 //
 // Importance: with N(c, v) = c v / median of the positive v, per view of loss P,
 //     50 P (N(25, gradient) + N(100, opacity) + N(5, depth) + N(10, radius) + N(25, volume)
 //           + N(50, distance) + N(10, loss) + N(0.1, hits) + N(50, blend))
-// for primitives in view; the last four are sums over pixels, the loss being 50 x error + 50 x
-// edges, both scaled to [0, 1].
+// for primitives in view. The last four are sums over pixels; loss is 50 x error + 50 x edges, both
+// scaled to [0, 1].
 //
-// Pruning: half of what 3DGS would remove, drawn by 1 / (importance + 1e-6), in the first 27
-// updates only. The released code draws with importances that are off by the removed parents' rows;
-// here every row has its own. SPARE-GS: w multiplies the importance and the gradient of the
-// qualifiers (sgs_spare_target chooses one of them): a budget that binds would undo a weight on the
-// importance alone.
+// Pruning: half of the primitives that 3DGS would remove, drawn by 1 / (importance + 1e-6), in the
+// first 27 updates only. In the released code the importances are shifted by the rows of removed
+// parents; here each row has its own. SPARE-GS: w multiplies the importance and the gradient of the
+// qualifiers, because the budget compensates for a weight on the importance only
+// (sgs_spare_target selects one of them).
 
 #include "density/pipeline.h"
 
@@ -30,7 +30,7 @@
 
 enum { PRUNED_UPDATES = 27 };
 
-// c(x), truncated as the original does.
+// c(x), truncated as in the released code.
 static double scheduled_count(double start, double final, int updates, int x)
 {
     if (x >= updates)
@@ -68,7 +68,7 @@ static sgs_status draw_kind(const sgsi_density_options *options, sgsi_density_co
     return status;
 }
 
-// Who qualifies (as an action per row), and how many of each kind.
+// Rows that qualify (as an action per row), and their number per action.
 static void find_qualifiers(const sgsi_density_options *options, const sgsi_density_columns *c,
                             uint8_t *action, size_t number[3], sgsi_density_result *result)
 {
@@ -142,8 +142,8 @@ static int grey(const sgsi_scored_image *image, int x, int y)
            1000;
 }
 
-// The 3x3 edge filter (8 in the middle, -1 around) of the grey image, clipped to a byte; borders
-// are the grey itself.
+// 3x3 edge filter (8 in the centre, -1 around it) of the grey image, clamped to a byte; border
+// pixels are the grey itself.
 static int edge(const sgsi_scored_image *image, int x, int y)
 {
     const int middle = grey(image, x, y);
@@ -182,8 +182,7 @@ static sgs_status pixel_weights(const sgsi_scored_image *image, const sgs_train_
 
 float sgsi_positive_median(const float *values, size_t stride, const uint8_t *present, size_t count)
 {
-    // Positive floats order like their bits: two passes of 16 bits find the element without
-    // sorting.
+    // Positive floats are ordered like their bits: two passes over 16 bits find the element.
     static _Thread_local uint32_t bins[65536];
     uint32_t high = 0;
     size_t total = 0, rank = 0;

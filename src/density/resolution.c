@@ -3,16 +3,14 @@
 
 // DashGaussian's resolution schedule (Chen et al. 2025, the resolution scheduler).
 //
-// An image reduced by s keeps the middle 1/s of its spectrum in each direction. M is the magnitude
-// of the spectrum, W(s) the sum of M over that window. The scale starts where a quarter of the
-// energy is left, at most at 8: E_0 = W(s_max). 32 levels divide what is missing to the whole
-// energy E evenly; level i is rendered at the s_i with W(s_i) = E_i and begins at iteration T
-// ln(E_(i-1) / E_0) / ln(E / E_0). Between levels the area goes linearly. The scale in force is a
-// whole number.
+// An image reduced by s keeps the central 1/s of its spectrum in each direction. M is the magnitude
+// of the spectrum, W(s) the sum of M over that window. The first scale keeps a quarter of the
+// energy and is at most 8: E_0 = W(s_max). 32 levels divide the rest of the energy E evenly; level
+// i is rendered at the s_i with W(s_i) = E_i and begins at iteration T ln(E_(i-1) / E_0) / ln(E /
+// E_0). Between levels the area is interpolated linearly. The scale in use is a whole number.
 //
-// Images of several sizes: those of the most frequent size make the mean spectrum (the paper
-// assumes one size). Photographs at reduced size are rounded to 8 bits, as all photographs of this
-// trainer are.
+// The paper assumes one image size; here the images of the most frequent size define the mean
+// spectrum. Reduced photographs are rounded to 8 bits.
 
 #include "density/resolution.h"
 
@@ -58,8 +56,8 @@ static void fill_table(sgsi_spectrum *s)
     }
 }
 
-// A two-dimensional transform: all rows, then the columns of one half; the transform of real
-// numbers mirrors that half in the other.
+// Two-dimensional transform of real numbers: all rows, then the columns of one half, which the
+// other half mirrors.
 typedef struct transform2d {
     const sgs_image8 *image;
     int channel, half_width;
@@ -108,7 +106,7 @@ static void add_channel(transform2d *t, int channel, double *magnitude)
             const int fx = mirrored ? w - kx : kx, fy = mirrored ? (h - ky) % h : ky;
             const double *z = t->half[(size_t)fy * (size_t)t->half_width + (size_t)fx];
             const int x = (kx + w / 2) % w, y = (ky + h / 2) % h;
-            // NOLINTNEXTLINE(clang-analyzer-core.NullDereference): of a spectrum that was made
+            // NOLINTNEXTLINE(clang-analyzer-core.NullDereference): the spectrum was created
             magnitude[(size_t)y * (size_t)w + (size_t)x] += sqrt(z[0] * z[0] + z[1] * z[1]);
         }
 }
@@ -170,11 +168,11 @@ double sgsi_spectrum_window(const sgsi_spectrum *s, double scale)
 
 static double whole(const sgsi_spectrum *s)
 {
-    // NOLINTNEXTLINE(clang-analyzer-core.NullDereference): of a spectrum that was made
+    // NOLINTNEXTLINE(clang-analyzer-core.NullDereference): the spectrum was created
     return s->table[(size_t)(s->width + 1) * (size_t)(s->height + 1) - 1];
 }
 
-// The scale whose window holds `target`.
+// The scale whose window contains the energy `target`.
 static double solve(const sgsi_spectrum *s, double target)
 {
     double low = 0.0, high = 1.0, middle = 1.0;
@@ -198,7 +196,7 @@ static void make_levels(const sgsi_spectrum *mean, double scale_max, int until,
         plan->scale[i] = 1.0;
     plan->begin[LAST + 1] = until;
     if (!(scale_max > 1.0 && least > 0.0 && total > least))
-        return; // nothing to gain: full resolution throughout
+        return; // full resolution throughout
     double energy[SGSI_RESOLUTION_LEVELS];
     for (int i = 0; i <= LAST; ++i) {
         energy[i] = least + (total - least) * i / LAST;

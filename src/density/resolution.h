@@ -2,9 +2,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// DashGaussian's resolution schedule: how much smaller the images may be rendered at each moment of
-// the training, from the energy of their spectra; and the reduction of a photograph that goes with
-// it. Knows no model and no rays.
+// Resolution schedule of DashGaussian: the down-scaling of the images at each iteration, from the
+// energy of their spectra, and the corresponding reduction of a photograph. Independent of model
+// and rays.
 
 #include "sparegs/scene.h"
 
@@ -12,19 +12,19 @@ enum { SGSI_RESOLUTION_LEVELS = 32 };
 
 typedef struct sgsi_resolution {
     int until;                             // full resolution from here on
-    double scale[SGSI_RESOLUTION_LEVELS];  // down-scaling, falling to 1
+    double scale[SGSI_RESOLUTION_LEVELS];  // down-scaling, decreasing to 1
     int begin[SGSI_RESOLUTION_LEVELS + 1]; // iterations
-    int decay_begin; // first level with a scale below 2: the position rate decays from here
+    int decay_begin; // of the position rate: iteration of the first level with a scale below 2
 } sgsi_resolution;
 
-// Magnitudes of the centred 2D spectrum, summed over the channels of an image: [height][width], to
-// be added to. `power` is a sum table of it, [height + 1][width + 1], or NULL.
+// Magnitudes of the centred 2D spectrum, summed over the channels of an image, and their
+// summed-area table, [height + 1][width + 1] or NULL.
 typedef struct sgsi_spectrum {
     int width, height;
-    double *magnitude, *table;
+    double *magnitude, *table; // magnitude: [height][width]
 } sgsi_spectrum;
 
-// Where the training images come from, one at a time.
+// Access to the training images, one at a time.
 typedef struct sgsi_image_source {
     void *context;
     size_t count;
@@ -32,8 +32,8 @@ typedef struct sgsi_image_source {
     sgs_status (*get)(void *context, size_t i, sgs_image8 *image); // valid until the next call
 } sgsi_image_source;
 
-// Images of the most frequent size make the mean spectrum; all limit the largest scale. Fails with
-// OUT_OF_MEMORY or as `get` does.
+// Plans the levels for iterations up to `until`. The images of the most frequent size define the
+// mean spectrum; all images limit the largest scale. Fails with OUT_OF_MEMORY or as `get` does.
 sgs_status sgsi_resolution_plan(const sgsi_image_source *images, int until, sgsi_resolution *plan);
 // Whole down-scaling factor >= 1 at an iteration.
 int sgsi_resolution_at(const sgsi_resolution *plan, int iteration);
@@ -41,9 +41,9 @@ int sgsi_resolution_at(const sgsi_resolution *plan, int iteration);
 // Parts of the plan, for tests.
 sgs_status sgsi_spectrum_of(const sgs_image8 *image, sgsi_spectrum *spectrum);
 void sgsi_spectrum_free(sgsi_spectrum *spectrum);
-// Energy of the window of a spectrum that an image reduced by `scale` keeps.
+// Energy of the part of the spectrum that an image reduced by `scale` keeps.
 double sgsi_spectrum_window(const sgsi_spectrum *spectrum, double scale);
 
-// Reduces an image to floor(size / scale) with a triangle filter of that support ("bilinear,
-// antialias"), rounded to 8 bits. All channels alike. On failure *out is empty.
+// Reduces all channels of an image to floor(size / scale) with a triangle filter of that support
+// ("bilinear, antialias"), rounded to 8 bits. Fails with OUT_OF_MEMORY; *out is then empty.
 sgs_status sgsi_image8_triangle(const sgs_image8 *image, int scale, sgs_image8 *out);

@@ -37,7 +37,7 @@ static void sift_down(ranked_row *heap, size_t count, size_t at)
     }
 }
 
-// A heap of the best so far, its root the worst of them.
+// Heap of the best rows so far; the root is the worst of them.
 sgs_status sgsi_select_best(const double *score, const uint8_t *eligible, size_t count,
                             size_t wanted, uint8_t *chosen)
 {
@@ -74,7 +74,7 @@ sgs_status sgsi_select_weighted(const double *weight, const uint8_t *eligible, s
     double *key = sgsi_alloc(count ? count : 1, sizeof *key);
     if (!key)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to draw from %zu primitives", count);
-    for (size_t i = 0; i < count; ++i) // log of u^(1/w): the same order
+    for (size_t i = 0; i < count; ++i) // log of u^(1/w) has the same order
         key[i] = weight[i] > 0.0 ? log(sgsi_random_uniform(seed, i)) / weight[i] : -DBL_MAX;
     const sgs_status status = sgsi_select_best(key, eligible, count, wanted, chosen);
     sgsi_free(key);

@@ -1,30 +1,30 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Milestones. Where densification ends and how often it happens is the base pipeline's; what
-// follows is 3DGS's, and the rule that scales it holds for all. The published schedule (30 000
+// Milestones. The end and the interval of densification depend on the base pipeline; the other
+// milestones are those of 3DGS, and all pipelines are scaled alike. The published schedule (30 000
 // iterations; Kerbl et al. 2023, sections 5.2 and 7.1, appendix B): densification from 500 to
-// 15 000 every 100, opacity reset every 3000, one SH band per 1000, positions decay over the whole
-// run.
+// 15 000 every 100, opacity reset every 3000, one SH band per 1000, position rate decaying over the
+// whole run.
 //
-// Scaled to N iterations, f = N / 30 000: densification until N/2, SH band every N/30, equilibrium
-// checks every spare_interval * f, positions decay over N. Chosen by measurement for N < 30 000:
-// - Structural updates: 10 up to N = 7000, more towards the published 145 at 30 000
-//   (geometrically). A short run cannot bring more primitives to convergence: banana at 376x250,
-//   7000 iterations, one view held out: every 100 iterations more than 200 000 primitives; every
-//   300 106 000, 27.73 dB; every 500 65 000, 27.55 dB in less than half of the time.
-// - The gradient threshold: 1.7 times the published one up to N = 7000, back to it at 30 000. At
-//   2e-4 a third of all primitives pass at every update of a short run, where a published run adds
-//   a few percent; the threshold then lies in the bulk of the gradients instead of in their tail,
-//   and weights on them (SPARE-GS) hardly tell. banana as above, updates @ factor: 6 @ 1 65 000
-//   primitives, 14.5 % fewer with SPARE-GS; 8 @ 1.4 62 600, 19.1 %; 10 @ 1.7 58 600, 21.1 %; all
-//   within 0.1 dB of 27.55. plush at 336x252: 31.38, 31.28 and 31.59 dB.
-// - Opacity resets stay 3000 iterations apart, as published, rounded to updates. The last one
-// leaves a third of the
-//   densification, or half an interval between resets where that is shorter: an opacity needs some
-//   hundred visits to come back from 0.01 and the loss as many to settle. That run with five
-//   updates, and resets at 1000 and 2000: 27.51 dB, without: 27.61 dB and 14 % less time, because
-//   faint primitives let every ray go deeper.
+// Scaled to N iterations, f = N / 30 000: densification until N/2, one SH band per N/30, checks for
+// equilibrium every spare_interval * f, position rate decaying over N. For N < 30 000, chosen by
+// measurement:
+// - Structural updates: 10 up to N = 7000, growing geometrically to the published 145 at 30 000.
+//   More primitives do not converge in a short run. Scene banana at 376x250, 7000 iterations, one
+//   view held out: an update every 100 iterations gives more than 200 000 primitives; every 300,
+//   106 000 and 27.73 dB; every 500, 65 000 and 27.55 dB in less than half of the time.
+// - Gradient threshold: 1.7 times the published one up to N = 7000, decreasing to 1 at 30 000. At
+//   2e-4 a third of all primitives pass at each update of a short run, compared with a few percent
+//   of a published run. The threshold is then in the bulk of the distribution, where weights
+//   (SPARE-GS) have little effect. banana as above, updates @ factor: 6 @ 1: 65 000 primitives,
+//   14.5 % fewer with SPARE-GS; 8 @ 1.4: 62 600, 19.1 %; 10 @ 1.7: 58 600, 21.1 %; all within 0.1
+//   dB of 27.55. Scene plush at 336x252: 31.38, 31.28 and 31.59 dB.
+// - Opacity resets: every 3000 iterations, as published, rounded to updates. After the last one a
+//   third of the densification remains, or half a reset interval if that is shorter: opacities
+//   require some hundred visits to recover from 0.01, and the loss as many to settle. banana with
+//   five updates: resets at 1000 and 2000: 27.51 dB; no reset: 27.61 dB and 14 % less time, because
+//   rays pass more primitives while opacities are low.
 
 #include "density/schedule.h"
 
@@ -47,14 +47,13 @@ static int rounded(double value, int least)
     return whole < least ? least : whole;
 }
 
-// Batches shrink with the run, so that it makes as many steps from its gradients.
+// Batches shrink with the run, so that the number of steps does not.
 static int batch(int paper, double f)
 {
     return paper ? rounded(paper * fmin(f, 1.0), 1) : 0;
 }
 
-// 3DGS then forgets the opacities once more, before what was drawn to hide behind the background
-// settles.
+// 3DGS resets opacities once more on a white background, at the begin of densification.
 static bool is_white(const sgs_train_options *options)
 {
     const float *c = options->background;
@@ -110,7 +109,7 @@ sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, size_t train_
               half = schedule.reset_interval / 2;
     schedule.reset_until = schedule.densify_until - (third < half ? third : half);
     if (schedule.reset_interval >= schedule.reset_until)
-        schedule.first_reset = 0; // too short a run for any reset
+        schedule.first_reset = 0; // the run is too short for resets
     return schedule;
 }
 
@@ -126,8 +125,8 @@ bool sgsi_schedule_is_reset(const sgsi_schedule *schedule, int iteration)
            (iteration % schedule->reset_interval == 0 || iteration == schedule->first_reset);
 }
 
-// train.py of 3DGS: `iteration > opacity_reset_interval`. Its reset at that iteration follows the
-// update; a scaled run may be too short for one, and then keeps its large primitives.
+// train.py of 3DGS: `iteration > opacity_reset_interval`, and the reset at that iteration follows
+// the update. Without a reset, as in a short scaled run, large primitives are kept.
 bool sgsi_schedule_prunes_large(const sgsi_schedule *schedule, int last_reset)
 {
     return schedule->reset_interval && last_reset >= schedule->reset_interval;

@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// When things happen in a training run: the milestones of the 30 000-iteration schedule, as
-// published or scaled to another length. Pure numbers.
+// Milestones of a training run: those of the published 30 000 iterations, or scaled to another
+// length. Pure functions.
 
 #include <stdbool.h>
 
@@ -13,39 +13,37 @@ typedef struct sgsi_schedule {
     int iterations;
     int densify_from, densify_until, densify_interval;
     int reset_interval, reset_until; // opacity resets; 0 = none
-    int first_reset;                 // one more on white backgrounds, where densification begins
+    int first_reset;                 // additional reset for a white background; 0 = none
     int prune_interval;              // final prunes after densify_until; 0 = none
-    int batch_rest, batch_middle, batch_late,
-        middle_until;         // see pipeline.h; 0 = every iteration steps
-    int sh_interval;          // one more SH band every so many iterations
-    double lr_begin, lr_span; // the position rate decays from one to the other, iterations
-    int resolution_from,
-        resolution_interval; // when the size of the images may change: after the first, every so
-                             // often
-    int check_interval;      // SPARE-GS's equilibrium checks
-    double loss_decay;       // of the loss average behind those checks
+    // See pipeline.h; 0 = every iteration steps.
+    int batch_rest, batch_middle, batch_late, middle_until;
+    int sh_interval;          // iterations per additional SH band
+    double lr_begin, lr_span; // the position rate decays from the first to the second, iterations
+    // The image size may change after resolution_from, every resolution_interval iterations.
+    int resolution_from, resolution_interval;
+    int check_interval;      // of SPARE-GS's equilibrium checks
+    double loss_decay;       // of the loss average for these checks
     double threshold_factor; // on the pipeline's gradient threshold
 } sgsi_schedule;
 
 // train_views: number of training views (an average of the loss spans at least one epoch).
 sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, size_t train_views);
 
-// A structural update happens at this iteration (1-based).
+// True if a structural update follows this iteration (1-based).
 bool sgsi_schedule_is_structural(const sgsi_schedule *schedule, int iteration);
-// An opacity reset follows it.
+// True if an opacity reset follows it.
 bool sgsi_schedule_is_reset(const sgsi_schedule *schedule, int iteration);
-// Updates prune large primitives: after the first opacity reset, the early one of white backgrounds
-// aside. last_reset is the iteration of the last one made, -1 = none.
+// True if updates prune large primitives: after the first opacity reset, except the additional one
+// for a white background. last_reset: iteration of the last reset, -1 = none.
 bool sgsi_schedule_prunes_large(const sgsi_schedule *schedule, int last_reset);
-// One of the final prunes, after densification.
+// True if one of the final prunes, after densification, follows this iteration.
 bool sgsi_schedule_is_final_prune(const sgsi_schedule *schedule, int iteration);
-// The size of the images may change after this iteration.
+// True if the size of the images may change after this iteration.
 bool sgsi_schedule_may_resize(const sgsi_schedule *schedule, int iteration);
-// Number of intervals between structural updates in the whole run: 145 for 3DGS as published. At
-// least 1.
+// Number of intervals between structural updates in the whole run, >= 1: 145 for 3DGS as published.
 int sgsi_schedule_updates(const sgsi_schedule *schedule);
-// The optimiser steps in this iteration: SH bands above 0, and the other parameters.
+// True if the optimiser steps in this iteration: SH bands above 0 (rest), other parameters (main).
 bool sgsi_schedule_steps_rest(const sgsi_schedule *schedule, int iteration);
 bool sgsi_schedule_steps_main(const sgsi_schedule *schedule, int iteration);
-// Factor between the first and the last position rate: 1 at 0, 0.01 at the end, log-linear.
+// Factor on the initial position rate: 1 at the begin, 0.01 at the end, log-linear.
 double sgsi_schedule_lr(const sgsi_schedule *schedule, int iteration);

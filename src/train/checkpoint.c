@@ -8,19 +8,18 @@
 //   size       u64: number of primitives n
 //   progress   fields: counters, averages, equilibrium, seconds (checkpoint_progress.c)
 //   model, moment1, moment2    blocks of 16 primitives, 59 parameters each; lanes after n are 0
-//   statistics gradient sums, sums of norms, visible counts, largest radii: n each
-//   depth_bounds    they change no bit of a step, only its cost
-//   order      u32 per training view: this epoch's permutation
-//   exposure   colour maps of the views, their moments and steps; in runs that learn them
-//   accumulated_grad, accumulated_rows    gradients that wait for a step, as blocks, and the rows
-//              that have some; in runs whose pipeline batches steps
-//   filter_3d  Mip-Splatting's, n floats; in runs with its pixel filter
-//   stop       text: why training ended, empty before that
+//   statistics gradient sums, sums of absolute gradients, visible counts, largest radii: n each
+//   depth_bounds    per tile of each view; they affect only the cost of a step
+//   order      u32 per training view: the permutation of the current epoch
+//   exposure   colour maps of the views, their moments and steps; with option exposure
+//   accumulated_grad, accumulated_rows    gradients before a step, as blocks, and the rows that
+//              have any; for pipelines that batch steps
+//   filter_3d  Mip-Splatting's 3D filter, n floats; with its pixel filter
+//   stop       text: why training ended, empty before the end
 //
-// A new array is one section in visit_state(), a new counter one row in checkpoint_progress.c, a
-// new option needs nothing here. The BVH is not stored: padded
-// bounds make the hits independent of it. A file that is cut, changed or of another run is refused
-// before the trainer is touched.
+// A new array is one section in visit_state(), a new counter one row in checkpoint_progress.c; a
+// new option requires no change here. The BVH is not stored, because padded bounds make the hits
+// independent of it. A damaged file, or one of another run, is refused before the trainer changes.
 
 #include <math.h>
 #include <string.h>
@@ -41,8 +40,8 @@ static size_t block_bytes(size_t n)
     return (n + SGS_LANES - 1) / SGS_LANES * BLOCK_FLOATS * sizeof(float);
 }
 
-// n primitives in the model's layout. The lanes behind the last primitive are zeros in the file and
-// left alone in memory.
+// n primitives in the model's layout. The lanes after the last primitive are zero in the file and
+// unchanged in memory.
 static void visit_blocks(sgsi_sections *sections, const char *name, float *data, size_t n)
 {
     const size_t whole = n / SGS_LANES, rest = n % SGS_LANES;
@@ -61,7 +60,7 @@ static void visit_blocks(sgsi_sections *sections, const char *name, float *data,
             data[first + i] = tail[i];
 }
 
-// What a training step changes, with n primitives.
+// All arrays that a training step changes, for n primitives.
 static void visit_state(sgsi_sections *sections, sgs_trainer *trainer, size_t n)
 {
     const size_t views = trainer->views.count;
@@ -120,7 +119,7 @@ static const sgs_view *train_view(const sgs_trainer *trainer, size_t i)
     return &trainer->scene->views[trainer->views.scene_views[i]];
 }
 
-// What identifies the run and its place, before the state itself.
+// Sections that identify the run and its progress, before the arrays.
 static void visit_head(sgsi_sections *sections, const sgs_trainer *trainer,
                        const sgsi_field_list *options, const sgsi_field_list *progress)
 {
@@ -138,7 +137,7 @@ static void visit_head(sgsi_sections *sections, const sgs_trainer *trainer,
     sgsi_sections_piece(sections, progress->bytes, progress->count);
 }
 
-// MEASURE and WRITE leave the trainer alone.
+// For the passes MEASURE and WRITE, which do not change the trainer.
 static void visit_all(sgsi_sections *sections, const sgs_trainer *trainer,
                       const sgsi_field_list *options, const sgsi_field_list *progress)
 {
@@ -214,7 +213,7 @@ static sgs_status check_scene(sgsi_sections *sections, const sgs_trainer *traine
     return SGS_STATUS_OK;
 }
 
-// The order must be a permutation, the counters in their ranges: they are used as indices.
+// View order and counters are used as indices: checks their ranges.
 static sgs_status check_progress(sgsi_sections *sections, const sgs_trainer *trainer,
                                  const sgsi_progress *progress)
 {
@@ -238,7 +237,7 @@ static sgs_status check_progress(sgsi_sections *sections, const sgs_trainer *tra
     return SGS_STATUS_OK;
 }
 
-// The number of primitives: no more than the model's section holds.
+// Number of primitives; FORMAT if the section 'model' is shorter.
 static sgs_status read_size(sgsi_sections *sections, size_t *n)
 {
     size_t bytes;
@@ -268,8 +267,8 @@ sgs_status sgs_checkpoint_gaussians(const char *path, size_t *gaussians)
     return status;
 }
 
-// Everything that can be wrong with a whole file. *n receives the number of primitives, *progress
-// the section of this name.
+// Compares an undamaged file with the trainer. *n receives the number of primitives, *progress the
+// section of this name.
 static sgs_status check(sgsi_sections *sections, sgs_trainer *trainer, size_t *n,
                         sgsi_progress *progress)
 {
@@ -291,7 +290,7 @@ static sgs_status check(sgsi_sections *sections, sgs_trainer *trainer, size_t *n
     status = sgsi_options_compare(sections->path, options, bytes, &trainer->options,
                                   progress->iteration, &spare_changed);
     if (!status && spare_changed && progress->stop == SGS_STOP_EQUILIBRIUM)
-        progress->stop = SGS_STOP_NONE; // it may not be one any more
+        progress->stop = SGS_STOP_NONE; // the equilibrium depends on these options
     if (!status)
         status = check_scene(sections, trainer);
     if (status)
@@ -308,7 +307,7 @@ static sgs_status check(sgsi_sections *sections, sgs_trainer *trainer, size_t *n
     return status;
 }
 
-// Memory for n primitives in the trainer, contents to come.
+// Memory for n primitives in the trainer, uninitialised.
 static sgs_status make_room(sgs_trainer *trainer, size_t n, const char *path)
 {
     sgs_gaussians *model;
@@ -338,12 +337,12 @@ static sgs_status make_room(sgs_trainer *trainer, size_t n, const char *path)
     trainer->m = m;
     trainer->v = v;
     status = sgsi_trainer_reserve_accumulated_grad(trainer);
-    return status ? status
-                  : sgsi_trainer_update_filter_3d(
-                        trainer); // for the memory; the values come from the file
+    if (!status)
+        status = sgsi_trainer_update_filter_3d(trainer); // allocates; the values are in the file
+    return status;
 }
 
-// The images of the resolution that was in use, where the pipeline changes it.
+// Images at the resolution of the checkpoint, for pipelines that change it.
 static sgs_status restore_images(sgs_trainer *trainer, int resolution)
 {
     sgsi_small_images images;

@@ -1,13 +1,13 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// A run resumed with other options would be neither of the two runs, so a difference is refused,
-// except where a later value is meaningful by itself (sgs_resume_rule): a new cap is used from the
-// next structural update on, as are the parts of SPARE-GS, new tolerances from the next check on,
-// and the paper's schedule is the same for any length.
+// A run must be resumed with its own options, because the result would otherwise belong to neither
+// set of options. Exceptions (sgs_resume_rule) are options whose new value is meaningful from then
+// on: the cap and the parts of SPARE-GS from the next structural update, tolerances from the next
+// check, and the length of a run with the paper's schedule.
 //
-// An option is essential in the file where it differs from its default: another version of the
-// program may ignore an option that it does not know if the option had no effect.
+// A record is essential if its option differs from the default. A version of the program that does
+// not have the option can ignore a default, because it had no effect.
 
 #include "train/checkpoint_options.h"
 

@@ -11,9 +11,9 @@
 // Every option that shapes the result, as text (sgs_train_option_text).
 void sgsi_options_write(sgsi_field_list *list, const sgs_train_options *options);
 
-// Compares the options of a checkpoint (the content of the section) with `now`. Options that may
-// change are warned about, with the iteration from which the new value is used; any other
-// difference fails with INVALID_ARGUMENT, naming the field and both values. An option that the
-// checkpoint does not name had its default. *spare_changed: one of SPARE-GS's differs.
+// Compares the options of a checkpoint (content of the section 'options') with `now`. A difference
+// that the resume rule allows is a warning that names the first iteration with the new value; any
+// other fails with INVALID_ARGUMENT, naming the field and both values. An option without a record
+// had its default. *spare_changed: an option of SPARE-GS differs.
 sgs_status sgsi_options_compare(const char *path, const uint8_t *bytes, size_t size,
                                 const sgs_train_options *now, int iteration, bool *spare_changed);

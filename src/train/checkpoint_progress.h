@@ -9,7 +9,7 @@
 
 void sgsi_progress_write(sgsi_field_list *list, const sgsi_progress *progress);
 
-// Reads the content of the section. Timers that are not recorded start at 0; every counter that the
-// next iterations depend on must be there. Errors as sgsi_fields_read; values are not checked.
+// Reads the content of the section. Timers without a record start at 0; counters that the training
+// depends on are required. Errors as sgsi_fields_read; values are not checked.
 sgs_status sgsi_progress_read(const char *path, const uint8_t *bytes, size_t size,
                               sgsi_progress *progress);

@@ -1,13 +1,12 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// How much memory a training will take, before any of it is asked for. A sum of what is known
-// exactly (photographs, rays, parameters, moments, statistics, projected) and of what depends on
-// the scene: candidates of the fullest tile, gradient records per tile and primitive, the copies of
-// a structural update. The numbers for the latter were fitted to the peak RSS of 37 trainings of
-// five scenes with up to 67 000 primitives, 8-bit images of 480 to 376 000 pixels and all
-// pipelines; they met it within 20 %. For small images it is above the peak: --max-memory relies on
-// it before a structural update.
+// Estimate of the memory of a training before it starts. Photographs, rays, parameters, moments,
+// statistics and projected records are counted exactly. Candidates of the fullest tile, gradient
+// records per tile and primitive, and the copies of a structural update depend on the scene; their
+// constants were fitted to the peak RSS of 37 trainings of five scenes with up to 67 000
+// primitives, 8-bit images of 480 to 376 000 pixels and all pipelines, within 20 %. For small
+// images the estimate exceeds the peak, because the memory limit of a trainer relies on it.
 
 #include "sparegs/trainer.h"
 #include "base/core.h"
@@ -15,22 +14,23 @@
 #include "density/pipeline.h"
 
 enum {
-    PROGRAM_BYTES = 134000000, // code, libraries, what they keep
+    PROGRAM_BYTES = 134000000, // code and libraries
     THREAD_BYTES = 6000000,    // stack, allocator, buffers
-    ROW_BYTES = 1700, // per primitive: 708 parameters and moments, 180 tracing and statistics, BVH,
-                      // structural update
-    PIXEL_BYTES = 120, // of the largest view: planes of image and gradient, loss, lists of hits,
-                       // gradient records
-    RAY_BYTES = 24,    // per pixel of every camera of its own, kept up to RAY_LIMIT
+    // Per primitive: 708 parameters and moments, 180 tracing and statistics, BVH, structural
+    // update.
+    ROW_BYTES = 1700,
+    // Per pixel of the largest view: image and gradient, loss, lists of hits, gradient records.
+    PIXEL_BYTES = 120,
+    RAY_BYTES = 24,         // per pixel of each different camera, up to RAY_LIMIT
     CANDIDATE_BYTES = 1560, // per thread and candidate of the fullest tile
-    LIST_BYTES = 2800,      // per candidate of the fullest tile, where all primitives are in it
-    CROWDING = 16,          // which has this many times the mean of primitives per tile
+    LIST_BYTES = 2800,      // per candidate of the fullest tile of an image of one tile
+    CROWDING = 16,          // primitives in the fullest tile relative to the mean
     TILE_PIXELS = 256,
-    MOST_CAMERAS = 256 // that are compared
+    MOST_CAMERAS = 256 // number of cameras compared with each other
 };
 static const size_t RAY_LIMIT = (size_t)1 << 30;
 
-// Pixels of the cameras that have a lens or size of their own.
+// Pixels of all different cameras.
 static size_t ray_pixels(const sgs_scene *scene)
 {
     const sgs_camera *distinct[MOST_CAMERAS];
@@ -71,7 +71,7 @@ size_t sgs_train_memory(const sgs_scene *scene, const sgs_train_options *options
     const size_t crowd = CROWDING * shrinking * rows / (largest / TILE_PIXELS),
                  fullest = crowd < rows ? crowd : rows;
     const size_t rays = ray_pixels(scene) * RAY_BYTES;
-    // The fewer tiles an image has, the more of its candidates each ray of the fullest one meets.
+    // With fewer tiles per image, a ray hits a larger part of the candidates of its tile.
     const size_t lists = fullest * LIST_BYTES / (largest / TILE_PIXELS);
     return PROGRAM_BYTES + threads * (THREAD_BYTES + fullest * CANDIDATE_BYTES) + photographs +
            largest * PIXEL_BYTES + (rays < RAY_LIMIT ? rays : RAY_LIMIT) + rows * ROW_BYTES + lists;

@@ -1,9 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The views of one scale are made together when the scale changes and kept until the next change.
-// Photographs of half-float numbers are not reduced: a run with any of them stays at full
-// resolution.
+// All views are reduced when the scale changes and kept until the next change. Half-float
+// photographs are not reduced: a run with any of them trains at full resolution.
 
 #include "train/small_images.h"
 
@@ -27,7 +26,7 @@ static void view_size(void *context, size_t i, int *width, int *height)
     *height = camera->height;
 }
 
-static sgs_status photo_of_bytes(const sgsi_train_views *views, size_t i, const sgs_photo **photo)
+static sgs_status photo_8bit(const sgsi_train_views *views, size_t i, const sgs_photo **photo)
 {
     const sgs_status status = sgs_scene_photo(views->scene, views->scene_views[i], photo);
     if (status || (*photo)->pixels)
@@ -38,7 +37,7 @@ static sgs_status photo_of_bytes(const sgsi_train_views *views, size_t i, const 
 static sgs_status view_pixels(void *context, size_t i, sgs_image8 *image)
 {
     const sgs_photo *photo;
-    const sgs_status status = photo_of_bytes(context, i, &photo);
+    const sgs_status status = photo_8bit(context, i, &photo);
     if (!status)
         *image = pixels_of(photo);
     return status;
@@ -50,8 +49,8 @@ sgs_status sgsi_small_images_plan(const sgsi_train_views *views, int until, sgsi
     return sgsi_resolution_plan(&images, until, plan);
 }
 
-// A small pixel counts when every pixel that it covers does.
-static void reduce_keep(const sgs_photo *from, sgs_photo *to)
+// A reduced pixel is valid if all pixels that it covers are.
+static void reduce_mask(const sgs_photo *from, sgs_photo *to)
 {
     const size_t words = sgs_mask_words(to->width);
     to->kept = 0;
@@ -72,7 +71,7 @@ static void reduce_keep(const sgs_photo *from, sgs_photo *to)
 static sgs_status reduce_view(const sgsi_train_views *views, size_t i, int scale, sgs_photo *out)
 {
     const sgs_photo *photo;
-    sgs_status status = photo_of_bytes(views, i, &photo);
+    sgs_status status = photo_8bit(views, i, &photo);
     if (status)
         return status;
     const sgs_image8 image = pixels_of(photo);
@@ -92,7 +91,7 @@ static sgs_status reduce_view(const sgsi_train_views *views, size_t i, int scale
     if (!out->valid_mask)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a mask of %dx%d pixels",
                          out->width, out->height);
-    reduce_keep(photo, out);
+    reduce_mask(photo, out);
     return SGS_STATUS_OK;
 }
 

@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Training views at a reduced size, for pipelines that render small images first: the plan of the
-// sizes, and the photographs of one size. Knows no model and no schedule.
+// Training views at a reduced size, for pipelines that start with small images: the plan of the
+// sizes, and the photographs of one size. Independent of model and schedule.
 
 #include "density/resolution.h"
 #include "train/train_view.h"
@@ -12,11 +12,11 @@
 // 8-bit.
 sgs_status sgsi_small_images_plan(const sgsi_train_views *views, int until, sgsi_resolution *plan);
 
-// The photographs at `scale` (>= 1), or scale 0 when that scale is in use. *images is empty after
-// failure.
+// The photographs at `scale` (>= 1), or images->scale 0 if it is the current scale. Fails with
+// OUT_OF_MEMORY or as sgs_scene_photo; *images is then empty.
 sgs_status sgsi_small_images_make(const sgsi_train_views *views, int scale,
                                   sgsi_small_images *images);
 
-// Moves *images into the views and frees the former ones. Returns false and does nothing when
-// images->scale is 0. The depth bounds of another scale are invalid.
+// Moves *images into the views and frees the previous ones; returns false without a change if
+// images->scale is 0. Depth bounds of another scale are invalid.
 bool sgsi_small_images_adopt(sgsi_train_views *views, sgsi_small_images *images);

@@ -19,17 +19,17 @@ static double stepped_blocks(const sgsi_traffic *traffic)
     return (double)stepped;
 }
 
-// (tile, primitive) pairs, and the pixels of the tiles that have any.
-static double listed_primitives(const sgsi_traffic *traffic, double *pixels)
+// (tile, primitive) pairs with a hit, and the pixels of the tiles that have any.
+static double tile_hits(const sgsi_traffic *traffic, double *pixels)
 {
     const sgsi_tile_list *lists = sgsi_tracer_lists(traffic->tracer);
-    size_t listed = 0, tiles = 0;
+    size_t pairs = 0, tiles = 0;
     for (size_t i = 0; i < traffic->tiles; ++i) {
-        listed += lists[i].count;
+        pairs += lists[i].count;
         tiles += lists[i].count != 0;
     }
     *pixels = fmin((double)(tiles * SGSI_TILE * SGSI_TILE), (double)traffic->pixels);
-    return (double)listed;
+    return (double)pairs;
 }
 
 void sgsi_traffic_add(const sgsi_traffic *traffic, sgs_train_bytes *bytes)
@@ -37,28 +37,27 @@ void sgsi_traffic_add(const sgsi_traffic *traffic, sgs_train_bytes *bytes)
     const sgsi_trace_counts counts = sgsi_tracer_counts(traffic->tracer);
     const double rows = (double)traffic->primitives, pixels = (double)traffic->pixels;
     double drawn;
-    const double listed = listed_primitives(traffic, &drawn),
-                 stepped = SGS_LANES * stepped_blocks(traffic);
+    const double pairs = tile_hits(traffic, &drawn), stepped = SGS_LANES * stepped_blocks(traffic);
     const double bands = (traffic->sh_degree + 1) * (traffic->sh_degree + 1);
     const double shape = SGS_PARAM_SH_DC * WORD, color = 3.0 * WORD * bands;
     const double statistics =
         traffic->collects ? 2.0 * 2.0 * WORD : 0.0; // two columns, read and written
     sgs_train_bytes add = {0};
-    // All shapes, all boxes; colours and records of what the view may see.
+    // All shapes and boxes; colours and records of the blocks in view.
     add.project = rows * (shape + sizeof(sgsi_bounds) + statistics) + stepped * (color + RECORD);
-    // Every box once, every node read and written.
+    // Each box read, each node read and written.
     add.bvh =
         rows * sizeof(sgsi_bounds) + 2.0 * (double)sgsi_bvh_bytes(sgsi_tracer_bvh(traffic->tracer));
-    // Each naming reads the record; the second of one macrotile is most likely cached.
+    // Each callback reads the record; a second one in the macrotile is most likely cached.
     add.gather = (double)counts.callbacks * (RECORD + WORD);
-    add.forward = pixels * PLANES * WORD + (listed + (double)counts.block_hits) * WORD;
+    add.forward = pixels * PLANES * WORD + (pairs + (double)counts.block_hits) * WORD;
     add.loss = pixels * (2.0 * PLANES * WORD + traffic->channels);
-    // Lists, projected, gradients of the planes in; a record of sums per (tile, primitive) out, and
-    // back in by the reduction, which reads ids three times and writes and reads their order.
-    add.reduce = listed * (RECORD + WORD * 5.0) + 2.0 * stepped * RECORD;
-    add.backward = drawn * PLANES * WORD + (listed + (double)counts.block_hits) * WORD +
-                   2.0 * listed * RECORD + add.reduce;
-    // Sums in; parameters and both moments in and out.
+    // Reads lists, projected records and gradient planes; writes a record of sums per (tile,
+    // primitive). The reduction reads it, reads ids three times, and writes and reads their order.
+    add.reduce = pairs * (RECORD + WORD * 5.0) + 2.0 * stepped * RECORD;
+    add.backward = drawn * PLANES * WORD + (pairs + (double)counts.block_hits) * WORD +
+                   2.0 * pairs * RECORD + add.reduce;
+    // Reads sums; reads and writes parameters and both moments.
     add.optimizer = stepped * (RECORD + (traffic->steps ? 6.0 * (shape + color) : shape + color) +
                                0.5 * statistics);
     bytes->project += add.project;

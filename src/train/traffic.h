@@ -2,9 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// The bytes that one iteration moves, counted from what it did. Counted is what streams through
-// arrays of the size of the model, of the image or of the tiles' lists, each access once; scratch
-// that stays in a core's caches is not.
+// Bytes moved by one iteration, from its counters: accesses to arrays of the size of the model, the
+// image or the tiles' lists, each counted once. Scratch memory in a core's caches is excluded.
 
 #include "sparegs/trainer.h"
 #include "trace/tracer.h"
@@ -14,8 +13,8 @@ typedef struct sgsi_traffic {
     size_t primitives, pixels, tiles, macrotiles;
     int sh_degree;     // bands in use
     int channels;      // bytes per pixel of the photograph
-    bool collects;     // statistics of the density control
-    bool steps, dense; // the optimiser steps; every row
+    bool collects;     // collects statistics for density control
+    bool steps, dense; // the optimiser steps; steps every row
 } sgsi_traffic;
 
 // Adds one iteration and its bytes.

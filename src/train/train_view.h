@@ -2,9 +2,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// One training view on its way through an iteration: photograph, rays, BVH, image, loss with its
-// gradient image, gradient sums per primitive. One function per stage, to be called in the order
-// below. Knows the model it is given; knows no trainer, no optimiser and no density control.
+// The stages of an iteration for one training view: photograph, rays, BVH, image, loss with its
+// gradient image, gradient sums per primitive. One function per stage, called in the order below.
+// Independent of trainer, optimiser and density control.
 
 #include "loss/exposure.h"
 #include "loss/loss.h"
@@ -19,7 +19,7 @@ typedef struct sgsi_small_images {
     size_t count;
 } sgsi_small_images;
 
-// All training views of a scene, and the workspace to draw one of them.
+// All training views of a scene, and the workspace to render one of them.
 typedef struct sgsi_train_views {
     const sgs_scene *scene;
     const sgs_train_options *options;
@@ -31,10 +31,10 @@ typedef struct sgsi_train_views {
     sgsi_tracer *tracer;
     sgsi_ray_cache *rays;
     sgsi_loss_workspace *loss;
-    sgsi_exposure *exposure; // NULL = none
+    sgsi_exposure *exposure; // NULL without option exposure
     float *planes;           // colour, transmittance and their gradients: 8 planes
     size_t plane_floats;     // per plane
-    bool rebuild;            // build the BVH anew before the next view instead of refitting it
+    bool rebuild;            // rebuild the BVH for the next view instead of refitting it
 } sgsi_train_views;
 
 typedef struct sgsi_train_view {
@@ -61,8 +61,8 @@ typedef struct sgsi_train_view {
 } sgsi_train_view;
 
 // Views, tracer and workspaces for the training split of `scene`. scene and options must outlive
-// *views. Free *views after failure, too. Fails with OUT_OF_MEMORY, or INVALID_ARGUMENT without a
-// training view.
+// *views. Fails with OUT_OF_MEMORY, or INVALID_ARGUMENT without a training view; free *views also
+// after a failure.
 sgs_status sgsi_train_views_create(const sgs_scene *scene, const sgs_train_options *options,
                                    sgsi_train_views *views);
 void sgsi_train_views_free(sgsi_train_views *views); // accepts a zeroed one
@@ -71,7 +71,7 @@ void sgsi_small_images_free(sgsi_small_images *images);
 // Sets all depth bounds to "unknown". Cannot fail.
 void sgsi_train_views_forget_depths(sgsi_train_views *views);
 
-// The photograph and its camera. Fails as sgs_scene_photo does, with nothing changed.
+// The photograph and its camera. Fails as sgs_scene_photo does, without a change.
 sgs_status sgsi_train_view_fetch(const sgsi_train_views *views, sgsi_train_view *view);
 // Rays of the camera, projected primitives and their bounds; refits or rebuilds the BVH.
 sgs_status sgsi_train_view_project(sgsi_train_views *views, sgsi_train_view *view);

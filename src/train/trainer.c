@@ -1,12 +1,12 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The training loop. sgs_trainer_step runs one iteration, in the order of 3DGS (Kerbl et al. 2023,
-// algorithm 1): learning rates and SH ramp, view, forward, loss, backward, optimiser step,
-// statistics. At this point the model may be saved. Density control, image size and opacity reset
-// follow at the beginning of the next call. Two quirks of the original are kept because they shape
-// quality: there is no optimiser step on iterations with a structural update, and moments of new
-// rows start at zero while the step counter continues.
+// The training loop. sgs_trainer_step runs one iteration in the order of 3DGS (Kerbl et al. 2023,
+// algorithm 1): learning rates and SH degree, view, forward, loss, backward, optimiser step,
+// statistics. The model may be saved now. Density control, image size and opacity reset follow at
+// the beginning of the next call. Two details of the released code are kept because they affect
+// quality: iterations with a structural update make no optimiser step, and moments of new rows
+// start at zero although the step counter continues.
 
 #include <math.h>
 #include <string.h>
@@ -27,13 +27,13 @@ static void adopt_images(sgs_trainer *trainer, sgsi_small_images *images)
     if (!sgsi_small_images_adopt(&trainer->views, images))
         return;
     const int before = trainer->progress.resolution, now = trainer->views.small_images.scale;
-    // Scaled schedules change the size between updates, too; the released code of DashGaussian only
-    // with them, where the statistics are 0.
+    // Scaled schedules also change the size between updates; the released code of DashGaussian
+    // changes it with updates only, when the statistics are 0.
     if (before && trainer->model)
         sgsi_statistics_resize_images(&trainer->statistics, trainer->model->count,
                                       (float)before / (float)now);
     trainer->progress.resolution = now;
-    trainer->progress.reset_since_check = 1; // losses of different sizes do not compare
+    trainer->progress.reset_since_check = 1; // losses at different sizes are not comparable
     sgsi_train_views_forget_depths(&trainer->views);
 }
 
@@ -129,7 +129,7 @@ void sgs_trainer_destroy(sgs_trainer *trainer)
 
 // ---- One iteration ----
 
-// A random permutation per epoch, drawn from the seed and the epoch alone.
+// A random permutation per epoch; it depends on seed and epoch only.
 static size_t next_view(sgs_trainer *trainer)
 {
     sgsi_progress *progress = &trainer->progress;
@@ -153,8 +153,8 @@ static size_t next_view(sgs_trainer *trainer)
     return trainer->order[progress->order_position++];
 }
 
-// The views after this one, as far as this epoch's order tells.
-static void expect_next_views(const sgs_trainer *trainer)
+// Prefetches the next two views of this epoch.
+static void prefetch_views(const sgs_trainer *trainer)
 {
     const size_t next = trainer->progress.order_position;
     for (size_t i = next; i < next + 2 && i < trainer->views.count; ++i)
@@ -167,13 +167,13 @@ static int active_sh_degree(const sgs_trainer *trainer, int iteration)
     return degree < trainer->options.sh_degree ? degree : trainer->options.sh_degree;
 }
 
-// Whether statistics for density control are gathered.
+// True if statistics for density control are collected.
 static bool collects_statistics(const sgs_trainer *trainer, int iteration)
 {
     return iteration < trainer->schedule.densify_until && iteration < trainer->options.iterations;
 }
 
-// The next view and its photograph. On failure nothing has changed: the same view comes next.
+// The next view and its photograph. After a failure the same view is next.
 static sgs_status begin_view(sgs_trainer *trainer, int iteration, sgsi_train_view *view)
 {
     const sgsi_progress before = trainer->progress;
@@ -186,15 +186,15 @@ static sgs_status begin_view(sgs_trainer *trainer, int iteration, sgsi_train_vie
                               .visible_count = collects ? trainer->statistics.visible_count : NULL,
                               .radius_max = collects ? trainer->statistics.radius_max : NULL,
                               .seconds = &trainer->progress.seconds};
-    expect_next_views(trainer);
+    prefetch_views(trainer);
     const sgs_status status = sgsi_train_view_fetch(&trainer->views, view);
     if (status)
         trainer->progress = before;
     return status;
 }
 
-// A training that looks past its model would end well and show nothing.
-static void watch_views(sgs_trainer *trainer, int iteration)
+// Warns if no training view contains a primitive: the run would succeed with an empty result.
+static void check_visibility(sgs_trainer *trainer, int iteration)
 {
     trainer->seen = trainer->seen || sgsi_tracer_counts(trainer->views.tracer).block_hits;
     if (!trainer->seen && (size_t)iteration == trainer->views.count)
@@ -220,20 +220,19 @@ static void count_traffic(sgs_trainer *trainer, const sgsi_train_view *view)
     sgsi_traffic_add(&traffic, &trainer->bytes);
 }
 
-// From the photograph of a view to moved parameters.
+// From the photograph of a view to updated parameters.
 static sgs_status train_on_view(sgs_trainer *trainer, sgsi_train_view *view, sgs_step_info *info)
 {
     sgsi_train_views *views = &trainer->views;
-    // Rays of the view's tiles, projected primitives; the BVH is rebuilt after density control and
-    // refitted to this view's bounds otherwise.
+    // Rays of the view's tiles, projected primitives; the BVH is rebuilt after density control,
+    // otherwise refitted to the bounds of this view.
     sgs_status status = sgsi_train_view_project(views, view);
-    // Macrotiles gather candidates from the BVH; kernels evaluate, order and blend them to an
-    // image.
+    // Macrotiles gather candidates from the BVH; kernels evaluate, order and blend them.
     if (!status)
         status = sgsi_train_view_forward(views, view);
     if (status)
         return status;
-    watch_views(trainer, view->iteration);
+    check_visibility(trainer, view->iteration);
     // Loss against the photograph, and its gradient image.
     status = sgsi_train_view_loss(views, view);
     // The same tiles backward: one gradient record per (tile, primitive), summed per primitive in
@@ -255,7 +254,7 @@ static sgs_status train_on_view(sgs_trainer *trainer, sgsi_train_view *view, sgs
     return SGS_STATUS_OK;
 }
 
-// Clones, splits and removes primitives, for a pipeline with scores from views by these.
+// Clones, splits and removes primitives; computes scores from views if the pipeline uses them.
 static sgs_status control_density(sgs_trainer *trainer, int iteration, sgs_step_info *info)
 {
     const sgsi_view_scores *scores = NULL;
@@ -271,7 +270,7 @@ static sgs_status control_density(sgs_trainer *trainer, int iteration, sgs_step_
             sgsi_view_scores_compute(&trainer->views, &input, &trainer->scores);
         trainer->progress.seconds.density += sgsi_seconds() - start;
         if (status)
-            return status; // nothing has changed yet
+            return status; // nothing has changed
         scores = &trainer->scores;
     }
     trainer->inconsistent = true;
@@ -280,8 +279,8 @@ static sgs_status control_density(sgs_trainer *trainer, int iteration, sgs_step_
     return status;
 }
 
-// What the iteration before leaves to do: density control, another image size, opacity reset. A
-// photograph that cannot be read leaves the trainer as it was.
+// Applies density control, image size and opacity reset of the previous iteration. If a photograph
+// cannot be read, the trainer is unchanged.
 static sgs_status apply_deferred(sgs_trainer *trainer, sgs_step_info *info)
 {
     sgsi_progress *progress = &trainer->progress;
@@ -308,7 +307,7 @@ static sgs_status apply_deferred(sgs_trainer *trainer, sgs_step_info *info)
     return SGS_STATUS_OK;
 }
 
-// Mip-Splatting: positions still move after the last structural update.
+// Mip-Splatting: positions still change after the last structural update.
 static sgs_status refresh_filter_3d(sgs_trainer *trainer, int iteration)
 {
     const bool due = trainer->filter_3d && iteration > trainer->schedule.densify_until &&
@@ -363,8 +362,8 @@ static sgs_status check_ready(const sgs_trainer *trainer)
     return SGS_STATUS_OK;
 }
 
-// The last iteration of a shorter run has changed nothing but counters. Afterwards the state is
-// that of a run that always had the present length.
+// Continues a run that completed a shorter schedule: its last iteration changed counters only and
+// is repeated, so that the state equals that of a run with the present length.
 static sgs_status repeat_last(sgs_trainer *trainer)
 {
     sgsi_progress *progress = &trainer->progress;

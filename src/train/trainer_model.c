@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The model of a trainer: what it starts from, and the arrays that are as long as it is. The first
-// cloud of points stays with the trainer: it is written beside the result.
+// The model of a trainer: its initial value, and the arrays of its length. The trainer keeps the
+// initial point cloud, which callers write as input.ply.
 
 #include <math.h>
 #include <string.h>
@@ -32,7 +32,7 @@ static sgs_status random_cloud(sgs_trainer *trainer)
         const double u = sgsi_random_uniform(trainer->options.seed ^ 0xC10D, i);
         trainer->cloud_points[i] =
             (float)((cube ? 0.0 : scene->center[i % 3]) + half * (2.0 * u - 1.0));
-        // The original draws SH coefficients in [0, 1] / 255: colours just above middle grey.
+        // As 3DGS: SH coefficients in [0, 1] / 255, colours just above middle grey.
         const double coefficient = sgsi_random_uniform(trainer->options.seed ^ 0xC0108, i) / 255.0;
         trainer->cloud_colors[i] = (unsigned char)(255.0 * (0.5 + SGSI_SH_C0 * coefficient) + 0.5);
     }
@@ -40,15 +40,15 @@ static sgs_status random_cloud(sgs_trainer *trainer)
     return SGS_STATUS_OK;
 }
 
-// Selection sampling (Knuth, algorithm S): whether item i of n is drawn, `taken` of `wanted` being
-// drawn already. Each subset of the size is equally likely; the order is kept.
+// Selection sampling (Knuth, algorithm S): true if item i of n is drawn, `taken` of `wanted` being
+// drawn already. All subsets are equally likely; the order is kept.
 static bool is_drawn(const sgs_trainer *trainer, size_t i, size_t n, size_t taken, size_t wanted)
 {
     return (double)(n - i) * sgsi_random_uniform(trainer->options.seed ^ 0x5A3D, i) <
            (double)(wanted - taken);
 }
 
-// The scene's cloud, thinned at random to the cap.
+// The scene's cloud, reduced at random to the cap.
 static sgs_status scene_cloud(sgs_trainer *trainer)
 {
     const sgs_scene *scene = trainer->scene;

@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The optimiser step of an iteration: learning rates and bias corrections of the moment, and one
-// pass of the kernels over the model (Kerbl et al. 2023; the original's rates).
+// The optimiser step of an iteration: learning rates of 3DGS (Kerbl et al. 2023), bias corrections,
+// and one pass of the kernels over the model.
 
 #include <math.h>
 #include <stdatomic.h>
@@ -74,8 +74,7 @@ static sgsi_optimize settings(const sgs_trainer *trainer, const sgsi_train_view 
                            .tan_half_y = 0.5f * (float)camera->height / view->view.rays->fy};
 }
 
-// Counts the step and sets what depends on the count. The sparse optimiser has no bias correction,
-// as the original's.
+// Counts the step and sets the bias corrections. As in 3DGS the sparse optimiser has none.
 static void begin_step(sgs_trainer *trainer, int iteration, sgsi_optimize *input)
 {
     sgsi_progress *progress = &trainer->progress;

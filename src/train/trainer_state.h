@@ -16,18 +16,18 @@
 #include "train/train_view.h"
 #include "train/view_scores.h"
 
-// Everything a resumed run must find again, besides arrays.
+// State of a run besides its arrays; part of checkpoints.
 typedef struct sgsi_progress {
-    int32_t iteration;  // done
+    int32_t iteration;  // completed
     int32_t adam_step;  // optimiser steps made (bias correction of dense Adam)
     int32_t last_reset; // iteration of the last opacity reset, -1 = none
     int32_t reset_since_check;
     uint32_t order_position, order_epoch; // of the view permutation
     int32_t stop;                         // sgs_stop_reason
     int32_t updates;                      // structural updates made
-    int32_t rest_step;  // as adam_step, of the SH bands above 0 where they step on their own
-    int32_t resolution; // down-scaling of the images in force; 0 = none yet
-    int32_t structure_iteration; // iteration whose structural update, reset and resolution are made
+    int32_t rest_step;           // as adam_step, for SH bands above 0 if they step separately
+    int32_t resolution;          // current down-scaling of the images; 0 = not set yet
+    int32_t structure_iteration; // last iteration whose update, reset and resolution are applied
     sgsi_pipeline_state pipeline;
     double loss_average, loss_weight; // for the progress line
     double psnr_average, psnr_weight;
@@ -43,23 +43,22 @@ struct sgs_trainer {
     sgsi_schedule schedule;
     sgs_gaussians *model;
     float *m, *v;            // Adam's moments, model layout
-    float *accumulated_grad; // gradients that wait for a step, model layout; NULL where every
-                             // iteration steps
+    float *accumulated_grad; // before a step, model layout; NULL if every iteration steps
     uint16_t *accumulated_rows;
-    float *filter_3d; // Mip-Splatting's, [capacity], padding 0; NULL with another pixel filter
+    float *filter_3d; // of Mip-Splatting, [capacity], padding 0; NULL with other pixel filters
     sgsi_statistics statistics;
     sgsi_train_views views;
     sgsi_view_scores scores;
     sgsi_resolution resolution;
-    sgs_regions regions;              // of the last update; owns its list
+    sgs_regions regions;              // of the last update; the list is owned
     uint32_t *order;                  // permutation of the training views of this epoch
-    bool seen;                        // some view has met a primitive
-    bool inconsistent;                // the last step has begun to change things and not ended
+    bool seen;                        // a primitive was hit in some view
+    bool inconsistent;                // the last step failed after it had changed the state
     bool update_refused;              // the last structural update would have exceeded memory_limit
     size_t memory_limit, image_cache; // bytes; 0 = none
     sgsi_progress progress;
     sgs_train_bytes bytes; // of this process, not of the checkpoint
-    float *cloud_points;   // the run started from
+    float *cloud_points;   // initial cloud
     unsigned char *cloud_colors;
     size_t cloud_count;
     float *held_params; // see sgsi_trainer_hold
@@ -67,46 +66,46 @@ struct sgs_trainer {
     char stop_text[160];
 };
 
-// ---- trainer_model.c: the model and the arrays as long as it is ----
+// ---- trainer_model.c: the model and the arrays of its length ----
 
-// The first model (options.init, the scene's cloud or a random one), its moments and statistics.
+// The initial model (options.init, the scene's cloud or a random one), its moments and statistics.
 sgs_status sgsi_trainer_create_model(sgs_trainer *trainer);
-// The 3D filter of the model as it is (memory and values), where the pixel filter wants one.
+// Allocates and computes the 3D filter of the current model, if the pixel filter uses it.
 sgs_status sgsi_trainer_update_filter_3d(sgs_trainer *trainer);
-// Zeroed gradients that wait for a step, for the model as it is; nothing where the pipeline steps
-// in every iteration.
+// Allocates zeroed accumulated gradients for the current model, if the pipeline batches steps.
 sgs_status sgsi_trainer_reserve_accumulated_grad(sgs_trainer *trainer);
-// Whether opacities are linear after the iteration that was last; and makes them so, then.
+// True if opacities are linear after the last iteration. The second function converts them then.
 bool sgsi_trainer_opacity_is_linear(const sgs_trainer *trainer);
 void sgsi_trainer_convert_opacity(sgs_trainer *trainer);
 float sgsi_trainer_lr_opacity(const sgs_trainer *trainer, int iteration);
 
 // ---- trainer_optimize.c ----
 
-// Whether parameters move in this iteration: not where a structural update follows, and not in the
+// True if the optimiser steps in this iteration: not before a structural update, and not in the
 // last one.
 bool sgsi_trainer_makes_step(const sgs_trainer *trainer, int iteration);
-// From the gradient sums of a view after its backward pass: chain rule, statistics and Adam.
-// Returns the number of primitives with a gradient.
+// Chain rule, statistics and Adam for the gradient sums of a view. Returns the number of primitives
+// with a gradient.
 size_t sgsi_trainer_optimize(sgs_trainer *trainer, const sgsi_train_view *view);
 
 // ---- trainer_structure.c ----
 
-// Density control after the optimiser step of `iteration`; scores may be NULL for pipelines that
-// ask for none. Fills the structural part of *info.
+// Density control after the optimiser step of `iteration`; scores: NULL for pipelines without
+// score_views. Fills the structural fields of *info.
 sgs_status sgsi_trainer_update_structure(sgs_trainer *trainer, int iteration,
                                          const sgsi_view_scores *scores, sgs_step_info *info);
 void sgsi_trainer_reset_opacity(sgs_trainer *trainer, int iteration);
 
 // ---- trainer_stop.c ----
 
-// After progress.iteration: feeds SPARE-GS's termination test and decides whether training is over.
+// After progress.iteration: updates SPARE-GS's termination test; returns why training ends, or
+// NONE.
 sgs_stop_reason sgsi_trainer_decide_stop(sgs_trainer *trainer, double loss);
 
 // ---- trainer.c ----
 
-// For measurements: keeps a copy of the parameters and puts the trainer behind `iteration`, without
-// its structural update. sgsi_trainer_restore returns to that moment after each step. Moments and
-// statistics are not restored.
+// For measurements: copies the parameters and sets the trainer to the state after `iteration`,
+// without its structural update. sgsi_trainer_restore returns to this state after a step. Moments
+// and statistics are not restored.
 sgs_status sgsi_trainer_hold(sgs_trainer *trainer, int iteration);
 void sgsi_trainer_restore(sgs_trainer *trainer);

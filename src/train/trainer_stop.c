@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// When training is over: after the last iteration of the schedule, or earlier by SPARE-GS's test
-// that loss and count have come to rest.
+// End of training: the last iteration of the schedule, or an equilibrium of loss and count
+// (SPARE-GS, Eq. 26).
 
 #include <stdio.h>
 
@@ -17,9 +17,9 @@ static void describe_equilibrium(sgs_trainer *trainer)
              100.0 * e->last_count_change, trainer->options.spare_patience);
 }
 
-// Whether the loss can show an equilibrium: densification has ended, and every training view has
-// been seen twice since the last structural update or opacity reset. Until then the average still
-// falls from those changes, and a short run would end long before its schedule does.
+// True if an equilibrium may be detected: densification has ended, and each training view was used
+// twice since the last structural update or opacity reset. Before that the average loss still
+// recovers from them, and a short run would end too early.
 static bool may_be_in_equilibrium(const sgs_trainer *trainer)
 {
     const sgsi_schedule *schedule = &trainer->schedule;

@@ -1,8 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// What changes the structure of a trainer's model: the updates of the base pipeline with SPARE-GS's
-// hooks, and opacity resets.
+// Changes of the model's structure: updates by the base pipeline with SPARE-GS, and opacity resets.
 
 #include <math.h>
 #include <string.h>
@@ -26,8 +25,8 @@ static spare_options spare_settings(const sgs_train_options *o, double gradient_
     return spare;
 }
 
-// The estimate for `count` primitives, and what the process has now with its growth and the copy of
-// one array, stay below the limit.
+// True if the limit exceeds the estimate for `count` primitives, and also the current memory plus
+// its estimated growth and the temporary copy of one array.
 static bool memory_admits(const void *context, size_t count)
 {
     const sgs_trainer *trainer = context;
@@ -153,5 +152,5 @@ void sgsi_trainer_reset_opacity(sgs_trainer *trainer, int iteration)
     sgsi_density_reset_opacity(trainer->model, trainer->m, trainer->v, 0.01, trainer->filter_3d);
     trainer->progress.last_reset = iteration;
     trainer->progress.reset_since_check = 1;
-    sgsi_train_views_forget_depths(&trainer->views); // nothing is opaque now
+    sgsi_train_views_forget_depths(&trainer->views); // no ray ends early now
 }

@@ -35,7 +35,7 @@ static bool grow_columns(sgsi_view_scores *scores, size_t capacity)
     return complete && scores->centers && !sgsi_statistics_reserve(&scores->view, capacity);
 }
 
-// Memory for `capacity` primitives and planes of plane_floats; scores of 0.
+// Allocates for `capacity` primitives and planes of plane_floats; zeroes the scores.
 static sgs_status reserve(sgsi_view_scores *scores, size_t capacity, size_t plane_floats)
 {
     if (capacity > scores->capacity || plane_floats > scores->plane_floats) {
@@ -60,7 +60,7 @@ typedef struct column_job {
     const sgsi_train_view *view; // NULL for the columns of all views
 } column_job;
 
-// What does not depend on the view.
+// Columns that do not depend on the view.
 static void fill_columns(void *context, size_t begin, size_t end, int thread)
 {
     (void)thread;
@@ -102,8 +102,7 @@ static void fill_view(void *context, size_t begin, size_t end, int thread)
     }
 }
 
-// The photograph's colours as bytes: its own, or those of half-float numbers clamped to what bytes
-// can say.
+// The photograph's colours in 8 bits; half-float values are clamped to [0, 1].
 static const uint8_t *photo_bytes(sgsi_view_scores *scores, const sgs_photo *photo)
 {
     if (!photo->halves)
@@ -156,7 +155,7 @@ static sgsi_scored_image error_image(const sgsi_train_view *view, const uint8_t 
     return image;
 }
 
-// Weights of the pixels for the sums; 0 where the mask excludes them.
+// Weights of the pixels for the sums; 0 for invalid pixels.
 static sgs_status weigh_pixels(const sgsi_train_views *views, const sgsi_pipeline *pipeline,
                                const sgsi_train_view *view, sgsi_view_scores *scores)
 {
@@ -178,7 +177,7 @@ static sgs_status score_view(sgsi_train_views *views, const sgsi_score_input *in
                              sgsi_view_scores *scores)
 {
     const size_t n = input->model->count;
-    sgs_train_seconds untold = {0}; // all of this counts as density control
+    sgs_train_seconds ignored = {0}; // the caller times scoring as density control
     sgsi_train_view view = {.iteration = input->iteration,
                             .index = index,
                             .model = input->model,
@@ -186,7 +185,7 @@ static sgs_status score_view(sgsi_train_views *views, const sgsi_score_input *in
                             .sh_degree = input->sh_degree,
                             .visible_count = scores->view.visible_count,
                             .radius_max = scores->view.radius_max,
-                            .seconds = &untold};
+                            .seconds = &ignored};
     sgsi_statistics_clear(&scores->view, scores->capacity);
     sgs_status status = sgsi_train_view_fetch(views, &view);
     if (!status)
@@ -236,7 +235,7 @@ sgs_status sgsi_view_scores_compute(sgsi_train_views *views, const sgsi_score_in
         sgsi_random_bits(views->options->seed ^ 0x5C08E, (uint64_t)input->iteration);
     for (size_t k = 0; k < wanted && !status; ++k) {
         bool fresh = false;
-        for (uint64_t attempt = 0; !fresh; ++attempt) { // again until the view is a new one
+        for (uint64_t attempt = 0; !fresh; ++attempt) { // until the view is not drawn yet
             drawn[k] = (size_t)(sgsi_random_uniform(seed, 4096 * k + attempt) * (double)n);
             fresh = drawn[k] < n;
             for (size_t j = 0; j < k; ++j)

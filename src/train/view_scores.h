@@ -2,9 +2,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Scores per primitive from whole views, for the pipelines that ask for them: some training views,
-// drawn at random, are rendered, compared with their photographs and traversed once more for the
-// sums per primitive. The pipeline defines what the sums mean.
+// Scores per primitive from whole views, for pipelines with score_views: some random training views
+// are rendered, compared with their photographs and traversed again for sums per primitive, from
+// which the pipeline computes its scores.
 
 #include "density/density.h"
 #include "density/pipeline.h"
@@ -18,11 +18,11 @@ typedef struct sgsi_view_scores {
     sgsi_statistics view;  // of the view being scored
     float *error, *weight; // [height][stride] of the view being scored
     size_t plane_floats;
-    uint8_t *bytes; // its photograph, where that is not 8-bit
+    uint8_t *bytes; // its photograph in 8 bits, if it is not 8-bit
     size_t byte_capacity;
 } sgsi_view_scores;
 
-// What is scored.
+// The model to score.
 typedef struct sgsi_score_input {
     const sgsi_pipeline *pipeline;
     const sgs_gaussians *model;
@@ -32,7 +32,7 @@ typedef struct sgsi_score_input {
     const sgsi_statistics *statistics; // of the model since its last update
 } sgsi_score_input;
 
-// Fills scores->importance and prune_score. Changes no exposure and no statistics of the model.
+// Fills scores->importance and prune_score; exposure and statistics of the model are unchanged.
 // Fails with OUT_OF_MEMORY or as sgs_scene_photo does.
 sgs_status sgsi_view_scores_compute(sgsi_train_views *views, const sgsi_score_input *input,
                                     sgsi_view_scores *scores);

@@ -63,9 +63,9 @@ typedef struct sgs_profile {
     double noise;
     // For the view, with the refitted tree.
     double callbacks, candidates, block_tests, evaluations, block_hits;
-    double listed; // (tile, primitive) pairs with a hit
-    double needed; // (macrotile, primitive) pairs with a hit
-    double hits;   // counted hits of all rays
+    double tile_hits;      // (tile, primitive) pairs with a hit
+    double macrotile_hits; // (macrotile, primitive) pairs with a hit
+    double hits;           // counted hits of all rays
     // Means over the sampled rays, by brute force: hits until termination, hits without
     // termination, fraction of terminated rays. NaN without samples.
     double sampled_hits, sampled_hits_unstopped, sampled_stopped;

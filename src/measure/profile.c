@@ -132,14 +132,14 @@ static void fill_maps(const profile_job *job, const sgsi_tracer *tracer)
     for (int t = 0; t < out->tiles_x * out->tiles_y; ++t) {
         out->tile_candidates[t] = (float)job->costs[t].candidates;
         out->tile_evaluations[t] = (float)job->costs[t].evaluations;
-        out->listed += lists[t].count;
+        out->tile_hits += lists[t].count;
         for (int b = 0; b < SGSI_BLOCKS; ++b)
             out->rays += __builtin_popcount(job->rays->tiles[t].valid[b]);
     }
 }
 
 // Counts the distinct primitives with a hit in each macrotile.
-static sgs_status count_needed(const profile_job *job, const sgsi_tracer *tracer)
+static sgs_status count_macrotile_hits(const profile_job *job, const sgsi_tracer *tracer)
 {
     const sgsi_rays *rays = job->rays;
     const sgsi_tile_list *lists = sgsi_tracer_lists(tracer);
@@ -155,7 +155,7 @@ static sgs_status count_needed(const profile_job *job, const sgsi_tracer *tracer
                 continue;
             const sgsi_tile_list *list = &lists[tile];
             for (uint32_t i = 0; i < list->count; ++i) {
-                job->out->needed += last[list->ids[i]] != (uint32_t)macrotile + 1;
+                job->out->macrotile_hits += last[list->ids[i]] != (uint32_t)macrotile + 1;
                 last[list->ids[i]] = (uint32_t)macrotile + 1;
             }
         }
@@ -174,7 +174,7 @@ static sgs_status record_pass(const profile_job *job, const sgsi_tracer *tracer)
     out->evaluations = (double)counts.evaluations;
     out->block_hits = (double)counts.block_hits;
     fill_maps(job, tracer);
-    return count_needed(job, tracer);
+    return count_macrotile_hits(job, tracer);
 }
 
 static void record_gather(profile_job *job, sgs_profile_kind kind, double seconds)

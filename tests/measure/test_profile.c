@@ -76,13 +76,13 @@ static void every_stage_is_conservative(void **state)
     const sgs_pose pose = oracle_pose_look_at(0, 0, -4);
     sgs_profile *p = profile_of(&scene, &camera, &pose, 0, 0.05);
     assert_true(p->primitives == (double)scene.count);
-    assert_true(p->needed > 0 && p->needed <= p->listed);
-    assert_true(p->listed <= p->candidates && p->block_hits <= p->evaluations);
+    assert_true(p->macrotile_hits > 0 && p->macrotile_hits <= p->tile_hits);
+    assert_true(p->tile_hits <= p->candidates && p->block_hits <= p->evaluations);
     assert_true(p->evaluations <= p->block_tests && p->block_tests == 16 * p->candidates);
     assert_true(p->hits <= 16 * p->block_hits && p->block_hits <= p->hits + p->evaluations);
     for (int k = 0; k < SGS_PROFILE_KIND_COUNT; ++k) {
         const sgs_profile_tree *tree = &p->trees[k];
-        assert_true(tree->callbacks >= p->needed); // conservative for any tree
+        assert_true(tree->callbacks >= p->macrotile_hits); // conservative for any tree
         assert_true(tree->build > 0 && tree->gather > 0 && tree->bytes > 16 * COUNT);
         assert_true((tree->refit > 0) == (k >= SGS_PROFILE_REFIT));
         assert_true(tree->cost >= 1 && tree->overlap >= 0);

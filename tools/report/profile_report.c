@@ -21,8 +21,8 @@
     X(block_tests)                                                                                 \
     X(evaluations)                                                                                 \
     X(block_hits)                                                                                  \
-    X(listed)                                                                                      \
-    X(needed)                                                                                      \
+    X(tile_hits)                                                                                   \
+    X(macrotile_hits)                                                                              \
     X(hits)                                                                                        \
     X(sampled_hits)                                                                                \
     X(sampled_hits_unstopped)                                                                      \
@@ -98,17 +98,17 @@ static double iteration_cost(const profile_report *report, sgs_profile_kind kind
 }
 
 // Relative difference that exceeds timing noise, at least 2 %.
-static double least_gain(const profile_report *report)
+static double min_gain(const profile_report *report)
 {
     return fmax(report->mean.noise, 0.02);
 }
 
 static sgs_profile_kind best_for_training(const profile_report *report)
 {
-    const double needed = 1 - least_gain(report);
+    const double factor = 1 - min_gain(report);
     sgs_profile_kind best = SGS_PROFILE_REFIT;
     for (int k = 0; k < SGS_PROFILE_REFIT; ++k)
-        if (iteration_cost(report, (sgs_profile_kind)k) < needed * iteration_cost(report, best))
+        if (iteration_cost(report, (sgs_profile_kind)k) < factor * iteration_cost(report, best))
             best = (sgs_profile_kind)k;
     return best;
 }
@@ -116,10 +116,10 @@ static sgs_profile_kind best_for_training(const profile_report *report)
 // The tree with the fastest gather for a fixed model; among equals, the cheapest to build.
 static sgs_profile_kind best_for_drawing(const profile_report *report)
 {
-    const double needed = 1 - least_gain(report);
+    const double factor = 1 - min_gain(report);
     sgs_profile_kind best = SGS_PROFILE_LOW;
     for (int k = 0; k <= SGS_PROFILE_REFIT; ++k)
-        if (report->mean.trees[k].gather < needed * report->mean.trees[best].gather)
+        if (report->mean.trees[k].gather < factor * report->mean.trees[best].gather)
             best = (sgs_profile_kind)k;
     return best;
 }
@@ -208,7 +208,7 @@ static char *answer_quality(const profile_report *report)
         draw == SGS_PROFILE_LOW
             ? format_text("for a fixed model low: no other tree is faster by more than the timing "
                           "noise of %.0f %%",
-                          100 * least_gain(report))
+                          100 * min_gain(report))
             : format_text("for a fixed model %s: it is %.0f %% faster than low and amortises its "
                           "build after %.0f views",
                           sgs_profile_kind_name(draw), 100 * quotient(gain, low->gather),
@@ -245,13 +245,13 @@ static char *answer_dominant(const profile_report *report)
         return format_text("Dominant phase: %s; no part of the model is in view.", largest.name);
     return format_text(
         "Dominant phase: %s, %.0f %% of %s; %.1f %% of the evaluated (block, primitive) pairs hit "
-        "no pixel, %.0f %% of SIMD lanes carry a hit, %.1f %% of BVH callbacks were needed, and "
+        "no pixel, %.0f %% of SIMD lanes carry a hit, %.1f %% of BVH callbacks lead to a hit, and "
         "the slowest tile takes %.1f times the mean.",
         largest.name, 100 * quotient(largest.seconds, whole),
         report->training.iteration > 0 ? "an iteration" : "a view",
         100 * (1 - quotient(m->block_hits, m->evaluations)),
-        100 * quotient(m->hits, 16 * m->evaluations), 100 * quotient(m->needed, m->callbacks),
-        report->tile_slowest);
+        100 * quotient(m->hits, 16 * m->evaluations),
+        100 * quotient(m->macrotile_hits, m->callbacks), report->tile_slowest);
 }
 
 // ---- Table and JSON ----
@@ -291,8 +291,8 @@ static void print_counts(const sgs_profile *m)
     if (m->callbacks > 0 && m->candidates > 0 && m->evaluations > 0)
         printf("false positives: %.1f %% of callbacks, %.1f %% of candidates, %.1f %% of "
                "evaluations, %.1f %% of lanes\n",
-               100 * (1 - quotient(m->needed, m->callbacks)),
-               100 * (1 - quotient(m->listed, m->candidates)),
+               100 * (1 - quotient(m->macrotile_hits, m->callbacks)),
+               100 * (1 - quotient(m->tile_hits, m->candidates)),
                100 * (1 - quotient(m->block_hits, m->evaluations)),
                100 * (1 - quotient(m->hits, 16 * m->evaluations)));
     else
@@ -441,8 +441,10 @@ json_t *profile_json(const profile_report *report)
                    {"tile_slowest_over_mean", report->tile_slowest}};
     for (size_t i = 0; i < sizeof numbers / sizeof *numbers; ++i)
         json_object_set_new(view, numbers[i].name, json_number(numbers[i].value));
-    json_object_set_new(rates, "callbacks", json_number(1 - quotient(m->needed, m->callbacks)));
-    json_object_set_new(rates, "candidates", json_number(1 - quotient(m->listed, m->candidates)));
+    json_object_set_new(rates, "callbacks",
+                        json_number(1 - quotient(m->macrotile_hits, m->callbacks)));
+    json_object_set_new(rates, "candidates",
+                        json_number(1 - quotient(m->tile_hits, m->candidates)));
     json_object_set_new(rates, "evaluations",
                         json_number(1 - quotient(m->block_hits, m->evaluations)));
     json_object_set_new(rates, "lanes", json_number(1 - quotient(m->hits, 16 * m->evaluations)));

@@ -103,9 +103,18 @@ static uint8_t color_byte(const cloud *c, double value)
     return value > 0 ? (uint8_t)(fmin(value, 255) + 0.5) : 0; // NaN becomes 0
 }
 
+void sgsi_point_cloud_warn_dropped(const char *path, const char *unit, unsigned long long place,
+                                   size_t count)
+{
+    if (count)
+        sgsi_warn("%s: %s %llu: dropped %zu non-finite point(s), the first one here; export the "
+                  "points again to keep them",
+                  path, unit, place, count);
+}
+
 static sgs_status read_rows(cloud *c, size_t *count, float *points, uint8_t *colors)
 {
-    size_t dropped = 0;
+    size_t dropped = 0, first_dropped = 0;
     for (size_t row = 0; row < c->element->count; ++row) {
         double fields[FIELD_COUNT] = {0};
         if (!read_row(c, fields))
@@ -120,11 +129,10 @@ static sgs_status read_rows(cloud *c, size_t *count, float *points, uint8_t *col
         }
         if (isfinite(p[0]) && isfinite(p[1]) && isfinite(p[2]))
             ++*count;
-        else
-            ++dropped;
+        else if (dropped++ == 0)
+            first_dropped = row;
     }
-    if (dropped)
-        sgsi_warn("%s: dropped %zu non-finite point(s)", c->stream.path, dropped);
+    sgsi_point_cloud_warn_dropped(c->stream.path, "vertex", first_dropped, dropped);
     return SGS_STATUS_OK;
 }
 

@@ -20,6 +20,7 @@
 #include <unistd.h>
 
 #include "base/core.h"
+#include "formats/point_cloud.h"
 
 enum {
     MAX_SIZE = 65536,
@@ -177,11 +178,10 @@ static sgs_status add_point(loader *l, const double xyz[3], const uint8_t rgb[3]
     return SGS_STATUS_OK;
 }
 
-static void finish_points(const loader *l)
+static void warn_dropped_points(const loader *l)
 {
-    if (l->points_dropped)
-        sgsi_warn("%s: %s %llu: dropped %zu non-finite point(s), the first one here", l->path,
-                  l->unit, (unsigned long long)l->first_dropped, l->points_dropped);
+    sgsi_point_cloud_warn_dropped(l->path, l->unit, (unsigned long long)l->first_dropped,
+                                  l->points_dropped);
 }
 
 // ---- Binary -------------------------------------------------------------------------------------
@@ -339,7 +339,7 @@ static sgs_status read_points_binary(loader *l, bytes *b)
 {
     const sgs_status status = read_records(l, b, POINT_BYTES, "points", read_point_binary);
     if (!status)
-        finish_points(l);
+        warn_dropped_points(l);
     return status;
 }
 
@@ -532,7 +532,7 @@ static sgs_status read_points_text(loader *l, lines *t)
         ++count;
     }
     check_announced(l, t, count, "points");
-    finish_points(l);
+    warn_dropped_points(l);
     return SGS_STATUS_OK;
 }
 

@@ -88,6 +88,9 @@ SGS_API float sgs_photo_value(const sgs_photo *photo, size_t at);
 
 // Writes planar 8-bit grey, RGB or RGBA (1, 3 or 4 channels) as PNG.
 SGS_API sgs_status sgs_png_write(const char *path, const sgs_image8 *image);
+// The same with a text chunk "Description"; NULL for none.
+SGS_API sgs_status sgs_png_write_described(const char *path, const sgs_image8 *image,
+                                           const char *description);
 
 // One EXR channel: a float plane or a 32-bit unsigned plane. Row-major, top row first.
 typedef struct sgs_exr_channel {

@@ -259,6 +259,12 @@ sgs_status sgs_image8_downscale(const sgs_image8 *image, int out_width, int out_
 
 sgs_status sgs_png_write(const char *path, const sgs_image8 *image)
 {
+    return sgs_png_write_described(path, image, NULL);
+}
+
+sgs_status sgs_png_write_described(const char *path, const sgs_image8 *image,
+                                   const char *description)
+{
     if (image->channels != 1 && image->channels != 3 && image->channels != 4)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: %d channels are not supported in a PNG",
                          path, image->channels);
@@ -267,7 +273,7 @@ sgs_status sgs_png_write(const char *path, const sgs_image8 *image)
                          path);
     uint8_t *bytes;
     size_t size;
-    sgs_status status = sgsi_oiio_png_encode(path, image, &bytes, &size);
+    sgs_status status = sgsi_oiio_png_encode(path, image, description, &bytes, &size);
     if (status)
         return status;
     sgsi_atomic_file file;

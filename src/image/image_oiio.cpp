@@ -478,8 +478,8 @@ sgs_status sgsi_oiio_read_rows(const char *path, const char *colorspace, sgsi_ro
     });
 }
 
-sgs_status sgsi_oiio_png_encode(const char *path, const sgs_image8 *image, uint8_t **bytes,
-                                size_t *size)
+sgs_status sgsi_oiio_png_encode(const char *path, const sgs_image8 *image, const char *description,
+                                uint8_t **bytes, size_t *size)
 {
     *bytes = nullptr;
     *size = 0;
@@ -495,6 +495,8 @@ sgs_status sgsi_oiio_png_encode(const char *path, const sgs_image8 *image, uint8
         OIIO::ImageSpec spec(image->width, image->height, image->channels, OIIO::TypeDesc::UINT8);
         spec.attribute("oiio:UnassociatedAlpha", 1);
         spec.attribute("oiio:ColorSpace", "sRGB");
+        if (description)
+            spec.attribute("ImageDescription", description);
         if (!output->open("memory.png", spec))
             return sgsi_fail(SGS_STATUS_IO, "%s: encoding failed: %s", path,
                              one_line(output->geterror()).c_str());

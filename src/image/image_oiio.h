@@ -48,9 +48,10 @@ sgs_status sgsi_oiio_read_rows(const char *path, const char *colorspace, sgsi_ro
 sgs_status sgsi_image_check_complete(const char *path);
 sgs_status sgsi_image8_probe(const char *path, int *width, int *height, int *channels);
 
-// Encodes a PNG to new memory (sgsi_free). `path` is used in errors only.
-sgs_status sgsi_oiio_png_encode(const char *path, const sgs_image8 *image, uint8_t **bytes,
-                                size_t *size);
+// Encodes a PNG to new memory (sgsi_free). `path` is used in errors only. `description`: its text
+// chunk Description, or NULL.
+sgs_status sgsi_oiio_png_encode(const char *path, const sgs_image8 *image, const char *description,
+                                uint8_t **bytes, size_t *size);
 
 // Encodes an EXR with DWAA compression, which OpenEXRCore supports from version 3.2, to new memory
 // (sgsi_free). Same header as sgs_exr_write. `path` is used in errors only.

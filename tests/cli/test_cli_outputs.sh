@@ -127,6 +127,38 @@ for name in 0009.png 0009.depth.png 0009.transmittance.png 0009.hits.png; do
 done
 check render_and_eval_draw_the_same cmp "$temporary/png/0009.png" "$temporary/saved/0009.png"
 
+# png_depth_has_one_range (a frame and its crop, whose own quantiles differ: equal depths have equal colours)
+jq '[.[8], (.[8] | .width -= 60 | .img_name = "crop.jpg"), (.[20] | .img_name = "other.jpg")]' \
+    "$model/cameras.json" >"$temporary/crop.json"
+run 0 render "$model" --camera "$temporary/crop.json" --format png --aov depth,depth_first,hits,position --json -o "$temporary/ranges"
+whole=$(jq -r '.[0].img_name | sub("[.][^.]*$"; "")' "$temporary/crop.json")
+width=$(jq '.[1].width' "$temporary/crop.json") height=$(jq '.[1].height' "$temporary/crop.json")
+cp "$temporary/stdout" "$temporary/ranges.json"
+json "$temporary/ranges.json" '.ranges | .depth[0] > 0 and .depth[0] < .depth[1] and .depth == .depth_first and .hits[1] > 1 and
+    (.position | length == 3)'
+for name in depth depth_first hits position; do
+    check "equal_values_have_equal_colours in $name" oiiotool --fail 0.005 --failpercent 1 "$temporary/ranges/$whole.$name.png" \
+        --cut "${width}x$height+30+0" "$temporary/ranges/crop.$name.png" --diff
+done
+near_far=$(jq -r '.ranges.depth | map(tostring) | join(":")' "$temporary/ranges.json")
+check the_range_is_in_the_file bash -c "oiiotool --info -v '$temporary/ranges/crop.depth.png' | grep -q 'ImageDescription.*represent ${near_far/:/ to }'"
+# The option gives the range of another call, and of all rows of depth.
+run 0 render "$model" --camera "$temporary/crop.json" --frames 1 --format png --aov depth,depth_first --depth-range "$near_far" \
+    -o "$temporary/given"
+for name in depth depth_first; do
+    check "the_given_range_is_used for $name" cmp "$temporary/given/crop.$name.png" "$temporary/ranges/crop.$name.png"
+done
+run 0 render "$model" --camera "$temporary/crop.json" --frames 1 --format png --aov depth --depth-range 0:1000 -o "$temporary/given"
+check another_range_differs bash -c "! cmp -s '$temporary/given/crop.depth.png' '$temporary/ranges/crop.depth.png'"
+for bad in 1 2:1 1:1 : 1: :1 -1:2 1:inf 1:2x; do
+    run 2 render "$model" "$room" --format png --depth-range "$bad" -o "$temporary/none"
+    reports "--depth-range: '$bad' is not NEAR:FAR"
+done
+run 2 render "$model" "$room" --depth-range 1:2 -o "$temporary/none"
+reports "--depth-range requires --format png"
+run 2 render "$model" "$room" --depth-range 1:2 --format png --aov rgba -o "$temporary/none"
+reports "--depth-range requires --aov depth"
+
 # the_reference_draws_the_same (the room at 60 x 33 pixels)
 run 0 render "$model" "$room" --view 0009 --downscale 8 -o "$temporary/fast" --aov rgba,depth,position
 run 0 render "$model" "$room" --view 0009 --downscale 8 -o "$temporary/slow" --aov rgba,depth,position --reference

@@ -135,7 +135,7 @@ bool print_json(json_t *root)
     return true;
 }
 
-static json_t *reported; // list of paths; NULL: each path is printed as a line
+static json_t *reported; // {"files": [paths]}; NULL: each path is printed as a line
 
 void report_file(const char *path)
 {
@@ -144,18 +144,25 @@ void report_file(const char *path)
         return;
     }
     json_t *name = json_string(path); // NULL if the path is not valid UTF-8
-    json_array_append_new(reported, name ? name : json_null());
+    json_array_append_new(json_object_get(reported, "files"), name ? name : json_null());
 }
 
 void reported_files_begin(void)
 {
-    reported = json_array();
+    reported = json_pack("{s:[]}", "files");
+}
+
+void reported_files_set(const char *name, json_t *value)
+{
+    if (reported)
+        json_object_set_new(reported, name, value);
+    else
+        json_decref(value);
 }
 
 bool reported_files_print(void)
 {
-    json_t *root = json_object();
-    json_object_set_new(root, "files", reported);
+    json_t *root = reported;
     reported = NULL;
     return print_json(root);
 }

@@ -36,6 +36,8 @@ bool print_json(json_t *root);
 void report_file(const char *path);
 void reported_files_begin(void);
 bool reported_files_print(void);
+// Adds a member next to "files". Steals the reference; ignored without reported_files_begin.
+void reported_files_set(const char *name, json_t *value);
 // Flushes stdout. False after printing the error if anything could not be written.
 bool stdout_is_whole(void);
 // Adds a sentence to that error: which result is complete without stdout.

@@ -4,6 +4,7 @@
 // `sparegs render`: renders views of a stored model as EXR or PNG, by the tracer or, with
 // --reference, by the brute-force reference renderer that the tracer must match.
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -30,7 +31,7 @@ typedef struct render_values {
     bool reference, deep;
     double deep_tolerance;
     int deep_max;
-    const char *frames, *size, *film;
+    const char *frames, *size, *film, *depth_range;
     int orbit, spiral, projection, samples, path_lens;
     double arc;
     double aperture, focus, fps;
@@ -186,6 +187,14 @@ static const option render_options[] = {
      .initial = "ray",
      .needs = "output&aov=depth|aov=depth_first|aov=depth_median|deep",
      .help = "depth is the distance along the ray or along the camera axis"},
+    {.name = "depth-range",
+     .kind = OPTION_TEXT,
+     .offset = AT(depth_range),
+     .argument = "NEAR:FAR",
+     .shown = "the 1 % to 99 % quantiles over all frames",
+     .unit = "world units",
+     .needs = "output&format=png&aov=depth|aov=depth_first|aov=depth_median",
+     .help = "distances that are the ends of the colours in the depth PNGs of all frames"},
     {.name = "format",
      .kind = OPTION_CHOICE,
      .offset = AT(format),
@@ -241,14 +250,32 @@ static const option render_options[] = {
 enum { FORMAT_EXR = 0, DEPTH_Z = 1, BLUR_SAMPLES = 64, DEFAULT_FPS = 30 };
 static const sgs_split splits[] = {SGS_SPLIT_TEST, SGS_SPLIT_TRAIN, SGS_SPLIT_ALL};
 
+// "NEAR:FAR" with 0 <= NEAR < FAR.
+static bool depth_range_parse(const char *text, value_range *range)
+{
+    char *end;
+    const double low = strtod(text, &end);
+    if (end == text || *end != ':')
+        return false;
+    const char *far_text = end + 1;
+    const double high = strtod(far_text, &end);
+    *range = (value_range){(float)low, (float)high};
+    return end != far_text && !*end && low >= 0 && range->high > range->low &&
+           isfinite(range->high);
+}
+
 // The view options that correspond to the command line.
 static view_options view_options_from(const render_values *values, double path_fps)
 {
+    value_range depth_range = {0, 0};
+    if (values->depth_range)
+        depth_range_parse(values->depth_range, &depth_range);
     const bool blurred = values->aperture > 0;
     return (view_options){.folder = values->output,
                           .aovs = values->aovs,
                           .axis_depth = values->depth == DEPTH_Z,
                           .png = values->format != FORMAT_EXR,
+                          .depth_range = depth_range,
                           .reference = values->reference,
                           .encoding = (exr_encoding)values->encoding,
                           .compression = (sgs_exr_compression)values->compression,
@@ -294,7 +321,8 @@ static bool render_views(const sgs_gaussians *model, const camera_list *cameras,
                          const view_options *options, const drawing_values *drawing)
 {
     view_drawer drawer;
-    bool done = view_drawer_open(&drawer, options, drawing, model);
+    bool done =
+        view_drawer_open(&drawer, options, drawing, model) && view_drawer_measure(&drawer, cameras);
     for (size_t i = 0; i < cameras->count && done && !interrupt_signal(); ++i) {
         done = view_drawer_draw(&drawer, &cameras->cameras[i]);
         progress_count("render", i + 1, cameras->count);
@@ -397,6 +425,10 @@ static int check_values(const command_line *line, const render_values *values,
                           values->frames);
     if (values->size && !size_parse(values->size, &choice->width, &choice->height))
         return fail_usage("--size: '%s' is not WIDTHxHEIGHT, each from 1 to 65536", values->size);
+    value_range range;
+    if (values->depth_range && !depth_range_parse(values->depth_range, &range))
+        return fail_usage("--depth-range: '%s' is not NEAR:FAR with 0 <= NEAR < FAR",
+                          values->depth_range);
     if (values->deep && (values->reference || sampled || !values->output))
         return fail_usage(
             "--deep and %s are mutually exclusive; deep files hold the hits of one ray per pixel",

@@ -36,9 +36,9 @@ enum { AOV_LIST(AOV_BIT, AOV_BIT) AOV_ALL = (1 << AOV_ROWS) - 1 };
 typedef enum aov_picture {
     AOV_PICTURE_COLOR,     // over the background
     AOV_PICTURE_GREY,      // 0 black, 1 white
-    AOV_PICTURE_RAMP,      // dark to light from the 1 % to the 99 % quantile
+    AOV_PICTURE_RAMP,      // dark to light over the range of all frames
     AOV_PICTURE_NORMALS,   // axes as red, green, blue
-    AOV_PICTURE_POSITIONS, // axes as red, green, blue, by quantiles
+    AOV_PICTURE_POSITIONS, // axes as red, green, blue over these ranges
     AOV_PICTURE_IDS,       // a colour per number
     AOV_PICTURE_SLACK      // red to blue
 } aov_picture;

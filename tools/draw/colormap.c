@@ -16,26 +16,24 @@ static int compare_floats(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-// Quantiles of the finite values at pixels where `shown` is positive (NULL: where the values are).
-static value_range quantiles(const float *plane, const float *shown, size_t count)
+value_range sorted_range(float *values, size_t count)
 {
-    float *sorted = malloc(count * sizeof *sorted);
-    size_t kept = 0;
-    for (size_t i = 0; sorted && i < count; ++i)
-        if ((shown ? shown : plane)[i] > 0 && isfinite(plane[i]))
-            sorted[kept++] = plane[i];
-    value_range range = {0, 1};
-    if (kept) {
-        qsort(sorted, kept, sizeof *sorted, compare_floats);
-        range = (value_range){sorted[kept / 100], sorted[kept - 1 - kept / 100]};
-    }
-    free(sorted);
-    return range;
+    if (!count)
+        return (value_range){0, 1};
+    qsort(values, count, sizeof *values, compare_floats);
+    return (value_range){values[count / 100], values[count - 1 - count / 100]};
 }
 
 value_range plane_range(const float *plane, size_t count)
 {
-    return quantiles(plane, NULL, count);
+    float *positive = malloc(count * sizeof *positive);
+    size_t kept = 0;
+    for (size_t i = 0; positive && i < count; ++i)
+        if (plane[i] > 0 && isfinite(plane[i]))
+            positive[kept++] = plane[i];
+    const value_range range = sorted_range(positive, kept);
+    free(positive);
+    return range;
 }
 
 static uint8_t quantised(double value)
@@ -95,29 +93,21 @@ bool normals_colored(const float *const normal[3], int width, int height, sgs_im
     return true;
 }
 
-bool positions_colored(const float *const position[3], const float *transmittance, int width,
-                       int height, sgs_image8 *out)
+bool positions_colored(const float *const position[3], const float *transmittance,
+                       const value_range ranges[3], int width, int height, sgs_image8 *out)
 {
     const size_t pixels = (size_t)width * (size_t)height;
-    float *seen = malloc(pixels * sizeof *seen);
-    if (!seen || !allocate(width, height, out)) {
-        free(seen);
+    if (!allocate(width, height, out))
         return false;
-    }
-    for (size_t i = 0; i < pixels; ++i)
-        seen[i] = 1 - transmittance[i];
     for (size_t c = 0; c < 3; ++c) {
-        const value_range range = quantiles(position[c], seen, pixels);
-        const double scale =
-            range.high > range.low ? 1 / ((double)range.high - (double)range.low) : 0;
+        const double low = (double)ranges[c].low, high = (double)ranges[c].high;
+        const double scale = high > low ? 1 / (high - low) : 0;
         for (size_t i = 0; i < pixels; ++i)
             out->pixels[c * pixels + i] =
-                seen[i] > 0
-                    ? quantised(0.1 +
-                                0.9 * fmax(scale * ((double)position[c][i] - (double)range.low), 0))
+                transmittance[i] < 1
+                    ? quantised(0.1 + 0.9 * fmax(scale * ((double)position[c][i] - low), 0))
                     : 0;
     }
-    free(seen);
     return true;
 }
 

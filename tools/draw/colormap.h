@@ -13,6 +13,8 @@ typedef struct value_range {
 
 // The 1 % and 99 % quantiles of the positive values; {0, 1} if there are none.
 value_range plane_range(const float *plane, size_t count);
+// The same quantiles of all values, which are sorted.
+value_range sorted_range(float *values, size_t count);
 
 // Maps positive values to colours from dark (low) to light (high); other values become black.
 // Allocates out->pixels. False if out of memory.
@@ -25,10 +27,9 @@ bool plane_grey(const float *plane, int width, int height, sgs_image8 *out);
 // black.
 bool normals_colored(const float *const normal[3], int width, int height, sgs_image8 *out);
 
-// Points: each axis from the 1 % to the 99 % quantile of the visible points. Empty pixels
-// (transmittance 1) become black.
-bool positions_colored(const float *const position[3], const float *transmittance, int width,
-                       int height, sgs_image8 *out);
+// Points: each axis over its range. Empty pixels (transmittance 1) become black.
+bool positions_colored(const float *const position[3], const float *transmittance,
+                       const value_range ranges[3], int width, int height, sgs_image8 *out);
 
 // One colour per id; SGS_NO_PRIMITIVE becomes black.
 bool ids_colored(const uint32_t *ids, int width, int height, sgs_image8 *out);

@@ -350,12 +350,13 @@ bool deep_file_close(deep_file *file, bool complete)
 
 // ---- PNG ----
 
-// Writes an image and releases it.
-static bool write_image(const frame_files *files, const char *suffix, sgs_image8 *image)
+// Writes an image and releases it. description: NULL for none.
+static bool write_image(const frame_files *files, const char *suffix, const char *description,
+                        sgs_image8 *image)
 {
     char *path = format_text("%s/%s%s", files->folder, files->stem, suffix);
     bool written = make_folder_of(path);
-    if (written && sgs_png_write(path, image)) {
+    if (written && sgs_png_write_described(path, image, description)) {
         fail_library();
         written = false;
     }
@@ -366,24 +367,22 @@ static bool write_image(const frame_files *files, const char *suffix, sgs_image8
     return written;
 }
 
-// Writes a plane as a colour or grey image and prints its range.
-static bool write_plane(const frame_files *files, const char *suffix, const sgs_frame *frame,
-                        const float *plane, bool grey)
+// Writes a plane as a colour or grey image. The description of a colour image holds the range.
+static bool write_plane(const frame_files *files, int k, const char *suffix, const sgs_frame *frame,
+                        const float *plane)
 {
-    const size_t pixels = (size_t)frame->width * (size_t)frame->height;
-    const value_range range = plane_range(plane, pixels);
+    const bool is_grey = aov_rows[k].picture == AOV_PICTURE_GREY;
+    const value_range range = files->ranges->of[k][0];
     sgs_image8 image = {0};
-    if (grey ? !plane_grey(plane, frame->width, frame->height, &image)
-             : !plane_colored(plane, frame->width, frame->height, range, &image)) {
-        fail_run("%s: no memory to write it", files->name);
-        return false;
-    }
-    if (!write_image(files, suffix, &image))
-        return false;
-    if (!grey)
-        print_note("%s%s: colours from dark to light represent %g to %g", files->stem, suffix,
-                   (double)range.low, (double)range.high);
-    return true;
+    char description[120];
+    snprintf(description, sizeof description,
+             "%s: colours from dark to light represent %.9g to %.9g", aov_words[k],
+             (double)range.low, (double)range.high);
+    if (is_grey ? plane_grey(plane, frame->width, frame->height, &image)
+                : plane_colored(plane, frame->width, frame->height, range, &image))
+        return write_image(files, suffix, is_grey ? NULL : description, &image);
+    fail_run("%s: no memory to write it", files->name);
+    return false;
 }
 
 bool frame_picture(const frame_files *files, const sgs_frame *frame, sgs_image8 *image)
@@ -418,7 +417,7 @@ bool frame_picture(const frame_files *files, const sgs_frame *frame, sgs_image8 
 static bool write_rgb(const frame_files *files, const sgs_frame *frame)
 {
     sgs_image8 image = {0};
-    return frame_picture(files, frame, &image) && write_image(files, ".png", &image);
+    return frame_picture(files, frame, &image) && write_image(files, ".png", NULL, &image);
 }
 
 // Writes AOVs that are not scalar.
@@ -426,7 +425,7 @@ static bool write_picture(const frame_files *files, const char *suffix, bool mad
                           sgs_image8 *image)
 {
     if (made)
-        return write_image(files, suffix, image);
+        return write_image(files, suffix, NULL, image);
     fail_run("%s: no memory to write it", files->name);
     return false;
 }
@@ -451,12 +450,13 @@ static bool write_quantity(const frame_files *files, const sgs_frame *frame,
         return write_rgb(files, frame);
     case AOV_PICTURE_GREY:
     case AOV_PICTURE_RAMP:
-        return write_plane(files, suffix, frame, planes[0], row->picture == AOV_PICTURE_GREY);
+        return write_plane(files, k, suffix, frame, planes[0]);
     case AOV_PICTURE_NORMALS:
         done = normals_colored(planes, width, height, &image);
         break;
     case AOV_PICTURE_POSITIONS:
-        done = positions_colored(planes, frame->transmittance, width, height, &image);
+        done = positions_colored(planes, frame->transmittance, files->ranges->of[k], width, height,
+                                 &image);
         break;
     case AOV_PICTURE_IDS:
         done = ids_colored(ids, width, height, &image);

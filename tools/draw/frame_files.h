@@ -6,7 +6,7 @@
 
 #include <stdbool.h>
 
-#include "draw/aov_list.h"
+#include "draw/picture_ranges.h"
 #include "draw/region_map.h"
 #include "sparegs/image.h"
 #include "sparegs/render.h"
@@ -27,6 +27,7 @@ typedef struct frame_files {
     float white_point;               // scene-linear value of colour 1
     double near_distance;            // near clipping distance of the render
     const region_map *regions;       // of the model; for AOV_REGION and AOV_SLACK only
+    const picture_ranges *ranges;    // PNG only
 } frame_files;
 
 // Opens FOLDER/STEM.deep.exr. NULL after printing the error.

@@ -3,14 +3,19 @@
 
 #include "draw/view_drawer.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "cameras/lens_samples.h"
+#include "cli/output.h"
 #include "cli/progress.h"
 #include "sparegs/aov_descriptors.h"
 #include "sparegs/metrics.h"
 #include "sparegs/runtime.h"
+
+// Number and size in pixels of the small renderings that measure the ranges of PNG files.
+enum { PREVIEWS = 32, PREVIEW_SIZE = 128 };
 
 // The model's parameters in double precision, row by row.
 static double *exact_params(const sgs_gaussians *model)
@@ -209,6 +214,63 @@ static bool draw_frame(view_drawer *drawer, const frame_files *files,
            (!sampled || draw_samples(drawer, files->name, files->camera, files->pose, options));
 }
 
+// ---- Ranges of PNG files ----
+
+// A preview of a view: at most PREVIEW_SIZE pixels wide and high. Without the pixel filter, whose
+// footprint would grow with the size of the pixels.
+static bool preview(view_drawer *drawer, const named_camera *view, sgs_frame *frame)
+{
+    const sgs_camera *camera = &view->camera;
+    const int longer = camera->width > camera->height ? camera->width : camera->height;
+    const double scale = longer > PREVIEW_SIZE ? (double)PREVIEW_SIZE / longer : 1;
+    const int width = (int)fmax(1, scale * camera->width),
+              height = (int)fmax(1, scale * camera->height);
+    const sgs_camera small = sgs_camera_resized(camera, width, height);
+    sgs_render_options options = drawing_render_options(drawer->drawing);
+    options.axis_depth = drawer->options->axis_depth;
+    options.filter = SGS_FILTER_NONE;
+    return prepare_frame(frame, &small, range_planes(drawer->options->aovs)) &&
+           draw_flat(drawer, &small, &view->pose, &options, frame);
+}
+
+static void report_ranges(const view_drawer *drawer, unsigned aovs)
+{
+    for (int k = 0; k < AOV_ROWS; ++k)
+        if (aovs >> k & 1 && aov_rows[k].picture == AOV_PICTURE_RAMP)
+            print_note("%s: colours from dark to light represent %g to %g in all frames",
+                       aov_words[k], (double)drawer->ranges.of[k][0].low,
+                       (double)drawer->ranges.of[k][0].high);
+    reported_files_set("ranges", picture_ranges_json(&drawer->ranges, aovs));
+}
+
+bool view_drawer_measure(view_drawer *drawer, const camera_list *views)
+{
+    const view_options *o = drawer->options;
+    const bool is_given = o->depth_range.high > 0;
+    const unsigned aovs = o->folder && o->png ? ranged_aovs(o->aovs) : 0,
+                   measured = is_given ? aovs & ~(unsigned)AOV_DEPTHS : aovs;
+    const size_t count = views->count < PREVIEWS ? views->count : PREVIEWS;
+    range_samples samples = {0};
+    sgs_frame frame = {0};
+    bool done = true;
+    for (size_t i = 0; i < count && measured && done; ++i) {
+        done = preview(drawer, &views->cameras[i * views->count / count], &frame);
+        if (done && !range_samples_add(&samples, measured, &frame)) {
+            fail_run("no memory to measure the ranges of the images");
+            done = false;
+        }
+    }
+    range_samples_finish(&samples, measured, &drawer->ranges);
+    for (int k = 0; k < AOV_ROWS; ++k)
+        if (is_given && 1 << k & AOV_DEPTHS)
+            drawer->ranges.of[k][0] = o->depth_range;
+    sgs_frame_free(&frame);
+    range_samples_free(&samples);
+    if (done && aovs)
+        report_ranges(drawer, aovs);
+    return done;
+}
+
 // ---- Output ----
 
 static bool add_to_film(view_drawer *drawer)
@@ -265,6 +327,7 @@ bool view_drawer_draw(view_drawer *drawer, const named_camera *view)
                          .pose = &view->pose,
                          .aovs = o->aovs,
                          .regions = o->regions,
+                         .ranges = &drawer->ranges,
                          .axis_depth = o->axis_depth,
                          .encoding = o->encoding,
                          .compression = o->compression,

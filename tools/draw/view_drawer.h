@@ -16,6 +16,7 @@ typedef struct view_options {
     unsigned aovs;
     const region_map *regions; // for AOV_REGION and AOV_SLACK
     bool axis_depth, png, reference;
+    value_range depth_range; // of PNG files; {0, 0} = measured
     exr_encoding encoding;
     sgs_exr_compression compression;
     bool deep;
@@ -34,8 +35,9 @@ typedef struct view_drawer {
     double *params;         // with a reference
     sgs_frame
         frames[2]; // one is rendered while the other is written; reused for views of the same size
-    sgs_frame *frame;    // the frame being rendered
-    sgs_frame sampled;   // one sample of it
+    sgs_frame *frame;  // the frame being rendered
+    sgs_frame sampled; // one sample of it
+    picture_ranges ranges;
     frame_files files;   // of the view being written
     sgs_frame *finished; // the frame being written
     async_task writing;
@@ -48,6 +50,9 @@ typedef struct view_drawer {
 // call view_drawer_close in either case.
 bool view_drawer_open(view_drawer *drawer, const view_options *options,
                       const drawing_values *drawing, const sgs_gaussians *model);
+// Measures the ranges of PNG files over all views and reports them. Needed before the first view.
+// False after printing the error.
+bool view_drawer_measure(view_drawer *drawer, const camera_list *views);
 // The view must stay valid until the next call. False after printing the error of this view or of
 // the previous one.
 bool view_drawer_draw(view_drawer *drawer, const named_camera *view);

@@ -11,8 +11,9 @@
 // 3. Edges and points of the unfiltered luminance are found by derivatives of a Gaussian; their
 //    difference amplifies the colour error (sections 4.2 and 4.3): error = colour^(1 - feature).
 //
-// All filters are separable and repeat the border pixel. Computed in double, row by row, so the
-// result does not depend on the number of threads.
+// All filters are separable and repeat the border pixel. Each thread filters tiles of the image
+// whose intermediate rows stay in its cache. Computed in double; a pixel does not depend on its
+// tile, so the result does not depend on the number of threads.
 
 #include "sparegs/metrics.h"
 
@@ -27,29 +28,36 @@
 
 enum {
     MAX_RADIUS = 512,
-    TAPS = 2 * MAX_RADIUS + 1,
     COLOR_FILTERS = 4,   // Y, Cx, and the two Gaussians of Cz
     FEATURE_FILTERS = 3, // Gaussian, its first and its second derivative
+    PLANES = COLOR_FILTERS + FEATURE_FILTERS,
+    TILE = 64,   // columns of a tile, and its least number of rows
+    BATCH = 8,   // pixels whose sums stay in registers
+    SIGNALS = 5, // of a filtered pixel: Hunt's L*a*b*, strength of edge and of point
 };
 
 static const double reference_white[3] = {0.950428545, 1.0, 1.088900371}; // D65
 
+// Weights at distance 0 to radius. All filters are even but the first derivative, which is odd.
 typedef struct filters {
     int color_radius, feature_radius;
-    double color[COLOR_FILTERS][TAPS];
-    double feature[FEATURE_FILTERS][TAPS];
+    double color[COLOR_FILTERS][MAX_RADIUS + 1];
+    double feature[FEATURE_FILTERS][MAX_RADIUS + 1];
 } filters;
 
 typedef struct flip_job {
     int width, height;
+    int radius, tile_rows; // of the larger filter; of a tile
+    size_t tiles_across;
     const sgs_image8 *images[2];
     const uint16_t *valid_mask;
     filters filters;
-    double *ycxcz[2];    // [3][height][width]
-    double *rows[2];     // [COLOR_FILTERS + FEATURE_FILTERS][height][width]: filtered along x
-    double color_max;    // HyAB distance of green and blue to the power 0.7
-    float *map;          // [height][width]
-    double decoded[256]; // sRGB to linear
+    double from_xyz[9];          // XYZ to linear RGB
+    double color_max;            // HyAB distance of green and blue to the power 0.7
+    double converted[3][256][3]; // share of a channel's value in YCxCz
+    double *scratch;             // per thread, see tile_memory
+    size_t scratch_size;
+    float *map; // [height][width]
 } flip_job;
 
 static const double to_xyz[9] = {
@@ -57,34 +65,51 @@ static const double to_xyz[9] = {
     2613072.0 / 12288897.0,  8788810.0 / 12288897.0, 887015.0 / 12288897.0,
     1425312.0 / 73733382.0,  8788810.0 / 73733382.0, 70074185.0 / 73733382.0};
 
-static void multiply(const double matrix[9], const double in[3], double out[3])
+static inline void multiply(const double matrix[9], const double in[3], double out[3])
 {
     for (int i = 0; i < 3; ++i)
         out[i] = matrix[3 * i] * in[0] + matrix[3 * i + 1] * in[1] + matrix[3 * i + 2] * in[2];
 }
 
 // Adjugate over determinant of to_xyz.
-static void xyz_to_linear(const double xyz[3], double linear[3])
+static void invert_to_xyz(double inverse[9])
 {
     const double *m = to_xyz;
-    const double inverse[9] = {
+    const double adjugate[9] = {
         m[4] * m[8] - m[5] * m[7], m[2] * m[7] - m[1] * m[8], m[1] * m[5] - m[2] * m[4],
         m[5] * m[6] - m[3] * m[8], m[0] * m[8] - m[2] * m[6], m[2] * m[3] - m[0] * m[5],
         m[3] * m[7] - m[4] * m[6], m[1] * m[6] - m[0] * m[7], m[0] * m[4] - m[1] * m[3]};
-    const double determinant = m[0] * inverse[0] + m[1] * inverse[3] + m[2] * inverse[6];
-    multiply(inverse, xyz, linear);
-    for (int i = 0; i < 3; ++i)
-        linear[i] /= determinant;
+    const double determinant = m[0] * adjugate[0] + m[1] * adjugate[3] + m[2] * adjugate[6];
+    for (int i = 0; i < 9; ++i)
+        inverse[i] = adjugate[i] / determinant;
 }
 
-static double lab_curve(double t)
+// Cube root of t in (0.008, 1.1] to 2e-14: a guess from the exponent bits, two steps of Halley.
+static inline double cube_root(double t)
 {
-    const double delta = 6.0 / 29.0;
-    return t > delta * delta * delta ? cbrt(t) : t / (3.0 * delta * delta) + 4.0 / 29.0;
+    const float single = (float)t;
+    uint32_t bits;
+    memcpy(&bits, &single, sizeof bits);
+    bits = bits / 3 + 0x2a5119f2;
+    float guess;
+    memcpy(&guess, &bits, sizeof guess);
+    double y = (double)guess;
+    for (int step = 0; step < 2; ++step) {
+        const double cube = y * y * y;
+        y *= (cube + 2.0 * t) / (2.0 * cube + t);
+    }
+    return y;
+}
+
+static inline double lab_curve(double t)
+{
+    const double delta = 6.0 / 29.0, knee = delta * delta * delta;
+    const double line = t / (3.0 * delta * delta) + 4.0 / 29.0, root = cube_root(t);
+    return t > knee ? root : line;
 }
 
 // L*a*b* with Hunt's adjustment: chroma fades with luminance.
-static void linear_to_hunt_lab(const double linear[3], double lab[3])
+static inline void linear_to_hunt_lab(const double linear[3], double lab[3])
 {
     double xyz[3], f[3];
     multiply(to_xyz, linear, xyz);
@@ -95,9 +120,14 @@ static void linear_to_hunt_lab(const double linear[3], double lab[3])
     lab[2] = 0.01 * lab[0] * 200.0 * (f[1] - f[2]);
 }
 
-static double hyab(const double a[3], const double b[3])
+static inline double length(double x, double y)
 {
-    return fabs(a[0] - b[0]) + hypot(a[1] - b[1], a[2] - b[2]);
+    return sqrt(x * x + y * y);
+}
+
+static inline double hyab(const double a[3], const double b[3])
+{
+    return fabs(a[0] - b[0]) + length(a[1] - b[1], a[2] - b[2]);
 }
 
 static double largest_color_distance(void)
@@ -114,66 +144,41 @@ static void make_color_filters(filters *f, double pixels_per_degree)
 {
     static const double a[COLOR_FILTERS] = {1.0, 1.0, 34.1, 13.5},
                         b[COLOR_FILTERS] = {0.0047, 0.0053, 0.04, 0.025};
-    const int radius = f->color_radius;
     double sum[COLOR_FILTERS] = {0};
-    for (int x = -radius; x <= radius; ++x) {
+    for (int x = 0; x <= f->color_radius; ++x) {
         const double degrees = x / pixels_per_degree;
         for (int k = 0; k < COLOR_FILTERS; ++k) {
             // Along one axis a filter carries the root of its amplitude.
             const double w =
                 sqrt(a[k] * sqrt(PI / b[k])) * exp(-PI * PI * degrees * degrees / b[k]);
-            f->color[k][radius + x] = w;
-            sum[k] += w;
+            f->color[k][x] = w;
+            sum[k] += x ? 2.0 * w : w;
         }
     }
-    const double cz = hypot(sum[2], sum[3]); // both Gaussians of Cz together have weight 1
+    const double cz = length(sum[2], sum[3]); // both Gaussians of Cz together have weight 1
     for (int k = 0; k < COLOR_FILTERS; ++k)
-        for (int x = 0; x <= 2 * radius; ++x)
+        for (int x = 0; x <= f->color_radius; ++x)
             f->color[k][x] /= k < 2 ? sum[k] : cz;
 }
 
 // The positive weights of a derivative sum to 1, the negative ones to -1.
 static void make_feature_filters(filters *f, double sigma)
 {
-    const int radius = f->feature_radius;
-    double sum = 0.0, positive[2] = {0}, negative[2] = {0};
-    for (int x = -radius; x <= radius; ++x) {
-        const double g = exp(-x * x / (2.0 * sigma * sigma));
-        const double derivative[2] = {-x * g, (x * x / (sigma * sigma) - 1.0) * g};
-        f->feature[0][radius + x] = g;
-        sum += g;
-        for (int k = 0; k < 2; ++k) {
-            f->feature[1 + k][radius + x] = derivative[k];
-            *(derivative[k] > 0.0 ? &positive[k] : &negative[k]) += fabs(derivative[k]);
-        }
+    double sum = 0.0, slope = 0.0, positive = 0.0, negative = 0.0;
+    for (int x = 0; x <= f->feature_radius; ++x) {
+        const double g = exp(-x * x / (2.0 * sigma * sigma)), both = x ? 2.0 : 1.0;
+        const double second = (x * x / (sigma * sigma) - 1.0) * g;
+        f->feature[0][x] = g;
+        f->feature[1][x] = x * g; // of the pixel after minus the pixel before; sign without effect
+        f->feature[2][x] = second;
+        sum += both * g;
+        slope += x * g;
+        *(second > 0.0 ? &positive : &negative) += both * fabs(second);
     }
-    for (int x = 0; x <= 2 * radius; ++x) {
+    for (int x = 0; x <= f->feature_radius; ++x) {
         f->feature[0][x] /= sum;
-        for (int k = 0; k < 2; ++k)
-            f->feature[1 + k][x] /= f->feature[1 + k][x] > 0.0 ? positive[k] : negative[k];
-    }
-}
-
-static void convert_row(void *context, size_t item, int thread)
-{
-    (void)thread;
-    const flip_job *job = context;
-    const size_t row = item % (size_t)job->height, width = (size_t)job->width,
-                 plane = width * (size_t)job->height;
-    const size_t which = item / (size_t)job->height;
-    for (size_t x = 0; x < width; ++x) {
-        const size_t at = row * width + x;
-        const bool valid = sgs_mask_is_valid(job->valid_mask, job->width, (int)x, (int)row);
-        double linear[3] = {0}, xyz[3];
-        for (size_t c = 0; valid && c < 3; ++c)
-            linear[c] = job->decoded[job->images[which]->pixels[c * plane + at]];
-        multiply(to_xyz, linear, xyz);
-        for (int i = 0; i < 3; ++i)
-            xyz[i] /= reference_white[i];
-        double *out = job->ycxcz[which] + at;
-        out[0] = 116.0 * xyz[1] - 16.0;
-        out[plane] = 500.0 * (xyz[0] - xyz[1]);
-        out[2 * plane] = 200.0 * (xyz[1] - xyz[2]);
+        f->feature[1][x] /= slope;
+        f->feature[2][x] /= f->feature[2][x] > 0.0 ? positive : negative;
     }
 }
 
@@ -182,88 +187,173 @@ static int clamp_index(int i, int count)
     return i < 0 ? 0 : i < count ? i : count - 1;
 }
 
-// All seven filters along one row.
-static void filter_row(void *context, size_t item, int thread)
+// TILE sums over taps that are `step` apart: w[0] p[0] + sum of w[k] (p[k] + p[-k]).
+static void filter_even(const double *in, size_t step, const double *weights, int radius,
+                        double *out)
 {
-    (void)thread;
-    static const int channel[COLOR_FILTERS] = {0, 1, 2, 2};
-    const flip_job *job = context;
-    const filters *f = &job->filters;
-    const size_t row = item % (size_t)job->height, which = item / (size_t)job->height;
-    const size_t width = (size_t)job->width, plane = width * (size_t)job->height;
-    const double *in = job->ycxcz[which] + row * width;
-    double *out = job->rows[which] + row * width;
-    for (int x = 0; x < job->width; ++x) {
-        double sum[COLOR_FILTERS + FEATURE_FILTERS] = {0};
-        for (int k = -f->color_radius; k <= f->color_radius; ++k) {
-            const double *pixel = in + clamp_index(x + k, job->width);
-            for (int i = 0; i < COLOR_FILTERS; ++i)
-                sum[i] += f->color[i][f->color_radius + k] * pixel[(size_t)channel[i] * plane];
+    for (size_t x = 0; x < TILE; x += BATCH) {
+        double sum[BATCH];
+        for (size_t i = 0; i < BATCH; ++i)
+            sum[i] = weights[0] * in[x + i];
+        for (int k = 1; k <= radius; ++k) {
+            const double w = weights[k], *after = in + x + (size_t)k * step,
+                         *before = in + x - (size_t)k * step;
+            for (size_t i = 0; i < BATCH; ++i)
+                sum[i] += w * (after[i] + before[i]);
         }
-        for (int k = -f->feature_radius; k <= f->feature_radius; ++k) {
-            const double y = (in[clamp_index(x + k, job->width)] + 16.0) / 116.0;
-            for (int i = 0; i < FEATURE_FILTERS; ++i)
-                sum[COLOR_FILTERS + i] += f->feature[i][f->feature_radius + k] * y;
-        }
-        for (size_t i = 0; i < COLOR_FILTERS + FEATURE_FILTERS; ++i)
-            out[i * plane + (size_t)x] = sum[i];
+        memcpy(out + x, sum, sizeof sum);
     }
 }
 
-// A filtered pixel of one image: colour in Hunt's L*a*b*, strength of edge and point.
-typedef struct filtered {
-    double lab[3], edge, point;
-} filtered;
-
-static filtered filter_down(const flip_job *job, size_t which, int x, int y)
+// The same for an odd filter: sum of w[k] (p[k] - p[-k]).
+static void filter_odd(const double *in, size_t step, const double *weights, int radius,
+                       double *out)
 {
-    const filters *f = &job->filters;
-    const size_t width = (size_t)job->width, plane = width * (size_t)job->height;
-    const double *in = job->rows[which] + x;
-    double color[COLOR_FILTERS] = {0}, dx = 0, dy = 0, dxx = 0, dyy = 0;
-    for (int k = -f->color_radius; k <= f->color_radius; ++k) {
-        const double *pixel = in + (size_t)clamp_index(y + k, job->height) * width;
-        for (int i = 0; i < COLOR_FILTERS; ++i)
-            color[i] += f->color[i][f->color_radius + k] * pixel[(size_t)i * plane];
+    for (size_t x = 0; x < TILE; x += BATCH) {
+        double sum[BATCH] = {0};
+        for (int k = 1; k <= radius; ++k) {
+            const double w = weights[k], *after = in + x + (size_t)k * step,
+                         *before = in + x - (size_t)k * step;
+            for (size_t i = 0; i < BATCH; ++i)
+                sum[i] += w * (after[i] - before[i]);
+        }
+        memcpy(out + x, sum, sizeof sum);
     }
-    for (int k = -f->feature_radius; k <= f->feature_radius; ++k) {
-        const double *pixel =
-            in + COLOR_FILTERS * plane + (size_t)clamp_index(y + k, job->height) * width;
-        const int tap = f->feature_radius + k;
-        dx += f->feature[0][tap] * pixel[plane];
-        dxx += f->feature[0][tap] * pixel[2 * plane];
-        dy += f->feature[1][tap] * pixel[0];
-        dyy += f->feature[2][tap] * pixel[0];
-    }
-    const double luminance = (color[0] + 16.0) / 116.0;
-    const double ratio[3] = {luminance + color[1] / 500.0, luminance,
-                             luminance - (color[2] + color[3]) / 200.0};
-    double xyz[3], linear[3];
-    for (int i = 0; i < 3; ++i)
-        xyz[i] = ratio[i] * reference_white[i];
-    xyz_to_linear(xyz, linear);
-    for (int i = 0; i < 3; ++i)
-        linear[i] = fmin(fmax(linear[i], 0.0), 1.0);
-    filtered out = {.edge = hypot(dx, dy), .point = hypot(dxx, dyy)};
-    linear_to_hunt_lab(linear, out.lab);
-    return out;
 }
 
-static void compare_row(void *context, size_t item, int thread)
+// The scratch memory of a thread.
+typedef struct tile_memory {
+    double *line;       // [3][TILE + 2 radius]: YCxCz of a row
+    double *rows;       // [PLANES][tile_rows + 2 radius][TILE]: filtered along x
+    double *signals[2]; // [SIGNALS][tile_rows][TILE] of an image
+} tile_memory;
+
+static size_t divide_scratch(const flip_job *job, double *at, tile_memory *memory)
 {
-    (void)thread;
+    const size_t halo = 2 * (size_t)job->radius, tile_rows = (size_t)job->tile_rows;
+    const size_t line = 3 * (TILE + halo), rows = PLANES * (tile_rows + halo) * TILE,
+                 signals = SIGNALS * tile_rows * TILE;
+    if (at)
+        *memory = (tile_memory){at, at + line, {at + line + rows, at + line + rows + signals}};
+    return line + rows + 2 * signals;
+}
+
+// A row of an image from column `x0 - radius` on as YCxCz.
+static void convert_line(const flip_job *job, size_t which, int x0, int row, double *line)
+{
+    const size_t width = (size_t)job->width, plane = width * (size_t)job->height,
+                 pitch = TILE + 2 * (size_t)job->radius;
+    const uint8_t *pixels = job->images[which]->pixels + (size_t)row * width;
+    for (size_t i = 0; i < pitch; ++i) {
+        const int x = clamp_index(x0 - job->radius + (int)i, job->width);
+        const bool valid = sgs_mask_is_valid(job->valid_mask, job->width, x, row);
+        const double *part[3];
+        for (size_t c = 0; c < 3; ++c)
+            part[c] = job->converted[c][valid ? pixels[c * plane + (size_t)x] : 0];
+        for (size_t k = 0; k < 3; ++k)
+            line[k * pitch + i] = part[0][k] + part[1][k] + part[2][k];
+    }
+}
+
+// All filters along a row. Those of the features see Y instead of the luminance (Y + 16) / 116;
+// finish_line makes up for it.
+static void filter_across(const flip_job *job, const double *line, double *out, size_t plane)
+{
+    static const size_t channel[COLOR_FILTERS] = {0, 1, 2, 2};
+    const filters *f = &job->filters;
+    const double *in = line + job->radius;
+    for (size_t i = 0; i < COLOR_FILTERS; ++i)
+        filter_even(in + channel[i] * (TILE + 2 * (size_t)job->radius), 1, f->color[i],
+                    f->color_radius, out + i * plane);
+    out += COLOR_FILTERS * plane;
+    filter_even(in, 1, f->feature[0], f->feature_radius, out);
+    filter_odd(in, 1, f->feature[1], f->feature_radius, out + plane);
+    filter_even(in, 1, f->feature[2], f->feature_radius, out + 2 * plane);
+}
+
+enum { DX = COLOR_FILTERS, DY, DXX, DYY, SUMS }; // behind the colours
+
+// All filters down to one row.
+static void filter_down(const flip_job *job, const double *in, size_t plane,
+                        double sums[SUMS][TILE])
+{
+    const filters *f = &job->filters;
+    for (size_t i = 0; i < COLOR_FILTERS; ++i)
+        filter_even(in + i * plane, TILE, f->color[i], f->color_radius, sums[i]);
+    const double *smooth = in + COLOR_FILTERS * plane;
+    filter_even(smooth + plane, TILE, f->feature[0], f->feature_radius, sums[DX]);
+    filter_even(smooth + 2 * plane, TILE, f->feature[0], f->feature_radius, sums[DXX]);
+    filter_odd(smooth, TILE, f->feature[1], f->feature_radius, sums[DY]);
+    filter_even(smooth, TILE, f->feature[2], f->feature_radius, sums[DYY]);
+}
+
+// Filtered YCxCz to L*a*b*, after clipping at the display's gamut.
+static void finish_line(const flip_job *job, double sums[SUMS][TILE], double *out, size_t plane)
+{
+    for (size_t x = 0; x < TILE; ++x) {
+        const double luminance = (sums[0][x] + 16.0) / 116.0;
+        const double xyz[3] = {
+            (luminance + sums[1][x] / 500.0) * reference_white[0], luminance * reference_white[1],
+            (luminance - (sums[2][x] + sums[3][x]) / 200.0) * reference_white[2]};
+        double linear[3], lab[3];
+        multiply(job->from_xyz, xyz, linear);
+        for (int i = 0; i < 3; ++i)
+            linear[i] = linear[i] < 0.0 ? 0.0 : linear[i] > 1.0 ? 1.0 : linear[i];
+        linear_to_hunt_lab(linear, lab);
+        out[x] = lab[0];
+        out[plane + x] = lab[1];
+        out[2 * plane + x] = lab[2];
+    }
+    for (size_t x = 0; x < TILE; ++x) {
+        out[3 * plane + x] = length(sums[DX][x], sums[DY][x]) / 116.0;
+        out[4 * plane + x] = length(sums[DXX][x], sums[DYY][x]) / 116.0;
+    }
+}
+
+static void filter_tile(const flip_job *job, size_t which, int x0, int y0,
+                        const tile_memory *memory)
+{
+    const int rows = job->tile_rows + 2 * job->radius;
+    const size_t plane = (size_t)rows * TILE;
+    for (int r = 0; r < rows; ++r) {
+        const int y = clamp_index(y0 - job->radius + r, job->height);
+        convert_line(job, which, x0, y, memory->line);
+        filter_across(job, memory->line, memory->rows + (size_t)r * TILE, plane);
+    }
+    for (int r = 0; r < job->tile_rows && y0 + r < job->height; ++r) {
+        double sums[SUMS][TILE];
+        filter_down(job, memory->rows + (size_t)(r + job->radius) * TILE, plane, sums);
+        finish_line(job, sums, memory->signals[which] + (size_t)r * TILE,
+                    (size_t)job->tile_rows * TILE);
+    }
+}
+
+static void compare_tile(void *context, size_t item, int thread)
+{
     const flip_job *job = context;
     const double knee = 0.4 * job->color_max, knee_error = 0.95;
-    for (int x = 0; x < job->width; ++x) {
-        const filtered a = filter_down(job, 0, x, (int)item), b = filter_down(job, 1, x, (int)item);
-        double color = pow(hyab(a.lab, b.lab), 0.7);
-        color = color < knee
-                    ? color * knee_error / knee
-                    : knee_error + (color - knee) / (job->color_max - knee) * (1.0 - knee_error);
-        const double feature =
-            sqrt(fmax(fabs(a.edge - b.edge), fabs(a.point - b.point)) / sqrt(2.0));
-        job->map[item * (size_t)job->width + (size_t)x] = (float)pow(color, 1.0 - feature);
-    }
+    const int x0 = (int)(item % job->tiles_across) * TILE,
+              y0 = (int)(item / job->tiles_across) * job->tile_rows;
+    tile_memory memory;
+    divide_scratch(job, job->scratch + (size_t)thread * job->scratch_size, &memory);
+    filter_tile(job, 0, x0, y0, &memory);
+    filter_tile(job, 1, x0, y0, &memory);
+    const size_t plane = (size_t)job->tile_rows * TILE;
+    for (int y = 0; y < job->tile_rows && y0 + y < job->height; ++y)
+        for (int x = 0; x < TILE && x0 + x < job->width; ++x) {
+            double s[2][SIGNALS];
+            for (size_t i = 0; i < 2 * SIGNALS; ++i)
+                s[i / SIGNALS][i % SIGNALS] =
+                    memory.signals[i / SIGNALS][i % SIGNALS * plane + (size_t)(y * TILE + x)];
+            double color = pow(hyab(s[0], s[1]), 0.7);
+            color = color < knee ? color * knee_error / knee
+                                 : knee_error + (color - knee) / (job->color_max - knee) *
+                                                    (1.0 - knee_error);
+            const double edge = fabs(s[0][3] - s[1][3]), point = fabs(s[0][4] - s[1][4]);
+            const double feature = sqrt((edge > point ? edge : point) / sqrt(2.0));
+            job->map[(size_t)(y0 + y) * (size_t)job->width + (size_t)(x0 + x)] =
+                (float)pow(color, 1.0 - feature);
+        }
 }
 
 static double mean_error(const flip_job *job)
@@ -283,6 +373,47 @@ static double mean_error(const flip_job *job)
     return count ? sum / (double)count : NAN;
 }
 
+// YCxCz is an affine function of linear RGB. The red channel carries the constant.
+static void make_conversion(flip_job *job)
+{
+    for (int v = 0; v < 256; ++v)
+        for (int c = 0; c < 3; ++c) {
+            const double s = v / 255.0;
+            const double linear = s <= 0.04045 ? s / 12.92 : pow((s + 0.055) / 1.055, 2.4);
+            double xyz[3];
+            for (int i = 0; i < 3; ++i)
+                xyz[i] = to_xyz[3 * i + c] * linear / reference_white[i];
+            job->converted[c][v][0] = 116.0 * xyz[1] - (c ? 0.0 : 16.0);
+            job->converted[c][v][1] = 500.0 * (xyz[0] - xyz[1]);
+            job->converted[c][v][2] = 200.0 * (xyz[1] - xyz[2]);
+        }
+}
+
+// Sizes, constants and memory. False if out of memory.
+static bool prepare(flip_job *job, const sgs_image8 *reference, int color_radius,
+                    int feature_radius, bool needs_map)
+{
+    job->width = reference->width;
+    job->height = reference->height;
+    job->filters.color_radius = color_radius;
+    job->filters.feature_radius = feature_radius;
+    job->radius = color_radius > feature_radius ? color_radius : feature_radius;
+    // Rows of the halo are filtered again by the next tile: at most half of all.
+    job->tile_rows = TILE + 2 * job->radius;
+    job->tiles_across = ((size_t)job->width + TILE - 1) / TILE;
+    job->color_max = largest_color_distance();
+    invert_to_xyz(job->from_xyz);
+    make_conversion(job);
+    tile_memory unused;
+    job->scratch_size = divide_scratch(job, NULL, &unused);
+    const size_t doubles = (size_t)sgsi_threads() * job->scratch_size,
+                 pixels = (size_t)job->width * (size_t)job->height;
+    job->scratch = sgsi_alloc(doubles + (needs_map ? (pixels + 1) / 2 : 0), sizeof(double));
+    if (job->scratch && needs_map)
+        job->map = (float *)(job->scratch + doubles);
+    return job->scratch != NULL;
+}
+
 sgs_status sgs_flip(const sgs_image8 *reference, const sgs_image8 *test, const uint16_t *valid_mask,
                     double pixels_per_degree, float *map, double *mean)
 {
@@ -296,40 +427,26 @@ sgs_status sgs_flip(const sgs_image8 *reference, const sgs_image8 *test, const u
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
                          "FLIP: %g pixels per degree are out of range (0, 3700]",
                          pixels_per_degree);
+    const double sigma = 0.5 * 0.082 * pixels_per_degree;
     flip_job *job = sgsi_calloc(1, sizeof *job);
-    const size_t pixels = (size_t)reference->width * (size_t)reference->height;
-    const size_t planes = 2 * (3 + COLOR_FILTERS + FEATURE_FILTERS);
-    double *memory = sgsi_alloc(pixels, planes * sizeof(double) + (map ? 0 : sizeof(float)));
-    if (!job || !memory) {
+    const bool ready = job && prepare(job, reference, (int)radius, (int)ceil(3.0 * sigma), !map);
+    if (!ready) {
         sgsi_free(job);
-        sgsi_free(memory);
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the FLIP error of %dx%d pixels",
                          reference->width, reference->height);
     }
-    job->width = reference->width;
-    job->height = reference->height;
     job->images[0] = reference;
     job->images[1] = test;
     job->valid_mask = valid_mask;
-    for (size_t k = 0; k < 2; ++k) {
-        job->ycxcz[k] = memory + 3 * k * pixels;
-        job->rows[k] = memory + (6 + (COLOR_FILTERS + FEATURE_FILTERS) * k) * pixels;
-    }
-    job->map = map ? map : (float *)(memory + planes * pixels);
-    job->color_max = largest_color_distance();
-    for (int i = 0; i < 256; ++i)
-        job->decoded[i] =
-            i / 255.0 <= 0.04045 ? i / 255.0 / 12.92 : pow((i / 255.0 + 0.055) / 1.055, 2.4);
-    const double sigma = 0.5 * 0.082 * pixels_per_degree;
-    job->filters.color_radius = (int)radius;
-    job->filters.feature_radius = (int)ceil(3.0 * sigma);
+    if (map)
+        job->map = map;
     make_color_filters(&job->filters, pixels_per_degree);
     make_feature_filters(&job->filters, sigma);
-    sgsi_parallel_for(2 * (size_t)job->height, 4, convert_row, job);
-    sgsi_parallel_for(2 * (size_t)job->height, 1, filter_row, job);
-    sgsi_parallel_for((size_t)job->height, 1, compare_row, job);
+    const size_t tiles_down =
+        ((size_t)job->height + (size_t)job->tile_rows - 1) / (size_t)job->tile_rows;
+    sgsi_parallel_for(job->tiles_across * tiles_down, 1, compare_tile, job);
     *mean = mean_error(job);
-    sgsi_free(memory);
+    sgsi_free(job->scratch);
     sgsi_free(job);
     return SGS_STATUS_OK;
 }

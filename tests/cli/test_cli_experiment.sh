@@ -72,11 +72,24 @@ ours=$(jq '.runs[] | select(.pipeline == "mip" and .variant == "on") | .summary.
 change=$(awk "BEGIN { printf \"%+.1f %%\", 100 * ($ours / $base - 1) }")
 grep -F "| mip | room |" "$folder/out/report.md" | grep -qF "| $change |" || { echo "FAIL: no change of $change:"; cat "$folder/out/report.md"; exit 1; }
 grep -q "Variants of 3dgs" "$folder/out/report.md"
+# FLIP and sharpness: in the tables, in the CSV and on the page, as in the summaries.
+summary=$folder/out/runs/room/mip/on/seed_0/summary.json
+flip=$(jq .test.flip "$summary"); sharpness=$(jq .test.sharpness "$summary")
+grep -qF "| base FLIP | base sharpness |" "$folder/out/report.md"
+grep -F "| mip | room |" "$folder/out/report.md" | grep -qF "$(printf '| %.4f | %.3f | ' "$flip" "$sharpness")" ||
+    { echo "FAIL: no FLIP of $flip and sharpness of $sharpness:"; cat "$folder/out/report.md"; exit 1; }
+grep -qE '^\| variant \|.* FLIP \| sharpness \|.* Δ FLIP \| Δ sharpness \|$' "$folder/out/report.md"
+awk -F, -v flip="$flip" -v sharpness="$sharpness" 'NR == 1 { for (i = 1; i <= NF; ++i) at[$i] = i }
+    $2 == "mip" && $3 == "on" { found = ($at["test_flip"] - flip) ^ 2 + ($at["test_sharpness"] - sharpness) ^ 2 < 1e-11 && $at["train_flip"] > 0 }
+    END { exit !found }' "$folder/out/results.csv" || { echo "FAIL: results.csv"; cat "$folder/out/results.csv"; exit 1; }
 # The page: its data is JSON again, nothing is fetched from elsewhere.
 sed -n 's/.*<script type="application\/json" id="data">\(.*\)<\/script>$/\1/p' "$folder/out/report.html" >"$folder/data.json"
 [ "$(jq '.runs | length' "$folder/data.json")" = 5 ]
 [ "$(jq '[.runs[] | select(.variant == "on") | .regions[0].cells | length > 10] | all' "$folder/data.json")" = true ]
 jq -r '.pictures[0].photo' "$folder/data.json" | sed 's/^data:image.png;base64,//' | base64 -d | head -c 4 | grep -q PNG
+jq -e --argjson flip "$flip" '.runs[] | select(.pipeline == "mip" and .variant == "on") | (.test.flip - $flip | . < 1e-5 and . > -1e-5) and .test.sharpness > 0' \
+    "$folder/data.json" >/dev/null
+jq -e '.pictures[0] | .flip > 0 and .flip < 1 and .sharpness > 0' "$folder/data.json" >/dev/null
 if grep -oE '(src|href)="?https?://[^" ]*' "$folder/out/report.html"; then echo "FAIL: the page wants the network"; exit 1; fi
 
 # The regions of an update hold all primitives, and their quotas add up to the budget.

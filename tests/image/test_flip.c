@@ -2,11 +2,13 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // FLIP against numbers that NVIDIA's own evaluator (CPU) printed for the same images,
-// and sharpness against values in closed form.
+// and sharpness against values in closed form. `test_flip RENDER PHOTO` prints the figures of two
+// image files, for the tests of the program.
 
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -146,13 +148,93 @@ static void sharpness_is_the_ratio_of_laplacian_energies(void **state)
     assert_true(isnan(sgs_sharpness(&b, &a, mask)));
 }
 
-int main(void)
+// A wave of a quarter of the sampling rate: the blur [1 2 1] / 4 scales it, and its Laplacian, by
+// (1 + cos(pi / 2)) / 2.
+static void a_blurred_wave_has_the_sharpness_of_the_filter(void **state)
 {
+    (void)state;
+    static const uint8_t wave[4] = {20, 20, 220, 220}, blurred[4] = {70, 70, 170, 170};
+    sgs_image8 photo, render;
+    make(&photo, -1);
+    make(&render, -1);
+    for (int i = 0; i < 3 * PIXELS; ++i) {
+        photo.pixels[i] = wave[i % WIDTH % 4];
+        render.pixels[i] = blurred[i % WIDTH % 4];
+        const int x = i % WIDTH; // the table is what the filter does to the wave
+        assert_int_equal(render.pixels[i] * 4,
+                         wave[(x + 3) % 4] + 2 * wave[x % 4] + wave[(x + 1) % 4]);
+    }
+    const double response = (1 + cos(acos(-1.0) / 2)) / 2;
+    assert_true(fabs(sgs_sharpness(&render, &photo, NULL) - response * response) < 1e-12);
+    assert_true(sgs_sharpness(&render, &photo, NULL) < 0.5);
+    sgsi_free(photo.pixels);
+    sgsi_free(render.pixels);
+}
+
+// Every pixel on its own, without tiles: images larger than one tile in both directions, and
+// smaller than the filters.
+static void flip_does_not_depend_on_the_tile_of_a_pixel(void **state)
+{
+    (void)state;
+    sgs_image8 a, b;
+    make(&a, -1);
+    make(&b, 0);
+    float *whole = sgsi_alloc(PIXELS, sizeof *whole), *part = sgsi_alloc(PIXELS, sizeof *part);
+    double mean;
+    assert_int_equal(sgs_flip(&a, &b, NULL, 30, whole, &mean), SGS_STATUS_OK);
+    // Columns 5 to 84: away from the new borders by the radius of the filters, nothing changes.
+    enum { FIRST = 5, COLUMNS = 80, MARGIN = 5 };
+    sgs_image8 cut[2] = {{COLUMNS, HEIGHT, 3, sgsi_alloc(3, COLUMNS * HEIGHT)},
+                         {COLUMNS, HEIGHT, 3, sgsi_alloc(3, COLUMNS * HEIGHT)}};
+    for (int i = 0; i < 3 * COLUMNS * HEIGHT; ++i)
+        for (int k = 0; k < 2; ++k)
+            cut[k].pixels[i] = (k ? b : a).pixels[i / COLUMNS * WIDTH + FIRST + i % COLUMNS];
+    assert_int_equal(sgs_flip(&cut[0], &cut[1], NULL, 30, part, &mean), SGS_STATUS_OK);
+    for (int y = 0; y < HEIGHT; ++y)
+        for (int x = MARGIN; x < COLUMNS - MARGIN; ++x)
+            assert_true(part[y * COLUMNS + x] == whole[y * WIDTH + FIRST + x]);
+    sgs_image8 dot[2] = {{1, 1, 3, sgsi_alloc(3, 1)}, {1, 1, 3, sgsi_alloc(3, 1)}};
+    memset(dot[0].pixels, 0, 3);
+    memset(dot[1].pixels, 255, 3);
+    float error;
+    assert_int_equal(sgs_flip(&dot[0], &dot[1], NULL, 67, &error, &mean), SGS_STATUS_OK);
+    assert_true(mean > 0.9 && mean <= 1 && mean == (double)error);
+    for (int k = 0; k < 2; ++k) {
+        sgsi_free(cut[k].pixels);
+        sgsi_free(dot[k].pixels);
+    }
+    sgsi_free(whole);
+    sgsi_free(part);
+    sgsi_free(a.pixels);
+    sgsi_free(b.pixels);
+}
+
+static int print_figures(const char *render_path, const char *photo_path)
+{
+    sgs_image8 render = {0}, photo = {0};
+    double flip = NAN;
+    const bool done = !sgs_image8_read(render_path, &render) &&
+                      !sgs_image8_read(photo_path, &photo) &&
+                      !sgs_flip(&photo, &render, NULL, SGS_FLIP_PIXELS_PER_DEGREE, NULL, &flip);
+    if (done)
+        printf("%.9f %.9f %.9f %.9f\n", sgs_psnr(&render, &photo), sgs_ssim(&render, &photo), flip,
+               sgs_sharpness(&render, &photo, NULL));
+    sgs_image8_free(&render);
+    sgs_image8_free(&photo);
+    return !done;
+}
+
+int main(int argc, char **argv)
+{
+    if (argc == 3)
+        return print_figures(argv[1], argv[2]);
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(flip_agrees_with_the_published_evaluator),
         cmocka_unit_test(flip_of_equal_images_is_zero_and_masked_pixels_have_no_influence),
         cmocka_unit_test(flip_is_the_same_on_any_number_of_threads_and_refuses_bad_input),
+        cmocka_unit_test(flip_does_not_depend_on_the_tile_of_a_pixel),
         cmocka_unit_test(sharpness_is_the_ratio_of_laplacian_energies),
+        cmocka_unit_test(a_blurred_wave_has_the_sharpness_of_the_filter),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -18,9 +18,11 @@
 
 static const char description[] =
     "Renders the views of SCENE from MODEL (a PLY file, or a run folder: its latest iteration) and "
-    "compares them with the photographs. Both images are quantised to 8 bits; PSNR covers all "
-    "pixels and channels; SSIM uses an 11 x 11 Gaussian window with zero padding. Image folder, "
-    "size, split, filter and background default to those of the run.";
+    "compares them with the photographs. Both images are quantised to 8 bits. PSNR covers all "
+    "pixels and channels; SSIM uses an 11 x 11 Gaussian window with zero padding; FLIP is the mean "
+    "perceptual error at 67 pixels per degree, 0 to 1; sharpness is the Laplacian energy of the "
+    "render over that of the photograph, below 1 = blurred. Image folder, size, split, filter and "
+    "background default to those of the run.";
 
 typedef struct eval_values {
     int split; // index of the word; mapped to sgs_split below
@@ -64,29 +66,33 @@ static bool save_pair(const char *folder, const char *stem, const sgs_image8 *dr
     return saved;
 }
 
+static void print_row(const char *name, const view_score *score)
+{
+    printf("%-32s %8.3f dB  %.5f  %.5f  %9.4f\n", name, score->psnr, score->ssim, score->flip,
+           score->sharpness);
+}
+
 // Adds one view to the table or the JSON list. Saves its images if a stem is given.
 static bool evaluate_one(const evaluator *evaluation, const sgs_view *view, const char *save,
                          const char *stem, json_t *list, split_score *sum)
 {
     view_score score;
-    sgs_image8 drawn = {0}, photo = {0};
-    bool done = evaluate_view(evaluation, view, &score, &drawn, &photo);
+    view_images images = {0};
+    bool done = evaluate_view(evaluation, view, &score, stem ? &images : NULL);
     if (done && stem)
-        done = save_pair(save, stem, &drawn, &photo);
-    sgs_image8_free(&drawn);
-    sgs_image8_free(&photo);
+        done = save_pair(save, stem, &images.drawn, &images.photo);
+    view_images_free(&images);
     if (!done)
         return false;
     split_score_add(sum, view, &score);
     if (list) {
         json_t *entry = json_object();
         json_object_set_new(entry, "name", json_string(view->name));
-        json_object_set_new(entry, "psnr", json_number(score.psnr)); // null if infinite
+        view_score_add_json(entry, &score);
         json_object_set_new(entry, "identical", json_boolean(isinf(score.psnr)));
-        json_object_set_new(entry, "ssim", json_number(score.ssim));
         json_array_append_new(list, entry);
     } else {
-        printf("%-32s %8.3f dB  %.5f\n", view->name, score.psnr, score.ssim);
+        print_row(view->name, &score);
     }
     return true;
 }
@@ -99,8 +105,9 @@ static void print_means(const sgs_scene *scene, sgs_split split, const split_sco
                  : split == SGS_SPLIT_TRAIN ? format_text("training images")
                                             : format_text("%zu training images, %zu held out",
                                                           scene->view_count - held_out, held_out);
-    printf("%-32s %8.3f dB  %.5f\n", "mean", mean->psnr, mean->ssim);
-    printf("PSNR %.2f dB, SSIM %.4f over %zu images (%s)\n", mean->psnr, mean->ssim, mean->images,
+    print_row("mean", &mean->mean);
+    printf("PSNR %.2f dB, SSIM %.4f, FLIP %.4f, sharpness %.3f over %zu images (%s)\n",
+           mean->mean.psnr, mean->mean.ssim, mean->mean.flip, mean->mean.sharpness, mean->images,
            kind);
     if (mean->identical)
         printf("%zu of them identical to the photograph: PSNR is infinite and counts as %g dB in "
@@ -121,10 +128,10 @@ static bool print_scores_json(const sgs_scene *scene, sgs_split split, const spl
         root, "training_images",
         json_integer(split == SGS_SPLIT_TEST ? 0 : (json_int_t)(scene->view_count - held_out)));
     json_object_set_new(root, "images", list);
-    json_object_set_new(root, "mean",
-                        json_pack("{s:o,s:o,s:n,s:I}", "psnr", json_number(mean->psnr), "ssim",
-                                  json_number(mean->ssim), "lpips", "identical",
-                                  (json_int_t)mean->identical));
+    json_t *means = json_object();
+    view_score_add_json(means, &mean->mean);
+    json_object_set_new(means, "identical", json_integer((json_int_t)mean->identical));
+    json_object_set_new(root, "mean", means);
     return print_json(root);
 }
 
@@ -137,7 +144,7 @@ static bool evaluate_all(const evaluator *evaluation, sgs_split split, const cha
     char **stems = save ? file_stems(&views->name, sizeof *views, count) : NULL;
     bool done = !save || stems;
     if (!json)
-        printf("%-32s %11s  %s\n", "image", "PSNR", "SSIM");
+        printf("%-32s %11s  %-7s  %-7s  %s\n", "image", "PSNR", "SSIM", "FLIP", "sharpness");
     for (size_t v = 0; v < count && done && !interrupt_signal(); ++v)
         if (view_in_split(&views[v], split))
             done = evaluate_one(evaluation, &views[v], save, stems ? stems[v] : NULL, list, &sum);
@@ -152,8 +159,7 @@ static bool evaluate_all(const evaluator *evaluation, sgs_split split, const cha
                  evaluation->scene->path);
         return false;
     }
-    sum.psnr /= (double)sum.images;
-    sum.ssim /= (double)sum.images;
+    split_score_finish(&sum);
     if (json)
         return print_scores_json(evaluation->scene, split, &sum, list);
     print_means(evaluation->scene, split, &sum);

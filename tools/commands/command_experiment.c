@@ -6,6 +6,7 @@
 
 #include <errno.h>
 #include <signal.h>
+#include <stdarg.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/wait.h>
@@ -144,9 +145,25 @@ static bool write_settings(const experiment_run *run)
 static const char *const csv_columns[] = {"iterations", "stop_reason", "gaussians", "train_seconds",
                                           "model_hash"};
 
-static double split_number(const json_t *summary, const char *split, const char *member)
+// The metrics of test and train, in this order: columns of results.csv.
+static const char *const csv_metrics[][2] = {
+    {"test", "psnr"}, {"test", "ssim"},      {"train", "psnr"}, {"train", "ssim"},
+    {"test", "flip"}, {"test", "sharpness"}, {"train", "flip"}, {"train", "sharpness"}};
+enum { CSV_METRICS = sizeof csv_metrics / sizeof *csv_metrics };
+
+// Appends formatted text to a string from format_text.
+static char *append(char *text, const char *format, ...) __attribute__((format(printf, 2, 3)));
+
+static char *append(char *text, const char *format, ...)
 {
-    return json_number_value(json_object_get(json_object_get(summary, split), member));
+    char added[512];
+    va_list arguments;
+    va_start(arguments, format);
+    vsnprintf(added, sizeof added, format, arguments);
+    va_end(arguments);
+    char *longer = format_text("%s%s", text, added);
+    free(text);
+    return longer;
 }
 
 static char *csv_row(const experiment_run *run, const json_t *summary)
@@ -154,27 +171,33 @@ static char *csv_row(const experiment_run *run, const json_t *summary)
     char *row = format_text("%s,%s,%s,%d", run->scene, run->pipeline, run->variant, run->seed);
     for (size_t k = 0; k < sizeof csv_columns / sizeof *csv_columns; ++k) {
         const json_t *value = json_object_get(summary, csv_columns[k]);
-        char *longer = json_is_string(value)
-                           ? format_text("%s,%s", row, json_string_value(value))
-                           : format_text("%s,%.9g", row, json_number_value(value));
-        free(row);
-        row = longer;
+        row = json_is_string(value) ? append(row, ",%s", json_string_value(value))
+                                    : append(row, ",%.9g", json_number_value(value));
     }
-    char *complete =
-        format_text("%s,%.6f,%.6f,%.6f,%.6f\n", row, split_number(summary, "test", "psnr"),
-                    split_number(summary, "test", "ssim"), split_number(summary, "train", "psnr"),
-                    split_number(summary, "train", "ssim"));
-    free(row);
-    return complete;
+    for (size_t k = 0; k < CSV_METRICS; ++k) {
+        const json_t *value =
+            json_object_get(json_object_get(summary, csv_metrics[k][0]), csv_metrics[k][1]);
+        row = json_is_number(value) ? append(row, ",%.6f", json_number_value(value))
+                                    : append(row, ",");
+    }
+    return append(row, "\n");
+}
+
+static char *csv_header(void)
+{
+    char *header = format_text("scene,pipeline,variant,seed");
+    for (size_t k = 0; k < sizeof csv_columns / sizeof *csv_columns; ++k)
+        header = append(header, ",%s", csv_columns[k]);
+    for (size_t k = 0; k < CSV_METRICS; ++k)
+        header = append(header, ",%s_%s", csv_metrics[k][0], csv_metrics[k][1]);
+    return append(header, "\n");
 }
 
 // Writes the results of all completed runs.
 static bool write_results(const experiment_plan *plan, const char *folder)
 {
     json_t *root = json_result_new(), *list = json_array();
-    char *csv = format_text(
-        "scene,pipeline,variant,seed,iterations,stop_reason,gaussians,train_seconds,model_hash,"
-        "test_psnr,test_ssim,train_psnr,train_ssim\n");
+    char *csv = csv_header();
     for (size_t i = 0; i < plan->count; ++i) {
         const experiment_run *run = &plan->runs[i];
         json_t *summary = finished(run);

@@ -162,13 +162,13 @@ static json_t *page_run(const char *folder, const json_t *run, bool mapped)
     const json_t *summary = json_object_get(run, "summary");
     char *path = format_text("%s/%s", folder, json_string_value(json_object_get(run, "folder")));
     json_t *train = csv_rows(path, "train.csv"), *spare = csv_rows(path, "spare.csv");
-    json_t *psnr = json_object_get(json_object_get(summary, "test"), "psnr"), *out = json_object();
+    json_t *test = json_object_get(summary, "test"), *out = json_object();
     static const char *const copied[] = {"scene", "pipeline", "variant", "seed"};
     for (size_t k = 0; k < sizeof copied / sizeof *copied; ++k)
         json_object_set(out, copied[k], json_object_get(run, copied[k]));
     json_object_set(out, "gaussians", json_object_get(summary, "gaussians"));
     json_object_set(out, "seconds", json_object_get(summary, "seconds"));
-    json_object_set(out, "psnr", psnr ? psnr : json_null());
+    json_object_set(out, "test", test ? test : json_null());
     json_object_set_new(out, "words", update_words(train, spare, summary));
     json_object_set_new(out, "train", train);
     json_object_set_new(out, "regions", mapped ? region_maps(path) : json_array());
@@ -249,7 +249,7 @@ static json_t *picture_of(const char *folder, const json_t *run)
         sgs_gaussians *model = NULL;
         evaluator evaluation = {0};
         view_score score;
-        sgs_image8 drawn = {0}, photo = {0};
+        view_images images = {0};
         const sgs_view *view = scene ? &scene->views[0] : NULL;
         for (size_t v = 0; scene && v < scene->view_count && view->split != SGS_SPLIT_TEST; ++v)
             view = scene->views[v].split == SGS_SPLIT_TEST ? &scene->views[v] : view;
@@ -257,21 +257,23 @@ static json_t *picture_of(const char *folder, const json_t *run)
             drawing_resolve(&drawing, &nothing, located.config, &data, scene);
         if (view && !sgs_ply_read(located.ply_path, &model) &&
             evaluator_open(&evaluation, model, scene, &drawing) &&
-            evaluate_view(&evaluation, view, &score, &drawn, &photo)) {
-            json_t *left = picture_uri(folder, &drawn), *right = picture_uri(folder, &photo);
+            evaluate_view(&evaluation, view, &score, &images)) {
+            json_t *left = picture_uri(folder, &images.drawn),
+                   *right = picture_uri(folder, &images.photo);
             char *label =
                 format_text("%s / %s / %s: %s", json_string_value(json_object_get(run, "scene")),
                             json_string_value(json_object_get(run, "pipeline")),
                             json_string_value(json_object_get(run, "variant")), view->name);
             if (left && right)
-                picture = json_pack("{s:s,s:O,s:O,s:o}", "label", label, "drawn", left, "photo",
-                                    right, "psnr", json_number(score.psnr));
+                picture =
+                    json_pack("{s:s,s:O,s:O,s:o,s:o,s:o}", "label", label, "drawn", left, "photo",
+                              right, "psnr", json_number(score.psnr), "flip",
+                              json_number(score.flip), "sharpness", json_number(score.sharpness));
             json_decref(left);
             json_decref(right);
             free(label);
         }
-        sgs_image8_free(&drawn);
-        sgs_image8_free(&photo);
+        view_images_free(&images);
         evaluator_close(&evaluation);
         sgs_gaussians_destroy(model);
         sgs_scene_destroy(scene);

@@ -545,7 +545,8 @@ static json_t *summary_json(const training *run)
 static void print_score(const char *label, const split_score *score)
 {
     if (score->images)
-        printf("%s PSNR %.2f dB, SSIM %.4f (%zu images%s)\n", label, score->psnr, score->ssim,
+        printf("%s PSNR %.2f dB, SSIM %.4f, FLIP %.4f, sharpness %.3f (%zu images%s)\n", label,
+               score->mean.psnr, score->mean.ssim, score->mean.flip, score->mean.sharpness,
                score->images, score->identical ? ", some identical: 100 dB each" : "");
 }
 

@@ -85,11 +85,12 @@ static double percent(double base, double ours)
 
 // ---- Off and on ----
 
-enum { METRICS = 4 };
+enum { METRICS = 6 };
 static const char *const metrics[METRICS] = {"train_seconds", "gaussians", "test.psnr",
-                                             "test.ssim"};
-static const char *const formats[METRICS] = {"%.1f", "%.0f", "%.2f", "%.4f"};
-static const char *const change_formats[METRICS] = {"%+.1f %%", "%+.1f %%", "%+.2f", "%+.4f"};
+                                             "test.ssim",     "test.flip", "test.sharpness"};
+static const char *const formats[METRICS] = {"%.1f", "%.0f", "%.2f", "%.4f", "%.4f", "%.3f"};
+static const char *const change_formats[METRICS] = {"%+.1f %%", "%+.1f %%", "%+.2f",
+                                                    "%+.4f",    "%+.4f",    "%+.3f"};
 
 static double change(int metric, double base, double ours)
 {
@@ -138,12 +139,16 @@ static bool put_scene(json_t *table, const json_t *runs, const char *pipeline, c
 
 static json_t *pipelines_table(const json_t *plan, const json_t *runs)
 {
-    static const char *const columns[] = {"pipeline",  "scene",  "base s", "base N",    "base PSNR",
-                                          "base SSIM", "ours s", "ours N", "ours PSNR", "ours SSIM",
-                                          "Δ time",    "Δ N",    "Δ PSNR", "Δ SSIM",    NULL};
-    json_t *table = new_table(
-        "Base pipelines without and with SPARE-GS",
-        "Base: variant off; ours: variant on. PSNR (dB) and SSIM of the held-out images.", columns);
+    static const char *const columns[] = {
+        "pipeline",  "scene",          "base s", "base N", "base PSNR", "base SSIM",
+        "base FLIP", "base sharpness", "ours s", "ours N", "ours PSNR", "ours SSIM",
+        "ours FLIP", "ours sharpness", "Δ time", "Δ N",    "Δ PSNR",    "Δ SSIM",
+        "Δ FLIP",    "Δ sharpness",    NULL};
+    json_t *table =
+        new_table("Base pipelines without and with SPARE-GS",
+                  "Base: variant off; ours: variant on. PSNR (dB), SSIM, FLIP and sharpness of the "
+                  "held-out images. Better: higher PSNR and SSIM, lower FLIP, sharpness near 1.",
+                  columns);
     const json_t *pipelines = json_object_get(plan, "pipelines"),
                  *scenes = json_object_get(plan, "scenes");
     double all[METRICS] = {0}, counted = 0;
@@ -166,8 +171,9 @@ static json_t *pipelines_table(const json_t *plan, const json_t *runs)
 
 static json_t *variants_table(const json_t *plan, const json_t *runs, const char *pipeline)
 {
-    static const char *const columns[] = {"variant", "N",   "s",      "iterations", "PSNR",
-                                          "SSIM",    "Δ N", "Δ time", "Δ PSNR",     NULL};
+    static const char *const columns[] = {
+        "variant",   "N",   "s",      "iterations", "PSNR",   "SSIM",        "FLIP",
+        "sharpness", "Δ N", "Δ time", "Δ PSNR",     "Δ FLIP", "Δ sharpness", NULL};
     char *title = format_text("Variants of %s", pipeline);
     json_t *table =
         new_table(title, "Means over scenes and seeds; changes relative to variant off.", columns);
@@ -188,11 +194,12 @@ static json_t *variants_table(const json_t *plan, const json_t *runs, const char
         put_number(row, formats[1], value[1]);
         put_number(row, formats[0], value[0]);
         put_number(row, "%.0f", mean(runs, NULL, pipeline, variant, "iterations"));
-        put_number(row, formats[2], value[2]);
-        put_number(row, formats[3], value[3]);
-        put_number(row, change_formats[1], change(1, base[1], value[1]));
-        put_number(row, change_formats[0], change(0, base[0], value[0]));
-        put_number(row, change_formats[2], change(2, base[2], value[2]));
+        for (int k = 2; k < METRICS; ++k)
+            put_number(row, formats[k], value[k]);
+        static const int changes[] = {1, 0, 2, 4, 5};
+        for (size_t k = 0; k < sizeof changes / sizeof *changes; ++k)
+            put_number(row, change_formats[changes[k]],
+                       change(changes[k], base[changes[k]], value[changes[k]]));
         end_row(table, row);
     }
     return table;

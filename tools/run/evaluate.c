@@ -103,10 +103,40 @@ static bool expose(const evaluator *evaluation, const sgs_view *view, float *con
     return true;
 }
 
-bool evaluate_view(const evaluator *evaluation, const sgs_view *view, view_score *score,
-                   sgs_image8 *drawn, sgs_image8 *photo)
+void view_images_free(view_images *images)
 {
-    sgs_image8 images[2] = {0};
+    sgs_image8_free(&images->drawn);
+    sgs_image8_free(&images->photo);
+    free(images->flip_map);
+    *images = (view_images){0};
+}
+
+// Computes the figures, and the FLIP map if `mapped`.
+static bool compare(view_images *images, const uint16_t *valid_mask, bool mapped, view_score *score)
+{
+    const sgs_image8 *drawn = &images->drawn, *photo = &images->photo;
+    if (mapped) {
+        images->flip_map =
+            malloc((size_t)photo->width * (size_t)photo->height * sizeof *images->flip_map);
+        if (!images->flip_map) {
+            fail_run("no memory to compare a photo of %d x %d", photo->width, photo->height);
+            return false;
+        }
+    }
+    *score = (view_score){.psnr = sgs_psnr_masked(drawn, photo, valid_mask),
+                          .ssim = sgs_ssim_masked(drawn, photo, valid_mask),
+                          .sharpness = sgs_sharpness(drawn, photo, valid_mask)};
+    if (!sgs_flip(photo, drawn, valid_mask, SGS_FLIP_PIXELS_PER_DEGREE, images->flip_map,
+                  &score->flip))
+        return true;
+    fail_library();
+    return false;
+}
+
+bool evaluate_view(const evaluator *evaluation, const sgs_view *view, view_score *score,
+                   view_images *images)
+{
+    view_images compared = {0};
     sgs_frame frame = {0};
     const sgs_photo *source = NULL;
     uint16_t *half = NULL;
@@ -120,25 +150,18 @@ bool evaluate_view(const evaluator *evaluation, const sgs_view *view, view_score
         float *const color[3] = {planes, planes + pixels, planes + 2 * pixels};
         done = draw(evaluation, view, &frame) &&
                expose(evaluation, view, frame.color, color, source->valid_mask, &half) &&
-               quantise(evaluation, color, source->width, source->height, &images[1]) &&
-               quantise(evaluation, frame.color, frame.width, frame.height, &images[0]);
+               quantise(evaluation, color, source->width, source->height, &compared.photo) &&
+               quantise(evaluation, frame.color, frame.width, frame.height, &compared.drawn);
     }
     done = done && planes;
     sgs_frame_free(&frame);
     free(planes);
-    if (done) {
-        const uint16_t *valid_mask = half ? half : source->valid_mask;
-        *score = (view_score){sgs_psnr_masked(&images[0], &images[1], valid_mask),
-                              sgs_ssim_masked(&images[0], &images[1], valid_mask)};
-    }
+    done = done && compare(&compared, half ? half : source->valid_mask, images != NULL, score);
     free(half);
-    sgs_image8 *const out[2] = {drawn, photo};
-    for (int k = 0; k < 2; ++k) {
-        if (out[k] && done)
-            *out[k] = images[k];
-        else
-            sgs_image8_free(&images[k]);
-    }
+    if (!done || !images)
+        view_images_free(&compared);
+    if (images)
+        *images = compared;
     return done;
 }
 
@@ -151,8 +174,21 @@ void split_score_add(split_score *sum, const sgs_view *view, const view_score *s
     }
     ++sum->images;
     sum->identical += isinf(score->psnr) != 0;
-    sum->psnr += fmin(score->psnr, IDENTICAL_PSNR);
-    sum->ssim += score->ssim;
+    sum->mean.psnr += fmin(score->psnr, IDENTICAL_PSNR);
+    sum->mean.ssim += score->ssim;
+    sum->mean.flip += score->flip;
+    if (!isnan(score->sharpness)) {
+        ++sum->sharp_images;
+        sum->mean.sharpness += score->sharpness;
+    }
+}
+
+void split_score_finish(split_score *sum)
+{
+    const double images = (double)sum->images;
+    sum->mean =
+        (view_score){sum->mean.psnr / images, sum->mean.ssim / images, sum->mean.flip / images,
+                     sum->mean.sharpness / (double)sum->sharp_images};
 }
 
 bool evaluate_split(const evaluator *evaluation, sgs_split split, split_score *score)
@@ -170,17 +206,25 @@ bool evaluate_split(const evaluator *evaluation, sgs_split split, split_score *s
                                                : "evaluating training images",
                        sum.images, total);
         view_score one;
-        if (!evaluate_view(evaluation, view, &one, NULL, NULL)) {
+        if (!evaluate_view(evaluation, view, &one, NULL)) {
             progress_end();
             return false;
         }
         split_score_add(&sum, view, &one);
     }
     progress_end();
-    if (sum.images)
-        *score = (split_score){sum.images, sum.identical, sum.psnr / (double)sum.images,
-                               sum.ssim / (double)sum.images};
+    split_score_finish(&sum);
+    *score = sum;
     return true;
+}
+
+void view_score_add_json(json_t *object, const view_score *score)
+{
+    json_object_set_new(object, "psnr", json_number(score->psnr));
+    json_object_set_new(object, "ssim", json_number(score->ssim));
+    json_object_set_new(object, "flip", json_number(score->flip));
+    json_object_set_new(object, "sharpness", json_number(score->sharpness));
+    json_object_set_new(object, "lpips", json_null());
 }
 
 json_t *split_score_json(const split_score *score)
@@ -188,8 +232,7 @@ json_t *split_score_json(const split_score *score)
     json_t *object = json_object();
     json_object_set_new(object, "images", json_integer((json_int_t)score->images));
     json_object_set_new(object, "identical", json_integer((json_int_t)score->identical));
-    json_object_set_new(object, "psnr", score->images ? json_number(score->psnr) : json_null());
-    json_object_set_new(object, "ssim", score->images ? json_number(score->ssim) : json_null());
-    json_object_set_new(object, "lpips", json_null());
+    const view_score none = {NAN, NAN, NAN, NAN};
+    view_score_add_json(object, score->images ? &score->mean : &none);
     return object;
 }

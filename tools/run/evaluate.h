@@ -3,7 +3,7 @@
 #pragma once
 
 // Image quality by the protocol of the 3DGS papers: each view is rendered, quantised to 8 bits and
-// compared with its photograph (PSNR, SSIM). Writes no files.
+// compared with its photograph (PSNR, SSIM, FLIP, sharpness). Writes no files.
 
 #include <jansson.h>
 
@@ -24,14 +24,23 @@ bool evaluator_open(evaluator *evaluation, const sgs_gaussians *model, const sgs
                     const drawing_values *drawing);
 void evaluator_close(evaluator *evaluation);
 
+// The figures of sparegs/metrics.h; FLIP at SGS_FLIP_PIXELS_PER_DEGREE.
 typedef struct view_score {
-    double psnr, ssim;
+    double psnr, ssim, flip;
+    double sharpness; // NaN if the photograph is flat
 } view_score;
 
-// Scores one view. drawn and photo, if not NULL, receive the two 8-bit images (release with
-// sgs_image8_free).
+// The images that were compared, 8-bit, and the FLIP error per pixel.
+typedef struct view_images {
+    sgs_image8 drawn, photo;
+    float *flip_map; // [height][width]
+} view_images;
+
+// Scores one view. `images`, if not NULL, receives the images. False after printing the error;
+// `images` is then empty.
 bool evaluate_view(const evaluator *evaluation, const sgs_view *view, view_score *score,
-                   sgs_image8 *drawn, sgs_image8 *photo);
+                   view_images *images);
+void view_images_free(view_images *images);
 
 // PSNR of an image that is identical to its photograph in the mean of a split: the mean of an
 // infinite value would be infinite.
@@ -39,15 +48,20 @@ bool evaluate_view(const evaluator *evaluation, const sgs_view *view, view_score
 
 typedef struct split_score {
     size_t images, identical; // identical images are among `images`
-    double psnr, ssim;        // means over the images
+    size_t sharp_images;      // images whose photograph is not flat
+    view_score mean;          // sharpness: over sharp_images
 } split_score;
 
-// Adds a view to the sums in *sum. A view without a valid pixel is skipped with a warning.
+// Adds a view to the sums in sum->mean. A view without a valid pixel is skipped with a warning.
 void split_score_add(split_score *sum, const sgs_view *view, const view_score *score);
+// Turns the sums into means; NaN where there is no image.
+void split_score_finish(split_score *sum);
 
 // Scores a split. A request to stop (interrupt.h) ends it early with images = 0.
 bool evaluate_split(const evaluator *evaluation, sgs_split split, split_score *score);
 
-// {"images":n,"identical":n,"psnr":dB,"ssim":x,"lpips":null}; psnr and ssim are null without
-// images.
+// Adds "psnr" (null if infinite), "ssim", "flip", "sharpness" and "lpips" to a JSON object. NaN
+// becomes null.
+void view_score_add_json(json_t *object, const view_score *score);
+// {"images":n,"identical":n} and the means.
 json_t *split_score_json(const split_score *score);

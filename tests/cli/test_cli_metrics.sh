@@ -1,0 +1,78 @@
+#!/usr/bin/env bash
+# SPDX-FileCopyrightText: 2026 The sparegs authors
+# SPDX-License-Identifier: Apache-2.0
+
+# The figures of eval: equal to those of the library for the saved images, equal in summary.json, independent of masked
+# pixels, and undefined where the photograph is flat.
+set -euo pipefail
+. "$(dirname "$0")/cli_support.sh"
+model=$temporary/model
+run 0 train "$room" -o "$model" --downscale 4 --eval --iterations 40 --spare off --quiet
+run 0 eval "$model" "$room" --json --save "$temporary/saved"
+cp "$temporary/stdout" "$temporary/eval.json"
+
+# equal VALUE OTHER TOLERANCE
+equal() { awk -v a="$1" -v b="$2" -v t="$3" 'BEGIN { exit !(a - b <= t && b - a <= t) }'; }
+# figure IMAGE NAME: from the JSON result.
+figure() { jq -r --arg image "$1" --arg name "$2" '.images[] | select(.name == $image) | .[$name]' "$temporary/eval.json"; }
+
+# eval_prints_the_figures_of_the_saved_images
+for image in 0001 0017 0033; do
+    read -r psnr ssim flip sharpness < <("$SPAREGS_BUILD/tests/test_flip" "$temporary/saved/$image.png" "$temporary/saved/${image}_photo.png")
+    for name in psnr ssim flip sharpness; do
+        check "${name}_of_$image" equal "$(figure $image.jpg $name)" "${!name}" 2e-7
+    done
+done
+# sharpness_agrees_with_another_program
+energy() { # FILE: mean square of the Laplacian of its luma, without the border
+    oiiotool "$1" -d float --chsum:weight=0.299,0.587,0.114 --laplacian --cut "$(($2 - 2))x$(($3 - 2))+1+1" --dup --mul --printstats |
+        awk '/Stats Avg/ { print $3 }'
+}
+read -r width height < <(oiiotool --info "$temporary/saved/0001.png" | sed -E 's/.* : +([0-9]+) x +([0-9]+),.*/\1 \2/')
+other=$(awk "BEGIN { print $(energy "$temporary/saved/0001.png" "$width" "$height") / $(energy "$temporary/saved/0001_photo.png" "$width" "$height") }")
+check "sharpness is $other" equal "$(figure 0001.jpg sharpness)" "$other" 1e-3
+
+# the_means_are_those_of_the_images_and_of_the_summary
+for name in ssim flip sharpness; do
+    json "$temporary/eval.json" "(([.images[].$name] | add / length) - .mean.$name | fabs) < 1e-7"
+done
+check the_means_are_those_of_the_summary jq -es '.[0].mean as $m | .[1].test as $t |
+    ([["psnr", "ssim", "flip", "sharpness"][] | ($m[.] - $t[.] | fabs) < 1e-7] | all)' "$temporary/eval.json" "$model/summary.json"
+json "$model/summary.json" '.train.flip > 0 and .train.flip < 1 and .train.sharpness > 0'
+# 40 iterations are blurred: a low sharpness next to a fair PSNR.
+json "$temporary/eval.json" '.mean.psnr > 15 and .mean.sharpness < 0.5 and .mean.flip > 0.1'
+
+# the_table_has_a_column_for_each
+run 0 eval "$model" "$room"
+check the_header_names_them grep -qE '^image +PSNR +SSIM +FLIP +sharpness$' "$temporary/stdout"
+check the_rows_have_them awk -v flip="$(figure 0001.jpg flip)" -v sharpness="$(figure 0001.jpg sharpness)" \
+    '$1 == "0001.jpg" { found = 1; bad = $5 - flip > 1e-5 || flip - $5 > 1e-5 || $6 - sharpness > 1e-4 || sharpness - $6 > 1e-4 }
+     END { exit !found || bad }' "$temporary/stdout"
+prints "FLIP 0."
+
+# masked_pixels_have_no_influence, a_flat_photo_has_no_sharpness
+for kind in whole painted flat; do
+    cp -r "$room" "$temporary/$kind"
+done
+mkdir "$temporary/masks"
+for image in 0001 0009; do
+    oiiotool "$room/images/$image.jpg" -o "$temporary/$image.png"
+    oiiotool "$temporary/$image.png" --fill:color=1,0,1 200x100+120+80 -o "$temporary/painted.png"
+    oiiotool --create 480x270 1 --fill:color=1 480x270+0+0 --fill:color=0 200x100+120+80 -o "$temporary/masks/$image.png"
+    cp "$temporary/$image.png" "$temporary/whole/images/$image.jpg" # lossless; read by content
+    cp "$temporary/painted.png" "$temporary/painted/images/$image.jpg"
+done
+oiiotool --create 480x270 3 --fill:color=0.5,0.5,0.5 480x270+0+0 --quality 100 -o "$temporary/flat/images/0009.jpg"
+for kind in whole painted; do
+    run 0 eval "$model" "$temporary/$kind" --masks "$temporary/masks" --test-images 0001.jpg,0009.jpg --json --save "$temporary/masked_$kind"
+    jq -c '[.images[] | [.psnr, .ssim, .flip, .sharpness]]' "$temporary/stdout" >"$temporary/$kind.json"
+done
+check masked_pixels_have_no_influence cmp "$temporary/whole.json" "$temporary/painted.json"
+run 0 eval "$model" "$temporary/painted" --test-images 0001.jpg,0009.jpg --masks none --json
+json "$temporary/stdout" ".images[0].flip > $(jq '.[0][2]' "$temporary/whole.json")"
+run 0 eval "$model" "$temporary/flat" --test-images 0001.jpg,0009.jpg --json
+json "$temporary/stdout" '.images[1].sharpness == null and .images[1].flip > 0 and .mean.sharpness == .images[0].sharpness'
+run 0 eval "$model" "$temporary/flat" --test-images 0009.jpg --json
+json "$temporary/stdout" '.mean.sharpness == null and .mean.psnr > 0'
+
+finish

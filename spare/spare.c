@@ -47,12 +47,12 @@
 //
 // Further details: tied regions share the mean of their ranks (many tie at 0). C_r is clamped to
 // [1/4, 4]; otherwise a few voxels of tiny primitives take the whole budget. The median is taken
-// over regions with A_r > 0 (mean of the two middle values for an even number); without any, C_r =
-// 1. a_i / d_i is 0 when d_i = 0, as in the base pipelines, so a faint primitive of an over-budget
-// region that no view has seen is redundant unless rap_require_visible is set. A primitive with
-// a non-finite centre has no part in anything: not in the box, the regions or N; its weight is 1
-// and it is not redundant. A non-finite gradient or radius counts as 0 in the means and never
-// passes the gradient test of (24).
+// over regions with A_r > 0 (mean of the two middle values for an even number); a region with
+// A_r = 0 was not seen and has C_r = 1. a_i / d_i is 0 when d_i = 0, as in the base pipelines, so a
+// faint primitive of an over-budget region that no view has seen is redundant unless
+// rap_require_visible is set. A primitive with a non-finite centre has no part in anything: not in
+// the box, the regions or N; its weight is 1 and it is not redundant. A non-finite gradient or
+// radius counts as 0 in the means and never passes the gradient test of (24).
 //
 // Sums are in double precision and in index order within a region: the result depends on the input
 // only. A call makes three passes over the primitives and three radix sorts of K numbers.
@@ -373,10 +373,11 @@ static void score_regions(const spare_options *options, workspace *w, size_t cou
     const double reference = options->use_c ? reference_area(w, count) : 0.0;
     for (size_t r = 0; r < count; ++r) {
         spare_region *region = &w->regions[r];
-        const double capacity = reference > 0.0 ? region->area / reference : 1.0;
-        region->capacity = reference > 0.0
-                               ? fmin(fmax(capacity, options->capacity_min), options->capacity_max)
-                               : 1.0;
+        // A region without a footprint was not seen: its capacity is unknown, not small.
+        region->capacity = 1.0;
+        if (reference > 0.0 && region->area > 0.0)
+            region->capacity =
+                fmin(fmax(region->area / reference, options->capacity_min), options->capacity_max);
         region->score = region->demand / region->capacity;
     }
 }

@@ -90,18 +90,31 @@ bool spare_pruning_rests(long iteration, long last_opacity_reset, long interval)
 
 // Equilibrium-driven termination, Eq. 26.
 typedef struct spare_equilibrium {
-    double loss_average, loss_weight; // EMA of the loss with bias correction
-    double previous_loss;             // at the last check; < 0: none
-    size_t previous_count;
-    int held; // consecutive checks that passed
-    // Delta L and Delta N of the last comparison, for the message.
-    double last_loss_change, last_count_change;
+    uint64_t observed[2];    // losses in this and in the previous interval between checks
+    uint64_t previous_count; // primitives at the last check
+    int32_t held;            // consecutive checks that passed
+    // Of the last comparison: Delta L with its standard error, and Delta N.
+    double last_loss_change, last_loss_error, last_count_change;
 } spare_equilibrium;
 
+// Sums over the losses of one view in one interval: t = iteration, y = ln loss.
+typedef struct spare_view_fit {
+    double count, t, y, tt, ty, yy;
+} spare_view_fit;
+
+typedef struct spare_tolerance {
+    double loss, count; // eps_L, eps_N
+    int patience;       // consecutive checks
+} spare_tolerance;
+
+// fits: the caller's array, [views][2], zeroed at the start.
 void spare_equilibrium_begin(spare_equilibrium *state);
-// Adds the loss of an iteration to the average (decay 0.995 by default). Ignores non-finite losses.
-void spare_equilibrium_observe(spare_equilibrium *state, double loss, double decay);
-// Evaluates Eq. 26. disturbed: an opacity reset or a change of resolution happened since the last
-// check; the counter and the comparison restart. Returns true when training may stop.
-bool spare_equilibrium_check(spare_equilibrium *state, size_t count, bool disturbed,
-                             double eps_loss, double eps_count, int patience);
+// Restarts the fit: losses before and after are not comparable.
+void spare_equilibrium_disturb(spare_equilibrium *state, spare_view_fit *fits, size_t views);
+// Adds the loss of an iteration. Ignores non-finite losses.
+void spare_equilibrium_observe(spare_equilibrium *state, spare_view_fit *fits, size_t view,
+                               long iteration, double loss);
+// Evaluates Eq. 26 at a check; `interval`: Delta t in iterations. Does nothing while fewer losses
+// than views are in this interval. Returns true when training may stop.
+bool spare_equilibrium_check(spare_equilibrium *state, spare_view_fit *fits, size_t views,
+                             long interval, size_t count, const spare_tolerance *tolerance);

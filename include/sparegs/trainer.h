@@ -117,6 +117,12 @@ typedef struct sgs_train_options {
     unsigned spare_demand;  // SGS_DEMAND_ bits; all
     sgs_phi spare_phi;
     double spare_budget; // kappa: budget of primitives as a fraction of their number; 1
+    double spare_range;  // gamma_0: largest deviation of the weight from 1; 0.375
+    double spare_slope;  // kappa_s: slope of the weight over the slack; 2
+    // Limits of the capacity C of a region (Eq. 18), relative to the median; 0.25 and 4. 0 and 1e9
+    // leave it as in the paper.
+    double spare_capacity_min, spare_capacity_max;
+    bool spare_rap_visible; // prune only primitives seen since the last update; false
     sgs_spare_target spare_target;
     sgs_pipeline_options pipeline_options;
     const sgs_gaussians *init; // copied; start from it instead of the point cloud; NULL

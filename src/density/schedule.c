@@ -60,7 +60,7 @@ static bool is_white(const sgs_train_options *options)
     return !options->background_random && c[0] >= 1.0f && c[1] >= 1.0f && c[2] >= 1.0f;
 }
 
-sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, size_t train_views)
+sgsi_schedule sgsi_schedule_make(const sgs_train_options *options)
 {
     const bool scaled = options->schedule == SGS_SCHEDULE_SCALED;
     const sgsi_pipeline *pipeline = sgsi_pipeline_get(options->pipeline);
@@ -84,8 +84,6 @@ sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, size_t train_
         .lr_span = PAPER_LENGTH * f,
         .check_interval = rounded(options->spare_interval * f, 1),
         .threshold_factor = 1.0};
-    const double memory = fmax(200 * f, (double)train_views);
-    schedule.loss_decay = 1.0 - 1.0 / fmax(memory, 2.0);
     if (!scaled || options->iterations == PAPER_LENGTH)
         return schedule;
     schedule.densify_until = rounded(pipeline->densify_until * f, 1);

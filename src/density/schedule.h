@@ -22,12 +22,10 @@ typedef struct sgsi_schedule {
     // The image size may change after resolution_from, every resolution_interval iterations.
     int resolution_from, resolution_interval;
     int check_interval;      // of SPARE-GS's equilibrium checks
-    double loss_decay;       // of the loss average for these checks
     double threshold_factor; // on the pipeline's gradient threshold
 } sgsi_schedule;
 
-// train_views: number of training views (an average of the loss spans at least one epoch).
-sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, size_t train_views);
+sgsi_schedule sgsi_schedule_make(const sgs_train_options *options);
 
 // True if a structural update follows this iteration (1-based).
 bool sgsi_schedule_is_structural(const sgsi_schedule *schedule, int iteration);

@@ -81,6 +81,9 @@ static void visit_state(sgsi_sections *sections, sgs_trainer *trainer, size_t n)
                             trainer->views.tile_counts[i] * sizeof(float));
     sgsi_sections_begin(sections, "order", views * sizeof(uint32_t));
     sgsi_sections_piece(sections, trainer->order, views * sizeof(uint32_t));
+    const size_t fits = 2 * views * sizeof *trainer->view_fits;
+    sgsi_sections_begin(sections, "equilibrium", fits);
+    sgsi_sections_piece(sections, trainer->view_fits, fits);
     if (trainer->views.exposure) {
         size_t numbers;
         double *exposure = sgsi_exposure_state(trainer->views.exposure, &numbers);

@@ -33,7 +33,7 @@ static void adopt_images(sgs_trainer *trainer, sgsi_small_images *images)
         sgsi_statistics_resize_images(&trainer->statistics, trainer->model->count,
                                       (float)before / (float)now);
     trainer->progress.resolution = now;
-    trainer->progress.reset_since_check = 1; // losses at different sizes are not comparable
+    trainer->progress.disturbed = 1; // losses at different sizes are not comparable
     sgsi_train_views_forget_depths(&trainer->views);
 }
 
@@ -69,9 +69,10 @@ static sgs_status create_parts(sgs_trainer *trainer)
     if (status)
         return status;
     sgsi_tracer_collect_abs_grad(views->tracer, trainer->pipeline->abs_grad);
-    trainer->schedule = sgsi_schedule_make(&trainer->options, views->count);
+    trainer->schedule = sgsi_schedule_make(&trainer->options);
     trainer->order = sgsi_calloc(views->count, sizeof *trainer->order);
-    if (!trainer->order)
+    trainer->view_fits = sgsi_calloc(2 * views->count, sizeof *trainer->view_fits);
+    if (!trainer->order || !trainer->view_fits)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu views", views->count);
     status = plan_resolution(trainer);
     return status ? status : sgsi_trainer_create_model(trainer);
@@ -116,6 +117,7 @@ void sgs_trainer_destroy(sgs_trainer *trainer)
                             trainer->m,
                             trainer->v,
                             trainer->order,
+                            trainer->view_fits,
                             trainer->cloud_points,
                             trainer->cloud_colors,
                             trainer->accumulated_grad,
@@ -402,7 +404,7 @@ sgs_status sgs_trainer_step(sgs_trainer *trainer, sgs_step_info *info)
     trainer->progress.iteration = iteration;
     sgsi_trainer_convert_opacity(trainer);
     fill_info(trainer, &view, info);
-    info->stop = sgsi_trainer_decide_stop(trainer, view.loss.loss);
+    info->stop = sgsi_trainer_decide_stop(trainer, view.index, view.loss.loss);
     trainer->progress.stop = info->stop;
     trainer->inconsistent = false;
     account_step(trainer, start, loops);

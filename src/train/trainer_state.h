@@ -21,7 +21,7 @@ typedef struct sgsi_progress {
     int32_t iteration;  // completed
     int32_t adam_step;  // optimiser steps made (bias correction of dense Adam)
     int32_t last_reset; // iteration of the last opacity reset, -1 = none
-    int32_t reset_since_check;
+    int32_t disturbed;  // losses are not comparable with those before: update, reset, image size
     uint32_t order_position, order_epoch; // of the view permutation
     int32_t stop;                         // sgs_stop_reason
     int32_t updates;                      // structural updates made
@@ -51,6 +51,7 @@ struct sgs_trainer {
     sgsi_view_scores scores;
     sgsi_resolution resolution;
     sgs_regions regions;              // of the last update; the list is owned
+    spare_view_fit *view_fits;        // [training views][2], of the equilibrium
     uint32_t *order;                  // permutation of the training views of this epoch
     bool seen;                        // a primitive was hit in some view
     bool inconsistent;                // the last step failed after it had changed the state
@@ -98,9 +99,9 @@ void sgsi_trainer_reset_opacity(sgs_trainer *trainer, int iteration);
 
 // ---- trainer_stop.c ----
 
-// After progress.iteration: updates SPARE-GS's termination test; returns why training ends, or
-// NONE.
-sgs_stop_reason sgsi_trainer_decide_stop(sgs_trainer *trainer, double loss);
+// After progress.iteration, which trained on the training view `view`: updates SPARE-GS's
+// termination test once densification has ended; returns why training ends, or NONE.
+sgs_stop_reason sgsi_trainer_decide_stop(sgs_trainer *trainer, size_t view, double loss);
 
 // ---- trainer.c ----
 

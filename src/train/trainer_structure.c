@@ -19,6 +19,11 @@ static spare_options spare_settings(const sgs_train_options *o, double gradient_
     spare.tau_alpha = o->spare_tau_alpha;
     spare.phi = (spare_phi)o->spare_phi;
     spare.budget_scale = o->spare_budget;
+    spare.weight_range = o->spare_range;
+    spare.slack_gain = o->spare_slope;
+    spare.capacity_min = o->spare_capacity_min;
+    spare.capacity_max = o->spare_capacity_max;
+    spare.rap_require_visible = o->spare_rap_visible;
     spare.use_h = o->spare_demand & SGS_DEMAND_H;
     spare.use_v = o->spare_demand & SGS_DEMAND_V;
     spare.use_c = o->spare_demand & SGS_DEMAND_C;
@@ -140,6 +145,7 @@ sgs_status sgsi_trainer_update_structure(sgs_trainer *trainer, int iteration,
         sgsi_density_reset_opacity(trainer->model, trainer->m, trainer->v,
                                    (double)trainer->pipeline->opacity_ceiling, NULL);
     trainer->views.rebuild = true;
+    progress->disturbed = 1;
     progress->updates += !options.final_prune;
     progress->seconds.spare += result.spare_seconds;
     progress->seconds.density += sgsi_seconds() - start - result.spare_seconds;
@@ -151,6 +157,6 @@ void sgsi_trainer_reset_opacity(sgs_trainer *trainer, int iteration)
 {
     sgsi_density_reset_opacity(trainer->model, trainer->m, trainer->v, 0.01, trainer->filter_3d);
     trainer->progress.last_reset = iteration;
-    trainer->progress.reset_since_check = 1;
+    trainer->progress.disturbed = 1;
     sgsi_train_views_forget_depths(&trainer->views); // no ray ends early now
 }

@@ -221,8 +221,9 @@ static void slow_allocation(const fixture *f, const spare_options *o, opinion *p
         region->demand += o->use_v ? slow_rank(p->regions, p->region_count, r, 1, error) : 0.0;
         if (!o->use_h && !o->use_v)
             region->demand = 1.0;
-        region->capacity = o->use_c && median > 0.0 ? region->area / median : 1.0;
-        if (error != PLANT_NO_CLAMP)
+        const bool known = o->use_c && median > 0.0 && region->area > 0.0;
+        region->capacity = known ? region->area / median : 1.0;
+        if (known && error != PLANT_NO_CLAMP)
             region->capacity = fmin(fmax(region->capacity, o->capacity_min), o->capacity_max);
         region->score = error == PLANT_MULTIPLY_CAPACITY ? region->demand * region->capacity
                                                          : region->demand / region->capacity;
@@ -419,6 +420,17 @@ static spare_options small_grid(void)
     return options;
 }
 
+// tau_alpha, the grid and the terms as in the paper; budget and slope as OPEN-2 and OPEN-3 choose.
+static void defaults_are_those_of_the_paper(void **state)
+{
+    (void)state;
+    const spare_options o = spare_options_default();
+    assert_int_equal(o.grid, 32);
+    assert_true(o.tau_alpha == 0.05 && o.tau_gradient == 2e-4);
+    assert_true(o.budget_scale == 1.0 && o.slack_gain == 2.0);
+    assert_true(o.use_h && o.use_v && o.use_c && !o.rap_require_visible);
+}
+
 // -------------------------------------------------------------------------------------------------
 // Computed by hand: one primitive at x = 0, two at x = 1, three at x = 2.
 
@@ -518,7 +530,7 @@ static void median_of_an_even_number_is_the_middle_mean(void **state)
     }
     const spare_options options = spare_options_default();
     evaluate(&f, &options);
-    const double capacity[] = {0.25, 0.25, 4 / 6.5, 9 / 6.5, 16 / 6.5};
+    const double capacity[] = {1, 0.25, 4 / 6.5, 9 / 6.5, 16 / 6.5};
     for (size_t r = 0; r < 5; ++r)
         assert_true(difference(f.result.regions[r].capacity, capacity[r]) < 1e-14);
     free_fixture(&f);
@@ -745,6 +757,7 @@ static void no_primitives_is_not_an_error(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(defaults_are_those_of_the_paper),
         cmocka_unit_test(three_regions_match_hand_computation),
         cmocka_unit_test(ties_share_the_mean_rank),
         cmocka_unit_test(median_of_an_even_number_is_the_middle_mean),

@@ -318,9 +318,9 @@ static void equilibrium_ends_a_run_that_stands_still(void **state)
     sgs_trainer_destroy(trainer);
 }
 
-// Neither while primitives are added, nor before every view was seen twice after it, nor after an
-// opacity reset: a run too short for that does all of its iterations.
-static void equilibrium_waits_for_two_calm_epochs(void **state)
+// Neither while primitives are added, nor before two passes over the views with comparable losses:
+// a run too short for that does all of its iterations.
+static void equilibrium_waits_for_comparable_losses(void **state)
 {
     (void)state;
     sgs_train_options options = short_run(200);
@@ -337,11 +337,11 @@ static void equilibrium_waits_for_two_calm_epochs(void **state)
     for (; !info.stop; ++steps)
         info = run(trainer, 1);
     assert_int_equal(info.stop, SGS_STOP_EQUILIBRIUM);
-    assert_in_range(steps, 20 + 2 * views, 20 + 2 * views + options.spare_patience + 1);
+    assert_in_range(steps, 30 + 2 * views, 200 - 1);
+    assert_int_equal((steps - 30) % views, 0);
     sgs_trainer_destroy(trainer);
     trainer = start(&options);
-    trainer->schedule.densify_until = 30;
-    trainer->progress.last_reset = 200 - 2 * views + 1;
+    trainer->schedule.densify_until = 200 - 2 * views;
     info = run(trainer, 200);
     assert_int_equal(info.stop, SGS_STOP_SCHEDULE);
     sgs_trainer_destroy(trainer);
@@ -502,24 +502,27 @@ static void radii_follow_the_size_of_the_images(void **state)
     sgs_trainer_destroy(trainer);
 }
 
-// The loss is compared across the window before a reset, not across the one that it opens.
-static void a_reset_disturbs_the_window_behind_it(void **state)
+// A reset discards the losses before it.
+static void a_reset_restarts_the_comparison_of_losses(void **state)
 {
     (void)state;
     sgs_trainer *trainer = start_busy();
     trainer->options.spare = SGS_SPARE_EDT;
-    trainer->schedule.check_interval = 20;
-    trainer->schedule.reset_interval = 40;
+    trainer->options.spare_patience = 1000;
+    trainer->schedule.check_interval = 40; // more than the training views
+    trainer->schedule.reset_interval = 120;
+    trainer->schedule.reset_until = 200;
     trainer->schedule.densify_from = 1000;
+    trainer->schedule.densify_until = 0;
     const spare_equilibrium *equilibrium = &trainer->progress.equilibrium;
-    run(trainer, 20);
+    run(trainer, 40);
     assert_true(equilibrium->last_loss_change == 0); // nothing to compare with yet
-    run(trainer, 20);
+    run(trainer, 80);
     const double before = equilibrium->last_loss_change;
-    assert_true(before > 0); // of iterations 20 to 40, at whose end the reset is due
-    run(trainer, 20);
-    assert_true(equilibrium->last_loss_change == before); // 40 to 60 say nothing
-    run(trainer, 20);
+    assert_true(before > 0); // of iterations 40 to 120, at whose end the reset is due
+    run(trainer, 40);
+    assert_true(equilibrium->last_loss_change == before); // the first interval after it
+    run(trainer, 40);
     assert_true(equilibrium->last_loss_change != before);
     sgs_trainer_destroy(trainer);
 }
@@ -589,13 +592,13 @@ int main(void)
         cmocka_unit_test(cap_holds_for_the_initial_cloud_and_for_growth),
         cmocka_unit_test(dense_optimizer_and_random_background_train_too),
         cmocka_unit_test(equilibrium_ends_a_run_that_stands_still),
-        cmocka_unit_test(equilibrium_waits_for_two_calm_epochs),
+        cmocka_unit_test(equilibrium_waits_for_comparable_losses),
         cmocka_unit_test(every_pipeline_trains_resumes_and_honours_the_cap),
         cmocka_unit_test(options_out_of_range_are_named),
         cmocka_unit_test(updates_and_resets_wait_for_the_next_iteration),
         cmocka_unit_test(large_primitives_go_only_after_an_opacity_reset),
         cmocka_unit_test(radii_follow_the_size_of_the_images),
-        cmocka_unit_test(a_reset_disturbs_the_window_behind_it),
+        cmocka_unit_test(a_reset_restarts_the_comparison_of_losses),
         cmocka_unit_test(a_scene_in_small_units_trains_as_well),
     };
     return cmocka_run_group_tests(tests, load, unload);

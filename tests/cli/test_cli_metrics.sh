@@ -23,6 +23,13 @@ for image in 0001 0017 0033; do
         check "${name}_of_$image" equal "$(figure $image.jpg $name)" "${!name}" 2e-7
     done
 done
+# eval_saves_error_maps
+for image in 0001 0009 0017 0025 0033; do
+    check "error_map_of_$image" "$SPAREGS_BUILD/tests/test_flip" "$temporary/saved/$image.png" "$temporary/saved/${image}_photo.png" \
+        "$temporary/saved/${image}_flip.png"
+    check "error_map_of_$image is not another image's" bash -c \
+        "! '$SPAREGS_BUILD/tests/test_flip' '$temporary/saved/$image.png' '$temporary/saved/${image}_photo.png' '$temporary/saved/0001_photo.png'"
+done
 # sharpness_agrees_with_another_program
 energy() { # FILE: mean square of the Laplacian of its luma, without the border
     oiiotool "$1" -d float --chsum:weight=0.299,0.587,0.114 --laplacian --cut "$(($2 - 2))x$(($3 - 2))+1+1" --dup --mul --printstats |
@@ -67,6 +74,9 @@ for kind in whole painted; do
     run 0 eval "$model" "$temporary/$kind" --masks "$temporary/masks" --test-images 0001.jpg,0009.jpg --json --save "$temporary/masked_$kind"
     jq -c '[.images[] | [.psnr, .ssim, .flip, .sharpness]]' "$temporary/stdout" >"$temporary/$kind.json"
 done
+check masked_pixels_have_no_error cmp "$temporary/masked_whole/0001_flip.png" "$temporary/masked_painted/0001_flip.png"
+oiiotool "$temporary/masked_painted/0001_flip.png" --cut 40x20+35+22 -o "$temporary/crop.png"
+check masked_pixels_are_black bash -c "oiiotool --stats '$temporary/crop.png' | grep -qE 'Stats Max: 0 [01] [345] '"
 check masked_pixels_have_no_influence cmp "$temporary/whole.json" "$temporary/painted.json"
 run 0 eval "$model" "$temporary/painted" --test-images 0001.jpg,0009.jpg --masks none --json
 json "$temporary/stdout" ".images[0].flip > $(jq '.[0][2]' "$temporary/whole.json")"

@@ -3,7 +3,7 @@
 
 // FLIP against numbers that NVIDIA's own evaluator (CPU) printed for the same images,
 // and sharpness against values in closed form. `test_flip RENDER PHOTO` prints the figures of two
-// image files, for the tests of the program.
+// image files, for the tests of the program; `test_flip RENDER PHOTO MAP` checks an error map.
 
 #include <math.h>
 #include <setjmp.h>
@@ -209,6 +209,56 @@ static void flip_does_not_depend_on_the_tile_of_a_pixel(void **state)
     sgsi_free(b.pixels);
 }
 
+// The colours of a map: one per step of 1/255, known ones at five steps, lighter with the error.
+static bool map_is_right(const float *flip, const sgs_image8 *map)
+{
+    static const int known[][4] = {
+        {0, 0, 0, 4}, {64, 81, 18, 124}, {128, 183, 55, 121}, {192, 252, 137, 97}};
+    const size_t pixels = (size_t)map->width * (size_t)map->height;
+    int colors[256][3], found = 0, steps = 0;
+    memset(colors, -1, sizeof colors);
+    for (size_t i = 0; i < pixels; ++i) {
+        int *color = colors[(int)floor(255 * (double)flip[i] + 0.5)];
+        for (size_t c = 0; c < 3; ++c) {
+            if (color[c] >= 0 && color[c] != map->pixels[c * pixels + i])
+                return false;
+            color[c] = map->pixels[c * pixels + i];
+        }
+    }
+    for (size_t k = 0; k < sizeof known / sizeof *known; ++k)
+        for (int c = 0; c < 3 && colors[known[k][0]][0] >= 0; ++c, ++found)
+            if (abs(colors[known[k][0]][c] - known[k][c + 1]) > 1)
+                return false;
+    int luma = -1;
+    for (int i = 0; i < 256; ++i) {
+        if (colors[i][0] < 0)
+            continue;
+        const int next = 299 * colors[i][0] + 587 * colors[i][1] + 114 * colors[i][2];
+        if (next + 500 < luma) // 8-bit rounding
+            return false;
+        luma = next;
+        ++steps;
+    }
+    return found >= 3 && steps > 30;
+}
+
+static int check_map(const char *render_path, const char *photo_path, const char *map_path)
+{
+    sgs_image8 render = {0}, photo = {0}, map = {0};
+    bool done = !sgs_image8_read(render_path, &render) && !sgs_image8_read(photo_path, &photo) &&
+                !sgs_image8_read(map_path, &map);
+    float *flip = sgsi_alloc((size_t)photo.width * (size_t)photo.height, sizeof *flip);
+    double mean;
+    done = done && flip && map.width == photo.width && map.height == photo.height &&
+           !sgs_flip(&photo, &render, NULL, SGS_FLIP_PIXELS_PER_DEGREE, flip, &mean) &&
+           map_is_right(flip, &map);
+    sgsi_free(flip);
+    sgs_image8_free(&render);
+    sgs_image8_free(&photo);
+    sgs_image8_free(&map);
+    return !done;
+}
+
 static int print_figures(const char *render_path, const char *photo_path)
 {
     sgs_image8 render = {0}, photo = {0};
@@ -226,6 +276,8 @@ static int print_figures(const char *render_path, const char *photo_path)
 
 int main(int argc, char **argv)
 {
+    if (argc == 4)
+        return check_map(argv[1], argv[2], argv[3]);
     if (argc == 3)
         return print_figures(argv[1], argv[2]);
     const struct CMUnitTest tests[] = {

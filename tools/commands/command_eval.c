@@ -7,6 +7,7 @@
 #include <stdlib.h>
 
 #include "cli/commands.h"
+#include "draw/colormap.h"
 #include "run/evaluate.h"
 #include "run/exposure_file.h"
 #include "run/run_record.h"
@@ -42,27 +43,35 @@ static const option eval_options[] = {
      .offset = offsetof(eval_values, save),
      .argument = "DIR",
      .shown = "none",
-     .help = "write NAME.png (render) and NAME_photo.png (photograph) to DIR"},
+     .help = "write NAME.png (render), NAME_photo.png (photograph) and NAME_flip.png (FLIP error "
+             "map, magma colours) to DIR"},
 };
 
 static const sgs_split splits[] = {SGS_SPLIT_TEST, SGS_SPLIT_TRAIN, SGS_SPLIT_ALL};
 
-static bool save_pair(const char *folder, const char *stem, const sgs_image8 *drawn,
-                      const sgs_image8 *photo)
+// Writes the two images and the FLIP error map of a view.
+static bool save_images(const char *folder, const char *stem, const view_images *images)
 {
-    char *paths[2] = {format_text("%s/%s.png", folder, stem),
-                      format_text("%s/%s_photo.png", folder, stem)};
-    const sgs_image8 *const images[2] = {drawn, photo};
-    bool saved = true;
-    for (int k = 0; k < 2 && saved; ++k) {
-        saved = make_folder_of(paths[k]);
-        if (saved && sgs_png_write(paths[k], images[k])) {
+    sgs_image8 errors = {0};
+    const struct {
+        const char *suffix;
+        const sgs_image8 *image;
+    } files[] = {{"", &images->drawn}, {"_photo", &images->photo}, {"_flip", &errors}};
+    bool saved =
+        errors_colored(images->flip_map, images->photo.width, images->photo.height, &errors);
+    if (!saved)
+        fail_run("no memory for an error map of %d x %d", images->photo.width,
+                 images->photo.height);
+    for (size_t k = 0; k < sizeof files / sizeof *files && saved; ++k) {
+        char *path = format_text("%s/%s%s.png", folder, stem, files[k].suffix);
+        saved = make_folder_of(path);
+        if (saved && sgs_png_write(path, files[k].image)) {
             fail_library();
             saved = false;
         }
+        free(path);
     }
-    free(paths[0]);
-    free(paths[1]);
+    free(errors.pixels);
     return saved;
 }
 
@@ -80,7 +89,7 @@ static bool evaluate_one(const evaluator *evaluation, const sgs_view *view, cons
     view_images images = {0};
     bool done = evaluate_view(evaluation, view, &score, stem ? &images : NULL);
     if (done && stem)
-        done = save_pair(save, stem, &images.drawn, &images.photo);
+        done = save_images(save, stem, &images);
     view_images_free(&images);
     if (!done)
         return false;

@@ -4,6 +4,10 @@
 // The cubehelix colour map, with uniformly increasing brightness, so that it is also readable in
 // greyscale: D. A. Green, "A colour scheme for the display of astronomical intensity images", Bull.
 // Astr. Soc. India 39 (2011), equation 2.
+//
+// Errors use magma, one of matplotlib's perceptually uniform colour maps (S. van der Walt and N. J.
+// Smith, public domain), as a polynomial in t = 2 x - 1 that was fitted to its 256 colours: every
+// 8-bit value is at most 1 from the published one.
 
 #include "draw/colormap.h"
 
@@ -67,6 +71,34 @@ bool plane_colored(const float *plane, int width, int height, value_range range,
             out->pixels[c * pixels + i] =
                 shown ? quantised(x + radius * (cosine[c] * cos(angle) + sine[c] * sin(angle))) : 0;
     }
+    return true;
+}
+
+bool errors_colored(const float *plane, int width, int height, sgs_image8 *out)
+{
+    enum { STEPS = 256, TERMS = 12 };
+    static const double terms[3][TERMS] = {
+        {0.71335, 0.83907, -0.05772, -1.07035, -1.23613, 2.25452, 2.24995, -2.99392, -1.59226,
+         2.02022, 0.41553, -0.55675},
+        {0.21154, 0.24060, 0.39708, 1.94599, -0.63172, -6.40280, 2.69389, 9.87962, -4.05311,
+         -7.06030, 1.88209, 1.89238},
+        {0.47970, -0.23133, -0.77894, -0.34001, 4.37941, 5.20779, -10.52953, -9.22922, 10.66660,
+         6.98286, -3.83913, -2.02226}};
+    if (!allocate(width, height, out))
+        return false;
+    uint8_t colors[3][STEPS];
+    for (int c = 0; c < 3; ++c)
+        for (int i = 0; i < STEPS; ++i) {
+            const double t = 2.0 * i / (STEPS - 1) - 1;
+            double value = 0;
+            for (int k = TERMS - 1; k >= 0; --k)
+                value = value * t + terms[c][k];
+            colors[c][i] = quantised(value);
+        }
+    const size_t pixels = (size_t)width * (size_t)height;
+    for (size_t i = 0; i < pixels; ++i)
+        for (size_t c = 0; c < 3; ++c)
+            out->pixels[c * pixels + i] = colors[c][quantised((double)plane[i])];
     return true;
 }
 

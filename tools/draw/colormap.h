@@ -20,6 +20,10 @@ value_range sorted_range(float *values, size_t count);
 // Allocates out->pixels. False if out of memory.
 bool plane_colored(const float *plane, int width, int height, value_range range, sgs_image8 *out);
 
+// Errors from 0 (black) to 1 (pale yellow) in the colours of magma, in 256 steps, as the maps of
+// FLIP's authors. Allocates out->pixels. False if out of memory.
+bool errors_colored(const float *plane, int width, int height, sgs_image8 *out);
+
 // Greyscale from 0 (black) to 1 (white). False if out of memory.
 bool plane_grey(const float *plane, int width, int height, sgs_image8 *out);
 

@@ -189,6 +189,28 @@ static void faint_and_oversized_rows_are_pruned(void **state)
     drop(&f);
 }
 
+// 3DGS prunes after it splits: the children are judged by their own size, 1.6 times smaller.
+static void children_of_a_split_are_pruned_by_their_own_size(void **state)
+{
+    (void)state;
+    fixture f = make(40);
+    const struct {
+        size_t row;
+        float scale; // of the parent, for size_max 1
+        size_t children;
+    } cases[] = {{7, 1.5f, 2}, {8, 1.59f, 2}, {9, 1.61f, 0}, {10, 3.0f, 0}};
+    for (size_t k = 0; k < 4; ++k) {
+        *sgs_gaussians_at(f.model, cases[k].row, SGS_PARAM_SCALE) = logf(cases[k].scale);
+        f.statistics.gradient_sum[cases[k].row] = 1e-3f;
+    }
+    f.options.size_max = 1;
+    update(&f);
+    size_t rows[8];
+    for (size_t k = 0; k < 4; ++k)
+        assert_int_equal(rows_of(&f, (float)cases[k].row, rows), cases[k].children);
+    drop(&f);
+}
+
 // Linear opacity: |x|, not a logit.
 static void linear_opacities_are_pruned_by_their_value(void **state)
 {
@@ -326,6 +348,7 @@ int main(void)
         cmocka_unit_test(split_replaces_the_parent_by_two_smaller_children_around_it),
         cmocka_unit_test(split_children_scatter_like_the_parent),
         cmocka_unit_test(faint_and_oversized_rows_are_pruned),
+        cmocka_unit_test(children_of_a_split_are_pruned_by_their_own_size),
         cmocka_unit_test(linear_opacities_are_pruned_by_their_value),
         cmocka_unit_test(cap_is_never_exceeded_and_keeps_the_best_scores),
         cmocka_unit_test(rap_removes_faint_still_primitives_of_crowded_voxels_only),

@@ -60,12 +60,9 @@ FAULTS
 }
 
 copy_sources() {
+    rm -rf "$tree"
     mkdir -p "$tree"
-    rsync_list=(include src bvh spare tools tests CMakeLists.txt README.md CHANGELOG.md LICENSE)
-    for item in "${rsync_list[@]}"; do
-        rm -rf "${tree:?}/$item"
-        cp -rp "$root/$item" "$tree/$item"
-    done
+    (cd "$root" && git ls-files -z | xargs -0 cp -p --parents -t "$tree")
 }
 
 # plant PATTERN REPLACEMENT: changes the one line that matches; prints its file.
@@ -90,7 +87,9 @@ first_failure() {
 copy_sources
 cmake -S "$tree" -B "$work/build" -DCMAKE_BUILD_TYPE=Release >"$work/cmake.log"
 cmake --build "$work/build" -j "$(nproc)" >"$work/build.log" 2>&1
+not_here='test_package|test_layout|test_asan|test_docs'
 baseline=$(first_failure -L unit)
+[ -n "$baseline" ] || baseline=$(first_failure -L cli -E "$not_here")
 [ -z "$baseline" ] || { echo "mutants: $baseline fails without a planted fault"; exit 1; }
 
 survivors=0
@@ -117,7 +116,7 @@ while IFS= read -r line; do
     fi
     failing=$(first_failure -R "$tests")
     [ -n "$failing" ] || failing=$(first_failure -L unit)
-    [ -n "$failing" ] || failing=$(first_failure -L cli -E 'test_package|test_layout|test_asan|test_docs')
+    [ -n "$failing" ] || failing=$(first_failure -L cli -E "$not_here")
     if [ -n "$failing" ]; then
         printf '%s\tcaught\t%s\n' "$name" "$failing" | tee -a "$results"
     else

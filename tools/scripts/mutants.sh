@@ -84,9 +84,22 @@ first_failure() {
     sed -n 's/^ *[0-9]*\/[0-9]* Test *#[0-9]*: \([a-z0-9_]*\) .*\*\*\*.*/\1/p' "$work/ctest.log" | head -1
 }
 
+# build_tests EXPRESSION: the program and the tests that match; all without an expression.
+build_tests() {
+    local targets=()
+    if [ -n "$1" ]; then
+        targets=(--target sparegs-cli)
+        for test in $(ctest --test-dir "$work/build" -N -R "$1" | sed -n 's/^ *Test *#[0-9]*: //p'); do
+            grep -qx "\.\.\. $test" "$work/targets" && targets+=("$test")
+        done
+    fi
+    cmake --build "$work/build" -j "$(nproc)" "${targets[@]}" >"$work/build.log" 2>&1
+}
+
 copy_sources
 cmake -S "$tree" -B "$work/build" -DCMAKE_BUILD_TYPE=Release >"$work/cmake.log"
-cmake --build "$work/build" -j "$(nproc)" >"$work/build.log" 2>&1
+cmake --build "$work/build" --target help >"$work/targets"
+build_tests ''
 not_here='test_package|test_layout|test_asan|test_docs'
 baseline=$(first_failure -L unit)
 [ -n "$baseline" ] || baseline=$(first_failure -L cli -E "$not_here")
@@ -110,12 +123,12 @@ while IFS= read -r line; do
         echo "mutants: $name: the pattern does not match exactly one line: $pattern"
         exit 1
     fi
-    if ! cmake --build "$work/build" -j "$(nproc)" >"$work/build.log" 2>&1; then
+    if ! build_tests "$tests"; then
         echo "mutants: $name does not build, see $work/build.log"
         exit 1
     fi
     failing=$(first_failure -R "$tests")
-    [ -n "$failing" ] || failing=$(first_failure -L unit)
+    [ -n "$failing" ] || { build_tests '' && failing=$(first_failure -L unit); }
     [ -n "$failing" ] || failing=$(first_failure -L cli -E "$not_here")
     if [ -n "$failing" ]; then
         printf '%s\tcaught\t%s\n' "$name" "$failing" | tee -a "$results"

@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Density control on models small enough to know every row's fate. Rows are told apart by their red
-// SH coefficient, because an update puts them into Morton order.
+// Density control on models small enough to predict each row. Rows are identified by their red SH
+// coefficient, because an update sorts them into Morton order.
 
 #include <math.h>
 #include <setjmp.h>
@@ -112,7 +112,7 @@ static void clone_copies_the_row_and_starts_its_moments_at_zero(void **state)
         assert_true(*sgs_gaussians_at(f.model, rows[0], k) ==
                     *sgs_gaussians_at(f.model, rows[1], k));
     const float sum = moment(f.m, rows[0], 3) + moment(f.m, rows[1], 3);
-    assert_true(sum == 7.25f); // one kept, one zero
+    assert_true(sum == 7.25f); // moments of the row and of its clone, 0
     assert_int_equal(rows_of(&f, 8, rows), 1);
     assert_true(moment(f.v, rows[0], 0) == 8.5f);
     for (size_t i = 0; i < f.model->count; ++i)
@@ -251,8 +251,9 @@ static void rap_removes_faint_still_primitives_of_crowded_voxels_only(void **sta
     (void)state;
     fixture f = make(200);
     for (size_t i = 0; i < 200; ++i) {
-        const float x = i < 150 ? 0.01f * (float)sgsi_random_uniform(3, i)
-                                : 0.2f + 0.016f * (float)(i - 150); // a crowd, and a row
+        const float x = i < 150
+                            ? 0.01f * (float)sgsi_random_uniform(3, i)
+                            : 0.2f + 0.016f * (float)(i - 150); // many in one voxel, then a line
         *sgs_gaussians_at(f.model, i, SGS_PARAM_MEAN) = x;
         *sgs_gaussians_at(f.model, i, SGS_PARAM_MEAN + 1) =
             *sgs_gaussians_at(f.model, i, SGS_PARAM_MEAN + 2) = 0;
@@ -265,7 +266,7 @@ static void rap_removes_faint_still_primitives_of_crowded_voxels_only(void **sta
     assert_int_equal(f.model->count, 125);
     assert_true(f.result.regions > 10);
     size_t rows_in_regions = 0, redundant = 0;
-    for (size_t r = 0; r < f.result.regions; ++r) { // the report adds up to what happened
+    for (size_t r = 0; r < f.result.regions; ++r) { // the regions add up to the result
         rows_in_regions += f.result.region_list[r].count;
         redundant += f.result.region_list[r].redundant;
         assert_true(r == 0 || f.result.region_list[r].voxel > f.result.region_list[r - 1].voxel);
@@ -275,8 +276,8 @@ static void rap_removes_faint_still_primitives_of_crowded_voxels_only(void **sta
     assert_int_equal(rows_in_regions, 200);
     assert_int_equal(redundant, 75);
     size_t rows[8];
-    assert_int_equal(rows_of(&f, 0, rows), 0);   // faint, in the crowd
-    assert_int_equal(rows_of(&f, 1, rows), 1);   // opaque, in the crowd
+    assert_int_equal(rows_of(&f, 0, rows), 0);   // faint, in the crowded voxel
+    assert_int_equal(rows_of(&f, 1, rows), 1);   // opaque, in the crowded voxel
     assert_int_equal(rows_of(&f, 160, rows), 1); // faint, alone
     drop(&f);
 }
@@ -308,8 +309,9 @@ static void sorting_keeps_every_row(void **state)
     drop(&f);
 }
 
-// Every row but one lies at 5e6 in x; the box that the grid divides must not reach to the origin.
-static void a_row_that_is_not_finite_has_no_part_in_the_regions(void **state)
+// All rows are near x = 5e6, the last one is not finite; the box of the grid must not include the
+// origin.
+static void rows_that_are_not_finite_are_in_no_region(void **state)
 {
     (void)state;
     sgs_region *without = NULL;
@@ -323,7 +325,7 @@ static void a_row_that_is_not_finite_has_no_part_in_the_regions(void **state)
             f.statistics.gradient_sum[i] = 1e-5f * (float)i;
             f.statistics.radius_max[i] = 1 + (float)(i % 7);
         }
-        if (with) // and a centre that is finite
+        if (with) // the centre is finite
             *sgs_gaussians_at(f.model, 400, SGS_PARAM_SCALE + 1) = NAN;
         update(&f);
         if (!with) {
@@ -343,7 +345,7 @@ static void a_row_that_is_not_finite_has_no_part_in_the_regions(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_row_that_is_not_finite_has_no_part_in_the_regions),
+        cmocka_unit_test(rows_that_are_not_finite_are_in_no_region),
         cmocka_unit_test(clone_copies_the_row_and_starts_its_moments_at_zero),
         cmocka_unit_test(split_replaces_the_parent_by_two_smaller_children_around_it),
         cmocka_unit_test(split_children_scatter_like_the_parent),

@@ -1,10 +1,10 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Mip-Splatting's own: the 3D filter against its definition, models with the filter worked in
-// against models that carry it (by the oracle), both files, the quantile, the reset through the
-// filter. The image and its gradients with the mip filter are held to the oracle in
-// test_tracer_oracle.c and test_tracer_gradient.c.
+// Mip-Splatting: the 3D filter against its definition, models with the filter applied against
+// models with a separate filter (rendered by the oracle), both files, the quantile, and the opacity
+// reset through the filter. test_tracer_oracle.c and test_tracer_gradient.c compare the image and
+// its gradients with the oracle.
 
 #include <math.h>
 #include <setjmp.h>
@@ -27,7 +27,7 @@ static void filter_is_the_finest_sampling_of_all_views(void **state)
 {
     (void)state;
     oracle_scene scene = oracle_random_model(6, 200, NULL);
-    for (size_t i = 0; i < 200; i += 10) // some that no view sees
+    for (size_t i = 0; i < 200; i += 10) // some are in no view
         *sgs_gaussians_at(scene.model, i, SGS_PARAM_MEAN) = 500;
     sgs_view views[4] = {0};
     const size_t used[3] = {3, 0, 2};
@@ -140,7 +140,7 @@ static void filter_is_the_last_of_63_properties(void **state)
     unlink(path);
 }
 
-static void reset_holds_the_filtered_opacity_under_the_ceiling(void **state)
+static void reset_limits_the_filtered_opacity(void **state)
 {
     (void)state;
     oracle_scene scene = oracle_random_model(5, 40, NULL);
@@ -213,7 +213,7 @@ static void absolute_gradients_select_as_many_as_signed_ones(void **state)
         }
         assert_true(!grows || (action[i] == SGSI_ACTION_SPLIT) == (i % 3 == 0));
     }
-    for (size_t i = 0; i < N; ++i) // nobody with a larger absolute gradient was left out
+    for (size_t i = 0; i < N; ++i) // all rows with a larger absolute gradient are selected
         assert_true(action[i] != SGSI_ACTION_KEEP || absolute[i] < least);
     size_t above = 0;
     for (size_t i = 0; i < N; ++i)
@@ -228,7 +228,7 @@ int main(void)
         cmocka_unit_test(filter_is_the_finest_sampling_of_all_views),
         cmocka_unit_test(fused_model_looks_the_same_without_its_filter),
         cmocka_unit_test(filter_is_the_last_of_63_properties),
-        cmocka_unit_test(reset_holds_the_filtered_opacity_under_the_ceiling),
+        cmocka_unit_test(reset_limits_the_filtered_opacity),
         cmocka_unit_test(absolute_gradients_select_as_many_as_signed_ones),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

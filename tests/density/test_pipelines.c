@@ -1,9 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The base pipelines beside 3DGS: what they sum over views against the oracle, the selections that
-// they share against sorting and against frequencies, and each one's rules on models small enough
-// to know every row's fate.
+// The base pipelines other than 3DGS: sums over views against the oracle, the shared selections
+// against sorting and expected frequencies, and the rules of each pipeline on models small enough
+// to predict each row.
 
 #include <math.h>
 #include <setjmp.h>
@@ -231,7 +231,7 @@ static void weighted_draws_follow_their_weights(void **state)
     const double p = 0.1 * 2 / 9 + 0.2 * 1 / 8; // rows 0 and 1, in either order
     assert_true(fabs(pair - DRAWS * p) <= 4 * sqrt(DRAWS * p * (1 - p)));
     assert_int_equal(sgsi_select_weighted(weight, eligible, 5, 4, 1, chosen), SGS_STATUS_OK);
-    assert_true(chosen[2]); // weight 0 comes last, but comes
+    assert_true(chosen[2]); // weight 0 is drawn last
 }
 
 // ---- Rules ----
@@ -248,7 +248,7 @@ typedef struct fixture {
     sgsi_density_result result;
 } fixture;
 
-// Rows carry their number as red; all are small, opaque to one half and pulled by `gradient`.
+// Rows store their number as red; all are small, have opacity 0.5 and the gradient `gradient`.
 static fixture *make(const sgsi_pipeline *pipeline, size_t count, float gradient)
 {
     fixture *f = oracle_memory(1, sizeof *f);
@@ -335,11 +335,11 @@ static void taming_grows_along_its_parabola(void **state)
     for (int j = 0; j < 145; j += 12) {
         fixture *f = make(&sgsi_pipeline_taming, 3000, 1e-3f);
         f->options.update = j;
-        f->state.initial_count = 1000; // as if the run had started smaller
+        f->state.initial_count = 1000; // smaller than the model
         f->train.pipeline_options.taming_multiplier = 5;
         const double x = (j + 1) / 145.0, scheduled = floor(5000 - 4000 * (1 - x) * (1 - x) + 1e-9);
         const size_t expected =
-            scheduled < 3000 ? 3000 : (size_t)scheduled; // never fewer than there are
+            scheduled < 3000 ? 3000 : (size_t)scheduled; // at least the present number
         assert_true(fabs((double)update(f) - (double)expected) <= 1);
         drop(f);
     }
@@ -376,7 +376,7 @@ static void half_of_what_3dgs_would_prune_is_drawn(void **state)
             set_faint(f, i);
         const size_t left = update(f), removed = 400 - left;
         assert_true(removed <= 100 &&
-                    removed >= 25); // 100 are drawn among 400 equals: about 50 of them are faint
+                    removed >= 25); // 100 of 400 equal rows are drawn: about 50 are faint
         for (int i = 200; i < 400; ++i)
             assert_int_equal(copies_of(f, (float)i), 1);
         drop(f);
@@ -385,11 +385,11 @@ static void half_of_what_3dgs_would_prune_is_drawn(void **state)
     for (size_t i = 0; i < 200; ++i)
         set_faint(f, i);
     f->options.update = 27;
-    assert_int_equal(update(f), 400); // no native pruning any more
+    assert_int_equal(update(f), 400); // no native pruning after that
     drop(f);
 }
 
-static void fastgs_grows_where_views_agree_only(void **state)
+static void fastgs_grows_only_if_views_agree(void **state)
 {
     (void)state;
     fixture *f = make(&sgsi_pipeline_fastgs, 60, 1e-3f);
@@ -409,7 +409,7 @@ static void fastgs_grows_where_views_agree_only(void **state)
     drop(f);
 }
 
-// A shorter run asks more of both gradients.
+// A shorter run has larger thresholds for both gradients.
 static void fastgs_scales_both_thresholds(void **state)
 {
     (void)state;
@@ -445,7 +445,7 @@ static void fastgs_votes_are_native_without_weights(void **state)
         assert_int_equal(counts[target], 150);
 }
 
-static void fastgs_final_prune_removes_faint_and_expendable_rows(void **state)
+static void fastgs_final_prune_removes_faint_rows_and_high_scores(void **state)
 {
     (void)state;
     fixture *f = make(&sgsi_pipeline_fastgs, 50, 1e-3f);
@@ -543,15 +543,15 @@ static void dash_prunes_before_it_grows(void **state)
     f->options.update_count = 265;
     for (size_t i = 0; i < 10; ++i)
         set_faint(f, i);
-    assert_int_equal(update(f), 120); // a fifth more than there were: what was pruned is filled up
+    assert_int_equal(update(f), 120); // 1.2 times the count before; pruned rows are replaced
     for (int i = 0; i < 10; ++i)
         assert_int_equal(copies_of(f, (float)i), 0);
     drop(f);
 }
 
-// A crowd of faint rows that no view pulls, in one voxel: RAP's prey in every pipeline, and none of
-// them has new rows.
-static void redundancy_joins_every_pipeline(void **state)
+// Faint rows with small gradients in one crowded voxel are redundant in every pipeline and do not
+// grow.
+static void every_pipeline_prunes_redundant_rows(void **state)
 {
     (void)state;
     for (int p = 0; p < SGS_PIPELINE_COUNT; ++p) {
@@ -569,7 +569,7 @@ static void redundancy_joins_every_pipeline(void **state)
                 *sgs_gaussians_at(f->model, i, SGS_PARAM_MEAN + 2) = 0;
             *sgs_gaussians_at(f->model, i, SGS_PARAM_OPACITY) = i % 2 ? 0 : logf(0.03f / 0.97f);
             f->statistics.abs_grad_sum[i] =
-                1e-9f * (float)i; // one row is above all others, and only one grows
+                1e-9f * (float)i; // one row has the largest gradient, so only one grows
             f->statistics.radius_max[i] = 4;
         }
         update(f);
@@ -581,7 +581,7 @@ static void redundancy_joins_every_pipeline(void **state)
     }
 }
 
-// The weights of crowded voxels keep rows from growing that would grow without them.
+// The weights of crowded voxels suppress growth.
 static void weights_suppress_growth_in_every_pipeline(void **state)
 {
     (void)state;
@@ -593,7 +593,7 @@ static void weights_suppress_growth_in_every_pipeline(void **state)
         for (int spare = 0; spare < 2; ++spare) {
             fixture *f = make(pipeline, 200, 2.05e-4f);
             f->options.spare_densify = spare;
-            f->train.pipeline_options.taming_count = 100000; // no budget that binds
+            f->train.pipeline_options.taming_count = 100000; // an unreached budget
             f->options.until = 27000;
             for (size_t i = 0; i < 200; ++i) {
                 *sgs_gaussians_at(f->model, i, SGS_PARAM_MEAN) =
@@ -625,14 +625,14 @@ int main(void)
         cmocka_unit_test(taming_draws_by_importance_among_qualifiers),
         cmocka_unit_test(half_of_what_3dgs_would_prune_is_drawn),
         cmocka_unit_test(taming_importance_is_the_published_sum),
-        cmocka_unit_test(fastgs_grows_where_views_agree_only),
+        cmocka_unit_test(fastgs_grows_only_if_views_agree),
         cmocka_unit_test(fastgs_scales_both_thresholds),
         cmocka_unit_test(fastgs_votes_are_native_without_weights),
-        cmocka_unit_test(fastgs_final_prune_removes_faint_and_expendable_rows),
+        cmocka_unit_test(fastgs_final_prune_removes_faint_rows_and_high_scores),
         cmocka_unit_test(fastgs_scores_average_votes_and_scale_pruning),
         cmocka_unit_test(dash_adds_no_more_than_its_budget),
         cmocka_unit_test(dash_prunes_before_it_grows),
-        cmocka_unit_test(redundancy_joins_every_pipeline),
+        cmocka_unit_test(every_pipeline_prunes_redundant_rows),
         cmocka_unit_test(weights_suppress_growth_in_every_pipeline),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

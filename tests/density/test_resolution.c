@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// DashGaussian's resolution schedule: spectra against the sum that defines them, levels against the
-// published formulae, and the reduction of photographs against the filter's definition.
+// Resolution schedule of DashGaussian: spectra against the defining sum, levels against the
+// published formulae, and reduced photographs against the definition of the filter.
 
 #include <math.h>
 #include <setjmp.h>
@@ -75,7 +75,7 @@ static void spectrum_is_the_sum_that_defines_it(void **state)
                     expected += hypot(re, im);
                 }
                 const int x = (u + w / 2) % w,
-                          y = (v + h / 2) % h; // the zero frequency in the middle
+                          y = (v + h / 2) % h; // the zero frequency in the centre
                 assert_true(fabs(spectrum.magnitude[(size_t)y * (size_t)w + (size_t)x] -
                                  expected) <= 1e-9 * (1 + expected));
                 total += expected;
@@ -107,7 +107,7 @@ static void levels_follow_the_published_formulae(void **state)
         images[i] = make_image(160, 120, 7 + (uint64_t)i, 0.4);
         sgsi_spectrum one;
         assert_int_equal(sgsi_spectrum_of(&images[i], &one), SGS_STATUS_OK);
-        // The smallest window that holds a quarter, by trying all window sizes.
+        // The smallest window with a quarter of the energy, by trying all sizes.
         const double quarter = 0.25 * sgsi_spectrum_window(&one, 1);
         double largest = 1;
         for (double scale = 1; scale < 12; scale += 1e-3)
@@ -131,7 +131,7 @@ static void levels_follow_the_published_formulae(void **state)
         assert_true(plan.scale[i] <= plan.scale[i - 1] && plan.begin[i] >= plan.begin[i - 1] &&
                     plan.begin[i] < 27000);
     }
-    // One image: energies and begins can be had from the spectrum itself.
+    // With one image, energies and begins follow from its spectrum.
     assert_int_equal(
         sgsi_resolution_plan(&(sgsi_image_source){images + 2, 1, size_of, get}, 27000, &plan),
         SGS_STATUS_OK);
@@ -158,12 +158,12 @@ static void levels_follow_the_published_formulae(void **state)
         sgs_image8_free(&images[i]);
 }
 
-static void flat_images_are_never_reduced_below_what_holds_them(void **state)
+static void flat_images_have_a_valid_scale(void **state)
 {
     (void)state;
     sgs_image8 image = make_image(64, 48, 1, 0);
     for (size_t i = 0; i < 3 * 64 * 48; ++i)
-        image.pixels[i] = 100; // all energy at frequency 0: every window holds it
+        image.pixels[i] = 100; // all energy is at frequency 0, in every window
     sgsi_resolution plan;
     assert_int_equal(
         sgsi_resolution_plan(&(sgsi_image_source){&image, 1, size_of, get}, 1000, &plan),
@@ -207,7 +207,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(spectrum_is_the_sum_that_defines_it),
         cmocka_unit_test(levels_follow_the_published_formulae),
-        cmocka_unit_test(flat_images_are_never_reduced_below_what_holds_them),
+        cmocka_unit_test(flat_images_have_a_valid_scale),
         cmocka_unit_test(reduced_images_are_the_triangle_filter),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

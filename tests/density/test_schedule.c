@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The schedule against the published milestones, and the promises of the scaled one.
+// The schedule against the published milestones, and the documented properties of scaled ones.
 
 #include <math.h>
 #include <setjmp.h>
@@ -53,8 +53,8 @@ static void published_schedule_has_144_updates_and_4_resets(void **state)
     }
 }
 
-// last_reset as the trainer keeps it: an update comes before the reset of its own iteration.
-static void size_pruning_is_published_or_without(void **state)
+// last_reset as in the trainer: an update precedes the reset of the same iteration.
+static void size_pruning_follows_the_published_rule(void **state)
 {
     (void)state;
     for (int pipeline = 0; pipeline < SGS_PIPELINE_COUNT; ++pipeline)
@@ -83,7 +83,7 @@ static void size_pruning_is_published_or_without(void **state)
             }
 }
 
-static void white_backgrounds_have_one_reset_more(void **state)
+static void white_backgrounds_have_an_additional_reset(void **state)
 {
     (void)state;
     sgs_train_options options = sgs_train_options_default();
@@ -122,8 +122,8 @@ static int count_resets(const sgsi_schedule *schedule)
     return count;
 }
 
-// An iteration less than published costs no reset; a short run has none, not even the early one of
-// white backgrounds.
+// One iteration less than published keeps all resets; a short run has none, not even the additional
+// one for white backgrounds.
 static void resets_do_not_vanish_just_below_the_published_length(void **state)
 {
     (void)state;
@@ -151,7 +151,7 @@ static void resets_do_not_vanish_just_below_the_published_length(void **state)
         }
 }
 
-static void scaled_schedule_keeps_its_promises_at_every_length(void **state)
+static void scaled_schedule_has_its_documented_properties_at_every_length(void **state)
 {
     (void)state;
     int previous = 0;
@@ -170,7 +170,7 @@ static void scaled_schedule_keeps_its_promises_at_every_length(void **state)
         }
         if (n >= 7000 && n <= 30000) {
             assert_true(updates + 1 >=
-                        previous); // a longer run has as many updates or more (rounding: one less)
+                        previous); // not fewer updates in a longer run (rounding: one less)
             previous = updates;
         }
         assert_true(n < 1000 || updates >= 4);
@@ -205,14 +205,14 @@ static void fastgs_steps_and_prunes_as_published(void **state)
     assert_int_equal(rest_steps[0], 15000 / 16);
     assert_int_equal(main_steps[1] + main_steps[2],
                      156 + 156 +
-                         1); // 20000 / 32 is whole, so 20000 steps and is the last of its phase
+                         1); // 20000 is a multiple of 32: the last iteration of its phase steps
     assert_int_equal(rest_steps[1] + rest_steps[2], main_steps[1] + main_steps[2]);
     assert_int_equal(count_structural(&schedule), 28); // 1000, 1500, ..., 14500
     const sgsi_schedule small = make_for(SGS_PIPELINE_FASTGS, 3000);
     int late = 0;
     for (int t = 1501; t <= 3000; ++t)
         late += sgsi_schedule_steps_main(&small, t);
-    assert_true(late > 250 && late < 400); // about as many steps as the long run makes
+    assert_true(late > 250 && late < 400); // similar to the number of steps of a full run
 }
 
 static void dash_densifies_until_nine_tenths(void **state)
@@ -222,7 +222,7 @@ static void dash_densifies_until_nine_tenths(void **state)
     assert_int_equal(schedule.densify_until, 27000);
     assert_int_equal(sgsi_schedule_updates(&schedule), 265);
     assert_int_equal(schedule.resolution_interval, 100);
-    for (int t = 1; t <= 30000; ++t) // vanilla steps in every iteration
+    for (int t = 1; t <= 30000; ++t) // 3DGS steps in every iteration
         assert_true(sgsi_schedule_steps_main(&schedule, t) &&
                     sgsi_schedule_steps_rest(&schedule, t));
     const sgsi_schedule small = make_for(SGS_PIPELINE_DASH, 3000),
@@ -235,11 +235,11 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(published_schedule_has_144_updates_and_4_resets),
-        cmocka_unit_test(size_pruning_is_published_or_without),
-        cmocka_unit_test(white_backgrounds_have_one_reset_more),
+        cmocka_unit_test(size_pruning_follows_the_published_rule),
+        cmocka_unit_test(white_backgrounds_have_an_additional_reset),
         cmocka_unit_test(paper_schedule_cut_short_keeps_its_milestones),
         cmocka_unit_test(resets_do_not_vanish_just_below_the_published_length),
-        cmocka_unit_test(scaled_schedule_keeps_its_promises_at_every_length),
+        cmocka_unit_test(scaled_schedule_has_its_documented_properties_at_every_length),
         cmocka_unit_test(fastgs_steps_and_prunes_as_published),
         cmocka_unit_test(dash_densifies_until_nine_tenths),
     };

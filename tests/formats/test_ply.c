@@ -384,9 +384,9 @@ static void ply_reads_infinite_logits_as_opaque_and_transparent(void **state)
         assert_true(*sgs_gaussians_at(back, 0, SGS_PARAM_OPACITY) == 1.0f);
         const float opaque = *sgs_gaussians_at(back, 1, SGS_PARAM_OPACITY);
         assert_true(opaque > 12 &&
-                    opaque < 17); // below that of 1 - 2^-24, so that it can be learned
+                    opaque < 17); // below the logit of 1 - 2^-24, so that it has a gradient
         assert_true(*sgs_gaussians_at(back, 2, SGS_PARAM_OPACITY) == -opaque);
-        // What is drawn of rows 1 and 2, each seen alone from a camera in front of it.
+        // Renders rows 1 and 2 separately, from a camera in front of each.
         const sgs_camera camera = {
             .model = SGS_CAMERA_PINHOLE, .width = 9, .height = 9, .params = {9, 9, 4.5, 4.5}};
         sgs_renderer *renderer;

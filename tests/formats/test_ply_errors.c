@@ -33,7 +33,7 @@
 typedef struct bad_file {
     const char *text;
     sgs_status status;
-    const char *message; // what follows "FILE: "
+    const char *message; // text after "FILE: "
 } bad_file;
 
 static const bad_file bad_files[] = {
@@ -314,7 +314,7 @@ static void ply_survives_lack_of_memory(void **state)
         assert_true(!status || status == SGS_STATUS_OUT_OF_MEMORY);
     }
     sgsi_fail_allocation(0);
-    assert_int_equal(n, 5); // reader, buffer, model, its data; the fifth is not needed
+    assert_int_equal(n, 5); // reader, buffer, model, its data
     sgs_gaussians_destroy(back);
     for (n = 1; n <= 2; ++n) {
         sgsi_fail_allocation(n);

@@ -1,9 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// FLIP against numbers that NVIDIA's own evaluator (CPU) printed for the same images,
-// and sharpness against values in closed form. `test_flip RENDER PHOTO` prints the figures of two
-// image files, for the tests of the program; `test_flip RENDER PHOTO MAP` checks an error map.
+// FLIP against the output of NVIDIA's evaluator (CPU) for the same images, and sharpness against
+// closed forms. `test_flip RENDER PHOTO` prints both for two image files, for the tests of the
+// program; `test_flip RENDER PHOTO MAP` checks an error map.
 
 #include <math.h>
 #include <setjmp.h>
@@ -20,7 +20,7 @@
 
 enum { WIDTH = 96, HEIGHT = 64, PIXELS = WIDTH * HEIGHT };
 
-// Integer arithmetic only, so that another program can make the same pictures.
+// Integer arithmetic only, so that another program can create the same images.
 static uint8_t reference_value(int x, int y, int c)
 {
     return (uint8_t)((x * (3 + c) + y * (5 - c) + (x / 8 + y / 8) % 2 * 60 + x * y / (16 + c)) %
@@ -144,7 +144,7 @@ static void sharpness_is_the_ratio_of_laplacian_energies(void **state)
     const double ratio = 0.299 / 0.587;
     assert_true(fabs(sgs_sharpness(&b, &a, NULL) - ratio * ratio) < 1e-12);
     uint16_t mask[5] = {31, 31, 31, 31, 31};
-    mask[2] = 31 & ~4; // without the point, no stencil is left that sees it
+    mask[2] = 31 & ~4; // without the point, no valid stencil contains it
     assert_true(isnan(sgs_sharpness(&b, &a, mask)));
 }
 

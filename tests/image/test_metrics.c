@@ -247,7 +247,7 @@ static void masked_pixels_have_no_influence(void **state)
             a.pixels[c * plane + i] = b.pixels[c * plane + i] = 0;
     assert_true(sgs_psnr_masked(&a, &b, valid_mask) == psnr &&
                 sgs_ssim_masked(&a, &b, valid_mask) == ssim);
-    // Black elsewhere: the excluded windows have a similarity of their own.
+    // Black elsewhere: the excluded windows have another similarity.
     assert_true(fabs(sgs_ssim(&a, &b) - ssim) > 1e-3);
     memset(valid_mask, 0, sizeof valid_mask);
     assert_true(isnan(sgs_psnr_masked(&a, &b, valid_mask)) &&

@@ -376,8 +376,8 @@ static sgsi_loss_output evaluate(scene *s)
     return output;
 }
 
-// Largest difference between `plane` and `expected`, relative to the largest expected value; NaN
-// counts as infinite.
+// Largest difference between `plane` and `expected`, relative to the largest expected value;
+// infinite for NaN.
 static double plane_error(const scene *s, const float *plane, const double *expected)
 {
     double error = 0.0, scale = 0.0;

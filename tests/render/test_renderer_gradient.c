@@ -3,7 +3,7 @@
 
 // sgs_renderer_backward and the options of sgs_renderer_render, through the public API: gradients
 // against the oracle's in double precision (which test_reference_gradient.c compares with finite
-// differences), rows without a hit, what is refused, cancelling, and options of earlier versions.
+// differences), rows without a hit, invalid calls, cancelling, and options of earlier versions.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -19,7 +19,7 @@
 
 enum { WIDTH = 63, HEIGHT = 47, PIXELS = WIDTH * HEIGHT };
 
-// A model, its renderer and a frame that it was drawn into, differentiable.
+// A model, its renderer and a differentiable rendering.
 typedef struct drawing {
     oracle_scene scene;
     sgs_camera camera;
@@ -59,8 +59,8 @@ static sgs_status draw(drawing *d)
     return sgs_renderer_render(d->renderer, &d->camera, &d->pose, &d->options, &d->frame);
 }
 
-// Random incoming gradients, the same numbers in both precisions; none where single precision may
-// count other hits.
+// Random incoming gradients, equal in both precisions; zero where single precision may count other
+// hits.
 static void fill_incoming(drawing *d, double *const planes[4])
 {
     float *const single[4] = {d->d_frame.color[0], d->d_frame.color[1], d->d_frame.color[2],
@@ -85,7 +85,7 @@ static void fill_incoming(drawing *d, double *const planes[4])
     sgsi_reference_view_free(&view);
 }
 
-// Largest error over the largest gradient, per group of parameters; every group must have some.
+// Largest error over the largest gradient per group of parameters; each group must have gradients.
 static double worst_error(const drawing *d, const double *expected)
 {
     static const int begin[] = {SGS_PARAM_MEAN,    SGS_PARAM_ROTATION, SGS_PARAM_SCALE,
@@ -101,7 +101,7 @@ static double worst_error(const drawing *d, const double *expected)
             for (size_t i = 0; i < d->scene.count; ++i) {
                 const double wanted = expected[i * SGS_PARAM_COUNT + (size_t)k];
                 const double difference = fabs((double)column[i] - wanted);
-                error = error >= difference ? error : difference; // NaN wins
+                error = error >= difference ? error : difference; // keeps NaN
                 largest = fmax(largest, fabs(wanted));
             }
         }
@@ -136,7 +136,7 @@ static void gradients_are_those_of_the_reference(void **state)
             print_message("%s, filter %d: %.1e\n", sgs_camera_model_name(lenses[lens]), filter,
                           error);
             assert_true(error <= 1e-4);
-            // The check notices a wrong factor.
+            // The comparison detects a wrong factor.
             for (size_t i = 0; i < d.scene.count; ++i)
                 *sgs_gaussians_at(d.d_model, i, SGS_PARAM_SCALE + 1) *= 1.001f;
             assert_false(worst_error(&d, expected) <= 1e-4);
@@ -147,7 +147,7 @@ static void gradients_are_those_of_the_reference(void **state)
         }
 }
 
-static void a_plane_left_out_is_a_plane_of_zeros(void **state)
+static void a_null_plane_is_zero(void **state)
 {
     (void)state;
     drawing d = drawing_create(42, 100, SGS_CAMERA_PINHOLE, SGS_FILTER_3DGS);
@@ -165,8 +165,7 @@ static void a_plane_left_out_is_a_plane_of_zeros(void **state)
     drawing_free(&d);
 }
 
-// A primitive that no ray hits, and one at the camera's centre, which has no direction to be seen
-// from.
+// A primitive without a hit, and one at the camera centre, which has no viewing direction.
 static void primitives_without_a_hit_have_no_gradient(void **state)
 {
     (void)state;
@@ -198,12 +197,12 @@ static void primitives_without_a_hit_have_no_gradient(void **state)
     drawing_free(&d);
 }
 
-static void what_has_no_gradient_is_refused(void **state)
+static void invalid_gradient_calls_are_refused(void **state)
 {
     (void)state;
     drawing d = drawing_create(44, 50, SGS_CAMERA_PINHOLE, SGS_FILTER_3DGS);
     assert_int_equal(sgs_renderer_backward(d.renderer, &d.d_frame, d.d_model),
-                     SGS_STATUS_INVALID_ARGUMENT); // nothing was drawn
+                     SGS_STATUS_INVALID_ARGUMENT); // no rendering
     assert_non_null(strstr(sgs_last_error(), "differentiable"));
     d.options.differentiable = false;
     assert_int_equal(draw(&d), SGS_STATUS_OK);
@@ -243,7 +242,7 @@ static bool watch(void *user, size_t done, size_t total)
     return ++w->calls != w->cancel_at;
 }
 
-static void a_watched_rendering_has_the_same_bits_and_can_be_cancelled(void **state)
+static void a_rendering_with_progress_has_the_same_bits_and_can_be_cancelled(void **state)
 {
     (void)state;
     drawing d = drawing_create(45, 100, SGS_CAMERA_PINHOLE, SGS_FILTER_3DGS);
@@ -267,7 +266,7 @@ static void a_watched_rendering_has_the_same_bits_and_can_be_cancelled(void **st
     assert_int_equal(sgs_renderer_render(d.renderer, &d.camera, &d.pose, &d.options, &frames[1]),
                      SGS_STATUS_CANCELLED);
     assert_int_equal(w.calls, 2);
-    d.options.differentiable = true; // lists are kept of the whole view only
+    d.options.differentiable = true; // lists are kept for whole views only
     assert_int_equal(sgs_renderer_render(d.renderer, &d.camera, &d.pose, &d.options, &frames[1]),
                      SGS_STATUS_INVALID_ARGUMENT);
     for (int k = 0; k < 2; ++k)
@@ -295,7 +294,7 @@ static void *paint(void *context)
     return NULL;
 }
 
-// The header allows it over different models and over one.
+// Renderers of different models, and of the same model.
 static void renderers_of_two_threads_do_not_disturb_each_other(void **state)
 {
     (void)state;
@@ -344,7 +343,7 @@ static void options_of_other_sizes_are_filled_up_or_refused(void **state)
     assert_non_null(strstr(sgs_last_error(), "sgs_render_options.struct_size is 0"));
     d.options.struct_size = sizeof d.options + 8;
     assert_int_equal(draw(&d), SGS_STATUS_INVALID_ARGUMENT);
-    // A caller that knows the filter alone: what follows in its memory is not read.
+    // A struct that ends after the filter: the memory behind it is not read.
     d.options.struct_size = offsetof(sgs_render_options, near_distance);
     d.options.near_distance = NAN;
     d.options.sh_degree = 77;
@@ -358,10 +357,10 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(gradients_are_those_of_the_reference),
-        cmocka_unit_test(a_plane_left_out_is_a_plane_of_zeros),
+        cmocka_unit_test(a_null_plane_is_zero),
         cmocka_unit_test(primitives_without_a_hit_have_no_gradient),
-        cmocka_unit_test(what_has_no_gradient_is_refused),
-        cmocka_unit_test(a_watched_rendering_has_the_same_bits_and_can_be_cancelled),
+        cmocka_unit_test(invalid_gradient_calls_are_refused),
+        cmocka_unit_test(a_rendering_with_progress_has_the_same_bits_and_can_be_cancelled),
         cmocka_unit_test(renderers_of_two_threads_do_not_disturb_each_other),
         cmocka_unit_test(options_of_other_sizes_are_filled_up_or_refused),
     };

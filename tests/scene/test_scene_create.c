@@ -1,9 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Scenes from memory: the bundled room copied out of its files and given back trains to the same
-// bits; pixel types, strides, masks and alpha mean what the header says; bad input is named;
-// loading can be watched and cancelled.
+// Scenes from memory: a copy of the bundled scene trains to the same bits; pixel types, strides,
+// masks and alpha are as documented; errors name the bad input; loading reports progress and can be
+// cancelled.
 
 #include <math.h>
 #include <setjmp.h>
@@ -46,7 +46,7 @@ static void train(const sgs_scene *scene, char hex[17])
     sgs_trainer_destroy(trainer);
 }
 
-// The views in reverse order, which the scene sorts.
+// The views in reverse order; the scene sorts them.
 static void a_copied_scene_trains_to_the_same_bits(void **state)
 {
     (void)state;
@@ -214,7 +214,7 @@ static void halves_keep_their_value(void **state)
     sgs_scene_destroy(scene);
 }
 
-static void masks_say_which_pixels_are_valid(void **state)
+static void masks_define_the_valid_pixels(void **state)
 {
     (void)state;
     uint8_t pixels[H][W][3], mask[H][2 * W];
@@ -318,7 +318,7 @@ static bool watch(void *user, size_t done, size_t total)
     return done != w->cancel_at;
 }
 
-static void loading_is_watched_and_can_be_cancelled(void **state)
+static void loading_reports_progress_and_can_be_cancelled(void **state)
 {
     (void)state;
     for (int images = 0; images < 2; ++images)
@@ -362,9 +362,9 @@ int main(void)
         cmocka_unit_test(trainers_of_two_threads_do_not_disturb_each_other),
         cmocka_unit_test(floats_with_strides_become_the_space_of_the_scene),
         cmocka_unit_test(halves_keep_their_value),
-        cmocka_unit_test(masks_say_which_pixels_are_valid),
+        cmocka_unit_test(masks_define_the_valid_pixels),
         cmocka_unit_test(bad_input_is_named),
-        cmocka_unit_test(loading_is_watched_and_can_be_cancelled),
+        cmocka_unit_test(loading_reports_progress_and_can_be_cancelled),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

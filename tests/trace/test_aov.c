@@ -292,8 +292,7 @@ static void depth_of_spheres_is_true(void **state)
     static double distance[SIDE * SIDE], normals[SIDE * SIDE][3];
     const double radius = 1.2, at[3] = {0.2, -0.1, 4};
     oracle_scene scene = oracle_scene_create(TILES / 2);
-    for (int i = 0; i < TILES / 2;
-         ++i) { // the near half of Fibonacci's lattice: nothing shines through it
+    for (int i = 0; i < TILES / 2; ++i) { // the near half of a Fibonacci lattice: opaque
         const double z = (2 * i + 1.0) / TILES - 1, turn = i * 2.399963229728653,
                      flat = sqrt(1 - z * z);
         const double normal[3] = {flat * cos(turn), flat * sin(turn), z};

@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// FastGS's compact box (Ren et al. 2025): a primitive is left out of a tile in which all of it is
-// fainter than o (255 o)^-share. In the tiles that keep it, nothing changes.
+// Compact box of FastGS (Ren et al. 2025): a tile omits a primitive whose alpha in it is below o
+// (255 o)^-share. Other tiles do not change.
 
 #include <setjmp.h>
 #include <stdarg.h>

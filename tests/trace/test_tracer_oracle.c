@@ -59,7 +59,7 @@ static size_t traced_hits(const traced_view *traced, const traced_lists *lists, 
 // ---- An image against the oracle. strict: also compare hits and distances ----
 
 typedef struct comparison {
-    size_t pixels, fragile, listed; // listed: pixels whose ordered lists were compared
+    size_t pixels, fragile, compared; // compared: pixels whose ordered lists were compared
     double color, distance; // largest errors on other than fragile pixels (distance: relative)
     double fragile_color;
 } comparison;
@@ -129,7 +129,7 @@ static comparison compare_with_oracle(const traced_view *traced, const oracle_sc
             assert_true(traced->planes.hits[from] == (float)pixel.count);
             if (pixel.count) {
                 compare_lists(traced, &lists, x, y, in_camera, truth, pixel.count, hits);
-                ++result.listed;
+                ++result.compared;
             }
         }
     }
@@ -158,7 +158,7 @@ static void random_scenes_equal_the_oracle_on_every_isa_and_lens(void **state)
                                                    2, SGSI_BVH_REFIT);
                 const comparison one = compare_with_oracle(&traced, &scene, true, 0);
                 traced_destroy(&traced);
-                sum.pixels += one.pixels, sum.fragile += one.fragile, sum.listed += one.listed;
+                sum.pixels += one.pixels, sum.fragile += one.fragile, sum.compared += one.compared;
                 sum.color = traced_worse(sum.color, one.color),
                 sum.distance = traced_worse(sum.distance, one.distance);
                 sum.fragile_color = traced_worse(sum.fragile_color, one.fragile_color);
@@ -168,7 +168,7 @@ static void random_scenes_equal_the_oracle_on_every_isa_and_lens(void **state)
                       sgs_isa_name((sgs_isa)isa), sum.color, sum.distance,
                       100.0 * (double)sum.fragile / (double)sum.pixels, sum.fragile_color);
         assert_true(sum.color <= 1e-5 && sum.distance <= 3e-5);
-        assert_true(sum.fragile * 25 < sum.pixels && sum.listed * 3 > sum.pixels);
+        assert_true(sum.fragile * 25 < sum.pixels && sum.compared * 3 > sum.pixels);
         assert_true(sum.fragile_color <= 0.05);
     }
     oracle_scene_free(&scene);
@@ -198,7 +198,7 @@ static void adversarial_scenes_equal_the_oracle(void **state)
     const sgs_pose poses[2] = {oracle_pose_look_at(0, 0, -4), oracle_pose_look_at(0.4, 0.3, -4)};
     for (int number = 0; number < TRACED_SCENE_COUNT; ++number) {
         oracle_scene scene = traced_scene(number);
-        size_t listed = 0;
+        size_t compared = 0;
         for (int run = 0; run < 2 * TRACED_LENS_COUNT; ++run) {
             const int filter = run % 2;
             const sgs_camera camera = oracle_camera(traced_lenses[run / 2], 63, 47);
@@ -216,9 +216,9 @@ static void adversarial_scenes_equal_the_oracle(void **state)
                         one.distance <= limits[number].distance);
             assert_true(one.fragile_color <= 0.6);
             assert_true(number >= TRACED_RANDOM_SCENES || one.fragile * 5 < one.pixels);
-            listed += one.listed;
+            compared += one.compared;
         }
-        assert_true(listed > 100);
+        assert_true(compared > 100);
         oracle_scene_free(&scene);
     }
 }
@@ -269,7 +269,7 @@ static void flat_discs_equal_the_oracle(void **state)
             const comparison one = compare_with_oracle(&traced, &scene, true, 0);
             print_message("size %g, log scale -%d, macrotiles of %d: colour %.2g, distance %.2g\n",
                           size, thinness, macrotile, one.color, one.distance);
-            assert_true(one.color <= 1e-5 && one.distance <= 1e-5 && one.listed * 2 > one.pixels);
+            assert_true(one.color <= 1e-5 && one.distance <= 1e-5 && one.compared * 2 > one.pixels);
             traced_destroy(&traced);
         }
         oracle_scene_free(&scene);
@@ -304,7 +304,7 @@ static void shifted_and_very_wide_lenses_equal_the_oracle(void **state)
             print_message("camera %zu: colour %.2g, distance %.2g, fragile %.1f %%\n", i, one.color,
                           one.distance, 100.0 * (double)one.fragile / (double)one.pixels);
             assert_true(one.color <= 1e-5 && one.distance <= 3e-5 && one.fragile * 10 < one.pixels);
-            assert_true(one.listed * 2 > one.pixels);
+            assert_true(one.compared * 2 > one.pixels);
             traced_destroy(&traced);
         }
     }
@@ -343,11 +343,11 @@ static void every_lens_equals_the_oracle(void **state)
         traced_view traced =
             traced_create(scene.model, &cameras[i], &pose, SGS_FILTER_3DGS, 2, SGSI_BVH_REFIT);
         const comparison one = compare_with_oracle(&traced, &scene, true, 0);
-        print_message("%s: colour %.2g, distance %.2g, %zu of %zu pixels listed\n",
-                      sgs_camera_model_name(cameras[i].model), one.color, one.distance, one.listed,
-                      one.pixels);
+        print_message("%s: colour %.2g, distance %.2g, %zu of %zu pixels compared\n",
+                      sgs_camera_model_name(cameras[i].model), one.color, one.distance,
+                      one.compared, one.pixels);
         assert_true(one.color <= 1e-5 && one.distance <= 3e-5 && one.fragile_color <= 0.05);
-        assert_true(one.listed * 4 > one.pixels);
+        assert_true(one.compared * 4 > one.pixels);
         traced_destroy(&traced);
     }
     oracle_scene_free(&scene);

@@ -1,9 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Every n-th allocation fails, for every n: loading a scene, creating a trainer, a step, a
-// structural update, saving and loading checkpoint and model end with OUT_OF_MEMORY and a sentence,
-// without a crash, a leak (address sanitizer) or a half-made result, and work again afterwards.
+// The n-th allocation fails, for every n: loading a scene, creating a trainer, a step, a structural
+// update, saving and loading checkpoints and models end with OUT_OF_MEMORY and a message, without a
+// crash, a leak (address sanitizer) or a partial result, and succeed afterwards.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -84,9 +84,9 @@ static sgs_status create_trainer(void)
     return sgs_trainer_create(scene, &options, &trainer);
 }
 
-// Runs `work` with its n-th allocation failing, n = 1, 2, ..., until none fails. At most `advisory`
-// of them may be done without (they only serve a message); `undo` checks and releases what was made
-// all the same.
+// Runs `work` with a failing n-th allocation, n = 1, 2, ..., until none fails. `work` may succeed
+// in spite of at most `advisory` failures (in messages); `undo` then checks and releases its
+// result.
 static void fail_each(const char *what, sgs_status (*work)(void), int advisory, void (*undo)(void))
 {
     for (size_t n = 1;; ++n) {
@@ -153,7 +153,7 @@ static void the_first_step(void **state)
 
 static sgs_status structural_update(void)
 {
-    sgs_trainer_destroy(trainer); // after a failed update the model must not be used
+    sgs_trainer_destroy(trainer); // after a failed update the model is unusable
     trainer = NULL;
     sgs_step_info info;
     sgs_status status = create_trainer();

@@ -1,9 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Checkpoints: the same bits from any stop point with all of SPARE-GS on, the same bytes when
-// written again, every wrong section refused by name even if the checksum is right, changed options
-// honoured or refused by name.
+// Checkpoints: resuming at any point gives the same bits with all of SPARE-GS enabled; a loaded
+// state is written as the same bytes; wrong sections with a correct checksum are refused by name;
+// changed options are used or refused by name.
 
 #include <math.h>
 #include <setjmp.h>
@@ -90,15 +90,15 @@ static void digest(const sgs_trainer *trainer, char hex[17])
     sgs_gaussians_hash(sgs_trainer_model(trainer), hex);
 }
 
-// A run of LENGTH iterations with structural updates and equilibrium checks, which leaves a
-// checkpoint at every stop point; each is continued to the end, alternating the number of threads.
+// A run of LENGTH iterations with structural updates and equilibrium checks, and a checkpoint at
+// each stop point. Each is resumed to the end, with alternating numbers of threads.
 static void every_stop_point_resumes_to_the_same_bits(void **state)
 {
     (void)state;
     enum { LENGTH = 120, STOPS = 20 };
     sgs_train_options options = short_run(LENGTH);
     options.spare = SGS_SPARE_ALL;
-    options.spare_patience = 1000; // observe and check, but do not end
+    options.spare_patience = 1000; // checks without ending the run
     bool stop_at[LENGTH] = {false};
     int marked = 0;
     for (uint64_t k = 0; marked < STOPS; ++k) {
@@ -155,7 +155,7 @@ static void a_loaded_state_is_written_as_the_same_bytes(void **state)
     free(b);
 }
 
-// Loads `bytes` after making the checksum right; the trainer must refuse and stay as it is.
+// Corrects the checksum of `bytes`; loading must fail and leave the trainer unchanged.
 static void refuses(sgs_trainer *trainer, unsigned char *bytes, size_t size, sgs_status expected,
                     const char *words)
 {
@@ -173,7 +173,7 @@ static void refuses(sgs_trainer *trainer, unsigned char *bytes, size_t size, sgs
     bad_input();
 }
 
-static void wrong_contents_with_a_right_checksum_are_refused_by_name(void **state)
+static void wrong_sections_are_refused_by_name(void **state)
 {
     (void)state;
     size_t size;
@@ -186,19 +186,19 @@ static void wrong_contents_with_a_right_checksum_are_refused_by_name(void **stat
     for (size_t k = 0; k < sizeof sections / sizeof *sections; ++k) {
         const size_t at = section_find(good, size, sections[k]);
         assert_true(at > 0);
-        // Called otherwise: it is missing, or nobody knows it.
+        // Renamed: missing.
         memcpy(bytes, good, size);
         bytes[at] = 'X';
         snprintf(words, sizeof words, "section '%s' is missing", sections[k]);
         refuses(trainer, bytes, size, SGS_STATUS_FORMAT, k == 4 ? "do not fit" : words);
-        // Twice.
+        // Duplicate.
         memcpy(bytes, good, size);
         if (k) {
             memset(bytes + at, 0, 16);
             memcpy(bytes + at, sections[k - 1], strlen(sections[k - 1]));
             refuses(trainer, bytes, size, SGS_STATUS_FORMAT, "duplicate section");
         }
-        // A length beyond the file, and all lengths whose sum overflows.
+        // A length beyond the file, and lengths whose sum overflows.
         static const uint64_t lengths[] = {UINT64_MAX, UINT64_MAX - 24, UINT64_MAX / 2, 1ull << 32};
         for (size_t j = 0; j < sizeof lengths / sizeof *lengths; ++j) {
             memcpy(bytes, good, size);
@@ -206,7 +206,7 @@ static void wrong_contents_with_a_right_checksum_are_refused_by_name(void **stat
             refuses(trainer, bytes, size, SGS_STATUS_FORMAT, "exceeds the file");
         }
     }
-    // One section more than this program knows.
+    // An unknown section.
     const size_t end = section_find(good, size, "end");
     memcpy(bytes, good, end);
     memset(bytes + end, 0, 24 + 5);
@@ -214,7 +214,7 @@ static void wrong_contents_with_a_right_checksum_are_refused_by_name(void **stat
     bytes[end + 16] = 5;
     memcpy(bytes + end + 29, good + end, size - end);
     refuses(trainer, bytes, size + 29, SGS_STATUS_FORMAT, "unknown section 'exposure_later'");
-    // Something behind the end.
+    // Data after the end.
     memcpy(bytes, good, size - 8);
     refuses(trainer, bytes, size + 3, SGS_STATUS_FORMAT, "data after the end");
     free(good);
@@ -222,7 +222,7 @@ static void wrong_contents_with_a_right_checksum_are_refused_by_name(void **stat
     sgs_trainer_destroy(trainer);
 }
 
-static void wrong_numbers_with_a_right_checksum_are_refused_by_name(void **state)
+static void wrong_numbers_are_refused_by_name(void **state)
 {
     (void)state;
     size_t size;
@@ -237,7 +237,7 @@ static void wrong_numbers_with_a_right_checksum_are_refused_by_name(void **state
     memcpy(bytes, good, size);
     memset(bytes + order, 0xFF, 4);
     refuses(trainer, bytes, size, SGS_STATUS_FORMAT, "contains view 4294967295 of");
-    // More primitives than there are rows; another number than the rows.
+    // More primitives than rows, and fewer.
     const size_t count = section_find(good, size, "size") + 24;
     memcpy(bytes, good, size);
     memset(bytes + count, 0xFF, 8);
@@ -256,7 +256,7 @@ static void wrong_numbers_with_a_right_checksum_are_refused_by_name(void **state
     bytes[views] ^= 1;
     refuses(trainer, bytes, size, SGS_STATUS_INVALID_ARGUMENT,
             "view '0002.jpg' or its camera changed");
-    // Each of these was a change, not a flaw of the test: the file as it was loads.
+    // The unmodified file loads.
     memcpy(bytes, good, size);
     checkpoint_reseal(bytes, size);
     file_put(temp_path(&folder, "changed"), bytes, size);
@@ -267,7 +267,7 @@ static void wrong_numbers_with_a_right_checksum_are_refused_by_name(void **state
     sgs_trainer_destroy(trainer);
 }
 
-// Writes `bytes` (made whole) and loads them into a fresh trainer of short_run(90).
+// Corrects the checksum of `bytes` and loads them into a new trainer of short_run(90).
 static sgs_status load_changed(unsigned char *bytes, size_t size, sgs_trainer **trainer)
 {
     const sgs_train_options options = short_run(90);
@@ -282,7 +282,7 @@ static void fields_may_be_missing_or_unknown_unless_they_are_essential(void **st
 {
     (void)state;
     const struct {
-        const char *section, *field, *name; // the field and what it is called instead
+        const char *section, *field, *name; // the field and its new name
         sgs_status expected;
         const char *words;
     } cases[] = {
@@ -293,7 +293,7 @@ static void fields_may_be_missing_or_unknown_unless_they_are_essential(void **st
         {"progress", "seconds.gather", "iteration", SGS_STATUS_FORMAT,
          "field 'iteration' has another type"},
         {"progress", "adam_step", "iteration", SGS_STATUS_FORMAT, "'iteration' appears twice"},
-        // Defaults when the run started: unknown ones had no effect, missing ones are implied.
+        // Options with their default: unknown ones had no effect, missing ones are implied.
         {"options", "seed", "spare_grid", SGS_STATUS_FORMAT, "option spare_grid appears twice"},
         {"options", "spare_grid", "spare_lattice", SGS_STATUS_OK, ""},
         {"options", "iterations", "iterators", SGS_STATUS_UNSUPPORTED,
@@ -351,7 +351,7 @@ static void a_checkpoint_of_format_3_is_refused_by_name(void **state)
     assert_non_null(strstr(sgs_last_error(), "checkpoint_format_3.bin: written by sparegs 0.1.0 in "
                                              "format 3; this program reads format 4"));
     assert_int_equal(sgs_trainer_iteration(trainer), 0);
-    // The version decides, not the size of the header: with the new version it is still refused.
+    // With the new version number the file is refused, too.
     size_t size;
     unsigned char *bytes = file_get(SGSI_TEST_DATA "/checkpoint_format_3.bin", &size);
     bytes[8] = 4;
@@ -360,7 +360,7 @@ static void a_checkpoint_of_format_3_is_refused_by_name(void **state)
     sgs_trainer_destroy(trainer);
 }
 
-static void options_are_honoured_or_refused_by_name(void **state)
+static void changed_options_are_used_or_refused_by_name(void **state)
 {
     (void)state;
     sgs_train_options options = short_run(90);
@@ -442,8 +442,8 @@ static void options_are_honoured_or_refused_by_name(void **state)
     sgs_scene_destroy(second);
 }
 
-// Statistics, pending gradients, filters and exposure count where a run has them.
-static void sizes_are_known_before_and_after(void **state)
+// With statistics, accumulated gradients, filters and exposure.
+static void file_size_and_count_are_reported(void **state)
 {
     (void)state;
     for (int pipeline = 0; pipeline < SGS_PIPELINE_COUNT; ++pipeline) {
@@ -468,8 +468,8 @@ static void sizes_are_known_before_and_after(void **state)
     assert_int_equal(count, 0);
 }
 
-// A run that equilibrium ended continues when the options of that test change, and only then.
-static void an_equilibrium_ends_until_its_options_change(void **state)
+// A run that ended in equilibrium continues only if an option of the test has changed.
+static void an_equilibrium_is_final_until_its_options_change(void **state)
 {
     (void)state;
     sgs_train_options options = short_run(400);
@@ -507,7 +507,7 @@ static void an_equilibrium_ends_until_its_options_change(void **state)
     }
 }
 
-static void a_full_disk_leaves_the_checkpoint_before(void **state)
+static void a_full_disk_keeps_the_earlier_checkpoint(void **state)
 {
     (void)state;
     sgs_trainer *trainer = start_saved(90, 2, "kept");
@@ -538,14 +538,14 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(every_stop_point_resumes_to_the_same_bits),
         cmocka_unit_test(a_loaded_state_is_written_as_the_same_bytes),
-        cmocka_unit_test(wrong_contents_with_a_right_checksum_are_refused_by_name),
-        cmocka_unit_test(wrong_numbers_with_a_right_checksum_are_refused_by_name),
+        cmocka_unit_test(wrong_sections_are_refused_by_name),
+        cmocka_unit_test(wrong_numbers_are_refused_by_name),
         cmocka_unit_test(fields_may_be_missing_or_unknown_unless_they_are_essential),
         cmocka_unit_test(a_checkpoint_of_format_3_is_refused_by_name),
-        cmocka_unit_test(options_are_honoured_or_refused_by_name),
-        cmocka_unit_test(sizes_are_known_before_and_after),
-        cmocka_unit_test(an_equilibrium_ends_until_its_options_change),
-        cmocka_unit_test(a_full_disk_leaves_the_checkpoint_before),
+        cmocka_unit_test(changed_options_are_used_or_refused_by_name),
+        cmocka_unit_test(file_size_and_count_are_reported),
+        cmocka_unit_test(an_equilibrium_is_final_until_its_options_change),
+        cmocka_unit_test(a_full_disk_keeps_the_earlier_checkpoint),
     };
     return cmocka_run_group_tests(tests, load, unload);
 }

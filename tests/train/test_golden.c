@@ -3,9 +3,9 @@
 
 // Golden numbers: the losses of the first ten iterations and the model's hash after a short
 // training of the bundled scene, for each pipeline and instruction set, must equal
-// tests/data/golden.json. Other tests compare the program with itself; this one notices when all of
-// it changes, also by a compiler. To accept a change, run with SPAREGS_UPDATE_GOLDEN=1, commit the
-// file and say in the message why the numbers changed.
+// tests/data/golden.json. Detects changes of the whole program, also by a compiler, which tests
+// that compare the program with itself miss. To accept a change, run with SPAREGS_UPDATE_GOLDEN=1,
+// commit the file and give the reason in the message.
 
 #include <setjmp.h>
 #include <stdarg.h>

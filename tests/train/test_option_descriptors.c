@@ -26,7 +26,7 @@ static int get_table(void **state)
     return row_count < 30;
 }
 
-// Marks the bytes of all rows; a byte of two rows fails.
+// Marks the bytes of all rows; fails if rows overlap.
 static void cover(unsigned char covered[sizeof(sgs_train_options)])
 {
     memset(covered, 0, sizeof(sgs_train_options));
@@ -60,7 +60,7 @@ static void every_field_has_a_row(void **state)
             fail_msg("byte %zu of sgs_train_options %s", i,
                      covered[i] ? "is padding, but a row names it" : "is in no row of the table");
 #else
-    // Without the builtin: no gap may hold a field of the alignment of a double.
+    // Without the builtin: no gap is large enough for a double.
     (void)field;
     size_t gap = 0;
     for (size_t i = 0; i < sizeof covered; ++i) {
@@ -199,7 +199,7 @@ static void options_of_an_earlier_version_are_filled_up(void **state)
     assert_int_equal(sgs_train_options_check(NULL), SGS_STATUS_OK); // the defaults
     options.spare_grid = -5;
     assert_int_equal(sgs_train_options_check(&options), SGS_STATUS_INVALID_ARGUMENT);
-    options.struct_size = offsetof(sgs_train_options, spare_grid); // a caller that lacks the field
+    options.struct_size = offsetof(sgs_train_options, spare_grid); // a struct without the field
     assert_int_equal(sgs_train_options_check(&options), SGS_STATUS_OK);
     for (int k = 0; k < 2; ++k) {
         options.struct_size = k ? sizeof options + 1 : 0;

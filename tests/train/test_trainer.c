@@ -1,9 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The trainer on the bundled scene at an eighth of its size: it learns, the same bits come out at
-// any number of threads, on AVX2 and AVX-512 and after a resume, damaged checkpoints are refused,
-// caps and signals of NaN are honoured.
+// The trainer on the bundled scene at an eighth of its size: the loss falls; the bits are the same
+// with any number of threads, with AVX2 and AVX-512 and after resuming; damaged checkpoints are
+// refused; the cap holds.
 
 #include <math.h>
 #include <setjmp.h>
@@ -111,7 +111,8 @@ static void bits_do_not_depend_on_threads_or_vector_width(void **state)
     sgs_isa_set(best);
 }
 
-// train.py of 3DGS: `if iteration < opt.iterations: optimizer.step()`. A longer run makes the step.
+// train.py of 3DGS: `if iteration < opt.iterations: optimizer.step()`. Resuming with more
+// iterations makes the step.
 static void the_last_iteration_makes_no_step(void **state)
 {
     (void)state;
@@ -153,7 +154,7 @@ static void the_last_iteration_makes_no_step(void **state)
     unlink(path);
 }
 
-// Three primitives before the camera, five too faint to hit, the others behind it.
+// Three primitives in front of the camera, five too faint for a hit, the others behind it.
 static void visible_primitives_are_counted_one_by_one(void **state)
 {
     (void)state;
@@ -296,13 +297,13 @@ static void dense_optimizer_and_random_background_train_too(void **state)
     sgs_trainer_destroy(trainer);
 }
 
-static void equilibrium_ends_a_run_that_stands_still(void **state)
+static void equilibrium_ends_a_run(void **state)
 {
     (void)state;
     sgs_train_options options = short_run(3000);
     options.spare = SGS_SPARE_EDT;
     options.spare_eps_loss = 1;
-    options.spare_eps_count = 1;  // everything is still
+    options.spare_eps_count = 1;  // every check passes
     options.spare_interval = 100; // 10 iterations of this run
     sgs_trainer *trainer = start(&options);
     sgs_step_info info = {0};
@@ -318,8 +319,8 @@ static void equilibrium_ends_a_run_that_stands_still(void **state)
     sgs_trainer_destroy(trainer);
 }
 
-// Neither while primitives are added, nor before two passes over the views with comparable losses:
-// a run too short for that does all of its iterations.
+// No end before densification is over, nor before two passes over the views with comparable losses;
+// a shorter run completes its schedule.
 static void equilibrium_waits_for_comparable_losses(void **state)
 {
     (void)state;
@@ -347,9 +348,9 @@ static void equilibrium_waits_for_comparable_losses(void **state)
     sgs_trainer_destroy(trainer);
 }
 
-// Every base pipeline learns, gives the same bits on one thread straight through and on two with a
-// stop in between, and honours the cap.
-static void every_pipeline_trains_resumes_and_honours_the_cap(void **state)
+// Each base pipeline trains, gives the same bits uninterrupted on one thread and resumed on two,
+// and obeys the cap.
+static void every_pipeline_trains_resumes_and_obeys_the_cap(void **state)
 {
     (void)state;
     char path[64];
@@ -386,7 +387,7 @@ static void every_pipeline_trains_resumes_and_honours_the_cap(void **state)
     unlink(path);
 }
 
-// Milestones that follow each other closely.
+// A trainer with milestones close to each other.
 static sgs_trainer *start_busy(void)
 {
     const sgs_train_options options = short_run(400);
@@ -409,9 +410,9 @@ static double largest_opacity(const sgs_trainer *trainer)
     return largest;
 }
 
-// Between calls the model is what an iteration left: the published trainers save it before they
-// change its structure and forget its opacities.
-static void updates_and_resets_wait_for_the_next_iteration(void **state)
+// Between calls the model is the result of an iteration: the published trainers save it before
+// structural updates and opacity resets.
+static void updates_and_resets_follow_in_the_next_call(void **state)
 {
     (void)state;
     char path[64];
@@ -445,8 +446,8 @@ static void updates_and_resets_wait_for_the_next_iteration(void **state)
     unlink(path);
 }
 
-// Share of the primitives longer than a tenth of the extent after the update of iteration 30. The
-// cloud of the scene is sparse: a fifth of it is. The reset is at 20, unless the run has none.
+// Fraction of primitives longer than a tenth of the extent after the update of iteration 30; a
+// fifth of the initial cloud is. The reset is at 20, unless the run has none.
 static double large_share(int reset_until)
 {
     sgs_trainer *trainer = start_busy();
@@ -465,14 +466,14 @@ static double large_share(int reset_until)
     return share;
 }
 
-static void large_primitives_go_only_after_an_opacity_reset(void **state)
+static void large_primitives_are_pruned_only_after_an_opacity_reset(void **state)
 {
     (void)state;
     assert_true(large_share(100) < 0.05);
     assert_true(large_share(15) > 0.15);
 }
 
-// A size that changes between two updates leaves no radius in pixels of the other size.
+// Radii are converted when the image size changes between two updates.
 static void radii_follow_the_size_of_the_images(void **state)
 {
     (void)state;
@@ -516,10 +517,10 @@ static void a_reset_restarts_the_comparison_of_losses(void **state)
     trainer->schedule.densify_until = 0;
     const spare_equilibrium *equilibrium = &trainer->progress.equilibrium;
     run(trainer, 40);
-    assert_true(equilibrium->last_loss_change == 0); // nothing to compare with yet
+    assert_true(equilibrium->last_loss_change == 0); // no earlier check
     run(trainer, 80);
     const double before = equilibrium->last_loss_change;
-    assert_true(before > 0); // of iterations 40 to 120, at whose end the reset is due
+    assert_true(before > 0); // of iterations 40 to 120; the reset follows
     run(trainer, 40);
     assert_true(equilibrium->last_loss_change == before); // the first interval after it
     run(trainer, 40);
@@ -553,8 +554,8 @@ static void scale_scene(double factor)
     scene->extent *= factor;
 }
 
-// Nothing is measured in absolute units that would hide a small scene from its cameras. The last
-// test: it leaves the scene rounded.
+// No threshold in absolute units hides a small scene from its cameras. Runs last, because scaling
+// rounds the scene.
 static void a_scene_in_small_units_trains_as_well(void **state)
 {
     (void)state;
@@ -574,7 +575,7 @@ static void a_scene_in_small_units_trains_as_well(void **state)
     sgs_status status = SGS_STATUS_OK;
     for (int i = 0; i < 60 && !status; ++i)
         status = sgs_trainer_step(trainer, &info);
-    assert_int_equal(status, SGS_STATUS_INVALID_ARGUMENT); // and no assertion of Embree's
+    assert_int_equal(status, SGS_STATUS_INVALID_ARGUMENT); // not an assertion of Embree
     assert_non_null(strstr(sgs_last_error(), "is out of range"));
     sgs_trainer_destroy(trainer);
 }
@@ -591,12 +592,12 @@ int main(void)
         cmocka_unit_test(damaged_or_foreign_checkpoints_are_refused_and_change_nothing),
         cmocka_unit_test(cap_holds_for_the_initial_cloud_and_for_growth),
         cmocka_unit_test(dense_optimizer_and_random_background_train_too),
-        cmocka_unit_test(equilibrium_ends_a_run_that_stands_still),
+        cmocka_unit_test(equilibrium_ends_a_run),
         cmocka_unit_test(equilibrium_waits_for_comparable_losses),
-        cmocka_unit_test(every_pipeline_trains_resumes_and_honours_the_cap),
+        cmocka_unit_test(every_pipeline_trains_resumes_and_obeys_the_cap),
         cmocka_unit_test(options_out_of_range_are_named),
-        cmocka_unit_test(updates_and_resets_wait_for_the_next_iteration),
-        cmocka_unit_test(large_primitives_go_only_after_an_opacity_reset),
+        cmocka_unit_test(updates_and_resets_follow_in_the_next_call),
+        cmocka_unit_test(large_primitives_are_pruned_only_after_an_opacity_reset),
         cmocka_unit_test(radii_follow_the_size_of_the_images),
         cmocka_unit_test(a_reset_restarts_the_comparison_of_losses),
         cmocka_unit_test(a_scene_in_small_units_trains_as_well),

@@ -2,8 +2,8 @@
 # SPDX-FileCopyrightText: 2026 The sparegs authors
 # SPDX-License-Identifier: Apache-2.0
 
-# What the tests of the program share: a folder that goes away, runs with an expected exit status, checks that
-# name the property they hold. Sourced by test_cli_*.sh; call `finish` last.
+# Functions shared by the tests of the program: a temporary folder, runs with an expected exit status, checks named after
+# the property. Sourced by test_cli_*.sh; call `finish` last.
 
 program=$SPAREGS_PROGRAM
 # shellcheck disable=SC2034 # used by the tests
@@ -24,7 +24,7 @@ run() {
     check "exit_status_$expected" test "$status" -eq "$expected"
 }
 
-# is_sanitized [address|thread]: the program is built with a sanitizer: it is slow, and needs memory of its own.
+# is_sanitized [address|thread]: the program is built with a sanitizer: it is slow and uses more memory.
 is_sanitized() { grep -qE "^SPAREGS_SANITIZE:[A-Z]*=${1:-.}" "$SPAREGS_BUILD/CMakeCache.txt"; }
 
 # check PROPERTY COMMAND...: the command must succeed.
@@ -49,7 +49,7 @@ reports() {
 prints() { check "stdout_has: $1" grep -qF -- "$1" "$temporary/stdout"; }
 one_line() { check one_line_of_error test "$(grep -c '^sparegs: ' "$temporary/stderr")" = "$(wc -l <"$temporary/stderr")" -a \
     "$(wc -l <"$temporary/stderr")" = 1; }
-# json FILE EXPRESSION: jq finds the expression true.
+# json FILE EXPRESSION: the jq expression is true.
 json() { check "json: $2" jq -e "$2" "$1"; }
 
 finish() {

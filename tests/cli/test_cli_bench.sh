@@ -2,7 +2,7 @@
 # SPDX-FileCopyrightText: 2026 The sparegs authors
 # SPDX-License-Identifier: Apache-2.0
 
-# bench: the names and the shape of its answer, and figures that must agree with each other on any machine.
+# bench: names and structure of the output, and relations between its numbers that hold on any machine.
 set -euo pipefail
 . "$(dirname "$0")/cli_support.sh"
 
@@ -20,7 +20,7 @@ one_line
 run 2 bench sparse-32k --json --csv
 one_line
 
-# two_settings_of_a_scene_made_here
+# two_settings_of_a_built_in_scene
 run 0 bench sparse-32k --threads 1,2 --repeat 1 --json --quiet
 result=$temporary/bench.json
 cp "$temporary/stdout" "$result"
@@ -29,10 +29,10 @@ json "$result" '[.benches[] | [.name, .threads]] == [["sparse-32k", 1], ["sparse
 json "$result" 'all(.benches[]; .primitives == 32768 and .pixels == 800 * 608)'
 json "$result" 'all(.benches[]; [.seconds | .build, .refit, .loss, .optimizer, .iteration] | all(. > 0))'
 json "$result" 'all(.benches[]; .core_seconds_per_mp.total > 0 and .lane_use > 0 and .lane_use <= 1)'
-# the_whole_is_the_sum_of_its_parts
+# the_total_is_the_sum_of_its_phases
 json "$result" 'all(.benches[].ns_per_hit; ((.gather + .forward + .backward) / .total - 1 | fabs) < 1e-6)'
 json "$result" 'all(.benches[]; .seconds | .iteration > .gather + .forward + .backward + .loss + .optimizer + .refit - 1e-9 )'
-# every_phase_is_told_in_every_unit, beside_a_limit
+# every_phase_is_reported_in_every_unit, with the share of a limit
 json "$result" 'all(.benches[]; (.seconds | keys) as $phases | [.cycles_per_hit, .ns_per_hit, .core_seconds_per_mp] | all(keys == $phases))'
 json "$result" 'all(.benches[]; ((.share_of_fma + .share_of_memory) | keys) == (.seconds | keys))'
 json "$result" 'all(.benches[]; [.share_of_fma, .share_of_l2, .share_of_memory | .[]] | all(. > 0))'
@@ -41,16 +41,16 @@ json "$result" '.limits.tsc_ghz as $ghz | all(.benches[]; (.cycles_per_hit.total
 json "$result" 'all(.benches[]; .serial_share >= 0 and .serial_share < 1 and .waiting_share >= 0 and .waiting_share < 1)'
 json "$result" 'all(.benches[]; .bytes | (.iteration / (.total + .loss + .optimizer + .refit) - 1 | fabs) < 1e-6)'
 json "$result" 'all(.benches[].predicted_speedup[]; .speedup > 1 and .speedup <= .cores)'
-# the_optimizer_moves_what_its_arrays_hold: three arrays of 59 floats in and out, at most for all rows
+# the_optimizer_moves_its_arrays: three arrays of 59 floats in and out, at most for all rows
 json "$result" 'all(.benches[]; .bytes.optimizer > 0.2 * 6 * 59 * 4 * .primitives and .bytes.optimizer < 6 * 64 * 4 * .primitives)'
 json "$result" '[.limits.by_threads[].threads] | length == (unique | length)'
-# what_is_counted_does_not_depend_on_threads
+# counts_do_not_depend_on_threads
 json "$result" '[.benches[] | [.hits_per_ray, .evaluations_per_block, .block_hits_per_block]] | .[0] == .[1]'
-# (the tree decides which candidates it can spare the tiles)
+# (the number of callbacks depends on the tree)
 json "$result" '[.benches[].candidates_per_tile] | .[0] / .[1] - 1 | fabs < 0.01'
 json "$result" 'all(.benches[]; .block_hits_per_block <= .evaluations_per_block and .hits_per_ray <= .block_hits_per_block)'
 
-# a_model_and_a_scene_of_ones_own
+# a_model_and_a_scene_of_the_user
 run 0 train "$room" -o "$temporary/model" --downscale 4 --iterations 5 --spare off --quiet
 json "$temporary/model/summary.json" '.serial_seconds >= 0 and .serial_seconds + .waiting_seconds < .train_seconds'
 json "$temporary/model/summary.json" '(.bytes | add) / .bytes_per_iteration - 1 | fabs < 1e-6'
@@ -61,7 +61,7 @@ check as_many_columns_as_names bash -c "awk -F, 'NR == 1 { n = NF } NF != n { ex
 cp "$temporary/model/point_cloud/iteration_5/point_cloud.ply" "$temporary/a, \"b\".ply"
 run 0 bench "$temporary/a, \"b\".ply" "$room" --downscale 8 --views 1 --repeat 1 --threads 1 --csv --quiet
 check names_are_quoted grep -qF ', ""b"".ply",' "$temporary/stdout"
-# nothing_to_measure_nor_to_start_from
+# empty_models_and_unknown_names_are_errors
 LC_ALL=C sed '/^end_header$/q; s/^element vertex .*/element vertex 0/' "$temporary/model/point_cloud/iteration_5/point_cloud.ply" >"$temporary/none.ply"
 for command in bench profile; do
     run 1 "$command" "$temporary/none.ply" "$room"
@@ -77,7 +77,7 @@ for how in --csv --json --quiet; do
         "$program" "$how" "$temporary/stderr"
     reports "standard output: cannot be written"
 done
-# a_wrong_path_is_told_before_anything_is_measured
+# wrong_paths_are_reported_before_measuring
 run 1 bench sparse-32k "$temporary/model" "$temporary/nowhere" --json
 one_line
 reports "nowhere"

@@ -2,8 +2,8 @@
 # SPDX-FileCopyrightText: 2026 The sparegs authors
 # SPDX-License-Identifier: Apache-2.0
 
-# Where `render` draws from: paths around a scene, camera files, other sizes and projections; many samples per pixel;
-# films. The model is a toy: what matters is which pictures there are and how they relate.
+# Cameras of `render`: paths around a scene, camera files, sizes and projections; several samples per pixel; videos.
+# Checks which images are written and how they are related; the quality of the model does not matter.
 set -u
 # shellcheck source-path=SCRIPTDIR source=cli_support.sh
 source "$SPAREGS_SOURCE/tests/cli/cli_support.sh"
@@ -24,7 +24,7 @@ check every_second test "$(pictures "$temporary/some" exr)" = 'orbit_00001.exr o
 check same_frame oiiotool --fail 0 "$temporary/orbit/orbit_00003.exr" "$temporary/some/orbit_00003.exr" --diff
 run 0 render "$model" "$room" --spiral 3 --frames 2 --size 50x40 --aov rgba -o "$temporary/spiral"
 check one_frame test "$(pictures "$temporary/spiral" exr)" = 'spiral_00002.exr '
-check size_is_as_told test "$(size_of "$temporary/spiral/spiral_00002.exr")" = 50x40
+check size_is_as_requested test "$(size_of "$temporary/spiral/spiral_00002.exr")" = 50x40
 run 1 render "$model" "$room" --orbit 4 --frames 4-9 -o "$temporary/none"
 one_line
 reports "the frames are 0 to 3"
@@ -45,8 +45,8 @@ done
 run 2 render "$model" "$room" --aperture 0 --focus 2 -o "$temporary/none"
 reports "--focus has no effect with --aperture 0"
 
-# orbits_are_level (up is most perpendicular to the right vectors of the captured cameras, found here by power iteration on
-# the inverse; the rolled mean up vector of this hand-held capture is far from it)
+# orbits_are_level (up is most perpendicular to the right vectors of the cameras, computed here by power iteration on the
+# inverse; the mean up vector of this hand-held capture is tilted)
 run 0 render "$model" "$room" --orbit 5 --size 60x40 --aov rgba --save-cameras json,chan,usda -o "$temporary/level"
 check an_arc_is_reported grep -q 'orbit: arc of' "$temporary/stderr"
 right='[.[] | [.rotation[0][0], .rotation[1][0], .rotation[2][0]]]' # columns of rotation are camera axes in the world
@@ -70,7 +70,7 @@ jq -c "$right | .[]" "$temporary/level/cameras.json" | tr -d '[]' | awk -F, -v u
     { s = $1 * u[1] + $2 * u[2] + $3 * u[3]; if (s < 0) s = -s; if (s > worst) worst = s }
     END { print "sine of the worst roll:", worst; exit !(NR == 5 && worst < 0.0349) }' >"$temporary/roll"
 check level_within_2_degrees test $? -eq 0
-# exported_cameras_agree: .chan by its angles, .usda by its matrices, cameras.json by rendering from it again
+# exported_cameras_agree: .chan by its angles, .usda by its matrices, cameras.json by rendering with it
 run 0 render "$model" --camera "$temporary/level/cameras.json" --aov rgba -o "$temporary/again"
 check same_picture oiiotool --fail 1e-4 "$temporary/level/orbit_00003.exr" "$temporary/again/orbit_00003.exr" --diff
 jq -r '.[] | [.rotation[0][2], .rotation[1][2], .rotation[2][2], .rotation[0][1], .rotation[1][1], .rotation[2][1], .fy, .height] | @tsv' \
@@ -98,29 +98,29 @@ reports "--orbit"
 run 0 render "$model" "$room" --orbit 2 --size 40x20 --path-lens view --save-cameras usda --aov rgba -o "$temporary/lens"
 check no_json_unasked test ! -e "$temporary/lens/cameras.json"
 
-# size_keeps_the_vertical_field_of_view: the middle of a wide picture is the narrow one
+# size_keeps_the_vertical_field_of_view: the centre of a wide image equals the narrow one
 run 0 render "$model" "$room" --view 0009 --size 80x40 --aov rgba -o "$temporary/wide"
 run 0 render "$model" "$room" --view 0009 --size 40x40 --aov rgba -o "$temporary/narrow"
 check cropped_not_squashed oiiotool --fail 1e-3 --failpercent 2 "$temporary/wide/0009.exr" --cut 40x40+20+0 "$temporary/narrow/0009.exr" --diff
 
-# no_view_writes_over_another (equal stems keep their extension, equal names are numbered, none leaves the folder)
+# views_do_not_overwrite_each_other (equal stems keep their extension, equal names are numbered, no name leaves the folder)
 jq '.[0] as $camera | ["a.jpg", "a.png", "b.jpg", "c", "c", "c_2", "..", "../up.png", "in/a.jpg", ".hidden", "d.png", "d.deep.png"] |
     map($camera + {img_name: .})' "$model/cameras.json" >"$temporary/names.json"
 run 0 render "$model" --camera "$temporary/names.json" --size 20x15 --aov rgba -o "$temporary/names/inner"
 (cd "$temporary/names" && find . -type f | LC_ALL=C sort | tr '\n' ' ') >"$temporary/names.txt"
-check files_of_their_own test "$(cat "$temporary/names.txt")" = './inner/.hidden.exr ./inner/a.jpg.exr ./inner/a.png.exr ./inner/b.exr ./inner/c.exr ./inner/c_2.exr ./inner/c_2_2.exr ./inner/d.deep.png.exr ./inner/d.exr ./inner/in/a.exr ./inner/up.exr ./inner/view.exr '
+check each_view_has_a_file test "$(cat "$temporary/names.txt")" = './inner/.hidden.exr ./inner/a.jpg.exr ./inner/a.png.exr ./inner/b.exr ./inner/c.exr ./inner/c_2.exr ./inner/c_2_2.exr ./inner/d.deep.png.exr ./inner/d.exr ./inner/in/a.exr ./inner/up.exr ./inner/view.exr '
 
 run 0 render "$model" "$room" --orbit 2 --size 20x15 --aov rgba --json -o "$temporary/listed"
 json "$temporary/stdout" '.files | length == 3 and (.[0] | endswith("cameras.json")) and all(.[1:][]; endswith(".exr"))'
 
-# what_is_near_stays_away_as_in_training (OUT remembers how near that is, also where there is no scene)
+# near_distance_is_that_of_the_run (recorded in OUT, also used without a scene)
 json "$model/config.json" '.near_distance == 0.2'
 cp -r "$model" "$temporary/short_sighted"
 jq '.near_distance = 1000' "$model/config.json" >"$temporary/short_sighted/config.json"
 run 0 render "$temporary/short_sighted" --camera "$model/cameras.json" --frames 0 --aov rgba -o "$temporary/nothing"
 check nothing_is_drawn bash -c 'oiiotool --stats "$0" | grep -q "Constant Color: 0.000000 0.000000 0.000000 0.000000"' "$(find "$temporary/nothing" -name '*.exr')"
 
-# all_around (the picture's middle looks where the view does)
+# panoramas (the centre looks in the direction of the view)
 run 0 render "$model" "$room" --view 0009 --projection equirectangular --size 96x48 --aov rgba,depth -o "$temporary/around"
 check panorama_is_marked bash -c "exrheader '$temporary/around/0009.exr' | grep -q 'envmap (type envmap): latitude-longitude map'"
 check twice_as_wide test "$(size_of "$temporary/around/0009.exr")" = 96x48
@@ -134,7 +134,7 @@ run 1 render "$model" "$room" --view 0009 --projection equirectangular --apertur
 one_line
 reports "--aperture requires a perspective lens"
 
-# many_samples_soften (a pinhole in focus everywhere: 16 samples are near the mean of the fine picture)
+# samples_are_averaged (with a pinhole, 16 samples are near the mean of the larger image)
 run 0 render "$model" "$room" --view 0009 --aov rgba,depth -o "$temporary/one"
 run 0 render "$model" "$room" --view 0009 --aov rgba,depth --spp 16 -o "$temporary/many"
 check other_quantities_are_the_centres oiiotool --fail 0 "$temporary/one/0009.exr" --ch depth.Z "$temporary/many/0009.exr" --ch depth.Z --diff
@@ -153,7 +153,7 @@ check a_tiny_lens_is_a_pinhole oiiotool --fail 0.001 --hardfail 0.05 "$temporary
 run 2 render "$model" "$room" --view 0009 --deep --spp 4 -o "$temporary/none"
 reports "--deep and --spp are mutually exclusive"
 
-# nerfstudio_paths (the same camera as cameras.json tells it)
+# nerfstudio_paths (the same camera as in cameras.json)
 first=$(jq '.[0]' "$model/cameras.json")
 echo "$first" | jq '[.]' >"$temporary/first.json"
 echo "$first" | jq '{camera_type: "perspective", render_width: .width, render_height: .height, fps: 12, camera_path: [{
@@ -175,7 +175,7 @@ for broken in '.camera_path[0].fov = 180' '.camera_path[0].camera_to_world[0] = 
     reports broken.json
 done
 
-# a_colmap_model_is_a_camera_file (the bundled scene's, without its photographs)
+# a_colmap_model_is_a_camera_file (of the bundled scene, without photographs)
 mkdir -p "$temporary/colmap/sparse"
 cp -r "$room/sparse/0" "$temporary/colmap/sparse/0"
 run 0 render "$model" --camera "$temporary/colmap" --view 0009.jpg --size 60x33 --aov rgba -o "$temporary/colmap_views"
@@ -189,7 +189,7 @@ reports bin_that_is_not_there
 run 1 render "$model" --camera "$temporary/orbit" -o "$temporary/none"
 one_line
 
-# films (by a stand-in for ffmpeg that counts what it gets)
+# videos (a replacement for ffmpeg counts its input)
 mkdir "$temporary/bin"
 cat >"$temporary/bin/ffmpeg" <<'EOF'
 #!/usr/bin/env bash
@@ -212,7 +212,7 @@ check frames_too test "$(pictures "$temporary/both" png)" = 'frame_00000.png '
 FFMPEG_FAILS=1 run 1 render "$model" "$room" --orbit 2 --size 33x20 --video "$temporary/bad.mp4"
 one_line
 reports "bad.mp4: ffmpeg failed: no such encoder"
-check no_film test ! -e "$temporary/bad.mp4"
+check no_video test ! -e "$temporary/bad.mp4"
 mkdir "$temporary/empty"
 PATH=$temporary/empty run 1 render "$model" "$room" --orbit 2 --video "$temporary/none.mp4"
 PATH=$real_path
@@ -222,7 +222,7 @@ run 2 render "$model" "$room" --orbit 2
 reports "or --video FILE"
 if command -v ffprobe >/dev/null; then # the real one, where it is
     run 0 render "$model" "$room" --orbit 3 --size 33x21 --video "$temporary/real.mp4"
-    check a_film bash -c "ffprobe -v error -count_frames -show_entries stream=nb_read_frames,width,height -of csv '$temporary/real.mp4' |
+    check a_video bash -c "ffprobe -v error -count_frames -show_entries stream=nb_read_frames,width,height -of csv '$temporary/real.mp4' |
         grep -q '34,22,3'"
 fi
 

@@ -2,8 +2,8 @@
 # SPDX-FileCopyrightText: 2026 The sparegs authors
 # SPDX-License-Identifier: Apache-2.0
 
-# experiment, report and explain: bad plans are refused before anything runs, what is finished is not repeated, tables say what
-# the summaries say, the page is one well-formed file, and the budget of regions adds up.
+# experiment, report and explain: invalid plans are refused before the first run, completed runs are not repeated, tables
+# agree with the summaries, the page is one well-formed file, and the quotas of regions add up to the budget.
 set -euo pipefail
 
 folder=$(mktemp -d)
@@ -42,7 +42,7 @@ plan "$room" '["3dgs", "mip"]' ''
 [ "$(wc -l <"$folder/out/results.csv")" = 6 ]
 [ "$(jq '[.runs[].summary.model_hash] | unique | length' "$folder/out/results.json")" = 5 ]
 
-# Again: nothing is repeated. One run lost: that one is, to the same bits.
+# The same command again runs nothing; a lost run is repeated with the same bits.
 lost=$folder/out/runs/room/3dgs/on/seed_0
 kept=$folder/out/runs/room/mip/off/seed_0
 hash=$(jq -r .model_hash "$lost/summary.json")
@@ -52,7 +52,7 @@ rm -r "$lost"
 [ "$(jq -r .model_hash "$lost/summary.json")" = "$hash" ]
 [ "$(date -r "$kept/summary.json" +%Y)" = 2001 ]
 
-# Another plan in the same folder is refused before anything runs, what does not change a result is not.
+# Another plan in the same folder is refused before the first run, unless the difference does not affect results.
 cp "$folder/plan.json" "$folder/same.json"
 sed -i 's/"iterations": 70/"iterations": 71/' "$folder/plan.json"
 if "$SPAREGS_PROGRAM" experiment "$folder/plan.json" -o "$folder/out" 2>"$folder/error"; then echo "FAIL: took the runs of another plan"; exit 1; fi
@@ -82,7 +82,7 @@ grep -qE '^\| variant \|.* FLIP \| sharpness \|.* Δ FLIP \| Δ sharpness \|$' "
 awk -F, -v flip="$flip" -v sharpness="$sharpness" 'NR == 1 { for (i = 1; i <= NF; ++i) at[$i] = i }
     $2 == "mip" && $3 == "on" { found = ($at["test_flip"] - flip) ^ 2 + ($at["test_sharpness"] - sharpness) ^ 2 < 1e-11 && $at["train_flip"] > 0 }
     END { exit !found }' "$folder/out/results.csv" || { echo "FAIL: results.csv"; cat "$folder/out/results.csv"; exit 1; }
-# The page: its data is JSON again, nothing is fetched from elsewhere.
+# The page contains its data as JSON and loads nothing from the network.
 sed -n 's/.*<script type="application\/json" id="data">\(.*\)<\/script>$/\1/p' "$folder/out/report.html" >"$folder/data.json"
 [ "$(jq '.runs | length' "$folder/data.json")" = 5 ]
 [ "$(jq '[.runs[] | select(.variant == "on") | .regions[0].cells | length > 10] | all' "$folder/data.json")" = true ]
@@ -90,7 +90,7 @@ jq -r '.pictures[0].photo' "$folder/data.json" | sed 's/^data:image.png;base64,/
 jq -e --argjson flip "$flip" '.runs[] | select(.pipeline == "mip" and .variant == "on") | (.test.flip - $flip | . < 1e-5 and . > -1e-5) and .test.sharpness > 0' \
     "$folder/data.json" >/dev/null
 jq -e '.pictures[0] | .flip > 0 and .flip < 1 and .sharpness > 0' "$folder/data.json" >/dev/null
-if grep -oE '(src|href)="?https?://[^" ]*' "$folder/out/report.html"; then echo "FAIL: the page wants the network"; exit 1; fi
+if grep -oE '(src|href)="?https?://[^" ]*' "$folder/out/report.html"; then echo "FAIL: the page uses the network"; exit 1; fi
 
 # The regions of an update hold all primitives, and their quotas add up to the budget.
 "$SPAREGS_PROGRAM" explain "$lost" --top 100000 --json >"$folder/explain.json"
@@ -101,7 +101,7 @@ if "$SPAREGS_PROGRAM" explain "$folder/out/runs/room/3dgs/off/seed_0" 2>"$folder
 grep -q -- "--spare on" "$folder/error"
 if "$SPAREGS_PROGRAM" explain "$folder" 2>/dev/null; then echo "FAIL: explained a folder"; exit 1; fi
 
-# A signal to the experiment alone ends the training that it started, in order; so does its death.
+# A signal to the experiment, or its death, ends the training that it started, with the state saved.
 plan "$room" '["3dgs"]' ', "iterations": 200000'
 sed -i 's/"iterations": 70, //' "$folder/plan.json"
 training=$folder/ended/runs/room/3dgs/off/seed_0

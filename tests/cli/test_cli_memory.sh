@@ -2,9 +2,9 @@
 # SPDX-FileCopyrightText: 2026 The sparegs authors
 # SPDX-License-Identifier: Apache-2.0
 
-# The estimate that --max-memory goes by is within 20 % of the peak memory of trainings with 8-bit and with half-float
-# photographs, with SPARE-GS and checkpoints and without, and refined; it counts what a run continues. What exceeds the
-# machine is told before it is tried.
+# The estimate behind --max-memory is within 20 % of the peak memory of trainings: with 8-bit and half-float photographs,
+# with and without SPARE-GS and checkpoints, from an initial model, and resumed. Trainings and frames that exceed the
+# machine's memory are refused at the start.
 set -euo pipefail
 . "$(dirname "$0")/cli_support.sh"
 if is_sanitized; then
@@ -31,8 +31,8 @@ near halves "$temporary/hdr" --iterations 20 --spare on --checkpoint-every 10
 near small "$room" --downscale 8 --iterations 150 --spare on
 near refined "$room" --downscale 4 --iterations 30 --init "$temporary/small"
 
-# no_run_exceeds_its_limit (tiny images, few threads and many; the update that would is not begun, and a larger limit
-# continues to the same model)
+# no_run_exceeds_its_limit (tiny images, few and many threads; the update that would exceed it is not made, and resuming with
+# a larger limit gives the same model)
 run 0 train "$room" --downscale 8 --iterations 200 --spare off --quiet -o "$temporary/unlimited" --threads 2
 for setting in '16 1' '8 2' '4 2' '4 4'; do
     read -r scale threads <<<"$setting"
@@ -44,7 +44,7 @@ for setting in '16 1' '8 2' '4 2' '4 4'; do
             --max-memory "${limit}M" >"$temporary/stdout" 2>"$temporary/stderr" || status=$?
         if [ -e "$temporary/limited/summary.json" ]; then
             check peak_is_below_the_limit jq -e ".peak_rss_bytes <= $limit * 1048576" "$temporary/limited/summary.json"
-            check status_tells_the_end test "$status" = "$(jq 'if .stop_reason == "memory_limit" then 1 else 0 end' "$temporary/limited/summary.json")"
+            check status_matches_the_end test "$status" = "$(jq 'if .stop_reason == "memory_limit" then 1 else 0 end' "$temporary/limited/summary.json")"
         else
             check refused_at_the_start test "$status" = 1
             reports "more than --max-memory"
@@ -57,7 +57,7 @@ for setting in '16 1' '8 2' '4 2' '4 4'; do
     done
 done
 
-# the_estimate_knows_what_it_continues: the model of `small` has more primitives than the scene has points
+# the_estimate_counts_the_resumed_model: `small` has more primitives than the scene has points
 points=$(jq .gaussians "$temporary/small/summary.json")
 run 1 train "$room" --downscale 4 --iterations 30 --init "$temporary/small" -o "$temporary/refused" --max-memory 20M
 reports "initial model of $points primitives"
@@ -65,7 +65,7 @@ run 1 train "$room" --downscale 8 --iterations 150 --spare on --resume -o "$temp
 check resume_counts_the_checkpoint test "$(grep -oE 'initial model of [0-9]+ primitives' "$temporary/stderr" | grep -oE '[0-9]+')" \
     -gt $((points * 95 / 100))
 
-# more_than_there_is (a limit on addresses keeps a machine that has so much from doing it)
+# more_than_the_machine_has (with a limit on the address space, in case the machine has that much)
 ulimit -v 6000000
 run 1 render "$temporary/small" "$room" --orbit 1 --size 65536x65536 --aov all -o "$temporary/huge"
 reports "a frame of 65536x65536 pixels"

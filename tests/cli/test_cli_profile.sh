@@ -2,7 +2,7 @@
 # SPDX-FileCopyrightText: 2026 The sparegs authors
 # SPDX-License-Identifier: Apache-2.0
 
-# profile: figures that hold together, files that open elsewhere; --trace of profile and train.
+# profile: its numbers are consistent, other programs read its files; --trace of profile and train.
 set -euo pipefail
 . "$(dirname "$0")/cli_support.sh"
 model=$temporary/model
@@ -10,7 +10,7 @@ run 0 train "$room" -o "$model" --downscale 8 --eval --iterations 5 --spare off 
 trace=$temporary/train.json
 json "$trace" '[.traceEvents[] | select(.name | startswith("iteration"))] | length == 5'
 json "$trace" 'all(.traceEvents[]; .ph == "X" and .dur >= 0 and .ts >= 0 or .ph == "C")'
-# phases_stay_inside_their_iteration
+# phases_are_within_their_iteration
 json "$trace" '[.traceEvents[] | select(.ph == "X")] | (map(select(.name == "forward")) | length == 5) and
     (map(select(.name | startswith("iteration")) | .dur) | add) >= 0.999 * (map(select(.name | startswith("iteration") | not) | .dur) | add)'
 json "$trace" '[.traceEvents[] | select(.name == "gaussians") | .args.gaussians] | length == 5 and all(. > 0)'

@@ -2,9 +2,9 @@
 # SPDX-FileCopyrightText: 2026 The sparegs authors
 # SPDX-License-Identifier: Apache-2.0
 
-# `sparegs reconstruct` around a stand-in for COLMAP that writes down its arguments and leaves what COLMAP leaves: the
-# stages and their arguments, names with blanks and quotes, continuing, choosing the largest model, and failures.
-# (test_reconstruct_long.sh runs the real one.)
+# `sparegs reconstruct` with a replacement for COLMAP that records its arguments and writes the same files: stages and
+# arguments, names with blanks and quotes, resuming, choice of the largest model, and failures. test_reconstruct_long.sh
+# runs COLMAP itself.
 set -euo pipefail
 . "$(dirname "$0")/cli_support.sh"
 
@@ -62,7 +62,7 @@ with_standin run 0 reconstruct "$photos" -o "$scene" --matcher sequential
 calls sequential_matcher
 calls feature_extractor
 
-# a_failure_tells_colmaps_last_lines_and_continues_there
+# a_failure_reports_colmaps_last_lines_and_is_resumed
 FAIL=1 with_standin run 1 reconstruct "$photos" -o "$temporary/second" --quiet
 one_line
 reports "second/colmap/mapper.log: colmap mapper failed with status 7: loading | ERROR: the database is empty"
@@ -70,7 +70,7 @@ reports "second/colmap/mapper.log: colmap mapper failed with status 7: loading |
 with_standin run 0 reconstruct "$photos" -o "$temporary/second" --quiet
 check features_and_matches_were_kept test "$(grep -c '^---' "$CALLS")" = 2
 
-# clear_words
+# error_messages
 NONE=1 with_standin run 1 reconstruct "$photos" -o "$temporary/third" --quiet
 one_line
 reports "COLMAP registered none of the 35 photographs"

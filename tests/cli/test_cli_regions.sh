@@ -62,7 +62,7 @@ for name in region slack; do
     check "picture_${name}_opens" oiiotool "$temporary/png/0009.$name.png"
 done
 
-# Where no regions are recorded: told when asked for by name, left out of `all`.
+# Without recorded regions, naming them is an error, and `all` omits them.
 cp "$ply" "$temporary/alone.ply"
 run 1 render "$temporary/alone.ply" "$room" --downscale 8 --view 0009 --aov rgba,slack -o "$temporary/exr"
 one_line

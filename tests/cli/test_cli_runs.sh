@@ -2,8 +2,8 @@
 # SPDX-FileCopyrightText: 2026 The sparegs authors
 # SPDX-License-Identifier: Apache-2.0
 
-# A run keeps what it is: its held-out images by name, its files when the same command is given again, its result when
-# stdout fails. No time, no run to resume and a second run in OUT are errors that leave everything as it was.
+# A run keeps its split, its files when the same command is repeated, and its result when stdout fails. A limit without
+# time, a missing run to resume and an existing run in OUT are errors that change nothing.
 set -euo pipefail
 . "$(dirname "$0")/cli_support.sh"
 scene=$temporary/scene
@@ -13,7 +13,7 @@ data=("$scene" --downscale 8 --threads 2 --quiet)
 names() { jq -r '.images[].name' "$temporary/stdout" | sort | tr '\n' ' '; }
 files() { (cd "$1" && find . -path ./previous -prune -o -type f -print | LC_ALL=C sort | xargs md5sum); }
 
-# the_split_is_that_of_the_run (a photograph that is gone or masked moves no other into the held-out images)
+# the_split_is_that_of_the_run (a removed or masked photograph does not change the split of the others)
 run 0 train "${data[@]}" -o "$out" --eval --iterations 12
 json "$out/config.json" '.test_images == ["0001.jpg", "0009.jpg", "0017.jpg", "0025.jpg", "0033.jpg"]'
 run 0 eval "$out" "$scene" --json
@@ -25,7 +25,7 @@ json "$temporary/stdout" '.schema == 1 and .split == "test" and .training_images
 run 0 render "$out" "$scene" --aov rgba -o "$temporary/views"
 check same_views_are_rendered test "$(cd "$temporary/views" && echo *)" = '0001.exr 0009.exr 0017.exr 0025.exr 0033.exr'
 run 0 eval "$out" "$scene" --test-every 8 --json
-check an_explicit_split_is_counted_anew test "$(names)" = '0001.jpg 0010.jpg 0018.jpg 0026.jpg 0034.jpg '
+check an_explicit_split_overrides_it test "$(names)" = '0001.jpg 0010.jpg 0018.jpg 0026.jpg 0034.jpg '
 mv "$temporary/0003.jpg" "$scene/images/"
 mkdir "$scene/masks"
 oiiotool --create 480x270 1 -d uint8 -o "$scene/masks/0004.png"
@@ -40,11 +40,11 @@ reports "the held-out image '0009.jpg' is missing from $scene; restore it to res
 mv "$temporary/0009.jpg" "$scene/images/"
 run 0 train "${data[@]}" -o "$out" --eval --iterations 12 --resume
 
-# a_run_without_the_list_keeps_its_rule
+# a_run_without_recorded_names_uses_its_options
 cp -r "$out" "$temporary/old"
 jq 'del(.test_images)' "$out/config.json" >"$temporary/old/config.json"
 run 0 eval "$temporary/old" "$scene" --json
-check the_rule_decides test "$(names)" = "$all"
+check its_options_decide test "$(names)" = "$all"
 run 0 train "${data[@]}" -o "$temporary/old" --eval --iterations 12 --resume
 
 # eval_names_the_split
@@ -58,7 +58,7 @@ ply=$out/point_cloud/iteration_12/point_cloud.ply
 run 0 eval "$ply" "$scene" --downscale 8
 prints "over 35 images (35 training images, 0 held out)"
 
-# another_scene_is_noticed
+# another_scene_causes_a_warning
 cp -r "$room" "$temporary/other"
 sed_poses() { awk '/^#/ { print; next } { if (++n % 2) { $6 += 3 } print }' "$1" >"$1.new" && mv "$1.new" "$1"; }
 if command -v colmap >/dev/null; then
@@ -105,7 +105,7 @@ for model in "$ply" "$out"; do
     check linear_colours_are_not_decoded bash -c "! oiiotool --fail 0.01 '$temporary/white1/0009.exr' '$temporary/display/0009.exr' --diff"
 done
 
-# the_same_line_again_loses_nothing
+# the_same_command_again_changes_nothing
 before=$(files "$out")
 run 1 train "${data[@]}" -o "$out" --eval --iterations 5
 one_line
@@ -119,7 +119,7 @@ run 2 train "${data[@]}" -o "$out" --resume --overwrite
 one_line
 reports "--resume and --overwrite are mutually exclusive"
 
-# overwrite_moves_the_earlier_run_away_whole, and keeps the last one only
+# overwrite_moves_the_earlier_run, and keeps one earlier run only
 touch "$out/notes.txt"
 before=$(files "$out" | grep -v notes.txt)
 run 0 train "${data[@]}" -o "$out" --iterations 3 --overwrite
@@ -131,7 +131,7 @@ before=$(files "$out" | grep -v notes.txt)
 run 0 train "${data[@]}" -o "$out" --iterations 4 --overwrite
 check one_earlier_run_is_kept test "$(files "$out/previous")" = "$before" -a ! -e "$out/previous/previous"
 
-# a_disk_that_takes_no_file_brings_the_earlier_run_back
+# a_failed_write_restores_the_earlier_run
 before=$(files "$out")
 kept=$(files "$out/previous")
 last_command="train --overwrite with a limit on the size of files"
@@ -142,20 +142,20 @@ check fails_with_status_1 bash -c 'trap "" XFSZ; ulimit -f 1; status=0
 check the_run_is_back test "$(files "$out")" = "$before" -a "$(files "$out/previous")" = "$kept"
 check no_leftover test -z "$(find "$out" -maxdepth 1 -name 'previous.*')"
 
-# a_process_killed_while_it_moved_the_run (half of it is moved: it comes back; all of it is: it is the earlier run)
+# a_process_killed_while_it_moved_the_run (an incomplete move is undone; a complete one stays)
 mkdir "$out/previous.next"
 mv "$out/point_cloud" "$out/train.csv" "$out/previous.next/"
 run 1 train "${data[@]}" -o "$out" --iterations 3
-check half_a_move_is_undone test "$(files "$out")" = "$before"
+check an_incomplete_move_is_undone test "$(files "$out")" = "$before"
 mkdir "$out/previous.next"
 for file in point_cloud cameras.json input.ply train.csv spare.csv summary.json regions.bin checkpoint config.json; do
     [ ! -e "$out/$file" ] || mv "$out/$file" "$out/previous.next/"
 done
 touch "$out/cameras.json"
 run 0 train "${data[@]}" -o "$out" --iterations 3
-check a_whole_move_is_completed test "$(files "$out/previous")" = "$(grep -v notes.txt <<<"$before")"
+check a_complete_move_stays test "$(files "$out/previous")" = "$(grep -v notes.txt <<<"$before")"
 
-# what_is_no_run_is_not_removed
+# other_folders_are_not_removed
 mv "$out/previous" "$temporary/"
 mkdir "$out/previous"
 touch "$out/previous/mine"
@@ -170,7 +170,7 @@ run 1 train "${data[@]}" -o "$temporary/unsaved" --iterations 3 --checkpoint-eve
 one_line
 reports "no checkpoint to resume from: checkpoint/state.bin does not exist; start again with --overwrite"
 
-# the_loop_of_a_batch_system (the first start and the continuations are one line)
+# the_loop_of_a_batch_system (the same line starts and resumes)
 rm -rf "$temporary/queue"
 batch() {
     local r=
@@ -182,7 +182,7 @@ batch 0 --checkpoint-every 5
 batch 0 --checkpoint-every 5
 json "$temporary/queue/summary.json" '.stop_reason == "schedule" and .iterations == 20'
 
-# no_time_is_no_training
+# a_limit_without_time_is_an_error
 for limit in 0s 0.3s; do
     run 1 train "${data[@]}" -o "$temporary/no_time" --iterations 20 --time-limit $limit
     one_line
@@ -209,7 +209,7 @@ check status_1 test "$status" = 1
 reports "the run is complete, its result is in $temporary/full/summary.json"
 one_line
 
-# save_at_beyond_the_end
+# save_at_after_the_end
 run 2 train "${data[@]}" -o "$temporary/none" --iterations 20 --save-at 10,99
 one_line
 reports "--save-at: the run ends at iteration 20"

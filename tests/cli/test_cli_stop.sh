@@ -9,7 +9,7 @@ set -euo pipefail
 out=$temporary/out
 data=("$room" --downscale 8 --threads 2)
 
-# start ARGUMENT...: a training in the background. wait_for_iteration_100: its first row is there.
+# start ARGUMENT...: a training in the background. wait_for_iteration_100: until its first row is written.
 start() {
     last_command="sparegs train $*"
     "$program" train "$@" >"$temporary/started_stdout" 2>"$temporary/started_stderr" & # apart from those of other commands
@@ -27,10 +27,10 @@ finish_with() {
     check "exit_status_$1" test "$status" -eq "$1"
 }
 
-# usr1_saves_and_goes_on, hangup_saves_and_ends, a_second_run_is_refused
+# usr1_saves_and_continues, hangup_saves_and_ends, a_second_run_is_refused
 start "${data[@]}" -o "$out" --iterations 1000000 --spare off --checkpoint-every 0
 wait_for_iteration_100
-check no_checkpoint_unasked test ! -e "$out/checkpoint/state.bin"
+check no_checkpoint_before_the_signal test ! -e "$out/checkpoint/state.bin"
 kill -USR1 "$process"
 for _ in $(seq 100); do
     if [ -e "$out/checkpoint/state.bin" ]; then break; fi
@@ -41,13 +41,13 @@ check usr1_does_not_end_the_run kill -0 "$process"
 check the_second_run_fails bash -c '! "$@" 2>"$0"' "$temporary/stderr" "$program" train "${data[@]}" -o "$out" --iterations 5
 reports "in use by another training"
 one_line
-check the_first_run_goes_on kill -0 "$process"
+check the_first_run_continues kill -0 "$process"
 kill -HUP "$process"
 finish_with 129
 json "$out/summary.json" '.stop_reason == "signal"'
 
-# photographs_that_vanish_cost_nothing (the run ends with its state saved and goes on to what it would have become; the
-# pipelines read them at different times: in every iteration, at a change of size, for the scores of an update too)
+# removed_photographs_end_the_run_resumably (the resumed run gives the same model; pipelines read photographs in each
+# iteration, at a change of the image size, and for the scores of an update)
 scene=$temporary/scene
 cp -r "$room" "$scene"
 iterations=900 # the photographs are gone long before the end
@@ -73,7 +73,7 @@ for pipeline in 3dgs dash fastgs; do
     check "nothing_is_lost ($pipeline)" test "$(jq -r .model_hash "$out/summary.json")" = "$expected"
 done
 
-# one_request_on_two_ways_is_one (a batch system signals the experiment, which passes it on, and its training)
+# a_signal_received_twice_is_one_request (a batch system signals the experiment, which forwards it, and its training)
 rm -rf "$out"
 start "${data[@]}" -o "$out" --iterations 1000000 --spare off --checkpoint-every 0
 wait_for_iteration_100
@@ -82,7 +82,7 @@ kill -TERM "$process"
 finish_with 143
 check its_state_is_saved test -s "$out/checkpoint/state.bin"
 
-# nohup_is_honoured
+# nohup_is_obeyed
 rm -rf "$out"
 last_command="nohup sparegs train"
 nohup "$program" train "${data[@]}" -o "$out" --iterations 150 --spare off >"$temporary/stdout" 2>"$temporary/stderr" &
@@ -91,14 +91,13 @@ wait_for_iteration_100
 kill -HUP "$process" || true
 finish_with 0
 
-# a_reader_of_the_messages_that_goes_away_does_not_end_the_run
+# a_closed_stderr_does_not_end_the_run
 rm -rf "$out"
 last_command="sparegs train | head -1"
 { "$program" train "${data[@]}" -o "$out" --iterations 150 --spare off 2>&1 >"$temporary/stdout" || true; } | head -1 >/dev/null
 json "$out/summary.json" '.iterations == 150'
 
-# the_time_limit_ends_with_a_resumable_state (on so small a scene a rest of a second is dozens of iterations; where a
-# sanitizer takes seconds to load it the limit grows)
+# the_time_limit_ends_with_a_resumable_state (with a sanitizer the limit is longer, because loading takes seconds)
 for limit in 3s 12s 48s; do
     rm -rf "$out"
     status=0
@@ -123,7 +122,7 @@ for text in 3h55x m 55m3h -3s 3s4 3hh ''; do
     one_line
 done
 
-# max_memory_refuses_with_its_estimate, and_ends_a_run_that_would_outgrow_it
+# max_memory_refuses_with_its_estimate, and_ends_a_run_that_would_exceed_it
 rm -rf "$out"
 run 1 train "${data[@]}" -o "$out" --iterations 5 --max-memory 100M
 one_line
@@ -136,7 +135,7 @@ for text in 8X G -1G 1K ''; do
     reports "--max-memory"
 done
 
-# changed_options_are_honoured_and_recorded, or refused by name
+# changed_options_are_used_and_recorded, or refused by name
 rm -rf "$out"
 paper=(-o "$out" --schedule paper --spare bmd,rap --checkpoint-every 20 --quiet)
 run 0 train "${data[@]}" "${paper[@]}" --iterations 40
@@ -178,7 +177,7 @@ run 0 train "${data[@]}" -o "$out" --iterations 2 --quiet --overwrite
 check no_temporary_file_is_left test -z "$(find "$out" -name '*.tmp.[0-9]*')"
 check other_files_stay test -e "$out/keep.me" -a -e "$out/notes.tmp.txt"
 
-# a_damaged_checkpoint_is_replaced_by_the_one_before_it
+# a_damaged_checkpoint_is_replaced_by_the_previous_one
 rm -rf "$out"
 run 0 train "${data[@]}" -o "$out" --iterations 30 --checkpoint-every 10 --quiet
 hash=$(jq .model_hash "$out/summary.json")

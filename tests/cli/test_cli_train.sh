@@ -8,7 +8,7 @@ set -euo pipefail
 out=$temporary/out
 data=("$room" --downscale 4 --threads 2 --quiet)
 
-# training_writes_what_it_promises
+# training_writes_the_documented_files
 run 0 train "${data[@]}" -o "$out" --eval --spare bmd,rap --iterations 20 --save-at 10 --checkpoint-every 5 --json
 cp "$temporary/stdout" "$temporary/printed.json"
 check quiet_is_quiet test ! -s "$temporary/stderr"
@@ -76,7 +76,7 @@ reports "--iterations was 20"
 run 1 train "${data[@]}" -o "$out" --eval --spare bmd,rap --iterations 20 --spare-grid 16 --resume
 reports "--spare-grid was 32"
 
-# signals_save_and_tell
+# signals_save_and_report
 for signal in INT:130 TERM:143; do
     rm -rf "$out"
     last_command="train, then SIG${signal%:*}"
@@ -116,8 +116,7 @@ for signal in KILL INT; do
     check "same_decisions_after_$signal" cmp <(cut -d, -f1-8 "$out/spare.csv") <(cut -d, -f1-8 "$temporary/whole/spare.csv")
 done
 
-# a_full_disk_leaves_the_earlier_files (a limit on the size of files stands for the full disk; the thread sanitizer needs more
-# for a file of its own)
+# a_full_disk_keeps_the_earlier_files (simulated by a limit on the file size; larger for a file of the thread sanitizer)
 run 0 train "$room" --downscale 8 -o "$temporary/full" --iterations 3
 cp "$temporary/full/summary.json" "$temporary/before.json"
 least=16
@@ -129,7 +128,7 @@ check fails_with_status_1 bash -c 'trap "" XFSZ; ulimit -f "$4"; status=0
 reports "cannot be written"
 check summary_is_intact cmp "$temporary/full/summary.json" "$temporary/before.json"
 
-# room_for_the_model_but_not_for_its_checkpoint (the result is measured all the same)
+# room_for_the_model_but_not_for_its_checkpoint (the result is still evaluated)
 model_bytes=$(stat -c %s "$temporary/full/point_cloud/iteration_3/point_cloud.ply")
 check fails_without_a_checkpoint bash -c 'trap "" XFSZ; ulimit -f "$3"; status=0
     "$0" train "$1" --downscale 8 -o "$2" --iterations 4 --eval --overwrite >/dev/null 2>"$4" || status=$?; test $status = 1' \
@@ -138,7 +137,7 @@ check names_the_checkpoint grep -q 'checkpoint' "$temporary/stderr"
 json "$temporary/full/summary.json" '.iterations == 4 and .test.psnr > 5'
 check no_temporary_file_is_left test -z "$(find "$temporary/full" -name '*.tmp*' -o -name '.sparegs*')"
 
-# more_threads_than_any_table_may_assume
+# many_threads
 run 0 train "$room" --downscale 8 -o "$temporary/many" --iterations 3 --threads 1100 --quiet
 run 0 train "$room" --downscale 8 -o "$temporary/two" --iterations 3 --threads 2 --quiet
 json "$temporary/many/summary.json" '.skipped.gradients == 0 and .threads == 1100'

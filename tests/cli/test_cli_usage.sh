@@ -2,8 +2,8 @@
 # SPDX-FileCopyrightText: 2026 The sparegs authors
 # SPDX-License-Identifier: Apache-2.0
 
-# The command line before any work: help, versions, and mistakes that name their remedy and end with status 2;
-# inputs that are not there or cannot be written, with status 1.
+# The command line before any work: help, versions, usage errors (status 2) that name the remedy, and missing inputs or
+# unwritable outputs (status 1).
 set -euo pipefail
 . "$(dirname "$0")/cli_support.sh"
 
@@ -30,7 +30,7 @@ prints "sparegs "
 prints "Embree"
 prints "ISA: "
 
-# mistakes_name_the_nearest
+# mistakes_suggest_the_nearest_name
 run 2
 run 2 trian
 reports "did you mean 'train'?"
@@ -48,7 +48,7 @@ reports "did you mean '--split'?"
 run 2 render a b -o "$temporary/out" --format pgn
 reports "exr|png"
 reports "did you mean 'png'?"
-# nothing_is_suggested_that_is_not_near
+# distant_names_are_not_suggested
 run 2 train "$room" -o "$temporary/out" --foo
 reports "unknown option '--foo'; 'sparegs help train' lists all options"
 one_line
@@ -92,7 +92,7 @@ out_of_range test-every 1 "from 2 to"
 run 2 train "$room" -o "$temporary/out" --iterations=0
 reports "--iterations: '0'"
 
-# incomplete_lines_name_what_is_missing
+# incomplete_commands_name_the_missing_part
 run 2 train
 reports "SCENE"
 run 2 train "$room"
@@ -114,7 +114,7 @@ run 2 render model.ply -o "$temporary/out"
 reports "SCENE"
 check nothing_was_written test ! -e "$temporary/out"
 
-# inputs_that_are_not_there
+# missing_inputs
 run 1 train "$temporary/nowhere" -o "$temporary/out" --quiet
 one_line
 reports "$temporary/nowhere"
@@ -164,7 +164,7 @@ one_line
 reports "model.spz: "
 reports "PLY"
 
-# outputs_that_cannot_be_written
+# unwritable_outputs
 echo "not a folder" >"$temporary/file"
 run 1 train "$room" -o "$temporary/file/out" --quiet
 one_line

@@ -2,9 +2,9 @@
 # SPDX-FileCopyrightText: 2026 The sparegs authors
 # SPDX-License-Identifier: Apache-2.0
 
-# SIGKILL (or SIGNAL=TERM) at random moments (KILLS of them, the seed of the moments is printed), resumed each time with
-# another number of threads: the model is the one of the run that nobody killed; after SIGKILL at most one checkpoint
-# interval is done again, after SIGTERM nothing.
+# SIGKILL (or SIGNAL=TERM) at KILLS random times (the seed is printed), each time resumed with another number of threads:
+# the model equals that of an uninterrupted run; after SIGKILL at most one checkpoint interval is repeated, after SIGTERM
+# none.
 set -euo pipefail
 . "$(dirname "$0")/cli_support.sh"
 kills=${KILLS:-2}

@@ -2,12 +2,12 @@
 # SPDX-FileCopyrightText: 2026 The sparegs authors
 # SPDX-License-Identifier: Apache-2.0
 
-# The bundled scene as linear EXR files eight times as bright, made by OpenImageIO's own tool: it trains as well as its
-# 8-bit twin, in display-encoded and in linear space, and `eval` finds the same picture again.
+# The bundled scene as linear EXR files eight times as bright, written by oiiotool: it trains as well as the 8-bit scene, in
+# display-encoded and in linear space, and `eval` gives the same scores.
 set -euo pipefail
 . "$(dirname "$0")/cli_support.sh"
 
-# Both scenes in the size that is trained, so that reducing is no part of the comparison.
+# Both scenes have the size that is trained, so that the comparison excludes down-scaling.
 for scene in ldr hdr; do
     mkdir -p "$temporary/$scene/images"
     cp -r "$room/sparse" "$temporary/$scene/"
@@ -21,8 +21,8 @@ for photo in "$room"/images/*.jpg; do
 done
 
 short=(--iterations 300 --eval --json --quiet --checkpoint-every 0)
-# trained NAME ARGUMENT...: sets `psnr` to that of the held-out images. trained_4: to the mean of four seeds, as a single run
-# of this length is anywhere within 0.3 dB.
+# trained NAME ARGUMENT...: sets `psnr` to that of the held-out images. trained_4: to the mean of four seeds, because single
+# runs of this length vary by 0.3 dB.
 trained() {
     local name=$1
     shift
@@ -47,7 +47,7 @@ trained linear_model "$hdr" --train-space linear
 linear=$psnr
 echo "held-out PSNR: $ldr dB 8-bit, $bright dB from EXR times 8, $linear dB compared in linear light"
 check an_exr_scene_times_8_trains_like_its_8_bit_twin near "$ldr" "$bright" 0.3
-# A single run of it: the bound is ten times as wide.
+# A single run: the bound is ten times as wide.
 check linear_light_trains_too near "$ldr" "$linear" 3
 json "$temporary/linear_model/config.json" '.options.white > 4 and .options.white < 8.5 and .options.train_space == "linear"'
 
@@ -56,7 +56,7 @@ run 0 eval "$temporary/linear_model" "$hdr" --json
 again=$(jq .mean.psnr "$temporary/stdout")
 check eval_agrees_with_the_training near "$again" "$linear" 0.0001
 
-# clear words
+# error messages
 run 1 train "$hdr" -o "$temporary/x" --input-colorspace sepia --quiet
 one_line
 reports "unknown colour space 'sepia'"

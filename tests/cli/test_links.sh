@@ -2,7 +2,7 @@
 # SPDX-FileCopyrightText: 2026 The sparegs authors
 # SPDX-License-Identifier: Apache-2.0
 
-# No name in a data set, and no link it leads through, reaches a file outside the folders that the user named.
+# Names and links in a data set cannot lead outside of the folders that the user named.
 set -euo pipefail
 . "$(dirname "$0")/cli_support.sh"
 set_up=$temporary/set
@@ -31,7 +31,7 @@ for name in ../secret/inside.jpg images/../../secret/inside.jpg "$secret/inside.
     reports "images.txt: line 3"
 done
 
-# links_inside_are_followed, links_that_lead_out_are_not
+# inner_links_are_followed, outer_links_are_refused
 ln -s a.jpg "$set_up/images/b.jpg"
 ln -s ../../secret/inside.jpg "$set_up/images/out.jpg"
 ln -s "$secret" "$set_up/images/folder"
@@ -48,14 +48,14 @@ for name in out.jpg folder/inside.jpg; do
     reports "a link leads out of the data set"
 done
 
-# an_image_folder_that_is_a_link_is_the_users_choice
+# the_image_folder_may_be_a_link
 mv "$set_up/images" "$temporary/elsewhere"
 ln -s "$temporary/elsewhere" "$set_up/images"
 model a.jpg
 run 0 info "$set_up"
 check nothing_is_skipped bash -c '! grep -q skipped "$0"' "$temporary/stderr"
 
-# masks_lie_beside_the_link, not_beside_what_it_points_to
+# masks_are_next_to_the_link, not_next_to_its_target
 mkdir "$set_up/masks" "$temporary/masks"
 ln -s "$secret/inside.jpg" "$temporary/masks/a.png"
 run 0 info "$set_up"

@@ -2,8 +2,7 @@
 # SPDX-FileCopyrightText: 2026 The sparegs authors
 # SPDX-License-Identifier: Apache-2.0
 
-# The real COLMAP on the photographs of the bundled scene, then a short training on what it found. Skipped where
-# COLMAP is not installed.
+# COLMAP on the photographs of the bundled scene, then a short training with its cameras. Skipped without COLMAP.
 set -euo pipefail
 . "$(dirname "$0")/cli_support.sh"
 

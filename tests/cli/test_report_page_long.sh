@@ -2,7 +2,7 @@
 # SPDX-FileCopyrightText: 2026 The sparegs authors
 # SPDX-License-Identifier: Apache-2.0
 
-# The page of `sparegs report` in a browser: it loads without an error and draws its data. Skipped without Chromium.
+# The page of `sparegs report` in a browser: loads without an error and shows its data. Skipped without Chromium.
 set -euo pipefail
 . "$(dirname "$0")/cli_support.sh"
 
@@ -33,7 +33,7 @@ has 'data-drawn="5"' 1                   # set by the script's last line
 has '<h1 id="title">A &lt;/script&gt;&lt;b&gt;title' 1  # texts are texts
 check map_of_regions test "$(sed -n 's/.*id="regionMap">\(.*\)/\1/p' "$temporary/dom" | grep -o '<rect' | wc -l)" -gt 10
 
-# The check sees an error where there is one.
+# The check detects an error.
 sed "s/^'use strict';/'use strict'; nothing.here;/" "$temporary/out/report.html" >"$temporary/broken.html"
 load "$temporary/broken.html"
 check a_broken_page_is_noticed grep -q Uncaught "$temporary/console"

@@ -2,9 +2,9 @@
 # SPDX-FileCopyrightText: 2026 The sparegs authors
 # SPDX-License-Identifier: Apache-2.0
 
-# Every lens against COLMAP's own image_undistorter. A model is drawn through the lens, COLMAP makes pinhole pictures of
-# these and says what camera they have, and the model drawn through that camera must be the same picture, up to COLMAP's
-# bilinear resampling. Skipped without COLMAP.
+# Every lens against COLMAP's image_undistorter. A model is rendered through the lens, COLMAP undistorts the images and
+# writes their pinhole cameras, and rendering with those cameras must give the same images up to COLMAP's bilinear
+# resampling. Skipped without COLMAP.
 set -euo pipefail
 . "$(dirname "$0")/cli_support.sh"
 
@@ -17,7 +17,7 @@ export QT_QPA_PLATFORM=offscreen
 run 0 train "$room" -o "$temporary/model" --iterations 1000 --quiet
 mkdir "$temporary/text"
 colmap model_converter --input_path "$room/sparse/0" --output_path "$temporary/text" --output_type TXT >/dev/null
-# Two views, named as the pictures of `render` are.
+# Two views, named like the images of `render`.
 grep -v '^#' "$temporary/text/images.txt" | awk 'NR % 2 { sub(/\.jpg$/, ".png"); if (/ 00(09|25)\.png$/) print $0 "\n" }' >"$temporary/images.txt"
 check two_views test "$(grep -c png "$temporary/images.txt")" = 2
 
@@ -28,7 +28,7 @@ lens() {
     : >"$1/points3D.txt"
     echo "1 $2 480 270 $3" >"$1/cameras.txt"
 }
-# undistorted LENS PICTURES: sets `psnr` between COLMAP's pinhole pictures and the model drawn through their camera.
+# undistorted LENS PICTURES: sets `psnr` between COLMAP's pinhole images and renders with their cameras.
 undistorted() {
     rm -rf "$temporary/flat" "$temporary/drawn"
     colmap image_undistorter --image_path "$2" --input_path "$1" --output_path "$temporary/flat" >"$temporary/colmap.log" 2>&1
@@ -63,7 +63,7 @@ FOV 230 226 238 137 0.7
 THIN_PRISM_FISHEYE 230 226 238 137 0.03 -0.012 0.002 -0.003 0.004 -0.001 0.002 0.003
 LENSES
 
-# A wrong lens shows.
+# A wrong lens is detected.
 lens "$temporary/wrong" SIMPLE_RADIAL_FISHEYE "230 238 137 -0.04"
 lens "$temporary/lens" SIMPLE_RADIAL_FISHEYE "230 238 137 0.04"
 rm -rf "$temporary/pictures"

@@ -1,10 +1,10 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Checkpoints of a tiny training run. The checksum of the input is corrected first; the fuzzer
-// would not find it. Inputs below 8 bytes select the valid checkpoint, so that seeds do not depend
-// on the format. Checks that errors name the file, and that a loaded state can be trained and is
-// the same after a save and a load.
+// Checkpoints of a tiny training run. The checksum of the input is corrected first; otherwise
+// no input would pass it. Inputs below 8 bytes select the valid checkpoint, so that seeds do not
+// depend on the format. Checks that errors name the file, and that a loaded state can be trained
+// and is the same after a save and a load.
 
 #include "support/checkpoint_support.h"
 #include "fuzz_support.h"

@@ -2,7 +2,7 @@
 # SPDX-FileCopyrightText: 2026 The sparegs authors
 # SPDX-License-Identifier: Apache-2.0
 
-# All sources build without warnings with gcc, clang 14 and clang 16 and gives the golden numbers; then
+# All sources build without warnings with gcc, clang 14 and clang 16 and give the golden numbers; then
 # tools/scripts/lint.sh.
 set -euo pipefail
 missing=()

@@ -2,8 +2,8 @@
 # SPDX-FileCopyrightText: 2026 The sparegs authors
 # SPDX-License-Identifier: Apache-2.0
 
-# examples_do_what_they_say: fit_image reaches 35 dB and writes its model, render_ply renders that model and fails with
-# one line where it cannot.
+# examples_work: fit_image reaches 35 dB and writes its model; render_ply renders that model, and fails with one line if it
+# cannot.
 set -euo pipefail
 temporary=$(mktemp -d)
 trap 'rm -rf "$temporary"' EXIT

@@ -50,7 +50,7 @@ allowed() { # WORD LIST
 for file in src/* tools/*; do
     case $file in
         src/README.md | tools/setup.sh | tools/test.sh | tools/demo.sh) ;;
-        *) [ -d "$file" ] || fail "$file stands in no folder" ;;
+        *) [ -d "$file" ] || fail "$file is not in a folder" ;;
     esac
 done
 for folder in src/*/; do
@@ -70,7 +70,7 @@ for name in "${!tools_may[@]}"; do
     [ ${#files[@]} -gt 0 ] || fail "tools/$name has no file"
 done
 for file in src/*/*/* bvh/*/* spare/*/* include/sparegs/*/* tools/{cli,cameras,run,draw,report,commands}/*/* tests/*.c tests/*.sh; do
-    fail "$file stands in no folder"
+    fail "$file is not in a folder of the tables"
 done
 for folder in tests/*/; do
     name=$(basename "$folder")

@@ -2,7 +2,7 @@
 # SPDX-FileCopyrightText: 2026 The sparegs authors
 # SPDX-License-Identifier: Apache-2.0
 
-# subproject_leaves_the_parent_alone: the consumer project adds the sources with add_subdirectory, builds and runs. Its
+# subproject_does_not_change_the_parent: the consumer project adds the sources with add_subdirectory, builds and runs. Its
 # settings do not change (consumer/CMakeLists.txt compares them), and the subproject installs nothing, registers no test
 # and builds no program.
 set -euo pipefail

@@ -8,12 +8,12 @@
 //
 // Up is the direction most perpendicular to the right vectors r_i of all views, because people hold
 // cameras level more often than upright: the minimum of sum (u . r_i)^2 - w (u . m)^2 over unit
-// vectors u, where m is the mean up vector of the views. The small weight w only decides where the
-// right vectors leave a choice, as when all views look the same way.
+// vectors u, where m is the mean up vector of the views. The small weight w matters only if the
+// right vectors do not determine u, for example if all views look in the same direction.
 //
-// An orbit covers the arc that was photographed: the full circle less its widest gap between two
-// neighbouring views, or all of it when that gap is less than a quarter. Its distance and height
-// follow the views near each angle.
+// An orbit covers the photographed arc: the circle without the widest gap between two neighbouring
+// views, or the whole circle if that gap is less than a quarter. Its distance and height follow the
+// views near each angle.
 //
 // The spiral is that of Mildenhall et al., "Local Light Field Fusion", 2019.
 
@@ -30,7 +30,7 @@
 
 static const double SPIRAL_WIDTH = 0.15;  // at most, as a share of the distance to the subject
 static const double UP_WEIGHT = 1e-3;     // w above
-static const double CIRCLE_GAP = PI / 2;  // a smaller gap counts as a full circle
+static const double CIRCLE_GAP = PI / 2;  // with smaller gaps the orbit is a full circle
 static const double ORBIT_SIGMA = PI / 9; // of the weights of neighbouring views, radians
 
 typedef struct vec {
@@ -72,7 +72,7 @@ static vec center(const sgs_pose *pose)
     return c;
 }
 
-// What the views of a scene have in common.
+// Common geometry of the views of a scene.
 typedef struct view_group {
     vec middle;    // mean centre
     vec up;        // unit
@@ -233,7 +233,7 @@ static int compare_stations(const void *a, const void *b)
     return (x->angle > y->angle) - (x->angle < y->angle);
 }
 
-// The photographed arc: the circle less the widest gap between two neighbouring views.
+// The photographed arc: the circle without the widest gap between neighbouring views.
 static void find_arc(orbit *path)
 {
     const station *s = path->stations;
@@ -272,14 +272,14 @@ static bool orbit_find(const sgs_scene *scene, const view_group *group, orbit *p
     return true;
 }
 
-// The camera centre at an angle: distance and height are means over the views, weighted by how near
-// their angles are, so that the orbit stays where photographs were taken.
+// The camera centre at an angle. Distance and height are means over the views, weighted by the
+// distance of their angles, so that the orbit stays near the photographs.
 static vec orbit_eye(const orbit *path, double angle)
 {
     double sum = 0, radius = 0, height = 0;
     for (size_t v = 0; v < path->count; ++v) {
         const double turn = remainder(angle - path->stations[v].angle, 2 * PI);
-        // The floor makes angles far from every view take the mean of all.
+        // With this minimum, angles far from every view use the mean of all.
         const double weight = exp(-0.5 * turn * turn / (ORBIT_SIGMA * ORBIT_SIGMA)) + 1e-6;
         sum += weight;
         radius += weight * path->stations[v].radius;
@@ -327,7 +327,7 @@ bool camera_path_orbit(const sgs_scene *scene, const path_options *options, came
     return true;
 }
 
-// The view whose centre is nearest to the middle of all.
+// The view whose centre is nearest to the mean centre.
 static const sgs_pose *middle_view(const sgs_scene *scene, const view_group *group)
 {
     size_t nearest = 0;

@@ -14,11 +14,11 @@ typedef struct path_options {
                     // same focal length
 } path_options;
 
-// An orbit around the point that the views look at, at the distance and height of
-// the views near each angle, level with the up direction of the capture; names orbit_00000, ... .
-// Fails, with a message, for views that look at no common point.
+// An orbit around the point that the views look at, with the distance and height of the views near
+// each angle, perpendicular to the up direction of the capture; names orbit_00000, ... . Fails,
+// with a message, if the views look at no common point.
 bool camera_path_orbit(const sgs_scene *scene, const path_options *options, camera_list *list);
 
-// Two turns of a spiral around the middle view, half as wide as the views lie apart and at most
+// Two turns of a spiral around the central view. Its width is half the spread of the views, at most
 // 0.15 of the distance of the subject, which it looks at; names spiral_00000, ... .
 bool camera_path_spiral(const sgs_scene *scene, const path_options *options, camera_list *list);

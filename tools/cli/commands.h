@@ -20,8 +20,8 @@ int command_report(int argc, char **argv);
 
 // Parses and checks a command line of `train` without running it. Returns -1 if it is valid, else
 // an exit status after printing the error.
-// If idle is not NULL, an option that has no effect without others is no error: *idle receives the
-// first, or NULL.
+// idle NULL: an option that has no effect without others is an error. Otherwise *idle receives the
+// first such option, or NULL.
 int command_train_check(int argc, char **argv, const char **idle);
 // True if `name` is an option of `train` without argument.
 bool command_train_has_flag(const char *name);

@@ -72,8 +72,8 @@ typedef struct command_line {
     int operand_minimum, operand_maximum; // at most 8
     const char *operands[8];              // out
     int operand_count;                    // out
-    bool allow_idle;                      // options that have no effect are no error, but...
-    const char *idle;                     // out: ... the name of the first of them, or NULL
+    bool allow_idle;                      // options without effect are not an error; then
+    const char *idle;                     // out: the name of the first of them, or NULL
 } command_line;
 
 // Sets the values to their defaults and then parses argv[1...]. Returns -1 to continue, or an exit
@@ -95,8 +95,8 @@ bool option_given(const command_line *line, const char *name);
 int refuse_idle(const command_line *line, const char *names, const char *why);
 void warn_idle(const command_line *line, const char *names, const char *why);
 
-// The word that `text` abbreviates or else the nearest by edit distance, where it is near enough to
-// be meant. NULL if there is none.
+// The word that `text` abbreviates, else the nearest by edit distance if it is similar. NULL if
+// there is none.
 const char *nearest_word(const char *text, const char *const *words, size_t count);
 
 // " (did you mean 'PREFIXword'?)" for the nearest word, or "" if there is none; held by `storage`.

@@ -167,7 +167,7 @@ bool reported_files_print(void)
     return print_json(root);
 }
 
-static char *complete; // what is done although stdout cannot be written
+static char *complete; // result that is complete although stdout cannot be written
 
 void stdout_set_complete(const char *what)
 {

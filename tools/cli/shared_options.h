@@ -27,10 +27,10 @@ typedef struct scene_values {
     double white_point;                      // 0 = measured
     uint64_t cache_bytes;                    // for decoded images; 0 = no limit
     bool eval, invert_masks;
-    // From scene_resolve, borrowed from the config: the names that the run held out, or NULL. They
-    // decide unless the command line has a split of its own.
+    // From scene_resolve, borrowed from the config: the names that the run held out, or NULL. Used
+    // unless the command line defines a split.
     const json_t *held_out;
-    bool own_split; // no run and no option decides: the data set's own test views
+    bool own_split; // without a run and an option: the test views of the data set
 } scene_values;
 
 option_group scene_group(scene_values *values);
@@ -78,11 +78,11 @@ sgs_render_options drawing_render_options(const drawing_values *values);
 typedef struct command_spec {
     const char *name, *synopsis, *description; // "eval", "MODEL SCENE [options]", paragraphs
     int operand_minimum, operand_maximum;
-    const char *title; // of its own options
+    const char *title; // of the command's options
     const option *options;
     size_t option_count;
-    void *values;            // of its own options
-    scene_values *scene;     // NULL: it takes no such options
+    void *values;            // of the command's options
+    scene_values *scene;     // NULL: no such options
     drawing_values *drawing; // likewise
 } command_spec;
 

@@ -223,8 +223,8 @@ static bool write_results(const experiment_plan *plan, const char *folder)
     return written;
 }
 
-// The option that a run needs which was begun before: it continues from its checkpoint or, without
-// one, is repeated. NULL for a new run.
+// The option for a run that was started before: --resume with a checkpoint, --overwrite without
+// one. NULL for a new run.
 static const char *continuation_of(const experiment_run *run)
 {
     static const char *const marks[][2] = {{"checkpoint/state.bin", "--resume"},
@@ -241,8 +241,8 @@ static const char *continuation_of(const experiment_run *run)
 }
 
 // Trains in a new process of this program, so that runs share neither memory, threads nor crashes.
-// Unlike child_run (child_process.h) it leaves stderr to the training, forwards a request to stop
-// and waits until the training has saved its state. Returns its exit status.
+// Unlike child_run (child_process.h) it does not redirect stderr, forwards a request to stop and
+// waits until the training has saved its state. Returns its exit status.
 static int run_training(const experiment_run *run)
 {
     const char **arguments = calloc((size_t)run->argument_count + 3, sizeof *arguments);

@@ -374,7 +374,7 @@ static int run_render(const command_line *line, const render_values *values,
     }
     if (status < 0 && !cameras_choose(choice, scene, &cameras))
         status = EXIT_FAILED;
-    if (status < 0 && values->output && // no folder is left where no camera was found
+    if (status < 0 && values->output && // without cameras the folder is removed
         !(make_folder(values->output) && check_writable(values->output)))
         status = EXIT_FAILED;
     if (status < 0) {
@@ -442,7 +442,7 @@ static int check_values(const command_line *line, const render_values *values,
     return -1;
 }
 
-// Warns about shared options that have no effect on these pictures.
+// Warns about shared options that have no effect on these images.
 static void warn_about_idle(const command_line *line, const render_values *values)
 {
     const bool exr = values->output && values->format == FORMAT_EXR;

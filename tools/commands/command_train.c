@@ -59,8 +59,7 @@ typedef struct training {
     char hash[17];
     json_t *stored;       // the config of the run to resume
     double wall_seconds;  // of this command
-    bool checkpoint_lost; // saving the last one failed and was reported; the model is evaluated
-                          // anyway
+    bool checkpoint_lost; // saving the last one failed and was reported; evaluation continues
     split_score test, train;
 } training;
 
@@ -189,8 +188,8 @@ static json_t *config_of(const training *run)
     return config;
 }
 
-// Writes the first files, config.json last: it makes OUT the folder of a run. An earlier run moves
-// away before and comes back if the disk does not take the files.
+// Moves an earlier run away and writes the first files, config.json last: it marks OUT as a run. If
+// writing fails, the earlier run is restored.
 static bool begin_run(training *run, const char *config_path, json_t *config)
 {
     const bool replaces = !run->values.resume && run_folder_is_used(&run->folder);
@@ -338,8 +337,7 @@ static bool give_up(training *run, const sgs_step_info *info)
     return false;
 }
 
-// True if the process is larger than --max-memory. The estimates keep it from that; should they
-// fail, the run ends at once.
+// True if the process exceeds --max-memory in spite of the estimates; the run then ends.
 static bool exceeds_memory(const training *run)
 {
     return run->values.max_memory && sgs_rss_current() > run->values.max_memory;
@@ -383,7 +381,7 @@ static bool iterate(training *run, trace_file *trace)
         }
         if (status == SGS_STATUS_OUT_OF_MEMORY && run->values.max_memory &&
             sgs_trainer_is_consistent(run->trainer)) {
-            run->stop = SGS_STOP_MEMORY_LIMIT; // the next structural update was not begun
+            run->stop = SGS_STOP_MEMORY_LIMIT; // the next structural update was refused
             break;
         }
         if (status)
@@ -577,8 +575,7 @@ static bool report(training *run)
     return done;
 }
 
-// Decides about a run that OUT may hold, and reads the config of the one to resume. False after
-// printing the error.
+// Checks for a run in OUT, and reads the config of a run to resume. False after printing the error.
 static bool claim_folder(training *run)
 {
     const char *out = run->values.output;
@@ -586,7 +583,7 @@ static bool claim_folder(training *run)
     json_error_t error = {0};
     bool claimed = true;
     if (run->values.resume && !file_exists(config_path)) {
-        claimed = false; // and no folder is made of a mistyped name
+        claimed = false; // do not create a folder for a mistyped name
         fail_run("%s: no run to resume: config.json does not exist; check the folder, or omit "
                  "--resume to start",
                  out);

@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// The quantities of --aov: their words and bits, and one row per quantity with what it needs of a
-// frame, its channels in an EXR and its picture.
+// The quantities of --aov: their words and bits, and one row per quantity with its planes of a
+// frame, its channels in an EXR and its PNG.
 
 #include <stddef.h>
 
@@ -43,7 +43,7 @@ typedef enum aov_picture {
     AOV_PICTURE_SLACK      // red to blue
 } aov_picture;
 
-// Planes that a file has and a frame has not; AOV_MADE_NONE: the planes of `source` alone.
+// Planes derived from those of a frame; AOV_MADE_NONE: the planes of `source` only.
 typedef enum aov_made {
     AOV_MADE_NONE,
     AOV_MADE_ALPHA, // 1 - transmittance, after the planes of `source`
@@ -61,5 +61,5 @@ typedef struct aov_row {
 extern const aov_row aov_rows[AOV_ROWS];
 extern const char *const aov_words[AOV_ROWS];
 
-// The planes (SGS_AOV_ bits) of a frame that these quantities need.
+// The planes (SGS_AOV_ bits) of a frame that these quantities require.
 unsigned aov_planes(unsigned aovs);

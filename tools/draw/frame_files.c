@@ -90,7 +90,7 @@ static void camera_matrices(const sgs_camera *camera, const sgs_pose *pose, doub
 typedef struct made_planes {
     float *alpha, *slack;
     uint32_t *region;
-    uint32_t *counts[AOV_ROWS]; // whole numbers, of rows whose source has such
+    uint32_t *counts[AOV_ROWS]; // whole numbers, for rows with such a source
 } made_planes;
 
 static void free_planes(made_planes *planes)
@@ -124,7 +124,7 @@ static bool make_regions(const frame_files *files, const sgs_frame *frame, made_
     return true;
 }
 
-// Whole numbers of the rows that are wanted. False when out of memory.
+// Whole numbers of the requested rows. False if out of memory.
 static bool make_counts(unsigned aovs, const sgs_frame *frame, made_planes *planes)
 {
     const size_t pixels = (size_t)frame->width * (size_t)frame->height;

@@ -11,11 +11,11 @@
 #include "sparegs/gaussians.h"
 
 typedef struct region_map {
-    int iteration;    // of the structural update; 0 = none recorded, and no columns
-    size_t count;     // rows of the model
-    uint32_t *region; // [count] voxel number, (z * grid + y) * grid + x; SGS_NO_PRIMITIVE: it held
-                      // none at the update
-    float *slack;     // [count] of that region, before the update; 0 without region
+    int iteration; // of the structural update; 0 = none recorded, and no columns
+    size_t count;  // rows of the model
+    // [count] voxel number, (z * grid + y) * grid + x; SGS_NO_PRIMITIVE: empty at the update.
+    uint32_t *region;
+    float *slack; // [count] of that region, before the update; 0 without region
 } region_map;
 
 // Reads the regions of the last update up to `iteration` of a run. Release with region_map_free.

@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Fits 200 Gaussians to one picture in memory, with an optimiser of its own: the library renders
-// and differentiates, this program holds the loss, Adam and the learning rates.
+// Fits 200 Gaussians to one image in memory with its own optimiser: the library renders and
+// differentiates, this program implements the loss, Adam and the learning rates.
 //
 //     fit_image [OUT.ppm [OUT.ply]]
 //
@@ -27,7 +27,7 @@ enum {
 static const float background[3] = {0.1f, 0.1f, 0.15f};
 static const double plane_distance = 2.0; // of the means from the camera, world units
 
-// What is fitted, one row of parameters per primitive, with the state of Adam.
+// Fitted parameters, one row per primitive, and the state of Adam.
 typedef struct fit {
     float params[COUNT][FITTED], gradient[COUNT][FITTED];
     double m[COUNT][FITTED], v[COUNT][FITTED];
@@ -39,7 +39,7 @@ static int fail(const char *what)
     return EXIT_FAILURE;
 }
 
-// The picture: a sky, a sun, and a hill with stripes.
+// The image: a sky, a sun, and a hill with stripes.
 static void paint(float picture[3][PIXELS])
 {
     for (int y = 0; y < HEIGHT; ++y)
@@ -59,7 +59,7 @@ static void paint(float picture[3][PIXELS])
         }
 }
 
-// A grid of discs in the picture plane, in the colours that they cover.
+// A grid of discs in the image plane with the colours of the image.
 static void start(fit *f, const sgs_camera *camera, float picture[3][PIXELS])
 {
     for (int i = 0; i < COUNT; ++i) {
@@ -75,7 +75,7 @@ static void start(fit *f, const sgs_camera *camera, float picture[3][PIXELS])
             p[SGS_PARAM_SH_DC + k] = (picture[k][at] - 0.5f) / 0.28209479f;
         }
         p[SGS_PARAM_MEAN + 2] +=
-            0.001f * (float)(i % 7); // a definite order, so that it can be learned
+            0.001f * (float)(i % 7); // different depths, so that the order is defined
         p[SGS_PARAM_ROTATION] = 1.0f;
         p[SGS_PARAM_OPACITY] = 1.0f;
     }

@@ -1,12 +1,12 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Renders a PLY into a buffer of its own, as an application with its own image type would: the
-// planes of the frame point into the caller's memory.
+// Renders a PLY into its own buffer, like an application with its own image type: the planes of the
+// frame point to the caller's memory.
 //
 //     render_ply MODEL.ply OUT.pfm
 //
-// The camera looks along +z at the middle of the model. OUT.pfm has the colours over black, as
+// The camera looks along +z at the centre of the model. OUT.pfm has the colours over black, as
 // 32-bit floats.
 
 #include <math.h>

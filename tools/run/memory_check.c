@@ -45,16 +45,17 @@ bool memory_check(const sgs_scene *scene, const sgs_train_options *options, size
                   size_t count, uint64_t max_memory)
 {
     const double without = (double)sgs_train_memory(scene, options, image_cache, 0);
-    const double needed = (double)sgs_train_memory(scene, options, image_cache, count);
+    const double required = (double)sgs_train_memory(scene, options, image_cache, count);
     const double limit = max_memory ? (double)max_memory : (double)sgs_machine_memory();
-    if (needed <= limit)
+    if (required <= limit)
         return true;
-    const int digits = distinct_digits(needed / 0x1p30, limit / 0x1p30);
+    const int digits = distinct_digits(required / 0x1p30, limit / 0x1p30);
     fail_run("%s: training requires about %.*f GiB (images and program %.*f GiB, initial model of "
              "%zu primitives %.*f GiB), more than %s (%.*f GiB); reduce --image-cache or "
              "--max-gaussians, use --downscale%s",
-             scene->path, digits, needed / 0x1p30, digits, without / 0x1p30, count, digits,
-             (needed - without) / 0x1p30, max_memory ? "--max-memory" : "the memory of the machine",
-             digits, limit / 0x1p30, max_memory ? "" : ", or allow it with a larger --max-memory");
+             scene->path, digits, required / 0x1p30, digits, without / 0x1p30, count, digits,
+             (required - without) / 0x1p30,
+             max_memory ? "--max-memory" : "the memory of the machine", digits, limit / 0x1p30,
+             max_memory ? "" : ", or allow it with a larger --max-memory");
     return false;
 }

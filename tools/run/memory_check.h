@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Whether the memory suffices for a training, before its images are loaded.
+// Checks that the memory suffices for a training, before its images are loaded.
 
 #include <stdbool.h>
 

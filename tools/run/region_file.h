@@ -24,7 +24,7 @@ bool region_history_read(const char *folder, region_history *history);
 void region_history_free(region_history *history);
 
 // The voxel that contains a point, or the nearest one for points outside of the grid, as SPARE-GS
-// assigns primitives. `inside`, if not NULL, receives whether the point is in the grid.
+// assigns primitives. `inside`, if not NULL: true if the point is in the grid.
 uint32_t region_voxel(const sgs_regions *update, const double point[3], bool *inside);
 // The region of a voxel, or NULL if it had no primitives at that update.
 const sgs_region *region_find(const sgs_regions *update, uint32_t voxel);

@@ -85,8 +85,8 @@ bool run_folder_has_results(const run_folder *folder)
 
 // ---- An earlier run ----
 
-// What a run writes. config.json makes the folder that of a run. It leaves last and returns first,
-// so that OUT/previous.next holds the whole run whenever it holds config.json.
+// Files of a run. config.json marks the folder as a run. It is moved last, and first on the way
+// back, so that a run in OUT/previous.next is complete if it has config.json.
 static const char *const run_entries[] = {
     "point_cloud",   "cameras.json", "input.ply",   "train.csv",  "spare.csv",
     "exposure.json", "summary.json", "regions.bin", "checkpoint", "config.json"};
@@ -97,7 +97,7 @@ static char *previous_path(const run_folder *folder, const char *kind)
     return format_text("%s/previous%s", folder->path, kind);
 }
 
-// Moves what a run wrote from one folder to another. Entries that are not there are skipped.
+// Moves the files of a run from one folder to another. Skips missing entries.
 static bool move_run(const char *from, const char *to, bool back)
 {
     bool moved = true;
@@ -149,7 +149,7 @@ bool run_folder_set_aside(const run_folder *folder)
 void run_folder_restore(const run_folder *folder)
 {
     char *next = previous_path(folder, ".next");
-    for (int k = 0; k < RUN_ENTRIES; ++k) { // what the new run wrote gives way
+    for (int k = 0; k < RUN_ENTRIES; ++k) { // removes files of the new run
         char *kept = format_text("%s/%s", next, run_entries[k]);
         char *own = format_text("%s/%s", folder->path, run_entries[k]);
         if (file_exists(kept) && file_exists(own))
@@ -180,8 +180,8 @@ bool run_folder_keep_previous(const run_folder *folder)
     return kept;
 }
 
-// A process that was killed while it moved an earlier run away: the run goes to OUT/previous if all
-// of it has been moved, else back to OUT.
+// After a process was killed while it moved an earlier run: a complete run goes to OUT/previous, an
+// incomplete one back to OUT.
 static bool finish_move(const run_folder *folder)
 {
     char *next = previous_path(folder, ".next"), *config = format_text("%s/config.json", next);

@@ -30,8 +30,8 @@ void run_folder_leave(const run_folder *folder);
 bool run_folder_is_used(const run_folder *folder);
 
 // Makes room for a new run, in two steps. set_aside moves all files of the earlier run to
-// OUT/previous.next; keep_previous renames that to OUT/previous and removes the one before it.
-// restore undoes set_aside. run_folder_prepare completes or undoes what a killed process left.
+// OUT/previous.next; keep_previous renames that to OUT/previous and removes an older one. restore
+// undoes set_aside. run_folder_prepare completes or undoes a move that a killed process left.
 bool run_folder_set_aside(const run_folder *folder);
 bool run_folder_keep_previous(const run_folder *folder);
 void run_folder_restore(const run_folder *folder);

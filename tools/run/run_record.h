@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// What a run recorded about its data set: the names of the held-out images in config.json, and the
-// cameras in cameras.json. Later commands compare a scene with them.
+// Records of a run about its data set: the names of the held-out images in config.json, and the
+// cameras in cameras.json. Later commands compare the scene with them.
 
 #include <jansson.h>
 #include <stdbool.h>
@@ -11,7 +11,7 @@
 #include "sparegs/scene.h"
 
 // Adds the names of the held-out views to a config as "test_images". Names that are not UTF-8
-// cannot be recorded; the list is then omitted, and the rule of the options decides as before.
+// cannot be recorded; the list is then omitted, and the options define the split.
 void run_record_split(json_t *config, const sgs_scene *scene);
 
 // True if the scene still has every held-out image of the config, or the config has no list.

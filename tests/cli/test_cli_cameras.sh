@@ -47,7 +47,7 @@ reports "--focus has no effect with --aperture 0"
 
 # orbits_are_level (up is most perpendicular to the right vectors of the cameras, computed here by power iteration on the
 # inverse; the mean up vector of this hand-held capture is tilted)
-run 0 render "$model" "$room" --orbit 5 --size 60x40 --aov rgba --save-cameras json,chan,usda -o "$temporary/level"
+run 0 render "$model" "$room" --orbit 5 --size 60x40 --aov rgba,position --save-cameras json,chan,usda -o "$temporary/level"
 check an_arc_is_reported grep -q 'orbit: arc of' "$temporary/stderr"
 right='[.[] | [.rotation[0][0], .rotation[1][0], .rotation[2][0]]]' # columns of rotation are camera axes in the world
 jq -c "$right | .[]" "$model/cameras.json" | tr -d '[]' | awk -F, '
@@ -71,7 +71,7 @@ jq -c "$right | .[]" "$temporary/level/cameras.json" | tr -d '[]' | awk -F, -v u
     END { print "sine of the worst roll:", worst; exit !(NR == 5 && worst < 0.0349) }' >"$temporary/roll"
 check level_within_2_degrees test $? -eq 0
 # exported_cameras_agree: .chan by its angles, .usda by its matrices, cameras.json by rendering with it
-run 0 render "$model" --camera "$temporary/level/cameras.json" --aov rgba -o "$temporary/again"
+run 0 render "$model" --camera "$temporary/level/cameras.json" --aov rgba,position -o "$temporary/again"
 check same_picture oiiotool --fail 1e-4 "$temporary/level/orbit_00003.exr" "$temporary/again/orbit_00003.exr" --diff
 jq -r '.[] | [.rotation[0][2], .rotation[1][2], .rotation[2][2], .rotation[0][1], .rotation[1][1], .rotation[2][1], .fy, .height] | @tsv' \
     "$temporary/level/cameras.json" | paste - "$temporary/level/cameras.chan" | awk '
@@ -84,6 +84,32 @@ jq -r '.[] | [.rotation[0][2], .rotation[1][2], .rotation[2][2], .rotation[0][1]
       if (error > worst) worst = error }
     END { exit !(NR == 5 && worst < 1e-4) }'
 check chan_has_the_same_cameras test $? -eq 0
+# positions_project_to_their_pixels: P of frame 3 by the line of the .chan and by the samples of the .usda
+oiiotool "$temporary/level/orbit_00003.exr" --ch P.X,P.Y,P.Z,A -o "$temporary/points.exr" # A comes first in the file
+oiiotool --dumpdata "$temporary/points.exr" | sed -n 's/.*Pixel (\([0-9]*\), \([0-9]*\)): /\1 \2 /p' | awk '$3 > 0.3' >"$temporary/points"
+sample() { sed -n "/ $1.timeSamples/,/}/s/^ *3: *//p" "$temporary/level/cameras.usda" | tr -d '(),'; }
+echo "$(sed -n 4p "$temporary/level/cameras.chan") $(sample focalLength) $(sample horizontalAperture) $(sample verticalAperture) \
+$(sample xformOp:transform)" | tr '\n' ' ' >"$temporary/camera"
+check positions_project_to_their_pixels awk -v w=60 -v h=40 '
+    function off(x) { return x < 0 ? -x : x }
+    NR == FNR { for (i = 1; i <= NF; ++i) c[i] = $i; next } # frame, translation, angles, fov; focal, apertures, matrix by rows
+    {
+        r = atan2(0, -1) / 180
+        # Undo the rotations in the order y, x, z: they were applied z first.
+        x = $4 - c[2]; y = $5 - c[3]; z = $6 - c[4]
+        t = x * cos(c[6] * r) - z * sin(c[6] * r); z = x * sin(c[6] * r) + z * cos(c[6] * r); x = t
+        t = y * cos(c[5] * r) + z * sin(c[5] * r); z = -y * sin(c[5] * r) + z * cos(c[5] * r); y = t
+        t = x * cos(c[7] * r) + y * sin(c[7] * r); y = -x * sin(c[7] * r) + y * cos(c[7] * r); x = t
+        f = h / 2 * cos(c[8] * r / 2) / sin(c[8] * r / 2)
+        error = off(w / 2 - f * x / z - $1 - 0.5) + off(h / 2 + f * y / z - $2 - 0.5)
+        for (k = 0; k < 3; ++k)
+            p[k] = ($4 - c[24]) * c[12 + 4 * k] + ($5 - c[25]) * c[13 + 4 * k] + ($6 - c[26]) * c[14 + 4 * k]
+        error += off(w * (0.5 - p[0] / p[2] * c[9] / c[10]) - $1 - 0.5) + off(h * (0.5 + p[1] / p[2] * c[9] / c[11]) - $2 - 0.5)
+        if (!(error < 1e-3)) ++bad
+        ++n
+    }
+    END { print n, "points,", bad + 0, "off"; exit !(n > 500 && !bad) }' "$temporary/camera" "$temporary/points"
+
 # headers_have_the_film_back: 36 mm wide, by the camera's focal length
 jq -r '.[2] | 36 * .fx / .width' "$temporary/level/cameras.json" >"$temporary/focal"
 exrheader "$temporary/level/orbit_00002.exr" | sed -n 's/^pinholeFocalLength (type float): //p' >"$temporary/pinhole"

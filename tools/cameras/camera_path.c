@@ -200,7 +200,8 @@ static void look(named_camera *camera, vec eye, vec target, vec up)
     }
 }
 
-// The lens of the path: that of the first view, or a pinhole of its focal length.
+// The lens of the path: that of the first view, or a pinhole with its vertical field of view and
+// square pixels, which every camera format can hold.
 static sgs_camera path_lens(const sgs_scene *scene, const path_options *options)
 {
     const sgs_camera *first = &scene->views[0].camera;
@@ -211,7 +212,7 @@ static sgs_camera path_lens(const sgs_scene *scene, const path_options *options)
     return (sgs_camera){SGS_CAMERA_PINHOLE,
                         first->width,
                         first->height,
-                        {fx, fy, 0.5 * first->width, 0.5 * first->height}};
+                        {fy, fy, 0.5 * first->width, 0.5 * first->height}};
 }
 
 // Where a view was taken: its angle around the subject, distance from the axis and height.

@@ -17,10 +17,15 @@
 
 #include "model/opacity.h"
 #include "base/core.h"
+#include "base/morton.h"
 #include "model/filter_3d.h"
 #include "density/pipeline.h"
 #include "base/threads.h"
 #include "spare/spare.h"
+
+// Replacement at the cap. 5 % per update is the growth of 3DGS-MCMC (Kheradmand et al. 2024).
+#define FAINT_OPACITY 0.1f
+#define REPLACED_SHARE 0.05
 
 typedef enum plan_kind { PLAN_KEEP, PLAN_CLONE, PLAN_CHILD_0, PLAN_CHILD_1 } plan_kind;
 
@@ -186,17 +191,52 @@ static void evaluate_spare(sgsi_density_columns *columns, const sgsi_statistics 
     result->spare_seconds = sgsi_seconds() - start;
 }
 
-// Applies the cap: keeps the `room` densifications of highest priority.
-static sgs_status limit_growth(sgsi_density_columns *columns, size_t room)
+// Removes up to `wanted` faint rows that do not grow, those of least opacity times footprint first.
+// *made: the number of rows removed.
+static sgs_status make_room(sgsi_density_columns *columns, const sgsi_statistics *statistics,
+                            size_t wanted, size_t *made)
 {
-    size_t wanted = 0;
+    const size_t n = columns->count;
+    double *score = sgsi_alloc(n, sizeof *score);
+    uint8_t *faint = sgsi_alloc(n, 1), *chosen = sgsi_alloc(n, 1);
+    sgs_status status = score && faint && chosen ? SGS_STATUS_OK : SGS_STATUS_OUT_OF_MEMORY;
+    for (size_t i = 0; i < n && !status; ++i) {
+        const double radius = (double)statistics->radius_max[i];
+        faint[i] = columns->action[i] == SGSI_ACTION_KEEP && !columns->removed[i] &&
+                   !columns->redundant[i] && columns->opacity[i] < FAINT_OPACITY;
+        score[i] = -(double)columns->opacity[i] * radius * radius;
+    }
+    if (!status)
+        status = sgsi_select_best(score, faint, n, wanted, chosen);
+    *made = 0;
+    for (size_t i = 0; i < n && !status; ++i) {
+        columns->removed[i] |= chosen[i];
+        *made += chosen[i];
+    }
+    sgsi_free(score);
+    sgsi_free(faint);
+    sgsi_free(chosen);
+    return status ? sgsi_fail(status, "no memory to rank %zu primitives", n) : status;
+}
+
+// Applies the cap: keeps the densifications of highest priority, as many as there is room. Faint
+// rows make room, up to REPLACED_SHARE of the cap per update, so that growth continues at the cap.
+static sgs_status limit_growth(sgsi_density_columns *columns, const sgsi_statistics *statistics,
+                               size_t cap, size_t survivors)
+{
+    size_t wanted = 0, made = 0, room = survivors < cap ? cap - survivors : 0;
     for (size_t i = 0; i < columns->count; ++i)
         wanted += columns->action[i] != SGSI_ACTION_KEEP;
     if (wanted <= room)
         return SGS_STATUS_OK;
+    const size_t lacking = wanted - room, most = (size_t)(REPLACED_SHARE * (double)cap);
+    sgs_status status = make_room(columns, statistics, lacking < most ? lacking : most, &made);
+    room += made;
+    if (status || wanted <= room)
+        return status;
     double *priority = sgsi_alloc(columns->count, sizeof *priority);
     uint8_t *chosen = sgsi_alloc(columns->count, 1);
-    sgs_status status = SGS_STATUS_OUT_OF_MEMORY;
+    status = SGS_STATUS_OUT_OF_MEMORY;
     if (priority && chosen) {
         for (size_t i = 0; i < columns->count; ++i)
             priority[i] = (double)columns->priority[i];
@@ -242,29 +282,6 @@ static sgs_status report_regions(const sgsi_density_columns *columns, const spar
     memcpy(result->region_low, found->low, sizeof found->low);
     memcpy(result->region_cell, found->cell, sizeof found->cell);
     return SGS_STATUS_OK;
-}
-
-static uint64_t spread_bits(uint64_t v) // 21 bits, two zeros between each
-{
-    v &= 0x1FFFFF;
-    v = (v | v << 32) & UINT64_C(0x1F00000000FFFF);
-    v = (v | v << 16) & UINT64_C(0x1F0000FF0000FF);
-    v = (v | v << 8) & UINT64_C(0x100F00F00F00F00F);
-    v = (v | v << 4) & UINT64_C(0x10C30C30C30C30C3);
-    return (v | v << 2) & UINT64_C(0x1249249249249249);
-}
-
-// Morton code of a mean in the box of all means.
-static uint64_t morton_code(const float mean[3], const float low[3], const float inv_size[3])
-{
-    uint64_t code = 0;
-    for (int k = 0; k < 3; ++k) {
-        const float unit = (mean[k] - low[k]) * inv_size[k];
-        const uint64_t cell =
-            unit > 0.0f ? (unit < 1.0f ? (uint64_t)(unit * 2097152.0f) : 2097151) : 0; // NaN: 0
-        code |= spread_bits(cell) << k;
-    }
-    return code;
 }
 
 static void bounding_box(const sgsi_density_columns *columns, float low[3], float inv_size[3])
@@ -329,7 +346,7 @@ static sgs_status make_plan(const sgsi_density_columns *columns, sgsi_density_re
             continue;
         }
         const float mean[3] = {columns->x[i], columns->y[i], columns->z[i]};
-        const uint64_t key = morton_code(mean, low, inv_size);
+        const uint64_t key = sgsi_morton_code(mean, low, inv_size);
         const bool prune_children = columns->prune_children[i];
         if (columns->action[i] == SGSI_ACTION_SPLIT) {
             ++result->split;
@@ -459,8 +476,7 @@ sgs_status sgsi_density_update(const sgsi_density_rows *rows, const sgsi_pipelin
         survivors +=
             columns.action[i] == SGSI_ACTION_SPLIT || !(columns.removed[i] || columns.redundant[i]);
     if (!status && options->max_count)
-        status = limit_growth(&columns,
-                              survivors < options->max_count ? options->max_count - survivors : 0);
+        status = limit_growth(&columns, statistics, options->max_count, survivors);
     if (!status && regions.region_count)
         status = report_regions(&columns, &regions, options, result);
     density_plan plan = {0};

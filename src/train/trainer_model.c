@@ -12,6 +12,7 @@
 #include "base/threads.h"
 #include "model/filter_3d.h"
 #include "sparegs/image.h"
+#include "train/initial_selection.h"
 #include "train/trainer_state.h"
 
 // Random cloud: in the cube around the origin for NeRF synthetic scenes, around the cameras
@@ -40,15 +41,7 @@ static sgs_status random_cloud(sgs_trainer *trainer)
     return SGS_STATUS_OK;
 }
 
-// Selection sampling (Knuth, algorithm S): true if item i of n is drawn, `taken` of `wanted` being
-// drawn already. All subsets are equally likely; the order is kept.
-static bool is_drawn(const sgs_trainer *trainer, size_t i, size_t n, size_t taken, size_t wanted)
-{
-    return (double)(n - i) * sgsi_random_uniform(trainer->options.seed ^ 0x5A3D, i) <
-           (double)(wanted - taken);
-}
-
-// The scene's cloud, reduced at random to the cap.
+// The scene's cloud, thinned to the cap.
 static sgs_status scene_cloud(sgs_trainer *trainer)
 {
     const sgs_scene *scene = trainer->scene;
@@ -58,13 +51,20 @@ static sgs_status scene_cloud(sgs_trainer *trainer)
     trainer->cloud_colors = sgsi_alloc(wanted, 3);
     if (!trainer->cloud_points || !trainer->cloud_colors)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu points", wanted);
-    if (wanted < n)
-        sgsi_warn(
-            "the sparse model has %zu points; using %zu at random, limited by option max_gaussians",
-            n, wanted);
+    uint8_t *chosen = sgsi_alloc(n, 1);
+    if (!chosen)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu points", n);
+    memset(chosen, 1, n);
+    sgs_status status = SGS_STATUS_OK;
+    if (wanted < n) {
+        sgsi_warn("the sparse model has %zu points; thinned to %zu, limited by option "
+                  "max_gaussians",
+                  n, wanted);
+        status = sgsi_thin_points(scene->points, n, wanted, chosen);
+    }
     size_t taken = 0;
-    for (size_t i = 0; i < n && taken < wanted; ++i) {
-        if (!is_drawn(trainer, i, n, taken, wanted))
+    for (size_t i = 0; i < n && !status; ++i) {
+        if (!chosen[i])
             continue;
         memcpy(trainer->cloud_points + 3 * taken, scene->points + 3 * i, 3 * sizeof(float));
         for (size_t c = 0; c < 3; ++c) {
@@ -76,32 +76,39 @@ static sgs_status scene_cloud(sgs_trainer *trainer)
         }
         ++taken;
     }
+    sgsi_free(chosen);
     trainer->cloud_count = taken;
-    return SGS_STATUS_OK;
+    return status;
 }
 
+// The cap keeps the primitives that cover most.
 static sgs_status copy_initial_model(sgs_trainer *trainer, const sgs_gaussians *from)
 {
     const size_t cap = trainer->options.max_gaussians;
-    size_t wanted = cap && cap < from->count ? cap : from->count, taken = 0;
+    const size_t wanted = cap && cap < from->count ? cap : from->count;
     if (wanted < from->count)
-        sgsi_warn("the initial model has %zu primitives; using %zu at random, limited by option "
-                  "max_gaussians",
+        sgsi_warn("the initial model has %zu primitives; using the %zu of largest opacity times "
+                  "cross section, limited by option max_gaussians",
                   from->count, wanted);
+    uint8_t *chosen = sgsi_alloc(from->count ? from->count : 1, 1);
+    if (!chosen)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu primitives", from->count);
     sgs_status status = sgs_gaussians_create(wanted + SGS_LANES, &trainer->model);
     if (!status)
         status = sgs_gaussians_resize(trainer->model, wanted);
-    if (status)
-        return status;
-    for (size_t i = 0; i < from->count && taken < wanted; ++i) {
-        if (!is_drawn(trainer, i, from->count, taken, wanted))
+    if (!status)
+        status = sgsi_select_largest(from, wanted, chosen);
+    size_t taken = 0;
+    for (size_t i = 0; i < from->count && !status; ++i) {
+        if (!chosen[i])
             continue;
         float params[SGS_PARAM_COUNT];
         sgs_gaussians_get(from, i, params);
         params[SGS_PARAM_OPACITY] = sgs_gaussians_opacity_logit(from, i);
         sgs_gaussians_set(trainer->model, taken++, params);
     }
-    return SGS_STATUS_OK;
+    sgsi_free(chosen);
+    return status;
 }
 
 sgs_status sgsi_trainer_reserve_accumulated_grad(sgs_trainer *trainer)

@@ -246,6 +246,34 @@ static void cap_is_never_exceeded_and_keeps_the_best_scores(void **state)
     drop(&f);
 }
 
+// At the cap, faint rows that do not grow make room for growth: those of least opacity times
+// squared radius, at most 5 % of the cap per update.
+static void growth_continues_at_the_cap_by_replacing_faint_rows(void **state)
+{
+    (void)state;
+    for (size_t growing = 3; growing <= 30; growing += 27) {
+        fixture f = make(100);
+        f.options.max_count = 100;
+        for (size_t i = 0; i < 100; ++i) {
+            f.statistics.radius_max[i] = (float)(100 - i);
+            if (i < 20) // faint
+                *sgs_gaussians_at(f.model, i, SGS_PARAM_OPACITY) = logf(0.05f / 0.95f);
+            f.statistics.gradient_sum[i] = i >= 100 - growing ? 1e-3f + 1e-5f * (float)i : 0.0f;
+        }
+        update(&f);
+        const size_t replaced = growing < 5 ? growing : 5;
+        assert_int_equal(f.model->count, 100);
+        assert_int_equal(f.result.cloned, replaced);
+        assert_int_equal(f.result.pruned, replaced);
+        size_t rows[8];
+        for (size_t i = 0; i < 100; ++i)
+            assert_int_equal(rows_of(&f, (float)i, rows), i >= 20 - replaced && i < 20 ? 0
+                                                          : i >= 100 - replaced        ? 2
+                                                                                       : 1);
+        drop(&f);
+    }
+}
+
 static void rap_removes_faint_still_primitives_of_crowded_voxels_only(void **state)
 {
     (void)state;
@@ -353,6 +381,7 @@ int main(void)
         cmocka_unit_test(children_of_a_split_are_pruned_by_their_own_size),
         cmocka_unit_test(linear_opacities_are_pruned_by_their_value),
         cmocka_unit_test(cap_is_never_exceeded_and_keeps_the_best_scores),
+        cmocka_unit_test(growth_continues_at_the_cap_by_replacing_faint_rows),
         cmocka_unit_test(rap_removes_faint_still_primitives_of_crowded_voxels_only),
         cmocka_unit_test(reset_lowers_opacities_and_clears_their_moments),
         cmocka_unit_test(sorting_keeps_every_row),

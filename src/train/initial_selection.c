@@ -1,0 +1,119 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Thinning follows a Morton curve, where neighbours are mostly near in space. In each round every
+// second point may be removed, those nearest to their predecessor first. Two neighbours never go in
+// the same round, so a dense row keeps every other point.
+
+#include "train/initial_selection.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/core.h"
+#include "base/morton.h"
+#include "density/pipeline.h"
+#include "model/opacity.h"
+
+typedef struct ordered_point {
+    uint64_t code;
+    size_t index;
+} ordered_point;
+
+static int by_code(const void *a, const void *b)
+{
+    const ordered_point *p = a, *q = b;
+    if (p->code != q->code)
+        return p->code < q->code ? -1 : 1;
+    return p->index < q->index ? -1 : p->index > q->index;
+}
+
+static void order_points(const float *points, size_t n, ordered_point *order)
+{
+    float low[3], inv_size[3];
+    for (size_t k = 0; k < 3; ++k) {
+        float high = low[k] = points[k];
+        for (size_t i = 1; i < n; ++i) {
+            low[k] = fminf(low[k], points[3 * i + k]);
+            high = fmaxf(high, points[3 * i + k]);
+        }
+        inv_size[k] = high > low[k] ? 1.0f / (high - low[k]) : 0.0f;
+    }
+    for (size_t i = 0; i < n; ++i)
+        order[i] = (ordered_point){sgsi_morton_code(points + 3 * i, low, inv_size), i};
+    qsort(order, n, sizeof *order, by_code);
+}
+
+static double squared_distance(const float *a, const float *b)
+{
+    double sum = 0.0;
+    for (int k = 0; k < 3; ++k)
+        sum += ((double)a[k] - (double)b[k]) * ((double)a[k] - (double)b[k]);
+    return sum;
+}
+
+// Removes up to `excess` of the *count points. score [*count], marks [2 * *count]: scratch.
+static sgs_status thin_once(const float *points, ordered_point *order, size_t *count, size_t excess,
+                            double *score, uint8_t *marks)
+{
+    const size_t n = *count;
+    const size_t most = (n / 2 + 1) / 2; // half of those that may go, because distances grow
+    uint8_t *const removable = marks, *const removed = marks + n;
+    for (size_t i = 0; i < n; ++i) {
+        removable[i] = i % 2;
+        score[i] =
+            i % 2 ? -squared_distance(points + 3 * order[i].index, points + 3 * order[i - 1].index)
+                  : 0.0;
+    }
+    const sgs_status status =
+        sgsi_select_best(score, removable, n, excess < most ? excess : most, removed);
+    *count = 0;
+    for (size_t i = 0; i < n; ++i)
+        if (!removed[i])
+            order[(*count)++] = order[i];
+    return status;
+}
+
+sgs_status sgsi_thin_points(const float *points, size_t n, size_t wanted, uint8_t *chosen)
+{
+    ordered_point *order = sgsi_alloc(n, sizeof *order);
+    double *score = sgsi_alloc(n, sizeof *score);
+    uint8_t *marks = sgsi_alloc(n, 2);
+    sgs_status status = order && score && marks
+                            ? SGS_STATUS_OK
+                            : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu points", n);
+    size_t count = n;
+    if (!status)
+        order_points(points, n, order);
+    while (!status && count > wanted)
+        status = thin_once(points, order, &count, count - wanted, score, marks);
+    memset(chosen, 0, n);
+    for (size_t i = 0; i < count && !status; ++i)
+        chosen[order[i].index] = 1;
+    sgsi_free(order);
+    sgsi_free(score);
+    sgsi_free(marks);
+    return status;
+}
+
+sgs_status sgsi_select_largest(const sgs_gaussians *model, size_t wanted, uint8_t *chosen)
+{
+    const size_t n = model->count;
+    double *score = sgsi_alloc(n ? n : 1, sizeof *score);
+    if (!score)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to rank %zu primitives", n);
+    for (size_t i = 0; i < n; ++i) {
+        float sum = 0.0f, least = INFINITY;
+        for (int k = 0; k < 3; ++k) {
+            const float scale = *sgs_gaussians_at(model, i, SGS_PARAM_SCALE + k);
+            sum += scale;
+            least = fminf(least, scale);
+        }
+        const double value = log((double)sgsi_gaussians_opacity(model, i)) + (double)(sum - least);
+        score[i] = isnan(value) ? -INFINITY : value;
+    }
+    const sgs_status status = sgsi_select_best(score, NULL, n, wanted, chosen);
+    sgsi_free(score);
+    return status;
+}

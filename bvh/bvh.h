@@ -4,7 +4,7 @@
 
 // Finds the Gaussians that rays may hit. One Embree user geometry over all primitives, queried with
 // packets of sixteen rays. Each ray represents a block of pixels. The caller dilates the bounds by
-// the footprint of a block, so the answer is conservative. This module knows boxes and ids, not
+// the footprint of a block, so the result is conservative. Works on boxes and ids, independent of
 // Gaussians.
 
 #include <stddef.h>

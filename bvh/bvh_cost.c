@@ -122,7 +122,7 @@ static box measure_node(measure_sums *sums, const tree_node *node)
     return own;
 }
 
-// Primitives with non-finite boxes are left out of the tree.
+// Omits primitives with non-finite boxes from the tree.
 static struct RTCBuildPrimitive *list_primitives(const sgsi_bounds *bounds, size_t count,
                                                  size_t *listed)
 {

@@ -50,8 +50,8 @@
 // over regions with A_r > 0 (mean of the two middle values for an even number); a region with
 // A_r = 0 was not seen and has C_r = 1. a_i / d_i is 0 when d_i = 0, as in the base pipelines, so a
 // faint primitive of an over-budget region that no view has seen is redundant unless
-// rap_require_visible is set. A primitive with a non-finite centre has no part in anything: not in
-// the box, the regions or N; its weight is 1 and it is not redundant. A non-finite gradient or
+// rap_require_visible is set. A primitive with a non-finite centre is excluded from the box, the
+// regions and N; its weight is 1 and it is not redundant. A non-finite gradient or
 // radius counts as 0 in the means and never passes the gradient test of (24).
 //
 // Sums are in double precision and in index order within a region: the result depends on the input

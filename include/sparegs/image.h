@@ -54,7 +54,7 @@ static inline size_t sgs_mask_words(int width)
     return ((size_t)width + 15) / 16;
 }
 
-// Whether pixel (x, y) of an image of this width is valid. A NULL mask has all pixels valid. No
+// True if pixel (x, y) of an image of this width is valid; a NULL mask has only valid pixels. No
 // bounds check.
 static inline bool sgs_mask_is_valid(const uint16_t *valid_mask, int width, int x, int y)
 {

@@ -55,8 +55,8 @@ typedef struct sgs_train_option {
     sgs_resume_rule resume;
 } sgs_train_option;
 
-// The table, [*count] in the order of help texts; static. Cannot fail. Every field of
-// sgs_train_options but struct_size is in one row; background_random is part of the row of
+// The table, [*count] in the order of help texts; static. Cannot fail. Each field of
+// sgs_train_options except struct_size has a row; background_random is part of the row of
 // background.
 SGS_API const sgs_train_option *sgs_train_option_descriptors(size_t *count);
 

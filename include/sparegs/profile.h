@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// BVH profiles: what each kind of tree costs to build, refit and query, how much of its answer is
-// used, and how the work is distributed over the image. Draws one view per call; writes no files.
+// BVH profiles: the cost to build, refit and query each kind of tree, the useful share of the
+// results, and the distribution of the work over the image. One view per call; writes no files.
 //
 // A packet of 16 cones of rays queries the tree for a macrotile of tiles of 16x16 pixels (2x2
 // tiles; one tile in small images). Each reported primitive is a callback. After filtering, a tile

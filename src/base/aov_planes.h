@@ -14,7 +14,7 @@ static inline void sgsi_plane_set(void *frame, size_t offset, int channel, void 
     memcpy((char *)frame + offset + (size_t)channel * sizeof plane, &plane, sizeof plane);
 }
 
-// Whether a frame with the AOV bits `planes` has this one.
+// True if a frame with the AOV bits `planes` has this one.
 static inline bool sgsi_aov_is_requested(const sgs_aov *aov, unsigned planes)
 {
     return !aov->bit || (planes & aov->bit);

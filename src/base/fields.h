@@ -2,9 +2,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Named fields as bytes: a list of {name, type, value} records, so that a field can be added or
-// dropped without a reader mistaking one for another. A record is marked essential when a reader
-// that does not know its name must not ignore it. Does not know what the fields mean.
+// Named fields as bytes: a list of {name, type, value} records, so that fields can be added and
+// removed. A record is essential if a reader that does not have the field must refuse the list.
+// Independent of the meaning of the fields.
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -43,8 +43,8 @@ typedef struct sgsi_field_record {
     size_t bytes;
 } sgsi_field_record;
 
-// The record at *at, which moves behind it. False at the end, or with *damaged when the bytes left
-// hold no whole record.
+// Reads the record at *at and advances *at. False at the end; also with *damaged if the last record
+// is incomplete.
 bool sgsi_fields_next(const uint8_t **at, const uint8_t *end, sgsi_field_record *record,
                       bool *damaged);
 
@@ -53,15 +53,15 @@ typedef struct sgsi_field {
     const char *name;
     sgsi_field_type type; // not TEXT
     size_t offset;
-    bool essential; // must be in the list; another one keeps the value that the struct had
+    bool essential; // required in the list; without a record, others keep their value
 } sgsi_field;
 
 void sgsi_fields_write(sgsi_field_list *list, const sgsi_field *fields, size_t count,
                        const void *object);
 
-// Fills `object`, which holds the values of fields that the list does not name. Unknown records are
-// skipped unless they are essential. FORMAT when a record is cut, repeated or of another type, or
-// an essential field is missing; UNSUPPORTED for an unknown essential record. Errors begin with
-// `path` and name `section` and the field.
+// Fills `object`; fields without a record keep their values. Unknown records are skipped unless
+// they are essential. Fails with FORMAT if a record is cut, repeated or of another type, or an
+// essential field is missing, and with UNSUPPORTED for an unknown essential record. Errors begin
+// with `path` and name `section` and the field.
 sgs_status sgsi_fields_read(const char *path, const char *section, const uint8_t *bytes,
                             size_t size, const sgsi_field *fields, size_t count, void *object);

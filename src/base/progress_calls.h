@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Calls of a caller's progress function from parallel loops: one at a time, with a rising count,
-// and never again after it cancelled.
+// Calls a caller's progress function from parallel loops: one call at a time, with an increasing
+// count, and none after it cancelled.
 
 #include <pthread.h>
 #include <stdbool.h>
@@ -21,7 +21,7 @@ typedef struct sgsi_progress {
 void sgsi_progress_begin(sgsi_progress *progress, sgs_progress_fn call, void *user, size_t total);
 void sgsi_progress_end(sgsi_progress *progress);
 
-// One more step is done.
+// Counts one completed step.
 void sgsi_progress_advance(sgsi_progress *progress);
-// True once the caller has cancelled: what is left need not be done.
+// True after the caller cancelled; remaining work can be skipped.
 bool sgsi_progress_cancelled(sgsi_progress *progress);

@@ -6,9 +6,9 @@
 // for SH degree 3. f_rest is channel-major in the file (all of red, then green, then blue) and
 // coefficient-major in memory, so that lower degrees come first.
 //
-// Reading goes by property name, because other trainers write other orders and types; what a 3DGS
-// model does not have is ignored. Values pass as stored: quaternions are not normalised, except
-// where their norm would leave the range of float arithmetic.
+// Properties are read by name, because other trainers use other orders and types; unknown ones are
+// ignored. Values are kept as stored: quaternions are not normalised, unless their norm is outside
+// of the range of float arithmetic.
 
 #include "sparegs/gaussians.h"
 
@@ -32,8 +32,8 @@ enum {
 // exp(44)^2 is the largest square of a scale that float holds.
 static const float MOST_LOG_SCALE = 44.0f;
 
-// Read for an infinite logit: ln((1 - 1e-6) / 1e-6). Beyond the clamp of alpha at 0.99 it draws the
-// same, and its sigmoid still has a gradient in float.
+// Value for an infinite logit: ln((1 - 1e-6) / 1e-6). Alpha is clamped at 0.99 in any case, and the
+// sigmoid of this value has a gradient in float.
 static const float OPAQUE_LOGIT = 13.8155096f;
 
 // ---- Names ----
@@ -205,7 +205,7 @@ static sgs_status read_binary_row(ply_reader *reader, size_t row_size,
     return SGS_STATUS_OK;
 }
 
-// False for a row that no arithmetic can use. Infinite opacity logits, which other programs write
+// False for a row with unusable values. Infinite opacity logits, which other programs write
 // for opaque primitives, become finite. A quaternion whose square leaves float's range is
 // normalised.
 static bool make_usable(ply_reader *reader, float params[SGS_PARAM_COUNT])
@@ -333,7 +333,7 @@ static uint8_t *put_float(uint8_t *at, float value)
     return at;
 }
 
-// Fails as soon as the disk is full.
+// Fails early if the disk is full.
 static sgs_status put_chunk(sgsi_atomic_file *file, const uint8_t *bytes, size_t size)
 {
     errno = 0;

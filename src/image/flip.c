@@ -38,7 +38,7 @@ enum {
 
 static const double reference_white[3] = {0.950428545, 1.0, 1.088900371}; // D65
 
-// Weights at distance 0 to radius. All filters are even but the first derivative, which is odd.
+// Weights at distance 0 to radius. The first derivative is odd, all other filters are even.
 typedef struct filters {
     int color_radius, feature_radius;
     double color[COLOR_FILTERS][MAX_RADIUS + 1];
@@ -256,7 +256,7 @@ static void convert_line(const flip_job *job, size_t which, int x0, int row, dou
 }
 
 // All filters along a row. Those of the features see Y instead of the luminance (Y + 16) / 116;
-// finish_line makes up for it.
+// finish_line compensates for it.
 static void filter_across(const flip_job *job, const double *line, double *out, size_t plane)
 {
     static const size_t channel[COLOR_FILTERS] = {0, 1, 2, 2};

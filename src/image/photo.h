@@ -36,7 +36,7 @@ sgs_status sgsi_photo_load(const sgsi_photo_source *source, sgs_photo *photo,
 // Converts a colour value from linear light or its sRGB encoding to the space of photographs.
 float sgsi_photo_encode(float value, bool linear, sgs_space space, double white_point);
 
-// Applies what the alpha channel says, if there is one: see sgs_alpha.
+// Applies the alpha channel, if any: see sgs_alpha.
 sgs_status sgsi_photo_use_alpha(sgs_photo *photo, sgs_alpha alpha);
 
 // Luminance histogram of linear photographs: counts of max(R, G, B) > 0, in bins of 1/32 octave.

@@ -13,7 +13,7 @@ enum {
     LOSS_RADIUS = 5,        // the window has 2 * 5 + 1 taps
     LOSS_BLOCK_WIDTH = 128, // output columns per item, at most; multiple of 16
     LOSS_BLOCK_HEIGHT = 48, // output rows per item, at most; multiple of 4
-    LOSS_RING = 16,         // rows kept of each plane: 4 in the making and 10 of overlap
+    LOSS_RING = 16,         // rows kept of each plane: 4 current ones and 10 of overlap
     LOSS_MARGIN = 16,       // columns on both sides of the block in every source plane
     LOSS_SOURCE_PITCH = LOSS_BLOCK_WIDTH + 2 * LOSS_MARGIN,
     LOSS_MAP_PITCH = LOSS_BLOCK_WIDTH + LOSS_MARGIN,

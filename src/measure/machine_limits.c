@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Measures what the machine can reach, so that the bench can report its figures as fractions of
-// that. Each limit is the best of several short trials.
+// Measures the limits of the machine, which the bench compares its results with. Each limit is the
+// best of several short trials.
 
 #include <math.h>
 #include <string.h>

@@ -2,9 +2,9 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Profiles one view with every kind of BVH. The kinds alternate, so that slow phases of the machine
-// affect all of them. Costs come from clocks and Embree's memory monitor, answers from the tracer's
-// counters, and the useful share of them from the forward pass's hit lists. How far rays would go
-// without early termination is sampled by brute force over the projected records.
+// affect all of them. Costs come from clocks and Embree's memory monitor, counts from the tracer,
+// and the number of useful candidates from the hit lists of the forward pass. Hits beyond early
+// termination are sampled by brute force over the projected records.
 
 #include "sparegs/profile.h"
 

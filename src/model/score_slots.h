@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// The columns of the score pass: what its kernel sums per primitive over the counted hits of one
-// view, and what the pipelines read. One row has 16 floats; the others are 0.
+// The columns of the score pass: sums per primitive over the counted hits of one view, which the
+// pipelines read. A row has 16 floats; unused ones are 0.
 
 enum {
     SGSI_SCORE_WEIGHT = 0,   // weights of the pixels

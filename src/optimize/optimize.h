@@ -36,11 +36,11 @@ typedef struct sgsi_optimize {
 } sgsi_optimize;
 
 typedef struct sgsi_optimize_counts {
-    size_t seen;   // rows that a ray counts a hit of
+    size_t seen;   // rows with a counted hit
     size_t broken; // of these, rows whose gradient is not finite; they are not updated
 } sgsi_optimize_counts;
 
-// Steps blocks [begin, end) of 16 primitives. Counts nothing where input->gradients is set.
+// Steps blocks [begin, end) of 16 primitives. All counts are 0 if input->gradients is set.
 sgsi_optimize_counts sgsi_optimize_blocks(const sgsi_optimize *input, size_t begin, size_t end);
 
 sgsi_optimize_counts sgsi_optimize_blocks_baseline(const sgsi_optimize *input, size_t begin,

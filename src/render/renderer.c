@@ -1,9 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The public renderer: a tracer and a ray cache over a model owned by the caller. It draws with the
-// tracer of trace/ and ends its backward pass with the chain rule of optimize/, which the tracer
-// below may not know; that is why it has a folder of its own above both.
+// The public renderer: a tracer and a ray cache for a model owned by the caller. Forward and
+// backward pass use the tracer of trace/; the chain rule to the parameters is that of optimize/,
+// which trace/ must not include.
 
 #include <stdlib.h>
 #include <string.h>
@@ -36,7 +36,7 @@ struct sgs_renderer {
     // Of the last differentiable render; valid while its lists are.
     bool differentiable;
     sgsi_view view;
-    float *zeros; // a plane, for gradients that the caller leaves out
+    float *zeros; // a plane, for NULL gradients
     size_t zero_count;
 };
 
@@ -275,7 +275,7 @@ static int band_rows(const sgsi_rays *rays, int max_samples)
     return (int)(wanted < allowed ? wanted : allowed ? allowed : 1);
 }
 
-// In bands, with the caller's progress function between them.
+// Renders in bands and calls the progress function between them.
 static sgs_status render_bands(sgs_renderer *renderer, const sgsi_view *view,
                                const sgs_render_options *options)
 {
@@ -368,8 +368,8 @@ typedef struct gradient_job {
     float *out; // model layout
 } gradient_job;
 
-// The chain rule for blocks with a hit; rows without one have no gradient, whatever it computes for
-// them (a primitive at the camera's centre has no direction).
+// The chain rule for blocks with a hit. Rows without a hit get zero gradients, also if the chain
+// rule gives NaN (a primitive at the camera centre has no direction).
 static void finish_blocks(void *context, size_t begin, size_t end, int thread)
 {
     (void)thread;

@@ -3,7 +3,7 @@
 #pragma once
 
 // Result of a camera file reader (colmap.c, transforms.c), passed to scene.c: frames without
-// pixels, and the sparse point cloud. Frames are unsorted and the split of --test-every is not
+// pixels, and the sparse point cloud. Frames are unsorted, and options for the split are not
 // applied.
 
 #include <stdbool.h>

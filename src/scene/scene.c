@@ -224,7 +224,7 @@ static void load_view(void *context, size_t i, int thread)
     const sgsi_photo_source source = source_of(l, i);
     s->status = sgsi_photo_load(&source, &view->image, &s->report);
     keep_error(s);
-    if (l->limited) // it was only loaded to check that it can be
+    if (l->limited) // loaded only to check the file
         sgsi_photo_release(&view->image);
     sgsi_progress_advance(&l->progress);
 }
@@ -371,8 +371,8 @@ static sgs_status use_named_mask(const loader *l, size_t i)
         l->files.model_path, l->scene->views[i].name);
 }
 
-// Finds the masks of all views. Mask folders are next to the image folder; --masks overrides masks
-// named in camera files.
+// Finds the masks of all views. Mask folders are next to the image folder; option masks_dir
+// overrides masks named in camera files.
 static sgs_status find_masks(loader *l)
 {
     const char *folder = l->options->masks_dir, *images = l->files.image_folder;
@@ -451,7 +451,7 @@ static sgs_status make_views(loader *l)
         sgs_view *view = &scene->views[i];
         *view = (sgs_view){.name = frame->name, .pose = frame->pose, .split = frame->split};
         frame->name = NULL;
-        // Names in transforms.json include the folder; --images replaces it.
+        // Names in transforms.json include the folder; option images_dir replaces it.
         const bool replaced = !l->files.colmap && images_dir && !strncmp(view->name, "images/", 7);
         char *moved = replaced ? sgsi_format("%s/%s", images_dir, view->name + 7) : NULL;
         view->image_path = replaced && !moved ? NULL
@@ -480,7 +480,7 @@ typedef struct view_tally {
     bool downscaled;
 } view_tally;
 
-// Errors that do not merely skip a view: out of memory, a bad mask, a bad --input-colorspace.
+// Errors that do not merely skip a view: out of memory, a bad mask, an unknown colorspace.
 static sgs_status check_fatal(const loader *l)
 {
     for (size_t i = 0; i < l->scene->view_count; ++i) {
@@ -492,7 +492,7 @@ static sgs_status check_fatal(const loader *l)
     return SGS_STATUS_OK;
 }
 
-// Returns whether the view has a photograph with valid pixels; warns otherwise.
+// True if the view has a photograph with valid pixels; warns otherwise.
 static bool is_usable(loader *l, size_t i, view_tally *tally)
 {
     sgs_scene *scene = l->scene;

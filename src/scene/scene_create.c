@@ -1,9 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// A scene from the caller's memory. Pixels take the way of decoded files (image/photo.c): 8-bit
-// sRGB stays 8-bit where photographs are compared in sRGB, all else becomes half floats of the
-// scene's space; then alpha, mask and lens decide which pixels are valid.
+// A scene from the caller's memory. Pixels are converted like decoded files (image/photo.c): 8-bit
+// sRGB stays 8-bit if the scene's space is sRGB, all other pixels become half floats in the scene's
+// space; then alpha, mask and lens define the valid pixels.
 
 #include <math.h>
 #include <stdlib.h>
@@ -21,7 +21,7 @@
 enum { WHITE_VIEWS = 16 };
 static const char path[] = "scene in memory";
 
-// A source and what is derived from it; sorted by name.
+// A source and its derived data; sorted by name.
 typedef struct entry {
     const sgs_view_source *source;
     char *name;
@@ -60,8 +60,8 @@ static const uint8_t *pixel_at(const sgs_view_source *source, int x, int y)
     return (const uint8_t *)source->pixels + y * row + x * step;
 }
 
-// All of binary16: unlike the halves of photographs, a caller's may be negative, subnormal,
-// infinite or NaN.
+// Decodes any binary16: halves of the caller, unlike those of photographs, may be negative,
+// subnormal, infinite or NaN.
 static float half_number(uint16_t half)
 {
     const int exponent = half >> 10 & 31, mantissa = half & 1023;
@@ -184,8 +184,7 @@ static void make_photo(void *context, size_t i, int thread)
     sgsi_progress_advance(&c->progress);
 }
 
-// The light that 99 % of the pixels of a sample of the linear views do not exceed becomes 1, as
-// with files.
+// As for files, the white point is the 99 % quantile of the light in a sample of the linear views.
 static sgs_status measure_white_point(creator *c)
 {
     sgs_scene *scene = c->scene;
@@ -399,7 +398,7 @@ static sgs_status create(creator *c, const sgs_view_source *views, size_t view_c
         status = copy_points(scene, points, colors, point_count);
     if (!status)
         status = make_photos(c);
-    c->options.own_split = true; // the sources' own, unless an option selects
+    c->options.own_split = true; // of the sources, unless an option defines the split
     if (!status)
         status = sgsi_scene_split(scene, &c->options, !selects);
     return status ? status : sgsi_scene_measure_extent(scene);

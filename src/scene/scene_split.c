@@ -137,7 +137,7 @@ static sgs_status split_by_names(sgs_scene *scene, const char *list)
     return status;
 }
 
-// By the names that a run recorded. A view that has gone since moves no other one.
+// Split by recorded names, independent of views that were removed since.
 static void split_by_record(sgs_scene *scene, const sgs_scene_options *options)
 {
     for (size_t i = 0; i < scene->view_count; ++i) {

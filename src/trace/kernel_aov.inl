@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // AOVs besides colour: distances, number of hits, normal, position, dominant primitive. Computed in
-// a second pass over the block hits after blending, so that training pays nothing.
+// a second pass over the block hits after blending, which training omits.
 //
 // Every AOV is a sum or an extreme over the counted hits and needs no order. Only the median depth
 // needs the transmittance T in front of a hit: T decreases along a ray, so the hit that takes T to

@@ -66,7 +66,7 @@ if command -v colmap >/dev/null; then
     rm -f "$temporary"/other/sparse/0/*.bin
     sed_poses "$temporary/other/sparse/0/images.txt"
     run 0 eval "$out" "$temporary/other" --json
-    reports "0 of 35 cameras are those that $out was trained with"
+    reports "0 of 35 cameras match those of the run $out"
 fi
 run 0 eval "$out" "$scene" --json
 check no_warning_about_its_own_scene test ! -s "$temporary/stderr"

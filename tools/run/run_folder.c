@@ -387,8 +387,9 @@ int run_folder_load_checkpoint(const run_folder *folder, sgs_trainer *trainer)
         if (before == -1 || before == -3)
             fail_library();
         if (before == 0 && damaged)
-            fail_run("%s: is damaged and there is none before it; start again with --overwrite",
-                     newest);
+            fail_run(
+                "%s: is damaged, and there is no previous checkpoint; start again with --overwrite",
+                newest);
         if (before == 1 && unreadable)
             print_warning("%s: used instead; the iterations after it are repeated", previous);
         if (before == 1 && damaged && !unreadable) {

@@ -68,8 +68,8 @@ void run_record_check_scene(const char *folder, const sgs_scene *scene)
     for (size_t v = 0; v < scene->view_count && json_array_size(cameras); ++v)
         same += has_camera(cameras, &scene->views[v], 1e-4 * scene->extent);
     if (json_array_size(cameras) && 2 * same < scene->view_count)
-        print_warning("%s: %zu of %zu cameras are those that %s was trained with; the scores "
-                      "compare different scenes unless the model was moved there",
+        print_warning("%s: %zu of %zu cameras match those of the run %s; the scores compare "
+                      "different scenes unless the model was transformed",
                       scene->path, same, scene->view_count, folder);
     json_decref(cameras);
 }

@@ -131,10 +131,16 @@ typedef struct sgs_train_options {
     // Learn an affine colour map per training image (exposure compensation of 3DGS); false.
     bool exposure;
     size_t random_points; // size of the random cloud for a scene without points; 100000
+    // Photographs without an alpha channel have alpha 1 in that loss: the model covers every pixel
+    // that is not masked. Requires alpha_loss > 0, and works best with background_random; false.
+    bool opaque;
 } sgs_train_options;
 
 // Cannot fail.
 SGS_API sgs_train_options sgs_train_options_default(void);
+
+// Weight of alpha_loss that the program uses with `opaque`.
+#define SGS_TRAIN_OPAQUE_WEIGHT 0.1
 
 // Initial learning rate of the means, in extents of the scene per step.
 #define SGS_TRAIN_LR_MEAN 1.6e-4

@@ -3,7 +3,7 @@
 
 // The photometric loss of 3DGS (Kerbl et al. 2023, equation 7), L = (1 - lambda) mean|I - G| +
 // lambda (1 - mean SSIM) with the SSIM of Wang et al. 2004, and its gradient. Images with an alpha
-// channel can add weight mean|(1 - T) - alpha|.
+// channel can add weight mean|(1 - T) - alpha|, and those without, as if their alpha were 1.
 //
 // This file divides the image into blocks, runs them on the threads and adds up their sums;
 // loss_kernels.inl contains the mathematics. A block has at most LOSS_BLOCK_WIDTH x
@@ -187,7 +187,7 @@ sgs_status sgsi_loss_evaluate(sgsi_loss_workspace *workspace, const sgsi_loss_in
                 .l1_scale = (float)((1.0 - lambda) / values),
                 .ssim_scale = (float)(2.0 * lambda / values),
                 .ceiling = input->target->is_hdr ? 1e9f : 1.0f,
-                .alpha_scale = input->target->channels == 4
+                .alpha_scale = input->target->channels == 4 || input->opaque
                                    ? (float)(3.0 * (double)input->alpha_weight / values)
                                    : 0.0f},
         .kernel = kernel_of(sgs_isa_get()),

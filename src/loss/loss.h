@@ -26,6 +26,7 @@ typedef struct sgsi_loss_input {
     float ssim_weight;       // lambda = 0.2
     const float *alpha_transmittance; // T of the alpha term; NULL = transmittance
     float alpha_weight; // of mean |(1 - T) - alpha|, for targets with an alpha channel; 0 = none
+    bool opaque;        // targets without an alpha channel have the alpha term too, with alpha 1
 } sgsi_loss_input;
 
 typedef struct sgsi_loss_output {

@@ -371,7 +371,9 @@ static void run_alpha(const channel_block *block, sgsi_loss_sums *sums)
             const int count = block->x + block->width - x;
             const size_t at = (size_t)y * input->stride + (size_t)x,
                          pixel = (size_t)y * (size_t)input->width + (size_t)x;
-            const vf alpha = load_values(input->target, 3 * plane + pixel, count);
+            const vf alpha = input->target->channels == 4
+                                 ? load_values(input->target, 3 * plane + pixel, count)
+                                 : one;
             const vf opacity = vf_sub(one, vf_load_u(transmittance + at));
             const vf e = vf_keep(counted(input, x, y, count), vf_sub(opacity, alpha));
             const vf slope = vf_sub(vf_keep(vf_lt(e, zero), scale), vf_keep(vf_gt(e, zero), scale));

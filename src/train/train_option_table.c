@@ -134,6 +134,13 @@ static const sgs_train_option table[] = {
              "alpha",
      .group = training,
      ALL_PIPELINES},
+    {.name = "opaque",
+     .type = SGS_OPTION_BOOL,
+     FIELD(opaque),
+     .help = "treat images without alpha channel as opaque: the model covers all their pixels; "
+             "sets --background random and --alpha-loss 0.1 unless given",
+     .group = training,
+     ALL_PIPELINES},
     {.name = "exposure",
      .type = SGS_OPTION_BOOL,
      FIELD(exposure),
@@ -545,6 +552,8 @@ sgs_status sgs_train_options_check(const sgs_train_options *given)
         pipeline->late_opacity(options) == SGSI_LATE_OPACITY_LINEAR)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
                          "taming_opacity linear and filter mip exclude each other");
+    if (options->opaque && !(options->alpha_loss > 0))
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "opaque requires alpha_loss above 0");
     return SGS_STATUS_OK;
 }
 

@@ -190,7 +190,8 @@ sgs_status sgsi_train_view_loss(sgsi_train_views *views, sgsi_train_view *view)
         .background = {view->background[0], view->background[1], view->background[2]},
         .target = view->target,
         .ssim_weight = 0.2f,
-        .alpha_weight = (float)views->options->alpha_loss};
+        .alpha_weight = (float)views->options->alpha_loss,
+        .opaque = views->options->opaque};
     view->loss =
         (sgsi_loss_output){.d_color = {view->d_color[0], view->d_color[1], view->d_color[2]},
                            .d_transmittance = view->d_transmittance};

@@ -151,4 +151,22 @@ json "$temporary/capped/summary.json" '.gaussians <= 500'
 run 0 train "$room" --downscale 8 -o "$temporary/refined" --iterations 1 --init "$temporary/capped" --quiet
 json "$temporary/refined/summary.json" '.gaussians <= 500'
 
+# opaque_photographs: background and weight follow, unless given; a run knows its option
+run 0 train "$room" --downscale 8 -o "$temporary/opaque" --iterations 150 --opaque --quiet
+json "$temporary/opaque/config.json" '.options | .opaque == true and .background == "random" and .alpha_loss == 0.1'
+run 0 train "$room" --downscale 8 -o "$temporary/holes" --iterations 150 --quiet
+json "$temporary/holes/config.json" '.options | .opaque == false and .alpha_loss == 0'
+for name in opaque holes; do
+    run 0 render "$temporary/$name" "$room" --view 0001 --aov rgba -o "$temporary/$name"
+    oiiotool --stats "$temporary/$name/0001.exr" | awk '/Stats Avg/ { print $6 }' >"$temporary/$name.alpha"
+done
+check fewer_holes bash -c "paste '$temporary/opaque.alpha' '$temporary/holes.alpha' | awk '{ exit !(\$1 > \$2 && \$1 > 0.98) }'"
+run 0 train "$room" --downscale 8 -o "$temporary/given" --iterations 2 --opaque --alpha-loss 0.2 --background 0,1,0 --quiet
+json "$temporary/given/config.json" '.options | .background == [0, 1, 0] and .alpha_loss == 0.2'
+check no_warning test ! -s "$temporary/stderr"
+run 1 train "$room" --downscale 8 -o "$temporary/given" --iterations 2 --alpha-loss 0.2 --background 0,1,0 --resume --quiet
+reports "--opaque was true when the run started"
+run 2 train "$room" --downscale 8 -o "$temporary/none" --opaque --alpha-loss 0
+reports "--opaque requires --alpha-loss above 0"
+
 finish

@@ -391,6 +391,58 @@ static void alpha_loss_pulls_opacity_to_the_alpha_channel(void **state)
     assert_true(with > without + 0.1);
 }
 
+// The mean opacity of a view after training on dark photographs without an alpha channel, from
+// white points: over black, transparent and dark look the same.
+static double mean_opacity(bool opaque)
+{
+    sgs_scene_options options = sgs_scene_options_default();
+    options.downscale = 8;
+    sgs_scene *scene;
+    assert_int_equal(sgs_scene_load(SGSI_TEST_DATA "/room", &options, &scene), SGS_STATUS_OK);
+    for (size_t v = 0; v < scene->view_count; ++v) { // a tenth of the light
+        sgs_photo *photo = &scene->views[v].image;
+        for (size_t i = 0; i < 3 * (size_t)photo->width * (size_t)photo->height; ++i)
+            photo->pixels[i] /= 10;
+    }
+    for (size_t i = 0; i < 3 * scene->point_count; ++i)
+        scene->colors[i] /= 10;
+    sgs_train_options train = sgs_train_options_default();
+    train.iterations = 300;
+    train.opaque = train.background_random = opaque;
+    train.alpha_loss = opaque ? SGS_TRAIN_OPAQUE_WEIGHT : 0;
+    sgs_trainer *trainer;
+    sgs_renderer *renderer;
+    sgs_frame frame;
+    sgs_step_info info = {0};
+    const sgs_view *view = &scene->views[0];
+    assert_int_equal(sgs_trainer_create(scene, &train, &trainer), SGS_STATUS_OK);
+    while (!info.stop)
+        assert_int_equal(sgs_trainer_step(trainer, &info), SGS_STATUS_OK);
+    assert_int_equal(sgs_renderer_create(sgs_trainer_model(trainer), &renderer), SGS_STATUS_OK);
+    assert_int_equal(sgs_frame_create(view->camera.width, view->camera.height, &frame),
+                     SGS_STATUS_OK);
+    assert_int_equal(sgs_renderer_render(renderer, &view->camera, &view->pose, NULL, &frame),
+                     SGS_STATUS_OK);
+    double sum = 0;
+    for (int i = 0; i < frame.width * frame.height; ++i)
+        sum += 1 - (double)frame.transmittance[i];
+    const double mean = sum / (frame.width * frame.height);
+    sgs_frame_free(&frame);
+    sgs_renderer_destroy(renderer);
+    sgs_trainer_destroy(trainer);
+    sgs_scene_destroy(scene);
+    return mean;
+}
+
+static void opaque_photographs_leave_no_holes(void **state)
+{
+    (void)state;
+    const double without = mean_opacity(false), with = mean_opacity(true);
+    print_message("mean opacity of dark photographs: %.3f, opaque %.3f\n", without, with);
+    assert_true(without < 0.99);
+    assert_true(with > 0.995);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -404,6 +456,7 @@ int main(void)
         cmocka_unit_test_setup(pixels_without_a_ray_are_invalid, warnings_begin),
         cmocka_unit_test(a_masked_square_leaves_no_colour_in_the_model),
         cmocka_unit_test(alpha_loss_pulls_opacity_to_the_alpha_channel),
+        cmocka_unit_test(opaque_photographs_leave_no_holes),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

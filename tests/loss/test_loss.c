@@ -50,6 +50,7 @@ typedef struct scene {
     float ssim_weight;
     sgs_photo target;
     float alpha_weight;
+    bool opaque;
 } scene;
 
 typedef struct truth {
@@ -277,13 +278,15 @@ static void reference_alpha(const scene *s, truth *t)
 {
     const size_t plane = (size_t)s->width * (size_t)s->height;
     const double scale = (double)s->alpha_weight / (double)plane;
-    for (size_t pixel = 0; pixel < plane && s->alpha_weight > 0 && s->target.channels == 4;
+    const bool has_alpha = s->target.channels == 4;
+    for (size_t pixel = 0; pixel < plane && s->alpha_weight > 0 && (has_alpha || s->opaque);
          ++pixel) {
         const size_t x = pixel % (size_t)s->width, y = pixel / (size_t)s->width,
                      at = y * s->stride + x;
         if (!counts(s, x, y))
             continue;
-        const double e = 1.0 - (double)s->transmittance[at] - target_value(s, 3 * plane + pixel);
+        const double alpha = has_alpha ? target_value(s, 3 * plane + pixel) : 1.0;
+        const double e = 1.0 - (double)s->transmittance[at] - alpha;
         t->loss += scale * fabs(e);
         if (t->d_transmittance)
             t->d_transmittance[at] -= scale * ((e > 0) - (e < 0));
@@ -362,6 +365,7 @@ static sgsi_loss_output evaluate(scene *s)
         .target = &s->target,
         .ssim_weight = s->ssim_weight,
         .alpha_weight = s->alpha_weight,
+        .opaque = s->opaque,
     };
     sgsi_loss_output output = {
         .d_color = {s->d_color[0], s->d_color[1], s->d_color[2]},
@@ -425,6 +429,7 @@ static void loss_and_gradient_match_double_brute_force(void **state)
             if (k % 3 == 1)
                 halve_scene(&s, kind == CONTENT_WILD ? 2.5f : 1.0f);
             s.alpha_weight = k % 3 ? 0.7f : 0.0f;
+            s.opaque = kind % 2 == 0;
             truth t = make_truth(&s, PLANT_NONE);
             for (int isa = 0; isa < SGS_ISA_COUNT; ++isa) {
                 if (!sgs_isa_supported((sgs_isa)isa))
@@ -513,13 +518,13 @@ static void assert_same_record(const record *a, const record *b)
     assert_memory_equal(a->planes, b->planes, 4 * a->plane_floats * sizeof(float));
 }
 
-static void nothing_that_a_mask_covers_changes_a_bit(void **state)
+static void check_mask(int channels)
 {
-    (void)state;
-    scene s = make_scene(150, 70, 4, CONTENT_WILD, tinted);
+    scene s = make_scene(150, 70, channels, CONTENT_WILD, tinted);
     const size_t plane = (size_t)s.width * (size_t)s.height;
     mask_scene(&s);
     s.alpha_weight = 0.5f;
+    s.opaque = true;
     record before = evaluate_record(&s);
     for (size_t pixel = 0; pixel < plane; ++pixel) {
         const size_t x = pixel % (size_t)s.width, y = pixel / (size_t)s.width,
@@ -527,7 +532,7 @@ static void nothing_that_a_mask_covers_changes_a_bit(void **state)
         if (counts(&s, x, y))
             continue;
         s.transmittance[at] = 0.5f;
-        for (size_t c = 0; c < 4; ++c)
+        for (size_t c = 0; c < (size_t)channels; ++c)
             s.target.pixels[c * plane + pixel] ^= 0xff;
         for (int c = 0; c < 3; ++c) {
             assert_true(s.d_color[c][at] == 0.0f && s.d_transmittance[at] == 0.0f);
@@ -539,6 +544,51 @@ static void nothing_that_a_mask_covers_changes_a_bit(void **state)
     sgsi_free(before.planes);
     sgsi_free(after.planes);
     free_scene(&s);
+}
+
+static void nothing_that_a_mask_covers_changes_a_bit(void **state)
+{
+    (void)state;
+    check_mask(4);
+    check_mask(3);
+}
+
+// dL/dT of the kernels against central differences of the brute-force loss. Targets with an alpha
+// channel ignore `opaque`; those without have alpha 1.
+static void opaque_gradient_matches_finite_differences(void **state)
+{
+    (void)state;
+    double pull[2] = {0};
+    for (int channels = 3; channels <= 4; ++channels) {
+        scene s = make_scene(17, 11, channels, CONTENT_NOISE, tinted);
+        mask_scene(&s);
+        s.alpha_weight = 0.7f;
+        s.opaque = true;
+        evaluate(&s);
+        double worst = 0, scale = 0;
+        for (int y = 0; y < s.height; ++y)
+            for (int x = 0; x < s.width; ++x) {
+                const size_t at = (size_t)y * s.stride + (size_t)x;
+                const float value = s.transmittance[at], step = 0x1p-12F;
+                double loss[2];
+                for (int k = 0; k < 2; ++k) {
+                    s.transmittance[at] = k ? value - step : value + step;
+                    truth t = make_truth(&s, PLANT_NONE);
+                    loss[k] = t.loss;
+                    free_truth(&t);
+                }
+                s.transmittance[at] = value;
+                const double slope = (loss[0] - loss[1]) / (2 * (double)step),
+                             d = (double)s.d_transmittance[at];
+                worst = fmax(worst, fabs(slope - d));
+                scale = fmax(scale, fabs(d));
+                pull[channels == 4] += d;
+            }
+        print_message("%d channels: largest error %.1e of the gradient\n", channels, worst / scale);
+        assert_true(worst <= 1e-3 * scale);
+        free_scene(&s);
+    }
+    assert_true(pull[0] > 0.5); // towards a smaller transmittance, everywhere
 }
 
 static void thread_counts_give_the_same_bits(void **state)
@@ -718,6 +768,7 @@ int main(void)
         cmocka_unit_test(comparison_catches_planted_errors),
         cmocka_unit_test(loss_and_gradient_match_double_brute_force),
         cmocka_unit_test(nothing_that_a_mask_covers_changes_a_bit),
+        cmocka_unit_test(opaque_gradient_matches_finite_differences),
         cmocka_unit_test(thread_counts_give_the_same_bits),
         cmocka_unit_test(avx2_and_avx512_give_the_same_bits),
         cmocka_unit_test(identical_images_have_no_loss_and_no_gradient),

@@ -144,6 +144,11 @@ static void values_out_of_range_are_refused_by_field(void **state)
     options.pipeline_options.taming_opacity = SGS_TAMING_LINEAR;
     options.filter = SGS_FILTER_MIP;
     refused(&options, "taming_opacity linear and filter mip exclude each other");
+    options = sgs_train_options_default();
+    options.opaque = true;
+    refused(&options, "opaque requires alpha_loss above 0");
+    options.alpha_loss = SGS_TRAIN_OPAQUE_WEIGHT;
+    assert_int_equal(sgs_train_options_check(&options), SGS_STATUS_OK);
 }
 
 static void values_have_a_text(void **state)

@@ -277,7 +277,7 @@ void scene_warn_idle(const sgs_scene *scene, const scene_values *values, const c
 {
     char *why = format_text("on %s: no image has an alpha channel", scene->path);
     if (!scene->has_alpha)
-        warn_idle(line, "alpha|alpha-loss", why);
+        warn_idle(line, option_given(line, "opaque") ? "alpha" : "alpha|alpha-loss", why);
     free(why);
     why = format_text("on %s: no image is in linear light", scene->path);
     if (!scene->linear_images)

@@ -87,7 +87,9 @@ static const struct {
     const char *name, *shown;
 } resolved_defaults[] = {
     {"filter", "the pipeline's filter"},
-    {"background", "0,0,0, or 1,1,1 for NeRF synthetic scenes with --alpha over"},
+    {"background",
+     "0,0,0, or 1,1,1 for NeRF synthetic scenes with --alpha over, or random with --opaque"},
+    {"alpha_loss", "0 = none, or 0.1 with --opaque"},
 };
 
 // The rows of the library's options, made once, and what their texts point to.
@@ -144,7 +146,7 @@ static const char *conditions_of(const sgs_train_option *from, char text[TEXT_MO
     if (from->spare)
         add_condition(text, "spare", from->spare);
     if (!strcmp(from->name, "alpha_loss"))
-        snprintf(text, TEXT_MOST, "alpha=over");
+        snprintf(text, TEXT_MOST, "alpha=over|opaque");
     return *text ? text : NULL;
 }
 
@@ -228,6 +230,10 @@ void train_resolve(train_values *values, const command_line *line, uint64_t seed
     if (!option_given(line, "filter"))
         values->options.filter =
             values->options.pipeline == SGS_PIPELINE_MIP ? SGS_FILTER_MIP : SGS_FILTER_3DGS;
+    if (values->options.opaque && !option_given(line, "background"))
+        values->options.background_random = true;
+    if (values->options.opaque && !option_given(line, "alpha-loss"))
+        values->options.alpha_loss = SGS_TRAIN_OPAQUE_WEIGHT;
 }
 
 static void set_word(json_t *object, const char *key, const char *words, int index)

@@ -676,6 +676,8 @@ static int check_values(const train_values *values, const command_line *line)
     if (o->pipeline == SGS_PIPELINE_TAMING &&
         o->pipeline_options.taming_opacity == SGS_TAMING_LINEAR && o->filter == SGS_FILTER_MIP)
         return fail_usage("--taming-opacity linear and --filter mip are mutually exclusive");
+    if (o->opaque && !(o->alpha_loss > 0))
+        return fail_usage("--opaque requires --alpha-loss above 0");
     if (values->resume && values->overwrite)
         return fail_usage("--resume and --overwrite are mutually exclusive; --resume continues the "
                           "run in OUT, --overwrite replaces it");

@@ -219,8 +219,8 @@ static sgs_status make_room(sgsi_density_columns *columns, const sgsi_statistics
     return status ? sgsi_fail(status, "no memory to rank %zu primitives", n) : status;
 }
 
-// Applies the cap: keeps the densifications of highest priority, as many as there is room. Faint
-// rows make room, up to REPLACED_SHARE of the cap per update, so that growth continues at the cap.
+// Applies the cap: keeps the densifications of highest priority. Faint rows are removed for them,
+// up to REPLACED_SHARE of the cap per update, so that growth continues at the cap.
 static sgs_status limit_growth(sgsi_density_columns *columns, const sgsi_statistics *statistics,
                                size_t cap, size_t survivors)
 {

@@ -1,9 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Thinning follows a Morton curve, where neighbours are mostly near in space. In each round every
-// second point may be removed, those nearest to their predecessor first. Two neighbours never go in
-// the same round, so a dense row keeps every other point.
+// Thinning follows a Morton curve, on which neighbours are mostly near in space. In each round
+// every second point may be removed, those nearest to their predecessor first. Neighbours are never
+// removed in the same round, so that a dense row keeps every other point.
 
 #include "train/initial_selection.h"
 
@@ -58,7 +58,7 @@ static sgs_status thin_once(const float *points, ordered_point *order, size_t *c
                             double *score, uint8_t *marks)
 {
     const size_t n = *count;
-    const size_t most = (n / 2 + 1) / 2; // half of those that may go, because distances grow
+    const size_t most = (n / 2 + 1) / 2; // half of the candidates, because distances grow
     uint8_t *const removable = marks, *const removed = marks + n;
     for (size_t i = 0; i < n; ++i) {
         removable[i] = i % 2;

@@ -81,7 +81,7 @@ static sgs_status scene_cloud(sgs_trainer *trainer)
     return status;
 }
 
-// The cap keeps the primitives that cover most.
+// The cap keeps the primitives of largest opacity times cross section.
 static sgs_status copy_initial_model(sgs_trainer *trainer, const sgs_gaussians *from)
 {
     const size_t cap = trainer->options.max_gaussians;

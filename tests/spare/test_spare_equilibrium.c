@@ -60,7 +60,7 @@ static void equilibrium_stops_after_patience(void **state)
     run *r = begin();
     assert_false(
         spare_equilibrium_check(&r->state, r->fits, VIEWS, 20, 1000, &defaults)); // no loss
-    assert_false(interval(r, 1e-4, 1000, &defaults)); // nothing to compare with
+    assert_false(interval(r, 1e-4, 1000, &defaults)); // no earlier interval
     assert_false(interval(r, 1e-4, 1005, &defaults));
     assert_int_equal(r->state.held, 1);
     assert_true(fabs(r->state.last_loss_change - (1.0 - exp(-0.002))) < 1e-9);
@@ -100,7 +100,7 @@ static void equilibrium_starts_again_when_moving(void **state)
     assert_false(interval(r, 1e-4, 1250, &count));
 }
 
-// A disturbance in between: the next check has nothing to compare with.
+// After a disturbance the next check compares nothing.
 static void disturbances_and_short_intervals_wait(void **state)
 {
     (void)state;

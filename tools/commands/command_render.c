@@ -194,7 +194,7 @@ static const option render_options[] = {
      .shown = "the 1 % to 99 % quantiles over all frames",
      .unit = "world units",
      .needs = "output&format=png&aov=depth|aov=depth_first|aov=depth_median",
-     .help = "distances that are the ends of the colours in the depth PNGs of all frames"},
+     .help = "distances of the first and the last colour in the depth PNGs of all frames"},
     {.name = "format",
      .kind = OPTION_CHOICE,
      .offset = AT(format),

@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// A range is that from the 1 % to the 99 % quantile of the values in all sampled frames: a few
-// stray primitives do not change it, and a small subject is not lost in it.
+// A range is that from the 1 % to the 99 % quantile of the values in all sampled frames, so that a
+// few stray primitives do not change it.
 
 #include "draw/picture_ranges.h"
 
@@ -18,7 +18,7 @@ static int channels_of(int k)
                                                         : 0;
 }
 
-// The row that a row shares its range with.
+// The row whose range a row uses.
 static int group_of(int k)
 {
     return 1 << k & AOV_DEPTHS ? AOV_INDEX_DEPTH : k;

@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// The ranges of the values that PNG files show as colours. All frames of a call share them, so that
+// Ranges of the values that PNG files show as colours. All frames of a call share them, so that
 // equal values have equal colours in a sequence.
 
 #include <jansson.h>

@@ -50,7 +50,7 @@ typedef struct view_drawer {
 // call view_drawer_close in either case.
 bool view_drawer_open(view_drawer *drawer, const view_options *options,
                       const drawing_values *drawing, const sgs_gaussians *model);
-// Measures the ranges of PNG files over all views and reports them. Needed before the first view.
+// Measures the ranges of PNG files over all views and reports them. Call it before the first view.
 // False after printing the error.
 bool view_drawer_measure(view_drawer *drawer, const camera_list *views);
 // The view must stay valid until the next call. False after printing the error of this view or of

@@ -24,6 +24,7 @@ if [ "${1:-}" = --long ]; then
         gcovr                            # tools/scripts/coverage.sh
         colmap                           # reconstruct
         chromium                         # the page of `report`
+        python3-torch                    # reference values of LPIPS
     )
     if apt-cache show clang-16 >/dev/null 2>&1; then
         packages+=(clang-16) # another compiler, on Debian 12

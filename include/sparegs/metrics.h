@@ -3,7 +3,8 @@
 #pragma once
 
 // Image quality as in the 3DGS papers: 8-bit quantised images, PSNR over all pixels and channels,
-// SSIM with an 11x11 Gaussian window and zero padding; also FLIP and sharpness. Pure functions.
+// SSIM with an 11x11 Gaussian window and zero padding; also FLIP, sharpness and LPIPS. Pure
+// functions.
 //
 // Threads: all functions may be called from any thread at any time.
 
@@ -48,6 +49,36 @@ SGS_API double sgs_ssim_masked(const sgs_image8 *a, const sgs_image8 *b,
 SGS_API sgs_status sgs_flip(const sgs_image8 *reference, const sgs_image8 *test,
                             const uint16_t *valid_mask, double pixels_per_degree, float *map,
                             double *mean);
+
+// LPIPS, a distance of images in the features of a network (Zhang et al., "The Unreasonable
+// Effectiveness of Deep Features as a Perceptual Metric", CVPR 2018, version 0.1). The weights are
+// not part of this library: tools/scripts/lpips_weights.py converts the published files.
+typedef struct sgs_lpips sgs_lpips;
+
+// Range of the values that the network sees. 3DGS and its successors report SGS_LPIPS_UNIT; the
+// authors of LPIPS scale to [-1, 1].
+typedef enum sgs_lpips_input {
+    SGS_LPIPS_UNIT,  // [0, 1]
+    SGS_LPIPS_SIGNED // [-1, 1]
+} sgs_lpips_input;
+
+// Reads the weights of VGG16 or AlexNet; *lpips is NULL after a failure. Fails with IO, FORMAT
+// (wrong size or order, damaged, values that are not finite, negative heads), UNSUPPORTED (version,
+// network) or OUT_OF_MEMORY.
+SGS_API sgs_status sgs_lpips_read(const char *path, sgs_lpips **lpips);
+// Accepts NULL.
+SGS_API void sgs_lpips_destroy(sgs_lpips *lpips);
+// "vgg" or "alex"; owned by the library.
+SGS_API const char *sgs_lpips_network(const sgs_lpips *lpips);
+
+// LPIPS of two images, 0 = equal. Display values (sRGB). Sizes must match; three channels are used.
+// Invalid pixels (valid_mask as in sgs_flip) are black in both images, and each feature counts by
+// the share of valid pixels in its cell of the image. Uses all threads. *distance: NaN where no
+// pixel is valid, and after a failure. Fails with INVALID_ARGUMENT (sizes; images smaller than 16
+// pixels with vgg, 31 with alex) or OUT_OF_MEMORY.
+SGS_API sgs_status sgs_lpips_distance(const sgs_lpips *lpips, sgs_lpips_input input,
+                                      const sgs_image8 *a, const sgs_image8 *b,
+                                      const uint16_t *valid_mask, double *distance);
 
 // Sharpness of a render: the energy (sum of squares) of the 5-point Laplacian of its luma (0.299,
 // 0.587, 0.114), relative to that of the photograph. 1 = as much detail as the photograph, below 1

@@ -57,6 +57,36 @@ check the_rows_have_them awk -v flip="$(figure 0001.jpg flip)" -v sharpness="$(f
      END { exit !found || bad }' "$temporary/stdout"
 prints "FLIP 0."
 
+# lpips_takes_the_weights_of_the_user
+json "$temporary/eval.json" '.mean.lpips == null and .images[0].lpips == null and (has("lpips_network") | not)'
+"$SPAREGS_BUILD/tests/test_lpips" alex "$temporary/alex.bin"
+run 0 eval "$model" "$room" --lpips "$temporary/alex.bin" --json
+json "$temporary/stdout" '.lpips_network == "alex" and .lpips_input == "unit" and ([.images[].lpips > 0] | all)'
+json "$temporary/stdout" '([.images[].lpips] | add / length) - .mean.lpips | . < 1e-7 and . > -1e-7'
+unit=$(jq .mean.lpips "$temporary/stdout")
+run 0 eval "$model" "$room" --lpips "$temporary/alex.bin" --lpips-input signed
+prints "sharpness  LPIPS"
+prints "(alex) over 5 images"
+check the_inputs_differ awk -v unit="$unit" '$1 == "mean" { found = $7 > 1.5 * unit } END { exit !found }' "$temporary/stdout"
+# bad weights: one line, before anything is rendered
+head -c 100000 "$temporary/alex.bin" >"$temporary/cut.bin"
+run 1 eval "$model" "$room" --lpips "$temporary/cut.bin"
+one_line
+reports "cut.bin: 100000 bytes and 15 tensors; weights of alex have 9883656 bytes and 15 tensors; the file is truncated"
+run 1 eval "$model" "$room" --lpips "$SPAREGS_SOURCE/README.md"
+one_line
+reports "README.md: not a file of LPIPS weights; create one from the published .pth files with lpips_weights.py"
+run 1 eval "$model" "$room" --lpips "$temporary/missing.bin"
+one_line
+reports "missing.bin"
+run 2 eval "$model" "$room" --lpips-input signed
+reports "--lpips-input requires --lpips"
+run 2 eval "$model" "$room" --lpips "$temporary/alex.bin" --lpips-input byte
+reports "--lpips-input: invalid value 'byte'"
+run 1 eval "$model" "$room" --downscale 16 --lpips "$temporary/alex.bin"
+one_line
+reports "LPIPS: the image has 30 x 16 pixels; the network alex requires at least 31"
+
 # masked_pixels_have_no_influence, a_flat_photo_has_no_sharpness
 for kind in whole painted flat; do
     cp -r "$room" "$temporary/$kind"

@@ -27,7 +27,8 @@ static const char description[] =
 
 typedef struct eval_values {
     int split; // index of the word; mapped to sgs_split below
-    const char *save;
+    const char *save, *lpips;
+    int lpips_input; // sgs_lpips_input
 } eval_values;
 
 static const option eval_options[] = {
@@ -45,6 +46,19 @@ static const option eval_options[] = {
      .shown = "none",
      .help = "write NAME.png (render), NAME_photo.png (photograph) and NAME_flip.png (FLIP error "
              "map, magma colours) to DIR"},
+    {.name = "lpips",
+     .kind = OPTION_TEXT,
+     .offset = offsetof(eval_values, lpips),
+     .argument = "FILE",
+     .shown = "none",
+     .help = "also compute LPIPS, with weights converted by tools/scripts/lpips_weights.py"},
+    {.name = "lpips-input",
+     .kind = OPTION_CHOICE,
+     .offset = offsetof(eval_values, lpips_input),
+     .argument = "unit|signed",
+     .initial = "unit",
+     .needs = "lpips",
+     .help = "range of the values that LPIPS sees: [0, 1] as in 3DGS, or [-1, 1] as in its paper"},
 };
 
 static const sgs_split splits[] = {SGS_SPLIT_TEST, SGS_SPLIT_TRAIN, SGS_SPLIT_ALL};
@@ -75,10 +89,13 @@ static bool save_images(const char *folder, const char *stem, const view_images 
     return saved;
 }
 
-static void print_row(const char *name, const view_score *score)
+static void print_row(const evaluator *evaluation, const char *name, const view_score *score)
 {
-    printf("%-32s %8.3f dB  %.5f  %.5f  %9.4f\n", name, score->psnr, score->ssim, score->flip,
+    printf("%-32s %8.3f dB  %.5f  %.5f  %9.4f", name, score->psnr, score->ssim, score->flip,
            score->sharpness);
+    if (evaluation->lpips)
+        printf("  %.5f", score->lpips);
+    putchar('\n');
 }
 
 // Adds one view to the table or the JSON list. Saves its images if a stem is given.
@@ -101,23 +118,26 @@ static bool evaluate_one(const evaluator *evaluation, const sgs_view *view, cons
         json_object_set_new(entry, "identical", json_boolean(isinf(score.psnr)));
         json_array_append_new(list, entry);
     } else {
-        print_row(view->name, &score);
+        print_row(evaluation, view->name, &score);
     }
     return true;
 }
 
 // How many of the images were used for training, as far as the split is known.
-static void print_means(const sgs_scene *scene, sgs_split split, const split_score *mean)
+static void print_means(const evaluator *evaluation, sgs_split split, const split_score *mean)
 {
+    const sgs_scene *scene = evaluation->scene;
     const size_t held_out = scene_split_count(scene, SGS_SPLIT_TEST);
     char *kind = split == SGS_SPLIT_TEST    ? format_text("held out")
                  : split == SGS_SPLIT_TRAIN ? format_text("training images")
                                             : format_text("%zu training images, %zu held out",
                                                           scene->view_count - held_out, held_out);
-    print_row("mean", &mean->mean);
-    printf("PSNR %.2f dB, SSIM %.4f, FLIP %.4f, sharpness %.3f over %zu images (%s)\n",
-           mean->mean.psnr, mean->mean.ssim, mean->mean.flip, mean->mean.sharpness, mean->images,
-           kind);
+    print_row(evaluation, "mean", &mean->mean);
+    printf("PSNR %.2f dB, SSIM %.4f, FLIP %.4f, sharpness %.3f", mean->mean.psnr, mean->mean.ssim,
+           mean->mean.flip, mean->mean.sharpness);
+    if (evaluation->lpips)
+        printf(", LPIPS %.4f (%s)", mean->mean.lpips, sgs_lpips_network(evaluation->lpips));
+    printf(" over %zu images (%s)\n", mean->images, kind);
     if (mean->identical)
         printf("%zu of them identical to the photograph: PSNR is infinite and counts as %g dB in "
                "the mean\n",
@@ -125,9 +145,10 @@ static void print_means(const sgs_scene *scene, sgs_split split, const split_sco
     free(kind);
 }
 
-static bool print_scores_json(const sgs_scene *scene, sgs_split split, const split_score *mean,
+static bool print_scores_json(const evaluator *evaluation, sgs_split split, const split_score *mean,
                               json_t *list)
 {
+    const sgs_scene *scene = evaluation->scene;
     static const char *const names[] = {
         [SGS_SPLIT_TEST] = "test", [SGS_SPLIT_TRAIN] = "train", [SGS_SPLIT_ALL] = "all"};
     const size_t held_out = scene_split_count(scene, SGS_SPLIT_TEST);
@@ -136,6 +157,13 @@ static bool print_scores_json(const sgs_scene *scene, sgs_split split, const spl
     json_object_set_new(
         root, "training_images",
         json_integer(split == SGS_SPLIT_TEST ? 0 : (json_int_t)(scene->view_count - held_out)));
+    if (evaluation->lpips) {
+        json_object_set_new(root, "lpips_network",
+                            json_string(sgs_lpips_network(evaluation->lpips)));
+        json_object_set_new(
+            root, "lpips_input",
+            json_string(evaluation->lpips_input == SGS_LPIPS_SIGNED ? "signed" : "unit"));
+    }
     json_object_set_new(root, "images", list);
     json_t *means = json_object();
     view_score_add_json(means, &mean->mean);
@@ -153,7 +181,8 @@ static bool evaluate_all(const evaluator *evaluation, sgs_split split, const cha
     char **stems = save ? file_stems(&views->name, sizeof *views, count) : NULL;
     bool done = !save || stems;
     if (!json)
-        printf("%-32s %11s  %-7s  %-7s  %s\n", "image", "PSNR", "SSIM", "FLIP", "sharpness");
+        printf("%-32s %11s  %-7s  %-7s  %s%s\n", "image", "PSNR", "SSIM", "FLIP", "sharpness",
+               evaluation->lpips ? "  LPIPS" : "");
     for (size_t v = 0; v < count && done && !interrupt_signal(); ++v)
         if (view_in_split(&views[v], split))
             done = evaluate_one(evaluation, &views[v], save, stems ? stems[v] : NULL, list, &sum);
@@ -170,14 +199,14 @@ static bool evaluate_all(const evaluator *evaluation, sgs_split split, const cha
     }
     split_score_finish(&sum);
     if (json)
-        return print_scores_json(evaluation->scene, split, &sum, list);
-    print_means(evaluation->scene, split, &sum);
+        return print_scores_json(evaluation, split, &sum, list);
+    print_means(evaluation, split, &sum);
     return true;
 }
 
-static int evaluate_model(const char *ply_path, const json_t *exposures, const sgs_scene *scene,
-                          const drawing_values *drawing, const eval_values *values,
-                          bool split_given, bool json)
+static int evaluate_model(const char *ply_path, const json_t *exposures, const sgs_lpips *lpips,
+                          const sgs_scene *scene, const drawing_values *drawing,
+                          const eval_values *values, bool split_given, bool json)
 {
     sgs_split split = splits[values->split];
     if (!split_given && !scene_split_count(scene, split))
@@ -192,6 +221,8 @@ static int evaluate_model(const char *ply_path, const json_t *exposures, const s
     evaluator evaluation = {0};
     bool done = evaluator_open(&evaluation, model, scene, drawing);
     evaluation.exposures = exposures;
+    evaluation.lpips = lpips;
+    evaluation.lpips_input = (sgs_lpips_input)values->lpips_input;
     done = done && evaluate_all(&evaluation, split, values->save, json);
     evaluator_close(&evaluation);
     sgs_gaussians_destroy(model);
@@ -219,6 +250,9 @@ int command_eval(int argc, char **argv)
     if (status >= 0)
         return status;
     interrupt_watch();
+    sgs_lpips *lpips = NULL;
+    if (values.lpips && sgs_lpips_read(values.lpips, &lpips))
+        return fail_library();
     model_path located;
     sgs_scene *scene = NULL;
     status = EXIT_FAILED;
@@ -237,13 +271,15 @@ int command_eval(int argc, char **argv)
                                     ? exposure_read(path, &damaged)
                                     : NULL;
             if (!damaged)
-                status = evaluate_model(located.ply_path, exposures, scene, &drawing, &values,
-                                        option_given(&call.line, "split"), call.common.json);
+                status =
+                    evaluate_model(located.ply_path, exposures, lpips, scene, &drawing, &values,
+                                   option_given(&call.line, "split"), call.common.json);
             json_decref(exposures);
             free(path);
         }
     }
     sgs_scene_destroy(scene);
+    sgs_lpips_destroy(lpips);
     model_path_free(&located);
     return status < 0 ? EXIT_FAILED : status;
 }

@@ -16,7 +16,6 @@
 #include "cli/interrupt.h"
 #include "cli/output.h"
 #include "cli/progress.h"
-#include "sparegs/metrics.h"
 
 bool evaluator_open(evaluator *evaluation, const sgs_gaussians *model, const sgs_scene *scene,
                     const drawing_values *drawing)
@@ -112,7 +111,8 @@ void view_images_free(view_images *images)
 }
 
 // Computes the figures, and the FLIP map if `mapped`.
-static bool compare(view_images *images, const uint16_t *valid_mask, bool mapped, view_score *score)
+static bool compare(const evaluator *evaluation, view_images *images, const uint16_t *valid_mask,
+                    bool mapped, view_score *score)
 {
     const sgs_image8 *drawn = &images->drawn, *photo = &images->photo;
     if (mapped) {
@@ -125,9 +125,12 @@ static bool compare(view_images *images, const uint16_t *valid_mask, bool mapped
     }
     *score = (view_score){.psnr = sgs_psnr_masked(drawn, photo, valid_mask),
                           .ssim = sgs_ssim_masked(drawn, photo, valid_mask),
-                          .sharpness = sgs_sharpness(drawn, photo, valid_mask)};
+                          .sharpness = sgs_sharpness(drawn, photo, valid_mask),
+                          .lpips = NAN};
     if (!sgs_flip(photo, drawn, valid_mask, SGS_FLIP_PIXELS_PER_DEGREE, images->flip_map,
-                  &score->flip))
+                  &score->flip) &&
+        (!evaluation->lpips || !sgs_lpips_distance(evaluation->lpips, evaluation->lpips_input,
+                                                   drawn, photo, valid_mask, &score->lpips)))
         return true;
     fail_library();
     return false;
@@ -156,7 +159,8 @@ bool evaluate_view(const evaluator *evaluation, const sgs_view *view, view_score
     done = done && planes;
     sgs_frame_free(&frame);
     free(planes);
-    done = done && compare(&compared, half ? half : source->valid_mask, images != NULL, score);
+    done = done &&
+           compare(evaluation, &compared, half ? half : source->valid_mask, images != NULL, score);
     free(half);
     if (!done || !images)
         view_images_free(&compared);
@@ -177,6 +181,7 @@ void split_score_add(split_score *sum, const sgs_view *view, const view_score *s
     sum->mean.psnr += fmin(score->psnr, IDENTICAL_PSNR);
     sum->mean.ssim += score->ssim;
     sum->mean.flip += score->flip;
+    sum->mean.lpips += score->lpips;
     if (!isnan(score->sharpness)) {
         ++sum->sharp_images;
         sum->mean.sharpness += score->sharpness;
@@ -188,7 +193,7 @@ void split_score_finish(split_score *sum)
     const double images = (double)sum->images;
     sum->mean =
         (view_score){sum->mean.psnr / images, sum->mean.ssim / images, sum->mean.flip / images,
-                     sum->mean.sharpness / (double)sum->sharp_images};
+                     sum->mean.sharpness / (double)sum->sharp_images, sum->mean.lpips / images};
 }
 
 bool evaluate_split(const evaluator *evaluation, sgs_split split, split_score *score)
@@ -224,7 +229,7 @@ void view_score_add_json(json_t *object, const view_score *score)
     json_object_set_new(object, "ssim", json_number(score->ssim));
     json_object_set_new(object, "flip", json_number(score->flip));
     json_object_set_new(object, "sharpness", json_number(score->sharpness));
-    json_object_set_new(object, "lpips", json_null());
+    json_object_set_new(object, "lpips", json_number(score->lpips));
 }
 
 json_t *split_score_json(const split_score *score)
@@ -232,7 +237,7 @@ json_t *split_score_json(const split_score *score)
     json_t *object = json_object();
     json_object_set_new(object, "images", json_integer((json_int_t)score->images));
     json_object_set_new(object, "identical", json_integer((json_int_t)score->identical));
-    const view_score none = {NAN, NAN, NAN, NAN};
+    const view_score none = {NAN, NAN, NAN, NAN, NAN};
     view_score_add_json(object, score->images ? &score->mean : &none);
     return object;
 }

@@ -3,19 +3,22 @@
 #pragma once
 
 // Image quality by the protocol of the 3DGS papers: each view is rendered, quantised to 8 bits and
-// compared with its photograph (PSNR, SSIM, FLIP, sharpness). Writes no files.
+// compared with its photograph (PSNR, SSIM, FLIP, sharpness, LPIPS). Writes no files.
 
 #include <jansson.h>
 
 #include "cli/shared_options.h"
-#include "sparegs/image.h"
+#include "sparegs/metrics.h"
 
 typedef struct evaluator {
     const sgs_scene *scene; // with images
     sgs_renderer *renderer;
     sgs_render_options render;
     float background[3];
-    const json_t *exposures; // of OUT/exposure.json, or NULL; set it after opening
+    // Set after opening, or left NULL:
+    const json_t *exposures; // of OUT/exposure.json
+    const sgs_lpips *lpips;
+    sgs_lpips_input lpips_input;
 } evaluator;
 
 // Creates the renderer for a model, which must outlive the evaluator. False after printing the
@@ -28,6 +31,7 @@ void evaluator_close(evaluator *evaluation);
 typedef struct view_score {
     double psnr, ssim, flip;
     double sharpness; // NaN if the photograph is flat
+    double lpips;     // NaN without weights
 } view_score;
 
 // The images that were compared, 8-bit, and the FLIP error per pixel.

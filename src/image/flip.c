@@ -228,14 +228,22 @@ typedef struct tile_memory {
     double *signals[2]; // [SIGNALS][tile_rows][TILE] of an image
 } tile_memory;
 
-static size_t divide_scratch(const flip_job *job, double *at, tile_memory *memory)
+typedef struct tile_sizes {
+    size_t line, rows, signals; // doubles
+} tile_sizes;
+
+static tile_sizes sizes_of(const flip_job *job)
 {
     const size_t halo = 2 * (size_t)job->radius, tile_rows = (size_t)job->tile_rows;
-    const size_t line = 3 * (TILE + halo), rows = PLANES * (tile_rows + halo) * TILE,
-                 signals = SIGNALS * tile_rows * TILE;
-    if (at)
-        *memory = (tile_memory){at, at + line, {at + line + rows, at + line + rows + signals}};
-    return line + rows + 2 * signals;
+    return (tile_sizes){3 * (TILE + halo), PLANES * (tile_rows + halo) * TILE,
+                        SIGNALS * tile_rows * TILE};
+}
+
+static tile_memory divide_scratch(const flip_job *job, double *at)
+{
+    const tile_sizes size = sizes_of(job);
+    double *const signals = at + size.line + size.rows;
+    return (tile_memory){at, at + size.line, {signals, signals + size.signals}};
 }
 
 // A row of an image from column `x0 - radius` on as YCxCz.
@@ -321,7 +329,7 @@ static void filter_tile(const flip_job *job, size_t which, int x0, int y0,
         filter_across(job, memory->line, memory->rows + (size_t)r * TILE, plane);
     }
     for (int r = 0; r < job->tile_rows && y0 + r < job->height; ++r) {
-        double sums[SUMS][TILE];
+        double sums[SUMS][TILE] = {{0.0}};
         filter_down(job, memory->rows + (size_t)(r + job->radius) * TILE, plane, sums);
         finish_line(job, sums, memory->signals[which] + (size_t)r * TILE,
                     (size_t)job->tile_rows * TILE);
@@ -334,8 +342,8 @@ static void compare_tile(void *context, size_t item, int thread)
     const double knee = 0.4 * job->color_max, knee_error = 0.95;
     const int x0 = (int)(item % job->tiles_across) * TILE,
               y0 = (int)(item / job->tiles_across) * job->tile_rows;
-    tile_memory memory;
-    divide_scratch(job, job->scratch + (size_t)thread * job->scratch_size, &memory);
+    const tile_memory memory =
+        divide_scratch(job, job->scratch + (size_t)thread * job->scratch_size);
     filter_tile(job, 0, x0, y0, &memory);
     filter_tile(job, 1, x0, y0, &memory);
     const size_t plane = (size_t)job->tile_rows * TILE;
@@ -404,13 +412,13 @@ static bool prepare(flip_job *job, const sgs_image8 *reference, int color_radius
     job->color_max = largest_color_distance();
     invert_to_xyz(job->from_xyz);
     make_conversion(job);
-    tile_memory unused;
-    job->scratch_size = divide_scratch(job, NULL, &unused);
+    const tile_sizes size = sizes_of(job);
+    job->scratch_size = size.line + size.rows + 2 * size.signals;
     const size_t doubles = (size_t)sgsi_threads() * job->scratch_size,
                  pixels = (size_t)job->width * (size_t)job->height;
     job->scratch = sgsi_alloc(doubles + (needs_map ? (pixels + 1) / 2 : 0), sizeof(double));
     if (job->scratch && needs_map)
-        job->map = (float *)(job->scratch + doubles);
+        job->map = (void *)(job->scratch + doubles);
     return job->scratch != NULL;
 }
 

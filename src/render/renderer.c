@@ -355,7 +355,7 @@ sgs_status sgs_renderer_render_deep(sgs_renderer *renderer, const sgs_camera *ca
         sgsi_deep_pack(&renderer->deep);
         status = rows(context, y, height, renderer->deep.counts, renderer->deep.samples);
         if (!status && own.progress &&
-            !own.progress(own.progress_user, (size_t)(y + height), (size_t)camera->height))
+            !own.progress(own.progress_user, (size_t)y + (size_t)height, (size_t)camera->height))
             status = sgsi_fail(SGS_STATUS_CANCELLED, "the rendering was cancelled");
     }
     return status;

@@ -102,6 +102,7 @@ static void copy_bytes(const sgs_view_source *source, sgs_photo *photo)
             const uint8_t *from = pixel_at(source, x, y);
             uint8_t *to = photo->pixels + (size_t)y * (size_t)photo->width + (size_t)x;
             for (int c = 0; c < photo->channels; ++c)
+                // NOLINTNEXTLINE(clang-analyzer-core.NullDereference): the caller allocated it
                 to[(size_t)c * plane] = from[c * channel_step(source)];
         }
 }
@@ -205,7 +206,7 @@ static sgs_status measure_white_point(creator *c)
             continue;
         for (int y = 0; y < source->camera.height; ++y)
             for (int x = 0; x < source->camera.width; ++x) {
-                float value[4];
+                float value[4] = {0};
                 if (read_pixel(source, x, y, value))
                     sgsi_light_add_value(light, fmaxf(value[0], fmaxf(value[1], value[2])));
             }

@@ -362,7 +362,7 @@ sgs_status sgs_trainer_load_checkpoint(sgs_trainer *trainer, const char *path)
     if (status)
         return status;
     size_t n = 0;
-    sgsi_progress progress;
+    sgsi_progress progress = {0};
     status = check(&sections, trainer, &n, &progress);
     if (status) {
         sgsi_sections_close(&sections);

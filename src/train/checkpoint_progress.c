@@ -6,6 +6,7 @@
 
 #include "train/checkpoint_progress.h"
 
+// NOLINTBEGIN(bugprone-macro-parentheses): members, not expressions
 #define ROW(label, member, kind, is_essential)                                                     \
     {                                                                                              \
         .name = label, .type = SGSI_FIELD_##kind, .offset = offsetof(sgsi_progress, member),       \
@@ -13,6 +14,7 @@
     }
 #define ESSENTIAL(member, kind) ROW(#member, member, kind, true)
 #define OPTIONAL(member, kind) ROW(#member, member, kind, false)
+// NOLINTEND(bugprone-macro-parentheses)
 
 _Static_assert(sizeof(size_t) == sizeof(uint64_t) && sizeof(int) == sizeof(int32_t),
                "the fields of a checkpoint have fixed sizes");

@@ -14,11 +14,13 @@
 #include "base/core.h"
 #include "density/pipeline.h"
 
+// NOLINTBEGIN(bugprone-macro-parentheses): initialisers, not expressions
 #define FIELD(member)                                                                              \
     .offset = offsetof(sgs_train_options, member),                                                 \
     .size = sizeof((const sgs_train_options *)0)->member
 #define ALL_PIPELINES .pipelines = (1U << SGS_PIPELINE_COUNT) - 1
 #define ONLY(pipeline) .pipelines = 1U << SGS_PIPELINE_##pipeline
+// NOLINTEND(bugprone-macro-parentheses)
 
 static const char training[] = "Training", base_pipelines[] = "Base pipelines",
                   spare_gs[] = "SPARE-GS", common[] = "Common";

@@ -143,6 +143,34 @@ static void gradients_match_finite_differences(void **state)
     free_fixture(&f);
 }
 
+// Steps with changing gradients against Adam (Kingma and Ba 2015, algorithm 1) with 0.9, 0.999 and
+// 1e-8, written out here.
+static void steps_are_those_of_adam(void **state)
+{
+    (void)state;
+    fixture f = make_fixture();
+    size_t count;
+    const double *map = sgsi_exposure_state(f.exposure, &count), rate = 0.01;
+    double expected[SGSI_EXPOSURE], m[SGSI_EXPOSURE] = {0}, v[SGSI_EXPOSURE] = {0};
+    memcpy(expected, map, sizeof expected);
+    for (int t = 1; t <= 30; ++t) {
+        for (size_t i = 0; i < PLANE; ++i)
+            f.planes[0][i] = (float)(0.1 + 0.5 * sgsi_random_uniform(40 + (uint64_t)t, i));
+        evaluate(&f, true);
+        const double *g = sgsi_exposure_gradient(f.exposure);
+        for (int i = 0; i < SGSI_EXPOSURE; ++i) {
+            m[i] = 0.9 * m[i] + (1 - 0.9) * g[i];
+            v[i] = 0.999 * v[i] + (1 - 0.999) * g[i] * g[i];
+            expected[i] -=
+                rate * (m[i] / (1 - pow(0.9, t))) / (sqrt(v[i] / (1 - pow(0.999, t))) + 1e-8);
+        }
+        sgsi_exposure_step(f.exposure, 0, rate);
+        for (int i = 0; i < SGSI_EXPOSURE; ++i)
+            assert_true(fabs(map[i] - expected[i]) < 1e-9);
+    }
+    free_fixture(&f);
+}
+
 static void bits_do_not_depend_on_threads(void **state)
 {
     (void)state;
@@ -268,6 +296,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(gradients_match_finite_differences),
+        cmocka_unit_test(steps_are_those_of_adam),
         cmocka_unit_test(bits_do_not_depend_on_threads),
         cmocka_unit_test(changing_exposures_are_learned),
         cmocka_unit_test(a_resumed_run_has_the_same_maps),

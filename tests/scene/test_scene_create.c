@@ -180,7 +180,8 @@ static void floats_with_strides_become_the_space_of_the_scene(void **state)
                 for (int c = 0; c < 3 && is_valid(photo, x, y); ++c) {
                     const float light = (float)(1 + x + 20 * y + c) / 128.0f;
                     const float expected = run ? sgs_srgb_encode(light) : light;
-                    const float value = sgs_photo_value(photo, (size_t)((c * H + y) * W + x));
+                    const float value =
+                        sgs_photo_value(photo, ((size_t)c * H + (size_t)y) * W + (size_t)x);
                     assert_true(fabsf(value - expected) <= expected / 1024);
                 }
             }

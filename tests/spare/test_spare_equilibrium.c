@@ -153,8 +153,8 @@ static long simulate(uint64_t seed, int views, int length, int checks, double fa
 {
     run *r = begin();
     uint64_t counter = 0;
-    double levels[MOST_VIEWS];
-    int order[MOST_VIEWS];
+    double levels[MOST_VIEWS] = {0.0};
+    int order[MOST_VIEWS] = {0};
     for (int v = 0; v < views; ++v) {
         levels[v] = 0.2 * normal(seed, &counter);
         order[v] = v;

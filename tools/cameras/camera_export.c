@@ -16,6 +16,7 @@
 #include <jansson.h>
 #include <math.h>
 #include <stdio.h>
+#include <string.h>
 #include <stdlib.h>
 
 #include "cli/output.h"
@@ -101,7 +102,9 @@ static void usd_samples(FILE *out, const camera_list *list, const char *name, si
     fprintf(out, "    float %s.timeSamples = {\n", name);
     for (size_t i = 0; i < list->count; ++i) {
         const film values = film_of(&list->cameras[i].camera);
-        fprintf(out, "        %zu: %.9g,\n", i, *(const double *)((const char *)&values + offset));
+        double value;
+        memcpy(&value, (const char *)&values + offset, sizeof value);
+        fprintf(out, "        %zu: %.9g,\n", i, value);
     }
     fputs("    }\n", out);
 }

@@ -300,7 +300,7 @@ static bool parse_size(const option *row, const char *argument, size_t *value)
 
 static bool parse_color(const option *row, const char *argument, void *values)
 {
-    float *rgb = (float *)((char *)values + row->offset);
+    float *rgb = (void *)((char *)values + row->offset);
     const bool random = row->random_offset && !strcmp(argument, "random");
     if (row->random_offset)
         *(bool *)((char *)values + row->random_offset) = random;

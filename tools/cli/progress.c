@@ -79,7 +79,8 @@ static bool flag_of_field(const char *field, char flag[48])
         return false;
     snprintf(flag, 48, "--%s", field);
     for (char *c = flag; *c; ++c)
-        *c = *c == '_' ? '-' : *c;
+        if (*c == '_')
+            *c = '-';
     return true;
 }
 

@@ -203,14 +203,16 @@ static bool write_results(const experiment_plan *plan, const char *folder)
         json_t *summary = finished(run);
         if (!summary)
             continue;
+        // NOLINTNEXTLINE(clang-analyzer-core.NonNullParamChecker): set for a plan that runs
+        const char *name = run->folder + strlen(folder) + 1; // "FOLDER/NAME"
         char *row = csv_row(run, summary), *longer = format_text("%s%s", csv, row);
         free(row);
         free(csv);
         csv = longer;
-        json_array_append_new(
-            list, json_pack("{s:s,s:s,s:s,s:i,s:s,s:o}", "scene", run->scene, "pipeline",
-                            run->pipeline, "variant", run->variant, "seed", run->seed, "folder",
-                            run->folder + strlen(folder) + 1, "summary", summary));
+        json_array_append_new(list,
+                              json_pack("{s:s,s:s,s:s,s:i,s:s,s:o}", "scene", run->scene,
+                                        "pipeline", run->pipeline, "variant", run->variant, "seed",
+                                        run->seed, "folder", name, "summary", summary));
     }
     json_object_set(root, "plan", plan->root);
     json_object_set_new(root, "runs", list);

@@ -7,6 +7,7 @@
 
 #include "sparegs/aov_descriptors.h"
 
+// NOLINTNEXTLINE(bugprone-macro-parentheses): an initialiser, not an expression
 #define AOV_WORD(id, word) [AOV_INDEX_##id] = word,
 const char *const aov_words[AOV_ROWS] = {AOV_LIST(AOV_WORD, AOV_WORD)};
 

@@ -201,6 +201,20 @@ for broken in '.camera_path[0].fov = 180' '.camera_path[0].camera_to_world[0] = 
     reports broken.json
 done
 
+# a_transforms_json_is_a_camera_file
+jq '{w: .[0].width, h: .[0].height, fl_x: .[0].fx, fl_y: .[0].fy, cx: (.[0].width / 2), cy: (.[0].height / 2), frames: [.[] | {
+    file_path: .img_name, transform_matrix: [
+        [.rotation[0][0], -.rotation[0][1], -.rotation[0][2], .position[0]],
+        [.rotation[1][0], -.rotation[1][1], -.rotation[1][2], .position[1]],
+        [.rotation[2][0], -.rotation[2][1], -.rotation[2][2], .position[2]], [0, 0, 0, 1]]}]}' "$temporary/first.json" >"$temporary/transforms.json"
+run 0 render "$model" --camera "$temporary/transforms.json" --aov rgba -o "$temporary/from_transforms"
+run 0 render "$model" --camera "$temporary/first.json" --aov rgba -o "$temporary/from_cameras"
+check same_picture oiiotool --fail 0.001 "$temporary/from_transforms/$(pictures "$temporary/from_transforms" exr | tr -d ' ')" \
+    "$temporary/from_cameras/$(pictures "$temporary/from_cameras" exr | tr -d ' ')" --diff
+jq '.frames = []' "$temporary/transforms.json" >"$temporary/no_frames.json"
+run 1 render "$model" --camera "$temporary/no_frames.json" -o "$temporary/none"
+one_line
+
 # a_colmap_model_is_a_camera_file (of the bundled scene, without photographs)
 mkdir -p "$temporary/colmap/sparse"
 cp -r "$room/sparse/0" "$temporary/colmap/sparse/0"

@@ -23,6 +23,9 @@ typedef struct camera_list {
     double arc; // of an orbit that is not a full circle, degrees; else 0
 } camera_list;
 
+// True for a transforms.json, which sgs_scene_load reads: it has "frames".
+bool camera_file_is_scene(const char *path);
+
 // cameras.json: one object or a list of them: width, height, fx, fy, position [3], rotation [3][3]
 // (camera to world, rows), and optionally img_name, cx, cy (default: the image centre). A camera
 // path: an object with render_width, render_height, camera_type and camera_path, frames of

@@ -112,7 +112,7 @@ static bool in_frames(const camera_choice *choice, const char *name, size_t inde
 }
 
 // Cameras of a COLMAP model or another data set, without its photographs.
-static bool folder_cameras(const camera_choice *choice, camera_list *list)
+static bool data_set_cameras(const camera_choice *choice, camera_list *list)
 {
     sgs_scene_options options = sgs_scene_options_default();
     options.load_images = false;
@@ -133,8 +133,9 @@ static bool folder_cameras(const camera_choice *choice, camera_list *list)
 static bool file_cameras(const camera_choice *choice, camera_list *list)
 {
     struct stat status;
-    if (!stat(choice->file, &status) && S_ISDIR(status.st_mode))
-        return folder_cameras(choice, list);
+    if ((!stat(choice->file, &status) && S_ISDIR(status.st_mode)) ||
+        camera_file_is_scene(choice->file))
+        return data_set_cameras(choice, list);
     if (!camera_file_read(choice->file, list))
         return false;
     if (choice->view)

@@ -81,8 +81,9 @@ static const option render_options[] = {
      .offset = AT(camera),
      .argument = "FILE",
      .shown = "none",
-     .help = "use the cameras of this cameras.json, nerfstudio camera path or COLMAP model folder "
-             "instead of a SCENE; photographs are not needed"},
+     .help =
+         "use the cameras of this cameras.json, transforms.json, nerfstudio camera path or COLMAP "
+         "model folder instead of a SCENE; photographs are not needed"},
     {.name = "orbit",
      .kind = OPTION_INTEGER,
      .offset = AT(orbit),

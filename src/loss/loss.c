@@ -3,7 +3,7 @@
 
 // The photometric loss of 3DGS (Kerbl et al. 2023, equation 7), L = (1 - lambda) mean|I - G| +
 // lambda (1 - mean SSIM) with the SSIM of Wang et al. 2004, and its gradient. Images with an alpha
-// channel can add weight mean|(1 - T) - alpha|, and those without, as if their alpha were 1.
+// channel can add weight mean|(1 - T) - alpha|; others too, with alpha 1.
 //
 // This file divides the image into blocks, runs them on the threads and adds up their sums;
 // loss_kernels.inl contains the mathematics. A block has at most LOSS_BLOCK_WIDTH x

@@ -151,7 +151,7 @@ json "$temporary/capped/summary.json" '.gaussians <= 500'
 run 0 train "$room" --downscale 8 -o "$temporary/refined" --iterations 1 --init "$temporary/capped" --quiet
 json "$temporary/refined/summary.json" '.gaussians <= 500'
 
-# opaque_photographs: background and weight follow, unless given; a run knows its option
+# opaque_photographs: sets background and weight unless given; a run records the option
 run 0 train "$room" --downscale 8 -o "$temporary/opaque" --iterations 150 --opaque --quiet
 json "$temporary/opaque/config.json" '.options | .opaque == true and .background == "random" and .alpha_loss == 0.1'
 run 0 train "$room" --downscale 8 -o "$temporary/holes" --iterations 150 --quiet

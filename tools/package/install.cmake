@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 # Installation: library, headers, program, package for find_package(sparegs), pkg-config. An Embree outside the system's
-# folders is named in the run path and in sparegs.pc.
+# folders is added to the run path and sparegs.pc.
 include(CMakePackageConfigHelpers)
 get_filename_component(SPAREGS_EMBREE_DIR ${EMBREE_LIBRARY} DIRECTORY)
 set(SPAREGS_EMBREE_LIBS -lembree${embree_VERSION_MAJOR})
@@ -28,7 +28,7 @@ configure_package_config_file(${CMAKE_CURRENT_LIST_DIR}/sparegs-config.cmake.in 
 write_basic_package_version_file(${PROJECT_BINARY_DIR}/sparegs-config-version.cmake COMPATIBILITY SameMinorVersion)
 install(FILES ${PROJECT_BINARY_DIR}/sparegs-config.cmake ${PROJECT_BINARY_DIR}/sparegs-config-version.cmake
         DESTINATION ${SPAREGS_PACKAGE_DIR})
-# Relative, so that an installation may be moved.
+# Relative, so that an installation can be moved.
 file(RELATIVE_PATH SPAREGS_PC_TO_PREFIX /${CMAKE_INSTALL_LIBDIR}/pkgconfig /)
 configure_file(${CMAKE_CURRENT_LIST_DIR}/sparegs.pc.in ${PROJECT_BINARY_DIR}/sparegs.pc @ONLY)
 install(FILES ${PROJECT_BINARY_DIR}/sparegs.pc DESTINATION ${CMAKE_INSTALL_LIBDIR}/pkgconfig)

@@ -139,8 +139,8 @@ static const sgs_train_option table[] = {
     {.name = "opaque",
      .type = SGS_OPTION_BOOL,
      FIELD(opaque),
-     .help = "treat images without alpha channel as opaque: the model covers all their pixels; "
-             "sets --background random and --alpha-loss 0.1 unless given",
+     .help = "treat images without alpha channel as opaque: the model covers all their pixels; the "
+             "default background is then random, the default alpha loss 0.1",
      .group = training,
      ALL_PIPELINES},
     {.name = "exposure",

@@ -5,11 +5,12 @@
 // convolutions of VGG16 or AlexNet; at five of them the features, divided by their length over the
 // channels, are subtracted, squared, weighted by the head, and averaged over the image.
 //
-// A block is the convolutions between two poolings. VGG16 runs each block in bands of rows, so that
-// no full-size feature map of the first blocks has to be kept: at a megapixel they would take a
-// gigabyte. Features of a band's border are computed again by the next band, with the same bits.
-// Sums of a tap are kept per row and added in the order of the rows: the result depends neither on
-// the bands nor on the number of threads. Convolutions are in float, comparisons in double.
+// A block consists of the convolutions between two poolings. VGG16 runs each block in bands of
+// rows, because the full-size feature maps of the first blocks would take a gigabyte for a
+// megapixel. Features at the border of a band are computed again by the next band, with the same
+// bits. Sums of a tap are kept per row and added in the order of the rows: the result depends
+// neither on the bands nor on the number of threads. Convolutions are in float, comparisons in
+// double.
 
 #include "image/lpips.h"
 

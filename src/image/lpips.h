@@ -56,5 +56,5 @@ void sgsi_lpips_row_baseline(const sgsi_lpips_row *row);
 void sgsi_lpips_row_avx2(const sgsi_lpips_row *row);
 void sgsi_lpips_row_avx512(const sgsi_lpips_row *row);
 
-// Memory of the bands, about; 64 MB. Variable for tests: it has no influence on the result.
+// Approximate memory of the bands, 64 MB. Variable for tests; it does not affect the result.
 extern size_t sgsi_lpips_band_bytes;

@@ -96,7 +96,7 @@ static void convolve_item(void *context, size_t item, int thread)
     const planes *in = job->in, *out = job->out;
     const size_t pieces = (size_t)(job->to - job->from + ROWS - 1) / ROWS;
     const int group = (int)(item / pieces), begin = job->from + (int)(item % pieces) * ROWS;
-    const size_t taps = (size_t)(c->in * c->kernel * c->kernel);
+    const size_t taps = (size_t)c->in * (size_t)c->kernel * (size_t)c->kernel;
     for (int y = begin; y < begin + ROWS && y < job->to; ++y) {
         float *to = row_of(out, group * LPIPS_GROUP, y);
         const bool inside = y >= 0 && y < out->height;

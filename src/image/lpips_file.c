@@ -188,24 +188,33 @@ static sgs_status read_header(reader *r, const lpips_network **network)
     return SGS_STATUS_OK;
 }
 
+// *out is released with sgs_lpips_destroy, after a failure too.
+static sgs_status create(const char *path, const lpips_network *network, sgs_lpips **out)
+{
+    *out = sgsi_calloc(1, sizeof **out);
+    if (*out) {
+        (*out)->network = network;
+        (*out)->memory = sgsi_alloc(float_count(network), sizeof(float));
+    }
+    if (*out && (*out)->memory)
+        return SGS_STATUS_OK;
+    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory for the weights", path);
+}
+
 sgs_status sgs_lpips_read(const char *path, sgs_lpips **out)
 {
     *out = NULL;
     uint8_t *bytes = NULL;
     reader r = {.path = path};
+    const lpips_network *network = &networks[0];
     sgs_status status = sgsi_file_read(path, (size_t)1 << 28, &bytes, &r.size);
     if (status)
         return status;
     r.bytes = bytes;
-    const lpips_network *network = NULL;
+    sgs_lpips *lpips = NULL;
     status = read_header(&r, &network);
-    sgs_lpips *lpips = status ? NULL : sgsi_calloc(1, sizeof *lpips);
-    if (lpips) {
-        lpips->network = network;
-        lpips->memory = sgsi_alloc(float_count(network), sizeof *lpips->memory);
-    }
-    if (!status && (!lpips || !lpips->memory))
-        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory for the weights", path);
+    if (!status)
+        status = create(path, network, &lpips);
     if (!status)
         status = read_tensors(&r, lpips);
     sgsi_free(bytes);

@@ -6,7 +6,6 @@
 
 #include <errno.h>
 #include <signal.h>
-#include <stdarg.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/wait.h>
@@ -151,18 +150,12 @@ static const char *const csv_metrics[][2] = {
     {"test", "flip"}, {"test", "sharpness"}, {"train", "flip"}, {"train", "sharpness"}};
 enum { CSV_METRICS = sizeof csv_metrics / sizeof *csv_metrics };
 
-// Appends formatted text to a string from format_text.
-static char *append(char *text, const char *format, ...) __attribute__((format(printf, 2, 3)));
-
-static char *append(char *text, const char *format, ...)
+// Joins two strings from format_text and releases them.
+static char *append(char *text, char *added)
 {
-    char added[512];
-    va_list arguments;
-    va_start(arguments, format);
-    vsnprintf(added, sizeof added, format, arguments);
-    va_end(arguments);
     char *longer = format_text("%s%s", text, added);
     free(text);
+    free(added);
     return longer;
 }
 
@@ -171,26 +164,26 @@ static char *csv_row(const experiment_run *run, const json_t *summary)
     char *row = format_text("%s,%s,%s,%d", run->scene, run->pipeline, run->variant, run->seed);
     for (size_t k = 0; k < sizeof csv_columns / sizeof *csv_columns; ++k) {
         const json_t *value = json_object_get(summary, csv_columns[k]);
-        row = json_is_string(value) ? append(row, ",%s", json_string_value(value))
-                                    : append(row, ",%.9g", json_number_value(value));
+        row = json_is_string(value) ? append(row, format_text(",%s", json_string_value(value)))
+                                    : append(row, format_text(",%.9g", json_number_value(value)));
     }
     for (size_t k = 0; k < CSV_METRICS; ++k) {
         const json_t *value =
             json_object_get(json_object_get(summary, csv_metrics[k][0]), csv_metrics[k][1]);
-        row = json_is_number(value) ? append(row, ",%.6f", json_number_value(value))
-                                    : append(row, ",");
+        row = json_is_number(value) ? append(row, format_text(",%.6f", json_number_value(value)))
+                                    : append(row, format_text(","));
     }
-    return append(row, "\n");
+    return append(row, format_text("\n"));
 }
 
 static char *csv_header(void)
 {
     char *header = format_text("scene,pipeline,variant,seed");
     for (size_t k = 0; k < sizeof csv_columns / sizeof *csv_columns; ++k)
-        header = append(header, ",%s", csv_columns[k]);
+        header = append(header, format_text(",%s", csv_columns[k]));
     for (size_t k = 0; k < CSV_METRICS; ++k)
-        header = append(header, ",%s_%s", csv_metrics[k][0], csv_metrics[k][1]);
-    return append(header, "\n");
+        header = append(header, format_text(",%s_%s", csv_metrics[k][0], csv_metrics[k][1]));
+    return append(header, format_text("\n"));
 }
 
 // Writes the results of all completed runs.

@@ -55,7 +55,7 @@ test_split_offset | test_scene | every && i % \(size_t\)every == 0 \? | every &&
 initial_opacity | test_gaussians | log\(0\.1 / 0\.9\) | log(0.2 / 0.8)
 srgb_decode | test_photo|test_image|cli_outputs | encoded \+ 0\.055f\) / 1\.055f, 2\.4f | encoded + 0.055f) / 1.055f, 2.2f
 checkpoint_without_second_moments | test_checkpoint|test_trainer|cli_stop | visit_blocks\(sections, "moment2", trainer->v, n\); | visit_blocks(sections, "moment2", trainer->m, n);
-equilibrium_patience | test_spare_equilibrium | state->held >= patience | state->held >= patience - 1
+equilibrium_patience | test_spare_equilibrium | state->held >= tolerance->patience | state->held >= tolerance->patience - 1
 f_rest_order | test_ply|test_links | SGS_PARAM_SH_REST \+ 3 \* \(k % per_channel\) \+ k / per_channel | SGS_PARAM_SH_REST + k
 aov_without_premultiplication | cli_outputs | \*value = alpha > 0 \? alpha \* light_of | *value = alpha > 0 ? light_of
 densification_threshold | golden|test_trainer | gradient_threshold = 2e-4 \* | gradient_threshold = 3e-4 *

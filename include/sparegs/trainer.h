@@ -28,13 +28,15 @@ typedef enum sgs_schedule { SGS_SCHEDULE_SCALED = 0, SGS_SCHEDULE_PAPER = 1 } sg
 // Adam over the primitives visible in the view, without bias correction, or over all.
 typedef enum sgs_optimizer { SGS_OPTIMIZER_SPARSE = 0, SGS_OPTIMIZER_DENSE = 1 } sgs_optimizer;
 // Base pipelines: 3DGS (Kerbl et al., 2023), Mip-Splatting (Yu et al., 2024), Taming 3DGS (Mallick
-// et al., 2024), DashGaussian (Chen et al., 2025), FastGS (Ren et al., 2025).
+// et al., 2024), DashGaussian (Chen et al., 2025), FastGS (Ren et al., 2025), 3DGS as Markov chain
+// Monte Carlo (Kheradmand et al., 2024; published with the dense optimiser).
 typedef enum sgs_pipeline {
     SGS_PIPELINE_3DGS = 0,
     SGS_PIPELINE_MIP = 1,
     SGS_PIPELINE_TAMING = 2,
     SGS_PIPELINE_DASH = 3,
     SGS_PIPELINE_FASTGS = 4,
+    SGS_PIPELINE_MCMC = 5,
     SGS_PIPELINE_COUNT
 } sgs_pipeline;
 // Parts of SPARE-GS: budget-modulated densification (Eq. 23), redundancy-aware pruning (Eq. 24),
@@ -77,6 +79,15 @@ typedef enum sgs_taming_opacity {
     SGS_TAMING_LINEAR = 2
 } sgs_taming_opacity;
 
+// Units of the noise and the scale loss of MCMC, which depend on the unit of length of the scene:
+// EXTENT multiplies them by (5 / extent)^2 and 5 / extent to remove the dependence; WORLD, as in
+// the released code, does not. Default: EXTENT.
+typedef enum sgs_mcmc_units { SGS_MCMC_UNITS_EXTENT = 0, SGS_MCMC_UNITS_WORLD } sgs_mcmc_units;
+
+// Treatment of primitives that SPARE-GS finds redundant, by MCMC: deleted, and the cap lowered by
+// their number, or relocated like dead ones. Default: DELETE.
+typedef enum sgs_mcmc_redundant { SGS_MCMC_DELETE = 0, SGS_MCMC_RELOCATE } sgs_mcmc_redundant;
+
 // Options of single pipelines; the others ignore them. Ranges: option_descriptors.h.
 typedef struct sgs_pipeline_options {
     // Taming 3DGS: final number of primitives as a multiple of the initial number; 20.
@@ -90,6 +101,19 @@ typedef struct sgs_pipeline_options {
     // gradient threshold of 3DGS, 2e-4.
     double fastgs_gradient;
     double fastgs_dense; // FastGS: size, in extents of the scene, above which to split; 0.001
+    // MCMC: noise on the positions, as a multiple of their learning rate; 5e5.
+    double mcmc_noise;
+    double mcmc_opacity_loss; // MCMC: weight of the mean opacity in the loss; 0.01
+    double mcmc_scale_loss;   // MCMC: weight of the mean scale in the loss; 0.01
+    // MCMC: fraction of the primitives added per 100 iterations of the 30 000-iteration schedule;
+    // 0.05.
+    double mcmc_growth;
+    double mcmc_start_opacity; // MCMC: of the initial primitives; 0.5
+    // MCMC: scale of the initial primitives, as a multiple of the RMS distance to the three nearest
+    // points, in a run of 30 000 iterations; scaled runs of N use its power N / 30 000. 0.1.
+    double mcmc_start_scale;
+    sgs_mcmc_units mcmc_units;
+    sgs_mcmc_redundant mcmc_redundant;
 } sgs_pipeline_options;
 
 // The number at the end of a comment is the default. Ranges, and the pipelines that read an option:
@@ -105,7 +129,9 @@ typedef struct sgs_train_options {
     int sh_degree;          // 0..3; 3
     float background[3];    // in the space of the photographs; black
     bool background_random; // a new colour per iteration instead; false
-    size_t max_gaussians;   // hard cap, also of the initial model; 0 = none
+    // Hard cap, also of the initial model; 0 = none. MCMC: 0 = 10 times the initial number, at most
+    // 1 000 000 and at least the initial number.
+    size_t max_gaussians;
     uint64_t seed;          // 0
     unsigned spare;         // SGS_SPARE_ bits; all
     int spare_grid;         // voxels per axis, 2..256; 32
@@ -177,6 +203,8 @@ typedef struct sgs_step_info {
     size_t densified;         // rows added: clones + children of splits - split parents
     size_t pruned;            // rows removed
     size_t spare_pruned;      // part of `pruned`: removed by RAP only
+    size_t relocated;         // MCMC: rows moved to another row
+    size_t spare_deferred;    // MCMC: redundant rows kept because an update removes only so many
     size_t regions;           // non-empty voxels; 0 without SPARE-GS
     double over_budget_share; // fraction of primitives in voxels above their quota
     double mean_weight;       // mean of w over primitives
@@ -198,7 +226,7 @@ typedef struct sgs_region {
     float slack;        // (quota - n) / (quota + 1)
     float weight;       // w; 1 without BMD
     uint32_t densified; // primitives cloned or split
-    uint32_t removed;   // by the pipeline's own rule
+    uint32_t removed;   // by the pipeline's own rule; MCMC: relocated from here
     uint32_t redundant; // removed by RAP only
 } sgs_region;
 

@@ -92,13 +92,31 @@ static void free_columns(sgsi_density_columns *columns)
                             columns->degenerate,
                             columns->prune_children,
                             columns->priority,
+                            columns->moves.root,
+                            columns->moves.copies,
+                            columns->moves.opacity,
+                            columns->moves.log_scale,
+                            columns->moves.forget,
                             columns->workspace};
     for (size_t i = 0; i < sizeof arrays / sizeof *arrays; ++i)
         sgsi_free(arrays[i]);
 }
 
+// Moves of rows that all stay.
+static bool make_moves(sgsi_row_moves *moves, size_t count)
+{
+    *moves = (sgsi_row_moves){.root = sgsi_alloc(count, sizeof *moves->root),
+                              .copies = sgsi_calloc(count, sizeof *moves->copies),
+                              .opacity = sgsi_calloc(count, sizeof *moves->opacity),
+                              .log_scale = sgsi_calloc(count, sizeof *moves->log_scale),
+                              .forget = sgsi_calloc(count, 1)};
+    for (size_t i = 0; i < count && moves->root; ++i)
+        moves->root[i] = (uint32_t)i;
+    return moves->root && moves->copies && moves->opacity && moves->log_scale && moves->forget;
+}
+
 static sgs_status make_columns(const sgs_gaussians *model, const sgsi_density_options *options,
-                               sgsi_density_columns *columns)
+                               bool relocates, sgsi_density_columns *columns)
 {
     const size_t n = model->count ? model->count : 1;
     *columns = (sgsi_density_columns){.count = model->count};
@@ -112,6 +130,8 @@ static sgs_status make_columns(const sgs_gaussians *model, const sgsi_density_op
                                &columns->removed, &columns->prune_children};
     for (size_t i = 0; i < sizeof marks / sizeof *marks; ++i)
         complete = (*marks[i] = sgsi_calloc(n, 1)) && complete;
+    if (relocates)
+        complete = make_moves(&columns->moves, n) && complete;
     if (options->spare)
         columns->workspace = sgsi_alloc(spare_workspace_size(options->spare, model->count), 1);
     if (complete && (columns->workspace || !options->spare))
@@ -274,8 +294,10 @@ static sgs_status report_regions(const sgsi_density_columns *columns, const spar
             continue;
         sgs_region *region = &list[found->region_of[i]];
         const bool split = columns->action[i] == SGSI_ACTION_SPLIT;
-        region->densified += columns->action[i] != SGSI_ACTION_KEEP;
-        region->removed += columns->removed[i] && !split;
+        const bool moved = columns->moves.root && columns->moves.root[i] != i;
+        region->densified += columns->moves.copies ? columns->moves.copies[i]
+                                                   : columns->action[i] != SGSI_ACTION_KEEP;
+        region->removed += moved || (columns->removed[i] && !split);
         region->redundant += columns->redundant[i] && !columns->removed[i] && !split;
     }
     result->region_list = list;
@@ -326,12 +348,21 @@ typedef struct density_plan {
     size_t count;
 } density_plan;
 
+// Rows that an update adds at most.
+static size_t most_new_rows(const sgsi_density_columns *columns)
+{
+    size_t copies = 0;
+    for (size_t i = 0; i < columns->count && columns->moves.copies; ++i)
+        copies += columns->moves.copies[i];
+    return columns->moves.copies ? copies : columns->count;
+}
+
 // Lists the rows of the new model. Children and clones are never redundant, but the pipeline's own
 // rule may remove them.
 static sgs_status make_plan(const sgsi_density_columns *columns, sgsi_density_result *result,
                             density_plan *plan)
 {
-    const size_t room = 2 * columns->count + 1;
+    const size_t room = columns->count + most_new_rows(columns) + 1;
     *plan = (density_plan){0};
     for (int k = 0; k < 2; ++k)
         plan->buffers[k] = sgsi_alloc(room, sizeof(plan_entry));
@@ -345,7 +376,8 @@ static sgs_status make_plan(const sgsi_density_columns *columns, sgsi_density_re
             ++result->pruned;
             continue;
         }
-        const float mean[3] = {columns->x[i], columns->y[i], columns->z[i]};
+        const size_t root = columns->moves.root ? columns->moves.root[i] : i;
+        const float mean[3] = {columns->x[root], columns->y[root], columns->z[root]};
         const uint64_t key = sgsi_morton_code(mean, low, inv_size);
         const bool prune_children = columns->prune_children[i];
         if (columns->action[i] == SGSI_ACTION_SPLIT) {
@@ -366,6 +398,11 @@ static sgs_status make_plan(const sgsi_density_columns *columns, sgsi_density_re
         result->spare_pruned += removed && !columns->removed[i];
         if (!removed)
             entries[plan->count++] = (plan_entry){key, (uint32_t)i, PLAN_KEEP};
+        const uint32_t copies = columns->moves.copies ? columns->moves.copies[i] : 0;
+        for (uint32_t k = 0; k < copies; ++k)
+            entries[plan->count++] = (plan_entry){key, (uint32_t)i, PLAN_CLONE};
+        result->cloned += copies;
+        result->relocated += root != i;
     }
     plan->entries = sort_plan(plan->buffers[0], plan->buffers[1], plan->count);
     return SGS_STATUS_OK;
@@ -377,6 +414,7 @@ typedef struct gather_job {
     const float *from;
     float *to;
     bool parameters; // false: moments, new rows are 0
+    const sgsi_row_moves *moves;
     const sgsi_density_options *options;
 } gather_job;
 
@@ -413,19 +451,35 @@ static void make_child(const gather_job *job, const plan_entry *entry,
     }
 }
 
+// Opacity and scales of a row whose opacity was divided among several.
+static void apply_move(const sgsi_row_moves *moves, uint32_t row, float params[SGS_PARAM_COUNT])
+{
+    const double opacity = (double)moves->opacity[row];
+    if (!(opacity > 0.0))
+        return;
+    params[SGS_PARAM_OPACITY] = (float)log(opacity / (1.0 - opacity));
+    for (int k = 0; k < 3; ++k)
+        params[SGS_PARAM_SCALE + k] += moves->log_scale[row];
+}
+
 static void gather_rows(void *context, size_t begin, size_t end, int thread)
 {
     (void)thread;
     const gather_job *job = context;
+    const sgsi_row_moves *moves = job->moves;
     for (size_t i = begin; i < end; ++i) {
         float row[SGS_PARAM_COUNT] = {0};
         const plan_entry *entry = &job->entries[i];
-        const float *from = job->from +
-                            (size_t)(entry->row / SGS_LANES) * SGS_PARAM_COUNT * SGS_LANES +
-                            entry->row % SGS_LANES;
-        if (job->parameters || entry->kind == PLAN_KEEP)
+        const uint32_t source =
+            job->parameters && moves->root ? moves->root[entry->row] : entry->row;
+        const float *from = job->from + (size_t)(source / SGS_LANES) * SGS_PARAM_COUNT * SGS_LANES +
+                            source % SGS_LANES;
+        const bool forgets = moves->forget && moves->forget[entry->row];
+        if (job->parameters || (entry->kind == PLAN_KEEP && !forgets))
             for (int k = 0; k < SGS_PARAM_COUNT; ++k)
                 row[k] = from[k * SGS_LANES];
+        if (job->parameters && moves->root)
+            apply_move(moves, entry->row, row);
         if (job->parameters && entry->kind >= PLAN_CHILD_0)
             make_child(job, entry, row);
         float *to = job->to + i / SGS_LANES * SGS_PARAM_COUNT * SGS_LANES + i % SGS_LANES;
@@ -436,14 +490,15 @@ static void gather_rows(void *context, size_t begin, size_t end, int thread)
 
 // Replaces *block by an array of the new capacity with its rows in the order of the plan.
 static sgs_status gather_block(float **block, size_t capacity, const density_plan *plan,
-                               bool parameters, const sgsi_density_options *options)
+                               bool parameters, const sgsi_row_moves *moves,
+                               const sgsi_density_options *options)
 {
     float *to = sgsi_alloc(capacity, SGS_PARAM_COUNT * sizeof *to);
     if (!to)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu primitives", capacity);
     const size_t whole = plan->count / SGS_LANES * SGS_LANES; // rows of full blocks
     memset(to + whole * SGS_PARAM_COUNT, 0, (capacity - whole) * SGS_PARAM_COUNT * sizeof *to);
-    gather_job job = {plan->entries, plan->count, *block, to, parameters, options};
+    gather_job job = {plan->entries, plan->count, *block, to, parameters, moves, options};
     sgsi_parallel_ranges(plan->count, 1024, gather_rows, &job);
     sgsi_free(*block);
     *block = to;
@@ -462,7 +517,7 @@ sgs_status sgsi_density_update(const sgsi_density_rows *rows, const sgsi_pipelin
     sgsi_statistics *statistics = rows->statistics;
     *result = (sgsi_density_result){.mean_weight = 1.0};
     sgsi_density_columns columns;
-    sgs_status status = make_columns(model, options, &columns);
+    sgs_status status = make_columns(model, options, pipeline->relocates, &columns);
     if (status)
         return status;
     column_job job = {model, statistics, &columns};
@@ -490,11 +545,11 @@ sgs_status sgsi_density_update(const sgsi_density_rows *rows, const sgsi_pipelin
             sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
                       "a structural update to %zu primitives exceeds the memory limit", plan.count);
     if (!status)
-        status = gather_block(&model->data, capacity, &plan, true, options);
+        status = gather_block(&model->data, capacity, &plan, true, &columns.moves, options);
     if (!status)
-        status = gather_block(rows->m, capacity, &plan, false, options);
+        status = gather_block(rows->m, capacity, &plan, false, &columns.moves, options);
     if (!status)
-        status = gather_block(rows->v, capacity, &plan, false, options);
+        status = gather_block(rows->v, capacity, &plan, false, &columns.moves, options);
     if (!status) {
         model->count = plan.count;
         model->capacity = capacity;
@@ -514,7 +569,7 @@ sgs_status sgsi_density_sort(sgs_gaussians *model)
     sgsi_density_result result = {0};
     sgsi_density_columns columns;
     sgsi_statistics statistics = {0};
-    sgs_status status = make_columns(model, &options, &columns);
+    sgs_status status = make_columns(model, &options, false, &columns);
     if (status)
         return status;
     status = sgsi_statistics_reserve(&statistics, model->count + 1);
@@ -526,7 +581,7 @@ sgs_status sgsi_density_sort(sgs_gaussians *model)
     }
     const size_t capacity = padded_capacity(model->count);
     if (!status)
-        status = gather_block(&model->data, capacity, &plan, true, &options);
+        status = gather_block(&model->data, capacity, &plan, true, &columns.moves, &options);
     if (!status) {
         model->capacity = capacity;
         model->count = plan.count; // without rows that are not finite

@@ -17,9 +17,10 @@ struct spare_options;
 typedef struct sgsi_pipeline_state {
     int64_t initial_count; // primitives of the initial model
     int64_t momentum;      // DashGaussian's budget above initial_count
+    int64_t deleted;       // primitives that SPARE-GS took away from MCMC's limit
 } sgsi_pipeline_state;
 
-// tau of the published schedule, the same in all five pipelines.
+// tau of the published schedule, the same in all pipelines.
 #define SGSI_GRADIENT_THRESHOLD 2e-4
 
 typedef struct sgsi_density_options {
@@ -36,6 +37,7 @@ typedef struct sgsi_density_options {
     double opacity_min;        // 0.005
     double size_split;         // scales above this are split, below cloned: 0.01 * extent
     double size_max;           // scales above this are pruned; INFINITY = no size pruning
+    double growth;             // MCMC: share of the rows that an update adds
     size_t max_count;          // hard cap, 0 = none
     // True if the memory suffices for this many primitives; called before any change. NULL =
     // always.
@@ -53,6 +55,7 @@ typedef struct sgsi_density_result {
     size_t regions;
     double over_budget_share, mean_weight;
     size_t bmd_suppressed, bmd_boosted;
+    size_t relocated, spare_deferred; // see sgs_step_info
     double spare_seconds;
     struct sgs_region *region_list; // [regions], the caller frees it; NULL without SPARE-GS
     double region_low[3], region_cell[3];
@@ -60,6 +63,15 @@ typedef struct sgsi_density_result {
 } sgsi_density_result;
 
 typedef enum sgsi_action { SGSI_ACTION_KEEP, SGSI_ACTION_CLONE, SGSI_ACTION_SPLIT } sgsi_action;
+
+// What becomes of each row, [count] each, for pipelines that move rows. NULL for others.
+typedef struct sgsi_row_moves {
+    uint32_t *root;   // old row whose mean, rotation and colour row i takes; i where it stays
+    uint32_t *copies; // rows to add that are equal to row i
+    float *opacity;   // of row i and its copies; 0: as it was
+    float *log_scale; // added to the log-scales of the root
+    uint8_t *forget;  // the moments of row i become 0
+} sgsi_row_moves;
 
 // Columns of the old rows of one structural update, [count] each.
 typedef struct sgsi_density_columns {
@@ -77,5 +89,6 @@ typedef struct sgsi_density_columns {
     uint8_t *removed;        // the pipeline removes the row
     uint8_t *prune_children; // the pipeline removes the row's clone or children in this update
     float *priority;         // order of densification under a cap, largest first
+    sgsi_row_moves moves;
     void *workspace;
 } sgsi_density_columns;

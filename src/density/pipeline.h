@@ -40,6 +40,13 @@ typedef enum sgsi_late_opacity {
     SGSI_LATE_OPACITY_LINEAR // converted to linear ones, see sgs_gaussians, and trained
 } sgsi_late_opacity;
 
+// What a pipeline adds to the descent along the loss, and its first model.
+typedef struct sgsi_sampling {
+    double noise;                      // of the positions, times their learning rate; 0 = none
+    double opacity_loss, scale_loss;   // weights of the mean opacity and the mean scale; 0 = none
+    double start_opacity, start_scale; // scale: times the distance to the nearest points
+} sgsi_sampling;
+
 typedef struct sgsi_pipeline {
     const char *name;
     // Milestones of the 30 000-iteration schedule.
@@ -54,8 +61,11 @@ typedef struct sgsi_pipeline {
     int small_images;      // the first images have about this many times fewer tiles; 0 = full size
     bool abs_grad;         // requires sums of absolute gradients
     bool abs_grad_norm;    // the 2-norm of the sums of both axes instead of their sum
+    bool relocates;        // decide fills columns->moves; opacities are never reset
     sgs_status (*decide)(const sgsi_density_options *options, sgsi_density_columns *columns,
                          sgsi_density_result *result);
+    // NULL = 3DGS's: no noise, no regularisers, opacity 0.1.
+    sgsi_sampling (*sampling)(const sgs_train_options *train, double extent);
     sgsi_late_opacity (*late_opacity)(const sgs_train_options *train); // NULL = trained
     // Number of views that are rendered for scores before every update; 0 = none. pixel_weights
     // fills weights [height][stride]; score_view adds a view to the scores (initially 0);
@@ -70,8 +80,11 @@ typedef struct sgsi_pipeline {
 // Never NULL for a pipeline of the enumeration.
 const sgsi_pipeline *sgsi_pipeline_get(sgs_pipeline pipeline);
 
+// The sampling of options->pipeline in a scene of this extent.
+sgsi_sampling sgsi_pipeline_sampling(const sgs_train_options *train, double extent);
+
 extern const sgsi_pipeline sgsi_pipeline_3dgs, sgsi_pipeline_mip, sgsi_pipeline_taming,
-    sgsi_pipeline_dash, sgsi_pipeline_fastgs;
+    sgsi_pipeline_dash, sgsi_pipeline_fastgs, sgsi_pipeline_mcmc;
 
 // ---- Shared by pipelines ----
 

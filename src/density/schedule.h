@@ -14,6 +14,7 @@ typedef struct sgsi_schedule {
     int densify_from, densify_until, densify_interval;
     int reset_interval, reset_until; // opacity resets; 0 = none
     int first_reset;                 // additional reset for a white background; 0 = none
+    double growth;                   // MCMC: rows that an update adds, as a fraction
     int prune_interval;              // final prunes after densify_until; 0 = none
     // See pipeline.h; 0 = every iteration steps.
     int batch_rest, batch_middle, batch_late, middle_until;

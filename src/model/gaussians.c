@@ -22,6 +22,7 @@
 
 #include "base/sh.h"
 #include "base/core.h"
+#include "model/init_points.h"
 #include "model/knn.h"
 #include "base/threads.h"
 
@@ -191,6 +192,7 @@ typedef struct init_loop {
     const unsigned char *colors;
     const double *distances;
     double fallback_scale, least_squared;
+    float logit, log_factor; // opacity; on the scales
     sgs_gaussians *model;
 } init_loop;
 
@@ -198,7 +200,6 @@ static void init_range(void *context, size_t begin, size_t end, int thread)
 {
     (void)thread;
     const init_loop *loop = context;
-    const float opacity = (float)log(0.1 / 0.9);
     for (size_t i = begin; i < end; ++i) {
         float params[SGS_PARAM_COUNT] = {0};
         double sum = 0.0;
@@ -214,18 +215,25 @@ static void init_range(void *context, size_t begin, size_t end, int thread)
         const double squared = mean > loop->least_squared ? mean : loop->least_squared;
         for (int k = 0; k < 3; ++k) {
             params[SGS_PARAM_MEAN + k] = loop->points[3 * i + (size_t)k];
-            params[SGS_PARAM_SCALE + k] = (float)(0.5 * log(squared));
+            params[SGS_PARAM_SCALE + k] = (float)(0.5 * log(squared)) + loop->log_factor;
             params[SGS_PARAM_SH_DC + k] =
                 (float)((loop->colors[3 * i + (size_t)k] / 255.0 - 0.5) / SGSI_SH_C0);
         }
         params[SGS_PARAM_ROTATION] = 1.0f;
-        params[SGS_PARAM_OPACITY] = opacity;
+        params[SGS_PARAM_OPACITY] = loop->logit;
         sgs_gaussians_set(loop->model, i, params);
     }
 }
 
 sgs_status sgs_gaussians_init_points(const float *points, const unsigned char *colors, size_t n,
                                      double fallback_scale, sgs_gaussians **model)
+{
+    return sgsi_gaussians_init_points(points, colors, n, fallback_scale, 0.1, 1.0, model);
+}
+
+sgs_status sgsi_gaussians_init_points(const float *points, const unsigned char *colors, size_t n,
+                                      double fallback_scale, double opacity, double scale_factor,
+                                      sgs_gaussians **model)
 {
     *model = NULL;
     for (size_t i = 0; i < 3 * n; ++i) {
@@ -253,7 +261,14 @@ sgs_status sgs_gaussians_init_points(const float *points, const unsigned char *c
     }
     const double extent = fallback_scale > 0.0 ? fallback_scale / FALLBACK_OF_EXTENT : 1.0;
     const double least = SMALLEST_SQUARED_DISTANCE * fmin(1.0, extent * extent);
-    init_loop loop = {points, colors, distances, fallback_scale, least, fresh};
+    init_loop loop = {.points = points,
+                      .colors = colors,
+                      .distances = distances,
+                      .fallback_scale = fallback_scale,
+                      .least_squared = least,
+                      .logit = (float)log(opacity / (1.0 - opacity)),
+                      .log_factor = (float)log(scale_factor),
+                      .model = fresh};
     sgsi_parallel_ranges(n, INIT_GRAIN, init_range, &loop);
     sgsi_free(distances);
     *model = fresh;

@@ -232,6 +232,17 @@ static inline void chain_rule(const sgsi_optimize *input, const float *p, const 
     out->mean[0] = mean.x, out->mean[1] = mean.y, out->mean[2] = mean.z;
 }
 
+// The regularisers of optimize.h: dL/dlogit = w o (1 - o), dL/dlog s_k = w s_k.
+static inline void regularise(const sgsi_optimize *input, const gaussian16 *g, gradient16 *d)
+{
+    const vf o = g->opacity_stored, weight = vf_set1(input->scale_loss);
+    d->opacity =
+        vf_fma(vf_mul(vf_set1(input->opacity_loss), o), vf_sub(vf_set1(1.0f), o), d->opacity);
+    d->scale[0] = vf_fma(weight, g->scale.x, d->scale[0]);
+    d->scale[1] = vf_fma(weight, g->scale.y, d->scale[1]);
+    d->scale[2] = vf_fma(weight, g->scale.z, d->scale[2]);
+}
+
 // Densification statistic: norm of the gradient with respect to the projected centre in NDC units
 // (Kerbl et al. 2023, section 5.2), z |(tan(fovx/2) gx, tan(fovy/2) gy)| with g the transverse
 // gradient in camera axes.
@@ -371,6 +382,8 @@ sgsi_optimize_counts SGSI_KERNEL(sgsi_optimize_blocks)(const sgsi_optimize *inpu
         load_gaussian(p, block, &input->view, &g);
         gradient16 d;
         chain_rule(input, p, &g, sums, &d);
+        if (input->opacity_loss > 0.0f || input->scale_loss > 0.0f)
+            regularise(input, &g, &d);
         if (input->gradients) {
             write_gradients(input, block, &d);
             continue;

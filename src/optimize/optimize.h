@@ -25,6 +25,9 @@ typedef struct sgsi_optimize {
     float *abs_grad_sum; // the same from SGSI_GRAD_SUM_ABS, or NULL
     bool abs_grad_norm;  // norm over both axes instead of their sum
     float tan_half_x, tan_half_y;
+    // Added to the loss for every row, hit or not: opacity_loss * o + scale_loss * (s_x + s_y +
+    // s_z), the regularisers of Kheradmand et al. 2024.
+    float opacity_loss, scale_loss;
     // Gradients accumulated before a step. accumulated_grad is NULL if every iteration steps.
     float *accumulated_grad; // model layout
     // [capacity / 16][2]: rows seen since the last step of main and of rest.

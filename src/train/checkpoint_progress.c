@@ -33,6 +33,7 @@ static const sgsi_field fields[] = {
     ESSENTIAL(structure_iteration, I32),
     ESSENTIAL(pipeline.initial_count, I64),
     ESSENTIAL(pipeline.momentum, I64),
+    OPTIONAL(pipeline.deleted, I64), // 0 in every file without it: mcmc is newer
     ROW("equilibrium.observed", equilibrium.observed[0], U64, true),
     ROW("equilibrium.observed_before", equilibrium.observed[1], U64, true),
     ESSENTIAL(equilibrium.previous_count, U64),

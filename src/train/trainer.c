@@ -94,6 +94,7 @@ sgs_status sgs_trainer_create(const sgs_scene *scene, const sgs_train_options *o
     made->scene = scene;
     made->options = own;
     made->pipeline = sgsi_pipeline_get(own.pipeline);
+    made->sampling = sgsi_pipeline_sampling(&own, scene->extent);
     made->progress.last_reset = -1;
     spare_equilibrium_begin(&made->progress.equilibrium);
     status = create_parts(made);
@@ -248,11 +249,14 @@ static sgs_status train_on_view(sgs_trainer *trainer, sgsi_train_view *view, sgs
     if (views->exposure && view->iteration < trainer->options.iterations)
         sgsi_exposure_step(views->exposure, view->index,
                            sgsi_exposure_lr(view->iteration, trainer->options.iterations));
-    if (isfinite(view->loss.loss))
-        info->visible = sgsi_trainer_optimize(trainer, view);
-    else
+    if (!isfinite(view->loss.loss)) {
         sgsi_skip_step(&trainer->progress.skipped, view->iteration, view->source->name,
                        view->loss.loss);
+        return SGS_STATUS_OK;
+    }
+    info->visible = sgsi_trainer_optimize(trainer, view);
+    if (sgsi_trainer_makes_step(trainer, view->iteration))
+        sgsi_trainer_add_noise(trainer, view->iteration);
     return SGS_STATUS_OK;
 }
 
@@ -303,6 +307,8 @@ static sgs_status apply_deferred(sgs_trainer *trainer, sgs_step_info *info)
         return status;
     }
     adopt_images(trainer, &images);
+    if (sgsi_schedule_is_structural(schedule, iteration))
+        sgsi_trainer_add_noise(trainer, iteration);
     if (sgsi_schedule_is_reset(schedule, iteration))
         sgsi_trainer_reset_opacity(trainer, iteration);
     progress->structure_iteration = iteration;

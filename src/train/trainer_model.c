@@ -11,6 +11,7 @@
 #include "base/core.h"
 #include "base/threads.h"
 #include "model/filter_3d.h"
+#include "model/init_points.h"
 #include "sparegs/image.h"
 #include "train/initial_selection.h"
 #include "train/trainer_state.h"
@@ -182,9 +183,10 @@ sgs_status sgsi_trainer_create_model(sgs_trainer *trainer)
     } else {
         status = trainer->scene->point_count ? scene_cloud(trainer) : random_cloud(trainer);
         if (!status)
-            status = sgs_gaussians_init_points(trainer->cloud_points, trainer->cloud_colors,
-                                               trainer->cloud_count, 0.01 * trainer->scene->extent,
-                                               &trainer->model);
+            status = sgsi_gaussians_init_points(trainer->cloud_points, trainer->cloud_colors,
+                                                trainer->cloud_count, 0.01 * trainer->scene->extent,
+                                                trainer->sampling.start_opacity,
+                                                trainer->sampling.start_scale, &trainer->model);
     }
     if (status)
         return status;

@@ -2,13 +2,14 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // The optimiser step of an iteration: learning rates of 3DGS (Kerbl et al. 2023), bias corrections,
-// and one pass of the kernels over the model.
+// one pass of the kernels over the model, and the noise of pipelines that sample.
 
 #include <math.h>
 #include <stdatomic.h>
 
 #include "base/core.h"
 #include "base/threads.h"
+#include "density/position_noise.h"
 #include "optimize/optimize.h"
 #include "train/trainer_state.h"
 
@@ -40,11 +41,17 @@ static double bias(double beta, int steps)
     return 1.0 - pow(beta, fmax(steps, 1));
 }
 
+static double mean_rate(const sgs_trainer *trainer, int iteration)
+{
+    return SGS_TRAIN_LR_MEAN * trainer->scene->extent *
+           sgsi_schedule_lr(&trainer->schedule, iteration);
+}
+
 static sgsi_optimize settings(const sgs_trainer *trainer, const sgsi_train_view *view)
 {
     const sgs_camera *camera = &view->camera;
-    const double lr_mean = SGS_TRAIN_LR_MEAN * trainer->scene->extent *
-                           sgsi_schedule_lr(&trainer->schedule, view->iteration);
+    const double lr_mean = mean_rate(trainer, view->iteration);
+    const double rows = fmax((double)trainer->model->count, 1.0);
     return (sgsi_optimize){.params = trainer->model->data,
                            .m = trainer->m,
                            .v = trainer->v,
@@ -67,6 +74,8 @@ static sgsi_optimize settings(const sgs_trainer *trainer, const sgsi_train_view 
                            .correction2 = 1.0f,
                            .rest_correction1 = 1.0f,
                            .rest_correction2 = 1.0f,
+                           .opacity_loss = (float)(trainer->sampling.opacity_loss / rows),
+                           .scale_loss = (float)(trainer->sampling.scale_loss / (3.0 * rows)),
                            .accumulated_grad = trainer->accumulated_grad,
                            .accumulated_rows = trainer->accumulated_rows,
                            .abs_grad_norm = trainer->pipeline->abs_grad_norm,
@@ -111,4 +120,13 @@ size_t sgsi_trainer_optimize(sgs_trainer *trainer, const sgsi_train_view *view)
                             &job.input);
     progress->seconds.optimizer += sgsi_seconds() - start;
     return atomic_load(&job.seen);
+}
+
+void sgsi_trainer_add_noise(sgs_trainer *trainer, int iteration)
+{
+    const double start = sgsi_seconds(), noise = trainer->sampling.noise;
+    if (noise > 0.0)
+        sgsi_position_noise_add(trainer->model, noise * mean_rate(trainer, iteration),
+                                trainer->options.seed, iteration);
+    trainer->progress.seconds.optimizer += sgsi_seconds() - start;
 }

@@ -40,6 +40,7 @@ struct sgs_trainer {
     const sgs_scene *scene;
     sgs_train_options options;
     const sgsi_pipeline *pipeline;
+    sgsi_sampling sampling;
     sgsi_schedule schedule;
     sgs_gaussians *model;
     float *m, *v;            // Adam's moments, model layout
@@ -88,6 +89,9 @@ bool sgsi_trainer_makes_step(const sgs_trainer *trainer, int iteration);
 // Chain rule, statistics and Adam for the gradient sums of a view. Returns the number of primitives
 // with a gradient.
 size_t sgsi_trainer_optimize(sgs_trainer *trainer, const sgsi_train_view *view);
+// After that step, or after the structural update of an iteration that has one: the noise of a
+// pipeline that samples.
+void sgsi_trainer_add_noise(sgs_trainer *trainer, int iteration);
 
 // ---- trainer_structure.c ----
 

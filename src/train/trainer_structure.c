@@ -74,6 +74,7 @@ static sgsi_density_options density_options(sgs_trainer *trainer, int iteration,
         .size_split = 0.01 * extent,
         .size_max =
             sgsi_schedule_prunes_large(schedule, progress->last_reset) ? 0.1 * extent : INFINITY,
+        .growth = schedule->growth,
         .max_count = o->max_gaussians,
         .admits = trainer->memory_limit ? memory_admits : NULL,
         .admits_context = trainer,
@@ -105,6 +106,8 @@ static void fill_info(const sgsi_density_result *result, int iteration, size_t g
     info->densified = result->cloned + result->split;
     info->pruned = result->pruned;
     info->spare_pruned = result->spare_pruned;
+    info->relocated = result->relocated;
+    info->spare_deferred = result->spare_deferred;
     info->regions = result->regions;
     info->over_budget_share = result->over_budget_share;
     info->mean_weight = result->mean_weight;

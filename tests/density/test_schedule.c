@@ -8,6 +8,7 @@
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <stdlib.h>
 #include <cmocka.h>
 
 #include "density/schedule.h"
@@ -71,8 +72,8 @@ static void size_pruning_follows_the_published_rule(void **state)
                     int last_reset = -1, resets = 0;
                     for (int t = 1; t <= n; ++t) {
                         const bool prunes = sgsi_schedule_prunes_large(&schedule, last_reset);
-                        if (paper || n == 30000)
-                            assert_int_equal(prunes, t > 3000); // train.py of 3DGS
+                        if (paper || n == 30000) // train.py of 3DGS; MCMC prunes none
+                            assert_int_equal(prunes, t > 3000 && pipeline != SGS_PIPELINE_MCMC);
                         assert_true(!prunes || resets > 0);
                         if (sgsi_schedule_is_reset(&schedule, t)) {
                             last_reset = t;
@@ -135,6 +136,10 @@ static void resets_do_not_vanish_just_below_the_published_length(void **state)
                 options.background[c] = (float)white;
             const sgsi_schedule published = sgsi_schedule_make(&options);
             const int all = count_resets(&published);
+            if (pipeline == SGS_PIPELINE_MCMC) { // has none at any length
+                assert_int_equal(all, 0);
+                continue;
+            }
             assert_int_equal(all, (pipeline == SGS_PIPELINE_DASH ? 8 : 4) + white);
             for (int n = 29999; n >= 29000; n -= 37) {
                 options.iterations = n;
@@ -231,6 +236,55 @@ static void dash_densifies_until_nine_tenths(void **state)
     assert_int_equal(small.densify_interval, vanilla.densify_interval);
 }
 
+// train.py of 3DGS-MCMC: iteration > 500, < 25 000, every 100; 5 % each; no opacity resets, also
+// not on white.
+static void mcmc_has_244_updates_and_no_reset(void **state)
+{
+    (void)state;
+    for (int paper = 0; paper < 2; ++paper) {
+        sgs_train_options options = sgs_train_options_default();
+        options.pipeline = SGS_PIPELINE_MCMC;
+        options.schedule = paper ? SGS_SCHEDULE_PAPER : SGS_SCHEDULE_SCALED;
+        for (int c = 0; c < 3; ++c)
+            options.background[c] = 1;
+        const sgsi_schedule schedule = sgsi_schedule_make(&options);
+        assert_int_equal(count_structural(&schedule), 244); // 600, 700, ..., 24900
+        assert_true(sgsi_schedule_is_structural(&schedule, 600));
+        assert_false(sgsi_schedule_is_structural(&schedule, 500));
+        assert_true(sgsi_schedule_is_structural(&schedule, 24900));
+        assert_false(sgsi_schedule_is_structural(&schedule, 25000));
+        assert_true(schedule.growth == 0.05);
+        assert_int_equal(schedule.sh_interval, 1000);
+        assert_true(schedule.threshold_factor == 1);
+        assert_true(fabs(sgsi_schedule_lr(&schedule, 15000) - 0.1) < 1e-12);
+        for (int t = 1; t <= 30000; ++t)
+            assert_false(sgsi_schedule_is_reset(&schedule, t) ||
+                         sgsi_schedule_is_final_prune(&schedule, t));
+    }
+}
+
+// A scaled run offers the same total growth in its own time, at most doubling in one update.
+static void mcmc_scales_its_updates_with_the_run(void **state)
+{
+    (void)state;
+    for (int n = 100; n < 30000; n = n * 5 / 4) {
+        const sgsi_schedule schedule = make_for(SGS_PIPELINE_MCMC, n);
+        assert_true(schedule.densify_interval >= 50 && schedule.densify_interval <= 100);
+        assert_true(abs(schedule.densify_until - n * 5 / 6) <= 1);
+        assert_true(schedule.growth > 0 && schedule.growth <= 1);
+        assert_true(count_structural(&schedule) >= 1);
+        if (schedule.growth == 1)
+            continue;
+        const double total = log1p(schedule.growth) * n / schedule.densify_interval;
+        assert_true(fabs(total / (300 * log(1.05)) - 1) < 1e-9);
+    }
+    const sgsi_schedule schedule = make_for(SGS_PIPELINE_MCMC, 7000);
+    assert_int_equal(schedule.densify_interval, 50);
+    assert_true(sgsi_schedule_is_structural(&schedule, 500) &&
+                !sgsi_schedule_is_structural(&schedule, 450));
+    assert_true(fabs(schedule.growth - 0.1103) < 1e-4);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -242,6 +296,8 @@ int main(void)
         cmocka_unit_test(scaled_schedule_has_its_documented_properties_at_every_length),
         cmocka_unit_test(fastgs_steps_and_prunes_as_published),
         cmocka_unit_test(dash_densifies_until_nine_tenths),
+        cmocka_unit_test(mcmc_has_244_updates_and_no_reset),
+        cmocka_unit_test(mcmc_scales_its_updates_with_the_run),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -36,7 +36,7 @@ typedef struct result {
 static const char *const pipeline_names[SGS_PIPELINE_COUNT] = {
     [SGS_PIPELINE_3DGS] = "3dgs",     [SGS_PIPELINE_MIP] = "mip",
     [SGS_PIPELINE_TAMING] = "taming", [SGS_PIPELINE_DASH] = "dash",
-    [SGS_PIPELINE_FASTGS] = "fastgs",
+    [SGS_PIPELINE_FASTGS] = "fastgs", [SGS_PIPELINE_MCMC] = "mcmc",
 };
 
 static sgs_scene *scene;

@@ -284,6 +284,112 @@ static void cap_holds_for_the_initial_cloud_and_for_growth(void **state)
     sgs_trainer_destroy(trainer);
 }
 
+static sgs_train_options mcmc_run(int iterations)
+{
+    sgs_train_options options = short_run(iterations);
+    options.pipeline = SGS_PIPELINE_MCMC;
+    options.spare_tau_alpha = 0.9; // few rows are faint so early
+    return options;
+}
+
+static void mcmc_starts_as_its_options_say(void **state)
+{
+    (void)state;
+    sgs_train_options options = mcmc_run(100);
+    sgs_trainer *plain, *trainer;
+    const sgs_train_options reference = short_run(100);
+    plain = start(&reference);
+    for (int paper = 0; paper < 2; ++paper) {
+        options.schedule = paper ? SGS_SCHEDULE_PAPER : SGS_SCHEDULE_SCALED;
+        trainer = start(&options);
+        const sgs_gaussians *model = sgs_trainer_model(trainer), *before = sgs_trainer_model(plain);
+        const double shift = log(0.1) * (paper ? 1 : 100 / 30000.0);
+        assert_int_equal(model->count, before->count);
+        for (size_t i = 0; i < model->count; ++i) {
+            assert_true(*sgs_gaussians_at(model, i, SGS_PARAM_OPACITY) == 0); // 0.5
+            for (int k = 0; k < 3; ++k)
+                assert_true(fabs((double)*sgs_gaussians_at(model, i, SGS_PARAM_SCALE + k) -
+                                 (double)*sgs_gaussians_at(before, i, SGS_PARAM_SCALE + k) -
+                                 shift) <= 1e-5);
+        }
+        sgs_trainer_destroy(trainer);
+    }
+    sgs_trainer_destroy(plain);
+}
+
+// SPARE-GS off and on; stops around the updates at 50 and 100, resumed with other threads.
+static void mcmc_gives_the_same_bits_with_any_threads_and_after_any_stop(void **state)
+{
+    (void)state;
+    enum { LENGTH = 120 };
+    char path[64], straight[17], hash[17];
+    snprintf(path, sizeof path, "/tmp/sparegs_mcmc_%ld", (long)getpid());
+    for (int spare = 0; spare < 2; ++spare) {
+        sgs_train_options options = mcmc_run(LENGTH);
+        options.spare = spare ? SGS_SPARE_BMD | SGS_SPARE_RAP : 0;
+        options.max_gaussians = 6000;
+        size_t relocated = 0, deleted = 0;
+        for (int threads = 1; threads <= 3; ++threads) {
+            sgs_threads_set(threads);
+            sgs_trainer *trainer = start(&options);
+            for (int i = 0; i < LENGTH; ++i) {
+                const sgs_step_info info = run(trainer, 1);
+                relocated += info.relocated;
+                deleted += info.spare_pruned;
+                assert_true(info.gaussians <= 6000);
+            }
+            digest(trainer, threads > 1 ? hash : straight);
+            sgs_trainer_destroy(trainer);
+            if (threads > 1)
+                assert_string_equal(hash, straight);
+        }
+        assert_int_equal(deleted > 0, spare);
+        const int stops[] = {49, 50, 51, 99, 100, 101};
+        for (size_t k = 0; k < sizeof stops / sizeof *stops; ++k) {
+            sgs_threads_set(1);
+            sgs_trainer *trainer = start(&options);
+            run(trainer, stops[k]);
+            assert_int_equal(sgs_trainer_save_checkpoint(trainer, path), SGS_STATUS_OK);
+            sgs_trainer_destroy(trainer);
+            sgs_threads_set(2);
+            trainer = start(&options);
+            assert_int_equal(sgs_trainer_load_checkpoint(trainer, path), SGS_STATUS_OK);
+            run(trainer, LENGTH - stops[k]);
+            digest(trainer, hash);
+            assert_string_equal(hash, straight);
+            sgs_trainer_destroy(trainer);
+        }
+    }
+    sgs_threads_set(0);
+    unlink(path);
+}
+
+// Each option has an effect; for the start scale see above.
+static void mcmc_options_change_the_run(void **state)
+{
+    (void)state;
+    char base[17], hash[17];
+    for (int k = 0; k < 9; ++k) {
+        sgs_train_options options = mcmc_run(110);
+        options.optimizer = k == 8 ? SGS_OPTIMIZER_DENSE : SGS_OPTIMIZER_SPARSE;
+        sgs_pipeline_options *own = &options.pipeline_options;
+        own->mcmc_noise *= k == 1 ? 0 : 1;
+        own->mcmc_opacity_loss *= k == 2 ? 0 : 1;
+        own->mcmc_scale_loss *= k == 3 ? 0 : 1;
+        own->mcmc_growth *= k == 4 ? 0.01 : 1;
+        own->mcmc_start_opacity *= k == 5 ? 0.5 : 1;
+        own->mcmc_units = k == 6 ? SGS_MCMC_UNITS_WORLD : SGS_MCMC_UNITS_EXTENT;
+        own->mcmc_redundant = k == 7 ? SGS_MCMC_RELOCATE : SGS_MCMC_DELETE;
+        sgs_trainer *trainer = start(&options);
+        const sgs_step_info info = run(trainer, 110);
+        digest(trainer, k ? hash : base);
+        assert_true(isfinite(info.loss));
+        if (k && !strcmp(hash, base))
+            fail_msg("variant %d changes nothing", k);
+        sgs_trainer_destroy(trainer);
+    }
+}
+
 static void dense_optimizer_and_random_background_train_too(void **state)
 {
     (void)state;
@@ -591,6 +697,9 @@ int main(void)
         cmocka_unit_test(checkpoint_resumes_to_the_same_bits),
         cmocka_unit_test(damaged_or_foreign_checkpoints_are_refused_and_change_nothing),
         cmocka_unit_test(cap_holds_for_the_initial_cloud_and_for_growth),
+        cmocka_unit_test(mcmc_starts_as_its_options_say),
+        cmocka_unit_test(mcmc_gives_the_same_bits_with_any_threads_and_after_any_stop),
+        cmocka_unit_test(mcmc_options_change_the_run),
         cmocka_unit_test(dense_optimizer_and_random_background_train_too),
         cmocka_unit_test(equilibrium_ends_a_run),
         cmocka_unit_test(equilibrium_waits_for_comparable_losses),

@@ -20,6 +20,7 @@
 
 // Work: rendering, training.
 #include "sparegs/render.h"
+#include "sparegs/run.h"
 #include "sparegs/aov_descriptors.h"
 #include "sparegs/trainer.h"
 #include "sparegs/option_descriptors.h"

@@ -7,7 +7,6 @@
 
 #include "cli/output.h"
 
-#include <dirent.h>
 #include <errno.h>
 #include <math.h>
 #include <stdarg.h>
@@ -18,6 +17,7 @@
 
 #include "cli/json_result.h"
 #include "cli/progress.h"
+#include "sparegs/run.h"
 
 char *format_text(const char *format, ...)
 {
@@ -237,28 +237,6 @@ static bool is_folder(const char *path)
     return !stat(path, &info) && S_ISDIR(info.st_mode);
 }
 
-// The highest N of OUT/point_cloud/iteration_N that holds a PLY, or 0.
-static int newest_iteration(const char *folder)
-{
-    char *clouds = format_text("%s/point_cloud", folder);
-    DIR *directory = opendir(clouds);
-    int newest = 0;
-    for (struct dirent *entry; directory && (entry = readdir(directory));) {
-        char *end;
-        if (strncmp(entry->d_name, "iteration_", 10))
-            continue;
-        const long iteration = strtol(entry->d_name + 10, &end, 10);
-        char *ply = format_text("%s/%s/point_cloud.ply", clouds, entry->d_name);
-        if (!*end && iteration > newest && iteration < 1000000000 && file_exists(ply))
-            newest = (int)iteration;
-        free(ply);
-    }
-    if (directory)
-        closedir(directory);
-    free(clouds);
-    return newest;
-}
-
 bool model_is(const char *model)
 {
     const size_t length = strlen(model);
@@ -281,15 +259,12 @@ bool model_locate(const char *model, model_path *located)
         located->ply_path = format_text("%s", model);
         return true;
     }
-    located->iteration = newest_iteration(model);
-    if (!located->iteration) {
-        fail_run("%s: no point_cloud/iteration_N/point_cloud.ply in this folder; specify a PLY "
-                 "file or a run folder",
-                 model);
+    char path[4096];
+    if (sgs_run_model_path(model, path, sizeof path, &located->iteration)) {
+        fail_library();
         return false;
     }
-    located->ply_path =
-        format_text("%s/point_cloud/iteration_%d/point_cloud.ply", model, located->iteration);
+    located->ply_path = format_text("%s", path);
     char *config = format_text("%s/config.json", model);
     if (file_exists(config)) {
         json_error_t error;

@@ -1,0 +1,128 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// The folder of a training run: its newest model and the options that a rendering needs.
+
+#include "sparegs/run.h"
+
+#include <dirent.h>
+#include <errno.h>
+#include <jansson.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "base/core.h"
+
+enum { PATH_MOST = 4096, ITERATIONS_MOST = 1000000000 };
+
+// N of "iteration_N", or 0.
+static int iteration_of(const char *name)
+{
+    static const char prefix[] = "iteration_";
+    char *end;
+    if (strncmp(name, prefix, sizeof prefix - 1))
+        return 0;
+    const long iteration = strtol(name + sizeof prefix - 1, &end, 10);
+    return *end || iteration < 1 || iteration >= ITERATIONS_MOST ? 0 : (int)iteration;
+}
+
+// False if it does not fit.
+static bool model_path(const char *folder, int iteration, char *path, size_t bytes)
+{
+    const int length =
+        snprintf(path, bytes, "%s/point_cloud/iteration_%d/point_cloud.ply", folder, iteration);
+    return length > 0 && (size_t)length < bytes;
+}
+
+sgs_status sgs_run_model_path(const char *folder, char *path, size_t bytes, int *iteration)
+{
+    char clouds[PATH_MOST];
+    if (snprintf(clouds, sizeof clouds, "%s/point_cloud", folder) >= (int)sizeof clouds)
+        return sgsi_fail(SGS_STATUS_LIMIT, "path of a run folder is too long");
+    DIR *directory = opendir(clouds);
+    int newest = 0;
+    for (struct dirent *entry; directory && (entry = readdir(directory));) {
+        char ply[PATH_MOST];
+        const int at = iteration_of(entry->d_name);
+        if (at > newest && model_path(folder, at, ply, sizeof ply) && !access(ply, R_OK))
+            newest = at;
+    }
+    if (directory)
+        closedir(directory);
+    if (!newest)
+        return sgsi_fail(SGS_STATUS_IO,
+                         "%s: no point_cloud/iteration_N/point_cloud.ply in this folder; specify a "
+                         "PLY file or a run folder",
+                         folder);
+    if (!model_path(folder, newest, path, bytes))
+        return sgsi_fail(SGS_STATUS_LIMIT, "%s: path of its model is too long", folder);
+    if (iteration)
+        *iteration = newest;
+    return SGS_STATUS_OK;
+}
+
+static bool read_filter(const json_t *value, sgs_filter *filter)
+{
+    static const char *const words[] = {"3dgs", "none", "mip"}; // order of sgs_filter
+    const char *text = json_string_value(value);
+    for (int k = 0; text && k < 3; ++k)
+        if (!strcmp(text, words[k])) {
+            *filter = (sgs_filter)k;
+            return true;
+        }
+    return !value; // runs without the option used the default
+}
+
+static bool read_background(const json_t *value, float background[3])
+{
+    if (!value || json_is_string(value)) // "random"
+        return true;
+    for (size_t c = 0; c < 3; ++c) {
+        const json_t *channel = json_array_get(value, c);
+        if (!json_is_number(channel))
+            return false;
+        background[c] = (float)json_number_value(channel);
+    }
+    return true;
+}
+
+static sgs_status read_config(const char *folder, sgs_run_settings *settings)
+{
+    char path[PATH_MOST];
+    if (snprintf(path, sizeof path, "%s/config.json", folder) >= (int)sizeof path)
+        return sgsi_fail(SGS_STATUS_LIMIT, "path of a run folder is too long");
+    if (access(path, F_OK) && errno == ENOENT)
+        return SGS_STATUS_OK;
+    json_error_t error;
+    json_t *config = json_load_file(path, 0, &error);
+    if (!config)
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: line %d: %s", path, error.line, error.text);
+    const json_t *options = json_object_get(config, "options"),
+                 *box = json_object_get(options, "compact_box");
+    const char *wrong = NULL;
+    if (!read_filter(json_object_get(options, "filter"), &settings->filter))
+        wrong = "filter";
+    else if (!read_background(json_object_get(options, "background"), settings->background))
+        wrong = "background";
+    else if (box && !(json_number_value(box) > 0.0 && json_number_value(box) <= 1.0))
+        wrong = "compact_box";
+    else if (box)
+        settings->compact_box = json_number_value(box);
+    json_decref(config);
+    return wrong ? sgsi_fail(SGS_STATUS_FORMAT, "%s: option %s has an unknown value", path, wrong)
+                 : SGS_STATUS_OK;
+}
+
+sgs_status sgs_run_read(const char *folder, sgs_gaussians **model, sgs_run_settings *settings)
+{
+    char path[PATH_MOST];
+    *settings = (sgs_run_settings){.filter = SGS_FILTER_3DGS, .compact_box = 1.0};
+    if (model)
+        *model = NULL;
+    sgs_status status = sgs_run_model_path(folder, path, sizeof path, &settings->iteration);
+    if (!status)
+        status = read_config(folder, settings);
+    return status || !model ? status : sgs_ply_read(path, model);
+}

@@ -22,7 +22,7 @@
 // SPARE-GS (a proposal; the paper does not treat this pipeline): w multiplies the opacities of both
 // draws, and growth adds the share of sum min(w, 1) instead of N, so that over-budget regions lend
 // less. The redundancy mask joins the dead rows: redundant rows are deleted and the cap falls by as
-// many, or relocated. An update takes at most as many as growth may add, the faintest first: the
+// many, or relocated. An update takes at most 5 % (mcmc_growth), the faintest first: the
 // opacity loss makes many rows faint.
 
 #include "density/pipeline.h"
@@ -71,11 +71,14 @@ static double weight_now(const sgsi_density_columns *c, size_t i)
     return (double)c->weight[c->moves.root[i]];
 }
 
-// Keeps in the mask the faintest redundant rows among the living, as many as growth may add.
+// Keeps in the mask the faintest redundant rows among the living, as many as a published update
+// may add: a short run would otherwise lose most rows in few updates.
 static sgs_status limit_redundant(chain_update *chain, sgsi_density_result *result)
 {
     sgsi_density_columns *c = chain->c;
-    const size_t most = (size_t)floor(chain->options->growth * (double)c->count + 1e-9);
+    const double published = chain->options->train->pipeline_options.mcmc_growth;
+    const double share = fmin(chain->options->growth, published);
+    const size_t most = (size_t)floor(share * (double)c->count + 1e-9);
     size_t redundant = 0;
     for (size_t i = 0; i < c->count; ++i) {
         c->redundant[i] = c->redundant[i] && !c->degenerate[i] && c->opacity[i] > DEAD;

@@ -468,7 +468,8 @@ static void every_pipeline_prunes_redundant_rows(void **state)
             continue;
         fixture *f = make(pipeline, 200, 1e-5f);
         f->options.spare_prune = true;
-        f->options.growth = 1; // for pipelines that limit the pruning of an update to it
+        // For mcmc, which limits the pruning of an update to its growth.
+        f->options.growth = f->train.pipeline_options.mcmc_growth = 1;
         f->options.max_count = 200;
         f->options.until = 27000;
         for (size_t i = 0; i < 200; ++i) {

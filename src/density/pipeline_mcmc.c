@@ -185,6 +185,16 @@ static sgs_status grow(chain_update *chain)
     return status;
 }
 
+static sgs_status move_rows(chain_update *chain, sgsi_density_result *result)
+{
+    sgs_status status = limit_redundant(chain, result);
+    if (!status) {
+        const size_t dead = mark_dead(chain);
+        status = dead ? relocate(chain, dead) : SGS_STATUS_OK;
+    }
+    return status ? status : grow(chain);
+}
+
 static sgs_status decide(const sgsi_density_options *options, sgsi_density_columns *c,
                          sgsi_density_result *result)
 {
@@ -195,18 +205,12 @@ static sgs_status decide(const sgsi_density_options *options, sgsi_density_colum
                           .dead = sgsi_calloc(n, 1),
                           .gone = sgsi_calloc(n, 1),
                           .times = sgsi_calloc(n, sizeof *chain.times)};
-    sgs_status status = SGS_STATUS_OK;
-    if (!chain.weight || !chain.dead || !chain.gone || !chain.times)
+    sgs_status status;
+    if (chain.weight && chain.dead && chain.gone && chain.times)
+        status = move_rows(&chain, result);
+    else
         status =
             sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to relocate %zu primitives", c->count);
-    if (!status)
-        status = limit_redundant(&chain, result);
-    if (!status) {
-        const size_t dead = mark_dead(&chain);
-        status = dead ? relocate(&chain, dead) : SGS_STATUS_OK;
-    }
-    if (!status)
-        status = grow(&chain);
     sgsi_free(chain.weight);
     sgsi_free(chain.dead);
     sgsi_free(chain.gone);

@@ -75,22 +75,30 @@ static sgs_status thin_once(const float *points, ordered_point *order, size_t *c
     return status;
 }
 
+static sgs_status thin(const float *points, size_t n, size_t wanted, ordered_point *order,
+                       double *score, uint8_t *marks, uint8_t *chosen)
+{
+    sgs_status status = SGS_STATUS_OK;
+    size_t count = n;
+    order_points(points, n, order);
+    while (!status && count > wanted)
+        status = thin_once(points, order, &count, count - wanted, score, marks);
+    memset(chosen, 0, n);
+    for (size_t i = 0; i < count; ++i)
+        chosen[order[i].index] = 1;
+    return status;
+}
+
 sgs_status sgsi_thin_points(const float *points, size_t n, size_t wanted, uint8_t *chosen)
 {
     ordered_point *order = sgsi_alloc(n, sizeof *order);
     double *score = sgsi_alloc(n, sizeof *score);
     uint8_t *marks = sgsi_alloc(n, 2);
-    sgs_status status = order && score && marks
-                            ? SGS_STATUS_OK
-                            : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu points", n);
-    size_t count = n;
-    if (!status)
-        order_points(points, n, order);
-    while (!status && count > wanted)
-        status = thin_once(points, order, &count, count - wanted, score, marks);
-    memset(chosen, 0, n);
-    for (size_t i = 0; i < count && !status; ++i)
-        chosen[order[i].index] = 1;
+    sgs_status status;
+    if (order && score && marks)
+        status = thin(points, n, wanted, order, score, marks, chosen);
+    else
+        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu points", n);
     sgsi_free(order);
     sgsi_free(score);
     sgsi_free(marks);

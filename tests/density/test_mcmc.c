@@ -261,7 +261,7 @@ static void noise_is_gated_by_the_opacity(void **state)
 static void noise_is_a_function_of_its_counters(void **state)
 {
     (void)state;
-    char first[17], hash[17];
+    char first[17] = "", hash[17] = "";
     double sigma[9];
     for (int k = 0; k < 6; ++k) {
         sgs_gaussians *model = equal_rows(faint, sigma);

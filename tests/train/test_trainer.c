@@ -368,7 +368,7 @@ static void mcmc_gives_the_same_bits_with_any_threads_and_after_any_stop(void **
 static void mcmc_options_change_the_run(void **state)
 {
     (void)state;
-    char base[17], hash[17];
+    char base[17] = "", hash[17] = "";
     for (int k = 0; k < 9; ++k) {
         sgs_train_options options = mcmc_run(110);
         options.optimizer = k == 8 ? SGS_OPTIMIZER_DENSE : SGS_OPTIMIZER_SPARSE;

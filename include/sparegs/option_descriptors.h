@@ -63,6 +63,15 @@ SGS_API const sgs_train_option *sgs_train_option_descriptors(size_t *count);
 // The row of a name, or NULL.
 SGS_API const sgs_train_option *sgs_train_option_find(const char *name);
 
+// True unless only parts of SPARE-GS read the option and `options` has them all off. Cannot fail.
+SGS_API bool sgs_train_option_is_read(const sgs_train_option *option,
+                                      const sgs_train_options *options);
+
+// True if the option may differ from its earlier value in a run that continues with `options`: its
+// resume rule allows it, or it is not read. Cannot fail.
+SGS_API bool sgs_train_option_may_change(const sgs_train_option *option,
+                                         const sgs_train_options *options);
+
 // Writes the value that `options` has as text, at most `bytes` with the terminator: "30000", "mip",
 // "bmd,rap" ("off" for an empty set), "true", "0.05" (the shortest decimal that reads back to the
 // same double), "0,0.5,1" or "random", "model" or "none". Returns the length without truncation.

@@ -52,10 +52,9 @@ static sgs_status compare(comparison *c, const sgs_train_option *row, const char
     const char *path = c->path;
     char value[TEXT_CAPACITY];
     sgs_train_option_text(row, c->now, value, sizeof value);
-    if (!strcmp(value, before) || (row->spare && !(row->spare & c->now->spare)))
-        return SGS_STATUS_OK; // equal, or not read from now on
-    if (row->resume == SGS_RESUME_FREE ||
-        (row->resume == SGS_RESUME_FREE_PAPER && c->now->schedule == SGS_SCHEDULE_PAPER)) {
+    if (!strcmp(value, before) || !sgs_train_option_is_read(row, c->now))
+        return SGS_STATUS_OK;
+    if (sgs_train_option_may_change(row, c->now)) {
         c->spare_changed = c->spare_changed || !strncmp(row->name, "spare", 5);
         sgsi_warn("%s: option %s was %s and is %s from iteration %d on", path, row->name, before,
                   value, c->iteration + 1);

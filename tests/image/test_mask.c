@@ -333,6 +333,27 @@ static void a_masked_square_leaves_no_colour_in_the_model(void **state)
     assert_true(masked < 2 * clean + 10);
 }
 
+// Trains on the scene and renders its first view; release with sgs_frame_free.
+static sgs_frame train_and_render(const sgs_scene *scene, const sgs_train_options *train)
+{
+    sgs_trainer *trainer;
+    sgs_renderer *renderer;
+    sgs_frame frame;
+    sgs_step_info info = {0};
+    const sgs_view *view = &scene->views[0];
+    assert_int_equal(sgs_trainer_create(scene, train, &trainer), SGS_STATUS_OK);
+    while (!info.stop)
+        assert_int_equal(sgs_trainer_step(trainer, &info), SGS_STATUS_OK);
+    assert_int_equal(sgs_renderer_create(sgs_trainer_model(trainer), &renderer), SGS_STATUS_OK);
+    assert_int_equal(sgs_frame_create(view->camera.width, view->camera.height, &frame),
+                     SGS_STATUS_OK);
+    assert_int_equal(sgs_renderer_render(renderer, &view->camera, &view->pose, NULL, &frame),
+                     SGS_STATUS_OK);
+    sgs_renderer_destroy(renderer);
+    sgs_trainer_destroy(trainer);
+    return frame;
+}
+
 // Photographs of a disc with alpha over black. Without the alpha loss, black and empty look the
 // same.
 static double mean_opacity_outside(double weight)
@@ -357,28 +378,13 @@ static double mean_opacity_outside(double weight)
     sgs_train_options train = sgs_train_options_default();
     train.iterations = 60;
     train.alpha_loss = weight;
-    sgs_trainer *trainer;
-    sgs_renderer *renderer;
-    sgs_frame frame;
-    sgs_step_info info = {0};
-    const sgs_view *view = &scene->views[0];
-    assert_int_equal(sgs_trainer_create(scene, &train, &trainer), SGS_STATUS_OK);
-    while (!info.stop)
-        assert_int_equal(sgs_trainer_step(trainer, &info), SGS_STATUS_OK);
-    assert_int_equal(sgs_renderer_create(sgs_trainer_model(trainer), &renderer), SGS_STATUS_OK);
-    assert_int_equal(sgs_frame_create(view->camera.width, view->camera.height, &frame),
-                     SGS_STATUS_OK);
-    const sgs_render_options render = sgs_render_options_default();
-    assert_int_equal(sgs_renderer_render(renderer, &view->camera, &view->pose, &render, &frame),
-                     SGS_STATUS_OK);
+    sgs_frame frame = train_and_render(scene, &train);
     double sides[2] = {0};
     for (int y = 0; y < frame.height; ++y)
         for (int x = 0; x < frame.width; ++x)
             sides[x >= frame.width / 2] += 1 - (double)frame.transmittance[y * frame.width + x];
     const double half = 0.5 * frame.width * frame.height;
     sgs_frame_free(&frame);
-    sgs_renderer_destroy(renderer);
-    sgs_trainer_destroy(trainer);
     sgs_scene_destroy(scene);
     return (sides[1] - sides[0]) / half;
 }
@@ -410,26 +416,12 @@ static double mean_opacity(bool opaque)
     train.iterations = 300;
     train.opaque = train.background_random = opaque;
     train.alpha_loss = opaque ? SGS_TRAIN_OPAQUE_WEIGHT : 0;
-    sgs_trainer *trainer;
-    sgs_renderer *renderer;
-    sgs_frame frame;
-    sgs_step_info info = {0};
-    const sgs_view *view = &scene->views[0];
-    assert_int_equal(sgs_trainer_create(scene, &train, &trainer), SGS_STATUS_OK);
-    while (!info.stop)
-        assert_int_equal(sgs_trainer_step(trainer, &info), SGS_STATUS_OK);
-    assert_int_equal(sgs_renderer_create(sgs_trainer_model(trainer), &renderer), SGS_STATUS_OK);
-    assert_int_equal(sgs_frame_create(view->camera.width, view->camera.height, &frame),
-                     SGS_STATUS_OK);
-    assert_int_equal(sgs_renderer_render(renderer, &view->camera, &view->pose, NULL, &frame),
-                     SGS_STATUS_OK);
+    sgs_frame frame = train_and_render(scene, &train);
     double sum = 0;
     for (int i = 0; i < frame.width * frame.height; ++i)
         sum += 1 - (double)frame.transmittance[i];
     const double mean = sum / (frame.width * frame.height);
     sgs_frame_free(&frame);
-    sgs_renderer_destroy(renderer);
-    sgs_trainer_destroy(trainer);
     sgs_scene_destroy(scene);
     return mean;
 }

@@ -368,35 +368,6 @@ static bool same_value(const json_t *a, const json_t *b)
     return json_equal(a, b);
 }
 
-// False for an option of parts of SPARE-GS that are all off.
-static bool is_read(const sgs_train_option *row, const json_t *now)
-{
-    static const struct {
-        const char *word;
-        unsigned part;
-    } parts[] = {{"bmd", SGS_SPARE_BMD}, {"rap", SGS_SPARE_RAP}, {"edt", SGS_SPARE_EDT}};
-    const json_t *on = config_option(now, "spare");
-    unsigned set = 0;
-    for (size_t i = 0; i < json_array_size(on); ++i)
-        for (size_t k = 0; k < sizeof parts / sizeof *parts; ++k) {
-            const char *word = json_string_value(json_array_get(on, i));
-            if (word && !strcmp(word, parts[k].word))
-                set |= parts[k].part;
-        }
-    return !row->spare || (row->spare & set);
-}
-
-// Options that may change when a run is resumed (the library warns about the change).
-static bool may_change(const char *key, const json_t *now)
-{
-    const sgs_train_option *row = sgs_train_option_find(key);
-    if (row && !is_read(row, now))
-        return true;
-    const char *schedule = json_string_value(config_option(now, "schedule"));
-    return row && (row->resume == SGS_RESUME_FREE || (row->resume == SGS_RESUME_FREE_PAPER &&
-                                                      schedule && !strcmp(schedule, "paper")));
-}
-
 // A value as written on the command line.
 static char *option_text(const json_t *value)
 {
@@ -419,15 +390,17 @@ static char *option_text(const json_t *value)
     return list;
 }
 
-bool train_config_agrees(const char *config_path, const json_t *stored, const json_t *now)
+bool train_config_agrees(const char *config_path, const json_t *stored, const json_t *now,
+                         const sgs_train_options *options)
 {
     const char *key;
     json_t *value;
     json_object_foreach(json_object_get(now, "options"), key, value)
     {
         const json_t *old = config_option(stored, key);
-        if (same_value(value, old) || (old && may_change(key, now)))
-            continue;
+        const sgs_train_option *row = sgs_train_option_find(key);
+        if (same_value(value, old) || (old && row && sgs_train_option_may_change(row, options)))
+            continue; // the library warns about a change
         char name[32];
         flag_name(key, name);
         char *was = old ? option_text(old) : format_text("not recorded");

@@ -31,8 +31,10 @@ json_t *train_config(const char *scene_path, const train_values *values, const s
                      const common_values *common);
 
 // True if a run with the config `stored` can be resumed with the config `now`: the options that
-// affect the result are equal or may change. Otherwise prints the option that differs.
-bool train_config_agrees(const char *config_path, const json_t *stored, const json_t *now);
+// affect the result are equal or may change. Otherwise prints the option that differs. options:
+// those of `now`.
+bool train_config_agrees(const char *config_path, const json_t *stored, const json_t *now,
+                         const sgs_train_options *options);
 // Copies the "resumed" list of `stored` to `now` and appends an entry for this continuation: its
 // iteration, and the former values of the options that changed.
 void train_config_record(const json_t *stored, json_t *now, int iteration);

@@ -140,7 +140,7 @@ static bool create_trainer(training *run)
 static int resume(training *run, const char *config_path, json_t *config)
 {
     if (!run_record_split_agrees(config_path, run->stored, run->scene) ||
-        !train_config_agrees(config_path, run->stored, config))
+        !train_config_agrees(config_path, run->stored, config, &run->values.options))
         return -1;
     const int loaded = run_folder_load_checkpoint(&run->folder, run->trainer);
     if (loaded > 0) {

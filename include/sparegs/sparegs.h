@@ -16,6 +16,7 @@
 #include "sparegs/gaussians.h"
 #include "sparegs/image.h"
 #include "sparegs/metrics.h"
+#include "sparegs/rate_distortion.h"
 #include "sparegs/scene.h"
 
 // Work: rendering, training.

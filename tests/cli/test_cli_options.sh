@@ -64,6 +64,7 @@ info: white threads isa seed json quiet
 reconstruct: output matcher camera-model cameras colmap threads isa seed json quiet
 explain: top region threads isa seed json quiet
 experiment: output check threads isa seed json quiet
+bd: threads isa seed json quiet
 report: markdown html pictures maps threads isa seed json quiet
 bench: list threads isa repeat views seed json csv quiet images downscale eval test-every test-images masks
 bench: invert-masks alpha image-cache input-colorspace train-space white

@@ -1,0 +1,59 @@
+#!/usr/bin/env bash
+# SPDX-FileCopyrightText: 2026 The sparegs authors
+# SPDX-License-Identifier: Apache-2.0
+
+# sparegs bd: the table formats that it accepts, N/A with its reason, and messages for bad input.
+set -euo pipefail
+. "$(dirname "$0")/cli_support.sh"
+a=$temporary/a.csv b=$temporary/b.csv
+printf 'size,psnr\n10,20\n20,25\n40,29\n' >"$a"
+
+# columns_are_found_by_name_in_any_order
+printf 'name, PSNR ,"size"\r\nz,29,20\r\nx,20,5\r\n\r\ny,25,10' >"$b"
+run 0 bd "$a" "$b" --json
+json "$temporary/stdout" '(.bd_rate_percent + 50 | fabs) < 1e-6 and .bd_psnr_db > 4 and .bd_rate_reason == null'
+run 0 bd "$a" "$b"
+prints "BD-rate   -50.00 %"
+prints "BD-PSNR   +4.49 dB"
+
+# figures_without_a_common_range_are_null_with_a_reason
+printf 'size,psnr\n10,30\n20,35\n40,39\n' >"$b"
+run 0 bd "$a" "$b" --json
+json "$temporary/stdout" '.bd_rate_percent == null and .bd_rate_reason == "the curves have no common range of PSNR" and .bd_psnr_db > 9'
+run 0 bd "$a" "$b"
+prints "BD-rate   N/A (the curves have no common range of PSNR)"
+printf 'size,psnr\n10,30\n20,35\n40,34\n' >"$b"
+run 0 bd "$a" "$b" --json
+json "$temporary/stdout" '.bd_rate_percent == null and .bd_psnr_db == null'
+prints "a smaller file is better by more than 0.02 dB"
+
+# ties_are_reported
+printf 'size,psnr\n10,20\n20,25\n40,25\n' >"$b"
+run 0 bd "$a" "$b"
+reports "warning: 1 points have the PSNR or size of another point"
+
+# bad_tables_are_refused
+bad() { # MESSAGE: the printf format of the table is on stdin
+    # shellcheck disable=SC2059 # a format
+    printf "$(cat)" >"$b"
+    run 1 bd "$a" "$b" --quiet
+    reports "$1"
+    one_line
+}
+bad "b.csv: 0 rows; at least 3" </dev/null
+bad "b.csv: 2 rows; at least 3" <<<'size,psnr\n1,2\n2,3\n'
+bad "b.csv: line 1: the header has no column 'size'" <<<'1,2\n2,3\n4,5\n'
+bad "b.csv: line 1: the header has no column 'psnr'" <<<'size,dB\n1,2\n2,3\n'
+bad "b.csv: line 3: psnr is 'x'; a finite number is required" <<<'size,psnr\n1,2\n2,x\n3,4\n'
+bad "b.csv: line 2: psnr is ''; a finite number is required" <<<'size,psnr\n1\n2,3\n3,4\n'
+bad "b.csv: line 2: psnr is 'inf'" <<<'size,psnr\n1,inf\n2,3\n3,4\n'
+bad "b.csv: line 2: size is 'nan'" <<<'size,psnr\nnan,1\n2,3\n3,4\n'
+bad "b.csv: line 2: size is '1 2'" <<<'size,psnr\n1 2,1\n2,3\n3,4\n'
+bad "b.csv: line 4: size is 0; it must be positive" <<<'size,psnr\n1,1\n2,3\n0,4\n'
+run 1 bd "$a" "$temporary/nowhere.csv"
+reports "nowhere.csv: No such file or directory"
+run 1 bd "$temporary" "$a"
+reports "Is a directory"
+run 2 bd "$a"
+
+finish

@@ -35,6 +35,10 @@ plan "$room" '["3dgs"]' ', "output": "x"'; refused output
 plan "$room" '[]' ''; refused pipelines
 echo '{"scenes": [' >"$folder/plan.json"; refused 'line 2'
 
+plan "$room" '["3dgs"]' ''; sed -i 's/"name": "room",/"name": "room", "dataset": "x",/' "$folder/plan.json"; refused "unknown key 'dataset' (did you mean 'data_set'?)"
+plan "$room" '["3dgs"]' ''
+sed -i 's/"scenes": \[/&{"name": "a", "path": "nowhere", "data_set": "x"}, /' "$folder/plan.json"; refused "\"data_set\" is missing for scene 'room'"
+
 plan "$room" '["3dgs", "mip"]' ''
 [ "$("$SPAREGS_PROGRAM" experiment "$folder/plan.json" -o "$folder/out" --check | wc -l)" = 5 ]
 "$SPAREGS_PROGRAM" experiment "$folder/plan.json" -o "$folder/out" --quiet
@@ -72,6 +76,25 @@ ours=$(jq '.runs[] | select(.pipeline == "mip" and .variant == "on") | .summary.
 change=$(awk "BEGIN { printf \"%+.1f %%\", 100 * ($ours / $base - 1) }")
 grep -F "| mip | room |" "$folder/out/report.md" | grep -qF "| $change |" || { echo "FAIL: no change of $change:"; cat "$folder/out/report.md"; exit 1; }
 grep -q "Variants of 3dgs" "$folder/out/report.md"
+# SPARE-GS's share of the structural updates, from the seconds of the summary.
+share=$(jq -r '.seconds | 100 * .spare / (.spare + .density + .bvh_build)' "$folder/out/runs/room/mip/on/seed_0/summary.json")
+grep -E '^\| mip \| on \|' "$folder/out/report.md" | grep -qF "| $(printf '%.2f' "$share") % |" || { echo "FAIL: share of $share:"; grep '^| mip' "$folder/out/report.md"; exit 1; }
+
+# Data sets: the changes of their means, weighted by their scenes, as in Table I. Figures by hand: x has 100 -> 80 and
+# 300 -> 200 primitives (-30 %), y 50 -> 45 (-10 %); (2 * -30 - 10) / 3 = -23.3 %.
+mkdir -p "$folder/sets"
+jq -n '{plan: {title: "Sets", pipelines: ["3dgs"], variants: [{name: "off"}, {name: "on"}],
+        scenes: [{name: "a", data_set: "x"}, {name: "c", data_set: "y"}, {name: "b", data_set: "x"}]},
+    runs: [["a", 100, 80, 30, 31], ["b", 300, 200, 20, 20.5], ["c", 50, 45, 25, 24] | . as $r | ("off", "on") |
+        {scene: $r[0], pipeline: "3dgs", variant: ., seed: 0, folder: "none",
+         summary: {gaussians: (if . == "off" then $r[1] else $r[2] end), train_seconds: 10,
+                   test: {psnr: (if . == "off" then $r[3] else $r[4] end)}}}]}' >"$folder/sets/results.json"
+"$SPAREGS_PROGRAM" report "$folder/sets" --pictures 0 --maps 0 >/dev/null
+expect() { grep -qE "$1" "$folder/sets/report.md" || { echo "FAIL: no $1 in:"; cat "$folder/sets/report.md"; exit 1; }; }
+expect '^\| 3dgs \| x \| 10.0 \| 200 \| 25.00 .*\| -30.0 % \| \+0.75 '
+expect '^\| 3dgs \| y \| 10.0 \| 50 .*\| -10.0 % \| -1.00 '
+expect '^\| 3dgs \| scene-weighted mean .*\| \+0.0 % \| -23.3 % \| \+0.17 '
+expect '^\| average .*\| -23.3 % '
 # FLIP and sharpness: in the tables, in the CSV and on the page, as in the summaries.
 summary=$folder/out/runs/room/mip/on/seed_0/summary.json
 flip=$(jq .test.flip "$summary"); sharpness=$(jq .test.sharpness "$summary")

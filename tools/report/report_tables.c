@@ -4,7 +4,8 @@
 // Tables as in the SPARE-GS paper: base pipelines without ("off") and with ("on") SPARE-GS and the
 // change; all variants of a pipeline; seconds per phase; runs that ended early. A cell is a mean
 // over seeds, a row over scenes the mean of the scenes' percentages, the last row a mean over
-// pipelines.
+// pipelines. With data sets in the plan, averages are those of Table I: percentages of the means of
+// a data set, weighted by its scenes.
 
 #include "report/report_tables.h"
 
@@ -97,73 +98,145 @@ static double change(int metric, double base, double ours)
     return metric < 2 ? percent(base, ours) : ours - base;
 }
 
-static void put_changes(json_t *table, const char *pipeline, const char *scene,
-                        const double sums[METRICS], double count)
+static void put_changes(json_t *table, const char *pipeline, const char *label,
+                        const double changes[METRICS])
 {
     json_t *row = json_array();
     put_text(row, pipeline);
-    put_text(row, scene);
-    for (int k = 0; k < METRICS; ++k)
+    put_text(row, label);
+    for (int k = 0; k < 2 * METRICS; ++k)
         put_text(row, "");
     for (int k = 0; k < METRICS; ++k)
-        put_text(row, "");
-    for (int k = 0; k < METRICS; ++k)
-        put_number(row, change_formats[k], count > 0 ? sums[k] / count : NAN);
+        put_number(row, change_formats[k], changes[k]);
     end_row(table, row);
 }
 
-static bool put_scene(json_t *table, const json_t *runs, const char *pipeline, const char *scene,
-                      double sums[METRICS])
-{
-    json_t *row = json_array();
+// The values of variants off and on, of one scene or means over scenes.
+typedef struct pair {
     double base[METRICS], ours[METRICS];
+} pair;
+
+static void put_pair(json_t *table, const char *pipeline, const char *label, const pair *values)
+{
+    json_t *row = json_array();
     put_text(row, pipeline);
-    put_text(row, scene);
-    bool complete = true;
-    for (int k = 0; k < METRICS; ++k) {
-        base[k] = mean(runs, scene, pipeline, "off", metrics[k]);
-        ours[k] = mean(runs, scene, pipeline, "on", metrics[k]);
-        complete = complete && (k >= 2 || (!isnan(base[k]) && !isnan(ours[k])));
-    }
+    put_text(row, label);
     for (int k = 0; k < METRICS; ++k)
-        put_number(row, formats[k], base[k]);
+        put_number(row, formats[k], values->base[k]);
     for (int k = 0; k < METRICS; ++k)
-        put_number(row, formats[k], ours[k]);
-    for (int k = 0; k < METRICS; ++k) {
-        put_number(row, change_formats[k], change(k, base[k], ours[k]));
-        sums[k] += complete ? change(k, base[k], ours[k]) : 0.0;
-    }
+        put_number(row, formats[k], values->ours[k]);
+    for (int k = 0; k < METRICS; ++k)
+        put_number(row, change_formats[k], change(k, values->base[k], values->ours[k]));
     end_row(table, row);
-    return complete;
 }
 
-static json_t *pipelines_table(const json_t *plan, const json_t *runs)
+// Sums of changes, each with its weight.
+typedef struct change_mean {
+    double sums[METRICS], weight;
+} change_mean;
+
+static void add_change(change_mean *to, const double changes[METRICS], double weight)
+{
+    for (int k = 0; k < METRICS; ++k)
+        to->sums[k] += weight * changes[k];
+    to->weight += weight;
+}
+
+static void finish_changes(const change_mean *from, double changes[METRICS])
+{
+    for (int k = 0; k < METRICS; ++k)
+        changes[k] = from->weight > 0 ? from->sums[k] / from->weight : NAN;
+}
+
+// A row per scene of a data set (all scenes if `data_set` is NULL), and for a data set a row with
+// the means of its scenes. Adds the change of the data set, weighted by its scenes, or that of each
+// scene. Scenes without runs of both variants do not count.
+static void put_scenes(json_t *table, const json_t *results, const char *pipeline,
+                       const char *data_set, change_mean *total)
+{
+    const json_t *scenes = json_object_get(json_object_get(results, "plan"), "scenes"),
+                 *runs = json_object_get(results, "runs");
+    pair means = {0};
+    double count = 0, changes[METRICS];
+    for (size_t s = 0; s < json_array_size(scenes); ++s) {
+        const json_t *scene = json_array_get(scenes, s);
+        const char *name = text_of(scene, "name");
+        if (data_set && strcmp(data_set, text_of(scene, "data_set")))
+            continue;
+        pair values;
+        for (int k = 0; k < METRICS; ++k) {
+            values.base[k] = mean(runs, name, pipeline, "off", metrics[k]);
+            values.ours[k] = mean(runs, name, pipeline, "on", metrics[k]);
+        }
+        put_pair(table, pipeline, name, &values);
+        if (isnan(values.base[1]) || isnan(values.ours[1]))
+            continue;
+        for (int k = 0; k < METRICS; ++k) {
+            means.base[k] += values.base[k];
+            means.ours[k] += values.ours[k];
+            changes[k] = change(k, values.base[k], values.ours[k]);
+        }
+        ++count;
+        if (!data_set)
+            add_change(total, changes, 1.0);
+    }
+    if (!data_set || !(count > 0))
+        return;
+    for (int k = 0; k < METRICS; ++k) {
+        means.base[k] /= count;
+        means.ours[k] /= count;
+        changes[k] = change(k, means.base[k], means.ours[k]);
+    }
+    put_pair(table, pipeline, data_set, &means);
+    add_change(total, changes, count);
+}
+
+static bool is_first_of_data_set(const json_t *scenes, size_t s)
+{
+    for (size_t k = 0; k < s; ++k)
+        if (!strcmp(text_of(json_array_get(scenes, k), "data_set"),
+                    text_of(json_array_get(scenes, s), "data_set")))
+            return false;
+    return true;
+}
+
+static json_t *pipelines_table(const json_t *results)
 {
     static const char *const columns[] = {
         "pipeline",  "scene",          "base s", "base N", "base PSNR", "base SSIM",
         "base FLIP", "base sharpness", "ours s", "ours N", "ours PSNR", "ours SSIM",
         "ours FLIP", "ours sharpness", "Δ time", "Δ N",    "Δ PSNR",    "Δ SSIM",
         "Δ FLIP",    "Δ sharpness",    NULL};
-    json_t *table =
-        new_table("Base pipelines without and with SPARE-GS",
-                  "Base: variant off; ours: variant on. PSNR (dB), SSIM, FLIP and sharpness of the "
-                  "held-out images. Better: higher PSNR and SSIM, lower FLIP, sharpness near 1.",
-                  columns);
-    const json_t *pipelines = json_object_get(plan, "pipelines"),
+    const json_t *plan = json_object_get(results, "plan"),
+                 *pipelines = json_object_get(plan, "pipelines"),
                  *scenes = json_object_get(plan, "scenes");
-    double all[METRICS] = {0}, counted = 0;
+    const bool in_sets = *text_of(json_array_get(scenes, 0), "data_set");
+    char *note = format_text(
+        "Base: variant off; ours: variant on. PSNR (dB), SSIM, FLIP and sharpness of the held-out "
+        "images. Better: higher PSNR and SSIM, lower FLIP, sharpness near 1.%s",
+        in_sets ? " A data set has the means of its scenes and the changes of these means. The "
+                  "mean of a pipeline weights the data sets by their number of scenes."
+                : "");
+    json_t *table = new_table("Base pipelines without and with SPARE-GS", note, columns);
+    free(note);
+    change_mean all = {0};
+    double changes[METRICS];
     for (size_t p = 0; p < json_array_size(pipelines); ++p) {
         const char *pipeline = json_string_value(json_array_get(pipelines, p));
-        double sums[METRICS] = {0}, count = 0;
-        for (size_t s = 0; s < json_array_size(scenes); ++s)
-            count +=
-                put_scene(table, runs, pipeline, text_of(json_array_get(scenes, s), "name"), sums);
-        put_changes(table, pipeline, "mean", sums, count);
-        for (int k = 0; k < METRICS && count > 0; ++k)
-            all[k] += sums[k] / count;
-        counted += count > 0;
+        change_mean total = {0};
+        for (size_t s = 0; in_sets && s < json_array_size(scenes); ++s)
+            if (is_first_of_data_set(scenes, s))
+                put_scenes(table, results, pipeline, text_of(json_array_get(scenes, s), "data_set"),
+                           &total);
+        if (!in_sets)
+            put_scenes(table, results, pipeline, NULL, &total);
+        finish_changes(&total, changes);
+        put_changes(table, pipeline, in_sets ? "scene-weighted mean" : "mean", changes);
+        if (total.weight > 0)
+            add_change(&all, changes, 1.0);
     }
-    put_changes(table, "average", "", all, counted);
+    finish_changes(&all, changes);
+    put_changes(table, "average", "", changes);
     return table;
 }
 
@@ -212,10 +285,16 @@ static json_t *seconds_table(const json_t *plan, const json_t *runs)
     static const char *const phases[] = {"gather",    "forward",   "loss",
                                          "backward",  "optimizer", "bvh_refit",
                                          "bvh_build", "density",   "spare"};
+    enum { UPDATE_PHASES = 6 }; // index of the first phase of a structural update
     static const char *const columns[] = {
-        "pipeline",  "variant",   "gather",  "forward",  "loss",  "backward",       "optimizer",
-        "BVH refit", "BVH build", "density", "SPARE-GS", "total", "SPARE-GS share", NULL};
-    json_t *table = new_table("Seconds by phase", "Means over scenes and seeds.", columns);
+        "pipeline", "variant",   "gather",         "forward",        "loss",
+        "backward", "optimizer", "BVH refit",      "BVH build",      "density",
+        "SPARE-GS", "total",     "SPARE-GS share", "of the updates", NULL};
+    json_t *table =
+        new_table("Seconds by phase",
+                  "Means over scenes and seeds. SPARE-GS's share of the total, and of the "
+                  "structural updates (density, SPARE-GS and BVH build).",
+                  columns);
     const json_t *pipelines = json_object_get(plan, "pipelines");
     static const char *const variants[] = {"off", "on"};
     for (size_t p = 0; p < json_array_size(pipelines); ++p)
@@ -227,15 +306,17 @@ static json_t *seconds_table(const json_t *plan, const json_t *runs)
             json_t *row = json_array();
             put_text(row, pipeline);
             put_text(row, variants[v]);
-            double spare = 0;
+            double spare = 0, updates = 0;
             for (size_t k = 0; k < sizeof phases / sizeof *phases; ++k) {
                 char metric[64];
                 snprintf(metric, sizeof metric, "seconds.%s", phases[k]);
                 spare = mean(runs, NULL, pipeline, variants[v], metric);
                 put_number(row, "%.2f", spare);
+                updates += k >= UPDATE_PHASES ? spare : 0.0;
             }
             put_number(row, "%.2f", total);
             put_number(row, "%.3f %%", 100.0 * spare / total);
+            put_number(row, "%.2f %%", updates > 0 ? 100.0 * spare / updates : NAN);
             end_row(table, row);
         }
     return table;
@@ -267,7 +348,7 @@ json_t *report_tables(const json_t *results)
     const json_t *plan = json_object_get(results, "plan"), *runs = json_object_get(results, "runs");
     const json_t *pipelines = json_object_get(plan, "pipelines");
     json_t *tables = json_array();
-    json_array_append_new(tables, pipelines_table(plan, runs));
+    json_array_append_new(tables, pipelines_table(results));
     for (size_t p = 0; p < json_array_size(pipelines); ++p) {
         json_t *table = variants_table(plan, runs, json_string_value(json_array_get(pipelines, p)));
         if (json_array_size(json_object_get(table, "rows")) > 2) // more than off and on

@@ -2,14 +2,16 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // A plan:
-//   {"scenes": [{"name": "room", "path": "data/room", "options": {"downscale": 2}}],
+//   {"scenes": [{"name": "room", "path": "data/room", "data_set": "indoor",
+//                "options": {"downscale": 2}}],
 //    "pipelines": ["3dgs", "mip"],
 //    "variants": [{"name": "off", "options": {"spare": "off"}}, {"name": "on"},
 //                 {"name": "tau-0.1", "pipelines": ["3dgs"], "options": {"spare_tau_alpha": 0.1}}],
 //    "seeds": [0, 1],
 //    "options": {"iterations": 7000, "eval": true}}
 // Options are those of `sparegs train`, with '_' or '-'. A scene's options override the plan's, a
-// variant's override both. "variants" defaults to off and on. Paths are relative to the plan's
+// variant's override both. "variants" defaults to off and on. "data_set" groups scenes in the
+// tables; all scenes have one, or none. Paths are relative to the plan's
 // folder.
 
 #include "run/experiment_plan.h"
@@ -279,24 +281,31 @@ static bool check_scene(const json_t *scene)
     return found;
 }
 
+static bool check_keys(const json_t *object, const char *const known[], size_t count)
+{
+    const char *key;
+    json_t *value;
+    json_object_foreach((json_t *)object, key, value)
+    {
+        char near[SUGGESTION_LENGTH];
+        bool found = false;
+        for (size_t k = 0; k < count; ++k)
+            found = found || !strcmp(key, known[k]);
+        if (!found) {
+            fail_run("%s: unknown key '%s'%s", plan_path, key,
+                     suggestion(near, "", key, known, count));
+            return false;
+        }
+    }
+    return true;
+}
+
 static bool check_members(const json_t *root)
 {
     static const char *const known[] = {"scenes", "pipelines", "variants",
                                         "seeds",  "options",   "title"};
-    const char *key;
-    json_t *value;
-    json_object_foreach((json_t *)root, key, value)
-    {
-        char near[SUGGESTION_LENGTH];
-        bool found = false;
-        for (size_t k = 0; k < sizeof known / sizeof *known; ++k)
-            found = found || !strcmp(key, known[k]);
-        if (!found) {
-            fail_run("%s: unknown key '%s'%s", plan_path, key,
-                     suggestion(near, "", key, known, sizeof known / sizeof *known));
-            return false;
-        }
-    }
+    if (!check_keys(root, known, sizeof known / sizeof *known))
+        return false;
     if (json_array_size(json_object_get(root, "scenes")) &&
         json_array_size(json_object_get(root, "pipelines")))
         return true;
@@ -315,6 +324,28 @@ static bool check_names(const char *what, const json_t *list)
         for (size_t j = 0; j < k; ++j)
             if (json_equal(name, json_object_get(json_array_get(list, j), "name")))
                 return refuse("duplicate name", json_string_value(name));
+    }
+    return true;
+}
+
+// Checks the members of the scenes. Data sets are all or nothing: a mean over data sets would
+// otherwise omit scenes.
+static bool check_scenes(const json_t *scenes)
+{
+    static const char *const known[] = {"name", "path", "data_set", "options"};
+    const bool in_sets = json_object_get(json_array_get(scenes, 0), "data_set");
+    for (size_t s = 0; s < json_array_size(scenes); ++s) {
+        const json_t *scene = json_array_get(scenes, s),
+                     *data_set = json_object_get(scene, "data_set");
+        const char *name = json_string_value(json_object_get(scene, "name"));
+        if (in_sets != (data_set != NULL))
+            return refuse(in_sets ? "\"data_set\" is missing for scene"
+                                  : "the first scene has no \"data_set\", but scene",
+                          name);
+        if (data_set && !check_name("data set", data_set))
+            return false;
+        if (!check_keys(scene, known, sizeof known / sizeof *known))
+            return false;
     }
     return true;
 }
@@ -362,6 +393,7 @@ bool experiment_plan_read(const char *path, const char *folder, experiment_plan 
                                       "spare", "off", "name", "on", "options", "spare", "on"));
     fine = fine && check_members(plan->root) &&
            check_names("scene", json_object_get(plan->root, "scenes")) &&
+           check_scenes(json_object_get(plan->root, "scenes")) &&
            check_names("variant", json_object_get(plan->root, "variants")) && unroll(plan, folder);
     if (!fine)
         experiment_plan_free(plan);

@@ -24,7 +24,7 @@ extern "C" {
 enum { SGS_BENCH_VIEWS = 3 };
 
 // A synthetic scene: surfaces covered with thin discs, a distant shell, floaters; sizes log-normal
-// in pixels; half of the opacities below 0.1. Views of 800x608 pixels on an arc.
+// in pixels; half of the opacities below 0.1. Views on an arc, of 800x608 pixels or larger.
 typedef struct sgs_bench_scene {
     const char *name; // constant string
     sgs_gaussians *model;
@@ -32,10 +32,12 @@ typedef struct sgs_bench_scene {
     sgs_view views[SGS_BENCH_VIEWS]; // cameras and poses; no images
 } sgs_bench_scene;
 
-// Name of scene `index` ("sparse-32k", "dense-500k", "dense-2m"); NULL beyond the last scene.
+// Name of scene `index` ("sparse-32k", "dense-500k", ..., "dense-5m"); NULL beyond the last scene.
 SGS_API const char *sgs_bench_scene_name(size_t index);
 // Description of scene `index` in a sentence; NULL beyond the last scene.
 SGS_API const char *sgs_bench_scene_text(size_t index);
+// True if scene `index` takes minutes or gigabytes, so that a bench of all scenes omits it.
+SGS_API bool sgs_bench_scene_by_name_only(size_t index);
 
 // Creates the scene of that name, the same on all machines and for any number of threads. Fails
 // with INVALID_ARGUMENT for an unknown name. On failure *scene is NULL.

@@ -20,27 +20,29 @@
 typedef struct recipe {
     const char *name, *text;
     size_t count;
-    double pixels; // median standard deviation of a disc, in pixels
+    double pixels;     // median standard deviation of a disc, in pixels
+    int width, height; // pixels
+    bool by_name_only; // takes minutes or gigabytes
 } recipe;
 
 static const recipe recipes[] = {
     {"sparse-32k", "32 thousand primitives, typical of a short training at low resolution", 32768,
-     6.0},
-    {"dense-500k", "500 thousand primitives, typical of a full training", 500000, 1.75},
+     6.0, 800, 608, false},
+    {"dense-500k", "500 thousand primitives, typical of a full training", 500000, 1.75, 800, 608,
+     false},
     {"dense-2m",
      "2 million primitives, mostly hidden: about 300 hits per ray without early termination",
-     2000000, 1.38},
+     2000000, 1.38, 800, 608, false},
+    {"dense-1m-1.3mp", "1 million primitives and 1.3 megapixels, a full training at full size",
+     1000000, 2.0, 1312, 992, true},
+    {"dense-2m-8mp", "2 million primitives and 8 megapixels", 2000000, 3.5, 3232, 2464, true},
+    {"dense-5m", "5 million primitives and 1.3 megapixels, about 5 GB of memory", 5000000, 1.38,
+     1312, 992, true},
 };
 
-enum {
-    RECIPE_COUNT = sizeof recipes / sizeof *recipes,
-    WIDTH = 800,
-    HEIGHT = 608,
-    DRAWS = 128,
-    SPHERES = 6
-};
+enum { RECIPE_COUNT = sizeof recipes / sizeof *recipes, DRAWS = 128, SPHERES = 6 };
 
-static const double focal = 680.0, floor_y = 0.0, wall_radius = 6.0, wall_height = 2.4,
+static const double focal_per_width = 0.85, floor_y = 0.0, wall_radius = 6.0, wall_height = 2.4,
                     shell_radius = 60.0;
 static const double camera_radius = 4.6, camera_y = -1.5, target_y = -0.5;
 // x, y, z, radius; y points down
@@ -56,6 +58,11 @@ const char *sgs_bench_scene_name(size_t index)
 const char *sgs_bench_scene_text(size_t index)
 {
     return index < RECIPE_COUNT ? recipes[index].text : NULL;
+}
+
+bool sgs_bench_scene_by_name_only(size_t index)
+{
+    return index < RECIPE_COUNT && recipes[index].by_name_only;
 }
 
 static void cross(const double a[3], const double b[3], double out[3])
@@ -211,6 +218,7 @@ typedef struct scene_job {
     sgs_gaussians *model;
     const recipe *recipe;
     uint64_t seed;
+    double focal;  // pixels
     sgs_pose pose; // of the middle camera
     double origin[3];
 } scene_job;
@@ -218,8 +226,8 @@ typedef struct scene_job {
 static void draw_ray(const scene_job *job, dice *d, double direction[3])
 {
     const double spread = 1.12;
-    const double x = spread * (uniform(d) - 0.5) * WIDTH / focal,
-                 y = spread * (uniform(d) - 0.5) * HEIGHT / focal;
+    const double x = spread * (uniform(d) - 0.5) * job->recipe->width / job->focal,
+                 y = spread * (uniform(d) - 0.5) * job->recipe->height / job->focal;
     for (int k = 0; k < 3; ++k)
         direction[k] =
             job->pose.rotation[k] * x + job->pose.rotation[3 + k] * y + job->pose.rotation[6 + k];
@@ -253,7 +261,7 @@ static void make_primitive(const scene_job *job, size_t i)
         point = points[(int)(pick * found)];
     }
     const double offset = rough * point.distance * normal(&d);
-    const double size = grow * job->recipe->pixels * point.distance / focal;
+    const double size = grow * job->recipe->pixels * point.distance / job->focal;
     float params[SGS_PARAM_COUNT];
     for (int k = 0; k < 3; ++k)
         params[SGS_PARAM_MEAN + k] = (float)(point.position[k] + offset * point.normal[k]);
@@ -297,14 +305,17 @@ sgs_status sgs_bench_scene_create(const char *name, uint64_t seed, sgs_bench_sce
     made->name = chosen->name;
     made->model->sh_degree = 3;
     made->view_count = SGS_BENCH_VIEWS;
+    const int width = chosen->width, height = chosen->height;
+    const double focal = focal_per_width * width;
     static char *const view_names[SGS_BENCH_VIEWS] = {"left", "middle", "right"};
     for (int v = 0; v < SGS_BENCH_VIEWS; ++v) {
         made->views[v].name = view_names[v];
         made->views[v].camera = (sgs_camera){
-            SGS_CAMERA_PINHOLE, WIDTH, HEIGHT, {focal, focal, WIDTH / 2.0, HEIGHT / 2.0}};
+            SGS_CAMERA_PINHOLE, width, height, {focal, focal, width / 2.0, height / 2.0}};
         made->views[v].pose = arc_pose(0.15 * (v - 1));
     }
-    scene_job job = {.model = made->model, .recipe = chosen, .seed = seed, .pose = arc_pose(0)};
+    scene_job job = {
+        .model = made->model, .recipe = chosen, .seed = seed, .focal = focal, .pose = arc_pose(0)};
     sgs_pose_center(&job.pose, job.origin);
     sgsi_parallel_ranges(chosen->count, 4096, make_range, &job);
     *scene = made;

@@ -7,11 +7,11 @@ set -euo pipefail
 . "$(dirname "$0")/cli_support.sh"
 
 run 0 bench --list
-for name in sparse-32k dense-500k dense-2m; do
+for name in sparse-32k dense-500k dense-2m dense-1m-1.3mp dense-2m-8mp dense-5m; do
     prints "$name"
 done
 run 0 bench --list --json
-json "$temporary/stdout" '.scenes | map(.name) == ["sparse-32k", "dense-500k", "dense-2m"]'
+json "$temporary/stdout" '.scenes | map(.name) == ["sparse-32k", "dense-500k", "dense-2m", "dense-1m-1.3mp", "dense-2m-8mp", "dense-5m"]'
 run 2 bench dense-500
 one_line
 reports "did you mean 'dense-500k'?"

@@ -42,6 +42,32 @@ static void scenes_are_determined_by_name_and_seed(void **state)
     sgs_bench_scene_destroy(NULL);
 }
 
+// The middle ray of the middle view meets primitives of a large image as of a small one: their
+// sizes follow the pixels.
+static void large_images_have_smaller_primitives(void **state)
+{
+    (void)state;
+    static const char *const names[] = {"dense-500k", "dense-1m-1.3mp"};
+    double size[2], width[2];
+    for (int k = 0; k < 2; ++k) {
+        sgs_bench_scene *scene;
+        assert_int_equal(sgs_bench_scene_create(names[k], 0, &scene), SGS_STATUS_OK);
+        size[k] = 0;
+        for (size_t i = 0; i < 10000; ++i) {
+            float p[SGS_PARAM_COUNT];
+            sgs_gaussians_get(scene->model, i, p);
+            size[k] += p[SGS_PARAM_SCALE] / 10000.0;
+        }
+        const sgs_camera *camera = &scene->views[1].camera;
+        width[k] = camera->width;
+        assert_true(fabs(camera->params[0] / camera->width - 0.85) < 1e-12);
+        assert_true(camera->width * camera->height > 480000 * (k + 1));
+        sgs_bench_scene_destroy(scene);
+    }
+    // Means of log-scales: 2.0 and 1.75 pixels, and a pixel is 800/1312 as large.
+    assert_true(fabs(exp(size[1] - size[0]) - 2.0 / 1.75 * width[0] / width[1]) < 0.03);
+}
+
 static void scenes_have_statistics_of_trained_models(void **state)
 {
     (void)state;
@@ -150,6 +176,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(scenes_are_determined_by_name_and_seed),
         cmocka_unit_test(scenes_have_statistics_of_trained_models),
+        cmocka_unit_test(large_images_have_smaller_primitives),
         cmocka_unit_test(counts_equal_the_oracle_and_times_add_up),
         cmocka_unit_test(machine_limits_are_plausibly_ordered),
     };

@@ -252,7 +252,7 @@ static int print_list(bool json)
         return print_json(root) ? EXIT_DONE : EXIT_FAILED;
     }
     for (size_t i = 0; sgs_bench_scene_name(i); ++i)
-        printf("%-12s %s\n", sgs_bench_scene_name(i), sgs_bench_scene_text(i));
+        printf("%-14s %s\n", sgs_bench_scene_name(i), sgs_bench_scene_text(i));
     return EXIT_DONE;
 }
 
@@ -304,7 +304,8 @@ static bool measure_all(bench_run *run, const command_line *line, scene_values *
 {
     if (!line->operand_count)
         for (size_t i = 0; sgs_bench_scene_name(i); ++i)
-            if (interrupt_signal() || !measure_made(run, sgs_bench_scene_name(i)))
+            if (!sgs_bench_scene_by_name_only(i) &&
+                (interrupt_signal() || !measure_made(run, sgs_bench_scene_name(i))))
                 return false;
     for (int i = 0; i < line->operand_count && !interrupt_signal(); ++i) {
         const char *operand = line->operands[i];

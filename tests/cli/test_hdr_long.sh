@@ -20,7 +20,7 @@ for photo in "$room"/images/*.jpg; do
     oiiotool "$temporary/ldr/images/$name.png" --colorconvert sRGB linear --mulc 8 -d half -o "$hdr/images/$name.exr"
 done
 
-short=(--iterations 300 --eval --json --quiet --checkpoint-every 0)
+short=(--iterations 300 --eval --json --quiet --checkpoint-every 0 --overwrite)
 # trained NAME ARGUMENT...: sets `psnr` to that of the held-out images. trained_4: to the mean of four seeds, because single
 # runs of this length vary by 0.3 dB.
 trained() {

@@ -25,6 +25,7 @@
 #include "sparegs/aov_descriptors.h"
 #include "sparegs/trainer.h"
 #include "sparegs/option_descriptors.h"
+#include "sparegs/prune.h"
 
 // Measurement of the program itself; an application that renders or trains needs neither.
 #include "sparegs/bench.h"

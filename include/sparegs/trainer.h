@@ -23,8 +23,14 @@ extern "C" {
 #endif
 
 // Milestones (densification, opacity resets, SH degree, learning rates) of the published 30 000
-// iterations: scaled to the length of the run, or as published.
-typedef enum sgs_schedule { SGS_SCHEDULE_SCALED = 0, SGS_SCHEDULE_PAPER = 1 } sgs_schedule;
+// iterations: scaled to the length of the run, or as published. Finetune, for a trained model in
+// `init`: no densification, pruning or opacity resets, all SH bands and the final position rate
+// from the first iteration.
+typedef enum sgs_schedule {
+    SGS_SCHEDULE_SCALED = 0,
+    SGS_SCHEDULE_PAPER = 1,
+    SGS_SCHEDULE_FINETUNE = 2
+} sgs_schedule;
 // Adam over the primitives visible in the view, without bias correction, or over all.
 typedef enum sgs_optimizer { SGS_OPTIMIZER_SPARSE = 0, SGS_OPTIMIZER_DENSE = 1 } sgs_optimizer;
 // Base pipelines: 3DGS (Kerbl et al., 2023), Mip-Splatting (Yu et al., 2024), Taming 3DGS (Mallick

@@ -79,8 +79,22 @@ static void scale_relocations(sgsi_schedule *schedule, double f)
     schedule->growth = fmin(pow(1.0 + schedule->growth, published) - 1.0, 1.0);
 }
 
+// Without milestones; the position rate is the final one (sgsi_schedule_lr).
+static sgsi_schedule finetune(const sgs_train_options *options)
+{
+    return (sgsi_schedule){.iterations = options->iterations,
+                           .densify_interval = 100,
+                           .resolution_interval = 100,
+                           .middle_until = 1,
+                           .lr_span = 1e-9,
+                           .check_interval = rounded(options->spare_interval, 1),
+                           .threshold_factor = 1.0};
+}
+
 sgsi_schedule sgsi_schedule_make(const sgs_train_options *options)
 {
+    if (options->schedule == SGS_SCHEDULE_FINETUNE)
+        return finetune(options);
     const bool scaled = options->schedule == SGS_SCHEDULE_SCALED;
     const sgsi_pipeline *pipeline = sgsi_pipeline_get(options->pipeline);
     const double f = scaled ? (double)options->iterations / PAPER_LENGTH : 1.0;

@@ -18,7 +18,7 @@ typedef struct sgsi_schedule {
     int prune_interval;              // final prunes after densify_until; 0 = none
     // See pipeline.h; 0 = every iteration steps.
     int batch_rest, batch_middle, batch_late, middle_until;
-    int sh_interval;          // iterations per additional SH band
+    int sh_interval;          // iterations per additional SH band; 0 = all bands at once
     double lr_begin, lr_span; // the position rate decays from the first to the second, iterations
     // The image size may change after resolution_from, every resolution_interval iterations.
     int resolution_from, resolution_interval;

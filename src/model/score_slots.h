@@ -10,5 +10,6 @@ enum {
     SGSI_SCORE_HITS = 1,     // number of hits
     SGSI_SCORE_BLEND = 2,    // T alpha
     SGSI_SCORE_DISTANCE = 3, // pixels from the projected centre
-    SGSI_SCORE_COUNT = 4
+    SGSI_SCORE_FRONT = 4,    // T in front of the hit
+    SGSI_SCORE_COUNT = 5
 };

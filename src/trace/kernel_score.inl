@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Scores of primitives for density control over whole views, summed over counted hits: the weight
-// of the pixel, the number of hits, the blending weight T alpha, and the distance from the
-// projected centre. This is a separate pass over the lists of a forward pass, so training kernels
+// of the pixel, the number of hits, the blending weight T alpha, the distance from the projected
+// centre, and T. This is a separate pass over the lists of a forward pass, so training kernels
 // are unaffected.
 
 #include "model/score_slots.h"
@@ -47,7 +47,8 @@ static void score_block(sgsi_scratch *s, const sgsi_tile_list *list, const sgsi_
         vh sums[16] = {[SGSI_SCORE_WEIGHT] = vf_fold(vf_keep(counted, weight)),
                        [SGSI_SCORE_HITS] = vf_fold(vf_keep(counted, one)),
                        [SGSI_SCORE_BLEND] = vf_fold(w),
-                       [SGSI_SCORE_DISTANCE] = vf_fold(distance)};
+                       [SGSI_SCORE_DISTANCE] = vf_fold(distance),
+                       [SGSI_SCORE_FRONT] = vf_fold(vf_keep(counted, front))};
         for (int k = SGSI_SCORE_COUNT; k < 16; ++k)
             sums[k] = vh_zero();
         vh_add_sums(s->sums + 16 * (size_t)order[i], sums);

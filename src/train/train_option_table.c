@@ -41,9 +41,10 @@ static const sgs_train_option table[] = {
      .type = SGS_OPTION_CHOICE,
      FIELD(schedule),
      .initial = SGS_SCHEDULE_SCALED,
-     .values = "scaled|paper",
+     .values = "scaled|paper|finetune",
      .help = "scaled: the 30000-iteration schedule scaled to N iterations; paper: the unscaled "
-             "schedule, stopped at N",
+             "schedule, stopped at N; finetune: for a trained initial model, no densification, "
+             "pruning or opacity resets, position rate at its end",
      .group = training,
      ALL_PIPELINES},
     {.name = "pipeline",

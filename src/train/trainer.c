@@ -166,7 +166,8 @@ static void prefetch_views(const sgs_trainer *trainer)
 
 static int active_sh_degree(const sgs_trainer *trainer, int iteration)
 {
-    const int degree = iteration / trainer->schedule.sh_interval;
+    const int interval = trainer->schedule.sh_interval;
+    const int degree = interval ? iteration / interval : trainer->options.sh_degree;
     return degree < trainer->options.sh_degree ? degree : trainer->options.sh_degree;
 }
 

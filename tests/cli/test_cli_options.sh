@@ -64,6 +64,8 @@ info: white threads isa seed json quiet
 reconstruct: output matcher camera-model cameras colmap threads isa seed json quiet
 explain: top region threads isa seed json quiet
 experiment: output check threads isa seed json quiet
+prune: output method scores filter compact-box background images downscale eval test-every test-images masks
+prune: invert-masks alpha image-cache input-colorspace train-space white threads isa seed json quiet
 bd: threads isa seed json quiet
 report: markdown html pictures maps threads isa seed json quiet
 bench: list threads isa repeat views seed json csv quiet images downscale eval test-every test-images masks

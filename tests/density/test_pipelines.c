@@ -34,7 +34,7 @@ static void score_sums_match_the_oracle(void **state)
     const size_t stride = traced.planes.stride;
     float *weight = sgsi_calloc(stride, (size_t)camera.height * sizeof *weight),
           *centers = sgsi_calloc(scene.count, 2 * sizeof *centers);
-    double *expected = oracle_memory(scene.count * 4, sizeof *expected);
+    double *expected = oracle_memory(scene.count * SGSI_SCORE_COUNT, sizeof *expected);
     sgs_hit *hits = oracle_memory(scene.count, sizeof *hits);
     for (size_t i = 0; i < 2 * scene.count; ++i)
         centers[i] = (float)(40 * sgsi_random_uniform(2, i) - 2);
@@ -45,10 +45,11 @@ static void score_sums_match_the_oracle(void **state)
             const size_t count = sgs_reference_hits(scene.params, scene.count, &camera, &pose,
                                                     &traced.options, x, y, hits, scene.count);
             for (size_t k = 0; k < count; ++k) {
-                double *sum = expected + 4 * (size_t)hits[k].primitive;
+                double *sum = expected + SGSI_SCORE_COUNT * (size_t)hits[k].primitive;
                 sum[SGSI_SCORE_WEIGHT] += (double)weight[(size_t)y * stride + (size_t)x];
                 sum[SGSI_SCORE_HITS] += 1;
                 sum[SGSI_SCORE_BLEND] += hits[k].transmittance * hits[k].alpha;
+                sum[SGSI_SCORE_FRONT] += hits[k].transmittance;
                 sum[SGSI_SCORE_DISTANCE] +=
                     hypot(x + 0.5 - (double)centers[2 * hits[k].primitive],
                           y + 0.5 - (double)centers[2 * hits[k].primitive + 1]);
@@ -61,13 +62,12 @@ static void score_sums_match_the_oracle(void **state)
     for (size_t i = 0; i < scene.count; ++i) {
         const float *sum = sgsi_tracer_grad_sums(traced.tracer) + 16 * i;
         const bool touched = sgsi_tracer_touched(traced.tracer)[i / 16];
-        seen += expected[4 * i + SGSI_SCORE_HITS] > 0;
-        for (int k = 0; k < 4; ++k) {
+        seen += expected[SGSI_SCORE_COUNT * i + SGSI_SCORE_HITS] > 0;
+        for (int k = 0; k < SGSI_SCORE_COUNT; ++k) {
             const double actual = touched ? (double)sum[k] : 0;
-            if (!(fabs(actual - expected[4 * i + (size_t)k]) <=
-                  1e-4 * (1 + expected[4 * i + (size_t)k])))
-                fail_msg("primitive %zu, sum %d: %g, not %g", i, k, actual,
-                         expected[4 * i + (size_t)k]);
+            const double wanted = expected[SGSI_SCORE_COUNT * i + (size_t)k];
+            if (!(fabs(actual - wanted) <= 1e-4 * (1 + wanted)))
+                fail_msg("primitive %zu, sum %d: %g, not %g", i, k, actual, wanted);
         }
     }
     assert_true(seen > 50);

@@ -27,6 +27,7 @@ declare -A src_may=(
     [render]="rays model trace optimize"
     [density]="model spare"
     [train]="rays image model formats scene loss reference trace optimize density bvh spare"
+    [prune]="rays model trace"
     [measure]="rays image model formats scene loss reference trace optimize density train bvh spare"
 )
 # Folder of tools/ -> the folders it may include besides itself and public headers.

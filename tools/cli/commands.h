@@ -17,6 +17,7 @@ int command_profile(int argc, char **argv);
 int command_explain(int argc, char **argv);
 int command_experiment(int argc, char **argv);
 int command_report(int argc, char **argv);
+int command_prune(int argc, char **argv);
 int command_bd(int argc, char **argv);
 
 // Parses and checks a command line of `train` without running it. Returns -1 if it is valid, else

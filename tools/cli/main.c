@@ -33,6 +33,7 @@ static const command commands[] = {
     {"experiment", "run a plan of trainings: scenes, pipelines, variants, seeds",
      command_experiment},
     {"report", "create tables and an HTML page of an experiment", command_report},
+    {"prune", "remove the least important primitives of a model", command_prune},
     {"bd", "compare two curves of size and PSNR: BD-rate and BD-PSNR", command_bd},
     {"bench", "measure the phases of training against the machine's limits", command_bench},
     {"profile", "profile the BVH over a model: trees, tests, hits, cost per tile", command_profile},

@@ -283,3 +283,36 @@ void progress_count(const char *label, size_t done, size_t total)
     console.live = true;
     pthread_mutex_unlock(&console.lock);
 }
+
+static struct {
+    double started, drawn_at;
+    size_t first;
+} work;
+
+void progress_work_start(void)
+{
+    work.started = -1;
+}
+
+void progress_work(const char *label, size_t done, size_t total)
+{
+    const double now = clock_seconds();
+    if (work.started < 0) {
+        work.started = now;
+        work.drawn_at = 0;
+        work.first = done;
+    }
+    if (console.quiet || !isatty(STDERR_FILENO) || (now - work.drawn_at < 0.1 && done < total))
+        return;
+    work.drawn_at = now;
+    char left[24];
+    duration_text(done > work.first
+                      ? (now - work.started) * (double)(total - done) / (double)(done - work.first)
+                      : -1,
+                  left);
+    pthread_mutex_lock(&console.lock);
+    fprintf(stderr, "\r%s %zu/%zu  ETA %s\033[K", label, done, total, left);
+    fflush(stderr);
+    console.live = true;
+    pthread_mutex_unlock(&console.lock);
+}

@@ -45,3 +45,8 @@ void progress_end(void);
 
 // Shows "label i/n" on a terminal, for short loops. progress_end() clears it.
 void progress_count(const char *label, size_t done, size_t total);
+
+// The same for long loops, with the time left, at most ten times per second. The time is measured
+// from the first call after progress_work_start().
+void progress_work_start(void);
+void progress_work(const char *label, size_t done, size_t total);

@@ -1,0 +1,91 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// Importance of the primitives of a trained model, and pruning by it. Scores of four published
+// methods; what each primitive contributes to the training views. No training: fine-tune a pruned
+// model with SGS_SCHEDULE_FINETUNE (trainer.h).
+//
+// Threads: all functions may be called from any thread at any time; the model and the scene must
+// not change meanwhile. Results do not depend on the number of threads, bit for bit.
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "sparegs/gaussians.h"
+#include "sparegs/render.h"
+#include "sparegs/scene.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+// What to trace: the training views of a scene.
+typedef struct sgs_view_pass_options {
+    size_t struct_size;        // set by sgs_view_pass_options_default()
+    sgs_render_options render; // of the views; `differentiable` and `progress` are ignored
+    int downscale;             // divisor of width and height, rounded up; >= 1; 1
+    sgs_progress_fn progress;  // called after every view, or NULL
+    void *progress_user;
+} sgs_view_pass_options;
+
+// Cannot fail.
+SGS_API sgs_view_pass_options sgs_view_pass_options_default(void);
+
+// What a primitive contributes to views: sums over the counted hits of all rays, T the
+// transmittance in front of the hit, o the opacity as traced (with the pixel filter's factor).
+typedef struct sgs_contribution {
+    double weight;  // sum of T alpha
+    double front;   // sum of T o
+    double hits;    // number of counted hits
+    uint32_t views; // number of views with a counted hit
+} sgs_contribution;
+
+// contributions [model->count]: overwritten. The images of the scene need not be loaded. Fails with
+// INVALID_ARGUMENT (options; no training view), UNSUPPORTED (a lens without rays), OUT_OF_MEMORY or
+// CANCELLED.
+SGS_API sgs_status sgs_contributions(const sgs_gaussians *model, const sgs_scene *scene,
+                                     const sgs_view_pass_options *options,
+                                     sgs_contribution *contributions);
+
+typedef enum sgs_prune_method {
+    SGS_PRUNE_LIGHTGAUSSIAN = 0, // LightGaussian, Fan et al. 2024: sum of T o, times volume^0.1
+    SGS_PRUNE_REFINE = 1         // REFINE, arXiv 2606.09074: closed form from the parameters
+} sgs_prune_method;
+
+typedef struct sgs_prune_options {
+    size_t struct_size; // set by sgs_prune_options_default()
+    sgs_prune_method method;
+    const sgs_scene *scene;      // LightGaussian: its training views
+    sgs_view_pass_options views; // LightGaussian
+    const double (*cameras)[3];  // REFINE: [camera_count] camera centres, world
+    size_t camera_count;         // REFINE: > 0; of more than 64 a fixed random subset is used
+    double volume_power;         // LightGaussian: exponent of the volume, >= 0; 0.1
+} sgs_prune_options;
+
+// Cannot fail.
+SGS_API sgs_prune_options sgs_prune_options_default(void);
+
+// Scores: [model->count], higher is more important; overwritten, finite. Fails with
+// INVALID_ARGUMENT (options, missing inputs), as sgs_contributions, or with OUT_OF_MEMORY or
+// CANCELLED.
+SGS_API sgs_status sgs_prune_scores(const sgs_gaussians *model, const sgs_prune_options *options,
+                                    double *scores);
+
+// Selects the primitives that remain when the share `ratio` in [0, 1] is removed, by the rule of
+// the method's released code. LightGaussian and PUP: all scores up to that of rank int(ratio (count
+// - 1)) are removed, also equal ones. REFINE and RAP: exactly int(count ratio) are removed, of
+// equal scores the first rows. keep: [count], overwritten. *kept: their number. Fails with
+// INVALID_ARGUMENT (ratio, or a score is NaN) or OUT_OF_MEMORY.
+SGS_API sgs_status sgs_prune_select(sgs_prune_method method, const double *scores, size_t count,
+                                    double ratio, bool *keep, size_t *kept);
+
+// A new model of the rows with keep[i], in their order; keep: [model->count]. The caller destroys
+// *out. Fails with OUT_OF_MEMORY; *out is then NULL.
+SGS_API sgs_status sgs_gaussians_keep(const sgs_gaussians *model, const bool *keep,
+                                      sgs_gaussians **out);
+
+#ifdef __cplusplus
+}
+#endif

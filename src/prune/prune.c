@@ -1,0 +1,185 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Scores by method, LightGaussian's score, and the selection of the primitives that remain.
+//
+// LightGaussian (Fan et al., "LightGaussian: Unbounded 3D Gaussian Compression with 15x Reduction
+// and 200+ FPS", NeurIPS 2024), equation 4 as in the released code: the sum over all hits of
+// opacity times transmittance, without the response of the Gaussian, times (V / V_90)^0.1, V the
+// product of the scales and V_90 the element of rank 0.9 count of the volumes in descending order.
+
+#include "sparegs/prune.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/core.h"
+#include "prune/scores.h"
+
+sgs_prune_options sgs_prune_options_default(void)
+{
+    return (sgs_prune_options){.struct_size = sizeof(sgs_prune_options),
+                               .views = sgs_view_pass_options_default(),
+                               .volume_power = 0.1};
+}
+
+// ---- LightGaussian ----
+
+static int ascending(const void *a, const void *b)
+{
+    const double x = *(const double *)a, y = *(const double *)b;
+    return x < y ? -1 : x > y;
+}
+
+// Logarithms of the volumes, which do not overflow.
+static double log_volume(const sgs_gaussians *model, size_t i)
+{
+    double sum = 0;
+    for (int k = 0; k < 3; ++k)
+        sum += (double)*sgs_gaussians_at(model, i, SGS_PARAM_SCALE + k);
+    return sum;
+}
+
+sgs_status sgsi_lightgaussian_scores(const sgs_gaussians *model, const sgs_prune_options *options,
+                                     double *scores)
+{
+    const size_t n = model->count;
+    sgs_contribution *sums = sgsi_alloc(n, sizeof *sums);
+    double *volumes = sgsi_alloc(n, sizeof *volumes);
+    sgs_status status = SGS_STATUS_OK;
+    if (!sums || !volumes)
+        status =
+            sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the scores of %zu primitives", n);
+    if (!status)
+        status = sgs_contributions(model, options->scene, &options->views, sums);
+    if (!status) {
+        for (size_t i = 0; i < n; ++i)
+            volumes[i] = log_volume(model, i);
+        qsort(volumes, n, sizeof *volumes, ascending);
+        const double reference = volumes[n - 1 - (size_t)(0.9 * (double)n)];
+        for (size_t i = 0; i < n; ++i) {
+            const double power = options->volume_power * (log_volume(model, i) - reference);
+            scores[i] = sums[i].front * exp(fmin(fmax(power, -700), 600));
+        }
+    }
+    sgsi_free(sums);
+    sgsi_free(volumes);
+    return status;
+}
+
+// ---- Dispatch ----
+
+static sgs_status check_inputs(const sgs_prune_options *options)
+{
+    switch (options->method) {
+    case SGS_PRUNE_LIGHTGAUSSIAN:
+        if (!options->scene)
+            return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "this score requires a scene");
+        if (!(options->volume_power >= 0 && options->volume_power <= 10))
+            return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "volume power %g is not in [0, 10]",
+                             options->volume_power);
+        return SGS_STATUS_OK;
+    case SGS_PRUNE_REFINE:
+        if (!options->cameras || !options->camera_count)
+            return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "REFINE requires camera positions");
+        return SGS_STATUS_OK;
+    }
+    return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "unknown pruning method %d",
+                     (int)options->method);
+}
+
+sgs_status sgs_prune_scores(const sgs_gaussians *model, const sgs_prune_options *options,
+                            double *scores)
+{
+    sgs_prune_options own = sgs_prune_options_default();
+    sgs_status status = sgsi_options_read(options, "sgs_prune_options", &own, sizeof own);
+    if (!status)
+        status = check_inputs(&own);
+    if (status || !model->count)
+        return status;
+    switch (own.method) {
+    case SGS_PRUNE_LIGHTGAUSSIAN:
+        return sgsi_lightgaussian_scores(model, &own, scores);
+    case SGS_PRUNE_REFINE:
+        return sgsi_refine_scores(model, &own, scores);
+    }
+    return SGS_STATUS_INTERNAL; // excluded by check_inputs
+}
+
+// ---- Selection ----
+
+typedef struct ranked {
+    double score;
+    size_t row;
+} ranked;
+
+static int by_score_then_row(const void *a, const void *b)
+{
+    const ranked *p = a, *q = b;
+    if (p->score != q->score)
+        return p->score < q->score ? -1 : 1;
+    return p->row < q->row ? -1 : p->row > q->row;
+}
+
+// LightGaussian's and PUP's released code removes up to a threshold, REFINE's and RAP's a number.
+static bool removes_up_to_threshold(sgs_prune_method method)
+{
+    return method == SGS_PRUNE_LIGHTGAUSSIAN;
+}
+
+sgs_status sgs_prune_select(sgs_prune_method method, const double *scores, size_t count,
+                            double ratio, bool *keep, size_t *kept)
+{
+    *kept = count;
+    if (!(ratio >= 0 && ratio <= 1))
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "ratio %g is not in [0, 1]", ratio);
+    ranked *order = sgsi_alloc(count ? count : 1, sizeof *order);
+    if (!order)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to order %zu scores", count);
+    sgs_status status = SGS_STATUS_OK;
+    for (size_t i = 0; i < count && !status; ++i) {
+        order[i] = (ranked){scores[i], i};
+        keep[i] = true;
+        if (isnan(scores[i]))
+            status = sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "the score of primitive %zu is NaN", i);
+    }
+    if (!status && count && ratio > 0) {
+        qsort(order, count, sizeof *order, by_score_then_row);
+        size_t removed = (size_t)((double)count * ratio);
+        if (removes_up_to_threshold(method)) {
+            const double threshold = order[(size_t)(ratio * (double)(count - 1))].score;
+            for (removed = 0; removed < count && order[removed].score <= threshold;)
+                ++removed;
+        }
+        for (size_t k = 0; k < removed; ++k)
+            keep[order[k].row] = false;
+        *kept = count - removed;
+    }
+    sgsi_free(order);
+    return status;
+}
+
+sgs_status sgs_gaussians_keep(const sgs_gaussians *model, const bool *keep, sgs_gaussians **out)
+{
+    size_t kept = 0;
+    for (size_t i = 0; i < model->count; ++i)
+        kept += keep[i];
+    sgs_status status = sgs_gaussians_create(kept, out);
+    if (!status)
+        status = sgs_gaussians_resize(*out, kept);
+    if (status) {
+        sgs_gaussians_destroy(*out);
+        *out = NULL;
+        return status;
+    }
+    (*out)->sh_degree = model->sh_degree;
+    (*out)->linear_opacity = model->linear_opacity;
+    for (size_t i = 0, to = 0; i < model->count; ++i)
+        if (keep[i]) {
+            float params[SGS_PARAM_COUNT];
+            sgs_gaussians_get(model, i, params);
+            sgs_gaussians_set(*out, to++, params);
+        }
+    return SGS_STATUS_OK;
+}

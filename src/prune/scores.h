@@ -1,0 +1,19 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// The scores of the single methods. Arguments are checked by sgs_prune_scores; errors are its.
+
+#include "sparegs/prune.h"
+
+// At most this many cameras enter REFINE's visibility.
+enum { SGSI_REFINE_CAMERAS = 64 };
+
+sgs_status sgsi_lightgaussian_scores(const sgs_gaussians *model, const sgs_prune_options *options,
+                                     double *scores);
+sgs_status sgsi_refine_scores(const sgs_gaussians *model, const sgs_prune_options *options,
+                              double *scores);
+
+// The cameras that REFINE's released code draws from `count` > `wanted`: Python's
+// random.Random(42).sample(range(count), wanted). chosen: [wanted]. Fails with OUT_OF_MEMORY.
+sgs_status sgsi_refine_sample(size_t count, size_t wanted, size_t *chosen);

@@ -1,0 +1,72 @@
+#!/usr/bin/env bash
+# SPDX-FileCopyrightText: 2026 The sparegs authors
+# SPDX-License-Identifier: Apache-2.0
+
+# sparegs prune: counts and quality of the outputs, scores, several ratios, fine-tuning, the same bits with any number of
+# threads, and messages for incomplete command lines.
+set -euo pipefail
+. "$(dirname "$0")/cli_support.sh"
+model=$temporary/model
+run 0 train "$room" -o "$model" --downscale 4 --iterations 120 --spare off --quiet
+input=$(jq .gaussians "$model/summary.json")
+psnr() { "$program" eval "$1" "$room" --downscale 4 --split train --json 2>/dev/null | jq .mean.psnr; }
+above() { awk -v a="$1" -v b="$2" 'BEGIN { exit !(a > b) }'; }
+
+# several_ratios_make_a_folder (the number of primitives is exact)
+run 0 prune "$model" -o "$temporary/refine" --method refine --ratio 0.3,0.50,0.7 --json
+json "$temporary/stdout" ".method == \"refine\" and .input == $input and [.outputs[].ratio] == [0.3, 0.5, 0.7]"
+json "$temporary/stdout" "[.outputs[].gaussians] == [0.3, 0.5, 0.7 | $input - ($input * . | floor)]"
+check files_are_named_as_given test "$(cd "$temporary/refine" && echo *)" = 'prune_0.3.ply prune_0.50.ply prune_0.7.ply'
+check bytes_are_those_of_the_file test "$(jq '.outputs[2].bytes' "$temporary/stdout")" = "$(stat -c %s "$temporary/refine/prune_0.7.ply")"
+
+# lightgaussian_writes_scores
+run 0 prune "$model" "$room" -o "$temporary/light.ply" --method lightgaussian --ratio 0.7 --scores "$temporary/light.csv" --threads 1
+prints "light.ply:"
+check a_row_for_each_primitive test "$(wc -l <"$temporary/light.csv")" -eq $((input + 1))
+check has_a_header test "$(head -1 "$temporary/light.csv")" = primitive,score
+run 0 prune "$model" "$room" -o "$temporary/light2.ply" --method lightgaussian --ratio 0.7 --scores "$temporary/light2.csv" --threads 3
+check the_same_scores_with_three_threads cmp "$temporary/light.csv" "$temporary/light2.csv"
+check the_same_model_with_three_threads cmp "$temporary/light.ply" "$temporary/light2.ply"
+run 0 prune "$model" --scores "$temporary/only.csv" --method refine
+check scores_alone_write_no_model test "$(find "$temporary" -maxdepth 1 -name '*.ply' | wc -l)" -eq 2
+
+# pruning_without_training_costs_quality
+full=$(psnr "$model") half=$(psnr "$temporary/refine/prune_0.50.ply")
+check pruning_costs_quality above "$full" "$half"
+
+# finetuning_recovers_quality_and_keeps_the_number
+run 0 prune "$model" "$room" -o "$temporary/tuned.ply" --method refine --ratio 0.5 --finetune 60 --quiet --json
+json "$temporary/stdout" ".outputs[0].gaussians == ($input - ($input * 0.5 | floor))"
+check finetuning_helps above "$(psnr "$temporary/tuned.ply")" "$(awk "BEGIN { print $half + 1 }")"
+
+# incomplete_command_lines
+usage() { # MESSAGE ARGUMENT...
+    local message=$1
+    shift
+    run 2 prune "$@"
+    reports "$message"
+    one_line
+}
+usage "prune requires --method" "$model" -o "$temporary/x.ply" --ratio 0.5
+usage "prune requires an output, -o OUT or --scores FILE" "$model" --method refine
+usage "-o requires --ratio R" "$model" --method refine -o "$temporary/x.ply"
+usage "--ratio: '1' is not a share from 0 to less than 1" "$model" --method refine -o "$temporary/x.ply" --ratio 0.5,1
+usage "--ratio: '' is not a share" "$model" --method refine -o "$temporary/x.ply" --ratio 0.5,
+usage "--ratio: 'nan' is not a share" "$model" --method refine -o "$temporary/x.ply" --ratio nan
+usage "--ratio: 0.50 is given twice" "$model" --method refine -o "$temporary/x.ply" --ratio 0.5,0.50
+usage "--method lightgaussian requires the operand SCENE" "$model" --method lightgaussian -o "$temporary/x.ply" --ratio 0.5
+usage "--finetune requires the operand SCENE" "$model" --method refine -o "$temporary/x.ply" --ratio 0.5 --finetune 9
+usage "--downscale has no effect without SCENE" "$model" --method refine -o "$temporary/x.ply" --ratio 0.5 --downscale 2
+run 0 prune "$model" "$room" --method refine --scores "$temporary/x.csv" --filter none
+reports "--filter has no effect on a score that renders no views"
+run 1 prune "$temporary/light.ply" --method refine -o "$temporary/x.ply" --ratio 0.5
+reports "light.ply: no cameras: give SCENE, or a run folder with cameras.json"
+one_line
+run 1 prune "$model" --method refine -o "$temporary/none/x.ply" --ratio 0.5 --scores /proc/x.csv
+reports "/proc/x.csv"
+check an_error_leaves_no_model test ! -e "$temporary/none"
+run 1 prune "$temporary/nowhere" --method refine -o "$temporary/x.ply" --ratio 0.5
+reports "nowhere"
+check nothing_was_written test ! -e "$temporary/x.ply"
+
+finish

@@ -1,0 +1,432 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// `sparegs prune`: removes the least important primitives of a stored model by a published score.
+
+#include <errno.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+
+#include "cameras/camera_file.h"
+#include "cli/commands.h"
+#include "cli/interrupt.h"
+#include "cli/json_result.h"
+#include "cli/output.h"
+#include "cli/progress.h"
+#include "run/finetune.h"
+#include "run/run_record.h"
+#include "sparegs/prune.h"
+
+static const char description[] =
+    "Removes the share R of the primitives of MODEL (a PLY file, or a run folder: its latest "
+    "iteration) that a score finds least important, and writes the rest as a PLY. lightgaussian: "
+    "opacity times transmittance over all hits in the training views, weighted by volume. refine: "
+    "closed form from the parameters and the camera positions, without rendering.\n"
+    "With several ratios OUT is a folder of files prune_R.ply. LightGaussian requires SCENE; "
+    "refine reads the cameras of SCENE, or of the run's cameras.json. Image folder, size, split, "
+    "filter and background default to those of the run.";
+
+enum { MOST_RATIOS = 32 };
+
+typedef struct prune_values {
+    const char *output, *scores, *ratio;
+    int method, finetune;
+    double volume_power;
+} prune_values;
+
+static const option prune_options[] = {
+    {.name = "output",
+     .letter = 'o',
+     .kind = OPTION_FOLDER,
+     .offset = offsetof(prune_values, output),
+     .argument = "OUT",
+     .shown = "required, or --scores",
+     .help = "PLY file of the pruned model; with several ratios a folder of prune_R.ply"},
+    {.name = "method",
+     .kind = OPTION_CHOICE,
+     .offset = offsetof(prune_values, method),
+     .argument = "lightgaussian|refine",
+     .shown = "required",
+     .help = "score of the importance"},
+    {.name = "ratio",
+     .kind = OPTION_TEXT,
+     .offset = offsetof(prune_values, ratio),
+     .argument = "R[,R...]",
+     .shown = "required with -o",
+     .needs = "output",
+     .help = "shares of the primitives to remove, from 0 to 1"},
+    {.name = "scores",
+     .kind = OPTION_TEXT,
+     .offset = offsetof(prune_values, scores),
+     .argument = "FILE",
+     .shown = "none",
+     .help = "write the score of each primitive of MODEL to a CSV file"},
+    {.name = "finetune",
+     .kind = OPTION_INTEGER,
+     .offset = offsetof(prune_values, finetune),
+     .low = 0,
+     .high = 1e7,
+     .argument = "N",
+     .initial = "0",
+     .unit = "iterations",
+     .needs = "output",
+     .help = "train the pruned models: all parameters, final position rate, no densification"},
+    {.name = "volume-power",
+     .kind = OPTION_REAL,
+     .offset = offsetof(prune_values, volume_power),
+     .low = 0,
+     .high = 10,
+     .argument = "X",
+     .initial = "0.1",
+     .needs = "method=lightgaussian",
+     .help = "exponent of the volume in LightGaussian's score"},
+};
+
+static const char *const method_names[] = {"lightgaussian", "refine"};
+
+typedef struct ratio_list {
+    int count;
+    double values[MOST_RATIOS];
+    char texts[MOST_RATIOS][24]; // as given, for file names
+} ratio_list;
+
+typedef struct pruning {
+    const command_line *line;
+    const prune_values *values;
+    const common_values *common;
+    const char *model_name;
+    ratio_list ratios;
+    model_path located;
+    sgs_scene *scene; // NULL without SCENE
+    drawing_values drawing;
+    sgs_gaussians *model;
+    double *scores, score_seconds;
+    double (*cameras)[3];
+    size_t camera_count;
+    json_t *outputs;
+} pruning;
+
+// ---- Arguments ----
+
+// False after printing the usage error.
+static bool parse_ratios(const char *text, ratio_list *list)
+{
+    for (const char *at = text; at; at = strchr(at, ',') ? strchr(at, ',') + 1 : NULL) {
+        const size_t length = strcspn(at, ",");
+        char *end;
+        if (list->count == MOST_RATIOS) {
+            fail_usage("--ratio: more than %d ratios", MOST_RATIOS);
+            return false;
+        }
+        char *word = list->texts[list->count];
+        snprintf(word, sizeof list->texts[0], "%.*s", (int)length, at);
+        const double value = strtod(word, &end);
+        if (!length || length >= sizeof list->texts[0] || *end || strpbrk(word, " xXpP") ||
+            !(value >= 0 && value < 1)) {
+            fail_usage("--ratio: '%.*s' is not a share from 0 to less than 1", (int)length, at);
+            return false;
+        }
+        for (int k = 0; k < list->count; ++k)
+            if (list->values[k] == value) {
+                fail_usage("--ratio: %s is given twice", word);
+                return false;
+            }
+        list->values[list->count++] = value;
+    }
+    return true;
+}
+
+static bool needs_views(int method)
+{
+    return method == SGS_PRUNE_LIGHTGAUSSIAN;
+}
+
+// Returns -1 to continue, or an exit status.
+static int check_values(pruning *p)
+{
+    const prune_values *values = p->values;
+    const bool has_scene = p->line->operand_count > 1;
+    if (!option_given(p->line, "method"))
+        return fail_usage("prune requires --method %s", prune_options[1].argument);
+    if (!values->output && !values->scores)
+        return fail_usage("prune requires an output, -o OUT or --scores FILE");
+    if (values->output && !values->ratio)
+        return fail_usage("-o requires --ratio R, the share of the primitives to remove");
+    if (values->ratio && !parse_ratios(values->ratio, &p->ratios))
+        return EXIT_USAGE;
+    if (!has_scene && needs_views(values->method))
+        return fail_usage("--method %s requires the operand SCENE for its training views",
+                          method_names[values->method]);
+    if (!has_scene && values->finetune)
+        return fail_usage("--finetune requires the operand SCENE");
+    if (!has_scene)
+        return refuse_idle(p->line,
+                           "images|downscale|eval|test-every|test-images|masks|invert-masks|alpha|"
+                           "image-cache|input-colorspace|train-space|white|filter|compact-box|"
+                           "background",
+                           "without SCENE");
+    return -1;
+}
+
+static void warn_idle_options(const pruning *p)
+{
+    if (!p->scene)
+        return;
+    if (!p->values->finetune)
+        warn_idle(p->line,
+                  "masks|invert-masks|alpha|image-cache|input-colorspace|train-space|white|"
+                  "background",
+                  "without --finetune: the score reads no photographs");
+    if (!p->values->finetune && !needs_views(p->values->method))
+        warn_idle(p->line, "filter|compact-box|eval|test-every|test-images",
+                  "on a score that renders no views");
+}
+
+// ---- Scores ----
+
+static bool add_camera(pruning *p, const double center[3])
+{
+    double(*grown)[3] = realloc(p->cameras, (p->camera_count + 1) * sizeof *grown);
+    if (!grown) {
+        fail_run("no memory for %zu cameras", p->camera_count + 1);
+        return false;
+    }
+    p->cameras = grown;
+    memcpy(p->cameras[p->camera_count++], center, sizeof *grown);
+    return true;
+}
+
+// The cameras of SCENE in the order of cameras.json: held-out views first.
+static bool cameras_of_scene(pruning *p)
+{
+    bool added = true;
+    for (int pass = 0; pass < 2; ++pass)
+        for (size_t v = 0; v < p->scene->view_count && added; ++v) {
+            double center[3];
+            const sgs_view *view = &p->scene->views[v];
+            sgs_pose_center(&view->pose, center);
+            if (view->split == (pass ? SGS_SPLIT_TRAIN : SGS_SPLIT_TEST))
+                added = add_camera(p, center);
+        }
+    return added;
+}
+
+static bool cameras_of_run(pruning *p)
+{
+    char *path = format_text("%s/cameras.json", p->model_name);
+    camera_list list = {0};
+    bool added = file_exists(path);
+    if (!added)
+        fail_run("%s: no cameras: give SCENE, or a run folder with cameras.json", p->model_name);
+    added = added && camera_file_read(path, &list);
+    for (size_t c = 0; c < list.count && added; ++c) {
+        double center[3];
+        sgs_pose_center(&list.cameras[c].pose, center);
+        added = add_camera(p, center);
+    }
+    camera_list_free(&list);
+    free(path);
+    return added;
+}
+
+static bool show_views(void *user, size_t done, size_t total)
+{
+    (void)user;
+    progress_work("scoring view", done, total);
+    return !interrupt_signal();
+}
+
+static bool compute_scores(pruning *p)
+{
+    const double start = clock_seconds();
+    sgs_prune_options options = sgs_prune_options_default();
+    options.method = (sgs_prune_method)p->values->method;
+    options.scene = p->scene;
+    options.views.render = drawing_render_options(&p->drawing);
+    options.views.progress = show_views;
+    options.volume_power = p->values->volume_power;
+    if (options.method == SGS_PRUNE_REFINE && !(p->scene ? cameras_of_scene(p) : cameras_of_run(p)))
+        return false;
+    options.cameras = (const double(*)[3])p->cameras;
+    options.camera_count = p->camera_count;
+    p->scores = calloc(p->model->count ? p->model->count : 1, sizeof *p->scores);
+    if (!p->scores) {
+        fail_run("no memory for the scores of %zu primitives", p->model->count);
+        return false;
+    }
+    progress_work_start();
+    const sgs_status status = sgs_prune_scores(p->model, &options, p->scores);
+    progress_end();
+    if (status && status != SGS_STATUS_CANCELLED)
+        fail_library();
+    p->score_seconds = clock_seconds() - start;
+    return !status;
+}
+
+static bool write_scores(const pruning *p)
+{
+    char *text = NULL;
+    size_t size = 0;
+    FILE *stream = open_memstream(&text, &size);
+    if (stream) {
+        fputs("primitive,score\n", stream);
+        for (size_t i = 0; i < p->model->count; ++i)
+            fprintf(stream, "%zu,%.9g\n", i, p->scores[i]);
+    }
+    bool written = stream && !fclose(stream);
+    if (!written)
+        fail_run("%s: no memory for the scores", p->values->scores);
+    written = written && make_folder_of(p->values->scores) && write_text(p->values->scores, text);
+    free(text);
+    return written;
+}
+
+// ---- Models ----
+
+static bool write_model(const pruning *p, int k, const char *path, const sgs_gaussians *pruned)
+{
+    struct stat info = {0};
+    if (!make_folder_of(path))
+        return false;
+    if (sgs_ply_write(path, pruned)) {
+        fail_library();
+        return false;
+    }
+    stat(path, &info);
+    if (!p->outputs) {
+        printf("%s: %zu of %zu primitives, %.2f MiB\n", path, pruned->count, p->model->count,
+               (double)info.st_size / 0x1p20);
+        return true;
+    }
+    json_t *entry = json_object();
+    json_t *name = json_string(path); // NULL if the path is not valid UTF-8
+    json_object_set_new(entry, "file", name ? name : json_null());
+    json_object_set_new(entry, "ratio", json_number(p->ratios.values[k]));
+    json_object_set_new(entry, "gaussians", json_integer((json_int_t)pruned->count));
+    json_object_set_new(entry, "bytes", json_integer((json_int_t)info.st_size));
+    json_array_append_new(p->outputs, entry);
+    return true;
+}
+
+static sgs_gaussians *prune_model(const pruning *p, double ratio)
+{
+    bool *keep = malloc(p->model->count ? p->model->count : 1);
+    size_t kept;
+    sgs_gaussians *pruned = NULL;
+    if (!keep)
+        fail_run("no memory for %zu primitives", p->model->count);
+    else if (sgs_prune_select((sgs_prune_method)p->values->method, p->scores, p->model->count,
+                              ratio, keep, &kept) ||
+             sgs_gaussians_keep(p->model, keep, &pruned))
+        fail_library();
+    free(keep);
+    return pruned;
+}
+
+static bool make_output(pruning *p, int k)
+{
+    sgs_gaussians *pruned = prune_model(p, p->ratios.values[k]);
+    bool done = pruned != NULL;
+    if (done && !pruned->count)
+        print_warning("ratio %s removes all %zu primitives", p->ratios.texts[k], p->model->count);
+    if (done && p->values->finetune && pruned->count)
+        done = finetune_model(&pruned, p->scene, &p->drawing, p->values->finetune, p->common->seed);
+    char *path = p->ratios.count > 1
+                     ? format_text("%s/prune_%s.ply", p->values->output, p->ratios.texts[k])
+                     : format_text("%s", p->values->output);
+    done = done && write_model(p, k, path, pruned);
+    free(path);
+    sgs_gaussians_destroy(pruned);
+    return done;
+}
+
+static bool print_result(pruning *p, double seconds)
+{
+    if (!p->outputs)
+        return true;
+    json_t *root = json_result_new();
+    json_object_set_new(root, "method", json_string(method_names[p->values->method]));
+    json_object_set_new(root, "input", json_integer((json_int_t)p->model->count));
+    json_object_set_new(root, "outputs", json_incref(p->outputs));
+    json_object_set_new(root, "score_seconds", json_number(p->score_seconds));
+    json_object_set_new(root, "seconds", json_number(seconds));
+    return print_json(root);
+}
+
+static bool prune(pruning *p)
+{
+    const double start = clock_seconds();
+    if (sgs_ply_read(p->located.ply_path, &p->model)) {
+        fail_library();
+        return false;
+    }
+    if (p->common->json)
+        p->outputs = json_array();
+    bool done = compute_scores(p) && (!p->values->scores || write_scores(p));
+    for (int k = 0; k < p->ratios.count && done; ++k)
+        done = !interrupt_signal() && make_output(p, k);
+    return done && print_result(p, clock_seconds() - start);
+}
+
+// Opens SCENE, if given, and sets how its views are rendered. False after printing the error.
+static bool open_scene(pruning *p, const scene_values *data)
+{
+    if (p->line->operand_count > 1) {
+        p->scene = scene_open(p->line->operands[1], data, p->values->finetune > 0);
+        if (!p->scene)
+            return false;
+        if (p->located.iteration)
+            run_record_check_scene(p->model_name, p->scene);
+        if (p->values->finetune)
+            scene_warn_idle(p->scene, data, p->line);
+    }
+    drawing_resolve(&p->drawing, p->line, p->located.config, data, p->scene);
+    if (p->values->finetune && json_is_true(config_option(p->located.config, "exposure")))
+        print_warning("%s: trained with --exposure; --finetune compares with the photographs "
+                      "without exposure compensation",
+                      p->model_name);
+    warn_idle_options(p);
+    return true;
+}
+
+int command_prune(int argc, char **argv)
+{
+    command_call call;
+    scene_values data;
+    prune_values values = {0};
+    pruning p = {.values = &values, .common = &call.common, .line = &call.line};
+    const command_spec spec = {.name = "prune",
+                               .synopsis = "MODEL [SCENE] -o OUT --method M --ratio R[,R...]",
+                               .description = description,
+                               .operand_minimum = 1,
+                               .operand_maximum = 2,
+                               .title = "Pruning",
+                               .options = prune_options,
+                               .option_count = sizeof prune_options / sizeof *prune_options,
+                               .values = &values,
+                               .scene = &data,
+                               .drawing = &p.drawing};
+    int status = command_begin(&spec, argc, argv, &call);
+    if (status < 0)
+        status = check_values(&p);
+    if (status >= 0)
+        return status;
+    interrupt_watch();
+    p.model_name = call.line.operands[0];
+    bool done = model_locate(p.model_name, &p.located);
+    if (done)
+        status = model_scene_resolve(&data, &call.line, p.located.config);
+    if (status < 0)
+        done = done && open_scene(&p, &data) && prune(&p);
+    json_decref(p.outputs);
+    free(p.cameras);
+    free(p.scores);
+    sgs_gaussians_destroy(p.model);
+    sgs_scene_destroy(p.scene);
+    model_path_free(&p.located);
+    if (status >= 0)
+        return status;
+    return interrupt_signal() ? interrupt_status() : done ? EXIT_DONE : EXIT_FAILED;
+}

@@ -1,0 +1,15 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// Trains the parameters of an existing model without changing their number: the trainer with
+// SGS_SCHEDULE_FINETUNE. Writes no files.
+
+#include "cli/shared_options.h"
+#include "sparegs/trainer.h"
+
+// Replaces *model by the result of `iterations` steps on the training views of `scene`, whose
+// images must be loaded. Shows progress. False after printing the error, or with
+// interrupt_signal() set; *model is then unchanged.
+bool finetune_model(sgs_gaussians **model, const sgs_scene *scene, const drawing_values *drawing,
+                    int iterations, uint64_t seed);

@@ -13,6 +13,7 @@
 
 // Data: cameras, images, the model, scenes.
 #include "sparegs/camera.h"
+#include "sparegs/compress.h"
 #include "sparegs/gaussians.h"
 #include "sparegs/image.h"
 #include "sparegs/metrics.h"

@@ -61,6 +61,9 @@ render: compact-box background images downscale eval test-every test-images mask
 render: input-colorspace train-space white threads isa seed json quiet
 info: images downscale eval test-every test-images masks invert-masks alpha image-cache input-colorspace train-space
 info: white threads isa seed json quiet
+compress: output method preset filter compact-box background images downscale eval test-every test-images masks
+compress: invert-masks alpha image-cache input-colorspace train-space white threads isa seed json quiet
+decompress: output threads isa seed json quiet
 reconstruct: output matcher camera-model cameras colmap threads isa seed json quiet
 explain: top region threads isa seed json quiet
 experiment: output check threads isa seed json quiet

@@ -28,6 +28,7 @@ declare -A src_may=(
     [density]="model spare"
     [train]="rays image model formats scene loss reference trace optimize density bvh spare"
     [prune]="rays model trace"
+    [compress]="model formats trace scene image loss optimize prune"
     [measure]="rays image model formats scene loss reference trace optimize density train bvh spare"
 )
 # Folder of tools/ -> the folders it may include besides itself and public headers.

@@ -28,6 +28,8 @@ static const command commands[] = {
     {"eval", "compare renders of a model with the photographs", command_eval},
     {"render", "render views as EXR or PNG", command_render},
     {"info", "describe a model or a data set", command_info},
+    {"compress", "compress a model with a published method", command_compress},
+    {"decompress", "turn a compressed model into a PLY file", command_decompress},
     {"reconstruct", "estimate the cameras of photographs with COLMAP", command_reconstruct},
     {"explain", "explain the budget that SPARE-GS assigned to regions", command_explain},
     {"experiment", "run a plan of trainings: scenes, pipelines, variants, seeds",

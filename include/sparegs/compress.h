@@ -1,0 +1,108 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// Compression of a trained model to a small file, and back. Five published methods; each has its
+// own file layout inside one container. No viewer format: a decompressed model is written as PLY.
+//
+// Threads: calls on different models may run at the same time. The results do not depend on the
+// number of threads; decompression gives the same bits on every machine.
+
+#include <stdint.h>
+
+#include "sparegs/gaussians.h"
+#include "sparegs/render.h"
+#include "sparegs/scene.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef enum sgs_compress_method {
+    SGS_COMPRESS_LIGHTGAUSSIAN = 0, // Fan et al. 2024: vector quantisation of the harmonics
+    SGS_COMPRESS_SOG = 1,           // Morgenstern et al. 2024: Self-Organizing Gaussians
+    SGS_COMPRESS_MESONGS = 2,       // Xie et al. 2024: octree, RAHT, block quantisation
+    SGS_COMPRESS_GHAP = 3,          // Gaussian Herding across Pens: mixture reduction
+    SGS_COMPRESS_FCGS = 4,          // Chen et al. 2025: a trained network; UNSUPPORTED
+    SGS_COMPRESS_FCGS_LIKE = 5      // a codec of the structure of FCGS, without its network
+} sgs_compress_method;
+
+// How SGS_COMPRESS_SOG stores its images, always without loss.
+typedef enum sgs_image_codec {
+    SGS_IMAGE_CODEC_JXL = 0,
+    SGS_IMAGE_CODEC_WEBP = 1,
+    SGS_IMAGE_CODEC_EXR = 2
+} sgs_image_codec;
+
+// A field that is 0 (-1 for finetune) takes the value of the preset. Fields of other methods are
+// ignored.
+typedef struct sgs_compress_options {
+    size_t struct_size; // set by sgs_compress_options_default()
+    sgs_compress_method method;
+    int preset; // operating point, 1 (largest file) to 3; default 1
+    uint64_t seed;
+    // Views for importance and fine-tuning, with images if fine-tuning is on; NULL = none. Only
+    // views of the training split are used.
+    const sgs_scene *scene;
+    const sgs_render_options *render; // filter and near distance of these views; NULL = defaults
+    float background[3];
+    int finetune; // iterations; -1 = the method's default: 0 without a scene
+    // Share of the primitives to keep, in (0, 1]: all methods but FCGS-like and SOG.
+    double keep;
+    double eig_min; // GHAP: lower limit of eigenvalues of the covariance, world units squared
+
+    // SOG: bits per value of positions, band 0, other bands, scales, rotations, opacities; 1..15.
+    int position_bits, dc_bits, sh_bits, scale_bits, rotation_bits, opacity_bits;
+    sgs_image_codec codec;
+
+    // LightGaussian: share of the primitives whose harmonics are quantised; steps of the codebook;
+    // half: 16-bit floats for what is not quantised; distill: iterations of the distillation to
+    // harmonics of degree 2, 0 = none.
+    double vq_ratio;
+    bool half;
+    int distill;
+
+    // LightGaussian and MesonGS: entries and steps of the codebook.
+    int codebook, vq_steps;
+
+    // MesonGS: levels of the octree (1..21), blocks per channel; cell_center decodes positions to
+    // the centre of a cell instead of its lower corner.
+    int depth, blocks;
+    bool cell_center;
+
+    double step_scale; // FCGS-like: factor on all quantiser steps
+
+    // Called with the name of the current stage and its progress, or NULL. Returning false
+    // cancels.
+    bool (*progress)(void *user, const char *stage, size_t done, size_t total);
+    void *progress_user;
+} sgs_compress_options;
+
+// Cannot fail.
+SGS_API sgs_compress_options sgs_compress_options_default(void);
+
+typedef struct sgs_compress_info {
+    sgs_compress_method method;
+    size_t input;     // primitives of the model that was compressed
+    size_t gaussians; // primitives in the file
+    size_t bytes;     // size of the file
+    int sh_degree;    // of the model in the file
+} sgs_compress_info;
+
+// The name of a method, as on the command line: "lightgaussian"; NULL for an unknown one.
+SGS_API const char *sgs_compress_method_name(sgs_compress_method method);
+
+// Compresses a model to `path`, atomically: on failure an existing file is unchanged. info may be
+// NULL. Fails with INVALID_ARGUMENT (options out of range, a missing scene, an empty model),
+// UNSUPPORTED (SGS_COMPRESS_FCGS), OUT_OF_MEMORY, IO or CANCELLED.
+SGS_API sgs_status sgs_compress(const sgs_gaussians *model, const sgs_compress_options *options,
+                                const char *path, sgs_compress_info *info);
+
+// Decompresses a file; the caller destroys *model. info may be NULL. Fails with IO, FORMAT,
+// UNSUPPORTED (a newer version), LIMIT or OUT_OF_MEMORY; the error names file and place, *model is
+// then NULL.
+SGS_API sgs_status sgs_decompress(const char *path, sgs_gaussians **model, sgs_compress_info *info);
+
+#ifdef __cplusplus
+}
+#endif

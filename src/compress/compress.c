@@ -1,0 +1,260 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Entry points of the compression: checks of the options, the table of methods, and what every
+// decoded model has to satisfy.
+
+#include "sparegs/compress.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "compress/compress_method.h"
+
+// In the order of sgs_compress_method.
+static const sgsi_compress_method *const methods[] = {
+    [SGS_COMPRESS_GHAP] = &sgsi_method_ghap,
+};
+static const char *const names[] = {"lightgaussian", "sog", "mesongs", "ghap", "fcgs", "fcgs-like"};
+enum { METHOD_COUNT = sizeof methods / sizeof *methods, NAME_COUNT = sizeof names / sizeof *names };
+
+sgs_compress_options sgs_compress_options_default(void)
+{
+    return (sgs_compress_options){.struct_size = sizeof(sgs_compress_options),
+                                  .method = SGS_COMPRESS_SOG,
+                                  .preset = 1,
+                                  .finetune = -1};
+}
+
+const char *sgs_compress_method_name(sgs_compress_method method)
+{
+    return (unsigned)method < NAME_COUNT ? names[method] : NULL;
+}
+
+sgs_status sgsi_compress_progress(const sgsi_compress_job *job, const char *stage, size_t done,
+                                  size_t total)
+{
+    const sgs_compress_options *options = job->options;
+    if (!options->progress || options->progress(options->progress_user, stage, done, total))
+        return SGS_STATUS_OK;
+    return sgsi_fail(SGS_STATUS_CANCELLED, "the compression was cancelled");
+}
+
+// ---- Compression ----
+
+static sgs_status check_ranges(const sgs_compress_options *o)
+{
+    const struct {
+        const char *name;
+        double value, low, high;
+    } ranges[] = {{"preset", o->preset, 1, 3},
+                  {"finetune", o->finetune, -1, 1e6},
+                  {"keep", o->keep, 0, 1},
+                  {"eig_min", o->eig_min, 0, 1e6},
+                  {"position_bits", o->position_bits, 0, 15},
+                  {"dc_bits", o->dc_bits, 0, 15},
+                  {"sh_bits", o->sh_bits, 0, 15},
+                  {"scale_bits", o->scale_bits, 0, 15},
+                  {"rotation_bits", o->rotation_bits, 0, 15},
+                  {"opacity_bits", o->opacity_bits, 0, 15},
+                  {"codec", (double)o->codec, SGS_IMAGE_CODEC_JXL, SGS_IMAGE_CODEC_EXR},
+                  {"vq_ratio", o->vq_ratio, 0, 1},
+                  {"distill", o->distill, 0, 1e6},
+                  {"codebook", o->codebook, 0, 65536},
+                  {"vq_steps", o->vq_steps, 0, 1e6},
+                  {"depth", o->depth, 0, 21},
+                  {"blocks", o->blocks, 0, 65536},
+                  {"step_scale", o->step_scale, 0, 1000}};
+    for (size_t k = 0; k < sizeof ranges / sizeof *ranges; ++k)
+        if (!(ranges[k].value >= ranges[k].low && ranges[k].value <= ranges[k].high))
+            return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "option %s = %g is not in [%g, %g]",
+                             ranges[k].name, ranges[k].value, ranges[k].low, ranges[k].high);
+    return SGS_STATUS_OK;
+}
+
+static sgs_status find_method(sgs_compress_method method, const sgsi_compress_method **found)
+{
+    *found = (unsigned)method < METHOD_COUNT ? methods[method] : NULL;
+    if (*found)
+        return SGS_STATUS_OK;
+    if (method == SGS_COMPRESS_FCGS)
+        return sgsi_fail(SGS_STATUS_UNSUPPORTED,
+                         "FCGS requires its trained network, which sparegs does not run; use "
+                         "fcgs-like, a codec of the same structure with fitted probabilities");
+    return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "unknown compression method %d", (int)method);
+}
+
+// The parameters of all primitives, opacities as logits.
+static sgs_status copy_rows(const sgs_gaussians *model, float **rows)
+{
+    const size_t count = model->count;
+    *rows = sgsi_alloc(count, SGS_PARAM_COUNT * sizeof **rows);
+    if (!*rows)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu primitives", count);
+    for (size_t i = 0; i < count; ++i) {
+        float *row = *rows + i * SGS_PARAM_COUNT;
+        sgs_gaussians_get(model, i, row);
+        row[SGS_PARAM_OPACITY] = sgs_gaussians_opacity_logit(model, i);
+        for (int k = 0; k < SGS_PARAM_COUNT; ++k)
+            if (!isfinite(row[k]))
+                return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                                 "primitive %zu has a parameter that is not finite", i);
+    }
+    return SGS_STATUS_OK;
+}
+
+static sgs_status encode(const sgsi_compress_method *method, const sgs_gaussians *model,
+                         const sgs_compress_options *options, sgsi_packer *packer)
+{
+    sgsi_compress_job job = {.options = options,
+                             .render = sgs_render_options_default(),
+                             .count = model->count,
+                             .sh_degree = model->sh_degree,
+                             .out = packer};
+    sgs_status status =
+        sgsi_options_read(options->render, "sgs_render_options", &job.render, sizeof job.render);
+    if (!status)
+        status = copy_rows(model, &job.rows);
+    snprintf(packer->header.method, sizeof packer->header.method, "%s", method->name);
+    packer->header.version = method->version;
+    packer->header.input = packer->header.count = model->count;
+    packer->header.sh_degree = (uint32_t)model->sh_degree;
+    if (!status)
+        status = method->encode(&job);
+    sgsi_free(job.rows);
+    return status;
+}
+
+sgs_status sgs_compress(const sgs_gaussians *model, const sgs_compress_options *options,
+                        const char *path, sgs_compress_info *info)
+{
+    sgs_compress_options own = sgs_compress_options_default();
+    const sgsi_compress_method *method = NULL;
+    sgs_status status = sgsi_options_read(options, "sgs_compress_options", &own, sizeof own);
+    if (!status)
+        status = check_ranges(&own);
+    if (!status)
+        status = find_method(own.method, &method);
+    if (!status && !model->count)
+        status = sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "the model has no primitives");
+    if (status)
+        return status;
+    if (method->defaults)
+        method->defaults(&own);
+    sgsi_packer packer = {0};
+    size_t bytes = 0;
+    status = encode(method, model, &own, &packer);
+    if (!status)
+        status = sgsi_packer_write(&packer, path, &bytes);
+    sgsi_packer_free(&packer);
+    if (!status && info)
+        *info = (sgs_compress_info){.method = own.method,
+                                    .input = model->count,
+                                    .gaussians = packer.header.count,
+                                    .bytes = bytes,
+                                    .sh_degree = (int)packer.header.sh_degree};
+    return status;
+}
+
+// ---- Decompression ----
+
+sgs_status sgsi_decoded_create(const sgsi_container *in, sgs_gaussians **model)
+{
+    sgs_status status = sgs_gaussians_create(in->header.count, model);
+    if (!status)
+        status = sgs_gaussians_resize(*model, in->header.count);
+    if (!status)
+        (*model)->sh_degree = (int)in->header.sh_degree;
+    return status;
+}
+
+// Finite values; the identity in place of a zero quaternion.
+static sgs_status check_decoded(const char *path, sgs_gaussians *model)
+{
+    for (size_t i = 0; i < model->count; ++i) {
+        float row[SGS_PARAM_COUNT];
+        sgs_gaussians_get(model, i, row);
+        for (int k = 0; k < SGS_PARAM_COUNT; ++k)
+            if (!isfinite(row[k]))
+                return sgsi_fail(SGS_STATUS_FORMAT,
+                                 "%s: primitive %zu decodes to a value that is not finite", path,
+                                 i);
+        const float *q = row + SGS_PARAM_ROTATION;
+        if (q[0] == 0 && q[1] == 0 && q[2] == 0 && q[3] == 0)
+            *sgs_gaussians_at(model, i, SGS_PARAM_ROTATION) = 1;
+    }
+    return SGS_STATUS_OK;
+}
+
+static sgs_status decode(sgsi_container *container, sgs_gaussians **model, sgs_compress_info *info)
+{
+    const sgsi_container_header *header = &container->header;
+    size_t m = 0;
+    while (m < METHOD_COUNT && !(methods[m] && !strcmp(methods[m]->name, header->method)))
+        ++m;
+    if (m == METHOD_COUNT)
+        return sgsi_fail(SGS_STATUS_UNSUPPORTED, "%s: byte 8: unknown compression method",
+                         container->path);
+    if (header->version != methods[m]->version)
+        return sgsi_fail(SGS_STATUS_UNSUPPORTED,
+                         "%s: version %u of method '%s' is unknown; this program reads version %u",
+                         container->path, header->version, header->method, methods[m]->version);
+    sgs_status status = methods[m]->decode(container, model);
+    if (!status)
+        status = check_decoded(container->path, *model);
+    if (!status && info)
+        *info = (sgs_compress_info){.method = (sgs_compress_method)m,
+                                    .input = header->input,
+                                    .gaussians = header->count,
+                                    .bytes = container->size,
+                                    .sh_degree = (int)header->sh_degree};
+    return status;
+}
+
+sgs_status sgs_decompress(const char *path, sgs_gaussians **model, sgs_compress_info *info)
+{
+    *model = NULL;
+    sgsi_container container;
+    sgs_status status = sgsi_container_open(path, &container);
+    if (status)
+        return status;
+    status = decode(&container, model, info);
+    sgsi_container_close(&container);
+    if (status) {
+        sgs_gaussians_destroy(*model);
+        *model = NULL;
+    }
+    return status;
+}
+
+// ---- Planes of floats ----
+
+void sgsi_pack_floats(sgsi_packer *out, const char *name, const float *rows, size_t count,
+                      int param, int param_count, bool deflate)
+{
+    float *planes = sgsi_alloc(count * (size_t)param_count + 1, sizeof *planes);
+    if (!planes) {
+        out->status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu primitives", count);
+        return;
+    }
+    for (size_t k = 0; k < (size_t)param_count; ++k)
+        for (size_t i = 0; i < count; ++i)
+            planes[k * count + i] = rows[i * SGS_PARAM_COUNT + (size_t)param + k];
+    sgsi_packer_add(out, name, planes, count * (size_t)param_count * sizeof *planes, deflate);
+    sgsi_free(planes);
+}
+
+sgs_status sgsi_unpack_floats(sgsi_container *in, const char *name, size_t count, int param_count,
+                              const uint8_t **planes)
+{
+    return sgsi_container_take(in, name, (int64_t)(count * (size_t)param_count * sizeof(float)),
+                               planes, NULL);
+}
+
+void sgsi_planes_apply(const uint8_t *planes, int param, int param_count, sgs_gaussians *model)
+{
+    for (int k = 0; k < param_count; ++k)
+        for (size_t i = 0; i < model->count; ++i)
+            memcpy(sgs_gaussians_at(model, i, param + k),
+                   planes + ((size_t)k * model->count + i) * sizeof(float), sizeof(float));
+}

@@ -1,0 +1,58 @@
+#!/usr/bin/env bash
+# SPDX-FileCopyrightText: 2026 The sparegs authors
+# SPDX-License-Identifier: Apache-2.0
+
+# compress and decompress: each method end to end on a trained model, JSON figures that match the files, usage errors, and
+# failures that leave an existing file unchanged.
+set -euo pipefail
+. "$(dirname "$0")/cli_support.sh"
+
+model=$temporary/model
+run 0 train "$room" -o "$model" --iterations 60 --downscale 8 --quiet
+primitives=$(jq .gaussians "$model/summary.json")
+
+for method in ghap; do
+    for preset in 1 3; do
+        file=$temporary/$method.$preset
+        run 0 compress "$model" "$room" --downscale 8 -o "$file" --method $method --preset spare-$preset --json
+        cp "$temporary/stdout" "$temporary/$method.json"
+        json "$temporary/$method.json" ".method == \"$method\" and .input == $primitives and .gaussians <= .input"
+        json "$temporary/$method.json" ".bytes == $(stat -c %s "$file") and (.bytes_per_gaussian * $primitives - .bytes | fabs) < 1"
+        run 0 decompress "$file" -o "$temporary/1.ply" --threads 1 --json
+        json "$temporary/stdout" ".gaussians == $(jq .gaussians "$temporary/$method.json") and .method == \"$method\""
+        run 0 decompress "$file" -o "$temporary/2.ply" --threads 2 --isa baseline
+        check decodes_to_the_same_bytes cmp "$temporary/1.ply" "$temporary/2.ply"
+        run 0 info "$temporary/1.ply" --json
+    done
+    check presets_shrink_the_file test "$(stat -c %s "$temporary/$method.1")" -gt "$(stat -c %s "$temporary/$method.3")"
+done
+
+# mistakes_are_named
+run 2 compress "$model"
+reports "compress requires -o FILE"
+one_line
+run 2 decompress "$temporary/ghap.1"
+reports "decompress requires -o OUT.ply"
+one_line
+run 1 compress "$model" -o "$temporary/none" --method fcgs
+reports "use fcgs-like"
+one_line
+check nothing_is_written test ! -e "$temporary/none"
+run 1 compress "$temporary/nowhere" -o "$temporary/none"
+one_line
+run 1 decompress "$temporary/nowhere" -o "$temporary/none"
+reports "nowhere"
+one_line
+run 1 decompress "$model/point_cloud/iteration_60/point_cloud.ply" -o "$temporary/none"
+reports "not a compressed model of sparegs"
+one_line
+
+# a_damaged_file_leaves_the_output_alone
+head -c 1000 "$temporary/ghap.1" >"$temporary/cut"
+echo old >"$temporary/out.ply"
+run 1 decompress "$temporary/cut" -o "$temporary/out.ply"
+reports "the file has 1000 bytes instead of"
+one_line
+check the_old_file_stays grep -q old "$temporary/out.ply"
+
+finish

@@ -1,0 +1,155 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Mixture reduction of GHAP on cases with known results, and its eigen-decomposition
+// against the covariance it comes from.
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#include "compress/eigen3.h"
+#include "support/compress_support.h"
+#include "support/files_support.h"
+
+static void covariance_survives_the_eigen_decomposition(void **state)
+{
+    (void)state;
+    for (uint64_t k = 0; k < 200; ++k) {
+        float q[4], s[3];
+        for (uint64_t c = 0; c < 4; ++c)
+            q[c] = (float)sgsi_random_normal(1, 8 * k + c);
+        for (uint64_t c = 0; c < 3; ++c)
+            s[c] = (float)(k % 5 == 0 ? -3 : 2 * sgsi_random_normal(2, 8 * k + c) - 3);
+        double covariance[6], values[3], rotation[4], again[6];
+        sgsi_covariance3(q, s, covariance);
+        sgsi_eigen3(covariance, values, rotation);
+        assert_true(values[0] <= values[1] && values[1] <= values[2]);
+        for (int c = 0; c < 3; ++c)
+            s[c] = (float)(0.5 * log(values[c]));
+        for (int c = 0; c < 4; ++c)
+            q[c] = (float)rotation[c];
+        sgsi_covariance3(q, s, again);
+        for (int c = 0; c < 6; ++c)
+            assert_true(fabs(again[c] - covariance[c]) <= 2e-6 * values[2]);
+    }
+}
+
+static sgs_gaussians *reduced(const sgs_gaussians *model, double keep)
+{
+    const temp_folder folder = temp_folder_make();
+    sgs_compress_options options = sgs_compress_options_default();
+    options.method = SGS_COMPRESS_GHAP;
+    options.keep = keep;
+    options.finetune = 0;
+    sgs_gaussians *decoded;
+    assert_int_equal(sgs_compress(model, &options, temp_path(&folder, "pack"), NULL), 0);
+    assert_int_equal(sgs_decompress(temp_path(&folder, "pack"), &decoded, NULL), 0);
+    temp_folder_remove(&folder);
+    return decoded;
+}
+
+// Two far clusters of identical Gaussians and two components: mean and covariance of each cluster.
+static void a_cluster_becomes_its_weighted_mean(void **state)
+{
+    (void)state;
+    sgs_gaussians *model = pack_model(8, 0, 3);
+    double mean[2][3] = {{0}}, weight[2] = {0};
+    for (size_t i = 0; i < 8; ++i) {
+        const float at = i < 4 ? 0.0f : 50.0f;
+        for (int k = 0; k < 3; ++k)
+            *sgs_gaussians_at(model, i, SGS_PARAM_MEAN + k) =
+                at + (float)sgsi_random_uniform(5, 3 * i + (uint64_t)k);
+        const double o = 1 / (1 + exp(-(double)*sgs_gaussians_at(model, i, SGS_PARAM_OPACITY)));
+        weight[i / 4] += o;
+        for (int k = 0; k < 3; ++k)
+            mean[i / 4][k] += o * (double)*sgs_gaussians_at(model, i, SGS_PARAM_MEAN + k);
+    }
+    // k-means depends on its start: some seed has a start in both clusters.
+    bool separated = false;
+    for (uint64_t seed = 0; seed < 16 && !separated; ++seed) {
+        const temp_folder folder = temp_folder_make();
+        sgs_compress_options options = sgs_compress_options_default();
+        options.method = SGS_COMPRESS_GHAP;
+        options.keep = 0.25;
+        options.seed = seed;
+        options.finetune = 0;
+        sgs_gaussians *decoded;
+        assert_int_equal(sgs_compress(model, &options, temp_path(&folder, "pack"), NULL), 0);
+        assert_int_equal(sgs_decompress(temp_path(&folder, "pack"), &decoded, NULL), 0);
+        temp_folder_remove(&folder);
+        assert_true(decoded->count <= 2);
+        if (decoded->count == 2) {
+            const int far = *sgs_gaussians_at(decoded, 1, SGS_PARAM_MEAN) > 25 ? 1 : 0;
+            double worst = 0;
+            for (size_t c = 0; c < 2; ++c)
+                for (int k = 0; k < 3; ++k) {
+                    const size_t row = c ? (size_t)far : (size_t)(1 - far);
+                    worst = fmax(worst, fabs((double)*sgs_gaussians_at(decoded, row, k) -
+                                             mean[c][k] / weight[c]));
+                }
+            separated = worst <= 1e-5;
+        }
+        sgs_gaussians_destroy(decoded);
+    }
+    assert_true(separated);
+    sgs_gaussians_destroy(model);
+}
+
+// With almost no reduction every component is one primitive: means and covariances are kept.
+static void keeping_all_changes_no_covariance(void **state)
+{
+    (void)state;
+    sgs_gaussians *model = pack_model(500, 3, 4), *decoded = reduced(model, 1.0);
+    assert_true(decoded->count > 480); // quotas of blocks are rounded down
+    size_t matched = 0;
+    for (size_t i = 0; i < 500; ++i)
+        for (size_t j = 0; j < decoded->count; ++j) {
+            float a[SGS_PARAM_COUNT], b[SGS_PARAM_COUNT];
+            sgs_gaussians_get(model, i, a);
+            sgs_gaussians_get(decoded, j, b);
+            if (a[0] != b[0] || a[1] != b[1] || a[2] != b[2])
+                continue;
+            double s[6], t[6];
+            sgsi_covariance3(a + SGS_PARAM_ROTATION, a + SGS_PARAM_SCALE, s);
+            sgsi_covariance3(b + SGS_PARAM_ROTATION, b + SGS_PARAM_SCALE, t);
+            for (int k = 0; k < 6; ++k)
+                assert_true(fabs(s[k] - t[k]) <= 1e-5 * (s[0] + s[3] + s[5]));
+            assert_memory_equal(a + SGS_PARAM_OPACITY, b + SGS_PARAM_OPACITY, 49 * sizeof *a);
+            ++matched;
+        }
+    assert_true(matched >= 2 * decoded->count - 500); // the others are merged
+    sgs_gaussians_destroy(model);
+    sgs_gaussians_destroy(decoded);
+}
+
+static void counts_are_the_share_to_keep(void **state)
+{
+    (void)state;
+    sgs_gaussians *model = pack_model(20000, 0, 6);
+    const double keep[] = {0.7, 0.5, 0.3, 0.01};
+    for (size_t k = 0; k < 4; ++k) {
+        sgs_gaussians *decoded = reduced(model, keep[k]);
+        const double wanted = 20000 * keep[k];
+        assert_true((double)decoded->count <= wanted && (double)decoded->count >= 0.97 * wanted);
+        sgs_gaussians_destroy(decoded);
+    }
+    sgs_gaussians_destroy(model);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(covariance_survives_the_eigen_decomposition),
+        cmocka_unit_test(a_cluster_becomes_its_weighted_mean),
+        cmocka_unit_test(keeping_all_changes_no_covariance),
+        cmocka_unit_test(counts_are_the_share_to_keep),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,184 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// `sparegs compress`: a stored model as a compressed file of one of the published methods.
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "cli/commands.h"
+#include "cli/interrupt.h"
+#include "cli/json_result.h"
+#include "cli/output.h"
+#include "cli/progress.h"
+#include "cli/shared_options.h"
+#include "sparegs/compress.h"
+
+static const char description[] =
+    "Compresses MODEL (a PLY file, or a run folder: its latest iteration) with a published method. "
+    "SCENE provides the views for methods that weight primitives by their contribution or that "
+    "fine-tune the result. `sparegs decompress` writes the PLY file again.\n"
+    "ghap reduces the number of primitives and stores them as floats. sog sorts them into a square "
+    "grid and stores it as images. lightgaussian quantises the harmonics with a codebook. mesongs "
+    "codes positions as an octree and attributes with RAHT and 8 bits. fcgs-like codes quantised "
+    "attributes with probabilities fitted to the model; it has the structure of FCGS without its "
+    "trained network, so its figures are not those of FCGS. fcgs itself requires that network and "
+    "is not available.";
+
+// The words of --method, in the order of sgs_compress_method.
+#define METHOD_WORDS "lightgaussian|sog|mesongs|ghap|fcgs|fcgs-like"
+
+typedef struct compress_values {
+    const char *output;
+    int method, preset, codec;
+    int finetune;
+    double keep, eig_min;
+} compress_values;
+
+static const option compress_options[] = {
+    {.name = "output",
+     .letter = 'o',
+     .kind = OPTION_TEXT,
+     .offset = offsetof(compress_values, output),
+     .argument = "FILE",
+     .shown = "required",
+     .help = "file to write"},
+    {.name = "method",
+     .kind = OPTION_CHOICE,
+     .offset = offsetof(compress_values, method),
+     .argument = METHOD_WORDS,
+     .initial = "sog",
+     .help = "compression method"},
+    {.name = "preset",
+     .kind = OPTION_CHOICE,
+     .offset = offsetof(compress_values, preset),
+     .argument = "spare-1|spare-2|spare-3",
+     .initial = "spare-1",
+     .help = "operating point of the method in the tables of SPARE-GS, from the largest file to "
+             "the smallest"},
+    {.name = "keep",
+     .kind = OPTION_REAL,
+     .offset = offsetof(compress_values, keep),
+     .low = 0.001,
+     .high = 1,
+     .argument = "R",
+     .shown = "of the preset",
+     .needs = "method=ghap",
+     .help = "share of the primitives to keep"},
+    {.name = "eig-min",
+     .kind = OPTION_REAL,
+     .offset = offsetof(compress_values, eig_min),
+     .low = 1e-30,
+     .high = 1e6,
+     .argument = "X",
+     .initial = "1e-6",
+     .unit = "world units squared",
+     .needs = "method=ghap",
+     .help = "lower limit of the variances of a merged primitive"},
+};
+
+static bool show_progress(void *user, const char *stage, size_t done, size_t total)
+{
+    const char **current = user;
+    if (!*current || strcmp(*current, stage))
+        progress_work_start();
+    *current = stage;
+    progress_work(stage, done, total);
+    return !interrupt_signal();
+}
+
+static json_t *info_json(const sgs_compress_info *info, double seconds)
+{
+    json_t *root = json_result_new();
+    json_object_set_new(root, "method", json_string(sgs_compress_method_name(info->method)));
+    json_object_set_new(root, "input", json_integer((json_int_t)info->input));
+    json_object_set_new(root, "gaussians", json_integer((json_int_t)info->gaussians));
+    json_object_set_new(root, "bytes", json_integer((json_int_t)info->bytes));
+    json_object_set_new(root, "bytes_per_gaussian",
+                        json_number((double)info->bytes / (double)info->input));
+    json_object_set_new(root, "seconds", json_number(seconds));
+    return root;
+}
+
+static int compress_model(const sgs_gaussians *model, const sgs_compress_options *options,
+                          const compress_values *values, bool json)
+{
+    if (!make_folder_of(values->output))
+        return EXIT_FAILED;
+    sgs_compress_info info;
+    const double start = clock_seconds();
+    const sgs_status status = sgs_compress(model, options, values->output, &info);
+    progress_end();
+    if (status)
+        return status == SGS_STATUS_CANCELLED && interrupt_signal() ? interrupt_status()
+                                                                    : fail_library();
+    const double seconds = clock_seconds() - start;
+    if (json) {
+        json_t *root = info_json(&info, seconds);
+        json_object_set_new(root, "file", json_string(values->output));
+        return print_json(root) ? EXIT_DONE : EXIT_FAILED;
+    }
+    printf("%s: %s, %zu of %zu primitives, %zu bytes, %.2f bytes per primitive of MODEL, %.1f s\n",
+           values->output, sgs_compress_method_name(info.method), info.gaussians, info.input,
+           info.bytes, (double)info.bytes / (double)info.input, seconds);
+    return EXIT_DONE;
+}
+
+int command_compress(int argc, char **argv)
+{
+    command_call call;
+    scene_values data;
+    drawing_values drawing;
+    compress_values values = {0};
+    const command_spec spec = {.name = "compress",
+                               .synopsis = "MODEL [SCENE] -o FILE [options]",
+                               .description = description,
+                               .operand_minimum = 1,
+                               .operand_maximum = 2,
+                               .title = "Compression",
+                               .options = compress_options,
+                               .option_count = sizeof compress_options / sizeof *compress_options,
+                               .values = &values,
+                               .scene = &data,
+                               .drawing = &drawing};
+    int status = command_begin(&spec, argc, argv, &call);
+    if (status >= 0)
+        return status;
+    if (!values.output)
+        return fail_usage("compress requires -o FILE");
+    interrupt_watch();
+    model_path located;
+    sgs_scene *scene = NULL;
+    sgs_gaussians *model = NULL;
+    const bool views = call.line.operand_count > 1;
+    status = EXIT_FAILED;
+    if (model_locate(call.line.operands[0], &located)) {
+        status = model_scene_resolve(&data, &call.line, located.config);
+        if (status < 0 && views)
+            scene = scene_open(call.line.operands[1], &data, true);
+        if (status < 0 && (scene || !views)) {
+            drawing_resolve(&drawing, &call.line, located.config, &data, scene);
+            const sgs_render_options render = drawing_render_options(&drawing);
+            sgs_compress_options options = sgs_compress_options_default();
+            options.method = (sgs_compress_method)values.method;
+            options.preset = values.preset + 1;
+            options.seed = call.common.seed;
+            options.scene = scene;
+            options.render = &render;
+            for (int c = 0; c < 3; ++c)
+                options.background[c] = drawing.background[c];
+            options.keep = values.keep;
+            options.eig_min = values.eig_min;
+            const char *stage = NULL;
+            options.progress = show_progress;
+            options.progress_user = &stage;
+            status = sgs_ply_read(located.ply_path, &model)
+                         ? fail_library()
+                         : compress_model(model, &options, &values, call.common.json);
+        }
+    }
+    sgs_gaussians_destroy(model);
+    sgs_scene_destroy(scene);
+    model_path_free(&located);
+    return status < 0 ? EXIT_FAILED : status;
+}

@@ -1,0 +1,87 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// `sparegs decompress`: the PLY file of a compressed model.
+
+#include <stdlib.h>
+
+#include "cli/commands.h"
+#include "cli/interrupt.h"
+#include "cli/json_result.h"
+#include "cli/output.h"
+#include "cli/progress.h"
+#include "cli/shared_options.h"
+#include "sparegs/compress.h"
+
+static const char description[] =
+    "Writes the model in FILE, made by `sparegs compress`, as a PLY file. The bytes of the PLY "
+    "file are the same on every machine and with any number of threads.";
+
+typedef struct decompress_values {
+    const char *output;
+} decompress_values;
+
+static const option decompress_options[] = {
+    {.name = "output",
+     .letter = 'o',
+     .kind = OPTION_TEXT,
+     .offset = offsetof(decompress_values, output),
+     .argument = "OUT.ply",
+     .shown = "required",
+     .help = "PLY file to write"},
+};
+
+static int decompress_file(const char *path, const char *output, bool json)
+{
+    sgs_gaussians *model = NULL;
+    sgs_compress_info info;
+    const double start = clock_seconds();
+    if (sgs_decompress(path, &model, &info))
+        return fail_library();
+    bool done = !interrupt_signal() && make_folder_of(output);
+    if (done && sgs_ply_write(output, model)) {
+        fail_library();
+        done = false;
+    }
+    sgs_gaussians_destroy(model);
+    if (interrupt_signal())
+        return interrupt_status();
+    if (!done)
+        return EXIT_FAILED;
+    if (!json) {
+        printf("%s: %s, %zu primitives, SH degree %d\n", output,
+               sgs_compress_method_name(info.method), info.gaussians, info.sh_degree);
+        return EXIT_DONE;
+    }
+    json_t *root = json_result_new();
+    json_object_set_new(root, "file", json_string(output));
+    json_object_set_new(root, "method", json_string(sgs_compress_method_name(info.method)));
+    json_object_set_new(root, "input", json_integer((json_int_t)info.input));
+    json_object_set_new(root, "gaussians", json_integer((json_int_t)info.gaussians));
+    json_object_set_new(root, "bytes", json_integer((json_int_t)info.bytes));
+    json_object_set_new(root, "seconds", json_number(clock_seconds() - start));
+    return print_json(root) ? EXIT_DONE : EXIT_FAILED;
+}
+
+int command_decompress(int argc, char **argv)
+{
+    command_call call;
+    decompress_values values = {0};
+    const command_spec spec = {.name = "decompress",
+                               .synopsis = "FILE -o OUT.ply [options]",
+                               .description = description,
+                               .operand_minimum = 1,
+                               .operand_maximum = 1,
+                               .title = "Decompression",
+                               .options = decompress_options,
+                               .option_count =
+                                   sizeof decompress_options / sizeof *decompress_options,
+                               .values = &values};
+    const int status = command_begin(&spec, argc, argv, &call);
+    if (status >= 0)
+        return status;
+    if (!values.output)
+        return fail_usage("decompress requires -o OUT.ply");
+    interrupt_watch();
+    return decompress_file(call.line.operands[0], values.output, call.common.json);
+}

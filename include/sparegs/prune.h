@@ -51,17 +51,20 @@ SGS_API sgs_status sgs_contributions(const sgs_gaussians *model, const sgs_scene
 
 typedef enum sgs_prune_method {
     SGS_PRUNE_LIGHTGAUSSIAN = 0, // LightGaussian, Fan et al. 2024: sum of T o, times volume^0.1
-    SGS_PRUNE_REFINE = 1         // REFINE, arXiv 2606.09074: closed form from the parameters
+    SGS_PRUNE_REFINE = 1,        // REFINE, arXiv 2606.09074: closed form from the parameters
+    // PUP 3D-GS, Hanson et al. 2025: log determinant of the Fisher matrix of position and log scale
+    SGS_PRUNE_PUP = 2
 } sgs_prune_method;
 
 typedef struct sgs_prune_options {
     size_t struct_size; // set by sgs_prune_options_default()
     sgs_prune_method method;
-    const sgs_scene *scene;      // LightGaussian: its training views
-    sgs_view_pass_options views; // LightGaussian
+    const sgs_scene *scene;      // LightGaussian, PUP: its training views
+    sgs_view_pass_options views; // LightGaussian, PUP
     const double (*cameras)[3];  // REFINE: [camera_count] camera centres, world
     size_t camera_count;         // REFINE: > 0; of more than 64 a fixed random subset is used
     double volume_power;         // LightGaussian: exponent of the volume, >= 0; 0.1
+    int fisher_downscale;        // PUP: replaces views.downscale; 4
 } sgs_prune_options;
 
 // Cannot fail.

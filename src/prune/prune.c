@@ -21,7 +21,8 @@ sgs_prune_options sgs_prune_options_default(void)
 {
     return (sgs_prune_options){.struct_size = sizeof(sgs_prune_options),
                                .views = sgs_view_pass_options_default(),
-                               .volume_power = 0.1};
+                               .volume_power = 0.1,
+                               .fisher_downscale = 4};
 }
 
 // ---- LightGaussian ----
@@ -74,6 +75,7 @@ static sgs_status check_inputs(const sgs_prune_options *options)
 {
     switch (options->method) {
     case SGS_PRUNE_LIGHTGAUSSIAN:
+    case SGS_PRUNE_PUP:
         if (!options->scene)
             return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "this score requires a scene");
         if (!(options->volume_power >= 0 && options->volume_power <= 10))
@@ -103,6 +105,8 @@ sgs_status sgs_prune_scores(const sgs_gaussians *model, const sgs_prune_options 
         return sgsi_lightgaussian_scores(model, &own, scores);
     case SGS_PRUNE_REFINE:
         return sgsi_refine_scores(model, &own, scores);
+    case SGS_PRUNE_PUP:
+        return sgsi_pup_scores(model, &own, scores);
     }
     return SGS_STATUS_INTERNAL; // excluded by check_inputs
 }
@@ -125,7 +129,7 @@ static int by_score_then_row(const void *a, const void *b)
 // LightGaussian's and PUP's released code removes up to a threshold, REFINE's and RAP's a number.
 static bool removes_up_to_threshold(sgs_prune_method method)
 {
-    return method == SGS_PRUNE_LIGHTGAUSSIAN;
+    return method == SGS_PRUNE_LIGHTGAUSSIAN || method == SGS_PRUNE_PUP;
 }
 
 sgs_status sgs_prune_select(sgs_prune_method method, const double *scores, size_t count,

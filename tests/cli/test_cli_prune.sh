@@ -30,6 +30,14 @@ check the_same_model_with_three_threads cmp "$temporary/light.ply" "$temporary/l
 run 0 prune "$model" --scores "$temporary/only.csv" --method refine
 check scores_alone_write_no_model test "$(find "$temporary" -maxdepth 1 -name '*.ply' | wc -l)" -eq 2
 
+# pup_scores_at_reduced_size
+run 0 prune "$model" "$room" -o "$temporary/pup.ply" --method pup --ratio 0.5 --scores "$temporary/pup4.csv" --threads 1
+run 0 prune "$model" "$room" -o "$temporary/pup3.ply" --method pup --ratio 0.5 --threads 3 --quiet
+check the_same_model_with_three_threads cmp "$temporary/pup.ply" "$temporary/pup3.ply"
+run 0 prune "$model" "$room" --method pup --fisher-downscale 2 --scores "$temporary/pup2.csv" --quiet
+check the_size_changes_the_scores bash -c "! cmp -s '$temporary/pup4.csv' '$temporary/pup2.csv'"
+check pup_keeps_the_image above "$(psnr "$temporary/pup.ply")" 10
+
 # pruning_without_training_costs_quality
 full=$(psnr "$model") half=$(psnr "$temporary/refine/prune_0.50.ply")
 check pruning_costs_quality above "$full" "$half"
@@ -55,6 +63,7 @@ usage "--ratio: '' is not a share" "$model" --method refine -o "$temporary/x.ply
 usage "--ratio: 'nan' is not a share" "$model" --method refine -o "$temporary/x.ply" --ratio nan
 usage "--ratio: 0.50 is given twice" "$model" --method refine -o "$temporary/x.ply" --ratio 0.5,0.50
 usage "--method lightgaussian requires the operand SCENE" "$model" --method lightgaussian -o "$temporary/x.ply" --ratio 0.5
+usage "--method pup requires the operand SCENE" "$model" --method pup -o "$temporary/x.ply" --ratio 0.5
 usage "--finetune requires the operand SCENE" "$model" --method refine -o "$temporary/x.ply" --ratio 0.5 --finetune 9
 usage "--downscale has no effect without SCENE" "$model" --method refine -o "$temporary/x.ply" --ratio 0.5 --downscale 2
 run 0 prune "$model" "$room" --method refine --scores "$temporary/x.csv" --filter none

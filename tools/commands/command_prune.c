@@ -23,16 +23,18 @@ static const char description[] =
     "Removes the share R of the primitives of MODEL (a PLY file, or a run folder: its latest "
     "iteration) that a score finds least important, and writes the rest as a PLY. lightgaussian: "
     "opacity times transmittance over all hits in the training views, weighted by volume. refine: "
-    "closed form from the parameters and the camera positions, without rendering.\n"
-    "With several ratios OUT is a folder of files prune_R.ply. LightGaussian requires SCENE; "
-    "refine reads the cameras of SCENE, or of the run's cameras.json. Image folder, size, split, "
+    "closed form from the parameters and the camera positions, without rendering. pup: log "
+    "determinant of the Fisher matrix of position and scale over the training views (PUP 3D-GS).\n"
+    "With several ratios OUT is a folder of files prune_R.ply. lightgaussian and pup require "
+    "SCENE; refine reads the cameras of SCENE, or of the run's cameras.json. Image folder, size, "
+    "split, "
     "filter and background default to those of the run.";
 
 enum { MOST_RATIOS = 32 };
 
 typedef struct prune_values {
     const char *output, *scores, *ratio;
-    int method, finetune;
+    int method, finetune, fisher_downscale;
     double volume_power;
 } prune_values;
 
@@ -47,7 +49,7 @@ static const option prune_options[] = {
     {.name = "method",
      .kind = OPTION_CHOICE,
      .offset = offsetof(prune_values, method),
-     .argument = "lightgaussian|refine",
+     .argument = "lightgaussian|refine|pup",
      .shown = "required",
      .help = "score of the importance"},
     {.name = "ratio",
@@ -82,9 +84,18 @@ static const option prune_options[] = {
      .initial = "0.1",
      .needs = "method=lightgaussian",
      .help = "exponent of the volume in LightGaussian's score"},
+    {.name = "fisher-downscale",
+     .kind = OPTION_INTEGER,
+     .offset = offsetof(prune_values, fisher_downscale),
+     .low = 1,
+     .high = 1024,
+     .argument = "K",
+     .initial = "4",
+     .needs = "method=pup",
+     .help = "divide width and height of the views of PUP's Fisher matrices by K"},
 };
 
-static const char *const method_names[] = {"lightgaussian", "refine"};
+static const char *const method_names[] = {"lightgaussian", "refine", "pup"};
 
 typedef struct ratio_list {
     int count;
@@ -140,7 +151,7 @@ static bool parse_ratios(const char *text, ratio_list *list)
 
 static bool needs_views(int method)
 {
-    return method == SGS_PRUNE_LIGHTGAUSSIAN;
+    return method == SGS_PRUNE_LIGHTGAUSSIAN || method == SGS_PRUNE_PUP;
 }
 
 // Returns -1 to continue, or an exit status.
@@ -247,6 +258,7 @@ static bool compute_scores(pruning *p)
     options.views.render = drawing_render_options(&p->drawing);
     options.views.progress = show_views;
     options.volume_power = p->values->volume_power;
+    options.fisher_downscale = p->values->fisher_downscale;
     if (options.method == SGS_PRUNE_REFINE && !(p->scene ? cameras_of_scene(p) : cameras_of_run(p)))
         return false;
     options.cameras = (const double(*)[3])p->cameras;

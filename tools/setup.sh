@@ -12,7 +12,8 @@ packages=(
     libembree-dev                     # ray tracing: 3.13 on Debian 12, 4.x on Debian 13 and Ubuntu 24.04
     libopenimageio-dev libopenexr-dev # images
     libjansson-dev libxxhash-dev      # JSON, hashes
-    libdeflate-dev                    # ZIP of EXR
+    libdeflate-dev                    # ZIP of EXR and SOG, gzip of SPZ
+    libwebp-dev libzstd-dev           # textures of SOG, SPZ 4
     libkissfft-dev                    # spectra
     libcmocka-dev                     # tests
     openimageio-tools openexr jq      # tests of the written files

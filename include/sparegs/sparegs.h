@@ -18,6 +18,8 @@
 #include "sparegs/image.h"
 #include "sparegs/metrics.h"
 #include "sparegs/rate_distortion.h"
+#include "sparegs/model_edit.h"
+#include "sparegs/model_file.h"
 #include "sparegs/scene.h"
 
 // Work: rendering, training.

@@ -288,6 +288,17 @@ void sgsi_atomic_abort(sgsi_atomic_file *file)
     *file = (sgsi_atomic_file){0};
 }
 
+sgs_status sgsi_file_write(const char *path, const uint8_t *bytes, size_t size)
+{
+    sgsi_atomic_file file;
+    const sgs_status status = sgsi_atomic_open(&file, path);
+    if (status)
+        return status;
+    if (size)
+        fwrite(bytes, 1, size, file.stream); // an error stays with the stream and fails the commit
+    return sgsi_atomic_commit(&file);
+}
+
 bool sgsi_is_file(const char *path)
 {
     struct stat info;

@@ -74,6 +74,9 @@ sgs_status sgsi_atomic_commit(sgsi_atomic_file *file);
 // Removes the temporary file; no effect after commit or a failed open.
 void sgsi_atomic_abort(sgsi_atomic_file *file);
 
+// Writes a whole file atomically. Fails with IO or OUT_OF_MEMORY.
+sgs_status sgsi_file_write(const char *path, const uint8_t *bytes, size_t size);
+
 // True for a regular file or for a folder, respectively; follows links.
 bool sgsi_is_file(const char *path);
 bool sgsi_is_folder(const char *path);

@@ -20,21 +20,19 @@
 #include <string.h>
 
 #include "base/core.h"
+#include "formats/model_format.h"
+#include "formats/model_rows.h"
 #include "formats/ply_header.h"
+#include "model/filter_3d.h"
 
 enum {
     REST_PER_CHANNEL = 15,
     MAX_REST = 3 * REST_PER_CHANNEL,
     CHUNK_ROWS = 256,
-    MAX_COLUMNS = SGS_PARAM_COUNT + 4
+    PARAM_FILTER_3D = SGS_PARAM_COUNT, // Mip-Splatting's filter_3D, in rows only
+    ROW_COUNT,
+    MAX_COLUMNS = ROW_COUNT + 4
 };
-
-// exp(44)^2 is the largest square of a scale that float holds.
-static const float MOST_LOG_SCALE = 44.0f;
-
-// Value for an infinite logit: ln((1 - 1e-6) / 1e-6). Alpha is clamped at 0.99 in any case, and the
-// sigmoid of this value has a gradient in float.
-static const float OPAQUE_LOGIT = 13.8155096f;
 
 // ---- Names ----
 
@@ -90,7 +88,8 @@ typedef struct ply_reader {
     int column_count;
     int sh_degree;
     locale_t c_locale; // decimal point of ascii bodies, independent of the locale
-    size_t dropped, unrotated;
+    bool fuse_filter, has_filter;
+    sgsi_rows rows;
 } ply_reader;
 
 static int find_property(const ply_reader *reader, const char *name)
@@ -156,7 +155,8 @@ static sgs_status map_columns(ply_reader *reader)
         if (status)
             return status;
     }
-    return SGS_STATUS_OK;
+    reader->has_filter = reader->fuse_filter && find_property(reader, "filter_3D") >= 0;
+    return reader->has_filter ? add_column(reader, "filter_3D", PARAM_FILTER_3D) : SGS_STATUS_OK;
 }
 
 static float to_float(double value)
@@ -167,7 +167,7 @@ static float to_float(double value)
 }
 
 // Parses one row's words into all properties' values; only the mapped ones are kept.
-static sgs_status read_ascii_row(ply_reader *reader, size_t row, float params[SGS_PARAM_COUNT])
+static sgs_status read_ascii_row(ply_reader *reader, size_t row, float params[ROW_COUNT])
 {
     double values[SGSI_PLY_MAX_PROPERTIES];
     for (int k = 0; k < reader->vertex->property_count; ++k) {
@@ -190,8 +190,7 @@ static sgs_status read_ascii_row(ply_reader *reader, size_t row, float params[SG
     return SGS_STATUS_OK;
 }
 
-static sgs_status read_binary_row(ply_reader *reader, size_t row_size,
-                                  float params[SGS_PARAM_COUNT])
+static sgs_status read_binary_row(ply_reader *reader, size_t row_size, float params[ROW_COUNT])
 {
     const uint8_t *bytes = sgsi_ply_take(&reader->stream, row_size);
     if (!bytes)
@@ -205,68 +204,33 @@ static sgs_status read_binary_row(ply_reader *reader, size_t row_size,
     return SGS_STATUS_OK;
 }
 
-// False for a row with unusable values. Infinite opacity logits, which other programs write
-// for opaque primitives, become finite. A quaternion whose square leaves float's range is
-// normalised.
-static bool make_usable(ply_reader *reader, float params[SGS_PARAM_COUNT])
-{
-    float *logit = &params[SGS_PARAM_OPACITY];
-    if (isinf(*logit))
-        *logit = *logit > 0.0f ? OPAQUE_LOGIT : -OPAQUE_LOGIT;
-    for (int k = 0; k < SGS_PARAM_COUNT; ++k) {
-        if (!isfinite(params[k]))
-            return false;
-    }
-    for (int k = 0; k < 3; ++k) {
-        if (params[SGS_PARAM_SCALE + k] > MOST_LOG_SCALE)
-            return false;
-    }
-    float *q = params + SGS_PARAM_ROTATION;
-    const double norm =
-        sqrt((double)q[0] * q[0] + (double)q[1] * q[1] + (double)q[2] * q[2] + (double)q[3] * q[3]);
-    if (norm >= 1e-12 && norm <= 1e12)
-        return true;
-    for (int k = 0; k < 4; ++k)
-        q[k] = norm > 0.0 ? (float)(q[k] / norm) : (float)(k == 0);
-    reader->unrotated += !(norm > 0.0);
-    return true;
-}
-
-static sgs_status read_rows(ply_reader *reader, sgs_gaussians *model)
+static sgs_status read_rows(ply_reader *reader)
 {
     const size_t row_size = sgsi_ply_row_size(&reader->header, reader->vertex);
-    size_t kept = 0;
     for (size_t row = 0; row < reader->vertex->count; ++row) {
-        float params[SGS_PARAM_COUNT] = {0};
+        float params[ROW_COUNT] = {0};
         const sgs_status status = reader->header.format == SGSI_PLY_ASCII
                                       ? read_ascii_row(reader, row, params)
                                       : read_binary_row(reader, row_size, params);
         if (status)
             return status;
-        if (make_usable(reader, params))
-            sgs_gaussians_set(model, kept++, params);
+        if (reader->has_filter)
+            sgsi_filter_3d_fuse(params, (double)params[PARAM_FILTER_3D]);
+        sgsi_rows_add(&reader->rows, params);
     }
-    reader->dropped = reader->vertex->count - kept;
-    return sgs_gaussians_resize(model, kept);
+    return SGS_STATUS_OK;
 }
 
-static void warn_about(const ply_reader *reader)
+static void warn_about_rest(const ply_reader *reader)
 {
-    const char *path = reader->stream.path;
-    if (reader->dropped)
-        sgsi_warn("%s: %zu of %zu primitives are not finite and were dropped", path,
-                  reader->dropped, reader->vertex->count);
-    if (reader->unrotated)
-        sgsi_warn("%s: %zu primitives have rotation 0 0 0 0; the identity is used", path,
-                  reader->unrotated);
     const bool is_last =
         reader->vertex == &reader->header.elements[reader->header.element_count - 1];
     if (is_last && reader->header.format != SGSI_PLY_ASCII && sgsi_ply_left(&reader->stream))
-        sgsi_warn("%s: byte %zu: %zu bytes after the last vertex were ignored", path,
+        sgsi_warn("%s: byte %zu: %zu bytes after the last vertex were ignored", reader->stream.path,
                   reader->stream.position, sgsi_ply_left(&reader->stream));
 }
 
-static sgs_status read_model(ply_reader *reader, sgs_gaussians **model)
+static sgs_status read_model(ply_reader *reader, bool drop_unrotated, sgs_gaussians **model)
 {
     sgs_status status = sgsi_ply_read_header(&reader->stream, &reader->header);
     if (status)
@@ -286,34 +250,41 @@ static sgs_status read_model(ply_reader *reader, sgs_gaussians **model)
     if (!status)
         status = sgsi_ply_check_count(&reader->stream, &reader->header, vertex);
     if (!status)
-        status = sgs_gaussians_create(vertex->count, model);
+        status = sgsi_rows_begin(&reader->rows, reader->stream.path, vertex->count,
+                                 reader->sh_degree, drop_unrotated);
     if (status)
         return status;
-    (*model)->sh_degree = reader->sh_degree;
-    status = sgs_gaussians_resize(*model, vertex->count);
-    if (!status)
-        status = read_rows(reader, *model);
+    status = read_rows(reader);
     if (status) {
-        sgs_gaussians_destroy(*model);
-        *model = NULL;
-    } else {
-        warn_about(reader);
+        sgsi_rows_abort(&reader->rows);
+        return status;
     }
+    status = sgsi_rows_end(&reader->rows, model);
+    if (!status)
+        warn_about_rest(reader);
     return status;
 }
 
-sgs_status sgs_ply_read(const char *path, sgs_gaussians **model)
+// options and info may be NULL: then filter_3D is ignored.
+static sgs_status read_file(const char *path, const sgs_model_read_options *options,
+                            sgs_gaussians **model, sgs_model_info *info)
 {
     *model = NULL;
     ply_reader *reader = sgsi_calloc(1, sizeof *reader);
     if (!reader)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to read it", path);
+    reader->fuse_filter = info != NULL;
     sgs_status status = sgsi_ply_open(path, &reader->stream);
     if (!status) {
         reader->c_locale = newlocale(LC_ALL_MASK, "C", (locale_t)0);
         status = reader->c_locale
-                     ? read_model(reader, model)
+                     ? read_model(reader, options && options->drop_unrotated, model)
                      : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to read it", path);
+    }
+    if (!status && info) {
+        info->fused_filter = reader->has_filter;
+        info->antialiased = reader->has_filter || reader->header.antialiased;
+        info->dropped = reader->rows.dropped;
     }
     if (reader->c_locale)
         freelocale(reader->c_locale);
@@ -322,15 +293,23 @@ sgs_status sgs_ply_read(const char *path, sgs_gaussians **model)
     return status;
 }
 
+sgs_status sgs_ply_read(const char *path, sgs_gaussians **model)
+{
+    return read_file(path, NULL, model, NULL);
+}
+
+sgs_status sgsi_ply_model_read(const char *path, const sgs_model_read_options *options,
+                               sgs_gaussians **model, sgs_model_info *info)
+{
+    return read_file(path, options, model, info);
+}
+
 // ---- Writing ----
 
 static uint8_t *put_float(uint8_t *at, float value)
 {
-    uint32_t bits;
-    memcpy(&bits, &value, sizeof bits);
-    for (int k = 0; k < 4; ++k)
-        *at++ = (uint8_t)(bits >> (8 * k));
-    return at;
+    sgsi_store_float(at, value);
+    return at + sizeof value;
 }
 
 // Fails early if the disk is full.
@@ -399,7 +378,8 @@ static void add_written(row_writer *writer, FILE *stream, const char *prefix, in
     writer->params[writer->column_count++] = param;
 }
 
-static sgs_status write_model(const char *path, const sgs_gaussians *model, const float *filter_3d)
+static sgs_status write_model(const char *path, const sgs_gaussians *model, const float *filter_3d,
+                              bool antialiased)
 {
     if (model->sh_degree < 0 || model->sh_degree > 3)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: SH degree %d is not within 0 to 3", path,
@@ -409,8 +389,8 @@ static sgs_status write_model(const char *path, const sgs_gaussians *model, cons
     if (status)
         return status;
     row_writer writer = {.model = model, .count = model->count, .filter_3d = filter_3d};
-    fprintf(file.stream, "ply\nformat binary_little_endian 1.0\nelement vertex %zu\n",
-            model->count);
+    fprintf(file.stream, "ply\nformat binary_little_endian 1.0\n%selement vertex %zu\n",
+            antialiased ? "comment SplatRenderMode: mip\n" : "", model->count);
     static const char *const lead[] = {"x", "y", "z", "nx", "ny", "nz"};
     for (int k = 0; k < 6; ++k)
         add_written(&writer, file.stream, lead[k], -1, k < 3 ? SGS_PARAM_MEAN + k : -1);
@@ -430,13 +410,20 @@ static sgs_status write_model(const char *path, const sgs_gaussians *model, cons
 
 sgs_status sgs_ply_write(const char *path, const sgs_gaussians *model)
 {
-    return write_model(path, model, NULL);
+    return write_model(path, model, NULL, false);
 }
 
 sgs_status sgs_ply_write_filter_3d(const char *path, const sgs_gaussians *model,
                                    const float *filter_3d)
 {
-    return write_model(path, model, filter_3d);
+    return write_model(path, model, filter_3d, false);
+}
+
+sgs_status sgsi_ply_model_write(const char *path, const sgs_gaussians *model,
+                                const sgs_model_write_options *options, sgs_model_written *written)
+{
+    (void)written;
+    return write_model(path, model, NULL, options->antialiased);
 }
 
 sgs_status sgs_ply_write_points(const char *path, const float *points, const unsigned char *colors,

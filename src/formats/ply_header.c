@@ -13,6 +13,7 @@
 
 #include <errno.h>
 #include <string.h>
+#include <strings.h>
 #include <sys/stat.h>
 
 #include "base/core.h"
@@ -336,9 +337,22 @@ static sgs_status parse_property(const char *path, const header_line *line, sgsi
     return SGS_STATUS_OK;
 }
 
+// Comments that mark a model as antialiased, in two spellings; the last one counts.
+static void parse_comment(const char *text, bool *antialiased)
+{
+    char key[32], value[16];
+    if (sscanf(text, "comment %31s %15s", key, value) != 2)
+        return;
+    if (!strcasecmp(key, "SplatRenderMode:"))
+        *antialiased = !strcasecmp(value, "mip");
+    else if (!strcasecmp(key, "antialiased"))
+        *antialiased = !strcmp(value, "1");
+}
+
 sgs_status sgsi_ply_read_header(sgsi_ply_stream *stream, sgsi_ply_header *header)
 {
     header->element_count = header->property_count = 0;
+    header->antialiased = false;
     const uint8_t *magic = sgsi_ply_take(stream, 4);
     if (!magic || memcmp(magic, "ply", 3) || (magic[3] != '\n' && magic[3] != '\r'))
         return sgsi_fail(SGS_STATUS_FORMAT, "%s: not a PLY file: it does not begin with 'ply'",
@@ -354,6 +368,8 @@ sgs_status sgsi_ply_read_header(sgsi_ply_stream *stream, sgsi_ply_header *header
         sgs_status status = read_line(stream, &line);
         if (status)
             return status;
+        if (line.is_comment)
+            parse_comment(line.text, &header->antialiased);
         if (!line.word_count)
             continue; // a comment or an empty line
         if (!have_format) {

@@ -54,6 +54,8 @@ typedef struct sgsi_ply_element {
 
 typedef struct sgsi_ply_header {
     sgsi_ply_format format;
+    // A comment "SplatRenderMode: mip" or "antialiased 1": trained with Mip-Splatting's filters.
+    bool antialiased;
     int element_count, property_count;
     sgsi_ply_element elements[SGSI_PLY_MAX_ELEMENTS];
     sgsi_ply_property properties[SGSI_PLY_MAX_PROPERTIES];

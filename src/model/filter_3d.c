@@ -97,6 +97,22 @@ double sgsi_filter_3d_factor(const sgs_gaussians *model, size_t i, float filter_
     return factor;
 }
 
+void sgsi_filter_3d_fuse(float params[SGS_PARAM_COUNT], double filter_3d)
+{
+    double factor = 1.0;
+    for (int k = 0; k < 3; ++k) {
+        const double s = exp((double)params[SGS_PARAM_SCALE + k]);
+        factor *= s / sqrt(s * s + filter_3d * filter_3d);
+    }
+    const double opacity = factor / (1.0 + exp(-(double)params[SGS_PARAM_OPACITY]));
+    const double held = fmin(fmax(opacity, 1e-12), 1.0 - 1e-7);
+    params[SGS_PARAM_OPACITY] = (float)log(held / (1.0 - held));
+    for (int k = 0; k < 3; ++k)
+        params[SGS_PARAM_SCALE + k] =
+            (float)(0.5 *
+                    log(exp(2.0 * (double)params[SGS_PARAM_SCALE + k]) + filter_3d * filter_3d));
+}
+
 sgs_status sgs_gaussians_fuse_filter_3d(const sgs_gaussians *model, const float *filter_3d,
                                         sgs_gaussians **fused)
 {
@@ -112,14 +128,8 @@ sgs_status sgs_gaussians_fuse_filter_3d(const sgs_gaussians *model, const float 
     for (size_t i = 0; i < model->count; ++i) {
         float p[SGS_PARAM_COUNT];
         sgs_gaussians_get(model, i, p);
-        const double f2 = (double)filter_3d[i] * (double)filter_3d[i];
-        const double opacity = sgsi_filter_3d_factor(model, i, filter_3d[i]) /
-                               (1.0 + exp(-(double)sgs_gaussians_opacity_logit(model, i)));
-        const double held = fmin(fmax(opacity, 1e-12), 1.0 - 1e-7);
-        p[SGS_PARAM_OPACITY] = (float)log(held / (1.0 - held));
-        for (int k = 0; k < 3; ++k)
-            p[SGS_PARAM_SCALE + k] =
-                (float)(0.5 * log(exp(2.0 * (double)p[SGS_PARAM_SCALE + k]) + f2));
+        p[SGS_PARAM_OPACITY] = sgs_gaussians_opacity_logit(model, i);
+        sgsi_filter_3d_fuse(p, (double)filter_3d[i]);
         sgs_gaussians_set(*fused, i, p);
     }
     return SGS_STATUS_OK;

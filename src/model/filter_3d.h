@@ -15,3 +15,6 @@ void sgsi_filter_3d_compute(const sgs_gaussians *model, const sgs_scene *scene, 
 
 // sqrt(product s^2 / product (s^2 + f3^2)): the factor of the filter on the opacity of a primitive.
 double sgsi_filter_3d_factor(const sgs_gaussians *model, size_t i, float filter_3d);
+
+// Applies the filter f3 to the scales and the opacity logit of one primitive.
+void sgsi_filter_3d_fuse(float params[SGS_PARAM_COUNT], double filter_3d);

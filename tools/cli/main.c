@@ -30,6 +30,7 @@ static const command commands[] = {
     {"info", "describe a model or a data set", command_info},
     {"compress", "compress a model with a published method", command_compress},
     {"decompress", "turn a compressed model into a PLY file", command_decompress},
+    {"convert", "convert a model to another format, filter and transform it", command_convert},
     {"reconstruct", "estimate the cameras of photographs with COLMAP", command_reconstruct},
     {"explain", "explain the budget that SPARE-GS assigned to regions", command_explain},
     {"experiment", "run a plan of trainings: scenes, pipelines, variants, seeds",

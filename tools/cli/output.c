@@ -17,6 +17,7 @@
 
 #include "cli/json_result.h"
 #include "cli/progress.h"
+#include "sparegs/model_file.h"
 #include "sparegs/run.h"
 
 char *format_text(const char *format, ...)
@@ -239,8 +240,10 @@ static bool is_folder(const char *path)
 
 bool model_is(const char *model)
 {
-    const size_t length = strlen(model);
-    if (length > 4 && !strcasecmp(model + length - 4, ".ply"))
+    sgs_model_format format;
+    // A file that is missing is a model by its name.
+    if (sgs_model_format_detect(model, &format) ||
+        (!is_folder(model) && sgs_model_format_of_name(model, &format)))
         return true;
     char *clouds = format_text("%s/point_cloud", model);
     const bool is = is_folder(clouds);
@@ -252,10 +255,11 @@ bool model_locate(const char *model, model_path *located)
 {
     *located = (model_path){0};
     if (!file_exists(model)) {
-        fail_run("%s: no such model; specify a PLY file or a run folder", model);
+        fail_run("%s: no such model; specify a model file or a run folder", model);
         return false;
     }
-    if (!is_folder(model)) {
+    sgs_model_format format;
+    if (!is_folder(model) || sgs_model_format_detect(model, &format)) {
         located->ply_path = format_text("%s", model);
         return true;
     }

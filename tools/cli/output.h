@@ -3,8 +3,8 @@
 #pragma once
 
 // Output files of the commands: folders, atomic text and JSON files, CSV tables that a resumed run
-// continues, and the lookup of MODEL (a PLY file or a run folder). Functions that return bool print
-// their error before they return false.
+// continues, and the lookup of MODEL (a model file or a run folder). Functions that return bool
+// print their error before they return false.
 
 #include <jansson.h>
 #include <stdbool.h>
@@ -49,15 +49,15 @@ json_t *json_number(double value);
 // column is at most `last_iteration` (0: none). NULL after printing the error.
 FILE *csv_open(const char *path, const char *header, int last_iteration);
 
-// A resolved MODEL argument. The struct owns ply_path; config is the parsed OUT/config.json or
-// NULL.
+// A resolved MODEL argument. The struct owns ply_path, a file of any model format or a SOG folder;
+// config is the parsed OUT/config.json or NULL.
 typedef struct model_path {
     char *ply_path;
     json_t *config;
-    int iteration; // of a run folder; 0 for a PLY file
+    int iteration; // of a run folder; 0 for a file
 } model_path;
 
-// True if MODEL is a PLY file or a folder with point_cloud/.
+// True if MODEL is a model file, a SOG folder or a folder with point_cloud/.
 bool model_is(const char *model);
 bool model_locate(const char *model, model_path *located);
 void model_path_free(model_path *located);

@@ -347,6 +347,7 @@ void drawing_resolve(drawing_values *values, const command_line *line, const jso
 {
     if (!option_given(line, "filter"))
         values->filter = recorded_word(config, "filter", FILTER_WORDS, values->filter);
+    values->filter_selected = option_given(line, "filter") || config_option(config, "filter");
     const double compact_box = json_number_value(config_option(config, "compact_box"));
     if (!option_given(line, "compact-box") && compact_box > 0 && compact_box <= 1)
         values->compact_box = compact_box;

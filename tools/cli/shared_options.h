@@ -58,7 +58,8 @@ size_t scene_split_count(const sgs_scene *scene, sgs_split split);
 bool view_in_split(const sgs_view *view, sgs_split split);
 
 typedef struct drawing_values {
-    int filter; // sgs_filter
+    int filter;           // sgs_filter
+    bool filter_selected; // by the command line or a run's config
     double compact_box;
     float background[3];
     sgs_space space;      // of the model's colours

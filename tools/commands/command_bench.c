@@ -13,6 +13,7 @@
 #include "report/bench_report.h"
 #include "cli/commands.h"
 #include "cli/interrupt.h"
+#include "cli/model_argument.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "cli/shared_options.h"
@@ -210,10 +211,7 @@ static bool measure_model(bench_run *run, const char *model, const char *scene_p
     bool done = model_locate(model, &located) &&
                 model_scene_resolve(data, line, located.config) < 0 &&
                 (scene = scene_open(scene_path, data, false)) != NULL;
-    if (done && sgs_ply_read(located.ply_path, &gaussians)) {
-        fail_library();
-        done = false;
-    }
+    done = done && model_read(&located, NULL, &gaussians);
     if (done && !gaussians->count) {
         fail_run("%s: contains no primitives", located.ply_path);
         done = false;

@@ -14,11 +14,13 @@
 #include "cli/file_stems.h"
 #include "cli/interrupt.h"
 #include "cli/json_result.h"
+#include "cli/model_argument.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 
 static const char description[] =
-    "Renders the views of SCENE from MODEL (a PLY file, or a run folder: its latest iteration) and "
+    "Renders the views of SCENE from MODEL (a model file, or a run folder: its latest iteration) "
+    "and "
     "compares them with the photographs. Both images are quantised to 8 bits. PSNR covers all "
     "pixels and channels; SSIM uses an 11 x 11 Gaussian window with zero padding; FLIP is the mean "
     "perceptual error at 67 pixels per degree, 0 to 1; sharpness is the Laplacian energy of the "
@@ -204,8 +206,8 @@ static bool evaluate_all(const evaluator *evaluation, sgs_split split, const cha
     return true;
 }
 
-static int evaluate_model(const char *ply_path, const json_t *exposures, const sgs_lpips *lpips,
-                          const sgs_scene *scene, const drawing_values *drawing,
+static int evaluate_model(const model_path *located, const json_t *exposures,
+                          const sgs_lpips *lpips, const sgs_scene *scene, drawing_values *drawing,
                           const eval_values *values, bool split_given, bool json)
 {
     sgs_split split = splits[values->split];
@@ -216,8 +218,8 @@ static int evaluate_model(const char *ply_path, const json_t *exposures, const s
                         "--test-images",
                         scene->path);
     sgs_gaussians *model = NULL;
-    if (sgs_ply_read(ply_path, &model))
-        return fail_library();
+    if (!model_read(located, drawing, &model))
+        return EXIT_FAILED;
     evaluator evaluation = {0};
     bool done = evaluator_open(&evaluation, model, scene, drawing);
     evaluation.exposures = exposures;
@@ -271,9 +273,8 @@ int command_eval(int argc, char **argv)
                                     ? exposure_read(path, &damaged)
                                     : NULL;
             if (!damaged)
-                status =
-                    evaluate_model(located.ply_path, exposures, lpips, scene, &drawing, &values,
-                                   option_given(&call.line, "split"), call.common.json);
+                status = evaluate_model(&located, exposures, lpips, scene, &drawing, &values,
+                                        option_given(&call.line, "split"), call.common.json);
             json_decref(exposures);
             free(path);
         }

@@ -14,9 +14,10 @@
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "cli/shared_options.h"
+#include "sparegs/model_file.h"
 
 static const char description[] =
-    "Describes MODEL (a PLY file, or a run folder: its latest iteration) or SCENE (a data set): "
+    "Describes MODEL (a model file, or a run folder: its latest iteration) or SCENE (a data set): "
     "counts, bounds, quantiles of scales and opacities, camera models, image sizes, split, "
     "warnings.";
 
@@ -117,11 +118,20 @@ static bool describe_model(const char *path, json_t *root)
     if (!model_locate(path, &located))
         return false;
     sgs_gaussians *model = NULL;
-    bool done = !sgs_ply_read(located.ply_path, &model);
+    sgs_model_info info;
+    bool done = !sgs_model_read(located.ply_path, NULL, &model, &info);
     if (!done)
         fail_library();
     json_object_set_new(root, "type", json_string("model"));
     json_object_set_new(root, "file", json_string(located.ply_path));
+    if (done) {
+        json_object_set_new(root, "format", json_string(sgs_model_format_name(info.format)));
+        if (info.version)
+            json_object_set_new(root, "version", json_integer(info.version));
+        json_object_set_new(root, "antialiased", json_boolean(info.antialiased));
+        if (info.lod_count > 1)
+            json_object_set_new(root, "levels_of_detail", json_integer(info.lod_count));
+    }
     if (located.iteration)
         json_object_set_new(root, "iteration", json_integer(located.iteration));
     if (located.config) {

@@ -8,6 +8,7 @@
 
 #include "cli/commands.h"
 #include "cli/interrupt.h"
+#include "cli/model_argument.h"
 #include "cli/output.h"
 #include "report/profile_report.h"
 #include "cli/progress.h"
@@ -284,12 +285,13 @@ static int run_profile(const command_line *line, const profile_values *values,
         scene = scene_open(line->operands[1], data, false);
         status = scene ? -1 : EXIT_FAILED;
     }
-    if (status < 0 && sgs_ply_read(located.ply_path, &model))
-        status = fail_library();
+    if (status < 0) {
+        drawing_resolve(drawing, line, located.config, data, scene);
+        status = model_read(&located, drawing, &model) ? -1 : EXIT_FAILED;
+    }
     if (status < 0 && !model->count)
         status = fail_run("%s: contains no primitives", located.ply_path);
     if (status < 0) {
-        drawing_resolve(drawing, line, located.config, data, scene);
         if (!option_given(line, "compact-box"))
             drawing->compact_box = 1; // a profile counts hits of the whole support
         profiling *job = calloc(1, sizeof *job);

@@ -13,6 +13,7 @@
 #include "cli/commands.h"
 #include "cli/interrupt.h"
 #include "cli/json_result.h"
+#include "cli/model_argument.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "run/finetune.h"
@@ -370,10 +371,8 @@ static bool print_result(pruning *p, double seconds)
 static bool prune(pruning *p)
 {
     const double start = clock_seconds();
-    if (sgs_ply_read(p->located.ply_path, &p->model)) {
-        fail_library();
+    if (!model_read(&p->located, &p->drawing, &p->model))
         return false;
-    }
     if (p->common->json)
         p->outputs = json_array();
     bool done = compute_scores(p) && (!p->values->scores || write_scores(p));

@@ -10,6 +10,7 @@
 
 #include "cli/commands.h"
 #include "cli/interrupt.h"
+#include "cli/model_argument.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "cameras/camera_export.h"
@@ -339,13 +340,11 @@ static bool render_views(const sgs_gaussians *model, const camera_list *cameras,
 }
 
 static bool render_model(const char *name, const model_path *located, const camera_list *cameras,
-                         const drawing_values *drawing, const render_values *values)
+                         drawing_values *drawing, const render_values *values)
 {
     sgs_gaussians *model = NULL;
-    if (sgs_ply_read(located->ply_path, &model)) {
-        fail_library();
+    if (!model_read(located, drawing, &model))
         return false;
-    }
     view_options options = view_options_from(values, cameras->fps);
     region_map regions = {0};
     options.regions = &regions;

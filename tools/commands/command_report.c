@@ -11,6 +11,7 @@
 #include "cli/commands.h"
 #include "run/evaluate.h"
 #include "cli/interrupt.h"
+#include "cli/model_argument.h"
 #include "cli/options.h"
 #include "cli/output.h"
 #include "cli/progress.h"
@@ -255,7 +256,7 @@ static json_t *picture_of(const char *folder, const json_t *run)
             view = scene->views[v].split == SGS_SPLIT_TEST ? &scene->views[v] : view;
         if (scene)
             drawing_resolve(&drawing, &nothing, located.config, &data, scene);
-        if (view && !sgs_ply_read(located.ply_path, &model) &&
+        if (view && model_read(&located, &drawing, &model) &&
             evaluator_open(&evaluation, model, scene, &drawing) &&
             evaluate_view(&evaluation, view, &score, &images)) {
             json_t *left = picture_uri(folder, &images.drawn),

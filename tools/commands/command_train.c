@@ -14,6 +14,7 @@
 #include "run/evaluate.h"
 #include "run/exposure_file.h"
 #include "cli/interrupt.h"
+#include "cli/model_argument.h"
 #include "cli/json_result.h"
 #include "cli/output.h"
 #include "cli/progress.h"
@@ -111,11 +112,8 @@ static bool create_trainer(training *run)
     bool ready = true;
     if (run->values.init) {
         model_path located;
-        ready = model_locate(run->values.init, &located);
-        if (ready && sgs_ply_read(located.ply_path, &init)) {
-            fail_library();
-            ready = false;
-        } else if (ready && !init->count) {
+        ready = model_locate(run->values.init, &located) && model_read(&located, NULL, &init);
+        if (ready && !init->count) {
             fail_run("%s: contains no primitives; train without --init", located.ply_path);
             ready = false;
         }
@@ -236,13 +234,13 @@ static bool save_model(const training *run, int iteration)
     const sgs_gaussians *model = sgs_trainer_model(run->trainer);
     const float *filter = sgs_trainer_filter_3d(run->trainer);
     if (!filter)
-        return run_folder_save_model(&run->folder, model, iteration);
+        return run_folder_save_model(&run->folder, model, iteration, false);
     sgs_gaussians *fused = NULL;
     if (sgs_gaussians_fuse_filter_3d(model, filter, &fused)) {
         fail_library();
         return false;
     }
-    bool saved = run_folder_save_model(&run->folder, fused, iteration);
+    bool saved = run_folder_save_model(&run->folder, fused, iteration, true);
     sgs_gaussians_destroy(fused);
     char *path = format_text("%s/point_cloud/iteration_%d/point_cloud_filter_3D.ply",
                              run->values.output, iteration);

@@ -9,6 +9,7 @@
 
 #include "cli/output.h"
 #include "cli/progress.h"
+#include "sparegs/model_file.h"
 #include "sparegs/runtime.h"
 
 size_t memory_first_count(const sgs_scene *scene, const train_values *values, size_t continued)
@@ -19,7 +20,7 @@ size_t memory_first_count(const sgs_scene *scene, const train_values *values, si
     if (!count && values->init && file_exists(values->init) && model_is(values->init) &&
         model_locate(values->init, &located)) {
         sgs_gaussians *init = NULL;
-        count = sgs_ply_read(located.ply_path, &init) ? 0 : init->count;
+        count = sgs_model_read(located.ply_path, NULL, &init, NULL) ? 0 : init->count;
         sgs_gaussians_destroy(init);
         model_path_free(&located);
     }

@@ -21,6 +21,7 @@
 
 #include "cli/output.h"
 #include "cli/progress.h"
+#include "sparegs/model_file.h"
 #include "sparegs/runtime.h"
 
 enum { ROW_EVERY = 100 };
@@ -284,12 +285,15 @@ void run_folder_record(run_folder *folder, const sgs_step_info *info, double sec
     folder->densified = folder->pruned = folder->spare_pruned = 0;
 }
 
-bool run_folder_save_model(const run_folder *folder, const sgs_gaussians *model, int iteration)
+bool run_folder_save_model(const run_folder *folder, const sgs_gaussians *model, int iteration,
+                           bool antialiased)
 {
     char *path =
         format_text("%s/point_cloud/iteration_%d/point_cloud.ply", folder->path, iteration);
     bool saved = make_folder_of(path);
-    if (saved && sgs_ply_write(path, model)) {
+    sgs_model_write_options options = sgs_model_write_options_default();
+    options.antialiased = antialiased;
+    if (saved && sgs_model_write(path, model, &options, NULL)) {
         fail_library();
         saved = false;
     }

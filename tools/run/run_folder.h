@@ -48,8 +48,9 @@ void run_folder_record_update(run_folder *folder, const sgs_step_info *info);
 // Appends a row to train.csv when one is due; always if `last`.
 void run_folder_record(run_folder *folder, const sgs_step_info *info, double seconds, bool last);
 
-// OUT/point_cloud/iteration_N/point_cloud.ply
-bool run_folder_save_model(const run_folder *folder, const sgs_gaussians *model, int iteration);
+// OUT/point_cloud/iteration_N/point_cloud.ply; antialiased: marked as trained with the mip filter
+bool run_folder_save_model(const run_folder *folder, const sgs_gaussians *model, int iteration,
+                           bool antialiased);
 
 // Writes OUT/checkpoint/state.bin and keeps the previous one as state.previous.bin. The tables must
 // be open.

@@ -1,0 +1,125 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// Files of models in all supported formats, with one reader and one writer. A model in memory has
+// the values and axes of the 3DGS PLY (gaussians.h); conversions to the axes, activations and
+// quantisation of a format happen here. tools/manual/formats.md describes the formats.
+//
+// Threads: the functions may be called from any thread, concurrently for different models.
+
+#include <stdint.h>
+
+#include "sparegs/gaussians.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef enum sgs_model_format {
+    SGS_MODEL_PLY,            // 3DGS, little-endian floats
+    SGS_MODEL_COMPRESSED_PLY, // PlayCanvas, chunks of 256
+    SGS_MODEL_SPLAT,          // 32 bytes per primitive, no SH
+    SGS_MODEL_SPZ,            // Niantic, versions 1 to 4
+    SGS_MODEL_KSPLAT,         // GaussianSplats3D, levels 0 to 2
+    SGS_MODEL_GLB,            // glTF 2.0 with KHR_gaussian_splatting
+    SGS_MODEL_SOG,            // PlayCanvas, versions 1 and 2; a ZIP file or a folder with meta.json
+    SGS_MODEL_LOD_SOG,        // a folder with lod-meta.json
+    SGS_MODEL_USDA,           // OpenUSD text, ParticleField3DGaussianSplat
+    SGS_MODEL_FORMAT_COUNT
+} sgs_model_format;
+
+// Short name, "spz"; never NULL.
+SGS_API const char *sgs_model_format_name(sgs_model_format format);
+
+// Format that a file name requests: ".ply", ".compressed.ply", ".splat", ".spz", ".ksplat", ".glb",
+// ".sog", "meta.json", "lod-meta.json" or ".usda", without regard to case. False for other names.
+SGS_API bool sgs_model_format_of_name(const char *path, sgs_model_format *format);
+
+// Format of an existing file, by its first bytes and its name, or of a folder with meta.json or
+// lod-meta.json. False if it is no model. Reads at most a few kilobytes.
+SGS_API bool sgs_model_format_detect(const char *path, sgs_model_format *format);
+
+typedef enum sgs_spz_axes {
+    SGS_SPZ_AXES_RUB, // x right, y up, z back: the SPZ specification
+    SGS_SPZ_AXES_RDF  // the axes of the PLY, as some exporters write them
+} sgs_spz_axes;
+
+typedef struct sgs_model_read_options {
+    size_t struct_size;    // set by sgs_model_read_options_default
+    sgs_spz_axes spz_axes; // of SPZ files that do not name their axes
+    int lod;               // level of a LOD SOG; 0 is the finest
+    bool drop_unrotated;   // drop primitives with a zero quaternion instead of using the identity
+} sgs_model_read_options;
+
+// Cannot fail.
+SGS_API sgs_model_read_options sgs_model_read_options_default(void);
+
+typedef struct sgs_model_info {
+    sgs_model_format format;
+    int version;       // of an SPZ, KSPLAT or SOG file; 0 for other formats
+    bool antialiased;  // trained with Mip-Splatting's filters (SGS_FILTER_MIP)
+    bool fused_filter; // the PLY had filter_3D, which is now part of scales and opacities
+    size_t dropped;    // primitives with unusable values
+    size_t file_bytes; // of all files that were read
+    int lod_count;     // levels of a LOD SOG, else 1
+    sgs_spz_axes axes; // of an SPZ file
+} sgs_model_info;
+
+// Reads a model of any supported format. Primitives with values that are not finite are dropped
+// with a warning; see sgs_ply_read. options and info may be NULL. The caller destroys *model. Fails
+// with IO, FORMAT, UNSUPPORTED, LIMIT or OUT_OF_MEMORY; the error names file and place, *model is
+// then NULL.
+SGS_API sgs_status sgs_model_read(const char *path, const sgs_model_read_options *options,
+                                  sgs_gaussians **model, sgs_model_info *info);
+
+// A camera for OpenUSD: pinhole part only, pixel centres at .5.
+typedef struct sgs_model_camera {
+    const char *name; // of the image
+    int width, height;
+    double fx, fy, cx, cy;              // pixels
+    double rotation[9], translation[3]; // world to camera, x right, y down, z front
+} sgs_model_camera;
+
+typedef struct sgs_model_write_options {
+    size_t struct_size; // set by sgs_model_write_options_default
+    bool antialiased;   // marks the file, if the format has a mark
+    int spz_version;    // 3 (gzip) or 4 (Zstandard)
+    sgs_spz_axes spz_axes;
+    int ksplat_level;        // 0: floats; 1: 16 bits; 2: 8 bits for SH
+    int sh_palette;          // entries of SOG's SH palette, 1 to 65536; 0: by the count
+    int palette_iterations;  // of k-means for the palette
+    int lod_levels;          // of a LOD SOG; each has half the primitives of the one before
+    const float *importance; // [count] for the levels of a LOD SOG; NULL: opacity times volume
+    const sgs_model_camera *cameras; // for OpenUSD; or NULL
+    size_t camera_count;
+    sgs_progress_fn progress; // or NULL
+    void *progress_user;
+} sgs_model_write_options;
+
+// Defaults: SPZ 3 with RUB axes, KSPLAT level 1, 10 iterations, 4 levels. Cannot fail.
+SGS_API sgs_model_write_options sgs_model_write_options_default(void);
+
+typedef enum sgs_row_order {
+    SGS_ROWS_KEPT,
+    SGS_ROWS_MORTON,     // along a Z curve
+    SGS_ROWS_IMPORTANCE, // opacity times volume, decreasing
+    SGS_ROWS_BUCKETS     // cells of 5 units, in input order within each
+} sgs_row_order;
+
+typedef struct sgs_model_written {
+    size_t count;
+    uint64_t bytes; // of all files
+    sgs_row_order order;
+} sgs_model_written;
+
+// Writes the format that the name requests, atomically per file. options and written may be NULL.
+// Fails with UNSUPPORTED (name), INVALID_ARGUMENT, LIMIT (too many primitives for the format), IO,
+// OUT_OF_MEMORY or CANCELLED; an existing file is then unchanged.
+SGS_API sgs_status sgs_model_write(const char *path, const sgs_gaussians *model,
+                                   const sgs_model_write_options *options,
+                                   sgs_model_written *written);
+
+#ifdef __cplusplus
+}
+#endif

@@ -1,0 +1,610 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// GLB with KHR_gaussian_splatting: a primitive of points whose attributes are Gaussians.
+// Quaternions are x y z w, scales and opacities linear, SH the coefficients of 3DGS. glTF has x
+// left, y up, z front seen along the view, so x and y change their signs.
+//
+// Read: all primitives of the default scene with the extension, with the transforms of their nodes
+// (rotation, translation, uniform scale). Values may be float, or normalised bytes and shorts.
+
+#include "formats/model_format.h"
+
+#include <jansson.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/core.h"
+#include "formats/model_rows.h"
+#include "model/similarity.h"
+#include "sparegs/version.h"
+
+enum {
+    HEADER_BYTES = 12,
+    CHUNK_HEADER_BYTES = 8,
+    MAX_NODES = 4096,
+    MAX_DEPTH = 64,
+    COMPONENT_BYTE = 5120,
+    COMPONENT_UBYTE = 5121,
+    COMPONENT_SHORT = 5122,
+    COMPONENT_USHORT = 5123,
+    COMPONENT_FLOAT = 5126,
+    ARRAY_BUFFER = 34962,
+    MODE_POINTS = 0,
+    LEAST_ROW_BYTES = 20, // position, and one byte for all other values
+    JSON_DIGITS = 9
+};
+
+static const uint32_t GLB_MAGIC = 0x46546C67, JSON_CHUNK = 0x4E4F534A, BIN_CHUNK = 0x004E4942;
+static const char extension[] = "KHR_gaussian_splatting";
+
+// ---- Reading ----
+
+typedef struct glb_file {
+    const char *path;
+    uint8_t *bytes;
+    size_t size;
+    const uint8_t *bin;
+    size_t bin_size;
+    json_t *root;
+    sgsi_rows rows;
+    size_t total, visits;
+    int sh_degree;
+    bool decoding; // the second traversal; the first one counts
+} glb_file;
+
+typedef struct glb_accessor {
+    const uint8_t *data;
+    size_t count, stride, value_bytes;
+    int component, components;
+    bool normalized;
+} glb_accessor;
+
+static json_t *element(const glb_file *file, const char *list, const json_t *index)
+{
+    return json_is_integer(index) && json_integer_value(index) >= 0
+               ? json_array_get(json_object_get(file->root, list),
+                                (size_t)json_integer_value(index))
+               : NULL;
+}
+
+// A non-negative integer below 2^32; `absent` if it is missing. False for other values.
+static bool read_size(const json_t *value, size_t absent, size_t *size)
+{
+    *size = value ? (size_t)json_integer_value(value) : absent;
+    return !value || (json_is_integer(value) && json_integer_value(value) >= 0 &&
+                      json_integer_value(value) <= (json_int_t)UINT32_MAX);
+}
+
+static sgs_status open_accessor(const glb_file *file, const json_t *index, const char *name,
+                                int components, glb_accessor *out)
+{
+    static const char *const types[] = {[1] = "SCALAR", [3] = "VEC3", [4] = "VEC4"};
+    const json_t *accessor = element(file, "accessors", index),
+                 *view = element(file, "bufferViews", json_object_get(accessor, "bufferView")),
+                 *buffer = element(file, "buffers", json_object_get(view, "buffer"));
+    const char *type = json_string_value(json_object_get(accessor, "type"));
+    size_t offset, view_offset, view_size;
+    *out = (glb_accessor){.components = components};
+    if (!accessor || !type || strcmp(type, types[components]))
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: attribute '%s' has no accessor of type %s",
+                         file->path, name, types[components]);
+    if (json_object_get(accessor, "sparse") || !view || !buffer || json_object_get(buffer, "uri"))
+        return sgsi_fail(SGS_STATUS_UNSUPPORTED,
+                         "%s: attribute '%s' is sparse or not in the binary chunk", file->path,
+                         name);
+    out->component = (int)json_integer_value(json_object_get(accessor, "componentType"));
+    out->normalized = json_is_true(json_object_get(accessor, "normalized"));
+    out->value_bytes = out->component == COMPONENT_FLOAT ? 4
+                       : out->component == COMPONENT_SHORT || out->component == COMPONENT_USHORT
+                           ? 2
+                           : 1;
+    if (out->component != COMPONENT_FLOAT &&
+        (out->component < COMPONENT_BYTE || out->component > COMPONENT_USHORT))
+        return sgsi_fail(SGS_STATUS_UNSUPPORTED, "%s: attribute '%s' has component type %d",
+                         file->path, name, out->component);
+    const size_t row = out->value_bytes * (size_t)components;
+    if (!read_size(json_object_get(accessor, "count"), 0, &out->count) ||
+        !read_size(json_object_get(accessor, "byteOffset"), 0, &offset) ||
+        !read_size(json_object_get(view, "byteOffset"), 0, &view_offset) ||
+        !read_size(json_object_get(view, "byteLength"), 0, &view_size) ||
+        !read_size(json_object_get(view, "byteStride"), row, &out->stride) || out->stride < row)
+        return sgsi_fail(SGS_STATUS_FORMAT,
+                         "%s: attribute '%s': a size of its accessor or buffer view is invalid",
+                         file->path, name);
+    if (view_offset > file->bin_size || view_size > file->bin_size - view_offset ||
+        offset > view_size ||
+        (out->count &&
+         (view_size - offset < row || out->count - 1 > (view_size - offset - row) / out->stride)))
+        return sgsi_fail(SGS_STATUS_FORMAT,
+                         "%s: attribute '%s': %zu values of %zu bytes exceed the binary chunk of "
+                         "%zu bytes",
+                         file->path, name, out->count, row, file->bin_size);
+    out->data = file->bin + view_offset + offset;
+    return SGS_STATUS_OK;
+}
+
+static double load_value(const glb_accessor *accessor, size_t i, int k)
+{
+    const uint8_t *at = accessor->data + i * accessor->stride + accessor->value_bytes * (size_t)k;
+    const double scale = accessor->normalized ? 1.0 : 0.0;
+    switch (accessor->component) {
+    case COMPONENT_FLOAT:
+        return (double)sgsi_load_float(at);
+    case COMPONENT_BYTE:
+        return scale > 0.0 ? fmax((int8_t)at[0] / 127.0, -1.0) : (int8_t)at[0];
+    case COMPONENT_UBYTE:
+        return scale > 0.0 ? at[0] / 255.0 : at[0];
+    case COMPONENT_SHORT:
+        return scale > 0.0 ? fmax((int16_t)sgsi_load_u16(at) / 32767.0, -1.0)
+                           : (int16_t)sgsi_load_u16(at);
+    default:
+        return scale > 0.0 ? sgsi_load_u16(at) / 65535.0 : sgsi_load_u16(at);
+    }
+}
+
+typedef struct glb_primitive {
+    glb_accessor mean, rotation, scale, opacity, sh[1 + SGSI_REST_COEFFICIENTS];
+    int sh_degree;
+} glb_primitive;
+
+static sgs_status open_attribute(const glb_file *file, const json_t *attributes, const char *suffix,
+                                 int components, size_t count, glb_accessor *out)
+{
+    char name[128];
+    snprintf(name, sizeof name, "%s%s%s", *suffix == 'P' ? "" : extension,
+             *suffix == 'P' ? "" : ":", suffix);
+    const sgs_status status =
+        open_accessor(file, json_object_get(attributes, name), name, components, out);
+    if (!status && out->count != count && count != SIZE_MAX)
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: attribute '%s' has %zu values for %zu positions",
+                         file->path, name, out->count, count);
+    return status;
+}
+
+static sgs_status open_primitive(const glb_file *file, const json_t *primitive, glb_primitive *out)
+{
+    const json_t *attributes = json_object_get(primitive, "attributes");
+    *out = (glb_primitive){0};
+    sgs_status status = open_attribute(file, attributes, "POSITION", 3, SIZE_MAX, &out->mean);
+    const size_t count = out->mean.count;
+    if (!status)
+        status = open_attribute(file, attributes, "ROTATION", 4, count, &out->rotation);
+    if (!status)
+        status = open_attribute(file, attributes, "SCALE", 3, count, &out->scale);
+    if (!status)
+        status = open_attribute(file, attributes, "OPACITY", 1, count, &out->opacity);
+    for (int degree = 0, k = 0; !status && degree <= 3; ++degree) {
+        char suffix[64];
+        snprintf(suffix, sizeof suffix, "%s:SH_DEGREE_%d_COEF_0", extension, degree);
+        if (degree && !json_object_get(attributes, suffix))
+            break;
+        out->sh_degree = degree;
+        for (int n = 0; !status && n <= 2 * degree; ++n, ++k) {
+            snprintf(suffix, sizeof suffix, "SH_DEGREE_%d_COEF_%d", degree, n);
+            status = open_attribute(file, attributes, suffix, 3, count, &out->sh[k]);
+        }
+    }
+    return status;
+}
+
+static void decode_primitive(glb_file *file, const glb_primitive *primitive,
+                             const sgsi_similarity *transform)
+{
+    const int coefficients = 1 + sgsi_rest_coefficients(primitive->sh_degree);
+    for (size_t i = 0; i < primitive->mean.count; ++i) {
+        float params[SGS_PARAM_COUNT] = {0};
+        for (int k = 0; k < 3; ++k) {
+            params[SGS_PARAM_MEAN + k] = (float)load_value(&primitive->mean, i, k);
+            params[SGS_PARAM_SCALE + k] = sgsi_log_scale(load_value(&primitive->scale, i, k));
+            for (int j = 0; j < coefficients; ++j)
+                params[SGS_PARAM_SH_DC + 3 * j + k] = (float)load_value(&primitive->sh[j], i, k);
+        }
+        for (int k = 0; k < 4; ++k)
+            params[SGS_PARAM_ROTATION + k] =
+                (float)load_value(&primitive->rotation, i, (k + 3) % 4);
+        params[SGS_PARAM_OPACITY] = sgsi_logit(load_value(&primitive->opacity, i, 0));
+        sgsi_similarity_apply(transform, params);
+        sgsi_change_axes(SGSI_AXES_LUF, params);
+        sgsi_rows_add(&file->rows, params);
+    }
+}
+
+static sgs_status visit_mesh(glb_file *file, const json_t *mesh, const sgsi_similarity *transform)
+{
+    const json_t *primitive;
+    size_t k;
+    json_array_foreach(json_object_get(mesh, "primitives"), k, primitive)
+    {
+        if (!json_object_get(json_object_get(primitive, "extensions"), extension))
+            continue;
+        glb_primitive opened;
+        const sgs_status status = open_primitive(file, primitive, &opened);
+        if (status)
+            return status;
+        if (file->decoding) {
+            decode_primitive(file, &opened, transform);
+            continue;
+        }
+        file->total += opened.mean.count;
+        file->sh_degree = opened.sh_degree > file->sh_degree ? opened.sh_degree : file->sh_degree;
+        if (file->total > file->size / LEAST_ROW_BYTES)
+            return sgsi_fail(SGS_STATUS_LIMIT,
+                             "%s: its nodes repeat primitives: %zu primitives in %zu bytes; export "
+                             "it without instances",
+                             file->path, file->total, file->size);
+    }
+    return SGS_STATUS_OK;
+}
+
+// ---- Nodes ----
+
+static bool read_numbers(const json_t *list, size_t count, double *values)
+{
+    for (size_t k = 0; list && k < count; ++k) {
+        const json_t *value = json_array_get(list, k);
+        if (!json_is_number(value))
+            return false;
+        values[k] = json_number_value(value);
+    }
+    return !list || json_array_size(list) == count;
+}
+
+// Quaternion of a rotation matrix [row][column].
+static void quaternion_of(double m[3][3], double q[4])
+{
+    const double trace = m[0][0] + m[1][1] + m[2][2];
+    int largest = 0; // component of q
+    double most = trace;
+    for (int k = 0; k < 3; ++k)
+        if (m[k][k] > most) {
+            most = m[k][k];
+            largest = k + 1;
+        }
+    if (!largest) {
+        q[0] = 1.0 + trace;
+        q[1] = m[2][1] - m[1][2];
+        q[2] = m[0][2] - m[2][0];
+        q[3] = m[1][0] - m[0][1];
+        return;
+    }
+    const int i = largest - 1, j = (i + 1) % 3, k = (i + 2) % 3;
+    q[0] = m[k][j] - m[j][k];
+    q[1 + i] = 1.0 + m[i][i] - m[j][j] - m[k][k];
+    q[1 + j] = m[i][j] + m[j][i];
+    q[1 + k] = m[i][k] + m[k][i];
+}
+
+// The transform of a node within its parent.
+static sgs_status read_transform(const glb_file *file, const json_t *node, double *scale,
+                                 double quaternion[4], double translation[3])
+{
+    double matrix[16] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1}, scales[3] = {1, 1, 1},
+           rotation[4] = {0, 0, 0, 1}, rows[3][3];
+    memset(translation, 0, 3 * sizeof *translation);
+    const json_t *given = json_object_get(node, "matrix");
+    bool valid = read_numbers(given, 16, matrix) &&
+                 read_numbers(json_object_get(node, "scale"), 3, scales) &&
+                 read_numbers(json_object_get(node, "rotation"), 4, rotation) &&
+                 read_numbers(json_object_get(node, "translation"), 3, translation);
+    for (int k = 0; k < 4; ++k)
+        quaternion[k] = rotation[(k + 3) % 4];
+    if (valid && given) {
+        double volume;
+        for (int c = 0; c < 3; ++c) { // columns
+            scales[c] = sqrt(matrix[4 * c] * matrix[4 * c] + matrix[4 * c + 1] * matrix[4 * c + 1] +
+                             matrix[4 * c + 2] * matrix[4 * c + 2]);
+            translation[c] = matrix[12 + c];
+            for (int r = 0; r < 3; ++r)
+                rows[r][c] = matrix[4 * c + r] / scales[c];
+        }
+        volume = rows[0][0] * (rows[1][1] * rows[2][2] - rows[1][2] * rows[2][1]) -
+                 rows[0][1] * (rows[1][0] * rows[2][2] - rows[1][2] * rows[2][0]) +
+                 rows[0][2] * (rows[1][0] * rows[2][1] - rows[1][1] * rows[2][0]);
+        valid = fabs(volume - 1.0) < 1e-3;
+        quaternion_of(rows, quaternion);
+    }
+    *scale = scales[0];
+    double norm = 0.0;
+    for (int k = 0; k < 4; ++k)
+        norm += quaternion[k] * quaternion[k];
+    for (int k = 0; k < 3; ++k)
+        valid = valid && scales[k] > 0.0 && fabs(scales[k] - scales[0]) < 1e-3 * scales[0] &&
+                isfinite(translation[k]);
+    return valid && norm > 1e-12 && isfinite(norm) && isfinite(*scale)
+               ? SGS_STATUS_OK
+               : sgsi_fail(SGS_STATUS_UNSUPPORTED,
+                           "%s: the transform of a node is not a rotation, a translation and a "
+                           "positive uniform scale",
+                           file->path);
+}
+
+static sgs_status visit_node(glb_file *file, const json_t *index, const sgsi_similarity *parent,
+                             int depth)
+{
+    const json_t *node = element(file, "nodes", index), *mesh, *child;
+    double scale, quaternion[4], translation[3], moved[3], turned[4];
+    size_t k;
+    if (!node)
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: a node of the scene does not exist", file->path);
+    if (depth > MAX_DEPTH || ++file->visits > MAX_NODES)
+        return sgsi_fail(SGS_STATUS_LIMIT, "%s: more than %d nodes, or nested deeper than %d",
+                         file->path, MAX_NODES, MAX_DEPTH);
+    sgs_status status = read_transform(file, node, &scale, quaternion, translation);
+    if (status)
+        return status;
+    const double *p = parent->quaternion, *q = quaternion;
+    turned[0] = p[0] * q[0] - p[1] * q[1] - p[2] * q[2] - p[3] * q[3];
+    turned[1] = p[0] * q[1] + p[1] * q[0] + p[2] * q[3] - p[3] * q[2];
+    turned[2] = p[0] * q[2] - p[1] * q[3] + p[2] * q[0] + p[3] * q[1];
+    turned[3] = p[0] * q[3] + p[1] * q[2] - p[2] * q[1] + p[3] * q[0];
+    for (int i = 0; i < 3; ++i)
+        moved[i] = parent->scale * (parent->rotation[i][0] * translation[0] +
+                                    parent->rotation[i][1] * translation[1] +
+                                    parent->rotation[i][2] * translation[2]) +
+                   parent->translation[i];
+    const sgsi_similarity transform = sgsi_similarity_make(parent->scale * scale, turned, moved);
+    mesh = element(file, "meshes", json_object_get(node, "mesh"));
+    status = visit_mesh(file, mesh, &transform);
+    json_array_foreach(json_object_get(node, "children"), k, child)
+    {
+        if (!status)
+            status = visit_node(file, child, &transform, depth + 1);
+    }
+    return status;
+}
+
+static sgs_status visit_scene(glb_file *file)
+{
+    const double none[3] = {0}, unit[4] = {1, 0, 0, 0};
+    const sgsi_similarity identity = sgsi_similarity_make(1.0, unit, none);
+    const json_t *index = json_object_get(file->root, "scene"),
+                 *scenes = json_object_get(file->root, "scenes"),
+                 *scene = index ? element(file, "scenes", index) : json_array_get(scenes, 0),
+                 *entry;
+    size_t k;
+    sgs_status status = SGS_STATUS_OK;
+    file->visits = 0;
+    if (scene) {
+        json_array_foreach(json_object_get(scene, "nodes"), k, entry)
+        {
+            if (!status)
+                status = visit_node(file, entry, &identity, 0);
+        }
+        return status;
+    }
+    json_array_foreach(json_object_get(file->root, "meshes"), k, entry)
+    {
+        if (!status)
+            status = visit_mesh(file, entry, &identity);
+    }
+    return status;
+}
+
+static sgs_status read_chunks(glb_file *file)
+{
+    json_error_t error;
+    const uint8_t *json = NULL;
+    size_t json_size = 0;
+    if (file->size < HEADER_BYTES || sgsi_load_u32(file->bytes) != GLB_MAGIC)
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: is not a GLB file: it does not begin with glTF",
+                         file->path);
+    if (sgsi_load_u32(file->bytes + 4) != 2)
+        return sgsi_fail(SGS_STATUS_UNSUPPORTED, "%s: glTF version %u is not supported; only 2 is",
+                         file->path, sgsi_load_u32(file->bytes + 4));
+    for (size_t at = HEADER_BYTES; file->size - at >= CHUNK_HEADER_BYTES;) {
+        const size_t size = sgsi_load_u32(file->bytes + at);
+        const uint32_t type = sgsi_load_u32(file->bytes + at + 4);
+        at += CHUNK_HEADER_BYTES;
+        if (size > file->size - at)
+            return sgsi_fail(SGS_STATUS_FORMAT,
+                             "%s: byte %zu: a chunk has %zu bytes, but only %zu are left; the file "
+                             "is truncated",
+                             file->path, at, size, file->size - at);
+        if (type == JSON_CHUNK && !json) {
+            json = file->bytes + at;
+            json_size = size;
+        } else if (type == BIN_CHUNK && !file->bin) {
+            file->bin = file->bytes + at;
+            file->bin_size = size;
+        }
+        at += size;
+    }
+    if (!json)
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: has no JSON chunk", file->path);
+    while (json_size && (json[json_size - 1] == ' ' || !json[json_size - 1]))
+        --json_size; // padding
+    file->root = json_loadb((const char *)json, json_size, JSON_REJECT_DUPLICATES, &error);
+    return file->root ? SGS_STATUS_OK
+                      : sgsi_fail(SGS_STATUS_FORMAT, "%s: JSON: line %d: %s", file->path,
+                                  error.line, error.text);
+}
+
+sgs_status sgsi_glb_read(const char *path, const sgs_model_read_options *options,
+                         sgs_gaussians **model, sgs_model_info *info)
+{
+    glb_file file = {.path = path};
+    sgs_status status = sgsi_file_read(path, 0, &file.bytes, &file.size);
+    if (status)
+        return status;
+    status = read_chunks(&file);
+    if (!status)
+        status = visit_scene(&file);
+    if (!status && !file.total)
+        status = sgsi_fail(SGS_STATUS_FORMAT, "%s: contains no primitive with %s", path, extension);
+    if (!status)
+        status =
+            sgsi_rows_begin(&file.rows, path, file.total, file.sh_degree, options->drop_unrotated);
+    file.decoding = true;
+    if (!status)
+        status = visit_scene(&file);
+    info->dropped = file.rows.dropped;
+    json_decref(file.root);
+    sgsi_free(file.bytes);
+    if (status) {
+        sgsi_rows_abort(&file.rows);
+        return status;
+    }
+    return sgsi_rows_end(&file.rows, model);
+}
+
+// ---- Writing ----
+
+typedef struct glb_writer {
+    const sgs_gaussians *model;
+    uint8_t *bin;
+    size_t bin_size;
+    json_t *accessors, *views, *attributes;
+} glb_writer;
+
+static float linear_scale(const sgsi_splat *splat, int k)
+{
+    return (float)exp((double)splat->log_scale[k]);
+}
+
+// One column of floats: the offset of its first byte, after adding its view and accessor.
+static size_t add_column(glb_writer *writer, const char *name, int components, bool bytes)
+{
+    static const char *const types[] = {[1] = "SCALAR", [3] = "VEC3", [4] = "VEC4"};
+    const size_t size = writer->model->count * (size_t)components * (bytes ? 1 : 4),
+                 offset = writer->bin_size;
+    const json_int_t index = (json_int_t)json_array_size(writer->accessors);
+    json_array_append_new(writer->views, json_pack("{s:i,s:I,s:I,s:i}", "buffer", 0, "byteOffset",
+                                                   (json_int_t)offset, "byteLength",
+                                                   (json_int_t)size, "target", ARRAY_BUFFER));
+    json_t *accessor = json_pack("{s:I,s:i,s:I,s:s}", "bufferView", index, "componentType",
+                                 bytes ? COMPONENT_UBYTE : COMPONENT_FLOAT, "count",
+                                 (json_int_t)writer->model->count, "type", types[components]);
+    if (bytes)
+        json_object_set_new(accessor, "normalized", json_true());
+    json_array_append_new(writer->accessors, accessor);
+    json_object_set_new(writer->attributes, name, json_integer(index));
+    writer->bin_size += (size + 3) / 4 * 4;
+    return offset;
+}
+
+static void add_bounds(const glb_writer *writer)
+{
+    json_t *low = json_array(), *high = json_array();
+    static const int sign[3] = {-1, -1, 1};
+    for (int k = 0; k < 3; ++k) {
+        float least = INFINITY, most = -INFINITY;
+        for (size_t i = 0; i < writer->model->count; ++i) {
+            const float value = sign[k] * *sgs_gaussians_at(writer->model, i, SGS_PARAM_MEAN + k);
+            least = fminf(least, value);
+            most = fmaxf(most, value);
+        }
+        json_array_append_new(low, json_real((double)least));
+        json_array_append_new(high, json_real((double)most));
+    }
+    json_object_set_new(json_array_get(writer->accessors, 0), "min", low);
+    json_object_set_new(json_array_get(writer->accessors, 0), "max", high);
+}
+
+static double srgb_to_linear(double value)
+{
+    return value <= 0.04045 ? value / 12.92 : pow((value + 0.055) / 1.055, 2.4);
+}
+
+static void fill_columns(const glb_writer *writer, const size_t offsets[4 + 16 + 1])
+{
+    const int coefficients = 1 + sgsi_rest_coefficients(writer->model->sh_degree);
+    for (size_t i = 0; i < writer->model->count; ++i) {
+        sgsi_splat splat = sgsi_splat_get(writer->model, i);
+        sgsi_splat_change_axes(SGSI_AXES_LUF, &splat);
+        uint8_t *color = writer->bin + offsets[4 + coefficients] + 4 * i;
+        for (int k = 0; k < 3; ++k) {
+            const size_t at = 12 * i + 4 * (size_t)k;
+            sgsi_store_float(writer->bin + offsets[0] + at, splat.mean[k]);
+            sgsi_store_float(writer->bin + offsets[2] + at, linear_scale(&splat, k));
+            sgsi_store_float(writer->bin + offsets[4] + at, splat.dc[k]);
+            for (int j = 1; j < coefficients; ++j)
+                sgsi_store_float(writer->bin + offsets[4 + j] + at, splat.rest[3 * (j - 1) + k]);
+            const double shown = fmin(fmax(sgsi_color_from_dc((double)splat.dc[k]), 0.0), 1.0);
+            color[k] = sgsi_unorm8(srgb_to_linear(shown));
+        }
+        for (size_t k = 0; k < 4; ++k)
+            sgsi_store_float(writer->bin + offsets[1] + 16 * i + 4 * k,
+                             (float)splat.rotation[(k + 1) % 4]);
+        sgsi_store_float(writer->bin + offsets[3] + 4 * i, (float)splat.opacity);
+        color[3] = sgsi_unorm8(splat.opacity);
+    }
+}
+
+// The JSON of the file. Steals the references of the writer.
+static char *make_json(glb_writer *writer)
+{
+    json_t *splatting =
+        json_pack("{s:s,s:s,s:s,s:s}", "kernel", "ellipse", "colorSpace", "srgb_rec709_display",
+                  "projection", "perspective", "sortingMethod", "cameraDistance");
+    json_t *primitive = json_pack("{s:o,s:i,s:{s:o}}", "attributes", writer->attributes, "mode",
+                                  MODE_POINTS, "extensions", extension, splatting);
+    json_t *root =
+        json_pack("{s:{s:s,s:s},s:[s],s:i,s:[{s:[i]}],s:[{s:i}],s:[{s:[o]}],s:o,s:o,s:[{s:I}]}",
+                  "asset", "version", "2.0", "generator", "sparegs " SGS_VERSION, "extensionsUsed",
+                  extension, "scene", 0, "scenes", "nodes", 0, "nodes", "mesh", 0, "meshes",
+                  "primitives", primitive, "accessors", writer->accessors, "bufferViews",
+                  writer->views, "buffers", "byteLength", (json_int_t)writer->bin_size);
+    char *text = json_dumps(root, JSON_COMPACT | JSON_REAL_PRECISION(JSON_DIGITS));
+    json_decref(root);
+    return text;
+}
+
+sgs_status sgsi_glb_write(const char *path, const sgs_gaussians *model,
+                          const sgs_model_write_options *options, sgs_model_written *written)
+{
+    (void)options;
+    if (!model->count)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: a GLB file cannot be empty", path);
+    glb_writer writer = {.model = model,
+                         .accessors = json_array(),
+                         .views = json_array(),
+                         .attributes = json_object()};
+    size_t offsets[4 + 16 + 1], used = 0;
+    char name[64];
+    static const char *const geometry[] = {"ROTATION", "SCALE", "OPACITY"};
+    static const int sizes[] = {4, 3, 1};
+    offsets[used++] = add_column(&writer, "POSITION", 3, false);
+    for (int k = 0; k < 3; ++k) {
+        snprintf(name, sizeof name, "%s:%s", extension, geometry[k]);
+        offsets[used++] = add_column(&writer, name, sizes[k], false);
+    }
+    for (int degree = 0; degree <= model->sh_degree; ++degree)
+        for (int n = 0; n <= 2 * degree; ++n) {
+            snprintf(name, sizeof name, "%s:SH_DEGREE_%d_COEF_%d", extension, degree, n);
+            offsets[used++] = add_column(&writer, name, 3, false);
+        }
+    offsets[used] = add_column(&writer, "COLOR_0", 4, true);
+    add_bounds(&writer);
+    char *json = make_json(&writer);
+    const size_t json_size = json ? (strlen(json) + 3) / 4 * 4 : 0,
+                 bin_at = HEADER_BYTES + 2 * CHUNK_HEADER_BYTES + json_size,
+                 total = bin_at + writer.bin_size;
+    sgs_status status = SGS_STATUS_OK;
+    uint8_t *bytes = NULL;
+    if (total > UINT32_MAX)
+        status = sgsi_fail(SGS_STATUS_LIMIT, "%s: %zu bytes exceed the 4 GiB of a GLB file", path,
+                           total);
+    else
+        bytes = json ? sgsi_calloc(total, 1) : NULL;
+    if (bytes) {
+        sgsi_store_u32(bytes, GLB_MAGIC);
+        sgsi_store_u32(bytes + 4, 2);
+        sgsi_store_u32(bytes + 8, (uint32_t)total);
+        sgsi_store_u32(bytes + 12, (uint32_t)json_size);
+        sgsi_store_u32(bytes + 16, JSON_CHUNK);
+        memset(bytes + 20, ' ', json_size);
+        memcpy(bytes + 20, json, strlen(json));
+        sgsi_store_u32(bytes + bin_at - 8, (uint32_t)writer.bin_size);
+        sgsi_store_u32(bytes + bin_at - 4, BIN_CHUNK);
+        writer.bin = bytes + bin_at;
+        fill_columns(&writer, offsets);
+        status = sgsi_file_write(path, bytes, total);
+        written->bytes = total;
+    } else if (!status) {
+        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path);
+    }
+    sgsi_free(bytes);
+    free(json);
+    return status;
+}

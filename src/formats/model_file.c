@@ -1,0 +1,233 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// The table of model formats: names, first bytes, reader and writer of each. A file is of the
+// format that its name requests if its first bytes agree, else of the format that its first bytes
+// indicate.
+
+#include "sparegs/model_file.h"
+
+#include <stdio.h>
+#include <string.h>
+#include <strings.h>
+#include <sys/stat.h>
+
+#include "base/core.h"
+#include "formats/model_format.h"
+#include "formats/sog.h"
+
+enum { PROBE_BYTES = 8192 };
+
+typedef struct format_row {
+    const char *name, *ending;                          // of file names
+    bool (*matches)(const uint8_t *bytes, size_t size); // NULL: no mark
+    sgsi_model_read_fn read;
+    sgsi_model_write_fn write;
+} format_row;
+
+static bool begins(const uint8_t *bytes, size_t size, const char *mark, size_t length)
+{
+    return size >= length && !memcmp(bytes, mark, length);
+}
+
+static bool is_compressed_ply(const uint8_t *bytes, size_t size)
+{
+    return begins(bytes, size, "ply", 3) && memmem(bytes, size, "packed_position", 15);
+}
+
+static bool is_ply(const uint8_t *bytes, size_t size)
+{
+    return begins(bytes, size, "ply", 3) && !is_compressed_ply(bytes, size);
+}
+
+static bool is_spz(const uint8_t *bytes, size_t size)
+{
+    return begins(bytes, size, "NGSP", 4) || begins(bytes, size, "\x1f\x8b", 2);
+}
+
+static bool is_glb(const uint8_t *bytes, size_t size)
+{
+    return begins(bytes, size, "glTF", 4);
+}
+
+static bool is_lod(const uint8_t *bytes, size_t size)
+{
+    return begins(bytes, size, "{", 1) && memmem(bytes, size, "\"lodLevels\"", 11);
+}
+
+static bool is_sog(const uint8_t *bytes, size_t size)
+{
+    return begins(bytes, size, "PK\3\4", 4) ||
+           (begins(bytes, size, "{", 1) && memmem(bytes, size, "means_", 6));
+}
+
+static bool is_usda(const uint8_t *bytes, size_t size)
+{
+    return begins(bytes, size, "#usda", 5);
+}
+
+// Longer endings precede those that they contain.
+static const format_row table[SGS_MODEL_FORMAT_COUNT] = {
+    [SGS_MODEL_PLY] = {"ply", ".ply", is_ply, sgsi_ply_model_read, sgsi_ply_model_write},
+    [SGS_MODEL_COMPRESSED_PLY] = {"compressed.ply", ".compressed.ply", is_compressed_ply,
+                                  sgsi_compressed_ply_read, sgsi_compressed_ply_write},
+    [SGS_MODEL_SPLAT] = {"splat", ".splat", NULL, sgsi_splat_read, sgsi_splat_write},
+    [SGS_MODEL_SPZ] = {"spz", ".spz", is_spz, sgsi_spz_read, sgsi_spz_write},
+    [SGS_MODEL_KSPLAT] = {"ksplat", ".ksplat", NULL, sgsi_ksplat_read, sgsi_ksplat_write},
+    [SGS_MODEL_GLB] = {"glb", ".glb", is_glb, sgsi_glb_read, sgsi_glb_write},
+    [SGS_MODEL_SOG] = {"sog", ".sog", is_sog, sgsi_sog_read, sgsi_sog_write},
+    [SGS_MODEL_LOD_SOG] = {"lod-meta.json", "lod-meta.json", is_lod, sgsi_lod_sog_read,
+                           sgsi_lod_sog_write},
+    [SGS_MODEL_USDA] = {"usda", ".usda", is_usda, NULL, sgsi_usd_write},
+};
+
+static const char known_names[] =
+    ".ply, .compressed.ply, .splat, .spz, .ksplat, .glb, .sog, meta.json and lod-meta.json";
+
+const char *sgs_model_format_name(sgs_model_format format)
+{
+    return (unsigned)format < SGS_MODEL_FORMAT_COUNT ? table[format].name : "unknown";
+}
+
+static bool ends_with(const char *path, const char *ending)
+{
+    const size_t length = strlen(path), size = strlen(ending);
+    return length >= size && !strcasecmp(path + length - size, ending);
+}
+
+bool sgs_model_format_of_name(const char *path, sgs_model_format *format)
+{
+    const char *slash = strrchr(path, '/'), *name = slash ? slash + 1 : path;
+    size_t longest = 0;
+    if (!strcasecmp(name, "meta.json")) {
+        *format = SGS_MODEL_SOG;
+        return true;
+    }
+    for (int k = 0; k < SGS_MODEL_FORMAT_COUNT; ++k)
+        if (ends_with(name, table[k].ending) && strlen(table[k].ending) > longest) {
+            longest = strlen(table[k].ending);
+            *format = (sgs_model_format)k;
+        }
+    return longest > 0;
+}
+
+// Format of a file by name and first bytes; a status with a message if it is none.
+static sgs_status find_format(const char *path, sgs_model_format *format)
+{
+    uint8_t bytes[PROBE_BYTES];
+    size_t size = 0;
+    if (sgsi_is_folder(path)) {
+        char *lod = sgsi_format("%s/lod-meta.json", path),
+             *meta = sgsi_format("%s/meta.json", path);
+        const bool has_lod = lod && sgsi_is_file(lod), has_meta = meta && sgsi_is_file(meta);
+        sgsi_free(lod);
+        sgsi_free(meta);
+        *format = has_lod ? SGS_MODEL_LOD_SOG : SGS_MODEL_SOG;
+        return has_lod || has_meta
+                   ? SGS_STATUS_OK
+                   : sgsi_fail(SGS_STATUS_IO, "%s: is a folder without meta.json or lod-meta.json",
+                               path);
+    }
+    FILE *stream = fopen(path, "rb");
+    struct stat info;
+    if (stream && !fstat(fileno(stream), &info) && S_ISREG(info.st_mode))
+        size = fread(bytes, 1, sizeof bytes, stream);
+    if (stream)
+        fclose(stream);
+    const bool named = sgs_model_format_of_name(path, format);
+    if (named &&
+        (!stream || !size || !table[*format].matches || table[*format].matches(bytes, size)))
+        return SGS_STATUS_OK; // the reader reports what is wrong
+    for (int k = 0; k < SGS_MODEL_FORMAT_COUNT; ++k)
+        if (table[k].matches && table[k].matches(bytes, size)) {
+            *format = (sgs_model_format)k;
+            return SGS_STATUS_OK;
+        }
+    return named ? SGS_STATUS_OK
+                 : sgsi_fail(SGS_STATUS_UNSUPPORTED,
+                             "%s: is no model of a known format; supported are %s", path,
+                             known_names);
+}
+
+bool sgs_model_format_detect(const char *path, sgs_model_format *format)
+{
+    return (sgsi_is_file(path) || sgsi_is_folder(path)) && !find_format(path, format);
+}
+
+sgs_model_read_options sgs_model_read_options_default(void)
+{
+    return (sgs_model_read_options){.struct_size = sizeof(sgs_model_read_options)};
+}
+
+sgs_model_write_options sgs_model_write_options_default(void)
+{
+    return (sgs_model_write_options){.struct_size = sizeof(sgs_model_write_options),
+                                     .spz_version = 3,
+                                     .ksplat_level = 1,
+                                     .palette_iterations = 10,
+                                     .lod_levels = 4};
+}
+
+sgs_status sgs_model_read(const char *path, const sgs_model_read_options *options,
+                          sgs_gaussians **model, sgs_model_info *info)
+{
+    sgs_model_read_options own = sgs_model_read_options_default();
+    sgs_model_info found = {.lod_count = 1};
+    struct stat file;
+    *model = NULL;
+    sgs_status status = sgsi_options_read(options, "sgs_model_read_options", &own, sizeof own);
+    if (!status)
+        status = find_format(path, &found.format);
+    if (!status && !table[found.format].read)
+        status = sgsi_fail(SGS_STATUS_UNSUPPORTED, "%s: %s files cannot be read; supported are %s",
+                           path, table[found.format].name, known_names);
+    if (!status && own.lod && found.format != SGS_MODEL_LOD_SOG)
+        status =
+            sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: has no level of detail %d", path, own.lod);
+    if (!status)
+        status = table[found.format].read(path, &own, model, &found);
+    if (!status && !found.file_bytes && !stat(path, &file))
+        found.file_bytes = (size_t)file.st_size;
+    if (info)
+        *info = found;
+    return status;
+}
+
+static sgs_status check_write_options(const char *path, const sgs_model_write_options *options)
+{
+    const char *wrong = NULL;
+    if (options->spz_version != 3 && options->spz_version != 4)
+        wrong = "spz_version is not 3 or 4";
+    else if (options->ksplat_level < 0 || options->ksplat_level > 2)
+        wrong = "ksplat_level is not within 0 to 2";
+    else if (options->sh_palette < 0 || options->sh_palette > 65536)
+        wrong = "sh_palette is not within 0 to 65536";
+    else if (options->palette_iterations < 1)
+        wrong = "palette_iterations is not positive";
+    else if (options->lod_levels < 1 || options->lod_levels > 16)
+        wrong = "lod_levels is not within 1 to 16";
+    return wrong ? sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: %s", path, wrong) : SGS_STATUS_OK;
+}
+
+sgs_status sgs_model_write(const char *path, const sgs_gaussians *model,
+                           const sgs_model_write_options *options, sgs_model_written *written)
+{
+    sgs_model_write_options own = sgs_model_write_options_default();
+    sgs_model_written result = {.count = model->count, .order = SGS_ROWS_KEPT};
+    sgs_model_format format;
+    struct stat file;
+    sgs_status status = sgsi_options_read(options, "sgs_model_write_options", &own, sizeof own);
+    if (!status && !sgs_model_format_of_name(path, &format))
+        status = sgsi_fail(SGS_STATUS_UNSUPPORTED,
+                           "%s: the name requests no known format; supported are %s, and .usda",
+                           path, known_names);
+    if (!status)
+        status = check_write_options(path, &own);
+    if (!status)
+        status = table[format].write(path, model, &own, &result);
+    if (!status && !result.bytes && !stat(path, &file))
+        result.bytes = (uint64_t)file.st_size;
+    if (written)
+        *written = result;
+    return status;
+}

@@ -1,0 +1,205 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+#include "formats/model_rows.h"
+
+#include <string.h>
+
+#include "base/core.h"
+
+// exp(44)^2 is the largest square of a scale that float holds.
+static const float MOST_LOG_SCALE = 44.0f;
+
+// For scales of 0: exp(-30) is 1e-13 world units.
+static const float LEAST_LOG_SCALE = -30.0f;
+
+// Value for an infinite logit: ln((1 - 1e-6) / 1e-6). Alpha is clamped at 0.99 in any case, and the
+// sigmoid of this value has a gradient in float.
+static const float OPAQUE_LOGIT = 13.8155096f;
+
+sgs_status sgsi_rows_begin(sgsi_rows *rows, const char *path, size_t total, int sh_degree,
+                           bool drop_unrotated)
+{
+    *rows = (sgsi_rows){.path = path, .total = total, .drop_unrotated = drop_unrotated};
+    sgs_status status = sgs_gaussians_create(total, &rows->model);
+    if (!status)
+        status = sgs_gaussians_resize(rows->model, total);
+    if (status) {
+        sgsi_rows_abort(rows);
+        return status;
+    }
+    rows->model->sh_degree = sh_degree;
+    return SGS_STATUS_OK;
+}
+
+void sgsi_rows_add(sgsi_rows *rows, float params[SGS_PARAM_COUNT])
+{
+    float *logit = &params[SGS_PARAM_OPACITY];
+    bool usable = true;
+    if (isinf(*logit))
+        *logit = *logit > 0.0f ? OPAQUE_LOGIT : -OPAQUE_LOGIT;
+    for (int k = 0; k < SGS_PARAM_COUNT; ++k)
+        usable = usable && isfinite(params[k]);
+    for (int k = 0; k < 3; ++k)
+        usable = usable && params[SGS_PARAM_SCALE + k] <= MOST_LOG_SCALE;
+    float *q = params + SGS_PARAM_ROTATION;
+    const double norm =
+        sqrt((double)q[0] * q[0] + (double)q[1] * q[1] + (double)q[2] * q[2] + (double)q[3] * q[3]);
+    if (usable && !(norm > 0.0)) {
+        ++rows->unrotated;
+        usable = !rows->drop_unrotated;
+    }
+    if (!usable) {
+        ++rows->dropped;
+        return;
+    }
+    if (!(norm >= 1e-12 && norm <= 1e12))
+        for (int k = 0; k < 4; ++k)
+            q[k] = norm > 0.0 ? (float)(q[k] / norm) : (float)(k == 0);
+    sgs_gaussians_set(rows->model, rows->kept++, params);
+}
+
+sgs_status sgsi_rows_end(sgsi_rows *rows, sgs_gaussians **model)
+{
+    const sgs_status status = sgs_gaussians_resize(rows->model, rows->kept);
+    if (status) {
+        sgsi_rows_abort(rows);
+        return status;
+    }
+    if (rows->drop_unrotated && rows->dropped) {
+        sgsi_warn("%s: %zu of %zu primitives are not finite or have rotation 0 0 0 0 and were "
+                  "dropped",
+                  rows->path, rows->dropped, rows->total);
+    } else {
+        if (rows->dropped)
+            sgsi_warn("%s: %zu of %zu primitives are not finite and were dropped", rows->path,
+                      rows->dropped, rows->total);
+        if (rows->unrotated)
+            sgsi_warn("%s: %zu primitives have rotation 0 0 0 0; the identity is used", rows->path,
+                      rows->unrotated);
+    }
+    *model = rows->model;
+    rows->model = NULL;
+    return SGS_STATUS_OK;
+}
+
+void sgsi_rows_abort(sgsi_rows *rows)
+{
+    sgs_gaussians_destroy(rows->model);
+    rows->model = NULL;
+}
+
+float sgsi_logit(double opacity)
+{
+    const double held = fmin(fmax(opacity, 1e-6), 1.0 - 1e-6);
+    return (float)log(held / (1.0 - held));
+}
+
+float sgsi_log_scale(double scale)
+{
+    return scale == 0.0 ? LEAST_LOG_SCALE : (float)log(scale);
+}
+
+sgsi_splat sgsi_splat_get(const sgs_gaussians *model, size_t i)
+{
+    float params[SGS_PARAM_COUNT];
+    sgsi_splat splat;
+    double norm = 0.0;
+    sgs_gaussians_get(model, i, params);
+    memcpy(splat.mean, params + SGS_PARAM_MEAN, sizeof splat.mean);
+    memcpy(splat.log_scale, params + SGS_PARAM_SCALE, sizeof splat.log_scale);
+    memcpy(splat.dc, params + SGS_PARAM_SH_DC, sizeof splat.dc);
+    memcpy(splat.rest, params + SGS_PARAM_SH_REST, sizeof splat.rest);
+    for (int k = 0; k < 4; ++k) {
+        splat.rotation[k] = (double)params[SGS_PARAM_ROTATION + k];
+        norm += splat.rotation[k] * splat.rotation[k];
+    }
+    norm = sqrt(norm);
+    for (int k = 0; k < 4; ++k)
+        splat.rotation[k] = norm > 0.0 ? splat.rotation[k] / norm : (double)(k == 0);
+    splat.opacity = 1.0 / (1.0 + exp(-(double)sgs_gaussians_opacity_logit(model, i)));
+    return splat;
+}
+
+double sgsi_splat_importance(const sgs_gaussians *model, size_t i)
+{
+    double log_volume = 0.0;
+    for (int k = 0; k < 3; ++k)
+        log_volume += (double)*sgs_gaussians_at(model, i, SGS_PARAM_SCALE + k);
+    return exp(log_volume) / (1.0 + exp(-(double)sgs_gaussians_opacity_logit(model, i)));
+}
+
+// ---- Axes ----
+
+typedef struct axis_signs {
+    int8_t mean[3], rotation[4], rest[SGSI_REST_COEFFICIENTS];
+} axis_signs;
+
+// The basis functions of degrees 1 to 3 are odd in y and z (RUB), or in x and y (LUF), where the
+// sign is -1.
+static const axis_signs signs[] = {
+    [SGSI_AXES_PLY] = {{1, 1, 1}, {1, 1, 1, 1}, {1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1}},
+    [SGSI_AXES_RUB] = {{1, -1, -1},
+                       {1, 1, -1, -1},
+                       {-1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1}},
+    [SGSI_AXES_LUF] = {{-1, -1, 1},
+                       {1, -1, -1, 1},
+                       {-1, 1, -1, 1, -1, 1, -1, 1, -1, 1, -1, 1, -1, 1, -1}},
+};
+
+void sgsi_change_axes(sgsi_axes axes, float params[SGS_PARAM_COUNT])
+{
+    const axis_signs *sign = &signs[axes];
+    for (int k = 0; k < 3; ++k)
+        params[SGS_PARAM_MEAN + k] *= sign->mean[k];
+    for (int k = 0; k < 4; ++k)
+        params[SGS_PARAM_ROTATION + k] *= sign->rotation[k];
+    for (int k = 0; k < 3 * SGSI_REST_COEFFICIENTS; ++k)
+        params[SGS_PARAM_SH_REST + k] *= sign->rest[k / 3];
+}
+
+void sgsi_splat_change_axes(sgsi_axes axes, sgsi_splat *splat)
+{
+    const axis_signs *sign = &signs[axes];
+    for (int k = 0; k < 3; ++k)
+        splat->mean[k] *= sign->mean[k];
+    for (int k = 0; k < 4; ++k)
+        splat->rotation[k] *= sign->rotation[k];
+    for (int k = 0; k < 3 * SGSI_REST_COEFFICIENTS; ++k)
+        splat->rest[k] *= sign->rest[k / 3];
+}
+
+// ---- binary16 ----
+
+uint16_t sgsi_float16_from(float value)
+{
+    uint32_t bits;
+    memcpy(&bits, &value, sizeof bits);
+    const uint32_t sign = bits >> 16 & 0x8000;
+    bits &= 0x7FFFFFFF;
+    if (bits > 0x7F800000) // NaN
+        return (uint16_t)(sign | 0x7E00);
+    if (bits >= 0x477FF000) // rounds to 65536 or more
+        return (uint16_t)(sign | 0x7C00);
+    if (bits < 0x38800000) { // below 2^-14: multiples of 2^-24
+        float magnitude;
+        memcpy(&magnitude, &bits, sizeof magnitude);
+        return (uint16_t)(sign | (uint32_t)lrintf(magnitude * 0x1p24f));
+    }
+    bits += 0x0FFF + (bits >> 13 & 1);
+    return (uint16_t)(sign | ((bits >> 13) - (112u << 10)));
+}
+
+float sgsi_float16_to(uint16_t half)
+{
+    const uint32_t exponent = half >> 10 & 31, mantissa = half & 1023;
+    float value;
+    if (exponent == 31) {
+        const uint32_t bits = 0x7F800000 | mantissa << 13;
+        memcpy(&value, &bits, sizeof value);
+    } else {
+        value = exponent ? ldexpf((float)(1024 + mantissa), (int)exponent - 25)
+                         : ldexpf((float)mantissa, -24);
+    }
+    return half & 0x8000 ? -value : value;
+}

@@ -1,0 +1,66 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// Random models whose primitives can be recognised after a format changed their order: x increases
+// by a step above every quantum. Include after cmocka.h.
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/core.h"
+#include "sparegs/gaussians.h"
+
+static inline sgs_gaussians *model_random(size_t count, int sh_degree)
+{
+    sgs_gaussians *model;
+    assert_int_equal(sgs_gaussians_create(count, &model), SGS_STATUS_OK);
+    assert_int_equal(sgs_gaussians_resize(model, count), SGS_STATUS_OK);
+    model->sh_degree = sh_degree;
+    const int used = SGS_PARAM_SH_REST + 3 * ((sh_degree + 1) * (sh_degree + 1) - 1);
+    for (size_t i = 0; i < count; ++i) {
+        float p[SGS_PARAM_COUNT] = {0};
+        double norm = 0.0;
+        p[0] = 0.37f * (float)i - 40.0f;
+        for (int k = 1; k < used; ++k)
+            p[k] = (float)sgsi_random_normal(i, (uint64_t)k);
+        for (int k = 0; k < 3; ++k)
+            p[SGS_PARAM_SCALE + k] -= 3.0f;
+        for (int k = SGS_PARAM_SH_REST; k < used; ++k)
+            p[k] = (float)(1.8 * sgsi_random_uniform(i, (uint64_t)k) - 0.95);
+        for (int k = 0; k < 3; ++k)
+            p[SGS_PARAM_SH_DC + k] = (float)(3.0 * sgsi_random_uniform(i, 100 + (uint64_t)k) - 1.5);
+        for (int k = 0; k < 4; ++k)
+            norm += (double)p[SGS_PARAM_ROTATION + k] * (double)p[SGS_PARAM_ROTATION + k];
+        for (int k = 0; k < 4; ++k)
+            p[SGS_PARAM_ROTATION + k] /= (float)sqrt(norm);
+        sgs_gaussians_set(model, i, p);
+    }
+    return model;
+}
+
+static inline float model_value(const sgs_gaussians *model, size_t i, int param)
+{
+    return *sgs_gaussians_at(model, i, param);
+}
+
+static inline double model_opacity(const sgs_gaussians *model, size_t i)
+{
+    return 1.0 / (1.0 + exp(-(double)model_value(model, i, SGS_PARAM_OPACITY)));
+}
+
+// Index of each primitive of the other model: its x is nearest. [count], free().
+static inline size_t *model_match(const sgs_gaussians *model, const sgs_gaussians *other)
+{
+    size_t *match = malloc(model->count * sizeof *match);
+    assert_non_null(match);
+    for (size_t i = 0; i < model->count; ++i) {
+        match[i] = 0;
+        for (size_t j = 1; j < other->count; ++j)
+            if (fabsf(model_value(other, j, 0) - model_value(model, i, 0)) <
+                fabsf(model_value(other, match[i], 0) - model_value(model, i, 0)))
+                match[i] = j;
+    }
+    return match;
+}

@@ -1,0 +1,24 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// The MODEL argument of the commands: a file of any format that the library reads, or a run folder.
+
+#include "cli/output.h"
+#include "cli/shared_options.h"
+#include "sparegs/model_file.h"
+
+typedef struct opened_model {
+    model_path located;
+    sgs_gaussians *gaussians;
+    sgs_model_info info;
+    bool antialiased; // by its mark, or because its run used --filter mip
+} opened_model;
+
+// Locates and reads a model; options may be NULL. False after printing the error.
+bool model_open(const char *model, const sgs_model_read_options *options, opened_model *opened);
+void opened_model_free(opened_model *opened);
+
+// Reads a located model. A mark in the file selects --filter mip, unless the command line or the
+// run's config selected a filter; drawing may be NULL. False after printing the error.
+bool model_read(const model_path *located, drawing_values *drawing, sgs_gaussians **gaussians);

@@ -1,0 +1,541 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// `sparegs convert`: reads a model of any format, filters and transforms it, and writes another
+// format. The file name of OUT selects the format. Filters act first, in the coordinates of IN,
+// then scale, rotation and translation, in this order.
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "cli/commands.h"
+#include "cli/interrupt.h"
+#include "cli/model_argument.h"
+#include "cli/output.h"
+#include "cli/progress.h"
+#include "cli/shared_options.h"
+#include "sparegs/model_edit.h"
+#include "sparegs/model_file.h"
+
+static const char description[] =
+    "Converts a model: reads IN (a file of a known format, a SOG folder or a run folder: its "
+    "latest "
+    "iteration) and writes OUT in the format of its name: .ply, .compressed.ply, .splat, .spz, "
+    ".ksplat, .glb, .sog, FOLDER/meta.json (SOG in files), FOLDER/lod-meta.json (SOG with levels "
+    "of "
+    "detail) or .usda (OpenUSD).\n"
+    "Filters use the axes of IN as a 3DGS PLY has them and run first; then the model is scaled, "
+    "rotated about x, y and z, and translated. SCENE, a data set, adds its cameras to .usda.";
+
+enum { MOST_NUMBERS = 8, MOST_CONDITIONS = 16 };
+
+typedef struct convert_values {
+    const char *box, *sphere, *conditions, *floaters, *translate, *rotate;
+    int harmonics, spz_version, spz_axes, input_spz_axes, ksplat_level, palette, iterations, levels,
+        lod, antialiased;
+    double opacity, scale;
+    bool drop_nan;
+} convert_values;
+
+static const option convert_options[] = {
+    {.name = "filter-nan",
+     .kind = OPTION_FLAG,
+     .offset = offsetof(convert_values, drop_nan),
+     .help = "drop primitives with a zero quaternion, instead of using the identity; primitives "
+             "with other values that are not finite are always dropped"},
+    {.name = "filter-box",
+     .kind = OPTION_TEXT,
+     .offset = offsetof(convert_values, box),
+     .argument = "x,y,z,X,Y,Z",
+     .shown = "none",
+     .help = "keep primitives with centres from x,y,z to X,Y,Z; - is no limit"},
+    {.name = "filter-sphere",
+     .kind = OPTION_TEXT,
+     .offset = offsetof(convert_values, sphere),
+     .argument = "x,y,z,r",
+     .shown = "none",
+     .help = "keep primitives with centres within r of x,y,z"},
+    {.name = "filter-value",
+     .kind = OPTION_TEXT,
+     .offset = offsetof(convert_values, conditions),
+     .argument = "NAME,CMP,V[,...]",
+     .shown = "none",
+     .help = "keep primitives whose property compares so; CMP is lt, lte, gt, gte, eq or neq. "
+             "opacity is 0 to 1, scale_0 to 2 in world units, f_dc_0 to 2 a colour; with _raw they "
+             "are as stored. Several conditions may follow each other"},
+    {.name = "filter-opacity",
+     .kind = OPTION_REAL,
+     .offset = offsetof(convert_values, opacity),
+     .high = 1,
+     .argument = "MIN",
+     .initial = "0",
+     .help = "keep primitives of at least this opacity"},
+    {.name = "filter-floaters",
+     .kind = OPTION_TEXT,
+     .offset = offsetof(convert_values, floaters),
+     .argument = "auto|SIZE[,OPACITY[,SHARE]]",
+     .shown = "none",
+     .help = "keep connected primitives: voxels of SIZE world units (auto: 4 times the median "
+             "distance to the third neighbour) with a centre of at least OPACITY (0.1) form "
+             "components; those with less than SHARE (0.01) of the primitives are dropped"},
+    {.name = "filter-harmonics",
+     .kind = OPTION_INTEGER,
+     .offset = offsetof(convert_values, harmonics),
+     .high = 3,
+     .argument = "N",
+     .initial = "3",
+     .help = "keep SH of degree N at most"},
+    {.name = "scale",
+     .kind = OPTION_REAL,
+     .offset = offsetof(convert_values, scale),
+     .low = 1e-6,
+     .high = 1e6,
+     .argument = "S",
+     .initial = "1",
+     .help = "scale about the origin"},
+    {.name = "rotate",
+     .kind = OPTION_TEXT,
+     .offset = offsetof(convert_values, rotate),
+     .argument = "x,y,z",
+     .shown = "none",
+     .unit = "degrees",
+     .help = "rotate about the x axis, then y, then z; SH too"},
+    {.name = "translate",
+     .kind = OPTION_TEXT,
+     .offset = offsetof(convert_values, translate),
+     .argument = "x,y,z",
+     .shown = "none",
+     .unit = "world units",
+     .help = "move"},
+    {.name = "antialiased",
+     .kind = OPTION_CHOICE,
+     .offset = offsetof(convert_values, antialiased),
+     .argument = "auto|on|off",
+     .initial = "auto",
+     .help =
+         "mark OUT as trained with Mip-Splatting's filters (.ply, .compressed.ply, .spz, .sog); "
+         "auto: if IN is marked, or its run used --filter mip"},
+    {.name = "input-spz-axes",
+     .kind = OPTION_CHOICE,
+     .offset = offsetof(convert_values, input_spz_axes),
+     .argument = "rub|rdf",
+     .initial = "rub",
+     .help = "axes of an .spz IN that does not name them: rub (the specification) or rdf (those of "
+             "the PLY)"},
+    {.name = "lod",
+     .kind = OPTION_INTEGER,
+     .offset = offsetof(convert_values, lod),
+     .high = 255,
+     .argument = "N",
+     .initial = "0",
+     .help = "level of detail to read of a lod-meta.json; 0 is the finest"},
+    {.name = "spz-version",
+     .kind = OPTION_CHOICE,
+     .offset = offsetof(convert_values, spz_version),
+     .argument = "3|4",
+     .initial = "3",
+     .help = "version of .spz: 3 (gzip), which most programs read, or 4 (Zstandard)"},
+    {.name = "spz-axes",
+     .kind = OPTION_CHOICE,
+     .offset = offsetof(convert_values, spz_axes),
+     .argument = "rub|rdf",
+     .initial = "rub",
+     .help = "axes of .spz: rub (the specification), or rdf with a record that names them"},
+    {.name = "ksplat-level",
+     .kind = OPTION_INTEGER,
+     .offset = offsetof(convert_values, ksplat_level),
+     .high = 2,
+     .argument = "L",
+     .initial = "1",
+     .help = "compression of .ksplat: 0 floats, 1 16 bits, 2 SH in 8 bits"},
+    {.name = "sh-palette",
+     .kind = OPTION_INTEGER,
+     .offset = offsetof(convert_values, palette),
+     .high = 65536,
+     .argument = "N",
+     .initial = "0",
+     .shown = "by the number of primitives",
+     .help = "entries of the SH palette of SOG"},
+    {.name = "iterations",
+     .kind = OPTION_INTEGER,
+     .offset = offsetof(convert_values, iterations),
+     .low = 1,
+     .high = 1000,
+     .argument = "N",
+     .initial = "10",
+     .help = "iterations of k-means for the SH palette of SOG"},
+    {.name = "lod-levels",
+     .kind = OPTION_INTEGER,
+     .offset = offsetof(convert_values, levels),
+     .low = 1,
+     .high = 16,
+     .argument = "N",
+     .initial = "4",
+     .help = "levels of lod-meta.json; each holds the more important half of the one before"},
+};
+
+// ---- Parsing ----
+
+// Comma-separated numbers; "-" becomes `absent` if that is not NaN. Returns how many, or -1.
+static int parse_numbers(const char *text, double absent, double *values, int most)
+{
+    int count = 0;
+    for (const char *at = text; count < most; ++at) {
+        char *end;
+        values[count] = strtod(at, &end);
+        if (end == at && *at == '-' && !isnan(absent)) {
+            values[count] = absent;
+            end = (char *)at + 1;
+        } else if (end == at || !isfinite(values[count])) {
+            return -1;
+        }
+        ++count;
+        at = end;
+        if (!*at)
+            return count;
+        if (*at != ',')
+            return -1;
+    }
+    return -1;
+}
+
+typedef struct condition {
+    char name[32];
+    sgs_comparison comparison;
+    double value;
+} condition;
+
+typedef struct convert_plan {
+    const convert_values *values;
+    double box[6], sphere[4], rotate[3], translate[3];
+    condition conditions[MOST_CONDITIONS];
+    int condition_count;
+    sgs_floater_options floaters;
+    sgs_model_format format; // of OUT
+} convert_plan;
+
+static int parse_conditions(convert_plan *plan)
+{
+    static const char *const words[] = {"lt", "lte", "gt", "gte", "eq", "neq"};
+    const char *at = plan->values->conditions;
+    while (at) {
+        condition *c = &plan->conditions[plan->condition_count];
+        char comparison[8];
+        int length = 0;
+        if (plan->condition_count == MOST_CONDITIONS)
+            return fail_usage("--filter-value: more than %d conditions", MOST_CONDITIONS);
+        if (sscanf(at, "%31[^,],%7[^,],%lf%n", c->name, comparison, &c->value, &length) != 3 ||
+            (at[length] && at[length] != ','))
+            return fail_usage("--filter-value: '%s' is not NAME,CMP,V", at);
+        int k = 0;
+        while (k < 6 && strcmp(words[k], comparison))
+            ++k;
+        if (k == 6)
+            return fail_usage("--filter-value: '%s' is not lt, lte, gt, gte, eq or neq",
+                              comparison);
+        c->comparison = (sgs_comparison)k;
+        ++plan->condition_count;
+        at = at[length] ? at + length + 1 : NULL;
+    }
+    return -1;
+}
+
+static int parse_floaters(convert_plan *plan)
+{
+    const char *text = plan->values->floaters;
+    double numbers[3] = {0, 0.1, 0.01};
+    plan->floaters = (sgs_floater_options){.opacity = 0.1, .share = 0.01};
+    if (!text)
+        return -1;
+    const bool automatic = !strncmp(text, "auto", 4) && (!text[4] || text[4] == ',');
+    bool valid = true;
+    if (!automatic)
+        valid = parse_numbers(text, NAN, numbers, 3) > 0 && numbers[0] > 0;
+    else if (text[4])
+        valid = parse_numbers(text + 5, NAN, numbers + 1, 2) > 0;
+    if (!valid || numbers[1] < 0 || numbers[2] < 0)
+        return fail_usage("--filter-floaters: '%s' is not auto or SIZE, with [,OPACITY[,SHARE]]",
+                          text);
+    plan->floaters = (sgs_floater_options){numbers[0], numbers[1], numbers[2]};
+    return -1;
+}
+
+static int parse_plan(const command_line *line, const convert_values *values, convert_plan *plan)
+{
+    *plan = (convert_plan){.values = values};
+    const char *out = line->operands[1];
+    if (!sgs_model_format_of_name(out, &plan->format))
+        return fail_usage(
+            "%s: the name requests no known format; use .ply, .compressed.ply, .splat, "
+            ".spz, .ksplat, .glb, .sog, meta.json, lod-meta.json or .usda",
+            out);
+    if (values->box) {
+        const int low = parse_numbers(values->box, -INFINITY, plan->box, 6);
+        double high[6];
+        if (low != 6)
+            return fail_usage("--filter-box: '%s' is not x,y,z,X,Y,Z", values->box);
+        parse_numbers(values->box, INFINITY, high, 6);
+        memcpy(plan->box + 3, high + 3, 3 * sizeof *high);
+    }
+    if (values->sphere &&
+        (parse_numbers(values->sphere, NAN, plan->sphere, 4) != 4 || plan->sphere[3] < 0))
+        return fail_usage("--filter-sphere: '%s' is not x,y,z,r", values->sphere);
+    if (values->rotate && parse_numbers(values->rotate, NAN, plan->rotate, 3) != 3)
+        return fail_usage("--rotate: '%s' is not x,y,z", values->rotate);
+    if (values->translate && parse_numbers(values->translate, NAN, plan->translate, 3) != 3)
+        return fail_usage("--translate: '%s' is not x,y,z", values->translate);
+    int status = parse_conditions(plan);
+    if (status < 0)
+        status = parse_floaters(plan);
+    if (status < 0 && plan->format != SGS_MODEL_SPZ)
+        status = refuse_idle(line, "spz-version|spz-axes", "unless OUT is an .spz file");
+    if (status < 0 && plan->format != SGS_MODEL_KSPLAT)
+        status = refuse_idle(line, "ksplat-level", "unless OUT is a .ksplat file");
+    if (status < 0 && plan->format != SGS_MODEL_SOG && plan->format != SGS_MODEL_LOD_SOG)
+        status = refuse_idle(line, "sh-palette|iterations", "unless OUT is SOG");
+    if (status < 0 && plan->format != SGS_MODEL_LOD_SOG)
+        status = refuse_idle(line, "lod-levels", "unless OUT is a lod-meta.json");
+    if (status < 0 && line->operand_count == 3 && plan->format != SGS_MODEL_USDA)
+        status = fail_usage("SCENE has no effect unless OUT is a .usda file");
+    return status;
+}
+
+// ---- Filters and transform ----
+
+static bool filter_model(const convert_plan *plan, sgs_gaussians *model)
+{
+    const convert_values *values = plan->values;
+    unsigned char *keep = malloc(model->count + 1);
+    bool done = keep != NULL;
+    if (!done)
+        fail_run("no memory to filter %zu primitives", model->count);
+    else
+        memset(keep, 1, model->count);
+    if (done && values->box)
+        sgs_select_box(model, plan->box, plan->box + 3, keep);
+    if (done && values->sphere)
+        sgs_select_sphere(model, plan->sphere, plan->sphere[3], keep);
+    for (int k = 0; done && k < plan->condition_count; ++k) {
+        const condition *c = &plan->conditions[k];
+        if (sgs_select_value(model, c->name, c->comparison, c->value, keep)) {
+            fail_library();
+            done = false;
+        }
+    }
+    if (done && values->opacity > 0)
+        sgs_select_value(model, "opacity", SGS_GREATER_EQUAL, values->opacity, keep);
+    if (done && values->floaters) {
+        // Components of the primitives that the other filters kept.
+        sgs_selection_apply(model, keep);
+        memset(keep, 1, model->count);
+        if (sgs_select_connected(model, &plan->floaters, keep)) {
+            fail_library();
+            done = false;
+        }
+    }
+    if (done)
+        sgs_selection_apply(model, keep);
+    free(keep);
+    sgs_gaussians_limit_sh(model, values->harmonics);
+    return done;
+}
+
+static bool transform_model(const convert_plan *plan, sgs_gaussians *model)
+{
+    const convert_values *values = plan->values;
+    if (values->scale == 1 && !values->rotate && !values->translate)
+        return true;
+    sgs_similarity similarity = {.scale = values->scale, .rotation = {1, 0, 0, 0}};
+    memcpy(similarity.translation, plan->translate, sizeof plan->translate);
+    for (int axis = 0; axis < 3; ++axis) { // the quaternion of the axis times the one so far
+        const double half = plan->rotate[axis] * acos(-1.0) / 360.0, c = cos(half), s = sin(half);
+        const double *q = similarity.rotation;
+        const int i = 1 + axis, j = 1 + (axis + 1) % 3, k = 1 + (axis + 2) % 3;
+        double turned[4];
+        turned[0] = c * q[0] - s * q[i];
+        turned[i] = c * q[i] + s * q[0];
+        turned[j] = c * q[j] - s * q[k];
+        turned[k] = c * q[k] + s * q[j];
+        memcpy(similarity.rotation, turned, sizeof turned);
+    }
+    if (sgs_gaussians_transform(model, &similarity)) {
+        fail_library();
+        return false;
+    }
+    return true;
+}
+
+// The cameras move with the model.
+static void transform_camera(const convert_plan *plan, sgs_model_camera *camera)
+{
+    double rotation[3][3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}, turned[9];
+    for (int axis = 0; axis < 3; ++axis) {
+        const double angle = plan->rotate[axis] * acos(-1.0) / 180.0, c = cos(angle),
+                     s = sin(angle);
+        const int j = (axis + 1) % 3, k = (axis + 2) % 3;
+        for (int column = 0; column < 3; ++column) {
+            const double a = rotation[j][column], b = rotation[k][column];
+            rotation[j][column] = c * a - s * b;
+            rotation[k][column] = s * a + c * b;
+        }
+    }
+    // x' = S R x + T: the new pose is r R^T, S t - r R^T T.
+    for (int row = 0; row < 3; ++row)
+        for (int column = 0; column < 3; ++column) {
+            turned[3 * row + column] = 0;
+            for (int k = 0; k < 3; ++k)
+                turned[3 * row + column] += camera->rotation[3 * row + k] * rotation[column][k];
+        }
+    memcpy(camera->rotation, turned, sizeof turned);
+    for (int row = 0; row < 3; ++row) {
+        camera->translation[row] *= plan->values->scale;
+        for (int k = 0; k < 3; ++k)
+            camera->translation[row] -= turned[3 * row + k] * plan->translate[k];
+    }
+}
+
+// ---- Writing ----
+
+static bool show_progress(void *user, size_t done, size_t total)
+{
+    (void)user;
+    progress_count("encoding", done, total);
+    return !interrupt_signal();
+}
+
+static sgs_model_camera *make_cameras(const convert_plan *plan, const sgs_scene *scene)
+{
+    sgs_model_camera *cameras = calloc(scene->view_count + 1, sizeof *cameras);
+    size_t distorted = 0;
+    for (size_t v = 0; cameras && v < scene->view_count; ++v) {
+        const sgs_view *view = &scene->views[v];
+        sgs_model_camera *camera = &cameras[v];
+        *camera = (sgs_model_camera){
+            .name = view->name, .width = view->camera.width, .height = view->camera.height};
+        sgs_camera_intrinsics(&view->camera, &camera->fx, &camera->fy, &camera->cx, &camera->cy);
+        memcpy(camera->rotation, view->pose.rotation, sizeof camera->rotation);
+        memcpy(camera->translation, view->pose.translation, sizeof camera->translation);
+        transform_camera(plan, camera);
+        distorted += view->camera.model != SGS_CAMERA_PINHOLE &&
+                     view->camera.model != SGS_CAMERA_SIMPLE_PINHOLE;
+    }
+    if (distorted)
+        print_warning("OpenUSD cameras have no lens distortion; that of %zu camera(s) is omitted",
+                      distorted);
+    return cameras;
+}
+
+static bool write_model(const convert_plan *plan, const char *path, const sgs_gaussians *model,
+                        const sgs_scene *scene, bool antialiased, sgs_model_written *written)
+{
+    const convert_values *values = plan->values;
+    sgs_model_write_options options = sgs_model_write_options_default();
+    options.antialiased = antialiased;
+    options.spz_version = values->spz_version + 3;
+    options.spz_axes = (sgs_spz_axes)values->spz_axes;
+    options.ksplat_level = values->ksplat_level;
+    options.sh_palette = values->palette;
+    options.palette_iterations = values->iterations;
+    options.lod_levels = values->levels;
+    options.progress = show_progress;
+    sgs_model_camera *cameras = scene ? make_cameras(plan, scene) : NULL;
+    options.cameras = cameras;
+    options.camera_count = cameras ? scene->view_count : 0;
+    const sgs_status status = sgs_model_write(path, model, &options, written);
+    progress_end();
+    free(cameras);
+    if (status && status != SGS_STATUS_CANCELLED)
+        fail_library();
+    return !status;
+}
+
+static bool report(const char *path, size_t input, const sgs_model_written *written,
+                   const sgs_model_info *info, bool antialiased, bool json)
+{
+    static const char *const orders[] = {
+        [SGS_ROWS_KEPT] = "kept",
+        [SGS_ROWS_MORTON] = "morton",
+        [SGS_ROWS_IMPORTANCE] = "importance",
+        [SGS_ROWS_BUCKETS] = "buckets",
+    };
+    if (!json) {
+        printf("%s\n", path);
+        return true;
+    }
+    json_t *root = json_object();
+    json_object_set_new(root, "input", json_integer((json_int_t)input));
+    json_object_set_new(root, "output", json_integer((json_int_t)written->count));
+    json_object_set_new(root, "bytes", json_integer((json_int_t)written->bytes));
+    json_object_set_new(root, "order", json_string(orders[written->order]));
+    json_object_set_new(root, "input_format", json_string(sgs_model_format_name(info->format)));
+    json_object_set_new(root, "antialiased", json_boolean(antialiased));
+    json_object_set_new(root, "file", json_string(path));
+    return print_json(root);
+}
+
+static int convert(const command_line *line, const convert_plan *plan, const scene_values *data,
+                   bool json)
+{
+    const char *out = line->operands[1];
+    sgs_model_read_options options = sgs_model_read_options_default();
+    options.spz_axes = (sgs_spz_axes)plan->values->input_spz_axes;
+    options.lod = plan->values->lod;
+    options.drop_unrotated = plan->values->drop_nan;
+    opened_model opened;
+    sgs_scene *scene = NULL;
+    sgs_model_written written = {0};
+    if (!model_open(line->operands[0], &options, &opened))
+        return EXIT_FAILED;
+    const size_t input = opened.gaussians->count + opened.info.dropped;
+    const bool antialiased =
+        plan->values->antialiased ? plan->values->antialiased == 1 : opened.antialiased;
+    bool done = filter_model(plan, opened.gaussians) && transform_model(plan, opened.gaussians);
+    if (done && !opened.gaussians->count) {
+        fail_run("%s: no primitive is left; nothing was written", line->operands[0]);
+        done = false;
+    }
+    if (done && line->operand_count == 3) {
+        scene = scene_open(line->operands[2], data, false);
+        done = scene != NULL;
+    }
+    done = done && make_folder_of(out) &&
+           write_model(plan, out, opened.gaussians, scene, antialiased, &written) &&
+           report(out, input, &written, &opened.info, antialiased, json);
+    sgs_scene_destroy(scene);
+    opened_model_free(&opened);
+    return interrupt_signal() && !done ? interrupt_status() : done ? EXIT_DONE : EXIT_FAILED;
+}
+
+int command_convert(int argc, char **argv)
+{
+    command_call call;
+    convert_values values = {0};
+    scene_values data;
+    convert_plan plan;
+    const command_spec spec = {.name = "convert",
+                               .synopsis = "IN OUT [SCENE] [options]",
+                               .description = description,
+                               .operand_minimum = 2,
+                               .operand_maximum = 3,
+                               .title = "Conversion",
+                               .options = convert_options,
+                               .option_count = sizeof convert_options / sizeof *convert_options,
+                               .values = &values,
+                               .scene = &data};
+    int status = command_parse(&spec, argc, argv, &call);
+    if (status < 0)
+        status = parse_plan(&call.line, &values, &plan);
+    if (status < 0)
+        status = scene_resolve(&data, &call.line, NULL);
+    if (status < 0)
+        status = common_apply(&call.common, &call.line);
+    if (status >= 0)
+        return status;
+    if (call.line.operand_count == 2)
+        warn_idle(&call.line, "images|downscale|eval|test-every|test-images", "without a SCENE");
+    warn_idle(&call.line, "masks|invert-masks|alpha|image-cache|input-colorspace|train-space|white",
+              "on convert, which reads no photographs");
+    interrupt_watch();
+    return convert(&call.line, &plan, &data, call.common.json);
+}

@@ -14,6 +14,7 @@ packages=(
     libjansson-dev libxxhash-dev      # JSON, hashes
     libdeflate-dev                    # ZIP of EXR and SOG, gzip of SPZ
     libwebp-dev libzstd-dev           # textures of SOG, SPZ 4
+    libjxl-dev                        # images of compressed models
     libkissfft-dev                    # spectra
     libcmocka-dev                     # tests
     openimageio-tools openexr jq      # tests of the written files

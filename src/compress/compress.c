@@ -13,6 +13,7 @@
 
 // In the order of sgs_compress_method.
 static const sgsi_compress_method *const methods[] = {
+    [SGS_COMPRESS_SOG] = &sgsi_method_sog,
     [SGS_COMPRESS_GHAP] = &sgsi_method_ghap,
 };
 static const char *const names[] = {"lightgaussian", "sog", "mesongs", "ghap", "fcgs", "fcgs-like"};
@@ -57,7 +58,7 @@ static sgs_status check_ranges(const sgs_compress_options *o)
                   {"scale_bits", o->scale_bits, 0, 15},
                   {"rotation_bits", o->rotation_bits, 0, 15},
                   {"opacity_bits", o->opacity_bits, 0, 15},
-                  {"codec", (double)o->codec, SGS_IMAGE_CODEC_JXL, SGS_IMAGE_CODEC_EXR},
+                  {"codec", (double)o->codec, SGS_IMAGE_CODEC_JXL, SGS_IMAGE_CODEC_WEBP},
                   {"vq_ratio", o->vq_ratio, 0, 1},
                   {"distill", o->distill, 0, 1e6},
                   {"codebook", o->codebook, 0, 65536},

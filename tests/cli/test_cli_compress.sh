@@ -11,7 +11,7 @@ model=$temporary/model
 run 0 train "$room" -o "$model" --iterations 60 --downscale 8 --quiet
 primitives=$(jq .gaussians "$model/summary.json")
 
-for method in ghap; do
+for method in ghap sog; do
     for preset in 1 3; do
         file=$temporary/$method.$preset
         run 0 compress "$model" "$room" --downscale 8 -o "$file" --method $method --preset spare-$preset --json

@@ -33,6 +33,7 @@ typedef struct compress_values {
     int method, preset, codec;
     int finetune;
     double keep, eig_min;
+    int position_bits, dc_bits, sh_bits, scale_bits, rotation_bits, opacity_bits;
 } compress_values;
 
 static const option compress_options[] = {
@@ -75,6 +76,67 @@ static const option compress_options[] = {
      .unit = "world units squared",
      .needs = "method=ghap",
      .help = "lower limit of the variances of a merged primitive"},
+    {.name = "position-bits",
+     .kind = OPTION_INTEGER,
+     .offset = offsetof(compress_values, position_bits),
+     .low = 1,
+     .high = 15,
+     .argument = "N",
+     .shown = "of the preset",
+     .needs = "method=sog",
+     .help = "bits per value of positions"},
+    {.name = "dc-bits",
+     .kind = OPTION_INTEGER,
+     .offset = offsetof(compress_values, dc_bits),
+     .low = 1,
+     .high = 15,
+     .argument = "N",
+     .shown = "of the preset",
+     .needs = "method=sog",
+     .help = "bits per value of band 0 of the harmonics"},
+    {.name = "sh-bits",
+     .kind = OPTION_INTEGER,
+     .offset = offsetof(compress_values, sh_bits),
+     .low = 1,
+     .high = 15,
+     .argument = "N",
+     .shown = "of the preset",
+     .needs = "method=sog",
+     .help = "bits per value of the other bands"},
+    {.name = "scale-bits",
+     .kind = OPTION_INTEGER,
+     .offset = offsetof(compress_values, scale_bits),
+     .low = 1,
+     .high = 15,
+     .argument = "N",
+     .shown = "of the preset",
+     .needs = "method=sog",
+     .help = "bits per value of scales"},
+    {.name = "rotation-bits",
+     .kind = OPTION_INTEGER,
+     .offset = offsetof(compress_values, rotation_bits),
+     .low = 1,
+     .high = 15,
+     .argument = "N",
+     .shown = "of the preset",
+     .needs = "method=sog",
+     .help = "bits per value of rotations"},
+    {.name = "opacity-bits",
+     .kind = OPTION_INTEGER,
+     .offset = offsetof(compress_values, opacity_bits),
+     .low = 1,
+     .high = 15,
+     .argument = "N",
+     .shown = "of the preset",
+     .needs = "method=sog",
+     .help = "bits per value of opacities"},
+    {.name = "codec",
+     .kind = OPTION_CHOICE,
+     .offset = offsetof(compress_values, codec),
+     .argument = "jxl|webp",
+     .initial = "jxl",
+     .needs = "method=sog",
+     .help = "format of the images, both without loss"},
 };
 
 static bool show_progress(void *user, const char *stage, size_t done, size_t total)
@@ -85,6 +147,20 @@ static bool show_progress(void *user, const char *stage, size_t done, size_t tot
     *current = stage;
     progress_work(stage, done, total);
     return !interrupt_signal();
+}
+
+// The options of single methods; 0 where the command line has none.
+static void set_method_options(const compress_values *values, sgs_compress_options *options)
+{
+    options->keep = values->keep;
+    options->eig_min = values->eig_min;
+    options->position_bits = values->position_bits;
+    options->dc_bits = values->dc_bits;
+    options->sh_bits = values->sh_bits;
+    options->scale_bits = values->scale_bits;
+    options->rotation_bits = values->rotation_bits;
+    options->opacity_bits = values->opacity_bits;
+    options->codec = (sgs_image_codec)values->codec;
 }
 
 static json_t *info_json(const sgs_compress_info *info, double seconds)
@@ -167,8 +243,7 @@ int command_compress(int argc, char **argv)
             options.render = &render;
             for (int c = 0; c < 3; ++c)
                 options.background[c] = drawing.background[c];
-            options.keep = values.keep;
-            options.eig_min = values.eig_min;
+            set_method_options(&values, &options);
             const char *stage = NULL;
             options.progress = show_progress;
             options.progress_user = &stage;

@@ -49,11 +49,35 @@ SGS_API sgs_status sgs_contributions(const sgs_gaussians *model, const sgs_scene
                                      const sgs_view_pass_options *options,
                                      sgs_contribution *contributions);
 
+// RAP's network, from the file of its authors: their weights are not part of this library.
+typedef struct sgs_rap_network sgs_rap_network;
+
+enum { SGS_RAP_FEATURES = 15 };
+
+// Reads the weights from a file of torch.save. *network is NULL after a failure. Fails with IO,
+// FORMAT (not this network, damaged, values that are not finite), LIMIT or OUT_OF_MEMORY.
+SGS_API sgs_status sgs_rap_read(const char *path, sgs_rap_network **network);
+// Accepts NULL.
+SGS_API void sgs_rap_destroy(sgs_rap_network *network);
+
+// RAP's features: comparisons with the 128 nearest neighbours (all, if there are fewer) and with
+// the model, in [0, 1]. features: [model->count][SGS_RAP_FEATURES]; overwritten. progress: called
+// during the computation, or NULL. Needs about 700 bytes per primitive. Fails with
+// INVALID_ARGUMENT (fewer than two primitives), OUT_OF_MEMORY, LIMIT or CANCELLED.
+SGS_API sgs_status sgs_rap_features(const sgs_gaussians *model, sgs_progress_fn progress,
+                                    void *user, float *features);
+// Name of feature k, or NULL. Owned by the library.
+SGS_API const char *sgs_rap_feature_name(int k);
+// The importance, in [0, 1], of a primitive with these features. Cannot fail.
+SGS_API double sgs_rap_score(const sgs_rap_network *network,
+                             const float features[SGS_RAP_FEATURES]);
+
 typedef enum sgs_prune_method {
     SGS_PRUNE_LIGHTGAUSSIAN = 0, // LightGaussian, Fan et al. 2024: sum of T o, times volume^0.1
     SGS_PRUNE_REFINE = 1,        // REFINE, arXiv 2606.09074: closed form from the parameters
     // PUP 3D-GS, Hanson et al. 2025: log determinant of the Fisher matrix of position and log scale
-    SGS_PRUNE_PUP = 2
+    SGS_PRUNE_PUP = 2,
+    SGS_PRUNE_RAP = 3 // RAP, CVPR 2026: a network on 15 features of the parameters
 } sgs_prune_method;
 
 typedef struct sgs_prune_options {
@@ -65,6 +89,9 @@ typedef struct sgs_prune_options {
     size_t camera_count;         // REFINE: > 0; of more than 64 a fixed random subset is used
     double volume_power;         // LightGaussian: exponent of the volume, >= 0; 0.1
     int fisher_downscale;        // PUP: replaces views.downscale; 4
+    const sgs_rap_network *rap;  // RAP
+    sgs_progress_fn progress;    // RAP: called during the computation of the features, or NULL
+    void *progress_user;
 } sgs_prune_options;
 
 // Cannot fail.

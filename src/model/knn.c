@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Exact three nearest neighbours by a balanced kd-tree (Friedman, Bentley, Finkel, "An Algorithm
+// Exact nearest neighbours by a balanced kd-tree (Friedman, Bentley, Finkel, "An Algorithm
 // for Finding Best Matches in Logarithmic Expected Time", 1977), with tight boxes instead of split
 // planes.
 //
@@ -23,7 +23,7 @@
 #include "base/core.h"
 #include "base/threads.h"
 
-enum { LEAF_POINTS = 8, MAX_LEVELS = 32, QUERY_GRAIN = 1024 };
+enum { LEAF_POINTS = 8, MANY_LEAF_POINTS = 24, MAX_LEVELS = 32, QUERY_GRAIN = 1024 };
 
 typedef struct tree_point {
     float position[3];
@@ -34,12 +34,12 @@ typedef struct tree_box {
     float low[3], high[3];
 } tree_box;
 
-typedef struct tree {
+typedef struct sgsi_knn_tree {
     size_t count;
     int levels;         // the leaves are at this level; the root is level 0
     tree_point *points; // in leaf order after the build
     tree_box *boxes;    // node k of level d is boxes[2^d + k]
-    double *distances;
+    double *distances;  // of sgsi_knn
 } tree;
 
 typedef struct tree_level {
@@ -192,34 +192,181 @@ static void search_range(void *context, size_t begin, size_t end, int thread)
     }
 }
 
+static void free_tree(tree *t)
+{
+    sgsi_free(t->points);
+    sgsi_free(t->boxes);
+}
+
+// Builds the tree of n > 0 points; free it also after a failure.
+static sgs_status build(const float *points, size_t n, size_t leaf_points, tree *t)
+{
+    if (n >= UINT32_MAX)
+        return sgsi_fail(SGS_STATUS_LIMIT,
+                         "a cloud of %zu points is too large; the limit is 4294967294", n);
+    t->count = n;
+    while (((n - 1) >> t->levels) + 1 > leaf_points)
+        ++t->levels;
+    t->points = sgsi_alloc(n, sizeof *t->points);
+    t->boxes = sgsi_alloc((size_t)2 << t->levels, sizeof *t->boxes);
+    if (!t->points || !t->boxes)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                         "no memory for the neighbour search over %zu points", n);
+    for (size_t i = 0; i < n; ++i)
+        t->points[i] =
+            (tree_point){{points[3 * i], points[3 * i + 1], points[3 * i + 2]}, (uint32_t)i};
+    for (int level = 0; level <= t->levels; ++level) {
+        tree_level context = {t, level};
+        sgsi_parallel_for((size_t)1 << level, level > 8 ? (size_t)1 << (level - 8) : 1, build_node,
+                          &context);
+    }
+    return SGS_STATUS_OK;
+}
+
 sgs_status sgsi_knn(const float *points, size_t n, double *distances)
 {
     if (!n)
         return SGS_STATUS_OK;
-    if (n >= UINT32_MAX)
-        return sgsi_fail(SGS_STATUS_LIMIT,
-                         "a cloud of %zu points is too large; the limit is 4294967294", n);
-    tree t = {.count = n, .distances = distances};
-    while (((n - 1) >> t.levels) + 1 > LEAF_POINTS)
-        ++t.levels;
-    t.points = sgsi_alloc(n, sizeof *t.points);
-    t.boxes = sgsi_alloc((size_t)2 << t.levels, sizeof *t.boxes);
-    if (!t.points || !t.boxes) {
-        sgsi_free(t.points);
-        sgsi_free(t.boxes);
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
-                         "no memory for the neighbour search over %zu points", n);
+    tree t = {.distances = distances};
+    const sgs_status status = build(points, n, LEAF_POINTS, &t);
+    if (!status)
+        sgsi_parallel_ranges(n, QUERY_GRAIN, search_range, &t);
+    free_tree(&t);
+    return status;
+}
+
+// ---- Any number of neighbours ----
+
+typedef struct candidate {
+    double distance;
+    uint32_t index;
+} candidate;
+
+// The best candidates so far, a heap with the worst one on top.
+typedef struct candidate_heap {
+    size_t count, wanted;
+    candidate items[SGSI_KNN_MOST];
+} candidate_heap;
+
+static bool is_worse(const candidate *a, const candidate *b)
+{
+    return a->distance > b->distance || (a->distance == b->distance && a->index > b->index);
+}
+
+// Moves `item` down from the top of a heap of `count`.
+static void sift_down(candidate *items, size_t count, candidate item)
+{
+    size_t at = 0;
+    for (size_t child = 1; child < count; child = 2 * at + 1) {
+        if (child + 1 < count && is_worse(&items[child + 1], &items[child]))
+            ++child;
+        if (!is_worse(&items[child], &item))
+            break;
+        items[at] = items[child];
+        at = child;
     }
-    for (size_t i = 0; i < n; ++i)
-        t.points[i] =
-            (tree_point){{points[3 * i], points[3 * i + 1], points[3 * i + 2]}, (uint32_t)i};
-    for (int level = 0; level <= t.levels; ++level) {
-        tree_level context = {&t, level};
-        sgsi_parallel_for((size_t)1 << level, level > 8 ? (size_t)1 << (level - 8) : 1, build_node,
-                          &context);
+    items[at] = item;
+}
+
+static void offer(candidate_heap *heap, candidate item)
+{
+    if (heap->count == heap->wanted) {
+        if (is_worse(&heap->items[0], &item))
+            sift_down(heap->items, heap->count, item);
+        return;
     }
-    sgsi_parallel_ranges(n, QUERY_GRAIN, search_range, &t);
-    sgsi_free(t.points);
-    sgsi_free(t.boxes);
+    size_t at = heap->count++;
+    for (; at && is_worse(&item, &heap->items[(at - 1) / 2]); at = (at - 1) / 2)
+        heap->items[at] = heap->items[(at - 1) / 2];
+    heap->items[at] = item;
+}
+
+static double worst_distance(const candidate_heap *heap)
+{
+    return heap->count == heap->wanted ? heap->items[0].distance : INFINITY;
+}
+
+static void search_many(const tree *t, const tree_point *query, candidate_heap *heap)
+{
+    visit stack[MAX_LEVELS + 2]; // each level pushes at most its farther child
+    int depth = 0;
+    stack[depth++] = (visit){0.0, 1, 0};
+    while (depth) {
+        const visit at = stack[--depth];
+        if (at.distance >= worst_distance(heap))
+            continue;
+        if (at.level == t->levels) {
+            const size_t leaf = at.node - ((size_t)1 << at.level);
+            const size_t end = node_begin(t, t->levels, leaf + 1);
+            for (size_t i = node_begin(t, t->levels, leaf); i < end; ++i)
+                if (t->points[i].index != query->index)
+                    offer(heap,
+                          (candidate){squared_distance(query->position, t->points[i].position),
+                                      t->points[i].index});
+            continue;
+        }
+        const tree_box *boxes = &t->boxes[2 * at.node];
+        visit near = {box_distance(&boxes[0], query->position), 2 * at.node, at.level + 1};
+        visit far = {box_distance(&boxes[1], query->position), 2 * at.node + 1, at.level + 1};
+        if (far.distance < near.distance) {
+            const visit kept = near;
+            near = far;
+            far = kept;
+        }
+        stack[depth++] = far;
+        stack[depth++] = near;
+    }
+}
+
+typedef struct search_job {
+    const tree *owner;
+    size_t first, wanted;
+    uint32_t *neighbours;
+} search_job;
+
+static void search_many_range(void *context, size_t begin, size_t end, int thread)
+{
+    (void)thread;
+    const search_job *job = context;
+    for (size_t place = job->first + begin; place < job->first + end; ++place) {
+        const tree_point *query = &job->owner->points[place];
+        candidate_heap heap = {.wanted = job->wanted};
+        search_many(job->owner, query, &heap);
+        uint32_t *out = job->neighbours + (size_t)query->index * job->wanted;
+        while (heap.count) { // the worst goes to the end
+            out[heap.count - 1] = heap.items[0].index;
+            --heap.count;
+            sift_down(heap.items, heap.count, heap.items[heap.count]);
+        }
+    }
+}
+
+sgs_status sgsi_knn_tree_create(const float *points, size_t n, sgsi_knn_tree **made)
+{
+    *made = NULL;
+    tree *t = sgsi_calloc(1, sizeof *t);
+    if (!t)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a neighbour search");
+    const sgs_status status = n ? build(points, n, MANY_LEAF_POINTS, t) : SGS_STATUS_OK;
+    if (status) {
+        sgsi_knn_tree_destroy(t);
+        return status;
+    }
+    *made = t;
     return SGS_STATUS_OK;
+}
+
+void sgsi_knn_tree_destroy(sgsi_knn_tree *t)
+{
+    if (!t)
+        return;
+    free_tree(t);
+    sgsi_free(t);
+}
+
+void sgsi_knn_tree_search(const sgsi_knn_tree *t, size_t begin, size_t end, size_t k,
+                          uint32_t *neighbours)
+{
+    search_job job = {t, begin, k, neighbours};
+    sgsi_parallel_ranges(end - begin, QUERY_GRAIN, search_many_range, &job);
 }

@@ -69,6 +69,23 @@ sgs_status sgsi_lightgaussian_scores(const sgs_gaussians *model, const sgs_prune
     return status;
 }
 
+// ---- RAP ----
+
+sgs_status sgsi_rap_scores(const sgs_gaussians *model, const sgs_prune_options *options,
+                           double *scores)
+{
+    float *features = sgsi_alloc(model->count, SGS_RAP_FEATURES * sizeof *features);
+    if (!features)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the features of %zu primitives",
+                         model->count);
+    const sgs_status status =
+        sgs_rap_features(model, options->progress, options->progress_user, features);
+    for (size_t i = 0; i < model->count && !status; ++i)
+        scores[i] = sgs_rap_score(options->rap, features + i * SGS_RAP_FEATURES);
+    sgsi_free(features);
+    return status;
+}
+
 // ---- Dispatch ----
 
 static sgs_status check_inputs(const sgs_prune_options *options)
@@ -85,6 +102,11 @@ static sgs_status check_inputs(const sgs_prune_options *options)
     case SGS_PRUNE_REFINE:
         if (!options->cameras || !options->camera_count)
             return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "REFINE requires camera positions");
+        return SGS_STATUS_OK;
+    case SGS_PRUNE_RAP:
+        if (!options->rap)
+            return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                             "RAP requires the network of its authors (sgs_rap_read)");
         return SGS_STATUS_OK;
     }
     return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "unknown pruning method %d",
@@ -107,6 +129,8 @@ sgs_status sgs_prune_scores(const sgs_gaussians *model, const sgs_prune_options 
         return sgsi_refine_scores(model, &own, scores);
     case SGS_PRUNE_PUP:
         return sgsi_pup_scores(model, &own, scores);
+    case SGS_PRUNE_RAP:
+        return sgsi_rap_scores(model, &own, scores);
     }
     return SGS_STATUS_INTERNAL; // excluded by check_inputs
 }

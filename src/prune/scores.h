@@ -15,6 +15,8 @@ sgs_status sgsi_refine_scores(const sgs_gaussians *model, const sgs_prune_option
                               double *scores);
 sgs_status sgsi_pup_scores(const sgs_gaussians *model, const sgs_prune_options *options,
                            double *scores);
+sgs_status sgsi_rap_scores(const sgs_gaussians *model, const sgs_prune_options *options,
+                           double *scores);
 
 // The cameras that REFINE's released code draws from `count` > `wanted`: Python's
 // random.Random(42).sample(range(count), wanted). chosen: [wanted]. Fails with OUT_OF_MEMORY.

@@ -38,6 +38,22 @@ run 0 prune "$model" "$room" --method pup --fisher-downscale 2 --scores "$tempor
 check the_size_changes_the_scores bash -c "! cmp -s '$temporary/pup4.csv' '$temporary/pup2.csv'"
 check pup_keeps_the_image above "$(psnr "$temporary/pup.ply")" 10
 
+# rap_takes_the_weights_of_the_user (random ones here); its features need none
+weights=$SPAREGS_SOURCE/tests/fuzz/corpus/rap_network/valid
+run 0 prune "$model" --method rap --weights "$weights" -o "$temporary/rap" --ratio 0.3,0.7 --features "$temporary/rap.csv" --json
+json "$temporary/stdout" "[.outputs[].gaussians] == [0.3, 0.7 | $input - ($input * . | floor)]"
+run 0 prune "$model" --method rap --features "$temporary/rap3.csv" --threads 3
+check the_same_features_with_three_threads cmp "$temporary/rap.csv" "$temporary/rap3.csv"
+check features_have_names test "$(head -1 "$temporary/rap.csv" | tr ',' '\n' | wc -l)" -eq 16
+check features_are_shares awk -F, 'NR > 1 { for (k = 2; k <= NF; ++k) bad += $k < 0 || $k > 1 } END { exit bad > 0 || NR < 2 }' "$temporary/rap.csv"
+run 2 prune "$model" --method rap -o "$temporary/x.ply" --ratio 0.5
+reports "--method rap requires --weights FILE, the network of RAP's authors (net_f15.pth), which is not part of sparegs"
+one_line
+run 1 prune "$model" --method rap --weights "${weights%valid}missing" -o "$temporary/x.ply" --ratio 0.5
+reports "missing: a tensor is missing; expected the network file of RAP's authors (net_f15.pth)"
+run 1 prune "$model" --method rap --weights "$temporary/nothing" -o "$temporary/x.ply" --ratio 0.5
+reports "nothing"
+
 # pruning_without_training_costs_quality
 full=$(psnr "$model") half=$(psnr "$temporary/refine/prune_0.50.ply")
 check pruning_costs_quality above "$full" "$half"
@@ -56,7 +72,7 @@ usage() { # MESSAGE ARGUMENT...
     one_line
 }
 usage "prune requires --method" "$model" -o "$temporary/x.ply" --ratio 0.5
-usage "prune requires an output, -o OUT or --scores FILE" "$model" --method refine
+usage "prune requires an output, -o OUT, --scores FILE or --features FILE" "$model" --method refine
 usage "-o requires --ratio R" "$model" --method refine -o "$temporary/x.ply"
 usage "--ratio: '1' is not a share from 0 to less than 1" "$model" --method refine -o "$temporary/x.ply" --ratio 0.5,1
 usage "--ratio: '' is not a share" "$model" --method refine -o "$temporary/x.ply" --ratio 0.5,

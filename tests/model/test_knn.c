@@ -185,10 +185,75 @@ static void knn_fails_cleanly_without_memory(void **state)
     free(points);
 }
 
+static int ascending(const void *a, const void *b)
+{
+    const double x = *(const double *)a, y = *(const double *)b;
+    return x < y ? -1 : x > y;
+}
+
+static double distance_of(const float *points, size_t i, size_t k)
+{
+    double d = 0.0;
+    for (size_t axis = 0; axis < 3; ++axis) {
+        const double side = (double)points[3 * i + axis] - points[3 * k + axis];
+        d += side * side;
+    }
+    return d;
+}
+
+// Distances of the k neighbours of point i against all distances, sorted; no neighbour twice.
+static void check_neighbours(const float *points, size_t n, size_t i, const uint32_t *neighbours,
+                             size_t k, double *all)
+{
+    size_t others = 0;
+    for (size_t j = 0; j < n; ++j)
+        if (j != i)
+            all[others++] = distance_of(points, i, j);
+    qsort(all, others, sizeof *all, ascending);
+    for (size_t place = 0; place < k; ++place) {
+        assert_true(neighbours[place] < n && neighbours[place] != i);
+        if (!(distance_of(points, i, neighbours[place]) == all[place]))
+            fail_msg("point %zu of %zu, neighbour %zu: %.17g, sorting has %.17g", i, n, place,
+                     distance_of(points, i, neighbours[place]), all[place]);
+        for (size_t before = 0; before < place; ++before)
+            assert_int_not_equal(neighbours[before], neighbours[place]);
+    }
+}
+
+static void many_neighbours_equal_sorting(void **state)
+{
+    (void)state;
+    static const size_t counts[][2] = {{2, 1},      {130, 128},  {129, 128},
+                                       {3000, 128}, {3000, 256}, {700, 5}};
+    for (size_t c = 0; c < sizeof clouds / sizeof *clouds; ++c)
+        for (size_t s = 0; s < sizeof counts / sizeof *counts; ++s) {
+            const size_t n = counts[s][0], k = counts[s][1];
+            float *points = make_cloud(clouds[c], n);
+            double *all = malloc(n * sizeof *all);
+            uint32_t *neighbours = malloc(n * k * sizeof *neighbours);
+            uint32_t *again = malloc(n * k * sizeof *again);
+            assert_true(all && neighbours && again);
+            sgsi_knn_tree *tree;
+            assert_int_equal(sgsi_knn_tree_create(points, n, &tree), SGS_STATUS_OK);
+            sgsi_knn_tree_search(tree, 0, n, k, neighbours);
+            for (size_t i = 0; i < n; i += 1 + n / 40)
+                check_neighbours(points, n, i, neighbours + i * k, k, all);
+            for (size_t begin = 0; begin < n; begin += 1000) // in parts
+                sgsi_knn_tree_search(tree, begin, begin + 1000 < n ? begin + 1000 : n, k, again);
+            assert_memory_equal(neighbours, again, n * k * sizeof *again);
+            sgsi_knn_tree_destroy(tree);
+            free(points);
+            free(all);
+            free(neighbours);
+            free(again);
+        }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(knn_equals_brute_force),
+        cmocka_unit_test(many_neighbours_equal_sorting),
         cmocka_unit_test(knn_of_nothing_is_fine),
         cmocka_unit_test(knn_is_the_same_for_every_thread_count),
         cmocka_unit_test(knn_fails_cleanly_without_memory),

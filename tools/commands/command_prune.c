@@ -25,7 +25,8 @@ static const char description[] =
     "iteration) that a score finds least important, and writes the rest as a PLY. lightgaussian: "
     "opacity times transmittance over all hits in the training views, weighted by volume. refine: "
     "closed form from the parameters and the camera positions, without rendering. pup: log "
-    "determinant of the Fisher matrix of position and scale over the training views (PUP 3D-GS).\n"
+    "determinant of the Fisher matrix of position and scale over the training views (PUP 3D-GS). "
+    "rap: a network on 15 features of the parameters; its weights are a file of RAP's authors.\n"
     "With several ratios OUT is a folder of files prune_R.ply. lightgaussian and pup require "
     "SCENE; refine reads the cameras of SCENE, or of the run's cameras.json. Image folder, size, "
     "split, "
@@ -34,7 +35,7 @@ static const char description[] =
 enum { MOST_RATIOS = 32 };
 
 typedef struct prune_values {
-    const char *output, *scores, *ratio;
+    const char *output, *scores, *ratio, *features, *weights;
     int method, finetune, fisher_downscale;
     double volume_power;
 } prune_values;
@@ -45,12 +46,12 @@ static const option prune_options[] = {
      .kind = OPTION_FOLDER,
      .offset = offsetof(prune_values, output),
      .argument = "OUT",
-     .shown = "required, or --scores",
+     .shown = "required, or --scores or --features",
      .help = "PLY file of the pruned model; with several ratios a folder of prune_R.ply"},
     {.name = "method",
      .kind = OPTION_CHOICE,
      .offset = offsetof(prune_values, method),
-     .argument = "lightgaussian|refine|pup",
+     .argument = "lightgaussian|refine|pup|rap",
      .shown = "required",
      .help = "score of the importance"},
     {.name = "ratio",
@@ -66,6 +67,20 @@ static const option prune_options[] = {
      .argument = "FILE",
      .shown = "none",
      .help = "write the score of each primitive of MODEL to a CSV file"},
+    {.name = "weights",
+     .kind = OPTION_TEXT,
+     .offset = offsetof(prune_values, weights),
+     .argument = "FILE",
+     .shown = "none",
+     .needs = "method=rap",
+     .help = "network of RAP's authors, net_f15.pth; required for rap's scores"},
+    {.name = "features",
+     .kind = OPTION_TEXT,
+     .offset = offsetof(prune_values, features),
+     .argument = "FILE",
+     .shown = "none",
+     .needs = "method=rap",
+     .help = "write RAP's 15 features of each primitive of MODEL to a CSV file"},
     {.name = "finetune",
      .kind = OPTION_INTEGER,
      .offset = offsetof(prune_values, finetune),
@@ -96,7 +111,7 @@ static const option prune_options[] = {
      .help = "divide width and height of the views of PUP's Fisher matrices by K"},
 };
 
-static const char *const method_names[] = {"lightgaussian", "refine", "pup"};
+static const char *const method_names[] = {"lightgaussian", "refine", "pup", "rap"};
 
 typedef struct ratio_list {
     int count;
@@ -114,6 +129,8 @@ typedef struct pruning {
     sgs_scene *scene; // NULL without SCENE
     drawing_values drawing;
     sgs_gaussians *model;
+    sgs_rap_network *rap;
+    float *features; // RAP
     double *scores, score_seconds;
     double (*cameras)[3];
     size_t camera_count;
@@ -162,8 +179,14 @@ static int check_values(pruning *p)
     const bool has_scene = p->line->operand_count > 1;
     if (!option_given(p->line, "method"))
         return fail_usage("prune requires --method %s", prune_options[1].argument);
-    if (!values->output && !values->scores)
-        return fail_usage("prune requires an output, -o OUT or --scores FILE");
+    if (!values->output && !values->scores && !values->features)
+        return fail_usage("prune requires an output, -o OUT, --scores FILE or --features FILE");
+    if (values->method == SGS_PRUNE_RAP && !values->weights && (values->output || values->scores))
+        return fail_usage("--method rap requires --weights FILE, the network of RAP's authors "
+                          "(net_f15.pth), which is not part of sparegs; --features FILE alone "
+                          "writes the features without it");
+    if (values->weights && !values->output && !values->scores)
+        return refuse_idle(p->line, "weights", "on --features alone");
     if (values->output && !values->ratio)
         return fail_usage("-o requires --ratio R, the share of the primitives to remove");
     if (values->ratio && !parse_ratios(values->ratio, &p->ratios))
@@ -250,9 +273,31 @@ static bool show_views(void *user, size_t done, size_t total)
     return !interrupt_signal();
 }
 
-static bool compute_scores(pruning *p)
+static bool show_features(void *user, size_t done, size_t total)
 {
-    const double start = clock_seconds();
+    (void)user;
+    progress_work("computing features", done, total);
+    return !interrupt_signal();
+}
+
+static bool has_memory(const void *block, const pruning *p, const char *what)
+{
+    if (!block)
+        fail_run("no memory for the %s of %zu primitives", what, p->model->count);
+    return block != NULL;
+}
+
+// The features first, as --features writes them too.
+static sgs_status rap_scores(pruning *p)
+{
+    const sgs_status status = sgs_rap_features(p->model, show_features, NULL, p->features);
+    for (size_t i = 0; i < p->model->count && !status && p->rap; ++i)
+        p->scores[i] = sgs_rap_score(p->rap, p->features + i * SGS_RAP_FEATURES);
+    return status;
+}
+
+static sgs_status view_scores(pruning *p)
+{
     sgs_prune_options options = sgs_prune_options_default();
     options.method = (sgs_prune_method)p->values->method;
     options.scene = p->scene;
@@ -260,17 +305,30 @@ static bool compute_scores(pruning *p)
     options.views.progress = show_views;
     options.volume_power = p->values->volume_power;
     options.fisher_downscale = p->values->fisher_downscale;
-    if (options.method == SGS_PRUNE_REFINE && !(p->scene ? cameras_of_scene(p) : cameras_of_run(p)))
-        return false;
     options.cameras = (const double(*)[3])p->cameras;
     options.camera_count = p->camera_count;
-    p->scores = calloc(p->model->count ? p->model->count : 1, sizeof *p->scores);
-    if (!p->scores) {
-        fail_run("no memory for the scores of %zu primitives", p->model->count);
+    return sgs_prune_scores(p->model, &options, p->scores);
+}
+
+static bool compute_scores(pruning *p)
+{
+    const double start = clock_seconds();
+    const int method = p->values->method;
+    const size_t count = p->model->count ? p->model->count : 1;
+    if (method == SGS_PRUNE_REFINE && !(p->scene ? cameras_of_scene(p) : cameras_of_run(p)))
+        return false;
+    if (p->values->weights && sgs_rap_read(p->values->weights, &p->rap)) {
+        fail_library();
         return false;
     }
+    p->scores = calloc(count, sizeof *p->scores);
+    if (method == SGS_PRUNE_RAP)
+        p->features = calloc(count, SGS_RAP_FEATURES * sizeof *p->features);
+    if (!has_memory(p->scores, p, "scores") ||
+        (method == SGS_PRUNE_RAP && !has_memory(p->features, p, "features")))
+        return false;
     progress_work_start();
-    const sgs_status status = sgs_prune_scores(p->model, &options, p->scores);
+    const sgs_status status = method == SGS_PRUNE_RAP ? rap_scores(p) : view_scores(p);
     progress_end();
     if (status && status != SGS_STATUS_CANCELLED)
         fail_library();
@@ -278,21 +336,55 @@ static bool compute_scores(pruning *p)
     return !status;
 }
 
-static bool write_scores(const pruning *p)
+typedef void (*csv_row_fn)(const pruning *p, FILE *stream, size_t i);
+
+static void put_score(const pruning *p, FILE *stream, size_t i)
+{
+    fprintf(stream, "%zu,%.9g\n", i, p->scores[i]);
+}
+
+static void put_features(const pruning *p, FILE *stream, size_t i)
+{
+    fprintf(stream, "%zu", i);
+    for (int k = 0; k < SGS_RAP_FEATURES; ++k)
+        fprintf(stream, ",%.7g", (double)p->features[i * SGS_RAP_FEATURES + (size_t)k]);
+    fputc('\n', stream);
+}
+
+// Writes a table with a row for each primitive. False after printing the error.
+static bool write_table(const pruning *p, const char *path, const char *header, csv_row_fn put)
 {
     char *text = NULL;
     size_t size = 0;
     FILE *stream = open_memstream(&text, &size);
-    if (stream) {
-        fputs("primitive,score\n", stream);
-        for (size_t i = 0; i < p->model->count; ++i)
-            fprintf(stream, "%zu,%.9g\n", i, p->scores[i]);
-    }
+    if (stream)
+        fputs(header, stream);
+    for (size_t i = 0; i < p->model->count && stream; ++i)
+        put(p, stream, i);
     bool written = stream && !fclose(stream);
     if (!written)
-        fail_run("%s: no memory for the scores", p->values->scores);
-    written = written && make_folder_of(p->values->scores) && write_text(p->values->scores, text);
+        fail_run("%s: no memory for %zu rows", path, p->model->count);
+    written = written && make_folder_of(path) && write_text(path, text);
     free(text);
+    return written;
+}
+
+static bool write_tables(const pruning *p)
+{
+    if (p->values->scores && !write_table(p, p->values->scores, "primitive,score\n", put_score))
+        return false;
+    if (!p->values->features)
+        return true;
+    char *header = format_text("primitive");
+    for (int k = 0; k < SGS_RAP_FEATURES; ++k) {
+        char *longer = format_text("%s,%s", header, sgs_rap_feature_name(k));
+        free(header);
+        header = longer;
+    }
+    char *line = format_text("%s\n", header);
+    const bool written = write_table(p, p->values->features, line, put_features);
+    free(header);
+    free(line);
     return written;
 }
 
@@ -375,7 +467,7 @@ static bool prune(pruning *p)
         return false;
     if (p->common->json)
         p->outputs = json_array();
-    bool done = compute_scores(p) && (!p->values->scores || write_scores(p));
+    bool done = compute_scores(p) && write_tables(p);
     for (int k = 0; k < p->ratios.count && done; ++k)
         done = !interrupt_signal() && make_output(p, k);
     return done && print_result(p, clock_seconds() - start);
@@ -434,6 +526,8 @@ int command_prune(int argc, char **argv)
     json_decref(p.outputs);
     free(p.cameras);
     free(p.scores);
+    free(p.features);
+    sgs_rap_destroy(p.rap);
     sgs_gaussians_destroy(p.model);
     sgs_scene_destroy(p.scene);
     model_path_free(&p.located);

@@ -1,9 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Distances of a vector to 16 entries are computed together: entries are stored in groups
-// [dimension][16], so that the compiler vectorises over the entries. Means are sums in double
-// precision in the order of the vectors.
+// Distances are computed by palette_kernels.inl. Means are sums in double precision in the order of
+// the vectors.
 
 #include "formats/palette.h"
 
@@ -13,8 +12,15 @@
 
 #include "base/core.h"
 #include "base/threads.h"
+#include "formats/palette_kernels.h"
+#include "sparegs/runtime.h"
 
-enum { GROUP = 16, SCALAR_ITERATIONS = 100, RANGE = 2048, SAMPLE_PER_CLUSTER = 256 };
+enum {
+    GROUP = SGSI_PALETTE_GROUP,
+    SCALAR_ITERATIONS = 100,
+    RANGE = 2048,
+    SAMPLE_PER_CLUSTER = 256
+};
 
 // ---- Scalar codebook ----
 
@@ -195,32 +201,30 @@ static void group_entries(clustering *c)
                 k < c->size ? c->entries[k * dimensions + d] : FLT_MAX / 4; // never the nearest
 }
 
+static sgsi_nearest_fn kernel_of(sgs_isa isa)
+{
+    static const sgsi_nearest_fn kernels[SGS_ISA_COUNT] = {
+        [SGS_ISA_BASELINE] = sgsi_palette_nearest_baseline,
+#ifdef SGSI_X86
+        [SGS_ISA_AVX2] = sgsi_palette_nearest_avx2,
+        [SGS_ISA_AVX512] = sgsi_palette_nearest_avx512,
+#endif
+    };
+    return kernels[isa];
+}
+
 static void assign_range(void *context, size_t begin, size_t end, int thread)
 {
     (void)thread;
     const clustering *c = context;
-    const size_t dimensions = (size_t)c->dimensions;
-    for (size_t i = begin; i < end; ++i) {
-        const float *vector = c->vectors + c->rows[i] * dimensions;
-        float best = INFINITY;
-        uint32_t nearest = 0;
-        for (size_t g = 0; g < c->group_count; ++g) {
-            const float *group = c->groups + g * dimensions * GROUP;
-            float distances[GROUP] = {0};
-            for (size_t d = 0; d < dimensions; ++d)
-                for (size_t j = 0; j < GROUP; ++j) {
-                    const float difference = vector[d] - group[d * GROUP + j];
-                    distances[j] += difference * difference;
-                }
-            for (size_t j = 0; j < GROUP; ++j)
-                if (distances[j] < best) {
-                    best = distances[j];
-                    nearest = (uint32_t)(g * GROUP + j);
-                }
-        }
-        c->labels[i] = nearest;
-        c->errors[i] = best;
-    }
+    const sgsi_nearest job = {.vectors = c->vectors,
+                              .rows = c->rows,
+                              .dimensions = (size_t)c->dimensions,
+                              .groups = c->groups,
+                              .group_count = c->group_count,
+                              .labels = c->labels,
+                              .errors = c->errors};
+    kernel_of(sgs_isa_get())(&job, begin, end);
 }
 
 // Moves entries to the means of their vectors, and entries without vectors to the worst ones.

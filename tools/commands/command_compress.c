@@ -9,6 +9,7 @@
 #include "cli/commands.h"
 #include "cli/interrupt.h"
 #include "cli/json_result.h"
+#include "cli/model_argument.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "cli/shared_options.h"
@@ -234,6 +235,7 @@ int command_compress(int argc, char **argv)
             scene = scene_open(call.line.operands[1], &data, true);
         if (status < 0 && (scene || !views)) {
             drawing_resolve(&drawing, &call.line, located.config, &data, scene);
+            const bool read = model_read(&located, &drawing, &model);
             const sgs_render_options render = drawing_render_options(&drawing);
             sgs_compress_options options = sgs_compress_options_default();
             options.method = (sgs_compress_method)values.method;
@@ -247,9 +249,8 @@ int command_compress(int argc, char **argv)
             const char *stage = NULL;
             options.progress = show_progress;
             options.progress_user = &stage;
-            status = sgs_ply_read(located.ply_path, &model)
-                         ? fail_library()
-                         : compress_model(model, &options, &values, call.common.json);
+            status =
+                read ? compress_model(model, &options, &values, call.common.json) : EXIT_FAILED;
         }
     }
     sgs_gaussians_destroy(model);

@@ -1,0 +1,798 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Files that are written here byte by byte after the public descriptions of the formats, and their
+// values; texts and bytes of written files.
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include <cmocka.h>
+
+#include "formats/archive.h"
+#include "formats/unpack.h"
+#include "formats/webp_image.h"
+#include "support/files_support.h"
+#include "support/model_support.h"
+#include "sparegs/model_file.h"
+
+static const double C0 = 0.28209479177387814;
+
+typedef struct bytes {
+    unsigned char data[16384];
+    size_t size;
+} bytes;
+
+static void put(bytes *out, const void *data, size_t size)
+{
+    memcpy(out->data + out->size, data, size);
+    out->size += size;
+}
+
+static void put_u8(bytes *out, unsigned value)
+{
+    out->data[out->size++] = (unsigned char)value;
+}
+
+static void put_u16(bytes *out, unsigned value)
+{
+    put_u8(out, value & 255);
+    put_u8(out, value >> 8);
+}
+
+static void put_u32(bytes *out, uint32_t value)
+{
+    put_u16(out, value & 65535);
+    put_u16(out, value >> 16);
+}
+
+static void put_u64(bytes *out, uint64_t value)
+{
+    put_u32(out, (uint32_t)value);
+    put_u32(out, (uint32_t)(value >> 32));
+}
+
+static void put_float(bytes *out, float value)
+{
+    put(out, &value, 4);
+}
+
+static sgs_gaussians *read_bytes(const temp_folder *folder, const char *name, const bytes *file,
+                                 sgs_model_info *info)
+{
+    sgs_gaussians *model;
+    file_put(temp_path(folder, name), file->data, file->size);
+    if (sgs_model_read(temp_path(folder, name), NULL, &model, info))
+        fail_msg("%s", sgs_last_error());
+    return model;
+}
+
+static void expect(const sgs_gaussians *model, size_t i, int param, double expected)
+{
+    const double value = (double)model_value(model, i, param);
+    if (!(fabs(value - expected) <= 2e-6 * (1.0 + fabs(expected))))
+        fail_msg("parameter %d of primitive %zu is %.9g, expected %.9g", param, i, value, expected);
+}
+
+static void expect_row(const sgs_gaussians *model, size_t i, int param, int count,
+                       const double *expected)
+{
+    for (int k = 0; k < count; ++k)
+        expect(model, i, param + k, expected[k]);
+}
+
+static double logit(double p)
+{
+    return log(p / (1.0 - p));
+}
+
+static void splat_is_read(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    sgs_model_info info;
+    bytes file = {.size = 0};
+    const float floats[] = {1.0f, 2.0f, -3.0f, 0.5f, 1.0f, 0.25f};
+    const unsigned char rest[] = {255, 0, 51, 204, 192, 64, 128, 128};
+    for (int k = 0; k < 6; ++k)
+        put_float(&file, floats[k]);
+    put(&file, rest, 8);
+    sgs_gaussians *model = read_bytes(&folder, "a.splat", &file, &info);
+    assert_int_equal(model->count, 1);
+    assert_int_equal(model->sh_degree, 0);
+    assert_int_equal(info.format, SGS_MODEL_SPLAT);
+    expect_row(model, 0, SGS_PARAM_MEAN, 3, (double[]){1, 2, -3});
+    expect_row(model, 0, SGS_PARAM_SCALE, 3, (double[]){log(0.5), 0, log(0.25)});
+    expect_row(model, 0, SGS_PARAM_SH_DC, 3, (double[]){0.5 / C0, -0.5 / C0, (0.2 - 0.5) / C0});
+    expect(model, 0, SGS_PARAM_OPACITY, logit(0.8));
+    expect_row(model, 0, SGS_PARAM_ROTATION, 4, (double[]){0.5, -0.5, 0, 0});
+    sgs_gaussians_destroy(model);
+    temp_folder_remove(&folder);
+}
+
+static void put_spz_header(bytes *out, unsigned version, unsigned count, unsigned degree,
+                           unsigned flags)
+{
+    put_u32(out, 0x5053474E);
+    put_u32(out, version);
+    put_u32(out, count);
+    put_u8(out, degree);
+    put_u8(out, 12);
+    put_u8(out, flags);
+    put_u8(out, 0);
+}
+
+// The streams of one primitive of SH degree 1, as separate pieces.
+static void put_spz_stream(bytes *out, unsigned version, int stream)
+{
+    static const unsigned char position[] = {0x00, 0x10, 0x00, 0x00, 0xD8, 0xFF, 0x01, 0x00, 0x00};
+    static const unsigned char sh[] = {144, 112, 128, 136, 120, 128, 0, 255, 160};
+    switch (stream) {
+    case 0:
+        if (version > 1) {
+            put(out, position, 9); // 1, -2.5, 1/4096
+        } else {
+            put_u16(out, 0x3C00); // binary16: 1, -2.5, 2^-24
+            put_u16(out, 0xC100);
+            put_u16(out, 0x0001);
+        }
+        break;
+    case 1:
+        put_u8(out, 204);
+        break;
+    case 2:
+        put(out, (const unsigned char[]){153, 127, 0}, 3);
+        break;
+    case 3:
+        put(out, (const unsigned char[]){96, 160, 0}, 3);
+        break;
+    case 4: // x = 256/511 sqrt(1/2), y = -100/511 sqrt(1/2), z = 0, w omitted
+        if (version >= 3)
+            put_u32(out, UINT32_C(3) << 30 | 256u << 20 | (512u | 100u) << 10);
+        else
+            put(out, (const unsigned char[]){191, 64, 127}, 3);
+        break;
+    default:
+        put(out, sh, 9);
+    }
+}
+
+static void check_spz(const sgs_gaussians *model, unsigned version, bool flip)
+{
+    const double sign = flip ? -1.0 : 1.0, half = sqrt(0.5);
+    double x = 256.0 / 511 * half, y = -100.0 / 511 * half, z = 0;
+    if (version < 3) {
+        x = 191 / 127.5 - 1;
+        y = 64 / 127.5 - 1;
+        z = 127 / 127.5 - 1;
+    }
+    expect_row(model, 0, SGS_PARAM_MEAN, 3,
+               (double[]){1, sign * -2.5, sign * (version > 1 ? 1.0 / 4096 : 0x1p-24)});
+    expect(model, 0, SGS_PARAM_OPACITY, logit(0.8));
+    expect_row(model, 0, SGS_PARAM_SH_DC, 3,
+               (double[]){0.1 / 0.15, (127 / 255.0 - 0.5) / 0.15, -0.5 / 0.15});
+    expect_row(model, 0, SGS_PARAM_SCALE, 3, (double[]){-4, 0, -10});
+    expect_row(model, 0, SGS_PARAM_ROTATION, 4,
+               (double[]){sqrt(1 - x * x - y * y - z * z), x, sign * y, sign * z});
+    // Degree 1 is y, z, x: the first two change their signs.
+    static const int raw[] = {16, -16, 0, 8, -8, 0, -128, 127, 32};
+    for (int k = 0; k < 9; ++k)
+        expect(model, 0, SGS_PARAM_SH_REST + k, (k < 6 ? sign : 1.0) * raw[k] / 128.0);
+}
+
+static void spz_in_gzip_is_read(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    for (unsigned version = 1; version <= 3; ++version)
+        for (int record = 0; record < 2; ++record) {
+            bytes payload = {.size = 0}, file = {.size = 0};
+            sgs_model_info info;
+            put_spz_header(&payload, version, 1, 1, record ? 3 : 0);
+            for (int k = 0; k < 6; ++k)
+                put_spz_stream(&payload, version, k);
+            if (record) { // an unknown record, then the axes of the PLY
+                put_u32(&payload, 0x12345678);
+                put_u32(&payload, 3);
+                put(&payload, "abc", 3);
+                put_u32(&payload, 0xADBE0003);
+                put_u32(&payload, 4);
+                put_u32(&payload, 6);
+            }
+            uint8_t *packed;
+            assert_int_equal(
+                sgsi_pack(SGSI_PACKING_GZIP, 1, payload.data, payload.size, &packed, &file.size),
+                SGS_STATUS_OK);
+            memcpy(file.data, packed, file.size);
+            sgsi_free(packed);
+            sgs_gaussians *model = read_bytes(&folder, "a.spz", &file, &info);
+            assert_int_equal(info.version, version);
+            assert_int_equal(info.antialiased, record);
+            assert_int_equal(info.axes, record ? SGS_SPZ_AXES_RDF : SGS_SPZ_AXES_RUB);
+            assert_int_equal(model->sh_degree, 1);
+            check_spz(model, version, !record);
+            sgs_gaussians_destroy(model);
+            // The caller's word applies if the file names no axes.
+            sgs_model_read_options options = sgs_model_read_options_default();
+            options.spz_axes = SGS_SPZ_AXES_RDF;
+            assert_int_equal(sgs_model_read(temp_path(&folder, "a.spz"), &options, &model, NULL),
+                             SGS_STATUS_OK);
+            check_spz(model, version, false);
+            sgs_gaussians_destroy(model);
+        }
+    temp_folder_remove(&folder);
+}
+
+static void spz_with_frames_is_read(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    bytes file = {.size = 0}, frames = {.size = 0};
+    sgs_model_info info;
+    put_spz_header(&file, 4, 1, 1, 1);
+    file.data[15] = 6;
+    put_u32(&file, 32);
+    for (int k = 0; k < 3; ++k)
+        put_u32(&file, 0);
+    for (int k = 0; k < 6; ++k) {
+        bytes stream = {.size = 0};
+        uint8_t *packed;
+        size_t size;
+        put_spz_stream(&stream, 4, k);
+        assert_int_equal(sgsi_pack(SGSI_PACKING_ZSTD, 1, stream.data, stream.size, &packed, &size),
+                         SGS_STATUS_OK);
+        put(&frames, packed, size);
+        put_u64(&file, size);
+        put_u64(&file, stream.size);
+        sgsi_free(packed);
+    }
+    put(&file, frames.data, frames.size);
+    sgs_gaussians *model = read_bytes(&folder, "a.spz", &file, &info);
+    assert_int_equal(info.version, 4);
+    assert_true(info.antialiased);
+    check_spz(model, 4, true);
+    sgs_gaussians_destroy(model);
+    temp_folder_remove(&folder);
+}
+
+// Positions far away keep their sign and size: fewer fractional bits instead of a wrap.
+static void spz_does_not_wrap(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    sgs_gaussians *model = model_random(3, 0), *back;
+    *sgs_gaussians_at(model, 0, 0) = 5000.0f;
+    *sgs_gaussians_at(model, 1, 1) = -8388600.0f;
+    assert_int_equal(sgs_model_write(temp_path(&folder, "a.spz"), model, NULL, NULL),
+                     SGS_STATUS_OK);
+    assert_int_equal(sgs_model_read(temp_path(&folder, "a.spz"), NULL, &back, NULL), SGS_STATUS_OK);
+    expect(back, 0, 0, 5000.0);
+    expect(back, 1, 1, -8388600.0);
+    sgs_gaussians_destroy(model);
+    sgs_gaussians_destroy(back);
+    temp_folder_remove(&folder);
+}
+
+static void compressed_ply_is_read(void **state)
+{
+    (void)state;
+    static const char *const words[] = {"packed_position", "packed_rotation", "packed_scale",
+                                        "packed_color"};
+    static const char *const bounds[] = {"x",       "y", "z", "scale_x", "scale_y",
+                                         "scale_z", "r", "g", "b"};
+    const temp_folder folder = temp_folder_make();
+    for (int colors = 0; colors < 2; ++colors) {
+        bytes file = {.size = 0};
+        sgs_model_info info;
+        char line[64];
+        put(&file, line, (size_t)sprintf(line, "ply\nformat binary_little_endian 1.0\n"));
+        put(&file, "comment SplatRenderMode: MIP\nelement chunk 1\n", 45);
+        for (int k = 0; k < (colors ? 9 : 6); k += 3)
+            for (int most = 0; most < 2; ++most)
+                for (int axis = 0; axis < 3; ++axis)
+                    put(&file, line,
+                        (size_t)sprintf(line, "property float %s_%s\n", most ? "max" : "min",
+                                        bounds[k + axis]));
+        put(&file, "element vertex 1\n", 17);
+        for (int k = 0; k < 4; ++k)
+            put(&file, line, (size_t)sprintf(line, "property uint %s\n", words[k]));
+        put(&file, "element sh 1\n", 13);
+        for (int k = 0; k < 9; ++k)
+            put(&file, line, (size_t)sprintf(line, "property uchar f_rest_%d\n", k));
+        put(&file, "end_header\n", 11);
+        const float values[] = {-1, -2, -3, 1, 2,     3,    -8, -9,    -10,
+                                -4, -5, -6, 0, 0.25f, 0.5f, 1,  0.75f, 0.5f};
+        for (int k = 0; k < (colors ? 18 : 12); ++k)
+            put_float(&file, values[k]);
+        put_u32(&file, 2047u << 21 | 0u << 11 | 1024u);           // 11, 10, 11 bits
+        put_u32(&file, 2u << 30 | 1023u << 20 | 0u << 10 | 512u); // y omitted; w, x, z
+        put_u32(&file, 0u << 21 | 1023u << 11 | 2047u);
+        put_u32(&file, 255u << 24 | 0u << 16 | 51u << 8 | 204u);
+        put(&file, (const unsigned char[]){0, 255, 128, 127, 144, 112, 1, 2, 3}, 9);
+        sgs_gaussians *model = read_bytes(&folder, "a.ply", &file, &info);
+        assert_int_equal(info.format, SGS_MODEL_COMPRESSED_PLY); // by its contents
+        assert_true(info.antialiased);
+        assert_int_equal(model->sh_degree, 1);
+        expect_row(model, 0, SGS_PARAM_MEAN, 3, (double[]){1, -2, -3 + 6 * 1024.0 / 2047});
+        expect_row(model, 0, SGS_PARAM_SCALE, 3, (double[]){-8, -5, -6});
+        const double r = sqrt(0.5), z = (512 / 1023.0 - 0.5) * sqrt(2.0);
+        expect_row(model, 0, SGS_PARAM_ROTATION, 2, (double[]){r, -r});
+        expect(model, 0, SGS_PARAM_ROTATION + 3, z);
+        expect(model, 0, SGS_PARAM_OPACITY, logit(0.8));
+        expect_row(model, 0, SGS_PARAM_SH_DC, 3,
+                   colors ? (double[]){0.5 / C0, -0.25 / C0, 0}
+                          : (double[]){0.5 / C0, -0.5 / C0, -0.3 / C0});
+        // f_rest is channel-major in the file, coefficient-major in memory.
+        const double sh[] = {-4, (127.5 / 256 - 0.5) * 8, (1.5 / 256 - 0.5) * 8, 4};
+        expect_row(model, 0, SGS_PARAM_SH_REST, 4, sh);
+        sgs_gaussians_destroy(model);
+    }
+    temp_folder_remove(&folder);
+}
+
+static void ksplat_is_read(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    sgs_model_info info;
+    bytes file = {.size = 4096 + 1024};
+    unsigned char *header = file.data, *section = file.data + 4096;
+    header[1] = 1;
+    header[4] = header[8] = 1; // sections
+    header[16] = 3;            // primitives
+    header[20] = 1;            // level
+    section[0] = section[4] = 3;
+    section[8] = 2;  // primitives of a full bucket
+    section[12] = 2; // buckets
+    memcpy(section + 16, (const float[]){8.0f}, 4);
+    section[20] = 12;
+    section[24] = 0xFF;
+    section[25] = 0x7F; // 32767
+    section[32] = section[36] = 1;
+    section[40] = 1;   // SH degree
+    put_u32(&file, 1); // length of the partial bucket
+    const float centers[] = {10, 20, 30, -1, -2, -3};
+    for (int k = 0; k < 6; ++k)
+        put_float(&file, centers[k]);
+    for (unsigned i = 0; i < 3; ++i) {
+        put_u16(&file, 0);
+        put_u16(&file, 32767);
+        put_u16(&file, 65534);
+        put_u16(&file, 0x3800); // 0.5, 1, 0
+        put_u16(&file, 0x3C00);
+        put_u16(&file, 0x0000);
+        put_u16(&file, 0x3400); // 0.25, -1, 0, 2^-15
+        put_u16(&file, 0xBC00);
+        put_u16(&file, 0x0000);
+        put_u16(&file, 0x0200);
+        put(&file, (const unsigned char[]){255, 0, 51, 204}, 4);
+        for (unsigned k = 0; k < 9; ++k)
+            put_u16(&file, 0x4000 + 0x0100 * k); // 2, 2.5, 3, 3.5, 4, 5, 6, 7, 8
+    }
+    sgs_gaussians *model = read_bytes(&folder, "a.ksplat", &file, &info);
+    assert_int_equal(model->count, 3);
+    assert_int_equal(info.format, SGS_MODEL_KSPLAT);
+    expect_row(model, 0, SGS_PARAM_MEAN, 3, (double[]){10 - 4, 20, 30 + 4});
+    expect_row(model, 1, SGS_PARAM_MEAN, 3, (double[]){10 - 4, 20, 30 + 4});
+    expect_row(model, 2, SGS_PARAM_MEAN, 3, (double[]){-1 - 4, -2, -3 + 4});
+    expect_row(model, 2, SGS_PARAM_SCALE, 3, (double[]){log(0.5), 0, -30});
+    expect_row(model, 2, SGS_PARAM_ROTATION, 4, (double[]){0.25, -1, 0, 0x1p-15});
+    expect_row(model, 2, SGS_PARAM_SH_DC, 3, (double[]){0.5 / C0, -0.5 / C0, -0.3 / C0});
+    expect(model, 2, SGS_PARAM_OPACITY, logit(0.8));
+    // The file has red, then green, then blue.
+    expect_row(model, 2, SGS_PARAM_SH_REST, 9, (double[]){2, 3.5, 6, 2.5, 4, 7, 3, 5, 8});
+    sgs_gaussians_destroy(model);
+    temp_folder_remove(&folder);
+}
+
+static void put_glb(bytes *file, const char *json, const bytes *bin)
+{
+    bytes padded = {.size = 0};
+    put(&padded, json, strlen(json));
+    while (padded.size % 4)
+        put_u8(&padded, ' ');
+    put_u32(file, 0x46546C67);
+    put_u32(file, 2);
+    put_u32(file, (uint32_t)(28 + padded.size + bin->size));
+    put_u32(file, (uint32_t)padded.size);
+    put_u32(file, 0x4E4F534A);
+    put(file, padded.data, padded.size);
+    put_u32(file, (uint32_t)bin->size);
+    put_u32(file, 0x004E4942);
+    put(file, bin->data, bin->size);
+}
+
+#define KHR "\"KHR_gaussian_splatting"
+static const char glb_text[] =
+    "{\"asset\":{\"version\":\"2.0\"},\"scene\":0,\"scenes\":[{\"nodes\":[0]}],"
+    "\"nodes\":[{\"translation\":[0,0,5],\"children\":[1]},{\"mesh\":0,\"scale\":[2,2,2],"
+    "\"rotation\":[0,0,0.70710678,0.70710678]}],\"meshes\":[{\"primitives\":[{\"mode\":0,"
+    "\"extensions\":{" KHR "\":{}},\"attributes\":{\"POSITION\":0," KHR ":ROTATION\":1," KHR
+    ":SCALE\":2," KHR ":OPACITY\":3," KHR ":SH_DEGREE_0_COEF_0\":4}}]}],"
+    "\"buffers\":[{\"byteLength\":36}],\"bufferViews\":[{\"buffer\":0,\"byteLength\":36}],"
+    "\"accessors\":["
+    "{\"bufferView\":0,\"byteOffset\":0,\"componentType\":5126,\"count\":1,\"type\":\"VEC3\"},"
+    "{\"bufferView\":0,\"byteOffset\":12,\"componentType\":5120,\"normalized\":true,\"count\":1,"
+    "\"type\":\"VEC4\"},"
+    "{\"bufferView\":0,\"byteOffset\":16,\"componentType\":5123,\"normalized\":true,\"count\":1,"
+    "\"type\":\"VEC3\"},"
+    "{\"bufferView\":0,\"byteOffset\":22,\"componentType\":5121,\"normalized\":true,\"count\":1,"
+    "\"type\":\"SCALAR\"},"
+    "{\"bufferView\":0,\"byteOffset\":24,\"componentType\":5126,\"count\":1,\"type\":\"VEC3\"}]}";
+
+static void glb_is_read_with_the_transforms_of_its_nodes(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    sgs_model_info info;
+    bytes file = {.size = 0}, bin = {.size = 0};
+    put_float(&bin, 1);
+    put_float(&bin, 2);
+    put_float(&bin, 3);
+    put(&bin, (const signed char[]){127, 0, 0, 0}, 4); // x y z w
+    put_u16(&bin, 65535);
+    put_u16(&bin, 6553);
+    put_u16(&bin, 655);
+    put_u8(&bin, 204);
+    put_u8(&bin, 0);
+    put_float(&bin, 0.1f);
+    put_float(&bin, 0.2f);
+    put_float(&bin, 0.3f);
+    put_glb(&file, glb_text, &bin);
+    sgs_gaussians *model = read_bytes(&folder, "a.glb", &file, &info);
+    assert_int_equal(info.format, SGS_MODEL_GLB);
+    // Turned by 90 degrees about z, (x, y) -> (-y, x), doubled, moved; then x and y change signs.
+    expect_row(model, 0, SGS_PARAM_MEAN, 3, (double[]){4, -2, 11});
+    expect_row(model, 0, SGS_PARAM_SCALE, 3,
+               (double[]){log(2), log(2 * 6553 / 65535.0), log(2 * 655 / 65535.0)});
+    const double r = sqrt(0.5); // (w, x, y, z) = (r, 0, 0, r) times (0, 1, 0, 0)
+    expect_row(model, 0, SGS_PARAM_ROTATION, 4, (double[]){0, -r, -r, 0});
+    expect(model, 0, SGS_PARAM_OPACITY, logit(0.8));
+    expect_row(model, 0, SGS_PARAM_SH_DC, 3, (double[]){0.1, 0.2, 0.3});
+    sgs_gaussians_destroy(model);
+    temp_folder_remove(&folder);
+}
+
+static void put_texture(const temp_folder *folder, const char *name, int width, int height,
+                        const unsigned char *rgba)
+{
+    sgsi_webp image = {.width = width, .height = height, .rgba = (uint8_t *)rgba};
+    uint8_t *packed;
+    size_t size;
+    assert_int_equal(sgsi_webp_encode(&image, &packed, &size), SGS_STATUS_OK);
+    file_put(temp_path(folder, name), packed, size);
+    sgsi_free(packed);
+}
+
+static void put_numbers(char *text, double first, double step)
+{
+    for (int k = 0; k < 256; ++k)
+        sprintf(text + strlen(text), "%s%.6f", k ? "," : "", first + step * k);
+}
+
+// Two primitives in textures of 4 x 4 pixels; 70 palette entries, of which the second has label 65.
+static void put_sog_textures(const temp_folder *folder)
+{
+    unsigned char pixels[64] = {0};
+    static unsigned char palette[192 * 2 * 4];
+    memcpy(pixels, (const unsigned char[]){0xFF, 0, 0x34, 255, 0, 0, 0, 255}, 8);
+    put_texture(folder, "l.webp", 4, 4, pixels);
+    memcpy(pixels, (const unsigned char[]){0xFF, 0, 0x12, 255, 0, 0, 0, 255}, 8);
+    put_texture(folder, "u.webp", 4, 4, pixels);
+    // x omitted (tag 253): w, y, z = 0.8, -0.6, 0 over sqrt(2) in 8 bits; an invalid tag.
+    memcpy(pixels, (const unsigned char[]){230, 51, 128, 253, 1, 2, 3, 0}, 8);
+    put_texture(folder, "q.webp", 4, 4, pixels);
+    memcpy(pixels, (const unsigned char[]){10, 20, 30, 255, 255, 254, 253, 255}, 8);
+    put_texture(folder, "s.webp", 4, 4, pixels);
+    memcpy(pixels, (const unsigned char[]){1, 2, 3, 204, 4, 5, 6, 0}, 8);
+    put_texture(folder, "c.webp", 4, 4, pixels);
+    memcpy(pixels, (const unsigned char[]){65, 0, 0, 255, 0, 1, 0, 255}, 8); // 65 and 256
+    put_texture(folder, "n.webp", 4, 4, pixels);
+    // Entry 65 is the second of the second row; its three coefficients follow each other.
+    for (int j = 0; j < 3; ++j)
+        for (int c = 0; c < 3; ++c)
+            palette[4 * (192 + 3 + j) + c] = (unsigned char)(100 + 10 * j + c);
+    put_texture(folder, "p.webp", 192, 2, palette);
+}
+
+static void check_sog(const sgs_gaussians *model, const double scales[3], const double colors[3],
+                      double opacity, double rest)
+{
+    assert_int_equal(model->count, 2);
+    assert_int_equal(model->sh_degree, 1);
+    const double z = -1 + 5 * 0x1234 / 65535.0;
+    expect_row(model, 0, SGS_PARAM_MEAN, 3,
+               (double[]){exp(1) - 1, 1 - exp(2), copysign(exp(fabs(z)) - 1, z)});
+    const double w = (230 / 255.0 * 2 - 1) / sqrt(2.0), y = (51 / 255.0 * 2 - 1) / sqrt(2.0),
+                 last = (128 / 255.0 * 2 - 1) / sqrt(2.0);
+    expect_row(model, 0, SGS_PARAM_ROTATION, 4,
+               (double[]){w, sqrt(1 - w * w - y * y - last * last), y, last});
+    expect_row(model, 1, SGS_PARAM_ROTATION, 4, (double[]){1, 0, 0, 0});
+    expect_row(model, 0, SGS_PARAM_SCALE, 3, scales);
+    expect_row(model, 0, SGS_PARAM_SH_DC, 3, colors);
+    expect(model, 0, SGS_PARAM_OPACITY, opacity);
+    for (int k = 0; k < 9; ++k) // steps of 0.01 from `rest`; a label beyond the palette is 0
+        expect(model, 0, SGS_PARAM_SH_REST + k, rest + 0.01 * (10 * (k / 3) + k % 3));
+    for (int k = 0; k < 9; ++k)
+        expect(model, 1, SGS_PARAM_SH_REST + k, 0);
+}
+
+static void sog_is_read(void **state)
+{
+    (void)state;
+    static char text[32768];
+    const temp_folder folder = temp_folder_make();
+    sgs_gaussians *model;
+    sgs_model_info info;
+    put_sog_textures(&folder);
+    strcpy(text,
+           "{\"version\":2,\"count\":2,\"model\":\"antialiased\",\"means\":{\"mins\":[0,-2,-1],"
+           "\"maxs\":[1,3,4],\"files\":[\"l.webp\",\"u.webp\"]},\"quats\":{\"files\":[\"q.webp\"]},"
+           "\"scales\":{\"files\":[\"s.webp\"],\"codebook\":[");
+    put_numbers(text, -10, 0.05);
+    strcat(text, "]},\"sh0\":{\"files\":[\"c.webp\"],\"codebook\":[");
+    put_numbers(text, -1, 0.25);
+    strcat(text,
+           "]},\"shN\":{\"count\":70,\"bands\":1,\"files\":[\"p.webp\",\"n.webp\"],\"codebook\":[");
+    put_numbers(text, -1, 0.01);
+    strcat(text, "]}}");
+    file_put(temp_path(&folder, "meta.json"), text, strlen(text));
+    if (sgs_model_read(folder.path, NULL, &model, &info))
+        fail_msg("%s", sgs_last_error());
+    assert_int_equal(info.format, SGS_MODEL_SOG);
+    assert_true(info.antialiased);
+    check_sog(model, (double[]){-9.5, -9, -8.5}, (double[]){-0.75, -0.5, -0.25}, logit(0.8), 0.0);
+    sgs_gaussians_destroy(model);
+
+    // Version 1: bounds instead of codebooks, and opacity logits.
+    strcpy(text,
+           "{\"means\":{\"shape\":[2,3],\"mins\":[0,-2,-1],\"maxs\":[1,3,4],\"files\":[\"l.webp\","
+           "\"u.webp\"]},\"quats\":{\"files\":[\"q.webp\"]},"
+           "\"scales\":{\"files\":[\"s.webp\"],\"mins\":[0,0,0],\"maxs\":[2.55,5.1,7.65]},"
+           "\"sh0\":{\"files\":[\"c.webp\"],\"mins\":[0,0,0,-10],\"maxs\":[255,2.55,25.5,10]},"
+           "\"shN\":{\"mins\":-1,\"maxs\":1.55,\"files\":[\"p.webp\",\"n.webp\"]}}");
+    file_put(temp_path(&folder, "meta.json"), text, strlen(text));
+    if (sgs_model_read(temp_path(&folder, "meta.json"), NULL, &model, &info))
+        fail_msg("%s", sgs_last_error());
+    assert_int_equal(info.version, 1);
+    check_sog(model, (double[]){0.1, 0.4, 0.9}, (double[]){1, 0.02, 0.3}, -10 + 20 * 0.8, 0.0);
+    sgs_gaussians_destroy(model);
+    temp_folder_remove(&folder);
+}
+
+static void ply_is_read_with_its_filter_and_mark(void **state)
+{
+    (void)state;
+    static const char head[] = "ply\nformat ascii 1.0\n";
+    static const char body[] =
+        "element vertex 1\nproperty float x\nproperty float y\nproperty float z\n"
+        "property float f_dc_0\nproperty float f_dc_1\nproperty float f_dc_2\nproperty float "
+        "opacity\n"
+        "property float scale_0\nproperty float scale_1\nproperty float scale_2\nproperty float "
+        "rot_0\n"
+        "property float rot_1\nproperty float rot_2\nproperty float rot_3\n";
+    static const char row[] = "end_header\n1 2 3 0 0 0 0 0 -1 -2 1 0 0 0\n";
+    static const struct {
+        const char *comments;
+        bool antialiased;
+    } cases[] = {{"", false},
+                 {"comment SplatRenderMode: mip\n", true},
+                 {"comment splatrendermode: MIP\n", true},
+                 {"comment SplatRenderMode: mip\ncomment SplatRenderMode: default\n", false},
+                 {"comment antialiased 1\n", true},
+                 {"comment antialiased 0\n", false},
+                 {"comment antialiased 10\n", false},
+                 {"comment not SplatRenderMode: mip\n", false}};
+    const temp_folder folder = temp_folder_make();
+    sgs_gaussians *model;
+    sgs_model_info info;
+    char text[2048];
+    for (size_t k = 0; k < sizeof cases / sizeof *cases; ++k) {
+        sprintf(text, "%s%s%s%s", head, cases[k].comments, body, row);
+        file_put(temp_path(&folder, "a.ply"), text, strlen(text));
+        assert_int_equal(sgs_model_read(temp_path(&folder, "a.ply"), NULL, &model, &info),
+                         SGS_STATUS_OK);
+        assert_int_equal(info.antialiased, cases[k].antialiased);
+        assert_false(info.fused_filter);
+        sgs_gaussians_destroy(model);
+    }
+    sprintf(text, "%s%sproperty float filter_3D\nend_header\n1 2 3 0 0 0 0 0 -1 -2 1 0 0 0 0.5\n",
+            head, body);
+    file_put(temp_path(&folder, "a.ply"), text, strlen(text));
+    assert_int_equal(sgs_model_read(temp_path(&folder, "a.ply"), NULL, &model, &info),
+                     SGS_STATUS_OK);
+    assert_true(info.fused_filter && info.antialiased);
+    double factor = 1;
+    for (int k = 0; k < 3; ++k) { // s^2 + f^2, and the factor on the opacity
+        const double s = exp(-k), fused = sqrt(s * s + 0.25);
+        expect(model, 0, SGS_PARAM_SCALE + k, log(fused));
+        factor *= s / fused;
+    }
+    expect(model, 0, SGS_PARAM_OPACITY, logit(0.5 * factor));
+    sgs_gaussians_destroy(model);
+    temp_folder_remove(&folder);
+}
+
+static void contains(const char *text, const char *part)
+{
+    if (!strstr(text, part))
+        fail_msg("'%s' is not in: %s", part, text);
+}
+
+static void usda_has_the_attributes_of_the_schema(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    sgs_gaussians *model;
+    assert_int_equal(sgs_gaussians_create(1, &model), SGS_STATUS_OK);
+    assert_int_equal(sgs_gaussians_resize(model, 1), SGS_STATUS_OK);
+    model->sh_degree = 1;
+    float p[SGS_PARAM_COUNT] = {
+        1, 2, 3, 0, 2, 0, 0, 0, (float)log(2), (float)log(0.5), 0, 0.25f, 0.5f, 0.75f, 1,
+        2, 3, 4, 5, 6, 7, 8, 9};
+    sgs_gaussians_set(model, 0, p);
+    // 100 x 50 pixels, f 200: 36 mm aperture and 72 mm focal length. A quarter turn about y.
+    const sgs_model_camera camera = {.name = "a \"b\".jpg",
+                                     .width = 100,
+                                     .height = 50,
+                                     .fx = 200,
+                                     .fy = 400,
+                                     .cx = 45,
+                                     .cy = 30,
+                                     .rotation = {0, 0, -1, 0, 1, 0, 1, 0, 0},
+                                     .translation = {1, 2, 3}};
+    sgs_model_write_options options = sgs_model_write_options_default();
+    options.cameras = &camera;
+    options.camera_count = 1;
+    sgs_model_written written;
+    assert_int_equal(sgs_model_write(temp_path(&folder, "a.usda"), model, &options, &written),
+                     SGS_STATUS_OK);
+    size_t size;
+    char *text = (char *)file_get(temp_path(&folder, "a.usda"), &size);
+    assert_int_equal(written.bytes, size);
+    assert_memory_equal(text, "#usda 1.0\n(\n", 12);
+    contains(text, "def ParticleField3DGaussianSplat \"Splats\"");
+    contains(text, "point3f[] positions = [\n            (1, -2, -3)\n        ]");
+    contains(text, "quatf[] orientations = [\n            (0, 1, -0, -0)\n        ]"); // unit
+    contains(text, "float3[] scales = [\n            (1, 2, 0.5)\n        ]");
+    contains(text, "float[] opacities = [\n            0.5\n        ]");
+    contains(text, "uniform int radiance:sphericalHarmonicsDegree = 1");
+    // y and z change signs: coefficients 1 and 2 (y, z) do, 3 (x) does not.
+    contains(text, "(0.25, 0.5, 0.75), (-1, -2, -3), (-4, -5, -6), (7, 8, 9)\n        ] (\n"
+                   "            elementSize = 4\n            interpolation = \"vertex\"");
+    contains(text, "uniform token sortingModeHint = \"rayHitDistance\"");
+    double box[6]; // three standard deviations; the rotation by 180 degrees does not change it
+    const char *extent = strstr(text, "float3[] extent = [");
+    assert_non_null(extent);
+    assert_int_equal(sscanf(extent, "float3[] extent = [(%lf, %lf, %lf), (%lf, %lf, %lf)]", box,
+                            box + 1, box + 2, box + 3, box + 4, box + 5),
+                     6);
+    for (int k = 0; k < 6; ++k)
+        assert_true(fabs(box[k] - (const double[]){-2, -8, -4.5, 4, 4, -1.5}[k]) <= 1e-6);
+    contains(text, "string image = \"a \\\"b\\\".jpg\"");
+    contains(text, "float focalLength = 72\n");
+    contains(text, "float horizontalApertureOffset = 1.8\n"); // (50 - 45) 36 / 100
+    contains(text, "float verticalAperture = 9\n");           // 50 * 72 / 400
+    contains(text, "float verticalApertureOffset = 0.9\n");   // (30 - 25) 72 / 400
+    // Rows: x axis (0,0,-1), minus y axis (0,1,0), minus z axis (1,0,0), centre -R^T t = (-3,-2,1);
+    // the second and third coordinate of each change signs.
+    contains(text, "( (0, -0, 1, 0), (-0, 1, 0, 0), (-1, 0, 0, 0), (-3, 2, -1, 1) )");
+    free(text);
+    sgs_gaussians_destroy(model);
+    temp_folder_remove(&folder);
+}
+
+static void lod_levels_are_nested(void **state)
+{
+    (void)state;
+    enum { COUNT = 9000 };
+    const temp_folder folder = temp_folder_make();
+    sgs_gaussians *model = model_random(COUNT, 1), *levels[3];
+    float *importance = malloc(COUNT * sizeof *importance);
+    for (size_t i = 0; i < COUNT; ++i) // a long model: the tree is split
+        importance[i] = (float)(i * 7919 % COUNT);
+    sgs_model_write_options options = sgs_model_write_options_default();
+    options.lod_levels = 3;
+    options.importance = importance;
+    options.palette_iterations = 1;
+    char path[512];
+    snprintf(path, sizeof path, "%s/lod-meta.json", folder.path);
+    if (sgs_model_write(path, model, &options, NULL))
+        fail_msg("%s", sgs_last_error());
+    sgs_model_read_options read = sgs_model_read_options_default();
+    for (read.lod = 0; read.lod < 3; ++read.lod) {
+        sgs_model_info info;
+        if (sgs_model_read(folder.path, &read, &levels[read.lod], &info))
+            fail_msg("%s", sgs_last_error());
+        assert_int_equal(info.lod_count, 3);
+        assert_int_equal(levels[read.lod]->count, COUNT >> read.lod);
+    }
+    // Every primitive of level 2 is one of the most important quarter; x identifies it.
+    for (size_t j = 0; j < levels[2]->count; j += 50) {
+        size_t nearest = 0;
+        for (size_t i = 0; i < COUNT; ++i)
+            if (fabsf(model_value(model, i, 0) - model_value(levels[2], j, 0)) <
+                fabsf(model_value(model, nearest, 0) - model_value(levels[2], j, 0)))
+                nearest = i;
+        assert_true(importance[nearest] >= COUNT - COUNT / 4);
+    }
+    read.lod = 3;
+    sgs_gaussians *none;
+    assert_int_equal(sgs_model_read(folder.path, &read, &none, NULL), SGS_STATUS_INVALID_ARGUMENT);
+    for (int k = 0; k < 3; ++k)
+        sgs_gaussians_destroy(levels[k]);
+    char command[600];
+    snprintf(command, sizeof command, "rm -r '%s'", folder.path);
+    assert_int_equal(system(command), 0);
+    free(importance);
+    sgs_gaussians_destroy(model);
+}
+
+static void names_and_contents_select_formats(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *name;
+        int format; // -1: none
+    } cases[] = {{"a.ply", SGS_MODEL_PLY},
+                 {"a/b.PLY", SGS_MODEL_PLY},
+                 {"a.compressed.ply", SGS_MODEL_COMPRESSED_PLY},
+                 {"a.splat", SGS_MODEL_SPLAT},
+                 {"a.ksplat", SGS_MODEL_KSPLAT},
+                 {"a.spz", SGS_MODEL_SPZ},
+                 {"a.glb", SGS_MODEL_GLB},
+                 {"a.sog", SGS_MODEL_SOG},
+                 {"x/meta.json", SGS_MODEL_SOG},
+                 {"x/lod-meta.json", SGS_MODEL_LOD_SOG},
+                 {"a.usda", SGS_MODEL_USDA},
+                 {"a.obj", -1},
+                 {"transforms.json", -1},
+                 {"ply", -1}};
+    for (size_t k = 0; k < sizeof cases / sizeof *cases; ++k) {
+        sgs_model_format format = SGS_MODEL_FORMAT_COUNT;
+        assert_int_equal(sgs_model_format_of_name(cases[k].name, &format), cases[k].format >= 0);
+        assert_true(cases[k].format < 0 || (int)format == cases[k].format);
+    }
+    // A file with a wrong name is recognised.
+    const temp_folder folder = temp_folder_make();
+    sgs_gaussians *model = model_random(5, 0), *back;
+    sgs_model_info info;
+    static const char *const names[] = {"a.ply", "a.compressed.ply", "a.spz", "a.glb", "a.sog"};
+    for (size_t k = 0; k < sizeof names / sizeof *names; ++k) {
+        sgs_model_format format, found;
+        assert_int_equal(sgs_model_write(temp_path(&folder, names[k]), model, NULL, NULL),
+                         SGS_STATUS_OK);
+        assert_int_equal(rename(temp_path(&folder, names[k]), temp_path(&folder, "model.bin")), 0);
+        assert_true(sgs_model_format_of_name(names[k], &format));
+        assert_true(sgs_model_format_detect(temp_path(&folder, "model.bin"), &found));
+        assert_int_equal(found, format);
+        assert_int_equal(sgs_model_read(temp_path(&folder, "model.bin"), NULL, &back, &info),
+                         SGS_STATUS_OK);
+        assert_int_equal(info.format, format);
+        sgs_gaussians_destroy(back);
+    }
+    sgs_gaussians_destroy(model);
+    temp_folder_remove(&folder);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(splat_is_read),
+        cmocka_unit_test(spz_in_gzip_is_read),
+        cmocka_unit_test(spz_with_frames_is_read),
+        cmocka_unit_test(spz_does_not_wrap),
+        cmocka_unit_test(compressed_ply_is_read),
+        cmocka_unit_test(ksplat_is_read),
+        cmocka_unit_test(glb_is_read_with_the_transforms_of_its_nodes),
+        cmocka_unit_test(sog_is_read),
+        cmocka_unit_test(ply_is_read_with_its_filter_and_mark),
+        cmocka_unit_test(usda_has_the_attributes_of_the_schema),
+        cmocka_unit_test(lod_levels_are_nested),
+        cmocka_unit_test(names_and_contents_select_formats),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

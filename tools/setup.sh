@@ -16,8 +16,10 @@ packages=(
     libwebp-dev libzstd-dev           # textures of SOG, SPZ 4
     libjxl-dev                        # images of compressed models
     libkissfft-dev                    # spectra
+    libcivetweb-dev libturbojpeg0-dev # server and pictures of the viewer
     libcmocka-dev                     # tests
     openimageio-tools openexr jq      # tests of the written files
+    curl python3                      # tests of the viewer
 )
 if [ "${1:-}" = --long ]; then
     packages+=(
@@ -25,7 +27,7 @@ if [ "${1:-}" = --long ]; then
         clang-format clang-tidy cppcheck # tools/scripts/lint.sh
         gcovr                            # tools/scripts/coverage.sh
         colmap                           # reconstruct
-        chromium                         # the page of `report`
+        chromium                         # the pages of `report` and `view`
         python3-torch                    # reference values of LPIPS
     )
     if apt-cache show clang-16 >/dev/null 2>&1; then

@@ -323,19 +323,19 @@ static void bounding_box(const sgsi_density_columns *columns, float low[3], floa
 // Least significant digit first; stable, so rows of equal keys keep their order.
 static plan_entry *sort_plan(plan_entry *entries, plan_entry *spare, size_t count)
 {
-    for (int shift = 0; shift < 63; shift += 16) {
-        static _Thread_local uint32_t begin[65536];
-        memset(begin, 0, sizeof begin);
+    enum { DIGIT_BITS = 11, DIGITS = 1 << DIGIT_BITS };
+    for (int shift = 0; shift < 63; shift += DIGIT_BITS) {
+        uint32_t begin[DIGITS] = {0};
         for (size_t i = 0; i < count; ++i)
-            ++begin[entries[i].key >> shift & 0xFFFF];
+            ++begin[entries[i].key >> shift & (DIGITS - 1)];
         uint32_t total = 0;
-        for (int k = 0; k < 65536; ++k) {
+        for (int k = 0; k < DIGITS; ++k) {
             const uint32_t size = begin[k];
             begin[k] = total;
             total += size;
         }
         for (size_t i = 0; i < count; ++i)
-            spare[begin[entries[i].key >> shift & 0xFFFF]++] = entries[i];
+            spare[begin[entries[i].key >> shift & (DIGITS - 1)]++] = entries[i];
         plan_entry *const swap = entries;
         entries = spare;
         spare = swap;

@@ -182,19 +182,21 @@ static sgs_status pixel_weights(const sgsi_scored_image *image, const sgs_train_
 
 float sgsi_positive_median(const float *values, size_t stride, const uint8_t *present, size_t count)
 {
-    // Positive floats are ordered like their bits: two passes over 16 bits find the element.
-    static _Thread_local uint32_t bins[65536];
+    // Positive floats are ordered like their bits: three passes over 11, 11 and 10 bits find the
+    // element.
+    enum { PASSES = 3, BINS = 1 << 11 };
+    static const int shifts[PASSES] = {21, 10, 0}, widths[PASSES] = {11, 11, 10};
     uint32_t high = 0;
     size_t total = 0, rank = 0;
-    for (int pass = 0; pass < 2; ++pass) {
-        memset(bins, 0, sizeof bins);
+    for (int pass = 0; pass < PASSES; ++pass) {
+        uint32_t bins[BINS] = {0};
         for (size_t i = 0; i < count; ++i) {
             if ((present && !present[i / SGS_LANES]) || !(values[i * stride] > 0.0f))
                 continue;
             uint32_t bits;
             memcpy(&bits, &values[i * stride], sizeof bits);
-            if (!pass || bits >> 16 == high)
-                ++bins[pass ? bits & 0xFFFF : bits >> 16];
+            if (!pass || bits >> shifts[pass - 1] == high)
+                ++bins[bits >> shifts[pass] & ((1U << widths[pass]) - 1)];
             total += !pass;
         }
         if (!total)
@@ -204,7 +206,7 @@ float sgsi_positive_median(const float *values, size_t stride, const uint8_t *pr
         uint32_t bin = 0;
         while (rank >= bins[bin])
             rank -= bins[bin++];
-        high = pass ? high << 16 | bin : bin;
+        high = high << widths[pass] | bin;
     }
     float median;
     memcpy(&median, &high, sizeof median);

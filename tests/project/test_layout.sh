@@ -38,11 +38,12 @@ declare -A tools_may=(
     [run]="cli"
     [draw]="run cameras cli"
     [report]="draw run cameras cli"
-    [commands]="report draw run cameras cli"
+    [viewer]="draw run cameras cli"
+    [commands]="viewer report draw run cameras cli"
 )
 # Folders of tools/ without C sources, and of tests/ that mirror no folder of src/.
 tools_other=" bench examples experiments manual package scripts "
-tests_other=" bvh spare cli project support fuzz data "
+tests_other=" bvh spare cli viewer project support fuzz data "
 
 allowed() { # WORD LIST
     [[ " $2 " == *" $1 "* ]]
@@ -71,7 +72,7 @@ for name in "${!tools_may[@]}"; do
     files=(tools/"$name"/*.[ch])
     [ ${#files[@]} -gt 0 ] || fail "tools/$name has no file"
 done
-for file in src/*/*/* bvh/*/* spare/*/* include/sparegs/*/* tools/{cli,cameras,run,draw,report,commands}/*/* tests/*.c tests/*.sh; do
+for file in src/*/*/* bvh/*/* spare/*/* include/sparegs/*/* tools/{cli,cameras,run,draw,report,viewer,commands}/*/* tests/*.c tests/*.sh; do
     fail "$file is not in a folder of the tables"
 done
 for folder in tests/*/; do

@@ -147,6 +147,17 @@ static const char *path_pose(const json_t *matrix, sgs_pose *pose)
     return NULL;
 }
 
+const char *camera_path_frame(const json_t *frame, const char *type, int width, int height,
+                              sgs_camera *camera, sgs_pose *pose)
+{
+    double fov = 0;
+    read_number(json_object_get(frame, "fov"), &fov);
+    const char *problem = path_pose(json_object_get(frame, "camera_to_world"), pose);
+    if (!problem)
+        problem = path_lens(type, width, height, fov, camera);
+    return !problem && sgs_camera_validate(camera) ? sgs_last_error() : problem;
+}
+
 static bool read_path(const char *path, const json_t *root, camera_list *list)
 {
     double width, height;
@@ -160,16 +171,9 @@ static bool read_path(const char *path, const json_t *root, camera_list *list)
     read_number(json_object_get(root, "fps"), &list->fps);
     const json_t *frames = json_object_get(root, "camera_path");
     for (size_t i = 0; i < list->count; ++i) {
-        const json_t *frame = json_array_get(frames, i);
-        double fov = 0;
-        read_number(json_object_get(frame, "fov"), &fov);
         const char *problem =
-            path_pose(json_object_get(frame, "camera_to_world"), &list->cameras[i].pose);
-        if (!problem)
-            problem = path_lens(type ? type : "perspective", (int)width, (int)height, fov,
-                                &list->cameras[i].camera);
-        if (!problem && sgs_camera_validate(&list->cameras[i].camera))
-            problem = sgs_last_error();
+            camera_path_frame(json_array_get(frames, i), type ? type : "perspective", (int)width,
+                              (int)height, &list->cameras[i].camera, &list->cameras[i].pose);
         if (problem) {
             fail_run("%s: camera_path: frame %zu: %s", path, i, problem);
             return false;

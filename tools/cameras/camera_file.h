@@ -8,6 +8,8 @@
 #include <stdbool.h>
 #include <stddef.h>
 
+#include <jansson.h>
+
 #include "sparegs/camera.h"
 
 typedef struct named_camera {
@@ -33,6 +35,10 @@ bool camera_file_is_scene(const char *path);
 // error; else release the list with camera_list_free.
 bool camera_file_read(const char *path, camera_list *list);
 void camera_list_free(camera_list *list);
+// One frame of a camera path for images of width x height pixels: camera_to_world and fov. type:
+// perspective, fisheye or equirectangular. Returns NULL, or a description of the error.
+const char *camera_path_frame(const json_t *frame, const char *type, int width, int height,
+                              sgs_camera *camera, sgs_pose *pose);
 // Keeps at most `most` cameras, evenly spaced.
 void camera_list_thin(camera_list *list, size_t most);
 // Releases the members of a camera.

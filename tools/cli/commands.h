@@ -22,6 +22,7 @@ int command_bd(int argc, char **argv);
 int command_compress(int argc, char **argv);
 int command_decompress(int argc, char **argv);
 int command_convert(int argc, char **argv);
+int command_view(int argc, char **argv);
 
 // Parses and checks a command line of `train` without running it. Returns -1 if it is valid, else
 // an exit status after printing the error.

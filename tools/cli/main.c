@@ -27,6 +27,7 @@ static const command commands[] = {
     {"train", "train a model on a data set", command_train},
     {"eval", "compare renders of a model with the photographs", command_eval},
     {"render", "render views as EXR or PNG", command_render},
+    {"view", "show a model in the browser", command_view},
     {"info", "describe a model or a data set", command_info},
     {"compress", "compress a model with a published method", command_compress},
     {"decompress", "turn a compressed model into a PLY file", command_decompress},

@@ -13,6 +13,7 @@
 #include "cli/options.h"
 #include "cli/progress.h"
 #include "run/region_file.h"
+#include "run/region_json.h"
 #include "cli/shared_options.h"
 
 static const char description[] =
@@ -45,45 +46,11 @@ static const option explain_options[] = {
      .help = "report the region that contains this point, at all updates"},
 };
 
-static void center_of(const sgs_regions *update, uint32_t voxel, double center[3])
-{
-    const uint32_t grid = (uint32_t)update->grid,
-                   at[3] = {voxel % grid, voxel / grid % grid, voxel / grid / grid};
-    for (int k = 0; k < 3; ++k)
-        center[k] = update->low[k] + (at[k] + 0.5) * update->cell[k];
-}
-
-static json_t *region_json(const sgs_regions *update, const sgs_region *r)
-{
-    json_t *object = json_object(), *point = json_array();
-    double center[3];
-    center_of(update, r->voxel, center);
-    for (int k = 0; k < 3; ++k)
-        json_array_append_new(point, json_number(center[k]));
-    json_object_set_new(object, "iteration", json_integer(update->iteration));
-    json_object_set_new(object, "voxel", json_integer(r->voxel));
-    json_object_set_new(object, "center", point);
-    json_object_set_new(object, "count", json_integer(r->count));
-    const struct {
-        const char *name;
-        float value;
-    } numbers[] = {{"quota", r->quota},          {"slack", r->slack},
-                   {"weight", r->weight},        {"demand", r->demand},
-                   {"capacity", r->capacity},    {"gradient", r->gradient},
-                   {"visibility", r->visibility}};
-    for (size_t k = 0; k < sizeof numbers / sizeof *numbers; ++k)
-        json_object_set_new(object, numbers[k].name, json_number((double)numbers[k].value));
-    json_object_set_new(object, "densified", json_integer(r->densified));
-    json_object_set_new(object, "removed", json_integer(r->removed));
-    json_object_set_new(object, "redundant", json_integer(r->redundant));
-    return object;
-}
-
 // Prints one region at one update.
 static void print_region(const sgs_regions *update, const sgs_region *r, bool dated)
 {
     double center[3];
-    center_of(update, r->voxel, center);
+    region_center(update, r->voxel, center);
     if (dated)
         printf("iteration %d: ", update->iteration);
     else

@@ -104,10 +104,11 @@ static void free_planes(made_planes *planes)
 
 // Creates the planes of region ids and slack of the primitive that contributes most. Planes that
 // are not requested stay NULL. False after printing the error.
-static bool make_regions(const frame_files *files, const sgs_frame *frame, made_planes *planes)
+static bool make_regions(const frame_files *files, const sgs_frame *frame, unsigned aovs,
+                         made_planes *planes)
 {
     const size_t pixels = (size_t)frame->width * (size_t)frame->height;
-    if (!(files->aovs & (AOV_REGION | AOV_SLACK)))
+    if (!(aovs & (AOV_REGION | AOV_SLACK)))
         return true;
     planes->region = malloc(pixels * sizeof *planes->region);
     planes->slack = malloc(pixels * sizeof *planes->slack);
@@ -152,7 +153,7 @@ static bool make_planes(const frame_files *files, const sgs_frame *frame, made_p
     }
     for (size_t i = 0; i < pixels; ++i)
         planes->alpha[i] = 1 - frame->transmittance[i];
-    return make_regions(files, frame, planes);
+    return make_regions(files, frame, files->aovs, planes);
 }
 
 // Channel c of row k in an EXR.
@@ -229,7 +230,8 @@ static bool write_exr(const frame_files *files, const char *path, const sgs_fram
         fail_library();
         return false;
     }
-    report_file(path);
+    if (!files->is_silent)
+        report_file(path);
     return true;
 }
 
@@ -367,24 +369,6 @@ static bool write_image(const frame_files *files, const char *suffix, const char
     return written;
 }
 
-// Writes a plane as a colour or grey image. The description of a colour image holds the range.
-static bool write_plane(const frame_files *files, int k, const char *suffix, const sgs_frame *frame,
-                        const float *plane)
-{
-    const bool is_grey = aov_rows[k].picture == AOV_PICTURE_GREY;
-    const value_range range = files->ranges->of[k][0];
-    sgs_image8 image = {0};
-    char description[120];
-    snprintf(description, sizeof description,
-             "%s: colours from dark to light represent %.9g to %.9g", aov_words[k],
-             (double)range.low, (double)range.high);
-    if (is_grey ? plane_grey(plane, frame->width, frame->height, &image)
-                : plane_colored(plane, frame->width, frame->height, range, &image))
-        return write_image(files, suffix, is_grey ? NULL : description, &image);
-    fail_run("%s: no memory to write it", files->name);
-    return false;
-}
-
 bool frame_picture(const frame_files *files, const sgs_frame *frame, sgs_image8 *image)
 {
     if (files->space != SGS_SPACE_LINEAR) {
@@ -414,24 +398,9 @@ bool frame_picture(const frame_files *files, const sgs_frame *frame, sgs_image8 
     return made;
 }
 
-static bool write_rgb(const frame_files *files, const sgs_frame *frame)
-{
-    sgs_image8 image = {0};
-    return frame_picture(files, frame, &image) && write_image(files, ".png", NULL, &image);
-}
-
-// Writes AOVs that are not scalar.
-static bool write_picture(const frame_files *files, const char *suffix, bool made,
-                          sgs_image8 *image)
-{
-    if (made)
-        return write_image(files, suffix, NULL, image);
-    fail_run("%s: no memory to write it", files->name);
-    return false;
-}
-
-static bool write_quantity(const frame_files *files, const sgs_frame *frame,
-                           const made_planes *made, int k)
+// The picture of a row that is not a colour image. False if out of memory.
+static bool draw_row(const frame_files *files, const sgs_frame *frame, const made_planes *made,
+                     int k, sgs_image8 *image)
 {
     const aov_row *row = &aov_rows[k];
     const sgs_aov *source = sgs_aov_find(row->source);
@@ -441,40 +410,62 @@ static bool write_quantity(const frame_files *files, const sgs_frame *frame,
     for (int c = 0; c < source->channels && source->type != SGS_AOV_TYPE_UINT; ++c)
         planes[c] = sgs_aov_plane(source, frame, c);
     const uint32_t *ids = row->made == AOV_MADE_REGION ? made->region : first;
-    char suffix[40];
-    snprintf(suffix, sizeof suffix, ".%s.png", aov_words[k]);
-    sgs_image8 image = {0};
-    bool done = false;
     switch (row->picture) {
     case AOV_PICTURE_COLOR:
-        return write_rgb(files, frame);
+        break;
     case AOV_PICTURE_GREY:
+        return plane_grey(planes[0], width, height, image);
     case AOV_PICTURE_RAMP:
-        return write_plane(files, k, suffix, frame, planes[0]);
+        return plane_colored(planes[0], width, height, files->ranges->of[k][0], image);
     case AOV_PICTURE_NORMALS:
-        done = normals_colored(planes, width, height, &image);
-        break;
+        return normals_colored(planes, width, height, image);
     case AOV_PICTURE_POSITIONS:
-        done = positions_colored(planes, frame->transmittance, files->ranges->of[k], width, height,
-                                 &image);
-        break;
+        return positions_colored(planes, frame->transmittance, files->ranges->of[k], width, height,
+                                 image);
     case AOV_PICTURE_IDS:
-        done = ids_colored(ids, width, height, &image);
-        break;
+        return ids_colored(ids, width, height, image);
     case AOV_PICTURE_SLACK:
-        done = slack_colored(made->slack, made->region, width, height, &image);
-        break;
+        return slack_colored(made->slack, made->region, width, height, image);
     }
-    return write_picture(files, suffix, done, &image);
+    return false;
+}
+
+bool frame_aov_picture(const frame_files *files, const sgs_frame *frame, int k, sgs_image8 *image)
+{
+    if (aov_rows[k].picture == AOV_PICTURE_COLOR)
+        return frame_picture(files, frame, image);
+    made_planes made = {0};
+    const bool ready = make_regions(files, frame, 1U << k, &made);
+    const bool drawn = ready && draw_row(files, frame, &made, k, image);
+    if (ready && !drawn)
+        fail_run("%s: no memory to write it", files->name);
+    free_planes(&made);
+    return drawn;
+}
+
+// Writes the picture of a row. The description of a ramp holds its range.
+static bool write_quantity(const frame_files *files, const sgs_frame *frame, int k)
+{
+    sgs_image8 image = {0};
+    if (!frame_aov_picture(files, frame, k, &image))
+        return false;
+    if (aov_rows[k].picture == AOV_PICTURE_COLOR)
+        return write_image(files, ".png", NULL, &image);
+    const value_range range = files->ranges->of[k][0];
+    char suffix[40], description[120];
+    snprintf(suffix, sizeof suffix, ".%s.png", aov_words[k]);
+    snprintf(description, sizeof description,
+             "%s: colours from dark to light represent %.9g to %.9g", aov_words[k],
+             (double)range.low, (double)range.high);
+    return write_image(files, suffix, aov_rows[k].picture == AOV_PICTURE_RAMP ? description : NULL,
+                       &image);
 }
 
 bool frame_write_png(const frame_files *files, const sgs_frame *frame)
 {
-    made_planes made = {0};
-    bool written = make_regions(files, frame, &made);
+    bool written = true;
     for (int k = 0; k < AOV_ROWS && written; ++k)
         if (files->aovs >> k & 1)
-            written = write_quantity(files, frame, &made, k);
-    free_planes(&made);
+            written = write_quantity(files, frame, k);
     return written;
 }

@@ -28,6 +28,7 @@ typedef struct frame_files {
     double near_distance;            // near clipping distance of the render
     const region_map *regions;       // of the model; for AOV_REGION and AOV_SLACK only
     const picture_ranges *ranges;    // PNG only
+    bool is_silent;                  // EXR only: the path is not printed
 } frame_files;
 
 // Opens FOLDER/STEM.deep.exr. NULL after printing the error.
@@ -42,6 +43,9 @@ bool deep_file_close(deep_file *file, bool complete);
 
 // The colours as a display image over the background. False after printing the error.
 bool frame_picture(const frame_files *files, const sgs_frame *frame, sgs_image8 *image);
+
+// The picture of AOV k (a row of aov_rows) as in its PNG file. False after printing the error.
+bool frame_aov_picture(const frame_files *files, const sgs_frame *frame, int k, sgs_image8 *image);
 
 // Writes FOLDER/STEM.exr and prints the path. May overwrite the frame's colour planes. False after
 // printing the error.

@@ -41,14 +41,21 @@ static bool fill(const sgs_regions *update, const sgs_gaussians *model, region_m
     return true;
 }
 
+bool region_map_make(const region_history *history, int iteration, const sgs_gaussians *model,
+                     region_map *map)
+{
+    *map = (region_map){0};
+    const sgs_regions *update = update_before(history, iteration);
+    return !update || fill(update, model, map);
+}
+
 bool region_map_read(const char *folder, int iteration, const sgs_gaussians *model, region_map *map)
 {
     *map = (region_map){0};
     region_history history;
     if (!region_history_read(folder, &history))
         return false;
-    const sgs_regions *update = update_before(&history, iteration);
-    const bool done = !update || fill(update, model, map);
+    const bool done = region_map_make(&history, iteration, model, map);
     region_history_free(&history);
     return done;
 }

@@ -8,6 +8,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "run/region_file.h"
 #include "sparegs/gaussians.h"
 
 typedef struct region_map {
@@ -21,5 +22,8 @@ typedef struct region_map {
 // Reads the regions of the last update up to `iteration` of a run. Release with region_map_free.
 // False after printing the error.
 bool region_map_read(const char *folder, int iteration, const sgs_gaussians *model,
+                     region_map *map);
+// The same from a history in memory.
+bool region_map_make(const region_history *history, int iteration, const sgs_gaussians *model,
                      region_map *map);
 void region_map_free(region_map *map);

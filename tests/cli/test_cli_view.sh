@@ -1,0 +1,180 @@
+#!/usr/bin/env bash
+# SPDX-FileCopyrightText: 2026 The sparegs authors
+# SPDX-License-Identifier: Apache-2.0
+
+# `sparegs view` without a browser: who is served, what is served, pictures equal to those of `render`, pixels equal to
+# the reference renderer, hostile input, the end of the server.
+set -u
+# shellcheck source-path=SCRIPTDIR source=cli_support.sh
+source "$SPAREGS_SOURCE/tests/cli/cli_support.sh"
+client=$SPAREGS_SOURCE/tests/cli/view_client.py
+
+run 0 train "$room" -o "$temporary/run" --iterations 120 --downscale 4 --quiet
+cp "$temporary"/run/point_cloud/iteration_120/point_cloud.ply "$temporary/model.ply"
+
+# start ARGUMENT...: starts the program in the background; sets server and url.
+start() {
+    last_command="sparegs view $*"
+    "$program" view "$@" >"$temporary/url" 2>"$temporary/stderr" &
+    server=$!
+    for _ in $(seq 600); do
+        [ -s "$temporary/url" ] || ! kill -0 "$server" 2>/dev/null && break
+        sleep 0.1
+    done
+    url=$(head -1 "$temporary/url")
+    check prints_the_url grep -qxE 'http://[0-9a-z.-]+:[0-9]+/(\?token=[A-Za-z0-9_-]+)?' "$temporary/url"
+}
+# stop SIGNAL: the server ends with status 0.
+stop() {
+    local status=0
+    kill "-$1" "$server"
+    wait "$server" || status=$?
+    check "$1_ends_with_status_0" test "$status" -eq 0
+}
+# code EXPECTED URL [CURL-OPTION...]: the status of a request.
+code() {
+    local expected=$1
+    shift
+    curl -s -o "$temporary/body" --path-as-is -w '%{http_code}' "$@" >"$temporary/code"
+    check "status_${expected}_of: $*" grep -qx "$expected" "$temporary/code"
+}
+# page COMMAND...: runs the client; its lines are checks.
+page() {
+    local status=0
+    python3 "$client" "$url" "$@" >"$temporary/page" 2>&1 || status=$?
+    grep '^FAIL' "$temporary/page"
+    check "client: $*" test "$status" -eq 0 -a "$(grep -c '^FAIL' "$temporary/page")" -eq 0
+}
+
+# ---- A run with its scene ----
+start "$temporary/run" "$room" --port 0
+curl -sD "$temporary/head" "$url" -o "$temporary/page.html"
+check one_page test "$(tr -d '\r' <"$temporary/head" | head -1)" = "HTTP/1.1 200 OK"
+for header in "content-security-policy: default-src 'none'; script-src 'nonce-" 'x-content-type-options: nosniff' \
+    'x-frame-options: deny' 'cross-origin-resource-policy: same-origin' 'cache-control: no-store'; do
+    check "header: $header" grep -qi "^$header" "$temporary/head"
+done
+check no_unsafe_policy bash -c "! grep -qi unsafe '$temporary/head'"
+check nothing_from_other_hosts bash -c "! grep -oE '(src|href)=\"?(https?:)?//[^\" ]*|@import|url\(' '$temporary/page.html'"
+nonce=$(grep -oiE "script-src 'nonce-[^']*" "$temporary/head" | sed "s/.*nonce-//")
+check the_page_has_the_nonce test "$(grep -c "nonce=\"$nonce\"" "$temporary/page.html")" -eq 2
+curl -sD "$temporary/head2" "$url" -o /dev/null
+check the_nonce_changes bash -c "! grep -q '$nonce' '$temporary/head2'"
+
+base=${url%/}
+code 200 "$base/photo/0"
+check a_photograph_is_a_jpeg bash -c "head -c 3 '$temporary/body' | od -An -tx1 | grep -q 'ff d8 ff'"
+code 200 "$base/thumb/1"
+code 404 "$base/photo/100000"
+code 404 "$base/photo/0.png"
+code 404 "$base/nothing"
+code 405 "$base/" -X POST -d x
+code 405 "$base/" -X PUT -d x
+code 426 "$base/stream"
+for path in /../../etc/passwd /%2e%2e/%2e%2e/etc/passwd /photo/../../../etc/passwd //etc/passwd /..%2f..%2fetc/passwd \
+    '/photo/0%00.txt' /.git/config /config.json /photo/; do
+    curl -s --path-as-is "$base$path" -o "$temporary/body"
+    check "no_file: $path" bash -c "! grep -q 'root:\|\"options\"' '$temporary/body'"
+done
+code 403 "$base/" -H 'Host: evil.example'
+code 403 "$base/" -H "Host: evil.example:${base##*:}"
+code 403 "$base/" -H 'Origin: http://evil.example'
+code 403 "$base/photo/0" -H 'Origin: null'
+code 200 "$base/" -H 'Host: localhost:9999' -H 'Origin: http://localhost:9999'
+handshake() { python3 "$client" "$1" status "${@:2}"; } # URL HEADER...
+check a_handshake_of_another_origin_is_refused test "$(python3 - "$SPAREGS_SOURCE/tests/cli" "$base" <<'PY'
+import sys
+sys.path.insert(0, sys.argv[1])
+from websocket_client import WebSocket
+host, port = sys.argv[2].split("//")[1].split(":")
+print(WebSocket(host, int(port), "/stream", origin="http://evil.example").status, WebSocket(host, int(port), "/stream").status)
+PY
+)" = "403 101"
+
+# at_rest_pictures_equal_render: bit for bit.
+mkdir "$temporary/pictures"
+page pictures "$temporary/pictures"
+name=$(basename "$(jq -r '.[0].img_name' "$temporary/run/cameras.json")")
+first=$(python3 - "$SPAREGS_SOURCE/tests/cli" "$url" <<'PY'
+import sys
+sys.path.insert(0, sys.argv[1])
+from view_client import Page
+page = Page(sys.argv[2])
+print(page.wait("hello")["views"][0]["name"])
+PY
+)
+check the_first_view_has_a_name test -n "$first" -a -n "$name"
+equal() { check "the_picture_equals_render: $1" oiiotool "$1" "$2" --fail 0 --warn 0 --diff; }
+served=$last_command
+run 0 render "$temporary/run" "$room" --view "$first" --format png --aov rgba -o "$temporary/drawn" --quiet
+equal "$temporary/pictures/view.png" "$(find "$temporary/drawn" -name '*.png')"
+run 0 render "$temporary/run" --camera "$temporary/pictures/free.json" --format png --aov rgba -o "$temporary/drawn_free" --quiet
+equal "$temporary/pictures/free.png" "$temporary/drawn_free/frame_00000.png"
+run 0 render "$temporary/run" "$room" --view "$first" --format png --aov rgba --spp 4 -o "$temporary/drawn_spp" --quiet
+equal "$temporary/pictures/samples.png" "$(find "$temporary/drawn_spp" -name '*.png')"
+
+# pixels_equal_render: the values of all quantities at some pixels are those of the EXR, and the hits sum up to them.
+run 0 render "$temporary/run" "$room" --view "$first" --aov all --exr-encoding srgb --compression none -o "$temporary/exr" --quiet
+exr=$(find "$temporary/exr" -name '*.exr')
+for k in 0 1 2; do
+    jq -c ".pixels[$k].probe" "$temporary/pictures/pixels.json" >"$temporary/probe.json"
+    x=$(jq .x "$temporary/probe.json") y=$(jq .y "$temporary/probe.json")
+    numbers=$(oiiotool "$exr" --ch depth.Z,depth_median.Z,depth_first.Z,transmittance.T,R,G,B --cut "1x1+$x+$y" --printstats |
+        sed -n 's/.*Stats Avg: *\([^(]*[0-9]\) *(.*/\1/p' | tr -s ' ' ',')
+    check "values_of_the_pixel_$x,$y" jq -e --argjson exr "[$numbers]" '($exr | length) == 7 and
+        ([.depth, .depth_median, .depth_first, .transmittance] + .rgba | . as $seen
+        | [$exr, $seen] | transpose | all((.[0] - .[1] | fabs) <= 2e-6 * (1 + (.[0] | fabs))))' "$temporary/probe.json"
+done
+check the_ray_explains_the_pixel jq -e '.pixels | all((.ray.transmittance - .probe.transmittance | fabs) < 1e-4
+    and .ray.count == .probe.hits and ((.ray.hits | length) == .ray.count)
+    and ((.ray.hits | map(.t)) as $t | $t == ($t | sort))
+    and (.ray.hits | all((.weight - .alpha * .transmittance | fabs) < 1e-12)))' "$temporary/pictures/pixels.json"
+check there_are_hits jq -e '[.pixels[].ray.count] | max > 3' "$temporary/pictures/pixels.json"
+
+last_command=$served
+page progressive
+page many
+page never_reads
+page hostile
+check serves_after_all_that test "$(curl -s -o /dev/null -w '%{http_code}' "$url")" = 200
+stop TERM
+check nothing_but_the_url_on_stdout test "$(wc -l <"$temporary/url")" -eq 1
+check files_of_the_run_are_unchanged cmp "$temporary/model.ply" "$temporary/run/point_cloud/iteration_120/point_cloud.ply"
+
+# ---- A token ----
+start "$temporary/model.ply" --port 0 --token a-token-of-this-test
+code 401 "${url%%\?*}"
+code 401 "${url%%\?*}?token=another-token-here"
+code 401 "${url%%\?*}photo/0"
+check no_handshake_without_token test "$(handshake "${url%%\?*}")" = 401
+code 200 "$url"
+check a_cookie_is_set bash -c "curl -si '$url' | grep -qi '^set-cookie: .*HttpOnly; SameSite=Strict'"
+check handshake_with_token test "$(handshake "$url")" = 101
+check handshake_with_cookie test "$(handshake "${url%%\?*}" "Cookie: sparegs_view_$(sed -E 's/.*:([0-9]+).*/\1/' <<<"$url")=a-token-of-this-test")" = 101
+stop INT
+start "$temporary/model.ply" --port 0 --address 0.0.0.0
+check another_address_has_a_random_token grep -qE '\?token=[A-Za-z0-9_-]{32}$' "$temporary/url"
+# ---- Errors: the port of this server ----
+port=$(sed -E 's/.*:([0-9]+).*/\1/' <<<"$url")
+other=$server
+run 1 view "$temporary/model.ply" --port "$port"
+one_line
+reports "port $port of 127.0.0.1 is in use"
+server=$other
+last_command="sparegs view"
+stop TERM
+run 1 view "$temporary/model.ply" --port 0 --address 192.0.2.77
+one_line
+reports "192.0.2.77 is not an address of this machine"
+run 2 view "$temporary/model.ply" --address nowhere
+reports "--address: 'nowhere' is not a numeric IPv4 address"
+run 2 view "$temporary/model.ply" --token short
+reports "--token: must be"
+run 1 view "$temporary/missing.ply" --port 0
+one_line
+run 2 view
+mkdir -p "$temporary/gone" && cp -r "$room"/. "$temporary/gone" && find "$temporary/gone" -name '*.jpg' -o -name '*.png' -o -name '*.JPG' | xargs rm -f
+run 1 view "$temporary/model.ply" "$temporary/gone" --port 0
+check one_error test "$(grep -c '^sparegs: ' "$temporary/stderr")" -ge 1
+
+finish

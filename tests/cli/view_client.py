@@ -1,0 +1,269 @@
+# SPDX-FileCopyrightText: 2026 The sparegs authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""A page of the viewer without a browser. `python3 view_client.py URL COMMAND ...` for the shell tests; see main()."""
+
+import json
+import os
+import random
+import socket
+import struct
+import sys
+import threading
+import time
+from urllib.parse import urlparse
+
+from websocket_client import Closed, WebSocket
+
+
+class Page:
+    """Collects messages; pictures are acknowledged unless `silent`."""
+
+    def __init__(self, url, **more):
+        address = urlparse(url)
+        path = "/stream" + ("?" + address.query if address.query else "")
+        self.socket = WebSocket(address.hostname, address.port, path, origin=f"http://{address.hostname}:{address.port}", **more)
+        self.serial, self.silent, self.hello = 0, False, None
+        self.pictures = []
+
+    def next(self):
+        """(type, message): a picture is ("picture", (header, file))."""
+        data = self.socket.receive()
+        if data is None:
+            raise Closed()
+        if isinstance(data, str):
+            message = json.loads(data)
+            if message["type"] == "hello":
+                self.hello = message
+            return message["type"], message
+        size = struct.unpack("<I", data[:4])[0]
+        head, file = json.loads(data[4:4 + size]), data[4 + size:]
+        if not self.silent:
+            self.socket.send({"type": "ack", "number": head["frame"]})
+        return "picture", (head, file)
+
+    def wait(self, kind, condition=lambda message: True, seconds=60):
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            found, message = self.next()
+            if found == "error" and kind != "error":
+                raise RuntimeError(message["text"])
+            if found == kind and condition(message):
+                return message
+        raise TimeoutError(kind)
+
+    def look(self, **camera):
+        """Sends a camera at rest."""
+        self.serial += 1
+        self.socket.send({"type": "camera", "serial": self.serial, "moving": False, **camera})
+
+    def final(self, **camera):
+        """(header, file) of the lossless picture of a camera."""
+        self.look(**camera)
+        return self.wait("picture", lambda picture: picture[0]["serial"] == self.serial and picture[0]["lossless"])
+
+    def ask(self, kind, **message):
+        self.socket.send({"type": kind, **message})
+        return self.wait(kind)
+
+
+def expect(name, condition, detail=""):
+    print(("ok " if condition else "FAIL ") + name + (f": {detail}" if detail != "" and not condition else ""))
+    if not condition:
+        expect.failed += 1
+
+
+expect.failed = 0
+
+
+def pictures(url, folder):
+    """Writes view.png (view 0), free.png and free.json (a free camera and its path file), samples.png."""
+    page = Page(url)
+    hello = page.wait("hello")
+    view = hello["views"][0]
+    sizes = {"width": view["width"], "height": view["height"]}
+    matrix = list(view["camera_to_world"])
+    matrix[3] += 0.05 * hello["extent"]
+    frame = {"camera_to_world": matrix, "fov": 61.7}
+    path = {"camera_type": "perspective", "render_width": 97, "render_height": 61, "camera_path": [frame]}
+    for name, camera in {"view": {**sizes, "view": 0}, "free": {"width": 97, "height": 61, **frame},
+                         "samples": {**sizes, "view": 0, "samples": 4}}.items():
+        with open(os.path.join(folder, name + ".png"), "wb") as file:
+            file.write(page.final(**camera)[1])
+    with open(os.path.join(folder, "free.json"), "w") as file:
+        json.dump(path, file)
+    page.final(**sizes, view=0)
+    pixels = []
+    for x, y in ((3, 5), (sizes["width"] // 2, sizes["height"] // 2), (sizes["width"] - 1, sizes["height"] - 1)):
+        pixels.append({"probe": page.ask("probe", x=x, y=y), "ray": page.ask("ray", x=x, y=y)})
+    with open(os.path.join(folder, "pixels.json"), "w") as file:
+        json.dump({"pixels": pixels, "aovs": [row["name"] for row in hello["aovs"]]}, file)
+    page.socket.close()
+
+
+def progressive(url):
+    """Pictures grow at rest; movement replaces a picture; quantities have ranges; slow pages get few pictures."""
+    page = Page(url)
+    page.wait("hello")
+    page.look(width=400, height=300, view=0)
+    widths = []
+    while True:
+        head = page.wait("picture")[0]
+        widths.append(head["width"])
+        if head["lossless"]:
+            break
+    expect("pictures_grow_to_full_size", widths == sorted(widths) and widths[-1] == 400 and len(widths) >= 2, widths)
+    low = page.final(width=64, height=48, view=0, aov="depth")[0]["range"]
+    expect("a_quantity_has_a_range", 0 < low[0] < low[1], low)
+    fixed = page.final(width=64, height=48, view=0, aov="depth", range=[1, 2], log=True)[0]["range"]
+    expect("a_given_range_is_used", fixed == [1, 2], fixed)
+    page.silent = True
+    for _ in range(50):
+        page.serial += 1
+        page.socket.send({"type": "camera", "serial": page.serial, "moving": True, "width": 64, "height": 48, "view": 0})
+        time.sleep(0.01)
+    page.socket.socket.settimeout(1.5)
+    count = 0
+    try:
+        while True:
+            count += page.next()[0] == "picture"
+    except TimeoutError:
+        pass
+    expect("unacknowledged_pictures_are_few", 1 <= count <= 2, count)
+    page.socket.close()
+
+
+def hostile(url):
+    """Malformed frames, texts and requests; afterwards the server still draws."""
+    random.seed(1)
+    address = urlparse(url)
+
+    def connected():
+        try:
+            page = Page(url)
+            page.wait("hello")
+            return page
+        except (Closed, OSError):
+            return None
+
+    texts = ["", "{", "[" * 60000, '{"type":"camera"}', "\x00", '{"type":"probe","x":1e308,"y":-1}', "x" * 70000,
+             '{"type":"run","action":"stop"}', '{"type":"exr"}', '{"type":"ray","x":0,"y":0}', '{"type":"region","number":7}']
+    for text in texts:
+        page = connected()
+        try:
+            page.socket.send(text)
+            page.socket.frame(9, b"ping")
+        except OSError:
+            pass
+        page.socket.close()
+    for opcode, payload, more in ((1, b"\xff\xfe", {}), (2, b"binary", {}), (3, b"x", {}), (1, b"{}", {"final": False}),
+                                  (0, b"rest", {}), (8, b"", {}), (8, b"\x03", {}), (1, b"{}", {"masked": False}),
+                                  (1, b"{}", {"reserved": 7}), (9, b"p" * 125, {}), (10, b"", {})):
+        page = connected()
+        try:
+            page.socket.frame(opcode, payload, **more)
+            page.socket.frame(1, b"{}")
+        except OSError:
+            pass
+        page.socket.close()
+    page = connected()
+    page.socket.socket.sendall(bytes([0x81, 0xFF]) + struct.pack(">Q", 1 << 62) + b"mask")  # a frame of 4 EiB
+    page.socket.close()
+    for _ in range(60):
+        page = connected()
+        try:
+            page.socket.socket.sendall(random.randbytes(random.randrange(1, 400)))
+        except OSError:
+            pass
+        page.socket.close()
+    requests = [b"GET", b"GET / HTTP/9.9\r\n\r\n", b"\r\n\r\n\r\n", b"GET /" + b"a" * 30000 + b" HTTP/1.1\r\n\r\n",
+                b"POST / HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 99999999999\r\n\r\n",
+                b"GET /photo/99999999999999999999 HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n",
+                b"GET /photo/-1 HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n",
+                b"GET http://evil.example/ HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n",
+                b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nTransfer-Encoding: chunked\r\n\r\nFFFFFFFFFFFFFFFFF\r\n"]
+    requests += [random.randbytes(random.randrange(1, 600)) for _ in range(60)]
+    for request in requests:
+        link = socket.create_connection((address.hostname, address.port), timeout=5)
+        try:
+            link.sendall(request)
+            link.shutdown(socket.SHUT_WR)
+            link.recv(1)
+        except OSError:
+            pass
+        link.close()
+    page = connected()
+    expect("draws_after_hostile_input", page is not None and page.final(width=64, height=48, view=0)[1][:4] == b"\x89PNG")
+    page.socket.close()
+
+
+def many(url):
+    """Eight pages are served, the ninth is told so; 200 connections come and go."""
+    pages = [Page(url) for _ in range(8)]
+    for page in pages:
+        page.wait("hello")
+    ninth = Page(url)
+    expect("the_ninth_page_is_told_so", ninth.next()[0] == "full")
+    try:
+        expect("the_ninth_connection_is_closed", ninth.socket.receive() is None)
+    except Closed:
+        expect("the_ninth_connection_is_closed", True)
+    threads = [threading.Thread(target=page.final, kwargs={"width": 64 + k, "height": 48, "view": 0}) for k, page in enumerate(pages)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(60)
+    expect("eight_pages_are_drawn", not any(thread.is_alive() for thread in threads))
+    for page in pages + [ninth]:
+        page.socket.close()
+    end = time.monotonic() + 30
+    count = 0
+    while count < 200 and time.monotonic() < end:
+        try:
+            page = Page(url)
+            kind = page.next()[0]
+            if kind == "hello":
+                count += 1
+                if count % 10 == 0:
+                    page.look(width=64, height=48, view=0)
+            page.socket.close()
+        except (Closed, OSError):
+            pass
+    expect("200_connections_come_and_go", count == 200, count)
+
+
+def never_reads(url):
+    """A page that never reads does not delay another one."""
+    deaf = Page(url)
+    for serial in range(300):
+        try:
+            deaf.socket.send({"type": "camera", "serial": serial, "moving": serial % 2 == 0, "width": 64, "height": 48, "view": 0})
+            deaf.socket.send({"type": "history"})
+            deaf.socket.send({"type": "ack", "number": serial})
+        except OSError:
+            break
+    start = time.monotonic()
+    page = Page(url)
+    page.wait("hello")
+    page.final(width=64, height=48, view=0)
+    expect("a_deaf_page_delays_nobody", time.monotonic() - start < 20)
+    page.socket.close()
+    deaf.socket.close()
+
+
+def status(url, *headers):
+    """The HTTP status of a WebSocket handshake with these extra headers."""
+    address = urlparse(url)
+    path = "/stream" + ("?" + address.query if address.query else "")
+    print(WebSocket(address.hostname, address.port, path, headers=headers).status)
+
+
+def main():
+    url, command = sys.argv[1:3]
+    {"pictures": pictures, "progressive": progressive, "hostile": hostile, "many": many, "never_reads": never_reads,
+     "status": status}[command](url, *sys.argv[3:])
+    sys.exit(1 if expect.failed else 0)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,156 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// `sparegs view`: shows a stored model in the browser, rendered by the tracer.
+
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+#include "cli/commands.h"
+#include "cli/interrupt.h"
+#include "cli/model_argument.h"
+#include "cli/output.h"
+#include "cli/progress.h"
+#include "viewer/view_session.h"
+
+static const char description[] =
+    "Shows MODEL (a PLY file, or a run folder: its latest iteration) in the browser, rendered by "
+    "the tracer. Prints the address to open and serves until SIGINT or SIGTERM. With SCENE its "
+    "photographs can be shown next to the renders; a run folder provides the cameras also without "
+    "SCENE, and the curves of its training.";
+
+typedef struct view_values {
+    int port;
+    const char *address, *token;
+} view_values;
+
+static const option view_options_table[] = {
+    {.name = "port",
+     .kind = OPTION_INTEGER,
+     .offset = offsetof(view_values, port),
+     .low = 0,
+     .high = 65535,
+     .argument = "N",
+     .initial = "8080",
+     .help = "port to listen on; 0 chooses a free one"},
+    {.name = "address",
+     .kind = OPTION_TEXT,
+     .offset = offsetof(view_values, address),
+     .argument = "A",
+     .initial = "127.0.0.1",
+     .help = "IPv4 address to listen on; 0.0.0.0 for all. Every address except 127.0.0.1 requires "
+             "the token that is part of the printed URL"},
+    {.name = "token",
+     .kind = OPTION_TEXT,
+     .offset = offsetof(view_values, token),
+     .argument = "T",
+     .shown = "random; none for 127.0.0.1",
+     .help = "require this token, 8 to 128 letters, digits, '-' or '_'"},
+};
+
+// Waits for a signal.
+static void serve(void)
+{
+    const struct timespec pause = {0, 50000000};
+    while (!interrupt_signal())
+        nanosleep(&pause, NULL);
+}
+
+static int view_model(const char *name, const model_path *located, const view_values *values,
+                      drawing_values *drawing, view_session *session)
+{
+    view_session_options options = {.token = values->token, .share = 1};
+    sgs_gaussians *model = NULL;
+    options.address.port = values->port;
+    view_address_host(values->address, &options.address);
+    if (!model_read(located, drawing, &model))
+        return EXIT_FAILED;
+    session->source.drawing = *drawing;
+    const bool done = view_source_open(&session->source, model, located->iteration ? name : NULL,
+                                       located->iteration);
+    if (done && !session->source.folder) {
+        const char *slash = strrchr(located->ply_path, '/');
+        session->source.folder =
+            slash ? format_text("%.*s", (int)(slash - located->ply_path), located->ply_path)
+                  : format_text(".");
+    }
+    if (!done || !view_session_start(session, &options))
+        return EXIT_FAILED;
+    view_session_print(session);
+    print_note("%s: %zu primitives; press Ctrl-C to stop", name, session->source.model->count);
+    serve();
+    return EXIT_DONE;
+}
+
+static int run_view(const command_line *line, const view_values *values, scene_values *data,
+                    drawing_values *drawing)
+{
+    model_path located;
+    sgs_scene *scene = NULL;
+    view_session session = {0};
+    int status = model_locate(line->operands[0], &located) ? -1 : EXIT_FAILED;
+    if (status < 0)
+        status = model_scene_resolve(data, line, located.config);
+    if (status < 0 && line->operand_count > 1) {
+        scene = scene_open(line->operands[1], data, false);
+        status = scene ? -1 : EXIT_FAILED;
+    }
+    if (status < 0) {
+        drawing_resolve(drawing, line, located.config, data, scene);
+        session.source.name = line->operands[0];
+        session.source.scene = scene;
+        status = view_model(line->operands[0], &located, values, drawing, &session);
+    }
+    view_session_stop(&session);
+    view_source_close(&session.source);
+    sgs_scene_destroy(scene);
+    model_path_free(&located);
+    return status;
+}
+
+// Checks values with their own syntax. Returns -1 to continue, or an exit status.
+static int check_values(const view_values *values)
+{
+    view_address address;
+    if (!view_address_host(values->address, &address))
+        return fail_usage("--address: '%s' is not a numeric IPv4 address such as 127.0.0.1 or "
+                          "0.0.0.0",
+                          values->address);
+    if (values->token && !token_is_valid(values->token))
+        return fail_usage("--token: must be 8 to 128 letters, digits, '-' or '_'");
+    return -1;
+}
+
+int command_view(int argc, char **argv)
+{
+    command_call call;
+    scene_values data;
+    drawing_values drawing;
+    view_values values = {0};
+    const command_spec spec = {.name = "view",
+                               .synopsis = "MODEL [SCENE] [options]",
+                               .description = description,
+                               .operand_minimum = 1,
+                               .operand_maximum = 2,
+                               .title = "Server",
+                               .options = view_options_table,
+                               .option_count =
+                                   sizeof view_options_table / sizeof *view_options_table,
+                               .values = &values,
+                               .scene = &data,
+                               .drawing = &drawing};
+    int status = command_parse(&spec, argc, argv, &call);
+    if (status < 0)
+        status = check_values(&values);
+    if (status < 0)
+        status = common_apply(&call.common, &call.line);
+    if (status >= 0)
+        return status;
+    if (call.line.operand_count < 2)
+        warn_idle(&call.line, "images|downscale|eval|test-every|test-images", "without SCENE");
+    warn_idle(&call.line, "masks|invert-masks|alpha|image-cache|input-colorspace|white|json",
+              "on view");
+    interrupt_watch();
+    return run_view(&call.line, &values, &data, &drawing);
+}

@@ -1,0 +1,42 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// Who may use the viewer's server: checks of the headers of one HTTP request. Pure functions
+// without sockets.
+//
+// A page of another site can send requests to 127.0.0.1. It cannot change the headers Host and
+// Origin, which name that site, also if its name resolves to 127.0.0.1 (DNS rebinding).
+
+#include <stdbool.h>
+#include <stddef.h>
+
+enum { TOKEN_BYTES = 24, TOKEN_LENGTH = 32, TOKEN_MINIMUM = 8, TOKEN_MAXIMUM = 128 };
+
+typedef struct access_rules {
+    bool loopback;     // bound to 127.0.0.0/8: Host must name this machine
+    const char *token; // or NULL
+    int port;          // part of the name of the cookie
+} access_rules;
+
+// Headers of a request; NULL if absent. token: of the query, after decoding.
+typedef struct access_request {
+    const char *host, *origin, *cookie, *token;
+} access_request;
+
+// 200, 401 (no or wrong token) or 403 (foreign Host or Origin).
+int access_check(const access_rules *rules, const access_request *request);
+
+// True for "localhost", "127.x.x.x" and "[::1]", with or without a port. The port is not compared:
+// a tunnel may use another one.
+bool host_is_loopback(const char *host);
+// True if the origin is http:// or https:// followed by the host.
+bool origin_is_host(const char *origin, const char *host);
+// The comparison takes the same time wherever the texts differ.
+bool token_equals(const char *given, const char *token);
+// TOKEN_MINIMUM to TOKEN_MAXIMUM letters, digits, '-' and '_'.
+bool token_is_valid(const char *token);
+// A random token. False if the system provides no random bytes.
+bool token_create(char token[TOKEN_LENGTH + 1]);
+// The name of the cookie that holds the token.
+void token_cookie_name(int port, char name[32]);

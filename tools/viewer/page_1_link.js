@@ -1,0 +1,140 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+'use strict';
+
+// Shared helpers, and the WebSocket to the program. Nothing is loaded from elsewhere.
+
+const byId = (id) => document.getElementById(id);
+
+// The state that several files use; tests read it as window.viewer.
+const viewer = window.viewer = {
+  hello: null,       // facts of the model
+  frame: null,       // header of the picture on the canvas
+  serial: 0,         // of the last request
+  sent: new Map(),   // serial -> time of sending
+  shown: [],         // [time, latency in ms] of the last pictures
+  probe: null, ray: null, region: null, history: null, progress: null, saved: null, errors: [],
+};
+
+const listeners = {};
+function onMessage(type, call) {
+  (listeners[type] = listeners[type] || []).push(call);
+}
+
+function element(name, text, parent) {
+  const made = document.createElement(name);
+  if (text !== undefined && text !== null) made.textContent = text;
+  if (parent) parent.append(made);
+  return made;
+}
+
+function number(value, digits = 4) {
+  if (value === null || value === undefined || !Number.isFinite(value)) return '–';
+  const size = Math.abs(value);
+  if (size !== 0 && (size >= 1e7 || size < 1e-3)) return value.toExponential(2);
+  return String(Number(value.toPrecision(digits)));
+}
+
+function notice(text) {
+  byId('notice').textContent = text || '';
+  byId('notice').hidden = !text;
+}
+
+// The token of the address was exchanged for a cookie.
+if (location.search) history.replaceState(null, '', location.pathname);
+
+let socket = null, retries = 0;
+function send(message) {
+  if (socket && socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message));
+}
+
+function connect() {
+  socket = new WebSocket((location.protocol === 'https:' ? 'wss://' : 'ws://') + location.host + '/stream');
+  socket.binaryType = 'arraybuffer';
+  let full = false;
+  socket.onmessage = (event) => {
+    if (typeof event.data !== 'string') {
+      receivePicture(event.data);
+      return;
+    }
+    const message = JSON.parse(event.data);
+    full = full || message.type === 'full';
+    if (full) notice('Eight browsers are connected already. Close one of them and reload this page.');
+    (listeners[message.type] || []).forEach((call) => call(message));
+  };
+  socket.onopen = () => { retries = 0; notice(''); };
+  socket.onclose = () => {
+    if (full) return;
+    notice('The connection to sparegs ended.');
+    if (retries++ < 20) setTimeout(connect, 1500);
+  };
+}
+
+onMessage('error', (message) => {
+  viewer.errors.push(message.text);
+  byId('status').textContent = 'Error: ' + message.text;
+});
+
+// Pictures: 4 bytes length of the JSON header (little-endian), the header, the image file.
+let drawing = Promise.resolve();
+function receivePicture(data) {
+  const length = new DataView(data).getUint32(0, true);
+  const head = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length)));
+  const file = new Blob([new Uint8Array(data, 4 + length)], {type: 'image/' + head.encoding});
+  drawing = drawing.then(() => createImageBitmap(file, {colorSpaceConversion: 'none', premultiplyAlpha: 'none'}))
+    .then((bitmap) => showPicture(head, bitmap)).catch((error) => viewer.errors.push(String(error)))
+    .then(() => send({type: 'ack', number: head.frame}));
+}
+
+// A file for the user's download folder.
+function download(name, blob) {
+  const link = document.createElement('a');
+  link.href = URL.createObjectURL(blob);
+  link.download = name;
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 10000);
+}
+
+// A plot of curves over iterations or distances. curves: [{x, y, name}]; marks: [{x, pressed}].
+const svgName = 'http://www.w3.org/2000/svg';
+function shape(name, attributes, parent, text) {
+  const made = document.createElementNS(svgName, name);
+  for (const key of Object.keys(attributes)) made.setAttribute(key, attributes[key]);
+  if (text !== undefined) made.textContent = text;
+  parent.append(made);
+  return made;
+}
+
+function plot(svg, title, curves, marks = []) {
+  svg.replaceChildren();
+  const left = 48, right = 312, top = 18, bottom = 118;
+  const points = curves.map((curve) => curve.x.map((x, i) => [x, curve.y[i]]).filter(
+    (point) => Number.isFinite(point[0]) && Number.isFinite(point[1])));
+  const all = points.flat();
+  shape('text', {x: 4, y: 11}, svg, title + (curves.length > 1 ? ': ' + curves.map((curve) => curve.name).join(', ') : ''));
+  if (!all.length) return;
+  let [x0, x1, y0, y1] = [Infinity, -Infinity, Infinity, -Infinity];
+  for (const [x, y] of all) {
+    x0 = Math.min(x0, x); x1 = Math.max(x1, x); y0 = Math.min(y0, y); y1 = Math.max(y1, y);
+  }
+  if (x1 === x0) { x0 -= 1; x1 += 1; }
+  if (y1 === y0) { y0 -= 0.5; y1 += 0.5; }
+  const px = (x) => (left + (x - x0) / (x1 - x0) * (right - left)).toFixed(1);
+  const py = (y) => (bottom - (y - y0) / (y1 - y0) * (bottom - top)).toFixed(1);
+  for (const mark of marks)
+    if (mark.x >= x0 && mark.x <= x1) {
+      const line = shape('line', {x1: px(mark.x), x2: px(mark.x), y1: top, y2: bottom, class: 'update', tabindex: 0,
+        role: 'button', 'aria-label': 'structural update of iteration ' + mark.x}, svg);
+      line.onclick = mark.pressed;
+      line.onkeydown = (event) => { if (event.key === 'Enter') mark.pressed(event); };
+    }
+  shape('path', {d: `M${left} ${top}V${bottom}H${right}`, class: 'axis'}, svg);
+  points.forEach((list, k) => {
+    if (list.length)
+      shape('polyline', {points: list.map(([x, y]) => px(x) + ',' + py(y)).join(' '), class: k ? 'other' : 'line'}, svg);
+  });
+  shape('text', {x: 4, y: top + 4}, svg, number(y1, 3));
+  shape('text', {x: 4, y: bottom}, svg, number(y0, 3));
+  shape('text', {x: left, y: bottom + 14}, svg, number(x0, 5));
+  shape('text', {x: right, y: bottom + 14, 'text-anchor': 'end'}, svg, number(x1, 5));
+}

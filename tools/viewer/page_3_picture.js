@@ -1,0 +1,300 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// The picture, what is drawn over it, and the pointer and keys that move the camera.
+
+const picture = byId('picture'), overlay = byId('overlay'), photo = byId('photo');
+
+// Places the picture in the middle of the stage, as large as possible.
+function layout() {
+  const stage = byId('stage').getBoundingClientRect(), fit = byId('fit');
+  const scale = Math.min(stage.width / request.width, stage.height / request.height);
+  const width = request.width * scale, height = request.height * scale;
+  fit.style.width = width + 'px';
+  fit.style.height = height + 'px';
+  fit.style.left = (stage.width - width) / 2 + 'px';
+  fit.style.top = (stage.height - height) / 2 + 'px';
+  if (overlay.width !== request.width || overlay.height !== request.height) {
+    overlay.width = request.width;
+    overlay.height = request.height;
+  }
+  drawOverlay();
+}
+
+function showPicture(head, bitmap) {
+  if (picture.width !== head.full_width || picture.height !== head.full_height) {
+    picture.width = head.full_width;
+    picture.height = head.full_height;
+  }
+  const context = picture.getContext('2d', {alpha: false});
+  context.imageSmoothingEnabled = head.width !== head.full_width;
+  context.drawImage(bitmap, 0, 0, head.full_width, head.full_height);
+  bitmap.close();
+  const now = performance.now(), sent = viewer.sent.get(head.serial);
+  viewer.shown.push([now, sent === undefined ? NaN : now - sent]);
+  if (viewer.shown.length > 1000) viewer.shown.shift();
+  viewer.frame = head;
+  const rate = viewer.shown.filter((entry) => entry[0] > now - 1000).length;
+  byId('status').textContent = `${head.width} × ${head.height}${head.lossless ? ', exact' : ''} · ${(1000 * head.seconds).toFixed(0)} ms · ` +
+    `${rate} pictures/s · ${head.gaussians.toLocaleString('en')} primitives` + (head.iteration ? ` · iteration ${head.iteration}` : '');
+  showBar(head);
+  compareAgain();
+}
+
+function showBar(head) {
+  byId('bar').hidden = !head.range;
+  if (!head.range) return;
+  byId('low').textContent = number(head.range[0]);
+  byId('high').textContent = number(head.range[1]);
+  byId('quantity').textContent = head.aov + (byId('log').checked ? ' (log)' : '');
+}
+
+function drawRamp(colors) {
+  const canvas = byId('ramp');
+  canvas.width = colors.length;
+  const context = canvas.getContext('2d');
+  colors.forEach((color, i) => {
+    context.fillStyle = `rgb(${color.join(' ')})`;
+    context.fillRect(i, 0, 1, 1);
+  });
+}
+
+// ---- Overlay: the frusta of the cameras, the chosen pixel, the difference ----
+
+let chosen = null; // the clicked pixel
+function project(point) {
+  const [fx, fy, cx, cy] = intrinsics(request.width, request.height);
+  const offset = add(point, camera.position, -1);
+  const z = -dot(offset, camera.back);
+  if (!(z > 1e-3)) return null;
+  return [cx + fx * dot(offset, camera.right) / z, cy - fy * dot(offset, camera.up) / z];
+}
+
+function drawFrustum(context, view, size) {
+  const m = view.camera_to_world, [fx, fy, cx, cy] = view.intrinsics;
+  const at = (x, y, z) => [0, 1, 2].map((k) => m[4 * k + 3] + x * m[4 * k] + y * m[4 * k + 1] + z * m[4 * k + 2]);
+  const corner = (x, y) => at((x - cx) / fx * size, -(y - cy) / fy * size, -size);
+  const tip = project(at(0, 0, 0));
+  const corners = [[0, 0], [view.width, 0], [view.width, view.height], [0, view.height]].map(([x, y]) => project(corner(x, y)));
+  context.beginPath();
+  corners.forEach((point, k) => {
+    const next = corners[(k + 1) % 4];
+    if (point && next) { context.moveTo(...point); context.lineTo(...next); }
+    if (point && tip) { context.moveTo(...tip); context.lineTo(...point); }
+  });
+  context.stroke();
+}
+
+function drawOverlay() {
+  const context = overlay.getContext('2d');
+  context.clearRect(0, 0, overlay.width, overlay.height);
+  drawDifference(context);
+  if (byId('frusta').checked && viewer.hello) {
+    context.lineWidth = Math.max(1, overlay.height / 600);
+    viewer.hello.views.forEach((view, index) => {
+      if (index === camera.view) return;
+      context.strokeStyle = view.test ? '#ffb000' : '#4fc3f7';
+      drawFrustum(context, view, 0.04 * viewer.hello.extent);
+    });
+  }
+  drawMore.forEach((call) => call(context));
+  if (chosen) {
+    context.strokeStyle = '#ff4081';
+    context.lineWidth = Math.max(1, overlay.height / 500);
+    context.strokeRect(chosen[0] - 5, chosen[1] - 5, 11, 11);
+  }
+}
+const drawMore = []; // further drawings over the picture
+
+// ---- Photographs ----
+
+let photoReady = false;
+function photographLeft() {
+  byId('split').hidden = photo.hidden = true;
+  photoReady = false;
+  chosen = null;
+  document.querySelectorAll('#photos button[aria-pressed=true]').forEach((button) => button.setAttribute('aria-pressed', 'false'));
+}
+
+function compareAgain() {
+  const mode = byId('compare').value, shows = camera.view >= 0 && viewer.hello.views[camera.view].photo;
+  photo.hidden = !(shows && photoReady && (mode === 'slider' || mode === 'photo'));
+  byId('split').hidden = !(shows && photoReady && mode === 'slider');
+  photo.style.clipPath = mode === 'slider' ? `inset(0 ${100 - byId('split').value}% 0 0)` : 'none';
+  drawOverlay();
+}
+
+function drawDifference(context) {
+  if (byId('compare').value !== 'difference' || camera.view < 0 || !photoReady ||
+      picture.width !== overlay.width || picture.height !== overlay.height) return;
+  const width = overlay.width, height = overlay.height, gain = Number(byId('gain').value);
+  const scratch = document.createElement('canvas');
+  scratch.width = width;
+  scratch.height = height;
+  const other = scratch.getContext('2d');
+  other.drawImage(photo, 0, 0, width, height);
+  const a = other.getImageData(0, 0, width, height), b = picture.getContext('2d').getImageData(0, 0, width, height).data;
+  for (let i = 0; i < b.length; ++i) if (i % 4 !== 3) a.data[i] = gain * Math.abs(a.data[i] - b[i]);
+  context.putImageData(a, 0, 0);
+}
+
+function choosePhotograph(index) {
+  photographLeft();
+  goToView(index);
+  const view = viewer.hello.views[index];
+  const button = document.querySelectorAll('#photos button')[index];
+  if (button) button.setAttribute('aria-pressed', 'true');
+  byId('lens').value = String(index);
+  byId('fov').value = camera.fov;
+  showFov();
+  if (!view.photo) return;
+  photo.onload = () => { photoReady = true; compareAgain(); };
+  photo.alt = 'Photograph ' + view.name;
+  photo.src = '/photo/' + index;
+}
+
+// ---- Values under the cursor ----
+
+let probing = false, probeNext = null;
+function probe(x, y) {
+  if (probing) { probeNext = [x, y]; return; }
+  probing = true;
+  send({type: 'probe', x, y});
+  setTimeout(() => { probing = false; }, 2000);
+}
+
+onMessage('probe', (message) => {
+  viewer.probe = message;
+  probing = false;
+  const aov = byId('aov').value;
+  const value = aov === 'rgba' ? message.rgba : message[aov];
+  const text = Array.isArray(value) ? value.map((v) => number(v)).join(', ') : number(value, 6);
+  byId('value').textContent = `(${message.x}, ${message.y}) ${aov}: ${text}` + (aov === 'depth' ? '' : ` · depth ${number(message.depth)}`);
+  if (probeNext) {
+    const next = probeNext;
+    probeNext = null;
+    probe(...next);
+  }
+});
+
+function pixelAt(event) {
+  const box = picture.getBoundingClientRect();
+  const x = Math.floor((event.clientX - box.left) / box.width * request.width);
+  const y = Math.floor((event.clientY - box.top) / box.height * request.height);
+  return x >= 0 && y >= 0 && x < request.width && y < request.height ? [x, y] : null;
+}
+
+// The point on the surface at a pixel, from the last traced depth near it, else at the orbit's distance.
+function pointAt(pixel) {
+  const last = viewer.probe, near = last && Math.hypot(last.x - pixel[0], last.y - pixel[1]) < 0.03 * request.height;
+  const depth = near && last.depth > 0 ? last.depth : targetDistance();
+  return add(camera.position, rayThrough(...pixel), depth);
+}
+
+// ---- Pointer ----
+
+const pointers = new Map();
+let dragged = 0, pinch = 0;
+
+picture.addEventListener('pointerdown', (event) => {
+  picture.focus({preventScroll: true});
+  try { picture.setPointerCapture(event.pointerId); } catch (error) { /* a synthetic event */ }
+  pointers.set(event.pointerId, [event.clientX, event.clientY]);
+  dragged = pointers.size > 1 ? 99 : 0;
+});
+
+function drag(event, from) {
+  const box = picture.getBoundingClientRect();
+  const dx = (event.clientX - from[0]) / box.height, dy = (event.clientY - from[1]) / box.height;
+  const mode = event.buttons & 6 || event.shiftKey ? 'pan' : byId('mode').value;
+  if (mode === 'pan') pan(dx, dy);
+  else if (mode === 'fly') look(dx * 1.5, dy * 1.5);
+  else orbit(dx * 4, dy * 4);
+}
+
+function pinchTo(from, event) {
+  const other = [...pointers.entries()].find(([id]) => id !== event.pointerId)[1];
+  const before = Math.hypot(from[0] - other[0], from[1] - other[1]);
+  const after = Math.hypot(event.clientX - other[0], event.clientY - other[1]);
+  const box = picture.getBoundingClientRect();
+  pan((event.clientX - from[0]) / 2 / box.height, (event.clientY - from[1]) / 2 / box.height);
+  if (before > 5 && after > 5) zoomTo(camera.target, before / after);
+}
+
+picture.addEventListener('pointermove', (event) => {
+  const from = pointers.get(event.pointerId);
+  if (!from) {
+    const pixel = pixelAt(event);
+    if (pixel && !movingNow) probe(...pixel);
+    return;
+  }
+  dragged += Math.hypot(event.clientX - from[0], event.clientY - from[1]);
+  if (dragged > 4 || pointers.size > 1) {
+    if (pointers.size > 1) pinchTo(from, event);
+    else drag(event, from);
+    pointers.set(event.pointerId, [event.clientX, event.clientY]);
+  }
+});
+
+function release(event) {
+  if (pointers.delete(event.pointerId) && event.type === 'pointerup' && dragged <= 4 && event.button === 0) {
+    const pixel = pixelAt(event);
+    if (pixel) choosePixel(...pixel);
+  }
+}
+picture.addEventListener('pointerup', release);
+picture.addEventListener('pointercancel', release);
+picture.addEventListener('contextmenu', (event) => event.preventDefault());
+
+picture.addEventListener('wheel', (event) => {
+  event.preventDefault();
+  const pixel = pixelAt(event);
+  if (pixel) zoomTo(pointAt(pixel), Math.exp(Math.max(-1, Math.min(1, event.deltaY / 400))));
+}, {passive: false});
+
+picture.addEventListener('dblclick', (event) => {
+  const pixel = pixelAt(event);
+  if (!pixel) return;
+  camera.target = pointAt(pixel);
+  requestPicture(false);
+});
+
+// ---- Keys ----
+
+const held = new Set();
+let flying = 0;
+function flyStep(time) {
+  const seconds = Math.min(0.1, (time - flying) / 1000);
+  flying = held.size ? time : 0;
+  if (!held.size) return;
+  const step = seconds * targetDistance() * 0.7 * 10 ** Number(byId('speed').value);
+  const axis = (plus, minus) => (held.has(plus) - held.has(minus)) * step;
+  fly(axis('d', 'a'), axis('e', 'q'), axis('w', 's'));
+  requestAnimationFrame(flyStep);
+}
+
+picture.addEventListener('keydown', (event) => {
+  const key = event.key.toLowerCase();
+  if (event.ctrlKey || event.metaKey || event.altKey) return;
+  if ('wasdqe'.includes(key) && key.length === 1) {
+    held.add(key);
+    if (!flying) requestAnimationFrame((time) => { flying = time; flyStep(time); });
+  } else if (key.startsWith('arrow')) {
+    const dx = (key === 'arrowright') - (key === 'arrowleft'), dy = (key === 'arrowdown') - (key === 'arrowup');
+    if (event.shiftKey) pan(0.03 * dx, 0.03 * dy);
+    else if (byId('mode').value === 'fly') look(-0.06 * dx, -0.06 * dy);
+    else orbit(0.08 * dx, 0.08 * dy);
+  } else if (key === '+' || key === '=' || key === '-') {
+    zoomTo(camera.target, key === '-' ? 1.12 : 1 / 1.12);
+  } else if (key === 'home') {
+    goHome();
+  } else if (key === 'enter') {
+    choosePixel(request.width >> 1, request.height >> 1);
+  } else {
+    return;
+  }
+  event.preventDefault();
+});
+picture.addEventListener('keyup', (event) => held.delete(event.key.toLowerCase()));
+picture.addEventListener('blur', () => held.clear());
+new ResizeObserver(() => { if (viewer.hello) requestPicture(false); }).observe(byId('stage'));

@@ -1,0 +1,142 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// The controls of quantity, camera, photographs, pixel and region.
+
+function showFov() {
+  byId('fovText').textContent = number(camera.fov, 3) + '°';
+}
+
+function setUp() {
+  const choice = byId('up').value;
+  worldUp = choice === 'cameras' ? viewer.hello.up.slice() : [0, 0, 0];
+  if (choice !== 'cameras') worldUp['xyz'.indexOf(choice.slice(-1))] = choice[0] === '-' ? -1 : 1;
+}
+
+function rampOf(name) {
+  const row = viewer.hello.aovs.find((aov) => aov.name === name);
+  return row && row.ramp;
+}
+
+function showQuantity() {
+  const ramp = rampOf(byId('aov').value);
+  for (const id of ['log', 'rangeLow', 'rangeHigh']) byId(id).disabled = !ramp;
+  byId('samples').disabled = byId('aov').value !== 'rgba';
+  byId('value').textContent = '';
+  requestPicture(false);
+}
+
+function saveScreenshot() {
+  picture.toBlob((blob) => {
+    viewer.saved = {kind: 'png', size: blob.size};
+    download((viewer.hello.model.split('/').pop() || 'view') + '.png', blob);
+  });
+}
+
+onMessage('saved', (message) => {
+  viewer.saved = {kind: 'exr', path: message.path};
+  byId('status').textContent = 'Saved ' + message.path;
+});
+
+for (const id of ['log', 'rangeLow', 'rangeHigh', 'samples', 'size']) byId(id).onchange = () => requestPicture(false);
+byId('aov').onchange = showQuantity;
+byId('screenshot').onclick = saveScreenshot;
+byId('exr').onclick = () => send({type: 'exr'});
+byId('fov').oninput = () => {
+  camera.fov = Number(byId('fov').value);
+  camera.lens = -1;
+  byId('lens').value = '-1';
+  showFov();
+  moved();
+};
+byId('lens').onchange = () => {
+  camera.lens = Number(byId('lens').value);
+  if (camera.lens >= 0) camera.fov = viewer.hello.views[camera.lens].fov;
+  byId('fov').value = camera.fov;
+  showFov();
+  moved();
+};
+byId('up').onchange = () => { setUp(); levelHorizon(); };
+byId('home').onclick = goHome;
+byId('level').onclick = levelHorizon;
+byId('frusta').onchange = drawOverlay;
+byId('compare').onchange = compareAgain;
+byId('split').oninput = compareAgain;
+byId('gain').oninput = compareAgain;
+byId('fold').onclick = () => {
+  const folded = byId('panel').classList.toggle('folded');
+  byId('fold').setAttribute('aria-expanded', String(!folded));
+  byId('fold').textContent = folded ? 'Show controls' : 'Hide controls';
+  requestPicture(false);
+};
+
+function listPhotographs(views) {
+  const list = byId('photos');
+  list.replaceChildren();
+  views.forEach((view, index) => {
+    const button = element('button', null, element('li', null, list));
+    button.type = 'button';
+    button.setAttribute('aria-pressed', 'false');
+    button.title = `${view.name}, ${view.width} × ${view.height}, ${view.lens}${view.test ? ', held out' : ''}`;
+    if (view.photo) {
+      const image = element('img', null, button);
+      image.loading = 'lazy';
+      image.alt = '';
+      image.src = '/thumb/' + index;
+    }
+    element('span', (view.test ? '◇ ' : '') + view.name, button);
+    button.onclick = () => choosePhotograph(index);
+  });
+}
+
+// ---- One pixel ----
+
+function choosePixel(x, y) {
+  chosen = [x, y];
+  drawOverlay();
+  probe(x, y);
+  send({type: 'ray', x, y});
+}
+
+onMessage('ray', (message) => {
+  viewer.ray = message;
+  byId('pixelBox').open = true;
+  byId('pixelText').textContent = `Pixel (${message.x}, ${message.y}): ${message.count} primitives, remaining transmittance ${number(message.transmittance)}`;
+  const body = byId('pixelTable').tBodies[0];
+  body.replaceChildren();
+  for (const hit of message.hits) {
+    const row = element('tr', null, body);
+    for (const cell of [hit.id, number(hit.t, 6), number(hit.alpha), number(hit.weight),
+      hit.scale.map((scale) => number(scale, 2)).join(' '), hit.region === null ? '–' : hit.region]) element('td', cell, row);
+  }
+  const steps = {x: [], y: []};
+  for (const hit of message.hits) {
+    steps.x.push(hit.t, hit.t);
+    steps.y.push(hit.transmittance, hit.transmittance * (1 - hit.alpha));
+  }
+  plot(byId('pixelPlot'), 'transmittance against t', [{x: steps.x, y: steps.y, name: 'T'}]);
+  const main = message.hits.reduce((best, hit) => (!best || hit.weight > best.weight ? hit : best), null);
+  if (main && main.region !== null) send({type: 'region', number: main.region});
+});
+
+// ---- One region ----
+
+onMessage('region', (message) => {
+  viewer.region = message;
+  const updates = message.updates;
+  byId('regionBox').open = true;
+  const body = byId('regionTable').tBodies[0];
+  body.replaceChildren();
+  for (const update of updates) {
+    const row = element('tr', null, body);
+    for (const key of ['iteration', 'count', 'quota', 'slack', 'weight', 'demand', 'capacity', 'densified', 'removed', 'redundant'])
+      element('td', number(update[key]), row);
+  }
+  const last = updates[updates.length - 1];
+  byId('regionText').textContent = last ? `Region ${message.voxel} around (${last.center.map((c) => number(c, 3)).join(', ')}): ` +
+    `${last.count} primitives, quota ${number(last.quota)}: ${last.count > last.quota ? 'over' : 'under'} budget` :
+    `Region ${message.voxel}: no primitives at any update`;
+  const x = updates.map((update) => update.iteration);
+  plot(byId('regionPlot'), 'primitives', [{x, y: updates.map((update) => update.count), name: 'count'},
+    {x, y: updates.map((update) => update.quota), name: 'quota'}]);
+});

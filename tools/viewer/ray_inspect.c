@@ -1,0 +1,192 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// The reference renderer takes all parameters in double precision, which needs more memory than the
+// model. So the model is passed in chunks first. The transmittance in front of a hit is at least as
+// large among the primitives of its chunk as among all of them, so a hit that counts among all
+// counts in its chunk. The first hit that does not count ends the list, so it is required too: it
+// is the first hit of the chunk's other primitives. All of these, in the order of their rows, are
+// passed once more and give the result.
+
+#include "viewer/ray_inspect.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "cli/output.h"
+
+enum { CHUNK = 4096 };
+
+typedef struct row_list {
+    uint32_t *rows; // [count]
+    size_t count, capacity;
+} row_list;
+
+static int compare_rows(const void *a, const void *b)
+{
+    const uint32_t x = *(const uint32_t *)a, y = *(const uint32_t *)b;
+    return (x > y) - (x < y);
+}
+
+static void load_row(const sgs_gaussians *model, size_t row, double *params)
+{
+    for (int k = 0; k < SGS_PARAM_COUNT; ++k)
+        params[k] = (double)*sgs_gaussians_at(model, row, k);
+    params[SGS_PARAM_OPACITY] = (double)sgs_gaussians_opacity_logit(model, row);
+}
+
+// Appends the rows of the hits of a chunk that starts at row `first`.
+static bool add_rows(row_list *list, const sgs_hit *hits, size_t count, size_t first)
+{
+    if (list->count + count > list->capacity) {
+        const size_t capacity = 2 * list->capacity + count;
+        uint32_t *rows = realloc(list->rows, capacity * sizeof *rows);
+        if (!rows)
+            return false;
+        list->rows = rows;
+        list->capacity = capacity;
+    }
+    for (size_t i = 0; i < count; ++i)
+        list->rows[list->count++] = (uint32_t)first + hits[i].primitive;
+    return true;
+}
+
+typedef struct ray_query {
+    const sgs_camera *camera;
+    const sgs_pose *pose;
+    const sgs_render_options *options;
+    int x, y;
+} ray_query;
+
+static size_t query_hits(const ray_query *query, const double *params, size_t count, sgs_hit *hits)
+{
+    return sgs_reference_hits(params, count, query->camera, query->pose, query->options, query->x,
+                              query->y, hits, count);
+}
+
+// The row of the first hit of a chunk that is not among its `found` hits, by a query without them.
+// Changes params. False if there is none.
+static bool next_hit(const ray_query *query, double *params, size_t count, sgs_hit *hits,
+                     size_t found, uint32_t *row)
+{
+    bool counted[CHUNK] = {false};
+    uint32_t rows[CHUNK];
+    size_t kept = 0;
+    for (size_t i = 0; i < found; ++i)
+        counted[hits[i].primitive] = true;
+    for (size_t i = 0; i < count; ++i)
+        if (!counted[i]) {
+            memmove(params + kept * SGS_PARAM_COUNT, params + i * SGS_PARAM_COUNT,
+                    SGS_PARAM_COUNT * sizeof *params);
+            rows[kept++] = (uint32_t)i;
+        }
+    if (!query_hits(query, params, kept, hits))
+        return false;
+    *row = rows[hits[0].primitive];
+    return true;
+}
+
+// Adds the hits of rows [first, first + count), whose parameters are in params, and the hit that
+// ends their list.
+static bool add_chunk(const ray_query *query, double *params, size_t first, size_t count,
+                      sgs_hit *hits, row_list *list)
+{
+    const double may_end =
+        0.0101; // alpha is at most 0.99: then T is below 1e-4 behind the next hit
+    const size_t found = query_hits(query, params, count, hits);
+    if (!found)
+        return true;
+    const sgs_hit *last = &hits[found - 1];
+    const bool ends = last->transmittance * (1 - last->alpha) < may_end;
+    sgs_hit end = {0};
+    if (!add_rows(list, hits, found, first))
+        return false;
+    return !ends || !next_hit(query, params, count, hits, found, &end.primitive) ||
+           add_rows(list, &end, 1, first);
+}
+
+static bool find_rows(const sgs_gaussians *model, const ray_query *query, row_list *list)
+{
+    double *params = malloc(CHUNK * SGS_PARAM_COUNT * sizeof *params);
+    sgs_hit *hits = malloc(CHUNK * sizeof *hits);
+    bool done = params && hits;
+    for (size_t first = 0; first < model->count && done; first += CHUNK) {
+        const size_t count = model->count - first < CHUNK ? model->count - first : CHUNK;
+        for (size_t i = 0; i < count; ++i)
+            load_row(model, first + i, params + i * SGS_PARAM_COUNT);
+        done = add_chunk(query, params, first, count, hits, list);
+    }
+    free(params);
+    free(hits);
+    return done;
+}
+
+bool ray_hits(const sgs_gaussians *model, const sgs_camera *camera, const sgs_pose *pose,
+              const sgs_render_options *options, int x, int y, sgs_hit **hits, size_t *count)
+{
+    row_list list = {0};
+    double *params = NULL;
+    *hits = NULL;
+    *count = 0;
+    const ray_query query = {camera, pose, options, x, y};
+    bool done = find_rows(model, &query, &list);
+    if (done) {
+        params = malloc((list.count + 1) * SGS_PARAM_COUNT * sizeof *params);
+        *hits = malloc((list.count + 1) * sizeof **hits);
+        done = params && *hits;
+    }
+    if (done) {
+        if (list.count)
+            qsort(list.rows, list.count, sizeof *list.rows, compare_rows);
+        for (size_t i = 0; i < list.count; ++i)
+            load_row(model, list.rows[i], params + i * SGS_PARAM_COUNT);
+        *count =
+            sgs_reference_hits(params, list.count, camera, pose, options, x, y, *hits, list.count);
+        for (size_t i = 0; i < *count; ++i)
+            (*hits)[i].primitive = list.rows[(*hits)[i].primitive];
+    } else {
+        free(*hits);
+        *hits = NULL;
+    }
+    free(params);
+    free(list.rows);
+    return done;
+}
+
+static json_t *hit_json(const sgs_gaussians *model, const region_map *regions, const sgs_hit *hit)
+{
+    json_t *scale = json_array();
+    const size_t row = hit->primitive;
+    for (int k = 0; k < 3; ++k)
+        json_array_append_new(
+            scale, json_number(exp((double)*sgs_gaussians_at(model, row, SGS_PARAM_SCALE + k))));
+    const double opacity = 1 / (1 + exp(-(double)sgs_gaussians_opacity_logit(model, row)));
+    const bool any = row < regions->count && regions->region[row] != SGS_NO_PRIMITIVE;
+    return json_pack("{s:I,s:f,s:f,s:f,s:f,s:o,s:f,s:o}", "id", (json_int_t)row, "t", hit->t,
+                     "alpha", hit->alpha, "transmittance", hit->transmittance, "weight",
+                     hit->alpha * hit->transmittance, "scale", scale, "opacity", opacity, "region",
+                     any ? json_integer(regions->region[row]) : json_null());
+}
+
+json_t *ray_inspect(view_source *source, const view_request *request, int x, int y)
+{
+    sgs_hit *hits;
+    size_t count;
+    if (x >= request->camera.width || y >= request->camera.height)
+        return NULL;
+    const sgs_render_options options = drawing_render_options(&source->drawing);
+    if (!ray_hits(source->model, &request->camera, &request->pose, &options, x, y, &hits, &count))
+        return NULL;
+    const region_map *regions = view_source_regions(source);
+    json_t *list = json_array();
+    double transmittance = 1;
+    for (size_t i = 0; i < count; ++i) {
+        transmittance = hits[i].transmittance * (1 - hits[i].alpha);
+        if (i < RAY_HITS)
+            json_array_append_new(list, hit_json(source->model, regions, &hits[i]));
+    }
+    free(hits);
+    return json_pack("{s:s,s:i,s:i,s:I,s:f,s:o}", "type", "ray", "x", x, "y", y, "count",
+                     (json_int_t)count, "transmittance", transmittance, "hits", list);
+}

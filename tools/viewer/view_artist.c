@@ -1,0 +1,400 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Pages take turns. A moving picture is drawn at the page's `scale` (of width and height), which
+// grows or shrinks with the time that the last one took. At rest each picture is STEP times larger.
+// A large picture is abandoned when its page changes the request. While another page moves, no
+// picture is started that would hold it up for more than PATIENCE seconds.
+//
+// With a share below 1 the thread sleeps after each stretch of work of length s for s (1 / share -
+// 1), inside of large pictures too.
+
+#include "viewer/view_artist.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "cli/output.h"
+#include "cli/progress.h"
+#include "viewer/frame_encoder.h"
+#include "viewer/ray_inspect.h"
+#include "run/region_json.h"
+
+#define MOVING_SECONDS 0.075 // of one moving picture
+#define PATIENCE 0.25        // seconds
+#define STEP 2.5
+#define SCALE_MINIMUM 0.06
+#define COPY_SECONDS 1.0 // at least, between two copies of the model
+enum { QUALITY_MOVING = 75, QUALITY_REST = 90 };
+
+typedef struct artist_task {
+    view_client *client;
+    uint32_t generation, changes;
+    view_request request;
+    view_message job; // MESSAGE_INVALID: a picture
+    double scale;
+} artist_task;
+
+// ---- The share of the time ----
+
+static struct timespec deadline(double seconds)
+{
+    return (struct timespec){(time_t)seconds, (long)((seconds - floor(seconds)) * 1e9)};
+}
+
+// True if the picture of the task is not required any more. With the hub's lock held.
+static bool is_obsolete(const view_artist *artist, const artist_task *task)
+{
+    return artist->hub->stopping || task->client->changes != task->changes ||
+           task->client->generation != task->generation;
+}
+
+// Sleeps for what the work since the last call and earlier work owe. Returns early, and still owes
+// the rest, when `task` becomes obsolete (NULL: never).
+static void keep_share(view_artist *artist, const artist_task *task)
+{
+    view_hub *hub = artist->hub;
+    const double share = atomic_load(&artist->share), now = clock_seconds();
+    artist->owed = share < 1 ? fmin(artist->owed + (now - artist->slice) * (1 / share - 1), 10) : 0;
+    const double end = now + artist->owed;
+    const struct timespec until = deadline(end);
+    pthread_mutex_lock(&hub->lock);
+    while (!hub->stopping && clock_seconds() < end && atomic_load(&artist->share) < 1 &&
+           !(task && is_obsolete(artist, task)))
+        pthread_cond_timedwait(&hub->work, &hub->lock, &until);
+    pthread_mutex_unlock(&hub->lock);
+    artist->slice = clock_seconds();
+    artist->owed = fmax(end - artist->slice, 0);
+}
+
+// ---- What to draw next; with the hub's lock held ----
+
+static bool others_move(const view_hub *hub, const view_client *client, double now)
+{
+    for (int i = 0; i < HUB_CLIENTS; ++i)
+        if (&hub->clients[i] != client && hub->clients[i].used && now - hub->clients[i].moved < 1)
+            return true;
+    return false;
+}
+
+static bool same_view(const view_request *a, const view_request *b)
+{
+    return !memcmp(&a->camera, &b->camera, sizeof a->camera) &&
+           !memcmp(&a->pose, &b->pose, sizeof a->pose) && a->aov == b->aov &&
+           a->is_log == b->is_log && a->range.low == b->range.low &&
+           a->range.high == b->range.high && a->samples == b->samples;
+}
+
+// The scale of the client's next picture; 0 if none is due.
+static double due_scale(const view_artist *artist, const view_client *client, double now)
+{
+    if (!client->used || client->leaving || client->broken || !client->has_request ||
+        !(client->next_scale > 0) || client->frame - client->seen >= HUB_UNSEEN)
+        return 0;
+    const double pixels = (double)client->request.camera.width * client->request.camera.height;
+    if (client->request.moving)
+        return client->scale;
+    double scale = client->next_scale;
+    // Do not repeat what the page shows already.
+    if (client->drawn_version == artist->version && same_view(&client->drawn, &client->request) &&
+        client->drawn.moving && scale <= client->drawn_scale && client->drawn_scale < 1)
+        scale = fmin(1, STEP * client->drawn_scale);
+    if (others_move(artist->hub, client, now) &&
+        client->pixel_seconds * pixels * scale * scale > PATIENCE)
+        return 0;
+    return scale;
+}
+
+static bool find_task(view_artist *artist, artist_task *task)
+{
+    view_hub *hub = artist->hub;
+    const double now = clock_seconds();
+    for (uint32_t i = 1; i <= HUB_CLIENTS; ++i) {
+        view_client *client = &hub->clients[(hub->turn + i) % HUB_CLIENTS];
+        const bool has_job =
+            client->used && !client->leaving && client->job_count && client->queued < HUB_QUEUE / 2;
+        const double scale = due_scale(artist, client, now);
+        if (!has_job && !(scale > 0))
+            continue;
+        *task = (artist_task){.client = client,
+                              .generation = client->generation,
+                              .changes = client->changes,
+                              .request = client->request,
+                              .scale = scale};
+        if (has_job) {
+            task->job = client->jobs[0];
+            memmove(client->jobs, client->jobs + 1,
+                    (size_t)--client->job_count * sizeof *client->jobs);
+        } else {
+            hub->turn = (hub->turn + i) % HUB_CLIENTS;
+        }
+        return true;
+    }
+    return false;
+}
+
+// A new copy of the model: all pages at rest are drawn again, at the size that they show.
+static void renew(view_artist *artist)
+{
+    const uint64_t version = atomic_load(&artist->source->version);
+    if (version == artist->version)
+        return;
+    artist->version = version;
+    artist->copied = clock_seconds();
+    for (int i = 0; i < HUB_CLIENTS; ++i) {
+        view_client *client = &artist->hub->clients[i];
+        if (client->used && client->has_request && !client->request.moving)
+            client->next_scale = client->drawn_scale > 0 ? client->drawn_scale : client->scale;
+    }
+}
+
+static bool next_task(view_artist *artist, artist_task *task)
+{
+    view_hub *hub = artist->hub;
+    bool found = false;
+    pthread_mutex_lock(&hub->lock);
+    while (!hub->stopping && !found) {
+        bool any = false;
+        for (int i = 0; i < HUB_CLIENTS; ++i)
+            any = any || hub->clients[i].used;
+        if (artist->is_live) {
+            renew(artist);
+            if (any && clock_seconds() - artist->copied > COPY_SECONDS)
+                atomic_store(&artist->source->wanted, true);
+        }
+        found = find_task(artist, task);
+        if (found)
+            break;
+        const struct timespec until = deadline(clock_seconds() + (any ? 0.1 : 1));
+        pthread_cond_timedwait(&hub->work, &hub->lock, &until);
+    }
+    pthread_mutex_unlock(&hub->lock);
+    return found;
+}
+
+// ---- Pictures ----
+
+typedef struct band_context {
+    view_artist *artist;
+    const artist_task *task;
+} band_context;
+
+// Between bands: false if the picture is not required any more.
+static bool continue_picture(void *user, size_t done, size_t total)
+{
+    const band_context *context = user;
+    view_hub *hub = context->artist->hub;
+    if (done < total)
+        keep_share(context->artist, context->task);
+    pthread_mutex_lock(&hub->lock);
+    const bool obsolete = is_obsolete(context->artist, context->task);
+    pthread_mutex_unlock(&hub->lock);
+    return !obsolete;
+}
+
+static int scaled(int size, double scale)
+{
+    const int result = (int)lround(size * scale);
+    return result < 1 ? 1 : result;
+}
+
+static json_t *frame_json(const view_artist *artist, const artist_task *task,
+                          const painted_picture *picture, double seconds, bool lossless)
+{
+    const view_source *source = artist->source;
+    json_t *head = json_pack("{s:I,s:i,s:i,s:i,s:i,s:b,s:s,s:s,s:i,s:I,s:f}", "serial",
+                             (json_int_t)task->request.serial, "width", picture->image.width,
+                             "height", picture->image.height, "full_width",
+                             task->request.camera.width, "full_height", task->request.camera.height,
+                             "lossless", lossless, "encoding", lossless ? "png" : "jpeg", "aov",
+                             aov_words[task->request.aov], "iteration", source->iteration,
+                             "gaussians", (json_int_t)source->model->count, "seconds", seconds);
+    if (picture->range.high > picture->range.low)
+        json_object_set_new(
+            head, "range",
+            json_pack("[f,f]", (double)picture->range.low, (double)picture->range.high));
+    return head;
+}
+
+// Message of a picture: 4 bytes length of the header (little-endian), JSON header, image file.
+static void post_picture(view_client *client, json_t *head, const encoded_picture *encoded)
+{
+    json_object_set_new(head, "frame", json_integer(++client->frame));
+    char *text = json_dumps(head, JSON_COMPACT);
+    const size_t length = text ? strlen(text) : 0;
+    unsigned char *start = malloc(4 + length);
+    if (text && start) {
+        for (int k = 0; k < 4; ++k)
+            start[k] = (unsigned char)(length >> 8 * k);
+        memcpy(start + 4, text, length);
+        view_hub_post(client, true, start, 4 + length, encoded->bytes, encoded->size);
+    }
+    free(start);
+    free(text);
+}
+
+// Adapts the scales after a picture that took `seconds`.
+static void learn(const view_artist *artist, view_client *client, const artist_task *task,
+                  double seconds, bool first)
+{
+    const double pixels = (double)task->request.camera.width * task->request.camera.height *
+                          task->scale * task->scale;
+    int movers = 0;
+    for (int i = 0; i < HUB_CLIENTS; ++i)
+        movers +=
+            artist->hub->clients[i].used && clock_seconds() - artist->hub->clients[i].moved < 1;
+    const double share = atomic_load(&artist->share);
+    const double target = MOVING_SECONDS * fmax(share, 0.25) / (movers > 1 ? movers : 1);
+    client->pixel_seconds = seconds / pixels;
+    if (!first) {
+        const double factor = fmin(fmax(sqrt(target / seconds), 0.4), 1.6);
+        const double wanted = task->scale * factor;
+        if (task->request.moving || wanted < client->scale)
+            client->scale = fmin(fmax(0.5 * (client->scale + wanted), SCALE_MINIMUM), 1);
+    }
+    client->drawn = task->request;
+    client->drawn_scale = task->scale;
+    client->drawn_version = artist->version;
+    if (client->changes != task->changes)
+        return;
+    if (task->request.moving)
+        client->next_scale = 0;
+    else
+        client->next_scale = task->scale < 1 ? fmin(1, STEP * task->scale) : 0;
+}
+
+static void draw_picture(view_artist *artist, const artist_task *task, bool built)
+{
+    view_source *source = artist->source;
+    view_client *client = task->client;
+    const view_request *request = &task->request;
+    const bool full = !request->moving && task->scale >= 1,
+               lossless = full && !(artist->is_live && atomic_load(&artist->share) < 1);
+    const int width = scaled(request->camera.width, fmin(task->scale, 1)),
+              height = scaled(request->camera.height, fmin(task->scale, 1));
+    band_context context = {artist, task};
+    painted_picture picture;
+    encoded_picture encoded = {0};
+    const double start = clock_seconds();
+    pthread_mutex_lock(&source->lock);
+    bool done =
+        view_painter_draw(&artist->painter, request, width, height, full ? request->samples : 1,
+                          request->moving ? NULL : continue_picture, &context, &picture);
+    json_t *head = NULL;
+    if (done) {
+        done = lossless ? encode_png(&picture.image, &encoded)
+                        : encode_jpeg(&picture.image,
+                                      request->moving ? QUALITY_MOVING : QUALITY_REST, &encoded);
+        head = frame_json(artist, task, &picture, clock_seconds() - start, lossless);
+        sgs_image8_free(&picture.image);
+    }
+    pthread_mutex_unlock(&source->lock);
+    const double seconds = clock_seconds() - start;
+    pthread_mutex_lock(&artist->hub->lock);
+    if (client->generation == task->generation && client->used) {
+        if (done)
+            post_picture(client, head, &encoded);
+        else if (client->changes == task->changes && !artist->hub->stopping)
+            view_hub_post_json(client,
+                               json_pack("{s:s,s:s}", "type", "error", "text", sgs_last_error()));
+        if (done)
+            learn(artist, client, task, seconds, built);
+        else if (client->changes == task->changes)
+            client->next_scale = 0;
+    }
+    pthread_mutex_unlock(&artist->hub->lock);
+    json_decref(head);
+    encoded_picture_free(&encoded);
+}
+
+// ---- Other messages ----
+
+// All records of a region: what `explain` reports.
+static json_t *region_records(view_source *source, uint32_t voxel)
+{
+    json_t *list = json_array();
+    pthread_mutex_lock(&source->history_lock);
+    for (size_t u = 0; u < source->history.count; ++u) {
+        const sgs_regions *update = &source->history.updates[u];
+        const sgs_region *region = region_find(update, voxel);
+        if (region)
+            json_array_append_new(list, region_json(update, region));
+    }
+    pthread_mutex_unlock(&source->history_lock);
+    return json_pack("{s:s,s:I,s:o}", "type", "region", "voxel", (json_int_t)voxel, "updates",
+                     list);
+}
+
+static json_t *save_exr(view_artist *artist, const artist_task *task)
+{
+    char *path;
+    const bool done = view_painter_exr(&artist->painter, &task->request, &path);
+    json_t *reply = done ? json_pack("{s:s,s:s?}", "type", "saved", "path", path)
+                         : json_pack("{s:s,s:s}", "type", "error", "text", sgs_last_error());
+    free(path);
+    return reply;
+}
+
+static void answer(view_artist *artist, const artist_task *task)
+{
+    view_source *source = artist->source;
+    const view_message *job = &task->job;
+    const bool has_camera = task->request.camera.width > 0;
+    json_t *reply = NULL;
+    pthread_mutex_lock(&source->lock);
+    if (job->type == MESSAGE_PROBE && has_camera)
+        reply = view_painter_probe(&artist->painter, &task->request, job->x, job->y);
+    else if (job->type == MESSAGE_RAY && has_camera)
+        reply = ray_inspect(source, &task->request, job->x, job->y);
+    else if (job->type == MESSAGE_EXR && has_camera)
+        reply = save_exr(artist, task);
+    pthread_mutex_unlock(&source->lock);
+    if (job->type == MESSAGE_REGION)
+        reply = region_records(source, job->number);
+    else if (job->type == MESSAGE_HISTORY)
+        reply = artist->history(artist->context);
+    if (!reply)
+        reply = json_pack("{s:s,s:s}", "type", "error", "text", "the pixel is outside of the view");
+    pthread_mutex_lock(&artist->hub->lock);
+    if (task->client->generation == task->generation)
+        view_hub_post_json(task->client, reply);
+    else
+        json_decref(reply);
+    pthread_mutex_unlock(&artist->hub->lock);
+}
+
+static void *draw_all(void *argument)
+{
+    view_artist *artist = argument;
+    artist_task task;
+    uint64_t built = UINT64_MAX; // the model whose BVH exists
+    while (next_task(artist, &task)) {
+        artist->slice = clock_seconds();
+        if (task.job.type != MESSAGE_INVALID) {
+            answer(artist, &task);
+        } else {
+            draw_picture(artist, &task, built != artist->version);
+            built = artist->version;
+        }
+        keep_share(artist, NULL);
+    }
+    return NULL;
+}
+
+bool view_artist_start(view_artist *artist)
+{
+    artist->painter.source = artist->source;
+    artist->running = !pthread_create(&artist->thread, NULL, draw_all, artist);
+    if (!artist->running)
+        fail_run("no thread to draw the view");
+    return artist->running;
+}
+
+void view_artist_join(view_artist *artist)
+{
+    if (artist->running)
+        pthread_join(artist->thread, NULL);
+    artist->running = false;
+    view_painter_free(&artist->painter);
+}

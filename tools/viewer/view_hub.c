@@ -1,0 +1,223 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+#include "viewer/view_hub.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "cli/progress.h"
+
+void view_hub_open(view_hub *hub, const camera_list *views)
+{
+    *hub = (view_hub){.views = views};
+    pthread_condattr_t monotonic;
+    pthread_condattr_init(&monotonic);
+    pthread_condattr_setclock(&monotonic, CLOCK_MONOTONIC);
+    pthread_mutex_init(&hub->lock, NULL);
+    pthread_cond_init(&hub->work, &monotonic);
+    for (int i = 0; i < HUB_CLIENTS; ++i)
+        pthread_cond_init(&hub->clients[i].filled, &monotonic);
+    pthread_condattr_destroy(&monotonic);
+}
+
+void view_hub_close(view_hub *hub)
+{
+    for (int i = 0; i < HUB_CLIENTS; ++i)
+        pthread_cond_destroy(&hub->clients[i].filled);
+    pthread_cond_destroy(&hub->work);
+    pthread_mutex_destroy(&hub->lock);
+}
+
+void view_hub_stop(view_hub *hub)
+{
+    pthread_mutex_lock(&hub->lock);
+    hub->stopping = true;
+    pthread_cond_broadcast(&hub->work);
+    for (int i = 0; i < HUB_CLIENTS; ++i)
+        pthread_cond_broadcast(&hub->clients[i].filled);
+    pthread_mutex_unlock(&hub->lock);
+}
+
+// ---- Outgoing ----
+
+void view_hub_post(view_client *client, bool binary, const void *head, size_t head_size,
+                   const void *bytes, size_t size)
+{
+    if (!client->used || client->leaving || client->broken || client->queued >= HUB_QUEUE)
+        return;
+    outgoing *message = malloc(sizeof *message + head_size + size);
+    if (!message)
+        return;
+    *message = (outgoing){.binary = binary, .size = head_size + size};
+    if (head_size)
+        memcpy(message->bytes, head, head_size);
+    if (size)
+        memcpy(message->bytes + head_size, bytes, size);
+    if (client->last)
+        client->last->next = message;
+    else
+        client->first = message;
+    client->last = message;
+    ++client->queued;
+    pthread_cond_signal(&client->filled);
+}
+
+void view_hub_post_json(view_client *client, json_t *root)
+{
+    char *text = root ? json_dumps(root, JSON_COMPACT) : NULL;
+    if (text)
+        view_hub_post(client, false, NULL, 0, text, strlen(text));
+    free(text);
+    json_decref(root);
+}
+
+void view_hub_broadcast(view_hub *hub, json_t *root)
+{
+    char *text = root ? json_dumps(root, JSON_COMPACT) : NULL;
+    pthread_mutex_lock(&hub->lock);
+    for (int i = 0; text && i < HUB_CLIENTS; ++i)
+        view_hub_post(&hub->clients[i], false, NULL, 0, text, strlen(text));
+    pthread_mutex_unlock(&hub->lock);
+    free(text);
+    json_decref(root);
+}
+
+static void *send_all(void *argument)
+{
+    view_client *client = argument;
+    view_hub *hub = client->hub;
+    json_t *greeting = hub->greet(hub->greet_context);
+    pthread_mutex_lock(&hub->lock);
+    view_hub_post_json(client, greeting);
+    while (!client->leaving && !hub->stopping) {
+        outgoing *message = client->first;
+        if (!message) {
+            pthread_cond_wait(&client->filled, &hub->lock);
+            continue;
+        }
+        pthread_mutex_unlock(&hub->lock);
+        const bool sent =
+            client->send(client->connection, message->binary, message->bytes, message->size);
+        pthread_mutex_lock(&hub->lock);
+        client->first = message->next;
+        if (!client->first)
+            client->last = NULL;
+        --client->queued;
+        free(message);
+        if (!sent) {
+            client->broken = true;
+            break;
+        }
+        if (client->job_count)
+            pthread_cond_signal(&hub->work); // there is room for the replies
+    }
+    pthread_mutex_unlock(&hub->lock);
+    return NULL;
+}
+
+// ---- Clients ----
+
+view_client *view_hub_join(view_hub *hub, hub_send_fn send, void *connection)
+{
+    view_client *client = NULL;
+    pthread_mutex_lock(&hub->lock);
+    for (int i = 0; i < HUB_CLIENTS && !client && !hub->stopping; ++i)
+        if (!hub->clients[i].used)
+            client = &hub->clients[i];
+    if (client) {
+        const pthread_cond_t filled = client->filled;
+        *client = (view_client){.hub = hub,
+                                .connection = connection,
+                                .send = send,
+                                .used = true,
+                                .filled = filled,
+                                .scale = 0.5,
+                                .generation = client->generation + 1};
+        if (pthread_create(&client->sender, NULL, send_all, client)) {
+            client->used = false;
+            client = NULL;
+        }
+    }
+    pthread_mutex_unlock(&hub->lock);
+    return client;
+}
+
+void view_hub_leave(view_client *client)
+{
+    view_hub *hub = client->hub;
+    pthread_mutex_lock(&hub->lock);
+    client->leaving = true;
+    pthread_cond_broadcast(&client->filled);
+    pthread_mutex_unlock(&hub->lock);
+    pthread_join(client->sender, NULL);
+    pthread_mutex_lock(&hub->lock);
+    while (client->first) {
+        outgoing *next = client->first->next;
+        free(client->first);
+        client->first = next;
+    }
+    client->last = NULL;
+    client->queued = 0;
+    client->used = client->has_request = false;
+    client->job_count = 0;
+    ++client->changes; // ends a drawing for it
+    pthread_mutex_unlock(&hub->lock);
+}
+
+int view_hub_count(view_hub *hub)
+{
+    int count = 0;
+    pthread_mutex_lock(&hub->lock);
+    for (int i = 0; i < HUB_CLIENTS; ++i)
+        count += hub->clients[i].used && !hub->clients[i].leaving;
+    pthread_mutex_unlock(&hub->lock);
+    return count;
+}
+
+// ---- Incoming ----
+
+static void accept_message(view_client *client, const view_message *message)
+{
+    view_hub *hub = client->hub;
+    switch (message->type) {
+    case MESSAGE_CAMERA:
+        client->request = message->request;
+        client->has_request = true;
+        client->next_scale = client->scale;
+        ++client->changes;
+        if (message->request.moving)
+            client->moved = clock_seconds();
+        break;
+    case MESSAGE_ACK:
+        if (client->frame - message->number < client->frame - client->seen)
+            client->seen = message->number;
+        break;
+    default: // a newer pixel replaces an older one that waits
+        for (int i = 0; i < client->job_count; ++i)
+            if (client->jobs[i].type == message->type && message->type == MESSAGE_PROBE) {
+                client->jobs[i] = *message;
+                return;
+            }
+        if (client->job_count < HUB_JOBS)
+            client->jobs[client->job_count++] = *message;
+    }
+    pthread_cond_signal(&hub->work);
+}
+
+bool view_hub_receive(view_client *client, const char *text, size_t size)
+{
+    view_hub *hub = client->hub;
+    view_message message;
+    const char *problem = view_message_parse(text, size, hub->views, &message);
+    pthread_mutex_lock(&hub->lock);
+    const bool open = !hub->stopping && !client->broken;
+    if (problem)
+        view_hub_post_json(client, json_pack("{s:s,s:s}", "type", "error", "text", problem));
+    else if (message.type != MESSAGE_RUN)
+        accept_message(client, &message);
+    pthread_mutex_unlock(&hub->lock);
+    if (!problem && message.type == MESSAGE_RUN && hub->act)
+        hub->act(hub->act_context, message.action);
+    return open && size <= MESSAGE_BYTES;
+}

@@ -1,0 +1,206 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// A camera is one of
+//   "view": K                     view K with its own lens and pose
+//   "camera_to_world": [16], ...  a frame of a camera path, read by the code that reads the file,
+//                                 so that `render --camera` draws the same picture
+// with "width" and "height" in pixels, and optionally "lens": K, the lens of view K instead of the
+// frame's own. A lens keeps its vertical field of view.
+
+#include "viewer/view_message.h"
+
+#include <jansson.h>
+#include <math.h>
+#include <string.h>
+
+// An integer from 0 to `most`.
+static bool read_index(const json_t *value, double most, uint32_t *index)
+{
+    const double number = json_number_value(value);
+    if (!json_is_number(value) || !(number >= 0 && number <= most) || number != floor(number))
+        return false;
+    *index = (uint32_t)number;
+    return true;
+}
+
+static const char *read_size(const json_t *root, int *width, int *height)
+{
+    uint32_t w, h;
+    if (!read_index(json_object_get(root, "width"), VIEW_SIDE, &w) ||
+        !read_index(json_object_get(root, "height"), VIEW_SIDE, &h) || !w || !h ||
+        (size_t)w * h > VIEW_PIXELS)
+        return "width and height are out of range";
+    *width = (int)w;
+    *height = (int)h;
+    return NULL;
+}
+
+static sgs_camera lens_for(const sgs_camera *lens, int width, int height)
+{
+    return lens->width == width && lens->height == height
+               ? *lens
+               : sgs_camera_reframed(lens, width, height);
+}
+
+static const char *read_camera(const json_t *root, const camera_list *views, view_request *request)
+{
+    int width, height;
+    const char *problem = read_size(root, &width, &height);
+    if (problem)
+        return problem;
+    const json_t *view = json_object_get(root, "view"), *lens = json_object_get(root, "lens");
+    const double last = (double)views->count - 1;
+    uint32_t index;
+    if (json_is_number(view)) {
+        if (!read_index(view, last, &index))
+            return "view is not a view of the scene";
+        request->pose = views->cameras[index].pose;
+        request->camera = lens_for(&views->cameras[index].camera, width, height);
+    } else {
+        const char *type = json_string_value(json_object_get(root, "camera_type"));
+        problem = camera_path_frame(root, type ? type : "perspective", width, height,
+                                    &request->camera, &request->pose);
+        if (problem)
+            return problem;
+    }
+    if (json_is_number(lens)) {
+        if (!read_index(lens, last, &index))
+            return "lens is not a view of the scene";
+        request->camera = lens_for(&views->cameras[index].camera, width, height);
+    }
+    return sgs_camera_validate(&request->camera) ? "the camera is out of range" : NULL;
+}
+
+static const char *read_colors(const json_t *root, view_request *request)
+{
+    const json_t *range = json_object_get(root, "range"), *aov = json_object_get(root, "aov");
+    request->aov = AOV_INDEX_RGBA;
+    if (json_is_string(aov)) {
+        request->aov = -1;
+        for (int k = 0; k < AOV_ROWS; ++k)
+            if (!strcmp(aov_words[k], json_string_value(aov)))
+                request->aov = k;
+        if (request->aov < 0)
+            return "aov is unknown";
+    }
+    if (json_is_array(range)) {
+        const double low = json_number_value(json_array_get(range, 0)),
+                     high = json_number_value(json_array_get(range, 1));
+        if (!(high > low && fabs(low) < 1e30 && fabs(high) < 1e30))
+            return "range must be two ascending numbers";
+        request->range = (value_range){(float)low, (float)high};
+    }
+    request->is_log = json_is_true(json_object_get(root, "log"));
+    if (request->is_log && json_is_array(range) && !(request->range.low > 0))
+        return "a logarithmic range must be positive";
+    return NULL;
+}
+
+static const char *read_request(const json_t *root, const camera_list *views, view_request *request)
+{
+    uint32_t samples = 1;
+    const json_t *given = json_object_get(root, "samples");
+    if (given && (!read_index(given, VIEW_SAMPLES, &samples) || !samples))
+        return "samples is out of range";
+    request->samples = (int)samples;
+    request->moving = json_is_true(json_object_get(root, "moving"));
+    if (!read_index(json_object_get(root, "serial"), 4294967295.0, &request->serial))
+        return "serial must be a number";
+    const char *problem = read_camera(root, views, request);
+    return problem ? problem : read_colors(root, request);
+}
+
+static const char *read_pixel(const json_t *root, view_message *message)
+{
+    uint32_t x, y;
+    if (!read_index(json_object_get(root, "x"), VIEW_SIDE - 1, &x) ||
+        !read_index(json_object_get(root, "y"), VIEW_SIDE - 1, &y))
+        return "x and y must be a pixel";
+    message->x = (int)x;
+    message->y = (int)y;
+    return NULL;
+}
+
+static const char *read_action(const json_t *root, run_action *action)
+{
+    static const char *const words[] = {"pause", "continue", "checkpoint", "stop"};
+    const char *word = json_string_value(json_object_get(root, "action"));
+    for (int k = 0; word && k < (int)(sizeof words / sizeof *words); ++k)
+        if (!strcmp(word, words[k])) {
+            *action = (run_action)k;
+            return NULL;
+        }
+    return "action is unknown";
+}
+
+static const char *read_members(const json_t *root, const camera_list *views, view_message *message)
+{
+    static const struct {
+        const char *word;
+        view_message_type type;
+    } types[] = {{"camera", MESSAGE_CAMERA}, {"ack", MESSAGE_ACK},
+                 {"probe", MESSAGE_PROBE},   {"ray", MESSAGE_RAY},
+                 {"region", MESSAGE_REGION}, {"history", MESSAGE_HISTORY},
+                 {"run", MESSAGE_RUN},       {"exr", MESSAGE_EXR}};
+    const char *word = json_string_value(json_object_get(root, "type"));
+    view_message_type type = MESSAGE_INVALID;
+    for (size_t k = 0; word && k < sizeof types / sizeof *types; ++k)
+        if (!strcmp(word, types[k].word))
+            type = types[k].type;
+    const char *problem = NULL;
+    switch (type) {
+    case MESSAGE_INVALID:
+        return "type is unknown";
+    case MESSAGE_CAMERA:
+        problem = read_request(root, views, &message->request);
+        break;
+    case MESSAGE_PROBE:
+    case MESSAGE_RAY:
+        problem = read_pixel(root, message);
+        break;
+    case MESSAGE_ACK:
+    case MESSAGE_REGION:
+        if (!read_index(json_object_get(root, "number"), 4294967295.0, &message->number))
+            problem = "number is missing";
+        break;
+    case MESSAGE_RUN:
+        problem = read_action(root, &message->action);
+        break;
+    case MESSAGE_HISTORY:
+    case MESSAGE_EXR:
+        break;
+    }
+    if (!problem)
+        message->type = type;
+    return problem;
+}
+
+// True if brackets nest deeper than any message. The parser is recursive, and threads of the server
+// have small stacks. Brackets within strings count too.
+static bool is_deep(const char *text, size_t size)
+{
+    enum { DEPTH = 8 };
+    int depth = 0;
+    for (size_t i = 0; i < size; ++i) {
+        depth += (text[i] == '[' || text[i] == '{') - (text[i] == ']' || text[i] == '}');
+        if (depth > DEPTH)
+            return true;
+    }
+    return false;
+}
+
+const char *view_message_parse(const char *text, size_t size, const camera_list *views,
+                               view_message *message)
+{
+    *message = (view_message){0};
+    if (size > MESSAGE_BYTES)
+        return "the message is too long";
+    if (is_deep(text, size))
+        return "the message is nested too deeply";
+    json_t *root = json_loadb(text, size, 0, NULL);
+    const char *problem =
+        json_is_object(root) ? read_members(root, views, message) : "not a JSON object";
+    json_decref(root);
+    return problem;
+}

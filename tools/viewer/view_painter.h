@@ -1,0 +1,37 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// Draws what a page requests: pictures, the values at a pixel, the primitives along a ray, and EXR
+// files. All functions require the source's lock and return false after an error that
+// sgs_last_error describes.
+
+#include "viewer/view_message.h"
+#include "viewer/view_source.h"
+
+typedef struct view_painter {
+    view_source *source;
+    sgs_frame frame, sampled;
+    unsigned planes; // of the frame
+} view_painter;
+
+typedef struct painted_picture {
+    sgs_image8 image;
+    value_range range; // of a ramp
+} painted_picture;
+
+// Draws the request at a size of width x height pixels, which shows the same field of view, with
+// `samples` samples per pixel. `progress` may cancel; see sgs_render_options. Release the image
+// with sgs_image8_free.
+bool view_painter_draw(view_painter *painter, const view_request *request, int width, int height,
+                       int samples, sgs_progress_fn progress, void *user, painted_picture *picture);
+
+// The quantities at pixel (x, y) of the request: {"x", "y", "color", "depth", ..., "position"}.
+// NULL on failure.
+json_t *view_painter_probe(view_painter *painter, const view_request *request, int x, int y);
+
+// Writes all quantities of the request as FOLDER/view_N.exr for the first free N; *path receives
+// the path, release it with free().
+bool view_painter_exr(view_painter *painter, const view_request *request, char **path);
+
+void view_painter_free(view_painter *painter);

@@ -1,0 +1,364 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// CivetWeb calls answer_request first for every request, and the WebSocket functions only if it
+// returns 0, which it does for /stream. CivetWeb has no document root, so it never opens a file.
+// One of its threads belongs to each connection; the hub's own threads send, so that a page that
+// does not read blocks only its own thread, until CivetWeb's time limit. CivetWeb's threads have
+// stacks of 100 KB, which include all thread-local variables of the program.
+
+#include "viewer/view_server.h"
+
+#include <arpa/inet.h>
+#include <civetweb.h>
+#include <errno.h>
+#include <netinet/in.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/random.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include "cli/async_task.h"
+#include "cli/output.h"
+#include "cli/progress.h"
+#include "viewer/photo_picture.h"
+
+extern const char viewer_page[]; // generated from viewer_page.html, .css and .js
+
+enum { CONNECTIONS = 32, NONCE_LENGTH = TOKEN_LENGTH };
+
+struct view_server {
+    view_server_options options;
+    access_rules rules;
+    struct mg_context *context;
+    char *url;
+};
+
+// ---- Addresses ----
+
+bool view_address_host(const char *text, view_address *address)
+{
+    struct in_addr binary;
+    if (!strcmp(text, "localhost"))
+        text = "127.0.0.1";
+    if (inet_pton(AF_INET, text, &binary) != 1)
+        return false;
+    snprintf(address->host, sizeof address->host, "%s", text);
+    return true;
+}
+
+bool view_address_parse(const char *text, view_address *address)
+{
+    const char *colon = strrchr(text, ':'), *port = colon ? colon + 1 : text;
+    char host[64] = "127.0.0.1";
+    if (colon) {
+        if ((size_t)(colon - text) >= sizeof host)
+            return false;
+        memcpy(host, text, (size_t)(colon - text));
+        host[colon - text] = 0;
+    }
+    const size_t digits = strspn(port, "0123456789");
+    if (digits < 1 || digits > 5 || port[digits] || atoi(port) > 65535)
+        return false;
+    address->port = atoi(port);
+    return view_address_host(host, address);
+}
+
+bool view_address_is_loopback(const view_address *address)
+{
+    return !strncmp(address->host, "127.", 4);
+}
+
+// Binds a socket for a moment: CivetWeb does not report why it fails.
+static bool address_is_free(const view_address *address)
+{
+    struct sockaddr_in at = {.sin_family = AF_INET, .sin_port = htons((uint16_t)address->port)};
+    inet_pton(AF_INET, address->host, &at.sin_addr);
+    const int one = 1, fd = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    setsockopt(fd, SOL_SOCKET, SO_REUSEADDR, &one, sizeof one);
+    const int problem =
+        fd >= 0 && !bind(fd, (const struct sockaddr *)&at, sizeof at) && !listen(fd, 1) ? 0 : errno;
+    if (fd >= 0)
+        close(fd);
+    if (problem == EADDRINUSE)
+        fail_run("port %d of %s is in use; choose another port, or 0 for any free one",
+                 address->port, address->host);
+    else if (problem == EADDRNOTAVAIL)
+        fail_run("%s is not an address of this machine; use 127.0.0.1, or 0.0.0.0 for all "
+                 "addresses",
+                 address->host);
+    else if (problem)
+        fail_run("port %d of %s cannot be opened: %s", address->port, address->host,
+                 strerror(problem));
+    return !problem;
+}
+
+// ---- HTTP ----
+
+static const char common_headers[] = "X-Content-Type-Options: nosniff\r\n"
+                                     "Referrer-Policy: no-referrer\r\n"
+                                     "Cross-Origin-Resource-Policy: same-origin\r\n"
+                                     "Cross-Origin-Opener-Policy: same-origin\r\n"
+                                     "X-Frame-Options: DENY\r\n"
+                                     "Cache-Control: no-store\r\n"
+                                     "Connection: close\r\n";
+
+static int send_status(struct mg_connection *connection, int status, const char *text)
+{
+    mg_printf(connection,
+              "HTTP/1.1 %d %s\r\n%sContent-Security-Policy: default-src 'none'\r\n"
+              "Content-Type: text/plain; charset=utf-8\r\nContent-Length: %zu\r\n\r\n%s\n",
+              status, mg_get_response_code_text(connection, status), common_headers,
+              strlen(text) + 1, text);
+    return status;
+}
+
+// The page, whose placeholders NONCE allow exactly its own script and style.
+static int send_page(const view_server *server, struct mg_connection *connection, const char *host,
+                     bool sets_cookie)
+{
+    static const char placeholder[] = "NONCE";
+    char nonce[NONCE_LENGTH + 1], cookie[300] = "", name[32];
+    if (!token_create(nonce))
+        return send_status(connection, 503, "no random numbers");
+    token_cookie_name(server->rules.port, name);
+    if (sets_cookie)
+        snprintf(cookie, sizeof cookie, "Set-Cookie: %s=%s; Path=/; HttpOnly; SameSite=Strict\r\n",
+                 name, server->rules.token);
+    size_t placeholders = 0;
+    for (const char *at = viewer_page; (at = strstr(at, placeholder)); at += strlen(placeholder))
+        ++placeholders;
+    mg_printf(connection,
+              "HTTP/1.1 200 OK\r\n%s%s"
+              "Content-Security-Policy: default-src 'none'; script-src 'nonce-%s'; style-src "
+              "'nonce-%s'; img-src 'self' blob: data:; connect-src 'self' ws://%s wss://%s; "
+              "base-uri 'none'; form-action 'none'; frame-ancestors 'none'\r\n"
+              "Content-Type: text/html; charset=utf-8\r\nContent-Length: %zu\r\n\r\n",
+              common_headers, cookie, nonce, nonce, host, host,
+              strlen(viewer_page) + placeholders * (NONCE_LENGTH - strlen(placeholder)));
+    const char *at = viewer_page;
+    for (const char *next; (next = strstr(at, placeholder)); at = next + strlen(placeholder)) {
+        mg_write(connection, at, (size_t)(next - at));
+        mg_write(connection, nonce, NONCE_LENGTH);
+    }
+    mg_write(connection, at, strlen(at));
+    return 200;
+}
+
+// Number N of "/photo/N"; -1 if the path is different.
+static long index_of(const char *path, const char *prefix)
+{
+    const size_t length = strlen(prefix), digits = strspn(path + length, "0123456789");
+    return !strncmp(path, prefix, length) && digits >= 1 && digits <= 7 && !path[length + digits]
+               ? strtol(path + length, NULL, 10)
+               : -1;
+}
+
+typedef struct photo_job {
+    const view_source *source;
+    size_t index;
+    int side;
+    encoded_picture picture;
+} photo_job;
+
+static bool make_photo(void *context)
+{
+    photo_job *job = context;
+    return photo_picture(&job->source->scene->views[job->index], job->source->drawing.background,
+                         job->side, &job->picture);
+}
+
+// Decodes in another thread: CivetWeb's have small stacks.
+static int send_photo(const view_server *server, struct mg_connection *connection, long index,
+                      int side)
+{
+    const sgs_scene *scene = server->options.source->scene;
+    if (!scene || index < 0 || (size_t)index >= scene->view_count)
+        return send_status(connection, 404, "no such photograph");
+    photo_job job = {.source = server->options.source, .index = (size_t)index, .side = side};
+    async_task task = {0};
+    async_task_start(&task, true, make_photo, &job);
+    if (!async_task_wait(&task))
+        return send_status(connection, 404, "the photograph cannot be read");
+    mg_printf(connection,
+              "HTTP/1.1 200 OK\r\n%sContent-Type: image/jpeg\r\nContent-Length: %zu\r\n\r\n",
+              common_headers, job.picture.size);
+    mg_write(connection, job.picture.bytes, job.picture.size);
+    encoded_picture_free(&job.picture);
+    return 200;
+}
+
+static int route(const view_server *server, struct mg_connection *connection,
+                 const struct mg_request_info *info, const access_request *request)
+{
+    enum { THUMBNAIL = 160, PHOTOGRAPH = 4096 };
+    const char *path = info->local_uri ? info->local_uri : "";
+    if (!strcmp(path, "/stream"))
+        return request->host && mg_get_header(connection, "Upgrade")
+                   ? 0
+                   : send_status(connection, 426, "this address takes WebSockets");
+    if (!strcmp(path, "/"))
+        return send_page(server, connection, request->host, server->rules.token && *request->token);
+    if (!strcmp(path, "/favicon.ico")) {
+        mg_printf(connection, "HTTP/1.1 204 No Content\r\n%s\r\n", common_headers);
+        return 204;
+    }
+    const long photo = index_of(path, "/photo/"), thumb = index_of(path, "/thumb/");
+    if (photo >= 0 || thumb >= 0)
+        return send_photo(server, connection, photo >= 0 ? photo : thumb,
+                          photo >= 0 ? PHOTOGRAPH : THUMBNAIL);
+    return send_status(connection, 404, "not found");
+}
+
+static int answer_request(struct mg_connection *connection)
+{
+    const struct mg_request_info *info = mg_get_request_info(connection);
+    const view_server *server = info->user_data;
+    char token[TOKEN_MAXIMUM + 1] = "";
+    if (info->query_string)
+        mg_get_var(info->query_string, strlen(info->query_string), "token", token, sizeof token);
+    const access_request request = {.host = mg_get_header(connection, "Host"),
+                                    .origin = mg_get_header(connection, "Origin"),
+                                    .cookie = mg_get_header(connection, "Cookie"),
+                                    .token = token};
+    if (strcmp(info->request_method, "GET") != 0)
+        return send_status(connection, 405, "only GET is served");
+    const int access = access_check(&server->rules, &request);
+    if (access == 401)
+        return send_status(connection, 401,
+                           "a token is required: open the address that sparegs printed");
+    if (access != 200)
+        return send_status(connection, access, "this host or origin is not served");
+    return route(server, connection, info, &request);
+}
+
+// ---- WebSockets ----
+
+static bool send_message(void *context, bool binary, const void *bytes, size_t size)
+{
+    return mg_websocket_write(context,
+                              binary ? MG_WEBSOCKET_OPCODE_BINARY : MG_WEBSOCKET_OPCODE_TEXT, bytes,
+                              size) > 0;
+}
+
+static void socket_ready(struct mg_connection *connection, void *user)
+{
+    static const char full[] = "{\"type\":\"full\"}";
+    static const unsigned char try_later[2] = {1013 >> 8, 1013 & 255}; // RFC 6455 registry
+    const view_server *server = user;
+    view_client *client = view_hub_join(server->options.hub, send_message, connection);
+    mg_set_user_connection_data(connection, client);
+    if (client)
+        return;
+    mg_websocket_write(connection, MG_WEBSOCKET_OPCODE_TEXT, full, sizeof full - 1);
+    mg_websocket_write(connection, MG_WEBSOCKET_OPCODE_CONNECTION_CLOSE, (const char *)try_later,
+                       sizeof try_later);
+}
+
+static int socket_data(struct mg_connection *connection, int bits, char *data, size_t size,
+                       void *user)
+{
+    enum { FINAL = 0x80, RESERVED = 0x70, OPCODE = 0x0f };
+    (void)user;
+    view_client *client = mg_get_user_connection_data(connection);
+    const int opcode = bits & OPCODE;
+    if (!client || bits & RESERVED)
+        return 0;
+    if (opcode == MG_WEBSOCKET_OPCODE_PONG || opcode == MG_WEBSOCKET_OPCODE_PING)
+        return 1;
+    // Pages send short texts, which browsers do not fragment.
+    if (opcode != MG_WEBSOCKET_OPCODE_TEXT || !(bits & FINAL) || size > MESSAGE_BYTES)
+        return 0;
+    return view_hub_receive(client, data, size);
+}
+
+static void socket_close(const struct mg_connection *connection, void *user)
+{
+    (void)user;
+    view_client *client = mg_get_user_connection_data(connection);
+    mg_set_user_connection_data(connection, NULL);
+    if (client)
+        view_hub_leave(client);
+}
+
+// ---- Start and stop ----
+
+static int drop_message(const struct mg_connection *connection, const char *message)
+{
+    (void)connection;
+    (void)message;
+    return 1;
+}
+
+static char *url_of(const view_server *server)
+{
+    char host[256];
+    const char *name = server->options.address.host;
+    if (!strcmp(name, "0.0.0.0") && !gethostname(host, sizeof host))
+        name = host;
+    return server->rules.token ? format_text("http://%s:%d/?token=%s", name, server->rules.port,
+                                             server->rules.token)
+                               : format_text("http://%s:%d/", name, server->rules.port);
+}
+
+view_server *view_server_start(const view_server_options *options)
+{
+    if (!address_is_free(&options->address))
+        return NULL;
+    view_server *server = calloc(1, sizeof *server);
+    char listening[96], threads[16];
+    snprintf(listening, sizeof listening, "%s:%d", options->address.host, options->address.port);
+    snprintf(threads, sizeof threads, "%d", CONNECTIONS);
+    const char *settings[] = {"listening_ports",
+                              listening,
+                              "num_threads",
+                              threads,
+                              "request_timeout_ms",
+                              "10000",
+                              "websocket_timeout_ms",
+                              "10000",
+                              "enable_websocket_ping_pong",
+                              "yes",
+                              "enable_directory_listing",
+                              "no",
+                              "access_control_allow_origin",
+                              "",
+                              "tcp_nodelay",
+                              "1",
+                              NULL};
+    const struct mg_callbacks callbacks = {
+        .begin_request = answer_request, .log_message = drop_message, .log_access = drop_message};
+    if (server) {
+        server->options = *options;
+        server->rules = (access_rules){.loopback = view_address_is_loopback(&options->address),
+                                       .token = options->token,
+                                       .port = options->address.port};
+        server->context = mg_start(&callbacks, server, settings);
+    }
+    struct mg_server_port port;
+    if (!server || !server->context || mg_get_server_ports(server->context, 1, &port) != 1) {
+        fail_run("%s: the server cannot be started; choose another port", listening);
+        view_server_stop(server);
+        return NULL;
+    }
+    server->rules.port = port.port;
+    server->url = url_of(server);
+    mg_set_websocket_handler(server->context, "/stream$", NULL, socket_ready, socket_data,
+                             socket_close, server);
+    return server;
+}
+
+const char *view_server_url(const view_server *server)
+{
+    return server->url;
+}
+
+void view_server_stop(view_server *server)
+{
+    if (server && server->context)
+        mg_stop(server->context);
+    if (server)
+        free(server->url);
+    free(server);
+}

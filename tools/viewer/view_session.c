@@ -1,0 +1,68 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+#include "viewer/view_session.h"
+
+#include <stdio.h>
+#include <string.h>
+
+#include "cli/progress.h"
+#include "viewer/view_facts.h"
+
+static json_t *hello(void *context)
+{
+    view_session *session = context;
+    json_t *root = view_facts(&session->source, session->training);
+    if (session->progress)
+        json_object_set_new(root, "progress", session->progress(session->progress_context));
+    return root;
+}
+
+static json_t *history(void *context)
+{
+    return view_history(&((view_session *)context)->source);
+}
+
+bool view_session_start(view_session *session, const view_session_options *options)
+{
+    session->training = options->training;
+    view_hub_open(&session->hub, &session->source.views);
+    session->hub.greet = hello;
+    session->hub.greet_context = session;
+    session->artist.hub = &session->hub;
+    session->artist.source = &session->source;
+    session->artist.history = history;
+    session->artist.context = session;
+    session->artist.is_live = options->training;
+    atomic_store(&session->artist.share, options->share);
+    if (options->token)
+        snprintf(session->token, sizeof session->token, "%s", options->token);
+    else if (!view_address_is_loopback(&options->address) && !token_create(session->token)) {
+        fail_run("the system provides no random numbers for a token; set one");
+        return false;
+    }
+    const view_server_options server = {.address = options->address,
+                                        .token = *session->token ? session->token : NULL,
+                                        .hub = &session->hub,
+                                        .source = &session->source};
+    session->server = view_server_start(&server);
+    return session->server && view_artist_start(&session->artist);
+}
+
+void view_session_print(const view_session *session)
+{
+    printf("%s\n", view_server_url(session->server));
+    fflush(stdout);
+}
+
+void view_session_stop(view_session *session)
+{
+    if (!session->hub.views)
+        return;
+    view_hub_stop(&session->hub);
+    view_artist_join(&session->artist);
+    view_server_stop(session->server);
+    session->server = NULL;
+    view_hub_close(&session->hub);
+    session->hub.views = NULL;
+}

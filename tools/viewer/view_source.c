@@ -1,0 +1,170 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+#include "viewer/view_source.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "cli/output.h"
+#include "cli/progress.h"
+
+// The scene's views as a list of cameras.
+static bool list_views(const sgs_scene *scene, camera_list *list)
+{
+    list->cameras = calloc(scene->view_count + 1, sizeof *list->cameras);
+    if (!list->cameras) {
+        fail_run("no memory for %zu views", scene->view_count);
+        return false;
+    }
+    for (size_t i = 0; i < scene->view_count; ++i)
+        list->cameras[list->count++] =
+            (named_camera){.name = format_text("%s", scene->views[i].name),
+                           .camera = scene->views[i].camera,
+                           .pose = scene->views[i].pose};
+    return true;
+}
+
+// The cameras that the run recorded, if the file exists.
+static bool read_views(const char *folder, camera_list *list)
+{
+    char *path = format_text("%s/cameras.json", folder);
+    const bool done = !file_exists(path) || camera_file_read(path, list);
+    free(path);
+    return done;
+}
+
+static int compare_values(const void *a, const void *b)
+{
+    const float x = *(const float *)a, y = *(const float *)b;
+    return (x > y) - (x < y);
+}
+
+static void measure_bounds(const sgs_gaussians *model, double center[3], double *extent)
+{
+    enum { SAMPLES = 10000 };
+    const size_t count = model->count, kept = count < SAMPLES ? count : SAMPLES;
+    float *values = malloc((kept + 1) * sizeof *values);
+    *extent = 0;
+    for (int k = 0; k < 3; ++k) {
+        center[k] = 0;
+        for (size_t i = 0; values && i < kept; ++i)
+            values[i] = *sgs_gaussians_at(model, i * count / kept, SGS_PARAM_MEAN + k);
+        if (!values || !kept)
+            continue;
+        qsort(values, kept, sizeof *values, compare_values);
+        const double range = (double)values[kept - 1 - kept / 10] - (double)values[kept / 10];
+        center[k] = (double)values[kept / 2];
+        *extent = range > *extent ? range : *extent;
+    }
+    free(values);
+    if (!(*extent > 0))
+        *extent = 1;
+}
+
+bool view_source_open(view_source *source, sgs_gaussians *model, const char *folder, int iteration)
+{
+    pthread_mutex_init(&source->lock, NULL);
+    pthread_mutex_init(&source->history_lock, NULL);
+    source->model = model;
+    atomic_store(&source->iteration, iteration);
+    atomic_store(&source->count, model->count);
+    measure_bounds(model, source->center, &source->extent);
+    source->is_run = folder != NULL;
+    if (folder)
+        source->folder = format_text("%s", folder);
+    if (sgs_renderer_create(model, &source->renderer)) {
+        fail_library();
+        return false;
+    }
+    if (folder && !region_history_read(folder, &source->history))
+        return false;
+    if (source->scene)
+        return list_views(source->scene, &source->views);
+    return !folder || read_views(folder, &source->views);
+}
+
+void view_source_close(view_source *source)
+{
+    sgs_renderer_destroy(source->renderer);
+    sgs_gaussians_destroy(source->model);
+    region_map_free(&source->regions);
+    region_history_free(&source->history);
+    camera_list_free(&source->views);
+    free(source->folder);
+    source->renderer = NULL;
+    source->model = NULL;
+    source->folder = NULL;
+}
+
+// Copies all rows. False if out of memory.
+static bool copy_model(sgs_gaussians *to, const sgs_gaussians *from)
+{
+    if (sgs_gaussians_resize(to, from->count))
+        return false;
+    const size_t blocks = (from->count + SGS_LANES - 1) / SGS_LANES;
+    memcpy(to->data, from->data, blocks * SGS_PARAM_COUNT * SGS_LANES * sizeof *to->data);
+    to->sh_degree = from->sh_degree;
+    to->linear_opacity = from->linear_opacity;
+    return true;
+}
+
+bool view_source_offer(view_source *source, const sgs_gaussians *model, const float *filter_3d,
+                       int iteration)
+{
+    if (!atomic_load(&source->wanted) || pthread_mutex_trylock(&source->lock))
+        return false;
+    sgs_gaussians *fused = NULL;
+    bool done = !filter_3d || !sgs_gaussians_fuse_filter_3d(model, filter_3d, &fused);
+    done = done && copy_model(source->model, fused ? fused : model);
+    sgs_gaussians_destroy(fused);
+    if (done) {
+        atomic_store(&source->iteration, iteration);
+        atomic_store(&source->count, model->count);
+        source->regions_made = false;
+        ++source->version;
+        sgs_renderer_update(source->renderer);
+        atomic_store(&source->wanted, false);
+    }
+    pthread_mutex_unlock(&source->lock);
+    return done;
+}
+
+void view_source_add_regions(view_source *source, const sgs_regions *update)
+{
+    region_history *history = &source->history;
+    pthread_mutex_lock(&source->history_lock);
+    sgs_regions *longer = realloc(history->updates, (history->count + 1) * sizeof *longer);
+    sgs_region *list = malloc((update->count + 1) * sizeof *list);
+    history->updates = longer ? longer : history->updates;
+    if (longer && list) {
+        memcpy(list, update->regions, update->count * sizeof *list);
+        longer[history->count] = *update;
+        longer[history->count++].regions = list;
+    } else {
+        free(list); // the viewer shows the earlier updates
+    }
+    pthread_mutex_unlock(&source->history_lock);
+}
+
+const region_map *view_source_regions(view_source *source)
+{
+    if (!source->regions_made) {
+        region_map_free(&source->regions);
+        pthread_mutex_lock(&source->history_lock);
+        const int iteration = source->is_run ? source->iteration : 0;
+        if (!region_map_make(&source->history, iteration, source->model, &source->regions))
+            region_map_free(&source->regions);
+        pthread_mutex_unlock(&source->history_lock);
+        source->regions_made = true;
+    }
+    return &source->regions;
+}
+
+bool view_source_has_regions(view_source *source)
+{
+    pthread_mutex_lock(&source->history_lock);
+    const bool has = source->history.count > 0;
+    pthread_mutex_unlock(&source->history_lock);
+    return has;
+}

@@ -237,3 +237,8 @@ const char *sgs_lpips_network(const sgs_lpips *lpips)
 {
     return lpips->network->name;
 }
+
+int sgs_lpips_smallest(const sgs_lpips *lpips)
+{
+    return lpips->network->smallest;
+}

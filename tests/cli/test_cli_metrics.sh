@@ -79,6 +79,18 @@ reports "README.md: not a file of LPIPS weights; create one from the published .
 run 1 eval "$model" "$room" --lpips "$temporary/missing.bin"
 one_line
 reports "missing.bin"
+# train: as eval of its model; wrong weights and small images end it before the first iteration
+run 0 train "$room" -o "$temporary/trained" --iterations 30 --downscale 8 --eval --lpips "$temporary/alex.bin"
+prints "LPIPS 0."
+json "$temporary/trained/summary.json" '.test.lpips > 0 and .train.lpips > 0'
+trained=$(jq .test.lpips "$temporary/trained/summary.json")
+run 0 eval "$temporary/trained" "$room" --lpips "$temporary/alex.bin" --json
+json "$temporary/stdout" ".mean.lpips - $trained | . < 1e-6 and . > -1e-6"
+run 1 train "$room" -o "$temporary/untrained" --iterations 30 --downscale 8 --quiet --lpips "$temporary/cut.bin"
+one_line
+run 1 train "$room" -o "$temporary/untrained" --iterations 30 --downscale 16 --quiet --lpips "$temporary/alex.bin"
+one_line
+reports "--lpips with the network alex requires at least"
 run 2 eval "$model" "$room" --lpips-input signed
 reports "--lpips-input requires --lpips"
 run 2 eval "$model" "$room" --lpips "$temporary/alex.bin" --lpips-input byte

@@ -47,6 +47,21 @@ int model_scene_resolve(scene_values *values, const command_line *line, const js
 #define SPACE_WORDS "srgb|linear"
 // The words of --filter, in the order of sgs_filter.
 #define FILTER_WORDS "3dgs|none|mip"
+// The rows of --lpips and --lpips-input for a struct with the members `lpips` (const char *) and
+// `lpips_input` (int, sgs_lpips_input).
+#define LPIPS_OPTIONS(values)                                                                      \
+    {.name = "lpips",                                                                              \
+     .kind = OPTION_TEXT,                                                                          \
+     .offset = offsetof(values, lpips),                                                            \
+     .argument = "FILE",                                                                           \
+     .shown = "none",                                                                              \
+     .help = "also compute LPIPS, with weights converted by tools/scripts/lpips_weights.py"},      \
+    {                                                                                              \
+        .name = "lpips-input", .kind = OPTION_CHOICE, .offset = offsetof(values, lpips_input),     \
+        .argument = "unit|signed", .initial = "unit", .needs = "lpips",                            \
+        .help = "range of the values that LPIPS sees: [0, 1] as in 3DGS, or [-1, 1] as in its "    \
+                "paper"                                                                            \
+    }
 // Loads the scene; NULL after printing the error, or when a signal ended the loading.
 sgs_scene *scene_open(const char *path, const scene_values *values, bool load_images);
 // True when a signal ended the last scene_open.

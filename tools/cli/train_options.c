@@ -80,6 +80,7 @@ static const option output_options[] = {
      .shown = "none",
      .help = "write the phases of each iteration as a Chrome/Perfetto trace (about 1 KB per "
              "iteration)"},
+    LPIPS_OPTIONS(train_values),
 };
 
 // Defaults that the program resolves itself, in words.

@@ -9,7 +9,8 @@
 #include "sparegs/trainer.h"
 
 typedef struct train_values {
-    const char *output, *init, *trace;
+    const char *output, *init, *trace, *lpips;
+    int lpips_input; // sgs_lpips_input
     int checkpoint_every;
     double time_limit;   // seconds, negative = none
     uint64_t max_memory; // bytes, 0 = no limit

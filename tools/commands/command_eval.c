@@ -48,19 +48,7 @@ static const option eval_options[] = {
      .shown = "none",
      .help = "write NAME.png (render), NAME_photo.png (photograph) and NAME_flip.png (FLIP error "
              "map, magma colours) to DIR"},
-    {.name = "lpips",
-     .kind = OPTION_TEXT,
-     .offset = offsetof(eval_values, lpips),
-     .argument = "FILE",
-     .shown = "none",
-     .help = "also compute LPIPS, with weights converted by tools/scripts/lpips_weights.py"},
-    {.name = "lpips-input",
-     .kind = OPTION_CHOICE,
-     .offset = offsetof(eval_values, lpips_input),
-     .argument = "unit|signed",
-     .initial = "unit",
-     .needs = "lpips",
-     .help = "range of the values that LPIPS sees: [0, 1] as in 3DGS, or [-1, 1] as in its paper"},
+    LPIPS_OPTIONS(eval_values),
 };
 
 static const sgs_split splits[] = {SGS_SPLIT_TEST, SGS_SPLIT_TRAIN, SGS_SPLIT_ALL};

@@ -146,8 +146,9 @@ static const char *const csv_columns[] = {"iterations", "stop_reason", "gaussian
 
 // The metrics of test and train, in this order: columns of results.csv.
 static const char *const csv_metrics[][2] = {
-    {"test", "psnr"}, {"test", "ssim"},      {"train", "psnr"}, {"train", "ssim"},
-    {"test", "flip"}, {"test", "sharpness"}, {"train", "flip"}, {"train", "sharpness"}};
+    {"test", "psnr"},  {"test", "ssim"},      {"train", "psnr"}, {"train", "ssim"},
+    {"test", "flip"},  {"test", "sharpness"}, {"train", "flip"}, {"train", "sharpness"},
+    {"test", "lpips"}, {"train", "lpips"}};
 enum { CSV_METRICS = sizeof csv_metrics / sizeof *csv_metrics };
 
 // Joins two strings from format_text and releases them.

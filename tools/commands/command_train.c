@@ -45,6 +45,7 @@ typedef struct training {
     const command_line *line;
     const char *scene_path;
     sgs_scene *scene;
+    sgs_lpips *lpips; // NULL without --lpips
     sgs_trainer *trainer;
     run_folder folder;
     double started, load_seconds, train_seconds, longest_step;
@@ -85,6 +86,28 @@ static bool load_scene(training *run)
     if (!run->scene->point_count && !run->values.init)
         print_note("%s: no points; starting from %llu random points", run->scene_path,
                    (unsigned long long)run->values.options.random_points);
+    return true;
+}
+
+// Reads the weights of LPIPS, and checks the image sizes before hours of training.
+static bool load_lpips(training *run)
+{
+    if (!run->values.lpips)
+        return true;
+    if (sgs_lpips_read(run->values.lpips, &run->lpips)) {
+        fail_library();
+        return false;
+    }
+    const int smallest = sgs_lpips_smallest(run->lpips);
+    for (size_t v = 0; v < run->scene->view_count; ++v) {
+        const sgs_view *view = &run->scene->views[v];
+        if (view->camera.width >= smallest && view->camera.height >= smallest)
+            continue;
+        fail_run("%s: %s has %d x %d pixels; --lpips with the network %s requires at least %d x %d",
+                 run->scene_path, view->name, view->camera.width, view->camera.height,
+                 sgs_lpips_network(run->lpips), smallest, smallest);
+        return false;
+    }
     return true;
 }
 
@@ -462,6 +485,8 @@ static bool evaluate(training *run)
         run->values.options.exposure ? exposure_read(exposure_path, &damaged) : NULL;
     done = done && !damaged && evaluator_open(&evaluation, model, run->scene, &drawing);
     evaluation.exposures = exposures;
+    evaluation.lpips = run->lpips;
+    evaluation.lpips_input = (sgs_lpips_input)run->values.lpips_input;
     done = done && evaluate_split(&evaluation, SGS_SPLIT_TEST, &run->test) &&
            evaluate_split(&evaluation, SGS_SPLIT_TRAIN, &run->train);
     evaluator_close(&evaluation);
@@ -540,10 +565,14 @@ static json_t *summary_json(const training *run)
 
 static void print_score(const char *label, const split_score *score)
 {
-    if (score->images)
-        printf("%s PSNR %.2f dB, SSIM %.4f, FLIP %.4f, sharpness %.3f (%zu images%s)\n", label,
-               score->mean.psnr, score->mean.ssim, score->mean.flip, score->mean.sharpness,
-               score->images, score->identical ? ", some identical: 100 dB each" : "");
+    if (!score->images)
+        return;
+    char lpips[32] = "";
+    if (!isnan(score->mean.lpips))
+        snprintf(lpips, sizeof lpips, ", LPIPS %.4f", score->mean.lpips);
+    printf("%s PSNR %.2f dB, SSIM %.4f, FLIP %.4f, sharpness %.3f%s (%zu images%s)\n", label,
+           score->mean.psnr, score->mean.ssim, score->mean.flip, score->mean.sharpness, lpips,
+           score->images, score->identical ? ", some identical: 100 dB each" : "");
 }
 
 static bool report(training *run)
@@ -609,7 +638,7 @@ static int prepare(training *run)
 {
     if (has_no_time(run) || !claim_folder(run))
         return EXIT_FAILED;
-    const bool loaded = memory_suffices(run) && load_scene(run);
+    const bool loaded = memory_suffices(run) && load_scene(run) && load_lpips(run);
     if (loaded && interrupt_signal()) {
         print_warning("%s: stopped before the first iteration; nothing was written",
                       run->values.output);
@@ -758,6 +787,7 @@ int command_train(int argc, char **argv)
     status = train(&run);
     sgs_trainer_destroy(run.trainer);
     sgs_scene_destroy(run.scene);
+    sgs_lpips_destroy(run.lpips);
     json_decref(run.stored);
     free(run.stop_text);
     return status;

@@ -13,6 +13,7 @@
 
 // In the order of sgs_compress_method.
 static const sgsi_compress_method *const methods[] = {
+    [SGS_COMPRESS_LIGHTGAUSSIAN] = &sgsi_method_lightgaussian,
     [SGS_COMPRESS_SOG] = &sgsi_method_sog,
     [SGS_COMPRESS_GHAP] = &sgsi_method_ghap,
 };

@@ -11,10 +11,15 @@ model=$temporary/model
 run 0 train "$room" -o "$model" --iterations 60 --downscale 8 --quiet
 primitives=$(jq .gaussians "$model/summary.json")
 
-for method in ghap sog; do
+for method in lightgaussian sog ghap; do
+    case $method in # short trainings
+        lightgaussian) extra=(--codebook 256 --vq-steps 20) ;;
+        sog) extra=() ;;
+        *) extra=(--finetune 20) ;;
+    esac
     for preset in 1 3; do
         file=$temporary/$method.$preset
-        run 0 compress "$model" "$room" --downscale 8 -o "$file" --method $method --preset spare-$preset --json
+        run 0 compress "$model" "$room" --downscale 8 -o "$file" --method $method --preset spare-$preset "${extra[@]}" --json
         cp "$temporary/stdout" "$temporary/$method.json"
         json "$temporary/$method.json" ".method == \"$method\" and .input == $primitives and .gaussians <= .input"
         json "$temporary/$method.json" ".bytes == $(stat -c %s "$file") and (.bytes_per_gaussian * $primitives - .bytes | fabs) < 1"
@@ -26,6 +31,20 @@ for method in ghap sog; do
     done
     check presets_shrink_the_file test "$(stat -c %s "$temporary/$method.1")" -gt "$(stat -c %s "$temporary/$method.3")"
 done
+
+# fine_tuning_improves_the_model
+run 0 compress "$model" "$room" --downscale 8 -o "$temporary/tuned" --method ghap --preset spare-3 --finetune 100
+run 0 compress "$model" "$room" --downscale 8 -o "$temporary/plain" --method ghap --preset spare-3 --finetune 0
+for file in tuned plain; do
+    run 0 decompress "$temporary/$file" -o "$temporary/$file.ply"
+    run 0 eval "$temporary/$file.ply" "$room" --downscale 8 --split train --json
+    cp "$temporary/stdout" "$temporary/$file.json"
+done
+check fine_tuning_gains_3_dB jq -ne --slurpfile a "$temporary/tuned.json" --slurpfile b "$temporary/plain.json" \
+    '$a[0].mean.psnr > $b[0].mean.psnr + 3'
+run 1 compress "$model" -o "$temporary/none" --method ghap --finetune 5
+reports "fine-tuning requires a scene"
+one_line
 
 # mistakes_are_named
 run 2 compress "$model"

@@ -21,7 +21,8 @@
 #include "support/compress_support.h"
 #include "support/files_support.h"
 
-static const sgs_compress_method tested[] = {SGS_COMPRESS_GHAP, SGS_COMPRESS_SOG};
+static const sgs_compress_method tested[] = {SGS_COMPRESS_LIGHTGAUSSIAN, SGS_COMPRESS_SOG,
+                                             SGS_COMPRESS_GHAP};
 enum { TESTED = sizeof tested / sizeof *tested, COUNT = 600 };
 
 // A small codebook keeps the test fast.

@@ -33,7 +33,9 @@ typedef struct compress_values {
     const char *output;
     int method, preset, codec;
     int finetune;
-    double keep, eig_min;
+    double keep, eig_min, vq_ratio;
+    bool half;
+    int codebook, vq_steps;
     int position_bits, dc_bits, sh_bits, scale_bits, rotation_bits, opacity_bits;
 } compress_values;
 
@@ -58,6 +60,16 @@ static const option compress_options[] = {
      .initial = "spare-1",
      .help = "operating point of the method in the tables of SPARE-GS, from the largest file to "
              "the smallest"},
+    {.name = "finetune",
+     .kind = OPTION_INTEGER,
+     .offset = offsetof(compress_values, finetune),
+     .low = 0,
+     .high = 1000000,
+     .argument = "N",
+     .shown = "ghap 5000, lightgaussian with --keep 5000, mesongs 8000; 0 without SCENE",
+     .unit = "iterations",
+     .needs = "method=ghap|method=lightgaussian|method=mesongs",
+     .help = "train the reduced model on the training images of SCENE"},
     {.name = "keep",
      .kind = OPTION_REAL,
      .offset = offsetof(compress_values, keep),
@@ -65,7 +77,7 @@ static const option compress_options[] = {
      .high = 1,
      .argument = "R",
      .shown = "of the preset",
-     .needs = "method=ghap",
+     .needs = "method=ghap|method=lightgaussian|method=mesongs",
      .help = "share of the primitives to keep"},
     {.name = "eig-min",
      .kind = OPTION_REAL,
@@ -131,6 +143,38 @@ static const option compress_options[] = {
      .shown = "of the preset",
      .needs = "method=sog",
      .help = "bits per value of opacities"},
+    {.name = "vq-ratio",
+     .kind = OPTION_REAL,
+     .offset = offsetof(compress_values, vq_ratio),
+     .low = 0.001,
+     .high = 1,
+     .argument = "R",
+     .shown = "of the preset",
+     .needs = "method=lightgaussian",
+     .help = "share of the primitives whose harmonics come from the codebook"},
+    {.name = "half",
+     .kind = OPTION_FLAG,
+     .offset = offsetof(compress_values, half),
+     .needs = "method=lightgaussian",
+     .help = "store 16-bit floats, except positions"},
+    {.name = "codebook",
+     .kind = OPTION_INTEGER,
+     .offset = offsetof(compress_values, codebook),
+     .low = 1,
+     .high = 65536,
+     .argument = "N",
+     .shown = "lightgaussian 8192, mesongs 2048",
+     .needs = "method=lightgaussian|method=mesongs",
+     .help = "entries of the codebook"},
+    {.name = "vq-steps",
+     .kind = OPTION_INTEGER,
+     .offset = offsetof(compress_values, vq_steps),
+     .low = 1,
+     .high = 1000000,
+     .argument = "N",
+     .initial = "1000",
+     .needs = "method=lightgaussian|method=mesongs",
+     .help = "training steps of the codebook"},
     {.name = "codec",
      .kind = OPTION_CHOICE,
      .offset = offsetof(compress_values, codec),
@@ -161,6 +205,11 @@ static void set_method_options(const compress_values *values, sgs_compress_optio
     options->scale_bits = values->scale_bits;
     options->rotation_bits = values->rotation_bits;
     options->opacity_bits = values->opacity_bits;
+    options->finetune = values->finetune;
+    options->vq_ratio = values->vq_ratio;
+    options->half = values->half;
+    options->codebook = values->codebook;
+    options->vq_steps = values->vq_steps;
     options->codec = (sgs_image_codec)values->codec;
 }
 
@@ -206,7 +255,7 @@ int command_compress(int argc, char **argv)
     command_call call;
     scene_values data;
     drawing_values drawing;
-    compress_values values = {0};
+    compress_values values = {.finetune = -1};
     const command_spec spec = {.name = "compress",
                                .synopsis = "MODEL [SCENE] -o FILE [options]",
                                .description = description,

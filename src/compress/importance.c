@@ -1,0 +1,110 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+#include "compress/importance.h"
+
+#include <string.h>
+
+#include "sparegs/prune.h"
+#include "sparegs/trainer.h"
+
+sgs_status sgsi_rows_model(const sgsi_compress_job *job, sgs_gaussians **model)
+{
+    sgs_status status = sgs_gaussians_create(job->count, model);
+    if (!status)
+        status = sgs_gaussians_resize(*model, job->count);
+    if (status)
+        return status;
+    (*model)->sh_degree = job->sh_degree;
+    for (size_t i = 0; i < job->count; ++i)
+        sgs_gaussians_set(*model, i, job->rows + i * SGS_PARAM_COUNT);
+    return SGS_STATUS_OK;
+}
+
+void sgsi_rows_set(sgsi_compress_job *job, const sgs_gaussians *model)
+{
+    job->count = model->count;
+    for (size_t i = 0; i < job->count; ++i) {
+        float *row = job->rows + i * SGS_PARAM_COUNT;
+        sgs_gaussians_get(model, i, row);
+        row[SGS_PARAM_OPACITY] = sgs_gaussians_opacity_logit(model, i);
+    }
+}
+
+void sgsi_rows_keep(sgsi_compress_job *job, const bool *keep)
+{
+    size_t kept = 0;
+    for (size_t i = 0; i < job->count; ++i)
+        if (keep[i])
+            memmove(job->rows + kept++ * SGS_PARAM_COUNT, job->rows + i * SGS_PARAM_COUNT,
+                    SGS_PARAM_COUNT * sizeof *job->rows);
+    job->count = kept;
+}
+
+static bool pass_progress(void *user, size_t done, size_t total)
+{
+    return !sgsi_compress_progress(user, "views for the importance", done, total);
+}
+
+sgs_status sgsi_significance(const sgsi_compress_job *job, double *importance)
+{
+    if (!job->options->scene) {
+        for (size_t i = 0; i < job->count; ++i)
+            importance[i] = 1;
+        return SGS_STATUS_OK;
+    }
+    sgs_gaussians *model = NULL;
+    sgs_status status = sgsi_rows_model(job, &model);
+    sgs_prune_options options = sgs_prune_options_default();
+    options.method = SGS_PRUNE_LIGHTGAUSSIAN;
+    options.scene = job->options->scene;
+    options.views.render = job->render;
+    options.views.progress = pass_progress;
+    options.views.progress_user = (void *)(uintptr_t)job;
+    if (!status)
+        status = sgs_prune_scores(model, &options, importance);
+    sgs_gaussians_destroy(model);
+    return status;
+}
+
+static sgs_status train(sgsi_compress_job *job, const sgs_gaussians *model, int iterations)
+{
+    sgs_train_options options = sgs_train_options_default();
+    options.iterations = iterations;
+    options.schedule = SGS_SCHEDULE_FINETUNE;
+    options.filter = job->render.filter;
+    options.compact_box = job->render.compact_box;
+    options.sh_degree = job->sh_degree;
+    memcpy(options.background, job->options->background, sizeof options.background);
+    options.spare = 0;
+    options.seed = job->options->seed;
+    options.init = model;
+    sgs_trainer *trainer = NULL;
+    sgs_status status = sgs_trainer_create(job->options->scene, &options, &trainer);
+    sgs_step_info info = {.stop = SGS_STOP_NONE};
+    for (int i = 0; i < iterations && info.stop == SGS_STOP_NONE && !status; ++i) {
+        status = sgsi_compress_progress(job, "fine-tuning", (size_t)i, (size_t)iterations);
+        if (!status)
+            status = sgs_trainer_step(trainer, &info);
+    }
+    if (!status)
+        sgsi_rows_set(job, sgs_trainer_model(trainer));
+    sgs_trainer_destroy(trainer);
+    return status;
+}
+
+sgs_status sgsi_rows_finetune(sgsi_compress_job *job, int automatic)
+{
+    const int asked = job->options->finetune;
+    const int iterations = asked >= 0 ? asked : job->options->scene ? automatic : 0;
+    if (!iterations)
+        return SGS_STATUS_OK;
+    if (!job->options->scene)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "fine-tuning requires a scene");
+    sgs_gaussians *model = NULL;
+    sgs_status status = sgsi_rows_model(job, &model);
+    if (!status)
+        status = train(job, model, iterations);
+    sgs_gaussians_destroy(model);
+    return status;
+}

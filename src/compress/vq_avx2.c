@@ -1,0 +1,11 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// The kernel of vector quantisation for AVX2 and FMA.
+
+#ifdef SGSI_X86
+#define SGSI_ISA 1
+#include "simd/simd.h"
+
+#include "compress/vq_kernel.inl"
+#endif

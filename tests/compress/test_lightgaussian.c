@@ -1,0 +1,145 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// LightGaussian: the nearest code against a search in double precision, which values are exact, and
+// the error of quantised harmonics.
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#include "compress/bit_stream.h"
+#include "compress/vq.h"
+#include "sparegs/runtime.h"
+#include "support/compress_support.h"
+#include "support/files_support.h"
+
+static void nearest_codes_are_found(void **state)
+{
+    (void)state;
+    enum { CODES = 37, DIM = 11, ROWS = 150, STRIDE = 13 };
+    float data[ROWS * STRIDE];
+    uint32_t rows[ROWS], nearest[ROWS];
+    sgsi_codebook codebook;
+    assert_int_equal(sgsi_codebook_create(CODES, DIM, &codebook), 0);
+    for (uint64_t k = 0; k < CODES * DIM; ++k)
+        codebook.codes[k] = (float)sgsi_random_normal(1, k);
+    for (uint64_t k = 0; k < ROWS * STRIDE; ++k)
+        data[k] = (float)sgsi_random_normal(2, k);
+    memcpy(codebook.codes + 9 * DIM, codebook.codes + 5 * DIM, DIM * sizeof(float)); // equal codes
+    memcpy(data + 3 * STRIDE, codebook.codes + 5 * DIM, DIM * sizeof(float));
+    for (uint32_t i = 0; i < ROWS; ++i)
+        rows[i] = ROWS - 1 - i;
+    for (int isa = 0; isa < 3; ++isa) {
+        if (sgs_isa_set((sgs_isa)isa))
+            continue;
+        sgsi_codebook_assign(&codebook, data, STRIDE, rows, ROWS, nearest);
+        for (size_t i = 0; i < ROWS; ++i) {
+            double least = INFINITY, chosen = 0;
+            for (size_t k = 0; k < CODES; ++k) {
+                double distance = 0;
+                for (size_t d = 0; d < DIM; ++d) {
+                    const double e =
+                        (double)data[rows[i] * STRIDE + d] - (double)codebook.codes[k * DIM + d];
+                    distance += e * e;
+                }
+                least = fmin(least, distance);
+                chosen = k == nearest[i] ? distance : chosen;
+            }
+            assert_true(chosen <= least + 1e-4);
+        }
+        assert_int_equal(nearest[ROWS - 1 - 3], 5); // the first of equal codes
+    }
+    sgsi_codebook_free(&codebook);
+}
+
+static void bits_are_packed_without_gaps(void **state)
+{
+    (void)state;
+    for (int bits = 1; bits <= 25; ++bits) {
+        uint8_t bytes[200] = {0};
+        for (size_t i = 0; i < 50; ++i)
+            sgsi_bits_put(bytes, i, bits, (uint32_t)(sgsi_random_bits(3, i) % (1u << bits)));
+        for (size_t i = 0; i < 50; ++i)
+            assert_int_equal(sgsi_bits_get(bytes, i, bits), sgsi_random_bits(3, i) % (1u << bits));
+        assert_int_equal(sgsi_bit_bytes(50, bits), (50 * (size_t)bits + 7) / 8);
+    }
+    uint8_t one[2] = {0};
+    sgsi_bits_put(one, 1, 3, 5);
+    assert_int_equal(one[0], 5 << 2); // most significant bit first
+    assert_int_equal(sgsi_bit_width(8192), 13);
+    assert_int_equal(sgsi_bit_width(8193), 14);
+}
+
+static sgs_gaussians *through(const sgs_gaussians *model, const sgs_compress_options *options)
+{
+    const temp_folder folder = temp_folder_make();
+    sgs_gaussians *decoded;
+    assert_int_equal(sgs_compress(model, options, temp_path(&folder, "pack"), NULL), 0);
+    assert_int_equal(sgs_decompress(temp_path(&folder, "pack"), &decoded, NULL), 0);
+    temp_folder_remove(&folder);
+    return decoded;
+}
+
+// Eight different harmonics and a codebook with room for all of them.
+static void quantised_rows_are_close_and_others_exact(void **state)
+{
+    (void)state;
+    enum { COUNT = 400, SH = 48 };
+    sgs_gaussians *model = pack_model(COUNT, 3, 7);
+    for (size_t i = 8; i < COUNT; ++i)
+        for (int k = 0; k < SH; ++k)
+            *sgs_gaussians_at(model, i, SGS_PARAM_SH_DC + k) =
+                *sgs_gaussians_at(model, i % 8, SGS_PARAM_SH_DC + k);
+    sgs_compress_options options = sgs_compress_options_default();
+    options.method = SGS_COMPRESS_LIGHTGAUSSIAN;
+    options.vq_ratio = 0.6;
+    options.codebook = 64;
+    options.vq_steps = 100;
+    sgs_gaussians *decoded = through(model, &options);
+    assert_int_equal(decoded->count, COUNT);
+    size_t exact = 0;
+    double error = 0, power = 0;
+    for (size_t i = 0; i < COUNT; ++i) {
+        float a[SGS_PARAM_COUNT], b[SGS_PARAM_COUNT];
+        sgs_gaussians_get(model, i, a);
+        sgs_gaussians_get(decoded, i, b);
+        assert_memory_equal(a, b, SGS_PARAM_SH_DC * sizeof *a);
+        exact += !memcmp(a + SGS_PARAM_SH_DC, b + SGS_PARAM_SH_DC, SH * sizeof *a);
+        for (int k = SGS_PARAM_SH_DC; k < SGS_PARAM_COUNT; ++k) {
+            error += pow((double)a[k] - (double)b[k], 2);
+            power += pow((double)a[k], 2);
+        }
+    }
+    assert_int_equal(exact, COUNT - (size_t)(0.6 * COUNT));
+    // Codes follow the sizes of the batches, as released: they do not come to rest.
+    assert_true(error <= 0.01 * power);
+    print_message("relative error %.2g\n", sqrt(error / power));
+    sgs_gaussians_destroy(decoded);
+
+    options.half = true;
+    decoded = through(model, &options);
+    for (size_t i = 0; i < COUNT; ++i)
+        for (int k = 0; k < SGS_PARAM_SH_DC; ++k) {
+            const double a = *sgs_gaussians_at(model, i, k), b = *sgs_gaussians_at(decoded, i, k);
+            assert_true(fabs(a - b) <= (k < 3 ? 0 : fabs(a) / 2048 + 6.2e-5));
+        }
+    sgs_gaussians_destroy(decoded);
+    sgs_gaussians_destroy(model);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(nearest_codes_are_found),
+        cmocka_unit_test(bits_are_packed_without_gaps),
+        cmocka_unit_test(quantised_rows_are_close_and_others_exact),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

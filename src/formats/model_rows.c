@@ -147,26 +147,29 @@ static const axis_signs signs[] = {
                        {-1, 1, -1, 1, -1, 1, -1, 1, -1, 1, -1, 1, -1, 1, -1}},
 };
 
+// Without -0, so that unused coefficients stay 0.
+static void flip(float *values, const int8_t *signs_of, int count, int repeat)
+{
+    for (int k = 0; k < count; ++k)
+        if (signs_of[k / repeat] < 0)
+            values[k] = 0.0f - values[k];
+}
+
 void sgsi_change_axes(sgsi_axes axes, float params[SGS_PARAM_COUNT])
 {
     const axis_signs *sign = &signs[axes];
-    for (int k = 0; k < 3; ++k)
-        params[SGS_PARAM_MEAN + k] *= sign->mean[k];
-    for (int k = 0; k < 4; ++k)
-        params[SGS_PARAM_ROTATION + k] *= sign->rotation[k];
-    for (int k = 0; k < 3 * SGSI_REST_COEFFICIENTS; ++k)
-        params[SGS_PARAM_SH_REST + k] *= sign->rest[k / 3];
+    flip(params + SGS_PARAM_MEAN, sign->mean, 3, 1);
+    flip(params + SGS_PARAM_ROTATION, sign->rotation, 4, 1);
+    flip(params + SGS_PARAM_SH_REST, sign->rest, 3 * SGSI_REST_COEFFICIENTS, 3);
 }
 
 void sgsi_splat_change_axes(sgsi_axes axes, sgsi_splat *splat)
 {
     const axis_signs *sign = &signs[axes];
-    for (int k = 0; k < 3; ++k)
-        splat->mean[k] *= sign->mean[k];
+    flip(splat->mean, sign->mean, 3, 1);
+    flip(splat->rest, sign->rest, 3 * SGSI_REST_COEFFICIENTS, 3);
     for (int k = 0; k < 4; ++k)
-        splat->rotation[k] *= sign->rotation[k];
-    for (int k = 0; k < 3 * SGSI_REST_COEFFICIENTS; ++k)
-        splat->rest[k] *= sign->rest[k / 3];
+        splat->rotation[k] = sign->rotation[k] < 0 ? 0.0 - splat->rotation[k] : splat->rotation[k];
 }
 
 // ---- binary16 ----

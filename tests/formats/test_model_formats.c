@@ -656,7 +656,7 @@ static void usda_has_the_attributes_of_the_schema(void **state)
     assert_memory_equal(text, "#usda 1.0\n(\n", 12);
     contains(text, "def ParticleField3DGaussianSplat \"Splats\"");
     contains(text, "point3f[] positions = [\n            (1, -2, -3)\n        ]");
-    contains(text, "quatf[] orientations = [\n            (0, 1, -0, -0)\n        ]"); // unit
+    contains(text, "quatf[] orientations = [\n            (0, 1, 0, 0)\n        ]"); // unit
     contains(text, "float3[] scales = [\n            (1, 2, 0.5)\n        ]");
     contains(text, "float[] opacities = [\n            0.5\n        ]");
     contains(text, "uniform int radiance:sphericalHarmonicsDegree = 1");

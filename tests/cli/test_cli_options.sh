@@ -54,7 +54,7 @@ train: output save-at checkpoint-every time-limit max-memory resume overwrite tr
 train: filter optimizer sh-degree compact-box background max-gaussians init opaque exposure random-points spare
 train: images downscale eval test-every test-images masks invert-masks alpha image-cache input-colorspace train-space
 train: white threads isa seed json quiet
-eval: split save lpips filter compact-box background images downscale eval test-every test-images masks invert-masks
+eval: split save run lpips filter compact-box background images downscale eval test-every test-images masks invert-masks
 eval: alpha image-cache input-colorspace train-space white threads isa seed json quiet
 render: output video view split camera orbit spiral frames size projection spp aperture deep reference filter
 render: compact-box background images downscale eval test-every test-images masks invert-masks alpha image-cache

@@ -29,7 +29,7 @@ static const char description[] =
 
 typedef struct eval_values {
     int split; // index of the word; mapped to sgs_split below
-    const char *save, *lpips;
+    const char *save, *lpips, *run;
     int lpips_input; // sgs_lpips_input
 } eval_values;
 
@@ -48,6 +48,13 @@ static const option eval_options[] = {
      .shown = "none",
      .help = "write NAME.png (render), NAME_photo.png (photograph) and NAME_flip.png (FLIP error "
              "map, magma colours) to DIR"},
+    {.name = "run",
+     .kind = OPTION_FOLDER,
+     .offset = offsetof(eval_values, run),
+     .argument = "OUT",
+     .shown = "MODEL, if it is a run folder",
+     .help = "take image folder, size, split, filter and background from this run, for a model "
+             "derived from it"},
     LPIPS_OPTIONS(eval_values),
 };
 
@@ -219,6 +226,28 @@ static int evaluate_model(const model_path *located, const json_t *exposures,
     return done ? interrupt_status() : EXIT_FAILED;
 }
 
+// Locates MODEL, and with --run replaces its config by that of the run. *run: the run folder.
+static bool locate(const char *model, const eval_values *values, model_path *located,
+                   const char **run)
+{
+    *run = values->run ? values->run : model;
+    if (!model_locate(model, located))
+        return false;
+    if (!values->run)
+        return true;
+    model_path other;
+    if (!model_locate(values->run, &other))
+        return false;
+    const bool is_run = other.config != NULL;
+    if (!is_run)
+        fail_run("%s: not a run folder: config.json does not exist or is damaged", values->run);
+    json_decref(located->config);
+    located->config = json_incref(other.config);
+    located->iteration = other.iteration;
+    model_path_free(&other);
+    return is_run;
+}
+
 int command_eval(int argc, char **argv)
 {
     command_call call;
@@ -246,16 +275,17 @@ int command_eval(int argc, char **argv)
     model_path located;
     sgs_scene *scene = NULL;
     status = EXIT_FAILED;
-    if (model_locate(call.line.operands[0], &located)) {
+    const char *run;
+    if (locate(call.line.operands[0], &values, &located, &run)) {
         status = model_scene_resolve(&data, &call.line, located.config);
         if (status < 0)
             scene = scene_open(call.line.operands[1], &data, true);
         if (status < 0 && scene) {
             scene_warn_idle(scene, &data, &call.line);
             if (located.iteration)
-                run_record_check_scene(call.line.operands[0], scene);
+                run_record_check_scene(run, scene);
             drawing_resolve(&drawing, &call.line, located.config, &data, scene);
-            char *path = format_text("%s/exposure.json", call.line.operands[0]);
+            char *path = format_text("%s/exposure.json", run);
             bool damaged = false;
             json_t *exposures = json_is_true(config_option(located.config, "exposure"))
                                     ? exposure_read(path, &damaged)

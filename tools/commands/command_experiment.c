@@ -4,19 +4,13 @@
 // `sparegs experiment`: runs the trainings of a plan one after the other, each in its own process.
 // A run with a summary is not repeated; an interrupted one resumes from its checkpoint.
 
-#include <errno.h>
-#include <signal.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/wait.h>
-#include <time.h>
 #include <unistd.h>
-#ifdef __linux__
-#include <sys/prctl.h>
-#endif
 
 #include "cli/commands.h"
 #include "run/experiment_plan.h"
+#include "run/sub_command.h"
 #include "cli/interrupt.h"
 #include "cli/json_file.h"
 #include "cli/json_result.h"
@@ -28,7 +22,8 @@
 static const char description[] =
     "Runs the trainings defined by PLAN.json (scenes x pipelines x variants x seeds), one at a "
     "time, into DIR, and updates DIR/results.json and DIR/results.csv after each. The plan is "
-    "validated before the first run. Rerun the same command to continue an interrupted experiment. "
+    "validated before the first run. Steps of \"post\" prune or compress the trained models and "
+    "evaluate the results. Rerun the same command to continue an interrupted experiment. "
     "'sparegs report DIR' creates tables and an HTML page.";
 
 typedef struct experiment_values {
@@ -187,38 +182,6 @@ static char *csv_header(void)
     return append(header, format_text("\n"));
 }
 
-// Writes the results of all completed runs.
-static bool write_results(const experiment_plan *plan, const char *folder)
-{
-    json_t *root = json_result_new(), *list = json_array();
-    char *csv = csv_header();
-    for (size_t i = 0; i < plan->count; ++i) {
-        const experiment_run *run = &plan->runs[i];
-        json_t *summary = finished(run);
-        if (!summary)
-            continue;
-        // NOLINTNEXTLINE(clang-analyzer-core.NonNullParamChecker): set for a plan that runs
-        const char *name = run->folder + strlen(folder) + 1; // "FOLDER/NAME"
-        char *row = csv_row(run, summary), *longer = format_text("%s%s", csv, row);
-        free(row);
-        free(csv);
-        csv = longer;
-        json_array_append_new(list,
-                              json_pack("{s:s,s:s,s:s,s:i,s:s,s:o}", "scene", run->scene,
-                                        "pipeline", run->pipeline, "variant", run->variant, "seed",
-                                        run->seed, "folder", name, "summary", summary));
-    }
-    json_object_set(root, "plan", plan->root);
-    json_object_set_new(root, "runs", list);
-    char *json_path = format_text("%s/results.json", folder),
-         *csv_path = format_text("%s/results.csv", folder);
-    const bool written = write_json(json_path, root) && write_text(csv_path, csv);
-    free(json_path);
-    free(csv_path);
-    free(csv);
-    return written;
-}
-
 // The option for a run that was started before: --resume with a checkpoint, --overwrite without
 // one. NULL for a new run.
 static const char *continuation_of(const experiment_run *run)
@@ -236,51 +199,155 @@ static const char *continuation_of(const experiment_run *run)
     return chosen;
 }
 
-// Trains in a new process of this program, so that runs share neither memory, threads nor crashes.
-// Unlike child_run (child_process.h) it does not redirect stderr, forwards a request to stop and
-// waits until the training has saved its state. Returns its exit status.
+// Trains in a new process. Returns its exit status.
 static int run_training(const experiment_run *run)
 {
-    const char **arguments = calloc((size_t)run->argument_count + 3, sizeof *arguments);
+    const char **arguments = calloc((size_t)run->argument_count + 2, sizeof *arguments);
     if (!arguments)
         return fail_run("out of memory");
-    const char *continuation = continuation_of(run);
-    if (continuation)
-        arguments[run->argument_count + 1] = continuation;
-    arguments[0] = "sparegs";
-    for (int k = 0; k < run->argument_count; ++k)
-        arguments[k + 1] = run->arguments[k];
-    fflush(NULL);
-    const pid_t child = fork();
-    if (child < 0) {
-        free(arguments);
-        return fail_run("%s: cannot start the training process: %s", run->folder, strerror(errno));
-    }
-    if (!child) {
-        // A new process group: Ctrl-C reaches only this program, which forwards it.
-        setpgid(0, 0);
-#ifdef __linux__
-        prctl(PR_SET_PDEATHSIG, INTERRUPT_PASSED_ON); // if this program is killed
-#endif
-        if (!freopen("/dev/null", "w", stdout)) // the summary is read from the file
-            _exit(EXIT_FAILED);
-        execv("/proc/self/exe", (char *const *)arguments);
-        _exit(EXIT_FAILED);
-    }
+    memcpy(arguments, run->arguments, (size_t)run->argument_count * sizeof *arguments);
+    arguments[run->argument_count] = continuation_of(run);
+    const int status = sub_command_run(arguments, NULL); // the summary is read from the file
     free(arguments);
-    int state;
-    bool forwarded = false;
-    for (pid_t ended; (ended = waitpid(child, &state, WNOHANG)) != child;) {
-        if (ended < 0 && errno != EINTR)
-            return fail_run("%s: cannot wait for the training process: %s", run->folder,
-                            strerror(errno));
-        if (interrupt_signal() && !forwarded) {
-            forwarded = !kill(child, INTERRUPT_PASSED_ON);
-            kill(child, SIGCONT); // a terminal may have suspended it
-        }
-        nanosleep(&(struct timespec){.tv_nsec = 20000000}, NULL);
+    return status;
+}
+
+// ---- Steps after the training ----
+
+// The value of --name of a run, or NULL.
+static const char *argument_of(const experiment_run *run, const char *name)
+{
+    for (int k = 4; k + 1 < run->argument_count; ++k)
+        if (!strcmp(run->arguments[k], name))
+            return run->arguments[k + 1];
+    return NULL;
+}
+
+// `summary` must outlive the result.
+static post_run post_run_of(const experiment_run *run, const json_t *summary)
+{
+    const char *hash = json_string_value(json_object_get(summary, "model_hash"));
+    return (post_run){.folder = run->folder,
+                      .scene_path = run->arguments[1],
+                      .model_hash = hash ? hash : "",
+                      .threads = argument_of(run, "--threads"),
+                      .isa = argument_of(run, "--isa"),
+                      .lpips = argument_of(run, "--lpips")};
+}
+
+// The recorded results of a completed run.
+static json_t *post_results(const experiment_plan *plan, const experiment_run *run,
+                            const json_t *summary)
+{
+    json_t *list = json_array();
+    const post_run trained = post_run_of(run, summary);
+    for (size_t k = 0; k < plan->post.count; ++k) {
+        const post_point *point = &plan->post.points[k];
+        json_t *result = post_applies(point, run->variant) ? post_result(point, &trained) : NULL;
+        if (result)
+            json_array_append_new(list, result);
     }
-    return WIFEXITED(state) ? WEXITSTATUS(state) : 128 + WTERMSIG(state);
+    return list;
+}
+
+static char *post_header(void)
+{
+    return format_text("scene,pipeline,variant,seed,step,point,gaussians,bytes,seconds,"
+                       "decode_seconds,psnr,ssim,flip,lpips\n");
+}
+
+// Adds a row of post.csv for each result.
+static char *post_rows(char *rows, const experiment_run *run, const json_t *results)
+{
+    static const char *const metrics[] = {"psnr", "ssim", "flip", "lpips"};
+    size_t k;
+    const json_t *result;
+    json_array_foreach(results, k, result)
+    {
+        rows = append(rows, format_text("%s,%s,%s,%d,%s,%s,%.0f,%.0f,%.6g,", run->scene,
+                                        run->pipeline, run->variant, run->seed,
+                                        json_string_value(json_object_get(result, "step")),
+                                        json_string_value(json_object_get(result, "point")),
+                                        json_number_value(json_object_get(result, "gaussians")),
+                                        json_number_value(json_object_get(result, "bytes")),
+                                        json_number_value(json_object_get(result, "seconds"))));
+        const json_t *decode = json_object_get(result, "decode_seconds");
+        if (json_is_number(decode))
+            rows = append(rows, format_text("%.6g", json_number_value(decode)));
+        for (size_t m = 0; m < sizeof metrics / sizeof *metrics; ++m) {
+            const json_t *value = json_object_get(json_object_get(result, "test"), metrics[m]);
+            rows =
+                append(rows, json_is_number(value) ? format_text(",%.6f", json_number_value(value))
+                                                   : format_text(","));
+        }
+        rows = append(rows, format_text("\n"));
+    }
+    return rows;
+}
+
+// Writes the results of all completed runs.
+static bool write_results(const experiment_plan *plan, const char *folder)
+{
+    json_t *root = json_result_new(), *list = json_array();
+    char *csv = csv_header(), *points = post_header();
+    for (size_t i = 0; i < plan->count; ++i) {
+        const experiment_run *run = &plan->runs[i];
+        json_t *summary = finished(run);
+        if (!summary)
+            continue;
+        // NOLINTNEXTLINE(clang-analyzer-core.NonNullParamChecker): set for a plan that runs
+        const char *name = run->folder + strlen(folder) + 1; // "FOLDER/NAME"
+        char *row = csv_row(run, summary), *longer = format_text("%s%s", csv, row);
+        free(row);
+        free(csv);
+        csv = longer;
+        json_t *post = post_results(plan, run, summary);
+        points = post_rows(points, run, post);
+        json_t *entry = json_pack("{s:s,s:s,s:s,s:i,s:s,s:o}", "scene", run->scene, "pipeline",
+                                  run->pipeline, "variant", run->variant, "seed", run->seed,
+                                  "folder", name, "summary", summary);
+        if (plan->post.count)
+            json_object_set(entry, "post", post);
+        json_decref(post);
+        json_array_append_new(list, entry);
+    }
+    json_object_set(root, "plan", plan->root);
+    json_object_set_new(root, "runs", list);
+    char *json_path = format_text("%s/results.json", folder),
+         *csv_path = format_text("%s/results.csv", folder);
+    char *post_path = format_text("%s/post.csv", folder);
+    const bool written = write_json(json_path, root) && write_text(csv_path, csv) &&
+                         (!plan->post.count || write_text(post_path, points));
+    free(json_path);
+    free(csv_path);
+    free(post_path);
+    free(csv);
+    free(points);
+    return written;
+}
+
+// Executes the points that have no result yet. Returns the number of failures.
+static int run_post(const experiment_plan *plan, const experiment_run *run, const json_t *summary)
+{
+    int failed = 0;
+    const post_run trained = post_run_of(run, summary);
+    for (size_t k = 0; k < plan->post.count && !interrupt_signal(); ++k) {
+        const post_point *point = &plan->post.points[k];
+        if (!post_applies(point, run->variant))
+            continue;
+        json_t *result = post_result(point, &trained);
+        json_decref(result);
+        if (result)
+            continue;
+        print_note("%s: %s, %s", run->folder, point->step, point->point);
+        const int status = post_execute(point, &trained);
+        if (!status || interrupt_signal())
+            continue;
+        ++failed;
+        print_warning("%s: %s, %s failed with status %d; continuing", run->folder, point->step,
+                      point->point, status);
+    }
+    return failed;
 }
 
 // Deletes the files that a completed run no longer needs.
@@ -294,45 +361,60 @@ static void drop_checkpoint(const experiment_run *run)
     }
 }
 
+// Trains, unless the run is complete. Returns its summary, or NULL after a failure or a request to
+// stop.
+static json_t *complete_run(const experiment_run *run)
+{
+    json_t *summary = finished(run);
+    if (summary)
+        return summary;
+    const int status = write_settings(run) ? run_training(run) : EXIT_FAILED;
+    if (interrupt_signal())
+        return NULL;
+    if (status) {
+        print_warning("%s: training failed with status %d; continuing with the remaining runs",
+                      run->folder, status);
+        return NULL;
+    }
+    summary = finished(run);
+    if (summary)
+        drop_checkpoint(run);
+    else
+        print_warning("%s: stopped before its end; rerun the experiment to continue it",
+                      run->folder);
+    return summary;
+}
+
 static int run_all(const experiment_plan *plan, const char *folder)
 {
-    int failed = 0;
-    for (size_t i = 0; i < plan->count && !interrupt_signal(); ++i) {
+    int failed = 0, failed_points = 0;
+    bool written = true;
+    for (size_t i = 0; i < plan->count && written && !interrupt_signal(); ++i) {
         const experiment_run *run = &plan->runs[i];
         json_t *done = finished(run);
         json_decref(done);
         print_note("run %zu of %zu: %s, %s, %s, seed %d%s", i + 1, plan->count, run->scene,
                    run->pipeline, run->variant, run->seed, done ? ": already complete" : "");
-        if (done)
-            continue;
-        const int status = write_settings(run) ? run_training(run) : EXIT_FAILED;
-        if (interrupt_signal())
-            break;
-        if (status) {
-            ++failed;
-            print_warning("%s: training failed with status %d; continuing with the remaining runs",
-                          run->folder, status);
-            continue;
-        }
-        json_t *summary = finished(run);
-        json_decref(summary);
+        json_t *summary = complete_run(run);
         if (!summary) {
-            ++failed;
-            print_warning("%s: stopped before its end; rerun the experiment to continue it",
-                          run->folder);
+            failed += !interrupt_signal();
             continue;
         }
-        drop_checkpoint(run);
-        if (!write_results(plan, folder))
-            return EXIT_FAILED;
+        failed_points += run_post(plan, run, summary);
+        json_decref(summary);
+        written = write_results(plan, folder);
     }
-    if (!write_results(plan, folder))
+    if (!written || !write_results(plan, folder))
         return EXIT_FAILED;
     if (interrupt_signal())
         return interrupt_status();
-    return failed ? fail_run("%s: %d of %zu runs failed; rerun the experiment to repeat them",
-                             folder, failed, plan->count)
-                  : EXIT_DONE;
+    if (failed)
+        return fail_run("%s: %d of %zu runs failed; rerun the experiment to repeat them", folder,
+                        failed, plan->count);
+    return failed_points ? fail_run("%s: %d steps after training failed; rerun the experiment to "
+                                    "repeat them",
+                                    folder, failed_points)
+                         : EXIT_DONE;
 }
 
 static bool print_results(const char *folder)

@@ -3,11 +3,9 @@
 
 // `sparegs prune`: removes the least important primitives of a stored model by a published score.
 
-#include <errno.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
 
 #include "cameras/camera_file.h"
 #include "cli/commands.h"
@@ -392,17 +390,18 @@ static bool write_tables(const pruning *p)
 
 static bool write_model(const pruning *p, int k, const char *path, const sgs_gaussians *pruned)
 {
-    struct stat info = {0};
+    sgs_model_write_options options = sgs_model_write_options_default();
+    sgs_model_written info;
+    options.antialiased = p->drawing.filter == SGS_FILTER_MIP;
     if (!make_folder_of(path))
         return false;
-    if (sgs_ply_write(path, pruned)) {
+    if (sgs_model_write(path, pruned, &options, &info)) {
         fail_library();
         return false;
     }
-    stat(path, &info);
     if (!p->outputs) {
         printf("%s: %zu of %zu primitives, %.2f MiB\n", path, pruned->count, p->model->count,
-               (double)info.st_size / 0x1p20);
+               (double)info.bytes / 0x1p20);
         return true;
     }
     json_t *entry = json_object();
@@ -410,7 +409,7 @@ static bool write_model(const pruning *p, int k, const char *path, const sgs_gau
     json_object_set_new(entry, "file", name ? name : json_null());
     json_object_set_new(entry, "ratio", json_number(p->ratios.values[k]));
     json_object_set_new(entry, "gaussians", json_integer((json_int_t)pruned->count));
-    json_object_set_new(entry, "bytes", json_integer((json_int_t)info.st_size));
+    json_object_set_new(entry, "bytes", json_integer((json_int_t)info.bytes));
     json_array_append_new(p->outputs, entry);
     return true;
 }

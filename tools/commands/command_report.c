@@ -23,7 +23,8 @@ extern const char report_page[]; // report_page.html, embedded by report_page.cm
 static const char description[] =
     "Creates tables and an HTML page of an experiment (DIR of 'sparegs experiment'), complete or "
     "not: DIR/report.md and DIR/report.html. The page is one self-contained file: primitives over "
-    "iterations, quality against primitives, seconds by phase, maps of the regions, renders next "
+    "iterations, quality against primitives, size against quality of pruned and compressed models, "
+    "seconds by phase, maps of the regions, renders next "
     "to photographs, and a log of the structural updates.";
 
 typedef struct report_values {
@@ -170,6 +171,8 @@ static json_t *page_run(const char *folder, const json_t *run, bool mapped)
     json_object_set(out, "gaussians", json_object_get(summary, "gaussians"));
     json_object_set(out, "seconds", json_object_get(summary, "seconds"));
     json_object_set(out, "test", test ? test : json_null());
+    json_t *post = json_object_get(run, "post");
+    json_object_set_new(out, "post", post ? json_incref(post) : json_array());
     json_object_set_new(out, "words", update_words(train, spare, summary));
     json_object_set_new(out, "train", train);
     json_object_set_new(out, "regions", mapped ? region_maps(path) : json_array());

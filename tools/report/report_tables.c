@@ -15,6 +15,8 @@
 #include <string.h>
 
 #include "cli/output.h"
+#include "report/post_tables.h"
+#include "report/table_rows.h"
 
 static const char *text_of(const json_t *object, const char *member)
 {
@@ -54,31 +56,6 @@ static double mean(const json_t *runs, const char *scene, const char *pipeline, 
     return count > 0 ? sum / count : NAN;
 }
 
-static json_t *new_table(const char *title, const char *note, const char *const columns[])
-{
-    json_t *list = json_array();
-    for (size_t k = 0; columns[k]; ++k)
-        json_array_append_new(list, json_string(columns[k]));
-    return json_pack("{s:s,s:s,s:o,s:[]}", "title", title, "note", note, "columns", list, "rows");
-}
-
-static void put_text(json_t *row, const char *text)
-{
-    json_array_append_new(row, json_string(text));
-}
-
-static void put_number(json_t *row, const char *format, double value)
-{
-    char text[64];
-    snprintf(text, sizeof text, format, value);
-    put_text(row, isnan(value) ? "-" : text);
-}
-
-static void end_row(json_t *table, json_t *row)
-{
-    json_array_append_new(json_object_get(table, "rows"), row);
-}
-
 static double percent(double base, double ours)
 {
     return 100.0 * (ours / base - 1.0);
@@ -102,13 +79,13 @@ static void put_changes(json_t *table, const char *pipeline, const char *label,
                         const double changes[METRICS])
 {
     json_t *row = json_array();
-    put_text(row, pipeline);
-    put_text(row, label);
+    table_put_text(row, pipeline);
+    table_put_text(row, label);
     for (int k = 0; k < 2 * METRICS; ++k)
-        put_text(row, "");
+        table_put_text(row, "");
     for (int k = 0; k < METRICS; ++k)
-        put_number(row, change_formats[k], changes[k]);
-    end_row(table, row);
+        table_put_number(row, change_formats[k], changes[k]);
+    table_end_row(table, row);
 }
 
 // The values of variants off and on, of one scene or means over scenes.
@@ -119,15 +96,15 @@ typedef struct pair {
 static void put_pair(json_t *table, const char *pipeline, const char *label, const pair *values)
 {
     json_t *row = json_array();
-    put_text(row, pipeline);
-    put_text(row, label);
+    table_put_text(row, pipeline);
+    table_put_text(row, label);
     for (int k = 0; k < METRICS; ++k)
-        put_number(row, formats[k], values->base[k]);
+        table_put_number(row, formats[k], values->base[k]);
     for (int k = 0; k < METRICS; ++k)
-        put_number(row, formats[k], values->ours[k]);
+        table_put_number(row, formats[k], values->ours[k]);
     for (int k = 0; k < METRICS; ++k)
-        put_number(row, change_formats[k], change(k, values->base[k], values->ours[k]));
-    end_row(table, row);
+        table_put_number(row, change_formats[k], change(k, values->base[k], values->ours[k]));
+    table_end_row(table, row);
 }
 
 // Sums of changes, each with its weight.
@@ -217,7 +194,7 @@ static json_t *pipelines_table(const json_t *results)
         in_sets ? " A data set has the means of its scenes and the changes of these means. The "
                   "mean of a pipeline weights the data sets by their number of scenes."
                 : "");
-    json_t *table = new_table("Base pipelines without and with SPARE-GS", note, columns);
+    json_t *table = table_new("Base pipelines without and with SPARE-GS", note, columns);
     free(note);
     change_mean all = {0};
     double changes[METRICS];
@@ -249,7 +226,7 @@ static json_t *variants_table(const json_t *plan, const json_t *runs, const char
         "sharpness", "Δ N", "Δ time", "Δ PSNR",     "Δ FLIP", "Δ sharpness", NULL};
     char *title = format_text("Variants of %s", pipeline);
     json_t *table =
-        new_table(title, "Means over scenes and seeds; changes relative to variant off.", columns);
+        table_new(title, "Means over scenes and seeds; changes relative to variant off.", columns);
     free(title);
     const json_t *variants = json_object_get(plan, "variants");
     double base[METRICS];
@@ -263,17 +240,17 @@ static json_t *variants_table(const json_t *plan, const json_t *runs, const char
         if (isnan(value[1]))
             continue;
         json_t *row = json_array();
-        put_text(row, variant);
-        put_number(row, formats[1], value[1]);
-        put_number(row, formats[0], value[0]);
-        put_number(row, "%.0f", mean(runs, NULL, pipeline, variant, "iterations"));
+        table_put_text(row, variant);
+        table_put_number(row, formats[1], value[1]);
+        table_put_number(row, formats[0], value[0]);
+        table_put_number(row, "%.0f", mean(runs, NULL, pipeline, variant, "iterations"));
         for (int k = 2; k < METRICS; ++k)
-            put_number(row, formats[k], value[k]);
+            table_put_number(row, formats[k], value[k]);
         static const int changes[] = {1, 0, 2, 4, 5};
         for (size_t k = 0; k < sizeof changes / sizeof *changes; ++k)
-            put_number(row, change_formats[changes[k]],
-                       change(changes[k], base[changes[k]], value[changes[k]]));
-        end_row(table, row);
+            table_put_number(row, change_formats[changes[k]],
+                             change(changes[k], base[changes[k]], value[changes[k]]));
+        table_end_row(table, row);
     }
     return table;
 }
@@ -291,7 +268,7 @@ static json_t *seconds_table(const json_t *plan, const json_t *runs)
         "backward", "optimizer", "BVH refit",      "BVH build",      "density",
         "SPARE-GS", "total",     "SPARE-GS share", "of the updates", NULL};
     json_t *table =
-        new_table("Seconds by phase",
+        table_new("Seconds by phase",
                   "Means over scenes and seeds. SPARE-GS's share of the total, and of the "
                   "structural updates (density, SPARE-GS and BVH build).",
                   columns);
@@ -304,20 +281,20 @@ static json_t *seconds_table(const json_t *plan, const json_t *runs)
             if (isnan(total))
                 continue;
             json_t *row = json_array();
-            put_text(row, pipeline);
-            put_text(row, variants[v]);
+            table_put_text(row, pipeline);
+            table_put_text(row, variants[v]);
             double spare = 0, updates = 0;
             for (size_t k = 0; k < sizeof phases / sizeof *phases; ++k) {
                 char metric[64];
                 snprintf(metric, sizeof metric, "seconds.%s", phases[k]);
                 spare = mean(runs, NULL, pipeline, variants[v], metric);
-                put_number(row, "%.2f", spare);
+                table_put_number(row, "%.2f", spare);
                 updates += k >= UPDATE_PHASES ? spare : 0.0;
             }
-            put_number(row, "%.2f", total);
-            put_number(row, "%.3f %%", 100.0 * spare / total);
-            put_number(row, "%.2f %%", updates > 0 ? 100.0 * spare / updates : NAN);
-            end_row(table, row);
+            table_put_number(row, "%.2f", total);
+            table_put_number(row, "%.3f %%", 100.0 * spare / total);
+            table_put_number(row, "%.2f %%", updates > 0 ? 100.0 * spare / updates : NAN);
+            table_end_row(table, row);
         }
     return table;
 }
@@ -326,19 +303,19 @@ static json_t *stops_table(const json_t *runs)
 {
     static const char *const columns[] = {"scene", "pipeline",    "variant",
                                           "seed",  "stop reason", NULL};
-    json_t *table = new_table(
+    json_t *table = table_new(
         "Early stops", "Runs that stopped in equilibrium before the end of the schedule.", columns);
     for (size_t k = 0; k < json_array_size(runs); ++k) {
         const json_t *run = json_array_get(runs, k), *summary = json_object_get(run, "summary");
         if (strcmp(text_of(summary, "stop_reason"), "equilibrium"))
             continue;
         json_t *row = json_array();
-        put_text(row, text_of(run, "scene"));
-        put_text(row, text_of(run, "pipeline"));
-        put_text(row, text_of(run, "variant"));
-        put_number(row, "%.0f", json_number_value(json_object_get(run, "seed")));
-        put_text(row, text_of(summary, "stop_text"));
-        end_row(table, row);
+        table_put_text(row, text_of(run, "scene"));
+        table_put_text(row, text_of(run, "pipeline"));
+        table_put_text(row, text_of(run, "variant"));
+        table_put_number(row, "%.0f", json_number_value(json_object_get(run, "seed")));
+        table_put_text(row, text_of(summary, "stop_text"));
+        table_end_row(table, row);
     }
     return table;
 }
@@ -355,6 +332,7 @@ json_t *report_tables(const json_t *results)
             json_array_append(tables, table);
         json_decref(table);
     }
+    post_tables_add(results, tables);
     json_array_append_new(tables, seconds_table(plan, runs));
     json_array_append_new(tables, stops_table(runs));
     return tables;
@@ -391,7 +369,7 @@ char *report_markdown(const json_t *results, const json_t *tables)
         text = append_row(longer, columns);
         json_t *rule = json_array();
         for (size_t k = 0; k < json_array_size(columns); ++k)
-            put_text(rule, "---");
+            table_put_text(rule, "---");
         text = append_row(text, rule);
         json_decref(rule);
         for (size_t r = 0; r < json_array_size(rows); ++r)

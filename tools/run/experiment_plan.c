@@ -11,8 +11,8 @@
 //    "options": {"iterations": 7000, "eval": true}}
 // Options are those of `sparegs train`, with '_' or '-'. A scene's options override the plan's, a
 // variant's override both. "variants" defaults to off and on. "data_set" groups scenes in the
-// tables; all scenes have one, or none. Paths are relative to the plan's
-// folder.
+// tables; all scenes have one, or none. "post" is described in experiment_post.h.
+// Paths are relative to the plan's folder.
 
 #include "run/experiment_plan.h"
 
@@ -302,8 +302,8 @@ static bool check_keys(const json_t *object, const char *const known[], size_t c
 
 static bool check_members(const json_t *root)
 {
-    static const char *const known[] = {"scenes", "pipelines", "variants",
-                                        "seeds",  "options",   "title"};
+    static const char *const known[] = {"scenes",  "pipelines", "variants", "seeds",
+                                        "options", "title",     "post"};
     if (!check_keys(root, known, sizeof known / sizeof *known))
         return false;
     if (json_array_size(json_object_get(root, "scenes")) &&
@@ -394,7 +394,8 @@ bool experiment_plan_read(const char *path, const char *folder, experiment_plan 
     fine = fine && check_members(plan->root) &&
            check_names("scene", json_object_get(plan->root, "scenes")) &&
            check_scenes(json_object_get(plan->root, "scenes")) &&
-           check_names("variant", json_object_get(plan->root, "variants")) && unroll(plan, folder);
+           check_names("variant", json_object_get(plan->root, "variants")) &&
+           post_plan_read(path, plan->root, &plan->post) && unroll(plan, folder);
     if (!fine)
         experiment_plan_free(plan);
     return fine;
@@ -414,6 +415,7 @@ void experiment_plan_free(experiment_plan *plan)
         json_decref(run->settings);
     }
     free(plan->runs);
+    post_plan_free(&plan->post);
     json_decref(plan->root);
     *plan = (experiment_plan){0};
 }

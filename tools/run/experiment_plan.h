@@ -10,6 +10,8 @@
 #include <stdbool.h>
 #include <stddef.h>
 
+#include "run/experiment_post.h"
+
 typedef struct experiment_run {
     char *scene, *pipeline, *variant; // names
     int seed;
@@ -23,6 +25,7 @@ typedef struct experiment_plan {
     json_t *root; // the parsed file
     size_t count;
     experiment_run *runs;
+    post_plan post; // steps after each training
 } experiment_plan;
 
 // `folder` is the output folder of the experiment.

@@ -1,0 +1,102 @@
+#!/usr/bin/env bash
+# SPDX-FileCopyrightText: 2026 The sparegs authors
+# SPDX-License-Identifier: Apache-2.0
+
+# Steps of an experiment after training: bad steps are refused before the first run, results are those of the commands
+# they call, complete points are not repeated, tables and page contain them, BD figures are those of `sparegs bd`.
+set -euo pipefail
+. "$(dirname "$0")/cli_support.sh"
+plan=$temporary/plan.json out=$temporary/out
+
+write_plan() { # POST
+    cat >"$plan" <<PLAN
+{"title": "Post", "scenes": [{"name": "room", "path": "$room"}], "pipelines": ["3dgs"],
+ "options": {"iterations": 90, "downscale": 8, "eval": true, "threads": 2}, "post": $1}
+PLAN
+}
+refused() { # MESSAGE POST
+    write_plan "$2"
+    run 1 experiment "$plan" -o "$out"
+    reports "plan.json: $1"
+    check a_single_line test "$(wc -l <"$temporary/stderr")" = 1
+    check nothing_ran test ! -e "$out/runs"
+}
+refused '"post" must be a list of steps' '{}'
+refused 'post: each step is an object with either "prune" or "compress"' '[{"name": "x"}]'
+refused 'post: each step is an object with either "prune" or "compress"' '[{"prune": {"method": "refine"}, "compress": {"method": "sog"}}]'
+refused 'post: prune: method: is missing' '[{"prune": {}}]'
+refused 'post: prune: method: unknown word' '[{"prune": {"method": "refined"}}]'
+refused 'post: prune: ratios: unknown option' '[{"prune": {"method": "refine", "ratios": 0.5}}]'
+refused 'post: prune: ratio: expected shares from 0 to less than 1' '[{"prune": {"method": "refine", "ratio": [0.5, 1]}}]'
+refused 'post: prune: ratio: the list is empty' '[{"prune": {"method": "refine", "ratio": []}}]'
+refused 'post: prune: output: is set by the experiment' '[{"prune": {"method": "refine", "output": "x"}}]'
+refused 'post: prune: finetune: out of range' '[{"prune": {"method": "refine", "finetune": -1}}]'
+refused 'post: prune: fisher_downscale: has no effect with this method' '[{"prune": {"method": "refine", "fisher_downscale": 2}}]'
+refused 'post: prune: weights: rap requires the file of its authors' '[{"prune": {"method": "rap"}}]'
+refused 'post: prune: variants: unknown variant' '[{"prune": {"method": "refine"}, "variants": ["onn"]}]'
+refused 'post: prune: varaints: unknown key' '[{"prune": {"method": "refine"}, "varaints": ["on"]}]'
+refused 'post: compress: preset: unknown word' '[{"compress": {"method": "ghap", "preset": "spare-4"}}]'
+refused "post: name: prune-refine: two steps have this name" '[{"prune": {"method": "refine"}}, {"prune": {"method": "refine", "finetune": 5}}]'
+refused "post: name: a/b: use letters" '[{"prune": {"method": "refine"}, "name": "a/b"}]'
+
+# all_points_of_all_steps_have_results
+steps='[{"prune": {"method": "refine"}}, {"prune": {"method": "pup", "ratio": [0.2, 0.6], "fisher_downscale": 2}, "name": "pup", "variants": ["on"]},
+        {"compress": {"method": "ghap"}}]'
+write_plan "$steps"
+run 0 experiment "$plan" -o "$out" --quiet
+json "$out/results.json" '[.runs[].post | length] == [6, 8]'
+json "$out/results.json" '[.runs[0].post[] | .step + " " + .point] == ["prune-refine 0.3", "prune-refine 0.5", "prune-refine 0.7",
+    "compress-ghap spare-1", "compress-ghap spare-2", "compress-ghap spare-3"]'
+check post_csv_has_a_row_for_each test "$(wc -l <"$out/post.csv")" -eq 15
+
+# results_are_those_of_the_commands
+model=$out/runs/room/3dgs/on/seed_0
+run 0 prune "$model" "$room" -o "$temporary/by_hand.ply" --method refine --ratio 0.5 --quiet
+run 0 eval "$temporary/by_hand.ply" "$room" --run "$model" --json
+point=$(jq '.runs[1].post[] | select(.step == "prune-refine" and .point == "0.5")' "$out/results.json")
+check same_quality test "$(jq .mean.psnr "$temporary/stdout")" = "$(jq .test.psnr <<<"$point")"
+check same_size test "$(jq .bytes <<<"$point")" = "$(stat -c %s "$temporary/by_hand.ply")"
+check models_are_removed test -z "$(find "$model/post" -name '*.ply')"
+check compressed_files_stay test "$(find "$model/post" -name '*.bin' | wc -l)" -eq 3
+
+# complete_points_are_not_repeated, a lost one is, and so is one with other options
+touch -d 2001-01-01 "$model"/post/*/*.json
+rm "$model/post/prune-refine/0.5.json"
+write_plan "${steps/\"method\": \"ghap\"/\"method\": \"ghap\", \"preset\": [\"spare-2\"]}"
+run 0 experiment "$plan" -o "$out" --quiet
+check others_are_kept test "$(find "$model/post" -name '*.json' -newermt 2002-01-01 -printf '%f ')" = '0.5.json '
+check lost_is_repeated test "$(jq .test.psnr "$model/post/prune-refine/0.5.json")" = "$(jq .test.psnr <<<"$point")"
+write_plan "${steps/\"fisher_downscale\": 2/\"fisher_downscale\": 1}"
+run 0 experiment "$plan" -o "$out" --quiet
+check other_options_are_repeated test "$(find "$model/post/pup" -name '*.json' -newermt 2002-01-01 | wc -l)" -eq 2
+json "$out/results.json" '[.runs[].post | length] == [6, 8]'
+
+# tables_have_the_bd_figures
+run 0 report "$out" --pictures 0 --maps 0
+for k in 0 1; do
+    jq -r ".runs[$k].post[] | select(.step == \"prune-refine\") | [.bytes, .test.psnr] | @csv" "$out/results.json" |
+        { echo size,psnr; cat; } >"$temporary/curve_$k.csv"
+done
+run 0 bd "$temporary/curve_0.csv" "$temporary/curve_1.csv" --json
+rate=$(jq -r 'if .bd_rate_percent == null then "N/A" else .bd_rate_percent end' "$temporary/stdout")
+[ "$rate" = N/A ] || rate=$(printf '%+.2f %%' "$rate")
+check table_has_the_bd_rate bash -c "grep -F '| 3dgs | prune-refine | room | all |' '$out/report.md' | grep -qF '| $rate |'"
+check table_has_the_size bash -c "grep -F '| 3dgs | prune-refine | room | 0.5 |' '$out/report.md' | grep -qF \"| \$(jq -r '.runs[1].post[] | select(.step == \"prune-refine\" and .point == \"0.5\") | .bytes / 1048576 | . * 100 | round / 100' '$out/results.json')\""
+check compression_has_a_table grep -q '^## Compression of models without and with SPARE-GS' "$out/report.md"
+sed -n 's/.*<script type="application\/json" id="data">\(.*\)<\/script>$/\1/p' "$out/report.html" >"$temporary/data.json"
+json "$temporary/data.json" '[.runs[].post | length] == [6, 8]'
+
+# Data sets by hand: two scenes, sizes halved at equal quality: BD-rate -50 %.
+mkdir "$temporary/hand"
+jq -n '{plan: {pipelines: ["3dgs"], variants: [{name: "off"}, {name: "on"}],
+        scenes: [{name: "a", data_set: "x"}, {name: "b", data_set: "x"}]},
+    runs: [("a", "b") as $scene | ("off", "on") as $variant | (if $variant == "on" then 0.5 else 1 end) as $f |
+        {scene: $scene, pipeline: "3dgs", variant: $variant, seed: 0, folder: "none", summary: {gaussians: 1, train_seconds: 1},
+         post: [["0.3", 4, 30], ["0.5", 2, 28], ["0.7", 1, 24] | . as $p | {step: "prune-refine", kind: "prune", point: $p[0],
+             bytes: ($p[1] * $f * 1048576), seconds: ($p[1] * $f), test: {psnr: $p[2], ssim: 0.9, flip: 0.2, lpips: 0.3}}]}]}' \
+    >"$temporary/hand/results.json"
+run 0 report "$temporary/hand" --pictures 0 --maps 0
+check figures_by_hand grep -qF '| 3dgs | prune-refine | x | all |  |  |  |  |  |  |  |  |  |  | -50.0 % | -50.00 % |' "$temporary/hand/report.md"
+check lpips_replaces_flip grep -qF '| base SSIM | base LPIPS |' "$temporary/hand/report.md"
+
+finish

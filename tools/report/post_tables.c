@@ -1,0 +1,301 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+#include "report/post_tables.h"
+
+#include <math.h>
+#include <stdbool.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "report/table_rows.h"
+#include "sparegs/rate_distortion.h"
+
+enum { BYTES, SECONDS, PSNR, SSIM, PERCEPTUAL, FIGURES };
+enum { MOST_POINTS = 64 };
+static const char *const formats[FIGURES] = {"%.2f", "%.2f", "%.2f", "%.4f", "%.4f"};
+
+static const char *text_of(const json_t *object, const char *member)
+{
+    const char *text = json_string_value(json_object_get(object, member));
+    return text ? text : "";
+}
+
+static double number_of(const json_t *value)
+{
+    return json_is_number(value) ? json_number_value(value) : NAN;
+}
+
+// What a row is about. group: a data set or a scene; NULL: all scenes.
+typedef struct selection {
+    const json_t *plan, *runs;
+    const char *pipeline, *step, *group, *perceptual; // perceptual: "lpips" or "flip"
+    bool is_data_set;
+} selection;
+
+typedef struct figures {
+    double values[FIGURES];
+} figures;
+
+static bool is_selected(const selection *chosen, const json_t *scene)
+{
+    return !chosen->group ||
+           !strcmp(chosen->group, text_of(scene, chosen->is_data_set ? "data_set" : "name"));
+}
+
+// The result of a step at a point, or NULL.
+static const json_t *result_of(const json_t *run, const char *step, const char *point)
+{
+    size_t k;
+    const json_t *result;
+    json_array_foreach(json_object_get(run, "post"), k, result)
+    {
+        if (!strcmp(text_of(result, "step"), step) && !strcmp(text_of(result, "point"), point))
+            return result;
+    }
+    return NULL;
+}
+
+// Means over the seeds of a scene; NaN without a result.
+static figures scene_figures(const selection *chosen, const char *scene, const char *variant,
+                             const char *point)
+{
+    figures mean = {{0}};
+    double count = 0;
+    for (size_t k = 0; k < json_array_size(chosen->runs); ++k) {
+        const json_t *run = json_array_get(chosen->runs, k);
+        const json_t *result = strcmp(text_of(run, "scene"), scene) ||
+                                       strcmp(text_of(run, "pipeline"), chosen->pipeline) ||
+                                       strcmp(text_of(run, "variant"), variant)
+                                   ? NULL
+                                   : result_of(run, chosen->step, point);
+        const json_t *test = json_object_get(result, "test");
+        if (!result)
+            continue;
+        const double values[FIGURES] = {number_of(json_object_get(result, "bytes")) / 0x1p20,
+                                        number_of(json_object_get(result, "seconds")),
+                                        number_of(json_object_get(test, "psnr")),
+                                        number_of(json_object_get(test, "ssim")),
+                                        number_of(json_object_get(test, chosen->perceptual))};
+        for (int f = 0; f < FIGURES; ++f)
+            mean.values[f] += values[f];
+        ++count;
+    }
+    for (int f = 0; f < FIGURES; ++f)
+        mean.values[f] = count > 0 ? mean.values[f] / count : NAN;
+    return mean;
+}
+
+// Means over the scenes of the group that have results of both variants.
+static void group_figures(const selection *chosen, const char *point, figures *base, figures *ours)
+{
+    const json_t *scenes = json_object_get(chosen->plan, "scenes");
+    double count = 0;
+    *base = *ours = (figures){{0}};
+    for (size_t s = 0; s < json_array_size(scenes); ++s) {
+        const json_t *scene = json_array_get(scenes, s);
+        if (!is_selected(chosen, scene))
+            continue;
+        const figures off = scene_figures(chosen, text_of(scene, "name"), "off", point);
+        const figures on = scene_figures(chosen, text_of(scene, "name"), "on", point);
+        if (isnan(off.values[BYTES]) || isnan(on.values[BYTES]))
+            continue;
+        for (int f = 0; f < FIGURES; ++f) {
+            base->values[f] += off.values[f];
+            ours->values[f] += on.values[f];
+        }
+        ++count;
+    }
+    for (int f = 0; f < FIGURES; ++f) {
+        base->values[f] = count > 0 ? base->values[f] / count : NAN;
+        ours->values[f] = count > 0 ? ours->values[f] / count : NAN;
+    }
+}
+
+static void put_labels(json_t *row, const selection *chosen, const char *point)
+{
+    table_put_text(row, chosen->pipeline);
+    table_put_text(row, chosen->step);
+    table_put_text(row, chosen->group ? chosen->group : "mean");
+    table_put_text(row, point);
+}
+
+static void put_delta(json_t *row, const char *format, double value)
+{
+    char text[64];
+    snprintf(text, sizeof text, format, value);
+    table_put_text(row, isnan(value) ? "N/A" : text);
+}
+
+// The last row of a group: changes over all points.
+static void put_changes(json_t *table, const selection *chosen, const figures *base,
+                        const figures *ours, size_t count)
+{
+    sgs_rd_point curves[2][MOST_POINTS];
+    double seconds[2] = {0, 0};
+    for (size_t k = 0; k < count; ++k) {
+        curves[0][k] = (sgs_rd_point){base[k].values[BYTES], base[k].values[PSNR]};
+        curves[1][k] = (sgs_rd_point){ours[k].values[BYTES], ours[k].values[PSNR]};
+        seconds[0] += base[k].values[SECONDS];
+        seconds[1] += ours[k].values[SECONDS];
+    }
+    sgs_bd bd = {.rate_percent = NAN, .psnr_db = NAN};
+    if (sgs_bd_compute(curves[0], count, curves[1], count, &bd))
+        bd.rate_percent = bd.psnr_db = NAN; // a model without primitives
+    json_t *row = json_array();
+    put_labels(row, chosen, "all");
+    for (int k = 0; k < 2 * FIGURES; ++k)
+        table_put_text(row, "");
+    table_put_number(row, "%+.1f %%", seconds[0] > 0 ? 100 * (seconds[1] / seconds[0] - 1) : NAN);
+    put_delta(row, "%+.2f %%", bd.rate_percent);
+    put_delta(row, "%+.2f dB", bd.psnr_db);
+    table_end_row(table, row);
+}
+
+// A row per point, and the changes. No rows if nothing is complete.
+static void put_group(json_t *table, const selection *chosen, const json_t *points)
+{
+    figures base[MOST_POINTS], ours[MOST_POINTS];
+    size_t count = 0;
+    for (size_t k = 0; k < json_array_size(points) && count < MOST_POINTS; ++k) {
+        const char *point = json_string_value(json_array_get(points, k));
+        group_figures(chosen, point, &base[count], &ours[count]);
+        if (isnan(base[count].values[BYTES]))
+            continue;
+        json_t *row = json_array();
+        put_labels(row, chosen, point);
+        for (int f = 0; f < FIGURES; ++f)
+            table_put_number(row, formats[f], base[count].values[f]);
+        for (int f = 0; f < FIGURES; ++f)
+            table_put_number(row, formats[f], ours[count].values[f]);
+        for (int f = 0; f < 3; ++f)
+            table_put_text(row, "");
+        table_end_row(table, row);
+        ++count;
+    }
+    if (count)
+        put_changes(table, chosen, base, ours, count);
+}
+
+// The data sets of the plan, or its scenes, then all scenes if there are several.
+static void put_step(json_t *table, selection *chosen, const json_t *points)
+{
+    const json_t *scenes = json_object_get(chosen->plan, "scenes");
+    const size_t count = json_array_size(scenes);
+    chosen->is_data_set = *text_of(json_array_get(scenes, 0), "data_set");
+    const char *member = chosen->is_data_set ? "data_set" : "name";
+    for (size_t s = 0; s < count; ++s) {
+        chosen->group = text_of(json_array_get(scenes, s), member);
+        bool first = true;
+        for (size_t before = 0; before < s; ++before)
+            first = first && strcmp(chosen->group, text_of(json_array_get(scenes, before), member));
+        if (first)
+            put_group(table, chosen, points);
+    }
+    chosen->group = NULL;
+    if (count > 1)
+        put_group(table, chosen, points);
+}
+
+// {"step": ["point", ...]} of one kind, in the order of the results.
+static json_t *steps_of(const json_t *runs, const char *kind)
+{
+    json_t *steps = json_object();
+    for (size_t r = 0; r < json_array_size(runs); ++r) {
+        size_t k;
+        const json_t *result;
+        json_array_foreach(json_object_get(json_array_get(runs, r), "post"), k, result)
+        {
+            const char *step = text_of(result, "step"), *point = text_of(result, "point");
+            if (strcmp(text_of(result, "kind"), kind))
+                continue;
+            if (!json_object_get(steps, step))
+                json_object_set_new(steps, step, json_array());
+            json_t *points = json_object_get(steps, step);
+            bool known = false;
+            for (size_t p = 0; p < json_array_size(points); ++p)
+                known = known || !strcmp(json_string_value(json_array_get(points, p)), point);
+            if (!known)
+                json_array_append_new(points, json_string(point));
+        }
+    }
+    return steps;
+}
+
+// LPIPS where it was computed, else FLIP.
+static const char *perceptual_of(const json_t *runs)
+{
+    for (size_t r = 0; r < json_array_size(runs); ++r) {
+        size_t k;
+        const json_t *result;
+        json_array_foreach(json_object_get(json_array_get(runs, r), "post"), k, result)
+        {
+            if (json_is_number(json_object_get(json_object_get(result, "test"), "lpips")))
+                return "lpips";
+        }
+    }
+    return "flip";
+}
+
+static json_t *kind_table(const json_t *results, const char *kind, const char *title)
+{
+    const json_t *plan = json_object_get(results, "plan"), *runs = json_object_get(results, "runs");
+    const char *perceptual = perceptual_of(runs);
+    const bool lpips = !strcmp(perceptual, "lpips");
+    const char *const columns[] = {"pipeline",
+                                   "step",
+                                   "scenes",
+                                   "point",
+                                   "base MiB",
+                                   "base s",
+                                   "base PSNR",
+                                   "base SSIM",
+                                   lpips ? "base LPIPS" : "base FLIP",
+                                   "ours MiB",
+                                   "ours s",
+                                   "ours PSNR",
+                                   "ours SSIM",
+                                   lpips ? "ours LPIPS" : "ours FLIP",
+                                   "Δ time",
+                                   "BD-rate",
+                                   "BD-PSNR",
+                                   NULL};
+    json_t *table = table_new(
+        title,
+        "Base: models of variant off; ours: variant on. Size in MiB (2^20 bytes), seconds of the "
+        "step, quality of the held-out images; means over seeds, then scenes. Δ time: change of "
+        "the sum over the points. BD-rate: change in size at equal PSNR; BD-PSNR: change in PSNR "
+        "at equal size; N/A without a common range.",
+        columns);
+    json_t *steps = steps_of(runs, kind);
+    const json_t *pipelines = json_object_get(plan, "pipelines");
+    for (size_t p = 0; p < json_array_size(pipelines); ++p) {
+        const char *step;
+        json_t *points;
+        json_object_foreach(steps, step, points)
+        {
+            selection chosen = {.plan = plan,
+                                .runs = runs,
+                                .pipeline = json_string_value(json_array_get(pipelines, p)),
+                                .step = step,
+                                .perceptual = perceptual};
+            put_step(table, &chosen, points);
+        }
+    }
+    json_decref(steps);
+    return table;
+}
+
+void post_tables_add(const json_t *results, json_t *tables)
+{
+    static const char *const kinds[][2] = {
+        {"prune", "Pruning of models without and with SPARE-GS"},
+        {"compress", "Compression of models without and with SPARE-GS"}};
+    for (size_t k = 0; k < sizeof kinds / sizeof *kinds; ++k) {
+        json_t *table = kind_table(results, kinds[k][0], kinds[k][1]);
+        if (json_array_size(json_object_get(table, "rows")))
+            json_array_append(tables, table);
+        json_decref(table);
+    }
+}

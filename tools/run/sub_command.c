@@ -1,0 +1,64 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+#include "run/sub_command.h"
+
+#include <errno.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/wait.h>
+#include <time.h>
+#include <unistd.h>
+#ifdef __linux__
+#include <sys/prctl.h>
+#endif
+
+#include "cli/interrupt.h"
+#include "cli/options.h"
+#include "cli/progress.h"
+
+// In the new process. Does not return.
+static void become_command(const char *const *arguments, const char *output)
+{
+    // A new process group: Ctrl-C reaches only this program, which forwards it.
+    setpgid(0, 0);
+#ifdef __linux__
+    prctl(PR_SET_PDEATHSIG, INTERRUPT_PASSED_ON); // if this program is killed
+#endif
+    if (freopen(output ? output : "/dev/null", "w", stdout))
+        execv("/proc/self/exe", (char *const *)arguments);
+    _exit(EXIT_FAILED);
+}
+
+int sub_command_run(const char *const *arguments, const char *output)
+{
+    size_t count = 0;
+    while (arguments[count])
+        ++count;
+    const char **line = calloc(count + 2, sizeof *line);
+    if (!line)
+        return fail_run("out of memory");
+    line[0] = "sparegs";
+    memcpy(line + 1, arguments, count * sizeof *line);
+    fflush(NULL);
+    const pid_t child = fork();
+    if (!child)
+        become_command(line, output);
+    free(line);
+    if (child < 0)
+        return fail_run("cannot start 'sparegs %s': %s", arguments[0], strerror(errno));
+    int state;
+    bool forwarded = false;
+    for (pid_t ended; (ended = waitpid(child, &state, WNOHANG)) != child;) {
+        if (ended < 0 && errno != EINTR)
+            return fail_run("cannot wait for 'sparegs %s': %s", arguments[0], strerror(errno));
+        if (interrupt_signal() && !forwarded) {
+            forwarded = !kill(child, INTERRUPT_PASSED_ON);
+            kill(child, SIGCONT); // a terminal may have suspended it
+        }
+        nanosleep(&(struct timespec){.tv_nsec = 20000000}, NULL);
+    }
+    return WIFEXITED(state) ? WEXITSTATUS(state) : 128 + WTERMSIG(state);
+}

@@ -1,0 +1,12 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// Runs a command of this program in a new process, so that the steps of an experiment share neither
+// memory, threads nor crashes. Unlike child_run (cli/child_process.h) it does not redirect stderr,
+// and it forwards a request to stop and waits until the process has saved its state.
+
+// arguments: NULL-terminated, [0] is the command's name. output: file that receives stdout, or NULL
+// to discard it. Returns the exit status, 128 + signal if a signal ended it, or EXIT_FAILED after
+// printing the error.
+int sub_command_run(const char *const *arguments, const char *output);

@@ -62,6 +62,11 @@ class Page:
         self.look(**camera)
         return self.wait("picture", lambda picture: picture[0]["serial"] == self.serial and picture[0]["lossless"])
 
+    def final_or_any(self, **camera):
+        """A picture of full size; without loss only if the model does not change."""
+        self.look(**camera)
+        return self.wait("picture", lambda picture: picture[0]["serial"] == self.serial and picture[0]["width"] == camera["width"])
+
     def ask(self, kind, **message):
         self.socket.send({"type": kind, **message})
         return self.wait(kind)
@@ -251,6 +256,62 @@ def never_reads(url):
     deaf.socket.close()
 
 
+def move(url):
+    """Moves until the connection ends; prints the number of pictures."""
+    count = 0
+    try:
+        page = Page(url)
+        matrix = list(page.wait("hello")["views"][0]["camera_to_world"])
+        while True:
+            page.serial += 1
+            matrix[3] += 0.001
+            page.socket.send({"type": "camera", "serial": page.serial, "moving": page.serial % 8 != 0, "width": 160,
+                              "height": 90, "camera_to_world": matrix, "fov": 50})
+            page.wait("picture")
+            count += 1
+    except (Closed, OSError):
+        print(count)
+
+
+def control(url, folder):
+    """Operates a training from its page; stops it at the end."""
+    page = Page(url)
+    hello = page.wait("hello")
+    expect("a_training_is_announced", hello["training"] and hello["progress"]["total"] == 100000)
+    first = page.wait("progress", lambda message: message["iteration"] > 10)
+    expect("progress_has_phases", first["phases"]["forward"] > 0 and first["rate"] > 0 and first["rss"] > 0, first)
+    page.socket.send({"type": "run", "action": "pause"})
+    paused = page.wait("progress", lambda message: message["paused"])
+    time.sleep(0.5)
+    page.final(width=120, height=66, view=0)  # lossless: a paused model does not change
+    page.socket.send({"type": "run", "action": "pause"})
+    still = page.wait("progress")
+    time.sleep(1)
+    page.socket.send({"type": "run", "action": "pause"})
+    later = page.wait("progress")
+    expect("a_pause_holds", still["iteration"] == later["iteration"] <= paused["iteration"] + 1, (paused, still, later))
+    state = os.path.join(folder, "checkpoint", "state.bin")
+    expect("no_checkpoint_yet", not os.path.exists(state))
+    page.socket.send({"type": "run", "action": "checkpoint"})
+    end = time.monotonic() + 20
+    while not os.path.exists(state) and time.monotonic() < end:
+        time.sleep(0.05)
+    expect("a_checkpoint_is_saved_while_paused", os.path.exists(state))
+    page.socket.send({"type": "run", "action": "continue"})
+    page.wait("progress", lambda message: message["iteration"] > later["iteration"] + 100)
+    rows = page.ask("history")["train"]
+    expect("the_table_grows", rows["iteration"][:1] == [100] and len(rows["loss"]) == len(rows["iteration"]) > 0, rows)
+    page.final_or_any(width=120, height=66, view=0)
+    ray = page.ask("ray", x=60, y=33)
+    expect("a_ray_is_explained_in_a_training", ray["count"] > 0 and len(ray["hits"]) == ray["count"])
+    page.socket.send({"type": "run", "action": "stop"})
+    try:
+        while True:
+            page.next()
+    except (Closed, OSError):
+        pass
+
+
 def status(url, *headers):
     """The HTTP status of a WebSocket handshake with these extra headers."""
     address = urlparse(url)
@@ -261,7 +322,7 @@ def status(url, *headers):
 def main():
     url, command = sys.argv[1:3]
     {"pictures": pictures, "progressive": progressive, "hostile": hostile, "many": many, "never_reads": never_reads,
-     "status": status}[command](url, *sys.argv[3:])
+     "move": move, "control": control, "status": status}[command](url, *sys.argv[3:])
     sys.exit(1 if expect.failed else 0)
 
 

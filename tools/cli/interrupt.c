@@ -63,6 +63,17 @@ int interrupt_signal(void)
     return received & ~PASSED_ON;
 }
 
+void interrupt_request(void)
+{
+    int before = 0;
+    atomic_compare_exchange_strong(&received, &before, SIGINT);
+}
+
+void interrupt_want_checkpoint(void)
+{
+    checkpoint_wanted = 1;
+}
+
 bool interrupt_take_checkpoint(void)
 {
     return atomic_exchange(&checkpoint_wanted, 0);

@@ -19,6 +19,11 @@ void interrupt_watch(void);
 // The signal that requested a stop, or 0.
 int interrupt_signal(void);
 
+// The same requests by the program itself: a stop as by a first SIGINT (no effect after a signal),
+// and a checkpoint.
+void interrupt_request(void);
+void interrupt_want_checkpoint(void);
+
 // True once per request for a checkpoint.
 bool interrupt_take_checkpoint(void);
 

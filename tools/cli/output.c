@@ -186,6 +186,17 @@ bool stdout_is_whole(void)
     return false;
 }
 
+void json_set_path(json_t *object, const char *name, const char *format, ...)
+{
+    char path[4096];
+    va_list args;
+    va_start(args, format);
+    vsnprintf(path, sizeof path, format, args);
+    va_end(args);
+    json_t *text = json_string(path);
+    json_object_set_new(object, name, text ? text : json_null());
+}
+
 json_t *json_number(double value)
 {
     return isfinite(value) ? json_real(value) : json_null();

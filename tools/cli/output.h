@@ -42,6 +42,9 @@ void reported_files_set(const char *name, json_t *value);
 bool stdout_is_whole(void);
 // Adds a sentence to that error: which result is complete without stdout.
 void stdout_set_complete(const char *what);
+// Sets a member to a path, as printf; null if that is not UTF-8.
+void json_set_path(json_t *object, const char *name, const char *format, ...)
+    __attribute__((format(printf, 3, 4)));
 // A number with up to 9 digits, or null for infinity and NaN.
 json_t *json_number(double value);
 

@@ -81,6 +81,30 @@ static const option output_options[] = {
      .help = "write the phases of each iteration as a Chrome/Perfetto trace (about 1 KB per "
              "iteration)"},
     LPIPS_OPTIONS(train_values),
+    {.name = "view",
+     .kind = OPTION_TEXT,
+     .offset = AT(view),
+     .argument = "[A:]PORT",
+     .shown = "none",
+     .help = "show the training in the browser at this port of 127.0.0.1 or of IPv4 address A; 0 "
+             "chooses a free port; see 'sparegs help view'"},
+    {.name = "view-share",
+     .kind = OPTION_REAL,
+     .offset = AT(view_share),
+     .low = 1,
+     .high = 100,
+     .argument = "P",
+     .initial = "10",
+     .unit = "percent",
+     .needs = "view",
+     .help = "share of the time that the viewer may take"},
+    {.name = "view-token",
+     .kind = OPTION_TEXT,
+     .offset = AT(view_token),
+     .argument = "T",
+     .shown = "random; none for 127.0.0.1",
+     .needs = "view",
+     .help = "token that the viewer requires, 8 to 128 letters, digits, '-' or '_'"},
 };
 
 // Defaults that the program resolves itself, in words.
@@ -436,4 +460,38 @@ void train_config_record(const json_t *stored, json_t *now, int iteration)
     }
     json_array_append_new(list, entry);
     json_object_set_new(now, "resumed", list);
+}
+
+// True if --save-at has an iteration that the run does not reach.
+static bool is_late(const train_values *values)
+{
+    for (int i = 0; i < values->save_at.count; ++i)
+        if (values->save_at.values[i] > values->options.iterations)
+            return true;
+    return false;
+}
+
+int train_values_check(const train_values *values, const command_line *line)
+{
+    const sgs_train_options *o = &values->options;
+    if (o->pipeline == SGS_PIPELINE_TAMING &&
+        o->pipeline_options.taming_opacity == SGS_TAMING_LINEAR && o->filter == SGS_FILTER_MIP)
+        return fail_usage("--taming-opacity linear and --filter mip are mutually exclusive");
+    if (o->opaque && !(o->alpha_loss > 0))
+        return fail_usage("--opaque requires --alpha-loss above 0");
+    if (values->resume && values->overwrite)
+        return fail_usage("--resume and --overwrite are mutually exclusive; --resume continues the "
+                          "run in OUT, --overwrite replaces it");
+    if (option_given(line, "save-at") && is_late(values))
+        return fail_usage("--save-at: the run ends at iteration %d; choose earlier iterations, or "
+                          "raise --iterations",
+                          o->iterations);
+    if (!values->output)
+        return fail_usage("train requires an output folder, -o OUT; usage: sparegs train %s",
+                          line->synopsis);
+    if (values->init)
+        return refuse_idle(line, "random-points", "with --init");
+    if (o->pipeline_options.taming_count)
+        return refuse_idle(line, "taming-multiplier", "with --taming-count");
+    return -1;
 }

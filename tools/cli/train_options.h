@@ -10,7 +10,9 @@
 
 typedef struct train_values {
     const char *output, *init, *trace, *lpips;
-    int lpips_input; // sgs_lpips_input
+    int lpips_input;               // sgs_lpips_input
+    const char *view, *view_token; // of the viewer, or NULL
+    double view_share;             // percent
     int checkpoint_every;
     double time_limit;   // seconds, negative = none
     uint64_t max_memory; // bytes, 0 = no limit
@@ -26,6 +28,9 @@ void train_groups(train_values *values, option_group groups[TRAIN_GROUP_COUNT]);
 
 // Sets what depends on other options: call once after parsing.
 void train_resolve(train_values *values, const command_line *line, uint64_t seed);
+
+// Checks the combination of the parsed options. Returns -1 to continue, or an exit status.
+int train_values_check(const train_values *values, const command_line *line);
 
 // OUT/config.json: versions, machine settings and under "options" every option as used.
 json_t *train_config(const char *scene_path, const train_values *values, const scene_values *scene,

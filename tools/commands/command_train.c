@@ -6,7 +6,6 @@
 // trainer; read the saved model back and evaluate that file on the held-out and training views.
 
 #include <math.h>
-#include <stdarg.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -27,6 +26,7 @@
 #include "sparegs/runtime.h"
 #include "run/trace_file.h"
 #include "cli/train_options.h"
+#include "viewer/training_view.h"
 
 static const char description[] =
     "Trains 3D Gaussians on SCENE: a folder with a COLMAP model (sparse/0, sparse or "
@@ -47,6 +47,7 @@ typedef struct training {
     sgs_scene *scene;
     sgs_lpips *lpips; // NULL without --lpips
     sgs_trainer *trainer;
+    training_view *view; // NULL without --view
     run_folder folder;
     double started, load_seconds, train_seconds, longest_step;
     sgs_stop_reason stop;
@@ -275,20 +276,27 @@ static bool save_model(const training *run, int iteration)
     return saved;
 }
 
-// Periodic saves, except after the last iteration. A failure is only a warning: the disk may have
+// Saves a checkpoint if it is due or was requested. A failure is only a warning: the disk may have
 // space again later.
-static void save_due(training *run, int iteration)
+static void save_checkpoint(training *run, int iteration, bool due)
 {
     const bool asked = interrupt_take_checkpoint();
-    if (is_save_point(run, iteration) && !save_model(run, iteration))
-        print_warning("the model of iteration %d was not saved; training continues", iteration);
-    if (!asked && !(run->values.checkpoint_every && iteration % run->values.checkpoint_every == 0))
+    if (!asked && !due)
         return;
     if (!run_folder_save_checkpoint(&run->folder, run->trainer))
         print_warning("the checkpoint of iteration %d was not saved; training continues",
                       iteration);
     else if (asked)
         print_note("%s: saved a checkpoint at iteration %d", run->values.output, iteration);
+}
+
+// Periodic saves, except after the last iteration.
+static void save_due(training *run, int iteration)
+{
+    if (is_save_point(run, iteration) && !save_model(run, iteration))
+        print_warning("the model of iteration %d was not saved; training continues", iteration);
+    save_checkpoint(run, iteration,
+                    run->values.checkpoint_every && iteration % run->values.checkpoint_every == 0);
 }
 
 // Seconds that one more iteration and saving may take.
@@ -421,8 +429,12 @@ static bool iterate(training *run, trace_file *trace)
                                         info.gaussians});
         if (run->stop == SGS_STOP_NONE)
             save_due(run, info.iteration);
+        training_view_step(run->view, &info, run->trainer);
+        while (training_view_holds(run->view) && !interrupt_signal() && !time_is_up(run))
+            save_checkpoint(run, info.iteration, false);
     }
     progress_end();
+    training_view_finish(run->view, run->trainer);
     return true;
 }
 
@@ -467,16 +479,25 @@ static bool save_results(training *run)
     return saved;
 }
 
+// How the model is rendered.
+static drawing_values drawing_of(const training *run)
+{
+    drawing_values drawing = {.filter = run->values.options.filter,
+                              .near_distance = sgs_near_distance(run->scene->extent),
+                              .compact_box = run->values.options.compact_box,
+                              .space = run->scene->space,
+                              .white_point = run->scene->white_point};
+    memcpy(drawing.background, run->values.options.background, sizeof drawing.background);
+    return drawing;
+}
+
 static bool evaluate(training *run)
 {
     char *path = format_text("%s/point_cloud/iteration_%d/point_cloud.ply", run->values.output,
                              run->iterations);
     sgs_gaussians *model = NULL;
     evaluator evaluation = {0};
-    drawing_values drawing = {.filter = run->values.options.filter,
-                              .near_distance = sgs_near_distance(run->scene->extent),
-                              .compact_box = run->values.options.compact_box};
-    memcpy(drawing.background, run->values.options.background, sizeof drawing.background);
+    const drawing_values drawing = drawing_of(run);
     bool done = !sgs_ply_read(path, &model), damaged = false;
     if (!done)
         fail_library();
@@ -495,18 +516,6 @@ static bool evaluate(training *run)
     free(exposure_path);
     free(path);
     return done;
-}
-
-// Sets a member to a path; null if that is not UTF-8.
-static void add_path(json_t *object, const char *name, const char *format, ...)
-{
-    char path[4096];
-    va_list args;
-    va_start(args, format);
-    vsnprintf(path, sizeof path, format, args);
-    va_end(args);
-    json_t *text = json_string(path);
-    json_object_set_new(object, name, text ? text : json_null());
 }
 
 static json_t *summary_json(const training *run)
@@ -555,11 +564,11 @@ static json_t *summary_json(const training *run)
     json_object_set_new(summary, "seed", json_integer((json_int_t)run->common.seed));
     json_object_set_new(summary, "version", json_string(sgs_version()));
     json_object_set_new(summary, "commit", json_string(sgs_version_commit()));
-    add_path(summary, "scene", "%s", run->scene_path);
-    add_path(summary, "output", "%s", run->values.output);
+    json_set_path(summary, "scene", "%s", run->scene_path);
+    json_set_path(summary, "output", "%s", run->values.output);
     if (run->iterations)
-        add_path(summary, "model", "%s/point_cloud/iteration_%d/point_cloud.ply",
-                 run->values.output, run->iterations);
+        json_set_path(summary, "model", "%s/point_cloud/iteration_%d/point_cloud.ply",
+                      run->values.output, run->iterations);
     return summary;
 }
 
@@ -636,7 +645,7 @@ static bool claim_folder(training *run)
 // Prepares OUT, the scene and the trainer. Returns -1 to continue, or an exit status.
 static int prepare(training *run)
 {
-    if (has_no_time(run) || !claim_folder(run))
+    if (has_no_time(run) || !training_view_is_possible(run->values.view) || !claim_folder(run))
         return EXIT_FAILED;
     const bool loaded = memory_suffices(run) && load_scene(run) && load_lpips(run);
     if (loaded && interrupt_signal()) {
@@ -650,11 +659,28 @@ static int prepare(training *run)
     return EXIT_FAILED;
 }
 
+// Starts the viewer of --view. False after printing the error.
+static bool open_view(training *run)
+{
+    const train_values *values = &run->values;
+    const training_view_options options = {.place = values->view,
+                                           .token = values->view_token,
+                                           .share = values->view_share / 100,
+                                           .folder = values->output,
+                                           .drawing = drawing_of(run),
+                                           .scene = run->scene,
+                                           .total = values->options.iterations,
+                                           .has_regions = values->options.spare != 0,
+                                           .prints_to_stderr = run->common.json};
+    run->view = values->view ? training_view_open(&options, run->trainer) : NULL;
+    return !values->view || run->view;
+}
+
 // Iterates, saves the results and frees the trainer.
 static bool iterate_and_save(training *run)
 {
     trace_file *trace = run->values.trace ? trace_open(run->values.trace) : NULL;
-    bool done = !run->values.trace || trace;
+    bool done = (!run->values.trace || trace) && open_view(run);
     done = done && iterate(run, trace);
     done = trace_close(trace, done) && done;
     done = done && save_results(run);
@@ -687,41 +713,6 @@ static int train(training *run)
 
 enum { GROUP_COUNT = TRAIN_GROUP_COUNT + 2 };
 
-// True if --save-at has an iteration that the run does not reach.
-static bool is_late(const train_values *values)
-{
-    for (int i = 0; i < values->save_at.count; ++i)
-        if (values->save_at.values[i] > values->options.iterations)
-            return true;
-    return false;
-}
-
-// Checks the combination of the parsed options. Returns -1 to continue, or an exit status.
-static int check_values(const train_values *values, const command_line *line)
-{
-    const sgs_train_options *o = &values->options;
-    if (o->pipeline == SGS_PIPELINE_TAMING &&
-        o->pipeline_options.taming_opacity == SGS_TAMING_LINEAR && o->filter == SGS_FILTER_MIP)
-        return fail_usage("--taming-opacity linear and --filter mip are mutually exclusive");
-    if (o->opaque && !(o->alpha_loss > 0))
-        return fail_usage("--opaque requires --alpha-loss above 0");
-    if (values->resume && values->overwrite)
-        return fail_usage("--resume and --overwrite are mutually exclusive; --resume continues the "
-                          "run in OUT, --overwrite replaces it");
-    if (option_given(line, "save-at") && is_late(values))
-        return fail_usage("--save-at: the run ends at iteration %d; choose earlier iterations, or "
-                          "raise --iterations",
-                          o->iterations);
-    if (!values->output)
-        return fail_usage("train requires an output folder, -o OUT; usage: sparegs train %s",
-                          line->synopsis);
-    if (values->init)
-        return refuse_idle(line, "random-points", "with --init");
-    if (o->pipeline_options.taming_count)
-        return refuse_idle(line, "taming-multiplier", "with --taming-count");
-    return -1;
-}
-
 // Describes the options of `train` in `groups` and `line`.
 static void describe_line(training *run, option_group groups[GROUP_COUNT], command_line *line)
 {
@@ -747,7 +738,10 @@ static int parse_line(training *run, option_group groups[GROUP_COUNT], command_l
     if (status < 0)
         status = scene_resolve(&run->data, line, NULL);
     train_resolve(&run->values, line, run->common.seed);
-    return status < 0 ? check_values(&run->values, line) : status;
+    const char *problem = training_view_check(run->values.view, run->values.view_token);
+    if (status < 0 && problem)
+        status = fail_usage("%s", problem);
+    return status < 0 ? train_values_check(&run->values, line) : status;
 }
 
 int command_train_check(int argc, char **argv, const char **idle)
@@ -785,6 +779,7 @@ int command_train(int argc, char **argv)
     run.scene_path = line.operands[0];
     interrupt_watch();
     status = train(&run);
+    training_view_close(run.view);
     sgs_trainer_destroy(run.trainer);
     sgs_scene_destroy(run.scene);
     sgs_lpips_destroy(run.lpips);

@@ -167,7 +167,8 @@ json_t *view_facts(view_source *source, bool training)
     json_object_set_new(root, "target", numbers_json(center, 3));
     json_object_set_new(root, "extent", json_real(source->extent));
     json_object_set_new(root, "up", numbers_json(up, 3));
-    json_object_set_new(root, "aovs", aovs_json(training || view_source_has_regions(source)));
+    json_object_set_new(root, "aovs",
+                        aovs_json(source->expects_regions || view_source_has_regions(source)));
     json_object_set_new(root, "ramp", ramp_json());
     json_object_set_new(root, "views", views_json(source));
     json_object_set_new(root, "config", file_json(source, "config.json"));

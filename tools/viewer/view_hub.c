@@ -165,6 +165,13 @@ void view_hub_leave(view_client *client)
     pthread_mutex_unlock(&hub->lock);
 }
 
+void view_hub_wake(view_hub *hub)
+{
+    pthread_mutex_lock(&hub->lock);
+    pthread_cond_broadcast(&hub->work);
+    pthread_mutex_unlock(&hub->lock);
+}
+
 int view_hub_count(view_hub *hub)
 {
     int count = 0;

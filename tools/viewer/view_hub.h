@@ -88,5 +88,7 @@ void view_hub_post(view_client *client, bool binary, const void *head, size_t he
 void view_hub_post_json(view_client *client, json_t *root);
 // Queues JSON text for all clients. Steals the reference. Takes the lock.
 void view_hub_broadcast(view_hub *hub, json_t *root);
+// Wakes the artist: the source has a new model.
+void view_hub_wake(view_hub *hub);
 // Number of connected clients. Takes the lock.
 int view_hub_count(view_hub *hub);

@@ -70,8 +70,8 @@ bool view_address_is_loopback(const view_address *address)
     return !strncmp(address->host, "127.", 4);
 }
 
-// Binds a socket for a moment: CivetWeb does not report why it fails.
-static bool address_is_free(const view_address *address)
+// CivetWeb does not report why it fails.
+bool view_address_is_free(const view_address *address)
 {
     struct sockaddr_in at = {.sin_family = AF_INET, .sin_port = htons((uint16_t)address->port)};
     inet_pton(AF_INET, address->host, &at.sin_addr);
@@ -304,7 +304,7 @@ static char *url_of(const view_server *server)
 
 view_server *view_server_start(const view_server_options *options)
 {
-    if (!address_is_free(&options->address))
+    if (!view_address_is_free(&options->address))
         return NULL;
     view_server *server = calloc(1, sizeof *server);
     char listening[96], threads[16];

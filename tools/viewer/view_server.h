@@ -24,6 +24,10 @@ bool view_address_parse(const char *text, view_address *address);
 bool view_address_host(const char *text, view_address *address);
 bool view_address_is_loopback(const view_address *address);
 
+// Binds a socket for a moment. False after printing the error: the port is in use, or the address
+// is not one of this machine.
+bool view_address_is_free(const view_address *address);
+
 typedef struct view_server_options {
     view_address address;
     const char *token; // or NULL; an address other than the loopback requires one
@@ -31,7 +35,7 @@ typedef struct view_server_options {
     const view_source *source;
 } view_server_options;
 
-// NULL after printing the error: the port is in use, or the address is not one of this machine.
+// NULL after printing the error; see view_address_is_free.
 view_server *view_server_start(const view_server_options *options);
 // The URL to open, with the token; owned by the server.
 const char *view_server_url(const view_server *server);

@@ -14,7 +14,7 @@ static json_t *hello(void *context)
     view_session *session = context;
     json_t *root = view_facts(&session->source, session->training);
     if (session->progress)
-        json_object_set_new(root, "progress", session->progress(session->progress_context));
+        json_object_set_new(root, "progress", session->progress(session->run_context));
     return root;
 }
 
@@ -29,6 +29,8 @@ bool view_session_start(view_session *session, const view_session_options *optio
     view_hub_open(&session->hub, &session->source.views);
     session->hub.greet = hello;
     session->hub.greet_context = session;
+    session->hub.act = session->act;
+    session->hub.act_context = session->run_context;
     session->artist.hub = &session->hub;
     session->artist.source = &session->source;
     session->artist.history = history;

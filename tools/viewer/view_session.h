@@ -14,8 +14,10 @@ typedef struct view_session {
     view_server *server;
     char token[TOKEN_MAXIMUM + 1]; // "" = none
     bool training;
-    json_t *(*progress)(void *context); // the state of the training, or NULL
-    void *progress_context;
+    // Of a training, or NULL: its state, and what receives the actions of pages.
+    json_t *(*progress)(void *context);
+    void (*act)(void *context, run_action action);
+    void *run_context;
 } view_session;
 
 typedef struct view_session_options {

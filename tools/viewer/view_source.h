@@ -32,6 +32,7 @@ typedef struct view_source {
     const char *name;       // of the model
     char *folder;           // of a run, or of the model file
     bool is_run;            // folder is a run folder
+    bool expects_regions;   // updates with SPARE-GS will follow
     const sgs_scene *scene; // or NULL
     camera_list views;      // those of the scene, or of the run's cameras.json
     // Of the first model: medians of the coordinates, and the widest range from the 10 % to the 90

@@ -1,0 +1,89 @@
+#!/usr/bin/env bash
+# SPDX-FileCopyrightText: 2026 The sparegs authors
+# SPDX-License-Identifier: Apache-2.0
+
+# `train --view`: the model has the same bits with pages that move all the time; pause, continue, checkpoint and stop;
+# the end of a training with connected pages.
+set -u
+# shellcheck source-path=SCRIPTDIR source=cli_support.sh
+source "$SPAREGS_SOURCE/tests/cli/cli_support.sh"
+client=$SPAREGS_SOURCE/tests/cli/view_client.py
+small=("$room" --downscale 4 --quiet)
+
+# start NAME ARGUMENT...: trains into $temporary/NAME in the background with a viewer; sets training and url.
+start() {
+    local name=$1
+    shift
+    last_command="sparegs train ${small[*]} -o $name --view 0 $*"
+    "$program" train "${small[@]}" -o "$temporary/$name" --view 0 "$@" >"$temporary/$name.out" 2>"$temporary/stderr" &
+    training=$!
+    for _ in $(seq 600); do
+        grep -q http "$temporary/$name.out" "$temporary/stderr" || ! kill -0 "$training" 2>/dev/null && break
+        sleep 0.1
+    done
+    url=$(grep -ohE 'http://[^ ]*' "$temporary/$name.out" "$temporary/stderr" | head -1)
+    check has_a_url test -n "$url"
+}
+ends() {
+    local status=0
+    wait "$training" || status=$?
+    check "ends_with_status_$1" test "$status" -eq "$1"
+}
+page() {
+    local status=0
+    python3 "$client" "$url" "$@" >"$temporary/page" 2>&1 || status=$?
+    grep '^FAIL' "$temporary/page"
+    check "client: $*" test "$status" -eq 0 -a "$(grep -c '^FAIL' "$temporary/page")" -eq 0
+}
+
+# viewing_keeps_the_bits
+run 0 train "${small[@]}" -o "$temporary/alone" --iterations 150
+start viewed --iterations 150 --view-share 50
+python3 "$client" "$url" move >"$temporary/first" 2>&1 &
+first=$!
+python3 "$client" "$url" move >"$temporary/second" 2>&1 &
+second=$!
+ends 0
+wait "$first" "$second"
+hash_of() { jq -r .model_hash "$temporary/$1/summary.json"; }
+check same_model_with_two_moving_pages test "$(hash_of alone)" = "$(hash_of viewed)"
+check pages_saw_pictures test "$(cat "$temporary/first")" -gt 0 -a "$(cat "$temporary/second")" -gt 0
+check same_files cmp "$temporary/alone/point_cloud/iteration_150/point_cloud.ply" "$temporary/viewed/point_cloud/iteration_150/point_cloud.ply"
+
+# pages_control_the_run: pause, checkpoint while paused, continue, tables, regions, stop.
+start controlled --iterations 100000
+page control "$temporary/controlled"
+ends 130
+check stopped_by_the_page test "$(jq -r .stop_reason "$temporary/controlled/summary.json")" = signal
+check it_can_be_resumed test -e "$temporary/controlled/checkpoint/state.bin"
+
+# a_signal_with_connected_pages
+start stopped --iterations 100000 --json
+check json_has_stdout_for_itself test "$(grep -c http "$temporary/stopped.out")" -eq 0
+python3 "$client" "$url" move >"$temporary/first" 2>&1 &
+first=$!
+sleep 1
+kill -TERM "$training"
+ends 143
+wait "$first"
+check the_result_is_json jq -e .model_hash "$temporary/stopped.out"
+
+# ---- Errors ----
+python3 -c 'import socket, sys, time
+server = socket.create_server(("127.0.0.1", 0)); print(server.getsockname()[1], flush=True); time.sleep(60)' >"$temporary/port" &
+holder=$!
+while [ ! -s "$temporary/port" ]; do sleep 0.1; done
+run 1 train "${small[@]}" -o "$temporary/viewed" --overwrite --iterations 10 --view "$(cat "$temporary/port")"
+one_line
+reports "is in use; choose another port"
+check the_earlier_run_is_kept test "$(hash_of viewed)" = "$(hash_of alone)"
+kill "$holder"
+run 1 train "${small[@]}" -o "$temporary/none" --iterations 10 --view 192.0.2.77:0
+reports "192.0.2.77 is not an address of this machine"
+run 2 train "${small[@]}" -o "$temporary/none" --view nowhere
+reports "--view: must be PORT or ADDRESS:PORT"
+run 2 train "${small[@]}" -o "$temporary/none" --view 70000
+run 2 train "${small[@]}" -o "$temporary/none" --view 0 --view-token "a b"
+reports "--view-token: must be"
+check no_folder test ! -e "$temporary/none"
+finish

@@ -1,0 +1,233 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+#include "viewer/training_view.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+
+#include "cli/interrupt.h"
+#include "cli/output.h"
+#include "cli/progress.h"
+#include "sparegs/runtime.h"
+#include "viewer/view_session.h"
+
+#define REPORT_SECONDS 0.5
+
+struct training_view {
+    view_session session;
+    double share;
+    atomic_bool paused;
+    pthread_mutex_t lock; // of what follows
+    pthread_cond_t changed;
+    sgs_step_info info;
+    sgs_train_seconds seconds;
+    int total;
+    bool finished;
+    double rate; // iterations per second
+    // Of the training thread.
+    double reported;
+    int reported_iteration;
+};
+
+// ---- What pages see ----
+
+static json_t *phases_json(const sgs_train_seconds *s)
+{
+    return json_pack("{s:f,s:f,s:f,s:f,s:f,s:f,s:f,s:f,s:f,s:f}", "gather", s->gather, "forward",
+                     s->forward, "loss", s->loss, "backward", s->backward, "optimizer",
+                     s->optimizer, "bvh_refit", s->bvh_refit, "bvh_build", s->bvh_build, "density",
+                     s->density, "spare", s->spare, "image_io", s->image_io);
+}
+
+static json_t *progress_json(void *context)
+{
+    training_view *view = context;
+    pthread_mutex_lock(&view->lock);
+    const sgs_step_info info = view->info;
+    const sgs_train_seconds seconds = view->seconds;
+    const double rate = view->rate;
+    const bool finished = view->finished;
+    pthread_mutex_unlock(&view->lock);
+    json_t *root = json_pack(
+        "{s:s,s:i,s:i,s:f,s:f,s:I,s:f,s:I,s:b,s:b}", "type", "progress", "iteration",
+        info.iteration, "total", view->total, "loss", info.loss_average, "psnr", info.psnr_average,
+        "gaussians", (json_int_t)info.gaussians, "rate", rate, "rss", (json_int_t)sgs_rss_current(),
+        "paused", atomic_load(&view->paused), "finished", finished);
+    json_object_set_new(
+        root, "eta", rate > 0 ? json_number((view->total - info.iteration) / rate) : json_null());
+    json_object_set_new(root, "phases", phases_json(&seconds));
+    return root;
+}
+
+static void report(training_view *view)
+{
+    view_hub_broadcast(&view->session.hub, progress_json(view));
+}
+
+// Called by a thread of the server.
+static void act(void *context, run_action action)
+{
+    training_view *view = context;
+    switch (action) {
+    case RUN_PAUSE:
+    case RUN_CONTINUE:
+        atomic_store(&view->paused, action == RUN_PAUSE);
+        break;
+    case RUN_CHECKPOINT:
+        interrupt_want_checkpoint();
+        break;
+    case RUN_STOP:
+        interrupt_request();
+        break;
+    }
+    // A paused training leaves the cores to the viewer.
+    atomic_store(&view->session.artist.share, atomic_load(&view->paused) ? 1 : view->share);
+    pthread_mutex_lock(&view->lock);
+    pthread_cond_broadcast(&view->changed);
+    pthread_mutex_unlock(&view->lock);
+    report(view);
+}
+
+// ---- Start ----
+
+const char *training_view_check(const char *place, const char *token)
+{
+    view_address address;
+    if (place && !view_address_parse(place, &address))
+        return "--view: must be PORT or ADDRESS:PORT with a numeric IPv4 address";
+    if (token && !token_is_valid(token))
+        return "--view-token: must be 8 to 128 letters, digits, '-' or '_'";
+    return NULL;
+}
+
+bool training_view_is_possible(const char *place)
+{
+    view_address address;
+    return !place || !view_address_parse(place, &address) || view_address_is_free(&address);
+}
+
+static bool start(training_view *view, const training_view_options *options,
+                  const sgs_trainer *trainer)
+{
+    view_session_options session = {
+        .token = options->token, .share = options->share, .training = true};
+    sgs_gaussians *model;
+    view_source *source = &view->session.source;
+    if (!view_address_parse(options->place, &session.address))
+        return false;
+    if (sgs_gaussians_create(sgs_trainer_model(trainer)->count, &model)) {
+        fail_library();
+        return false;
+    }
+    source->drawing = options->drawing;
+    source->name = options->folder;
+    source->scene = options->scene;
+    source->expects_regions = options->has_regions;
+    atomic_store(&source->wanted, true);
+    if (!view_source_open(source, model, options->folder, sgs_trainer_iteration(trainer)))
+        return false;
+    view_source_offer(source, sgs_trainer_model(trainer), sgs_trainer_filter_3d(trainer),
+                      sgs_trainer_iteration(trainer));
+    return view_session_start(&view->session, &session);
+}
+
+training_view *training_view_open(const training_view_options *options, const sgs_trainer *trainer)
+{
+    training_view *view = calloc(1, sizeof *view);
+    if (!view) {
+        fail_run("no memory for the viewer");
+        return NULL;
+    }
+    pthread_mutex_init(&view->lock, NULL);
+    pthread_condattr_t monotonic;
+    pthread_condattr_init(&monotonic);
+    pthread_condattr_setclock(&monotonic, CLOCK_MONOTONIC);
+    pthread_cond_init(&view->changed, &monotonic);
+    pthread_condattr_destroy(&monotonic);
+    view->share = options->share;
+    view->total = options->total;
+    view->info.iteration = view->reported_iteration = sgs_trainer_iteration(trainer);
+    view->info.gaussians = sgs_trainer_model(trainer)->count;
+    view->seconds = sgs_trainer_seconds(trainer);
+    view->reported = clock_seconds();
+    view->session.progress = progress_json;
+    view->session.act = act;
+    view->session.run_context = view;
+    if (!start(view, options, trainer)) {
+        training_view_close(view);
+        return NULL;
+    }
+    if (options->prints_to_stderr)
+        fprintf(stderr, "sparegs: view: %s\n", view_server_url(view->session.server));
+    else
+        view_session_print(&view->session);
+    return view;
+}
+
+// ---- Between iterations ----
+
+void training_view_step(training_view *view, const sgs_step_info *info, const sgs_trainer *trainer)
+{
+    if (!view)
+        return;
+    const sgs_regions regions = sgs_trainer_regions(trainer);
+    if (info->structural && regions.iteration == info->structure_iteration)
+        view_source_add_regions(&view->session.source, &regions);
+    if (view_source_offer(&view->session.source, sgs_trainer_model(trainer),
+                          sgs_trainer_filter_3d(trainer), info->iteration))
+        view_hub_wake(&view->session.hub);
+    const double now = clock_seconds(), passed = now - view->reported;
+    pthread_mutex_lock(&view->lock);
+    view->info = *info;
+    if (passed >= REPORT_SECONDS) {
+        view->seconds = sgs_trainer_seconds(trainer);
+        view->rate = (info->iteration - view->reported_iteration) / passed;
+    }
+    pthread_mutex_unlock(&view->lock);
+    if (passed < REPORT_SECONDS)
+        return;
+    view->reported = now;
+    view->reported_iteration = info->iteration;
+    report(view);
+}
+
+bool training_view_holds(training_view *view)
+{
+    if (!view || !atomic_load(&view->paused))
+        return false;
+    const double end = clock_seconds() + 0.1;
+    const struct timespec until = {(time_t)end, (long)((end - (double)(time_t)end) * 1e9)};
+    pthread_mutex_lock(&view->lock);
+    if (atomic_load(&view->paused))
+        pthread_cond_timedwait(&view->changed, &view->lock, &until);
+    pthread_mutex_unlock(&view->lock);
+    view->reported = clock_seconds(); // a pause does not reduce the rate
+    return atomic_load(&view->paused);
+}
+
+void training_view_finish(training_view *view, const sgs_trainer *trainer)
+{
+    if (!view)
+        return;
+    atomic_store(&view->session.source.wanted, true);
+    if (view_source_offer(&view->session.source, sgs_trainer_model(trainer),
+                          sgs_trainer_filter_3d(trainer), sgs_trainer_iteration(trainer)))
+        view_hub_wake(&view->session.hub);
+    pthread_mutex_lock(&view->lock);
+    view->finished = true;
+    view->seconds = sgs_trainer_seconds(trainer);
+    pthread_mutex_unlock(&view->lock);
+    report(view);
+}
+
+void training_view_close(training_view *view)
+{
+    if (!view)
+        return;
+    view_session_stop(&view->session);
+    view_source_close(&view->session.source);
+    pthread_cond_destroy(&view->changed);
+    pthread_mutex_destroy(&view->lock);
+    free(view);
+}

@@ -1,0 +1,41 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// `train --view`: shows the model that is being trained. Pages can pause the training, request a
+// checkpoint, and stop it. The viewer draws a copy of the model, made between two iterations, and
+// sleeps so that it takes a given share of the time; the training computes the same bits.
+//
+// The functions are for the thread that trains. All accept NULL (no viewer).
+
+#include "cli/shared_options.h"
+#include "sparegs/trainer.h"
+
+typedef struct training_view training_view;
+
+typedef struct training_view_options {
+    const char *place;      // "[ADDRESS:]PORT", valid
+    const char *token;      // or NULL; see view_session.h
+    double share;           // (0, 1]
+    const char *folder;     // of the run
+    drawing_values drawing; // of the model
+    const sgs_scene *scene;
+    int total; // iterations
+    bool has_regions, prints_to_stderr;
+} training_view_options;
+
+// Starts the server and prints its URL. NULL after printing the error.
+training_view *training_view_open(const training_view_options *options, const sgs_trainer *trainer);
+// After an iteration.
+void training_view_step(training_view *view, const sgs_step_info *info, const sgs_trainer *trainer);
+// True while a page has paused the training; returns after a fraction of a second. Call until
+// false.
+bool training_view_holds(training_view *view);
+// The training has ended; pages can be used until training_view_close.
+void training_view_finish(training_view *view, const sgs_trainer *trainer);
+void training_view_close(training_view *view);
+
+// NULL if the texts of --view and --view-token (or NULL) are valid, else what is expected.
+const char *training_view_check(const char *place, const char *token);
+// False after printing the error if the place of --view (or NULL) cannot be listened on.
+bool training_view_is_possible(const char *place);

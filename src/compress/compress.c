@@ -15,6 +15,7 @@
 static const sgsi_compress_method *const methods[] = {
     [SGS_COMPRESS_LIGHTGAUSSIAN] = &sgsi_method_lightgaussian,
     [SGS_COMPRESS_SOG] = &sgsi_method_sog,
+    [SGS_COMPRESS_MESONGS] = &sgsi_method_mesongs,
     [SGS_COMPRESS_GHAP] = &sgsi_method_ghap,
 };
 static const char *const names[] = {"lightgaussian", "sog", "mesongs", "ghap", "fcgs", "fcgs-like"};

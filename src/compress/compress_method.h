@@ -28,7 +28,8 @@ typedef struct sgsi_compress_method {
     sgs_status (*decode)(sgsi_container *in, sgs_gaussians **model);
 } sgsi_compress_method;
 
-extern const sgsi_compress_method sgsi_method_ghap, sgsi_method_sog, sgsi_method_lightgaussian;
+extern const sgsi_compress_method sgsi_method_ghap, sgsi_method_sog, sgsi_method_lightgaussian,
+    sgsi_method_mesongs;
 
 // Calls the progress function of the caller. CANCELLED if it asks to stop.
 sgs_status sgsi_compress_progress(const sgsi_compress_job *job, const char *stage, size_t done,

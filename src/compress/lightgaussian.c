@@ -161,7 +161,7 @@ static void train_step(light_training *t, uint64_t step)
 {
     const size_t codes = t->codebook.count, dim = t->codebook.dim;
     const size_t distinct = sgsi_draw_batch(t->count, BATCH, t->job->options->seed ^ 0xBA7C, step,
-                                           t->slots, t->drawn, t->times);
+                                            t->slots, t->drawn, t->times);
     double total = 0, sum = 0;
     for (size_t k = 0; k < distinct; ++k) {
         t->rows[k] = t->quantised[t->drawn[k]];

@@ -86,7 +86,7 @@ void sgsi_codebook_assign(sgsi_codebook *codebook, const float *data, size_t str
 }
 
 size_t sgsi_draw_batch(size_t count, size_t draws, uint64_t seed, uint64_t step, uint32_t *slots,
-                      uint32_t *rows, uint32_t *times)
+                       uint32_t *rows, uint32_t *times)
 {
     size_t distinct = 0;
     for (size_t k = 0; k < draws; ++k) {

@@ -32,4 +32,4 @@ void sgsi_codebook_assign(sgsi_codebook *codebook, const float *data, size_t str
 // first draw, and how often each was drawn. rows, times: [min(count, draws)]; slots: [count], all
 // UINT32_MAX before and after. Returns the number of distinct rows.
 size_t sgsi_draw_batch(size_t count, size_t draws, uint64_t seed, uint64_t step, uint32_t *slots,
-                      uint32_t *rows, uint32_t *times);
+                       uint32_t *rows, uint32_t *times);

@@ -11,10 +11,11 @@ model=$temporary/model
 run 0 train "$room" -o "$model" --iterations 60 --downscale 8 --quiet
 primitives=$(jq .gaussians "$model/summary.json")
 
-for method in lightgaussian sog ghap; do
+for method in lightgaussian sog mesongs ghap; do
     case $method in # short trainings
         lightgaussian) extra=(--codebook 256 --vq-steps 20) ;;
         sog) extra=() ;;
+        mesongs) extra=(--codebook 128 --vq-steps 20 --finetune 20) ;;
         *) extra=(--finetune 20) ;;
     esac
     for preset in 1 3; do
@@ -42,6 +43,18 @@ for file in tuned plain; do
 done
 check fine_tuning_gains_3_dB jq -ne --slurpfile a "$temporary/tuned.json" --slurpfile b "$temporary/plain.json" \
     '$a[0].mean.psnr > $b[0].mean.psnr + 3'
+for steps in 0 150; do
+    run 0 compress "$model" "$room" --downscale 8 -o "$temporary/meson" --method mesongs --preset spare-2 --codebook 64 \
+        --vq-steps 50 --finetune $steps
+    run 0 decompress "$temporary/meson" -o "$temporary/meson.ply"
+    run 0 eval "$temporary/meson.ply" "$room" --downscale 8 --split train --json
+    cp "$temporary/stdout" "$temporary/meson_$steps.json"
+done
+check fine_tuning_through_the_quantiser_gains_1_dB jq -ne --slurpfile a "$temporary/meson_150.json" \
+    --slurpfile b "$temporary/meson_0.json" '$a[0].mean.psnr > $b[0].mean.psnr + 1'
+run 1 compress "$model" -o "$temporary/none" --method mesongs --finetune 5
+reports "fine-tuning requires a scene"
+one_line
 run 1 compress "$model" -o "$temporary/none" --method ghap --finetune 5
 reports "fine-tuning requires a scene"
 one_line

@@ -22,7 +22,7 @@
 #include "support/files_support.h"
 
 static const sgs_compress_method tested[] = {SGS_COMPRESS_LIGHTGAUSSIAN, SGS_COMPRESS_SOG,
-                                             SGS_COMPRESS_GHAP};
+                                             SGS_COMPRESS_MESONGS, SGS_COMPRESS_GHAP};
 enum { TESTED = sizeof tested / sizeof *tested, COUNT = 600 };
 
 // A small codebook keeps the test fast.
@@ -381,7 +381,7 @@ static void cancelling_leaves_the_old_file(void **state)
 {
     (void)state;
     const temp_folder folder = temp_folder_make();
-    sgs_gaussians *model = pack_model(COUNT, 0, 9);
+    sgs_gaussians *model = pack_model(COUNT, 1, 9);
     const char *path = temp_path(&folder, "pack");
     file_put(path, "old", 3);
     for (int m = 0; m < TESTED; ++m) {

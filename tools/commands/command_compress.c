@@ -34,7 +34,8 @@ typedef struct compress_values {
     int method, preset, codec;
     int finetune;
     double keep, eig_min, vq_ratio;
-    bool half;
+    bool half, cell_center;
+    int depth, blocks;
     int codebook, vq_steps;
     int position_bits, dc_bits, sh_bits, scale_bits, rotation_bits, opacity_bits;
 } compress_values;
@@ -175,6 +176,29 @@ static const option compress_options[] = {
      .initial = "1000",
      .needs = "method=lightgaussian|method=mesongs",
      .help = "training steps of the codebook"},
+    {.name = "octree-depth",
+     .kind = OPTION_INTEGER,
+     .offset = offsetof(compress_values, depth),
+     .low = 1,
+     .high = 21,
+     .argument = "N",
+     .initial = "20",
+     .needs = "method=mesongs",
+     .help = "levels of the octree: 2^N cells per axis"},
+    {.name = "cell-center",
+     .kind = OPTION_FLAG,
+     .offset = offsetof(compress_values, cell_center),
+     .needs = "method=mesongs",
+     .help = "decode positions to the centre of a cell instead of its lower corner"},
+    {.name = "blocks",
+     .kind = OPTION_INTEGER,
+     .offset = offsetof(compress_values, blocks),
+     .low = 1,
+     .high = 65536,
+     .argument = "N",
+     .initial = "57",
+     .needs = "method=mesongs",
+     .help = "quantised blocks per channel"},
     {.name = "codec",
      .kind = OPTION_CHOICE,
      .offset = offsetof(compress_values, codec),
@@ -208,6 +232,9 @@ static void set_method_options(const compress_values *values, sgs_compress_optio
     options->finetune = values->finetune;
     options->vq_ratio = values->vq_ratio;
     options->half = values->half;
+    options->depth = values->depth;
+    options->blocks = values->blocks;
+    options->cell_center = values->cell_center;
     options->codebook = values->codebook;
     options->vq_steps = values->vq_steps;
     options->codec = (sgs_image_codec)values->codec;

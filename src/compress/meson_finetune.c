@@ -1,0 +1,195 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// MesonGS (Xie et al. 2024), section 3.5, with the constants of the released code. Every step
+// quantises the values, renders the decoded model in a random training view and passes the gradient
+// straight through quantiser and transform: the transform is orthonormal, so the gradient with
+// respect to a decoded value is that of the value before. Adam with the rates of 3DGS times 0.4.
+// Every 400 steps all training views are rendered; the best state is kept.
+//
+// Difference: the rate of the scales, which are logarithms, is not multiplied by the extent of the
+// scene.
+
+#include "compress/meson_finetune.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "compress/view_gradient.h"
+
+enum { CHECK_INTERVAL = 400, VALUES = SGSI_MESON_VALUES };
+static const double FACTOR = 0.4, BETA1 = 0.9, BETA2 = 0.999, EPSILON = 1e-15;
+static const double LR_OPACITY = 0.025, LR_ROTATION = 1e-3, LR_DC = 2.5e-3, LR_SCALE = 5e-3,
+                    LR_REST = 2.5e-3 / 20;
+
+// Parameters with both moments of Adam and a copy of the best state.
+typedef struct tuned {
+    size_t count;
+    float *values; // borrowed
+    float *m, *v, *best, *gradient;
+} tuned;
+
+typedef struct meson_tuning {
+    const sgsi_compress_job *job;
+    sgsi_meson *meson;
+    sgs_gaussians *model;
+    sgsi_view_gradient views;
+    tuned cells, codes;
+    sgsi_meson_block *best_ranges;
+    double best_error;
+} meson_tuning;
+
+static bool tuned_create(tuned *t, float *values, size_t count)
+{
+    *t = (tuned){.count = count, .values = values};
+    t->m = sgsi_calloc(count + 1, sizeof(float));
+    t->v = sgsi_calloc(count + 1, sizeof(float));
+    t->best = sgsi_calloc(count + 1, sizeof(float));
+    t->gradient = sgsi_calloc(count + 1, sizeof(float));
+    return t->m && t->v && t->best && t->gradient;
+}
+
+static void tuned_free(tuned *t)
+{
+    sgsi_free(t->m);
+    sgsi_free(t->v);
+    sgsi_free(t->best);
+    sgsi_free(t->gradient);
+}
+
+static double rate_of(size_t value)
+{
+    return FACTOR * (value == 0  ? LR_OPACITY
+                     : value < 5 ? LR_ROTATION
+                     : value < 8 ? LR_DC
+                                 : LR_SCALE);
+}
+
+// One step of Adam; `codes`: the rate of the harmonics for all.
+static void adam_step(tuned *t, int step, bool codes)
+{
+    const double correction1 = 1 / (1 - pow(BETA1, step)), correction2 = 1 / (1 - pow(BETA2, step));
+    for (size_t i = 0; i < t->count; ++i) {
+        const double g = (double)t->gradient[i];
+        if (!isfinite(g))
+            continue;
+        t->m[i] = (float)(BETA1 * (double)t->m[i] + (1 - BETA1) * g);
+        t->v[i] = (float)(BETA2 * (double)t->v[i] + (1 - BETA2) * g * g);
+        const double rate = codes ? FACTOR * LR_REST : rate_of(i % VALUES);
+        t->values[i] -= (float)(rate * (double)t->m[i] * correction1 /
+                                (sqrt((double)t->v[i] * correction2) + EPSILON));
+    }
+}
+
+// From the gradient of the decoded model to that of values and codebook.
+static void collect_gradients(meson_tuning *t)
+{
+    const sgs_gaussians *d = t->views.d_model;
+    const sgsi_meson *meson = t->meson;
+    const size_t dim = meson->codebook.dim;
+    memset(t->codes.gradient, 0, t->codes.count * sizeof *t->codes.gradient);
+    for (size_t i = 0; i < meson->count; ++i) {
+        float *g = t->cells.gradient + i * VALUES;
+        const float *v = t->cells.values + i * VALUES;
+        // A quaternion and its negative are the same rotation.
+        float dot = 0;
+        for (int k = 0; k < 4; ++k)
+            dot += v[1 + k] * *sgs_gaussians_at(t->model, i, SGS_PARAM_ROTATION + k);
+        g[0] = *sgs_gaussians_at(d, i, SGS_PARAM_OPACITY);
+        for (int k = 0; k < 4; ++k)
+            g[1 + k] = copysignf(1, dot) * *sgs_gaussians_at(d, i, SGS_PARAM_ROTATION + k);
+        for (int k = 0; k < 3; ++k) {
+            g[5 + k] = *sgs_gaussians_at(d, i, SGS_PARAM_SH_DC + k);
+            g[8 + k] = *sgs_gaussians_at(d, i, SGS_PARAM_SCALE + k);
+        }
+        for (size_t k = 0; k < dim; ++k)
+            t->codes.gradient[meson->labels[i] * dim + k] +=
+                *sgs_gaussians_at(d, i, SGS_PARAM_SH_REST + (int)k);
+    }
+}
+
+static sgs_status draw(meson_tuning *t)
+{
+    sgsi_meson_quantise(t->meson);
+    sgsi_meson_reconstruct(t->meson, t->model);
+    return sgs_renderer_update(t->views.renderer);
+}
+
+// Keeps the current state if its mean PSNR over the training views is the best so far.
+static sgs_status check(meson_tuning *t)
+{
+    double error = 0; // mean of log(mse), monotone in the mean PSNR
+    sgs_status status = draw(t);
+    for (size_t k = 0; k < t->views.count && !status; ++k) {
+        double mse;
+        status = sgsi_view_gradient_evaluate(&t->views, k, false, &mse);
+        if (!status)
+            error += log(fmax(mse, 1e-10));
+    }
+    if (status || !(error < t->best_error))
+        return status;
+    t->best_error = error;
+    memcpy(t->cells.best, t->cells.values, t->cells.count * sizeof(float));
+    memcpy(t->codes.best, t->codes.values, t->codes.count * sizeof(float));
+    memcpy(t->best_ranges, t->meson->ranges,
+           t->meson->blocks * SGSI_MESON_CHANNELS * sizeof *t->best_ranges);
+    return SGS_STATUS_OK;
+}
+
+static sgs_status tune(meson_tuning *t, int iterations)
+{
+    sgs_status status = check(t);
+    for (int i = 1; i <= iterations && !status; ++i) {
+        status = sgsi_compress_progress(t->job, "fine-tuning", (size_t)i - 1, (size_t)iterations);
+        const size_t view =
+            (size_t)(sgsi_random_bits(t->job->options->seed ^ 0x51E, (uint64_t)i) % t->views.count);
+        double mse;
+        if (!status)
+            status = draw(t);
+        if (!status)
+            status = sgsi_view_gradient_evaluate(&t->views, view, true, &mse);
+        if (status)
+            break;
+        collect_gradients(t);
+        adam_step(&t->cells, i, false);
+        adam_step(&t->codes, i, true);
+        if (i % CHECK_INTERVAL == 0 || i == iterations)
+            status = check(t);
+    }
+    if (status)
+        return status;
+    memcpy(t->cells.values, t->cells.best, t->cells.count * sizeof(float));
+    memcpy(t->codes.values, t->codes.best, t->codes.count * sizeof(float));
+    memcpy(t->meson->ranges, t->best_ranges,
+           t->meson->blocks * SGSI_MESON_CHANNELS * sizeof *t->best_ranges);
+    sgsi_meson_quantise(t->meson);
+    return SGS_STATUS_OK;
+}
+
+sgs_status sgsi_meson_finetune(const sgsi_compress_job *job, sgsi_meson *meson, int iterations)
+{
+    meson_tuning t = {.job = job, .meson = meson, .best_error = INFINITY};
+    sgs_status status = sgs_gaussians_create(meson->count, &t.model);
+    if (!status)
+        status = sgs_gaussians_resize(t.model, meson->count);
+    if (!status) {
+        t.model->sh_degree = meson->sh_degree;
+        t.best_ranges = sgsi_alloc(meson->blocks, SGSI_MESON_CHANNELS * sizeof *t.best_ranges);
+        if (!tuned_create(&t.cells, meson->values, meson->count * VALUES) ||
+            !tuned_create(&t.codes, meson->codebook.codes,
+                          meson->codebook.count * meson->codebook.dim) ||
+            !t.best_ranges)
+            status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to fine-tune %zu cells",
+                               meson->count);
+    }
+    if (!status)
+        status = sgsi_view_gradient_create(job, t.model, &t.views);
+    if (!status)
+        status = tune(&t, iterations);
+    sgsi_view_gradient_free(&t.views);
+    tuned_free(&t.cells);
+    tuned_free(&t.codes);
+    sgsi_free(t.best_ranges);
+    sgs_gaussians_destroy(t.model);
+    return status;
+}

@@ -1,0 +1,33 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// Loss and gradient of a model in the training views of a scene, for methods that train through
+// their own quantiser. No optimiser.
+
+#include "compress/compress_method.h"
+#include "loss/loss.h"
+
+typedef struct sgsi_view_gradient {
+    const sgs_scene *scene;
+    sgs_render_options render;
+    float background[3];
+    size_t count;           // training views
+    size_t *views;          // [count] of the scene
+    sgs_renderer *renderer; // of `model`
+    sgs_gaussians *d_model; // the gradient; see sgs_renderer_backward
+    sgsi_loss_workspace *loss;
+    sgs_frame frame, d_frame; // of the size of the last view
+    float *planes;            // 8 planes with the stride of the loss
+} sgsi_view_gradient;
+
+// model must outlive it. Fails with INVALID_ARGUMENT (no training view with an image) or
+// OUT_OF_MEMORY; free it also after a failure.
+sgs_status sgsi_view_gradient_create(const sgsi_compress_job *job, const sgs_gaussians *model,
+                                     sgsi_view_gradient *views);
+void sgsi_view_gradient_free(sgsi_view_gradient *views);
+
+// Renders view `k` < count of the current model. *mse: of the clamped image. `gradient`: also fills
+// d_model with the gradient of 0.8 L1 + 0.2 (1 - SSIM).
+sgs_status sgsi_view_gradient_evaluate(sgsi_view_gradient *views, size_t k, bool gradient,
+                                       double *mse);

@@ -37,11 +37,12 @@ static void basis(int degree, const double d[3], double y[MOST_SIZE])
     }
 }
 
-// Directions in general position: on a spiral over the sphere.
+// Directions in general position. Their angles must not be symmetric about the middle one: odd
+// functions would be dependent.
 static void direction(int i, int count, double d[3])
 {
     const double z = 1.0 - (2.0 * i + 1.0) / count, radius = sqrt(1.0 - z * z),
-                 angle = 2.4 * i + 0.3;
+                 angle = 0.9 * i * i + 0.3;
     d[0] = radius * cos(angle);
     d[1] = radius * sin(angle);
     d[2] = z;

@@ -17,6 +17,7 @@
 #include "cli/shared_options.h"
 #include "sparegs/model_edit.h"
 #include "sparegs/model_file.h"
+#include "sparegs/prune.h"
 
 static const char description[] =
     "Converts a model: reads IN (a file of a known format, a SOG folder or a run folder: its "
@@ -26,7 +27,9 @@ static const char description[] =
     "of "
     "detail) or .usda (OpenUSD).\n"
     "Filters use the axes of IN as a 3DGS PLY has them and run first; then the model is scaled, "
-    "rotated about x, y and z, and translated. SCENE, a data set, adds its cameras to .usda.";
+    "rotated about x, y and z, and translated. SCENE, the data set of the model, adds its cameras "
+    "to "
+    ".usda, serves --filter-unseen, and ranks the primitives for lod-meta.json.";
 
 enum { MOST_NUMBERS = 8, MOST_CONDITIONS = 16 };
 
@@ -35,7 +38,7 @@ typedef struct convert_values {
     int harmonics, spz_version, spz_axes, input_spz_axes, ksplat_level, palette, iterations, levels,
         lod, antialiased;
     double opacity, scale;
-    bool drop_nan;
+    bool drop_nan, unseen;
 } convert_values;
 
 static const option convert_options[] = {
@@ -79,6 +82,11 @@ static const option convert_options[] = {
      .help = "keep connected primitives: voxels of SIZE world units (auto: 4 times the median "
              "distance to the third neighbour) with a centre of at least OPACITY (0.1) form "
              "components; those with less than SHARE (0.01) of the primitives are dropped"},
+    {.name = "filter-unseen",
+     .kind = OPTION_FLAG,
+     .offset = offsetof(convert_values, unseen),
+     .help = "drop primitives that no training view of SCENE sees: the sum of their blending "
+             "weights is 0"},
     {.name = "filter-harmonics",
      .kind = OPTION_INTEGER,
      .offset = offsetof(convert_values, harmonics),
@@ -296,8 +304,13 @@ static int parse_plan(const command_line *line, const convert_values *values, co
         status = refuse_idle(line, "sh-palette|iterations", "unless OUT is SOG");
     if (status < 0 && plan->format != SGS_MODEL_LOD_SOG)
         status = refuse_idle(line, "lod-levels", "unless OUT is a lod-meta.json");
-    if (status < 0 && line->operand_count == 3 && plan->format != SGS_MODEL_USDA)
-        status = fail_usage("SCENE has no effect unless OUT is a .usda file");
+    if (status < 0 && line->operand_count == 2)
+        status = refuse_idle(line, "filter-unseen", "without a SCENE");
+    if (status < 0 && line->operand_count == 3 && !values->unseen &&
+        plan->format != SGS_MODEL_USDA && plan->format != SGS_MODEL_LOD_SOG)
+        status =
+            fail_usage("SCENE has no effect without --filter-unseen, unless OUT is a .usda file "
+                       "or a lod-meta.json");
     return status;
 }
 
@@ -338,6 +351,60 @@ static bool filter_model(const convert_plan *plan, sgs_gaussians *model)
         sgs_selection_apply(model, keep);
     free(keep);
     sgs_gaussians_limit_sh(model, values->harmonics);
+    return done;
+}
+
+static bool show_views(void *user, size_t done, size_t total)
+{
+    (void)user;
+    progress_work("views", done, total);
+    return !interrupt_signal();
+}
+
+// Sums of the blending weights of each primitive over the training views; free(). NULL after
+// printing the error.
+static float *view_weights(const opened_model *opened, const sgs_scene *scene)
+{
+    const size_t count = opened->gaussians->count;
+    sgs_contribution *contributions = malloc((count + 1) * sizeof *contributions);
+    float *weights = malloc((count + 1) * sizeof *weights);
+    sgs_view_pass_options options = sgs_view_pass_options_default();
+    options.render.filter = opened->antialiased ? SGS_FILTER_MIP : SGS_FILTER_3DGS;
+    options.render.near_distance = sgs_near_distance(scene->extent);
+    options.progress = show_views;
+    progress_work_start();
+    bool done = contributions && weights;
+    if (!done) {
+        fail_run("no memory for the weights of %zu primitives", count);
+    } else {
+        const sgs_status status =
+            sgs_contributions(opened->gaussians, scene, &options, contributions);
+        done = !status;
+        if (status && status != SGS_STATUS_CANCELLED)
+            fail_library();
+    }
+    progress_end();
+    for (size_t i = 0; done && i < count; ++i)
+        weights[i] = (float)contributions[i].weight;
+    free(contributions);
+    if (done)
+        return weights;
+    free(weights);
+    return NULL;
+}
+
+static bool drop_unseen(const opened_model *opened, const sgs_scene *scene)
+{
+    const size_t count = opened->gaussians->count;
+    float *weights = view_weights(opened, scene);
+    unsigned char *keep = weights ? malloc(count + 1) : NULL;
+    for (size_t i = 0; keep && i < count; ++i)
+        keep[i] = weights[i] > 0;
+    if (keep)
+        sgs_selection_apply(opened->gaussians, keep);
+    const bool done = keep != NULL;
+    free(keep);
+    free(weights);
     return done;
 }
 
@@ -400,7 +467,7 @@ static void transform_camera(const convert_plan *plan, sgs_model_camera *camera)
 static bool show_progress(void *user, size_t done, size_t total)
 {
     (void)user;
-    progress_count("encoding", done, total);
+    progress_work("encoding", done, total);
     return !interrupt_signal();
 }
 
@@ -427,7 +494,8 @@ static sgs_model_camera *make_cameras(const convert_plan *plan, const sgs_scene 
 }
 
 static bool write_model(const convert_plan *plan, const char *path, const sgs_gaussians *model,
-                        const sgs_scene *scene, bool antialiased, sgs_model_written *written)
+                        const sgs_scene *scene, const float *importance, bool antialiased,
+                        sgs_model_written *written)
 {
     const convert_values *values = plan->values;
     sgs_model_write_options options = sgs_model_write_options_default();
@@ -438,8 +506,11 @@ static bool write_model(const convert_plan *plan, const char *path, const sgs_ga
     options.sh_palette = values->palette;
     options.palette_iterations = values->iterations;
     options.lod_levels = values->levels;
+    options.importance = importance;
     options.progress = show_progress;
-    sgs_model_camera *cameras = scene ? make_cameras(plan, scene) : NULL;
+    progress_work_start();
+    sgs_model_camera *cameras =
+        scene && plan->format == SGS_MODEL_USDA ? make_cameras(plan, scene) : NULL;
     options.cameras = cameras;
     options.camera_count = cameras ? scene->view_count : 0;
     const sgs_status status = sgs_model_write(path, model, &options, written);
@@ -474,7 +545,7 @@ static bool report(const char *path, size_t input, const sgs_model_written *writ
     return print_json(root);
 }
 
-static int convert(const command_line *line, const convert_plan *plan, const scene_values *data,
+static int convert(const command_line *line, const convert_plan *plan, scene_values *data,
                    bool json)
 {
     const char *out = line->operands[1];
@@ -484,24 +555,33 @@ static int convert(const command_line *line, const convert_plan *plan, const sce
     options.drop_unrotated = plan->values->drop_nan;
     opened_model opened;
     sgs_scene *scene = NULL;
+    float *importance = NULL;
     sgs_model_written written = {0};
     if (!model_open(line->operands[0], &options, &opened))
         return EXIT_FAILED;
+    bool done = true;
+    if (line->operand_count == 3) {
+        const int status = model_scene_resolve(data, line, opened.located.config);
+        scene = status < 0 ? scene_open(line->operands[2], data, false) : NULL;
+        done = scene != NULL;
+    }
     const size_t input = opened.gaussians->count + opened.info.dropped;
     const bool antialiased =
         plan->values->antialiased ? plan->values->antialiased == 1 : opened.antialiased;
-    bool done = filter_model(plan, opened.gaussians) && transform_model(plan, opened.gaussians);
+    done = done && filter_model(plan, opened.gaussians) &&
+           (!plan->values->unseen || drop_unseen(&opened, scene));
     if (done && !opened.gaussians->count) {
         fail_run("%s: no primitive is left; nothing was written", line->operands[0]);
         done = false;
     }
-    if (done && line->operand_count == 3) {
-        scene = scene_open(line->operands[2], data, false);
-        done = scene != NULL;
+    if (done && scene && plan->format == SGS_MODEL_LOD_SOG) {
+        importance = view_weights(&opened, scene);
+        done = importance != NULL;
     }
-    done = done && make_folder_of(out) &&
-           write_model(plan, out, opened.gaussians, scene, antialiased, &written) &&
+    done = done && transform_model(plan, opened.gaussians) && make_folder_of(out) &&
+           write_model(plan, out, opened.gaussians, scene, importance, antialiased, &written) &&
            report(out, input, &written, &opened.info, antialiased, json);
+    free(importance);
     sgs_scene_destroy(scene);
     opened_model_free(&opened);
     return interrupt_signal() && !done ? interrupt_status() : done ? EXIT_DONE : EXIT_FAILED;
@@ -526,8 +606,6 @@ int command_convert(int argc, char **argv)
     int status = command_parse(&spec, argc, argv, &call);
     if (status < 0)
         status = parse_plan(&call.line, &values, &plan);
-    if (status < 0)
-        status = scene_resolve(&data, &call.line, NULL);
     if (status < 0)
         status = common_apply(&call.common, &call.line);
     if (status >= 0)

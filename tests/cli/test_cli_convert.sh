@@ -1,0 +1,119 @@
+#!/usr/bin/env bash
+# SPDX-FileCopyrightText: 2026 The sparegs authors
+# SPDX-License-Identifier: Apache-2.0
+
+# sparegs convert: formats, marks, filters, transforms, JSON; models of all formats as MODEL of other commands.
+set -u
+# shellcheck source-path=SCRIPTDIR source=cli_support.sh
+source "$SPAREGS_SOURCE/tests/cli/cli_support.sh"
+
+out=$temporary/run
+run 0 train "$room" -o "$out" --iterations 60 --downscale 8 --quiet
+ply=$out/point_cloud/iteration_60/point_cloud.ply
+count() { "$program" info "$1" --json | jq .gaussians; }
+value() { jq -r "$1" "$temporary/stdout"; }
+all=$(count "$ply")
+
+# convert_writes_each_format_that_info_and_eval_read
+run 0 eval "$out" "$room" --downscale 8 --json --quiet
+reference=$(value .mean.psnr)
+for name in a.ply a.compressed.ply a.splat a.spz a.ksplat a.glb a.sog folder/meta.json lod/lod-meta.json; do
+    run 0 convert "$out" "$temporary/$name" --json
+    check counts_are_reported test "$(value '"\(.input) \(.output)"')" = "$all $all"
+    case $name in
+        *compressed.ply | *.sog | *.json) order=morton ;;
+        *.splat) order=importance ;;
+        *.ksplat) order=buckets ;;
+        *) order=kept ;;
+    esac
+    check order_is_reported test "$(value .order)" = $order
+    check file_is_reported test "$(value .file)" = "$temporary/$name"
+    check info_reads_it test "$(count "$temporary/$name")" = "$all"
+    run 0 eval "$temporary/$name" "$room" --downscale 8 --json --quiet
+    check the_image_is_the_same test "$(jq -n "($(value .mean.psnr) - $reference) | fabs < 1.5")" = true
+done
+check bytes_are_those_of_the_file test "$(run 0 convert "$ply" "$temporary/b.spz" --json && value .bytes)" = "$(stat -c %s "$temporary/b.spz")"
+run 0 convert "$temporary/lod" "$temporary/half.ply" --lod 1 --json
+check a_level_has_half_of_the_primitives test "$(value .output)" = $((all / 2))
+run 0 convert "$temporary/folder" "$temporary/from_folder.ply"
+check convert_prints_the_file grep -qx "$temporary/from_folder.ply" "$temporary/stdout"
+run 0 train "$room" -o "$temporary/again" --init "$temporary/a.sog" --iterations 5 --downscale 8 --quiet
+run 0 bench "$temporary/a.spz" "$room" --downscale 8 --repeat 1 --views 1 --quiet
+run 0 render "$temporary/a.compressed.ply" "$room" --view 0001 --downscale 8 --format png -o "$temporary/png" --quiet
+
+# usda_has_the_cameras_of_the_scene
+run 0 convert "$ply" "$temporary/a.usda" "$room" --downscale 8
+check there_is_a_camera_per_view test "$(grep -c 'def Camera' "$temporary/a.usda")" = 35
+check distortion_is_mentioned grep -q 'OpenUSD cameras have no lens distortion; that of 35' "$temporary/stderr"
+
+# marks_follow_the_model
+for name in m.ply m.compressed.ply m.spz m.sog; do
+    run 0 convert "$ply" "$temporary/$name" --antialiased on
+    check the_mark_is_read test "$("$program" info "$temporary/$name" --json | jq .antialiased)" = true
+    run 0 convert "$temporary/$name" "$temporary/copy.spz" --json
+    check the_mark_is_passed_on test "$(value .antialiased)" = true
+    run 0 convert "$temporary/$name" "$temporary/copy.spz" --antialiased off --json
+    check the_mark_can_be_removed test "$(value .antialiased)" = false
+done
+run 0 render "$temporary/m.ply" "$room" --view 0001 --downscale 8 --format png -o "$temporary/marked" --quiet
+run 0 render "$ply" "$room" --view 0001 --downscale 8 --filter mip --format png -o "$temporary/mip" --quiet
+check marked_models_are_rendered_with_mip cmp "$temporary/marked/0001.png" "$temporary/mip/0001.png"
+run 0 train "$room" -o "$temporary/mip_run" --pipeline mip --iterations 20 --downscale 8 --quiet
+check train_marks_models_of_mip grep -aq '^comment SplatRenderMode: mip$' "$temporary/mip_run/point_cloud/iteration_20/point_cloud.ply"
+run 0 convert "$temporary/mip_run/point_cloud/iteration_20/point_cloud_filter_3D.ply" "$temporary/fused.ply"
+check filter_3D_is_fused test "$("$program" info "$temporary/fused.ply" --json | jq -r .model_hash)" = \
+    "$("$program" info "$temporary/mip_run" --json | jq -r .model_hash)"
+
+# filters_and_transforms
+run 0 convert "$ply" "$temporary/f.ply" --filter-box 0,-,-,-,-,- --json
+right=$(value .output)
+run 0 convert "$ply" "$temporary/f.ply" --filter-value x,lt,0 --json
+check box_and_value_split_the_model test $((right + $(value .output))) = "$all"
+check both_parts_exist test "$right" -gt 0 -a "$right" -lt "$all"
+run 0 convert "$ply" "$temporary/f.ply" --filter-sphere 0,0,0,1e9 --filter-harmonics 1 --json
+check a_large_sphere_keeps_all test "$(value .output)" = "$all"
+check harmonics_are_limited test "$("$program" info "$temporary/f.ply" --json | jq .sh_degree)" = 1
+run 0 convert "$ply" "$temporary/f.ply" --filter-opacity 0.5 --filter-value scale_0,gte,0,x,gt,-100 --json
+check opacity_is_filtered test "$("$program" info "$temporary/f.ply" --json | jq '.opacity.minimum >= 0.499')" = true
+run 0 convert "$ply" "$temporary/f.ply" --filter-floaters auto,0.05,0.02 --json
+check some_floaters_are_dropped test "$(value .output)" -lt "$all"
+run 0 convert "$ply" "$temporary/f.ply" "$room" --downscale 8 --filter-unseen --json
+check few_primitives_are_unseen test "$(value .output)" -gt $((all / 2))
+run 0 convert "$ply" "$temporary/t.ply" --scale 2 --rotate 30,-40,50 --translate 1,2,3
+run 0 convert "$temporary/t.ply" "$temporary/u.ply" --translate -1,-2,-3
+run 0 convert "$temporary/u.ply" "$temporary/v.ply" --rotate 0,0,-50
+run 0 convert "$temporary/v.ply" "$temporary/w.ply" --rotate 0,40,0
+run 0 convert "$temporary/w.ply" "$temporary/x.ply" --rotate -30,0,0 --scale 0.5
+run 0 eval "$temporary/x.ply" "$room" --downscale 8 --json --quiet
+check transforms_are_undone test "$(jq -n "($(value .mean.psnr) - $reference) | fabs < 0.05")" = true
+
+# what_is_wrong_is_named
+run 2 convert "$ply"
+run 2 convert "$ply" "$temporary/a.obj"
+reports "the name requests no known format"
+run 2 convert "$ply" "$temporary/a.ply" --spz-version 4
+reports "--spz-version has no effect unless OUT is an .spz file"
+run 2 convert "$ply" "$temporary/a.ply" --ksplat-level 2
+run 2 convert "$ply" "$temporary/a.ply" --lod-levels 2
+run 2 convert "$ply" "$temporary/a.ply" --sh-palette 5
+run 2 convert "$ply" "$temporary/a.ply" "$room"
+reports "SCENE has no effect"
+run 2 convert "$ply" "$temporary/a.ply" --filter-unseen
+reports "--filter-unseen has no effect without a SCENE"
+for bad in --filter-box=1,2,3 --filter-box=a,b,c,d,e,f --filter-sphere=1,2,3 --filter-sphere=1,2,3,-1 --rotate=1,2 --translate=x \
+    --filter-value=x,less,1 --filter-value=x,lt --filter-value=x,lt,1,y --filter-floaters=0 --filter-floaters=auto,a --scale=0; do
+    run 2 convert "$ply" "$temporary/none.ply" "$bad"
+    reports "${bad%%=*}"
+done
+run 1 convert "$ply" "$temporary/none.ply" --filter-value colour,lt,1
+reports "unknown property 'colour'"
+run 1 convert "$ply" "$temporary/none.ply" --filter-sphere 1e6,0,0,1
+reports "no primitive is left; nothing was written"
+run 1 convert "$ply" "$temporary/none.ply" --lod 1
+run 1 convert "$temporary/missing.spz" "$temporary/none.ply"
+reports "no such model"
+run 1 convert "$temporary/a.usda" "$temporary/none.ply"
+reports "usda files cannot be read"
+check nothing_was_written test ! -e "$temporary/none.ply"
+
+finish

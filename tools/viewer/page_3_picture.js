@@ -155,10 +155,11 @@ function choosePhotograph(index) {
 
 // ---- Values under the cursor ----
 
-let probing = false, probeNext = null;
+let probing = false, probeNext = null, probedCamera = '';
 function probe(x, y) {
   if (probing) { probeNext = [x, y]; return; }
   probing = true;
+  probedCamera = matrix().join();
   send({type: 'probe', x, y});
   setTimeout(() => { probing = false; }, 2000);
 }
@@ -184,9 +185,11 @@ function pixelAt(event) {
   return x >= 0 && y >= 0 && x < request.width && y < request.height ? [x, y] : null;
 }
 
-// The point on the surface at a pixel, from the last traced depth near it, else at the orbit's distance.
+// The point on the surface at a pixel: the traced one if it was probed near this pixel since the camera moved, else
+// one on the pixel's ray at the last depth or the orbit's distance.
 function pointAt(pixel) {
   const last = viewer.probe, near = last && Math.hypot(last.x - pixel[0], last.y - pixel[1]) < 0.03 * request.height;
+  if (near && last.depth > 0 && probedCamera === matrix().join()) return last.position;
   const depth = near && last.depth > 0 ? last.depth : targetDistance();
   return add(camera.position, rayThrough(...pixel), depth);
 }

@@ -310,14 +310,21 @@ static void draw_picture(view_artist *artist, const artist_task *task, bool buil
 
 // ---- Other messages ----
 
-// All records of a region: what `explain` reports.
+// The records of a region of the last update: what `explain` reports for its centre. The grid may
+// differ between updates.
 static json_t *region_records(view_source *source, uint32_t voxel)
 {
     json_t *list = json_array();
+    double center[3];
     pthread_mutex_lock(&source->history_lock);
-    for (size_t u = 0; u < source->history.count; ++u) {
-        const sgs_regions *update = &source->history.updates[u];
-        const sgs_region *region = region_find(update, voxel);
+    const region_history *history = &source->history;
+    if (history->count)
+        region_center(&history->updates[history->count - 1], voxel, center);
+    for (size_t u = 0; u < history->count; ++u) {
+        const sgs_regions *update = &history->updates[u];
+        bool inside;
+        const uint32_t at = region_voxel(update, center, &inside);
+        const sgs_region *region = inside ? region_find(update, at) : NULL;
         if (region)
             json_array_append_new(list, region_json(update, region));
     }

@@ -1,0 +1,395 @@
+# SPDX-FileCopyrightText: 2026 The sparegs authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Operates every control of the viewer's page in headless Chromium and checks the effect on pixels, texts or files.
+`python3 view_browser.py PROGRAM RUN SCENE FOLDER`; screenshots and files go to FOLDER."""
+
+import base64
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+from devtools import Browser, find_browser
+from view_client import expect
+
+program, run_folder, scene, folder = sys.argv[1:5]
+
+
+def serve(*arguments):
+    process = subprocess.Popen([program, "view", *arguments, "--port", "0", "--quiet"], stdout=subprocess.PIPE, text=True)
+    return process, process.stdout.readline().strip()
+
+
+def render(name, *arguments):
+    """The pixels of `render --format png` as (width, height, RGB bytes)."""
+    out = os.path.join(folder, "render_" + name)
+    subprocess.run([program, "render", run_folder, *arguments, "--format", "png", "--aov", "rgba", "-o", out, "--quiet"],
+                   check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    file = next(os.path.join(at, n) for at, _, names in os.walk(out) for n in names if n.endswith(".png"))
+    pixels = os.path.join(folder, name + ".ppm")
+    subprocess.run(["oiiotool", file, "-d", "uint8", "-o", pixels], check=True)
+    with open(pixels, "rb") as data:
+        return parse_ppm(data.read())
+
+
+def parse_ppm(data):
+    fields, at = [], 0
+    while len(fields) < 4:
+        end = at
+        while data[end:end + 1] not in (b" ", b"\n"):
+            end += 1
+        if data[at:at + 1] != b"#":
+            fields.append(data[at:end])
+        at = end + 1
+    return int(fields[1]), int(fields[2]), data[at:]
+
+
+class Page(Browser):
+    def start(self, url):
+        self.open(url)
+        expect("a_picture_appears", self.wait("window.viewer && viewer.shown.length > 0") is not None)
+        self.rest()
+
+    def rest(self):
+        """Waits for the exact picture of the last request."""
+        time.sleep(0.2)
+        return self.wait("viewer.frame && viewer.frame.lossless && viewer.frame.serial === viewer.serial")
+
+    def pixels(self):
+        text = self.run("""(() => { const c = document.getElementById('picture');
+            const d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;
+            const rgb = new Uint8Array(d.length / 4 * 3);
+            for (let i = 0, k = 0; i < d.length; ++i) if (i % 4 !== 3) rgb[k++] = d[i];
+            let text = ''; for (let i = 0; i < rgb.length; i += 8192) text += String.fromCharCode(...rgb.subarray(i, i + 8192));
+            return c.width + ' ' + c.height + ' ' + btoa(text); })()""")
+        width, height, data = text.split(" ")
+        return int(width), int(height), base64.b64decode(data)
+
+    def set(self, name, value, event="change"):
+        self.run(f"""(() => {{ const e = document.getElementById('{name}');
+            if (e.type === 'checkbox') e.checked = {json.dumps(value)}; else e.value = {json.dumps(str(value))};
+            e.dispatchEvent(new Event('{event}', {{bubbles: true}})); }})()""")
+
+    def press(self, name):
+        self.run(f"document.getElementById('{name}').click()")
+
+    def changes(self, name, action, back=None):
+        """The action changes the picture; `back`, if given, restores it exactly."""
+        before = self.pixels()
+        action()
+        self.rest()
+        expect(name + "_changes_the_picture", self.pixels() != before)
+        if back:
+            back()
+            self.rest()
+            expect(name + "_is_undone", self.pixels() == before)
+
+    def camera(self):
+        return self.run("JSON.stringify([camera.position, camera.back, camera.up, camera.fov])")
+
+    def moves(self, name, action):
+        before = self.camera()
+        action()
+        self.rest()
+        expect(name + "_moves_the_camera", self.camera() != before)
+
+    def drag(self, dx, dy, button="left", modifiers=0):
+        buttons = {"left": 1, "right": 2}[button]
+        self.mouse("mouseMoved", 300, 300)
+        self.mouse("mousePressed", 300, 300, button, buttons, clickCount=1, modifiers=modifiers)
+        for k in range(1, 6):
+            self.mouse("mouseMoved", 300 + dx * k / 5, 300 + dy * k / 5, button, buttons, modifiers=modifiers)
+        self.mouse("mouseReleased", 300 + dx, 300 + dy, button, 0, clickCount=1, modifiers=modifiers)
+
+
+def overlay_pixels(page):
+    return page.run("""(() => { const c = document.getElementById('overlay');
+        const d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;
+        let n = 0; for (let i = 3; i < d.length; i += 4) n += d[i] > 0; return n; })()""")
+
+
+def opens(page, url):
+    start = time.monotonic()
+    page.start(url)
+    print(f"exact picture {time.monotonic() - start:.2f} s after opening")
+    own = url.rstrip("/").split("//")[1]
+    expect("no_request_to_other_hosts", all(own in address or address.startswith(("blob:", "data:")) for address in page.requests),
+           page.requests)
+    expect("no_error_on_the_console", not page.messages and not page.run("viewer.errors.length"), page.messages)
+    page.screenshot(os.path.join(folder, "opened.png"))
+
+
+def equals_render(page):
+    page.set("size", "photo")
+    page.press("home")
+    page.rest()
+    name = page.run("viewer.hello.views[0].name")
+    expect("at_rest_the_view_equals_render", page.pixels() == render("view", scene, "--view", name))
+    page.set("size", "window")
+    page.rest()
+
+
+def moving(page):
+    before = page.run("viewer.shown.length")
+    page.mouse("mouseMoved", 400, 400)
+    page.mouse("mousePressed", 400, 400, "left", 1, clickCount=1)
+    start, k = time.monotonic(), 0
+    while time.monotonic() - start < 3:
+        k += 1
+        page.mouse("mouseMoved", 300 + k * 3 % 300, 380 + k % 40, "left", 1)
+        time.sleep(0.012)
+    count, seconds = page.run("viewer.shown.length") - before, time.monotonic() - start
+    times = sorted(page.run(f"viewer.shown.slice({before}).map((e) => e[1]).filter(Number.isFinite)"))
+    page.mouse("mouseReleased", 500, 400, "left", 0, clickCount=1)
+    print(f"moving: {count / seconds:.1f} pictures/s, median latency {times[len(times) // 2]:.0f} ms")
+    expect("dragging_shows_pictures", count > 5, count)
+    page.rest()
+
+
+def cameras(page):
+    page.press("home")
+    page.rest()
+    page.moves("orbit", lambda: page.drag(60, 20))
+    page.moves("pan_with_the_right_button", lambda: page.drag(40, 10, "right"))
+    page.moves("pan_with_shift", lambda: page.drag(40, 10, modifiers=8))
+    page.set("mode", "fly")
+    where = page.run("JSON.stringify(camera.position)")
+    page.moves("looking_around", lambda: page.drag(40, 10))
+    expect("looking_around_stays_in_place",
+           max(abs(a - b) for a, b in zip(json.loads(where), page.run("camera.position"))) < 1e-9)
+    page.set("mode", "pan")
+    page.moves("pan", lambda: page.drag(40, 10))
+    page.set("mode", "orbit")
+    page.set("lens", -1)
+    page.press("home")
+    page.set("lens", -1)
+    page.rest()
+    page.mouse("mouseMoved", 420, 380)
+    page.wait("viewer.probe && viewer.probe.x === pixelAt({clientX: 420, clientY: 380})[0] && !probing")
+    probe = page.run("viewer.probe")
+    point = probe["position"]
+    distance = "Math.hypot(...add(camera.position, %s, -1))" % json.dumps(point)
+    before = page.run(distance)
+    page.moves("wheel", lambda: page.mouse("mouseWheel", 420, 380, deltaX=0, deltaY=-120))
+    expect("the_wheel_approaches_the_surface_under_the_cursor", abs(page.run(distance) / before - 2.718281828 ** -0.3) < 0.02,
+           page.run(distance) / before)
+    projected = page.run(f"project({json.dumps(point)})")
+    expect("the_surface_stays_under_the_cursor", max(abs(projected[0] - probe["x"]), abs(projected[1] - probe["y"])) < 2, projected)
+    page.press("home")
+    page.rest()
+    page.mouse("mouseMoved", 421, 381)
+    page.wait("viewer.probe && viewer.probe.x === pixelAt({clientX: 421, clientY: 381})[0] && !probing")
+    page.run("picture.dispatchEvent(new MouseEvent('dblclick', {clientX: 421, clientY: 381}))")
+    expect("a_double_click_sets_the_target", page.run("camera.target.join() === viewer.probe.position.join()"))
+    page.run("picture.focus()")
+    for key in ("ArrowLeft", "ArrowUp", "+", "-", "w", "d", "e"):
+        page.moves("key_" + key, lambda: (page.key(key), time.sleep(0.15)) if len(key) > 1 or key in "+-" else hold(page, key))
+    page.moves("home_key", lambda: page.key("Home"))
+    page.changes("field_of_view", lambda: page.set("fov", 80, "input"))
+    expect("field_of_view_is_sent", page.run("request.message.fov") == 80)
+    page.changes("lens_of_a_view", lambda: page.set("lens", 0))
+    page.moves("up_axis", lambda: page.set("up", "x"))
+    page.set("up", "cameras")
+    page.run("camera.right = rotate(camera.right, camera.back, 0.3); moved()")
+    page.moves("level_horizon", lambda: page.press("level"))
+    expect("the_horizon_is_level", abs(page.run("dot(camera.right, worldUp)")) < 1e-9)
+    page.set("frusta", True)
+    expect("frusta_are_drawn", overlay_pixels(page) > 50)
+    page.set("frusta", False)
+    expect("frusta_are_removed", overlay_pixels(page) == 0)
+    slow = page.run("targetDistance()")
+    page.set("speed", 1, "input")
+    expect("speed_is_set", page.run("Number(byId('speed').value)") == 1 and slow > 0)
+
+
+def hold(page, key):
+    page.call("Input.dispatchKeyEvent", type="keyDown", key=key, code="Key" + key.upper())
+    time.sleep(0.25)
+    page.call("Input.dispatchKeyEvent", type="keyUp", key=key, code="Key" + key.upper())
+
+
+def quantities(page):
+    page.press("home")
+    page.rest()
+    for name in page.run("viewer.hello.aovs.map((aov) => aov.name)"):
+        if name != "rgba":
+            page.changes("quantity_" + name, lambda: page.set("aov", name), lambda: page.set("aov", "rgba"))
+    page.set("aov", "depth")
+    page.rest()
+    expect("a_colour_bar_is_shown", page.run("!byId('bar').hidden && byId('low').textContent !== ''"))
+    page.changes("logarithmic", lambda: page.set("log", True), lambda: page.set("log", False))
+    page.changes("a_range", lambda: (page.set("rangeLow", 0.5), page.set("rangeHigh", 50)),
+                 lambda: (page.set("rangeLow", ""), page.set("rangeHigh", "")))
+    page.mouse("mouseMoved", 250, 330)
+    expect("the_value_under_the_cursor", page.wait("byId('value').textContent.includes('depth: ')") is not None)
+    page.screenshot(os.path.join(folder, "depth.png"))
+    page.set("aov", "rgba")
+    page.rest()
+    page.changes("samples", lambda: page.set("samples", 4), lambda: page.set("samples", 1))
+    page.set("size", "1280x720")
+    page.rest()
+    expect("size_is_fixed", page.pixels()[:2] == (1280, 720))
+    page.set("size", "window")
+    page.rest()
+
+
+def photographs(page):
+    page.run("byId('photosBox').open = true")
+    count = page.run("document.querySelectorAll('#photos button').length")
+    expect("photographs_are_listed", count == page.run("viewer.hello.views.length"))
+    expect("thumbnails_load", page.wait("[...document.querySelectorAll('#photos img')].slice(0, 3).every((i) => i.complete && i.naturalWidth > 0)")
+           is not None)
+    page.changes("another_photograph", lambda: page.run("document.querySelectorAll('#photos button')[3].click()"))
+    expect("its_camera_is_exact", page.run("request.message.view") == 3)
+    page.wait("photoReady")
+    page.set("compare", "slider")
+    expect("the_slider_shows_both", page.run("!photo.hidden && !byId('split').hidden && photo.style.clipPath.includes('50%')"))
+    page.set("split", 20, "input")
+    expect("the_boundary_moves", page.run("photo.style.clipPath.includes('80%')"))
+    page.screenshot(os.path.join(folder, "slider.png"))
+    page.set("compare", "photo")
+    expect("the_photograph_is_shown", page.run("!photo.hidden && photo.style.clipPath === 'none'"))
+    page.set("compare", "difference")
+    expect("the_difference_is_drawn", overlay_pixels(page) > 1000)
+    bright = """(() => { const d = overlay.getContext('2d').getImageData(0, 0, overlay.width, overlay.height).data;
+        let sum = 0; for (let i = 0; i < d.length; i += 4) sum += d[i] + d[i + 1] + d[i + 2]; return sum; })()"""
+    first = page.run(bright)
+    page.set("gain", 8, "input")
+    expect("the_gain_brightens_it", page.run(bright) > 1.5 * first)
+    page.set("compare", "render")
+    expect("the_render_is_shown_again", overlay_pixels(page) == 0)
+
+
+def pixels_and_regions(page):
+    page.press("home")
+    page.rest()
+    page.run("viewer.ray = null; viewer.region = null")
+    page.click(430, 390)
+    expect("a_click_explains_the_ray", page.wait("viewer.ray !== null") is not None)
+    hits = page.run("viewer.ray")
+    expect("the_table_has_a_row_per_primitive", page.run("byId('pixelTable').tBodies[0].rows.length") == hits["count"] > 0)
+    expect("transmittance_is_plotted", page.run("byId('pixelPlot').querySelectorAll('polyline').length") == 1)
+    expect("the_region_is_explained", page.wait("viewer.region !== null && viewer.region.updates.length > 0") is not None)
+    update = page.run("viewer.region.updates[viewer.region.updates.length - 1]")
+    explained = json.loads(subprocess.run([program, "explain", run_folder, "--region", ",".join(map(str, update["center"])), "--json"],
+                                          check=True, capture_output=True, text=True).stdout)["updates"]
+    close = [abs(a - b) <= 1e-6 * (1 + abs(a)) for key, value in update.items()
+             for a, b in zip(*([v if isinstance(v, list) else [v] for v in (value, explained[-1][key])]))]
+    expect("the_region_is_that_of_explain", all(close) and update.keys() == explained[-1].keys(), (explained[-1], update))
+    expect("the_updates_are_listed", page.run("byId('regionTable').tBodies[0].rows.length") == len(explained))
+    expect("enter_chooses_the_middle", enter(page))
+    page.screenshot(os.path.join(folder, "pixel.png"))
+
+
+def enter(page):
+    page.run("viewer.ray = null; picture.focus()")
+    page.key("Enter")
+    return page.wait("viewer.ray !== null && viewer.ray.x === request.width >> 1") is not None
+
+
+def run_panel(page):
+    page.run("byId('runBox').open = true")
+    expect("four_curves", page.wait("document.querySelectorAll('#plots polyline').length === 4") is not None)
+    expect("updates_are_marked", page.run("document.querySelectorAll('#plots .update').length") > 0)
+    page.run("document.querySelector('#plots .update').dispatchEvent(new MouseEvent('click', {bubbles: true}))")
+    expect("an_update_is_explained", page.run("byId('updateText').textContent.includes('rap pruned')"))
+    expect("options_are_listed", page.run("byId('options').rows.length") > 20)
+    expect("phases_are_listed", page.run("byId('phases').querySelectorAll('tr').length") > 5)
+    page.press("fold")
+    expect("controls_fold", page.run("getComputedStyle(byId('sections')).display") == "none")
+    page.press("fold")
+
+
+def files(page):
+    page.call("Browser.setDownloadBehavior", behavior="allow", downloadPath=folder)
+    page.press("home")
+    page.rest()
+    shown = page.pixels()
+    page.press("screenshot")
+    expect("a_screenshot_is_saved", page.wait("viewer.saved && viewer.saved.kind === 'png'") is not None)
+    end = time.monotonic() + 10
+    name = next((n for n in os.listdir(folder) if n.startswith(os.path.basename(run_folder)) and n.endswith(".png")), None)
+    while not name and time.monotonic() < end:
+        time.sleep(0.1)
+        name = next((n for n in os.listdir(folder) if n.startswith(os.path.basename(run_folder)) and n.endswith(".png")), None)
+    expect("the_screenshot_is_a_file", name is not None)
+    if name:
+        subprocess.run(["oiiotool", os.path.join(folder, name), "--ch", "R,G,B", "-d", "uint8", "-o", os.path.join(folder, "shot.ppm")], check=True)
+        with open(os.path.join(folder, "shot.ppm"), "rb") as data:
+            expect("the_screenshot_has_the_pixels", parse_ppm(data.read()) == shown)
+    page.press("exr")
+    expect("an_exr_is_saved", page.wait("viewer.saved && viewer.saved.kind === 'exr'") is not None)
+    path = page.run("viewer.saved.path")
+    expect("the_exr_has_all_quantities", b"slack.S" in open(path, "rb").read(4096), path)
+    os.remove(path)
+    page.press("keyAdd")
+    page.run("document.querySelectorAll('#photos button')[5].click()")
+    page.press("keyAdd")
+    page.run("document.querySelectorAll('#photos button')[9].click()")
+    page.press("keyAdd")
+    expect("key_frames_are_listed", page.run("byId('keys').children.length") == 3)
+    page.set("pathSeconds", 0.5)
+    page.set("pathFps", 6)
+    page.moves("playing", lambda: (page.press("play"), time.sleep(1)))
+    page.press("pathSave")
+    path = os.path.join(folder, "camera_path.json")
+    text = page.run("viewer.saved.text")
+    with open(path, "w") as file:
+        file.write(text)
+    frames = json.loads(text)["camera_path"]
+    expect("the_path_has_all_frames", len(frames) == 3)
+    key = page.run("keys[1].matrix")
+    expect("the_path_passes_the_key_frame", max(abs(a - b) for a, b in zip(frames[1]["camera_to_world"], key)) < 1e-6)
+    subprocess.run([program, "render", run_folder, "--camera", path, "--size", "160x90", "-o", os.path.join(folder, "path"), "--quiet"],
+                   check=True, stdout=subprocess.DEVNULL)
+    expect("render_reads_the_path", len(os.listdir(os.path.join(folder, "path"))) == 3)
+    page.run("byId('keys').querySelectorAll('button')[1].click()")
+    expect("a_key_frame_is_removed", page.run("byId('keys').children.length") == 2)
+    page.moves("a_key_frame_is_shown", lambda: page.run("byId('keys').querySelector('button').click()"))
+
+
+def survives(page, process, url):
+    page.open(url)
+    page.wait("window.viewer && viewer.shown.length > 0")
+    process.send_signal(signal.SIGTERM)
+    expect("a_server_with_pages_ends_with_status_0", process.wait(30) == 0)
+    expect("the_page_reports_the_end", page.wait("!byId('notice').hidden") is not None)
+
+
+def main():
+    process, url = serve(run_folder, scene)
+    page = Page(find_browser())
+    try:
+        opens(page, url)
+        for part in (equals_render, moving, cameras, quantities, photographs, pixels_and_regions, run_panel, files):
+            print("-- " + part.__name__)
+            part(page)
+        expect("still_no_error_on_the_console", not page.messages and not page.run("viewer.errors.length"),
+               (page.messages, page.run("viewer.errors")))
+        survives(page, process, url)
+    finally:
+        page.close()
+        process.kill()
+    phone, free = Page(find_browser(), 390, 800), serve(next(
+        os.path.join(at, n) for at, _, names in os.walk(run_folder) for n in names if n == "point_cloud.ply"))
+    try:
+        phone.start(free[1])
+        expect("a_model_without_scene_is_shown", len(set(phone.pixels()[2])) > 20)
+        expect("the_phone_has_no_sideways_scrolling", phone.run("document.documentElement.scrollWidth") <= 390)
+        phone.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": "dark"}])
+        expect("dark_colours", phone.run("getComputedStyle(document.body).backgroundColor") == "rgb(28, 31, 36)")
+        phone.screenshot(os.path.join(folder, "phone.png"))
+        unnamed = phone.run("""[...document.querySelectorAll('button, input, select, canvas[tabindex]')].filter((e) =>
+            !(e.textContent.trim() || e.getAttribute('aria-label') || (e.labels && e.labels.length))).map((e) => e.id)""")
+        expect("every_control_has_a_name", unnamed == [], unnamed)
+    finally:
+        phone.close()
+        free[0].terminate()
+        free[0].wait()
+    sys.exit(1 if expect.failed else 0)
+
+
+main()

@@ -283,12 +283,13 @@ def control(url, folder):
     page.socket.send({"type": "run", "action": "pause"})
     paused = page.wait("progress", lambda message: message["paused"])
     time.sleep(0.5)
-    page.final(width=120, height=66, view=0)  # lossless: a paused model does not change
+    head = page.final(width=120, height=66, view=0)[0]  # lossless: a paused model does not change
     page.socket.send({"type": "run", "action": "pause"})
     still = page.wait("progress")
     time.sleep(1)
     page.socket.send({"type": "run", "action": "pause"})
     later = page.wait("progress")
+    expect("a_pause_shows_the_last_iteration", head["iteration"] == still["iteration"], (head, still))
     expect("a_pause_holds", still["iteration"] == later["iteration"] <= paused["iteration"] + 1, (paused, still, later))
     state = os.path.join(folder, "checkpoint", "state.bin")
     expect("no_checkpoint_yet", not os.path.exists(state))

@@ -430,7 +430,8 @@ static bool iterate(training *run, trace_file *trace)
         if (run->stop == SGS_STOP_NONE)
             save_due(run, info.iteration);
         training_view_step(run->view, &info, run->trainer);
-        while (training_view_holds(run->view) && !interrupt_signal() && !time_is_up(run))
+        while (training_view_holds(run->view, run->trainer) && !interrupt_signal() &&
+               !time_is_up(run))
             save_checkpoint(run, info.iteration, false);
     }
     progress_end();

@@ -192,10 +192,24 @@ void training_view_step(training_view *view, const sgs_step_info *info, const sg
     report(view);
 }
 
-bool training_view_holds(training_view *view)
+// Copies the model if the viewer has an earlier one.
+static void offer_last(training_view *view, const sgs_trainer *trainer)
+{
+    view_source *source = &view->session.source;
+    const int iteration = sgs_trainer_iteration(trainer);
+    if (atomic_load(&source->iteration) == iteration)
+        return;
+    atomic_store(&source->wanted, true);
+    if (view_source_offer(source, sgs_trainer_model(trainer), sgs_trainer_filter_3d(trainer),
+                          iteration))
+        view_hub_wake(&view->session.hub);
+}
+
+bool training_view_holds(training_view *view, const sgs_trainer *trainer)
 {
     if (!view || !atomic_load(&view->paused))
         return false;
+    offer_last(view, trainer);
     const double end = clock_seconds() + 0.1;
     const struct timespec until = {(time_t)end, (long)((end - (double)(time_t)end) * 1e9)};
     pthread_mutex_lock(&view->lock);
@@ -210,10 +224,7 @@ void training_view_finish(training_view *view, const sgs_trainer *trainer)
 {
     if (!view)
         return;
-    atomic_store(&view->session.source.wanted, true);
-    if (view_source_offer(&view->session.source, sgs_trainer_model(trainer),
-                          sgs_trainer_filter_3d(trainer), sgs_trainer_iteration(trainer)))
-        view_hub_wake(&view->session.hub);
+    offer_last(view, trainer);
     pthread_mutex_lock(&view->lock);
     view->finished = true;
     view->seconds = sgs_trainer_seconds(trainer);

@@ -30,7 +30,7 @@ training_view *training_view_open(const training_view_options *options, const sg
 void training_view_step(training_view *view, const sgs_step_info *info, const sgs_trainer *trainer);
 // True while a page has paused the training; returns after a fraction of a second. Call until
 // false.
-bool training_view_holds(training_view *view);
+bool training_view_holds(training_view *view, const sgs_trainer *trainer);
 // The training has ended; pages can be used until training_view_close.
 void training_view_finish(training_view *view, const sgs_trainer *trainer);
 void training_view_close(training_view *view);

@@ -17,6 +17,7 @@ static const sgsi_compress_method *const methods[] = {
     [SGS_COMPRESS_SOG] = &sgsi_method_sog,
     [SGS_COMPRESS_MESONGS] = &sgsi_method_mesongs,
     [SGS_COMPRESS_GHAP] = &sgsi_method_ghap,
+    [SGS_COMPRESS_FCGS_LIKE] = &sgsi_method_fcgs_like,
 };
 static const char *const names[] = {"lightgaussian", "sog", "mesongs", "ghap", "fcgs", "fcgs-like"};
 enum { METHOD_COUNT = sizeof methods / sizeof *methods, NAME_COUNT = sizeof names / sizeof *names };

@@ -29,7 +29,7 @@ typedef struct sgsi_compress_method {
 } sgsi_compress_method;
 
 extern const sgsi_compress_method sgsi_method_ghap, sgsi_method_sog, sgsi_method_lightgaussian,
-    sgsi_method_mesongs;
+    sgsi_method_mesongs, sgsi_method_fcgs_like;
 
 // Calls the progress function of the caller. CANCELLED if it asks to stop.
 sgs_status sgsi_compress_progress(const sgsi_compress_job *job, const char *stage, size_t done,

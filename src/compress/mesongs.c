@@ -20,6 +20,7 @@
 
 #include "base/morton.h"
 #include "compress/bit_stream.h"
+#include "compress/cell_codes.h"
 #include "compress/importance.h"
 #include "compress/meson_codec.h"
 #include "compress/meson_finetune.h"
@@ -311,25 +312,6 @@ static sgs_status train_codebook(const sgsi_compress_job *job, sgsi_meson *meson
 
 // ---- Sections ----
 
-// Differences of the ascending codes, 7 bits per byte, the least significant first.
-static void add_cells(sgsi_packer *out, const sgsi_meson *meson)
-{
-    uint8_t *bytes = sgsi_alloc(meson->count, 10);
-    if (!bytes) {
-        out->status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu cells", meson->count);
-        return;
-    }
-    size_t size = 0;
-    for (size_t i = 0; i < meson->count; ++i) {
-        uint64_t rest = meson->cells[i] - (i ? meson->cells[i - 1] : 0);
-        for (; rest >= 128; rest >>= 7)
-            bytes[size++] = (uint8_t)(rest | 128);
-        bytes[size++] = (uint8_t)rest;
-    }
-    sgsi_packer_add(out, "cells", bytes, size, true);
-    sgsi_free(bytes);
-}
-
 static void add_codebook(sgsi_packer *out, const sgsi_meson *meson)
 {
     const int bits = sgsi_bit_width(meson->codebook.count);
@@ -375,7 +357,7 @@ static void add_sections(sgsi_packer *out, const sgsi_meson *meson)
     memcpy(header.bounds, meson->bounds, sizeof header.bounds);
     memcpy(header.dc, meson->dc, sizeof header.dc);
     sgsi_packer_add(out, "header", &header, sizeof header, false);
-    add_cells(out, meson);
+    sgsi_pack_cells(out, meson->cells, meson->count);
     add_blocks(out, meson);
     sgsi_packer_add(out, "codes", meson->codes, meson->count * SGSI_MESON_CHANNELS, true);
     if (meson->codebook.dim)
@@ -465,39 +447,6 @@ static sgs_status take_header(sgsi_container *in, sgsi_meson *meson)
     return SGS_STATUS_OK;
 }
 
-// The section proves its cells: every one takes at least a byte.
-static sgs_status take_cells(sgsi_container *in, sgsi_meson *meson)
-{
-    const uint8_t *bytes;
-    size_t size, at = 0;
-    const sgs_status status = sgsi_container_take(in, "cells", SGSI_ANY_SIZE, &bytes, &size);
-    if (status)
-        return status;
-    const size_t count = meson->count;
-    meson->cells = count <= size ? sgsi_alloc(count, sizeof *meson->cells) : NULL;
-    if (count <= size && !meson->cells)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory for %zu cells", in->path, count);
-    uint64_t code = 0;
-    const uint64_t end = UINT64_C(1) << (3 * meson->depth);
-    bool valid = count <= size;
-    for (size_t i = 0; i < count && valid; ++i) {
-        uint64_t step = 0;
-        bool more = true;
-        for (int shift = 0; shift < 70 && more && at < size; shift += 7) {
-            step |= (uint64_t)(bytes[at] & 127) << (shift < 63 ? shift : 63);
-            more = bytes[at++] & 128;
-        }
-        valid = !more && (step || !i) && step < end - code;
-        code += step;
-        meson->cells[i] = code;
-    }
-    if (!valid || at != size)
-        return sgsi_fail(SGS_STATUS_FORMAT,
-                         "%s: section 'cells' does not contain %zu ascending cells", in->path,
-                         count);
-    return SGS_STATUS_OK;
-}
-
 static sgs_status take_codebook(sgsi_container *in, sgsi_meson *meson)
 {
     const uint8_t *labels, *codes;
@@ -558,7 +507,7 @@ static sgs_status decode(sgsi_container *in, sgs_gaussians **model)
     sgsi_meson meson = {0};
     sgs_status status = take_header(in, &meson);
     if (!status)
-        status = take_cells(in, &meson);
+        status = sgsi_unpack_cells(in, meson.count, 3 * meson.depth, true, &meson.cells);
     if (!status)
         status = take_codebook(in, &meson);
     if (!status)

@@ -22,7 +22,8 @@
 #include "support/files_support.h"
 
 static const sgs_compress_method tested[] = {SGS_COMPRESS_LIGHTGAUSSIAN, SGS_COMPRESS_SOG,
-                                             SGS_COMPRESS_MESONGS, SGS_COMPRESS_GHAP};
+                                             SGS_COMPRESS_MESONGS, SGS_COMPRESS_GHAP,
+                                             SGS_COMPRESS_FCGS_LIKE};
 enum { TESTED = sizeof tested / sizeof *tested, COUNT = 600 };
 
 // A small codebook keeps the test fast.

@@ -33,7 +33,7 @@ typedef struct compress_values {
     const char *output;
     int method, preset, codec;
     int finetune;
-    double keep, eig_min, vq_ratio;
+    double keep, eig_min, vq_ratio, step_scale;
     bool half, cell_center;
     int depth, blocks;
     int codebook, vq_steps;
@@ -199,6 +199,15 @@ static const option compress_options[] = {
      .initial = "57",
      .needs = "method=mesongs",
      .help = "quantised blocks per channel"},
+    {.name = "step-scale",
+     .kind = OPTION_REAL,
+     .offset = offsetof(compress_values, step_scale),
+     .low = 0.001,
+     .high = 1000,
+     .argument = "X",
+     .shown = "of the preset",
+     .needs = "method=fcgs-like",
+     .help = "factor on all quantiser steps"},
     {.name = "codec",
      .kind = OPTION_CHOICE,
      .offset = offsetof(compress_values, codec),
@@ -232,6 +241,7 @@ static void set_method_options(const compress_values *values, sgs_compress_optio
     options->finetune = values->finetune;
     options->vq_ratio = values->vq_ratio;
     options->half = values->half;
+    options->step_scale = values->step_scale;
     options->depth = values->depth;
     options->blocks = values->blocks;
     options->cell_center = values->cell_center;

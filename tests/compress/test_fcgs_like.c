@@ -1,0 +1,144 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// The codec fcgs-like: the range coder, error bounds from the quantiser steps, and the gain of the
+// context over values that have none.
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#include "compress/cell_codes.h"
+#include "compress/range_coder.h"
+#include "support/compress_support.h"
+#include "support/files_support.h"
+
+static void coded_bits_come_back_at_their_entropy(void **state)
+{
+    (void)state;
+    enum { COUNT = 200000 };
+    sgsi_range_encoder encoder;
+    sgsi_bit_model models[3] = {32768, 32768, 32768};
+    sgsi_range_encode_begin(&encoder);
+    const double shares[3] = {0.5, 0.03, 0.9999};
+    for (uint64_t i = 0; i < COUNT; ++i)
+        sgsi_range_encode(&encoder, &models[i % 3], sgsi_random_uniform(1, i) < shares[i % 3]);
+    sgsi_range_encode_end(&encoder);
+    assert_false(encoder.failed);
+    // Entropies 1, 0.194 and 0.0015 bits; adaptation by 1/32 costs a few percent.
+    const double bits = 8.0 * (double)encoder.size / COUNT, entropy = (1 + 0.1944 + 0.0015) / 3;
+    assert_true(bits > entropy && bits < 1.1 * entropy);
+    sgsi_range_decoder decoder;
+    for (int k = 0; k < 3; ++k)
+        models[k] = 32768;
+    sgsi_range_decode_begin(&decoder, encoder.bytes, encoder.size);
+    for (uint64_t i = 0; i < COUNT; ++i)
+        assert_int_equal(sgsi_range_decode(&decoder, &models[i % 3]),
+                         sgsi_random_uniform(1, i) < shares[i % 3]);
+    assert_false(decoder.overrun);
+    assert_int_equal(decoder.at, encoder.size);
+    sgsi_free(encoder.bytes);
+}
+
+static double step_of(int param)
+{
+    const int coefficient = (param - SGS_PARAM_SH_REST) / 3;
+    return param < SGS_PARAM_SCALE     ? 0.02
+           : param < SGS_PARAM_OPACITY ? 0.08
+           : param < SGS_PARAM_SH_DC   ? 0.25
+           : param < SGS_PARAM_SH_REST ? 0.04
+           : coefficient < 3           ? 0.05
+           : coefficient < 8           ? 0.075
+                                       : 0.1;
+}
+
+static bool row_matches(const float *a, const float *b, double scale, double cell)
+{
+    const float *q = a + SGS_PARAM_ROTATION;
+    const double length = sqrt((double)q[0] * q[0] + (double)q[1] * q[1] + (double)q[2] * q[2] +
+                               (double)q[3] * q[3]) *
+                          (q[0] < 0 ? -1 : 1);
+    for (int k = 0; k < SGS_PARAM_COUNT; ++k) {
+        const double unit = k >= SGS_PARAM_ROTATION && k < SGS_PARAM_SCALE ? 1 / length : 1;
+        const double bound = k < 3 ? cell / 2 : scale * step_of(k) / 2;
+        if (!(fabs((double)a[k] * unit - (double)b[k]) <= bound + 1e-5))
+            return false;
+    }
+    return true;
+}
+
+static void errors_are_at_most_half_a_step(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    sgs_gaussians *model = pack_model(700, 3, 1), *decoded;
+    const double scales[3] = {0.3, 1, 4};
+    for (int s = 0; s < 3; ++s) {
+        sgs_compress_options options = sgs_compress_options_default();
+        options.method = SGS_COMPRESS_FCGS_LIKE;
+        options.step_scale = scales[s];
+        assert_int_equal(sgs_compress(model, &options, temp_path(&folder, "pack"), NULL), 0);
+        assert_int_equal(sgs_decompress(temp_path(&folder, "pack"), &decoded, NULL), 0);
+        assert_int_equal(decoded->count, 700);
+        for (size_t j = 0; j < 700; ++j) {
+            float a[SGS_PARAM_COUNT], b[SGS_PARAM_COUNT];
+            size_t i = 0;
+            sgs_gaussians_get(decoded, j, b);
+            do
+                sgs_gaussians_get(model, i, a);
+            while (!row_matches(a, b, scales[s], 6.0 / 65536) && ++i < 700);
+            assert_true(i < 700);
+        }
+        sgs_gaussians_destroy(decoded);
+    }
+    sgs_gaussians_destroy(model);
+    temp_folder_remove(&folder);
+}
+
+static size_t bytes_of(const sgs_gaussians *model)
+{
+    const temp_folder folder = temp_folder_make();
+    sgs_compress_options options = sgs_compress_options_default();
+    sgs_compress_info info;
+    options.method = SGS_COMPRESS_FCGS_LIKE;
+    assert_int_equal(sgs_compress(model, &options, temp_path(&folder, "pack"), &info), 0);
+    temp_folder_remove(&folder);
+    return info.bytes;
+}
+
+// Values that depend on the position cost less than the same values in a random order.
+static void neighbours_are_used(void **state)
+{
+    (void)state;
+    enum { COUNT = 4000 };
+    sgs_gaussians *model = pack_model(COUNT, 0, 2);
+    size_t bytes[2];
+    for (int shuffled = 0; shuffled < 2; ++shuffled) {
+        for (size_t i = 0; i < COUNT; ++i) {
+            const size_t from = shuffled ? i * 2741 % COUNT : i;
+            const double y = (double)*sgs_gaussians_at(model, from, 1);
+            for (int k = 0; k < 3; ++k)
+                *sgs_gaussians_at(model, i, SGS_PARAM_SH_DC + k) = (float)(2 * sin(0.5 * y + k));
+        }
+        bytes[shuffled] = bytes_of(model);
+    }
+    // Three values per primitive; at least 1 bit each.
+    assert_true((double)bytes[1] - (double)bytes[0] >= 3 * 1.0 / 8 * COUNT);
+    sgs_gaussians_destroy(model);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(coded_bits_come_back_at_their_entropy),
+        cmocka_unit_test(errors_are_at_most_half_a_step),
+        cmocka_unit_test(neighbours_are_used),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

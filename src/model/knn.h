@@ -23,13 +23,13 @@ typedef struct sgsi_knn_tree sgsi_knn_tree;
 
 enum { SGSI_KNN_MOST = 256 };
 
-// points [n][3], finite; copied. Fails as sgsi_knn; *tree is then NULL.
-sgs_status sgsi_knn_tree_create(const float *points, size_t n, sgsi_knn_tree **tree);
-void sgsi_knn_tree_destroy(sgsi_knn_tree *tree); // accepts NULL
+// points [n][3], finite; copied. Fails as sgsi_knn; *made is then NULL.
+sgs_status sgsi_knn_tree_create(const float *points, size_t n, sgsi_knn_tree **made);
+void sgsi_knn_tree_destroy(sgsi_knn_tree *t); // accepts NULL
 
 // The k nearest other points, k <= SGSI_KNN_MOST and k < n, of the points at places [begin, end)
 // of the tree's own order, in which neighbours are near each other: neighbours[i][k] of point i
 // receives their indices by ascending distance. Which of several points at the distance of the last
 // one is chosen is unspecified, but the same with any number of threads. Parallel; cannot fail.
-void sgsi_knn_tree_search(const sgsi_knn_tree *tree, size_t begin, size_t end, size_t k,
+void sgsi_knn_tree_search(const sgsi_knn_tree *t, size_t begin, size_t end, size_t k,
                           uint32_t *neighbours);

@@ -42,27 +42,33 @@ static double log_volume(const sgs_gaussians *model, size_t i)
     return sum;
 }
 
+// The scores from the contributions; volumes: scratch [count].
+static void weigh_by_volume(const sgs_gaussians *model, const sgs_contribution *sums, double power,
+                            double *volumes, double *scores)
+{
+    const size_t n = model->count;
+    for (size_t i = 0; i < n; ++i)
+        volumes[i] = log_volume(model, i);
+    qsort(volumes, n, sizeof *volumes, ascending);
+    const double reference = volumes[n - 1 - (size_t)(0.9 * (double)n)];
+    for (size_t i = 0; i < n; ++i) {
+        const double exponent = power * (log_volume(model, i) - reference);
+        scores[i] = sums[i].front * exp(fmin(fmax(exponent, -700), 600));
+    }
+}
+
 sgs_status sgsi_lightgaussian_scores(const sgs_gaussians *model, const sgs_prune_options *options,
                                      double *scores)
 {
-    const size_t n = model->count;
-    sgs_contribution *sums = sgsi_alloc(n, sizeof *sums);
-    double *volumes = sgsi_alloc(n, sizeof *volumes);
-    sgs_status status = SGS_STATUS_OK;
-    if (!sums || !volumes)
-        status =
-            sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the scores of %zu primitives", n);
-    if (!status)
+    sgs_contribution *sums = sgsi_alloc(model->count, sizeof *sums);
+    double *volumes = sgsi_alloc(model->count, sizeof *volumes);
+    sgs_status status = SGS_STATUS_OUT_OF_MEMORY;
+    if (sums && volumes) {
         status = sgs_contributions(model, options->scene, &options->views, sums);
-    if (!status) {
-        for (size_t i = 0; i < n; ++i)
-            volumes[i] = log_volume(model, i);
-        qsort(volumes, n, sizeof *volumes, ascending);
-        const double reference = volumes[n - 1 - (size_t)(0.9 * (double)n)];
-        for (size_t i = 0; i < n; ++i) {
-            const double power = options->volume_power * (log_volume(model, i) - reference);
-            scores[i] = sums[i].front * exp(fmin(fmax(power, -700), 600));
-        }
+        if (!status)
+            weigh_by_volume(model, sums, options->volume_power, volumes, scores);
+    } else {
+        sgsi_fail(status, "no memory for the scores of %zu primitives", model->count);
     }
     sgsi_free(sums);
     sgsi_free(volumes);

@@ -258,25 +258,40 @@ static void finish_column(void *context, size_t column, int thread)
     }
 }
 
-// Steps of the search, then of the features: STEP primitives each.
+typedef struct step_counter {
+    size_t done, total;
+    sgs_progress_fn call;
+    void *user;
+} step_counter;
+
+static sgs_status count_step(step_counter *steps)
+{
+    ++steps->done;
+    return !steps->call || steps->call(steps->user, steps->done, steps->total)
+               ? SGS_STATUS_OK
+               : sgsi_fail(SGS_STATUS_CANCELLED, "the computation of features was cancelled");
+}
+
+// The search, then the features: STEP primitives each.
 static sgs_status run_steps(rap_job *job, const sgsi_knn_tree *tree, sgs_progress_fn progress,
                             void *user)
 {
-    const size_t n = job->model->count, steps = (n + STEP - 1) / STEP;
-    for (size_t k = 0; k < 2 * steps; ++k) {
-        const size_t first = k % steps * STEP, end = first + STEP < n ? first + STEP : n;
-        if (k < steps) {
-            sgsi_knn_tree_search(tree, first, end, job->wanted, job->neighbours);
-        } else {
-            if (k == steps)
-                sgsi_parallel_ranges(n, GRAIN, fill_distances, job);
-            job->first = first;
-            sgsi_parallel_ranges(end - first, GRAIN, fill_features, job);
-        }
-        if (progress && !progress(user, k + 1, 2 * steps))
-            return sgsi_fail(SGS_STATUS_CANCELLED, "the computation of features was cancelled");
+    const size_t n = job->model->count;
+    step_counter steps = {.total = 2 * ((n + STEP - 1) / STEP), .call = progress, .user = user};
+    sgs_status status = SGS_STATUS_OK;
+    for (size_t first = 0; first < n && !status; first += STEP) {
+        sgsi_knn_tree_search(tree, first, first + STEP < n ? first + STEP : n, job->wanted,
+                             job->neighbours);
+        status = count_step(&steps);
     }
-    return SGS_STATUS_OK;
+    if (!status)
+        sgsi_parallel_ranges(n, GRAIN, fill_distances, job);
+    for (job->first = 0; job->first < n && !status; job->first += STEP) {
+        const size_t left = n - job->first;
+        sgsi_parallel_ranges(left < STEP ? left : STEP, GRAIN, fill_features, job);
+        status = count_step(&steps);
+    }
+    return status;
 }
 
 static sgs_status compute(rap_job *job, sgs_progress_fn progress, void *user)

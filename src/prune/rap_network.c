@@ -178,7 +178,7 @@ void sgs_rap_destroy(sgs_rap_network *network)
 
 double sgs_rap_score(const sgs_rap_network *network, const float features[SGS_RAP_FEATURES])
 {
-    double values[WIDEST], next[WIDEST];
+    double values[WIDEST] = {0}, next[WIDEST] = {0};
     for (int i = 0; i < SGS_RAP_FEATURES; ++i)
         values[i] = (double)features[i];
     for (int layer = 0; layer < LAYERS; ++layer) {

@@ -340,7 +340,7 @@ static void the_network_is_the_one_in_the_file(void **state)
         fail_msg("%s", sgs_last_error());
     for (uint64_t example = 0; example < 20; ++example) {
         float features[15];
-        double values[32], next[32];
+        double values[32] = {0}, next[32] = {0};
         for (int k = 0; k < 15; ++k)
             values[k] = features[k] = (float)sgsi_random_uniform(77, 15 * example + (uint64_t)k);
         for (int layer = 0; layer < LAYERS; ++layer) {

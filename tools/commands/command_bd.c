@@ -52,18 +52,14 @@ static char *field_of(char *line, int index)
 // The index of a column of the header, or -1.
 static int column_of(const char *header, const char *name)
 {
-    char *copy = format_text("%s", header);
-    int found = -1;
-    for (int k = 0; found < 0; ++k) {
-        strcpy(copy, header);
+    for (int k = 0;; ++k) {
+        char *copy = format_text("%s", header); // field_of ends the field in it
         const char *field = field_of(copy, k);
-        if (!field)
-            break;
-        if (!strcasecmp(field, name))
-            found = k;
+        const bool ended = !field, same = field && !strcasecmp(field, name);
+        free(copy);
+        if (ended || same)
+            return same ? k : -1;
     }
-    free(copy);
-    return found;
 }
 
 // The number in a column of a row. False after printing the error.

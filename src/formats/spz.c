@@ -133,6 +133,29 @@ static sgs_status read_records(spz_file *file, const uint8_t *at, size_t left)
     return SGS_STATUS_OK;
 }
 
+// Header and streams of versions 1 to 3.
+static sgs_status read_plain(spz_file *file, const uint8_t *data, size_t size)
+{
+    if (size < HEADER_BYTES)
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: has %zu bytes of data; the header takes %d",
+                         file->path, size, HEADER_BYTES);
+    const sgs_status status = read_fields(file, data);
+    if (status)
+        return status;
+    size_t at = HEADER_BYTES;
+    for (int k = 0; k < STREAM_COUNT; ++k) {
+        const size_t bytes = row_bytes(file, k) * file->count;
+        if (bytes > size - at)
+            return sgsi_fail(SGS_STATUS_FORMAT,
+                             "%s: %s of %u primitives take %zu bytes, but only %zu are left; the "
+                             "file is truncated or its count is wrong",
+                             file->path, stream_names[k], file->count, bytes, size - at);
+        file->streams[k] = data + at;
+        at += bytes;
+    }
+    return read_records(file, data + at, size - at);
+}
+
 static sgs_status read_gzip(spz_file *file, size_t size)
 {
     const size_t most = size < SIZE_MAX / GZIP_RATIO ? size * GZIP_RATIO : SIZE_MAX / 2;
@@ -141,26 +164,10 @@ static sgs_status read_gzip(spz_file *file, size_t size)
                                     most, &file->owned[0], &unpacked);
     if (status)
         return status;
-    if (unpacked < HEADER_BYTES)
-        return sgsi_fail(SGS_STATUS_FORMAT, "%s: has %zu bytes of data; the header takes %d",
-                         file->path, unpacked, HEADER_BYTES);
-    status = read_fields(file, file->owned[0]);
-    if (status)
-        return status;
-    if (file->version == 4)
+    if (unpacked >= HEADER_BYTES && sgsi_load_u32(file->owned[0]) == MAGIC &&
+        sgsi_load_u32(file->owned[0] + 4) == 4)
         return sgsi_fail(SGS_STATUS_FORMAT, "%s: version 4 cannot be gzip data", file->path);
-    size_t at = HEADER_BYTES;
-    for (int k = 0; k < STREAM_COUNT; ++k) {
-        const size_t bytes = row_bytes(file, k) * file->count;
-        if (bytes > unpacked - at)
-            return sgsi_fail(SGS_STATUS_FORMAT,
-                             "%s: %s of %u primitives take %zu bytes, but only %zu are left; the "
-                             "file is truncated or its count is wrong",
-                             file->path, stream_names[k], file->count, bytes, unpacked - at);
-        file->streams[k] = file->owned[0] + at;
-        at += bytes;
-    }
-    return read_records(file, file->owned[0] + at, unpacked - at);
+    return read_plain(file, file->owned[0], unpacked);
 }
 
 static sgs_status read_zstd(spz_file *file, size_t size)
@@ -173,9 +180,6 @@ static sgs_status read_zstd(spz_file *file, size_t size)
         return status;
     const size_t table = sgsi_load_u32(file->bytes + 16);
     const int streams = file->bytes[15], expected = file->sh_stored ? 6 : 5;
-    if (file->version != 4)
-        return sgsi_fail(SGS_STATUS_FORMAT, "%s: version %u must be gzip data", file->path,
-                         file->version);
     if (streams != expected)
         return sgsi_fail(SGS_STATUS_FORMAT, "%s: byte 15: has %d streams; SH degree %d has %d",
                          file->path, streams, file->sh_stored, expected);
@@ -272,6 +276,8 @@ sgs_status sgsi_spz_read(const char *path, const sgs_model_read_options *options
         return status;
     if (size >= 2 && file.bytes[0] == 0x1F && file.bytes[1] == 0x8B)
         status = read_gzip(&file, size);
+    else if (size >= 8 && sgsi_load_u32(file.bytes + 4) - 1 < 3)
+        status = read_plain(&file, file.bytes, size); // not compressed
     else
         status = read_zstd(&file, size);
     if (!status)

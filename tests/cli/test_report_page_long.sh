@@ -19,17 +19,18 @@ has() { check "$2 times $1" test "$(grep -o "$1" "$temporary/dom" | wc -l)" -eq 
 
 cat >"$temporary/plan.json" <<PLAN
 {"title": "A </script><b>title", "scenes": [{"name": "room", "path": "$room"}], "pipelines": ["3dgs", "fastgs"],
- "options": {"iterations": 70, "downscale": 8, "eval": true}}
+ "options": {"iterations": 70, "downscale": 8, "eval": true},
+ "post": [{"prune": {"method": "refine"}}]}
 PLAN
 run 0 experiment "$temporary/plan.json" -o "$temporary/out" --quiet
 run 0 report "$temporary/out" --pictures 1
 last_command="loading report.html"
 load "$temporary/out/report.html"
 check no_error_on_the_console test "$(grep -cE 'CONSOLE|Uncaught' "$temporary/console")" -eq 0
-has '<polyline' 4                        # a curve per run
-has '<circle' 8                          # a point per run, and one for each curve of a single row
-has '<figcaption' 5                      # two plots of counts, one of quality, the phases, the map
-has 'data-drawn="5"' 1                   # set by the script's last line
+has '<polyline' 8                        # a curve per run, and its curve of size and quality
+has '<circle' 20                         # a point per run, one for each curve of a single row, three per curve of size
+has '<figcaption' 7                      # two plots of counts, one of quality, two of size, the phases, the map
+has 'data-drawn="7"' 1                   # set by the script's last line
 has '<h1 id="title">A &lt;/script&gt;&lt;b&gt;title' 1  # texts are texts
 check map_of_regions test "$(sed -n 's/.*id="regionMap">\(.*\)/\1/p' "$temporary/dom" | grep -o '<rect' | wc -l)" -gt 10
 

@@ -191,6 +191,30 @@ static sgsi_schedule make_for(sgs_pipeline pipeline, int iterations)
     return sgsi_schedule_make(&options);
 }
 
+static void finetuning_has_no_milestones(void **state)
+{
+    (void)state;
+    for (int pipeline = 0; pipeline < SGS_PIPELINE_COUNT; ++pipeline) {
+        sgs_train_options options = sgs_train_options_default();
+        options.iterations = 31000; // beyond every published milestone
+        options.schedule = SGS_SCHEDULE_FINETUNE;
+        options.pipeline = (sgs_pipeline)pipeline;
+        for (int c = 0; c < 3; ++c)
+            options.background[c] = 1; // has an additional reset otherwise
+        const sgsi_schedule schedule = sgsi_schedule_make(&options);
+        assert_int_equal(schedule.sh_interval, 0); // all bands at once
+        for (int t = 1; t <= options.iterations; ++t) {
+            assert_false(sgsi_schedule_is_structural(&schedule, t));
+            assert_false(sgsi_schedule_is_reset(&schedule, t));
+            assert_false(sgsi_schedule_is_final_prune(&schedule, t));
+            assert_true(sgsi_schedule_steps_main(&schedule, t));
+            assert_true(sgsi_schedule_steps_rest(&schedule, t));
+            assert_true(fabs(sgsi_schedule_lr(&schedule, t) - 0.01) < 1e-12);
+        }
+        assert_int_equal(sgsi_schedule_updates(&schedule), 1);
+    }
+}
+
 static void fastgs_steps_and_prunes_as_published(void **state)
 {
     (void)state;
@@ -294,6 +318,7 @@ int main(void)
         cmocka_unit_test(paper_schedule_cut_short_keeps_its_milestones),
         cmocka_unit_test(resets_do_not_vanish_just_below_the_published_length),
         cmocka_unit_test(scaled_schedule_has_its_documented_properties_at_every_length),
+        cmocka_unit_test(finetuning_has_no_milestones),
         cmocka_unit_test(fastgs_steps_and_prunes_as_published),
         cmocka_unit_test(dash_densifies_until_nine_tenths),
         cmocka_unit_test(mcmc_has_244_updates_and_no_reset),

@@ -15,6 +15,7 @@ cp "$temporary"/run/point_cloud/iteration_120/point_cloud.ply "$temporary/model.
 # start ARGUMENT...: starts the program in the background; sets server and url.
 start() {
     last_command="sparegs view $*"
+    : >"$temporary/url"
     "$program" view "$@" >"$temporary/url" 2>"$temporary/stderr" &
     server=$!
     for _ in $(seq 600); do
@@ -130,6 +131,14 @@ check the_ray_explains_the_pixel jq -e '.pixels | all((.ray.transmittance - .pro
     and ((.ray.hits | map(.t)) as $t | $t == ($t | sort))
     and (.ray.hits | all((.weight - .alpha * .transmittance | fabs) < 1e-12)))' "$temporary/pictures/pixels.json"
 check there_are_hits jq -e '[.pixels[].ray.count] | max > 3' "$temporary/pictures/pixels.json"
+
+# a_crop_is_the_file_of_convert
+last_command=$served
+read -r cropped filters < <(python3 "$client" "$url" crop 2>&1)
+check a_crop_is_saved test -s "$cropped"
+# shellcheck disable=SC2086 # several options
+run 0 convert "$temporary/run" "$temporary/converted.ply" $filters --quiet
+check the_crop_is_the_file_of_convert cmp "$cropped" "$temporary/converted.ply"
 
 last_command=$served
 page progressive

@@ -15,6 +15,8 @@ start() {
     local name=$1
     shift
     last_command="sparegs train ${small[*]} -o $name --view 0 $*"
+    : >"$temporary/stderr"
+    : >"$temporary/$name.out"
     "$program" train "${small[@]}" -o "$temporary/$name" --view 0 "$@" >"$temporary/$name.out" 2>"$temporary/stderr" &
     training=$!
     for _ in $(seq 600); do

@@ -351,6 +351,55 @@ def files(page):
     page.moves("a_key_frame_is_shown", lambda: page.run("byId('keys').querySelector('button').click()"))
 
 
+def crop(page):
+    page.set("up", "cameras")
+    page.press("home")
+    page.set("cropPreview", "off")
+    page.rest()
+    page.changes("cropping_by_opacity", lambda: page.set("cropOpacity", 0.3), lambda: page.set("cropPreview", "off"))
+    page.set("cropPreview", "mark")
+    page.rest()
+    marked = page.pixels()
+    page.set("cropPreview", "hide")
+    page.rest()
+    expect("hiding_differs_from_marking", page.pixels() != marked)
+    page.set("boxOn", True)
+    page.rest()
+    removed = page.run("viewer.frame.removed")
+    expect("the_box_removes_more", 0 < removed < page.run("viewer.frame.gaussians"), removed)
+    expect("box_and_handles_are_drawn", overlay_pixels(page) > 100)
+    handle = page.run("""(() => { const box = picture.getBoundingClientRect();
+        const found = cropHandles().map((h) => project(h.point)).find((p) => p && p[0] > 20 && p[1] > 20 && p[0] < request.width - 20
+            && p[1] < request.height - 20);
+        return found && [box.left + found[0] * box.width / request.width, box.top + found[1] * box.height / request.height]; })()""")
+    if handle:
+        before = page.run("JSON.stringify(cropValues().box)") + page.camera()
+        page.mouse("mouseMoved", *handle)
+        page.mouse("mousePressed", *handle, "left", 1, clickCount=1)
+        for k in range(1, 6):
+            page.mouse("mouseMoved", handle[0] + 5 * k, handle[1] + 5 * k, "left", 1)
+        page.mouse("mouseReleased", handle[0] + 25, handle[1] + 25, "left", 0, clickCount=1)
+        page.rest()
+        after = page.run("JSON.stringify(cropValues().box)")
+        expect("a_handle_changes_the_box_only", after not in before and page.camera() in before)
+    page.set("sphereOn", True)
+    page.set("cropSize", 3)
+    page.set("cropFloaters", True)
+    page.rest()
+    page.screenshot(os.path.join(folder, "crop.png"))
+    expect("more_filters_remove_more", page.run("viewer.frame.removed") >= removed)
+    page.press("cropSave")
+    expect("a_file_is_saved", page.wait("viewer.saved && viewer.saved.kind === 'crop'") is not None)
+    saved, command = page.run("viewer.saved"), page.run("byId('cropCommand').textContent").split(" ")
+    out = os.path.join(folder, "crop_by_command.ply")
+    expect("the_command_names_the_model", command[:3] == ["sparegs", "convert", run_folder] and command[3] == "OUT.ply", command)
+    subprocess.run([program, "convert", run_folder, out, *command[4:], "--quiet"], check=True, stdout=subprocess.DEVNULL)
+    with open(saved["path"], "rb") as one, open(out, "rb") as other:
+        expect("the_file_is_that_of_the_command", one.read() == other.read())
+    os.remove(saved["path"])
+    page.set("cropPreview", "off")
+
+
 def survives(page, process, url):
     page.open(url)
     page.wait("window.viewer && viewer.shown.length > 0")
@@ -364,7 +413,7 @@ def main():
     page = Page(find_browser())
     try:
         opens(page, url)
-        for part in (equals_render, moving, cameras, quantities, photographs, pixels_and_regions, run_panel, files):
+        for part in (equals_render, moving, cameras, quantities, photographs, pixels_and_regions, run_panel, files, crop):
             print("-- " + part.__name__)
             part(page)
         expect("still_no_error_on_the_console", not page.messages and not page.run("viewer.errors.length"),

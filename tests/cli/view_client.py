@@ -106,6 +106,20 @@ def pictures(url, folder):
     page.socket.close()
 
 
+def crop(url):
+    """Saves a crop; prints its path, and what `convert` needs for the same file."""
+    page = Page(url)
+    hello = page.wait("hello")
+    low = [value - hello["extent"] / 2 for value in hello["target"]]
+    high = [value + hello["extent"] / 2 for value in hello["target"]]
+    crop = {"preview": "hide", "box": [*low, *high], "opacity": 0.125, "floaters": True}
+    head = page.final(width=64, height=48, view=0, crop=crop)[0]
+    saved = page.ask("crop")
+    if head["removed"] != saved["removed"] or not saved["removed"] or not saved["kept"]:
+        sys.exit(f"removed {head['removed']} in the picture, {saved['removed']} in the file, kept {saved['kept']}")
+    print(saved["path"], "--filter-box=" + ",".join(map(repr, crop["box"])), "--filter-opacity 0.125 --filter-floaters auto")
+
+
 def progressive(url):
     """Pictures grow at rest; movement replaces a picture; quantities have ranges; slow pages get few pictures."""
     page = Page(url)
@@ -322,7 +336,7 @@ def status(url, *headers):
 
 def main():
     url, command = sys.argv[1:3]
-    {"pictures": pictures, "progressive": progressive, "hostile": hostile, "many": many, "never_reads": never_reads,
+    {"pictures": pictures, "crop": crop, "progressive": progressive, "hostile": hostile, "many": many, "never_reads": never_reads,
      "move": move, "control": control, "status": status}[command](url, *sys.argv[3:])
     sys.exit(1 if expect.failed else 0)
 

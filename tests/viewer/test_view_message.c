@@ -74,6 +74,25 @@ static void a_lens_of_a_view_keeps_its_vertical_field_of_view(void **state)
     assert_true(message.request.camera.params[1] == 2 * 51.0);
 }
 
+static void a_crop_has_the_limits_of_the_message(void **state)
+{
+    (void)state;
+    view_message message;
+    assert_null(parse("{\"type\":\"camera\",\"serial\":1,\"width\":64,\"height\":48,\"view\":0,"
+                      "\"crop\":{\"preview\":\"hide\",\"box\":[null,1,2,3,null,5],"
+                      "\"sphere\":[1,2,3,4],\"opacity\":0.25,\"size\":2,\"floaters\":true}}",
+                      &message));
+    const view_crop *crop = &message.request.crop;
+    assert_int_equal(crop->preview, CROP_HIDE);
+    assert_true(crop->has_box && crop->has_sphere && crop->floaters);
+    assert_true(crop->box[0] == -INFINITY && crop->box[1] == 1 && crop->box[4] == INFINITY);
+    assert_true(crop->sphere[3] == 4 && crop->opacity == 0.25 && crop->size == 2);
+    view_crop other = *crop;
+    assert_true(view_crop_equal(crop, &other));
+    other.box[5] = 6;
+    assert_false(view_crop_equal(crop, &other));
+}
+
 static void every_wrong_message_is_refused(void **state)
 {
     (void)state;
@@ -111,6 +130,12 @@ static void every_wrong_message_is_refused(void **state)
         CAMERA("\"width\":10,\"height\":10,\"view\":0,\"samples\":0"),
         CAMERA("\"width\":10,\"height\":10,\"view\":0,\"samples\":65"),
         CAMERA("\"width\":10,\"height\":10,\"view\":0,\"range\":[2,1]"),
+        CAMERA("\"width\":10,\"height\":10,\"view\":0,\"crop\":{\"box\":[1,2,3,4,5]}"),
+        CAMERA("\"width\":10,\"height\":10,\"view\":0,\"crop\":{\"box\":[1,2,3,4,5,\"6\"]}"),
+        CAMERA("\"width\":10,\"height\":10,\"view\":0,\"crop\":{\"sphere\":[1,2,3,-4]}"),
+        CAMERA("\"width\":10,\"height\":10,\"view\":0,\"crop\":{\"sphere\":[1,2,3,null]}"),
+        CAMERA("\"width\":10,\"height\":10,\"view\":0,\"crop\":{\"opacity\":2}"),
+        CAMERA("\"width\":10,\"height\":10,\"view\":0,\"crop\":{\"size\":-1}"),
         CAMERA("\"width\":10,\"height\":10,\"view\":0,\"range\":[\"a\",1e400]"),
         CAMERA("\"width\":10,\"height\":10,\"view\":0,\"range\":[-1,1],\"log\":true"),
         CAMERA("\"width\":10,\"height\":10,\"camera_to_world\":[1],\"fov\":9"),
@@ -172,6 +197,7 @@ int main(void)
         cmocka_unit_test(a_view_is_its_camera_bit_for_bit),
         cmocka_unit_test(a_free_camera_is_that_of_a_camera_path),
         cmocka_unit_test(a_lens_of_a_view_keeps_its_vertical_field_of_view),
+        cmocka_unit_test(a_crop_has_the_limits_of_the_message),
         cmocka_unit_test(every_wrong_message_is_refused),
         cmocka_unit_test(long_and_deep_messages_are_not_parsed),
         cmocka_unit_test(damaged_messages_are_refused_or_valid),

@@ -14,6 +14,7 @@
 #include "cli/model_argument.h"
 #include "cli/output.h"
 #include "cli/progress.h"
+#include "run/model_filter.h"
 #include "cli/shared_options.h"
 #include "sparegs/model_edit.h"
 #include "sparegs/model_file.h"
@@ -208,16 +209,10 @@ static int parse_numbers(const char *text, double absent, double *values, int mo
     return -1;
 }
 
-typedef struct condition {
-    char name[32];
-    sgs_comparison comparison;
-    double value;
-} condition;
-
 typedef struct convert_plan {
     const convert_values *values;
     double box[6], sphere[4], rotate[3], translate[3];
-    condition conditions[MOST_CONDITIONS];
+    model_condition conditions[MOST_CONDITIONS];
     int condition_count;
     sgs_floater_options floaters;
     sgs_model_format format; // of OUT
@@ -228,7 +223,7 @@ static int parse_conditions(convert_plan *plan)
     static const char *const words[] = {"lt", "lte", "gt", "gte", "eq", "neq"};
     const char *at = plan->values->conditions;
     while (at) {
-        condition *c = &plan->conditions[plan->condition_count];
+        model_condition *c = &plan->conditions[plan->condition_count];
         char comparison[8];
         int length = 0;
         if (plan->condition_count == MOST_CONDITIONS)
@@ -319,34 +314,16 @@ static int parse_plan(const command_line *line, const convert_values *values, co
 static bool filter_model(const convert_plan *plan, sgs_gaussians *model)
 {
     const convert_values *values = plan->values;
+    const model_filter filter = {.box = values->box ? plan->box : NULL,
+                                 .sphere = values->sphere ? plan->sphere : NULL,
+                                 .conditions = plan->conditions,
+                                 .condition_count = plan->condition_count,
+                                 .opacity = values->opacity,
+                                 .floaters = values->floaters ? &plan->floaters : NULL};
     unsigned char *keep = malloc(model->count + 1);
-    bool done = keep != NULL;
-    if (!done)
+    if (!keep)
         fail_run("no memory to filter %zu primitives", model->count);
-    else
-        memset(keep, 1, model->count);
-    if (done && values->box)
-        sgs_select_box(model, plan->box, plan->box + 3, keep);
-    if (done && values->sphere)
-        sgs_select_sphere(model, plan->sphere, plan->sphere[3], keep);
-    for (int k = 0; done && k < plan->condition_count; ++k) {
-        const condition *c = &plan->conditions[k];
-        if (sgs_select_value(model, c->name, c->comparison, c->value, keep)) {
-            fail_library();
-            done = false;
-        }
-    }
-    if (done && values->opacity > 0)
-        sgs_select_value(model, "opacity", SGS_GREATER_EQUAL, values->opacity, keep);
-    if (done && values->floaters) {
-        // Components of the primitives that the other filters kept.
-        sgs_selection_apply(model, keep);
-        memset(keep, 1, model->count);
-        if (sgs_select_connected(model, &plan->floaters, keep)) {
-            fail_library();
-            done = false;
-        }
-    }
+    const bool done = keep && model_filter_select(&filter, model, keep);
     if (done)
         sgs_selection_apply(model, keep);
     free(keep);

@@ -192,6 +192,7 @@ function cameraMessage(moving) {
     message.camera_type = camera.type;
     if (camera.lens >= 0) message.lens = camera.lens;
   }
+  if (cropValues().preview !== 'off') message.crop = cropValues();
   return message;
 }
 

@@ -38,6 +38,8 @@ function showPicture(head, bitmap) {
   byId('status').textContent = `${head.width} × ${head.height}${head.lossless ? ', exact' : ''} · ${(1000 * head.seconds).toFixed(0)} ms · ` +
     `${rate} pictures/s · ${head.gaussians.toLocaleString('en')} primitives` + (head.iteration ? ` · iteration ${head.iteration}` : '');
   showBar(head);
+  if (head.removed !== undefined)
+    byId('cropText').textContent = `${head.removed.toLocaleString('en')} of ${head.gaussians.toLocaleString('en')} primitives are removed`;
   compareAgain();
 }
 
@@ -197,13 +199,14 @@ function pointAt(pixel) {
 // ---- Pointer ----
 
 const pointers = new Map();
-let dragged = 0, pinch = 0;
+let dragged = 0, grabbed = null; // grabbed: a handle of the crop
 
 picture.addEventListener('pointerdown', (event) => {
   picture.focus({preventScroll: true});
   try { picture.setPointerCapture(event.pointerId); } catch (error) { /* a synthetic event */ }
   pointers.set(event.pointerId, [event.clientX, event.clientY]);
   dragged = pointers.size > 1 ? 99 : 0;
+  grabbed = pointers.size === 1 ? handleAt(pixelAt(event)) : null;
 });
 
 function drag(event, from) {
@@ -233,7 +236,8 @@ picture.addEventListener('pointermove', (event) => {
   }
   dragged += Math.hypot(event.clientX - from[0], event.clientY - from[1]);
   if (dragged > 4 || pointers.size > 1) {
-    if (pointers.size > 1) pinchTo(from, event);
+    if (grabbed) dragHandle(grabbed, from, event);
+    else if (pointers.size > 1) pinchTo(from, event);
     else drag(event, from);
     pointers.set(event.pointerId, [event.clientX, event.clientY]);
   }

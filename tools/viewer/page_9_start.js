@@ -23,6 +23,7 @@ onMessage('hello', (hello) => {
   byId('photosBox').hidden = !hello.views.length;
   byId('regionBox').hidden = !hello.aovs.some((aov) => aov.name === 'region');
   for (const id of ['log', 'rangeLow', 'rangeHigh']) byId(id).disabled = !rampOf(byId('aov').value);
+  startCrop(hello);
   if (again) requestPicture(false);
   else goHome();
   showFov();

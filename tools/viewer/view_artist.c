@@ -83,7 +83,8 @@ static bool same_view(const view_request *a, const view_request *b)
     return !memcmp(&a->camera, &b->camera, sizeof a->camera) &&
            !memcmp(&a->pose, &b->pose, sizeof a->pose) && a->aov == b->aov &&
            a->is_log == b->is_log && a->range.low == b->range.low &&
-           a->range.high == b->range.high && a->samples == b->samples;
+           a->range.high == b->range.high && a->samples == b->samples &&
+           view_crop_equal(&a->crop, &b->crop);
 }
 
 // The scale of the client's next picture; 0 if none is due.
@@ -210,6 +211,8 @@ static json_t *frame_json(const view_artist *artist, const artist_task *task,
                              "lossless", lossless, "encoding", lossless ? "png" : "jpeg", "aov",
                              aov_words[task->request.aov], "iteration", source->iteration,
                              "gaussians", (json_int_t)source->model->count, "seconds", seconds);
+    if (task->request.crop.preview != CROP_OFF)
+        json_object_set_new(head, "removed", json_integer((json_int_t)picture->removed));
     if (picture->range.high > picture->range.low)
         json_object_set_new(
             head, "range",
@@ -343,6 +346,15 @@ static json_t *save_exr(view_artist *artist, const artist_task *task)
     return reply;
 }
 
+static json_t *crop_reply(const view_artist *artist, const artist_task *task)
+{
+    if (artist->is_live)
+        return json_pack("{s:s,s:s}", "type", "error", "text", "a training model is not cropped");
+    json_t *reply = crop_save(&task->request.crop, artist->source);
+    return reply ? reply
+                 : json_pack("{s:s,s:s}", "type", "error", "text", "the file cannot be written");
+}
+
 static void answer(view_artist *artist, const artist_task *task)
 {
     view_source *source = artist->source;
@@ -356,6 +368,8 @@ static void answer(view_artist *artist, const artist_task *task)
         reply = ray_inspect(source, &task->request, job->x, job->y);
     else if (job->type == MESSAGE_EXR && has_camera)
         reply = save_exr(artist, task);
+    else if (job->type == MESSAGE_CROP && has_camera)
+        reply = crop_reply(artist, task);
     pthread_mutex_unlock(&source->lock);
     if (job->type == MESSAGE_REGION)
         reply = region_records(source, job->number);

@@ -97,6 +97,51 @@ static const char *read_colors(const json_t *root, view_request *request)
     return NULL;
 }
 
+bool view_crop_equal(const view_crop *a, const view_crop *b)
+{
+    return a->preview == b->preview && a->has_box == b->has_box && a->has_sphere == b->has_sphere &&
+           a->floaters == b->floaters && a->opacity == b->opacity && a->size == b->size &&
+           !memcmp(a->box, b->box, sizeof a->box) &&
+           !memcmp(a->sphere, b->sphere, sizeof a->sphere);
+}
+
+// `count` finite numbers; null is `absent` if that is infinite.
+static bool read_limits(const json_t *array, const double *absent, double *values, size_t count)
+{
+    for (size_t i = 0; i < count; ++i) {
+        const json_t *value = json_array_get(array, i);
+        const bool none = absent && json_is_null(value);
+        values[i] = none ? absent[i] : json_number_value(value);
+        if (!none && !(json_is_number(value) && fabs(values[i]) < 1e30))
+            return false;
+    }
+    return json_array_size(array) == count;
+}
+
+static const char *read_crop(const json_t *crop, view_crop *out)
+{
+    static const double none[6] = {-INFINITY, -INFINITY, -INFINITY, INFINITY, INFINITY, INFINITY};
+    const json_t *box = json_object_get(crop, "box"), *sphere = json_object_get(crop, "sphere");
+    const char *preview = json_string_value(json_object_get(crop, "preview"));
+    if (!json_is_object(crop))
+        return NULL;
+    out->has_box = json_is_array(box);
+    out->has_sphere = json_is_array(sphere);
+    if (out->has_box && !read_limits(box, none, out->box, 6))
+        return "box must be six numbers";
+    if (out->has_sphere && (!read_limits(sphere, NULL, out->sphere, 4) || out->sphere[3] < 0))
+        return "sphere must be a centre and a radius";
+    out->opacity = json_number_value(json_object_get(crop, "opacity"));
+    out->size = json_number_value(json_object_get(crop, "size"));
+    out->floaters = json_is_true(json_object_get(crop, "floaters"));
+    if (!(out->opacity >= 0 && out->opacity <= 1 && out->size >= 0 && out->size < 1e30))
+        return "opacity or size is out of range";
+    out->preview = preview && !strcmp(preview, "mark")   ? CROP_MARK
+                   : preview && !strcmp(preview, "hide") ? CROP_HIDE
+                                                         : CROP_OFF;
+    return NULL;
+}
+
 static const char *read_request(const json_t *root, const camera_list *views, view_request *request)
 {
     uint32_t samples = 1;
@@ -108,6 +153,8 @@ static const char *read_request(const json_t *root, const camera_list *views, vi
     if (!read_index(json_object_get(root, "serial"), 4294967295.0, &request->serial))
         return "serial must be a number";
     const char *problem = read_camera(root, views, request);
+    if (!problem)
+        problem = read_crop(json_object_get(root, "crop"), &request->crop);
     return problem ? problem : read_colors(root, request);
 }
 
@@ -139,10 +186,10 @@ static const char *read_members(const json_t *root, const camera_list *views, vi
     static const struct {
         const char *word;
         view_message_type type;
-    } types[] = {{"camera", MESSAGE_CAMERA}, {"ack", MESSAGE_ACK},
-                 {"probe", MESSAGE_PROBE},   {"ray", MESSAGE_RAY},
-                 {"region", MESSAGE_REGION}, {"history", MESSAGE_HISTORY},
-                 {"run", MESSAGE_RUN},       {"exr", MESSAGE_EXR}};
+    } types[] = {
+        {"camera", MESSAGE_CAMERA}, {"ack", MESSAGE_ACK},       {"probe", MESSAGE_PROBE},
+        {"ray", MESSAGE_RAY},       {"region", MESSAGE_REGION}, {"history", MESSAGE_HISTORY},
+        {"run", MESSAGE_RUN},       {"exr", MESSAGE_EXR},       {"crop", MESSAGE_CROP}};
     const char *word = json_string_value(json_object_get(root, "type"));
     view_message_type type = MESSAGE_INVALID;
     for (size_t k = 0; word && k < sizeof types / sizeof *types; ++k)
@@ -169,6 +216,7 @@ static const char *read_members(const json_t *root, const camera_list *views, vi
         break;
     case MESSAGE_HISTORY:
     case MESSAGE_EXR:
+    case MESSAGE_CROP:
         break;
     }
     if (!problem)

@@ -25,10 +25,25 @@ typedef enum view_message_type {
     MESSAGE_REGION,  // records of region `number`
     MESSAGE_HISTORY, // tables of the run
     MESSAGE_RUN,     // `action`
-    MESSAGE_EXR      // write the view into the run's folder
+    MESSAGE_EXR,     // write the view into the run's folder
+    MESSAGE_CROP     // write the primitives that the crop of the last camera keeps
 } view_message_type;
 
 typedef enum run_action { RUN_PAUSE = 0, RUN_CONTINUE, RUN_CHECKPOINT, RUN_STOP } run_action;
+
+typedef enum crop_show { CROP_OFF = 0, CROP_MARK, CROP_HIDE } crop_show;
+
+// Filters of `convert`, and how the picture shows what they remove.
+typedef struct view_crop {
+    crop_show preview;
+    bool has_box, has_sphere, floaters;
+    double box[6];    // low, high; infinite = no limit
+    double sphere[4]; // centre, radius
+    double opacity;   // smallest one kept; 0 = all
+    double size;      // largest scale kept, world units; 0 = all
+} view_crop;
+
+bool view_crop_equal(const view_crop *a, const view_crop *b);
 
 // What a page shows.
 typedef struct view_request {
@@ -40,6 +55,7 @@ typedef struct view_request {
     bool is_log;       // colours by the logarithm of the value
     bool moving;       // more messages follow at once: speed before quality
     int samples;       // per pixel at rest, 1 to VIEW_SAMPLES
+    view_crop crop;
 } view_request;
 
 typedef struct view_message {

@@ -95,8 +95,8 @@ static value_range prepare_ranges(const view_request *request, sgs_frame *frame,
 // ---- Pictures ----
 
 // Replaces the colours by the mean of samples, as `render --spp` does.
-static bool draw_samples(view_painter *painter, const sgs_camera *camera, const sgs_pose *pose,
-                         const sgs_render_options *options, int samples)
+static bool draw_samples(view_painter *painter, sgs_renderer *renderer, const sgs_camera *camera,
+                         const sgs_pose *pose, const sgs_render_options *options, int samples)
 {
     light_sum sum;
     unsigned none = 0;
@@ -109,8 +109,7 @@ static bool draw_samples(view_painter *painter, const sgs_camera *camera, const 
         sgs_camera lens = *camera;
         sgs_pose place = *pose;
         lens_sample(k, 0, 0, &lens, &place);
-        done = !sgs_renderer_render(painter->source->renderer, &lens, &place, options,
-                                    &painter->sampled);
+        done = !sgs_renderer_render(renderer, &lens, &place, options, &painter->sampled);
         if (done)
             light_sum_add(&sum, &painter->sampled);
     }
@@ -118,6 +117,18 @@ static bool draw_samples(view_painter *painter, const sgs_camera *camera, const 
         light_sum_mean(&sum, &painter->frame);
     light_sum_free(&sum);
     return done;
+}
+
+// The renderer of the model, or of its copy that shows a crop. NULL on failure. Quantities that
+// refer to rows of the model are not cropped.
+static sgs_renderer *renderer_for(view_painter *painter, const view_request *request)
+{
+    const unsigned of_rows = AOV_PRIMITIVE | AOV_REGION | AOV_SLACK;
+    if (request->crop.preview == CROP_OFF || 1U << request->aov & of_rows)
+        return painter->source->renderer;
+    return crop_preview_prepare(&painter->preview, &request->crop, painter->source)
+               ? painter->preview.renderer
+               : NULL;
 }
 
 bool view_painter_draw(view_painter *painter, const view_request *request, int width, int height,
@@ -131,12 +142,17 @@ bool view_painter_draw(view_painter *painter, const view_request *request, int w
     options.progress = progress;
     options.progress_user = user;
     *picture = (painted_picture){0};
+    sgs_renderer *renderer = renderer_for(painter, request);
+    if (!renderer)
+        return false;
+    if (renderer == painter->preview.renderer)
+        picture->removed = painter->preview.removed;
     const unsigned aov = 1U << request->aov;
     if (!prepare_frame(&painter->frame, &painter->planes, width, height, aov_planes(aov)) ||
-        sgs_renderer_render(source->renderer, &camera, &request->pose, &options, &painter->frame))
+        sgs_renderer_render(renderer, &camera, &request->pose, &options, &painter->frame))
         return false;
     if (samples > 1 && aov == AOV_RGBA &&
-        !draw_samples(painter, &camera, &request->pose, &options, samples))
+        !draw_samples(painter, renderer, &camera, &request->pose, &options, samples))
         return false;
     picture_ranges ranges = {0};
     picture->range = prepare_ranges(request, &painter->frame, &ranges);
@@ -151,6 +167,7 @@ void view_painter_free(view_painter *painter)
 {
     sgs_frame_free(&painter->frame);
     sgs_frame_free(&painter->sampled);
+    crop_preview_free(&painter->preview);
 }
 
 // ---- One pixel ----

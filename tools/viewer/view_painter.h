@@ -6,6 +6,7 @@
 // files. All functions require the source's lock and return false after an error that
 // sgs_last_error describes.
 
+#include "viewer/view_crop.h"
 #include "viewer/view_message.h"
 #include "viewer/view_source.h"
 
@@ -13,11 +14,13 @@ typedef struct view_painter {
     view_source *source;
     sgs_frame frame, sampled;
     unsigned planes; // of the frame
+    crop_preview preview;
 } view_painter;
 
 typedef struct painted_picture {
     sgs_image8 image;
     value_range range; // of a ramp
+    size_t removed;    // primitives that the crop rejects
 } painted_picture;
 
 // Draws the request at a size of width x height pixels, which shows the same field of view, with

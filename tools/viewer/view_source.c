@@ -8,6 +8,7 @@
 
 #include "cli/output.h"
 #include "cli/progress.h"
+#include "run/model_filter.h"
 
 // The scene's views as a list of cameras.
 static bool list_views(const sgs_scene *scene, camera_list *list)
@@ -97,18 +98,6 @@ void view_source_close(view_source *source)
     source->folder = NULL;
 }
 
-// Copies all rows. False if out of memory.
-static bool copy_model(sgs_gaussians *to, const sgs_gaussians *from)
-{
-    if (sgs_gaussians_resize(to, from->count))
-        return false;
-    const size_t blocks = (from->count + SGS_LANES - 1) / SGS_LANES;
-    memcpy(to->data, from->data, blocks * SGS_PARAM_COUNT * SGS_LANES * sizeof *to->data);
-    to->sh_degree = from->sh_degree;
-    to->linear_opacity = from->linear_opacity;
-    return true;
-}
-
 bool view_source_offer(view_source *source, const sgs_gaussians *model, const float *filter_3d,
                        int iteration)
 {
@@ -116,7 +105,7 @@ bool view_source_offer(view_source *source, const sgs_gaussians *model, const fl
         return false;
     sgs_gaussians *fused = NULL;
     bool done = !filter_3d || !sgs_gaussians_fuse_filter_3d(model, filter_3d, &fused);
-    done = done && copy_model(source->model, fused ? fused : model);
+    done = done && model_copy(source->model, fused ? fused : model);
     sgs_gaussians_destroy(fused);
     if (done) {
         atomic_store(&source->iteration, iteration);

@@ -1,0 +1,64 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+#include "run/model_filter.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "cli/progress.h"
+
+bool model_copy(sgs_gaussians *to, const sgs_gaussians *from)
+{
+    if (sgs_gaussians_resize(to, from->count))
+        return false;
+    const size_t blocks = (from->count + SGS_LANES - 1) / SGS_LANES;
+    memcpy(to->data, from->data, blocks * SGS_PARAM_COUNT * SGS_LANES * sizeof *to->data);
+    to->sh_degree = from->sh_degree;
+    to->linear_opacity = from->linear_opacity;
+    return true;
+}
+
+// Clears the flags of the floaters among the primitives that are kept so far.
+static bool drop_floaters(const sgs_floater_options *options, const sgs_gaussians *model,
+                          unsigned char *keep)
+{
+    sgs_gaussians *kept = NULL;
+    unsigned char *connected = malloc(model->count + 1);
+    bool done = connected && !sgs_gaussians_create(model->count, &kept) && model_copy(kept, model);
+    if (!done)
+        fail_run("no memory to filter %zu primitives", model->count);
+    if (done) {
+        sgs_selection_apply(kept, keep);
+        memset(connected, 1, kept->count);
+        done = !sgs_select_connected(kept, options, connected);
+        if (!done)
+            fail_library();
+    }
+    for (size_t i = 0, k = 0; done && i < model->count; ++i)
+        if (keep[i])
+            keep[i] = connected[k++];
+    free(connected);
+    sgs_gaussians_destroy(kept);
+    return done;
+}
+
+bool model_filter_select(const model_filter *filter, const sgs_gaussians *model,
+                         unsigned char *keep)
+{
+    memset(keep, 1, model->count);
+    if (filter->box)
+        sgs_select_box(model, filter->box, filter->box + 3, keep);
+    if (filter->sphere)
+        sgs_select_sphere(model, filter->sphere, filter->sphere[3], keep);
+    for (int k = 0; k < filter->condition_count; ++k) {
+        const model_condition *c = &filter->conditions[k];
+        if (sgs_select_value(model, c->name, c->comparison, c->value, keep)) {
+            fail_library();
+            return false;
+        }
+    }
+    if (filter->opacity > 0)
+        sgs_select_value(model, "opacity", SGS_GREATER_EQUAL, filter->opacity, keep);
+    return !filter->floaters || drop_floaters(filter->floaters, model, keep);
+}

@@ -1,0 +1,32 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// The filters of `convert` and of the viewer's crop: which primitives of a model are kept.
+
+#include <stdbool.h>
+
+#include "sparegs/model_edit.h"
+
+typedef struct model_condition {
+    char name[32];
+    sgs_comparison comparison;
+    double value;
+} model_condition;
+
+typedef struct model_filter {
+    const double *box;    // low x, y, z, high x, y, z; NULL = none
+    const double *sphere; // x, y, z, radius; NULL = none
+    const model_condition *conditions;
+    int condition_count;
+    double opacity;                      // smallest one kept
+    const sgs_floater_options *floaters; // of the primitives that the others kept; NULL = none
+} model_filter;
+
+// Makes `to` equal to `from`. False if out of memory; sgs_last_error describes it.
+bool model_copy(sgs_gaussians *to, const sgs_gaussians *from);
+
+// Sets keep[count] to 1 for the primitives that pass all filters, else 0. False after printing the
+// error.
+bool model_filter_select(const model_filter *filter, const sgs_gaussians *model,
+                         unsigned char *keep);

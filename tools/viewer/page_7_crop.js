@@ -1,0 +1,171 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Crop and clean: the filters of `sparegs convert`, previewed by the program. Box and sphere are drawn over the picture;
+// their handles can be dragged.
+
+const boxNames = ['x', 'y', 'z', 'X', 'Y', 'Z'], sphereNames = ['x', 'y', 'z', 'radius'];
+
+function cropFields(box, prefix, names) {
+  for (const name of names) {
+    const label = element('label', name + ' ', byId(box)), input = element('input', null, label);
+    input.type = 'number';
+    input.step = 'any';
+    input.id = prefix + name;
+    input.onchange = cropChanged;
+  }
+}
+cropFields('boxFields', 'box_', boxNames);
+cropFields('sphereFields', 'sphere_', sphereNames);
+
+// null: no limit.
+function cropNumbers(prefix, names) {
+  return names.map((name) => byId(prefix + name).value === '' ? null : Number(byId(prefix + name).value));
+}
+
+function cropValues() {
+  const crop = {preview: byId('cropPreview').value, opacity: Number(byId('cropOpacity').value) || 0,
+    size: Number(byId('cropSize').value) || 0, floaters: byId('cropFloaters').checked};
+  if (byId('boxOn').checked) crop.box = cropNumbers('box_', boxNames);
+  const sphere = cropNumbers('sphere_', sphereNames);
+  if (byId('sphereOn').checked && !sphere.includes(null)) crop.sphere = sphere;
+  return crop;
+}
+
+function quoted(text) {
+  return /^[\w./+-]+$/.test(text) ? text : "'" + text.replaceAll("'", "'\\''") + "'";
+}
+
+// The command line that makes the same file.
+function cropCommand() {
+  const crop = cropValues(), words = ['sparegs convert', quoted(viewer.hello.model), 'OUT.ply'];
+  if (crop.box) words.push('--filter-box ' + crop.box.map((value) => value === null ? '-' : value).join(','));
+  if (crop.sphere) words.push('--filter-sphere ' + crop.sphere.join(','));
+  if (crop.size > 0) words.push('--filter-value ' + [0, 1, 2].map((k) => `scale_${k},lte,${crop.size}`).join(','));
+  if (crop.opacity > 0) words.push('--filter-opacity ' + crop.opacity);
+  if (crop.floaters) words.push('--filter-floaters auto');
+  return words.join(' ');
+}
+
+function cropChanged() {
+  if (byId('cropPreview').value === 'off') byId('cropPreview').value = 'mark';
+  cropShown();
+}
+
+function cropShown() {
+  byId('cropCommand').textContent = cropCommand();
+  byId('cropText').textContent = '';
+  requestPicture(false);
+}
+
+function startCrop(hello) {
+  byId('cropBox').hidden = hello.training;
+  if (byId('box_x').value === '') {
+    const digits = (value) => Number(value.toPrecision(4));
+    boxNames.forEach((name, k) => {
+      byId('box_' + name).value = digits(hello.target[k % 3] + (k < 3 ? -0.5 : 0.5) * hello.extent);
+    });
+    sphereNames.forEach((name, k) => { byId('sphere_' + name).value = digits(k < 3 ? hello.target[k] : 0.5 * hello.extent); });
+  }
+  byId('cropCommand').textContent = cropCommand();
+}
+
+for (const id of ['boxOn', 'sphereOn', 'cropOpacity', 'cropSize', 'cropFloaters']) byId(id).onchange = cropChanged;
+byId('cropPreview').onchange = cropShown;
+byId('cropSave').onclick = () => {
+  if (byId('cropPreview').value === 'off') byId('cropPreview').value = 'mark';
+  sendRequest(false);
+  send({type: 'crop'});
+};
+byId('cropCopy').onclick = () => navigator.clipboard.writeText(cropCommand()).then(
+  () => { byId('cropText').textContent = 'Copied.'; }, () => { byId('cropText').textContent = 'Select the command and copy it.'; });
+onMessage('crop', (message) => {
+  viewer.saved = {kind: 'crop', ...message};
+  byId('cropText').textContent = `Saved ${message.kept.toLocaleString('en')} primitives as ${message.path}`;
+});
+
+// ---- Handles ----
+
+// Points that can be dragged: {point, axis, apply(distance)}. axis NULL: in the plane of the picture.
+function cropHandles() {
+  const crop = cropValues(), handles = [], axes = [[1, 0, 0], [0, 1, 0], [0, 0, 1]];
+  const move = (id, by) => { byId(id).value = Number((Number(byId(id).value) + by).toPrecision(7)); };
+  if (crop.box && !crop.box.includes(null)) {
+    const middle = [0, 1, 2].map((k) => (crop.box[k] + crop.box[k + 3]) / 2);
+    crop.box.forEach((value, k) => {
+      const point = middle.slice();
+      point[k % 3] = value;
+      handles.push({point, axis: axes[k % 3], apply: (by) => move('box_' + boxNames[k], by)});
+    });
+  }
+  if (crop.sphere) {
+    handles.push({point: crop.sphere.slice(0, 3), axis: null,
+      apply: (by) => by.forEach((value, k) => move('sphere_' + sphereNames[k], value))});
+    handles.push({point: add(crop.sphere.slice(0, 3), camera.right, crop.sphere[3]), axis: camera.right,
+      apply: (by) => { byId('sphere_radius').value = Math.max(0, Number((crop.sphere[3] + by).toPrecision(7))); }});
+  }
+  return byId('cropPreview').value === 'off' ? [] : handles;
+}
+
+function handleAt(pixel) {
+  if (!pixel) return null;
+  const reach = 12 * request.height / picture.getBoundingClientRect().height;
+  const handles = cropHandles();
+  const index = handles.findIndex((handle) => {
+    const at = project(handle.point);
+    return at && Math.hypot(at[0] - pixel[0], at[1] - pixel[1]) < reach;
+  });
+  return index < 0 ? null : {index};
+}
+
+function dragHandle(held, from, event) {
+  const handle = cropHandles()[held.index], box = picture.getBoundingClientRect();
+  const scale = request.height / box.height, at = handle && project(handle.point);
+  if (!at) return;
+  const delta = [(event.clientX - from[0]) * scale, (event.clientY - from[1]) * scale];
+  if (handle.axis) {
+    const step = 1e-3 * targetDistance(), next = project(add(handle.point, handle.axis, step));
+    if (!next) return;
+    const along = [(next[0] - at[0]) / step, (next[1] - at[1]) / step];
+    handle.apply((delta[0] * along[0] + delta[1] * along[1]) / Math.max(along[0] ** 2 + along[1] ** 2, 1e-9));
+  } else {
+    const depth = -dot(add(handle.point, camera.position, -1), camera.back), focal = intrinsics(request.width, request.height)[0];
+    handle.apply(add(times(camera.right, delta[0] * depth / focal), camera.up, -delta[1] * depth / focal));
+  }
+  byId('cropCommand').textContent = cropCommand();
+  requestPicture(true);
+}
+
+function drawLine(context, a, b) {
+  const from = project(a), to = project(b);
+  if (!from || !to) return;
+  context.moveTo(...from);
+  context.lineTo(...to);
+}
+
+drawMore.push((context) => {
+  const crop = viewer.hello ? cropValues() : {preview: 'off'};
+  if (crop.preview === 'off') return;
+  context.strokeStyle = '#7cff6b';
+  context.lineWidth = Math.max(1, overlay.height / 600);
+  context.beginPath();
+  if (crop.box && !crop.box.includes(null)) {
+    const corner = (bits) => [0, 1, 2].map((k) => crop.box[bits >> k & 1 ? k + 3 : k]);
+    for (let a = 0; a < 8; ++a) for (let k = 0; k < 3; ++k) if (!(a >> k & 1)) drawLine(context, corner(a), corner(a | 1 << k));
+  }
+  if (crop.sphere) {
+    const center = crop.sphere.slice(0, 3), around = (u, v, t) =>
+      add(add(center, u, crop.sphere[3] * Math.cos(t)), v, crop.sphere[3] * Math.sin(t));
+    for (const [u, v] of [[[1, 0, 0], [0, 1, 0]], [[0, 1, 0], [0, 0, 1]], [[0, 0, 1], [1, 0, 0]]])
+      for (let i = 0; i < 48; ++i) drawLine(context, around(u, v, i * Math.PI / 24), around(u, v, (i + 1) * Math.PI / 24));
+  }
+  context.stroke();
+  context.fillStyle = '#7cff6b';
+  for (const handle of cropHandles()) {
+    const at = project(handle.point);
+    if (!at) continue;
+    context.beginPath();
+    context.arc(at[0], at[1], Math.max(4, overlay.height / 120), 0, 7);
+    context.fill();
+  }
+});

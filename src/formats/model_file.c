@@ -78,11 +78,11 @@ static const format_row table[SGS_MODEL_FORMAT_COUNT] = {
     [SGS_MODEL_SOG] = {"sog", ".sog", is_sog, sgsi_sog_read, sgsi_sog_write},
     [SGS_MODEL_LOD_SOG] = {"lod-meta.json", "lod-meta.json", is_lod, sgsi_lod_sog_read,
                            sgsi_lod_sog_write},
-    [SGS_MODEL_USDA] = {"usda", ".usda", is_usda, NULL, sgsi_usd_write},
+    [SGS_MODEL_USDA] = {"usda", ".usda", is_usda, sgsi_usd_read, sgsi_usd_write},
 };
 
 static const char known_names[] =
-    ".ply, .compressed.ply, .splat, .spz, .ksplat, .glb, .sog, meta.json and lod-meta.json";
+    ".ply, .compressed.ply, .splat, .spz, .ksplat, .glb, .sog, meta.json, lod-meta.json and .usda";
 
 const char *sgs_model_format_name(sgs_model_format format)
 {
@@ -178,9 +178,6 @@ sgs_status sgs_model_read(const char *path, const sgs_model_read_options *option
     sgs_status status = sgsi_options_read(options, "sgs_model_read_options", &own, sizeof own);
     if (!status)
         status = find_format(path, &found.format);
-    if (!status && !table[found.format].read)
-        status = sgsi_fail(SGS_STATUS_UNSUPPORTED, "%s: %s files cannot be read; supported are %s",
-                           path, table[found.format].name, known_names);
     if (!status && own.lod && found.format != SGS_MODEL_LOD_SOG)
         status =
             sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: has no level of detail %d", path, own.lod);
@@ -218,9 +215,9 @@ sgs_status sgs_model_write(const char *path, const sgs_gaussians *model,
     struct stat file;
     sgs_status status = sgsi_options_read(options, "sgs_model_write_options", &own, sizeof own);
     if (!status && !sgs_model_format_of_name(path, &format))
-        status = sgsi_fail(SGS_STATUS_UNSUPPORTED,
-                           "%s: the name requests no known format; supported are %s, and .usda",
-                           path, known_names);
+        status =
+            sgsi_fail(SGS_STATUS_UNSUPPORTED,
+                      "%s: the name requests no known format; supported are %s", path, known_names);
     if (!status)
         status = check_write_options(path, &own);
     if (!status)

@@ -46,5 +46,7 @@ sgs_status sgsi_lod_sog_read(const char *path, const sgs_model_read_options *opt
                              sgs_gaussians **model, sgs_model_info *info);
 sgs_status sgsi_lod_sog_write(const char *path, const sgs_gaussians *model,
                               const sgs_model_write_options *options, sgs_model_written *written);
+sgs_status sgsi_usd_read(const char *path, const sgs_model_read_options *options,
+                         sgs_gaussians **model, sgs_model_info *info);
 sgs_status sgsi_usd_write(const char *path, const sgs_gaussians *model,
                           const sgs_model_write_options *options, sgs_model_written *written);

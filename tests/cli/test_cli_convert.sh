@@ -17,7 +17,7 @@ all=$(count "$ply")
 # convert_writes_each_format_that_info_and_eval_read
 run 0 eval "$out" "$room" --downscale 8 --json --quiet
 reference=$(value .mean.psnr)
-for name in a.ply a.compressed.ply a.splat a.spz a.ksplat a.glb a.sog folder/meta.json lod/lod-meta.json; do
+for name in a.ply a.compressed.ply a.splat a.spz a.ksplat a.glb a.sog a.usda folder/meta.json lod/lod-meta.json; do
     run 0 convert "$out" "$temporary/$name" --json
     check counts_are_reported test "$(value '"\(.input) \(.output)"')" = "$all $all"
     case $name in
@@ -112,8 +112,9 @@ reports "no primitive is left; nothing was written"
 run 1 convert "$ply" "$temporary/none.ply" --lod 1
 run 1 convert "$temporary/missing.spz" "$temporary/none.ply"
 reports "no such model"
-run 1 convert "$temporary/a.usda" "$temporary/none.ply"
-reports "usda files cannot be read"
+echo '#usda 1.0' >"$temporary/empty.usda"
+run 1 convert "$temporary/empty.usda" "$temporary/none.ply"
+reports "contains no ParticleField3DGaussianSplat"
 check nothing_was_written test ! -e "$temporary/none.ply"
 
 finish

@@ -108,9 +108,47 @@ static void names_and_contents_select_formats(void **state)
     temp_folder_remove(&folder);
 }
 
+// Half twins, a z-up layer, comments, strings and other prims.
+static void usda_is_read(void **state)
+{
+    (void)state;
+    static const char text[] =
+        "#usda 1.0\n(\n  doc = \"\"\"a { string } = [\n\"\"\"\n  upAxis = \"Z\" # { \n)\n"
+        "def Camera \"C\" { matrix4d xformOp:transform = ( (1, 0, 0, 0), (0, 1, 0, 0) )\n }\n"
+        "def Scope \"S\" (\n customData = { string image = \"}\" }\n)\n{\n"
+        "def ParticleField3DGaussianSplat \"P\"\n{\n"
+        "  point3h[] positionsh = [(9, 9, 9)]\n  point3f[] positions = [(1, 2, 3)]\n"
+        "  quath[] orientationsh = [(1, 0, 0, 0)]\n  half3[] scalesh = [(1, 2, 4)]\n"
+        "  half[] opacitiesh = [0.5]\n  point3h[] positionsh = [(8, 8, 8), (7, 7, 7)]\n"
+        "  uniform int radiance:sphericalHarmonicsDegree = 0\n"
+        "  float3[] radiance:sphericalHarmonicsCoefficients = [(0.1, 0.2, 3e-1)] (\n"
+        "    elementSize = 1\n  )\n  def Mesh \"M\" { point3f[] positions = [(5, 5, 5)] }\n}\n}\n";
+    const temp_folder folder = temp_folder_make();
+    sgs_gaussians *model;
+    file_put(temp_path(&folder, "a.usda"), text, strlen(text));
+    if (sgs_model_read(temp_path(&folder, "a.usda"), NULL, &model, NULL))
+        fail_msg("%s", sgs_last_error());
+    assert_int_equal(model->count, 1);
+    // z up, y into the scene: x right, y down, z front is (x, -z, y).
+    const double mean[] = {1, -3, 2}, scales[] = {0, log(2), log(4)}, colors[] = {0.1, 0.2, 0.3};
+    for (int k = 0; k < 3; ++k) {
+        assert_true(fabs((double)model_value(model, 0, k) - mean[k]) <= 1e-6);
+        assert_true(fabs((double)model_value(model, 0, SGS_PARAM_SCALE + k) - scales[k]) <= 1e-6);
+        assert_true(fabs((double)model_value(model, 0, SGS_PARAM_SH_DC + k) - colors[k]) <= 1e-6);
+    }
+    assert_true(fabs(model_opacity(model, 0) - 0.5) <= 1e-6);
+    // The axes of the primitive are those of the file: a quarter turn about x.
+    assert_true(fabs(fabs((double)model_value(model, 0, SGS_PARAM_ROTATION)) - sqrt(0.5)) <= 1e-6);
+    assert_true(fabs(fabs((double)model_value(model, 0, SGS_PARAM_ROTATION + 1)) - sqrt(0.5)) <=
+                1e-6);
+    sgs_gaussians_destroy(model);
+    temp_folder_remove(&folder);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(usda_is_read),
         cmocka_unit_test(lod_levels_are_nested),
         cmocka_unit_test(names_and_contents_select_formats),
     };

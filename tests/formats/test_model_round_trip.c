@@ -288,23 +288,25 @@ static void ksplat_rounds_to_half_a_quantum(void **state)
     temp_folder_remove(&folder);
 }
 
-static void glb_keeps_all_values(void **state)
+static void glb_and_usda_keep_all_values(void **state)
 {
     (void)state;
+    static const char *const names[] = {"a.glb", "a.usda"};
     const temp_folder folder = temp_folder_make();
-    for (int degree = 0; degree <= 3; ++degree) {
-        sgs_gaussians *model = model_random(COUNT, degree);
-        sgs_model_info info;
-        sgs_model_written written;
-        sgs_gaussians *back = write_and_read(&folder, "a.glb", model, NULL, &info, &written);
-        // Linear scales and opacities are rounded to floats, unit quaternions too.
-        const limits most = {0.0, 8 * FLOAT_STEP, FLOAT_STEP, 2 * FLOAT_STEP, 0.0, 0.0};
-        assert_int_equal(info.format, SGS_MODEL_GLB);
-        assert_int_equal(back->sh_degree, degree);
-        check_model("glb", model, back, &most, true);
-        sgs_gaussians_destroy(model);
-        sgs_gaussians_destroy(back);
-    }
+    for (int degree = 0; degree <= 3; ++degree)
+        for (int k = 0; k < 2; ++k) {
+            sgs_gaussians *model = model_random(COUNT, degree);
+            sgs_model_info info;
+            sgs_model_written written;
+            sgs_gaussians *back = write_and_read(&folder, names[k], model, NULL, &info, &written);
+            // Linear scales and opacities are rounded to floats, unit quaternions too.
+            const limits most = {0.0, 8 * FLOAT_STEP, FLOAT_STEP, 2 * FLOAT_STEP, 0.0, 0.0};
+            assert_int_equal(info.format, k ? SGS_MODEL_USDA : SGS_MODEL_GLB);
+            assert_int_equal(back->sh_degree, degree);
+            check_model(names[k], model, back, &most, true);
+            sgs_gaussians_destroy(model);
+            sgs_gaussians_destroy(back);
+        }
     temp_folder_remove(&folder);
 }
 
@@ -463,7 +465,7 @@ int main(void)
         cmocka_unit_test(splat_rounds_to_half_a_quantum),
         cmocka_unit_test(compressed_ply_rounds_to_half_a_quantum),
         cmocka_unit_test(ksplat_rounds_to_half_a_quantum),
-        cmocka_unit_test(glb_keeps_all_values),
+        cmocka_unit_test(glb_and_usda_keep_all_values),
         cmocka_unit_test(sog_rounds_to_the_nearest_value),
         cmocka_unit_test(files_do_not_depend_on_threads),
         cmocka_unit_test(palette_finds_clusters),

@@ -35,9 +35,10 @@ static inline void fuzz_folder_remove(void)
 {
     char command[96];
     static const char *const names[] = {
-        "cameras.bin",  "images.bin",   "points3D.bin", "cameras.txt", "images.txt",
-        "points3D.txt", "input",        "again",        "points.ply",  "input.splat",
-        "input.spz",    "input.ksplat", "input.glb",    "input.sog",   "input.compressed.ply"};
+        "cameras.bin", "images.bin",   "points3D.bin", "cameras.txt",
+        "images.txt",  "points3D.txt", "input",        "again",
+        "points.ply",  "input.splat",  "input.spz",    "input.ksplat",
+        "input.usda",  "input.glb",    "input.sog",    "input.compressed.ply"};
     for (size_t i = 0; i < sizeof names / sizeof *names; ++i) {
         snprintf(command, sizeof command, "%s/%s", fuzz_folder, names[i]);
         unlink(command);

@@ -1,0 +1,338 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Reads a ParticleField3DGaussianSplat from OpenUSD text: the first one in the layer, its five
+// attributes (or their half twins, which the text also writes as numbers), upAxis, and nothing
+// else. No composition, no time samples; transforms above the prim are refused, because they would
+// have to rotate SH.
+
+#include "formats/model_format.h"
+
+#include <locale.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/core.h"
+#include "formats/model_rows.h"
+#include "model/similarity.h"
+
+enum { MOST_WORD = 63, MOST_DEPTH = 64 };
+
+typedef enum usd_values {
+    USD_POSITIONS,
+    USD_ORIENTATIONS,
+    USD_SCALES,
+    USD_OPACITIES,
+    USD_SH,
+    USD_VALUES
+} usd_values;
+
+static const struct {
+    const char *name, *half;
+    size_t components;
+} attributes[USD_VALUES] = {
+    {"positions", "positionsh", 3},
+    {"orientations", "orientationsh", 4},
+    {"scales", "scalesh", 3},
+    {"opacities", "opacitiesh", 1},
+    {"radiance:sphericalHarmonicsCoefficients", "radiance:sphericalHarmonicsCoefficientsh", 3},
+};
+
+typedef struct usd_reader {
+    const char *path;
+    const char *at, *end; // of the text, which ends with NUL
+    int line, depth;      // depth of braces
+    int prim_depth;       // depth inside of the splats, 0 before
+    bool finished;        // after the splats
+    bool transformed[MOST_DEPTH + 1];
+    bool z_up;
+    int sh_degree; // -1: not given
+    float *values[USD_VALUES];
+    size_t counts[USD_VALUES], capacities[USD_VALUES];
+    locale_t c_locale;
+} usd_reader;
+
+static sgs_status fail_line(const usd_reader *reader, const char *what)
+{
+    return sgsi_fail(SGS_STATUS_FORMAT, "%s: line %d: %s", reader->path, reader->line, what);
+}
+
+static void skip_string(usd_reader *reader, char quote)
+{
+    const bool triple = reader->at[0] == quote && reader->at[1] == quote;
+    reader->at += triple ? 2 : 0;
+    while (reader->at < reader->end) {
+        if (*reader->at == '\n')
+            ++reader->line;
+        if (*reader->at == '\\' && reader->at + 1 < reader->end) {
+            reader->at += 2;
+            continue;
+        }
+        if (*reader->at == quote &&
+            (!triple || (reader->at[1] == quote && reader->at[2] == quote))) {
+            reader->at += triple ? 3 : 1;
+            return;
+        }
+        ++reader->at;
+    }
+}
+
+static void skip_space(usd_reader *reader)
+{
+    while (reader->at < reader->end) {
+        if (*reader->at == '#') {
+            while (reader->at < reader->end && *reader->at != '\n')
+                ++reader->at;
+        } else if (*reader->at == '\n') {
+            ++reader->line;
+            ++reader->at;
+        } else if (*reader->at == ' ' || *reader->at == '\t' || *reader->at == '\r') {
+            ++reader->at;
+        } else {
+            return;
+        }
+    }
+}
+
+static bool is_word(char letter)
+{
+    return (letter >= 'a' && letter <= 'z') || (letter >= 'A' && letter <= 'Z') ||
+           (letter >= '0' && letter <= '9') || letter == '_' || letter == ':' || letter == '.';
+}
+
+// The next word, or a single other character. False at the end of the text.
+static bool next_token(usd_reader *reader, char word[MOST_WORD + 1])
+{
+    size_t length = 0;
+    skip_space(reader);
+    if (reader->at >= reader->end)
+        return false;
+    if (!is_word(*reader->at)) {
+        word[0] = *reader->at++;
+        word[1] = 0;
+        if (*word == '"' || *word == '\'')
+            skip_string(reader, *word);
+        return true;
+    }
+    for (; reader->at < reader->end && is_word(*reader->at); ++reader->at)
+        if (length < MOST_WORD)
+            word[length++] = *reader->at;
+    word[length] = 0;
+    return true;
+}
+
+// Numbers in brackets; parentheses only group them.
+static sgs_status read_numbers(usd_reader *reader, usd_values kind)
+{
+    size_t *count = &reader->counts[kind], *capacity = &reader->capacities[kind];
+    float **values = &reader->values[kind];
+    *count = 0;
+    for (;;) {
+        skip_space(reader);
+        if (reader->at >= reader->end)
+            return fail_line(reader, "the file ends inside an array");
+        const char letter = *reader->at;
+        if (letter == ']') {
+            ++reader->at;
+            return SGS_STATUS_OK;
+        }
+        if (letter == '(' || letter == ')' || letter == ',') {
+            ++reader->at;
+            continue;
+        }
+        char *end;
+        const double value = strtod_l(reader->at, &end, reader->c_locale);
+        if (end == reader->at)
+            return fail_line(reader, "an array contains something that is not a number");
+        reader->at = end;
+        if (*count == *capacity) {
+            const size_t grown = *capacity ? 2 * *capacity : 1024;
+            if (!sgsi_grow((void **)values, *count, grown, sizeof **values))
+                return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to read it",
+                                 reader->path);
+            *capacity = grown;
+        }
+        (*values)[(*count)++] = (float)value;
+    }
+}
+
+// After "NAME =" inside of the splats.
+static sgs_status read_attribute(usd_reader *reader, const char *name)
+{
+    skip_space(reader);
+    if (!strcmp(name, "radiance:sphericalHarmonicsDegree")) {
+        reader->sh_degree = (int)strtol(reader->at, NULL, 10);
+        return SGS_STATUS_OK;
+    }
+    for (int k = 0; k < USD_VALUES; ++k) {
+        const bool is_half = !strcmp(name, attributes[k].half);
+        if (strcmp(name, attributes[k].name) && !is_half)
+            continue;
+        if (is_half && reader->counts[k]) // floats win
+            return SGS_STATUS_OK;
+        if (*reader->at != '[')
+            return fail_line(reader, "an attribute of the splats is not an array");
+        ++reader->at;
+        return read_numbers(reader, (usd_values)k);
+    }
+    return SGS_STATUS_OK;
+}
+
+static sgs_status open_brace(usd_reader *reader, bool is_splats)
+{
+    if (reader->depth == MOST_DEPTH)
+        return fail_line(reader, "braces are nested deeper than 64");
+    reader->transformed[++reader->depth] = false;
+    if (is_splats && reader->finished)
+        sgsi_warn("%s: line %d: only the first splats are read", reader->path, reader->line);
+    if (is_splats && !reader->prim_depth && !reader->finished)
+        reader->prim_depth = reader->depth;
+    return SGS_STATUS_OK;
+}
+
+static sgs_status close_brace(usd_reader *reader)
+{
+    if (!reader->depth)
+        return fail_line(reader, "'}' without '{'");
+    if (reader->depth == reader->prim_depth) {
+        for (int k = 1; k <= reader->depth; ++k)
+            if (reader->transformed[k])
+                return sgsi_fail(
+                    SGS_STATUS_UNSUPPORTED,
+                    "%s: the splats or a prim above them have a transform; export them "
+                    "without",
+                    reader->path);
+        reader->prim_depth = 0;
+        reader->finished = true;
+    }
+    --reader->depth;
+    return SGS_STATUS_OK;
+}
+
+static sgs_status read_layer(usd_reader *reader)
+{
+    char word[MOST_WORD + 1], previous[MOST_WORD + 1] = "";
+    bool is_splats = false; // after the type name, before its brace
+    int parentheses = 0;
+    sgs_status status = SGS_STATUS_OK;
+    while (!status && next_token(reader, word)) {
+        if (!strcmp(word, "(")) {
+            ++parentheses;
+        } else if (!strcmp(word, ")")) {
+            --parentheses;
+        } else if (!strcmp(word, "ParticleField3DGaussianSplat")) {
+            is_splats = true;
+        } else if (!strcmp(word, "{") && parentheses <= 0) {
+            status = open_brace(reader, is_splats);
+            is_splats = false;
+        } else if (!strcmp(word, "}") && parentheses <= 0) {
+            status = close_brace(reader);
+        } else if (!strcmp(word, "=")) {
+            if (!strcmp(previous, "upAxis") && !reader->depth) {
+                skip_space(reader);
+                reader->z_up = reader->at + 1 < reader->end && reader->at[1] == 'Z';
+            } else if (!strncmp(previous, "xformOp:", 8)) {
+                reader->transformed[reader->depth] = true;
+            } else if (reader->prim_depth && reader->depth == reader->prim_depth && !parentheses) {
+                status = read_attribute(reader, previous);
+            }
+        }
+        memcpy(previous, word, sizeof previous);
+    }
+    if (!status && reader->depth)
+        return fail_line(reader, "the file ends inside a prim");
+    return status;
+}
+
+static sgs_status check_counts(usd_reader *reader, size_t *count)
+{
+    *count = reader->counts[USD_POSITIONS] / 3;
+    if (!reader->finished || !*count)
+        return sgsi_fail(SGS_STATUS_FORMAT,
+                         "%s: contains no ParticleField3DGaussianSplat with positions",
+                         reader->path);
+    for (int k = 0; k < USD_SH; ++k)
+        if (reader->counts[k] != *count * attributes[k].components)
+            return sgsi_fail(SGS_STATUS_FORMAT, "%s: '%s' has %zu numbers for %zu positions",
+                             reader->path, attributes[k].name, reader->counts[k], *count);
+    if (reader->sh_degree < 0)
+        reader->sh_degree = 3; // the fallback of the schema
+    const size_t coefficients =
+        reader->sh_degree <= 3 ? (size_t)sgsi_rest_coefficients(reader->sh_degree) + 1 : 0;
+    if (!coefficients)
+        return sgsi_fail(SGS_STATUS_UNSUPPORTED, "%s: SH degree %d is not within 0 to 3",
+                         reader->path, reader->sh_degree);
+    if (reader->counts[USD_SH] != *count * coefficients * 3)
+        return sgsi_fail(SGS_STATUS_FORMAT,
+                         "%s: SH degree %d of %zu positions takes %zu numbers; the file has %zu",
+                         reader->path, reader->sh_degree, *count, *count * coefficients * 3,
+                         reader->counts[USD_SH]);
+    return SGS_STATUS_OK;
+}
+
+static void decode_rows(const usd_reader *reader, sgsi_rows *rows)
+{
+    const int coefficients = sgsi_rest_coefficients(reader->sh_degree) + 1;
+    const double none[3] = {0}, upright[4] = {0.70710678118654752, -0.70710678118654752, 0, 0};
+    const sgsi_similarity from_z_up = sgsi_similarity_make(1.0, upright, none);
+    for (size_t i = 0; i < rows->total; ++i) {
+        float params[SGS_PARAM_COUNT] = {0};
+        for (size_t k = 0; k < 3; ++k) {
+            params[SGS_PARAM_MEAN + k] = reader->values[USD_POSITIONS][3 * i + k];
+            params[SGS_PARAM_SCALE + k] =
+                sgsi_log_scale((double)reader->values[USD_SCALES][3 * i + k]);
+        }
+        memcpy(params + SGS_PARAM_ROTATION, reader->values[USD_ORIENTATIONS] + 4 * i,
+               4 * sizeof(float));
+        params[SGS_PARAM_OPACITY] = sgsi_logit((double)reader->values[USD_OPACITIES][i]);
+        memcpy(params + SGS_PARAM_SH_DC, reader->values[USD_SH] + 3 * (size_t)coefficients * i,
+               3 * (size_t)coefficients * sizeof(float));
+        if (reader->z_up)
+            sgsi_similarity_apply(&from_z_up, params);
+        sgsi_change_axes(SGSI_AXES_RUB, params);
+        sgsi_rows_add(rows, params);
+    }
+}
+
+sgs_status sgsi_usd_read(const char *path, const sgs_model_read_options *options,
+                         sgs_gaussians **model, sgs_model_info *info)
+{
+    uint8_t *bytes;
+    size_t size, count = 0;
+    sgsi_rows rows = {0};
+    sgs_status status = sgsi_file_read(path, 0, &bytes, &size);
+    if (status)
+        return status;
+    usd_reader *reader = sgsi_calloc(1, sizeof *reader);
+    if (reader) {
+        *reader = (usd_reader){.path = path,
+                               .at = (const char *)bytes,
+                               .end = (const char *)bytes + size,
+                               .line = 1,
+                               .sh_degree = -1,
+                               .c_locale = newlocale(LC_ALL_MASK, "C", (locale_t)0)};
+    }
+    if (!reader || !reader->c_locale)
+        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to read it", path);
+    else if (size < 5 || memcmp(bytes, "#usda", 5))
+        status = sgsi_fail(SGS_STATUS_FORMAT,
+                           "%s: is not OpenUSD text: it does not begin with #usda", path);
+    else
+        status = read_layer(reader);
+    if (!status)
+        status = check_counts(reader, &count);
+    if (!status)
+        status = sgsi_rows_begin(&rows, path, count, reader->sh_degree, options->drop_unrotated);
+    if (!status) {
+        decode_rows(reader, &rows);
+        info->dropped = rows.dropped;
+        status = sgsi_rows_end(&rows, model);
+    }
+    for (int k = 0; reader && k < USD_VALUES; ++k)
+        sgsi_free(reader->values[k]);
+    if (reader && reader->c_locale)
+        freelocale(reader->c_locale);
+    sgsi_free(reader);
+    sgsi_free(bytes);
+    return status;
+}

@@ -43,7 +43,7 @@ typedef struct sgs_compress_options {
     const sgs_render_options *render; // filter and near distance of these views; NULL = defaults
     float background[3];
     int finetune; // iterations; -1 = the method's default: 0 without a scene
-    // Share of the primitives to keep, in (0, 1]: all methods but FCGS-like and SOG.
+    // Share of the primitives to keep, in (0, 1]: LightGaussian, MesonGS, GHAP.
     double keep;
     double eig_min; // GHAP: lower limit of eigenvalues of the covariance, world units squared
 
@@ -51,9 +51,9 @@ typedef struct sgs_compress_options {
     int position_bits, dc_bits, sh_bits, scale_bits, rotation_bits, opacity_bits;
     sgs_image_codec codec;
 
-    // LightGaussian: share of the primitives whose harmonics are quantised; steps of the codebook;
-    // half: 16-bit floats for what is not quantised; distill: iterations of the distillation to
-    // harmonics of degree 2, 0 = none.
+    // LightGaussian: share of the primitives whose harmonics are quantised; half: 16-bit floats for
+    // what is not quantised; distill: iterations of the distillation to harmonics of degree 2, 0 =
+    // none.
     double vq_ratio;
     bool half;
     int distill;

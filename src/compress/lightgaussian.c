@@ -3,7 +3,8 @@
 
 // LightGaussian (Fan et al. 2024), section 3.4: the harmonics of the least significant primitives
 // are replaced by entries of a codebook (VecTree quantisation). Constants are those of the authors'
-// released code; pruning and its fine-tuning are options.
+// released code; pruning with its fine-tuning and the distillation of the harmonics (distill.h)
+// are options.
 //
 // The codebook starts uniform in +-sqrt(6 / (K dim)). In each of 1000 steps, 80 000 rows are drawn
 // with replacement, with weights w proportional to the significance and mean 1, and assigned to the
@@ -20,6 +21,7 @@
 
 #include "compress/bit_stream.h"
 #include "compress/compress_method.h"
+#include "compress/distill.h"
 #include "compress/importance.h"
 #include "compress/vq.h"
 #include "image/half.h"
@@ -342,6 +344,8 @@ static sgs_status encode(sgsi_compress_job *job)
         status = sgsi_significance(job, importance);
     if (!status && job->options->keep < 1)
         status = prune(job, importance);
+    if (!status && job->options->distill)
+        status = sgsi_distill(job, job->options->distill);
     light_training t = {.job = job,
                         .data = job->rows + SGS_PARAM_SH_DC,
                         .importance = importance,
@@ -356,6 +360,7 @@ static sgs_status encode(sgsi_compress_job *job)
         status = train_codebook(&t);
     if (!status) {
         job->out->header.count = job->count;
+        job->out->header.sh_degree = (uint32_t)job->sh_degree;
         add_sections(job, &t, exact);
         status = job->out->status;
     }

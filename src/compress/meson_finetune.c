@@ -15,10 +15,11 @@
 #include <math.h>
 #include <string.h>
 
+#include "compress/adam.h"
 #include "compress/view_gradient.h"
 
 enum { CHECK_INTERVAL = 400, VALUES = SGSI_MESON_VALUES };
-static const double FACTOR = 0.4, BETA1 = 0.9, BETA2 = 0.999, EPSILON = 1e-15;
+static const double FACTOR = 0.4;
 static const double LR_OPACITY = 0.025, LR_ROTATION = 1e-3, LR_DC = 2.5e-3, LR_SCALE = 5e-3,
                     LR_REST = 2.5e-3 / 20;
 
@@ -68,17 +69,11 @@ static double rate_of(size_t value)
 // One step of Adam; `codes`: the rate of the harmonics for all.
 static void adam_step(tuned *t, int step, bool codes)
 {
-    const double correction1 = 1 / (1 - pow(BETA1, step)), correction2 = 1 / (1 - pow(BETA2, step));
-    for (size_t i = 0; i < t->count; ++i) {
-        const double g = (double)t->gradient[i];
-        if (!isfinite(g))
-            continue;
-        t->m[i] = (float)(BETA1 * (double)t->m[i] + (1 - BETA1) * g);
-        t->v[i] = (float)(BETA2 * (double)t->v[i] + (1 - BETA2) * g * g);
-        const double rate = codes ? FACTOR * LR_REST : rate_of(i % VALUES);
-        t->values[i] -= (float)(rate * (double)t->m[i] * correction1 /
-                                (sqrt((double)t->v[i] * correction2) + EPSILON));
-    }
+    const sgsi_adam_step adam = sgsi_adam_begin(step);
+    for (size_t i = 0; i < t->count; ++i)
+        sgsi_adam_update(&adam, (double)t->gradient[i],
+                         codes ? FACTOR * LR_REST : rate_of(i % VALUES), &t->values[i], &t->m[i],
+                         &t->v[i]);
 }
 
 // From the gradient of the decoded model to that of values and codebook.

@@ -107,18 +107,14 @@ static sgs_status evaluate_loss(sgsi_view_gradient *views, const sgs_photo *phot
     return SGS_STATUS_OK;
 }
 
-sgs_status sgsi_view_gradient_evaluate(sgsi_view_gradient *views, size_t k, bool gradient,
-                                       double *mse)
+sgs_status sgsi_view_gradient_compare(sgsi_view_gradient *views, const sgs_camera *camera,
+                                      const sgs_pose *pose, const sgs_photo *photo, bool gradient,
+                                      double *mse)
 {
-    const sgs_view *view = &views->scene->views[views->views[k]];
-    const sgs_photo *photo = NULL;
     views->render.differentiable = gradient;
-    sgs_status status = sgs_scene_photo(views->scene, views->views[k], &photo);
+    sgs_status status = reserve(views, camera->width, camera->height);
     if (!status)
-        status = reserve(views, view->camera.width, view->camera.height);
-    if (!status)
-        status = sgs_renderer_render(views->renderer, &view->camera, &view->pose, &views->render,
-                                     &views->frame);
+        status = sgs_renderer_render(views->renderer, camera, pose, &views->render, &views->frame);
     sgsi_loss_output out;
     if (!status)
         status = evaluate_loss(views, photo, &out);
@@ -127,4 +123,15 @@ sgs_status sgsi_view_gradient_evaluate(sgsi_view_gradient *views, size_t k, bool
     *mse = out.mse;
     return gradient ? sgs_renderer_backward(views->renderer, &views->d_frame, views->d_model)
                     : SGS_STATUS_OK;
+}
+
+sgs_status sgsi_view_gradient_evaluate(sgsi_view_gradient *views, size_t k, bool gradient,
+                                       double *mse)
+{
+    const sgs_view *view = &views->scene->views[views->views[k]];
+    const sgs_photo *photo = NULL;
+    const sgs_status status = sgs_scene_photo(views->scene, views->views[k], &photo);
+    return status ? status
+                  : sgsi_view_gradient_compare(views, &view->camera, &view->pose, photo, gradient,
+                                               mse);
 }

@@ -31,3 +31,7 @@ void sgsi_view_gradient_free(sgsi_view_gradient *views);
 // d_model with the gradient of 0.8 L1 + 0.2 (1 - SSIM).
 sgs_status sgsi_view_gradient_evaluate(sgsi_view_gradient *views, size_t k, bool gradient,
                                        double *mse);
+// The same for any pose and the given image.
+sgs_status sgsi_view_gradient_compare(sgsi_view_gradient *views, const sgs_camera *camera,
+                                      const sgs_pose *pose, const sgs_photo *photo, bool gradient,
+                                      double *mse);

@@ -59,6 +59,21 @@ run 1 compress "$model" -o "$temporary/none" --method ghap --finetune 5
 reports "fine-tuning requires a scene"
 one_line
 
+# distillation_learns_the_renders_of_the_model
+for steps in 1 120; do
+    run 0 compress "$model" "$room" --downscale 8 -o "$temporary/light" --method lightgaussian --vq-ratio 0.001 --codebook 4 \
+        --vq-steps 1 --distill $steps
+    run 0 decompress "$temporary/light" -o "$temporary/light.ply"
+    prints "SH degree 2"
+    run 0 eval "$temporary/light.ply" "$room" --downscale 8 --split train --json
+    cp "$temporary/stdout" "$temporary/light_$steps.json"
+done
+check distillation_does_not_lose_quality jq -ne --slurpfile a "$temporary/light_120.json" \
+    --slurpfile b "$temporary/light_1.json" '$a[0].mean.psnr > $b[0].mean.psnr - 0.05'
+run 1 compress "$model" -o "$temporary/none" --method lightgaussian --distill 5
+reports "the distillation requires a scene"
+one_line
+
 # mistakes_are_named
 run 2 compress "$model"
 reports "compress requires -o FILE"

@@ -36,7 +36,7 @@ typedef struct compress_values {
     double keep, eig_min, vq_ratio, step_scale;
     bool half, cell_center;
     int depth, blocks;
-    int codebook, vq_steps;
+    int codebook, vq_steps, distill;
     int position_bits, dc_bits, sh_bits, scale_bits, rotation_bits, opacity_bits;
 } compress_values;
 
@@ -153,6 +153,16 @@ static const option compress_options[] = {
      .shown = "of the preset",
      .needs = "method=lightgaussian",
      .help = "share of the primitives whose harmonics come from the codebook"},
+    {.name = "distill",
+     .kind = OPTION_INTEGER,
+     .offset = offsetof(compress_values, distill),
+     .low = 1,
+     .high = 1000000,
+     .argument = "N",
+     .shown = "none; published 10000",
+     .unit = "iterations",
+     .needs = "method=lightgaussian",
+     .help = "reduce the harmonics to degree 2, trained to render like MODEL; requires SCENE"},
     {.name = "half",
      .kind = OPTION_FLAG,
      .offset = offsetof(compress_values, half),
@@ -241,6 +251,7 @@ static void set_method_options(const compress_values *values, sgs_compress_optio
     options->finetune = values->finetune;
     options->vq_ratio = values->vq_ratio;
     options->half = values->half;
+    options->distill = values->distill;
     options->step_scale = values->step_scale;
     options->depth = values->depth;
     options->blocks = values->blocks;

@@ -162,7 +162,7 @@ reports "notes.txt: is a file, not a scene"
 run 1 info "$temporary/model.spz"
 one_line
 reports "model.spz: "
-reports "PLY"
+reports "has 0 bytes; the header takes 32"
 
 # unwritable_outputs
 echo "not a folder" >"$temporary/file"

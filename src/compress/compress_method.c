@@ -1,0 +1,57 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Services that the methods share. compress.c calls the methods, and they call these.
+
+#include "compress/compress_method.h"
+
+#include <string.h>
+
+sgs_status sgsi_compress_progress(const sgsi_compress_job *job, const char *stage, size_t done,
+                                  size_t total)
+{
+    const sgs_compress_options *options = job->options;
+    if (!options->progress || options->progress(options->progress_user, stage, done, total))
+        return SGS_STATUS_OK;
+    return sgsi_fail(SGS_STATUS_CANCELLED, "the compression was cancelled");
+}
+
+sgs_status sgsi_decoded_create(const sgsi_container *in, sgs_gaussians **model)
+{
+    sgs_status status = sgs_gaussians_create(in->header.count, model);
+    if (!status)
+        status = sgs_gaussians_resize(*model, in->header.count);
+    if (!status)
+        (*model)->sh_degree = (int)in->header.sh_degree;
+    return status;
+}
+
+void sgsi_pack_floats(sgsi_packer *out, const char *name, const float *rows, size_t count,
+                      int param, int param_count, bool deflate)
+{
+    float *planes = sgsi_alloc(count * (size_t)param_count + 1, sizeof *planes);
+    if (!planes) {
+        out->status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu primitives", count);
+        return;
+    }
+    for (size_t k = 0; k < (size_t)param_count; ++k)
+        for (size_t i = 0; i < count; ++i)
+            planes[k * count + i] = rows[i * SGS_PARAM_COUNT + (size_t)param + k];
+    sgsi_packer_add(out, name, planes, count * (size_t)param_count * sizeof *planes, deflate);
+    sgsi_free(planes);
+}
+
+sgs_status sgsi_unpack_floats(sgsi_container *in, const char *name, size_t count, int param_count,
+                              const uint8_t **planes)
+{
+    return sgsi_container_take(in, name, (int64_t)(count * (size_t)param_count * sizeof(float)),
+                               planes, NULL);
+}
+
+void sgsi_planes_apply(const uint8_t *planes, int param, int param_count, sgs_gaussians *model)
+{
+    for (int k = 0; k < param_count; ++k)
+        for (size_t i = 0; i < model->count; ++i)
+            memcpy(sgs_gaussians_at(model, i, param + k),
+                   planes + ((size_t)k * model->count + i) * sizeof(float), sizeof(float));
+}

@@ -123,6 +123,13 @@ def crop(url):
 def progressive(url):
     """Pictures grow at rest; movement replaces a picture; quantities have ranges; slow pages get few pictures."""
     page = Page(url)
+    matrix = page.wait("hello")["views"][0]["camera_to_world"]
+    head = page.final(width=64, height=32, camera_to_world=matrix, fov=60, camera_type="equirectangular")[0]
+    expect("a_panorama_is_drawn", head["width"] == 64, head)  # smaller ones fail: too few pixels for the lens
+    head = page.final(width=64, height=48, view=0, crop={"preview": "hide", "box": [1e9, None, None, 2e9, None, None]})[0]
+    expect("an_empty_crop_is_drawn", head["removed"] == head["gaussians"], head)
+    page.socket.close()
+    page = Page(url)
     page.wait("hello")
     page.look(width=400, height=300, view=0)
     widths = []

@@ -143,7 +143,7 @@ bool ray_hits(const sgs_gaussians *model, const sgs_camera *camera, const sgs_po
             load_row(model, list.rows[i], params + i * SGS_PARAM_COUNT);
         *count =
             sgs_reference_hits(params, list.count, camera, pose, options, x, y, *hits, list.count);
-        for (size_t i = 0; i < *count; ++i)
+        for (size_t i = 0; list.rows && i < *count; ++i)
             (*hits)[i].primitive = list.rows[(*hits)[i].primitive];
     } else {
         free(*hits);

@@ -78,15 +78,6 @@ static bool others_move(const view_hub *hub, const view_client *client, double n
     return false;
 }
 
-static bool same_view(const view_request *a, const view_request *b)
-{
-    return !memcmp(&a->camera, &b->camera, sizeof a->camera) &&
-           !memcmp(&a->pose, &b->pose, sizeof a->pose) && a->aov == b->aov &&
-           a->is_log == b->is_log && a->range.low == b->range.low &&
-           a->range.high == b->range.high && a->samples == b->samples &&
-           view_crop_equal(&a->crop, &b->crop);
-}
-
 // The scale of the client's next picture; 0 if none is due.
 static double due_scale(const view_artist *artist, const view_client *client, double now)
 {
@@ -98,8 +89,9 @@ static double due_scale(const view_artist *artist, const view_client *client, do
         return client->scale;
     double scale = client->next_scale;
     // Do not repeat what the page shows already.
-    if (client->drawn_version == artist->version && same_view(&client->drawn, &client->request) &&
-        client->drawn.moving && scale <= client->drawn_scale && client->drawn_scale < 1)
+    if (client->drawn_version == artist->version &&
+        view_request_same(&client->drawn, &client->request) && client->drawn.moving &&
+        scale <= client->drawn_scale && client->drawn_scale < 1)
         scale = fmin(1, STEP * client->drawn_scale);
     if (others_move(artist->hub, client, now) &&
         client->pixel_seconds * pixels * scale * scale > PATIENCE)
@@ -267,6 +259,17 @@ static void learn(const view_artist *artist, view_client *client, const artist_t
         client->next_scale = task->scale < 1 ? fmin(1, STEP * task->scale) : 0;
 }
 
+// After a failure: a larger picture, since a wide lens requires a minimum of pixels, or the error.
+static void retry(view_client *client, const artist_task *task)
+{
+    client->next_scale = 0;
+    if (task->scale < 1)
+        client->next_scale = client->scale = fmin(1, STEP * task->scale);
+    else
+        view_hub_post_json(client,
+                           json_pack("{s:s,s:s}", "type", "error", "text", sgs_last_error()));
+}
+
 static void draw_picture(view_artist *artist, const artist_task *task, bool built)
 {
     view_source *source = artist->source;
@@ -296,15 +299,12 @@ static void draw_picture(view_artist *artist, const artist_task *task, bool buil
     const double seconds = clock_seconds() - start;
     pthread_mutex_lock(&artist->hub->lock);
     if (client->generation == task->generation && client->used) {
-        if (done)
+        if (done) {
             post_picture(client, head, &encoded);
-        else if (client->changes == task->changes && !artist->hub->stopping)
-            view_hub_post_json(client,
-                               json_pack("{s:s,s:s}", "type", "error", "text", sgs_last_error()));
-        if (done)
             learn(artist, client, task, seconds, built);
-        else if (client->changes == task->changes)
-            client->next_scale = 0;
+        } else if (!is_obsolete(artist, task)) {
+            retry(client, task);
+        }
     }
     pthread_mutex_unlock(&artist->hub->lock);
     json_decref(head);

@@ -97,12 +97,29 @@ static const char *read_colors(const json_t *root, view_request *request)
     return NULL;
 }
 
+static bool numbers_equal(const double *a, const double *b, size_t count)
+{
+    for (size_t i = 0; i < count; ++i)
+        if (!(a[i] == b[i]))
+            return false;
+    return true;
+}
+
+bool view_request_same(const view_request *a, const view_request *b)
+{
+    return sgs_camera_equal(&a->camera, &b->camera) &&
+           numbers_equal(a->pose.rotation, b->pose.rotation, 9) &&
+           numbers_equal(a->pose.translation, b->pose.translation, 3) && a->aov == b->aov &&
+           a->is_log == b->is_log && a->range.low == b->range.low &&
+           a->range.high == b->range.high && a->samples == b->samples &&
+           view_crop_equal(&a->crop, &b->crop);
+}
+
 bool view_crop_equal(const view_crop *a, const view_crop *b)
 {
     return a->preview == b->preview && a->has_box == b->has_box && a->has_sphere == b->has_sphere &&
            a->floaters == b->floaters && a->opacity == b->opacity && a->size == b->size &&
-           !memcmp(a->box, b->box, sizeof a->box) &&
-           !memcmp(a->sphere, b->sphere, sizeof a->sphere);
+           numbers_equal(a->box, b->box, 6) && numbers_equal(a->sphere, b->sphere, 4);
 }
 
 // `count` finite numbers; null is `absent` if that is infinite.

@@ -58,6 +58,9 @@ typedef struct view_request {
     view_crop crop;
 } view_request;
 
+// True if both show the same picture at rest.
+bool view_request_same(const view_request *a, const view_request *b);
+
 typedef struct view_message {
     view_message_type type;
     view_request request; // of MESSAGE_CAMERA

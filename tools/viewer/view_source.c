@@ -125,7 +125,8 @@ void view_source_add_regions(view_source *source, const sgs_regions *update)
     pthread_mutex_lock(&source->history_lock);
     sgs_regions *longer = realloc(history->updates, (history->count + 1) * sizeof *longer);
     sgs_region *list = malloc((update->count + 1) * sizeof *list);
-    history->updates = longer ? longer : history->updates;
+    if (longer)
+        history->updates = longer;
     if (longer && list) {
         memcpy(list, update->regions, update->count * sizeof *list);
         longer[history->count] = *update;

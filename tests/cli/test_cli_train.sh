@@ -82,7 +82,7 @@ for signal in INT:130 TERM:143; do
     last_command="train, then SIG${signal%:*}"
     "$program" train "${data[@]}" -o "$out" --iterations 1000000 --spare off >"$temporary/stdout" 2>"$temporary/stderr" &
     process=$!
-    for _ in $(seq 200); do
+    for _ in $(seq 6000); do
         grep -q '^100,' "$out/train.csv" 2>/dev/null && break
         sleep 0.1
     done

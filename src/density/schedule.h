@@ -20,6 +20,8 @@ typedef struct sgsi_schedule {
     int batch_rest, batch_middle, batch_late, middle_until;
     int sh_interval;          // iterations per additional SH band; 0 = all bands at once
     double lr_begin, lr_span; // the position rate decays from the first to the second, iterations
+    int anneal_from;          // the other rates decay from this iteration to the end of the run,
+    double lr_late;           // to this factor; 1 = constant
     // The image size may change after resolution_from, every resolution_interval iterations.
     int resolution_from, resolution_interval;
     int check_interval;      // of SPARE-GS's equilibrium checks
@@ -46,3 +48,8 @@ bool sgsi_schedule_steps_rest(const sgsi_schedule *schedule, int iteration);
 bool sgsi_schedule_steps_main(const sgsi_schedule *schedule, int iteration);
 // Factor on the initial position rate: 1 at the begin, 0.01 at the end, log-linear.
 double sgsi_schedule_lr(const sgsi_schedule *schedule, int iteration);
+// True if the other rates decay in this iteration. The loss then follows the rates, so that it
+// cannot show an equilibrium.
+bool sgsi_schedule_is_annealing(const sgsi_schedule *schedule, int iteration);
+// Factor on the other rates: 1 until anneal_from, then log-linear to lr_late.
+double sgsi_schedule_lr_other(const sgsi_schedule *schedule, int iteration);

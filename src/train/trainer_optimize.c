@@ -51,6 +51,7 @@ static sgsi_optimize settings(const sgs_trainer *trainer, const sgsi_train_view 
 {
     const sgs_camera *camera = &view->camera;
     const double lr_mean = mean_rate(trainer, view->iteration);
+    const float rate = (float)sgsi_schedule_lr_other(&trainer->schedule, view->iteration);
     const double rows = fmax((double)trainer->model->count, 1.0);
     return (sgsi_optimize){.params = trainer->model->data,
                            .m = trainer->m,
@@ -62,11 +63,11 @@ static sgsi_optimize settings(const sgs_trainer *trainer, const sgsi_train_view 
                            .visible = sgsi_tracer_visible(trainer->views.tracer),
                            .dense = trainer->options.optimizer == SGS_OPTIMIZER_DENSE,
                            .lr_mean = (float)lr_mean,
-                           .lr_rotation = 1e-3f,
-                           .lr_scale = 5e-3f,
-                           .lr_opacity = sgsi_trainer_lr_opacity(trainer, view->iteration),
-                           .lr_dc = 2.5e-3f,
-                           .lr_rest = trainer->pipeline->lr_rest,
+                           .lr_rotation = rate * 1e-3f,
+                           .lr_scale = rate * 5e-3f,
+                           .lr_opacity = rate * sgsi_trainer_lr_opacity(trainer, view->iteration),
+                           .lr_dc = rate * 2.5e-3f,
+                           .lr_rest = rate * trainer->pipeline->lr_rest,
                            .beta1 = 0.9f,
                            .beta2 = 0.999f,
                            .epsilon = 1e-15f,

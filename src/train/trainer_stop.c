@@ -26,7 +26,8 @@ sgs_stop_reason sgsi_trainer_decide_stop(sgs_trainer *trainer, size_t view, doub
     const int iteration = progress->iteration;
     const size_t views = trainer->views.count;
     if (o->spare & SGS_SPARE_EDT && iteration < o->iterations &&
-        iteration > trainer->schedule.densify_until) {
+        iteration > trainer->schedule.densify_until &&
+        !sgsi_schedule_is_annealing(&trainer->schedule, iteration)) {
         if (progress->disturbed)
             spare_equilibrium_disturb(&progress->equilibrium, trainer->view_fits, views);
         progress->disturbed = 0;

@@ -84,6 +84,37 @@ static void size_pruning_follows_the_published_rule(void **state)
             }
 }
 
+// Rates but that of the position: constant as published; annealed in shorter runs, without a step
+// between neighbouring lengths.
+static void short_runs_anneal_their_rates(void **state)
+{
+    (void)state;
+    for (int pipeline = 0; pipeline < SGS_PIPELINE_COUNT; ++pipeline) {
+        double longer = 1.0;
+        for (int n = 30000; n >= 200; n -= 100) {
+            sgs_train_options options = sgs_train_options_default();
+            options.iterations = n;
+            options.pipeline = (sgs_pipeline)pipeline;
+            options.schedule = SGS_SCHEDULE_PAPER;
+            const sgsi_schedule paper = sgsi_schedule_make(&options);
+            assert_true(sgsi_schedule_lr_other(&paper, n) == 1.0);
+            options.schedule = SGS_SCHEDULE_SCALED;
+            const sgsi_schedule schedule = sgsi_schedule_make(&options);
+            assert_true(sgsi_schedule_lr_other(&schedule, n * 7 / 10) == 1.0);
+            assert_false(sgsi_schedule_is_annealing(&schedule, n * 7 / 10));
+            assert_int_equal(sgsi_schedule_is_annealing(&schedule, n * 7 / 10 + 1),
+                             n > 1000 && n < 30000);
+            const double last = sgsi_schedule_lr_other(&schedule, n);
+            const double middle = sgsi_schedule_lr_other(&schedule, n * 17 / 20);
+            assert_true(n % 20 || fabs(middle * middle - last) < 1e-12);
+            assert_true(fabs(last - longer) < 0.12 && (n < 7000) == (last > longer || n < 1000));
+            assert_true(n != 7000 || fabs(last - 0.1) < 1e-12);
+            assert_true(n > 1000 || last == 1.0);
+            longer = last;
+        }
+    }
+}
+
 static void white_backgrounds_have_an_additional_reset(void **state)
 {
     (void)state;
@@ -314,6 +345,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(published_schedule_has_144_updates_and_4_resets),
         cmocka_unit_test(size_pruning_follows_the_published_rule),
+        cmocka_unit_test(short_runs_anneal_their_rates),
         cmocka_unit_test(white_backgrounds_have_an_additional_reset),
         cmocka_unit_test(paper_schedule_cut_short_keeps_its_milestones),
         cmocka_unit_test(resets_do_not_vanish_just_below_the_published_length),

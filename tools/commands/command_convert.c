@@ -546,7 +546,7 @@ static int convert(const command_line *line, const convert_plan *plan, scene_val
     const bool antialiased =
         plan->values->antialiased ? plan->values->antialiased == 1 : opened.antialiased;
     done = done && filter_model(plan, opened.gaussians) &&
-           (!plan->values->unseen || drop_unseen(&opened, scene));
+           (!plan->values->unseen || (scene && drop_unseen(&opened, scene)));
     if (done && !opened.gaussians->count) {
         fail_run("%s: no primitive is left; nothing was written", line->operands[0]);
         done = false;

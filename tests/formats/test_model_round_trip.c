@@ -30,7 +30,7 @@ static sgs_gaussians *write_and_read(const temp_folder *folder, const char *name
                                      const sgs_model_write_options *options, sgs_model_info *info,
                                      sgs_model_written *written)
 {
-    sgs_gaussians *back;
+    sgs_gaussians *back = NULL;
     if (sgs_model_write(temp_path(folder, name), model, options, written) ||
         sgs_model_read(temp_path(folder, name), NULL, &back, info))
         fail_msg("%s", sgs_last_error());

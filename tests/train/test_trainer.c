@@ -343,6 +343,7 @@ static void mcmc_gives_the_same_bits_with_any_threads_and_after_any_stop(void **
             if (threads > 1)
                 assert_string_equal(hash, straight);
         }
+        assert_true(relocated > 0);
         assert_int_equal(deleted > 0, spare);
         const int stops[] = {49, 50, 51, 99, 100, 101};
         for (size_t k = 0; k < sizeof stops / sizeof *stops; ++k) {

@@ -18,6 +18,7 @@
 #include <string.h>
 
 #include "base/morton.h"
+#include "base/keyed_rows.h"
 #include "compress/cell_codes.h"
 #include "compress/compress_method.h"
 #include "compress/range_coder.h"
@@ -312,18 +313,6 @@ typedef struct fcgs_header {
     uint32_t reserved;
 } fcgs_header;
 
-typedef struct cell_key {
-    uint64_t code;
-    uint32_t row;
-} cell_key;
-
-static int by_code(const void *a, const void *b)
-{
-    const cell_key *x = a, *y = b;
-    return x->code != y->code ? (x->code > y->code) - (x->code < y->code)
-                              : (x->row > y->row) - (x->row < y->row);
-}
-
 static void set_bounds(const sgsi_compress_job *job, fcgs_header *header)
 {
     for (int k = 0; k < 3; ++k) {
@@ -336,19 +325,19 @@ static void set_bounds(const sgsi_compress_job *job, fcgs_header *header)
     }
 }
 
-static void fill_keys(const sgsi_compress_job *job, const fcgs_header *header, cell_key *keys)
+static void fill_keys(const sgsi_compress_job *job, const fcgs_header *header, sgsi_keyed_row *keys)
 {
     const double side = (double)(1 << POSITION_BITS);
     for (size_t i = 0; i < job->count; ++i) {
-        keys[i] = (cell_key){.row = (uint32_t)i};
+        keys[i] = (sgsi_keyed_row){.row = (uint32_t)i};
         for (int k = 0; k < 3; ++k) {
             const double low = (double)header->low[k], span = (double)header->high[k] - low;
             const double x = (double)job->rows[i * SGS_PARAM_COUNT + (size_t)k];
             const double at = span > 0 ? floor((x - low) / span * side) : 0;
-            keys[i].code |= sgsi_spread_bits((uint64_t)(at < side - 1 ? at : side - 1)) << (2 - k);
+            keys[i].key |= sgsi_spread_bits((uint64_t)(at < side - 1 ? at : side - 1)) << (2 - k);
         }
     }
-    qsort(keys, job->count, sizeof *keys, by_code);
+    sgsi_sort_rows(keys, keys + job->count, job->count);
 }
 
 static void quantise_row(const float *row, double step_scale, int value_count, int32_t *values)
@@ -402,7 +391,7 @@ static sgs_status encode(sgsi_compress_job *job)
     fcgs_walk walk = {.count = job->count,
                       .value_count =
                           SGS_PARAM_SH_REST - 3 + 3 * sgsi_sh_rest_count(job->sh_degree)};
-    cell_key *keys = sgsi_alloc(job->count, sizeof *keys);
+    sgsi_keyed_row *keys = sgsi_alloc(2 * job->count, sizeof *keys);
     uint64_t *cells = sgsi_alloc(job->count, sizeof *cells);
     walk.values = sgsi_alloc(job->count, (size_t)walk.value_count * sizeof *walk.values);
     sgs_status status = SGS_STATUS_OK;
@@ -412,7 +401,7 @@ static sgs_status encode(sgsi_compress_job *job)
         set_bounds(job, &header);
         fill_keys(job, &header, keys);
         for (size_t i = 0; i < job->count; ++i) {
-            cells[i] = keys[i].code;
+            cells[i] = keys[i].key;
             quantise_row(job->rows + keys[i].row * (size_t)SGS_PARAM_COUNT,
                          (double)header.step_scale, walk.value_count,
                          walk.values + i * (size_t)walk.value_count);

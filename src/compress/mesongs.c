@@ -19,6 +19,7 @@
 #include <string.h>
 
 #include "base/morton.h"
+#include "base/keyed_rows.h"
 #include "compress/bit_stream.h"
 #include "compress/cell_codes.h"
 #include "compress/importance.h"
@@ -119,18 +120,6 @@ static sgs_status prune(sgsi_compress_job *job, double *importance)
 
 // ---- Octree ----
 
-typedef struct cell_key {
-    uint64_t code;
-    uint32_t row;
-} cell_key;
-
-static int by_code(const void *a, const void *b)
-{
-    const cell_key *x = a, *y = b;
-    return x->code != y->code ? (x->code > y->code) - (x->code < y->code)
-                              : (x->row > y->row) - (x->row < y->row);
-}
-
 static void set_bounds(const sgsi_compress_job *job, sgsi_meson *meson)
 {
     for (int k = 0; k < 3; ++k)
@@ -161,28 +150,28 @@ static sgs_status build_octree(sgsi_compress_job *job, sgsi_meson *meson, double
 {
     const size_t n = job->count;
     set_bounds(job, meson);
-    cell_key *keys = sgsi_alloc(n, sizeof *keys);
+    sgsi_keyed_row *keys = sgsi_alloc(2 * n, sizeof *keys);
     float *rows = sgsi_alloc(n, SGS_PARAM_COUNT * sizeof *rows);
     double *scores = sgsi_alloc(n, sizeof *scores);
     meson->cells = sgsi_alloc(n, sizeof *meson->cells);
     const bool memory = keys && rows && scores && meson->cells;
     size_t count = 0;
     for (size_t i = 0; i < n && memory; ++i)
-        keys[i] = (cell_key){code_of(meson, job->rows + i * SGS_PARAM_COUNT), (uint32_t)i};
+        keys[i] = (sgsi_keyed_row){code_of(meson, job->rows + i * SGS_PARAM_COUNT), (uint32_t)i};
     if (memory)
-        qsort(keys, n, sizeof *keys, by_code);
+        sgsi_sort_rows(keys, keys + n, n);
     for (size_t i = 0; i < n && memory; ++count) {
         double sum[SGS_PARAM_COUNT] = {0};
         const size_t begin = i;
         scores[count] = 0;
-        for (; i < n && keys[i].code == keys[begin].code; ++i) {
+        for (; i < n && keys[i].key == keys[begin].key; ++i) {
             for (size_t k = 0; k < SGS_PARAM_COUNT; ++k)
                 sum[k] += (double)job->rows[keys[i].row * (size_t)SGS_PARAM_COUNT + k];
             scores[count] = fmax(scores[count], importance[keys[i].row]);
         }
         for (size_t k = 0; k < SGS_PARAM_COUNT; ++k)
             rows[count * SGS_PARAM_COUNT + k] = (float)(sum[k] / (double)(i - begin));
-        meson->cells[count] = keys[begin].code;
+        meson->cells[count] = keys[begin].key;
     }
     if (memory) {
         memcpy(job->rows, rows, count * SGS_PARAM_COUNT * sizeof *rows);

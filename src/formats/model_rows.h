@@ -95,6 +95,8 @@ typedef enum sgsi_axes {
 
 void sgsi_change_axes(sgsi_axes axes, float params[SGS_PARAM_COUNT]);
 void sgsi_splat_change_axes(sgsi_axes axes, sgsi_splat *splat);
+// Standard deviations along x, y and z.
+void sgsi_splat_deviation(const sgsi_splat *splat, double deviation[3]);
 
 // ---- Little-endian values ----
 

@@ -292,20 +292,11 @@ static void find_bound(const lod_writer *writer, const uint32_t *rows, size_t co
     }
     for (size_t i = 0; i < count; ++i) {
         const sgsi_splat splat = sgsi_splat_get(writer->model, rows[i]);
-        const double w = splat.rotation[0], x = splat.rotation[1], y = splat.rotation[2],
-                     z = splat.rotation[3];
-        const double rotation[3][3] = {
-            {1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)},
-            {2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)},
-            {2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)}};
+        double deviation[3];
+        sgsi_splat_deviation(&splat, deviation);
         for (int j = 0; j < 3; ++j) {
-            double variance = 0.0;
-            for (int k = 0; k < 3; ++k) {
-                const double axis = rotation[j][k] * exp((double)splat.log_scale[k]);
-                variance += axis * axis;
-            }
-            low[j] = fmin(low[j], (double)splat.mean[j] - sqrt(variance));
-            high[j] = fmax(high[j], (double)splat.mean[j] + sqrt(variance));
+            low[j] = fmin(low[j], (double)splat.mean[j] - deviation[j]);
+            high[j] = fmax(high[j], (double)splat.mean[j] + deviation[j]);
         }
     }
 }

@@ -83,19 +83,10 @@ static void write_extent(FILE *stream, const sgs_gaussians *model)
     for (size_t i = 0; i < model->count; ++i) {
         sgsi_splat splat = sgsi_splat_get(model, i);
         sgsi_splat_change_axes(SGSI_AXES_RUB, &splat);
-        const double w = splat.rotation[0], x = splat.rotation[1], y = splat.rotation[2],
-                     z = splat.rotation[3];
-        const double rotation[3][3] = {
-            {1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)},
-            {2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)},
-            {2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)}};
+        double deviation[3];
+        sgsi_splat_deviation(&splat, deviation);
         for (int j = 0; j < 3; ++j) {
-            double variance = 0.0;
-            for (int k = 0; k < 3; ++k) {
-                const double axis = rotation[j][k] * exp((double)splat.log_scale[k]);
-                variance += axis * axis;
-            }
-            const double reach = 3.0 * sqrt(variance), center = (double)splat.mean[j];
+            const double reach = 3.0 * deviation[j], center = (double)splat.mean[j];
             low[j] = i ? fmin(low[j], center - reach) : center - reach;
             high[j] = i ? fmax(high[j], center + reach) : center + reach;
         }

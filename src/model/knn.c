@@ -153,6 +153,23 @@ typedef struct visit {
     int level;
 } visit;
 
+// Pushes the children of an inner node, the nearer one last. Returns the new depth.
+static inline int push_children(const tree *t, const visit *at, const tree_point *query,
+                                visit *stack, int depth)
+{
+    const tree_box *boxes = &t->boxes[2 * at->node];
+    visit near = {box_distance(&boxes[0], query->position), 2 * at->node, at->level + 1};
+    visit far = {box_distance(&boxes[1], query->position), 2 * at->node + 1, at->level + 1};
+    if (far.distance < near.distance) {
+        const visit kept = near;
+        near = far;
+        far = kept;
+    }
+    stack[depth++] = far;
+    stack[depth++] = near;
+    return depth;
+}
+
 static void search(const tree *t, const tree_point *query, double best[3])
 {
     visit stack[MAX_LEVELS + 2]; // each level pushes at most its farther child
@@ -166,17 +183,7 @@ static void search(const tree *t, const tree_point *query, double best[3])
             search_leaf(t, at.node - ((size_t)1 << at.level), query, best);
             continue;
         }
-        visit near = {box_distance(&t->boxes[2 * at.node], query->position), 2 * at.node,
-                      at.level + 1};
-        visit far = {box_distance(&t->boxes[2 * at.node + 1], query->position), 2 * at.node + 1,
-                     at.level + 1};
-        if (far.distance < near.distance) {
-            const visit kept = near;
-            near = far;
-            far = kept;
-        }
-        stack[depth++] = far;
-        stack[depth++] = near;
+        depth = push_children(t, &at, query, stack, depth);
     }
 }
 
@@ -305,16 +312,7 @@ static void search_many(const tree *t, const tree_point *query, candidate_heap *
                                       t->points[i].index});
             continue;
         }
-        const tree_box *boxes = &t->boxes[2 * at.node];
-        visit near = {box_distance(&boxes[0], query->position), 2 * at.node, at.level + 1};
-        visit far = {box_distance(&boxes[1], query->position), 2 * at.node + 1, at.level + 1};
-        if (far.distance < near.distance) {
-            const visit kept = near;
-            near = far;
-            far = kept;
-        }
-        stack[depth++] = far;
-        stack[depth++] = near;
+        depth = push_children(t, &at, query, stack, depth);
     }
 }
 

@@ -7,18 +7,13 @@
 // and is the same after a save and a load.
 
 #include "support/checkpoint_support.h"
-#include "fuzz_support.h"
+#include "fuzz_good.h"
 #include "sparegs/runtime.h"
 #include "sparegs/trainer.h"
-
-size_t LLVMFuzzerMutate(uint8_t *data, size_t size, size_t most);
-size_t LLVMFuzzerCustomMutator(uint8_t *data, size_t size, size_t most, unsigned seed);
 
 enum { SIDE = 16, VIEWS = 2, POINTS = 20 };
 
 static sgs_trainer *trainer;
-static uint8_t *good;
-static size_t good_size;
 
 static void prepare(void)
 {
@@ -57,29 +52,9 @@ static void prepare(void)
     FUZZ_REQUIRE(!sgsi_file_read(fuzz_path("input"), 0, &good, &good_size));
 }
 
-size_t LLVMFuzzerCustomMutator(uint8_t *data, size_t size, size_t most, unsigned seed)
-{
-    (void)seed;
-    if (!trainer)
-        prepare();
-    if (size < 8 && good_size <= most) {
-        memcpy(data, good, good_size);
-        return good_size;
-    }
-    return LLVMFuzzerMutate(data, size, most);
-}
-
-#ifndef FUZZ_WITH_ENGINE
-size_t LLVMFuzzerMutate(uint8_t *data, size_t size, size_t most)
-{
-    (void)data;
-    return size < most ? size : most;
-}
-#endif
-
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
-    if (!trainer)
+    if (!good)
         prepare();
     if (size < 8)
         data = good, size = good_size;

@@ -7,13 +7,7 @@
 
 #include "support/compress_support.h"
 #include "base/threads.h"
-#include "fuzz_support.h"
-
-size_t LLVMFuzzerMutate(uint8_t *data, size_t size, size_t most);
-size_t LLVMFuzzerCustomMutator(uint8_t *data, size_t size, size_t most, unsigned seed);
-
-static uint8_t *good;
-static size_t good_size;
+#include "fuzz_good.h"
 
 static void prepare(void)
 {
@@ -29,26 +23,6 @@ static void prepare(void)
     FUZZ_REQUIRE(!sgsi_file_read(fuzz_path("input"), 0, &good, &good_size));
     sgs_gaussians_destroy(model);
 }
-
-size_t LLVMFuzzerCustomMutator(uint8_t *data, size_t size, size_t most, unsigned seed)
-{
-    (void)seed;
-    if (!good)
-        prepare();
-    if (size < 8 && good_size <= most) {
-        memcpy(data, good, good_size);
-        return good_size;
-    }
-    return LLVMFuzzerMutate(data, size, most);
-}
-
-#ifndef FUZZ_WITH_ENGINE
-size_t LLVMFuzzerMutate(uint8_t *data, size_t size, size_t most)
-{
-    (void)data;
-    return size < most ? size : most;
-}
-#endif
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {

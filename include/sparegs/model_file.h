@@ -26,6 +26,7 @@ typedef enum sgs_model_format {
     SGS_MODEL_SOG,            // PlayCanvas, versions 1 and 2; a ZIP file or a folder with meta.json
     SGS_MODEL_LOD_SOG,        // a folder with lod-meta.json
     SGS_MODEL_USDA,           // OpenUSD text, ParticleField3DGaussianSplat
+    SGS_MODEL_HTML,           // a page that shows the model offline; written only
     SGS_MODEL_FORMAT_COUNT
 } sgs_model_format;
 
@@ -33,7 +34,8 @@ typedef enum sgs_model_format {
 SGS_API const char *sgs_model_format_name(sgs_model_format format);
 
 // Format that a file name requests: ".ply", ".compressed.ply", ".splat", ".spz", ".ksplat", ".glb",
-// ".sog", "meta.json", "lod-meta.json" or ".usda", without regard to case. False for other names.
+// ".sog", "meta.json", "lod-meta.json", ".usda" or ".html", without regard to case. False for other
+// names.
 SGS_API bool sgs_model_format_of_name(const char *path, sgs_model_format *format);
 
 // Format of an existing file, by its first bytes and its name, or of a folder with meta.json or
@@ -73,7 +75,7 @@ typedef struct sgs_model_info {
 SGS_API sgs_status sgs_model_read(const char *path, const sgs_model_read_options *options,
                                   sgs_gaussians **model, sgs_model_info *info);
 
-// A camera for OpenUSD: pinhole part only, pixel centres at .5.
+// A camera for OpenUSD or a page: pinhole part only, pixel centres at .5.
 typedef struct sgs_model_camera {
     const char *name; // of the image
     int width, height;
@@ -91,7 +93,7 @@ typedef struct sgs_model_write_options {
     int palette_iterations;  // of k-means for the palette
     int lod_levels;          // of a LOD SOG; each has half the primitives of the one before
     const float *importance; // [count] for the levels of a LOD SOG; NULL: opacity times volume
-    const sgs_model_camera *cameras; // for OpenUSD; or NULL
+    const sgs_model_camera *cameras; // for OpenUSD and HTML; or NULL
     size_t camera_count;
     sgs_progress_fn progress; // or NULL
     void *progress_user;

@@ -21,7 +21,7 @@ enum { PROBE_BYTES = 8192 };
 typedef struct format_row {
     const char *name, *ending;                          // of file names
     bool (*matches)(const uint8_t *bytes, size_t size); // NULL: no mark
-    sgsi_model_read_fn read;
+    sgsi_model_read_fn read;                            // NULL: written only
     sgsi_model_write_fn write;
 } format_row;
 
@@ -66,6 +66,11 @@ static bool is_usda(const uint8_t *bytes, size_t size)
     return begins(bytes, size, "#usda", 5);
 }
 
+static bool is_html(const uint8_t *bytes, size_t size)
+{
+    return begins(bytes, size, "<!doctype html>", 15);
+}
+
 // Longer endings precede those that they contain.
 static const format_row table[SGS_MODEL_FORMAT_COUNT] = {
     [SGS_MODEL_PLY] = {"ply", ".ply", is_ply, sgsi_ply_model_read, sgsi_ply_model_write},
@@ -79,9 +84,10 @@ static const format_row table[SGS_MODEL_FORMAT_COUNT] = {
     [SGS_MODEL_LOD_SOG] = {"lod-meta.json", "lod-meta.json", is_lod, sgsi_lod_sog_read,
                            sgsi_lod_sog_write},
     [SGS_MODEL_USDA] = {"usda", ".usda", is_usda, sgsi_usd_read, sgsi_usd_write},
+    [SGS_MODEL_HTML] = {"html", ".html", is_html, NULL, sgsi_web_page_write},
 };
 
-static const char known_names[] =
+static const char readable_names[] =
     ".ply, .compressed.ply, .splat, .spz, .ksplat, .glb, .sog, meta.json, lod-meta.json and .usda";
 
 const char *sgs_model_format_name(sgs_model_format format)
@@ -146,7 +152,7 @@ static sgs_status find_format(const char *path, sgs_model_format *format)
     return named ? SGS_STATUS_OK
                  : sgsi_fail(SGS_STATUS_UNSUPPORTED,
                              "%s: is no model of a known format; supported are %s", path,
-                             known_names);
+                             readable_names);
 }
 
 bool sgs_model_format_detect(const char *path, sgs_model_format *format)
@@ -181,6 +187,10 @@ sgs_status sgs_model_read(const char *path, const sgs_model_read_options *option
     if (!status && own.lod && found.format != SGS_MODEL_LOD_SOG)
         status =
             sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: has no level of detail %d", path, own.lod);
+    if (!status && !table[found.format].read)
+        status = sgsi_fail(SGS_STATUS_UNSUPPORTED,
+                           "%s: is a page that shows a model and cannot be read; supported are %s",
+                           path, readable_names);
     if (!status)
         status = table[found.format].read(path, &own, model, &found);
     if (!status && !found.file_bytes && !stat(path, &file))
@@ -215,9 +225,9 @@ sgs_status sgs_model_write(const char *path, const sgs_gaussians *model,
     struct stat file;
     sgs_status status = sgsi_options_read(options, "sgs_model_write_options", &own, sizeof own);
     if (!status && !sgs_model_format_of_name(path, &format))
-        status =
-            sgsi_fail(SGS_STATUS_UNSUPPORTED,
-                      "%s: the name requests no known format; supported are %s", path, known_names);
+        status = sgsi_fail(SGS_STATUS_UNSUPPORTED,
+                           "%s: the name requests no known format; supported are .html, %s", path,
+                           readable_names);
     if (!status)
         status = check_write_options(path, &own);
     if (!status)

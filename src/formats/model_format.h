@@ -50,3 +50,5 @@ sgs_status sgsi_usd_read(const char *path, const sgs_model_read_options *options
                          sgs_gaussians **model, sgs_model_info *info);
 sgs_status sgsi_usd_write(const char *path, const sgs_gaussians *model,
                           const sgs_model_write_options *options, sgs_model_written *written);
+sgs_status sgsi_web_page_write(const char *path, const sgs_gaussians *model,
+                               const sgs_model_write_options *options, sgs_model_written *written);

@@ -44,7 +44,32 @@ run 0 render "$temporary/a.compressed.ply" "$room" --view 0001 --downscale 8 --f
 # usda_has_the_cameras_of_the_scene
 run 0 convert "$ply" "$temporary/a.usda" "$room" --downscale 8
 check there_is_a_camera_per_view test "$(grep -c 'def Camera' "$temporary/a.usda")" = 35
-check distortion_is_mentioned grep -q 'OpenUSD cameras have no lens distortion; that of 35' "$temporary/stderr"
+check distortion_is_mentioned grep -q 'cameras in usda have no lens distortion; that of 35' "$temporary/stderr"
+
+# a_page_has_the_model_and_the_cameras: its SOG files are those of the folder; nothing refers to another host
+run 0 convert "$ply" "$temporary/page.html" "$room" --downscale 8 --json
+check page_counts test "$(value '"\(.output) \(.order)"')" = "$all morton"
+run 0 convert "$ply" "$temporary/files/meta.json"
+sed -n '/<script id="model"/,/<\/script>/p' "$temporary/page.html" | sed '1d;$d' >"$temporary/page.json"
+check the_page_contains_json jq -e --slurpfile run "$out/cameras.json" '(.cameras | length) == 35
+    and ([.cameras[3], $run[0][3]] | map([.width, .height]) | .[0] == .[1]) and (.cameras[3].axes | length) == 3' "$temporary/page.json"
+check the_page_has_the_meta bash -c "diff <(jq -S .meta '$temporary/page.json') <(jq -S . '$temporary/files/meta.json')"
+for file in "$temporary"/files/*.webp; do
+    check "the_page_has_$(basename "$file")" bash -c "jq -r '.files[\"$(basename "$file")\"]' '$temporary/page.json' | base64 -d | cmp - '$file'"
+done
+check nothing_from_other_hosts bash -c "! grep -oiE '(https?:)?//[a-z0-9.-]+\.[a-z]{2,}/|@import|src=' '$temporary/page.html'"
+check the_page_is_small test "$(($(stat -c %s "$temporary/page.html") - $(stat -c %s "$temporary/page.json")))" -lt 100000
+run 1 info "$temporary/page.html"
+reports "is a page that shows a model and cannot be read"
+run 0 view "$out" --export "$temporary/view/page.html"
+check view_prints_the_page grep -qx "$temporary/view/page.html" "$temporary/stdout"
+check a_run_has_its_cameras grep -q '"cameras":\[{"name"' "$temporary/view/page.html"
+run 2 view "$out" --export "$temporary/page.ply"
+reports "does not end in .html"
+run 2 view "$out" --export "$temporary/page.html" --port 8080
+reports "--port has no effect with --export"
+run 1 view "$out" --export /proc/page.html
+check no_message_of_a_server bash -c "! grep -q Ctrl-C '$temporary/stderr'"
 
 # marks_follow_the_model
 for name in m.ply m.compressed.ply m.spz m.sog; do

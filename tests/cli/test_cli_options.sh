@@ -60,7 +60,7 @@ eval: alpha image-cache input-colorspace train-space white threads isa seed json
 render: output video view split camera orbit spiral frames size projection spp aperture deep reference filter
 render: compact-box background images downscale eval test-every test-images masks invert-masks alpha image-cache
 render: input-colorspace train-space white threads isa seed json quiet
-view: port address token filter compact-box background images downscale eval test-every test-images masks
+view: port address token export filter compact-box background images downscale eval test-every test-images masks
 view: invert-masks alpha image-cache input-colorspace train-space white threads isa seed json quiet
 info: images downscale eval test-every test-images masks invert-masks alpha image-cache input-colorspace train-space
 info: white threads isa seed json quiet

@@ -3,7 +3,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 # The viewer in headless Chromium: every control is operated and its effect checked (view_browser.py). Prints pictures per
-# second and latency. Skipped without Chromium. VIEW_SCREENSHOTS=DIR keeps the screenshots.
+# second and latency. Then the page of `view --export`, opened from a file (page_browser.py). Skipped without Chromium. VIEW_SCREENSHOTS=DIR keeps the screenshots.
 set -u
 # shellcheck source-path=SCRIPTDIR source=cli_support.sh
 source "$SPAREGS_SOURCE/tests/cli/cli_support.sh"
@@ -21,6 +21,11 @@ check every_control_works test "$status" -eq 0 -a "$(grep -c '^ok ' "$temporary/
 for picture in opened depth slider pixel crop phone; do
     check "screenshot: $picture" test -s "$temporary/pages/$picture.png"
 done
+status=0
+python3 "$SPAREGS_SOURCE/tests/cli/page_browser.py" "$program" "$temporary/run" "$temporary/pages" >"$temporary/page" 2>&1 || status=$?
+grep -vE '^ok ' "$temporary/page"
+last_command="page_browser.py"
+check the_exported_page_works test "$status" -eq 0 -a "$(grep -c '^ok ' "$temporary/page")" -gt 30
 if [ -n "${VIEW_SCREENSHOTS:-}" ]; then
     mkdir -p "$VIEW_SCREENSHOTS" && cp "$temporary"/pages/*.png "$VIEW_SCREENSHOTS"
 fi

@@ -188,3 +188,13 @@ bool cameras_export(const char *folder, unsigned formats, const camera_list *lis
     }
     return done;
 }
+
+bool camera_for_model(const char *name, const sgs_camera *camera, const sgs_pose *pose,
+                      sgs_model_camera *out)
+{
+    *out = (sgs_model_camera){.name = name, .width = camera->width, .height = camera->height};
+    sgs_camera_intrinsics(camera, &out->fx, &out->fy, &out->cx, &out->cy);
+    memcpy(out->rotation, pose->rotation, sizeof out->rotation);
+    memcpy(out->translation, pose->translation, sizeof out->translation);
+    return camera->model != SGS_CAMERA_PINHOLE && camera->model != SGS_CAMERA_SIMPLE_PINHOLE;
+}

@@ -6,6 +6,7 @@
 // OpenUSD text (.usda). These formats cannot store lens distortion.
 
 #include "cameras/camera_file.h"
+#include "sparegs/model_file.h"
 
 enum { CAMERAS_JSON = 1, CAMERAS_CHAN = 2, CAMERAS_USDA = 4 };
 
@@ -13,3 +14,8 @@ enum { CAMERAS_JSON = 1, CAMERAS_CHAN = 2, CAMERAS_USDA = 4 };
 // counted from 0. False after printing the error, also for cameras that are not perspective where
 // .chan or .usda is wanted.
 bool cameras_export(const char *folder, unsigned formats, const camera_list *list, double fps);
+
+// The pinhole part of a camera, for files of models. name is borrowed. Returns true if the camera
+// has lens distortion, which is omitted.
+bool camera_for_model(const char *name, const sgs_camera *camera, const sgs_pose *pose,
+                      sgs_model_camera *out);

@@ -9,6 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "cameras/camera_export.h"
 #include "cli/commands.h"
 #include "cli/interrupt.h"
 #include "cli/model_argument.h"
@@ -25,12 +26,10 @@ static const char description[] =
     "latest "
     "iteration) and writes OUT in the format of its name: .ply, .compressed.ply, .splat, .spz, "
     ".ksplat, .glb, .sog, FOLDER/meta.json (SOG in files), FOLDER/lod-meta.json (SOG with levels "
-    "of "
-    "detail) or .usda (OpenUSD).\n"
+    "of detail), .usda (OpenUSD) or .html (a page that shows the model offline).\n"
     "Filters use the axes of IN as a 3DGS PLY has them and run first; then the model is scaled, "
     "rotated about x, y and z, and translated. SCENE, the data set of the model, adds its cameras "
-    "to "
-    ".usda, serves --filter-unseen, and ranks the primitives for lod-meta.json.";
+    "to .usda and .html, serves --filter-unseen, and ranks the primitives for lod-meta.json.";
 
 enum { MOST_NUMBERS = 8, MOST_CONDITIONS = 16 };
 
@@ -271,7 +270,7 @@ static int parse_plan(const command_line *line, const convert_values *values, co
     if (!sgs_model_format_of_name(out, &plan->format))
         return fail_usage(
             "%s: the name requests no known format; use .ply, .compressed.ply, .splat, "
-            ".spz, .ksplat, .glb, .sog, meta.json, lod-meta.json or .usda",
+            ".spz, .ksplat, .glb, .sog, meta.json, lod-meta.json, .usda or .html",
             out);
     if (values->box) {
         const int low = parse_numbers(values->box, -INFINITY, plan->box, 6);
@@ -295,17 +294,18 @@ static int parse_plan(const command_line *line, const convert_values *values, co
         status = refuse_idle(line, "spz-version|spz-axes", "unless OUT is an .spz file");
     if (status < 0 && plan->format != SGS_MODEL_KSPLAT)
         status = refuse_idle(line, "ksplat-level", "unless OUT is a .ksplat file");
-    if (status < 0 && plan->format != SGS_MODEL_SOG && plan->format != SGS_MODEL_LOD_SOG)
-        status = refuse_idle(line, "sh-palette|iterations", "unless OUT is SOG");
+    if (status < 0 && plan->format != SGS_MODEL_SOG && plan->format != SGS_MODEL_LOD_SOG &&
+        plan->format != SGS_MODEL_HTML)
+        status = refuse_idle(line, "sh-palette|iterations", "unless OUT is SOG or .html");
     if (status < 0 && plan->format != SGS_MODEL_LOD_SOG)
         status = refuse_idle(line, "lod-levels", "unless OUT is a lod-meta.json");
     if (status < 0 && line->operand_count == 2)
         status = refuse_idle(line, "filter-unseen", "without a SCENE");
     if (status < 0 && line->operand_count == 3 && !values->unseen &&
-        plan->format != SGS_MODEL_USDA && plan->format != SGS_MODEL_LOD_SOG)
-        status =
-            fail_usage("SCENE has no effect without --filter-unseen, unless OUT is a .usda file "
-                       "or a lod-meta.json");
+        plan->format != SGS_MODEL_USDA && plan->format != SGS_MODEL_HTML &&
+        plan->format != SGS_MODEL_LOD_SOG)
+        status = fail_usage("SCENE has no effect without --filter-unseen, unless OUT is a .usda or "
+                            ".html file or a lod-meta.json");
     return status;
 }
 
@@ -454,19 +454,12 @@ static sgs_model_camera *make_cameras(const convert_plan *plan, const sgs_scene 
     size_t distorted = 0;
     for (size_t v = 0; cameras && v < scene->view_count; ++v) {
         const sgs_view *view = &scene->views[v];
-        sgs_model_camera *camera = &cameras[v];
-        *camera = (sgs_model_camera){
-            .name = view->name, .width = view->camera.width, .height = view->camera.height};
-        sgs_camera_intrinsics(&view->camera, &camera->fx, &camera->fy, &camera->cx, &camera->cy);
-        memcpy(camera->rotation, view->pose.rotation, sizeof camera->rotation);
-        memcpy(camera->translation, view->pose.translation, sizeof camera->translation);
-        transform_camera(plan, camera);
-        distorted += view->camera.model != SGS_CAMERA_PINHOLE &&
-                     view->camera.model != SGS_CAMERA_SIMPLE_PINHOLE;
+        distorted += camera_for_model(view->name, &view->camera, &view->pose, &cameras[v]);
+        transform_camera(plan, &cameras[v]);
     }
     if (distorted)
-        print_warning("OpenUSD cameras have no lens distortion; that of %zu camera(s) is omitted",
-                      distorted);
+        print_warning("cameras in %s have no lens distortion; that of %zu camera(s) is omitted",
+                      sgs_model_format_name(plan->format), distorted);
     return cameras;
 }
 
@@ -486,8 +479,8 @@ static bool write_model(const convert_plan *plan, const char *path, const sgs_ga
     options.importance = importance;
     options.progress = show_progress;
     progress_work_start();
-    sgs_model_camera *cameras =
-        scene && plan->format == SGS_MODEL_USDA ? make_cameras(plan, scene) : NULL;
+    const bool has_cameras = plan->format == SGS_MODEL_USDA || plan->format == SGS_MODEL_HTML;
+    sgs_model_camera *cameras = scene && has_cameras ? make_cameras(plan, scene) : NULL;
     options.cameras = cameras;
     options.camera_count = cameras ? scene->view_count : 0;
     const sgs_status status = sgs_model_write(path, model, &options, written);

@@ -7,6 +7,7 @@
 #include <string.h>
 #include <time.h>
 
+#include "cameras/camera_export.h"
 #include "cli/commands.h"
 #include "cli/interrupt.h"
 #include "cli/model_argument.h"
@@ -22,7 +23,7 @@ static const char description[] =
 
 typedef struct view_values {
     int port;
-    const char *address, *token;
+    const char *address, *token, *export;
 } view_values;
 
 static const option view_options_table[] = {
@@ -47,6 +48,13 @@ static const option view_options_table[] = {
      .argument = "T",
      .shown = "random; none for 127.0.0.1",
      .help = "require this token, 8 to 128 letters, digits, '-' or '_'"},
+    {.name = "export",
+     .kind = OPTION_TEXT,
+     .offset = offsetof(view_values, export),
+     .argument = "FILE.html",
+     .shown = "serve",
+     .help = "write a page that shows the model offline with WebGL 2, compressed as SOG, with the "
+             "cameras; do not serve"},
 };
 
 // Waits for a signal.
@@ -55,6 +63,40 @@ static void serve(void)
     const struct timespec pause = {0, 50000000};
     while (!interrupt_signal())
         nanosleep(&pause, NULL);
+}
+
+static bool show_progress(void *user, size_t done, size_t total)
+{
+    (void)user;
+    progress_work("encoding", done, total);
+    return !interrupt_signal();
+}
+
+static int export_page(const char *path, const view_source *source)
+{
+    const camera_list *views = &source->views;
+    sgs_model_camera *cameras = calloc(views->count + 1, sizeof *cameras);
+    if (!cameras)
+        return fail_run("no memory for %zu cameras", views->count);
+    for (size_t k = 0; k < views->count; ++k)
+        camera_for_model(views->cameras[k].name, &views->cameras[k].camera, &views->cameras[k].pose,
+                         &cameras[k]);
+    sgs_model_write_options options = sgs_model_write_options_default();
+    options.antialiased = source->drawing.filter == SGS_FILTER_MIP;
+    options.cameras = cameras;
+    options.camera_count = views->count;
+    options.progress = show_progress;
+    progress_work_start();
+    const sgs_status status =
+        make_folder_of(path) ? sgs_model_write(path, source->model, &options, NULL) : SGS_STATUS_IO;
+    progress_end();
+    free(cameras);
+    if (status == SGS_STATUS_CANCELLED)
+        return interrupt_status();
+    if (status)
+        return fail_library();
+    printf("%s\n", path);
+    return EXIT_DONE;
 }
 
 static int view_model(const char *name, const model_path *located, const view_values *values,
@@ -75,6 +117,8 @@ static int view_model(const char *name, const model_path *located, const view_va
             slash ? format_text("%.*s", (int)(slash - located->ply_path), located->ply_path)
                   : format_text(".");
     }
+    if (done && values->export)
+        return export_page(values->export, &session->source);
     if (!done || !view_session_start(session, &options))
         return EXIT_FAILED;
     view_session_print(session);
@@ -117,6 +161,10 @@ static int check_values(const view_values *values)
         return fail_usage("--address: '%s' is not a numeric IPv4 address such as 127.0.0.1 or "
                           "0.0.0.0",
                           values->address);
+    sgs_model_format format;
+    if (values->export &&
+        (!sgs_model_format_of_name(values->export, &format) || format != SGS_MODEL_HTML))
+        return fail_usage("--export: '%s' does not end in .html", values->export);
     if (values->token && !token_is_valid(values->token))
         return fail_usage("--token: must be 8 to 128 letters, digits, '-' or '_'");
     return -1;
@@ -143,6 +191,8 @@ int command_view(int argc, char **argv)
     int status = command_parse(&spec, argc, argv, &call);
     if (status < 0)
         status = check_values(&values);
+    if (status < 0 && values.export)
+        status = refuse_idle(&call.line, "port|address|token", "with --export");
     if (status < 0)
         status = common_apply(&call.common, &call.line);
     if (status >= 0)

@@ -49,7 +49,7 @@ static void make_printable(char *text)
             *text = '?';
 }
 
-sgs_status sgsi_fail(sgs_status status, const char *format, ...)
+void sgsi_record_error(const char *format, ...)
 {
     // Formats into a second buffer: an argument may be sgs_last_error() itself when a caller adds a
     // file name.
@@ -60,7 +60,6 @@ sgs_status sgsi_fail(sgs_status status, const char *format, ...)
     va_end(args);
     make_printable(text);
     memcpy(last_error, text, sizeof text);
-    return status;
 }
 
 void sgs_warning_handler_set(sgs_warning_fn fn, void *user)
@@ -271,10 +270,10 @@ sgs_status sgsi_atomic_commit(sgsi_atomic_file *file)
     }
     if (written)
         code = errno;
-    sgsi_fail(SGS_STATUS_IO, "%s: cannot be written: %s", file->path,
-              code ? strerror(code) : "disk full?");
+    const sgs_status status = sgsi_fail(SGS_STATUS_IO, "%s: cannot be written: %s", file->path,
+                                        code ? strerror(code) : "disk full?");
     sgsi_atomic_abort(file);
-    return SGS_STATUS_IO;
+    return status;
 }
 
 void sgsi_atomic_abort(sgsi_atomic_file *file)

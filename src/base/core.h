@@ -19,9 +19,13 @@
 #define SGSI_PRINTF(fmt, args)
 #endif
 
-// Records the sentence for sgs_last_error() and returns `status`: `return
-// sgsi_fail(SGS_STATUS_FORMAT, "%s: ...", path)`.
-sgs_status sgsi_fail(sgs_status status, const char *format, ...) SGSI_PRINTF(2, 3);
+// Records the sentence for sgs_last_error().
+void sgsi_record_error(const char *format, ...) SGSI_PRINTF(1, 2);
+
+// Records the sentence for sgs_last_error(); its value is `status`: `return
+// sgsi_fail(SGS_STATUS_FORMAT, "%s: ...", path)`. A macro: compilers and analysers see at the call
+// that the status is a failure.
+#define sgsi_fail(status, ...) (sgsi_record_error(__VA_ARGS__), (status))
 
 // Sends one warning line to the process-wide handler.
 void sgsi_warn(const char *format, ...) SGSI_PRINTF(1, 2);

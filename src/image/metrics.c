@@ -239,8 +239,7 @@ double sgs_ssim_masked(const sgs_image8 *a, const sgs_image8 *b, const uint16_t 
     const size_t items = 3 * job.strips, scratch = (size_t)sgsi_threads() * scratch_size(job.pitch);
     job.scratch = sgsi_alloc(scratch + items, sizeof(double));
     if (!job.scratch) {
-        sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the SSIM of %d x %d pixels", a->width,
-                  a->height);
+        sgsi_record_error("no memory for the SSIM of %d x %d pixels", a->width, a->height);
         return NAN;
     }
     job.sums = job.scratch + scratch;

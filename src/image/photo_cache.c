@@ -171,7 +171,7 @@ sgs_status sgsi_photo_cache_get(sgsi_photo_cache *cache, size_t index, const sgs
     e->used = ++cache->clock;
     const sgs_status status = e->status;
     if (status) {
-        sgsi_fail(status, "%s", e->error ? e->error : "no memory for an image");
+        sgsi_record_error("%s", e->error ? e->error : "no memory for an image");
         drop(cache, e);
     } else {
         *photo = &e->photo;

@@ -54,10 +54,10 @@ sgs_counters *sgs_counters_open(void)
     if (any)
         return counters;
     sgsi_free(counters);
-    sgsi_fail(SGS_STATUS_UNSUPPORTED,
-              "hardware counters unavailable: %s (perf_event_paranoid above 2, or a virtual "
-              "machine without counters)",
-              strerror(reason));
+    sgsi_record_error(
+        "hardware counters unavailable: %s (perf_event_paranoid above 2, or a virtual "
+        "machine without counters)",
+        strerror(reason));
     return NULL;
 }
 
@@ -102,7 +102,7 @@ sgs_counter_values sgs_counters_stop(sgs_counters *counters)
 #else
 sgs_counters *sgs_counters_open(void)
 {
-    sgsi_fail(SGS_STATUS_UNSUPPORTED, "hardware counters are supported on Linux only");
+    sgsi_record_error("hardware counters are supported on Linux only");
     return NULL;
 }
 

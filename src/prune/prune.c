@@ -62,13 +62,14 @@ sgs_status sgsi_lightgaussian_scores(const sgs_gaussians *model, const sgs_prune
 {
     sgs_contribution *sums = sgsi_alloc(model->count, sizeof *sums);
     double *volumes = sgsi_alloc(model->count, sizeof *volumes);
-    sgs_status status = SGS_STATUS_OUT_OF_MEMORY;
+    sgs_status status;
     if (sums && volumes) {
         status = sgs_contributions(model, options->scene, &options->views, sums);
         if (!status)
             weigh_by_volume(model, sums, options->volume_power, volumes, scores);
     } else {
-        sgsi_fail(status, "no memory for the scores of %zu primitives", model->count);
+        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the scores of %zu primitives",
+                           model->count);
     }
     sgsi_free(sums);
     sgsi_free(volumes);

@@ -422,8 +422,7 @@ size_t sgs_reference_hits(const double *params, size_t count, const sgs_camera *
     double direction[3];
     sgs_hit *all = sgsi_alloc(count ? count : 1, sizeof *all);
     if (!all)
-        sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "reference: no memory for the hits of %zu primitives",
-                  count);
+        sgsi_record_error("reference: no memory for the hits of %zu primitives", count);
     else if (x >= 0 && y >= 0 && x < camera->width && y < camera->height &&
              sgsi_reference_ray(&view, x, y, direction))
         found = sgsi_reference_trace(&view, direction, all);

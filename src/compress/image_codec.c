@@ -72,6 +72,8 @@ static bool jxl_encode(const sgsi_image16 *image, uint8_t **bytes, size_t *size)
     uint8_t *narrow = image->wide ? NULL : narrowed(image);
     const void *pixels = image->wide ? (const void *)image->pixels : narrow;
     if (!encoder || !pixels) {
+        if (encoder)
+            JxlEncoderDestroy(encoder);
         free(narrow);
         return false;
     }
@@ -117,6 +119,7 @@ static bool jxl_matches(const JxlDecoder *decoder, const sgsi_image16 *image)
 static bool jxl_read(JxlDecoder *decoder, const sgsi_image16 *image, void *out, size_t out_bytes)
 {
     const JxlPixelFormat format = jxl_format(image);
+    bool has_buffer = false;
     for (;;) {
         size_t needed;
         switch (JxlDecoderProcessInput(decoder)) {
@@ -129,9 +132,10 @@ static bool jxl_read(JxlDecoder *decoder, const sgsi_image16 *image, void *out, 
                 needed != out_bytes ||
                 JxlDecoderSetImageOutBuffer(decoder, &format, out, needed) != JXL_DEC_SUCCESS)
                 return false;
+            has_buffer = true;
             break;
         case JXL_DEC_FULL_IMAGE:
-            return true;
+            return has_buffer;
         default:
             return false;
         }
@@ -152,7 +156,7 @@ static bool jxl_decode(const uint8_t *bytes, size_t size, const sgsi_image16 *im
         done = image->wide ? jxl_read(decoder, image, image->pixels, 2 * count)
                            : jxl_read(decoder, image, narrow, count);
     }
-    for (size_t i = 0; done && !image->wide && i < count; ++i)
+    for (size_t i = 0; done && narrow && i < count; ++i)
         image->pixels[i] = narrow[i];
     if (decoder)
         JxlDecoderDestroy(decoder);

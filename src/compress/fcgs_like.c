@@ -214,7 +214,7 @@ static void encode_difference(sgsi_range_encoder *e, value_model *model, int32_t
     sgsi_range_encode(e, &model->exponent[bits], 0);
     for (int k = bits; k-- > 0;) {
         sgsi_bit_model even = 32768;
-        sgsi_range_encode(e, &even, (rest + 1) >> k & 1);
+        sgsi_range_encode(e, &even, (int)((rest + 1) >> k & 1));
     }
 }
 

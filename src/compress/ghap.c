@@ -253,9 +253,9 @@ static void choose_start(const ghap_reduction *reduction, ghap_block *block, uin
 {
     for (size_t i = 0; i < block->n; ++i)
         block->nearest[i] = (uint32_t)i;
-    for (size_t j = 0; j < block->m; ++j) {
-        const size_t other =
-            j + (size_t)(sgsi_random_uniform(seed, j) * (double)(block->n - j)) % (block->n - j);
+    for (size_t j = 0; j < block->m && j < block->n; ++j) { // m <= n
+        const size_t left = block->n - j;
+        const size_t other = j + (size_t)(sgsi_random_uniform(seed, j) * (double)left) % left;
         const uint32_t chosen = block->nearest[other];
         block->nearest[other] = block->nearest[j];
         block->nearest[j] = chosen;

@@ -60,7 +60,7 @@ sgs_status sgsi_significance(const sgsi_compress_job *job, double *importance)
     options.scene = job->options->scene;
     options.views.render = job->render;
     options.views.progress = pass_progress;
-    options.views.progress_user = (void *)(uintptr_t)job;
+    options.views.progress_user = (void *)job;
     if (!status)
         status = sgs_prune_scores(model, &options, importance);
     sgs_gaussians_destroy(model);

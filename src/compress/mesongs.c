@@ -72,7 +72,7 @@ static sgs_status view_weights(const sgsi_compress_job *job, double *weights)
     sgs_view_pass_options options = sgs_view_pass_options_default();
     options.render = job->render;
     options.progress = pass_progress;
-    options.progress_user = (void *)(uintptr_t)job;
+    options.progress_user = (void *)job;
     if (!status)
         status = sgs_contributions(model, job->options->scene, &options, sums);
     for (size_t i = 0; i < job->count && !status; ++i)

@@ -486,7 +486,7 @@ static size_t add_column(glb_writer *writer, const char *name, int components, b
 static void add_bounds(const glb_writer *writer)
 {
     json_t *low = json_array(), *high = json_array();
-    static const int sign[3] = {-1, -1, 1};
+    static const float sign[3] = {-1.0f, -1.0f, 1.0f};
     for (int k = 0; k < 3; ++k) {
         float least = INFINITY, most = -INFINITY;
         for (size_t i = 0; i < writer->model->count; ++i) {

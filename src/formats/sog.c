@@ -128,8 +128,7 @@ static sgs_status read_meta(sog_reader *reader, const json_t *meta)
     if (!json_is_integer(count) || json_integer_value(count) < 1)
         return fail_meta(reader->path, "the number of primitives");
     sog->count = (size_t)json_integer_value(count);
-    sog->antialiased =
-        kind && json_is_string(kind) && !strncmp(json_string_value(kind), "antialias", 9);
+    sog->antialiased = json_is_string(kind) && !strncmp(json_string_value(kind), "antialias", 9);
     if (!read_names(reader, means, SGSI_SOG_MEANS_LOW, 2) ||
         !read_numbers(json_object_get(means, "mins"), 3, sog->means_low) ||
         !read_numbers(json_object_get(means, "maxs"), 3, sog->means_high))

@@ -462,9 +462,10 @@ sgs_status sgsi_spz_write(const char *path, const sgs_gaussians *model,
     size_t total = HEADER_BYTES + AXES_RECORD_BYTES;
     for (int k = 0; k < STREAM_COUNT; ++k)
         total += row_bytes(&file, k) * model->count;
-    uint8_t *bytes = sgsi_calloc(total, 1), *streams[STREAM_COUNT], *at = bytes + HEADER_BYTES;
+    uint8_t *bytes = sgsi_calloc(total, 1), *streams[STREAM_COUNT];
     if (!bytes)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path);
+    uint8_t *at = bytes + HEADER_BYTES;
     for (int k = 0; k < STREAM_COUNT; ++k) {
         streams[k] = at;
         at += row_bytes(&file, k) * model->count;

@@ -95,7 +95,7 @@ static unsigned char *write_valid(const temp_folder *folder, const char *name, s
     return file_get(temp_path(folder, name), size);
 }
 
-#define CHANGES(list) list, sizeof list / sizeof *list
+#define CHANGES(list) (list), sizeof(list) / sizeof *(list)
 
 static void splat_sizes_are_checked(void **state)
 {
@@ -418,11 +418,15 @@ static void glb_is_checked(void **state)
         refuse(temp_path(&folder, "a.glb"), changes[k].status, changes[k].message, changes[k].to);
     }
     // Many nodes with one mesh.
-    char *nodes = malloc(1 << 16);
-    strcpy(nodes, "\"scenes\":[{\"nodes\":[0");
+    char *nodes;
+    size_t length;
+    FILE *stream = open_memstream(&nodes, &length);
+    assert_non_null(stream);
+    fputs("\"scenes\":[{\"nodes\":[0", stream);
     for (int k = 0; k < 3000; ++k)
-        strcat(nodes, ",0");
-    strcat(nodes, "]}]");
+        fputs(",0", stream);
+    fputs("]}]", stream);
+    assert_int_equal(fclose(stream), 0);
     put_glb(temp_path(&folder, "a.glb"), bytes, size, "\"scenes\":[{\"nodes\":[0]}]", nodes);
     refuse(temp_path(&folder, "a.glb"), L, "its nodes repeat primitives", "instances");
     free(nodes);
@@ -646,13 +650,17 @@ static void lod_manifest_is_checked(void **state)
         refuse(path, changes[k].status, changes[k].message, changes[k].to);
     }
     // Nested nodes.
-    char *deep = calloc(1, 1 << 14);
-    strcpy(deep, "\"tree\":{");
+    char *deep;
+    size_t length;
+    FILE *stream = open_memstream(&deep, &length);
+    assert_non_null(stream);
+    fputs("\"tree\":{", stream);
     for (int k = 0; k < 300; ++k)
-        strcat(deep, "\"children\":[{");
+        fputs("\"children\":[{", stream);
     for (int k = 0; k < 300; ++k)
-        strcat(deep, "}]");
-    strcat(deep, ",");
+        fputs("}]", stream);
+    fputs(",", stream);
+    assert_int_equal(fclose(stream), 0);
     unsigned char *copy = replace(bytes, size, "\"tree\":{", deep, &changed);
     file_put(path, copy, changed);
     refuse(path, F, "a node of 'tree'", "nested nodes");
@@ -660,9 +668,7 @@ static void lod_manifest_is_checked(void **state)
     free(deep);
     free(bytes);
     sgs_gaussians_destroy(model);
-    char command[400];
-    snprintf(command, sizeof command, "rm -r '%s'", folder.path);
-    assert_int_equal(system(command), 0);
+    tree_remove(&folder);
 }
 
 static void unknown_files_are_refused(void **state)

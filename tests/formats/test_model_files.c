@@ -54,9 +54,7 @@ static void lod_levels_are_nested(void **state)
     assert_int_equal(sgs_model_read(folder.path, &read, &none, NULL), SGS_STATUS_INVALID_ARGUMENT);
     for (int k = 0; k < 3; ++k)
         sgs_gaussians_destroy(levels[k]);
-    char command[600];
-    snprintf(command, sizeof command, "rm -r '%s'", folder.path);
-    assert_int_equal(system(command), 0);
+    tree_remove(&folder);
     free(importance);
     sgs_gaussians_destroy(model);
 }

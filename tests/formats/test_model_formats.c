@@ -12,6 +12,7 @@
 
 #include <cmocka.h>
 
+#include "base/core.h"
 #include "formats/archive.h"
 #include "formats/unpack.h"
 #include "formats/webp_image.h"
@@ -30,6 +31,18 @@ static void put(bytes *out, const void *data, size_t size)
 {
     memcpy(out->data + out->size, data, size);
     out->size += size;
+}
+
+static void put_text(bytes *out, const char *format, ...) SGSI_PRINTF(2, 3);
+static void put_text(bytes *out, const char *format, ...)
+{
+    const size_t room = sizeof out->data - out->size;
+    va_list args;
+    va_start(args, format);
+    const int length = vsnprintf((char *)out->data + out->size, room, format, args);
+    va_end(args);
+    assert_in_range(length, 0, room - 1);
+    out->size += (size_t)length;
 }
 
 static void put_u8(bytes *out, unsigned value)
@@ -290,22 +303,20 @@ static void compressed_ply_is_read(void **state)
     for (int colors = 0; colors < 2; ++colors) {
         bytes file = {.size = 0};
         sgs_model_info info;
-        char line[64];
-        put(&file, line, (size_t)sprintf(line, "ply\nformat binary_little_endian 1.0\n"));
-        put(&file, "comment SplatRenderMode: MIP\nelement chunk 1\n", 45);
+        put_text(&file, "ply\nformat binary_little_endian 1.0\n"
+                        "comment SplatRenderMode: MIP\nelement chunk 1\n");
         for (int k = 0; k < (colors ? 9 : 6); k += 3)
             for (int most = 0; most < 2; ++most)
                 for (int axis = 0; axis < 3; ++axis)
-                    put(&file, line,
-                        (size_t)sprintf(line, "property float %s_%s\n", most ? "max" : "min",
-                                        bounds[k + axis]));
-        put(&file, "element vertex 1\n", 17);
+                    put_text(&file, "property float %s_%s\n", most ? "max" : "min",
+                             bounds[k + axis]);
+        put_text(&file, "element vertex 1\n");
         for (int k = 0; k < 4; ++k)
-            put(&file, line, (size_t)sprintf(line, "property uint %s\n", words[k]));
-        put(&file, "element sh 1\n", 13);
+            put_text(&file, "property uint %s\n", words[k]);
+        put_text(&file, "element sh 1\n");
         for (int k = 0; k < 9; ++k)
-            put(&file, line, (size_t)sprintf(line, "property uchar f_rest_%d\n", k));
-        put(&file, "end_header\n", 11);
+            put_text(&file, "property uchar f_rest_%d\n", k);
+        put_text(&file, "end_header\n");
         const float values[] = {-1, -2, -3, 1, 2,     3,    -8, -9,    -10,
                                 -4, -5, -6, 0, 0.25f, 0.5f, 1,  0.75f, 0.5f};
         for (int k = 0; k < (colors ? 18 : 12); ++k)
@@ -470,10 +481,10 @@ static void put_texture(const temp_folder *folder, const char *name, int width, 
     sgsi_free(packed);
 }
 
-static void put_numbers(char *text, double first, double step)
+static void put_numbers(bytes *text, double first, double step)
 {
     for (int k = 0; k < 256; ++k)
-        sprintf(text + strlen(text), "%s%.6f", k ? "," : "", first + step * k);
+        put_text(text, "%s%.6f", k ? "," : "", first + step * k);
 }
 
 // Two primitives in textures of 4 x 4 pixels; 70 palette entries, of which the second has label 65.
@@ -526,23 +537,25 @@ static void check_sog(const sgs_gaussians *model, const double scales[3], const 
 static void sog_is_read(void **state)
 {
     (void)state;
-    static char text[32768];
+    bytes text = {.size = 0};
     const temp_folder folder = temp_folder_make();
     sgs_gaussians *model;
     sgs_model_info info;
     put_sog_textures(&folder);
-    strcpy(text,
-           "{\"version\":2,\"count\":2,\"model\":\"antialiased\",\"means\":{\"mins\":[0,-2,-1],"
-           "\"maxs\":[1,3,4],\"files\":[\"l.webp\",\"u.webp\"]},\"quats\":{\"files\":[\"q.webp\"]},"
-           "\"scales\":{\"files\":[\"s.webp\"],\"codebook\":[");
-    put_numbers(text, -10, 0.05);
-    strcat(text, "]},\"sh0\":{\"files\":[\"c.webp\"],\"codebook\":[");
-    put_numbers(text, -1, 0.25);
-    strcat(text,
-           "]},\"shN\":{\"count\":70,\"bands\":1,\"files\":[\"p.webp\",\"n.webp\"],\"codebook\":[");
-    put_numbers(text, -1, 0.01);
-    strcat(text, "]}}");
-    file_put(temp_path(&folder, "meta.json"), text, strlen(text));
+    put_text(
+        &text,
+        "{\"version\":2,\"count\":2,\"model\":\"antialiased\",\"means\":{\"mins\":[0,-2,-1],"
+        "\"maxs\":[1,3,4],\"files\":[\"l.webp\",\"u.webp\"]},\"quats\":{\"files\":[\"q.webp\"]},"
+        "\"scales\":{\"files\":[\"s.webp\"],\"codebook\":[");
+    put_numbers(&text, -10, 0.05);
+    put_text(&text, "]},\"sh0\":{\"files\":[\"c.webp\"],\"codebook\":[");
+    put_numbers(&text, -1, 0.25);
+    put_text(
+        &text,
+        "]},\"shN\":{\"count\":70,\"bands\":1,\"files\":[\"p.webp\",\"n.webp\"],\"codebook\":[");
+    put_numbers(&text, -1, 0.01);
+    put_text(&text, "]}}");
+    file_put(temp_path(&folder, "meta.json"), text.data, text.size);
     if (sgs_model_read(folder.path, NULL, &model, &info))
         fail_msg("%s", sgs_last_error());
     assert_int_equal(info.format, SGS_MODEL_SOG);
@@ -551,13 +564,15 @@ static void sog_is_read(void **state)
     sgs_gaussians_destroy(model);
 
     // Version 1: bounds instead of codebooks, and opacity logits.
-    strcpy(text,
-           "{\"means\":{\"shape\":[2,3],\"mins\":[0,-2,-1],\"maxs\":[1,3,4],\"files\":[\"l.webp\","
-           "\"u.webp\"]},\"quats\":{\"files\":[\"q.webp\"]},"
-           "\"scales\":{\"files\":[\"s.webp\"],\"mins\":[0,0,0],\"maxs\":[2.55,5.1,7.65]},"
-           "\"sh0\":{\"files\":[\"c.webp\"],\"mins\":[0,0,0,-10],\"maxs\":[255,2.55,25.5,10]},"
-           "\"shN\":{\"mins\":-1,\"maxs\":1.55,\"files\":[\"p.webp\",\"n.webp\"]}}");
-    file_put(temp_path(&folder, "meta.json"), text, strlen(text));
+    text.size = 0;
+    put_text(
+        &text,
+        "{\"means\":{\"shape\":[2,3],\"mins\":[0,-2,-1],\"maxs\":[1,3,4],\"files\":[\"l.webp\","
+        "\"u.webp\"]},\"quats\":{\"files\":[\"q.webp\"]},"
+        "\"scales\":{\"files\":[\"s.webp\"],\"mins\":[0,0,0],\"maxs\":[2.55,5.1,7.65]},"
+        "\"sh0\":{\"files\":[\"c.webp\"],\"mins\":[0,0,0,-10],\"maxs\":[255,2.55,25.5,10]},"
+        "\"shN\":{\"mins\":-1,\"maxs\":1.55,\"files\":[\"p.webp\",\"n.webp\"]}}");
+    file_put(temp_path(&folder, "meta.json"), text.data, text.size);
     if (sgs_model_read(temp_path(&folder, "meta.json"), NULL, &model, &info))
         fail_msg("%s", sgs_last_error());
     assert_int_equal(info.version, 1);

@@ -3,7 +3,6 @@
 
 // Run folders: the newest model, the settings of config.json, and folders that are incomplete.
 
-#include <ftw.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -112,14 +111,6 @@ static void invalid_folders_are_named(void **state)
     assert_int_equal(sgs_run_read(long_path, &model, &settings), SGS_STATUS_LIMIT);
 }
 
-static int remove_entry(const char *path, const struct stat *info, int type, struct FTW *at)
-{
-    (void)info;
-    (void)type;
-    (void)at;
-    return remove(path);
-}
-
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -128,6 +119,6 @@ int main(void)
     };
     folder = temp_folder_make();
     const int failed = cmocka_run_group_tests(tests, NULL, NULL);
-    nftw(folder.path, remove_entry, 16, FTW_DEPTH | FTW_PHYS);
+    nftw(folder.path, tree_remove_entry, 16, FTW_DEPTH | FTW_PHYS);
     return failed;
 }

@@ -223,16 +223,15 @@ static void check_neighbours(const float *points, size_t n, size_t i, const uint
 static void many_neighbours_equal_sorting(void **state)
 {
     (void)state;
-    static const size_t counts[][2] = {{2, 1},      {130, 128},  {129, 128},
-                                       {3000, 128}, {3000, 256}, {700, 5}};
+    enum { MOST_POINTS = 3000, MOST_NEIGHBOURS = 256 };
+    static double all[MOST_POINTS];
+    static uint32_t neighbours[MOST_POINTS * MOST_NEIGHBOURS], again[MOST_POINTS * MOST_NEIGHBOURS];
+    static const size_t counts[][2] = {
+        {2, 1}, {130, 128}, {129, 128}, {3000, 128}, {MOST_POINTS, MOST_NEIGHBOURS}, {700, 5}};
     for (size_t c = 0; c < sizeof clouds / sizeof *clouds; ++c)
         for (size_t s = 0; s < sizeof counts / sizeof *counts; ++s) {
             const size_t n = counts[s][0], k = counts[s][1];
             float *points = make_cloud(clouds[c], n);
-            double *all = malloc(n * sizeof *all);
-            uint32_t *neighbours = malloc(n * k * sizeof *neighbours);
-            uint32_t *again = malloc(n * k * sizeof *again);
-            assert_true(all && neighbours && again);
             sgsi_knn_tree *tree;
             assert_int_equal(sgsi_knn_tree_create(points, n, &tree), SGS_STATUS_OK);
             sgsi_knn_tree_search(tree, 0, n, k, neighbours);
@@ -243,9 +242,6 @@ static void many_neighbours_equal_sorting(void **state)
             assert_memory_equal(neighbours, again, n * k * sizeof *again);
             sgsi_knn_tree_destroy(tree);
             free(points);
-            free(all);
-            free(neighbours);
-            free(again);
         }
 }
 

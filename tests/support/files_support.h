@@ -6,6 +6,7 @@
 
 #include <dirent.h>
 #include <fcntl.h>
+#include <ftw.h>
 #include <signal.h>
 #include <stdbool.h>
 #include <stdio.h>
@@ -62,6 +63,19 @@ static inline void temp_folder_remove(const temp_folder *folder)
     }
     closedir(directory);
     assert_int_equal(rmdir(folder->path), 0);
+}
+
+static inline int tree_remove_entry(const char *path, const struct stat *info, int kind,
+                                    struct FTW *place)
+{
+    (void)info, (void)kind, (void)place;
+    return remove(path);
+}
+
+// Removes the folder with its files and subfolders.
+static inline void tree_remove(const temp_folder *folder)
+{
+    assert_int_equal(nftw(folder->path, tree_remove_entry, 8, FTW_DEPTH | FTW_PHYS), 0);
 }
 
 static inline void file_put(const char *path, const void *bytes, size_t size)

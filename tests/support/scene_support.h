@@ -5,7 +5,6 @@
 // Support for reader tests: collected warnings, byte buffers, folder trees, small COLMAP models in
 // both formats, small images. Include after cmocka.h.
 
-#include <ftw.h>
 #include <math.h>
 
 #include "base/core.h"
@@ -80,18 +79,6 @@ static inline void put_text(buffer *b, const char *format, ...)
 }
 
 // ---- Folders ------------------------------------------------------------------------------------
-
-static inline int tree_remove_entry(const char *path, const struct stat *info, int kind,
-                                    struct FTW *place)
-{
-    (void)info, (void)kind, (void)place;
-    return remove(path);
-}
-
-static inline void tree_remove(const temp_folder *folder)
-{
-    assert_int_equal(nftw(folder->path, tree_remove_entry, 8, FTW_DEPTH | FTW_PHYS), 0);
-}
 
 // Writes folder/name and creates the folders of `name`.
 static inline void tree_put(const temp_folder *folder, const char *name, const void *bytes,

@@ -22,7 +22,7 @@ static const char placeholder[] = "<!-- model -->";
 static void write_base64(FILE *stream, const uint8_t *bytes, size_t size)
 {
     static const char digits[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-    char text[BASE64_BLOCK / 3 * 4];
+    char text[BASE64_BLOCK / 3 * 4] = {0};
     for (size_t begin = 0; begin < size; begin += BASE64_BLOCK) {
         const size_t end = begin + BASE64_BLOCK < size ? begin + BASE64_BLOCK : size;
         char *to = text;

@@ -72,8 +72,9 @@ enum {
     SGS_AOV_NORMAL = 16,
     SGS_AOV_POSITION = 32,
     SGS_AOV_PRIMITIVE = 64,
+    SGS_AOV_CANDIDATES = 128,
     SGS_AOVS_BASIC = 15,
-    SGS_AOVS_ALL = 127
+    SGS_AOVS_ALL = 255
 };
 
 #define SGS_NO_PRIMITIVE UINT32_MAX
@@ -94,6 +95,9 @@ typedef struct sgs_frame {
     float *normal[3];
     float *position[3];  // world: sum(w x) / sum(w), x the point of a hit; 0 without a hit
     uint32_t *primitive; // row of the primitive with the largest w; SGS_NO_PRIMITIVE without a hit
+    // Primitives that the BVH returned for the pixel's tile of 16x16 pixels and that may hit it:
+    // the cost of the tile.
+    float *candidates;
 } sgs_frame;
 
 // Allocates colour, transmittance and the planes of SGS_AOVS_BASIC, 64-byte aligned and zeroed.
@@ -183,6 +187,7 @@ typedef struct sgs_reference_frame {
     double *color[3];
     double *transmittance, *depth_mean, *depth_median, *depth_first, *hits;
     double *normal[3], *position[3], *primitive;
+    double *candidates; // of the pixel, not its tile: primitives with a hit of alpha >= 1/255
 } sgs_reference_frame;
 
 // Allocates all planes, zeroed; free them with sgs_reference_frame_free. Fails with

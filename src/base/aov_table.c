@@ -66,6 +66,13 @@ static const sgs_aov table[] = {
      .filter = SGS_AOV_FILTER_NEAREST,
      PLANES(primitive),
      .help = "row of the primitive with the largest contribution"},
+    {.name = "candidates",
+     .bit = SGS_AOV_CANDIDATES,
+     .channels = 1,
+     .type = SGS_AOV_TYPE_COUNT,
+     .filter = SGS_AOV_FILTER_NEAREST,
+     PLANES(candidates),
+     .help = "number of primitives that may hit the pixel's tile of 16x16 pixels"},
 };
 
 const sgs_aov *sgs_aov_descriptors(size_t *count)

@@ -263,8 +263,8 @@ static int compare_hits(const void *left, const void *right)
     return a->primitive < b->primitive ? -1 : a->primitive > b->primitive;
 }
 
-size_t sgsi_reference_trace(const sgsi_reference_view *view, const double direction[3],
-                            sgs_hit *hits)
+// Unordered hits of all primitives, as if each were alone. Returns how many.
+static size_t find_hits(const sgsi_reference_view *view, const double direction[3], sgs_hit *hits)
 {
     size_t found = 0;
     for (size_t i = 0; i < view->count; ++i) {
@@ -275,8 +275,13 @@ size_t sgsi_reference_trace(const sgsi_reference_view *view, const double direct
         if (alpha >= alpha_min && t > view->near_distance && t < HUGE_VAL)
             hits[found++] = (sgs_hit){(uint32_t)i, t, alpha < alpha_max ? alpha : alpha_max, 1};
     }
-    qsort(hits, found, sizeof *hits, compare_hits);
+    return found;
+}
 
+// Orders the hits and computes their transmittances. Returns how many are counted.
+static size_t order_hits(sgs_hit *hits, size_t found)
+{
+    qsort(hits, found, sizeof *hits, compare_hits);
     double transmittance = 1;
     for (size_t k = 0; k < found; ++k) {
         hits[k].transmittance = transmittance;
@@ -285,6 +290,12 @@ size_t sgsi_reference_trace(const sgsi_reference_view *view, const double direct
             return k;
     }
     return found;
+}
+
+size_t sgsi_reference_trace(const sgsi_reference_view *view, const double direction[3],
+                            sgs_hit *hits)
+{
+    return order_hits(hits, find_hits(view, direction, hits));
 }
 
 // ---- The image ----
@@ -369,9 +380,10 @@ static void render_row(void *context, size_t y, int thread)
     sgs_hit *hits = job->hits + (size_t)thread * job->view->count;
     for (int x = 0; x < frame->width; ++x) {
         double direction[3] = {0, 0, 0};
-        size_t count = 0;
+        size_t found = 0;
         if (sgsi_reference_ray(job->view, x, (int)y, direction))
-            count = sgsi_reference_trace(job->view, direction, hits);
+            found = find_hits(job->view, direction, hits);
+        const size_t count = order_hits(hits, found);
         const pixel_values pixel = blend(job->view, direction, hits, count);
         const size_t index = y * (size_t)frame->width + (size_t)x;
         for (int c = 0; c < 3; ++c) {
@@ -385,6 +397,7 @@ static void render_row(void *context, size_t y, int thread)
         store(frame->depth_median, index, pixel.depth_median);
         store(frame->depth_first, index, pixel.depth_first);
         store(frame->hits, index, pixel.hits);
+        store(frame->candidates, index, (double)found);
     }
 }
 

@@ -172,7 +172,8 @@ static sgs_status prepare_planes(sgs_renderer *renderer, const sgs_frame *frame)
                                      .depth_mean = frame->depth_mean,
                                      .depth_median = frame->depth_median,
                                      .depth_first = frame->depth_first,
-                                     .hits = frame->hits};
+                                     .hits = frame->hits,
+                                     .candidates = frame->candidates};
     return SGS_STATUS_OK;
 }
 

@@ -384,6 +384,14 @@ static void keep_list(thread_state *state, sgsi_tile_list *list, size_t count)
     }
 }
 
+static void store_candidates(const sgsi_planes *planes, const sgsi_tile_rays *rays, size_t count)
+{
+    const int right = rays->x + SGSI_TILE < planes->width ? rays->x + SGSI_TILE : planes->width;
+    for (int y = rays->y; y < rays->y + SGSI_TILE && y < planes->height; ++y)
+        for (int x = rays->x; x < right; ++x)
+            planes->candidates[(size_t)y * planes->stride + (size_t)x] = (float)count;
+}
+
 // Blends tile k of the macrotile, number `tile` of the image, from the candidates in front of its
 // depth bound or from all. Returns false if the depth bound was too near.
 static bool blend_tile(const forward_pass *pass, thread_state *state,
@@ -419,6 +427,8 @@ static bool blend_tile(const forward_pass *pass, thread_state *state,
     if (cost)
         *cost = (sgsi_tile_cost){(float)(sgsi_seconds() - start), (uint32_t)count,
                                  (uint32_t)target.evaluations};
+    if (planes->candidates)
+        store_candidates(planes, rays, count);
     state->counts.candidates += count;
     state->counts.evaluations += target.evaluations;
     for (int b = 0; b < SGSI_BLOCKS; ++b)

@@ -135,6 +135,8 @@ reports "unknown property 'colour'"
 run 1 convert "$ply" "$temporary/none.ply" --filter-sphere 1e6,0,0,1
 reports "no primitive is left; nothing was written"
 run 1 convert "$ply" "$temporary/none.ply" --lod 1
+run 1 convert "$ply" "$temporary/none.ply" --filter-slack 0
+reports "--filter-slack and --filter-region require a run folder"
 run 1 convert "$temporary/missing.spz" "$temporary/none.ply"
 reports "no such model"
 echo '#usda 1.0' >"$temporary/empty.usda"

@@ -67,7 +67,8 @@ info: white threads isa seed json quiet
 compress: output method preset filter compact-box background images downscale eval test-every test-images masks
 compress: invert-masks alpha image-cache input-colorspace train-space white threads isa seed json quiet
 decompress: output threads isa seed json quiet
-convert: filter-nan filter-box filter-sphere filter-value filter-opacity filter-floaters filter-unseen filter-harmonics
+convert: filter-nan filter-box filter-sphere filter-value filter-opacity filter-floaters filter-unseen filter-slack filter-region
+convert: filter-harmonics
 convert: scale rotate translate antialiased input-spz-axes lod spz-version spz-axes ksplat-level sh-palette iterations lod-levels
 convert: images downscale eval test-every test-images masks invert-masks alpha image-cache input-colorspace train-space
 convert: white threads isa seed json quiet

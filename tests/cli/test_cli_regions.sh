@@ -62,6 +62,41 @@ for name in region slack; do
     check "picture_${name}_opens" oiiotool "$temporary/png/0009.$name.png"
 done
 
+# convert_filters_by_region: the fullest region, by its number and by its slack as `explain` prints them.
+run 0 explain "$model" --top 100000 --json
+read -r voxel slack above < <(jq -r '.regions | max_by(.count) | [.voxel, .slack - 0.001, .slack + 0.001] | map(tostring) | join(" ")' "$temporary/stdout")
+run 0 convert "$model" "$temporary/part.ply" --filter-region "$voxel" --json
+part=$(jq .output "$temporary/stdout")
+check a_region_has_some_primitives test "$part" -gt 0 -a "$part" -lt "$(jq .input "$temporary/stdout")"
+header=$(($(head -c 4000 "$temporary/part.ply" | grep -abo end_header | head -1 | cut -d: -f1) + 11))
+tail -c +$((header + 1)) "$temporary/part.ply" | od -An -v -t f4 -w248 | awk '{ print $1, $2, $3 }' >"$temporary/inside"
+# The voxel is half-way to the next centres on both sides; those at the border of the grid have no limit outside.
+jq -r '.regions[] | [.voxel, .center[]] | map(tostring) | join(" ")' <("$program" explain "$model" --top 100000 --json) >"$temporary/centers"
+cat >"$temporary/inside.awk" <<'E2'
+FILENAME ~ /centers$/ {
+    for (k = 1; k <= 3; ++k) {
+        place[$1, k] = int($1 / 32 ^ (k - 1)) % 32
+        if ($1 == voxel) middle[k] = $(k + 1)
+        if (FNR > 1 && place[$1, k] != place[last, k]) cell[k] = ($(k + 1) - before[k]) / (place[$1, k] - place[last, k])
+        before[k] = $(k + 1)
+    }
+    last = $1
+    next
+}
+{
+    for (k = 1; k <= 3; ++k) {
+        d = ($k - middle[k]) / cell[k]
+        if ((d < -0.5001 && place[voxel, k] > 0) || (d > 0.5001 && place[voxel, k] < 31)) bad = 1
+    }
+}
+END { exit bad || !FNR }
+E2
+check they_are_in_the_voxel awk -v voxel="$voxel" -f "$temporary/inside.awk" "$temporary/centers" "$temporary/inside"
+run 0 convert "$model" "$temporary/same.ply" --filter-region "$voxel" --filter-slack="$slack" --json
+check its_own_slack_keeps_it test "$(jq .output "$temporary/stdout")" = "$part"
+run 1 convert "$model" "$temporary/none.ply" --filter-region "$voxel" --filter-slack="$above"
+reports "no primitive is left"
+
 # Without recorded regions, naming them is an error, and `all` omits them.
 cp "$ply" "$temporary/alone.ply"
 run 1 render "$temporary/alone.ply" "$room" --downscale 8 --view 0009 --aov rgba,slack -o "$temporary/exr"

@@ -145,6 +145,7 @@ page progressive
 page many
 page never_reads
 page hostile
+page storm 1000
 check serves_after_all_that test "$(curl -s -o /dev/null -w '%{http_code}' "$url")" = 200
 stop TERM
 check nothing_but_the_url_on_stdout test "$(wc -l <"$temporary/url")" -eq 1

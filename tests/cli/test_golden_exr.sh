@@ -21,7 +21,7 @@ for isa in baseline avx2 avx512; do
     set_name="avx2 and avx512"
     [ "$isa" != baseline ] || set_name=baseline
     for kind in flat deep; do
-        options=(--aov all)
+        options=(--aov rgba,depth,depth_median,depth_first,transmittance,hits,normal,position,primitive,region,slack)
         [ "$kind" = flat ] || options=(--deep)
         rm -rf "$temporary/out"
         "$SPAREGS_PROGRAM" render "$temporary/run" "$room" --downscale 4 --view 0001.jpg --isa "$isa" "${options[@]}" -o "$temporary/out" --quiet >/dev/null

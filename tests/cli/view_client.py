@@ -223,6 +223,70 @@ def hostile(url):
     page.socket.close()
 
 
+def storm(url, count):
+    """`count` malformed frames and requests, four in five as messages of one connection after the other; then it draws."""
+    random.seed(2)
+    count, address = int(count), urlparse(url)
+    good = ['{"type":"camera","serial":1,"moving":false,"width":64,"height":48,"view":0,"aov":"depth","range":[1,2],"samples":4,'
+            '"crop":{"preview":"hide","box":[0,0,0,1,1,1],"opacity":0.5,"region":3}}',
+            '{"type":"probe","x":3,"y":4}', '{"type":"ray","x":1,"y":1}', '{"type":"region","number":7}', '{"type":"history"}',
+            '{"type":"ack","number":3}', '{"type":"camera","camera_to_world":[1,0,0,0,0,1,0,0,0,0,1,0,0,0,0,1],"fov":50,"width":9,"height":9}']
+
+    def mutated(text):
+        data = bytearray(text.encode())
+        for _ in range(random.randrange(1, 6)):
+            at = random.randrange(len(data))
+            kind = random.randrange(4)
+            if kind == 0:
+                data[at] = random.randrange(256)
+            elif kind == 1:
+                del data[at:at + random.randrange(1, 9)]
+            elif kind == 2:
+                data[at:at] = random.choice([b"1e999", b"-1", b"null", b"[", b"{", b'"', b"\\u0000", b"99999999999999999999", b"NaN"])
+            else:
+                data[at:] = b""
+            if not data:
+                break
+        return bytes(data)
+
+    sent = 0
+    while sent < count:
+        try:
+            page = Page(url)
+            for _ in range(min(80, count - sent)):
+                page.socket.frame(random.choice((1, 1, 1, 1, 2)), mutated(random.choice(good)))
+                sent += 1
+            broken = random.choice(({"final": False}, {"masked": False}, {"reserved": random.randrange(1, 8)}, {}))
+            page.socket.frame(random.randrange(16), random.randbytes(random.randrange(0, 300)), **broken)
+            page.socket.close()
+        except (Closed, OSError):
+            pass
+        for _ in range(min(20, count - sent)):
+            sent += 1
+            head = mutated(f"GET /{random.choice(('', 'photo/0', 'thumb/3', 'stream'))} HTTP/1.1\r\nHost: {address.netloc}\r\n"
+                           "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n"
+                           "Sec-WebSocket-Version: 13\r\n\r\n")
+            try:
+                link = socket.create_connection((address.hostname, address.port), timeout=5)
+                link.sendall(head)
+                if random.randrange(4):  # else half-open: closed without a word
+                    link.shutdown(socket.SHUT_WR)
+                    link.recv(1)
+                link.close()
+            except OSError:
+                pass
+    end = time.monotonic() + 60
+    page = None
+    while not page and time.monotonic() < end:
+        try:
+            page = Page(url)
+            page.wait("hello")
+        except (Closed, OSError, TimeoutError):
+            page = None
+    expect("draws_after_the_storm", page is not None and page.final(width=64, height=48, view=0)[1][:4] == b"\x89PNG")
+    print(f"{sent} malformed frames and requests")
+
+
 def many(url):
     """Eight pages are served, the ninth is told so; 200 connections come and go."""
     pages = [Page(url) for _ in range(8)]
@@ -343,7 +407,7 @@ def status(url, *headers):
 
 def main():
     url, command = sys.argv[1:3]
-    {"pictures": pictures, "crop": crop, "progressive": progressive, "hostile": hostile, "many": many, "never_reads": never_reads,
+    {"pictures": pictures, "crop": crop, "progressive": progressive, "hostile": hostile, "many": many, "storm": storm, "never_reads": never_reads,
      "move": move, "control": control, "status": status}[command](url, *sys.argv[3:])
     sys.exit(1 if expect.failed else 0)
 

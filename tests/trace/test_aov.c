@@ -75,6 +75,7 @@ static aov_truth judge_aov(const sgsi_reference_view *view, const double directi
 }
 
 typedef struct aov_errors {
+    float least_candidates; // of a tile
     double normal, position, distance;
     size_t compared, identified;
 } aov_errors;
@@ -99,7 +100,22 @@ static void compare_pixel(const sgs_frame *frame, const sgs_reference_frame *exa
                     (exact->primitive[i] < 0 ? SGS_NO_PRIMITIVE : (uint32_t)exact->primitive[i]));
         ++errors->identified;
     }
+    assert_true((double)frame->candidates[i] >= exact->candidates[i]);
     ++errors->compared;
+}
+
+// Tiles have one number of candidates. Returns the smallest one.
+static float check_candidates(const sgs_frame *frame, size_t primitives)
+{
+    float least = INFINITY;
+    for (int y = 0; y < frame->height; ++y)
+        for (int x = 0; x < frame->width; ++x) {
+            const float own = frame->candidates[y * frame->width + x],
+                        of_tile = frame->candidates[y / 16 * 16 * frame->width + x / 16 * 16];
+            assert_true(own == of_tile && own >= 0 && own <= (float)primitives);
+            least = fminf(least, own);
+        }
+    return least;
 }
 
 static void compare_with_oracle(const oracle_scene *scene, const sgs_camera *camera,
@@ -128,6 +144,7 @@ static void compare_with_oracle(const oracle_scene *scene, const sgs_camera *cam
             if (!truth.fragile)
                 compare_pixel(&frame, &exact, i, &truth, errors);
         }
+    errors->least_candidates = check_candidates(&frame, scene->count);
     free(hits);
     sgsi_reference_view_free(&view);
     sgs_reference_frame_free(&exact);
@@ -154,6 +171,7 @@ static void aovs_equal_the_oracle_on_every_isa_and_lens(void **state)
             options.filter = run / 3 % 2 ? SGS_FILTER_NONE : SGS_FILTER_3DGS;
             options.axis_depth = run >= 6;
             compare_with_oracle(&scene, &camera, &pose, &options, &errors);
+            assert_true(errors.least_candidates < 0.5f * (float)scene.count);
             pixels += 61 * 45;
         }
         print_message("%s: normal %.2g, position %.2g, distance %.2g, %zu of %zu pixels\n",
@@ -347,11 +365,12 @@ static void unrequested_planes_are_null(void **state)
     } planes[] = {{SGS_AOV_DEPTH_MEAN, all.depth_mean},   {SGS_AOV_DEPTH_MEDIAN, all.depth_median},
                   {SGS_AOV_DEPTH_FIRST, all.depth_first}, {SGS_AOV_HITS, all.hits},
                   {SGS_AOV_NORMAL, all.normal[1]},        {SGS_AOV_POSITION, all.position[2]},
-                  {SGS_AOV_PRIMITIVE, all.primitive}};
+                  {SGS_AOV_PRIMITIVE, all.primitive},     {SGS_AOV_CANDIDATES, all.candidates}};
     for (size_t k = 0; k < sizeof planes / sizeof *planes; ++k) {
         sgs_frame one = drawn(scene.model, &camera, &pose, &options, planes[k].bit);
-        const void *const own[] = {one.depth_mean, one.depth_median, one.depth_first, one.hits,
-                                   one.normal[1],  one.position[2],  one.primitive};
+        const void *const own[] = {one.depth_mean, one.depth_median, one.depth_first,
+                                   one.hits,       one.normal[1],    one.position[2],
+                                   one.primitive,  one.candidates};
         for (size_t j = 0; j < sizeof own / sizeof *own; ++j) {
             assert_int_equal(own[j] != NULL, j == k);
             if (j == k)
@@ -383,6 +402,7 @@ static void bits_do_not_depend_on_threads(void **state)
         assert_memory_equal(one.position[c], three.position[c], bytes);
     }
     assert_memory_equal(one.primitive, three.primitive, bytes);
+    assert_memory_equal(one.candidates, three.candidates, bytes);
     sgs_frame_free(&one);
     sgs_frame_free(&three);
     oracle_scene_free(&scene);

@@ -15,6 +15,7 @@
 #include "cli/model_argument.h"
 #include "cli/output.h"
 #include "cli/progress.h"
+#include "draw/region_map.h"
 #include "run/model_filter.h"
 #include "cli/shared_options.h"
 #include "sparegs/model_edit.h"
@@ -32,12 +33,13 @@ static const char description[] =
     "to .usda and .html, serves --filter-unseen, and ranks the primitives for lod-meta.json.";
 
 enum { MOST_NUMBERS = 8, MOST_CONDITIONS = 16 };
+#define NO_SLACK (-1e9) // below that of any region
 
 typedef struct convert_values {
     const char *box, *sphere, *conditions, *floaters, *translate, *rotate;
-    int harmonics, spz_version, spz_axes, input_spz_axes, ksplat_level, palette, iterations, levels,
-        lod, antialiased;
-    double opacity, scale;
+    int region, harmonics, spz_version, spz_axes, input_spz_axes, ksplat_level, palette, iterations,
+        levels, lod, antialiased;
+    double opacity, scale, slack;
     bool drop_nan, unseen;
 } convert_values;
 
@@ -87,6 +89,25 @@ static const option convert_options[] = {
      .offset = offsetof(convert_values, unseen),
      .help = "drop primitives that no training view of SCENE sees: the sum of their blending "
              "weights is 0"},
+    {.name = "filter-slack",
+     .kind = OPTION_REAL,
+     .offset = offsetof(convert_values, slack),
+     .low = NO_SLACK,
+     .high = -NO_SLACK,
+     .argument = "MIN",
+     .initial = "-1e9",
+     .shown = "none",
+     .help = "keep primitives of SPARE-GS regions with at least this slack at the last structural "
+             "update; IN must be a run folder"},
+    {.name = "filter-region",
+     .kind = OPTION_INTEGER,
+     .offset = offsetof(convert_values, region),
+     .low = -1,
+     .high = 256 * 256 * 256,
+     .argument = "N",
+     .initial = "-1",
+     .shown = "all",
+     .help = "keep primitives of this SPARE-GS region (see explain); IN must be a run folder"},
     {.name = "filter-harmonics",
      .kind = OPTION_INTEGER,
      .offset = offsetof(convert_values, harmonics),
@@ -311,14 +332,40 @@ static int parse_plan(const command_line *line, const convert_values *values, co
 
 // ---- Filters and transform ----
 
-static bool filter_model(const convert_plan *plan, sgs_gaussians *model)
+// The regions of the primitives for the filters that use them; false after printing the error.
+static bool read_regions(const convert_plan *plan, const char *folder, const opened_model *opened,
+                         region_map *regions)
 {
     const convert_values *values = plan->values;
+    if (values->region < 0 && !(values->slack > NO_SLACK))
+        return true;
+    if (!opened->located.iteration) {
+        fail_run("%s: --filter-slack and --filter-region require a run folder", folder);
+        return false;
+    }
+    if (!region_map_read(folder, opened->located.iteration, opened->gaussians, regions))
+        return false;
+    if (!regions->iteration)
+        fail_run("%s: has no records of SPARE-GS's regions", folder);
+    return regions->iteration > 0;
+}
+
+static bool filter_model(const convert_plan *plan, const char *name, const opened_model *opened)
+{
+    const convert_values *values = plan->values;
+    sgs_gaussians *model = opened->gaussians;
+    region_map regions = {0};
+    if (!read_regions(plan, name, opened, &regions))
+        return false;
     const model_filter filter = {.box = values->box ? plan->box : NULL,
                                  .sphere = values->sphere ? plan->sphere : NULL,
                                  .conditions = plan->conditions,
                                  .condition_count = plan->condition_count,
                                  .opacity = values->opacity,
+                                 .region = regions.region,
+                                 .slack = regions.slack,
+                                 .only_region = values->region,
+                                 .slack_low = values->slack,
                                  .floaters = values->floaters ? &plan->floaters : NULL};
     unsigned char *keep = malloc(model->count + 1);
     if (!keep)
@@ -327,6 +374,7 @@ static bool filter_model(const convert_plan *plan, sgs_gaussians *model)
     if (done)
         sgs_selection_apply(model, keep);
     free(keep);
+    region_map_free(&regions);
     sgs_gaussians_limit_sh(model, values->harmonics);
     return done;
 }
@@ -538,7 +586,7 @@ static int convert(const command_line *line, const convert_plan *plan, scene_val
     const size_t input = opened.gaussians->count + opened.info.dropped;
     const bool antialiased =
         plan->values->antialiased ? plan->values->antialiased == 1 : opened.antialiased;
-    done = done && filter_model(plan, opened.gaussians) &&
+    done = done && filter_model(plan, line->operands[0], &opened) &&
            (!plan->values->unseen || (scene && drop_unseen(&opened, scene)));
     if (done && !opened.gaussians->count) {
         fail_run("%s: no primitive is left; nothing was written", line->operands[0]);

@@ -46,6 +46,9 @@ const aov_row aov_rows[AOV_ROWS] = {
                          .made = AOV_MADE_SLACK,
                          .channels = {"slack.S"},
                          .picture = AOV_PICTURE_SLACK},
+    [AOV_INDEX_CANDIDATES] = {.source = "candidates",
+                              .channels = {"candidates.count"},
+                              .picture = AOV_PICTURE_RAMP},
 };
 
 unsigned aov_planes(unsigned aovs)

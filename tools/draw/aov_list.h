@@ -19,7 +19,8 @@
     NEXT(POSITION, "position")                                                                     \
     NEXT(PRIMITIVE, "primitive")                                                                   \
     NEXT(REGION, "region")                                                                         \
-    NEXT(SLACK, "slack")
+    NEXT(SLACK, "slack")                                                                           \
+    NEXT(CANDIDATES, "candidates")
 
 #define AOV_INDEX(id, word) AOV_INDEX_##id,
 enum { AOV_LIST(AOV_INDEX, AOV_INDEX) AOV_ROWS };

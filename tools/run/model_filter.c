@@ -60,5 +60,9 @@ bool model_filter_select(const model_filter *filter, const sgs_gaussians *model,
     }
     if (filter->opacity > 0)
         sgs_select_value(model, "opacity", SGS_GREATER_EQUAL, filter->opacity, keep);
+    for (size_t i = 0; filter->region && i < model->count; ++i)
+        keep[i] = keep[i] &&
+                  (filter->only_region < 0 || filter->region[i] == filter->only_region) &&
+                  (double)filter->slack[i] >= filter->slack_low;
     return !filter->floaters || drop_floaters(filter->floaters, model, keep);
 }

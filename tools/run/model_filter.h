@@ -5,6 +5,7 @@
 // The filters of `convert` and of the viewer's crop: which primitives of a model are kept.
 
 #include <stdbool.h>
+#include <stdint.h>
 
 #include "sparegs/model_edit.h"
 
@@ -19,7 +20,12 @@ typedef struct model_filter {
     const double *sphere; // x, y, z, radius; NULL = none
     const model_condition *conditions;
     int condition_count;
-    double opacity;                      // smallest one kept
+    double opacity; // smallest one kept
+    // SPARE-GS regions of the primitives; NULL = no filter by region.
+    const uint32_t *region;
+    const float *slack;
+    int64_t only_region;                 // -1 = any
+    double slack_low;                    // smallest one kept; -INFINITY = any
     const sgs_floater_options *floaters; // of the primitives that the others kept; NULL = none
 } model_filter;
 

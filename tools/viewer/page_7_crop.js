@@ -26,6 +26,8 @@ function cropNumbers(prefix, names) {
 function cropValues() {
   const crop = {preview: byId('cropPreview').value, opacity: Number(byId('cropOpacity').value) || 0,
     size: Number(byId('cropSize').value) || 0, floaters: byId('cropFloaters').checked};
+  if (byId('cropSlack').value !== '') crop.slack = Number(byId('cropSlack').value);
+  if (byId('cropRegion').value !== '') crop.region = Math.max(0, Math.round(Number(byId('cropRegion').value)));
   if (byId('boxOn').checked) crop.box = cropNumbers('box_', boxNames);
   const sphere = cropNumbers('sphere_', sphereNames);
   if (byId('sphereOn').checked && !sphere.includes(null)) crop.sphere = sphere;
@@ -43,6 +45,8 @@ function cropCommand() {
   if (crop.sphere) words.push('--filter-sphere ' + crop.sphere.join(','));
   if (crop.size > 0) words.push('--filter-value ' + [0, 1, 2].map((k) => `scale_${k},lte,${crop.size}`).join(','));
   if (crop.opacity > 0) words.push('--filter-opacity ' + crop.opacity);
+  if ('slack' in crop) words.push('--filter-slack ' + crop.slack);
+  if ('region' in crop) words.push('--filter-region ' + crop.region);
   if (crop.floaters) words.push('--filter-floaters auto');
   return words.join(' ');
 }
@@ -60,6 +64,7 @@ function cropShown() {
 
 function startCrop(hello) {
   byId('cropBox').hidden = hello.training;
+  byId('cropRegions').hidden = !hello.aovs.some((aov) => aov.name === 'slack');
   if (byId('box_x').value === '') {
     const digits = (value) => Number(value.toPrecision(4));
     boxNames.forEach((name, k) => {
@@ -70,7 +75,7 @@ function startCrop(hello) {
   byId('cropCommand').textContent = cropCommand();
 }
 
-for (const id of ['boxOn', 'sphereOn', 'cropOpacity', 'cropSize', 'cropFloaters']) byId(id).onchange = cropChanged;
+for (const id of ['boxOn', 'sphereOn', 'cropOpacity', 'cropSize', 'cropSlack', 'cropRegion', 'cropFloaters']) byId(id).onchange = cropChanged;
 byId('cropPreview').onchange = cropShown;
 byId('cropSave').onclick = () => {
   if (byId('cropPreview').value === 'off') byId('cropPreview').value = 'mark';

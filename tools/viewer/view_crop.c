@@ -3,6 +3,7 @@
 
 #include "viewer/view_crop.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -11,8 +12,11 @@
 #include "sparegs/model_file.h"
 
 // The flags of the primitives that the crop keeps; release with free(). NULL on failure.
-static unsigned char *select_kept(const view_crop *crop, const sgs_gaussians *model)
+static unsigned char *select_kept(const view_crop *crop, view_source *source)
 {
+    const sgs_gaussians *model = source->model;
+    const region_map *regions =
+        crop->region >= 0 || crop->slack > -INFINITY ? view_source_regions(source) : NULL;
     static const sgs_floater_options floaters = {.opacity = 0.1, .share = 0.01}; // as auto
     model_condition conditions[3];
     for (int k = 0; k < 3; ++k) {
@@ -24,6 +28,10 @@ static unsigned char *select_kept(const view_crop *crop, const sgs_gaussians *mo
                                  .conditions = conditions,
                                  .condition_count = crop->size > 0 ? 3 : 0,
                                  .opacity = crop->opacity,
+                                 .region = regions ? regions->region : NULL,
+                                 .slack = regions ? regions->slack : NULL,
+                                 .only_region = crop->region,
+                                 .slack_low = crop->slack,
                                  .floaters = crop->floaters ? &floaters : NULL};
     unsigned char *keep = malloc(model->count + 1);
     if (keep && model_filter_select(&filter, model, keep))
@@ -48,7 +56,7 @@ static void paint_red(sgs_gaussians *model, size_t row)
         *sgs_gaussians_at(model, row, k) = k < SGS_PARAM_SH_REST ? red[k - SGS_PARAM_SH_DC] : 0;
 }
 
-bool crop_preview_prepare(crop_preview *preview, const view_crop *crop, const view_source *source)
+bool crop_preview_prepare(crop_preview *preview, const view_crop *crop, view_source *source)
 {
     const sgs_gaussians *model = source->model;
     const uint64_t version = atomic_load(&source->version);
@@ -56,7 +64,7 @@ bool crop_preview_prepare(crop_preview *preview, const view_crop *crop, const vi
         return true;
     if (!preview->model && sgs_gaussians_create(model->count, &preview->model))
         return false;
-    unsigned char *keep = select_kept(crop, model);
+    unsigned char *keep = select_kept(crop, source);
     bool done = keep && model_copy(preview->model, model);
     if (done) {
         preview->removed = model->count - count_kept(keep, model->count);
@@ -81,10 +89,10 @@ void crop_preview_free(crop_preview *preview)
     *preview = (crop_preview){0};
 }
 
-json_t *crop_save(const view_crop *crop, const view_source *source)
+json_t *crop_save(const view_crop *crop, view_source *source)
 {
     const sgs_gaussians *model = source->model;
-    unsigned char *keep = select_kept(crop, model);
+    unsigned char *keep = select_kept(crop, source);
     sgs_gaussians *kept = NULL;
     json_t *reply = NULL;
     char *path = NULL;

@@ -19,9 +19,9 @@ typedef struct crop_preview {
 } crop_preview;
 
 // Prepares the copy. False if out of memory, or after printing the error.
-bool crop_preview_prepare(crop_preview *preview, const view_crop *crop, const view_source *source);
+bool crop_preview_prepare(crop_preview *preview, const view_crop *crop, view_source *source);
 void crop_preview_free(crop_preview *preview);
 
 // Writes the kept primitives as FOLDER/crop_N.ply for the first free N: {"type": "crop", "path",
 // "kept", "removed"}. NULL after printing the error.
-json_t *crop_save(const view_crop *crop, const view_source *source);
+json_t *crop_save(const view_crop *crop, view_source *source);

@@ -119,7 +119,8 @@ bool view_crop_equal(const view_crop *a, const view_crop *b)
 {
     return a->preview == b->preview && a->has_box == b->has_box && a->has_sphere == b->has_sphere &&
            a->floaters == b->floaters && a->opacity == b->opacity && a->size == b->size &&
-           numbers_equal(a->box, b->box, 6) && numbers_equal(a->sphere, b->sphere, 4);
+           a->slack == b->slack && a->region == b->region && numbers_equal(a->box, b->box, 6) &&
+           numbers_equal(a->sphere, b->sphere, 4);
 }
 
 // `count` finite numbers; null is `absent` if that is infinite.
@@ -140,8 +141,17 @@ static const char *read_crop(const json_t *crop, view_crop *out)
     static const double none[6] = {-INFINITY, -INFINITY, -INFINITY, INFINITY, INFINITY, INFINITY};
     const json_t *box = json_object_get(crop, "box"), *sphere = json_object_get(crop, "sphere");
     const char *preview = json_string_value(json_object_get(crop, "preview"));
+    const json_t *slack = json_object_get(crop, "slack"), *region = json_object_get(crop, "region");
+    out->slack = -INFINITY;
+    out->region = -1;
     if (!json_is_object(crop))
         return NULL;
+    if (json_is_number(slack))
+        out->slack = json_number_value(slack);
+    if (json_is_integer(region))
+        out->region = json_integer_value(region);
+    if (out->region < -1 || out->region > UINT32_MAX)
+        return "region is out of range";
     out->has_box = json_is_array(box);
     out->has_sphere = json_is_array(sphere);
     if (out->has_box && !read_limits(box, none, out->box, 6))

@@ -41,6 +41,8 @@ typedef struct view_crop {
     double sphere[4]; // centre, radius
     double opacity;   // smallest one kept; 0 = all
     double size;      // largest scale kept, world units; 0 = all
+    double slack;     // smallest slack of the region kept; -INFINITY = all
+    int64_t region;   // the only region kept; -1 = all
 } view_crop;
 
 bool view_crop_equal(const view_crop *a, const view_crop *b);

@@ -106,7 +106,6 @@ static void add_channel(transform2d *t, int channel, double *magnitude)
             const int fx = mirrored ? w - kx : kx, fy = mirrored ? (h - ky) % h : ky;
             const double *z = t->half[(size_t)fy * (size_t)t->half_width + (size_t)fx];
             const int x = (kx + w / 2) % w, y = (ky + h / 2) % h;
-            // NOLINTNEXTLINE(clang-analyzer-core.NullDereference): the spectrum was created
             magnitude[(size_t)y * (size_t)w + (size_t)x] += sqrt(z[0] * z[0] + z[1] * z[1]);
         }
 }
@@ -168,7 +167,6 @@ double sgsi_spectrum_window(const sgsi_spectrum *s, double scale)
 
 static double whole(const sgsi_spectrum *s)
 {
-    // NOLINTNEXTLINE(clang-analyzer-core.NullDereference): the spectrum was created
     return s->table[(size_t)(s->width + 1) * (size_t)(s->height + 1) - 1];
 }
 

@@ -85,7 +85,6 @@ void sgs_gaussians_destroy(sgs_gaussians *model)
 
 sgs_status sgs_gaussians_reserve(sgs_gaussians *model, size_t capacity)
 {
-    // NOLINTNEXTLINE(clang-analyzer-core.NullDereference): a failed create does not get here
     if (capacity <= model->capacity)
         return SGS_STATUS_OK;
     if (capacity > MOST_PRIMITIVES)

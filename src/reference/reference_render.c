@@ -34,7 +34,6 @@ static const double dilation_3dgs = 0.3, dilation_mip = 0.1; // px^2
 
 static double dot(const double a[3], const double b[3])
 {
-    // NOLINTNEXTLINE(clang-analyzer-core.NullDereference): rows of member matrices
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
@@ -55,7 +54,6 @@ static void multiply(const double m[9], const double v[3], double out[3])
 static void multiply_transposed(const double m[9], const double v[3], double out[3])
 {
     for (int column = 0; column < 3; ++column)
-        // NOLINTNEXTLINE(clang-analyzer-core.NullDereference): as above
         out[column] = m[column] * v[0] + m[3 + column] * v[1] + m[6 + column] * v[2];
 }
 

@@ -295,7 +295,6 @@ static bool write_results(const experiment_plan *plan, const char *folder)
         json_t *summary = finished(run);
         if (!summary)
             continue;
-        // NOLINTNEXTLINE(clang-analyzer-core.NonNullParamChecker): set for a plan that runs
         const char *name = run->folder + strlen(folder) + 1; // "FOLDER/NAME"
         char *row = csv_row(run, summary), *longer = format_text("%s%s", csv, row);
         free(row);

@@ -39,7 +39,7 @@ typedef struct sgsi_planes {
     size_t stride;
     float *color[3], *transmittance;
     float *depth_mean, *depth_median, *depth_first, *hits;
-    float *candidates; // of the tile of each pixel, or NULL
+    float *candidates;   // of the tile of each pixel, or NULL
     const sgsi_aov *aov; // further AOVs, or NULL
 } sgsi_planes;
 

@@ -8,8 +8,9 @@
 //   dL/dI'
 //
 // and dL/dcolor = dL/dI, dL/dT = background . dL/dI (plus the alpha term, which does not pass
-// through the map). The sums are computed per row and added in row order, in double precision: the
-// result does not depend on the number of threads.
+// through the map). The sums are computed per cell of the image (base/image_cells.h) and added
+// along the curve of the cells, in double precision: the result does not depend on the number of
+// threads.
 
 #include "loss/exposure.h"
 
@@ -17,6 +18,7 @@
 #include <string.h>
 
 #include "base/core.h"
+#include "base/image_cells.h"
 #include "base/threads.h"
 
 typedef struct exposure_state {
@@ -26,8 +28,10 @@ typedef struct exposure_state {
 struct sgsi_exposure {
     size_t count;
     exposure_state *states;
-    float *mapped[3], *nothing; // planes; `nothing` is 0
-    double (*rows)[SGSI_EXPOSURE];
+    float *mapped[3], *nothing;    // planes; `nothing` is 0
+    sgsi_cells cells;              // of the last image
+    double (*sums)[SGSI_EXPOSURE]; // one per cell
+    size_t sums_count;
     double gradient[SGSI_EXPOSURE];
 };
 
@@ -37,12 +41,12 @@ void sgsi_exposure_destroy(sgsi_exposure *exposure)
         return;
     sgsi_free(exposure->states);
     sgsi_free(exposure->nothing); // first plane of the block
-    sgsi_free(exposure->rows);
+    sgsi_cells_free(&exposure->cells);
+    sgsi_free(exposure->sums);
     sgsi_free(exposure);
 }
 
-sgs_status sgsi_exposure_create(size_t count, size_t plane_floats, size_t height,
-                                sgsi_exposure **exposure)
+sgs_status sgsi_exposure_create(size_t count, size_t plane_floats, sgsi_exposure **exposure)
 {
     *exposure = NULL;
     sgsi_exposure *made = sgsi_calloc(1, sizeof *made);
@@ -50,9 +54,8 @@ sgs_status sgsi_exposure_create(size_t count, size_t plane_floats, size_t height
         made->count = count;
         made->states = sgsi_calloc(count, sizeof *made->states);
         made->nothing = sgsi_calloc(plane_floats, 4 * sizeof(float));
-        made->rows = sgsi_calloc(height, sizeof *made->rows);
     }
-    if (!made || !made->states || !made->nothing || !made->rows) {
+    if (!made || !made->states || !made->nothing) {
         sgsi_exposure_destroy(made);
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the exposure of %zu images",
                          count);
@@ -70,6 +73,7 @@ typedef struct exposure_job {
     const double *map;
     const sgsi_loss_input *image;
     sgsi_loss_output *output;
+    size_t first; // cell
 } exposure_job;
 
 static inline float image_at(const sgsi_loss_input *image, int c, size_t at)
@@ -104,45 +108,91 @@ void sgsi_exposure_forward(sgsi_exposure *exposure, size_t index, sgsi_loss_inpu
         input->color[c] = exposure->mapped[c];
 }
 
-static void backward_row(void *context, size_t y, int thread)
+static void backward_pixel(const exposure_job *job, size_t at, double sums[SGSI_EXPOSURE])
+{
+    const sgsi_loss_input *image = job->image;
+    sgsi_loss_output *output = job->output;
+    const float mapped[3] = {output->d_color[0][at], output->d_color[1][at],
+                             output->d_color[2][at]};
+    float through = 0, before = 0;
+    for (int k = 0; k < 3; ++k) {
+        const float value = image_at(image, k, at);
+        double sum = 0;
+        for (int c = 0; c < 3; ++c) {
+            sums[4 * c + k] += (double)mapped[c] * (double)value;
+            sum += job->map[4 * c + k] * (double)mapped[c];
+        }
+        sums[4 * k + 3] += (double)mapped[k];
+        output->d_color[k][at] = (float)sum;
+        through += image->background[k] * (float)sum;
+        before += image->background[k] * mapped[k];
+    }
+    // The loss has written background . dL/dI' here, plus the alpha term.
+    output->d_transmittance[at] += through - before;
+}
+
+static void backward_cell(void *context, size_t item, int thread)
 {
     (void)thread;
     const exposure_job *job = context;
-    const sgsi_loss_input *image = job->image;
-    sgsi_loss_output *output = job->output;
-    double *sums = job->exposure->rows[y];
+    const sgsi_cell_rect rect = sgsi_cell_at(&job->exposure->cells, job->first + item);
+    double *sums = job->exposure->sums[job->first + item];
     memset(sums, 0, SGSI_EXPOSURE * sizeof *sums);
-    for (size_t at = y * image->stride; at < y * image->stride + (size_t)image->width; ++at) {
-        const float mapped[3] = {output->d_color[0][at], output->d_color[1][at],
-                                 output->d_color[2][at]};
-        float through = 0, before = 0;
-        for (int k = 0; k < 3; ++k) {
-            const float value = image_at(image, k, at);
-            double sum = 0;
-            for (int c = 0; c < 3; ++c) {
-                sums[4 * c + k] += (double)mapped[c] * (double)value;
-                sum += job->map[4 * c + k] * (double)mapped[c];
-            }
-            sums[4 * k + 3] += (double)mapped[k];
-            output->d_color[k][at] = (float)sum;
-            through += image->background[k] * (float)sum;
-            before += image->background[k] * mapped[k];
-        }
-        // The loss has written background . dL/dI' here, plus the alpha term.
-        output->d_transmittance[at] += through - before;
-    }
+    for (int y = rect.y; y < rect.y + rect.height; ++y)
+        for (int x = rect.x; x < rect.x + rect.width; ++x)
+            backward_pixel(job, (size_t)y * job->image->stride + (size_t)x, sums);
 }
 
-void sgsi_exposure_backward(sgsi_exposure *exposure, size_t index, const sgsi_loss_input *image,
-                            sgsi_loss_output *output)
+static sgs_status reserve_cells(sgsi_exposure *exposure, const sgsi_loss_input *image)
 {
-    exposure_job job = {
-        .exposure = exposure, .map = exposure->states[index].map, .image = image, .output = output};
-    sgsi_parallel_for((size_t)image->height, 8, backward_row, &job);
+    bool reserved = sgsi_cells_set(&exposure->cells, image->width, image->height);
+    const size_t cells = exposure->cells.count;
+    if (reserved && cells > exposure->sums_count) {
+        reserved = sgsi_grow((void **)&exposure->sums, 0, cells, sizeof *exposure->sums);
+        exposure->sums_count = reserved ? cells : exposure->sums_count;
+    }
+    return reserved ? SGS_STATUS_OK
+                    : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                                "no memory for the exposure of a %d x %d image", image->width,
+                                image->height);
+}
+
+sgs_status sgsi_exposure_cells(sgsi_exposure *exposure, size_t index, const sgsi_loss_input *image,
+                               size_t first, size_t last, sgsi_loss_output *output,
+                               double (**sums)[SGSI_EXPOSURE])
+{
+    const sgs_status status = reserve_cells(exposure, image);
+    if (status)
+        return status;
+    exposure_job job = {.exposure = exposure,
+                        .map = exposure->states[index].map,
+                        .image = image,
+                        .output = output,
+                        .first = first};
+    sgsi_parallel_for(last - first, 1, backward_cell, &job);
+    *sums = exposure->sums;
+    return SGS_STATUS_OK;
+}
+
+void sgsi_exposure_total(sgsi_exposure *exposure)
+{
     memset(exposure->gradient, 0, sizeof exposure->gradient);
-    for (int y = 0; y < image->height; ++y)
+    for (size_t cell = 0; cell < exposure->cells.count; ++cell)
         for (int i = 0; i < SGSI_EXPOSURE; ++i)
-            exposure->gradient[i] += exposure->rows[y][i];
+            exposure->gradient[i] += exposure->sums[cell][i];
+}
+
+sgs_status sgsi_exposure_backward(sgsi_exposure *exposure, size_t index,
+                                  const sgsi_loss_input *image, sgsi_loss_output *output)
+{
+    double(*sums)[SGSI_EXPOSURE];
+    sgs_status status = reserve_cells(exposure, image);
+    if (!status)
+        status =
+            sgsi_exposure_cells(exposure, index, image, 0, exposure->cells.count, output, &sums);
+    if (!status)
+        sgsi_exposure_total(exposure);
+    return status;
 }
 
 void sgsi_exposure_step(sgsi_exposure *exposure, size_t index, double rate)

@@ -14,9 +14,8 @@ enum {
 
 typedef struct sgsi_exposure sgsi_exposure;
 
-// Identity maps for `count` images of up to plane_floats floats per plane and `height` rows.
-sgs_status sgsi_exposure_create(size_t count, size_t plane_floats, size_t height,
-                                sgsi_exposure **exposure);
+// Identity maps for `count` images of up to plane_floats floats per plane.
+sgs_status sgsi_exposure_create(size_t count, size_t plane_floats, sgsi_exposure **exposure);
 void sgsi_exposure_destroy(sgsi_exposure *exposure); // accepts NULL
 
 // Maps the image of `input` (colour over background) and points input to the result, which has no
@@ -24,9 +23,17 @@ void sgsi_exposure_destroy(sgsi_exposure *exposure); // accepts NULL
 void sgsi_exposure_forward(sgsi_exposure *exposure, size_t index, sgsi_loss_input *input);
 
 // Converts the gradients of the mapped image in output->d_color to those of the image, with dL/dT.
-// `image` is the input of forward. Stores dL/dmap for the step.
-void sgsi_exposure_backward(sgsi_exposure *exposure, size_t index, const sgsi_loss_input *image,
-                            sgsi_loss_output *output);
+// `image` is the input of forward. Stores dL/dmap for the step. Fails with OUT_OF_MEMORY.
+sgs_status sgsi_exposure_backward(sgsi_exposure *exposure, size_t index,
+                                  const sgsi_loss_input *image, sgsi_loss_output *output);
+
+// The two parts of sgsi_exposure_backward. The first converts the gradients of the cells [first,
+// last) along the curve (base/image_cells.h) and writes their entries of *sums, an array [cells]
+// owned by `exposure`. The second adds all entries.
+sgs_status sgsi_exposure_cells(sgsi_exposure *exposure, size_t index, const sgsi_loss_input *image,
+                               size_t first, size_t last, sgsi_loss_output *output,
+                               double (**sums)[SGSI_EXPOSURE]);
+void sgsi_exposure_total(sgsi_exposure *exposure);
 
 // One Adam step (0.9, 0.999) on the map with the gradient of the last backward call.
 void sgsi_exposure_step(sgsi_exposure *exposure, size_t index, double rate);

@@ -5,11 +5,10 @@
 // lambda (1 - mean SSIM) with the SSIM of Wang et al. 2004, and its gradient. Images with an alpha
 // channel can add weight mean|(1 - T) - alpha|; others too, with alpha 1.
 //
-// This file divides the image into blocks, runs them on the threads and adds up their sums;
-// loss_kernels.inl contains the mathematics. A block has at most LOSS_BLOCK_WIDTH x
-// LOSS_BLOCK_HEIGHT pixels and recomputes a halo of ten pixels on every side, so blocks are
-// independent. The division depends on the image size only and the sums are added in block order,
-// so the result does not depend on the number of threads.
+// This file runs the cells of the image (base/image_cells.h) on the threads and adds up their sums;
+// loss_kernels.inl contains the mathematics. A cell recomputes a halo of ten pixels on every side,
+// so cells are independent. Their division depends on the image size only and the sums are added
+// along their curve, so the result does not depend on the number of threads.
 
 #include "loss/loss.h"
 
@@ -24,7 +23,8 @@
 struct sgsi_loss_workspace {
     sgsi_loss_scratch *scratch; // one per thread
     size_t scratch_count;
-    sgsi_loss_sums *sums; // one per block
+    sgsi_cells cells;     // of the last image
+    sgsi_loss_sums *sums; // one per cell
     size_t sums_count;
     float *column_weight, *row_weight;
     size_t column_count, row_count;
@@ -70,18 +70,11 @@ void sgsi_loss_destroy(sgsi_loss_workspace *workspace)
     if (!workspace)
         return;
     sgsi_free(workspace->scratch);
+    sgsi_cells_free(&workspace->cells);
     sgsi_free(workspace->sums);
     sgsi_free(workspace->column_weight);
     sgsi_free(workspace->row_weight);
     sgsi_free(workspace);
-}
-
-// Blocks of nearly equal size, in multiples of 16 columns and 4 rows.
-static void cut(int size, int most, int multiple, int *blocks, int *block)
-{
-    const int count = (size - 1) / most + 1;
-    *block = ((size - 1) / count / multiple + 1) * multiple;
-    *blocks = (size - 1) / *block + 1;
 }
 
 static bool ensure(void **block, size_t *count, size_t needed, size_t size)
@@ -102,14 +95,11 @@ sgs_status sgsi_loss_reserve(sgsi_loss_workspace *workspace, int width, int heig
     if (width < 1 || height < 1)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "loss: invalid image size %d x %d", width,
                          height);
-    int blocks_x, blocks_y, block;
-    cut(width, LOSS_BLOCK_WIDTH, 16, &blocks_x, &block);
-    cut(height, LOSS_BLOCK_HEIGHT, 4, &blocks_y, &block);
     sgsi_loss_workspace *w = workspace;
-    if (!ensure((void **)&w->scratch, &w->scratch_count, (size_t)sgsi_threads(),
+    if (!sgsi_cells_set(&w->cells, width, height) ||
+        !ensure((void **)&w->scratch, &w->scratch_count, (size_t)sgsi_threads(),
                 sizeof *w->scratch) ||
-        !ensure((void **)&w->sums, &w->sums_count, (size_t)blocks_x * (size_t)blocks_y,
-                sizeof *w->sums) ||
+        !ensure((void **)&w->sums, &w->sums_count, w->cells.count, sizeof *w->sums) ||
         !ensure((void **)&w->column_weight, &w->column_count, (size_t)width,
                 sizeof *w->column_weight) ||
         !ensure((void **)&w->row_weight, &w->row_count, (size_t)height, sizeof *w->row_weight))
@@ -157,29 +147,32 @@ static sgs_status check(const sgsi_loss_input *input, const sgsi_loss_output *ou
     return SGS_STATUS_OK;
 }
 
-typedef struct block_loop {
+typedef struct cell_loop {
     sgsi_loss_job job;
     sgsi_loss_kernel kernel;
     sgsi_loss_workspace *workspace;
-} block_loop;
+    size_t first;
+} cell_loop;
 
-static void run_block(void *context, size_t item, int thread)
+static void run_cell(void *context, size_t item, int thread)
 {
-    const block_loop *loop = context;
-    loop->kernel(&loop->job, item, &loop->workspace->scratch[thread], &loop->workspace->sums[item]);
+    const cell_loop *loop = context;
+    sgsi_loss_workspace *w = loop->workspace;
+    const size_t cell = loop->first + item;
+    loop->kernel(&loop->job, sgsi_cell_at(&w->cells, cell), &w->scratch[thread], &w->sums[cell]);
 }
 
-sgs_status sgsi_loss_evaluate(sgsi_loss_workspace *workspace, const sgsi_loss_input *input,
-                              sgsi_loss_output *output)
+sgs_status sgsi_loss_cells(sgsi_loss_workspace *workspace, const sgsi_loss_input *input,
+                           size_t first, size_t last, sgsi_loss_output *output,
+                           sgsi_loss_sums **sums)
 {
     sgs_status status = sgsi_loss_reserve(workspace, input->width, input->height);
     if (status == SGS_STATUS_OK)
         status = check(input, output);
     if (status != SGS_STATUS_OK)
         return status;
-
     const double values = 3.0 * input->width * input->height, lambda = (double)input->ssim_weight;
-    block_loop loop = {
+    cell_loop loop = {
         .job = {.input = input,
                 .output = output,
                 .column_weight = workspace->column_weight,
@@ -192,21 +185,26 @@ sgs_status sgsi_loss_evaluate(sgsi_loss_workspace *workspace, const sgsi_loss_in
                                    : 0.0f},
         .kernel = kernel_of(sgs_isa_get()),
         .workspace = workspace,
+        .first = first,
     };
-    cut(input->width, LOSS_BLOCK_WIDTH, 16, &loop.job.blocks_x, &loop.job.block_width);
-    cut(input->height, LOSS_BLOCK_HEIGHT, 4, &loop.job.blocks_y, &loop.job.block_height);
     memcpy(loop.job.window, workspace->window, sizeof workspace->window);
     edge_weights(workspace->window, input->width, workspace->column_weight);
     edge_weights(workspace->window, input->height, workspace->row_weight);
-    const size_t count = (size_t)loop.job.blocks_x * (size_t)loop.job.blocks_y;
-    sgsi_parallel_for(count, 1, run_block, &loop);
+    sgsi_parallel_for(last - first, 1, run_cell, &loop);
+    *sums = workspace->sums;
+    return SGS_STATUS_OK;
+}
 
+void sgsi_loss_total(const sgsi_loss_workspace *workspace, const sgsi_loss_input *input,
+                     sgsi_loss_output *output)
+{
+    const double values = 3.0 * input->width * input->height, lambda = (double)input->ssim_weight;
     sgsi_loss_sums total = {0};
-    for (size_t item = 0; item < count; ++item) {
-        total.l1 += workspace->sums[item].l1;
-        total.square += workspace->sums[item].square;
-        total.dissimilarity += workspace->sums[item].dissimilarity;
-        total.alpha += workspace->sums[item].alpha;
+    for (size_t cell = 0; cell < workspace->cells.count; ++cell) {
+        total.l1 += workspace->sums[cell].l1;
+        total.square += workspace->sums[cell].square;
+        total.dissimilarity += workspace->sums[cell].dissimilarity;
+        total.alpha += workspace->sums[cell].alpha;
     }
     output->l1 = total.l1 / values;
     output->mse =
@@ -215,5 +213,16 @@ sgs_status sgsi_loss_evaluate(sgsi_loss_workspace *workspace, const sgsi_loss_in
     output->alpha = 3.0 * total.alpha / values;
     output->loss = (1.0 - lambda) * output->l1 + lambda * (1.0 - output->ssim) +
                    (double)input->alpha_weight * output->alpha;
-    return SGS_STATUS_OK;
+}
+
+sgs_status sgsi_loss_evaluate(sgsi_loss_workspace *workspace, const sgsi_loss_input *input,
+                              sgsi_loss_output *output)
+{
+    sgs_status status = sgsi_loss_reserve(workspace, input->width, input->height);
+    sgsi_loss_sums *sums;
+    if (!status)
+        status = sgsi_loss_cells(workspace, input, 0, workspace->cells.count, output, &sums);
+    if (!status)
+        sgsi_loss_total(workspace, input, output);
+    return status;
 }

@@ -37,12 +37,27 @@ typedef struct sgsi_loss_output {
     float *d_transmittance;
 } sgsi_loss_output;
 
+// Sums over the pixels of a cell and the three channels.
+typedef struct sgsi_loss_sums {
+    double l1, square, dissimilarity; // |I - G|, (I - G)^2, 1 - S
+    double alpha;                     // |(1 - T) - alpha|, one channel
+} sgsi_loss_sums;
+
 // Invalid pixels (target->valid_mask) are mid-grey in both images: they add nothing to L1 or alpha,
 // do not influence the windows of other pixels, and have gradient zero. All means are over all
 // pixels, so that a mask does not change the weight of the others.
 //
 // I = clamp(color + T * background, 0, 1) is compared (without the upper clamp for HDR targets).
-// The gradient is zero where the clamp acts (I > 1 or I < 0). Sums do not depend on the number of
-// threads.
+// The gradient is zero where the clamp acts (I > 1 or I < 0). The sums are those of
+// sgsi_loss_cells, added along the curve of the cells: they do not depend on the number of threads.
 sgs_status sgsi_loss_evaluate(sgsi_loss_workspace *workspace, const sgsi_loss_input *input,
                               sgsi_loss_output *output);
+
+// The two parts of sgsi_loss_evaluate. The first writes the gradient of the cells [first, last)
+// along the curve (base/image_cells.h), from an image that is valid up to ten pixels around them,
+// and their entries of *sums, an array [cells] owned by the workspace. The second adds all entries.
+sgs_status sgsi_loss_cells(sgsi_loss_workspace *workspace, const sgsi_loss_input *input,
+                           size_t first, size_t last, sgsi_loss_output *output,
+                           sgsi_loss_sums **sums);
+void sgsi_loss_total(const sgsi_loss_workspace *workspace, const sgsi_loss_input *input,
+                     sgsi_loss_output *output);

@@ -7,14 +7,14 @@
 
 #include <stddef.h>
 
+#include "base/image_cells.h"
 #include "loss/loss.h"
 
 enum {
-    LOSS_RADIUS = 5,        // the window has 2 * 5 + 1 taps
-    LOSS_BLOCK_WIDTH = 128, // output columns per item, at most; multiple of 16
-    LOSS_BLOCK_HEIGHT = 48, // output rows per item, at most; multiple of 4
-    LOSS_RING = 16,         // rows kept of each plane: 4 current ones and 10 of overlap
-    LOSS_MARGIN = 16,       // columns on both sides of the block in every source plane
+    LOSS_RADIUS = 5,                                    // the window has 2 * 5 + 1 taps
+    LOSS_BLOCK_WIDTH = SGSI_CELL_SIDE * SGSI_CELL_TILE, // output columns per item, at most
+    LOSS_RING = 16,   // rows kept of each plane: 4 current ones and 10 of overlap
+    LOSS_MARGIN = 16, // columns on both sides of the block in every source plane
     LOSS_SOURCE_PITCH = LOSS_BLOCK_WIDTH + 2 * LOSS_MARGIN,
     LOSS_MAP_PITCH = LOSS_BLOCK_WIDTH + LOSS_MARGIN,
 };
@@ -25,19 +25,11 @@ typedef struct sgsi_loss_job {
     sgsi_loss_output *output;
     const float *column_weight; // [width] share of the window inside the image; 1 in the interior
     const float *row_weight;    // [height]
-    int blocks_x, blocks_y;
-    int block_width, block_height; // the last block of a row or column may be smaller
     float window[LOSS_RADIUS + 1]; // normalised weights by distance from the centre
     float l1_scale, ssim_scale;    // (1 - lambda) / (3 H W), 2 lambda / (3 H W)
     float ceiling;                 // upper clamp of the image: 1, or 1e9 for HDR
     float alpha_scale;             // weight / (H W), 0 without the term
 } sgsi_loss_job;
-
-// Sums of one item over its own pixels and the three channels.
-typedef struct sgsi_loss_sums {
-    double l1, square, dissimilarity; // |I - G|, (I - G)^2, 1 - S
-    double alpha;                     // |(1 - T) - alpha|, one channel
-} sgsi_loss_sums;
 
 // Scratch of one thread; the rings are indexed by row & (LOSS_RING - 1). Every row starts at a
 // multiple of 64 bytes.
@@ -53,12 +45,12 @@ typedef struct sgsi_loss_scratch {
         64) float edge[LOSS_MAP_PITCH]; // column_weight of each map column, 0 outside the image
 } sgsi_loss_scratch;
 
-typedef void (*sgsi_loss_kernel)(const sgsi_loss_job *job, size_t item, sgsi_loss_scratch *scratch,
-                                 sgsi_loss_sums *sums);
+typedef void (*sgsi_loss_kernel)(const sgsi_loss_job *job, sgsi_cell_rect cell,
+                                 sgsi_loss_scratch *scratch, sgsi_loss_sums *sums);
 
-void sgsi_loss_block_baseline(const sgsi_loss_job *job, size_t item, sgsi_loss_scratch *scratch,
-                              sgsi_loss_sums *sums);
-void sgsi_loss_block_avx2(const sgsi_loss_job *job, size_t item, sgsi_loss_scratch *scratch,
+void sgsi_loss_block_baseline(const sgsi_loss_job *job, sgsi_cell_rect cell,
+                              sgsi_loss_scratch *scratch, sgsi_loss_sums *sums);
+void sgsi_loss_block_avx2(const sgsi_loss_job *job, sgsi_cell_rect cell, sgsi_loss_scratch *scratch,
                           sgsi_loss_sums *sums);
-void sgsi_loss_block_avx512(const sgsi_loss_job *job, size_t item, sgsi_loss_scratch *scratch,
-                            sgsi_loss_sums *sums);
+void sgsi_loss_block_avx512(const sgsi_loss_job *job, sgsi_cell_rect cell,
+                            sgsi_loss_scratch *scratch, sgsi_loss_sums *sums);

@@ -406,18 +406,15 @@ static void run_channel(channel_block *block, sgsi_loss_sums *sums)
     clear_padding(block);
 }
 
-void SGSI_KERNEL(sgsi_loss_block)(const sgsi_loss_job *job, size_t item, sgsi_loss_scratch *scratch,
-                                  sgsi_loss_sums *sums)
+void SGSI_KERNEL(sgsi_loss_block)(const sgsi_loss_job *job, sgsi_cell_rect cell,
+                                  sgsi_loss_scratch *scratch, sgsi_loss_sums *sums)
 {
-    const int column = (int)(item % (size_t)job->blocks_x),
-              row = (int)(item / (size_t)job->blocks_x);
-    channel_block block = {.job = job, .scratch = scratch};
-    block.x = column * job->block_width;
-    block.y = row * job->block_height;
-    block.width = job->input->width - block.x < job->block_width ? job->input->width - block.x
-                                                                 : job->block_width;
-    block.height = job->input->height - block.y < job->block_height ? job->input->height - block.y
-                                                                    : job->block_height;
+    channel_block block = {.job = job,
+                           .scratch = scratch,
+                           .x = cell.x,
+                           .y = cell.y,
+                           .width = cell.width,
+                           .height = cell.height};
     block.output_vectors = (block.width + 15) / 16;
     block.map_vectors = block.output_vectors + 1;
     block.source_vectors = block.output_vectors + 2;

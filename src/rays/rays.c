@@ -269,7 +269,7 @@ sgs_status sgsi_rays_create(const sgs_camera *camera, int macrotile_side, sgsi_r
     made->fx = (float)fx, made->fy = (float)fy, made->cx = (float)cx, made->cy = (float)cy;
     made->focal = (float)sqrt(fx * fy);
     made->tiles = sgsi_calloc((size_t)made->tiles_x * (size_t)made->tiles_y, sizeof *made->tiles);
-    if (!made->tiles)
+    if (!made->tiles || !sgsi_cells_set(&made->cells, camera->width, camera->height))
         goto out_of_memory;
     sgsi_parallel_for((size_t)camera->height, 8, unproject_row, &map);
     macrotile_side = macrotile_side < SGSI_MACROTILE_SIDE ? macrotile_side : SGSI_MACROTILE_SIDE;
@@ -311,6 +311,7 @@ void sgsi_rays_destroy(sgsi_rays *rays)
     if (!rays)
         return;
     sgsi_free(rays->tiles);
+    sgsi_cells_free(&rays->cells);
     sgsi_free(rays->macrotile_directions);
     sgsi_free(rays->macrotile_valid);
     sgsi_free(rays);

@@ -9,6 +9,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "base/image_cells.h"
 #include "sparegs/camera.h"
 
 enum {
@@ -40,6 +41,7 @@ typedef struct sgsi_rays {
     // Tiles per macrotile side. One packet of 4x4 cone rays gathers a macrotile.
     int macrotile_side;
     int macrotiles_x, macrotiles_y;
+    sgsi_cells cells;                     // order of the sums over tiles
     float (*macrotile_directions)[3][16]; // camera axes, unit
     uint32_t *macrotile_valid;
     float tan_cone;                    // tangent of the widest cone ray's half angle

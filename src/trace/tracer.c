@@ -57,7 +57,8 @@ void sgsi_tracer_destroy(sgsi_tracer *tracer)
     void *const arrays[] = {tracer->projected,  tracer->bounds,    tracer->sums,
                             tracer->touched,    tracer->visible,   tracer->lists,
                             tracer->slot_order, tracer->slot_sums, tracer->slot_begin,
-                            tracer->buckets};
+                            tracer->buckets,    tracer->earlier,   tracer->cell,
+                            tracer->spread};
     for (size_t i = 0; i < sizeof arrays / sizeof *arrays; ++i)
         sgsi_free(arrays[i]);
     sgsi_free(tracer);
@@ -120,20 +121,31 @@ static sgs_status reserve_primitives(sgsi_tracer *tracer, size_t capacity)
 {
     if (capacity <= tracer->capacity)
         return SGS_STATUS_OK;
-    sgsi_free(tracer->projected);
-    sgsi_free(tracer->bounds);
-    sgsi_free(tracer->sums);
-    sgsi_free(tracer->touched);
-    sgsi_free(tracer->visible);
-    tracer->projected = sgsi_alloc(capacity, SGSI_PROJECTED_FLOATS * sizeof *tracer->projected);
-    tracer->bounds = sgsi_alloc(capacity, sizeof *tracer->bounds);
-    tracer->sums = sgsi_alloc(capacity, SGSI_PROJECTED_FLOATS * sizeof *tracer->sums);
-    tracer->touched = sgsi_calloc(capacity / SGS_LANES + 1, 1);
-    tracer->visible = sgsi_calloc(capacity / SGS_LANES + 1, sizeof *tracer->visible);
+    const size_t row = SGSI_PROJECTED_FLOATS * sizeof(float), blocks = capacity / SGS_LANES + 1;
+    const struct {
+        void **block;
+        size_t count, size;
+    } arrays[] = {{(void **)&tracer->projected, capacity, row},
+                  {(void **)&tracer->bounds, capacity, sizeof *tracer->bounds},
+                  {(void **)&tracer->sums, capacity, row},
+                  {(void **)&tracer->earlier, capacity, row},
+                  {(void **)&tracer->cell, capacity, sizeof *tracer->cell},
+                  {(void **)&tracer->spread, blocks, sizeof *tracer->spread},
+                  {(void **)&tracer->touched, blocks, sizeof *tracer->touched},
+                  {(void **)&tracer->visible, blocks, sizeof *tracer->visible}};
+    bool complete = true;
+    for (size_t i = 0; i < sizeof arrays / sizeof *arrays; ++i) {
+        sgsi_free(*arrays[i].block);
+        *arrays[i].block = sgsi_alloc(arrays[i].count, arrays[i].size);
+        complete = complete && *arrays[i].block;
+    }
     tracer->built_count = 0;
     tracer->capacity = capacity;
-    if (tracer->projected && tracer->bounds && tracer->sums && tracer->touched && tracer->visible)
+    if (complete) {
+        memset(tracer->touched, 0, blocks * sizeof *tracer->touched);
+        memset(tracer->visible, 0, blocks * sizeof *tracer->visible);
         return SGS_STATUS_OK;
+    }
     tracer->capacity = 0;
     return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to trace %zu primitives", capacity);
 }

@@ -29,13 +29,16 @@ struct sgsi_tracer {
     sgsi_bounds *bounds;
     float *sums;
     uint8_t *touched;
+    float *earlier;   // [capacity][16]: sums of finished cells, of rows in `spread`
+    uint32_t *cell;   // [capacity]: the cell that `sums` belongs to, in touched blocks
+    uint16_t *spread; // [capacity / 16]: rows with sums of several cells, in touched blocks
     uint16_t *visible;
     sgsi_tile_list *lists;
     size_t list_capacity;
     // Backward pass: a slot of sums per (tile, primitive) of a chunk of tiles.
     float *slot_sums;     // [slot_capacity][16]
     uint32_t *slot_order; // [slot_capacity]: the slots of each tile, sorted by bucket
-    size_t *slot_begin;   // [list_capacity + 1]: first slot of each tile
+    size_t *slot_begin;   // [list_capacity + 1]: first slot of each tile, in the order of the cells
     size_t slot_capacity;
     uint32_t *buckets; // [bucket_capacity]: per tile of a chunk, where its buckets begin
     size_t bucket_capacity;

@@ -25,8 +25,7 @@ static sgs_status create_workspaces(sgsi_train_views *views, int width, int heig
     if (!status)
         status = sgsi_loss_reserve(views->loss, width, height);
     if (!status && views->options->exposure)
-        status = sgsi_exposure_create(views->count, views->plane_floats, (size_t)height,
-                                      &views->exposure);
+        status = sgsi_exposure_create(views->count, views->plane_floats, &views->exposure);
     return status;
 }
 
@@ -198,9 +197,9 @@ sgs_status sgsi_train_view_loss(sgsi_train_views *views, sgsi_train_view *view)
     sgsi_loss_input compared = image;
     if (views->exposure)
         sgsi_exposure_forward(views->exposure, view->index, &compared);
-    const sgs_status status = sgsi_loss_evaluate(views->loss, &compared, &view->loss);
+    sgs_status status = sgsi_loss_evaluate(views->loss, &compared, &view->loss);
     if (views->exposure && !status)
-        sgsi_exposure_backward(views->exposure, view->index, &image, &view->loss);
+        status = sgsi_exposure_backward(views->exposure, view->index, &image, &view->loss);
     view->seconds->loss += sgsi_seconds() - start;
     return status;
 }

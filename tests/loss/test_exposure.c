@@ -42,7 +42,7 @@ static fixture make_fixture(void)
 {
     fixture f = {
         .target = {.width = WIDTH, .height = HEIGHT, .channels = 4, .kept = WIDTH * HEIGHT}};
-    assert_int_equal(sgsi_exposure_create(2, PLANE, HEIGHT, &f.exposure), SGS_STATUS_OK);
+    assert_int_equal(sgsi_exposure_create(2, PLANE, &f.exposure), SGS_STATUS_OK);
     assert_int_equal(sgsi_loss_create(&f.workspace), SGS_STATUS_OK);
     f.target.pixels = sgsi_calloc(WIDTH * HEIGHT, 4);
     assert_non_null(f.target.pixels);
@@ -88,7 +88,7 @@ static double evaluate(fixture *f, bool gradients)
     sgsi_exposure_forward(f->exposure, 0, &input);
     assert_int_equal(sgsi_loss_evaluate(f->workspace, &input, &output), SGS_STATUS_OK);
     if (gradients)
-        sgsi_exposure_backward(f->exposure, 0, &image, &output);
+        assert_int_equal(sgsi_exposure_backward(f->exposure, 0, &image, &output), SGS_STATUS_OK);
     return output.loss;
 }
 

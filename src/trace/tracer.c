@@ -35,6 +35,14 @@ sgs_status sgsi_tracer_create(sgsi_tracer **tracer)
     return SGS_STATUS_OK;
 }
 
+void sgsi_cell_sums_free(sgsi_cell_sums *sums)
+{
+    sgsi_free(sums->where);
+    sgsi_free(sums->ids);
+    sgsi_free(sums->sums);
+    *sums = (sgsi_cell_sums){0};
+}
+
 static void free_thread(thread_state *thread)
 {
     if (!thread)
@@ -43,6 +51,7 @@ static void free_thread(thread_state *thread)
     sgsi_free(thread->gathered.ids);
     sgsi_free(thread->keys);
     sgsi_free(thread->keys_spare);
+    sgsi_cell_sums_free(&thread->cell);
     sgsi_arena_free(&thread->arena);
     sgsi_free(thread);
 }
@@ -57,8 +66,7 @@ void sgsi_tracer_destroy(sgsi_tracer *tracer)
     void *const arrays[] = {tracer->projected,  tracer->bounds,    tracer->sums,
                             tracer->touched,    tracer->visible,   tracer->lists,
                             tracer->slot_order, tracer->slot_sums, tracer->slot_begin,
-                            tracer->buckets,    tracer->earlier,   tracer->cell,
-                            tracer->spread};
+                            tracer->buckets};
     for (size_t i = 0; i < sizeof arrays / sizeof *arrays; ++i)
         sgsi_free(arrays[i]);
     sgsi_free(tracer);
@@ -128,9 +136,6 @@ static sgs_status reserve_primitives(sgsi_tracer *tracer, size_t capacity)
     } arrays[] = {{(void **)&tracer->projected, capacity, row},
                   {(void **)&tracer->bounds, capacity, sizeof *tracer->bounds},
                   {(void **)&tracer->sums, capacity, row},
-                  {(void **)&tracer->earlier, capacity, row},
-                  {(void **)&tracer->cell, capacity, sizeof *tracer->cell},
-                  {(void **)&tracer->spread, blocks, sizeof *tracer->spread},
                   {(void **)&tracer->touched, blocks, sizeof *tracer->touched},
                   {(void **)&tracer->visible, blocks, sizeof *tracer->visible}};
     bool complete = true;

@@ -2,23 +2,25 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Backward pass. It visits the tiles of the forward pass through their lists and writes one slot, a
-// cache line of gradient sums, per (tile, primitive). The slots are then added per primitive: the
-// tiles of a cell of the image in raster order, and the sums of the cells in the order of their
-// curve (base/image_cells.h). The result depends neither on the number of threads nor on a division
-// of the curve. Primitives are divided into buckets, and each tile sorts its slots by bucket, so
-// that a thread reduces whole buckets without reading other slots. Tiles are processed in chunks
-// whose slots fit in the caches.
-//
-// A primitive is mostly seen by one cell. `sums` holds the sums of the present cell; when another
-// cell reaches the primitive they move to `earlier`, which is added at the end.
+// cache line of gradient sums, per (tile, primitive). The slots are then added per primitive: first
+// those of a cell of the image, in raster order of its tiles, then the sums of the cells in the
+// order of their curve (base/image_cells.h). The result depends neither on the number of threads
+// nor on a division of the curve. Primitives are divided into buckets, and each tile sorts its
+// slots by bucket, so that a thread reduces whole buckets without reading other slots. Cells are
+// processed in chunks whose slots fit in the caches.
 
 #include <string.h>
 
 #include "base/core.h"
 #include "trace/tracer_state.h"
 
-enum { CHUNK_SLOTS = 1 << 18, CHUNK_TILES = 1 << 12, REDUCE_AHEAD = 12, BUCKETS_PER_THREAD = 4 };
-#define NO_CELL UINT32_MAX
+enum {
+    CHUNK_SLOTS = 1 << 18,
+    CHUNK_TILES = 1 << 12,
+    REDUCE_AHEAD = 12,
+    BUCKETS_PER_THREAD = 4,
+    BUCKET_SHIFT = 16 // maximum: log2 of the primitives of a bucket
+};
 
 typedef struct backward_pass {
     sgsi_tracer *tracer;
@@ -27,8 +29,7 @@ typedef struct backward_pass {
     const float *d_color[3], *d_transmittance;
     const sgsi_score_planes *score; // replaces the gradients, or NULL
     size_t first_tile, last_tile;   // chunk [first_tile, last_tile) of rays->cells.tile_order
-    size_t first_cell;              // the cell of first_tile
-    bool is_last;                   // no chunk follows
+    size_t first_cell, last_cell;   // of the chunk
     int bucket_shift;               // bucket of primitive id: id >> bucket_shift
     size_t bucket_count;
 } backward_pass;
@@ -97,108 +98,120 @@ static void backward_tile(void *context, size_t item, int thread)
         kernels->tile_backward(s, list, &target);
 }
 
-static void add_sums(float *sums, const float *added)
+// Four sums; the compiler does not vectorise the loop over floats.
+typedef float four __attribute__((vector_size(16), may_alias));
+
+static inline void add_sums(float *sums, const float *added)
 {
-    for (int k = 0; k < SGSI_PROJECTED_FLOATS; ++k)
-        sums[k] += added[k];
+    four *to = (four *)sums;
+    const four *from = (const four *)added;
+    for (int k = 0; k < SGSI_PROJECTED_FLOATS / 4; ++k)
+        to[k] += from[k];
 }
 
-// First gradient of a block of primitives in this pass.
-static void open_block(sgsi_tracer *tracer, size_t block)
+// Prefetches the first slots of one tile and bucket.
+static void prefetch_tile(const backward_pass *pass, size_t tile, size_t bucket)
 {
-    tracer->touched[block] = 1;
-    tracer->spread[block] = 0;
-    for (size_t i = 0; i < SGS_LANES; ++i)
-        tracer->cell[block * SGS_LANES + i] = NO_CELL;
-    memset(tracer->sums + block * SGS_LANES * SGSI_PROJECTED_FLOATS, 0,
-           SGS_LANES * SGSI_PROJECTED_FLOATS * sizeof(float));
+    const sgsi_tracer *tracer = pass->tracer;
+    const uint32_t *begin = tile_buckets(pass, tile) + bucket;
+    const size_t slot = tracer->slot_begin[tile] - tracer->slot_begin[pass->first_tile];
+    for (uint32_t i = begin[0]; i < begin[1] && i < begin[0] + REDUCE_AHEAD; ++i)
+        __builtin_prefetch(tracer->slot_sums +
+                           (slot + tracer->slot_order[slot + i]) * SGSI_PROJECTED_FLOATS);
 }
 
-// Moves the sums of a finished cell to those of earlier cells.
-static void set_aside(sgsi_tracer *tracer, uint32_t id)
+// Adds the slots of one tile and bucket to the sums of its cell.
+static void merge_tile(const backward_pass *pass, size_t tile, size_t bucket, sgsi_cell_sums *sums)
 {
-    float *sums = tracer->sums + (size_t)id * SGSI_PROJECTED_FLOATS;
-    float *earlier = tracer->earlier + (size_t)id * SGSI_PROJECTED_FLOATS;
-    const uint16_t lane = (uint16_t)(1u << id % SGS_LANES);
-    if (tracer->spread[id / SGS_LANES] & lane)
-        add_sums(earlier, sums);
-    else
-        memcpy(earlier, sums, SGSI_PROJECTED_FLOATS * sizeof *sums);
-    tracer->spread[id / SGS_LANES] |= lane;
-    memset(sums, 0, SGSI_PROJECTED_FLOATS * sizeof *sums);
-}
-
-// Adds the sums of the last cell of each primitive to those of earlier cells.
-static void finish_bucket(const backward_pass *pass, size_t bucket)
-{
-    sgsi_tracer *tracer = pass->tracer;
-    const size_t blocks = (tracer->count + SGS_LANES - 1) / SGS_LANES,
-                 per_bucket = ((size_t)1 << pass->bucket_shift) / SGS_LANES;
-    const size_t end = (bucket + 1) * per_bucket < blocks ? (bucket + 1) * per_bucket : blocks;
-    for (size_t block = bucket * per_bucket; block < end; ++block) {
-        if (!tracer->touched[block] || !tracer->spread[block])
-            continue;
-        for (size_t i = 0; i < SGS_LANES; ++i) {
-            if (!(tracer->spread[block] >> i & 1))
-                continue;
-            const size_t at = (block * SGS_LANES + i) * SGSI_PROJECTED_FLOATS;
-            add_sums(tracer->sums + at, tracer->earlier + at);
-        }
-    }
-}
-
-// Adds the slots of one tile to the primitives of one bucket.
-static void reduce_tile(const backward_pass *pass, size_t tile, size_t bucket, uint32_t cell)
-{
-    sgsi_tracer *tracer = pass->tracer;
+    const sgsi_tracer *tracer = pass->tracer;
     const uint32_t *begin = tile_buckets(pass, tile) + bucket, *ids = tile_list(pass, tile)->ids;
     const size_t slot = tracer->slot_begin[tile] - tracer->slot_begin[pass->first_tile];
     const uint32_t *order = tracer->slot_order + slot;
+    const uint32_t base = (uint32_t)(bucket << pass->bucket_shift);
     for (uint32_t i = begin[0]; i < begin[1]; ++i) {
         const uint32_t id = ids[order[i]];
-        if (i + REDUCE_AHEAD < begin[1]) {
-            const uint32_t ahead = order[i + REDUCE_AHEAD];
-            __builtin_prefetch(tracer->sums + (size_t)ids[ahead] * SGSI_PROJECTED_FLOATS, 1);
-            __builtin_prefetch(tracer->cell + ids[ahead], 1);
-            __builtin_prefetch(tracer->slot_sums + (slot + ahead) * SGSI_PROJECTED_FLOATS);
+        if (i + REDUCE_AHEAD < begin[1])
+            __builtin_prefetch(tracer->slot_sums +
+                               (slot + order[i + REDUCE_AHEAD]) * SGSI_PROJECTED_FLOATS);
+        uint32_t entry = sums->where[id - base];
+        if (entry >= sums->count || sums->ids[entry] != id) {
+            entry = sums->count++;
+            sums->where[id - base] = entry;
+            sums->ids[entry] = id;
+            memset(sums->sums + (size_t)entry * SGSI_PROJECTED_FLOATS, 0,
+                   SGSI_PROJECTED_FLOATS * sizeof(float));
         }
-        if (!tracer->touched[id / SGS_LANES])
-            open_block(tracer, id / SGS_LANES);
-        if (tracer->cell[id] != cell) {
-            if (tracer->cell[id] != NO_CELL)
-                set_aside(tracer, id);
-            tracer->cell[id] = cell;
-        }
-        add_sums(tracer->sums + (size_t)id * SGSI_PROJECTED_FLOATS,
+        add_sums(sums->sums + (size_t)entry * SGSI_PROJECTED_FLOATS,
                  tracer->slot_sums + (slot + order[i]) * SGSI_PROJECTED_FLOATS);
     }
 }
 
-// Adds the chunk's slots to the primitives of one bucket.
-static void reduce_bucket(void *context, size_t bucket, int thread)
+// Adds the sums of a cell to the primitives.
+static void add_cell(sgsi_tracer *tracer, const sgsi_cell_sums *sums)
 {
-    (void)thread;
-    const backward_pass *pass = context;
-    const sgsi_cells *cells = &pass->view->rays->cells;
-    size_t cell = pass->first_cell;
-    for (size_t tile = pass->first_tile; tile < pass->last_tile; ++tile) {
-        while (tile >= cells->tile_begin[cell + 1])
-            ++cell;
-        reduce_tile(pass, tile, bucket, (uint32_t)cell);
+    for (uint32_t i = 0; i < sums->count; ++i) {
+        const uint32_t id = sums->ids[i];
+        if (i + REDUCE_AHEAD < sums->count)
+            __builtin_prefetch(
+                tracer->sums + (size_t)sums->ids[i + REDUCE_AHEAD] * SGSI_PROJECTED_FLOATS, 1);
+        const size_t block = id / SGS_LANES;
+        if (!tracer->touched[block]) {
+            tracer->touched[block] = 1;
+            memset(tracer->sums + block * SGS_LANES * SGSI_PROJECTED_FLOATS, 0,
+                   SGS_LANES * SGSI_PROJECTED_FLOATS * sizeof(float));
+        }
+        add_sums(tracer->sums + (size_t)id * SGSI_PROJECTED_FLOATS,
+                 sums->sums + (size_t)i * SGSI_PROJECTED_FLOATS);
     }
-    if (pass->is_last)
-        finish_bucket(pass, bucket);
 }
 
-// Buckets are whole blocks of primitives, several per thread to balance the load.
+// Adds the chunk's slots to the primitives of one bucket, cell by cell.
+static void reduce_bucket(void *context, size_t bucket, int thread)
+{
+    const backward_pass *pass = context;
+    const sgsi_cells *cells = &pass->view->rays->cells;
+    sgsi_cell_sums *sums = &pass->tracer->threads[thread]->cell;
+    for (size_t cell = pass->first_cell; cell < pass->last_cell; ++cell) {
+        sums->count = 0;
+        for (size_t tile = cells->tile_begin[cell]; tile < cells->tile_begin[cell + 1]; ++tile) {
+            if (tile + 1 < pass->last_tile)
+                prefetch_tile(pass, tile + 1, bucket);
+            merge_tile(pass, tile, bucket, sums);
+        }
+        add_cell(pass->tracer, sums);
+    }
+}
+
+// Buckets are whole blocks of primitives: several per thread to balance the load, and small enough
+// for the tables of sgsi_cell_sums.
 static void choose_buckets(backward_pass *pass)
 {
     const size_t count = pass->tracer->count, threads = (size_t)sgsi_threads();
     const size_t max_buckets = threads > 1 ? BUCKETS_PER_THREAD * threads : 1;
     pass->bucket_shift = 4; // log2 of SGS_LANES: each `touched` flag belongs to one bucket
-    while (count && (count - 1) >> pass->bucket_shift >= max_buckets)
+    while (pass->bucket_shift < BUCKET_SHIFT && count &&
+           (count - 1) >> pass->bucket_shift >= max_buckets)
         ++pass->bucket_shift;
     pass->bucket_count = count ? ((count - 1) >> pass->bucket_shift) + 1 : 0;
+}
+
+// Room for the largest bucket in all threads, so that later views allocate nothing.
+static sgs_status reserve_cell_sums(sgsi_tracer *tracer)
+{
+    const size_t rows = tracer->capacity < 1 << BUCKET_SHIFT ? tracer->capacity : 1 << BUCKET_SHIFT;
+    for (int i = 0; i < sgsi_threads(); ++i) {
+        sgsi_cell_sums *sums = &tracer->threads[i]->cell;
+        if (rows <= sums->capacity)
+            continue;
+        sgsi_cell_sums_free(sums);
+        sums->where = sgsi_calloc(rows, sizeof *sums->where);
+        sums->ids = sgsi_calloc(rows, sizeof *sums->ids);
+        sums->sums = sgsi_alloc(rows, SGSI_PROJECTED_FLOATS * sizeof *sums->sums);
+        if (!sums->where || !sums->ids || !sums->sums)
+            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to add the gradients of a view");
+        sums->capacity = rows;
+    }
+    return SGS_STATUS_OK;
 }
 
 static sgs_status reserve_buckets(sgsi_tracer *tracer, size_t required)
@@ -225,37 +238,53 @@ static sgs_status reserve_slots(sgsi_tracer *tracer, size_t slots)
                : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu gradient slots", slots);
 }
 
-// For each chunk of tiles: sums per (tile, primitive), then per primitive.
+// Where each tile's slots begin, in the order of the cells.
+static void place_slots(const backward_pass *pass)
+{
+    sgsi_tracer *tracer = pass->tracer;
+    tracer->slot_begin[0] = 0;
+    for (size_t i = 0; i < pass->view->rays->cells.tiles; ++i)
+        tracer->slot_begin[i + 1] = tracer->slot_begin[i] + tile_list(pass, i)->count;
+}
+
+// Extends the chunk that begins at first_cell by whole cells.
+static void choose_chunk(backward_pass *pass)
+{
+    const size_t *slot_begin = pass->tracer->slot_begin;
+    const sgsi_cells *cells = &pass->view->rays->cells;
+    pass->first_tile = cells->tile_begin[pass->first_cell];
+    size_t last = pass->first_cell + 1;
+    while (last < cells->count && cells->tile_begin[last + 1] - pass->first_tile <= CHUNK_TILES &&
+           slot_begin[cells->tile_begin[last + 1]] - slot_begin[pass->first_tile] <= CHUNK_SLOTS)
+        ++last;
+    pass->last_cell = last;
+    pass->last_tile = cells->tile_begin[last];
+}
+
+// For each chunk of cells: sums per (tile, primitive), then per primitive.
 static sgs_status run_backward(sgsi_tracer *tracer, backward_pass *pass)
 {
     const double start = sgsi_seconds();
     const sgsi_cells *cells = &pass->view->rays->cells;
-    const size_t tiles = cells->tiles;
     double reducing = 0.0;
     memset(tracer->touched, 0, tracer->capacity / SGS_LANES);
     choose_buckets(pass);
-    const sgs_status reserved = reserve_buckets(
-        tracer, (tiles < CHUNK_TILES ? tiles : CHUNK_TILES) * (pass->bucket_count + 2));
-    if (reserved)
-        return reserved;
-    tracer->slot_begin[0] = 0;
-    for (size_t i = 0; i < tiles; ++i)
-        tracer->slot_begin[i + 1] = tracer->slot_begin[i] + tile_list(pass, i)->count;
-    for (size_t first = 0; first < tiles; first = pass->last_tile) {
-        size_t last = first + 1;
-        while (last < tiles && last - first < CHUNK_TILES &&
-               tracer->slot_begin[last + 1] - tracer->slot_begin[first] <= CHUNK_SLOTS)
-            ++last;
-        pass->first_tile = first;
-        pass->last_tile = last;
-        pass->is_last = last == tiles;
-        while (first >= cells->tile_begin[pass->first_cell + 1])
-            ++pass->first_cell;
-        const size_t slots = tracer->slot_begin[last] - tracer->slot_begin[first];
-        const sgs_status status = reserve_slots(tracer, slots > CHUNK_SLOTS ? slots : CHUNK_SLOTS);
+    sgs_status status =
+        reserve_buckets(tracer, (cells->tiles < CHUNK_TILES ? cells->tiles : CHUNK_TILES) *
+                                    (pass->bucket_count + 2));
+    if (!status)
+        status = reserve_cell_sums(tracer);
+    if (status)
+        return status;
+    place_slots(pass);
+    for (; pass->first_cell < cells->count; pass->first_cell = pass->last_cell) {
+        choose_chunk(pass);
+        const size_t slots =
+            tracer->slot_begin[pass->last_tile] - tracer->slot_begin[pass->first_tile];
+        status = reserve_slots(tracer, slots > CHUNK_SLOTS ? slots : CHUNK_SLOTS);
         if (status)
             return status;
-        sgsi_parallel_for(last - first, 1, backward_tile, pass);
+        sgsi_parallel_for(pass->last_tile - pass->first_tile, 1, backward_tile, pass);
         const double reduce_start = sgsi_seconds();
         sgsi_parallel_for(pass->bucket_count, 1, reduce_bucket, pass);
         reducing += sgsi_seconds() - reduce_start;

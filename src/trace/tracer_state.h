@@ -10,12 +10,22 @@
 
 enum { MAX_THREADS = SGSI_THREADS_MAX };
 
+// Sums of one cell and bucket of primitives, in order of their first slot: a sparse set.
+typedef struct sgsi_cell_sums {
+    uint32_t *where; // [capacity]: entry of a primitive of the bucket, if ids[entry] is its id
+    uint32_t *ids;   // [count]
+    float *sums;     // [count][16]
+    size_t capacity; // primitives of a bucket
+    uint32_t count;
+} sgsi_cell_sums;
+
 // Per-thread state.
 typedef struct thread_state {
     sgsi_scratch scratch;
     sgsi_gather_list gathered;
     uint64_t *keys, *keys_spare; // [key_capacity]
     size_t key_capacity;
+    sgsi_cell_sums cell;
     sgsi_arena arena;
     sgs_status status;
     double gather_seconds, blend_seconds;
@@ -29,9 +39,6 @@ struct sgsi_tracer {
     sgsi_bounds *bounds;
     float *sums;
     uint8_t *touched;
-    float *earlier;   // [capacity][16]: sums of finished cells, of rows in `spread`
-    uint32_t *cell;   // [capacity]: the cell that `sums` belongs to, in touched blocks
-    uint16_t *spread; // [capacity / 16]: rows with sums of several cells, in touched blocks
     uint16_t *visible;
     sgsi_tile_list *lists;
     size_t list_capacity;
@@ -49,3 +56,5 @@ struct sgsi_tracer {
     sgsi_trace_seconds seconds;
     sgsi_trace_counts counts;
 };
+
+void sgsi_cell_sums_free(sgsi_cell_sums *sums);

@@ -18,7 +18,7 @@ enum {
     THREAD_BYTES = 6000000,    // stack, allocator, buffers
     // Per primitive: 708 parameters and moments, 180 tracing and statistics, BVH, structural
     // update.
-    ROW_BYTES = 1770,
+    ROW_BYTES = 1700,
     // Per pixel of the largest view: image and gradient, loss, lists of hits, gradient records.
     PIXEL_BYTES = 120,
     RAY_BYTES = 24,         // per pixel of each different camera, up to RAY_LIMIT

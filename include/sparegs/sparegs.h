@@ -22,7 +22,8 @@
 #include "sparegs/model_file.h"
 #include "sparegs/scene.h"
 
-// Work: rendering, training.
+// Work: rendering, training, on one process or several.
+#include "sparegs/ranks.h"
 #include "sparegs/render.h"
 #include "sparegs/run.h"
 #include "sparegs/aov_descriptors.h"

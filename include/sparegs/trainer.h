@@ -15,6 +15,7 @@
 #include <stdint.h>
 
 #include "sparegs/gaussians.h"
+#include "sparegs/ranks.h"
 #include "sparegs/render.h"
 #include "sparegs/scene.h"
 
@@ -261,6 +262,13 @@ SGS_API size_t sgs_train_memory(const sgs_scene *scene, const sgs_train_options 
 SGS_API sgs_status sgs_trainer_create(const sgs_scene *scene, const sgs_train_options *options,
                                       sgs_trainer **trainer);
 SGS_API void sgs_trainer_destroy(sgs_trainer *trainer); // accepts NULL
+
+// Makes this trainer one of several with the same scene and options, one per rank, that train one
+// model together; NULL = alone. Call it before the first step and before loading a checkpoint;
+// `ranks` must outlive the trainer. sgs_trainer_step is then collective. Every rank holds the whole
+// model; each traces and differentiates its own part of every image. Fails with OUT_OF_MEMORY.
+// Collective.
+SGS_API sgs_status sgs_trainer_ranks_set(sgs_trainer *trainer, sgs_ranks *ranks);
 
 // Limits the memory of the process to `bytes`; 0 = no limit. A step whose structural update would
 // exceed it fails with OUT_OF_MEMORY and changes nothing. image_cache as in sgs_train_memory.

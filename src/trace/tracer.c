@@ -63,10 +63,11 @@ void sgsi_tracer_destroy(sgsi_tracer *tracer)
     for (int i = 0; i < MAX_THREADS; ++i)
         free_thread(tracer->threads[i]);
     sgsi_bvh_destroy(tracer->bvh);
+    sgsi_records_free(tracer);
     void *const arrays[] = {tracer->projected,  tracer->bounds,    tracer->sums,
                             tracer->touched,    tracer->visible,   tracer->lists,
                             tracer->slot_order, tracer->slot_sums, tracer->slot_begin,
-                            tracer->buckets};
+                            tracer->buckets,    tracer->macrotiles};
     for (size_t i = 0; i < sizeof arrays / sizeof *arrays; ++i)
         sgsi_free(arrays[i]);
     sgsi_free(tracer);
@@ -459,7 +460,8 @@ static void forward_macrotile(void *context, size_t item, int thread)
 {
     const forward_pass *pass = context;
     thread_state *state = pass->tracer->threads[thread];
-    const int macrotile = (int)(pass->first_macrotile + item);
+    const int macrotile = (int)(pass->tracer->has_piece ? pass->tracer->macrotiles[item]
+                                                        : pass->first_macrotile + item);
     if (state->status)
         return;
     const double start = sgsi_seconds();
@@ -491,9 +493,11 @@ static sgs_status reserve_lists(sgsi_tracer *tracer, size_t tiles)
         return SGS_STATUS_OK;
     sgsi_free(tracer->lists);
     sgsi_free(tracer->slot_begin);
+    sgsi_free(tracer->macrotiles);
+    tracer->macrotiles = sgsi_alloc(tiles, sizeof *tracer->macrotiles);
     tracer->lists = sgsi_calloc(tiles, sizeof *tracer->lists);
     tracer->slot_begin = sgsi_calloc(tiles + 1, sizeof *tracer->slot_begin);
-    tracer->list_capacity = tracer->lists && tracer->slot_begin ? tiles : 0;
+    tracer->list_capacity = tracer->lists && tracer->slot_begin && tracer->macrotiles ? tiles : 0;
     return tracer->list_capacity
                ? SGS_STATUS_OK
                : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the lists of %zu tiles", tiles);
@@ -523,6 +527,25 @@ static sgs_status collect_threads(sgsi_tracer *tracer, double wall, double *gath
                : status;
 }
 
+// Lists the macrotiles of the piece; a cell consists of whole macrotiles. Empties the lists of the
+// other tiles. Returns the number of macrotiles.
+static size_t list_piece(sgsi_tracer *tracer, const sgsi_rays *rays)
+{
+    const sgsi_cells *cells = &rays->cells;
+    size_t count = 0;
+    for (size_t i = 0; i < cells->tiles; ++i)
+        tracer->lists[i] = (sgsi_tile_list){0};
+    for (size_t i = cells->tile_begin[tracer->piece.first];
+         i < cells->tile_begin[tracer->piece.last]; ++i) {
+        const int x = (int)cells->tile_order[i] % rays->tiles_x,
+                  y = (int)cells->tile_order[i] / rays->tiles_x;
+        if (x % rays->macrotile_side == 0 && y % rays->macrotile_side == 0)
+            tracer->macrotiles[count++] = (uint32_t)(y / rays->macrotile_side * rays->macrotiles_x +
+                                                     x / rays->macrotile_side);
+    }
+    return count;
+}
+
 static sgs_status forward_macrotiles(sgsi_tracer *tracer, forward_pass *pass,
                                      size_t macrotile_count)
 {
@@ -533,6 +556,8 @@ static sgs_status forward_macrotiles(sgsi_tracer *tracer, forward_pass *pass,
         status = reserve_lists(tracer, (size_t)rays->tiles_x * (size_t)rays->tiles_y);
     if (status)
         return status;
+    if (tracer->has_piece)
+        macrotile_count = list_piece(tracer, rays);
     tracer->counts = (sgsi_trace_counts){0};
     for (int i = 0; i < sgsi_threads(); ++i) {
         thread_state *state = tracer->threads[i];

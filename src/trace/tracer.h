@@ -71,6 +71,25 @@ sgs_status sgsi_tracer_forward(sgsi_tracer *tracer, const sgsi_view *view, sgsi_
 sgs_status sgsi_tracer_forward_rows(sgsi_tracer *tracer, const sgsi_view *view, sgsi_planes *planes,
                                     int first, int last);
 
+// A piece of the work for one of several processes: later forward passes and backward passes work
+// on the cells [first, last) of rays->cells only. Other pixels and depth bounds are not written. A
+// backward pass then keeps records, the sums per (cell, primitive), instead of adding them;
+// `threads` is the largest number of threads of a process. NULL: all cells. Set it for each view.
+typedef struct sgsi_tracer_piece {
+    size_t first, last;
+    int threads;
+} sgsi_tracer_piece;
+void sgsi_tracer_set_piece(sgsi_tracer *tracer, const sgsi_tracer_piece *piece);
+
+// The records of the last backward pass of a piece as bytes for other processes, and the sums of
+// the records of all pieces, in the order of the curve: `got` holds sizes[count] bytes, one after
+// the other, 64-byte aligned. Fills the gradient sums and `touched`. _fold fails with FORMAT if the
+// bytes are not those of a view of the same primitives.
+size_t sgsi_tracer_records_bytes(const sgsi_tracer *tracer);
+void sgsi_tracer_records_pack(const sgsi_tracer *tracer, void *bytes);
+sgs_status sgsi_tracer_fold(sgsi_tracer *tracer, const unsigned char *got, const size_t *sizes,
+                            int count);
+
 // Gradients of the last forward pass that kept lists: fills the gradient sums and `touched`.
 sgs_status sgsi_tracer_backward(sgsi_tracer *tracer, const sgsi_view *view,
                                 const sgsi_planes *planes, float *const d_color[3],

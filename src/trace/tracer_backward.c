@@ -30,6 +30,7 @@ typedef struct backward_pass {
     const sgsi_score_planes *score; // replaces the gradients, or NULL
     size_t first_tile, last_tile;   // chunk [first_tile, last_tile) of rays->cells.tile_order
     size_t first_cell, last_cell;   // of the chunk
+    size_t end_cell;                // of the piece
     int bucket_shift;               // bucket of primitive id: id >> bucket_shift
     size_t bucket_count;
 } backward_pass;
@@ -98,17 +99,6 @@ static void backward_tile(void *context, size_t item, int thread)
         kernels->tile_backward(s, list, &target);
 }
 
-// Four sums; the compiler does not vectorise the loop over floats.
-typedef float four __attribute__((vector_size(16), may_alias));
-
-static inline void add_sums(float *sums, const float *added)
-{
-    four *to = (four *)sums;
-    const four *from = (const four *)added;
-    for (int k = 0; k < SGSI_PROJECTED_FLOATS / 4; ++k)
-        to[k] += from[k];
-}
-
 // Prefetches the first slots of one tile and bucket.
 static void prefetch_tile(const backward_pass *pass, size_t tile, size_t bucket)
 {
@@ -141,8 +131,8 @@ static void merge_tile(const backward_pass *pass, size_t tile, size_t bucket, sg
             memset(sums->sums + (size_t)entry * SGSI_PROJECTED_FLOATS, 0,
                    SGSI_PROJECTED_FLOATS * sizeof(float));
         }
-        add_sums(sums->sums + (size_t)entry * SGSI_PROJECTED_FLOATS,
-                 tracer->slot_sums + (slot + order[i]) * SGSI_PROJECTED_FLOATS);
+        sgsi_add_sums(sums->sums + (size_t)entry * SGSI_PROJECTED_FLOATS,
+                      tracer->slot_sums + (slot + order[i]) * SGSI_PROJECTED_FLOATS);
     }
 }
 
@@ -154,14 +144,7 @@ static void add_cell(sgsi_tracer *tracer, const sgsi_cell_sums *sums)
         if (i + REDUCE_AHEAD < sums->count)
             __builtin_prefetch(
                 tracer->sums + (size_t)sums->ids[i + REDUCE_AHEAD] * SGSI_PROJECTED_FLOATS, 1);
-        const size_t block = id / SGS_LANES;
-        if (!tracer->touched[block]) {
-            tracer->touched[block] = 1;
-            memset(tracer->sums + block * SGS_LANES * SGSI_PROJECTED_FLOATS, 0,
-                   SGS_LANES * SGSI_PROJECTED_FLOATS * sizeof(float));
-        }
-        add_sums(tracer->sums + (size_t)id * SGSI_PROJECTED_FLOATS,
-                 sums->sums + (size_t)i * SGSI_PROJECTED_FLOATS);
+        sgsi_add_to_primitive(tracer, id, sums->sums + (size_t)i * SGSI_PROJECTED_FLOATS);
     }
 }
 
@@ -178,7 +161,10 @@ static void reduce_bucket(void *context, size_t bucket, int thread)
                 prefetch_tile(pass, tile + 1, bucket);
             merge_tile(pass, tile, bucket, sums);
         }
-        add_cell(pass->tracer, sums);
+        if (!pass->tracer->has_piece)
+            add_cell(pass->tracer, sums);
+        else if (!sgsi_records_add(&pass->tracer->records[bucket], sums))
+            pass->tracer->threads[thread]->status = SGS_STATUS_OUT_OF_MEMORY;
     }
 }
 
@@ -186,7 +172,9 @@ static void reduce_bucket(void *context, size_t bucket, int thread)
 // for the tables of sgsi_cell_sums.
 static void choose_buckets(backward_pass *pass)
 {
-    const size_t count = pass->tracer->count, threads = (size_t)sgsi_threads();
+    const sgsi_tracer *tracer = pass->tracer;
+    const size_t count = tracer->count,
+                 threads = (size_t)(tracer->has_piece ? tracer->piece.threads : sgsi_threads());
     const size_t max_buckets = threads > 1 ? BUCKETS_PER_THREAD * threads : 1;
     pass->bucket_shift = 4; // log2 of SGS_LANES: each `touched` flag belongs to one bucket
     while (pass->bucket_shift < BUCKET_SHIFT && count &&
@@ -242,8 +230,11 @@ static sgs_status reserve_slots(sgsi_tracer *tracer, size_t slots)
 static void place_slots(const backward_pass *pass)
 {
     sgsi_tracer *tracer = pass->tracer;
-    tracer->slot_begin[0] = 0;
-    for (size_t i = 0; i < pass->view->rays->cells.tiles; ++i)
+    const sgsi_cells *cells = &pass->view->rays->cells;
+    const size_t first = cells->tile_begin[pass->first_cell],
+                 last = cells->tile_begin[pass->end_cell];
+    tracer->slot_begin[first] = 0;
+    for (size_t i = first; i < last; ++i)
         tracer->slot_begin[i + 1] = tracer->slot_begin[i] + tile_list(pass, i)->count;
 }
 
@@ -254,7 +245,7 @@ static void choose_chunk(backward_pass *pass)
     const sgsi_cells *cells = &pass->view->rays->cells;
     pass->first_tile = cells->tile_begin[pass->first_cell];
     size_t last = pass->first_cell + 1;
-    while (last < cells->count && cells->tile_begin[last + 1] - pass->first_tile <= CHUNK_TILES &&
+    while (last < pass->end_cell && cells->tile_begin[last + 1] - pass->first_tile <= CHUNK_TILES &&
            slot_begin[cells->tile_begin[last + 1]] - slot_begin[pass->first_tile] <= CHUNK_SLOTS)
         ++last;
     pass->last_cell = last;
@@ -267,6 +258,8 @@ static sgs_status run_backward(sgsi_tracer *tracer, backward_pass *pass)
     const double start = sgsi_seconds();
     const sgsi_cells *cells = &pass->view->rays->cells;
     double reducing = 0.0;
+    pass->first_cell = tracer->has_piece ? tracer->piece.first : 0;
+    pass->end_cell = tracer->has_piece ? tracer->piece.last : cells->count;
     memset(tracer->touched, 0, tracer->capacity / SGS_LANES);
     choose_buckets(pass);
     sgs_status status =
@@ -274,10 +267,12 @@ static sgs_status run_backward(sgsi_tracer *tracer, backward_pass *pass)
                                     (pass->bucket_count + 2));
     if (!status)
         status = reserve_cell_sums(tracer);
+    if (!status && tracer->has_piece)
+        status = sgsi_records_begin(tracer, pass->bucket_count, pass->bucket_shift);
     if (status)
         return status;
     place_slots(pass);
-    for (; pass->first_cell < cells->count; pass->first_cell = pass->last_cell) {
+    for (; pass->first_cell < pass->end_cell; pass->first_cell = pass->last_cell) {
         choose_chunk(pass);
         const size_t slots =
             tracer->slot_begin[pass->last_tile] - tracer->slot_begin[pass->first_tile];

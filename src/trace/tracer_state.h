@@ -4,6 +4,8 @@
 
 // State of the tracer, shared by tracer.c (forward pass) and tracer_backward.c.
 
+#include <string.h>
+
 #include "base/arena.h"
 #include "base/threads.h"
 #include "trace/tracer.h"
@@ -18,6 +20,13 @@ typedef struct sgsi_cell_sums {
     size_t capacity; // primitives of a bucket
     uint32_t count;
 } sgsi_cell_sums;
+
+// Records of a bucket of primitives in the cells of a piece, in the order of the cells.
+typedef struct sgsi_bucket_records {
+    uint32_t *ids; // [capacity]
+    float *sums;   // [capacity][16]
+    size_t count, capacity;
+} sgsi_bucket_records;
 
 // Per-thread state.
 typedef struct thread_state {
@@ -50,11 +59,46 @@ struct sgsi_tracer {
     uint32_t *buckets; // [bucket_capacity]: per tile of a chunk, where its buckets begin
     size_t bucket_capacity;
     sgsi_tile_cost *costs; // [tiles] or NULL
-    size_t list_words;     // size of each thread's list arena
-    bool abs_grad;         // backward passes also sum absolute gradients
+    // A piece of the cells, for one of several processes.
+    bool has_piece;
+    sgsi_tracer_piece piece;
+    uint32_t *macrotiles;         // [list_capacity]: the macrotiles of the piece
+    sgsi_bucket_records *records; // [record_capacity]: by bucket
+    size_t record_capacity, record_buckets;
+    int record_shift;  // bucket of primitive id: id >> record_shift
+    size_t list_words; // size of each thread's list arena
+    bool abs_grad;     // backward passes also sum absolute gradients
     thread_state *threads[MAX_THREADS];
     sgsi_trace_seconds seconds;
     sgsi_trace_counts counts;
 };
 
 void sgsi_cell_sums_free(sgsi_cell_sums *sums);
+
+// ---- tracer_records.c ----
+
+// Empties the records of `buckets` buckets.
+sgs_status sgsi_records_begin(sgsi_tracer *tracer, size_t buckets, int shift);
+// Appends the sums of a cell to a bucket. False if out of memory.
+bool sgsi_records_add(sgsi_bucket_records *records, const sgsi_cell_sums *sums);
+void sgsi_records_free(sgsi_tracer *tracer);
+// sums[16] += added[16]; both 16-byte aligned.
+typedef float sgsi_four __attribute__((vector_size(16), may_alias));
+static inline void sgsi_add_sums(float *sums, const float *added)
+{
+    sgsi_four *to = (sgsi_four *)sums;
+    const sgsi_four *from = (const sgsi_four *)added;
+    for (int k = 0; k < SGSI_PROJECTED_FLOATS / 4; ++k)
+        to[k] += from[k]; // the compiler does not vectorise the loop over floats
+}
+// Adds sums of a cell to a primitive; the first ones of its block set those of the block to 0.
+static inline void sgsi_add_to_primitive(sgsi_tracer *tracer, uint32_t id, const float *added)
+{
+    const size_t block = id / SGS_LANES;
+    if (!tracer->touched[block]) {
+        tracer->touched[block] = 1;
+        memset(tracer->sums + block * SGS_LANES * SGSI_PROJECTED_FLOATS, 0,
+               SGS_LANES * SGSI_PROJECTED_FLOATS * sizeof(float));
+    }
+    sgsi_add_sums(tracer->sums + (size_t)id * SGSI_PROJECTED_FLOATS, added);
+}

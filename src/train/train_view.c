@@ -7,6 +7,8 @@
 
 #include "base/core.h"
 #include "base/threads.h"
+#include "cluster/ranks.h"
+#include "train/view_ranks.h"
 
 static const size_t RAY_CACHE_BYTES = (size_t)1 << 30;
 
@@ -77,6 +79,7 @@ void sgsi_train_views_free(sgsi_train_views *views)
 {
     for (size_t i = 0; views->depth_bounds && i < views->count; ++i)
         sgsi_free(views->depth_bounds[i]);
+    sgsi_view_ranks_free(views);
     sgsi_exposure_destroy(views->exposure);
     sgsi_loss_destroy(views->loss);
     sgsi_ray_cache_destroy(views->rays);
@@ -149,6 +152,8 @@ sgs_status sgsi_train_view_project(sgsi_train_views *views, sgsi_train_view *vie
     if (status)
         return status;
     views->rebuild = false;
+    if (views->ranks)
+        sgsi_view_ranks_cut(views, view);
     const sgsi_trace_seconds spent = sgsi_tracer_seconds(views->tracer);
     view->seconds->bvh_build += spent.bvh_build;
     view->seconds->bvh_refit += spent.bvh_refit;
@@ -158,8 +163,12 @@ sgs_status sgsi_train_view_project(sgsi_train_views *views, sgsi_train_view *vie
 
 sgs_status sgsi_train_view_forward(sgsi_train_views *views, sgsi_train_view *view)
 {
-    const sgs_status status = sgsi_tracer_forward(views->tracer, &view->view, &view->planes,
-                                                  views->depth_bounds[view->index], true);
+    sgs_status status = sgsi_tracer_forward(views->tracer, &view->view, &view->planes,
+                                            views->depth_bounds[view->index], true);
+    if (!status && sgsi_tracer_counts(views->tracer).block_hits)
+        sgs_ranks_raise(views->ranks, SGSI_RANKS_SEEN);
+    if (!status && views->ranks)
+        status = sgsi_view_ranks_image(views, view);
     const sgsi_trace_seconds spent = sgsi_tracer_seconds(views->tracer);
     view->seconds->gather += spent.gather;
     view->seconds->forward += spent.forward;
@@ -173,6 +182,39 @@ static void set_background(const sgs_train_options *options, sgsi_train_view *vi
                                   ? (float)sgsi_random_uniform(options->seed ^ 0xBAC6,
                                                                3 * (uint64_t)view->iteration + c)
                                   : options->background[c];
+}
+
+// Loss and exposure of the cells of this rank, then the sums of all.
+static sgs_status share_loss(sgsi_train_views *views, sgsi_train_view *view,
+                             const sgsi_loss_input *image, const sgsi_loss_input *compared)
+{
+    const sgsi_tracer_piece piece = sgsi_view_ranks_piece(views);
+    sgsi_loss_sums *sums;
+    double(*exposure)[SGSI_EXPOSURE] = NULL;
+    sgs_status status =
+        sgsi_loss_cells(views->loss, compared, piece.first, piece.last, &view->loss, &sums);
+    if (!status && views->exposure)
+        status = sgsi_exposure_cells(views->exposure, view->index, image, piece.first, piece.last,
+                                     &view->loss, &exposure);
+    if (!status)
+        status = sgsi_view_ranks_sums(views, view, sums, exposure);
+    if (status)
+        return status;
+    sgsi_loss_total(views->loss, compared, &view->loss);
+    if (views->exposure)
+        sgsi_exposure_total(views->exposure);
+    return SGS_STATUS_OK;
+}
+
+static sgs_status evaluate_loss(sgsi_train_views *views, sgsi_train_view *view,
+                                const sgsi_loss_input *image, const sgsi_loss_input *compared)
+{
+    if (views->ranks)
+        return share_loss(views, view, image, compared);
+    const sgs_status status = sgsi_loss_evaluate(views->loss, compared, &view->loss);
+    return status || !views->exposure
+               ? status
+               : sgsi_exposure_backward(views->exposure, view->index, image, &view->loss);
 }
 
 sgs_status sgsi_train_view_loss(sgsi_train_views *views, sgsi_train_view *view)
@@ -197,18 +239,25 @@ sgs_status sgsi_train_view_loss(sgsi_train_views *views, sgsi_train_view *view)
     sgsi_loss_input compared = image;
     if (views->exposure)
         sgsi_exposure_forward(views->exposure, view->index, &compared);
-    sgs_status status = sgsi_loss_evaluate(views->loss, &compared, &view->loss);
-    if (views->exposure && !status)
-        status = sgsi_exposure_backward(views->exposure, view->index, &image, &view->loss);
+    const sgs_status status = evaluate_loss(views, view, &image, &compared);
     view->seconds->loss += sgsi_seconds() - start;
     return status;
 }
 
 sgs_status sgsi_train_view_backward(sgsi_train_views *views, sgsi_train_view *view)
 {
-    const sgs_status status = sgsi_tracer_backward(views->tracer, &view->view, &view->planes,
-                                                   view->d_color, view->d_transmittance);
+    sgs_status status = sgsi_tracer_backward(views->tracer, &view->view, &view->planes,
+                                             view->d_color, view->d_transmittance);
+    if (!status && views->ranks)
+        status = sgsi_view_ranks_records(views, view);
     const sgsi_trace_seconds spent = sgsi_tracer_seconds(views->tracer);
     view->seconds->backward += spent.backward + spent.reduce;
     return status;
+}
+
+sgs_status sgsi_train_view_score(sgsi_train_views *views, sgsi_train_view *view,
+                                 const sgsi_score_planes *planes)
+{
+    const sgs_status status = sgsi_tracer_score(views->tracer, &view->view, &view->planes, planes);
+    return status || !views->ranks ? status : sgsi_view_ranks_records(views, view);
 }

@@ -9,6 +9,7 @@
 #include "loss/exposure.h"
 #include "loss/loss.h"
 #include "rays/rays.h"
+#include "sparegs/ranks.h"
 #include "sparegs/trainer.h"
 #include "trace/tracer.h"
 
@@ -35,6 +36,8 @@ typedef struct sgsi_train_views {
     float *planes;           // colour, transmittance and their gradients: 8 planes
     size_t plane_floats;     // per plane
     bool rebuild;            // rebuild the BVH for the next view instead of refitting it
+    sgs_ranks *ranks;        // that share the views, or NULL
+    struct sgsi_view_ranks *view_ranks;
 } sgsi_train_views;
 
 typedef struct sgsi_train_view {
@@ -47,6 +50,7 @@ typedef struct sgsi_train_view {
     uint32_t *visible_count; // statistics that the projection updates, or NULL
     float *radius_max;
     sgs_train_seconds *seconds; // each stage adds its time
+    bool whole_image;           // all ranks need the whole image
     // sgsi_train_view_fetch
     const sgs_view *source;
     const sgs_photo *target;
@@ -81,3 +85,6 @@ sgs_status sgsi_train_view_forward(sgsi_train_views *views, sgsi_train_view *vie
 sgs_status sgsi_train_view_loss(sgsi_train_views *views, sgsi_train_view *view);
 // Gradient sums per primitive: sgsi_tracer_grad_sums and sgsi_tracer_touched of views->tracer.
 sgs_status sgsi_train_view_backward(sgsi_train_views *views, sgsi_train_view *view);
+// Scores of primitives, as sgsi_tracer_score, instead of gradient sums.
+sgs_status sgsi_train_view_score(sgsi_train_views *views, sgsi_train_view *view,
+                                 const sgsi_score_planes *planes);

@@ -13,10 +13,12 @@
 
 #include "base/core.h"
 #include "base/threads.h"
+#include "cluster/ranks.h"
 #include "sparegs/option_descriptors.h"
 #include "train/small_images.h"
 #include "train/traffic.h"
 #include "train/trainer_state.h"
+#include "train/view_ranks.h"
 
 enum { FILTER_INTERVAL = 100 };
 
@@ -200,7 +202,10 @@ static sgs_status begin_view(sgs_trainer *trainer, int iteration, sgsi_train_vie
 // Warns if no training view contains a primitive: the run would succeed with an empty result.
 static void check_visibility(sgs_trainer *trainer, int iteration)
 {
-    trainer->seen = trainer->seen || sgsi_tracer_counts(trainer->views.tracer).block_hits;
+    sgs_ranks *ranks = trainer->views.ranks;
+    trainer->seen =
+        trainer->seen || (ranks ? (sgs_ranks_raised(ranks) & SGSI_RANKS_SEEN) != 0
+                                : sgsi_tracer_counts(trainer->views.tracer).block_hits != 0);
     if (!trainer->seen && (size_t)iteration == trainer->views.count)
         sgsi_warn("%s: no primitive is visible in any of the %zu training views; do the points (or "
                   "option init) belong to these cameras?",
@@ -385,23 +390,24 @@ static sgs_status repeat_last(sgs_trainer *trainer)
     return sgs_trainer_step(trainer, &info);
 }
 
-sgs_status sgs_trainer_step(sgs_trainer *trainer, sgs_step_info *info)
+// One iteration; a failure of this rank alone is not known to the others yet.
+static sgs_status step(sgs_trainer *trainer, sgs_step_info *info)
 {
     const double start = sgsi_seconds();
     const sgsi_loop_seconds loops = sgsi_threads_seconds();
-    *info = (sgs_step_info){.mean_weight = 1.0};
-    sgs_status status = repeat_last(trainer);
-    if (!status)
-        status = check_ready(trainer);
-    if (!status)
-        status = apply_deferred(trainer, info);
+    sgs_status status = apply_deferred(trainer, info);
     if (status)
         return status;
     const int iteration = trainer->progress.iteration + 1;
     sgsi_train_view view;
+    const sgsi_progress before = trainer->progress;
     status = begin_view(trainer, iteration, &view);
-    if (status)
+    if (trainer->views.ranks) // before anything changes, so that all ranks stay consistent
+        status = sgs_ranks_agree(trainer->views.ranks, status);
+    if (status) {
+        trainer->progress = before;
         return status;
+    }
     trainer->inconsistent = true;
     status = train_on_view(trainer, &view, info);
     if (!status)
@@ -416,6 +422,19 @@ sgs_status sgs_trainer_step(sgs_trainer *trainer, sgs_step_info *info)
     trainer->inconsistent = false;
     account_step(trainer, start, loops);
     return SGS_STATUS_OK;
+}
+
+sgs_status sgs_trainer_step(sgs_trainer *trainer, sgs_step_info *info)
+{
+    *info = (sgs_step_info){.mean_weight = 1.0};
+    sgs_status status = repeat_last(trainer);
+    if (!status)
+        status = check_ready(trainer);
+    if (status)
+        return status; // the same on all ranks
+    status = step(trainer, info);
+    const bool known = trainer->update_refused && status == SGS_STATUS_OUT_OF_MEMORY;
+    return status && !known ? sgs_ranks_agree(trainer->views.ranks, status) : status;
 }
 
 // ---- Measurements ----
@@ -442,6 +461,11 @@ void sgsi_trainer_restore(sgs_trainer *trainer)
 }
 
 // ---- State ----
+
+sgs_status sgs_trainer_ranks_set(sgs_trainer *trainer, sgs_ranks *ranks)
+{
+    return sgs_ranks_agree(ranks, sgsi_view_ranks_create(&trainer->views, ranks));
+}
 
 void sgs_trainer_memory_limit_set(sgs_trainer *trainer, size_t bytes, size_t image_cache)
 {

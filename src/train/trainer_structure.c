@@ -30,6 +30,24 @@ static spare_options spare_settings(const sgs_train_options *o, double gradient_
     return spare;
 }
 
+// True if the memory of all ranks admits it: they must take the same decision. A failed call fails
+// again in the next collective call of the step.
+static bool all_ranks(sgs_ranks *ranks, bool own)
+{
+    if (!ranks)
+        return own;
+    const uint8_t mine = own;
+    bool all = true;
+    uint8_t *got = sgsi_alloc((size_t)sgs_ranks_count(ranks), 1);
+    const sgs_status memory =
+        got ? SGS_STATUS_OK : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the ranks");
+    all = !sgs_ranks_gather(ranks, memory, &mine, 1, got);
+    for (int r = 0; r < sgs_ranks_count(ranks) && all; ++r)
+        all = got[r];
+    sgsi_free(got);
+    return all;
+}
+
 // True if the limit exceeds the estimate for `count` primitives, and also the current memory plus
 // its estimated growth and the temporary copy of one array.
 static bool memory_admits(const void *context, size_t count)
@@ -42,8 +60,9 @@ static bool memory_admits(const void *context, size_t count)
                  current = sgs_train_memory(trainer->scene, &trainer->options, trainer->image_cache,
                                             before);
     const size_t growth = estimate > current ? estimate - current : 0;
-    return !limit || count <= before ||
-           (estimate <= limit && sgs_rss_current() + copy + growth <= limit);
+    const bool admits = !limit || count <= before ||
+                        (estimate <= limit && sgs_rss_current() + copy + growth <= limit);
+    return all_ranks(trainer->views.ranks, admits);
 }
 
 static sgsi_density_options density_options(sgs_trainer *trainer, int iteration,

@@ -185,7 +185,8 @@ static sgs_status score_view(sgsi_train_views *views, const sgsi_score_input *in
                             .sh_degree = input->sh_degree,
                             .visible_count = scores->view.visible_count,
                             .radius_max = scores->view.radius_max,
-                            .seconds = &ignored};
+                            .seconds = &ignored,
+                            .whole_image = true};
     sgsi_statistics_clear(&scores->view, scores->capacity);
     sgs_status status = sgsi_train_view_fetch(views, &view);
     if (!status)
@@ -202,7 +203,7 @@ static sgs_status score_view(sgsi_train_views *views, const sgsi_score_input *in
     if (status)
         return status;
     const sgsi_score_planes planes = {.weight = scores->weight, .centers = scores->centers};
-    status = sgsi_tracer_score(views->tracer, &view.view, &view.planes, &planes);
+    status = sgsi_train_view_score(views, &view, &planes);
     const sgsi_scored_view scored = {.count = n,
                                      .loss = view.loss.loss,
                                      .sums = sgsi_tracer_grad_sums(views->tracer),

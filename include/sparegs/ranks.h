@@ -1,0 +1,92 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// Ranks: processes on one or several machines, started by mpirun or srun, that train one model.
+// Every rank calls the same functions in the same order; each call also carries the status of the
+// caller, so that all ranks learn of a failure in the same call and stop alike. Messages move bytes
+// only, sums are computed in a fixed order: the model has the same bits for any number of ranks.
+//
+// NULL ranks are one process: every function accepts it and does nothing, or returns what a single
+// process would.
+//
+// Threads: all calls on the ranks of a process come from one thread, outside of loops;
+// sgs_ranks_raise may be called from any thread.
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "sparegs/gaussians.h"
+#include "sparegs/status.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef struct sgs_ranks sgs_ranks;
+
+// Number of processes that the launcher's environment announces (Open MPI, MPICH, Slurm); 1 without
+// a launcher. *rank receives the number of this process, from 0; it may be NULL. Cannot fail.
+SGS_API int sgs_ranks_launched(int *rank);
+
+// Joins the ranks of a launcher through the plug-in of its MPI library, which is loaded now:
+// "ranks-openmpi.so" or "ranks-mpich.so", in `folder`, or, if it is NULL, next to the program and
+// in
+// ../lib/sparegs. *ranks is NULL, with success, if there is one process. Fails with UNSUPPORTED if
+// no plug-in can be loaded. Collective. Call at most once per process.
+SGS_API sgs_status sgs_ranks_open(const char *folder, sgs_ranks **ranks);
+// Waits for all ranks. Accepts NULL.
+SGS_API void sgs_ranks_close(sgs_ranks *ranks);
+
+SGS_API int sgs_ranks_rank(const sgs_ranks *ranks);  // 0 without ranks
+SGS_API int sgs_ranks_count(const sgs_ranks *ranks); // 1 without ranks
+
+// Collective: all ranks return OK, or all fail with the status and message of the lowest rank that
+// failed, as "rank 3 (node07): ...". After that, every collective call fails at once with this
+// status. Without ranks it returns `own`.
+SGS_API sgs_status sgs_ranks_agree(sgs_ranks *ranks, sgs_status own);
+
+// Refuses ranks that differ in what must be equal: `text` of this rank against that of rank 0,
+// which the message names `what`. Collective; fails with INVALID_ARGUMENT on all ranks.
+SGS_API sgs_status sgs_ranks_compare(sgs_ranks *ranks, sgs_status own, const char *what,
+                                     const char *text);
+
+// Flags of this rank, which travel with its next collective call; bits 0 to 15 are free for
+// callers. sgs_ranks_raised returns the flags that any rank had sent by the last collective call:
+// the same on all ranks. Without ranks it returns the flags raised so far.
+SGS_API void sgs_ranks_raise(sgs_ranks *ranks, uint32_t flags);
+SGS_API uint32_t sgs_ranks_raised(const sgs_ranks *ranks);
+
+// Copies *bytes of rank 0, `*size` of them, to all other ranks, where *bytes is replaced by memory
+// from malloc that the caller frees. Rank 0 keeps its own. Collective.
+SGS_API sgs_status sgs_ranks_broadcast(sgs_ranks *ranks, sgs_status own, void **bytes,
+                                       size_t *size);
+// The same for a model: *model of the other ranks is created; sgs_gaussians_destroy releases it.
+SGS_API sgs_status sgs_ranks_broadcast_model(sgs_ranks *ranks, sgs_status own,
+                                             sgs_gaussians **model);
+
+// Gathers `size` bytes of each rank, the same size on all, into got[count][size] on all ranks, in
+// the order of the ranks. Collective.
+SGS_API sgs_status sgs_ranks_gather(sgs_ranks *ranks, sgs_status own, const void *bytes,
+                                    size_t size, void *got);
+
+// Bytes that this rank has sent to others, and messages (one per call and receiver), by purpose.
+typedef struct sgs_ranks_traffic {
+    uint64_t calls, messages, bytes;
+} sgs_ranks_traffic;
+typedef enum sgs_ranks_purpose {
+    SGS_RANKS_STATUS,  // the header of every call
+    SGS_RANKS_IMAGE,   // colour and transmittance around the cells of others
+    SGS_RANKS_SUMS,    // sums of loss and exposure per cell, costs, depth bounds
+    SGS_RANKS_RECORDS, // gradient sums of the cells' primitives
+    SGS_RANKS_SCORES,  // images and sums for scores from views
+    SGS_RANKS_OTHER,   // start, evaluation, files
+    SGS_RANKS_PURPOSE_COUNT
+} sgs_ranks_purpose;
+SGS_API sgs_ranks_traffic sgs_ranks_counted(const sgs_ranks *ranks, sgs_ranks_purpose purpose);
+SGS_API const char *sgs_ranks_purpose_name(sgs_ranks_purpose purpose);
+
+#ifdef __cplusplus
+}
+#endif

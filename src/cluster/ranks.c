@@ -1,0 +1,364 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Collective calls. Each begins with a header of every rank: status, flags, the kind of call and
+// the number of bytes. If a rank failed, all receive its message and leave; else the bytes follow.
+// A rank that fails elsewhere calls sgs_ranks_agree, whose header reaches the others in whatever
+// call they make next.
+
+#include "cluster/ranks.h"
+
+#include <stdatomic.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "base/core.h"
+#include "base/threads.h"
+
+enum { MESSAGE_BYTES = 960 };
+
+typedef struct header {
+    int32_t status;
+    uint32_t flags;
+    uint64_t kind, bytes;
+    int32_t threads, unused;
+} header;
+
+// Kinds of calls; a difference between ranks is an error of the program.
+enum { KIND_AGREE, KIND_SHARE, KIND_EXCHANGE, KIND_GATHER, KIND_BROADCAST };
+
+typedef struct failure {
+    char node[64], text[MESSAGE_BYTES];
+} failure;
+
+static void count_bytes(sgs_ranks *ranks, sgs_ranks_purpose purpose, uint64_t bytes,
+                        uint64_t messages)
+{
+    ranks->counted[purpose].calls += 1;
+    ranks->counted[purpose].messages += messages;
+    ranks->counted[purpose].bytes += bytes;
+}
+
+static uint64_t others(const sgs_ranks *ranks)
+{
+    return (uint64_t)ranks->transport.count - 1;
+}
+
+static sgs_status fail_again(const sgs_ranks *ranks)
+{
+    return sgsi_fail(ranks->failed, "%s", ranks->message);
+}
+
+// All ranks learn the message of rank `failing`.
+static sgs_status fail_alike(sgs_ranks *ranks, int failing, sgs_status status)
+{
+    failure own = {{0}, {0}}, *all = calloc((size_t)ranks->transport.count, sizeof *all);
+    if (!all) // the others wait for this message
+        abort();
+    snprintf(own.node, sizeof own.node, "%s", ranks->node);
+    snprintf(own.text, sizeof own.text, "%s", sgs_last_error());
+    ranks->transport.gather(ranks->transport.state, &own, sizeof own, all);
+    ranks->failed = status;
+    if (failing < 0)
+        snprintf(ranks->message, sizeof ranks->message,
+                 "the ranks are in different calls; this is an error of sparegs");
+    else
+        snprintf(ranks->message, sizeof ranks->message, "rank %d (%.63s): %.*s", failing,
+                 all[failing].node, (int)MESSAGE_BYTES - 1, all[failing].text);
+    free(all);
+    return fail_again(ranks);
+}
+
+// Exchanges the headers. sizes [count] receives the bytes of each rank; NULL ignores them.
+static sgs_status meet(sgs_ranks *ranks, header own, size_t *sizes)
+{
+    enum { FEW = 64 };
+    header few[FEW], *all = few;
+    const int count = ranks->transport.count;
+    if (ranks->failed)
+        return fail_again(ranks);
+    if (count > FEW)
+        all = malloc((size_t)count * sizeof *all);
+    if (!all)
+        abort(); // the others wait
+    own.flags = atomic_load(&ranks->own);
+    own.threads = sgsi_threads();
+    ranks->transport.gather(ranks->transport.state, &own, sizeof own, all);
+    count_bytes(ranks, SGS_RANKS_STATUS, others(ranks) * sizeof own, others(ranks));
+    int failing = count;
+    bool differs = false;
+    for (int r = 0; r < count; ++r) {
+        ranks->raised |= all[r].flags;
+        differs = differs || all[r].kind != own.kind;
+        if (all[r].status && failing == count)
+            failing = r;
+        if (sizes)
+            sizes[r] = (size_t)all[r].bytes;
+        ranks->most_threads =
+            all[r].threads > ranks->most_threads ? all[r].threads : ranks->most_threads;
+    }
+    const sgs_status status = failing < count ? (sgs_status)all[failing].status
+                              : differs       ? SGS_STATUS_INTERNAL
+                                              : SGS_STATUS_OK;
+    if (all != few)
+        free(all);
+    return status ? fail_alike(ranks, failing < count ? failing : -1, status) : SGS_STATUS_OK;
+}
+
+sgs_status sgsi_ranks_create(const sgsi_transport *transport, sgs_ranks **ranks)
+{
+    *ranks = NULL;
+    sgs_ranks *made = sgsi_calloc(1, sizeof *made);
+    size_t *sizes = sgsi_calloc(2 * (size_t)transport->count, sizeof *sizes);
+    if (!made || !sizes) {
+        sgsi_free(made);
+        sgsi_free(sizes);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %d ranks", transport->count);
+    }
+    made->transport = *transport;
+    made->sizes = sizes;
+    if (gethostname(made->node, sizeof made->node - 1))
+        snprintf(made->node, sizeof made->node, "unknown node");
+    *ranks = made;
+    return SGS_STATUS_OK;
+}
+
+void sgs_ranks_close(sgs_ranks *ranks)
+{
+    if (!ranks)
+        return;
+    ranks->transport.close(ranks->transport.state);
+    sgsi_free(ranks->send);
+    sgsi_free(ranks->got);
+    sgsi_free(ranks->sizes);
+    sgsi_free(ranks);
+}
+
+int sgs_ranks_rank(const sgs_ranks *ranks)
+{
+    return ranks ? ranks->transport.rank : 0;
+}
+
+int sgs_ranks_count(const sgs_ranks *ranks)
+{
+    return ranks ? ranks->transport.count : 1;
+}
+
+sgs_status sgs_ranks_agree(sgs_ranks *ranks, sgs_status own)
+{
+    return ranks ? meet(ranks, (header){.status = (int32_t)own, .kind = KIND_AGREE}, NULL) : own;
+}
+
+void sgs_ranks_raise(sgs_ranks *ranks, uint32_t flags)
+{
+    if (ranks)
+        atomic_fetch_or(&ranks->own, flags);
+}
+
+uint32_t sgs_ranks_raised(const sgs_ranks *ranks)
+{
+    return ranks ? ranks->raised : 0;
+}
+
+// ---- Buffers ----
+
+static bool reserve(unsigned char **block, size_t *capacity, size_t bytes)
+{
+    if (bytes <= *capacity)
+        return true;
+    const size_t larger = bytes + bytes / 4;
+    if (!sgsi_grow((void **)block, 0, larger, 1))
+        return false;
+    *capacity = larger;
+    return true;
+}
+
+void *sgsi_ranks_room(sgs_ranks *ranks, size_t bytes)
+{
+    return reserve(&ranks->send, &ranks->send_capacity, bytes ? bytes : 1) ? ranks->send : NULL;
+}
+
+static sgs_status reserve_got(sgs_ranks *ranks, size_t bytes)
+{
+    return reserve(&ranks->got, &ranks->got_capacity, bytes ? bytes : 1)
+               ? SGS_STATUS_OK
+               : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu bytes of other ranks",
+                           bytes);
+}
+
+// ---- Data ----
+
+sgs_status sgsi_ranks_share(sgs_ranks *ranks, sgs_status own, sgs_ranks_purpose purpose,
+                            size_t bytes, const unsigned char **got, const size_t **sizes)
+{
+    size_t *all = ranks->sizes, total = 0;
+    const header mine = {
+        .status = (int32_t)own, .kind = KIND_SHARE, .bytes = sgsi_ranks_padded(bytes)};
+    sgs_status status = meet(ranks, mine, all);
+    if (status)
+        return status;
+    for (int r = 0; r < ranks->transport.count; ++r)
+        total += all[r];
+    if (total > ranks->most_shared) { // the same decision on all ranks, which receive the same
+        status = sgs_ranks_agree(ranks, reserve_got(ranks, total));
+        if (status)
+            return status;
+        ranks->most_shared = total;
+    }
+    ranks->transport.gather_sizes(ranks->transport.state, ranks->send, all, ranks->got);
+    count_bytes(ranks, purpose, others(ranks) * sgsi_ranks_padded(bytes), others(ranks));
+    *got = ranks->got;
+    *sizes = all;
+    return SGS_STATUS_OK;
+}
+
+sgs_status sgsi_ranks_exchange(sgs_ranks *ranks, sgs_status own, sgs_ranks_purpose purpose,
+                               const size_t *to, const size_t *from, const unsigned char **got)
+{
+    size_t sent = 0, received = 0;
+    uint64_t messages = 0;
+    for (int r = 0; r < ranks->transport.count; ++r) {
+        sent += to[r];
+        received += from[r];
+        messages += to[r] && r != ranks->transport.rank;
+    }
+    if (!own)
+        own = reserve_got(ranks, received);
+    const header mine = {.status = (int32_t)own, .kind = KIND_EXCHANGE};
+    const sgs_status status = meet(ranks, mine, NULL);
+    if (status)
+        return status;
+    ranks->transport.exchange(ranks->transport.state, ranks->send, to, ranks->got, from);
+    count_bytes(ranks, purpose, sent - to[ranks->transport.rank], messages);
+    *got = ranks->got;
+    return SGS_STATUS_OK;
+}
+
+sgs_status sgs_ranks_gather(sgs_ranks *ranks, sgs_status own, const void *bytes, size_t size,
+                            void *got)
+{
+    if (!ranks) {
+        if (!own)
+            memcpy(got, bytes, size);
+        return own;
+    }
+    const header mine = {.status = (int32_t)own, .kind = KIND_GATHER};
+    const sgs_status status = meet(ranks, mine, NULL);
+    if (status)
+        return status;
+    ranks->transport.gather(ranks->transport.state, bytes, size, got);
+    count_bytes(ranks, SGS_RANKS_OTHER, others(ranks) * size, others(ranks));
+    return SGS_STATUS_OK;
+}
+
+sgs_status sgs_ranks_broadcast(sgs_ranks *ranks, sgs_status own, void **bytes, size_t *size)
+{
+    if (!ranks)
+        return own;
+    const int rank = ranks->transport.rank;
+    const header mine = {.status = (int32_t)own, .kind = KIND_BROADCAST, .bytes = rank ? 0 : *size};
+    size_t *sizes = ranks->sizes;
+    sgs_status status = meet(ranks, mine, sizes);
+    if (status)
+        return status;
+    *size = sizes[0];
+    void *fresh = rank ? malloc(*size + 1) : *bytes;
+    status = sgs_ranks_agree(
+        ranks, fresh ? SGS_STATUS_OK
+                     : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu bytes", *size));
+    if (status) {
+        if (rank)
+            free(fresh);
+        return status;
+    }
+    ranks->transport.broadcast(ranks->transport.state, fresh, *size);
+    count_bytes(ranks, SGS_RANKS_OTHER, rank ? 0 : others(ranks) * *size, rank ? 0 : others(ranks));
+    if (rank)
+        ((char *)fresh)[*size] = 0;
+    *bytes = fresh;
+    return SGS_STATUS_OK;
+}
+
+sgs_status sgs_ranks_broadcast_model(sgs_ranks *ranks, sgs_status own, sgs_gaussians **model)
+{
+    if (!ranks)
+        return own;
+    struct {
+        uint64_t count;
+        int32_t sh_degree, linear_opacity;
+    } head = {0, 0, 0}, *heads = NULL;
+    const bool sends = !ranks->transport.rank && !own;
+    if (sends) {
+        head.count = (*model)->count;
+        head.sh_degree = (*model)->sh_degree;
+        head.linear_opacity = (*model)->linear_opacity;
+    }
+    void *bytes = &head;
+    size_t size = sizeof head;
+    sgs_status status = sgs_ranks_broadcast(ranks, own, &bytes, &size);
+    if (status)
+        return status;
+    heads = bytes;
+    if (ranks->transport.rank) {
+        head = *heads;
+        free(bytes);
+        status = sgs_gaussians_create((size_t)head.count + SGS_LANES, model);
+        if (!status)
+            status = sgs_gaussians_resize(*model, (size_t)head.count);
+    }
+    status = sgs_ranks_agree(ranks, status);
+    if (status) {
+        if (ranks->transport.rank) {
+            sgs_gaussians_destroy(*model);
+            *model = NULL;
+        }
+        return status;
+    }
+    (*model)->sh_degree = head.sh_degree;
+    if (ranks->transport.rank && head.linear_opacity)
+        sgs_gaussians_declare_linear_opacity(*model);
+    const size_t blocks = ((size_t)head.count + SGS_LANES - 1) / SGS_LANES;
+    const size_t data = blocks * SGS_PARAM_COUNT * SGS_LANES * sizeof(float);
+    ranks->transport.broadcast(ranks->transport.state, (*model)->data, data);
+    count_bytes(ranks, SGS_RANKS_OTHER, sends ? others(ranks) * data : 0,
+                sends ? others(ranks) : 0);
+    return SGS_STATUS_OK;
+}
+
+sgs_status sgs_ranks_compare(sgs_ranks *ranks, sgs_status own, const char *what, const char *text)
+{
+    if (!ranks)
+        return own;
+    void *first = (void *)text;
+    size_t size = strlen(text);
+    sgs_status status = sgs_ranks_broadcast(ranks, own, &first, &size);
+    if (status)
+        return status;
+    if (ranks->transport.rank) {
+        if (strlen(text) != size || memcmp(text, first, size))
+            status = sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                               "%s differs from that of rank 0: '%.300s' instead of '%.300s'", what,
+                               text, (const char *)first);
+        free(first);
+    }
+    return sgs_ranks_agree(ranks, status);
+}
+
+// ---- Counts ----
+
+sgs_ranks_traffic sgs_ranks_counted(const sgs_ranks *ranks, sgs_ranks_purpose purpose)
+{
+    return ranks && (unsigned)purpose < SGS_RANKS_PURPOSE_COUNT ? ranks->counted[purpose]
+                                                                : (sgs_ranks_traffic){0};
+}
+
+const char *sgs_ranks_purpose_name(sgs_ranks_purpose purpose)
+{
+    static const char *const names[SGS_RANKS_PURPOSE_COUNT] = {
+        [SGS_RANKS_STATUS] = "status", [SGS_RANKS_IMAGE] = "image",
+        [SGS_RANKS_SUMS] = "sums",     [SGS_RANKS_RECORDS] = "records",
+        [SGS_RANKS_SCORES] = "scores", [SGS_RANKS_OTHER] = "other"};
+    return (unsigned)purpose < SGS_RANKS_PURPOSE_COUNT ? names[purpose] : "unknown";
+}

@@ -1,0 +1,138 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Launchers and plug-ins. A launcher announces itself in the environment; only then is the plug-in
+// of its MPI library loaded, so that a plain run needs no MPI.
+
+#include <dlfcn.h>
+#include <limits.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "base/core.h"
+#include "cluster/ranks.h"
+
+// Variables of a launcher: number of processes and number of this one.
+typedef struct launcher {
+    const char *count, *rank;
+    const char *plugin; // NULL: that of whichever library is installed
+} launcher;
+
+static const launcher launchers[] = {
+    {"OMPI_COMM_WORLD_SIZE", "OMPI_COMM_WORLD_RANK", "ranks-openmpi.so"},
+    {"PMI_SIZE", "PMI_RANK", "ranks-mpich.so"},
+    {"SLURM_STEP_NUM_TASKS", "SLURM_PROCID", NULL},
+};
+enum { LAUNCHERS = sizeof launchers / sizeof *launchers };
+
+static int number_of(const char *name, int least)
+{
+    const char *text = name ? getenv(name) : NULL;
+    char *end;
+    const long value = text ? strtol(text, &end, 10) : least - 1;
+    return text && end != text && !*end && value >= least && value < 65536 ? (int)value : least - 1;
+}
+
+static const launcher *find_launcher(int *count)
+{
+    for (int i = 0; i < LAUNCHERS; ++i) {
+        *count = number_of(launchers[i].count, 1);
+        if (*count > 0)
+            return &launchers[i];
+    }
+    *count = 1;
+    return NULL;
+}
+
+int sgs_ranks_launched(int *rank)
+{
+    int count;
+    const launcher *found = find_launcher(&count);
+    const int own = found ? number_of(found->rank, 0) : 0;
+    if (rank)
+        *rank = own > 0 ? own : 0;
+    return count;
+}
+
+// Loads folder/name and joins the ranks. False, with the reason of the last attempt, if it cannot
+// be loaded.
+static bool try_plugin(const char *folder, const char *name, sgsi_transport *transport,
+                       char *reason, size_t bytes)
+{
+    char path[PATH_MAX];
+    if (snprintf(path, sizeof path, "%s/%s", folder, name) >= (int)sizeof path ||
+        access(path, F_OK)) {
+        return false;
+    }
+    // Open MPI's own plug-ins look its symbols up globally.
+    void *library = dlopen(path, RTLD_NOW | RTLD_GLOBAL);
+    sgsi_transport_open_fn open_fn;
+    void *symbol = library ? dlsym(library, SGSI_TRANSPORT_OPEN) : NULL;
+    if (!symbol) {
+        snprintf(reason, bytes, "%.400s", dlerror());
+        return false;
+    }
+    memcpy(&open_fn, &symbol, sizeof open_fn); // C has no cast from an object to a function
+    if (open_fn(transport) == SGSI_TRANSPORT_VERSION)
+        return true;
+    snprintf(reason, bytes, "%.400s belongs to another version of sparegs", path);
+    return false;
+}
+
+// The folder of the program's file.
+static bool program_folder(char folder[PATH_MAX])
+{
+    const ssize_t length = readlink("/proc/self/exe", folder, PATH_MAX - 1);
+    if (length <= 0)
+        return false;
+    folder[length] = 0;
+    char *slash = strrchr(folder, '/');
+    if (!slash)
+        return false;
+    *slash = 0;
+    return true;
+}
+
+static bool find_plugin(const char *folder, const char *wanted, sgsi_transport *transport,
+                        char *reason, size_t bytes)
+{
+    static const char *const names[] = {"ranks-openmpi.so", "ranks-mpich.so"};
+    static const char *const places[] = {"", "/../lib/sparegs"};
+    char program[PATH_MAX], place[PATH_MAX];
+    if (!folder && !program_folder(program))
+        return false;
+    for (size_t n = 0; n < 2; ++n) {
+        if (wanted && strcmp(names[n], wanted))
+            continue;
+        if (folder) {
+            if (try_plugin(folder, names[n], transport, reason, bytes))
+                return true;
+            continue;
+        }
+        for (size_t p = 0; p < 2; ++p)
+            if (snprintf(place, sizeof place, "%s%s", program, places[p]) < (int)sizeof place &&
+                try_plugin(place, names[n], transport, reason, bytes))
+                return true;
+    }
+    return false;
+}
+
+sgs_status sgs_ranks_open(const char *folder, sgs_ranks **ranks)
+{
+    int count;
+    const launcher *found = find_launcher(&count);
+    *ranks = NULL;
+    if (count < 2)
+        return SGS_STATUS_OK;
+    char reason[512] = "it is not installed next to the program or in ../lib/sparegs";
+    sgsi_transport transport;
+    if (!find_plugin(folder, found->plugin, &transport, reason, sizeof reason))
+        return sgsi_fail(SGS_STATUS_UNSUPPORTED,
+                         "%d processes were launched, but the MPI plug-in %s cannot be loaded: %s; "
+                         "install libopenmpi-dev (or libmpich-dev) and build sparegs with "
+                         "-DSPAREGS_MPI=ON, or start it without a launcher",
+                         count, found->plugin ? found->plugin : "ranks-openmpi.so", reason);
+    return sgsi_ranks_create(&transport, ranks);
+}

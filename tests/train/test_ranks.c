@@ -1,0 +1,324 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Training on several ranks, which are threads of this process here: the model, losses and
+// decisions are bit for bit those of one process, for all pipelines with SPARE-GS, with exposure,
+// masks and HDR photographs, for random divisions of the images, and after a checkpoint was loaded
+// by another number of ranks. A failure on one rank stops all with its message.
+
+#include <pthread.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#include "base/core.h"
+#include "base/threads.h"
+#include "cluster/ranks.h"
+#include "sparegs/runtime.h"
+#include "sparegs/trainer.h"
+#include "support/files_support.h"
+
+enum { ITERATIONS = 150, MOST_RANKS = 4 };
+
+static sgs_scene *scene, *hdr_scene;
+static char folder[64];
+
+// The photographs as linear floats up to 1.5, with a masked disc.
+static sgs_scene *make_hdr_scene(void)
+{
+    sgs_view_source *views = calloc(scene->view_count, sizeof *views);
+    float **pixels = calloc(scene->view_count, sizeof *pixels);
+    uint8_t **masks = calloc(scene->view_count, sizeof *masks);
+    for (size_t i = 0; i < scene->view_count; ++i) {
+        const sgs_photo *photo;
+        assert_int_equal(sgs_scene_photo(scene, i, &photo), SGS_STATUS_OK);
+        const size_t count = (size_t)photo->width * (size_t)photo->height;
+        pixels[i] = malloc(3 * count * sizeof(float));
+        masks[i] = malloc(count);
+        for (size_t k = 0; k < count; ++k) {
+            const double x = (double)(k % (size_t)photo->width) / photo->width - 0.4,
+                         y = (double)(k / (size_t)photo->width) / photo->height - 0.6;
+            masks[i][k] = x * x + y * y < 0.02 ? 0 : 255;
+            for (size_t c = 0; c < 3; ++c)
+                pixels[i][3 * k + c] = 1.5f * sgs_photo_value(photo, c * count + k);
+        }
+        views[i] = (sgs_view_source){.name = scene->views[i].name,
+                                     .camera = scene->views[i].camera,
+                                     .pose = scene->views[i].pose,
+                                     .pixel_type = SGS_PIXEL_FLOAT,
+                                     .channels = 3,
+                                     .pixels = pixels[i],
+                                     .mask = masks[i]};
+    }
+    sgs_scene_options options = sgs_scene_options_default();
+    options.space = SGS_SPACE_LINEAR;
+    sgs_scene *made = NULL;
+    if (sgs_scene_create(views, scene->view_count, scene->points, scene->colors, scene->point_count,
+                         &options, &made))
+        fail_msg("%s", sgs_last_error());
+    for (size_t i = 0; i < scene->view_count; ++i) {
+        free(pixels[i]);
+        free(masks[i]);
+    }
+    free(pixels);
+    free(masks);
+    free(views);
+    return made;
+}
+
+static int load(void **state)
+{
+    (void)state;
+    sgs_scene_options options = sgs_scene_options_default();
+    options.downscale = 4;
+    if (sgs_scene_load(SGSI_TEST_DATA "/room", &options, &scene))
+        return 1;
+    hdr_scene = make_hdr_scene();
+    snprintf(folder, sizeof folder, "/tmp/sparegs_ranks_%ld", (long)getpid());
+    return 0;
+}
+
+static int unload(void **state)
+{
+    (void)state;
+    remove(folder);
+    sgs_scene_destroy(scene);
+    sgs_scene_destroy(hdr_scene);
+    return 0;
+}
+
+// ---- One training, on a number of ranks ----
+
+typedef struct result {
+    char hash[17];
+    double losses[ITERATIONS];
+    size_t gaussians, updates;
+    sgs_status status;
+    char message[256];
+} result;
+
+typedef struct training {
+    const sgs_scene *scene;
+    sgs_train_options options;
+    int first, last; // iterations; from the checkpoint if first > 0
+    bool saves;      // rank 0 saves a checkpoint after the last
+    uint64_t cut_seed;
+    int failing; // this rank fails in iteration `failing_at`, -1 = none
+    int failing_at;
+    size_t failing_allocation;
+    sgsi_transport transport;
+    sgs_ranks *ranks;
+    result out;
+} training;
+
+static bool steps(training *t, sgs_trainer *trainer)
+{
+    const int rank = sgs_ranks_rank(t->ranks);
+    for (int i = t->first; i < t->last; ++i) {
+        sgs_step_info info;
+        if (i == t->failing_at && rank == t->failing)
+            sgsi_fail_allocation(t->failing_allocation);
+        t->out.status = sgs_trainer_step(trainer, &info);
+        sgsi_fail_allocation(0);
+        if (t->out.status) {
+            snprintf(t->out.message, sizeof t->out.message, "%s", sgs_last_error());
+            return false;
+        }
+        t->out.losses[i] = info.loss;
+        t->out.updates += info.structural;
+    }
+    return true;
+}
+
+static void *run_rank(void *context)
+{
+    training *t = context;
+    if (t->transport.state && sgsi_ranks_create(&t->transport, &t->ranks))
+        abort();
+    if (t->ranks)
+        t->ranks->cut_seed = t->cut_seed;
+    sgs_trainer *trainer = NULL;
+    if (sgs_trainer_create(t->scene, &t->options, &trainer) ||
+        sgs_trainer_ranks_set(trainer, t->ranks) ||
+        (t->first && sgs_trainer_load_checkpoint(trainer, folder)))
+        abort();
+    if (steps(t, trainer)) {
+        sgs_gaussians_hash(sgs_trainer_model(trainer), t->out.hash);
+        t->out.gaussians = sgs_trainer_model(trainer)->count;
+        if (t->saves && !sgs_ranks_rank(t->ranks))
+            t->out.status = sgs_trainer_save_checkpoint(trainer, folder);
+    }
+    sgs_trainer_destroy(trainer);
+    sgs_ranks_close(t->ranks);
+    return NULL;
+}
+
+// Trains on `count` ranks, 0 = a plain training. out [count].
+static void train(const training *plan, int count, result *out)
+{
+    training all[MOST_RANKS];
+    sgsi_transport transports[MOST_RANKS];
+    pthread_t threads[MOST_RANKS];
+    if (!count) {
+        all[0] = *plan;
+        run_rank(&all[0]);
+        *out = all[0].out;
+        return;
+    }
+    assert_true(sgsi_ranks_threads(count, transports));
+    for (int r = 0; r < count; ++r) {
+        all[r] = *plan;
+        all[r].transport = transports[r];
+        assert_int_equal(pthread_create(&threads[r], NULL, run_rank, &all[r]), 0);
+    }
+    for (int r = 0; r < count; ++r) {
+        pthread_join(threads[r], NULL);
+        out[r] = all[r].out;
+    }
+}
+
+static training plan_of(sgs_pipeline pipeline)
+{
+    training plan = {.scene = scene,
+                     .options = sgs_train_options_default(),
+                     .last = ITERATIONS,
+                     .failing = -1,
+                     .failing_at = -1};
+    plan.options.iterations = ITERATIONS;
+    plan.options.pipeline = pipeline;
+    plan.options.filter = pipeline == SGS_PIPELINE_MIP ? SGS_FILTER_MIP : SGS_FILTER_3DGS;
+    plan.options.spare = SGS_SPARE_BMD | SGS_SPARE_RAP | SGS_SPARE_EDT;
+    return plan;
+}
+
+static void assert_same(const result *expected, const result *actual, int count, const char *what)
+{
+    for (int r = 0; r < count; ++r) {
+        if (actual[r].status)
+            fail_msg("%s: %s", what, actual[r].message);
+        if (strcmp(expected->hash, actual[r].hash))
+            fail_msg("%s, rank %d of %d: model %s, expected %s", what, r, count, actual[r].hash,
+                     expected->hash);
+        assert_int_equal(actual[r].gaussians, expected->gaussians);
+        assert_int_equal(actual[r].updates, expected->updates);
+        assert_memory_equal(actual[r].losses, expected->losses, sizeof expected->losses);
+    }
+}
+
+static void compare(training *plan, int least, int most, const char *what)
+{
+    result expected, actual[MOST_RANKS];
+    train(plan, 0, &expected);
+    assert_int_equal(expected.status, SGS_STATUS_OK);
+    for (int count = least; count <= most; ++count) {
+        plan->cut_seed = (uint64_t)count;
+        train(plan, count, actual);
+        assert_same(&expected, actual, count, what);
+    }
+}
+
+// ---- Tests ----
+
+static void every_pipeline_gives_the_bits_of_one_process(void **state)
+{
+    (void)state;
+    static const char *const names[] = {"3dgs", "mip", "taming", "dash", "fastgs", "mcmc"};
+    for (int pipeline = 0; pipeline < SGS_PIPELINE_COUNT; ++pipeline) {
+        training plan = plan_of((sgs_pipeline)pipeline);
+        compare(&plan, 2 + pipeline % 3, 2 + pipeline % 3, names[pipeline]);
+    }
+}
+
+static void one_to_four_ranks_give_the_same_bits(void **state)
+{
+    (void)state;
+    training plan = plan_of(SGS_PIPELINE_3DGS);
+    plan.options.exposure = true;
+    compare(&plan, 1, MOST_RANKS, "3dgs with exposure");
+}
+
+static void masks_and_hdr_give_the_same_bits(void **state)
+{
+    (void)state;
+    training plan = plan_of(SGS_PIPELINE_TAMING);
+    plan.scene = hdr_scene;
+    plan.options.background_random = true;
+    compare(&plan, 3, 3, "masked HDR");
+}
+
+static void cuts_by_cost_give_the_same_bits(void **state)
+{
+    (void)state;
+    training plan = plan_of(SGS_PIPELINE_FASTGS);
+    result expected, actual[MOST_RANKS];
+    train(&plan, 0, &expected);
+    train(&plan, 3, actual);
+    assert_same(&expected, actual, 3, "fastgs, by cost");
+}
+
+// 3 ranks, then 2, then one process.
+static void another_number_of_ranks_resumes(void **state)
+{
+    (void)state;
+    for (int exposure = 0; exposure < 2; ++exposure) {
+        training plan = plan_of(exposure ? SGS_PIPELINE_TAMING : SGS_PIPELINE_MCMC);
+        result expected, actual[MOST_RANKS];
+        plan.options.exposure = exposure;
+        train(&plan, 0, &expected);
+        static const int ranks[] = {3, 2, 0}, ends[] = {61, 110, ITERATIONS};
+        plan.saves = true;
+        for (int part = 0; part < 3; ++part) {
+            plan.first = part ? ends[part - 1] : 0;
+            plan.last = ends[part];
+            train(&plan, ranks[part], actual);
+            assert_int_equal(actual[0].status, SGS_STATUS_OK);
+        }
+        assert_string_equal(actual[0].hash, expected.hash);
+    }
+}
+
+// The n-th allocation of rank 1 fails in some iteration: all ranks stop with its message.
+static void a_failure_stops_all_ranks(void **state)
+{
+    (void)state;
+    training plan = plan_of(SGS_PIPELINE_TAMING);
+    plan.options.iterations = plan.last = 60;
+    int failures = 0;
+    sgsi_threads_set(1);
+    for (size_t n = 1; n <= 40; n += 3) {
+        result actual[MOST_RANKS];
+        plan.failing = 1;
+        plan.failing_at = n % 2 ? 0 : 20; // allocates buffers; updates the structure
+        plan.failing_allocation = n;
+        train(&plan, 3, actual);
+        for (int r = 0; r < 3; ++r) {
+            assert_int_equal(actual[r].status, actual[0].status);
+            assert_string_equal(actual[r].message, actual[0].message);
+        }
+        if (actual[0].status) {
+            assert_non_null(strstr(actual[0].message, "rank "));
+            ++failures;
+        }
+    }
+    sgsi_threads_set(0);
+    assert_true(failures > 3);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(one_to_four_ranks_give_the_same_bits),
+        cmocka_unit_test(every_pipeline_gives_the_bits_of_one_process),
+        cmocka_unit_test(masks_and_hdr_give_the_same_bits),
+        cmocka_unit_test(cuts_by_cost_give_the_same_bits),
+        cmocka_unit_test(another_number_of_ranks_resumes),
+        cmocka_unit_test(a_failure_stops_all_ranks),
+    };
+    return cmocka_run_group_tests(tests, load, unload);
+}

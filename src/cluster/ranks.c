@@ -6,7 +6,7 @@
 // A rank that fails elsewhere calls sgs_ranks_agree, whose header reaches the others in whatever
 // call they make next.
 
-#include "cluster/ranks.h"
+#include "cluster/rank_calls.h"
 
 #include <stdatomic.h>
 #include <stdio.h>

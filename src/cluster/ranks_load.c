@@ -12,7 +12,7 @@
 #include <unistd.h>
 
 #include "base/core.h"
-#include "cluster/ranks.h"
+#include "cluster/rank_calls.h"
 
 // Variables of a launcher: number of processes and number of this one.
 typedef struct launcher {

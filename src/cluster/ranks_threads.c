@@ -8,7 +8,7 @@
 #include <string.h>
 
 #include "base/core.h"
-#include "cluster/ranks.h"
+#include "cluster/rank_calls.h"
 
 typedef struct hall hall;
 

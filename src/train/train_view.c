@@ -7,7 +7,7 @@
 
 #include "base/core.h"
 #include "base/threads.h"
-#include "cluster/ranks.h"
+#include "cluster/rank_calls.h"
 #include "train/view_ranks.h"
 
 static const size_t RAY_CACHE_BYTES = (size_t)1 << 30;

@@ -13,7 +13,7 @@
 
 #include "base/core.h"
 #include "base/threads.h"
-#include "cluster/ranks.h"
+#include "cluster/rank_calls.h"
 #include "sparegs/option_descriptors.h"
 #include "train/small_images.h"
 #include "train/traffic.h"

@@ -11,7 +11,7 @@
 
 #include "base/core.h"
 #include "cluster/cut.h"
-#include "cluster/ranks.h"
+#include "cluster/rank_calls.h"
 
 enum { PLANES = 4, TILE_FLOATS = PLANES * SGSI_TILE * SGSI_TILE };
 

@@ -19,7 +19,7 @@
 
 #include "base/core.h"
 #include "base/threads.h"
-#include "cluster/ranks.h"
+#include "cluster/rank_calls.h"
 #include "sparegs/runtime.h"
 #include "sparegs/trainer.h"
 #include "support/files_support.h"

@@ -149,10 +149,12 @@ static int send_page(const view_server *server, struct mg_connection *connection
 // Number N of "/photo/N"; -1 if the path is different.
 static long index_of(const char *path, const char *prefix)
 {
-    const size_t length = strlen(prefix), digits = strspn(path + length, "0123456789");
-    return !strncmp(path, prefix, length) && digits >= 1 && digits <= 7 && !path[length + digits]
-               ? strtol(path + length, NULL, 10)
-               : -1;
+    const size_t length = strlen(prefix);
+    if (strncmp(path, prefix, length) != 0)
+        return -1;
+    const size_t digits = strspn(path + length, "0123456789");
+    return digits >= 1 && digits <= 7 && !path[length + digits] ? strtol(path + length, NULL, 10)
+                                                                : -1;
 }
 
 typedef struct photo_job {

@@ -35,6 +35,15 @@
 //   views: 32.84, .9535, .1086, 1.160 | 32.87, .9536, .1076, 1.165. At 2000 iterations the factor
 //   is 0.43; plush: 29.07, .9138, .1329, .425 | 29.07, .9135, .1323, .422. There is no check
 //   for equilibrium in this part.
+// - Rate of SH above degree 0: reduced in proportion to the views if there are fewer than 24, because
+//   16 coefficients per channel and few directions fit colours that only the training views see.
+//   7000 iterations at a5fce2c, published rate | times 0.6 (banana) or 0.5: banana at 376x250, 15
+//   views, one held out: 27.32 dB, .7609, .1357, .499 | 27.82, .7793, .1279, .503; every fifth view
+//   held out: 27.23, .7612, .1276, .756 | 27.53, .7762, .1233, .758. 12 views of room at 240x135:
+//   30.90, .9566, .1196, .960 | 30.78, .9562, .1202, .946. 14 views of plush at 168x126: 26.75,
+//   .8791, .1670, .813 | 26.75, .8788, .1683, .794. More views need the published rate; half of it:
+//   plush, 84 views: 29.87, .9239, .1240 | 29.72, .9224, .1268; room, 30 views: 32.87, .9536, .1076
+//   | 32.37, .9516, .1091.
 // Compared with the published schedule stopped at 7000, before annealing was added: plush at
 // 672x504, 13 views: 28.55 dB, .8930, .1354, .346 with 56 485 primitives; published: 27.86, .8872,
 // .1457, .354 with 290 766 primitives and 1.5 times the time. With annealing and SPARE-GS
@@ -60,6 +69,7 @@ enum {
     RELOCATION_INTERVAL = 50
 };
 #define SHORT_THRESHOLD 1.7
+#define FEW_VIEWS 24.0 // 1.5 per SH coefficient
 #define ANNEAL_FROM 0.7
 #define SHORT_LATE_RATE 0.1
 
@@ -110,6 +120,22 @@ static sgsi_schedule finetune(const sgs_train_options *options)
                            .threshold_factor = 1.0};
 }
 
+// Position of N < PAPER_LENGTH between SHORT_LENGTH, 0, and PAPER_LENGTH, 1; log-linear.
+static double beyond_short(int iterations)
+{
+    return fmax(log((double)iterations / SHORT_LENGTH) / log((double)PAPER_LENGTH / SHORT_LENGTH),
+                0.0);
+}
+
+double sgsi_schedule_sh_rate(const sgs_train_options *options, size_t views)
+{
+    const bool published =
+        options->schedule != SGS_SCHEDULE_SCALED || options->iterations >= PAPER_LENGTH;
+    return published
+               ? 1.0
+               : pow(fmin((double)views / FEW_VIEWS, 1.0), 1.0 - beyond_short(options->iterations));
+}
+
 // A tenth at SHORT_LENGTH, 1 up to CONSTANT_LENGTH and from PAPER_LENGTH on; beyond: position of N
 // between the last two, log-linear.
 static double late_rate(int iterations, double beyond)
@@ -155,9 +181,7 @@ sgsi_schedule sgsi_schedule_make(const sgs_train_options *options)
         schedule.reset_until = schedule.densify_until;
         return schedule;
     }
-    const double beyond = fmax(log((double)options->iterations / SHORT_LENGTH) /
-                                   log((double)PAPER_LENGTH / SHORT_LENGTH),
-                               0.0);
+    const double beyond = beyond_short(options->iterations);
     schedule.anneal_from = rounded(ANNEAL_FROM * options->iterations, 1);
     schedule.lr_late = late_rate(options->iterations, beyond);
     if (pipeline->relocates) {

@@ -6,6 +6,7 @@
 // length. Pure functions.
 
 #include <stdbool.h>
+#include <stddef.h>
 
 #include "sparegs/trainer.h"
 
@@ -29,6 +30,10 @@ typedef struct sgsi_schedule {
 } sgsi_schedule;
 
 sgsi_schedule sgsi_schedule_make(const sgs_train_options *options);
+
+// Factor on the rate of SH above degree 0 for a scene with `views` training views: below 1 for few
+// views in a short run.
+double sgsi_schedule_sh_rate(const sgs_train_options *options, size_t views);
 
 // True if a structural update follows this iteration (1-based).
 bool sgsi_schedule_is_structural(const sgsi_schedule *schedule, int iteration);

@@ -52,6 +52,7 @@ static sgsi_optimize settings(const sgs_trainer *trainer, const sgsi_train_view 
     const sgs_camera *camera = &view->camera;
     const double lr_mean = mean_rate(trainer, view->iteration);
     const float rate = (float)sgsi_schedule_lr_other(&trainer->schedule, view->iteration);
+    const double rest = sgsi_schedule_sh_rate(&trainer->options, trainer->views.count);
     const double rows = fmax((double)trainer->model->count, 1.0);
     return (sgsi_optimize){.params = trainer->model->data,
                            .m = trainer->m,
@@ -67,7 +68,7 @@ static sgsi_optimize settings(const sgs_trainer *trainer, const sgsi_train_view 
                            .lr_scale = rate * 5e-3f,
                            .lr_opacity = rate * sgsi_trainer_lr_opacity(trainer, view->iteration),
                            .lr_dc = rate * 2.5e-3f,
-                           .lr_rest = rate * trainer->pipeline->lr_rest,
+                           .lr_rest = rate * (float)rest * trainer->pipeline->lr_rest,
                            .beta1 = 0.9f,
                            .beta2 = 0.999f,
                            .epsilon = 1e-15f,

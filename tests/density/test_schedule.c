@@ -84,6 +84,30 @@ static void size_pruning_follows_the_published_rule(void **state)
             }
 }
 
+// The rate of SH grows with the number of views up to 24, and is the published one for more views,
+// from 30 000 iterations on, and in the published schedule; without a step between lengths.
+static void few_views_have_a_smaller_rate_of_sh(void **state)
+{
+    (void)state;
+    sgs_train_options options = sgs_train_options_default();
+    options.iterations = 7000;
+    assert_true(fabs(sgsi_schedule_sh_rate(&options, 12) - 0.5) < 1e-12);
+    assert_true(fabs(sgsi_schedule_sh_rate(&options, 1) - 1.0 / 24) < 1e-12);
+    assert_true(sgsi_schedule_sh_rate(&options, 24) == 1.0);
+    assert_true(sgsi_schedule_sh_rate(&options, 1000) == 1.0);
+    options.schedule = SGS_SCHEDULE_PAPER;
+    assert_true(sgsi_schedule_sh_rate(&options, 12) == 1.0);
+    options.schedule = SGS_SCHEDULE_SCALED;
+    double longer = 1.0;
+    for (options.iterations = 40000; options.iterations >= 100; options.iterations -= 100) {
+        const double rate = sgsi_schedule_sh_rate(&options, 12);
+        assert_true(rate <= longer && rate > longer - 0.01);
+        assert_true(options.iterations < 30000 || rate == 1.0);
+        longer = rate;
+    }
+    assert_true(fabs(longer - 0.5) < 1e-12);
+}
+
 // Rates but that of the position: constant as published; annealed in shorter runs, without a step
 // between neighbouring lengths.
 static void short_runs_anneal_their_rates(void **state)
@@ -345,6 +369,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(published_schedule_has_144_updates_and_4_resets),
         cmocka_unit_test(size_pruning_follows_the_published_rule),
+        cmocka_unit_test(few_views_have_a_smaller_rate_of_sh),
         cmocka_unit_test(short_runs_anneal_their_rates),
         cmocka_unit_test(white_backgrounds_have_an_additional_reset),
         cmocka_unit_test(paper_schedule_cut_short_keeps_its_milestones),

@@ -26,7 +26,8 @@ typedef enum sgs_option_type {
     SGS_OPTION_CHOICE,   // an enumeration: index into the words of `values`, "a|b|c"
     SGS_OPTION_SET,      // unsigned: bit k for word k of `values`, "a,b,c"
     SGS_OPTION_COLOR,    // float[3], and a bool at random_offset that replaces it
-    SGS_OPTION_MODEL     // const sgs_gaussians *, or NULL
+    SGS_OPTION_MODEL,    // const sgs_gaussians *, or NULL
+    SGS_OPTION_BOX       // sgs_box; infinite by default
 } sgs_option_type;
 
 // Whether an option may differ when a run is resumed from a checkpoint.
@@ -74,7 +75,8 @@ SGS_API bool sgs_train_option_may_change(const sgs_train_option *option,
 
 // Writes the value that `options` has as text, at most `bytes` with the terminator: "30000", "mip",
 // "bmd,rap" ("off" for an empty set), "true", "0.05" (the shortest decimal that reads back to the
-// same double), "0,0.5,1" or "random", "model" or "none". Returns the length without truncation.
+// same double), "0,0.5,1" or "random", "model" or "none", the bounds of a box
+// "x0,y0,z0,x1,y1,z1" with "-inf" and "inf", or "none". Returns the length without truncation.
 // Cannot fail.
 SGS_API size_t sgs_train_option_text(const sgs_train_option *option,
                                      const sgs_train_options *options, char *text, size_t bytes);

@@ -83,6 +83,11 @@ typedef struct sgs_scene_options {
     size_t held_out_count;
     // Hold out the test views that the data set names, even if test_every is 0.
     bool own_split;
+    // Exact names of the views to keep; names without a view are ignored. The other views count for
+    // split, white point, center, extent and digest, but are not decoded and then dropped. NULL =
+    // keep all. Not used by sgs_scene_create.
+    const char *const *kept;
+    size_t kept_count;
     // Called after every view that was examined or decoded, or NULL. If it cancels, sgs_scene_load
     // and sgs_scene_create fail with SGS_STATUS_CANCELLED.
     sgs_progress_fn progress;
@@ -117,6 +122,9 @@ typedef struct sgs_scene {
     // (cameras_extent of 3DGS). If the cameras coincide, half of the median distance of the points
     // to the centre, or 1.
     double extent;
+    // Identifies the names and poses of all views and the sparse points; independent of the size of
+    // the photographs.
+    uint64_t digest;
 } sgs_scene;
 
 // Loads a scene; release it with sgs_scene_destroy. options NULL = the defaults. Missing or broken

@@ -20,7 +20,9 @@
 #include "sparegs/rate_distortion.h"
 #include "sparegs/model_edit.h"
 #include "sparegs/model_file.h"
+#include "sparegs/region.h"
 #include "sparegs/scene.h"
+#include "sparegs/blocks.h"
 
 // Work: rendering, training, on one process or several.
 #include "sparegs/ranks.h"

@@ -16,6 +16,7 @@
 
 #include "sparegs/gaussians.h"
 #include "sparegs/ranks.h"
+#include "sparegs/region.h"
 #include "sparegs/render.h"
 #include "sparegs/scene.h"
 
@@ -167,6 +168,15 @@ typedef struct sgs_train_options {
     // Photographs without an alpha channel have alpha 1 in that loss: the model covers every pixel
     // that is not masked. Requires alpha_loss > 0, and works best with background_random; false.
     bool opaque;
+    // Train the primitives with centres in this box only; infinite. The others are drawn, but not
+    // stepped, cloned, split, moved, removed or reset, and neither limits nor counts
+    // (max_gaussians, targets of pipelines, quotas and checks of SPARE-GS) include them. A centre
+    // that would leave the box stays in it. All SH bands are used from the first iteration on.
+    //
+    // Photographs are replaced by a mixture with the rendering of init, so that regions that fill
+    // space correct each error once (src/train/region_targets.c). The mixtures are kept in memory
+    // besides the photographs. Requires init; with exposure the photographs are used.
+    sgs_box region;
 } sgs_train_options;
 
 // Cannot fail.

@@ -27,7 +27,7 @@
 #define FAINT_OPACITY 0.1f
 #define REPLACED_SHARE 0.05
 
-typedef enum plan_kind { PLAN_KEEP, PLAN_CLONE, PLAN_CHILD_0, PLAN_CHILD_1 } plan_kind;
+typedef enum plan_kind { PLAN_KEEP, PLAN_CLONE, PLAN_CHILD_0, PLAN_CHILD_1, PLAN_FIXED } plan_kind;
 
 typedef struct plan_entry {
     uint64_t key; // Morton code, for the sort
@@ -115,11 +115,11 @@ static bool make_moves(sgsi_row_moves *moves, size_t count)
     return moves->root && moves->copies && moves->opacity && moves->log_scale && moves->forget;
 }
 
-static sgs_status make_columns(const sgs_gaussians *model, const sgsi_density_options *options,
-                               bool relocates, sgsi_density_columns *columns)
+static sgs_status make_columns(size_t count, const sgsi_density_options *options, bool relocates,
+                               sgsi_density_columns *columns)
 {
-    const size_t n = model->count ? model->count : 1;
-    *columns = (sgsi_density_columns){.count = model->count};
+    const size_t n = count ? count : 1;
+    *columns = (sgsi_density_columns){.count = count};
     float **const floats[] = {&columns->x,        &columns->y,         &columns->z,
                               &columns->opacity,  &columns->scale_max, &columns->score,
                               &columns->abs_grad, &columns->weight,    &columns->priority};
@@ -133,12 +133,12 @@ static sgs_status make_columns(const sgs_gaussians *model, const sgsi_density_op
     if (relocates)
         complete = make_moves(&columns->moves, n) && complete;
     if (options->spare)
-        columns->workspace = sgsi_alloc(spare_workspace_size(options->spare, model->count), 1);
+        columns->workspace = sgsi_alloc(spare_workspace_size(options->spare, count), 1);
     if (complete && (columns->workspace || !options->spare))
         return SGS_STATUS_OK;
     free_columns(columns);
     return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
-                     "no memory for a structural update of %zu primitives", model->count);
+                     "no memory for a structural update of %zu primitives", count);
 }
 
 typedef struct column_job {
@@ -357,12 +357,12 @@ static size_t most_new_rows(const sgsi_density_columns *columns)
     return columns->moves.copies ? copies : columns->count;
 }
 
-// Lists the rows of the new model. Children and clones are never redundant, but the pipeline's own
-// rule may remove them.
-static sgs_status make_plan(const sgsi_density_columns *columns, sgsi_density_result *result,
-                            density_plan *plan)
+// Lists the rows of the new model, the fixed ones last. Children and clones are never redundant,
+// but the pipeline's own rule may remove them.
+static sgs_status make_plan(const sgsi_density_columns *columns, size_t fixed,
+                            sgsi_density_result *result, density_plan *plan)
 {
-    const size_t room = columns->count + most_new_rows(columns) + 1;
+    const size_t room = columns->count + most_new_rows(columns) + fixed + 1;
     *plan = (density_plan){0};
     for (int k = 0; k < 2; ++k)
         plan->buffers[k] = sgsi_alloc(room, sizeof(plan_entry));
@@ -405,6 +405,9 @@ static sgs_status make_plan(const sgsi_density_columns *columns, sgsi_density_re
         result->relocated += root != i;
     }
     plan->entries = sort_plan(plan->buffers[0], plan->buffers[1], plan->count);
+    for (size_t i = 0; i < fixed; ++i)
+        plan->entries[plan->count++] =
+            (plan_entry){.row = (uint32_t)(columns->count + i), .kind = PLAN_FIXED};
     return SGS_STATUS_OK;
 }
 
@@ -466,21 +469,23 @@ static void gather_rows(void *context, size_t begin, size_t end, int thread)
 {
     (void)thread;
     const gather_job *job = context;
-    const sgsi_row_moves *moves = job->moves;
+    const sgsi_row_moves none = {0};
     for (size_t i = begin; i < end; ++i) {
         float row[SGS_PARAM_COUNT] = {0};
         const plan_entry *entry = &job->entries[i];
+        const bool stays = entry->kind == PLAN_KEEP || entry->kind == PLAN_FIXED;
+        const sgsi_row_moves *moves = entry->kind == PLAN_FIXED ? &none : job->moves;
         const uint32_t source =
             job->parameters && moves->root ? moves->root[entry->row] : entry->row;
         const float *from = job->from + (size_t)(source / SGS_LANES) * SGS_PARAM_COUNT * SGS_LANES +
                             source % SGS_LANES;
         const bool forgets = moves->forget && moves->forget[entry->row];
-        if (job->parameters || (entry->kind == PLAN_KEEP && !forgets))
+        if (job->parameters || (stays && !forgets))
             for (int k = 0; k < SGS_PARAM_COUNT; ++k)
                 row[k] = from[k * SGS_LANES];
         if (job->parameters && moves->root)
             apply_move(moves, entry->row, row);
-        if (job->parameters && entry->kind >= PLAN_CHILD_0)
+        if (job->parameters && (entry->kind == PLAN_CHILD_0 || entry->kind == PLAN_CHILD_1))
             make_child(job, entry, row);
         float *to = job->to + i / SGS_LANES * SGS_PARAM_COUNT * SGS_LANES + i % SGS_LANES;
         for (int k = 0; k < SGS_PARAM_COUNT; ++k)
@@ -517,11 +522,12 @@ sgs_status sgsi_density_update(const sgsi_density_rows *rows, const sgsi_pipelin
     sgsi_statistics *statistics = rows->statistics;
     *result = (sgsi_density_result){.mean_weight = 1.0};
     sgsi_density_columns columns;
-    sgs_status status = make_columns(model, options, pipeline->relocates, &columns);
+    sgs_status status =
+        make_columns(model->count - rows->fixed, options, pipeline->relocates, &columns);
     if (status)
         return status;
     column_job job = {model, statistics, &columns};
-    sgsi_parallel_ranges(model->count, 4096, fill_columns, &job);
+    sgsi_parallel_ranges(columns.count, 4096, fill_columns, &job);
     spare_result regions;
     evaluate_spare(&columns, statistics, options, result, &regions);
     status = pipeline->decide(options, &columns, result);
@@ -536,7 +542,7 @@ sgs_status sgsi_density_update(const sgsi_density_rows *rows, const sgsi_pipelin
         status = report_regions(&columns, &regions, options, result);
     density_plan plan = {0};
     if (!status)
-        status = make_plan(&columns, result, &plan);
+        status = make_plan(&columns, rows->fixed, result, &plan);
     const size_t capacity = padded_capacity(plan.count);
     result->refused =
         !status && options->admits && !options->admits(options->admits_context, plan.count);
@@ -569,7 +575,7 @@ sgs_status sgsi_density_sort(sgs_gaussians *model)
     sgsi_density_result result = {0};
     sgsi_density_columns columns;
     sgsi_statistics statistics = {0};
-    sgs_status status = make_columns(model, &options, false, &columns);
+    sgs_status status = make_columns(model->count, &options, false, &columns);
     if (status)
         return status;
     status = sgsi_statistics_reserve(&statistics, model->count + 1);
@@ -577,7 +583,7 @@ sgs_status sgsi_density_sort(sgs_gaussians *model)
     if (!status) {
         column_job job = {model, &statistics, &columns};
         sgsi_parallel_ranges(model->count, 4096, fill_columns, &job);
-        status = make_plan(&columns, &result, &plan);
+        status = make_plan(&columns, 0, &result, &plan);
     }
     const size_t capacity = padded_capacity(model->count);
     if (!status)
@@ -602,7 +608,9 @@ void sgsi_density_reset_opacity(sgs_gaussians *model, float *m, float *v, double
         for (size_t k = 0; k < SGS_LANES; ++k) {
             const size_t i = block * SGS_LANES + k;
             float own = limit;
-            if (filter_3d && i < model->count) { // o c <= ceiling, c the factor of the filter
+            if (i >= model->count)
+                break;
+            if (filter_3d) { // o c <= ceiling, c the factor of the filter
                 const double most =
                     fmin(ceiling / fmax(sgsi_filter_3d_factor(model, i, filter_3d[i]), 1e-30),
                          1.0 - 1e-7);

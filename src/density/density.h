@@ -35,6 +35,7 @@ typedef struct sgsi_density_rows {
     sgs_gaussians *model;
     float **m, **v;
     sgsi_statistics *statistics;
+    size_t fixed; // the last rows, which stay as they are and where they are: at the end
 } sgsi_density_rows;
 
 // One structural update by the rules of a pipeline. Moments move with their rows; those of new rows

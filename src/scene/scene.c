@@ -46,6 +46,7 @@ typedef struct slot {
     bool linear;  // the file holds linear light
     size_t bytes; // decoded size of the photograph
     size_t lens;  // index into loader.lenses
+    bool dropped; // not among options.kept
     sgsi_photo_report report;
 } slot;
 
@@ -217,7 +218,7 @@ static void load_view(void *context, size_t i, int thread)
     slot *s = &l->slots[i];
     sgs_view *view = &l->scene->views[i];
     (void)thread;
-    if (s->status || sgsi_progress_cancelled(&l->progress)) {
+    if (s->status || s->dropped || sgsi_progress_cancelled(&l->progress)) {
         sgsi_progress_advance(&l->progress);
         return;
     }
@@ -315,7 +316,7 @@ static sgs_status load_views(loader *l)
             status = find_lens(l, i);
     size_t bytes = 0;
     for (size_t i = 0; i < scene->view_count; ++i)
-        bytes += l->slots[i].bytes;
+        bytes += l->slots[i].dropped ? 0 : l->slots[i].bytes;
     l->limited = l->options->image_cache && bytes > l->options->image_cache;
     if (l->limited) {
         l->sources = sgsi_calloc(scene->view_count, sizeof *l->sources);
@@ -532,6 +533,11 @@ static void keep_view(loader *l, size_t i, size_t to, view_tally *tally)
     sgs_scene *scene = l->scene;
     const slot *s = &l->slots[i];
     const sgs_view *view = &scene->views[i];
+    l->slots[to].dropped = s->dropped;
+    if (s->dropped) {
+        scene->views[to] = *view;
+        return;
+    }
     if (!has_camera_aspect(l, i) && tally->mismatched++ == 0)
         tally->first_mismatched = view->name;
     tally->downscaled |= l->options->downscale == 0 && s->width != s->file_width;
@@ -610,6 +616,48 @@ static int text_order(const void *a, const void *b)
     return strcmp(*(const char *const *)a, *(const char *const *)b);
 }
 
+// Marks the views that options.kept does not name.
+static sgs_status mark_dropped(loader *l)
+{
+    const size_t count = l->options->kept_count;
+    if (!l->options->kept)
+        return SGS_STATUS_OK;
+    const char **names = sgsi_alloc(count ? count : 1, sizeof *names);
+    if (!names)
+        return sgsi_scene_no_memory(l->scene->path);
+    memcpy(names, l->options->kept, count * sizeof *names);
+    qsort(names, count, sizeof *names, text_order);
+    for (size_t i = 0; i < l->scene->view_count; ++i)
+        l->slots[i].dropped =
+            !bsearch(&l->scene->views[i].name, names, count, sizeof *names, text_order);
+    sgsi_free(names);
+    return SGS_STATUS_OK;
+}
+
+// Drops the marked views, which have counted for the extent.
+static sgs_status drop_marked_views(loader *l)
+{
+    sgs_scene *scene = l->scene;
+    const size_t count = scene->view_count;
+    size_t kept = 0;
+    for (size_t i = 0; i < count; ++i) {
+        if (l->slots[i].dropped) {
+            drop_view(&scene->views[i]);
+            continue;
+        }
+        if (l->limited) {
+            l->sources[kept] = l->sources[i];
+            l->bytes[kept] = l->bytes[i];
+        }
+        scene->views[kept++] = scene->views[i];
+    }
+    scene->view_count = kept;
+    if (kept)
+        return SGS_STATUS_OK;
+    return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: none of the %zu views is in the block",
+                     scene->path, count);
+}
+
 // Counts the photographs without a pose. Runs before views are dropped: unreadable images have a
 // pose.
 static sgs_status count_unposed(loader *l)
@@ -663,7 +711,10 @@ static sgs_status load(loader *l)
     status = make_views(l);
     if (status)
         return status;
-    status = load_views(l);
+    scene->digest = sgsi_scene_digest(scene);
+    status = mark_dropped(l);
+    if (!status)
+        status = load_views(l);
     if (!status)
         status = count_unposed(l);
     if (!status)
@@ -672,6 +723,8 @@ static sgs_status load(loader *l)
         status = sgsi_scene_split(scene, l->options, l->dataset.has_split);
     if (!status)
         status = sgsi_scene_measure_extent(scene);
+    if (!status)
+        status = drop_marked_views(l);
     if (!status)
         status = open_store(l);
     scene->white_background = l->dataset.white_background && scene->has_alpha;

@@ -402,7 +402,10 @@ static sgs_status create(creator *c, const sgs_view_source *views, size_t view_c
     c->options.own_split = true; // of the sources, unless an option defines the split
     if (!status)
         status = sgsi_scene_split(scene, &c->options, !selects);
-    return status ? status : sgsi_scene_measure_extent(scene);
+    if (status)
+        return status;
+    scene->digest = sgsi_scene_digest(scene);
+    return sgsi_scene_measure_extent(scene);
 }
 
 sgs_status sgs_scene_create(const sgs_view_source *views, size_t view_count, const float *points,

@@ -9,6 +9,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include <xxhash.h>
 
 #include "base/core.h"
 
@@ -239,4 +240,16 @@ sgs_status sgsi_scene_measure_extent(sgs_scene *scene)
     if (scene->extent > 1e-9 * (1e-3 + magnitude))
         return SGS_STATUS_OK;
     return extent_from_points(scene);
+}
+
+uint64_t sgsi_scene_digest(const sgs_scene *scene)
+{
+    uint64_t digest = XXH64(scene->points, scene->point_count * 3 * sizeof *scene->points, 0);
+    for (size_t i = 0; i < scene->view_count; ++i) {
+        const sgs_view *view = &scene->views[i];
+        digest = XXH64(view->name, strlen(view->name), digest);
+        digest = XXH64(view->pose.rotation, sizeof view->pose.rotation, digest);
+        digest = XXH64(view->pose.translation, sizeof view->pose.translation, digest);
+    }
+    return digest;
 }

@@ -18,6 +18,9 @@ sgs_status sgsi_scene_split(sgs_scene *scene, const sgs_scene_options *options, 
 // from the points if all cameras coincide. Fails with FORMAT if a camera is too far away.
 sgs_status sgsi_scene_measure_extent(sgs_scene *scene);
 
+// sgs_scene.digest
+uint64_t sgsi_scene_digest(const sgs_scene *scene);
+
 // Fails with OUT_OF_MEMORY for the scene at `path`.
 sgs_status sgsi_scene_no_memory(const char *path);
 

@@ -270,11 +270,43 @@ sgs_status sgs_checkpoint_gaussians(const char *path, size_t *gaussians)
     return status;
 }
 
-// Compares an undamaged file with the trainer. *n receives the number of primitives, *progress the
-// section of this name.
-static sgs_status check(sgsi_sections *sections, sgs_trainer *trainer, size_t *n,
-                        sgsi_progress *progress)
+// Counts the last of the n rows in the section 'model' that are outside of the region. FORMAT if
+// one of the others is.
+static sgs_status count_fixed(sgsi_sections *sections, const sgs_box *region, size_t n,
+                              size_t *fixed)
 {
+    size_t bytes;
+    const uint8_t *model = sgsi_sections_find(sections, "model", &bytes);
+    *fixed = 0;
+    for (size_t i = 0; i < n && !sgs_box_is_infinite(region); ++i) {
+        float center[3];
+        for (size_t k = 0; k < 3; ++k)
+            memcpy(&center[k],
+                   model + sizeof(float) *
+                               (i / SGS_LANES * BLOCK_FLOATS + k * SGS_LANES + i % SGS_LANES),
+                   sizeof(float));
+        const bool own = sgs_box_contains(region, center);
+        if (own && *fixed)
+            return sgsi_fail(SGS_STATUS_FORMAT,
+                             "%s: section 'model': row %zu is inside of the region, rows before it "
+                             "are not",
+                             sections->path, i);
+        *fixed += !own;
+    }
+    return SGS_STATUS_OK;
+}
+
+// What the sections of a file contain that the trainer's members depend on.
+typedef struct contents {
+    size_t n, fixed; // primitives; of these, outside of the region
+    sgsi_progress progress;
+} contents;
+
+// Compares an undamaged file with the trainer.
+static sgs_status check(sgsi_sections *sections, sgs_trainer *trainer, contents *found)
+{
+    size_t *const n = &found->n;
+    sgsi_progress *const progress = &found->progress;
     sgs_status status = read_size(sections, n);
     if (status)
         return status;
@@ -302,11 +334,13 @@ static sgs_status check(sgsi_sections *sections, sgs_trainer *trainer, size_t *n
     status = sgsi_sections_checked(sections);
     if (!status)
         status = check_progress(sections, trainer, progress);
-    const size_t cap = trainer->options.max_gaussians;
-    if (!status && cap && *n > cap)
+    if (!status)
+        status = count_fixed(sections, &trainer->options.region, *n, &found->fixed);
+    const size_t cap = trainer->options.max_gaussians, own = *n - found->fixed;
+    if (!status && cap && own > cap)
         status = sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
                            "%s: has %zu primitives, more than option max_gaussians %zu; raise it",
-                           sections->path, *n, cap);
+                           sections->path, own, cap);
     return status;
 }
 
@@ -361,20 +395,21 @@ sgs_status sgs_trainer_load_checkpoint(sgs_trainer *trainer, const char *path)
     sgs_status status = sgsi_sections_open(&sections, path);
     if (status)
         return status;
-    size_t n = 0;
-    sgsi_progress progress = {0};
-    status = check(&sections, trainer, &n, &progress);
+    contents found = {0};
+    status = check(&sections, trainer, &found);
+    const sgsi_progress progress = found.progress;
     if (status) {
         sgsi_sections_close(&sections);
         return status;
     }
     trainer->inconsistent = true;
-    status = make_room(trainer, n, path);
+    status = make_room(trainer, found.n, path);
+    trainer->fixed = found.fixed;
     if (!status && progress.resolution) // before reading: other sizes reset the depth bounds
         status = restore_images(trainer, progress.resolution);
     if (!status) {
         sections.pass = SGSI_SECTIONS_READ;
-        visit_state(&sections, trainer, n);
+        visit_state(&sections, trainer, found.n);
         trainer->progress = progress;
         trainer->stop_text[progress.stop ? sizeof trainer->stop_text - 1 : 0] = 0;
         trainer->views.rebuild = true;

@@ -105,7 +105,8 @@ sgs_status sgsi_thin_points(const float *points, size_t n, size_t wanted, uint8_
     return status;
 }
 
-sgs_status sgsi_select_largest(const sgs_gaussians *model, size_t wanted, uint8_t *chosen)
+sgs_status sgsi_select_largest(const sgs_gaussians *model, const uint8_t *eligible, size_t wanted,
+                               uint8_t *chosen)
 {
     const size_t n = model->count;
     double *score = sgsi_alloc(n ? n : 1, sizeof *score);
@@ -121,7 +122,7 @@ sgs_status sgsi_select_largest(const sgs_gaussians *model, size_t wanted, uint8_
         const double value = log((double)sgsi_gaussians_opacity(model, i)) + (double)(sum - least);
         score[i] = isnan(value) ? -INFINITY : value;
     }
-    const sgs_status status = sgsi_select_best(score, NULL, n, wanted, chosen);
+    const sgs_status status = sgsi_select_best(score, eligible, n, wanted, chosen);
     sgsi_free(score);
     return status;
 }

@@ -14,5 +14,7 @@
 sgs_status sgsi_thin_points(const float *points, size_t n, size_t wanted, uint8_t *chosen);
 
 // Chooses the `wanted` primitives of largest opacity times cross section (the product of the two
-// largest scales). chosen [model->count]. Fails with OUT_OF_MEMORY.
-sgs_status sgsi_select_largest(const sgs_gaussians *model, size_t wanted, uint8_t *chosen);
+// largest scales) among the eligible ones (NULL: all). chosen, eligible [model->count]. Fails with
+// OUT_OF_MEMORY.
+sgs_status sgsi_select_largest(const sgs_gaussians *model, const uint8_t *eligible, size_t wanted,
+                               uint8_t *chosen);

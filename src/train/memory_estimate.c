@@ -61,10 +61,14 @@ size_t sgs_train_memory(const sgs_scene *scene, const sgs_train_options *options
         const size_t pixels = (size_t)view->camera.width * (size_t)view->camera.height;
         largest = pixels > largest ? pixels : largest;
     }
-    const size_t photographs =
+    size_t photographs =
         image_cache && scene->photo_bytes > image_cache ? image_cache : scene->photo_bytes;
+    if (!sgs_box_is_infinite(&own.region)) // the targets of a region
+        photographs += scene->photo_bytes;
     const size_t cap = own.max_gaussians, threads = (size_t)sgsi_threads();
-    const size_t rows = cap && cap < gaussians ? cap : gaussians;
+    // The cap does not count the primitives outside of a region.
+    const size_t rows =
+        cap && cap < gaussians && sgs_box_is_infinite(&own.region) ? cap : gaussians;
     const bool known = (unsigned)own.pipeline < SGS_PIPELINE_COUNT;
     const int shrinks = known ? sgsi_pipeline_get(own.pipeline)->small_images : 0;
     const size_t shrinking = shrinks ? (size_t)shrinks : 1;

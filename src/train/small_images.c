@@ -28,7 +28,7 @@ static void view_size(void *context, size_t i, int *width, int *height)
 
 static sgs_status photo_8bit(const sgsi_train_views *views, size_t i, const sgs_photo **photo)
 {
-    const sgs_status status = sgs_scene_photo(views->scene, views->scene_views[i], photo);
+    const sgs_status status = sgsi_train_view_photo(views, i, photo);
     if (status || (*photo)->pixels)
         return status;
     return sgsi_fail(SGS_STATUS_UNSUPPORTED, "%s: photographs are not 8-bit", views->scene->path);

@@ -125,6 +125,16 @@ static const sgs_train_option table[] = {
      .group = training,
      ALL_PIPELINES,
      .resume = SGS_RESUME_START},
+    {.name = "region",
+     .type = SGS_OPTION_BOX,
+     FIELD(region),
+     .values = "BOX|PLAN:K",
+     .initial_text = "none",
+     .help = "train the primitives of the initial model with centres in this box only (x0,y0,z0,"
+             "x1,y1,z1; -inf and inf are allowed), or block K of a plan written by 'sparegs "
+             "split', with the images of the block; the others are drawn, but not changed",
+     .group = training,
+     ALL_PIPELINES},
     {.name = "alpha_loss",
      .type = SGS_OPTION_DOUBLE,
      FIELD(alpha_loss),
@@ -567,6 +577,9 @@ static void set_initial(const sgs_train_option *row, sgs_train_options *options)
         break;
     case SGS_OPTION_MODEL:
         break; // NULL
+    case SGS_OPTION_BOX:
+        *(sgs_box *)field = sgs_box_infinite();
+        break;
     }
 }
 
@@ -597,6 +610,16 @@ static unsigned word_count(const char *words)
     return count;
 }
 
+static sgs_status check_box(const sgs_train_option *row, const sgs_box *box)
+{
+    for (int k = 0; k < 3; ++k)
+        if (!(box->low[k] < box->high[k])) // true for NaN
+            return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                             "%s must have a lower bound below the upper one on each axis",
+                             row->name);
+    return SGS_STATUS_OK;
+}
+
 static sgs_status check_field(const sgs_train_option *row, const sgs_train_options *options)
 {
     const void *field = (const char *)options + row->offset;
@@ -625,6 +648,8 @@ static sgs_status check_field(const sgs_train_option *row, const sgs_train_optio
         for (int c = 0; c < 3 && !status; ++c)
             status = check_number(row, (double)((const float *)field)[c]);
         return status;
+    case SGS_OPTION_BOX:
+        return check_box(row, field);
     case SGS_OPTION_BOOL:
     case SGS_OPTION_UINT64:
     case SGS_OPTION_MODEL:
@@ -650,6 +675,10 @@ sgs_status sgs_train_options_check(const sgs_train_options *given)
         pipeline->late_opacity(options) == SGSI_LATE_OPACITY_LINEAR)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
                          "taming_opacity linear and filter mip exclude each other");
+    if (!sgs_box_is_infinite(&options->region) && pipeline->late_opacity &&
+        pipeline->late_opacity(options) == SGSI_LATE_OPACITY_LINEAR)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                         "taming_opacity linear and region exclude each other");
     if (options->opaque && !(options->alpha_loss > 0))
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "opaque requires alpha_loss above 0");
     return SGS_STATUS_OK;
@@ -693,6 +722,16 @@ static size_t put_set(char *text, size_t bytes, const char *words, unsigned bits
     return used ? used : (size_t)snprintf(text, bytes, "off");
 }
 
+static size_t put_box(char *text, size_t bytes, const sgs_box *box)
+{
+    const float *low = box->low, *high = box->high;
+    if (sgs_box_is_infinite(box))
+        return (size_t)snprintf(text, bytes, "none");
+    return (size_t)snprintf(text, bytes, "%.9g,%.9g,%.9g,%.9g,%.9g,%.9g", (double)low[0],
+                            (double)low[1], (double)low[2], (double)high[0], (double)high[1],
+                            (double)high[2]);
+}
+
 size_t sgs_train_option_text(const sgs_train_option *option, const sgs_train_options *options,
                              char *text, size_t bytes)
 {
@@ -719,6 +758,8 @@ size_t sgs_train_option_text(const sgs_train_option *option, const sgs_train_opt
         return (size_t)snprintf(text, bytes, "%.9g,%.9g,%.9g", (double)c[0], (double)c[1],
                                 (double)c[2]);
     }
+    case SGS_OPTION_BOX:
+        return put_box(text, bytes, field);
     case SGS_OPTION_MODEL:
         return (size_t)snprintf(text, bytes, "%s", *(const void *const *)field ? "model" : "none");
     }

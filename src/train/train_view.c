@@ -9,6 +9,7 @@
 #include "base/threads.h"
 #include "cluster/rank_calls.h"
 #include "train/view_ranks.h"
+#include "image/photo.h"
 
 static const size_t RAY_CACHE_BYTES = (size_t)1 << 30;
 
@@ -77,6 +78,9 @@ void sgsi_small_images_free(sgsi_small_images *images)
 
 void sgsi_train_views_free(sgsi_train_views *views)
 {
+    for (size_t i = 0; views->targets && i < views->count; ++i)
+        sgsi_photo_free(&views->targets[i]);
+    sgsi_free(views->targets);
     for (size_t i = 0; views->depth_bounds && i < views->count; ++i)
         sgsi_free(views->depth_bounds[i]);
     sgsi_view_ranks_free(views);
@@ -99,6 +103,15 @@ void sgsi_train_views_forget_depths(sgsi_train_views *views)
             views->depth_bounds[i][t] = INFINITY;
 }
 
+sgs_status sgsi_train_view_photo(const sgsi_train_views *views, size_t index,
+                                 const sgs_photo **photo)
+{
+    if (!views->targets)
+        return sgs_scene_photo(views->scene, views->scene_views[index], photo);
+    *photo = &views->targets[index];
+    return SGS_STATUS_OK;
+}
+
 sgs_status sgsi_train_view_fetch(const sgsi_train_views *views, sgsi_train_view *view)
 {
     const size_t scene_view = views->scene_views[view->index];
@@ -110,7 +123,7 @@ sgs_status sgsi_train_view_fetch(const sgsi_train_views *views, sgsi_train_view 
         return SGS_STATUS_OK;
     }
     const double start = sgsi_seconds();
-    const sgs_status status = sgs_scene_photo(views->scene, scene_view, &view->target);
+    const sgs_status status = sgsi_train_view_photo(views, view->index, &view->target);
     view->seconds->image_io += sgsi_seconds() - start;
     return status;
 }

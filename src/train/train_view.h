@@ -29,6 +29,7 @@ typedef struct sgsi_train_views {
     float **depth_bounds; // [count][tiles], see sgsi_tracer_forward
     size_t *tile_counts;  // [count]
     sgsi_small_images small_images;
+    sgs_photo *targets; // [count] instead of the photographs, for a region; NULL without
     sgsi_tracer *tracer;
     sgsi_ray_cache *rays;
     sgsi_loss_workspace *loss;
@@ -74,6 +75,10 @@ void sgsi_small_images_free(sgsi_small_images *images);
 
 // Sets all depth bounds to "unknown". Cannot fail.
 void sgsi_train_views_forget_depths(sgsi_train_views *views);
+
+// The photograph, or target, of a view at full size. Fails as sgs_scene_photo does.
+sgs_status sgsi_train_view_photo(const sgsi_train_views *views, size_t index,
+                                 const sgs_photo **photo);
 
 // The photograph and its camera. Fails as sgs_scene_photo does, without a change.
 sgs_status sgsi_train_view_fetch(const sgsi_train_views *views, sgsi_train_view *view);

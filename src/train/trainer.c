@@ -15,6 +15,7 @@
 #include "base/threads.h"
 #include "cluster/rank_calls.h"
 #include "sparegs/option_descriptors.h"
+#include "train/region_targets.h"
 #include "train/small_images.h"
 #include "train/traffic.h"
 #include "train/trainer_state.h"
@@ -76,8 +77,11 @@ static sgs_status create_parts(sgs_trainer *trainer)
     trainer->view_fits = sgsi_calloc(2 * views->count, sizeof *trainer->view_fits);
     if (!trainer->order || !trainer->view_fits)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu views", views->count);
-    status = plan_resolution(trainer);
-    return status ? status : sgsi_trainer_create_model(trainer);
+    status = sgsi_trainer_create_model(trainer);
+    if (!status && trainer->fixed && !trainer->options.exposure)
+        status = sgsi_region_targets_make(views, trainer->model, sgsi_trainer_own(trainer),
+                                          trainer->filter_3d);
+    return status ? status : plan_resolution(trainer);
 }
 
 sgs_status sgs_trainer_create(const sgs_scene *scene, const sgs_train_options *options,
@@ -93,6 +97,10 @@ sgs_status sgs_trainer_create(const sgs_scene *scene, const sgs_train_options *o
     sgs_trainer *made = sgsi_calloc(1, sizeof *made);
     if (!made)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a trainer");
+    if (!own.init && !sgs_box_is_infinite(&own.region)) {
+        sgsi_free(made);
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "region requires init");
+    }
     made->scene = scene;
     made->options = own;
     made->pipeline = sgsi_pipeline_get(own.pipeline);
@@ -162,13 +170,14 @@ static size_t next_view(sgs_trainer *trainer)
 static void prefetch_views(const sgs_trainer *trainer)
 {
     const size_t next = trainer->progress.order_position;
-    for (size_t i = next; i < next + 2 && i < trainer->views.count; ++i)
+    for (size_t i = next; !trainer->views.targets && i < next + 2 && i < trainer->views.count; ++i)
         sgs_scene_prefetch(trainer->scene, trainer->views.scene_views[trainer->order[i]]);
 }
 
 static int active_sh_degree(const sgs_trainer *trainer, int iteration)
 {
-    const int interval = trainer->schedule.sh_interval;
+    // The primitives outside of a region are trained: they need all their bands.
+    const int interval = trainer->fixed ? 0 : trainer->schedule.sh_interval;
     const int degree = interval ? iteration / interval : trainer->options.sh_degree;
     return degree < trainer->options.sh_degree ? degree : trainer->options.sh_degree;
 }
@@ -274,6 +283,7 @@ static sgs_status control_density(sgs_trainer *trainer, int iteration, sgs_step_
         const double start = sgsi_seconds();
         const sgsi_score_input input = {.pipeline = trainer->pipeline,
                                         .model = trainer->model,
+                                        .count = sgsi_trainer_own(trainer),
                                         .filter_3d = trainer->filter_3d,
                                         .sh_degree = active_sh_degree(trainer, iteration),
                                         .iteration = iteration,

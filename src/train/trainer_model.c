@@ -12,6 +12,7 @@
 #include "base/threads.h"
 #include "model/filter_3d.h"
 #include "model/init_points.h"
+#include "model/model_region.h"
 #include "sparegs/image.h"
 #include "train/initial_selection.h"
 #include "train/trainer_state.h"
@@ -82,34 +83,67 @@ static sgs_status scene_cloud(sgs_trainer *trainer)
     return status;
 }
 
-// The cap keeps the primitives of largest opacity times cross section.
+// The cap keeps the primitives of largest opacity times cross section. It does not apply to those
+// outside of the region.
 static sgs_status copy_initial_model(sgs_trainer *trainer, const sgs_gaussians *from)
 {
-    const size_t cap = trainer->options.max_gaussians;
-    const size_t wanted = cap && cap < from->count ? cap : from->count;
-    if (wanted < from->count)
+    const size_t cap = trainer->options.max_gaussians, n = from->count ? from->count : 1;
+    uint8_t *marks = sgsi_calloc(n, 2);
+    if (!marks)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu primitives", from->count);
+    uint8_t *const own = marks, *const chosen = marks + n;
+    size_t owned = 0, taken = 0;
+    for (size_t i = 0; i < from->count; ++i) {
+        float params[SGS_PARAM_COUNT];
+        sgs_gaussians_get(from, i, params);
+        own[i] = sgs_box_contains(&trainer->options.region, params + SGS_PARAM_MEAN) ||
+                 sgs_box_is_infinite(&trainer->options.region);
+        owned += own[i];
+    }
+    const size_t wanted = cap && cap < owned ? cap : owned;
+    if (wanted < owned)
         sgsi_warn("the initial model has %zu primitives; using the %zu of largest opacity times "
                   "cross section, limited by option max_gaussians",
-                  from->count, wanted);
-    uint8_t *chosen = sgsi_alloc(from->count ? from->count : 1, 1);
-    if (!chosen)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu primitives", from->count);
-    sgs_status status = sgs_gaussians_create(wanted + SGS_LANES, &trainer->model);
+                  owned, wanted);
+    const size_t count = from->count - owned + wanted;
+    sgs_status status = sgs_gaussians_create(count + SGS_LANES, &trainer->model);
     if (!status)
-        status = sgs_gaussians_resize(trainer->model, wanted);
+        status = sgs_gaussians_resize(trainer->model, count);
     if (!status)
-        status = sgsi_select_largest(from, wanted, chosen);
-    size_t taken = 0;
+        status = sgsi_select_largest(from, own, wanted, chosen);
     for (size_t i = 0; i < from->count && !status; ++i) {
-        if (!chosen[i])
+        if (own[i] && !chosen[i])
             continue;
         float params[SGS_PARAM_COUNT];
         sgs_gaussians_get(from, i, params);
         params[SGS_PARAM_OPACITY] = sgs_gaussians_opacity_logit(from, i);
         sgs_gaussians_set(trainer->model, taken++, params);
     }
-    sgsi_free(chosen);
+    sgsi_free(marks);
     return status;
+}
+
+void sgsi_trainer_clamp_to_region(sgs_trainer *trainer)
+{
+    if (!sgs_box_is_infinite(&trainer->options.region))
+        sgsi_region_clamp(trainer->model, sgsi_trainer_own(trainer), &trainer->options.region);
+}
+
+// Orders a new model by the region: its own rows first.
+static sgs_status begin_region(sgs_trainer *trainer)
+{
+    const sgs_box *region = &trainer->options.region;
+    size_t own;
+    if (sgs_box_is_infinite(region))
+        return SGS_STATUS_OK;
+    const sgs_status status = sgsi_region_order(trainer->model, region, &own);
+    if (status)
+        return status;
+    if (!own)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                         "no centre of the initial model is in the region");
+    trainer->fixed = trainer->model->count - own;
+    return SGS_STATUS_OK;
 }
 
 sgs_status sgsi_trainer_reserve_accumulated_grad(sgs_trainer *trainer)
@@ -195,6 +229,8 @@ sgs_status sgsi_trainer_create_model(sgs_trainer *trainer)
     if (!status && !trainer->model->count)
         status =
             sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "the initial model has no finite primitives");
+    if (!status)
+        status = begin_region(trainer);
     if (status)
         return status;
     trainer->m = sgsi_calloc_shared(trainer->model->capacity, SGS_PARAM_COUNT * sizeof(float));
@@ -202,7 +238,7 @@ sgs_status sgsi_trainer_create_model(sgs_trainer *trainer)
     if (!trainer->m || !trainer->v)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the optimiser of %zu primitives",
                          trainer->model->count);
-    trainer->progress.pipeline.initial_count = (int64_t)trainer->model->count;
+    trainer->progress.pipeline.initial_count = (int64_t)sgsi_trainer_own(trainer);
     status = sgsi_trainer_reserve_accumulated_grad(trainer);
     if (!status)
         status = sgsi_trainer_update_filter_3d(trainer);

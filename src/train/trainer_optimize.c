@@ -57,7 +57,7 @@ static sgsi_optimize settings(const sgs_trainer *trainer, const sgsi_train_view 
     return (sgsi_optimize){.params = trainer->model->data,
                            .m = trainer->m,
                            .v = trainer->v,
-                           .count = trainer->model->count,
+                           .count = sgsi_trainer_own(trainer),
                            .view = view->view,
                            .sums = sgsi_tracer_grad_sums(trainer->views.tracer),
                            .touched = sgsi_tracer_touched(trainer->views.tracer),
@@ -114,8 +114,9 @@ size_t sgsi_trainer_optimize(sgs_trainer *trainer, const sgsi_train_view *view)
         job.input.gradient_sum = trainer->statistics.gradient_sum;
     if (collects && trainer->pipeline->abs_grad)
         job.input.abs_grad_sum = trainer->statistics.abs_grad_sum;
-    sgsi_parallel_ranges((trainer->model->count + SGS_LANES - 1) / SGS_LANES, 64, optimize_range,
-                         &job);
+    sgsi_parallel_ranges((sgsi_trainer_own(trainer) + SGS_LANES - 1) / SGS_LANES, 64,
+                         optimize_range, &job);
+    sgsi_trainer_clamp_to_region(trainer);
     const size_t broken = atomic_load(&job.broken);
     if (broken)
         sgsi_skip_gradients(&progress->skipped, view->iteration, view->source->name, broken,
@@ -127,8 +128,12 @@ size_t sgsi_trainer_optimize(sgs_trainer *trainer, const sgsi_train_view *view)
 void sgsi_trainer_add_noise(sgs_trainer *trainer, int iteration)
 {
     const double start = sgsi_seconds(), noise = trainer->sampling.noise;
-    if (noise > 0.0)
-        sgsi_position_noise_add(trainer->model, noise * mean_rate(trainer, iteration),
-                                trainer->options.seed, iteration);
+    if (noise > 0.0) {
+        sgs_gaussians own = *trainer->model;
+        own.count = sgsi_trainer_own(trainer);
+        sgsi_position_noise_add(&own, noise * mean_rate(trainer, iteration), trainer->options.seed,
+                                iteration);
+        sgsi_trainer_clamp_to_region(trainer);
+    }
     trainer->progress.seconds.optimizer += sgsi_seconds() - start;
 }

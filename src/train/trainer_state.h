@@ -43,6 +43,7 @@ struct sgs_trainer {
     sgsi_sampling sampling;
     sgsi_schedule schedule;
     sgs_gaussians *model;
+    size_t fixed;            // the last rows, outside of options.region: drawn, never changed
     float *m, *v;            // Adam's moments, model layout
     float *accumulated_grad; // before a step, model layout; NULL if every iteration steps
     uint16_t *accumulated_rows;
@@ -68,10 +69,18 @@ struct sgs_trainer {
     char stop_text[160];
 };
 
+// Number of rows that training may change: the first ones.
+static inline size_t sgsi_trainer_own(const sgs_trainer *trainer)
+{
+    return trainer->model->count - trainer->fixed;
+}
+
 // ---- trainer_model.c: the model and the arrays of its length ----
 
 // The initial model (options.init, the scene's cloud or a random one), its moments and statistics.
 sgs_status sgsi_trainer_create_model(sgs_trainer *trainer);
+// Moves centres that left options.region back to it.
+void sgsi_trainer_clamp_to_region(sgs_trainer *trainer);
 // Allocates and computes the 3D filter of the current model, if the pixel filter uses it.
 sgs_status sgsi_trainer_update_filter_3d(sgs_trainer *trainer);
 // Allocates zeroed accumulated gradients for the current model, if the pipeline batches steps.

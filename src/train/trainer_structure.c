@@ -135,6 +135,13 @@ static void fill_info(const sgsi_density_result *result, int iteration, size_t g
     info->spare_seconds = result->spare_seconds;
 }
 
+static void limit_opacity(sgs_trainer *trainer, double ceiling, const float *filter_3d)
+{
+    sgs_gaussians own = *trainer->model;
+    own.count = sgsi_trainer_own(trainer);
+    sgsi_density_reset_opacity(&own, trainer->m, trainer->v, ceiling, filter_3d);
+}
+
 sgs_status sgsi_trainer_update_structure(sgs_trainer *trainer, int iteration,
                                          const sgsi_view_scores *scores, sgs_step_info *info)
 {
@@ -146,7 +153,8 @@ sgs_status sgsi_trainer_update_structure(sgs_trainer *trainer, int iteration,
     const sgsi_density_rows rows = {.model = trainer->model,
                                     .m = &trainer->m,
                                     .v = &trainer->v,
-                                    .statistics = &trainer->statistics};
+                                    .statistics = &trainer->statistics,
+                                    .fixed = trainer->fixed};
     const sgsi_pipeline_state state = progress->pipeline;
     sgsi_density_result result;
     sgs_status status = sgsi_density_update(&rows, trainer->pipeline, &options, &result);
@@ -158,14 +166,15 @@ sgs_status sgsi_trainer_update_structure(sgs_trainer *trainer, int iteration,
     }
     keep_regions(trainer, iteration, &result);
     if (!status)
+        sgsi_trainer_clamp_to_region(trainer); // the children of splits
+    if (!status)
         status = sgsi_trainer_reserve_accumulated_grad(trainer);
     if (!status)
         status = sgsi_trainer_update_filter_3d(trainer);
     if (status)
         return status;
     if (trainer->pipeline->opacity_ceiling > 0.0f && !options.final_prune)
-        sgsi_density_reset_opacity(trainer->model, trainer->m, trainer->v,
-                                   (double)trainer->pipeline->opacity_ceiling, NULL);
+        limit_opacity(trainer, (double)trainer->pipeline->opacity_ceiling, NULL);
     trainer->views.rebuild = true;
     progress->disturbed = 1;
     progress->updates += !options.final_prune;
@@ -177,7 +186,7 @@ sgs_status sgsi_trainer_update_structure(sgs_trainer *trainer, int iteration,
 
 void sgsi_trainer_reset_opacity(sgs_trainer *trainer, int iteration)
 {
-    sgsi_density_reset_opacity(trainer->model, trainer->m, trainer->v, 0.01, trainer->filter_3d);
+    limit_opacity(trainer, 0.01, trainer->filter_3d);
     trainer->progress.last_reset = iteration;
     trainer->progress.disturbed = 1;
     sgsi_train_views_forget_depths(&trainer->views); // no ray ends early now

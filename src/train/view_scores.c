@@ -176,7 +176,7 @@ static sgs_status weigh_pixels(const sgsi_train_views *views, const sgsi_pipelin
 static sgs_status score_view(sgsi_train_views *views, const sgsi_score_input *input, size_t index,
                              sgsi_view_scores *scores)
 {
-    const size_t n = input->model->count;
+    const size_t n = input->count;
     sgs_train_seconds ignored = {0}; // the caller times scoring as density control
     sgsi_train_view view = {.iteration = input->iteration,
                             .index = index,
@@ -231,7 +231,7 @@ sgs_status sgsi_view_scores_compute(sgsi_train_views *views, const sgsi_score_in
     if (status)
         return status;
     column_job job = {input, scores, NULL};
-    sgsi_parallel_ranges(input->model->count, 4096, fill_columns, &job);
+    sgsi_parallel_ranges(input->count, 4096, fill_columns, &job);
     const uint64_t seed =
         sgsi_random_bits(views->options->seed ^ 0x5C08E, (uint64_t)input->iteration);
     for (size_t k = 0; k < wanted && !status; ++k) {
@@ -245,7 +245,6 @@ sgs_status sgsi_view_scores_compute(sgsi_train_views *views, const sgsi_score_in
         status = score_view(views, input, drawn[k], scores);
     }
     if (!status && pipeline->finish_scores)
-        pipeline->finish_scores(input->model->count, (int)wanted, scores->importance,
-                                scores->prune_score);
+        pipeline->finish_scores(input->count, (int)wanted, scores->importance, scores->prune_score);
     return status;
 }

@@ -26,6 +26,7 @@ typedef struct sgsi_view_scores {
 typedef struct sgsi_score_input {
     const sgsi_pipeline *pipeline;
     const sgs_gaussians *model;
+    size_t count;           // rows to score: the first ones
     const float *filter_3d; // as in sgs_render_options
     int sh_degree;
     int iteration;                     // selects the views

@@ -88,7 +88,7 @@ static void opaque_and_wide_primitives_stay(void **state)
     uint8_t chosen[4];
     const uint8_t expected[3][4] = {{0, 0, 0, 1}, {0, 1, 0, 1}, {1, 1, 0, 1}};
     for (size_t wanted = 1; wanted <= 3; ++wanted) {
-        assert_int_equal(sgsi_select_largest(model, wanted, chosen), SGS_STATUS_OK);
+        assert_int_equal(sgsi_select_largest(model, NULL, wanted, chosen), SGS_STATUS_OK);
         assert_memory_equal(chosen, expected[wanted - 1], 4);
     }
     sgs_gaussians_destroy(model);

@@ -78,7 +78,7 @@ static void rows_are_well_formed(void **state)
         [SGS_OPTION_SIZE] = sizeof(size_t),   [SGS_OPTION_UINT64] = sizeof(uint64_t),
         [SGS_OPTION_DOUBLE] = sizeof(double), [SGS_OPTION_CHOICE] = sizeof(int),
         [SGS_OPTION_SET] = sizeof(unsigned),  [SGS_OPTION_COLOR] = 3 * sizeof(float),
-        [SGS_OPTION_MODEL] = sizeof(void *)};
+        [SGS_OPTION_MODEL] = sizeof(void *),  [SGS_OPTION_BOX] = sizeof(sgs_box)};
     for (size_t i = 0; i < row_count; ++i) {
         const sgs_train_option *row = &rows[i];
         const bool ranged = row->type == SGS_OPTION_INT || row->type == SGS_OPTION_SIZE ||
@@ -145,6 +145,16 @@ static void values_out_of_range_are_refused_by_field(void **state)
     options.filter = SGS_FILTER_MIP;
     refused(&options, "taming_opacity linear and filter mip exclude each other");
     options = sgs_train_options_default();
+    options.region.low[1] = options.region.high[1] = 2;
+    refused(&options, "region must have a lower bound below the upper one on each axis");
+    options.region.low[1] = NAN;
+    refused(&options, "region must have a lower bound below the upper one on each axis");
+    options.region.low[1] = 1;
+    assert_int_equal(sgs_train_options_check(&options), SGS_STATUS_OK);
+    options.pipeline = SGS_PIPELINE_TAMING;
+    options.pipeline_options.taming_opacity = SGS_TAMING_LINEAR;
+    refused(&options, "taming_opacity linear and region exclude each other");
+    options = sgs_train_options_default();
     options.opaque = true;
     refused(&options, "opaque requires alpha_loss above 0");
     options.alpha_loss = SGS_TRAIN_OPAQUE_WEIGHT;
@@ -164,17 +174,11 @@ static void values_have_a_text(void **state)
     options.seed = UINT64_MAX;
     const struct {
         const char *name, *text;
-    } cases[] = {{"iterations", "30000"},
-                 {"pipeline", "3dgs"},
-                 {"spare_tau_alpha", "0.1"},
-                 {"spare", "bmd,edt"},
-                 {"spare_demand", "h,v,c"},
-                 {"spare_phi", "product"},
-                 {"background", "0,0.5,0"},
-                 {"exposure", "true"},
-                 {"init", "none"},
-                 {"max_gaussians", "0"},
-                 {"seed", "18446744073709551615"}};
+    } cases[] = {
+        {"iterations", "30000"},   {"pipeline", "3dgs"},      {"spare_tau_alpha", "0.1"},
+        {"spare", "bmd,edt"},      {"spare_demand", "h,v,c"}, {"spare_phi", "product"},
+        {"background", "0,0.5,0"}, {"exposure", "true"},      {"init", "none"},
+        {"region", "none"},        {"max_gaussians", "0"},    {"seed", "18446744073709551615"}};
     char text[64];
     for (size_t k = 0; k < sizeof cases / sizeof *cases; ++k) {
         const size_t length = sgs_train_option_text(sgs_train_option_find(cases[k].name), &options,
@@ -187,6 +191,9 @@ static void values_have_a_text(void **state)
     options.background_random = true;
     sgs_train_option_text(sgs_train_option_find("background"), &options, text, sizeof text);
     assert_string_equal(text, "random");
+    options.region = (sgs_box){{-INFINITY, 0.1f, -2}, {3, INFINITY, INFINITY}};
+    sgs_train_option_text(sgs_train_option_find("region"), &options, text, sizeof text);
+    assert_string_equal(text, "-inf,0.100000001,-2,3,inf,inf");
     options.spare = 0;
     assert_int_equal(
         sgs_train_option_text(sgs_train_option_find("spare"), &options, text, sizeof text), 3);

@@ -249,6 +249,9 @@ sgs_scene *scene_open(const char *path, const scene_values *values, bool load_im
     const char **held_out = values->held_out ? json_strings(values->held_out) : NULL;
     options.held_out = held_out;
     options.held_out_count = json_array_size(values->held_out);
+    const char **kept = values->kept ? json_strings(values->kept) : NULL;
+    options.kept = kept;
+    options.kept_count = json_array_size(values->kept);
     options.own_split = values->own_split;
     options.images_dir = values->images;
     options.downscale = values->downscale;
@@ -270,6 +273,7 @@ sgs_scene *scene_open(const char *path, const scene_values *values, bool load_im
     if (status && !loading_cancelled)
         fail_library();
     free(held_out);
+    free(kept);
     return scene;
 }
 

@@ -30,7 +30,8 @@ typedef struct scene_values {
     // From scene_resolve, borrowed from the config: the names that the run held out, or NULL. Used
     // unless the command line defines a split.
     const json_t *held_out;
-    bool own_split; // without a run and an option: the test views of the data set
+    const json_t *kept; // names of the views to load, borrowed; NULL = all
+    bool own_split;     // without a run and an option: the test views of the data set
 } scene_values;
 
 option_group scene_group(scene_values *values);

@@ -7,6 +7,8 @@
 
 #include "cli/train_options.h"
 
+#include <limits.h>
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -140,7 +142,7 @@ static option_kind kind_of(sgs_option_type type)
         [SGS_OPTION_SIZE] = OPTION_SIZE,   [SGS_OPTION_UINT64] = OPTION_COUNT,
         [SGS_OPTION_DOUBLE] = OPTION_REAL, [SGS_OPTION_CHOICE] = OPTION_CHOICE,
         [SGS_OPTION_SET] = OPTION_SET,     [SGS_OPTION_COLOR] = OPTION_COLOR,
-        [SGS_OPTION_MODEL] = OPTION_TEXT};
+        [SGS_OPTION_MODEL] = OPTION_TEXT,  [SGS_OPTION_BOX] = OPTION_TEXT};
     return kinds[type];
 }
 
@@ -172,6 +174,8 @@ static const char *conditions_of(const sgs_train_option *from, char text[TEXT_MO
         add_condition(text, "spare", from->spare);
     if (!strcmp(from->name, "alpha_loss"))
         snprintf(text, TEXT_MOST, "alpha=over|opaque");
+    if (from->type == SGS_OPTION_BOX)
+        snprintf(text, TEXT_MOST, "init");
     return *text ? text : NULL;
 }
 
@@ -194,6 +198,8 @@ static void add_row(const sgs_train_option *from, const sgs_train_options *initi
                     .help = from->help};
     if (from->type == SGS_OPTION_MODEL)
         row->offset = offsetof(train_values, init);
+    if (from->type == SGS_OPTION_BOX)
+        row->offset = offsetof(train_values, region);
     if (from->type == SGS_OPTION_SET && !(from->low > 0)) {
         snprintf(table.words[k], TEXT_MOST, "on|off|%s", from->values);
         row->argument = table.words[k];
@@ -259,6 +265,48 @@ void train_resolve(train_values *values, const command_line *line, uint64_t seed
         values->options.background_random = true;
     if (values->options.opaque && !option_given(line, "alpha-loss"))
         values->options.alpha_loss = SGS_TRAIN_OPAQUE_WEIGHT;
+}
+
+// Six numbers, separated by commas.
+static bool parse_box(const char *text, sgs_box *box)
+{
+    for (int k = 0; k < 6; ++k) {
+        char *end;
+        float *const bound = k < 3 ? &box->low[k] : &box->high[k - 3];
+        *bound = strtof(text, &end);
+        if (end == text || isnan(*bound) || *end != (k < 5 ? ',' : '\0'))
+            return false;
+        text = end + 1;
+    }
+    return true;
+}
+
+int train_region_resolve(train_values *values)
+{
+    const char *text = values->region, *colon = text ? strrchr(text, ':') : NULL;
+    if (!text)
+        return -1;
+    if (!colon) {
+        if (!parse_box(text, &values->options.region))
+            return fail_usage(
+                "--region: '%s' is neither a box X0,Y0,Z0,X1,Y1,Z1 nor PLAN:K, a file "
+                "of 'sparegs split' and a block of it",
+                text);
+        sgs_train_options alone = sgs_train_options_default();
+        alone.region = values->options.region;
+        return sgs_train_options_check(&alone) ? fail_usage("--region: %s", sgs_last_error()) : -1;
+    }
+    char *end;
+    const unsigned long block = strtoul(colon + 1, &end, 10);
+    if (colon == text || end == colon + 1 || *end || colon[1] == '-' || colon[1] == '+' ||
+        block > INT_MAX)
+        return fail_usage(
+            "--region: '%s' is not PLAN:K, a file of 'sparegs split' and the number of "
+            "a block, from 0",
+            text);
+    values->region_plan = format_text("%.*s", (int)(colon - text), text);
+    values->region_block = (int)block;
+    return -1;
 }
 
 static void set_word(json_t *object, const char *key, const char *words, int index)
@@ -329,6 +377,9 @@ static json_t *value_json(const sgs_train_option *row, const train_values *value
         return list_json(row, options);
     case SGS_OPTION_SET:
         return list_json(row, options);
+    case SGS_OPTION_BOX:
+        sgs_train_option_text(row, options, text, sizeof text);
+        return json_string(text);
     case SGS_OPTION_MODEL:
         return values->init ? json_string(values->init) : json_null();
     }
@@ -477,6 +528,9 @@ int train_values_check(const train_values *values, const command_line *line)
     if (o->pipeline == SGS_PIPELINE_TAMING &&
         o->pipeline_options.taming_opacity == SGS_TAMING_LINEAR && o->filter == SGS_FILTER_MIP)
         return fail_usage("--taming-opacity linear and --filter mip are mutually exclusive");
+    if (o->pipeline == SGS_PIPELINE_TAMING && values->region &&
+        o->pipeline_options.taming_opacity == SGS_TAMING_LINEAR)
+        return fail_usage("--taming-opacity linear and --region are mutually exclusive");
     if (o->opaque && !(o->alpha_loss > 0))
         return fail_usage("--opaque requires --alpha-loss above 0");
     if (values->resume && values->overwrite)

@@ -18,6 +18,9 @@ typedef struct train_values {
     uint64_t max_memory; // bytes, 0 = no limit
     integer_list save_at;
     bool resume, overwrite;
+    const char *region;        // of --region, or NULL
+    char *region_plan;         // owned: the plan file, or NULL where --region is a box
+    int region_block;          // its block
     sgs_train_options options; // of the library; init stays NULL
 } train_values;
 
@@ -28,6 +31,9 @@ void train_groups(train_values *values, option_group groups[TRAIN_GROUP_COUNT]);
 
 // Sets what depends on other options: call once after parsing.
 void train_resolve(train_values *values, const command_line *line, uint64_t seed);
+
+// Resolves --region into options.region or region_plan. Returns -1 to continue, or an exit status.
+int train_region_resolve(train_values *values);
 
 // Checks the combination of the parsed options. Returns -1 to continue, or an exit status.
 int train_values_check(const train_values *values, const command_line *line);

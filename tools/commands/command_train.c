@@ -10,6 +10,7 @@
 #include <string.h>
 
 #include "cli/commands.h"
+#include "run/block_plan.h"
 #include "run/evaluate.h"
 #include "run/exposure_file.h"
 #include "cli/interrupt.h"
@@ -60,6 +61,9 @@ typedef struct training {
     sgs_train_bytes bytes;
     sgs_train_skipped skipped;
     char hash[17];
+    block_plan plan;      // of --region PLAN:K
+    size_t region_count;  // primitives in --region
+    char init_hash[17];   // of the model of --init, with --region
     json_t *stored;       // the config of the run to resume
     double wall_seconds;  // of this command
     bool checkpoint_lost; // saving the last one failed and was reported; evaluation continues
@@ -68,11 +72,28 @@ typedef struct training {
 
 // ---- Before the first iteration ----
 
+// Reads the plan of --region: box and views of the block.
+static bool load_plan(training *run)
+{
+    const char *path = run->values.region_plan;
+    const int block = run->values.region_block;
+    if (!path)
+        return true;
+    if (!block_plan_read(path, &run->plan) || !block_plan_has(&run->plan, path, block))
+        return false;
+    run->values.options.region = run->plan.boxes[block];
+    run->data.kept = block_plan_views(&run->plan, (size_t)block);
+    run->data.held_out = NULL; // the record of a run to resume names views of the block only
+    return true;
+}
+
 static bool load_scene(training *run)
 {
     const double start = clock_seconds();
     run->scene = scene_open(run->scene_path, &run->data, true);
     if (!run->scene)
+        return false;
+    if (run->plan.root && !block_plan_is_of(&run->plan, run->values.region_plan, run->scene))
         return false;
     run->load_seconds = clock_seconds() - start;
     scene_warn_idle(run->scene, &run->data, run->line);
@@ -84,31 +105,11 @@ static bool load_scene(training *run)
     print_note("%s: %zu training images, %zu held out, %zu points, loaded in %.1f s",
                run->scene_path, run->scene->view_count - test, test, run->scene->point_count,
                run->load_seconds);
+    if (run->values.region)
+        print_note("%s: comparing the images with the initial model", run->scene_path);
     if (!run->scene->point_count && !run->values.init)
         print_note("%s: no points; starting from %llu random points", run->scene_path,
                    (unsigned long long)run->values.options.random_points);
-    return true;
-}
-
-// Reads the weights of LPIPS, and checks the image sizes before hours of training.
-static bool load_lpips(training *run)
-{
-    if (!run->values.lpips)
-        return true;
-    if (sgs_lpips_read(run->values.lpips, &run->lpips)) {
-        fail_library();
-        return false;
-    }
-    const int smallest = sgs_lpips_smallest(run->lpips);
-    for (size_t v = 0; v < run->scene->view_count; ++v) {
-        const sgs_view *view = &run->scene->views[v];
-        if (view->camera.width >= smallest && view->camera.height >= smallest)
-            continue;
-        fail_run("%s: %s has %d x %d pixels; --lpips with the network %s requires at least %d x %d",
-                 run->scene_path, view->name, view->camera.width, view->camera.height,
-                 sgs_lpips_network(run->lpips), smallest, smallest);
-        return false;
-    }
     return true;
 }
 
@@ -144,6 +145,8 @@ static bool create_trainer(training *run)
         model_path_free(&located);
     }
     options.init = init;
+    if (ready && run->values.region)
+        sgs_gaussians_hash(init, run->init_hash);
     // Warnings about the initial model do not apply if a checkpoint replaces it.
     messages_hear_library(!run->values.resume || !run_folder_has_checkpoint(&run->folder));
     if (ready && sgs_trainer_create(run->scene, &options, &run->trainer)) {
@@ -162,7 +165,8 @@ static bool create_trainer(training *run)
 static int resume(training *run, const char *config_path, json_t *config)
 {
     if (!run_record_split_agrees(config_path, run->stored, run->scene) ||
-        !train_config_agrees(config_path, run->stored, config, &run->values.options))
+        !train_config_agrees(config_path, run->stored, config, &run->values.options) ||
+        !run_record_init_agrees(config_path, run->stored, config))
         return -1;
     const int loaded = run_folder_load_checkpoint(&run->folder, run->trainer);
     if (loaded > 0) {
@@ -207,6 +211,10 @@ static json_t *config_of(const training *run)
     json_object_set_new(config, "near_distance",
                         json_number(sgs_near_distance(run->scene->extent)));
     run_record_split(config, run->scene);
+    if (run->values.region)
+        json_object_set_new(config, "init_hash", json_string(run->init_hash));
+    if (run->plan.root)
+        block_plan_record(&run->plan, run->values.region_plan, run->values.region_block, config);
     return config;
 }
 
@@ -326,17 +334,6 @@ static bool has_no_time(const training *run)
     return true;
 }
 
-// Records the phases and counters of the iteration that began at `start`.
-static void record_trace(const training *run, trace_file *trace, double start,
-                         const sgs_train_seconds *before, const sgs_step_info *info)
-{
-    const sgs_train_seconds after = sgs_trainer_seconds(run->trainer);
-    trace_iteration(trace, info->iteration, start, after.total - before->total, before, &after);
-    trace_count(trace, "loss", start, info->loss);
-    trace_count(trace, "gaussians", start, (double)info->gaussians);
-    trace_count(trace, "rss_mb", start, 1e-6 * (double)sgs_rss_current());
-}
-
 static void record_update(training *run, const sgs_step_info *info)
 {
     const sgs_regions regions = sgs_trainer_regions(run->trainer);
@@ -419,7 +416,7 @@ static bool iterate(training *run, trace_file *trace)
         run->most_gaussians =
             info.gaussians > run->most_gaussians ? info.gaussians : run->most_gaussians;
         if (trace)
-            record_trace(run, trace, start, &before, &info);
+            trace_step(trace, run->trainer, start, &before, &info);
         if (info.structural)
             record_update(run, &info);
         if (info.stop == SGS_STOP_NONE && exceeds_memory(run))
@@ -460,6 +457,7 @@ static bool save_results(training *run)
     const sgs_gaussians *model = sgs_trainer_model(run->trainer);
     run->iterations = sgs_trainer_iteration(run->trainer);
     run->gaussians = model->count;
+    run->region_count = block_plan_count(model, &run->values.options.region);
     run->seconds = sgs_trainer_seconds(run->trainer);
     run->bytes = sgs_trainer_bytes(run->trainer);
     run->skipped = sgs_trainer_skipped(run->trainer);
@@ -547,6 +545,9 @@ static json_t *summary_json(const training *run)
     json_object_set_new(summary, "stop_reason", json_string(reasons[run->stop]));
     json_object_set_new(summary, "stop_text", json_string(run->stop_text));
     json_object_set_new(summary, "gaussians", json_integer((json_int_t)run->gaussians));
+    if (run->values.region)
+        json_object_set_new(summary, "region_gaussians",
+                            json_integer((json_int_t)run->region_count));
     json_object_set_new(summary, "train_seconds", json_number(run->train_seconds));
     json_object_set_new(summary, "wall_seconds", json_number(run->wall_seconds));
     json_object_set_new(summary, "seconds", seconds);
@@ -648,7 +649,8 @@ static int prepare(training *run)
 {
     if (has_no_time(run) || !training_view_is_possible(run->values.view) || !claim_folder(run))
         return EXIT_FAILED;
-    const bool loaded = memory_suffices(run) && load_scene(run) && load_lpips(run);
+    const bool loaded = load_plan(run) && memory_suffices(run) && load_scene(run) &&
+                        evaluate_lpips(run->values.lpips, run->scene, &run->lpips);
     if (loaded && interrupt_signal()) {
         print_warning("%s: stopped before the first iteration; nothing was written",
                       run->values.output);
@@ -739,6 +741,8 @@ static int parse_line(training *run, option_group groups[GROUP_COUNT], command_l
     if (status < 0)
         status = scene_resolve(&run->data, line, NULL);
     train_resolve(&run->values, line, run->common.seed);
+    if (status < 0)
+        status = train_region_resolve(&run->values);
     const char *problem = training_view_check(run->values.view, run->values.view_token);
     if (status < 0 && problem)
         status = fail_usage("%s", problem);
@@ -753,6 +757,7 @@ int command_train_check(int argc, char **argv, const char **idle)
     const int status = parse_line(&run, groups, &line, argc, argv);
     if (idle)
         *idle = line.idle;
+    free(run.values.region_plan);
     return status;
 }
 
@@ -785,6 +790,8 @@ int command_train(int argc, char **argv)
     sgs_scene_destroy(run.scene);
     sgs_lpips_destroy(run.lpips);
     json_decref(run.stored);
+    block_plan_free(&run.plan);
+    free(run.values.region_plan);
     free(run.stop_text);
     return status;
 }

@@ -35,6 +35,27 @@ void evaluator_close(evaluator *evaluation)
     evaluation->renderer = NULL;
 }
 
+bool evaluate_lpips(const char *path, const sgs_scene *scene, sgs_lpips **lpips)
+{
+    if (!path)
+        return true;
+    if (sgs_lpips_read(path, lpips)) {
+        fail_library();
+        return false;
+    }
+    const int smallest = sgs_lpips_smallest(*lpips);
+    for (size_t v = 0; v < scene->view_count; ++v) {
+        const sgs_view *view = &scene->views[v];
+        if (view->camera.width >= smallest && view->camera.height >= smallest)
+            continue;
+        fail_run("%s: %s has %d x %d pixels; --lpips with the network %s requires at least %d x %d",
+                 scene->path, view->name, view->camera.width, view->camera.height,
+                 sgs_lpips_network(*lpips), smallest, smallest);
+        return false;
+    }
+    return true;
+}
+
 // The photograph composited over the background: three planes in one block. NULL after printing the
 // error.
 static float *flatten_photo(const evaluator *evaluation, const sgs_photo *photo)

@@ -27,6 +27,10 @@ bool evaluator_open(evaluator *evaluation, const sgs_gaussians *model, const sgs
                     const drawing_values *drawing);
 void evaluator_close(evaluator *evaluation);
 
+// Reads the weights of LPIPS from a file (NULL: none) and checks that all photographs of the scene
+// are large enough. False after printing the error.
+bool evaluate_lpips(const char *path, const sgs_scene *scene, sgs_lpips **lpips);
+
 // The figures of sparegs/metrics.h; FLIP at SGS_FLIP_PIXELS_PER_DEGREE.
 typedef struct view_score {
     double psnr, ssim, flip;

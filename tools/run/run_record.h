@@ -21,3 +21,7 @@ bool run_record_split_agrees(const char *config_path, const json_t *config, cons
 // Warns if the scene is not the one that the run was trained on: most of its views have another
 // camera in OUT/cameras.json, or none.
 void run_record_check_scene(const char *folder, const sgs_scene *scene);
+
+// True if a run with --region continues with the initial model that it started from; otherwise
+// prints the error.
+bool run_record_init_agrees(const char *config_path, const json_t *stored, const json_t *now);

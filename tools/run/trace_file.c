@@ -16,6 +16,7 @@
 
 #include "cli/output.h"
 #include "cli/progress.h"
+#include "sparegs/runtime.h"
 
 struct trace_file {
     FILE *stream;
@@ -122,4 +123,14 @@ bool trace_close(trace_file *trace, bool keep)
     free(trace->temporary);
     free(trace);
     return written || !keep;
+}
+
+void trace_step(trace_file *trace, const sgs_trainer *trainer, double start,
+                const sgs_train_seconds *before, const sgs_step_info *info)
+{
+    const sgs_train_seconds after = sgs_trainer_seconds(trainer);
+    trace_iteration(trace, info->iteration, start, after.total - before->total, before, &after);
+    trace_count(trace, "loss", start, info->loss);
+    trace_count(trace, "gaussians", start, (double)info->gaussians);
+    trace_count(trace, "rss_mb", start, 1e-6 * (double)sgs_rss_current());
 }

@@ -26,3 +26,8 @@ void trace_count(trace_file *trace, const char *name, double time, double value)
 
 // Completes the file, or discards it if `keep` is false. Accepts NULL.
 bool trace_close(trace_file *trace, bool keep);
+
+// Records the phases and counters of the trainer's last step, which began at `start`; before: its
+// seconds until then.
+void trace_step(trace_file *trace, const sgs_trainer *trainer, double start,
+                const sgs_train_seconds *before, const sgs_step_info *info);

@@ -1,0 +1,13 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// What the training of a region compares its images with: the photographs where the region's own
+// primitives make up the image, the initial model's rendering where others do.
+
+#include "train/train_view.h"
+
+// Fills views->targets from the photographs and the initial model, whose first `own` rows are the
+// region's. filter_3d as in sgs_render_options. Fails with OUT_OF_MEMORY or as sgs_scene_photo.
+sgs_status sgsi_region_targets_make(sgsi_train_views *views, const sgs_gaussians *model, size_t own,
+                                    const float *filter_3d);

@@ -1,0 +1,324 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Training of a region: primitives outside keep their bytes through steps, structural updates,
+// noise and resets of all pipelines; those inside change, stay inside and are limited by the cap;
+// resuming gives the same bits; the images that regions train towards add up to the photographs.
+
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <cmocka.h>
+
+#include "sparegs/runtime.h"
+#include "sparegs/trainer.h"
+#include "support/files_support.h"
+#include "train/trainer_state.h"
+
+enum { ROW = SGS_PARAM_COUNT * sizeof(float), LENGTH = 120 };
+
+static sgs_scene *scene;
+static sgs_gaussians *start; // a short training of the whole scene
+static sgs_box region;
+static temp_folder folder;
+
+static void run(sgs_trainer *trainer, int steps)
+{
+    sgs_step_info info;
+    for (int i = 0; i < steps; ++i)
+        if (sgs_trainer_step(trainer, &info))
+            fail_msg("%s", sgs_last_error());
+}
+
+static sgs_trainer *create(const sgs_train_options *options)
+{
+    sgs_trainer *trainer;
+    if (sgs_trainer_create(scene, options, &trainer))
+        fail_msg("%s", sgs_last_error());
+    return trainer;
+}
+
+static int by_value(const void *a, const void *b)
+{
+    const float x = *(const float *)a, y = *(const float *)b;
+    return (x > y) - (x < y);
+}
+
+// A box with about half of the start's primitives, and its outer side open.
+static sgs_box half_of(const sgs_gaussians *model)
+{
+    float *x = malloc(model->count * sizeof *x);
+    assert_int_equal(sgs_gaussians_read(model, SGS_PARAM_MEAN, 0, model->count, x, 0),
+                     SGS_STATUS_OK);
+    qsort(x, model->count, sizeof *x, by_value);
+    sgs_box box = sgs_box_infinite();
+    box.high[0] = x[model->count / 2];
+    free(x);
+    return box;
+}
+
+static int prepare(void **state)
+{
+    (void)state;
+    sgs_scene_options options = sgs_scene_options_default();
+    options.downscale = 16;
+    folder = temp_folder_make();
+    if (sgs_scene_load(SGSI_TEST_DATA "/room", &options, &scene))
+        return 1;
+    sgs_train_options short_run = sgs_train_options_default();
+    short_run.iterations = 60;
+    sgs_trainer *trainer = create(&short_run);
+    run(trainer, 60);
+    const sgs_gaussians *model = sgs_trainer_model(trainer);
+    float row[SGS_PARAM_COUNT];
+    assert_int_equal(sgs_gaussians_create(model->count, &start), SGS_STATUS_OK);
+    assert_int_equal(sgs_gaussians_resize(start, model->count), SGS_STATUS_OK);
+    start->sh_degree = model->sh_degree;
+    for (size_t i = 0; i < model->count; ++i) {
+        sgs_gaussians_get(model, i, row);
+        sgs_gaussians_set(start, i, row);
+    }
+    sgs_trainer_destroy(trainer);
+    region = half_of(start);
+    return 0;
+}
+
+static int clean(void **state)
+{
+    (void)state;
+    sgs_scene_destroy(scene);
+    sgs_gaussians_destroy(start);
+    temp_folder_remove(&folder);
+    return 0;
+}
+
+static int by_bytes(const void *a, const void *b)
+{
+    return memcmp(a, b, ROW);
+}
+
+// The rows with centres inside or outside of the region, sorted by their bytes.
+static float *rows_of(const sgs_gaussians *model, bool inside, size_t *count)
+{
+    float *rows = malloc((model->count + 1) * ROW);
+    *count = 0;
+    for (size_t i = 0; i < model->count; ++i) {
+        float *row = rows + *count * SGS_PARAM_COUNT;
+        sgs_gaussians_get(model, i, row);
+        *count += sgs_box_contains(&region, row) == inside;
+    }
+    qsort(rows, *count, ROW, by_bytes);
+    return rows;
+}
+
+static sgs_train_options options_of(int pipeline)
+{
+    sgs_train_options options = sgs_train_options_default();
+    options.iterations = LENGTH;
+    options.pipeline = (sgs_pipeline)pipeline;
+    options.filter = pipeline == SGS_PIPELINE_MIP ? SGS_FILTER_MIP : SGS_FILTER_3DGS;
+    options.optimizer = pipeline == SGS_PIPELINE_DASH ? SGS_OPTIMIZER_DENSE : SGS_OPTIMIZER_SPARSE;
+    options.spare_patience = 1000;
+    options.init = start;
+    options.region = region;
+    return options;
+}
+
+static void rows_outside_keep_their_bytes_and_rows_inside_train(void **state)
+{
+    (void)state;
+    size_t before, after, own_before, own;
+    float *outside = rows_of(start, false, &before), *inside = rows_of(start, true, &own_before);
+    assert_true(before > 100 && own_before > 100);
+    for (int pipeline = 0; pipeline < SGS_PIPELINE_COUNT; ++pipeline) {
+        const sgs_train_options options = options_of(pipeline);
+        sgs_trainer *trainer = create(&options);
+        run(trainer, LENGTH);
+        const sgs_gaussians *model = sgs_trainer_model(trainer);
+        assert_true(trainer->progress.updates > 0);
+        sgsi_trainer_reset_opacity(trainer, LENGTH);
+        float *left = rows_of(model, false, &after), *trained = rows_of(model, true, &own);
+        assert_int_equal(before, after);
+        if (memcmp(outside, left, before * ROW) != 0)
+            fail_msg("%s: a primitive outside of the region changed", trainer->pipeline->name);
+        // All rows inside have changed, and their number has.
+        if (own == own_before)
+            fail_msg("%s: the number of primitives did not change", trainer->pipeline->name);
+        size_t kept = 0;
+        for (size_t i = 0; i < own; ++i)
+            kept +=
+                bsearch(trained + i * SGS_PARAM_COUNT, inside, own_before, ROW, by_bytes) != NULL;
+        if (!(kept < own / 2))
+            fail_msg("%s: %zu of %zu rows are as before", trainer->pipeline->name, kept, own);
+        assert_int_equal(own, sgsi_trainer_own(trainer));
+        for (size_t i = 0; i < own; ++i) // reset to 0.01 before the filter of mip
+            assert_true(trained[i * SGS_PARAM_COUNT + SGS_PARAM_OPACITY] < -4.5f ||
+                        pipeline == SGS_PIPELINE_MIP);
+        free(left);
+        free(trained);
+        sgs_trainer_destroy(trainer);
+    }
+    free(outside);
+    free(inside);
+}
+
+// Faces one unit in the last place from centres, and a rate that would carry them away.
+static void centres_stay_in_the_box(void **state)
+{
+    (void)state;
+    sgs_train_options options = options_of(SGS_PIPELINE_MCMC);
+    options.pipeline_options.mcmc_noise = 1e9;
+    float row[SGS_PARAM_COUNT];
+    sgs_gaussians_get(start, start->count / 3, row);
+    for (int k = 0; k < 3; ++k) {
+        options.region.low[k] = row[k] - 0.05f * (float)scene->extent;
+        options.region.high[k] = nextafterf(row[k], INFINITY);
+    }
+    sgs_trainer *trainer = create(&options);
+    const size_t own = sgsi_trainer_own(trainer);
+    assert_true(own > 0);
+    run(trainer, 20);
+    const sgs_gaussians *model = sgs_trainer_model(trainer);
+    size_t at_face = 0;
+    for (size_t i = 0; i < model->count; ++i) {
+        sgs_gaussians_get(model, i, row);
+        assert_true(sgs_box_contains(&options.region, row) == (i < sgsi_trainer_own(trainer)));
+        for (int k = 0; k < 3; ++k)
+            at_face += i < own && (row[k] == options.region.low[k] ||
+                                   nextafterf(row[k], INFINITY) == options.region.high[k]);
+    }
+    assert_true(at_face > 0);
+    sgs_trainer_destroy(trainer);
+}
+
+static void the_cap_counts_the_region_only(void **state)
+{
+    (void)state;
+    size_t outside;
+    free(rows_of(start, false, &outside));
+    const size_t caps[] = {50, start->count - outside + 20};
+    for (size_t k = 0; k < 2; ++k) {
+        sgs_train_options options = options_of(SGS_PIPELINE_3DGS);
+        options.max_gaussians = caps[k];
+        sgs_trainer *trainer = create(&options);
+        for (int i = 0; i < LENGTH; ++i) {
+            run(trainer, 1);
+            assert_true(sgsi_trainer_own(trainer) <= caps[k]);
+            assert_int_equal(sgs_trainer_model(trainer)->count - sgsi_trainer_own(trainer),
+                             outside);
+        }
+        sgs_trainer_destroy(trainer);
+    }
+}
+
+static void a_resumed_region_has_the_same_bits(void **state)
+{
+    (void)state;
+    char straight[17], resumed[17];
+    for (int pipeline = 0; pipeline < SGS_PIPELINE_COUNT; pipeline += 2) {
+        sgs_train_options options = options_of(pipeline);
+        options.max_gaussians = 100000;
+        sgs_trainer *trainer = create(&options);
+        run(trainer, 67);
+        const char *path = temp_path(&folder, "region");
+        assert_int_equal(sgs_trainer_save_checkpoint(trainer, path), SGS_STATUS_OK);
+        sgs_threads_set(3);
+        run(trainer, LENGTH - 67);
+        sgs_threads_set(0);
+        sgs_gaussians_hash(sgs_trainer_model(trainer), straight);
+        sgs_trainer_destroy(trainer);
+        trainer = create(&options);
+        if (sgs_trainer_load_checkpoint(trainer, path))
+            fail_msg("%s", sgs_last_error());
+        run(trainer, LENGTH - 67);
+        sgs_gaussians_hash(sgs_trainer_model(trainer), resumed);
+        assert_string_equal(straight, resumed);
+        sgs_trainer_destroy(trainer);
+        options.region.high[0] += 0.5f;
+        trainer = create(&options);
+        assert_int_equal(sgs_trainer_load_checkpoint(trainer, path), SGS_STATUS_INVALID_ARGUMENT);
+        assert_non_null(strstr(sgs_last_error(), "option region was -inf,-inf,-inf,"));
+        sgs_trainer_destroy(trainer);
+    }
+}
+
+// To first order the corrections of all regions add up to that of the photograph: target - image,
+// where some primitive is seen. The image is that of the renderer.
+static void targets_of_two_halves_add_up_to_the_photographs(void **state)
+{
+    (void)state;
+    sgs_trainer *halves[2];
+    sgs_train_options options = options_of(SGS_PIPELINE_3DGS);
+    options.background[1] = 0.25f;
+    halves[0] = create(&options);
+    options.region =
+        (sgs_box){{region.high[0], -INFINITY, -INFINITY}, {INFINITY, INFINITY, INFINITY}};
+    halves[1] = create(&options);
+    sgs_renderer *renderer;
+    sgs_render_options render = sgs_render_options_default();
+    render.near_distance = sgs_near_distance(scene->extent);
+    assert_int_equal(sgs_renderer_create(start, &renderer), SGS_STATUS_OK);
+    double differs[2] = {0};
+    for (size_t v = 0; v < scene->view_count; v += 7) {
+        const sgs_view *view = &scene->views[v];
+        const sgs_photo *photo = &view->image;
+        const size_t plane = (size_t)photo->width * (size_t)photo->height;
+        sgs_frame frame;
+        assert_int_equal(sgs_frame_create(photo->width, photo->height, &frame), SGS_STATUS_OK);
+        assert_int_equal(sgs_renderer_render(renderer, &view->camera, &view->pose, &render, &frame),
+                         SGS_STATUS_OK);
+        for (size_t c = 0; c < 3; ++c)
+            for (size_t i = 0; i < plane; ++i) {
+                const size_t at = c * plane + i;
+                double image = frame.color[c][i] + frame.transmittance[i] * options.background[c];
+                double sum = 0;
+                image = fmin(image, 1);
+                for (int k = 0; k < 2; ++k) {
+                    const double target = halves[k]->views.targets[v].pixels[at] / 255.0;
+                    sum += target - image;
+                    differs[k] += fabs(target - photo->pixels[at] / 255.0) / (double)plane;
+                }
+                if (frame.transmittance[i] > 0.99f || frame.color[c][i] > 0.99f)
+                    continue;
+                if (!(fabs(sum - (photo->pixels[at] / 255.0 - image)) <= 1.01 / 255))
+                    fail_msg("view %zu, pixel %zu, channel %zu: %g", v, i, c, sum);
+            }
+        sgs_frame_free(&frame);
+    }
+    assert_true(differs[0] > 0.01 && differs[1] > 0.01);
+    sgs_renderer_destroy(renderer);
+    sgs_trainer_destroy(halves[0]);
+    sgs_trainer_destroy(halves[1]);
+}
+
+static void a_region_without_primitives_is_refused(void **state)
+{
+    (void)state;
+    sgs_train_options options = options_of(SGS_PIPELINE_3DGS);
+    sgs_trainer *trainer;
+    options.region = (sgs_box){{1e6f, 1e6f, 1e6f}, {2e6f, 2e6f, 2e6f}};
+    assert_int_equal(sgs_trainer_create(scene, &options, &trainer), SGS_STATUS_INVALID_ARGUMENT);
+    assert_null(trainer);
+    assert_string_equal(sgs_last_error(), "no centre of the initial model is in the region");
+    options.init = NULL;
+    assert_int_equal(sgs_trainer_create(scene, &options, &trainer), SGS_STATUS_INVALID_ARGUMENT);
+    assert_string_equal(sgs_last_error(), "region requires init");
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(rows_outside_keep_their_bytes_and_rows_inside_train),
+        cmocka_unit_test(centres_stay_in_the_box),
+        cmocka_unit_test(the_cap_counts_the_region_only),
+        cmocka_unit_test(a_resumed_region_has_the_same_bits),
+        cmocka_unit_test(targets_of_two_halves_add_up_to_the_photographs),
+        cmocka_unit_test(a_region_without_primitives_is_refused),
+    };
+    return cmocka_run_group_tests(tests, prepare, clean);
+}

@@ -55,6 +55,9 @@ train: iterations schedule pipeline
 train: filter optimizer sh-degree compact-box background max-gaussians init opaque exposure random-points spare
 train: images downscale eval test-every test-images masks invert-masks alpha image-cache input-colorspace train-space
 train: white threads isa seed json quiet
+split: output blocks margin share threads isa seed json quiet
+merge: output seam-images seam-reference overwrite images downscale eval test-every test-images masks invert-masks
+merge: alpha image-cache input-colorspace train-space white threads isa seed json quiet
 eval: split save run lpips filter compact-box background images downscale eval test-every test-images masks invert-masks
 eval: alpha image-cache input-colorspace train-space white threads isa seed json quiet
 render: output video view split camera orbit spiral frames size projection spp aperture deep reference filter

@@ -8,6 +8,8 @@
 #include <stdbool.h>
 
 int command_train(int argc, char **argv);
+int command_split(int argc, char **argv);
+int command_merge(int argc, char **argv);
 int command_eval(int argc, char **argv);
 int command_render(int argc, char **argv);
 int command_info(int argc, char **argv);

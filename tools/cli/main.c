@@ -25,6 +25,8 @@ typedef struct command {
 
 static const command commands[] = {
     {"train", "train a model on a data set", command_train},
+    {"split", "divide a large scene into blocks", command_split},
+    {"merge", "join the trained blocks of a scene", command_merge},
     {"eval", "compare renders of a model with the photographs", command_eval},
     {"render", "render views as EXR or PNG", command_render},
     {"view", "show a model in the browser", command_view},

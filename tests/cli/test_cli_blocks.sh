@@ -1,0 +1,151 @@
+#!/usr/bin/env bash
+# SPDX-FileCopyrightText: 2026 The sparegs authors
+# SPDX-License-Identifier: Apache-2.0
+
+# sparegs split, train --region and merge, from a scene to a run folder that eval accepts: by the scripts of split, also
+# interrupted and resumed; a merged model has each block's own primitives; missing, unfinished and foreign blocks are refused.
+set -euo pipefail
+. "$(dirname "$0")/cli_support.sh"
+export SPAREGS=$program
+dir=$temporary/blocks
+options=(--downscale 16 --eval --quiet)
+
+# split_writes_a_plan_and_scripts
+run 0 split "$room" -o "$dir" --blocks 3
+prints "block    points   views   box"
+json "$dir/blocks.json" '(.blocks | length) == 3 and ([.blocks[].points] | add) == '"$("$program" info "$room" --json | jq .points)"
+json "$dir/blocks.json" '[.blocks[] | .low + .high | map(select(. == null)) | length] | all(. >= 3 and . <= 5)'
+check scripts_are_valid bash -n "$dir/blocks.sh" "$dir/coarse.sh"
+check the_array_has_a_task_per_block grep -qx '#SBATCH --array=0-2' "$dir/blocks.sh"
+run 1 split "$room" -o "$dir"
+reports "blocks/blocks.json: exists already, and trained blocks depend on it; choose another folder"
+run 0 split "$room" -o "$temporary/json" --blocks 2 --json
+json "$temporary/stdout" '(.blocks | length) == 2 and (.files | length) == 3 and (.blocks[0].views | type) == "number"'
+run 2 split "$room" -o "$temporary/x" --blocks 1
+reports "--blocks"
+run 2 split "$room"
+reports "split requires an output folder, -o DIR"
+run 1 split "$room" -o "$temporary/x" --blocks 256
+check nothing_was_written test ! -e "$temporary/x"
+
+# merge_refuses_a_missing_block
+run 1 merge "$dir" -o "$temporary/merged"
+reports "blocks/block_0: block 0 of 3 is missing; train it with"
+one_line
+
+# the_scripts_train_the_coarse_model_and_the_blocks (block 1 is interrupted and resumed)
+last_command="coarse.sh and blocks.sh"
+check coarse_trains bash "$dir/coarse.sh" --iterations 90 "${options[@]}"
+check block_0_trains env SLURM_ARRAY_TASK_ID=0 bash "$dir/blocks.sh" --iterations 90 "${options[@]}"
+run 0 train "$room" -o "$temporary/straight" --region "$dir/blocks.json:1" --init "$dir/coarse" --iterations 90 "${options[@]}"
+env SLURM_ARRAY_TASK_ID=1 SPAREGS="$temporary/stopped" bash -c "
+    printf '#!/bin/bash\nexec \"$program\" \"\$@\" --time-limit 2s\n' >'$temporary/stopped'
+    chmod +x '$temporary/stopped'
+    exec bash '$dir/blocks.sh' --iterations 90 ${options[*]}" >/dev/null 2>&1 || true
+run 1 merge "$dir" -o "$temporary/merged"
+reports "blocks/block_"
+check blocks_resume bash "$dir/blocks.sh" --iterations 90 "${options[@]}"
+check resumed_block_has_the_same_bits test \
+    "$(jq -r .model_hash "$dir/block_1/summary.json")" = "$(jq -r .model_hash "$temporary/straight/summary.json")"
+
+# another_initial_model_is_refused
+mv "$dir/coarse" "$dir/kept"
+cp -r "$dir/block_0" "$dir/coarse"
+run 1 train "$room" -o "$dir/block_1" --region "$dir/blocks.json:1" --init "$dir/coarse" --iterations 90 "${options[@]}" --resume
+reports "block_1/config.json: the model of --init changed since the run started"
+one_line
+rm -r "$dir/coarse"
+mv "$dir/kept" "$dir/coarse"
+
+# a_block_reads_its_views_only_and_keeps_the_split_of_the_scene
+json "$dir/block_0/config.json" '.block.index == 0 and (.block.scene_hash | length) == 16 and (.options.region | startswith("-inf"))'
+held_out=$("$program" eval "$dir/coarse" "$room" --downscale 16 --eval --json 2>/dev/null | jq -c '[.images[].name]')
+for block in 0 1 2; do
+    json "$dir/block_$block/config.json" ".test_images - $held_out == []"
+    check cameras_are_those_of_the_plan test "$(jq length "$dir/block_$block/cameras.json")" -eq \
+        "$(jq ".blocks[$block].views | length" "$dir/blocks.json")"
+    json "$dir/block_$block/summary.json" '.region_gaussians > 0 and .region_gaussians < .gaussians'
+done
+
+# merged_model_has_the_own_primitives_of_each_block
+run 0 merge "$dir" -o "$temporary/merged"
+prints "seams: PSNR"
+prints "3 blocks,"
+own=$(jq -s 'map(.region_gaussians) | add' "$dir"/block_?/summary.json)
+json "$temporary/merged/summary.json" ".gaussians == $own and (.block_gaussians | add) == $own and .seams.images == ($held_out | length)"
+json "$temporary/merged/summary.json" '.seams.psnr_seam > 5 and .seams.reference_psnr_rest > 5 and (.seams.loss | type) == "number"'
+json "$temporary/merged/config.json" ".options.region == \"none\" and .merged.blocks == 3 and .block == null and .test_images == $held_out"
+run 0 eval "$temporary/merged" "$room" --json
+json "$temporary/stdout" "[.images[].name] == $held_out and .mean.psnr > 10"
+run 0 info "$temporary/merged" --json
+run 0 render "$temporary/merged" "$room" --view "$(jq -r '.[0]' <<<"$held_out")" -o "$temporary/frames" --format png
+run 1 merge "$dir" -o "$temporary/merged"
+reports "merged: already contains a run; replace it with --overwrite"
+run 0 merge "$dir" "$room" -o "$temporary/merged" --overwrite --seam-images 2 --seam-reference none --json
+json "$temporary/stdout" '.seams.images == 2 and .seams.reference_psnr_seam == null'
+check stdout_is_the_summary test "$(jq -Sc . "$temporary/stdout")" = "$(jq -Sc . "$temporary/merged/summary.json")"
+run 0 merge "$dir" -o "$temporary/without" --seam-images 0
+json "$temporary/without/summary.json" '.seams == null'
+
+# other_blocks_are_refused
+mv "$dir/block_2" "$dir/block_9"
+run 1 merge "$dir" -o "$temporary/no"
+reports "blocks/block_2: block 2 of 3 is missing"
+mv "$dir/block_9" "$dir/block_2"
+mv "$dir/block_1/summary.json" "$temporary/kept.json"
+run 1 merge "$dir" -o "$temporary/no"
+reports "blocks/block_1: block 1 is unfinished: summary.json does not exist"
+jq '.stop_reason = "signal"' "$temporary/kept.json" >"$dir/block_1/summary.json"
+run 1 merge "$dir" -o "$temporary/no"
+reports "blocks/block_1: is unfinished (stopped by: signal); continue it with --resume"
+mv "$temporary/kept.json" "$dir/block_1/summary.json"
+cp "$dir/block_1/config.json" "$temporary/config.json"
+jq '.block.scene_hash = "0123456789abcdef"' "$temporary/config.json" >"$dir/block_1/config.json"
+run 1 merge "$dir" -o "$temporary/no"
+reports "blocks/block_1: was trained on another scene than that of"
+jq '.options.region = "0,0,0,1,1,1"' "$temporary/config.json" >"$dir/block_1/config.json"
+run 1 merge "$dir" -o "$temporary/no"
+reports "blocks/block_1: was trained with another box than that of block 1"
+jq '.options.filter = "none"' "$temporary/config.json" >"$dir/block_1/config.json"
+run 1 merge "$dir" -o "$temporary/no"
+reports "blocks/block_1: option filter differs from that of block 0"
+cp "$temporary/config.json" "$dir/block_1/config.json"
+jq '.scene_hash = "0123456789abcdef"' "$dir/blocks.json" >"$temporary/json/blocks.json"
+run 1 train "$room" -o "$temporary/no" --region "$temporary/json/blocks.json:0" --init "$dir/coarse" "${options[@]}"
+reports "json/blocks.json: the plan is of another scene than"
+for bad in '{}' '{"schema":1,"scene_hash":"0123456789abcdef","blocks":[{},{}]}' 'x'; do
+    echo "$bad" >"$temporary/json/blocks.json"
+    run 1 merge "$temporary/json" -o "$temporary/no"
+    reports "json/blocks.json"
+    one_line
+done
+run 1 merge "$temporary/nowhere" -o "$temporary/no"
+reports "nowhere/blocks.json"
+check nothing_was_written test ! -e "$temporary/no"
+
+# a_box_is_a_region_too
+run 0 train "$room" -o "$temporary/box" --init "$dir/coarse" --region -inf,-inf,-inf,0,inf,inf --iterations 30 "${options[@]}"
+json "$temporary/box/summary.json" '.region_gaussians > 0 and .region_gaussians < .gaussians'
+json "$temporary/box/config.json" '.options.region == "-inf,-inf,-inf,0,inf,inf" and .block == null'
+run 2 train "$room" -o "$temporary/no" --region 0,0,0,1,1,1
+reports "--region requires --init"
+usage() { # MESSAGE REGION
+    run 2 train "$room" -o "$temporary/no" --init "$dir/coarse" --region "$2"
+    reports "--region: $1"
+    one_line
+}
+usage "'0,0,0,1,1' is neither a box" 0,0,0,1,1
+usage "'0,0,0,1,1,1,1' is neither a box" 0,0,0,1,1,1,1
+usage "'0,0,0,1,nan,1' is neither a box" 0,0,0,1,nan,1
+usage "region must have a lower bound below" 0,0,2,1,1,1
+usage "'plan:x' is not PLAN:K" plan:x
+usage "'plan:-1' is not PLAN:K" plan:-1
+run 1 train "$room" -o "$temporary/no" --init "$dir/coarse" --region "$dir/blocks.json:3" "${options[@]}"
+reports "blocks.json: has no block 3; its blocks are 0 to 2"
+run 1 train "$room" -o "$temporary/no" --init "$dir/coarse" --region 1e8,1e8,1e8,2e8,2e8,2e8 "${options[@]}"
+reports "no centre of the initial model is in the region"
+run 2 train "$room" -o "$temporary/no" --init "$dir/coarse" --region 0,0,0,1,1,1 --pipeline taming --taming-opacity linear
+reports "--taming-opacity linear and --region are mutually exclusive"
+check nothing_was_written test ! -e "$temporary/no"
+
+finish

@@ -1,0 +1,270 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// `sparegs merge`: joins the trained blocks of a plan to one model, in a run folder like that of a
+// training. All blocks are checked before anything is written.
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "cli/commands.h"
+#include "cli/interrupt.h"
+#include "cli/json_result.h"
+#include "cli/model_argument.h"
+#include "cli/output.h"
+#include "cli/progress.h"
+#include "cli/shared_options.h"
+#include "run/block_plan.h"
+#include "run/merged_blocks.h"
+#include "run/run_folder.h"
+#include "run/run_record.h"
+#include "run/seam_report.h"
+
+static const char description[] =
+    "Joins the blocks that were trained in DIR (block_0, block_1, ... of the plan DIR/blocks.json) "
+    "to one model: each block contributes the primitives with centres in its own box. OUT is a run "
+    "folder for eval, render, view and other commands. A block that is missing, unfinished, or of "
+    "another scene or plan is an error.\nThen compares the pixels at the faces between the blocks "
+    "with the others, in held-out images if there are any, and warns if they lose 0.5 dB of PSNR "
+    "or "
+    "more against the model that the blocks started from. The figures are also in "
+    "OUT/summary.json. SCENE, its images and their split default "
+    "to those of the blocks.";
+
+typedef struct merge_values {
+    const char *output;
+    const char *reference;
+    int seam_images;
+    bool overwrite;
+} merge_values;
+
+static const option merge_options[] = {
+    {.name = "output",
+     .letter = 'o',
+     .kind = OPTION_FOLDER,
+     .offset = offsetof(merge_values, output),
+     .argument = "OUT",
+     .shown = "required",
+     .help = "run folder of the merged model"},
+    {.name = "seam-images",
+     .kind = OPTION_INTEGER,
+     .offset = offsetof(merge_values, seam_images),
+     .low = 0,
+     .high = 1000000,
+     .argument = "N",
+     .initial = "100",
+     .shown = "100, 0 = none",
+     .unit = "images",
+     .help = "maximum number of images for the comparison at the faces"},
+    {.name = "seam-reference",
+     .kind = OPTION_TEXT,
+     .offset = offsetof(merge_values, reference),
+     .argument = "MODEL|none",
+     .shown = "the model that the blocks started from, if it is still there",
+     .help = "model of the whole scene whose PSNR at the faces and elsewhere is subtracted"},
+    {.name = "overwrite",
+     .kind = OPTION_FLAG,
+     .offset = offsetof(merge_values, overwrite),
+     .help = "replace the run in OUT, which moves to OUT/previous"},
+};
+
+typedef struct merging {
+    const merge_values *values;
+    const common_values *common;
+    merged_blocks blocks;
+    sgs_scene *scene;
+    scene_values data;
+    drawing_values drawing;
+    run_folder folder;
+    seam_report seams;
+} merging;
+
+// The config.json of the merged run: that of the blocks, for the whole scene.
+static json_t *merged_config(const merging *m)
+{
+    json_t *config = json_deep_copy(m->blocks.configs[0]);
+    json_t *options = json_object_get(config, "options"), *record = json_object();
+    json_object_set_new(options, "region", json_string("none"));
+    json_object_del(config, "block");
+    json_object_del(config, "resumed");
+    json_set_path(record, "plan", "%s", m->blocks.plan_path);
+    json_object_set_new(record, "blocks", json_integer((json_int_t)m->blocks.plan.count));
+    json_object_set_new(record, "scene_hash", json_string(m->blocks.plan.scene));
+    json_object_set_new(config, "merged", record);
+    run_record_split(config, m->scene);
+    return config;
+}
+
+static json_t *summary_json(const merging *m)
+{
+    const merged_blocks *blocks = &m->blocks;
+    char hash[17];
+    sgs_gaussians_hash(blocks->model, hash);
+    json_t *summary = json_result_new(), *counts = json_array();
+    for (size_t b = 0; b < blocks->plan.count; ++b)
+        json_array_append_new(counts, json_integer((json_int_t)blocks->counts[b]));
+    json_object_set_new(summary, "iterations", json_integer(blocks->iteration));
+    json_object_set_new(summary, "gaussians", json_integer((json_int_t)blocks->model->count));
+    json_object_set_new(summary, "block_gaussians", counts);
+    json_object_set_new(summary, "seams",
+                        m->seams.images ? seam_report_json(&m->seams) : json_null());
+    json_object_set_new(summary, "model_hash", json_string(hash));
+    json_set_path(summary, "scene", "%s", m->scene->path);
+    json_set_path(summary, "output", "%s", m->values->output);
+    json_set_path(summary, "model", "%s/point_cloud/iteration_%d/point_cloud.ply",
+                  m->values->output, blocks->iteration);
+    return summary;
+}
+
+static bool write_exposures(const merging *m)
+{
+    if (!m->blocks.exposures)
+        return true;
+    char *path = format_text("%s/exposure.json", m->values->output);
+    const bool written = write_json(path, json_incref(m->blocks.exposures));
+    free(path);
+    return written;
+}
+
+// Writes the run; config.json last: it marks OUT as a run.
+static bool write_run(merging *m)
+{
+    const char *out = m->values->output;
+    char *cameras = format_text("%s/cameras.json", out),
+         *config = format_text("%s/config.json", out);
+    const bool replaces = run_folder_is_used(&m->folder);
+    bool done = !replaces || run_folder_set_aside(&m->folder);
+    if (done) {
+        done = !sgs_scene_write_cameras_json(m->scene, cameras);
+        if (!done)
+            fail_library();
+        done = done &&
+               run_folder_save_model(&m->folder, m->blocks.model, m->blocks.iteration,
+                                     m->drawing.filter == SGS_FILTER_MIP) &&
+               write_exposures(m) && write_json(config, merged_config(m));
+        if (replaces && !done)
+            run_folder_restore(&m->folder);
+        done = done && (!replaces || run_folder_keep_previous(&m->folder));
+    }
+    free(cameras);
+    free(config);
+    return done;
+}
+
+// Reads the model of --seam-reference. *reference: NULL if there is none. False after printing the
+// error.
+static bool read_reference(const merging *m, sgs_gaussians **reference)
+{
+    const char *given = m->values->reference,
+               *start = json_string_value(config_option(m->blocks.configs[0], "init"));
+    const char *path = given ? given : start && model_is(start) ? start : "none";
+    model_path located;
+    *reference = NULL;
+    if (!strcmp(path, "none"))
+        return true;
+    const bool done = model_locate(path, &located) && model_read(&located, NULL, reference);
+    model_path_free(&located);
+    return done;
+}
+
+static bool compare_seams(merging *m)
+{
+    evaluator evaluation = {0}, other = {0};
+    sgs_gaussians *reference = NULL;
+    if (!m->values->seam_images)
+        return true;
+    bool done = read_reference(m, &reference) &&
+                evaluator_open(&evaluation, m->blocks.model, m->scene, &m->drawing) &&
+                (!reference || evaluator_open(&other, reference, m->scene, &m->drawing));
+    evaluation.exposures = other.exposures = m->blocks.exposures;
+    done = done && seam_report_make(&evaluation, reference ? &other : NULL, &m->blocks.plan,
+                                    (size_t)m->values->seam_images, &m->seams);
+    evaluator_close(&evaluation);
+    evaluator_close(&other);
+    sgs_gaussians_destroy(reference);
+    return done;
+}
+
+static bool report(const merging *m)
+{
+    char *path = format_text("%s/summary.json", m->values->output);
+    json_t *summary = summary_json(m);
+    const bool done = write_json(path, json_incref(summary));
+    free(path);
+    if (m->seams.images)
+        seam_report_print(&m->seams, m->common->json);
+    if (m->common->json)
+        return print_json(summary) && done;
+    printf("%zu blocks, %zu primitives, model %s\n", m->blocks.plan.count, m->blocks.model->count,
+           json_string_value(json_object_get(summary, "model_hash")));
+    printf("%s\n", json_string_value(json_object_get(summary, "model")));
+    json_decref(summary);
+    return done;
+}
+
+// Opens the scene as the blocks saw it, all of its views.
+static int open_scene(merging *m, const command_line *line)
+{
+    const json_t *config = m->blocks.configs[0];
+    const char *recorded = json_string_value(json_object_get(m->blocks.plan.root, "scene"));
+    const char *path = line->operand_count > 1 ? line->operands[1] : recorded;
+    const int status = scene_resolve(&m->data, line, config);
+    if (status >= 0)
+        return status;
+    m->data.held_out = NULL; // names views of the first block only
+    if (!path)
+        return fail_run("%s: names no scene; add the operand SCENE", m->blocks.plan_path);
+    m->scene = scene_open(path, &m->data, m->values->seam_images > 0);
+    if (!m->scene || !block_plan_is_of(&m->blocks.plan, m->blocks.plan_path, m->scene))
+        return EXIT_FAILED;
+    drawing_resolve(&m->drawing, line, config, &m->data, m->scene);
+    return -1;
+}
+
+static int merge(merging *m, const command_line *line)
+{
+    const char *out = m->values->output;
+    if (!merged_blocks_check(&m->blocks, line->operands[0]))
+        return EXIT_FAILED;
+    const int status = open_scene(m, line);
+    if (status >= 0)
+        return status;
+    if (!merged_blocks_read(&m->blocks) || interrupt_signal())
+        return interrupt_signal() ? interrupt_status() : EXIT_FAILED;
+    if (!run_folder_prepare(&m->folder, out))
+        return EXIT_FAILED;
+    if (run_folder_is_used(&m->folder) && !m->values->overwrite)
+        return fail_run("%s: already contains a run; replace it with --overwrite", out);
+    if (!write_run(m) || !compare_seams(m) || !report(m))
+        return EXIT_FAILED;
+    return interrupt_status();
+}
+
+int command_merge(int argc, char **argv)
+{
+    command_call call;
+    merge_values values = {0};
+    merging m = {.values = &values, .common = &call.common};
+    const command_spec spec = {.name = "merge",
+                               .synopsis = "DIR [SCENE] -o OUT [options]",
+                               .description = description,
+                               .operand_minimum = 1,
+                               .operand_maximum = 2,
+                               .title = "Merging",
+                               .options = merge_options,
+                               .option_count = sizeof merge_options / sizeof *merge_options,
+                               .values = &values,
+                               .scene = &m.data};
+    (void)drawing_group(&m.drawing); // defaults
+    int status = command_begin(&spec, argc, argv, &call);
+    if (status >= 0)
+        return status;
+    if (!values.output)
+        return fail_usage("merge requires an output folder, -o OUT; usage: sparegs merge %s",
+                          spec.synopsis);
+    interrupt_watch();
+    status = merge(&m, &call.line);
+    sgs_scene_destroy(m.scene);
+    merged_blocks_free(&m.blocks);
+    return status;
+}

@@ -1,0 +1,115 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+#include "run/block_scripts.h"
+
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+
+#include "cli/output.h"
+#include "cli/progress.h"
+
+// Common to both scripts. Slurm sends SIGTERM to the shell 300 s before the limit (B: the shell
+// only). sparegs saves its state and exits with 143, and the job is put back into the queue.
+static const char body[] =
+    "set -u\n"
+    "scene=%s\n"
+    "folder=%s\n"
+    "sparegs=${SPAREGS:-sparegs}\n"
+    "\n"
+    "# train OUT OPTION...: starts a training or continues it. Returns its exit status.\n"
+    "train() {\n"
+    "    local out=$1 status=0\n"
+    "    shift\n"
+    "    if [ -e \"$out/config.json\" ]; then set -- \"$@\" --resume; fi\n"
+    "    \"$sparegs\" train \"$scene\" -o \"$out\" \"$@\" &\n"
+    "    local pid=$!\n"
+    "    trap 'kill -TERM $pid' TERM INT\n"
+    "    wait \"$pid\" || status=$?\n"
+    "    while kill -0 \"$pid\" 2>/dev/null; do # a signal ended the wait; the state is being "
+    "saved\n"
+    "        status=0\n"
+    "        wait \"$pid\" || status=$?\n"
+    "    done\n"
+    "    trap - TERM INT\n"
+    "    if [ \"$status\" -eq 143 ] && [ -n \"${SLURM_JOB_ID:-}\" ]; then\n"
+    "        scontrol requeue \"$SLURM_JOB_ID\"\n"
+    "    fi\n"
+    "    return \"$status\"\n"
+    "}\n"
+    "\n";
+
+static const char settings[] = "#SBATCH --nodes=1\n"
+                               "#SBATCH --ntasks=1\n"
+                               "#SBATCH --exclusive\n"
+                               "#SBATCH --requeue\n"
+                               "#SBATCH --open-mode=append\n"
+                               "#SBATCH --signal=B:TERM@300\n";
+
+// The absolute path, quoted for the shell. NULL after printing the error.
+static char *quoted_path(const char *path)
+{
+    char *real = realpath(path, NULL);
+    if (!real) {
+        fail_run("%s: cannot be found", path);
+        return NULL;
+    }
+    char *quoted = calloc(4 * strlen(real) + 3, 1), *to = quoted;
+    if (!quoted)
+        exit(fail_run("out of memory"));
+    *to++ = '\'';
+    for (const char *from = real; *from; ++from)
+        to = *from == '\'' ? stpcpy(to, "'\\''") : (*to = *from, to + 1);
+    *to = '\'';
+    free(real);
+    return quoted;
+}
+
+static bool write_script(const char *folder, const char *name, const char *text)
+{
+    char *path = format_text("%s/%s", folder, name);
+    const bool written = write_text(path, text);
+    if (written && chmod(path, 0755))
+        print_warning("%s: cannot be made executable", path);
+    if (written)
+        report_file(path);
+    free(path);
+    return written;
+}
+
+bool block_scripts_write(const char *folder, const char *scene, size_t blocks)
+{
+    char *place = quoted_path(folder), *data = quoted_path(scene);
+    char *common = place && data ? format_text(body, data, place) : NULL;
+    bool written = false;
+    if (common) {
+        char *coarse = format_text("#!/bin/bash\n#SBATCH --job-name=sparegs-coarse\n%s\n"
+                                   "# Trains the coarse model of the whole scene that the blocks "
+                                   "start from. Arguments are\n"
+                                   "# options of 'sparegs train':\n"
+                                   "#   sbatch coarse.sh --iterations 7000 --downscale 4\n"
+                                   "%strain \"$folder/coarse\" \"$@\"\n",
+                                   settings, common);
+        char *array = format_text(
+            "#!/bin/bash\n#SBATCH --job-name=sparegs-block\n#SBATCH --array=0-%zu\n%s\n"
+            "# Trains the blocks. Arguments are options of 'sparegs train':\n"
+            "#   sbatch blocks.sh --iterations 30000     one task per block\n"
+            "#   bash blocks.sh --iterations 30000       one block after the other\n"
+            "# The coarse model is coarse/ or $COARSE, a run folder or a PLY file.\n"
+            "%scoarse=${COARSE:-$folder/coarse}\n"
+            "for block in ${SLURM_ARRAY_TASK_ID:-$(seq 0 %zu)}; do\n"
+            "    train \"$folder/block_$block\" --region \"$folder/blocks.json:$block\" --init "
+            "\"$coarse\" \"$@\" || exit $?\n"
+            "done\n",
+            blocks - 1, settings, common, blocks - 1);
+        written =
+            write_script(folder, "coarse.sh", coarse) && write_script(folder, "blocks.sh", array);
+        free(coarse);
+        free(array);
+    }
+    free(common);
+    free(place);
+    free(data);
+    return written;
+}

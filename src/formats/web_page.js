@@ -200,7 +200,7 @@ function sorter() {
 
 // ---- Camera ----
 
-const camera = {eye: [0, 0, 0], axes: [[1, 0, 0], [0, 1, 0], [0, 0, 1]], lens: null, number: 0};
+const camera = {eye: [0, 0, 0], axes: [[1, 0, 0], [0, 1, 0], [0, 0, 1]], lens: null, number: 0, moved: false};
 const views = given.cameras;
 let target = [0, 0, 0], up = [0, -1, 0], near = 0.2, extent = 1;
 
@@ -229,6 +229,7 @@ function frame(means) {
 
 function goTo(number) {
   camera.number = (number + views.length) % views.length;
+  camera.moved = false;
   const view = camera.lens = views[camera.number];
   camera.eye = view.eye.slice();
   camera.axes = view.axes.map((a) => a.slice());
@@ -255,7 +256,7 @@ function orbit(dx, dy) {
   turn(up, -dx * side);
   const lift = dot(rotate(camera.axes[2], camera.axes[0], -dy), up);
   if (Math.abs(lift) < 0.998 || Math.abs(lift) < Math.abs(dot(camera.axes[2], up))) turn(camera.axes[0], -dy);
-  changed();
+  moved();
 }
 
 function move(x, y, z) {
@@ -263,11 +264,17 @@ function move(x, y, z) {
     camera.eye = add(camera.eye, camera.axes[k], amount);
     target = add(target, camera.axes[k], amount);
   }
-  changed();
+  moved();
 }
 
 function zoom(factor) {
   camera.eye = add(target, add(camera.eye, target, -1), factor);
+  moved();
+}
+
+// The user moved the camera.
+function moved() {
+  camera.moved = true;
   changed();
 }
 
@@ -317,7 +324,7 @@ function draw() {
   gl.uniform2f(place('size'), canvas.width, canvas.height);
   gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, count);
   if (!sorting) status.textContent = `${given.name}: ${count.toLocaleString('en')} primitives` +
-    (camera.lens.name ? `, ${camera.lens.name}` : '');
+    (camera.lens.name && !camera.moved ? `, ${camera.lens.name}` : '');
 }
 
 async function start() {

@@ -130,6 +130,11 @@ typedef struct sgs_train_options {
     size_t struct_size; // set by sgs_train_options_default()
     int iterations;     // >= 1; 30000
     sgs_schedule schedule;
+    // Views per optimiser step, 1..1024; 1. A step applies the mean of the views' gradients with
+    // the square root of the number of views as a factor on the rates, and powers of the moments'
+    // decay (Grendel-GS, Zhao et al. 2024, arXiv 2406.18533). Iterations count views. A batch ends
+    // before a structural update and at an opacity reset.
+    int batch;
     sgs_pipeline pipeline;
     sgs_filter filter;  // 3DGS
     double compact_box; // as in sgs_render_options; 1

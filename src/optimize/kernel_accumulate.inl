@@ -43,7 +43,7 @@ static inline void accumulate(const accumulate_group *group, int k, vf gradient,
     vf_store(group->input->accumulated_grad + at, group->steps ? vf_zero() : sum);
     if (group->steps)
         adam_step(&group->adam, group->input->params + at, group->input->m + at,
-                  group->input->v + at, sum, rate);
+                  group->input->v + at, vf_mul(sum, vf_set1(group->input->gradient_scale)), rate);
 }
 
 static inline void step_accumulated(const sgsi_optimize *input, size_t block, vm rows,

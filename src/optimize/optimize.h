@@ -33,6 +33,7 @@ typedef struct sgsi_optimize {
     // [capacity / 16][2]: rows seen since the last step of main and of rest.
     uint16_t *accumulated_rows;
     bool step_main, step_rest;
+    float gradient_scale; // of the accumulated gradients, at a step
     float rest_correction1, rest_correction2;
     // [capacity][59] in model layout, or NULL: write dL/dparameter instead of stepping (tests).
     float *gradients;

@@ -13,7 +13,7 @@
 //   order      u32 per training view: the permutation of the current epoch
 //   exposure   colour maps of the views, their moments and steps; with option exposure
 //   accumulated_grad, accumulated_rows    gradients before a step, as blocks, and the rows that
-//              have any; for pipelines that batch steps
+//              have any; for steps of several views
 //   filter_3d  Mip-Splatting's 3D filter, n floats; with its pixel filter
 //   stop       text: why training ended, empty before the end
 //
@@ -225,7 +225,8 @@ static sgs_status check_progress(sgsi_sections *sections, const sgs_trainer *tra
         progress->adam_step > progress->iteration || progress->structure_iteration < 0 ||
         progress->structure_iteration > progress->iteration || progress->order_position > views ||
         progress->stop < SGS_STOP_NONE || progress->stop > SGS_STOP_SIGNAL ||
-        progress->resolution < 0 || progress->resolution > 8 || progress->updates < 0)
+        progress->resolution < 0 || progress->resolution > 8 || progress->updates < 0 ||
+        progress->batch_views < 0 || progress->batch_views >= trainer->options.batch)
         return sgsi_fail(SGS_STATUS_FORMAT, "%s: a counter in section 'progress' is out of range",
                          sections->path);
     size_t bytes;

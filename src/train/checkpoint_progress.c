@@ -41,6 +41,7 @@ static const sgsi_field fields[] = {
     OPTIONAL(equilibrium.last_loss_change, F64),
     OPTIONAL(equilibrium.last_loss_error, F64),
     OPTIONAL(equilibrium.last_count_change, F64),
+    OPTIONAL(batch_views, I32), // 0 in every file without it: the option batch is newer
     OPTIONAL(loss_average, F64),
     OPTIONAL(loss_weight, F64),
     OPTIONAL(psnr_average, F64),

@@ -74,9 +74,11 @@ size_t sgs_train_memory(const sgs_scene *scene, const sgs_train_options *options
     const size_t shrinking = shrinks ? (size_t)shrinks : 1;
     const size_t crowd = CROWDING * shrinking * rows / (largest / TILE_PIXELS),
                  fullest = crowd < rows ? crowd : rows;
+    const size_t batch_bytes = own.batch > 1 ? rows * (SGS_PARAM_COUNT + 1) * sizeof(float) : 0;
     const size_t rays = ray_pixels(scene) * RAY_BYTES;
     // With fewer tiles per image, a ray hits a larger part of the candidates of its tile.
     const size_t lists = fullest * LIST_BYTES / (largest / TILE_PIXELS);
     return PROGRAM_BYTES + threads * (THREAD_BYTES + fullest * CANDIDATE_BYTES) + photographs +
-           largest * PIXEL_BYTES + (rays < RAY_LIMIT ? rays : RAY_LIMIT) + rows * ROW_BYTES + lists;
+           largest * PIXEL_BYTES + (rays < RAY_LIMIT ? rays : RAY_LIMIT) + rows * ROW_BYTES +
+           lists + batch_bytes;
 }

@@ -221,6 +221,13 @@ static void check_visibility(sgs_trainer *trainer, int iteration)
                   trainer->scene->path, trainer->views.count);
 }
 
+// True if this iteration changes the parameters.
+static bool ends_batch(const sgs_trainer *trainer, int iteration)
+{
+    return sgsi_trainer_makes_step(trainer, iteration) &&
+           sgsi_trainer_ends_batch(trainer, iteration);
+}
+
 static void count_traffic(sgs_trainer *trainer, const sgsi_train_view *view)
 {
     const sgsi_rays *rays = view->view.rays;
@@ -233,7 +240,7 @@ static void count_traffic(sgs_trainer *trainer, const sgsi_train_view *view)
         .sh_degree = view->view.sh_degree,
         .channels = view->source->image.channels,
         .collects = view->visible_count != NULL,
-        .steps = sgsi_trainer_makes_step(trainer, view->iteration),
+        .steps = ends_batch(trainer, view->iteration),
         .dense = trainer->options.optimizer == SGS_OPTIMIZER_DENSE};
     sgsi_traffic_add(&traffic, &trainer->bytes);
 }
@@ -269,9 +276,11 @@ static sgs_status train_on_view(sgs_trainer *trainer, sgsi_train_view *view, sgs
                        view->loss.loss);
         return SGS_STATUS_OK;
     }
+    const bool steps = ends_batch(trainer, view->iteration);
+    const int batch = trainer->progress.batch_views + 1;
     info->visible = sgsi_trainer_optimize(trainer, view);
-    if (sgsi_trainer_makes_step(trainer, view->iteration))
-        sgsi_trainer_add_noise(trainer, view->iteration);
+    if (steps)
+        sgsi_trainer_add_noise(trainer, view->iteration, batch);
     return SGS_STATUS_OK;
 }
 
@@ -324,7 +333,7 @@ static sgs_status apply_deferred(sgs_trainer *trainer, sgs_step_info *info)
     }
     adopt_images(trainer, &images);
     if (sgsi_schedule_is_structural(schedule, iteration))
-        sgsi_trainer_add_noise(trainer, iteration);
+        sgsi_trainer_add_noise(trainer, iteration, 1);
     if (sgsi_schedule_is_reset(schedule, iteration))
         sgsi_trainer_reset_opacity(trainer, iteration);
     progress->structure_iteration = iteration;

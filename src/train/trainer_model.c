@@ -148,7 +148,8 @@ static sgs_status begin_region(sgs_trainer *trainer)
 
 sgs_status sgsi_trainer_reserve_accumulated_grad(sgs_trainer *trainer)
 {
-    if (!trainer->schedule.batch_rest)
+    trainer->progress.batch_views = 0;
+    if (!trainer->schedule.batch_rest && trainer->options.batch == 1)
         return SGS_STATUS_OK;
     const size_t capacity = trainer->model->capacity;
     sgsi_free(trainer->accumulated_grad);

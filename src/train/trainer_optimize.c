@@ -80,20 +80,65 @@ static sgsi_optimize settings(const sgs_trainer *trainer, const sgsi_train_view 
                            .scale_loss = (float)(trainer->sampling.scale_loss / (3.0 * rows)),
                            .accumulated_grad = trainer->accumulated_grad,
                            .accumulated_rows = trainer->accumulated_rows,
+                           .gradient_scale = 1.0f,
                            .abs_grad_norm = trainer->pipeline->abs_grad_norm,
                            .tan_half_x = 0.5f * (float)camera->width / view->view.rays->fx,
                            .tan_half_y = 0.5f * (float)camera->height / view->view.rays->fy};
 }
 
-// Counts the step and sets the bias corrections. As in 3DGS the sparse optimiser has none.
+bool sgsi_trainer_ends_batch(const sgs_trainer *trainer, int iteration)
+{
+    const sgsi_schedule *schedule = &trainer->schedule;
+    return trainer->progress.batch_views + 1 >= trainer->options.batch ||
+           sgsi_schedule_is_structural(schedule, iteration + 1) ||
+           sgsi_schedule_is_final_prune(schedule, iteration + 1) ||
+           sgsi_schedule_is_reset(schedule, iteration) || iteration == schedule->densify_until;
+}
+
+// True if a pipeline's own, rarer steps are due in one of the last `views` iterations.
+static bool is_due(bool (*steps)(const sgsi_schedule *, int), const sgsi_schedule *schedule,
+                   int iteration, int views)
+{
+    bool due = false;
+    for (int i = 0; i < views; ++i)
+        due = due || steps(schedule, iteration - i);
+    return due;
+}
+
+// The step of a batch of n views, as Grendel-GS scales it (Zhao et al. 2024, arXiv 2406.18533):
+// rates by sqrt(n), decays beta^n, epsilon by 1 / sqrt(n). The moments then decay per view as
+// without batches, and the noise of a mean is smaller by sqrt(n).
+static void scale_step(sgsi_optimize *input, int views)
+{
+    const double root = sqrt(views);
+    float *const rates[] = {&input->lr_mean,    &input->lr_rotation, &input->lr_scale,
+                            &input->lr_opacity, &input->lr_dc,       &input->lr_rest};
+    for (size_t i = 0; i < sizeof rates / sizeof *rates; ++i)
+        *rates[i] = (float)(root * (double)*rates[i]);
+    input->beta1 = (float)pow(0.9, views);
+    input->beta2 = (float)pow(0.999, views);
+    input->epsilon = (float)(1e-15 / root);
+    input->gradient_scale = 1.0f / (float)views;
+}
+
+// Counts the view and, at the end of its batch, the step; sets the bias corrections. As in 3DGS the
+// sparse optimiser has none.
 static void begin_step(sgs_trainer *trainer, int iteration, sgsi_optimize *input)
 {
     sgsi_progress *progress = &trainer->progress;
+    const sgsi_schedule *schedule = &trainer->schedule;
+    const bool ends = sgsi_trainer_ends_batch(trainer, iteration);
+    const int views = ++progress->batch_views;
     input->apply = true;
-    input->step_main = sgsi_schedule_steps_main(&trainer->schedule, iteration);
-    input->step_rest = sgsi_schedule_steps_rest(&trainer->schedule, iteration);
-    progress->adam_step += input->step_main;
-    progress->rest_step += input->step_rest;
+    input->step_main = ends && is_due(sgsi_schedule_steps_main, schedule, iteration, views);
+    input->step_rest = ends && is_due(sgsi_schedule_steps_rest, schedule, iteration, views);
+    if (!ends)
+        return;
+    progress->batch_views = 0;
+    if (views > 1)
+        scale_step(input, views);
+    progress->adam_step += input->step_main ? views : 0;
+    progress->rest_step += input->step_rest ? views : 0;
     if (!input->dense)
         return;
     input->correction1 = (float)(1.0 / bias(0.9, progress->adam_step));
@@ -125,9 +170,9 @@ size_t sgsi_trainer_optimize(sgs_trainer *trainer, const sgsi_train_view *view)
     return atomic_load(&job.seen);
 }
 
-void sgsi_trainer_add_noise(sgs_trainer *trainer, int iteration)
+void sgsi_trainer_add_noise(sgs_trainer *trainer, int iteration, int views)
 {
-    const double start = sgsi_seconds(), noise = trainer->sampling.noise;
+    const double start = sgsi_seconds(), noise = trainer->sampling.noise * sqrt(views);
     if (noise > 0.0) {
         sgs_gaussians own = *trainer->model;
         own.count = sgsi_trainer_own(trainer);

@@ -27,6 +27,7 @@ typedef struct sgsi_progress {
     int32_t updates;                      // structural updates made
     int32_t rest_step;           // as adam_step, for SH bands above 0 if they step separately
     int32_t resolution;          // current down-scaling of the images; 0 = not set yet
+    int32_t batch_views;         // views whose gradients wait for the step of their batch
     int32_t structure_iteration; // last iteration whose update, reset and resolution are applied
     sgsi_pipeline_state pipeline;
     double loss_average, loss_weight; // for the progress line
@@ -83,7 +84,8 @@ sgs_status sgsi_trainer_create_model(sgs_trainer *trainer);
 void sgsi_trainer_clamp_to_region(sgs_trainer *trainer);
 // Allocates and computes the 3D filter of the current model, if the pixel filter uses it.
 sgs_status sgsi_trainer_update_filter_3d(sgs_trainer *trainer);
-// Allocates zeroed accumulated gradients for the current model, if the pipeline batches steps.
+// Allocates zeroed accumulated gradients for the current model, if steps have several views. An
+// open batch is dropped.
 sgs_status sgsi_trainer_reserve_accumulated_grad(sgs_trainer *trainer);
 // True if opacities are linear after the last iteration. The second function converts them then.
 bool sgsi_trainer_opacity_is_linear(const sgs_trainer *trainer);
@@ -92,15 +94,17 @@ float sgsi_trainer_lr_opacity(const sgs_trainer *trainer, int iteration);
 
 // ---- trainer_optimize.c ----
 
-// True if the optimiser steps in this iteration: not before a structural update, and not in the
-// last one.
+// True if the gradient of this iteration is used for a step: not before a structural update, and
+// not in the last one.
 bool sgsi_trainer_makes_step(const sgs_trainer *trainer, int iteration);
+// True if a batch of views ends with this iteration, which has a gradient.
+bool sgsi_trainer_ends_batch(const sgs_trainer *trainer, int iteration);
 // Chain rule, statistics and Adam for the gradient sums of a view. Returns the number of primitives
 // with a gradient.
 size_t sgsi_trainer_optimize(sgs_trainer *trainer, const sgsi_train_view *view);
-// After that step, or after the structural update of an iteration that has one: the noise of a
-// pipeline that samples.
-void sgsi_trainer_add_noise(sgs_trainer *trainer, int iteration);
+// After the step of a batch of `views`, or, with 1, after the structural update of an iteration
+// that has one: the noise of a pipeline that samples. 0: none.
+void sgsi_trainer_add_noise(sgs_trainer *trainer, int iteration, int views);
 
 // ---- trainer_structure.c ----
 

@@ -252,6 +252,14 @@ static void masks_and_hdr_give_the_same_bits(void **state)
     compare(&plan, 3, 3, "masked HDR");
 }
 
+static void batches_of_views_give_the_same_bits(void **state)
+{
+    (void)state;
+    training plan = plan_of(SGS_PIPELINE_MCMC);
+    plan.options.batch = 3;
+    compare(&plan, 2, 2, "mcmc with batches of three views");
+}
+
 static void cuts_by_cost_give_the_same_bits(void **state)
 {
     (void)state;
@@ -316,6 +324,7 @@ int main(void)
         cmocka_unit_test(one_to_four_ranks_give_the_same_bits),
         cmocka_unit_test(every_pipeline_gives_the_bits_of_one_process),
         cmocka_unit_test(masks_and_hdr_give_the_same_bits),
+        cmocka_unit_test(batches_of_views_give_the_same_bits),
         cmocka_unit_test(cuts_by_cost_give_the_same_bits),
         cmocka_unit_test(another_number_of_ranks_resumes),
         cmocka_unit_test(a_failure_stops_all_ranks),

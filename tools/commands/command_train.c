@@ -542,6 +542,7 @@ static json_t *summary_json(const training *run)
     for (size_t i = 0; i < sizeof phases / sizeof *phases; ++i)
         json_object_set_new(seconds, phases[i].name, json_number(phases[i].value));
     json_object_set_new(summary, "iterations", json_integer(run->iterations));
+    json_object_set_new(summary, "batch", json_integer(run->values.options.batch));
     json_object_set_new(summary, "stop_reason", json_string(reasons[run->stop]));
     json_object_set_new(summary, "stop_text", json_string(run->stop_text));
     json_object_set_new(summary, "gaussians", json_integer((json_int_t)run->gaussians));

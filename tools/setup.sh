@@ -17,6 +17,7 @@ packages=(
     libjxl-dev                        # images of compressed models
     libkissfft-dev                    # spectra
     libcivetweb-dev libturbojpeg0-dev # server and pictures of the viewer
+    libopenmpi-dev openmpi-bin        # ranks on several machines; optional
     libcmocka-dev                     # tests
     openimageio-tools openexr jq      # tests of the written files
     curl python3                      # tests of the viewer

@@ -36,7 +36,7 @@ SGS_API int sgs_ranks_launched(int *rank);
 // ../lib/sparegs. *ranks is NULL, with success, if there is one process. Fails with UNSUPPORTED if
 // no plug-in can be loaded. Collective. Call at most once per process.
 SGS_API sgs_status sgs_ranks_open(const char *folder, sgs_ranks **ranks);
-// Waits for all ranks. Accepts NULL.
+// Waits for all ranks, and learns of those that failed. Accepts NULL.
 SGS_API void sgs_ranks_close(sgs_ranks *ranks);
 
 SGS_API int sgs_ranks_rank(const sgs_ranks *ranks);  // 0 without ranks
@@ -47,10 +47,13 @@ SGS_API int sgs_ranks_count(const sgs_ranks *ranks); // 1 without ranks
 // status. Without ranks it returns `own`.
 SGS_API sgs_status sgs_ranks_agree(sgs_ranks *ranks, sgs_status own);
 
-// Refuses ranks that differ in what must be equal: `text` of this rank against that of rank 0,
-// which the message names `what`. Collective; fails with INVALID_ARGUMENT on all ranks.
-SGS_API sgs_status sgs_ranks_compare(sgs_ranks *ranks, sgs_status own, const char *what,
-                                     const char *text);
+// The same with the message of this rank; `text` is copied.
+SGS_API sgs_status sgs_ranks_agree_text(sgs_ranks *ranks, sgs_status own, const char *text);
+
+// Refuses ranks that differ in what must be equal: `text`, lines "what: value", against that of
+// rank 0. The message is that of the first line that differs. Collective; fails with
+// INVALID_ARGUMENT.
+SGS_API sgs_status sgs_ranks_compare(sgs_ranks *ranks, sgs_status own, const char *text);
 
 // Flags of this rank, which travel with its next collective call; bits 0 to 15 are free for
 // callers. sgs_ranks_raised returns the flags that any rank had sent by the last collective call:

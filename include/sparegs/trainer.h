@@ -281,8 +281,9 @@ SGS_API void sgs_trainer_destroy(sgs_trainer *trainer); // accepts NULL
 // Makes this trainer one of several with the same scene and options, one per rank, that train one
 // model together; NULL = alone. Call it before the first step and before loading a checkpoint;
 // `ranks` must outlive the trainer. sgs_trainer_step is then collective. Every rank holds the whole
-// model; each traces and differentiates its own part of every image. Fails with OUT_OF_MEMORY.
-// Collective.
+// model; each traces and differentiates its own part of every image. Fails with OUT_OF_MEMORY, or
+// INVALID_ARGUMENT if a rank differs from rank 0 in version, options, views, photographs or
+// arithmetic. Collective.
 SGS_API sgs_status sgs_trainer_ranks_set(sgs_trainer *trainer, sgs_ranks *ranks);
 
 // Limits the memory of the process to `bytes`; 0 = no limit. A step whose structural update would

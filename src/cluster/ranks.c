@@ -52,13 +52,13 @@ static sgs_status fail_again(const sgs_ranks *ranks)
 }
 
 // All ranks learn the message of rank `failing`.
-static sgs_status fail_alike(sgs_ranks *ranks, int failing, sgs_status status)
+static sgs_status fail_alike(sgs_ranks *ranks, int failing, sgs_status status, const char *text)
 {
     failure own = {{0}, {0}}, *all = calloc((size_t)ranks->transport.count, sizeof *all);
     if (!all) // the others wait for this message
         abort();
     snprintf(own.node, sizeof own.node, "%s", ranks->node);
-    snprintf(own.text, sizeof own.text, "%s", sgs_last_error());
+    snprintf(own.text, sizeof own.text, "%s", text ? text : sgs_last_error());
     ranks->transport.gather(ranks->transport.state, &own, sizeof own, all);
     ranks->failed = status;
     if (failing < 0)
@@ -72,7 +72,7 @@ static sgs_status fail_alike(sgs_ranks *ranks, int failing, sgs_status status)
 }
 
 // Exchanges the headers. sizes [count] receives the bytes of each rank; NULL ignores them.
-static sgs_status meet(sgs_ranks *ranks, header own, size_t *sizes)
+static sgs_status meet_with(sgs_ranks *ranks, header own, size_t *sizes, const char *text)
 {
     enum { FEW = 64 };
     header few[FEW], *all = few;
@@ -104,7 +104,12 @@ static sgs_status meet(sgs_ranks *ranks, header own, size_t *sizes)
                                               : SGS_STATUS_OK;
     if (all != few)
         free(all);
-    return status ? fail_alike(ranks, failing < count ? failing : -1, status) : SGS_STATUS_OK;
+    return status ? fail_alike(ranks, failing < count ? failing : -1, status, text) : SGS_STATUS_OK;
+}
+
+static sgs_status meet(sgs_ranks *ranks, header own, size_t *sizes)
+{
+    return meet_with(ranks, own, sizes, NULL);
 }
 
 sgs_status sgsi_ranks_create(const sgsi_transport *transport, sgs_ranks **ranks)
@@ -129,6 +134,8 @@ void sgs_ranks_close(sgs_ranks *ranks)
 {
     if (!ranks)
         return;
+    if (!ranks->failed) // another rank may have failed where this one has nothing left to do
+        sgs_ranks_agree(ranks, SGS_STATUS_OK);
     ranks->transport.close(ranks->transport.state);
     sgsi_free(ranks->send);
     sgsi_free(ranks->got);
@@ -149,6 +156,12 @@ int sgs_ranks_count(const sgs_ranks *ranks)
 sgs_status sgs_ranks_agree(sgs_ranks *ranks, sgs_status own)
 {
     return ranks ? meet(ranks, (header){.status = (int32_t)own, .kind = KIND_AGREE}, NULL) : own;
+}
+
+sgs_status sgs_ranks_agree_text(sgs_ranks *ranks, sgs_status own, const char *text)
+{
+    const header mine = {.status = (int32_t)own, .kind = KIND_AGREE};
+    return ranks ? meet_with(ranks, mine, NULL, text) : own;
 }
 
 void sgs_ranks_raise(sgs_ranks *ranks, uint32_t flags)
@@ -265,9 +278,9 @@ sgs_status sgs_ranks_broadcast(sgs_ranks *ranks, sgs_status own, void **bytes, s
         return status;
     *size = sizes[0];
     void *fresh = rank ? malloc(*size + 1) : *bytes;
-    status = sgs_ranks_agree(
-        ranks, fresh ? SGS_STATUS_OK
-                     : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu bytes", *size));
+    status = sgs_ranks_agree(ranks, fresh || !rank ? SGS_STATUS_OK
+                                                   : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                                                               "no memory for %zu bytes", *size));
     if (status) {
         if (rank)
             free(fresh);
@@ -327,20 +340,42 @@ sgs_status sgs_ranks_broadcast_model(sgs_ranks *ranks, sgs_status own, sgs_gauss
     return SGS_STATUS_OK;
 }
 
-sgs_status sgs_ranks_compare(sgs_ranks *ranks, sgs_status own, const char *what, const char *text)
+// The first line "what: value" of `own` that differs from `first`.
+static sgs_status fail_difference(const char *own, const char *first)
+{
+    size_t line = 0;
+    for (size_t i = 0; own[i] == first[i]; ++i)
+        if (own[i] == '\n')
+            line = i + 1;
+    const char *const texts[2] = {own + line, first + line};
+    int length[2], value[2];
+    for (int k = 0; k < 2; ++k) {
+        const char *colon = strstr(texts[k], ": ");
+        length[k] = (int)strcspn(texts[k], "\n");
+        value[k] = colon && colon < texts[k] + length[k] ? (int)(colon - texts[k]) : length[k];
+    }
+    const bool same = value[0] == value[1] && !strncmp(texts[0], texts[1], (size_t)value[0]) &&
+                      value[0] < length[0];
+    if (same)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%.*s is %.*s, but %.*s on rank 0", value[0],
+                         texts[0], length[0] - value[0] - 2, texts[0] + value[0] + 2,
+                         length[1] - value[1] - 2, texts[1] + value[1] + 2);
+    return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "has '%.*s', but rank 0 has '%.*s'", length[0],
+                     texts[0], length[1], texts[1]);
+}
+
+sgs_status sgs_ranks_compare(sgs_ranks *ranks, sgs_status own, const char *text)
 {
     if (!ranks)
         return own;
-    void *first = (void *)text;
+    void *first = (void *)(uintptr_t)text; // rank 0 does not change it
     size_t size = strlen(text);
     sgs_status status = sgs_ranks_broadcast(ranks, own, &first, &size);
     if (status)
         return status;
     if (ranks->transport.rank) {
-        if (strlen(text) != size || memcmp(text, first, size))
-            status = sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                               "%s differs from that of rank 0: '%.300s' instead of '%.300s'", what,
-                               text, (const char *)first);
+        if (strcmp(text, first) != 0)
+            status = fail_difference(text, first);
         free(first);
     }
     return sgs_ranks_agree(ranks, status);

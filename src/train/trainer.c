@@ -15,6 +15,7 @@
 #include "base/threads.h"
 #include "cluster/rank_calls.h"
 #include "sparegs/option_descriptors.h"
+#include "train/rank_handshake.h"
 #include "train/region_targets.h"
 #include "train/small_images.h"
 #include "train/traffic.h"
@@ -483,7 +484,9 @@ void sgsi_trainer_restore(sgs_trainer *trainer)
 
 sgs_status sgs_trainer_ranks_set(sgs_trainer *trainer, sgs_ranks *ranks)
 {
-    return sgs_ranks_agree(ranks, sgsi_view_ranks_create(&trainer->views, ranks));
+    const sgs_status status =
+        sgs_ranks_agree(ranks, sgsi_view_ranks_create(&trainer->views, ranks));
+    return status || !ranks ? status : sgsi_rank_handshake(&trainer->views, trainer->model, ranks);
 }
 
 void sgs_trainer_memory_limit_set(sgs_trainer *trainer, size_t bytes, size_t image_cache)

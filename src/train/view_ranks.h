@@ -2,10 +2,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// One view on several ranks (cluster/rank_calls.h). Every rank traces and differentiates its own cells
-// of the image; pixels around the cells of others, sums per cell and gradient records are exchanged
-// between the stages of train_view.h. All ranks then hold the same sums, bit for bit those of one
-// process.
+// One view on several ranks (cluster/rank_calls.h). Every rank traces and differentiates its own
+// cells of the image; pixels around the cells of others, sums per cell and gradient records are
+// exchanged between the stages of train_view.h. All ranks then hold the same sums, bit for bit
+// those of one process.
 
 #include "train/train_view.h"
 

@@ -11,6 +11,7 @@
 
 #include "cli/shared_options.h"
 #include "cli/interrupt.h"
+#include "cli/rank_group.h"
 #include "cli/commands.h"
 #include "cli/json_result.h"
 #include "cli/output.h"
@@ -21,28 +22,31 @@
 typedef struct command {
     const char *name, *summary;
     int (*run)(int argc, char **argv);
+    bool has_ranks; // runs on several processes of mpirun or srun
 } command;
 
 static const command commands[] = {
-    {"train", "train a model on a data set", command_train},
-    {"split", "divide a large scene into blocks", command_split},
-    {"merge", "join the trained blocks of a scene", command_merge},
-    {"eval", "compare renders of a model with the photographs", command_eval},
-    {"render", "render views as EXR or PNG", command_render},
-    {"view", "show a model in the browser", command_view},
-    {"info", "describe a model or a data set", command_info},
-    {"compress", "compress a model with a published method", command_compress},
-    {"decompress", "turn a compressed model into a PLY file", command_decompress},
-    {"convert", "convert a model to another format, filter and transform it", command_convert},
-    {"reconstruct", "estimate the cameras of photographs with COLMAP", command_reconstruct},
-    {"explain", "explain the budget that SPARE-GS assigned to regions", command_explain},
+    {"train", "train a model on a data set", command_train, true},
+    {"split", "divide a large scene into blocks", command_split, false},
+    {"merge", "join the trained blocks of a scene", command_merge, false},
+    {"eval", "compare renders of a model with the photographs", command_eval, true},
+    {"render", "render views as EXR or PNG", command_render, false},
+    {"view", "show a model in the browser", command_view, false},
+    {"info", "describe a model or a data set", command_info, false},
+    {"compress", "compress a model with a published method", command_compress, false},
+    {"decompress", "turn a compressed model into a PLY file", command_decompress, false},
+    {"convert", "convert a model to another format, filter and transform it", command_convert,
+     false},
+    {"reconstruct", "estimate the cameras of photographs with COLMAP", command_reconstruct, false},
+    {"explain", "explain the budget that SPARE-GS assigned to regions", command_explain, false},
     {"experiment", "run a plan of trainings: scenes, pipelines, variants, seeds",
-     command_experiment},
-    {"report", "create tables and an HTML page of an experiment", command_report},
-    {"prune", "remove the least important primitives of a model", command_prune},
-    {"bd", "compare two curves of size and PSNR: BD-rate and BD-PSNR", command_bd},
-    {"bench", "measure the phases of training against the machine's limits", command_bench},
-    {"profile", "profile the BVH over a model: trees, tests, hits, cost per tile", command_profile},
+     command_experiment, false},
+    {"report", "create tables and an HTML page of an experiment", command_report, false},
+    {"prune", "remove the least important primitives of a model", command_prune, false},
+    {"bd", "compare two curves of size and PSNR: BD-rate and BD-PSNR", command_bd, false},
+    {"bench", "measure the phases of training against the machine's limits", command_bench, false},
+    {"profile", "profile the BVH over a model: trees, tests, hits, cost per tile", command_profile,
+     false},
 };
 
 enum { COMMAND_COUNT = sizeof commands / sizeof *commands };
@@ -145,7 +149,10 @@ static int run(int argc, char **argv)
         return EXIT_DONE;
     }
     const command *found = find_command(name);
-    return found ? found->run(argc - 1, argv + 1) : fail_command(name);
+    if (!found)
+        return fail_command(name);
+    const int status = group_open(name, found->has_ranks);
+    return status >= 0 ? status : group_close(found->run(argc - 1, argv + 1));
 }
 
 // True if the command line has the option --json; what follows "--" is no option.

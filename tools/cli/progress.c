@@ -29,6 +29,7 @@ enum { WARNINGS_KEPT = 100, BAR_WIDTH = 20, LINE_EVERY = 100 };
 static struct {
     pthread_mutex_t lock;
     bool quiet, live;
+    char error[1024];
     size_t warning_count;
     char *warnings[WARNINGS_KEPT];
     double drawn_at, measured_at, rate, shown_rate;
@@ -53,8 +54,10 @@ static void print_line(const char *prefix, const char *format, bool is_error, va
     pthread_mutex_lock(&console.lock);
     clear_line();
     fprintf(stderr, "%s%s\n", prefix, text);
-    if (is_error)
+    if (is_error) {
+        snprintf(console.error, sizeof console.error, "%.1000s", text);
         json_result_error(text);
+    }
     pthread_mutex_unlock(&console.lock);
 }
 
@@ -164,6 +167,11 @@ void messages_hear_library(bool hear)
 void messages_set_quiet(bool quiet)
 {
     console.quiet = quiet;
+}
+
+const char *last_error_text(void)
+{
+    return console.error;
 }
 
 size_t warning_count(void)

@@ -14,6 +14,9 @@ void messages_hear_library(bool hear);
 // Disables notes and progress, not warnings and errors.
 void messages_set_quiet(bool quiet);
 
+// The last error, without "sparegs: "; "" if there was none.
+const char *last_error_text(void);
+
 // Number of warnings so far, and the k-th one (only the first 100 are kept).
 size_t warning_count(void);
 const char *warning_text(size_t k);

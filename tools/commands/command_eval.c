@@ -17,6 +17,7 @@
 #include "cli/model_argument.h"
 #include "cli/output.h"
 #include "cli/progress.h"
+#include "cli/rank_group.h"
 
 static const char description[] =
     "Renders the views of SCENE from MODEL (a model file, or a run folder: its latest iteration) "
@@ -95,29 +96,66 @@ static void print_row(const evaluator *evaluation, const char *name, const view_
     putchar('\n');
 }
 
-// Adds one view to the table or the JSON list. Saves its images if a stem is given.
-static bool evaluate_one(const evaluator *evaluation, const sgs_view *view, const char *save,
-                         const char *stem, json_t *list, split_score *sum)
+// Where the images of each view are saved.
+typedef struct image_folder {
+    const char *path;
+    char **stems; // [views]
+} image_folder;
+
+static bool save_view(void *context, size_t view, const view_images *images)
 {
-    view_score score;
-    view_images images = {0};
-    bool done = evaluate_view(evaluation, view, &score, stem ? &images : NULL);
-    if (done && stem)
-        done = save_images(save, stem, &images);
-    view_images_free(&images);
-    if (!done)
-        return false;
-    split_score_add(sum, view, &score);
+    const image_folder *folder = context;
+    return save_images(folder->path, folder->stems[view], images);
+}
+
+// Adds one view to the table or the JSON list.
+static void add_row(const evaluator *evaluation, const sgs_view *view, const view_score *score,
+                    json_t *list, split_score *sum)
+{
+    split_score_add(sum, view, score);
     if (list) {
         json_t *entry = json_object();
         json_object_set_new(entry, "name", json_string(view->name));
-        view_score_add_json(entry, &score);
-        json_object_set_new(entry, "identical", json_boolean(isinf(score.psnr)));
+        view_score_add_json(entry, score);
+        json_object_set_new(entry, "identical", json_boolean(isinf(score->psnr)));
         json_array_append_new(list, entry);
     } else {
-        print_row(evaluation, view->name, &score);
+        print_row(evaluation, view->name, score);
     }
-    return true;
+}
+
+// Scores one view, saves its images if a folder is given, and adds its row.
+static bool evaluate_one(const evaluator *evaluation, size_t v, image_folder *folder, json_t *list,
+                         split_score *sum)
+{
+    const sgs_view *view = &evaluation->scene->views[v];
+    view_score score;
+    view_images images = {0};
+    bool done = evaluate_view(evaluation, view, &score, folder ? &images : NULL);
+    if (done && folder)
+        done = save_view(folder, v, &images);
+    view_images_free(&images);
+    if (done)
+        add_row(evaluation, view, &score, list, sum);
+    return done;
+}
+
+// The rows of all views, which the ranks share.
+static bool evaluate_on_ranks(const evaluator *evaluation, sgs_split split, image_folder *folder,
+                              json_t *list, split_score *sum)
+{
+    const size_t count = evaluation->scene->view_count;
+    rank_score *scores = calloc(count + 1, sizeof *scores);
+    bool done = scores != NULL;
+    if (!done)
+        fail_run("no memory for the scores of %zu views", count);
+    done = group_all(done) &&
+           evaluate_views(evaluation, split, NULL, folder ? save_view : NULL, folder, scores);
+    for (size_t v = 0; v < count && done; ++v)
+        if (scores[v].is_scored)
+            add_row(evaluation, &evaluation->scene->views[v], &scores[v].score, list, sum);
+    free(scores);
+    return done;
 }
 
 // How many of the images were used for training, as far as the split is known.
@@ -180,9 +218,12 @@ static bool evaluate_all(const evaluator *evaluation, sgs_split split, const cha
     if (!json)
         printf("%-32s %11s  %-7s  %-7s  %s%s\n", "image", "PSNR", "SSIM", "FLIP", "sharpness",
                evaluation->lpips ? "  LPIPS" : "");
-    for (size_t v = 0; v < count && done && !interrupt_signal(); ++v)
+    image_folder folder = {save, stems};
+    if (group_ranks() && group_all(done))
+        done = evaluate_on_ranks(evaluation, split, save ? &folder : NULL, list, &sum);
+    for (size_t v = 0; v < count && done && !interrupt_signal() && !group_ranks(); ++v)
         if (view_in_split(&views[v], split))
-            done = evaluate_one(evaluation, &views[v], save, stems ? stems[v] : NULL, list, &sum);
+            done = evaluate_one(evaluation, v, save ? &folder : NULL, list, &sum);
     file_stems_free(stems, count);
     if (!done || interrupt_signal()) {
         json_decref(list);

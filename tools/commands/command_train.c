@@ -11,17 +11,19 @@
 
 #include "cli/commands.h"
 #include "run/block_plan.h"
-#include "run/evaluate.h"
+#include "run/evaluate_saved.h"
 #include "run/exposure_file.h"
 #include "cli/interrupt.h"
 #include "cli/model_argument.h"
 #include "cli/json_result.h"
 #include "cli/output.h"
 #include "cli/progress.h"
+#include "cli/rank_group.h"
 #include "run/memory_check.h"
 #include "run/region_file.h"
 #include "run/run_folder.h"
 #include "run/run_record.h"
+#include "run/shared_checkpoint.h"
 #include "report/scaling_report.h"
 #include "sparegs/metrics.h"
 #include "sparegs/runtime.h"
@@ -65,6 +67,8 @@ typedef struct training {
     size_t region_count;  // primitives in --region
     char init_hash[17];   // of the model of --init, with --region
     json_t *stored;       // the config of the run to resume
+    char *checkpoint;     // the file that was loaded, or NULL
+    json_t *traffic;      // between ranks, or NULL
     double wall_seconds;  // of this command
     bool checkpoint_lost; // saving the last one failed and was reported; evaluation continues
     split_score test, train;
@@ -155,6 +159,12 @@ static bool create_trainer(training *run)
     }
     messages_hear_library(true);
     sgs_gaussians_destroy(init);
+    ready = group_all(ready);
+    if (ready && sgs_trainer_ranks_set(run->trainer, group_ranks())) {
+        ready = false;
+        if (group_leads())
+            fail_library();
+    }
     if (ready && run->values.max_memory)
         sgs_trainer_memory_limit_set(run->trainer, (size_t)run->values.max_memory,
                                      (size_t)run->data.cache_bytes);
@@ -168,7 +178,9 @@ static int resume(training *run, const char *config_path, json_t *config)
         !train_config_agrees(config_path, run->stored, config, &run->values.options) ||
         !run_record_init_agrees(config_path, run->stored, config))
         return -1;
-    const int loaded = run_folder_load_checkpoint(&run->folder, run->trainer);
+    char *path;
+    const int loaded = run_folder_load_checkpoint(&run->folder, run->trainer, &path);
+    run->checkpoint = path;
     if (loaded > 0) {
         train_config_record(run->stored, config, sgs_trainer_iteration(run->trainer));
         print_note("%s: resuming at iteration %d", run->values.output,
@@ -233,7 +245,8 @@ static bool begin_run(training *run, const char *config_path, json_t *config)
     return written && run_folder_keep_previous(&run->folder);
 }
 
-static bool open_folder(training *run)
+// Of rank 0, which alone uses the folder.
+static bool open_own_folder(training *run)
 {
     char *config_path = format_text("%s/config.json", run->values.output);
     json_t *config = config_of(run);
@@ -243,9 +256,18 @@ static bool open_folder(training *run)
         run_folder_open_tables(&run->folder, sgs_trainer_iteration(run->trainer),
                                sgs_trainer_structure_iteration(run->trainer)) &&
         region_file_cut(run->values.output, sgs_trainer_structure_iteration(run->trainer));
-    run->train_seconds = resumed > 0 ? sgs_trainer_seconds(run->trainer).total : 0;
     json_decref(config);
     free(config_path);
+    return ready;
+}
+
+static bool open_folder(training *run)
+{
+    const bool ready = group_all(!group_leads() || open_own_folder(run)) &&
+                       shared_checkpoint_load(run->trainer, run->checkpoint);
+    run->train_seconds = ready ? sgs_trainer_seconds(run->trainer).total : 0;
+    free(run->checkpoint);
+    run->checkpoint = NULL;
     return ready;
 }
 
@@ -257,31 +279,6 @@ static bool is_save_point(const training *run, int iteration)
         if (run->values.save_at.values[i] == iteration)
             return true;
     return false;
-}
-
-// Saves the model of an iteration. Mip-Splatting's 3D filter is fused into it and also saved
-// separately.
-static bool save_model(const training *run, int iteration)
-{
-    const sgs_gaussians *model = sgs_trainer_model(run->trainer);
-    const float *filter = sgs_trainer_filter_3d(run->trainer);
-    if (!filter)
-        return run_folder_save_model(&run->folder, model, iteration, false);
-    sgs_gaussians *fused = NULL;
-    if (sgs_gaussians_fuse_filter_3d(model, filter, &fused)) {
-        fail_library();
-        return false;
-    }
-    bool saved = run_folder_save_model(&run->folder, fused, iteration, true);
-    sgs_gaussians_destroy(fused);
-    char *path = format_text("%s/point_cloud/iteration_%d/point_cloud_filter_3D.ply",
-                             run->values.output, iteration);
-    if (saved && sgs_ply_write_filter_3d(path, model, filter)) {
-        fail_library();
-        saved = false;
-    }
-    free(path);
-    return saved;
 }
 
 // Saves a checkpoint if it is due or was requested. A failure is only a warning: the disk may have
@@ -301,7 +298,8 @@ static void save_checkpoint(training *run, int iteration, bool due)
 // Periodic saves, except after the last iteration.
 static void save_due(training *run, int iteration)
 {
-    if (is_save_point(run, iteration) && !save_model(run, iteration))
+    if (is_save_point(run, iteration) &&
+        !run_folder_save_trained(&run->folder, run->trainer, iteration))
         print_warning("the model of iteration %d was not saved; training continues", iteration);
     save_checkpoint(run, iteration,
                     run->values.checkpoint_every && iteration % run->values.checkpoint_every == 0);
@@ -347,13 +345,13 @@ static bool give_up(training *run, const sgs_step_info *info)
 {
     char *reason = format_text("%s", sgs_last_error());
     const int iteration = sgs_trainer_iteration(run->trainer);
-    const bool whole = iteration && sgs_trainer_is_consistent(run->trainer);
+    const bool whole = iteration && sgs_trainer_is_consistent(run->trainer) && group_leads();
     progress_end();
     if (whole && info->structural)
         record_update(run, info);
     const bool saved = whole && run_folder_save_checkpoint(&run->folder, run->trainer);
     if (whole)
-        save_model(run, iteration);
+        run_folder_save_trained(&run->folder, run->trainer, iteration);
     if (saved)
         fail_run("%s; saved a checkpoint at iteration %d: fix this, then rerun with --resume",
                  reason, iteration);
@@ -369,71 +367,89 @@ static bool exceeds_memory(const training *run)
     return run->values.max_memory && sgs_rss_current() > run->values.max_memory;
 }
 
+// Whether to stop before the next iteration; the same on all ranks. Only rank 0 reads the clock.
+static sgs_stop_reason stop_requested(const training *run)
+{
+    if (group_requested(GROUP_SIGNAL, interrupt_signal() != 0))
+        return SGS_STOP_SIGNAL;
+    if (sgs_trainer_iteration(run->trainer) >= run->values.options.iterations)
+        return SGS_STOP_SCHEDULE; // resumed from a checkpoint of the last iteration
+    if (group_requested(GROUP_TIME, group_leads() && run->longest_step > 0 && time_is_up(run)))
+        return SGS_STOP_TIME_LIMIT;
+    if (group_requested(GROUP_MEMORY, run->longest_step > 0 && exceeds_memory(run)))
+        return SGS_STOP_MEMORY_LIMIT;
+    return SGS_STOP_NONE;
+}
+
+// Tables, checkpoints, progress and the viewer, of rank 0.
+static void record_step(training *run, trace_file *trace, double start,
+                        const sgs_train_seconds *before, const sgs_step_info *info)
+{
+    if (trace)
+        trace_step(trace, run->trainer, start, before, info);
+    if (info->structural)
+        record_update(run, info);
+    run_folder_record(&run->folder, info, run->train_seconds, run->stop != SGS_STOP_NONE);
+    progress_step(&(progress_state){info->iteration, run->values.options.iterations,
+                                    info->loss_average, info->psnr_average, info->gaussians});
+    if (run->stop == SGS_STOP_NONE)
+        save_due(run, info->iteration);
+    training_view_step(run->view, info, run->trainer);
+    while (training_view_holds(run->view, run->trainer) && !interrupt_signal() && !time_is_up(run))
+        save_checkpoint(run, info->iteration, false);
+}
+
+// One iteration. False after a failure, which is printed.
+static bool iterate_once(training *run, trace_file *trace)
+{
+    sgs_step_info info = {0};
+    const double start = clock_seconds();
+    const sgs_train_seconds before = sgs_trainer_seconds(run->trainer);
+    const sgs_status status = sgs_trainer_step(run->trainer, &info);
+    const double spent = clock_seconds() - start;
+    run->train_seconds += spent;
+    run->longest_step = spent > run->longest_step ? spent : run->longest_step;
+    if (status == SGS_STATUS_LIMIT) {
+        run->stop = SGS_STOP_EQUILIBRIUM; // resumed from a checkpoint made in equilibrium
+        print_note("%s: the run ended in equilibrium at iteration %d of %d; to continue it, "
+                   "change --spare-eps-loss, --spare-eps-count or --spare-patience, or leave "
+                   "edt out of --spare",
+                   run->values.output, sgs_trainer_iteration(run->trainer),
+                   run->values.options.iterations);
+        return true;
+    }
+    if (status == SGS_STATUS_OUT_OF_MEMORY && run->values.max_memory &&
+        sgs_trainer_is_consistent(run->trainer)) {
+        run->stop = SGS_STOP_MEMORY_LIMIT; // the next structural update was refused
+        return true;
+    }
+    if (status)
+        return give_up(run, &info);
+    run->stop = info.stop;
+    run->most_gaussians =
+        info.gaussians > run->most_gaussians ? info.gaussians : run->most_gaussians;
+    if (run->stop == SGS_STOP_NONE && !group_ranks() && exceeds_memory(run))
+        run->stop = SGS_STOP_MEMORY_LIMIT;
+    if (group_leads())
+        record_step(run, trace, start, &before, &info);
+    return true;
+}
+
 static bool iterate(training *run, trace_file *trace)
 {
-    const int total = run->values.options.iterations;
     progress_start(sgs_trainer_iteration(run->trainer));
-    while (run->stop == SGS_STOP_NONE) {
-        if (interrupt_signal()) {
-            run->stop = SGS_STOP_SIGNAL;
+    bool done = true;
+    while (done && run->stop == SGS_STOP_NONE) {
+        run->stop = stop_requested(run);
+        if (run->stop != SGS_STOP_NONE)
             break;
-        }
-        if (sgs_trainer_iteration(run->trainer) >= total) {
-            run->stop = SGS_STOP_SCHEDULE; // resumed from a checkpoint of the last iteration
-            break;
-        }
-        if (!run->longest_step && has_no_time(run)) {
-            progress_end();
-            return false;
-        }
-        if (time_is_up(run)) {
-            run->stop = SGS_STOP_TIME_LIMIT;
-            break;
-        }
-        sgs_step_info info = {0};
-        const double start = clock_seconds();
-        const sgs_train_seconds before = sgs_trainer_seconds(run->trainer);
-        const sgs_status status = sgs_trainer_step(run->trainer, &info);
-        const double spent = clock_seconds() - start;
-        run->train_seconds += spent;
-        run->longest_step = spent > run->longest_step ? spent : run->longest_step;
-        if (status == SGS_STATUS_LIMIT) {
-            run->stop = SGS_STOP_EQUILIBRIUM; // resumed from a checkpoint made in equilibrium
-            print_note("%s: the run ended in equilibrium at iteration %d of %d; to continue it, "
-                       "change --spare-eps-loss, --spare-eps-count or --spare-patience, or leave "
-                       "edt out of --spare",
-                       run->values.output, sgs_trainer_iteration(run->trainer), total);
-            break;
-        }
-        if (status == SGS_STATUS_OUT_OF_MEMORY && run->values.max_memory &&
-            sgs_trainer_is_consistent(run->trainer)) {
-            run->stop = SGS_STOP_MEMORY_LIMIT; // the next structural update was refused
-            break;
-        }
-        if (status)
-            return give_up(run, &info);
-        run->stop = info.stop;
-        run->most_gaussians =
-            info.gaussians > run->most_gaussians ? info.gaussians : run->most_gaussians;
-        if (trace)
-            trace_step(trace, run->trainer, start, &before, &info);
-        if (info.structural)
-            record_update(run, &info);
-        if (info.stop == SGS_STOP_NONE && exceeds_memory(run))
-            run->stop = SGS_STOP_MEMORY_LIMIT;
-        run_folder_record(&run->folder, &info, run->train_seconds, run->stop != SGS_STOP_NONE);
-        progress_step(&(progress_state){info.iteration, total, info.loss_average, info.psnr_average,
-                                        info.gaussians});
-        if (run->stop == SGS_STOP_NONE)
-            save_due(run, info.iteration);
-        training_view_step(run->view, &info, run->trainer);
-        while (training_view_holds(run->view, run->trainer) && !interrupt_signal() &&
-               !time_is_up(run))
-            save_checkpoint(run, info.iteration, false);
+        done = run->longest_step > 0 || group_all(!group_leads() || !has_no_time(run));
+        done = done && iterate_once(run, trace);
     }
     progress_end();
-    training_view_finish(run->view, run->trainer);
-    return true;
+    if (done)
+        training_view_finish(run->view, run->trainer);
+    return done;
 }
 
 // ---- After the last iteration ----
@@ -467,9 +483,10 @@ static bool save_results(training *run)
     run->memory_estimate =
         sgs_train_memory(run->scene, options, (size_t)run->data.cache_bytes,
                          run->most_gaussians > model->count ? run->most_gaussians : model->count);
-    if (!run->iterations)
+    run->traffic = group_traffic();
+    if (!run->iterations || !group_leads())
         return true;
-    bool saved = save_model(run, run->iterations);
+    bool saved = run_folder_save_trained(&run->folder, run->trainer, run->iterations);
     char *exposure = format_text("%s/exposure.json", run->values.output);
     saved = exposure_write(exposure, run->scene, run->trainer) && saved;
     free(exposure);
@@ -492,29 +509,14 @@ static drawing_values drawing_of(const training *run)
 
 static bool evaluate(training *run)
 {
-    char *path = format_text("%s/point_cloud/iteration_%d/point_cloud.ply", run->values.output,
-                             run->iterations);
-    sgs_gaussians *model = NULL;
-    evaluator evaluation = {0};
-    const drawing_values drawing = drawing_of(run);
-    bool done = !sgs_ply_read(path, &model), damaged = false;
-    if (!done)
-        fail_library();
-    char *exposure_path = format_text("%s/exposure.json", run->values.output);
-    json_t *exposures =
-        run->values.options.exposure ? exposure_read(exposure_path, &damaged) : NULL;
-    done = done && !damaged && evaluator_open(&evaluation, model, run->scene, &drawing);
-    evaluation.exposures = exposures;
-    evaluation.lpips = run->lpips;
-    evaluation.lpips_input = (sgs_lpips_input)run->values.lpips_input;
-    done = done && evaluate_split(&evaluation, SGS_SPLIT_TEST, &run->test) &&
-           evaluate_split(&evaluation, SGS_SPLIT_TRAIN, &run->train);
-    evaluator_close(&evaluation);
-    sgs_gaussians_destroy(model);
-    json_decref(exposures);
-    free(exposure_path);
-    free(path);
-    return done;
+    const saved_evaluation input = {.output = run->values.output,
+                                    .iterations = run->iterations,
+                                    .scene = run->scene,
+                                    .drawing = drawing_of(run),
+                                    .has_exposure = run->values.options.exposure,
+                                    .lpips = run->lpips,
+                                    .lpips_input = (sgs_lpips_input)run->values.lpips_input};
+    return evaluate_saved(&input, &run->test, &run->train);
 }
 
 static json_t *summary_json(const training *run)
@@ -523,24 +525,9 @@ static json_t *summary_json(const training *run)
         [SGS_STOP_NONE] = "schedule",           [SGS_STOP_SCHEDULE] = "schedule",
         [SGS_STOP_EQUILIBRIUM] = "equilibrium", [SGS_STOP_SIGNAL] = "signal",
         [SGS_STOP_TIME_LIMIT] = "time_limit",   [SGS_STOP_MEMORY_LIMIT] = "memory_limit"};
-    const sgs_train_seconds *s = &run->seconds;
-    const struct {
-        const char *name;
-        double value;
-    } phases[] = {{"gather", s->gather},
-                  {"forward", s->forward},
-                  {"loss", s->loss},
-                  {"backward", s->backward},
-                  {"optimizer", s->optimizer},
-                  {"bvh_refit", s->bvh_refit},
-                  {"bvh_build", s->bvh_build},
-                  {"density", s->density},
-                  {"spare", s->spare},
-                  {"image_io", run->load_seconds + s->image_io},
-                  {"checkpoint", run->folder.checkpoint_total}};
-    json_t *summary = json_result_new(), *seconds = json_object();
-    for (size_t i = 0; i < sizeof phases / sizeof *phases; ++i)
-        json_object_set_new(seconds, phases[i].name, json_number(phases[i].value));
+    json_t *summary = json_result_new();
+    json_t *seconds =
+        run_record_seconds(&run->seconds, run->load_seconds, run->folder.checkpoint_total);
     json_object_set_new(summary, "iterations", json_integer(run->iterations));
     json_object_set_new(summary, "batch", json_integer(run->values.options.batch));
     json_object_set_new(summary, "stop_reason", json_string(reasons[run->stop]));
@@ -559,6 +546,9 @@ static json_t *summary_json(const training *run)
     json_object_set_new(summary, "test", split_score_json(&run->test));
     json_object_set_new(summary, "train", split_score_json(&run->train));
     json_object_set_new(summary, "threads", json_integer(sgs_threads_get()));
+    json_object_set_new(summary, "ranks", json_integer(group_count()));
+    if (run->traffic)
+        json_object_set(summary, "traffic", run->traffic);
     json_object_set_new(summary, "isa", json_string(sgs_isa_name(sgs_isa_get())));
     json_object_set_new(summary, "peak_rss_bytes", json_integer((json_int_t)sgs_rss_peak()));
     json_object_set_new(summary, "memory_estimate_bytes",
@@ -573,18 +563,6 @@ static json_t *summary_json(const training *run)
         json_set_path(summary, "model", "%s/point_cloud/iteration_%d/point_cloud.ply",
                       run->values.output, run->iterations);
     return summary;
-}
-
-static void print_score(const char *label, const split_score *score)
-{
-    if (!score->images)
-        return;
-    char lpips[32] = "";
-    if (!isnan(score->mean.lpips))
-        snprintf(lpips, sizeof lpips, ", LPIPS %.4f", score->mean.lpips);
-    printf("%s PSNR %.2f dB, SSIM %.4f, FLIP %.4f, sharpness %.3f%s (%zu images%s)\n", label,
-           score->mean.psnr, score->mean.ssim, score->mean.flip, score->mean.sharpness, lpips,
-           score->images, score->identical ? ", some identical: 100 dB each" : "");
 }
 
 static bool report(training *run)
@@ -606,8 +584,8 @@ static bool report(training *run)
            "model %s\n",
            run->iterations, run->iterations == 1 ? "" : "s", run->train_seconds, run->wall_seconds,
            *run->stop_text ? ": " : "", run->stop_text, run->gaussians, run->hash);
-    print_score("held-out images:", &run->test);
-    print_score("training images:", &run->train);
+    split_score_print("held-out images:", &run->test);
+    split_score_print("training images:", &run->train);
     if (run->iterations)
         printf("%s/point_cloud/iteration_%d/point_cloud.ply\n", run->values.output,
                run->iterations);
@@ -645,21 +623,38 @@ static bool claim_folder(training *run)
     return claimed;
 }
 
+// The config of the run to resume, for all ranks: it names the held-out images.
+static bool share_config(training *run)
+{
+    if (!run->values.resume)
+        return true;
+    run->stored = group_json(run->stored);
+    if (run->stored)
+        run->data.held_out = json_object_get(run->stored, "test_images");
+    return group_all(run->stored != NULL);
+}
+
 // Prepares OUT, the scene and the trainer. Returns -1 to continue, or an exit status.
 static int prepare(training *run)
 {
-    if (has_no_time(run) || !training_view_is_possible(run->values.view) || !claim_folder(run))
+    const bool claimed =
+        !group_leads() ||
+        (!has_no_time(run) && training_view_is_possible(run->values.view) && claim_folder(run));
+    if (!group_all(claimed) || !share_config(run))
         return EXIT_FAILED;
-    const bool loaded = load_plan(run) && memory_suffices(run) && load_scene(run) &&
-                        evaluate_lpips(run->values.lpips, run->scene, &run->lpips);
-    if (loaded && interrupt_signal()) {
+    bool loaded = load_plan(run) && memory_suffices(run) && load_scene(run) &&
+                  evaluate_lpips(run->values.lpips, run->scene, &run->lpips);
+    loaded = group_all(loaded);
+    if (loaded && group_requested(GROUP_SIGNAL, interrupt_signal() != 0)) {
         print_warning("%s: stopped before the first iteration; nothing was written",
                       run->values.output);
         return interrupt_status();
     }
-    if (loaded && create_trainer(run) && !has_no_time(run))
+    loaded = loaded && create_trainer(run);
+    if (loaded && group_all(!group_leads() || !has_no_time(run)))
         return open_folder(run) ? -1 : EXIT_FAILED;
-    run_folder_leave(&run->folder);
+    if (group_leads())
+        run_folder_leave(&run->folder);
     return EXIT_FAILED;
 }
 
@@ -683,12 +678,14 @@ static bool open_view(training *run)
 // Iterates, saves the results and frees the trainer.
 static bool iterate_and_save(training *run)
 {
-    trace_file *trace = run->values.trace ? trace_open(run->values.trace) : NULL;
-    bool done = (!run->values.trace || trace) && open_view(run);
-    done = done && iterate(run, trace);
+    const bool traces = run->values.trace && group_leads();
+    trace_file *trace = traces ? trace_open(run->values.trace) : NULL;
+    bool done = (!traces || trace) && (!group_leads() || open_view(run));
+    done = group_all(done) && iterate(run, trace);
     done = trace_close(trace, done) && done;
-    done = done && save_results(run);
-    run_folder_close_tables(&run->folder);
+    done = done && group_all(save_results(run));
+    if (group_leads())
+        run_folder_close_tables(&run->folder);
     sgs_trainer_destroy(run->trainer);
     run->trainer = NULL;
     return done;
@@ -705,7 +702,11 @@ static int train(training *run)
     if (done && !run->checkpoint_lost && run->stop == SGS_STOP_TIME_LIMIT)
         print_note("%s: reached the time limit at iteration %d of %d; continue with --resume",
                    run->values.output, run->iterations, run->values.options.iterations);
-    if (!done || !report(run) || run->checkpoint_lost)
+    if (!done)
+        return EXIT_FAILED;
+    if (!group_leads())
+        return interrupt_status();
+    if (!report(run) || run->checkpoint_lost)
         return EXIT_FAILED;
     if (run->stop == SGS_STOP_MEMORY_LIMIT)
         return fail_run("%s: the next iterations of %zu primitives may exceed --max-memory; "

@@ -16,6 +16,7 @@
 #include "cli/interrupt.h"
 #include "cli/output.h"
 #include "cli/progress.h"
+#include "cli/rank_group.h"
 
 bool evaluator_open(evaluator *evaluation, const sgs_gaussians *model, const sgs_scene *scene,
                     const drawing_values *drawing)
@@ -217,31 +218,82 @@ void split_score_finish(split_score *sum)
                      sum->mean.sharpness / (double)sum->sharp_images, sum->mean.lpips / images};
 }
 
-bool evaluate_split(const evaluator *evaluation, sgs_split split, split_score *score)
+static bool score_own(const evaluator *evaluation, sgs_split split, const char *label,
+                      evaluate_save save, void *context, rank_score *scores)
 {
-    *score = (split_score){0};
-    split_score sum = {0};
-    const size_t total = scene_split_count(evaluation->scene, split);
+    const size_t total = scene_split_count(evaluation->scene, split), count = (size_t)group_count();
+    size_t number = 0;
     for (size_t v = 0; v < evaluation->scene->view_count; ++v) {
         const sgs_view *view = &evaluation->scene->views[v];
         if (!view_in_split(view, split))
             continue;
+        const size_t i = number++;
+        if (i % count != (size_t)sgs_ranks_rank(group_ranks()))
+            continue;
         if (interrupt_signal())
             return true;
-        progress_count(split == SGS_SPLIT_TEST ? "evaluating held-out images"
-                                               : "evaluating training images",
-                       sum.images, total);
-        view_score one;
-        if (!evaluate_view(evaluation, view, &one, NULL)) {
-            progress_end();
+        if (label)
+            progress_count(label, i, total);
+        view_images images = {0};
+        bool done = evaluate_view(evaluation, view, &scores[v].score, save ? &images : NULL);
+        done = done && (!save || save(context, v, &images));
+        view_images_free(&images);
+        if (!done)
             return false;
-        }
-        split_score_add(&sum, view, &one);
+        scores[v].is_scored = true;
     }
-    progress_end();
-    split_score_finish(&sum);
-    *score = sum;
     return true;
+}
+
+// Copies the scores of all ranks into scores [view_count].
+static bool share_scores(size_t views, rank_score *scores)
+{
+    const size_t count = (size_t)group_count(), bytes = views * sizeof *scores;
+    rank_score *all = group_ranks() ? calloc(count, bytes + 1) : NULL;
+    if (!group_ranks())
+        return true;
+    bool done = all != NULL;
+    if (!done)
+        fail_run("no memory for the scores of %zu views", views);
+    done = group_all(done) && !sgs_ranks_gather(group_ranks(), SGS_STATUS_OK, scores, bytes, all);
+    for (size_t i = 0; i < count * views && done; ++i)
+        if (all[i].is_scored)
+            scores[i % views] = all[i];
+    free(all);
+    return done;
+}
+
+bool evaluate_views(const evaluator *evaluation, sgs_split split, const char *label,
+                    evaluate_save save, void *context, rank_score *scores)
+{
+    const bool done = score_own(evaluation, split, label, save, context, scores);
+    progress_end();
+    return group_all(done) && share_scores(evaluation->scene->view_count, scores);
+}
+
+bool evaluate_split(const evaluator *evaluation, sgs_split split, split_score *score)
+{
+    *score = (split_score){0};
+    split_score sum = {0};
+    const sgs_scene *scene = evaluation->scene;
+    rank_score *scores = calloc(scene->view_count + 1, sizeof *scores);
+    bool done = scores != NULL, complete = true;
+    if (!done)
+        fail_run("no memory for the scores of %zu views", scene->view_count);
+    done = group_all(done) && evaluate_views(evaluation, split,
+                                             split == SGS_SPLIT_TEST ? "evaluating held-out images"
+                                                                     : "evaluating training images",
+                                             NULL, NULL, scores);
+    for (size_t v = 0; v < scene->view_count && done; ++v)
+        if (view_in_split(&scene->views[v], split) && scores[v].is_scored)
+            split_score_add(&sum, &scene->views[v], &scores[v].score);
+        else if (view_in_split(&scene->views[v], split))
+            complete = false; // a request to stop
+    free(scores);
+    split_score_finish(&sum);
+    if (done && complete)
+        *score = sum;
+    return done;
 }
 
 void view_score_add_json(json_t *object, const view_score *score)
@@ -261,4 +313,16 @@ json_t *split_score_json(const split_score *score)
     const view_score none = {NAN, NAN, NAN, NAN, NAN};
     view_score_add_json(object, score->images ? &score->mean : &none);
     return object;
+}
+
+void split_score_print(const char *label, const split_score *score)
+{
+    if (!score->images)
+        return;
+    char lpips[32] = "";
+    if (!isnan(score->mean.lpips))
+        snprintf(lpips, sizeof lpips, ", LPIPS %.4f", score->mean.lpips);
+    printf("%s PSNR %.2f dB, SSIM %.4f, FLIP %.4f, sharpness %.3f%s (%zu images%s)\n", label,
+           score->mean.psnr, score->mean.ssim, score->mean.flip, score->mean.sharpness, lpips,
+           score->images, score->identical ? ", some identical: 100 dB each" : "");
 }

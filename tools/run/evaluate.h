@@ -65,6 +65,18 @@ void split_score_add(split_score *sum, const sgs_view *view, const view_score *s
 // Turns the sums into means; NaN where there is no image.
 void split_score_finish(split_score *sum);
 
+// Scores of a split on all ranks, [view_count]; is_scored is false after a request to stop.
+typedef struct rank_score {
+    view_score score;
+    bool is_scored;
+} rank_score;
+
+// Scores view i of the split on rank i modulo their number; all receive all scores. save: called
+// with the images of each own view, or NULL. False after printing the error. Collective.
+typedef bool (*evaluate_save)(void *context, size_t view, const view_images *images);
+bool evaluate_views(const evaluator *evaluation, sgs_split split, const char *label,
+                    evaluate_save save, void *context, rank_score *scores);
+
 // Scores a split. A request to stop (interrupt.h) ends it early with images = 0.
 bool evaluate_split(const evaluator *evaluation, sgs_split split, split_score *score);
 
@@ -73,3 +85,5 @@ bool evaluate_split(const evaluator *evaluation, sgs_split split, split_score *s
 void view_score_add_json(json_t *object, const view_score *score);
 // {"images":n,"identical":n} and the means.
 json_t *split_score_json(const split_score *score);
+// Prints "LABEL PSNR ..." to stdout; nothing without images.
+void split_score_print(const char *label, const split_score *score);

@@ -379,10 +379,14 @@ static int load_checkpoint(const char *path, sgs_trainer *trainer)
     return -2;
 }
 
-int run_folder_load_checkpoint(const run_folder *folder, sgs_trainer *trainer)
+int run_folder_load_checkpoint(const run_folder *folder, sgs_trainer *trainer, char **loaded)
 {
+    bool renamed = false;
+    *loaded = NULL;
     char *newest = checkpoint_path(folder, ""), *previous = checkpoint_path(folder, ".previous");
     int result = load_checkpoint(newest, trainer);
+    if (result == 1)
+        *loaded = format_text("%s", newest);
     if (result != 1 && result != -2) {
         const bool damaged = result < 0, unreadable = result == -3;
         if (damaged)
@@ -397,16 +401,40 @@ int run_folder_load_checkpoint(const run_folder *folder, sgs_trainer *trainer)
         if (before == 1 && unreadable)
             print_warning("%s: used instead; the iterations after it are repeated", previous);
         if (before == 1 && damaged && !unreadable) {
-            rename(previous,
-                   newest); // otherwise the next checkpoint would keep the damaged one as
-                            // state.previous.bin
+            // Otherwise the next checkpoint would keep the damaged one as state.previous.bin.
+            renamed = !rename(previous, newest);
             print_warning(
                 "%s: replaced by the previous checkpoint; the iterations after it are repeated",
                 newest);
         }
+        if (before == 1)
+            *loaded = format_text("%s", renamed ? newest : previous);
         result = before == 0 && damaged ? -1 : before;
     }
     free(newest);
     free(previous);
     return result < 0 ? -1 : result;
+}
+
+bool run_folder_save_trained(const run_folder *folder, const sgs_trainer *trainer, int iteration)
+{
+    const sgs_gaussians *model = sgs_trainer_model(trainer);
+    const float *filter = sgs_trainer_filter_3d(trainer);
+    if (!filter)
+        return run_folder_save_model(folder, model, iteration, false);
+    sgs_gaussians *fused = NULL;
+    if (sgs_gaussians_fuse_filter_3d(model, filter, &fused)) {
+        fail_library();
+        return false;
+    }
+    bool saved = run_folder_save_model(folder, fused, iteration, true);
+    sgs_gaussians_destroy(fused);
+    char *path = format_text("%s/point_cloud/iteration_%d/point_cloud_filter_3D.ply", folder->path,
+                             iteration);
+    if (saved && sgs_ply_write_filter_3d(path, model, filter)) {
+        fail_library();
+        saved = false;
+    }
+    free(path);
+    return saved;
 }

@@ -52,6 +52,10 @@ void run_folder_record(run_folder *folder, const sgs_step_info *info, double sec
 bool run_folder_save_model(const run_folder *folder, const sgs_gaussians *model, int iteration,
                            bool antialiased);
 
+// The same for the model of a trainer. Mip-Splatting's 3D filter is fused into it and also saved
+// separately.
+bool run_folder_save_trained(const run_folder *folder, const sgs_trainer *trainer, int iteration);
+
 // Writes OUT/checkpoint/state.bin and keeps the previous one as state.previous.bin. The tables must
 // be open.
 bool run_folder_save_checkpoint(run_folder *folder, const sgs_trainer *trainer);
@@ -59,5 +63,6 @@ bool run_folder_has_checkpoint(const run_folder *folder);
 // Primitives in the newest checkpoint; 0 when there is none or it cannot be read.
 size_t run_folder_checkpoint_gaussians(const run_folder *folder);
 // Loads the latest readable checkpoint. Returns 1 if loaded, 0 if there is none, -1 after printing
-// the error if none is readable or the latest belongs to other options or another scene.
-int run_folder_load_checkpoint(const run_folder *folder, sgs_trainer *trainer);
+// the error if none is readable or the latest belongs to other options or another scene. *loaded
+// receives the path of the file that was loaded, to be freed, or NULL.
+int run_folder_load_checkpoint(const run_folder *folder, sgs_trainer *trainer, char **loaded);

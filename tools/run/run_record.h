@@ -9,6 +9,7 @@
 #include <stdbool.h>
 
 #include "sparegs/scene.h"
+#include "sparegs/trainer.h"
 
 // Adds the names of the held-out views to a config as "test_images". Names that are not UTF-8
 // cannot be recorded; the list is then omitted, and the options define the split.
@@ -25,3 +26,6 @@ void run_record_check_scene(const char *folder, const sgs_scene *scene);
 // True if a run with --region continues with the initial model that it started from; otherwise
 // prints the error.
 bool run_record_init_agrees(const char *config_path, const json_t *stored, const json_t *now);
+
+// The member "seconds" of summary.json: phases of the training, loading and checkpoints.
+json_t *run_record_seconds(const sgs_train_seconds *seconds, double load, double checkpoint);

@@ -1,0 +1,124 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Every rank describes itself in lines "what: value", which sgs_ranks_compare compares.
+
+#include "train/rank_handshake.h"
+
+#include <inttypes.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <xxhash.h>
+
+#include "base/core.h"
+#include "image/mask.h"
+#include "sparegs/option_descriptors.h"
+#include "sparegs/runtime.h"
+
+// A hash of functions whose last bit may differ between C libraries.
+static uint64_t arithmetic(void)
+{
+    enum { PROBES = 4096 };
+    XXH64_state_t *state = XXH64_createState();
+    if (!state)
+        return 0;
+    XXH64_reset(state, 0);
+    for (uint64_t i = 0; i < PROBES; ++i) {
+        const double x = 40.0 * sgsi_random_uniform(1, i) - 20.0;
+        const double values[] = {exp(x), log(fabs(x) + 1e-9), pow(fabs(x), 0.37)};
+        const float value = expf((float)x);
+        XXH64_update(state, values, sizeof values);
+        XXH64_update(state, &value, sizeof value);
+    }
+    const uint64_t digest = XXH64_digest(state);
+    XXH64_freeState(state);
+    return digest;
+}
+
+// The sets of a class compute the same bits.
+static const char *isa_class(void)
+{
+#ifdef SGSI_X86
+    return sgs_isa_get() == SGS_ISA_BASELINE ? "x86-64 without fused multiply-add"
+                                             : "with fused multiply-add";
+#else
+    return "with fused multiply-add";
+#endif
+}
+
+static uint64_t view_digest(const sgs_view *view)
+{
+    const uint64_t parts[] = {(uint64_t)view->camera.model << 32 | (uint32_t)view->camera.width,
+                              (uint32_t)view->camera.height,
+                              XXH64(view->camera.params, sizeof view->camera.params, 0),
+                              XXH64(view->pose.rotation, sizeof view->pose.rotation, 0),
+                              XXH64(view->pose.translation, sizeof view->pose.translation, 0)};
+    return XXH64(parts, sizeof parts, 0);
+}
+
+static uint64_t photo_digest(const sgs_photo *photo)
+{
+    const size_t values = (size_t)photo->channels * (size_t)photo->width * (size_t)photo->height;
+    const size_t words = sgs_mask_words(photo->width) * (size_t)photo->height;
+    const uint64_t parts[] = {
+        (uint64_t)photo->width << 32 | (uint32_t)photo->height,
+        photo->halves ? XXH64(photo->halves, values * sizeof *photo->halves, 1)
+                      : XXH64(photo->pixels, values, 0),
+        photo->valid_mask ? XXH64(photo->valid_mask, words * sizeof *photo->valid_mask, 0) : 0};
+    return XXH64(parts, sizeof parts, 0);
+}
+
+static void describe_program(FILE *out, const sgs_train_options *options)
+{
+    size_t count;
+    const sgs_train_option *rows = sgs_train_option_descriptors(&count);
+    fprintf(out,
+            "version: %s (%s)\ninstruction set: %s\narithmetic of the C library: %016" PRIx64 "\n",
+            sgs_version(), sgs_version_commit(), isa_class(), arithmetic());
+    for (size_t i = 0; i < count; ++i) {
+        char value[256];
+        if (rows[i].type == SGS_OPTION_MODEL) // replaced by the model after creation
+            continue;
+        sgs_train_option_text(&rows[i], options, value, sizeof value);
+        fprintf(out, "option %s: %s\n", rows[i].name, value);
+    }
+}
+
+static sgs_status describe_views(FILE *out, const sgsi_train_views *views)
+{
+    fprintf(out, "number of training views: %zu\n", views->count);
+    for (size_t i = 0; i < views->count; ++i) {
+        const sgs_view *view = &views->scene->views[views->scene_views[i]];
+        const sgs_photo *photo;
+        const sgs_status status = sgs_scene_photo(views->scene, views->scene_views[i], &photo);
+        if (status)
+            return status;
+        fprintf(out, "camera of %s: %016" PRIx64 "\nphotograph %s: %016" PRIx64 "\n", view->name,
+                view_digest(view), view->name, photo_digest(photo));
+    }
+    return SGS_STATUS_OK;
+}
+
+sgs_status sgsi_rank_handshake(const sgsi_train_views *views, const sgs_gaussians *model,
+                               sgs_ranks *ranks)
+{
+    char hash[17];
+    char *text = NULL;
+    size_t size = 0;
+    sgs_status status = SGS_STATUS_OK;
+    FILE *out = open_memstream(&text, &size);
+    if (out) {
+        describe_program(out, views->options);
+        sgs_gaussians_hash(model, hash);
+        fprintf(out, "initial model: %s\n", hash);
+        status = describe_views(out, views);
+    }
+    if ((!out || fclose(out)) && !status)
+        status =
+            sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to describe %zu views", views->count);
+    status = sgs_ranks_compare(ranks, status, text ? text : "");
+    free(text);
+    return status;
+}

@@ -1,0 +1,154 @@
+#!/usr/bin/env bash
+# SPDX-FileCopyrightText: 2026 The sparegs authors
+# SPDX-License-Identifier: Apache-2.0
+
+# Several ranks under mpirun: the model of one process at any number of ranks, resuming with another number and without
+# MPI, refusals, signals, and a rank that dies. Skipped without mpirun or without a plug-in.
+set -euo pipefail
+# shellcheck source=tests/cli/cli_support.sh
+source "$(dirname "$0")/cli_support.sh"
+
+if ! command -v mpirun >/dev/null || ! ls "$SPAREGS_BUILD"/ranks-*.so >/dev/null 2>&1; then
+    echo "skipped: mpirun or the MPI plug-in is missing (install libopenmpi-dev and openmpi-bin)"
+    exit 77
+fi
+if is_sanitized; then
+    echo "skipped: the MPI library is not built with a sanitizer"
+    exit 77
+fi
+export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1
+# shellcheck disable=SC2016 # run by each rank
+on_rank_1='[ "${OMPI_COMM_WORLD_RANK:-${PMI_RANK:-0}}" = 1 ]'
+launcher=(mpirun)
+if mpirun --version 2>&1 | grep -q "Open MPI"; then
+    launcher+=(--oversubscribe --bind-to none)
+fi
+
+# ranks STATUS COUNT ARGUMENT...: as run, on COUNT ranks. mpirun adds lines of its own after a failure.
+ranks() {
+    local expected=$1 count=$2 status=0
+    shift 2
+    refused=$((expected == 1 || expected == 2))
+    last_command="mpirun -n $count sparegs $*"
+    timeout 300 "${launcher[@]}" -n "$count" "$program" "$@" >"$temporary/stdout" 2>"$temporary/stderr" || status=$?
+    check "exit_status_$expected" test "$status" -eq "$expected"
+}
+hash_of() { jq -r .model_hash "$temporary/$1/summary.json"; }
+same_hash() { check "same_hash: $1 $2" test "$(hash_of "$1")" = "$(hash_of "$2")"; }
+one_voice() { check one_line_of_sparegs test "$(grep -c '^sparegs: ' "$temporary/stderr")" = 1; }
+
+common=("$room" --downscale 4 --eval --iterations 120 --threads 1 --quiet)
+
+# ---- The same bits ----
+run 0 train "${common[@]}" --exposure -o "$temporary/one"
+json "$temporary/one/summary.json" '.ranks == 1'
+for count in 1 2 3 4; do
+    ranks 0 "$count" train "${common[@]}" --exposure -o "$temporary/ranks$count"
+    same_hash one "ranks$count"
+    json "$temporary/ranks$count/summary.json" ".ranks == $count"
+    check same_scores test "$(jq -c '[.test, .train]' "$temporary/one/summary.json")" = \
+        "$(jq -c '[.test, .train]' "$temporary/ranks$count/summary.json")"
+done
+check same_exposures cmp "$temporary/one/exposure.json" "$temporary/ranks3/exposure.json"
+json "$temporary/ranks3/summary.json" '.traffic.records.bytes > 0 and .traffic.image.messages > 0'
+if [ "${#launcher[@]}" -gt 1 ]; then
+    shared=("${launcher[@]}")
+    launcher+=(--mca btl tcp,self)
+    ranks 0 2 train "${common[@]}" --exposure -o "$temporary/tcp"
+    same_hash one tcp
+    launcher=("${shared[@]}")
+fi
+
+# ---- eval: the same rows, in the same order ----
+run 0 eval "$temporary/one" "$room" --downscale 4 --split all --quiet
+cp "$temporary/stdout" "$temporary/rows"
+ranks 0 3 eval "$temporary/one" "$room" --downscale 4 --split all --quiet --save "$temporary/images"
+check same_rows cmp "$temporary/rows" "$temporary/stdout"
+check every_image test "$(find "$temporary/images" -name '*_flip.png' | wc -l)" = "$(find "$room/images" -name '*.jpg' | wc -l)"
+
+# ---- Resuming on another number of ranks, and without MPI ----
+run 0 train "${common[@]}" --iterations 200 -o "$temporary/whole"
+ranks 0 3 train "${common[@]}" --iterations 200 --time-limit 5s --checkpoint-every 20 -o "$temporary/part"
+ranks 0 2 train "${common[@]}" --iterations 200 --resume --checkpoint-every 20 -o "$temporary/part"
+same_hash whole part
+
+# A rank is killed: the launcher ends the job; the checkpoint is whole.
+status=0
+timeout 300 "${launcher[@]}" -n 2 "$program" train "${common[@]}" --iterations 100000 --checkpoint-every 20 -o "$temporary/killed" \
+    >"$temporary/stdout" 2>"$temporary/stderr" &
+job=$!
+for ((i = 0; i < 600; ++i)); do
+    [ ! -f "$temporary/killed/checkpoint/state.bin" ] || break
+    sleep 0.1
+done
+mpi=$(pgrep -P "$job" | head -1) # of timeout
+kill -KILL "$(pgrep -P "$mpi" | tail -1)"
+wait "$job" || status=$?
+last_command="kill -KILL of a rank"
+check the_job_ends test "$status" -ne 0
+run 0 train "$room" --downscale 4 --eval --threads 1 --quiet --iterations 100000 --time-limit 4s --resume -o "$temporary/killed"
+check continued test "$(jq .iterations "$temporary/killed/summary.json")" -gt 20
+
+# USR2 ends all ranks in the same iteration and saves.
+timeout 300 "${launcher[@]}" -n 2 "$program" train "${common[@]}" --iterations 100000 -o "$temporary/usr2" \
+    >"$temporary/stdout" 2>"$temporary/stderr" &
+job=$!
+for ((i = 0; i < 600; ++i)); do
+    [ ! -s "$temporary/usr2/train.csv" ] || [ "$(wc -l <"$temporary/usr2/train.csv")" -lt 2 ] || break
+    sleep 0.1
+done
+kill -USR2 "$(pgrep -P "$job" | head -1)" # mpirun forwards it
+wait "$job" || true
+last_command="kill -USR2 of mpirun"
+json "$temporary/usr2/summary.json" '.stop_reason == "signal"'
+check checkpoint_saved test -f "$temporary/usr2/checkpoint/state.bin"
+
+# ---- Refused ----
+cat >"$temporary/differs" <<EOF
+#!/bin/sh
+$on_rank_1 && exec "$program" "\$@" --seed 5
+exec "$program" "\$@"
+EOF
+chmod +x "$temporary/differs"
+real=$program
+program=$temporary/differs
+ranks 1 2 train "${common[@]}" -o "$temporary/refused"
+one_voice
+reports "sparegs: rank 1 ("
+reports "seed is 5, but 0 on rank 0"
+check nothing_written test ! -e "$temporary/refused"
+cat >"$temporary/differs" <<EOF
+#!/bin/sh
+$on_rank_1 && exec "$real" "\$@" --isa baseline
+exec "$real" "\$@"
+EOF
+ranks 1 2 train "${common[@]}" -o "$temporary/refused"
+if grep -q "avx" <("$real" --version); then
+    reports "instruction set is x86-64 without fused multiply-add, but with fused multiply-add on rank 0"
+    one_voice
+fi
+cp -r "$room" "$temporary/other"
+photo=$(find "$temporary/other/images" -name '*.jpg' | sort | tail -1)
+cp "$(find "$temporary/other/images" -name '*.jpg' | sort | head -1)" "$photo"
+cat >"$temporary/differs" <<EOF
+#!/bin/sh
+$on_rank_1 && exec "$real" train "$temporary/other" "\$@"
+exec "$real" train "$room" "\$@"
+EOF
+ranks 1 2 --downscale 4 --iterations 120 --quiet -o "$temporary/refused"
+reports "photograph $(basename "$photo") is "
+one_voice
+program=$real
+
+# Without the plug-in, and a command for one process.
+mkdir "$temporary/bin"
+cp "$program" "$temporary/bin/sparegs"
+program=$temporary/bin/sparegs
+ranks 1 2 train "${common[@]}" -o "$temporary/refused"
+reports "the MPI plug-in ranks-"
+one_voice
+program=$real
+ranks 2 2 info "$room"
+reports "info runs in one process"
+one_voice
+finish

@@ -1,0 +1,157 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+#include "cli/rank_group.h"
+
+#include <fcntl.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "cli/options.h"
+#include "cli/output.h"
+#include "cli/progress.h"
+#include "sparegs/runtime.h"
+
+static sgs_ranks *ranks;
+static bool told; // the failure of a call is printed
+
+static bool leads(void)
+{
+    return !ranks || !sgs_ranks_rank(ranks);
+}
+
+// What this process prints goes nowhere.
+static void silence(void)
+{
+    const int nothing = open("/dev/null", O_WRONLY);
+    if (nothing < 0)
+        return;
+    fflush(stdout);
+    dup2(nothing, STDOUT_FILENO);
+    dup2(nothing, STDERR_FILENO);
+    close(nothing);
+    messages_set_quiet(true);
+}
+
+// One core per rank although the machine has more: mpirun binds each rank to a core or a socket.
+static void check_binding(void)
+{
+    const long cores = sysconf(_SC_NPROCESSORS_ONLN);
+    if (sgs_cores() == 1 && cores >= 2L * sgs_ranks_count(ranks))
+        print_warning("each rank may use 1 of %ld cores; start mpirun with --map-by ppr:1:node "
+                      "--bind-to none, or srun with -c",
+                      cores);
+}
+
+int group_open(const char *command, bool supported)
+{
+    int rank;
+    const int count = sgs_ranks_launched(&rank);
+    if (count < 2)
+        return -1;
+    if (rank)
+        silence();
+    if (!supported)
+        return fail_usage("%s runs in one process; start it without a launcher (%d processes were "
+                          "launched)",
+                          command, count);
+    if (sgs_ranks_open(NULL, &ranks))
+        return fail_library();
+    if (leads())
+        check_binding();
+    return -1;
+}
+
+int group_close(int status)
+{
+    if (!ranks)
+        return status;
+    // A rank that failed alone, without group_all.
+    const bool failed = status == EXIT_FAILED || status == EXIT_USAGE;
+    const bool all = group_all(!failed);
+    sgs_ranks_close(ranks);
+    ranks = NULL;
+    return all || failed ? status : EXIT_FAILED;
+}
+
+sgs_ranks *group_ranks(void)
+{
+    return ranks;
+}
+
+bool group_leads(void)
+{
+    return leads();
+}
+
+int group_count(void)
+{
+    return sgs_ranks_count(ranks);
+}
+
+bool group_all(bool own)
+{
+    if (!ranks)
+        return own;
+    const char *text = last_error_text();
+    const sgs_status status =
+        sgs_ranks_agree_text(ranks, own ? SGS_STATUS_OK : SGS_STATUS_IO, text);
+    if (status && own && leads() && !told) {
+        told = true;
+        fail_library();
+    }
+    told = told || status;
+    return !status;
+}
+
+bool group_requested(unsigned request, bool own)
+{
+    if (!ranks)
+        return own;
+    if (own)
+        sgs_ranks_raise(ranks, request);
+    return sgs_ranks_raised(ranks) & request;
+}
+
+json_t *group_json(json_t *value)
+{
+    if (!ranks)
+        return value;
+    void *text = leads() && value ? json_dumps(value, JSON_REAL_PRECISION(17)) : NULL;
+    size_t size = text ? strlen(text) : 0;
+    const bool shared = !sgs_ranks_broadcast(ranks, SGS_STATUS_OK, &text, &size);
+    if (!leads())
+        value = shared && size ? json_loadb(text, size, 0, NULL) : NULL;
+    if (leads() || shared)
+        free(text);
+    return value;
+}
+
+json_t *group_traffic(void)
+{
+    sgs_ranks_traffic own[SGS_RANKS_PURPOSE_COUNT], *all;
+    if (!ranks)
+        return NULL;
+    for (int k = 0; k < SGS_RANKS_PURPOSE_COUNT; ++k)
+        own[k] = sgs_ranks_counted(ranks, (sgs_ranks_purpose)k);
+    all = malloc((size_t)group_count() * sizeof own);
+    if (!all)
+        fail_run("no memory for the traffic of the ranks");
+    const bool shared =
+        group_all(all != NULL) && !sgs_ranks_gather(ranks, SGS_STATUS_OK, own, sizeof own, all);
+    json_t *root = shared ? json_object() : NULL;
+    for (int k = 0; k < SGS_RANKS_PURPOSE_COUNT && shared; ++k) {
+        sgs_ranks_traffic sum = {.calls = own[k].calls}; // the same on all ranks
+        for (int r = 0; r < group_count(); ++r) {
+            sum.messages += all[r * SGS_RANKS_PURPOSE_COUNT + k].messages;
+            sum.bytes += all[r * SGS_RANKS_PURPOSE_COUNT + k].bytes;
+        }
+        json_object_set_new(root, sgs_ranks_purpose_name((sgs_ranks_purpose)k),
+                            json_pack("{s:I,s:I,s:I}", "calls", (json_int_t)sum.calls, "messages",
+                                      (json_int_t)sum.messages, "bytes", (json_int_t)sum.bytes));
+    }
+    free(all);
+    return root;
+}

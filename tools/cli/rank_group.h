@@ -1,0 +1,42 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// The ranks of this program under mpirun or srun (sparegs/ranks.h). Only rank 0 prints and writes;
+// the messages of the others reach it when they fail. Without a launcher there are no ranks, and
+// every function does what a single process needs.
+
+#include <jansson.h>
+#include <stdbool.h>
+
+#include "sparegs/ranks.h"
+
+// Requests that must reach all ranks in the same iteration.
+enum { GROUP_SIGNAL = 1, GROUP_TIME = 2, GROUP_MEMORY = 4 };
+
+// Joins the ranks, if there is a launcher, and silences all but rank 0. `command` is for messages;
+// supported: whether it works on several ranks. Returns -1 to continue, or an exit status.
+int group_open(const char *command, bool supported);
+// Leaves the ranks. Returns `status`, or a failure if another rank failed.
+int group_close(int status);
+
+// NULL without ranks.
+sgs_ranks *group_ranks(void);
+bool group_leads(void); // rank 0, or no ranks
+int group_count(void);  // 1 without ranks
+
+// Collective: true if all ranks pass true. A rank that passes false has printed its error, which
+// rank 0 prints for it.
+bool group_all(bool own);
+
+// True if the request was raised on any rank; the same on all ranks in the same iteration. `own`
+// raises it.
+bool group_requested(unsigned request, bool own);
+
+// The value of rank 0 on all ranks; NULL if that is NULL, or on failure. Takes over the reference
+// of `value`. Collective.
+json_t *group_json(json_t *value);
+
+// Bytes and messages between the ranks so far, by purpose, summed over the ranks: {"records":
+// {"calls":n,"messages":n,"bytes":n}, ...}. NULL without ranks. Collective.
+json_t *group_traffic(void);

@@ -1,0 +1,21 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// Evaluation of the model that a training saved, on all ranks (cli/rank_group.h); only rank 0 reads
+// the folder.
+
+#include "run/evaluate.h"
+
+typedef struct saved_evaluation {
+    const char *output; // folder of the run
+    int iterations;     // of the model
+    const sgs_scene *scene;
+    drawing_values drawing;
+    bool has_exposure;
+    const sgs_lpips *lpips;
+    sgs_lpips_input lpips_input;
+} saved_evaluation;
+
+// Scores both splits. False after printing the error. Collective.
+bool evaluate_saved(const saved_evaluation *input, split_score *test, split_score *train);

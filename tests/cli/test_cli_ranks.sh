@@ -66,6 +66,13 @@ ranks 0 3 eval "$temporary/one" "$room" --downscale 4 --split all --quiet --save
 check same_rows cmp "$temporary/rows" "$temporary/stdout"
 check every_image test "$(find "$temporary/images" -name '*_flip.png' | wc -l)" = "$(find "$room/images" -name '*.jpg' | wc -l)"
 
+# ---- render: the same files ----
+run 0 render "$temporary/one" "$room" --downscale 4 --split all --aov depth --quiet -o "$temporary/frames"
+ranks 0 3 render "$temporary/one" "$room" --downscale 4 --split all --aov depth --quiet -o "$temporary/shared"
+check same_frames diff -r "$temporary/frames" "$temporary/shared"
+ranks 2 2 render "$temporary/one" "$room" --downscale 4 --json -o "$temporary/refused"
+reports "render --json runs in one process"
+
 # ---- Resuming on another number of ranks, and without MPI ----
 run 0 train "${common[@]}" --iterations 200 -o "$temporary/whole"
 ranks 0 3 train "${common[@]}" --iterations 200 --time-limit 5s --checkpoint-every 20 -o "$temporary/part"

@@ -30,7 +30,7 @@ static const command commands[] = {
     {"split", "divide a large scene into blocks", command_split, false},
     {"merge", "join the trained blocks of a scene", command_merge, false},
     {"eval", "compare renders of a model with the photographs", command_eval, true},
-    {"render", "render views as EXR or PNG", command_render, false},
+    {"render", "render views as EXR or PNG", command_render, true},
     {"view", "show a model in the browser", command_view, false},
     {"info", "describe a model or a data set", command_info, false},
     {"compress", "compress a model with a published method", command_compress, false},

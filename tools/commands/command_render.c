@@ -13,6 +13,7 @@
 #include "cli/model_argument.h"
 #include "cli/output.h"
 #include "cli/progress.h"
+#include "cli/rank_group.h"
 #include "cameras/camera_export.h"
 #include "cameras/render_cameras.h"
 #include "draw/view_drawer.h"
@@ -325,12 +326,16 @@ static bool render_views(const sgs_gaussians *model, const camera_list *cameras,
     view_drawer drawer;
     bool done =
         view_drawer_open(&drawer, options, drawing, model) && view_drawer_measure(&drawer, cameras);
-    for (size_t i = 0; i < cameras->count && done && !interrupt_signal(); ++i) {
+    // View i on rank i modulo their number; each rank writes its files.
+    const size_t count = (size_t)group_count();
+    for (size_t i = (size_t)sgs_ranks_rank(group_ranks());
+         i < cameras->count && done && !interrupt_signal(); i += count) {
         done = view_drawer_draw(&drawer, &cameras->cameras[i]);
         progress_count("render", i + 1, cameras->count);
     }
     progress_end();
     done = view_drawer_close(&drawer, done) && done;
+    done = group_all(done);
     if (done && cameras->arc > 0)
         print_note("orbit: arc of %.0f degrees; use --arc 360 for a full circle", cameras->arc);
     if (done)
@@ -489,6 +494,9 @@ int command_render(int argc, char **argv)
     camera_choice choice;
     if (status < 0)
         status = check_values(&call.line, &values, &choice);
+    if (status < 0 && group_ranks() && (values.film || call.common.json))
+        status = fail_usage("render %s runs in one process; start it without a launcher",
+                            values.film ? "--video" : "--json");
     if (status < 0)
         status = common_apply(&call.common, &call.line);
     if (status >= 0)

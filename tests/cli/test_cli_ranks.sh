@@ -73,6 +73,18 @@ check same_frames diff -r "$temporary/frames" "$temporary/shared"
 ranks 2 2 render "$temporary/one" "$room" --downscale 4 --json -o "$temporary/refused"
 reports "render --json runs in one process"
 
+# ---- experiment: the same results ----
+cat >"$temporary/plan.json" <<EOF
+{"title": "ranks", "scenes": [{"name": "room", "path": "$room", "options": {"downscale": 4}}],
+ "pipelines": ["3dgs", "mcmc"], "variants": [{"name": "on"}], "seeds": [0, 1],
+ "options": {"iterations": 20, "eval": true, "threads": 1}}
+EOF
+run 0 experiment "$temporary/plan.json" -o "$temporary/plan1" --quiet
+ranks 0 3 experiment "$temporary/plan.json" -o "$temporary/plan3" --quiet
+results='[.runs[] | [.folder, .summary.model_hash, .summary.ranks, .summary.test]]'
+check same_results test "$(jq -c "$results" "$temporary/plan1/results.json")" = "$(jq -c "$results" "$temporary/plan3/results.json")"
+json "$temporary/plan3/results.json" '.runs | length == 4'
+
 # ---- Resuming on another number of ranks, and without MPI ----
 run 0 train "${common[@]}" --iterations 200 -o "$temporary/whole"
 ranks 0 3 train "${common[@]}" --iterations 200 --time-limit 5s --checkpoint-every 20 -o "$temporary/part"

@@ -40,7 +40,7 @@ static const command commands[] = {
     {"reconstruct", "estimate the cameras of photographs with COLMAP", command_reconstruct, false},
     {"explain", "explain the budget that SPARE-GS assigned to regions", command_explain, false},
     {"experiment", "run a plan of trainings: scenes, pipelines, variants, seeds",
-     command_experiment, false},
+     command_experiment, true},
     {"report", "create tables and an HTML page of an experiment", command_report, false},
     {"prune", "remove the least important primitives of a model", command_prune, false},
     {"bd", "compare two curves of size and PSNR: BD-rate and BD-PSNR", command_bd, false},

@@ -17,6 +17,7 @@
 #include "cli/options.h"
 #include "cli/output.h"
 #include "cli/progress.h"
+#include "cli/rank_group.h"
 #include "cli/shared_options.h"
 
 static const char description[] =
@@ -384,11 +385,28 @@ static json_t *complete_run(const experiment_run *run)
     return summary;
 }
 
+// The failures of all ranks. False after printing the error.
+static bool add_failures(int failures[2])
+{
+    int *all = calloc(2 * (size_t)group_count(), sizeof *all);
+    if (!all)
+        fail_run("out of memory");
+    const bool done = group_all(all != NULL) && !sgs_ranks_gather(group_ranks(), SGS_STATUS_OK,
+                                                                  failures, 2 * sizeof *all, all);
+    failures[0] = failures[1] = 0;
+    for (int i = 0; i < 2 * group_count() && done; ++i)
+        failures[i % 2] += all[i];
+    free(all);
+    return done;
+}
+
+// Run i on rank i modulo their number; rank 0 writes the results.
 static int run_all(const experiment_plan *plan, const char *folder)
 {
     int failed = 0, failed_points = 0;
     bool written = true;
-    for (size_t i = 0; i < plan->count && written && !interrupt_signal(); ++i) {
+    const size_t ranks = (size_t)group_count(), rank = (size_t)sgs_ranks_rank(group_ranks());
+    for (size_t i = rank; i < plan->count && written && !interrupt_signal(); i += ranks) {
         const experiment_run *run = &plan->runs[i];
         json_t *done = finished(run);
         json_decref(done);
@@ -401,10 +419,14 @@ static int run_all(const experiment_plan *plan, const char *folder)
         }
         failed_points += run_post(plan, run, summary);
         json_decref(summary);
-        written = write_results(plan, folder);
+        written = !group_leads() || write_results(plan, folder);
     }
-    if (!written || !write_results(plan, folder))
+    int failures[2] = {failed, failed_points};
+    if (!group_all(written) || !add_failures(failures) ||
+        (group_leads() && !write_results(plan, folder)))
         return EXIT_FAILED;
+    failed = failures[0];
+    failed_points = failures[1];
     if (interrupt_signal())
         return interrupt_status();
     if (failed)

@@ -57,6 +57,37 @@ one_line
 rm -r "$dir/coarse"
 mv "$dir/kept" "$dir/coarse"
 
+# a_signal_saves_the_state_and_requeues_the_task (a scontrol that records its arguments stands in for Slurm's)
+mkdir "$temporary/bin"
+printf '#!/bin/bash\necho "$@" >"%s/requeued"\n' "$temporary" >"$temporary/bin/scontrol"
+chmod +x "$temporary/bin/scontrol"
+task() { # ID: starts task 1 of the two blocks in the background
+    PATH=$temporary/bin:$PATH COARSE=$dir/coarse SLURM_JOB_ID=$1 SLURM_ARRAY_TASK_ID=1 \
+        bash "$temporary/json/blocks.sh" --iterations 100000 "${options[@]}" >/dev/null 2>"$temporary/stderr" &
+    job=$!
+}
+stop_after() { # ITERATION: waits for it, then sends SIGTERM to the shell only, as --signal=B:TERM does
+    for _ in $(seq 600); do
+        if [ "$(tail -n 1 "$temporary/json/block_1/train.csv" 2>/dev/null | cut -d, -f1 | grep -x '[0-9]*' || echo 0)" -ge "$1" ]; then break; fi
+        sleep 0.1
+    done
+    kill -TERM "$job"
+    status=0
+    wait "$job" || status=$?
+}
+last_command="blocks.sh and SIGTERM"
+task 41
+stop_after 100
+check the_status_is_that_of_sigterm test "$status" -eq 143
+check the_task_is_requeued grep -qx 'requeue 41' "$temporary/requeued"
+json "$temporary/json/block_1/summary.json" '.stop_reason == "signal" and .iterations >= 100'
+first=$(jq .iterations "$temporary/json/block_1/summary.json")
+task 42
+stop_after $((first + 100))
+check it_is_requeued_again grep -qx 'requeue 42' "$temporary/requeued"
+json "$temporary/json/block_1/summary.json" ".iterations > $first"
+json "$temporary/json/block_1/config.json" ".resumed[0].iteration == $first"
+
 # a_block_reads_its_views_only_and_keeps_the_split_of_the_scene
 json "$dir/block_0/config.json" '.block.index == 0 and (.block.scene_hash | length) == 16 and (.options.region | startswith("-inf"))'
 held_out=$("$program" eval "$dir/coarse" "$room" --downscale 16 --eval --json 2>/dev/null | jq -c '[.images[].name]')

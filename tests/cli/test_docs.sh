@@ -193,7 +193,7 @@ check_text() {
     done < <(prose "$file" | awk -F'`' '{
         number = $1; sub(/:.*/, "", number)
         for (i = 2; i <= NF; i += 2)
-            if ($i !~ /^(tools|cmake|ctest|apt|pkg-config)/)
+            if ($i !~ /^(tools|cmake|ctest|apt|pkg-config|mpirun|srun)/)
                 for (n = split($i, words, /[ =]/); n > 0; --n)
                     if (words[n] ~ /^--[a-z]/) print number ":" words[n]
     }')
@@ -224,6 +224,7 @@ inspect() {
 {
     echo --version
     echo --static
+    printf '%s\n' --bind-to --cpu-bind --ntasks-per-node --exclusive --signal # of mpirun and Slurm
     for command in $("$program" help | awk '/^Commands:/ { list = 1; next } list && NF == 0 { exit } list { print $1 }'); do
         [ "$command" = help ] || cat "$(help_of "$command")"
     done | sed -nE 's/^ +(-[a-z], )?(--[a-z-]+).*/\2/p'

@@ -288,7 +288,7 @@ sgs_status sgs_ranks_broadcast(sgs_ranks *ranks, sgs_status own, void **bytes, s
     }
     ranks->transport.broadcast(ranks->transport.state, fresh, *size);
     count_bytes(ranks, SGS_RANKS_OTHER, rank ? 0 : others(ranks) * *size, rank ? 0 : others(ranks));
-    if (rank)
+    if (rank && fresh)
         ((char *)fresh)[*size] = 0;
     *bytes = fresh;
     return SGS_STATUS_OK;
@@ -314,7 +314,7 @@ sgs_status sgs_ranks_broadcast_model(sgs_ranks *ranks, sgs_status own, sgs_gauss
     if (status)
         return status;
     heads = bytes;
-    if (ranks->transport.rank) {
+    if (bytes != &head) {
         head = *heads;
         free(bytes);
         status = sgs_gaussians_create((size_t)head.count + SGS_LANES, model);
@@ -368,7 +368,7 @@ sgs_status sgs_ranks_compare(sgs_ranks *ranks, sgs_status own, const char *text)
 {
     if (!ranks)
         return own;
-    void *first = (void *)(uintptr_t)text; // rank 0 does not change it
+    void *first = (void *)text; // rank 0 does not change it
     size_t size = strlen(text);
     sgs_status status = sgs_ranks_broadcast(ranks, own, &first, &size);
     if (status)

@@ -78,13 +78,19 @@ __attribute__((visibility("default"))) int sgsi_transport_open(sgsi_transport *t
     int provided = 0;
     MPI_Init_thread(NULL, NULL, MPI_THREAD_FUNNELED, &provided);
     mpi_state *s = calloc(1, sizeof *s);
-    if (!s || provided < MPI_THREAD_FUNNELED)
+    if (!s || provided < MPI_THREAD_FUNNELED) {
         MPI_Abort(MPI_COMM_WORLD, 1);
+        free(s); // is not reached
+        return 0;
+    }
     MPI_Comm_rank(MPI_COMM_WORLD, &s->rank);
     MPI_Comm_size(MPI_COMM_WORLD, &s->count);
     s->sizes = calloc(4 * (size_t)s->count, sizeof *s->sizes);
-    if (!s->sizes)
+    if (!s->sizes) {
         MPI_Abort(MPI_COMM_WORLD, 1);
+        free(s);
+        return 0;
+    }
     s->begins = s->sizes + s->count;
     s->other_sizes = s->begins + s->count;
     s->other_begins = s->other_sizes + s->count;

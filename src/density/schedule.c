@@ -35,8 +35,8 @@
 //   views: 32.84, .9535, .1086, 1.160 | 32.87, .9536, .1076, 1.165. At 2000 iterations the factor
 //   is 0.43; plush: 29.07, .9138, .1329, .425 | 29.07, .9135, .1323, .422. There is no check
 //   for equilibrium in this part.
-// - Rate of SH above degree 0: reduced in proportion to the views if there are fewer than 24, because
-//   16 coefficients per channel and few directions fit colours that only the training views see.
+// - Rate of SH above degree 0: reduced in proportion to the views if there are fewer than 24. 16
+//   coefficients per channel and few directions fit colours that only the training views see.
 //   7000 iterations at a5fce2c, published rate | times 0.6 (banana) or 0.5: banana at 376x250, 15
 //   views, one held out: 27.32 dB, .7609, .1357, .499 | 27.82, .7793, .1279, .503; every fifth view
 //   held out: 27.23, .7612, .1276, .756 | 27.53, .7762, .1233, .758. 12 views of room at 240x135:

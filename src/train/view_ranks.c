@@ -183,7 +183,7 @@ sgs_status sgsi_view_ranks_image(sgsi_train_views *views, const sgsi_train_view 
     if (status)
         return status;
     for (int k = 0; k < count; got += r->from[k++])
-        visit_tiles(views, view, k, rank, (float *)(uintptr_t)got, true);
+        visit_tiles(views, view, k, rank, (float *)got, true);
     return SGS_STATUS_OK;
 }
 
@@ -266,7 +266,7 @@ sgs_status sgsi_view_ranks_sums(sgsi_train_views *views, const sgsi_train_view *
         return status;
     copy.reads = true;
     for (int k = 0; k < count; got += sizes[k++])
-        copy_sums(&copy, k, (unsigned char *)(uintptr_t)got);
+        copy_sums(&copy, k, (unsigned char *)got);
     return SGS_STATUS_OK;
 }
 

@@ -394,7 +394,7 @@ static bool add_failures(int failures[2])
     const bool done = group_all(all != NULL) && !sgs_ranks_gather(group_ranks(), SGS_STATUS_OK,
                                                                   failures, 2 * sizeof *all, all);
     failures[0] = failures[1] = 0;
-    for (int i = 0; i < 2 * group_count() && done; ++i)
+    for (int i = 0; i < 2 * group_count() && done && all; ++i)
         failures[i % 2] += all[i];
     free(all);
     return done;
@@ -475,7 +475,7 @@ static int experiment(const char *path, const experiment_values *values, bool js
     }
     if (values->check)
         status = print_runs(&plan, json) ? EXIT_DONE : EXIT_FAILED;
-    else if (make_folder(values->output) && check_writable(values->output))
+    else if (values->output && make_folder(values->output) && check_writable(values->output))
         status = run_all(&plan, values->output);
     if (!values->check && json && status != EXIT_FAILED && !print_results(values->output))
         status = EXIT_FAILED;

@@ -54,4 +54,7 @@ size_t sgsi_sog_steps(const sgs_gaussians *model, const sgs_model_write_options 
 sgs_status sgsi_sog_encode(const sgs_gaussians *model, const uint32_t *order, size_t count,
                            const sgs_model_write_options *options, sgsi_progress *progress,
                            sgsi_archive_file files[SGSI_SOG_FILES], size_t *file_count);
+// The same for the whole model, rows along a Morton curve, with the progress of `options`.
+sgs_status sgsi_sog_encode_model(const sgs_gaussians *model, const sgs_model_write_options *options,
+                                 sgsi_archive_file files[SGSI_SOG_FILES], size_t *file_count);
 void sgsi_sog_files_free(sgsi_archive_file files[SGSI_SOG_FILES]);

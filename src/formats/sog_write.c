@@ -325,6 +325,21 @@ sgs_status sgsi_sog_encode(const sgs_gaussians *model, const uint32_t *order, si
     return status;
 }
 
+sgs_status sgsi_sog_encode_model(const sgs_gaussians *model, const sgs_model_write_options *options,
+                                 sgsi_archive_file files[SGSI_SOG_FILES], size_t *file_count)
+{
+    sgsi_progress progress;
+    uint32_t *order = NULL;
+    sgs_status status = sgsi_order_by_position(model, &order);
+    sgsi_progress_begin(&progress, options->progress, options->progress_user,
+                        sgsi_sog_steps(model, options));
+    if (!status)
+        status = sgsi_sog_encode(model, order, model->count, options, &progress, files, file_count);
+    sgsi_progress_end(&progress);
+    sgsi_free(order);
+    return status;
+}
+
 void sgsi_sog_files_free(sgsi_archive_file files[SGSI_SOG_FILES])
 {
     for (int k = 0; k < SGSI_SOG_FILES; ++k) {
@@ -337,27 +352,18 @@ sgs_status sgsi_sog_write(const char *path, const sgs_gaussians *model,
                           const sgs_model_write_options *options, sgs_model_written *written)
 {
     sgsi_archive_file files[SGSI_SOG_FILES] = {0};
-    sgsi_progress progress;
     size_t file_count = 0;
-    uint32_t *order = NULL;
     if (!model->count)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: a SOG file cannot be empty", path);
     char *folder = sgsi_sog_folder(path);
-    sgs_status status = folder ? sgsi_order_by_position(model, &order)
+    sgs_status status = folder ? sgsi_sog_encode_model(model, options, files, &file_count)
                                : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory", path);
-    sgsi_progress_begin(&progress, options->progress, options->progress_user,
-                        sgsi_sog_steps(model, options));
-    if (!status)
-        status =
-            sgsi_sog_encode(model, order, model->count, options, &progress, files, &file_count);
-    sgsi_progress_end(&progress);
     if (!status)
         status = strcmp(folder, path)
                      ? sgsi_archive_write_folder(folder, files, file_count, &written->bytes)
                      : sgsi_archive_write(path, files, file_count, &written->bytes);
     written->order = SGS_ROWS_MORTON;
     sgsi_sog_files_free(files);
-    sgsi_free(order);
     sgsi_free(folder);
     return status;
 }

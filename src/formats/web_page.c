@@ -115,20 +115,12 @@ sgs_status sgsi_web_page_write(const char *path, const sgs_gaussians *model,
                                const sgs_model_write_options *options, sgs_model_written *written)
 {
     sgsi_archive_file files[SGSI_SOG_FILES] = {0};
-    sgsi_progress progress;
     sgsi_atomic_file file;
     size_t file_count = 0;
-    uint32_t *order = NULL;
     if (!model->count)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: a page needs at least one primitive",
                          path);
-    sgs_status status = sgsi_order_by_position(model, &order);
-    sgsi_progress_begin(&progress, options->progress, options->progress_user,
-                        sgsi_sog_steps(model, options));
-    if (!status)
-        status =
-            sgsi_sog_encode(model, order, model->count, options, &progress, files, &file_count);
-    sgsi_progress_end(&progress);
+    sgs_status status = sgsi_sog_encode_model(model, options, files, &file_count);
     if (!status)
         status = sgsi_atomic_open(&file, path);
     if (!status) {
@@ -143,6 +135,5 @@ sgs_status sgsi_web_page_write(const char *path, const sgs_gaussians *model,
     }
     written->order = SGS_ROWS_MORTON;
     sgsi_sog_files_free(files);
-    sgsi_free(order);
     return status;
 }

@@ -284,6 +284,7 @@ const distance = () => Math.hypot(...add(camera.eye, target, -1));
 
 let gl, program, textures, worker, sorting = false, sortedFor = null, ordered = false, pending = false, lost = false;
 let centre = [0, 0, 0];
+const places = {}; // uniforms that change with the camera
 
 function changed() {
   if (!pending && program) {
@@ -316,12 +317,12 @@ function draw() {
   gl.clearColor(0, 0, 0, 1);
   gl.clear(gl.COLOR_BUFFER_BIT);
   if (!ordered) return;
-  const {focal, center} = projection(), place = (name) => gl.getUniformLocation(program, name), [r, d, f] = camera.axes;
-  gl.uniform3fv(place('eye'), camera.eye);
-  gl.uniformMatrix3fv(place('axes'), false, [r[0], d[0], f[0], r[1], d[1], f[1], r[2], d[2], f[2]]);
-  gl.uniform2fv(place('focal'), focal);
-  gl.uniform2fv(place('center'), center);
-  gl.uniform2f(place('size'), canvas.width, canvas.height);
+  const {focal, center} = projection(), [r, d, f] = camera.axes;
+  gl.uniform3fv(places.eye, camera.eye);
+  gl.uniformMatrix3fv(places.axes, false, [r[0], d[0], f[0], r[1], d[1], f[1], r[2], d[2], f[2]]);
+  gl.uniform2fv(places.focal, focal);
+  gl.uniform2fv(places.center, center);
+  gl.uniform2f(places.size, canvas.width, canvas.height);
   gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, count);
   if (!sorting) status.textContent = `${given.name}: ${count.toLocaleString('en')} primitives` +
     (camera.lens.name && !camera.moved ? `, ${camera.lens.name}` : '');
@@ -378,7 +379,7 @@ async function start() {
     changed();
   };
   worker.postMessage({means}, [means.buffer]);
-  program = linked;
+  for (const name of ['eye', 'axes', 'focal', 'center', 'size']) places[name] = place(name);
   const asked = /camera=(\d+)/.exec(location.hash);
   goTo(asked ? Number(asked[1]) : 0);
 }

@@ -13,7 +13,7 @@
 #include "base/core.h"
 #include "base/threads.h"
 
-static bool is_own(const sgs_gaussians *model, size_t i, const sgs_box *box)
+bool sgsi_region_has(const sgs_gaussians *model, size_t i, const sgs_box *box)
 {
     const float center[3] = {*sgs_gaussians_at(model, i, SGS_PARAM_MEAN),
                              *sgs_gaussians_at(model, i, SGS_PARAM_MEAN + 1),
@@ -35,7 +35,7 @@ sgs_status sgsi_region_order(sgs_gaussians *model, const sgs_box *box, size_t *o
     for (int pass = 0; pass < 2; ++pass) {
         for (size_t i = 0; i < old.count; ++i) {
             float params[SGS_PARAM_COUNT];
-            if (is_own(&old, i, box) != (pass == 0))
+            if (sgsi_region_has(&old, i, box) != (pass == 0))
                 continue;
             sgs_gaussians_get(&old, i, params);
             sgs_gaussians_set(model, to++, params);

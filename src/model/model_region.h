@@ -9,6 +9,9 @@
 #include "sparegs/gaussians.h"
 #include "sparegs/region.h"
 
+// True if the centre of row i is in the box.
+bool sgsi_region_has(const sgs_gaussians *model, size_t i, const sgs_box *box);
+
 // Moves the rows whose centre is in the box before the others; both groups keep their order. *own:
 // their number. Fails with OUT_OF_MEMORY; the model is then unchanged.
 sgs_status sgsi_region_order(sgs_gaussians *model, const sgs_box *box, size_t *own);

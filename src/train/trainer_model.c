@@ -93,11 +93,10 @@ static sgs_status copy_initial_model(sgs_trainer *trainer, const sgs_gaussians *
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu primitives", from->count);
     uint8_t *const own = marks, *const chosen = marks + n;
     size_t owned = 0, taken = 0;
+    const sgs_box *region = &trainer->options.region;
+    const bool whole = sgs_box_is_infinite(region); // rows that are not finite, too
     for (size_t i = 0; i < from->count; ++i) {
-        float params[SGS_PARAM_COUNT];
-        sgs_gaussians_get(from, i, params);
-        own[i] = sgs_box_contains(&trainer->options.region, params + SGS_PARAM_MEAN) ||
-                 sgs_box_is_infinite(&trainer->options.region);
+        own[i] = whole || sgsi_region_has(from, i, region);
         owned += own[i];
     }
     const size_t wanted = cap && cap < owned ? cap : owned;

@@ -21,6 +21,7 @@
 #include "sparegs/runtime.h"
 #include "sparegs/trainer.h"
 #include "support/files_support.h"
+#include "support/trainer_support.h"
 #include "train/trainer_state.h"
 
 static sgs_scene *scene;
@@ -41,23 +42,6 @@ static int unload(void **state)
     sgs_scene_destroy(scene);
     temp_folder_remove(&folder);
     return 0;
-}
-
-static sgs_trainer *create(const sgs_train_options *options)
-{
-    sgs_trainer *trainer;
-    if (sgs_trainer_create(scene, options, &trainer))
-        fail_msg("%s", sgs_last_error());
-    return trainer;
-}
-
-static sgs_step_info run(sgs_trainer *trainer, int steps)
-{
-    sgs_step_info info = {0};
-    for (int i = 0; i < steps; ++i)
-        if (sgs_trainer_step(trainer, &info))
-            fail_msg("%s", sgs_last_error());
-    return info;
 }
 
 static sgs_gaussians *copy_model(const sgs_gaussians *from, const float *data)
@@ -144,7 +128,7 @@ static void a_step_is_adam_on_the_mean_gradient(void **state)
         sgs_train_options options = sgs_train_options_default();
         options.batch = batch;
         options.schedule = SGS_SCHEDULE_PAPER;
-        sgs_trainer *trainer = create(&options);
+        sgs_trainer *trainer = trainer_create(scene, &options);
         const sgs_gaussians *model = sgs_trainer_model(trainer);
         const size_t n = model->count;
         const double b1 = pow(0.9, batch), b2 = pow(0.999, batch), root = sqrt(batch);
@@ -153,7 +137,7 @@ static void a_step_is_adam_on_the_mean_gradient(void **state)
                           *m = copy_model(model, trainer->m), *v = copy_model(model, trainer->v);
             double *mean = calloc(n * SGS_PARAM_COUNT, sizeof *mean);
             for (int k = 0; k < batch; ++k)
-                add_gradient(before, run(trainer, 1).view, mean);
+                add_gradient(before, trainer_run(trainer, 1).view, mean);
             size_t compared = 0;
             for (size_t i = 0; i < n; ++i)
                 for (int k = 0; k < SGS_PARAM_SH_REST; ++k) {
@@ -209,12 +193,12 @@ static void parameters_change_at_the_end_of_a_batch(void **state)
     (void)state;
     for (int pipeline = 0; pipeline < SGS_PIPELINE_COUNT; ++pipeline) {
         const sgs_train_options options = options_of(pipeline, 4);
-        sgs_trainer *trainer = create(&options);
+        sgs_trainer *trainer = trainer_create(scene, &options);
         char before[17], after[17];
         int views = 0, steps = 0, updates = 0;
         sgs_gaussians_hash(sgs_trainer_model(trainer), before);
         for (int i = 1; i < LENGTH; ++i) {
-            const sgs_step_info info = run(trainer, 1);
+            const sgs_step_info info = trainer_run(trainer, 1);
             const sgsi_schedule *schedule = &trainer->schedule;
             const bool structural = sgsi_schedule_is_structural(schedule, i) ||
                                     sgsi_schedule_is_final_prune(schedule, i);
@@ -248,28 +232,28 @@ static void resuming_inside_of_a_batch_gives_the_same_bits(void **state)
         char hash[3][17];
         sgs_train_options options = options_of(pipeline, 3);
         options.exposure = pipeline == SGS_PIPELINE_TAMING;
-        sgs_trainer *trainer = create(&options);
+        sgs_trainer *trainer = trainer_create(scene, &options);
         int at = 60;
-        for (run(trainer, at); trainer->progress.batch_views != 2; ++at)
-            run(trainer, 1);
+        for (trainer_run(trainer, at); trainer->progress.batch_views != 2; ++at)
+            trainer_run(trainer, 1);
         const char *path = temp_path(&folder, "batch");
         assert_int_equal(sgs_trainer_save_checkpoint(trainer, path), SGS_STATUS_OK);
-        run(trainer, LENGTH - at);
+        trainer_run(trainer, LENGTH - at);
         sgs_gaussians_hash(sgs_trainer_model(trainer), hash[0]);
         sgs_trainer_destroy(trainer);
         sgs_threads_set(3);
-        trainer = create(&options);
+        trainer = trainer_create(scene, &options);
         assert_int_equal(sgs_trainer_load_checkpoint(trainer, path), SGS_STATUS_OK);
-        run(trainer, LENGTH - at);
+        trainer_run(trainer, LENGTH - at);
         sgs_gaussians_hash(sgs_trainer_model(trainer), hash[1]);
         sgs_trainer_destroy(trainer);
         sgs_threads_set(0);
         options.batch = 1;
-        trainer = create(&options);
+        trainer = trainer_create(scene, &options);
         assert_int_equal(sgs_trainer_load_checkpoint(trainer, path), SGS_STATUS_INVALID_ARGUMENT);
         assert_non_null(
             strstr(sgs_last_error(), "option batch was 3 when the run started and is 1"));
-        run(trainer, LENGTH);
+        trainer_run(trainer, LENGTH);
         sgs_gaussians_hash(sgs_trainer_model(trainer), hash[2]);
         sgs_trainer_destroy(trainer);
         assert_string_equal(hash[0], hash[1]);

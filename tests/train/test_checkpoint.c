@@ -22,6 +22,7 @@
 #include "support/files_support.h"
 #include "sparegs/runtime.h"
 #include "sparegs/trainer.h"
+#include "support/trainer_support.h"
 
 static sgs_scene *scene;
 static temp_folder folder;
@@ -58,28 +59,12 @@ static sgs_train_options short_run(int iterations)
     return options;
 }
 
-static sgs_trainer *start(const sgs_scene *from, const sgs_train_options *options)
-{
-    sgs_trainer *trainer;
-    if (sgs_trainer_create(from, options, &trainer))
-        fail_msg("%s", sgs_last_error());
-    return trainer;
-}
-
-static void run(sgs_trainer *trainer, int steps)
-{
-    sgs_step_info info;
-    for (int i = 0; i < steps; ++i)
-        if (sgs_trainer_step(trainer, &info))
-            fail_msg("%s", sgs_last_error());
-}
-
 // A short_run(length) of `scene` after `steps` steps, saved under `name`. The caller destroys it.
 static sgs_trainer *start_saved(int length, int steps, const char *name)
 {
     const sgs_train_options options = short_run(length);
-    sgs_trainer *trainer = start(scene, &options);
-    run(trainer, steps);
+    sgs_trainer *trainer = trainer_create(scene, &options);
+    trainer_run(trainer, steps);
     if (sgs_trainer_save_checkpoint(trainer, temp_path(&folder, name)))
         fail_msg("%s", sgs_last_error());
     return trainer;
@@ -106,11 +91,11 @@ static void every_stop_point_resumes_to_the_same_bits(void **state)
         marked += !stop_at[at];
         stop_at[at] = true;
     }
-    sgs_trainer *trainer = start(scene, &options);
+    sgs_trainer *trainer = trainer_create(scene, &options);
     char straight[17], resumed[17], name[32];
     const size_t before = sgs_trainer_model(trainer)->count;
     for (int i = 1; i <= LENGTH; ++i) {
-        run(trainer, 1);
+        trainer_run(trainer, 1);
         snprintf(name, sizeof name, "at_%d", i);
         if (i < LENGTH && stop_at[i] &&
             sgs_trainer_save_checkpoint(trainer, temp_path(&folder, name)))
@@ -124,11 +109,11 @@ static void every_stop_point_resumes_to_the_same_bits(void **state)
             continue;
         snprintf(name, sizeof name, "at_%d", at);
         sgs_threads_set(1 + at % 3);
-        trainer = start(scene, &options);
+        trainer = trainer_create(scene, &options);
         if (sgs_trainer_load_checkpoint(trainer, temp_path(&folder, name)))
             fail_msg("%s", sgs_last_error());
         assert_int_equal(sgs_trainer_iteration(trainer), at);
-        run(trainer, LENGTH - at);
+        trainer_run(trainer, LENGTH - at);
         digest(trainer, resumed);
         sgs_trainer_destroy(trainer);
         assert_string_equal(straight, resumed);
@@ -142,7 +127,7 @@ static void a_loaded_state_is_written_as_the_same_bytes(void **state)
     const sgs_train_options options = short_run(90);
     sgs_trainer *trainer = start_saved(90, 47, "a");
     sgs_trainer_destroy(trainer);
-    trainer = start(scene, &options);
+    trainer = trainer_create(scene, &options);
     assert_int_equal(sgs_trainer_load_checkpoint(trainer, temp_path(&folder, "a")), SGS_STATUS_OK);
     assert_int_equal(sgs_trainer_save_checkpoint(trainer, temp_path(&folder, "b")), SGS_STATUS_OK);
     sgs_trainer_destroy(trainer);
@@ -271,7 +256,7 @@ static void wrong_numbers_are_refused_by_name(void **state)
 static sgs_status load_changed(unsigned char *bytes, size_t size, sgs_trainer **trainer)
 {
     const sgs_train_options options = short_run(90);
-    *trainer = start(scene, &options);
+    *trainer = trainer_create(scene, &options);
     checkpoint_reseal(bytes, size);
     file_put(temp_path(&folder, "changed"), bytes, size);
     return sgs_trainer_load_checkpoint(*trainer, temp_path(&folder, "changed"));
@@ -344,7 +329,7 @@ static void a_checkpoint_of_format_3_is_refused_by_name(void **state)
 {
     (void)state;
     const sgs_train_options options = short_run(2);
-    sgs_trainer *trainer = start(scene, &options);
+    sgs_trainer *trainer = trainer_create(scene, &options);
     assert_int_equal(
         sgs_trainer_load_checkpoint(trainer, SGSI_TEST_DATA "/checkpoint_format_3.bin"),
         SGS_STATUS_UNSUPPORTED);
@@ -418,7 +403,7 @@ static void changed_options_are_used_or_refused_by_name(void **state)
         sgs_train_options changed = options;
         memcpy((char *)&changed + cases[k].offset, (const char *)&other + cases[k].offset,
                cases[k].bytes);
-        trainer = start(scene, &changed);
+        trainer = trainer_create(scene, &changed);
         warning[0] = 0;
         const sgs_status status = sgs_trainer_load_checkpoint(trainer, temp_path(&folder, "base"));
         assert_int_equal(status, cases[k].honoured ? SGS_STATUS_OK : SGS_STATUS_INVALID_ARGUMENT);
@@ -436,7 +421,7 @@ static void changed_options_are_used_or_refused_by_name(void **state)
     fewer.test_every = 4;
     sgs_scene *second;
     assert_int_equal(sgs_scene_load(SGSI_TEST_DATA "/room", &fewer, &second), SGS_STATUS_OK);
-    trainer = start(second, &options);
+    trainer = trainer_create(second, &options);
     assert_int_equal(sgs_trainer_load_checkpoint(trainer, temp_path(&folder, "base")),
                      SGS_STATUS_INVALID_ARGUMENT);
     assert_non_null(strstr(sgs_last_error(), "30 training views, but the scene has 26"));
@@ -453,8 +438,8 @@ static void file_size_and_count_are_reported(void **state)
         options.pipeline = (sgs_pipeline)pipeline;
         options.filter = pipeline == SGS_PIPELINE_MIP ? SGS_FILTER_MIP : SGS_FILTER_3DGS;
         options.exposure = pipeline == SGS_PIPELINE_DASH;
-        sgs_trainer *trainer = start(scene, &options);
-        run(trainer, 2);
+        sgs_trainer *trainer = trainer_create(scene, &options);
+        trainer_run(trainer, 2);
         const char *path = temp_path(&folder, "sized");
         assert_int_equal(sgs_trainer_save_checkpoint(trainer, path), SGS_STATUS_OK);
         size_t size, count;
@@ -477,7 +462,7 @@ static void an_equilibrium_is_final_until_its_options_change(void **state)
     sgs_train_options options = short_run(400);
     options.spare_eps_loss = options.spare_eps_count = 1;
     options.spare_interval = 300; // 4 iterations of this run
-    sgs_trainer *trainer = start(scene, &options);
+    sgs_trainer *trainer = trainer_create(scene, &options);
     sgs_step_info info = {0};
     while (!info.stop)
         assert_int_equal(sgs_trainer_step(trainer, &info), SGS_STATUS_OK);
@@ -495,14 +480,14 @@ static void an_equilibrium_is_final_until_its_options_change(void **state)
     changes[3].spare_eps_count = 0;
     changes[4].spare_patience = 1000;
     for (int k = 0; k < 5; ++k) {
-        trainer = start(scene, &changes[k]);
+        trainer = trainer_create(scene, &changes[k]);
         assert_int_equal(sgs_trainer_load_checkpoint(trainer, temp_path(&folder, "still")),
                          SGS_STATUS_OK);
         assert_int_equal(sgs_trainer_iteration(trainer), ended);
         assert_int_equal(sgs_trainer_step(trainer, &info), k ? SGS_STATUS_OK : SGS_STATUS_LIMIT);
         assert_int_equal(*sgs_trainer_stop_text(trainer) != 0, k == 0);
         if (k == 1) {
-            run(trainer, 399 - ended);
+            trainer_run(trainer, 399 - ended);
             assert_int_equal(sgs_trainer_iteration(trainer), 400);
         }
         sgs_trainer_destroy(trainer);
@@ -516,7 +501,7 @@ static void a_full_disk_keeps_the_earlier_checkpoint(void **state)
     const char *path = temp_path(&folder, "kept");
     size_t size, size_after;
     unsigned char *before = file_get(path, &size);
-    run(trainer, 1);
+    trainer_run(trainer, 1);
     const size_t files = temp_folder_count(&folder);
     for (size_t room = 0; room < size; room += size / 7) {
         files_limited(room);

@@ -18,6 +18,7 @@
 #include "sparegs/runtime.h"
 #include "sparegs/trainer.h"
 #include "support/files_support.h"
+#include "support/trainer_support.h"
 #include "train/trainer_state.h"
 
 enum { ROW = SGS_PARAM_COUNT * sizeof(float), LENGTH = 120 };
@@ -26,22 +27,6 @@ static sgs_scene *scene;
 static sgs_gaussians *start; // a short training of the whole scene
 static sgs_box region;
 static temp_folder folder;
-
-static void run(sgs_trainer *trainer, int steps)
-{
-    sgs_step_info info;
-    for (int i = 0; i < steps; ++i)
-        if (sgs_trainer_step(trainer, &info))
-            fail_msg("%s", sgs_last_error());
-}
-
-static sgs_trainer *create(const sgs_train_options *options)
-{
-    sgs_trainer *trainer;
-    if (sgs_trainer_create(scene, options, &trainer))
-        fail_msg("%s", sgs_last_error());
-    return trainer;
-}
 
 static int by_value(const void *a, const void *b)
 {
@@ -72,8 +57,8 @@ static int prepare(void **state)
         return 1;
     sgs_train_options short_run = sgs_train_options_default();
     short_run.iterations = 60;
-    sgs_trainer *trainer = create(&short_run);
-    run(trainer, 60);
+    sgs_trainer *trainer = trainer_create(scene, &short_run);
+    trainer_run(trainer, 60);
     const sgs_gaussians *model = sgs_trainer_model(trainer);
     float row[SGS_PARAM_COUNT];
     assert_int_equal(sgs_gaussians_create(model->count, &start), SGS_STATUS_OK);
@@ -137,8 +122,8 @@ static void rows_outside_keep_their_bytes_and_rows_inside_train(void **state)
     assert_true(before > 100 && own_before > 100);
     for (int pipeline = 0; pipeline < SGS_PIPELINE_COUNT; ++pipeline) {
         const sgs_train_options options = options_of(pipeline);
-        sgs_trainer *trainer = create(&options);
-        run(trainer, LENGTH);
+        sgs_trainer *trainer = trainer_create(scene, &options);
+        trainer_run(trainer, LENGTH);
         const sgs_gaussians *model = sgs_trainer_model(trainer);
         assert_true(trainer->progress.updates > 0);
         sgsi_trainer_reset_opacity(trainer, LENGTH);
@@ -179,10 +164,10 @@ static void centres_stay_in_the_box(void **state)
         options.region.low[k] = row[k] - 0.05f * (float)scene->extent;
         options.region.high[k] = nextafterf(row[k], INFINITY);
     }
-    sgs_trainer *trainer = create(&options);
+    sgs_trainer *trainer = trainer_create(scene, &options);
     const size_t own = sgsi_trainer_own(trainer);
     assert_true(own > 0);
-    run(trainer, 20);
+    trainer_run(trainer, 20);
     const sgs_gaussians *model = sgs_trainer_model(trainer);
     size_t at_face = 0;
     for (size_t i = 0; i < model->count; ++i) {
@@ -205,9 +190,9 @@ static void the_cap_counts_the_region_only(void **state)
     for (size_t k = 0; k < 2; ++k) {
         sgs_train_options options = options_of(SGS_PIPELINE_3DGS);
         options.max_gaussians = caps[k];
-        sgs_trainer *trainer = create(&options);
+        sgs_trainer *trainer = trainer_create(scene, &options);
         for (int i = 0; i < LENGTH; ++i) {
-            run(trainer, 1);
+            trainer_run(trainer, 1);
             assert_true(sgsi_trainer_own(trainer) <= caps[k]);
             assert_int_equal(sgs_trainer_model(trainer)->count - sgsi_trainer_own(trainer),
                              outside);
@@ -223,24 +208,24 @@ static void a_resumed_region_has_the_same_bits(void **state)
     for (int pipeline = 0; pipeline < SGS_PIPELINE_COUNT; pipeline += 2) {
         sgs_train_options options = options_of(pipeline);
         options.max_gaussians = 100000;
-        sgs_trainer *trainer = create(&options);
-        run(trainer, 67);
+        sgs_trainer *trainer = trainer_create(scene, &options);
+        trainer_run(trainer, 67);
         const char *path = temp_path(&folder, "region");
         assert_int_equal(sgs_trainer_save_checkpoint(trainer, path), SGS_STATUS_OK);
         sgs_threads_set(3);
-        run(trainer, LENGTH - 67);
+        trainer_run(trainer, LENGTH - 67);
         sgs_threads_set(0);
         sgs_gaussians_hash(sgs_trainer_model(trainer), straight);
         sgs_trainer_destroy(trainer);
-        trainer = create(&options);
+        trainer = trainer_create(scene, &options);
         if (sgs_trainer_load_checkpoint(trainer, path))
             fail_msg("%s", sgs_last_error());
-        run(trainer, LENGTH - 67);
+        trainer_run(trainer, LENGTH - 67);
         sgs_gaussians_hash(sgs_trainer_model(trainer), resumed);
         assert_string_equal(straight, resumed);
         sgs_trainer_destroy(trainer);
         options.region.high[0] += 0.5f;
-        trainer = create(&options);
+        trainer = trainer_create(scene, &options);
         assert_int_equal(sgs_trainer_load_checkpoint(trainer, path), SGS_STATUS_INVALID_ARGUMENT);
         assert_non_null(strstr(sgs_last_error(), "option region was -inf,-inf,-inf,"));
         sgs_trainer_destroy(trainer);

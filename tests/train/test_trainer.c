@@ -19,6 +19,7 @@
 #include "base/core.h"
 #include "sparegs/runtime.h"
 #include "sparegs/trainer.h"
+#include "support/trainer_support.h"
 #include "train/trainer_state.h"
 
 static sgs_scene *scene;
@@ -47,23 +48,6 @@ static sgs_train_options short_run(int iterations)
     return options;
 }
 
-static sgs_trainer *start(const sgs_train_options *options)
-{
-    sgs_trainer *trainer;
-    if (sgs_trainer_create(scene, options, &trainer))
-        fail_msg("%s", sgs_last_error());
-    return trainer;
-}
-
-static sgs_step_info run(sgs_trainer *trainer, int steps)
-{
-    sgs_step_info info = {0};
-    for (int i = 0; i < steps; ++i)
-        if (sgs_trainer_step(trainer, &info))
-            fail_msg("%s", sgs_last_error());
-    return info;
-}
-
 static void digest(const sgs_trainer *trainer, char hex[17])
 {
     sgs_gaussians_hash(sgs_trainer_model(trainer), hex);
@@ -73,9 +57,9 @@ static void training_lowers_the_loss_and_grows_the_model(void **state)
 {
     (void)state;
     const sgs_train_options options = short_run(300);
-    sgs_trainer *trainer = start(&options);
+    sgs_trainer *trainer = trainer_create(scene, &options);
     const size_t before = sgs_trainer_model(trainer)->count;
-    const sgs_step_info first = run(trainer, 10), last = run(trainer, 290);
+    const sgs_step_info first = trainer_run(trainer, 10), last = trainer_run(trainer, 290);
     assert_int_equal(last.stop, SGS_STOP_SCHEDULE);
     assert_true(last.loss_average < 0.6 * first.loss_average);
     assert_true(last.psnr_average > first.psnr_average + 4);
@@ -97,8 +81,8 @@ static void bits_do_not_depend_on_threads_or_vector_width(void **state)
         sgs_isa_set((sgs_isa)isa);
         for (int threads = 1; threads <= 3; ++threads) {
             sgs_threads_set(threads);
-            sgs_trainer *trainer = start(&options);
-            run(trainer, 120);
+            sgs_trainer *trainer = trainer_create(scene, &options);
+            trainer_run(trainer, 120);
             char hex[17];
             digest(trainer, hex);
             if (reference[0])
@@ -123,10 +107,10 @@ static void the_last_iteration_makes_no_step(void **state)
         options.pipeline = (sgs_pipeline)pipeline;
         options.schedule = SGS_SCHEDULE_PAPER;
         options.exposure = true;
-        sgs_trainer *trainer = start(&options);
-        run(trainer, 11);
+        sgs_trainer *trainer = trainer_create(scene, &options);
+        trainer_run(trainer, 11);
         digest(trainer, before);
-        const sgs_step_info last = run(trainer, 1);
+        const sgs_step_info last = trainer_run(trainer, 1);
         assert_int_equal(last.stop, SGS_STOP_SCHEDULE);
         assert_true(last.loss > 0);
         digest(trainer, after);
@@ -138,14 +122,14 @@ static void the_last_iteration_makes_no_step(void **state)
         sgs_trainer_destroy(trainer);
 
         options.iterations = 30;
-        trainer = start(&options);
-        run(trainer, 30);
+        trainer = trainer_create(scene, &options);
+        trainer_run(trainer, 30);
         digest(trainer, whole);
         sgs_trainer_destroy(trainer);
-        trainer = start(&options);
+        trainer = trainer_create(scene, &options);
         assert_int_equal(sgs_trainer_load_checkpoint(trainer, path), SGS_STATUS_OK);
         assert_int_equal(sgs_trainer_iteration(trainer), 12);
-        run(trainer, 18);
+        trainer_run(trainer, 18);
         assert_int_equal(sgs_trainer_iteration(trainer), 30);
         digest(trainer, resumed);
         sgs_trainer_destroy(trainer);
@@ -183,7 +167,7 @@ static void visible_primitives_are_counted_one_by_one(void **state)
     options.init = model;
     sgs_trainer *trainer;
     assert_int_equal(sgs_trainer_create(&one, &options, &trainer), SGS_STATUS_OK);
-    assert_int_equal(run(trainer, 1).visible, HIT);
+    assert_int_equal(trainer_run(trainer, 1).visible, HIT);
     sgs_trainer_destroy(trainer);
     sgs_gaussians_destroy(model);
 }
@@ -195,8 +179,8 @@ static void another_seed_gives_other_bits(void **state)
     for (int k = 0; k < 2; ++k) {
         sgs_train_options options = short_run(60);
         options.seed = (uint64_t)k;
-        sgs_trainer *trainer = start(&options);
-        run(trainer, 60);
+        sgs_trainer *trainer = trainer_create(scene, &options);
+        trainer_run(trainer, 60);
         digest(trainer, hex[k]);
         sgs_trainer_destroy(trainer);
     }
@@ -209,16 +193,16 @@ static void checkpoint_resumes_to_the_same_bits(void **state)
     char path[64], straight[17], resumed[17];
     snprintf(path, sizeof path, "/tmp/sparegs_checkpoint_%ld", (long)getpid());
     const sgs_train_options options = short_run(150);
-    sgs_trainer *trainer = start(&options);
-    run(trainer, 83);
+    sgs_trainer *trainer = trainer_create(scene, &options);
+    trainer_run(trainer, 83);
     assert_int_equal(sgs_trainer_save_checkpoint(trainer, path), SGS_STATUS_OK);
-    run(trainer, 67);
+    trainer_run(trainer, 67);
     digest(trainer, straight);
     sgs_trainer_destroy(trainer);
-    trainer = start(&options);
+    trainer = trainer_create(scene, &options);
     assert_int_equal(sgs_trainer_load_checkpoint(trainer, path), SGS_STATUS_OK);
     assert_int_equal(sgs_trainer_iteration(trainer), 83);
-    run(trainer, 67);
+    trainer_run(trainer, 67);
     digest(trainer, resumed);
     sgs_trainer_destroy(trainer);
     assert_string_equal(straight, resumed);
@@ -239,13 +223,13 @@ static void damaged_or_foreign_checkpoints_are_refused_and_change_nothing(void *
     char path[64], before[17], after[17];
     snprintf(path, sizeof path, "/tmp/sparegs_checkpoint_%ld", (long)getpid());
     sgs_train_options options = short_run(100);
-    sgs_trainer *trainer = start(&options);
-    run(trainer, 5);
+    sgs_trainer *trainer = trainer_create(scene, &options);
+    trainer_run(trainer, 5);
     assert_int_equal(sgs_trainer_save_checkpoint(trainer, path), SGS_STATUS_OK);
     uint8_t *bytes;
     size_t size;
     assert_int_equal(sgsi_file_read(path, 0, &bytes, &size), SGS_STATUS_OK);
-    run(trainer, 1);
+    trainer_run(trainer, 1);
     digest(trainer, before);
     const size_t cuts[] = {0, 1, 7, 31, 40, size / 3, size - 9, size - 1};
     for (size_t k = 0; k < sizeof cuts / sizeof *cuts; ++k) {
@@ -264,7 +248,7 @@ static void damaged_or_foreign_checkpoints_are_refused_and_change_nothing(void *
     assert_string_equal(before, after);
     sgs_trainer_destroy(trainer);
     options.seed = 5;
-    trainer = start(&options);
+    trainer = trainer_create(scene, &options);
     write_bytes(path, bytes, size);
     assert_int_equal(sgs_trainer_load_checkpoint(trainer, path), SGS_STATUS_INVALID_ARGUMENT);
     sgs_trainer_destroy(trainer);
@@ -277,10 +261,10 @@ static void cap_holds_for_the_initial_cloud_and_for_growth(void **state)
     (void)state;
     sgs_train_options options = short_run(200);
     options.max_gaussians = 1000;
-    sgs_trainer *trainer = start(&options);
+    sgs_trainer *trainer = trainer_create(scene, &options);
     assert_int_equal(sgs_trainer_model(trainer)->count, 1000);
     for (int i = 0; i < 200; ++i)
-        assert_true(run(trainer, 1).gaussians <= 1000);
+        assert_true(trainer_run(trainer, 1).gaussians <= 1000);
     sgs_trainer_destroy(trainer);
 }
 
@@ -298,10 +282,10 @@ static void mcmc_starts_as_its_options_say(void **state)
     sgs_train_options options = mcmc_run(100);
     sgs_trainer *plain, *trainer;
     const sgs_train_options reference = short_run(100);
-    plain = start(&reference);
+    plain = trainer_create(scene, &reference);
     for (int paper = 0; paper < 2; ++paper) {
         options.schedule = paper ? SGS_SCHEDULE_PAPER : SGS_SCHEDULE_SCALED;
-        trainer = start(&options);
+        trainer = trainer_create(scene, &options);
         const sgs_gaussians *model = sgs_trainer_model(trainer), *before = sgs_trainer_model(plain);
         const double shift = log(0.1) * (paper ? 1 : 100 / 30000.0);
         assert_int_equal(model->count, before->count);
@@ -331,9 +315,9 @@ static void mcmc_gives_the_same_bits_with_any_threads_and_after_any_stop(void **
         size_t relocated = 0, deleted = 0;
         for (int threads = 1; threads <= 3; ++threads) {
             sgs_threads_set(threads);
-            sgs_trainer *trainer = start(&options);
+            sgs_trainer *trainer = trainer_create(scene, &options);
             for (int i = 0; i < LENGTH; ++i) {
-                const sgs_step_info info = run(trainer, 1);
+                const sgs_step_info info = trainer_run(trainer, 1);
                 relocated += info.relocated;
                 deleted += info.spare_pruned;
                 assert_true(info.gaussians <= 6000);
@@ -348,14 +332,14 @@ static void mcmc_gives_the_same_bits_with_any_threads_and_after_any_stop(void **
         const int stops[] = {49, 50, 51, 99, 100, 101};
         for (size_t k = 0; k < sizeof stops / sizeof *stops; ++k) {
             sgs_threads_set(1);
-            sgs_trainer *trainer = start(&options);
-            run(trainer, stops[k]);
+            sgs_trainer *trainer = trainer_create(scene, &options);
+            trainer_run(trainer, stops[k]);
             assert_int_equal(sgs_trainer_save_checkpoint(trainer, path), SGS_STATUS_OK);
             sgs_trainer_destroy(trainer);
             sgs_threads_set(2);
-            trainer = start(&options);
+            trainer = trainer_create(scene, &options);
             assert_int_equal(sgs_trainer_load_checkpoint(trainer, path), SGS_STATUS_OK);
-            run(trainer, LENGTH - stops[k]);
+            trainer_run(trainer, LENGTH - stops[k]);
             digest(trainer, hash);
             assert_string_equal(hash, straight);
             sgs_trainer_destroy(trainer);
@@ -381,8 +365,8 @@ static void mcmc_options_change_the_run(void **state)
         own->mcmc_start_opacity *= k == 5 ? 0.5 : 1;
         own->mcmc_units = k == 6 ? SGS_MCMC_UNITS_WORLD : SGS_MCMC_UNITS_EXTENT;
         own->mcmc_redundant = k == 7 ? SGS_MCMC_RELOCATE : SGS_MCMC_DELETE;
-        sgs_trainer *trainer = start(&options);
-        const sgs_step_info info = run(trainer, 110);
+        sgs_trainer *trainer = trainer_create(scene, &options);
+        const sgs_step_info info = trainer_run(trainer, 110);
         digest(trainer, k ? hash : base);
         assert_true(isfinite(info.loss));
         if (k && !strcmp(hash, base))
@@ -398,8 +382,8 @@ static void dense_optimizer_and_random_background_train_too(void **state)
     options.optimizer = SGS_OPTIMIZER_DENSE;
     options.background_random = true;
     options.filter = SGS_FILTER_NONE;
-    sgs_trainer *trainer = start(&options);
-    const sgs_step_info first = run(trainer, 10), last = run(trainer, 140);
+    sgs_trainer *trainer = trainer_create(scene, &options);
+    const sgs_step_info first = trainer_run(trainer, 10), last = trainer_run(trainer, 140);
     assert_true(last.loss_average < 0.8 * first.loss_average);
     sgs_trainer_destroy(trainer);
 }
@@ -412,11 +396,11 @@ static void equilibrium_ends_a_run(void **state)
     options.spare_eps_loss = 1;
     options.spare_eps_count = 1;  // every check passes
     options.spare_interval = 100; // 10 iterations of this run
-    sgs_trainer *trainer = start(&options);
+    sgs_trainer *trainer = trainer_create(scene, &options);
     sgs_step_info info = {0};
     int steps = 0;
     while (!info.stop && steps < 3000) {
-        info = run(trainer, 1);
+        info = trainer_run(trainer, 1);
         ++steps;
     }
     assert_int_equal(info.stop, SGS_STOP_EQUILIBRIUM);
@@ -436,21 +420,21 @@ static void equilibrium_waits_for_comparable_losses(void **state)
     options.spare_eps_loss = 1;
     options.spare_eps_count = 1;
     options.spare_interval = 100; // every iteration of this run
-    sgs_trainer *trainer = start(&options);
+    sgs_trainer *trainer = trainer_create(scene, &options);
     const int views = (int)trainer->views.count;
     trainer->schedule.densify_until = 30;
     trainer->schedule.densify_interval = 20;
     sgs_step_info info = {0};
     int steps = 0;
     for (; !info.stop; ++steps)
-        info = run(trainer, 1);
+        info = trainer_run(trainer, 1);
     assert_int_equal(info.stop, SGS_STOP_EQUILIBRIUM);
     assert_in_range(steps, 30 + 2 * views, 200 - 1);
     assert_int_equal((steps - 30) % views, 0);
     sgs_trainer_destroy(trainer);
-    trainer = start(&options);
+    trainer = trainer_create(scene, &options);
     trainer->schedule.densify_until = 200 - 2 * views;
-    info = run(trainer, 200);
+    info = trainer_run(trainer, 200);
     assert_int_equal(info.stop, SGS_STOP_SCHEDULE);
     sgs_trainer_destroy(trainer);
 }
@@ -471,10 +455,10 @@ static void every_pipeline_trains_resumes_and_obeys_the_cap(void **state)
             fail_msg("%s", sgs_last_error());
         char straight[17], resumed[17];
         sgs_threads_set(1);
-        const sgs_step_info first = run(trainer, 10);
+        const sgs_step_info first = trainer_run(trainer, 10);
         sgs_step_info last = first;
         for (int i = 10; i < 160; ++i) {
-            last = run(trainer, 1);
+            last = trainer_run(trainer, 1);
             assert_true(last.gaussians <= 6000);
             if (i == 90)
                 assert_int_equal(sgs_trainer_save_checkpoint(trainer, path), SGS_STATUS_OK);
@@ -483,9 +467,9 @@ static void every_pipeline_trains_resumes_and_obeys_the_cap(void **state)
         digest(trainer, straight);
         sgs_trainer_destroy(trainer);
         sgs_threads_set(2);
-        trainer = start(&options);
+        trainer = trainer_create(scene, &options);
         assert_int_equal(sgs_trainer_load_checkpoint(trainer, path), SGS_STATUS_OK);
-        run(trainer, 160 - sgs_trainer_iteration(trainer));
+        trainer_run(trainer, 160 - sgs_trainer_iteration(trainer));
         digest(trainer, resumed);
         sgs_trainer_destroy(trainer);
         assert_string_equal(straight, resumed);
@@ -498,7 +482,7 @@ static void every_pipeline_trains_resumes_and_obeys_the_cap(void **state)
 static sgs_trainer *start_busy(void)
 {
     const sgs_train_options options = short_run(400);
-    sgs_trainer *trainer = start(&options);
+    sgs_trainer *trainer = trainer_create(scene, &options);
     trainer->schedule.densify_from = 5;
     trainer->schedule.densify_interval = 10;
     trainer->schedule.densify_until = 100;
@@ -526,19 +510,19 @@ static void updates_and_resets_follow_in_the_next_call(void **state)
     snprintf(path, sizeof path, "/tmp/sparegs_between_%ld", (long)getpid());
     sgs_trainer *trainer = start_busy();
     const size_t count = sgs_trainer_model(trainer)->count;
-    sgs_step_info info = run(trainer, 10);
+    sgs_step_info info = trainer_run(trainer, 10);
     assert_false(info.structural);
     assert_int_equal(sgs_trainer_model(trainer)->count, count);
     assert_int_equal(sgs_trainer_structure_iteration(trainer), 9);
     assert_int_equal(sgs_trainer_save_checkpoint(trainer, path), SGS_STATUS_OK);
-    info = run(trainer, 1);
+    info = trainer_run(trainer, 1);
     assert_true(info.structural);
     assert_int_equal(info.structure_iteration, 10);
     assert_int_not_equal(info.gaussians, count);
     assert_int_equal(sgs_trainer_structure_iteration(trainer), 10);
-    run(trainer, 9);
+    trainer_run(trainer, 9);
     assert_true(largest_opacity(trainer) > 0.1);
-    run(trainer, 1);
+    trainer_run(trainer, 1);
     assert_true(largest_opacity(trainer) < 0.02);
     char whole[17], resumed[17];
     digest(trainer, whole);
@@ -546,7 +530,7 @@ static void updates_and_resets_follow_in_the_next_call(void **state)
     trainer = start_busy();
     assert_int_equal(sgs_trainer_load_checkpoint(trainer, path), SGS_STATUS_OK);
     assert_int_equal(sgs_trainer_structure_iteration(trainer), 9);
-    run(trainer, 11);
+    trainer_run(trainer, 11);
     digest(trainer, resumed);
     assert_string_equal(resumed, whole);
     sgs_trainer_destroy(trainer);
@@ -559,7 +543,7 @@ static double large_share(int reset_until)
 {
     sgs_trainer *trainer = start_busy();
     trainer->schedule.reset_until = reset_until;
-    run(trainer, 31);
+    trainer_run(trainer, 31);
     const sgs_gaussians *model = sgs_trainer_model(trainer);
     double large = 0;
     for (size_t i = 0; i < model->count; ++i) {
@@ -586,7 +570,7 @@ static void radii_follow_the_size_of_the_images(void **state)
     (void)state;
     sgs_train_options options = short_run(300);
     options.pipeline = SGS_PIPELINE_DASH;
-    sgs_trainer *trainer = start(&options);
+    sgs_trainer *trainer = trainer_create(scene, &options);
     size_t compared = 0;
     for (int k = 0; k < 300; ++k) {
         const sgsi_statistics *s = &trainer->statistics;
@@ -596,7 +580,7 @@ static void radii_follow_the_size_of_the_images(void **state)
         uint32_t *seen = malloc(count * sizeof *seen);
         memcpy(radius, s->radius_max, count * sizeof *radius);
         memcpy(seen, s->visible_count, count * sizeof *seen);
-        const sgs_step_info info = run(trainer, 1);
+        const sgs_step_info info = trainer_run(trainer, 1);
         const int after = trainer->progress.resolution;
         for (size_t i = 0; i < count && after != before && !info.structural; ++i)
             if (radius[i] > 0 && s->visible_count[i] == seen[i]) { // not in the view of this step
@@ -623,14 +607,14 @@ static void a_reset_restarts_the_comparison_of_losses(void **state)
     trainer->schedule.densify_from = 1000;
     trainer->schedule.densify_until = 0;
     const spare_equilibrium *equilibrium = &trainer->progress.equilibrium;
-    run(trainer, 40);
+    trainer_run(trainer, 40);
     assert_true(equilibrium->last_loss_change == 0); // no earlier check
-    run(trainer, 80);
+    trainer_run(trainer, 80);
     const double before = equilibrium->last_loss_change;
     assert_true(before > 0); // of iterations 40 to 120; the reset follows
-    run(trainer, 40);
+    trainer_run(trainer, 40);
     assert_true(equilibrium->last_loss_change == before); // the first interval after it
-    run(trainer, 40);
+    trainer_run(trainer, 40);
     assert_true(equilibrium->last_loss_change != before);
     sgs_trainer_destroy(trainer);
 }
@@ -669,15 +653,15 @@ static void a_scene_in_small_units_trains_as_well(void **state)
     const sgs_train_options options = short_run(60);
     double losses[2];
     for (int i = 0; i < 2; ++i) {
-        sgs_trainer *trainer = start(&options);
-        losses[i] = run(trainer, 60).loss_average;
+        sgs_trainer *trainer = trainer_create(scene, &options);
+        losses[i] = trainer_run(trainer, 60).loss_average;
         sgs_trainer_destroy(trainer);
         scale_scene(i ? 1e3 : 1e-3);
     }
     print_message("loss %.5f, a thousand times smaller %.5f\n", losses[0], losses[1]);
     assert_true(fabs(losses[1] / losses[0] - 1) < 0.1);
     scene->views[1].pose.translation[2] = 1e19;
-    sgs_trainer *trainer = start(&options);
+    sgs_trainer *trainer = trainer_create(scene, &options);
     sgs_step_info info;
     sgs_status status = SGS_STATUS_OK;
     for (int i = 0; i < 60 && !status; ++i)

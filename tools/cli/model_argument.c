@@ -5,6 +5,7 @@
 
 #include <string.h>
 
+#include "cli/interrupt.h"
 #include "cli/progress.h"
 
 bool model_open(const char *model, const sgs_model_read_options *options, opened_model *opened)
@@ -39,4 +40,11 @@ bool model_read(const model_path *located, drawing_values *drawing, sgs_gaussian
     if (drawing && info.antialiased && !drawing->filter_selected)
         drawing->filter = SGS_FILTER_MIP;
     return true;
+}
+
+bool model_show_encoding(void *user, size_t done, size_t total)
+{
+    (void)user;
+    progress_work("encoding", done, total);
+    return !interrupt_signal();
 }

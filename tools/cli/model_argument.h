@@ -22,3 +22,6 @@ void opened_model_free(opened_model *opened);
 // Reads a located model. A mark in the file selects --filter mip, unless the command line or the
 // run's config selected a filter; drawing may be NULL. False after printing the error.
 bool model_read(const model_path *located, drawing_values *drawing, sgs_gaussians **gaussians);
+
+// The progress callback of sgs_model_write for a command: a line on stderr; false after a signal.
+bool model_show_encoding(void *user, size_t done, size_t total);

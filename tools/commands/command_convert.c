@@ -489,13 +489,6 @@ static void transform_camera(const convert_plan *plan, sgs_model_camera *camera)
 
 // ---- Writing ----
 
-static bool show_progress(void *user, size_t done, size_t total)
-{
-    (void)user;
-    progress_work("encoding", done, total);
-    return !interrupt_signal();
-}
-
 static sgs_model_camera *make_cameras(const convert_plan *plan, const sgs_scene *scene)
 {
     sgs_model_camera *cameras = calloc(scene->view_count + 1, sizeof *cameras);
@@ -525,7 +518,7 @@ static bool write_model(const convert_plan *plan, const char *path, const sgs_ga
     options.palette_iterations = values->iterations;
     options.lod_levels = values->levels;
     options.importance = importance;
-    options.progress = show_progress;
+    options.progress = model_show_encoding;
     progress_work_start();
     const bool has_cameras = plan->format == SGS_MODEL_USDA || plan->format == SGS_MODEL_HTML;
     sgs_model_camera *cameras = scene && has_cameras ? make_cameras(plan, scene) : NULL;

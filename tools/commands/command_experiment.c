@@ -10,6 +10,7 @@
 
 #include "cli/commands.h"
 #include "run/experiment_plan.h"
+#include "run/run_record.h"
 #include "run/sub_command.h"
 #include "cli/interrupt.h"
 #include "cli/json_file.h"
@@ -51,8 +52,7 @@ static json_t *finished(const experiment_run *run)
     char *path = format_text("%s/summary.json", run->folder);
     json_t *summary = json_load_file(path, 0, NULL);
     free(path);
-    const char *reason = json_string_value(json_object_get(summary, "stop_reason"));
-    if (reason && (!strcmp(reason, "schedule") || !strcmp(reason, "equilibrium")))
+    if (run_record_is_complete(summary))
         return summary;
     json_decref(summary);
     return NULL;

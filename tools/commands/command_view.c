@@ -65,13 +65,6 @@ static void serve(void)
         nanosleep(&pause, NULL);
 }
 
-static bool show_progress(void *user, size_t done, size_t total)
-{
-    (void)user;
-    progress_work("encoding", done, total);
-    return !interrupt_signal();
-}
-
 static int export_page(const char *path, const view_source *source)
 {
     const camera_list *views = &source->views;
@@ -85,7 +78,7 @@ static int export_page(const char *path, const view_source *source)
     options.antialiased = source->drawing.filter == SGS_FILTER_MIP;
     options.cameras = cameras;
     options.camera_count = views->count;
-    options.progress = show_progress;
+    options.progress = model_show_encoding;
     progress_work_start();
     const sgs_status status =
         make_folder_of(path) ? sgs_model_write(path, source->model, &options, NULL) : SGS_STATUS_IO;

@@ -10,6 +10,7 @@
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "run/exposure_file.h"
+#include "run/run_record.h"
 #include "sparegs/model_edit.h"
 #include "sparegs/model_file.h"
 #include "sparegs/option_descriptors.h"
@@ -95,7 +96,7 @@ static bool check_block(merged_blocks *merged, size_t block)
     if (!summary)
         return false;
     const char *reason = json_string_value(json_object_get(summary, "stop_reason"));
-    const bool complete = reason && (!strcmp(reason, "schedule") || !strcmp(reason, "equilibrium"));
+    const bool complete = run_record_is_complete(summary);
     if (!complete)
         fail_run("%s/block_%zu: is unfinished (stopped by: %s); continue it with --resume",
                  merged->folder, block, reason ? reason : "unknown");

@@ -100,3 +100,9 @@ json_t *run_record_seconds(const sgs_train_seconds *s, double load, double check
         json_object_set_new(seconds, phases[i].name, json_number(phases[i].value));
     return seconds;
 }
+
+bool run_record_is_complete(const json_t *summary)
+{
+    const char *reason = json_string_value(json_object_get(summary, "stop_reason"));
+    return reason && (!strcmp(reason, "schedule") || !strcmp(reason, "equilibrium"));
+}

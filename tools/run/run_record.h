@@ -27,5 +27,9 @@ void run_record_check_scene(const char *folder, const sgs_scene *scene);
 // prints the error.
 bool run_record_init_agrees(const char *config_path, const json_t *stored, const json_t *now);
 
+// True if summary.json is that of a whole run: all iterations, or an equilibrium. `summary` may be
+// NULL.
+bool run_record_is_complete(const json_t *summary);
+
 // The member "seconds" of summary.json: phases of the training, loading and checkpoints.
 json_t *run_record_seconds(const sgs_train_seconds *seconds, double load, double checkpoint);

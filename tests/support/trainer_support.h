@@ -1,0 +1,26 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// Trainers whose creation and steps must succeed. Include after cmocka.h.
+
+#include "sparegs/trainer.h"
+
+// The caller destroys it.
+static inline sgs_trainer *trainer_create(const sgs_scene *scene, const sgs_train_options *options)
+{
+    sgs_trainer *trainer;
+    if (sgs_trainer_create(scene, options, &trainer))
+        fail_msg("%s", sgs_last_error());
+    return trainer;
+}
+
+// Returns the result of the last step.
+static inline sgs_step_info trainer_run(sgs_trainer *trainer, int steps)
+{
+    sgs_step_info info = {0};
+    for (int i = 0; i < steps; ++i)
+        if (sgs_trainer_step(trainer, &info))
+            fail_msg("%s", sgs_last_error());
+    return info;
+}

@@ -33,6 +33,13 @@ typedef struct sgsi_cell_rect {
     int x, y, width, height;
 } sgsi_cell_rect;
 
+// A circular cone from the camera that encloses the rays of a cell.
+typedef struct sgsi_cone {
+    double axis[3]; // unit
+    double cosine;  // of the half angle; <= 0: encloses all directions
+    bool any;       // false: the cell has no rays
+} sgsi_cone;
+
 // Sets up a zeroed or used struct for an image of at least 1 x 1 pixels. Does nothing if the size
 // is the same, and does not allocate if an earlier image had as many tiles. False if out of memory:
 // the struct is empty then.

@@ -317,6 +317,62 @@ void sgsi_rays_destroy(sgsi_rays *rays)
     sgsi_free(rays);
 }
 
+// Direction of a corner of a tile's (u, v) range, unit.
+static void tile_corner(const sgsi_tile_rays *tile, float side_u, float side_v, double out[3])
+{
+    const double u = (double)(tile->center_u + side_u * tile->half_u),
+                 v = (double)(tile->center_v + side_v * tile->half_v);
+    double length = 0.0;
+    for (int k = 0; k < 3; ++k) {
+        out[k] = (double)tile->frame[k] + u * (double)tile->frame[3 + k] +
+                 v * (double)tile->frame[6 + k];
+        length += out[k] * out[k];
+    }
+    for (int k = 0; k < 3; ++k)
+        out[k] /= sqrt(length);
+}
+
+// A cone of less than 90 degrees that contains the corners of a tile contains the tile: on its
+// tangent plane both are convex.
+static sgsi_cone cell_cone(const sgsi_rays *rays, size_t cell)
+{
+    const sgsi_cells *cells = &rays->cells;
+    const uint32_t *first = cells->tile_order + cells->tile_begin[cell],
+                   *last = cells->tile_order + cells->tile_begin[cell + 1];
+    double axis[3] = {0}, d[3], least = 1.0;
+    sgsi_cone cone = {.cosine = -1.0};
+    for (const uint32_t *tile = first; tile < last; ++tile) {
+        if (!(rays->tiles[*tile].half_u >= 0.0f))
+            continue;
+        cone.any = true;
+        tile_corner(&rays->tiles[*tile], 0.0f, 0.0f, d);
+        for (int k = 0; k < 3; ++k)
+            axis[k] += d[k];
+    }
+    const double length = sqrt(axis[0] * axis[0] + axis[1] * axis[1] + axis[2] * axis[2]);
+    if (!cone.any || !(length > 1e-6))
+        return cone;
+    for (int k = 0; k < 3; ++k)
+        cone.axis[k] = axis[k] / length;
+    for (const uint32_t *tile = first; tile < last; ++tile)
+        for (int corner = 0; corner < 4 && rays->tiles[*tile].half_u >= 0.0f; ++corner) {
+            tile_corner(&rays->tiles[*tile], corner & 1 ? 1.0f : -1.0f, corner & 2 ? 1.0f : -1.0f,
+                        d);
+            double along = 0.0;
+            for (int k = 0; k < 3; ++k)
+                along += cone.axis[k] * d[k];
+            least = fmin(least, along);
+        }
+    cone.cosine = least > 0.0 ? least : -1.0;
+    return cone;
+}
+
+void sgsi_rays_cell_cones(const sgsi_rays *rays, sgsi_cone *cones)
+{
+    for (size_t i = 0; i < rays->cells.count; ++i)
+        cones[i] = cell_cone(rays, i);
+}
+
 // Images with fewer macrotiles than this are gathered tile by tile; otherwise threads would wait
 // for the last macrotile. Depends on the image size only, so that results do not depend on the
 // number of threads.

@@ -81,6 +81,9 @@ static inline int sgsi_macrotile_tile(const sgsi_rays *rays, int macrotile, int 
     return x < rays->tiles_x && y < rays->tiles_y ? y * rays->tiles_x + x : -1;
 }
 
+// Cones of the cells of rays->cells along the curve, camera axes: [rays->cells.count]. Cannot fail.
+void sgsi_rays_cell_cones(const sgsi_rays *rays, sgsi_cone *cones);
+
 // The macrotile_side for a camera. Depends on its image size only, not on the number of threads.
 int sgsi_macrotile_side(const sgs_camera *camera);
 

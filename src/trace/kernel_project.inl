@@ -136,7 +136,7 @@ static inline void project_statistics(const sgsi_project *input, size_t block, c
 }
 
 static inline void store_projected(const sgsi_project *input, size_t block, const gaussian16 *g,
-                                   vf log_opacity, vm traced)
+                                   vf log_opacity, vf radius, vm traced)
 {
     const float *p = input->params + block * SGS_PARAM_COUNT * 16;
     const vf one = vf_set1(1.0f);
@@ -165,7 +165,7 @@ static inline void store_projected(const sgsi_project *input, size_t block, cons
                    vf_clamp(color[0], vf_zero(), brightest),
                    vf_clamp(color[1], vf_zero(), brightest),
                    vf_clamp(color[2], vf_zero(), brightest),
-                   vf_zero()};
+                   radius};
     vf_transpose16(rows);
     for (int i = 0; i < 16; ++i)
         vf_store(input->projected + (16 * block + (size_t)i) * SGSI_PROJECTED_FLOATS, rows[i]);
@@ -200,7 +200,7 @@ static void project(const sgsi_project *input, size_t begin, size_t end)
         if (input->visible_count || input->visible)
             project_statistics(input, block, &g, in_cone);
         if (vm_any(traced))
-            store_projected(input, block, &g, log_opacity, traced);
+            store_projected(input, block, &g, log_opacity, vf_mul(reach, longest), traced);
         else
             for (int i = 0; i < 16; ++i)
                 input->projected[(16 * block + (size_t)i) * SGSI_PROJECTED_FLOATS +

@@ -37,7 +37,8 @@ enum {
     SGSI_PROJECTED_INV_KAPPA = 10,
     SGSI_PROJECTED_DISTANCE = 11, // |delta|
     SGSI_PROJECTED_COLOR = 12,    // 3: clamped to >= 0
-    // Tile records only: q, the bound on sqrt(A^2 + B^2) / C inside the support.
+    SGSI_PROJECTED_RADIUS = 15,   // of a sphere around the support, world units
+    // In tile records instead: q, the bound on sqrt(A^2 + B^2) / C inside the support.
     SGSI_PROJECTED_REACH = 15
 };
 #define SGSI_UNTRACED (-1e30f)

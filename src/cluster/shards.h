@@ -1,0 +1,102 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// The division of a model's rows among ranks, and the lists of what they send each other in a view.
+// A rank owns every ranks-th group of 1024 rows: their parameters, moments and statistics. It
+// projects its rows and sends each record to the ranks whose cells the primitive may meet
+// (sgsi_router); these return the sums of its gradient per cell. Pure functions on arrays of the
+// caller: they exchange nothing.
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "base/image_cells.h"
+#include "sparegs/status.h"
+
+// ---- Owners ----
+
+enum { SGSI_SHARD_ROWS = 1024 }; // rows of a group: whole blocks of 16
+
+static inline int sgsi_shard_owner(size_t row, int ranks)
+{
+    return (int)(row / SGSI_SHARD_ROWS % (size_t)ranks);
+}
+
+// The place of a row among those of its owner. Places ascend with rows, and only the last group of
+// the model may be incomplete: the rows of a rank are its places [0, sgsi_shard_count).
+static inline size_t sgsi_shard_place(size_t row, int ranks)
+{
+    return row / SGSI_SHARD_ROWS / (size_t)ranks * SGSI_SHARD_ROWS + row % SGSI_SHARD_ROWS;
+}
+
+// The row at a place of a rank.
+static inline size_t sgsi_shard_row(size_t place, int rank, int ranks)
+{
+    return (place / SGSI_SHARD_ROWS * (size_t)ranks + (size_t)rank) * SGSI_SHARD_ROWS +
+           place % SGSI_SHARD_ROWS;
+}
+
+// Number of the rows [0, rows) that a rank owns.
+static inline size_t sgsi_shard_count(size_t rows, int rank, int ranks)
+{
+    const size_t group = SGSI_SHARD_ROWS, turn = group * (size_t)ranks,
+                 first = (size_t)rank * group, rest = rows % turn;
+    const size_t last = rest < first ? 0 : rest - first < group ? rest - first : group;
+    return rows / turn * group + last;
+}
+
+// ---- Messages ----
+
+enum {
+    SGSI_SHARD_RECORD = 88, // bytes of a projected record: 15 floats, a box of 6, the row
+    SGSI_SHARD_CENTER = 8,  // bytes added to it for scores from views: the projected mean
+    SGSI_SHARD_SUM = 68     // bytes of the gradient of a primitive in a cell: 16 sums, the row
+};
+
+// Bytes of a message of `count` items of `item` bytes, at least 64 each: padded to the unit of a
+// transport. sgsi_shard_items returns the count again.
+size_t sgsi_shard_bytes(size_t count, size_t item);
+size_t sgsi_shard_items(size_t bytes, size_t item);
+
+// ---- Records: the ranks that a primitive may meet ----
+
+typedef struct sgsi_router sgsi_router;
+
+// Fails with OUT_OF_MEMORY. Destroy accepts NULL.
+sgs_status sgsi_router_create(int ranks, sgsi_router **router);
+void sgsi_router_destroy(sgsi_router *router);
+
+// Sets the view: cones [cells] of the cells along the curve, in the axes of the spheres below, and
+// the cut: rank r has the cells [cut[r], cut[r + 1]). Fails with OUT_OF_MEMORY.
+sgs_status sgsi_router_set(sgsi_router *router, const sgsi_cone *cones, size_t cells,
+                           const size_t *cut);
+
+// Words of a set of ranks: bit r % 64 of word r / 64.
+size_t sgsi_router_words(const sgsi_router *router);
+
+// The set of ranks with a cell whose cone a sphere may touch; `center` is relative to the camera.
+// Conservative: the sphere is enlarged by 1e-4 of its distance. Thread-safe. Cannot fail.
+void sgsi_router_find(const sgsi_router *router, const float center[3], float radius,
+                      uint64_t *ranks);
+
+// The places of this rank's rows that each rank receives.
+typedef struct sgsi_send_lists {
+    uint32_t *places; // rank after rank, ascending in each
+    size_t *begin;    // [ranks + 1]: where the list of a rank begins
+    size_t *chunks;   // workspace
+    size_t capacity, chunk_capacity;
+    int ranks;
+} sgsi_send_lists;
+
+// The lists for rows with the sets of ranks found [rows][words]. Grows a zeroed or used struct.
+// Fails with OUT_OF_MEMORY.
+sgs_status sgsi_send_lists_make(sgsi_send_lists *lists, const uint64_t *found, size_t rows,
+                                int ranks);
+void sgsi_send_lists_free(sgsi_send_lists *lists);
+
+// ---- Sums: the owners of primitives ----
+
+// counts[r] += number of the `count` rows that rank r owns.
+void sgsi_shard_count_owners(const uint32_t *rows, size_t count, int ranks, size_t *counts);

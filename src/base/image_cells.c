@@ -31,6 +31,7 @@ static void draw(sgsi_cells *cells, square s, long side)
         return;
     if (side == 1) {
         const long x = s.x + (s.ax + s.bx < 0 ? -1 : 0), y = s.y + (s.ay + s.by < 0 ? -1 : 0);
+        cells->position[y * cells->cells_x + x] = (uint32_t)cells->count;
         cells->raster[cells->count++] = (uint32_t)(y * cells->cells_x + x);
         return;
     }
@@ -68,9 +69,10 @@ static bool reserve(sgsi_cells *cells, size_t count, size_t tiles)
     if (count > cells->count_capacity || tiles > cells->tile_capacity) {
         sgsi_cells_free(cells);
         cells->raster = sgsi_alloc(count, sizeof *cells->raster);
+        cells->position = sgsi_alloc(count, sizeof *cells->position);
         cells->tile_begin = sgsi_alloc(count + 1, sizeof *cells->tile_begin);
         cells->tile_order = sgsi_alloc(tiles, sizeof *cells->tile_order);
-        if (!cells->raster || !cells->tile_begin || !cells->tile_order) {
+        if (!cells->raster || !cells->position || !cells->tile_begin || !cells->tile_order) {
             sgsi_cells_free(cells);
             return false;
         }
@@ -112,6 +114,7 @@ bool sgsi_cells_set(sgsi_cells *cells, int width, int height)
 void sgsi_cells_free(sgsi_cells *cells)
 {
     sgsi_free(cells->raster);
+    sgsi_free(cells->position);
     sgsi_free(cells->tile_begin);
     sgsi_free(cells->tile_order);
     *cells = (sgsi_cells){0};

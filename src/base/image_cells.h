@@ -23,6 +23,7 @@ typedef struct sgsi_cells {
     int cells_x, cells_y; // of the image
     size_t count, tiles;  // cells_x * cells_y, tiles_x * tiles_y
     uint32_t *raster;     // [count]: y * cells_x + x of the cells along the curve
+    uint32_t *position;   // [count]: the inverse, place on the curve by y * cells_x + x
     uint32_t *tile_begin; // [count + 1]: where a cell begins in tile_order
     uint32_t *tile_order; // [tiles]: y * tiles_x + x, cell by cell; in raster order in each
     size_t count_capacity, tile_capacity;

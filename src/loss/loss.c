@@ -7,8 +7,9 @@
 //
 // This file runs the cells of the image (base/image_cells.h) on the threads and adds up their sums;
 // loss_kernels.inl contains the mathematics. A cell recomputes a halo of ten pixels on every side,
-// so cells are independent. Their division depends on the image size only and the sums are added
-// along their curve, so the result does not depend on the number of threads.
+// so cells are independent; small ones share it with a neighbour in the same call. Their division
+// depends on the image size only and the sums are added along their curve, so the result does not
+// depend on the number of threads.
 
 #include "loss/loss.h"
 
@@ -151,15 +152,38 @@ typedef struct cell_loop {
     sgsi_loss_job job;
     sgsi_loss_kernel kernel;
     sgsi_loss_workspace *workspace;
-    size_t first;
+    size_t first, last;
 } cell_loop;
 
-static void run_cell(void *context, size_t item, int thread)
+static bool is_wanted(const cell_loop *loop, size_t cell)
+{
+    return cell >= loop->first && cell < loop->last;
+}
+
+// Cells are visited in raster order, which is faster than the curve. Small ones are computed in
+// pairs of an even column and the next one: a row of 64 pixels and its halo would fill vectors
+// badly.
+static void run_cell(void *context, size_t raster, int thread)
 {
     const cell_loop *loop = context;
     sgsi_loss_workspace *w = loop->workspace;
-    const size_t cell = loop->first + item;
-    loop->kernel(&loop->job, sgsi_cell_at(&w->cells, cell), &w->scratch[thread], &w->sums[cell]);
+    const sgsi_cells *cells = &w->cells;
+    const int x = (int)raster % cells->cells_x;
+    const bool is_small = 2 * cells->side <= SGSI_CELL_SIDE;
+    const size_t cell = cells->position[raster];
+    if (!is_wanted(loop, cell) ||
+        (is_small && x % 2 && is_wanted(loop, cells->position[raster - 1])))
+        return; // of another piece, or computed with its left neighbour
+    sgsi_loss_item item = {
+        .count = 1, .cell = {sgsi_cell_at(cells, cell)}, .sums = {&w->sums[cell]}};
+    if (is_small && x % 2 == 0 && x + 1 < cells->cells_x &&
+        is_wanted(loop, cells->position[raster + 1])) {
+        const size_t right = cells->position[raster + 1];
+        item.cell[1] = sgsi_cell_at(cells, right);
+        item.sums[1] = &w->sums[right];
+        item.count = 2;
+    }
+    loop->kernel(&loop->job, &item, &w->scratch[thread]);
 }
 
 sgs_status sgsi_loss_cells(sgsi_loss_workspace *workspace, const sgsi_loss_input *input,
@@ -186,11 +210,12 @@ sgs_status sgsi_loss_cells(sgsi_loss_workspace *workspace, const sgsi_loss_input
         .kernel = kernel_of(sgs_isa_get()),
         .workspace = workspace,
         .first = first,
+        .last = last,
     };
     memcpy(loop.job.window, workspace->window, sizeof workspace->window);
     edge_weights(workspace->window, input->width, workspace->column_weight);
     edge_weights(workspace->window, input->height, workspace->row_weight);
-    sgsi_parallel_for(last - first, 1, run_cell, &loop);
+    sgsi_parallel_for(workspace->cells.count, 1, run_cell, &loop);
     *sums = workspace->sums;
     return SGS_STATUS_OK;
 }

@@ -13,6 +13,7 @@
 enum {
     LOSS_RADIUS = 5,                                    // the window has 2 * 5 + 1 taps
     LOSS_BLOCK_WIDTH = SGSI_CELL_SIDE * SGSI_CELL_TILE, // output columns per item, at most
+    LOSS_ITEM_CELLS = 2,
     LOSS_RING = 16,   // rows kept of each plane: 4 current ones and 10 of overlap
     LOSS_MARGIN = 16, // columns on both sides of the block in every source plane
     LOSS_SOURCE_PITCH = LOSS_BLOCK_WIDTH + 2 * LOSS_MARGIN,
@@ -40,17 +41,24 @@ typedef struct sgsi_loss_scratch {
     float map[3][LOSS_MAP_PITCH];                 // one row of the three derivative planes
     float smooth[3][LOSS_RING][LOSS_BLOCK_WIDTH]; // the same after the horizontal pass
     unsigned inside[LOSS_MAP_PITCH / 16 + 1];     // lanes of a map vector inside the image
-    unsigned own[LOSS_MAP_PITCH / 16 + 1];        // lanes of a map vector inside this block
+    unsigned own[LOSS_ITEM_CELLS][LOSS_MAP_PITCH / 16 + 1]; // lanes of a map vector inside a cell
     _Alignas(
         64) float edge[LOSS_MAP_PITCH]; // column_weight of each map column, 0 outside the image
 } sgsi_loss_scratch;
 
-typedef void (*sgsi_loss_kernel)(const sgsi_loss_job *job, sgsi_cell_rect cell,
-                                 sgsi_loss_scratch *scratch, sgsi_loss_sums *sums);
+// One cell, or two neighbours of a row that share a halo; the results are those of separate calls.
+typedef struct sgsi_loss_item {
+    int count; // of cells
+    sgsi_cell_rect cell[LOSS_ITEM_CELLS];
+    sgsi_loss_sums *sums[LOSS_ITEM_CELLS];
+} sgsi_loss_item;
 
-void sgsi_loss_block_baseline(const sgsi_loss_job *job, sgsi_cell_rect cell,
-                              sgsi_loss_scratch *scratch, sgsi_loss_sums *sums);
-void sgsi_loss_block_avx2(const sgsi_loss_job *job, sgsi_cell_rect cell, sgsi_loss_scratch *scratch,
-                          sgsi_loss_sums *sums);
-void sgsi_loss_block_avx512(const sgsi_loss_job *job, sgsi_cell_rect cell,
-                            sgsi_loss_scratch *scratch, sgsi_loss_sums *sums);
+typedef void (*sgsi_loss_kernel)(const sgsi_loss_job *job, const sgsi_loss_item *item,
+                                 sgsi_loss_scratch *scratch);
+
+void sgsi_loss_block_baseline(const sgsi_loss_job *job, const sgsi_loss_item *item,
+                              sgsi_loss_scratch *scratch);
+void sgsi_loss_block_avx2(const sgsi_loss_job *job, const sgsi_loss_item *item,
+                          sgsi_loss_scratch *scratch);
+void sgsi_loss_block_avx512(const sgsi_loss_job *job, const sgsi_loss_item *item,
+                            sgsi_loss_scratch *scratch);

@@ -61,7 +61,9 @@ typedef struct channel_block {
     int channel;
     int x, y, width, height; // output rectangle
     int source_vectors, map_vectors, output_vectors;
-    vf l1, square, dissimilarity; // running sums
+    int cells, split; // output vectors of the first cell
+    vf l1[LOSS_ITEM_CELLS], square[LOSS_ITEM_CELLS],
+        dissimilarity[LOSS_ITEM_CELLS]; // running sums
 } channel_block;
 
 static inline vf load_bytes(const uint8_t *bytes, int count)
@@ -139,6 +141,9 @@ static void load_row(const channel_block *block, int row)
             const size_t at = (size_t)y * input->stride + (size_t)x;
             const size_t pixel = (size_t)y * (size_t)input->width + (size_t)x;
             const vf value = vf_clamp(composite(input, block->channel, at), vf_zero(), ceiling);
+            // Neighbouring rows are on other pages, which hardware does not prefetch.
+            __builtin_prefetch(input->color[block->channel] + at + GROUP * input->stride);
+            __builtin_prefetch(input->transmittance + at + GROUP * input->stride);
             const vf target = load_target(input, block->channel, pixel, count);
             const vm real = counted(input, x, y, count); // invalid pixels: i = e = 0
             const vf g = vf_sub(target, half);
@@ -262,9 +267,14 @@ static void map_row(channel_block *block, int row, int r)
         vf_store(&s->map[0][16 * k], vf_keep(inside, a));
         vf_store(&s->map[1][16 * k], vf_keep(inside, b));
         vf_store(&s->map[2][16 * k], vf_keep(inside, c));
-        if (own_row)
-            block->dissimilarity =
-                vf_add(block->dissimilarity, vf_keep(vm_from_bits(s->own[k]), lost));
+        // Map vectors begin five columns to the left of output vectors: one of them may meet both
+        // cells.
+        if (own_row && k <= block->split)
+            block->dissimilarity[0] =
+                vf_add(block->dissimilarity[0], vf_keep(vm_from_bits(s->own[0][k]), lost));
+        if (own_row && k >= block->split && block->cells > 1)
+            block->dissimilarity[1] =
+                vf_add(block->dissimilarity[1], vf_keep(vm_from_bits(s->own[1][k]), lost));
     }
     for (int plane = 0; plane < 3; ++plane)
         for (int k = 0; k < block->output_vectors; ++k)
@@ -301,7 +311,8 @@ static void gradient_rows(channel_block *block, int first)
         convolve_down(&s->smooth[0][0][16 * k], LOSS_BLOCK_WIDTH, first, window, a);
         convolve_down(&s->smooth[1][0][16 * k], LOSS_BLOCK_WIDTH, first, window, b);
         convolve_down(&s->smooth[2][0][16 * k], LOSS_BLOCK_WIDTH, first, window, c);
-        const int count = block->width - 16 * k;
+        const int count = block->width - 16 * k, cell = k >= block->split;
+        vf l1 = block->l1[cell], square = block->square[cell];
         for (int r = 0; r < GROUP && first + r < block->height; ++r) {
             const vm real = counted(input, block->x + 16 * k, block->y + first + r, count);
             const int slot = (first + r + 2 * LOSS_RADIUS) & RING_MASK;
@@ -316,9 +327,11 @@ static void gradient_rows(channel_block *block, int first)
             const vf value = composite(input, block->channel, at);
             const vm free = vm_and(real, vm_and(vf_ge(value, zero), vf_le(value, ceiling)));
             store_gradient(block, at, vf_keep(free, vf_fnma(ssim_scale, ssim, sign)));
-            block->l1 = vf_add(block->l1, vf_abs(e));
-            block->square = vf_add(block->square, e2);
+            l1 = vf_add(l1, vf_abs(e));
+            square = vf_add(square, e2);
         }
+        block->l1[cell] = l1;
+        block->square[cell] = square;
     }
 }
 
@@ -327,16 +340,18 @@ static void prepare_columns(const channel_block *block)
 {
     const sgsi_loss_job *job = block->job;
     for (int k = 0; k < block->map_vectors; ++k) {
-        unsigned inside = 0, own = 0;
+        unsigned inside = 0, own[LOSS_ITEM_CELLS] = {0};
         for (int lane = 0; lane < 16; ++lane) {
             const int column = 16 * k + lane - LOSS_RADIUS, x = block->x + column;
             const int exists = x >= 0 && x < job->input->width;
             inside |= (unsigned)exists << lane;
-            own |= (unsigned)(column >= 0 && column < block->width) << lane;
+            own[column >= 16 * block->split] |= (unsigned)(column >= 0 && column < block->width)
+                                                << lane;
             block->scratch->edge[16 * k + lane] = exists ? job->column_weight[x] : 0.0f;
         }
         block->scratch->inside[k] = inside;
-        block->scratch->own[k] = own;
+        for (int cell = 0; cell < LOSS_ITEM_CELLS; ++cell)
+            block->scratch->own[cell][k] = own[cell];
     }
 }
 
@@ -356,19 +371,19 @@ static void clear_padding(const channel_block *block)
         }
 }
 
-// The alpha term of the whole block: |(1 - T) - alpha| and its derivative with respect to T.
-static void run_alpha(const channel_block *block, sgsi_loss_sums *sums)
+// The alpha term of a cell: |(1 - T) - alpha| and its derivative with respect to T.
+static void run_alpha(const sgsi_loss_job *job, sgsi_cell_rect cell, sgsi_loss_sums *sums)
 {
-    const sgsi_loss_input *input = block->job->input;
+    const sgsi_loss_input *input = job->input;
     const size_t plane = (size_t)input->width * (size_t)input->height;
-    const vf zero = vf_zero(), one = vf_set1(1.0f), scale = vf_set1(block->job->alpha_scale);
+    const vf zero = vf_zero(), one = vf_set1(1.0f), scale = vf_set1(job->alpha_scale);
     const float *transmittance =
         input->alpha_transmittance ? input->alpha_transmittance : input->transmittance;
-    float *d_transmittance = block->job->output->d_transmittance;
-    for (int y = block->y; y < block->y + block->height; ++y) {
+    float *d_transmittance = job->output->d_transmittance;
+    for (int y = cell.y; y < cell.y + cell.height; ++y) {
         vf total = zero;
-        for (int x = block->x; x < block->x + block->width; x += 16) {
-            const int count = block->x + block->width - x;
+        for (int x = cell.x; x < cell.x + cell.width; x += 16) {
+            const int count = cell.x + cell.width - x;
             const size_t at = (size_t)y * input->stride + (size_t)x,
                          pixel = (size_t)y * (size_t)input->width + (size_t)x;
             const vf alpha = input->target->channels == 4
@@ -384,7 +399,7 @@ static void run_alpha(const channel_block *block, sgsi_loss_sums *sums)
     }
 }
 
-static void run_channel(channel_block *block, sgsi_loss_sums *sums)
+static void run_channel(channel_block *block, const sgsi_loss_item *item)
 {
     const int groups = (block->height + GROUP - 1) / GROUP;
     for (int row = 0; row < 2 * LOSS_RADIUS; ++row)
@@ -394,34 +409,42 @@ static void run_channel(channel_block *block, sgsi_loss_sums *sums)
         for (int r = 0; r < GROUP; ++r)
             load_row(block, GROUP * group + 2 * LOSS_RADIUS + r);
         moments_down(block, GROUP * group);
-        block->l1 = block->square = block->dissimilarity = vf_zero();
+        for (int cell = 0; cell < LOSS_ITEM_CELLS; ++cell)
+            block->l1[cell] = block->square[cell] = block->dissimilarity[cell] = vf_zero();
         for (int r = 0; r < GROUP; ++r)
             map_row(block, GROUP * group + r, r);
         if (group >= 3)
             gradient_rows(block, GROUP * (group - 3));
-        sums->l1 += (double)vf_sum(block->l1);
-        sums->square += (double)vf_sum(block->square);
-        sums->dissimilarity += (double)vf_sum(block->dissimilarity);
+        for (int cell = 0; cell < item->count; ++cell) {
+            item->sums[cell]->l1 += (double)vf_sum(block->l1[cell]);
+            item->sums[cell]->square += (double)vf_sum(block->square[cell]);
+            item->sums[cell]->dissimilarity += (double)vf_sum(block->dissimilarity[cell]);
+        }
     }
     clear_padding(block);
 }
 
-void SGSI_KERNEL(sgsi_loss_block)(const sgsi_loss_job *job, sgsi_cell_rect cell,
-                                  sgsi_loss_scratch *scratch, sgsi_loss_sums *sums)
+void SGSI_KERNEL(sgsi_loss_block)(const sgsi_loss_job *job, const sgsi_loss_item *item,
+                                  sgsi_loss_scratch *scratch)
 {
     channel_block block = {.job = job,
                            .scratch = scratch,
-                           .x = cell.x,
-                           .y = cell.y,
-                           .width = cell.width,
-                           .height = cell.height};
+                           .x = item->cell[0].x,
+                           .y = item->cell[0].y,
+                           .width = item->cell[0].width,
+                           .height = item->cell[0].height,
+                           .cells = item->count,
+                           .split = (item->cell[0].width + 15) / 16};
+    if (item->count > 1)
+        block.width += item->cell[1].width;
     block.output_vectors = (block.width + 15) / 16;
     block.map_vectors = block.output_vectors + 1;
     block.source_vectors = block.output_vectors + 2;
-    *sums = (sgsi_loss_sums){0};
+    for (int cell = 0; cell < item->count; ++cell)
+        *item->sums[cell] = (sgsi_loss_sums){0};
     prepare_columns(&block);
     for (block.channel = 0; block.channel < 3; ++block.channel)
-        run_channel(&block, sums);
-    if (job->alpha_scale > 0.0f)
-        run_alpha(&block, sums);
+        run_channel(&block, item);
+    for (int cell = 0; cell < item->count && job->alpha_scale > 0.0f; ++cell)
+        run_alpha(job, item->cell[cell], item->sums[cell]);
 }

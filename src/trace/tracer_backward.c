@@ -120,19 +120,20 @@ static void merge_tile(const backward_pass *pass, size_t tile, size_t bucket, sg
     const uint32_t base = (uint32_t)(bucket << pass->bucket_shift);
     for (uint32_t i = begin[0]; i < begin[1]; ++i) {
         const uint32_t id = ids[order[i]];
-        if (i + REDUCE_AHEAD < begin[1])
-            __builtin_prefetch(tracer->slot_sums +
-                               (slot + order[i + REDUCE_AHEAD]) * SGSI_PROJECTED_FLOATS);
-        uint32_t entry = sums->where[id - base];
-        if (entry >= sums->count || sums->ids[entry] != id) {
-            entry = sums->count++;
-            sums->where[id - base] = entry;
-            sums->ids[entry] = id;
-            memset(sums->sums + (size_t)entry * SGSI_PROJECTED_FLOATS, 0,
-                   SGSI_PROJECTED_FLOATS * sizeof(float));
+        const float *added = tracer->slot_sums + (slot + order[i]) * SGSI_PROJECTED_FLOATS;
+        if (i + REDUCE_AHEAD < begin[1]) {
+            const uint32_t ahead = order[i + REDUCE_AHEAD];
+            __builtin_prefetch(tracer->slot_sums + (slot + ahead) * SGSI_PROJECTED_FLOATS);
+            __builtin_prefetch(sums->where + (ids[ahead] - base), 1);
         }
-        sgsi_add_sums(sums->sums + (size_t)entry * SGSI_PROJECTED_FLOATS,
-                      tracer->slot_sums + (slot + order[i]) * SGSI_PROJECTED_FLOATS);
+        const uint32_t entry = sums->where[id - base];
+        if (entry < sums->count && sums->ids[entry] == id) {
+            sgsi_add_sums(sums->sums + (size_t)entry * SGSI_PROJECTED_FLOATS, added);
+            continue;
+        }
+        sums->where[id - base] = sums->count;
+        sums->ids[sums->count] = id;
+        sgsi_begin_sums(sums->sums + (size_t)sums->count++ * SGSI_PROJECTED_FLOATS, added);
     }
 }
 

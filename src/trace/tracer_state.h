@@ -91,6 +91,14 @@ static inline void sgsi_add_sums(float *sums, const float *added)
     for (int k = 0; k < SGSI_PROJECTED_FLOATS / 4; ++k)
         to[k] += from[k]; // the compiler does not vectorise the loop over floats
 }
+// sums[16] = 0 + added[16], which turns -0 into +0 as a sum does.
+static inline void sgsi_begin_sums(float *sums, const float *added)
+{
+    sgsi_four *to = (sgsi_four *)sums;
+    const sgsi_four *from = (const sgsi_four *)added, zero = {0};
+    for (int k = 0; k < SGSI_PROJECTED_FLOATS / 4; ++k)
+        to[k] = zero + from[k];
+}
 // Adds sums of a cell to a primitive; the first ones of its block set those of the block to 0.
 static inline void sgsi_add_to_primitive(sgsi_tracer *tracer, uint32_t id, const float *added)
 {

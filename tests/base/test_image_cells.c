@@ -54,6 +54,7 @@ static void cells_follow_a_hilbert_curve(void **state)
         for (size_t i = 0; i < cells.count; ++i) {
             const long x = cells.raster[i] % (uint32_t)cells.cells_x,
                        y = cells.raster[i] / (uint32_t)cells.cells_x;
+            assert_int_equal(cells.position[cells.raster[i]], i);
             // The curve or its mirror image at the diagonal, the same for all cells.
             const long index[2] = {hilbert_index(side, x, y), hilbert_index(side, y, x)};
             for (int k = 0; k < 2; ++k)
@@ -115,7 +116,7 @@ static void large_cells_only_where_there_are_many(void **state)
 static void failed_allocations_leave_nothing(void **state)
 {
     (void)state;
-    for (size_t n = 1; n <= 3; ++n) {
+    for (size_t n = 1; n <= 4; ++n) {
         sgsi_cells cells = {0};
         sgsi_fail_allocation(n);
         assert_false(sgsi_cells_set(&cells, 300, 200));

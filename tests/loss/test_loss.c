@@ -754,7 +754,7 @@ static void every_failed_allocation_is_reported(void **state)
         sgsi_fail_allocation(0);
         sgsi_loss_destroy(workspace);
         if (status == SGS_STATUS_OK) {
-            assert_int_equal(n, 9);
+            assert_int_equal(n, 10);
             break;
         }
         assert_int_equal(status, SGS_STATUS_OUT_OF_MEMORY);

@@ -28,6 +28,8 @@ if [ "${1:-}" = --long ]; then
         clang-format clang-tidy cppcheck # tools/scripts/lint.sh
         gcovr                            # tools/scripts/coverage.sh
         colmap                           # reconstruct
+        libmpich-dev mpich               # ranks by another MPI library
+        slurm-wlm munge                  # the job script of tools/manual/cluster.md
         chromium                         # the pages of `report` and `view`
         python3-torch                    # reference values of LPIPS
     )

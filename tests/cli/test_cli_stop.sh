@@ -82,6 +82,18 @@ kill -TERM "$process"
 finish_with 143
 check its_state_is_saved test -s "$out/checkpoint/state.bin"
 
+# a_sigterm_sent_twice_is_one_request (a batch system signals the ranks, and its launcher forwards it)
+for pause in 0 0.01 0.05; do
+    rm -rf "$out"
+    start "${data[@]}" -o "$out" --iterations 1000000 --spare off --checkpoint-every 0
+    wait_for_iteration_100
+    kill -TERM "$process"
+    sleep $pause
+    kill -TERM "$process" 2>/dev/null || true
+    finish_with 143
+    check the_state_is_saved_once test -s "$out/checkpoint/state.bin"
+done
+
 # nohup_is_obeyed
 rm -rf "$out"
 last_command="nohup sparegs train"

@@ -8,20 +8,31 @@
 
 #include <stdatomic.h>
 #include <stddef.h>
+#include <time.h>
 #include <unistd.h>
 
 _Static_assert(ATOMIC_INT_LOCK_FREE == 2, "handlers need atomic integers without locks");
 
-enum { PASSED_ON = 1 << 16 };
+enum { PASSED_ON = 1 << 16, REPEATED_SECONDS = 5 };
 static atomic_int received; // the signal, with PASSED_ON while only the forwarded one has arrived
+static atomic_long received_at; // seconds
 static atomic_int checkpoint_wanted;
 
+// A batch system sends SIGTERM to the process and to its launcher, which forwards it: a second one
+// soon after the first is the same request.
 static void receive(int signal_number)
 {
+    struct timespec now = {0};
+    clock_gettime(CLOCK_MONOTONIC, &now);
     int before = received;
+    if (!before)
+        received_at = now.tv_sec;
     do {
-        if (before && !(before & PASSED_ON))
+        if (before && !(before & PASSED_ON)) {
+            if (signal_number == SIGTERM && now.tv_sec - received_at < REPEATED_SECONDS)
+                return;
             _exit(128 + signal_number);
+        }
     } while (!atomic_compare_exchange_weak(&received, &before, signal_number));
 }
 

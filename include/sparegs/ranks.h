@@ -60,6 +60,11 @@ SGS_API sgs_status sgs_ranks_compare(sgs_ranks *ranks, sgs_status own, const cha
 // the same on all ranks. Without ranks it returns the flags raised so far.
 SGS_API void sgs_ranks_raise(sgs_ranks *ranks, uint32_t flags);
 SGS_API uint32_t sgs_ranks_raised(const sgs_ranks *ranks);
+// Withdraws flags that all ranks have seen. All call it between the same two collective calls.
+SGS_API void sgs_ranks_lower(sgs_ranks *ranks, uint32_t flags);
+// After a failure, which all ranks have received in the same call: if all call this before another
+// call, they can continue, for instance to save their state.
+SGS_API void sgs_ranks_recover(sgs_ranks *ranks);
 
 // Copies *bytes of rank 0, `*size` of them, to all other ranks, where *bytes is replaced by memory
 // from malloc that the caller frees. Rank 0 keeps its own. Collective.
@@ -79,12 +84,14 @@ typedef struct sgs_ranks_traffic {
     uint64_t calls, messages, bytes;
 } sgs_ranks_traffic;
 typedef enum sgs_ranks_purpose {
-    SGS_RANKS_STATUS,  // the header of every call
-    SGS_RANKS_IMAGE,   // colour and transmittance around the cells of others
-    SGS_RANKS_SUMS,    // sums of loss and exposure per cell, costs, depth bounds
-    SGS_RANKS_RECORDS, // gradient sums of the cells' primitives
-    SGS_RANKS_SCORES,  // images and sums for scores from views
-    SGS_RANKS_OTHER,   // start, evaluation, files
+    SGS_RANKS_STATUS,    // the header of every call
+    SGS_RANKS_IMAGE,     // colour and transmittance around the cells of others
+    SGS_RANKS_SUMS,      // sums of loss and exposure per cell, costs, depth bounds
+    SGS_RANKS_RECORDS,   // projected primitives, from their owners to the cells that they may meet
+    SGS_RANKS_GRADIENTS, // gradient sums of the cells' primitives, to their owners
+    SGS_RANKS_STRUCTURE, // structural updates: columns of all rows, rows to their new owners
+    SGS_RANKS_SCORES,    // records, images and sums for scores from views
+    SGS_RANKS_OTHER,     // start, evaluation, files
     SGS_RANKS_PURPOSE_COUNT
 } sgs_ranks_purpose;
 SGS_API sgs_ranks_traffic sgs_ranks_counted(const sgs_ranks *ranks, sgs_ranks_purpose purpose);

@@ -280,10 +280,10 @@ SGS_API void sgs_trainer_destroy(sgs_trainer *trainer); // accepts NULL
 
 // Makes this trainer one of several with the same scene and options, one per rank, that train one
 // model together; NULL = alone. Call it before the first step and before loading a checkpoint;
-// `ranks` must outlive the trainer. sgs_trainer_step is then collective. Every rank holds the whole
-// model; each traces and differentiates its own part of every image. Fails with OUT_OF_MEMORY, or
-// INVALID_ARGUMENT if a rank differs from rank 0 in version, options, views, photographs or
-// arithmetic. Collective.
+// `ranks` must outlive the trainer. sgs_trainer_step is then collective. Every rank keeps a part of
+// the rows with their moments, and traces and differentiates its own part of every image. Fails
+// with OUT_OF_MEMORY, or INVALID_ARGUMENT if a rank differs from rank 0 in version, options, views,
+// photographs or arithmetic. Collective.
 SGS_API sgs_status sgs_trainer_ranks_set(sgs_trainer *trainer, sgs_ranks *ranks);
 
 // Limits the memory of the process to `bytes`; 0 = no limit. A step whose structural update would
@@ -306,8 +306,17 @@ SGS_API bool sgs_trainer_is_consistent(const sgs_trainer *trainer);
 // Last iteration whose structural update, if any, has been made: the last one or the one before it.
 SGS_API int sgs_trainer_structure_iteration(const sgs_trainer *trainer);
 
+// Number of primitives, of all ranks.
+SGS_API size_t sgs_trainer_count(const sgs_trainer *trainer);
+// Hash of the model, as sgs_gaussians_hash: the same on all ranks. Fails with OUT_OF_MEMORY with
+// several ranks only. Collective.
+SGS_API sgs_status sgs_trainer_hash(sgs_trainer *trainer, char hex[17]);
+// With several ranks, makes the two functions below return the whole model on rank 0, until the
+// next step, and the rows of the rank on others; without, it does nothing. Fails with
+// OUT_OF_MEMORY. Collective.
+SGS_API sgs_status sgs_trainer_collect(sgs_trainer *trainer);
 // The current model; owned by the trainer, valid until the next step. Structural updates change the
-// order of the rows.
+// order of the rows. With several ranks: see sgs_trainer_collect.
 SGS_API const sgs_gaussians *sgs_trainer_model(const sgs_trainer *trainer);
 // Mip-Splatting's 3D filter (Yu et al. 2024, section 5.1) of that model: [count], world units; NULL
 // with other pixel filters. Owned by the trainer, valid until the next step.
@@ -340,7 +349,8 @@ SGS_API size_t sgs_trainer_initial_cloud(const sgs_trainer *trainer, const float
 
 // Writes the complete state to one file, atomically: parameters, moments, statistics, schedule,
 // counters, options. A trainer that loads it computes the same bits as one that was never
-// interrupted. Fails with IO or OUT_OF_MEMORY; an existing file is then unchanged.
+// interrupted. Fails with IO or OUT_OF_MEMORY; an existing file is then unchanged. Collective: rank
+// 0 writes the file, and alone fails if that is impossible; other ranks ignore `path`.
 SGS_API sgs_status sgs_trainer_save_checkpoint(const sgs_trainer *trainer, const char *path);
 // Replaces the trainer's state by that of a checkpoint. Options may differ as their resume rule
 // allows (option_descriptors.h), with a warning. A run that ended in equilibrium continues only if
@@ -350,7 +360,11 @@ SGS_API sgs_status sgs_trainer_save_checkpoint(const sgs_trainer *trainer, const
 // Fails with IO or FORMAT (damaged file), UNSUPPORTED (written by another version),
 // INVALID_ARGUMENT (options or training views differ; the error names the first); the trainer is
 // then unchanged. After OUT_OF_MEMORY, or an unreadable photograph, see sgs_trainer_is_consistent.
+// Collective: rank 0 reads the file, other ranks ignore `path`; a failure is that of all ranks, and
+// their next calls fail, too.
 SGS_API sgs_status sgs_trainer_load_checkpoint(sgs_trainer *trainer, const char *path);
+// Fails if the file cannot be loaded, for reasons of the file; changes nothing. Not collective.
+SGS_API sgs_status sgs_trainer_check_checkpoint(sgs_trainer *trainer, const char *path);
 // Size in bytes of the file that sgs_trainer_save_checkpoint would write now. Cannot fail.
 SGS_API size_t sgs_trainer_checkpoint_bytes(const sgs_trainer *trainer);
 // Number of primitives in a checkpoint. Reads and validates the whole file without a trainer. Fails

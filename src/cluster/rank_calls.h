@@ -20,11 +20,12 @@ struct sgs_ranks {
     _Atomic uint32_t own;      // flags raised here
     uint32_t raised;           // flags of all ranks
     uint64_t cut_seed;         // tests: random cuts of the cells, 0 = by cost
-    int most_threads;          // of all ranks
     unsigned char *send, *got; // buffers of sgsi_ranks_share and sgsi_ranks_exchange
     size_t send_capacity, got_capacity;
-    size_t most_shared; // bytes of the largest sgsi_ranks_share
-    size_t *sizes;      // [2 * count]
+    size_t most_shared;   // bytes of the largest sgsi_ranks_share
+    size_t most_received; // bytes of the largest sgsi_ranks_deliver on any rank
+    size_t *sizes;        // [count]
+    uint64_t *matrix;     // [count][count]: of sgsi_ranks_deliver
     sgs_ranks_traffic counted[SGS_RANKS_PURPOSE_COUNT];
 };
 
@@ -48,6 +49,15 @@ sgs_status sgsi_ranks_share(sgs_ranks *ranks, sgs_status own, sgs_ranks_purpose 
 // the caller knows; all multiples of SGSI_TRANSPORT_UNIT.
 sgs_status sgsi_ranks_exchange(sgs_ranks *ranks, sgs_status own, sgs_ranks_purpose purpose,
                                const size_t *to, const size_t *from, const unsigned char **got);
+
+// The same where the receivers do not know the sizes: *from [count] receives them, owned by the
+// ranks.
+sgs_status sgsi_ranks_deliver(sgs_ranks *ranks, sgs_status own, sgs_ranks_purpose purpose,
+                              const size_t *to, const unsigned char **got, const size_t **from);
+
+// Copies `bytes` of rank 0, the same number on all ranks, to the others.
+sgs_status sgsi_ranks_copy(sgs_ranks *ranks, sgs_status own, sgs_ranks_purpose purpose, void *data,
+                           size_t bytes);
 
 static inline size_t sgsi_ranks_padded(size_t bytes)
 {

@@ -15,7 +15,6 @@
 #include <unistd.h>
 
 #include "base/core.h"
-#include "base/threads.h"
 
 enum { MESSAGE_BYTES = 960 };
 
@@ -23,11 +22,18 @@ typedef struct header {
     int32_t status;
     uint32_t flags;
     uint64_t kind, bytes;
-    int32_t threads, unused;
 } header;
 
 // Kinds of calls; a difference between ranks is an error of the program.
-enum { KIND_AGREE, KIND_SHARE, KIND_EXCHANGE, KIND_GATHER, KIND_BROADCAST };
+enum {
+    KIND_AGREE,
+    KIND_SHARE,
+    KIND_EXCHANGE,
+    KIND_DELIVER,
+    KIND_GATHER,
+    KIND_BROADCAST,
+    KIND_COPY
+};
 
 typedef struct failure {
     char node[64], text[MESSAGE_BYTES];
@@ -84,7 +90,6 @@ static sgs_status meet_with(sgs_ranks *ranks, header own, size_t *sizes, const c
     if (!all)
         abort(); // the others wait
     own.flags = atomic_load(&ranks->own);
-    own.threads = sgsi_threads();
     ranks->transport.gather(ranks->transport.state, &own, sizeof own, all);
     count_bytes(ranks, SGS_RANKS_STATUS, others(ranks) * sizeof own, others(ranks));
     int failing = count;
@@ -96,8 +101,6 @@ static sgs_status meet_with(sgs_ranks *ranks, header own, size_t *sizes, const c
             failing = r;
         if (sizes)
             sizes[r] = (size_t)all[r].bytes;
-        ranks->most_threads =
-            all[r].threads > ranks->most_threads ? all[r].threads : ranks->most_threads;
     }
     const sgs_status status = failing < count ? (sgs_status)all[failing].status
                               : differs       ? SGS_STATUS_INTERNAL
@@ -116,14 +119,18 @@ sgs_status sgsi_ranks_create(const sgsi_transport *transport, sgs_ranks **ranks)
 {
     *ranks = NULL;
     sgs_ranks *made = sgsi_calloc(1, sizeof *made);
-    size_t *sizes = sgsi_calloc(2 * (size_t)transport->count, sizeof *sizes);
-    if (!made || !sizes) {
+    const size_t count = (size_t)transport->count;
+    size_t *sizes = sgsi_calloc(count, sizeof *sizes);
+    uint64_t *matrix = sgsi_calloc(count * count, sizeof *matrix);
+    if (!made || !sizes || !matrix) {
         sgsi_free(made);
         sgsi_free(sizes);
+        sgsi_free(matrix);
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %d ranks", transport->count);
     }
     made->transport = *transport;
     made->sizes = sizes;
+    made->matrix = matrix;
     if (gethostname(made->node, sizeof made->node - 1))
         snprintf(made->node, sizeof made->node, "unknown node");
     *ranks = made;
@@ -140,6 +147,7 @@ void sgs_ranks_close(sgs_ranks *ranks)
     sgsi_free(ranks->send);
     sgsi_free(ranks->got);
     sgsi_free(ranks->sizes);
+    sgsi_free(ranks->matrix);
     sgsi_free(ranks);
 }
 
@@ -173,6 +181,20 @@ void sgs_ranks_raise(sgs_ranks *ranks, uint32_t flags)
 uint32_t sgs_ranks_raised(const sgs_ranks *ranks)
 {
     return ranks ? ranks->raised : 0;
+}
+
+void sgs_ranks_lower(sgs_ranks *ranks, uint32_t flags)
+{
+    if (!ranks)
+        return;
+    atomic_fetch_and(&ranks->own, ~flags);
+    ranks->raised &= ~flags;
+}
+
+void sgs_ranks_recover(sgs_ranks *ranks)
+{
+    if (ranks)
+        ranks->failed = SGS_STATUS_OK;
 }
 
 // ---- Buffers ----
@@ -246,6 +268,75 @@ sgs_status sgsi_ranks_exchange(sgs_ranks *ranks, sgs_status own, sgs_ranks_purpo
     ranks->transport.exchange(ranks->transport.state, ranks->send, to, ranks->got, from);
     count_bytes(ranks, purpose, sent - to[ranks->transport.rank], messages);
     *got = ranks->got;
+    return SGS_STATUS_OK;
+}
+
+// Sizes of what each rank receives: ranks->sizes for this one. Returns the largest total.
+static size_t read_matrix(sgs_ranks *ranks)
+{
+    const size_t count = (size_t)ranks->transport.count;
+    size_t most = 0;
+    for (size_t to = 0; to < count; ++to) {
+        size_t total = 0;
+        for (size_t from = 0; from < count; ++from)
+            total += (size_t)ranks->matrix[from * count + to];
+        most = total > most ? total : most;
+    }
+    for (size_t from = 0; from < count; ++from)
+        ranks->sizes[from] = (size_t)ranks->matrix[from * count + (size_t)ranks->transport.rank];
+    return most;
+}
+
+sgs_status sgsi_ranks_deliver(sgs_ranks *ranks, sgs_status own, sgs_ranks_purpose purpose,
+                              const size_t *to, const unsigned char **got, const size_t **from)
+{
+    enum { FEW = 64 };
+    const size_t count = (size_t)ranks->transport.count, rank = (size_t)ranks->transport.rank;
+    uint64_t few[FEW], *row = count > FEW ? sgsi_alloc(count, sizeof *row) : few;
+    uint64_t sent = 0, messages = 0;
+    if (!row && !own)
+        own = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu ranks", count);
+    const header mine = {.status = (int32_t)own, .kind = KIND_DELIVER};
+    sgs_status status = meet(ranks, mine, NULL);
+    for (size_t r = 0; r < count && !status; ++r) {
+        row[r] = to[r];
+        sent += r == rank ? 0 : to[r];
+        messages += to[r] && r != rank;
+    }
+    if (!status) {
+        ranks->transport.gather(ranks->transport.state, row, count * sizeof *row, ranks->matrix);
+        count_bytes(ranks, SGS_RANKS_STATUS, others(ranks) * count * sizeof *row, others(ranks));
+    }
+    if (row != few)
+        sgsi_free(row);
+    if (status)
+        return status;
+    const size_t most = read_matrix(ranks);
+    if (most > ranks->most_received) { // the same decision on all ranks
+        // All make the same room, so that later calls need not agree again.
+        const size_t larger = most + most / 4;
+        status = sgs_ranks_agree(ranks, reserve_got(ranks, larger));
+        if (status)
+            return status;
+        ranks->most_received = larger;
+    }
+    ranks->transport.exchange(ranks->transport.state, ranks->send, to, ranks->got, ranks->sizes);
+    count_bytes(ranks, purpose, sent, messages);
+    *got = ranks->got;
+    *from = ranks->sizes;
+    return SGS_STATUS_OK;
+}
+
+sgs_status sgsi_ranks_copy(sgs_ranks *ranks, sgs_status own, sgs_ranks_purpose purpose, void *data,
+                           size_t bytes)
+{
+    const header mine = {.status = (int32_t)own, .kind = KIND_COPY};
+    const sgs_status status = meet(ranks, mine, NULL);
+    if (status)
+        return status;
+    const bool sends = !ranks->transport.rank;
+    ranks->transport.broadcast(ranks->transport.state, data, bytes);
+    count_bytes(ranks, purpose, sends ? others(ranks) * bytes : 0, sends ? others(ranks) : 0);
     return SGS_STATUS_OK;
 }
 
@@ -392,8 +483,9 @@ sgs_ranks_traffic sgs_ranks_counted(const sgs_ranks *ranks, sgs_ranks_purpose pu
 const char *sgs_ranks_purpose_name(sgs_ranks_purpose purpose)
 {
     static const char *const names[SGS_RANKS_PURPOSE_COUNT] = {
-        [SGS_RANKS_STATUS] = "status", [SGS_RANKS_IMAGE] = "image",
-        [SGS_RANKS_SUMS] = "sums",     [SGS_RANKS_RECORDS] = "records",
-        [SGS_RANKS_SCORES] = "scores", [SGS_RANKS_OTHER] = "other"};
+        [SGS_RANKS_STATUS] = "status",       [SGS_RANKS_IMAGE] = "image",
+        [SGS_RANKS_SUMS] = "sums",           [SGS_RANKS_RECORDS] = "records",
+        [SGS_RANKS_GRADIENTS] = "gradients", [SGS_RANKS_STRUCTURE] = "structure",
+        [SGS_RANKS_SCORES] = "scores",       [SGS_RANKS_OTHER] = "other"};
     return (unsigned)purpose < SGS_RANKS_PURPOSE_COUNT ? names[purpose] : "unknown";
 }

@@ -3,7 +3,7 @@
 #pragma once
 
 // The division of a model's rows among ranks, and the lists of what they send each other in a view.
-// A rank owns every ranks-th group of 1024 rows: their parameters, moments and statistics. It
+// A rank owns every ranks-th group of 256 rows: their parameters, moments and statistics. It
 // projects its rows and sends each record to the ranks whose cells the primitive may meet
 // (sgsi_router); these return the sums of its gradient per cell. Pure functions on arrays of the
 // caller: they exchange nothing.
@@ -13,45 +13,14 @@
 #include <stdint.h>
 
 #include "base/image_cells.h"
+#include "base/row_groups.h"
 #include "sparegs/status.h"
-
-// ---- Owners ----
-
-enum { SGSI_SHARD_ROWS = 1024 }; // rows of a group: whole blocks of 16
-
-static inline int sgsi_shard_owner(size_t row, int ranks)
-{
-    return (int)(row / SGSI_SHARD_ROWS % (size_t)ranks);
-}
-
-// The place of a row among those of its owner. Places ascend with rows, and only the last group of
-// the model may be incomplete: the rows of a rank are its places [0, sgsi_shard_count).
-static inline size_t sgsi_shard_place(size_t row, int ranks)
-{
-    return row / SGSI_SHARD_ROWS / (size_t)ranks * SGSI_SHARD_ROWS + row % SGSI_SHARD_ROWS;
-}
-
-// The row at a place of a rank.
-static inline size_t sgsi_shard_row(size_t place, int rank, int ranks)
-{
-    return (place / SGSI_SHARD_ROWS * (size_t)ranks + (size_t)rank) * SGSI_SHARD_ROWS +
-           place % SGSI_SHARD_ROWS;
-}
-
-// Number of the rows [0, rows) that a rank owns.
-static inline size_t sgsi_shard_count(size_t rows, int rank, int ranks)
-{
-    const size_t group = SGSI_SHARD_ROWS, turn = group * (size_t)ranks,
-                 first = (size_t)rank * group, rest = rows % turn;
-    const size_t last = rest < first ? 0 : rest - first < group ? rest - first : group;
-    return rows / turn * group + last;
-}
 
 // ---- Messages ----
 
 enum {
     SGSI_SHARD_RECORD = 88, // bytes of a projected record: 15 floats, a box of 6, the row
-    SGSI_SHARD_CENTER = 8,  // bytes added to it for scores from views: the projected mean
+    SGSI_SHARD_CENTER = 8,  // bytes of a projected mean, for scores from views
     SGSI_SHARD_SUM = 68     // bytes of the gradient of a primitive in a cell: 16 sums, the row
 };
 

@@ -20,20 +20,13 @@
 #include "base/morton.h"
 #include "model/filter_3d.h"
 #include "density/pipeline.h"
+#include "density/row_plan.h"
 #include "base/threads.h"
 #include "spare/spare.h"
 
 // Replacement at the cap. 5 % per update is the growth of 3DGS-MCMC (Kheradmand et al. 2024).
 #define FAINT_OPACITY 0.1f
 #define REPLACED_SHARE 0.05
-
-typedef enum plan_kind { PLAN_KEEP, PLAN_CLONE, PLAN_CHILD_0, PLAN_CHILD_1, PLAN_FIXED } plan_kind;
-
-typedef struct plan_entry {
-    uint64_t key; // Morton code, for the sort
-    uint32_t row; // old row
-    uint32_t kind;
-} plan_entry;
 
 sgs_status sgsi_statistics_reserve(sgsi_statistics *statistics, size_t capacity)
 {
@@ -76,6 +69,14 @@ void sgsi_statistics_free(sgsi_statistics *statistics)
     *statistics = (sgsi_statistics){0};
 }
 
+static void free_moves(const sgsi_row_moves *moves)
+{
+    void *const arrays[] = {moves->root, moves->copies, moves->opacity, moves->log_scale,
+                            moves->forget};
+    for (size_t i = 0; i < sizeof arrays / sizeof *arrays; ++i)
+        sgsi_free(arrays[i]);
+}
+
 static void free_columns(sgsi_density_columns *columns)
 {
     void *const arrays[] = {columns->x,
@@ -92,14 +93,10 @@ static void free_columns(sgsi_density_columns *columns)
                             columns->degenerate,
                             columns->prune_children,
                             columns->priority,
-                            columns->moves.root,
-                            columns->moves.copies,
-                            columns->moves.opacity,
-                            columns->moves.log_scale,
-                            columns->moves.forget,
                             columns->workspace};
     for (size_t i = 0; i < sizeof arrays / sizeof *arrays; ++i)
         sgsi_free(arrays[i]);
+    free_moves(&columns->moves);
 }
 
 // Moves of rows that all stay.
@@ -179,6 +176,53 @@ static void fill_columns(void *context, size_t begin, size_t end, int thread)
             c->opacity[i] = c->scale_max[i] = c->score[i] = c->abs_grad[i] = 0.0f;
         }
     }
+}
+
+// The part of `columns` that belongs to the rows of this process, to be filled.
+static sgs_status fill_own(const sgsi_density_rows *rows, size_t own, sgsi_density_columns *part)
+{
+    const sgsi_density_options plain = {0};
+    const sgs_status status = make_columns(own, &plain, false, part);
+    if (status)
+        return status;
+    column_job job = {rows->model, rows->statistics, part};
+    sgsi_parallel_ranges(own, 4096, fill_columns, &job);
+    return SGS_STATUS_OK;
+}
+
+// Fills the columns of the rows of all processes. whole: their statistics.
+static sgs_status gather_columns(const sgsi_density_rows *rows, sgsi_density_columns *columns,
+                                 sgsi_statistics *whole)
+{
+    const sgsi_row_peers *peers = rows->peers;
+    const sgsi_statistics *statistics = rows->statistics;
+    sgsi_density_columns part = {0};
+    const size_t own = sgsi_shard_count(columns->count, peers->rank, peers->ranks);
+    sgs_status status = sgsi_statistics_reserve(whole, columns->count + 1);
+    if (!status)
+        status = fill_own(rows, own, &part);
+    const struct {
+        const void *own;
+        void *whole;
+        size_t size;
+    } all[] = {{part.x, columns->x, 4},
+               {part.y, columns->y, 4},
+               {part.z, columns->z, 4},
+               {part.opacity, columns->opacity, 4},
+               {part.scale_max, columns->scale_max, 4},
+               {part.score, columns->score, 4},
+               {part.abs_grad, columns->abs_grad, 4},
+               {part.degenerate, columns->degenerate, 1},
+               {statistics->gradient_sum, whole->gradient_sum, 4},
+               {statistics->visible_count, whole->visible_count, 4},
+               {statistics->radius_max, whole->radius_max, 4}};
+    for (size_t k = 0; k < sizeof all / sizeof *all && (!status || !k); ++k)
+        status = peers->gather(peers->context, status, all[k].own, all[k].size, columns->count,
+                               all[k].whole);
+    for (size_t i = 0; i < columns->count && !status; ++i)
+        columns->weight[i] = 1.0f;
+    free_columns(&part);
+    return status;
 }
 
 static void evaluate_spare(sgsi_density_columns *columns, const sgsi_statistics *statistics,
@@ -321,7 +365,7 @@ static void bounding_box(const sgsi_density_columns *columns, float low[3], floa
 }
 
 // Least significant digit first; stable, so rows of equal keys keep their order.
-static plan_entry *sort_plan(plan_entry *entries, plan_entry *spare, size_t count)
+static sgsi_plan_entry *sort_plan(sgsi_plan_entry *entries, sgsi_plan_entry *spare, size_t count)
 {
     enum { DIGIT_BITS = 11, DIGITS = 1 << DIGIT_BITS };
     for (int shift = 0; shift < 63; shift += DIGIT_BITS) {
@@ -336,17 +380,12 @@ static plan_entry *sort_plan(plan_entry *entries, plan_entry *spare, size_t coun
         }
         for (size_t i = 0; i < count; ++i)
             spare[begin[entries[i].key >> shift & (DIGITS - 1)]++] = entries[i];
-        plan_entry *const swap = entries;
+        sgsi_plan_entry *const swap = entries;
         entries = spare;
         spare = swap;
     }
     return entries;
 }
-
-typedef struct density_plan {
-    plan_entry *entries, *buffers[2];
-    size_t count;
-} density_plan;
 
 // Rows that an update adds at most.
 static size_t most_new_rows(const sgsi_density_columns *columns)
@@ -360,17 +399,17 @@ static size_t most_new_rows(const sgsi_density_columns *columns)
 // Lists the rows of the new model, the fixed ones last. Children and clones are never redundant,
 // but the pipeline's own rule may remove them.
 static sgs_status make_plan(const sgsi_density_columns *columns, size_t fixed,
-                            sgsi_density_result *result, density_plan *plan)
+                            sgsi_density_result *result, sgsi_density_plan *plan)
 {
     const size_t room = columns->count + most_new_rows(columns) + fixed + 1;
-    *plan = (density_plan){0};
+    *plan = (sgsi_density_plan){0};
     for (int k = 0; k < 2; ++k)
-        plan->buffers[k] = sgsi_alloc(room, sizeof(plan_entry));
+        plan->buffers[k] = sgsi_alloc(room, sizeof(sgsi_plan_entry));
     if (!plan->buffers[0] || !plan->buffers[1])
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the plan of a structural update");
     float low[3], inv_size[3];
     bounding_box(columns, low, inv_size);
-    plan_entry *entries = plan->buffers[0];
+    sgsi_plan_entry *entries = plan->buffers[0];
     for (size_t i = 0; i < columns->count; ++i) {
         if (columns->degenerate[i]) {
             ++result->pruned;
@@ -383,189 +422,96 @@ static sgs_status make_plan(const sgsi_density_columns *columns, size_t fixed,
         if (columns->action[i] == SGSI_ACTION_SPLIT) {
             ++result->split;
             result->pruned += prune_children ? 2 : 0;
-            for (uint32_t kind = PLAN_CHILD_0; kind <= PLAN_CHILD_1 && !prune_children; ++kind)
-                entries[plan->count++] = (plan_entry){key, (uint32_t)i, kind};
+            for (uint32_t kind = SGSI_PLAN_CHILD_0; kind <= SGSI_PLAN_CHILD_1 && !prune_children;
+                 ++kind)
+                entries[plan->count++] = (sgsi_plan_entry){key, (uint32_t)i, kind};
             continue;
         }
         if (columns->action[i] == SGSI_ACTION_CLONE) {
             ++result->cloned;
             result->pruned += prune_children;
             if (!prune_children)
-                entries[plan->count++] = (plan_entry){key, (uint32_t)i, PLAN_CLONE};
+                entries[plan->count++] = (sgsi_plan_entry){key, (uint32_t)i, SGSI_PLAN_CLONE};
         }
         const bool removed = columns->removed[i] || columns->redundant[i];
         result->pruned += removed;
         result->spare_pruned += removed && !columns->removed[i];
         if (!removed)
-            entries[plan->count++] = (plan_entry){key, (uint32_t)i, PLAN_KEEP};
+            entries[plan->count++] = (sgsi_plan_entry){key, (uint32_t)i, SGSI_PLAN_KEEP};
         const uint32_t copies = columns->moves.copies ? columns->moves.copies[i] : 0;
         for (uint32_t k = 0; k < copies; ++k)
-            entries[plan->count++] = (plan_entry){key, (uint32_t)i, PLAN_CLONE};
+            entries[plan->count++] = (sgsi_plan_entry){key, (uint32_t)i, SGSI_PLAN_CLONE};
         result->cloned += copies;
         result->relocated += root != i;
     }
     plan->entries = sort_plan(plan->buffers[0], plan->buffers[1], plan->count);
     for (size_t i = 0; i < fixed; ++i)
         plan->entries[plan->count++] =
-            (plan_entry){.row = (uint32_t)(columns->count + i), .kind = PLAN_FIXED};
+            (sgsi_plan_entry){.row = (uint32_t)(columns->count + i), .kind = SGSI_PLAN_FIXED};
     return SGS_STATUS_OK;
 }
 
-typedef struct gather_job {
-    const plan_entry *entries;
-    size_t count;
-    const float *from;
-    float *to;
-    bool parameters; // false: moments, new rows are 0
-    const sgsi_row_moves *moves;
-    const sgsi_density_options *options;
-} gather_job;
-
-// Split child: mean + R (s * n), n ~ N(0, 1)^3; scales / 1.6.
-static void make_child(const gather_job *job, const plan_entry *entry,
-                       float params[SGS_PARAM_COUNT])
+// Decisions on the columns of all rows, and the plan that follows from them.
+static sgs_status decide_and_plan(const sgsi_density_rows *rows, const sgsi_pipeline *pipeline,
+                                  const sgsi_density_options *options,
+                                  sgsi_density_columns *columns, const sgsi_statistics *statistics,
+                                  sgsi_density_result *result, sgsi_density_plan *plan)
 {
-    const uint64_t seed = sgsi_random_bits(job->options->seed, (uint64_t)job->options->iteration);
-    double q[4], norm = 0.0, local[3];
-    for (int k = 0; k < 4; ++k) {
-        q[k] = params[SGS_PARAM_ROTATION + k];
-        norm += q[k] * q[k];
-    }
-    if (!(norm > 1e-30)) {
-        q[0] = norm = 1.0;
-        q[1] = q[2] = q[3] = 0.0;
-    }
-    for (int k = 0; k < 4; ++k)
-        q[k] /= sqrt(norm);
-    const double w = q[0], x = q[1], y = q[2], z = q[3];
-    const double rotation[9] = {
-        1 - 2 * (y * y + z * z), 2 * (x * y - w * z),     2 * (x * z + w * y),
-        2 * (x * y + w * z),     1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
-        2 * (x * z - w * y),     2 * (y * z + w * x),     1 - 2 * (x * x + y * y)};
-    const uint64_t counter = (uint64_t)entry->row * 8 + (entry->kind == PLAN_CHILD_1 ? 4 : 0);
-    for (int k = 0; k < 3; ++k)
-        local[k] = exp((double)params[SGS_PARAM_SCALE + k]) *
-                   sgsi_random_normal(seed, counter + (uint64_t)k);
-    for (int k = 0; k < 3; ++k) {
-        params[SGS_PARAM_MEAN + k] +=
-            (float)(rotation[3 * k] * local[0] + rotation[3 * k + 1] * local[1] +
-                    rotation[3 * k + 2] * local[2]);
-        params[SGS_PARAM_SCALE + k] -= 0.47000363f; // ln 1.6
-    }
-}
-
-// Opacity and scales of a row whose opacity was divided among several.
-static void apply_move(const sgsi_row_moves *moves, uint32_t row, float params[SGS_PARAM_COUNT])
-{
-    const double opacity = (double)moves->opacity[row];
-    if (!(opacity > 0.0))
-        return;
-    params[SGS_PARAM_OPACITY] = (float)log(opacity / (1.0 - opacity));
-    for (int k = 0; k < 3; ++k)
-        params[SGS_PARAM_SCALE + k] += moves->log_scale[row];
-}
-
-static void gather_rows(void *context, size_t begin, size_t end, int thread)
-{
-    (void)thread;
-    const gather_job *job = context;
-    const sgsi_row_moves none = {0};
-    for (size_t i = begin; i < end; ++i) {
-        float row[SGS_PARAM_COUNT] = {0};
-        const plan_entry *entry = &job->entries[i];
-        const bool stays = entry->kind == PLAN_KEEP || entry->kind == PLAN_FIXED;
-        const sgsi_row_moves *moves = entry->kind == PLAN_FIXED ? &none : job->moves;
-        const uint32_t source =
-            job->parameters && moves->root ? moves->root[entry->row] : entry->row;
-        const float *from = job->from + (size_t)(source / SGS_LANES) * SGS_PARAM_COUNT * SGS_LANES +
-                            source % SGS_LANES;
-        const bool forgets = moves->forget && moves->forget[entry->row];
-        if (job->parameters || (stays && !forgets))
-            for (int k = 0; k < SGS_PARAM_COUNT; ++k)
-                row[k] = from[k * SGS_LANES];
-        if (job->parameters && moves->root)
-            apply_move(moves, entry->row, row);
-        if (job->parameters && (entry->kind == PLAN_CHILD_0 || entry->kind == PLAN_CHILD_1))
-            make_child(job, entry, row);
-        float *to = job->to + i / SGS_LANES * SGS_PARAM_COUNT * SGS_LANES + i % SGS_LANES;
-        for (int k = 0; k < SGS_PARAM_COUNT; ++k)
-            to[k * SGS_LANES] = row[k];
-    }
-}
-
-// Replaces *block by an array of the new capacity with its rows in the order of the plan.
-static sgs_status gather_block(float **block, size_t capacity, const density_plan *plan,
-                               bool parameters, const sgsi_row_moves *moves,
-                               const sgsi_density_options *options)
-{
-    float *to = sgsi_alloc(capacity, SGS_PARAM_COUNT * sizeof *to);
-    if (!to)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu primitives", capacity);
-    const size_t whole = plan->count / SGS_LANES * SGS_LANES; // rows of full blocks
-    memset(to + whole * SGS_PARAM_COUNT, 0, (capacity - whole) * SGS_PARAM_COUNT * sizeof *to);
-    gather_job job = {plan->entries, plan->count, *block, to, parameters, moves, options};
-    sgsi_parallel_ranges(plan->count, 1024, gather_rows, &job);
-    sgsi_free(*block);
-    *block = to;
-    return SGS_STATUS_OK;
-}
-
-static size_t padded_capacity(size_t count)
-{
-    return (count + SGS_LANES - 1) / SGS_LANES * SGS_LANES + SGS_LANES;
+    spare_result regions;
+    evaluate_spare(columns, statistics, options, result, &regions);
+    sgs_status status = pipeline->decide(options, columns, result);
+    // Children replace a split parent, so it is counted as kept, even if RAP marks it.
+    size_t survivors = 0;
+    for (size_t i = 0; i < columns->count; ++i)
+        survivors += columns->action[i] == SGSI_ACTION_SPLIT ||
+                     !(columns->removed[i] || columns->redundant[i]);
+    if (!status && options->max_count)
+        status = limit_growth(columns, statistics, options->max_count, survivors);
+    if (!status && regions.region_count)
+        status = report_regions(columns, &regions, options, result);
+    return status ? status : make_plan(columns, rows->fixed, result, plan);
 }
 
 sgs_status sgsi_density_update(const sgsi_density_rows *rows, const sgsi_pipeline *pipeline,
                                const sgsi_density_options *options, sgsi_density_result *result)
 {
-    sgs_gaussians *model = rows->model;
-    sgsi_statistics *statistics = rows->statistics;
     *result = (sgsi_density_result){.mean_weight = 1.0};
     sgsi_density_columns columns;
-    sgs_status status =
-        make_columns(model->count - rows->fixed, options, pipeline->relocates, &columns);
+    sgsi_statistics gathered = {0};
+    const size_t count = (rows->count ? *rows->count : rows->model->count) - rows->fixed;
+    sgs_status status = make_columns(count, options, pipeline->relocates, &columns);
     if (status)
         return status;
-    column_job job = {model, statistics, &columns};
-    sgsi_parallel_ranges(columns.count, 4096, fill_columns, &job);
-    spare_result regions;
-    evaluate_spare(&columns, statistics, options, result, &regions);
-    status = pipeline->decide(options, &columns, result);
-    // Children replace a split parent, so it is counted as kept, even if RAP marks it.
-    size_t survivors = 0;
-    for (size_t i = 0; i < columns.count; ++i)
-        survivors +=
-            columns.action[i] == SGSI_ACTION_SPLIT || !(columns.removed[i] || columns.redundant[i]);
-    if (!status && options->max_count)
-        status = limit_growth(&columns, statistics, options->max_count, survivors);
-    if (!status && regions.region_count)
-        status = report_regions(&columns, &regions, options, result);
-    density_plan plan = {0};
+    if (rows->peers) {
+        status = gather_columns(rows, &columns, &gathered);
+    } else {
+        column_job job = {rows->model, rows->statistics, &columns};
+        sgsi_parallel_ranges(columns.count, 4096, fill_columns, &job);
+    }
+    sgsi_density_plan plan = {0};
     if (!status)
-        status = make_plan(&columns, rows->fixed, result, &plan);
-    const size_t capacity = padded_capacity(plan.count);
+        status = decide_and_plan(rows, pipeline, options, &columns,
+                                 rows->peers ? &gathered : rows->statistics, result, &plan);
+    sgsi_statistics_free(&gathered);
     result->refused =
         !status && options->admits && !options->admits(options->admits_context, plan.count);
     if (result->refused)
         status =
             sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
                       "a structural update to %zu primitives exceeds the memory limit", plan.count);
-    if (!status)
-        status = gather_block(&model->data, capacity, &plan, true, &columns.moves, options);
-    if (!status)
-        status = gather_block(rows->m, capacity, &plan, false, &columns.moves, options);
-    if (!status)
-        status = gather_block(rows->v, capacity, &plan, false, &columns.moves, options);
-    if (!status) {
-        model->count = plan.count;
-        model->capacity = capacity;
-        status = sgsi_statistics_reserve(statistics, capacity);
-    }
-    if (!status)
-        sgsi_statistics_clear(statistics, plan.count);
-    sgsi_free(plan.buffers[0]);
-    sgsi_free(plan.buffers[1]);
+    // Before the rows are copied, when the memory is at its peak.
+    const sgsi_row_moves moves = columns.moves;
+    columns.moves = (sgsi_row_moves){0};
     free_columns(&columns);
+    sgsi_plan_trim(&plan);
+    if (!status)
+        status = sgsi_density_apply(rows, &plan, &moves, options);
+    if (!status)
+        status = sgsi_statistics_reserve(rows->statistics, rows->model->capacity);
+    if (!status)
+        sgsi_statistics_clear(rows->statistics, rows->model->count);
+    sgsi_plan_free(&plan);
+    free_moves(&moves);
     return status;
 }
 
@@ -579,22 +525,16 @@ sgs_status sgsi_density_sort(sgs_gaussians *model)
     if (status)
         return status;
     status = sgsi_statistics_reserve(&statistics, model->count + 1);
-    density_plan plan = {0};
+    sgsi_density_plan plan = {0};
     if (!status) {
         column_job job = {model, &statistics, &columns};
         sgsi_parallel_ranges(model->count, 4096, fill_columns, &job);
         status = make_plan(&columns, 0, &result, &plan);
     }
-    const size_t capacity = padded_capacity(model->count);
-    if (!status)
-        status = gather_block(&model->data, capacity, &plan, true, &columns.moves, &options);
-    if (!status) {
-        model->capacity = capacity;
-        model->count = plan.count; // without rows that are not finite
-    }
+    if (!status) // without rows that are not finite
+        status = sgsi_density_reorder(model, &plan);
     sgsi_statistics_free(&statistics);
-    sgsi_free(plan.buffers[0]);
-    sgsi_free(plan.buffers[1]);
+    sgsi_plan_free(&plan);
     free_columns(&columns);
     return status;
 }

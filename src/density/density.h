@@ -6,6 +6,7 @@
 // and pruned by SPARE-GS. Works on the model, its moments and its statistics; independent of images
 // and BVH.
 
+#include "base/row_groups.h"
 #include "density/density_columns.h"
 #include "sparegs/gaussians.h"
 
@@ -29,6 +30,22 @@ void sgsi_statistics_clear(sgsi_statistics *statistics, size_t count);
 void sgsi_statistics_resize_images(sgsi_statistics *statistics, size_t count, float factor);
 void sgsi_statistics_free(sgsi_statistics *statistics);
 
+// Processes that share the rows in groups (base/row_groups.h). All make the same calls in the same
+// order.
+typedef struct sgsi_row_peers {
+    void *context;
+    int rank, ranks;
+    // Places `own`, `size` bytes for each row of this process, and those of all others in whole
+    // [rows][size].
+    sgs_status (*gather)(void *context, sgs_status status, const void *own, size_t size,
+                         size_t rows, void *whole);
+    // Memory for `items` of 64 bytes; NULL if there is none. _exchange sends the first to[0] of
+    // them to process 0, the next to[1] to process 1, ...; *got receives from[r] of each.
+    float *(*room)(void *context, size_t items);
+    sgs_status (*exchange)(void *context, sgs_status status, const size_t *to, const size_t *from,
+                           const float **got);
+} sgsi_row_peers;
+
 // What an update changes. m and v are moments in the model's layout and capacity; both may be
 // reallocated.
 typedef struct sgsi_density_rows {
@@ -36,6 +53,10 @@ typedef struct sgsi_density_rows {
     float **m, **v;
     sgsi_statistics *statistics;
     size_t fixed; // the last rows, which stay as they are and where they are: at the end
+    // NULL: one process, which has all rows. Else model, moments and statistics are those of this
+    // process; `fixed` counts the rows of all.
+    const sgsi_row_peers *peers;
+    size_t *count; // rows of all processes: read, then replaced
 } sgsi_density_rows;
 
 // One structural update by the rules of a pipeline. Moments move with their rows; those of new rows

@@ -12,6 +12,7 @@
 #include <math.h>
 
 #include "base/core.h"
+#include "base/row_groups.h"
 #include "base/threads.h"
 #include "model/opacity.h"
 
@@ -19,6 +20,7 @@ enum { NOISE_TAG = 0x4015E, GRAIN = 1024 };
 
 typedef struct noise_loop {
     sgs_gaussians *model;
+    int rank, ranks;
     double scale;
     uint64_t seed;
     float logit_most;
@@ -63,8 +65,9 @@ static void add_range(void *context, size_t begin, size_t end, int thread)
             continue;
         double r[9], xi[3], local[3];
         rotation_of(column, r);
+        const uint64_t row = sgsi_shard_row(i, loop->rank, loop->ranks);
         for (int k = 0; k < 3; ++k)
-            xi[k] = sgsi_random_normal(loop->seed, 3 * (uint64_t)i + (uint64_t)k);
+            xi[k] = sgsi_random_normal(loop->seed, 3 * row + (uint64_t)k);
         const double gate =
             loop->scale * sgsi_position_noise_gate((double)sgsi_gaussians_opacity(loop->model, i));
         for (int k = 0; k < 3; ++k)
@@ -79,10 +82,13 @@ static void add_range(void *context, size_t begin, size_t end, int thread)
     }
 }
 
-void sgsi_position_noise_add(sgs_gaussians *model, double scale, uint64_t seed, int iteration)
+void sgsi_position_noise_add(sgs_gaussians *model, int rank, int ranks, double scale, uint64_t seed,
+                             int iteration)
 {
     const double most = SGSI_NOISE_OPACITY_MOST;
     noise_loop loop = {.model = model,
+                       .rank = rank,
+                       .ranks = ranks,
                        .scale = scale,
                        .seed = sgsi_random_bits(seed ^ NOISE_TAG, (uint64_t)iteration),
                        .logit_most = (float)log(most / (1.0 - most))};

@@ -16,5 +16,7 @@
 double sgsi_position_noise_gate(double opacity);
 
 // mean += scale g(o) Sigma xi with xi ~ N(0, 1)^3 for every row, Sigma = R S^2 R^T. xi is a
-// function of seed, iteration and row alone. Moments stay. Parallel; cannot fail.
-void sgsi_position_noise_add(sgs_gaussians *model, double scale, uint64_t seed, int iteration);
+// function of seed, iteration and row alone. The model has the rows of `rank` of `ranks`
+// (base/row_groups.h; 0 of 1: all). Moments stay. Parallel; cannot fail.
+void sgsi_position_noise_add(sgs_gaussians *model, int rank, int ranks, double scale, uint64_t seed,
+                             int iteration);

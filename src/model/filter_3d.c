@@ -22,7 +22,6 @@ typedef struct sampling_job {
     const sgs_scene *scene;
     const size_t *views;
     size_t view_count;
-    double focal;
     float *filter_3d; // first the nearest depth, -1 if no view samples the primitive
 } sampling_job;
 
@@ -69,22 +68,36 @@ static void sample_range(void *context, size_t begin, size_t end, int thread)
     }
 }
 
-void sgsi_filter_3d_compute(const sgs_gaussians *model, const sgs_scene *scene, const size_t *views,
+float sgsi_filter_3d_sample(const sgs_gaussians *model, const sgs_scene *scene, const size_t *views,
                             size_t view_count, float *filter_3d)
 {
-    sampling_job job = {model, scene, views, view_count, 0.0, filter_3d};
-    for (size_t v = 0; v < view_count; ++v) {
-        double fx, fy, cx, cy;
-        sgs_camera_intrinsics(&scene->views[views[v]].camera, &fx, &fy, &cx, &cy);
-        job.focal = fmax(job.focal, fx);
-    }
+    sampling_job job = {model, scene, views, view_count, filter_3d};
     sgsi_parallel_ranges(model->count, 1024, sample_range, &job);
     float farthest = 0.0f;
     for (size_t i = 0; i < model->count; ++i)
         farthest = fmaxf(farthest, filter_3d[i]);
-    const float scale = (float)(sqrt(variance) / job.focal);
-    for (size_t i = 0; i < model->count; ++i)
+    return farthest;
+}
+
+void sgsi_filter_3d_scale(const sgs_scene *scene, const size_t *views, size_t view_count,
+                          float farthest, float *filter_3d, size_t count)
+{
+    double focal = 0.0;
+    for (size_t v = 0; v < view_count; ++v) {
+        double fx, fy, cx, cy;
+        sgs_camera_intrinsics(&scene->views[views[v]].camera, &fx, &fy, &cx, &cy);
+        focal = fmax(focal, fx);
+    }
+    const float scale = (float)(sqrt(variance) / focal);
+    for (size_t i = 0; i < count; ++i)
         filter_3d[i] = (filter_3d[i] < 0.0f ? farthest : filter_3d[i]) * scale;
+}
+
+void sgsi_filter_3d_compute(const sgs_gaussians *model, const sgs_scene *scene, const size_t *views,
+                            size_t view_count, float *filter_3d)
+{
+    const float farthest = sgsi_filter_3d_sample(model, scene, views, view_count, filter_3d);
+    sgsi_filter_3d_scale(scene, views, view_count, farthest, filter_3d, model->count);
 }
 
 double sgsi_filter_3d_factor(const sgs_gaussians *model, size_t i, float filter_3d)

@@ -23,6 +23,7 @@
 #include "base/sh.h"
 #include "base/core.h"
 #include "model/init_points.h"
+#include "model/model_hash.h"
 #include "model/knn.h"
 #include "base/threads.h"
 
@@ -299,17 +300,51 @@ void sgs_gaussians_declare_linear_opacity(sgs_gaussians *model)
 }
 
 // 64-bit XXH3 of count, degree and the rows in order; independent of capacity and block layout.
+struct sgsi_gaussians_hasher {
+    XXH3_state_t state;
+};
+
+static void hash_begin(sgsi_gaussians_hasher *hasher, size_t count, int sh_degree)
+{
+    const uint64_t head[2] = {count, (uint64_t)sh_degree};
+    XXH3_64bits_reset(&hasher->state);
+    XXH3_64bits_update(&hasher->state, head, sizeof head);
+}
+
+static void hash_end(const sgsi_gaussians_hasher *hasher, char hex[17])
+{
+    snprintf(hex, 17, "%016llx", (unsigned long long)XXH3_64bits_digest(&hasher->state));
+}
+
+sgsi_gaussians_hasher *sgsi_gaussians_hash_begin(size_t count, int sh_degree)
+{
+    sgsi_gaussians_hasher *hasher = sgsi_calloc(1, sizeof *hasher);
+    if (hasher)
+        hash_begin(hasher, count, sh_degree);
+    return hasher;
+}
+
+void sgsi_gaussians_hash_rows(sgsi_gaussians_hasher *hasher, const sgs_gaussians *rows)
+{
+    for (size_t i = 0; i < rows->count; ++i) {
+        float params[SGS_PARAM_COUNT];
+        sgs_gaussians_get(rows, i, params);
+        params[SGS_PARAM_OPACITY] = sgs_gaussians_opacity_logit(rows, i);
+        XXH3_64bits_update(&hasher->state, params, sizeof params);
+    }
+}
+
+void sgsi_gaussians_hash_end(sgsi_gaussians_hasher *hasher, char hex[17])
+{
+    if (hasher)
+        hash_end(hasher, hex);
+    sgsi_free(hasher);
+}
+
 void sgs_gaussians_hash(const sgs_gaussians *model, char hex[17])
 {
-    XXH3_state_t state;
-    XXH3_64bits_reset(&state);
-    const uint64_t head[2] = {model->count, (uint64_t)model->sh_degree};
-    XXH3_64bits_update(&state, head, sizeof head);
-    for (size_t i = 0; i < model->count; ++i) {
-        float params[SGS_PARAM_COUNT];
-        sgs_gaussians_get(model, i, params);
-        params[SGS_PARAM_OPACITY] = sgs_gaussians_opacity_logit(model, i);
-        XXH3_64bits_update(&state, params, sizeof params);
-    }
-    snprintf(hex, 17, "%016llx", (unsigned long long)XXH3_64bits_digest(&state));
+    sgsi_gaussians_hasher hasher;
+    hash_begin(&hasher, model->count, model->sh_degree);
+    sgsi_gaussians_hash_rows(&hasher, model);
+    hash_end(&hasher, hex);
 }

@@ -8,16 +8,23 @@
 
 #include "base/core.h"
 
-static bool is_due(sgsi_skipped *skipped)
+bool sgsi_skip_is_due(const sgsi_skipped *skipped)
 {
-    const uint64_t k = ++skipped->reports;
+    const uint64_t k = skipped->reports + 1;
     return k <= 5 || !(k & (k - 1));
+}
+
+static bool take_report(sgsi_skipped *skipped)
+{
+    const bool due = sgsi_skip_is_due(skipped);
+    ++skipped->reports;
+    return due;
 }
 
 void sgsi_skip_step(sgsi_skipped *skipped, int iteration, const char *view, double loss)
 {
     ++skipped->steps;
-    if (is_due(skipped))
+    if (take_report(skipped))
         sgsi_warn("iteration %d, view %s: loss is %g; step skipped (%llu so far)", iteration, view,
                   loss, (unsigned long long)skipped->steps);
 }
@@ -49,17 +56,26 @@ static size_t first_rejected(const sgsi_optimize *input)
     return input->count;
 }
 
-void sgsi_skip_gradients(sgsi_skipped *skipped, int iteration, const char *view, size_t rows,
-                         const sgsi_optimize *input)
+void sgsi_find_rejected(const sgsi_optimize *input, sgsi_rejected *rejected)
 {
-    skipped->gradients += rows;
-    if (!is_due(skipped))
-        return;
     const size_t first = first_rejected(input);
+    rejected->first = UINT64_MAX;
+    if (first == input->count)
+        return;
     const float *mean = input->params + first / 16 * SGS_PARAM_COUNT * SGS_LANES + first % 16;
-    if (first < input->count)
+    rejected->first = first;
+    for (int k = 0; k < 3; ++k)
+        rejected->mean[k] = mean[k * SGS_LANES];
+}
+
+void sgsi_skip_gradients(sgsi_skipped *skipped, int iteration, const char *view,
+                         const sgsi_rejected *rejected)
+{
+    skipped->gradients += rejected->rows;
+    if (take_report(skipped) && rejected->first != UINT64_MAX)
         sgsi_warn("iteration %d, view %s: non-finite gradients of %zu primitive(s), first "
                   "primitive %zu at (%g, %g, %g); their update is skipped (%llu so far)",
-                  iteration, view, rows, first, (double)mean[0], (double)mean[16], (double)mean[32],
+                  iteration, view, (size_t)rejected->rows, (size_t)rejected->first,
+                  (double)rejected->mean[0], (double)rejected->mean[1], (double)rejected->mean[2],
                   (unsigned long long)skipped->gradients);
 }

@@ -17,7 +17,16 @@ typedef struct sgsi_skipped {
 // Counts a step whose loss is not finite and warns with iteration and view.
 void sgsi_skip_step(sgsi_skipped *skipped, int iteration, const char *view, double loss);
 
-// Counts `rows` rows that the optimiser did not update and warns with the first primitive among
-// them.
-void sgsi_skip_gradients(sgsi_skipped *skipped, int iteration, const char *view, size_t rows,
-                         const sgsi_optimize *input);
+// Rows that the optimiser did not update, and the first of them, if it is known.
+typedef struct sgsi_rejected {
+    uint64_t rows, first; // first: UINT64_MAX = unknown
+    float mean[3];
+} sgsi_rejected;
+
+// True if the next report would warn.
+bool sgsi_skip_is_due(const sgsi_skipped *skipped);
+// Finds the first row that the kernel rejects in the input of the last step.
+void sgsi_find_rejected(const sgsi_optimize *input, sgsi_rejected *rejected);
+// Counts the rows and warns.
+void sgsi_skip_gradients(sgsi_skipped *skipped, int iteration, const char *view,
+                         const sgsi_rejected *rejected);

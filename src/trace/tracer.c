@@ -64,10 +64,11 @@ void sgsi_tracer_destroy(sgsi_tracer *tracer)
         free_thread(tracer->threads[i]);
     sgsi_bvh_destroy(tracer->bvh);
     sgsi_records_free(tracer);
-    void *const arrays[] = {tracer->projected,  tracer->bounds,    tracer->sums,
-                            tracer->touched,    tracer->visible,   tracer->lists,
-                            tracer->slot_order, tracer->slot_sums, tracer->slot_begin,
-                            tracer->buckets,    tracer->macrotiles};
+    void *const arrays[] = {tracer->projected,  tracer->bounds,     tracer->sums,
+                            tracer->touched,    tracer->visible,    tracer->lists,
+                            tracer->slot_order, tracer->slot_sums,  tracer->slot_begin,
+                            tracer->buckets,    tracer->macrotiles, tracer->rows,
+                            tracer->fold_order};
     for (size_t i = 0; i < sizeof arrays / sizeof *arrays; ++i)
         sgsi_free(arrays[i]);
     sgsi_free(tracer);
@@ -177,6 +178,26 @@ void sgsi_view_set(sgsi_view *view, const sgsi_rays *rays, const sgs_pose *pose,
         view->center[k] = (float)center[k];
 }
 
+sgs_status sgsi_tracer_receive(sgsi_tracer *tracer, size_t count, sgsi_received *received)
+{
+    const size_t larger = count + count / 4 + SGS_LANES;
+    if (count + SGS_LANES > tracer->capacity) {
+        const sgs_status status = reserve_primitives(tracer, larger);
+        if (status)
+            return status;
+    }
+    if (count > tracer->row_capacity) {
+        if (!sgsi_grow((void **)&tracer->rows, 0, larger, sizeof *tracer->rows))
+            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to receive %zu primitives",
+                             count);
+        tracer->row_capacity = larger;
+    }
+    tracer->count = count;
+    tracer->received = true;
+    *received = (sgsi_received){tracer->projected, tracer->bounds, tracer->rows};
+    return SGS_STATUS_OK;
+}
+
 static void project_range(void *context, size_t begin, size_t end, int thread)
 {
     (void)thread;
@@ -196,6 +217,7 @@ sgs_status sgsi_tracer_project(sgsi_tracer *tracer, const sgs_gaussians *model,
     if (status)
         return status;
     tracer->count = model->count;
+    tracer->received = false;
     sgsi_project input = {.params = model->data,
                           .count = model->count,
                           .view = *view,
@@ -272,12 +294,16 @@ static sgsi_macrotile open_macrotile(const forward_pass *pass, int macrotile,
     return tiles;
 }
 
-// Sorts candidates of equal distance by id; the keys become (id, index).
-static void sort_by_id(const sgsi_scratch *s, uint64_t *keys, uint64_t *spare, size_t count)
+// Sorts candidates of equal distance by their row in the model, which is the id unless the
+// primitives are received; the keys become (row, index).
+static void sort_by_row(const sgsi_scratch *s, const uint32_t *rows, uint64_t *keys,
+                        uint64_t *spare, size_t count)
 {
     enum { FEW = 32, DIGIT = 8 };
-    for (size_t i = 0; i < count; ++i)
-        keys[i] = (uint64_t)s->macrotile_ids[(uint32_t)keys[i]] << 32 | (uint32_t)keys[i];
+    for (size_t i = 0; i < count; ++i) {
+        const uint32_t id = s->macrotile_ids[(uint32_t)keys[i]];
+        keys[i] = (uint64_t)(rows ? rows[id] : id) << 32 | (uint32_t)keys[i];
+    }
     if (count > FEW)
         for (int shift = 32; shift < 64; shift += 2 * DIGIT) {
             sgsi_radix_pass(keys, spare, count, 0, shift, DIGIT);
@@ -287,10 +313,10 @@ static void sort_by_id(const sgsi_scratch *s, uint64_t *keys, uint64_t *spare, s
         insert_keys(keys, count);
 }
 
-// Sorts the candidates of a macrotile by distance, then by id, and removes duplicates: if the rays
+// Sorts the candidates of a macrotile by distance, then by row, and removes duplicates: if the rays
 // of a packet diverge, Embree traverses them separately and reports a primitive more than once.
 // Returns the number left.
-static size_t order_macrotile(thread_state *state, size_t count)
+static size_t order_macrotile(thread_state *state, const uint32_t *rows, size_t count)
 {
     sgsi_scratch *s = &state->scratch;
     uint64_t *keys = state->keys;
@@ -307,7 +333,7 @@ static size_t order_macrotile(thread_state *state, size_t count)
         for (end = begin + 1; end < count && keys[end] >> 32 == keys[begin] >> 32;)
             ++end;
         if (end - begin > 1)
-            sort_by_id(s, keys + begin, state->keys_spare, end - begin);
+            sort_by_row(s, rows, keys + begin, state->keys_spare, end - begin);
         for (size_t i = begin; i < end; ++i)
             if (i == begin || keys[i] >> 32 != keys[i - 1] >> 32)
                 s->macrotile_order[unique++] = (uint32_t)keys[i];
@@ -351,7 +377,8 @@ static size_t gather_macrotile(const forward_pass *pass, thread_state *state, in
         return 0;
     const size_t kept = sgsi_kernels_get()->macrotile_filter(
         &state->scratch, pass->tracer->projected, state->gathered.ids, gathered, tiles);
-    const size_t count = order_macrotile(state, kept);
+    const uint32_t *rows = pass->tracer->received ? pass->tracer->rows : NULL;
+    const size_t count = order_macrotile(state, rows, kept);
     state->counts.gathered += count;
     return count;
 }

@@ -71,24 +71,43 @@ sgs_status sgsi_tracer_forward(sgsi_tracer *tracer, const sgsi_view *view, sgsi_
 sgs_status sgsi_tracer_forward_rows(sgsi_tracer *tracer, const sgsi_view *view, sgsi_planes *planes,
                                     int first, int last);
 
-// A piece of the work for one of several processes: later forward passes and backward passes work
-// on the cells [first, last) of rays->cells only. Other pixels and depth bounds are not written. A
-// backward pass then keeps records, the sums per (cell, primitive), instead of adding them;
-// `threads` is the largest number of threads of a process. NULL: all cells. Set it for each view.
+// Several processes: each projects rows of its own and traces a piece of the cells over the records
+// that it receives from all.
+
+// Room for `count` primitives that other tracers have projected; the caller fills all of it.
+// rows: the row of each primitive in the whole model, which decides between equal distances. The
+// arrays are valid until the next call.
+typedef struct sgsi_received {
+    float *projected;    // [count][16]
+    sgsi_bounds *bounds; // [count]
+    uint32_t *rows;      // [count]
+} sgsi_received;
+sgs_status sgsi_tracer_receive(sgsi_tracer *tracer, size_t count, sgsi_received *received);
+const uint32_t *sgsi_tracer_rows(const sgsi_tracer *tracer); // [count], of the last call
+
+// A piece of the work: later forward passes and backward passes work on the cells [first, last) of
+// rays->cells only. Other pixels and depth bounds are not written. A backward pass then keeps
+// records, the sums per (cell, primitive), instead of adding them. NULL: all cells. Set it for each
+// view.
 typedef struct sgsi_tracer_piece {
     size_t first, last;
-    int threads;
 } sgsi_tracer_piece;
 void sgsi_tracer_set_piece(sgsi_tracer *tracer, const sgsi_tracer_piece *piece);
 
-// The records of the last backward pass of a piece as bytes for other processes, and the sums of
-// the records of all pieces, in the order of the curve: `got` holds sizes[count] bytes, one after
-// the other, 64-byte aligned. Fills the gradient sums and `touched`. _fold fails with FORMAT if the
-// bytes are not those of a view of the same primitives.
-size_t sgsi_tracer_records_bytes(const sgsi_tracer *tracer);
-void sgsi_tracer_records_pack(const sgsi_tracer *tracer, void *bytes);
-sgs_status sgsi_tracer_fold(sgsi_tracer *tracer, const unsigned char *got, const size_t *sizes,
-                            int count);
+// The records of the last backward pass of a piece, by bucket of primitives; those of a primitive
+// are in one bucket, in the order of the cells.
+typedef struct sgsi_sum_list {
+    const uint32_t *ids; // [count]: of the primitives
+    const float *sums;   // [count][16], 16-byte aligned
+    size_t count;
+} sgsi_sum_list;
+size_t sgsi_tracer_buckets(const sgsi_tracer *tracer);
+sgsi_sum_list sgsi_tracer_records(const sgsi_tracer *tracer, size_t bucket);
+
+// Adds the records of all pieces, one list per piece in the order of the curve, to the gradient
+// sums of this tracer, whose primitives the ids name. Fills `touched`. Fails with FORMAT if an id
+// is out of range, or OUT_OF_MEMORY.
+sgs_status sgsi_tracer_fold(sgsi_tracer *tracer, const sgsi_sum_list *lists, int count);
 
 // Gradients of the last forward pass that kept lists: fills the gradient sums and `touched`.
 sgs_status sgsi_tracer_backward(sgsi_tracer *tracer, const sgsi_view *view,

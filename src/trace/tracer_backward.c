@@ -14,13 +14,7 @@
 #include "base/core.h"
 #include "trace/tracer_state.h"
 
-enum {
-    CHUNK_SLOTS = 1 << 18,
-    CHUNK_TILES = 1 << 12,
-    REDUCE_AHEAD = 12,
-    BUCKETS_PER_THREAD = 4,
-    BUCKET_SHIFT = 16 // maximum: log2 of the primitives of a bucket
-};
+enum { CHUNK_SLOTS = 1 << 18, CHUNK_TILES = 1 << 12, REDUCE_AHEAD = 12 };
 
 typedef struct backward_pass {
     sgsi_tracer *tracer;
@@ -169,25 +163,18 @@ static void reduce_bucket(void *context, size_t bucket, int thread)
     }
 }
 
-// Buckets are whole blocks of primitives: several per thread to balance the load, and small enough
-// for the tables of sgsi_cell_sums.
 static void choose_buckets(backward_pass *pass)
 {
-    const sgsi_tracer *tracer = pass->tracer;
-    const size_t count = tracer->count,
-                 threads = (size_t)(tracer->has_piece ? tracer->piece.threads : sgsi_threads());
-    const size_t max_buckets = threads > 1 ? BUCKETS_PER_THREAD * threads : 1;
-    pass->bucket_shift = 4; // log2 of SGS_LANES: each `touched` flag belongs to one bucket
-    while (pass->bucket_shift < BUCKET_SHIFT && count &&
-           (count - 1) >> pass->bucket_shift >= max_buckets)
-        ++pass->bucket_shift;
+    const size_t count = pass->tracer->count;
+    pass->bucket_shift = sgsi_bucket_shift(count);
     pass->bucket_count = count ? ((count - 1) >> pass->bucket_shift) + 1 : 0;
 }
 
 // Room for the largest bucket in all threads, so that later views allocate nothing.
 static sgs_status reserve_cell_sums(sgsi_tracer *tracer)
 {
-    const size_t rows = tracer->capacity < 1 << BUCKET_SHIFT ? tracer->capacity : 1 << BUCKET_SHIFT;
+    const size_t rows =
+        tracer->capacity < 1 << SGSI_BUCKET_SHIFT ? tracer->capacity : 1 << SGSI_BUCKET_SHIFT;
     for (int i = 0; i < sgsi_threads(); ++i) {
         sgsi_cell_sums *sums = &tracer->threads[i]->cell;
         if (rows <= sums->capacity)
@@ -269,7 +256,7 @@ static sgs_status run_backward(sgsi_tracer *tracer, backward_pass *pass)
     if (!status)
         status = reserve_cell_sums(tracer);
     if (!status && tracer->has_piece)
-        status = sgsi_records_begin(tracer, pass->bucket_count, pass->bucket_shift);
+        status = sgsi_records_begin(tracer, pass->bucket_count);
     if (status)
         return status;
     place_slots(pass);

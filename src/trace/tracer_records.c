@@ -1,20 +1,39 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Gradient sums across processes. Each process works on a piece of the curve of cells and sends its
-// records: the sums per (cell, primitive), by bucket of primitives and in the order of the cells.
-// All add the records in the order of the processes, which is that of the cells, so every division
-// of the curve gives the bits of one process.
-//
-// Bytes of a process: u32 records per bucket, padded to 64 bytes; float[16] sums of each record;
-// u32 primitive of each record.
+// Primitives and gradient sums across processes. Each process works on a piece of the curve of
+// cells, over primitives that it has received, and keeps records: the sums per (cell, primitive),
+// in the order of the cells. The owner of a primitive adds its records in the order of the
+// processes, which is that of the cells, so every division of the curve gives the bits of one
+// process.
 
 #include <string.h>
 
 #include "base/core.h"
 #include "trace/tracer_state.h"
 
-enum { ROW_BYTES = SGSI_PROJECTED_FLOATS * sizeof(float), ALIGNED = 64, FIRST_RECORDS = 256 };
+enum {
+    ROW_BYTES = SGSI_PROJECTED_FLOATS * sizeof(float),
+    FIRST_RECORDS = 256,
+    BUCKETS_PER_THREAD = 4
+};
+
+const uint32_t *sgsi_tracer_rows(const sgsi_tracer *tracer)
+{
+    return tracer->rows;
+}
+
+// Buckets are whole blocks of primitives: several per thread to balance the load, and small enough
+// for the tables of sgsi_cell_sums.
+int sgsi_bucket_shift(size_t primitives)
+{
+    const size_t threads = (size_t)sgsi_threads();
+    const size_t max_buckets = threads > 1 ? BUCKETS_PER_THREAD * threads : 1;
+    int shift = 4; // log2 of SGS_LANES: each `touched` flag belongs to one bucket
+    while (shift < SGSI_BUCKET_SHIFT && primitives && (primitives - 1) >> shift >= max_buckets)
+        ++shift;
+    return shift;
+}
 
 void sgsi_tracer_set_piece(sgsi_tracer *tracer, const sgsi_tracer_piece *piece)
 {
@@ -23,7 +42,7 @@ void sgsi_tracer_set_piece(sgsi_tracer *tracer, const sgsi_tracer_piece *piece)
         tracer->piece = *piece;
 }
 
-sgs_status sgsi_records_begin(sgsi_tracer *tracer, size_t buckets, int shift)
+sgs_status sgsi_records_begin(sgsi_tracer *tracer, size_t buckets)
 {
     if (buckets > tracer->record_capacity) {
         if (!sgsi_grow((void **)&tracer->records, tracer->record_capacity, buckets,
@@ -37,7 +56,6 @@ sgs_status sgsi_records_begin(sgsi_tracer *tracer, size_t buckets, int shift)
     for (size_t i = 0; i < buckets; ++i)
         tracer->records[i].count = 0;
     tracer->record_buckets = buckets;
-    tracer->record_shift = shift;
     return SGS_STATUS_OK;
 }
 
@@ -67,116 +85,104 @@ void sgsi_records_free(sgsi_tracer *tracer)
     sgsi_free(tracer->records);
 }
 
-static size_t head_bytes(const sgsi_tracer *tracer)
+size_t sgsi_tracer_buckets(const sgsi_tracer *tracer)
 {
-    return (tracer->record_buckets * sizeof(uint32_t) + ALIGNED - 1) / ALIGNED * ALIGNED;
+    return tracer->record_buckets;
 }
 
-static size_t record_count(const sgsi_tracer *tracer)
+sgsi_sum_list sgsi_tracer_records(const sgsi_tracer *tracer, size_t bucket)
 {
-    size_t count = 0;
-    for (size_t i = 0; i < tracer->record_buckets; ++i)
-        count += tracer->records[i].count;
-    return count;
-}
-
-size_t sgsi_tracer_records_bytes(const sgsi_tracer *tracer)
-{
-    return head_bytes(tracer) + record_count(tracer) * (ROW_BYTES + sizeof(uint32_t));
-}
-
-void sgsi_tracer_records_pack(const sgsi_tracer *tracer, void *bytes)
-{
-    const size_t total = record_count(tracer);
-    uint32_t *head = bytes;
-    float *sums = (float *)((char *)bytes + head_bytes(tracer));
-    uint32_t *ids = (uint32_t *)(sums + total * SGSI_PROJECTED_FLOATS);
-    for (size_t i = 0; i < tracer->record_buckets; ++i) {
-        const sgsi_bucket_records *records = &tracer->records[i];
-        head[i] = (uint32_t)records->count;
-        if (!records->count)
-            continue;
-        memcpy(sums, records->sums, records->count * ROW_BYTES);
-        memcpy(ids, records->ids, records->count * sizeof *ids);
-        sums += records->count * SGSI_PROJECTED_FLOATS;
-        ids += records->count;
-    }
+    const sgsi_bucket_records *records = &tracer->records[bucket];
+    return (sgsi_sum_list){records->ids, records->sums, records->count};
 }
 
 // ---- Adding ----
 
+// Each list is sorted by bucket first, so that a thread adds whole buckets of primitives.
 typedef struct fold_job {
     sgsi_tracer *tracer;
-    const unsigned char *got;
-    const size_t *sizes;
-    int count;
+    const sgsi_sum_list *lists;
+    size_t *begin;  // [lists][buckets + 2]: where a bucket begins in the list's order
+    size_t *orders; // [lists]: where the order of a list begins in fold_order
+    size_t buckets;
+    int count, shift;
+    _Atomic int broken; // 1 + a list with an id out of range
 } fold_job;
 
-// Records of one process.
-typedef struct piece_records {
-    const uint32_t *head, *ids;
-    const float *sums;
-    size_t total;
-} piece_records;
-
-static piece_records open_piece(const sgsi_tracer *tracer, const unsigned char *bytes)
+static void sort_list(void *context, size_t r, int thread)
 {
-    piece_records piece = {.head = (const uint32_t *)bytes,
-                           .sums = (const float *)(bytes + head_bytes(tracer))};
-    for (size_t i = 0; i < tracer->record_buckets; ++i)
-        piece.total += piece.head[i];
-    piece.ids = (const uint32_t *)(piece.sums + piece.total * SGSI_PROJECTED_FLOATS);
-    return piece;
+    (void)thread;
+    fold_job *job = context;
+    const sgsi_sum_list *list = &job->lists[r];
+    size_t *begin = job->begin + r * (job->buckets + 2);
+    uint32_t *order = job->tracer->fold_order + job->orders[r];
+    memset(begin, 0, (job->buckets + 2) * sizeof *begin);
+    for (size_t i = 0; i < list->count; ++i) {
+        if (list->ids[i] >= job->tracer->count) {
+            job->broken = 1 + (int)r;
+            return;
+        }
+        ++begin[(list->ids[i] >> job->shift) + 2];
+    }
+    for (size_t k = 2; k <= job->buckets; ++k)
+        begin[k + 1] += begin[k];
+    for (size_t i = 0; i < list->count; ++i)
+        order[begin[(list->ids[i] >> job->shift) + 1]++] = (uint32_t)i;
 }
 
 static void fold_bucket(void *context, size_t bucket, int thread)
 {
     (void)thread;
     const fold_job *job = context;
-    const unsigned char *at = job->got;
-    for (int r = 0; r < job->count; at += job->sizes[r++]) {
-        const piece_records piece = open_piece(job->tracer, at);
-        size_t first = 0;
-        for (size_t i = 0; i < bucket; ++i)
-            first += piece.head[i];
-        for (size_t i = first; i < first + piece.head[bucket]; ++i)
-            sgsi_add_to_primitive(job->tracer, piece.ids[i],
-                                  piece.sums + i * SGSI_PROJECTED_FLOATS);
+    for (int r = 0; r < job->count; ++r) {
+        const sgsi_sum_list *list = &job->lists[r];
+        const size_t *begin = job->begin + (size_t)r * (job->buckets + 2) + bucket;
+        const uint32_t *order = job->tracer->fold_order + job->orders[r];
+        for (size_t i = begin[0]; i < begin[1]; ++i)
+            sgsi_add_to_primitive(job->tracer, list->ids[order[i]],
+                                  list->sums + (size_t)order[i] * SGSI_PROJECTED_FLOATS);
     }
 }
 
-// The buckets of all pieces agree with the sizes and with the bucket of each primitive.
-static bool is_sound(const sgsi_tracer *tracer, const unsigned char *bytes, size_t size)
+static sgs_status reserve_fold(fold_job *job)
 {
-    if (size < head_bytes(tracer))
-        return false;
-    const uint32_t *head = (const uint32_t *)bytes;
+    sgsi_tracer *tracer = job->tracer;
     size_t total = 0;
-    for (size_t i = 0; i < tracer->record_buckets; ++i)
-        total += head[i];
-    if (total > (size - head_bytes(tracer)) / (ROW_BYTES + sizeof(uint32_t)))
-        return false;
-    const piece_records piece = open_piece(tracer, bytes);
-    const uint32_t *id = piece.ids;
-    for (size_t i = 0; i < tracer->record_buckets; ++i)
-        for (uint32_t k = 0; k < head[i]; ++k, ++id)
-            if (*id >= tracer->count || *id >> tracer->record_shift != i)
-                return false;
-    return true;
+    job->begin = sgsi_alloc((size_t)job->count * (job->buckets + 2), sizeof *job->begin);
+    job->orders = sgsi_alloc((size_t)job->count, sizeof *job->orders);
+    for (int r = 0; r < job->count && job->orders; ++r) {
+        job->orders[r] = total;
+        total += job->lists[r].count;
+    }
+    bool done = job->begin && job->orders;
+    if (done && total > tracer->fold_capacity) {
+        const size_t larger = total + total / 4;
+        done = sgsi_grow((void **)&tracer->fold_order, 0, larger, sizeof *tracer->fold_order);
+        tracer->fold_capacity = done ? larger : tracer->fold_capacity;
+    }
+    return done ? SGS_STATUS_OK
+                : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to add %zu gradients", total);
 }
 
-sgs_status sgsi_tracer_fold(sgsi_tracer *tracer, const unsigned char *got, const size_t *sizes,
-                            int count)
+sgs_status sgsi_tracer_fold(sgsi_tracer *tracer, const sgsi_sum_list *lists, int count)
 {
     const double start = sgsi_seconds();
-    const unsigned char *at = got;
-    for (int r = 0; r < count; at += sizes[r++])
-        if (!is_sound(tracer, at, sizes[r]))
-            return sgsi_fail(SGS_STATUS_FORMAT,
-                             "gradients of process %d do not belong to this view", r);
+    fold_job job = {.tracer = tracer,
+                    .lists = lists,
+                    .count = count,
+                    .shift = sgsi_bucket_shift(tracer->count)};
+    job.buckets = tracer->count ? ((tracer->count - 1) >> job.shift) + 1 : 0;
     memset(tracer->touched, 0, tracer->capacity / SGS_LANES);
-    fold_job job = {tracer, got, sizes, count};
-    sgsi_parallel_for(tracer->record_buckets, 1, fold_bucket, &job);
-    tracer->seconds.reduce += sgsi_seconds() - start;
-    return SGS_STATUS_OK;
+    sgs_status status = reserve_fold(&job);
+    if (!status)
+        sgsi_parallel_for((size_t)count, 1, sort_list, &job);
+    if (job.broken)
+        status = sgsi_fail(SGS_STATUS_FORMAT, "gradients of process %d do not belong to this view",
+                           job.broken - 1);
+    if (!status)
+        sgsi_parallel_for(job.buckets, 1, fold_bucket, &job);
+    sgsi_free(job.begin);
+    sgsi_free(job.orders);
+    tracer->seconds.reduce = sgsi_seconds() - start;
+    return status;
 }

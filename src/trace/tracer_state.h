@@ -10,7 +10,10 @@
 #include "base/threads.h"
 #include "trace/tracer.h"
 
-enum { MAX_THREADS = SGSI_THREADS_MAX };
+enum {
+    MAX_THREADS = SGSI_THREADS_MAX,
+    SGSI_BUCKET_SHIFT = 16 // maximum: log2 of the primitives of a bucket
+};
 
 // Sums of one cell and bucket of primitives, in order of their first slot: a sparse set.
 typedef struct sgsi_cell_sums {
@@ -46,6 +49,9 @@ struct sgsi_tracer {
     size_t capacity, count, built_count;
     float *projected;
     sgsi_bounds *bounds;
+    uint32_t *rows; // [row_capacity]: of received primitives in the whole model
+    size_t row_capacity;
+    bool received; // `rows` is valid
     float *sums;
     uint8_t *touched;
     uint16_t *visible;
@@ -65,7 +71,8 @@ struct sgsi_tracer {
     uint32_t *macrotiles;         // [list_capacity]: the macrotiles of the piece
     sgsi_bucket_records *records; // [record_capacity]: by bucket
     size_t record_capacity, record_buckets;
-    int record_shift;  // bucket of primitive id: id >> record_shift
+    uint32_t *fold_order; // [fold_capacity]: records of other processes, sorted by bucket
+    size_t fold_capacity;
     size_t list_words; // size of each thread's list arena
     bool abs_grad;     // backward passes also sum absolute gradients
     thread_state *threads[MAX_THREADS];
@@ -77,8 +84,10 @@ void sgsi_cell_sums_free(sgsi_cell_sums *sums);
 
 // ---- tracer_records.c ----
 
+// log2 of the primitives of a bucket.
+int sgsi_bucket_shift(size_t primitives);
 // Empties the records of `buckets` buckets.
-sgs_status sgsi_records_begin(sgsi_tracer *tracer, size_t buckets, int shift);
+sgs_status sgsi_records_begin(sgsi_tracer *tracer, size_t buckets);
 // Appends the sums of a cell to a bucket. False if out of memory.
 bool sgsi_records_add(sgsi_bucket_records *records, const sgsi_cell_sums *sums);
 void sgsi_records_free(sgsi_tracer *tracer);

@@ -30,6 +30,7 @@
 #include "base/core.h"
 #include "base/sections.h"
 #include "base/threads.h"
+#include "cluster/row_streams.h"
 #include "train/small_images.h"
 #include "train/trainer_state.h"
 
@@ -40,12 +41,102 @@ static size_t block_bytes(size_t n)
     return (n + SGS_LANES - 1) / SGS_LANES * BLOCK_FLOATS * sizeof(float);
 }
 
-// n primitives in the model's layout. The lanes after the last primitive are zero in the file and
-// unchanged in memory.
-static void visit_blocks(sgsi_sections *sections, const char *name, float *data, size_t n)
+// A pass over the state. With several ranks, passes that write and read are collective: rank 0
+// alone has sections, the others send and receive rows.
+typedef struct state_visit {
+    sgsi_sections *sections; // NULL on other ranks
+    sgs_trainer *trainer;
+    size_t n;              // primitives of all ranks
+    bool moves;            // the pass is WRITE or READ, with several ranks
+    bool reads;            // then: READ
+    size_t passed, blocks; // of visit_blocks: bytes so far, and of all
+    sgs_status status;     // of the collective calls
+} state_visit;
+
+static state_visit visit_of(sgsi_sections *sections, sgs_trainer *trainer, size_t n,
+                            sgsi_sections_pass pass)
 {
-    const size_t whole = n / SGS_LANES, rest = n % SGS_LANES;
-    sgsi_sections_begin(sections, name, block_bytes(n));
+    const bool reads = pass == SGSI_SECTIONS_READ;
+    return (state_visit){.sections = sections,
+                         .trainer = trainer,
+                         .n = n,
+                         .moves = sgsi_trainer_is_shared(trainer) &&
+                                  (reads || pass == SGSI_SECTIONS_WRITE),
+                         .reads = reads};
+}
+
+static void begin_section(const state_visit *visit, const char *name, size_t bytes)
+{
+    if (visit->sections)
+        sgsi_sections_begin(visit->sections, name, bytes);
+}
+
+// An array that all ranks have.
+static void visit_copy(state_visit *visit, const char *name, void *data, size_t bytes)
+{
+    begin_section(visit, name, bytes);
+    if (visit->sections)
+        sgsi_sections_piece(visit->sections, data, bytes);
+    if (visit->moves && visit->reads && !visit->status)
+        visit->status = sgsi_ranks_copy(visit->trainer->views.ranks, SGS_STATUS_OK, SGS_RANKS_OTHER,
+                                        data, bytes);
+}
+
+// Bytes of rank 0 between the file and the ranks.
+static void pass_bytes(void *context, void *bytes, size_t size)
+{
+    const state_visit *visit = context;
+    sgsi_sections_piece(visit->sections, bytes, size);
+}
+
+// The same for blocks of parameters: the lanes after the last primitive are 0 in the file.
+static void pass_blocks(void *context, void *bytes, size_t size)
+{
+    state_visit *visit = context;
+    const size_t rest = visit->n % SGS_LANES, block = BLOCK_FLOATS * sizeof(float);
+    visit->passed += size;
+    float *last = (float *)((char *)bytes + (size - block));
+    for (size_t i = 0; i < BLOCK_FLOATS && rest && visit->passed == visit->blocks && !visit->reads;
+         ++i)
+        last[i] = i % SGS_LANES < rest ? last[i] : 0.0f;
+    sgsi_sections_piece(visit->sections, bytes, size);
+}
+
+static void visit_parts(state_visit *visit, void *own, size_t group, size_t total,
+                        void (*pass)(void *context, void *bytes, size_t size))
+{
+    sgs_ranks *ranks = visit->trainer->views.ranks;
+    const sgsi_row_array array = {own, group, total};
+    if (!visit->status)
+        visit->status = visit->reads
+                            ? sgsi_rows_distribute(ranks, SGS_STATUS_OK, &array, pass, visit)
+                            : sgsi_rows_collect(ranks, SGS_STATUS_OK, &array, pass, visit);
+}
+
+// An array with `size` bytes for every `unit` rows, in an open section.
+static void visit_rows(state_visit *visit, void *own, size_t unit, size_t size)
+{
+    const size_t total = (visit->n + unit - 1) / unit * size;
+    if (visit->moves)
+        visit_parts(visit, own, SGSI_SHARD_ROWS / unit * size, total, pass_bytes);
+    else
+        sgsi_sections_piece(visit->sections, own, total);
+}
+
+// Primitives in the model's layout. The lanes after the last one are zero in the file and, in one
+// process, unchanged in memory.
+static void visit_blocks(state_visit *visit, const char *name, float *data)
+{
+    const size_t n = visit->n, whole = n / SGS_LANES, rest = n % SGS_LANES;
+    sgsi_sections *sections = visit->sections;
+    begin_section(visit, name, block_bytes(n));
+    if (visit->moves) {
+        visit->passed = 0;
+        visit->blocks = block_bytes(n);
+        visit_parts(visit, data, SGSI_SHARD_ROWS / SGS_LANES * BLOCK_FLOATS * sizeof(float),
+                    visit->blocks, pass_blocks);
+        return;
+    }
     sgsi_sections_piece(sections, data, whole * BLOCK_FLOATS * sizeof(float));
     if (!rest)
         return;
@@ -60,49 +151,56 @@ static void visit_blocks(sgsi_sections *sections, const char *name, float *data,
             data[first + i] = tail[i];
 }
 
-// All arrays that a training step changes, for n primitives.
-static void visit_state(sgsi_sections *sections, sgs_trainer *trainer, size_t n)
+static void visit_depth_bounds(state_visit *visit)
 {
-    const size_t views = trainer->views.count;
+    const sgsi_train_views *views = &visit->trainer->views;
     size_t tiles = 0;
-    for (size_t i = 0; i < views; ++i)
-        tiles += trainer->views.tile_counts[i];
-    visit_blocks(sections, "model", trainer->model->data, n);
-    visit_blocks(sections, "moment1", trainer->m, n);
-    visit_blocks(sections, "moment2", trainer->v, n);
-    sgsi_sections_begin(sections, "statistics", n * 4 * sizeof(float));
-    sgsi_sections_piece(sections, trainer->statistics.gradient_sum, n * sizeof(float));
-    sgsi_sections_piece(sections, trainer->statistics.abs_grad_sum, n * sizeof(float));
-    sgsi_sections_piece(sections, trainer->statistics.visible_count, n * sizeof(uint32_t));
-    sgsi_sections_piece(sections, trainer->statistics.radius_max, n * sizeof(float));
-    sgsi_sections_begin(sections, "depth_bounds", tiles * sizeof(float));
-    for (size_t i = 0; i < views; ++i)
-        sgsi_sections_piece(sections, trainer->views.depth_bounds[i],
-                            trainer->views.tile_counts[i] * sizeof(float));
-    sgsi_sections_begin(sections, "order", views * sizeof(uint32_t));
-    sgsi_sections_piece(sections, trainer->order, views * sizeof(uint32_t));
-    const size_t fits = 2 * views * sizeof *trainer->view_fits;
-    sgsi_sections_begin(sections, "equilibrium", fits);
-    sgsi_sections_piece(sections, trainer->view_fits, fits);
+    for (size_t i = 0; i < views->count; ++i)
+        tiles += views->tile_counts[i];
+    begin_section(visit, "depth_bounds", tiles * sizeof(float));
+    for (size_t i = 0; i < views->count; ++i) {
+        const size_t bytes = views->tile_counts[i] * sizeof(float);
+        if (visit->sections)
+            sgsi_sections_piece(visit->sections, views->depth_bounds[i], bytes);
+        if (visit->moves && visit->reads && !visit->status)
+            visit->status = sgsi_ranks_copy(views->ranks, SGS_STATUS_OK, SGS_RANKS_OTHER,
+                                            views->depth_bounds[i], bytes);
+    }
+}
+
+// All arrays that a training step changes.
+static void visit_state(state_visit *visit)
+{
+    sgs_trainer *trainer = visit->trainer;
+    const size_t views = trainer->views.count, n = visit->n;
+    sgsi_statistics *statistics = &trainer->statistics;
+    visit_blocks(visit, "model", trainer->model->data);
+    visit_blocks(visit, "moment1", trainer->m);
+    visit_blocks(visit, "moment2", trainer->v);
+    begin_section(visit, "statistics", n * 4 * sizeof(float));
+    visit_rows(visit, statistics->gradient_sum, 1, sizeof(float));
+    visit_rows(visit, statistics->abs_grad_sum, 1, sizeof(float));
+    visit_rows(visit, statistics->visible_count, 1, sizeof(uint32_t));
+    visit_rows(visit, statistics->radius_max, 1, sizeof(float));
+    visit_depth_bounds(visit);
+    visit_copy(visit, "order", trainer->order, views * sizeof(uint32_t));
+    visit_copy(visit, "equilibrium", trainer->view_fits, 2 * views * sizeof *trainer->view_fits);
     if (trainer->views.exposure) {
         size_t numbers;
         double *exposure = sgsi_exposure_state(trainer->views.exposure, &numbers);
-        sgsi_sections_begin(sections, "exposure", numbers * sizeof *exposure);
-        sgsi_sections_piece(sections, exposure, numbers * sizeof *exposure);
+        visit_copy(visit, "exposure", exposure, numbers * sizeof *exposure);
     }
-    if (trainer->accumulated_grad) {
-        visit_blocks(sections, "accumulated_grad", trainer->accumulated_grad, n);
-        const size_t bytes =
-            (n + SGS_LANES - 1) / SGS_LANES * 2 * sizeof *trainer->accumulated_rows;
-        sgsi_sections_begin(sections, "accumulated_rows", bytes);
-        sgsi_sections_piece(sections, trainer->accumulated_rows, bytes);
+    if (sgsi_trainer_accumulates(trainer)) {
+        const size_t bytes = 2 * sizeof *trainer->accumulated_rows;
+        visit_blocks(visit, "accumulated_grad", trainer->accumulated_grad);
+        begin_section(visit, "accumulated_rows", (n + SGS_LANES - 1) / SGS_LANES * bytes);
+        visit_rows(visit, trainer->accumulated_rows, SGS_LANES, bytes);
     }
     if (trainer->filter_3d) {
-        sgsi_sections_begin(sections, "filter_3d", n * sizeof *trainer->filter_3d);
-        sgsi_sections_piece(sections, trainer->filter_3d, n * sizeof *trainer->filter_3d);
+        begin_section(visit, "filter_3d", n * sizeof *trainer->filter_3d);
+        visit_rows(visit, trainer->filter_3d, 1, sizeof *trainer->filter_3d);
     }
-    sgsi_sections_begin(sections, "stop", sizeof trainer->stop_text);
-    sgsi_sections_piece(sections, trainer->stop_text, sizeof trainer->stop_text);
+    visit_copy(visit, "stop", trainer->stop_text, sizeof trainer->stop_text);
 }
 
 static uint64_t view_digest(const sgs_view *view)
@@ -126,7 +224,7 @@ static const sgs_view *train_view(const sgs_trainer *trainer, size_t i)
 static void visit_head(sgsi_sections *sections, const sgs_trainer *trainer,
                        const sgsi_field_list *options, const sgsi_field_list *progress)
 {
-    uint64_t n = trainer->model->count;
+    uint64_t n = trainer->count;
     sgsi_sections_begin(sections, "options", options->count);
     sgsi_sections_piece(sections, options->bytes, options->count);
     sgsi_sections_begin(sections, "scene", trainer->views.count * sizeof(uint64_t));
@@ -140,12 +238,17 @@ static void visit_head(sgsi_sections *sections, const sgs_trainer *trainer,
     sgsi_sections_piece(sections, progress->bytes, progress->count);
 }
 
-// For the passes MEASURE and WRITE, which do not change the trainer.
-static void visit_all(sgsi_sections *sections, const sgs_trainer *trainer,
-                      const sgsi_field_list *options, const sgsi_field_list *progress)
+// For the passes MEASURE and WRITE, which do not change the trainer. The status of the collective
+// calls; that of the file is in the sections.
+static sgs_status visit_all(sgsi_sections *sections, const sgs_trainer *trainer,
+                            const sgsi_field_list *options, const sgsi_field_list *progress)
 {
-    visit_head(sections, trainer, options, progress);
-    visit_state(sections, (sgs_trainer *)trainer, trainer->model->count);
+    state_visit visit = visit_of(sections, (sgs_trainer *)trainer, trainer->count,
+                                 sections ? sections->pass : SGSI_SECTIONS_WRITE);
+    if (sections)
+        visit_head(sections, trainer, options, progress);
+    visit_state(&visit);
+    return visit.status;
 }
 
 static bool list_fields(const sgs_trainer *trainer, sgsi_field_list *options,
@@ -168,25 +271,43 @@ size_t sgs_trainer_checkpoint_bytes(const sgs_trainer *trainer)
     return sections.measured;
 }
 
-sgs_status sgs_trainer_save_checkpoint(const sgs_trainer *trainer, const char *path)
+// A file that cannot be written does not keep the other ranks from sending their rows.
+static sgs_status write_file(const sgs_trainer *trainer, const char *path)
 {
-    if (trainer->inconsistent)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                         "%s: cannot save: the last step failed and the state is inconsistent",
-                         path);
     sgsi_field_list options = {0}, progress = {0};
     sgsi_sections sections;
     sgs_status status =
         list_fields(trainer, &options, &progress)
             ? sgsi_sections_create(&sections, path)
             : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path);
+    sgs_status sent = SGS_STATUS_OK;
     if (!status) {
-        visit_all(&sections, trainer, &options, &progress);
+        sent = visit_all(&sections, trainer, &options, &progress);
         status = sgsi_sections_commit(&sections);
+    } else if (sgsi_trainer_is_shared(trainer)) {
+        sections = (sgsi_sections){.pass = SGSI_SECTIONS_WRITE, .status = status, .path = path};
+        char *reason = sgsi_strdup(sgs_last_error());
+        sent = visit_all(&sections, trainer, &options, &progress);
+        if (!sent && reason)
+            status = sgsi_fail(status, "%s", reason);
+        sgsi_free(reason);
     }
     sgsi_free(options.bytes);
     sgsi_free(progress.bytes);
-    return status;
+    return sent ? sent : status;
+}
+
+sgs_status sgs_trainer_save_checkpoint(const sgs_trainer *trainer, const char *path)
+{
+    if (trainer->inconsistent)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                         "%s: cannot save: the last step failed and the state is inconsistent",
+                         path);
+    sgs_status status = sgsi_trainer_reserve_state((sgs_trainer *)trainer);
+    if (status)
+        return sgs_ranks_agree(trainer->views.ranks, status);
+    return sgsi_trainer_rank(trainer) ? visit_all(NULL, trainer, NULL, NULL)
+                                      : write_file(trainer, path);
 }
 
 // ---- reading ----
@@ -331,7 +452,8 @@ static sgs_status check(sgsi_sections *sections, sgs_trainer *trainer, contents 
         status = check_scene(sections, trainer);
     if (status)
         return status;
-    visit_state(sections, trainer, *n);
+    state_visit visit = visit_of(sections, trainer, *n, SGSI_SECTIONS_CHECK);
+    visit_state(&visit);
     status = sgsi_sections_checked(sections);
     if (!status)
         status = check_progress(sections, trainer, progress);
@@ -345,9 +467,11 @@ static sgs_status check(sgsi_sections *sections, sgs_trainer *trainer, contents 
     return status;
 }
 
-// Memory for n primitives in the trainer, uninitialised.
-static sgs_status make_room(sgs_trainer *trainer, size_t n, const char *path)
+// Memory for the own ones of `count` primitives in the trainer, uninitialised.
+static sgs_status make_room(sgs_trainer *trainer, size_t count)
 {
+    const size_t n =
+        sgsi_shard_count(count, sgsi_trainer_rank(trainer), sgsi_trainer_ranks(trainer));
     sgs_gaussians *model;
     sgs_status status = sgs_gaussians_create(n + SGS_LANES, &model);
     if (!status)
@@ -363,7 +487,8 @@ static sgs_status make_room(sgs_trainer *trainer, size_t n, const char *path)
         sgsi_free(m);
         sgsi_free(v);
         sgs_gaussians_destroy(model);
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory for its %zu primitives", path, n);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                         "no memory for the %zu primitives of a checkpoint", n);
     }
     model->sh_degree = trainer->options.sh_degree;
     sgs_gaussians_destroy(trainer->model);
@@ -372,12 +497,11 @@ static sgs_status make_room(sgs_trainer *trainer, size_t n, const char *path)
     sgsi_statistics_free(&trainer->statistics);
     trainer->statistics = statistics;
     trainer->model = model;
+    trainer->count = count;
     trainer->m = m;
     trainer->v = v;
     status = sgsi_trainer_reserve_accumulated_grad(trainer);
-    if (!status)
-        status = sgsi_trainer_update_filter_3d(trainer); // allocates; the values are in the file
-    return status;
+    return status ? status : sgsi_trainer_reserve_filter_3d(trainer);
 }
 
 // Images at the resolution of the checkpoint, for pipelines that change it.
@@ -390,34 +514,71 @@ static sgs_status restore_images(sgs_trainer *trainer, int resolution)
     return status;
 }
 
+// Opens and compares the file. Closes it after a failure.
+static sgs_status open_file(sgsi_sections *sections, sgs_trainer *trainer, const char *path,
+                            contents *found)
+{
+    sgs_status status = sgsi_sections_open(sections, path);
+    if (status)
+        return status;
+    status = check(sections, trainer, found);
+    if (status)
+        sgsi_sections_close(sections);
+    return status;
+}
+
+sgs_status sgs_trainer_check_checkpoint(sgs_trainer *trainer, const char *path)
+{
+    sgsi_sections sections;
+    contents found = {0};
+    const sgs_status status = open_file(&sections, trainer, path, &found);
+    if (!status)
+        sgsi_sections_close(&sections);
+    return status;
+}
+
+// Replaces the state by that of a file that agrees with the trainer; sections NULL on other ranks.
+static sgs_status read_state(sgsi_sections *sections, sgs_trainer *trainer, const contents *found)
+{
+    const sgsi_progress *progress = &found->progress;
+    sgs_ranks *ranks = sgsi_trainer_is_shared(trainer) ? trainer->views.ranks : NULL;
+    trainer->inconsistent = true;
+    sgs_status status = make_room(trainer, found->n);
+    trainer->fixed = found->fixed;
+    if (!status && progress->resolution) // before reading: other sizes reset the depth bounds
+        status = restore_images(trainer, progress->resolution);
+    status = sgs_ranks_agree(ranks, status);
+    if (status)
+        return status;
+    if (sections)
+        sections->pass = SGSI_SECTIONS_READ;
+    state_visit visit = visit_of(sections, trainer, found->n, SGSI_SECTIONS_READ);
+    visit_state(&visit);
+    if (visit.status)
+        return visit.status;
+    trainer->progress = *progress;
+    trainer->stop_text[progress->stop ? sizeof trainer->stop_text - 1 : 0] = 0;
+    trainer->views.rebuild = true;
+    trainer->inconsistent = false;
+    if (sgsi_trainer_opacity_is_linear(trainer))
+        sgs_gaussians_declare_linear_opacity(trainer->model);
+    return SGS_STATUS_OK;
+}
+
 sgs_status sgs_trainer_load_checkpoint(sgs_trainer *trainer, const char *path)
 {
     sgsi_sections sections;
-    sgs_status status = sgsi_sections_open(&sections, path);
-    if (status)
-        return status;
     contents found = {0};
-    status = check(&sections, trainer, &found);
-    const sgsi_progress progress = found.progress;
-    if (status) {
+    sgs_ranks *ranks = sgsi_trainer_is_shared(trainer) ? trainer->views.ranks : NULL;
+    const bool reads = !sgsi_trainer_rank(trainer);
+    sgsi_trainer_release(trainer);
+    sgs_status status = reads ? open_file(&sections, trainer, path, &found) : SGS_STATUS_OK;
+    const bool opened = reads && !status;
+    if (ranks)
+        status = sgsi_ranks_copy(ranks, status, SGS_RANKS_OTHER, &found, sizeof found);
+    if (!status)
+        status = read_state(reads ? &sections : NULL, trainer, &found);
+    if (opened)
         sgsi_sections_close(&sections);
-        return status;
-    }
-    trainer->inconsistent = true;
-    status = make_room(trainer, found.n, path);
-    trainer->fixed = found.fixed;
-    if (!status && progress.resolution) // before reading: other sizes reset the depth bounds
-        status = restore_images(trainer, progress.resolution);
-    if (!status) {
-        sections.pass = SGSI_SECTIONS_READ;
-        visit_state(&sections, trainer, found.n);
-        trainer->progress = progress;
-        trainer->stop_text[progress.stop ? sizeof trainer->stop_text - 1 : 0] = 0;
-        trainer->views.rebuild = true;
-        trainer->inconsistent = false;
-        if (sgsi_trainer_opacity_is_linear(trainer))
-            sgs_gaussians_declare_linear_opacity(trainer->model);
-    }
-    sgsi_sections_close(&sections);
     return status;
 }

@@ -10,8 +10,8 @@ enum { WORD = 4, RECORD = SGSI_PROJECTED_FLOATS * WORD, PLANES = 4 }; // colour 
 // Blocks of 16 rows that the optimiser visits.
 static double stepped_blocks(const sgsi_traffic *traffic)
 {
-    const uint8_t *touched = sgsi_tracer_touched(traffic->tracer);
-    const uint16_t *visible = sgsi_tracer_visible(traffic->tracer);
+    const uint8_t *touched = sgsi_tracer_touched(traffic->rows);
+    const uint16_t *visible = sgsi_tracer_visible(traffic->rows);
     const size_t blocks = (traffic->primitives + SGS_LANES - 1) / SGS_LANES;
     size_t stepped = 0;
     for (size_t i = 0; i < blocks; ++i)

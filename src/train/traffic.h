@@ -10,6 +10,7 @@
 
 typedef struct sgsi_traffic {
     const sgsi_tracer *tracer; // after its backward pass
+    const sgsi_tracer *rows;   // of the rows that the optimiser visits
     size_t primitives, pixels, tiles, macrotiles;
     int sh_degree;     // bands in use
     int channels;      // bytes per pixel of the photograph

@@ -9,6 +9,7 @@
 #include "base/threads.h"
 #include "cluster/rank_calls.h"
 #include "train/view_ranks.h"
+#include "train/view_shards.h"
 #include "image/photo.h"
 
 static const size_t RAY_CACHE_BYTES = (size_t)1 << 30;
@@ -21,6 +22,7 @@ static sgs_status create_workspaces(sgsi_train_views *views, int width, int heig
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for images of %dx%d pixels", width,
                          height);
     sgs_status status = sgsi_tracer_create(&views->tracer);
+    views->rows = views->tracer;
     if (!status)
         status = sgsi_ray_cache_create(RAY_CACHE_BYTES, &views->rays);
     if (!status)
@@ -84,6 +86,7 @@ void sgsi_train_views_free(sgsi_train_views *views)
     for (size_t i = 0; views->depth_bounds && i < views->count; ++i)
         sgsi_free(views->depth_bounds[i]);
     sgsi_view_ranks_free(views);
+    sgsi_view_shards_free(views);
     sgsi_exposure_destroy(views->exposure);
     sgsi_loss_destroy(views->loss);
     sgsi_ray_cache_destroy(views->rays);
@@ -143,6 +146,15 @@ static void set_planes(const sgsi_train_views *views, sgsi_train_view *view)
     view->d_transmittance = block + 7 * n;
 }
 
+// Divides the view among the ranks.
+static sgs_status send_rows(sgsi_train_views *views, sgsi_train_view *view, sgs_status projected)
+{
+    if (projected)
+        return projected;
+    sgsi_view_ranks_cut(views, view);
+    return sgsi_view_shards_send(views, view, sgsi_view_ranks_begin(views));
+}
+
 sgs_status sgsi_train_view_project(sgsi_train_views *views, sgsi_train_view *view)
 {
     const sgsi_rays *rays;
@@ -158,19 +170,19 @@ sgs_status sgsi_train_view_project(sgsi_train_views *views, sgsi_train_view *vie
     sgsi_view_set(&view->view, rays, &view->source->pose, &options);
     view->view.linear_opacity = view->model->linear_opacity;
     set_planes(views, view);
-    status = sgsi_tracer_project(views->tracer, view->model, &view->view, view->visible_count,
+    status = sgsi_tracer_project(views->rows, view->model, &view->view, view->visible_count,
                                  view->radius_max);
-    if (!status)
+    if (views->view_ranks)
+        status = send_rows(views, view, status);
+    else if (!status)
         status = sgsi_tracer_commit(views->tracer, views->rebuild, SGSI_BVH_REFIT);
     if (status)
         return status;
     views->rebuild = false;
-    if (views->ranks)
-        sgsi_view_ranks_cut(views, view);
     const sgsi_trace_seconds spent = sgsi_tracer_seconds(views->tracer);
     view->seconds->bvh_build += spent.bvh_build;
     view->seconds->bvh_refit += spent.bvh_refit;
-    view->seconds->forward += spent.project;
+    view->seconds->forward += sgsi_tracer_seconds(views->rows).project;
     return SGS_STATUS_OK;
 }
 
@@ -180,7 +192,7 @@ sgs_status sgsi_train_view_forward(sgsi_train_views *views, sgsi_train_view *vie
                                             views->depth_bounds[view->index], true);
     if (!status && sgsi_tracer_counts(views->tracer).block_hits)
         sgs_ranks_raise(views->ranks, SGSI_RANKS_SEEN);
-    if (!status && views->ranks)
+    if (!status && views->view_ranks)
         status = sgsi_view_ranks_image(views, view);
     const sgsi_trace_seconds spent = sgsi_tracer_seconds(views->tracer);
     view->seconds->gather += spent.gather;
@@ -222,7 +234,7 @@ static sgs_status share_loss(sgsi_train_views *views, sgsi_train_view *view,
 static sgs_status evaluate_loss(sgsi_train_views *views, sgsi_train_view *view,
                                 const sgsi_loss_input *image, const sgsi_loss_input *compared)
 {
-    if (views->ranks)
+    if (views->view_ranks)
         return share_loss(views, view, image, compared);
     const sgs_status status = sgsi_loss_evaluate(views->loss, compared, &view->loss);
     return status || !views->exposure
@@ -261,16 +273,23 @@ sgs_status sgsi_train_view_backward(sgsi_train_views *views, sgsi_train_view *vi
 {
     sgs_status status = sgsi_tracer_backward(views->tracer, &view->view, &view->planes,
                                              view->d_color, view->d_transmittance);
-    if (!status && views->ranks)
-        status = sgsi_view_ranks_records(views, view);
     const sgsi_trace_seconds spent = sgsi_tracer_seconds(views->tracer);
     view->seconds->backward += spent.backward + spent.reduce;
+    if (status || !views->view_ranks)
+        return status;
+    status = sgsi_view_shards_return(views, view);
+    view->seconds->backward += sgsi_tracer_seconds(views->rows).reduce;
     return status;
 }
 
 sgs_status sgsi_train_view_score(sgsi_train_views *views, sgsi_train_view *view,
                                  const sgsi_score_planes *planes)
 {
-    const sgs_status status = sgsi_tracer_score(views->tracer, &view->view, &view->planes, planes);
-    return status || !views->ranks ? status : sgsi_view_ranks_records(views, view);
+    sgsi_score_planes traced = *planes;
+    sgs_status status = SGS_STATUS_OK;
+    if (views->view_ranks)
+        status = sgsi_view_shards_centers(views, planes->centers, &traced.centers);
+    if (!status)
+        status = sgsi_tracer_score(views->tracer, &view->view, &view->planes, &traced);
+    return status || !views->view_ranks ? status : sgsi_view_shards_return(views, view);
 }

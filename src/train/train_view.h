@@ -29,16 +29,20 @@ typedef struct sgsi_train_views {
     float **depth_bounds; // [count][tiles], see sgsi_tracer_forward
     size_t *tile_counts;  // [count]
     sgsi_small_images small_images;
-    sgs_photo *targets; // [count] instead of the photographs, for a region; NULL without
-    sgsi_tracer *tracer;
+    sgs_photo *targets;  // [count] instead of the photographs, for a region; NULL without
+    sgsi_tracer *tracer; // of the primitives that are drawn
+    // Projects the rows of the model and has their gradient sums: the same, unless ranks share the
+    // rows.
+    sgsi_tracer *rows;
     sgsi_ray_cache *rays;
     sgsi_loss_workspace *loss;
-    sgsi_exposure *exposure; // NULL without option exposure
-    float *planes;           // colour, transmittance and their gradients: 8 planes
-    size_t plane_floats;     // per plane
-    bool rebuild;            // rebuild the BVH for the next view instead of refitting it
-    sgs_ranks *ranks;        // that share the views, or NULL
-    struct sgsi_view_ranks *view_ranks;
+    sgsi_exposure *exposure;            // NULL without option exposure
+    float *planes;                      // colour, transmittance and their gradients: 8 planes
+    size_t plane_floats;                // per plane
+    bool rebuild;                       // rebuild the BVH for the next view instead of refitting it
+    sgs_ranks *ranks;                   // that share views and rows, or NULL
+    struct sgsi_view_ranks *view_ranks; // NULL without several ranks
+    struct sgsi_view_shards *view_shards;
 } sgsi_train_views;
 
 typedef struct sgsi_train_view {
@@ -88,8 +92,9 @@ sgs_status sgsi_train_view_project(sgsi_train_views *views, sgsi_train_view *vie
 sgs_status sgsi_train_view_forward(sgsi_train_views *views, sgsi_train_view *view);
 // The loss and its gradient image: view->loss, d_color, d_transmittance.
 sgs_status sgsi_train_view_loss(sgsi_train_views *views, sgsi_train_view *view);
-// Gradient sums per primitive: sgsi_tracer_grad_sums and sgsi_tracer_touched of views->tracer.
+// Gradient sums per primitive: sgsi_tracer_grad_sums and sgsi_tracer_touched of views->rows.
 sgs_status sgsi_train_view_backward(sgsi_train_views *views, sgsi_train_view *view);
-// Scores of primitives, as sgsi_tracer_score, instead of gradient sums.
+// Scores of primitives, as sgsi_tracer_score, instead of gradient sums. planes->centers are those
+// of the rows of the model.
 sgs_status sgsi_train_view_score(sgsi_train_views *views, sgsi_train_view *view,
                                  const sgsi_score_planes *planes);

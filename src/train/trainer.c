@@ -80,7 +80,7 @@ static sgs_status create_parts(sgs_trainer *trainer)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu views", views->count);
     status = sgsi_trainer_create_model(trainer);
     if (!status && trainer->fixed && !trainer->options.exposure)
-        status = sgsi_region_targets_make(views, trainer->model, sgsi_trainer_own(trainer),
+        status = sgsi_region_targets_make(views, trainer->model, sgsi_trainer_trained(trainer),
                                           trainer->filter_3d);
     return status ? status : plan_resolution(trainer);
 }
@@ -125,6 +125,7 @@ void sgs_trainer_destroy(sgs_trainer *trainer)
     sgsi_statistics_free(&trainer->statistics);
     sgsi_view_scores_free(&trainer->scores);
     sgs_gaussians_destroy(trainer->model);
+    sgsi_trainer_release(trainer);
     void *const arrays[] = {(void *)trainer->regions.regions,
                             trainer->m,
                             trainer->v,
@@ -212,10 +213,10 @@ static sgs_status begin_view(sgs_trainer *trainer, int iteration, sgsi_train_vie
 // Warns if no training view contains a primitive: the run would succeed with an empty result.
 static void check_visibility(sgs_trainer *trainer, int iteration)
 {
-    sgs_ranks *ranks = trainer->views.ranks;
-    trainer->seen =
-        trainer->seen || (ranks ? (sgs_ranks_raised(ranks) & SGSI_RANKS_SEEN) != 0
-                                : sgsi_tracer_counts(trainer->views.tracer).block_hits != 0);
+    const bool seen = sgsi_trainer_is_shared(trainer)
+                          ? (sgs_ranks_raised(trainer->views.ranks) & SGSI_RANKS_SEEN) != 0
+                          : sgsi_tracer_counts(trainer->views.tracer).block_hits != 0;
+    trainer->seen = trainer->seen || seen;
     if (!trainer->seen && (size_t)iteration == trainer->views.count)
         sgsi_warn("%s: no primitive is visible in any of the %zu training views; do the points (or "
                   "option init) belong to these cameras?",
@@ -234,6 +235,7 @@ static void count_traffic(sgs_trainer *trainer, const sgsi_train_view *view)
     const sgsi_rays *rays = view->view.rays;
     const sgsi_traffic traffic = {
         .tracer = trainer->views.tracer,
+        .rows = trainer->views.rows,
         .primitives = trainer->model->count,
         .pixels = (size_t)view->planes.width * (size_t)view->planes.height,
         .tiles = (size_t)rays->tiles_x * (size_t)rays->tiles_y,
@@ -279,10 +281,10 @@ static sgs_status train_on_view(sgs_trainer *trainer, sgsi_train_view *view, sgs
     }
     const bool steps = ends_batch(trainer, view->iteration);
     const int batch = trainer->progress.batch_views + 1;
-    info->visible = sgsi_trainer_optimize(trainer, view);
-    if (steps)
+    status = sgsi_trainer_optimize(trainer, view, &info->visible);
+    if (!status && steps)
         sgsi_trainer_add_noise(trainer, view->iteration, batch);
-    return SGS_STATUS_OK;
+    return status;
 }
 
 // Clones, splits and removes primitives; computes scores from views if the pipeline uses them.
@@ -294,6 +296,7 @@ static sgs_status control_density(sgs_trainer *trainer, int iteration, sgs_step_
         const sgsi_score_input input = {.pipeline = trainer->pipeline,
                                         .model = trainer->model,
                                         .count = sgsi_trainer_own(trainer),
+                                        .whole_count = sgsi_trainer_trained(trainer),
                                         .filter_3d = trainer->filter_3d,
                                         .sh_degree = active_sh_degree(trainer, iteration),
                                         .iteration = iteration,
@@ -369,7 +372,7 @@ static void fill_info(sgs_trainer *trainer, const sgsi_train_view *view, sgs_ste
     info->loss_average = follow(&progress->loss_average, &progress->loss_weight, loss->loss);
     info->psnr_average = follow(&progress->psnr_average, &progress->psnr_weight,
                                 -10.0 * log10(fmax(loss->mse, 1e-12)));
-    info->gaussians = trainer->model->count;
+    info->gaussians = trainer->count;
 }
 
 // Time of the step that began at `start`.
@@ -415,7 +418,10 @@ static sgs_status step(sgs_trainer *trainer, sgs_step_info *info)
 {
     const double start = sgsi_seconds();
     const sgsi_loop_seconds loops = sgsi_threads_seconds();
-    sgs_status status = apply_deferred(trainer, info);
+    sgsi_trainer_release(trainer);
+    sgs_status status = sgsi_trainer_reserve_state(trainer);
+    if (!status)
+        status = apply_deferred(trainer, info);
     if (status)
         return status;
     const int iteration = trainer->progress.iteration + 1;
@@ -484,9 +490,10 @@ void sgsi_trainer_restore(sgs_trainer *trainer)
 
 sgs_status sgs_trainer_ranks_set(sgs_trainer *trainer, sgs_ranks *ranks)
 {
-    const sgs_status status =
-        sgs_ranks_agree(ranks, sgsi_view_ranks_create(&trainer->views, ranks));
-    return status || !ranks ? status : sgsi_rank_handshake(&trainer->views, trainer->model, ranks);
+    sgs_status status = sgs_ranks_agree(ranks, sgsi_view_ranks_create(&trainer->views, ranks));
+    if (!status && ranks)
+        status = sgsi_rank_handshake(&trainer->views, trainer->model, ranks);
+    return status || !sgsi_trainer_is_shared(trainer) ? status : sgsi_trainer_share(trainer);
 }
 
 void sgs_trainer_memory_limit_set(sgs_trainer *trainer, size_t bytes, size_t image_cache)
@@ -507,7 +514,12 @@ int sgs_trainer_structure_iteration(const sgs_trainer *trainer)
 
 const sgs_gaussians *sgs_trainer_model(const sgs_trainer *trainer)
 {
-    return trainer->model;
+    return trainer->collected ? trainer->collected : trainer->model;
+}
+
+size_t sgs_trainer_count(const sgs_trainer *trainer)
+{
+    return trainer->count;
 }
 
 const double *sgs_trainer_exposure(const sgs_trainer *trainer, size_t view)
@@ -521,7 +533,7 @@ const double *sgs_trainer_exposure(const sgs_trainer *trainer, size_t view)
 
 const float *sgs_trainer_filter_3d(const sgs_trainer *trainer)
 {
-    return trainer->filter_3d;
+    return trainer->collected ? trainer->collected_filter : trainer->filter_3d;
 }
 
 sgs_regions sgs_trainer_regions(const sgs_trainer *trainer)

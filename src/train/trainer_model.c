@@ -145,10 +145,15 @@ static sgs_status begin_region(sgs_trainer *trainer)
     return SGS_STATUS_OK;
 }
 
+bool sgsi_trainer_accumulates(const sgs_trainer *trainer)
+{
+    return trainer->schedule.batch_rest || trainer->options.batch > 1;
+}
+
 sgs_status sgsi_trainer_reserve_accumulated_grad(sgs_trainer *trainer)
 {
     trainer->progress.batch_views = 0;
-    if (!trainer->schedule.batch_rest && trainer->options.batch == 1)
+    if (!sgsi_trainer_accumulates(trainer))
         return SGS_STATUS_OK;
     const size_t capacity = trainer->model->capacity;
     sgsi_free(trainer->accumulated_grad);
@@ -161,18 +166,49 @@ sgs_status sgsi_trainer_reserve_accumulated_grad(sgs_trainer *trainer)
                      trainer->model->count);
 }
 
-sgs_status sgsi_trainer_update_filter_3d(sgs_trainer *trainer)
+sgs_status sgsi_trainer_reserve_filter_3d(sgs_trainer *trainer)
 {
     if (trainer->options.filter != SGS_FILTER_MIP)
         return SGS_STATUS_OK;
     sgsi_free(trainer->filter_3d);
     trainer->filter_3d = sgsi_calloc(trainer->model->capacity, sizeof *trainer->filter_3d);
-    if (!trainer->filter_3d)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the 3D filter of %zu primitives",
-                         trainer->model->count);
-    sgsi_filter_3d_compute(trainer->model, trainer->scene, trainer->views.scene_views,
-                           trainer->views.count, trainer->filter_3d);
-    return SGS_STATUS_OK;
+    return trainer->filter_3d
+               ? SGS_STATUS_OK
+               : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                           "no memory for the 3D filter of %zu primitives", trainer->model->count);
+}
+
+// The largest value of all ranks.
+static sgs_status share_largest(sgs_trainer *trainer, sgs_status own, float *value)
+{
+    const int count = sgsi_trainer_ranks(trainer);
+    float *all = sgsi_alloc((size_t)count, sizeof *all);
+    if (!all && !own)
+        own = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %d ranks", count);
+    const sgs_status status =
+        sgs_ranks_gather(trainer->views.ranks, own, value, sizeof *value, all);
+    for (int r = 0; r < count && !status; ++r)
+        *value = fmaxf(*value, all[r]);
+    sgsi_free(all);
+    return status;
+}
+
+sgs_status sgsi_trainer_update_filter_3d(sgs_trainer *trainer)
+{
+    const sgsi_train_views *views = &trainer->views;
+    sgs_status status = sgsi_trainer_reserve_filter_3d(trainer);
+    float farthest = 0.0f;
+    if (trainer->options.filter != SGS_FILTER_MIP)
+        return status;
+    if (!status)
+        farthest = sgsi_filter_3d_sample(trainer->model, trainer->scene, views->scene_views,
+                                         views->count, trainer->filter_3d);
+    if (sgsi_trainer_is_shared(trainer))
+        status = share_largest(trainer, status, &farthest);
+    if (!status)
+        sgsi_filter_3d_scale(trainer->scene, views->scene_views, views->count, farthest,
+                             trainer->filter_3d, trainer->model->count);
+    return status;
 }
 
 static sgsi_late_opacity opacity_after(const sgs_trainer *trainer, int iteration)
@@ -233,15 +269,27 @@ sgs_status sgsi_trainer_create_model(sgs_trainer *trainer)
         status = begin_region(trainer);
     if (status)
         return status;
-    trainer->m = sgsi_calloc_shared(trainer->model->capacity, SGS_PARAM_COUNT * sizeof(float));
-    trainer->v = sgsi_calloc_shared(trainer->model->capacity, SGS_PARAM_COUNT * sizeof(float));
-    if (!trainer->m || !trainer->v)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the optimiser of %zu primitives",
-                         trainer->model->count);
-    trainer->progress.pipeline.initial_count = (int64_t)sgsi_trainer_own(trainer);
-    status = sgsi_trainer_reserve_accumulated_grad(trainer);
+    trainer->count = trainer->model->count;
+    trainer->progress.pipeline.initial_count = (int64_t)sgsi_trainer_trained(trainer);
+    return sgsi_trainer_update_filter_3d(trainer);
+}
+
+sgs_status sgsi_trainer_reserve_state(sgs_trainer *trainer)
+{
+    const size_t capacity = trainer->model->capacity;
+    if (trainer->m)
+        return SGS_STATUS_OK;
+    sgs_status status = sgsi_trainer_reserve_accumulated_grad(trainer);
     if (!status)
-        status = sgsi_trainer_update_filter_3d(trainer);
-    return status ? status
-                  : sgsi_statistics_reserve(&trainer->statistics, trainer->model->capacity);
+        status = sgsi_statistics_reserve(&trainer->statistics, capacity);
+    if (status)
+        return status;
+    trainer->v = sgsi_calloc_shared(capacity, SGS_PARAM_COUNT * sizeof(float));
+    trainer->m = trainer->v ? sgsi_calloc_shared(capacity, SGS_PARAM_COUNT * sizeof(float)) : NULL;
+    if (trainer->m)
+        return SGS_STATUS_OK;
+    sgsi_free(trainer->v);
+    trainer->v = NULL;
+    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the optimiser of %zu primitives",
+                     trainer->model->count);
 }

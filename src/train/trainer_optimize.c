@@ -9,6 +9,7 @@
 
 #include "base/core.h"
 #include "base/threads.h"
+#include "cluster/rank_calls.h"
 #include "density/position_noise.h"
 #include "optimize/optimize.h"
 #include "train/trainer_state.h"
@@ -53,15 +54,15 @@ static sgsi_optimize settings(const sgs_trainer *trainer, const sgsi_train_view 
     const double lr_mean = mean_rate(trainer, view->iteration);
     const float rate = (float)sgsi_schedule_lr_other(&trainer->schedule, view->iteration);
     const double rest = sgsi_schedule_sh_rate(&trainer->options, trainer->views.count);
-    const double rows = fmax((double)trainer->model->count, 1.0);
+    const double rows = fmax((double)trainer->count, 1.0);
     return (sgsi_optimize){.params = trainer->model->data,
                            .m = trainer->m,
                            .v = trainer->v,
                            .count = sgsi_trainer_own(trainer),
                            .view = view->view,
-                           .sums = sgsi_tracer_grad_sums(trainer->views.tracer),
-                           .touched = sgsi_tracer_touched(trainer->views.tracer),
-                           .visible = sgsi_tracer_visible(trainer->views.tracer),
+                           .sums = sgsi_tracer_grad_sums(trainer->views.rows),
+                           .touched = sgsi_tracer_touched(trainer->views.rows),
+                           .visible = sgsi_tracer_visible(trainer->views.rows),
                            .dense = trainer->options.optimizer == SGS_OPTIMIZER_DENSE,
                            .lr_mean = (float)lr_mean,
                            .lr_rotation = rate * 1e-3f,
@@ -147,7 +148,44 @@ static void begin_step(sgs_trainer *trainer, int iteration, sgsi_optimize *input
     input->rest_correction2 = (float)(1.0 / sqrt(bias(0.999, progress->rest_step)));
 }
 
-size_t sgsi_trainer_optimize(sgs_trainer *trainer, const sgsi_train_view *view)
+// What the ranks tell each other after a step.
+typedef struct step_counts {
+    uint64_t seen;
+    sgsi_rejected rejected; // `first` is a row of the whole model
+} step_counts;
+
+// Adds the counts of all ranks.
+static sgs_status share_counts(sgs_trainer *trainer, step_counts *counts)
+{
+    sgs_ranks *ranks = trainer->views.ranks;
+    if (!sgsi_trainer_is_shared(trainer))
+        return SGS_STATUS_OK;
+    const uint64_t first = counts->rejected.first;
+    if (first != UINT64_MAX)
+        counts->rejected.first =
+            sgsi_shard_row(first, sgsi_trainer_rank(trainer), sgsi_trainer_ranks(trainer));
+    step_counts *sent = sgsi_ranks_room(ranks, sgsi_ranks_padded(sizeof *counts));
+    const sgs_status own =
+        sent ? SGS_STATUS_OK : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a step");
+    if (sent)
+        *sent = *counts;
+    const unsigned char *got;
+    const size_t *sizes;
+    const sgs_status status =
+        sgsi_ranks_share(ranks, own, SGS_RANKS_SUMS, sizeof *counts, &got, &sizes);
+    *counts = (step_counts){.rejected.first = UINT64_MAX};
+    for (int r = 0; r < sgs_ranks_count(ranks) && !status; got += sizes[r++]) {
+        const step_counts *one = (const step_counts *)got;
+        const uint64_t rows = counts->rejected.rows + one->rejected.rows;
+        counts->seen += one->seen;
+        if (one->rejected.first < counts->rejected.first)
+            counts->rejected = one->rejected;
+        counts->rejected.rows = rows;
+    }
+    return status;
+}
+
+sgs_status sgsi_trainer_optimize(sgs_trainer *trainer, const sgsi_train_view *view, size_t *visible)
 {
     const double start = sgsi_seconds();
     const bool collects = view->visible_count != NULL;
@@ -162,12 +200,16 @@ size_t sgsi_trainer_optimize(sgs_trainer *trainer, const sgsi_train_view *view)
     sgsi_parallel_ranges((sgsi_trainer_own(trainer) + SGS_LANES - 1) / SGS_LANES, 64,
                          optimize_range, &job);
     sgsi_trainer_clamp_to_region(trainer);
-    const size_t broken = atomic_load(&job.broken);
-    if (broken)
-        sgsi_skip_gradients(&progress->skipped, view->iteration, view->source->name, broken,
-                            &job.input);
+    step_counts counts = {atomic_load(&job.seen), {atomic_load(&job.broken), UINT64_MAX, {0}}};
+    if (counts.rejected.rows && sgsi_skip_is_due(&progress->skipped))
+        sgsi_find_rejected(&job.input, &counts.rejected);
+    const sgs_status status = share_counts(trainer, &counts);
+    if (!status && counts.rejected.rows)
+        sgsi_skip_gradients(&progress->skipped, view->iteration, view->source->name,
+                            &counts.rejected);
     progress->seconds.optimizer += sgsi_seconds() - start;
-    return atomic_load(&job.seen);
+    *visible = (size_t)counts.seen;
+    return status;
 }
 
 void sgsi_trainer_add_noise(sgs_trainer *trainer, int iteration, int views)
@@ -176,7 +218,8 @@ void sgsi_trainer_add_noise(sgs_trainer *trainer, int iteration, int views)
     if (noise > 0.0) {
         sgs_gaussians own = *trainer->model;
         own.count = sgsi_trainer_own(trainer);
-        sgsi_position_noise_add(&own, noise * mean_rate(trainer, iteration), trainer->options.seed,
+        sgsi_position_noise_add(&own, sgsi_trainer_rank(trainer), sgsi_trainer_ranks(trainer),
+                                noise * mean_rate(trainer, iteration), trainer->options.seed,
                                 iteration);
         sgsi_trainer_clamp_to_region(trainer);
     }

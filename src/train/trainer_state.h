@@ -43,9 +43,10 @@ struct sgs_trainer {
     const sgsi_pipeline *pipeline;
     sgsi_sampling sampling;
     sgsi_schedule schedule;
-    sgs_gaussians *model;
-    size_t fixed;            // the last rows, outside of options.region: drawn, never changed
-    float *m, *v;            // Adam's moments, model layout
+    sgs_gaussians *model; // with several ranks, and all arrays of its length: the own rows
+    size_t count;         // rows of all ranks
+    size_t fixed;         // of these the last ones, outside of options.region: drawn, never changed
+    float *m, *v;         // Adam's moments, model layout
     float *accumulated_grad; // before a step, model layout; NULL if every iteration steps
     uint16_t *accumulated_rows;
     float *filter_3d; // of Mip-Splatting, [capacity], padding 0; NULL with other pixel filters
@@ -65,25 +66,57 @@ struct sgs_trainer {
     float *cloud_points;   // initial cloud
     unsigned char *cloud_colors;
     size_t cloud_count;
+    // Of sgs_trainer_collect, on rank 0, until the next step.
+    sgs_gaussians *collected;
+    float *collected_filter;
     float *held_params; // see sgsi_trainer_hold
     int held_iteration;
     char stop_text[160];
 };
 
-// Number of rows that training may change: the first ones.
+// True if several ranks share the rows (base/row_groups.h).
+static inline bool sgsi_trainer_is_shared(const sgs_trainer *trainer)
+{
+    return trainer->views.view_ranks != NULL;
+}
+
+static inline int sgsi_trainer_rank(const sgs_trainer *trainer)
+{
+    return sgsi_trainer_is_shared(trainer) ? sgs_ranks_rank(trainer->views.ranks) : 0;
+}
+
+static inline int sgsi_trainer_ranks(const sgs_trainer *trainer)
+{
+    return sgsi_trainer_is_shared(trainer) ? sgs_ranks_count(trainer->views.ranks) : 1;
+}
+
+// Number of rows that training may change: the first ones. _own: those of this rank.
+static inline size_t sgsi_trainer_trained(const sgs_trainer *trainer)
+{
+    return trainer->count - trainer->fixed;
+}
+
 static inline size_t sgsi_trainer_own(const sgs_trainer *trainer)
 {
-    return trainer->model->count - trainer->fixed;
+    return sgsi_shard_count(sgsi_trainer_trained(trainer), sgsi_trainer_rank(trainer),
+                            sgsi_trainer_ranks(trainer));
 }
 
 // ---- trainer_model.c: the model and the arrays of its length ----
 
-// The initial model (options.init, the scene's cloud or a random one), its moments and statistics.
+// The initial model (options.init, the scene's cloud or a random one).
 sgs_status sgsi_trainer_create_model(sgs_trainer *trainer);
+// Moments, statistics and accumulated gradients of a new model. Nothing uses them before the first
+// step, when ranks have divided the model.
+sgs_status sgsi_trainer_reserve_state(sgs_trainer *trainer);
 // Moves centres that left options.region back to it.
 void sgsi_trainer_clamp_to_region(sgs_trainer *trainer);
-// Allocates and computes the 3D filter of the current model, if the pixel filter uses it.
+// Allocates and computes the 3D filter of the current model, if the pixel filter uses it. The
+// second is collective.
+sgs_status sgsi_trainer_reserve_filter_3d(sgs_trainer *trainer);
 sgs_status sgsi_trainer_update_filter_3d(sgs_trainer *trainer);
+// True if steps have several views, whose gradients are accumulated.
+bool sgsi_trainer_accumulates(const sgs_trainer *trainer);
 // Allocates zeroed accumulated gradients for the current model, if steps have several views. An
 // open batch is dropped.
 sgs_status sgsi_trainer_reserve_accumulated_grad(sgs_trainer *trainer);
@@ -99,12 +132,22 @@ float sgsi_trainer_lr_opacity(const sgs_trainer *trainer, int iteration);
 bool sgsi_trainer_makes_step(const sgs_trainer *trainer, int iteration);
 // True if a batch of views ends with this iteration, which has a gradient.
 bool sgsi_trainer_ends_batch(const sgs_trainer *trainer, int iteration);
-// Chain rule, statistics and Adam for the gradient sums of a view. Returns the number of primitives
-// with a gradient.
-size_t sgsi_trainer_optimize(sgs_trainer *trainer, const sgsi_train_view *view);
+// Chain rule, statistics and Adam for the gradient sums of a view. *visible: the number of
+// primitives with a gradient. Collective.
+sgs_status sgsi_trainer_optimize(sgs_trainer *trainer, const sgsi_train_view *view,
+                                 size_t *visible);
 // After the step of a batch of `views`, or, with 1, after the structural update of an iteration
 // that has one: the noise of a pipeline that samples. 0: none.
 void sgsi_trainer_add_noise(sgs_trainer *trainer, int iteration, int views);
+
+// ---- trainer_shards.c: rows that ranks share. Collective ----
+
+// Keeps the rows of this rank of the model that all ranks have created.
+sgs_status sgsi_trainer_share(sgs_trainer *trainer);
+// How a structural update reaches the rows of other ranks.
+sgsi_row_peers sgsi_trainer_peers(sgs_trainer *trainer);
+// Forgets the copy of sgs_trainer_collect.
+void sgsi_trainer_release(sgs_trainer *trainer);
 
 // ---- trainer_structure.c ----
 

@@ -38,7 +38,7 @@ sgs_stop_reason sgsi_trainer_decide_stop(sgs_trainer *trainer, size_t view, doub
         const int interval = trainer->schedule.check_interval;
         if (iteration % interval == 0 &&
             spare_equilibrium_check(&progress->equilibrium, trainer->view_fits, views, interval,
-                                    sgsi_trainer_own(trainer), &tolerance)) {
+                                    sgsi_trainer_trained(trainer), &tolerance)) {
             describe_equilibrium(trainer);
             return SGS_STOP_EQUILIBRIUM;
         }

@@ -53,7 +53,7 @@ static bool all_ranks(sgs_ranks *ranks, bool own)
 static bool memory_admits(const void *context, size_t count)
 {
     const sgs_trainer *trainer = context;
-    const size_t before = trainer->model->count, limit = trainer->memory_limit;
+    const size_t before = trainer->count, limit = trainer->memory_limit;
     const size_t copy = count * SGS_PARAM_COUNT * sizeof(float);
     const size_t estimate = sgs_train_memory(trainer->scene, &trainer->options,
                                              trainer->image_cache, count),
@@ -150,11 +150,14 @@ sgs_status sgsi_trainer_update_structure(sgs_trainer *trainer, int iteration,
     const spare_options spare = spare_settings(
         &trainer->options, SGSI_GRADIENT_THRESHOLD * trainer->schedule.threshold_factor);
     const sgsi_density_options options = density_options(trainer, iteration, scores, &spare);
+    const sgsi_row_peers peers = sgsi_trainer_peers(trainer);
     const sgsi_density_rows rows = {.model = trainer->model,
                                     .m = &trainer->m,
                                     .v = &trainer->v,
                                     .statistics = &trainer->statistics,
-                                    .fixed = trainer->fixed};
+                                    .fixed = trainer->fixed,
+                                    .peers = sgsi_trainer_is_shared(trainer) ? &peers : NULL,
+                                    .count = &trainer->count};
     const sgsi_pipeline_state state = progress->pipeline;
     sgsi_density_result result;
     sgs_status status = sgsi_density_update(&rows, trainer->pipeline, &options, &result);
@@ -180,7 +183,7 @@ sgs_status sgsi_trainer_update_structure(sgs_trainer *trainer, int iteration,
     progress->updates += !options.final_prune;
     progress->seconds.spare += result.spare_seconds;
     progress->seconds.density += sgsi_seconds() - start - result.spare_seconds;
-    fill_info(&result, iteration, trainer->model->count, info);
+    fill_info(&result, iteration, trainer->count, info);
     return SGS_STATUS_OK;
 }
 

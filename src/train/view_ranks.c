@@ -1,8 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Messages of one view. Their sizes follow from the cut, which all ranks know, except that of the
-// gradient records.
+// Messages of one view. Their sizes follow from the cut, which all ranks know.
 
 #include "train/view_ranks.h"
 
@@ -12,6 +11,7 @@
 #include "base/core.h"
 #include "cluster/cut.h"
 #include "cluster/rank_calls.h"
+#include "train/view_shards.h"
 
 enum { PLANES = 4, TILE_FLOATS = PLANES * SGSI_TILE * SGSI_TILE };
 
@@ -54,12 +54,15 @@ static sgs_status create_arrays(sgsi_train_views *views, struct sgsi_view_ranks 
 sgs_status sgsi_view_ranks_create(sgsi_train_views *views, sgs_ranks *ranks)
 {
     views->ranks = ranks;
-    if (!ranks)
+    if (sgs_ranks_count(ranks) < 2)
         return SGS_STATUS_OK;
     views->view_ranks = sgsi_calloc(1, sizeof *views->view_ranks);
     if (!views->view_ranks)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the cuts of the views");
-    const sgs_status status = create_arrays(views, views->view_ranks);
+    sgs_status status = create_arrays(views, views->view_ranks);
+    views->rows = NULL;
+    if (!status)
+        status = sgsi_view_shards_create(views);
     if (!status)
         sgsi_tracer_watch_tiles(views->tracer, views->view_ranks->tile_costs);
     return status;
@@ -102,8 +105,12 @@ sgsi_tracer_piece sgsi_view_ranks_piece(const sgsi_train_views *views)
 {
     const int rank = sgs_ranks_rank(views->ranks);
     return (sgsi_tracer_piece){.first = views->view_ranks->cut[rank],
-                               .last = views->view_ranks->cut[rank + 1],
-                               .threads = views->ranks->most_threads};
+                               .last = views->view_ranks->cut[rank + 1]};
+}
+
+const size_t *sgsi_view_ranks_begin(const sgsi_train_views *views)
+{
+    return views->view_ranks->cut;
 }
 
 // ---- Image ----
@@ -268,23 +275,4 @@ sgs_status sgsi_view_ranks_sums(sgsi_train_views *views, const sgsi_train_view *
     for (int k = 0; k < count; got += sizes[k++])
         copy_sums(&copy, k, (unsigned char *)got);
     return SGS_STATUS_OK;
-}
-
-// ---- Gradients ----
-
-sgs_status sgsi_view_ranks_records(sgsi_train_views *views, const sgsi_train_view *view)
-{
-    sgs_ranks *ranks = views->ranks;
-    const size_t bytes = sgsi_tracer_records_bytes(views->tracer);
-    void *message = sgsi_ranks_room(ranks, sgsi_ranks_padded(bytes));
-    const sgs_status own = message ? SGS_STATUS_OK
-                                   : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
-                                               "no memory to send %zu bytes of gradients", bytes);
-    if (message)
-        sgsi_tracer_records_pack(views->tracer, message);
-    const unsigned char *got;
-    const size_t *sizes;
-    const sgs_status status = sgsi_ranks_share(
-        ranks, own, view->whole_image ? SGS_RANKS_SCORES : SGS_RANKS_RECORDS, bytes, &got, &sizes);
-    return status ? status : sgsi_tracer_fold(views->tracer, got, sizes, sgs_ranks_count(ranks));
 }

@@ -2,28 +2,27 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// One view on several ranks (cluster/rank_calls.h). Every rank traces and differentiates its own
-// cells of the image; pixels around the cells of others, sums per cell and gradient records are
-// exchanged between the stages of train_view.h. All ranks then hold the same sums, bit for bit
-// those of one process.
+// The image of one view on several ranks (cluster/rank_calls.h). Every rank traces and
+// differentiates its own cells; pixels around the cells of others and sums per cell are exchanged
+// between the stages of train_view.h. Primitives and gradients: view_shards.h.
 
 #include "train/train_view.h"
 
-// Memory for the cuts of all views; call after the views are created. Fails with OUT_OF_MEMORY.
+// Memory for the cuts of all views; call after the views are created. Without several ranks it does
+// nothing else than setting views->ranks. Fails with OUT_OF_MEMORY or INTERNAL (Embree).
 sgs_status sgsi_view_ranks_create(sgsi_train_views *views, sgs_ranks *ranks);
 void sgsi_view_ranks_free(sgsi_train_views *views);
 
-// The functions below are collective, except the first two.
+// The functions below are collective, except the first three.
 
 // Divides the cells of the view by the costs of its last visit.
 void sgsi_view_ranks_cut(sgsi_train_views *views, const sgsi_train_view *view);
 // The cells of this rank in the present view.
 sgsi_tracer_piece sgsi_view_ranks_piece(const sgsi_train_views *views);
+const size_t *sgsi_view_ranks_begin(const sgsi_train_views *views); // [ranks + 1]: cells
 // After the forward pass: pixels within a tile of the cells of this rank; with view->whole_image
 // all.
 sgs_status sgsi_view_ranks_image(sgsi_train_views *views, const sgsi_train_view *view);
 // After loss and exposure (NULL without): their sums per cell, depth bounds and costs of all cells.
 sgs_status sgsi_view_ranks_sums(sgsi_train_views *views, const sgsi_train_view *view,
                                 sgsi_loss_sums *loss, double (*exposure)[SGSI_EXPOSURE]);
-// After the backward pass: the gradient sums of all cells.
-sgs_status sgsi_view_ranks_records(sgsi_train_views *views, const sgsi_train_view *view);

@@ -9,48 +9,67 @@
 #include "model/opacity.h"
 #include "base/core.h"
 #include "base/threads.h"
+#include "cluster/row_streams.h"
 #include "image/mask.h"
 #include "sparegs/image.h"
 
 void sgsi_view_scores_free(sgsi_view_scores *scores)
 {
     sgsi_statistics_free(&scores->view);
+    const sgsi_score_columns *columns = &scores->columns;
     void *const arrays[] = {
         scores->importance, scores->prune_score, scores->gradient, scores->opacity, scores->volume,
-        scores->depth,      scores->centers,     scores->error,    scores->weight,  scores->bytes};
+        scores->depth,      scores->centers,     scores->error,    scores->weight,  scores->bytes,
+        columns->gradient,  columns->opacity,    columns->volume,  columns->depth,  columns->radius,
+        columns->sums,      columns->touched};
     for (size_t i = 0; i < sizeof arrays / sizeof *arrays; ++i)
         sgsi_free(arrays[i]);
     *scores = (sgsi_view_scores){0};
 }
 
-static bool grow_columns(sgsi_view_scores *scores, size_t capacity)
+static bool grow_columns(sgsi_view_scores *scores, size_t capacity, size_t whole, bool shared)
 {
-    float **const columns[] = {&scores->importance, &scores->prune_score, &scores->gradient,
-                               &scores->opacity,    &scores->volume,      &scores->depth};
+    sgsi_score_columns *all = &scores->columns;
+    float **const own[] = {&scores->gradient, &scores->opacity, &scores->volume, &scores->depth};
+    float **const wide[] = {&all->gradient, &all->opacity, &all->volume, &all->depth, &all->radius};
     bool complete = true;
-    for (size_t i = 0; i < sizeof columns / sizeof *columns; ++i)
-        complete = (*columns[i] = sgsi_alloc(capacity, sizeof(float))) && complete;
+    for (size_t i = 0; i < sizeof own / sizeof *own; ++i)
+        complete = (*own[i] = sgsi_alloc(capacity, sizeof(float))) && complete;
+    for (size_t i = 0; i < sizeof wide / sizeof *wide && shared; ++i)
+        complete = (*wide[i] = sgsi_alloc(whole, sizeof(float))) && complete;
+    if (shared) {
+        all->sums = sgsi_alloc(whole, SGSI_PROJECTED_FLOATS * sizeof(float));
+        all->touched = sgsi_alloc(whole / SGS_LANES + 1, 1);
+        complete = complete && all->sums && all->touched;
+    }
+    scores->importance = sgsi_alloc(whole, sizeof(float));
+    scores->prune_score = sgsi_alloc(whole, sizeof(float));
     scores->centers = sgsi_alloc(capacity, 2 * sizeof(float));
     scores->capacity = capacity;
-    return complete && scores->centers && !sgsi_statistics_reserve(&scores->view, capacity);
+    scores->whole_capacity = whole;
+    return complete && scores->centers && scores->importance && scores->prune_score &&
+           !sgsi_statistics_reserve(&scores->view, capacity);
 }
 
-// Allocates for `capacity` primitives and planes of plane_floats; zeroes the scores.
-static sgs_status reserve(sgsi_view_scores *scores, size_t capacity, size_t plane_floats)
+// Allocates for `capacity` primitives, `whole` of all ranks, and planes of plane_floats; zeroes the
+// scores.
+static sgs_status reserve(sgsi_view_scores *scores, size_t capacity, size_t whole,
+                          size_t plane_floats, bool shared)
 {
-    if (capacity > scores->capacity || plane_floats > scores->plane_floats) {
+    if (capacity > scores->capacity || whole > scores->whole_capacity ||
+        plane_floats > scores->plane_floats) {
         sgsi_view_scores_free(scores);
         scores->error = sgsi_calloc(plane_floats, sizeof *scores->error);
         scores->weight = sgsi_calloc(plane_floats, sizeof *scores->weight);
         scores->plane_floats = plane_floats;
-        if (!grow_columns(scores, capacity) || !scores->error || !scores->weight) {
+        if (!grow_columns(scores, capacity, whole, shared) || !scores->error || !scores->weight) {
             sgsi_view_scores_free(scores);
             return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the scores of %zu primitives",
-                             capacity);
+                             whole);
         }
     }
-    memset(scores->importance, 0, capacity * sizeof(float));
-    memset(scores->prune_score, 0, capacity * sizeof(float));
+    memset(scores->importance, 0, whole * sizeof(float));
+    memset(scores->prune_score, 0, whole * sizeof(float));
     return SGS_STATUS_OK;
 }
 
@@ -173,6 +192,41 @@ static sgs_status weigh_pixels(const sgsi_train_views *views, const sgsi_pipelin
     return status;
 }
 
+// The scored view of the rows of all ranks, whose columns medians and quantiles need.
+static sgs_status gather_view(sgsi_train_views *views, const sgsi_score_input *input,
+                              sgsi_view_scores *scores, sgsi_scored_view *scored)
+{
+    const sgsi_score_columns *all = &scores->columns;
+    const size_t n = input->whole_count, blocks = (n + SGS_LANES - 1) / SGS_LANES;
+    const struct {
+        const void *own;
+        void *whole;
+        size_t size, rows, group;
+    } columns[] = {{scored->gradient, all->gradient, 4, n, SGSI_SHARD_ROWS},
+                   {scored->opacity, all->opacity, 4, n, SGSI_SHARD_ROWS},
+                   {scored->volume, all->volume, 4, n, SGSI_SHARD_ROWS},
+                   {scored->depth, all->depth, 4, n, SGSI_SHARD_ROWS},
+                   {scored->radius, all->radius, 4, n, SGSI_SHARD_ROWS},
+                   {scored->sums, all->sums, 64, n, SGSI_SHARD_ROWS},
+                   {scored->touched, all->touched, 1, blocks, SGSI_SHARD_ROWS / SGS_LANES}};
+    sgs_status status = SGS_STATUS_OK;
+    for (size_t k = 0; k < sizeof columns / sizeof *columns && !status; ++k) {
+        const sgsi_row_array array = {(void *)columns[k].own, columns[k].group * columns[k].size,
+                                      columns[k].rows * columns[k].size};
+        status = sgsi_rows_gather(views->ranks, status, SGS_RANKS_SCORES, &array, columns[k].whole);
+    }
+    *scored = (sgsi_scored_view){.count = n,
+                                 .loss = scored->loss,
+                                 .sums = all->sums,
+                                 .touched = all->touched,
+                                 .depth = all->depth,
+                                 .radius = all->radius,
+                                 .gradient = all->gradient,
+                                 .opacity = all->opacity,
+                                 .volume = all->volume};
+    return status;
+}
+
 static sgs_status score_view(sgsi_train_views *views, const sgsi_score_input *input, size_t index,
                              sgsi_view_scores *scores)
 {
@@ -199,20 +253,24 @@ static sgs_status score_view(sgsi_train_views *views, const sgsi_score_input *in
         return status;
     column_job job = {input, scores, &view};
     sgsi_parallel_ranges(n, 4096, fill_view, &job);
+    if (input->model->count > n) // rows outside of a region have no scores
+        memset(scores->centers + 2 * n, 0, 2 * (input->model->count - n) * sizeof(float));
     status = weigh_pixels(views, input->pipeline, &view, scores);
     if (status)
         return status;
     const sgsi_score_planes planes = {.weight = scores->weight, .centers = scores->centers};
     status = sgsi_train_view_score(views, &view, &planes);
-    const sgsi_scored_view scored = {.count = n,
-                                     .loss = view.loss.loss,
-                                     .sums = sgsi_tracer_grad_sums(views->tracer),
-                                     .touched = sgsi_tracer_touched(views->tracer),
-                                     .depth = scores->depth,
-                                     .radius = scores->view.radius_max,
-                                     .gradient = scores->gradient,
-                                     .opacity = scores->opacity,
-                                     .volume = scores->volume};
+    sgsi_scored_view scored = {.count = n,
+                               .loss = view.loss.loss,
+                               .sums = sgsi_tracer_grad_sums(views->rows),
+                               .touched = sgsi_tracer_touched(views->rows),
+                               .depth = scores->depth,
+                               .radius = scores->view.radius_max,
+                               .gradient = scores->gradient,
+                               .opacity = scores->opacity,
+                               .volume = scores->volume};
+    if (!status && views->view_ranks)
+        status = gather_view(views, input, scores, &scored);
     if (!status)
         input->pipeline->score_view(&scored, scores->importance, scores->prune_score);
     return status;
@@ -227,7 +285,10 @@ sgs_status sgsi_view_scores_compute(sgsi_train_views *views, const sgsi_score_in
     const size_t n = views->count;
     size_t wanted = (size_t)pipeline->score_views < n ? (size_t)pipeline->score_views : n;
     wanted = wanted < MOST ? wanted : MOST;
-    sgs_status status = reserve(scores, input->model->capacity, views->plane_floats);
+    const bool shared = views->view_ranks != NULL;
+    sgs_status status = reserve(scores, input->model->capacity,
+                                shared ? input->whole_count + 1 : input->model->capacity,
+                                views->plane_floats, shared);
     if (status)
         return status;
     column_job job = {input, scores, NULL};
@@ -245,6 +306,7 @@ sgs_status sgsi_view_scores_compute(sgsi_train_views *views, const sgsi_score_in
         status = score_view(views, input, drawn[k], scores);
     }
     if (!status && pipeline->finish_scores)
-        pipeline->finish_scores(input->count, (int)wanted, scores->importance, scores->prune_score);
+        pipeline->finish_scores(input->whole_count, (int)wanted, scores->importance,
+                                scores->prune_score);
     return status;
 }

@@ -10,13 +10,21 @@
 #include "density/pipeline.h"
 #include "train/train_view.h"
 
+// Columns of the rows of all ranks; with one process, pointers to its own.
+typedef struct sgsi_score_columns {
+    float *gradient, *opacity, *volume, *depth, *radius, *sums;
+    uint8_t *touched;
+    size_t capacity;
+} sgsi_score_columns;
+
 // Scores and the memory to compute them; arrays of `capacity` primitives.
 typedef struct sgsi_view_scores {
-    size_t capacity;
-    float *importance, *prune_score; // the result
+    size_t capacity, whole_capacity;
+    float *importance, *prune_score; // [whole_capacity]: the result
     float *gradient, *opacity, *volume, *depth, *centers;
-    sgsi_statistics view;  // of the view being scored
-    float *error, *weight; // [height][stride] of the view being scored
+    sgsi_statistics view;       // of the view being scored
+    sgsi_score_columns columns; // with several ranks
+    float *error, *weight;      // [height][stride] of the view being scored
     size_t plane_floats;
     uint8_t *bytes; // its photograph in 8 bits, if it is not 8-bit
     size_t byte_capacity;
@@ -26,7 +34,8 @@ typedef struct sgsi_view_scores {
 typedef struct sgsi_score_input {
     const sgsi_pipeline *pipeline;
     const sgs_gaussians *model;
-    size_t count;           // rows to score: the first ones
+    size_t count;           // rows of this rank to score: the first ones
+    size_t whole_count;     // rows of all ranks to score
     const float *filter_3d; // as in sgs_render_options
     int sh_degree;
     int iteration;                     // selects the views

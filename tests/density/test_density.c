@@ -75,7 +75,8 @@ static void drop(fixture *f)
 
 static void update(fixture *f)
 {
-    const sgsi_density_rows rows = {f->model, &f->m, &f->v, &f->statistics, 0};
+    const sgsi_density_rows rows = {
+        .model = f->model, .m = &f->m, .v = &f->v, .statistics = &f->statistics};
     sgsi_free(f->result.region_list);
     f->options.spare = &f->spare;
     assert_int_equal(sgsi_density_update(&rows, &sgsi_pipeline_3dgs, &f->options, &f->result),

@@ -211,7 +211,7 @@ static void noise_has_the_mean_and_covariance_of_the_paper(void **state)
     (void)state;
     double sigma[9], expected[9] = {0}, mean[3] = {0}, covariance[9] = {0}, next[9] = {0};
     sgs_gaussians *model = equal_rows(faint, sigma);
-    sgsi_position_noise_add(model, noise_scale, 5, 17);
+    sgsi_position_noise_add(model, 0, 1, noise_scale, 5, 17);
     const double c = noise_scale * sgsi_position_noise_gate(faint);
     for (int i = 0; i < 9; ++i)
         for (int k = 0; k < 3; ++k)
@@ -243,9 +243,9 @@ static void noise_is_gated_by_the_opacity(void **state)
     double sigma[9];
     sgs_gaussians *clear = equal_rows(0.1, sigma), *solid = equal_rows(0.151, sigma),
                   *thin = equal_rows(0.005, sigma);
-    sgsi_position_noise_add(clear, 1, 5, 17);
-    sgsi_position_noise_add(solid, 1, 5, 17);
-    sgsi_position_noise_add(thin, 1, 5, 17);
+    sgsi_position_noise_add(clear, 0, 1, 1, 5, 17);
+    sgsi_position_noise_add(solid, 0, 1, 1, 5, 17);
+    sgsi_position_noise_add(thin, 0, 1, 1, 5, 17);
     for (size_t i = 0; i < NOISY; i += 97)
         for (int k = 0; k < 3; ++k) {
             assert_true(moved(solid, i, k) == 0);
@@ -266,9 +266,9 @@ static void noise_is_a_function_of_its_counters(void **state)
     for (int k = 0; k < 6; ++k) {
         sgs_gaussians *model = equal_rows(faint, sigma);
         sgs_threads_set(k < 3 ? k + 1 : 2);
-        sgsi_position_noise_add(model, 1, k == 3 ? 6 : 5, k == 4 ? 18 : 17);
+        sgsi_position_noise_add(model, 0, 1, 1, k == 3 ? 6 : 5, k == 4 ? 18 : 17);
         if (k == 5)
-            sgsi_position_noise_add(model, 1, 5, 17);
+            sgsi_position_noise_add(model, 0, 1, 1, 5, 17);
         sgs_gaussians_hash(model, k ? hash : first);
         if (k)
             assert_int_equal(strcmp(hash, first) == 0, k < 3);

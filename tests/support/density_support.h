@@ -87,7 +87,8 @@ static inline void drop(fixture *f)
 static inline size_t update(fixture *f)
 {
     sgsi_free(f->result.region_list);
-    const sgsi_density_rows rows = {f->model, &f->m, &f->v, &f->statistics, 0};
+    const sgsi_density_rows rows = {
+        .model = f->model, .m = &f->m, .v = &f->v, .statistics = &f->statistics};
     assert_int_equal(sgsi_density_update(&rows, f->pipeline, &f->options, &f->result),
                      SGS_STATUS_OK);
     return f->model->count;

@@ -149,9 +149,9 @@ static void *run_rank(void *context)
         (t->first && sgs_trainer_load_checkpoint(trainer, folder)))
         abort();
     if (steps(t, trainer)) {
-        sgs_gaussians_hash(sgs_trainer_model(trainer), t->out.hash);
-        t->out.gaussians = sgs_trainer_model(trainer)->count;
-        if (t->saves && !sgs_ranks_rank(t->ranks))
+        t->out.status = sgs_trainer_hash(trainer, t->out.hash);
+        t->out.gaussians = sgs_trainer_count(trainer);
+        if (t->saves)
             t->out.status = sgs_trainer_save_checkpoint(trainer, folder);
     }
     sgs_trainer_destroy(trainer);

@@ -572,6 +572,7 @@ static void radii_follow_the_size_of_the_images(void **state)
     options.pipeline = SGS_PIPELINE_DASH;
     sgs_trainer *trainer = trainer_create(scene, &options);
     size_t compared = 0;
+    assert_int_equal(sgsi_trainer_reserve_state(trainer), SGS_STATUS_OK);
     for (int k = 0; k < 300; ++k) {
         const sgsi_statistics *s = &trainer->statistics;
         const size_t count = trainer->model->count;

@@ -17,11 +17,6 @@
 static sgs_ranks *ranks;
 static bool told; // the failure of a call is printed
 
-static bool leads(void)
-{
-    return !ranks || !sgs_ranks_rank(ranks);
-}
-
 // What this process prints goes nowhere.
 static void silence(void)
 {
@@ -68,7 +63,7 @@ int group_open(const char *command, bool supported)
     if (sgs_ranks_open(NULL, &ranks))
         return fail_library();
     forget_launcher();
-    if (leads())
+    if (group_leads())
         check_binding();
     return -1;
 }
@@ -92,7 +87,7 @@ sgs_ranks *group_ranks(void)
 
 bool group_leads(void)
 {
-    return leads();
+    return !ranks || !sgs_ranks_rank(ranks);
 }
 
 int group_count(void)
@@ -107,7 +102,7 @@ bool group_all(bool own)
     const char *text = last_error_text();
     const sgs_status status =
         sgs_ranks_agree_text(ranks, own ? SGS_STATUS_OK : SGS_STATUS_IO, text);
-    if (status && own && leads() && !told) {
+    if (status && own && group_leads() && !told) {
         told = true;
         fail_library();
     }
@@ -124,16 +119,48 @@ bool group_requested(unsigned request, bool own)
     return sgs_ranks_raised(ranks) & request;
 }
 
+bool group_taken(unsigned request, bool own)
+{
+    const bool raised = group_requested(request, own);
+    if (raised)
+        sgs_ranks_lower(ranks, request);
+    return raised;
+}
+
+int group_number(int value)
+{
+    int *all = ranks ? malloc((size_t)group_count() * sizeof *all) : NULL;
+    if (ranks && !all)
+        fail_run("no memory for the ranks");
+    if (ranks && group_all(all != NULL) &&
+        !sgs_ranks_gather(ranks, SGS_STATUS_OK, &value, sizeof value, all))
+        value = all[0];
+    free(all);
+    return value;
+}
+
+bool group_recover(bool own)
+{
+    sgs_ranks_recover(ranks);
+    unsigned char mine = own, *all = ranks ? malloc((size_t)group_count()) : NULL;
+    const sgs_status memory = all ? SGS_STATUS_OK : SGS_STATUS_OUT_OF_MEMORY;
+    bool everywhere = !ranks ? own : !sgs_ranks_gather(ranks, memory, &mine, 1, all);
+    for (int r = 0; r < group_count() && ranks && everywhere; ++r)
+        everywhere = all[r];
+    free(all);
+    return everywhere;
+}
+
 json_t *group_json(json_t *value)
 {
     if (!ranks)
         return value;
-    void *text = leads() && value ? json_dumps(value, JSON_REAL_PRECISION(17)) : NULL;
+    void *text = group_leads() && value ? json_dumps(value, JSON_REAL_PRECISION(17)) : NULL;
     size_t size = text ? strlen(text) : 0;
     const bool shared = !sgs_ranks_broadcast(ranks, SGS_STATUS_OK, &text, &size);
-    if (!leads())
+    if (!group_leads())
         value = shared && size ? json_loadb(text, size, 0, NULL) : NULL;
-    if (leads() || shared)
+    if (group_leads() || shared)
         free(text);
     return value;
 }

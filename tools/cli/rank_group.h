@@ -12,7 +12,13 @@
 #include "sparegs/ranks.h"
 
 // Requests that must reach all ranks in the same iteration.
-enum { GROUP_SIGNAL = 1, GROUP_TIME = 2, GROUP_MEMORY = 4 };
+enum {
+    GROUP_SIGNAL = 1,
+    GROUP_TIME = 2,
+    GROUP_MEMORY = 4,
+    GROUP_CHECKPOINT = 8,
+    GROUP_VIEW = 16 // the viewer needs the model
+};
 
 // Joins the ranks, if there is a launcher, and silences all but rank 0. `command` is for messages;
 // supported: whether it works on several ranks. Returns -1 to continue, or an exit status.
@@ -32,6 +38,16 @@ bool group_all(bool own);
 // True if the request was raised on any rank; the same on all ranks in the same iteration. `own`
 // raises it.
 bool group_requested(unsigned request, bool own);
+
+// The same for a request that may be made again: it is withdrawn.
+bool group_taken(unsigned request, bool own);
+
+// After a failure that all ranks have received: they may communicate again. True if all pass true.
+// Collective.
+bool group_recover(bool own);
+
+// The value of rank 0 on all ranks. Collective.
+int group_number(int value);
 
 // The value of rank 0 on all ranks; NULL if that is NULL, or on failure. Takes over the reference
 // of `value`. Collective.

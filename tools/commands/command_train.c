@@ -23,7 +23,6 @@
 #include "run/region_file.h"
 #include "run/run_folder.h"
 #include "run/run_record.h"
-#include "run/shared_checkpoint.h"
 #include "report/scaling_report.h"
 #include "sparegs/metrics.h"
 #include "sparegs/runtime.h"
@@ -171,29 +170,26 @@ static bool create_trainer(training *run)
     return ready;
 }
 
-// Loads the checkpoint for --resume. Returns 1 if loaded, 0 to start at iteration 0, -1 on failure.
-static int resume(training *run, const char *config_path, json_t *config)
+// Finds the checkpoint for --resume, and loads it if there is one process. Returns 1 if found, 0 to
+// start at iteration 0, -1 on failure.
+static int find_checkpoint(training *run, const char *config_path, json_t *config)
 {
+    if (!run->values.resume)
+        return 0;
     if (!run_record_split_agrees(config_path, run->stored, run->scene) ||
         !train_config_agrees(config_path, run->stored, config, &run->values.options) ||
         !run_record_init_agrees(config_path, run->stored, config))
         return -1;
-    char *path;
-    const int loaded = run_folder_load_checkpoint(&run->folder, run->trainer, &path);
-    run->checkpoint = path;
-    if (loaded > 0) {
-        train_config_record(run->stored, config, sgs_trainer_iteration(run->trainer));
-        print_note("%s: resuming at iteration %d", run->values.output,
-                   sgs_trainer_iteration(run->trainer));
-    } else if (!loaded && run_folder_has_results(&run->folder)) {
+    const int found = run_folder_load_checkpoint(&run->folder, run->trainer, &run->checkpoint);
+    if (!found && run_folder_has_results(&run->folder)) {
         fail_run("%s: no checkpoint to resume from: checkpoint/state.bin does not exist; start "
                  "again with --overwrite",
                  run->values.output);
         return -1;
-    } else if (!loaded) {
-        print_note("%s: no checkpoint yet; starting at iteration 0", run->values.output);
     }
-    return loaded;
+    if (!found)
+        print_note("%s: no checkpoint yet; starting at iteration 0", run->values.output);
+    return found;
 }
 
 static bool write_first_files(const training *run)
@@ -246,26 +242,31 @@ static bool begin_run(training *run, const char *config_path, json_t *config)
 }
 
 // Of rank 0, which alone uses the folder.
-static bool open_own_folder(training *run)
+static bool open_own_folder(training *run, const char *config_path, json_t *config, bool resumed)
 {
-    char *config_path = format_text("%s/config.json", run->values.output);
-    json_t *config = config_of(run);
-    const int resumed = run->values.resume ? resume(run, config_path, config) : 0;
-    const bool ready =
-        resumed >= 0 && begin_run(run, config_path, config) &&
-        run_folder_open_tables(&run->folder, sgs_trainer_iteration(run->trainer),
-                               sgs_trainer_structure_iteration(run->trainer)) &&
-        region_file_cut(run->values.output, sgs_trainer_structure_iteration(run->trainer));
-    json_decref(config);
-    free(config_path);
-    return ready;
+    const int iteration = sgs_trainer_iteration(run->trainer),
+              structure = sgs_trainer_structure_iteration(run->trainer);
+    if (resumed) {
+        train_config_record(run->stored, config, iteration);
+        print_note("%s: resuming at iteration %d", run->values.output, iteration);
+    }
+    return begin_run(run, config_path, config) &&
+           run_folder_open_tables(&run->folder, iteration, structure) &&
+           region_file_cut(run->values.output, structure);
 }
 
 static bool open_folder(training *run)
 {
-    const bool ready = group_all(!group_leads() || open_own_folder(run)) &&
-                       shared_checkpoint_load(run->trainer, run->checkpoint);
+    char *config_path = format_text("%s/config.json", run->values.output);
+    json_t *config = group_leads() ? config_of(run) : NULL;
+    const int found = group_leads() ? find_checkpoint(run, config_path, config) : 0;
+    bool ready =
+        group_all(found >= 0) && run_folder_load_shared(run->trainer, run->checkpoint, found);
+    ready = group_all(ready &&
+                      (!group_leads() || open_own_folder(run, config_path, config, found == 1)));
     run->train_seconds = ready ? sgs_trainer_seconds(run->trainer).total : 0;
+    json_decref(config);
+    free(config_path);
     free(run->checkpoint);
     run->checkpoint = NULL;
     return ready;
@@ -285,10 +286,10 @@ static bool is_save_point(const training *run, int iteration)
 // space again later.
 static void save_checkpoint(training *run, int iteration, bool due)
 {
-    const bool asked = interrupt_take_checkpoint();
+    const bool asked = group_taken(GROUP_CHECKPOINT, group_leads() && interrupt_take_checkpoint());
     if (!asked && !due)
         return;
-    if (!run_folder_save_checkpoint(&run->folder, run->trainer))
+    if (!run_folder_share_checkpoint(&run->folder, run->trainer))
         print_warning("the checkpoint of iteration %d was not saved; training continues",
                       iteration);
     else if (asked)
@@ -299,7 +300,7 @@ static void save_checkpoint(training *run, int iteration, bool due)
 static void save_due(training *run, int iteration)
 {
     if (is_save_point(run, iteration) &&
-        !run_folder_save_trained(&run->folder, run->trainer, iteration))
+        !run_folder_share_trained(&run->folder, run->trainer, iteration))
         print_warning("the model of iteration %d was not saved; training continues", iteration);
     save_checkpoint(run, iteration,
                     run->values.checkpoint_every && iteration % run->values.checkpoint_every == 0);
@@ -345,13 +346,13 @@ static bool give_up(training *run, const sgs_step_info *info)
 {
     char *reason = format_text("%s", sgs_last_error());
     const int iteration = sgs_trainer_iteration(run->trainer);
-    const bool whole = iteration && sgs_trainer_is_consistent(run->trainer) && group_leads();
+    const bool whole = group_recover(iteration && sgs_trainer_is_consistent(run->trainer));
     progress_end();
-    if (whole && info->structural)
+    if (whole && info->structural && group_leads())
         record_update(run, info);
-    const bool saved = whole && run_folder_save_checkpoint(&run->folder, run->trainer);
+    const bool saved = whole && run_folder_share_checkpoint(&run->folder, run->trainer);
     if (whole)
-        run_folder_save_trained(&run->folder, run->trainer, iteration);
+        run_folder_share_trained(&run->folder, run->trainer, iteration);
     if (saved)
         fail_run("%s; saved a checkpoint at iteration %d: fix this, then rerun with --resume",
                  reason, iteration);
@@ -381,7 +382,7 @@ static sgs_stop_reason stop_requested(const training *run)
     return SGS_STOP_NONE;
 }
 
-// Tables, checkpoints, progress and the viewer, of rank 0.
+// Tables and progress, of rank 0.
 static void record_step(training *run, trace_file *trace, double start,
                         const sgs_train_seconds *before, const sgs_step_info *info)
 {
@@ -392,11 +393,20 @@ static void record_step(training *run, trace_file *trace, double start,
     run_folder_record(&run->folder, info, run->train_seconds, run->stop != SGS_STOP_NONE);
     progress_step(&(progress_state){info->iteration, run->values.options.iterations,
                                     info->loss_average, info->psnr_average, info->gaussians});
-    if (run->stop == SGS_STOP_NONE)
-        save_due(run, info->iteration);
+}
+
+// The viewer of rank 0. Several ranks save what it requests after a pause.
+static void show_step(training *run, const sgs_step_info *info)
+{
+    const bool wanted = group_taken(GROUP_VIEW, group_leads() && training_view_wants(run->view));
+    if (group_ranks() && wanted)
+        sgs_trainer_collect(run->trainer); // a failure is that of the next step
+    if (!group_leads())
+        return;
     training_view_step(run->view, info, run->trainer);
     while (training_view_holds(run->view, run->trainer) && !interrupt_signal() && !time_is_up(run))
-        save_checkpoint(run, info->iteration, false);
+        if (!group_ranks())
+            save_checkpoint(run, info->iteration, false);
 }
 
 // One iteration. False after a failure, which is printed.
@@ -432,6 +442,9 @@ static bool iterate_once(training *run, trace_file *trace)
         run->stop = SGS_STOP_MEMORY_LIMIT;
     if (group_leads())
         record_step(run, trace, start, &before, &info);
+    if (run->stop == SGS_STOP_NONE)
+        save_due(run, info.iteration);
+    show_step(run, &info);
     return true;
 }
 
@@ -447,6 +460,7 @@ static bool iterate(training *run, trace_file *trace)
         done = done && iterate_once(run, trace);
     }
     progress_end();
+    done = done && !(run->values.view && sgs_trainer_collect(run->trainer));
     if (done)
         training_view_finish(run->view, run->trainer);
     return done;
@@ -470,28 +484,32 @@ static const char *stop_text(const training *run)
 
 static bool save_results(training *run)
 {
-    const sgs_gaussians *model = sgs_trainer_model(run->trainer);
+    const sgs_train_options *options = &run->values.options;
     run->iterations = sgs_trainer_iteration(run->trainer);
-    run->gaussians = model->count;
-    run->region_count = block_plan_count(model, &run->values.options.region);
+    run->gaussians = sgs_trainer_count(run->trainer);
     run->seconds = sgs_trainer_seconds(run->trainer);
     run->bytes = sgs_trainer_bytes(run->trainer);
     run->skipped = sgs_trainer_skipped(run->trainer);
     run->stop_text = format_text("%s", stop_text(run));
-    sgs_gaussians_hash(model, run->hash);
-    const sgs_train_options *options = &run->values.options;
+    const size_t most = run->most_gaussians > run->gaussians ? run->most_gaussians : run->gaussians;
     run->memory_estimate =
-        sgs_train_memory(run->scene, options, (size_t)run->data.cache_bytes,
-                         run->most_gaussians > model->count ? run->most_gaussians : model->count);
+        sgs_train_memory(run->scene, options, (size_t)run->data.cache_bytes, most);
     run->traffic = group_traffic();
-    if (!run->iterations || !group_leads())
+    if (sgs_trainer_hash(run->trainer, run->hash)) {
+        fail_library();
+        return false;
+    }
+    if (!run->iterations)
         return true;
-    bool saved = run_folder_save_trained(&run->folder, run->trainer, run->iterations);
-    char *exposure = format_text("%s/exposure.json", run->values.output);
-    saved = exposure_write(exposure, run->scene, run->trainer) && saved;
-    free(exposure);
+    bool saved = run_folder_share_trained(&run->folder, run->trainer, run->iterations);
+    if (group_leads()) {
+        run->region_count = block_plan_count(sgs_trainer_model(run->trainer), &options->region);
+        char *exposure = format_text("%s/exposure.json", run->values.output);
+        saved = exposure_write(exposure, run->scene, run->trainer) && saved;
+        free(exposure);
+    }
     if (stopped_early(run) || run->values.checkpoint_every)
-        run->checkpoint_lost = !run_folder_save_checkpoint(&run->folder, run->trainer);
+        run->checkpoint_lost = !run_folder_share_checkpoint(&run->folder, run->trainer);
     return saved;
 }
 
@@ -592,35 +610,16 @@ static bool report(training *run)
     return done;
 }
 
-// Checks for a run in OUT, and reads the config of a run to resume. False after printing the error.
+// Claims OUT. False after printing the error.
 static bool claim_folder(training *run)
 {
-    const char *out = run->values.output;
-    char *config_path = format_text("%s/config.json", out);
-    json_error_t error = {0};
-    bool claimed = true;
-    if (run->values.resume && !file_exists(config_path)) {
-        claimed = false; // do not create a folder for a mistyped name
-        fail_run("%s: no run to resume: config.json does not exist; check the folder, or omit "
-                 "--resume to start",
-                 out);
-    }
-    claimed = claimed && run_folder_prepare(&run->folder, out);
-    if (claimed && run->values.resume) {
-        run->stored = json_load_file(config_path, 0, &error);
-        claimed = run->stored != NULL;
-        if (!claimed)
-            fail_run("%s: line %d: %s; the run cannot be resumed, replace it with --overwrite",
-                     config_path, error.line, error.text);
+    const train_values *values = &run->values;
+    if (!run_record_claim(&run->folder, values->output, values->resume, values->overwrite,
+                          &run->stored))
+        return false;
+    if (run->stored)
         run->data.held_out = json_object_get(run->stored, "test_images");
-    } else if (claimed && run_folder_is_used(&run->folder) && !run->values.overwrite) {
-        claimed = false;
-        fail_run("%s: already contains a run; continue it with --resume, or replace it with "
-                 "--overwrite",
-                 out);
-    }
-    free(config_path);
-    return claimed;
+    return true;
 }
 
 // The config of the run to resume, for all ranks: it names the held-out images.
@@ -680,8 +679,8 @@ static bool iterate_and_save(training *run)
 {
     const bool traces = run->values.trace && group_leads();
     trace_file *trace = traces ? trace_open(run->values.trace) : NULL;
-    bool done = (!traces || trace) && (!group_leads() || open_view(run));
-    done = group_all(done) && iterate(run, trace);
+    bool done = (!traces || trace) && !(run->values.view && sgs_trainer_collect(run->trainer));
+    done = group_all(done && (!group_leads() || open_view(run))) && iterate(run, trace);
     done = trace_close(trace, done) && done;
     done = done && group_all(save_results(run));
     if (group_leads())

@@ -21,6 +21,7 @@
 
 #include "cli/output.h"
 #include "cli/progress.h"
+#include "cli/rank_group.h"
 #include "sparegs/model_file.h"
 #include "sparegs/runtime.h"
 
@@ -327,11 +328,10 @@ bool run_folder_save_checkpoint(run_folder *folder, const sgs_trainer *trainer)
     fprintf(folder->sums_csv, "%d,%zu,%zu,%zu\n", sgs_trainer_iteration(trainer), folder->densified,
             folder->pruned, folder->spare_pruned);
     fflush(folder->sums_csv);
-    if (saved && sgs_trainer_save_checkpoint(trainer, next)) {
+    const sgs_status status = sgs_trainer_save_checkpoint(trainer, next); // collective
+    if (saved && status)
         fail_library();
-        saved = false;
-    }
-    saved = saved && keep_previous(newest, previous);
+    saved = saved && !status && keep_previous(newest, previous);
     if (saved && rename(next, newest)) {
         fail_run("%s: cannot be renamed: %s", next, strerror(errno));
         saved = false;
@@ -364,13 +364,23 @@ size_t run_folder_checkpoint_gaussians(const run_folder *folder)
     return count;
 }
 
+// Several ranks load it together later.
+static sgs_status check_checkpoint(const char *path, sgs_trainer *trainer)
+{
+    messages_hear_library(false);
+    const sgs_status status = sgs_trainer_check_checkpoint(trainer, path);
+    messages_hear_library(true);
+    return status;
+}
+
 // Returns 1 if loaded, 0 if it does not exist, -1 if damaged, -2 if it belongs to another run
 // (error printed), -3 if it cannot be read now.
 static int load_checkpoint(const char *path, sgs_trainer *trainer)
 {
     if (!file_exists(path))
         return 0;
-    const sgs_status status = sgs_trainer_load_checkpoint(trainer, path);
+    const sgs_status status = group_ranks() ? check_checkpoint(path, trainer)
+                                            : sgs_trainer_load_checkpoint(trainer, path);
     if (!status)
         return 1;
     if (status == SGS_STATUS_FORMAT || status == SGS_STATUS_IO)
@@ -437,4 +447,30 @@ bool run_folder_save_trained(const run_folder *folder, const sgs_trainer *traine
     }
     free(path);
     return saved;
+}
+
+bool run_folder_share_trained(const run_folder *folder, sgs_trainer *trainer, int iteration)
+{
+    if (sgs_trainer_collect(trainer)) {
+        if (group_leads())
+            fail_library();
+        return false;
+    }
+    return !group_leads() || run_folder_save_trained(folder, trainer, iteration);
+}
+
+bool run_folder_share_checkpoint(run_folder *folder, sgs_trainer *trainer)
+{
+    return group_leads() ? run_folder_save_checkpoint(folder, trainer)
+                         : !sgs_trainer_save_checkpoint(trainer, NULL);
+}
+
+bool run_folder_load_shared(sgs_trainer *trainer, const char *path, int found)
+{
+    if (!group_ranks() || group_number(found) != 1)
+        return true;
+    const bool loaded = !sgs_trainer_load_checkpoint(trainer, path);
+    if (!loaded && group_leads())
+        fail_library();
+    return loaded;
 }

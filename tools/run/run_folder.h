@@ -53,16 +53,21 @@ bool run_folder_save_model(const run_folder *folder, const sgs_gaussians *model,
                            bool antialiased);
 
 // The same for the model of a trainer. Mip-Splatting's 3D filter is fused into it and also saved
-// separately.
+// separately. With several ranks, after sgs_trainer_collect.
 bool run_folder_save_trained(const run_folder *folder, const sgs_trainer *trainer, int iteration);
 
 // Writes OUT/checkpoint/state.bin and keeps the previous one as state.previous.bin. The tables must
-// be open.
+// be open. Other ranks call sgs_trainer_save_checkpoint.
 bool run_folder_save_checkpoint(run_folder *folder, const sgs_trainer *trainer);
+// These two on all ranks; only rank 0 writes.
+bool run_folder_share_trained(const run_folder *folder, sgs_trainer *trainer, int iteration);
+bool run_folder_share_checkpoint(run_folder *folder, sgs_trainer *trainer);
 bool run_folder_has_checkpoint(const run_folder *folder);
 // Primitives in the newest checkpoint; 0 when there is none or it cannot be read.
 size_t run_folder_checkpoint_gaussians(const run_folder *folder);
-// Loads the latest readable checkpoint. Returns 1 if loaded, 0 if there is none, -1 after printing
-// the error if none is readable or the latest belongs to other options or another scene. *loaded
-// receives the path of the file that was loaded, to be freed, or NULL.
+// Loads the latest readable checkpoint; with several ranks it only checks it. Returns 1 if loaded,
+// 0 if there is none, -1 after printing the error if none is readable or the latest belongs to
+// other options or another scene. *loaded receives the path of the file, to be freed, or NULL.
 int run_folder_load_checkpoint(const run_folder *folder, sgs_trainer *trainer, char **loaded);
+// Then several ranks load it, given what rank 0 has found. False after printing the error.
+bool run_folder_load_shared(sgs_trainer *trainer, const char *path, int found);

@@ -106,3 +106,32 @@ bool run_record_is_complete(const json_t *summary)
     const char *reason = json_string_value(json_object_get(summary, "stop_reason"));
     return reason && (!strcmp(reason, "schedule") || !strcmp(reason, "equilibrium"));
 }
+
+bool run_record_claim(run_folder *folder, const char *out, bool resume, bool overwrite,
+                      json_t **stored)
+{
+    char *config_path = format_text("%s/config.json", out);
+    json_error_t error = {0};
+    bool claimed = true;
+    if (resume && !file_exists(config_path)) {
+        claimed = false; // do not create a folder for a mistyped name
+        fail_run("%s: no run to resume: config.json does not exist; check the folder, or omit "
+                 "--resume to start",
+                 out);
+    }
+    claimed = claimed && run_folder_prepare(folder, out);
+    if (claimed && resume) {
+        *stored = json_load_file(config_path, 0, &error);
+        claimed = *stored != NULL;
+        if (!claimed)
+            fail_run("%s: line %d: %s; the run cannot be resumed, replace it with --overwrite",
+                     config_path, error.line, error.text);
+    } else if (claimed && run_folder_is_used(folder) && !overwrite) {
+        claimed = false;
+        fail_run("%s: already contains a run; continue it with --resume, or replace it with "
+                 "--overwrite",
+                 out);
+    }
+    free(config_path);
+    return claimed;
+}

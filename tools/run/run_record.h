@@ -8,6 +8,7 @@
 #include <jansson.h>
 #include <stdbool.h>
 
+#include "run/run_folder.h"
 #include "sparegs/scene.h"
 #include "sparegs/trainer.h"
 
@@ -33,3 +34,8 @@ bool run_record_is_complete(const json_t *summary);
 
 // The member "seconds" of summary.json: phases of the training, loading and checkpoints.
 json_t *run_record_seconds(const sgs_train_seconds *seconds, double load, double checkpoint);
+
+// Claims OUT for a new run or to continue one, whose config.json *stored receives. False after
+// printing the error.
+bool run_record_claim(run_folder *folder, const char *out, bool resume, bool overwrite,
+                      json_t **stored);

@@ -167,6 +167,20 @@ training_view *training_view_open(const training_view_options *options, const sg
 
 // ---- Between iterations ----
 
+bool training_view_wants(training_view *view)
+{
+    return view && (atomic_load(&view->session.source.wanted) || atomic_load(&view->paused));
+}
+
+// With several ranks the model is whole only where training_view_wants asked for it.
+static bool offer(training_view *view, const sgs_trainer *trainer, int iteration)
+{
+    const sgs_gaussians *model = sgs_trainer_model(trainer);
+    return model->count == sgs_trainer_count(trainer) &&
+           view_source_offer(&view->session.source, model, sgs_trainer_filter_3d(trainer),
+                             iteration);
+}
+
 void training_view_step(training_view *view, const sgs_step_info *info, const sgs_trainer *trainer)
 {
     if (!view)
@@ -174,8 +188,7 @@ void training_view_step(training_view *view, const sgs_step_info *info, const sg
     const sgs_regions regions = sgs_trainer_regions(trainer);
     if (info->structural && regions.iteration == info->structure_iteration)
         view_source_add_regions(&view->session.source, &regions);
-    if (view_source_offer(&view->session.source, sgs_trainer_model(trainer),
-                          sgs_trainer_filter_3d(trainer), info->iteration))
+    if (offer(view, trainer, info->iteration))
         view_hub_wake(&view->session.hub);
     const double now = clock_seconds(), passed = now - view->reported;
     pthread_mutex_lock(&view->lock);
@@ -200,8 +213,7 @@ static void offer_last(training_view *view, const sgs_trainer *trainer)
     if (atomic_load(&source->iteration) == iteration)
         return;
     atomic_store(&source->wanted, true);
-    if (view_source_offer(source, sgs_trainer_model(trainer), sgs_trainer_filter_3d(trainer),
-                          iteration))
+    if (offer(view, trainer, iteration))
         view_hub_wake(&view->session.hub);
 }
 

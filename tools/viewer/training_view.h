@@ -26,7 +26,9 @@ typedef struct training_view_options {
 
 // Starts the server and prints its URL. NULL after printing the error.
 training_view *training_view_open(const training_view_options *options, const sgs_trainer *trainer);
-// After an iteration.
+// True if the viewer would like to draw the present model; NULL does not.
+bool training_view_wants(training_view *view);
+// After an iteration. With several ranks, after sgs_trainer_collect if the viewer wants the model.
 void training_view_step(training_view *view, const sgs_step_info *info, const sgs_trainer *trainer);
 // True while a page has paused the training; returns after a fraction of a second. Call until
 // false.

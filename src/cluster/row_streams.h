@@ -1,0 +1,31 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// Arrays whose rows several ranks own in groups (base/row_groups.h), from and to one place. An
+// array is given by its size in all and the size of a group, both in bytes; the last group may be
+// incomplete. `own`: the groups of this rank, one after the other. All functions are collective.
+
+#include "cluster/rank_calls.h"
+
+typedef struct sgsi_row_array {
+    void *own;
+    size_t group, total; // bytes: of a group, of the whole array
+} sgsi_row_array;
+
+// Bytes of `own`.
+size_t sgsi_row_array_bytes(const sgsi_row_array *array, int rank, int ranks);
+
+// Fills whole [total] on all ranks.
+sgs_status sgsi_rows_gather(sgs_ranks *ranks, sgs_status own, sgs_ranks_purpose purpose,
+                            const sgsi_row_array *array, void *whole);
+
+// Passes the array to take() on rank 0, in order and in parts; other ranks only send. take() cannot
+// fail: it keeps its failures, so that the others are not left waiting.
+sgs_status sgsi_rows_collect(sgs_ranks *ranks, sgs_status own, const sgsi_row_array *array,
+                             void (*take)(void *context, void *bytes, size_t size), void *context);
+
+// The reverse: rank 0 receives the array from give(), and each rank the groups that it owns.
+sgs_status sgsi_rows_distribute(sgs_ranks *ranks, sgs_status own, const sgsi_row_array *array,
+                                void (*give)(void *context, void *bytes, size_t size),
+                                void *context);

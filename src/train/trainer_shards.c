@@ -1,0 +1,224 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Rows that ranks share: from the model that all have created to the rows of each, what a
+// structural update sends, and the whole model for files.
+
+#include <string.h>
+
+#include "base/core.h"
+#include "base/threads.h"
+#include "cluster/row_streams.h"
+#include "model/model_hash.h"
+#include "train/trainer_state.h"
+
+enum { BLOCK_BYTES = SGS_PARAM_COUNT * SGS_LANES * sizeof(float), ITEM_BYTES = 64 };
+
+// ---- From the whole model to the own rows ----
+
+// Keeps the own groups of an array of `rows`, `size` bytes per `unit` rows.
+static void keep_own(void *to, const void *from, size_t rows, size_t unit, size_t size, int rank,
+                     int ranks)
+{
+    const size_t group = SGSI_SHARD_ROWS / unit * size, total = (rows + unit - 1) / unit * size;
+    char *at = to;
+    for (size_t begin = (size_t)rank * group; begin < total; begin += (size_t)ranks * group) {
+        const size_t bytes = total - begin < group ? total - begin : group;
+        memcpy(at, (const char *)from + begin, bytes);
+        at += bytes;
+    }
+}
+
+// Replaces the model, which has no moments, statistics or gradients other than 0 yet.
+static sgs_status share_model(sgs_trainer *trainer)
+{
+    const int rank = sgsi_trainer_rank(trainer), ranks = sgsi_trainer_ranks(trainer);
+    sgs_gaussians *whole = trainer->model, *own;
+    const size_t count = sgsi_shard_count(trainer->count, rank, ranks);
+    sgs_status status = sgs_gaussians_create(count + SGS_LANES, &own);
+    if (status)
+        return status;
+    status = sgs_gaussians_resize(own, count);
+    float *filter = trainer->filter_3d ? sgsi_calloc(own->capacity, sizeof *filter) : NULL;
+    if (!status && trainer->filter_3d && !filter)
+        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                           "no memory for the 3D filter of %zu primitives", count);
+    if (status) {
+        sgs_gaussians_destroy(own);
+        sgsi_free(filter);
+        return status;
+    }
+    own->sh_degree = whole->sh_degree;
+    keep_own(own->data, whole->data, trainer->count, SGS_LANES, BLOCK_BYTES, rank, ranks);
+    if (filter)
+        keep_own(filter, trainer->filter_3d, trainer->count, 1, sizeof *filter, rank, ranks);
+    sgsi_free(trainer->filter_3d);
+    sgs_gaussians_destroy(whole);
+    trainer->filter_3d = filter;
+    trainer->model = own;
+    return SGS_STATUS_OK;
+}
+
+sgs_status sgsi_trainer_share(sgs_trainer *trainer)
+{
+    sgs_status status = share_model(trainer);
+    if (!status)
+        status = sgsi_trainer_reserve_state(trainer);
+    trainer->views.rebuild = true;
+    return sgs_ranks_agree(trainer->views.ranks, status);
+}
+
+// ---- Structural updates ----
+
+static sgs_status gather(void *context, sgs_status status, const void *own, size_t size,
+                         size_t rows, void *whole)
+{
+    const sgs_trainer *trainer = context;
+    const sgsi_row_array array = {(void *)own, SGSI_SHARD_ROWS * size, rows * size};
+    return sgsi_rows_gather(trainer->views.ranks, status, SGS_RANKS_STRUCTURE, &array, whole);
+}
+
+static float *room(void *context, size_t items)
+{
+    const sgs_trainer *trainer = context;
+    return sgsi_ranks_room(trainer->views.ranks, items * ITEM_BYTES);
+}
+
+static sgs_status exchange(void *context, sgs_status status, const size_t *to, const size_t *from,
+                           const float **got)
+{
+    const sgs_trainer *trainer = context;
+    sgs_ranks *ranks = trainer->views.ranks;
+    const size_t count = (size_t)sgs_ranks_count(ranks);
+    const unsigned char *bytes = NULL;
+    size_t *sizes = sgsi_calloc(2 * count, sizeof *sizes);
+    if (!sizes && !status)
+        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu ranks", count);
+    for (size_t r = 0; r < count && !status; ++r) {
+        sizes[r] = to[r] * ITEM_BYTES;
+        sizes[count + r] = from[r] * ITEM_BYTES;
+    }
+    status = status ? sgs_ranks_agree(ranks, status)
+                    : sgsi_ranks_exchange(ranks, status, SGS_RANKS_STRUCTURE, sizes, sizes + count,
+                                          &bytes);
+    *got = (const float *)bytes;
+    sgsi_free(sizes);
+    return status;
+}
+
+sgsi_row_peers sgsi_trainer_peers(sgs_trainer *trainer)
+{
+    return (sgsi_row_peers){.context = trainer,
+                            .rank = sgsi_trainer_rank(trainer),
+                            .ranks = sgsi_trainer_ranks(trainer),
+                            .gather = gather,
+                            .room = room,
+                            .exchange = exchange};
+}
+
+// ---- The whole model ----
+
+void sgsi_trainer_release(sgs_trainer *trainer)
+{
+    sgs_gaussians_destroy(trainer->collected);
+    sgsi_free(trainer->collected_filter);
+    trainer->collected = NULL;
+    trainer->collected_filter = NULL;
+}
+
+static void append(void *context, void *bytes, size_t size)
+{
+    char **at = context;
+    memcpy(*at, bytes, size);
+    *at += size;
+}
+
+static sgs_status make_copy(sgs_trainer *trainer)
+{
+    sgs_status status = sgs_gaussians_create(trainer->count + SGS_LANES, &trainer->collected);
+    if (!status)
+        status = sgs_gaussians_resize(trainer->collected, trainer->count);
+    if (status || !trainer->filter_3d)
+        return status;
+    trainer->collected_filter =
+        sgsi_calloc(trainer->collected->capacity, sizeof *trainer->collected_filter);
+    return trainer->collected_filter
+               ? SGS_STATUS_OK
+               : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                           "no memory for the 3D filter of %zu primitives", trainer->count);
+}
+
+static sgsi_row_array params_array(const sgs_trainer *trainer)
+{
+    const size_t blocks = (trainer->count + SGS_LANES - 1) / SGS_LANES;
+    return (sgsi_row_array){trainer->model->data, SGSI_SHARD_ROWS / SGS_LANES * BLOCK_BYTES,
+                            blocks * BLOCK_BYTES};
+}
+
+sgs_status sgs_trainer_collect(sgs_trainer *trainer)
+{
+    sgs_ranks *ranks = trainer->views.ranks;
+    sgs_status own = SGS_STATUS_OK;
+    if (!sgsi_trainer_is_shared(trainer))
+        return SGS_STATUS_OK;
+    sgsi_trainer_release(trainer);
+    if (!sgsi_trainer_rank(trainer))
+        own = make_copy(trainer);
+    sgsi_row_array array = params_array(trainer);
+    char *at = trainer->collected ? (char *)trainer->collected->data : NULL;
+    sgs_status status = sgsi_rows_collect(ranks, own, &array, append, &at);
+    if (!status && trainer->filter_3d) {
+        array = (sgsi_row_array){trainer->filter_3d, SGSI_SHARD_ROWS * sizeof(float),
+                                 trainer->count * sizeof(float)};
+        at = (char *)trainer->collected_filter;
+        status = sgsi_rows_collect(ranks, SGS_STATUS_OK, &array, append, &at);
+    }
+    if (status) {
+        sgsi_trainer_release(trainer);
+        return status;
+    }
+    if (trainer->collected) {
+        trainer->collected->sh_degree = trainer->model->sh_degree;
+        if (trainer->model->linear_opacity)
+            sgs_gaussians_declare_linear_opacity(trainer->collected);
+    }
+    return SGS_STATUS_OK;
+}
+
+// ---- Hash ----
+
+typedef struct hash_job {
+    const sgs_trainer *trainer;
+    sgsi_gaussians_hasher *hasher;
+    size_t left; // rows
+} hash_job;
+
+// Whole blocks in the model's layout.
+static void hash_rows(void *context, void *bytes, size_t size)
+{
+    hash_job *job = context;
+    const size_t rows = size / BLOCK_BYTES * SGS_LANES;
+    sgs_gaussians part = *job->trainer->model;
+    part.data = bytes;
+    part.count = part.capacity = rows < job->left ? rows : job->left;
+    sgsi_gaussians_hash_rows(job->hasher, &part);
+    job->left -= part.count;
+}
+
+sgs_status sgs_trainer_hash(sgs_trainer *trainer, char hex[17])
+{
+    sgs_ranks *ranks = trainer->views.ranks;
+    if (!sgsi_trainer_is_shared(trainer)) {
+        sgs_gaussians_hash(trainer->model, hex);
+        return SGS_STATUS_OK;
+    }
+    hash_job job = {trainer, sgsi_gaussians_hash_begin(trainer->count, trainer->model->sh_degree),
+                    trainer->count};
+    const sgsi_row_array array = params_array(trainer);
+    const sgs_status own =
+        job.hasher ? SGS_STATUS_OK : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a hash");
+    sgs_status status = sgsi_rows_collect(ranks, own, &array, hash_rows, &job);
+    memset(hex, 0, 17);
+    sgsi_gaussians_hash_end(job.hasher, hex);
+    return status ? status : sgsi_ranks_copy(ranks, SGS_STATUS_OK, SGS_RANKS_OTHER, hex, 17);
+}

@@ -19,6 +19,8 @@ fi
 export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1
 # shellcheck disable=SC2016 # run by each rank
 on_rank_1='[ "${OMPI_COMM_WORLD_RANK:-${PMI_RANK:-0}}" = 1 ]'
+# shellcheck disable=SC2016
+on_rank_0='[ "${OMPI_COMM_WORLD_RANK:-${PMI_RANK:-0}}" = 0 ]'
 launcher=(mpirun)
 if mpirun --version 2>&1 | grep -q "Open MPI"; then
     launcher+=(--oversubscribe --bind-to none)
@@ -57,6 +59,20 @@ if [ "${#launcher[@]}" -gt 1 ]; then
     ranks 0 2 train "${common[@]}" --exposure -o "$temporary/tcp"
     same_hash one tcp
     launcher=("${shared[@]}")
+fi
+
+# MPICH, where it is installed besides Open MPI.
+if command -v mpirun.mpich >/dev/null && [ -e "$SPAREGS_BUILD/ranks-mpich.so" ]; then
+    default=("${launcher[@]}")
+    launcher=(mpirun.mpich)
+    for count in 2 3; do
+        ranks 0 $count train "${common[@]}" --exposure -o "$temporary/mpich$count"
+        same_hash one "mpich$count"
+        json "$temporary/mpich$count/summary.json" ".ranks == $count"
+    done
+    launcher=("${default[@]}")
+else
+    echo "without MPICH (install libmpich-dev and mpich)"
 fi
 
 # ---- eval: the same rows, in the same order ----
@@ -122,6 +138,30 @@ last_command="kill -USR2 of mpirun"
 json "$temporary/usr2/summary.json" '.stop_reason == "signal"'
 check checkpoint_saved test -f "$temporary/usr2/checkpoint/state.bin"
 
+# A full disk on rank 0, here a limit on the size of files: later checkpoints are too large. The others continue, only rank 0
+# reports it, and the run continues from the checkpoint before.
+check the_model_grows test -s "$temporary/whole/checkpoint/state.bin"
+cat >"$temporary/full" <<EOF
+#!/usr/bin/env bash
+if $on_rank_0; then ulimit -f $(($(stat -c %s "$temporary/whole/checkpoint/state.bin") * 3 / 4 / 1024)); fi
+exec "$program" "\$@"
+EOF
+chmod +x "$temporary/full"
+real=$program
+shared=("${launcher[@]}")
+program=$temporary/full
+[ "${#launcher[@]}" = 1 ] || launcher+=(--mca btl "tcp,self") # shared memory is a file, too
+ranks 1 3 train "${common[@]}" --iterations 200 --checkpoint-every 20 -o "$temporary/disk"
+program=$real
+launcher=("${shared[@]}")
+reports "the checkpoint of iteration 180 was not saved; training continues"
+check an_error_and_a_warning_for_each test "$(grep -c '^sparegs: ' "$temporary/stderr")" = \
+    $((2 * $(grep -c 'was not saved' "$temporary/stderr") + 1))
+check an_earlier_checkpoint_is_kept test -s "$temporary/disk/checkpoint/state.bin"
+check no_temporary_file_is_left test -z "$(find "$temporary/disk" -name '*.tmp*')"
+ranks 0 2 train "${common[@]}" --iterations 200 --resume --checkpoint-every 20 -o "$temporary/disk"
+same_hash whole disk
+
 # ---- Refused ----
 cat >"$temporary/differs" <<EOF
 #!/bin/sh
@@ -158,6 +198,26 @@ ranks 1 2 --downscale 4 --iterations 120 --quiet -o "$temporary/refused"
 reports "photograph $(basename "$photo") is "
 one_voice
 program=$real
+
+# Another build: the same program with another commit in it.
+commit=$("$real" --version | sed -n '1s/.*(\(.*\)).*/\1/p')
+if [ "${#commit}" -ge 7 ]; then
+    LC_ALL=C sed "s/$commit/${commit//?/z}/g" "$real" >"$temporary/other_build"
+    chmod +x "$temporary/other_build"
+    ln -s "$SPAREGS_BUILD"/ranks-*.so "$temporary/"
+    cat >"$temporary/differs" <<EOF
+#!/bin/sh
+$on_rank_1 && exec "$temporary/other_build" "\$@"
+exec "$real" "\$@"
+EOF
+    program=$temporary/differs
+    ranks 1 2 train "${common[@]}" -o "$temporary/refused"
+    reports "version is "
+    reports "(${commit//?/z})"
+    one_voice
+    check nothing_written test ! -e "$temporary/refused"
+    program=$real
+fi
 
 # Without the plug-in, and a command for one process.
 mkdir "$temporary/bin"

@@ -13,6 +13,7 @@
 // a time in the whole process, because other calls would disturb the times.
 
 #include "sparegs/gaussians.h"
+#include "sparegs/ranks.h"
 #include "sparegs/runtime.h"
 #include "sparegs/scene.h"
 #include "sparegs/trainer.h"
@@ -122,6 +123,37 @@ typedef struct sgs_scaling {
 // is divided evenly, that of macrotiles in whole macrotiles, but takes at least the time to move
 // the bytes. The serial part remains (Amdahl's law). 1 if the times are not positive.
 SGS_API double sgs_scaling_predict(const sgs_scaling *scaling, int cores, double memory_gbs);
+
+// ---- Several machines ----
+
+// A call of an iteration on several ranks: sums over the ranks, and those of the rank with the
+// most. Means over the views.
+typedef struct sgs_rank_call {
+    double calls, messages, bytes; // sent by all ranks; calls: of each rank
+    double most_messages;          // sent by a rank
+    double most_bytes;             // sent or received by a rank, whichever is more
+} sgs_rank_call;
+
+typedef struct sgs_rank_prediction {
+    int ranks;
+    sgs_rank_call calls[SGS_RANKS_PURPOSE_COUNT];
+    double balance;    // mean work of a rank divided by the largest, from 1 / ranks to 1
+    double primitives; // largest number of records of a rank
+} sgs_rank_prediction;
+
+// Predicts the messages of ranks[i] ranks (2 to 1024) into predictions[count], from the lists of an
+// iteration per view: bytes and messages are those that these ranks would count (sgs_ranks_counted)
+// with images cut by the costs of the previous visit. Call after sgs_bench_run. Fails with
+// INVALID_ARGUMENT or OUT_OF_MEMORY.
+SGS_API sgs_status sgs_bench_ranks(sgs_bench *bench, const int *ranks, size_t count,
+                                   sgs_rank_prediction *predictions);
+
+// Seconds of communication per iteration without overlap: for each call the messages of the rank
+// with the most times `latency` (seconds), plus its bytes divided by `bandwidth` (bytes per second,
+// in each direction). Headers, which are gathered, take log2(ranks) rounds (Thakur, Rabenseifner
+// and Gropp 2005, section 4.1).
+SGS_API double sgs_rank_seconds(const sgs_rank_prediction *prediction, double latency,
+                                double bandwidth);
 
 // ---- Machine limits ----
 

@@ -28,6 +28,23 @@ void sgsi_cut_by_cost(const sgsi_cells *cells, const float *cost, int ranks, siz
     begin[ranks] = cells->count;
 }
 
+void sgsi_cut_owners(const sgsi_cells *cells, const size_t *begin, int ranks, uint16_t *owner)
+{
+    for (int k = 0; k < ranks; ++k)
+        for (size_t i = cells->tile_begin[begin[k]]; i < cells->tile_begin[begin[k + 1]]; ++i)
+            owner[cells->tile_order[i]] = (uint16_t)k;
+}
+
+bool sgsi_cut_reads_tile(const sgsi_cells *cells, const uint16_t *owner, size_t tile, int rank)
+{
+    const int x = (int)tile % cells->tiles_x, y = (int)tile / cells->tiles_x;
+    for (int v = y > 0 ? y - 1 : 0; v <= y + 1 && v < cells->tiles_y; ++v)
+        for (int u = x > 0 ? x - 1 : 0; u <= x + 1 && u < cells->tiles_x; ++u)
+            if (owner[v * cells->tiles_x + u] == rank)
+                return true;
+    return false;
+}
+
 void sgsi_cut_randomly(const sgsi_cells *cells, uint64_t seed, int ranks, size_t *begin)
 {
     begin[0] = 0;

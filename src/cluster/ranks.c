@@ -23,6 +23,7 @@ typedef struct header {
     uint32_t flags;
     uint64_t kind, bytes;
 } header;
+_Static_assert(sizeof(header) == SGSI_RANKS_HEADER_BYTES, "rank_calls.h has the size");
 
 // Kinds of calls; a difference between ranks is an error of the program.
 enum {

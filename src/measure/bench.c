@@ -12,7 +12,9 @@
 
 #include "base/core.h"
 #include "sparegs/metrics.h"
+#include "train/rank_traffic.h"
 #include "train/trainer_state.h"
+#include "train/view_ranks.h"
 
 enum { VIEWS_MAX = 16, HELD_ITERATION = 3000 };
 
@@ -238,6 +240,118 @@ sgs_bench_counts sgs_bench_counts_get(const sgs_bench *bench)
 {
     return bench->counts;
 }
+
+// ---- Several machines ----
+
+enum { MOST_RANKS = 1024 };
+
+// Adds one view, `share` of the mean.
+static void add_view(const sgsi_rank_traffic *traffic, double share, sgs_rank_prediction *to)
+{
+    double cost = 0.0, most_cost = 0.0, primitives = 0.0;
+    for (int k = 0; k < SGS_RANKS_PURPOSE_COUNT; ++k) {
+        sgs_rank_call *call = &to->calls[k];
+        double most_messages = 0.0, most_bytes = 0.0;
+        for (int r = 0; r < to->ranks; ++r) {
+            const sgs_ranks_traffic *sent = &traffic[r].sent[k];
+            call->messages += share * (double)sent->messages;
+            call->bytes += share * (double)sent->bytes;
+            most_messages = fmax(most_messages, (double)sent->messages);
+            most_bytes =
+                fmax(most_bytes, fmax((double)sent->bytes, (double)traffic[r].received[k]));
+        }
+        call->calls += share * (double)traffic[0].sent[k].calls;
+        call->most_messages += share * most_messages;
+        call->most_bytes += share * most_bytes;
+    }
+    for (int r = 0; r < to->ranks; ++r) {
+        cost += traffic[r].cost;
+        most_cost = fmax(most_cost, traffic[r].cost);
+        primitives = fmax(primitives, (double)traffic[r].primitives);
+    }
+    to->balance += share * (most_cost > 0.0 ? cost / to->ranks / most_cost : 1.0);
+    to->primitives += share * primitives;
+}
+
+// Predictions for the view of the last step. costs [cells] is a workspace.
+static sgs_status predict_view(sgs_bench *bench, size_t view_index, const sgsi_tile_cost *tiles,
+                               float *costs, sgsi_rank_traffic *traffic, size_t count,
+                               sgs_rank_prediction *predictions)
+{
+    const sgs_view *source = &bench->scene->views[view_index];
+    const sgs_render_options options = sgs_render_options_default();
+    const sgsi_rays *rays;
+    sgsi_view view;
+    sgs_status status = sgsi_ray_cache_get(bench->trainer->views.rays, &source->camera, &rays);
+    if (status)
+        return status;
+    sgsi_view_set(&view, rays, &source->pose, &options);
+    // Every step of a view does the same work: the costs are also those of its last visit.
+    for (size_t i = 0; i < rays->cells.count; ++i)
+        costs[i] = (float)sgsi_cell_cost(&rays->cells, tiles, i);
+    const sgsi_rank_input input = {.tracer = bench->trainer->views.tracer,
+                                   .view = &view,
+                                   .rows = bench->trainer->model->count,
+                                   .cell_costs = costs,
+                                   .tiles = tiles};
+    for (size_t i = 0; i < count && !status; ++i) {
+        status = sgsi_rank_traffic_predict(&input, predictions[i].ranks, traffic);
+        if (!status)
+            add_view(traffic, 1.0 / (double)bench->scene->view_count, &predictions[i]);
+    }
+    return status;
+}
+
+sgs_status sgs_bench_ranks(sgs_bench *bench, const int *ranks, size_t count,
+                           sgs_rank_prediction *predictions)
+{
+    const sgsi_train_views *views = &bench->trainer->views;
+    size_t most_tiles = 0;
+    for (size_t i = 0; i < count; ++i) {
+        if (ranks[i] < 2 || ranks[i] > MOST_RANKS)
+            return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%d ranks; possible are 2 to %d",
+                             ranks[i], MOST_RANKS);
+        predictions[i] = (sgs_rank_prediction){.ranks = ranks[i]};
+    }
+    for (size_t v = 0; v < views->count; ++v)
+        most_tiles = views->tile_counts[v] > most_tiles ? views->tile_counts[v] : most_tiles;
+    sgsi_tile_cost *tiles = sgsi_calloc(most_tiles, sizeof *tiles);
+    float *costs = sgsi_calloc(most_tiles, sizeof *costs); // a cell has at least one tile
+    sgsi_rank_traffic *traffic = sgsi_calloc(MOST_RANKS, sizeof *traffic);
+    sgs_status status =
+        tiles && costs && traffic
+            ? SGS_STATUS_OK
+            : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to predict the traffic of ranks");
+    sgsi_tracer_watch_tiles(views->tracer, tiles);
+    for (size_t v = 0; v < bench->scene->view_count && !status; ++v) {
+        sgs_step_info info;
+        status = sgs_trainer_step(bench->trainer, &info);
+        if (!status)
+            status = predict_view(bench, info.view, tiles, costs, traffic, count, predictions);
+        sgs_bench_restore(bench);
+    }
+    sgsi_tracer_watch_tiles(views->tracer, NULL);
+    sgsi_free(tiles);
+    sgsi_free(costs);
+    sgsi_free(traffic);
+    return status;
+}
+
+double sgs_rank_seconds(const sgs_rank_prediction *prediction, double latency, double bandwidth)
+{
+    double seconds = 0.0;
+    for (int k = 0; k < SGS_RANKS_PURPOSE_COUNT; ++k) {
+        const sgs_rank_call *call = &prediction->calls[k];
+        const double rounds =
+            k == SGS_RANKS_STATUS
+                ? call->most_messages / (prediction->ranks - 1) * ceil(log2(prediction->ranks))
+                : call->most_messages;
+        seconds += rounds * latency + call->most_bytes / bandwidth;
+    }
+    return seconds;
+}
+
+// ---- Scaling ----
 
 double sgs_scaling_predict(const sgs_scaling *s, int cores, double memory_gbs)
 {

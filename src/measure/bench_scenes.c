@@ -35,9 +35,12 @@ static const recipe recipes[] = {
      2000000, 1.38, 800, 608, false},
     {"dense-1m-1.3mp", "1 million primitives and 1.3 megapixels, a full training at full size",
      1000000, 2.0, 1312, 992, true},
+    {"dense-1m-8mp", "1 million primitives and 8 megapixels", 1000000, 5.0, 3232, 2464, true},
     {"dense-2m-8mp", "2 million primitives and 8 megapixels", 2000000, 3.5, 3232, 2464, true},
     {"dense-5m", "5 million primitives and 1.3 megapixels, about 5 GB of memory", 5000000, 1.38,
      1312, 992, true},
+    {"dense-5m-8mp", "5 million primitives and 8 megapixels, about 7 GB of memory", 5000000, 3.4,
+     3232, 2464, true},
 };
 
 enum { RECIPE_COUNT = sizeof recipes / sizeof *recipes, DRAWS = 128, SPHERES = 6 };

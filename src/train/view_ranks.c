@@ -13,7 +13,7 @@
 #include "cluster/rank_calls.h"
 #include "train/view_shards.h"
 
-enum { PLANES = 4, TILE_FLOATS = PLANES * SGSI_TILE * SGSI_TILE };
+enum { PLANES = 4, TILE_FLOATS = SGSI_TILE_BYTES / sizeof(float) };
 
 struct sgsi_view_ranks {
     size_t *cut;                // [ranks + 1]: of the present view
@@ -94,9 +94,7 @@ void sgsi_view_ranks_cut(sgsi_train_views *views, const sgsi_train_view *view)
                           count, r->cut);
     else
         sgsi_cut_by_cost(cells, known ? r->cell_costs[view->index] : NULL, count, r->cut);
-    for (int k = 0; k < count; ++k)
-        for (size_t i = cells->tile_begin[r->cut[k]]; i < cells->tile_begin[r->cut[k + 1]]; ++i)
-            r->owner[cells->tile_order[i]] = (uint16_t)k;
+    sgsi_cut_owners(cells, r->cut, count, r->owner);
     const sgsi_tracer_piece piece = sgsi_view_ranks_piece(views);
     sgsi_tracer_set_piece(views->tracer, &piece);
 }
@@ -114,18 +112,6 @@ const size_t *sgsi_view_ranks_begin(const sgsi_train_views *views)
 }
 
 // ---- Image ----
-
-// True if `rank` computes the loss of a pixel within ten pixels of the tile: it owns a neighbour.
-static bool needs_tile(const struct sgsi_view_ranks *r, const sgsi_cells *cells, size_t tile,
-                       int rank)
-{
-    const int x = (int)tile % cells->tiles_x, y = (int)tile / cells->tiles_x;
-    for (int v = y > 0 ? y - 1 : 0; v <= y + 1 && v < cells->tiles_y; ++v)
-        for (int u = x > 0 ? x - 1 : 0; u <= x + 1 && u < cells->tiles_x; ++u)
-            if (r->owner[v * cells->tiles_x + u] == rank)
-                return true;
-    return false;
-}
 
 // Copies a tile between the planes of the view and a message. Rows below the image stay unset.
 static void copy_tile(const sgsi_planes *planes, const sgsi_cells *cells, size_t tile,
@@ -157,7 +143,7 @@ static size_t visit_tiles(const sgsi_train_views *views, const sgsi_train_view *
     for (size_t i = cells->tile_begin[r->cut[owner]]; i < cells->tile_begin[r->cut[owner + 1]];
          ++i) {
         const size_t tile = cells->tile_order[i];
-        if (!view->whole_image && !needs_tile(r, cells, tile, reader))
+        if (!view->whole_image && !sgsi_cut_reads_tile(cells, r->owner, tile, reader))
             continue;
         if (message)
             copy_tile(&view->planes, cells, tile, message + count * TILE_FLOATS, into_planes);
@@ -168,14 +154,13 @@ static size_t visit_tiles(const sgsi_train_views *views, const sgsi_train_view *
 
 sgs_status sgsi_view_ranks_image(sgsi_train_views *views, const sgsi_train_view *view)
 {
-    enum { TILE_BYTES = TILE_FLOATS * sizeof(float) };
     struct sgsi_view_ranks *r = views->view_ranks;
     sgs_ranks *ranks = views->ranks;
     const int count = sgs_ranks_count(ranks), rank = sgs_ranks_rank(ranks);
     size_t total = 0;
     for (int k = 0; k < count; ++k) {
-        r->to[k] = visit_tiles(views, view, rank, k, NULL, false) * TILE_BYTES;
-        r->from[k] = visit_tiles(views, view, k, rank, NULL, false) * TILE_BYTES;
+        r->to[k] = visit_tiles(views, view, rank, k, NULL, false) * SGSI_TILE_BYTES;
+        r->from[k] = visit_tiles(views, view, k, rank, NULL, false) * SGSI_TILE_BYTES;
         total += r->to[k];
     }
     float *message = sgsi_ranks_room(ranks, total);
@@ -232,22 +217,25 @@ static size_t copy_sums(const sums_copy *copy, int owner, unsigned char *message
     return at;
 }
 
-// Work of the cells of this rank, in arbitrary units: the same on every machine.
-static void measure_cells(const sgsi_train_views *views, const sgsi_train_view *view)
+double sgsi_cell_cost(const sgsi_cells *cells, const sgsi_tile_cost *tiles, size_t cell)
 {
     enum { EMPTY_TILE = 64, PER_EVALUATION = 8 };
+    double cost = 0;
+    for (size_t i = cells->tile_begin[cell]; i < cells->tile_begin[cell + 1]; ++i) {
+        const sgsi_tile_cost *tile = &tiles[cells->tile_order[i]];
+        cost += EMPTY_TILE + (double)tile->candidates + PER_EVALUATION * (double)tile->evaluations;
+    }
+    return cost;
+}
+
+// The cells of this rank.
+static void measure_cells(const sgsi_train_views *views, const sgsi_train_view *view)
+{
     struct sgsi_view_ranks *r = views->view_ranks;
     const sgsi_cells *cells = cells_of(view);
     const int rank = sgs_ranks_rank(views->ranks);
-    for (size_t cell = r->cut[rank]; cell < r->cut[rank + 1]; ++cell) {
-        double cost = 0;
-        for (size_t i = cells->tile_begin[cell]; i < cells->tile_begin[cell + 1]; ++i) {
-            const sgsi_tile_cost *tile = &r->tile_costs[cells->tile_order[i]];
-            cost +=
-                EMPTY_TILE + (double)tile->candidates + PER_EVALUATION * (double)tile->evaluations;
-        }
-        r->cell_costs[view->index][cell] = (float)cost;
-    }
+    for (size_t cell = r->cut[rank]; cell < r->cut[rank + 1]; ++cell)
+        r->cell_costs[view->index][cell] = (float)sgsi_cell_cost(cells, r->tile_costs, cell);
     r->cost_counts[view->index] = cells->count;
 }
 

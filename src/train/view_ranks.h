@@ -8,6 +8,11 @@
 
 #include "train/train_view.h"
 
+enum { SGSI_TILE_BYTES = 4 * SGSI_TILE * SGSI_TILE * sizeof(float) }; // of a tile in a message
+
+// Work of a cell in arbitrary units, the same on every machine, from the costs of the tiles.
+double sgsi_cell_cost(const sgsi_cells *cells, const sgsi_tile_cost *tiles, size_t cell);
+
 // Memory for the cuts of all views; call after the views are created. Without several ranks it does
 // nothing else than setting views->ranks. Fails with OUT_OF_MEMORY or INTERNAL (Embree).
 sgs_status sgsi_view_ranks_create(sgsi_train_views *views, sgs_ranks *ranks);

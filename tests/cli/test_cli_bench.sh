@@ -7,11 +7,12 @@ set -euo pipefail
 . "$(dirname "$0")/cli_support.sh"
 
 run 0 bench --list
-for name in sparse-32k dense-500k dense-2m dense-1m-1.3mp dense-2m-8mp dense-5m; do
+for name in sparse-32k dense-500k dense-2m dense-1m-1.3mp dense-1m-8mp dense-2m-8mp dense-5m dense-5m-8mp; do
     prints "$name"
 done
 run 0 bench --list --json
-json "$temporary/stdout" '.scenes | map(.name) == ["sparse-32k", "dense-500k", "dense-2m", "dense-1m-1.3mp", "dense-2m-8mp", "dense-5m"]'
+json "$temporary/stdout" '.scenes | map(.name) == ["sparse-32k", "dense-500k", "dense-2m", "dense-1m-1.3mp", "dense-1m-8mp", "dense-2m-8mp", "dense-5m",
+    "dense-5m-8mp"]'
 run 2 bench dense-500
 one_line
 reports "did you mean 'dense-500k'?"
@@ -77,6 +78,32 @@ for how in --csv --json --quiet; do
         "$program" "$how" "$temporary/stderr"
     reports "standard output: cannot be written"
 done
+# ranks: messages, balance and speed-up are predicted for the first setting
+run 0 bench sparse-32k --ranks 2,4 --repeat 1 --threads 1,2 --json --quiet
+cp "$temporary/stdout" "$result"
+json "$result" '[.benches[] | has("ranks")] == [true, false]'
+json "$result" '.benches[0].ranks | map(.ranks) == [2, 4]'
+json "$result" 'all(.benches[0].ranks[]; .balance > 0.5 and .balance <= 1)'
+json "$result" '.benches[0] | .primitives as $all | all(.ranks[]; .primitives > $all / .ranks and .primitives <= $all)'
+json "$result" '.benches[0].ranks[0].calls | keys == ["gradients", "image", "records", "status", "sums"]'
+# (every rank sends to every other one; a gradient record has 68 bytes, a projected one 88, padded to 64)
+json "$result" 'all(.benches[0].ranks[]; .ranks as $r | .calls | .gradients.messages == $r * ($r - 1) and .status.messages == 8 * $r * ($r - 1))'
+json "$result" 'all(.benches[0].ranks[].calls[]; .most_bytes <= .bytes and .bytes > 0)'
+json "$result" '.benches[0].ranks | .[1].calls.records.bytes > .[0].calls.records.bytes'
+json "$result" 'all(.benches[0].ranks[].networks; map(.bandwidth) as $b | map(.seconds) as $s | $b == ($b | sort) and $s == ($s | sort | reverse))'
+json "$result" 'all(.benches[0].ranks[]; .ranks as $r | all(.networks[]; .speedup > 0 and .speedup < $r and .speedup_64_cores < .speedup))'
+run 0 bench sparse-32k --ranks 3 --repeat 1 --quiet
+prints "  3 ranks: balance "
+prints "predicted speed-up over one machine"
+for ranks in 1 1025 x; do
+    run 2 bench sparse-32k --ranks $ranks
+    reports "--ranks"
+    one_line
+done
+run 2 bench sparse-32k --ranks 2 --csv
+reports "--ranks and --csv are mutually exclusive; use --json"
+one_line
+
 # wrong_paths_are_reported_before_measuring
 run 1 bench sparse-32k "$temporary/model" "$temporary/nowhere" --json
 one_line

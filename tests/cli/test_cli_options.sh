@@ -82,7 +82,7 @@ prune: output method scores filter compact-box background images downscale eval 
 prune: invert-masks alpha image-cache input-colorspace train-space white threads isa seed json quiet
 bd: threads isa seed json quiet
 report: markdown html pictures maps threads isa seed json quiet
-bench: list threads isa repeat views seed json csv quiet images downscale eval test-every test-images masks
+bench: list threads isa repeat views seed ranks json csv quiet images downscale eval test-every test-images masks
 bench: invert-masks alpha image-cache input-colorspace train-space white
 profile: output view split views orbit refits repeat samples trace filter compact-box background images downscale eval
 profile: test-every test-images masks invert-masks alpha image-cache input-colorspace train-space white threads isa

@@ -52,6 +52,24 @@ static void prediction_is_amdahls_law_limited_by_bandwidth(void **state)
     close_to(sgs_scaling_predict(&nothing, 8, 10), 1.0);
 }
 
+// Each call takes its messages and its bytes; the headers take log2(ranks) rounds.
+static void communication_takes_messages_and_bytes(void **state)
+{
+    (void)state;
+    sgs_rank_prediction p = {.ranks = 4};
+    p.calls[SGS_RANKS_RECORDS] = (sgs_rank_call){
+        .calls = 1, .messages = 12, .bytes = 7e6, .most_messages = 3, .most_bytes = 2e6};
+    p.calls[SGS_RANKS_IMAGE] = (sgs_rank_call){
+        .calls = 1, .messages = 5, .bytes = 2e6, .most_messages = 2, .most_bytes = 1e6};
+    close_to(sgs_rank_seconds(&p, 0, 1e9), 3e-3);
+    close_to(sgs_rank_seconds(&p, 1e-3, 1e9), 3e-3 + 5e-3);
+    p.calls[SGS_RANKS_STATUS] = (sgs_rank_call){.calls = 8, .most_messages = 24, .most_bytes = 0};
+    close_to(sgs_rank_seconds(&p, 1e-3, 1e9), 3e-3 + 5e-3 + 8 * 2e-3);
+    p.ranks = 5;
+    p.calls[SGS_RANKS_STATUS].most_messages = 32;
+    close_to(sgs_rank_seconds(&p, 1e-3, 1e9), 3e-3 + 5e-3 + 8 * 3e-3);
+}
+
 static void long_item(void *context, size_t item, int thread)
 {
     (void)context;
@@ -97,6 +115,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(prediction_is_amdahls_law_limited_by_bandwidth),
+        cmocka_unit_test(communication_takes_messages_and_bytes),
         cmocka_unit_test(loop_clocks_measure_serial_and_waiting_time),
         cmocka_unit_test(single_items_count_as_serial_on_many_threads),
     };

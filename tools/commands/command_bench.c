@@ -25,10 +25,10 @@ static const char description[] =
     "nanoseconds and per megapixel, both as core time (wall-clock time x threads), together with "
     "the limits of the machine, measured in the same run. `forward` is project, order and blend "
     "without `gather`; `total` is gather, forward and backward; `iteration` is everything except "
-    "`build`.";
+    "`build`. --ranks predicts training on several machines.";
 
 typedef struct bench_values {
-    integer_list threads;
+    integer_list threads, ranks;
     unsigned isas;
     int repeat, views;
     uint64_t seed;
@@ -81,6 +81,15 @@ static const option bench_options[] = {
      .argument = "N",
      .initial = "0",
      .help = "random seed of the built-in scenes"},
+    {.name = "ranks",
+     .kind = OPTION_INTEGERS,
+     .offset = AT(ranks),
+     .low = 2,
+     .high = 1024,
+     .argument = "A,B,...",
+     .shown = "none",
+     .help = "also predict the messages of that many ranks, one per machine, and the speed-up over "
+             "one machine for several networks"},
     {.name = "json",
      .kind = OPTION_FLAG,
      .offset = AT(json),
@@ -157,6 +166,26 @@ static bench_result *add_result(bench_run *run, const char *name, const bench_se
     return result->measures ? result : NULL;
 }
 
+// Into the result of the first setting.
+static bool predict_ranks(const bench_run *run, sgs_bench *bench, bench_result *result)
+{
+    const integer_list *ranks = &run->values->ranks;
+    if (!ranks->count)
+        return true;
+    result->rank_count = (size_t)ranks->count;
+    result->ranks = calloc(result->rank_count, sizeof *result->ranks);
+    if (!result->ranks) {
+        fail_run("no memory for the predictions");
+        return false;
+    }
+    if (!apply(&run->settings[0]))
+        return false;
+    if (!sgs_bench_ranks(bench, ranks->values, result->rank_count, result->ranks))
+        return true;
+    fail_library();
+    return false;
+}
+
 static bool measure(bench_run *run, const char *name, const sgs_gaussians *model,
                     const sgs_view *views, size_t view_count)
 {
@@ -186,6 +215,7 @@ static bool measure(bench_run *run, const char *name, const sgs_gaussians *model
         }
     }
     progress_end();
+    done = done && (interrupt_signal() || predict_ranks(run, bench, results));
     sgs_bench_destroy(bench);
     return done;
 }
@@ -332,8 +362,10 @@ static int run_bench(const bench_values *values, const command_line *line, scene
         else
             bench_print_table(&run.report);
     }
-    for (size_t i = 0; run.report.results && i < run.report.count; ++i)
+    for (size_t i = 0; run.report.results && i < run.report.count; ++i) {
         free(run.report.results[i].measures);
+        free(run.report.results[i].ranks);
+    }
     free(run.report.results);
     return interrupt_signal() ? interrupt_status() : done ? EXIT_DONE : EXIT_FAILED;
 }
@@ -352,7 +384,8 @@ static int check_idle(const command_line *line, bool list)
         models = models || !is_name;
     }
     int status =
-        list ? refuse_idle(line, "threads|isa|repeat|views|seed|csv|quiet", "with --list") : -1;
+        list ? refuse_idle(line, "threads|isa|repeat|views|seed|ranks|csv|quiet", "with --list")
+             : -1;
     if (status < 0 && !models)
         status = refuse_idle(line, "views", "without a MODEL and its SCENE");
     if (status < 0 && !made)
@@ -385,6 +418,8 @@ int command_bench(int argc, char **argv)
     int status = command_line_parse(&line, argc, argv);
     if (status < 0 && values.json && values.csv)
         status = fail_usage("--json and --csv are mutually exclusive");
+    if (status < 0 && values.ranks.count && values.csv)
+        status = fail_usage("--ranks and --csv are mutually exclusive; use --json");
     if (status < 0)
         status = check_idle(&line, values.list);
     if (status < 0)

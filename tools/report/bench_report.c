@@ -9,6 +9,7 @@
 #include <string.h>
 
 #include "cli/output.h"
+#include "report/rank_report.h"
 #include "report/scaling_report.h"
 
 typedef struct bench_phase {
@@ -156,6 +157,30 @@ static sgs_scaling scaling_of(const bench_result *r)
                          .macrotiles = r->counts.bytes.macrotiles};
 }
 
+// This machine, and one of 64 cores: its times are those of one core divided by the predicted
+// speed-up.
+static rank_machines machines_of(const bench_result *r)
+{
+    static const bench_phase refit = {"refit", AT(refit)}, build = {"build", AT(build)};
+    const sgs_scaling scaling = scaling_of(r);
+    const rank_machine measured = {.iteration = scaling.seconds,
+                                   .serial = scaling.serial,
+                                   .refit = phase_spread(r, &refit).median,
+                                   .build = phase_spread(r, &build).median,
+                                   .primitives = r->counts.primitives};
+    const scaling_target *target = &scaling_targets[SCALING_TARGETS - 1];
+    const int width = scaling.cores && scaling.cores < r->threads ? scaling.cores : r->threads;
+    const double work = (scaling.seconds - scaling.serial - scaling.waiting) * width;
+    const double seconds =
+        (scaling.serial + work) / sgs_scaling_predict(&scaling, target->cores, target->memory_gbs);
+    const double faster = seconds / scaling.seconds;
+    rank_machine large = measured;
+    large.iteration = seconds;
+    large.refit *= faster;
+    large.build *= faster;
+    return (rank_machines){measured, large, r->threads};
+}
+
 static void print_row(const bench_result *r, const bench_phase *phase)
 {
     const spread s = phase_spread(r, phase);
@@ -207,6 +232,8 @@ void bench_print_table(const bench_report *report)
         for (int k = 0; k < PHASE_COUNT; ++k)
             print_row(r, &phases[k]);
         print_scaling(r);
+        const rank_machines machines = machines_of(r);
+        rank_report_print(r->ranks, r->rank_count, &machines);
     }
 }
 
@@ -325,6 +352,9 @@ static json_t *result_json(const bench_result *r)
     json_object_set_new(object, "serial_share", json_number(scaling.serial / scaling.seconds));
     json_object_set_new(object, "waiting_share", json_number(scaling.waiting / scaling.seconds));
     json_object_set_new(object, "predicted_speedup", scaling_json(&scaling));
+    const rank_machines machines = machines_of(r);
+    if (r->ranks)
+        json_object_set_new(object, "ranks", rank_report_json(r->ranks, r->rank_count, &machines));
     return object;
 }
 

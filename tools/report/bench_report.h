@@ -24,6 +24,8 @@ typedef struct bench_result {
     size_t repeat;
     bench_measure *measures; // [repeat]
     sgs_bench_counts counts;
+    sgs_rank_prediction *ranks; // [rank_count], or NULL
+    size_t rank_count;
 } bench_result;
 
 typedef struct bench_report {

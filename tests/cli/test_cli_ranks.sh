@@ -86,8 +86,18 @@ check every_image test "$(find "$temporary/images" -name '*_flip.png' | wc -l)" 
 run 0 render "$temporary/one" "$room" --downscale 4 --split all --aov depth --quiet -o "$temporary/frames"
 ranks 0 3 render "$temporary/one" "$room" --downscale 4 --split all --aov depth --quiet -o "$temporary/shared"
 check same_frames diff -r "$temporary/frames" "$temporary/shared"
-ranks 2 2 render "$temporary/one" "$room" --downscale 4 --json -o "$temporary/refused"
-reports "render --json runs in one process"
+check every_path_in_order cmp <(find "$temporary/shared" -name '*.exr' | sort) "$temporary/stdout"
+for options in "--format png --aov depth --split all" "--orbit 5 --format png --downscale 8"; do
+    # shellcheck disable=SC2086 # several words
+    run 0 render "$temporary/one" "$room" --downscale 4 $options --json --quiet -o "$temporary/pictures"
+    cp "$temporary/stdout" "$temporary/listed"
+    # shellcheck disable=SC2086
+    ranks 0 3 render "$temporary/one" "$room" --downscale 4 $options --json --quiet -o "$temporary/pictures"
+    check the_same_files_in_json diff <(jq -S .files "$temporary/listed") <(jq -S .files "$temporary/stdout")
+    check the_same_ranges diff <(jq -S .ranges "$temporary/listed") <(jq -S .ranges "$temporary/stdout")
+done
+ranks 2 2 render "$temporary/one" "$room" --downscale 4 --video "$temporary/refused.mp4"
+reports "render --video runs in one process"
 
 # ---- experiment: the same results ----
 cat >"$temporary/plan.json" <<EOF

@@ -161,6 +161,28 @@ void reported_files_set(const char *name, json_t *value)
         json_decref(value);
 }
 
+json_t *reported_files_take(void)
+{
+    json_t *files = json_incref(json_object_get(reported, "files"));
+    json_object_set_new(reported, "files", json_array());
+    return files;
+}
+
+void reported_files_restore(json_t *files)
+{
+    json_array_extend(json_object_get(reported, "files"), files);
+    json_decref(files);
+}
+
+void reported_files_list(void)
+{
+    size_t i;
+    json_t *path;
+    json_array_foreach(json_object_get(reported, "files"), i, path) puts(json_string_value(path));
+    json_decref(reported);
+    reported = NULL;
+}
+
 bool reported_files_print(void)
 {
     json_t *root = reported;

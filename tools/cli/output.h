@@ -36,6 +36,12 @@ bool print_json(json_t *root);
 void report_file(const char *path);
 void reported_files_begin(void);
 bool reported_files_print(void);
+// The paths reported since reported_files_begin, which are forgotten; as strings, null where a path
+// is not valid UTF-8. reported_files_restore reports such paths again.
+json_t *reported_files_take(void);
+void reported_files_restore(json_t *files);
+// Prints the paths as lines, as without reported_files_begin.
+void reported_files_list(void);
 // Adds a member next to "files". Steals the reference; ignored without reported_files_begin.
 void reported_files_set(const char *name, json_t *value);
 // Flushes stdout. False after printing the error if anything could not be written.

@@ -165,6 +165,42 @@ json_t *group_json(json_t *value)
     return value;
 }
 
+// An array of the texts [count][size].
+static json_t *read_texts(const char *texts, size_t size)
+{
+    json_t *root = json_array();
+    for (int r = 0; r < group_count(); ++r)
+        json_array_append_new(root, json_loads(texts + (size_t)r * size, JSON_DECODE_ANY, NULL));
+    return root;
+}
+
+json_t *group_gather_json(json_t *value)
+{
+    if (!ranks)
+        return json_pack("[o]", value);
+    char *text = value ? json_dumps(value, JSON_ENCODE_ANY) : NULL;
+    json_decref(value);
+    uint64_t own = text ? strlen(text) + 1 : 0, size = 0;
+    uint64_t *sizes = malloc((size_t)group_count() * sizeof *sizes);
+    json_t *root = NULL;
+    if (group_all(text && sizes) &&
+        !sgs_ranks_gather(ranks, SGS_STATUS_OK, &own, sizeof own, sizes)) {
+        for (int r = 0; r < group_count(); ++r)
+            size = sizes[r] > size ? sizes[r] : size;
+        char *padded = calloc(size, 1), *texts = malloc((size_t)group_count() * size);
+        if (padded)
+            memcpy(padded, text, own);
+        if (group_all(padded && texts) &&
+            !sgs_ranks_gather(ranks, SGS_STATUS_OK, padded, size, texts) && group_leads())
+            root = read_texts(texts, size);
+        free(padded);
+        free(texts);
+    }
+    free(text);
+    free(sizes);
+    return root;
+}
+
 json_t *group_traffic(void)
 {
     sgs_ranks_traffic own[SGS_RANKS_PURPOSE_COUNT], *all;

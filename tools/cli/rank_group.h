@@ -53,6 +53,10 @@ int group_number(int value);
 // of `value`. Collective.
 json_t *group_json(json_t *value);
 
+// The values of all ranks in their order, on rank 0; NULL on the others, or on failure, which rank
+// 0 has printed. Takes over the reference of `value`. Without ranks an array of it. Collective.
+json_t *group_gather_json(json_t *value);
+
 // Bytes and messages between the ranks so far, by purpose, summed over the ranks: {"records":
 // {"calls":n,"messages":n,"bytes":n}, ...}. NULL without ranks. Collective.
 json_t *group_traffic(void);

@@ -26,7 +26,8 @@ static const char description[] =
     "pixels and channels; SSIM uses an 11 x 11 Gaussian window with zero padding; FLIP is the mean "
     "perceptual error at 67 pixels per degree, 0 to 1; sharpness is the Laplacian energy of the "
     "render over that of the photograph, below 1 = blurred. Image folder, size, split, filter and "
-    "background default to those of the run.";
+    "background default to those of the run. Under mpirun or srun, the views are spread over the "
+    "processes.";
 
 typedef struct eval_values {
     int split; // index of the word; mapped to sgs_split below

@@ -26,7 +26,8 @@ static const char description[] =
     "time, into DIR, and updates DIR/results.json and DIR/results.csv after each. The plan is "
     "validated before the first run. Steps of \"post\" prune or compress the trained models and "
     "evaluate the results. Rerun the same command to continue an interrupted experiment. "
-    "'sparegs report DIR' creates tables and an HTML page.";
+    "'sparegs report DIR' creates tables and an HTML page. Under mpirun or srun, the runs are "
+    "spread over the processes.";
 
 typedef struct experiment_values {
     const char *output;

@@ -24,7 +24,9 @@ static const char description[] =
     "layers, or DIR/STEM.png and DIR/STEM.AOV.png, where STEM is the image name of the view "
     "without extension, and prints the paths. EXR colours are premultiplied by alpha, without "
     "background, and scene-linear: the model's display (sRGB) values are decoded unless "
-    "--exr-encoding srgb is given. PNGs and videos are composited over the background.";
+    "--exr-encoding srgb is given. PNGs and videos are composited over the background. Under "
+    "mpirun "
+    "or srun, the views are spread over the processes.";
 
 typedef struct render_values {
     const char *output, *view, *camera;
@@ -320,8 +322,31 @@ static bool find_regions(const char *model_name, int iteration, const sgs_gaussi
     return true;
 }
 
+// Reports `before` and the files of all ranks in the order of the views: each rank has those of
+// every group_count()-th view, as many of each.
+static bool merge_files(size_t views, json_t *before)
+{
+    if (!group_ranks())
+        return true;
+    const size_t count = (size_t)group_count();
+    json_t *all = group_gather_json(reported_files_take());
+    if (!all)
+        return !group_leads();
+    json_t *files = json_copy(before);
+    for (size_t i = 0; i < views; ++i) {
+        const json_t *own = json_array_get(all, i % count);
+        const size_t drawn = (views - i % count + count - 1) / count,
+                     each = json_array_size(own) / drawn;
+        for (size_t k = 0; k < each; ++k)
+            json_array_append(files, json_array_get(own, i / count * each + k));
+    }
+    json_decref(all);
+    reported_files_restore(files);
+    return true;
+}
+
 static bool render_views(const sgs_gaussians *model, const camera_list *cameras,
-                         const view_options *options, const drawing_values *drawing)
+                         const view_options *options, const drawing_values *drawing, json_t *before)
 {
     view_drawer drawer;
     bool done =
@@ -335,7 +360,7 @@ static bool render_views(const sgs_gaussians *model, const camera_list *cameras,
     }
     progress_end();
     done = view_drawer_close(&drawer, done) && done;
-    done = group_all(done);
+    done = group_all(done) && merge_files(cameras->count, before);
     if (done && cameras->arc > 0)
         print_note("orbit: arc of %.0f degrees; use --arc 360 for a full circle", cameras->arc);
     if (done)
@@ -356,9 +381,13 @@ static bool render_model(const char *name, const model_path *located, const came
     unsigned formats = values->save_cameras;
     if (!formats && values->output && (values->orbit || values->spiral))
         formats = CAMERAS_JSON;
-    const bool done = (!formats || cameras_export(values->output, formats, cameras, options.fps)) &&
-                      find_regions(name, located->iteration, model, &regions, &options.aovs) &&
-                      render_views(model, cameras, &options, drawing);
+    const bool exports = formats && group_leads();
+    bool done = !exports || cameras_export(values->output, formats, cameras, options.fps);
+    json_t *before = group_ranks() ? reported_files_take() : NULL;
+    done = group_all(done) &&
+           find_regions(name, located->iteration, model, &regions, &options.aovs) &&
+           render_views(model, cameras, &options, drawing, before);
+    json_decref(before);
     region_map_free(&regions);
     sgs_gaussians_destroy(model);
     return done;
@@ -494,18 +523,20 @@ int command_render(int argc, char **argv)
     camera_choice choice;
     if (status < 0)
         status = check_values(&call.line, &values, &choice);
-    if (status < 0 && group_ranks() && (values.film || call.common.json))
-        status = fail_usage("render %s runs in one process; start it without a launcher",
-                            values.film ? "--video" : "--json");
+    if (status < 0 && group_ranks() && values.film)
+        status = fail_usage("render --video runs in one process; start it without a launcher");
     if (status < 0)
         status = common_apply(&call.common, &call.line);
     if (status >= 0)
         return status;
     warn_about_idle(&call.line, &values);
     interrupt_watch();
-    if (call.common.json)
+    const bool listed = group_ranks() && !call.common.json; // after all files are known
+    if (call.common.json || listed)
         reported_files_begin();
     status = run_render(&call.line, &values, &choice, &data, &drawing);
+    if (listed)
+        reported_files_list();
     return !call.common.json || status == EXIT_FAILED || reported_files_print() ? status
                                                                                 : EXIT_FAILED;
 }

@@ -38,7 +38,9 @@ static const char description[] =
     "input.ply, config.json     cameras, initial cloud, options\n  train.csv, spare.csv, "
     "summary.json       training curves and results\n  checkpoint/                              "
     "full state for --resume\nSIGINT, SIGTERM and SIGHUP finish the current iteration and save; a "
-    "second signal exits immediately. SIGUSR1 saves a checkpoint and continues.";
+    "second signal exits immediately. SIGUSR1 saves a checkpoint and continues. Under mpirun or "
+    "srun, "
+    "several processes train one model, with the result of one process.";
 
 typedef struct training {
     common_values common;

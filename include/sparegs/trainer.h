@@ -269,6 +269,10 @@ typedef struct sgs_trainer sgs_trainer;
 // of an unknown size; cannot fail otherwise.
 SGS_API size_t sgs_train_memory(const sgs_scene *scene, const sgs_train_options *options,
                                 size_t image_cache, size_t gaussians);
+// The same for each of several ranks that share the primitives (sgs_trainer_ranks_set), including
+// the evaluation of the whole model after training.
+SGS_API size_t sgs_train_memory_per_rank(const sgs_scene *scene, const sgs_train_options *options,
+                                         size_t image_cache, size_t gaussians, int ranks);
 
 // Creates a trainer; release it with sgs_trainer_destroy. The scene, with loaded images, must
 // outlive it. Options and options->init are copied; options NULL = the defaults. Fails with
@@ -311,6 +315,9 @@ SGS_API size_t sgs_trainer_count(const sgs_trainer *trainer);
 // Hash of the model, as sgs_gaussians_hash: the same on all ranks. Fails with OUT_OF_MEMORY with
 // several ranks only. Collective.
 SGS_API sgs_status sgs_trainer_hash(sgs_trainer *trainer, char hex[17]);
+// Writes the model, without a 3D filter, as sgs_ply_write. Rank 0 writes the file, and alone fails
+// if that is impossible; other ranks ignore `path`. Collective.
+SGS_API sgs_status sgs_trainer_write_ply(sgs_trainer *trainer, const char *path);
 // With several ranks, makes the two functions below return the whole model on rank 0, until the
 // next step, and the rows of the rank on others; without, it does nothing. Fails with
 // OUT_OF_MEMORY. Collective.

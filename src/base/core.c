@@ -7,6 +7,7 @@
 
 #include <errno.h>
 #include <fcntl.h>
+#include <malloc.h>
 #include <math.h>
 #include <stdatomic.h>
 #include <stdlib.h>
@@ -156,6 +157,13 @@ bool sgsi_grow(void **block, size_t old_count, size_t new_count, size_t size)
 void sgsi_free(void *block)
 {
     free(block);
+}
+
+void sgsi_return_memory(void)
+{
+#ifdef __GLIBC__
+    malloc_trim(0);
+#endif
 }
 
 char *sgsi_strdup(const char *text)

@@ -51,6 +51,9 @@ bool sgsi_grow(void **block, size_t old_count, size_t new_count, size_t size);
 // Accepts NULL.
 void sgsi_free(void *block);
 
+// Returns free memory of the allocator to the system, after the release of many blocks.
+void sgsi_return_memory(void);
+
 // Number of calls to sgsi_alloc, sgsi_calloc and sgsi_grow in this process so far. For the test
 // that a training step allocates nothing.
 size_t sgsi_allocation_count(void);

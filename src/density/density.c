@@ -140,7 +140,7 @@ static sgs_status make_columns(size_t count, const sgsi_density_options *options
 
 typedef struct column_job {
     const sgs_gaussians *model;
-    const sgsi_statistics *statistics;
+    const sgsi_statistics *statistics; // NULL: no statistics yet
     sgsi_density_columns *columns;
 } column_job;
 
@@ -166,7 +166,7 @@ static void fill_columns(void *context, size_t begin, size_t end, int thread)
         for (int k = 1; k < 3; ++k)
             longest = fmaxf(longest, *sgs_gaussians_at(job->model, i, SGS_PARAM_SCALE + k));
         c->scale_max[i] = expf(longest);
-        const uint32_t seen = job->statistics->visible_count[i];
+        const uint32_t seen = job->statistics ? job->statistics->visible_count[i] : 0;
         c->score[i] = seen ? job->statistics->gradient_sum[i] / (float)seen : 0.0f;
         c->abs_grad[i] = seen ? job->statistics->abs_grad_sum[i] / (float)seen : 0.0f;
         c->weight[i] = 1.0f;
@@ -520,22 +520,18 @@ sgs_status sgsi_density_sort(sgs_gaussians *model)
     const sgsi_density_options options = {.size_max = INFINITY};
     sgsi_density_result result = {0};
     sgsi_density_columns columns;
-    sgsi_statistics statistics = {0};
     sgs_status status = make_columns(model->count, &options, false, &columns);
     if (status)
         return status;
-    status = sgsi_statistics_reserve(&statistics, model->count + 1);
     sgsi_density_plan plan = {0};
-    if (!status) {
-        column_job job = {model, &statistics, &columns};
-        sgsi_parallel_ranges(model->count, 4096, fill_columns, &job);
-        status = make_plan(&columns, 0, &result, &plan);
-    }
+    column_job job = {model, NULL, &columns};
+    sgsi_parallel_ranges(model->count, 4096, fill_columns, &job);
+    status = make_plan(&columns, 0, &result, &plan);
+    free_columns(&columns);
+    sgsi_plan_trim(&plan);
     if (!status) // without rows that are not finite
         status = sgsi_density_reorder(model, &plan);
-    sgsi_statistics_free(&statistics);
     sgsi_plan_free(&plan);
-    free_columns(&columns);
     return status;
 }
 

@@ -284,16 +284,40 @@ sgs_status sgsi_density_apply(const sgsi_density_rows *rows, const sgsi_density_
     return SGS_STATUS_OK;
 }
 
+typedef struct reorder_job {
+    const sgsi_density_plan *plan;
+    float *data, *column; // [plan->count]: one parameter in the new order
+    int param;
+} reorder_job;
+
+static void take_column(void *context, size_t begin, size_t end, int thread)
+{
+    (void)thread;
+    const reorder_job *job = context;
+    for (size_t i = begin; i < end; ++i)
+        job->column[i] = row_at(job->data, job->plan->entries[i].row)[job->param * SGS_LANES];
+}
+
+static void put_column(void *context, size_t begin, size_t end, int thread)
+{
+    (void)thread;
+    const reorder_job *job = context;
+    for (size_t i = begin; i < end; ++i)
+        row_at(job->data, i)[job->param * SGS_LANES] = job->column[i];
+}
+
+// In place, one parameter at a time: a second copy of the rows would be the peak of a rank that
+// keeps few of them.
 sgs_status sgsi_density_reorder(sgs_gaussians *model, const sgsi_density_plan *plan)
 {
-    const sgsi_density_options options = {.size_max = INFINITY};
-    const sgsi_row_moves none = {0};
-    const size_t capacity = padded_capacity(plan->count);
-    const sgs_status status =
-        gather_block(&model->data, capacity, plan->count, plan, true, &none, &options, NULL);
-    if (status)
-        return status;
-    model->capacity = capacity;
-    model->count = plan->count;
-    return SGS_STATUS_OK;
+    enum { GRAIN = 4096 };
+    reorder_job job = {plan, model->data, sgsi_alloc(plan->count + 1, sizeof *job.column), 0};
+    if (!job.column)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to sort %zu primitives", plan->count);
+    for (job.param = 0; job.param < SGS_PARAM_COUNT; ++job.param) {
+        sgsi_parallel_ranges(plan->count, GRAIN, take_column, &job);
+        sgsi_parallel_ranges(plan->count, GRAIN, put_column, &job);
+    }
+    sgsi_free(job.column);
+    return sgs_gaussians_resize(model, plan->count);
 }

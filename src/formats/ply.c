@@ -23,6 +23,7 @@
 #include "formats/model_format.h"
 #include "formats/model_rows.h"
 #include "formats/ply_header.h"
+#include "formats/ply_parts.h"
 #include "model/filter_3d.h"
 
 enum {
@@ -313,7 +314,7 @@ static uint8_t *put_float(uint8_t *at, float value)
 }
 
 // Fails early if the disk is full.
-static sgs_status put_chunk(sgsi_atomic_file *file, const uint8_t *bytes, size_t size)
+static sgs_status put_chunk(const sgsi_atomic_file *file, const uint8_t *bytes, size_t size)
 {
     errno = 0;
     if (fwrite(bytes, 1, size, file->stream) == size)
@@ -350,8 +351,7 @@ static uint8_t *put_row(const row_writer *writer, size_t row, uint8_t *at)
     return at;
 }
 
-// Takes ownership of `file`: commits or removes it.
-static sgs_status write_rows(const row_writer *writer, sgsi_atomic_file *file)
+static sgs_status write_rows(const row_writer *writer, const sgsi_atomic_file *file)
 {
     uint8_t chunk[CHUNK_ROWS * MAX_COLUMNS * sizeof(float)];
     for (size_t begin = 0; begin < writer->count; begin += CHUNK_ROWS) {
@@ -360,12 +360,20 @@ static sgs_status write_rows(const row_writer *writer, sgsi_atomic_file *file)
         for (size_t row = begin; row < end; ++row)
             at = put_row(writer, row, at);
         const sgs_status status = put_chunk(file, chunk, (size_t)(at - chunk));
-        if (status) {
-            sgsi_atomic_abort(file);
+        if (status)
             return status;
-        }
     }
-    return sgsi_atomic_commit(file);
+    return SGS_STATUS_OK;
+}
+
+// Takes ownership of `file`: commits or removes it.
+static sgs_status write_file(const row_writer *writer, sgsi_atomic_file *file)
+{
+    const sgs_status status = write_rows(writer, file);
+    if (!status)
+        return sgsi_atomic_commit(file);
+    sgsi_atomic_abort(file);
+    return status;
 }
 
 // A negative number means none.
@@ -378,34 +386,87 @@ static void add_written(row_writer *writer, FILE *stream, const char *prefix, in
     writer->params[writer->column_count++] = param;
 }
 
-static sgs_status write_model(const char *path, const sgs_gaussians *model, const float *filter_3d,
-                              bool antialiased)
+// Opens the file and writes the header for `count` rows of models like this one.
+static sgs_status begin_model(const char *path, const sgs_gaussians *model, size_t count,
+                              const float *filter_3d, bool antialiased, row_writer *writer,
+                              sgsi_atomic_file *file)
 {
     if (model->sh_degree < 0 || model->sh_degree > 3)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: SH degree %d is not within 0 to 3", path,
                          model->sh_degree);
-    sgsi_atomic_file file;
-    const sgs_status status = sgsi_atomic_open(&file, path);
+    const sgs_status status = sgsi_atomic_open(file, path);
     if (status)
         return status;
-    row_writer writer = {.model = model, .count = model->count, .filter_3d = filter_3d};
-    fprintf(file.stream, "ply\nformat binary_little_endian 1.0\n%selement vertex %zu\n",
-            antialiased ? "comment SplatRenderMode: mip\n" : "", model->count);
+    *writer = (row_writer){.model = model, .count = model->count, .filter_3d = filter_3d};
+    fprintf(file->stream, "ply\nformat binary_little_endian 1.0\n%selement vertex %zu\n",
+            antialiased ? "comment SplatRenderMode: mip\n" : "", count);
     static const char *const lead[] = {"x", "y", "z", "nx", "ny", "nz"};
     for (int k = 0; k < 6; ++k)
-        add_written(&writer, file.stream, lead[k], -1, k < 3 ? SGS_PARAM_MEAN + k : -1);
+        add_written(writer, file->stream, lead[k], -1, k < 3 ? SGS_PARAM_MEAN + k : -1);
     for (int k = 0; k < 3; ++k)
-        add_written(&writer, file.stream, "f_dc_", k, SGS_PARAM_SH_DC + k);
+        add_written(writer, file->stream, "f_dc_", k, SGS_PARAM_SH_DC + k);
     const int rest = rest_count(model->sh_degree);
     for (int k = 0; k < rest; ++k)
-        add_written(&writer, file.stream, "f_rest_", k, rest_param(k, rest));
-    add_written(&writer, file.stream, "opacity", -1, SGS_PARAM_OPACITY);
+        add_written(writer, file->stream, "f_rest_", k, rest_param(k, rest));
+    add_written(writer, file->stream, "opacity", -1, SGS_PARAM_OPACITY);
     for (int k = 0; k < 3; ++k)
-        add_written(&writer, file.stream, "scale_", k, SGS_PARAM_SCALE + k);
+        add_written(writer, file->stream, "scale_", k, SGS_PARAM_SCALE + k);
     for (int k = 0; k < 4; ++k)
-        add_written(&writer, file.stream, "rot_", k, SGS_PARAM_ROTATION + k);
-    fputs(filter_3d ? "property float filter_3D\nend_header\n" : "end_header\n", file.stream);
-    return write_rows(&writer, &file);
+        add_written(writer, file->stream, "rot_", k, SGS_PARAM_ROTATION + k);
+    fputs(filter_3d ? "property float filter_3D\nend_header\n" : "end_header\n", file->stream);
+    return SGS_STATUS_OK;
+}
+
+static sgs_status write_model(const char *path, const sgs_gaussians *model, const float *filter_3d,
+                              bool antialiased)
+{
+    sgsi_atomic_file file;
+    row_writer writer;
+    const sgs_status status =
+        begin_model(path, model, model->count, filter_3d, antialiased, &writer, &file);
+    return status ? status : write_file(&writer, &file);
+}
+
+// ---- A model that arrives in parts ----
+
+struct sgsi_ply_parts {
+    row_writer writer;
+    sgsi_atomic_file file;
+    sgs_status status;
+};
+
+sgs_status sgsi_ply_parts_begin(const char *path, const sgs_gaussians *like, size_t count,
+                                sgsi_ply_parts **parts)
+{
+    *parts = sgsi_calloc(1, sizeof **parts);
+    if (!*parts)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path);
+    const sgs_status status =
+        begin_model(path, like, count, NULL, false, &(*parts)->writer, &(*parts)->file);
+    if (status) {
+        sgsi_free(*parts);
+        *parts = NULL;
+    }
+    return status;
+}
+
+void sgsi_ply_parts_add(sgsi_ply_parts *parts, const sgs_gaussians *rows)
+{
+    parts->writer.model = rows;
+    parts->writer.count = rows->count;
+    if (!parts->status)
+        parts->status = write_rows(&parts->writer, &parts->file);
+}
+
+sgs_status sgsi_ply_parts_end(sgsi_ply_parts *parts, bool complete)
+{
+    sgs_status status = parts->status;
+    if (status || !complete)
+        sgsi_atomic_abort(&parts->file);
+    else
+        status = sgsi_atomic_commit(&parts->file);
+    sgsi_free(parts);
+    return status;
 }
 
 sgs_status sgs_ply_write(const char *path, const sgs_gaussians *model)
@@ -439,5 +500,5 @@ sgs_status sgs_ply_write_points(const char *path, const float *points, const uns
           "property float nx\nproperty float ny\nproperty float nz\n"
           "property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n",
           file.stream);
-    return write_rows(&writer, &file);
+    return write_file(&writer, &file);
 }

@@ -19,6 +19,10 @@ enum {
     // Per primitive: 708 parameters and moments, 180 tracing and statistics, BVH, structural
     // update.
     ROW_BYTES = 1700,
+    // Of several ranks, per primitive of all: columns and plan of a structural update; the model
+    // and its BVH in the evaluation.
+    COLUMN_BYTES = 150,
+    EVALUATION_BYTES = 480,
     // Per pixel of the largest view: image and gradient, loss, lists of hits, gradient records.
     PIXEL_BYTES = 120,
     RAY_BYTES = 24,         // per pixel of each different camera, up to RAY_LIMIT
@@ -52,6 +56,22 @@ static size_t ray_pixels(const sgs_scene *scene)
 size_t sgs_train_memory(const sgs_scene *scene, const sgs_train_options *options,
                         size_t image_cache, size_t gaussians)
 {
+    return sgs_train_memory_per_rank(scene, options, image_cache, gaussians, 1);
+}
+
+// Bytes for the primitives of a rank: its own ones, and what depends on all.
+static size_t row_bytes(size_t rows, size_t own_bytes, int ranks)
+{
+    const size_t trained = rows / (size_t)ranks * own_bytes + rows * COLUMN_BYTES,
+                 evaluated = rows * EVALUATION_BYTES;
+    if (ranks < 2)
+        return rows * own_bytes;
+    return trained > evaluated ? trained : evaluated;
+}
+
+size_t sgs_train_memory_per_rank(const sgs_scene *scene, const sgs_train_options *options,
+                                 size_t image_cache, size_t gaussians, int ranks)
+{
     sgs_train_options own = sgs_train_options_default();
     if (sgsi_options_read(options, "sgs_train_options", &own, sizeof own))
         return 0;
@@ -74,11 +94,11 @@ size_t sgs_train_memory(const sgs_scene *scene, const sgs_train_options *options
     const size_t shrinking = shrinks ? (size_t)shrinks : 1;
     const size_t crowd = CROWDING * shrinking * rows / (largest / TILE_PIXELS),
                  fullest = crowd < rows ? crowd : rows;
-    const size_t batch_bytes = own.batch > 1 ? rows * (SGS_PARAM_COUNT + 1) * sizeof(float) : 0;
+    const size_t batch_bytes = own.batch > 1 ? (SGS_PARAM_COUNT + 1) * sizeof(float) : 0;
     const size_t rays = ray_pixels(scene) * RAY_BYTES;
     // With fewer tiles per image, a ray hits a larger part of the candidates of its tile.
     const size_t lists = fullest * LIST_BYTES / (largest / TILE_PIXELS);
     return PROGRAM_BYTES + threads * (THREAD_BYTES + fullest * CANDIDATE_BYTES) + photographs +
-           largest * PIXEL_BYTES + (rays < RAY_LIMIT ? rays : RAY_LIMIT) + rows * ROW_BYTES +
-           lists + batch_bytes;
+           largest * PIXEL_BYTES + (rays < RAY_LIMIT ? rays : RAY_LIMIT) +
+           row_bytes(rows, ROW_BYTES + batch_bytes, ranks < 1 ? 1 : ranks) + lists;
 }

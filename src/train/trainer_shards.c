@@ -9,6 +9,7 @@
 #include "base/core.h"
 #include "base/threads.h"
 #include "cluster/row_streams.h"
+#include "formats/ply_parts.h"
 #include "model/model_hash.h"
 #include "train/trainer_state.h"
 
@@ -56,6 +57,13 @@ static sgs_status share_model(sgs_trainer *trainer)
     sgs_gaussians_destroy(whole);
     trainer->filter_3d = filter;
     trainer->model = own;
+    if (rank) { // only rank 0 writes it
+        sgsi_free(trainer->cloud_points);
+        sgsi_free(trainer->cloud_colors);
+        trainer->cloud_points = NULL;
+        trainer->cloud_colors = NULL;
+    }
+    sgsi_return_memory();
     return SGS_STATUS_OK;
 }
 
@@ -185,24 +193,31 @@ sgs_status sgs_trainer_collect(sgs_trainer *trainer)
     return SGS_STATUS_OK;
 }
 
-// ---- Hash ----
+// ---- Hash and model file, from parts of the model ----
 
-typedef struct hash_job {
+typedef struct parts_job {
     const sgs_trainer *trainer;
-    sgsi_gaussians_hasher *hasher;
+    void (*take)(void *taker, const sgs_gaussians *rows);
+    void *taker; // NULL: the rows are not used
     size_t left; // rows
-} hash_job;
+} parts_job;
 
 // Whole blocks in the model's layout.
-static void hash_rows(void *context, void *bytes, size_t size)
+static void take_blocks(void *context, void *bytes, size_t size)
 {
-    hash_job *job = context;
+    parts_job *job = context;
     const size_t rows = size / BLOCK_BYTES * SGS_LANES;
     sgs_gaussians part = *job->trainer->model;
     part.data = bytes;
     part.count = part.capacity = rows < job->left ? rows : job->left;
-    sgsi_gaussians_hash_rows(job->hasher, &part);
+    if (job->taker)
+        job->take(job->taker, &part);
     job->left -= part.count;
+}
+
+static void hash_rows(void *taker, const sgs_gaussians *rows)
+{
+    sgsi_gaussians_hash_rows(taker, rows);
 }
 
 sgs_status sgs_trainer_hash(sgs_trainer *trainer, char hex[17])
@@ -212,13 +227,42 @@ sgs_status sgs_trainer_hash(sgs_trainer *trainer, char hex[17])
         sgs_gaussians_hash(trainer->model, hex);
         return SGS_STATUS_OK;
     }
-    hash_job job = {trainer, sgsi_gaussians_hash_begin(trainer->count, trainer->model->sh_degree),
-                    trainer->count};
+    sgsi_gaussians_hasher *hasher =
+        sgsi_gaussians_hash_begin(trainer->count, trainer->model->sh_degree);
+    parts_job job = {trainer, hash_rows, hasher, trainer->count};
     const sgsi_row_array array = params_array(trainer);
     const sgs_status own =
-        job.hasher ? SGS_STATUS_OK : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a hash");
-    sgs_status status = sgsi_rows_collect(ranks, own, &array, hash_rows, &job);
+        hasher ? SGS_STATUS_OK : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a hash");
+    const sgs_status status = sgsi_rows_collect(ranks, own, &array, take_blocks, &job);
     memset(hex, 0, 17);
-    sgsi_gaussians_hash_end(job.hasher, hex);
+    sgsi_gaussians_hash_end(hasher, hex);
     return status ? status : sgsi_ranks_copy(ranks, SGS_STATUS_OK, SGS_RANKS_OTHER, hex, 17);
+}
+
+static void write_rows(void *taker, const sgs_gaussians *rows)
+{
+    sgsi_ply_parts_add(taker, rows);
+}
+
+sgs_status sgs_trainer_write_ply(sgs_trainer *trainer, const char *path)
+{
+    sgs_ranks *ranks = trainer->views.ranks;
+    sgsi_ply_parts *parts = NULL;
+    sgs_status written = SGS_STATUS_OK;
+    char *reason = NULL;
+    if (!sgsi_trainer_is_shared(trainer))
+        return sgs_ply_write(path, trainer->model);
+    if (!sgsi_trainer_rank(trainer))
+        written = sgsi_ply_parts_begin(path, trainer->model, trainer->count, &parts);
+    if (written) // a file that cannot be written does not keep the others from sending
+        reason = sgsi_strdup(sgs_last_error());
+    parts_job job = {trainer, write_rows, parts, trainer->count};
+    const sgsi_row_array array = params_array(trainer);
+    const sgs_status sent = sgsi_rows_collect(ranks, SGS_STATUS_OK, &array, take_blocks, &job);
+    if (parts)
+        written = sgsi_ply_parts_end(parts, !sent);
+    if (reason && !sent)
+        written = sgsi_fail(written, "%s", reason);
+    sgsi_free(reason);
+    return sent ? sent : written;
 }

@@ -54,11 +54,12 @@ static bool memory_admits(const void *context, size_t count)
 {
     const sgs_trainer *trainer = context;
     const size_t before = trainer->count, limit = trainer->memory_limit;
-    const size_t copy = count * SGS_PARAM_COUNT * sizeof(float);
-    const size_t estimate = sgs_train_memory(trainer->scene, &trainer->options,
-                                             trainer->image_cache, count),
-                 current = sgs_train_memory(trainer->scene, &trainer->options, trainer->image_cache,
-                                            before);
+    const int ranks = sgsi_trainer_ranks(trainer);
+    const size_t copy = count / (size_t)ranks * SGS_PARAM_COUNT * sizeof(float);
+    const size_t estimate = sgs_train_memory_per_rank(trainer->scene, &trainer->options,
+                                                      trainer->image_cache, count, ranks),
+                 current = sgs_train_memory_per_rank(trainer->scene, &trainer->options,
+                                                     trainer->image_cache, before, ranks);
     const size_t growth = estimate > current ? estimate - current : 0;
     const bool admits = !limit || count <= before ||
                         (estimate <= limit && sgs_rss_current() + copy + growth <= limit);
@@ -168,6 +169,8 @@ sgs_status sgsi_trainer_update_structure(sgs_trainer *trainer, int iteration,
         return status;
     }
     keep_regions(trainer, iteration, &result);
+    if (sgsi_trainer_is_shared(trainer)) // columns of the rows of all ranks
+        sgsi_return_memory();
     if (!status)
         sgsi_trainer_clamp_to_region(trainer); // the children of splits
     if (!status)

@@ -172,8 +172,7 @@ static bool create_trainer(training *run)
     return ready;
 }
 
-// Finds the checkpoint for --resume, and loads it if there is one process. Returns 1 if found, 0 to
-// start at iteration 0, -1 on failure.
+// Finds the checkpoint of --resume; one process loads it. 1 if found, 0 if not, -1 on failure.
 static int find_checkpoint(training *run, const char *config_path, json_t *config)
 {
     if (!run->values.resume)
@@ -504,8 +503,11 @@ static bool save_results(training *run)
     if (!run->iterations)
         return true;
     bool saved = run_folder_share_trained(&run->folder, run->trainer, run->iterations);
+    if (run->values.region && sgs_trainer_collect(run->trainer))
+        return false;
     if (group_leads()) {
-        run->region_count = block_plan_count(sgs_trainer_model(run->trainer), &options->region);
+        if (run->values.region)
+            run->region_count = block_plan_count(sgs_trainer_model(run->trainer), &options->region);
         char *exposure = format_text("%s/exposure.json", run->values.output);
         saved = exposure_write(exposure, run->scene, run->trainer) && saved;
         free(exposure);

@@ -9,6 +9,7 @@
 
 #include "cli/output.h"
 #include "cli/progress.h"
+#include "cli/rank_group.h"
 #include "sparegs/model_file.h"
 #include "sparegs/runtime.h"
 
@@ -45,8 +46,10 @@ static int distinct_digits(double a, double b)
 bool memory_check(const sgs_scene *scene, const sgs_train_options *options, size_t image_cache,
                   size_t count, uint64_t max_memory)
 {
-    const double without = (double)sgs_train_memory(scene, options, image_cache, 0);
-    const double required = (double)sgs_train_memory(scene, options, image_cache, count);
+    const int ranks = group_count();
+    const double without = (double)sgs_train_memory_per_rank(scene, options, image_cache, 0, ranks);
+    const double required =
+        (double)sgs_train_memory_per_rank(scene, options, image_cache, count, ranks);
     const double limit = max_memory ? (double)max_memory : (double)sgs_machine_memory();
     if (required <= limit)
         return true;

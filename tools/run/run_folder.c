@@ -286,11 +286,15 @@ void run_folder_record(run_folder *folder, const sgs_step_info *info, double sec
     folder->densified = folder->pruned = folder->spare_pruned = 0;
 }
 
+static char *model_file(const run_folder *folder, int iteration)
+{
+    return format_text("%s/point_cloud/iteration_%d/point_cloud.ply", folder->path, iteration);
+}
+
 bool run_folder_save_model(const run_folder *folder, const sgs_gaussians *model, int iteration,
                            bool antialiased)
 {
-    char *path =
-        format_text("%s/point_cloud/iteration_%d/point_cloud.ply", folder->path, iteration);
+    char *path = model_file(folder, iteration);
     bool saved = make_folder_of(path);
     sgs_model_write_options options = sgs_model_write_options_default();
     options.antialiased = antialiased;
@@ -449,8 +453,22 @@ bool run_folder_save_trained(const run_folder *folder, const sgs_trainer *traine
     return saved;
 }
 
+// In parts, so that no rank holds the whole model.
+static bool share_ply(const run_folder *folder, sgs_trainer *trainer, int iteration)
+{
+    char *path = model_file(folder, iteration);
+    const bool made = !group_leads() || make_folder_of(path);
+    const sgs_status status = sgs_trainer_write_ply(trainer, path); // collective
+    if (made && status && group_leads())
+        fail_library();
+    free(path);
+    return made && !status;
+}
+
 bool run_folder_share_trained(const run_folder *folder, sgs_trainer *trainer, int iteration)
 {
+    if (group_ranks() && !sgs_trainer_filter_3d(trainer))
+        return share_ply(folder, trainer, iteration);
     if (sgs_trainer_collect(trainer)) {
         if (group_leads())
             fail_library();

@@ -139,6 +139,7 @@ typedef struct sgs_rank_prediction {
     sgs_rank_call calls[SGS_RANKS_PURPOSE_COUNT];
     double balance;    // mean work of a rank divided by the largest, from 1 / ranks to 1
     double primitives; // largest number of records of a rank
+    double build;      // measured: seconds to build such a BVH over all primitives
 } sgs_rank_prediction;
 
 // Predicts the messages of ranks[i] ranks (2 to 1024) into predictions[count], from the lists of an

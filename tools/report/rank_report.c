@@ -28,7 +28,7 @@ static double speedup(const sgs_rank_prediction *p, const rank_machine *machine,
                       const network *link)
 {
     const double shared = machine->iteration - machine->serial - machine->refit;
-    const double build = machine->build * p->primitives / machine->primitives;
+    const double build = machine->build * p->build * p->primitives / machine->primitives;
     return machine->iteration / (machine->serial + shared / (p->ranks * p->balance) + build +
                                  sgs_rank_seconds(p, link->latency, link->bandwidth));
 }
@@ -76,8 +76,8 @@ json_t *rank_report_json(const sgs_rank_prediction *predictions, size_t count,
     json_t *array = json_array();
     for (size_t i = 0; i < count; ++i) {
         const sgs_rank_prediction *p = &predictions[i];
-        json_t *object = json_pack("{s:i,s:f,s:f}", "ranks", p->ranks, "balance", p->balance,
-                                   "primitives", p->primitives);
+        json_t *object = json_pack("{s:i,s:f,s:f,s:f}", "ranks", p->ranks, "balance", p->balance,
+                                   "primitives", p->primitives, "build_seconds", p->build);
         json_object_set_new(object, "calls", calls_json(p));
         json_t *links = json_array();
         for (int n = 0; n < NETWORKS; ++n)

@@ -12,7 +12,7 @@
 // One machine, in seconds of an iteration.
 typedef struct rank_machine {
     double iteration, serial, refit; // serial and refit: parts of it
-    double build;                    // of a BVH over all primitives
+    double build;                    // times of building a BVH, relative to the measured ones
     double primitives;
 } rank_machine;
 

@@ -504,6 +504,8 @@ sgs_status sgsi_density_update(const sgsi_density_rows *rows, const sgsi_pipelin
     columns.moves = (sgsi_row_moves){0};
     free_columns(&columns);
     sgsi_plan_trim(&plan);
+    if (rows->peers)
+        sgsi_return_memory();
     if (!status)
         status = sgsi_density_apply(rows, &plan, &moves, options);
     if (!status)

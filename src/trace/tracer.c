@@ -56,6 +56,21 @@ static void free_thread(thread_state *thread)
     sgsi_free(thread);
 }
 
+void sgsi_tracer_forget(sgsi_tracer *tracer)
+{
+    void **const arrays[] = {
+        (void **)&tracer->projected,  (void **)&tracer->bounds,    (void **)&tracer->sums,
+        (void **)&tracer->touched,    (void **)&tracer->visible,   (void **)&tracer->rows,
+        (void **)&tracer->slot_order, (void **)&tracer->slot_sums, (void **)&tracer->fold_order};
+    for (size_t i = 0; i < sizeof arrays / sizeof *arrays; ++i) {
+        sgsi_free(*arrays[i]);
+        *arrays[i] = NULL;
+    }
+    sgsi_records_free(tracer);
+    tracer->capacity = tracer->count = tracer->built_count = 0;
+    tracer->row_capacity = tracer->slot_capacity = tracer->fold_capacity = 0;
+}
+
 void sgsi_tracer_destroy(sgsi_tracer *tracer)
 {
     if (!tracer)
@@ -63,12 +78,8 @@ void sgsi_tracer_destroy(sgsi_tracer *tracer)
     for (int i = 0; i < MAX_THREADS; ++i)
         free_thread(tracer->threads[i]);
     sgsi_bvh_destroy(tracer->bvh);
-    sgsi_records_free(tracer);
-    void *const arrays[] = {tracer->projected,  tracer->bounds,     tracer->sums,
-                            tracer->touched,    tracer->visible,    tracer->lists,
-                            tracer->slot_order, tracer->slot_sums,  tracer->slot_begin,
-                            tracer->buckets,    tracer->macrotiles, tracer->rows,
-                            tracer->fold_order};
+    sgsi_tracer_forget(tracer);
+    void *const arrays[] = {tracer->lists, tracer->slot_begin, tracer->buckets, tracer->macrotiles};
     for (size_t i = 0; i < sizeof arrays / sizeof *arrays; ++i)
         sgsi_free(arrays[i]);
     sgsi_free(tracer);

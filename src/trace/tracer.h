@@ -55,6 +55,9 @@ sgs_status sgsi_tracer_project(sgsi_tracer *tracer, const sgs_gaussians *model,
 // refits.
 sgs_status sgsi_tracer_commit(sgsi_tracer *tracer, bool rebuild, sgsi_bvh_quality quality);
 
+// Frees what the next projection and passes would replace, to leave the memory to another phase.
+void sgsi_tracer_forget(sgsi_tracer *tracer);
+
 // Makes later forward passes write the cost of each tile to costs [tiles], owned by the caller.
 // NULL disables this.
 void sgsi_tracer_watch_tiles(sgsi_tracer *tracer, sgsi_tile_cost *costs);

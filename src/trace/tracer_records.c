@@ -83,6 +83,8 @@ void sgsi_records_free(sgsi_tracer *tracer)
         sgsi_free(tracer->records[i].sums);
     }
     sgsi_free(tracer->records);
+    tracer->records = NULL;
+    tracer->record_capacity = tracer->record_buckets = 0;
 }
 
 size_t sgsi_tracer_buckets(const sgsi_tracer *tracer)

@@ -152,6 +152,11 @@ sgs_status sgsi_trainer_update_structure(sgs_trainer *trainer, int iteration,
         &trainer->options, SGSI_GRADIENT_THRESHOLD * trainer->schedule.threshold_factor);
     const sgsi_density_options options = density_options(trainer, iteration, scores, &spare);
     const sgsi_row_peers peers = sgsi_trainer_peers(trainer);
+    if (sgsi_trainer_is_shared(trainer)) { // the peak of a rank: columns of the rows of all
+        sgsi_tracer_forget(trainer->views.rows);
+        sgsi_tracer_forget(trainer->views.tracer);
+        sgsi_return_memory();
+    }
     const sgsi_density_rows rows = {.model = trainer->model,
                                     .m = &trainer->m,
                                     .v = &trainer->v,
@@ -169,7 +174,7 @@ sgs_status sgsi_trainer_update_structure(sgs_trainer *trainer, int iteration,
         return status;
     }
     keep_regions(trainer, iteration, &result);
-    if (sgsi_trainer_is_shared(trainer)) // columns of the rows of all ranks
+    if (sgsi_trainer_is_shared(trainer))
         sgsi_return_memory();
     if (!status)
         sgsi_trainer_clamp_to_region(trainer); // the children of splits

@@ -269,7 +269,6 @@ static bool open_folder(training *run)
     json_decref(config);
     free(config_path);
     free(run->checkpoint);
-    run->checkpoint = NULL;
     return ready;
 }
 
@@ -399,8 +398,7 @@ static void record_step(training *run, trace_file *trace, double start,
 // The viewer of rank 0. Several ranks save what it requests after a pause.
 static void show_step(training *run, const sgs_step_info *info)
 {
-    const bool wanted = group_taken(GROUP_VIEW, group_leads() && training_view_wants(run->view));
-    if (group_ranks() && wanted)
+    if (group_taken(GROUP_VIEW, group_leads() && training_view_wants(run->view)))
         sgs_trainer_collect(run->trainer); // a failure is that of the next step
     if (!group_leads())
         return;

@@ -44,6 +44,7 @@ static int unload(void **state)
     return 0;
 }
 
+// data: NULL = zeros, as the moments before the first step.
 static sgs_gaussians *copy_model(const sgs_gaussians *from, const float *data)
 {
     sgs_gaussians *copy;
@@ -53,7 +54,9 @@ static sgs_gaussians *copy_model(const sgs_gaussians *from, const float *data)
     for (size_t i = 0; i < from->count; ++i)
         for (int k = 0; k < SGS_PARAM_COUNT; ++k)
             *sgs_gaussians_at(copy, i, k) =
-                data[(i / SGS_LANES * SGS_PARAM_COUNT + (size_t)k) * SGS_LANES + i % SGS_LANES];
+                data ? data[(i / SGS_LANES * SGS_PARAM_COUNT + (size_t)k) * SGS_LANES +
+                            i % SGS_LANES]
+                     : 0.0f;
     return copy;
 }
 

@@ -29,12 +29,13 @@ typedef struct sgs_ranks sgs_ranks;
 // Number of processes that the launcher's environment announces (Open MPI, MPICH, Slurm); 1 without
 // a launcher. *rank receives the number of this process, from 0; it may be NULL. Cannot fail.
 SGS_API int sgs_ranks_launched(int *rank);
+// Removes the announcement from the environment: programs that this process starts are no ranks.
+SGS_API void sgs_ranks_forget_launcher(void);
 
 // Joins the ranks of a launcher through the plug-in of its MPI library, which is loaded now:
 // "ranks-openmpi.so" or "ranks-mpich.so", in `folder`, or, if it is NULL, next to the program and
-// in
-// ../lib/sparegs. *ranks is NULL, with success, if there is one process. Fails with UNSUPPORTED if
-// no plug-in can be loaded. Collective. Call at most once per process.
+// in ../lib/sparegs. *ranks is NULL, with success, if there is one process. Fails with UNSUPPORTED
+// if no plug-in can be loaded. Collective. Call at most once per process.
 SGS_API sgs_status sgs_ranks_open(const char *folder, sgs_ranks **ranks);
 // Waits for all ranks, and learns of those that failed. Accepts NULL.
 SGS_API void sgs_ranks_close(sgs_ranks *ranks);

@@ -7,7 +7,8 @@
 
 #include <stddef.h>
 
-enum { SGSI_SHARD_ROWS = 256 }; // rows of a group: whole blocks of 16; few, so that small models are divided
+// Rows of a group: whole blocks of 16; few, so that small models are divided.
+enum { SGSI_SHARD_ROWS = 256 };
 
 static inline int sgsi_shard_owner(size_t row, int ranks)
 {

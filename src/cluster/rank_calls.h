@@ -60,8 +60,3 @@ sgs_status sgsi_ranks_copy(sgs_ranks *ranks, sgs_status own, sgs_ranks_purpose p
                            size_t bytes);
 
 enum { SGSI_RANKS_HEADER_BYTES = 24 }; // of every call, from each rank to each other
-
-static inline size_t sgsi_ranks_padded(size_t bytes)
-{
-    return (bytes + SGSI_TRANSPORT_UNIT - 1) / SGSI_TRANSPORT_UNIT * SGSI_TRANSPORT_UNIT;
-}

@@ -56,6 +56,12 @@ int sgs_ranks_launched(int *rank)
     return count;
 }
 
+void sgs_ranks_forget_launcher(void)
+{
+    for (int i = 0; i < LAUNCHERS; ++i)
+        unsetenv(launchers[i].count);
+}
+
 // Loads folder/name and joins the ranks. False, with the reason of the last attempt, if it cannot
 // be loaded.
 static bool try_plugin(const char *folder, const char *name, sgsi_transport *transport,

@@ -28,6 +28,12 @@ static size_t group_bytes(const sgsi_row_array *array, size_t group)
     return array->total - begin < array->group ? array->total - begin : array->group;
 }
 
+static size_t window_bytes(const sgsi_row_array *array, window w)
+{
+    const size_t end = w.last * array->group;
+    return (end < array->total ? end : array->total) - w.first * array->group;
+}
+
 // Bytes of a rank's groups in a window that begins at a multiple of `ranks`.
 static size_t piece_bytes(const sgsi_row_array *array, window w, int rank, int ranks)
 {
@@ -150,10 +156,7 @@ sgs_status sgsi_rows_collect(sgs_ranks *ranks, sgs_status own, const sgsi_row_ar
         if (status || rank)
             continue;
         interleave(array, w, count, (unsigned char *)got, s.begin, s.ordered, false);
-        size_t size = 0;
-        for (size_t g = w.first; g < w.last; ++g)
-            size += group_bytes(array, g);
-        take(context, s.ordered, size);
+        take(context, s.ordered, window_bytes(array, w));
     }
     close_stream(&s);
     return status;
@@ -173,11 +176,8 @@ sgs_status sgsi_rows_distribute(sgs_ranks *ranks, sgs_status own, const sgsi_row
         unsigned char *message = sgsi_ranks_room(ranks, total);
         if (!message)
             own = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to send %zu bytes", total);
-        size_t size = 0;
-        for (size_t g = w.first; g < w.last && !rank; ++g)
-            size += group_bytes(array, g);
         if (!rank && !own) {
-            give(context, s.ordered, size);
+            give(context, s.ordered, window_bytes(array, w));
             interleave(array, w, count, message, s.begin, s.ordered, true);
         }
         const unsigned char *got;

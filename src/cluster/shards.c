@@ -25,7 +25,7 @@ enum { CHUNK = 4096, MOST_DEPTH = 64 };
 
 size_t sgsi_shard_bytes(size_t count, size_t item)
 {
-    return (count * item + SGSI_TRANSPORT_UNIT - 1) / SGSI_TRANSPORT_UNIT * SGSI_TRANSPORT_UNIT;
+    return sgsi_ranks_padded(count * item);
 }
 
 size_t sgsi_shard_items(size_t bytes, size_t item)

@@ -10,6 +10,11 @@
 
 enum { SGSI_TRANSPORT_VERSION = 1, SGSI_TRANSPORT_UNIT = 64 };
 
+static inline size_t sgsi_ranks_padded(size_t bytes)
+{
+    return (bytes + SGSI_TRANSPORT_UNIT - 1) / SGSI_TRANSPORT_UNIT * SGSI_TRANSPORT_UNIT;
+}
+
 typedef struct sgsi_transport {
     int rank, count;
     void *state;

@@ -27,6 +27,19 @@ run() {
 # is_sanitized [address|thread]: the program is built with a sanitizer: it is slow and uses more memory.
 is_sanitized() { grep -qE "^SPAREGS_SANITIZE:[A-Z]*=${1:-.}" "$SPAREGS_BUILD/CMakeCache.txt"; }
 
+# find_mpirun: sets launcher to mpirun with its options; without it or a plug-in the test is skipped.
+find_mpirun() {
+    if ! command -v mpirun >/dev/null || ! ls "$SPAREGS_BUILD"/ranks-*.so >/dev/null 2>&1; then
+        echo "skipped: mpirun or the MPI plug-in is missing (install libopenmpi-dev and openmpi-bin)"
+        exit 77
+    fi
+    export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1
+    launcher=(mpirun)
+    if mpirun --version 2>&1 | grep -q "Open MPI"; then
+        launcher+=(--oversubscribe --bind-to none)
+    fi
+}
+
 # check PROPERTY COMMAND...: the command must succeed.
 check() {
     local property=$1

@@ -8,23 +8,15 @@ set -euo pipefail
 # shellcheck source=tests/cli/cli_support.sh
 source "$(dirname "$0")/cli_support.sh"
 
-if ! command -v mpirun >/dev/null || ! ls "$SPAREGS_BUILD"/ranks-*.so >/dev/null 2>&1; then
-    echo "skipped: mpirun or the MPI plug-in is missing (install libopenmpi-dev and openmpi-bin)"
-    exit 77
-fi
+find_mpirun
 if is_sanitized; then
     echo "skipped: the MPI library is not built with a sanitizer"
     exit 77
 fi
-export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1
 # shellcheck disable=SC2016 # run by each rank
 on_rank_1='[ "${OMPI_COMM_WORLD_RANK:-${PMI_RANK:-0}}" = 1 ]'
 # shellcheck disable=SC2016
 on_rank_0='[ "${OMPI_COMM_WORLD_RANK:-${PMI_RANK:-0}}" = 0 ]'
-launcher=(mpirun)
-if mpirun --version 2>&1 | grep -q "Open MPI"; then
-    launcher+=(--oversubscribe --bind-to none)
-fi
 
 # ranks STATUS COUNT ARGUMENT...: as run, on COUNT ranks. mpirun adds lines of its own after a failure.
 ranks() {

@@ -9,18 +9,10 @@ set -euo pipefail
 # shellcheck source=tests/cli/cli_support.sh
 source "$(dirname "$0")/cli_support.sh"
 
-if ! command -v mpirun >/dev/null || ! ls "$SPAREGS_BUILD"/ranks-*.so >/dev/null 2>&1; then
-    echo "skipped: mpirun or the MPI plug-in is missing (install libopenmpi-dev and openmpi-bin)"
-    exit 77
-fi
+find_mpirun
 if is_sanitized; then
     echo "skipped: sanitizers need memory of their own"
     exit 77
-fi
-export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1
-launcher=(mpirun)
-if mpirun --version 2>&1 | grep -q "Open MPI"; then
-    launcher+=(--oversubscribe --bind-to none)
 fi
 
 # The room without its points, so that training starts from random ones.

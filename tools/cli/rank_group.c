@@ -30,14 +30,6 @@ static void silence(void)
     messages_set_quiet(true);
 }
 
-// Programs that this one starts are no ranks.
-static void forget_launcher(void)
-{
-    static const char *const names[] = {"OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "SLURM_STEP_NUM_TASKS"};
-    for (size_t i = 0; i < sizeof names / sizeof *names; ++i)
-        unsetenv(names[i]);
-}
-
 // One core per rank although the machine has more: mpirun binds each rank to a core or a socket.
 static void check_binding(void)
 {
@@ -62,7 +54,7 @@ int group_open(const char *command, bool supported)
                           command, count);
     if (sgs_ranks_open(NULL, &ranks))
         return fail_library();
-    forget_launcher();
+    sgs_ranks_forget_launcher();
     if (group_leads())
         check_binding();
     return -1;

@@ -25,8 +25,7 @@ static const char description[] =
     "without extension, and prints the paths. EXR colours are premultiplied by alpha, without "
     "background, and scene-linear: the model's display (sRGB) values are decoded unless "
     "--exr-encoding srgb is given. PNGs and videos are composited over the background. Under "
-    "mpirun "
-    "or srun, the views are spread over the processes.";
+    "mpirun or srun, the views are spread over the processes.";
 
 typedef struct render_values {
     const char *output, *view, *camera;

@@ -39,8 +39,7 @@ static const char description[] =
     "summary.json       training curves and results\n  checkpoint/                              "
     "full state for --resume\nSIGINT, SIGTERM and SIGHUP finish the current iteration and save; a "
     "second signal exits immediately. SIGUSR1 saves a checkpoint and continues. Under mpirun or "
-    "srun, "
-    "several processes train one model, with the result of one process.";
+    "srun, several processes train one model, with the result of one process.";
 
 typedef struct training {
     common_values common;

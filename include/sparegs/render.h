@@ -113,13 +113,17 @@ SGS_API void sgs_frame_free(sgs_frame *frame);
 typedef struct sgs_renderer sgs_renderer;
 
 // Creates a renderer; release it with sgs_renderer_destroy. The model must outlive it; call
-// sgs_renderer_update after every change. The first rendering builds the BVH. Fails with
+// sgs_renderer_update or sgs_renderer_refit after every change. The first rendering builds the BVH. Fails with
 // OUT_OF_MEMORY or INTERNAL (Embree); *renderer is then NULL.
 SGS_API sgs_status sgs_renderer_create(const sgs_gaussians *model, sgs_renderer **renderer);
 SGS_API void sgs_renderer_destroy(sgs_renderer *renderer); // accepts NULL
 // Call it after every change of the model, of values or count: the next rendering rebuilds the BVH.
 // Cannot fail.
 SGS_API sgs_status sgs_renderer_update(sgs_renderer *renderer);
+// The same for small changes of the values, such as a step of an optimiser: the next rendering
+// refits the BVH, which is faster. The image has the same bits; the more the primitives have moved
+// since the last rebuild, the slower it is traced. Cannot fail.
+SGS_API sgs_status sgs_renderer_refit(sgs_renderer *renderer);
 // Renders one view into the planes of `frame` that are not NULL. options NULL = the defaults. The
 // result does not depend on the number of threads, bit for bit. Fails with INVALID_ARGUMENT
 // (options out of range, frame size differs from the camera's), UNSUPPORTED (a lens without rays),

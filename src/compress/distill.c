@@ -117,7 +117,7 @@ static sgs_status distill_steps(distilling *d, int iterations)
         if (status)
             break;
         update_student(d, step);
-        status = sgs_renderer_update(d->views.renderer);
+        status = sgs_renderer_refit(d->views.renderer);
     }
     return status;
 }

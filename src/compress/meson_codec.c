@@ -80,10 +80,12 @@ static void quaternion_of_euler(const double euler[3], float q[4])
     q[3] = (float)(c[0] * c[1] * s[2] - s[0] * s[1] * c[2]);
 }
 
-static void fill_channels(sgsi_meson *meson)
+static void fill_channels(void *context, size_t begin, size_t end, int thread)
 {
+    (void)thread;
+    const sgsi_meson *meson = context;
     const size_t n = meson->count;
-    for (size_t i = 0; i < n; ++i) {
+    for (size_t i = begin; i < end; ++i) {
         const float *v = meson->values + i * SGSI_MESON_VALUES;
         double euler[3], *at = meson->channels + i;
         euler_of(v + 1, euler);
@@ -134,7 +136,7 @@ static void quantise_channel(void *context, size_t channel, int thread)
 
 void sgsi_meson_quantise(sgsi_meson *meson)
 {
-    fill_channels(meson);
+    sgsi_parallel_ranges(meson->count, 1024, fill_channels, meson);
     sgsi_parallel_for((size_t)channels, 1, quantise_channel, meson);
 }
 

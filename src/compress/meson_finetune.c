@@ -15,10 +15,11 @@
 #include <math.h>
 #include <string.h>
 
+#include "base/threads.h"
 #include "compress/adam.h"
 #include "compress/view_gradient.h"
 
-enum { CHECK_INTERVAL = 400, VALUES = SGSI_MESON_VALUES };
+enum { CHECK_INTERVAL = 400, VALUES = SGSI_MESON_VALUES, DIMENSIONS = 8 };
 static const double FACTOR = 0.4;
 static const double LR_OPACITY = 0.025, LR_ROTATION = 1e-3, LR_DC = 2.5e-3, LR_SCALE = 5e-3,
                     LR_REST = 2.5e-3 / 20;
@@ -27,7 +28,7 @@ static const double LR_OPACITY = 0.025, LR_ROTATION = 1e-3, LR_DC = 2.5e-3, LR_S
 typedef struct tuned {
     size_t count;
     float *values; // borrowed
-    float *m, *v, *best, *gradient;
+    float *m, *v, *best;
 } tuned;
 
 typedef struct meson_tuning {
@@ -36,6 +37,8 @@ typedef struct meson_tuning {
     sgs_gaussians *model;
     sgsi_view_gradient views;
     tuned cells, codes;
+    float *d_codes; // [dim][count] of the codebook
+    sgsi_adam_step adam;
     sgsi_meson_block *best_ranges;
     double best_error;
 } meson_tuning;
@@ -46,8 +49,7 @@ static bool tuned_create(tuned *t, float *values, size_t count)
     t->m = sgsi_calloc(count + 1, sizeof(float));
     t->v = sgsi_calloc(count + 1, sizeof(float));
     t->best = sgsi_calloc(count + 1, sizeof(float));
-    t->gradient = sgsi_calloc(count + 1, sizeof(float));
-    return t->m && t->v && t->best && t->gradient;
+    return t->m && t->v && t->best;
 }
 
 static void tuned_free(tuned *t)
@@ -55,7 +57,6 @@ static void tuned_free(tuned *t)
     sgsi_free(t->m);
     sgsi_free(t->v);
     sgsi_free(t->best);
-    sgsi_free(t->gradient);
 }
 
 static double rate_of(size_t value)
@@ -66,30 +67,19 @@ static double rate_of(size_t value)
                                  : LR_SCALE);
 }
 
-// One step of Adam; `codes`: the rate of the harmonics for all.
-static void adam_step(tuned *t, int step, bool codes)
+// Gradients and steps of the values of the cells [begin, end).
+static void step_cells(void *context, size_t begin, size_t end, int thread)
 {
-    const sgsi_adam_step adam = sgsi_adam_begin(step);
-    for (size_t i = 0; i < t->count; ++i)
-        sgsi_adam_update(&adam, (double)t->gradient[i],
-                         codes ? FACTOR * LR_REST : rate_of(i % VALUES), &t->values[i], &t->m[i],
-                         &t->v[i]);
-}
-
-// From the gradient of the decoded model to that of values and codebook.
-static void collect_gradients(meson_tuning *t)
-{
+    (void)thread;
+    const meson_tuning *t = context;
     const sgs_gaussians *d = t->views.d_model;
-    const sgsi_meson *meson = t->meson;
-    const size_t dim = meson->codebook.dim;
-    memset(t->codes.gradient, 0, t->codes.count * sizeof *t->codes.gradient);
-    for (size_t i = 0; i < meson->count; ++i) {
-        float *g = t->cells.gradient + i * VALUES;
-        const float *v = t->cells.values + i * VALUES;
+    for (size_t i = begin; i < end; ++i) {
+        float g[VALUES], dot = 0;
+        const size_t at = i * VALUES;
         // A quaternion and its negative are the same rotation.
-        float dot = 0;
         for (int k = 0; k < 4; ++k)
-            dot += v[1 + k] * *sgs_gaussians_at(t->model, i, SGS_PARAM_ROTATION + k);
+            dot += t->cells.values[at + 1 + (size_t)k] *
+                   *sgs_gaussians_at(t->model, i, SGS_PARAM_ROTATION + k);
         g[0] = *sgs_gaussians_at(d, i, SGS_PARAM_OPACITY);
         for (int k = 0; k < 4; ++k)
             g[1 + k] = copysignf(1, dot) * *sgs_gaussians_at(d, i, SGS_PARAM_ROTATION + k);
@@ -97,17 +87,60 @@ static void collect_gradients(meson_tuning *t)
             g[5 + k] = *sgs_gaussians_at(d, i, SGS_PARAM_SH_DC + k);
             g[8 + k] = *sgs_gaussians_at(d, i, SGS_PARAM_SCALE + k);
         }
-        for (size_t k = 0; k < dim; ++k)
-            t->codes.gradient[meson->labels[i] * dim + k] +=
-                *sgs_gaussians_at(d, i, SGS_PARAM_SH_REST + (int)k);
+        for (size_t k = 0; k < VALUES; ++k)
+            sgsi_adam_update(&t->adam, (double)g[k], rate_of(k), &t->cells.values[at + k],
+                             &t->cells.m[at + k], &t->cells.v[at + k]);
     }
+}
+
+// Adds the gradients of a group of dimensions of the cells to their codes, in the order of the
+// cells. A group is contiguous in each block of the model.
+static void add_dimensions(void *context, size_t group, int thread)
+{
+    (void)thread;
+    const meson_tuning *t = context;
+    const sgsi_meson *meson = t->meson;
+    const size_t begin = group * DIMENSIONS, count = meson->codebook.count;
+    const size_t left = meson->codebook.dim - begin, dims = left < DIMENSIONS ? left : DIMENSIONS;
+    float *sums = t->d_codes + begin * count;
+    memset(sums, 0, dims * count * sizeof *sums);
+    for (size_t first = 0; first < meson->count; first += SGS_LANES) {
+        const float *d = sgs_gaussians_at(t->views.d_model, first, SGS_PARAM_SH_REST + (int)begin);
+        const size_t cells = meson->count - first < SGS_LANES ? meson->count - first : SGS_LANES;
+        for (size_t k = 0; k < dims; ++k)
+            for (size_t i = 0; i < cells; ++i)
+                sums[k * count + meson->labels[first + i]] += d[k * SGS_LANES + i];
+    }
+}
+
+static void step_codes(void *context, size_t begin, size_t end, int thread)
+{
+    (void)thread;
+    const meson_tuning *t = context;
+    const size_t dim = t->meson->codebook.dim, count = t->meson->codebook.count;
+    for (size_t code = begin; code < end; ++code)
+        for (size_t k = 0; k < dim; ++k) {
+            const size_t at = code * dim + k;
+            sgsi_adam_update(&t->adam, (double)t->d_codes[k * count + code], FACTOR * LR_REST,
+                             &t->codes.values[at], &t->codes.m[at], &t->codes.v[at]);
+        }
+}
+
+// One step of Adam with the gradient of the decoded model.
+static void step_all(meson_tuning *t, int step)
+{
+    const sgsi_codebook *codebook = &t->meson->codebook;
+    t->adam = sgsi_adam_begin(step);
+    sgsi_parallel_ranges(t->meson->count, 1024, step_cells, t);
+    sgsi_parallel_for((codebook->dim + DIMENSIONS - 1) / DIMENSIONS, 1, add_dimensions, t);
+    sgsi_parallel_ranges(codebook->count, 64, step_codes, t);
 }
 
 static sgs_status draw(meson_tuning *t)
 {
     sgsi_meson_quantise(t->meson);
     sgsi_meson_reconstruct(t->meson, t->model);
-    return sgs_renderer_update(t->views.renderer);
+    return sgs_renderer_refit(t->views.renderer);
 }
 
 // Keeps the current state if its mean PSNR over the training views is the best so far.
@@ -145,9 +178,7 @@ static sgs_status tune(meson_tuning *t, int iterations)
             status = sgsi_view_gradient_evaluate(&t->views, view, true, &mse);
         if (status)
             break;
-        collect_gradients(t);
-        adam_step(&t->cells, i, false);
-        adam_step(&t->codes, i, true);
+        step_all(t, i);
         if (i % CHECK_INTERVAL == 0 || i == iterations)
             status = check(t);
     }
@@ -170,10 +201,10 @@ sgs_status sgsi_meson_finetune(const sgsi_compress_job *job, sgsi_meson *meson, 
     if (!status) {
         t.model->sh_degree = meson->sh_degree;
         t.best_ranges = sgsi_alloc(meson->blocks, SGSI_MESON_CHANNELS * sizeof *t.best_ranges);
+        const size_t codes = meson->codebook.count * meson->codebook.dim;
+        t.d_codes = sgsi_calloc(codes + 1, sizeof *t.d_codes);
         if (!tuned_create(&t.cells, meson->values, meson->count * VALUES) ||
-            !tuned_create(&t.codes, meson->codebook.codes,
-                          meson->codebook.count * meson->codebook.dim) ||
-            !t.best_ranges)
+            !tuned_create(&t.codes, meson->codebook.codes, codes) || !t.best_ranges || !t.d_codes)
             status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to fine-tune %zu cells",
                                meson->count);
     }
@@ -184,6 +215,7 @@ sgs_status sgsi_meson_finetune(const sgsi_compress_job *job, sgsi_meson *meson, 
     sgsi_view_gradient_free(&t.views);
     tuned_free(&t.cells);
     tuned_free(&t.codes);
+    sgsi_free(t.d_codes);
     sgsi_free(t.best_ranges);
     sgs_gaussians_destroy(t.model);
     return status;

@@ -141,6 +141,13 @@ void sgs_renderer_destroy(sgs_renderer *renderer)
 sgs_status sgs_renderer_update(sgs_renderer *renderer)
 {
     renderer->changed = true;
+    return sgs_renderer_refit(renderer);
+}
+
+// Every rendering refits the BVH to the view, and builds it if the number of primitives has
+// changed.
+sgs_status sgs_renderer_refit(sgs_renderer *renderer)
+{
     renderer->differentiable = false;
     return SGS_STATUS_OK;
 }

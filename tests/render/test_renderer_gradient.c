@@ -227,6 +227,52 @@ static void invalid_gradient_calls_are_refused(void **state)
     drawing_free(&d);
 }
 
+static void assert_draws_as_a_new_renderer(drawing *d)
+{
+    sgs_renderer *renderer;
+    sgs_frame frame;
+    assert_int_equal(draw(d), SGS_STATUS_OK);
+    assert_int_equal(sgs_renderer_create(d->scene.model, &renderer), SGS_STATUS_OK);
+    assert_int_equal(sgs_frame_create(WIDTH, HEIGHT, &frame), SGS_STATUS_OK);
+    assert_int_equal(sgs_renderer_render(renderer, &d->camera, &d->pose, &d->options, &frame),
+                     SGS_STATUS_OK);
+    for (int c = 0; c < 3; ++c)
+        assert_memory_equal(d->frame.color[c], frame.color[c], PIXELS * sizeof(float));
+    assert_memory_equal(d->frame.transmittance, frame.transmittance, PIXELS * sizeof(float));
+    sgs_frame_free(&frame);
+    sgs_renderer_destroy(renderer);
+}
+
+// Also after primitives have changed places, and with another number of them.
+static void a_refitted_renderer_draws_the_bits_of_a_new_one(void **state)
+{
+    (void)state;
+    drawing d = drawing_create(45, 300, SGS_CAMERA_PINHOLE, SGS_FILTER_3DGS);
+    assert_int_equal(draw(&d), SGS_STATUS_OK);
+    float *const before = oracle_memory(PIXELS, sizeof *before);
+    memcpy(before, d.frame.color[0], PIXELS * sizeof *before);
+    for (size_t i = 0; i < 150; ++i) {
+        float first[SGS_PARAM_COUNT], second[SGS_PARAM_COUNT];
+        sgs_gaussians_get(d.scene.model, i, first);
+        sgs_gaussians_get(d.scene.model, 299 - i, second);
+        first[SGS_PARAM_MEAN] += 0.05f;
+        second[SGS_PARAM_SCALE] += 0.1f;
+        sgs_gaussians_set(d.scene.model, 299 - i, first);
+        sgs_gaussians_set(d.scene.model, i, second);
+    }
+    assert_int_equal(sgs_renderer_refit(d.renderer), SGS_STATUS_OK);
+    assert_int_equal(sgs_renderer_backward(d.renderer, &d.d_frame, d.d_model),
+                     SGS_STATUS_INVALID_ARGUMENT); // of the model before
+    assert_draws_as_a_new_renderer(&d);
+    assert_memory_not_equal(before, d.frame.color[0], PIXELS * sizeof *before);
+    assert_int_equal(sgs_gaussians_resize(d.scene.model, 201), SGS_STATUS_OK);
+    assert_int_equal(sgs_renderer_refit(d.renderer), SGS_STATUS_OK);
+    assert_draws_as_a_new_renderer(&d);
+    assert_int_equal(sgs_gaussians_resize(d.scene.model, 300), SGS_STATUS_OK);
+    free(before);
+    drawing_free(&d);
+}
+
 // ---- Progress ----
 
 typedef struct watcher {
@@ -360,6 +406,7 @@ int main(void)
         cmocka_unit_test(a_null_plane_is_zero),
         cmocka_unit_test(primitives_without_a_hit_have_no_gradient),
         cmocka_unit_test(invalid_gradient_calls_are_refused),
+        cmocka_unit_test(a_refitted_renderer_draws_the_bits_of_a_new_one),
         cmocka_unit_test(a_rendering_with_progress_has_the_same_bits_and_can_be_cancelled),
         cmocka_unit_test(renderers_of_two_threads_do_not_disturb_each_other),
         cmocka_unit_test(options_of_other_sizes_are_filled_up_or_refused),

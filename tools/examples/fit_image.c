@@ -166,7 +166,7 @@ static sgs_status step(sgs_renderer *renderer, const sgs_camera *camera, sgs_fra
     sgs_render_options options = sgs_render_options_default();
     options.sh_degree = 0;
     options.differentiable = d_model != NULL;
-    sgs_status status = sgs_renderer_update(renderer); // the parameters have changed
+    sgs_status status = sgs_renderer_refit(renderer); // the parameters have changed
     if (!status)
         status = sgs_renderer_render(renderer, camera, &pose, &options, frame);
     if (status)

@@ -96,6 +96,15 @@ typedef enum sgs_ranks_purpose {
     SGS_RANKS_PURPOSE_COUNT
 } sgs_ranks_purpose;
 SGS_API sgs_ranks_traffic sgs_ranks_counted(const sgs_ranks *ranks, sgs_ranks_purpose purpose);
+
+// Seconds that this rank has spent in collective calls, by purpose. Every call begins with a header
+// that reaches a rank when the last one has sent it: this time is waiting. A call that only agrees
+// counts as SGS_RANKS_STATUS.
+typedef struct sgs_ranks_seconds {
+    double waiting; // for the other ranks, and the latency of the header
+    double moving;  // the bytes of the call
+} sgs_ranks_seconds;
+SGS_API sgs_ranks_seconds sgs_ranks_spent(const sgs_ranks *ranks, sgs_ranks_purpose purpose);
 SGS_API const char *sgs_ranks_purpose_name(sgs_ranks_purpose purpose);
 
 #ifdef __cplusplus

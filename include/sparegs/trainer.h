@@ -312,12 +312,17 @@ SGS_API int sgs_trainer_structure_iteration(const sgs_trainer *trainer);
 
 // Number of primitives, of all ranks.
 SGS_API size_t sgs_trainer_count(const sgs_trainer *trainer);
+// Of these, the number that training may change: all, or those with centres in options.region.
+SGS_API size_t sgs_trainer_trained(const sgs_trainer *trainer);
 // Hash of the model, as sgs_gaussians_hash: the same on all ranks. Fails with OUT_OF_MEMORY with
 // several ranks only. Collective.
 SGS_API sgs_status sgs_trainer_hash(sgs_trainer *trainer, char hex[17]);
-// Writes the model, without a 3D filter, as sgs_ply_write. Rank 0 writes the file, and alone fails
-// if that is impossible; other ranks ignore `path`. Collective.
+// Writes the model as sgs_ply_write, in parts; a 3D filter is applied to it before, as by
+// sgs_gaussians_fuse_filter_3d, and the file is marked as antialiased. Rank 0 writes the file, and
+// alone fails if that is impossible; other ranks ignore `path`. Collective.
 SGS_API sgs_status sgs_trainer_write_ply(sgs_trainer *trainer, const char *path);
+// The same as sgs_ply_write_filter_3d. Fails with INVALID_ARGUMENT without a 3D filter.
+SGS_API sgs_status sgs_trainer_write_ply_filter_3d(sgs_trainer *trainer, const char *path);
 // With several ranks, makes the two functions below return the whole model on rank 0, until the
 // next step, and the rows of the rank on others; without, it does nothing. Fails with
 // OUT_OF_MEMORY. Collective.

@@ -27,6 +27,7 @@ struct sgs_ranks {
     size_t *sizes;        // [count]
     uint64_t *matrix;     // [count][count]: of sgsi_ranks_deliver
     sgs_ranks_traffic counted[SGS_RANKS_PURPOSE_COUNT];
+    sgs_ranks_seconds spent[SGS_RANKS_PURPOSE_COUNT];
 };
 
 // Ranks over a transport, which they own even after a failure. Collective.

@@ -48,6 +48,14 @@ static void count_bytes(sgs_ranks *ranks, sgs_ranks_purpose purpose, uint64_t by
     ranks->counted[purpose].bytes += bytes;
 }
 
+// Adds the time since `start` to `spent`. Returns the time now.
+static double add_seconds(double *spent, double start)
+{
+    const double now = sgsi_seconds();
+    *spent += now - start;
+    return now;
+}
+
 static uint64_t others(const sgs_ranks *ranks)
 {
     return (uint64_t)ranks->transport.count - 1;
@@ -78,9 +86,12 @@ static sgs_status fail_alike(sgs_ranks *ranks, int failing, sgs_status status, c
     return fail_again(ranks);
 }
 
-// Exchanges the headers. sizes [count] receives the bytes of each rank; NULL ignores them.
-static sgs_status meet_with(sgs_ranks *ranks, header own, size_t *sizes, const char *text)
+// Exchanges the headers, which waits for the last rank. sizes [count] receives the bytes of each
+// rank; NULL ignores them.
+static sgs_status meet_with(sgs_ranks *ranks, sgs_ranks_purpose purpose, header own, size_t *sizes,
+                            const char *text)
 {
+    const double start = sgsi_seconds();
     enum { FEW = 64 };
     header few[FEW], *all = few;
     const int count = ranks->transport.count;
@@ -92,6 +103,7 @@ static sgs_status meet_with(sgs_ranks *ranks, header own, size_t *sizes, const c
         abort(); // the others wait
     own.flags = atomic_load(&ranks->own);
     ranks->transport.gather(ranks->transport.state, &own, sizeof own, all);
+    add_seconds(&ranks->spent[purpose].waiting, start);
     count_bytes(ranks, SGS_RANKS_STATUS, others(ranks) * sizeof own, others(ranks));
     int failing = count;
     bool differs = false;
@@ -111,9 +123,9 @@ static sgs_status meet_with(sgs_ranks *ranks, header own, size_t *sizes, const c
     return status ? fail_alike(ranks, failing < count ? failing : -1, status, text) : SGS_STATUS_OK;
 }
 
-static sgs_status meet(sgs_ranks *ranks, header own, size_t *sizes)
+static sgs_status meet(sgs_ranks *ranks, sgs_ranks_purpose purpose, header own, size_t *sizes)
 {
-    return meet_with(ranks, own, sizes, NULL);
+    return meet_with(ranks, purpose, own, sizes, NULL);
 }
 
 sgs_status sgsi_ranks_create(const sgsi_transport *transport, sgs_ranks **ranks)
@@ -164,13 +176,14 @@ int sgs_ranks_count(const sgs_ranks *ranks)
 
 sgs_status sgs_ranks_agree(sgs_ranks *ranks, sgs_status own)
 {
-    return ranks ? meet(ranks, (header){.status = (int32_t)own, .kind = KIND_AGREE}, NULL) : own;
+    const header mine = {.status = (int32_t)own, .kind = KIND_AGREE};
+    return ranks ? meet(ranks, SGS_RANKS_STATUS, mine, NULL) : own;
 }
 
 sgs_status sgs_ranks_agree_text(sgs_ranks *ranks, sgs_status own, const char *text)
 {
     const header mine = {.status = (int32_t)own, .kind = KIND_AGREE};
-    return ranks ? meet_with(ranks, mine, NULL, text) : own;
+    return ranks ? meet_with(ranks, SGS_RANKS_STATUS, mine, NULL, text) : own;
 }
 
 void sgs_ranks_raise(sgs_ranks *ranks, uint32_t flags)
@@ -232,7 +245,7 @@ sgs_status sgsi_ranks_share(sgs_ranks *ranks, sgs_status own, sgs_ranks_purpose 
     size_t *all = ranks->sizes, total = 0;
     const header mine = {
         .status = (int32_t)own, .kind = KIND_SHARE, .bytes = sgsi_ranks_padded(bytes)};
-    sgs_status status = meet(ranks, mine, all);
+    sgs_status status = meet(ranks, purpose, mine, all);
     if (status)
         return status;
     for (int r = 0; r < ranks->transport.count; ++r)
@@ -243,7 +256,9 @@ sgs_status sgsi_ranks_share(sgs_ranks *ranks, sgs_status own, sgs_ranks_purpose 
             return status;
         ranks->most_shared = total;
     }
+    const double start = sgsi_seconds();
     ranks->transport.gather_sizes(ranks->transport.state, ranks->send, all, ranks->got);
+    add_seconds(&ranks->spent[purpose].moving, start);
     count_bytes(ranks, purpose, others(ranks) * sgsi_ranks_padded(bytes), others(ranks));
     *got = ranks->got;
     *sizes = all;
@@ -263,10 +278,12 @@ sgs_status sgsi_ranks_exchange(sgs_ranks *ranks, sgs_status own, sgs_ranks_purpo
     if (!own)
         own = reserve_got(ranks, received);
     const header mine = {.status = (int32_t)own, .kind = KIND_EXCHANGE};
-    const sgs_status status = meet(ranks, mine, NULL);
+    const sgs_status status = meet(ranks, purpose, mine, NULL);
     if (status)
         return status;
+    const double start = sgsi_seconds();
     ranks->transport.exchange(ranks->transport.state, ranks->send, to, ranks->got, from);
+    add_seconds(&ranks->spent[purpose].moving, start);
     count_bytes(ranks, purpose, sent - to[ranks->transport.rank], messages);
     *got = ranks->got;
     return SGS_STATUS_OK;
@@ -298,7 +315,8 @@ sgs_status sgsi_ranks_deliver(sgs_ranks *ranks, sgs_status own, sgs_ranks_purpos
     if (!row && !own)
         own = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu ranks", count);
     const header mine = {.status = (int32_t)own, .kind = KIND_DELIVER};
-    sgs_status status = meet(ranks, mine, NULL);
+    sgs_status status = meet(ranks, purpose, mine, NULL);
+    double start = sgsi_seconds();
     for (size_t r = 0; r < count && !status; ++r) {
         row[r] = to[r];
         sent += r == rank ? 0 : to[r];
@@ -306,6 +324,7 @@ sgs_status sgsi_ranks_deliver(sgs_ranks *ranks, sgs_status own, sgs_ranks_purpos
     }
     if (!status) {
         ranks->transport.gather(ranks->transport.state, row, count * sizeof *row, ranks->matrix);
+        start = add_seconds(&ranks->spent[purpose].moving, start);
         count_bytes(ranks, SGS_RANKS_STATUS, others(ranks) * count * sizeof *row, others(ranks));
     }
     if (row != few)
@@ -320,8 +339,10 @@ sgs_status sgsi_ranks_deliver(sgs_ranks *ranks, sgs_status own, sgs_ranks_purpos
         if (status)
             return status;
         ranks->most_received = larger;
+        start = sgsi_seconds();
     }
     ranks->transport.exchange(ranks->transport.state, ranks->send, to, ranks->got, ranks->sizes);
+    add_seconds(&ranks->spent[purpose].moving, start);
     count_bytes(ranks, purpose, sent, messages);
     *got = ranks->got;
     *from = ranks->sizes;
@@ -332,11 +353,13 @@ sgs_status sgsi_ranks_copy(sgs_ranks *ranks, sgs_status own, sgs_ranks_purpose p
                            size_t bytes)
 {
     const header mine = {.status = (int32_t)own, .kind = KIND_COPY};
-    const sgs_status status = meet(ranks, mine, NULL);
+    const sgs_status status = meet(ranks, purpose, mine, NULL);
     if (status)
         return status;
     const bool sends = !ranks->transport.rank;
+    const double start = sgsi_seconds();
     ranks->transport.broadcast(ranks->transport.state, data, bytes);
+    add_seconds(&ranks->spent[purpose].moving, start);
     count_bytes(ranks, purpose, sends ? others(ranks) * bytes : 0, sends ? others(ranks) : 0);
     return SGS_STATUS_OK;
 }
@@ -350,10 +373,12 @@ sgs_status sgs_ranks_gather(sgs_ranks *ranks, sgs_status own, const void *bytes,
         return own;
     }
     const header mine = {.status = (int32_t)own, .kind = KIND_GATHER};
-    const sgs_status status = meet(ranks, mine, NULL);
+    const sgs_status status = meet(ranks, SGS_RANKS_OTHER, mine, NULL);
     if (status)
         return status;
+    const double start = sgsi_seconds();
     ranks->transport.gather(ranks->transport.state, bytes, size, got);
+    add_seconds(&ranks->spent[SGS_RANKS_OTHER].moving, start);
     count_bytes(ranks, SGS_RANKS_OTHER, others(ranks) * size, others(ranks));
     return SGS_STATUS_OK;
 }
@@ -365,7 +390,7 @@ sgs_status sgs_ranks_broadcast(sgs_ranks *ranks, sgs_status own, void **bytes, s
     const int rank = ranks->transport.rank;
     const header mine = {.status = (int32_t)own, .kind = KIND_BROADCAST, .bytes = rank ? 0 : *size};
     size_t *sizes = ranks->sizes;
-    sgs_status status = meet(ranks, mine, sizes);
+    sgs_status status = meet(ranks, SGS_RANKS_OTHER, mine, sizes);
     if (status)
         return status;
     *size = sizes[0];
@@ -378,7 +403,9 @@ sgs_status sgs_ranks_broadcast(sgs_ranks *ranks, sgs_status own, void **bytes, s
             free(fresh);
         return status;
     }
+    const double start = sgsi_seconds();
     ranks->transport.broadcast(ranks->transport.state, fresh, *size);
+    add_seconds(&ranks->spent[SGS_RANKS_OTHER].moving, start);
     count_bytes(ranks, SGS_RANKS_OTHER, rank ? 0 : others(ranks) * *size, rank ? 0 : others(ranks));
     if (rank && fresh)
         ((char *)fresh)[*size] = 0;
@@ -426,7 +453,9 @@ sgs_status sgs_ranks_broadcast_model(sgs_ranks *ranks, sgs_status own, sgs_gauss
         sgs_gaussians_declare_linear_opacity(*model);
     const size_t blocks = ((size_t)head.count + SGS_LANES - 1) / SGS_LANES;
     const size_t data = blocks * SGS_PARAM_COUNT * SGS_LANES * sizeof(float);
+    const double start = sgsi_seconds();
     ranks->transport.broadcast(ranks->transport.state, (*model)->data, data);
+    add_seconds(&ranks->spent[SGS_RANKS_OTHER].moving, start);
     count_bytes(ranks, SGS_RANKS_OTHER, sends ? others(ranks) * data : 0,
                 sends ? others(ranks) : 0);
     return SGS_STATUS_OK;
@@ -479,6 +508,12 @@ sgs_ranks_traffic sgs_ranks_counted(const sgs_ranks *ranks, sgs_ranks_purpose pu
 {
     return ranks && (unsigned)purpose < SGS_RANKS_PURPOSE_COUNT ? ranks->counted[purpose]
                                                                 : (sgs_ranks_traffic){0};
+}
+
+sgs_ranks_seconds sgs_ranks_spent(const sgs_ranks *ranks, sgs_ranks_purpose purpose)
+{
+    return ranks && (unsigned)purpose < SGS_RANKS_PURPOSE_COUNT ? ranks->spent[purpose]
+                                                                : (sgs_ranks_seconds){0};
 }
 
 const char *sgs_ranks_purpose_name(sgs_ranks_purpose purpose)

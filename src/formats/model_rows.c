@@ -60,13 +60,8 @@ void sgsi_rows_add(sgsi_rows *rows, float params[SGS_PARAM_COUNT])
     sgs_gaussians_set(rows->model, rows->kept++, params);
 }
 
-sgs_status sgsi_rows_end(sgsi_rows *rows, sgs_gaussians **model)
+void sgsi_rows_warn(const sgsi_rows *rows)
 {
-    const sgs_status status = sgs_gaussians_resize(rows->model, rows->kept);
-    if (status) {
-        sgsi_rows_abort(rows);
-        return status;
-    }
     if (rows->drop_unrotated && rows->dropped) {
         sgsi_warn("%s: %zu of %zu primitives are not finite or have rotation 0 0 0 0 and were "
                   "dropped",
@@ -79,6 +74,16 @@ sgs_status sgsi_rows_end(sgsi_rows *rows, sgs_gaussians **model)
             sgsi_warn("%s: %zu primitives have rotation 0 0 0 0; the identity is used", rows->path,
                       rows->unrotated);
     }
+}
+
+sgs_status sgsi_rows_end(sgsi_rows *rows, sgs_gaussians **model)
+{
+    const sgs_status status = sgs_gaussians_resize(rows->model, rows->kept);
+    if (status) {
+        sgsi_rows_abort(rows);
+        return status;
+    }
+    sgsi_rows_warn(rows);
     *model = rows->model;
     rows->model = NULL;
     return SGS_STATUS_OK;

@@ -39,7 +39,10 @@ sgs_status sgsi_rows_begin(sgsi_rows *rows, const char *path, size_t total, int 
 // one whose square leaves the range of float is normalised.
 void sgsi_rows_add(sgsi_rows *rows, float params[SGS_PARAM_COUNT]);
 
-// Warns about dropped rows and hands the model over. On failure (OUT_OF_MEMORY) it is destroyed.
+// Warns about dropped and changed rows.
+void sgsi_rows_warn(const sgsi_rows *rows);
+
+// Warns and hands the model over. On failure (OUT_OF_MEMORY) it is destroyed.
 sgs_status sgsi_rows_end(sgsi_rows *rows, sgs_gaussians **model);
 // Destroys the model after a failure.
 void sgsi_rows_abort(sgsi_rows *rows);

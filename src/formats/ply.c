@@ -205,10 +205,11 @@ static sgs_status read_binary_row(ply_reader *reader, size_t row_size, float par
     return SGS_STATUS_OK;
 }
 
-static sgs_status read_rows(ply_reader *reader)
+// Adds the rows [first, last) of the file.
+static sgs_status read_rows(ply_reader *reader, size_t first, size_t last)
 {
     const size_t row_size = sgsi_ply_row_size(&reader->header, reader->vertex);
-    for (size_t row = 0; row < reader->vertex->count; ++row) {
+    for (size_t row = first; row < last; ++row) {
         float params[ROW_COUNT] = {0};
         const sgs_status status = reader->header.format == SGSI_PLY_ASCII
                                       ? read_ascii_row(reader, row, params)
@@ -231,7 +232,8 @@ static void warn_about_rest(const ply_reader *reader)
                   reader->stream.position, sgsi_ply_left(&reader->stream));
 }
 
-static sgs_status read_model(ply_reader *reader, bool drop_unrotated, sgs_gaussians **model)
+// Reads up to the first vertex.
+static sgs_status find_vertices(ply_reader *reader)
 {
     sgs_status status = sgsi_ply_read_header(&reader->stream, &reader->header);
     if (status)
@@ -248,14 +250,18 @@ static sgs_status read_model(ply_reader *reader, bool drop_unrotated, sgs_gaussi
     for (const sgsi_ply_element *before = reader->header.elements; !status && before < vertex;
          ++before)
         status = sgsi_ply_skip(&reader->stream, &reader->header, before);
+    return status ? status : sgsi_ply_check_count(&reader->stream, &reader->header, vertex);
+}
+
+static sgs_status read_model(ply_reader *reader, bool drop_unrotated, sgs_gaussians **model)
+{
+    sgs_status status = find_vertices(reader);
     if (!status)
-        status = sgsi_ply_check_count(&reader->stream, &reader->header, vertex);
-    if (!status)
-        status = sgsi_rows_begin(&reader->rows, reader->stream.path, vertex->count,
+        status = sgsi_rows_begin(&reader->rows, reader->stream.path, reader->vertex->count,
                                  reader->sh_degree, drop_unrotated);
     if (status)
         return status;
-    status = read_rows(reader);
+    status = read_rows(reader, 0, reader->vertex->count);
     if (status) {
         sgsi_rows_abort(&reader->rows);
         return status;
@@ -266,31 +272,47 @@ static sgs_status read_model(ply_reader *reader, bool drop_unrotated, sgs_gaussi
     return status;
 }
 
+// Close the reader also after a failure.
+static sgs_status open_reader(const char *path, ply_reader **made)
+{
+    ply_reader *reader = *made = sgsi_calloc(1, sizeof *reader);
+    if (!reader)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to read it", path);
+    const sgs_status status = sgsi_ply_open(path, &reader->stream);
+    if (status)
+        return status;
+    reader->c_locale = newlocale(LC_ALL_MASK, "C", (locale_t)0);
+    return reader->c_locale ? SGS_STATUS_OK
+                            : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to read it", path);
+}
+
+static void close_reader(ply_reader *reader)
+{
+    if (!reader)
+        return;
+    if (reader->c_locale)
+        freelocale(reader->c_locale);
+    sgsi_ply_close(&reader->stream);
+    sgsi_free(reader);
+}
+
 // options and info may be NULL: then filter_3D is ignored.
 static sgs_status read_file(const char *path, const sgs_model_read_options *options,
                             sgs_gaussians **model, sgs_model_info *info)
 {
     *model = NULL;
-    ply_reader *reader = sgsi_calloc(1, sizeof *reader);
-    if (!reader)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to read it", path);
-    reader->fuse_filter = info != NULL;
-    sgs_status status = sgsi_ply_open(path, &reader->stream);
+    ply_reader *reader;
+    sgs_status status = open_reader(path, &reader);
     if (!status) {
-        reader->c_locale = newlocale(LC_ALL_MASK, "C", (locale_t)0);
-        status = reader->c_locale
-                     ? read_model(reader, options && options->drop_unrotated, model)
-                     : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to read it", path);
+        reader->fuse_filter = info != NULL;
+        status = read_model(reader, options && options->drop_unrotated, model);
     }
     if (!status && info) {
         info->fused_filter = reader->has_filter;
         info->antialiased = reader->has_filter || reader->header.antialiased;
         info->dropped = reader->rows.dropped;
     }
-    if (reader->c_locale)
-        freelocale(reader->c_locale);
-    sgsi_ply_close(&reader->stream);
-    sgsi_free(reader);
+    close_reader(reader);
     return status;
 }
 
@@ -303,6 +325,60 @@ sgs_status sgsi_ply_model_read(const char *path, const sgs_model_read_options *o
                                sgs_gaussians **model, sgs_model_info *info)
 {
     return read_file(path, options, model, info);
+}
+
+// ---- Reading in parts ----
+
+struct sgsi_ply_source {
+    ply_reader *reader;
+    size_t next; // row
+    sgs_status status;
+};
+
+sgs_status sgsi_ply_source_open(const char *path, sgsi_ply_source **source, size_t *count,
+                                int *sh_degree)
+{
+    ply_reader *reader;
+    sgsi_ply_source *made = sgsi_calloc(1, sizeof *made);
+    sgs_status status = open_reader(path, &reader);
+    if (!status && !made)
+        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to read it", path);
+    if (!status)
+        status = find_vertices(reader);
+    *source = NULL;
+    if (status) {
+        close_reader(reader);
+        sgsi_free(made);
+        return status;
+    }
+    reader->rows = (sgsi_rows){.path = path, .total = reader->vertex->count};
+    made->reader = reader;
+    *count = reader->vertex->count;
+    *sh_degree = reader->sh_degree;
+    *source = made;
+    return SGS_STATUS_OK;
+}
+
+void sgsi_ply_source_next(sgsi_ply_source *source, sgs_gaussians *rows)
+{
+    ply_reader *reader = source->reader;
+    const size_t left = reader->vertex->count - source->next;
+    const size_t last = source->next + (rows->count < left ? rows->count : left);
+    reader->rows.model = rows;
+    reader->rows.kept = 0;
+    if (!source->status)
+        source->status = read_rows(reader, source->next, last);
+    source->next = last;
+}
+
+sgs_status sgsi_ply_source_close(sgsi_ply_source *source)
+{
+    const sgs_status status = source->status;
+    if (!status)
+        sgsi_rows_warn(&source->reader->rows);
+    close_reader(source->reader);
+    sgsi_free(source);
+    return status;
 }
 
 // ---- Writing ----
@@ -388,8 +464,7 @@ static void add_written(row_writer *writer, FILE *stream, const char *prefix, in
 
 // Opens the file and writes the header for `count` rows of models like this one.
 static sgs_status begin_model(const char *path, const sgs_gaussians *model, size_t count,
-                              const float *filter_3d, bool antialiased, row_writer *writer,
-                              sgsi_atomic_file *file)
+                              sgsi_ply_kind kind, row_writer *writer, sgsi_atomic_file *file)
 {
     if (model->sh_degree < 0 || model->sh_degree > 3)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: SH degree %d is not within 0 to 3", path,
@@ -397,9 +472,9 @@ static sgs_status begin_model(const char *path, const sgs_gaussians *model, size
     const sgs_status status = sgsi_atomic_open(file, path);
     if (status)
         return status;
-    *writer = (row_writer){.model = model, .count = model->count, .filter_3d = filter_3d};
+    *writer = (row_writer){.model = model, .count = model->count};
     fprintf(file->stream, "ply\nformat binary_little_endian 1.0\n%selement vertex %zu\n",
-            antialiased ? "comment SplatRenderMode: mip\n" : "", count);
+            kind == SGSI_PLY_ANTIALIASED ? "comment SplatRenderMode: mip\n" : "", count);
     static const char *const lead[] = {"x", "y", "z", "nx", "ny", "nz"};
     for (int k = 0; k < 6; ++k)
         add_written(writer, file->stream, lead[k], -1, k < 3 ? SGS_PARAM_MEAN + k : -1);
@@ -413,17 +488,18 @@ static sgs_status begin_model(const char *path, const sgs_gaussians *model, size
         add_written(writer, file->stream, "scale_", k, SGS_PARAM_SCALE + k);
     for (int k = 0; k < 4; ++k)
         add_written(writer, file->stream, "rot_", k, SGS_PARAM_ROTATION + k);
-    fputs(filter_3d ? "property float filter_3D\nend_header\n" : "end_header\n", file->stream);
+    fputs(kind == SGSI_PLY_FILTER_3D ? "property float filter_3D\nend_header\n" : "end_header\n",
+          file->stream);
     return SGS_STATUS_OK;
 }
 
-static sgs_status write_model(const char *path, const sgs_gaussians *model, const float *filter_3d,
-                              bool antialiased)
+static sgs_status write_model(const char *path, const sgs_gaussians *model, sgsi_ply_kind kind,
+                              const float *filter_3d)
 {
     sgsi_atomic_file file;
     row_writer writer;
-    const sgs_status status =
-        begin_model(path, model, model->count, filter_3d, antialiased, &writer, &file);
+    const sgs_status status = begin_model(path, model, model->count, kind, &writer, &file);
+    writer.filter_3d = filter_3d;
     return status ? status : write_file(&writer, &file);
 }
 
@@ -436,13 +512,13 @@ struct sgsi_ply_parts {
 };
 
 sgs_status sgsi_ply_parts_begin(const char *path, const sgs_gaussians *like, size_t count,
-                                sgsi_ply_parts **parts)
+                                sgsi_ply_kind kind, sgsi_ply_parts **parts)
 {
     *parts = sgsi_calloc(1, sizeof **parts);
     if (!*parts)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path);
     const sgs_status status =
-        begin_model(path, like, count, NULL, false, &(*parts)->writer, &(*parts)->file);
+        begin_model(path, like, count, kind, &(*parts)->writer, &(*parts)->file);
     if (status) {
         sgsi_free(*parts);
         *parts = NULL;
@@ -450,8 +526,9 @@ sgs_status sgsi_ply_parts_begin(const char *path, const sgs_gaussians *like, siz
     return status;
 }
 
-void sgsi_ply_parts_add(sgsi_ply_parts *parts, const sgs_gaussians *rows)
+void sgsi_ply_parts_add(sgsi_ply_parts *parts, const sgs_gaussians *rows, const float *filter_3d)
 {
+    parts->writer.filter_3d = filter_3d;
     parts->writer.model = rows;
     parts->writer.count = rows->count;
     if (!parts->status)
@@ -471,20 +548,21 @@ sgs_status sgsi_ply_parts_end(sgsi_ply_parts *parts, bool complete)
 
 sgs_status sgs_ply_write(const char *path, const sgs_gaussians *model)
 {
-    return write_model(path, model, NULL, false);
+    return write_model(path, model, SGSI_PLY_PLAIN, NULL);
 }
 
 sgs_status sgs_ply_write_filter_3d(const char *path, const sgs_gaussians *model,
                                    const float *filter_3d)
 {
-    return write_model(path, model, filter_3d, false);
+    return write_model(path, model, SGSI_PLY_FILTER_3D, filter_3d);
 }
 
 sgs_status sgsi_ply_model_write(const char *path, const sgs_gaussians *model,
                                 const sgs_model_write_options *options, sgs_model_written *written)
 {
     (void)written;
-    return write_model(path, model, NULL, options->antialiased);
+    return write_model(path, model, options->antialiased ? SGSI_PLY_ANTIALIASED : SGSI_PLY_PLAIN,
+                       NULL);
 }
 
 sgs_status sgs_ply_write_points(const char *path, const float *points, const unsigned char *colors,

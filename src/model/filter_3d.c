@@ -126,6 +126,16 @@ void sgsi_filter_3d_fuse(float params[SGS_PARAM_COUNT], double filter_3d)
                     log(exp(2.0 * (double)params[SGS_PARAM_SCALE + k]) + filter_3d * filter_3d));
 }
 
+void sgsi_filter_3d_fuse_row(const sgs_gaussians *from, size_t i, float filter_3d,
+                             sgs_gaussians *to)
+{
+    float params[SGS_PARAM_COUNT];
+    sgs_gaussians_get(from, i, params);
+    params[SGS_PARAM_OPACITY] = sgs_gaussians_opacity_logit(from, i);
+    sgsi_filter_3d_fuse(params, (double)filter_3d);
+    sgs_gaussians_set(to, i, params);
+}
+
 sgs_status sgs_gaussians_fuse_filter_3d(const sgs_gaussians *model, const float *filter_3d,
                                         sgs_gaussians **fused)
 {
@@ -138,12 +148,7 @@ sgs_status sgs_gaussians_fuse_filter_3d(const sgs_gaussians *model, const float 
         return status;
     }
     (*fused)->sh_degree = model->sh_degree;
-    for (size_t i = 0; i < model->count; ++i) {
-        float p[SGS_PARAM_COUNT];
-        sgs_gaussians_get(model, i, p);
-        p[SGS_PARAM_OPACITY] = sgs_gaussians_opacity_logit(model, i);
-        sgsi_filter_3d_fuse(p, (double)filter_3d[i]);
-        sgs_gaussians_set(*fused, i, p);
-    }
+    for (size_t i = 0; i < model->count; ++i)
+        sgsi_filter_3d_fuse_row(model, i, filter_3d[i], *fused);
     return SGS_STATUS_OK;
 }

@@ -26,3 +26,6 @@ double sgsi_filter_3d_factor(const sgs_gaussians *model, size_t i, float filter_
 
 // Applies the filter f3 to the scales and the opacity logit of one primitive.
 void sgsi_filter_3d_fuse(float params[SGS_PARAM_COUNT], double filter_3d);
+// A row of a model with its filter applied and the opacity as logit; `to` may be `from`.
+void sgsi_filter_3d_fuse_row(const sgs_gaussians *from, size_t i, float filter_3d,
+                             sgs_gaussians *to);

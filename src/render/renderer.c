@@ -242,19 +242,10 @@ static sgs_status begin_view(sgs_renderer *renderer, const sgs_camera *camera, c
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
                          "frame size %dx%d differs from the camera's, %dx%d", frame->width,
                          frame->height, camera->width, camera->height);
-    if (options->filter != SGS_FILTER_3DGS && options->filter != SGS_FILTER_NONE &&
-        options->filter != SGS_FILTER_MIP)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "unknown pixel filter %d",
-                         (int)options->filter);
-    if (options->sh_degree < 0 || options->sh_degree > 3 || !(options->near_distance >= 0.0))
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                         "SH degree %d or near distance %g is out of range", options->sh_degree,
-                         options->near_distance);
-    if (!(options->compact_box > 0.0 && options->compact_box <= 1.0))
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "compact box %g is not in (0, 1]",
-                         options->compact_box);
     const sgsi_rays *rays;
-    sgs_status status = sgsi_ray_cache_get(renderer->rays, camera, &rays);
+    sgs_status status = sgsi_render_options_check(options);
+    if (!status)
+        status = sgsi_ray_cache_get(renderer->rays, camera, &rays);
     if (!status)
         status = prepare_planes(renderer, frame);
     if (status)

@@ -168,6 +168,22 @@ static sgs_status reserve_primitives(sgsi_tracer *tracer, size_t capacity)
     return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to trace %zu primitives", capacity);
 }
 
+sgs_status sgsi_render_options_check(const sgs_render_options *options)
+{
+    if (options->filter != SGS_FILTER_3DGS && options->filter != SGS_FILTER_NONE &&
+        options->filter != SGS_FILTER_MIP)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "unknown pixel filter %d",
+                         (int)options->filter);
+    if (options->sh_degree < 0 || options->sh_degree > 3 || !(options->near_distance >= 0.0))
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                         "SH degree %d or near distance %g is out of range", options->sh_degree,
+                         options->near_distance);
+    if (!(options->compact_box > 0.0 && options->compact_box <= 1.0))
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "compact box %g is not in (0, 1]",
+                         options->compact_box);
+    return SGS_STATUS_OK;
+}
+
 void sgsi_view_set(sgsi_view *view, const sgsi_rays *rays, const sgs_pose *pose,
                    const sgs_render_options *options)
 {

@@ -145,6 +145,8 @@ bool sgsi_scratch_reserve(sgsi_scratch *scratch, size_t capacity);
 bool sgsi_scratch_grow(sgsi_scratch *scratch, size_t capacity);
 void sgsi_scratch_free(sgsi_scratch *scratch);
 
+// Fails with INVALID_ARGUMENT if a value is out of range.
+sgs_status sgsi_render_options_check(const sgs_render_options *options);
 // Sets up a view from a camera's rays and a pose. options->filter_3d must be NULL or padded to a
 // multiple of 16.
 void sgsi_view_set(sgsi_view *view, const sgsi_rays *rays, const sgs_pose *pose,

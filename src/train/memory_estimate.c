@@ -19,10 +19,10 @@ enum {
     // Per primitive: 708 parameters and moments, 180 tracing and statistics, BVH, structural
     // update.
     ROW_BYTES = 1700,
-    // Of several ranks, per primitive of all: columns and plan of a structural update; the model
-    // and its BVH in the evaluation.
+    // Of several ranks, per primitive of all: columns and plan of a structural update; the initial
+    // model with the distances of neighbours.
     COLUMN_BYTES = 150,
-    EVALUATION_BYTES = 480,
+    INITIAL_BYTES = 300,
     // Per pixel of the largest view: image and gradient, loss, lists of hits, gradient records.
     PIXEL_BYTES = 120,
     RAY_BYTES = 24,         // per pixel of each different camera, up to RAY_LIMIT
@@ -63,10 +63,10 @@ size_t sgs_train_memory(const sgs_scene *scene, const sgs_train_options *options
 static size_t row_bytes(size_t rows, size_t own_bytes, int ranks)
 {
     const size_t trained = rows / (size_t)ranks * own_bytes + rows * COLUMN_BYTES,
-                 evaluated = rows * EVALUATION_BYTES;
+                 initial = rows * INITIAL_BYTES;
     if (ranks < 2)
         return rows * own_bytes;
-    return trained > evaluated ? trained : evaluated;
+    return trained > initial ? trained : initial;
 }
 
 size_t sgs_train_memory_per_rank(const sgs_scene *scene, const sgs_train_options *options,

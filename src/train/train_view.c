@@ -14,10 +14,10 @@
 
 static const size_t RAY_CACHE_BYTES = (size_t)1 << 30;
 
-static sgs_status create_workspaces(sgsi_train_views *views, int width, int height)
+static sgs_status create_workspaces(sgsi_train_views *views, int width, int height, size_t planes)
 {
     views->plane_floats = ((size_t)width + 15) / 16 * 16 * (size_t)height;
-    views->planes = sgsi_calloc_shared(views->plane_floats, 8 * sizeof(float));
+    views->planes = sgsi_calloc_shared(views->plane_floats, planes * sizeof(float));
     if (!views->planes)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for images of %dx%d pixels", width,
                          height);
@@ -25,29 +25,28 @@ static sgs_status create_workspaces(sgsi_train_views *views, int width, int heig
     views->rows = views->tracer;
     if (!status)
         status = sgsi_ray_cache_create(RAY_CACHE_BYTES, &views->rays);
-    if (!status)
-        status = sgsi_loss_create(&views->loss);
-    if (!status)
-        status = sgsi_loss_reserve(views->loss, width, height);
-    if (!status && views->options->exposure)
-        status = sgsi_exposure_create(views->count, views->plane_floats, &views->exposure);
     return status;
 }
 
-sgs_status sgsi_train_views_create(const sgs_scene *scene, const sgs_train_options *options,
-                                   sgsi_train_views *views)
+static bool is_training_view(const sgs_view *view)
 {
-    *views = (sgsi_train_views){.scene = scene, .options = options, .rebuild = true};
+    return view->split == SGS_SPLIT_TRAIN && view->image.width;
+}
+
+// The views of the scene that take part, and the size of the largest.
+static sgs_status add_views(sgsi_train_views *views, int *width, int *height)
+{
+    const sgs_scene *scene = views->scene;
     const size_t most = scene->view_count ? scene->view_count : 1;
     views->scene_views = sgsi_calloc(most, sizeof *views->scene_views);
     views->depth_bounds = sgsi_calloc(most, sizeof *views->depth_bounds);
     views->tile_counts = sgsi_calloc(most, sizeof *views->tile_counts);
     if (!views->scene_views || !views->depth_bounds || !views->tile_counts)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu views", scene->view_count);
-    int width = 1, height = 1;
+    *width = *height = 1;
     for (size_t i = 0; i < scene->view_count; ++i) {
         const sgs_view *view = &scene->views[i];
-        if (view->split != SGS_SPLIT_TRAIN || !view->image.width)
+        if (views->options && !is_training_view(view))
             continue;
         const size_t k = views->count++;
         const size_t tiles = (size_t)((view->camera.width + SGSI_TILE - 1) / SGSI_TILE) *
@@ -58,14 +57,46 @@ sgs_status sgsi_train_views_create(const sgs_scene *scene, const sgs_train_optio
         if (!views->depth_bounds[k])
             return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu views",
                              scene->view_count);
-        width = view->camera.width > width ? view->camera.width : width;
-        height = view->camera.height > height ? view->camera.height : height;
+        *width = view->camera.width > *width ? view->camera.width : *width;
+        *height = view->camera.height > *height ? view->camera.height : *height;
     }
-    if (!views->count)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: no training views; hold out fewer",
-                         scene->path);
     sgsi_train_views_forget_depths(views);
-    return create_workspaces(views, width, height);
+    return SGS_STATUS_OK;
+}
+
+sgs_status sgsi_train_views_create(const sgs_scene *scene, const sgs_train_options *options,
+                                   sgsi_train_views *views)
+{
+    int width, height;
+    *views = (sgsi_train_views){.scene = scene,
+                                .options = options,
+                                .render = {.struct_size = sizeof views->render,
+                                           .filter = options->filter,
+                                           .near_distance = sgs_near_distance(scene->extent),
+                                           .compact_box = options->compact_box},
+                                .rebuild = true};
+    sgs_status status = add_views(views, &width, &height);
+    if (!status && !views->count)
+        status = sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: no training views; hold out fewer",
+                           scene->path);
+    if (!status)
+        status = create_workspaces(views, width, height, 8);
+    if (!status)
+        status = sgsi_loss_create(&views->loss);
+    if (!status)
+        status = sgsi_loss_reserve(views->loss, width, height);
+    if (!status && options->exposure)
+        status = sgsi_exposure_create(views->count, views->plane_floats, &views->exposure);
+    return status;
+}
+
+sgs_status sgsi_drawn_views_create(const sgs_scene *scene, const sgs_render_options *render,
+                                   sgsi_train_views *views)
+{
+    int width, height;
+    *views = (sgsi_train_views){.scene = scene, .render = *render, .rebuild = true};
+    const sgs_status status = add_views(views, &width, &height);
+    return status ? status : create_workspaces(views, width, height, 4);
 }
 
 void sgsi_small_images_free(sgsi_small_images *images)
@@ -141,9 +172,9 @@ static void set_planes(const sgsi_train_views *views, sgsi_train_view *view)
                                  .stride = ((size_t)width + 15) / 16 * 16,
                                  .color = {block, block + n, block + 2 * n},
                                  .transmittance = block + 3 * n};
-    for (int c = 0; c < 3; ++c)
+    for (int c = 0; c < 3 && views->loss; ++c)
         view->d_color[c] = block + (size_t)(4 + c) * n;
-    view->d_transmittance = block + 7 * n;
+    view->d_transmittance = views->loss ? block + 7 * n : NULL;
 }
 
 // Divides the view among the ranks.
@@ -161,12 +192,9 @@ sgs_status sgsi_train_view_project(sgsi_train_views *views, sgsi_train_view *vie
     sgs_status status = sgsi_ray_cache_get(views->rays, &view->camera, &rays);
     if (status)
         return status;
-    const sgs_render_options options = {.struct_size = sizeof options,
-                                        .filter = views->options->filter,
-                                        .near_distance = sgs_near_distance(views->scene->extent),
-                                        .filter_3d = view->filter_3d,
-                                        .sh_degree = view->sh_degree,
-                                        .compact_box = views->options->compact_box};
+    sgs_render_options options = views->render;
+    options.filter_3d = view->filter_3d;
+    options.sh_degree = view->sh_degree;
     sgsi_view_set(&view->view, rays, &view->source->pose, &options);
     view->view.linear_opacity = view->model->linear_opacity;
     set_planes(views, view);
@@ -189,7 +217,7 @@ sgs_status sgsi_train_view_project(sgsi_train_views *views, sgsi_train_view *vie
 sgs_status sgsi_train_view_forward(sgsi_train_views *views, sgsi_train_view *view)
 {
     sgs_status status = sgsi_tracer_forward(views->tracer, &view->view, &view->planes,
-                                            views->depth_bounds[view->index], true);
+                                            views->depth_bounds[view->index], views->loss != NULL);
     if (!status && sgsi_tracer_counts(views->tracer).block_hits)
         sgs_ranks_raise(views->ranks, SGSI_RANKS_SEEN);
     if (!status && views->view_ranks)

@@ -4,7 +4,8 @@
 
 // The stages of an iteration for one training view: photograph, rays, BVH, image, loss with its
 // gradient image, gradient sums per primitive. One function per stage, called in the order below.
-// Independent of trainer, optimiser and density control.
+// Independent of trainer, optimiser and density control. Views that are only drawn end after the
+// image.
 
 #include "loss/exposure.h"
 #include "loss/loss.h"
@@ -23,7 +24,8 @@ typedef struct sgsi_small_images {
 // All training views of a scene, and the workspace to render one of them.
 typedef struct sgsi_train_views {
     const sgs_scene *scene;
-    const sgs_train_options *options;
+    const sgs_train_options *options; // NULL if the views are only drawn
+    sgs_render_options render;        // its filter_3d and sh_degree are those of the view
     size_t count;
     size_t *scene_views;  // [count] indices into scene->views
     float **depth_bounds; // [count][tiles], see sgsi_tracer_forward
@@ -36,14 +38,21 @@ typedef struct sgsi_train_views {
     sgsi_tracer *rows;
     sgsi_ray_cache *rays;
     sgsi_loss_workspace *loss;
-    sgsi_exposure *exposure;            // NULL without option exposure
-    float *planes;                      // colour, transmittance and their gradients: 8 planes
-    size_t plane_floats;                // per plane
-    bool rebuild;                       // rebuild the BVH for the next view instead of refitting it
-    sgs_ranks *ranks;                   // that share views and rows, or NULL
+    sgsi_exposure *exposure; // NULL without option exposure
+    float *planes;       // colour, transmittance and, for training, their gradients: 4 or 8 planes
+    size_t plane_floats; // per plane
+    bool rebuild;        // rebuild the BVH for the next view instead of refitting it
+    sgs_ranks *ranks;    // that share views and rows, or NULL
     struct sgsi_view_ranks *view_ranks; // NULL without several ranks
     struct sgsi_view_shards *view_shards;
 } sgsi_train_views;
+
+// The pixels of a view that several ranks need.
+typedef enum sgsi_image_need {
+    SGSI_IMAGE_PIECES, // each rank those of its cells and around them, for the loss
+    SGSI_IMAGE_ALL,    // all ranks all pixels, for scores
+    SGSI_IMAGE_ONE     // rank `receiver` all pixels, others only their own
+} sgsi_image_need;
 
 typedef struct sgsi_train_view {
     // Set by the caller.
@@ -55,7 +64,8 @@ typedef struct sgsi_train_view {
     uint32_t *visible_count; // statistics that the projection updates, or NULL
     float *radius_max;
     sgs_train_seconds *seconds; // each stage adds its time
-    bool whole_image;           // all ranks need the whole image
+    sgsi_image_need need;
+    int receiver;
     // sgsi_train_view_fetch
     const sgs_view *source;
     const sgs_photo *target;
@@ -69,12 +79,24 @@ typedef struct sgsi_train_view {
     sgsi_loss_output loss;
 } sgsi_train_view;
 
+// What the messages of a view are for: `training` unless it is scored or only drawn.
+static inline sgs_ranks_purpose sgsi_train_view_purpose(const sgsi_train_view *view,
+                                                        sgs_ranks_purpose training)
+{
+    return view->need == SGSI_IMAGE_PIECES ? training
+           : view->need == SGSI_IMAGE_ALL  ? SGS_RANKS_SCORES
+                                           : SGS_RANKS_OTHER;
+}
+
 // Views, tracer and workspaces for the training split of `scene`. scene and options must outlive
 // *views. Fails with OUT_OF_MEMORY, or INVALID_ARGUMENT without a training view; free *views also
 // after a failure.
 sgs_status sgsi_train_views_create(const sgs_scene *scene, const sgs_train_options *options,
                                    sgsi_train_views *views);
 void sgsi_train_views_free(sgsi_train_views *views); // accepts a zeroed one
+// Views to draw: all views of the scene, without photographs, loss and gradients. Fails as above.
+sgs_status sgsi_drawn_views_create(const sgs_scene *scene, const sgs_render_options *render,
+                                   sgsi_train_views *views);
 void sgsi_small_images_free(sgsi_small_images *images);
 
 // Sets all depth bounds to "unknown". Cannot fail.

@@ -522,6 +522,11 @@ size_t sgs_trainer_count(const sgs_trainer *trainer)
     return trainer->count;
 }
 
+size_t sgs_trainer_trained(const sgs_trainer *trainer)
+{
+    return sgsi_trainer_trained(trainer);
+}
+
 const double *sgs_trainer_exposure(const sgs_trainer *trainer, size_t view)
 {
     const sgsi_train_views *views = &trainer->views;

@@ -10,6 +10,7 @@
 #include "base/threads.h"
 #include "cluster/row_streams.h"
 #include "formats/ply_parts.h"
+#include "model/filter_3d.h"
 #include "model/model_hash.h"
 #include "train/trainer_state.h"
 
@@ -156,6 +157,16 @@ static sgs_status make_copy(sgs_trainer *trainer)
                            "no memory for the 3D filter of %zu primitives", trainer->count);
 }
 
+// The 3D filter, if there is one, to whole [count] of rank 0.
+static sgs_status collect_filter(sgs_trainer *trainer, sgs_status own, float *whole)
+{
+    const sgsi_row_array array = {trainer->filter_3d, SGSI_SHARD_ROWS * sizeof(float),
+                                  trainer->count * sizeof(float)};
+    char *at = (char *)whole;
+    return trainer->filter_3d ? sgsi_rows_collect(trainer->views.ranks, own, &array, append, &at)
+                              : sgs_ranks_agree(trainer->views.ranks, own);
+}
+
 static sgsi_row_array params_array(const sgs_trainer *trainer)
 {
     const size_t blocks = (trainer->count + SGS_LANES - 1) / SGS_LANES;
@@ -175,12 +186,8 @@ sgs_status sgs_trainer_collect(sgs_trainer *trainer)
     sgsi_row_array array = params_array(trainer);
     char *at = trainer->collected ? (char *)trainer->collected->data : NULL;
     sgs_status status = sgsi_rows_collect(ranks, own, &array, append, &at);
-    if (!status && trainer->filter_3d) {
-        array = (sgsi_row_array){trainer->filter_3d, SGSI_SHARD_ROWS * sizeof(float),
-                                 trainer->count * sizeof(float)};
-        at = (char *)trainer->collected_filter;
-        status = sgsi_rows_collect(ranks, SGS_STATUS_OK, &array, append, &at);
-    }
+    if (!status)
+        status = collect_filter(trainer, SGS_STATUS_OK, trainer->collected_filter);
     if (status) {
         sgsi_trainer_release(trainer);
         return status;
@@ -197,26 +204,28 @@ sgs_status sgs_trainer_collect(sgs_trainer *trainer)
 
 typedef struct parts_job {
     const sgs_trainer *trainer;
-    void (*take)(void *taker, const sgs_gaussians *rows);
-    void *taker; // NULL: the rows are not used
-    size_t left; // rows
+    void (*take)(void *taker, sgs_gaussians *rows, const float *filter_3d);
+    void *taker;         // NULL: the rows are not used
+    const float *filter; // [count], or NULL
+    size_t first;        // row of the next part
 } parts_job;
 
 // Whole blocks in the model's layout.
 static void take_blocks(void *context, void *bytes, size_t size)
 {
     parts_job *job = context;
-    const size_t rows = size / BLOCK_BYTES * SGS_LANES;
+    const size_t rows = size / BLOCK_BYTES * SGS_LANES, left = job->trainer->count - job->first;
     sgs_gaussians part = *job->trainer->model;
     part.data = bytes;
-    part.count = part.capacity = rows < job->left ? rows : job->left;
+    part.count = part.capacity = rows < left ? rows : left;
     if (job->taker)
-        job->take(job->taker, &part);
-    job->left -= part.count;
+        job->take(job->taker, &part, job->filter ? job->filter + job->first : NULL);
+    job->first += part.count;
 }
 
-static void hash_rows(void *taker, const sgs_gaussians *rows)
+static void hash_rows(void *taker, sgs_gaussians *rows, const float *filter_3d)
 {
+    (void)filter_3d;
     sgsi_gaussians_hash_rows(taker, rows);
 }
 
@@ -229,7 +238,7 @@ sgs_status sgs_trainer_hash(sgs_trainer *trainer, char hex[17])
     }
     sgsi_gaussians_hasher *hasher =
         sgsi_gaussians_hash_begin(trainer->count, trainer->model->sh_degree);
-    parts_job job = {trainer, hash_rows, hasher, trainer->count};
+    parts_job job = {.trainer = trainer, .take = hash_rows, .taker = hasher};
     const sgsi_row_array array = params_array(trainer);
     const sgs_status own =
         hasher ? SGS_STATUS_OK : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a hash");
@@ -239,30 +248,93 @@ sgs_status sgs_trainer_hash(sgs_trainer *trainer, char hex[17])
     return status ? status : sgsi_ranks_copy(ranks, SGS_STATUS_OK, SGS_RANKS_OTHER, hex, 17);
 }
 
-static void write_rows(void *taker, const sgs_gaussians *rows)
+static void write_rows(void *taker, sgs_gaussians *rows, const float *filter_3d)
 {
-    sgsi_ply_parts_add(taker, rows);
+    sgsi_ply_parts_add(taker, rows, filter_3d);
 }
 
-sgs_status sgs_trainer_write_ply(sgs_trainer *trainer, const char *path)
+// Writes rows with the filter applied, as sgs_gaussians_fuse_filter_3d.
+static void write_fused(void *taker, sgs_gaussians *rows, const float *filter_3d)
 {
-    sgs_ranks *ranks = trainer->views.ranks;
+    for (size_t i = 0; i < rows->count; ++i)
+        sgsi_filter_3d_fuse_row(rows, i, filter_3d[i], rows);
+    rows->linear_opacity = false;
+    sgsi_ply_parts_add(taker, rows, NULL);
+}
+
+// Copies of all rows in parts to rank 0.
+static sgs_status pass_parts(sgs_trainer *trainer, parts_job *job)
+{
+    const sgsi_row_array array = params_array(trainer);
+    if (sgsi_trainer_is_shared(trainer))
+        return sgsi_rows_collect(trainer->views.ranks, SGS_STATUS_OK, &array, take_blocks, job);
+    char *part = sgsi_alloc(array.group, 1);
+    if (!part)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to copy %zu primitives",
+                         trainer->count);
+    for (size_t at = 0; at < array.total; at += array.group) {
+        const size_t left = array.total - at, size = left < array.group ? left : array.group;
+        memcpy(part, (char *)array.own + at, size);
+        take_blocks(job, part, size);
+    }
+    sgsi_free(part);
+    return SGS_STATUS_OK;
+}
+
+// A file that rank 0 cannot write does not keep the others from sending.
+static sgs_status write_parts(sgs_trainer *trainer, const char *path, sgsi_ply_kind kind,
+                              const float *filter)
+{
     sgsi_ply_parts *parts = NULL;
     sgs_status written = SGS_STATUS_OK;
     char *reason = NULL;
-    if (!sgsi_trainer_is_shared(trainer))
-        return sgs_ply_write(path, trainer->model);
     if (!sgsi_trainer_rank(trainer))
-        written = sgsi_ply_parts_begin(path, trainer->model, trainer->count, &parts);
-    if (written) // a file that cannot be written does not keep the others from sending
+        written = sgsi_ply_parts_begin(path, trainer->model, trainer->count, kind, &parts);
+    if (written)
         reason = sgsi_strdup(sgs_last_error());
-    parts_job job = {trainer, write_rows, parts, trainer->count};
-    const sgsi_row_array array = params_array(trainer);
-    const sgs_status sent = sgsi_rows_collect(ranks, SGS_STATUS_OK, &array, take_blocks, &job);
+    parts_job job = {.trainer = trainer,
+                     .take = kind == SGSI_PLY_ANTIALIASED ? write_fused : write_rows,
+                     .taker = parts,
+                     .filter = filter};
+    const sgs_status sent = pass_parts(trainer, &job);
     if (parts)
         written = sgsi_ply_parts_end(parts, !sent);
     if (reason && !sent)
         written = sgsi_fail(written, "%s", reason);
     sgsi_free(reason);
     return sent ? sent : written;
+}
+
+// The model with its 3D filter, as a file of a kind.
+static sgs_status write_filtered(sgs_trainer *trainer, const char *path, sgsi_ply_kind kind)
+{
+    if (!sgsi_trainer_is_shared(trainer))
+        return write_parts(trainer, path, kind, trainer->filter_3d);
+    sgs_status own = SGS_STATUS_OK;
+    float *filter = NULL;
+    if (!sgsi_trainer_rank(trainer)) {
+        filter = sgsi_alloc(trainer->count, sizeof *filter);
+        if (!filter)
+            own = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path);
+    }
+    sgs_status status = collect_filter(trainer, own, filter);
+    if (!status)
+        status = write_parts(trainer, path, kind, filter);
+    sgsi_free(filter);
+    return status;
+}
+
+sgs_status sgs_trainer_write_ply(sgs_trainer *trainer, const char *path)
+{
+    return trainer->filter_3d ? write_filtered(trainer, path, SGSI_PLY_ANTIALIASED)
+                              : write_parts(trainer, path, SGSI_PLY_PLAIN, NULL);
+}
+
+sgs_status sgs_trainer_write_ply_filter_3d(sgs_trainer *trainer, const char *path)
+{
+    if (trainer->filter_3d)
+        return write_filtered(trainer, path, SGSI_PLY_FILTER_3D);
+    const sgs_status own =
+        sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: the model has no 3D filter", path);
+    return own; // the same on all ranks
 }

@@ -130,6 +130,14 @@ static void copy_tile(const sgsi_planes *planes, const sgsi_cells *cells, size_t
         }
 }
 
+static bool reads_tile(const sgsi_train_views *views, const sgsi_train_view *view, size_t tile,
+                       int reader)
+{
+    return view->need == SGSI_IMAGE_PIECES
+               ? sgsi_cut_reads_tile(cells_of(view), views->view_ranks->owner, tile, reader)
+               : view->need == SGSI_IMAGE_ALL || reader == view->receiver;
+}
+
 // Visits the tiles that `owner` sends to `reader`, in the order of the curve. Returns their number;
 // copies them if message is not NULL.
 static size_t visit_tiles(const sgsi_train_views *views, const sgsi_train_view *view, int owner,
@@ -143,7 +151,7 @@ static size_t visit_tiles(const sgsi_train_views *views, const sgsi_train_view *
     for (size_t i = cells->tile_begin[r->cut[owner]]; i < cells->tile_begin[r->cut[owner + 1]];
          ++i) {
         const size_t tile = cells->tile_order[i];
-        if (!view->whole_image && !sgsi_cut_reads_tile(cells, r->owner, tile, reader))
+        if (!reads_tile(views, view, tile, reader))
             continue;
         if (message)
             copy_tile(&view->planes, cells, tile, message + count * TILE_FLOATS, into_planes);
@@ -171,7 +179,7 @@ sgs_status sgsi_view_ranks_image(sgsi_train_views *views, const sgsi_train_view 
         message += visit_tiles(views, view, rank, k, message, false) * TILE_FLOATS;
     const unsigned char *got;
     const sgs_status status = sgsi_ranks_exchange(
-        ranks, own, view->whole_image ? SGS_RANKS_SCORES : SGS_RANKS_IMAGE, r->to, r->from, &got);
+        ranks, own, sgsi_train_view_purpose(view, SGS_RANKS_IMAGE), r->to, r->from, &got);
     if (status)
         return status;
     for (int k = 0; k < count; got += r->from[k++])
@@ -256,7 +264,7 @@ sgs_status sgsi_view_ranks_sums(sgsi_train_views *views, const sgsi_train_view *
     const unsigned char *got;
     const size_t *sizes;
     const sgs_status status = sgsi_ranks_share(
-        ranks, own, view->whole_image ? SGS_RANKS_SCORES : SGS_RANKS_SUMS, bytes, &got, &sizes);
+        ranks, own, sgsi_train_view_purpose(view, SGS_RANKS_SUMS), bytes, &got, &sizes);
     if (status)
         return status;
     copy.reads = true;

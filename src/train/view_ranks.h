@@ -25,8 +25,7 @@ void sgsi_view_ranks_cut(sgsi_train_views *views, const sgsi_train_view *view);
 // The cells of this rank in the present view.
 sgsi_tracer_piece sgsi_view_ranks_piece(const sgsi_train_views *views);
 const size_t *sgsi_view_ranks_begin(const sgsi_train_views *views); // [ranks + 1]: cells
-// After the forward pass: pixels within a tile of the cells of this rank; with view->whole_image
-// all.
+// After the forward pass: the pixels of other ranks that this one needs (view->need).
 sgs_status sgsi_view_ranks_image(sgsi_train_views *views, const sgsi_train_view *view);
 // After loss and exposure (NULL without): their sums per cell, depth bounds and costs of all cells.
 sgs_status sgsi_view_ranks_sums(sgsi_train_views *views, const sgsi_train_view *view,

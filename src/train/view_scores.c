@@ -240,7 +240,7 @@ static sgs_status score_view(sgsi_train_views *views, const sgsi_score_input *in
                             .visible_count = scores->view.visible_count,
                             .radius_max = scores->view.radius_max,
                             .seconds = &ignored,
-                            .whole_image = true};
+                            .need = SGSI_IMAGE_ALL};
     sgsi_statistics_clear(&scores->view, scores->capacity);
     sgs_status status = sgsi_train_view_fetch(views, &view);
     if (!status)

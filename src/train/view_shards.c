@@ -166,9 +166,8 @@ sgs_status sgsi_view_shards_send(sgsi_train_views *views, const sgsi_train_view 
                                sgsi_tracer_bounds(views->rows), view->model->count, cut);
     if (!own)
         own = pack_records(views, &message);
-    sgs_status status = sgsi_ranks_deliver(views->ranks, own,
-                                           view->whole_image ? SGS_RANKS_SCORES : SGS_RANKS_RECORDS,
-                                           s->to, &got, &from);
+    sgs_status status = sgsi_ranks_deliver(
+        views->ranks, own, sgsi_train_view_purpose(view, SGS_RANKS_RECORDS), s->to, &got, &from);
     if (!status)
         status = unpack_records(views, got, from);
     // A Morton build over this rank's part is faster than a refit over all primitives.
@@ -313,8 +312,7 @@ sgs_status sgsi_view_shards_return(sgsi_train_views *views, const sgsi_train_vie
     const size_t *from;
     const sgs_status own = pack_gradients(views);
     const sgs_status status = sgsi_ranks_deliver(
-        views->ranks, own, view->whole_image ? SGS_RANKS_SCORES : SGS_RANKS_GRADIENTS, s->to, &got,
-        &from);
+        views->ranks, own, sgsi_train_view_purpose(view, SGS_RANKS_GRADIENTS), s->to, &got, &from);
     if (status)
         return status;
     for (int r = 0; r < s->routes.ranks; got += from[r++]) {

@@ -45,6 +45,10 @@ for count in 1 2 3 4; do
 done
 check same_exposures cmp "$temporary/one/exposure.json" "$temporary/ranks3/exposure.json"
 json "$temporary/ranks3/summary.json" '.traffic.records.bytes > 0 and .traffic.image.messages > 0'
+json "$temporary/ranks3/summary.json" '.per_rank | length == 3 and all(.[]; .peak_rss_bytes > 1e7 and
+    .waiting.sums > 0 and .moving.records > 0 and (.waiting | add) + (.moving | add) < .train_seconds and
+    .waiting_share > 0 and .moving_share > 0 and .waiting_share + .moving_share < 1)'
+json "$temporary/one/summary.json" '.per_rank == null'
 if [ "${#launcher[@]}" -gt 1 ]; then
     shared=("${launcher[@]}")
     launcher+=(--mca btl tcp,self)

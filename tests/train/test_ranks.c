@@ -106,8 +106,9 @@ typedef struct result {
 typedef struct training {
     const sgs_scene *scene;
     sgs_train_options options;
-    int first, last; // iterations; from the checkpoint if first > 0
-    bool saves;      // rank 0 saves a checkpoint after the last
+    int first, last;   // iterations; from the checkpoint if first > 0
+    bool saves;        // rank 0 saves a checkpoint after the last
+    const char *files; // model files of rank 0, without ".ply" and "_3D.ply"; or NULL
     uint64_t cut_seed;
     int failing; // this rank fails in iteration `failing_at`, -1 = none
     int failing_at;
@@ -136,6 +137,17 @@ static bool steps(training *t, sgs_trainer *trainer)
     return true;
 }
 
+static sgs_status write_files(const training *t, sgs_trainer *trainer)
+{
+    char path[128];
+    snprintf(path, sizeof path, "%s.ply", t->files);
+    sgs_status status = sgs_trainer_write_ply(trainer, path);
+    snprintf(path, sizeof path, "%s_3D.ply", t->files);
+    if (!status && sgs_trainer_filter_3d(trainer))
+        status = sgs_trainer_write_ply_filter_3d(trainer, path);
+    return status;
+}
+
 static void *run_rank(void *context)
 {
     training *t = context;
@@ -153,6 +165,8 @@ static void *run_rank(void *context)
         t->out.gaussians = sgs_trainer_count(trainer);
         if (t->saves)
             t->out.status = sgs_trainer_save_checkpoint(trainer, folder);
+        if (t->files)
+            t->out.status = write_files(t, trainer);
     }
     sgs_trainer_destroy(trainer);
     sgs_ranks_close(t->ranks);
@@ -291,6 +305,45 @@ static void another_number_of_ranks_resumes(void **state)
     }
 }
 
+static void assert_same_files(const char *a, const char *b, const char *suffix)
+{
+    char paths[2][160];
+    size_t sizes[2];
+    unsigned char *bytes[2];
+    for (int k = 0; k < 2; ++k) {
+        snprintf(paths[k], sizeof paths[k], "%s%s.ply", k ? b : a, suffix);
+        bytes[k] = file_get(paths[k], &sizes[k]);
+        remove(paths[k]);
+    }
+    assert_int_equal(sizes[0], sizes[1]);
+    assert_memory_equal(bytes[0], bytes[1], sizes[0]);
+    free(bytes[0]);
+    free(bytes[1]);
+}
+
+// With a 3D filter, and with opacities that are linear at the end.
+static void model_files_have_the_bytes_of_one_process(void **state)
+{
+    (void)state;
+    for (int mip = 0; mip < 2; ++mip) {
+        training plan = plan_of(SGS_PIPELINE_TAMING);
+        result ignored[MOST_RANKS];
+        char files[2][96];
+        plan.options.filter = mip ? SGS_FILTER_MIP : SGS_FILTER_3DGS;
+        if (!mip)
+            plan.options.pipeline_options.taming_opacity = SGS_TAMING_LINEAR;
+        for (int k = 0; k < 2; ++k) {
+            snprintf(files[k], sizeof files[k], "%s_%d", folder, k);
+            plan.files = files[k];
+            train(&plan, k ? 3 : 0, ignored);
+            assert_int_equal(ignored[0].status, SGS_STATUS_OK);
+        }
+        assert_same_files(files[0], files[1], "");
+        if (mip)
+            assert_same_files(files[0], files[1], "_3D");
+    }
+}
+
 // The n-th allocation of rank 1 fails in some iteration: all ranks stop with its message.
 static void a_failure_stops_all_ranks(void **state)
 {
@@ -327,6 +380,7 @@ int main(void)
         cmocka_unit_test(batches_of_views_give_the_same_bits),
         cmocka_unit_test(cuts_by_cost_give_the_same_bits),
         cmocka_unit_test(another_number_of_ranks_resumes),
+        cmocka_unit_test(model_files_have_the_bytes_of_one_process),
         cmocka_unit_test(a_failure_stops_all_ranks),
     };
     return cmocka_run_group_tests(tests, load, unload);

@@ -20,6 +20,7 @@
 #include "cli/progress.h"
 #include "cli/rank_group.h"
 #include "run/memory_check.h"
+#include "run/rank_clock.h"
 #include "run/region_file.h"
 #include "run/run_folder.h"
 #include "run/run_record.h"
@@ -69,6 +70,9 @@ typedef struct training {
     json_t *stored;       // the config of the run to resume
     char *checkpoint;     // the file that was loaded, or NULL
     json_t *traffic;      // between ranks, or NULL
+    rank_clock clock;     // of the calls between ranks
+    int own_iterations;   // of this process
+    json_t *per_rank;     // on rank 0, or NULL
     double wall_seconds;  // of this command
     bool checkpoint_lost; // saving the last one failed and was reported; evaluation continues
     split_score test, train;
@@ -192,22 +196,6 @@ static int find_checkpoint(training *run, const char *config_path, json_t *confi
     return found;
 }
 
-static bool write_first_files(const training *run)
-{
-    const float *points;
-    const unsigned char *colors;
-    const size_t count = sgs_trainer_initial_cloud(run->trainer, &points, &colors);
-    char *cameras = format_text("%s/cameras.json", run->values.output);
-    char *input = format_text("%s/input.ply", run->values.output);
-    const bool written = !sgs_scene_write_cameras_json(run->scene, cameras) &&
-                         (!count || !points || !sgs_ply_write_points(input, points, colors, count));
-    if (!written)
-        fail_library();
-    free(cameras);
-    free(input);
-    return written;
-}
-
 // config.json of this run. Call once the scene is loaded.
 static json_t *config_of(const training *run)
 {
@@ -233,7 +221,8 @@ static bool begin_run(training *run, const char *config_path, json_t *config)
     const bool replaces = !run->values.resume && run_folder_is_used(&run->folder);
     if (replaces && !run_folder_set_aside(&run->folder))
         return false;
-    const bool written = write_first_files(run) && write_json(config_path, json_incref(config));
+    const bool written = run_folder_write_inputs(&run->folder, run->scene, run->trainer) &&
+                         write_json(config_path, json_incref(config));
     if (!replaces)
         return written;
     if (!written)
@@ -413,8 +402,11 @@ static bool iterate_once(training *run, trace_file *trace)
     sgs_step_info info = {0};
     const double start = clock_seconds();
     const sgs_train_seconds before = sgs_trainer_seconds(run->trainer);
+    rank_clock_start(&run->clock);
     const sgs_status status = sgs_trainer_step(run->trainer, &info);
     const double spent = clock_seconds() - start;
+    rank_clock_stop(&run->clock, spent,
+                    run->own_iterations++ >= (int)scene_split_count(run->scene, SGS_SPLIT_TRAIN));
     run->train_seconds += spent;
     run->longest_step = spent > run->longest_step ? spent : run->longest_step;
     if (status == SGS_STATUS_LIMIT) {
@@ -500,11 +492,9 @@ static bool save_results(training *run)
     if (!run->iterations)
         return true;
     bool saved = run_folder_share_trained(&run->folder, run->trainer, run->iterations);
-    if (run->values.region && sgs_trainer_collect(run->trainer))
-        return false;
+    if (run->values.region)
+        run->region_count = sgs_trainer_trained(run->trainer);
     if (group_leads()) {
-        if (run->values.region)
-            run->region_count = block_plan_count(sgs_trainer_model(run->trainer), &options->region);
         char *exposure = format_text("%s/exposure.json", run->values.output);
         saved = exposure_write(exposure, run->scene, run->trainer) && saved;
         free(exposure);
@@ -568,6 +558,8 @@ static json_t *summary_json(const training *run)
     json_object_set_new(summary, "ranks", json_integer(group_count()));
     if (run->traffic)
         json_object_set(summary, "traffic", run->traffic);
+    if (run->per_rank)
+        json_object_set(summary, "per_rank", run->per_rank);
     json_object_set_new(summary, "isa", json_string(sgs_isa_name(sgs_isa_get())));
     json_object_set_new(summary, "peak_rss_bytes", json_integer((json_int_t)sgs_rss_peak()));
     json_object_set_new(summary, "memory_estimate_bytes",
@@ -605,6 +597,7 @@ static bool report(training *run)
            *run->stop_text ? ": " : "", run->stop_text, run->gaussians, run->hash);
     split_score_print("held-out images:", &run->test);
     split_score_print("training images:", &run->train);
+    rank_clock_print(run->per_rank);
     if (run->iterations)
         printf("%s/point_cloud/iteration_%d/point_cloud.ply\n", run->values.output,
                run->iterations);
@@ -699,6 +692,8 @@ static int train(training *run)
     bool done = iterate_and_save(run);
     if (done && !stopped_early(run))
         done = evaluate(run);
+    if (done)
+        run->per_rank = rank_clock_json(&run->clock, run->train_seconds);
     if (done && !run->checkpoint_lost && run->stop == SGS_STOP_TIME_LIMIT)
         print_note("%s: reached the time limit at iteration %d of %d; continue with --resume",
                    run->values.output, run->iterations, run->values.options.iterations);
@@ -792,6 +787,8 @@ int command_train(int argc, char **argv)
     sgs_scene_destroy(run.scene);
     sgs_lpips_destroy(run.lpips);
     json_decref(run.stored);
+    json_decref(run.traffic);
+    json_decref(run.per_rank);
     block_plan_free(&run.plan);
     free(run.values.region_plan);
     free(run.stop_text);

@@ -30,10 +30,24 @@ bool evaluator_open(evaluator *evaluation, const sgs_gaussians *model, const sgs
     return true;
 }
 
+bool evaluator_open_shared(evaluator *evaluation, const char *path, const sgs_scene *scene,
+                           const drawing_values *drawing)
+{
+    *evaluation = (evaluator){.scene = scene, .render = drawing_render_options(drawing)};
+    memcpy(evaluation->background, drawing->background, sizeof evaluation->background);
+    if (!sgs_rank_renderer_create(group_ranks(), scene, path, &evaluation->render,
+                                  &evaluation->rank_renderer))
+        return true;
+    fail_library();
+    return false;
+}
+
 void evaluator_close(evaluator *evaluation)
 {
     sgs_renderer_destroy(evaluation->renderer);
+    sgs_rank_renderer_destroy(evaluation->rank_renderer);
     evaluation->renderer = NULL;
+    evaluation->rank_renderer = NULL;
 }
 
 bool evaluate_lpips(const char *path, const sgs_scene *scene, sgs_lpips **lpips)
@@ -76,17 +90,20 @@ static float *flatten_photo(const evaluator *evaluation, const sgs_photo *photo)
 
 static bool draw(const evaluator *evaluation, const sgs_view *view, sgs_frame *frame)
 {
-    if (sgs_frame_create(view->camera.width, view->camera.height, frame) ||
-        sgs_renderer_render(evaluation->renderer, &view->camera, &view->pose, &evaluation->render,
-                            frame)) {
-        fail_library();
-        return false;
-    }
+    if (!sgs_frame_create(view->camera.width, view->camera.height, frame) &&
+        !sgs_renderer_render(evaluation->renderer, &view->camera, &view->pose, &evaluation->render,
+                             frame))
+        return true;
+    fail_library();
+    return false;
+}
+
+static void add_background(const evaluator *evaluation, sgs_frame *frame)
+{
     const size_t pixels = (size_t)frame->width * (size_t)frame->height;
     for (size_t c = 0; c < 3; ++c)
         for (size_t i = 0; i < pixels; ++i)
             frame->color[c][i] += frame->transmittance[i] * evaluation->background[c];
-    return true;
 }
 
 // Display-encodes linear colours and quantises to 8 bits.
@@ -158,11 +175,11 @@ static bool compare(const evaluator *evaluation, view_images *images, const uint
     return false;
 }
 
-bool evaluate_view(const evaluator *evaluation, const sgs_view *view, view_score *score,
-                   view_images *images)
+// Scores a frame without background, which it changes.
+static bool score_frame(const evaluator *evaluation, const sgs_view *view, sgs_frame *frame,
+                        view_score *score, view_images *images)
 {
     view_images compared = {0};
-    sgs_frame frame = {0};
     const sgs_photo *source = NULL;
     uint16_t *half = NULL;
     bool done =
@@ -173,13 +190,12 @@ bool evaluate_view(const evaluator *evaluation, const sgs_view *view, view_score
     if (planes) {
         const size_t pixels = (size_t)source->width * (size_t)source->height;
         float *const color[3] = {planes, planes + pixels, planes + 2 * pixels};
-        done = draw(evaluation, view, &frame) &&
-               expose(evaluation, view, frame.color, color, source->valid_mask, &half) &&
+        add_background(evaluation, frame);
+        done = expose(evaluation, view, frame->color, color, source->valid_mask, &half) &&
                quantise(evaluation, color, source->width, source->height, &compared.photo) &&
-               quantise(evaluation, frame.color, frame.width, frame.height, &compared.drawn);
+               quantise(evaluation, frame->color, frame->width, frame->height, &compared.drawn);
     }
     done = done && planes;
-    sgs_frame_free(&frame);
     free(planes);
     done = done &&
            compare(evaluation, &compared, half ? half : source->valid_mask, images != NULL, score);
@@ -188,6 +204,16 @@ bool evaluate_view(const evaluator *evaluation, const sgs_view *view, view_score
         view_images_free(&compared);
     if (images)
         *images = compared;
+    return done;
+}
+
+bool evaluate_view(const evaluator *evaluation, const sgs_view *view, view_score *score,
+                   view_images *images)
+{
+    sgs_frame frame = {0};
+    const bool done =
+        draw(evaluation, view, &frame) && score_frame(evaluation, view, &frame, score, images);
+    sgs_frame_free(&frame);
     return done;
 }
 
@@ -218,6 +244,7 @@ void split_score_finish(split_score *sum)
                      sum->mean.sharpness / (double)sum->sharp_images, sum->mean.lpips / images};
 }
 
+// Scores the views of this rank, with a model that every rank has.
 static bool score_own(const evaluator *evaluation, sgs_split split, const char *label,
                       evaluate_save save, void *context, rank_score *scores)
 {
@@ -245,6 +272,62 @@ static bool score_own(const evaluator *evaluation, sgs_split split, const char *
     return true;
 }
 
+// The next views of a split, one per rank; returns their number.
+static size_t next_views(const sgs_scene *scene, sgs_split split, size_t *next, size_t *views)
+{
+    size_t count = 0;
+    for (; *next < scene->view_count && count < (size_t)group_count(); ++*next)
+        if (view_in_split(&scene->views[*next], split))
+            views[count++] = *next;
+    return count;
+}
+
+// All ranks draw each of `count` views; rank i scores view i. Collective.
+static bool score_round(const evaluator *evaluation, const size_t *views, size_t count,
+                        rank_score *scores)
+{
+    const size_t rank = (size_t)sgs_ranks_rank(group_ranks());
+    const sgs_view *own = rank < count ? &evaluation->scene->views[views[rank]] : NULL;
+    sgs_frame frame = {0};
+    sgs_status status =
+        own ? sgs_frame_create(own->camera.width, own->camera.height, &frame) : SGS_STATUS_OK;
+    for (size_t i = 0; i < count && (!status || !i); ++i)
+        status =
+            sgs_rank_renderer_render(evaluation->rank_renderer, status, views[i], (int)i, &frame);
+    if (status)
+        fail_library(); // that of all ranks
+    else if (own)
+        scores[views[rank]].is_scored =
+            score_frame(evaluation, own, &frame, &scores[views[rank]].score, NULL);
+    sgs_frame_free(&frame);
+    return group_all(!status && (!own || scores[views[rank]].is_scored));
+}
+
+// Scores views with a model that the ranks share. Collective.
+static bool score_together(const evaluator *evaluation, sgs_split split, const char *label,
+                           rank_score *scores)
+{
+    const sgs_scene *scene = evaluation->scene;
+    const size_t total = scene_split_count(scene, split);
+    size_t *views = malloc((size_t)group_count() * sizeof *views);
+    size_t count = 1, next = 0, number = 0;
+    bool done = views != NULL;
+    if (!done)
+        fail_run("no memory for the views of %d ranks", group_count());
+    done = group_all(done);
+    while (done && count) {
+        if (group_requested(GROUP_SIGNAL, interrupt_signal() != 0))
+            break;
+        if (label)
+            progress_count(label, number, total);
+        count = next_views(scene, split, &next, views);
+        done = !count || score_round(evaluation, views, count, scores);
+        number += count;
+    }
+    free(views);
+    return done;
+}
+
 // Copies the scores of all ranks into scores [view_count].
 static bool share_scores(size_t views, rank_score *scores)
 {
@@ -266,7 +349,9 @@ static bool share_scores(size_t views, rank_score *scores)
 bool evaluate_views(const evaluator *evaluation, sgs_split split, const char *label,
                     evaluate_save save, void *context, rank_score *scores)
 {
-    const bool done = score_own(evaluation, split, label, save, context, scores);
+    const bool done = evaluation->rank_renderer
+                          ? score_together(evaluation, split, label, scores)
+                          : score_own(evaluation, split, label, save, context, scores);
     progress_end();
     return group_all(done) && share_scores(evaluation->scene->view_count, scores);
 }

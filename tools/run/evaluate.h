@@ -9,10 +9,12 @@
 
 #include "cli/shared_options.h"
 #include "sparegs/metrics.h"
+#include "sparegs/rank_renderer.h"
 
 typedef struct evaluator {
     const sgs_scene *scene; // with images
-    sgs_renderer *renderer;
+    sgs_renderer *renderer; // or, for a model that the ranks share:
+    sgs_rank_renderer *rank_renderer;
     sgs_render_options render;
     float background[3];
     // Set after opening, or left NULL:
@@ -25,6 +27,10 @@ typedef struct evaluator {
 // error.
 bool evaluator_open(evaluator *evaluation, const sgs_gaussians *model, const sgs_scene *scene,
                     const drawing_values *drawing);
+// The same for a model file whose primitives several ranks share; only rank 0 reads it. Such an
+// evaluator scores with evaluate_views and evaluate_split only. Collective.
+bool evaluator_open_shared(evaluator *evaluation, const char *path, const sgs_scene *scene,
+                           const drawing_values *drawing);
 void evaluator_close(evaluator *evaluation);
 
 // Reads the weights of LPIPS from a file (NULL: none) and checks that all photographs of the scene
@@ -72,7 +78,8 @@ typedef struct rank_score {
 } rank_score;
 
 // Scores view i of the split on rank i modulo their number; all receive all scores. save: called
-// with the images of each own view, or NULL. False after printing the error. Collective.
+// with the images of each own view, or NULL; NULL for a shared model. False after printing the
+// error. Collective.
 typedef bool (*evaluate_save)(void *context, size_t view, const view_images *images);
 bool evaluate_views(const evaluator *evaluation, sgs_split split, const char *label,
                     evaluate_save save, void *context, rank_score *scores);

@@ -10,23 +10,34 @@
 #include "cli/rank_group.h"
 #include "run/exposure_file.h"
 
-static bool read_saved(const saved_evaluation *input, sgs_gaussians **model, json_t **exposures)
+// The colour maps that rank 0 reads.
+static bool read_exposures(const saved_evaluation *input, json_t **exposures)
+{
+    bool damaged = false;
+    if (!input->has_exposure)
+        return true;
+    char *path = format_text("%s/exposure.json", input->output);
+    if (group_leads())
+        *exposures = exposure_read(path, &damaged);
+    free(path);
+    if (!group_all(!damaged))
+        return false;
+    *exposures = group_json(*exposures);
+    return true;
+}
+
+// Several ranks share the model, as in training; one process reads it.
+static bool open_saved(const saved_evaluation *input, sgs_gaussians **model, evaluator *evaluation)
 {
     char *path = format_text("%s/point_cloud/iteration_%d/point_cloud.ply", input->output,
                              input->iterations);
-    char *exposure_path = format_text("%s/exposure.json", input->output);
-    bool done = true, damaged = false;
-    if (group_leads()) {
-        done = !sgs_ply_read(path, model);
-        if (!done)
-            fail_library();
-        *exposures = input->has_exposure ? exposure_read(exposure_path, &damaged) : NULL;
-    }
-    done = group_all(done && !damaged) &&
-           !sgs_ranks_broadcast_model(group_ranks(), SGS_STATUS_OK, model);
-    if (done && input->has_exposure)
-        *exposures = group_json(*exposures);
-    free(exposure_path);
+    bool done = group_ranks() || !sgs_ply_read(path, model);
+    if (!done)
+        fail_library();
+    else
+        done = group_ranks()
+                   ? evaluator_open_shared(evaluation, path, input->scene, &input->drawing)
+                   : evaluator_open(evaluation, *model, input->scene, &input->drawing);
     free(path);
     return done;
 }
@@ -36,8 +47,7 @@ bool evaluate_saved(const saved_evaluation *input, split_score *test, split_scor
     sgs_gaussians *model = NULL;
     json_t *exposures = NULL;
     evaluator evaluation = {0};
-    bool done = read_saved(input, &model, &exposures);
-    done = group_all(done && evaluator_open(&evaluation, model, input->scene, &input->drawing));
+    bool done = read_exposures(input, &exposures) && open_saved(input, &model, &evaluation);
     evaluation.exposures = exposures;
     evaluation.lpips = input->lpips;
     evaluation.lpips_input = input->lpips_input;

@@ -291,6 +291,23 @@ static char *model_file(const run_folder *folder, int iteration)
     return format_text("%s/point_cloud/iteration_%d/point_cloud.ply", folder->path, iteration);
 }
 
+bool run_folder_write_inputs(const run_folder *folder, const sgs_scene *scene,
+                             const sgs_trainer *trainer)
+{
+    const float *points;
+    const unsigned char *colors;
+    const size_t count = sgs_trainer_initial_cloud(trainer, &points, &colors);
+    char *cameras = format_text("%s/cameras.json", folder->path);
+    char *input = format_text("%s/input.ply", folder->path);
+    const bool written = !sgs_scene_write_cameras_json(scene, cameras) &&
+                         (!count || !points || !sgs_ply_write_points(input, points, colors, count));
+    if (!written)
+        fail_library();
+    free(cameras);
+    free(input);
+    return written;
+}
+
 bool run_folder_save_model(const run_folder *folder, const sgs_gaussians *model, int iteration,
                            bool antialiased)
 {
@@ -430,51 +447,23 @@ int run_folder_load_checkpoint(const run_folder *folder, sgs_trainer *trainer, c
     return result < 0 ? -1 : result;
 }
 
-bool run_folder_save_trained(const run_folder *folder, const sgs_trainer *trainer, int iteration)
-{
-    const sgs_gaussians *model = sgs_trainer_model(trainer);
-    const float *filter = sgs_trainer_filter_3d(trainer);
-    if (!filter)
-        return run_folder_save_model(folder, model, iteration, false);
-    sgs_gaussians *fused = NULL;
-    if (sgs_gaussians_fuse_filter_3d(model, filter, &fused)) {
-        fail_library();
-        return false;
-    }
-    bool saved = run_folder_save_model(folder, fused, iteration, true);
-    sgs_gaussians_destroy(fused);
-    char *path = format_text("%s/point_cloud/iteration_%d/point_cloud_filter_3D.ply", folder->path,
-                             iteration);
-    if (saved && sgs_ply_write_filter_3d(path, model, filter)) {
-        fail_library();
-        saved = false;
-    }
-    free(path);
-    return saved;
-}
-
-// In parts, so that no rank holds the whole model.
-static bool share_ply(const run_folder *folder, sgs_trainer *trainer, int iteration)
-{
-    char *path = model_file(folder, iteration);
-    const bool made = !group_leads() || make_folder_of(path);
-    const sgs_status status = sgs_trainer_write_ply(trainer, path); // collective
-    if (made && status && group_leads())
-        fail_library();
-    free(path);
-    return made && !status;
-}
-
 bool run_folder_share_trained(const run_folder *folder, sgs_trainer *trainer, int iteration)
 {
-    if (group_ranks() && !sgs_trainer_filter_3d(trainer))
-        return share_ply(folder, trainer, iteration);
-    if (sgs_trainer_collect(trainer)) {
-        if (group_leads())
+    char *path = model_file(folder, iteration);
+    char *filtered = format_text("%s/point_cloud/iteration_%d/point_cloud_filter_3D.ply",
+                                 folder->path, iteration);
+    const bool made = !group_leads() || make_folder_of(path);
+    bool saved = made && !sgs_trainer_write_ply(trainer, path); // collective
+    if (made && !saved && group_leads())
+        fail_library();
+    if (sgs_trainer_filter_3d(trainer) && sgs_trainer_write_ply_filter_3d(trainer, filtered)) {
+        if (saved && group_leads())
             fail_library();
-        return false;
+        saved = false;
     }
-    return !group_leads() || run_folder_save_trained(folder, trainer, iteration);
+    free(filtered);
+    free(path);
+    return saved;
 }
 
 bool run_folder_share_checkpoint(run_folder *folder, sgs_trainer *trainer)

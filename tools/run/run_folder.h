@@ -43,6 +43,9 @@ bool run_folder_has_results(const run_folder *folder);
 // updates after `structure_iteration`.
 bool run_folder_open_tables(run_folder *folder, int iteration, int structure_iteration);
 void run_folder_close_tables(run_folder *folder);
+// Writes cameras.json and, unless the trainer started from a model, input.ply.
+bool run_folder_write_inputs(const run_folder *folder, const sgs_scene *scene,
+                             const sgs_trainer *trainer);
 // Appends the row of the structural update of this step.
 void run_folder_record_update(run_folder *folder, const sgs_step_info *info);
 // Appends a row to train.csv when one is due; always if `last`.
@@ -52,14 +55,11 @@ void run_folder_record(run_folder *folder, const sgs_step_info *info, double sec
 bool run_folder_save_model(const run_folder *folder, const sgs_gaussians *model, int iteration,
                            bool antialiased);
 
-// The same for the model of a trainer. Mip-Splatting's 3D filter is fused into it and also saved
-// separately. With several ranks, after sgs_trainer_collect.
-bool run_folder_save_trained(const run_folder *folder, const sgs_trainer *trainer, int iteration);
-
 // Writes OUT/checkpoint/state.bin and keeps the previous one as state.previous.bin. The tables must
 // be open. Other ranks call sgs_trainer_save_checkpoint.
 bool run_folder_save_checkpoint(run_folder *folder, const sgs_trainer *trainer);
-// These two on all ranks; only rank 0 writes.
+// These two on all ranks; only rank 0 writes. The first saves the model of a trainer in parts;
+// Mip-Splatting's 3D filter is fused into it and also saved separately.
 bool run_folder_share_trained(const run_folder *folder, sgs_trainer *trainer, int iteration);
 bool run_folder_share_checkpoint(run_folder *folder, sgs_trainer *trainer);
 bool run_folder_has_checkpoint(const run_folder *folder);

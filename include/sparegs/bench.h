@@ -139,6 +139,8 @@ typedef struct sgs_rank_prediction {
     sgs_rank_call calls[SGS_RANKS_PURPOSE_COUNT];
     double balance;    // mean work of a rank divided by the largest, from 1 / ranks to 1
     double primitives; // largest number of records of a rank
+    double traced;     // primitives in view, whose records are sent
+    double hit;        // primitives with a hit, whose gradients are sent
     double build;      // measured: seconds to build such a BVH over all primitives
 } sgs_rank_prediction;
 

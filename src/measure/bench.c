@@ -268,6 +268,8 @@ static void add_view(const sgsi_rank_traffic *traffic, double share, sgs_rank_pr
         cost += traffic[r].cost;
         most_cost = fmax(most_cost, traffic[r].cost);
         primitives = fmax(primitives, (double)traffic[r].primitives);
+        to->traced += share * (double)traffic[r].traced;
+        to->hit += share * (double)traffic[r].hit;
     }
     to->balance += share * (most_cost > 0.0 ? cost / to->ranks / most_cost : 1.0);
     to->primitives += share * primitives;

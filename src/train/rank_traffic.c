@@ -19,6 +19,7 @@
 #include "loss/exposure.h"
 #include "loss/loss.h"
 #include "train/shard_routes.h"
+#include "train/trainer_state.h"
 #include "train/view_ranks.h"
 
 enum { CALLS = 6, DELIVERIES = 2 };
@@ -80,6 +81,11 @@ static sgs_status predict_records(prediction *p)
         return status;
     const sgsi_send_lists *lists = &p->routes.lists;
     clear_items(p);
+    for (size_t row = 0; row < in->rows; ++row)
+        p->traffic[sgsi_shard_owner(row, p->ranks)].traced +=
+            sgsi_tracer_projected(
+                in->tracer)[row * SGSI_PROJECTED_FLOATS + SGSI_PROJECTED_LOG_OPACITY] >
+            SGSI_UNTRACED;
     for (int to = 0; to < p->ranks; ++to) {
         for (size_t i = lists->begin[to]; i < lists->begin[to + 1]; ++i)
             ++p->items[sgsi_shard_owner(lists->places[i], p->ranks) * p->ranks + to];
@@ -109,7 +115,7 @@ static void predict_sums(prediction *p)
         const size_t tiles = p->cells->tile_begin[last] - p->cells->tile_begin[first];
         share(p, SGS_RANKS_SUMS, rank,
               sgsi_ranks_padded((last - first) * per_cell + tiles * sizeof(float)));
-        share(p, SGS_RANKS_SUMS, rank, sgsi_ranks_padded(1)); // counts of the step
+        share(p, SGS_RANKS_SUMS, rank, sgsi_ranks_padded(sizeof(sgsi_step_counts)));
         for (size_t cell = first; cell < last; ++cell)
             p->traffic[rank].cost += sgsi_cell_cost(p->cells, p->input->tiles, cell);
     }
@@ -132,6 +138,8 @@ static void predict_gradients(prediction *p)
                     p->seen[row] = 1 + (uint32_t)cell;
                 }
             }
+    for (size_t row = 0; row < p->input->rows; ++row)
+        p->traffic[sgsi_shard_owner(row, p->ranks)].hit += p->seen[row] != 0;
     deliver(p, SGS_RANKS_GRADIENTS, SGSI_SHARD_SUM);
 }
 

@@ -148,14 +148,8 @@ static void begin_step(sgs_trainer *trainer, int iteration, sgsi_optimize *input
     input->rest_correction2 = (float)(1.0 / sqrt(bias(0.999, progress->rest_step)));
 }
 
-// What the ranks tell each other after a step.
-typedef struct step_counts {
-    uint64_t seen;
-    sgsi_rejected rejected; // `first` is a row of the whole model
-} step_counts;
-
 // Adds the counts of all ranks.
-static sgs_status share_counts(sgs_trainer *trainer, step_counts *counts)
+static sgs_status share_counts(sgs_trainer *trainer, sgsi_step_counts *counts)
 {
     sgs_ranks *ranks = trainer->views.ranks;
     if (!sgsi_trainer_is_shared(trainer))
@@ -164,7 +158,7 @@ static sgs_status share_counts(sgs_trainer *trainer, step_counts *counts)
     if (first != UINT64_MAX)
         counts->rejected.first =
             sgsi_shard_row(first, sgsi_trainer_rank(trainer), sgsi_trainer_ranks(trainer));
-    step_counts *sent = sgsi_ranks_room(ranks, sgsi_ranks_padded(sizeof *counts));
+    sgsi_step_counts *sent = sgsi_ranks_room(ranks, sgsi_ranks_padded(sizeof *counts));
     const sgs_status own =
         sent ? SGS_STATUS_OK : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a step");
     if (sent)
@@ -173,9 +167,9 @@ static sgs_status share_counts(sgs_trainer *trainer, step_counts *counts)
     const size_t *sizes;
     const sgs_status status =
         sgsi_ranks_share(ranks, own, SGS_RANKS_SUMS, sizeof *counts, &got, &sizes);
-    *counts = (step_counts){.rejected.first = UINT64_MAX};
+    *counts = (sgsi_step_counts){.rejected.first = UINT64_MAX};
     for (int r = 0; r < sgs_ranks_count(ranks) && !status; got += sizes[r++]) {
-        const step_counts *one = (const step_counts *)got;
+        const sgsi_step_counts *one = (const sgsi_step_counts *)got;
         const uint64_t rows = counts->rejected.rows + one->rejected.rows;
         counts->seen += one->seen;
         if (one->rejected.first < counts->rejected.first)
@@ -200,7 +194,7 @@ sgs_status sgsi_trainer_optimize(sgs_trainer *trainer, const sgsi_train_view *vi
     sgsi_parallel_ranges((sgsi_trainer_own(trainer) + SGS_LANES - 1) / SGS_LANES, 64,
                          optimize_range, &job);
     sgsi_trainer_clamp_to_region(trainer);
-    step_counts counts = {atomic_load(&job.seen), {atomic_load(&job.broken), UINT64_MAX, {0}}};
+    sgsi_step_counts counts = {atomic_load(&job.seen), {atomic_load(&job.broken), UINT64_MAX, {0}}};
     if (counts.rejected.rows && sgsi_skip_is_due(&progress->skipped))
         sgsi_find_rejected(&job.input, &counts.rejected);
     const sgs_status status = share_counts(trainer, &counts);

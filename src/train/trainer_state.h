@@ -127,6 +127,12 @@ float sgsi_trainer_lr_opacity(const sgs_trainer *trainer, int iteration);
 
 // ---- trainer_optimize.c ----
 
+// What the ranks send each other after a step.
+typedef struct sgsi_step_counts {
+    uint64_t seen;
+    sgsi_rejected rejected; // `first` is a row of the whole model
+} sgsi_step_counts;
+
 // True if the gradient of this iteration is used for a step: not before a structural update, and
 // not in the last one.
 bool sgsi_trainer_makes_step(const sgs_trainer *trainer, int iteration);

@@ -57,6 +57,17 @@ if [ "${#launcher[@]}" -gt 1 ]; then
     launcher=("${shared[@]}")
 fi
 
+# Open MPI's binding: one line on how to bind if a rank has more threads than cores.
+if [ "${#launcher[@]}" -gt 1 ] && [ "$(nproc)" -gt 1 ]; then
+    shared=("${launcher[@]}")
+    launcher=(mpirun --oversubscribe --bind-to core)
+    ranks 0 2 train "$room" --downscale 8 --iterations 5 --threads 2 --quiet -o "$temporary/bound"
+    check one_line test "$(grep -c 'each rank may use 1 of .* and has 2 threads; start mpirun with' "$temporary/stderr")" = 1
+    launcher=("${shared[@]}")
+    ranks 0 2 train "$room" --downscale 8 --iterations 5 --threads 2 --quiet -o "$temporary/unbound"
+    check no_line test "$(grep -c 'each rank may use' "$temporary/stderr")" = 0
+fi
+
 # MPICH, where it is installed besides Open MPI.
 if command -v mpirun.mpich >/dev/null && [ -e "$SPAREGS_BUILD/ranks-mpich.so" ]; then
     default=("${launcher[@]}")

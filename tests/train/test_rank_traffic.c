@@ -126,6 +126,13 @@ static void predict_step(single *s, int ranks, sgsi_rank_traffic *traffic)
                                    .tiles = s->tiles,
                                    .exposure = s->trainer->options.exposure};
     assert_int_equal(sgsi_rank_traffic_predict(&input, ranks, traffic), SGS_STATUS_OK);
+    size_t traced = 0, hit = 0;
+    for (int r = 0; r < ranks; ++r) {
+        traced += traffic[r].traced;
+        hit += traffic[r].hit;
+    }
+    assert_int_equal(hit, info.visible);
+    assert_true(traced >= hit && traced <= info.gaussians);
     if (!s->costs[info.view])
         s->costs[info.view] = calloc(rays->cells.count, sizeof(float));
     for (size_t i = 0; i < rays->cells.count; ++i)

@@ -30,14 +30,16 @@ static void silence(void)
     messages_set_quiet(true);
 }
 
-// One core per rank although the machine has more: mpirun binds each rank to a core or a socket.
-static void check_binding(void)
+void group_check_binding(void)
 {
-    const long cores = sysconf(_SC_NPROCESSORS_ONLN);
-    if (sgs_cores() == 1 && cores >= 2L * sgs_ranks_count(ranks))
-        print_warning("each rank may use 1 of %ld cores; start mpirun with --map-by ppr:1:node "
-                      "--bind-to none, or srun with -c",
-                      cores);
+    const long machine = sysconf(_SC_NPROCESSORS_ONLN);
+    const int own = sgs_cores(), threads = sgs_threads_get();
+    const bool crowded = own < threads && own < machine; // several threads on a core
+    const bool idle = own == 1 && machine >= 2L * sgs_ranks_count(ranks);
+    if (ranks && group_leads() && (crowded || idle))
+        print_warning("each rank may use %d of %ld cores and has %d thread%s; start mpirun with "
+                      "--map-by ppr:1:node --bind-to none, or srun with -c",
+                      own, machine, threads, threads == 1 ? "" : "s");
 }
 
 int group_open(const char *command, bool supported)
@@ -55,8 +57,6 @@ int group_open(const char *command, bool supported)
     if (sgs_ranks_open(NULL, &ranks))
         return fail_library();
     sgs_ranks_forget_launcher();
-    if (group_leads())
-        check_binding();
     return -1;
 }
 

@@ -23,6 +23,10 @@ enum {
 // Joins the ranks, if there is a launcher, and silences all but rank 0. `command` is for messages;
 // supported: whether it works on several ranks. Returns -1 to continue, or an exit status.
 int group_open(const char *command, bool supported);
+// Warns if the launcher has bound rank 0 to fewer cores than it has threads, or to one of many;
+// Open MPI binds each rank to a core or a socket by default. Call when the number of threads is
+// known.
+void group_check_binding(void);
 // Leaves the ranks. Returns `status`, or a failure if another rank failed.
 int group_close(int status);
 

@@ -15,6 +15,7 @@
 
 #include "cli/output.h"
 #include "cli/progress.h"
+#include "cli/rank_group.h"
 #include "sparegs/runtime.h"
 
 static const option common_options[] = {
@@ -66,6 +67,7 @@ int common_apply(const common_values *values, const command_line *line)
         warn_idle(line, "seed", "on this command, which makes no random choice");
     messages_set_quiet(values->quiet);
     sgs_threads_set(values->threads);
+    group_check_binding();
     if (option_given(line, "isa") && sgs_isa_set((sgs_isa)values->isa))
         return fail_run("%s; omit --isa", sgs_last_error());
     return -1;

@@ -38,8 +38,11 @@ void rank_report_print(const sgs_rank_prediction *predictions, size_t count,
 {
     for (size_t i = 0; i < count; ++i) {
         const sgs_rank_prediction *p = &predictions[i];
-        printf("  %d ranks: balance %.3f, a rank has up to %.1f %% of the primitives\n", p->ranks,
-               p->balance, 100 * p->primitives / machines->measured.primitives);
+        const double all = machines->measured.primitives / 100;
+        printf(
+            "  %d ranks: balance %.3f; a rank has up to %.1f %% of the primitives, %.1f %% are in "
+            "view, %.1f %% are hit\n",
+            p->ranks, p->balance, p->primitives / all, p->traced / all, p->hit / all);
         printf("    sent by all:");
         for (int k = 0; k < CALLS; ++k) {
             const sgs_rank_call *call = &p->calls[calls[k]];
@@ -76,8 +79,9 @@ json_t *rank_report_json(const sgs_rank_prediction *predictions, size_t count,
     json_t *array = json_array();
     for (size_t i = 0; i < count; ++i) {
         const sgs_rank_prediction *p = &predictions[i];
-        json_t *object = json_pack("{s:i,s:f,s:f,s:f}", "ranks", p->ranks, "balance", p->balance,
-                                   "primitives", p->primitives, "build_seconds", p->build);
+        json_t *object = json_pack("{s:i,s:f,s:f,s:f,s:f,s:f}", "ranks", p->ranks, "balance",
+                                   p->balance, "primitives", p->primitives, "traced", p->traced,
+                                   "hit", p->hit, "build_seconds", p->build);
         json_object_set_new(object, "calls", calls_json(p));
         json_t *links = json_array();
         for (int n = 0; n < NETWORKS; ++n)

@@ -4,7 +4,7 @@
 // The router is a binary tree of cones over the cells along the curve. Contiguous pieces of the
 // curve are compact, so a node is a narrow cone. A branch ends where the sphere misses the cone, or
 // where all cells belong to a rank that is found already: a small primitive costs about two tests
-// per level.
+// per level, or, if the cell of the primitive before it is tested first, two or three in all.
 //
 // A sphere of radius r at distance D, at `along` on the axis and `across` from it, touches a cone
 // of half angle a < 90 degrees if across cos a - along sin a <= r: the left side is its distance
@@ -101,7 +101,9 @@ static void enclose(const sgsi_router *router, node *made)
         if (least < 0.0)
             break;
     }
-    made->cosine = least > 0.0 ? least - 1e-12 : -1.0;
+    // The margin exceeds the rounding of touches(): a sphere that touches a cell touches the nodes
+    // above it.
+    made->cosine = least > 0.0 ? least - 1e-11 : -1.0;
     made->sine = any ? sqrt(fmax(0.0, 1.0 - made->cosine * made->cosine)) : -1.0;
 }
 
@@ -159,8 +161,24 @@ static bool touches(const node *n, const double center[3], double distance2, dou
     return reach >= 0.0 && across2 * n->cosine * n->cosine <= reach * reach;
 }
 
+// True if a sphere in front of the camera touches the cell of a leaf. Behind it, touches() may
+// accept a narrow cone and not the wider ones around it.
+static bool touches_leaf(const sgsi_router *router, uint32_t leaf, const double center[3],
+                         double distance2, double reach)
+{
+    const node *n = leaf < router->count ? &router->nodes[leaf] : NULL;
+    return n && n->last - n->first == 1 && reach * reach < distance2 &&
+           n->axis[0] * center[0] + n->axis[1] * center[1] + n->axis[2] * center[2] > 0.0 &&
+           touches(n, center, distance2, reach);
+}
+
+static void add_rank(uint64_t *ranks, int rank)
+{
+    ranks[rank / 64] |= (uint64_t)1 << (rank % 64);
+}
+
 void sgsi_router_find(const sgsi_router *router, const float center[3], float radius,
-                      uint64_t *ranks)
+                      uint32_t *guess, uint64_t *ranks)
 {
     uint32_t stack[MOST_DEPTH];
     int depth = 0;
@@ -168,6 +186,8 @@ void sgsi_router_find(const sgsi_router *router, const float center[3], float ra
     const double distance2 = c[0] * c[0] + c[1] * c[1] + c[2] * c[2];
     const double reach = (double)radius + 1e-4 * sqrt(distance2);
     memset(ranks, 0, sgsi_router_words(router) * sizeof *ranks);
+    if (touches_leaf(router, *guess, c, distance2, reach))
+        add_rank(ranks, router->nodes[*guess].rank);
     if (router->count)
         stack[depth++] = 0;
     while (depth) {
@@ -178,8 +198,10 @@ void sgsi_router_find(const sgsi_router *router, const float center[3], float ra
         if (found || (reach * reach < distance2 && !touches(n, c, distance2, reach)))
             continue;
         if (n->last - n->first == 1) {
-            if (!(n->sine < 0.0))
-                ranks[n->rank / 64] |= (uint64_t)1 << (n->rank % 64);
+            if (n->sine < 0.0)
+                continue;
+            add_rank(ranks, n->rank);
+            *guess = at;
         } else {
             stack[depth++] = n->second;
             stack[depth++] = at + 1;

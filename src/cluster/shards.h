@@ -46,9 +46,10 @@ sgs_status sgsi_router_set(sgsi_router *router, const sgsi_cone *cones, size_t c
 size_t sgsi_router_words(const sgsi_router *router);
 
 // The set of ranks with a cell whose cone a sphere may touch; `center` is relative to the camera.
-// Conservative: the sphere is enlarged by 1e-4 of its distance. Thread-safe. Cannot fail.
+// Conservative: the sphere is enlarged by 1e-4 of its distance. *guess: 0, or what the last call
+// for a sphere nearby has set; the result does not depend on it. Thread-safe. Cannot fail.
 void sgsi_router_find(const sgsi_router *router, const float center[3], float radius,
-                      uint64_t *ranks);
+                      uint32_t *guess, uint64_t *ranks);
 
 // The places of this rank's rows that each rank receives.
 typedef struct sgsi_send_lists {

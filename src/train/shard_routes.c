@@ -37,6 +37,7 @@ static void find_range(void *context, size_t begin, size_t end, int thread)
 {
     (void)thread;
     const find_job *job = context;
+    uint32_t guess = 0;
     for (size_t i = begin; i < end; ++i) {
         const float *row = job->projected + i * SGSI_PROJECTED_FLOATS;
         const sgsi_bounds *box = &job->bounds[i];
@@ -53,7 +54,7 @@ static void find_range(void *context, size_t begin, size_t end, int thread)
             magnitude = fmaxf(magnitude, fabsf(mean));
         }
         const float radius = 1.001f * row[SGSI_PROJECTED_RADIUS] + 4e-6f * magnitude;
-        sgsi_router_find(job->routes->router, center, radius, found);
+        sgsi_router_find(job->routes->router, center, radius, &guess, found);
     }
 }
 

@@ -305,6 +305,53 @@ static void lists_contain_every_hit(void **state)
     assert_true(total.listed < 2 * total.needed);
 }
 
+// A guess saves work but changes nothing, also for spheres that just touch the cone of a cell.
+static void guesses_do_not_change_the_ranks(void **state)
+{
+    (void)state;
+    enum { CELLS = 90, SPHERES = 20000, RANKS = 5 };
+    sgsi_cone cones[CELLS];
+    const size_t cut[RANKS + 1] = {0, 7, 30, 30, 61, CELLS};
+    sgsi_router *router;
+    uint32_t carried = 0;
+    size_t found[2] = {0, 0};
+    for (int i = 0; i < CELLS; ++i) {
+        const double x = 0.1 * (i % 10 - 4.5), y = 0.1 * (i / 10 - 4), z = 1.0;
+        const double length = sqrt(x * x + y * y + z * z);
+        cones[i] = (sgsi_cone){{x / length, y / length, z / length}, cos(0.07 / length), i != 40};
+    }
+    assert_int_equal(sgsi_router_create(RANKS, &router), SGS_STATUS_OK);
+    assert_int_equal(sgsi_router_set(router, cones, CELLS, cut), SGS_STATUS_OK);
+    for (uint64_t i = 0; i < SPHERES; ++i) {
+        const sgsi_cone *cone = &cones[(int)(CELLS * sgsi_random_uniform(3, 4 * i))];
+        float center[3];
+        double along = 0.0, distance2 = 0.0;
+        for (int k = 0; k < 3; ++k) {
+            center[k] = (float)((i % 5 ? 4.0 : -4.0) *
+                                (cone->axis[k] + 0.1 * sgsi_random_normal(5, 3 * i + (uint64_t)k)));
+            along += (double)center[k] * cone->axis[k];
+            distance2 += (double)center[k] * (double)center[k];
+        }
+        const double touching = sqrt(fmax(0.0, distance2 - along * along)) * cone->cosine -
+                                along * sqrt(1.0 - cone->cosine * cone->cosine);
+        const double enlarged = 1e-4 * sqrt(distance2);
+        float radius = (float)fmax(touching - enlarged, 0.0);
+        if (i % 3)
+            radius = i % 3 == 1 ? nextafterf(radius, 100.0f) : 0.01f * (float)(i % 100);
+        uint32_t none = 0, random = (uint32_t)(200.0 * sgsi_random_uniform(9, i));
+        uint64_t expected, actual;
+        sgsi_router_find(router, center, radius, &none, &expected);
+        sgsi_router_find(router, center, radius, &carried, &actual);
+        assert_int_equal(actual, expected);
+        sgsi_router_find(router, center, radius, &random, &actual);
+        assert_int_equal(actual, expected);
+        found[0] += expected == 0;
+        found[1] += (expected & (expected - 1)) != 0;
+    }
+    assert_true(found[0] > 10 && found[1] > 1000); // none, and several ranks
+    sgsi_router_destroy(router);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -313,6 +360,7 @@ int main(void)
         cmocka_unit_test(owners_are_counted),
         cmocka_unit_test(lists_hold_the_rows_of_each_rank),
         cmocka_unit_test(lists_contain_every_hit),
+        cmocka_unit_test(guesses_do_not_change_the_ranks),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -5,7 +5,8 @@
 
 #include <string.h>
 
-#include "sparegs/prune.h"
+#include "model/opacity.h"
+#include "prune/scores.h"
 #include "sparegs/trainer.h"
 
 sgs_status sgsi_rows_model(const sgsi_compress_job *job, sgs_gaussians **model)
@@ -41,9 +42,20 @@ void sgsi_rows_keep(sgsi_compress_job *job, const bool *keep)
     job->count = kept;
 }
 
+static const double VOLUME_POWER = 0.1; // of MesonGS
+
 static bool pass_progress(void *user, size_t done, size_t total)
 {
     return !sgsi_compress_progress(user, "views for the importance", done, total);
+}
+
+static sgs_view_pass_options pass_options(const sgsi_compress_job *job)
+{
+    sgs_view_pass_options options = sgs_view_pass_options_default();
+    options.render = job->render;
+    options.progress = pass_progress;
+    options.progress_user = (void *)job;
+    return options;
 }
 
 sgs_status sgsi_significance(const sgsi_compress_job *job, double *importance)
@@ -58,11 +70,41 @@ sgs_status sgsi_significance(const sgsi_compress_job *job, double *importance)
     sgs_prune_options options = sgs_prune_options_default();
     options.method = SGS_PRUNE_LIGHTGAUSSIAN;
     options.scene = job->options->scene;
-    options.views.render = job->render;
-    options.views.progress = pass_progress;
-    options.views.progress_user = (void *)job;
+    options.views = pass_options(job);
     if (!status)
         status = sgs_prune_scores(model, &options, importance);
+    sgs_gaussians_destroy(model);
+    return status;
+}
+
+// Sums of the blending weights, or opacities without a scene.
+static sgs_status blending_weights(const sgsi_compress_job *job, const sgs_gaussians *model,
+                                   double *weights)
+{
+    if (!job->options->scene) {
+        for (size_t i = 0; i < model->count; ++i)
+            weights[i] = (double)sgsi_gaussians_opacity(model, i);
+        return SGS_STATUS_OK;
+    }
+    sgs_contribution *sums = sgsi_alloc(model->count, sizeof *sums);
+    if (!sums)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu primitives", model->count);
+    const sgs_view_pass_options options = pass_options(job);
+    const sgs_status status = sgs_contributions(model, job->options->scene, &options, sums);
+    for (size_t i = 0; i < model->count && !status; ++i)
+        weights[i] = sums[i].weight;
+    sgsi_free(sums);
+    return status;
+}
+
+sgs_status sgsi_blending_importance(const sgsi_compress_job *job, double *importance)
+{
+    sgs_gaussians *model = NULL;
+    sgs_status status = sgsi_rows_model(job, &model);
+    if (!status)
+        status = blending_weights(job, model, importance);
+    if (!status)
+        status = sgsi_weigh_by_volume(model, VOLUME_POWER, importance);
     sgs_gaussians_destroy(model);
     return status;
 }
@@ -93,16 +135,23 @@ static sgs_status train(sgsi_compress_job *job, const sgs_gaussians *model, int 
     return status;
 }
 
-sgs_status sgsi_rows_finetune(sgsi_compress_job *job, int automatic)
+sgs_status sgsi_finetune_iterations(const sgsi_compress_job *job, int automatic, int *iterations)
 {
     const int asked = job->options->finetune;
-    const int iterations = asked >= 0 ? asked : job->options->scene ? automatic : 0;
-    if (!iterations)
-        return SGS_STATUS_OK;
-    if (!job->options->scene)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "fine-tuning requires a scene");
+    *iterations = asked >= 0 ? asked : job->options->scene ? automatic : 0;
+    return *iterations && !job->options->scene
+               ? sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "fine-tuning requires a scene")
+               : SGS_STATUS_OK;
+}
+
+sgs_status sgsi_rows_finetune(sgsi_compress_job *job, int automatic)
+{
+    int iterations;
+    sgs_status status = sgsi_finetune_iterations(job, automatic, &iterations);
+    if (status || !iterations)
+        return status;
     sgs_gaussians *model = NULL;
-    sgs_status status = sgsi_rows_model(job, &model);
+    status = sgsi_rows_model(job, &model);
     if (!status)
         status = train(job, model, iterations);
     sgs_gaussians_destroy(model);

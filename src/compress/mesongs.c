@@ -15,7 +15,6 @@
 // largest position is 2^depth - 1.
 
 #include <math.h>
-#include <stdlib.h>
 #include <string.h>
 
 #include "base/morton.h"
@@ -28,7 +27,7 @@
 #include "sparegs/prune.h"
 
 enum { BATCH = 65536, FINETUNE = 8000, DEPTH = 20, BLOCKS = 57, CODES = 2048, DEPTH_MOST = 21 };
-static const double DECAY = 0.8, SMOOTHING = 1e-5, VOLUME_POWER = 0.1;
+static const double DECAY = 0.8, SMOOTHING = 1e-5;
 
 typedef struct meson_header {
     uint32_t depth, blocks, codes, center;
@@ -37,67 +36,7 @@ typedef struct meson_header {
     uint32_t reserved;
 } meson_header;
 
-// ---- Importance and pruning ----
-
-static int descending(const void *a, const void *b)
-{
-    const double x = *(const double *)a, y = *(const double *)b;
-    return (x < y) - (x > y);
-}
-
-static double volume_of(const float *row)
-{
-    return exp((double)row[SGS_PARAM_SCALE] + (double)row[SGS_PARAM_SCALE + 1] +
-               (double)row[SGS_PARAM_SCALE + 2]);
-}
-
-static bool pass_progress(void *user, size_t done, size_t total)
-{
-    return !sgsi_compress_progress(user, "views for the importance", done, total);
-}
-
-// Sums of the blending weights, or opacities without a scene.
-static sgs_status view_weights(const sgsi_compress_job *job, double *weights)
-{
-    if (!job->options->scene) {
-        for (size_t i = 0; i < job->count; ++i)
-            weights[i] = 1 / (1 + exp(-(double)job->rows[i * SGS_PARAM_COUNT + SGS_PARAM_OPACITY]));
-        return SGS_STATUS_OK;
-    }
-    sgs_gaussians *model = NULL;
-    sgs_contribution *sums = sgsi_alloc(job->count, sizeof *sums);
-    sgs_status status =
-        sums ? sgsi_rows_model(job, &model)
-             : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu primitives", job->count);
-    sgs_view_pass_options options = sgs_view_pass_options_default();
-    options.render = job->render;
-    options.progress = pass_progress;
-    options.progress_user = (void *)job;
-    if (!status)
-        status = sgs_contributions(model, job->options->scene, &options, sums);
-    for (size_t i = 0; i < job->count && !status; ++i)
-        weights[i] = sums[i].weight;
-    sgsi_free(sums);
-    sgs_gaussians_destroy(model);
-    return status;
-}
-
-static sgs_status compute_importance(const sgsi_compress_job *job, double *importance)
-{
-    double *volumes = sgsi_alloc(job->count, sizeof *volumes);
-    if (!volumes)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu primitives", job->count);
-    const sgs_status status = view_weights(job, importance);
-    for (size_t i = 0; i < job->count; ++i)
-        volumes[i] = volume_of(job->rows + i * SGS_PARAM_COUNT);
-    qsort(volumes, job->count, sizeof *volumes, descending);
-    const double v90 = volumes[(size_t)(0.9 * (double)job->count)];
-    for (size_t i = 0; i < job->count && !status; ++i)
-        importance[i] *=
-            v90 > 0 ? pow(volume_of(job->rows + i * SGS_PARAM_COUNT) / v90, VOLUME_POWER) : 1;
-    sgsi_free(volumes);
-    return status;
-}
+// ---- Pruning ----
 
 // Keeps the share `keep`; `importance` stays aligned with the rows.
 static sgs_status prune(sgsi_compress_job *job, double *importance)
@@ -368,23 +307,23 @@ static void defaults(sgs_compress_options *options)
         options->depth = DEPTH;
     if (options->blocks == 0)
         options->blocks = BLOCKS;
-    if (options->finetune < 0)
-        options->finetune = options->scene ? FINETUNE : 0;
 }
 
 static sgs_status encode(sgsi_compress_job *job)
 {
     const sgs_compress_options *options = job->options;
-    if (options->finetune && !options->scene)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "fine-tuning requires a scene");
+    int iterations;
+    sgs_status status = sgsi_finetune_iterations(job, FINETUNE, &iterations);
+    if (status)
+        return status;
     sgsi_meson meson = {.depth = options->depth,
                         .sh_degree = job->sh_degree,
                         .center = options->cell_center,
                         .blocks = (size_t)options->blocks};
     double *importance = sgsi_alloc(job->count, sizeof *importance);
-    sgs_status status = importance ? compute_importance(job, importance)
-                                   : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
-                                               "no memory for %zu primitives", job->count);
+    status = importance
+                 ? sgsi_blending_importance(job, importance)
+                 : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu primitives", job->count);
     if (!status)
         status = prune(job, importance);
     if (!status)
@@ -395,8 +334,8 @@ static sgs_status encode(sgsi_compress_job *job)
         status = train_codebook(job, &meson, importance);
     if (!status)
         status = sgsi_meson_prepare(&meson);
-    if (!status && options->finetune)
-        status = sgsi_meson_finetune(job, &meson, options->finetune);
+    if (!status && iterations)
+        status = sgsi_meson_finetune(job, &meson, iterations);
     else if (!status)
         sgsi_meson_quantise(&meson);
     if (!status) {

@@ -42,38 +42,37 @@ static double log_volume(const sgs_gaussians *model, size_t i)
     return sum;
 }
 
-// The scores from the contributions; volumes: scratch [count].
-static void weigh_by_volume(const sgs_gaussians *model, const sgs_contribution *sums, double power,
-                            double *volumes, double *scores)
+sgs_status sgsi_weigh_by_volume(const sgs_gaussians *model, double power, double *scores)
 {
     const size_t n = model->count;
+    double *volumes = sgsi_alloc(n, sizeof *volumes);
+    if (!volumes)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the volumes of %zu primitives",
+                         n);
     for (size_t i = 0; i < n; ++i)
         volumes[i] = log_volume(model, i);
     qsort(volumes, n, sizeof *volumes, ascending);
     const double reference = volumes[n - 1 - (size_t)(0.9 * (double)n)];
     for (size_t i = 0; i < n; ++i) {
         const double exponent = power * (log_volume(model, i) - reference);
-        scores[i] = sums[i].front * exp(fmin(fmax(exponent, -700), 600));
+        scores[i] *= exp(fmin(fmax(exponent, -700), 600));
     }
+    sgsi_free(volumes);
+    return SGS_STATUS_OK;
 }
 
 sgs_status sgsi_lightgaussian_scores(const sgs_gaussians *model, const sgs_prune_options *options,
                                      double *scores)
 {
     sgs_contribution *sums = sgsi_alloc(model->count, sizeof *sums);
-    double *volumes = sgsi_alloc(model->count, sizeof *volumes);
-    sgs_status status;
-    if (sums && volumes) {
-        status = sgs_contributions(model, options->scene, &options->views, sums);
-        if (!status)
-            weigh_by_volume(model, sums, options->volume_power, volumes, scores);
-    } else {
-        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the scores of %zu primitives",
-                           model->count);
-    }
+    if (!sums)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the scores of %zu primitives",
+                         model->count);
+    sgs_status status = sgs_contributions(model, options->scene, &options->views, sums);
+    for (size_t i = 0; i < model->count && !status; ++i)
+        scores[i] = sums[i].front;
     sgsi_free(sums);
-    sgsi_free(volumes);
-    return status;
+    return status ? status : sgsi_weigh_by_volume(model, options->volume_power, scores);
 }
 
 // ---- RAP ----

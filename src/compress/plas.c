@@ -28,25 +28,26 @@ enum {
     BOXES = 4,
     OFFSETS_LEAST = 4,
     GROUPS_PER_ITEM = 4096,
-    ARRANGEMENTS = 24
+    BATCH = 16, // groups whose cells are fetched at once
+    COORDINATE_BITS = 16
 };
 static const double RADIUS_DECAY = 0.95;
 
-static const uint8_t arrangements[ARRANGEMENTS][4] = {
-    {0, 1, 2, 3}, {0, 1, 3, 2}, {0, 2, 1, 3}, {0, 2, 3, 1}, {0, 3, 1, 2}, {0, 3, 2, 1},
-    {1, 0, 2, 3}, {1, 0, 3, 2}, {1, 2, 0, 3}, {1, 2, 3, 0}, {1, 3, 0, 2}, {1, 3, 2, 0},
-    {2, 0, 1, 3}, {2, 0, 3, 1}, {2, 1, 0, 3}, {2, 1, 3, 0}, {2, 3, 0, 1}, {2, 3, 1, 0},
-    {3, 0, 1, 2}, {3, 0, 2, 1}, {3, 1, 0, 2}, {3, 1, 2, 0}, {3, 2, 0, 1}, {3, 2, 1, 0}};
+// The two elements at cells 0 and 1, and the other two.
+static const uint8_t pairs[6][4] = {{0, 1, 2, 3}, {0, 2, 1, 3}, {0, 3, 1, 2},
+                                    {1, 2, 0, 3}, {1, 3, 0, 2}, {2, 3, 0, 1}};
 
 typedef struct plas_work {
     sgsi_plas *plas;
     size_t side;
     float *target, *blurred; // [side * side][C]
-    uint32_t *permutation;   // [block * block]
+    uint32_t *permutation;   // [block * block]: row << COORDINATE_BITS | column
     double *distances;       // [items][2]: before and after
     // The current pass.
     size_t half, block, blocks, shift_x, shift_y, items_per_block;
-    uint64_t counter; // of random numbers
+    uint64_t counter;   // of random numbers
+    size_t done, total; // radii
+    bool cancelled;
 } plas_work;
 
 // ---- Target ----
@@ -169,8 +170,8 @@ static bool make_target(plas_work *work)
 static size_t cell_of(const plas_work *work, size_t block, uint32_t p)
 {
     const size_t b = work->block;
-    size_t y = block / work->blocks * b + p / b + work->shift_y,
-           x = block % work->blocks * b + p % b + work->shift_x;
+    size_t y = block / work->blocks * b + (p >> COORDINATE_BITS) + work->shift_y,
+           x = block % work->blocks * b + (p & ((1u << COORDINATE_BITS) - 1)) + work->shift_x;
     y -= y >= work->side ? work->side : 0;
     x -= x >= work->side ? work->side : 0;
     return y * work->side + x;
@@ -193,26 +194,33 @@ static void arrange_group(const plas_work *work, const size_t cells[4], double d
             cost[i][j] = (lanes[0] + lanes[1]) + (lanes[2] + lanes[3]);
         }
     }
-    const float before = cost[0][0] + cost[1][1] + cost[2][2] + cost[3][3];
+    const float before = (cost[0][0] + cost[1][1]) + (cost[2][2] + cost[3][3]);
     float least = before;
-    int best = 0;
-    for (int a = 1; a < ARRANGEMENTS; ++a) {
-        const uint8_t *at = arrangements[a];
-        const float sum = cost[at[0]][0] + cost[at[1]][1] + cost[at[2]][2] + cost[at[3]][3];
-        best = sum < least ? a : best;
-        least = sum < least ? sum : least;
+    uint8_t best[4] = {0, 1, 2, 3}; // the element at each cell
+    for (int p = 0; p < 6; ++p) {
+        const uint8_t *at = pairs[p];
+        const float kept[2] = {cost[at[0]][0] + cost[at[1]][1], cost[at[2]][2] + cost[at[3]][3]},
+                    swapped[2] = {cost[at[1]][0] + cost[at[0]][1], cost[at[3]][2] + cost[at[2]][3]};
+        const int first = swapped[0] < kept[0], second = swapped[1] < kept[1];
+        const float sum = (first ? swapped[0] : kept[0]) + (second ? swapped[1] : kept[1]);
+        if (sum < least) {
+            least = sum;
+            best[0] = at[first];
+            best[1] = at[!first];
+            best[2] = at[2 + second];
+            best[3] = at[2 + !second];
+        }
     }
     distances[0] += (double)before;
     distances[1] += (double)least;
-    if (!best)
+    if (!(least < before))
         return;
     uint32_t order[4];
     for (int i = 0; i < 4; ++i)
         order[i] = work->plas->order[cells[i]];
     for (int j = 0; j < 4; ++j) {
-        const int i = arrangements[best][j];
-        memcpy(work->plas->features + cells[j] * C, features[i], sizeof features[i]);
-        work->plas->order[cells[j]] = order[i];
+        memcpy(work->plas->features + cells[j] * C, features[best[j]], sizeof features[0]);
+        work->plas->order[cells[j]] = order[best[j]];
     }
 }
 
@@ -225,11 +233,16 @@ static void arrange_item(void *context, size_t item, int thread)
     const size_t end = begin + GROUPS_PER_ITEM < groups ? begin + GROUPS_PER_ITEM : groups;
     double *distances = work->distances + 2 * item;
     distances[0] = distances[1] = 0;
-    for (size_t g = begin; g < end; ++g) {
-        size_t cells[4];
-        for (size_t k = 0; k < 4; ++k)
+    for (size_t g = begin; g < end; g += BATCH) {
+        size_t cells[4 * BATCH];
+        const size_t count = end - g < BATCH ? end - g : BATCH;
+        for (size_t k = 0; k < 4 * count; ++k) {
             cells[k] = cell_of(work, block, work->permutation[4 * g + k]);
-        arrange_group(work, cells, distances);
+            __builtin_prefetch(work->plas->features + cells[k] * C);
+            __builtin_prefetch(work->target + cells[k] * C);
+        }
+        for (size_t k = 0; k < count; ++k)
+            arrange_group(work, cells + 4 * k, distances);
     }
 }
 
@@ -252,6 +265,11 @@ static void permute(plas_work *work, uint32_t *items, size_t count)
 // One pass over all blocks; true if the distance improved.
 static bool run_pass(plas_work *work)
 {
+    const sgsi_plas *plas = work->plas;
+    work->cancelled =
+        plas->progress && !plas->progress(plas->progress_user, work->done, work->total);
+    if (work->cancelled)
+        return false;
     const size_t area = work->block * work->block;
     permute(work, work->permutation, area);
     work->items_per_block = (area / 4 + GROUPS_PER_ITEM - 1) / GROUPS_PER_ITEM;
@@ -264,7 +282,7 @@ static bool run_pass(plas_work *work)
         before += work->distances[2 * i];
         after += work->distances[2 * i + 1];
     }
-    return before > 0 && 1 - after / before >= work->plas->improvement_break;
+    return before > 0 && 1 - after / before >= plas->improvement_break;
 }
 
 static bool sort_radius(plas_work *work, size_t radius)
@@ -280,14 +298,14 @@ static bool sort_radius(plas_work *work, size_t radius)
     if (!make_target(work))
         return false;
     for (size_t i = 0; i < work->block * work->block; ++i)
-        work->permutation[i] = (uint32_t)i;
+        work->permutation[i] = (uint32_t)(i / work->block << COORDINATE_BITS | i % work->block);
     for (int offset = 0;; ++offset) {
         work->shift_y = random_below(work, work->block);
         work->shift_x = random_below(work, work->block);
         bool improved = false;
         while (run_pass(work))
             improved = true;
-        if (!improved && offset + 1 >= OFFSETS_LEAST)
+        if (work->cancelled || (!improved && offset + 1 >= OFFSETS_LEAST))
             return true;
     }
 }
@@ -323,18 +341,11 @@ sgs_status sgsi_plas_sort(sgsi_plas *plas)
     work.distances = sgsi_alloc(count / 64 + 64, 2 * sizeof *work.distances);
     bool memory = work.target && work.blurred && work.permutation && work.distances;
     memory = memory && shuffle(&work);
-    sgs_status status = SGS_STATUS_OK;
     const double first = (double)side / 2 - 1;
-    const size_t total =
-        first >= 1 ? (size_t)(log(1 / first) / log(RADIUS_DECAY)) + 1 : 0; // number of radii
-    size_t done = 0;
-    for (double radius = first; radius >= 1 && memory && !status; radius *= RADIUS_DECAY) {
-        if (plas->progress &&
-            !plas->progress(plas->progress_user, done < total ? done : total, total))
-            status = sgsi_fail(SGS_STATUS_CANCELLED, "the sorting was cancelled");
-        else
-            memory = sort_radius(&work, (size_t)radius);
-        ++done;
+    work.total = first >= 1 ? (size_t)(log(1 / first) / log(RADIUS_DECAY)) + 1 : 0;
+    for (double radius = first; radius >= 1 && memory && !work.cancelled; radius *= RADIUS_DECAY) {
+        memory = sort_radius(&work, (size_t)radius);
+        work.done += work.done < work.total;
     }
     sgsi_free(work.target);
     sgsi_free(work.blurred);
@@ -342,5 +353,6 @@ sgs_status sgsi_plas_sort(sgsi_plas *plas)
     sgsi_free(work.distances);
     if (!memory)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to sort %zu primitives", count);
-    return status;
+    return work.cancelled ? sgsi_fail(SGS_STATUS_CANCELLED, "the sorting was cancelled")
+                          : SGS_STATUS_OK;
 }

@@ -18,7 +18,7 @@ typedef struct sgsi_plas {
     uint32_t *order; // [side * side]: the element at each cell
     uint64_t seed;
     double improvement_break; // relative improvement below which passes stop: 1e-4
-    sgs_progress_fn progress; // after every radius, or NULL
+    sgs_progress_fn progress; // of the radii, before every pass; or NULL
     void *progress_user;
 } sgsi_plas;
 

@@ -173,6 +173,34 @@ static void sorting_makes_neighbours_similar(void **state)
     print_message("roughness %.4f, random %.4f\n", sorted, random);
 }
 
+// Cancels at the third pass of the first radius.
+static bool two_passes(void *user, size_t done, size_t total)
+{
+    assert_int_equal(done, 0);
+    assert_true(total > 10);
+    return ++*(int *)user < 3;
+}
+
+static void sorting_is_cancelled_between_passes(void **state)
+{
+    (void)state;
+    enum { SIDE = 48, CELLS = SIDE * SIDE };
+    static float features[CELLS * SGSI_PLAS_CHANNELS];
+    static uint32_t order[CELLS];
+    int calls = 0;
+    for (uint64_t i = 0; i < CELLS * SGSI_PLAS_CHANNELS; ++i)
+        features[i] = (float)sgsi_random_uniform(3, i);
+    sgsi_plas plas = {.side = SIDE,
+                      .features = features,
+                      .order = order,
+                      .seed = 5,
+                      .improvement_break = 1e-4,
+                      .progress = two_passes,
+                      .progress_user = &calls};
+    assert_int_equal(sgsi_plas_sort(&plas), SGS_STATUS_CANCELLED);
+    assert_int_equal(calls, 3);
+}
+
 static void images_are_stored_without_loss(void **state)
 {
     (void)state;
@@ -204,6 +232,7 @@ int main(void)
         cmocka_unit_test(portable_functions_match_the_c_library),
         cmocka_unit_test(errors_are_at_most_half_a_step),
         cmocka_unit_test(sorting_makes_neighbours_similar),
+        cmocka_unit_test(sorting_is_cancelled_between_passes),
         cmocka_unit_test(images_are_stored_without_loss),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

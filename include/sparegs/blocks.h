@@ -21,7 +21,7 @@ typedef struct sgs_block_options {
     size_t struct_size; // set by sgs_block_options_default()
     int count;          // number of blocks, 2..SGS_BLOCKS_MOST; 2
     double margin;      // growth of a cell before views are assigned, in sides of it; 0.2
-    double share;       // fraction of a view's lines of sight that must pass the grown cell; 0.25
+    double share;       // fraction of a view's lines of sight that must pass the grown cell; 0.1
 } sgs_block_options;
 
 // Cannot fail.

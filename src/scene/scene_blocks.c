@@ -31,7 +31,7 @@ typedef struct planner {
 sgs_block_options sgs_block_options_default(void)
 {
     return (sgs_block_options){
-        .struct_size = sizeof(sgs_block_options), .count = 2, .margin = 0.2, .share = 0.25};
+        .struct_size = sizeof(sgs_block_options), .count = 2, .margin = 0.2, .share = 0.1};
 }
 
 void sgs_blocks_free(sgs_blocks *blocks)

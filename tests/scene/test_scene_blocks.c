@@ -164,7 +164,11 @@ static void a_quarter_of_the_lines_of_sight_pass_the_grown_cell(void **state)
             high[k] = fmax(high[k], (float)center[k]);
         }
     }
-    sgs_blocks blocks = plan(3);
+    sgs_blocks blocks;
+    sgs_block_options options = sgs_block_options_default();
+    options.count = 3;
+    options.share = 0.25;
+    assert_int_equal(sgs_blocks_plan(scene, &options, &blocks), SGS_STATUS_OK);
     size_t members = 0;
     for (size_t b = 0; b < blocks.count; ++b) {
         const sgs_block *block = &blocks.blocks[b];

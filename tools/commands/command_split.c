@@ -65,7 +65,7 @@ static const option split_options[] = {
      .low = 0,
      .high = 1,
      .argument = "X",
-     .initial = "0.25",
+     .initial = "0.1",
      .help = "fraction of a view's lines of sight, to the sparse points in its image, that must "
              "pass the grown cell of a block"},
 };

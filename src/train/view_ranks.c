@@ -227,11 +227,13 @@ static size_t copy_sums(const sums_copy *copy, int owner, unsigned char *message
 
 double sgsi_cell_cost(const sgsi_cells *cells, const sgsi_tile_cost *tiles, size_t cell)
 {
-    enum { EMPTY_TILE = 64, PER_EVALUATION = 8 };
+    // Of a whole iteration, in units of an evaluation: fitted to the times of 600 pieces of a
+    // training with AVX-512 (11 us, 0.16 us and 0.016 us).
+    enum { PER_TILE = 700, PER_CANDIDATE = 10 };
     double cost = 0;
     for (size_t i = cells->tile_begin[cell]; i < cells->tile_begin[cell + 1]; ++i) {
         const sgsi_tile_cost *tile = &tiles[cells->tile_order[i]];
-        cost += EMPTY_TILE + (double)tile->candidates + PER_EVALUATION * (double)tile->evaluations;
+        cost += PER_TILE + PER_CANDIDATE * (double)tile->candidates + (double)tile->evaluations;
     }
     return cost;
 }

@@ -31,7 +31,7 @@ if [ "${1:-}" = --long ]; then
         libmpich-dev mpich               # ranks by another MPI library
         slurm-wlm munge                  # the job script of tools/manual/cluster.md
         chromium                         # the pages of `report` and `view`
-        python3-torch                    # reference values of LPIPS
+        python3-torch                    # reference values of LPIPS and RAP
     )
     if apt-cache show clang-16 >/dev/null 2>&1; then
         packages+=(clang-16) # another compiler, on Debian 12

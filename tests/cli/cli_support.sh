@@ -40,6 +40,15 @@ find_mpirun() {
     fi
 }
 
+# find_torch: sets python to an interpreter with NumPy and PyTorch; without one the test is skipped.
+find_torch() {
+    for python in python3 /usr/bin/python3; do
+        if "$python" -c 'import numpy, torch' 2>/dev/null; then return; fi
+    done
+    echo "PyTorch is not installed; tools/setup.sh --long installs it"
+    exit 77
+}
+
 # check PROPERTY COMMAND...: the command must succeed.
 check() {
     local property=$1

@@ -6,14 +6,7 @@
 # .pth files that the script must refuse. Skipped without PyTorch.
 set -euo pipefail
 . "$(dirname "$0")/cli_support.sh"
-python=
-for candidate in python3 /usr/bin/python3; do
-    if [ -z "$python" ] && "$candidate" -c 'import numpy, torch' 2>/dev/null; then python=$candidate; fi
-done
-if [ -z "$python" ]; then
-    echo "PyTorch is not installed; tools/setup.sh --long installs it"
-    exit 77
-fi
+find_torch
 convert=$SPAREGS_SOURCE/tools/scripts/lpips_weights.py
 reference=$SPAREGS_SOURCE/tests/image/lpips_reference.py
 

@@ -113,8 +113,8 @@ SGS_API void sgs_frame_free(sgs_frame *frame);
 typedef struct sgs_renderer sgs_renderer;
 
 // Creates a renderer; release it with sgs_renderer_destroy. The model must outlive it; call
-// sgs_renderer_update or sgs_renderer_refit after every change. The first rendering builds the BVH. Fails with
-// OUT_OF_MEMORY or INTERNAL (Embree); *renderer is then NULL.
+// sgs_renderer_update or sgs_renderer_refit after every change. The first rendering builds the BVH.
+// Fails with OUT_OF_MEMORY or INTERNAL (Embree); *renderer is then NULL.
 SGS_API sgs_status sgs_renderer_create(const sgs_gaussians *model, sgs_renderer **renderer);
 SGS_API void sgs_renderer_destroy(sgs_renderer *renderer); // accepts NULL
 // Call it after every change of the model, of values or count: the next rendering rebuilds the BVH.

@@ -134,6 +134,7 @@ static sgs_status make_columns(size_t count, const sgsi_density_options *options
     if (complete && (columns->workspace || !options->spare))
         return SGS_STATUS_OK;
     free_columns(columns);
+    *columns = (sgsi_density_columns){0};
     return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
                      "no memory for a structural update of %zu primitives", count);
 }

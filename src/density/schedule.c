@@ -35,6 +35,22 @@
 //   views: 32.84, .9535, .1086, 1.160 | 32.87, .9536, .1076, 1.165. At 2000 iterations the factor
 //   is 0.43; plush: 29.07, .9138, .1329, .425 | 29.07, .9135, .1323, .422. There is no check
 //   for equilibrium in this part.
+// - Rates of rotation and scale: twice the published ones up to N = 7500, sqrt(30 000 / N) times
+//   beyond. Primitives of a short run have too few steps to take the shape of what they cover.
+//   34433df, published rates | twice: PSNR, SSIM, FLIP, sharpness of the held-out views. 7000
+//   iterations: plush at 336x252, 29.18, .9212, .1332, .505 | 29.80, .9243, .1237, .526 (0.6 dB of
+//   it in one view); room at 480x270, 32.20, .9513, .1087, 1.155 | 32.38, .9527, .1074, 1.120;
+//   banana at 376x250, 13 views, 28.04, .7993, .1152, .672 | 28.09, .8007, .1191, .691. 2000
+//   iterations: plush 28.95, .9081, .1338, .414 | 29.30, .9162, .1302, .445; room 31.15, .9475,
+//   .1129, 1.084 | 31.67, .9497, .1113, 1.068. 300: plush 25.44, .8603, .1810, .211 | 26.30, .8684,
+//   .1699, .242; room 26.89, .9057, .1512, .569 | 27.39, .9113, .1501, .706. Four times: 2000
+//   iterations, banana 28.08, .7756 | 27.79, .7742; room 31.00, .9455; 300: room 26.41, .8951.
+//   At 672x504, plush, 7000 iterations with SPARE-GS (a5fce2c | 83f95b0): 28.92, .8939, .1308, .327
+//   | 28.92, .8950, .1319, .353. Room, 300 iterations, other pipelines: mip 26.73 | 27.15, taming
+//   26.21 | 27.04, dash 26.79 | 27.22, fastgs 26.94 | 27.72.
+//   Twice the rate of positions or colours: no gain on plush (29.67, .9226; 29.64, .9219); of
+//   opacity as well: fewer primitives (36 932 instead of 40 028), 29.71, .9239. Not with MCMC: plush
+//   at 336x252 with the 52 348 primitives of 3DGS, 7000 iterations, 29.94, .9265 | 29.78, .9257.
 // - Rate of SH above degree 0: reduced in proportion to the views if there are fewer than 24. 16
 //   coefficients per channel and few directions fit colours that only the training views see.
 //   7000 iterations at a5fce2c, published rate | times 0.6 (banana) or 0.5: banana at 376x250, 15
@@ -74,6 +90,7 @@ enum {
 #define FEW_VIEWS 24.0 // 1.5 per SH coefficient
 #define ANNEAL_FROM 0.7
 #define SHORT_LATE_RATE 0.1
+#define SHORT_SHAPE_RATE 2.0
 
 static int rounded(double value, int least)
 {
@@ -118,6 +135,7 @@ static sgsi_schedule finetune(const sgs_train_options *options)
                            .lr_span = 1e-9,
                            .anneal_from = options->iterations,
                            .lr_late = 1.0,
+                           .lr_shape = 1.0,
                            .check_interval = rounded(options->spare_interval, 1),
                            .threshold_factor = 1.0};
 }
@@ -175,6 +193,7 @@ sgsi_schedule sgsi_schedule_make(const sgs_train_options *options)
         .lr_span = PAPER_LENGTH * f,
         .anneal_from = options->iterations,
         .lr_late = 1.0,
+        .lr_shape = 1.0,
         .check_interval = rounded(options->spare_interval * f, 1),
         .threshold_factor = 1.0};
     if (!scaled || options->iterations == PAPER_LENGTH)
@@ -191,6 +210,7 @@ sgsi_schedule sgsi_schedule_make(const sgs_train_options *options)
         scale_relocations(&schedule, f);
         return schedule;
     }
+    schedule.lr_shape = fmin(sqrt(1.0 / f), SHORT_SHAPE_RATE);
     const double paper_updates = (PAPER_HALF - 500.0) / pipeline->densify_interval;
     schedule.threshold_factor = pow(SHORT_THRESHOLD, 1.0 - beyond);
     const double updates = SHORT_UPDATES * pow(paper_updates / SHORT_UPDATES, beyond);

@@ -23,6 +23,7 @@ typedef struct sgsi_schedule {
     double lr_begin, lr_span; // the position rate decays from the first to the second, iterations
     int anneal_from;          // the other rates decay from this iteration to the end of the run,
     double lr_late;           // to this factor; 1 = constant
+    double lr_shape;          // factor on the published rates of rotation and scale
     // The image size may change after resolution_from, every resolution_interval iterations.
     int resolution_from, resolution_interval;
     int check_interval;      // of SPARE-GS's equilibrium checks

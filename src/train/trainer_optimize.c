@@ -53,6 +53,7 @@ static sgsi_optimize settings(const sgs_trainer *trainer, const sgsi_train_view 
     const sgs_camera *camera = &view->camera;
     const double lr_mean = mean_rate(trainer, view->iteration);
     const float rate = (float)sgsi_schedule_lr_other(&trainer->schedule, view->iteration);
+    const float shape = rate * (float)trainer->schedule.lr_shape;
     const double rest = sgsi_schedule_sh_rate(&trainer->options, trainer->views.count);
     const double rows = fmax((double)trainer->count, 1.0);
     return (sgsi_optimize){.params = trainer->model->data,
@@ -65,8 +66,8 @@ static sgsi_optimize settings(const sgs_trainer *trainer, const sgsi_train_view 
                            .visible = sgsi_tracer_visible(trainer->views.rows),
                            .dense = trainer->options.optimizer == SGS_OPTIMIZER_DENSE,
                            .lr_mean = (float)lr_mean,
-                           .lr_rotation = rate * 1e-3f,
-                           .lr_scale = rate * 5e-3f,
+                           .lr_rotation = shape * 1e-3f,
+                           .lr_scale = shape * 5e-3f,
                            .lr_opacity = rate * sgsi_trainer_lr_opacity(trainer, view->iteration),
                            .lr_dc = rate * 2.5e-3f,
                            .lr_rest = rate * (float)rest * trainer->pipeline->lr_rest,

@@ -140,6 +140,30 @@ static void short_runs_anneal_their_rates(void **state)
     }
 }
 
+// Rotation and scale: published rates at 30 000, at most twice those in shorter runs.
+static void short_runs_shape_faster(void **state)
+{
+    (void)state;
+    sgs_train_options options = sgs_train_options_default();
+    double longer = 1.0;
+    for (int n = 40000; n >= 100; n -= 100) {
+        options.iterations = n;
+        options.schedule = SGS_SCHEDULE_PAPER;
+        assert_true(sgsi_schedule_make(&options).lr_shape == 1.0);
+        options.schedule = SGS_SCHEDULE_FINETUNE;
+        assert_true(sgsi_schedule_make(&options).lr_shape == 1.0);
+        options.schedule = SGS_SCHEDULE_SCALED;
+        const double shape = sgsi_schedule_make(&options).lr_shape;
+        assert_true((n < 30000) == (shape > 1.0) && (n <= 7500) == (shape == 2.0));
+        assert_true(n != 15000 || fabs(shape - sqrt(2.0)) < 1e-12);
+        assert_true(shape >= longer && shape - longer < 0.02);
+        longer = shape;
+        options.pipeline = SGS_PIPELINE_MCMC;
+        assert_true(sgsi_schedule_make(&options).lr_shape == 1.0);
+        options.pipeline = SGS_PIPELINE_3DGS;
+    }
+}
+
 static void white_backgrounds_have_an_additional_reset(void **state)
 {
     (void)state;
@@ -372,6 +396,7 @@ int main(void)
         cmocka_unit_test(size_pruning_follows_the_published_rule),
         cmocka_unit_test(few_views_have_a_smaller_rate_of_sh),
         cmocka_unit_test(short_runs_anneal_their_rates),
+        cmocka_unit_test(short_runs_shape_faster),
         cmocka_unit_test(white_backgrounds_have_an_additional_reset),
         cmocka_unit_test(paper_schedule_cut_short_keeps_its_milestones),
         cmocka_unit_test(resets_do_not_vanish_just_below_the_published_length),

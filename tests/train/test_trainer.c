@@ -268,6 +268,91 @@ static void cap_holds_for_the_initial_cloud_and_for_growth(void **state)
     sgs_trainer_destroy(trainer);
 }
 
+// Rows with opacities from 0 to 1, every 50th not finite.
+static sgs_gaussians *trained_model(bool linear)
+{
+    sgs_gaussians *model;
+    const sgs_train_options options = short_run(60);
+    sgs_trainer *trainer = trainer_create(scene, &options);
+    trainer_run(trainer, 30);
+    const sgs_gaussians *from = sgs_trainer_model(trainer);
+    assert_int_equal(sgs_gaussians_create(from->count + 100, &model), SGS_STATUS_OK);
+    assert_int_equal(sgs_gaussians_resize(model, from->count), SGS_STATUS_OK);
+    if (linear)
+        sgs_gaussians_declare_linear_opacity(model);
+    for (size_t i = 0; i < from->count; ++i) {
+        float params[SGS_PARAM_COUNT];
+        sgs_gaussians_get(from, i, params);
+        const float share = (float)(i % 97) / 96.0f;
+        params[SGS_PARAM_OPACITY] = linear ? share : 6.0f * share - 3.0f;
+        if (i % 50 == 7)
+            params[SGS_PARAM_SCALE + 1] = NAN;
+        sgs_gaussians_set(model, i, params);
+    }
+    sgs_trainer_destroy(trainer);
+    return model;
+}
+
+static void a_model_taken_over_trains_as_its_copy(void **state)
+{
+    (void)state;
+    for (int linear = 0; linear < 2; ++linear)
+        for (int part = 0; part < 3; ++part) {
+            sgs_train_options options = short_run(60);
+            sgs_gaussians *init = trained_model(linear);
+            options.max_gaussians = part ? 2000 : 0;
+            if (part == 2)
+                options.region.high[0] = 0.5f;
+            options.init = init;
+            sgs_trainer *copied = trainer_create(scene, &options), *taken = NULL;
+            options.init = NULL;
+            const size_t count = init->count;
+            assert_int_equal(sgs_trainer_create_from(scene, &options, &init, &taken),
+                             SGS_STATUS_OK);
+            assert_null(init);
+            assert_true(sgs_trainer_count(taken) < count);
+            if (part) // rows beyond the cap need no memory
+                assert_int_equal(sgs_trainer_model(taken)->capacity,
+                                 sgs_trainer_model(copied)->capacity);
+            char hashes[2][17];
+            for (int steps = 0; steps < 2; ++steps) {
+                digest(copied, hashes[0]);
+                digest(taken, hashes[1]);
+                assert_string_equal(hashes[0], hashes[1]);
+                trainer_run(copied, 25);
+                trainer_run(taken, 25);
+            }
+            sgs_trainer_destroy(copied);
+            sgs_trainer_destroy(taken);
+        }
+    sgs_trainer *none;
+    sgs_gaussians *init = trained_model(false);
+    sgs_train_options options = short_run(60);
+    options.iterations = -1;
+    assert_int_equal(sgs_trainer_create_from(scene, &options, &init, &none),
+                     SGS_STATUS_INVALID_ARGUMENT);
+    assert_null(init);
+    assert_null(none);
+}
+
+static void no_model_to_take_over_replaces_that_of_the_options(void **state)
+{
+    (void)state;
+    sgs_train_options options = short_run(60);
+    sgs_trainer *trainers[2];
+    char hashes[2][17];
+    sgs_gaussians *init = trained_model(false), *none = NULL;
+    for (int k = 0; k < 2; ++k) {
+        options.init = k ? init : NULL;
+        assert_int_equal(sgs_trainer_create_from(scene, &options, &none, &trainers[k]),
+                         SGS_STATUS_OK);
+        digest(trainers[k], hashes[k]);
+        sgs_trainer_destroy(trainers[k]);
+    }
+    assert_string_equal(hashes[0], hashes[1]);
+    sgs_gaussians_destroy(init);
+}
+
 static sgs_train_options mcmc_run(int iterations)
 {
     sgs_train_options options = short_run(iterations);
@@ -394,7 +479,8 @@ static void equilibrium_ends_a_run(void **state)
     sgs_train_options options = short_run(3000);
     options.spare = SGS_SPARE_EDT;
     options.spare_eps_loss = 1;
-    options.spare_eps_count = 1;  // every check passes
+    options.spare_eps_count = 1; // every check passes in which the loss has not grown
+    options.spare_patience = 1;
     options.spare_interval = 100; // 10 iterations of this run
     sgs_trainer *trainer = trainer_create(scene, &options);
     sgs_step_info info = {0};
@@ -683,6 +769,8 @@ int main(void)
         cmocka_unit_test(checkpoint_resumes_to_the_same_bits),
         cmocka_unit_test(damaged_or_foreign_checkpoints_are_refused_and_change_nothing),
         cmocka_unit_test(cap_holds_for_the_initial_cloud_and_for_growth),
+        cmocka_unit_test(a_model_taken_over_trains_as_its_copy),
+        cmocka_unit_test(no_model_to_take_over_replaces_that_of_the_options),
         cmocka_unit_test(mcmc_starts_as_its_options_say),
         cmocka_unit_test(mcmc_gives_the_same_bits_with_any_threads_and_after_any_stop),
         cmocka_unit_test(mcmc_options_change_the_run),

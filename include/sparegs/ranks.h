@@ -17,7 +17,6 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "sparegs/gaussians.h"
 #include "sparegs/status.h"
 
 #ifdef __cplusplus
@@ -71,14 +70,17 @@ SGS_API void sgs_ranks_recover(sgs_ranks *ranks);
 // from malloc that the caller frees. Rank 0 keeps its own. Collective.
 SGS_API sgs_status sgs_ranks_broadcast(sgs_ranks *ranks, sgs_status own, void **bytes,
                                        size_t *size);
-// The same for a model: *model of the other ranks is created; sgs_gaussians_destroy releases it.
-SGS_API sgs_status sgs_ranks_broadcast_model(sgs_ranks *ranks, sgs_status own,
-                                             sgs_gaussians **model);
 
 // Gathers `size` bytes of each rank, the same size on all, into got[count][size] on all ranks, in
 // the order of the ranks. Collective.
 SGS_API sgs_status sgs_ranks_gather(sgs_ranks *ranks, sgs_status own, const void *bytes,
                                     size_t size, void *got);
+
+// Sends `size` bytes of each of the first `senders` ranks to rank 0, into its got[senders][size].
+// The other ranks pass the same `size` and `senders`; their `bytes` are not read from `senders` on,
+// and their `got` is not used. Collective.
+SGS_API sgs_status sgs_ranks_collect(sgs_ranks *ranks, sgs_status own, const void *bytes,
+                                     size_t size, int senders, void *got);
 
 // Bytes that this rank has sent to others, and messages (one per call and receiver), by purpose.
 typedef struct sgs_ranks_traffic {

@@ -30,6 +30,7 @@
 #include "sparegs/run.h"
 #include "sparegs/aov_descriptors.h"
 #include "sparegs/trainer.h"
+#include "sparegs/rank_check.h"
 #include "sparegs/rank_renderer.h"
 #include "sparegs/option_descriptors.h"
 #include "sparegs/prune.h"

@@ -48,12 +48,12 @@ static void count_bytes(sgs_ranks *ranks, sgs_ranks_purpose purpose, uint64_t by
     ranks->counted[purpose].bytes += bytes;
 }
 
-// Adds the time since `start` to `spent`. Returns the time now.
-static double add_seconds(double *spent, double start)
+// Counts bytes that have moved since `start`.
+static void count_moved(sgs_ranks *ranks, sgs_ranks_purpose purpose, double start, uint64_t bytes,
+                        uint64_t messages)
 {
-    const double now = sgsi_seconds();
-    *spent += now - start;
-    return now;
+    ranks->spent[purpose].moving += sgsi_seconds() - start;
+    count_bytes(ranks, purpose, bytes, messages);
 }
 
 static uint64_t others(const sgs_ranks *ranks)
@@ -103,7 +103,7 @@ static sgs_status meet_with(sgs_ranks *ranks, sgs_ranks_purpose purpose, header 
         abort(); // the others wait
     own.flags = atomic_load(&ranks->own);
     ranks->transport.gather(ranks->transport.state, &own, sizeof own, all);
-    add_seconds(&ranks->spent[purpose].waiting, start);
+    ranks->spent[purpose].waiting += sgsi_seconds() - start;
     count_bytes(ranks, SGS_RANKS_STATUS, others(ranks) * sizeof own, others(ranks));
     int failing = count;
     bool differs = false;
@@ -258,8 +258,7 @@ sgs_status sgsi_ranks_share(sgs_ranks *ranks, sgs_status own, sgs_ranks_purpose 
     }
     const double start = sgsi_seconds();
     ranks->transport.gather_sizes(ranks->transport.state, ranks->send, all, ranks->got);
-    add_seconds(&ranks->spent[purpose].moving, start);
-    count_bytes(ranks, purpose, others(ranks) * sgsi_ranks_padded(bytes), others(ranks));
+    count_moved(ranks, purpose, start, others(ranks) * sgsi_ranks_padded(bytes), others(ranks));
     *got = ranks->got;
     *sizes = all;
     return SGS_STATUS_OK;
@@ -283,10 +282,20 @@ sgs_status sgsi_ranks_exchange(sgs_ranks *ranks, sgs_status own, sgs_ranks_purpo
         return status;
     const double start = sgsi_seconds();
     ranks->transport.exchange(ranks->transport.state, ranks->send, to, ranks->got, from);
-    add_seconds(&ranks->spent[purpose].moving, start);
-    count_bytes(ranks, purpose, sent - to[ranks->transport.rank], messages);
+    count_moved(ranks, purpose, start, sent - to[ranks->transport.rank], messages);
     *got = ranks->got;
     return SGS_STATUS_OK;
+}
+
+// Gathers the bytes that each rank sends to each other one: ranks->matrix. They count as part of
+// the header, the time as that of the call.
+static void share_sizes(sgs_ranks *ranks, sgs_ranks_purpose purpose, const uint64_t *row)
+{
+    const size_t bytes = (size_t)ranks->transport.count * sizeof *row;
+    const double start = sgsi_seconds();
+    ranks->transport.gather(ranks->transport.state, row, bytes, ranks->matrix);
+    ranks->spent[purpose].moving += sgsi_seconds() - start;
+    count_bytes(ranks, SGS_RANKS_STATUS, others(ranks) * bytes, others(ranks));
 }
 
 // Sizes of what each rank receives: ranks->sizes for this one. Returns the largest total.
@@ -316,17 +325,13 @@ sgs_status sgsi_ranks_deliver(sgs_ranks *ranks, sgs_status own, sgs_ranks_purpos
         own = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu ranks", count);
     const header mine = {.status = (int32_t)own, .kind = KIND_DELIVER};
     sgs_status status = meet(ranks, purpose, mine, NULL);
-    double start = sgsi_seconds();
     for (size_t r = 0; r < count && !status; ++r) {
         row[r] = to[r];
         sent += r == rank ? 0 : to[r];
         messages += to[r] && r != rank;
     }
-    if (!status) {
-        ranks->transport.gather(ranks->transport.state, row, count * sizeof *row, ranks->matrix);
-        start = add_seconds(&ranks->spent[purpose].moving, start);
-        count_bytes(ranks, SGS_RANKS_STATUS, others(ranks) * count * sizeof *row, others(ranks));
-    }
+    if (!status)
+        share_sizes(ranks, purpose, row);
     if (row != few)
         sgsi_free(row);
     if (status)
@@ -339,11 +344,10 @@ sgs_status sgsi_ranks_deliver(sgs_ranks *ranks, sgs_status own, sgs_ranks_purpos
         if (status)
             return status;
         ranks->most_received = larger;
-        start = sgsi_seconds();
     }
+    const double start = sgsi_seconds();
     ranks->transport.exchange(ranks->transport.state, ranks->send, to, ranks->got, ranks->sizes);
-    add_seconds(&ranks->spent[purpose].moving, start);
-    count_bytes(ranks, purpose, sent, messages);
+    count_moved(ranks, purpose, start, sent, messages);
     *got = ranks->got;
     *from = ranks->sizes;
     return SGS_STATUS_OK;
@@ -359,8 +363,8 @@ sgs_status sgsi_ranks_copy(sgs_ranks *ranks, sgs_status own, sgs_ranks_purpose p
     const bool sends = !ranks->transport.rank;
     const double start = sgsi_seconds();
     ranks->transport.broadcast(ranks->transport.state, data, bytes);
-    add_seconds(&ranks->spent[purpose].moving, start);
-    count_bytes(ranks, purpose, sends ? others(ranks) * bytes : 0, sends ? others(ranks) : 0);
+    count_moved(ranks, purpose, start, sends ? others(ranks) * bytes : 0,
+                sends ? others(ranks) : 0);
     return SGS_STATUS_OK;
 }
 
@@ -378,9 +382,41 @@ sgs_status sgs_ranks_gather(sgs_ranks *ranks, sgs_status own, const void *bytes,
         return status;
     const double start = sgsi_seconds();
     ranks->transport.gather(ranks->transport.state, bytes, size, got);
-    add_seconds(&ranks->spent[SGS_RANKS_OTHER].moving, start);
-    count_bytes(ranks, SGS_RANKS_OTHER, others(ranks) * size, others(ranks));
+    count_moved(ranks, SGS_RANKS_OTHER, start, others(ranks) * size, others(ranks));
     return SGS_STATUS_OK;
+}
+
+sgs_status sgs_ranks_collect(sgs_ranks *ranks, sgs_status own, const void *bytes, size_t size,
+                             int senders, void *got)
+{
+    if (!ranks) {
+        if (!own)
+            memcpy(got, bytes, size);
+        return own;
+    }
+    const int rank = ranks->transport.rank;
+    const size_t count = (size_t)ranks->transport.count, padded = sgsi_ranks_padded(size);
+    const size_t sent = rank < senders ? padded : 0;
+    unsigned char *room = own ? NULL : sgsi_ranks_room(ranks, sent);
+    size_t *sizes = sgsi_calloc(2 * count, sizeof *sizes); // to and from each rank
+    if (!own && (!room || !sizes))
+        own = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu bytes to rank 0", size);
+    if (own) {
+        sgsi_free(sizes);
+        return sgs_ranks_agree(ranks, own);
+    }
+    if (sent)
+        memcpy(room, bytes, size);
+    sizes[0] = sent;
+    for (int r = 0; r < senders && !rank; ++r)
+        sizes[count + (size_t)r] = padded;
+    const unsigned char *all;
+    const sgs_status status =
+        sgsi_ranks_exchange(ranks, own, SGS_RANKS_OTHER, sizes, sizes + count, &all);
+    for (size_t r = 0; r < (size_t)senders && !rank && !status; ++r)
+        memcpy((unsigned char *)got + r * size, all + r * padded, size);
+    sgsi_free(sizes);
+    return status;
 }
 
 sgs_status sgs_ranks_broadcast(sgs_ranks *ranks, sgs_status own, void **bytes, size_t *size)
@@ -405,69 +441,48 @@ sgs_status sgs_ranks_broadcast(sgs_ranks *ranks, sgs_status own, void **bytes, s
     }
     const double start = sgsi_seconds();
     ranks->transport.broadcast(ranks->transport.state, fresh, *size);
-    add_seconds(&ranks->spent[SGS_RANKS_OTHER].moving, start);
-    count_bytes(ranks, SGS_RANKS_OTHER, rank ? 0 : others(ranks) * *size, rank ? 0 : others(ranks));
+    count_moved(ranks, SGS_RANKS_OTHER, start, rank ? 0 : others(ranks) * *size,
+                rank ? 0 : others(ranks));
     if (rank && fresh)
         ((char *)fresh)[*size] = 0;
     *bytes = fresh;
     return SGS_STATUS_OK;
 }
 
-sgs_status sgs_ranks_broadcast_model(sgs_ranks *ranks, sgs_status own, sgs_gaussians **model)
+// The part of a line from `begin` on that is shown: all of it, or what surrounds `at`, where the
+// lines differ. A message has room for two.
+enum { EXCERPT = 240, BEFORE_DIFFERENCE = 60 };
+typedef struct excerpt {
+    const char *before, *text, *after;
+    int length;
+} excerpt;
+
+static excerpt excerpt_of(const char *line, size_t begin, size_t at)
 {
-    if (!ranks)
-        return own;
-    struct {
-        uint64_t count;
-        int32_t sh_degree, linear_opacity;
-    } head = {0, 0, 0}, *heads = NULL;
-    const bool sends = !ranks->transport.rank && !own;
-    if (sends) {
-        head.count = (*model)->count;
-        head.sh_degree = (*model)->sh_degree;
-        head.linear_opacity = (*model)->linear_opacity;
+    const size_t length = strcspn(line, "\n");
+    excerpt part = {"", line + begin, "", (int)(length - begin)};
+    if (length - begin <= EXCERPT)
+        return part;
+    if (at > begin + BEFORE_DIFFERENCE) {
+        part.before = "...";
+        part.text = line + at - BEFORE_DIFFERENCE;
+        part.length = (int)(length - at + BEFORE_DIFFERENCE);
     }
-    void *bytes = &head;
-    size_t size = sizeof head;
-    sgs_status status = sgs_ranks_broadcast(ranks, own, &bytes, &size);
-    if (status)
-        return status;
-    heads = bytes;
-    if (bytes != &head) {
-        head = *heads;
-        free(bytes);
-        status = sgs_gaussians_create((size_t)head.count + SGS_LANES, model);
-        if (!status)
-            status = sgs_gaussians_resize(*model, (size_t)head.count);
+    if (part.length > EXCERPT) {
+        part.after = "...";
+        part.length = EXCERPT;
     }
-    status = sgs_ranks_agree(ranks, status);
-    if (status) {
-        if (ranks->transport.rank) {
-            sgs_gaussians_destroy(*model);
-            *model = NULL;
-        }
-        return status;
-    }
-    (*model)->sh_degree = head.sh_degree;
-    if (ranks->transport.rank && head.linear_opacity)
-        sgs_gaussians_declare_linear_opacity(*model);
-    const size_t blocks = ((size_t)head.count + SGS_LANES - 1) / SGS_LANES;
-    const size_t data = blocks * SGS_PARAM_COUNT * SGS_LANES * sizeof(float);
-    const double start = sgsi_seconds();
-    ranks->transport.broadcast(ranks->transport.state, (*model)->data, data);
-    add_seconds(&ranks->spent[SGS_RANKS_OTHER].moving, start);
-    count_bytes(ranks, SGS_RANKS_OTHER, sends ? others(ranks) * data : 0,
-                sends ? others(ranks) : 0);
-    return SGS_STATUS_OK;
+    return part;
 }
 
 // The first line "what: value" of `own` that differs from `first`.
 static sgs_status fail_difference(const char *own, const char *first)
 {
-    size_t line = 0;
-    for (size_t i = 0; own[i] == first[i]; ++i)
-        if (own[i] == '\n')
-            line = i + 1;
+    size_t line = 0, at = 0;
+    for (; own[at] == first[at]; ++at)
+        if (own[at] == '\n')
+            line = at + 1;
+    at -= line;
     const char *const texts[2] = {own + line, first + line};
     int length[2], value[2];
     for (int k = 0; k < 2; ++k) {
@@ -477,12 +492,15 @@ static sgs_status fail_difference(const char *own, const char *first)
     }
     const bool same = value[0] == value[1] && !strncmp(texts[0], texts[1], (size_t)value[0]) &&
                       value[0] < length[0];
+    const size_t begin = same ? (size_t)value[0] + 2 : 0;
+    const excerpt mine = excerpt_of(texts[0], begin, at), other = excerpt_of(texts[1], begin, at);
     if (same)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%.*s is %.*s, but %.*s on rank 0", value[0],
-                         texts[0], length[0] - value[0] - 2, texts[0] + value[0] + 2,
-                         length[1] - value[1] - 2, texts[1] + value[1] + 2);
-    return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "has '%.*s', but rank 0 has '%.*s'", length[0],
-                     texts[0], length[1], texts[1]);
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%.*s is %s%.*s%s, but %s%.*s%s on rank 0",
+                         value[0], texts[0], mine.before, mine.length, mine.text, mine.after,
+                         other.before, other.length, other.text, other.after);
+    return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "has '%s%.*s%s', but rank 0 has '%s%.*s%s'",
+                     mine.before, mine.length, mine.text, mine.after, other.before, other.length,
+                     other.text, other.after);
 }
 
 sgs_status sgs_ranks_compare(sgs_ranks *ranks, sgs_status own, const char *text)

@@ -6,12 +6,23 @@
 // array is given by its size in all and the size of a group, both in bytes; the last group may be
 // incomplete. `own`: the groups of this rank, one after the other. All functions are collective.
 
+#include "base/row_groups.h"
 #include "cluster/rank_calls.h"
+#include "sparegs/gaussians.h"
 
 typedef struct sgsi_row_array {
     void *own;
     size_t group, total; // bytes: of a group, of the whole array
 } sgsi_row_array;
+
+enum { SGSI_BLOCK_BYTES = SGS_PARAM_COUNT * SGS_LANES * sizeof(float) };
+
+// The parameters, or what has their layout, of `count` primitives of all ranks.
+static inline sgsi_row_array sgsi_block_array(float *own, size_t count)
+{
+    return (sgsi_row_array){own, (size_t)SGSI_SHARD_ROWS / SGS_LANES * SGSI_BLOCK_BYTES,
+                            (count + SGS_LANES - 1) / SGS_LANES * SGSI_BLOCK_BYTES};
+}
 
 // Bytes of `own`.
 size_t sgsi_row_array_bytes(const sgsi_row_array *array, int rank, int ranks);

@@ -102,25 +102,25 @@ static void pass_blocks(void *context, void *bytes, size_t size)
     sgsi_sections_piece(visit->sections, bytes, size);
 }
 
-static void visit_parts(state_visit *visit, void *own, size_t group, size_t total,
+static void visit_parts(state_visit *visit, const sgsi_row_array *array,
                         void (*pass)(void *context, void *bytes, size_t size))
 {
     sgs_ranks *ranks = visit->trainer->views.ranks;
-    const sgsi_row_array array = {own, group, total};
     if (!visit->status)
         visit->status = visit->reads
-                            ? sgsi_rows_distribute(ranks, SGS_STATUS_OK, &array, pass, visit)
-                            : sgsi_rows_collect(ranks, SGS_STATUS_OK, &array, pass, visit);
+                            ? sgsi_rows_distribute(ranks, SGS_STATUS_OK, array, pass, visit)
+                            : sgsi_rows_collect(ranks, SGS_STATUS_OK, array, pass, visit);
 }
 
 // An array with `size` bytes for every `unit` rows, in an open section.
 static void visit_rows(state_visit *visit, void *own, size_t unit, size_t size)
 {
-    const size_t total = (visit->n + unit - 1) / unit * size;
+    const sgsi_row_array array = {own, SGSI_SHARD_ROWS / unit * size,
+                                  (visit->n + unit - 1) / unit * size};
     if (visit->moves)
-        visit_parts(visit, own, SGSI_SHARD_ROWS / unit * size, total, pass_bytes);
+        visit_parts(visit, &array, pass_bytes);
     else
-        sgsi_sections_piece(visit->sections, own, total);
+        sgsi_sections_piece(visit->sections, own, array.total);
 }
 
 // Primitives in the model's layout. The lanes after the last one are zero in the file and, in one
@@ -131,10 +131,10 @@ static void visit_blocks(state_visit *visit, const char *name, float *data)
     sgsi_sections *sections = visit->sections;
     begin_section(visit, name, block_bytes(n));
     if (visit->moves) {
+        const sgsi_row_array array = sgsi_block_array(data, n);
         visit->passed = 0;
-        visit->blocks = block_bytes(n);
-        visit_parts(visit, data, SGSI_SHARD_ROWS / SGS_LANES * BLOCK_FLOATS * sizeof(float),
-                    visit->blocks, pass_blocks);
+        visit->blocks = array.total;
+        visit_parts(visit, &array, pass_blocks);
         return;
     }
     sgsi_sections_piece(sections, data, whole * BLOCK_FLOATS * sizeof(float));

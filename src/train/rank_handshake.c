@@ -15,6 +15,7 @@
 #include "base/core.h"
 #include "image/mask.h"
 #include "sparegs/option_descriptors.h"
+#include "sparegs/rank_check.h"
 #include "sparegs/runtime.h"
 
 // A hash of functions whose last bit may differ between C libraries.
@@ -48,17 +49,33 @@ static const char *isa_class(void)
 #endif
 }
 
-static uint64_t view_digest(const sgs_view *view)
+char *sgs_rank_program_text(void)
 {
-    const uint64_t parts[] = {(uint64_t)view->camera.model << 32 | (uint32_t)view->camera.width,
-                              (uint32_t)view->camera.height,
-                              XXH64(view->camera.params, sizeof view->camera.params, 0),
-                              XXH64(view->pose.rotation, sizeof view->pose.rotation, 0),
-                              XXH64(view->pose.translation, sizeof view->pose.translation, 0)};
+    char *text = NULL;
+    size_t size = 0;
+    FILE *out = open_memstream(&text, &size);
+    if (!out)
+        return NULL;
+    fprintf(out,
+            "version: %s (%s)\ninstruction set: %s\narithmetic of the C library: %016" PRIx64 "\n",
+            sgs_version(), sgs_version_commit(), isa_class(), arithmetic());
+    if (!fclose(out))
+        return text;
+    free(text);
+    return NULL;
+}
+
+uint64_t sgs_rank_camera_digest(const sgs_camera *camera, const sgs_pose *pose)
+{
+    const uint64_t parts[] = {(uint64_t)camera->model << 32 | (uint32_t)camera->width,
+                              (uint32_t)camera->height,
+                              XXH64(camera->params, sizeof camera->params, 0),
+                              XXH64(pose->rotation, sizeof pose->rotation, 0),
+                              XXH64(pose->translation, sizeof pose->translation, 0)};
     return XXH64(parts, sizeof parts, 0);
 }
 
-static uint64_t photo_digest(const sgs_photo *photo)
+uint64_t sgs_rank_photo_digest(const sgs_photo *photo)
 {
     const size_t values = (size_t)photo->channels * (size_t)photo->width * (size_t)photo->height;
     const size_t words = sgs_mask_words(photo->width) * (size_t)photo->height;
@@ -70,13 +87,10 @@ static uint64_t photo_digest(const sgs_photo *photo)
     return XXH64(parts, sizeof parts, 0);
 }
 
-static void describe_program(FILE *out, const sgs_train_options *options)
+static void describe_options(FILE *out, const sgs_train_options *options)
 {
     size_t count;
     const sgs_train_option *rows = sgs_train_option_descriptors(&count);
-    fprintf(out,
-            "version: %s (%s)\ninstruction set: %s\narithmetic of the C library: %016" PRIx64 "\n",
-            sgs_version(), sgs_version_commit(), isa_class(), arithmetic());
     for (size_t i = 0; i < count; ++i) {
         char value[256];
         if (rows[i].type == SGS_OPTION_MODEL) // replaced by the model after creation
@@ -96,7 +110,8 @@ static sgs_status describe_views(FILE *out, const sgsi_train_views *views)
         if (status)
             return status;
         fprintf(out, "camera of %s: %016" PRIx64 "\nphotograph %s: %016" PRIx64 "\n", view->name,
-                view_digest(view), view->name, photo_digest(photo));
+                sgs_rank_camera_digest(&view->camera, &view->pose), view->name,
+                sgs_rank_photo_digest(photo));
     }
     return SGS_STATUS_OK;
 }
@@ -105,12 +120,13 @@ sgs_status sgsi_rank_handshake(const sgsi_train_views *views, const sgs_gaussian
                                sgs_ranks *ranks)
 {
     char hash[17];
-    char *text = NULL;
+    char *text = NULL, *program = sgs_rank_program_text();
     size_t size = 0;
     sgs_status status = SGS_STATUS_OK;
-    FILE *out = open_memstream(&text, &size);
+    FILE *out = program ? open_memstream(&text, &size) : NULL;
     if (out) {
-        describe_program(out, views->options);
+        fputs(program, out);
+        describe_options(out, views->options);
         sgs_gaussians_hash(model, hash);
         fprintf(out, "initial model: %s\n", hash);
         status = describe_views(out, views);
@@ -118,6 +134,7 @@ sgs_status sgsi_rank_handshake(const sgsi_train_views *views, const sgs_gaussian
     if ((!out || fclose(out)) && !status)
         status =
             sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to describe %zu views", views->count);
+    free(program);
     status = sgs_ranks_compare(ranks, status, text ? text : "");
     free(text);
     return status;

@@ -15,8 +15,6 @@
 #include "train/train_view.h"
 #include "train/view_ranks.h"
 
-enum { BLOCK_BYTES = SGS_PARAM_COUNT * SGS_LANES * sizeof(float) };
-
 struct sgs_rank_renderer {
     sgs_gaussians *model; // the own rows
     sgsi_train_views views;
@@ -43,7 +41,7 @@ typedef struct model_reader {
 static void give_blocks(void *context, void *bytes, size_t size)
 {
     model_reader *reader = context;
-    const size_t room = size / BLOCK_BYTES * SGS_LANES;
+    const size_t room = size / SGSI_BLOCK_BYTES * SGS_LANES;
     const size_t rows = room < reader->left ? room : reader->left;
     reader->left -= rows;
     if (!reader->status)
@@ -86,9 +84,8 @@ static sgs_status share_model(sgs_rank_renderer *renderer, sgs_ranks *ranks, con
         if (!made)
             made = sgs_gaussians_resize(renderer->model, own);
         reader.left = (size_t)head.count;
-        const sgsi_row_array array = {
-            made ? NULL : renderer->model->data, SGSI_SHARD_ROWS / SGS_LANES * BLOCK_BYTES,
-            (size_t)(head.count + SGS_LANES - 1) / SGS_LANES * BLOCK_BYTES};
+        const sgsi_row_array array =
+            sgsi_block_array(made ? NULL : renderer->model->data, (size_t)head.count);
         status = sgsi_rows_distribute(ranks, made, &array, give_blocks, &reader);
     }
     if (!status)

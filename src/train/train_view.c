@@ -28,6 +28,12 @@ static sgs_status create_workspaces(sgsi_train_views *views, int width, int heig
     return status;
 }
 
+// False for views that are only drawn.
+static bool are_trained(const sgsi_train_views *views)
+{
+    return views->options != NULL;
+}
+
 static bool is_training_view(const sgs_view *view)
 {
     return view->split == SGS_SPLIT_TRAIN && view->image.width;
@@ -46,7 +52,7 @@ static sgs_status add_views(sgsi_train_views *views, int *width, int *height)
     *width = *height = 1;
     for (size_t i = 0; i < scene->view_count; ++i) {
         const sgs_view *view = &scene->views[i];
-        if (views->options && !is_training_view(view))
+        if (are_trained(views) && !is_training_view(view))
             continue;
         const size_t k = views->count++;
         const size_t tiles = (size_t)((view->camera.width + SGSI_TILE - 1) / SGSI_TILE) *
@@ -172,9 +178,11 @@ static void set_planes(const sgsi_train_views *views, sgsi_train_view *view)
                                  .stride = ((size_t)width + 15) / 16 * 16,
                                  .color = {block, block + n, block + 2 * n},
                                  .transmittance = block + 3 * n};
-    for (int c = 0; c < 3 && views->loss; ++c)
+    if (!are_trained(views))
+        return;
+    for (int c = 0; c < 3; ++c)
         view->d_color[c] = block + (size_t)(4 + c) * n;
-    view->d_transmittance = views->loss ? block + 7 * n : NULL;
+    view->d_transmittance = block + 7 * n;
 }
 
 // Divides the view among the ranks.
@@ -217,7 +225,7 @@ sgs_status sgsi_train_view_project(sgsi_train_views *views, sgsi_train_view *vie
 sgs_status sgsi_train_view_forward(sgsi_train_views *views, sgsi_train_view *view)
 {
     sgs_status status = sgsi_tracer_forward(views->tracer, &view->view, &view->planes,
-                                            views->depth_bounds[view->index], views->loss != NULL);
+                                            views->depth_bounds[view->index], are_trained(views));
     if (!status && sgsi_tracer_counts(views->tracer).block_hits)
         sgs_ranks_raise(views->ranks, SGSI_RANKS_SEEN);
     if (!status && views->view_ranks)

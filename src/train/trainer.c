@@ -85,23 +85,27 @@ static sgs_status create_parts(sgs_trainer *trainer)
     return status ? status : plan_resolution(trainer);
 }
 
-sgs_status sgs_trainer_create(const sgs_scene *scene, const sgs_train_options *options,
-                              sgs_trainer **trainer)
+// takes: takes over `init`, which may be NULL, in place of options->init, also after a failure.
+static sgs_status create(const sgs_scene *scene, const sgs_train_options *options, bool takes,
+                         sgs_gaussians *init, sgs_trainer **trainer)
 {
     *trainer = NULL;
     sgs_train_options own = sgs_train_options_default();
     sgs_status status = sgsi_options_read(options, "sgs_train_options", &own, sizeof own);
+    if (takes)
+        own.init = init;
     if (!status)
         status = sgs_train_options_check(&own);
-    if (status)
+    if (!status && !own.init && !sgs_box_is_infinite(&own.region))
+        status = sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "region requires init");
+    sgs_trainer *made = status ? NULL : sgsi_calloc(1, sizeof *made);
+    if (!status && !made)
+        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a trainer");
+    if (status) {
+        sgs_gaussians_destroy(init);
         return status;
-    sgs_trainer *made = sgsi_calloc(1, sizeof *made);
-    if (!made)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a trainer");
-    if (!own.init && !sgs_box_is_infinite(&own.region)) {
-        sgsi_free(made);
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "region requires init");
     }
+    made->model = init;
     made->scene = scene;
     made->options = own;
     made->pipeline = sgsi_pipeline_get(own.pipeline);
@@ -115,6 +119,20 @@ sgs_status sgs_trainer_create(const sgs_scene *scene, const sgs_train_options *o
     }
     *trainer = made;
     return SGS_STATUS_OK;
+}
+
+sgs_status sgs_trainer_create(const sgs_scene *scene, const sgs_train_options *options,
+                              sgs_trainer **trainer)
+{
+    return create(scene, options, false, NULL, trainer);
+}
+
+sgs_status sgs_trainer_create_from(const sgs_scene *scene, const sgs_train_options *options,
+                                   sgs_gaussians **init, sgs_trainer **trainer)
+{
+    sgs_gaussians *taken = *init;
+    *init = NULL;
+    return create(scene, options, true, taken, trainer);
 }
 
 void sgs_trainer_destroy(sgs_trainer *trainer)
@@ -458,9 +476,14 @@ sgs_status sgs_trainer_step(sgs_trainer *trainer, sgs_step_info *info)
         status = check_ready(trainer);
     if (status)
         return status; // the same on all ranks
+    trainer->update_refused = false;
     status = step(trainer, info);
-    const bool known = trainer->update_refused && status == SGS_STATUS_OUT_OF_MEMORY;
-    return status && !known ? sgs_ranks_agree(trainer->views.ranks, status) : status;
+    if (!status)
+        return SGS_STATUS_OK;
+    // All ranks refuse an update alike, unless one of them failed.
+    const sgs_status own = trainer->update_refused ? SGS_STATUS_OK : status;
+    const sgs_status failed = sgs_ranks_agree(trainer->views.ranks, own);
+    return failed ? failed : status;
 }
 
 // ---- Measurements ----

@@ -83,8 +83,18 @@ static sgs_status scene_cloud(sgs_trainer *trainer)
     return status;
 }
 
+// Declares that all rows of a model have logits.
+static sgs_status declare_logits(sgs_gaussians *model)
+{
+    const size_t count = model->count;
+    model->linear_opacity = false;
+    const sgs_status status = sgs_gaussians_resize(model, model->capacity);
+    return status ? status : sgs_gaussians_resize(model, count); // inert rows of logits
+}
+
 // The cap keeps the primitives of largest opacity times cross section. It does not apply to those
-// outside of the region.
+// outside of the region. `from` may be the trainer's own model; it is replaced if rows are omitted,
+// because moments and statistics have the capacity of the model.
 static sgs_status copy_initial_model(sgs_trainer *trainer, const sgs_gaussians *from)
 {
     const size_t cap = trainer->options.max_gaussians, n = from->count ? from->count : 1;
@@ -105,20 +115,26 @@ static sgs_status copy_initial_model(sgs_trainer *trainer, const sgs_gaussians *
                   "cross section, limited by option max_gaussians",
                   owned, wanted);
     const size_t count = from->count - owned + wanted;
-    sgs_status status = sgs_gaussians_create(count + SGS_LANES, &trainer->model);
-    if (!status)
-        status = sgs_gaussians_resize(trainer->model, count);
-    if (!status)
-        status = sgsi_select_largest(from, own, wanted, chosen);
+    const bool in_place = from == trainer->model && count == from->count;
+    sgs_gaussians *made = in_place ? trainer->model : NULL;
+    sgs_status status = sgsi_select_largest(from, own, wanted, chosen);
+    if (!status && !in_place)
+        status = sgs_gaussians_create(count + SGS_LANES, &made);
+    if (!status && !in_place)
+        status = sgs_gaussians_resize(made, count);
     for (size_t i = 0; i < from->count && !status; ++i) {
         if (own[i] && !chosen[i])
             continue;
         float params[SGS_PARAM_COUNT];
         sgs_gaussians_get(from, i, params);
         params[SGS_PARAM_OPACITY] = sgs_gaussians_opacity_logit(from, i);
-        sgs_gaussians_set(trainer->model, taken++, params);
+        sgs_gaussians_set(made, taken++, params);
     }
     sgsi_free(marks);
+    if (in_place)
+        return status ? status : declare_logits(made);
+    sgs_gaussians_destroy(trainer->model);
+    trainer->model = made;
     return status;
 }
 

@@ -14,7 +14,7 @@
 #include "model/model_hash.h"
 #include "train/trainer_state.h"
 
-enum { BLOCK_BYTES = SGS_PARAM_COUNT * SGS_LANES * sizeof(float), ITEM_BYTES = 64 };
+enum { ITEM_BYTES = 64 };
 
 // ---- From the whole model to the own rows ----
 
@@ -51,7 +51,7 @@ static sgs_status share_model(sgs_trainer *trainer)
         return status;
     }
     own->sh_degree = whole->sh_degree;
-    keep_own(own->data, whole->data, trainer->count, SGS_LANES, BLOCK_BYTES, rank, ranks);
+    keep_own(own->data, whole->data, trainer->count, SGS_LANES, SGSI_BLOCK_BYTES, rank, ranks);
     if (filter)
         keep_own(filter, trainer->filter_3d, trainer->count, 1, sizeof *filter, rank, ranks);
     sgsi_free(trainer->filter_3d);
@@ -167,13 +167,6 @@ static sgs_status collect_filter(sgs_trainer *trainer, sgs_status own, float *wh
                               : sgs_ranks_agree(trainer->views.ranks, own);
 }
 
-static sgsi_row_array params_array(const sgs_trainer *trainer)
-{
-    const size_t blocks = (trainer->count + SGS_LANES - 1) / SGS_LANES;
-    return (sgsi_row_array){trainer->model->data, SGSI_SHARD_ROWS / SGS_LANES * BLOCK_BYTES,
-                            blocks * BLOCK_BYTES};
-}
-
 sgs_status sgs_trainer_collect(sgs_trainer *trainer)
 {
     sgs_ranks *ranks = trainer->views.ranks;
@@ -183,7 +176,7 @@ sgs_status sgs_trainer_collect(sgs_trainer *trainer)
     sgsi_trainer_release(trainer);
     if (!sgsi_trainer_rank(trainer))
         own = make_copy(trainer);
-    sgsi_row_array array = params_array(trainer);
+    sgsi_row_array array = sgsi_block_array(trainer->model->data, trainer->count);
     char *at = trainer->collected ? (char *)trainer->collected->data : NULL;
     sgs_status status = sgsi_rows_collect(ranks, own, &array, append, &at);
     if (!status)
@@ -214,7 +207,8 @@ typedef struct parts_job {
 static void take_blocks(void *context, void *bytes, size_t size)
 {
     parts_job *job = context;
-    const size_t rows = size / BLOCK_BYTES * SGS_LANES, left = job->trainer->count - job->first;
+    const size_t rows = size / SGSI_BLOCK_BYTES * SGS_LANES,
+                 left = job->trainer->count - job->first;
     sgs_gaussians part = *job->trainer->model;
     part.data = bytes;
     part.count = part.capacity = rows < left ? rows : left;
@@ -239,7 +233,7 @@ sgs_status sgs_trainer_hash(sgs_trainer *trainer, char hex[17])
     sgsi_gaussians_hasher *hasher =
         sgsi_gaussians_hash_begin(trainer->count, trainer->model->sh_degree);
     parts_job job = {.trainer = trainer, .take = hash_rows, .taker = hasher};
-    const sgsi_row_array array = params_array(trainer);
+    const sgsi_row_array array = sgsi_block_array(trainer->model->data, trainer->count);
     const sgs_status own =
         hasher ? SGS_STATUS_OK : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a hash");
     const sgs_status status = sgsi_rows_collect(ranks, own, &array, take_blocks, &job);
@@ -265,7 +259,7 @@ static void write_fused(void *taker, sgs_gaussians *rows, const float *filter_3d
 // Copies of all rows in parts to rank 0.
 static sgs_status pass_parts(sgs_trainer *trainer, parts_job *job)
 {
-    const sgsi_row_array array = params_array(trainer);
+    const sgsi_row_array array = sgsi_block_array(trainer->model->data, trainer->count);
     if (sgsi_trainer_is_shared(trainer))
         return sgsi_rows_collect(trainer->views.ranks, SGS_STATUS_OK, &array, take_blocks, job);
     char *part = sgsi_alloc(array.group, 1);
@@ -332,9 +326,7 @@ sgs_status sgs_trainer_write_ply(sgs_trainer *trainer, const char *path)
 
 sgs_status sgs_trainer_write_ply_filter_3d(sgs_trainer *trainer, const char *path)
 {
-    if (trainer->filter_3d)
-        return write_filtered(trainer, path, SGSI_PLY_FILTER_3D);
-    const sgs_status own =
-        sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: the model has no 3D filter", path);
-    return own; // the same on all ranks
+    return trainer->filter_3d // the same on all ranks
+               ? write_filtered(trainer, path, SGSI_PLY_FILTER_3D)
+               : sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: the model has no 3D filter", path);
 }

@@ -235,6 +235,7 @@ cat >"$temporary/bin/ffmpeg" <<'EOF'
 #!/usr/bin/env bash
 printf '%s\n' "$@" >"$FFMPEG_SAYS"
 [ -z "${FFMPEG_FAILS:-}" ] || { echo 'first word' >&2; echo 'no such encoder' >&2; exit 1; }
+[ -z "${FFMPEG_ENDS:-}" ] || { head -c 1000 >"${@: -1}"; exit 0; }
 wc -c >"${@: -1}"
 EOF
 chmod +x "$temporary/bin/ffmpeg"
@@ -244,6 +245,7 @@ PATH=$temporary/bin:$PATH
 run 0 render "$model" "$room" --orbit 3 --size 33x20 --video "$temporary/film;x.mp4" --fps 24
 prints "$temporary/film;x.mp4"
 check three_frames_of_bytes test "$(tr -d ' ' <"$temporary/film;x.mp4")" = $((3 * 33 * 20 * 3))
+check threads_of_the_encoder_are_fixed grep -qxA1 -- -threads "$temporary/arguments"
 check size_and_rate bash -c "grep -qx 33x20 '$temporary/arguments' && grep -qx 24 '$temporary/arguments'"
 check no_leftover test "$(find "$temporary" -maxdepth 1 -name '.*' -type f | wc -l)" = 0
 run 0 render "$model" --camera "$temporary/path.json" --video "$temporary/path.mp4" -o "$temporary/both" --format png --aov rgba
@@ -253,11 +255,39 @@ FFMPEG_FAILS=1 run 1 render "$model" "$room" --orbit 2 --size 33x20 --video "$te
 one_line
 reports "bad.mp4: ffmpeg failed: no such encoder"
 check no_video test ! -e "$temporary/bad.mp4"
+FFMPEG_ENDS=1 run 1 render "$model" "$room" --orbit 2 --size 400x300 --video "$temporary/bad.mp4"
+one_line
+reports "bad.mp4: ffmpeg failed: it ended early, without an error message"
+check no_video test ! -e "$temporary/bad.mp4"
+jq '[.[0], (.[0] | .width += 2)]' "$model/cameras.json" >"$temporary/sizes.json"
+run 1 render "$model" --camera "$temporary/sizes.json" --video "$temporary/bad.mp4" -o "$temporary/no_frames"
+one_line
+reports "all frames of a video must have the same size"
+check before_the_first_frame test "$(find "$temporary/no_frames" -name '*.exr' | wc -l)" = 0
+# a request to stop discards the video
+status=0
+last_command="SIGTERM to render --video"
+timeout --foreground 120 "$program" render "$model" "$room" --orbit 20000 --size 33x20 --video "$temporary/stopped.mp4" \
+    >"$temporary/stdout" 2>"$temporary/stderr" &
+job=$!
+for ((i = 0; i < 600; ++i)); do
+    if compgen -G "$temporary/.stopped.*.mp4" >/dev/null; then break; fi
+    sleep 0.1
+done
+kill -TERM "$(pgrep -P $job)" || true
+wait $job || status=$?
+check status_of_the_signal test "$status" = 143
+reports "stopped.mp4: stopped before the last frame; no video was written"
+check no_leftover test -z "$(find "$temporary" -name '*stopped*')"
 mkdir "$temporary/empty"
 PATH=$temporary/empty run 1 render "$model" "$room" --orbit 2 --video "$temporary/none.mp4"
 PATH=$real_path
 one_line
 reports "ffmpeg, which is not installed"
+for film in "$temporary/video" "$temporary/" "$temporary/video." .mp4; do
+    run 2 render "$model" "$room" --orbit 2 --video "$film"
+    reports "has no extension, which selects the format"
+done
 run 2 render "$model" "$room" --orbit 2
 reports "or --video FILE"
 if command -v ffprobe >/dev/null; then # the real one, where it is

@@ -5,7 +5,6 @@
 // in order to rank 0, and distributed from it, for numbers of groups and ranks that do not divide
 // each other, incomplete groups, windows of several turns, and ranks without a group.
 
-#include <pthread.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -16,6 +15,7 @@
 #include <cmocka.h>
 
 #include "cluster/row_streams.h"
+#include "support/ranks_support.h"
 
 enum { MOST_RANKS = 5 };
 
@@ -26,7 +26,6 @@ static unsigned char expected(size_t i)
 }
 
 typedef struct member {
-    sgsi_transport transport;
     size_t group, total;
     size_t wrong;  // bytes
     size_t passed; // by rank 0
@@ -49,33 +48,31 @@ static void give(void *context, void *bytes, size_t size)
 }
 
 // The bytes of the groups of a rank, one by one.
-static size_t fill_own(const member *m, unsigned char *own)
+static size_t fill_own(const member *m, const sgs_ranks *ranks, unsigned char *own)
 {
     size_t at = 0;
     for (size_t i = 0; i < m->total; ++i)
-        if (i / m->group % (size_t)m->transport.count == (size_t)m->transport.rank)
+        if (i / m->group % (size_t)sgs_ranks_count(ranks) == (size_t)sgs_ranks_rank(ranks))
             own[at++] = expected(i);
     return at;
 }
 
-static void *run_rank(void *context)
+static void run_rank(void *context, sgs_ranks *ranks)
 {
     member *m = context;
-    sgs_ranks *ranks;
-    if (sgsi_ranks_create(&m->transport, &ranks))
-        abort();
+    const int rank = sgs_ranks_rank(ranks);
     unsigned char *own = calloc(m->total + 1, 1), *whole = calloc(m->total + 1, 1),
                   *got = calloc(m->total + 1, 1);
     m->collected = calloc(m->total + 1, 1);
     sgsi_row_array array = {own, m->group, m->total};
-    const size_t bytes = fill_own(m, own);
-    m->wrong += sgsi_row_array_bytes(&array, m->transport.rank, m->transport.count) != bytes;
+    const size_t bytes = fill_own(m, ranks, own);
+    m->wrong += sgsi_row_array_bytes(&array, rank, sgs_ranks_count(ranks)) != bytes;
     if (sgsi_rows_gather(ranks, SGS_STATUS_OK, SGS_RANKS_OTHER, &array, whole) ||
         sgsi_rows_collect(ranks, SGS_STATUS_OK, &array, take, m))
         abort();
     for (size_t i = 0; i < m->total; ++i)
         m->wrong += whole[i] != expected(i);
-    const size_t reached = m->transport.rank ? 0 : m->total;
+    const size_t reached = rank ? 0 : m->total;
     m->wrong += m->passed != reached;
     for (size_t i = 0; i < reached; ++i)
         m->wrong += m->collected[i] != expected(i);
@@ -88,8 +85,6 @@ static void *run_rank(void *context)
     free(whole);
     free(got);
     free(m->collected);
-    sgs_ranks_close(ranks);
-    return NULL;
 }
 
 static void arrays_arrive_complete_and_in_order(void **state)
@@ -99,21 +94,14 @@ static void arrays_arrive_complete_and_in_order(void **state)
                                       {100, 1999}, {1000, 999000}, {4096, 8191}, {60416, 9000001}};
     for (size_t k = 0; k < sizeof cases / sizeof *cases; ++k)
         for (int count = 1; count <= MOST_RANKS; ++count) {
-            sgsi_transport transports[MOST_RANKS];
-            member members[MOST_RANKS] = {0};
-            pthread_t threads[MOST_RANKS];
-            assert_true(sgsi_ranks_threads(count, transports));
-            for (int r = 0; r < count; ++r) {
-                members[r] = (member){
-                    .transport = transports[r], .group = cases[k][0], .total = cases[k][1]};
-                assert_int_equal(pthread_create(&threads[r], NULL, run_rank, &members[r]), 0);
-            }
-            for (int r = 0; r < count; ++r) {
-                pthread_join(threads[r], NULL);
+            member members[MOST_RANKS];
+            for (int r = 0; r < count; ++r)
+                members[r] = (member){.group = cases[k][0], .total = cases[k][1]};
+            ranks_run(count, members, sizeof *members, run_rank);
+            for (int r = 0; r < count; ++r)
                 if (members[r].wrong)
                     fail_msg("groups of %zu of %zu bytes: rank %d of %d has %zu wrong", cases[k][0],
                              cases[k][1], r, count, members[r].wrong);
-            }
         }
 }
 

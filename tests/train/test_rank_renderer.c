@@ -7,7 +7,6 @@
 // another size fail on all ranks with one message.
 
 #include <math.h>
-#include <pthread.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -18,9 +17,10 @@
 
 #include <cmocka.h>
 
-#include "cluster/rank_calls.h"
+#include "base/core.h"
 #include "sparegs/rank_renderer.h"
 #include "support/files_support.h"
+#include "support/ranks_support.h"
 
 enum { MOST_RANKS = 4, ROWS = 3000, WIDTH = 150, HEIGHT = 90 };
 
@@ -31,32 +31,26 @@ static const sgs_camera_model models[] = {SGS_CAMERA_PINHOLE, SGS_CAMERA_OPENCV,
                                           SGS_CAMERA_OPENCV_FISHEYE};
 enum { VIEWS = sizeof models / sizeof *models };
 
-static double draw_number(uint64_t *state)
-{
-    *state = *state * 6364136223846793005u + 1442695040888963407u;
-    return (double)(*state >> 11) / 9007199254740992.0;
-}
-
 // Primitives around (0, 0, 3); every hundredth has the position of the one before it, and some are
 // not finite.
 static void write_model(const char *path)
 {
     sgs_gaussians *model;
-    uint64_t state = 7;
+    uint64_t drawn = 0;
     assert_int_equal(sgs_gaussians_create(ROWS, &model), SGS_STATUS_OK);
     assert_int_equal(sgs_gaussians_resize(model, ROWS), SGS_STATUS_OK);
     float params[SGS_PARAM_COUNT] = {0};
     for (size_t i = 0; i < ROWS; ++i) {
         for (int k = 0; k < SGS_PARAM_COUNT; ++k)
-            params[k] = (float)(0.4 * draw_number(&state) - 0.2);
+            params[k] = (float)(0.4 * sgsi_random_uniform(7, drawn++) - 0.2);
         for (int k = 0; k < 3; ++k) {
-            params[SGS_PARAM_SCALE + k] = (float)(-4.5 + 2.0 * draw_number(&state));
-            params[SGS_PARAM_SH_DC + k] = (float)(2.0 * draw_number(&state) - 1.0);
-            params[SGS_PARAM_MEAN + k] = (float)(3.0 * draw_number(&state) - 1.5);
+            params[SGS_PARAM_SCALE + k] = (float)(-4.5 + 2.0 * sgsi_random_uniform(7, drawn++));
+            params[SGS_PARAM_SH_DC + k] = (float)(2.0 * sgsi_random_uniform(7, drawn++) - 1.0);
+            params[SGS_PARAM_MEAN + k] = (float)(3.0 * sgsi_random_uniform(7, drawn++) - 1.5);
         }
         params[SGS_PARAM_MEAN + 2] += 3.0f;
         params[SGS_PARAM_ROTATION] = 1.0f;
-        params[SGS_PARAM_OPACITY] = (float)(4.0 * draw_number(&state) - 1.0);
+        params[SGS_PARAM_OPACITY] = (float)(4.0 * sgsi_random_uniform(7, drawn++) - 1.0);
         if (i % 100 == 99)
             for (int k = 0; k < 3; ++k)
                 params[SGS_PARAM_MEAN + k] = *sgs_gaussians_at(model, i - 1, SGS_PARAM_MEAN + k);
@@ -117,7 +111,6 @@ static int finish(void **state)
 // ---- Ranks ----
 
 typedef struct member {
-    sgsi_transport transport;
     const char *path;
     sgs_render_options options;
     int frame_width; // of the frame for the first view
@@ -126,40 +119,28 @@ typedef struct member {
     char message[256];
 } member;
 
-static void *run_rank(void *context)
+static void run_rank(void *context, sgs_ranks *ranks)
 {
     member *m = context;
-    sgs_ranks *ranks;
     sgs_rank_renderer *renderer = NULL;
-    if (sgsi_ranks_create(&m->transport, &ranks))
-        abort();
     m->status = sgs_rank_renderer_create(ranks, scene, m->path, &m->options, &renderer);
     for (int v = 0; v < VIEWS && !m->status; ++v) {
-        const int receiver = v % m->transport.count;
+        const int receiver = v % sgs_ranks_count(ranks);
         sgs_status own = SGS_STATUS_OK;
-        if (receiver == m->transport.rank)
+        if (receiver == sgs_ranks_rank(ranks))
             own = sgs_frame_create_with(v ? WIDTH : m->frame_width, HEIGHT, 0, &m->frames[v]);
         m->status = sgs_rank_renderer_render(renderer, own, (size_t)v, receiver, &m->frames[v]);
     }
     if (m->status)
         snprintf(m->message, sizeof m->message, "%s", sgs_last_error());
     sgs_rank_renderer_destroy(renderer);
-    sgs_ranks_close(ranks);
-    return NULL;
 }
 
 static void draw(const member *plan, int count, member *all)
 {
-    sgsi_transport transports[MOST_RANKS];
-    pthread_t threads[MOST_RANKS];
-    assert_true(sgsi_ranks_threads(count, transports));
-    for (int r = 0; r < count; ++r) {
-        all[r] = *plan;
-        all[r].transport = transports[r];
-        assert_int_equal(pthread_create(&threads[r], NULL, run_rank, &all[r]), 0);
-    }
     for (int r = 0; r < count; ++r)
-        pthread_join(threads[r], NULL);
+        all[r] = *plan;
+    ranks_run(count, all, sizeof *all, run_rank);
 }
 
 static void free_frames(member *all, int count)

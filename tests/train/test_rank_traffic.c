@@ -4,7 +4,6 @@
 // The predicted traffic of ranks, from the lists of one process, equals what ranks count: calls,
 // messages and bytes of every rank in every iteration, by purpose.
 
-#include <pthread.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -16,8 +15,8 @@
 #include <cmocka.h>
 
 #include "base/core.h"
-#include "cluster/rank_calls.h"
 #include "sparegs/trainer.h"
+#include "support/ranks_support.h"
 #include "train/rank_traffic.h"
 #include "train/trainer_state.h"
 #include "train/view_ranks.h"
@@ -30,7 +29,6 @@ typedef struct counts {
 
 typedef struct training {
     sgs_train_options options;
-    sgsi_transport transport;
     counts sent[ITERATIONS]; // of one rank
     bool structural[ITERATIONS];
 } training;
@@ -60,13 +58,11 @@ static counts counted(const sgs_ranks *ranks)
     return all;
 }
 
-static void *run_rank(void *context)
+static void run_rank(void *context, sgs_ranks *ranks)
 {
     training *t = context;
-    sgs_ranks *ranks = NULL;
     sgs_trainer *trainer = NULL;
-    if (sgsi_ranks_create(&t->transport, &ranks) ||
-        sgs_trainer_create(scene, &t->options, &trainer) || sgs_trainer_ranks_set(trainer, ranks))
+    if (sgs_trainer_create(scene, &t->options, &trainer) || sgs_trainer_ranks_set(trainer, ranks))
         abort();
     for (int i = 0; i < ITERATIONS; ++i) {
         const counts before = counted(ranks);
@@ -82,23 +78,6 @@ static void *run_rank(void *context)
         }
     }
     sgs_trainer_destroy(trainer);
-    sgs_ranks_close(ranks);
-    return NULL;
-}
-
-// Trains on ranks that are threads; all [ranks].
-static void train_ranks(const sgs_train_options *options, int ranks, training *all)
-{
-    sgsi_transport transports[MOST_RANKS];
-    pthread_t threads[MOST_RANKS];
-    assert_true(sgsi_ranks_threads(ranks, transports));
-    for (int r = 0; r < ranks; ++r) {
-        all[r].options = *options;
-        all[r].transport = transports[r];
-        assert_int_equal(pthread_create(&threads[r], NULL, run_rank, &all[r]), 0);
-    }
-    for (int r = 0; r < ranks; ++r)
-        pthread_join(threads[r], NULL);
 }
 
 // One process with the costs of the cells at the last visit of each view.
@@ -167,7 +146,9 @@ static void check(int ranks, bool exposure)
     sgs_train_options options = sgs_train_options_default();
     options.iterations = 150;
     options.exposure = exposure;
-    train_ranks(&options, ranks, all);
+    for (int r = 0; r < ranks; ++r)
+        all[r].options = options;
+    ranks_run(ranks, all, sizeof *all, run_rank);
     single s = {.tiles = calloc(100000, sizeof *s.tiles),
                 .costs = calloc(scene->view_count, sizeof *s.costs)};
     assert_int_equal(sgs_trainer_create(scene, &options, &s.trainer), SGS_STATUS_OK);

@@ -6,7 +6,6 @@
 // masks and HDR photographs, for random divisions of the images, and after a checkpoint was loaded
 // by another number of ranks. A failure on one rank stops all with its message.
 
-#include <pthread.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -19,10 +18,10 @@
 
 #include "base/core.h"
 #include "base/threads.h"
-#include "cluster/rank_calls.h"
 #include "sparegs/runtime.h"
 #include "sparegs/trainer.h"
 #include "support/files_support.h"
+#include "support/ranks_support.h"
 
 enum { ITERATIONS = 150, MOST_RANKS = 4 };
 
@@ -113,20 +112,20 @@ typedef struct training {
     int failing; // this rank fails in iteration `failing_at`, -1 = none
     int failing_at;
     size_t failing_allocation;
-    sgsi_transport transport;
-    sgs_ranks *ranks;
+    size_t memory_limit; // 0 = none
     result out;
 } training;
 
-static bool steps(training *t, sgs_trainer *trainer)
+static bool steps(training *t, sgs_trainer *trainer, int rank)
 {
-    const int rank = sgs_ranks_rank(t->ranks);
     for (int i = t->first; i < t->last; ++i) {
         sgs_step_info info;
-        if (i == t->failing_at && rank == t->failing)
+        const bool fails = i == t->failing_at && rank == t->failing;
+        if (fails)
             sgsi_fail_allocation(t->failing_allocation);
         t->out.status = sgs_trainer_step(trainer, &info);
-        sgsi_fail_allocation(0);
+        if (fails) // not the others, which may be behind
+            sgsi_fail_allocation(0);
         if (t->out.status) {
             snprintf(t->out.message, sizeof t->out.message, "%s", sgs_last_error());
             return false;
@@ -148,19 +147,18 @@ static sgs_status write_files(const training *t, sgs_trainer *trainer)
     return status;
 }
 
-static void *run_rank(void *context)
+static void run_rank(void *context, sgs_ranks *ranks)
 {
     training *t = context;
-    if (t->transport.state && sgsi_ranks_create(&t->transport, &t->ranks))
-        abort();
-    if (t->ranks)
-        t->ranks->cut_seed = t->cut_seed;
+    if (ranks)
+        ranks->cut_seed = t->cut_seed;
     sgs_trainer *trainer = NULL;
     if (sgs_trainer_create(t->scene, &t->options, &trainer) ||
-        sgs_trainer_ranks_set(trainer, t->ranks) ||
+        sgs_trainer_ranks_set(trainer, ranks) ||
         (t->first && sgs_trainer_load_checkpoint(trainer, folder)))
         abort();
-    if (steps(t, trainer)) {
+    sgs_trainer_memory_limit_set(trainer, t->memory_limit, 0);
+    if (steps(t, trainer, sgs_ranks_rank(ranks))) {
         t->out.status = sgs_trainer_hash(trainer, t->out.hash);
         t->out.gaussians = sgs_trainer_count(trainer);
         if (t->saves)
@@ -169,32 +167,21 @@ static void *run_rank(void *context)
             t->out.status = write_files(t, trainer);
     }
     sgs_trainer_destroy(trainer);
-    sgs_ranks_close(t->ranks);
-    return NULL;
 }
 
 // Trains on `count` ranks, 0 = a plain training. out [count].
 static void train(const training *plan, int count, result *out)
 {
     training all[MOST_RANKS];
-    sgsi_transport transports[MOST_RANKS];
-    pthread_t threads[MOST_RANKS];
-    if (!count) {
-        all[0] = *plan;
-        run_rank(&all[0]);
-        *out = all[0].out;
-        return;
-    }
-    assert_true(sgsi_ranks_threads(count, transports));
-    for (int r = 0; r < count; ++r) {
+    const int members = count ? count : 1;
+    for (int r = 0; r < members; ++r)
         all[r] = *plan;
-        all[r].transport = transports[r];
-        assert_int_equal(pthread_create(&threads[r], NULL, run_rank, &all[r]), 0);
-    }
-    for (int r = 0; r < count; ++r) {
-        pthread_join(threads[r], NULL);
+    if (count)
+        ranks_run(count, all, sizeof *all, run_rank);
+    else
+        run_rank(&all[0], NULL);
+    for (int r = 0; r < members; ++r)
         out[r] = all[r].out;
-    }
 }
 
 static training plan_of(sgs_pipeline pipeline)
@@ -344,7 +331,24 @@ static void model_files_have_the_bytes_of_one_process(void **state)
     }
 }
 
-// The n-th allocation of rank 1 fails in some iteration: all ranks stop with its message.
+// Trains with the n-th allocation after rank 1 has begun the iteration failing: all ranks stop with
+// one message. Returns the number of failures, 0 or 1.
+static int fail_at(training *plan, int iteration, size_t n)
+{
+    result actual[MOST_RANKS];
+    plan->failing = 1;
+    plan->failing_at = iteration;
+    plan->failing_allocation = n;
+    train(plan, 3, actual);
+    for (int r = 0; r < 3; ++r) {
+        assert_int_equal(actual[r].status, actual[0].status);
+        assert_string_equal(actual[r].message, actual[0].message);
+    }
+    if (actual[0].status)
+        assert_non_null(strstr(actual[0].message, "rank "));
+    return actual[0].status != SGS_STATUS_OK;
+}
+
 static void a_failure_stops_all_ranks(void **state)
 {
     (void)state;
@@ -352,23 +356,27 @@ static void a_failure_stops_all_ranks(void **state)
     plan.options.iterations = plan.last = 60;
     int failures = 0;
     sgsi_threads_set(1);
-    for (size_t n = 1; n <= 40; n += 3) {
-        result actual[MOST_RANKS];
-        plan.failing = 1;
-        plan.failing_at = n % 2 ? 0 : 20; // allocates buffers; updates the structure
-        plan.failing_allocation = n;
-        train(&plan, 3, actual);
-        for (int r = 0; r < 3; ++r) {
-            assert_int_equal(actual[r].status, actual[0].status);
-            assert_string_equal(actual[r].message, actual[0].message);
-        }
-        if (actual[0].status) {
-            assert_non_null(strstr(actual[0].message, "rank "));
-            ++failures;
-        }
-    }
+    for (size_t n = 1; n <= 40; n += 3) // allocates buffers; updates the structure
+        failures += fail_at(&plan, n % 2 ? 0 : 20, n);
     sgsi_threads_set(0);
     assert_true(failures > 3);
+}
+
+// The ranks ask each other whether an update fits into the memory limit. One that has failed before
+// does not take part, which is not a refusal.
+static void a_failed_update_is_not_refused(void **state)
+{
+    (void)state;
+    training plan = plan_of(SGS_PIPELINE_3DGS);
+    plan.options.iterations = 60;
+    plan.last = 22;
+    plan.memory_limit = SIZE_MAX / 4;
+    int failures = 0;
+    sgsi_threads_set(1);
+    for (size_t n = 1; n <= 160; n += 3)
+        failures += fail_at(&plan, 20, n);
+    sgsi_threads_set(0);
+    assert_true(failures > 30);
 }
 
 int main(void)
@@ -382,6 +390,7 @@ int main(void)
         cmocka_unit_test(another_number_of_ranks_resumes),
         cmocka_unit_test(model_files_have_the_bytes_of_one_process),
         cmocka_unit_test(a_failure_stops_all_ranks),
+        cmocka_unit_test(a_failed_update_is_not_refused),
     };
     return cmocka_run_group_tests(tests, load, unload);
 }

@@ -15,21 +15,27 @@ _Static_assert(ATOMIC_INT_LOCK_FREE == 2, "handlers need atomic integers without
 
 enum { PASSED_ON = 1 << 16, REPEATED_SECONDS = 5 };
 static atomic_int received; // the signal, with PASSED_ON while only the forwarded one has arrived
-static atomic_long received_at; // seconds
+static atomic_long received_at; // seconds, of the first one that is not forwarded
 static atomic_int checkpoint_wanted;
+
+static long seconds(void)
+{
+    struct timespec now = {0};
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return now.tv_sec;
+}
 
 // A batch system sends SIGTERM to the process and to its launcher, which forwards it: a second one
 // soon after the first is the same request.
 static void receive(int signal_number)
 {
-    struct timespec now = {0};
-    clock_gettime(CLOCK_MONOTONIC, &now);
+    const long now = seconds();
     int before = received;
-    if (!before)
-        received_at = now.tv_sec;
+    if (!before || before & PASSED_ON)
+        received_at = now;
     do {
         if (before && !(before & PASSED_ON)) {
-            if (signal_number == SIGTERM && now.tv_sec - received_at < REPEATED_SECONDS)
+            if (signal_number == SIGTERM && now - received_at < REPEATED_SECONDS)
                 return;
             _exit(128 + signal_number);
         }
@@ -41,8 +47,11 @@ static void receive_once(int signal_number)
 {
     (void)signal_number;
     int before = 0;
-    if (!atomic_compare_exchange_strong(&received, &before, SIGTERM | PASSED_ON))
-        atomic_fetch_and(&received, ~PASSED_ON);
+    if (atomic_compare_exchange_strong(&received, &before, SIGTERM | PASSED_ON))
+        return;
+    if (before & PASSED_ON)
+        received_at = seconds();
+    atomic_fetch_and(&received, ~PASSED_ON);
 }
 
 static void want_checkpoint(int signal_number)
@@ -78,6 +87,12 @@ void interrupt_request(void)
 {
     int before = 0;
     atomic_compare_exchange_strong(&received, &before, SIGINT);
+}
+
+void interrupt_follow(int signal_number)
+{
+    int before = 0;
+    atomic_compare_exchange_strong(&received, &before, signal_number | PASSED_ON);
 }
 
 void interrupt_want_checkpoint(void)

@@ -24,6 +24,10 @@ int interrupt_signal(void);
 void interrupt_request(void);
 void interrupt_want_checkpoint(void);
 
+// A stop because another process of this run has received this signal, as if it were forwarded: the
+// signal itself may still arrive here. No effect after a signal.
+void interrupt_follow(int signal_number);
+
 // True once per request for a checkpoint.
 bool interrupt_take_checkpoint(void);
 

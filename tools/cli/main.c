@@ -177,6 +177,7 @@ static void open_standard_streams(void)
 int main(int argc, char **argv)
 {
     open_standard_streams();
+    group_silence();
     messages_hear_library(true);
     int status = run(argc, argv);
     if (status == EXIT_FAILED && scene_open_was_cancelled())

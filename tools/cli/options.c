@@ -41,6 +41,7 @@ int fail_usage(const char *format, ...)
         vsnprintf(text + length, sizeof text - (size_t)length, format, args);
     va_end(args);
     fprintf(stderr, "sparegs: %s\n", text);
+    last_error_set(text);
     json_result_error(text);
     return EXIT_USAGE;
 }

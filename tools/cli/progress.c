@@ -169,6 +169,11 @@ void messages_set_quiet(bool quiet)
     console.quiet = quiet;
 }
 
+void last_error_set(const char *text)
+{
+    snprintf(console.error, sizeof console.error, "%.1000s", text);
+}
+
 const char *last_error_text(void)
 {
     return console.error;

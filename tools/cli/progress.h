@@ -16,6 +16,8 @@ void messages_set_quiet(bool quiet);
 
 // The last error, without "sparegs: "; "" if there was none.
 const char *last_error_text(void);
+// For an error that was printed by other means.
+void last_error_set(const char *text);
 
 // Number of warnings so far, and the k-th one (only the first 100 are kept).
 size_t warning_count(void);

@@ -9,6 +9,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "cli/interrupt.h"
 #include "cli/options.h"
 #include "cli/output.h"
 #include "cli/progress.h"
@@ -17,9 +18,11 @@
 static sgs_ranks *ranks;
 static bool told; // the failure of a call is printed
 
-// What this process prints goes nowhere.
-static void silence(void)
+void group_silence(void)
 {
+    int rank;
+    if (sgs_ranks_launched(&rank) < 2 || !rank)
+        return;
     const int nothing = open("/dev/null", O_WRONLY);
     if (nothing < 0)
         return;
@@ -44,12 +47,9 @@ void group_check_binding(void)
 
 int group_open(const char *command, bool supported)
 {
-    int rank;
-    const int count = sgs_ranks_launched(&rank);
+    const int count = sgs_ranks_launched(NULL);
     if (count < 2)
         return -1;
-    if (rank)
-        silence();
     if (!supported)
         return fail_usage("%s runs in one process; start it without a launcher (%d processes were "
                           "launched)",
@@ -87,10 +87,24 @@ int group_count(void)
     return sgs_ranks_count(ranks);
 }
 
+static const struct {
+    int number;
+    unsigned request;
+} signals[] = {{SIGINT, GROUP_INTERRUPT}, {SIGTERM, GROUP_TERMINATE}, {SIGHUP, GROUP_HANG_UP}};
+enum { SIGNALS = sizeof signals / sizeof *signals };
+
+static void raise_own_signal(void)
+{
+    for (size_t k = 0; k < SIGNALS; ++k)
+        if (interrupt_signal() == signals[k].number)
+            sgs_ranks_raise(ranks, signals[k].request);
+}
+
 bool group_all(bool own)
 {
     if (!ranks)
         return own;
+    raise_own_signal();
     const char *text = last_error_text();
     const sgs_status status =
         sgs_ranks_agree_text(ranks, own ? SGS_STATUS_OK : SGS_STATUS_IO, text);
@@ -117,6 +131,29 @@ bool group_taken(unsigned request, bool own)
     if (raised)
         sgs_ranks_lower(ranks, request);
     return raised;
+}
+
+bool group_stop_requested(void)
+{
+    if (!ranks)
+        return interrupt_signal() != 0;
+    raise_own_signal();
+    for (size_t k = 0; k < SIGNALS; ++k) {
+        if (!(sgs_ranks_raised(ranks) & signals[k].request))
+            continue;
+        interrupt_follow(signals[k].number);
+        return true;
+    }
+    return false;
+}
+
+bool group_continues(size_t round, size_t every, bool own)
+{
+    if (!ranks)
+        return own && !interrupt_signal();
+    if (round % every)
+        return true;
+    return group_all(own) && !group_stop_requested();
 }
 
 int group_number(int value)

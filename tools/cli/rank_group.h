@@ -13,15 +13,19 @@
 
 // Requests that must reach all ranks in the same iteration.
 enum {
-    GROUP_SIGNAL = 1,
+    GROUP_TERMINATE = 1, // SIGTERM, see group_stop_requested
     GROUP_TIME = 2,
     GROUP_MEMORY = 4,
     GROUP_CHECKPOINT = 8,
-    GROUP_VIEW = 16 // the viewer needs the model
+    GROUP_VIEW = 16,      // the viewer needs the model
+    GROUP_INTERRUPT = 32, // SIGINT
+    GROUP_HANG_UP = 64    // SIGHUP
 };
 
-// Joins the ranks, if there is a launcher, and silences all but rank 0. `command` is for messages;
-// supported: whether it works on several ranks. Returns -1 to continue, or an exit status.
+// What this process prints goes nowhere, if it is a rank other than 0. Call it first.
+void group_silence(void);
+// Joins the ranks, if there is a launcher. `command` is for messages; supported: whether it works
+// on several ranks. Returns -1 to continue, or an exit status.
 int group_open(const char *command, bool supported);
 // Warns if the launcher has bound rank 0 to fewer cores than it has threads, or to one of many;
 // Open MPI binds each rank to a core or a socket by default. Call when the number of threads is
@@ -36,7 +40,7 @@ bool group_leads(void); // rank 0, or no ranks
 int group_count(void);  // 1 without ranks
 
 // Collective: true if all ranks pass true. A rank that passes false has printed its error, which
-// rank 0 prints for it.
+// rank 0 prints for it. A signal to this rank travels along, see group_stop_requested.
 bool group_all(bool own);
 
 // True if the request was raised on any rank; the same on all ranks in the same iteration. `own`
@@ -45,6 +49,16 @@ bool group_requested(unsigned request, bool own);
 
 // The same for a request that may be made again: it is withdrawn.
 bool group_taken(unsigned request, bool own);
+
+// True if any rank has received a signal to stop. A rank without one then behaves as if it had
+// received the same signal, so that all end with its status.
+bool group_stop_requested(void);
+
+// For loops of rounds in which every rank does work of its own: whether to continue with `round`.
+// The ranks meet in every `every`-th round; if one has failed (`own` is false) or received a
+// signal, all leave the loop there. Until then that rank has no more work to do. Collective.
+enum { GROUP_ROUNDS = 8 }; // `every` for rounds that need no other rank
+bool group_continues(size_t round, size_t every, bool own);
 
 // After a failure that all ranks have received: they may communicate again. True if all pass true.
 // Collective.

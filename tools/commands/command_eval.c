@@ -3,6 +3,7 @@
 
 // `sparegs eval`: the quality of a stored model on the views of a data set, image by image.
 
+#include <inttypes.h>
 #include <math.h>
 #include <stdlib.h>
 
@@ -10,6 +11,7 @@
 #include "draw/colormap.h"
 #include "run/evaluate.h"
 #include "run/exposure_file.h"
+#include "run/rank_work.h"
 #include "run/run_record.h"
 #include "cli/file_stems.h"
 #include "cli/interrupt.h"
@@ -18,6 +20,7 @@
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "cli/rank_group.h"
+#include "sparegs/rank_check.h"
 
 static const char description[] =
     "Renders the views of SCENE from MODEL (a model file, or a run folder: its latest iteration) "
@@ -152,6 +155,7 @@ static bool evaluate_on_ranks(const evaluator *evaluation, sgs_split split, imag
         fail_run("no memory for the scores of %zu views", count);
     done = group_all(done) &&
            evaluate_views(evaluation, split, NULL, folder ? save_view : NULL, folder, scores);
+    group_stop_requested(); // all ranks then end alike
     for (size_t v = 0; v < count && done; ++v)
         if (scores[v].is_scored)
             add_row(evaluation, &evaluation->scene->views[v], &scores[v].score, list, sum);
@@ -215,12 +219,18 @@ static bool evaluate_all(const evaluator *evaluation, sgs_split split, const cha
     const sgs_view *views = evaluation->scene->views;
     const size_t count = evaluation->scene->view_count;
     char **stems = save ? file_stems(&views->name, sizeof *views, count) : NULL;
-    bool done = !save || stems;
+    const bool ready = !save || (stems && make_folder(save) && check_writable(save));
+    if (!group_all(ready)) {
+        file_stems_free(stems, count);
+        json_decref(list);
+        return false;
+    }
+    bool done = true;
     if (!json)
         printf("%-32s %11s  %-7s  %-7s  %s%s\n", "image", "PSNR", "SSIM", "FLIP", "sharpness",
                evaluation->lpips ? "  LPIPS" : "");
     image_folder folder = {save, stems};
-    if (group_ranks() && group_all(done))
+    if (group_ranks())
         done = evaluate_on_ranks(evaluation, split, save ? &folder : NULL, list, &sum);
     for (size_t v = 0; v < count && done && !interrupt_signal() && !group_ranks(); ++v)
         if (view_in_split(&views[v], split))
@@ -243,12 +253,41 @@ static bool evaluate_all(const evaluator *evaluation, sgs_split split, const cha
     return true;
 }
 
-static int evaluate_model(const model_path *located, const json_t *exposures,
-                          const sgs_lpips *lpips, const sgs_scene *scene, drawing_values *drawing,
-                          const eval_values *values, bool split_given, bool json)
+typedef struct split_views {
+    const sgs_scene *scene;
+    sgs_split split;
+} split_views;
+
+static bool describe_views(FILE *out, const void *context)
+{
+    const split_views *views = context;
+    const sgs_scene *scene = views->scene;
+    // Scores are gathered by index in the scene.
+    fprintf(out, "number of images: %zu\nimages in the split: %zu\n", scene->view_count,
+            scene_split_count(scene, views->split));
+    for (size_t v = 0; v < scene->view_count; ++v) {
+        const sgs_view *view = &scene->views[v];
+        const sgs_photo *photo;
+        if (!view_in_split(view, views->split))
+            continue;
+        if (sgs_scene_photo(scene, v, &photo)) {
+            fail_library();
+            return false;
+        }
+        fprintf(out,
+                "index of %s: %zu\ncamera of %s: %016" PRIx64 "\nphotograph %s: %016" PRIx64 "\n",
+                view->name, v, view->name, sgs_rank_camera_digest(&view->camera, &view->pose),
+                view->name, sgs_rank_photo_digest(photo));
+    }
+    return true;
+}
+
+static int evaluate_model(const command_line *line, const model_path *located,
+                          const json_t *exposures, const sgs_lpips *lpips, const sgs_scene *scene,
+                          drawing_values *drawing, const eval_values *values, bool json)
 {
     sgs_split split = splits[values->split];
-    if (!split_given && !scene_split_count(scene, split))
+    if (!option_given(line, "split") && !scene_split_count(scene, split))
         split = SGS_SPLIT_ALL;
     if (!scene_split_count(scene, split))
         return fail_run("%s: no images in this split; hold images out with --eval, --test-every or "
@@ -258,7 +297,9 @@ static int evaluate_model(const model_path *located, const json_t *exposures,
     if (!model_read(located, drawing, &model))
         return EXIT_FAILED;
     evaluator evaluation = {0};
-    bool done = evaluator_open(&evaluation, model, scene, drawing);
+    const split_views views = {scene, split};
+    bool done = rank_work_agrees(&(rank_work){line, model, describe_views, &views}) &&
+                evaluator_open(&evaluation, model, scene, drawing);
     evaluation.exposures = exposures;
     evaluation.lpips = lpips;
     evaluation.lpips_input = (sgs_lpips_input)values->lpips_input;
@@ -333,8 +374,8 @@ int command_eval(int argc, char **argv)
                                     ? exposure_read(path, &damaged)
                                     : NULL;
             if (!damaged)
-                status = evaluate_model(&located, exposures, lpips, scene, &drawing, &values,
-                                        option_given(&call.line, "split"), call.common.json);
+                status = evaluate_model(&call.line, &located, exposures, lpips, scene, &drawing,
+                                        &values, call.common.json);
             json_decref(exposures);
             free(path);
         }

@@ -10,6 +10,7 @@
 
 #include "cli/commands.h"
 #include "run/experiment_plan.h"
+#include "run/rank_work.h"
 #include "run/run_record.h"
 #include "run/sub_command.h"
 #include "cli/interrupt.h"
@@ -401,7 +402,20 @@ static bool add_failures(int failures[2])
     return done;
 }
 
-// Run i on rank i modulo their number; rank 0 writes the results.
+// Runs without a result on rank 0.
+static size_t count_missing(const experiment_plan *plan)
+{
+    size_t missing = 0;
+    for (size_t i = 0; i < plan->count; ++i) {
+        json_t *summary = finished(&plan->runs[i]);
+        missing += !summary;
+        json_decref(summary);
+    }
+    return missing;
+}
+
+// Run i on rank i modulo their number; rank 0 writes the results. A signal to one rank does not
+// interrupt the runs of the others, but all then end with its status.
 static int run_all(const experiment_plan *plan, const char *folder)
 {
     int failed = 0, failed_points = 0;
@@ -428,11 +442,16 @@ static int run_all(const experiment_plan *plan, const char *folder)
         return EXIT_FAILED;
     failed = failures[0];
     failed_points = failures[1];
-    if (interrupt_signal())
+    if (group_stop_requested())
         return interrupt_status();
     if (failed)
         return fail_run("%s: %d of %zu runs failed; rerun the experiment to repeat them", folder,
                         failed, plan->count);
+    if (group_leads() && count_missing(plan))
+        return fail_run(
+            "%s: the results of %zu of %zu runs are missing; all ranks must use the same "
+            "folder",
+            folder, count_missing(plan), plan->count);
     return failed_points ? fail_run("%s: %d steps after training failed; rerun the experiment to "
                                     "repeat them",
                                     folder, failed_points)
@@ -464,20 +483,34 @@ static bool print_runs(const experiment_plan *plan, bool json)
     return true;
 }
 
-static int experiment(const char *path, const experiment_values *values, bool json)
+static bool describe_runs(FILE *out, const void *context)
+{
+    const experiment_plan *plan = context;
+    fprintf(out, "number of runs: %zu\n", plan->count);
+    bool done = true;
+    for (size_t i = 0; i < plan->count && done; ++i) {
+        char *run = format_text("run %s, plan", plan->runs[i].folder);
+        done = rank_work_write_json(out, run, plan->runs[i].settings);
+        free(run);
+    }
+    return done && rank_work_write_json(out, "post", json_object_get(plan->root, "post"));
+}
+
+static int experiment(const command_line *line, const experiment_values *values, bool json)
 {
     experiment_plan plan;
-    if (!experiment_plan_read(path, values->output ? values->output : ".", &plan))
+    if (!experiment_plan_read(line->operands[0], values->output ? values->output : ".", &plan))
         return EXIT_FAILED;
     int status = EXIT_FAILED;
-    if (values->output && !plans_agree(&plan)) {
+    if (!rank_work_agrees(&(rank_work){line, NULL, describe_runs, &plan}) ||
+        (values->output && !plans_agree(&plan))) {
         experiment_plan_free(&plan);
         return status;
     }
     if (values->check)
         status = print_runs(&plan, json) ? EXIT_DONE : EXIT_FAILED;
     else if (values->output && make_folder(values->output) && check_writable(values->output))
-        status = run_all(&plan, values->output);
+        status = group_all(true) ? run_all(&plan, values->output) : EXIT_FAILED;
     if (!values->check && json && status != EXIT_FAILED && !print_results(values->output))
         status = EXIT_FAILED;
     experiment_plan_free(&plan);
@@ -515,5 +548,5 @@ int command_experiment(int argc, char **argv)
     // Threads, instruction set and --quiet belong to the runs: set them in the plan's options.
     messages_set_quiet(call.common.quiet);
     interrupt_watch();
-    return experiment(call.line.operands[0], &values, call.common.json);
+    return experiment(&call.line, &values, call.common.json);
 }

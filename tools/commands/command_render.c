@@ -4,6 +4,7 @@
 // `sparegs render`: renders views of a stored model as EXR or PNG, by the tracer or, with
 // --reference, by the brute-force reference renderer that the tracer must match.
 
+#include <inttypes.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -17,6 +18,8 @@
 #include "cameras/camera_export.h"
 #include "cameras/render_cameras.h"
 #include "draw/view_drawer.h"
+#include "run/rank_work.h"
+#include "sparegs/rank_check.h"
 
 static const char description[] =
     "Renders MODEL (a PLY file, or a run folder: its latest iteration) from the cameras of SCENE, "
@@ -25,7 +28,7 @@ static const char description[] =
     "without extension, and prints the paths. EXR colours are premultiplied by alpha, without "
     "background, and scene-linear: the model's display (sRGB) values are decoded unless "
     "--exr-encoding srgb is given. PNGs and videos are composited over the background. Under "
-    "mpirun or srun, the views are spread over the processes.";
+    "mpirun or srun, the views are spread over the processes, and rank 0 encodes the video.";
 
 typedef struct render_values {
     const char *output, *view, *camera;
@@ -321,59 +324,128 @@ static bool find_regions(const char *model_name, int iteration, const sgs_gaussi
     return true;
 }
 
-// Reports `before` and the files of all ranks in the order of the views: each rank has those of
-// every group_count()-th view, as many of each.
-static bool merge_files(size_t views, json_t *before)
+// What the ranks have drawn, as {"drawn": n, "draw": seconds, "write": seconds, "files": [paths]}
+// of each: rank i % R has drawn view i, in order.
+static void merge_drawn(const json_t *all, size_t views, bool filmed, json_t *before,
+                        view_drawer *sum)
 {
-    if (!group_ranks())
+    const size_t count = json_array_size(all);
+    json_t *files = json_copy(before), *film = NULL;
+    json_t *first = json_object_get(json_array_get(all, 0), "files");
+    if (filmed) { // the last file of rank 0
+        film = json_incref(json_array_get(first, json_array_size(first) - 1));
+        json_array_remove(first, json_array_size(first) - 1);
+    }
+    *sum = (view_drawer){0};
+    for (size_t r = 0; r < count; ++r) {
+        const json_t *own = json_array_get(all, r);
+        sum->drawn += (size_t)json_integer_value(json_object_get(own, "drawn"));
+        sum->draw_seconds =
+            fmax(sum->draw_seconds, json_number_value(json_object_get(own, "draw")));
+        sum->write_seconds =
+            fmax(sum->write_seconds, json_number_value(json_object_get(own, "write")));
+    }
+    for (size_t i = 0; i < views; ++i) {
+        const json_t *own = json_array_get(all, i % count), *list = json_object_get(own, "files");
+        const size_t drawn = (size_t)json_integer_value(json_object_get(own, "drawn"));
+        const size_t each = drawn ? json_array_size(list) / drawn : 0;
+        for (size_t k = 0; k < each && i / count < drawn; ++k)
+            json_array_append(files, json_array_get(list, i / count * each + k));
+    }
+    if (film)
+        json_array_append_new(files, film);
+    reported_files_restore(files);
+}
+
+// Reports `before` and the files of all ranks in the order of the views, and what was drawn.
+static bool report_drawn(const view_drawer *drawer, size_t views, json_t *before)
+{
+    if (!group_ranks()) {
+        print_note("%zu view(s): %.2f s rendering, %.2f s writing in parallel", drawer->drawn,
+                   drawer->draw_seconds, drawer->write_seconds);
         return true;
-    const size_t count = (size_t)group_count();
-    json_t *all = group_gather_json(reported_files_take());
+    }
+    json_t *own = json_pack("{s:I,s:f,s:f,s:o}", "drawn", (json_int_t)drawer->drawn, "draw",
+                            drawer->draw_seconds, "write", drawer->write_seconds, "files",
+                            reported_files_take());
+    json_t *all = group_gather_json(own);
+    view_drawer sum;
     if (!all)
         return !group_leads();
-    json_t *files = json_copy(before);
-    for (size_t i = 0; i < views; ++i) {
-        const json_t *own = json_array_get(all, i % count);
-        const size_t drawn = (views - i % count + count - 1) / count,
-                     each = json_array_size(own) / drawn;
-        for (size_t k = 0; k < each; ++k)
-            json_array_append(files, json_array_get(own, i / count * each + k));
-    }
+    merge_drawn(all, views, drawer->filmed, before, &sum);
     json_decref(all);
-    reported_files_restore(files);
+    print_note("%zu view(s) on %d ranks: up to %.2f s rendering, %.2f s writing in parallel",
+               sum.drawn, group_count(), sum.draw_seconds, sum.write_seconds);
     return true;
+}
+
+// View i on rank i modulo their number. Each rank writes its files; the frames of a video go to
+// rank 0 in every round.
+static bool draw_views(view_drawer *drawer, const camera_list *cameras)
+{
+    const size_t ranks = (size_t)group_count(), rank = (size_t)sgs_ranks_rank(group_ranks());
+    const bool films = drawer->options->film && group_ranks();
+    bool done = true;
+    progress_work_start();
+    for (size_t first = 0; first < cameras->count; first += ranks) {
+        if (!group_continues(first / ranks, films ? 1 : GROUP_ROUNDS, done))
+            break;
+        const size_t left = cameras->count - first, views = left < ranks ? left : ranks;
+        const named_camera *view = rank < views ? &cameras->cameras[first + rank] : NULL;
+        if (films)
+            done = view_drawer_draw_round(drawer, view, views);
+        else if (view && done && !interrupt_signal())
+            done = view_drawer_draw(drawer, view);
+        progress_work("render", first + views, cameras->count);
+    }
+    progress_end();
+    return done;
 }
 
 static bool render_views(const sgs_gaussians *model, const camera_list *cameras,
                          const view_options *options, const drawing_values *drawing, json_t *before)
 {
     view_drawer drawer;
-    bool done =
-        view_drawer_open(&drawer, options, drawing, model) && view_drawer_measure(&drawer, cameras);
-    // View i on rank i modulo their number; each rank writes its files.
-    const size_t count = (size_t)group_count();
-    for (size_t i = (size_t)sgs_ranks_rank(group_ranks());
-         i < cameras->count && done && !interrupt_signal(); i += count) {
-        done = view_drawer_draw(&drawer, &cameras->cameras[i]);
-        progress_count("render", i + 1, cameras->count);
-    }
-    progress_end();
-    done = view_drawer_close(&drawer, done) && done;
-    done = group_all(done) && merge_files(cameras->count, before);
+    bool done = group_all(view_drawer_open(&drawer, options, drawing, model) &&
+                          view_drawer_prepare(&drawer, cameras));
+    done = done && draw_views(&drawer, cameras);
+    done = view_drawer_finish(&drawer) && done;
+    done = group_all(done); // the last views of all ranks, before the video replaces another one
+    const bool stopped = group_stop_requested();
+    done = view_drawer_close(&drawer, done && !stopped) && done;
+    done = group_all(done);
+    group_stop_requested(); // all ranks then end alike
+    done = done && report_drawn(&drawer, cameras->count, before);
+    if (done && stopped && options->film)
+        print_note("%s: stopped before the last frame; no video was written", options->film);
     if (done && cameras->arc > 0)
         print_note("orbit: arc of %.0f degrees; use --arc 360 for a full circle", cameras->arc);
-    if (done)
-        print_note("%zu view(s): %.2f s rendering, %.2f s writing in parallel", drawer.drawn,
-                   drawer.draw_seconds, drawer.write_seconds);
     return done;
 }
 
-static bool render_model(const char *name, const model_path *located, const camera_list *cameras,
-                         drawing_values *drawing, const render_values *values)
+static bool describe_cameras(FILE *out, const void *context)
+{
+    const camera_list *cameras = context;
+    fprintf(out, "number of views: %zu\n", cameras->count);
+    for (size_t i = 0; i < cameras->count; ++i) {
+        const named_camera *view = &cameras->cameras[i];
+        fprintf(out, "camera of %s: %016" PRIx64 "\n", view->name,
+                sgs_rank_camera_digest(&view->camera, &view->pose));
+    }
+    return true;
+}
+
+static bool render_model(const command_line *line, const model_path *located,
+                         const camera_list *cameras, drawing_values *drawing,
+                         const render_values *values)
 {
     sgs_gaussians *model = NULL;
     if (!model_read(located, drawing, &model))
         return false;
+    if (!rank_work_agrees(&(rank_work){line, model, describe_cameras, cameras})) {
+        sgs_gaussians_destroy(model);
+        return false;
+    }
     view_options options = view_options_from(values, cameras->fps);
     region_map regions = {0};
     options.regions = &regions;
@@ -384,7 +456,7 @@ static bool render_model(const char *name, const model_path *located, const came
     bool done = !exports || cameras_export(values->output, formats, cameras, options.fps);
     json_t *before = group_ranks() ? reported_files_take() : NULL;
     done = group_all(done) &&
-           find_regions(name, located->iteration, model, &regions, &options.aovs) &&
+           find_regions(line->operands[0], located->iteration, model, &regions, &options.aovs) &&
            render_views(model, cameras, &options, drawing, before);
     json_decref(before);
     region_map_free(&regions);
@@ -414,13 +486,20 @@ static int run_render(const command_line *line, const render_values *values,
         drawing_resolve(drawing, line, located.config, data, scene);
         if (values->reference)
             drawing->compact_box = 1; // the reference has no tiles
-        const bool done = render_model(line->operands[0], &located, &cameras, drawing, values);
+        const bool done = render_model(line, &located, &cameras, drawing, values);
         status = done ? interrupt_status() : EXIT_FAILED;
     }
     camera_list_free(&cameras);
     sgs_scene_destroy(scene);
     model_path_free(&located);
     return status;
+}
+
+static bool has_extension(const char *path)
+{
+    const char *slash = strrchr(path, '/'), *name = slash ? slash + 1 : path,
+               *dot = strrchr(name, '.');
+    return dot && dot > name && dot[1];
 }
 
 // Checks combinations of options and parses those with their own syntax. Returns -1 to continue, or
@@ -448,6 +527,10 @@ static int check_values(const command_line *line, const render_values *values,
         return fail_usage(
             "render requires an output folder, -o DIR (or --video FILE); usage: sparegs render %s",
             line->synopsis);
+    if (values->film && !has_extension(values->film))
+        return fail_usage("--video: '%s' has no extension, which selects the format; write for "
+                          "example video.mp4",
+                          values->film);
     if ((values->orbit > 0 || values->spiral > 0) && (paths > 1 || values->camera))
         return fail_usage(
             "--orbit, --spiral, --view, --split and --camera are mutually exclusive; choose one");
@@ -522,8 +605,6 @@ int command_render(int argc, char **argv)
     camera_choice choice;
     if (status < 0)
         status = check_values(&call.line, &values, &choice);
-    if (status < 0 && group_ranks() && values.film)
-        status = fail_usage("render --video runs in one process; start it without a launcher");
     if (status < 0)
         status = common_apply(&call.common, &call.line);
     if (status >= 0)

@@ -140,7 +140,6 @@ static bool memory_suffices(const training *run)
 
 static bool create_trainer(training *run)
 {
-    sgs_train_options options = run->values.options;
     sgs_gaussians *init = NULL;
     bool ready = true;
     if (run->values.init) {
@@ -152,12 +151,11 @@ static bool create_trainer(training *run)
         }
         model_path_free(&located);
     }
-    options.init = init;
     if (ready && run->values.region)
         sgs_gaussians_hash(init, run->init_hash);
     // Warnings about the initial model do not apply if a checkpoint replaces it.
     messages_hear_library(!run->values.resume || !run_folder_has_checkpoint(&run->folder));
-    if (ready && sgs_trainer_create(run->scene, &options, &run->trainer)) {
+    if (ready && sgs_trainer_create_from(run->scene, &run->values.options, &init, &run->trainer)) {
         fail_library();
         ready = false;
     }
@@ -329,12 +327,13 @@ static void record_update(training *run, const sgs_step_info *info)
     run_folder_record_update(&run->folder, info);
 }
 
-// Handles a failed step. Saves the state if it is consistent, as after an unreadable photograph.
-static bool give_up(training *run, const sgs_step_info *info)
+// Handles a failed step. Saves the state if it is whole on all ranks, as after an unreadable
+// photograph.
+static bool give_up(training *run, const sgs_step_info *info, bool whole)
 {
     char *reason = format_text("%s", sgs_last_error());
     const int iteration = sgs_trainer_iteration(run->trainer);
-    const bool whole = group_recover(iteration && sgs_trainer_is_consistent(run->trainer));
+    whole = whole && iteration;
     progress_end();
     if (whole && info->structural && group_leads())
         record_update(run, info);
@@ -359,7 +358,7 @@ static bool exceeds_memory(const training *run)
 // Whether to stop before the next iteration; the same on all ranks. Only rank 0 reads the clock.
 static sgs_stop_reason stop_requested(const training *run)
 {
-    if (group_requested(GROUP_SIGNAL, interrupt_signal() != 0))
+    if (group_stop_requested())
         return SGS_STOP_SIGNAL;
     if (sgs_trainer_iteration(run->trainer) >= run->values.options.iterations)
         return SGS_STOP_SCHEDULE; // resumed from a checkpoint of the last iteration
@@ -418,13 +417,13 @@ static bool iterate_once(training *run, trace_file *trace)
                    run->values.options.iterations);
         return true;
     }
-    if (status == SGS_STATUS_OUT_OF_MEMORY && run->values.max_memory &&
-        sgs_trainer_is_consistent(run->trainer)) {
+    const bool whole = !status || group_recover(sgs_trainer_is_consistent(run->trainer));
+    if (status == SGS_STATUS_OUT_OF_MEMORY && run->values.max_memory && whole) {
         run->stop = SGS_STOP_MEMORY_LIMIT; // the next structural update was refused
         return true;
     }
     if (status)
-        return give_up(run, &info);
+        return give_up(run, &info, whole);
     run->stop = info.stop;
     run->most_gaussians =
         info.gaussians > run->most_gaussians ? info.gaussians : run->most_gaussians;
@@ -446,7 +445,7 @@ static bool iterate(training *run, trace_file *trace)
         run->stop = stop_requested(run);
         if (run->stop != SGS_STOP_NONE)
             break;
-        done = run->longest_step > 0 || group_all(!group_leads() || !has_no_time(run));
+        done = run->own_iterations || group_all(!group_leads() || !has_no_time(run));
         done = done && iterate_once(run, trace);
     }
     progress_end();
@@ -638,7 +637,7 @@ static int prepare(training *run)
     bool loaded = load_plan(run) && memory_suffices(run) && load_scene(run) &&
                   evaluate_lpips(run->values.lpips, run->scene, &run->lpips);
     loaded = group_all(loaded);
-    if (loaded && group_requested(GROUP_SIGNAL, interrupt_signal() != 0)) {
+    if (loaded && group_stop_requested()) {
         print_warning("%s: stopped before the first iteration; nothing was written",
                       run->values.output);
         return interrupt_status();
@@ -673,10 +672,9 @@ static bool iterate_and_save(training *run)
 {
     const bool traces = run->values.trace && group_leads();
     trace_file *trace = traces ? trace_open(run->values.trace) : NULL;
-    bool done = (!traces || trace) && !(run->values.view && sgs_trainer_collect(run->trainer));
+    bool done = !(run->values.view && sgs_trainer_collect(run->trainer)) && (!traces || trace);
     done = group_all(done && (!group_leads() || open_view(run))) && iterate(run, trace);
-    done = trace_close(trace, done) && done;
-    done = done && group_all(save_results(run));
+    done = group_all(trace_close(trace, done) && done) && group_all(save_results(run));
     if (group_leads())
         run_folder_close_tables(&run->folder);
     sgs_trainer_destroy(run->trainer);

@@ -24,6 +24,7 @@ struct video {
     int width, height;
     pid_t child;
     int pipe;
+    bool broken; // ffmpeg does not read any more
     FILE *messages;
     unsigned char *frame; // interleaved RGB
 };
@@ -60,10 +61,12 @@ static void run_ffmpeg(const video *film, double fps, int input)
     char size[32], rate[32];
     snprintf(size, sizeof size, "%dx%d", film->width, film->height);
     snprintf(rate, sizeof rate, "%.6g", fps);
+    // The bytes of x264 depend on its threads, which are by default those of the machine.
     const char *const arguments[] = {"ffmpeg",
                                      "-hide_banner",
                                      "-loglevel",
                                      "error",
+                                     "-xerror",
                                      "-y",
                                      "-f",
                                      "rawvideo",
@@ -79,8 +82,11 @@ static void run_ffmpeg(const video *film, double fps, int input)
                                      "pad=ceil(iw/2)*2:ceil(ih/2)*2",
                                      "-pix_fmt",
                                      "yuv420p",
+                                     "-threads",
+                                     "16",
                                      film->temporary,
                                      NULL};
+    setpgid(0, 0); // Ctrl-C stops this program, which then discards the video
     dup2(input, STDIN_FILENO);
     dup2(fileno(film->messages), STDOUT_FILENO);
     dup2(fileno(film->messages), STDERR_FILENO);
@@ -133,16 +139,22 @@ video *video_open(const char *path, int width, int height, double fps)
     return NULL;
 }
 
-// Waits for ffmpeg. False after printing the error.
-static bool finish_child(video *film)
+// Waits for ffmpeg, which is killed unless the video is complete or it has failed. False after
+// printing the error.
+static bool finish_child(video *film, bool complete)
 {
     int status = 0;
+    if (!complete && !film->broken)
+        kill(film->child, SIGKILL);
     close(film->pipe);
     while (waitpid(film->child, &status, 0) < 0 && errno == EINTR)
         ;
-    if (WIFEXITED(status) && WEXITSTATUS(status) == 0)
+    const bool exited = WIFEXITED(status) && WEXITSTATUS(status) == 0;
+    if (!film->broken && (exited || !complete))
         return true;
-    char line[256], last[256] = "no error message";
+    char line[256], last[256] = "it ended early, without an error message";
+    if (WIFSIGNALED(status))
+        snprintf(last, sizeof last, "it was killed by signal %d", WTERMSIG(status));
     rewind(film->messages);
     while (fgets(line, sizeof line, film->messages))
         if (line[strspn(line, " \r\n")])
@@ -161,7 +173,8 @@ bool video_add(video *film, const sgs_image8 *image)
         const ssize_t step = write(film->pipe, film->frame + done, 3 * pixels - done);
         if (step < 0 && errno == EINTR)
             continue;
-        if (step < 0)
+        film->broken = step < 0;
+        if (film->broken)
             return false; // reported by video_close
         done += (size_t)step;
     }
@@ -172,12 +185,13 @@ bool video_close(video *film, bool complete)
 {
     if (!film)
         return true;
-    bool done = finish_child(film) && complete;
-    if (done && rename(film->temporary, film->path)) {
+    bool done = finish_child(film, complete);
+    const bool kept = done && complete;
+    if (kept && rename(film->temporary, film->path)) {
         fail_run("%s: cannot rename the temporary file: %s", film->path, strerror(errno));
         done = false;
     }
-    if (done)
+    if (kept && done)
         report_file(film->path);
     else
         unlink(film->temporary);

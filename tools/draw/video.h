@@ -18,5 +18,5 @@ video *video_open(const char *path, int width, int height, double fps);
 // Appends a frame with 3 channels of the size given to video_open. False after printing the error.
 bool video_add(video *film, const sgs_image8 *image);
 // Completes the video and prints its path, or discards it if `complete` is false. False after
-// printing the error. Accepts NULL.
+// printing the error: ffmpeg has failed. Accepts NULL.
 bool video_close(video *film, bool complete);

@@ -10,6 +10,7 @@
 #include "cameras/lens_samples.h"
 #include "cli/output.h"
 #include "cli/progress.h"
+#include "cli/rank_group.h"
 #include "sparegs/aov_descriptors.h"
 #include "sparegs/metrics.h"
 #include "sparegs/runtime.h"
@@ -32,7 +33,7 @@ bool view_drawer_open(view_drawer *drawer, const view_options *options,
 {
     *drawer = (view_drawer){.options = options, .drawing = drawing, .model = model};
     drawer->frame = &drawer->frames[0];
-    if (options->film && !video_possible())
+    if (options->film && group_leads() && !video_possible())
         return false;
     if (options->reference) {
         drawer->params = exact_params(model);
@@ -46,15 +47,22 @@ bool view_drawer_open(view_drawer *drawer, const view_options *options,
     return false;
 }
 
+bool view_drawer_finish(view_drawer *drawer)
+{
+    return async_task_wait(&drawer->writing);
+}
+
 bool view_drawer_close(view_drawer *drawer, bool complete)
 {
-    const bool written = async_task_wait(&drawer->writing);
-    const bool done = video_close(drawer->film, complete && written) && written;
+    const bool films = drawer->film != NULL;
+    const bool done = video_close(drawer->film, complete);
+    drawer->filmed = films && complete && done;
     for (int k = 0; k < 2; ++k)
         sgs_frame_free(&drawer->frames[k]);
     sgs_frame_free(&drawer->sampled);
     sgs_renderer_destroy(drawer->renderer);
     free(drawer->params);
+    free(drawer->round);
     return done;
 }
 
@@ -243,7 +251,30 @@ static void report_ranges(const view_drawer *drawer, unsigned aovs)
     reported_files_set("ranges", picture_ranges_json(&drawer->ranges, aovs));
 }
 
-bool view_drawer_measure(view_drawer *drawer, const camera_list *views)
+// Checks that a video can be made of the views, and reserves the frames of a round of the ranks.
+static bool prepare_film(view_drawer *drawer, const camera_list *views)
+{
+    const sgs_camera *first = &views->cameras[0].camera;
+    for (size_t i = 1; i < views->count; ++i) {
+        const sgs_camera *camera = &views->cameras[i].camera;
+        if (camera->width == first->width && camera->height == first->height)
+            continue;
+        fail_run("%s: all frames of a video must have the same size, this one is %d x %d; use "
+                 "--size",
+                 views->cameras[i].name, camera->width, camera->height);
+        return false;
+    }
+    drawer->frame_bytes = 3 * (size_t)first->width * (size_t)first->height;
+    const size_t ranks = (size_t)group_count();
+    if (!group_ranks() || !group_leads())
+        return true;
+    drawer->round = malloc(drawer->frame_bytes * (ranks < views->count ? ranks : views->count));
+    if (!drawer->round)
+        fail_run("no memory for a frame of %d x %d from each rank", first->width, first->height);
+    return drawer->round != NULL;
+}
+
+bool view_drawer_prepare(view_drawer *drawer, const camera_list *views)
 {
     const view_options *o = drawer->options;
     const bool is_given = o->depth_range.high > 0;
@@ -252,7 +283,7 @@ bool view_drawer_measure(view_drawer *drawer, const camera_list *views)
     const size_t count = views->count < PREVIEWS ? views->count : PREVIEWS;
     range_samples samples = {0};
     sgs_frame frame = {0};
-    bool done = true;
+    bool done = !o->film || prepare_film(drawer, views);
     for (size_t i = 0; i < count && measured && done; ++i) {
         done = preview(drawer, &views->cameras[i * views->count / count], &frame);
         if (done && !range_samples_add(&samples, measured, &frame)) {
@@ -273,17 +304,38 @@ bool view_drawer_measure(view_drawer *drawer, const camera_list *views)
 
 // ---- Output ----
 
-static bool add_to_film(view_drawer *drawer)
+static bool open_film(view_drawer *drawer)
 {
     const sgs_frame *frame = drawer->finished;
-    sgs_image8 image = {0};
     if (!drawer->film)
         drawer->film =
             video_open(drawer->options->film, frame->width, frame->height, drawer->options->fps);
-    if (!drawer->film || !frame_picture(&drawer->files, frame, &image))
+    return drawer->film != NULL;
+}
+
+static bool add_to_film(view_drawer *drawer)
+{
+    sgs_image8 image = {0};
+    if (!open_film(drawer) || !frame_picture(&drawer->files, drawer->finished, &image))
         return false;
     const bool done = video_add(drawer->film, &image);
     sgs_image8_free(&image);
+    return done;
+}
+
+// The frames of all ranks, on rank 0.
+static bool add_round_to_film(view_drawer *drawer)
+{
+    if (!group_leads())
+        return true;
+    bool done = open_film(drawer);
+    for (size_t k = 0; k < drawer->round_views && done; ++k) {
+        const sgs_image8 image = {.width = drawer->finished->width,
+                                  .height = drawer->finished->height,
+                                  .channels = 3,
+                                  .pixels = drawer->round + k * drawer->frame_bytes};
+        done = video_add(drawer->film, &image);
+    }
     return done;
 }
 
@@ -292,33 +344,28 @@ static bool write_finished(void *context)
     view_drawer *drawer = context;
     const view_options *o = drawer->options;
     const double start = clock_seconds();
-    bool done = !o->film || add_to_film(drawer);
-    if (done && o->folder)
+    bool done = !o->film || (drawer->round_views ? add_round_to_film(drawer) : add_to_film(drawer));
+    if (done && o->folder && drawer->finished)
         done = o->png ? frame_write_png(&drawer->files, drawer->finished)
                       : frame_write_exr(&drawer->files, drawer->finished);
     drawer->write_seconds += clock_seconds() - start;
     return done;
 }
 
-// True if a view has the frame size of the video, that of its first frame.
-static bool fits_film(const view_drawer *drawer, const char *name, const sgs_camera *camera)
+// Deep files are written during rendering. Synchronous writing keeps the order of printed paths.
+static void start_writing(view_drawer *drawer)
 {
-    const sgs_frame *first = drawer->finished;
-    if (!drawer->options->film || !first ||
-        (first->width == camera->width && first->height == camera->height))
-        return true;
-    fail_run("%s: all frames of a video must have the same size, this one is %d x %d; use --size",
-             name, camera->width, camera->height);
-    return false;
+    async_task_start(&drawer->writing, sgs_threads_get() > 1 && !drawer->options->deep,
+                     write_finished, drawer);
 }
 
-bool view_drawer_draw(view_drawer *drawer, const named_camera *view)
+// Draws a view and waits until the previous one is written.
+static bool draw_view(view_drawer *drawer, const named_camera *view)
 {
     const view_options *o = drawer->options;
     sgs_render_options options = drawing_render_options(drawer->drawing);
     options.axis_depth = o->axis_depth;
-    if ((o->axis_depth && !has_axis_depth(view->name, &view->camera)) ||
-        !fits_film(drawer, view->name, &view->camera))
+    if (o->axis_depth && !has_axis_depth(view->name, &view->camera))
         return false;
     frame_files files = {.folder = o->folder,
                          .stem = view->stem,
@@ -344,8 +391,35 @@ bool view_drawer_draw(view_drawer *drawer, const named_camera *view)
     drawer->finished = drawer->frame;
     drawer->frame = &drawer->frames[drawer->frame == drawer->frames];
     ++drawer->drawn;
-    // Deep files are written during rendering. Synchronous writing keeps the order of printed
-    // paths.
-    async_task_start(&drawer->writing, sgs_threads_get() > 1 && !o->deep, write_finished, drawer);
+    return true;
+}
+
+bool view_drawer_draw(view_drawer *drawer, const named_camera *view)
+{
+    const bool done = draw_view(drawer, view);
+    if (done)
+        start_writing(drawer);
+    return done;
+}
+
+bool view_drawer_draw_round(view_drawer *drawer, const named_camera *view, size_t views)
+{
+    sgs_image8 image = {0};
+    bool done = view ? draw_view(drawer, view) : async_task_wait(&drawer->writing);
+    if (!view)
+        drawer->finished = NULL; // was written in the previous round
+    else
+        done = done && frame_picture(&drawer->files, drawer->finished, &image);
+    done = group_all(done);
+    if (done && sgs_ranks_collect(group_ranks(), SGS_STATUS_OK, image.pixels, drawer->frame_bytes,
+                                  (int)views, drawer->round)) {
+        fail_library();
+        done = false;
+    }
+    sgs_image8_free(&image);
+    if (!done) // the writer may still use the previous round
+        return false;
+    drawer->round_views = views;
+    start_writing(drawer);
     return true;
 }

@@ -42,6 +42,10 @@ typedef struct view_drawer {
     sgs_frame *finished; // the frame being written
     async_task writing;
     video *film;
+    size_t frame_bytes;   // of a frame of the video
+    unsigned char *round; // rank 0: [round_views][frame_bytes], the frames of the ranks
+    size_t round_views;
+    bool filmed; // the video is complete
     size_t drawn;
     double draw_seconds, write_seconds;
 } view_drawer;
@@ -50,12 +54,18 @@ typedef struct view_drawer {
 // call view_drawer_close in either case.
 bool view_drawer_open(view_drawer *drawer, const view_options *options,
                       const drawing_values *drawing, const sgs_gaussians *model);
-// Measures the ranges of PNG files over all views and reports them. Call it before the first view.
-// False after printing the error.
-bool view_drawer_measure(view_drawer *drawer, const camera_list *views);
+// Checks the sizes of the frames of a video; measures the ranges of PNG files over all views and
+// reports them. Call it before the first view. False after printing the error.
+bool view_drawer_prepare(view_drawer *drawer, const camera_list *views);
 // The view must stay valid until the next call. False after printing the error of this view or of
 // the previous one.
 bool view_drawer_draw(view_drawer *drawer, const named_camera *view);
-// Waits for the last view and closes the video, which is discarded if `complete` is false. False
-// after printing the error.
+// For a video on ranks: a round of `views` views, one per rank. Draws `view` of this rank, NULL if
+// it has none, and sends the frames to rank 0, which encodes them during the next round. Rank 0
+// holds two frames of each rank. Collective; false on all ranks if one fails.
+bool view_drawer_draw_round(view_drawer *drawer, const named_camera *view, size_t views);
+// Waits until the last view is written. Call it before view_drawer_close. False after printing the
+// error.
+bool view_drawer_finish(view_drawer *drawer);
+// Closes the video, which is discarded if `complete` is false. False after printing the error.
 bool view_drawer_close(view_drawer *drawer, bool complete);

@@ -18,11 +18,17 @@
 #include "cli/progress.h"
 #include "cli/rank_group.h"
 
+static evaluator without_renderer(const sgs_scene *scene, const drawing_values *drawing)
+{
+    evaluator made = {.scene = scene, .render = drawing_render_options(drawing)};
+    memcpy(made.background, drawing->background, sizeof made.background);
+    return made;
+}
+
 bool evaluator_open(evaluator *evaluation, const sgs_gaussians *model, const sgs_scene *scene,
                     const drawing_values *drawing)
 {
-    *evaluation = (evaluator){.scene = scene, .render = drawing_render_options(drawing)};
-    memcpy(evaluation->background, drawing->background, sizeof evaluation->background);
+    *evaluation = without_renderer(scene, drawing);
     if (sgs_renderer_create(model, &evaluation->renderer)) {
         fail_library();
         return false;
@@ -33,8 +39,7 @@ bool evaluator_open(evaluator *evaluation, const sgs_gaussians *model, const sgs
 bool evaluator_open_shared(evaluator *evaluation, const char *path, const sgs_scene *scene,
                            const drawing_values *drawing)
 {
-    *evaluation = (evaluator){.scene = scene, .render = drawing_render_options(drawing)};
-    memcpy(evaluation->background, drawing->background, sizeof evaluation->background);
+    *evaluation = without_renderer(scene, drawing);
     if (!sgs_rank_renderer_create(group_ranks(), scene, path, &evaluation->render,
                                   &evaluation->rank_renderer))
         return true;
@@ -250,26 +255,25 @@ static bool score_own(const evaluator *evaluation, sgs_split split, const char *
 {
     const size_t total = scene_split_count(evaluation->scene, split), count = (size_t)group_count();
     size_t number = 0;
+    bool done = true;
     for (size_t v = 0; v < evaluation->scene->view_count; ++v) {
         const sgs_view *view = &evaluation->scene->views[v];
         if (!view_in_split(view, split))
             continue;
         const size_t i = number++;
-        if (i % count != (size_t)sgs_ranks_rank(group_ranks()))
+        if (i % count == 0 && !group_continues(i / count, GROUP_ROUNDS, done))
+            break;
+        if (i % count != (size_t)sgs_ranks_rank(group_ranks()) || !done || interrupt_signal())
             continue;
-        if (interrupt_signal())
-            return true;
         if (label)
             progress_count(label, i, total);
         view_images images = {0};
-        bool done = evaluate_view(evaluation, view, &scores[v].score, save ? &images : NULL);
+        done = evaluate_view(evaluation, view, &scores[v].score, save ? &images : NULL);
         done = done && (!save || save(context, v, &images));
         view_images_free(&images);
-        if (!done)
-            return false;
-        scores[v].is_scored = true;
+        scores[v].is_scored = done;
     }
-    return true;
+    return done;
 }
 
 // The next views of a split, one per rank; returns their number.
@@ -316,7 +320,7 @@ static bool score_together(const evaluator *evaluation, sgs_split split, const c
         fail_run("no memory for the views of %d ranks", group_count());
     done = group_all(done);
     while (done && count) {
-        if (group_requested(GROUP_SIGNAL, interrupt_signal() != 0))
+        if (group_stop_requested())
             break;
         if (label)
             progress_count(label, number, total);

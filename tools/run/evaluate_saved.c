@@ -31,13 +31,13 @@ static bool open_saved(const saved_evaluation *input, sgs_gaussians **model, eva
 {
     char *path = format_text("%s/point_cloud/iteration_%d/point_cloud.ply", input->output,
                              input->iterations);
-    bool done = group_ranks() || !sgs_ply_read(path, model);
-    if (!done)
+    bool done = false;
+    if (group_ranks())
+        done = evaluator_open_shared(evaluation, path, input->scene, &input->drawing);
+    else if (sgs_ply_read(path, model))
         fail_library();
     else
-        done = group_ranks()
-                   ? evaluator_open_shared(evaluation, path, input->scene, &input->drawing)
-                   : evaluator_open(evaluation, *model, input->scene, &input->drawing);
+        done = evaluator_open(evaluation, *model, input->scene, &input->drawing);
     free(path);
     return done;
 }

@@ -447,20 +447,24 @@ int run_folder_load_checkpoint(const run_folder *folder, sgs_trainer *trainer, c
     return result < 0 ? -1 : result;
 }
 
+// Adds a step of saving in which all ranks take part, even if an earlier one failed on rank 0,
+// which reports the first failure.
+static bool saved_too(bool before, sgs_status status)
+{
+    if (before && status && group_leads())
+        fail_library();
+    return before && !status;
+}
+
 bool run_folder_share_trained(const run_folder *folder, sgs_trainer *trainer, int iteration)
 {
     char *path = model_file(folder, iteration);
     char *filtered = format_text("%s/point_cloud/iteration_%d/point_cloud_filter_3D.ply",
                                  folder->path, iteration);
-    const bool made = !group_leads() || make_folder_of(path);
-    bool saved = made && !sgs_trainer_write_ply(trainer, path); // collective
-    if (made && !saved && group_leads())
-        fail_library();
-    if (sgs_trainer_filter_3d(trainer) && sgs_trainer_write_ply_filter_3d(trainer, filtered)) {
-        if (saved && group_leads())
-            fail_library();
-        saved = false;
-    }
+    bool saved = !group_leads() || make_folder_of(path);
+    saved = saved_too(saved, sgs_trainer_write_ply(trainer, path));
+    if (sgs_trainer_filter_3d(trainer))
+        saved = saved_too(saved, sgs_trainer_write_ply_filter_3d(trainer, filtered));
     free(filtered);
     free(path);
     return saved;

@@ -1,0 +1,106 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Requests to stop that arrive several times: from a batch system, its launcher and other processes
+// of the run. Each case is a process of its own, because a second request may end it.
+
+#include <setjmp.h>
+#include <signal.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <cmocka.h>
+
+#include "cli/interrupt.h"
+
+// FOLLOW + n: another process of the run has received signal n.
+enum { FOLLOW = -1000, END = 0, WORK_COMPLETE = 7, MOST_STEPS = 5 };
+
+// The status of a process in which these signals arrive, and whether they stop it at once.
+static int status_after(const int steps[MOST_STEPS], bool *stopped_at_once)
+{
+    const pid_t child = fork();
+    assert_true(child >= 0);
+    if (!child) {
+        interrupt_watch();
+        for (size_t i = 0; i < MOST_STEPS && steps[i] != END; ++i)
+            if (steps[i] < 0)
+                interrupt_follow(steps[i] - FOLLOW);
+            else
+                raise(steps[i]);
+        _exit(interrupt_signal() ? WORK_COMPLETE + interrupt_signal() : WORK_COMPLETE);
+    }
+    int status;
+    assert_int_equal(waitpid(child, &status, 0), child);
+    assert_true(WIFEXITED(status));
+    *stopped_at_once = WEXITSTATUS(status) > 128;
+    return WEXITSTATUS(status) - (*stopped_at_once ? 128 : WORK_COMPLETE);
+}
+
+static void one_request_that_arrives_several_times_lets_the_work_end(void **state)
+{
+    (void)state;
+    static const int cases[][MOST_STEPS] = {
+        {SIGTERM},
+        {SIGTERM, SIGTERM},
+        {INTERRUPT_PASSED_ON, SIGTERM, SIGTERM},
+        {SIGTERM, INTERRUPT_PASSED_ON, SIGTERM},
+        {INTERRUPT_PASSED_ON, INTERRUPT_PASSED_ON, SIGTERM},
+        {FOLLOW + SIGTERM, SIGTERM},
+        {FOLLOW + SIGTERM, SIGTERM, SIGTERM},
+        {FOLLOW + SIGTERM, SIGTERM, SIGTERM, INTERRUPT_PASSED_ON},
+        {FOLLOW + SIGTERM, INTERRUPT_PASSED_ON, SIGTERM},
+        {SIGTERM, FOLLOW + SIGINT, SIGTERM},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; ++i) {
+        bool stopped;
+        assert_int_equal(status_after(cases[i], &stopped), SIGTERM);
+        assert_false(stopped);
+    }
+}
+
+static void a_second_request_of_the_user_ends_at_once(void **state)
+{
+    (void)state;
+    static const int cases[][MOST_STEPS] = {
+        {SIGINT, SIGINT}, {SIGTERM, SIGINT}, {SIGHUP, SIGINT}, {FOLLOW + SIGTERM, SIGINT, SIGINT}};
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; ++i) {
+        bool stopped;
+        assert_int_equal(status_after(cases[i], &stopped), SIGINT);
+        assert_true(stopped);
+    }
+}
+
+static void a_process_ends_with_the_signal_that_another_one_received(void **state)
+{
+    (void)state;
+    static const int signals[] = {SIGINT, SIGTERM, SIGHUP};
+    for (size_t i = 0; i < sizeof signals / sizeof *signals; ++i) {
+        bool stopped;
+        const int steps[MOST_STEPS] = {FOLLOW + signals[i]};
+        assert_int_equal(status_after(steps, &stopped), signals[i]);
+        assert_false(stopped);
+    }
+}
+
+static void no_request_is_no_signal(void **state)
+{
+    (void)state;
+    bool stopped;
+    assert_int_equal(status_after((const int[MOST_STEPS]){SIGUSR1}, &stopped), 0);
+    assert_false(stopped);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(one_request_that_arrives_several_times_lets_the_work_end),
+        cmocka_unit_test(a_second_request_of_the_user_ends_at_once),
+        cmocka_unit_test(a_process_ends_with_the_signal_that_another_one_received),
+        cmocka_unit_test(no_request_is_no_signal),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

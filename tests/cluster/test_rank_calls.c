@@ -1,0 +1,200 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// sgs_ranks_collect on ranks that are threads of this process: blocks of any size arrive on rank 0
+// in the order of the ranks, from some or all of them, and only their bytes are counted. A rank
+// that fails, or has no memory, ends the call on all ranks with its message. sgs_ranks_compare
+// reports the difference in lines of any length.
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#include "base/core.h"
+#include "support/ranks_support.h"
+
+enum { MOST_RANKS = 5, MOST_BYTES = 5000, ROUNDS = 3 };
+
+// Byte i of a rank in a round.
+static unsigned char expected(int rank, int round, size_t i)
+{
+    return (unsigned char)(rank * 53 + round * 17 + (int)(i * 7 % 251));
+}
+
+typedef struct member {
+    size_t size;
+    int senders;
+    int failing;            // this rank passes a failure, -1 = none
+    int starving;           // when this rank begins, an allocation will fail; -1 = none
+    size_t starving_at;     // allocation
+    size_t wrong;           // bytes
+    sgs_status status;      // of the last call
+    sgs_ranks_traffic sent; // of all calls
+    char message[256];
+} member;
+
+static void collect(member *m, sgs_ranks *ranks, int round, unsigned char *own, unsigned char *got)
+{
+    const int rank = sgs_ranks_rank(ranks);
+    for (size_t i = 0; i < m->size; ++i)
+        own[i] = expected(rank, round, i);
+    memset(got, 0xee, MOST_RANKS * MOST_BYTES);
+    const sgs_status status =
+        rank == m->failing ? sgsi_fail(SGS_STATUS_IO, "frame %d is lost", round) : SGS_STATUS_OK;
+    if (rank == m->starving)
+        sgsi_fail_allocation(m->starving_at);
+    m->status = sgs_ranks_collect(ranks, status, rank < m->senders ? own : NULL, m->size,
+                                  m->senders, rank ? NULL : got);
+    sgsi_fail_allocation(0);
+    if (m->status)
+        snprintf(m->message, sizeof m->message, "%s", sgs_last_error());
+    for (int r = 0; r < MOST_RANKS && !rank && !m->status; ++r)
+        for (size_t i = 0; i < m->size; ++i)
+            m->wrong +=
+                got[(size_t)r * m->size + i] != (r < m->senders ? expected(r, round, i) : 0xee);
+}
+
+static void run_rank(void *context, sgs_ranks *ranks)
+{
+    member *m = context;
+    unsigned char *own = malloc(MOST_BYTES), *got = malloc(MOST_RANKS * MOST_BYTES);
+    if (sgs_ranks_agree(ranks, SGS_STATUS_OK)) // the ranks exist, before an allocation fails
+        abort();
+    for (int round = 0; round < ROUNDS && !m->status; ++round)
+        collect(m, ranks, round, own, got);
+    m->sent = sgs_ranks_counted(ranks, SGS_RANKS_OTHER);
+    free(own);
+    free(got);
+}
+
+static void run_ranks(const member *plan, int count, member *members)
+{
+    for (int r = 0; r < count; ++r)
+        members[r] = *plan;
+    ranks_run(count, members, sizeof *members, run_rank);
+}
+
+static void blocks_arrive_in_the_order_of_the_ranks(void **state)
+{
+    (void)state;
+    static const size_t sizes[] = {1, 63, 64, 65, 4999};
+    for (size_t k = 0; k < sizeof sizes / sizeof *sizes; ++k)
+        for (int count = 1; count <= MOST_RANKS; ++count)
+            for (int senders = 1; senders <= count; ++senders) {
+                const member plan = {
+                    .size = sizes[k], .senders = senders, .failing = -1, .starving = -1};
+                member members[MOST_RANKS];
+                run_ranks(&plan, count, members);
+                for (int r = 0; r < count; ++r) {
+                    assert_int_equal(members[r].status, SGS_STATUS_OK);
+                    assert_int_equal(members[r].wrong, 0);
+                    const size_t messages = r > 0 && r < senders ? ROUNDS : 0;
+                    assert_int_equal(members[r].sent.messages, messages);
+                    assert_int_equal(members[r].sent.bytes, messages * sgsi_ranks_padded(sizes[k]));
+                }
+            }
+}
+
+static void a_failure_ends_the_call_on_all_ranks(void **state)
+{
+    (void)state;
+    for (int failing = 0; failing < 3; ++failing) {
+        const member plan = {.size = 100, .senders = 2, .failing = failing, .starving = -1};
+        member members[MOST_RANKS];
+        char text[40];
+        snprintf(text, sizeof text, "rank %d (", failing);
+        run_ranks(&plan, 3, members);
+        for (int r = 0; r < 3; ++r) {
+            assert_int_equal(members[r].status, SGS_STATUS_IO);
+            assert_int_equal(strncmp(members[r].message, text, strlen(text)), 0);
+            assert_non_null(strstr(members[r].message, "frame 0 is lost"));
+        }
+    }
+}
+
+static void a_rank_without_memory_ends_the_call_on_all_ranks(void **state)
+{
+    (void)state;
+    for (int starving = 0; starving < 3; ++starving)
+        for (size_t at = 1; at <= 2; ++at) {
+            const member plan = {
+                .size = 100, .senders = 3, .failing = -1, .starving = starving, .starving_at = at};
+            member members[MOST_RANKS];
+            run_ranks(&plan, 3, members);
+            for (int r = 0; r < 3; ++r) {
+                assert_int_equal(members[r].status, SGS_STATUS_OUT_OF_MEMORY);
+                assert_string_equal(members[r].message, members[0].message);
+            }
+        }
+}
+
+// Without ranks there is one block.
+static void one_process_keeps_its_block(void **state)
+{
+    (void)state;
+    unsigned char got[3] = {0};
+    assert_int_equal(sgs_ranks_collect(NULL, SGS_STATUS_OK, "abc", 3, 1, got), SGS_STATUS_OK);
+    assert_memory_equal(got, "abc", 3);
+    assert_int_equal(sgs_ranks_collect(NULL, SGS_STATUS_IO, "xyz", 3, 1, got), SGS_STATUS_IO);
+    assert_memory_equal(got, "abc", 3);
+}
+
+// Rank 1 has another text than the others.
+typedef struct compared {
+    const char *texts[2];
+    sgs_status status;
+    char message[1024];
+} compared;
+
+static void compare_texts(void *context, sgs_ranks *ranks)
+{
+    compared *c = context;
+    c->status = sgs_ranks_compare(ranks, SGS_STATUS_OK, c->texts[sgs_ranks_rank(ranks) == 1]);
+    snprintf(c->message, sizeof c->message, "%s", c->status ? sgs_last_error() : "");
+}
+
+static void the_difference_is_in_the_message(void **state)
+{
+    (void)state;
+    char filler[2001], texts[2][2100];
+    memset(filler, 'x', sizeof filler - 1);
+    filler[sizeof filler - 1] = 0;
+    // Values behind `equal` common characters and before `rest` others.
+    static const int cases[][2] = {{0, 0}, {10, 290}, {250, 0}, {500, 10}, {950, 1000}, {0, 1990}};
+    static const char *const lines[] = {"a: 1\nsize: %.*s%s%.*s\nz: 1\n", "a: 1\nsize %.*s%s%.*s"};
+    for (size_t k = 0; k < 2; ++k)
+        for (size_t i = 0; i < sizeof cases / sizeof *cases; ++i) {
+            for (int t = 0; t < 2; ++t)
+                snprintf(texts[t], sizeof texts[t], lines[k], cases[i][0], filler,
+                         t ? "largest" : "smallest", cases[i][1], filler);
+            compared members[3];
+            for (int r = 0; r < 3; ++r)
+                members[r] = (compared){.texts = {texts[0], texts[1]}};
+            ranks_run(3, members, sizeof *members, compare_texts);
+            for (int r = 0; r < 3; ++r) {
+                assert_int_equal(members[r].status, SGS_STATUS_INVALID_ARGUMENT);
+                assert_int_equal(strncmp(members[r].message, "rank 1 (", 8), 0);
+                const char *mine = strstr(members[r].message, "largest");
+                assert_non_null(mine);
+                assert_non_null(strstr(mine, k ? "but rank 0 has " : ", but "));
+                assert_non_null(strstr(mine, "smallest"));
+            }
+        }
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(blocks_arrive_in_the_order_of_the_ranks),
+        cmocka_unit_test(a_failure_ends_the_call_on_all_ranks),
+        cmocka_unit_test(a_rank_without_memory_ends_the_call_on_all_ranks),
+        cmocka_unit_test(one_process_keeps_its_block),
+        cmocka_unit_test(the_difference_is_in_the_message)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -127,6 +127,9 @@ sgs_status open_image(const char *path, std::unique_ptr<OIIO::ImageInput> &input
         return sgsi_fail(SGS_STATUS_IO, "%s: no such file", path);
     if (!OIIO::Filesystem::is_regular(path))
         return sgsi_fail(SGS_STATUS_IO, "%s: is not a regular file", path);
+    // Registers the formats before the first file: OpenImageIO 2.4 lets a second thread try only
+    // the formats registered so far, which fails for a PNG file named .jpg.
+    static const std::string formats = OIIO::get_string_attribute("input_format_list");
     auto opened = OIIO::ImageInput::open(path, &config);
     if (!opened)
         return unreadable(path, OIIO::geterror());

@@ -44,6 +44,10 @@ plant_line src/README.md 'See `train/trainer.c:no_such_function`.'
 cp src/README.md "$temporary/kept"
 sed -i 's:^| `loss/`\(.*\)| image |:| `loss/`\1| image rays |:' src/README.md && seen "an arrow in src/README.md that the test does not allow"
 cp "$temporary/kept" src/README.md
+cp src/rays/rays.h "$temporary/kept"
+sed -i '/SPDX-License/d' src/rays/rays.h && seen "a file that names no licence"
+yes '//' | head -n 800 | cat "$temporary/kept" - >src/rays/rays.h && seen "a file of more than 800 lines"
+cp "$temporary/kept" src/rays/rays.h
 touch src/stray.c && seen "src/stray.c" && rm src/stray.c
 rm -f src/stray.c
 mkdir src/attic && cp src/rays/rays.h src/attic/attic.h && seen "a folder that no table has"

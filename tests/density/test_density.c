@@ -247,9 +247,9 @@ static void cap_is_never_exceeded_and_keeps_the_best_scores(void **state)
     drop(&f);
 }
 
-// At the cap, faint rows that do not grow make room for growth: those of least opacity times
-// squared radius, at most 5 % of the cap per update.
-static void growth_continues_at_the_cap_by_replacing_faint_rows(void **state)
+// At the cap, rows of an opacity below 0.4 that do not grow make room for growth: those of least
+// opacity times squared radius, at most 10 % of the cap per update.
+static void growth_continues_at_the_cap_by_replacing_rows_of_low_opacity(void **state)
 {
     (void)state;
     for (size_t growing = 3; growing <= 30; growing += 27) {
@@ -257,12 +257,12 @@ static void growth_continues_at_the_cap_by_replacing_faint_rows(void **state)
         f.options.max_count = 100;
         for (size_t i = 0; i < 100; ++i) {
             f.statistics.radius_max[i] = (float)(100 - i);
-            if (i < 20) // faint
-                *sgs_gaussians_at(f.model, i, SGS_PARAM_OPACITY) = logf(0.05f / 0.95f);
+            *sgs_gaussians_at(f.model, i, SGS_PARAM_OPACITY) =
+                i < 20 ? logf(0.35f / 0.65f) : logf(0.45f / 0.55f);
             f.statistics.gradient_sum[i] = i >= 100 - growing ? 1e-3f + 1e-5f * (float)i : 0.0f;
         }
         update(&f);
-        const size_t replaced = growing < 5 ? growing : 5;
+        const size_t replaced = growing < 10 ? growing : 10;
         assert_int_equal(f.model->count, 100);
         assert_int_equal(f.result.cloned, replaced);
         assert_int_equal(f.result.pruned, replaced);
@@ -382,7 +382,7 @@ int main(void)
         cmocka_unit_test(children_of_a_split_are_pruned_by_their_own_size),
         cmocka_unit_test(linear_opacities_are_pruned_by_their_value),
         cmocka_unit_test(cap_is_never_exceeded_and_keeps_the_best_scores),
-        cmocka_unit_test(growth_continues_at_the_cap_by_replacing_faint_rows),
+        cmocka_unit_test(growth_continues_at_the_cap_by_replacing_rows_of_low_opacity),
         cmocka_unit_test(rap_removes_faint_still_primitives_of_crowded_voxels_only),
         cmocka_unit_test(reset_lowers_opacities_and_clears_their_moments),
         cmocka_unit_test(sorting_keeps_every_row),

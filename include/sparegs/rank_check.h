@@ -23,6 +23,9 @@ SGS_API char *sgs_rank_program_text(void);
 SGS_API uint64_t sgs_rank_camera_digest(const sgs_camera *camera, const sgs_pose *pose);
 SGS_API uint64_t sgs_rank_photo_digest(const sgs_photo *photo);
 
+// Digest of the bytes of a file; 0 if it cannot be read.
+SGS_API uint64_t sgs_rank_file_digest(const char *path);
+
 #ifdef __cplusplus
 }
 #endif

@@ -76,9 +76,9 @@ SGS_API sgs_status sgs_ranks_broadcast(sgs_ranks *ranks, sgs_status own, void **
 SGS_API sgs_status sgs_ranks_gather(sgs_ranks *ranks, sgs_status own, const void *bytes,
                                     size_t size, void *got);
 
-// Sends `size` bytes of each of the first `senders` ranks to rank 0, into its got[senders][size].
-// The other ranks pass the same `size` and `senders`; their `bytes` are not read from `senders` on,
-// and their `got` is not used. Collective.
+// Sends `size` bytes of each of the first `senders` ranks (1 to the number of ranks) to rank 0,
+// into its got[senders][size]. All ranks pass the same `size` and `senders`. Ranks from `senders`
+// on may pass NULL as `bytes`, all but rank 0 as `got`. Collective.
 SGS_API sgs_status sgs_ranks_collect(sgs_ranks *ranks, sgs_status own, const void *bytes,
                                      size_t size, int senders, void *got);
 

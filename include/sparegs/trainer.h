@@ -281,8 +281,8 @@ SGS_API size_t sgs_train_memory_per_rank(const sgs_scene *scene, const sgs_train
 SGS_API sgs_status sgs_trainer_create(const sgs_scene *scene, const sgs_train_options *options,
                                       sgs_trainer **trainer);
 // The same with *init, which may be NULL, in place of options->init. The trainer takes it over
-// instead of copying it, so that the model is in memory once; *init is NULL afterwards, also after
-// a failure.
+// instead of copying it, so that the model is in memory once, unless max_gaussians omits rows;
+// *init is NULL afterwards, also after a failure.
 SGS_API sgs_status sgs_trainer_create_from(const sgs_scene *scene, const sgs_train_options *options,
                                            sgs_gaussians **init, sgs_trainer **trainer);
 SGS_API void sgs_trainer_destroy(sgs_trainer *trainer); // accepts NULL

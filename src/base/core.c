@@ -101,9 +101,10 @@ static bool allocation_denied(void)
 {
     atomic_fetch_add_explicit(&allocation_count, 1, memory_order_relaxed);
     size_t left = atomic_load_explicit(&allocation_failure, memory_order_relaxed);
-    if (!left)
-        return false;
-    atomic_store_explicit(&allocation_failure, left - 1, memory_order_relaxed);
+    while (left &&
+           !atomic_compare_exchange_weak_explicit(&allocation_failure, &left, left - 1,
+                                                  memory_order_relaxed, memory_order_relaxed))
+        ;
     return left == 1;
 }
 

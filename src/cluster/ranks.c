@@ -396,6 +396,8 @@ sgs_status sgs_ranks_collect(sgs_ranks *ranks, sgs_status own, const void *bytes
     }
     const int rank = ranks->transport.rank;
     const size_t count = (size_t)ranks->transport.count, padded = sgsi_ranks_padded(size);
+    if (!own && (senders < 1 || (size_t)senders > count))
+        own = sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%d senders of %zu ranks", senders, count);
     const size_t sent = rank < senders ? padded : 0;
     unsigned char *room = own ? NULL : sgsi_ranks_room(ranks, sent);
     size_t *sizes = sgsi_calloc(2 * count, sizeof *sizes); // to and from each rank
@@ -491,7 +493,7 @@ static sgs_status fail_difference(const char *own, const char *first)
         value[k] = colon && colon < texts[k] + length[k] ? (int)(colon - texts[k]) : length[k];
     }
     const bool same = value[0] == value[1] && !strncmp(texts[0], texts[1], (size_t)value[0]) &&
-                      value[0] < length[0];
+                      value[0] < length[0] && value[1] < length[1];
     const size_t begin = same ? (size_t)value[0] + 2 : 0;
     const excerpt mine = excerpt_of(texts[0], begin, at), other = excerpt_of(texts[1], begin, at);
     if (same)

@@ -65,6 +65,23 @@ char *sgs_rank_program_text(void)
     return NULL;
 }
 
+uint64_t sgs_rank_file_digest(const char *path)
+{
+    unsigned char bytes[1 << 14];
+    XXH64_state_t *state = XXH64_createState();
+    FILE *file = state ? fopen(path, "rb") : NULL;
+    uint64_t digest = 0;
+    if (file) {
+        XXH64_reset(state, 0);
+        for (size_t n; (n = fread(bytes, 1, sizeof bytes, file)) > 0;)
+            XXH64_update(state, bytes, n);
+        digest = ferror(file) ? 0 : XXH64_digest(state);
+        fclose(file);
+    }
+    XXH64_freeState(state);
+    return digest;
+}
+
 uint64_t sgs_rank_camera_digest(const sgs_camera *camera, const sgs_pose *pose)
 {
     const uint64_t parts[] = {(uint64_t)camera->model << 32 | (uint32_t)camera->width,

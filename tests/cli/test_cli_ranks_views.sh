@@ -175,6 +175,10 @@ plan() {
 plan 10
 plan 11
 differs "set -- eval $other \"\${@:3}\"" "model is " eval "$model" "$room"
+run 0 train "$room" -o "$temporary/exposed" --downscale 4 --eval --iterations 20 --threads 1 --exposure --quiet
+cp -r "$temporary/exposed" "$temporary/unexposed"
+rm "$temporary/unexposed/exposure.json"
+differs "set -- eval $temporary/unexposed \"\${@:3}\"" "has 'exposure: none', but rank 0 has 'exposure." eval "$temporary/exposed" "$room"
 differs "set -- eval $model $temporary/scene \"\${@:4}\"" "photograph $held_out is " eval "$model" "$room"
 # Other training images, but the held-out images of the run: one less, or another one is missing.
 for missing in 0002 0010; do
@@ -192,6 +196,7 @@ differs "set -- render $other \"\${@:3}\"" "model is " render "$model" "$room" -
 differs "set -- render $temporary/missing \"\${@:3}\"" "missing: no such model" render "$model" "$room" -o "$temporary/refused"
 differs "set -- render $model $temporary/missing \"\${@:4}\"" "missing: no such folder" render "$model" "$room" -o "$temporary/refused"
 differs "set -- \"\$@\" --background 1,0,0.5" "--background is 1,0,0.5, but 0,0,0 on rank 0" render "$model" "$room" -o "$temporary/refused" --format png
+differs "set -- \"\$@\" --aov depth,normal" "--aov is depth,normal, but rgba on rank 0" render "$model" "$room" -o "$temporary/refused" --aov rgba
 differs "set -- \"\$@\" --size 64x34" "--size is 64x34, but 60x34 on rank 0" render "${path[@]}" --video "$temporary/refused.mp4"
 differs "set -- \"\$@\" --orbit 6" "--orbit is 6, but 5 on rank 0" render "${path[@]}" --video "$temporary/refused.mp4"
 differs "set -- experiment $temporary/plan11.json \"\${@:3}\"" "seed_0, plan.options.iterations is 11, but 10 on rank 0" \
@@ -246,9 +251,15 @@ stop() {
     check no_other_status test "$(cat "$temporary"/ended.* | sort -u)" = "$status"
     on_all_ranks
 }
+# While it loads the scene: the signal is sent as soon as the program catches it.
+# shellcheck disable=SC2016 # run by each rank
+on_rank 1 '(until (($(sed -n "s/SigCgt:\t*/0x/p" /proc/$$/status) >> 14 & 1)); do :; done; kill -TERM $$) & disown'
+ranks 143 3 eval "$model" "$room" --split all --threads 1 --quiet
+check no_empty_message bash -c "! grep -qE '^sparegs: .*: *$' '$temporary/stderr'"
+on_all_ranks
 for number in 0 2; do
     stop $number "$temporary/.stopped.*.mp4" render "$model" "$room" --orbit 5000 --size 168x96 --video "$temporary/stopped.mp4"
-    reports "stopped.mp4: stopped before the last frame; no video was written"
+    reports "stopped.mp4: stopped; no video was written"
     check one_note test "$(grep -c 'no video was written' "$temporary/stderr")" = 1
     no_video "$temporary/stopped.mp4"
     rm -rf "$temporary/cut"

@@ -188,6 +188,39 @@ static void the_difference_is_in_the_message(void **state)
         }
 }
 
+// The last line of rank 0 is the name of a value without the value.
+static void the_difference_of_a_missing_value_is_in_the_message(void **state)
+{
+    (void)state;
+    compared members[2];
+    for (int r = 0; r < 2; ++r)
+        members[r] = (compared){.texts = {"a: 1\nsize", "a: 1\nsize: 1"}};
+    ranks_run(2, members, sizeof *members, compare_texts);
+    for (int r = 0; r < 2; ++r)
+        assert_non_null(strstr(members[r].message, "has 'size: 1', but rank 0 has 'size'"));
+}
+
+static void collect_unknown_senders(void *context, sgs_ranks *ranks)
+{
+    compared *c = context;
+    char got[8];
+    c->status = sgs_ranks_collect(ranks, SGS_STATUS_OK, "a", 1, c->texts[0] ? 3 : 0, got);
+    snprintf(c->message, sizeof c->message, "%s", c->status ? sgs_last_error() : "");
+}
+
+static void more_senders_than_ranks_are_refused(void **state)
+{
+    (void)state;
+    for (int k = 0; k < 2; ++k) {
+        compared members[2] = {{.texts = {k ? "" : NULL}}, {.texts = {k ? "" : NULL}}};
+        ranks_run(2, members, sizeof *members, collect_unknown_senders);
+        for (int r = 0; r < 2; ++r) {
+            assert_int_equal(members[r].status, SGS_STATUS_INVALID_ARGUMENT);
+            assert_non_null(strstr(members[r].message, "senders of 2 ranks"));
+        }
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -195,6 +228,8 @@ int main(void)
         cmocka_unit_test(a_failure_ends_the_call_on_all_ranks),
         cmocka_unit_test(a_rank_without_memory_ends_the_call_on_all_ranks),
         cmocka_unit_test(one_process_keeps_its_block),
-        cmocka_unit_test(the_difference_is_in_the_message)};
+        cmocka_unit_test(the_difference_is_in_the_message),
+        cmocka_unit_test(the_difference_of_a_missing_value_is_in_the_message),
+        cmocka_unit_test(more_senders_than_ranks_are_refused)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -180,6 +180,7 @@ static void train(const training *plan, int count, result *out)
         ranks_run(count, all, sizeof *all, run_rank);
     else
         run_rank(&all[0], NULL);
+    sgsi_fail_allocation(0); // rank 1 may have ended before the step of another one
     for (int r = 0; r < members; ++r)
         out[r] = all[r].out;
 }

@@ -3,9 +3,10 @@
 #pragma once
 
 // SIGINT, SIGTERM and SIGHUP request a stop: the first one sets a flag, a second one exits
-// immediately with status 128 + signal. SIGUSR1 requests a checkpoint. INTERRUPT_PASSED_ON is
-// SIGTERM forwarded by the parent program; it never exits immediately, because the same request may
-// also have arrived directly.
+// immediately with status 128 + signal. A second SIGTERM within five seconds has no effect: batch
+// systems send one to the process and one to its launcher, which forwards it. SIGUSR1 requests a
+// checkpoint. INTERRUPT_PASSED_ON is SIGTERM forwarded by the parent program; it never exits
+// immediately, because the same request may also have arrived directly.
 
 #include <signal.h>
 #include <stdbool.h>

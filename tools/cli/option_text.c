@@ -19,6 +19,23 @@ static void write_word(FILE *out, const char *words, int index)
         fprintf(out, "%d", index);
 }
 
+// The words of a SET, separated by commas.
+static void write_words(FILE *out, const char *words, unsigned set)
+{
+    const char *bar = strrchr(words, '|'), *before = "";
+    words = bar ? bar + 1 : words;
+    for (unsigned left = set; left && *words; left >>= 1) {
+        const int length = (int)strcspn(words, ",");
+        if (left & 1) {
+            fprintf(out, "%s%.*s", before, length, words);
+            before = ",";
+        }
+        words += length + (words[length] == ',');
+    }
+    if (!set)
+        fputs("none", out);
+}
+
 static void write_integers(FILE *out, const integer_list *list)
 {
     for (int k = 0; k < list->count; ++k)
@@ -41,7 +58,7 @@ static void write_value(FILE *out, const option *row, const char *values)
         write_word(out, row->argument, *(const int *)at);
         break;
     case OPTION_SET:
-        fprintf(out, "%x", *(const unsigned *)at);
+        write_words(out, row->argument, *(const unsigned *)at);
         break;
     case OPTION_COUNT:
     case OPTION_BYTES:

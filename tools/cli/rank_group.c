@@ -13,10 +13,12 @@
 #include "cli/options.h"
 #include "cli/output.h"
 #include "cli/progress.h"
+#include "cli/shared_options.h"
 #include "sparegs/runtime.h"
 
 static sgs_ranks *ranks;
-static bool told; // the failure of a call is printed
+static bool told;      // the failure of a call is printed
+static bool cancelled; // a rank was stopped while it loaded the scene
 
 void group_silence(void)
 {
@@ -67,9 +69,11 @@ int group_close(int status)
     // A rank that failed alone, without group_all.
     const bool failed = status == EXIT_FAILED || status == EXIT_USAGE;
     const bool all = group_all(!failed);
+    if (cancelled && group_stop_requested() && (failed || !all))
+        status = interrupt_status();
     sgs_ranks_close(ranks);
     ranks = NULL;
-    return all || failed ? status : EXIT_FAILED;
+    return all || failed || cancelled ? status : EXIT_FAILED;
 }
 
 sgs_ranks *group_ranks(void)
@@ -105,9 +109,11 @@ bool group_all(bool own)
     if (!ranks)
         return own;
     raise_own_signal();
-    const char *text = last_error_text();
-    const sgs_status status =
-        sgs_ranks_agree_text(ranks, own ? SGS_STATUS_OK : SGS_STATUS_IO, text);
+    const bool stopped = !own && scene_open_was_cancelled();
+    const char *text = stopped ? "stopped while loading the scene" : last_error_text();
+    const sgs_status failure = stopped ? SGS_STATUS_CANCELLED : SGS_STATUS_IO;
+    const sgs_status status = sgs_ranks_agree_text(ranks, own ? SGS_STATUS_OK : failure, text);
+    cancelled = status == SGS_STATUS_CANCELLED;
     if (status && own && group_leads() && !told) {
         told = true;
         fail_library();

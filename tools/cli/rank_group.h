@@ -2,9 +2,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// The ranks of this program under mpirun or srun (sparegs/ranks.h). Only rank 0 prints and writes;
-// the messages of the others reach it when they fail. Without a launcher there are no ranks, and
-// every function does what a single process needs.
+// The ranks of this program under mpirun or srun (sparegs/ranks.h). Only rank 0 prints; the
+// messages of the others reach it when they fail. All ranks write the images of their views, and
+// the folders of their runs; rank 0 writes everything else. Without a launcher there are no ranks,
+// and every function does what a single process needs.
 
 #include <jansson.h>
 #include <stdbool.h>
@@ -31,7 +32,8 @@ int group_open(const char *command, bool supported);
 // Open MPI binds each rank to a core or a socket by default. Call when the number of threads is
 // known.
 void group_check_binding(void);
-// Leaves the ranks. Returns `status`, or a failure if another rank failed.
+// Leaves the ranks. Returns `status`, a failure if another rank failed, or the status of a signal
+// if one stopped a rank while it loaded the scene.
 int group_close(int status);
 
 // NULL without ranks.
@@ -39,8 +41,9 @@ sgs_ranks *group_ranks(void);
 bool group_leads(void); // rank 0, or no ranks
 int group_count(void);  // 1 without ranks
 
-// Collective: true if all ranks pass true. A rank that passes false has printed its error, which
-// rank 0 prints for it. A signal to this rank travels along, see group_stop_requested.
+// Collective: true if all ranks pass true. Rank 0 prints the error of a rank that passes false: the
+// last one that this rank has passed to fail_run() or fail_library(). Rank 0 prints its own error
+// itself. A signal to this rank travels along, see group_stop_requested.
 bool group_all(bool own);
 
 // True if the request was raised on any rank; the same on all ranks in the same iteration. `own`
@@ -50,8 +53,8 @@ bool group_requested(unsigned request, bool own);
 // The same for a request that may be made again: it is withdrawn.
 bool group_taken(unsigned request, bool own);
 
-// True if any rank has received a signal to stop. A rank without one then behaves as if it had
-// received the same signal, so that all end with its status.
+// True if any rank had received a signal to stop at the last collective call. A rank without one
+// then behaves as if it had received the same signal, so that all end with its status.
 bool group_stop_requested(void);
 
 // For loops of rounds in which every rank does work of its own: whether to continue with `round`.

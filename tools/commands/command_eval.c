@@ -256,12 +256,21 @@ static bool evaluate_all(const evaluator *evaluation, sgs_split split, const cha
 typedef struct split_views {
     const sgs_scene *scene;
     sgs_split split;
+    const drawing_values *drawing;
+    const json_t *exposures; // or NULL
+    const char *weights;     // file of LPIPS, or NULL
 } split_views;
 
 static bool describe_views(FILE *out, const void *context)
 {
     const split_views *views = context;
     const sgs_scene *scene = views->scene;
+    rank_work_write_drawing(out, views->drawing);
+    if (!rank_work_write_json(out, "exposure", views->exposures))
+        return false;
+    if (views->weights)
+        fprintf(out, "content of %s: %016" PRIx64 "\n", views->weights,
+                sgs_rank_file_digest(views->weights));
     // Scores are gathered by index in the scene.
     fprintf(out, "number of images: %zu\nimages in the split: %zu\n", scene->view_count,
             scene_split_count(scene, views->split));
@@ -297,7 +306,7 @@ static int evaluate_model(const command_line *line, const model_path *located,
     if (!model_read(located, drawing, &model))
         return EXIT_FAILED;
     evaluator evaluation = {0};
-    const split_views views = {scene, split};
+    const split_views views = {scene, split, drawing, exposures, values->lpips};
     bool done = rank_work_agrees(&(rank_work){line, model, describe_views, &views}) &&
                 evaluator_open(&evaluation, model, scene, drawing);
     evaluation.exposures = exposures;

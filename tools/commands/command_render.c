@@ -417,15 +417,22 @@ static bool render_views(const sgs_gaussians *model, const camera_list *cameras,
     group_stop_requested(); // all ranks then end alike
     done = done && report_drawn(&drawer, cameras->count, before);
     if (done && stopped && options->film)
-        print_note("%s: stopped before the last frame; no video was written", options->film);
+        print_note("%s: stopped; no video was written", options->film);
     if (done && cameras->arc > 0)
         print_note("orbit: arc of %.0f degrees; use --arc 360 for a full circle", cameras->arc);
     return done;
 }
 
+typedef struct render_work {
+    const camera_list *cameras;
+    const drawing_values *drawing;
+} render_work;
+
 static bool describe_cameras(FILE *out, const void *context)
 {
-    const camera_list *cameras = context;
+    const render_work *work = context;
+    const camera_list *cameras = work->cameras;
+    rank_work_write_drawing(out, work->drawing);
     fprintf(out, "number of views: %zu\n", cameras->count);
     for (size_t i = 0; i < cameras->count; ++i) {
         const named_camera *view = &cameras->cameras[i];
@@ -442,7 +449,8 @@ static bool render_model(const command_line *line, const model_path *located,
     sgs_gaussians *model = NULL;
     if (!model_read(located, drawing, &model))
         return false;
-    if (!rank_work_agrees(&(rank_work){line, model, describe_cameras, cameras})) {
+    const render_work work = {cameras, drawing};
+    if (!rank_work_agrees(&(rank_work){line, model, describe_cameras, &work})) {
         sgs_gaussians_destroy(model);
         return false;
     }

@@ -43,6 +43,12 @@ static char *describe(const rank_work *work)
     return NULL;
 }
 
+void rank_work_write_drawing(FILE *out, const drawing_values *drawing)
+{
+    fprintf(out, "white: %.17g\nnear distance: %.17g\n", drawing->white_point,
+            drawing->near_distance);
+}
+
 static int compare_names(const void *a, const void *b)
 {
     return strcmp(*(const char *const *)a, *(const char *const *)b);

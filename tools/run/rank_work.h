@@ -10,6 +10,7 @@
 #include <stdio.h>
 
 #include "cli/options.h"
+#include "cli/shared_options.h"
 #include "sparegs/gaussians.h"
 
 typedef struct rank_work {
@@ -23,6 +24,9 @@ typedef struct rank_work {
 // True on all ranks if they agree, or without ranks. Otherwise false on all; rank 0 has printed the
 // first difference. Collective.
 bool rank_work_agrees(const rank_work *work);
+
+// For `describe`: the values that come from the run's config or the scene and not from an option.
+void rank_work_write_drawing(FILE *out, const drawing_values *drawing);
 
 // For `describe`: one line per value in an object or array, "WHAT.KEY[INDEX]: value", by ascending
 // keys. False after printing the error.

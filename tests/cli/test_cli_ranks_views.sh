@@ -292,7 +292,8 @@ cd "$temporary/here"
 ranks 1 2 experiment "$temporary/plan10.json" -o apart --quiet
 cd "$OLDPWD"
 one_voice
-reports "apart: the results of 1 of 2 runs are missing"
+reports "apart: this is another folder than on rank 0"
+check no_run_started test -z "$(find "$temporary/here" "$temporary/there" -type f)"
 on_all_ranks
 
 # ---- The real encoder, where it is: the same file ----

@@ -200,6 +200,36 @@ json_t *group_json(json_t *value)
     return value;
 }
 
+bool group_shares_folder(const char *folder)
+{
+    if (!ranks)
+        return true;
+    char *made = format_text("%s/.ranks.XXXXXX", folder), *path = NULL;
+    const int file = group_leads() ? mkstemp(made) : -1;
+    bool shared = !group_leads() || file >= 0;
+    if (!shared)
+        fail_run("%s: cannot make a file in this folder", folder);
+    json_t *name = group_json(file >= 0 ? json_pack("[s]", made + strlen(folder) + 1) : NULL);
+    const char *text = json_string_value(json_array_get(name, 0));
+    if (text && !group_leads()) {
+        path = format_text("%s/%s", folder, text);
+        shared = !access(path, F_OK);
+        if (!shared)
+            fail_run(
+                "%s: this is another folder than on rank 0; all ranks need the same file system",
+                folder);
+    }
+    shared = group_all(shared);
+    if (file >= 0) {
+        close(file);
+        unlink(made);
+    }
+    json_decref(name);
+    free(made);
+    free(path);
+    return shared;
+}
+
 // An array of the texts [count][size].
 static json_t *read_texts(const char *texts, size_t size)
 {

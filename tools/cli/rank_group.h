@@ -74,6 +74,10 @@ int group_number(int value);
 // of `value`. Collective.
 json_t *group_json(json_t *value);
 
+// Whether `folder` is the same folder on all ranks: the others must see a file that rank 0 makes in
+// it. Otherwise false on all; rank 0 has printed the error. Collective.
+bool group_shares_folder(const char *folder);
+
 // The values of all ranks in their order, on rank 0; NULL on the others, or on failure, which rank
 // 0 has printed. Takes over the reference of `value`. Without ranks an array of it. Collective.
 json_t *group_gather_json(json_t *value);

@@ -414,6 +414,27 @@ static size_t count_missing(const experiment_plan *plan)
     return missing;
 }
 
+// All ranks have finished their runs. A network file system may show the files of another machine
+// later: NFS caches the absence of a file for up to 30 s by default. Writes the results of the runs
+// that appear. False after printing the error.
+static bool await_results(const experiment_plan *plan, const char *folder)
+{
+    enum { SECONDS = 60 };
+    const size_t at_first = count_missing(plan);
+    size_t missing = at_first;
+    for (int k = 0; missing && k < SECONDS && !interrupt_signal(); ++k) {
+        sleep(1);
+        missing = count_missing(plan);
+    }
+    if (missing < at_first && !write_results(plan, folder))
+        return false;
+    if (missing)
+        fail_run("%s: the results of %zu of %zu runs are missing; rerun the experiment to repeat "
+                 "them",
+                 folder, missing, plan->count);
+    return !missing;
+}
+
 // Run i on rank i modulo their number; rank 0 writes the results. A signal to one rank does not
 // interrupt the runs of the others, but all then end with its status.
 static int run_all(const experiment_plan *plan, const char *folder)
@@ -447,11 +468,8 @@ static int run_all(const experiment_plan *plan, const char *folder)
     if (failed)
         return fail_run("%s: %d of %zu runs failed; rerun the experiment to repeat them", folder,
                         failed, plan->count);
-    if (group_leads() && count_missing(plan))
-        return fail_run(
-            "%s: the results of %zu of %zu runs are missing; all ranks must use the same "
-            "folder",
-            folder, count_missing(plan), plan->count);
+    if (group_leads() && !await_results(plan, folder))
+        return EXIT_FAILED;
     return failed_points ? fail_run("%s: %d steps after training failed; rerun the experiment to "
                                     "repeat them",
                                     folder, failed_points)
@@ -510,7 +528,7 @@ static int experiment(const command_line *line, const experiment_values *values,
     if (values->check)
         status = print_runs(&plan, json) ? EXIT_DONE : EXIT_FAILED;
     else if (values->output && make_folder(values->output) && check_writable(values->output))
-        status = group_all(true) ? run_all(&plan, values->output) : EXIT_FAILED;
+        status = group_shares_folder(values->output) ? run_all(&plan, values->output) : EXIT_FAILED;
     if (!values->check && json && status != EXIT_FAILED && !print_results(values->output))
         status = EXIT_FAILED;
     experiment_plan_free(&plan);

@@ -68,6 +68,17 @@ reports() {
     bad_inputs=$((bad_inputs + ${refused:-0}))
     refused=0
 }
+# ranks STATUS COUNT ARGUMENT...: as run, on COUNT ranks, for at most ranks_seconds. mpirun adds lines of its own after a failure.
+ranks() {
+    local expected=$1 count=$2 status=0
+    shift 2
+    refused=$((expected == 1 || expected == 2))
+    last_command="mpirun -n $count sparegs $*"
+    timeout "$ranks_seconds" "${launcher[@]}" -n "$count" "$program" "$@" >"$temporary/stdout" 2>"$temporary/stderr" || status=$?
+    check "exit_status_$expected" test "$status" -eq "$expected"
+}
+# one_voice: one rank has printed one message; other lines are those of mpirun.
+one_voice() { check one_line_of_sparegs test "$(grep -c '^sparegs: ' "$temporary/stderr")" = 1; }
 prints() { check "stdout_has: $1" grep -qF -- "$1" "$temporary/stdout"; }
 one_line() { check one_line_of_error test "$(grep -c '^sparegs: ' "$temporary/stderr")" = "$(wc -l <"$temporary/stderr")" -a \
     "$(wc -l <"$temporary/stderr")" = 1; }

@@ -18,18 +18,9 @@ on_rank_1='[ "${OMPI_COMM_WORLD_RANK:-${PMI_RANK:-0}}" = 1 ]'
 # shellcheck disable=SC2016
 on_rank_0='[ "${OMPI_COMM_WORLD_RANK:-${PMI_RANK:-0}}" = 0 ]'
 
-# ranks STATUS COUNT ARGUMENT...: as run, on COUNT ranks. mpirun adds lines of its own after a failure.
-ranks() {
-    local expected=$1 count=$2 status=0
-    shift 2
-    refused=$((expected == 1 || expected == 2))
-    last_command="mpirun -n $count sparegs $*"
-    timeout 300 "${launcher[@]}" -n "$count" "$program" "$@" >"$temporary/stdout" 2>"$temporary/stderr" || status=$?
-    check "exit_status_$expected" test "$status" -eq "$expected"
-}
+ranks_seconds=300
 hash_of() { jq -r .model_hash "$temporary/$1/summary.json"; }
 same_hash() { check "same_hash: $1 $2" test "$(hash_of "$1")" = "$(hash_of "$2")"; }
-one_voice() { check one_line_of_sparegs test "$(grep -c '^sparegs: ' "$temporary/stderr")" = 1; }
 
 common=("$room" --downscale 4 --eval --iterations 120 --threads 1 --quiet)
 

@@ -17,15 +17,7 @@ fi
 rank='"${OMPI_COMM_WORLD_RANK:-${PMI_RANK:-0}}"'
 [ "${#launcher[@]}" = 1 ] || launcher+=(--mca btl "tcp,self") # shared memory is a file, which has a limit below
 
-# ranks STATUS COUNT ARGUMENT...: as run, on COUNT ranks. mpirun adds lines of its own after a failure.
-ranks() {
-    local expected=$1 count=$2 status=0
-    shift 2
-    refused=$((expected == 1 || expected == 2))
-    last_command="mpirun -n $count sparegs $*"
-    timeout 120 "${launcher[@]}" -n "$count" "$program" "$@" >"$temporary/stdout" 2>"$temporary/stderr" || status=$?
-    check "exit_status_$expected" test "$status" -eq "$expected"
-}
+ranks_seconds=120
 # on_rank NUMBER COMMAND: the program executes a shell command first, on this rank.
 on_rank() {
     printf '#!/usr/bin/env bash\nif [ %s = %s ]; then %s; fi\nexec "%s" "$@"\n' "$rank" "$1" "$2" "$SPAREGS_PROGRAM" >"$temporary/first"
@@ -33,7 +25,6 @@ on_rank() {
     program=$temporary/first
 }
 on_all_ranks() { program=$SPAREGS_PROGRAM; }
-one_voice() { check one_line_of_sparegs test "$(grep -c '^sparegs: ' "$temporary/stderr")" = 1; }
 no_video() {
     check no_video test ! -e "$1"
     check no_temporary_file_is_left test -z "$(find "$temporary" -name '.*.mp4')"

@@ -69,11 +69,12 @@ int group_close(int status)
     // A rank that failed alone, without group_all.
     const bool failed = status == EXIT_FAILED || status == EXIT_USAGE;
     const bool all = group_all(!failed);
-    if (cancelled && group_stop_requested() && (failed || !all))
-        status = interrupt_status();
+    const bool stopped = cancelled && group_stop_requested();
     sgs_ranks_close(ranks);
     ranks = NULL;
-    return all || failed || cancelled ? status : EXIT_FAILED;
+    if (stopped)
+        return interrupt_status();
+    return all || failed ? status : EXIT_FAILED;
 }
 
 sgs_ranks *group_ranks(void)

@@ -33,8 +33,13 @@ typedef enum sgs_schedule {
     SGS_SCHEDULE_PAPER = 1,
     SGS_SCHEDULE_FINETUNE = 2
 } sgs_schedule;
-// Adam over the primitives visible in the view, without bias correction, or over all.
-typedef enum sgs_optimizer { SGS_OPTIMIZER_SPARSE = 0, SGS_OPTIMIZER_DENSE = 1 } sgs_optimizer;
+// Adam over the primitives visible in the view, without bias correction, or over all. Auto: dense
+// for MCMC from 2000 iterations on and with the published schedule, else sparse.
+typedef enum sgs_optimizer {
+    SGS_OPTIMIZER_SPARSE = 0,
+    SGS_OPTIMIZER_DENSE = 1,
+    SGS_OPTIMIZER_AUTO = 2
+} sgs_optimizer;
 // Base pipelines: 3DGS (Kerbl et al., 2023), Mip-Splatting (Yu et al., 2024), Taming 3DGS (Mallick
 // et al., 2024), DashGaussian (Chen et al., 2025), FastGS (Ren et al., 2025), 3DGS as Markov chain
 // Monte Carlo (Kheradmand et al., 2024; published with the dense optimiser).
@@ -136,12 +141,12 @@ typedef struct sgs_train_options {
     // before a structural update and at an opacity reset.
     int batch;
     sgs_pipeline pipeline;
-    sgs_filter filter;  // 3DGS
-    double compact_box; // as in sgs_render_options; 1
-    sgs_optimizer optimizer;
-    int sh_degree;          // 0..3; 3
-    float background[3];    // in the space of the photographs; black
-    bool background_random; // a new colour per iteration instead; false
+    sgs_filter filter;       // 3DGS
+    double compact_box;      // as in sgs_render_options; 1
+    sgs_optimizer optimizer; // auto
+    int sh_degree;           // 0..3; 3
+    float background[3];     // in the space of the photographs; black
+    bool background_random;  // a new colour per iteration instead; false
     // Hard cap, also of the initial model; 0 = none. MCMC: 0 = 10 times the initial number, at most
     // 1 000 000 and at least the initial number.
     size_t max_gaussians;

@@ -49,8 +49,9 @@
 //   | 28.92, .8950, .1319, .353. Room, 300 iterations, other pipelines: mip 26.73 | 27.15, taming
 //   26.21 | 27.04, dash 26.79 | 27.22, fastgs 26.94 | 27.72.
 //   Twice the rate of positions or colours: no gain on plush (29.67, .9226; 29.64, .9219); of
-//   opacity as well: fewer primitives (36 932 instead of 40 028), 29.71, .9239. Not with MCMC: plush
-//   at 336x252 with the 52 348 primitives of 3DGS, 7000 iterations, 29.94, .9265 | 29.78, .9257.
+//   opacity as well: fewer primitives (36 932 instead of 40 028), 29.71, .9239. Not with MCMC:
+//   plush at 336x252 with the 52 348 primitives of 3DGS, 7000 iterations, 29.94, .9265 | 29.78,
+//   .9257.
 // - Rate of SH above degree 0: reduced in proportion to the views if there are fewer than 24. 16
 //   coefficients per channel and few directions fit colours that only the training views see.
 //   7000 iterations at a5fce2c, published rate | times 0.6 (banana) or 0.5: banana at 376x250, 15
@@ -69,6 +70,16 @@
 // MCMC has its own milestones (Kheradmand et al. 2024, released code): updates from 500 to 25 000
 // every 100, each adding 5 %, and no opacity resets. Scaled: updates until 25 000 f every max(50,
 // 100 f). Each adds what the published updates of that time add, at most as many rows as there are.
+// MCMC's optimiser is the published, dense one from 2000 iterations on. 4703a08, without SPARE-GS,
+// sparse | dense: PSNR, SSIM, FLIP, sharpness of the held-out views. 2000 iterations: plush at
+// 336x252, 52 348 primitives, 29.06, .9120, .1326, .373 | 28.59, .9061, .1387, .350; room at
+// 480x270, 30 000: 26.03, .8781, .1496, .264 | 27.08, .8990, .1407, .391; banana at 376x250,
+// 40 085: 27.97, .7779, .1142, .516 | 28.16, .7758, .1113, .492. 4000: plush 29.37, .9216, .1308,
+// .440 | 28.91, .9168, .1367, .421; room 27.37, .9019, .1366, .451 | 28.77, .9260, .1288, .552;
+// banana 27.76, .7904, .1222, .572 | 27.91, .7942, .1210, .532. 7000: plush 29.75, .9245, .1277,
+// .471 | 29.85, .9258, .1247, .468; room 29.13, .9276, .1214, .599 | 30.62, .9449, .1156, .816;
+// banana 28.11, .8048, .1211, .581 | 28.22, .8059, .1149, .589. 1200, plush at 168x126, 44 540:
+// 29.06 dB | 28.39 dB.
 
 #include "density/schedule.h"
 
@@ -84,7 +95,8 @@ enum {
     FEW_VIEWS_LENGTH = 2000,
     SHORT_UPDATES = 10,
     LEAST_INTERVAL = 20,
-    RELOCATION_INTERVAL = 50
+    RELOCATION_INTERVAL = 50,
+    DENSE_LENGTH = 2000
 };
 #define SHORT_THRESHOLD 1.7
 #define FEW_VIEWS 24.0 // 1.5 per SH coefficient
@@ -125,10 +137,19 @@ static void scale_relocations(sgsi_schedule *schedule, double f)
     schedule->growth = fmin(pow(1.0 + schedule->growth, published) - 1.0, 1.0);
 }
 
+static bool is_dense(const sgs_train_options *options)
+{
+    if (options->optimizer != SGS_OPTIMIZER_AUTO)
+        return options->optimizer == SGS_OPTIMIZER_DENSE;
+    return sgsi_pipeline_get(options->pipeline)->relocates &&
+           (options->schedule == SGS_SCHEDULE_PAPER || options->iterations >= DENSE_LENGTH);
+}
+
 // Without milestones; the position rate is the final one (sgsi_schedule_lr).
 static sgsi_schedule finetune(const sgs_train_options *options)
 {
     return (sgsi_schedule){.iterations = options->iterations,
+                           .dense = is_dense(options),
                            .densify_interval = 100,
                            .resolution_interval = 100,
                            .middle_until = 1,
@@ -175,6 +196,7 @@ sgsi_schedule sgsi_schedule_make(const sgs_train_options *options)
     const double f = scaled ? (double)options->iterations / PAPER_LENGTH : 1.0;
     sgsi_schedule schedule = {
         .iterations = options->iterations,
+        .dense = is_dense(options),
         .densify_from = 500,
         .densify_until = pipeline->densify_until,
         .densify_interval = pipeline->densify_interval,

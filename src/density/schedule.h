@@ -12,6 +12,7 @@
 
 typedef struct sgsi_schedule {
     int iterations;
+    bool dense; // Adam over all primitives
     int densify_from, densify_until, densify_interval;
     int reset_interval, reset_until; // opacity resets; 0 = none
     int first_reset;                 // additional reset for a white background; 0 = none

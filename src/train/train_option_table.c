@@ -78,9 +78,10 @@ static const sgs_train_option table[] = {
     {.name = "optimizer",
      .type = SGS_OPTION_CHOICE,
      FIELD(optimizer),
-     .initial = SGS_OPTIMIZER_SPARSE,
-     .values = "sparse|dense",
-     .help = "Adam over the primitives visible in the iteration, or over all primitives",
+     .initial = SGS_OPTIMIZER_AUTO,
+     .values = "sparse|dense|auto",
+     .help = "Adam over the primitives visible in the iteration, or over all; auto: dense for mcmc "
+             "from 2000 iterations and with --schedule paper, else sparse",
      .group = training,
      ALL_PIPELINES},
     {.name = "sh_degree",

@@ -262,7 +262,7 @@ static void count_traffic(sgs_trainer *trainer, const sgsi_train_view *view)
         .channels = view->source->image.channels,
         .collects = view->visible_count != NULL,
         .steps = ends_batch(trainer, view->iteration),
-        .dense = trainer->options.optimizer == SGS_OPTIMIZER_DENSE};
+        .dense = trainer->schedule.dense};
     sgsi_traffic_add(&traffic, &trainer->bytes);
 }
 

@@ -64,7 +64,7 @@ static sgsi_optimize settings(const sgs_trainer *trainer, const sgsi_train_view 
                            .sums = sgsi_tracer_grad_sums(trainer->views.rows),
                            .touched = sgsi_tracer_touched(trainer->views.rows),
                            .visible = sgsi_tracer_visible(trainer->views.rows),
-                           .dense = trainer->options.optimizer == SGS_OPTIMIZER_DENSE,
+                           .dense = trainer->schedule.dense,
                            .lr_mean = (float)lr_mean,
                            .lr_rotation = shape * 1e-3f,
                            .lr_scale = shape * 5e-3f,

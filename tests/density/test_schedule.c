@@ -389,6 +389,27 @@ static void mcmc_scales_its_updates_with_the_run(void **state)
     assert_true(fabs(schedule.growth - 0.1103) < 1e-4);
 }
 
+static void auto_is_dense_for_long_runs_of_mcmc(void **state)
+{
+    (void)state;
+    for (sgs_pipeline pipeline = 0; pipeline < SGS_PIPELINE_COUNT; ++pipeline) {
+        const bool mcmc = pipeline == SGS_PIPELINE_MCMC;
+        assert_false(make_for(pipeline, 1999).dense);
+        assert_int_equal(make_for(pipeline, 2000).dense, mcmc);
+        assert_int_equal(make_for(pipeline, 30000).dense, mcmc);
+    }
+    sgs_train_options options = sgs_train_options_default();
+    options.pipeline = SGS_PIPELINE_MCMC;
+    options.iterations = 100;
+    options.schedule = SGS_SCHEDULE_PAPER;
+    assert_true(sgsi_schedule_make(&options).dense);
+    options.optimizer = SGS_OPTIMIZER_SPARSE;
+    assert_false(sgsi_schedule_make(&options).dense);
+    options.schedule = SGS_SCHEDULE_FINETUNE;
+    options.optimizer = SGS_OPTIMIZER_DENSE;
+    assert_true(sgsi_schedule_make(&options).dense);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -406,6 +427,7 @@ int main(void)
         cmocka_unit_test(dash_densifies_until_nine_tenths),
         cmocka_unit_test(mcmc_has_244_updates_and_no_reset),
         cmocka_unit_test(mcmc_scales_its_updates_with_the_run),
+        cmocka_unit_test(auto_is_dense_for_long_runs_of_mcmc),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -81,7 +81,7 @@ static const sgs_train_option table[] = {
      .initial = SGS_OPTIMIZER_AUTO,
      .values = "sparse|dense|auto",
      .help = "Adam over the primitives visible in the iteration, or over all; auto: dense for mcmc "
-             "from 2000 iterations and with --schedule paper, else sparse",
+             "from 2000 iterations and with the schedule paper, else sparse",
      .group = training,
      ALL_PIPELINES},
     {.name = "sh_degree",

@@ -49,9 +49,7 @@
 //   | 28.92, .8950, .1319, .353. Room, 300 iterations, other pipelines: mip 26.73 | 27.15, taming
 //   26.21 | 27.04, dash 26.79 | 27.22, fastgs 26.94 | 27.72.
 //   Twice the rate of positions or colours: no gain on plush (29.67, .9226; 29.64, .9219); of
-//   opacity as well: fewer primitives (36 932 instead of 40 028), 29.71, .9239. Not with MCMC:
-//   plush at 336x252 with the 52 348 primitives of 3DGS, 7000 iterations, 29.94, .9265 | 29.78,
-//   .9257.
+//   opacity as well: fewer primitives (36 932 instead of 40 028), 29.71, .9239.
 // - Rate of SH above degree 0: reduced in proportion to the views if there are fewer than 24. 16
 //   coefficients per channel and few directions fit colours that only the training views see.
 //   7000 iterations at a5fce2c, published rate | times 0.6 (banana) or 0.5: banana at 376x250, 15
@@ -80,6 +78,13 @@
 // .471 | 29.85, .9258, .1247, .468; room 29.13, .9276, .1214, .599 | 30.62, .9449, .1156, .816;
 // banana 28.11, .8048, .1211, .581 | 28.22, .8059, .1149, .589. 1200, plush at 168x126, 44 540:
 // 29.06 dB | 28.39 dB.
+// With the dense optimiser, rotations and scales have the higher rates of short runs; a64b318,
+// published rates | twice. 2000 iterations: plush 28.59, .9061, .1387, .350 | 28.74, .9100, .1362,
+// .378; room 27.08, .8990, .1407, .391 | 28.38, .9211, .1331, .599. 7000: plush 29.85, .9258,
+// .1247, .468 | 29.90, .9275, .1255, .481; room 30.62, .9449, .1156, .816 | 31.57, .9499, .1099,
+// .887; banana 28.22, .8059, .1149, .589 | 28.36, .8089, .1129, .592. Four times: plush 29.78,
+// .9266, .1275, .494; room 31.47, .9533, .1121, .952. With the sparse one, plush, 7000 iterations:
+// 29.94, .9265 | 29.78, .9257.
 
 #include "density/schedule.h"
 
@@ -228,11 +233,12 @@ sgsi_schedule sgsi_schedule_make(const sgs_train_options *options)
     const double beyond = beyond_short(options->iterations);
     schedule.anneal_from = rounded(ANNEAL_FROM * options->iterations, 1);
     schedule.lr_late = late_rate(options->iterations, beyond);
+    if (schedule.dense || !pipeline->relocates)
+        schedule.lr_shape = fmin(sqrt(1.0 / f), SHORT_SHAPE_RATE);
     if (pipeline->relocates) {
         scale_relocations(&schedule, f);
         return schedule;
     }
-    schedule.lr_shape = fmin(sqrt(1.0 / f), SHORT_SHAPE_RATE);
     const double paper_updates = (PAPER_HALF - 500.0) / pipeline->densify_interval;
     schedule.threshold_factor = pow(SHORT_THRESHOLD, 1.0 - beyond);
     const double updates = SHORT_UPDATES * pow(paper_updates / SHORT_UPDATES, beyond);

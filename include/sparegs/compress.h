@@ -28,7 +28,11 @@ typedef enum sgs_compress_method {
 } sgs_compress_method;
 
 // How SGS_COMPRESS_SOG stores its images, always without loss.
-typedef enum sgs_image_codec { SGS_IMAGE_CODEC_JXL = 0, SGS_IMAGE_CODEC_WEBP = 1 } sgs_image_codec;
+typedef enum sgs_image_codec {
+    SGS_IMAGE_CODEC_JXL = 0,  // JPEG XL
+    SGS_IMAGE_CODEC_WEBP = 1, // up to 8191 x 8191 primitives
+    SGS_IMAGE_CODEC_EXR = 2   // OpenEXR with ZIP: about twice as large
+} sgs_image_codec;
 
 // A field that is 0 (-1 for finetune) takes the value of the preset. Fields of other methods are
 // ignored.

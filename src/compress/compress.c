@@ -52,7 +52,7 @@ static sgs_status check_ranges(const sgs_compress_options *o)
                   {"scale_bits", o->scale_bits, 0, 15},
                   {"rotation_bits", o->rotation_bits, 0, 15},
                   {"opacity_bits", o->opacity_bits, 0, 15},
-                  {"codec", (double)o->codec, SGS_IMAGE_CODEC_JXL, SGS_IMAGE_CODEC_WEBP},
+                  {"codec", (double)o->codec, SGS_IMAGE_CODEC_JXL, SGS_IMAGE_CODEC_EXR},
                   {"vq_ratio", o->vq_ratio, 0, 1},
                   {"distill", o->distill, 0, 1e6},
                   {"codebook", o->codebook, 0, 65536},

@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // JPEG XL: modular mode without loss, 8 or 16 bits. WebP: lossless RGB; an image of 16 bits is
-// stored as its low bytes above its high bytes.
+// stored as its low bytes above its high bytes. OpenEXR: image_codec_exr.c.
 
 #include "compress/image_codec.h"
 
@@ -13,11 +13,13 @@
 #include <webp/decode.h>
 #include <webp/encode.h>
 
-enum { JXL_EFFORT = 7, WEBP_SIDE_MOST = 16383 / 2, JXL_SIDE_MOST = 65535 };
+#include "compress/image_codec_exr.h"
+
+enum { JXL_EFFORT = 7, SIDE_MOST = 65535, WEBP_SIDE_MOST = 16383 / 2 };
 
 bool sgsi_image_fits(sgs_image_codec codec, size_t side)
 {
-    return side <= (codec == SGS_IMAGE_CODEC_WEBP ? WEBP_SIDE_MOST : JXL_SIDE_MOST);
+    return side <= (codec == SGS_IMAGE_CODEC_WEBP ? WEBP_SIDE_MOST : SIDE_MOST);
 }
 
 // The values as bytes, for images that are not wide. Released with free().
@@ -236,13 +238,27 @@ bool sgsi_image_encode(sgs_image_codec codec, const sgsi_image16 *image, uint8_t
                        size_t *size)
 {
     *bytes = NULL;
-    return codec == SGS_IMAGE_CODEC_WEBP ? webp_encode(image, bytes, size)
-                                         : jxl_encode(image, bytes, size);
+    switch (codec) {
+    case SGS_IMAGE_CODEC_JXL:
+        return jxl_encode(image, bytes, size);
+    case SGS_IMAGE_CODEC_WEBP:
+        return webp_encode(image, bytes, size);
+    case SGS_IMAGE_CODEC_EXR:
+        return sgsi_exr_image_encode(image, bytes, size);
+    }
+    return false;
 }
 
 bool sgsi_image_decode(sgs_image_codec codec, const uint8_t *bytes, size_t size,
                        const sgsi_image16 *image)
 {
-    return codec == SGS_IMAGE_CODEC_WEBP ? webp_decode(bytes, size, image)
-                                         : jxl_decode(bytes, size, image);
+    switch (codec) {
+    case SGS_IMAGE_CODEC_JXL:
+        return jxl_decode(bytes, size, image);
+    case SGS_IMAGE_CODEC_WEBP:
+        return webp_decode(bytes, size, image);
+    case SGS_IMAGE_CODEC_EXR:
+        return sgsi_exr_image_decode(bytes, size, image);
+    }
+    return false;
 }

@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Images of integers as JPEG XL or WebP in memory, without loss.
+// Images of integers as JPEG XL, WebP or OpenEXR in memory, without loss.
 
 #include <stdbool.h>
 #include <stddef.h>

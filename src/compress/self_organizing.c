@@ -340,7 +340,7 @@ static sgs_status read_header(sgsi_container *in, sog_header *header)
     if ((uint64_t)header->side * header->side != in->header.count)
         return sgsi_fail(SGS_STATUS_FORMAT, "%s: section 'grid': side %u is not that of %llu cells",
                          in->path, header->side, (unsigned long long)in->header.count);
-    if (header->codec > SGS_IMAGE_CODEC_WEBP)
+    if (header->codec > SGS_IMAGE_CODEC_EXR)
         return sgsi_fail(SGS_STATUS_UNSUPPORTED, "%s: section 'grid': unknown image codec %u",
                          in->path, header->codec);
     if (!sgsi_image_fits((sgs_image_codec)header->codec, header->side))

@@ -138,7 +138,9 @@ sgs_status sgs_exr_deep_open(const char *path, const sgs_exr_info *info, int max
     made->width = info->width;
     made->height = info->height;
     const bool zips = info->compression != SGS_EXR_NONE;
-    made->zip = zips ? sgsi_exr_zip_create(4 * (size_t)info->width) : NULL;
+    if (zips)
+        made->zip =
+            sgsi_exr_zip_create(sgsi_threads(), SGSI_EXR_FLOAT_LEVEL, 4 * (size_t)info->width);
     const sgs_status status =
         zips && !made->zip
             ? sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path)

@@ -73,6 +73,16 @@ static int64_t write_bytes(exr_const_context_t context, void *user, const void *
     return (int64_t)done;
 }
 
+exr_context_initializer_t sgsi_exr_setup(void *user)
+{
+    exr_context_initializer_t setup = EXR_DEFAULT_CONTEXT_INITIALIZER;
+    setup.error_handler_fn = keep_message;
+    setup.alloc_fn = allocate;
+    setup.free_fn = sgsi_free;
+    setup.user_data = user;
+    return setup;
+}
+
 // ---- The header ----
 
 // EXR uses row vectors, p' = p M: the transpose of the matrix for column vectors.
@@ -207,11 +217,7 @@ sgs_status sgsi_exr_open(sgsi_exr_writer *writer, const char *path, const sgs_ex
     qsort(sorted, (size_t)column_count, sizeof *sorted, compare_columns);
     sgs_status status = sgsi_atomic_open(&writer->file, path);
     if (!status) {
-        exr_context_initializer_t setup = EXR_DEFAULT_CONTEXT_INITIALIZER;
-        setup.error_handler_fn = keep_message;
-        setup.alloc_fn = allocate;
-        setup.free_fn = sgsi_free;
-        setup.user_data = writer;
+        exr_context_initializer_t setup = sgsi_exr_setup(writer);
         setup.write_fn = write_bytes;
         last_message[0] = 0;
         exr_result_t result =
@@ -348,7 +354,7 @@ static bool prepare_zip(chunk_band *band, size_t largest)
 {
     if (!band->capacity) {
         band->capacity = largest;
-        band->zip = sgsi_exr_zip_create(largest);
+        band->zip = sgsi_exr_zip_create(sgsi_threads(), SGSI_EXR_FLOAT_LEVEL, largest);
         band->zipped = sgsi_alloc(BAND_CHUNKS * largest, 1);
     }
     return band->zip && band->zipped;

@@ -10,7 +10,12 @@
 #include "base/core.h"
 #include "sparegs/image.h"
 
-enum { SGSI_EXR_MAX_SIDE = 65536 };
+// Level of ZIP for floats. They hardly shrink more at higher ones: 0.776 of their size at level 1,
+// 0.765 at 6, over all AOVs of a trained model.
+enum { SGSI_EXR_MAX_SIDE = 65536, SGSI_EXR_FLOAT_LEVEL = 1 };
+
+// A context with the library's allocator, which keeps messages of OpenEXR instead of printing them.
+exr_context_initializer_t sgsi_exr_setup(void *user);
 
 typedef struct sgsi_exr_writer {
     sgsi_atomic_file file;

@@ -11,8 +11,9 @@
 // One compressor and buffer per thread.
 typedef struct sgsi_exr_zip sgsi_exr_zip;
 
-// For chunks of at most `largest` bytes. Returns NULL if out of memory.
-sgsi_exr_zip *sgsi_exr_zip_create(size_t largest);
+// For chunks of at most `largest` bytes; `level` of libdeflate, 1 (fastest) to 12 (smallest).
+// Returns NULL if out of memory.
+sgsi_exr_zip *sgsi_exr_zip_create(int threads, int level, size_t largest);
 void sgsi_exr_zip_destroy(sgsi_exr_zip *zip);
 // Raises `largest`. Returns false if out of memory.
 bool sgsi_exr_zip_reserve(sgsi_exr_zip *zip, size_t largest);
@@ -21,3 +22,8 @@ bool sgsi_exr_zip_reserve(sgsi_exr_zip *zip, size_t largest);
 // not be smaller; `raw` is then stored as it is, which readers accept.
 size_t sgsi_exr_zip_pack(sgsi_exr_zip *zip, int thread, const uint8_t *raw, size_t count,
                          uint8_t *out);
+
+// The inverse: inflates `size` bytes of `packed` to out [count]; scratch [count]. False if they are
+// damaged or have another decoded size, and without memory.
+bool sgsi_exr_zip_unpack(const uint8_t *packed, size_t size, uint8_t *scratch, uint8_t *out,
+                         size_t count);

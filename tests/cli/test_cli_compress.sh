@@ -33,6 +33,23 @@ for method in lightgaussian sog mesongs ghap fcgs-like; do
     check presets_shrink_the_file test "$(stat -c %s "$temporary/$method.1")" -gt "$(stat -c %s "$temporary/$method.3")"
 done
 
+# codecs_decode_to_the_same_bytes
+for codec in jxl webp exr; do
+    file=$temporary/sog.$codec
+    run 0 compress "$model" -o "$file" --method sog --codec $codec --json
+    json "$temporary/stdout" ".bytes == $(stat -c %s "$file")"
+    for threads in 1 2; do
+        run 0 decompress "$file" -o "$file.$threads.ply" --threads $threads
+        check "${codec}_decodes_to_the_same_bytes" cmp "$file.$threads.ply" "$temporary/sog.jxl.1.ply"
+    done
+done
+run 2 compress "$model" -o "$temporary/none" --codec png
+reports "choose from jxl|webp|exr"
+one_line
+run 2 compress "$model" -o "$temporary/none" --method ghap --codec exr
+reports "--codec requires --method sog"
+one_line
+
 # fine_tuning_improves_the_model
 run 0 compress "$model" "$room" --downscale 8 -o "$temporary/tuned" --method ghap --preset spare-3 --finetune 100
 run 0 compress "$model" "$room" --downscale 8 -o "$temporary/plain" --method ghap --preset spare-3 --finetune 0

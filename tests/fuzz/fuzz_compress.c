@@ -1,13 +1,18 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Compressed models of one method. The checksums of the input are corrected first; otherwise no
-// input would pass them. Inputs below 8 bytes select a valid file, so that seeds do not depend on
-// the format. Checks that errors name the file and that decoded parameters are finite.
+// Compressed models of one method and image codec. The checksums of the input are corrected first;
+// otherwise no input would pass them. Inputs below 8 bytes select a valid file, so that seeds do
+// not depend on the format. Checks that errors name the file and that decoded parameters are
+// finite.
 
 #include "support/compress_support.h"
 #include "base/threads.h"
 #include "fuzz_good.h"
+
+#ifndef FUZZ_CODEC
+#define FUZZ_CODEC SGS_IMAGE_CODEC_JXL
+#endif
 
 static void prepare(void)
 {
@@ -16,6 +21,7 @@ static void prepare(void)
     while (strcmp(sgs_compress_method_name(options.method), FUZZ_METHOD))
         options.method = (sgs_compress_method)((options.method + 1) % 6);
     options.finetune = 0;
+    options.codec = FUZZ_CODEC;
     options.codebook = 16;
     options.vq_steps = 5;
     sgs_gaussians *model = pack_model(40, 1, 1);

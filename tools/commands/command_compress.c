@@ -221,10 +221,10 @@ static const option compress_options[] = {
     {.name = "codec",
      .kind = OPTION_CHOICE,
      .offset = offsetof(compress_values, codec),
-     .argument = "jxl|webp",
+     .argument = "jxl|webp|exr",
      .initial = "jxl",
      .needs = "method=sog",
-     .help = "format of the images, both without loss"},
+     .help = "format of the images, all without loss"},
 };
 
 static bool show_progress(void *user, const char *stage, size_t done, size_t total)

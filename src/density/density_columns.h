@@ -34,6 +34,7 @@ typedef struct sgsi_density_options {
     // [count] scores from views, for pipelines with score_views.
     const float *importance, *prune_score;
     double gradient_threshold; // tau: SGSI_GRADIENT_THRESHOLD times the schedule's factor
+    double abs_share;          // weight of absolute gradients in the score for growth; 3dgs
     double opacity_min;        // 0.005
     double size_split;         // scales above this are split, below cloned: 0.01 * extent
     double size_max;           // scales above this are pruned; INFINITY = no size pruning

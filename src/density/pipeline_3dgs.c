@@ -4,21 +4,26 @@
 // Density control of 3D Gaussian Splatting (Kerbl et al. 2023, section 5.2 and appendix B):
 // primitives with a large gradient of their projected centre are cloned if small and split if
 // large; those that are faint or, after the first opacity reset, too large are removed, new rows
-// included. SPARE-GS: w multiplies the mean gradient; redundant primitives are removed, too.
+// included. In short runs on large photographs, absolute gradients count as well (schedule.c), as
+// in AbsGS (Ye et al. 2024): signed ones cancel where a texture is finer than the primitive.
+// SPARE-GS: w multiplies the mean gradient; redundant primitives are removed, too.
 
 #include "density/pipeline.h"
+
+#include <math.h>
 
 static sgs_status decide(const sgsi_density_options *options, sgsi_density_columns *c,
                          sgsi_density_result *result)
 {
     const float threshold = (float)options->gradient_threshold;
     for (size_t i = 0; i < c->count; ++i) {
-        c->priority[i] = c->score[i] * c->weight[i];
+        const float score = fmaxf(c->score[i], (float)options->abs_share * c->abs_grad[i]);
+        c->priority[i] = score * c->weight[i];
         const bool grows = c->priority[i] >= threshold;
         c->action[i] = sgsi_density_growth(grows, c->scale_max[i], (float)options->size_split);
         c->removed[i] = sgsi_density_should_prune(options, c->opacity[i], c->scale_max[i]);
         c->prune_children[i] = sgsi_density_should_prune_after(options, c, i);
-        sgsi_density_count_reversal(c->score[i] >= threshold, grows, result);
+        sgsi_density_count_reversal(score >= threshold, grows, result);
     }
     return SGS_STATUS_OK;
 }
@@ -28,4 +33,6 @@ const sgsi_pipeline sgsi_pipeline_3dgs = {.name = "3dgs",
                                           .densify_interval = 100,
                                           .lr_opacity = 0.025f,
                                           .lr_rest = 1.25e-4f,
+                                          .fine_growth = true,
+                                          .abs_grad_norm = true,
                                           .decide = decide};

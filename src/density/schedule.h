@@ -29,9 +29,16 @@ typedef struct sgsi_schedule {
     int resolution_from, resolution_interval;
     int check_interval;      // of SPARE-GS's equilibrium checks
     double threshold_factor; // on the pipeline's gradient threshold
+    // Weight of absolute gradients in the score for growth, if the pipeline has none of its own; 0
+    // = none.
+    double abs_share;
+    // Gradients of primitives closer to the camera than this, in extents of the scene, count less
+    // for growth; 0 = none.
+    double near_depth;
 } sgsi_schedule;
 
-sgsi_schedule sgsi_schedule_make(const sgs_train_options *options);
+// pixels: mean over the photographs of training, > 0.
+sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, double pixels);
 
 // Factor on the rate of SH above degree 0 for a scene with `views` training views: below 1 for few
 // views in a short run.

@@ -275,6 +275,22 @@ static inline vf abs_grad_value(const sgsi_optimize *input, const gaussian16 *g,
     return fisheye ? total : vf_keep(vf_gt(g->delta.z, vf_set1(input->view.near_distance)), total);
 }
 
+// Pixel-GS (Zhang et al. 2024, scaled gradient field): gradients of primitives close to the camera
+// count less, so that floaters in front of it do not multiply.
+static inline vf near_weight(const sgsi_optimize *input, const gaussian16 *g)
+{
+    if (input->near_depth <= 0.0f)
+        return vf_set1(1.0f);
+    const vf depth = vf_mul(input->view.rays->fisheye ? g->distance : g->delta.z,
+                            vf_set1(1.0f / input->near_depth));
+    return vf_min(vf_mul(depth, depth), vf_set1(1.0f));
+}
+
+static inline void add_where(float sums[16], vm rows, vf values)
+{
+    vf_store(sums, vf_add(vf_load(sums), vf_keep(rows, values)));
+}
+
 typedef struct adam16 {
     vf beta1, beta2, one_minus1, one_minus2, correction2, epsilon;
     float correction1;
@@ -392,15 +408,14 @@ sgsi_optimize_counts SGSI_KERNEL(sgsi_optimize_blocks)(const sgsi_optimize *inpu
         const vm seen = vm_and(vf_gt(sums[SGSI_GRAD_SUM_WEIGHT], vf_zero()), present);
         counts.seen += (size_t)__builtin_popcount(vm_bits(seen));
         counts.broken += (size_t)__builtin_popcount(vm_bits(vm_andnot(seen, finite)));
+        const vm counted = vm_and(seen, finite);
         if (input->gradient_sum) {
-            float *sum = input->gradient_sum + 16 * block;
-            vf_store(sum, vf_add(vf_load(sum),
-                                 vf_keep(vm_and(seen, finite), transverse_norm(input, &g, &d))));
+            const vf norm = vf_mul(transverse_norm(input, &g, &d), near_weight(input, &g));
+            add_where(input->gradient_sum + 16 * block, counted, norm);
         }
         if (input->abs_grad_sum) {
-            float *sum = input->abs_grad_sum + 16 * block;
-            vf_store(sum, vf_add(vf_load(sum),
-                                 vf_keep(vm_and(seen, finite), abs_grad_value(input, &g, sums))));
+            const vf norm = vf_mul(abs_grad_value(input, &g, sums), near_weight(input, &g));
+            add_where(input->abs_grad_sum + 16 * block, counted, norm);
         }
         const vm sparse = vm_and(vm_or(seen, vm_from_bits(visible)), present);
         if (input->apply && input->accumulated_grad)

@@ -24,6 +24,8 @@ typedef struct sgsi_optimize {
     float *gradient_sum; // a_i of 3DGS, or NULL
     float *abs_grad_sum; // the same from SGSI_GRAD_SUM_ABS, or NULL
     bool abs_grad_norm;  // norm over both axes instead of their sum
+    // Both sums weigh views by min(1, (depth / near_depth)^2), depth in world units; 0: all alike.
+    float near_depth;
     float tan_half_x, tan_half_y;
     // Added to the loss for every row, hit or not: opacity_loss * o + scale_loss * (s_x + s_y +
     // s_z), the regularisers of Kheradmand et al. 2024.

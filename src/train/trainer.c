@@ -66,14 +66,23 @@ static sgs_status plan_resolution(sgs_trainer *trainer)
     return status;
 }
 
+static double mean_pixels(const sgsi_train_views *views)
+{
+    double sum = 0.0;
+    for (size_t k = 0; k < views->count; ++k) {
+        const sgs_camera *camera = &views->scene->views[views->scene_views[k]].camera;
+        sum += (double)camera->width * camera->height;
+    }
+    return fmax(sum / (double)views->count, 1.0);
+}
+
 static sgs_status create_parts(sgs_trainer *trainer)
 {
     sgsi_train_views *views = &trainer->views;
     sgs_status status = sgsi_train_views_create(trainer->scene, &trainer->options, views);
     if (status)
         return status;
-    sgsi_tracer_collect_abs_grad(views->tracer, trainer->pipeline->abs_grad);
-    trainer->schedule = sgsi_schedule_make(&trainer->options);
+    trainer->schedule = sgsi_schedule_make(&trainer->options, mean_pixels(views));
     trainer->order = sgsi_calloc(views->count, sizeof *trainer->order);
     trainer->view_fits = sgsi_calloc(2 * views->count, sizeof *trainer->view_fits);
     if (!trainer->order || !trainer->view_fits)
@@ -213,6 +222,8 @@ static sgs_status begin_view(sgs_trainer *trainer, int iteration, sgsi_train_vie
 {
     const sgsi_progress before = trainer->progress;
     const bool collects = collects_statistics(trainer, iteration);
+    sgsi_tracer_collect_abs_grad(trainer->views.tracer,
+                                 collects && sgsi_trainer_uses_abs_grad(trainer));
     *view = (sgsi_train_view){.iteration = iteration,
                               .index = next_view(trainer),
                               .model = trainer->model,

@@ -84,6 +84,8 @@ static sgsi_optimize settings(const sgs_trainer *trainer, const sgsi_train_view 
                            .accumulated_rows = trainer->accumulated_rows,
                            .gradient_scale = 1.0f,
                            .abs_grad_norm = trainer->pipeline->abs_grad_norm,
+                           .near_depth =
+                               (float)(trainer->schedule.near_depth * trainer->scene->extent),
                            .tan_half_x = 0.5f * (float)camera->width / view->view.rays->fx,
                            .tan_half_y = 0.5f * (float)camera->height / view->view.rays->fy};
 }
@@ -190,7 +192,7 @@ sgs_status sgsi_trainer_optimize(sgs_trainer *trainer, const sgsi_train_view *vi
         begin_step(trainer, view->iteration, &job.input);
     if (collects)
         job.input.gradient_sum = trainer->statistics.gradient_sum;
-    if (collects && trainer->pipeline->abs_grad)
+    if (collects && sgsi_trainer_uses_abs_grad(trainer))
         job.input.abs_grad_sum = trainer->statistics.abs_grad_sum;
     sgsi_parallel_ranges((sgsi_trainer_own(trainer) + SGS_LANES - 1) / SGS_LANES, 64,
                          optimize_range, &job);

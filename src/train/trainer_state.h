@@ -74,6 +74,12 @@ struct sgs_trainer {
     char stop_text[160];
 };
 
+// True if density control needs sums of absolute gradients.
+static inline bool sgsi_trainer_uses_abs_grad(const sgs_trainer *trainer)
+{
+    return trainer->pipeline->abs_grad || trainer->schedule.abs_share > 0.0;
+}
+
 // True if several ranks share the rows (base/row_groups.h).
 static inline bool sgsi_trainer_is_shared(const sgs_trainer *trainer)
 {

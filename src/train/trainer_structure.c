@@ -90,6 +90,7 @@ static sgsi_density_options density_options(sgs_trainer *trainer, int iteration,
         .importance = scores ? scores->importance : NULL,
         .prune_score = scores ? scores->prune_score : NULL,
         .gradient_threshold = spare->tau_gradient,
+        .abs_share = schedule->abs_share,
         .opacity_min = 0.005,
         .size_split = 0.01 * extent,
         .size_max =

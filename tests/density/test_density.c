@@ -247,6 +247,28 @@ static void cap_is_never_exceeded_and_keeps_the_best_scores(void **state)
     drop(&f);
 }
 
+// The score for growth is the larger of the mean gradient and the share of the mean absolute one,
+// times the weight.
+static void rows_grow_by_their_share_of_absolute_gradients(void **state)
+{
+    (void)state;
+    for (int on = 0; on < 2; ++on) {
+        fixture f = make(4);
+        f.options.abs_share = on ? 0.5 : 0.0;
+        f.statistics.abs_grad_sum[0] = 2 * 4.1e-4f;
+        f.statistics.abs_grad_sum[1] = 2 * 3.9e-4f;
+        f.statistics.abs_grad_sum[2] = 2 * 1e-4f;
+        f.statistics.gradient_sum[2] = 2 * 2.1e-4f;
+        update(&f);
+        size_t rows[8];
+        assert_int_equal(rows_of(&f, 0, rows), on ? 2 : 1);
+        assert_int_equal(rows_of(&f, 1, rows), 1);
+        assert_int_equal(rows_of(&f, 2, rows), 2);
+        assert_int_equal(rows_of(&f, 3, rows), 1);
+        drop(&f);
+    }
+}
+
 // At the cap, rows of an opacity below 0.4 that do not grow make room for growth: those of least
 // opacity times squared radius, at most 10 % of the cap per update.
 static void growth_continues_at_the_cap_by_replacing_rows_of_low_opacity(void **state)
@@ -382,6 +404,7 @@ int main(void)
         cmocka_unit_test(children_of_a_split_are_pruned_by_their_own_size),
         cmocka_unit_test(linear_opacities_are_pruned_by_their_value),
         cmocka_unit_test(cap_is_never_exceeded_and_keeps_the_best_scores),
+        cmocka_unit_test(rows_grow_by_their_share_of_absolute_gradients),
         cmocka_unit_test(growth_continues_at_the_cap_by_replacing_rows_of_low_opacity),
         cmocka_unit_test(rap_removes_faint_still_primitives_of_crowded_voxels_only),
         cmocka_unit_test(reset_lowers_opacities_and_clears_their_moments),

@@ -158,6 +158,61 @@ static void absolute_gradients_match_the_oracle_pixel_by_pixel(void **state)
     oracle_scene_free(&scene);
 }
 
+// Pixel-GS: min(1, (depth / near_depth)^2), for signed and absolute sums.
+static void gradients_close_to_the_camera_count_less(void **state)
+{
+    (void)state;
+    oracle_scene scene = oracle_random_model(4, 24, NULL);
+    const sgs_camera camera = oracle_camera(SGS_CAMERA_PINHOLE, 24, 20);
+    const sgs_pose pose = oracle_pose_look_at(0.5, 0.3, -4);
+    traced_view traced =
+        traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, 2, SGSI_BVH_LOW);
+    sgsi_planes d = traced_planes_create(camera.width, camera.height);
+    for (size_t i = 0; i < (size_t)camera.height * d.stride; ++i) {
+        for (int c = 0; c < 3; ++c)
+            d.color[c][i] = (float)(sgsi_random_uniform(8, 3 * i + (size_t)c) - 0.5);
+        d.transmittance[i] = 0;
+    }
+    sgsi_tracer_collect_abs_grad(traced.tracer, true);
+    assert_int_equal(
+        sgsi_tracer_backward(traced.tracer, &traced.view, &traced.planes, d.color, d.transmittance),
+        SGS_STATUS_OK);
+    float *sums[2][2];
+    for (int k = 0; k < 2; ++k) {
+        for (int s = 0; s < 2; ++s)
+            sums[k][s] = sgsi_calloc(scene.model->capacity, sizeof(float));
+        const sgsi_optimize input = {.params = scene.model->data,
+                                     .count = scene.count,
+                                     .view = traced.view,
+                                     .sums = sgsi_tracer_grad_sums(traced.tracer),
+                                     .touched = sgsi_tracer_touched(traced.tracer),
+                                     .gradient_sum = sums[k][0],
+                                     .abs_grad_sum = sums[k][1],
+                                     .near_depth = k ? 4.0f : 0.0f,
+                                     .tan_half_x = 0.7f,
+                                     .tan_half_y = 0.4f};
+        sgsi_optimize_blocks(&input, 0, (scene.count + 15) / 16);
+    }
+    size_t near = 0, far = 0;
+    for (size_t i = 0; i < scene.count; ++i) {
+        double z = pose.translation[2];
+        for (int k = 0; k < 3; ++k)
+            z += pose.rotation[6 + k] * scene.params[i * SGS_PARAM_COUNT + (size_t)k];
+        near += z < 4 && sums[0][0][i] > 0;
+        far += z >= 4 && sums[0][0][i] > 0;
+        for (int s = 0; s < 2; ++s) {
+            const double wanted = fmin(1, z * z / 16) * (double)sums[0][s][i];
+            assert_true(fabs((double)sums[1][s][i] - wanted) <= 1e-5 * wanted);
+        }
+    }
+    assert_true(near > 3 && far > 3);
+    for (int k = 0; k < 4; ++k)
+        sgsi_free(sums[k / 2][k % 2]);
+    traced_planes_free(&d);
+    traced_destroy(&traced);
+    oracle_scene_free(&scene);
+}
+
 // ---- Selections ----
 
 static int by_value(const void *a, const void *b)
@@ -530,6 +585,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(score_sums_match_the_oracle),
         cmocka_unit_test(absolute_gradients_match_the_oracle_pixel_by_pixel),
+        cmocka_unit_test(gradients_close_to_the_camera_count_less),
         cmocka_unit_test(median_is_the_lower_middle_of_the_positive_values),
         cmocka_unit_test(best_rows_are_those_that_sorting_finds),
         cmocka_unit_test(weighted_draws_follow_their_weights),

@@ -60,27 +60,16 @@
 //   plush, 84 views: 29.87, .9239, .1240 | 29.72, .9224, .1268; room, 30 views: 32.87, .9536, .1076
 //   | 32.37, .9516, .1091.
 //   2000 iterations are too few for this: banana 27.77, .7468, .1241 | 27.62, .7441, .1296 (0.63).
-// - Large photographs, 3dgs only: from 320 000 pixels on the published threshold, absolute
-// gradients
-//   at twice the threshold (AbsGS), and less weight of gradients close to the camera (Pixel-GS, its
-//   constant). Textures finer than the primitives have signed gradients that cancel. Between the
-//   sizes the settings are interpolated over the logarithm of the pixels; they fade out towards 30
-//   000 iterations. With SPARE-GS, primitives: PSNR, SSIM, FLIP, sharpness of the held-out views;
-//   "small": the rules of small photographs. 284ceec with these settings, the first row 83f95b0.
-//   Plush at 672x504, 7000 iterations. Small, 45 529: 28.92, .8950, .1319, .353; threshold 1,
-//   69 860: 28.88, .8960, .1319, .381; and twice the updates, 107 558: 28.95, .8960, .1308, .401;
-//   threshold 0.7 and twice the updates, 160 341: 28.59, .8948, .1359, .435; threshold 1 and
-//   absolute gradients, 117 338: 28.88, .8963, .1329, .433; and twice the updates, 179 224: 28.82,
-//   .8957, .1338, .468; this rule, 117 042: 29.11, .8972, .1305, .434. The published schedule
-//   stopped at 7000 (7cd0a62), 290 766: 27.86, .8872, .1457, .354.
-//   2000 iterations. Small, 40 659: 28.49, .8864, .1364, .260; threshold 1 and twice the updates,
-//   99 149: 28.13, .8863, .1391, .297; threshold 1 and absolute gradients, 107 955: 28.19, .8913,
-//   .1402, .304 (floaters in front of one camera cost it 5 dB); this rule, 107 857: 28.64, .8926,
-//   .1353, .307. 300 iterations, small | this rule: 25 998 | 60 701: 25.51, .8477, .1824, .106 |
-//   25.42, .8520, .1855, .117.
-//   Room at 960x540, small | this rule. 2000: 29 489 | 94 321: 30.82, .9371, .1200, 1.103 | 31.46,
-//   .9417, .1178, 1.230. 7000: 26 678 | 86 800, without the weight: 31.82, .9414, .1146, 1.167 |
-//   32.01, .9426, .1153, 1.243.
+// - Large photographs, 3dgs only: from 320 000 pixels and 30 views on, the published threshold,
+//   absolute gradients at twice the threshold (AbsGS), and less weight of gradients close to the
+//   camera (Pixel-GS, its constant). Textures finer than the primitives have signed gradients that
+//   cancel. Settings are interpolated over the logarithm of the pixels and over the views from 15
+//   to 30, where nothing was measured, and fade out towards the published length. Plush at 672x504,
+//   7000 iterations with SPARE-GS, before (83f95b0) | after (edd739f): 28.92, .8950, .1319, .353 |
+//   29.11, .8972, .1305, .434; 300 iterations: 25.51, .8477, .1824, .106 | 25.42, .8520, .1855,
+//   .117. What else was tried, other lengths and scenes: tools/manual/training.md, Large photos.
+//   Few views do not constrain as many primitives: banana at 752x500, 13 views, 2000 iterations,
+//   39 403 | 285 898 primitives: 27.57, .7531, .1318, .495 | 26.03, .7259, .1447, .800.
 //
 // MCMC has its own milestones (Kheradmand et al. 2024, released code): updates from 500 to 25 000
 // every 100, each adding 5 %, and no opacity resets. Scaled: updates until 25 000 f every max(50,
@@ -127,6 +116,8 @@ enum {
 #define SHORT_SHAPE_RATE 2.0
 #define SMALL_PIXELS 1.3e5
 #define LARGE_PIXELS 3.2e5
+#define FINE_VIEWS_FROM 15.0
+#define FINE_VIEWS 30.0
 #define LARGE_ABS_SHARE 0.5
 #define LARGE_NEAR_DEPTH 0.37 // gamma of Pixel-GS
 
@@ -194,10 +185,13 @@ static double beyond_short(int iterations)
                 0.0);
 }
 
-// 0 for small photographs, 1 for large ones; log-linear.
-static double largeness(double pixels)
+// How far growth follows the rules of large photographs, 0 to 1: log-linear in their pixels, and
+// linear in their number.
+static double fine_growth(size_t views, double pixels)
 {
-    return fmin(fmax(log(pixels / SMALL_PIXELS) / log(LARGE_PIXELS / SMALL_PIXELS), 0.0), 1.0);
+    const double size = log(pixels / SMALL_PIXELS) / log(LARGE_PIXELS / SMALL_PIXELS);
+    const double number = ((double)views - FINE_VIEWS_FROM) / (FINE_VIEWS - FINE_VIEWS_FROM);
+    return fmin(fmax(size, 0.0), 1.0) * fmin(fmax(number, 0.0), 1.0);
 }
 
 double sgsi_schedule_sh_rate(const sgs_train_options *options, size_t views)
@@ -219,7 +213,7 @@ static double late_rate(int iterations, double beyond)
     return pow(SHORT_LATE_RATE, fmin(fmax(below, 0.0), 1.0 - beyond));
 }
 
-sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, double pixels)
+sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, size_t views, double pixels)
 {
     if (options->schedule == SGS_SCHEDULE_FINETUNE)
         return finetune(options);
@@ -267,7 +261,7 @@ sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, double pixels
         return schedule;
     }
     const double paper_updates = (PAPER_HALF - 500.0) / pipeline->densify_interval;
-    const double large = pipeline->fine_growth ? largeness(pixels) : 0.0;
+    const double large = pipeline->fine_growth ? fine_growth(views, pixels) : 0.0;
     schedule.threshold_factor = pow(SHORT_THRESHOLD, (1.0 - beyond) * (1.0 - large));
     schedule.abs_share = LARGE_ABS_SHARE * (1.0 - beyond) * large;
     schedule.near_depth = LARGE_NEAR_DEPTH * (1.0 - beyond) * large;

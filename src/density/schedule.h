@@ -37,8 +37,8 @@ typedef struct sgsi_schedule {
     double near_depth;
 } sgsi_schedule;
 
-// pixels: mean over the photographs of training, > 0.
-sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, double pixels);
+// views: photographs of training, >= 1. pixels: their mean size, > 0.
+sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, size_t views, double pixels);
 
 // Factor on the rate of SH above degree 0 for a scene with `views` training views: below 1 for few
 // views in a short run.

@@ -82,7 +82,7 @@ static sgs_status create_parts(sgs_trainer *trainer)
     sgs_status status = sgsi_train_views_create(trainer->scene, &trainer->options, views);
     if (status)
         return status;
-    trainer->schedule = sgsi_schedule_make(&trainer->options, mean_pixels(views));
+    trainer->schedule = sgsi_schedule_make(&trainer->options, views->count, mean_pixels(views));
     trainer->order = sgsi_calloc(views->count, sizeof *trainer->order);
     trainer->view_fits = sgsi_calloc(2 * views->count, sizeof *trainer->view_fits);
     if (!trainer->order || !trainer->view_fits)

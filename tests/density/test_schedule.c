@@ -13,7 +13,8 @@
 
 #include "density/schedule.h"
 
-// Pixels of a photograph.
+// Photographs: number and pixels.
+#define VIEWS 30
 #define SMALL 1.2e5
 
 static sgsi_schedule make(int iterations, sgs_schedule kind)
@@ -21,7 +22,7 @@ static sgsi_schedule make(int iterations, sgs_schedule kind)
     sgs_train_options options = sgs_train_options_default();
     options.iterations = iterations;
     options.schedule = kind;
-    return sgsi_schedule_make(&options, SMALL);
+    return sgsi_schedule_make(&options, VIEWS, SMALL);
 }
 
 static int count_structural(const sgsi_schedule *schedule)
@@ -71,7 +72,7 @@ static void size_pruning_follows_the_published_rule(void **state)
                     options.background[c] = (float)white;
                 for (int paper = 0; paper < 2; ++paper) {
                     options.schedule = paper ? SGS_SCHEDULE_PAPER : SGS_SCHEDULE_SCALED;
-                    const sgsi_schedule schedule = sgsi_schedule_make(&options, SMALL);
+                    const sgsi_schedule schedule = sgsi_schedule_make(&options, VIEWS, SMALL);
                     int last_reset = -1, resets = 0;
                     for (int t = 1; t <= n; ++t) {
                         const bool prunes = sgsi_schedule_prunes_large(&schedule, last_reset);
@@ -124,10 +125,10 @@ static void short_runs_anneal_their_rates(void **state)
             options.iterations = n;
             options.pipeline = (sgs_pipeline)pipeline;
             options.schedule = SGS_SCHEDULE_PAPER;
-            const sgsi_schedule paper = sgsi_schedule_make(&options, SMALL);
+            const sgsi_schedule paper = sgsi_schedule_make(&options, VIEWS, SMALL);
             assert_true(sgsi_schedule_lr_other(&paper, n) == 1.0);
             options.schedule = SGS_SCHEDULE_SCALED;
-            const sgsi_schedule schedule = sgsi_schedule_make(&options, SMALL);
+            const sgsi_schedule schedule = sgsi_schedule_make(&options, VIEWS, SMALL);
             assert_true(sgsi_schedule_lr_other(&schedule, n * 7 / 10) == 1.0);
             assert_false(sgsi_schedule_is_annealing(&schedule, n * 7 / 10));
             assert_int_equal(sgsi_schedule_is_annealing(&schedule, n * 7 / 10 + 1),
@@ -152,17 +153,18 @@ static void short_runs_shape_faster(void **state)
     for (int n = 40000; n >= 100; n -= 100) {
         options.iterations = n;
         options.schedule = SGS_SCHEDULE_PAPER;
-        assert_true(sgsi_schedule_make(&options, SMALL).lr_shape == 1.0);
+        assert_true(sgsi_schedule_make(&options, VIEWS, SMALL).lr_shape == 1.0);
         options.schedule = SGS_SCHEDULE_FINETUNE;
-        assert_true(sgsi_schedule_make(&options, SMALL).lr_shape == 1.0);
+        assert_true(sgsi_schedule_make(&options, VIEWS, SMALL).lr_shape == 1.0);
         options.schedule = SGS_SCHEDULE_SCALED;
-        const double shape = sgsi_schedule_make(&options, SMALL).lr_shape;
+        const double shape = sgsi_schedule_make(&options, VIEWS, SMALL).lr_shape;
         assert_true((n < 30000) == (shape > 1.0) && (n <= 7500) == (shape == 2.0));
         assert_true(n != 15000 || fabs(shape - sqrt(2.0)) < 1e-12);
         assert_true(shape >= longer && shape - longer < 0.02);
         longer = shape;
         options.pipeline = SGS_PIPELINE_MCMC; // with the dense optimiser only
-        assert_true(sgsi_schedule_make(&options, SMALL).lr_shape == (n < 2000 ? 1.0 : shape));
+        assert_true(sgsi_schedule_make(&options, VIEWS, SMALL).lr_shape ==
+                    (n < 2000 ? 1.0 : shape));
         options.pipeline = SGS_PIPELINE_3DGS;
     }
 }
@@ -176,7 +178,7 @@ static void white_backgrounds_have_an_additional_reset(void **state)
     for (int paper = 0; paper < 2; ++paper) {
         options.iterations = paper ? 7000 : 30000;
         options.schedule = paper ? SGS_SCHEDULE_PAPER : SGS_SCHEDULE_SCALED;
-        const sgsi_schedule schedule = sgsi_schedule_make(&options, SMALL);
+        const sgsi_schedule schedule = sgsi_schedule_make(&options, VIEWS, SMALL);
         int resets = 0;
         for (int i = 1; i <= options.iterations; ++i)
             resets += sgsi_schedule_is_reset(&schedule, i);
@@ -184,7 +186,7 @@ static void white_backgrounds_have_an_additional_reset(void **state)
         assert_true(sgsi_schedule_is_reset(&schedule, 500)); // train.py of 3DGS
     }
     options.background_random = true;
-    const sgsi_schedule random = sgsi_schedule_make(&options, SMALL);
+    const sgsi_schedule random = sgsi_schedule_make(&options, VIEWS, SMALL);
     assert_false(sgsi_schedule_is_reset(&random, 500));
 }
 
@@ -217,7 +219,7 @@ static void resets_do_not_vanish_just_below_the_published_length(void **state)
             options.pipeline = (sgs_pipeline)pipeline;
             for (int c = 0; c < 3; ++c)
                 options.background[c] = (float)white;
-            const sgsi_schedule published = sgsi_schedule_make(&options, SMALL);
+            const sgsi_schedule published = sgsi_schedule_make(&options, VIEWS, SMALL);
             const int all = count_resets(&published);
             if (pipeline == SGS_PIPELINE_MCMC) { // has none at any length
                 assert_int_equal(all, 0);
@@ -226,12 +228,12 @@ static void resets_do_not_vanish_just_below_the_published_length(void **state)
             assert_int_equal(all, (pipeline == SGS_PIPELINE_DASH ? 8 : 4) + white);
             for (int n = 29999; n >= 29000; n -= 37) {
                 options.iterations = n;
-                const sgsi_schedule schedule = sgsi_schedule_make(&options, SMALL);
+                const sgsi_schedule schedule = sgsi_schedule_make(&options, VIEWS, SMALL);
                 assert_int_equal(count_resets(&schedule), all);
             }
             for (int n = 29000; n > 1000; n -= 250) {
                 options.iterations = n;
-                const sgsi_schedule schedule = sgsi_schedule_make(&options, SMALL);
+                const sgsi_schedule schedule = sgsi_schedule_make(&options, VIEWS, SMALL);
                 const int resets = count_resets(&schedule);
                 assert_true(resets <= all && (n > 4000 || !resets));
                 assert_int_equal(sgsi_schedule_is_reset(&schedule, 500), white && resets > 1);
@@ -271,7 +273,7 @@ static sgsi_schedule make_for(sgs_pipeline pipeline, int iterations)
     sgs_train_options options = sgs_train_options_default();
     options.iterations = iterations;
     options.pipeline = pipeline;
-    return sgsi_schedule_make(&options, SMALL);
+    return sgsi_schedule_make(&options, VIEWS, SMALL);
 }
 
 static void finetuning_has_no_milestones(void **state)
@@ -284,7 +286,7 @@ static void finetuning_has_no_milestones(void **state)
         options.pipeline = (sgs_pipeline)pipeline;
         for (int c = 0; c < 3; ++c)
             options.background[c] = 1; // has an additional reset otherwise
-        const sgsi_schedule schedule = sgsi_schedule_make(&options, SMALL);
+        const sgsi_schedule schedule = sgsi_schedule_make(&options, VIEWS, SMALL);
         assert_int_equal(schedule.sh_interval, 0); // all bands at once
         for (int t = 1; t <= options.iterations; ++t) {
             assert_false(sgsi_schedule_is_structural(&schedule, t));
@@ -354,7 +356,7 @@ static void mcmc_has_244_updates_and_no_reset(void **state)
         options.schedule = paper ? SGS_SCHEDULE_PAPER : SGS_SCHEDULE_SCALED;
         for (int c = 0; c < 3; ++c)
             options.background[c] = 1;
-        const sgsi_schedule schedule = sgsi_schedule_make(&options, SMALL);
+        const sgsi_schedule schedule = sgsi_schedule_make(&options, VIEWS, SMALL);
         assert_int_equal(count_structural(&schedule), 244); // 600, 700, ..., 24900
         assert_true(sgsi_schedule_is_structural(&schedule, 600));
         assert_false(sgsi_schedule_is_structural(&schedule, 500));
@@ -405,17 +407,17 @@ static void auto_is_dense_for_long_runs_of_mcmc(void **state)
     options.pipeline = SGS_PIPELINE_MCMC;
     options.iterations = 100;
     options.schedule = SGS_SCHEDULE_PAPER;
-    assert_true(sgsi_schedule_make(&options, SMALL).dense);
+    assert_true(sgsi_schedule_make(&options, VIEWS, SMALL).dense);
     options.optimizer = SGS_OPTIMIZER_SPARSE;
-    assert_false(sgsi_schedule_make(&options, SMALL).dense);
+    assert_false(sgsi_schedule_make(&options, VIEWS, SMALL).dense);
     options.schedule = SGS_SCHEDULE_FINETUNE;
     options.optimizer = SGS_OPTIMIZER_DENSE;
-    assert_true(sgsi_schedule_make(&options, SMALL).dense);
+    assert_true(sgsi_schedule_make(&options, VIEWS, SMALL).dense);
 }
 
 // Growth of short runs of 3DGS: the rule of small photographs up to 130 000 pixels, that of large
-// ones from 320 000 on, monotone between. The published length, the published schedule and the
-// other pipelines do not depend on the size.
+// ones from 320 000 on, monotone between; also with up to 15 and from 30 on. The published length,
+// the published schedule and the other pipelines do not depend on the size.
 static void growth_of_short_runs_follows_the_size_of_the_photographs(void **state)
 {
     (void)state;
@@ -423,7 +425,7 @@ static void growth_of_short_runs_follows_the_size_of_the_photographs(void **stat
     options.iterations = 7000;
     double threshold = 1.7, share = 0.0;
     for (double pixels = 1; pixels < 1e8; pixels *= 1.1) {
-        const sgsi_schedule schedule = sgsi_schedule_make(&options, pixels);
+        const sgsi_schedule schedule = sgsi_schedule_make(&options, VIEWS, pixels);
         assert_true(schedule.threshold_factor <= threshold && schedule.abs_share >= share);
         assert_true(threshold - schedule.threshold_factor < 0.1);
         assert_true(schedule.abs_share - share < 0.1);
@@ -433,13 +435,22 @@ static void growth_of_short_runs_follows_the_size_of_the_photographs(void **stat
         assert_true(pixels < 3.2e5 || (fabs(threshold - 1.0) < 1e-12 && share == 0.5));
         assert_true(fabs(schedule.near_depth - 0.74 * share) < 1e-12);
     }
+    double few = 1.7;
+    for (size_t views = 1; views < 100; ++views) {
+        const sgsi_schedule schedule = sgsi_schedule_make(&options, views, 1e6);
+        assert_true(schedule.threshold_factor <= few && few - schedule.threshold_factor < 0.1);
+        few = schedule.threshold_factor;
+        assert_true((schedule.abs_share == 0.0) == (views <= 15));
+        assert_true((schedule.abs_share == 0.5) == (views >= 30));
+        assert_true(fabs(log(few / 1.7) / log(1 / 1.7) - 2 * schedule.abs_share) < 1e-9);
+    }
     for (int pipeline = 0; pipeline < SGS_PIPELINE_COUNT; ++pipeline)
         for (int k = 0; k < 3; ++k) {
             options.pipeline = (sgs_pipeline)pipeline;
             options.iterations = k == 0 ? 30000 : 7000;
             options.schedule = k == 1 ? SGS_SCHEDULE_PAPER : SGS_SCHEDULE_SCALED;
-            const sgsi_schedule small = sgsi_schedule_make(&options, SMALL),
-                                large = sgsi_schedule_make(&options, 1e6);
+            const sgsi_schedule small = sgsi_schedule_make(&options, VIEWS, SMALL),
+                                large = sgsi_schedule_make(&options, VIEWS, 1e6);
             const bool same = k < 2 || pipeline != SGS_PIPELINE_3DGS;
             assert_true((large.threshold_factor == small.threshold_factor) == same);
             assert_true((large.abs_share == 0.0) == same && small.abs_share == 0.0);

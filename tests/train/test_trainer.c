@@ -69,27 +69,6 @@ static void training_lowers_the_loss_and_grows_the_model(void **state)
     sgs_trainer_destroy(trainer);
 }
 
-// 3DGS collects absolute gradients if its schedule uses them, and only then. A sum of absolute
-// values is not below that of the signed ones, up to rounding.
-static void absolute_gradients_are_collected_for_schedules_that_use_them(void **state)
-{
-    (void)state;
-    const sgs_train_options options = short_run(100);
-    for (int used = 0; used < 2; ++used) {
-        sgs_trainer *trainer = trainer_create(scene, &options);
-        trainer->schedule.abs_share = used ? 0.5 : 0.0;
-        trainer_run(trainer, 3);
-        size_t positive = 0;
-        for (size_t i = 0; i < sgs_trainer_model(trainer)->count; ++i) {
-            const float sum = trainer->statistics.abs_grad_sum[i];
-            positive += sum > 0.0f;
-            assert_true(!used || sum >= 0.999f * trainer->statistics.gradient_sum[i]);
-        }
-        assert_int_equal(positive > 0, used);
-        sgs_trainer_destroy(trainer);
-    }
-}
-
 static void bits_do_not_depend_on_threads_or_vector_width(void **state)
 {
     (void)state;
@@ -783,7 +762,6 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(training_lowers_the_loss_and_grows_the_model),
-        cmocka_unit_test(absolute_gradients_are_collected_for_schedules_that_use_them),
         cmocka_unit_test(bits_do_not_depend_on_threads_or_vector_width),
         cmocka_unit_test(the_last_iteration_makes_no_step),
         cmocka_unit_test(visible_primitives_are_counted_one_by_one),

@@ -79,14 +79,36 @@ static void score_sums_match_the_oracle(void **state)
     oracle_scene_free(&scene);
 }
 
+// A view whose backward passes also sum absolute gradients.
+static traced_view trace_with_abs_grad(const oracle_scene *scene, const sgs_camera *camera,
+                                       const sgs_pose *pose)
+{
+    traced_view traced =
+        traced_create(scene->model, camera, pose, SGS_FILTER_3DGS, 2, SGSI_BVH_LOW);
+    sgsi_tracer_collect_abs_grad(traced.tracer, true);
+    return traced;
+}
+
+// Fills the sums of `settings` from the last backward pass, without a step.
+static void collect(const traced_view *traced, const oracle_scene *scene, sgsi_optimize settings)
+{
+    settings.params = scene->model->data;
+    settings.count = scene->count;
+    settings.view = traced->view;
+    settings.sums = sgsi_tracer_grad_sums(traced->tracer);
+    settings.touched = sgsi_tracer_touched(traced->tracer);
+    settings.tan_half_x = 0.7f;
+    settings.tan_half_y = 0.4f;
+    sgsi_optimize_blocks(&settings, 0, (scene->count + 15) / 16);
+}
+
 static void absolute_gradients_match_the_oracle_pixel_by_pixel(void **state)
 {
     (void)state;
     oracle_scene scene = oracle_random_model(4, 24, NULL);
     const sgs_camera camera = oracle_camera(SGS_CAMERA_PINHOLE, 24, 20);
     const sgs_pose pose = oracle_pose_look_at(0.5, 0.3, -4);
-    traced_view traced =
-        traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, 2, SGSI_BVH_LOW);
+    traced_view traced = trace_with_abs_grad(&scene, &camera, &pose);
     const size_t pixels = (size_t)camera.width * (size_t)camera.height;
     double *d[3], *params = oracle_memory(scene.count * SGS_PARAM_COUNT, sizeof *params),
                   *mean = oracle_memory(scene.count * 3, sizeof *mean);
@@ -116,23 +138,14 @@ static void absolute_gradients_match_the_oracle_pixel_by_pixel(void **state)
             for (int c = 0; c < 3; ++c)
                 d[c][at] = 0;
         }
-    sgsi_tracer_collect_abs_grad(traced.tracer, true);
     assert_int_equal(sgsi_tracer_backward(traced.tracer, &traced.view, &traced.planes, single.color,
                                           single.transmittance),
                      SGS_STATUS_OK);
     float *sums[2] = {sgsi_calloc(scene.model->capacity, sizeof(float)),
                       sgsi_calloc(scene.model->capacity, sizeof(float))};
     for (int norm = 0; norm < 2; ++norm) {
-        const sgsi_optimize input = {.params = scene.model->data,
-                                     .count = scene.count,
-                                     .view = traced.view,
-                                     .sums = sgsi_tracer_grad_sums(traced.tracer),
-                                     .touched = sgsi_tracer_touched(traced.tracer),
-                                     .abs_grad_sum = sums[norm],
-                                     .abs_grad_norm = norm,
-                                     .tan_half_x = 0.7f,
-                                     .tan_half_y = 0.4f};
-        sgsi_optimize_blocks(&input, 0, (scene.count + 15) / 16);
+        collect(&traced, &scene,
+                (sgsi_optimize){.abs_grad_sum = sums[norm], .abs_grad_norm = norm});
     }
     size_t seen = 0;
     for (size_t i = 0; i < scene.count; ++i) {
@@ -165,15 +178,13 @@ static void gradients_close_to_the_camera_count_less(void **state)
     oracle_scene scene = oracle_random_model(4, 24, NULL);
     const sgs_camera camera = oracle_camera(SGS_CAMERA_PINHOLE, 24, 20);
     const sgs_pose pose = oracle_pose_look_at(0.5, 0.3, -4);
-    traced_view traced =
-        traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, 2, SGSI_BVH_LOW);
+    traced_view traced = trace_with_abs_grad(&scene, &camera, &pose);
     sgsi_planes d = traced_planes_create(camera.width, camera.height);
     for (size_t i = 0; i < (size_t)camera.height * d.stride; ++i) {
         for (int c = 0; c < 3; ++c)
             d.color[c][i] = (float)(sgsi_random_uniform(8, 3 * i + (size_t)c) - 0.5);
         d.transmittance[i] = 0;
     }
-    sgsi_tracer_collect_abs_grad(traced.tracer, true);
     assert_int_equal(
         sgsi_tracer_backward(traced.tracer, &traced.view, &traced.planes, d.color, d.transmittance),
         SGS_STATUS_OK);
@@ -181,17 +192,10 @@ static void gradients_close_to_the_camera_count_less(void **state)
     for (int k = 0; k < 2; ++k) {
         for (int s = 0; s < 2; ++s)
             sums[k][s] = sgsi_calloc(scene.model->capacity, sizeof(float));
-        const sgsi_optimize input = {.params = scene.model->data,
-                                     .count = scene.count,
-                                     .view = traced.view,
-                                     .sums = sgsi_tracer_grad_sums(traced.tracer),
-                                     .touched = sgsi_tracer_touched(traced.tracer),
-                                     .gradient_sum = sums[k][0],
-                                     .abs_grad_sum = sums[k][1],
-                                     .near_depth = k ? 4.0f : 0.0f,
-                                     .tan_half_x = 0.7f,
-                                     .tan_half_y = 0.4f};
-        sgsi_optimize_blocks(&input, 0, (scene.count + 15) / 16);
+        collect(&traced, &scene,
+                (sgsi_optimize){.gradient_sum = sums[k][0],
+                                .abs_grad_sum = sums[k][1],
+                                .near_depth = k ? 4.0f : 0.0f});
     }
     size_t near = 0, far = 0;
     for (size_t i = 0; i < scene.count; ++i) {

@@ -8,89 +8,34 @@
 // whole run.
 //
 // Scaled to N iterations, f = N / 30 000: densification until N/2, one SH band per N/30, checks for
-// equilibrium every spare_interval * f, position rate decaying over N. For N < 30 000, chosen by
-// measurement:
+// equilibrium every spare_interval * f, position rate decaying over N. The rules for N < 30 000
+// below are chosen by measurement; tools/manual/schedules.md has the figures.
 // - Structural updates: 10 up to N = 7000, growing geometrically to the published 145 at 30 000.
-//   More primitives do not converge in a short run. Scene banana at 376x250, 7000 iterations, one
-//   view held out: an update every 100 iterations gives more than 200 000 primitives; every 300,
-//   106 000 and 27.73 dB; every 500, 65 000 and 27.55 dB in less than half of the time.
 // - Gradient threshold: 1.7 times the published one up to N = 7000, decreasing to 1 at 30 000. At
 //   2e-4 a third of all primitives pass at each update of a short run, compared with a few percent
 //   of a published run. The threshold is then in the bulk of the distribution, where weights
-//   (SPARE-GS) have little effect. banana as above, updates @ factor: 6 @ 1: 65 000 primitives,
-//   14.5 % fewer with SPARE-GS; 8 @ 1.4: 62 600, 19.1 %; 10 @ 1.7: 58 600, 21.1 %; all within 0.1
-//   dB of 27.55. Scene plush at 336x252: 31.38, 31.28 and 31.59 dB.
+//   (SPARE-GS) have little effect.
 // - Opacity resets: every 3000 iterations, as published, rounded to updates. After the last one a
 //   third of the densification remains, or half a reset interval if that is shorter: opacities
-//   require some hundred visits to recover from 0.01, and the loss as many to settle. banana with
-//   five updates: resets at 1000 and 2000: 27.51 dB; no reset: 27.61 dB and 14 % less time, because
-//   rays pass more primitives while opacities are low.
+//   require some hundred visits to recover from 0.01, and the loss as many to settle.
 // - Learning rates other than the position's: constant as published, and in the last 30 % of a
-//   short run log-linear to a tenth at N = 7000, because constant rates end in noise; to less
-//   towards 30 000, and towards 1000, where the loss still falls fast (room at 480x270, 300
-//   iterations: 27.77 dB, with a tenth 27.24 dB). Per row constant | from 0.7 N | from 0.5 N: PSNR,
-//   SSIM, FLIP, sharpness of the held-out views. plush at 336x252, 7000 iterations, 13 views: 29.68
-//   dB, .9229, .1272, .532 | 29.87, .9239, .1240, .522 | 29.77, .9237, .1247, .514. banana as
-//   above: 27.21, .7567, .1359, .537 | not measured | 27.32, .7609, .1357, .499. room at 480x270, 5
-//   views: 32.84, .9535, .1086, 1.160 | 32.87, .9536, .1076, 1.165. At 2000 iterations the factor
-//   is 0.43; plush: 29.07, .9138, .1329, .425 | 29.07, .9135, .1323, .422. There is no check
-//   for equilibrium in this part.
+//   short run log-linear to a tenth at N = 7000, to less towards 30 000 and towards 1000. There is
+//   no check for equilibrium in this part.
 // - Rates of rotation and scale: twice the published ones up to N = 7500, sqrt(30 000 / N) times
-//   beyond. Primitives of a short run have too few steps to take the shape of what they cover.
-//   34433df, published rates | twice: PSNR, SSIM, FLIP, sharpness of the held-out views. 7000
-//   iterations: plush at 336x252, 29.18, .9212, .1332, .505 | 29.80, .9243, .1237, .526 (0.6 dB of
-//   it in one view); room at 480x270, 32.20, .9513, .1087, 1.155 | 32.38, .9527, .1074, 1.120;
-//   banana at 376x250, 13 views, 28.04, .7993, .1152, .672 | 28.09, .8007, .1191, .691. 2000
-//   iterations: plush 28.95, .9081, .1338, .414 | 29.30, .9162, .1302, .445; room 31.15, .9475,
-//   .1129, 1.084 | 31.67, .9497, .1113, 1.068. 300: plush 25.44, .8603, .1810, .211 | 26.30, .8684,
-//   .1699, .242; room 26.89, .9057, .1512, .569 | 27.39, .9113, .1501, .706. Four times: 2000
-//   iterations, banana 28.08, .7756 | 27.79, .7742; room 31.00, .9455; 300: room 26.41, .8951.
-//   At 672x504, plush, 7000 iterations with SPARE-GS (a5fce2c | 83f95b0): 28.92, .8939, .1308, .327
-//   | 28.92, .8950, .1319, .353. Room, 300 iterations, other pipelines: mip 26.73 | 27.15, taming
-//   26.21 | 27.04, dash 26.79 | 27.22, fastgs 26.94 | 27.72.
-//   Twice the rate of positions or colours: no gain on plush (29.67, .9226; 29.64, .9219); of
-//   opacity as well: fewer primitives (36 932 instead of 40 028), 29.71, .9239.
-// - Rate of SH above degree 0: reduced in proportion to the views if there are fewer than 24. 16
-//   coefficients per channel and few directions fit colours that only the training views see.
-//   7000 iterations at a5fce2c, published rate | times 0.6 (banana) or 0.5: banana at 376x250, 15
-//   views, one held out: 27.32 dB, .7609, .1357, .499 | 27.82, .7793, .1279, .503; every fifth view
-//   held out: 27.23, .7612, .1276, .756 | 27.53, .7762, .1233, .758. 12 views of room at 240x135:
-//   30.90, .9566, .1196, .960 | 30.78, .9562, .1202, .946. 14 views of plush at 168x126: 26.75,
-//   .8791, .1670, .813 | 26.75, .8788, .1683, .794. More views need the published rate; half of it:
-//   plush, 84 views: 29.87, .9239, .1240 | 29.72, .9224, .1268; room, 30 views: 32.87, .9536, .1076
-//   | 32.37, .9516, .1091.
-//   2000 iterations are too few for this: banana 27.77, .7468, .1241 | 27.62, .7441, .1296 (0.63).
+//   beyond.
+// - Rate of SH above degree 0: reduced in proportion to the views if there are fewer than 24, but
+//   not in runs of up to 2000 iterations.
 // - Large photographs, 3dgs only: from 320 000 pixels and 30 views on, the published threshold,
 //   absolute gradients at twice the threshold (AbsGS), and less weight of gradients close to the
 //   camera (Pixel-GS, its constant). Textures finer than the primitives have signed gradients that
 //   cancel. Settings are interpolated over the logarithm of the pixels and over the views from 15
-//   to 30, where nothing was measured, and fade out towards the published length. Plush at 672x504,
-//   7000 iterations with SPARE-GS, before (83f95b0) | after (edd739f): 28.92, .8950, .1319, .353 |
-//   29.11, .8972, .1305, .434; 300 iterations: 25.51, .8477, .1824, .106 | 25.42, .8520, .1855,
-//   .117. What else was tried, other lengths and scenes: tools/manual/training.md, Large photos.
-//   Few views do not constrain as many primitives: banana at 752x500, 13 views, 2000 iterations,
-//   39 403 | 285 898 primitives: 27.57, .7531, .1318, .495 | 26.03, .7259, .1447, .800.
+//   to 30, where nothing was measured, and fade out towards the published length.
 //
 // MCMC has its own milestones (Kheradmand et al. 2024, released code): updates from 500 to 25 000
 // every 100, each adding 5 %, and no opacity resets. Scaled: updates until 25 000 f every max(50,
 // 100 f). Each adds what the published updates of that time add, at most as many rows as there are.
-// MCMC's optimiser is the published, dense one from 2000 iterations on. 4703a08, without SPARE-GS,
-// sparse | dense: PSNR, SSIM, FLIP, sharpness of the held-out views. 2000 iterations: plush at
-// 336x252, 52 348 primitives, 29.06, .9120, .1326, .373 | 28.59, .9061, .1387, .350; room at
-// 480x270, 30 000: 26.03, .8781, .1496, .264 | 27.08, .8990, .1407, .391; banana at 376x250,
-// 40 085: 27.97, .7779, .1142, .516 | 28.16, .7758, .1113, .492. 4000: plush 29.37, .9216, .1308,
-// .440 | 28.91, .9168, .1367, .421; room 27.37, .9019, .1366, .451 | 28.77, .9260, .1288, .552;
-// banana 27.76, .7904, .1222, .572 | 27.91, .7942, .1210, .532. 7000: plush 29.75, .9245, .1277,
-// .471 | 29.85, .9258, .1247, .468; room 29.13, .9276, .1214, .599 | 30.62, .9449, .1156, .816;
-// banana 28.11, .8048, .1211, .581 | 28.22, .8059, .1149, .589. 1200, plush at 168x126, 44 540:
-// 29.06 dB | 28.39 dB.
-// With the dense optimiser, rotations and scales have the higher rates of short runs; a64b318,
-// published rates | twice. 2000 iterations: plush 28.59, .9061, .1387, .350 | 28.74, .9100, .1362,
-// .378; room 27.08, .8990, .1407, .391 | 28.38, .9211, .1331, .599. 7000: plush 29.85, .9258,
-// .1247, .468 | 29.90, .9275, .1255, .481; room 30.62, .9449, .1156, .816 | 31.57, .9499, .1099,
-// .887; banana 28.22, .8059, .1149, .589 | 28.36, .8089, .1129, .592. Four times: plush 29.78,
-// .9266, .1275, .494; room 31.47, .9533, .1121, .952. With the sparse one, plush, 7000 iterations:
-// 29.94, .9265 | 29.78, .9257.
+// The optimiser is the published, dense one from 2000 iterations on, with the higher rates of
+// rotation and scale.
 
 #include "density/schedule.h"
 

@@ -519,22 +519,16 @@ static inline vf weigh_block(const sgsi_scratch *s, const hit_rows *rows, const 
     return end;
 }
 
-// The gradient with respect to the projected centre is proportional to v (a A + b B - E C), x and y
-// in camera axes (kernel_optimize.inl: transverse). The record r has A, B, C in the frame of the
-// macrotile.
-static inline void abs_grad_sums(const float *r, const float frame[9], vf v, vf a, vf b, vf e,
-                                 vh sums[16])
+// The gradient with respect to the projected centre is proportional to v (a A + b B - E C)
+// (kernel_optimize.inl: transverse). record: of the projected model, in camera axes.
+static inline void abs_grad_sums(const float *record, vf v, vf a, vf b, vf e, vh sums[16])
 {
-    const vf va = vf_mul(v, a), vb = vf_mul(v, b), ve = vf_mul(v, e);
-    vf along[3]; // d0, e1, e2
-    for (int k = 0; k < 3; ++k)
-        along[k] = vf_fma(va, vf_set1(r[SGSI_PROJECTED_A + k]),
-                          vf_fms(vb, vf_set1(r[SGSI_PROJECTED_B + k]),
-                                 vf_mul(ve, vf_set1(r[SGSI_PROJECTED_C + k]))));
-    for (int axis = 0; axis < 2; ++axis)
-        sums[SGSI_GRAD_SUM_ABS + axis] = vf_fold(vf_abs(vf_fma(
-            along[2], vf_set1(frame[6 + axis]),
-            vf_fma(along[1], vf_set1(frame[3 + axis]), vf_mul(along[0], vf_set1(frame[axis]))))));
+    for (int axis = 0; axis < 2; ++axis) {
+        const vf along = vf_fma(a, vf_set1(record[SGSI_PROJECTED_A + axis]),
+                                vf_fms(b, vf_set1(record[SGSI_PROJECTED_B + axis]),
+                                       vf_mul(e, vf_set1(record[SGSI_PROJECTED_C + axis]))));
+        sums[SGSI_GRAD_SUM_ABS + axis] = vf_fold(vf_abs(vf_mul(v, along)));
+    }
 }
 
 // The sums of a block hit except the absolute ones, folded from 16 to 8 lanes. `at`: first lane of
@@ -598,8 +592,9 @@ static inline __attribute__((always_inline)) void backward_block(sgsi_scratch *s
         }
         hit_sums(&rows, at, v, d_color, sums);
         if (abs_grad)
-            abs_grad_sums(s->tile_projected + row, target->rays->frame, vf_join(v),
-                          vf_load(rows.a + at), vf_load(rows.b + at), vf_load(rows.e + at), sums);
+            abs_grad_sums(target->projected + (size_t)list->ids[order[i]] * SGSI_PROJECTED_FLOATS,
+                          vf_join(v), vf_load(rows.a + at), vf_load(rows.b + at),
+                          vf_load(rows.e + at), sums);
         vh_add_sums(s->sums + row, sums);
     }
 }

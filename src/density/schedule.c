@@ -7,35 +7,37 @@
 // 15 000 every 100, opacity reset every 3000, one SH band per 1000, position rate decaying over the
 // whole run.
 //
-// Scaled to N iterations, f = N / 30 000: densification until N/2, one SH band per N/30, checks for
-// equilibrium every spare_interval * f, position rate decaying over N. The rules for N < 30 000
-// below are chosen by measurement; tools/manual/schedules.md has the figures.
-// - Structural updates: 10 up to N = 7000, growing geometrically to the published 145 at 30 000.
+// Scaled to N iterations, f = N / 30 000: densification until N/2 (dash 0.9 N), one SH band per
+// N/30, checks for equilibrium every spare_interval * f, position rate decaying over N. The rules
+// for N < 30 000 below are chosen by measurement; tools/manual/schedules.md has the figures.
+// - Structural updates: 10 up to N = 7000, at least 20 iterations apart; growing as a power of N to
+//   the published number at 30 000.
 // - Gradient threshold: 1.7 times the published one up to N = 7000, decreasing to 1 at 30 000. At
 //   2e-4 a third of all primitives pass at each update of a short run, compared with a few percent
 //   of a published run. The threshold is then in the bulk of the distribution, where weights
 //   (SPARE-GS) have little effect.
 // - Opacity resets: every 3000 iterations, as published, rounded to updates. After the last one a
 //   third of the densification remains, or half a reset interval if that is shorter: opacities
-//   require some hundred visits to recover from 0.01, and the loss as many to settle.
+//   require some hundred visits to recover from 0.01, and the loss takes as long to settle.
 // - Learning rates other than the position's: constant as published, and in the last 30 % of a
-//   short run log-linear to a tenth at N = 7000, to less towards 30 000 and towards 1000. There is
-//   no check for equilibrium in this part.
+//   short run log-linear to a tenth at N = 7000. The final factor rises to 1 at N = 1000 and at
+//   N = 30 000. There is no check for equilibrium in this part.
 // - Rates of rotation and scale: twice the published ones up to N = 7500, sqrt(30 000 / N) times
 //   beyond.
-// - Rate of SH above degree 0: reduced in proportion to the views if there are fewer than 24, but
-//   not in runs of up to 2000 iterations.
+// - Rate of SH above degree 0: times views / 24 at N = 7000 if there are fewer than 24; the
+//   reduction fades out towards N = 2000 and N = 30 000.
 // - Large photographs, 3dgs only: from 320 000 pixels and 30 views on, the published threshold,
 //   absolute gradients at twice the threshold (AbsGS), and less weight of gradients close to the
 //   camera (Pixel-GS, its constant). Textures finer than the primitives have signed gradients that
-//   cancel. Settings are interpolated over the logarithm of the pixels and over the views from 15
-//   to 30, where nothing was measured, and fade out towards the published length.
+//   cancel. Below these limits, where nothing was measured, settings are interpolated over the
+//   logarithm of the pixels from 130 000 and linearly over the views from 15. They fade out towards
+//   N = 30 000.
 //
 // MCMC has its own milestones (Kheradmand et al. 2024, released code): updates from 500 to 25 000
 // every 100, each adding 5 %, and no opacity resets. Scaled: updates until 25 000 f every max(50,
-// 100 f). Each adds what the published updates of that time add, at most as many rows as there are.
-// The optimiser is the published, dense one from 2000 iterations on, with the higher rates of
-// rotation and scale.
+// 100 f). Each adds as many primitives as the published updates in that part of the run, at most
+// doubling them. The optimiser is the published, dense one from 2000 iterations on, with the higher
+// rates of rotation and scale.
 
 #include "density/schedule.h"
 

@@ -523,12 +523,12 @@ static inline vf weigh_block(const sgsi_scratch *s, const hit_rows *rows, const 
 // (kernel_optimize.inl: transverse). record: of the projected model, in camera axes.
 static inline void abs_grad_sums(const float *record, vf v, vf a, vf b, vf e, vh sums[16])
 {
-    for (int axis = 0; axis < 2; ++axis) {
-        const vf along = vf_fma(a, vf_set1(record[SGSI_PROJECTED_A + axis]),
-                                vf_fms(b, vf_set1(record[SGSI_PROJECTED_B + axis]),
-                                       vf_mul(e, vf_set1(record[SGSI_PROJECTED_C + axis]))));
-        sums[SGSI_GRAD_SUM_ABS + axis] = vf_fold(vf_abs(vf_mul(v, along)));
-    }
+    const vf va = vf_mul(v, a), vb = vf_mul(v, b), ve = vf_mul(v, e); // v first: 0 if it is 0
+    for (int axis = 0; axis < 2; ++axis)
+        sums[SGSI_GRAD_SUM_ABS + axis] =
+            vf_fold(vf_abs(vf_fma(va, vf_set1(record[SGSI_PROJECTED_A + axis]),
+                                  vf_fms(vb, vf_set1(record[SGSI_PROJECTED_B + axis]),
+                                         vf_mul(ve, vf_set1(record[SGSI_PROJECTED_C + axis]))))));
 }
 
 // The sums of a block hit except the absolute ones, folded from 16 to 8 lanes. `at`: first lane of

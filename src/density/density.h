@@ -16,7 +16,7 @@ struct sgsi_pipeline;
 // rho_i of the SPARE-GS paper, equations 16 to 18). 64-byte aligned columns, `capacity` long.
 typedef struct sgsi_statistics {
     float *gradient_sum;     // a_i
-    float *abs_grad_sum;     // sum of absolute per-pixel gradients; 0 unless the pipeline uses it
+    float *abs_grad_sum;     // sum of absolute per-pixel gradients; 0 unless the run uses it
     uint32_t *visible_count; // d_i
     float *radius_max;       // rho_i, pixels
     size_t capacity;

@@ -121,6 +121,7 @@ static sgsi_schedule finetune(const sgs_train_options *options)
                            .anneal_from = options->iterations,
                            .lr_late = 1.0,
                            .lr_shape = 1.0,
+                           .lr_sh = 1.0,
                            .check_interval = rounded(options->spare_interval, 1),
                            .threshold_factor = 1.0};
 }
@@ -141,7 +142,7 @@ static double fine_growth(size_t views, double pixels)
     return fmin(fmax(size, 0.0), 1.0) * fmin(fmax(number, 0.0), 1.0);
 }
 
-double sgsi_schedule_sh_rate(const sgs_train_options *options, size_t views)
+static double sh_rate(const sgs_train_options *options, size_t views)
 {
     if (options->schedule != SGS_SCHEDULE_SCALED || options->iterations >= PAPER_LENGTH)
         return 1.0;
@@ -189,6 +190,7 @@ sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, size_t views,
         .anneal_from = options->iterations,
         .lr_late = 1.0,
         .lr_shape = 1.0,
+        .lr_sh = sh_rate(options, views),
         .check_interval = rounded(options->spare_interval * f, 1),
         .threshold_factor = 1.0};
     if (!scaled || options->iterations == PAPER_LENGTH)

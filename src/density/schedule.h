@@ -25,6 +25,7 @@ typedef struct sgsi_schedule {
     int anneal_from;          // the other rates decay from this iteration to the end of the run,
     double lr_late;           // to this factor; 1 = constant
     double lr_shape;          // factor on the published rates of rotation and scale
+    double lr_sh;             // on that of SH above degree 0: below 1 for few views in a short run
     // The image size may change after resolution_from, every resolution_interval iterations.
     int resolution_from, resolution_interval;
     int check_interval;      // of SPARE-GS's equilibrium checks
@@ -39,10 +40,6 @@ typedef struct sgsi_schedule {
 
 // views: photographs of training, >= 1. pixels: their mean size, > 0.
 sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, size_t views, double pixels);
-
-// Factor on the rate of SH above degree 0 for a scene with `views` training views: below 1 for few
-// views in a short run.
-double sgsi_schedule_sh_rate(const sgs_train_options *options, size_t views);
 
 // True if a structural update follows this iteration (1-based).
 bool sgsi_schedule_is_structural(const sgsi_schedule *schedule, int iteration);

@@ -54,7 +54,7 @@ static sgsi_optimize settings(const sgs_trainer *trainer, const sgsi_train_view 
     const double lr_mean = mean_rate(trainer, view->iteration);
     const float rate = (float)sgsi_schedule_lr_other(&trainer->schedule, view->iteration);
     const float shape = rate * (float)trainer->schedule.lr_shape;
-    const double rest = sgsi_schedule_sh_rate(&trainer->options, trainer->views.count);
+    const double rest = trainer->schedule.lr_sh;
     const double rows = fmax((double)trainer->count, 1.0);
     return (sgsi_optimize){.params = trainer->model->data,
                            .m = trainer->m,

@@ -95,16 +95,16 @@ static void few_views_have_a_smaller_rate_of_sh(void **state)
     (void)state;
     sgs_train_options options = sgs_train_options_default();
     options.iterations = 7000;
-    assert_true(fabs(sgsi_schedule_sh_rate(&options, 12) - 0.5) < 1e-12);
-    assert_true(fabs(sgsi_schedule_sh_rate(&options, 1) - 1.0 / 24) < 1e-12);
-    assert_true(sgsi_schedule_sh_rate(&options, 24) == 1.0);
-    assert_true(sgsi_schedule_sh_rate(&options, 1000) == 1.0);
+    assert_true(fabs(sgsi_schedule_make(&options, 12, SMALL).lr_sh - 0.5) < 1e-12);
+    assert_true(fabs(sgsi_schedule_make(&options, 1, SMALL).lr_sh - 1.0 / 24) < 1e-12);
+    assert_true(sgsi_schedule_make(&options, 24, SMALL).lr_sh == 1.0);
+    assert_true(sgsi_schedule_make(&options, 1000, SMALL).lr_sh == 1.0);
     options.schedule = SGS_SCHEDULE_PAPER;
-    assert_true(sgsi_schedule_sh_rate(&options, 12) == 1.0);
+    assert_true(sgsi_schedule_make(&options, 12, SMALL).lr_sh == 1.0);
     options.schedule = SGS_SCHEDULE_SCALED;
     double longer = 1.0;
     for (options.iterations = 40000; options.iterations >= 100; options.iterations -= 100) {
-        const double rate = sgsi_schedule_sh_rate(&options, 12);
+        const double rate = sgsi_schedule_make(&options, 12, SMALL).lr_sh;
         assert_true(fabs(rate - longer) < 0.03 && rate >= 0.5 && rate <= 1.0);
         assert_true((options.iterations < 30000 && options.iterations > 2000) == (rate < 1.0));
         assert_true(options.iterations >= 7000 ? rate <= longer : rate >= longer);

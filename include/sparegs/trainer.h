@@ -170,6 +170,8 @@ typedef struct sgs_train_options {
     sgs_spare_target spare_target;
     sgs_pipeline_options pipeline_options;
     const sgs_gaussians *init; // copied; start from it instead of the point cloud; NULL
+    // lambda of the loss (1 - lambda) L1 + lambda (1 - SSIM) (Kerbl et al. 2023, equation 7); 0.2.
+    double ssim_weight;
     // Weight of the loss |alpha - alpha of the photograph|, mean over pixels; 0 = none.
     double alpha_loss;
     // Learn an affine colour map per training image (exposure compensation of 3DGS); false.

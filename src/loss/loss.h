@@ -23,7 +23,7 @@ typedef struct sgsi_loss_input {
     const float *transmittance; // [height][stride]
     float background[3];
     const sgs_photo *target; // RGB, or RGB + straight alpha: composited over `background` first
-    float ssim_weight;       // lambda = 0.2
+    float ssim_weight;       // lambda, 0 to 1
     const float *alpha_transmittance; // T of the alpha term; NULL = transmittance
     float alpha_weight; // of mean |(1 - T) - alpha|, for targets with an alpha channel; 0 = none
     bool opaque;        // targets without an alpha channel have the alpha term too, with alpha 1

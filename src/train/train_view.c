@@ -291,7 +291,7 @@ sgs_status sgsi_train_view_loss(sgsi_train_views *views, sgsi_train_view *view)
         .transmittance = planes->transmittance,
         .background = {view->background[0], view->background[1], view->background[2]},
         .target = view->target,
-        .ssim_weight = 0.2f,
+        .ssim_weight = (float)views->options->ssim_weight,
         .alpha_weight = (float)views->options->alpha_loss,
         .opaque = views->options->opaque};
     view->loss =

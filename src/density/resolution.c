@@ -258,6 +258,11 @@ sgs_status sgsi_resolution_plan(const sgsi_image_source *images, int until, sgsi
     return status;
 }
 
+sgsi_resolution sgsi_resolution_half(int until)
+{
+    return (sgsi_resolution){.until = until, .scale = {2.0}, .begin = {0, until}};
+}
+
 int sgsi_resolution_at(const sgsi_resolution *plan, int iteration)
 {
     if (iteration >= plan->until)
@@ -293,47 +298,81 @@ static int triangle_weights(int out, double scale, int size, float weights[], in
     return end - begin;
 }
 
+// Reduction of an image: rows are independent of each other. Colours are weighted by alpha, so that
+// transparent pixels do not mix in.
+typedef struct triangle_job {
+    const sgs_image8 *image;
+    sgs_image8 *out;
+    float *rows; // [threads][2][width of the image]
+} triangle_job;
+
+// Vertical filter: row y of channel c, times alpha if `alpha` is not NULL.
+static void filter_rows(const sgs_image8 *image, int c, const uint8_t *alpha, const float weights[],
+                        int first, int taps, float *row)
+{
+    const size_t width = (size_t)image->width;
+    const uint8_t *const plane = image->pixels + (size_t)c * width * (size_t)image->height;
+    memset(row, 0, width * sizeof *row);
+    for (int k = 0; k < taps; ++k) {
+        const size_t at = (size_t)(first + k) * width;
+        for (size_t x = 0; x < width; ++x)
+            row[x] += weights[k] * (float)plane[at + x] * (alpha ? (float)alpha[at + x] : 1.0f);
+    }
+}
+
+static void reduce_rows(void *context, size_t begin, size_t end, int thread)
+{
+    const triangle_job *job = context;
+    const sgs_image8 *image = job->image;
+    sgs_image8 *out = job->out;
+    const size_t from = (size_t)image->width * (size_t)image->height,
+                 to = (size_t)out->width * (size_t)out->height;
+    const uint8_t *const alpha = image->channels == 4 ? image->pixels + 3 * from : NULL;
+    float *const row = job->rows + 2 * (size_t)thread * (size_t)image->width, *const share =
+                                                                                  row +
+                                                                                  image->width;
+    float weights[4 * SCALE_MAX + 4] = {0}, across[4 * SCALE_MAX + 4] = {0};
+    for (size_t y = begin; y < end; ++y) {
+        int first, left;
+        const int taps = triangle_weights((int)y, (double)image->height / out->height,
+                                          image->height, weights, &first);
+        if (alpha)
+            filter_rows(image, 3, NULL, weights, first, taps, share);
+        for (int c = 0; c < image->channels; ++c) {
+            filter_rows(image, c, c < 3 ? alpha : NULL, weights, first, taps, row);
+            for (int x = 0; x < out->width; ++x) {
+                const int columns = triangle_weights(x, (double)image->width / out->width,
+                                                     image->width, across, &left);
+                float sum = 0.0f, opacity = 0.0f;
+                for (int k = 0; k < columns; ++k) {
+                    sum += across[k] * row[left + k];
+                    opacity += alpha && c < 3 ? across[k] * share[left + k] : 0.0f;
+                }
+                sum = opacity > 0.0f ? sum / opacity : sum;
+                out->pixels[(size_t)c * to + y * (size_t)out->width + (size_t)x] =
+                    (uint8_t)fminf(fmaxf(sum + 0.5f, 0.0f), 255.0f);
+            }
+        }
+    }
+}
+
 sgs_status sgsi_image8_triangle(const sgs_image8 *image, int scale, sgs_image8 *out)
 {
     const int width = image->width / scale > 0 ? image->width / scale : 1,
               height = image->height / scale > 0 ? image->height / scale : 1;
-    const size_t from = (size_t)image->width * (size_t)image->height,
-                 to = (size_t)width * (size_t)height;
     *out = (sgs_image8){.width = width, .height = height, .channels = image->channels};
-    out->pixels = sgsi_alloc(to, (size_t)image->channels);
-    float *rows = sgsi_alloc((size_t)image->width, sizeof *rows);
-    if (!out->pixels || !rows) {
-        sgsi_free(rows);
+    out->pixels = sgsi_alloc((size_t)width * (size_t)height, (size_t)image->channels);
+    triangle_job job = {
+        image, out,
+        sgsi_alloc(2 * (size_t)image->width * (size_t)sgsi_threads(), sizeof *job.rows)};
+    if (!out->pixels || !job.rows) {
+        sgsi_free(job.rows);
         sgsi_free(out->pixels);
         *out = (sgs_image8){0};
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for an image of %dx%d pixels", width,
                          height);
     }
-    float weights[4 * SCALE_MAX + 4] = {0}, across[4 * SCALE_MAX + 4] = {0};
-    for (int c = 0; c < image->channels; ++c)
-        for (int y = 0; y < height; ++y) {
-            int first;
-            const int taps =
-                triangle_weights(y, (double)image->height / height, image->height, weights, &first);
-            memset(rows, 0, (size_t)image->width * sizeof *rows);
-            for (int k = 0; k < taps; ++k)
-                for (int x = 0; x < image->width; ++x)
-                    rows[x] +=
-                        weights[k] *
-                        (float)
-                            image->pixels[(size_t)c * from +
-                                          (size_t)(first + k) * (size_t)image->width + (size_t)x];
-            for (int x = 0; x < width; ++x) {
-                float sum = 0.0f;
-                int left;
-                const int columns =
-                    triangle_weights(x, (double)image->width / width, image->width, across, &left);
-                for (int k = 0; k < columns; ++k)
-                    sum += across[k] * rows[left + k];
-                out->pixels[(size_t)c * to + (size_t)y * (size_t)width + (size_t)x] =
-                    (uint8_t)fminf(fmaxf(sum + 0.5f, 0.0f), 255.0f);
-            }
-        }
-    sgsi_free(rows);
+    sgsi_parallel_ranges((size_t)height, 16, reduce_rows, &job);
+    sgsi_free(job.rows);
     return SGS_STATUS_OK;
 }

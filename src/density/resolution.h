@@ -35,6 +35,8 @@ typedef struct sgsi_image_source {
 // Plans the levels for iterations up to `until`. The images of the most frequent size define the
 // mean spectrum; all images limit the largest scale. Fails with OUT_OF_MEMORY or as `get` does.
 sgs_status sgsi_resolution_plan(const sgsi_image_source *images, int until, sgsi_resolution *plan);
+// Half the size for iterations before `until`.
+sgsi_resolution sgsi_resolution_half(int until);
 // Whole down-scaling factor >= 1 at an iteration.
 int sgsi_resolution_at(const sgsi_resolution *plan, int iteration);
 
@@ -45,5 +47,6 @@ void sgsi_spectrum_free(sgsi_spectrum *spectrum);
 double sgsi_spectrum_window(const sgsi_spectrum *spectrum, double scale);
 
 // Reduces all channels of an image to floor(size / scale) with a triangle filter of that support
-// ("bilinear, antialias"), rounded to 8 bits. Fails with OUT_OF_MEMORY; *out is then empty.
+// ("bilinear, antialias"), rounded to 8 bits; colours of 4 channels are weighted by alpha. Fails
+// with OUT_OF_MEMORY; *out is then empty.
 sgs_status sgsi_image8_triangle(const sgs_image8 *image, int scale, sgs_image8 *out);

@@ -28,6 +28,8 @@ typedef struct sgsi_schedule {
     double lr_sh;             // on that of SH above degree 0: below 1 for few views in a short run
     // The image size may change after resolution_from, every resolution_interval iterations.
     int resolution_from, resolution_interval;
+    int half_size_until;     // half-size images up to about here; 0 = none
+    double ssim_weight;      // of 1 - SSIM in the loss
     int check_interval;      // of SPARE-GS's equilibrium checks
     double threshold_factor; // on the pipeline's gradient threshold
     // Weight of absolute gradients in the score for growth, if the pipeline has none of its own; 0

@@ -35,7 +35,7 @@ void sgsi_photo_free(sgs_photo *photo)
 }
 
 // 8-bit samples are kept if their encoding is that of the scene's space.
-static bool keeps_bytes(const sgsi_image_info *info, sgs_space space)
+bool sgsi_photo_is_8bit(const sgsi_image_info *info, sgs_space space)
 {
     return info->bytes && !info->linear && space == SGS_SPACE_SRGB;
 }
@@ -43,7 +43,7 @@ static bool keeps_bytes(const sgsi_image_info *info, sgs_space space)
 size_t sgsi_photo_bytes(const sgsi_image_info *info, sgs_space space, int width, int height)
 {
     const size_t values = (size_t)width * (size_t)height * (size_t)info->channels;
-    return values * (keeps_bytes(info, space) ? 1 : 2) +
+    return values * (sgsi_photo_is_8bit(info, space) ? 1 : 2) +
            sgs_mask_words(width) * (size_t)height * sizeof(uint16_t);
 }
 
@@ -225,7 +225,7 @@ static sgs_status read_photo(const sgsi_photo_source *source, sgs_photo *photo, 
             source->image_path, info.width, info.height, source->width, source->height);
     if (status)
         return status;
-    if (!keeps_bytes(&info, source->space))
+    if (!sgsi_photo_is_8bit(&info, source->space))
         return read_floats(source, &info, photo, broken);
     status = read_pixels(source, &image);
     if (!status)

@@ -60,6 +60,9 @@ void sgsi_light_add_value(sgsi_light *light, float brightest);
 // The value that a fraction `share` of the pixels does not exceed; 1 if the histogram is empty.
 double sgsi_light_quantile(const sgsi_light *light, double share);
 
+// True if such a photograph is kept in 8 bits, false if in half floats.
+bool sgsi_photo_is_8bit(const sgsi_image_info *info, sgs_space space);
+
 // Decoded size in bytes of such a photograph at this resolution, including a mask.
 size_t sgsi_photo_bytes(const sgsi_image_info *info, sgs_space space, int width, int height);
 

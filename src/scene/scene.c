@@ -45,6 +45,7 @@ typedef struct slot {
     int channels;
     bool linear;  // the file holds linear light
     size_t bytes; // decoded size of the photograph
+    bool halves;  // it is kept in half floats
     size_t lens;  // index into loader.lenses
     bool dropped; // not among options.kept
     sgsi_photo_report report;
@@ -181,6 +182,7 @@ static void probe(const loader *l, size_t i)
     s->linear = info.linear;
     reduced_size(l->options->downscale, s);
     s->bytes = sgsi_photo_bytes(&info, l->options->space, s->width, s->height);
+    s->halves = !sgsi_photo_is_8bit(&info, l->options->space);
     keep_error(s);
 }
 
@@ -544,6 +546,7 @@ static void keep_view(loader *l, size_t i, size_t to, view_tally *tally)
     scene->has_alpha |= s->channels == 4 && l->options->alpha == SGS_ALPHA_OVER;
     scene->masks += view->mask_path != NULL;
     scene->photo_bytes += s->bytes;
+    scene->float_images += s->halves;
     if (l->limited) {
         l->sources[to] = source_of(l, i);
         l->bytes[to] = s->bytes;

@@ -376,9 +376,10 @@ static sgs_status make_photos(creator *c)
         const bool linear = c->entries[i].source->pixel_type != SGS_PIXEL_UINT8;
         const sgsi_image_info info = {
             .channels = c->entries[i].source->channels, .bytes = !linear, .linear = linear};
-        if (photo->width)
-            scene->photo_bytes +=
-                sgsi_photo_bytes(&info, scene->space, photo->width, photo->height);
+        if (!photo->width)
+            continue;
+        scene->photo_bytes += sgsi_photo_bytes(&info, scene->space, photo->width, photo->height);
+        scene->float_images += !sgsi_photo_is_8bit(&info, scene->space);
     }
     return SGS_STATUS_OK;
 }

@@ -504,7 +504,7 @@ static sgs_status make_room(sgs_trainer *trainer, size_t count)
     return status ? status : sgsi_trainer_reserve_filter_3d(trainer);
 }
 
-// Images at the resolution of the checkpoint, for pipelines that change it.
+// Images at the resolution of the checkpoint.
 static sgs_status restore_images(sgs_trainer *trainer, int resolution)
 {
     sgsi_small_images images;
@@ -545,8 +545,8 @@ static sgs_status read_state(sgsi_sections *sections, sgs_trainer *trainer, cons
     trainer->inconsistent = true;
     sgs_status status = make_room(trainer, found->n);
     trainer->fixed = found->fixed;
-    if (!status && progress->resolution) // before reading: other sizes reset the depth bounds
-        status = restore_images(trainer, progress->resolution);
+    if (!status) // before reading: other sizes reset the depth bounds
+        status = restore_images(trainer, progress->resolution ? progress->resolution : 1);
     status = sgs_ranks_agree(ranks, status);
     if (status)
         return status;

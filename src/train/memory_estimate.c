@@ -8,10 +8,13 @@
 // primitives, 8-bit images of 480 to 376 000 pixels and all pipelines, within 20 %. For small
 // images the estimate exceeds the peak, because the memory limit of a trainer relies on it.
 
+#include <math.h>
+
 #include "sparegs/trainer.h"
 #include "base/core.h"
 #include "base/threads.h"
 #include "density/pipeline.h"
+#include "density/schedule.h"
 
 enum {
     PROGRAM_BYTES = 134000000, // code and libraries
@@ -59,6 +62,23 @@ size_t sgs_train_memory(const sgs_scene *scene, const sgs_train_options *options
     return sgs_train_memory_per_rank(scene, options, image_cache, gaussians, 1);
 }
 
+// True if the run begins with images of half the size.
+static bool has_half_size(const sgs_scene *scene, const sgs_train_options *options)
+{
+    size_t count = 0;
+    double pixels = 0.0;
+    for (size_t i = 0; i < scene->view_count; ++i) {
+        const sgs_view *view = &scene->views[i];
+        if (view->split != SGS_SPLIT_TRAIN)
+            continue;
+        ++count;
+        pixels += (double)view->camera.width * view->camera.height;
+    }
+    return count &&
+           sgsi_schedule_make(options, count, fmax(pixels / (double)count, 1.0)).half_size_until >
+               0;
+}
+
 // Bytes for the primitives of a rank: its own ones, and what depends on all.
 static size_t row_bytes(size_t rows, size_t own_bytes, int ranks)
 {
@@ -81,8 +101,8 @@ size_t sgs_train_memory_per_rank(const sgs_scene *scene, const sgs_train_options
         const size_t pixels = (size_t)view->camera.width * (size_t)view->camera.height;
         largest = pixels > largest ? pixels : largest;
     }
-    size_t photographs =
-        image_cache && scene->photo_bytes > image_cache ? image_cache : scene->photo_bytes;
+    const bool cached = image_cache && scene->photo_bytes > image_cache;
+    size_t photographs = cached ? image_cache : scene->photo_bytes;
     if (!sgs_box_is_infinite(&own.region)) // the targets of a region
         photographs += scene->photo_bytes;
     const size_t cap = own.max_gaussians, threads = (size_t)sgsi_threads();
@@ -92,10 +112,14 @@ size_t sgs_train_memory_per_rank(const sgs_scene *scene, const sgs_train_options
     const bool known = (unsigned)own.pipeline < SGS_PIPELINE_COUNT;
     const int shrinks = known ? sgsi_pipeline_get(own.pipeline)->small_images : 0;
     const size_t shrinking = shrinks ? (size_t)shrinks : 1;
+    const bool reduces =
+        (shrinks || (known && !own.init && has_half_size(scene, &own))) && !scene->float_images;
+    if (reduces && !cached)
+        photographs += scene->photo_bytes / 4; // at half the size or less
     const size_t crowd = CROWDING * shrinking * rows / (largest / TILE_PIXELS),
                  fullest = crowd < rows ? crowd : rows;
     const size_t batch_bytes = own.batch > 1 ? (SGS_PARAM_COUNT + 1) * sizeof(float) : 0;
-    const size_t rays = ray_pixels(scene) * RAY_BYTES;
+    const size_t rays = ray_pixels(scene) * RAY_BYTES * (reduces ? 5 : 4) / 4;
     // With fewer tiles per image, a ray hits a larger part of the candidates of its tile.
     const size_t lists = fullest * LIST_BYTES / (largest / TILE_PIXELS);
     return PROGRAM_BYTES + threads * (THREAD_BYTES + fullest * CANDIDATE_BYTES) + photographs +

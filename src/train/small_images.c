@@ -1,13 +1,15 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// All views are reduced when the scale changes and kept until the next change. Half-float
-// photographs are not reduced: a run with any of them trains at full resolution.
+// All views are reduced when the scale changes and kept until the next change. If the scene has an
+// image cache, they may not fit in memory: each is reduced when it is used. Half-float photographs
+// are not reduced: a run with any of them trains at full resolution.
 
 #include "train/small_images.h"
 
 #include "base/core.h"
 #include "image/mask.h"
+#include "image/photo.h"
 #include "sparegs/image.h"
 
 static sgs_image8 pixels_of(const sgs_photo *photo)
@@ -49,23 +51,29 @@ sgs_status sgsi_small_images_plan(const sgsi_train_views *views, int until, sgsi
     return sgsi_resolution_plan(&images, until, plan);
 }
 
-// A reduced pixel is valid if all pixels that it covers are.
+// True if all (or any) of the pixels that reduced pixel (x, y) covers are valid.
+static bool is_valid(const sgs_photo *from, const sgs_photo *to, int x, int y, bool all)
+{
+    for (int v = y * from->height / to->height; v * to->height < (y + 1) * from->height; ++v)
+        for (int u = x * from->width / to->width; u * to->width < (x + 1) * from->width; ++u)
+            if (sgs_mask_is_valid(from->valid_mask, from->width, u, v) != all)
+                return !all;
+    return all;
+}
+
+// A reduced pixel is valid if all pixels that it covers are; if that leaves none, if any is.
 static void reduce_mask(const sgs_photo *from, sgs_photo *to)
 {
     const size_t words = sgs_mask_words(to->width);
     to->kept = 0;
-    for (int y = 0; y < to->height; ++y)
-        for (int x = 0; x < to->width; ++x) {
-            bool all = true;
-            for (int v = y * from->height / to->height; v * to->height < (y + 1) * from->height;
-                 ++v)
-                for (int u = x * from->width / to->width; u * to->width < (x + 1) * from->width;
-                     ++u)
-                    all = all && sgs_mask_is_valid(from->valid_mask, from->width, u, v);
-            to->valid_mask[(size_t)y * words + (size_t)x / 16] |=
-                (uint16_t)((unsigned)all << (x % 16));
-            to->kept += all;
-        }
+    for (int all = 1; all >= 0 && !to->kept; --all)
+        for (int y = 0; y < to->height; ++y)
+            for (int x = 0; x < to->width; ++x) {
+                const bool valid = is_valid(from, to, x, y, all);
+                to->valid_mask[(size_t)y * words + (size_t)x / 16] |=
+                    (uint16_t)((unsigned)valid << (x % 16));
+                to->kept += valid;
+            }
 }
 
 static sgs_status reduce_view(const sgsi_train_views *views, size_t i, int scale, sgs_photo *out)
@@ -104,17 +112,38 @@ sgs_status sgsi_small_images_make(const sgsi_train_views *views, int scale,
     images->scale = scale;
     if (scale == 1)
         return SGS_STATUS_OK;
-    images->photos = sgsi_calloc(views->count, sizeof *images->photos);
+    const size_t count = views->scene->store ? 1 : views->count;
+    images->photos = sgsi_calloc(count, sizeof *images->photos);
     if (!images->photos)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu views at a smaller size",
-                         views->count);
-    images->count = views->count;
+                         count);
+    images->count = count;
     sgs_status status = SGS_STATUS_OK;
-    for (size_t i = 0; i < images->count && !status; ++i)
+    for (size_t i = 0; i < count && !status; ++i)
         status = reduce_view(views, i, scale, &images->photos[i]);
     if (status)
         sgsi_small_images_free(images);
     return status;
+}
+
+void sgsi_small_images_free(sgsi_small_images *images)
+{
+    for (size_t i = 0; images->photos && i < images->count; ++i)
+        sgsi_photo_free(&images->photos[i]);
+    sgsi_free(images->photos);
+    *images = (sgsi_small_images){0};
+}
+
+sgs_status sgsi_small_images_photo(const sgsi_train_views *views, size_t index,
+                                   const sgs_photo **photo)
+{
+    const sgsi_small_images *images = &views->small_images;
+    const bool cached = views->scene->store != NULL;
+    *photo = &images->photos[cached ? 0 : index];
+    if (!cached)
+        return SGS_STATUS_OK;
+    sgsi_photo_free(&images->photos[0]);
+    return reduce_view(views, index, images->scale, &images->photos[0]);
 }
 
 bool sgsi_small_images_adopt(sgsi_train_views *views, sgsi_small_images *images)

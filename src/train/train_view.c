@@ -8,6 +8,7 @@
 #include "base/core.h"
 #include "base/threads.h"
 #include "cluster/rank_calls.h"
+#include "train/small_images.h"
 #include "train/view_ranks.h"
 #include "train/view_shards.h"
 #include "image/photo.h"
@@ -105,16 +106,6 @@ sgs_status sgsi_drawn_views_create(const sgs_scene *scene, const sgs_render_opti
     return status ? status : create_workspaces(views, width, height, 4);
 }
 
-void sgsi_small_images_free(sgsi_small_images *images)
-{
-    for (size_t i = 0; images->photos && i < images->count; ++i) {
-        sgsi_free(images->photos[i].pixels);
-        sgsi_free(images->photos[i].valid_mask);
-    }
-    sgsi_free(images->photos);
-    *images = (sgsi_small_images){0};
-}
-
 void sgsi_train_views_free(sgsi_train_views *views)
 {
     for (size_t i = 0; views->targets && i < views->count; ++i)
@@ -143,28 +134,18 @@ void sgsi_train_views_forget_depths(sgsi_train_views *views)
             views->depth_bounds[i][t] = INFINITY;
 }
 
-sgs_status sgsi_train_view_photo(const sgsi_train_views *views, size_t index,
-                                 const sgs_photo **photo)
-{
-    if (!views->targets)
-        return sgs_scene_photo(views->scene, views->scene_views[index], photo);
-    *photo = &views->targets[index];
-    return SGS_STATUS_OK;
-}
-
 sgs_status sgsi_train_view_fetch(const sgsi_train_views *views, sgsi_train_view *view)
 {
     const size_t scene_view = views->scene_views[view->index];
     view->source = &views->scene->views[scene_view];
     view->camera = view->source->camera;
-    if (views->small_images.photos) {
-        view->target = &views->small_images.photos[view->index];
-        view->camera = sgs_camera_resized(&view->camera, view->target->width, view->target->height);
-        return SGS_STATUS_OK;
-    }
+    const bool small = views->small_images.photos != NULL;
     const double start = sgsi_seconds();
-    const sgs_status status = sgsi_train_view_photo(views, view->index, &view->target);
+    const sgs_status status = small ? sgsi_small_images_photo(views, view->index, &view->target)
+                                    : sgsi_train_view_photo(views, view->index, &view->target);
     view->seconds->image_io += sgsi_seconds() - start;
+    if (!status && small)
+        view->camera = sgs_camera_resized(&view->camera, view->target->width, view->target->height);
     return status;
 }
 
@@ -291,7 +272,7 @@ sgs_status sgsi_train_view_loss(sgsi_train_views *views, sgsi_train_view *view)
         .transmittance = planes->transmittance,
         .background = {view->background[0], view->background[1], view->background[2]},
         .target = view->target,
-        .ssim_weight = (float)views->options->ssim_weight,
+        .ssim_weight = views->ssim_weight,
         .alpha_weight = (float)views->options->alpha_loss,
         .opaque = views->options->opaque};
     view->loss =

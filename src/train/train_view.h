@@ -17,8 +17,8 @@
 // The photographs of the training views at a reduced size.
 typedef struct sgsi_small_images {
     int scale;         // down-scaling; 0 = not set yet
-    sgs_photo *photos; // [count], or NULL at scale 1
-    size_t count;
+    sgs_photo *photos; // NULL at scale 1; [count], or one if the scene has an image cache
+    size_t count;      // of photos
 } sgsi_small_images;
 
 // All training views of a scene, and the workspace to render one of them.
@@ -31,6 +31,7 @@ typedef struct sgsi_train_views {
     float **depth_bounds; // [count][tiles], see sgsi_tracer_forward
     size_t *tile_counts;  // [count]
     sgsi_small_images small_images;
+    float ssim_weight;   // of the loss
     sgs_photo *targets;  // [count] instead of the photographs, for a region; NULL without
     sgsi_tracer *tracer; // of the primitives that are drawn
     // Projects the rows of the model and has their gradient sums: the same, unless ranks share the
@@ -97,16 +98,22 @@ void sgsi_train_views_free(sgsi_train_views *views); // accepts a zeroed one
 // Views to draw: all views of the scene, without photographs, loss and gradients. Fails as above.
 sgs_status sgsi_drawn_views_create(const sgs_scene *scene, const sgs_render_options *render,
                                    sgsi_train_views *views);
-void sgsi_small_images_free(sgsi_small_images *images);
 
 // Sets all depth bounds to "unknown". Cannot fail.
 void sgsi_train_views_forget_depths(sgsi_train_views *views);
 
 // The photograph, or target, of a view at full size. Fails as sgs_scene_photo does.
-sgs_status sgsi_train_view_photo(const sgsi_train_views *views, size_t index,
-                                 const sgs_photo **photo);
+static inline sgs_status sgsi_train_view_photo(const sgsi_train_views *views, size_t index,
+                                               const sgs_photo **photo)
+{
+    if (!views->targets)
+        return sgs_scene_photo(views->scene, views->scene_views[index], photo);
+    *photo = &views->targets[index];
+    return SGS_STATUS_OK;
+}
 
-// The photograph and its camera. Fails as sgs_scene_photo does, without a change.
+// The photograph, valid until the next call, and its camera. Fails as sgs_scene_photo or
+// sgsi_small_images_photo does, without a change.
 sgs_status sgsi_train_view_fetch(const sgsi_train_views *views, sgsi_train_view *view);
 // Rays of the camera, projected primitives and their bounds; refits or rebuilds the BVH.
 sgs_status sgsi_train_view_project(sgsi_train_views *views, sgsi_train_view *view);

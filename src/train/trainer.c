@@ -41,26 +41,33 @@ static void adopt_images(sgs_trainer *trainer, sgsi_small_images *images)
     sgsi_train_views_forget_depths(&trainer->views);
 }
 
-// Plans the image sizes, for pipelines that change them, and sets the first one.
-static sgs_status plan_resolution(sgs_trainer *trainer)
+// Plans the image sizes, if the pipeline or the schedule changes them, and sets the first one. A
+// model to start from (`has_init`) is not trained with images of half the size.
+static sgs_status plan_resolution(sgs_trainer *trainer, bool has_init)
 {
-    if (!trainer->pipeline->small_images)
+    const bool shrinks = trainer->pipeline->small_images;
+    if (!shrinks && !trainer->schedule.half_size_until)
         return SGS_STATUS_OK;
-    int scale = 1;
-    sgs_status status = sgsi_small_images_plan(&trainer->views, trainer->schedule.densify_until,
-                                               &trainer->resolution);
-    if (status == SGS_STATUS_UNSUPPORTED) {
-        sgsi_warn("%s: some photographs are not 8-bit; pipeline %s trains at full resolution",
-                  trainer->scene->path, trainer->pipeline->name);
-        trainer->resolution = (sgsi_resolution){0}; // full resolution from iteration 0
-    } else if (status) {
-        return status;
-    } else {
+    if (trainer->scene->float_images) {
+        if (shrinks)
+            sgsi_warn("%s: some photographs are not 8-bit; pipeline %s trains at full resolution",
+                      trainer->scene->path, trainer->pipeline->name);
+        return SGS_STATUS_OK;
+    }
+    sgs_status status = SGS_STATUS_OK;
+    if (shrinks) {
+        status = sgsi_small_images_plan(&trainer->views, trainer->schedule.densify_until,
+                                        &trainer->resolution);
         trainer->schedule.lr_begin = trainer->resolution.decay_begin;
-        scale = sgsi_resolution_at(&trainer->resolution, 1);
+    } else {
+        trainer->resolution = sgsi_resolution_half(trainer->schedule.half_size_until);
+        if (has_init)
+            return SGS_STATUS_OK;
     }
     sgsi_small_images images;
-    status = sgsi_small_images_make(&trainer->views, scale, &images);
+    if (!status)
+        status = sgsi_small_images_make(&trainer->views,
+                                        sgsi_resolution_at(&trainer->resolution, 1), &images);
     if (!status)
         adopt_images(trainer, &images);
     return status;
@@ -83,6 +90,8 @@ static sgs_status create_parts(sgs_trainer *trainer)
     if (status)
         return status;
     trainer->schedule = sgsi_schedule_make(&trainer->options, views->count, mean_pixels(views));
+    views->ssim_weight = (float)trainer->schedule.ssim_weight;
+    const bool has_init = trainer->options.init != NULL;
     trainer->order = sgsi_calloc(views->count, sizeof *trainer->order);
     trainer->view_fits = sgsi_calloc(2 * views->count, sizeof *trainer->view_fits);
     if (!trainer->order || !trainer->view_fits)
@@ -91,7 +100,7 @@ static sgs_status create_parts(sgs_trainer *trainer)
     if (!status && trainer->fixed && !trainer->options.exposure)
         status = sgsi_region_targets_make(views, trainer->model, sgsi_trainer_trained(trainer),
                                           trainer->filter_3d);
-    return status ? status : plan_resolution(trainer);
+    return status ? status : plan_resolution(trainer, has_init);
 }
 
 // takes: takes over `init`, which may be NULL, in place of options->init, also after a failure.
@@ -354,7 +363,7 @@ static sgs_status apply_deferred(sgs_trainer *trainer, sgs_step_info *info)
         return SGS_STATUS_OK;
     sgsi_small_images images = {0};
     sgs_status status = SGS_STATUS_OK;
-    if (trainer->pipeline->small_images && sgsi_schedule_may_resize(schedule, iteration))
+    if (progress->resolution && sgsi_schedule_may_resize(schedule, iteration))
         status = sgsi_small_images_make(
             &trainer->views, sgsi_resolution_at(&trainer->resolution, iteration), &images);
     if (!status && (sgsi_schedule_is_structural(schedule, iteration) ||

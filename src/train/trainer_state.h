@@ -26,7 +26,7 @@ typedef struct sgsi_progress {
     int32_t stop;                         // sgs_stop_reason
     int32_t updates;                      // structural updates made
     int32_t rest_step;           // as adam_step, for SH bands above 0 if they step separately
-    int32_t resolution;          // current down-scaling of the images; 0 = not set yet
+    int32_t resolution;          // current down-scaling of the images; 0 = it never changes
     int32_t batch_views;         // views whose gradients wait for the step of their batch
     int32_t structure_iteration; // last iteration whose update, reset and resolution are applied
     sgsi_pipeline_state pipeline;

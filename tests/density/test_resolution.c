@@ -158,6 +158,16 @@ static void levels_follow_the_published_formulae(void **state)
         sgs_image8_free(&images[i]);
 }
 
+static void half_size_ends_at_the_given_iteration(void **state)
+{
+    (void)state;
+    for (int until = 0; until < 40; ++until) {
+        const sgsi_resolution plan = sgsi_resolution_half(until);
+        for (int t = 0; t < 50; ++t)
+            assert_int_equal(sgsi_resolution_at(&plan, t), t < until ? 2 : 1);
+    }
+}
+
 static void flat_images_have_a_valid_scale(void **state)
 {
     (void)state;
@@ -202,13 +212,50 @@ static void reduced_images_are_the_triangle_filter(void **state)
     sgs_image8_free(&image);
 }
 
+// Colours are weighted by alpha: those of transparent pixels have no effect.
+static void transparent_pixels_do_not_mix_in(void **state)
+{
+    (void)state;
+    enum { W = 22, H = 14, N = W * H };
+    sgs_image8 image = {.width = W, .height = H, .channels = 4}, small;
+    image.pixels = sgsi_alloc(N, 4);
+    for (size_t i = 0; i < 4 * (size_t)N; ++i)
+        image.pixels[i] = (uint8_t)(255 * sgsi_random_uniform(7, i));
+    for (size_t i = 0; i < N; ++i)
+        image.pixels[3 * N + i] = i % W < 8 ? 0 : image.pixels[3 * N + i];
+    assert_int_equal(sgsi_image8_triangle(&image, 2, &small), SGS_STATUS_OK);
+    for (int y = 0; y < H / 2; ++y)
+        for (int x = 0; x < W / 2; ++x) {
+            double sum[3] = {0}, alpha = 0, weight = 0;
+            for (int v = 0; v < H; ++v)
+                for (int u = 0; u < W; ++u) {
+                    const double w = fmax(0, 1 - fabs(u + 0.5 - 2 * x - 1) / 2) *
+                                     fmax(0, 1 - fabs(v + 0.5 - 2 * y - 1) / 2);
+                    const size_t at = (size_t)(v * W + u);
+                    weight += w;
+                    alpha += w * image.pixels[3 * N + at];
+                    for (size_t c = 0; c < 3; ++c)
+                        sum[c] += w * image.pixels[3 * N + at] * image.pixels[c * N + at];
+                }
+            const size_t at = (size_t)(y * (W / 2) + x);
+            for (size_t c = 0; c < 3; ++c)
+                assert_true(fabs((alpha > 0 ? sum[c] / alpha : 0) -
+                                 small.pixels[c * (N / 4) + at]) <= 0.51);
+            assert_true(fabs(alpha / weight - small.pixels[3 * (N / 4) + at]) <= 0.51);
+        }
+    sgs_image8_free(&small);
+    sgs_image8_free(&image);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(spectrum_is_the_sum_that_defines_it),
         cmocka_unit_test(levels_follow_the_published_formulae),
+        cmocka_unit_test(half_size_ends_at_the_given_iteration),
         cmocka_unit_test(flat_images_have_a_valid_scale),
         cmocka_unit_test(reduced_images_are_the_triangle_filter),
+        cmocka_unit_test(transparent_pixels_do_not_mix_in),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -415,10 +415,10 @@ static void auto_is_dense_for_long_runs_of_mcmc(void **state)
     assert_true(sgsi_schedule_make(&options, VIEWS, SMALL).dense);
 }
 
-// Growth of short runs of 3DGS: the rule of small photographs up to 130 000 pixels, that of large
+// Short runs of 3DGS: the rule of small photographs up to 130 000 pixels, that of large
 // ones from 320 000 on, monotone between; also with up to 15 and from 30 on. The published length,
 // the published schedule and the other pipelines do not depend on the size.
-static void growth_of_short_runs_follows_the_size_of_the_photographs(void **state)
+static void short_runs_follow_the_size_of_the_photographs(void **state)
 {
     (void)state;
     sgs_train_options options = sgs_train_options_default();
@@ -432,8 +432,12 @@ static void growth_of_short_runs_follows_the_size_of_the_photographs(void **stat
         threshold = schedule.threshold_factor;
         share = schedule.abs_share;
         assert_true(pixels > 1.3e5 || (fabs(threshold - 1.7) < 1e-12 && share == 0.0));
-        assert_true(pixels < 3.2e5 || (fabs(threshold - 1.0) < 1e-12 && share == 0.5));
+        assert_true(pixels < 3.2e5 || (fabs(threshold - 1.25) < 1e-12 && share == 0.5));
         assert_true(fabs(schedule.near_depth - 0.74 * share) < 1e-12);
+        assert_true(fabs(schedule.ssim_weight - 0.2 - 0.4 * share) < 1e-12);
+        const double half = 0.5 * 7000 * share;
+        assert_true(half < 117 ? schedule.half_size_until == 0
+                               : fabs(schedule.half_size_until - half) < 0.51);
     }
     double few = 1.7;
     for (size_t views = 1; views < 100; ++views) {
@@ -442,7 +446,7 @@ static void growth_of_short_runs_follows_the_size_of_the_photographs(void **stat
         few = schedule.threshold_factor;
         assert_true((schedule.abs_share == 0.0) == (views <= 15));
         assert_true((schedule.abs_share == 0.5) == (views >= 30));
-        assert_true(fabs(log(few / 1.7) / log(1 / 1.7) - 2 * schedule.abs_share) < 1e-9);
+        assert_true(fabs(log(few / 1.7) / log(1.25 / 1.7) - 2 * schedule.abs_share) < 1e-9);
     }
     for (int pipeline = 0; pipeline < SGS_PIPELINE_COUNT; ++pipeline)
         for (int k = 0; k < 3; ++k) {
@@ -455,8 +459,28 @@ static void growth_of_short_runs_follows_the_size_of_the_photographs(void **stat
             assert_true((large.threshold_factor == small.threshold_factor) == same);
             assert_true((large.abs_share == 0.0) == same && small.abs_share == 0.0);
             assert_true((large.near_depth == 0.0) == same && small.near_depth == 0.0);
+            assert_true((large.ssim_weight == 0.2) == same && small.ssim_weight == 0.2);
+            assert_true((large.half_size_until == 0) == same && small.half_size_until == 0);
             assert_int_equal(large.densify_interval, small.densify_interval);
         }
+}
+
+static void a_given_ssim_weight_is_used_by_all_schedules(void **state)
+{
+    (void)state;
+    const sgs_schedule kinds[] = {SGS_SCHEDULE_SCALED, SGS_SCHEDULE_PAPER, SGS_SCHEDULE_FINETUNE};
+    sgs_train_options options = sgs_train_options_default();
+    options.iterations = 7000;
+    for (size_t k = 0; k < sizeof kinds / sizeof *kinds; ++k) {
+        options.schedule = kinds[k];
+        options.ssim_weight = -1;
+        assert_true(sgsi_schedule_make(&options, VIEWS, SMALL).ssim_weight == 0.2);
+        for (int tenths = 0; tenths <= 10; ++tenths) {
+            options.ssim_weight = tenths / 10.0;
+            assert_true(sgsi_schedule_make(&options, VIEWS, 1e6).ssim_weight ==
+                        options.ssim_weight);
+        }
+    }
 }
 
 int main(void)
@@ -476,7 +500,8 @@ int main(void)
         cmocka_unit_test(dash_densifies_until_nine_tenths),
         cmocka_unit_test(mcmc_has_244_updates_and_no_reset),
         cmocka_unit_test(mcmc_scales_its_updates_with_the_run),
-        cmocka_unit_test(growth_of_short_runs_follows_the_size_of_the_photographs),
+        cmocka_unit_test(short_runs_follow_the_size_of_the_photographs),
+        cmocka_unit_test(a_given_ssim_weight_is_used_by_all_schedules),
         cmocka_unit_test(auto_is_dense_for_long_runs_of_mcmc),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

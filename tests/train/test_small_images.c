@@ -1,0 +1,178 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Short runs on large photographs begin with images of half the size: the bundled scene with each
+// pixel repeated, 960 x 540.
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <cmocka.h>
+
+#include "sparegs/trainer.h"
+#include "support/files_support.h"
+#include "support/trainer_support.h"
+#include "train/trainer_state.h"
+
+enum { ITERATIONS = 16, HALF = 4 }; // a quarter of the run
+
+static sgs_scene *scene;
+
+enum { WIDTH = 960, HEIGHT = 540 };
+
+static uint8_t *enlarge(const sgs_photo *photo)
+{
+    const size_t plane = (size_t)WIDTH * HEIGHT;
+    uint8_t *pixels = malloc(3 * plane);
+    for (size_t c = 0; c < 3; ++c)
+        for (size_t y = 0; y < HEIGHT; ++y)
+            for (size_t x = 0; x < WIDTH; ++x)
+                pixels[c * plane + y * WIDTH + x] =
+                    photo->pixels[c * plane / 4 + y / 2 * (WIDTH / 2) + x / 2];
+    return pixels;
+}
+
+static int load(void **state)
+{
+    (void)state;
+    sgs_scene *room;
+    if (sgs_scene_load(SGSI_TEST_DATA "/room", NULL, &room))
+        fail_msg("%s", sgs_last_error());
+    sgs_view_source *views = calloc(room->view_count, sizeof *views);
+    for (size_t i = 0; i < room->view_count; ++i) {
+        const sgs_view *view = &room->views[i];
+        assert_int_equal(view->image.width, WIDTH / 2);
+        views[i] = (sgs_view_source){.name = view->name,
+                                     .camera = sgs_camera_resized(&view->camera, WIDTH, HEIGHT),
+                                     .pose = view->pose,
+                                     .channels = 3,
+                                     .pixels = enlarge(&view->image),
+                                     .channel_stride = WIDTH * HEIGHT,
+                                     .pixel_stride = 1};
+    }
+    if (sgs_scene_create(views, room->view_count, room->points, room->colors, room->point_count,
+                         NULL, &scene))
+        fail_msg("%s", sgs_last_error());
+    for (size_t i = 0; i < room->view_count; ++i)
+        free((void *)views[i].pixels);
+    free(views);
+    sgs_scene_destroy(room);
+    return 0;
+}
+
+static int unload(void **state)
+{
+    (void)state;
+    sgs_scene_destroy(scene);
+    return 0;
+}
+
+static sgs_train_options short_run(void)
+{
+    sgs_train_options options = sgs_train_options_default();
+    options.iterations = ITERATIONS;
+    return options;
+}
+
+static void the_first_quarter_has_half_the_size(void **state)
+{
+    (void)state;
+    const sgs_train_options options = short_run();
+    sgs_trainer *trainer = trainer_create(scene, &options);
+    for (int t = 1; t <= ITERATIONS; ++t) {
+        // Images change after an iteration; the change belongs to the next one.
+        const bool small = t <= HALF;
+        trainer_run(trainer, 1);
+        const sgsi_small_images *images = &trainer->views.small_images;
+        assert_int_equal(images->scale, small ? 2 : 1);
+        assert_int_equal(images->photos != NULL, small);
+        if (small) {
+            assert_int_equal(images->photos[0].width, 480);
+            assert_int_equal(images->photos[0].height, 270);
+        }
+    }
+    sgs_trainer_destroy(trainer);
+}
+
+// Photographs in half floats are not reduced.
+static void float_photographs_keep_their_size(void **state)
+{
+    (void)state;
+    const sgs_train_options options = short_run();
+    assert_int_equal(scene->float_images, 0);
+    scene->float_images = 1;
+    sgs_trainer *trainer = trainer_create(scene, &options);
+    trainer_run(trainer, 1);
+    assert_null(trainer->views.small_images.photos);
+    sgs_trainer_destroy(trainer);
+    scene->float_images = 0;
+}
+
+// Resumed before, at and after the change of the size: the same model.
+static void a_resumed_run_has_the_same_sizes(void **state)
+{
+    (void)state;
+    const sgs_train_options options = short_run();
+    const temp_folder folder = temp_folder_make();
+    const char *path = temp_path(&folder, "checkpoint");
+    char whole[17], resumed[17];
+    sgs_trainer *trainer = trainer_create(scene, &options);
+    trainer_run(trainer, ITERATIONS);
+    sgs_gaussians_hash(sgs_trainer_model(trainer), whole);
+    sgs_trainer_destroy(trainer);
+    for (int at = HALF - 1; at <= HALF + 1; ++at) {
+        trainer = trainer_create(scene, &options);
+        trainer_run(trainer, at);
+        assert_int_equal(sgs_trainer_save_checkpoint(trainer, path), SGS_STATUS_OK);
+        sgs_trainer_destroy(trainer);
+        trainer = trainer_create(scene, &options);
+        assert_int_equal(sgs_trainer_load_checkpoint(trainer, path), SGS_STATUS_OK);
+        assert_int_equal(trainer->views.small_images.scale, at <= HALF ? 2 : 1);
+        trainer_run(trainer, ITERATIONS - at);
+        sgs_gaussians_hash(sgs_trainer_model(trainer), resumed);
+        sgs_trainer_destroy(trainer);
+        assert_string_equal(resumed, whole);
+    }
+    tree_remove(&folder);
+}
+
+// Runs with a model to start from have the full size throughout, also when they are resumed without
+// it. The checkpoint says so, as one of a version without small images does.
+static void runs_with_a_model_have_the_full_size(void **state)
+{
+    (void)state;
+    sgs_train_options options = short_run();
+    const temp_folder folder = temp_folder_make();
+    const char *path = temp_path(&folder, "checkpoint");
+    sgs_trainer *first = trainer_create(scene, &options);
+    options.init = sgs_trainer_model(first);
+    sgs_trainer *trainer = trainer_create(scene, &options);
+    sgs_trainer_destroy(first);
+    trainer_run(trainer, 1);
+    assert_null(trainer->views.small_images.photos);
+    assert_int_equal(sgs_trainer_save_checkpoint(trainer, path), SGS_STATUS_OK);
+    sgs_trainer_destroy(trainer);
+    options.init = NULL;
+    trainer = trainer_create(scene, &options);
+    assert_non_null(trainer->views.small_images.photos);
+    assert_int_equal(sgs_trainer_load_checkpoint(trainer, path), SGS_STATUS_OK);
+    for (int t = 2; t <= HALF + 1; ++t) {
+        trainer_run(trainer, 1);
+        assert_null(trainer->views.small_images.photos);
+    }
+    sgs_trainer_destroy(trainer);
+    tree_remove(&folder);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(the_first_quarter_has_half_the_size),
+        cmocka_unit_test(float_photographs_keep_their_size),
+        cmocka_unit_test(a_resumed_run_has_the_same_sizes),
+        cmocka_unit_test(runs_with_a_model_have_the_full_size),
+    };
+    return cmocka_run_group_tests(tests, load, unload);
+}

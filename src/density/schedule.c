@@ -31,9 +31,9 @@
 //   close to the camera (Pixel-GS, its constant). Textures finer than the primitives have signed
 //   gradients that cancel. The weight of SSIM in the loss is 0.4 instead of 0.2, which sharpens the
 //   image and raises gradients. The first quarter of the run has images of half the size, which
-//   saves a fifth of the time. Below these limits, where nothing was measured, settings are
-//   interpolated over the logarithm of the pixels from 130 000 and linearly over the views from 15.
-//   They fade out towards N = 30 000.
+//   saves time. Below these limits, where nothing was measured, settings are interpolated over the
+//   logarithm of the pixels from 130 000 and linearly over the views from 15. They fade out towards
+//   N = 30 000.
 //
 // MCMC has its own milestones (Kheradmand et al. 2024, released code): updates from 500 to 25 000
 // every 100, each adding 5 %, and no opacity resets. Scaled: updates until 25 000 f every max(50,

@@ -280,8 +280,13 @@ int sgsi_resolution_at(const sgsi_resolution *plan, int iteration)
     return scale < 1 ? 1 : scale;
 }
 
-// Weights of one output sample over the inputs first .. first + count - 1.
-static int triangle_weights(int out, double scale, int size, float weights[], int *first)
+// Weights of one output sample over the inputs first .. first + taps - 1.
+typedef struct triangle {
+    int first, taps;
+    float weights[4 * SCALE_MAX + 4];
+} triangle;
+
+static triangle triangle_at(int out, double scale, int size)
 {
     const double center = (out + 0.5) * scale;
     int begin = (int)floor(center - scale), end = (int)ceil(center + scale);
@@ -292,10 +297,10 @@ static int triangle_weights(int out, double scale, int size, float weights[], in
         value[i - begin] = fmax(0.0, 1.0 - fabs((i + 0.5 - center) / scale));
         sum += value[i - begin];
     }
+    triangle filter = {.first = begin, .taps = end - begin};
     for (int i = begin; i < end; ++i)
-        weights[i - begin] = (float)(value[i - begin] / sum);
-    *first = begin;
-    return end - begin;
+        filter.weights[i - begin] = (float)(value[i - begin] / sum);
+    return filter;
 }
 
 // Reduction of an image: rows are independent of each other. Colours are weighted by alpha, so that
@@ -303,21 +308,31 @@ static int triangle_weights(int out, double scale, int size, float weights[], in
 typedef struct triangle_job {
     const sgs_image8 *image;
     sgs_image8 *out;
-    float *rows; // [threads][2][width of the image]
+    triangle *columns; // [width of out]
+    float *rows;       // [threads][2][width of the image]
 } triangle_job;
 
-// Vertical filter: row y of channel c, times alpha if `alpha` is not NULL.
-static void filter_rows(const sgs_image8 *image, int c, const uint8_t *alpha, const float weights[],
-                        int first, int taps, float *row)
+// Vertical filter of channel c, times alpha if `alpha` is not NULL.
+static void filter_rows(const sgs_image8 *image, int c, const uint8_t *alpha,
+                        const triangle *filter, float *row)
 {
     const size_t width = (size_t)image->width;
     const uint8_t *const plane = image->pixels + (size_t)c * width * (size_t)image->height;
     memset(row, 0, width * sizeof *row);
-    for (int k = 0; k < taps; ++k) {
-        const size_t at = (size_t)(first + k) * width;
+    for (int k = 0; k < filter->taps; ++k) {
+        const size_t at = (size_t)(filter->first + k) * width;
         for (size_t x = 0; x < width; ++x)
-            row[x] += weights[k] * (float)plane[at + x] * (alpha ? (float)alpha[at + x] : 1.0f);
+            row[x] +=
+                filter->weights[k] * (float)plane[at + x] * (alpha ? (float)alpha[at + x] : 1.0f);
     }
+}
+
+static float filter_columns(const triangle *filter, const float *row)
+{
+    float sum = 0.0f;
+    for (int k = 0; k < filter->taps; ++k)
+        sum += filter->weights[k] * row[filter->first + k];
+    return sum;
 }
 
 static void reduce_rows(void *context, size_t begin, size_t end, int thread)
@@ -325,31 +340,24 @@ static void reduce_rows(void *context, size_t begin, size_t end, int thread)
     const triangle_job *job = context;
     const sgs_image8 *image = job->image;
     sgs_image8 *out = job->out;
-    const size_t from = (size_t)image->width * (size_t)image->height,
-                 to = (size_t)out->width * (size_t)out->height;
+    const size_t from = (size_t)image->width * (size_t)image->height, width = (size_t)out->width,
+                 to = width * (size_t)out->height;
     const uint8_t *const alpha = image->channels == 4 ? image->pixels + 3 * from : NULL;
-    float *const row = job->rows + 2 * (size_t)thread * (size_t)image->width, *const share =
-                                                                                  row +
-                                                                                  image->width;
-    float weights[4 * SCALE_MAX + 4] = {0}, across[4 * SCALE_MAX + 4] = {0};
+    float *const row = job->rows + 2 * (size_t)thread * (size_t)image->width;
+    float *const share = row + image->width; // of alpha
     for (size_t y = begin; y < end; ++y) {
-        int first, left;
-        const int taps = triangle_weights((int)y, (double)image->height / out->height,
-                                          image->height, weights, &first);
+        const triangle filter =
+            triangle_at((int)y, (double)image->height / out->height, image->height);
         if (alpha)
-            filter_rows(image, 3, NULL, weights, first, taps, share);
+            filter_rows(image, 3, NULL, &filter, share);
         for (int c = 0; c < image->channels; ++c) {
-            filter_rows(image, c, c < 3 ? alpha : NULL, weights, first, taps, row);
-            for (int x = 0; x < out->width; ++x) {
-                const int columns = triangle_weights(x, (double)image->width / out->width,
-                                                     image->width, across, &left);
-                float sum = 0.0f, opacity = 0.0f;
-                for (int k = 0; k < columns; ++k) {
-                    sum += across[k] * row[left + k];
-                    opacity += alpha && c < 3 ? across[k] * share[left + k] : 0.0f;
-                }
+            const bool weighted = alpha && c < 3;
+            filter_rows(image, c, weighted ? alpha : NULL, &filter, row);
+            for (size_t x = 0; x < width; ++x) {
+                float sum = filter_columns(&job->columns[x], row);
+                const float opacity = weighted ? filter_columns(&job->columns[x], share) : 0.0f;
                 sum = opacity > 0.0f ? sum / opacity : sum;
-                out->pixels[(size_t)c * to + y * (size_t)out->width + (size_t)x] =
+                out->pixels[(size_t)c * to + y * width + x] =
                     (uint8_t)fminf(fmaxf(sum + 0.5f, 0.0f), 255.0f);
             }
         }
@@ -363,16 +371,22 @@ sgs_status sgsi_image8_triangle(const sgs_image8 *image, int scale, sgs_image8 *
     *out = (sgs_image8){.width = width, .height = height, .channels = image->channels};
     out->pixels = sgsi_alloc((size_t)width * (size_t)height, (size_t)image->channels);
     triangle_job job = {
-        image, out,
-        sgsi_alloc(2 * (size_t)image->width * (size_t)sgsi_threads(), sizeof *job.rows)};
-    if (!out->pixels || !job.rows) {
-        sgsi_free(job.rows);
-        sgsi_free(out->pixels);
-        *out = (sgs_image8){0};
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for an image of %dx%d pixels", width,
-                         height);
+        .image = image,
+        .out = out,
+        .columns = sgsi_alloc((size_t)width, sizeof *job.columns),
+        .rows = sgsi_alloc(2 * (size_t)image->width * (size_t)sgsi_threads(), sizeof *job.rows)};
+    const bool complete = out->pixels && job.columns && job.rows;
+    if (complete) {
+        for (int x = 0; x < width; ++x)
+            job.columns[x] = triangle_at(x, (double)image->width / width, image->width);
+        sgsi_parallel_ranges((size_t)height, 16, reduce_rows, &job);
     }
-    sgsi_parallel_ranges((size_t)height, 16, reduce_rows, &job);
+    sgsi_free(job.columns);
     sgsi_free(job.rows);
-    return SGS_STATUS_OK;
+    if (complete)
+        return SGS_STATUS_OK;
+    sgsi_free(out->pixels);
+    *out = (sgs_image8){0};
+    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for an image of %dx%d pixels", width,
+                     height);
 }

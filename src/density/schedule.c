@@ -115,16 +115,18 @@ static bool is_dense(const sgs_train_options *options)
            (options->schedule == SGS_SCHEDULE_PAPER || options->iterations >= DENSE_LENGTH);
 }
 
-static double published_ssim_weight(const sgs_train_options *options)
+// fine: how far the run follows the rules of large photographs, 0 to 1.
+static double ssim_weight(const sgs_train_options *options, double fine)
 {
-    return options->ssim_weight < 0.0 ? SSIM_WEIGHT : options->ssim_weight;
+    return options->ssim_weight < 0.0 ? SSIM_WEIGHT + (LARGE_SSIM_WEIGHT - SSIM_WEIGHT) * fine
+                                      : options->ssim_weight;
 }
 
 // Without milestones; the position rate is the final one (sgsi_schedule_lr).
 static sgsi_schedule finetune(const sgs_train_options *options)
 {
     return (sgsi_schedule){.iterations = options->iterations,
-                           .ssim_weight = published_ssim_weight(options),
+                           .ssim_weight = ssim_weight(options, 0.0),
                            .dense = is_dense(options),
                            .densify_interval = 100,
                            .resolution_interval = 100,
@@ -198,7 +200,7 @@ sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, size_t views,
         .sh_interval = rounded(1000 * f, 1),
         .resolution_from = rounded(500 * fmin(f, 1.0), 0),
         .resolution_interval = rounded(100 * fmin(f, 1.0), 1),
-        .ssim_weight = published_ssim_weight(options),
+        .ssim_weight = ssim_weight(options, 0.0),
         .lr_span = PAPER_LENGTH * f,
         .anneal_from = options->iterations,
         .lr_late = 1.0,
@@ -229,8 +231,7 @@ sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, size_t views,
         pow(SHORT_THRESHOLD, (1.0 - beyond) * (1.0 - large)) * pow(LARGE_THRESHOLD, fine);
     schedule.abs_share = LARGE_ABS_SHARE * fine;
     schedule.near_depth = LARGE_NEAR_DEPTH * fine;
-    if (options->ssim_weight < 0.0)
-        schedule.ssim_weight = SSIM_WEIGHT + (LARGE_SSIM_WEIGHT - SSIM_WEIGHT) * fine;
+    schedule.ssim_weight = ssim_weight(options, fine);
     schedule.half_size_until = rounded(LARGE_HALF_SIZE * fine * options->iterations, 0);
     if (schedule.half_size_until <= schedule.resolution_from)
         schedule.half_size_until = 0;

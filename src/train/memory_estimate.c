@@ -8,13 +8,11 @@
 // primitives, 8-bit images of 480 to 376 000 pixels and all pipelines, within 20 %. For small
 // images the estimate exceeds the peak, because the memory limit of a trainer relies on it.
 
-#include <math.h>
-
 #include "sparegs/trainer.h"
 #include "base/core.h"
 #include "base/threads.h"
 #include "density/pipeline.h"
-#include "density/schedule.h"
+#include "train/train_view.h"
 
 enum {
     PROGRAM_BYTES = 134000000, // code and libraries
@@ -62,23 +60,6 @@ size_t sgs_train_memory(const sgs_scene *scene, const sgs_train_options *options
     return sgs_train_memory_per_rank(scene, options, image_cache, gaussians, 1);
 }
 
-// True if the run begins with images of half the size.
-static bool has_half_size(const sgs_scene *scene, const sgs_train_options *options)
-{
-    size_t count = 0;
-    double pixels = 0.0;
-    for (size_t i = 0; i < scene->view_count; ++i) {
-        const sgs_view *view = &scene->views[i];
-        if (view->split != SGS_SPLIT_TRAIN)
-            continue;
-        ++count;
-        pixels += (double)view->camera.width * view->camera.height;
-    }
-    return count &&
-           sgsi_schedule_make(options, count, fmax(pixels / (double)count, 1.0)).half_size_until >
-               0;
-}
-
 // Bytes for the primitives of a rank: its own ones, and what depends on all.
 static size_t row_bytes(size_t rows, size_t own_bytes, int ranks)
 {
@@ -113,7 +94,8 @@ size_t sgs_train_memory_per_rank(const sgs_scene *scene, const sgs_train_options
     const int shrinks = known ? sgsi_pipeline_get(own.pipeline)->small_images : 0;
     const size_t shrinking = shrinks ? (size_t)shrinks : 1;
     const bool reduces =
-        (shrinks || (known && !own.init && has_half_size(scene, &own))) && !scene->float_images;
+        (shrinks || (known && !own.init && sgsi_train_schedule(scene, &own).half_size_until)) &&
+        !scene->float_images;
     if (reduces && !cached)
         photographs += scene->photo_bytes / 4; // at half the size or less
     const size_t crowd = CROWDING * shrinking * rows / (largest / TILE_PIXELS),

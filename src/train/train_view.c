@@ -71,6 +71,21 @@ static sgs_status add_views(sgsi_train_views *views, int *width, int *height)
     return SGS_STATUS_OK;
 }
 
+sgsi_schedule sgsi_train_schedule(const sgs_scene *scene, const sgs_train_options *options)
+{
+    size_t count = 0;
+    double pixels = 0.0;
+    for (size_t i = 0; i < scene->view_count; ++i) {
+        const sgs_view *view = &scene->views[i];
+        if (!is_training_view(view))
+            continue;
+        ++count;
+        pixels += (double)view->camera.width * view->camera.height;
+    }
+    count = count ? count : 1;
+    return sgsi_schedule_make(options, count, fmax(pixels / (double)count, 1.0));
+}
+
 sgs_status sgsi_train_views_create(const sgs_scene *scene, const sgs_train_options *options,
                                    sgsi_train_views *views)
 {

@@ -7,6 +7,7 @@
 // Independent of trainer, optimiser and density control. Views that are only drawn end after the
 // image.
 
+#include "density/schedule.h"
 #include "loss/exposure.h"
 #include "loss/loss.h"
 #include "rays/rays.h"
@@ -98,6 +99,9 @@ void sgsi_train_views_free(sgsi_train_views *views); // accepts a zeroed one
 // Views to draw: all views of the scene, without photographs, loss and gradients. Fails as above.
 sgs_status sgsi_drawn_views_create(const sgs_scene *scene, const sgs_render_options *render,
                                    sgsi_train_views *views);
+
+// The schedule of a run on the training views of a scene. Cannot fail.
+sgsi_schedule sgsi_train_schedule(const sgs_scene *scene, const sgs_train_options *options);
 
 // Sets all depth bounds to "unknown". Cannot fail.
 void sgsi_train_views_forget_depths(sgsi_train_views *views);

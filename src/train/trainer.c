@@ -73,23 +73,13 @@ static sgs_status plan_resolution(sgs_trainer *trainer, bool has_init)
     return status;
 }
 
-static double mean_pixels(const sgsi_train_views *views)
-{
-    double sum = 0.0;
-    for (size_t k = 0; k < views->count; ++k) {
-        const sgs_camera *camera = &views->scene->views[views->scene_views[k]].camera;
-        sum += (double)camera->width * camera->height;
-    }
-    return fmax(sum / (double)views->count, 1.0);
-}
-
 static sgs_status create_parts(sgs_trainer *trainer)
 {
     sgsi_train_views *views = &trainer->views;
     sgs_status status = sgsi_train_views_create(trainer->scene, &trainer->options, views);
     if (status)
         return status;
-    trainer->schedule = sgsi_schedule_make(&trainer->options, views->count, mean_pixels(views));
+    trainer->schedule = sgsi_train_schedule(trainer->scene, &trainer->options);
     views->ssim_weight = (float)trainer->schedule.ssim_weight;
     const bool has_init = trainer->options.init != NULL;
     trainer->order = sgsi_calloc(views->count, sizeof *trainer->order);

@@ -415,9 +415,9 @@ static void auto_is_dense_for_long_runs_of_mcmc(void **state)
     assert_true(sgsi_schedule_make(&options, VIEWS, SMALL).dense);
 }
 
-// Short runs of 3DGS: the rule of small photographs up to 130 000 pixels, that of large
-// ones from 320 000 on, monotone between; also with up to 15 and from 30 on. The published length,
-// the published schedule and the other pipelines do not depend on the size.
+// Short runs of 3DGS: the rule of small photographs up to 130 000 pixels, that of large ones from
+// 320 000 on, monotone between; also with up to 15 and from 30 on. The published length, the
+// published schedule and the other pipelines do not depend on the size.
 static void short_runs_follow_the_size_of_the_photographs(void **state)
 {
     (void)state;

@@ -73,11 +73,14 @@ static sgs_status add_views(sgsi_train_views *views, int *width, int *height)
 
 sgsi_schedule sgsi_train_schedule(const sgs_scene *scene, const sgs_train_options *options)
 {
+    bool loaded = false;
+    for (size_t i = 0; i < scene->view_count && !loaded; ++i)
+        loaded = scene->views[i].image.width;
     size_t count = 0;
     double pixels = 0.0;
     for (size_t i = 0; i < scene->view_count; ++i) {
         const sgs_view *view = &scene->views[i];
-        if (!is_training_view(view))
+        if (loaded ? !is_training_view(view) : view->split != SGS_SPLIT_TRAIN)
             continue;
         ++count;
         pixels += (double)view->camera.width * view->camera.height;

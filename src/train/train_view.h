@@ -100,7 +100,8 @@ void sgsi_train_views_free(sgsi_train_views *views); // accepts a zeroed one
 sgs_status sgsi_drawn_views_create(const sgs_scene *scene, const sgs_render_options *render,
                                    sgsi_train_views *views);
 
-// The schedule of a run on the training views of a scene. Cannot fail.
+// The schedule of a run on the training views of a scene, which may be loaded without its
+// photographs. Cannot fail.
 sgsi_schedule sgsi_train_schedule(const sgs_scene *scene, const sgs_train_options *options);
 
 // Sets all depth bounds to "unknown". Cannot fail.

@@ -9,6 +9,7 @@
 #include <stddef.h>
 #include <stdint.h>
 #include <stdlib.h>
+#include <string.h>
 #include <cmocka.h>
 
 #include "sparegs/trainer.h"
@@ -96,6 +97,24 @@ static void the_first_quarter_has_half_the_size(void **state)
     sgs_trainer_destroy(trainer);
 }
 
+// The memory of a run is estimated before the photographs are loaded.
+static void the_schedule_is_known_before_the_photographs(void **state)
+{
+    (void)state;
+    const sgs_train_options options = short_run();
+    sgs_view *views = malloc(scene->view_count * sizeof *views);
+    sgs_scene unloaded = *scene;
+    memcpy(views, scene->views, scene->view_count * sizeof *views);
+    unloaded.views = views;
+    for (size_t i = 0; i < scene->view_count; ++i)
+        views[i].image = (sgs_photo){0};
+    assert_int_equal(sgsi_train_schedule(scene, &options).half_size_until, HALF);
+    assert_int_equal(sgsi_train_schedule(&unloaded, &options).half_size_until, HALF);
+    assert_true(sgs_train_memory(&unloaded, &options, 0, 1000) ==
+                sgs_train_memory(scene, &options, 0, 1000));
+    free(views);
+}
+
 // Photographs in half floats are not reduced.
 static void float_photographs_keep_their_size(void **state)
 {
@@ -170,6 +189,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(the_first_quarter_has_half_the_size),
+        cmocka_unit_test(the_schedule_is_known_before_the_photographs),
         cmocka_unit_test(float_photographs_keep_their_size),
         cmocka_unit_test(a_resumed_run_has_the_same_sizes),
         cmocka_unit_test(runs_with_a_model_have_the_full_size),

@@ -348,6 +348,20 @@ SGS_API const sgs_gaussians *sgs_trainer_model(const sgs_trainer *trainer);
 // with other pixel filters. Owned by the trainer, valid until the next step.
 SGS_API const float *sgs_trainer_filter_3d(const sgs_trainer *trainer);
 // The functions below cannot fail.
+
+// Milestones and settings that follow from the options, the number of training views, and the size
+// of their photographs. Iterations count from 1.
+typedef struct sgs_train_milestones {
+    int densify_from, densify_until, densify_interval; // structural updates; all 0 = none
+    int reset_interval;      // iterations between opacity resets; 0 = none
+    int half_size_until;     // images of half the size up to about here; 0 = none
+    int sh_interval;         // iterations per additional SH band; 0 = all bands at once
+    double gradient_factor;  // on the pipeline's gradient threshold
+    double shape_factor;     // on the published learning rates of rotation and scale
+    double ssim_weight;      // of 1 - SSIM in the loss
+    sgs_optimizer optimizer; // SPARSE or DENSE
+} sgs_train_milestones;
+SGS_API sgs_train_milestones sgs_trainer_milestones(const sgs_trainer *trainer);
 SGS_API sgs_regions sgs_trainer_regions(const sgs_trainer *trainer);
 SGS_API int sgs_trainer_iteration(const sgs_trainer *trainer); // completed iterations
 // Colour map of a view (index into scene->views): row-major 3 x 4, mapped = A image + b; NULL for

@@ -589,6 +589,25 @@ sgs_train_bytes sgs_trainer_bytes(const sgs_trainer *trainer)
     return trainer->bytes;
 }
 
+sgs_train_milestones sgs_trainer_milestones(const sgs_trainer *trainer)
+{
+    const sgsi_schedule *schedule = &trainer->schedule;
+    const bool grows = schedule->densify_until > 0,
+               resets = sgsi_schedule_is_reset(schedule, schedule->reset_interval),
+               halves = trainer->progress.resolution && !trainer->pipeline->small_images;
+    return (sgs_train_milestones){.densify_from = grows ? schedule->densify_from : 0,
+                                  .densify_until = schedule->densify_until,
+                                  .densify_interval = grows ? schedule->densify_interval : 0,
+                                  .reset_interval = resets ? schedule->reset_interval : 0,
+                                  .half_size_until = halves ? schedule->half_size_until : 0,
+                                  .sh_interval = schedule->sh_interval,
+                                  .gradient_factor = schedule->threshold_factor,
+                                  .shape_factor = schedule->lr_shape,
+                                  .ssim_weight = schedule->ssim_weight,
+                                  .optimizer =
+                                      schedule->dense ? SGS_OPTIMIZER_DENSE : SGS_OPTIMIZER_SPARSE};
+}
+
 sgs_train_seconds sgs_trainer_seconds(const sgs_trainer *trainer)
 {
     return trainer->progress.seconds;

@@ -82,6 +82,7 @@ static void the_first_quarter_has_half_the_size(void **state)
     (void)state;
     const sgs_train_options options = short_run();
     sgs_trainer *trainer = trainer_create(scene, &options);
+    assert_int_equal(sgs_trainer_milestones(trainer).half_size_until, HALF);
     for (int t = 1; t <= ITERATIONS; ++t) {
         // Images change after an iteration; the change belongs to the next one.
         const bool small = t <= HALF;
@@ -125,6 +126,7 @@ static void float_photographs_keep_their_size(void **state)
     sgs_trainer *trainer = trainer_create(scene, &options);
     trainer_run(trainer, 1);
     assert_null(trainer->views.small_images.photos);
+    assert_int_equal(sgs_trainer_milestones(trainer).half_size_until, 0);
     sgs_trainer_destroy(trainer);
     scene->float_images = 0;
 }

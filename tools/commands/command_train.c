@@ -194,7 +194,7 @@ static int find_checkpoint(training *run, const char *config_path, json_t *confi
     return found;
 }
 
-// config.json of this run. Call once the scene is loaded.
+// config.json of this run. Call once the trainer exists.
 static json_t *config_of(const training *run)
 {
     json_t *config = train_config(run->scene_path, &run->values, &run->data, &run->common);
@@ -204,6 +204,7 @@ static json_t *config_of(const training *run)
     json_object_set_new(config, "time_limit", limit >= 0 ? json_number(limit) : json_null());
     json_object_set_new(config, "near_distance",
                         json_number(sgs_near_distance(run->scene->extent)));
+    run_record_milestones(config, run->trainer);
     run_record_split(config, run->scene);
     if (run->values.region)
         json_object_set_new(config, "init_hash", json_string(run->init_hash));

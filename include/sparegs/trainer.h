@@ -174,6 +174,9 @@ typedef struct sgs_train_options {
     // Below 0: 0.2 as published, and up to 0.4 in scaled runs of less than 30 000 iterations of
     // SGS_PIPELINE_3DGS on large photographs; -1.
     double ssim_weight;
+    // Standard deviation of the Gaussian window of that SSIM, pixels, at most 3. 0: 1.5 as
+    // published, and down to 1 in the runs above; 0.
+    double ssim_sigma;
     // Weight of the loss |alpha - alpha of the photograph|, mean over pixels; 0 = none.
     double alpha_loss;
     // Learn an affine colour map per training image (exposure compensation of 3DGS); false.
@@ -358,7 +361,9 @@ typedef struct sgs_train_milestones {
     int sh_interval;         // iterations per additional SH band; 0 = all bands at once
     double gradient_factor;  // on the pipeline's gradient threshold
     double shape_factor;     // on the published learning rates of rotation and scale
+    double opacity_factor;   // on that of opacity
     double ssim_weight;      // of 1 - SSIM in the loss
+    double ssim_sigma;       // of its window, pixels
     sgs_optimizer optimizer; // SPARSE or DENSE
 } sgs_train_milestones;
 SGS_API sgs_train_milestones sgs_trainer_milestones(const sgs_trainer *trainer);

@@ -29,7 +29,9 @@ typedef struct sgsi_schedule {
     // The image size may change after resolution_from, every resolution_interval iterations.
     int resolution_from, resolution_interval;
     int half_size_until;     // half-size images up to about here; 0 = none
+    double lr_opacity;       // factor on the pipeline's rate of opacity
     double ssim_weight;      // of 1 - SSIM in the loss
+    double ssim_sigma;       // of its window, pixels
     int check_interval;      // of SPARE-GS's equilibrium checks
     double threshold_factor; // on the pipeline's gradient threshold
     // Weight of absolute gradients in the score for growth, if the pipeline has none of its own; 0

@@ -29,6 +29,7 @@ struct sgsi_loss_workspace {
     size_t sums_count;
     float *column_weight, *row_weight;
     size_t column_count, row_count;
+    double sigma; // of the window; 0 = none yet
     float window[LOSS_RADIUS + 1];
 };
 
@@ -44,17 +45,43 @@ static sgsi_loss_kernel kernel_of(sgs_isa isa)
     return kernels[isa];
 }
 
-// exp(-k^2 / (2 * 1.5^2)), normalised. Rounded to float the eleven weights sum to 1 within 1.4e-9,
-// which the shifted variance of the kernel relies on.
-static void make_window(float window[LOSS_RADIUS + 1])
+static double window_sum(const float window[LOSS_RADIUS + 1])
 {
+    double sum = (double)window[0];
+    for (int k = 1; k <= LOSS_RADIUS; ++k)
+        sum += 2.0 * (double)window[k];
+    return sum;
+}
+
+// exp(-k^2 / (2 sigma^2)), normalised. The shifted variance of the kernel relies on a sum of 1, but
+// rounded to float the eleven weights can miss it by 1e-8. The smallest weight that is large enough
+// absorbs such a difference; 1.4e-9, that of sigma 1.5, is left as it is.
+static void make_window(double sigma, float window[LOSS_RADIUS + 1])
+{
+    const double tolerance = 2e-9;
     double sum = 0.0, weight[LOSS_RADIUS + 1];
     for (int k = 0; k <= LOSS_RADIUS; ++k) {
-        weight[k] = exp(-k * k / 4.5);
+        weight[k] = exp(-k * k / (2.0 * sigma * sigma));
         sum += k ? 2.0 * weight[k] : weight[k];
     }
     for (int k = 0; k <= LOSS_RADIUS; ++k)
         window[k] = (float)(weight[k] / sum);
+    const double missing = 1.0 - window_sum(window);
+    int last = LOSS_RADIUS;
+    while (last && (double)window[last] < 4.0 * fabs(missing))
+        --last;
+    if (last && fabs(missing) > tolerance)
+        window[last] += (float)(0.5 * missing);
+}
+
+// Makes the window of an input, unless it is the one in use.
+static void set_window(sgsi_loss_workspace *workspace, const sgsi_loss_input *input)
+{
+    const double sigma = input->ssim_sigma > 0.0f ? (double)input->ssim_sigma : SGSI_SSIM_SIGMA;
+    if (workspace->sigma == sigma)
+        return;
+    make_window(sigma, workspace->window);
+    workspace->sigma = sigma;
 }
 
 sgs_status sgsi_loss_create(sgsi_loss_workspace **workspace)
@@ -62,7 +89,6 @@ sgs_status sgsi_loss_create(sgsi_loss_workspace **workspace)
     *workspace = sgsi_calloc(1, sizeof **workspace);
     if (!*workspace)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the loss");
-    make_window((*workspace)->window);
     return SGS_STATUS_OK;
 }
 
@@ -212,6 +238,7 @@ sgs_status sgsi_loss_cells(sgsi_loss_workspace *workspace, const sgsi_loss_input
         .first = first,
         .last = last,
     };
+    set_window(workspace, input);
     memcpy(loop.job.window, workspace->window, sizeof workspace->window);
     edge_weights(workspace->window, input->width, workspace->column_weight);
     edge_weights(workspace->window, input->height, workspace->row_weight);

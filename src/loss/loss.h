@@ -3,10 +3,12 @@
 #pragma once
 
 // The photometric loss 0.8 L1 + 0.2 (1 - SSIM) of Kerbl et al. 2023, equation 7, and its exact
-// gradient, in float, vectorised and threaded. SSIM window of 3DGS: 11x11 Gaussian, sigma 1.5, zero
-// padding, weights not renormalised at borders.
+// gradient, in float, vectorised and threaded. SSIM window of 3DGS: 11x11 Gaussian, sigma 1.5
+// unless another one is given, zero padding, weights not renormalised at borders.
 
 #include "sparegs/scene.h"
+
+#define SGSI_SSIM_SIGMA 1.5 // pixels
 
 typedef struct sgsi_loss_workspace sgsi_loss_workspace;
 
@@ -24,6 +26,7 @@ typedef struct sgsi_loss_input {
     float background[3];
     const sgs_photo *target; // RGB, or RGB + straight alpha: composited over `background` first
     float ssim_weight;       // lambda, 0 to 1
+    float ssim_sigma;        // of the window, pixels, at most 3; 0 = SGSI_SSIM_SIGMA
     const float *alpha_transmittance; // T of the alpha term; NULL = transmittance
     float alpha_weight; // of mean |(1 - T) - alpha|, for targets with an alpha channel; 0 = none
     bool opaque;        // targets without an alpha channel have the alpha term too, with alpha 1

@@ -291,6 +291,7 @@ sgs_status sgsi_train_view_loss(sgsi_train_views *views, sgsi_train_view *view)
         .background = {view->background[0], view->background[1], view->background[2]},
         .target = view->target,
         .ssim_weight = views->ssim_weight,
+        .ssim_sigma = views->ssim_sigma,
         .alpha_weight = (float)views->options->alpha_loss,
         .opaque = views->options->opaque};
     view->loss =

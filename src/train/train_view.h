@@ -32,9 +32,9 @@ typedef struct sgsi_train_views {
     float **depth_bounds; // [count][tiles], see sgsi_tracer_forward
     size_t *tile_counts;  // [count]
     sgsi_small_images small_images;
-    float ssim_weight;   // of the loss
-    sgs_photo *targets;  // [count] instead of the photographs, for a region; NULL without
-    sgsi_tracer *tracer; // of the primitives that are drawn
+    float ssim_weight, ssim_sigma; // of the loss
+    sgs_photo *targets;            // [count] instead of the photographs, for a region; NULL without
+    sgsi_tracer *tracer;           // of the primitives that are drawn
     // Projects the rows of the model and has their gradient sums: the same, unless ranks share the
     // rows.
     sgsi_tracer *rows;

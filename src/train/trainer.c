@@ -81,6 +81,7 @@ static sgs_status create_parts(sgs_trainer *trainer)
         return status;
     trainer->schedule = sgsi_train_schedule(trainer->scene, &trainer->options);
     views->ssim_weight = (float)trainer->schedule.ssim_weight;
+    views->ssim_sigma = (float)trainer->schedule.ssim_sigma;
     const bool has_init = trainer->options.init != NULL;
     trainer->order = sgsi_calloc(views->count, sizeof *trainer->order);
     trainer->view_fits = sgsi_calloc(2 * views->count, sizeof *trainer->view_fits);
@@ -603,7 +604,9 @@ sgs_train_milestones sgs_trainer_milestones(const sgs_trainer *trainer)
                                   .sh_interval = schedule->sh_interval,
                                   .gradient_factor = schedule->threshold_factor,
                                   .shape_factor = schedule->lr_shape,
+                                  .opacity_factor = schedule->lr_opacity,
                                   .ssim_weight = schedule->ssim_weight,
+                                  .ssim_sigma = schedule->ssim_sigma,
                                   .optimizer =
                                       schedule->dense ? SGS_OPTIMIZER_DENSE : SGS_OPTIMIZER_SPARSE};
 }

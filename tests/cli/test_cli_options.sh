@@ -52,7 +52,7 @@ jq -r '.commands[] | .command as $c | .options[] | select(.needs == null) | "\($
 grep -oE '^[a-z]+: .*' <<'LIST' | awk -F': ' '{ n = split($2, name, " "); for (i = 1; i <= n; ++i) print $1, name[i] }' | LC_ALL=C sort >"$temporary/known"
 train: view output save-at checkpoint-every time-limit max-memory resume overwrite trace lpips
 train: iterations schedule batch pipeline
-train: filter optimizer sh-degree compact-box background max-gaussians init opaque exposure random-points spare ssim-weight
+train: filter optimizer sh-degree compact-box background max-gaussians init opaque exposure random-points spare ssim-weight ssim-sigma
 train: images downscale eval test-every test-images masks invert-masks alpha image-cache input-colorspace train-space
 train: white threads isa seed json quiet
 split: output blocks margin share threads isa seed json quiet

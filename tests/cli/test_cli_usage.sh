@@ -22,7 +22,7 @@ done
 run 0 help train
 for text in iterations schedule images downscale eval test-every test-images pipeline spare spare-grid spare-tau-alpha \
     spare-eps-loss spare-eps-count spare-patience spare-interval spare-demand max-gaussians filter optimizer sh-degree \
-    background masks invert-masks alpha ssim-weight alpha-loss opaque input-colorspace train-space white image-cache exposure save-at checkpoint-every resume init isa seed json quiet; do
+    background masks invert-masks alpha ssim-weight ssim-sigma alpha-loss opaque input-colorspace train-space white image-cache exposure save-at checkpoint-every resume init isa seed json quiet; do
     prints "--$text"
 done
 run 0 --version

@@ -14,7 +14,7 @@
 #include "density/schedule.h"
 
 // Photographs: number and pixels.
-#define VIEWS 30
+#define VIEWS 60
 #define SMALL 1.2e5
 
 static sgsi_schedule make(int iterations, sgs_schedule kind)
@@ -416,7 +416,7 @@ static void auto_is_dense_for_long_runs_of_mcmc(void **state)
 }
 
 // Short runs of 3DGS: the rule of small photographs up to 130 000 pixels, that of large ones from
-// 320 000 on, monotone between; also with up to 15 and from 30 on. The published length, the
+// 320 000 on, monotone between; also with up to 15 and from 60 on. The published length, the
 // published schedule and the other pipelines do not depend on the size.
 static void short_runs_follow_the_size_of_the_photographs(void **state)
 {
@@ -427,14 +427,17 @@ static void short_runs_follow_the_size_of_the_photographs(void **state)
     for (double pixels = 1; pixels < 1e8; pixels *= 1.1) {
         const sgsi_schedule schedule = sgsi_schedule_make(&options, VIEWS, pixels);
         assert_true(schedule.threshold_factor <= threshold && schedule.abs_share >= share);
-        assert_true(threshold - schedule.threshold_factor < 0.1);
+        assert_true(threshold - schedule.threshold_factor < 0.2);
         assert_true(schedule.abs_share - share < 0.1);
         threshold = schedule.threshold_factor;
         share = schedule.abs_share;
         assert_true(pixels > 1.3e5 || (fabs(threshold - 1.7) < 1e-12 && share == 0.0));
-        assert_true(pixels < 3.2e5 || (fabs(threshold - 1.25) < 1e-12 && share == 0.5));
+        assert_true(pixels < 3.2e5 || (fabs(threshold - 0.65) < 1e-12 && share == 0.5));
         assert_true(fabs(schedule.near_depth - 0.74 * share) < 1e-12);
         assert_true(fabs(schedule.ssim_weight - 0.2 - 0.4 * share) < 1e-12);
+        assert_true(fabs(schedule.ssim_sigma - 1.5 + share) < 1e-12);
+        assert_true(fabs(schedule.lr_opacity - pow(4.0, share)) < 1e-12);
+        assert_true(fabs(schedule.lr_late - 0.1 * pow(9.0, share)) < 1e-12);
         const double half = 0.5 * 7000 * share;
         assert_true(half < 117 ? schedule.half_size_until == 0
                                : fabs(schedule.half_size_until - half) < 0.51);
@@ -445,8 +448,8 @@ static void short_runs_follow_the_size_of_the_photographs(void **state)
         assert_true(schedule.threshold_factor <= few && few - schedule.threshold_factor < 0.1);
         few = schedule.threshold_factor;
         assert_true((schedule.abs_share == 0.0) == (views <= 15));
-        assert_true((schedule.abs_share == 0.5) == (views >= 30));
-        assert_true(fabs(log(few / 1.7) / log(1.25 / 1.7) - 2 * schedule.abs_share) < 1e-9);
+        assert_true((schedule.abs_share == 0.5) == (views >= 60));
+        assert_true(fabs(log(few / 1.7) / log(0.65 / 1.7) - 2 * schedule.abs_share) < 1e-9);
     }
     for (int pipeline = 0; pipeline < SGS_PIPELINE_COUNT; ++pipeline)
         for (int k = 0; k < 3; ++k) {
@@ -460,12 +463,15 @@ static void short_runs_follow_the_size_of_the_photographs(void **state)
             assert_true((large.abs_share == 0.0) == same && small.abs_share == 0.0);
             assert_true((large.near_depth == 0.0) == same && small.near_depth == 0.0);
             assert_true((large.ssim_weight == 0.2) == same && small.ssim_weight == 0.2);
+            assert_true((large.ssim_sigma == 1.5) == same && small.ssim_sigma == 1.5);
+            assert_true((large.lr_opacity == 1.0) == same && small.lr_opacity == 1.0);
+            assert_true((large.lr_late == small.lr_late) == same);
             assert_true((large.half_size_until == 0) == same && small.half_size_until == 0);
             assert_int_equal(large.densify_interval, small.densify_interval);
         }
 }
 
-static void a_given_ssim_weight_is_used_by_all_schedules(void **state)
+static void a_given_ssim_is_used_by_all_schedules(void **state)
 {
     (void)state;
     const sgs_schedule kinds[] = {SGS_SCHEDULE_SCALED, SGS_SCHEDULE_PAPER, SGS_SCHEDULE_FINETUNE};
@@ -474,11 +480,15 @@ static void a_given_ssim_weight_is_used_by_all_schedules(void **state)
     for (size_t k = 0; k < sizeof kinds / sizeof *kinds; ++k) {
         options.schedule = kinds[k];
         options.ssim_weight = -1;
+        options.ssim_sigma = 0;
         assert_true(sgsi_schedule_make(&options, VIEWS, SMALL).ssim_weight == 0.2);
+        assert_true(sgsi_schedule_make(&options, VIEWS, SMALL).ssim_sigma == 1.5);
         for (int tenths = 0; tenths <= 10; ++tenths) {
             options.ssim_weight = tenths / 10.0;
-            assert_true(sgsi_schedule_make(&options, VIEWS, 1e6).ssim_weight ==
-                        options.ssim_weight);
+            options.ssim_sigma = 0.3 * tenths;
+            const sgsi_schedule schedule = sgsi_schedule_make(&options, VIEWS, 1e6);
+            assert_true(schedule.ssim_weight == options.ssim_weight);
+            assert_true(!tenths || schedule.ssim_sigma == options.ssim_sigma);
         }
     }
 }
@@ -501,7 +511,7 @@ int main(void)
         cmocka_unit_test(mcmc_has_244_updates_and_no_reset),
         cmocka_unit_test(mcmc_scales_its_updates_with_the_run),
         cmocka_unit_test(short_runs_follow_the_size_of_the_photographs),
-        cmocka_unit_test(a_given_ssim_weight_is_used_by_all_schedules),
+        cmocka_unit_test(a_given_ssim_is_used_by_all_schedules),
         cmocka_unit_test(auto_is_dense_for_long_runs_of_mcmc),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -47,7 +47,7 @@ typedef struct scene {
     size_t stride;
     float *color[3], *transmittance, *d_color[3], *d_transmittance;
     float background[3];
-    float ssim_weight;
+    float ssim_weight, ssim_sigma; // sigma 0: 1.5
     sgs_photo target;
     float alpha_weight;
     bool opaque;
@@ -180,30 +180,34 @@ static void mask_scene(scene *s)
         }
 }
 
-static double window_weight(int dx, int dy)
+static double window_weight(double sigma, int dx, int dy)
 {
+    const double width = 2.0 * sigma * sigma;
     double sum = 0.0;
     for (int k = -RADIUS; k <= RADIUS; ++k)
-        sum += exp(-k * k / 4.5);
-    return exp(-(dx * dx + dy * dy) / 4.5) / (sum * sum);
+        sum += exp(-k * k / width);
+    return exp(-(dx * dx + dy * dy) / width) / (sum * sum);
 }
 
 // Sum over the window around (x, y) of w * p * q; q may be NULL.
 static double window_sum(const scene *s, const double *p, const double *q, int x, int y,
                          plant error)
 {
+    static double weight[RADIUS + 1][RADIUS + 1], weight_sigma;
+    const double sigma = s->ssim_sigma > 0.0f ? (double)s->ssim_sigma : 1.5;
+    for (int i = 0; i <= RADIUS && sigma != weight_sigma; ++i)
+        for (int k = 0; k <= RADIUS; ++k)
+            weight[i][k] = window_weight(sigma, i, k);
+    weight_sigma = sigma;
     double sum = 0.0, mass = 0.0;
     for (int dy = -RADIUS; dy <= RADIUS; ++dy)
         for (int dx = -RADIUS; dx <= RADIUS; ++dx) {
             if (x + dx < 0 || x + dx >= s->width || y + dy < 0 || y + dy >= s->height)
                 continue;
             const size_t at = (size_t)(y + dy) * s->stride + (size_t)(x + dx);
-            static double weight[RADIUS + 1][RADIUS + 1];
-            double *w = &weight[abs(dx)][abs(dy)];
-            if (*w == 0.0)
-                *w = window_weight(dx, dy);
-            sum += *w * p[at] * (q ? q[at] : 1.0);
-            mass += *w;
+            const double w = weight[abs(dx)][abs(dy)];
+            sum += w * p[at] * (q ? q[at] : 1.0);
+            mass += w;
         }
     return error == PLANT_BORDER ? sum / mass : sum;
 }
@@ -364,6 +368,7 @@ static sgsi_loss_output evaluate(scene *s)
         .background = {s->background[0], s->background[1], s->background[2]},
         .target = &s->target,
         .ssim_weight = s->ssim_weight,
+        .ssim_sigma = s->ssim_sigma,
         .alpha_weight = s->alpha_weight,
         .opaque = s->opaque,
     };
@@ -447,6 +452,30 @@ static void loss_and_gradient_match_double_brute_force(void **state)
         for (int kind = 0; kind < CONTENT_COUNT && sgs_isa_supported((sgs_isa)isa); ++kind)
             print_message("%-8s %-5s largest error %.1e\n", sgs_isa_name((sgs_isa)isa),
                           content_names[kind], worst[isa][kind]);
+}
+
+// Also for windows so narrow that most of their weights vanish, and so wide that they are cut off.
+static void any_width_of_the_window_matches_brute_force(void **state)
+{
+    (void)state;
+    const float sigmas[] = {0.01f, 0.3f, 0.5f, 0.7f, 0.8f, 1.0f, 1.2f, 1.5f, 2.0f, 3.0f};
+    const double tolerance[CONTENT_COUNT] = {1e-5, 1e-5, 3e-4, 1e-5};
+    double unlike = 0.0;
+    for (size_t k = 0; k < sizeof sigmas / sizeof *sigmas; ++k)
+        for (int kind = 0; kind < CONTENT_COUNT; ++kind) {
+            scene s = make_scene(70, 37, 3, (content)kind, tinted);
+            s.ssim_weight = 1.0f;
+            const double published = evaluate(&s).ssim;
+            s.ssim_sigma = sigmas[k];
+            truth t = make_truth(&s, PLANT_NONE);
+            const sgsi_loss_output output = evaluate(&s);
+            assert_true(scene_error(&s, &output, &t) < tolerance[kind]);
+            assert_true(sigmas[k] != 1.5f || output.ssim == published);
+            unlike = fmax(unlike, fabs(output.ssim - published));
+            free_truth(&t);
+            free_scene(&s);
+        }
+    assert_true(unlike > 0.1);
 }
 
 static void brute_force_gradient_matches_finite_differences(void **state)
@@ -764,6 +793,7 @@ static void every_failed_allocation_is_reported(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(any_width_of_the_window_matches_brute_force),
         cmocka_unit_test(brute_force_gradient_matches_finite_differences),
         cmocka_unit_test(comparison_catches_planted_errors),
         cmocka_unit_test(loss_and_gradient_match_double_brute_force),

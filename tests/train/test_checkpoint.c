@@ -367,6 +367,7 @@ static void changed_options_are_used_or_refused_by_name(void **state)
         {"background", MEMBER(background), false},
         {"background", MEMBER(background_random), false},
         {"ssim_weight", MEMBER(ssim_weight), false},
+        {"ssim_sigma", MEMBER(ssim_sigma), false},
         {"alpha_loss", MEMBER(alpha_loss), false},
         {"max_gaussians", MEMBER(max_gaussians), true},
         {"seed", MEMBER(seed), false},
@@ -389,6 +390,7 @@ static void changed_options_are_used_or_refused_by_name(void **state)
     other.background[1] = 0.25f;
     other.background_random = true;
     other.ssim_weight = 0.3;
+    other.ssim_sigma = 1.25;
     other.alpha_loss = 0.5;
     other.max_gaussians = 1000000;
     other.seed = UINT64_MAX;

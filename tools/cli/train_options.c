@@ -543,6 +543,8 @@ int train_values_check(const train_values *values, const command_line *line)
     if (!values->output)
         return fail_usage("train requires an output folder, -o OUT; usage: sparegs train %s",
                           line->synopsis);
+    if (o->ssim_weight == 0.0 && refuse_idle(line, "ssim-sigma", "with --ssim-weight 0") >= 0)
+        return EXIT_USAGE;
     if (values->init)
         return refuse_idle(line, "random-points", "with --init");
     if (o->pipeline_options.taming_count)

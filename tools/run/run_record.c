@@ -31,7 +31,9 @@ void run_record_milestones(json_t *config, const sgs_trainer *trainer)
                              "half_size_until", m.half_size_until, "sh_interval", m.sh_interval);
     json_object_set_new(json, "gradient_factor", json_number(m.gradient_factor));
     json_object_set_new(json, "shape_factor", json_number(m.shape_factor));
+    json_object_set_new(json, "opacity_factor", json_number(m.opacity_factor));
     json_object_set_new(json, "ssim_weight", json_number(m.ssim_weight));
+    json_object_set_new(json, "ssim_sigma", json_number(m.ssim_sigma));
     json_object_set_new(json, "optimizer",
                         json_string(m.optimizer == SGS_OPTIMIZER_DENSE ? "dense" : "sparse"));
     json_object_set_new(config, "milestones", json);

@@ -30,11 +30,12 @@
 //   threshold, absolute gradients at twice the threshold (AbsGS), and less weight of gradients
 //   close to the camera (Pixel-GS, its constant). Textures finer than the primitives have signed
 //   gradients that cancel. In the loss, SSIM has a weight of 0.4 instead of 0.2 and a window with a
-//   standard deviation of 1 pixel instead of 1.5, which sharpens the image. Opacity has twice the
-//   published rate: fewer primitives per ray, which saves time. The rates decay to 0.3 instead of a
-//   tenth. The first quarter of the run has images of half the size, which saves time, too. Below
-//   these limits, settings are interpolated over the logarithm of the pixels from 130 000 and
-//   linearly over the views from 15. They fade out towards N = 30 000.
+//   standard deviation of 1 pixel instead of 1.5, which sharpens the image. After
+//   densification opacity has twice the published rate: fewer primitives per ray, which saves time.
+//   During densification it would make SPARE-GS prune 7 % per update. The rates decay to 0.3
+//   instead of a tenth. The first quarter of the run has images of half the size, which saves time,
+//   too. Below these limits, settings are interpolated over the logarithm of the pixels from 130
+//   000 and linearly over the views from 15. They fade out towards N = 30 000.
 //
 // MCMC has its own milestones (Kheradmand et al. 2024, released code): updates from 500 to 25 000
 // every 100, each adding 5 %, and no opacity resets. Scaled: updates until 25 000 f every max(50,
@@ -336,4 +337,9 @@ double sgsi_schedule_lr_other(const sgsi_schedule *schedule, int iteration)
     const double u = (double)(iteration - schedule->anneal_from) /
                      (double)(schedule->iterations - schedule->anneal_from);
     return pow(schedule->lr_late, fmin(u, 1.0));
+}
+
+double sgsi_schedule_lr_opacity(const sgsi_schedule *schedule, int iteration)
+{
+    return iteration > schedule->densify_until ? schedule->lr_opacity : 1.0;
 }

@@ -237,9 +237,10 @@ static sgsi_late_opacity opacity_after(const sgs_trainer *trainer, int iteration
 
 float sgsi_trainer_lr_opacity(const sgs_trainer *trainer, int iteration)
 {
-    return opacity_after(trainer, iteration) == SGSI_LATE_OPACITY_FROZEN
-               ? 0.0f
-               : trainer->pipeline->lr_opacity;
+    if (opacity_after(trainer, iteration) == SGSI_LATE_OPACITY_FROZEN)
+        return 0.0f;
+    return (float)sgsi_schedule_lr_opacity(&trainer->schedule, iteration) *
+           trainer->pipeline->lr_opacity;
 }
 
 bool sgsi_trainer_opacity_is_linear(const sgs_trainer *trainer)

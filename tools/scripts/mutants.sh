@@ -59,6 +59,8 @@ equilibrium_patience | test_spare_equilibrium | state->held >= tolerance->patien
 f_rest_order | test_ply|test_links | SGS_PARAM_SH_REST \+ 3 \* \(k % per_channel\) \+ k / per_channel | SGS_PARAM_SH_REST + k
 aov_without_premultiplication | cli_outputs | \*value = alpha > 0 \? alpha \* light_of | *value = alpha > 0 ? light_of
 densification_threshold | golden|test_trainer | define SGSI_GRADIENT_THRESHOLD 2e-4 | define SGSI_GRADIENT_THRESHOLD 3e-4
+window_of_ssim | test_loss | if \(workspace->sigma == sigma\) | if (workspace->sigma > 0.0)
+rate_of_opacity | test_schedule_effect | iteration > schedule->densify_until \? schedule->lr_opacity | iteration <= schedule->densify_until ? schedule->lr_opacity
 ssim_weight | golden | define SSIM_WEIGHT 0\.2 | define SSIM_WEIGHT 0.3
 FAULTS
 }

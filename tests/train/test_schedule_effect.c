@@ -1,0 +1,150 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Learning rates and loss of a trainer are those of its schedule. The first step of Adam without
+// bias correction is proportional to the rate, whatever the gradient.
+
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+#include <cmocka.h>
+
+#include "sparegs/trainer.h"
+#include "support/trainer_support.h"
+#include "train/trainer_state.h"
+
+static sgs_scene *scene;
+
+static int load(void **state)
+{
+    (void)state;
+    sgs_scene_options options = sgs_scene_options_default();
+    options.downscale = 8;
+    return sgs_scene_load(SGSI_TEST_DATA "/room", &options, &scene) != SGS_STATUS_OK;
+}
+
+static int unload(void **state)
+{
+    (void)state;
+    sgs_scene_destroy(scene);
+    return 0;
+}
+
+typedef struct step {
+    double rotation, scale, opacity, rest; // factors on the rates
+    bool grows;                            // densification is not over
+} step;
+
+// Rotations of spheres, with which training begins, have no gradient.
+static void stretch(sgs_gaussians *model)
+{
+    const float rotation[4] = {0.8f, 0.2f, 0.4f, 0.4f};
+    float params[SGS_PARAM_COUNT];
+    for (size_t i = 0; i < model->count; ++i) {
+        sgs_gaussians_get(model, i, params);
+        memcpy(params + SGS_PARAM_ROTATION, rotation, sizeof rotation);
+        params[SGS_PARAM_SCALE] -= 0.5f;
+        params[SGS_PARAM_SCALE + 1] -= 0.2f;
+        sgs_gaussians_set(model, i, params);
+    }
+}
+
+// Sums over the primitives of the absolute change of each parameter in the first iteration.
+static void first_step(const step *factors, double change[SGS_PARAM_COUNT])
+{
+    sgs_train_options options = sgs_train_options_default();
+    options.iterations = 100;
+    sgs_trainer *trainer = trainer_create(scene, &options);
+    trainer->schedule.sh_interval = 0; // all bands at once
+    trainer->schedule.lr_shape *= factors->scale;
+    trainer->schedule.lr_opacity *= factors->opacity;
+    if (!factors->grows)
+        trainer->schedule.densify_until = 0;
+    trainer->schedule.lr_sh *= factors->rest;
+    stretch(trainer->model);
+    const sgs_gaussians *model = sgs_trainer_model(trainer);
+    const size_t count = model->count;
+    float(*before)[SGS_PARAM_COUNT] = malloc(count * sizeof *before), after[SGS_PARAM_COUNT];
+    for (size_t i = 0; i < count; ++i)
+        sgs_gaussians_get(model, i, before[i]);
+    trainer_run(trainer, 1);
+    model = sgs_trainer_model(trainer);
+    assert_int_equal(model->count, count);
+    memset(change, 0, SGS_PARAM_COUNT * sizeof *change);
+    for (size_t i = 0; i < count; ++i) {
+        sgs_gaussians_get(model, i, after);
+        for (int k = 0; k < SGS_PARAM_COUNT; ++k)
+            change[k] += fabs((double)after[k] - (double)before[i][k]);
+    }
+    free(before);
+    sgs_trainer_destroy(trainer);
+}
+
+static double expected_ratio(const step *factors, int param)
+{
+    return param < SGS_PARAM_ROTATION  ? 1.0
+           : param < SGS_PARAM_SCALE   ? factors->rotation
+           : param < SGS_PARAM_OPACITY ? factors->scale
+           : param < SGS_PARAM_SH_DC   ? (factors->grows ? 1.0 : factors->opacity)
+           : param < SGS_PARAM_SH_REST ? 1.0
+                                       : factors->rest;
+}
+
+static void factors_of_the_schedule_scale_the_first_step(void **state)
+{
+    (void)state;
+    const step cases[] = {{1, 1, 1, 1, false},
+                          {2, 2, 1, 1, false},
+                          {1, 1, 2, 1, false},
+                          {1, 1, 2, 1, true},
+                          {1, 1, 1, 0.5, false}};
+    double published[SGS_PARAM_COUNT], change[SGS_PARAM_COUNT];
+    first_step(&cases[0], published);
+    for (size_t c = 1; c < sizeof cases / sizeof *cases; ++c) {
+        first_step(&cases[c], change);
+        for (int k = 0; k < SGS_PARAM_COUNT; ++k) {
+            assert_true(published[k] > 0.0);
+            assert_true(fabs(change[k] / published[k] / expected_ratio(&cases[c], k) - 1.0) < 0.01);
+        }
+    }
+}
+
+static void model_after(double weight, double sigma, char hash[17])
+{
+    sgs_train_options options = sgs_train_options_default();
+    options.iterations = 100;
+    options.ssim_weight = weight;
+    options.ssim_sigma = sigma;
+    sgs_trainer *trainer = trainer_create(scene, &options);
+    trainer_run(trainer, 3);
+    sgs_gaussians_hash(sgs_trainer_model(trainer), hash);
+    sgs_trainer_destroy(trainer);
+}
+
+// The published loss by default and if it is requested; another one otherwise.
+static void the_loss_has_the_given_ssim(void **state)
+{
+    (void)state;
+    char published[17], same[17], weight[17], sigma[17];
+    model_after(-1, 0, published);
+    model_after(0.2, 1.5, same);
+    model_after(0.4, 1.5, weight);
+    model_after(0.2, 1.0, sigma);
+    assert_string_equal(published, same);
+    assert_string_not_equal(published, weight);
+    assert_string_not_equal(published, sigma);
+    assert_string_not_equal(weight, sigma);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(factors_of_the_schedule_scale_the_first_step),
+        cmocka_unit_test(the_loss_has_the_given_ssim),
+    };
+    return cmocka_run_group_tests(tests, load, unload);
+}

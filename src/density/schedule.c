@@ -26,16 +26,16 @@
 //   beyond.
 // - Rate of SH above degree 0: times views / 24 at N = 7000 if there are fewer than 24; the
 //   reduction fades out towards N = 2000 and N = 30 000.
-// - Large photographs, 3dgs only: from 320 000 pixels and 60 views on, 0.65 times the published
+// - Large photographs, 3dgs only: from 320 000 pixels and 60 views on, 0.8 times the published
 //   threshold, absolute gradients at twice the threshold (AbsGS), and less weight of gradients
 //   close to the camera (Pixel-GS, its constant). Textures finer than the primitives have signed
 //   gradients that cancel. In the loss, SSIM has a weight of 0.4 instead of 0.2 and a window with a
-//   standard deviation of 1 pixel instead of 1.5, which sharpens the image. After
-//   densification opacity has twice the published rate: fewer primitives per ray, which saves time.
-//   During densification it would make SPARE-GS prune 7 % per update. The rates decay to 0.3
-//   instead of a tenth. The first quarter of the run has images of half the size, which saves time,
-//   too. Below these limits, settings are interpolated over the logarithm of the pixels from 130
-//   000 and linearly over the views from 15. They fade out towards N = 30 000.
+//   standard deviation of 1 pixel instead of 1.5, which sharpens the image. After densification
+//   opacity has twice the published rate: fewer primitives per ray, which saves time. (During
+//   densification it would make SPARE-GS prune 7 % per update.) The rates decay to 0.3 instead of a
+//   tenth. The first quarter of the run has images of half the size, which saves time, too. Below
+//   these limits, settings are interpolated over the logarithm of the pixels from 130 000 and
+//   linearly over the views from 15. They fade out towards N = 30 000.
 //
 // MCMC has its own milestones (Kheradmand et al. 2024, released code): updates from 500 to 25 000
 // every 100, each adding 5 %, and no opacity resets. Scaled: updates until 25 000 f every max(50,
@@ -69,7 +69,7 @@ enum {
 #define LARGE_PIXELS 3.2e5
 #define FINE_VIEWS_FROM 15.0
 #define FINE_VIEWS 60.0
-#define LARGE_THRESHOLD 0.65
+#define LARGE_THRESHOLD 0.8
 #define LARGE_ABS_SHARE 0.5
 #define LARGE_NEAR_DEPTH 0.37 // gamma of Pixel-GS
 #define LARGE_HALF_SIZE 0.25  // share of the run

@@ -361,7 +361,7 @@ typedef struct sgs_train_milestones {
     int sh_interval;         // iterations per additional SH band; 0 = all bands at once
     double gradient_factor;  // on the pipeline's gradient threshold
     double shape_factor;     // on the published learning rates of rotation and scale
-    double opacity_factor;   // on that of opacity, after densify_until
+    double opacity_factor;   // on that of opacity
     double ssim_weight;      // of 1 - SSIM in the loss
     double ssim_sigma;       // of its window, pixels
     sgs_optimizer optimizer; // SPARSE or DENSE

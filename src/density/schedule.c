@@ -26,13 +26,13 @@
 //   beyond.
 // - Rate of SH above degree 0: times views / 24 at N = 7000 if there are fewer than 24; the
 //   reduction fades out towards N = 2000 and N = 30 000.
-// - Large photographs, 3dgs only: from 320 000 pixels and 60 views on, 0.8 times the published
+// - Large photographs, 3dgs only: from 320 000 pixels and 60 views on, 0.9 times the published
 //   threshold, absolute gradients at twice the threshold (AbsGS), and less weight of gradients
 //   close to the camera (Pixel-GS, its constant). Textures finer than the primitives have signed
 //   gradients that cancel. In the loss, SSIM has a weight of 0.4 instead of 0.2 and a window with a
-//   standard deviation of 1 pixel instead of 1.5, which sharpens the image. After densification
-//   opacity has twice the published rate: fewer primitives per ray, which saves time. (During
-//   densification it would make SPARE-GS prune 7 % per update.) The rates decay to 0.3 instead of a
+//   standard deviation of 1 pixel instead of 1.5, which sharpens the image. Opacity has twice the
+//   published rate: fewer primitives per ray, which saves time. More primitives then fade between
+//   two updates, so there are 15 updates, and each prunes less. The rates decay to 0.3 instead of a
 //   tenth. The first quarter of the run has images of half the size, which saves time, too. Below
 //   these limits, settings are interpolated over the logarithm of the pixels from 130 000 and
 //   linearly over the views from 15. They fade out towards N = 30 000.
@@ -69,7 +69,8 @@ enum {
 #define LARGE_PIXELS 3.2e5
 #define FINE_VIEWS_FROM 15.0
 #define FINE_VIEWS 60.0
-#define LARGE_THRESHOLD 0.8
+#define LARGE_THRESHOLD 0.9
+#define LARGE_UPDATES 15.0
 #define LARGE_ABS_SHARE 0.5
 #define LARGE_NEAR_DEPTH 0.37 // gamma of Pixel-GS
 #define LARGE_HALF_SIZE 0.25  // share of the run
@@ -250,7 +251,8 @@ sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, size_t views,
     schedule.half_size_until = rounded(LARGE_HALF_SIZE * fine * options->iterations, 0);
     if (schedule.half_size_until <= schedule.resolution_from)
         schedule.half_size_until = 0;
-    const double updates = SHORT_UPDATES * pow(paper_updates / SHORT_UPDATES, beyond);
+    const double fewest = SHORT_UPDATES * pow(LARGE_UPDATES / SHORT_UPDATES, large),
+                 updates = fewest * pow(paper_updates / fewest, beyond);
     schedule.densify_from = first_update(options->iterations);
     schedule.densify_interval =
         rounded((PAPER_HALF * f - schedule.densify_from) / updates, LEAST_INTERVAL);
@@ -337,9 +339,4 @@ double sgsi_schedule_lr_other(const sgsi_schedule *schedule, int iteration)
     const double u = (double)(iteration - schedule->anneal_from) /
                      (double)(schedule->iterations - schedule->anneal_from);
     return pow(schedule->lr_late, fmin(u, 1.0));
-}
-
-double sgsi_schedule_lr_opacity(const sgsi_schedule *schedule, int iteration)
-{
-    return iteration > schedule->densify_until ? schedule->lr_opacity : 1.0;
 }

@@ -29,7 +29,7 @@ typedef struct sgsi_schedule {
     // The image size may change after resolution_from, every resolution_interval iterations.
     int resolution_from, resolution_interval;
     int half_size_until;     // half-size images up to about here; 0 = none
-    double lr_opacity;       // factor on the pipeline's rate of opacity after densify_until
+    double lr_opacity;       // factor on the pipeline's rate of opacity
     double ssim_weight;      // of 1 - SSIM in the loss
     double ssim_sigma;       // of its window, pixels
     int check_interval;      // of SPARE-GS's equilibrium checks
@@ -68,5 +68,3 @@ double sgsi_schedule_lr(const sgsi_schedule *schedule, int iteration);
 bool sgsi_schedule_is_annealing(const sgsi_schedule *schedule, int iteration);
 // Factor on the other rates: 1 until anneal_from, then log-linear to lr_late.
 double sgsi_schedule_lr_other(const sgsi_schedule *schedule, int iteration);
-// Additional factor on that of opacity: 1 until densify_until, then lr_opacity.
-double sgsi_schedule_lr_opacity(const sgsi_schedule *schedule, int iteration);

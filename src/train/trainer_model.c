@@ -239,8 +239,7 @@ float sgsi_trainer_lr_opacity(const sgs_trainer *trainer, int iteration)
 {
     if (opacity_after(trainer, iteration) == SGSI_LATE_OPACITY_FROZEN)
         return 0.0f;
-    return (float)sgsi_schedule_lr_opacity(&trainer->schedule, iteration) *
-           trainer->pipeline->lr_opacity;
+    return (float)trainer->schedule.lr_opacity * trainer->pipeline->lr_opacity;
 }
 
 bool sgsi_trainer_opacity_is_linear(const sgs_trainer *trainer)

@@ -36,7 +36,6 @@ static int unload(void **state)
 
 typedef struct step {
     double rotation, scale, opacity, rest; // factors on the rates
-    bool grows;                            // densification is not over
 } step;
 
 // Rotations of spheres, with which training begins, have no gradient.
@@ -62,8 +61,6 @@ static void first_step(const step *factors, double change[SGS_PARAM_COUNT])
     trainer->schedule.sh_interval = 0; // all bands at once
     trainer->schedule.lr_shape *= factors->scale;
     trainer->schedule.lr_opacity *= factors->opacity;
-    if (!factors->grows)
-        trainer->schedule.densify_until = 0;
     trainer->schedule.lr_sh *= factors->rest;
     stretch(trainer->model);
     const sgs_gaussians *model = sgs_trainer_model(trainer);
@@ -89,7 +86,7 @@ static double expected_ratio(const step *factors, int param)
     return param < SGS_PARAM_ROTATION  ? 1.0
            : param < SGS_PARAM_SCALE   ? factors->rotation
            : param < SGS_PARAM_OPACITY ? factors->scale
-           : param < SGS_PARAM_SH_DC   ? (factors->grows ? 1.0 : factors->opacity)
+           : param < SGS_PARAM_SH_DC   ? factors->opacity
            : param < SGS_PARAM_SH_REST ? 1.0
                                        : factors->rest;
 }
@@ -97,11 +94,7 @@ static double expected_ratio(const step *factors, int param)
 static void factors_of_the_schedule_scale_the_first_step(void **state)
 {
     (void)state;
-    const step cases[] = {{1, 1, 1, 1, false},
-                          {2, 2, 1, 1, false},
-                          {1, 1, 2, 1, false},
-                          {1, 1, 2, 1, true},
-                          {1, 1, 1, 0.5, false}};
+    const step cases[] = {{1, 1, 1, 1}, {2, 2, 1, 1}, {1, 1, 2, 1}, {1, 1, 1, 0.5}};
     double published[SGS_PARAM_COUNT], change[SGS_PARAM_COUNT];
     first_step(&cases[0], published);
     for (size_t c = 1; c < sizeof cases / sizeof *cases; ++c) {

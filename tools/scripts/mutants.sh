@@ -60,7 +60,7 @@ f_rest_order | test_ply|test_links | SGS_PARAM_SH_REST \+ 3 \* \(k % per_channel
 aov_without_premultiplication | cli_outputs | \*value = alpha > 0 \? alpha \* light_of | *value = alpha > 0 ? light_of
 densification_threshold | golden|test_trainer | define SGSI_GRADIENT_THRESHOLD 2e-4 | define SGSI_GRADIENT_THRESHOLD 3e-4
 window_of_ssim | test_loss | if \(workspace->sigma == sigma\) | if (workspace->sigma > 0.0)
-rate_of_opacity | test_schedule_effect | iteration > schedule->densify_until \? schedule->lr_opacity | iteration <= schedule->densify_until ? schedule->lr_opacity
+rate_of_opacity | test_schedule_effect | return \(float\)trainer->schedule\.lr_opacity \* | return
 ssim_weight | golden | define SSIM_WEIGHT 0\.2 | define SSIM_WEIGHT 0.3
 FAULTS
 }

@@ -162,8 +162,6 @@ static const sgs_train_option table[] = {
     {.name = "ssim_sigma",
      .type = SGS_OPTION_DOUBLE,
      FIELD(ssim_sigma),
-     .initial = 0,
-     .low = 0,
      .high = 3,
      .values = "S",
      .initial_text = "0 = 1.5, as published; down to 1 in short runs of 3dgs on large photographs",

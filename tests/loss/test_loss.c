@@ -781,25 +781,6 @@ static void bad_input_is_refused(void **state)
     free_scene(&s);
 }
 
-static void every_failed_allocation_is_reported(void **state)
-{
-    (void)state;
-    for (size_t n = 1;; ++n) {
-        sgsi_loss_workspace *workspace = NULL;
-        sgsi_fail_allocation(n);
-        sgs_status status = sgsi_loss_create(&workspace);
-        if (status == SGS_STATUS_OK)
-            status = sgsi_loss_reserve(workspace, 100, 100);
-        sgsi_fail_allocation(0);
-        sgsi_loss_destroy(workspace);
-        if (status == SGS_STATUS_OK) {
-            assert_int_equal(n, 10);
-            break;
-        }
-        assert_int_equal(status, SGS_STATUS_OUT_OF_MEMORY);
-    }
-}
-
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -816,7 +797,6 @@ int main(void)
         cmocka_unit_test(non_finite_colours_keep_the_gradient_finite),
         cmocka_unit_test(weight_zero_is_l1_and_weight_one_is_dssim),
         cmocka_unit_test(bad_input_is_refused),
-        cmocka_unit_test(every_failed_allocation_is_reported),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // The loss of single cells of an image. Small cells are computed in pairs; a division of their
-// curve separates some pairs, and the sums and gradients keep their bits.
+// curve separates some pairs, and the sums and gradients keep their bits. A workspace without memory.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -136,10 +136,30 @@ static void divisions_of_the_curve_give_the_same_bits(void **state)
     check_divisions(2048, 2048, 8);
 }
 
+static void every_failed_allocation_is_reported(void **state)
+{
+    (void)state;
+    for (size_t n = 1;; ++n) {
+        sgsi_loss_workspace *workspace = NULL;
+        sgsi_fail_allocation(n);
+        sgs_status status = sgsi_loss_create(&workspace);
+        if (status == SGS_STATUS_OK)
+            status = sgsi_loss_reserve(workspace, 100, 100);
+        sgsi_fail_allocation(0);
+        sgsi_loss_destroy(workspace);
+        if (status == SGS_STATUS_OK) {
+            assert_int_equal(n, 10);
+            break;
+        }
+        assert_int_equal(status, SGS_STATUS_OUT_OF_MEMORY);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(divisions_of_the_curve_give_the_same_bits),
+        cmocka_unit_test(every_failed_allocation_is_reported),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -182,8 +182,7 @@ static void mask_scene(scene *s)
 
 static double window_weight(double sigma, int dx, int dy)
 {
-    const double width = 2.0 * sigma * sigma;
-    double sum = 0.0;
+    double width = 2.0 * sigma * sigma, sum = 0.0;
     for (int k = -RADIUS; k <= RADIUS; ++k)
         sum += exp(-k * k / width);
     return exp(-(dx * dx + dy * dy) / width) / (sum * sum);
@@ -460,8 +459,7 @@ static void loss_and_gradient_match_double_brute_force(void **state)
                           content_names[kind], worst[isa][kind]);
 }
 
-// Also for windows so narrow that most of their weights vanish, and so wide that they are cut off.
-// One workspace serves all of them.
+// From windows with one weight to windows that are cut off, all in one workspace.
 static void any_width_of_the_window_matches_brute_force(void **state)
 {
     (void)state;

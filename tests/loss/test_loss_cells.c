@@ -2,7 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // The loss of single cells of an image. Small cells are computed in pairs; a division of their
-// curve separates some pairs, and the sums and gradients keep their bits. A workspace without memory.
+// curve separates some pairs, and the sums and gradients keep their bits. A workspace without
+// memory.
 
 #include <setjmp.h>
 #include <stdarg.h>

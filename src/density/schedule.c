@@ -123,34 +123,36 @@ static bool is_dense(const sgs_train_options *options)
 }
 
 // fine: how far the run follows the rules of large photographs, 0 to 1.
-static void set_ssim(sgsi_schedule *schedule, const sgs_train_options *options, double fine)
+static double ssim_weight(const sgs_train_options *options, double fine)
 {
-    schedule->ssim_weight = options->ssim_weight < 0.0
-                                ? SSIM_WEIGHT + (LARGE_SSIM_WEIGHT - SSIM_WEIGHT) * fine
-                                : options->ssim_weight;
-    schedule->ssim_sigma = options->ssim_sigma > 0.0
-                               ? options->ssim_sigma
-                               : SSIM_SIGMA + (LARGE_SSIM_SIGMA - SSIM_SIGMA) * fine;
+    return options->ssim_weight < 0.0 ? SSIM_WEIGHT + (LARGE_SSIM_WEIGHT - SSIM_WEIGHT) * fine
+                                      : options->ssim_weight;
+}
+
+static double ssim_sigma(const sgs_train_options *options, double fine)
+{
+    return options->ssim_sigma > 0.0 ? options->ssim_sigma
+                                     : SSIM_SIGMA + (LARGE_SSIM_SIGMA - SSIM_SIGMA) * fine;
 }
 
 // Without milestones; the position rate is the final one (sgsi_schedule_lr).
 static sgsi_schedule finetune(const sgs_train_options *options)
 {
-    sgsi_schedule schedule = {.iterations = options->iterations,
-                              .dense = is_dense(options),
-                              .densify_interval = 100,
-                              .resolution_interval = 100,
-                              .middle_until = 1,
-                              .lr_span = 1e-9,
-                              .anneal_from = options->iterations,
-                              .lr_late = 1.0,
-                              .lr_shape = 1.0,
-                              .lr_sh = 1.0,
-                              .lr_opacity = 1.0,
-                              .check_interval = rounded(options->spare_interval, 1),
-                              .threshold_factor = 1.0};
-    set_ssim(&schedule, options, 0.0);
-    return schedule;
+    return (sgsi_schedule){.iterations = options->iterations,
+                           .ssim_weight = ssim_weight(options, 0.0),
+                           .ssim_sigma = ssim_sigma(options, 0.0),
+                           .dense = is_dense(options),
+                           .densify_interval = 100,
+                           .resolution_interval = 100,
+                           .middle_until = 1,
+                           .lr_span = 1e-9,
+                           .anneal_from = options->iterations,
+                           .lr_late = 1.0,
+                           .lr_shape = 1.0,
+                           .lr_sh = 1.0,
+                           .lr_opacity = 1.0,
+                           .check_interval = rounded(options->spare_interval, 1),
+                           .threshold_factor = 1.0};
 }
 
 // Position of N < PAPER_LENGTH between SHORT_LENGTH, 0, and PAPER_LENGTH, 1; log-linear.
@@ -214,6 +216,8 @@ sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, size_t views,
         .sh_interval = rounded(1000 * f, 1),
         .resolution_from = rounded(500 * fmin(f, 1.0), 0),
         .resolution_interval = rounded(100 * fmin(f, 1.0), 1),
+        .ssim_weight = ssim_weight(options, 0.0),
+        .ssim_sigma = ssim_sigma(options, 0.0),
         .lr_span = PAPER_LENGTH * f,
         .anneal_from = options->iterations,
         .lr_late = 1.0,
@@ -222,7 +226,6 @@ sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, size_t views,
         .lr_opacity = 1.0,
         .check_interval = rounded(options->spare_interval * f, 1),
         .threshold_factor = 1.0};
-    set_ssim(&schedule, options, 0.0);
     if (!scaled || options->iterations == PAPER_LENGTH)
         return schedule;
     schedule.densify_until = rounded(pipeline->densify_until * f, 1);
@@ -246,7 +249,8 @@ sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, size_t views,
         pow(SHORT_THRESHOLD, (1.0 - beyond) * (1.0 - large)) * pow(LARGE_THRESHOLD, fine);
     schedule.abs_share = LARGE_ABS_SHARE * fine;
     schedule.near_depth = LARGE_NEAR_DEPTH * fine;
-    set_ssim(&schedule, options, fine);
+    schedule.ssim_weight = ssim_weight(options, fine);
+    schedule.ssim_sigma = ssim_sigma(options, fine);
     schedule.lr_opacity = pow(LARGE_OPACITY_RATE, fine);
     schedule.half_size_until = rounded(LARGE_HALF_SIZE * fine * options->iterations, 0);
     if (schedule.half_size_until <= schedule.resolution_from)

@@ -45,11 +45,11 @@ static sgsi_loss_kernel kernel_of(sgs_isa isa)
     return kernels[isa];
 }
 
-static double window_sum(const float window[LOSS_RADIUS + 1])
+static double window_sum(const double weight[LOSS_RADIUS + 1])
 {
-    double sum = (double)window[0];
+    double sum = weight[0];
     for (int k = 1; k <= LOSS_RADIUS; ++k)
-        sum += 2.0 * (double)window[k];
+        sum += 2.0 * weight[k];
     return sum;
 }
 
@@ -59,18 +59,21 @@ static double window_sum(const float window[LOSS_RADIUS + 1])
 static void make_window(double sigma, float window[LOSS_RADIUS + 1])
 {
     const double tolerance = 2e-9;
-    double sum = 0.0, weight[LOSS_RADIUS + 1];
-    for (int k = 0; k <= LOSS_RADIUS; ++k) {
-        weight[k] = exp(-k * k / (2.0 * sigma * sigma));
-        sum += k ? 2.0 * weight[k] : weight[k];
-    }
+    double weight[LOSS_RADIUS + 1];
     for (int k = 0; k <= LOSS_RADIUS; ++k)
+        weight[k] = exp(-k * k / (2.0 * sigma * sigma));
+    const double sum = window_sum(weight);
+    for (int k = 0; k <= LOSS_RADIUS; ++k) {
         window[k] = (float)(weight[k] / sum);
-    const double missing = 1.0 - window_sum(window);
+        weight[k] = (double)window[k];
+    }
+    const double missing = 1.0 - window_sum(weight);
+    if (fabs(missing) <= tolerance)
+        return;
     int last = LOSS_RADIUS;
-    while (last && (double)window[last] < 4.0 * fabs(missing))
+    while (last && weight[last] < 4.0 * fabs(missing))
         --last;
-    if (last && fabs(missing) > tolerance)
+    if (last)
         window[last] += (float)(0.5 * missing);
 }
 

@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Learning rates and loss of a trainer are those of its schedule. The first step of Adam without
-// bias correction is proportional to the rate, whatever the gradient.
+// Learning rates, loss and statistics of a trainer are those of its schedule. The first step of
+// Adam without bias correction is proportional to the rate, whatever the gradient.
 
 #include <math.h>
 #include <setjmp.h>
@@ -133,11 +133,34 @@ static void the_loss_has_the_given_ssim(void **state)
     assert_string_not_equal(weight, sigma);
 }
 
+// 3DGS collects absolute gradients if its schedule uses them, and only then. A sum of absolute
+// values is not below that of the signed ones, up to rounding.
+static void absolute_gradients_are_collected_for_schedules_that_use_them(void **state)
+{
+    (void)state;
+    sgs_train_options options = sgs_train_options_default();
+    options.iterations = 100;
+    for (int used = 0; used < 2; ++used) {
+        sgs_trainer *trainer = trainer_create(scene, &options);
+        trainer->schedule.abs_share = used ? 0.5 : 0.0;
+        trainer_run(trainer, 3);
+        size_t positive = 0;
+        for (size_t i = 0; i < sgs_trainer_model(trainer)->count; ++i) {
+            const float sum = trainer->statistics.abs_grad_sum[i];
+            positive += sum > 0.0f;
+            assert_true(!used || sum >= 0.999f * trainer->statistics.gradient_sum[i]);
+        }
+        assert_int_equal(positive > 0, used);
+        sgs_trainer_destroy(trainer);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(factors_of_the_schedule_scale_the_first_step),
         cmocka_unit_test(the_loss_has_the_given_ssim),
+        cmocka_unit_test(absolute_gradients_are_collected_for_schedules_that_use_them),
     };
     return cmocka_run_group_tests(tests, load, unload);
 }

@@ -20,17 +20,10 @@
 #include "base/morton.h"
 #include "model/filter_3d.h"
 #include "density/pipeline.h"
+#include "density/row_limits.h"
 #include "density/row_plan.h"
 #include "base/threads.h"
 #include "spare/spare.h"
-
-// Replacement at the cap: rows below this opacity, up to this share of the cap per update. Measured
-// at ad74728, 7000 iterations with SPARE-GS, every eighth view held out; PSNR, SSIM, FLIP and
-// sharpness with 0.1 and 5 % | with 0.4 and 10 %. Plush at 336x252 with 23 334: 28.92, .9198,
-// .1414, .485 | 29.81, .9223, .1245, .501. Room at 480x270 with 12 000: 32.04, .9504, .1083, 1.091
-// | 32.03, .9492, .1083, 1.105 (training views 34.41 | 34.61). One view of plush: 31.39 | 31.49.
-#define REPLACED_OPACITY 0.4f
-#define REPLACED_SHARE 0.10
 
 sgs_status sgsi_statistics_reserve(sgsi_statistics *statistics, size_t capacity)
 {
@@ -260,64 +253,6 @@ static void evaluate_spare(sgsi_density_columns *columns, const sgsi_statistics 
     result->spare_seconds = sgsi_seconds() - start;
 }
 
-// Removes up to `wanted` rows of low opacity that do not grow, those of least opacity times
-// footprint first. *made: the number of rows removed.
-static sgs_status make_room(sgsi_density_columns *columns, const sgsi_statistics *statistics,
-                            size_t wanted, size_t *made)
-{
-    const size_t n = columns->count;
-    double *score = sgsi_alloc(n, sizeof *score);
-    uint8_t *candidate = sgsi_alloc(n, 1), *chosen = sgsi_alloc(n, 1);
-    sgs_status status = score && candidate && chosen ? SGS_STATUS_OK : SGS_STATUS_OUT_OF_MEMORY;
-    for (size_t i = 0; i < n && !status; ++i) {
-        const double radius = (double)statistics->radius_max[i];
-        candidate[i] = columns->action[i] == SGSI_ACTION_KEEP && !columns->removed[i] &&
-                       !columns->redundant[i] && columns->opacity[i] < REPLACED_OPACITY;
-        score[i] = -(double)columns->opacity[i] * radius * radius;
-    }
-    if (!status)
-        status = sgsi_select_best(score, candidate, n, wanted, chosen);
-    *made = 0;
-    for (size_t i = 0; i < n && !status; ++i) {
-        columns->removed[i] |= chosen[i];
-        *made += chosen[i];
-    }
-    sgsi_free(score);
-    sgsi_free(candidate);
-    sgsi_free(chosen);
-    return status ? sgsi_fail(status, "no memory to rank %zu primitives", n) : status;
-}
-
-// Applies the cap: keeps the densifications of highest priority. Rows of low opacity are removed
-// for them, up to REPLACED_SHARE of the cap per update, so that growth continues at the cap.
-static sgs_status limit_growth(sgsi_density_columns *columns, const sgsi_statistics *statistics,
-                               size_t cap, size_t survivors)
-{
-    size_t wanted = 0, made = 0, room = survivors < cap ? cap - survivors : 0;
-    for (size_t i = 0; i < columns->count; ++i)
-        wanted += columns->action[i] != SGSI_ACTION_KEEP;
-    if (wanted <= room)
-        return SGS_STATUS_OK;
-    const size_t lacking = wanted - room, most = (size_t)(REPLACED_SHARE * (double)cap);
-    sgs_status status = make_room(columns, statistics, lacking < most ? lacking : most, &made);
-    room += made;
-    if (status || wanted <= room)
-        return status;
-    double *priority = sgsi_alloc(columns->count, sizeof *priority);
-    uint8_t *chosen = sgsi_alloc(columns->count, 1);
-    status = SGS_STATUS_OUT_OF_MEMORY;
-    if (priority && chosen) {
-        for (size_t i = 0; i < columns->count; ++i)
-            priority[i] = (double)columns->priority[i];
-        status = sgsi_select_best(priority, columns->action, columns->count, room, chosen);
-    }
-    for (size_t i = 0; i < columns->count && !status; ++i)
-        columns->action[i] = chosen[i] ? columns->action[i] : SGSI_ACTION_KEEP;
-    sgsi_free(priority);
-    sgsi_free(chosen);
-    return status ? sgsi_fail(status, "no memory to rank %zu primitives", wanted) : status;
-}
-
 // Lists the regions with the decisions on their primitives.
 static sgs_status report_regions(const sgsi_density_columns *columns, const spare_result *found,
                                  const sgsi_density_options *options, sgsi_density_result *result)
@@ -438,7 +373,7 @@ static sgs_status make_plan(const sgsi_density_columns *columns, size_t fixed,
             if (!prune_children)
                 entries[plan->count++] = (sgsi_plan_entry){key, (uint32_t)i, SGSI_PLAN_CLONE};
         }
-        const bool removed = columns->removed[i] || columns->redundant[i];
+        const bool removed = sgsi_density_is_removed(columns, i);
         result->pruned += removed;
         result->spare_pruned += removed && !columns->removed[i];
         if (!removed)
@@ -465,13 +400,10 @@ static sgs_status decide_and_plan(const sgsi_density_rows *rows, const sgsi_pipe
     spare_result regions;
     evaluate_spare(columns, statistics, options, result, &regions);
     sgs_status status = pipeline->decide(options, columns, result);
-    // Children replace a split parent, so it is counted as kept, even if RAP marks it.
-    size_t survivors = 0;
-    for (size_t i = 0; i < columns->count; ++i)
-        survivors += columns->action[i] == SGSI_ACTION_SPLIT ||
-                     !(columns->removed[i] || columns->redundant[i]);
+    if (!status && options->removal_max > 0.0)
+        status = sgsi_limit_removal(columns, options->removal_max);
     if (!status && options->max_count)
-        status = limit_growth(columns, statistics, options->max_count, survivors);
+        status = sgsi_limit_growth(columns, statistics, options->max_count);
     if (!status && regions.region_count)
         status = report_regions(columns, &regions, options, result);
     return status ? status : make_plan(columns, rows->fixed, result, plan);

@@ -106,6 +106,12 @@ static inline bool sgsi_density_should_prune_after(const sgsi_density_options *o
                                      split ? columns->scale_max[i] / 1.6f : columns->scale_max[i]);
 }
 
+// Removed by the pipeline or by SPARE-GS.
+static inline bool sgsi_density_is_removed(const sgsi_density_columns *columns, size_t i)
+{
+    return columns->removed[i] || columns->redundant[i];
+}
+
 // Action of a row that grows: split if longer than `size`, else clone.
 static inline sgsi_action sgsi_density_growth(bool grows, float scale_max, float size)
 {

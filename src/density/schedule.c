@@ -16,6 +16,8 @@
 //   2e-4 a third of all primitives pass at each update of a short run, compared with a few percent
 //   of a published run. The threshold is then in the bulk of the distribution, where weights
 //   (SPARE-GS) have little effect.
+// - An update in the second half of densification removes at most 5 % of the primitives, those of
+//   least opacity first: the few updates that remain cannot repair more.
 // - Opacity resets: every 3000 iterations, as published, rounded to updates. After the last one a
 //   third of the densification remains, or half a reset interval if that is shorter: opacities
 //   require some hundred visits to recover from 0.01, and the loss takes as long to settle.
@@ -80,6 +82,7 @@ enum {
 #define LARGE_SSIM_SIGMA 1.0
 #define LARGE_LATE_RATE 0.3
 #define LARGE_OPACITY_RATE 2.0
+#define LATE_REMOVAL 0.05
 
 static int rounded(double value, int least)
 {
@@ -257,6 +260,7 @@ sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, size_t views,
         schedule.half_size_until = 0;
     const double fewest = SHORT_UPDATES * pow(LARGE_UPDATES / SHORT_UPDATES, large),
                  updates = fewest * pow(paper_updates / fewest, beyond);
+    schedule.late_removal = LATE_REMOVAL;
     schedule.densify_from = first_update(options->iterations);
     schedule.densify_interval =
         rounded((PAPER_HALF * f - schedule.densify_from) / updates, LEAST_INTERVAL);
@@ -293,6 +297,13 @@ bool sgsi_schedule_is_final_prune(const sgsi_schedule *schedule, int iteration)
 {
     return schedule->prune_interval && iteration > schedule->densify_until &&
            iteration < schedule->iterations && iteration % schedule->prune_interval == 0;
+}
+
+double sgsi_schedule_removal_max(const sgsi_schedule *schedule, int iteration)
+{
+    const bool late = 2 * (long)iteration > schedule->densify_until &&
+                      sgsi_schedule_is_structural(schedule, iteration);
+    return late ? schedule->late_removal : 0.0;
 }
 
 bool sgsi_schedule_may_resize(const sgsi_schedule *schedule, int iteration)

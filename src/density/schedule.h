@@ -40,6 +40,9 @@ typedef struct sgsi_schedule {
     // Gradients of primitives closer to the camera than this, in extents of the scene, count less
     // for growth; 0 = none.
     double near_depth;
+    // Share of the primitives that an update in the second half of densification removes at most; 0
+    // = no limit.
+    double late_removal;
 } sgsi_schedule;
 
 // views: photographs of training, >= 1. pixels: their mean size, > 0.
@@ -54,6 +57,8 @@ bool sgsi_schedule_is_reset(const sgsi_schedule *schedule, int iteration);
 bool sgsi_schedule_prunes_large(const sgsi_schedule *schedule, int last_reset);
 // True if one of the final prunes, after densification, follows this iteration.
 bool sgsi_schedule_is_final_prune(const sgsi_schedule *schedule, int iteration);
+// Share of the primitives that the update after this iteration removes at most; 0 = no limit.
+double sgsi_schedule_removal_max(const sgsi_schedule *schedule, int iteration);
 // True if the size of the images may change after this iteration.
 bool sgsi_schedule_may_resize(const sgsi_schedule *schedule, int iteration);
 // Number of intervals between structural updates in the whole run, >= 1: 145 for 3DGS as published.

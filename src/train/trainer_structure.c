@@ -96,6 +96,7 @@ static sgsi_density_options density_options(sgs_trainer *trainer, int iteration,
         .size_max =
             sgsi_schedule_prunes_large(schedule, progress->last_reset) ? 0.1 * extent : INFINITY,
         .growth = schedule->growth,
+        .removal_max = sgsi_schedule_removal_max(schedule, iteration),
         .max_count = o->max_gaussians,
         .admits = trainer->memory_limit ? memory_admits : NULL,
         .admits_context = trainer,

@@ -297,6 +297,34 @@ static void growth_continues_at_the_cap_by_replacing_rows_of_low_opacity(void **
     }
 }
 
+// Row 1 is not finite. Rows 10 to 29 are faint, the later the fainter, and row 40 is opaque but too
+// large: of 100 rows, an update limited to 5 % removes row 1 and the four faintest.
+static void a_limited_update_removes_the_faintest_rows_first(void **state)
+{
+    (void)state;
+    const double shares[] = {0.0, 0.05, 0.215, 0.5};
+    const size_t removed[] = {22, 5, 21, 22};
+    for (int k = 0; k < 4; ++k) {
+        fixture f = make(100);
+        f.options.removal_max = shares[k];
+        f.options.size_max = 1.0;
+        *sgs_gaussians_at(f.model, 1, SGS_PARAM_SCALE) = NAN;
+        for (size_t i = 10; i < 30; ++i)
+            *sgs_gaussians_at(f.model, i, SGS_PARAM_OPACITY) = -6.0f - 0.1f * (float)i;
+        *sgs_gaussians_at(f.model, 40, SGS_PARAM_SCALE) = logf(2.0f);
+        update(&f);
+        assert_int_equal(f.result.pruned, removed[k]);
+        assert_int_equal(f.model->count, 100 - removed[k]);
+        size_t rows[8];
+        for (size_t i = 0; i < 100; ++i) {
+            const bool faint = i >= 31 - removed[k] && i >= 10 && i < 30;
+            const bool goes = i == 1 || faint || (i == 40 && removed[k] == 22);
+            assert_int_equal(rows_of(&f, (float)i, rows), !goes);
+        }
+        drop(&f);
+    }
+}
+
 static void rap_removes_faint_still_primitives_of_crowded_voxels_only(void **state)
 {
     (void)state;
@@ -406,6 +434,7 @@ int main(void)
         cmocka_unit_test(cap_is_never_exceeded_and_keeps_the_best_scores),
         cmocka_unit_test(rows_grow_by_their_share_of_absolute_gradients),
         cmocka_unit_test(growth_continues_at_the_cap_by_replacing_rows_of_low_opacity),
+        cmocka_unit_test(a_limited_update_removes_the_faintest_rows_first),
         cmocka_unit_test(rap_removes_faint_still_primitives_of_crowded_voxels_only),
         cmocka_unit_test(reset_lowers_opacities_and_clears_their_moments),
         cmocka_unit_test(sorting_keeps_every_row),

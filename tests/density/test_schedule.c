@@ -276,6 +276,25 @@ static sgsi_schedule make_for(sgs_pipeline pipeline, int iterations)
     return sgsi_schedule_make(&options, VIEWS, SMALL);
 }
 
+static void late_updates_of_scaled_runs_remove_five_percent_at_most(void **state)
+{
+    (void)state;
+    for (int n = 200; n < 30000; n += 1700) {
+        const sgsi_schedule schedule = make(n, SGS_SCHEDULE_SCALED);
+        for (int i = 1; i <= n; ++i) {
+            const bool late = i > schedule.densify_until / 2;
+            const bool limited = late && sgsi_schedule_is_structural(&schedule, i);
+            assert_true(sgsi_schedule_removal_max(&schedule, i) == (limited ? 0.05 : 0.0));
+        }
+    }
+    const sgsi_schedule published = make(30000, SGS_SCHEDULE_SCALED),
+                        paper = make(7000, SGS_SCHEDULE_PAPER);
+    for (int i = 1; i <= 30000; ++i) {
+        assert_true(sgsi_schedule_removal_max(&published, i) == 0.0);
+        assert_true(sgsi_schedule_removal_max(&paper, i) == 0.0);
+    }
+}
+
 static void finetuning_has_no_milestones(void **state)
 {
     (void)state;
@@ -505,6 +524,7 @@ int main(void)
         cmocka_unit_test(paper_schedule_cut_short_keeps_its_milestones),
         cmocka_unit_test(resets_do_not_vanish_just_below_the_published_length),
         cmocka_unit_test(scaled_schedule_has_its_documented_properties_at_every_length),
+        cmocka_unit_test(late_updates_of_scaled_runs_remove_five_percent_at_most),
         cmocka_unit_test(finetuning_has_no_milestones),
         cmocka_unit_test(fastgs_steps_and_prunes_as_published),
         cmocka_unit_test(dash_densifies_until_nine_tenths),

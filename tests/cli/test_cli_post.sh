@@ -41,7 +41,7 @@ refused "post: name: a/b: use letters" '[{"prune": {"method": "refine"}, "name":
 
 # all_points_of_all_steps_have_results
 steps='[{"prune": {"method": "refine"}}, {"prune": {"method": "pup", "ratio": [0.2, 0.6], "fisher_downscale": 2}, "name": "pup", "variants": ["on"]},
-        {"compress": {"method": "ghap"}}]'
+        {"compress": {"method": "ghap", "finetune": 200}}]'
 write_plan "$steps"
 run 0 experiment "$plan" -o "$out" --quiet
 json "$out/results.json" '[.runs[].post | length] == [6, 8]'

@@ -61,6 +61,8 @@ aov_without_premultiplication | cli_outputs | \*value = alpha > 0 \? alpha \* li
 densification_threshold | golden|test_trainer | define SGSI_GRADIENT_THRESHOLD 2e-4 | define SGSI_GRADIENT_THRESHOLD 3e-4
 window_of_ssim | test_loss | if \(workspace->sigma == sigma\) | if (workspace->sigma > 0.0)
 rate_of_opacity | test_schedule_effect | return \(float\)trainer->schedule\.lr_opacity \* | return
+late_removal | test_schedule | return late \? schedule->late_removal : 0\.0 | return schedule->late_removal
+faintest_first | test_density | = -\(double\)columns->opacity\[i\]; | = (double)columns->opacity[i];
 ssim_weight | golden | define SSIM_WEIGHT 0\.2 | define SSIM_WEIGHT 0.3
 FAULTS
 }

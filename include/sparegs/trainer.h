@@ -226,7 +226,7 @@ typedef struct sgs_train_bytes {
 typedef struct sgs_step_info {
     int iteration;       // 1-based, the iteration just completed
     size_t view;         // index into scene->views
-    double loss;         // 0.8 L1 + 0.2 (1 - SSIM) of this view
+    double loss;         // of this view; lambda: sgs_train_milestones.ssim_weight
     double loss_average; // EMA, bias-corrected
     double psnr_average; // EMA over training views, dB; unquantised image against photograph
     size_t gaussians;    // after the step

@@ -244,7 +244,7 @@ static void evaluate_spare(sgsi_density_columns *columns, const sgsi_statistics 
                    &found);
     result->regions = found.region_count;
     result->over_budget_share = found.over_budget_share;
-    result->mean_weight = found.mean_weight;
+    result->mean_weight = options->spare_densify ? found.mean_weight : 1.0;
     for (size_t i = 0; i < columns->count && !options->spare_densify; ++i)
         columns->weight[i] = 1.0f;
     if (!options->spare_prune)
@@ -400,8 +400,8 @@ static sgs_status decide_and_plan(const sgsi_density_rows *rows, const sgsi_pipe
     spare_result regions;
     evaluate_spare(columns, statistics, options, result, &regions);
     sgs_status status = pipeline->decide(options, columns, result);
-    if (!status && options->removal_max > 0.0)
-        status = sgsi_limit_removal(columns, options->removal_max);
+    if (!status)
+        status = sgsi_limit_removal(options, columns);
     if (!status && options->max_count)
         status = sgsi_limit_growth(columns, statistics, options->max_count);
     if (!status && regions.region_count)

@@ -22,6 +22,7 @@
 #include <math.h>
 
 #include "base/core.h"
+#include "density/row_limits.h"
 
 enum { PAPER_UPDATES = 265 };
 static const double rate_max = 0.2, momentum_decay = 0.98, momentum_step = 1e6, momentum_start = 5;
@@ -58,8 +59,11 @@ static sgs_status decide(const sgsi_density_options *options, sgsi_density_colum
             *chosen = sgsi_alloc(c->count ? c->count : 1, 1);
     sgs_status status = score && left && chosen ? SGS_STATUS_OK : SGS_STATUS_OUT_OF_MEMORY;
     size_t survivors = 0, pulled = 0;
-    for (size_t i = 0; i < c->count && !status; ++i) {
+    for (size_t i = 0; i < c->count && !status; ++i)
         c->removed[i] = c->opacity[i] < (float)options->opacity_min;
+    if (!status) // before the rows that replace the removed ones are counted
+        status = sgsi_limit_removal(options, c);
+    for (size_t i = 0; i < c->count && !status; ++i) {
         c->priority[i] = c->score[i] * c->weight[i];
         left[i] = !c->removed[i] && !c->redundant[i];
         score[i] = (double)c->priority[i];

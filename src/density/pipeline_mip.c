@@ -37,6 +37,12 @@ static sgs_status upper_quantile(const float *values, size_t count, double share
     return SGS_STATUS_OK;
 }
 
+// Without any gradient the quantile is 0, which no primitive reaches.
+static bool reaches(float gradient, float quantile)
+{
+    return quantile > 0.0f && gradient >= quantile;
+}
+
 static sgs_status decide(const sgsi_density_options *options, sgsi_density_columns *c,
                          sgsi_density_result *result)
 {
@@ -53,8 +59,8 @@ static sgs_status decide(const sgsi_density_options *options, sgsi_density_colum
         return status;
     for (size_t i = 0; i < c->count; ++i) {
         const float w = c->weight[i], share = quantile > 0.0f ? threshold / quantile : 0.0f;
-        const bool native = c->score[i] >= threshold || c->abs_grad[i] >= quantile;
-        const bool grows = c->score[i] * w >= threshold || c->abs_grad[i] * w >= quantile;
+        const bool native = c->score[i] >= threshold || reaches(c->abs_grad[i], quantile);
+        const bool grows = c->score[i] * w >= threshold || reaches(c->abs_grad[i] * w, quantile);
         c->priority[i] = fmaxf(c->score[i], c->abs_grad[i] * share) * w;
         c->action[i] = sgsi_density_growth(grows, c->scale_max[i], (float)options->size_split);
         c->removed[i] = sgsi_density_should_prune(options, c->opacity[i], c->scale_max[i]);

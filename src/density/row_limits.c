@@ -50,23 +50,27 @@ static bool loses_row(const sgsi_density_columns *columns, size_t i)
     return columns->action[i] != SGSI_ACTION_SPLIT && sgsi_density_is_removed(columns, i);
 }
 
-// Rows removed whatever the limit: those that are not finite, and new ones.
-static size_t removed_anyway(const sgsi_density_columns *columns, size_t i)
+// A row whose new rows the pipeline removes is removed, or kept, as one that does not grow.
+static void drop_empty_growth(sgsi_density_columns *columns)
 {
-    if (columns->degenerate[i])
-        return 1;
-    if (!columns->prune_children[i] || columns->action[i] == SGSI_ACTION_KEEP)
-        return 0;
-    return columns->action[i] == SGSI_ACTION_SPLIT ? 2 : 1;
+    for (size_t i = 0; i < columns->count; ++i) {
+        if (columns->action[i] == SGSI_ACTION_KEEP || !columns->prune_children[i])
+            continue;
+        columns->removed[i] |= columns->action[i] == SGSI_ACTION_SPLIT;
+        columns->action[i] = SGSI_ACTION_KEEP;
+        columns->prune_children[i] = 0;
+    }
 }
 
-sgs_status sgsi_limit_removal(sgsi_density_columns *columns, double share)
+sgs_status sgsi_limit_removal(const sgsi_density_options *options, sgsi_density_columns *columns)
 {
     const size_t n = columns->count;
-    size_t room = (size_t)(share * (double)n), wanted = 0;
+    size_t room = (size_t)(options->removal_max * (double)n), wanted = 0;
+    if (options->removal_max <= 0.0)
+        return SGS_STATUS_OK;
+    drop_empty_growth(columns);
     for (size_t i = 0; i < n; ++i) {
-        const size_t anyway = removed_anyway(columns, i);
-        room -= anyway < room ? anyway : room;
+        room -= columns->degenerate[i] && room;
         wanted += !columns->degenerate[i] && loses_row(columns, i);
     }
     if (wanted <= room)
@@ -140,8 +144,13 @@ sgs_status sgsi_limit_growth(sgsi_density_columns *columns, const sgsi_statistic
         r.score[i] = (double)columns->priority[i];
     }
     status = choose(&r, n, room);
-    for (size_t i = 0; i < n && !status; ++i)
-        columns->action[i] = r.chosen[i] ? columns->action[i] : SGSI_ACTION_KEEP;
+    for (size_t i = 0; i < n && !status; ++i) {
+        if (r.chosen[i] || columns->action[i] == SGSI_ACTION_KEEP)
+            continue;
+        if (columns->action[i] == SGSI_ACTION_SPLIT) // counted as a survivor
+            columns->removed[i] = columns->redundant[i] = 0;
+        columns->action[i] = SGSI_ACTION_KEEP;
+    }
     free_ranking(&r);
     return status;
 }

@@ -7,13 +7,13 @@
 
 #include "density/density.h"
 
-// Removes at most this share of the rows, those of least opacity first; the rest keep their row.
-// Rows that are not finite, and the clones and children that the pipeline removes, are always
-// removed and count as well.
-sgs_status sgsi_limit_removal(sgsi_density_columns *columns, double share);
+// Removes at most the share options->removal_max of the rows (0: no limit), those of least opacity
+// first; the others stay. Rows that are not finite are always removed, and count. A pipeline whose
+// growth depends on the removed rows calls it before; a second call changes nothing.
+sgs_status sgsi_limit_removal(const sgsi_density_options *options, sgsi_density_columns *columns);
 
 // Keeps the densifications of highest priority, so that at most `cap` rows remain. Rows of low
-// opacity are removed for them, up to a tenth of the cap per update, so that growth continues at
-// the cap.
+// opacity are replaced by them, up to a tenth of the cap per update and besides the rows removed
+// before, so that growth continues at the cap.
 sgs_status sgsi_limit_growth(sgsi_density_columns *columns, const sgsi_statistics *statistics,
                              size_t cap);

@@ -16,8 +16,8 @@
 //   2e-4 a third of all primitives pass at each update of a short run, compared with a few percent
 //   of a published run. The threshold is then in the bulk of the distribution, where weights
 //   (SPARE-GS) have little effect.
-// - An update in the second half of densification removes at most 5 % of the primitives, those of
-//   least opacity first: the few updates that remain cannot repair more.
+// - From N = 1000 on, an update in the second half of densification removes at most 5 % of the
+//   primitives, those of least opacity first: the few updates that remain cannot repair more.
 // - Opacity resets: every 3000 iterations, as published, rounded to updates. After the last one a
 //   third of the densification remains, or half a reset interval if that is shorter: opacities
 //   require some hundred visits to recover from 0.01, and the loss takes as long to settle.
@@ -260,7 +260,7 @@ sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, size_t views,
         schedule.half_size_until = 0;
     const double fewest = SHORT_UPDATES * pow(LARGE_UPDATES / SHORT_UPDATES, large),
                  updates = fewest * pow(paper_updates / fewest, beyond);
-    schedule.late_removal = LATE_REMOVAL;
+    schedule.late_removal = options->iterations < CONSTANT_LENGTH ? 0.0 : LATE_REMOVAL;
     schedule.densify_from = first_update(options->iterations);
     schedule.densify_interval =
         rounded((PAPER_HALF * f - schedule.densify_from) / updates, LEAST_INTERVAL);
@@ -278,6 +278,13 @@ bool sgsi_schedule_is_structural(const sgsi_schedule *schedule, int iteration)
 {
     return iteration > schedule->densify_from && iteration < schedule->densify_until &&
            iteration % schedule->densify_interval == 0;
+}
+
+int sgsi_schedule_first_update(const sgsi_schedule *schedule)
+{
+    const int interval = schedule->densify_interval,
+              first = (schedule->densify_from / interval + 1) * interval;
+    return sgsi_schedule_is_structural(schedule, first) ? first : 0;
 }
 
 bool sgsi_schedule_is_reset(const sgsi_schedule *schedule, int iteration)

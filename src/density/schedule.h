@@ -40,8 +40,8 @@ typedef struct sgsi_schedule {
     // Gradients of primitives closer to the camera than this, in extents of the scene, count less
     // for growth; 0 = none.
     double near_depth;
-    // Share of the primitives that an update in the second half of densification removes at most; 0
-    // = no limit.
+    // Share of the primitives that an update in the second half of densification removes at most,
+    // besides those replaced at the cap; 0 = no limit.
     double late_removal;
 } sgsi_schedule;
 
@@ -50,6 +50,8 @@ sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, size_t views,
 
 // True if a structural update follows this iteration (1-based).
 bool sgsi_schedule_is_structural(const sgsi_schedule *schedule, int iteration);
+// The first such iteration, 0 if there is none.
+int sgsi_schedule_first_update(const sgsi_schedule *schedule);
 // True if an opacity reset follows it.
 bool sgsi_schedule_is_reset(const sgsi_schedule *schedule, int iteration);
 // True if updates prune large primitives: after the first opacity reset, except the additional one

@@ -2,9 +2,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// The photometric loss 0.8 L1 + 0.2 (1 - SSIM) of Kerbl et al. 2023, equation 7, and its exact
-// gradient, in float, vectorised and threaded. SSIM window of 3DGS: 11x11 Gaussian, sigma 1.5
-// unless another one is given, zero padding, weights not renormalised at borders.
+// The photometric loss (1 - lambda) L1 + lambda (1 - SSIM) of Kerbl et al. 2023, equation 7 (there
+// lambda = 0.2), and its exact gradient, in float, vectorised and threaded. SSIM window of 3DGS:
+// 11x11 Gaussian, sigma 1.5 unless another one is given, zero padding, weights not renormalised at
+// borders.
 
 #include "sparegs/scene.h"
 

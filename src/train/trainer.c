@@ -429,7 +429,8 @@ static sgs_status check_ready(const sgs_trainer *trainer)
 }
 
 // Continues a run that completed a shorter schedule: its last iteration changed counters only and
-// is repeated, so that the state equals that of a run with the present length.
+// is repeated, so that the state equals that of a run with the present length. The rate of exposure
+// and the last refreshes of the 3D filter depend on the length and are those of the shorter one.
 static sgs_status repeat_last(sgs_trainer *trainer)
 {
     sgsi_progress *progress = &trainer->progress;
@@ -437,6 +438,7 @@ static sgs_status repeat_last(sgs_trainer *trainer)
     if (progress->stop != SGS_STOP_SCHEDULE || progress->iteration >= trainer->options.iterations)
         return SGS_STATUS_OK;
     progress->stop = SGS_STOP_NONE;
+    trainer->stop_text[0] = '\0';
     --progress->iteration;
     --progress->order_position;
     return sgs_trainer_step(trainer, &info);
@@ -593,11 +595,11 @@ sgs_train_bytes sgs_trainer_bytes(const sgs_trainer *trainer)
 sgs_train_milestones sgs_trainer_milestones(const sgs_trainer *trainer)
 {
     const sgsi_schedule *schedule = &trainer->schedule;
-    const bool grows = schedule->densify_until > 0,
+    const bool grows = sgsi_schedule_first_update(schedule) > 0,
                resets = sgsi_schedule_is_reset(schedule, schedule->reset_interval),
                halves = trainer->progress.resolution && !trainer->pipeline->small_images;
     return (sgs_train_milestones){.densify_from = grows ? schedule->densify_from : 0,
-                                  .densify_until = schedule->densify_until,
+                                  .densify_until = grows ? schedule->densify_until : 0,
                                   .densify_interval = grows ? schedule->densify_interval : 0,
                                   .reset_interval = resets ? schedule->reset_interval : 0,
                                   .half_size_until = halves ? schedule->half_size_until : 0,

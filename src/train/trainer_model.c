@@ -244,7 +244,9 @@ float sgsi_trainer_lr_opacity(const sgs_trainer *trainer, int iteration)
 
 bool sgsi_trainer_opacity_is_linear(const sgs_trainer *trainer)
 {
-    return opacity_after(trainer, trainer->progress.iteration) == SGSI_LATE_OPACITY_LINEAR;
+    const int iteration =
+        trainer->progress.iteration; // of the last step; they are converted after it
+    return iteration > 0 && opacity_after(trainer, iteration) == SGSI_LATE_OPACITY_LINEAR;
 }
 
 void sgsi_trainer_convert_opacity(sgs_trainer *trainer)

@@ -62,6 +62,7 @@ static sgs_status share_model(sgs_trainer *trainer)
         sgsi_free(trainer->cloud_points);
         sgsi_free(trainer->cloud_colors);
         trainer->cloud_points = NULL;
+        trainer->cloud_count = 0;
         trainer->cloud_colors = NULL;
     }
     sgsi_return_memory();

@@ -10,11 +10,10 @@
 #include "density/pipeline.h"
 #include "train/train_view.h"
 
-// Columns of the rows of all ranks; with one process, pointers to its own.
+// Columns of the rows of all ranks; NULL with one process.
 typedef struct sgsi_score_columns {
     float *gradient, *opacity, *volume, *depth, *radius, *sums;
     uint8_t *touched;
-    size_t capacity;
 } sgsi_score_columns;
 
 // Scores and the memory to compute them; arrays of `capacity` primitives.

@@ -325,6 +325,48 @@ static void a_limited_update_removes_the_faintest_rows_first(void **state)
     }
 }
 
+// Faint rows whose gradient is large: their clones and children are faint as well, so growth does
+// not circumvent the limit.
+static void faint_rows_that_grow_count_against_the_limit(void **state)
+{
+    (void)state;
+    for (int limited = 0; limited < 2; ++limited) {
+        fixture f = make(100);
+        f.options.removal_max = limited ? 0.05 : 0.0;
+        for (size_t i = 10; i < 30; ++i) {
+            *sgs_gaussians_at(f.model, i, SGS_PARAM_OPACITY) = -6.0f - 0.1f * (float)i;
+            *sgs_gaussians_at(f.model, i, SGS_PARAM_SCALE) = logf(i % 2 ? 0.05f : 0.4f);
+            f.statistics.gradient_sum[i] = 1e-2f;
+        }
+        update(&f);
+        assert_int_equal(f.model->count, limited ? 95 : 80);
+        size_t rows[8];
+        for (size_t i = 10; i < 30; ++i)
+            assert_int_equal(rows_of(&f, (float)i, rows), limited && i < 25);
+        drop(&f);
+    }
+}
+
+// Rows 0 to 19 are too large, their children are not. At the cap there is no room for the children.
+static void a_split_that_the_cap_denies_keeps_its_row(void **state)
+{
+    (void)state;
+    fixture f = make(100);
+    f.options.max_count = 100;
+    f.options.size_max = 1.0;
+    for (size_t i = 0; i < 100; ++i)
+        *sgs_gaussians_at(f.model, i, SGS_PARAM_OPACITY) = 3.0f;
+    for (size_t i = 0; i < 20; ++i) {
+        *sgs_gaussians_at(f.model, i, SGS_PARAM_SCALE) = logf(1.5f);
+        f.statistics.gradient_sum[i] = 1e-2f;
+    }
+    update(&f);
+    assert_int_equal(f.model->count, 100);
+    assert_int_equal(f.result.split, 0);
+    assert_int_equal(f.result.pruned, 0);
+    drop(&f);
+}
+
 static void rap_removes_faint_still_primitives_of_crowded_voxels_only(void **state)
 {
     (void)state;
@@ -435,6 +477,8 @@ int main(void)
         cmocka_unit_test(rows_grow_by_their_share_of_absolute_gradients),
         cmocka_unit_test(growth_continues_at_the_cap_by_replacing_rows_of_low_opacity),
         cmocka_unit_test(a_limited_update_removes_the_faintest_rows_first),
+        cmocka_unit_test(faint_rows_that_grow_count_against_the_limit),
+        cmocka_unit_test(a_split_that_the_cap_denies_keeps_its_row),
         cmocka_unit_test(rap_removes_faint_still_primitives_of_crowded_voxels_only),
         cmocka_unit_test(reset_lowers_opacities_and_clears_their_moments),
         cmocka_unit_test(sorting_keeps_every_row),

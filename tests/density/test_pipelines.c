@@ -551,6 +551,39 @@ static void every_pipeline_prunes_redundant_rows(void **state)
     }
 }
 
+// As if no view had seen a primitive. mcmc grows without gradients.
+static void no_pipeline_grows_without_gradients(void **state)
+{
+    (void)state;
+    for (int p = 0; p < SGS_PIPELINE_COUNT; ++p) {
+        const sgsi_pipeline *pipeline = sgsi_pipeline_get((sgs_pipeline)p);
+        if (!pipeline || pipeline->relocates)
+            continue;
+        fixture *f = make(pipeline, 200, 0.0f);
+        f->options.until = 27000;
+        assert_int_equal(update(f), 200);
+        drop(f);
+    }
+}
+
+// Rows that the limit keeps are not replaced.
+static void dash_replaces_only_rows_that_are_removed(void **state)
+{
+    (void)state;
+    for (int limited = 0; limited < 2; ++limited) {
+        fixture *f = make(&sgsi_pipeline_dash, 100, 1e-3f);
+        f->train.pipeline_options.dash_count = 100;
+        f->options.until = 27000;
+        f->options.update_count = 265;
+        f->options.removal_max = limited ? 0.05 : 0.0;
+        for (size_t i = 0; i < 12; ++i)
+            set_faint(f, i);
+        assert_int_equal(update(f), 100);
+        assert_int_equal(f->result.pruned, limited ? 5 : 12);
+        drop(f);
+    }
+}
+
 // The weights of crowded voxels suppress growth.
 static void weights_suppress_growth_in_every_pipeline(void **state)
 {
@@ -604,6 +637,8 @@ int main(void)
         cmocka_unit_test(fastgs_scores_average_votes_and_scale_pruning),
         cmocka_unit_test(dash_adds_no_more_than_its_budget),
         cmocka_unit_test(dash_prunes_before_it_grows),
+        cmocka_unit_test(no_pipeline_grows_without_gradients),
+        cmocka_unit_test(dash_replaces_only_rows_that_are_removed),
         cmocka_unit_test(every_pipeline_prunes_redundant_rows),
         cmocka_unit_test(weights_suppress_growth_in_every_pipeline),
     };

@@ -279,20 +279,32 @@ static sgsi_schedule make_for(sgs_pipeline pipeline, int iterations)
 static void late_updates_of_scaled_runs_remove_five_percent_at_most(void **state)
 {
     (void)state;
-    for (int n = 200; n < 30000; n += 1700) {
-        const sgsi_schedule schedule = make(n, SGS_SCHEDULE_SCALED);
-        for (int i = 1; i <= n; ++i) {
-            const bool late = i > schedule.densify_until / 2;
-            const bool limited = late && sgsi_schedule_is_structural(&schedule, i);
-            assert_true(sgsi_schedule_removal_max(&schedule, i) == (limited ? 0.05 : 0.0));
+    for (int p = 0; p < SGS_PIPELINE_COUNT; ++p)
+        for (int n = 200; n < 30000; n += 1700) {
+            sgs_train_options options = sgs_train_options_default();
+            options.pipeline = (sgs_pipeline)p;
+            options.iterations = n;
+            const sgsi_schedule schedule = sgsi_schedule_make(&options, VIEWS, SMALL);
+            const bool limited = n >= 1000 && options.pipeline != SGS_PIPELINE_MCMC;
+            int first = 0;
+            for (int i = 1; i <= n; ++i) {
+                const bool structural = sgsi_schedule_is_structural(&schedule, i),
+                           late = structural && i > schedule.densify_until / 2;
+                first = !first && structural ? i : first;
+                assert_true(sgsi_schedule_removal_max(&schedule, i) ==
+                            (late && limited ? 0.05 : 0.0));
+            }
+            assert_int_equal(sgsi_schedule_first_update(&schedule), first);
         }
-    }
     const sgsi_schedule published = make(30000, SGS_SCHEDULE_SCALED),
-                        paper = make(7000, SGS_SCHEDULE_PAPER);
+                        paper = make(7000, SGS_SCHEDULE_PAPER),
+                        shortest = make(20, SGS_SCHEDULE_SCALED);
     for (int i = 1; i <= 30000; ++i) {
         assert_true(sgsi_schedule_removal_max(&published, i) == 0.0);
         assert_true(sgsi_schedule_removal_max(&paper, i) == 0.0);
     }
+    assert_int_equal(sgsi_schedule_first_update(&published), 600);
+    assert_int_equal(sgsi_schedule_first_update(&shortest), 0);
 }
 
 static void finetuning_has_no_milestones(void **state)

@@ -155,12 +155,45 @@ static void absolute_gradients_are_collected_for_schedules_that_use_them(void **
     }
 }
 
+static void set_faint(sgs_gaussians *model)
+{
+    for (size_t i = 0; i < model->count; i += 2)
+        *sgs_gaussians_at(model, i, SGS_PARAM_OPACITY) = -7.0f - 1e-4f * (float)i;
+}
+
+// Half of the primitives are faint at the first update and at one in the second half of the
+// densification.
+static void late_updates_remove_what_the_schedule_permits(void **state)
+{
+    (void)state;
+    sgs_train_options options = sgs_train_options_default();
+    options.iterations = 1000;
+    options.spare = 0;
+    sgs_trainer *trainer = trainer_create(scene, &options);
+    trainer->schedule.lr_opacity = 0.0;
+    trainer->schedule.threshold_factor = 1e9; // no growth
+    const int interval = trainer->schedule.densify_interval,
+              early = sgsi_schedule_first_update(&trainer->schedule),
+              late = (trainer->schedule.densify_until - 1) / interval * interval;
+    assert_true(late > trainer->schedule.densify_until / 2 && early < late);
+    trainer_run(trainer, early - 1);
+    size_t before = trainer->model->count;
+    set_faint(trainer->model);
+    assert_int_equal(trainer_run(trainer, 2).pruned, (before + 1) / 2);
+    trainer_run(trainer, late - early - 2);
+    before = trainer->model->count;
+    set_faint(trainer->model);
+    assert_int_equal(trainer_run(trainer, 2).pruned, before / 20);
+    sgs_trainer_destroy(trainer);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(factors_of_the_schedule_scale_the_first_step),
         cmocka_unit_test(the_loss_has_the_given_ssim),
         cmocka_unit_test(absolute_gradients_are_collected_for_schedules_that_use_them),
+        cmocka_unit_test(late_updates_remove_what_the_schedule_permits),
     };
     return cmocka_run_group_tests(tests, load, unload);
 }

@@ -300,7 +300,7 @@ bool run_folder_write_inputs(const run_folder *folder, const sgs_scene *scene,
     char *cameras = format_text("%s/cameras.json", folder->path);
     char *input = format_text("%s/input.ply", folder->path);
     const bool written = !sgs_scene_write_cameras_json(scene, cameras) &&
-                         (!count || !points || !sgs_ply_write_points(input, points, colors, count));
+                         (!count || !sgs_ply_write_points(input, points, colors, count));
     if (!written)
         fail_library();
     free(cameras);

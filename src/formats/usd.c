@@ -185,7 +185,7 @@ sgs_status sgsi_usd_write(const char *path, const sgs_gaussians *model,
     if (status)
         return status;
     if (model->count > WARN_COUNT)
-        sgsi_warn("%s: text takes about 0.6 kB per primitive; %zu primitives load slowly", path,
+        sgsi_warn("%s: text takes about 0.9 kB per primitive; %zu primitives load slowly", path,
                   model->count);
     write_layer(file.stream, model, options);
     written->bytes = (uint64_t)ftell(file.stream);

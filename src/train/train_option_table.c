@@ -133,7 +133,7 @@ static const sgs_train_option table[] = {
      FIELD(init),
      .values = "MODEL",
      .initial_text = "none",
-     .help = "initialise from this 3DGS model (a PLY file or run folder) instead of the point "
+     .help = "initialise from this model file or run folder instead of the point "
              "cloud",
      .group = training,
      ALL_PIPELINES,

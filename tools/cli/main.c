@@ -67,7 +67,8 @@ static void print_commands(FILE *stream)
     fputs(
         "  help        print this help, or that of a command: sparegs help COMMAND\n\n  --version  "
         " print the versions of the program and its libraries, and the instruction set\n\nExit "
-        "status: 0 success; 1 failure; 2 usage error; 130 or 143 stopped by SIGINT or SIGTERM.\n",
+        "status: 0 success; 1 failure; 2 usage error; 129, 130 or 143 stopped by SIGHUP, SIGINT or "
+        "SIGTERM.\n",
         stream);
 }
 

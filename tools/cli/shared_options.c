@@ -91,7 +91,8 @@ static const option scene_options[] = {
     {.name = "eval",
      .kind = OPTION_FLAG,
      .offset = offsetof(scene_values, eval),
-     .help = "hold out every 8th image (same as --test-every 8)"},
+     .help = "hold out the test views that the scene names, or else every 8th image (same as "
+             "--test-every 8)"},
     {.name = "test-every",
      .kind = OPTION_INTEGER,
      .offset = offsetof(scene_values, test_every),

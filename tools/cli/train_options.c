@@ -216,9 +216,10 @@ static void add_row(const sgs_train_option *from, const sgs_train_options *initi
 static void describe_resume(const sgs_train_option *rows, size_t count)
 {
     char name[32];
-    size_t used = (size_t)snprintf(resume_help, sizeof resume_help,
-                                   "continue the run in OUT from its latest checkpoint with the "
-                                   "same options; only these may change:");
+    size_t used =
+        (size_t)snprintf(resume_help, sizeof resume_help,
+                         "continue the run in OUT from its latest checkpoint with the "
+                         "same options; of those that shape the model, only these may change:");
     const char *comma = "";
     for (size_t i = 0; i < count && used < sizeof resume_help; ++i) {
         if (rows[i].resume != SGS_RESUME_FREE && rows[i].resume != SGS_RESUME_FREE_PAPER)

@@ -20,7 +20,7 @@
 
 static const char description[] =
     "Measures the phases of a training iteration on built-in scenes (listed by --list; all of them "
-    "by default), or on MODEL (a PLY file or a run folder) viewed from the cameras of SCENE. "
+    "by default), or on MODEL (a model file or a run folder) viewed from the cameras of SCENE. "
     "Prints the median, minimum and maximum over the repetitions, per ray hit in TSC cycles and "
     "nanoseconds and per megapixel, both as core time (wall-clock time x threads), together with "
     "the limits of the machine, measured in the same run. `forward` is project, order and blend "

@@ -16,7 +16,8 @@
 #include "sparegs/compress.h"
 
 static const char description[] =
-    "Compresses MODEL (a PLY file, or a run folder: its latest iteration) with a published method. "
+    "Compresses MODEL (a model file, or a run folder: its latest iteration) with a published "
+    "method. "
     "SCENE provides the views for methods that weight primitives by their contribution or that "
     "fine-tune the result. `sparegs decompress` writes the PLY file again.\n"
     "ghap reduces the number of primitives and stores them as floats. sog sorts them into a square "

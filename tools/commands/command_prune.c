@@ -19,7 +19,7 @@
 #include "sparegs/prune.h"
 
 static const char description[] =
-    "Removes the share R of the primitives of MODEL (a PLY file, or a run folder: its latest "
+    "Removes the share R of the primitives of MODEL (a model file, or a run folder: its latest "
     "iteration) that a score finds least important, and writes the rest as a PLY. lightgaussian: "
     "opacity times transmittance over all hits in the training views, weighted by volume. refine: "
     "closed form from the parameters and the camera positions, without rendering. pup: log "

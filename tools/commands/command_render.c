@@ -22,7 +22,8 @@
 #include "sparegs/rank_check.h"
 
 static const char description[] =
-    "Renders MODEL (a PLY file, or a run folder: its latest iteration) from the cameras of SCENE, "
+    "Renders MODEL (a model file, or a run folder: its latest iteration) from the cameras of "
+    "SCENE, "
     "from a camera file, or along a path around the scene. Writes DIR/STEM.exr with all AOVs as "
     "layers, or DIR/STEM.png and DIR/STEM.AOV.png, where STEM is the image name of the view "
     "without extension, and prints the paths. EXR colours are premultiplied by alpha, without "

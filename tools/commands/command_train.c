@@ -38,7 +38,8 @@ static const char description[] =
     "point_cloud/iteration_N/point_cloud.ply  the model, readable by 3DGS viewers\n  cameras.json, "
     "input.ply, config.json     cameras, initial cloud, options\n  train.csv, spare.csv, "
     "summary.json       training curves and results\n  checkpoint/                              "
-    "full state for --resume\nSIGINT, SIGTERM and SIGHUP finish the current iteration and save; a "
+    "full state for --resume\nSIGINT, SIGTERM, SIGUSR2 and SIGHUP finish the current iteration and "
+    "save; a "
     "second signal exits immediately. SIGUSR1 saves a checkpoint and continues. Under mpirun or "
     "srun, several processes train one model, with the result of one process.";
 

@@ -16,7 +16,7 @@
 #include "viewer/view_session.h"
 
 static const char description[] =
-    "Shows MODEL (a PLY file, or a run folder: its latest iteration) in the browser, rendered by "
+    "Shows MODEL (a model file, or a run folder: its latest iteration) in the browser, rendered by "
     "the tracer. Prints the address to open and serves until SIGINT or SIGTERM. With SCENE its "
     "photographs can be shown next to the renders; a run folder provides the cameras also without "
     "SCENE, and the curves of its training.";

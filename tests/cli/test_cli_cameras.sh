@@ -19,8 +19,11 @@ run 0 render "$model" "$room" --orbit 4 --aov rgba -o "$temporary/orbit"
 check four_frames test "$(pictures "$temporary/orbit" exr)" = \
     'orbit_00000.exr orbit_00001.exr orbit_00002.exr orbit_00003.exr '
 check frames_differ bash -c "! oiiotool --fail 0.01 '$temporary/orbit/orbit_00000.exr' '$temporary/orbit/orbit_00002.exr' --diff"
-run 0 render "$model" "$room" --orbit 4 --frames 1-3:2 --aov rgba -o "$temporary/some"
+run 0 render "$model" "$room" --orbit 4 --frames 1-3:2 --aov rgba --save-cameras chan,usda -o "$temporary/some"
 check every_second test "$(pictures "$temporary/some" exr)" = 'orbit_00001.exr orbit_00003.exr '
+check chan_has_frame_numbers test "$(cut -f 1 "$temporary/some/cameras.chan" | tr '\n' ' ')" = '1 3 '
+check usda_has_frame_numbers test "$(grep -oE '^        [0-9]+: \(\(|(start|end)TimeCode = [0-9]+' "$temporary/some/cameras.usda" |
+    tr -d ':( \n')" = startTimeCode=1endTimeCode=313
 check same_frame oiiotool --fail 0 "$temporary/orbit/orbit_00003.exr" "$temporary/some/orbit_00003.exr" --diff
 run 0 render "$model" "$room" --spiral 3 --frames 2 --size 50x40 --aov rgba -o "$temporary/spiral"
 check one_frame test "$(pictures "$temporary/spiral" exr)" = 'spiral_00002.exr '

@@ -444,8 +444,8 @@ static bool describe_cameras(FILE *out, const void *context)
 }
 
 static bool render_model(const command_line *line, const model_path *located,
-                         const camera_list *cameras, drawing_values *drawing,
-                         const render_values *values)
+                         const camera_list *cameras, const frame_range *range,
+                         drawing_values *drawing, const render_values *values)
 {
     sgs_gaussians *model = NULL;
     if (!model_read(located, drawing, &model))
@@ -462,7 +462,10 @@ static bool render_model(const command_line *line, const model_path *located,
     if (!formats && values->output && (values->orbit || values->spiral))
         formats = CAMERAS_JSON;
     const bool exports = formats && group_leads();
-    bool done = !exports || cameras_export(values->output, formats, cameras, options.fps);
+    const camera_frames frames = {.first = range->step ? (size_t)range->first : 0,
+                                  .step = range->step ? (size_t)range->step : 1,
+                                  .fps = options.fps};
+    bool done = !exports || cameras_export(values->output, formats, cameras, &frames);
     json_t *before = group_ranks() ? reported_files_take() : NULL;
     done = group_all(done) &&
            find_regions(line->operands[0], located->iteration, model, &regions, &options.aovs) &&
@@ -495,7 +498,7 @@ static int run_render(const command_line *line, const render_values *values,
         drawing_resolve(drawing, line, located.config, data, scene);
         if (values->reference)
             drawing->compact_box = 1; // the reference has no tiles
-        const bool done = render_model(line, &located, &cameras, drawing, values);
+        const bool done = render_model(line, &located, &cameras, &choice->frames, drawing, values);
         status = done ? interrupt_status() : EXIT_FAILED;
     }
     camera_list_free(&cameras);

@@ -19,11 +19,12 @@ static sgs_status decide(const sgsi_density_options *options, sgsi_density_colum
     for (size_t i = 0; i < c->count; ++i) {
         const float score = fmaxf(c->score[i], (float)options->abs_share * c->abs_grad[i]);
         c->priority[i] = score * c->weight[i];
-        const bool grows = c->priority[i] >= threshold;
+        const bool passes = !options->final_prune && score >= threshold;
+        const bool grows = !options->final_prune && c->priority[i] >= threshold;
         c->action[i] = sgsi_density_growth(grows, c->scale_max[i], (float)options->size_split);
         c->removed[i] = sgsi_density_should_prune(options, c->opacity[i], c->scale_max[i]);
         c->prune_children[i] = sgsi_density_should_prune_after(options, c, i);
-        sgsi_density_count_reversal(score >= threshold, grows, result);
+        sgsi_density_count_reversal(passes, grows, result);
     }
     return SGS_STATUS_OK;
 }

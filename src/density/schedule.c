@@ -18,6 +18,8 @@
 //   (SPARE-GS) have little effect.
 // - From N = 1000 on, an update in the second half of densification removes at most 5 % of the
 //   primitives, those of least opacity first: the few updates that remain cannot repair more.
+//   On large photographs, the updates go on until the rates decay, but only remove: mostly those
+//   that this limit kept.
 // - Opacity resets: every 3000 iterations, as published, rounded to updates. After the last one a
 //   third of the densification remains, or half a reset interval if that is shorter: opacities
 //   require some hundred visits to recover from 0.01, and the loss takes as long to settle.
@@ -28,14 +30,14 @@
 //   beyond.
 // - Rate of SH above degree 0: times views / 24 at N = 7000 if there are fewer than 24; the
 //   reduction fades out towards N = 2000 and N = 30 000.
-// - Large photographs, 3dgs only: from 320 000 pixels and 60 views on, the published threshold,
+// - Large photographs, 3dgs only: from 320 000 pixels and 60 views on, 1.05 times the threshold,
 //   absolute gradients at twice the threshold (AbsGS), and less weight of gradients close to the
 //   camera (Pixel-GS, its constant). Textures finer than the primitives have signed gradients that
 //   cancel. In the loss, SSIM has a weight of 0.4 instead of 0.2 and a window with a standard
 //   deviation of 1 pixel instead of 1.5, which sharpens the image. Opacity has 1.5 times the
 //   published rate: fewer primitives per ray, which saves time. More primitives then fade between
-//   two updates, so there are 15 updates, and each prunes less. The rates decay to 0.3 instead of a
-//   tenth. The first quarter of the run has images of half the size, which saves time, too. Below
+//   two updates, so there are 15 updates, and each prunes less. The rates decay to a half instead of
+//   a tenth. The first quarter of the run has images of half the size, which saves time, too. Below
 //   these limits, settings are interpolated over the logarithm of the pixels from 130 000 and
 //   linearly over the views from 15. They fade out towards N = 30 000.
 //
@@ -71,7 +73,7 @@ enum {
 #define LARGE_PIXELS 3.2e5
 #define FINE_VIEWS_FROM 15.0
 #define FINE_VIEWS 60.0
-#define LARGE_THRESHOLD 1.0
+#define LARGE_THRESHOLD 1.05
 #define LARGE_UPDATES 15.0
 #define LARGE_ABS_SHARE 0.5
 #define LARGE_NEAR_DEPTH 0.37 // gamma of Pixel-GS
@@ -80,7 +82,7 @@ enum {
 #define LARGE_SSIM_WEIGHT 0.4
 #define SSIM_SIGMA 1.5 // pixels
 #define LARGE_SSIM_SIGMA 1.0
-#define LARGE_LATE_RATE 0.3
+#define LARGE_LATE_RATE 0.5
 #define LARGE_OPACITY_RATE 1.5
 #define LATE_REMOVAL 0.05
 
@@ -261,6 +263,10 @@ sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, size_t views,
     const double fewest = SHORT_UPDATES * pow(LARGE_UPDATES / SHORT_UPDATES, large),
                  updates = fewest * pow(paper_updates / fewest, beyond);
     schedule.late_removal = options->iterations < CONSTANT_LENGTH ? 0.0 : LATE_REMOVAL;
+    if (schedule.late_removal > 0.0 && fine > 0.0)
+        schedule.thin_until =
+            schedule.densify_until +
+            rounded(fine * (schedule.anneal_from - schedule.densify_until), 0);
     schedule.densify_from = first_update(options->iterations);
     schedule.densify_interval =
         rounded((PAPER_HALF * f - schedule.densify_from) / updates, LEAST_INTERVAL);
@@ -302,15 +308,28 @@ bool sgsi_schedule_prunes_large(const sgsi_schedule *schedule, int last_reset)
 
 bool sgsi_schedule_is_final_prune(const sgsi_schedule *schedule, int iteration)
 {
-    return schedule->prune_interval && iteration > schedule->densify_until &&
-           iteration < schedule->iterations && iteration % schedule->prune_interval == 0;
+    const bool own = schedule->prune_interval && iteration > schedule->densify_until &&
+                     iteration < schedule->iterations && iteration % schedule->prune_interval == 0;
+    return own || sgsi_schedule_is_thinning(schedule, iteration);
+}
+
+bool sgsi_schedule_is_thinning(const sgsi_schedule *schedule, int iteration)
+{
+    return iteration >= schedule->densify_until && iteration <= schedule->thin_until &&
+           iteration % schedule->densify_interval == 0;
+}
+
+bool sgsi_schedule_needs_statistics(const sgsi_schedule *schedule, int iteration)
+{
+    return iteration < schedule->iterations &&
+           (iteration < schedule->densify_until || iteration < schedule->thin_until);
 }
 
 double sgsi_schedule_removal_max(const sgsi_schedule *schedule, int iteration)
 {
     const bool late = 2 * (long)iteration > schedule->densify_until &&
                       sgsi_schedule_is_structural(schedule, iteration);
-    return late ? schedule->late_removal : 0.0;
+    return late || sgsi_schedule_is_thinning(schedule, iteration) ? schedule->late_removal : 0.0;
 }
 
 bool sgsi_schedule_may_resize(const sgsi_schedule *schedule, int iteration)

@@ -18,6 +18,7 @@ typedef struct sgsi_schedule {
     int first_reset;                 // additional reset for a white background; 0 = none
     double growth;                   // MCMC: rows that an update adds, as a fraction
     int prune_interval;              // final prunes after densify_until; 0 = none
+    int thin_until; // after densify_until, updates until here remove primitives; 0 = none
     // See pipeline.h; 0 = every iteration steps.
     int batch_rest, batch_middle, batch_late, middle_until;
     int sh_interval;          // iterations per additional SH band; 0 = all bands at once
@@ -40,8 +41,8 @@ typedef struct sgsi_schedule {
     // Gradients of primitives closer to the camera than this, in extents of the scene, count less
     // for growth; 0 = none.
     double near_depth;
-    // Share of the primitives that an update in the second half of densification removes at most,
-    // besides those replaced at the cap; 0 = no limit.
+    // Share of the primitives that an update in the second half of densification, or until
+    // thin_until, removes at most, besides those replaced at the cap; 0 = no limit.
     double late_removal;
 } sgsi_schedule;
 
@@ -57,8 +58,13 @@ bool sgsi_schedule_is_reset(const sgsi_schedule *schedule, int iteration);
 // True if updates prune large primitives: after the first opacity reset, except the additional one
 // for a white background. last_reset: iteration of the last reset, -1 = none.
 bool sgsi_schedule_prunes_large(const sgsi_schedule *schedule, int last_reset);
-// True if one of the final prunes, after densification, follows this iteration.
+// True if an update after densification, which only removes primitives, follows this iteration:
+// a final prune of the pipeline, or thinning.
 bool sgsi_schedule_is_final_prune(const sgsi_schedule *schedule, int iteration);
+// True if such an update is one of thinning: SPARE-GS and the pipeline's ordinary pruning rule.
+bool sgsi_schedule_is_thinning(const sgsi_schedule *schedule, int iteration);
+// True if the statistics of this iteration count for a later update.
+bool sgsi_schedule_needs_statistics(const sgsi_schedule *schedule, int iteration);
 // Share of the primitives that the update after this iteration removes at most; 0 = no limit.
 double sgsi_schedule_removal_max(const sgsi_schedule *schedule, int iteration);
 // True if the size of the images may change after this iteration.

@@ -214,7 +214,7 @@ static int active_sh_degree(const sgs_trainer *trainer, int iteration)
 // True if statistics for density control are collected.
 static bool collects_statistics(const sgs_trainer *trainer, int iteration)
 {
-    return iteration < trainer->schedule.densify_until && iteration < trainer->options.iterations;
+    return sgsi_schedule_needs_statistics(&trainer->schedule, iteration);
 }
 
 // The next view and its photograph. After a failure the same view is next.
@@ -223,7 +223,7 @@ static sgs_status begin_view(sgs_trainer *trainer, int iteration, sgsi_train_vie
     const sgsi_progress before = trainer->progress;
     const bool collects = collects_statistics(trainer, iteration);
     sgsi_tracer_collect_abs_grad(trainer->views.tracer,
-                                 collects && sgsi_trainer_uses_abs_grad(trainer));
+                                 collects && sgsi_trainer_uses_abs_grad(trainer, iteration));
     *view = (sgsi_train_view){.iteration = iteration,
                               .index = next_view(trainer),
                               .model = trainer->model,
@@ -602,6 +602,7 @@ sgs_train_milestones sgs_trainer_milestones(const sgs_trainer *trainer)
                                   .densify_until = grows ? schedule->densify_until : 0,
                                   .densify_interval = grows ? schedule->densify_interval : 0,
                                   .reset_interval = resets ? schedule->reset_interval : 0,
+                                  .thin_until = grows ? schedule->thin_until : 0,
                                   .half_size_until = halves ? schedule->half_size_until : 0,
                                   .sh_interval = schedule->sh_interval,
                                   .gradient_factor = schedule->threshold_factor,

@@ -192,7 +192,7 @@ sgs_status sgsi_trainer_optimize(sgs_trainer *trainer, const sgsi_train_view *vi
         begin_step(trainer, view->iteration, &job.input);
     if (collects)
         job.input.gradient_sum = trainer->statistics.gradient_sum;
-    if (collects && sgsi_trainer_uses_abs_grad(trainer))
+    if (collects && sgsi_trainer_uses_abs_grad(trainer, view->iteration))
         job.input.abs_grad_sum = trainer->statistics.abs_grad_sum;
     sgsi_parallel_ranges((sgsi_trainer_own(trainer) + SGS_LANES - 1) / SGS_LANES, 64,
                          optimize_range, &job);

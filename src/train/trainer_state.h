@@ -74,10 +74,11 @@ struct sgs_trainer {
     char stop_text[160];
 };
 
-// True if density control needs sums of absolute gradients.
-static inline bool sgsi_trainer_uses_abs_grad(const sgs_trainer *trainer)
+// True if growth needs sums of absolute gradients of this iteration.
+static inline bool sgsi_trainer_uses_abs_grad(const sgs_trainer *trainer, int iteration)
 {
-    return trainer->pipeline->abs_grad || trainer->schedule.abs_share > 0.0;
+    return iteration < trainer->schedule.densify_until &&
+           (trainer->pipeline->abs_grad || trainer->schedule.abs_share > 0.0);
 }
 
 // True if several ranks share the rows (base/row_groups.h).

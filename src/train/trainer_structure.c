@@ -75,6 +75,7 @@ static sgsi_density_options density_options(sgs_trainer *trainer, int iteration,
     sgsi_progress *progress = &trainer->progress;
     const double extent = trainer->scene->extent;
     const bool final_prune = !sgsi_schedule_is_structural(schedule, iteration);
+    const bool regulates = !final_prune || sgsi_schedule_is_thinning(schedule, iteration);
     const bool rests =
         spare_pruning_rests(iteration, progress->last_reset, schedule->densify_interval);
     return (sgsi_density_options){
@@ -102,8 +103,8 @@ static sgsi_density_options density_options(sgs_trainer *trainer, int iteration,
         .admits_context = trainer,
         .seed = o->seed,
         .iteration = iteration,
-        .spare_densify = (o->spare & SGS_SPARE_BMD) && !final_prune,
-        .spare_prune = (o->spare & SGS_SPARE_RAP) && !rests && !final_prune,
+        .spare_densify = (o->spare & SGS_SPARE_BMD) && regulates,
+        .spare_prune = (o->spare & SGS_SPARE_RAP) && !rests && regulates,
         .spare = spare};
 }
 

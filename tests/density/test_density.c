@@ -347,6 +347,27 @@ static void faint_rows_that_grow_count_against_the_limit(void **state)
     }
 }
 
+// Of the rows with a large gradient none grows, of the faint ones 5 % are removed.
+static void thinning_only_removes(void **state)
+{
+    (void)state;
+    fixture f = make(100);
+    f.options.removal_max = 0.05;
+    f.options.final_prune = true;
+    for (size_t i = 0; i < 100; ++i) {
+        if (i >= 10 && i < 20)
+            *sgs_gaussians_at(f.model, i, SGS_PARAM_OPACITY) = -6.0f - 0.1f * (float)i;
+        *sgs_gaussians_at(f.model, i, SGS_PARAM_SCALE) = logf(i % 2 ? 0.05f : 0.4f);
+        f.statistics.gradient_sum[i] = 1e-2f;
+    }
+    update(&f);
+    assert_int_equal(f.model->count, 95);
+    size_t rows[8];
+    for (size_t i = 0; i < 100; ++i)
+        assert_int_equal(rows_of(&f, (float)i, rows), i < 15 || i >= 20);
+    drop(&f);
+}
+
 // Rows 0 to 19 are too large, their children are not. At the cap there is no room for the children.
 static void a_split_that_the_cap_denies_keeps_its_row(void **state)
 {
@@ -478,6 +499,7 @@ int main(void)
         cmocka_unit_test(growth_continues_at_the_cap_by_replacing_rows_of_low_opacity),
         cmocka_unit_test(a_limited_update_removes_the_faintest_rows_first),
         cmocka_unit_test(faint_rows_that_grow_count_against_the_limit),
+        cmocka_unit_test(thinning_only_removes),
         cmocka_unit_test(a_split_that_the_cap_denies_keeps_its_row),
         cmocka_unit_test(rap_removes_faint_still_primitives_of_crowded_voxels_only),
         cmocka_unit_test(reset_lowers_opacities_and_clears_their_moments),

@@ -463,12 +463,12 @@ static void short_runs_follow_the_size_of_the_photographs(void **state)
         threshold = schedule.threshold_factor;
         share = schedule.abs_share;
         assert_true(pixels > 1.3e5 || (fabs(threshold - 1.7) < 1e-12 && share == 0.0));
-        assert_true(pixels < 3.2e5 || (fabs(threshold - 1.0) < 1e-12 && share == 0.5));
+        assert_true(pixels < 3.2e5 || (fabs(threshold - 1.05) < 1e-12 && share == 0.5));
         assert_true(fabs(schedule.near_depth - 0.74 * share) < 1e-12);
         assert_true(fabs(schedule.ssim_weight - 0.2 - 0.4 * share) < 1e-12);
         assert_true(fabs(schedule.ssim_sigma - 1.5 + share) < 1e-12);
         assert_true(fabs(schedule.lr_opacity - pow(2.25, share)) < 1e-12);
-        assert_true(fabs(schedule.lr_late - 0.1 * pow(9.0, share)) < 1e-12);
+        assert_true(fabs(schedule.lr_late - 0.1 * pow(25.0, share)) < 1e-12);
         const double half = 0.5 * 7000 * share;
         assert_true(half < 117 ? schedule.half_size_until == 0
                                : fabs(schedule.half_size_until - half) < 0.51);
@@ -480,7 +480,7 @@ static void short_runs_follow_the_size_of_the_photographs(void **state)
         few = schedule.threshold_factor;
         assert_true((schedule.abs_share == 0.0) == (views <= 15));
         assert_true((schedule.abs_share == 0.5) == (views >= 60));
-        assert_true(fabs(log(few / 1.7) / log(1.0 / 1.7) - 2 * schedule.abs_share) < 1e-9);
+        assert_true(fabs(log(few / 1.7) / log(1.05 / 1.7) - 2 * schedule.abs_share) < 1e-9);
     }
     for (int pipeline = 0; pipeline < SGS_PIPELINE_COUNT; ++pipeline)
         for (int k = 0; k < 3; ++k) {
@@ -499,6 +499,42 @@ static void short_runs_follow_the_size_of_the_photographs(void **state)
             assert_true((large.lr_late == small.lr_late) == same);
             assert_true((large.half_size_until == 0) == same && small.half_size_until == 0);
             assert_true((large.densify_interval == small.densify_interval) == same);
+        }
+}
+
+// Short runs of 3DGS on large photographs: updates go on until the rates decay, and only remove.
+static void large_photographs_are_thinned_until_the_rates_decay(void **state)
+{
+    (void)state;
+    for (int p = 0; p < SGS_PIPELINE_COUNT; ++p)
+        for (int k = 0; k < 6; ++k) {
+            const int lengths[] = {999, 1000, 7000, 15000, 30000, 7000};
+            sgs_train_options options = sgs_train_options_default();
+            options.pipeline = (sgs_pipeline)p;
+            options.iterations = lengths[k];
+            options.schedule = k == 5 ? SGS_SCHEDULE_PAPER : SGS_SCHEDULE_SCALED;
+            const sgsi_schedule small = sgsi_schedule_make(&options, VIEWS, SMALL),
+                                large = sgsi_schedule_make(&options, VIEWS, 1e6);
+            const bool thins = options.pipeline == SGS_PIPELINE_3DGS && k >= 1 && k <= 3;
+            int updates = 0;
+            assert_int_equal(small.thin_until, 0);
+            for (int i = 1; i <= options.iterations; ++i) {
+                const bool thinning = sgsi_schedule_is_thinning(&large, i);
+                assert_false(sgsi_schedule_is_thinning(&small, i));
+                assert_false(thinning && (sgsi_schedule_is_structural(&large, i) ||
+                                          sgsi_schedule_is_annealing(&large, i)));
+                assert_true(!thinning || (sgsi_schedule_is_final_prune(&large, i) &&
+                                          sgsi_schedule_removal_max(&large, i) == 0.05));
+                updates += thinning;
+                // Statistics are collected for every update, and not after the last one.
+                assert_true(sgsi_schedule_needs_statistics(&large, i) ==
+                            (i < options.iterations &&
+                             (i < large.densify_until || i < large.thin_until)));
+            }
+            const int room = large.anneal_from - large.densify_until;
+            assert_int_equal(updates > 0, thins);
+            assert_true(!thins || k == 3 || abs(updates - room / large.densify_interval) <= 1);
+            assert_true(k != 3 || large.thin_until < large.anneal_from);
         }
 }
 
@@ -543,6 +579,7 @@ int main(void)
         cmocka_unit_test(mcmc_has_244_updates_and_no_reset),
         cmocka_unit_test(mcmc_scales_its_updates_with_the_run),
         cmocka_unit_test(short_runs_follow_the_size_of_the_photographs),
+        cmocka_unit_test(large_photographs_are_thinned_until_the_rates_decay),
         cmocka_unit_test(a_given_ssim_is_used_by_all_schedules),
         cmocka_unit_test(auto_is_dense_for_long_runs_of_mcmc),
     };

@@ -187,6 +187,46 @@ static void late_updates_remove_what_the_schedule_permits(void **state)
     sgs_trainer_destroy(trainer);
 }
 
+// All primitives have a gradient above the threshold, half are faint: none grows, 5 % are removed.
+static void thinning_removes_after_densification(void **state)
+{
+    (void)state;
+    sgs_train_options options = sgs_train_options_default();
+    options.iterations = 1000;
+    sgs_trainer *trainer = trainer_create(scene, &options);
+    sgsi_schedule *schedule = &trainer->schedule;
+    const int interval = schedule->densify_interval, until = schedule->densify_until,
+              first = (until + interval - 1) / interval * interval, second = first + interval;
+    schedule->thin_until = second;
+    schedule->abs_share = 0.5;
+    schedule->lr_opacity = 0.0;
+    schedule->threshold_factor = 1e9;
+    assert_int_equal(sgs_trainer_milestones(trainer).thin_until, second);
+    trainer_run(trainer, first - 1);
+    schedule->threshold_factor = 1e-9;
+    for (int update = first; update <= second; update += interval) {
+        const size_t before = trainer->model->count;
+        double gradient = 0.0, absolute = 0.0;
+        set_faint(trainer->model);
+        for (size_t i = 0; i < before; ++i) {
+            gradient += (double)trainer->statistics.gradient_sum[i];
+            absolute += (double)trainer->statistics.abs_grad_sum[i];
+        }
+        assert_true(gradient > 0.0 && (update == first || absolute == 0.0));
+        const sgs_step_info info = trainer_run(trainer, 2);
+        assert_true(info.structural && info.densified == 0 && info.regions > 0);
+        assert_int_equal(info.pruned, before / 20);
+        assert_int_equal(trainer->model->count, before - before / 20);
+        trainer_run(trainer, interval - 2);
+    }
+    assert_true(!trainer_run(trainer, interval).structural);
+    double gradient = 0.0;
+    for (size_t i = 0; i < trainer->model->count; ++i)
+        gradient += (double)trainer->statistics.gradient_sum[i];
+    assert_true(gradient == 0.0);
+    sgs_trainer_destroy(trainer);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -194,6 +234,7 @@ int main(void)
         cmocka_unit_test(the_loss_has_the_given_ssim),
         cmocka_unit_test(absolute_gradients_are_collected_for_schedules_that_use_them),
         cmocka_unit_test(late_updates_remove_what_the_schedule_permits),
+        cmocka_unit_test(thinning_removes_after_densification),
     };
     return cmocka_run_group_tests(tests, load, unload);
 }

@@ -356,7 +356,7 @@ SGS_API const float *sgs_trainer_filter_3d(const sgs_trainer *trainer);
 // of their photographs. Iterations count from 1.
 typedef struct sgs_train_milestones {
     int densify_from, densify_until, densify_interval; // structural updates; all 0 = none
-    int thin_until;          // updates that only remove, after densify_until; 0 = none
+    int thin_until;          // last update after densify_until that only removes; 0 = none
     int reset_interval;      // iterations between opacity resets; 0 = none
     int half_size_until;     // images of half the size up to about here; 0 = none
     int sh_interval;         // iterations per additional SH band; 0 = all bands at once

@@ -39,8 +39,8 @@ typedef struct sgsi_density_options {
     double size_split;         // scales above this are split, below cloned: 0.01 * extent
     double size_max;           // scales above this are pruned; INFINITY = no size pruning
     double growth;             // MCMC: share of the rows that an update adds
-    double removal_max;        // share of the rows removed at most, besides those replaced at the cap
-    size_t max_count;          // hard cap, 0 = none
+    double removal_max; // share of the rows removed at most, besides those replaced at the cap
+    size_t max_count;   // hard cap, 0 = none
     // True if the memory suffices for this many primitives; called before any change. NULL =
     // always.
     bool (*admits)(const void *context, size_t count);

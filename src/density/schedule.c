@@ -18,8 +18,8 @@
 //   (SPARE-GS) have little effect.
 // - From N = 1000 on, an update in the second half of densification removes at most 5 % of the
 //   primitives, those of least opacity first: the few updates that remain cannot repair more.
-//   On large photographs, the updates go on until the rates decay, but only remove: mostly those
-//   that this limit kept.
+//   On large photographs, updates go on until the rates decay, but only remove primitives, mostly
+//   those that this limit kept.
 // - Opacity resets: every 3000 iterations, as published, rounded to updates. After the last one a
 //   third of the densification remains, or half a reset interval if that is shorter: opacities
 //   require some hundred visits to recover from 0.01, and the loss takes as long to settle.
@@ -36,9 +36,9 @@
 //   cancel. In the loss, SSIM has a weight of 0.4 instead of 0.2 and a window with a standard
 //   deviation of 1 pixel instead of 1.5, which sharpens the image. Opacity has 1.5 times the
 //   published rate: fewer primitives per ray, which saves time. More primitives then fade between
-//   two updates, so there are 15 updates, and each prunes less. The rates decay to a half instead of
-//   a tenth. The first quarter of the run has images of half the size, which saves time, too. Below
-//   these limits, settings are interpolated over the logarithm of the pixels from 130 000 and
+//   two updates, so there are 15 updates, and each prunes less. The rates decay to a half instead
+//   of a tenth. The first quarter of the run has images of half the size, which saves time, too.
+//   Below these limits, settings are interpolated over the logarithm of the pixels from 130 000 and
 //   linearly over the views from 15. They fade out towards N = 30 000.
 //
 // MCMC has its own milestones (Kheradmand et al. 2024, released code): updates from 500 to 25 000
@@ -196,6 +196,15 @@ static double late_rate(int iterations, double beyond, double large)
     return pow(shortest, fmin(fmax(below, 0.0), 1.0 - beyond));
 }
 
+// The last update that only removes; 0 = none.
+static int last_thinning(const sgsi_schedule *schedule, double fine)
+{
+    const int room = schedule->anneal_from - schedule->densify_until,
+              end = schedule->densify_until + rounded(fine * room, 0),
+              last = end / schedule->densify_interval * schedule->densify_interval;
+    return last > schedule->densify_until ? last : 0;
+}
+
 sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, size_t views, double pixels)
 {
     if (options->schedule == SGS_SCHEDULE_FINETUNE)
@@ -263,13 +272,11 @@ sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, size_t views,
     const double fewest = SHORT_UPDATES * pow(LARGE_UPDATES / SHORT_UPDATES, large),
                  updates = fewest * pow(paper_updates / fewest, beyond);
     schedule.late_removal = options->iterations < CONSTANT_LENGTH ? 0.0 : LATE_REMOVAL;
-    if (schedule.late_removal > 0.0 && fine > 0.0)
-        schedule.thin_until =
-            schedule.densify_until +
-            rounded(fine * (schedule.anneal_from - schedule.densify_until), 0);
     schedule.densify_from = first_update(options->iterations);
     schedule.densify_interval =
         rounded((PAPER_HALF * f - schedule.densify_from) / updates, LEAST_INTERVAL);
+    if (schedule.late_removal > 0.0)
+        schedule.thin_until = last_thinning(&schedule, fine);
     schedule.reset_interval =
         rounded(3000.0 / schedule.densify_interval, 1) * schedule.densify_interval;
     const int third = schedule.densify_until - schedule.densify_until * 2 / 3,
@@ -322,7 +329,7 @@ bool sgsi_schedule_is_thinning(const sgsi_schedule *schedule, int iteration)
 bool sgsi_schedule_needs_statistics(const sgsi_schedule *schedule, int iteration)
 {
     return iteration < schedule->iterations &&
-           (iteration < schedule->densify_until || iteration < schedule->thin_until);
+           (iteration < schedule->densify_until || iteration <= schedule->thin_until);
 }
 
 double sgsi_schedule_removal_max(const sgsi_schedule *schedule, int iteration)

@@ -18,7 +18,7 @@ typedef struct sgsi_schedule {
     int first_reset;                 // additional reset for a white background; 0 = none
     double growth;                   // MCMC: rows that an update adds, as a fraction
     int prune_interval;              // final prunes after densify_until; 0 = none
-    int thin_until; // after densify_until, updates until here remove primitives; 0 = none
+    int thin_until; // last update after densify_until that only removes primitives; 0 = none
     // See pipeline.h; 0 = every iteration steps.
     int batch_rest, batch_middle, batch_late, middle_until;
     int sh_interval;          // iterations per additional SH band; 0 = all bands at once

@@ -516,7 +516,7 @@ static void large_photographs_are_thinned_until_the_rates_decay(void **state)
             const sgsi_schedule small = sgsi_schedule_make(&options, VIEWS, SMALL),
                                 large = sgsi_schedule_make(&options, VIEWS, 1e6);
             const bool thins = options.pipeline == SGS_PIPELINE_3DGS && k >= 1 && k <= 3;
-            int updates = 0;
+            int updates = 0, last = 0;
             assert_int_equal(small.thin_until, 0);
             for (int i = 1; i <= options.iterations; ++i) {
                 const bool thinning = sgsi_schedule_is_thinning(&large, i);
@@ -526,11 +526,13 @@ static void large_photographs_are_thinned_until_the_rates_decay(void **state)
                 assert_true(!thinning || (sgsi_schedule_is_final_prune(&large, i) &&
                                           sgsi_schedule_removal_max(&large, i) == 0.05));
                 updates += thinning;
-                // Statistics are collected for every update, and not after the last one.
-                assert_true(sgsi_schedule_needs_statistics(&large, i) ==
-                            (i < options.iterations &&
-                             (i < large.densify_until || i < large.thin_until)));
+                last = thinning ? i : last;
             }
+            // Statistics are collected for every update, itself included, and not after the last.
+            for (int i = 1; i <= options.iterations; ++i)
+                assert_int_equal(sgsi_schedule_needs_statistics(&large, i),
+                                 i < options.iterations && (i < large.densify_until || i <= last));
+            assert_int_equal(large.thin_until, last);
             const int room = large.anneal_from - large.densify_until;
             assert_int_equal(updates > 0, thins);
             assert_true(!thins || k == 3 || abs(updates - room / large.densify_interval) <= 1);

@@ -135,7 +135,8 @@ static void write_usda(FILE *out, const camera_list *list, const camera_frames *
         fprintf(out,
                 "        %zu: ((%.12g, %.12g, %.12g, 0), (%.12g, %.12g, %.12g, 0), "
                 "(%.12g, %.12g, %.12g, 0), (%.12g, %.12g, %.12g, 1)),\n",
-                frame_number(frames, i), a[0], a[3], a[6], a[1], a[4], a[7], a[2], a[5], a[8], c[0], c[1], c[2]);
+                frame_number(frames, i), a[0], a[3], a[6], a[1], a[4], a[7], a[2], a[5], a[8], c[0],
+                c[1], c[2]);
     }
     fputs("    }\n    uniform token[] xformOpOrder = [\"xformOp:transform\"]\n}\n", out);
 }
@@ -185,9 +186,10 @@ bool cameras_export(const char *folder, unsigned formats, const camera_list *lis
                                  format == CAMERAS_JSON   ? "json"
                                  : format == CAMERAS_CHAN ? "chan"
                                                           : "usda");
-        done = format == CAMERAS_JSON
-                   ? write_cameras_json(path, list)
-                   : write_with(path, list, frames, format == CAMERAS_CHAN ? write_chan : write_usda);
+        done =
+            format == CAMERAS_JSON
+                ? write_cameras_json(path, list)
+                : write_with(path, list, frames, format == CAMERAS_CHAN ? write_chan : write_usda);
         if (done)
             report_file(path);
         free(path);

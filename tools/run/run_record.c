@@ -25,11 +25,11 @@ void run_record_split(json_t *config, const sgs_scene *scene)
 void run_record_milestones(json_t *config, const sgs_trainer *trainer)
 {
     const sgs_train_milestones m = sgs_trainer_milestones(trainer);
-    json_t *json = json_pack("{s:i, s:i, s:i, s:i, s:i, s:i, s:i}", "densify_from", m.densify_from,
-                             "densify_until", m.densify_until, "densify_interval",
-                             m.densify_interval, "thin_until", m.thin_until, "reset_interval",
-                             m.reset_interval, "half_size_until", m.half_size_until, "sh_interval",
-                             m.sh_interval);
+    json_t *json =
+        json_pack("{s:i, s:i, s:i, s:i, s:i, s:i, s:i}", "densify_from", m.densify_from,
+                  "densify_until", m.densify_until, "densify_interval", m.densify_interval,
+                  "thin_until", m.thin_until, "reset_interval", m.reset_interval, "half_size_until",
+                  m.half_size_until, "sh_interval", m.sh_interval);
     json_object_set_new(json, "gradient_factor", json_number(m.gradient_factor));
     json_object_set_new(json, "shape_factor", json_number(m.shape_factor));
     json_object_set_new(json, "opacity_factor", json_number(m.opacity_factor));

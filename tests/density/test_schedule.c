@@ -507,8 +507,8 @@ static void large_photographs_are_thinned_until_the_rates_decay(void **state)
 {
     (void)state;
     for (int p = 0; p < SGS_PIPELINE_COUNT; ++p)
-        for (int k = 0; k < 6; ++k) {
-            const int lengths[] = {999, 1000, 7000, 15000, 30000, 7000};
+        for (int k = 0; k < 7; ++k) { // at 29 999 the settings have faded out
+            const int lengths[] = {999, 1000, 7000, 15000, 30000, 7000, 29999};
             sgs_train_options options = sgs_train_options_default();
             options.pipeline = (sgs_pipeline)p;
             options.iterations = lengths[k];

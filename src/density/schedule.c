@@ -320,6 +320,12 @@ bool sgsi_schedule_is_final_prune(const sgsi_schedule *schedule, int iteration)
     return own || sgsi_schedule_is_thinning(schedule, iteration);
 }
 
+bool sgsi_schedule_is_update(const sgsi_schedule *schedule, int iteration)
+{
+    return sgsi_schedule_is_structural(schedule, iteration) ||
+           sgsi_schedule_is_final_prune(schedule, iteration);
+}
+
 bool sgsi_schedule_is_thinning(const sgsi_schedule *schedule, int iteration)
 {
     return iteration >= schedule->densify_until && iteration <= schedule->thin_until &&

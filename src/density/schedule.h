@@ -63,6 +63,8 @@ bool sgsi_schedule_prunes_large(const sgsi_schedule *schedule, int last_reset);
 bool sgsi_schedule_is_final_prune(const sgsi_schedule *schedule, int iteration);
 // True if such an update is one of thinning: SPARE-GS and the pipeline's ordinary pruning rule.
 bool sgsi_schedule_is_thinning(const sgsi_schedule *schedule, int iteration);
+// True if any update follows this iteration, structural or only removing.
+bool sgsi_schedule_is_update(const sgsi_schedule *schedule, int iteration);
 // True if the statistics of this iteration count for a later update.
 bool sgsi_schedule_needs_statistics(const sgsi_schedule *schedule, int iteration);
 // Share of the primitives that the update after this iteration removes at most; 0 = no limit.

@@ -357,8 +357,7 @@ static sgs_status apply_deferred(sgs_trainer *trainer, sgs_step_info *info)
     if (progress->resolution && sgsi_schedule_may_resize(schedule, iteration))
         status = sgsi_small_images_make(
             &trainer->views, sgsi_resolution_at(&trainer->resolution, iteration), &images);
-    if (!status && (sgsi_schedule_is_structural(schedule, iteration) ||
-                    sgsi_schedule_is_final_prune(schedule, iteration)))
+    if (!status && sgsi_schedule_is_update(schedule, iteration))
         status = control_density(trainer, iteration, info);
     if (status) {
         sgsi_small_images_free(&images);

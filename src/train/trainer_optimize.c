@@ -32,8 +32,7 @@ static void optimize_range(void *context, size_t begin, size_t end, int thread)
 bool sgsi_trainer_makes_step(const sgs_trainer *trainer, int iteration)
 {
     return iteration < trainer->options.iterations &&
-           !sgsi_schedule_is_structural(&trainer->schedule, iteration) &&
-           !sgsi_schedule_is_final_prune(&trainer->schedule, iteration);
+           !sgsi_schedule_is_update(&trainer->schedule, iteration);
 }
 
 // 1 - beta^t: the bias of a moment after t steps.
@@ -94,8 +93,7 @@ bool sgsi_trainer_ends_batch(const sgs_trainer *trainer, int iteration)
 {
     const sgsi_schedule *schedule = &trainer->schedule;
     return trainer->progress.batch_views + 1 >= trainer->options.batch ||
-           sgsi_schedule_is_structural(schedule, iteration + 1) ||
-           sgsi_schedule_is_final_prune(schedule, iteration + 1) ||
+           sgsi_schedule_is_update(schedule, iteration + 1) ||
            sgsi_schedule_is_reset(schedule, iteration) || iteration == schedule->densify_until;
 }
 

@@ -203,10 +203,8 @@ static void parameters_change_at_the_end_of_a_batch(void **state)
         for (int i = 1; i < LENGTH; ++i) {
             const sgs_step_info info = trainer_run(trainer, 1);
             const sgsi_schedule *schedule = &trainer->schedule;
-            const bool structural = sgsi_schedule_is_structural(schedule, i) ||
-                                    sgsi_schedule_is_final_prune(schedule, i);
-            const bool last = sgsi_schedule_is_structural(schedule, i + 1) ||
-                              sgsi_schedule_is_final_prune(schedule, i + 1) ||
+            const bool structural = sgsi_schedule_is_update(schedule, i);
+            const bool last = sgsi_schedule_is_update(schedule, i + 1) ||
                               sgsi_schedule_is_reset(schedule, i) || i == schedule->densify_until;
             views += !structural;
             const bool ends = !structural && (views == 4 || last);

@@ -59,8 +59,10 @@ static sgs_status decide(const sgsi_density_options *options, sgsi_density_colum
         return status;
     for (size_t i = 0; i < c->count; ++i) {
         const float w = c->weight[i], share = quantile > 0.0f ? threshold / quantile : 0.0f;
-        const bool native = c->score[i] >= threshold || reaches(c->abs_grad[i], quantile);
-        const bool grows = c->score[i] * w >= threshold || reaches(c->abs_grad[i] * w, quantile);
+        const bool native = !options->final_prune &&
+                            (c->score[i] >= threshold || reaches(c->abs_grad[i], quantile));
+        const bool grows = !options->final_prune &&
+                           (c->score[i] * w >= threshold || reaches(c->abs_grad[i] * w, quantile));
         c->priority[i] = fmaxf(c->score[i], c->abs_grad[i] * share) * w;
         c->action[i] = sgsi_density_growth(grows, c->scale_max[i], (float)options->size_split);
         c->removed[i] = sgsi_density_should_prune(options, c->opacity[i], c->scale_max[i]);
@@ -76,4 +78,5 @@ const sgsi_pipeline sgsi_pipeline_mip = {.name = "mip",
                                          .lr_opacity = 0.05f,
                                          .lr_rest = 1.25e-4f,
                                          .abs_grad = true,
+                                         .fine_growth = true,
                                          .decide = decide};

@@ -30,16 +30,16 @@
 //   beyond.
 // - Rate of SH above degree 0: times views / 24 at N = 7000 if there are fewer than 24; the
 //   reduction fades out towards N = 2000 and N = 30 000.
-// - Large photographs, 3dgs only: from 320 000 pixels and 60 views on, 1.05 times the threshold,
-//   absolute gradients at twice the threshold (AbsGS), and less weight of gradients close to the
-//   camera (Pixel-GS, its constant). Textures finer than the primitives have signed gradients that
-//   cancel. In the loss, SSIM has a weight of 0.4 instead of 0.2 and a window with a standard
-//   deviation of 1 pixel instead of 1.5, which sharpens the image. Opacity has 1.5 times the
-//   published rate: fewer primitives per ray, which saves time. More primitives then fade between
-//   two updates, so there are 15 updates, and each prunes less. The rates decay to a half instead
-//   of a tenth. The first quarter of the run has images of half the size, which saves time, too.
-//   Below these limits, settings are interpolated over the logarithm of the pixels from 130 000 and
-//   linearly over the views from 15. They fade out towards N = 30 000.
+// - Large photographs, 3dgs and mip: from 320 000 pixels and 60 views on, 1.05 times the threshold,
+//   with 3dgs absolute gradients at twice the threshold (AbsGS), and less weight of gradients close
+//   to the camera (Pixel-GS, its constant). Textures finer than the primitives have signed
+//   gradients that cancel. In the loss, SSIM has a weight of 0.4 instead of 0.2 and a window with a
+//   standard deviation of 1 pixel instead of 1.5, which sharpens the image. Opacity has at
+//   least 1.5 times the rate of 3DGS: fewer primitives per ray, which saves time. More primitives
+//   then fade between two updates, so there are 15 updates, and each prunes less. The rates decay
+//   to a half instead of a tenth. The first quarter of the run has images of half the size, which
+//   saves time, too. Below these limits, settings are interpolated over the logarithm of the pixels
+//   from 130 000 and linearly over the views from 15. They fade out towards N = 30 000.
 //
 // MCMC has its own milestones (Kheradmand et al. 2024, released code): updates from 500 to 25 000
 // every 100, each adding 5 %, and no opacity resets. Scaled: updates until 25 000 f every max(50,
@@ -83,7 +83,7 @@ enum {
 #define SSIM_SIGMA 1.5 // pixels
 #define LARGE_SSIM_SIGMA 1.0
 #define LARGE_LATE_RATE 0.5
-#define LARGE_OPACITY_RATE 1.5
+#define LARGE_OPACITY_RATE 1.5 // at least, times that of 3DGS
 #define LATE_REMOVAL 0.05
 
 static int rounded(double value, int least)
@@ -261,11 +261,12 @@ sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, size_t views,
     const double fine = (1.0 - beyond) * large;
     schedule.threshold_factor =
         pow(SHORT_THRESHOLD, (1.0 - beyond) * (1.0 - large)) * pow(LARGE_THRESHOLD, fine);
-    schedule.abs_share = LARGE_ABS_SHARE * fine;
+    schedule.abs_share = pipeline->abs_grad ? 0.0 : LARGE_ABS_SHARE * fine;
     schedule.near_depth = LARGE_NEAR_DEPTH * fine;
     schedule.ssim_weight = ssim_weight(options, fine);
     schedule.ssim_sigma = ssim_sigma(options, fine);
-    schedule.lr_opacity = pow(LARGE_OPACITY_RATE, fine);
+    const double opacity_rate = LARGE_OPACITY_RATE * (double)sgsi_pipeline_3dgs.lr_opacity;
+    schedule.lr_opacity = pow(fmax(opacity_rate / (double)pipeline->lr_opacity, 1.0), fine);
     schedule.half_size_until = rounded(LARGE_HALF_SIZE * fine * options->iterations, 0);
     if (schedule.half_size_until <= schedule.resolution_from)
         schedule.half_size_until = 0;
@@ -275,7 +276,7 @@ sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, size_t views,
     schedule.densify_from = first_update(options->iterations);
     schedule.densify_interval =
         rounded((PAPER_HALF * f - schedule.densify_from) / updates, LEAST_INTERVAL);
-    if (schedule.late_removal > 0.0)
+    if (schedule.late_removal > 0.0 && !pipeline->prune_interval)
         schedule.thin_until = last_thinning(&schedule, fine);
     schedule.reset_interval =
         rounded(3000.0 / schedule.densify_interval, 1) * schedule.densify_interval;

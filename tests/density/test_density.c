@@ -20,6 +20,7 @@
 #include "sparegs/trainer.h"
 
 typedef struct fixture {
+    const sgsi_pipeline *pipeline;
     sgs_gaussians *model;
     float *m, *v;
     sgsi_statistics statistics;
@@ -30,7 +31,7 @@ typedef struct fixture {
 
 static fixture make(size_t count)
 {
-    fixture f = {0};
+    fixture f = {.pipeline = &sgsi_pipeline_3dgs};
     assert_int_equal(sgs_gaussians_create(count, &f.model), SGS_STATUS_OK);
     assert_int_equal(sgs_gaussians_resize(f.model, count), SGS_STATUS_OK);
     f.m = sgsi_calloc(f.model->capacity, SGS_PARAM_COUNT * sizeof(float));
@@ -79,7 +80,7 @@ static void update(fixture *f)
         .model = f->model, .m = &f->m, .v = &f->v, .statistics = &f->statistics};
     sgsi_free(f->result.region_list);
     f->options.spare = &f->spare;
-    assert_int_equal(sgsi_density_update(&rows, &sgsi_pipeline_3dgs, &f->options, &f->result),
+    assert_int_equal(sgsi_density_update(&rows, f->pipeline, &f->options, &f->result),
                      SGS_STATUS_OK);
 }
 
@@ -351,21 +352,26 @@ static void faint_rows_that_grow_count_against_the_limit(void **state)
 static void thinning_only_removes(void **state)
 {
     (void)state;
-    fixture f = make(100);
-    f.options.removal_max = 0.05;
-    f.options.final_prune = true;
-    for (size_t i = 0; i < 100; ++i) {
-        if (i >= 10 && i < 20)
-            *sgs_gaussians_at(f.model, i, SGS_PARAM_OPACITY) = -6.0f - 0.1f * (float)i;
-        *sgs_gaussians_at(f.model, i, SGS_PARAM_SCALE) = logf(i % 2 ? 0.05f : 0.4f);
-        f.statistics.gradient_sum[i] = 1e-2f;
+    const sgsi_pipeline *pipelines[] = {&sgsi_pipeline_3dgs, &sgsi_pipeline_mip};
+    for (int p = 0; p < 2; ++p) {
+        fixture f = make(100);
+        f.pipeline = pipelines[p];
+        f.options.removal_max = 0.05;
+        f.options.final_prune = true;
+        for (size_t i = 0; i < 100; ++i) {
+            if (i >= 10 && i < 20)
+                *sgs_gaussians_at(f.model, i, SGS_PARAM_OPACITY) = -6.0f - 0.1f * (float)i;
+            *sgs_gaussians_at(f.model, i, SGS_PARAM_SCALE) = logf(i % 2 ? 0.05f : 0.4f);
+            f.statistics.gradient_sum[i] = 1e-2f;
+            f.statistics.abs_grad_sum[i] = 1e-2f;
+        }
+        update(&f);
+        assert_int_equal(f.model->count, 95);
+        size_t rows[8];
+        for (size_t i = 0; i < 100; ++i)
+            assert_int_equal(rows_of(&f, (float)i, rows), i < 15 || i >= 20);
+        drop(&f);
     }
-    update(&f);
-    assert_int_equal(f.model->count, 95);
-    size_t rows[8];
-    for (size_t i = 0; i < 100; ++i)
-        assert_int_equal(rows_of(&f, (float)i, rows), i < 15 || i >= 20);
-    drop(&f);
 }
 
 // Rows 0 to 19 are too large, their children are not. At the cap there is no room for the children.

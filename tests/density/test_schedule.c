@@ -446,9 +446,9 @@ static void auto_is_dense_for_long_runs_of_mcmc(void **state)
     assert_true(sgsi_schedule_make(&options, VIEWS, SMALL).dense);
 }
 
-// Short runs of 3DGS: the rule of small photographs up to 130 000 pixels, that of large ones from
-// 320 000 on, monotone between; also with up to 15 and from 60 on. The published length, the
-// published schedule and the other pipelines do not depend on the size.
+// Short runs of 3DGS and Mip-Splatting: the rule of small photographs up to 130 000 pixels, that of
+// large ones from 320 000 on, monotone between; also with up to 15 and from 60 on. The published
+// length, the published schedule and the other pipelines do not depend on the size.
 static void short_runs_follow_the_size_of_the_photographs(void **state)
 {
     (void)state;
@@ -489,20 +489,24 @@ static void short_runs_follow_the_size_of_the_photographs(void **state)
             options.schedule = k == 1 ? SGS_SCHEDULE_PAPER : SGS_SCHEDULE_SCALED;
             const sgsi_schedule small = sgsi_schedule_make(&options, VIEWS, SMALL),
                                 large = sgsi_schedule_make(&options, VIEWS, 1e6);
-            const bool same = k < 2 || pipeline != SGS_PIPELINE_3DGS;
+            const bool vanilla = pipeline == SGS_PIPELINE_3DGS,
+                       same = k < 2 || (!vanilla && pipeline != SGS_PIPELINE_MIP);
             assert_true((large.threshold_factor == small.threshold_factor) == same);
-            assert_true((large.abs_share == 0.0) == same && small.abs_share == 0.0);
+            // Mip-Splatting has its own rule for absolute gradients, and twice the rate of opacity.
+            assert_true((large.abs_share == 0.5) == (!same && vanilla) && small.abs_share == 0.0);
+            assert_true((large.lr_opacity == 1.5) == (!same && vanilla));
+            assert_true(large.lr_opacity >= 1.0 && small.lr_opacity == 1.0);
             assert_true((large.near_depth == 0.0) == same && small.near_depth == 0.0);
             assert_true((large.ssim_weight == 0.2) == same && small.ssim_weight == 0.2);
             assert_true((large.ssim_sigma == 1.5) == same && small.ssim_sigma == 1.5);
-            assert_true((large.lr_opacity == 1.0) == same && small.lr_opacity == 1.0);
             assert_true((large.lr_late == small.lr_late) == same);
             assert_true((large.half_size_until == 0) == same && small.half_size_until == 0);
             assert_true((large.densify_interval == small.densify_interval) == same);
         }
 }
 
-// Short runs of 3DGS on large photographs: updates go on until the rates decay, and only remove.
+// Short runs of 3DGS and Mip-Splatting on large photographs: updates go on until the rates decay,
+// and only remove.
 static void large_photographs_are_thinned_until_the_rates_decay(void **state)
 {
     (void)state;
@@ -515,7 +519,8 @@ static void large_photographs_are_thinned_until_the_rates_decay(void **state)
             options.schedule = k == 5 ? SGS_SCHEDULE_PAPER : SGS_SCHEDULE_SCALED;
             const sgsi_schedule small = sgsi_schedule_make(&options, VIEWS, SMALL),
                                 large = sgsi_schedule_make(&options, VIEWS, 1e6);
-            const bool thins = options.pipeline == SGS_PIPELINE_3DGS && k >= 1 && k <= 3;
+            const bool fine = p == SGS_PIPELINE_3DGS || p == SGS_PIPELINE_MIP,
+                       thins = fine && k >= 1 && k <= 3;
             int updates = 0, last = 0;
             assert_int_equal(small.thin_until, 0);
             for (int i = 1; i <= options.iterations; ++i) {

@@ -171,8 +171,8 @@ typedef struct sgs_train_options {
     sgs_pipeline_options pipeline_options;
     const sgs_gaussians *init; // copied; start from it instead of the point cloud; NULL
     // lambda of the loss (1 - lambda) L1 + lambda (1 - SSIM) (Kerbl et al. 2023, equation 7).
-    // Below 0: 0.2 as published, and up to 0.4 in scaled runs of less than 30 000 iterations of
-    // SGS_PIPELINE_3DGS on large photographs; -1.
+    // Below 0: 0.2 as published, and up to 0.4 in scaled runs of less than 30 000 iterations on
+    // large photographs with SGS_PIPELINE_3DGS, SGS_PIPELINE_MIP or SGS_PIPELINE_FASTGS; -1.
     double ssim_weight;
     // Standard deviation of the Gaussian window of that SSIM, pixels, at most 3. 0: 1.5 as
     // published, and down to 1 in the runs above; 0.

@@ -446,9 +446,9 @@ static void auto_is_dense_for_long_runs_of_mcmc(void **state)
     assert_true(sgsi_schedule_make(&options, VIEWS, SMALL).dense);
 }
 
-// Short runs of 3DGS and Mip-Splatting: the rule of small photographs up to 130 000 pixels, that of
-// large ones from 320 000 on, monotone between; also with up to 15 and from 60 on. The published
-// length, the published schedule and the other pipelines do not depend on the size.
+// Short runs of 3DGS, Mip-Splatting and FastGS: the rule of small photographs up to 130 000 pixels,
+// that of large ones from 320 000 on, monotone between; also with up to 15 and from 60 on. The
+// published length, the published schedule and the other pipelines do not depend on the size.
 static void short_runs_follow_the_size_of_the_photographs(void **state)
 {
     (void)state;
@@ -489,13 +489,14 @@ static void short_runs_follow_the_size_of_the_photographs(void **state)
             options.schedule = k == 1 ? SGS_SCHEDULE_PAPER : SGS_SCHEDULE_SCALED;
             const sgsi_schedule small = sgsi_schedule_make(&options, VIEWS, SMALL),
                                 large = sgsi_schedule_make(&options, VIEWS, 1e6);
-            const bool vanilla = pipeline == SGS_PIPELINE_3DGS,
-                       same = k < 2 || (!vanilla && pipeline != SGS_PIPELINE_MIP);
+            const bool vanilla = pipeline == SGS_PIPELINE_3DGS, mip = pipeline == SGS_PIPELINE_MIP,
+                       fine = vanilla || mip || pipeline == SGS_PIPELINE_FASTGS,
+                       same = k < 2 || !fine;
             assert_true((large.threshold_factor == small.threshold_factor) == same);
-            // Mip-Splatting has its own rule for absolute gradients, and twice the rate of opacity.
+            // The others have their own rule for absolute gradients; mip has twice 3DGS's rate of
+            // opacity anyway.
             assert_true((large.abs_share == 0.5) == (!same && vanilla) && small.abs_share == 0.0);
-            assert_true((large.lr_opacity == 1.5) == (!same && vanilla));
-            assert_true(large.lr_opacity >= 1.0 && small.lr_opacity == 1.0);
+            assert_true(large.lr_opacity == (same || mip ? 1.0 : 1.5) && small.lr_opacity == 1.0);
             assert_true((large.near_depth == 0.0) == same && small.near_depth == 0.0);
             assert_true((large.ssim_weight == 0.2) == same && small.ssim_weight == 0.2);
             assert_true((large.ssim_sigma == 1.5) == same && small.ssim_sigma == 1.5);

@@ -32,6 +32,9 @@ opacity_threshold | golden|test_trainer | \.opacity_min = 0\.005, | .opacity_min
 split_size | golden|test_trainer | \.size_split = 0\.01 \* extent, | .size_split = 0.02 * extent,
 opacity_after_reset | test_trainer|test_density | (trainer->m, trainer->v, )0\.01, | ${1}0.02,
 sh_interval | test_schedule | \.sh_interval = rounded\(1000 \* f, 1\) | .sh_interval = rounded(900 * f, 1)
+thinning_grows_mip | test_density | const bool grows = !options->final_prune &&$ | const bool grows =
+mip_opacity_rate | test_schedule | fmax\(opacity_rate / \(double\)pipeline->lr_opacity, 1\.0\) | LARGE_OPACITY_RATE
+fastgs_thins | test_schedule | schedule\.late_removal > 0\.0 && !pipeline->prune_interval | schedule.late_removal > 0.0
 learning_rate_decay | test_schedule | exp\(u \* log\(0\.01\)\) | exp(u * log(0.02))
 adam_beta2 | golden|test_trainer | \.beta2 = 0\.999f | .beta2 = 0.99f
 learning_rate_scale | golden | \.lr_scale = 5e-3f | .lr_scale = 4e-3f

@@ -5,6 +5,7 @@
 # Plants faults one at a time in a copy of the sources, builds each and runs the default suite. A fault is caught when a
 # test fails; survivors need a test. Takes about a minute per fault; needs the machine for itself.
 #     tools/scripts/mutants.sh [NAME...]        all faults, or those whose name matches one of the regular expressions
+#     tools/scripts/mutants.sh --check          only checks that each fault can be planted; builds nothing
 # Results are appended to build/mutants/results.tsv (name, verdict, first failing test); faults listed there are skipped,
 # so that an interrupted run can be repeated. Fails when a fault survives.
 set -euo pipefail
@@ -13,8 +14,6 @@ root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd)
 work=$root/build/mutants
 results=$work/results.tsv
 tree=$work/tree
-mkdir -p "$work"
-touch "$results"
 
 # NAME | regular expression of the tests that should catch it (run first) | perl pattern (must match one line of the
 # sources) | replacement
@@ -30,14 +29,14 @@ split_scale | test_density|pipelines | -= 0\.47000363f | -= 0.40546511f
 split_scale_in_pruning | test_pipelines|test_density|golden | (split \? columns->scale_max\[i\]) / 1\.6f | ${1} / 1.3f
 opacity_threshold | golden|test_trainer | \.opacity_min = 0\.005, | .opacity_min = 0.004,
 split_size | golden|test_trainer | \.size_split = 0\.01 \* extent, | .size_split = 0.02 * extent,
-opacity_after_reset | test_trainer|test_density | (trainer->m, trainer->v, )0\.01, | ${1}0.02,
+opacity_after_reset | test_trainer|test_density | limit_opacity\(trainer, 0\.01, | limit_opacity(trainer, 0.02,
 sh_interval | test_schedule | \.sh_interval = rounded\(1000 \* f, 1\) | .sh_interval = rounded(900 * f, 1)
 thinning_grows_mip | test_density | const bool grows = !options->final_prune &&$ | const bool grows =
 mip_opacity_rate | test_schedule | fmax\(opacity_rate / \(double\)pipeline->lr_opacity, 1\.0\) | LARGE_OPACITY_RATE
 fastgs_thins | test_schedule | schedule\.late_removal > 0\.0 && !pipeline->prune_interval | schedule.late_removal > 0.0
 learning_rate_decay | test_schedule | exp\(u \* log\(0\.01\)\) | exp(u * log(0.02))
 adam_beta2 | golden|test_trainer | \.beta2 = 0\.999f | .beta2 = 0.99f
-learning_rate_scale | golden | \.lr_scale = 5e-3f | .lr_scale = 4e-3f
+learning_rate_scale | golden | \.lr_scale = shape \* 5e-3f | .lr_scale = shape * 4e-3f
 exposure_beta2 | test_exposure | state->v\[i\] = 0\.999 \* state->v\[i\] \+ 0\.001 | state->v[i] = 0.99 * state->v[i] + 0.01
 tangential_distortion | test_camera | (y\[1\] = v \* g \+ )2 \* l->p2 \* u \* v | ${1}2 * l->p1 * u * v
 ssim_c2_of_the_loss | test_loss | vf_add\(variances, border\), vf_set1\(9e-4f\) | vf_add(variances, border), vf_set1(3e-4f)
@@ -48,23 +47,23 @@ lpips_without_the_length | test_lpips | 1\.0 / \(sqrt\(scale\[k\]\[i\]\) \+ 1e-1
 flip_of_masked_pixels | cli_metrics | sgs_flip\(photo, drawn, valid_mask, | sgs_flip(photo, drawn, NULL,
 sh_band_3_sign | test_tracer|test_reference | (basis\[14\] = vf_mul\(vf_mul\(vf_set1\()-0\.59 | ${1}0.59
 sh_band_2_sign | test_tracer|test_reference | (basis\[6\] = vf_mul\(vf_set1\()-1\.09 | ${1}1.09
-skipped_last_tile | tracer_gradient|golden | (tile = pass->first_tile; tile )< pass->last_tile; \+\+tile | ${1}+ 1 < pass->last_tile; ++tile
+skipped_last_tile | tracer_gradient|golden | sgsi_parallel_for\(pass->last_tile - pass->first_tile, 1, backward_tile | sgsi_parallel_for(pass->last_tile - pass->first_tile - 1, 1, backward_tile
 dilation_of_3dgs | test_tracer_oracle | (SGS_FILTER_3DGS  *\? )0\.3f | ${1}0.31f
 near_distance_of_small_scenes | test_trainer|test_cli|test_aov | extent < 1\.0 \? 0\.2 \* extent : 0\.2 | extent < 1.0 ? 0.2 : 0.2
 median_at_a_half | test_aov | vf_gt\(front, half\) | vf_gt(front, vf_set1(0.6f))
 filter_3d_variance | test_mip | margin = 0\.15, variance = 0\.2 | margin = 0.15, variance = 0.3
 mask_inverted | test_mask | whiteness\(&mask, at, plane\) >= 128\) == invert | whiteness(\&mask, at, plane) >= 128) != invert
 test_split_offset | test_scene | every && i % \(size_t\)every == 0 \? | every && i % (size_t)every == 1 ?
-initial_opacity | test_gaussians | log\(0\.1 / 0\.9\) | log(0.2 / 0.8)
+initial_opacity | test_gaussians | start_opacity = 0\.1, | start_opacity = 0.2,
 srgb_decode | test_photo|test_image|cli_outputs | encoded \+ 0\.055f\) / 1\.055f, 2\.4f | encoded + 0.055f) / 1.055f, 2.2f
-checkpoint_without_second_moments | test_checkpoint|test_trainer|cli_stop | visit_blocks\(sections, "moment2", trainer->v, n\); | visit_blocks(sections, "moment2", trainer->m, n);
+checkpoint_without_second_moments | test_checkpoint|test_trainer|cli_stop | visit_blocks\(visit, "moment2", trainer->v\); | visit_blocks(visit, "moment2", trainer->m);
 equilibrium_patience | test_spare_equilibrium | state->held >= tolerance->patience | state->held >= tolerance->patience - 1
-f_rest_order | test_ply|test_links | SGS_PARAM_SH_REST \+ 3 \* \(k % per_channel\) \+ k / per_channel | SGS_PARAM_SH_REST + k
+f_rest_order | test_ply|test_links | ^    return SGS_PARAM_SH_REST \+ 3 \* \(k % per_channel\) \+ k / per_channel; |     return SGS_PARAM_SH_REST + k;
 aov_without_premultiplication | cli_outputs | \*value = alpha > 0 \? alpha \* light_of | *value = alpha > 0 ? light_of
 densification_threshold | golden|test_trainer | define SGSI_GRADIENT_THRESHOLD 2e-4 | define SGSI_GRADIENT_THRESHOLD 3e-4
 window_of_ssim | test_loss | if \(workspace->sigma == sigma\) | if (workspace->sigma > 0.0)
 rate_of_opacity | test_schedule_effect | return \(float\)trainer->schedule\.lr_opacity \* | return
-late_removal | test_schedule | return late \? schedule->late_removal : 0\.0 | return schedule->late_removal
+late_removal | test_schedule | return late \|\| sgsi_schedule_is_thinning\(schedule, iteration\) \? (schedule->late_removal) : 0\.0 | return ${1}
 faintest_first | test_density | = -\(double\)columns->opacity\[i\]; | = (double)columns->opacity[i];
 ssim_weight | golden | define SSIM_WEIGHT 0\.2 | define SSIM_WEIGHT 0.3
 FAULTS
@@ -76,13 +75,41 @@ copy_sources() {
     (cd "$root" && git ls-files -z | xargs -0 cp -p --parents -t "$tree")
 }
 
+# place PATTERN DIRECTORY: prints the source file in which exactly one line matches; fails if there is none, or more.
+place() {
+    local pattern=$1 found
+    found=$(cd "$2" && grep -rnlP --include='*.[ch]' --include='*.inl' --include='*.cpp' -- "$pattern" src bvh spare tools || true)
+    [ "$(printf '%s' "$found" | grep -c .)" = 1 ] && [ "$(grep -cP -- "$pattern" "$2/$found")" = 1 ] || return 1
+    echo "$found"
+}
+
+# parse LINE: sets name, tests, pattern and replacement.
+parse() {
+    local rest=${1#* | }
+    name=${1%% | *}
+    tests=${rest%% | *}
+    rest=${rest#* | }
+    pattern=${rest% | *}
+    replacement=${rest##* | }
+}
+
+check() {
+    local line status=0 count=0
+    while IFS= read -r line; do
+        parse "$line"
+        count=$((count + 1))
+        place "$pattern" "$root" >/dev/null && continue
+        echo "mutants: $name: the pattern does not match exactly one line: $pattern"
+        status=1
+    done < <(faults)
+    [ "$status" != 0 ] || echo "$count faults can be planted"
+    return "$status"
+}
+
 # plant PATTERN REPLACEMENT: changes the one line that matches; prints its file.
 plant() {
     local pattern=$1 replacement=$2 found
-    found=$(cd "$tree" && grep -rnlP --include='*.[ch]' --include='*.inl' --include='*.cpp' -- "$pattern" src bvh spare tools || true)
-    if [ "$(printf '%s' "$found" | grep -c .)" != 1 ] || [ "$(grep -cP -- "$pattern" "$tree/$found")" != 1 ]; then
-        return 1
-    fi
+    found=$(place "$pattern" "$tree") || return 1
     PATTERN=$pattern REPLACEMENT=$replacement perl -pi -e '
         BEGIN { $p = qr/$ENV{PATTERN}/; $r = $ENV{REPLACEMENT}; $r =~ s/\\&/&/g; }
         s/$p/my $first = $1; (my $t = $r) =~ s{\$\{1\}}{$first}g; $t/e' "$tree/$found"
@@ -107,6 +134,12 @@ build_tests() {
     cmake --build "$work/build" -j "$(nproc)" "${targets[@]}" >"$work/build.log" 2>&1
 }
 
+if [ "${1:-}" = --check ]; then
+    check
+    exit
+fi
+mkdir -p "$work"
+touch "$results"
 copy_sources
 cmake -S "$tree" -B "$work/build" -DCMAKE_BUILD_TYPE=Release >"$work/cmake.log"
 cmake --build "$work/build" --target help >"$work/targets"
@@ -118,12 +151,7 @@ baseline=$(first_failure -L unit)
 
 survivors=0
 while IFS= read -r line; do
-    name=$(sed 's/ | .*//' <<<"$line")
-    rest=${line#* | }
-    tests=${rest%% | *}
-    rest=${rest#* | }
-    pattern=${rest% | *}
-    replacement=${rest##* | }
+    parse "$line"
     if [ $# -gt 0 ]; then
         wanted=0
         for expression in "$@"; do [[ $name =~ $expression ]] && wanted=1; done

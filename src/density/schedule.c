@@ -19,7 +19,8 @@
 // - From N = 1000 on, an update in the second half of densification removes at most 5 % of the
 //   primitives, those of least opacity first: the few updates that remain cannot repair more.
 //   On large photographs, updates of 3dgs and mip go on until the rates decay, but only remove
-//   primitives, mostly those that this limit kept. FastGS has its own final prunes.
+//   primitives, mostly those that this limit kept, and no large ones: nothing grows in their
+//   place. FastGS has its own final prunes.
 // - Opacity resets: every 3000 iterations, as published, rounded to updates. After the last one a
 //   third of the densification remains, or half a reset interval if that is shorter: opacities
 //   require some hundred visits to recover from 0.01, and the loss takes as long to settle.
@@ -309,10 +310,12 @@ bool sgsi_schedule_is_reset(const sgsi_schedule *schedule, int iteration)
 }
 
 // train.py of 3DGS: `iteration > opacity_reset_interval`, and the reset at that iteration follows
-// the update. Without a reset, as in a short scaled run, large primitives are kept.
-bool sgsi_schedule_prunes_large(const sgsi_schedule *schedule, int last_reset)
+// the update. Without a reset, as in a short scaled run, large primitives are kept. Thinning keeps
+// them, too: nothing would grow where they were.
+bool sgsi_schedule_prunes_large(const sgsi_schedule *schedule, int iteration, int last_reset)
 {
-    return schedule->reset_interval && last_reset >= schedule->reset_interval;
+    return sgsi_schedule_is_structural(schedule, iteration) && schedule->reset_interval &&
+           last_reset >= schedule->reset_interval;
 }
 
 bool sgsi_schedule_is_final_prune(const sgsi_schedule *schedule, int iteration)

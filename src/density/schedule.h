@@ -55,9 +55,10 @@ bool sgsi_schedule_is_structural(const sgsi_schedule *schedule, int iteration);
 int sgsi_schedule_first_update(const sgsi_schedule *schedule);
 // True if an opacity reset follows it.
 bool sgsi_schedule_is_reset(const sgsi_schedule *schedule, int iteration);
-// True if updates prune large primitives: after the first opacity reset, except the additional one
-// for a white background. last_reset: iteration of the last reset, -1 = none.
-bool sgsi_schedule_prunes_large(const sgsi_schedule *schedule, int last_reset);
+// True if the update after this iteration prunes large primitives: one that can replace them, after
+// the first opacity reset, except the additional one for a white background. last_reset: iteration
+// of the last reset, -1 = none.
+bool sgsi_schedule_prunes_large(const sgsi_schedule *schedule, int iteration, int last_reset);
 // True if an update after densification, which only removes primitives, follows this iteration:
 // a final prune of the pipeline, or thinning.
 bool sgsi_schedule_is_final_prune(const sgsi_schedule *schedule, int iteration);

@@ -94,8 +94,9 @@ static sgsi_density_options density_options(sgs_trainer *trainer, int iteration,
         .abs_share = schedule->abs_share,
         .opacity_min = 0.005,
         .size_split = 0.01 * extent,
-        .size_max =
-            sgsi_schedule_prunes_large(schedule, progress->last_reset) ? 0.1 * extent : INFINITY,
+        .size_max = sgsi_schedule_prunes_large(schedule, iteration, progress->last_reset)
+                        ? 0.1 * extent
+                        : INFINITY,
         .growth = schedule->growth,
         .removal_max = sgsi_schedule_removal_max(schedule, iteration),
         .max_count = o->max_gaussians,

@@ -75,8 +75,9 @@ static void size_pruning_follows_the_published_rule(void **state)
                     const sgsi_schedule schedule = sgsi_schedule_make(&options, VIEWS, SMALL);
                     int last_reset = -1, resets = 0;
                     for (int t = 1; t <= n; ++t) {
-                        const bool prunes = sgsi_schedule_prunes_large(&schedule, last_reset);
-                        if (paper || n == 30000) // train.py of 3DGS; MCMC prunes none
+                        const bool prunes = sgsi_schedule_prunes_large(&schedule, t, last_reset);
+                        if (sgsi_schedule_is_structural(&schedule, t) && (paper || n == 30000))
+                            // train.py of 3DGS; MCMC prunes none
                             assert_int_equal(prunes, t > 3000 && pipeline != SGS_PIPELINE_MCMC);
                         assert_true(!prunes || resets > 0);
                         if (sgsi_schedule_is_reset(&schedule, t)) {
@@ -526,6 +527,7 @@ static void large_photographs_are_thinned_until_the_rates_decay(void **state)
             assert_int_equal(small.thin_until, 0);
             for (int i = 1; i <= options.iterations; ++i) {
                 const bool thinning = sgsi_schedule_is_thinning(&large, i);
+                assert_false(thinning && sgsi_schedule_prunes_large(&large, i, i - 1));
                 assert_false(sgsi_schedule_is_thinning(&small, i));
                 assert_false(thinning && (sgsi_schedule_is_structural(&large, i) ||
                                           sgsi_schedule_is_annealing(&large, i)));

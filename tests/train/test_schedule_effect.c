@@ -227,6 +227,38 @@ static void thinning_removes_after_densification(void **state)
     sgs_trainer_destroy(trainer);
 }
 
+// Large primitives are pruned by the last update of the densification, after a reset, and kept by
+// thinning, which adds none.
+static void thinning_keeps_large_primitives(void **state)
+{
+    (void)state;
+    sgs_train_options options = sgs_train_options_default();
+    options.iterations = 1000;
+    options.spare = 0;
+    sgs_trainer *trainer = trainer_create(scene, &options);
+    sgsi_schedule *schedule = &trainer->schedule;
+    const int interval = schedule->densify_interval,
+              last = (schedule->densify_until - 1) / interval * interval;
+    schedule->thin_until = last + interval;
+    schedule->reset_interval = 2 * options.iterations; // no reset but this one
+    trainer->progress.last_reset = schedule->reset_interval;
+    schedule->threshold_factor = 1e9; // no growth
+    trainer_run(trainer, last - 1);
+    for (int update = last; update <= last + interval; update += interval) {
+        for (size_t i = 0; i < trainer->model->count; ++i) {
+            const float size = (i < 3 ? 0.2f : 0.01f) * (float)trainer->scene->extent;
+            *sgs_gaussians_at(trainer->model, i, SGS_PARAM_OPACITY) = 0.0f;
+            for (int k = 0; k < 3; ++k)
+                *sgs_gaussians_at(trainer->model, i, SGS_PARAM_SCALE + k) = logf(size);
+        }
+        const sgs_step_info info = trainer_run(trainer, 2);
+        assert_true(info.structural);
+        assert_int_equal(info.pruned, update == last ? 3 : 0);
+        trainer_run(trainer, interval - 2);
+    }
+    sgs_trainer_destroy(trainer);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -235,6 +267,7 @@ int main(void)
         cmocka_unit_test(absolute_gradients_are_collected_for_schedules_that_use_them),
         cmocka_unit_test(late_updates_remove_what_the_schedule_permits),
         cmocka_unit_test(thinning_removes_after_densification),
+        cmocka_unit_test(thinning_keeps_large_primitives),
     };
     return cmocka_run_group_tests(tests, load, unload);
 }

@@ -64,6 +64,7 @@ densification_threshold | golden|test_trainer | define SGSI_GRADIENT_THRESHOLD 2
 window_of_ssim | test_loss | if \(workspace->sigma == sigma\) | if (workspace->sigma > 0.0)
 rate_of_opacity | test_schedule_effect | return \(float\)trainer->schedule\.lr_opacity \* | return
 late_removal | test_schedule | return late \|\| sgsi_schedule_is_thinning\(schedule, iteration\) \? (schedule->late_removal) : 0\.0 | return ${1}
+thinning_prunes_large | test_schedule | return sgsi_schedule_is_structural\(schedule, iteration\) && schedule->reset_interval | return schedule->reset_interval
 faintest_first | test_density | = -\(double\)columns->opacity\[i\]; | = (double)columns->opacity[i];
 ssim_weight | golden | define SSIM_WEIGHT 0\.2 | define SSIM_WEIGHT 0.3
 FAULTS

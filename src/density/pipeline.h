@@ -60,7 +60,7 @@ typedef struct sgsi_pipeline {
     float opacity_ceiling; // after every structural update; 0 = none
     int small_images;      // the first images have about this many times fewer tiles; 0 = full size
     bool abs_grad;         // requires sums of absolute gradients
-    bool fine_growth;      // short runs on large photographs have the rules of schedule.c for them
+    bool fine_growth;      // scaled runs use schedule.c's settings for large photographs
     bool abs_grad_norm;    // the 2-norm of the sums of both axes instead of their sum
     bool relocates;        // decide fills columns->moves; opacities are never reset
     sgs_status (*decide)(const sgsi_density_options *options, sgsi_density_columns *columns,
@@ -105,6 +105,11 @@ static inline bool sgsi_density_should_prune_after(const sgsi_density_options *o
     return sgsi_density_should_prune(options, columns->opacity[i],
                                      split ? columns->scale_max[i] / 1.6f : columns->scale_max[i]);
 }
+
+// Decides an update that only removes primitives: no row grows, the rule of 3DGS prunes. Writes
+// action, removed and prune_children.
+void sgsi_density_decide_thinning(const sgsi_density_options *options,
+                                  sgsi_density_columns *columns);
 
 // Removed by the pipeline or by SPARE-GS.
 static inline bool sgsi_density_is_removed(const sgsi_density_columns *columns, size_t i)

@@ -6,7 +6,8 @@
 // large; those that are faint or, after the first opacity reset, too large are removed, new rows
 // included. In short runs on large photographs, absolute gradients count as well (schedule.c), as
 // in AbsGS (Ye et al. 2024): signed ones cancel where a texture is finer than the primitive.
-// SPARE-GS: w multiplies the mean gradient; redundant primitives are removed, too.
+// Updates after the densification only remove primitives. SPARE-GS: w multiplies the mean gradient;
+// redundant primitives are removed, too.
 
 #include "density/pipeline.h"
 
@@ -15,16 +16,19 @@
 static sgs_status decide(const sgsi_density_options *options, sgsi_density_columns *c,
                          sgsi_density_result *result)
 {
+    if (options->final_prune) {
+        sgsi_density_decide_thinning(options, c);
+        return SGS_STATUS_OK;
+    }
     const float threshold = (float)options->gradient_threshold;
     for (size_t i = 0; i < c->count; ++i) {
         const float score = fmaxf(c->score[i], (float)options->abs_share * c->abs_grad[i]);
         c->priority[i] = score * c->weight[i];
-        const bool passes = !options->final_prune && score >= threshold;
-        const bool grows = !options->final_prune && c->priority[i] >= threshold;
+        const bool grows = c->priority[i] >= threshold;
         c->action[i] = sgsi_density_growth(grows, c->scale_max[i], (float)options->size_split);
         c->removed[i] = sgsi_density_should_prune(options, c->opacity[i], c->scale_max[i]);
         c->prune_children[i] = sgsi_density_should_prune_after(options, c, i);
-        sgsi_density_count_reversal(passes, grows, result);
+        sgsi_density_count_reversal(score >= threshold, grows, result);
     }
     return SGS_STATUS_OK;
 }

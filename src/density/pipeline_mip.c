@@ -5,7 +5,8 @@
 // two gradients. A primitive grows if its mean gradient reaches tau, or its mean absolute gradient
 // (per pixel, without cancellation) reaches Q, the quantile that as many primitives exceed as
 // exceed tau. Sizes and opacities are the stored ones, without the 3D filter. SPARE-GS: tau and Q
-// are from the unweighted gradients; w multiplies both gradients before the comparison.
+// are from the unweighted gradients; w multiplies both gradients before the comparison. Updates
+// after the densification only remove primitives.
 
 #include "density/pipeline.h"
 
@@ -46,6 +47,10 @@ static bool reaches(float gradient, float quantile)
 static sgs_status decide(const sgsi_density_options *options, sgsi_density_columns *c,
                          sgsi_density_result *result)
 {
+    if (options->final_prune) {
+        sgsi_density_decide_thinning(options, c);
+        return SGS_STATUS_OK;
+    }
     const float threshold = (float)options->gradient_threshold;
     size_t pulled = 0;
     for (size_t i = 0; i < c->count; ++i)
@@ -59,10 +64,8 @@ static sgs_status decide(const sgsi_density_options *options, sgsi_density_colum
         return status;
     for (size_t i = 0; i < c->count; ++i) {
         const float w = c->weight[i], share = quantile > 0.0f ? threshold / quantile : 0.0f;
-        const bool native = !options->final_prune &&
-                            (c->score[i] >= threshold || reaches(c->abs_grad[i], quantile));
-        const bool grows = !options->final_prune &&
-                           (c->score[i] * w >= threshold || reaches(c->abs_grad[i] * w, quantile));
+        const bool native = c->score[i] >= threshold || reaches(c->abs_grad[i], quantile);
+        const bool grows = c->score[i] * w >= threshold || reaches(c->abs_grad[i] * w, quantile);
         c->priority[i] = fmaxf(c->score[i], c->abs_grad[i] * share) * w;
         c->action[i] = sgsi_density_growth(grows, c->scale_max[i], (float)options->size_split);
         c->removed[i] = sgsi_density_should_prune(options, c->opacity[i], c->scale_max[i]);

@@ -19,8 +19,8 @@
 // - From N = 1000 on, an update in the second half of densification removes at most 5 % of the
 //   primitives, those of least opacity first: the few updates that remain cannot repair more.
 //   On large photographs, updates of 3dgs and mip go on until the rates decay, but only remove
-//   primitives, mostly those that this limit kept, and no large ones: nothing grows in their
-//   place. FastGS has its own final prunes.
+//   faint and redundant primitives, mostly those that this limit kept. None is removed for its
+//   size: nothing would grow in its place. FastGS has its own final prunes.
 // - Opacity resets: every 3000 iterations, as published, rounded to updates. After the last one a
 //   third of the densification remains, or half a reset interval if that is shorter: opacities
 //   require some hundred visits to recover from 0.01, and the loss takes as long to settle.
@@ -33,15 +33,15 @@
 //   reduction fades out towards N = 2000 and N = 30 000.
 // - Large photographs, 3dgs, mip and fastgs: from 320 000 pixels and 60 views on, 1.05 times the
 //   threshold and less weight of gradients close to the camera (Pixel-GS, its constant). With 3dgs,
-//   absolute gradients count at twice the threshold (AbsGS); the others have their own rule for
-//   them. Textures finer than the primitives have signed gradients that cancel. In the loss, SSIM
-//   has a weight of 0.4 instead of 0.2 and a window with a standard deviation of 1 pixel instead of
-//   1.5, which sharpens the image. Opacity has at least 1.5 times the rate of 3DGS: fewer
-//   primitives per ray, which saves time. More primitives then fade between two updates, so there
-//   are 15 updates, and each prunes less. The rates decay to a half instead of a tenth. The first
-//   quarter of the run has images of half the size, which saves time, too. Below these limits,
-//   settings are interpolated over the logarithm of the pixels from 130 000 and linearly over the
-//   views from 15. They fade out towards N = 30 000.
+//   absolute gradients count at twice the threshold (AbsGS), because signed ones cancel where a
+//   texture is finer than the primitives; the others have their own rule for them. In the loss,
+//   SSIM has a weight of 0.4 instead of 0.2 and a window with a standard deviation of 1 pixel
+//   instead of 1.5, which sharpens the image. Opacity has at least 1.5 times the rate of 3DGS:
+//   fewer primitives per ray, which saves time. More primitives then fade between two updates, so
+//   there are 15 updates, and each prunes less. The rates decay to a half instead of a tenth. The
+//   first quarter of the run has images of half the size, which saves time, too. Below these
+//   limits, settings are interpolated over the logarithm of the pixels from 130 000 and linearly
+//   over the views from 15. They fade out towards N = 30 000.
 //
 // MCMC has its own milestones (Kheradmand et al. 2024, released code): updates from 500 to 25 000
 // every 100, each adding 5 %, and no opacity resets. Scaled: updates until 25 000 f every max(50,
@@ -310,8 +310,8 @@ bool sgsi_schedule_is_reset(const sgsi_schedule *schedule, int iteration)
 }
 
 // train.py of 3DGS: `iteration > opacity_reset_interval`, and the reset at that iteration follows
-// the update. Without a reset, as in a short scaled run, large primitives are kept. Thinning keeps
-// them, too: nothing would grow where they were.
+// the update. Without a reset, as in a short scaled run, large primitives are kept. So they are in
+// thinning: nothing would grow where they were.
 bool sgsi_schedule_prunes_large(const sgsi_schedule *schedule, int iteration, int last_reset)
 {
     return sgsi_schedule_is_structural(schedule, iteration) && schedule->reset_interval &&

@@ -35,8 +35,8 @@ typedef struct sgsi_schedule {
     double ssim_sigma;       // of its window, pixels
     int check_interval;      // of SPARE-GS's equilibrium checks
     double threshold_factor; // on the pipeline's gradient threshold
-    // Weight of absolute gradients in the score for growth, if the pipeline has none of its own; 0
-    // = none.
+    // Weight of absolute gradients in the score for growth; 0 = none, or the pipeline has its own
+    // rule for them.
     double abs_share;
     // Gradients of primitives closer to the camera than this, in extents of the scene, count less
     // for growth; 0 = none.
@@ -55,9 +55,9 @@ bool sgsi_schedule_is_structural(const sgsi_schedule *schedule, int iteration);
 int sgsi_schedule_first_update(const sgsi_schedule *schedule);
 // True if an opacity reset follows it.
 bool sgsi_schedule_is_reset(const sgsi_schedule *schedule, int iteration);
-// True if the update after this iteration prunes large primitives: one that can replace them, after
-// the first opacity reset, except the additional one for a white background. last_reset: iteration
-// of the last reset, -1 = none.
+// True if the update after this iteration also prunes by size: a structural one, after the first
+// regular opacity reset. The additional reset for a white background does not count. last_reset:
+// iteration of the last reset, -1 = none.
 bool sgsi_schedule_prunes_large(const sgsi_schedule *schedule, int iteration, int last_reset);
 // True if an update after densification, which only removes primitives, follows this iteration:
 // a final prune of the pipeline, or thinning.

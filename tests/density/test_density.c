@@ -367,6 +367,7 @@ static void thinning_only_removes(void **state)
         }
         update(&f);
         assert_int_equal(f.model->count, 95);
+        assert_int_equal(f.result.bmd_suppressed + f.result.bmd_boosted, 0);
         size_t rows[8];
         for (size_t i = 0; i < 100; ++i)
             assert_int_equal(rows_of(&f, (float)i, rows), i < 15 || i >= 20);

@@ -188,11 +188,11 @@ static void late_updates_remove_what_the_schedule_permits(void **state)
 }
 
 // All primitives have a gradient above the threshold, half are faint: none grows, 5 % are removed.
-static void thinning_removes_after_densification(void **state)
+static void check_thinning(sgs_pipeline pipeline)
 {
-    (void)state;
     sgs_train_options options = sgs_train_options_default();
     options.iterations = 1000;
+    options.pipeline = pipeline;
     sgs_trainer *trainer = trainer_create(scene, &options);
     sgsi_schedule *schedule = &trainer->schedule;
     const int interval = schedule->densify_interval, until = schedule->densify_until,
@@ -225,6 +225,13 @@ static void thinning_removes_after_densification(void **state)
         gradient += (double)trainer->statistics.gradient_sum[i];
     assert_true(gradient == 0.0);
     sgs_trainer_destroy(trainer);
+}
+
+static void thinning_removes_after_densification(void **state)
+{
+    (void)state;
+    check_thinning(SGS_PIPELINE_3DGS);
+    check_thinning(SGS_PIPELINE_MIP);
 }
 
 // Large primitives are pruned by the last update of the densification, after a reset, and kept by

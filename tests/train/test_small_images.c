@@ -79,6 +79,18 @@ static sgs_train_options short_run(void)
     return options;
 }
 
+// With one structural update, after the last iteration of half the size.
+static sgs_trainer *create_updating(const sgs_train_options *options)
+{
+    sgs_trainer *trainer = trainer_create(scene, options);
+    trainer->schedule.densify_from = 0;
+    trainer->schedule.densify_interval = HALF;
+    trainer->schedule.densify_until = HALF + 1;
+    trainer->schedule.thin_until = trainer->schedule.prune_interval = 0;
+    assert_int_equal(sgsi_schedule_first_update(&trainer->schedule), HALF);
+    return trainer;
+}
+
 static void a_run_begins_with_half_the_size(void **state)
 {
     (void)state;
@@ -137,26 +149,34 @@ static void float_photographs_keep_their_size(void **state)
 static void a_resumed_run_has_the_same_sizes(void **state)
 {
     (void)state;
-    const sgs_train_options options = short_run();
+    const sgs_pipeline pipelines[] = {SGS_PIPELINE_3DGS, SGS_PIPELINE_FASTGS};
     const temp_folder folder = temp_folder_make();
     const char *path = temp_path(&folder, "checkpoint");
-    char whole[17], resumed[17];
-    sgs_trainer *trainer = trainer_create(scene, &options);
-    trainer_run(trainer, ITERATIONS);
-    sgs_gaussians_hash(sgs_trainer_model(trainer), whole);
-    sgs_trainer_destroy(trainer);
-    for (int at = HALF - 1; at <= HALF + 1; ++at) {
-        trainer = trainer_create(scene, &options);
-        trainer_run(trainer, at);
-        assert_int_equal(sgs_trainer_save_checkpoint(trainer, path), SGS_STATUS_OK);
+    for (int p = 0; p < 2; ++p) {
+        sgs_train_options options = short_run();
+        options.pipeline = pipelines[p];
+        char whole[17], resumed[17];
+        sgs_trainer *trainer = create_updating(&options);
+        const size_t initial = sgs_trainer_model(trainer)->count;
+        // The update after an iteration is made at the begin of the next one.
+        assert_true(trainer_run(trainer, HALF + 1).structural);
+        assert_true(sgs_trainer_model(trainer)->count > initial);
+        trainer_run(trainer, ITERATIONS - HALF - 1);
+        sgs_gaussians_hash(sgs_trainer_model(trainer), whole);
         sgs_trainer_destroy(trainer);
-        trainer = trainer_create(scene, &options);
-        assert_int_equal(sgs_trainer_load_checkpoint(trainer, path), SGS_STATUS_OK);
-        assert_int_equal(trainer->views.small_images.scale, at <= HALF ? 2 : 1);
-        trainer_run(trainer, ITERATIONS - at);
-        sgs_gaussians_hash(sgs_trainer_model(trainer), resumed);
-        sgs_trainer_destroy(trainer);
-        assert_string_equal(resumed, whole);
+        for (int at = HALF - 1; at <= HALF + 1; ++at) {
+            trainer = create_updating(&options);
+            trainer_run(trainer, at);
+            assert_int_equal(sgs_trainer_save_checkpoint(trainer, path), SGS_STATUS_OK);
+            sgs_trainer_destroy(trainer);
+            trainer = create_updating(&options);
+            assert_int_equal(sgs_trainer_load_checkpoint(trainer, path), SGS_STATUS_OK);
+            assert_int_equal(trainer->views.small_images.scale, at <= HALF ? 2 : 1);
+            trainer_run(trainer, ITERATIONS - at);
+            sgs_gaussians_hash(sgs_trainer_model(trainer), resumed);
+            sgs_trainer_destroy(trainer);
+            assert_string_equal(resumed, whole);
+        }
     }
     tree_remove(&folder);
 }

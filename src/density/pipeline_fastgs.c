@@ -19,8 +19,9 @@
 // tracer's compact_box; 1 by default, because its omissions are visible and the tracer's lists
 // contain actual hits only.
 //
-// Votes count pixels. While the images are reduced (schedule.c), a vote is multiplied by the area
-// of such a pixel in the photograph.
+// Votes count pixels, also while the images are reduced (schedule.c), so fewer primitives grow
+// then. Votes by area were tried: at 2000 iterations on large photographs of two scenes, PSNR, SSIM
+// and sharpness were lower (tools/manual/schedules.md).
 //
 // SPARE-GS: w multiplies the gradients, or with sgs_spare_target the vote, or both. The native test
 // floor(mean) > 5 is written as mean >= 6, so that w * mean >= 6 equals it at w = 1.
@@ -47,19 +48,17 @@ static void decide_growth(const sgsi_density_options *options, sgsi_density_colu
     const float size = (float)(own->fastgs_dense * options->extent);
     // Scale both thresholds: with tau only, clones would become rarer than splits.
     const double factor = options->gradient_threshold / SGSI_GRADIENT_THRESHOLD;
-    const float split_threshold = (float)(own->fastgs_gradient * factor),
-                pixel_area = (float)(options->resolution * options->resolution);
+    const float split_threshold = (float)(own->fastgs_gradient * factor);
     for (size_t i = 0; i < c->count; ++i) {
         const bool large = c->scale_max[i] > size;
         const float gradient = large ? c->abs_grad[i] : c->score[i];
         const float threshold = large ? split_threshold : (float)options->gradient_threshold;
-        const float native_vote = options->importance[i] * pixel_area,
-                    vote = native_vote * (on_vote ? c->weight[i] : 1.0f);
+        const float vote = options->importance[i] * (on_vote ? c->weight[i] : 1.0f);
         c->priority[i] = gradient / threshold * (on_gradient ? c->weight[i] : 1.0f);
         const bool grows =
             gradient * (on_gradient ? c->weight[i] : 1.0f) >= threshold && vote >= vote_min;
-        sgsi_density_count_reversal(gradient >= threshold && native_vote >= vote_min, grows,
-                                    result);
+        sgsi_density_count_reversal(gradient >= threshold && options->importance[i] >= vote_min,
+                                    grows, result);
         c->action[i] = sgsi_density_growth(grows, c->scale_max[i], size);
     }
 }

@@ -32,7 +32,6 @@ split_size | golden|test_trainer | \.size_split = 0\.01 \* extent, | .size_split
 opacity_after_reset | test_trainer|test_density | limit_opacity\(trainer, 0\.01, | limit_opacity(trainer, 0.02,
 sh_interval | test_schedule | \.sh_interval = rounded\(1000 \* f, 1\) | .sh_interval = rounded(900 * f, 1)
 thinning_grows | test_density | c->action\[i\] = SGSI_ACTION_KEEP;$ | c->action[i] = SGSI_ACTION_CLONE;
-votes_of_reduced_images | test_pipelines|test_density | options->importance\[i\] \* pixel_area | options->importance[i]
 mip_opacity_rate | test_schedule | fmax\(opacity_rate / \(double\)pipeline->lr_opacity, 1\.0\) | LARGE_OPACITY_RATE
 fastgs_thins | test_schedule | schedule\.late_removal > 0\.0 && !pipeline->prune_interval | schedule.late_removal > 0.0
 learning_rate_decay | test_schedule | exp\(u \* log\(0\.01\)\) | exp(u * log(0.02))

@@ -19,8 +19,9 @@
 #include "cli/shared_options.h"
 
 static const char description[] =
-    "Measures the phases of a training iteration on built-in scenes (listed by --list; all of them "
-    "by default), or on MODEL (a model file or a run folder) viewed from the cameras of SCENE. "
+    "Measures the phases of a training iteration on built-in scenes (listed by --list; by default "
+    "sparse-32k, dense-500k and dense-2m), or on MODEL (a model file or a run folder) viewed from "
+    "the cameras of SCENE. "
     "Prints the median, minimum and maximum over the repetitions, per ray hit in TSC cycles and "
     "nanoseconds and per megapixel, both as core time (wall-clock time x threads), together with "
     "the limits of the machine, measured in the same run. `forward` is project, order and blend "

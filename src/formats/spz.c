@@ -15,6 +15,10 @@
 // The specification stores x right, y up, z back. Some exporters write the axes of the PLY; the
 // extension record 0xADBE0003 names the axes. Written files use as many fractional bits as the
 // largest coordinate allows, so that no position wraps.
+//
+// Streams of equal bytes compress to almost nothing, so the size of a file bounds its count. Per
+// byte, a regular grid of 128 x 128 x 128 equal primitives has 0.6 primitives with gzip and 5 with
+// Zstandard, a trained model 0.1. A model beyond the bound is written stored, or padded with zeros.
 
 #include "formats/model_format.h"
 
@@ -38,6 +42,11 @@ enum {
     AXES_LUF = 7,
     FRACTIONAL_BITS_MOST = 30,
     FRACTIONAL_BITS_WRITTEN = 20,
+    COUNT_PER_BYTE = 4, // at most, versions 1 to 3
+    COUNT_PER_BYTE_4 = 16,
+    COUNT_ALWAYS = 1 << 16, // accepted in a file of any size
+    ROW_BYTES_MOST = 92,    // degree 4
+    RECORDS_MOST = 1 << 16,
     GZIP_LEVEL = 6,
     ZSTD_LEVEL = 9
 };
@@ -60,6 +69,7 @@ typedef struct spz_file {
     const uint8_t *streams[STREAM_COUNT];
     uint8_t *owned[STREAM_COUNT]; // decompressed
     uint8_t *bytes;               // the file
+    size_t size;
 } spz_file;
 
 static size_t row_bytes(const spz_file *file, int stream)
@@ -71,6 +81,12 @@ static size_t row_bytes(const spz_file *file, int stream)
                                         file->version >= 3 ? 4 : 3,
                                         3 * (size_t)sgsi_rest_coefficients(file->sh_stored)};
     return sizes[stream];
+}
+
+// Primitives that a file of this many bytes can plausibly contain.
+static size_t count_limit(uint32_t version, size_t size)
+{
+    return (version == 4 ? COUNT_PER_BYTE_4 : COUNT_PER_BYTE) * size + COUNT_ALWAYS;
 }
 
 // ---- Reading ----
@@ -100,6 +116,10 @@ static sgs_status read_fields(spz_file *file, const uint8_t *header)
                          file->fractional_bits, FRACTIONAL_BITS_MOST);
     if (!file->count)
         return sgsi_fail(SGS_STATUS_FORMAT, "%s: contains no primitives", file->path);
+    if (file->count > count_limit(file->version, file->size))
+        return sgsi_fail(SGS_STATUS_LIMIT,
+                         "%s: byte 8: %u primitives are more than a file of %zu bytes can hold",
+                         file->path, file->count, file->size);
     if (file->sh_stored == 4)
         sgsi_warn("%s: SH of degree 4 are ignored", file->path);
     return SGS_STATUS_OK;
@@ -158,7 +178,9 @@ static sgs_status read_plain(spz_file *file, const uint8_t *data, size_t size)
 
 static sgs_status read_gzip(spz_file *file, size_t size)
 {
-    const size_t most = size < SIZE_MAX / GZIP_RATIO ? size * GZIP_RATIO : SIZE_MAX / 2;
+    const size_t expanded = size * GZIP_RATIO,
+                 plausible = HEADER_BYTES + ROW_BYTES_MOST * count_limit(1, size) + RECORDS_MOST,
+                 most = expanded < plausible ? expanded : plausible;
     size_t unpacked;
     sgs_status status = sgsi_unpack(SGSI_PACKING_GZIP, file->path, "gzip data", file->bytes, size,
                                     most, &file->owned[0], &unpacked);
@@ -274,6 +296,7 @@ sgs_status sgsi_spz_read(const char *path, const sgs_model_read_options *options
     sgs_status status = sgsi_file_read(path, 0, &file.bytes, &size);
     if (status)
         return status;
+    file.size = size;
     if (size >= 2 && file.bytes[0] == 0x1F && file.bytes[1] == 0x8B)
         status = read_gzip(&file, size);
     else if (size >= 8 && sgsi_load_u32(file.bytes + 4) - 1 < 3)
@@ -420,6 +443,8 @@ static sgs_status write_version_4(const char *path, const spz_file *file,
         status = status ? status : packing.status[k];
         total += packing.out_size[k];
     }
+    if (file->count > count_limit(4, total))
+        total = file->count / COUNT_PER_BYTE_4; // zeros at the end
     uint8_t *bytes = status ? NULL : sgsi_calloc(total, 1);
     if (bytes) {
         put_header(bytes, file);
@@ -442,6 +467,24 @@ static sgs_status write_version_4(const char *path, const spz_file *file,
     sgsi_free(bytes);
     for (size_t k = 0; k < count; ++k)
         sgsi_free(packing.out[k]);
+    return status;
+}
+
+static sgs_status write_gzip(const char *path, const uint8_t *bytes, size_t size, uint32_t count,
+                             uint64_t *written)
+{
+    uint8_t *packed;
+    size_t packed_size;
+    sgs_status status =
+        sgsi_pack(SGSI_PACKING_GZIP, GZIP_LEVEL, bytes, size, &packed, &packed_size);
+    if (!status && count > count_limit(3, packed_size)) {
+        sgsi_free(packed);
+        status = sgsi_pack(SGSI_PACKING_GZIP, 0, bytes, size, &packed, &packed_size);
+    }
+    if (!status)
+        status = sgsi_file_write(path, packed, packed_size);
+    sgsi_free(packed);
+    *written = packed_size;
     return status;
 }
 
@@ -479,17 +522,11 @@ sgs_status sgsi_spz_write(const char *path, const sgs_gaussians *model,
     if (file.version == 4) {
         status = write_version_4(path, &file, streams, &written->bytes);
     } else {
-        uint8_t *packed;
-        size_t packed_size;
         put_header(bytes, &file);
         if (raw)
             put_axes_record(at);
-        status = sgsi_pack(SGSI_PACKING_GZIP, GZIP_LEVEL, bytes,
-                           total - (raw ? 0 : AXES_RECORD_BYTES), &packed, &packed_size);
-        if (!status)
-            status = sgsi_file_write(path, packed, packed_size);
-        sgsi_free(packed);
-        written->bytes = packed_size;
+        status = write_gzip(path, bytes, total - (raw ? 0 : AXES_RECORD_BYTES), file.count,
+                            &written->bytes);
     }
     sgsi_free(bytes);
     return status;

@@ -127,19 +127,19 @@ void sgsi_archive_close(sgsi_archive *archive)
     *archive = (sgsi_archive){0};
 }
 
-static sgs_status read_from_folder(const sgsi_archive *archive, const char *name, uint8_t **bytes,
-                                   size_t *size)
+static sgs_status read_from_folder(const sgsi_archive *archive, const char *name, size_t most,
+                                   uint8_t **bytes, size_t *size)
 {
     char *path = sgsi_format("%s/%s", archive->path, name);
     const sgs_status status =
-        path ? sgsi_file_read(path, 0, bytes, size)
+        path ? sgsi_file_read(path, most, bytes, size)
              : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to read it", archive->path);
     sgsi_free(path);
     return status;
 }
 
-sgs_status sgsi_archive_read(const sgsi_archive *archive, const char *name, uint8_t **bytes,
-                             size_t *size)
+sgs_status sgsi_archive_read(const sgsi_archive *archive, const char *name, size_t most,
+                             uint8_t **bytes, size_t *size)
 {
     const sgsi_archive_entry *entry = archive->entries;
     *bytes = NULL;
@@ -151,17 +151,20 @@ sgs_status sgsi_archive_read(const sgsi_archive *archive, const char *name, uint
         return sgsi_fail(SGS_STATUS_FORMAT, "%s: '%.64s' is not the name of a file in it",
                          archive->path, name);
     if (!archive->bytes)
-        return read_from_folder(archive, name, bytes, size);
+        return read_from_folder(archive, name, most, bytes, size);
     while (entry < archive->entries + archive->entry_count && strcmp(entry->name, name))
         ++entry;
     if (entry == archive->entries + archive->entry_count)
         return sgsi_fail(SGS_STATUS_FORMAT, "%s: has no file '%.64s'", archive->path, name);
+    if (entry->unpacked > most)
+        return sgsi_fail(SGS_STATUS_LIMIT, "%s: %s has %zu bytes; the limit is %zu", archive->path,
+                         name, entry->unpacked, most);
     const uint8_t *packed = archive->bytes + entry->offset;
     if (entry->method == METHOD_DEFLATE) {
         const size_t bound = entry->packed * DEFLATE_RATIO + DEFLATE_RATIO,
-                     most = entry->unpacked < bound ? entry->unpacked : bound;
+                     room = entry->unpacked < bound ? entry->unpacked : bound;
         const sgs_status status = sgsi_unpack(SGSI_PACKING_DEFLATE, archive->path, name, packed,
-                                              entry->packed, most, bytes, size);
+                                              entry->packed, room, bytes, size);
         if (!status)
             (*bytes)[*size] = 0;
         return status;

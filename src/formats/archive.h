@@ -29,10 +29,10 @@ typedef struct sgsi_archive {
 sgs_status sgsi_archive_open(sgsi_archive *archive, const char *path);
 void sgsi_archive_close(sgsi_archive *archive);
 
-// Reads a named file; (*bytes)[*size] is NUL. The name must be plain: no slash. The caller frees
-// *bytes with sgsi_free.
-sgs_status sgsi_archive_read(const sgsi_archive *archive, const char *name, uint8_t **bytes,
-                             size_t *size);
+// Reads a named file of at most `most` bytes; (*bytes)[*size] is NUL. The name must be plain: no
+// slash. The caller frees *bytes with sgsi_free. Fails with IO, FORMAT, LIMIT or OUT_OF_MEMORY.
+sgs_status sgsi_archive_read(const sgsi_archive *archive, const char *name, size_t most,
+                             uint8_t **bytes, size_t *size);
 
 // A file to write.
 typedef struct sgsi_archive_file {

@@ -22,6 +22,9 @@
 #include "base/threads.h"
 #include "formats/model_format.h"
 
+// meta.json of a writer has about 15 kB, most of it codebooks.
+enum { META_MOST = 1 << 20 };
+
 static const double SQRT_2 = 1.41421356237309505;
 
 typedef struct sog_reader {
@@ -210,20 +213,28 @@ static sgs_status check_textures(const sog_reader *reader)
     return SGS_STATUS_OK;
 }
 
+// Largest size of a WebP file in the archive: deflate saves little on WebP, so one in a ZIP file is
+// not much larger than the ZIP file.
+static size_t texture_limit(const sgsi_archive *archive)
+{
+    return archive->bytes ? 4 * archive->size + (1 << 16) : SIZE_MAX;
+}
+
 static sgs_status read_textures(sog_reader *reader, const sgsi_archive *archive)
 {
     sgsi_sog *sog = reader->sog;
     sgs_status status = SGS_STATUS_OK;
     for (int k = 0; !status && k < SGSI_SOG_TEXTURES; ++k)
         if (reader->names[k]) {
-            status = sgsi_archive_read(archive, reader->names[k], &reader->packed[k],
-                                       &reader->packed_size[k]);
+            status = sgsi_archive_read(archive, reader->names[k], texture_limit(archive),
+                                       &reader->packed[k], &reader->packed_size[k]);
             sog->bytes += reader->packed_size[k];
         }
+    if (archive->bytes)
+        sog->bytes = archive->size;
     if (!status && sog->count > pixel_limit(sog->bytes))
         status = sgsi_fail(SGS_STATUS_LIMIT,
-                           "%s: meta.json: %zu primitives are more than %zu bytes of textures can "
-                           "hold",
+                           "%s: meta.json: %zu primitives are more than %zu bytes can hold",
                            reader->path, sog->count, sog->bytes);
     if (!status)
         sgsi_parallel_for(SGSI_SOG_TEXTURES, 1, decode_texture, reader);
@@ -262,7 +273,7 @@ sgs_status sgsi_sog_open(sgsi_sog *sog, const char *path)
                             ? sgsi_archive_open(&archive, folder)
                             : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to read it", path);
     if (!status)
-        status = sgsi_archive_read(&archive, "meta.json", &text, &length);
+        status = sgsi_archive_read(&archive, "meta.json", META_MOST, &text, &length);
     if (!status) {
         sog->bytes = length;
         meta = json_loadb((const char *)text, length, JSON_REJECT_DUPLICATES, &error);

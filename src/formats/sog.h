@@ -27,7 +27,7 @@ enum {
 
 typedef struct sgsi_sog {
     size_t count, palette_count;
-    size_t bytes; // of all its files
+    size_t bytes; // of all its files, or of the ZIP file
     int version, sh_degree;
     bool antialiased;
     double means_low[3], means_high[3];

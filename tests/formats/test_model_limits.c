@@ -153,11 +153,144 @@ static void compressible_spz_is_read_back(void **state)
     temp_folder_remove(&folder);
 }
 
+// ---- SOG as a ZIP file ----
+
+// A ZIP file of deflated entries.
+static void put_zip(const char *path, const sgsi_archive_file *files, size_t count)
+{
+    uint8_t *bytes = calloc(1, 1 << 20), *central = calloc(1, 4096);
+    size_t at = 0, directory = 0;
+    assert_true(bytes && central);
+    for (size_t k = 0; k < count; ++k) {
+        uint8_t *packed, *local = bytes + at, *entry = central + directory;
+        size_t size;
+        const size_t length = strlen(files[k].name);
+        assert_int_equal(
+            sgsi_pack(SGSI_PACKING_DEFLATE, 9, files[k].bytes, files[k].size, &packed, &size),
+            SGS_STATUS_OK);
+        assert_true(at + size + 4096 < 1 << 20);
+        sgsi_store_u32(local, 0x04034B50);
+        sgsi_store_u16(local + 26, (uint32_t)length);
+        memcpy(local + 30, files[k].name, length);
+        memcpy(local + 30 + length, packed, size);
+        sgsi_store_u32(entry, 0x02014B50);
+        sgsi_store_u16(entry + 10, 8);
+        sgsi_store_u32(entry + 20, (uint32_t)size);
+        sgsi_store_u32(entry + 24, (uint32_t)files[k].size);
+        sgsi_store_u16(entry + 28, (uint32_t)length);
+        sgsi_store_u32(entry + 42, (uint32_t)at);
+        memcpy(entry + 46, files[k].name, length);
+        at += 30 + length + size;
+        directory += 46 + length;
+        sgsi_free(packed);
+    }
+    memcpy(bytes + at, central, directory);
+    uint8_t *end = bytes + at + directory;
+    sgsi_store_u32(end, 0x06054B50);
+    sgsi_store_u16(end + 10, (uint32_t)count);
+    sgsi_store_u32(end + 12, (uint32_t)directory);
+    sgsi_store_u32(end + 16, (uint32_t)at);
+    file_put(path, bytes, at + directory + 22);
+    free(bytes);
+    free(central);
+}
+
+// Appends `size` bytes of `value` to a file.
+static void pad(sgsi_archive_file *file, size_t size, int value)
+{
+    uint8_t *bytes = sgsi_alloc(file->size + size, 1);
+    assert_non_null(bytes);
+    memcpy(bytes, file->bytes, file->size);
+    memset(bytes + file->size, value, size);
+    sgsi_free(file->bytes);
+    file->bytes = bytes;
+    file->size += size;
+}
+
+// The files of a model of `count` primitives, whose textures have one colour.
+static size_t make_uniform_sog(size_t count, sgsi_archive_file files[SGSI_SOG_FILES])
+{
+    const sgs_model_write_options options = sgs_model_write_options_default();
+    sgs_gaussians *model = model_uniform(3, 0);
+    size_t file_count = 0;
+    assert_int_equal(sgsi_sog_encode_model(model, &options, files, &file_count), SGS_STATUS_OK);
+    sgs_gaussians_destroy(model);
+    sgsi_webp image = {.width = SIDE, .height = SIDE, .rgba = calloc(SIDE * SIDE, 4)};
+    assert_non_null(image.rgba);
+    for (size_t k = 0; k + 1 < file_count; ++k) {
+        sgsi_free(files[k].bytes);
+        assert_int_equal(sgsi_webp_encode(&image, &files[k].bytes, &files[k].size), SGS_STATUS_OK);
+    }
+    free(image.rgba);
+    sgsi_archive_file *meta = &files[file_count - 1];
+    json_t *root = json_loadb((const char *)meta->bytes, meta->size, 0, NULL);
+    assert_non_null(root);
+    json_object_set_new(root, "count", json_integer((json_int_t)count));
+    char *text = json_dumps(root, JSON_COMPACT);
+    json_decref(root);
+    sgsi_free(meta->bytes);
+    meta->bytes = (uint8_t *)sgsi_strdup(text);
+    meta->size = strlen(text);
+    free(text);
+    return file_count;
+}
+
+static void inflated_sog_is_refused(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    const char *path = temp_path(&folder, "a.sog");
+    sgsi_archive_file files[SGSI_SOG_FILES] = {0};
+    size_t count = make_uniform_sog(1000, files);
+    sgsi_archive_file *meta = &files[count - 1];
+    // SIDE^2 pixels are more than the bytes of the ZIP file, but not more than those inflated.
+    pad(meta, 400000, ' ');
+    put_zip(path, files, count);
+    refuse(path, SGS_STATUS_LIMIT, "600 x 600 pixels, more than a file of this size can hold");
+    pad(meta, 1 << 20, ' ');
+    put_zip(path, files, count);
+    refuse(path, SGS_STATUS_LIMIT, "bytes; the limit is 1048576");
+    sgsi_sog_files_free(files);
+
+    count = make_uniform_sog(MANY, files);
+    pad(&files[count - 1], 400000, ' ');
+    put_zip(path, files, count);
+    refuse(path, SGS_STATUS_LIMIT, "meta.json: 300000 primitives are more than");
+    sgsi_sog_files_free(files);
+
+    count = make_uniform_sog(1000, files);
+    pad(&files[0], 400000, 0);
+    put_zip(path, files, count);
+    refuse(path, SGS_STATUS_LIMIT, "means_l.webp has 4000");
+    sgsi_sog_files_free(files);
+    temp_folder_remove(&folder);
+}
+
+static void deflated_sog_is_read(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    const sgs_model_write_options options = sgs_model_write_options_default();
+    sgsi_archive_file files[SGSI_SOG_FILES] = {0};
+    sgs_gaussians *models[2] = {model_random(2000, 3), model_uniform(60000, 0)};
+    for (size_t k = 0; k < 2; ++k) {
+        size_t count = 0;
+        assert_int_equal(sgsi_sog_encode_model(models[k], &options, files, &count), SGS_STATUS_OK);
+        put_zip(temp_path(&folder, "a.sog"), files, count);
+        accept(temp_path(&folder, "a.sog"), models[k]->count);
+        sgsi_sog_files_free(files);
+        sgs_gaussians_destroy(models[k]);
+    }
+    temp_folder_remove(&folder);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(spz_of_zeros_is_refused),
         cmocka_unit_test(compressible_spz_is_read_back),
+        cmocka_unit_test(inflated_sog_is_refused),
+        cmocka_unit_test(deflated_sog_is_read),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -200,6 +200,16 @@ sgs_status sgs_model_read(const char *path, const sgs_model_read_options *option
     return status;
 }
 
+// Whether the last error begins with the file or, for a model of several files, its folder.
+static bool error_names(const char *path)
+{
+    const char *error = sgs_last_error(), *slash = strrchr(path, '/');
+    const size_t length = slash ? (size_t)(slash - path) : strlen(path);
+    if (!slash && !strncmp(error, "./", 2)) // lod-meta.json in the working directory
+        return true;
+    return !strncmp(error, path, length) && (error[length] == '/' || error[length] == ':');
+}
+
 static sgs_status check_write_options(const char *path, const sgs_model_write_options *options)
 {
     const char *wrong = NULL;
@@ -232,6 +242,8 @@ sgs_status sgs_model_write(const char *path, const sgs_gaussians *model,
         status = check_write_options(path, &own);
     if (!status)
         status = table[format].write(path, model, &own, &result);
+    if (status && status != SGS_STATUS_CANCELLED && !error_names(path))
+        status = sgsi_fail(status, "%s: %s", path, sgs_last_error());
     if (!status && !result.bytes && !stat(path, &file))
         result.bytes = (uint64_t)file.st_size;
     if (written)

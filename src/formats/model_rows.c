@@ -18,6 +18,14 @@ static const float LEAST_LOG_SCALE = -30.0f;
 // sigmoid of this value has a gradient in float.
 static const float OPAQUE_LOGIT = 13.8155096f;
 
+// The model names neither the file nor a remedy that applies to reading.
+static sgs_status fail_rows(const sgsi_rows *rows, sgs_status status, size_t count)
+{
+    return status == SGS_STATUS_OUT_OF_MEMORY
+               ? sgsi_fail(status, "%s: no memory for its %zu primitives", rows->path, count)
+               : sgsi_fail(status, "%s: %s", rows->path, sgs_last_error());
+}
+
 sgs_status sgsi_rows_begin(sgsi_rows *rows, const char *path, size_t total, int sh_degree,
                            bool drop_unrotated)
 {
@@ -27,7 +35,7 @@ sgs_status sgsi_rows_begin(sgsi_rows *rows, const char *path, size_t total, int 
         status = sgs_gaussians_resize(rows->model, total);
     if (status) {
         sgsi_rows_abort(rows);
-        return status;
+        return fail_rows(rows, status, total);
     }
     rows->model->sh_degree = sh_degree;
     return SGS_STATUS_OK;
@@ -81,7 +89,7 @@ sgs_status sgsi_rows_end(sgsi_rows *rows, sgs_gaussians **model)
     const sgs_status status = sgs_gaussians_resize(rows->model, rows->kept);
     if (status) {
         sgsi_rows_abort(rows);
-        return status;
+        return fail_rows(rows, status, rows->kept);
     }
     sgsi_rows_warn(rows);
     *model = rows->model;

@@ -284,6 +284,22 @@ static void deflated_sog_is_read(void **state)
     temp_folder_remove(&folder);
 }
 
+// ---- Messages ----
+
+static void refused_writes_name_the_file(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    const char *path = temp_path(&folder, "a.ksplat");
+    sgs_gaussians *model = model_random(3, 0);
+    *sgs_gaussians_at(model, 1, SGS_PARAM_MEAN) = 1e9f;
+    assert_int_equal(sgs_model_write(path, model, NULL, NULL), SGS_STATUS_LIMIT);
+    assert_int_equal(strncmp(sgs_last_error(), path, strlen(path)), 0);
+    assert_non_null(strstr(sgs_last_error(), ": the model is larger than 10 million units"));
+    sgs_gaussians_destroy(model);
+    temp_folder_remove(&folder);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -291,6 +307,7 @@ int main(void)
         cmocka_unit_test(compressible_spz_is_read_back),
         cmocka_unit_test(inflated_sog_is_refused),
         cmocka_unit_test(deflated_sog_is_read),
+        cmocka_unit_test(refused_writes_name_the_file),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

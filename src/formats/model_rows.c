@@ -41,6 +41,21 @@ sgs_status sgsi_rows_begin(sgsi_rows *rows, const char *path, size_t total, int 
     return SGS_STATUS_OK;
 }
 
+sgs_status sgsi_rows_expect(sgsi_rows *rows, size_t added, size_t most)
+{
+    const size_t needed = rows->kept + added, doubled = 2 * rows->model->capacity,
+                 ahead = doubled < most ? doubled : most;
+    sgs_status status = SGS_STATUS_OK;
+    if (needed > rows->model->capacity)
+        status = sgs_gaussians_reserve(rows->model, needed > ahead ? needed : ahead);
+    if (!status)
+        status = sgs_gaussians_resize(rows->model, needed);
+    if (status)
+        return fail_rows(rows, status, needed);
+    rows->total += added;
+    return SGS_STATUS_OK;
+}
+
 void sgsi_rows_add(sgsi_rows *rows, float params[SGS_PARAM_COUNT])
 {
     float *logit = &params[SGS_PARAM_OPACITY];

@@ -34,6 +34,10 @@ typedef struct sgsi_rows {
 sgs_status sgsi_rows_begin(sgsi_rows *rows, const char *path, size_t total, int sh_degree,
                            bool drop_unrotated);
 
+// Makes room for `added` more rows, whose data the caller has seen. most: rows of the finished
+// model, as far as known; room grows geometrically up to it. Fails with OUT_OF_MEMORY or LIMIT.
+sgs_status sgsi_rows_expect(sgsi_rows *rows, size_t added, size_t most);
+
 // Adds a row unless it has unusable values: not finite, or scales whose squares exceed float.
 // Infinite logits become finite. A zero quaternion becomes the identity (or the row is dropped),
 // one whose square leaves the range of float is normalised.

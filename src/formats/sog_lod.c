@@ -14,6 +14,7 @@
 #include <jansson.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 
 #include "base/core.h"
 #include "base/keyed_rows.h"
@@ -34,6 +35,7 @@ static const double LONG_SIDE = 16.0;
 // ---- Reading ----
 
 typedef struct lod_range {
+    size_t number; // in the order of the tree
     size_t file, offset, count;
 } lod_range;
 
@@ -43,6 +45,7 @@ typedef struct lod_reader {
     char *folder;
     lod_range *ranges;
     size_t range_count, range_capacity;
+    size_t total; // rows of all ranges, as the manifest has them
     int level;
 } lod_reader;
 
@@ -70,7 +73,7 @@ static sgs_status visit_node(lod_reader *reader, const json_t *node, int depth)
     if (!json_is_object(node) || depth > MAX_DEPTH)
         return fail_lod(reader, "a node of 'tree'");
     if (range) {
-        lod_range found;
+        lod_range found = {.number = reader->range_count};
         if (!read_index(range, "file", &found.file) ||
             !read_index(range, "offset", &found.offset) ||
             !read_index(range, "count", &found.count))
@@ -130,48 +133,169 @@ static sgs_status read_manifest(lod_reader *reader, int *levels)
     return visit_node(reader, json_object_get(reader->root, "tree"), 0);
 }
 
-// Rows of one unit, in the order of the tree.
-static sgs_status read_unit(lod_reader *reader, size_t file, sgsi_rows *rows, sgs_model_info *info)
+static int compare_ranges(const void *a, const void *b)
 {
-    size_t needed = 0;
-    for (size_t k = 0; k < reader->range_count; ++k)
-        needed += reader->ranges[k].file == file ? reader->ranges[k].count : 0;
-    if (!needed)
-        return SGS_STATUS_OK;
+    const lod_range *first = a, *second = b;
+    if (first->file != second->file)
+        return first->file < second->file ? -1 : 1;
+    return first->number < second->number ? -1 : first->number > second->number;
+}
+
+// Sorts the ranges by unit; those of one unit keep the order of the tree.
+static void sort_ranges(lod_reader *reader)
+{
+    if (reader->range_count)
+        qsort(reader->ranges, reader->range_count, sizeof *reader->ranges, compare_ranges);
+}
+
+// Number of ranges of the unit of range `first`, and of their rows.
+static size_t group_size(const lod_reader *reader, size_t first, size_t *rows)
+{
+    size_t end = first;
+    *rows = 0;
+    while (end < reader->range_count && reader->ranges[end].file == reader->ranges[first].file)
+        *rows += reader->ranges[end++].count;
+    return end - first;
+}
+
+static sgs_status unit_path(const lod_reader *reader, size_t file, char **path)
+{
     const char *name =
         json_string_value(json_array_get(json_object_get(reader->root, "filenames"), file));
+    *path = NULL;
     if (!name || *name == '/' || strstr(name, "..") || strchr(name, '\\') || strchr(name, '\n'))
         return sgsi_fail(SGS_STATUS_FORMAT,
                          "%s: lod-meta.json: the name of unit %zu is missing or leaves the folder",
                          reader->path, file);
-    char *path = sgsi_format("%s/%s", reader->folder, name);
-    sgsi_sog *sog = path ? sgsi_calloc(1, sizeof *sog) : NULL;
-    sgs_status status =
-        sog ? sgsi_sog_open(sog, path)
-            : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to read it", reader->path);
+    *path = sgsi_format("%s/%s", reader->folder, name);
+    return *path ? SGS_STATUS_OK
+                 : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to read it", reader->path);
+}
+
+// ---- Units that are one file ----
+
+typedef struct lod_unit {
+    dev_t device;
+    ino_t inode;
+    size_t file, same; // `same`: first unit with this file
+} lod_unit;
+
+static int compare_inodes(const void *a, const void *b)
+{
+    const lod_unit *first = a, *second = b;
+    if (first->device != second->device)
+        return first->device < second->device ? -1 : 1;
+    if (first->inode != second->inode)
+        return first->inode < second->inode ? -1 : 1;
+    return first->file < second->file ? -1 : first->file > second->file;
+}
+
+static int compare_units(const void *a, const void *b)
+{
+    const lod_unit *first = a, *second = b;
+    return first->file < second->file ? -1 : first->file > second->file;
+}
+
+// The units that have rows, by number. Missing files are left to the reader of a unit.
+static sgs_status find_units(const lod_reader *reader, lod_unit *units, size_t *count)
+{
+    sgs_status status = SGS_STATUS_OK;
+    *count = 0;
+    for (size_t k = 0, rows; !status && k < reader->range_count;) {
+        const size_t file = reader->ranges[k].file;
+        struct stat info;
+        char *path = NULL;
+        k += group_size(reader, k, &rows);
+        if (!rows)
+            continue;
+        status = unit_path(reader, file, &path);
+        if (!status && !stat(path, &info))
+            units[(*count)++] = (lod_unit){info.st_dev, info.st_ino, file, file};
+        sgsi_free(path);
+    }
+    return status;
+}
+
+// A file that several units name is read once, with the ranges of all of them. Otherwise a small
+// file could be repeated without limit.
+static sgs_status merge_units(lod_reader *reader)
+{
+    size_t count = 0, at = 0;
+    lod_unit *units = sgsi_alloc(reader->range_count + 1, sizeof *units);
+    if (!units)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to read it", reader->path);
+    const sgs_status status = find_units(reader, units, &count);
+    if (!status && count) {
+        qsort(units, count, sizeof *units, compare_inodes);
+        for (size_t k = 1; k < count; ++k)
+            if (units[k].device == units[k - 1].device && units[k].inode == units[k - 1].inode)
+                units[k].same = units[k - 1].same;
+        qsort(units, count, sizeof *units, compare_units);
+        for (size_t k = 0; k < reader->range_count; ++k) {
+            while (at + 1 < count && units[at].file < reader->ranges[k].file)
+                ++at;
+            if (units[at].file == reader->ranges[k].file)
+                reader->ranges[k].file = units[at].same;
+        }
+        sort_ranges(reader);
+    }
+    sgsi_free(units);
+    return status;
+}
+
+// ---- Rows ----
+
+static sgs_status add_range(const lod_reader *reader, const lod_range *range, const sgsi_sog *sog,
+                            sgsi_rows *rows)
+{
+    if (range->offset > sog->count - range->count)
+        return sgsi_fail(SGS_STATUS_FORMAT,
+                         "%s: lod-meta.json: rows %zu to %zu exceed unit %zu of %zu primitives",
+                         reader->path, range->offset, range->offset + range->count, range->file,
+                         sog->count);
+    for (size_t i = 0; i < range->count; ++i) {
+        float params[SGS_PARAM_COUNT];
+        sgsi_sog_row(sog, range->offset + i, params);
+        sgsi_rows_add(rows, params);
+    }
+    return SGS_STATUS_OK;
+}
+
+// Rows that units of this many bytes can plausibly hold. sog.c accepts 65536 rows in a unit of any
+// size; this is for all units together.
+static size_t row_limit(size_t bytes)
+{
+    return 4 * bytes + (1 << 16);
+}
+
+// `needed` rows of the unit of `count` ranges, in the order of the tree.
+static sgs_status read_unit(lod_reader *reader, const lod_range *ranges, size_t count,
+                            size_t needed, sgsi_rows *rows, sgs_model_info *info)
+{
+    const size_t file = ranges->file;
+    char *path;
+    sgs_status status = unit_path(reader, file, &path);
+    sgsi_sog *sog = status ? NULL : sgsi_calloc(1, sizeof *sog);
+    if (!status)
+        status =
+            sog ? sgsi_sog_open(sog, path)
+                : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to read it", reader->path);
     if (!status && needed > sog->count)
         status =
             sgsi_fail(SGS_STATUS_FORMAT,
                       "%s: lod-meta.json: the tree names %zu primitives of unit %zu, which has "
                       "%zu",
                       reader->path, needed, file, sog->count);
+    if (!status && rows->total + needed > row_limit(info->file_bytes + sog->bytes))
+        status = sgsi_fail(SGS_STATUS_LIMIT,
+                           "%s: lod-meta.json: %zu primitives are more than %zu bytes of units can "
+                           "hold",
+                           reader->path, rows->total + needed, info->file_bytes + sog->bytes);
     if (!status)
-        status = sgs_gaussians_resize(rows->model, rows->kept + needed);
-    for (size_t k = 0; !status && k < reader->range_count; ++k) {
-        const lod_range *range = &reader->ranges[k];
-        if (range->file == file && range->offset > sog->count - range->count)
-            status = sgsi_fail(
-                SGS_STATUS_FORMAT,
-                "%s: lod-meta.json: rows %zu to %zu exceed unit %zu of %zu primitives",
-                reader->path, range->offset, range->offset + range->count, file, sog->count);
-        for (size_t i = 0; !status && range->file == file && i < range->count; ++i) {
-            float params[SGS_PARAM_COUNT];
-            sgsi_sog_row(sog, range->offset + i, params);
-            sgsi_rows_add(rows, params);
-        }
-    }
+        status = sgsi_rows_expect(rows, needed, reader->total);
+    for (size_t k = 0; !status && k < count; ++k)
+        status = add_range(reader, &ranges[k], sog, rows);
     if (!status) {
-        rows->total += needed;
         rows->model->sh_degree =
             sog->sh_degree > rows->model->sh_degree ? sog->sh_degree : rows->model->sh_degree;
         info->antialiased = info->antialiased || sog->antialiased;
@@ -185,6 +309,25 @@ static sgs_status read_unit(lod_reader *reader, size_t file, sgsi_rows *rows, sg
     return status;
 }
 
+// Rows of all units, by number.
+static sgs_status read_units(lod_reader *reader, sgsi_rows *rows, sgs_model_info *info)
+{
+    const size_t units = json_array_size(json_object_get(reader->root, "filenames"));
+    for (size_t k = 0; k < reader->range_count; ++k) {
+        if (reader->ranges[k].file >= units)
+            return fail_lod(reader, "a file number of 'tree'");
+        reader->total += reader->ranges[k].count;
+    }
+    sort_ranges(reader);
+    sgs_status status = merge_units(reader);
+    for (size_t k = 0, count, needed; !status && k < reader->range_count; k += count) {
+        count = group_size(reader, k, &needed);
+        if (needed)
+            status = read_unit(reader, reader->ranges + k, count, needed, rows, info);
+    }
+    return status;
+}
+
 sgs_status sgsi_lod_sog_read(const char *path, const sgs_model_read_options *options,
                              sgs_gaussians **model, sgs_model_info *info)
 {
@@ -195,12 +338,8 @@ sgs_status sgsi_lod_sog_read(const char *path, const sgs_model_read_options *opt
                             : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to read it", path);
     if (!status)
         status = sgsi_rows_begin(&rows, path, 0, 0, options->drop_unrotated);
-    const size_t units = json_array_size(json_object_get(reader.root, "filenames"));
-    for (size_t k = 0; !status && k < reader.range_count; ++k)
-        if (reader.ranges[k].file >= units)
-            status = fail_lod(&reader, "a file number of 'tree'");
-    for (size_t file = 0; !status && file < units; ++file)
-        status = read_unit(&reader, file, &rows, info);
+    if (!status)
+        status = read_units(&reader, &rows, info);
     info->dropped = rows.dropped;
     json_decref(reader.root);
     sgsi_free(reader.ranges);

@@ -284,6 +284,168 @@ static void deflated_sog_is_read(void **state)
     temp_folder_remove(&folder);
 }
 
+// ---- SOG with levels of detail ----
+
+static const char manifest_head[] = "{\"version\":1,\"lodLevels\":1,\"filenames\":[";
+
+// A folder with the unit 0_0 of `count` primitives.
+static void put_unit(const temp_folder *folder, size_t count)
+{
+    sgs_gaussians *model = model_random(count, 0);
+    sgs_model_write_options options = sgs_model_write_options_default();
+    options.lod_levels = 1;
+    assert_int_equal(sgs_model_write(temp_path(folder, "lod-meta.json"), model, &options, NULL),
+                     SGS_STATUS_OK);
+    sgs_gaussians_destroy(model);
+}
+
+static void put_manifest(const temp_folder *folder, const char *names, const char *children)
+{
+    char text[2048];
+    const int length = snprintf(text, sizeof text, "%s%s],\"tree\":{\"children\":[%s]}}",
+                                manifest_head, names, children);
+    assert_in_range(length, 1, sizeof text - 1);
+    file_put(temp_path(folder, "lod-meta.json"), text, (size_t)length);
+}
+
+#define RANGE(file, offset, count)                                                                 \
+    "{\"lods\":{\"0\":{\"file\":" #file ",\"offset\":" #offset ",\"count\":" #count "}}}"
+
+static void repeated_units_are_one(void **state)
+{
+    (void)state;
+    static const char *const aliases[] = {"0_0/meta.json", "./0_0/meta.json", "0_0//meta.json",
+                                          "link/meta.json"};
+    const temp_folder folder = temp_folder_make();
+    const char *path = temp_path(&folder, "lod-meta.json");
+    put_unit(&folder, 5);
+    assert_int_equal(symlink("0_0", temp_path(&folder, "link")), 0);
+    for (size_t k = 0; k < sizeof aliases / sizeof *aliases; ++k) {
+        char names[128];
+        snprintf(names, sizeof names, "\"%s\",\"none\",\"0_0/meta.json\"", aliases[k]);
+        put_manifest(&folder, names, RANGE(2, 0, 5) "," RANGE(1, 0, 0) "," RANGE(0, 0, 5));
+        refuse(path, SGS_STATUS_FORMAT, "the tree names 10 primitives of unit 0, which has 5");
+        put_manifest(&folder, names, RANGE(2, 3, 2) "," RANGE(1, 0, 0) "," RANGE(0, 0, 3));
+        accept(path, 5);
+    }
+    // Rows keep the order of the tree within a unit.
+    sgs_gaussians *whole, *turned;
+    put_manifest(&folder, "\"0_0/meta.json\"", RANGE(0, 0, 5));
+    assert_int_equal(sgs_model_read(path, NULL, &whole, NULL), SGS_STATUS_OK);
+    put_manifest(&folder, "\"0_0/meta.json\"", RANGE(0, 3, 2) "," RANGE(0, 0, 3));
+    assert_int_equal(sgs_model_read(path, NULL, &turned, NULL), SGS_STATUS_OK);
+    for (size_t i = 0; i < 5; ++i)
+        assert_true(model_value(turned, i, 0) == model_value(whole, (i + 3) % 5, 0));
+    sgs_gaussians_destroy(whole);
+    sgs_gaussians_destroy(turned);
+    put_manifest(&folder, "\"none/meta.json\"", RANGE(0, 0, 5));
+    sgs_gaussians *none;
+    assert_int_equal(sgs_model_read(path, NULL, &none, NULL), SGS_STATUS_IO);
+    tree_remove(&folder);
+}
+
+// Version 1 has no codebooks: a unit of few bytes.
+static void put_tiny_unit(const temp_folder *folder, const char *name, int count,
+                          const sgsi_archive_file *texture)
+{
+    char text[1024], path[64];
+    const int length = snprintf(
+        text, sizeof text,
+        "{\"means\":{\"shape\":[%d,3],\"mins\":[0,0,0],\"maxs\":[1,1,1],\"files\":[\"a\",\"a\"]},"
+        "\"scales\":{\"mins\":[0,0,0],\"maxs\":[1,1,1],\"files\":[\"a\"]},"
+        "\"quats\":{\"files\":[\"a\"]},"
+        "\"sh0\":{\"mins\":[0,0,0,0],\"maxs\":[1,1,1,1],\"files\":[\"a\"]}}",
+        count);
+    assert_int_equal(mkdir(temp_path(folder, name), 0777), 0);
+    snprintf(path, sizeof path, "%s/meta.json", name);
+    file_put(temp_path(folder, path), text, (size_t)length);
+    snprintf(path, sizeof path, "%s/a", name);
+    file_put(temp_path(folder, path), texture->bytes, texture->size);
+}
+
+static void tiny_units_are_bounded_together(void **state)
+{
+    (void)state;
+    enum { UNIT_ROWS = 60000 };
+    const temp_folder folder = temp_folder_make();
+    sgsi_archive_file texture = {.size = 0};
+    sgsi_webp image = {.width = 256, .height = 256, .rgba = calloc(256 * 256, 4)};
+    assert_non_null(image.rgba);
+    assert_int_equal(sgsi_webp_encode(&image, &texture.bytes, &texture.size), SGS_STATUS_OK);
+    put_tiny_unit(&folder, "u", UNIT_ROWS, &texture);
+    put_tiny_unit(&folder, "v", UNIT_ROWS, &texture);
+    put_manifest(&folder, "\"u/meta.json\",\"v/meta.json\"", RANGE(0, 0, 60000));
+    accept(temp_path(&folder, "lod-meta.json"), UNIT_ROWS);
+    put_manifest(&folder, "\"u/meta.json\",\"v/meta.json\"",
+                 RANGE(0, 0, 60000) "," RANGE(1, 0, 60000));
+    refuse(temp_path(&folder, "lod-meta.json"), SGS_STATUS_LIMIT,
+           "120000 primitives are more than");
+    sgsi_free(texture.bytes);
+    free(image.rgba);
+    tree_remove(&folder);
+}
+
+// The time is proportional to the manifest, not to ranges times file names: it is compared with
+// the time to parse it.
+static void long_manifests_take_linear_time(void **state)
+{
+    (void)state;
+    enum { ENTRIES = 200000 };
+    const temp_folder folder = temp_folder_make();
+    const char *path = temp_path(&folder, "lod-meta.json");
+    put_unit(&folder, 3);
+    FILE *stream = fopen(path, "wb");
+    assert_non_null(stream);
+    fprintf(stream, "%s\"0_0/meta.json\"", manifest_head);
+    for (int k = 1; k < ENTRIES; ++k)
+        fputs(",\"a\"", stream);
+    fputs("],\"tree\":{\"children\":[" RANGE(0, 0, 3), stream);
+    for (int k = 1; k < ENTRIES; ++k)
+        fprintf(stream, ",{\"lods\":{\"0\":{\"file\":%d,\"offset\":0,\"count\":0}}}", k);
+    fputs("]}}", stream);
+    assert_int_equal(fclose(stream), 0);
+    const clock_t start = clock();
+    json_t *root = json_load_file(path, JSON_REJECT_DUPLICATES, NULL);
+    const clock_t parsed = clock();
+    assert_non_null(root);
+    json_decref(root);
+    const clock_t begin = clock();
+    accept(path, 3);
+    const clock_t end = clock();
+    if (end - begin > 20 * (parsed - start))
+        fail_msg("reading took %ld times as long as parsing",
+                 (long)((end - begin) / (parsed - start + 1)));
+    tree_remove(&folder);
+}
+
+// The n-th allocation fails, for every n, while two units are read.
+static void units_survive_lack_of_memory(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    const char *path = temp_path(&folder, "lod-meta.json");
+    sgs_gaussians *model = model_random(80, 0), *back = NULL;
+    sgs_model_write_options options = sgs_model_write_options_default();
+    options.lod_levels = 2;
+    assert_int_equal(sgs_model_write(path, model, &options, NULL), SGS_STATUS_OK);
+    put_manifest(&folder, "\"0_0/meta.json\",\"1_0/meta.json\"",
+                 RANGE(1, 0, 40) "," RANGE(0, 0, 80));
+    sgs_status status = SGS_STATUS_OUT_OF_MEMORY;
+    for (size_t n = 1; status; ++n) {
+        sgsi_fail_allocation(n);
+        status = sgs_model_read(path, NULL, &back, NULL);
+        sgsi_fail_allocation(0);
+        if (status && (status != SGS_STATUS_OUT_OF_MEMORY || back ||
+                       strncmp(sgs_last_error(), folder.path, strlen(folder.path))))
+            fail_msg("allocation %zu: %s", n, sgs_last_error());
+        assert_true(n < 500);
+    }
+    assert_int_equal(back->count, 120);
+    sgs_gaussians_destroy(back);
+    sgs_gaussians_destroy(model);
+    tree_remove(&folder);
+}
+
 // ---- Messages ----
 
 static void refused_writes_name_the_file(void **state)
@@ -307,6 +469,10 @@ int main(void)
         cmocka_unit_test(compressible_spz_is_read_back),
         cmocka_unit_test(inflated_sog_is_refused),
         cmocka_unit_test(deflated_sog_is_read),
+        cmocka_unit_test(repeated_units_are_one),
+        cmocka_unit_test(tiny_units_are_bounded_together),
+        cmocka_unit_test(long_manifests_take_linear_time),
+        cmocka_unit_test(units_survive_lack_of_memory),
         cmocka_unit_test(refused_writes_name_the_file),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -40,7 +40,7 @@ sgs_status sgs_run_model_path(const char *folder, char *path, size_t bytes, int 
 {
     char clouds[PATH_MOST];
     if (snprintf(clouds, sizeof clouds, "%s/point_cloud", folder) >= (int)sizeof clouds)
-        return sgsi_fail(SGS_STATUS_LIMIT, "path of a run folder is too long");
+        return sgsi_fail(SGS_STATUS_LIMIT, "%.80s...: path of a run folder is too long", folder);
     DIR *directory = opendir(clouds);
     int newest = 0;
     for (struct dirent *entry; directory && (entry = readdir(directory));) {
@@ -92,11 +92,13 @@ static sgs_status read_config(const char *folder, sgs_run_settings *settings)
 {
     char path[PATH_MOST];
     if (snprintf(path, sizeof path, "%s/config.json", folder) >= (int)sizeof path)
-        return sgsi_fail(SGS_STATUS_LIMIT, "path of a run folder is too long");
+        return sgsi_fail(SGS_STATUS_LIMIT, "%.80s...: path of a run folder is too long", folder);
     if (access(path, F_OK) && errno == ENOENT)
         return SGS_STATUS_OK;
     json_error_t error;
     json_t *config = json_load_file(path, 0, &error);
+    if (!config && error.line < 0)
+        return sgsi_fail(SGS_STATUS_IO, "%s: cannot be read: %s", path, strerror(errno));
     if (!config)
         return sgsi_fail(SGS_STATUS_FORMAT, "%s: line %d: %s", path, error.line, error.text);
     const json_t *options = json_object_get(config, "options"),

@@ -109,6 +109,17 @@ static void invalid_folders_are_named(void **state)
     static char long_path[8192];
     memset(long_path, 'a', sizeof long_path - 1);
     assert_int_equal(sgs_run_read(long_path, &model, &settings), SGS_STATUS_LIMIT);
+    assert_non_null(strstr(sgs_last_error(), "aaaa...: path of a run folder is too long"));
+}
+
+static void an_unreadable_config_is_named_with_the_reason(void **state)
+{
+    (void)state;
+    sgs_run_settings settings;
+    unlink(temp_path(&folder, "run/config.json"));
+    file_put_unreadable(run, "config.json");
+    assert_int_equal(sgs_run_read(run, NULL, &settings), SGS_STATUS_IO);
+    assert_non_null(strstr(sgs_last_error(), "config.json: cannot be read: No such device"));
 }
 
 int main(void)
@@ -116,6 +127,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(the_newest_model_is_read_with_its_settings),
         cmocka_unit_test(invalid_folders_are_named),
+        cmocka_unit_test(an_unreadable_config_is_named_with_the_reason),
     };
     folder = temp_folder_make();
     const int failed = cmocka_run_group_tests(tests, NULL, NULL);

@@ -13,7 +13,9 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/resource.h>
+#include <sys/socket.h>
 #include <sys/stat.h>
+#include <sys/un.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -84,6 +86,21 @@ static inline void file_put(const char *path, const void *bytes, size_t size)
     assert_non_null(stream);
     assert_int_equal(fwrite(bytes, 1, size, stream), size);
     assert_int_equal(fclose(stream), 0);
+}
+
+// Creates a file that nobody can open, not even root: a socket.
+static inline void file_put_unreadable(const char *in, const char *name)
+{
+    struct sockaddr_un address = {.sun_family = AF_UNIX};
+    assert_true(strlen(name) < sizeof address.sun_path);
+    memcpy(address.sun_path, name, strlen(name));
+    const int here = open(".", O_RDONLY), end = socket(AF_UNIX, SOCK_STREAM, 0);
+    assert_true(here >= 0 && end >= 0);
+    assert_int_equal(chdir(in), 0); // the path of a socket is short
+    assert_int_equal(bind(end, (const struct sockaddr *)&address, sizeof address), 0);
+    assert_int_equal(fchdir(here), 0);
+    close(end);
+    close(here);
 }
 
 // NUL-terminated beyond *size; release with free.

@@ -9,3 +9,6 @@
 // The root of a JSON file. Duplicate keys are an error. NULL after printing the error with its
 // line.
 json_t *read_json(const char *path);
+// Why json_load_file failed: "PATH: line 3: ..." or "PATH: cannot be read: ...". Call it directly
+// after the failure, because it uses errno. Release with free().
+char *json_load_fault(const char *path, const json_error_t *error);

@@ -15,6 +15,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "cli/json_file.h"
 #include "cli/json_result.h"
 #include "cli/progress.h"
 #include "sparegs/model_file.h"
@@ -224,25 +225,45 @@ json_t *json_number(double value)
     return isfinite(value) ? json_real(value) : json_null();
 }
 
-// The header and the rows up to `last_iteration` of an existing table. NULL if it cannot be read.
+// Copies the rows up to `last_iteration`. False if the table cannot be read to its end.
+static bool copy_rows(FILE *table, int last_iteration, FILE *kept)
+{
+    char *line = NULL;
+    size_t room = 0;
+    for (bool first = true; getline(&line, &room, table) > 0; first = false) {
+        const long iteration = strtol(line, NULL, 10);
+        if (!first && iteration > 0 && iteration <= last_iteration && strchr(line, '\n'))
+            fputs(line, kept);
+    }
+    const int code = errno;
+    free(line);
+    errno = code;
+    return feof(table) && !ferror(table); // getline also ends where memory does
+}
+
+// The header and the rows up to `last_iteration` of an existing table. NULL with errno if it cannot
+// be read.
 static char *kept_rows(const char *path, const char *header, int last_iteration)
 {
-    FILE *stream = fopen(path, "r");
-    if (!stream)
+    FILE *table = fopen(path, "r");
+    if (!table)
         return errno == ENOENT ? format_text("%s\n", header) : NULL;
-    char *text = format_text("%s\n", header), *line = NULL;
-    size_t room = 0;
-    for (bool first = true; getline(&line, &room, stream) > 0; first = false) {
-        const long iteration = strtol(line, NULL, 10);
-        if (first || iteration <= 0 || iteration > last_iteration || !strchr(line, '\n'))
-            continue;
-        char *longer = format_text("%s%s", text, line);
-        free(text);
-        text = longer;
+    char *text = NULL;
+    size_t size = 0;
+    FILE *kept = open_memstream(&text, &size);
+    bool whole = kept && fprintf(kept, "%s\n", header) > 0;
+    whole = whole && copy_rows(table, last_iteration, kept) && !ferror(kept);
+    int code = errno;
+    if (kept && fclose(kept) && whole) {
+        code = errno;
+        whole = false;
     }
-    free(line);
-    fclose(stream);
-    return text;
+    fclose(table);
+    if (whole)
+        return text;
+    free(text);
+    errno = code;
+    return NULL;
 }
 
 FILE *csv_open(const char *path, const char *header, int last_iteration)
@@ -306,9 +327,11 @@ bool model_locate(const char *model, model_path *located)
     if (file_exists(config)) {
         json_error_t error;
         located->config = json_load_file(config, 0, &error);
-        if (!located->config)
-            print_warning("%s: line %d: %s; its options are ignored", config, error.line,
-                          error.text);
+        if (!located->config) {
+            char *fault = json_load_fault(config, &error);
+            print_warning("%s; its options are ignored", fault);
+            free(fault);
+        }
     }
     free(config);
     return true;

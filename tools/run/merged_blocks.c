@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "cli/interrupt.h"
+#include "cli/json_file.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "run/exposure_file.h"
@@ -24,7 +25,6 @@ static char *block_path(const merged_blocks *merged, size_t block, const char *f
 static json_t *read_block_file(const merged_blocks *merged, size_t block, const char *file)
 {
     char *path = block_path(merged, block, file), *folder = block_path(merged, block, "");
-    json_error_t error;
     json_t *root = NULL;
     if (!file_exists(folder)) {
         fail_run("%s: block %zu of %zu is missing; train it with 'sparegs train SCENE -o %s "
@@ -34,9 +34,7 @@ static json_t *read_block_file(const merged_blocks *merged, size_t block, const 
         fail_run("%s: block %zu is unfinished: %s does not exist; continue it with --resume",
                  folder, block, file);
     } else {
-        root = json_load_file(path, JSON_REJECT_DUPLICATES, &error);
-        if (!root)
-            fail_run("%s: line %d: %s", path, error.line, error.text);
+        root = read_json(path);
     }
     free(path);
     free(folder);

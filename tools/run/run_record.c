@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "cli/json_file.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 
@@ -141,9 +142,11 @@ bool run_record_claim(run_folder *folder, const char *out, bool resume, bool ove
     if (claimed && resume) {
         *stored = json_load_file(config_path, 0, &error);
         claimed = *stored != NULL;
-        if (!claimed)
-            fail_run("%s: line %d: %s; the run cannot be resumed, replace it with --overwrite",
-                     config_path, error.line, error.text);
+        if (!claimed) {
+            char *fault = json_load_fault(config_path, &error);
+            fail_run("%s; the run cannot be resumed, replace it with --overwrite", fault);
+            free(fault);
+        }
     } else if (claimed && run_folder_is_used(folder) && !overwrite) {
         claimed = false;
         fail_run("%s: already contains a run; continue it with --resume, or replace it with "

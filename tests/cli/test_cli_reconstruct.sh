@@ -70,6 +70,28 @@ reports "second/colmap/mapper.log: colmap mapper failed with status 7: loading |
 with_standin run 0 reconstruct "$photos" -o "$temporary/second" --quiet
 check features_and_matches_were_kept test "$(grep -c '^---' "$CALLS")" = 2
 
+# a_damaged_state_is_an_error_that_keeps_features_and_matches
+state=$temporary/second/colmap/state.json
+cp "$state" "$temporary/state"
+damaged() { # MESSAGE
+    with_standin run 1 reconstruct "$photos" -o "$temporary/second" --quiet
+    one_line
+    reports "second/colmap/state.json: $1; repair it, or delete it to start again"
+    check the_database_is_kept test -s "$temporary/second/colmap/database.db"
+}
+head -n 3 "$temporary/state" >"$state"
+cp "$state" "$temporary/damaged"
+damaged "line 4: ']' expected near end of file"
+check the_state_is_kept cmp "$state" "$temporary/damaged"
+jq 'del(.stages)' "$temporary/state" >"$state"
+damaged '"made_from" and "stages" must be lists'
+echo '[]' >"$state"
+damaged '"made_from" and "stages" must be lists'
+cp "$temporary/state" "$state"
+: >"$CALLS"
+with_standin run 0 reconstruct "$photos" -o "$temporary/second" --quiet
+check all_stages_were_kept test "$(grep -c '^---' "$CALLS")" = 1
+
 # error_messages
 NONE=1 with_standin run 1 reconstruct "$photos" -o "$temporary/third" --quiet
 one_line

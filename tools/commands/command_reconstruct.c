@@ -21,6 +21,7 @@
 #include "cli/child_process.h"
 #include "cli/commands.h"
 #include "cli/interrupt.h"
+#include "cli/json_file.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "cli/shared_options.h"
@@ -426,14 +427,35 @@ static int report(const reconstruction *run, bool json)
 
 // ---- All of it ----
 
+// Reads the state of an earlier run, if there is one. A damaged file is an error: without it, hours
+// of features and matches would be discarded.
+static bool read_state(reconstruction *run)
+{
+    static const char advice[] = "repair it, or delete it to start again";
+    if (!file_exists(run->state_path))
+        return true;
+    json_error_t error;
+    run->state = json_load_file(run->state_path, 0, &error);
+    if (!run->state) {
+        char *fault = json_load_fault(run->state_path, &error);
+        fail_run("%s; %s", fault, advice);
+        free(fault);
+        return false;
+    }
+    if (json_is_array(json_object_get(run->state, "made_from")) &&
+        json_is_array(json_object_get(run->state, "stages")))
+        return true;
+    fail_run("%s: \"made_from\" and \"stages\" must be lists; %s", run->state_path, advice);
+    return false;
+}
+
 // Keeps the completed stages of an earlier run with the same photographs and options, and discards
 // those of any other run.
 static bool open_state(reconstruction *run, json_t *made_from)
 {
-    json_error_t error;
-    run->state = file_exists(run->state_path) ? json_load_file(run->state_path, 0, &error) : NULL;
-    if (run->state && json_equal(json_object_get(run->state, "made_from"), made_from) &&
-        json_is_array(json_object_get(run->state, "stages"))) {
+    if (!read_state(run))
+        return false;
+    if (run->state && json_equal(json_object_get(run->state, "made_from"), made_from)) {
         if (json_array_size(json_object_get(run->state, "stages")))
             print_note("%s: continuing an earlier reconstruction", run->values->output);
         return true;

@@ -7,6 +7,7 @@
 #include "run/region_file.h"
 
 #include <errno.h>
+#include <limits.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -29,14 +30,20 @@ static char *file_of(const char *folder)
     return format_text("%s/regions.bin", folder);
 }
 
+// True if all but the number of regions is possible.
+static bool is_header(const record_header *header)
+{
+    return !memcmp(header->magic, magic, sizeof magic) && header->grid >= 2 &&
+           header->grid <= 256 && header->iteration > 0 && header->iteration <= INT_MAX;
+}
+
 // Reads the next header. False at the end of the file or if it is invalid.
 static bool read_header(FILE *stream, long size, record_header *header)
 {
-    if (fread(header, sizeof *header, 1, stream) != 1 || memcmp(header->magic, magic, sizeof magic))
+    if (fread(header, sizeof *header, 1, stream) != 1 || !is_header(header))
         return false;
     const long left = size - ftell(stream);
-    return header->grid >= 2 && header->grid <= 256 && header->iteration > 0 &&
-           header->count <= (unsigned long)left / sizeof(sgs_region);
+    return left >= 0 && header->count <= (unsigned long)left / sizeof(sgs_region);
 }
 
 static long size_of(FILE *stream)
@@ -45,21 +52,74 @@ static long size_of(FILE *stream)
     return fstat(fileno(stream), &info) ? 0 : (long)info.st_size;
 }
 
+static long fail_damaged(const char *path, long offset)
+{
+    fail_run("%s: byte %ld: invalid region record; move the file away to continue without the "
+             "earlier records",
+             path, offset);
+    return -1;
+}
+
+// True if a record follows where a region of the record at `offset` would be: that record is not
+// the last one, although its regions exceed the file.
+static bool record_follows(FILE *stream, long offset, long size, uint32_t iteration)
+{
+    const long record = (long)sizeof(record_header), region = (long)sizeof(sgs_region);
+    record_header header;
+    for (long at = offset + record; at <= size - record; at += region)
+        if (!fseek(stream, at, SEEK_SET) && fread(&header, sizeof header, 1, stream) == 1 &&
+            is_header(&header) && header.iteration >= iteration)
+            return true;
+    return false;
+}
+
+// The end of the records up to `iteration`, or -1 after printing the error. A process that was
+// killed while it appended leaves the beginning of a record at the end of the file. Any other
+// invalid or unordered record is damage: to cut there would discard the valid ones after it.
+static long end_of_records(const char *path, FILE *stream, int iteration)
+{
+    const long size = size_of(stream), record = (long)sizeof(record_header);
+    long at = 0, keep = -1;
+    uint32_t last = 0;
+    while (size - at >= record) {
+        record_header header;
+        if (fseek(stream, at, SEEK_SET) || fread(&header, sizeof header, 1, stream) != 1) {
+            fail_run("%s: byte %ld: cannot be read: %s", path, at, strerror(errno));
+            return -1;
+        }
+        const bool wanted = header.iteration <= (uint32_t)iteration;
+        if (keep >= 0 && !is_header(&header))
+            break;
+        if (!is_header(&header) || (wanted && header.iteration < last))
+            return fail_damaged(path, at);
+        if (!wanted && keep < 0)
+            keep = at;
+        if (header.count > (unsigned long)(size - at - record) / sizeof(sgs_region)) {
+            if (wanted && record_follows(stream, at, size, header.iteration))
+                return fail_damaged(path, at);
+            break;
+        }
+        last = header.iteration;
+        at += record + (long)(header.count * sizeof(sgs_region));
+    }
+    return keep >= 0 ? keep : at;
+}
+
 bool region_file_cut(const char *folder, int iteration)
 {
     char *path = file_of(folder);
     FILE *stream = fopen(path, "rb");
-    long keep = 0;
-    record_header header;
-    while (stream && read_header(stream, size_of(stream), &header) &&
-           header.iteration <= (uint32_t)iteration &&
-           !fseek(stream, (long)(header.count * sizeof(sgs_region)), SEEK_CUR))
-        keep = ftell(stream);
-    if (stream)
-        fclose(stream);
-    const bool done = !stream || !truncate(path, keep);
+    const bool missing = !stream && errno == ENOENT;
+    bool done = stream || missing;
     if (!done)
-        fail_run("%s: cannot be truncated: %s", path, strerror(errno));
+        fail_run("%s: cannot be read: %s", path, strerror(errno));
+    if (stream) {
+        const long keep = iteration > 0 ? end_of_records(path, stream, iteration) : 0;
+        done = keep >= 0 && !truncate(path, keep);
+        if (keep >= 0 && !done)
+            fail_run("%s: cannot be truncated: %s", path, strerror(errno));
+        fclose(stream);
+    }
     free(path);
     return done;
 }

@@ -12,10 +12,12 @@
 // Options are those of `sparegs train`, with '_' or '-'. A scene's options override the plan's, a
 // variant's override both. "variants" defaults to off and on. "data_set" groups scenes in the
 // tables; all scenes have one, or none. "post" is described in experiment_post.h.
-// Paths are relative to the plan's folder.
+// Seeds and pipelines are distinct, and the runs at most RUNS_MOST. Paths are relative to the
+// plan's folder.
 
 #include "run/experiment_plan.h"
 
+#include <limits.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -25,6 +27,8 @@
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "sparegs/scene.h"
+
+enum { RUNS_MOST = 10000 };
 
 static const char *plan_path;
 
@@ -126,19 +130,17 @@ static json_t *merged_options(const json_t *plan, const json_t *scene, const jso
     for (int k = 0; k < 3; ++k) {
         json_t *options = json_object_get(parts[k], "options");
         if (options)
-            json_object_update(all, options);
+            json_object_update(all, options); // check_options: it is an object
     }
     return all;
 }
 
 // True if the variant runs with this pipeline.
-static bool applies(const json_t *variant, const char *pipeline)
+static bool applies(const json_t *variant, const json_t *pipeline)
 {
     const json_t *only = json_object_get(variant, "pipelines");
     for (size_t k = 0; k < json_array_size(only); ++k)
-        if (!strcmp(pipeline, json_string_value(json_array_get(only, k))
-                                  ? json_string_value(json_array_get(only, k))
-                                  : ""))
+        if (json_equal(pipeline, json_array_get(only, k)))
             return true;
     return !only;
 }
@@ -300,18 +302,70 @@ static bool check_keys(const json_t *object, const char *const known[], size_t c
     return true;
 }
 
+// "options" of the plan (without `what`), of a scene or of a variant.
+static bool check_options(const json_t *owner, const char *what, const char *name)
+{
+    const json_t *options = json_object_get(owner, "options");
+    if (!options || json_is_object(options))
+        return true;
+    fail_run("%s: %s%s%s\"options\" must be an object: {\"iterations\": 7000}", plan_path, what,
+             name, *what ? ": " : "");
+    return false;
+}
+
+// A list of distinct strings.
+static bool check_pipelines(const char *what, const json_t *list)
+{
+    json_t *seen = json_object();
+    bool good = json_array_size(list) > 0;
+    for (size_t k = 0; k < json_array_size(list) && good; ++k) {
+        const char *pipeline = json_string_value(json_array_get(list, k));
+        good = pipeline && !json_object_get(seen, pipeline) &&
+               !json_object_set_new(seen, pipeline, json_true());
+    }
+    json_decref(seen);
+    if (!good)
+        fail_run("%s: \"pipelines\"%s must be a list of distinct names", plan_path, what);
+    return good;
+}
+
+static bool check_seeds(const json_t *seeds)
+{
+    bool good = json_array_size(seeds) > 0 || !seeds;
+    for (size_t k = 0; k < json_array_size(seeds) && good; ++k) {
+        const json_t *seed = json_array_get(seeds, k);
+        good = json_is_integer(seed) && json_integer_value(seed) >= 0 &&
+               json_integer_value(seed) <= INT_MAX;
+        for (size_t j = 0; j < k && good; ++j)
+            good = json_integer_value(json_array_get(seeds, j)) != json_integer_value(seed);
+    }
+    if (!good)
+        fail_run("%s: \"seeds\" must be a list of distinct integers from 0 to %d", plan_path,
+                 INT_MAX);
+    return good;
+}
+
 static bool check_members(const json_t *root)
 {
     static const char *const known[] = {"scenes",  "pipelines", "variants", "seeds",
                                         "options", "title",     "post"};
+    static const char *const lists[] = {"scenes", "pipelines", "variants", "seeds"};
     if (!check_keys(root, known, sizeof known / sizeof *known))
         return false;
-    if (json_array_size(json_object_get(root, "scenes")) &&
-        json_array_size(json_object_get(root, "pipelines")))
-        return true;
-    fail_run("%s: \"scenes\" and \"pipelines\" are required and must be non-empty lists",
-             plan_path);
-    return false;
+    if (!json_array_size(json_object_get(root, "scenes")) ||
+        !json_array_size(json_object_get(root, "pipelines"))) {
+        fail_run("%s: \"scenes\" and \"pipelines\" are required and must be non-empty lists",
+                 plan_path);
+        return false;
+    }
+    for (size_t k = 0; k < sizeof lists / sizeof *lists; ++k)
+        if (json_array_size(json_object_get(root, lists[k])) > RUNS_MOST) {
+            fail_run("%s: \"%s\" has %zu entries; the limit is %d", plan_path, lists[k],
+                     json_array_size(json_object_get(root, lists[k])), RUNS_MOST);
+            return false;
+        }
+    return check_options(root, "", "") && check_pipelines("", json_object_get(root, "pipelines")) &&
+           check_seeds(json_object_get(root, "seeds"));
 }
 
 // Checks that the names of a list are valid and unique.
@@ -344,9 +398,52 @@ static bool check_scenes(const json_t *scenes)
                           name);
         if (data_set && !check_name("data set", data_set))
             return false;
-        if (!check_keys(scene, known, sizeof known / sizeof *known))
+        if (!check_keys(scene, known, sizeof known / sizeof *known) ||
+            !check_options(scene, "scene ", name))
             return false;
     }
+    return true;
+}
+
+static bool check_variants(const json_t *variants)
+{
+    static const char *const known[] = {"name", "pipelines", "options"};
+    if (!json_array_size(variants)) {
+        fail_run("%s: \"variants\" must be a non-empty list", plan_path);
+        return false;
+    }
+    for (size_t v = 0; v < json_array_size(variants); ++v) {
+        const json_t *variant = json_array_get(variants, v),
+                     *pipelines = json_object_get(variant, "pipelines");
+        const char *name = json_string_value(json_object_get(variant, "name"));
+        char *of = format_text(" of variant %s", name);
+        const bool good = check_keys(variant, known, sizeof known / sizeof *known) &&
+                          check_options(variant, "variant ", name) &&
+                          (!pipelines || check_pipelines(of, pipelines));
+        free(of);
+        if (!good)
+            return false;
+    }
+    return true;
+}
+
+// Checks the number of runs before they are made.
+static bool check_count(const json_t *root)
+{
+    const json_t *pipelines = json_object_get(root, "pipelines"),
+                 *variants = json_object_get(root, "variants"),
+                 *seeds = json_object_get(root, "seeds");
+    const size_t each =
+        json_array_size(json_object_get(root, "scenes")) * (seeds ? json_array_size(seeds) : 1);
+    size_t count = 0;
+    for (size_t p = 0; p < json_array_size(pipelines); ++p)
+        for (size_t v = 0; v < json_array_size(variants); ++v) {
+            count += applies(json_array_get(variants, v), json_array_get(pipelines, p)) ? each : 0;
+            if (count <= RUNS_MOST)
+                continue;
+            fail_run("%s: the plan has more than %d runs; divide it", plan_path, RUNS_MOST);
+            return false;
+        }
     return true;
 }
 
@@ -365,17 +462,16 @@ static bool unroll(experiment_plan *plan, const char *folder)
         for (size_t s = 0; s < json_array_size(scenes); ++s)
             for (size_t p = 0; p < json_array_size(pipelines); ++p)
                 for (size_t v = 0; v < json_array_size(variants); ++v) {
-                    const char *pipeline = json_string_value(json_array_get(pipelines, p));
-                    const json_t *variant = json_array_get(variants, v);
+                    const json_t *pipeline = json_array_get(pipelines, p),
+                                 *variant = json_array_get(variants, v);
                     const int seed = seeds ? (int)json_integer_value(json_array_get(seeds, k)) : 0;
-                    if (!pipeline)
-                        return refuse("expected strings in", "pipelines");
                     if (applies(variant, pipeline) &&
-                        !add_run(plan, folder, json_array_get(scenes, s), pipeline, variant, seed))
+                        !add_run(plan, folder, json_array_get(scenes, s),
+                                 json_string_value(pipeline), variant, seed))
                         return false;
                 }
     if (!plan->count)
-        fail_run("%s: the plan contains no runs; is a list empty?", plan_path);
+        fail_run("%s: the plan contains no runs; no variant has a pipeline of the plan", plan_path);
     return plan->count > 0 && check_effects(plan);
 }
 
@@ -395,6 +491,7 @@ bool experiment_plan_read(const char *path, const char *folder, experiment_plan 
            check_names("scene", json_object_get(plan->root, "scenes")) &&
            check_scenes(json_object_get(plan->root, "scenes")) &&
            check_names("variant", json_object_get(plan->root, "variants")) &&
+           check_variants(json_object_get(plan->root, "variants")) && check_count(plan->root) &&
            post_plan_read(path, plan->root, &plan->post) && unroll(plan, folder);
     if (!fine)
         experiment_plan_free(plan);

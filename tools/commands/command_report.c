@@ -11,6 +11,7 @@
 #include "cli/commands.h"
 #include "run/evaluate.h"
 #include "cli/interrupt.h"
+#include "cli/json_file.h"
 #include "cli/model_argument.h"
 #include "cli/options.h"
 #include "cli/output.h"
@@ -348,20 +349,58 @@ static bool write_page(const char *path, json_t *data)
     return written;
 }
 
-static int report(const char *folder, const report_values *values)
+// The member of results.json that does not have the type that tables and page require, or NULL.
+// Release with free().
+static char *results_fault(const json_t *results)
 {
-    char *path = format_text("%s/results.json", folder);
+    static const char *const texts[] = {"scene", "pipeline", "variant", "folder"};
+    const json_t *pipelines = json_object_get(json_object_get(results, "plan"), "pipelines"),
+                 *runs = json_object_get(results, "runs");
+    if (!json_is_array(pipelines))
+        return format_text("plan.pipelines must be a list");
+    for (size_t k = 0; k < json_array_size(pipelines); ++k)
+        if (!json_is_string(json_array_get(pipelines, k)))
+            return format_text("plan.pipelines[%zu] must be a string", k);
+    for (size_t k = 0; k < json_array_size(runs); ++k) {
+        const json_t *run = json_array_get(runs, k);
+        for (size_t t = 0; t < sizeof texts / sizeof *texts; ++t)
+            if (!json_is_string(json_object_get(run, texts[t])))
+                return format_text("runs[%zu].%s must be a string", k, texts[t]);
+        if (!json_is_object(json_object_get(run, "summary")))
+            return format_text("runs[%zu].summary must be an object", k);
+    }
+    return NULL;
+}
+
+// The results of an experiment, or NULL after printing the error.
+static json_t *read_results(const char *folder)
+{
+    char *path = format_text("%s/results.json", folder), *fault = NULL;
     json_error_t error;
     json_t *results = json_load_file(path, 0, &error);
-    if (!results || !json_array_size(json_object_get(results, "runs"))) {
-        fail_run(results ? "%s: no run is complete yet; continue 'sparegs experiment'"
-                         : "%s: %s; DIR must be the folder of an experiment",
-                 path, error.text);
-        json_decref(results);
-        free(path);
-        return EXIT_FAILED;
+    if (!results) {
+        fault = json_load_fault(path, &error);
+        fail_run("%s; DIR must be the folder of an experiment", fault);
+    } else if (!json_array_size(json_object_get(results, "runs"))) {
+        fault = format_text("%s: no run is complete yet; continue 'sparegs experiment'", path);
+        fail_run("%s", fault);
+    } else if ((fault = results_fault(results))) {
+        fail_run("%s: %s; rerun 'sparegs experiment' to write the file again", path, fault);
     }
+    if (fault) {
+        json_decref(results);
+        results = NULL;
+    }
+    free(fault);
     free(path);
+    return results;
+}
+
+static int report(const char *folder, const report_values *values)
+{
+    json_t *results = read_results(folder);
+    if (!results)
+        return EXIT_FAILED;
     json_t *tables = report_tables(results);
     char *markdown = report_markdown(results, tables);
     char *text_path = values->markdown ? format_text("%s", values->markdown)

@@ -1,0 +1,74 @@
+#!/usr/bin/env bash
+# SPDX-FileCopyrightText: 2026 The sparegs authors
+# SPDX-License-Identifier: Apache-2.0
+
+# Plans of experiments and their results without any training: the plans in tools/experiments are valid, wrong types,
+# repeated seeds and pipelines and too many runs are refused, and so is a results.json that lacks members of the report.
+set -euo pipefail
+. "$(dirname "$0")/cli_support.sh"
+plan=$temporary/plan.json
+base="{\"scenes\": [{\"name\": \"room\", \"path\": \"$room\"}], \"pipelines\": [\"3dgs\"], \"options\": {\"iterations\": 70, \"eval\": true}}"
+
+# plans_of_the_repository_are_valid (their scenes are not part of the repository)
+for file in "$SPAREGS_SOURCE"/tools/experiments/*.json; do
+    jq --arg room "$room" '.scenes[].path = $room | del(.scenes[].options.images)' "$file" >"$plan"
+    run 0 experiment "$plan" --check
+    check "${file##*/} has all runs" test "$(wc -l <"$temporary/stdout")" -eq "$(jq \
+        '(.scenes | length) * (.pipelines | length) * ((.variants // [1, 2]) | length) * (.seeds | length)' "$file")"
+done
+
+# seeds_are_used_as_given
+jq '.seeds = [7, 0, 2147483647]' <<<"$base" >"$plan"
+run 0 experiment "$plan" -o "$temporary/out" --check
+for seed in 7 0 2147483647; do prints "/on/seed_$seed"; done
+
+refused() { # MESSAGE CHANGE
+    jq -c "$2" <<<"$base" >"$plan"
+    run 1 experiment "$plan" --check
+    one_line
+    reports "plan.json: $1"
+}
+seeds='"seeds" must be a list of distinct integers from 0 to 2147483647'
+refused "$seeds" '.seeds = ["1", "2", "3"]'
+refused "$seeds" '.seeds = [1.5]'
+refused "$seeds" '.seeds = [4294967297]'
+refused "$seeds" '.seeds = [0, 1, 0]'
+refused "$seeds" '.seeds = 3'
+refused '"options" must be an object' '.options = ["--iterations", "100"]'
+refused 'scene room: "options" must be an object' '.scenes[0].options = ["--iterations", "100"]'
+refused 'variant on: "options" must be an object' '.variants = [{name: "on", options: "--iterations"}]'
+refused "unknown key 'option' (did you mean 'options'?)" '.variants = [{name: "tau", option: {spare_tau_alpha: 0.1}}]'
+refused '"variants" must be a non-empty list' '.variants = {name: "on"}'
+refused '"pipelines" must be a list of distinct names' '.pipelines = ["3dgs", "mip", "3dgs"]'
+refused '"pipelines" must be a list of distinct names' '.pipelines = ["3dgs", 1]'
+refused '"pipelines" of variant on must be a list of distinct names' '.variants = [{name: "on", pipelines: "3dgs"}]'
+refused 'the plan contains no runs' '.variants = [{name: "on", pipelines: ["mip"]}]'
+refused 'the plan has more than 10000 runs; divide it' '.seeds = [range(5001)]'
+refused '"seeds" has 10001 entries; the limit is 10000' '.seeds = [range(10001)]'
+
+# the_report_names_the_member
+mkdir "$temporary/results"
+results='{"plan": {"pipelines": ["3dgs"]}, "runs": [{"scene": "a", "pipeline": "3dgs", "variant": "on", "seed": 0, "folder": "none", "summary": {}}]}'
+report() { # STATUS CHANGE
+    jq "$2" <<<"$results" >"$temporary/results/results.json"
+    run "$1" report "$temporary/results" --pictures 1
+}
+report 0 .
+for case in 'plan.pipelines[0] must be a string:.plan.pipelines = [1]' 'plan.pipelines must be a list:.plan.pipelines = "3dgs"' \
+    'runs[0].scene must be a string:.runs = [{}]' 'runs[1].scene must be a string:.runs[1] = 5' \
+    'runs[0].pipeline must be a string:.runs[0].pipeline = null' 'runs[0].variant must be a string:del(.runs[0].variant)' \
+    'runs[0].folder must be a string:.runs[0].folder = 1' 'runs[0].summary must be an object:.runs[0].summary = []'; do
+    report 1 "${case#*:}"
+    one_line
+    reports "results/results.json: ${case%%:*}"
+done
+report 1 '.runs = []'
+reports "results.json: no run is complete yet"
+printf '{\n"plan": {' >"$temporary/results/results.json"
+run 1 report "$temporary/results"
+one_line
+reports "results/results.json: line 2: "
+run 1 report "$temporary"
+one_line
+reports "results.json: cannot be read: No such file or directory; DIR must be the folder of an experiment"
+finish

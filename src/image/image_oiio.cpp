@@ -13,8 +13,8 @@
 // 8-bit sRGB. sRGB stays encoded, linear light stays linear, and all other colour spaces are
 // converted to linear light by OpenImageIO.
 //
-// Sizes are checked before allocation. Rows are decoded in slabs, so that the interleaved image
-// never exists as a whole (except for tiled files).
+// Sizes are checked before allocation. Rows are decoded in slabs of scanlines or of one row of
+// tiles, so that the interleaved image never exists as a whole.
 
 #include <algorithm>
 #include <cctype>
@@ -49,12 +49,14 @@ namespace
 constexpr int max_size = 65536;
 constexpr int64_t max_pixels = int64_t(1) << 30;
 constexpr int slab_rows = 64;
+constexpr size_t slab_bytes = size_t(1) << 28; // of more than one scanline
+constexpr size_t max_slab_bytes = size_t(1) << 31;
 
 // Mapping of a file's channels to RGB(A).
 struct Layout {
     int channels = 3;             // output channels
-    int source[4] = {0, 0, 0, 0}; // file channel of each output channel
-    int read = 1;                 // number of leading file channels to decode
+    int source[4] = {0, 0, 0, 0}; // of each output channel, counted from `first`
+    int first = 0, read = 1;      // range of file channels to decode
     bool cmyk = false;
     bool associated = false; // the file's colour is premultiplied by alpha
     bool linear = false;
@@ -215,20 +217,49 @@ void convert_rows(const unsigned char *rows, int y0, int y1, const Layout &layou
     }
 }
 
+// Number of rows that are decoded at once, at most image height.
+sgs_status slab_height(const char *path, const OIIO::ImageSpec &spec, const Layout &layout,
+                       int &rows)
+{
+    const size_t pitch = size_t(spec.width) * size_t(layout.read) * layout.type.size();
+    if (spec.tile_width > 0)
+        rows = spec.tile_height;
+    else
+        rows = int(std::clamp(slab_bytes / pitch, size_t(1), size_t(slab_rows)));
+    rows = std::min(rows, spec.height);
+    if (size_t(rows) * pitch <= max_slab_bytes)
+        return SGS_STATUS_OK;
+    return sgsi_fail(SGS_STATUS_LIMIT,
+                     "%s: %d rows of %d pixels with %d channels exceed the limit of 2 GiB that are "
+                     "decoded at once; save it with fewer channels or smaller tiles",
+                     path, rows, spec.width, layout.read);
+}
+
+// Decodes rows y to end - 1, counted from 0.
+bool read_slab(OIIO::ImageInput &input, const OIIO::ImageSpec &spec, const Layout &layout, int y,
+               int end, void *slab)
+{
+    const int channel_end = layout.first + layout.read;
+    return spec.tile_width > 0
+               ? input.read_tiles(0, 0, spec.x, spec.x + spec.width, spec.y + y, spec.y + end,
+                                  spec.z, spec.z + 1, layout.first, channel_end, layout.type, slab)
+               : input.read_scanlines(0, 0, spec.y + y, spec.y + end, spec.z, layout.first,
+                                      channel_end, layout.type, slab);
+}
+
 sgs_status read_pixels(const char *path, OIIO::ImageInput &input, const Layout &layout,
                        sgs_image8 &image)
 {
     const OIIO::ImageSpec spec = input.spec();
-    const bool tiled = spec.tile_width > 0;
-    const int rows = tiled ? spec.height : std::min(spec.height, slab_rows);
+    int rows;
+    const sgs_status status = slab_height(path, spec, layout, rows);
+    if (status)
+        return status;
     std::vector<unsigned char> slab(size_t(rows) * size_t(spec.width) * size_t(layout.read) *
                                     layout.type.size());
     for (int y = 0; y < spec.height; y += rows) {
         const int end = std::min(y + rows, spec.height);
-        const bool ok = tiled ? input.read_image(0, 0, 0, layout.read, layout.type, slab.data())
-                              : input.read_scanlines(0, 0, spec.y + y, spec.y + end, spec.z, 0,
-                                                     layout.read, layout.type, slab.data());
-        if (!ok)
+        if (!read_slab(input, spec, layout, y, end, slab.data()))
             return unreadable(path, input.geterror());
         convert_rows(slab.data(), y, end, layout, image);
     }
@@ -302,9 +333,12 @@ bool find_exr_channels(const OIIO::ImageSpec &spec, Layout &layout)
     }
     layout.channels = found[3] >= 0 ? 4 : 3;
     layout.associated = layout.channels == 4;
-    std::copy(found, found + 4, layout.source);
-    layout.source[3] = std::max(layout.source[3], 0);
-    layout.read = 1 + *std::max_element(layout.source, layout.source + layout.channels);
+    layout.cmyk = false; // the channels found are colours, whatever the others are
+    int *const sources_end = found + layout.channels;
+    layout.first = *std::min_element(found, sources_end);
+    layout.read = 1 + *std::max_element(found, sources_end) - layout.first;
+    for (int c = 0; c < layout.channels; ++c)
+        layout.source[c] = found[c] - layout.first;
     return true;
 }
 
@@ -388,18 +422,16 @@ sgs_status read_rows(const char *path, OIIO::ImageInput &input, const Layout &la
                      const Colors &colors, sgsi_row_fn take, void *context)
 {
     const OIIO::ImageSpec spec = input.spec();
-    const bool tiled = spec.tile_width > 0;
-    const int rows = tiled ? spec.height : std::min(spec.height, slab_rows);
+    int rows;
+    const sgs_status status = slab_height(path, spec, layout, rows);
+    if (status)
+        return status;
     const size_t pitch = size_t(spec.width) * size_t(layout.read);
     std::vector<float> slab(size_t(rows) * pitch),
         row(size_t(spec.width) * size_t(layout.channels));
     for (int y = 0; y < spec.height; y += rows) {
         const int end = std::min(y + rows, spec.height);
-        const bool ok =
-            tiled ? input.read_image(0, 0, 0, layout.read, OIIO::TypeDesc::FLOAT, slab.data())
-                  : input.read_scanlines(0, 0, spec.y + y, spec.y + end, spec.z, 0, layout.read,
-                                         OIIO::TypeDesc::FLOAT, slab.data());
-        if (!ok)
+        if (!read_slab(input, spec, layout, y, end, slab.data()))
             return unreadable(path, input.geterror());
         for (int k = y; k < end; ++k) {
             arrange_row(slab.data() + size_t(k - y) * pitch, spec.width, layout, colors,

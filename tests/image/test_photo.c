@@ -13,9 +13,14 @@
 
 #include <cmocka.h>
 
+#include <openexr.h>
+
 #include "image/half.h"
+#include "image/image_oiio.h"
 #include "image/mask.h"
 #include "image/photo.h"
+#include "sparegs/runtime.h"
+#include "support/bad_input.h"
 #include "support/scene_support.h"
 
 enum { WIDTH = 21, HEIGHT = 70 }; // two slabs of rows, a width that is not a multiple of 16
@@ -372,6 +377,161 @@ static void exr_layers_are_found_by_name(void **state)
     tree_remove(&folder);
 }
 
+enum { TILE = 64, TILED_WIDTH = 300, TILED_HEIGHT = 270, LAYER_CHANNELS = 300 };
+
+static float tiled_value(int c, int x, int y)
+{
+    return (float)(c * 300 + (c == 1 ? x : y)) / 1024.0f;
+}
+
+// Encodes one tile: zeros in the channels of the first layers, tiled_value in z.B, z.G, z.R.
+static void put_tile(exr_context_t file, exr_encode_pipeline_t *encoder, int column, int row)
+{
+    static float values[3][TILE * TILE];
+    static uint8_t zeros[TILE * TILE * 2];
+    exr_chunk_info_t chunk;
+    assert_int_equal(exr_write_tile_chunk_info(file, 0, column, row, 0, 0, &chunk), 0);
+    for (int c = 0; c < 3; ++c)
+        for (int i = 0; i < chunk.width * chunk.height; ++i)
+            values[c][i] =
+                tiled_value(c, column * TILE + i % chunk.width, row * TILE + i / chunk.width);
+    assert_int_equal(encoder->channels ? exr_encoding_update(file, 0, &chunk, encoder)
+                                       : exr_encoding_initialize(file, 0, &chunk, encoder),
+                     0);
+    for (int k = 0; k < encoder->channel_count; ++k) {
+        exr_coding_channel_info_t *channel = &encoder->channels[k];
+        const char *const colors = "BGR", *found = strchr(colors, channel->channel_name[2]);
+        const bool colored = channel->channel_name[0] == 'z';
+        channel->encode_from_ptr = colored ? (const uint8_t *)values[found - colors] : zeros;
+        channel->user_pixel_stride = channel->user_bytes_per_element;
+        channel->user_line_stride = chunk.width * channel->user_bytes_per_element;
+    }
+    assert_int_equal(exr_encoding_choose_default_routines(file, 0, encoder), 0);
+    assert_int_equal(exr_encoding_run(file, 0, encoder), 0);
+}
+
+// Tiled, with many channels before the colours.
+static void put_tiled(const char *path)
+{
+    exr_context_t file;
+    int part;
+    assert_int_equal(exr_start_write(&file, path, EXR_WRITE_FILE_DIRECTLY, NULL), 0);
+    assert_int_equal(exr_add_part(file, "a", EXR_STORAGE_TILED, &part), 0);
+    assert_int_equal(exr_initialize_required_attr_simple(file, part, TILED_WIDTH, TILED_HEIGHT,
+                                                         EXR_COMPRESSION_ZIP),
+                     0);
+    assert_int_equal(
+        exr_set_tile_descriptor(file, part, TILE, TILE, EXR_TILE_ONE_LEVEL, EXR_TILE_ROUND_DOWN),
+        0);
+    for (int k = 0; k < LAYER_CHANNELS + 3; ++k) {
+        char name[8];
+        snprintf(name, sizeof name, k < LAYER_CHANNELS ? "c%03d.q" : "z.%c",
+                 k < LAYER_CHANNELS ? k : "BGR"[k - LAYER_CHANNELS]);
+        assert_int_equal(exr_add_channel(file, part, name,
+                                         k < LAYER_CHANNELS ? EXR_PIXEL_HALF : EXR_PIXEL_FLOAT,
+                                         EXR_PERCEPTUALLY_LINEAR, 1, 1),
+                         0);
+    }
+    assert_int_equal(exr_write_header(file), 0);
+    exr_encode_pipeline_t encoder = EXR_ENCODE_PIPELINE_INITIALIZER;
+    for (int row = 0; row * TILE < TILED_HEIGHT; ++row)
+        for (int column = 0; column * TILE < TILED_WIDTH; ++column)
+            put_tile(file, &encoder, column, row);
+    exr_encoding_destroy(file, &encoder);
+    assert_int_equal(exr_finish(&file), 0);
+}
+
+static void check_tiled_row(void *context, int y, const float *row)
+{
+    int *rows = context;
+    assert_int_equal(y, *rows);
+    ++*rows;
+    for (int x = 0; x < TILED_WIDTH; ++x)
+        for (int c = 0; c < 3; ++c)
+            assert_true(row[3 * x + c] == tiled_value(2 - c, x, y));
+}
+
+// Only the colours of one row of tiles are in memory.
+static void layers_before_the_colours_take_no_memory(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    const char *path = temp_path(&folder, "a.exr");
+    put_tiled(path);
+    const uint64_t all = sizeof(float) * TILED_WIDTH * TILED_HEIGHT * LAYER_CHANNELS,
+                   before = sgs_rss_peak();
+    int rows = 0;
+    if (sgsi_oiio_read_rows(path, NULL, check_tiled_row, &rows))
+        fail_msg("%s", sgs_last_error());
+    assert_int_equal(rows, TILED_HEIGHT);
+    assert_true(sgs_rss_peak() - before < all / 2);
+    tree_remove(&folder);
+}
+
+static void put_attribute(buffer *b, const char *name, const char *type, int size)
+{
+    put_bytes(b, name, strlen(name) + 1);
+    put_bytes(b, type, strlen(type) + 1);
+    put_integer(b, (uint64_t)size, 4);
+}
+
+// The header and an empty table of offsets of a file with large tiles.
+static void put_large_tiles(const char *path)
+{
+    enum { SIDE = 16384, WIDE = 64, OFFSETS = SIDE / WIDE };
+    static buffer b;
+    b.size = 0;
+    put_integer(&b, 0x01312f76, 4);
+    put_integer(&b, 2 | 1 << 9, 4);
+    put_attribute(&b, "channels", "chlist", 3 * 18 + 1);
+    for (int k = 0; k < 3; ++k) {
+        const char name[2] = {"BGR"[k], 0};
+        put_bytes(&b, name, 2);
+        put_integer(&b, 1, 4); // half
+        put_integer(&b, 0, 4);
+        put_integer(&b, 1, 4);
+        put_integer(&b, 1, 4);
+    }
+    put_integer(&b, 0, 1);
+    put_attribute(&b, "compression", "compression", 1);
+    put_integer(&b, 3, 1); // ZIP
+    for (int k = 0; k < 2; ++k) {
+        put_attribute(&b, k ? "displayWindow" : "dataWindow", "box2i", 16);
+        put_integer(&b, 0, 8);
+        put_integer(&b, SIDE - 1, 4);
+        put_integer(&b, SIDE - 1, 4);
+    }
+    put_attribute(&b, "lineOrder", "lineOrder", 1);
+    put_integer(&b, 0, 1);
+    put_attribute(&b, "pixelAspectRatio", "float", 4);
+    put_integer(&b, 0x3f800000, 4);
+    put_attribute(&b, "screenWindowCenter", "v2f", 8);
+    put_integer(&b, 0, 8);
+    put_attribute(&b, "screenWindowWidth", "float", 4);
+    put_integer(&b, 0x3f800000, 4);
+    put_attribute(&b, "tiles", "tiledesc", 9);
+    put_integer(&b, WIDE, 4);
+    put_integer(&b, SIDE, 4);
+    put_integer(&b, 0, 1);
+    put_integer(&b, 0, 1); // end of the header
+    for (int k = 0; k < OFFSETS; ++k)
+        put_integer(&b, 0, 8);
+    file_put(path, b.data, b.size);
+}
+
+static void tiles_larger_than_the_limit_are_refused(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    const char *path = temp_path(&folder, "a.exr");
+    put_large_tiles(path);
+    int rows = 0;
+    assert_int_equal(sgsi_oiio_read_rows(path, NULL, check_tiled_row, &rows), SGS_STATUS_LIMIT);
+    assert_holds(sgs_last_error(), "a.exr: 16384 rows of 16384 pixels with 3 channels exceed");
+    bad_input();
+    tree_remove(&folder);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -384,6 +544,8 @@ int main(void)
         cmocka_unit_test_setup(nonfinite_pixels_are_ignored_and_counted, warnings_begin),
         cmocka_unit_test_setup(broken_files_are_reported_in_one_line, warnings_begin),
         cmocka_unit_test(exr_layers_are_found_by_name),
+        cmocka_unit_test(layers_before_the_colours_take_no_memory),
+        cmocka_unit_test(tiles_larger_than_the_limit_are_refused),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

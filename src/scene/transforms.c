@@ -18,6 +18,7 @@
 
 #include <ctype.h>
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 #include <strings.h>
 #include <unistd.h>
@@ -380,24 +381,47 @@ static sgs_status parse_file(const char *path, json_t **root)
     return SGS_STATUS_OK;
 }
 
-// nerfstudio's list of held-out images.
-static void apply_test_names(const json_t *root, sgsi_dataset *dataset)
+static int frame_order(const void *a, const void *b)
 {
-    const json_t *names = json_object_get(root, "test_filenames");
-    for (size_t i = 0; i < json_array_size(names); ++i) {
-        char *name = json_is_string(json_array_get(names, i))
-                         ? sgsi_strdup(json_string_value(json_array_get(names, i)))
-                         : NULL;
-        if (name && !sgsi_image_name_clean(name)) {
-            for (size_t k = 0; k < dataset->frame_count; ++k) {
-                if (!strcmp(dataset->frames[k].name, name)) {
-                    dataset->frames[k].split = SGS_SPLIT_TEST;
-                    dataset->has_split = true;
-                }
-            }
+    const sgsi_frame *const *x = a, *const *y = b;
+    return strcmp((*x)->name, (*y)->name);
+}
+
+static int name_order(const void *key, const void *element)
+{
+    const sgsi_frame *const *frame = element;
+    return strcmp(key, (*frame)->name);
+}
+
+// nerfstudio's list of held-out images. Frames with the same name are an error later
+// (sgsi_dataset_check_names).
+static sgs_status apply_test_names(const char *path, const json_t *root, sgsi_dataset *dataset)
+{
+    const json_t *names = json_object_get(root, "test_filenames"), *entry;
+    const size_t count = dataset->frame_count;
+    if (!json_array_size(names))
+        return SGS_STATUS_OK;
+    sgsi_frame **sorted = sgsi_alloc(count, sizeof *sorted);
+    if (!sorted)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory for 'test_filenames'", path);
+    for (size_t k = 0; k < count; ++k)
+        sorted[k] = &dataset->frames[k];
+    qsort(sorted, count, sizeof *sorted, frame_order);
+    size_t i;
+    json_array_foreach(names, i, entry)
+    {
+        char *name = json_is_string(entry) ? sgsi_strdup(json_string_value(entry)) : NULL;
+        sgsi_frame **found = name && !sgsi_image_name_clean(name)
+                                 ? bsearch(name, sorted, count, sizeof *sorted, name_order)
+                                 : NULL;
+        if (found) {
+            (*found)->split = SGS_SPLIT_TEST;
+            dataset->has_split = true;
         }
         sgsi_free(name);
     }
+    sgsi_free(sorted);
+    return SGS_STATUS_OK;
 }
 
 // Replaces the file name of `path` by `name`.
@@ -441,7 +465,7 @@ static sgs_status read_file(const char *path, sgs_split split, sgsi_dataset *dat
         return status;
     status = read_frames(&r, root, split);
     if (!status)
-        apply_test_names(root, dataset);
+        status = apply_test_names(path, root, dataset);
     if (!status && split == SGS_SPLIT_TRAIN)
         read_points(path, root, dataset);
     json_decref(root);

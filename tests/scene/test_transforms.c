@@ -364,6 +364,37 @@ static void nerfstudio_test_names_are_held_out(void **state)
     tree_remove(&folder);
 }
 
+// Every third frame is held out; the list is in another order than the frames and has unknown names
+// and repetitions.
+static void many_test_names_are_found(void **state)
+{
+    (void)state;
+    enum { FRAMES = 300, NAMES = 20000 };
+    const temp_folder folder = temp_folder_make();
+    char *text;
+    size_t length;
+    FILE *stream = open_memstream(&text, &length);
+    assert_non_null(stream);
+    fputs("{" GLOBAL "\"test_filenames\":[\"none\"", stream);
+    for (int k = NAMES; k > 0; --k)
+        fprintf(stream, ",\"%d.png\"", 3 * (7 * k % NAMES));
+    fputs("],\"frames\":[", stream);
+    for (int k = 0; k < FRAMES; ++k)
+        fprintf(stream, "%s{\"file_path\":\"%d.png\",\"transform_matrix\":" IDENTITY "}",
+                k ? "," : "", 7 * k % FRAMES);
+    fputs("]}", stream);
+    assert_int_equal(fclose(stream), 0);
+    sgsi_dataset d;
+    read_text(&folder, text, &d);
+    assert_true(d.has_split && d.frame_count == FRAMES);
+    for (size_t k = 0; k < d.frame_count; ++k)
+        assert_int_equal(d.frames[k].split,
+                         atoi(d.frames[k].name) % 3 ? SGS_SPLIT_TRAIN : SGS_SPLIT_TEST);
+    sgsi_dataset_free(&d);
+    free(text);
+    tree_remove(&folder);
+}
+
 static const char with_cloud[] =
     "{" GLOBAL "\"ply_file_path\":\"sparse_pc.ply\",\"frames\":[" FRAME "]}";
 
@@ -507,6 +538,7 @@ int main(void)
         cmocka_unit_test_setup(truncated_files_are_rejected, warnings_begin),
         cmocka_unit_test_setup(synthetic_test_split_is_read_from_its_file, warnings_begin),
         cmocka_unit_test_setup(nerfstudio_test_names_are_held_out, warnings_begin),
+        cmocka_unit_test(many_test_names_are_found),
         cmocka_unit_test_setup(point_cloud_is_read, warnings_begin),
         cmocka_unit_test_setup(binary_point_cloud_is_read, warnings_begin),
         cmocka_unit_test_setup(scene_with_a_broken_point_cloud_has_no_points, warnings_begin),

@@ -24,6 +24,7 @@ enum {
     CHUNK_HEADER_BYTES = 8,
     MAX_NODES = 4096,
     MAX_DEPTH = 64,
+    MAX_PRIMITIVES = 1 << 20, // visited, with the instances of a mesh
     COMPONENT_BYTE = 5120,
     COMPONENT_UBYTE = 5121,
     COMPONENT_SHORT = 5122,
@@ -48,7 +49,7 @@ typedef struct glb_file {
     size_t bin_size;
     json_t *root;
     sgsi_rows rows;
-    size_t total, visits;
+    size_t total, visits, primitives; // visits of nodes and primitives by this traversal
     int sh_degree;
     bool decoding; // the second traversal; the first one counts
 } glb_file;
@@ -216,6 +217,10 @@ static sgs_status visit_mesh(glb_file *file, const json_t *mesh, const sgsi_simi
     size_t k;
     json_array_foreach(json_object_get(mesh, "primitives"), k, primitive)
     {
+        if (++file->primitives > MAX_PRIMITIVES)
+            return sgsi_fail(SGS_STATUS_LIMIT,
+                             "%s: the nodes of its scene have more than %d primitives", file->path,
+                             MAX_PRIMITIVES);
         if (!json_object_get(json_object_get(primitive, "extensions"), extension))
             continue;
         glb_primitive opened;
@@ -365,6 +370,7 @@ static sgs_status visit_scene(glb_file *file)
     size_t k;
     sgs_status status = SGS_STATUS_OK;
     file->visits = 0;
+    file->primitives = 0;
     if (scene) {
         json_array_foreach(json_object_get(scene, "nodes"), k, entry)
         {

@@ -330,6 +330,21 @@ static void compressed_ply_is_checked(void **state)
     temp_folder_remove(&folder);
 }
 
+// `before`, `count` zeros with a comma each, `after`; release with free.
+static char *with_zeros(const char *before, int count, const char *after)
+{
+    char *text;
+    size_t length;
+    FILE *stream = open_memstream(&text, &length);
+    assert_non_null(stream);
+    fputs(before, stream);
+    for (int k = 0; k < count; ++k)
+        fputs("0,", stream);
+    fputs(after, stream);
+    assert_int_equal(fclose(stream), 0);
+    return text;
+}
+
 // Changes the JSON chunk; its length and that of the file follow.
 static void put_glb(const char *path, const unsigned char *bytes, size_t size, const char *from,
                     const char *to)
@@ -418,18 +433,17 @@ static void glb_is_checked(void **state)
         put_glb(temp_path(&folder, "a.glb"), bytes, size, changes[k].from, changes[k].to);
         refuse(temp_path(&folder, "a.glb"), changes[k].status, changes[k].message, changes[k].to);
     }
-    // Many nodes with one mesh.
-    char *nodes;
-    size_t length;
-    FILE *stream = open_memstream(&nodes, &length);
-    assert_non_null(stream);
-    fputs("\"scenes\":[{\"nodes\":[0", stream);
-    for (int k = 0; k < 3000; ++k)
-        fputs(",0", stream);
-    fputs("]}]", stream);
-    assert_int_equal(fclose(stream), 0);
+    // Many nodes with one mesh, then also many primitives without Gaussians.
+    char *nodes = with_zeros("\"scenes\":[{\"nodes\":[", 3000, "0]}]"),
+         *primitives = with_zeros("\"primitives\":[", 8000, "");
     put_glb(temp_path(&folder, "a.glb"), bytes, size, "\"scenes\":[{\"nodes\":[0]}]", nodes);
     refuse(temp_path(&folder, "a.glb"), L, "its nodes repeat primitives", "instances");
+    size_t repeated_size;
+    unsigned char *repeated = file_get(temp_path(&folder, "a.glb"), &repeated_size);
+    put_glb(temp_path(&folder, "a.glb"), repeated, repeated_size, "\"primitives\":[", primitives);
+    refuse(temp_path(&folder, "a.glb"), L, "more than 1048576 primitives", "primitives");
+    free(repeated);
+    free(primitives);
     free(nodes);
     refuse_changes(&folder, "a.glb", bytes, size, false, CHANGES(binary));
     free(bytes);

@@ -191,23 +191,36 @@ char *sgsi_format(const char *format, ...)
     return text;
 }
 
+sgs_status sgsi_file_open(const char *path, FILE **stream, size_t *size)
+{
+    *stream = NULL;
+    // Without O_NONBLOCK, the open of a named pipe waits for a writer.
+    const int descriptor = open(path, O_RDONLY | O_NONBLOCK | O_CLOEXEC);
+    struct stat info;
+    const bool known = descriptor >= 0 && !fstat(descriptor, &info);
+    if (known && S_ISREG(info.st_mode))
+        *stream = fdopen(descriptor, "rb");
+    if (*stream) {
+        *size = (size_t)info.st_size;
+        return SGS_STATUS_OK;
+    }
+    const int code = errno;
+    if (descriptor >= 0)
+        close(descriptor);
+    return known && !S_ISREG(info.st_mode)
+               ? sgsi_fail(SGS_STATUS_IO, "%s: is not a regular file", path)
+               : sgsi_fail(SGS_STATUS_IO, "%s: cannot be opened: %s", path, strerror(code));
+}
+
 sgs_status sgsi_file_read(const char *path, size_t limit, uint8_t **bytes, size_t *size)
 {
     *bytes = NULL;
     *size = 0;
-    FILE *stream = fopen(path, "rb");
-    struct stat info;
-    if (!stream || fstat(fileno(stream), &info)) {
-        const int code = errno;
-        if (stream)
-            fclose(stream);
-        return sgsi_fail(SGS_STATUS_IO, "%s: cannot be opened: %s", path, strerror(code));
-    }
-    if (!S_ISREG(info.st_mode)) {
-        fclose(stream);
-        return sgsi_fail(SGS_STATUS_IO, "%s: is not a regular file", path);
-    }
-    const size_t length = (size_t)info.st_size;
+    FILE *stream;
+    size_t length;
+    const sgs_status status = sgsi_file_open(path, &stream, &length);
+    if (status)
+        return status;
     if (limit && length > limit) {
         fclose(stream);
         return sgsi_fail(SGS_STATUS_LIMIT, "%s: has %zu bytes; the limit is %zu", path, length,

@@ -65,6 +65,10 @@ char *sgsi_strdup(const char *text);
 // printf into a new string; NULL when out of memory. Release with sgsi_free.
 char *sgsi_format(const char *format, ...) SGSI_PRINTF(1, 2);
 
+// Opens a regular file for reading and determines its size. Fails with IO for other kinds: named
+// pipes without a writer do not block it. Release with fclose.
+sgs_status sgsi_file_open(const char *path, FILE **stream, size_t *size);
+
 // Reads a regular file; (*bytes)[*size] is NUL. Fails with IO (the error names the file), or with
 // LIMIT when the file exceeds `limit` bytes (0 = no limit). Release with sgsi_free.
 sgs_status sgsi_file_read(const char *path, size_t limit, uint8_t **bytes, size_t *size);

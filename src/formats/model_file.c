@@ -134,15 +134,16 @@ static sgs_status find_format(const char *path, sgs_model_format *format)
                    : sgsi_fail(SGS_STATUS_IO, "%s: is a folder without meta.json or lod-meta.json",
                                path);
     }
-    FILE *stream = fopen(path, "rb");
-    struct stat info;
-    if (stream && !fstat(fileno(stream), &info) && S_ISREG(info.st_mode))
+    FILE *stream;
+    size_t file_bytes;
+    const sgs_status opened = sgsi_file_open(path, &stream, &file_bytes);
+    if (!opened) {
         size = fread(bytes, 1, sizeof bytes, stream);
-    if (stream)
         fclose(stream);
+    }
     const bool named = sgs_model_format_of_name(path, format);
     if (named &&
-        (!stream || !size || !table[*format].matches || table[*format].matches(bytes, size)))
+        (opened || !size || !table[*format].matches || table[*format].matches(bytes, size)))
         return SGS_STATUS_OK; // the reader reports what is wrong
     for (int k = 0; k < SGS_MODEL_FORMAT_COUNT; ++k)
         if (table[k].matches && table[k].matches(bytes, size)) {

@@ -11,10 +11,8 @@
 
 #include "formats/ply_header.h"
 
-#include <errno.h>
 #include <string.h>
 #include <strings.h>
-#include <sys/stat.h>
 
 #include "base/core.h"
 
@@ -23,13 +21,9 @@ enum { BUFFER_BYTES = 1 << 18, MOST_TAKEN = 1 << 16, MAX_LINE = 1024, MAX_WORDS 
 sgs_status sgsi_ply_open(const char *path, sgsi_ply_stream *stream)
 {
     *stream = (sgsi_ply_stream){.path = path};
-    stream->file = fopen(path, "rb");
-    struct stat info;
-    if (!stream->file || fstat(fileno(stream->file), &info))
-        return sgsi_fail(SGS_STATUS_IO, "%s: cannot be opened: %s", path, strerror(errno));
-    if (!S_ISREG(info.st_mode))
-        return sgsi_fail(SGS_STATUS_IO, "%s: is not a regular file", path);
-    stream->size = (size_t)info.st_size;
+    const sgs_status status = sgsi_file_open(path, &stream->file, &stream->size);
+    if (status)
+        return status;
     stream->buffer = sgsi_alloc(BUFFER_BYTES, 1);
     if (!stream->buffer)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to read it", path);

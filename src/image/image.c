@@ -81,8 +81,9 @@ static bool png_ends_early(FILE *stream)
 // without an error, which would then be trained; libpng prints to the terminal.
 sgs_status sgsi_image_check_complete(const char *path)
 {
-    FILE *stream = fopen(path, "rb");
-    if (!stream)
+    FILE *stream;
+    size_t size;
+    if (sgsi_file_open(path, &stream, &size))
         return SGS_STATUS_OK; // the decoder reports the reason
     uint8_t start[4] = {0};
     const size_t got = fread(start, 1, sizeof start, stream);

@@ -69,9 +69,10 @@ uint64_t sgs_rank_file_digest(const char *path)
 {
     unsigned char bytes[1 << 14];
     XXH64_state_t *state = XXH64_createState();
-    FILE *file = state ? fopen(path, "rb") : NULL;
+    FILE *file;
+    size_t size;
     uint64_t digest = 0;
-    if (file) {
+    if (state && !sgsi_file_open(path, &file, &size)) {
         XXH64_reset(state, 0);
         for (size_t n; (n = fread(bytes, 1, sizeof bytes, file)) > 0;)
             XXH64_update(state, bytes, n);

@@ -52,6 +52,10 @@ bad "b.csv: line 2: size is '1 2'" <<<'size,psnr\n1 2,1\n2,3\n3,4\n'
 bad "b.csv: line 4: size is 0; it must be positive" <<<'size,psnr\n1,1\n2,3\n0,4\n'
 run 1 bd "$a" "$temporary/nowhere.csv"
 reports "nowhere.csv: No such file or directory"
+mkfifo "$temporary/pipe.csv"
+run 1 bd "$temporary/pipe.csv" "$a"
+reports "pipe.csv: is not a regular file"
+run 0 bd <(cat "$a") "$a" # a pipe of the shell
 run 1 bd "$temporary" "$a"
 reports "Is a directory"
 run 2 bd "$a"

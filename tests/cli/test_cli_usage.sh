@@ -164,6 +164,17 @@ one_line
 reports "model.spz: "
 reports "has 0 bytes; the header takes 32"
 
+# named_pipes_are_refused
+for pipe in model.ply model.spz model cameras.json; do
+    mkfifo "$temporary/pipe_$pipe"
+    run 1 info "$temporary/pipe_$pipe"
+    one_line
+    reports "pipe_$pipe: "
+done
+run 1 experiment "$temporary/pipe_cameras.json" -o "$temporary/out"
+one_line
+reports "pipe_cameras.json: cannot be read: is not a regular file"
+
 # unwritable_outputs
 echo "not a folder" >"$temporary/file"
 run 1 train "$room" -o "$temporary/file/out" --quiet

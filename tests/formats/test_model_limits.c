@@ -38,7 +38,7 @@ static void refuse(const char *path, sgs_status expected, const char *message)
     bad_input();
 }
 
-static void accept(const char *path, size_t count)
+static void accept_model(const char *path, size_t count)
 {
     sgs_gaussians *model;
     if (sgs_model_read(path, NULL, &model, NULL))
@@ -106,11 +106,11 @@ static void spz_of_zeros_is_refused(void **state)
     put_spz_4(path, MANY);
     refuse(path, SGS_STATUS_LIMIT, "byte 8: 300000 primitives are more than a file of");
     put_spz_4(path, 65536);
-    accept(path, 65536);
+    accept_model(path, 65536);
     put_spz_3(path, MANY, 20 * (size_t)MANY);
     refuse(path, SGS_STATUS_LIMIT, "byte 8: 300000 primitives are more than a file of");
     put_spz_3(path, 65536, 20 * 65536);
-    accept(path, 65536);
+    accept_model(path, 65536);
     put_spz_3(path, 1, (size_t)32 << 20);
     refuse(path, SGS_STATUS_FORMAT, "gzip data decompresses to more than");
     temp_folder_remove(&folder);
@@ -146,7 +146,7 @@ static void compressible_spz_is_read_back(void **state)
         sgs_gaussians *model = model_uniform(64 * 64 * 64, side);
         for (options.spz_version = 3; options.spz_version <= 4; ++options.spz_version) {
             assert_int_equal(sgs_model_write(path, model, &options, NULL), SGS_STATUS_OK);
-            accept(path, model->count);
+            accept_model(path, model->count);
         }
         sgs_gaussians_destroy(model);
     }
@@ -277,7 +277,7 @@ static void deflated_sog_is_read(void **state)
         size_t count = 0;
         assert_int_equal(sgsi_sog_encode_model(models[k], &options, files, &count), SGS_STATUS_OK);
         put_zip(temp_path(&folder, "a.sog"), files, count);
-        accept(temp_path(&folder, "a.sog"), models[k]->count);
+        accept_model(temp_path(&folder, "a.sog"), models[k]->count);
         sgsi_sog_files_free(files);
         sgs_gaussians_destroy(models[k]);
     }
@@ -326,7 +326,7 @@ static void repeated_units_are_one(void **state)
         put_manifest(&folder, names, RANGE(2, 0, 5) "," RANGE(1, 0, 0) "," RANGE(0, 0, 5));
         refuse(path, SGS_STATUS_FORMAT, "the tree names 10 primitives of unit 0, which has 5");
         put_manifest(&folder, names, RANGE(2, 3, 2) "," RANGE(1, 0, 0) "," RANGE(0, 0, 3));
-        accept(path, 5);
+        accept_model(path, 5);
     }
     // Rows keep the order of the tree within a unit.
     sgs_gaussians *whole, *turned;
@@ -375,7 +375,7 @@ static void tiny_units_are_bounded_together(void **state)
     put_tiny_unit(&folder, "u", UNIT_ROWS, &texture);
     put_tiny_unit(&folder, "v", UNIT_ROWS, &texture);
     put_manifest(&folder, "\"u/meta.json\",\"v/meta.json\"", RANGE(0, 0, 60000));
-    accept(temp_path(&folder, "lod-meta.json"), UNIT_ROWS);
+    accept_model(temp_path(&folder, "lod-meta.json"), UNIT_ROWS);
     put_manifest(&folder, "\"u/meta.json\",\"v/meta.json\"",
                  RANGE(0, 0, 60000) "," RANGE(1, 0, 60000));
     refuse(temp_path(&folder, "lod-meta.json"), SGS_STATUS_LIMIT,
@@ -410,7 +410,7 @@ static void long_manifests_take_linear_time(void **state)
     assert_non_null(root);
     json_decref(root);
     const clock_t begin = clock();
-    accept(path, 3);
+    accept_model(path, 3);
     const clock_t end = clock();
     if (end - begin > 20 * (parsed - start))
         fail_msg("reading took %ld times as long as parsing",

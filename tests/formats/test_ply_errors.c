@@ -208,6 +208,10 @@ static void ply_refuses_what_is_not_a_file(void **state)
     assert_int_equal(sgs_ply_read(folder.path, &model), SGS_STATUS_IO);
     assert_non_null(strstr(sgs_last_error(), ": is not a regular file"));
     bad_input();
+    assert_int_equal(mkfifo(temp_path(&folder, "pipe.ply"), 0600), 0);
+    assert_int_equal(sgs_ply_read(temp_path(&folder, "pipe.ply"), &model), SGS_STATUS_IO);
+    assert_non_null(strstr(sgs_last_error(), "pipe.ply: is not a regular file"));
+    bad_input();
     temp_folder_remove(&folder);
 }
 

@@ -104,6 +104,12 @@ static void invalid_folders_are_named(void **state)
         assert_non_null(strstr(sgs_last_error(), cases[k].words));
         assert_null(model);
     }
+    char pipe[1024];
+    snprintf(pipe, sizeof pipe, "%s/config.json", run);
+    assert_int_equal(unlink(pipe), 0);
+    assert_int_equal(mkfifo(pipe, 0600), 0);
+    assert_int_equal(sgs_run_read(run, &model, &settings), SGS_STATUS_IO);
+    assert_non_null(strstr(sgs_last_error(), "config.json: is not a regular file"));
     assert_int_equal(sgs_run_read(temp_path(&folder, "nowhere"), &model, &settings), SGS_STATUS_IO);
     assert_non_null(strstr(sgs_last_error(), "specify a PLY file or a run folder"));
     static char long_path[8192];

@@ -274,6 +274,25 @@ static void images_without_a_pose_are_counted(void **state)
     tree_remove(&folder);
 }
 
+static void named_pipes_are_refused(void **state)
+{
+    (void)state;
+    const temp_folder folder = scene_make("sparse/0/", true, "images");
+    const model m = model_make();
+    char name[256];
+    snprintf(name, sizeof name, "images/%s", m.images[0].name);
+    assert_int_equal(unlink(temp_path(&folder, name)), 0);
+    assert_int_equal(mkfifo(temp_path(&folder, name), 0600), 0);
+    sgs_scene *scene = load(folder.path, NULL);
+    assert_int_equal(scene->view_count, MODEL_IMAGES - 1);
+    assert_holds(warnings, "is not a regular file");
+    sgs_scene_destroy(scene);
+    assert_int_equal(unlink(temp_path(&folder, "sparse/0/points3D.bin")), 0);
+    assert_int_equal(mkfifo(temp_path(&folder, "sparse/0/points3D.bin"), 0600), 0);
+    assert_refused(folder.path, NULL, SGS_STATUS_IO, "points3D.bin: is not a regular file");
+    tree_remove(&folder);
+}
+
 static void other_extension_in_a_downscaled_folder_is_found(void **state)
 {
     (void)state;
@@ -658,6 +677,7 @@ int main(void)
                                warnings_begin),
         cmocka_unit_test_setup(missing_and_broken_images_are_skipped_and_counted, warnings_begin),
         cmocka_unit_test_setup(images_without_a_pose_are_counted, warnings_begin),
+        cmocka_unit_test_setup(named_pipes_are_refused, warnings_begin),
         cmocka_unit_test_setup(other_extension_in_a_downscaled_folder_is_found, warnings_begin),
         cmocka_unit_test_setup(views_are_held_out_by_index_or_by_name, warnings_begin),
         cmocka_unit_test_setup(recorded_names_stay_held_out, warnings_begin),

@@ -185,7 +185,7 @@ static bool read_path(const char *path, const json_t *root, camera_list *list)
 
 bool camera_file_is_scene(const char *path)
 {
-    json_t *root = json_load_file(path, 0, NULL);
+    json_t *root = load_json(path, 0, NULL);
     const bool is_scene = json_is_array(json_object_get(root, "frames"));
     json_decref(root);
     return is_scene;

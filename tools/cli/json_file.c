@@ -3,23 +3,39 @@
 
 #include "cli/json_file.h"
 
-#include <errno.h>
+#include <stdio.h>
 #include <stdlib.h>
-#include <string.h>
 
+#include "cli/input_file.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 
+json_t *load_json(const char *path, size_t flags, json_error_t *error)
+{
+    const char *reason = NULL;
+    FILE *stream = open_input(path, &reason);
+    if (!stream) {
+        if (error) {
+            *error = (json_error_t){.line = 0};
+            snprintf(error->text, sizeof error->text, "%s", reason);
+        }
+        return NULL;
+    }
+    json_t *root = json_loadf(stream, flags, error);
+    fclose(stream);
+    return root;
+}
+
 char *json_load_fault(const char *path, const json_error_t *error)
 {
-    return error->line < 0 ? format_text("%s: cannot be read: %s", path, strerror(errno))
-                           : format_text("%s: line %d: %s", path, error->line, error->text);
+    return error->line <= 0 ? format_text("%s: cannot be read: %s", path, error->text)
+                            : format_text("%s: line %d: %s", path, error->line, error->text);
 }
 
 json_t *read_json(const char *path)
 {
     json_error_t error;
-    json_t *root = json_load_file(path, JSON_REJECT_DUPLICATES, &error);
+    json_t *root = load_json(path, JSON_REJECT_DUPLICATES, &error);
     if (!root) {
         char *fault = json_load_fault(path, &error);
         fail_run("%s", fault);

@@ -15,6 +15,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "cli/input_file.h"
 #include "cli/json_file.h"
 #include "cli/json_result.h"
 #include "cli/progress.h"
@@ -245,7 +246,7 @@ static bool copy_rows(FILE *table, int last_iteration, FILE *kept)
 // be read.
 static char *kept_rows(const char *path, const char *header, int last_iteration)
 {
-    FILE *table = fopen(path, "r");
+    FILE *table = open_input(path, NULL);
     if (!table)
         return errno == ENOENT ? format_text("%s\n", header) : NULL;
     char *text = NULL;
@@ -326,7 +327,7 @@ bool model_locate(const char *model, model_path *located)
     char *config = format_text("%s/config.json", model);
     if (file_exists(config)) {
         json_error_t error;
-        located->config = json_load_file(config, 0, &error);
+        located->config = load_json(config, 0, &error);
         if (!located->config) {
             char *fault = json_load_fault(config, &error);
             print_warning("%s; its options are ignored", fault);

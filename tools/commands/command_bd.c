@@ -10,6 +10,7 @@
 #include <strings.h>
 
 #include "cli/commands.h"
+#include "cli/input_file.h"
 #include "cli/json_result.h"
 #include "cli/output.h"
 #include "cli/progress.h"
@@ -140,9 +141,10 @@ static bool read_rows(const char *path, FILE *stream, curve *read)
 
 static bool curve_read(const char *path, curve *read)
 {
-    FILE *stream = fopen(path, "r");
+    const char *reason = NULL;
+    FILE *stream = open_input(path, &reason);
     if (!stream) {
-        fail_run("%s: %s", path, strerror(errno));
+        fail_run("%s: %s", path, reason);
         return false;
     }
     bool valid = read_rows(path, stream, read);

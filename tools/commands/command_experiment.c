@@ -52,7 +52,7 @@ static const option experiment_options[] = {
 static json_t *finished(const experiment_run *run)
 {
     char *path = format_text("%s/summary.json", run->folder);
-    json_t *summary = json_load_file(path, 0, NULL);
+    json_t *summary = load_json(path, 0, NULL);
     free(path);
     if (run_record_is_complete(summary))
         return summary;
@@ -115,7 +115,7 @@ static bool same_members(const experiment_run *run, json_t *old, json_t *now)
 static bool plan_agrees(const experiment_run *run)
 {
     char *path = settings_path(run);
-    json_t *old = json_load_file(path, 0, NULL);
+    json_t *old = load_json(path, 0, NULL);
     const bool agrees = !old || same_members(run, old, run->settings);
     json_decref(old);
     free(path);

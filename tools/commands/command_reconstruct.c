@@ -435,7 +435,7 @@ static bool read_state(reconstruction *run)
     if (!file_exists(run->state_path))
         return true;
     json_error_t error;
-    run->state = json_load_file(run->state_path, 0, &error);
+    run->state = load_json(run->state_path, 0, &error);
     if (!run->state) {
         char *fault = json_load_fault(run->state_path, &error);
         fail_run("%s; %s", fault, advice);

@@ -10,6 +10,7 @@
 
 #include "cli/commands.h"
 #include "run/evaluate.h"
+#include "cli/input_file.h"
 #include "cli/interrupt.h"
 #include "cli/json_file.h"
 #include "cli/model_argument.h"
@@ -72,7 +73,7 @@ static const option report_options[] = {
 static json_t *csv_rows(const char *folder, const char *name)
 {
     char *path = format_text("%s/%s", folder, name), *line = NULL;
-    FILE *stream = fopen(path, "r");
+    FILE *stream = open_input(path, NULL);
     size_t room = 0;
     json_t *rows = json_array();
     for (bool first = true; stream && getline(&line, &room, stream) > 0; first = false) {
@@ -377,7 +378,7 @@ static json_t *read_results(const char *folder)
 {
     char *path = format_text("%s/results.json", folder), *fault = NULL;
     json_error_t error;
-    json_t *results = json_load_file(path, 0, &error);
+    json_t *results = load_json(path, 0, &error);
     if (!results) {
         fault = json_load_fault(path, &error);
         fail_run("%s; DIR must be the folder of an experiment", fault);

@@ -10,6 +10,7 @@
 
 #include "cli/commands.h"
 #include "cli/interrupt.h"
+#include "cli/json_file.h"
 #include "cli/json_result.h"
 #include "cli/options.h"
 #include "cli/output.h"
@@ -364,7 +365,7 @@ static char *point_path(const post_point *point, const post_run *run, const char
 json_t *post_result(const post_point *point, const post_run *run)
 {
     char *path = point_path(point, run, ".json");
-    json_t *result = json_load_file(path, 0, NULL);
+    json_t *result = load_json(path, 0, NULL);
     free(path);
     const char *hash = json_string_value(json_object_get(result, "model_hash"));
     const json_t *lpips = json_object_get(json_object_get(result, "test"), "lpips");
@@ -412,7 +413,7 @@ static json_t *run_for_result(argument_list *list, const post_run *run, const ch
     add_text(list, "--json");
     add_text(list, "--quiet");
     *status = sub_command_run((const char *const *)list->texts, output);
-    json_t *result = *status ? NULL : json_load_file(output, 0, NULL);
+    json_t *result = *status ? NULL : load_json(output, 0, NULL);
     unlink(output);
     if (!*status && !result)
         *status = fail_run("%s: the result of 'sparegs %s' is not JSON", output, list->texts[0]);

@@ -10,6 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "cli/json_file.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 
@@ -38,7 +39,7 @@ bool exposure_write(const char *path, const sgs_scene *scene, const sgs_trainer 
 json_t *exposure_read(const char *path, bool *failed)
 {
     json_error_t error;
-    json_t *root = file_exists(path) ? json_load_file(path, 0, &error) : NULL;
+    json_t *root = file_exists(path) ? load_json(path, 0, &error) : NULL;
     if (file_exists(path) && !json_is_object(root)) {
         fail_run("%s: file is damaged; train again, or evaluate the PLY file", path);
         json_decref(root);

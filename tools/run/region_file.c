@@ -14,6 +14,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "cli/input_file.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 
@@ -108,7 +109,7 @@ static long end_of_records(const char *path, FILE *stream, int iteration)
 bool region_file_cut(const char *folder, int iteration)
 {
     char *path = file_of(folder);
-    FILE *stream = fopen(path, "rb");
+    FILE *stream = open_input(path, NULL);
     const bool missing = !stream && errno == ENOENT;
     bool done = stream || missing;
     if (!done)
@@ -150,11 +151,12 @@ bool region_history_read(const char *folder, region_history *history)
 {
     *history = (region_history){0};
     char *path = file_of(folder);
-    FILE *stream = fopen(path, "rb");
+    const char *reason = NULL;
+    FILE *stream = open_input(path, &reason);
     const bool missing = !stream && errno == ENOENT;
     bool complete = stream || missing;
     if (!complete)
-        fail_run("%s: cannot be read: %s", path, strerror(errno));
+        fail_run("%s: cannot be read: %s", path, reason);
     record_header header;
     while (stream && read_header(stream, size_of(stream), &header)) {
         sgs_regions *longer = realloc(history->updates, (history->count + 1) * sizeof *longer);

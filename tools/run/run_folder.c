@@ -19,6 +19,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "cli/input_file.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "cli/rank_group.h"
@@ -214,7 +215,7 @@ void run_folder_leave(const run_folder *folder)
 // Reads the partial sums saved with the checkpoint of `iteration`.
 static void read_sums(run_folder *folder, const char *path, int iteration)
 {
-    FILE *stream = fopen(path, "r");
+    FILE *stream = open_input(path, NULL);
     char line[128];
     while (stream && fgets(line, sizeof line, stream)) {
         int at;

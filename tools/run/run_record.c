@@ -81,7 +81,7 @@ static bool has_camera(const json_t *cameras, const sgs_view *view, double toler
 void run_record_check_scene(const char *folder, const sgs_scene *scene)
 {
     char *path = format_text("%s/cameras.json", folder);
-    json_t *cameras = json_load_file(path, 0, NULL);
+    json_t *cameras = load_json(path, 0, NULL);
     free(path);
     size_t same = 0;
     for (size_t v = 0; v < scene->view_count && json_array_size(cameras); ++v)
@@ -140,7 +140,7 @@ bool run_record_claim(run_folder *folder, const char *out, bool resume, bool ove
     }
     claimed = claimed && run_folder_prepare(folder, out);
     if (claimed && resume) {
-        *stored = json_load_file(config_path, 0, &error);
+        *stored = load_json(config_path, 0, &error);
         claimed = *stored != NULL;
         if (!claimed) {
             char *fault = json_load_fault(config_path, &error);

@@ -7,6 +7,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "cli/input_file.h"
+#include "cli/json_file.h"
 #include "cli/output.h"
 #include "draw/aov_list.h"
 #include "draw/colormap.h"
@@ -143,7 +145,7 @@ static json_t *aovs_json(bool has_regions)
 static json_t *file_json(const view_source *source, const char *name)
 {
     char *path = source->is_run ? format_text("%s/%s", source->folder, name) : NULL;
-    json_t *root = path ? json_load_file(path, 0, NULL) : NULL;
+    json_t *root = path ? load_json(path, 0, NULL) : NULL;
     free(path);
     return root ? root : json_null();
 }
@@ -199,7 +201,7 @@ static json_t *table_json(const view_source *source, const char *name)
     char line[4096], head[4096], *columns[COLUMNS], *fields[COLUMNS];
     json_t *table = json_object();
     char *path = format_text("%s/%s", source->folder, name);
-    FILE *file = source->is_run ? fopen(path, "r") : NULL;
+    FILE *file = source->is_run ? open_input(path, NULL) : NULL;
     free(path);
     const int count =
         file && fgets(head, sizeof head, file) ? split_line(head, columns, COLUMNS) : 0;
